@@ -1,0 +1,36 @@
+# Every target sets up what it needs; a second run starts at once.
+PYTHON ?= python3
+RUN := .venv/bin/python
+
+.PHONY: help setup demo test check bench docs clean
+
+help:  ## this list
+	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /\1\t/' | expand -t 10
+
+.venv/.ready: pyproject.toml tools/setup.py
+	@$(PYTHON) tools/setup.py
+
+.venv/.docs: .venv/.ready
+	@$(RUN) -m pip install -q -e '.[docs]' && touch $@
+
+setup: .venv/.ready  ## system libraries, .venv and the Python packages
+
+demo: .venv/.ready  ## new views of a terrain: build/demo.png
+	@$(RUN) docs/gallery/demo.py
+
+test: .venv/.ready  ## the tests (ARGS="-k warp" for some of them)
+	@$(RUN) -m pytest -q $(ARGS)
+
+check: .venv/.ready  ## lint, format and types
+	@$(RUN) -m ruff check .
+	@$(RUN) -m ruff format --check .
+	@$(RUN) -m pyright
+
+bench: .venv/.ready  ## time against the peers and the paper
+	@$(RUN) -m benchmarks $(ARGS)
+
+docs: .venv/.docs  ## the manual: build/docs/index.html
+	@$(RUN) -m sphinx -q -W docs build/docs
+
+clean:  ## remove .venv and all that was built
+	rm -rf .venv build dist .pytest_cache .ruff_cache

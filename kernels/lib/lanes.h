@@ -1,0 +1,69 @@
+/* Lanes: one kernel source for wide CPUs and for GPUs.
+ *
+ * A work-item computes LANES neighbours at once in explicit vector types: 16 on a CPU, where compilers leave
+ * work-items with data-dependent loops scalar, and 1 on a GPU, whose hardware does the same by itself.
+ * Masks are ints: comparisons yield 0 or "true" (1 scalar, -1 vector); combine them with & | and !, never ~.
+ */
+#ifndef LANES
+#define LANES 1 /* work-item width: 1 or 16 */
+#endif
+
+#define EACH_LANE(F) F(0) F(1) F(2) F(3) F(4) F(5) F(6) F(7) F(8) F(9) F(a) F(b) F(c) F(d) F(e) F(f)
+
+#if LANES == 16
+typedef float16 floatl;
+typedef int16 intl;
+typedef uint16 uintl;
+#define to_floatl convert_float16
+#define to_intl convert_int16
+#define to_ucharl convert_uchar16
+#define as_intl as_int16
+#define as_uintl as_uint16
+#define load_lanes(p) vload16(0, p)
+#define store_lanes(v, p) vstore16(v, 0, p)
+#define lane_index ((int16)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15))
+#define gather(p, i)                                                                                          \
+    (p)[(i).s0], (p)[(i).s1], (p)[(i).s2], (p)[(i).s3], (p)[(i).s4], (p)[(i).s5], (p)[(i).s6], (p)[(i).s7],   \
+        (p)[(i).s8], (p)[(i).s9], (p)[(i).sa], (p)[(i).sb], (p)[(i).sc], (p)[(i).sd], (p)[(i).se], (p)[(i).sf]
+/* any() compiles to a branch a lane. */
+int any_lane(int16 mask)
+{
+    const int8 half_ = mask.lo | mask.hi;
+    const int4 quarter = half_.lo | half_.hi;
+    const int2 eighth = quarter.lo | quarter.hi;
+    return (eighth.x | eighth.y) != 0;
+}
+#elif LANES == 1
+typedef float floatl;
+typedef int intl;
+typedef uint uintl;
+#define to_floatl convert_float
+#define to_intl convert_int
+#define to_ucharl convert_uchar
+#define as_intl as_int
+#define as_uintl as_uint
+#define load_lanes(p) (*(p))
+#define store_lanes(v, p) (*(p) = (v))
+#define lane_index 0
+#define any_lane(mask) ((mask) != 0)
+#define gather(p, i) (p)[i]
+#else
+#error "LANES must be 1 or 16"
+#endif
+
+/* mask ? yes : no, for float and int lanes alike */
+#define pick(mask, yes, no) select(no, yes, mask)
+
+/* One instruction each, where fmin and fmax take four: a NaN in a yields b. */
+#define lesser(a, b) pick((a) < (b), a, b)
+#define greater(a, b) pick((a) > (b), a, b)
+
+/* Walks across rows touch a new page each step, which hardware does not foresee. */
+#if LANES == 16 && defined(__has_builtin)
+#if __has_builtin(__builtin_prefetch)
+#define foresee(p) __builtin_prefetch((const void *)(uintptr_t)(p))
+#endif
+#endif
+#ifndef foresee
+#define foresee(p)
+#endif

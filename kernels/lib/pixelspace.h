@@ -1,0 +1,25 @@
+/* Pixel space: what makes perspective and orthographic cameras one case.
+ *
+ * A point is written as homogeneous (U, V, W, Q) of a camera: its pixel is (U/W, V/W) and its nearness is Q/W,
+ * which is 1/z for a perspective camera and -z for an orthographic one. Larger is nearer in both; W > 0 is in
+ * front of the camera. Straight lines stay straight, triangles stay planar, and the map from one camera's
+ * pixel space to another's is one 4x4 matrix (McMillan's warp equation with depth; Schaufler & Priglinger
+ * 1999, equation 2). The last column of that matrix is the epipole: the image of the other camera's centre.
+ */
+#define NO_SURFACE -1e37f /* nearness of a sample that is no surface */
+#define EMPTY -3e38f      /* nearness of a pixel that no ray has settled */
+#define BLOCKED -2e38f    /* nearness of a pixel whose ray met the hidden side of the surface */
+#define IS_HIT(nearness) ((nearness) > -1e38f)
+
+typedef struct {
+    float dst_from_src[16]; /* row by row */
+    float src_from_dst[16];
+    int src_width, src_height;
+    int src_pitch; /* samples from one row of nearness to the next */
+    int dst_width, dst_height;
+    int dst_pitch;      /* pixels from one row of the nearness image to the next */
+    int dst_perspective; /* how a nearness of the target becomes a depth */
+} PixelMap;
+
+/* Depth (planar z) from nearness in the target. */
+#define DEPTH(map, nearness) ((map).dst_perspective ? 1.0f / (nearness) : -(nearness))

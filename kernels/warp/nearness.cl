@@ -1,0 +1,49 @@
+/* Depth to nearness: the sweep and the searches read 1/z (perspective) or -z (orthographic), never z.
+ *
+ * One work-item converts one row and notes the row's range, which bounds what the view can reach.
+ * depth: (src_height, src_width) planar z; not finite, <= 0 or >= far is no surface.
+ * nearness: (src_height, src_pitch), a pitch that is no power of two, because columns are read too.
+ * ranges: (src_height, 2) least and greatest nearness of the row, (inf, -inf) where it has no surface.
+ * O(n^2), one pass.
+ */
+#include "lib/lanes.h"
+#include "lib/pixelspace.h"
+
+kernel void to_nearness(global const float *depth, global float *nearness, global float *ranges, int src_width,
+                        int src_height, int src_pitch, int src_perspective, float far)
+{
+    const int y = get_global_id(0);
+    if (y >= src_height)
+        return;
+    global const float *z = depth + (size_t)y * src_width;
+    global float *q = nearness + (size_t)y * src_pitch;
+    floatl low = INFINITY, high = -INFINITY;
+    int x = 0;
+    for (; x + LANES <= src_width; x += LANES) {
+        const floatl d = load_lanes(z + x);
+        const floatl near = src_perspective ? 1.0f / d : -d;
+        const intl solid = (d > 0.0f) & (d < far);
+        store_lanes(pick(solid, near, (floatl)NO_SURFACE), q + x);
+        low = fmin(low, pick(solid, near, (floatl)INFINITY));
+        high = fmax(high, pick(solid, near, (floatl)-INFINITY));
+    }
+#if LANES == 16
+    low.s01234567 = fmin(low.s01234567, low.s89abcdef);
+    low.s0123 = fmin(low.s0123, low.s4567);
+    high.s01234567 = fmax(high.s01234567, high.s89abcdef);
+    high.s0123 = fmax(high.s0123, high.s4567);
+    float least = fmin(fmin(low.s0, low.s1), fmin(low.s2, low.s3));
+    float greatest = fmax(fmax(high.s0, high.s1), fmax(high.s2, high.s3));
+#else
+    float least = low, greatest = high;
+#endif
+    for (; x < src_width; x++) {
+        const float near = src_perspective ? 1.0f / z[x] : -z[x];
+        const int solid = z[x] > 0.0f && z[x] < far;
+        q[x] = solid ? near : NO_SURFACE;
+        least = solid ? fmin(least, near) : least;
+        greatest = solid ? fmax(greatest, near) : greatest;
+    }
+    ranges[2 * y] = least;
+    ranges[2 * y + 1] = greatest;
+}

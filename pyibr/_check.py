@@ -1,0 +1,102 @@
+"""Checks of arguments that more than one module needs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.errors import ArgumentError
+
+Float64 = NDArray[np.float64]
+
+
+def describe(value: object) -> str:
+    """Say in a few words what came, for an error message."""
+    if isinstance(value, np.ndarray):
+        array = cast("NDArray[np.generic]", value)
+        return f"an array of shape {array.shape} and dtype {array.dtype}"
+    text = repr(value)
+    return f"{type(value).__name__} {text if len(text) <= 80 else text[:77] + '...'}"
+
+
+def shape_text(shape: tuple[int | None, ...]) -> str:
+    """Write a shape as NumPy prints it, with N for a free length."""
+    inner = ", ".join("N" if n is None else str(n) for n in shape)
+    return f"({inner},)" if len(shape) == 1 else f"({inner})"
+
+
+def numbers(argument: str, value: object, shape: tuple[int | None, ...], finite: bool = True) -> Float64:
+    """Return `value` as a float64 array of `shape` (None fits any length) or raise ArgumentError."""
+    expected = f"{'finite ' if finite else ''}numbers of shape {shape_text(shape)}"
+    try:
+        array: NDArray[np.generic] = np.asarray(value)
+    except (TypeError, ValueError):
+        raise ArgumentError(argument, expected, describe(value)) from None
+    fits = array.ndim == len(shape) and all(n in (None, m) for n, m in zip(shape, array.shape, strict=True))
+    if array.dtype.kind not in "iuf" or not fits:
+        raise ArgumentError(argument, expected, describe(array if array.dtype.kind != "O" else value))
+    result = array.astype(np.float64)
+    if finite and not np.isfinite(result).all():
+        raise ArgumentError(
+            argument, expected, f"{np.count_nonzero(~np.isfinite(result))} that are not finite"
+        )
+    return result
+
+
+def positive(argument: str, value: object, expected: str = "a finite number > 0") -> float:
+    """Return `value` as a float > 0 or raise ArgumentError."""
+    array: NDArray[np.generic] = np.asarray(value)
+    if array.ndim == 0 and array.dtype.kind in "iuf":
+        number = float(cast("float", value))
+        if 0 < number < math.inf:
+            return number
+    raise ArgumentError(argument, expected, describe(value))
+
+
+def read_only(array: Float64) -> Float64:
+    """Lock `array` against writing and return it."""
+    array.flags.writeable = False
+    return array
+
+
+def checked_size(size: object) -> tuple[int, int]:
+    """Return `size` as (width, height), two ints > 0, or raise ArgumentError."""
+    is_sequence = isinstance(size, (tuple, list, np.ndarray))
+    values = tuple(cast("Iterable[object]", size)) if is_sequence else ()
+    if len(values) == 2 and all(isinstance(v, (int, np.integer)) and not isinstance(v, bool) for v in values):
+        width, height = (int(cast("int", v)) for v in values)
+        if width > 0 and height > 0:
+            return width, height
+    raise ArgumentError("size", "(width, height), two integers > 0", describe(size))
+
+
+def checked_intrinsics(K: object) -> Float64:
+    """Return `K` as a new (3, 3) array or raise ArgumentError."""
+    matrix = numbers("K", K, (3, 3))
+    fixed = np.abs([matrix[1, 0], matrix[2, 0], matrix[2, 1], matrix[2, 2] - 1])
+    if fixed.max() > 1e-9 or min(matrix[0, 0], matrix[1, 1]) <= 0:
+        form = "[[fx, s, cx], [0, fy, cy], [0, 0, 1]] with fx, fy > 0"
+        raise ArgumentError("K", form, str(matrix.tolist()))
+    matrix[1, 0] = 0
+    matrix[2] = 0, 0, 1
+    return matrix
+
+
+def checked_pose(world_from_camera: object) -> Float64:
+    """Return a rigid motion as a new (4, 4) array or raise ArgumentError."""
+    name, rigid = "world_from_camera", "a rigid motion [[R, t], [0, 0, 0, 1]] with R^T R = 1 and det R = 1"
+    pose = numbers(name, world_from_camera, (4, 4))
+    if np.abs(pose[3] - (0, 0, 0, 1)).max() > 1e-9:
+        raise ArgumentError(name, rigid, f"last row {pose[3].tolist()}")
+    rotation = pose[:3, :3]
+    error = np.abs(rotation.T @ rotation - np.eye(3)).max()
+    if error > 1e-5:
+        raise ArgumentError(name, rigid, f"R^T R off by {error:.2g}")
+    if np.linalg.det(rotation) < 0:
+        raise ArgumentError(name, rigid, "det R = -1, a mirrored frame")
+    pose[3] = 0, 0, 0, 1
+    return pose

@@ -1,0 +1,41 @@
+"""What pyibr raises. Every message names what was expected and what came."""
+
+from __future__ import annotations
+
+
+class Error(Exception):
+    """Base of all errors that pyibr raises on purpose."""
+
+
+class ArgumentError(Error, ValueError):
+    """An argument has the wrong shape, dtype, range or value.
+
+    Parameters
+    ----------
+    argument : str
+        The argument's name as the caller wrote it.
+    expected : str
+        What would have been right.
+    got : str
+        What came.
+    """
+
+    def __init__(self, argument: str, expected: str, got: str) -> None:
+        super().__init__(f"{argument}: expected {expected}, got {got}")
+        self.argument = argument
+
+
+class FileFormatError(Error):
+    """A file is missing, truncated or not what its name says."""
+
+
+class MissingPackageError(Error, ImportError):
+    """An optional Python package is needed; the message holds the command that installs it."""
+
+
+class DeviceError(Error, RuntimeError):
+    """No OpenCL device works, or the chosen one failed."""
+
+
+class BuildError(DeviceError):
+    """An OpenCL program failed to build; the message holds file, options and log."""

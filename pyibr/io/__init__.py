@@ -1,0 +1,167 @@
+"""Image and depth files, a module a format; the suffix chooses.
+
+| suffix | colour | depth |
+|---|---|---|
+| .png | 8 bit, 16-bit gray | 16 bit, with a scale |
+| .jpg, .tif, .bmp, .webp, .ppm | the same | |
+| .npy, .npz | yes | yes |
+| .pfm | yes | yes |
+| .exr (package OpenEXR) | R, G, B | Z, else Y, else R |
+| .bin (COLMAP) | | yes |
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from os import PathLike
+from pathlib import Path
+from typing import Any, Protocol, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr._check import describe, positive
+from pyibr.errors import ArgumentError, FileFormatError
+
+__all__ = ["read_color", "read_depth", "write_color", "write_depth", "write_mask"]
+
+_PathLike = str | PathLike[str]
+_COLOR_MODULES = {".npy": "npy", ".npz": "npy", ".pfm": "pfm", ".exr": "exr"}
+_DEPTH_MODULES = _COLOR_MODULES | {".png": "png16", ".bin": "colmap_bin"}
+
+
+class _Format(Protocol):
+    """What a module of this folder may have; arrays as stored, unchecked."""
+
+    def read_color(self, path: _PathLike) -> NDArray[Any]: ...
+    def write_color(self, path: _PathLike, color: NDArray[Any]) -> None: ...
+    def read_depth(self, path: _PathLike) -> NDArray[Any]: ...
+    def write_depth(self, path: _PathLike, depth: NDArray[Any]) -> None: ...
+
+
+def read_color(path: _PathLike) -> NDArray[np.uint8] | NDArray[np.float32]:
+    """Read a colour image.
+
+    Parameters
+    ----------
+    path : path
+        Gray is repeated, alpha dropped, the first of several images taken. 16-bit gray becomes float32 in
+        [0, 1]; 16-bit RGB is reduced to 8 bit by the decoder (Pillow). EXR, PFM and NPY are read as they are.
+
+    Returns
+    -------
+    (H, W, 3) uint8 or float32, the top row first.
+
+    Raises
+    ------
+    FileFormatError
+        If the file is missing, truncated, or not a colour image.
+    """
+    stored = _module(path, _COLOR_MODULES, "image").read_color(path)
+    image: NDArray[Any] = stored[..., None] if stored.ndim == 2 else stored
+    if image.ndim != 3 or image.shape[2] not in (1, 2, 3, 4) or 0 in image.shape:
+        raise FileFormatError(f"{path}: expected an image of shape (H, W, 3), got {describe(stored)}")
+    image = image[..., :3] if image.shape[2] >= 3 else np.repeat(image[..., :1], 3, axis=2)
+    if image.dtype == np.bool_:
+        return image.astype(np.uint8) * np.uint8(255)
+    if image.dtype == np.uint16:
+        return image.astype(np.float32) / np.float32(65535)
+    if image.dtype != np.uint8 and image.dtype.kind != "f":
+        raise FileFormatError(f"{path}: expected 8-bit, 16-bit or float colour, got {describe(stored)}")
+    return np.ascontiguousarray(image if image.dtype == np.uint8 else image.astype(np.float32))
+
+
+def write_color(path: _PathLike, color: NDArray[np.uint8] | NDArray[np.float32]) -> None:
+    """Write an (H, W, 3) uint8 or float32 image.
+
+    EXR, PFM and NPY keep float32; other formats store it as 8 bit, with [0, 1] for 0 ... 255, clipped. EXR
+    and PFM store uint8 divided by 255.
+    """
+    if (
+        color.ndim != 3
+        or color.shape[2] != 3
+        or color.dtype.name not in ("uint8", "float32")
+        or not color.size
+    ):
+        raise ArgumentError("color", "uint8 or float32 of shape (H, W, 3)", describe(color))
+    _module(path, _COLOR_MODULES, "image").write_color(path, color)
+
+
+def write_mask(path: _PathLike, mask: NDArray[np.bool_]) -> None:
+    """Write an (H, W) bool mask as an 8-bit gray image: 0 and 255."""
+    if mask.ndim != 2 or mask.dtype != np.bool_ or not mask.size:
+        raise ArgumentError("mask", "bool of shape (H, W)", describe(mask))
+    from pyibr.io import image
+
+    image.write_color(path, mask.astype(np.uint8) * np.uint8(255))
+
+
+def read_depth(path: _PathLike, scale: float | None = None) -> NDArray[np.float32]:
+    """Read planar depth.
+
+    Parameters
+    ----------
+    path : path
+        Of a PNG16, NPY, NPZ, PFM, EXR or COLMAP file.
+    scale : float
+        Stored units per scene unit: 1000 for millimetres to metres, 5000 for the TUM data sets. Required for
+        integers, where 0 means no depth; 1 for floats if not given.
+
+    Returns
+    -------
+    (H, W) float32 in scene units, the top row first.
+
+    Raises
+    ------
+    FileFormatError
+        If the file is missing, truncated, or does not hold depth.
+    ArgumentError
+        If the file holds integers and there is no scale.
+    """
+    from pyibr.images import depth_from_uint16
+
+    stored = _module(path, _DEPTH_MODULES).read_depth(path)
+    if stored.ndim != 2 or stored.dtype.kind not in "uif" or 0 in stored.shape:
+        raise FileFormatError(f"{path}: expected depth of shape (H, W), got {describe(stored)}")
+    if stored.dtype.kind in "ui":
+        return depth_from_uint16(stored, _required(scale, path))
+    if scale is not None:
+        return (stored / positive("scale", scale)).astype(np.float32)
+    return np.ascontiguousarray(stored, np.float32)
+
+
+def write_depth(path: _PathLike, depth: NDArray[np.float32], scale: float | None = None) -> None:
+    """Write (H, W) float32 depth so that `read_depth` with the same `scale` returns it.
+
+    PNG needs a scale, stores the nearest integer and 0 for invalid depth; ArgumentError if a depth does not
+    fit in 16 bits. The other formats store floats, invalid ones as they are.
+    """
+    from pyibr.images import uint16_from_depth
+
+    if depth.ndim != 2 or depth.dtype.kind != "f" or not depth.size:
+        raise ArgumentError("depth", "float32 of shape (H, W)", describe(depth))
+    module = _module(path, _DEPTH_MODULES)
+    if Path(path).suffix.lower() == ".png":
+        module.write_depth(path, uint16_from_depth(depth, _required(scale, path)))
+    else:
+        factor = 1.0 if scale is None else positive("scale", scale)
+        module.write_depth(path, (depth * factor).astype(np.float32))
+
+
+def _required(scale: float | None, path: _PathLike) -> float:
+    if scale is None:
+        expected = (
+            "stored units per scene unit (--depth-scale on the command line; 1000 for millimetres to metres) "
+            f"for the integers of {path}"
+        )
+        raise ArgumentError("scale", expected, "none")
+    return scale
+
+
+def _module(path: _PathLike, modules: dict[str, str], default: str | None = None) -> _Format:
+    suffix = Path(path).suffix.lower()
+    name = modules.get(suffix, default)
+    if name is None:
+        known = ", ".join(sorted(modules))
+        raise FileFormatError(f"{path}: no depth format {suffix or 'without a suffix'}; known are {known}")
+    return cast(_Format, import_module(f"pyibr.io.{name}"))

@@ -1,0 +1,74 @@
+"""OpenEXR images: half or float channels. Depth is channel Z, else Y, else R."""
+
+from __future__ import annotations
+
+from os import PathLike
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.errors import FileFormatError, MissingPackageError
+from pyibr.io.files import atomic_path, reading
+
+if TYPE_CHECKING:
+    from types import ModuleType
+
+
+def read_color(path: str | PathLike[str]) -> NDArray[Any]:
+    """Return (H, W, 3) of channels R, G, B, or (H, W) of Y."""
+    channels = _read(path)
+    if channels.keys() >= {"R", "G", "B"}:
+        return np.stack([channels[name] for name in "RGB"], axis=-1)
+    return _pick(path, channels, "Y")
+
+
+def read_depth(path: str | PathLike[str]) -> NDArray[Any]:
+    """Return (H, W) of the depth channel, which may belong to a layer (`name.Z`)."""
+    return _pick(path, _read(path), "Z", "Y", "R")
+
+
+def write_color(path: str | PathLike[str], color: NDArray[Any]) -> None:
+    """Write (H, W, 3) as float channels R, G, B, uint8 divided by 255."""
+    values = color / np.float32(255) if color.dtype == np.uint8 else color
+    _write(path, {name: values[..., i] for i, name in enumerate("RGB")})
+
+
+def write_depth(path: str | PathLike[str], depth: NDArray[Any]) -> None:
+    """Write (H, W) as the float channel Z."""
+    _write(path, {"Z": depth})
+
+
+def _openexr() -> ModuleType:
+    try:
+        import OpenEXR
+    except ImportError:
+        raise MissingPackageError("EXR files need the package OpenEXR: pip install OpenEXR") from None
+    return OpenEXR
+
+
+def _read(path: str | PathLike[str]) -> dict[str, NDArray[Any]]:
+    exr: Any = _openexr()
+    with reading(path, "OpenEXR") as source, exr.File(str(source), separate_channels=True) as file:
+        return {name: channel.pixels for part in file.parts for name, channel in part.channels.items()}
+
+
+def _pick(path: str | PathLike[str], channels: dict[str, NDArray[Any]], *names: str) -> NDArray[Any]:
+    for name in names:
+        found = [key for key in channels if key.rpartition(".")[2] == name]
+        if len(found) > 1 and name not in found:
+            raise FileFormatError(f"{path}: several channels {name}: {', '.join(found)}")
+        if found:
+            return channels[name if name in found else found[0]]
+    raise FileFormatError(f"{path}: no channel {' or '.join(names)} among {', '.join(channels) or 'none'}")
+
+
+def _write(path: str | PathLike[str], channels: dict[str, NDArray[Any]]) -> None:
+    exr: Any = _openexr()
+    pixels = {name: np.ascontiguousarray(values, np.float32) for name, values in channels.items()}
+    with atomic_path(path) as temporary:
+        header = {"compression": exr.ZIP_COMPRESSION, "type": exr.scanlineimage}
+        try:
+            exr.File(header, pixels).write(str(temporary))
+        except RuntimeError as error:
+            raise OSError(str(error)) from error

@@ -1,0 +1,54 @@
+"""Portable float maps: a text header, then float32 rows from the bottom up.
+
+The sign of the header's third number tells the byte order (negative: little). Its size has no agreed meaning
+and is ignored, as most readers do.
+"""
+
+from __future__ import annotations
+
+import re
+from os import PathLike
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.errors import FileFormatError
+from pyibr.io.files import atomic_path, reading
+
+_HEADER = re.compile(rb"P([Ff])\s+(\d+)\s+(\d+)\s+([-+]?\d*\.?\d+(?:[eE][-+]?\d+)?)(?:\r\n|\s)")
+
+
+def read_color(path: str | PathLike[str]) -> NDArray[np.float32]:
+    """Return (H, W, 3) of a `PF` file, (H, W) of a `Pf` file."""
+    with reading(path, "PFM") as source:
+        data = source.read_bytes()
+    header = _HEADER.match(data)
+    if header is None:
+        raise FileFormatError(f"{path}: not a PFM file: no header like 'Pf 640 480 -1.0'")
+    kind, width, height, scale = header.groups()
+    shape = (int(height), int(width), 3) if kind == b"F" else (int(height), int(width))
+    got, expected = len(data) - header.end(), 4 * int(np.prod(shape, dtype=object))
+    if got != expected:
+        raise FileFormatError(f"{path}: expected {expected} bytes of pixels after the PFM header, got {got}")
+    order = "<" if float(scale) < 0 else ">"
+    rows = np.frombuffer(data, f"{order}f4", offset=header.end()).reshape(shape)
+    return np.ascontiguousarray(rows[::-1], np.float32)
+
+
+def read_depth(path: str | PathLike[str]) -> NDArray[np.float32]:
+    """Return (H, W) of a `Pf` file."""
+    return read_color(path)
+
+
+def write_color(path: str | PathLike[str], color: NDArray[Any]) -> None:
+    """Write (H, W, 3) or (H, W), uint8 divided by 255, in little-endian order."""
+    values = color / np.float32(255) if color.dtype == np.uint8 else color
+    header = f"P{'F' if values.ndim == 3 else 'f'}\n{values.shape[1]} {values.shape[0]}\n-1.0\n"
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(header.encode("ascii") + values[::-1].astype("<f4").tobytes())
+
+
+def write_depth(path: str | PathLike[str], depth: NDArray[Any]) -> None:
+    """Write (H, W)."""
+    write_color(path, depth)

@@ -1,0 +1,230 @@
+"""The device in use: opened once per process, chosen anew by nobody but the user.
+
+The choice: the device named by `use_device`, else by ``$PYIBR_DEVICE``, else the first GPU that works, else
+the fastest CPU runtime that works. A device counts only after it has built and run a tiny kernel; the outcome
+is kept on disk, so a later process opens its device at once. Importing this module imports no pyopencl.
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+import threading
+from collections.abc import Generator, Hashable
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from pyibr.errors import ArgumentError, DeviceError
+from pyibr.opencl.cache import cache_folder
+from pyibr.opencl.choice import Device, choose, describe, explain_broken, select
+from pyibr.opencl.probe import Outcome, forget, probe
+from pyibr.opencl.runtimes import Found, found_devices
+
+if TYPE_CHECKING:
+    import pyopencl as cl
+
+    from pyibr.opencl.memory import Block
+    from pyibr.opencl.program import Kernel
+
+__all__ = ["Device", "Session", "cache_folder", "current", "devices", "explain", "use_device"]
+
+VARIABLE = "PYIBR_DEVICE"
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """A device opened in this process.
+
+    Attributes
+    ----------
+    device : Device
+        What was opened.
+    context : pyopencl.Context
+        Its context, of this one device.
+    queue : pyopencl.CommandQueue
+        Its queue; commands run in order.
+    is_cpu : bool
+        Whether it is a CPU, so that arrays are used in place.
+    lanes : int
+        How many work-items' worth of work a kernel's lane loop holds: 16 on a CPU, 1 elsewhere.
+    kernels : dict
+        What `kernel` has built here.
+    spare : list
+        Memory that `scratch` hands out again.
+    in_flight : list
+        Arguments of launches that may still run: their memory must stay until the queue is done.
+    """
+
+    device: Device
+    context: cl.Context
+    queue: cl.CommandQueue
+    is_cpu: bool
+    lanes: int
+    kernels: dict[Hashable, Kernel] = field(default_factory=dict["Hashable", "Kernel"], repr=False)
+    spare: list[Block] = field(default_factory=list["Block"], repr=False)
+    in_flight: list[object] = field(default_factory=list["object"], repr=False)
+
+
+_chosen: ContextVar[Device | None] = ContextVar("pyibr_device", default=None)
+_lock = threading.RLock()
+_sessions: dict[int, Session] = {}
+_failed_here: dict[int, Outcome] = {}
+_forked = False
+
+
+def _after_fork() -> None:
+    global _forked
+    _forked = _forked or found_devices.cache_info().currsize > 0
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_after_fork)
+
+
+def devices(fresh: bool = False) -> list[Device]:
+    """All OpenCL devices found, those that do not work included.
+
+    Parameters
+    ----------
+    fresh : bool
+        Test every device now and measure its speed, whatever earlier processes found.
+
+    Returns
+    -------
+    list of Device
+        In the loader's order. A device that was never tested before is tested now, which takes a second.
+
+    Examples
+    --------
+    >>> import pyibr as ibr
+    >>> any(device.works for device in ibr.devices())
+    True
+    """
+    with _lock:
+        examine = _examine_afresh if fresh else _examine
+        return [describe(found, examine(found, fresh)) for found in found_devices()]
+
+
+@contextmanager
+def use_device(device: Device | int | str) -> Generator[Device, None, None]:
+    """Work on a certain device inside the ``with`` block.
+
+    Blocks nest. The choice holds for the current thread (or task); other threads keep theirs.
+
+    Parameters
+    ----------
+    device : Device, int or str
+        One of `devices`, its index there, or a part of its platform's or its own name, version or kind, such
+        as ``"intel"``, ``"pocl"`` or ``"gpu"``; upper and lower case are the same. Of several that match, the
+        first that works is taken.
+
+    Raises
+    ------
+    ArgumentError
+        Nothing found matches.
+    DeviceError
+        What matches does not work; the message says why and what mends it.
+
+    Examples
+    --------
+    >>> import pyibr as ibr
+    >>> with ibr.use_device("cpu") as device:
+    ...     print(device.kind)
+    cpu
+    """
+    selector = device.index if isinstance(device, Device) else device
+    if isinstance(selector, bool) or not isinstance(selector, (int, str)):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise ArgumentError("device", "a Device, an index or a part of a name", type(device).__name__)
+    with _lock:
+        picked = select(found_devices(), _examine, selector, "device")
+    token = _chosen.set(picked)
+    try:
+        yield picked
+    finally:
+        _chosen.reset(token)
+
+
+def current() -> Session:
+    """The session of the device in use; opened on the first call, the same object after that.
+
+    Raises
+    ------
+    DeviceError
+        No device works, or the one asked for does not; or this process was forked from one that used OpenCL.
+    ArgumentError
+        ``$PYIBR_DEVICE`` matches nothing.
+    """
+    if _forked:  # the runtime's threads stayed behind: its next kernel would wait for them for ever
+        raise DeviceError(
+            "OpenCL was in use when this process was forked and does not survive that; "
+            "start worker processes with multiprocessing.get_context('spawn')"
+        )
+    chosen = _chosen.get()
+    if chosen is not None:
+        return _session(chosen)
+    return _default_session(os.environ.get(VARIABLE, ""))
+
+
+def explain() -> tuple[Device, str]:
+    """The device that `current` uses here, and why that one."""
+    device = current().device
+    if _chosen.get() is not None:
+        return device, "named by use_device"
+    if os.environ.get(VARIABLE):
+        return device, f"named by ${VARIABLE}"
+    if device.kind == "gpu":
+        return device, "the first GPU that works"
+    rivals = [d for d in devices() if d.works and d.kind == device.kind]
+    return device, f"the {'fastest' if len(rivals) > 1 else 'only'} {device.kind} device that works"
+
+
+@functools.cache
+def _default_session(selector: str) -> Session:
+    with _lock:
+        found = found_devices()
+        if selector:
+            return _session(select(found, _examine, selector, f"${VARIABLE}"))
+        while True:
+            try:
+                device = choose(found, _examine)
+            except DeviceError:
+                # What the disk says of a broken device may be out of date: ask again before giving up.
+                device = choose(found, _examine_afresh)
+            try:
+                return _session(device)
+            except DeviceError:
+                continue  # it counts as failed now, and the next best is chosen
+
+
+def _session(device: Device) -> Session:
+    session = _sessions.get(device.index)
+    if session is not None:
+        return session
+    import pyopencl as cl
+
+    with _lock:
+        if device.index in _sessions:
+            return _sessions[device.index]
+        found = found_devices()[device.index]
+        try:
+            context = cl.Context([found.handle])
+            queue = cl.CommandQueue(context)
+        except cl.Error as error:
+            forget(found)
+            failed = _failed_here[device.index] = Outcome(False, f"it cannot be opened: {error}")
+            broken = explain_broken([describe(found, failed)])
+            raise DeviceError(f"the device does not work.\n{broken}") from error
+        is_cpu = device.kind == "cpu"
+        session = Session(device, context, queue, is_cpu, 16 if is_cpu else 1)
+        _sessions[device.index] = session
+        return session
+
+
+def _examine(found: Found, measure: bool) -> Outcome:
+    return _failed_here.get(found.index) or probe(found, measure)
+
+
+def _examine_afresh(found: Found, measure: bool) -> Outcome:
+    return _failed_here.get(found.index) or probe(found, measure, fresh=True)

@@ -1,0 +1,129 @@
+"""The report behind ``pyibr doctor``: what OpenCL devices are here, which work, and what mends the others."""
+
+from __future__ import annotations
+
+import platform
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pyibr.errors import Error
+from pyibr.opencl.cache import cache_folder
+from pyibr.opencl.choice import Device
+from pyibr.opencl.device import devices, explain
+from pyibr.opencl.runtimes import Problem, problems
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+@dataclass(frozen=True)
+class Report:
+    """What `report` found.
+
+    Attributes
+    ----------
+    versions : dict of str to str
+        pyibr's, Python's and its main packages' versions.
+    cache : Path
+        Where probe results and program binaries are kept.
+    devices : list of Device
+        All that were found, tested just now.
+    problems : list of Problem
+        Runtimes that are installed but cannot be loaded.
+    chosen : Device or None
+        What a call would run on.
+    why : str
+        Why that one; where there is none, what to do.
+    """
+
+    versions: dict[str, str]
+    cache: Path
+    devices: list[Device]
+    problems: list[Problem]
+    chosen: Device | None
+    why: str
+
+
+def report() -> Report:
+    """Test every device afresh, measure its speed, and tell which one pyibr would use.
+
+    Examples
+    --------
+    >>> report().chosen is not None
+    True
+    """
+    found: list[Device] = []
+    chosen: Device | None = None
+    try:
+        found = devices(fresh=True)
+        chosen, why = explain()
+    except Error as error:
+        why = str(error)
+    return Report(_versions(), cache_folder(), found, problems(), chosen, why)
+
+
+def print_report(console: Console | None = None) -> bool:
+    """Print the report.
+
+    Parameters
+    ----------
+    console : rich.console.Console, optional
+        Where to; standard output by default.
+
+    Returns
+    -------
+    bool
+        Whether a call would find a device to run on.
+    """
+    from rich.console import Console
+    from rich.text import Text
+
+    console = console or Console(highlight=False)
+    with console.status("testing the OpenCL devices"):
+        result = report()
+    console.print(", ".join(f"{name} {version}" for name, version in result.versions.items()), style="dim")
+    console.print(Text(f"cache {result.cache}", style="dim"))
+    for device in result.devices:
+        _print_device(console, device, device == result.chosen)
+    for problem in result.problems:
+        console.print(Text.assemble("\n", ("✗ ", "bold red"), problem.what), soft_wrap=True)
+        console.print(Text(f"  to mend it: {problem.remedy}", style="yellow"), soft_wrap=True)
+    console.print()
+    if result.chosen is None:
+        console.print(Text(result.why, style="bold red"), soft_wrap=True)
+    else:
+        console.print(
+            Text.assemble("pyibr uses ", (str(result.chosen), "bold"), f", {result.why}."), soft_wrap=True
+        )
+    return result.chosen is not None
+
+
+def _print_device(console: Console, device: Device, chosen: bool) -> None:
+    from rich.text import Text
+
+    mark = ("✓ ", "bold green") if device.works else ("✗ ", "bold red")
+    head = Text.assemble(
+        "\n", mark, (f"{device.index}  {device.platform}: {device.name}", "bold" if chosen else "")
+    )
+    console.print(head, soft_wrap=True)
+    lines = [f"{device.kind}, driver {device.driver}", device.version]
+    if device.speed is not None:
+        s = device.speed
+        lines.append(f"copy {s.copy:.0f} GB/s, mad {s.mad:.0f} Gflop/s, search {s.search:.2f} Gsamples/s")
+    for line in lines:
+        console.print(Text(f"     {line}", style="dim"), soft_wrap=True)
+    if not device.works:
+        console.print(Text(f"     does not work: {device.reason}", style="red"), soft_wrap=True)
+        console.print(Text(f"     to mend it: {device.remedy}", style="yellow"), soft_wrap=True)
+
+
+def _versions() -> dict[str, str]:
+    found = {"pyibr": "", "Python": platform.python_version()}
+    for name in ("pyibr", "pyopencl", "numpy"):
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            found[name] = "(not installed)"
+    return found

@@ -1,0 +1,143 @@
+"""Builds OpenCL programs from ``kernels/`` and keeps their binaries on disk."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pyibr.errors import BuildError
+from pyibr.opencl.cache import cache_folder, read_cached, write_cached
+from pyibr.opencl.device import current
+
+if TYPE_CHECKING:
+    import pyopencl as cl
+
+    from pyibr.opencl.device import Session
+
+_Signatures = dict[str, list[tuple[str, str]]]
+
+_INCLUDE = re.compile(r'^\s*#include "([^"]+)"', re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class Argument:
+    """One argument of a kernel, as its source declares it."""
+
+    name: str
+    type: str  # without address space and qualifiers: "float*", "int", "PixelMap"
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """A built kernel of one session, with what its source says of its arguments."""
+
+    session: Session
+    handle: cl.Kernel
+    name: str
+    arguments: tuple[Argument, ...]
+
+
+def kernels_folder() -> Path:
+    """The folder of the OpenCL sources: inside the installed package, beside it in a checkout."""
+    package = Path(__file__).parent.parent
+    installed = package / "kernels"
+    return installed if installed.is_dir() else package.parent / "kernels"
+
+
+def kernel(file: str, name: str, **defines: int) -> Kernel:
+    """The kernel ``name`` of ``kernels/<file>``, built for the current device once per set of defines.
+
+    Parameters
+    ----------
+    file : str
+        Path below the kernels' folder, e.g. ``"warp/epipolar.cl"``.
+    name : str
+        The kernel function.
+    **defines : int
+        Becomes ``-D`` options; ``LANES`` is given by the device.
+
+    Raises
+    ------
+    BuildError
+        With file, options and the compiler's log.
+    """
+    session = current()
+    key = (file, name, tuple(sorted(defines.items())))
+    found = session.kernels.get(key)
+    if found is None:
+        found = session.kernels[key] = _build(session, file, name, defines)
+    return found
+
+
+def _build(session: Session, file: str, name: str, defines: dict[str, int]) -> Kernel:
+    import pyopencl as cl
+
+    options = ["-cl-std=CL1.2", "-Werror", "-cl-kernel-arg-info", f"-I{kernels_folder()}"]
+    named = {"LANES": session.lanes, **defines}
+    options += [f"-D{define}={value}" for define, value in sorted(named.items())]
+    source = _expand(file)
+    device = session.device
+    identity = "\0".join(
+        [source, *options[:3], *options[4:], device.platform, device.name, device.version, device.driver]
+    )
+    stem = (
+        cache_folder()
+        / "programs"
+        / f"{Path(file).stem}-{hashlib.sha256(identity.encode()).hexdigest()[:24]}"
+    )
+    loaded = _load(session, stem)
+    if loaded is None:
+        try:
+            program = cl.Program(session.context, source).build(options=options, cache_dir=False)
+        except cl.RuntimeError as error:
+            raise BuildError(f"kernels/{file} failed to build with {' '.join(options)}:\n{error}") from error
+        signatures = {k.function_name: _signature(k) for k in program.all_kernels()}
+        write_cached(stem.with_suffix(".json"), json.dumps(signatures).encode())
+        write_cached(stem.with_suffix(".bin"), program.get_info(cl.program_info.BINARIES)[0])
+    else:
+        program, signatures = loaded
+    arguments = tuple(Argument(*pair) for pair in signatures[name])
+    return Kernel(session, cl.Kernel(program, name), name, arguments)
+
+
+def _expand(file: str) -> str:
+    """The source with each ``#include "..."`` replaced by its text once, so that binaries know what they hold."""
+    root = kernels_folder()
+    seen: set[str] = set()
+
+    def text_of(name: str) -> str:
+        if name in seen:
+            return ""
+        seen.add(name)
+        return _INCLUDE.sub(lambda match: text_of(match.group(1)), (root / name).read_text())
+
+    return text_of(file)
+
+
+def _signature(handle: cl.Kernel) -> list[tuple[str, str]]:
+    import pyopencl as cl
+
+    info = cl.kernel_arg_info
+    return [
+        (handle.get_arg_info(i, info.NAME), handle.get_arg_info(i, info.TYPE_NAME).replace(" ", ""))
+        for i in range(handle.num_args)
+    ]
+
+
+def _load(session: Session, stem: Path) -> tuple[cl.Program, _Signatures] | None:
+    import pyopencl as cl
+
+    binary, described = read_cached(stem.with_suffix(".bin")), read_cached(stem.with_suffix(".json"))
+    if binary is None or described is None:
+        return None
+    try:
+        signatures = json.loads(described)
+        return cl.Program(session.context, [session.context.devices[0]], [binary]).build(
+            cache_dir=False
+        ), signatures
+    except (ValueError, cl.Error):
+        return None  # damaged, or of another time: built anew

@@ -1,0 +1,150 @@
+"""Build and run tiny kernels on one device: does it work, and how fast is it?
+
+``python -m pyibr.opencl.selftest KEY works|speed`` prints the outcome of the device with that key as JSON.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+import time
+import warnings
+from collections.abc import Callable
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+
+from pyibr.opencl.probe import Outcome, Speed
+from pyibr.opencl.runtimes import found_devices
+
+if TYPE_CHECKING:
+    import pyopencl as cl
+
+_SOURCE = """
+kernel void check(global const uint *in, global uint *out, uint n) {
+    const uint i = get_global_id(0);
+    if (i < n) { out[i] = in[i] * 3u + i; }
+}
+
+kernel void copy(global const float16 *in, global float16 *out) {
+    out[get_global_id(0)] = in[get_global_id(0)];
+}
+
+kernel void multiply_add(global float16 *out, float slope) {
+    float16 a = (float16)((float)get_global_id(0)), b = a + 1.0f, c = a + 2.0f, d = a + 3.0f;
+    for (int i = 0; i < 256; ++i) {
+        a = mad(a, slope, 0.5f);
+        b = mad(b, slope, 0.5f);
+        c = mad(c, slope, 0.5f);
+        d = mad(d, slope, 0.5f);
+    }
+    out[get_global_id(0)] = a + b + c + d;
+}
+
+/* A search along a row of heights: where it ends depends on what it reads, as in every warp. */
+kernel void search(global const float *height, global uint *steps, int width) {
+    const int x = get_global_id(0), y = get_global_id(1);
+    float ray = 1.0f;
+    int i = 0;
+    while (i < 64 && height[y * width + ((x + i) & (width - 1))] < ray) {
+        ray -= 1.0f / 64.0f;
+        ++i;
+    }
+    steps[y * width + x] = i;
+}
+"""
+
+
+def test(device: cl.Device, measure: bool) -> Outcome:
+    """Build and run the kernels here, in this process.
+
+    Parameters
+    ----------
+    device : pyopencl.Device
+        The device.
+    measure : bool
+        Also measure its speed, in under a second.
+    """
+    import pyopencl as cl
+
+    try:
+        context = cl.Context([device])
+        queue = cl.CommandQueue(context)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # a compiler's remarks
+            # False turns pyopencl's cache off (a kept binary would prove nothing); its annotation lacks that.
+            uncached = cast("str", False)
+            program = cl.Program(context, _SOURCE).build(["-cl-std=CL1.2"], cache_dir=uncached)
+        if not _is_right(queue, program):
+            return Outcome(False, "a tiny kernel runs but its results are wrong")
+        return Outcome(True, speed=_speed(queue, program) if measure else None)
+    except (cl.Error, RuntimeError) as error:
+        return Outcome(False, _readable(str(error)))
+
+
+def _is_right(queue: cl.CommandQueue, program: cl.Program) -> bool:
+    import pyopencl as cl
+
+    n = 1000
+    given = np.arange(n, dtype=np.uint32)[::-1].copy()
+    flags = cl.mem_flags
+    source = cl.Buffer(queue.context, flags.READ_ONLY | flags.COPY_HOST_PTR, hostbuf=given)
+    target = cl.Buffer(queue.context, flags.WRITE_ONLY, given.nbytes)
+    cl.Kernel(program, "check")(queue, (1024,), None, source, target, np.uint32(n))
+    got = np.empty_like(given)
+    cl.enqueue_copy(queue, got, target)
+    return np.array_equal(got, given * 3 + np.arange(n, dtype=np.uint32))
+
+
+def _speed(queue: cl.CommandQueue, program: cl.Program) -> Speed:
+    import pyopencl as cl
+
+    width = 2048
+    flags = cl.mem_flags
+    heights = np.random.default_rng(1).random((width, width), dtype=np.float32)
+    a = cl.Buffer(queue.context, flags.READ_WRITE | flags.COPY_HOST_PTR, hostbuf=heights)
+    b = cl.Buffer(queue.context, flags.READ_WRITE, heights.nbytes)
+    copy, mad, search = (cl.Kernel(program, name) for name in ("copy", "multiply_add", "search"))
+
+    def seconds(run: Callable[[], object]) -> float:
+        times: list[float] = []
+        end = time.perf_counter() + 0.15
+        while len(times) < 3 or (time.perf_counter() < end and len(times) < 50):
+            start = time.perf_counter()
+            run()
+            queue.finish()
+            times.append(time.perf_counter() - start)
+        return min(times[1:])  # the first one may still compile
+
+    items = width * width // 16
+    copying = seconds(lambda: copy(queue, (items,), None, a, b))
+    adding = seconds(lambda: mad(queue, (items // 8,), None, b, np.float32(0.5)))
+    searching = seconds(lambda: search(queue, (width, width), None, a, b, np.int32(width)))
+    steps = np.empty((width, width), np.uint32)
+    cl.enqueue_copy(queue, steps, b)
+    return Speed(
+        copy=2 * heights.nbytes / copying / 1e9,
+        mad=items // 8 * 256 * 4 * 16 * 2 / adding / 1e9,
+        search=float(steps.sum() + steps.size) / searching / 1e9,
+    )
+
+
+def _readable(message: str) -> str:
+    """The one line of a build log or a status that says what went wrong."""
+    lines = [line.strip() for line in message.splitlines() if line.strip()]
+    for line in lines:
+        if re.search(r"\berror:", line, re.IGNORECASE):
+            return f"every build fails: {line[line.lower().index('error:') + 6 :].strip()}"
+    return lines[0] if lines else "no message"
+
+
+def _main(key: str, what: str) -> None:
+    for found in found_devices():
+        if found.key == key:
+            print("\n" + test(found.handle, measure=what == "speed").to_json())
+            return
+    sys.exit("another process does not find this device")
+
+
+if __name__ == "__main__":
+    _main(*sys.argv[1:])

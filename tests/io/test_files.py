@@ -1,0 +1,348 @@
+"""Round trips of every format, and files that are not what their name says."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import cv2
+import imageio.v3 as iio
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.io.files import atomic_path
+
+SIZES = [(7, 13), (1, 1), (61, 37)]
+DEPTH_SUFFIXES = [".png", ".npy", ".npz", ".pfm", ".exr", ".bin"]
+EXACT_SUFFIXES = [".png", ".tif", ".bmp", ".npy", ".npz", ".ppm"]
+FLOAT_SUFFIXES = [".npy", ".npz", ".pfm", ".exr"]
+
+
+@pytest.fixture(autouse=True)
+def _exr(request):
+    if "exr" in str(request.node.callspec.params if hasattr(request.node, "callspec") else ""):
+        pytest.importorskip("OpenEXR")
+
+
+def depth_of(size) -> np.ndarray:
+    depth = np.random.default_rng(1).uniform(0.5, 60, size[::-1]).astype(np.float32)
+    if depth.size > 1:
+        depth[0, -1] = np.nan
+    return depth
+
+
+def color_of(size) -> np.ndarray:
+    return np.random.default_rng(2).integers(0, 256, (*size[::-1], 3), dtype=np.uint8)
+
+
+# ---- round trips
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("suffix", DEPTH_SUFFIXES)
+def test_depth_round_trip(tmp_path: Path, suffix, size):
+    depth, file = depth_of(size), tmp_path / f"depth{suffix}"
+    ibr.write_depth(file, depth, 1000 if suffix == ".png" else None)
+    again = ibr.read_depth(file, 1000 if suffix == ".png" else None)
+    assert again.dtype == np.float32
+    assert again.flags.c_contiguous
+    np.testing.assert_allclose(again, depth, rtol=0, atol=0.50001e-3 if suffix == ".png" else 0)
+    assert [f.name for f in tmp_path.iterdir()] == [file.name]  # nothing temporary is left
+
+
+@pytest.mark.parametrize("suffix", DEPTH_SUFFIXES)
+def test_scale_means_stored_units_per_scene_unit(tmp_path: Path, suffix):
+    file = tmp_path / f"depth{suffix}"
+    ibr.write_depth(file, np.full((3, 2), 1.5, np.float32), 1000)
+    np.testing.assert_allclose(ibr.read_depth(file, 500), 3)
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("suffix", EXACT_SUFFIXES)
+def test_color_round_trip(tmp_path: Path, suffix, size):
+    color, file = color_of(size), tmp_path / f"color{suffix}"
+    ibr.write_color(file, color)
+    again = ibr.read_color(file)
+    assert again.dtype == np.uint8
+    np.testing.assert_array_equal(again, color)
+
+
+@pytest.mark.parametrize("suffix", FLOAT_SUFFIXES)
+def test_float_color_round_trip(tmp_path: Path, suffix):
+    color, file = color_of((61, 37)).astype(np.float32) / 100, tmp_path / f"color{suffix}"
+    ibr.write_color(file, color)
+    again = ibr.read_color(file)
+    assert again.dtype == np.float32
+    np.testing.assert_array_equal(again, color)
+
+
+@pytest.mark.parametrize("suffix", [".pfm", ".exr"])
+def test_bytes_in_a_float_format_are_divided_by_255(tmp_path: Path, suffix):
+    color, file = color_of((7, 13)), tmp_path / f"color{suffix}"
+    ibr.write_color(file, color)
+    np.testing.assert_allclose(ibr.read_color(file) * 255, color, atol=1e-4)
+
+
+def test_float_color_in_a_byte_format_is_rounded_and_clipped(tmp_path: Path):
+    color = np.array([[[-1, 0.499 / 255, 0.501 / 255], [1, 7, np.nan]]], np.float32)
+    ibr.write_color(tmp_path / "c.png", color)
+    assert ibr.read_color(tmp_path / "c.png").tolist() == [[[0, 0, 1], [255, 255, 0]]]
+
+
+def test_jpeg_is_close(tmp_path: Path):
+    y, x = np.mgrid[:37, :61]
+    color = np.dstack([x * 4, y * 6, x + y]).astype(np.uint8)
+    ibr.write_color(tmp_path / "c.jpg", color)
+    assert np.abs(ibr.read_color(tmp_path / "c.jpg").astype(int) - color).mean() < 2
+
+
+def test_gray_palette_alpha_and_bits_become_rgb(tmp_path: Path):
+    gray = color_of((7, 13))[..., 0]
+    iio.imwrite(tmp_path / "gray.png", gray)
+    np.testing.assert_array_equal(ibr.read_color(tmp_path / "gray.png"), np.dstack([gray] * 3))
+    iio.imwrite(tmp_path / "rgba.png", np.dstack([color_of((7, 13)), gray]))
+    np.testing.assert_array_equal(ibr.read_color(tmp_path / "rgba.png"), color_of((7, 13)))
+    iio.imwrite(tmp_path / "gray16.png", gray.astype(np.uint16) * 257)
+    np.testing.assert_allclose(
+        ibr.read_color(tmp_path / "gray16.png"), np.dstack([gray / 255] * 3), atol=1e-6
+    )
+
+
+def test_mask(tmp_path: Path):
+    mask = depth_of((61, 37)) > 30
+    ibr.write_mask(tmp_path / "mask.png", mask)
+    np.testing.assert_array_equal(iio.imread(tmp_path / "mask.png"), mask * np.uint8(255))
+
+
+def test_depth_png_is_the_one_that_others_write_and_read(tmp_path: Path):
+    stored = np.random.default_rng(3).integers(0, 65536, (37, 61), dtype=np.uint16)
+    cv2.imwrite(str(tmp_path / "cv.png"), stored)
+    depth = ibr.read_depth(tmp_path / "cv.png", 5000)
+    np.testing.assert_array_equal(depth, np.where(stored > 0, stored / 5000, np.nan).astype(np.float32))
+    ibr.write_depth(tmp_path / "ours.png", depth, 5000)
+    np.testing.assert_array_equal(cv2.imread(str(tmp_path / "ours.png"), cv2.IMREAD_UNCHANGED), stored)
+
+
+def test_integer_npy_needs_a_scale_and_has_no_depth_at_zero(tmp_path: Path):
+    np.save(tmp_path / "d.npy", np.array([[0, 1500, -3]], np.int16))
+    np.testing.assert_array_equal(ibr.read_depth(tmp_path / "d.npy", 1000), [[np.nan, 1.5, np.nan]])
+    with pytest.raises(ibr.ArgumentError, match="--depth-scale"):
+        ibr.read_depth(tmp_path / "d.npy")
+
+
+def test_npz_with_several_arrays_is_asked_by_name(tmp_path: Path):
+    color, depth = color_of((7, 13)), depth_of((7, 13))
+    np.savez(tmp_path / "both.npz", color=color, depth=depth)
+    np.testing.assert_array_equal(ibr.read_color(tmp_path / "both.npz"), color)
+    np.testing.assert_array_equal(ibr.read_depth(tmp_path / "both.npz"), depth)
+    np.savez(tmp_path / "others.npz", a=color, b=depth)
+    with pytest.raises(ibr.FileFormatError, match="no array 'depth' among a, b"):
+        ibr.read_depth(tmp_path / "others.npz")
+
+
+# ---- PFM by hand
+
+
+@pytest.mark.parametrize(("order", "scale"), [("<", "-1.0"), (">", "1.0"), ("<", "-0.0039"), (">", "2e+2")])
+@pytest.mark.parametrize("newline", ["\n", "\r\n", " "])
+def test_pfm_rows_run_upward_in_either_byte_order(tmp_path: Path, order, scale, newline):
+    header = f"Pf{newline}2 3{newline}{scale}{newline}".encode()
+    (tmp_path / "d.pfm").write_bytes(header + struct.pack(f"{order}6f", 5, 6, 3, 4, 1, 2))
+    np.testing.assert_array_equal(ibr.read_depth(tmp_path / "d.pfm"), [[1, 2], [3, 4], [5, 6]])
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_pfm_is_the_one_that_opencv_writes_and_reads(tmp_path: Path, channels):
+    values = np.random.default_rng(4).normal(size=(37, 61, channels)).astype(np.float32)
+    cv2.imwrite(str(tmp_path / "cv.pfm"), values[..., ::-1])
+    if channels == 1:
+        np.testing.assert_array_equal(ibr.read_depth(tmp_path / "cv.pfm"), values[..., 0])
+        ibr.write_depth(tmp_path / "ours.pfm", values[..., 0])
+    else:
+        np.testing.assert_array_equal(ibr.read_color(tmp_path / "cv.pfm"), values)
+        ibr.write_color(tmp_path / "ours.pfm", values)
+    theirs = cv2.imread(str(tmp_path / "ours.pfm"), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(theirs.reshape(values.shape)[..., ::-1], values)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"Pf\n2 3\n-1.0\n" + bytes(23), "expected 24 bytes of pixels .* got 23"),
+        (b"Pf\n2 3\n-1.0\n" + bytes(25), "got 25"),
+        (b"Pf\n99999999 99999999\n-1.0\n" + bytes(24), "got 24"),
+        (b"Pf\n2 3\n", "no header"),
+        (b"P6\n2 3\n255\n" + bytes(18), "no header"),
+        (b"Pf\n0 3\n-1.0\n", r"shape \(H, W\), got .*\(3, 0\)"),
+        (b"PF\n2 3\n-1.0\n" + bytes(72), r"shape \(H, W\), got .*\(3, 2, 3\)"),
+    ],
+)
+def test_bad_pfm(tmp_path: Path, content, words):
+    (tmp_path / "d.pfm").write_bytes(content)
+    with pytest.raises(ibr.FileFormatError, match=words):
+        ibr.read_depth(tmp_path / "d.pfm")
+
+
+# ---- OpenEXR channels
+
+
+@pytest.mark.parametrize(
+    ("names", "read"),
+    [("Z", "Z"), ("YZ", "Z"), ("RY", "Y"), ("RGB", "R"), (["View.Depth.Z", "R"], "View.Depth.Z")],
+)
+@pytest.mark.parametrize("dtype", [np.float32, np.float16])
+def test_exr_depth_channel(tmp_path: Path, names, read, dtype):
+    exr = pytest.importorskip("OpenEXR")
+    channels = {name: np.full((13, 7), i + 1, dtype) for i, name in enumerate(names)}
+    channels[read][2, 3] = 0.5
+    exr.File({"compression": exr.ZIP_COMPRESSION}, dict(channels)).write(str(tmp_path / "d.exr"))
+    depth = ibr.read_depth(tmp_path / "d.exr")
+    assert depth.dtype == np.float32
+    np.testing.assert_array_equal(depth, channels[read])
+
+
+def test_exr_without_a_depth_channel(tmp_path: Path):
+    exr = pytest.importorskip("OpenEXR")
+    exr.File({}, {"A": np.ones((13, 7), np.float32)}).write(str(tmp_path / "d.exr"))
+    with pytest.raises(ibr.FileFormatError, match="no channel Z or Y or R among A"):
+        ibr.read_depth(tmp_path / "d.exr")
+
+
+# ---- COLMAP by hand
+
+
+def test_colmap_depth_map(tmp_path: Path):
+    (tmp_path / "d.bin").write_bytes(b"2&3&1&" + struct.pack("<6f", 1, 2, 3, 4, 5, 0))
+    np.testing.assert_array_equal(ibr.read_depth(tmp_path / "d.bin"), [[1, 2], [3, 4], [5, 0]])
+
+
+# ---- what is not what its name says
+
+
+@pytest.mark.parametrize("suffix", [*DEPTH_SUFFIXES, ".jpg", ".tif", ".bmp"])
+@pytest.mark.parametrize("damage", ["missing", "empty", "garbage", "folder", "truncated", "header"])
+def test_bad_files_are_named_in_one_sentence(tmp_path: Path, suffix, damage):
+    is_depth = suffix in DEPTH_SUFFIXES
+    file = tmp_path / f"bad{suffix}"
+    if is_depth:
+        ibr.write_depth(file, depth_of((61, 37)), 1000)
+    else:
+        ibr.write_color(file, color_of((61, 37)))
+    content = file.read_bytes()
+    file.unlink()
+    if damage == "folder":
+        file.mkdir()
+    elif damage != "missing":
+        keep = {"empty": 0, "header": 12, "truncated": len(content) // 2, "garbage": 0}[damage]
+        file.write_bytes(b"\x93 rubbish \x00\xff" * 50 if damage == "garbage" else content[:keep])
+    with pytest.raises(ibr.FileFormatError) as caught:
+        ibr.read_depth(file, 1000) if is_depth else ibr.read_color(file)
+    message = str(caught.value)
+    assert message.startswith(f"{file}: ")
+    assert "\n" not in message
+    assert ("no such file" in message) == (damage == "missing")
+
+
+@pytest.mark.parametrize("keep", [20, 300, -100, -1])
+def test_truncated_exr(tmp_path: Path, keep):
+    pytest.importorskip("OpenEXR")
+    file = tmp_path / "d.exr"
+    ibr.write_depth(file, depth_of((61, 37)))
+    file.write_bytes(file.read_bytes()[:keep])
+    with pytest.raises(ibr.FileFormatError, match=r"d\.exr"):
+        ibr.read_depth(file)
+
+
+@pytest.mark.parametrize(
+    ("array", "words"),
+    [
+        (np.zeros((3, 4, 2), np.float32), r"shape \(H, W\)"),
+        (np.zeros((0, 4), np.float32), r"shape \(H, W\)"),
+        (np.zeros((3, 4), complex), "complex"),
+        (np.array([["a"]]), "U1"),
+    ],
+)
+def test_arrays_that_are_no_depth(tmp_path: Path, array, words):
+    np.save(tmp_path / "d.npy", array)
+    with pytest.raises(ibr.FileFormatError, match=words):
+        ibr.read_depth(tmp_path / "d.npy", 1)
+
+
+def test_pickles_are_not_opened(tmp_path: Path):
+    np.save(tmp_path / "d.npy", np.array([{}], object), allow_pickle=True)
+    with pytest.raises(ibr.FileFormatError, match=r"d\.npy"):
+        ibr.read_depth(tmp_path / "d.npy")
+
+
+def test_color_is_no_depth_and_8_bit_is_no_16_bit(tmp_path: Path):
+    ibr.write_color(tmp_path / "c.png", color_of((7, 13)))
+    ibr.write_mask(tmp_path / "m.png", np.ones((13, 7), bool))
+    for name in ("c.png", "m.png"):
+        with pytest.raises(ibr.FileFormatError, match="16-bit gray PNG"):
+            ibr.read_depth(tmp_path / name, 1000)
+
+
+def test_unknown_suffixes(tmp_path: Path):
+    (tmp_path / "d.xyz").write_bytes(b"1")
+    for name, read in (("d.xyz", ibr.read_depth), ("d", ibr.read_depth)):
+        with pytest.raises(ibr.FileFormatError, match=r"known are .bin, .exr, .npy, .npz, .pfm, .png"):
+            read(tmp_path / name)
+    with pytest.raises(ibr.FileFormatError, match=r"no image format \.xyz"):
+        ibr.write_color(tmp_path / "c.xyz", color_of((7, 13)))
+
+
+# ---- writing
+
+
+@pytest.mark.parametrize("scale", [None, 0, -1, np.nan])
+def test_png_depth_needs_a_scale(tmp_path: Path, scale):
+    with pytest.raises(ibr.ArgumentError, match=r"^scale: "):
+        ibr.write_depth(tmp_path / "d.png", depth_of((7, 13)), scale)
+    ibr.write_depth(tmp_path / "d.png", depth_of((7, 13)), 1000)
+    with pytest.raises(ibr.ArgumentError, match=r"^scale: "):
+        ibr.read_depth(tmp_path / "d.png", scale)
+
+
+def test_overflow_writes_nothing(tmp_path: Path):
+    with pytest.raises(ibr.ArgumentError, match="1 to 65535 units of 1/5000"):
+        ibr.write_depth(tmp_path / "d.png", depth_of((7, 13)), 5000)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("suffix", [".png", ".npy", ".pfm", ".exr"])
+def test_a_folder_that_cannot_be_made(tmp_path: Path, suffix):
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(ibr.FileFormatError, match="file is not a folder"):
+        ibr.write_color(tmp_path / "file" / f"c{suffix}", color_of((7, 13)))
+
+
+def test_an_error_while_writing_leaves_the_old_file(tmp_path: Path):
+    file = tmp_path / "a.txt"
+    file.write_text("old")
+
+    def write_half() -> None:
+        with atomic_path(file) as temporary:
+            temporary.write_text("half of the n")
+            raise RuntimeError("the power failed")
+
+    with pytest.raises(RuntimeError, match="power"):
+        write_half()
+    assert file.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [file]
+
+
+@pytest.mark.parametrize(
+    ("call", "argument"),
+    [
+        (lambda p: ibr.write_color(p / "c.png", depth_of((7, 13))), "color"),
+        (lambda p: ibr.write_color(p / "c.png", color_of((7, 13)).astype(float)), "color"),
+        (lambda p: ibr.write_color(p / "c.png", np.zeros((0, 7, 3), np.uint8)), "color"),
+        (lambda p: ibr.write_depth(p / "d.npy", color_of((7, 13))), "depth"),
+        (lambda p: ibr.write_mask(p / "m.png", color_of((7, 13))[..., 0]), "mask"),
+    ],
+)
+def test_writers_name_the_bad_argument(tmp_path: Path, call, argument):
+    with pytest.raises(ibr.ArgumentError) as caught:
+        call(tmp_path)
+    assert caught.value.argument == argument

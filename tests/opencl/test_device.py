@@ -1,0 +1,483 @@
+"""Which device is chosen, what is said of those that do not work, and what is remembered."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pyibr.errors import ArgumentError, DeviceError
+from pyibr.opencl import device as device_module
+from pyibr.opencl import probe as probe_module
+from pyibr.opencl import runtimes
+from pyibr.opencl.cache import cache_folder, read_cached, write_cached
+from pyibr.opencl.choice import choose, select
+from pyibr.opencl.device import current, devices, explain, use_device
+from pyibr.opencl.doctor import print_report, report
+from pyibr.opencl.probe import Outcome, Speed, forget, probe
+from pyibr.opencl.runtimes import Found, found_devices, remedy_for
+
+BROKEN = Outcome(False, "every build fails: unknown target CPU 'generic'")
+
+
+def found(index: int, name: str, kind: runtimes.Kind, version: str = "OpenCL 3.0 PoCL 3.0-rc2") -> Found:
+    handle: Any = None  # what the rules never look at
+    platform = "Portable Computing Language"
+    return Found(index, platform, name, "The maker", version, f"driver {index}", kind, f"key{index}", handle)
+
+
+class Examiner:
+    """Outcomes written down beforehand, and a record of who was asked."""
+
+    def __init__(self, **outcomes: Outcome) -> None:
+        self.outcomes = outcomes
+        self.asked: list[tuple[str, bool]] = []
+
+    def __call__(self, entry: Found, measure: bool) -> Outcome:
+        self.asked.append((entry.name, measure))
+        outcome = self.outcomes[entry.name]
+        return outcome if measure else Outcome(outcome.works, outcome.reason)
+
+
+def fast(search: float) -> Outcome:
+    return Outcome(True, speed=Speed(copy=1.0, mad=1.0, search=search))
+
+
+@pytest.fixture
+def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    monkeypatch.setenv("PYIBR_CACHE", str(tmp_path / "cache"))
+    yield tmp_path / "cache"
+
+
+@pytest.fixture
+def nothing_open(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """As in a process that has opened no device yet."""
+    device_module._default_session.cache_clear()
+    with monkeypatch.context() as patch:
+        patch.setattr(device_module, "_sessions", {})
+        patch.setattr(device_module, "_failed_here", {})
+        yield
+    device_module._default_session.cache_clear()
+
+
+def run(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    variables = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)} | environment
+    return subprocess.run([sys.executable, "-c", code], env=variables, capture_output=True, text=True)
+
+
+# --- the rule -------------------------------------------------------------------------------------
+
+
+def test_the_first_gpu_that_works_comes_before_any_cpu():
+    listed = [
+        found(0, "cpu", "cpu"),
+        found(1, "bad", "gpu"),
+        found(2, "good", "gpu"),
+        found(3, "next", "gpu"),
+    ]
+    examiner = Examiner(cpu=fast(9.0), bad=BROKEN, good=fast(1.0), next=fast(5.0))
+    assert choose(listed, examiner).name == "good"
+    assert examiner.asked == [("bad", False), ("good", False)], "no more is examined than the choice needs"
+
+
+def test_the_fastest_cpu_runtime_is_chosen_where_no_gpu_works():
+    listed = [
+        found(0, "bad", "gpu"),
+        found(1, "slow", "cpu"),
+        found(2, "quick", "cpu"),
+        found(3, "broken", "cpu"),
+    ]
+    examiner = Examiner(bad=BROKEN, slow=fast(1.0), quick=fast(2.0), broken=BROKEN)
+    assert choose(listed, examiner).name == "quick"
+    assert ("broken", True) not in examiner.asked
+
+
+def test_a_single_runtime_is_not_measured():
+    examiner = Examiner(only=fast(1.0), broken=BROKEN)
+    chosen = choose([found(0, "broken", "cpu"), found(1, "only", "cpu")], examiner)
+    assert chosen.name == "only"
+    assert not any(measure for _, measure in examiner.asked)
+
+
+def test_a_runtime_that_breaks_while_it_is_measured_loses():
+    class Breaks(Examiner):
+        def __call__(self, entry: Found, measure: bool) -> Outcome:
+            return BROKEN if measure and entry.name == "a" else super().__call__(entry, measure)
+
+    assert choose([found(0, "a", "cpu"), found(1, "b", "cpu")], Breaks(a=fast(9.0), b=fast(1.0))).name == "b"
+
+
+def test_equal_runtimes_are_taken_in_their_order():
+    assert choose([found(0, "a", "cpu"), found(1, "b", "cpu")], Examiner(a=fast(1.0), b=fast(1.0))).index == 0
+
+
+def test_an_accelerator_is_the_last_resort():
+    listed = [found(0, "emulator", "accelerator"), found(1, "cpu", "cpu")]
+    assert choose(listed, Examiner(emulator=fast(9.0), cpu=fast(1.0))).name == "cpu"
+    assert choose(listed, Examiner(emulator=fast(9.0), cpu=BROKEN)).name == "emulator"
+
+
+# --- what a user names ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("selector", "index"), [(1, 1), ("1", 1), ("EPYC", 1), ("gpu", 0), ("pocl 6", 1)])
+def test_select(selector: int | str, index: int):
+    listed = [found(0, "Radeon", "gpu"), found(1, "pthread-AMD EPYC", "cpu", "OpenCL 3.0 PoCL 6.0+debian")]
+    examiner = Examiner(**{"Radeon": fast(1.0), "pthread-AMD EPYC": fast(1.0)})
+    assert select(listed, examiner, selector, "device").index == index
+
+
+def test_of_several_that_match_the_first_that_works_is_taken():
+    listed = [found(0, "one", "cpu"), found(1, "two", "cpu")]
+    assert select(listed, Examiner(one=BROKEN, two=fast(1.0)), "portable", "device").name == "two"
+
+
+@pytest.mark.parametrize("selector", ["radeon", 7, -1, "", "  "])
+def test_a_name_that_matches_nothing(selector: int | str):
+    with pytest.raises(
+        ArgumentError, match=r"\$PYIBR_DEVICE: expected .*0 = Portable.*: one.*, got "
+    ) as caught:
+        select([found(0, "one", "cpu")], Examiner(one=fast(1.0)), selector, "$PYIBR_DEVICE")
+    assert repr(selector) in str(caught.value)
+
+
+def test_a_named_device_that_does_not_work_is_not_replaced():
+    with pytest.raises(DeviceError, match="asked for by device='one'") as caught:
+        select(
+            [found(0, "one", "cpu"), found(1, "two", "cpu")],
+            Examiner(one=BROKEN, two=fast(1)),
+            "one",
+            "device",
+        )
+    assert BROKEN.reason in str(caught.value)
+    assert "to mend it: " in str(caught.value)
+
+
+# --- what is said ---------------------------------------------------------------------------------
+
+
+def debian(monkeypatch: pytest.MonkeyPatch, root: bool = False) -> None:
+    release = {"ID": "ubuntu", "ID_LIKE": "debian"}
+    monkeypatch.setattr(runtimes.platform, "freedesktop_os_release", lambda: release)
+    monkeypatch.setattr(runtimes.platform, "machine", lambda: "x86_64")
+    monkeypatch.setattr(runtimes.os, "geteuid", lambda: 0 if root else 1000)
+
+
+def test_the_error_tells_what_was_found_why_it_failed_and_what_mends_it(monkeypatch: pytest.MonkeyPatch):
+    debian(monkeypatch)
+    with pytest.raises(DeviceError) as caught:
+        choose([found(0, "pthread", "cpu")], Examiner(pthread=BROKEN))
+    text = str(caught.value)
+    assert "Portable Computing Language: pthread (cpu, driver driver 0)" in text
+    assert "unknown target CPU 'generic'" in text
+    assert "sudo apt install pocl-opencl-icd" in text
+    assert "pip install intel-opencl-rt intel-cmplr-lib-rt" in text
+
+
+def test_the_error_where_there_is_no_device_at_all(monkeypatch: pytest.MonkeyPatch):
+    debian(monkeypatch, root=True)
+    for ask in (lambda: choose([], Examiner()), lambda: select([], Examiner(), "gpu", "device")):
+        with pytest.raises(DeviceError, match="no OpenCL device was found") as caught:
+            ask()
+        assert "  apt install pocl-opencl-icd" in str(caught.value), "root needs no sudo"
+
+
+def test_remedies_fit_the_device(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    debian(monkeypatch)
+    monkeypatch.setattr(runtimes, "_SYSTEM_ICDS", tmp_path)
+    pocl = found(0, "PoCL", "cpu")  # of version "driver 0"
+    monkeypatch.setattr(runtimes, "_pip_pocl", lambda: "driver")
+    assert remedy_for(pocl) == "sudo apt install pocl-opencl-icd ocl-icd-libopencl1"
+    (tmp_path / "pocl.icd").touch()
+    assert remedy_for(pocl) == "pip uninstall pocl-binary-distribution"
+    monkeypatch.setattr(runtimes, "_pip_pocl", lambda: "")
+    assert remedy_for(pocl) == "pip install intel-opencl-rt intel-cmplr-lib-rt"
+    assert "The maker" in remedy_for(found(0, "card", "gpu"))
+
+
+# --- this machine ---------------------------------------------------------------------------------
+
+
+def test_a_device_of_this_machine_works_and_is_opened_once():
+    session = current()
+    assert session is current()
+    assert session.device in devices()
+    assert session.device.works and not session.device.reason and not session.device.remedy
+    assert session.context.devices == [found_devices()[session.device.index].handle]
+    assert session.is_cpu == (session.device.kind == "cpu")
+    assert session.lanes == (16 if session.is_cpu else 1)
+
+
+def test_the_environment_variable_names_the_device(monkeypatch: pytest.MonkeyPatch):
+    index = current().device.index
+    monkeypatch.setenv("PYIBR_DEVICE", str(index))
+    assert current().device.index == index
+    assert explain()[1] == "named by $PYIBR_DEVICE"
+    monkeypatch.setenv("PYIBR_DEVICE", "no such device")
+    with pytest.raises(ArgumentError, match=r"\$PYIBR_DEVICE"):
+        current()
+
+
+def test_use_device_nests_and_ends(monkeypatch: pytest.MonkeyPatch):
+    usual = current()
+    monkeypatch.setenv("PYIBR_DEVICE", "no such device")  # so that the block is what counts
+    with use_device(usual.device.index) as outer:
+        assert current() is usual and outer == usual.device
+        with use_device(outer) as inner:
+            assert inner == outer and current() is usual
+        with pytest.raises(ArgumentError, match="device: expected"), use_device("no such device"):
+            pass
+        assert current() is usual
+        assert explain()[1] == "named by use_device"
+    with pytest.raises(ArgumentError):
+        current()
+
+
+def test_use_device_holds_for_its_own_thread(monkeypatch: pytest.MonkeyPatch):
+    usual = current().device
+    monkeypatch.setenv("PYIBR_DEVICE", "no such device")
+    seen: list[object] = []
+
+    def elsewhere() -> None:
+        try:
+            seen.append(current())
+        except ArgumentError as error:
+            seen.append(error)
+
+    with use_device(usual):
+        thread = threading.Thread(target=elsewhere)
+        thread.start()
+        thread.join()
+        assert current().device == usual
+    assert isinstance(seen[0], ArgumentError)
+
+
+def test_threads_that_start_together_share_one_session(nothing_open: None):
+    barrier = threading.Barrier(8)
+    seen: list[object] = []
+
+    def start() -> None:
+        barrier.wait()
+        seen.append(current())
+
+    threads = [threading.Thread(target=start) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(seen) == 8 and len(set(map(id, seen))) == 1
+
+
+@pytest.mark.parametrize("wrong", [None, 1.5, True, ["cpu"]])
+def test_use_device_refuses_what_names_no_device(wrong: Any):
+    with pytest.raises(ArgumentError, match="device: expected a Device"), use_device(wrong):
+        pass
+
+
+def test_a_device_that_cannot_be_opened_is_named(
+    nothing_open: None, own_cache: Path, monkeypatch: pytest.MonkeyPatch
+):
+    import pyopencl as cl
+
+    def refuse(devices: object) -> None:
+        raise cl.MemoryError("no room on the device")
+
+    monkeypatch.setattr(cl, "Context", refuse)
+    with pytest.raises(DeviceError, match="it cannot be opened: no room on the device"):
+        current()
+    assert not list(own_cache.glob("devices/*.json")), "the next process asks again"
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
+def test_a_forked_process_gets_an_error_and_does_not_hang():
+    code = """
+import os
+from pyibr.errors import DeviceError
+from pyibr.opencl.device import current
+current()
+if os.fork() == 0:
+    try:
+        current()
+    except DeviceError as error:
+        os._exit(7 if "spawn" in str(error) else 1)
+    os._exit(2)
+print(os.waitstatus_to_exitcode(os.wait()[1]))
+"""
+    done = run(code)
+    assert done.stdout.strip() == "7", done.stderr
+
+
+def test_importing_the_device_module_imports_no_pyopencl():
+    done = run("import sys, pyibr.opencl.device; print('pyopencl' in sys.modules)")
+    assert done.stdout.strip() == "False", done.stderr
+
+
+# --- what is remembered ---------------------------------------------------------------------------
+
+
+def test_a_probe_is_kept_and_forgotten(own_cache: Path, monkeypatch: pytest.MonkeyPatch):
+    entry = found_devices()[current().device.index]
+    assert probe(entry).works
+    assert len(list(own_cache.glob("devices/*.json"))) == 1
+
+    def never(*_: object) -> Outcome:
+        raise AssertionError("asked the device again")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(probe_module, "_test_apart", never)
+        assert probe(entry) == Outcome(True)
+        with pytest.raises(AssertionError):
+            probe(entry, measure=True)  # its speed is not known yet
+        with pytest.raises(AssertionError):
+            probe(entry, fresh=True)
+    speed = probe(entry, measure=True).speed
+    assert speed is not None and min(speed.copy, speed.mad, speed.search) > 0
+    assert probe(entry).speed == speed
+    forget(entry)
+    assert not list(own_cache.glob("devices/*.json"))
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{", "[]", "null", '{"works": true}', '{"works":1,"reason":"","speed":{"x":1}}']
+)
+def test_a_damaged_file_is_as_good_as_none(text: str, own_cache: Path):
+    entry = found_devices()[current().device.index]
+    probe(entry)
+    (file,) = own_cache.glob("devices/*.json")
+    file.write_text(text)
+    assert probe(entry) == Outcome(True)
+    assert Outcome.from_json(file.read_text()) == Outcome(True)
+
+
+def test_a_device_that_no_process_finds_is_broken_with_a_reason(own_cache: Path):
+    outcome = probe(found(0, "gone", "cpu"))
+    assert not outcome.works
+    assert "another process does not find this device" in outcome.reason
+
+
+def test_a_runtime_that_crashes_is_broken_with_a_reason(
+    own_cache: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
+    python = tmp_path / "python"
+    python.write_text("#!/bin/sh\nkill -SEGV $$\n")
+    python.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(python))
+    assert probe(found(0, "bad", "cpu")) == Outcome(False, "the runtime crashed on a tiny kernel (signal 11)")
+
+
+def test_a_runtime_that_hangs_is_broken_with_a_reason(
+    own_cache: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
+    python = tmp_path / "python"
+    python.write_text("#!/bin/sh\nexec sleep 60\n")
+    python.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(python))
+    monkeypatch.setattr(probe_module, "_PATIENCE", 0.2)
+    assert "did not end within" in probe(found(0, "bad", "cpu")).reason
+
+
+def test_a_broken_device_is_asked_again_before_giving_up(nothing_open: None, own_cache: Path):
+    """It may have been mended since."""
+    for entry in found_devices():
+        path = probe_module._file(entry)
+        write_cached(path, Outcome(False, "as it was yesterday").to_json().encode())
+    assert current().device.works
+
+
+def test_the_cache_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    monkeypatch.setenv("PYIBR_CACHE", str(tmp_path / "own"))
+    assert cache_folder() == tmp_path / "own"
+    monkeypatch.delenv("PYIBR_CACHE")
+    if sys.platform == "linux":
+        monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+        assert cache_folder() == tmp_path / "pyibr"
+        monkeypatch.setenv("XDG_CACHE_HOME", "not/absolute")
+        assert cache_folder() == Path.home() / ".cache/pyibr"
+
+
+def test_a_folder_that_cannot_be_written_is_no_error(tmp_path: Path):
+    (tmp_path / "file").write_text("in the way")
+    assert write_cached(tmp_path / "file/inside", b"x") is False
+    assert read_cached(tmp_path / "file/inside") is None
+    assert write_cached(tmp_path / "new/inside", b"x") is True
+    assert read_cached(tmp_path / "new/inside") == b"x"
+    assert [p.name for p in (tmp_path / "new").iterdir()] == ["inside"], "no part is left behind"
+
+
+# --- runtimes from pip ----------------------------------------------------------------------------
+
+
+@pytest.fixture
+def intel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder as pip leaves it, the packer's path in the .icd file included; returns the library."""
+    (tmp_path / "etc/OpenCL/vendors").mkdir(parents=True)
+    (tmp_path / "etc/OpenCL/vendors/intel-cpu.icd").write_text("/opt/placeholder/lib/libintelocl.so\n")
+    (tmp_path / "etc/OpenCL/vendors/emulator.icd").write_text("/opt/placeholder/lib/libnothere.so\n")
+    (tmp_path / "lib").mkdir()
+    for name in ("libintelocl.so", *runtimes._INTEL_NEEDS):
+        (tmp_path / "lib" / name).touch()
+    monkeypatch.setattr(runtimes, "_prefixes", lambda: [tmp_path])
+    for name in runtimes._LOADER_VARIABLES:
+        monkeypatch.delenv(name, raising=False)
+    return tmp_path / "lib/libintelocl.so"
+
+
+def test_the_loader_sees_the_mended_path_and_the_systems_runtimes(
+    intel: Path, monkeypatch: pytest.MonkeyPatch
+):
+    system = intel.parent.parent / "system"
+    system.mkdir()
+    (system / "other.icd").write_text("libother.so\n")
+    monkeypatch.setattr(runtimes, "_SYSTEM_ICDS", system)
+    with runtimes._mended_runtimes():
+        folder = Path(os.environ["OCL_ICD_VENDORS"])
+        assert sorted(p.read_text().strip() for p in folder.glob("*.icd")) == [str(intel), "libother.so"]
+    assert "OCL_ICD_VENDORS" not in os.environ
+    assert not folder.exists()
+
+
+def test_the_loaders_own_variables_are_respected(intel: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("OCL_ICD_VENDORS", "/somewhere")
+    with runtimes._mended_runtimes():
+        assert os.environ["OCL_ICD_VENDORS"] == "/somewhere"
+    (problem,) = runtimes.problems()
+    assert str(intel) in problem.what and problem.remedy == "unset OCL_ICD_VENDORS"
+
+
+def test_what_intels_runtime_lacks_is_named(intel: Path):
+    assert runtimes.problems() == []
+    (intel.parent / "libsvml.so").unlink()
+    (problem,) = runtimes.problems()
+    assert "libsvml.so" in problem.what and problem.remedy == "pip install intel-cmplr-lib-rt"
+
+
+# --- the report -----------------------------------------------------------------------------------
+
+
+def test_the_report_names_every_device_and_the_chosen_one(
+    capsys: pytest.CaptureFixture[str], own_cache: Path
+):
+    assert print_report() is True
+    text = capsys.readouterr().out
+    for device in devices():
+        assert device.name in text
+        assert (f"{device.index}  {device.platform}" in text) and device.version in text
+        assert device.works or (device.reason in text and device.remedy in text)
+    assert "Gsamples/s" in text and str(own_cache) in text
+    assert f"pyibr uses {current().device}" in text
+
+
+def test_the_report_where_nothing_is_found(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("PYIBR_DEVICE", "no such device")
+    result = report()
+    assert result.chosen is None and "$PYIBR_DEVICE" in result.why
+    assert print_report() is False
+    assert "no such device" in capsys.readouterr().out

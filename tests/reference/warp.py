@@ -1,0 +1,207 @@
+"""The warp in NumPy float64, a pixel at a time, for reading and for small images.
+
+After Schaufler and Priglinger, "Efficient Displacement Mapping by Image Warping" (1999), sections 3 to 5, in
+homogeneous pixel space: `Camera.pixel_matrix` takes a point of the camera's frame to (U, V, W, Q), its pixel is
+(U/W, V/W) and its nearness, the paper's disparity delta, is Q/W. On every triangle of the source's grid and along
+every ray nearness is affine in the source's pixels, for perspective and orthographic cameras alike.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.camera import Camera
+from pyibr.images import DepthImage
+
+Array = NDArray[Any]
+
+
+@dataclass
+class Result:
+    """depth (H, W) float64, nan in holes; valid (H, W) bool; color (H, W, 3) float64, 0 in holes."""
+
+    depth: Array
+    valid: Array
+    color: Array
+    samples: int = 0  #: grid edges that the searches passed
+
+    @classmethod
+    def empty(cls, camera: Camera) -> Result:
+        width, height = camera.size
+        depth = np.full((height, width), np.nan)
+        return cls(depth, np.zeros((height, width), dtype=bool), np.zeros((height, width, 3)))
+
+    def put(self, x: int, y: int, depth: float, color: Array) -> None:
+        self.depth[y, x], self.valid[y, x], self.color[y, x] = depth, True, color
+
+
+def forward_reference(view: DepthImage, camera: Camera, splat: int = 1) -> Result:
+    """Every valid sample drawn as ``splat`` x ``splat`` target pixels; the nearest wins, then the earlier sample.
+
+    Equation (2): a sample's x_r and delta(x_r), taken to the target's pixel space.
+    """
+    result = Result.empty(camera)
+    target_from_source = np.linalg.inv(_source_from_target(view.camera, camera))
+    delta = nearness(view)
+    nearest = np.full(result.depth.shape, -np.inf)
+    for y, x in np.argwhere(view.valid):
+        u, v, w, q = point = target_from_source @ [x, y, 1.0, delta[y, x]]
+        if w <= 0:  # behind the target camera
+            continue
+        left, top = (int(np.floor(c / w - (splat - 1) / 2 + 0.5)) for c in (u, v))
+        for row in range(max(top, 0), min(top + splat, camera.height)):
+            for column in range(max(left, 0), min(left + splat, camera.width)):
+                if q / w > nearest[row, column]:
+                    nearest[row, column] = q / w
+                    result.put(column, row, _depth(camera, point), view.color[y, x])
+    return result
+
+
+def search_reference(
+    view: DepthImage,
+    camera: Camera,
+    sample: str = "linear",
+    edges: str = "connect",
+    cut_ratio: float = 1.05,
+    side: str = "front",
+) -> Result:
+    """Every target pixel searches its segment of the epipolar line, from the epipole to the point at infinity.
+
+    The ray of the target pixel x_d is ``epipole + t * infinity`` in the source's pixel space: the two ends of
+    equation (4). At the source pixel that it passes at t, its nearness is the paper's min_delta; it has met the
+    surface where the surface's delta is larger.
+
+    Every triangle of the grid that the segment crosses is tried, which is exact. With "nearest" samples depth and
+    colour are those of the triangle's corner next to the hit.
+    """
+    result = Result.empty(camera)
+    source_from_target = _source_from_target(view.camera, camera)
+    width, height = camera.size
+    for y in range(height):
+        for x in range(width):
+            # The target's pixel at depth t is (t x, t y, t, 1) if it is perspective, (x, y, 1, -t) if not.
+            if camera.projection == "perspective":
+                ray = Ray(source_from_target @ [0, 0, 0, 1], source_from_target @ [x, y, 1, 0], 0.0)
+            else:
+                ray = Ray(source_from_target @ [x, y, 1, 0], source_from_target @ [0, 0, 0, -1], -np.inf)
+            if not ray.clip(view.camera.size):
+                continue
+            hit, looked_at = _first_triangle(view, ray, cut_ratio if edges == "cut" else np.inf)
+            result.samples += looked_at
+            if hit is None or (side != "both" and hit.front != (side == "front")):
+                continue
+            point, color = hit.point, hit.color
+            if sample == "nearest":
+                sx, sy = np.floor(point[:2] / point[2] + 0.5).astype(int)
+                point, color = np.array([sx, sy, 1.0, nearness(view)[sy, sx]]), view.color[sy, sx]
+            result.put(x, y, _depth(camera, np.linalg.solve(source_from_target, point)), color)
+    return result
+
+
+@dataclass
+class Hit:
+    """What a ray met."""
+
+    point: Array  #: (4,) the surface point in the source's pixel space
+    front: bool  #: whether it is on the side that the source sees
+    color: Array  #: (3,) the source's colour there
+
+
+@dataclass
+class Ray:
+    """``epipole + t * infinity`` in the source's pixel space, low <= t <= high; t is the target's depth."""
+
+    epipole: Array
+    infinity: Array
+    low: float
+    high: float = np.inf
+
+    def clip(self, size: tuple[int, int]) -> bool:
+        """Keep the part whose pixels are in the source image and before the source camera; False if none is.
+
+        That is 0 <= U <= W (width - 1), 0 <= V <= W (height - 1) and W > 0: linear in t, so that a ray which
+        passes the source camera's plane, where W changes its sign, is no special case.
+        """
+        right, bottom = size[0] - 1, size[1] - 1
+        rows = [[1, 0, 0, 0], [-1, 0, right, 0], [0, 1, 0, 0], [0, -1, bottom, 0], [0, 0, 1, 0]]
+        for row in rows:
+            a, b = np.dot(row, self.epipole), np.dot(row, self.infinity)  # a + t b >= 0
+            if b > 0:
+                self.low = max(self.low, -a / b)
+            elif b < 0:
+                self.high = min(self.high, -a / b)
+            elif a < 0:
+                return False
+        return bool(self.low < self.high)
+
+    def at(self, t: Array) -> Array:
+        """(n, 4) points of the ray."""
+        return self.epipole + t[:, None] * self.infinity
+
+    def meets(self, axis: tuple[int, int], last: int) -> Array:
+        """Sorted t at which the ray's pixels pass the grid lines ``axis . (x, y) = 0, 1, ... last``."""
+        k = np.arange(last + 1)
+        a = np.dot(axis, self.epipole[:2]) - k * self.epipole[2]
+        b = np.dot(axis, self.infinity[:2]) - k * self.infinity[2]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = -a / b
+        return np.sort(t[np.isfinite(t) & (t >= self.low) & (t <= self.high)])
+
+
+def nearness(view: DepthImage) -> Array:
+    """(H, W) float64 delta of the samples, nan where there is no surface."""
+    z = np.where(view.valid, view.depth, np.nan).astype(np.float64)
+    return 1 / z if view.camera.projection == "perspective" else -z
+
+
+def _first_triangle(view: DepthImage, ray: Ray, cut_ratio: float) -> tuple[Hit | None, int]:
+    """The first triangle of the grid that the ray crosses."""
+    delta = nearness(view)
+    height, width = delta.shape
+    if min(width, height) < 2:
+        return None, 0
+    grid = ray.meets((1, 0), width - 1), ray.meets((0, 1), height - 1), ray.meets((1, 1), width + height - 2)
+    t = np.unique(np.concatenate([[ray.low], *grid, [ray.high]]))
+    a, b = t[:-1], t[1:]
+    # Between two stops the ray's pixels lie in one triangle: the one around any pixel between them.
+    inner = np.where(np.isinf(b), np.where(np.isinf(a), 0.0, a + 1), np.where(np.isinf(a), b - 1, (a + b) / 2))
+    pixel = ray.at(inner)[:, :2] / ray.at(inner)[:, 2:3]
+    x, y = np.clip(np.floor(pixel).astype(int), 0, [width - 2, height - 2]).T
+    upper = (pixel[:, 0] - x + pixel[:, 1] - y >= 1).astype(int)
+    # Its corner with the right angle, and that corner's neighbours along x and along y.
+    cx, cy, nx, ny = x + upper, y + upper, x + 1 - upper, y + 1 - upper
+    gu, gv = (delta[cy, nx] - delta[cy, cx]) * (nx - cx), (delta[ny, cx] - delta[cy, cx]) * (ny - cy)
+    plane = np.stack([gu, gv, delta[cy, cx] - gu * cx - gv * cy, -np.ones_like(gu)], axis=-1)
+    # The surface's lead over the ray, delta - min_delta, times W is f0 + t f1.
+    f0, f1 = plane @ ray.epipole, plane @ ray.infinity
+    with np.errstate(divide="ignore", invalid="ignore"):
+        root = -f0 / f1
+        slack = 1e-9 * np.where(np.isfinite(b - a), b - a, 1.0)
+        crossed = (root >= a - slack) & (root <= b + slack)
+        depth = np.stack([view.depth[cy, cx], view.depth[cy, nx], view.depth[ny, cx]]).astype(np.float64)
+        crossed &= depth.max(axis=0) <= cut_ratio * depth.min(axis=0)
+    if not crossed.any():
+        return None, len(t)
+    i = int(np.argmax(crossed))
+    point = ray.epipole + root[i] * ray.infinity
+    along_x, along_y = np.abs(point[:2] / point[2] - [cx[i], cy[i]])
+    color = view.color.astype(np.float64)
+    mixed = (1 - along_x - along_y) * color[cy[i], cx[i]]
+    mixed = mixed + along_x * color[cy[i], nx[i]] + along_y * color[ny[i], cx[i]]
+    return Hit(point, bool(f1[i] > 0), mixed), len(t)
+
+
+def _source_from_target(source: Camera, target: Camera) -> Array:
+    """(4, 4) from the target's homogeneous pixel space to the source's."""
+    source_from_target = source.camera_from_world @ target.world_from_camera
+    return source.pixel_matrix @ source_from_target @ np.linalg.inv(target.pixel_matrix)
+
+
+def _depth(camera: Camera, point: Array) -> float:
+    """Planar z of a point (U, V, W, Q) of the camera's pixel space."""
+    _, _, w, q = point
+    return float(w / q if camera.projection == "perspective" else -q / w)

@@ -1,0 +1,402 @@
+"""Synthetic depth images with known depth, and target cameras for every case of the epipolar geometry.
+
+Lengths are scene units; surfaces lie 3 to 5 in front of the source camera, whose pose is not the identity,
+whose pixels are not square and whose principal point is off the middle, so that no convention can hide.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.camera import Camera, Projection
+from pyibr.images import DepthImage
+
+Array = NDArray[Any]
+Size = tuple[int, int]
+
+SIZES: tuple[Size, ...] = ((1, 1), (7, 13), (61, 37), (64, 64), (96, 128))
+REGIONS = "ABCDEFGHI"  # row by row: A is above left of the image, E inside it, I below right
+
+
+def source_camera(size: Size, projection: Projection = "perspective") -> Camera:
+    """Sees 80 degrees over the image's longer side (perspective), or 7 scene units (orthographic)."""
+    width, height = size
+    longer = max(width, height)
+    f = 0.6 * longer if projection == "perspective" else longer / 7
+    K = np.array([[f, 0, (width - 1) / 2 + 0.3], [0, 1.05 * f, (height - 1) / 2 - 0.2], [0, 0, 1]])
+    return Camera(K, size, pose(yaw=25, pitch=-10, roll=5, center=(0.4, -1.1, 0.7)), projection)
+
+
+def pose(yaw: float = 0, pitch: float = 0, roll: float = 0, center: tuple[float, ...] = (0, 0, 0)) -> Array:
+    """(4, 4) world_from_camera: degrees about y, then x, then z of the camera; ``center`` in the world."""
+    cy, cx, cz = np.cos(np.radians([yaw, pitch, roll]))
+    sy, sx, sz = np.sin(np.radians([yaw, pitch, roll]))
+    world_from_camera = np.eye(4)
+    world_from_camera[:3, :3] = (
+        np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
+        @ np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
+        @ np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
+    )
+    world_from_camera[:3, 3] = center
+    return world_from_camera
+
+
+def image_coordinates(size: Size) -> tuple[Array, Array]:
+    """(H, W) x and y of the pixels, -1 to 1 over the longer side."""
+    width, height = size
+    y, x = np.mgrid[:height, :width].astype(np.float64)
+    half = max(width, height, 2) / 2
+    return (x - (width - 1) / 2) / half, (y - (height - 1) / 2) / half
+
+
+def smooth_depth(a: Array, b: Array) -> Array:
+    """Rolling hills between 3 and 5."""
+    return 4 + 0.55 * np.sin(2.3 * a + 0.5) * np.cos(2.9 * b) + 0.35 * np.sin(4.1 * (0.6 * a + b) + 1)
+
+
+def stepped_depth(a: Array, b: Array) -> Array:
+    """A slanted wall with a box, a diamond, a disc and a flight of stairs before it."""
+    depth = 4.9 + 0.15 * a - 0.1 * b
+    stairs = (a < -0.35) & (b > 0.1)
+    depth = np.where(stairs, 4.7 - 0.25 * np.floor((b - 0.1) * 6), depth)
+    depth = np.where((np.abs(a + 0.45) < 0.2) & (np.abs(b + 0.4) < 0.25), 3.6, depth)
+    depth = np.where(np.abs(a - 0.4) + np.abs(b + 0.35) < 0.28, 3.2 + 0.3 * b, depth)
+    return np.where((a - 0.35) ** 2 + (b - 0.4) ** 2 < 0.06, 4.0 - 0.5 * a, depth)
+
+
+def plane_depth(a: Array, b: Array) -> Array:
+    """A fronto-parallel wall."""
+    return np.full_like(a + b, 4.0)
+
+
+def texture(a: Array, b: Array) -> Array:
+    """(H, W, 3) uint8: smooth, and no two places alike."""
+    bands = np.stack([a + 0.3 * b, b - 0.2 * a, a * b + 0.5 * a], axis=-1)
+    waves = 0.25 * np.sin(9 * bands + [0, 2, 4]) + 0.15 * np.sin(23 * bands[..., ::-1])
+    return np.round(255 * (0.5 + waves)).astype(np.uint8)
+
+
+def scene(
+    depth: Callable[[Array, Array], Array],
+    size: Size,
+    projection: Projection = "perspective",
+    far: float = np.inf,
+) -> DepthImage:
+    """A depth image whose planar z is ``depth`` of the image coordinates."""
+    a, b = image_coordinates(size)
+    return DepthImage(texture(a, b), depth(a, b).astype(np.float32), source_camera(size, projection), far=far)
+
+
+@cache
+def smooth(size: Size, projection: Projection = "perspective") -> DepthImage:
+    """One continuous surface without any depth edge."""
+    return scene(smooth_depth, size, projection)
+
+
+@cache
+def stepped(size: Size, projection: Projection = "perspective") -> DepthImage:
+    """Depth edges along rows, columns, diagonals and a circle."""
+    return scene(stepped_depth, size, projection)
+
+
+@cache
+def flat(size: Size, projection: Projection = "perspective") -> DepthImage:
+    """A plane at depth 4: its warp is a homography."""
+    return scene(plane_depth, size, projection)
+
+
+@cache
+def holed(size: Size, projection: Projection = "perspective") -> DepthImage:
+    """The stepped scene with a background disc (at ``far``), a stripe of nan and single zeros and infs."""
+
+    def depth(a: Array, b: Array) -> Array:
+        z = stepped_depth(a, b)
+        z = np.where(a**2 + b**2 < 0.04, 100.0, z)
+        z = np.where(np.abs(a - 0.75) < 0.04, np.nan, z)
+        index = np.arange(z.size).reshape(z.shape)
+        return np.where(index % 97 == 5, 0.0, np.where(index % 131 == 7, np.inf, z))
+
+    return scene(depth, size, projection, far=100.0)
+
+
+@dataclass(frozen=True)
+class Pose:
+    """A target camera and the case of the epipolar geometry that it stands for.
+
+    ``signs`` are those of the homogeneous coordinates of the epipoles in the target and in the source image:
+    +1 for an epipole, -1 for an antipode, 0 for one at infinity (see `epipole_signs`).
+    """
+
+    name: str
+    camera: Camera
+    region: str
+    signs: tuple[int, int]
+
+
+def epipole(image: Camera, other: Camera) -> Array:
+    """(3,) homogeneous pixel of ``other``'s centre in ``image``'s image.
+
+    An orthographic camera's centre is infinitely far behind it. The homogeneous coordinate is positive for
+    what lies before a perspective camera; in an orthographic one it is 1, or 0 for a centre at infinity.
+    """
+    image_from_other = image.camera_from_world @ other.world_from_camera
+    # The centre at infinity is a direction: its last coordinate is 0.
+    center = image_from_other[:, 3] if other.projection == "perspective" else -image_from_other[:, 2]
+    affine = image.projection == "orthographic"
+    return image.K @ np.array([center[0], center[1], center[3] if affine else center[2]])
+
+
+def epipole_signs(source: Camera, target: Camera) -> tuple[int, int]:
+    """Signs of the homogeneous coordinates of the epipoles in the target and in the source image."""
+
+    def sign(point: Array) -> int:
+        return 0 if abs(point[2]) <= 1e-12 * np.abs(point).max() else int(np.sign(point[2]))
+
+    return sign(epipole(target, source)), sign(epipole(source, target))
+
+
+def epipole_region(source: Camera, target: Camera) -> str:
+    """One of `REGIONS`, "infinity" (the epipole is a direction in the image) or "none" (there is no epipole).
+
+    There is none between perspective cameras with one centre, and none between parallel orthographic ones.
+    """
+    point = epipole(target, source)
+    apart = np.linalg.norm(target.center - source.center) > 1e-9
+    if source.projection == target.projection == "perspective" and not apart:
+        return "none"
+    if epipole_signs(source, target)[0] == 0:
+        return "infinity" if np.abs(point[:2]).max() > 1e-9 * np.abs(target.K).max() else "none"
+    x, y = point[:2] / point[2]
+    column = 0 if x < 0 else 1 if x <= target.width - 1 else 2
+    row = 0 if y < 0 else 1 if y <= target.height - 1 else 2
+    return REGIONS[3 * row + column]
+
+
+def target_intrinsics(size: Size, projection: str = "perspective", zoom: float = 1.0) -> Array:
+    """(3, 3) K of the target cameras: 80 degrees (at zoom 1) or 7 scene units over the longer side."""
+    width, height = size
+    longer = max(width, height)
+    f = zoom * (0.6 * longer if projection == "perspective" else longer / 7)
+    return np.array([[f, 0, (width - 1) / 2 - 0.4], [0, f, (height - 1) / 2 + 0.1], [0, 0, 1]])
+
+
+def target_cameras(
+    view: DepthImage,
+    region: str,
+    size: Size | None = None,
+    projection: Projection = "perspective",
+    share: float = 0.2,
+) -> list[Pose]:
+    """Target cameras whose epipole lies in ``region``, one for each possible pair of both epipoles' signs.
+
+    Parameters
+    ----------
+    view : DepthImage
+        What is looked at.
+    region : str
+        A letter of `REGIONS`.
+    size : (width, height), optional
+        Of the target image, the source's if not given.
+    projection : {"perspective", "orthographic"}
+        Of the target camera.
+    share : float
+        Least share of the target image in which the surface's front is seen. A pair of signs for which no
+        camera reaches it is left out. An orthographic target whose centre lies before the source camera
+        would look back at it and see the surface's back, so that its signs are always (1, -1).
+
+    Notes
+    -----
+    The epipole's pixel and sign fix the direction to the source centre in the target's frame; distance and
+    rotation are free and are searched over a fixed grid for a good view of the surface.
+    """
+    size = size or view.camera.size
+    found: list[Pose] = []
+    for signs in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
+        if projection == "orthographic" and (signs != (1, -1) or view.camera.projection == "orthographic"):
+            continue
+        camera = _search(view, region, signs, size, projection, share)
+        if camera is not None:
+            name = region + "".join("+" if sign > 0 else "-" for sign in signs)
+            found.append(Pose(name, camera, region, signs))
+    return found
+
+
+def special_cameras(
+    view: DepthImage, size: Size | None = None, projection: Projection = "perspective"
+) -> list[Pose]:
+    """Identity, pure rotation, and epipoles at infinity (sideways translations along x, y and a diagonal)."""
+    size = size or view.camera.size
+    source = view.camera
+    K = target_intrinsics(size, projection)
+    moves = {
+        "still": pose(),
+        "turned": pose(yaw=12, pitch=-7, roll=20),
+        "right": pose(center=(0.8, 0, 0)),
+        "left": pose(center=(-0.8, 0, 0)),
+        "down": pose(center=(0, 0.8, 0)),
+        "up": pose(center=(0, -0.8, 0)),
+        "diagonal": pose(center=(0.6, -0.45, 0)),
+        "rolled": pose(roll=30, center=(0.5, 0.3, 0)),
+    }
+    if projection == source.projection == "orthographic":
+        moves["slanted"] = pose(yaw=25, pitch=10)
+    found: list[Pose] = []
+    for name, source_from_target in moves.items():
+        camera = Camera(K, size, source.world_from_camera @ source_from_target, projection)
+        found.append(Pose(name, camera, epipole_region(source, camera), epipole_signs(source, camera)))
+    return found
+
+
+def all_cameras(
+    view: DepthImage, size: Size | None = None, projection: Projection = "perspective"
+) -> list[Pose]:
+    """`target_cameras` of all nine regions, then `special_cameras`."""
+    finite = [pose for region in REGIONS for pose in target_cameras(view, region, size, projection)]
+    return finite + special_cameras(view, size, projection)
+
+
+def _search(
+    view: DepthImage, region: str, signs: tuple[int, int], size: Size, projection: Projection, share: float
+) -> Camera | None:
+    source = view.camera
+    point, normal = _surface(view)
+    best, best_score = None, -np.inf
+    for pixel in _places(region, size):
+        for zoom in (1.0, 0.7, 0.5):
+            K = target_intrinsics(size, projection, zoom)
+            toward = np.linalg.inv(K) @ [*pixel, 1.0]
+            rotation, center, turned = _candidates(source, projection, toward, signs[0])
+            if source.projection == "perspective":
+                forward = center[:, 2] if projection == "perspective" else -rotation[:, 2, 2]
+                usable = forward * signs[1] > 0.05
+                rotation, center, turned = rotation[usable], center[usable], turned[usable]
+            seen = _share_seen(view, point, normal, rotation, center, K, size, projection)
+            score = np.where(seen >= share, seen - 0.15 * turned / 180 - 0.3 * (1 - zoom), -np.inf)
+            if not len(score) or score.max() <= best_score:
+                continue
+            index = int(score.argmax())
+            source_from_target = np.eye(4)
+            source_from_target[:3, :3], source_from_target[:3, 3] = rotation[index], center[index]
+            camera = Camera(K, size, source.world_from_camera @ source_from_target, projection)
+            if epipole_region(source, camera) == region and epipole_signs(source, camera) == signs:
+                best, best_score = camera, float(score[index])
+    return best
+
+
+def _places(region: str, size: Size) -> list[Array]:
+    """Pixels in ``region``, off the image's middle lines."""
+    column, row = REGIONS.index(region) % 3, REGIONS.index(region) // 3
+    shares = (0.45, 0.2, 0.9) if region == "E" else (0.2, 0.6, 1.5)
+    inside = [0.2 + 0.3 * s for s in shares], [0.8 - 0.4 * s for s in shares]
+    x = [(-s, inside[0][i], 1 + s)[column] for i, s in enumerate(shares)]
+    y = [(-s, inside[1][i], 1 + s)[row] for i, s in enumerate(shares)]
+    return [np.array(at) * (np.array(size) - 1) for at in zip(x, y, strict=True)]
+
+
+def _candidates(source: Camera, projection: str, toward: Array, sign: int) -> tuple[Array, Array, Array]:
+    """Rotations (n, 3, 3), centres (n, 3), both source_from_target, and degrees turned (n,).
+
+    In each the epipole lies at the target pixel with the ray ``toward``.
+    """
+    turns, degrees = _rotations()
+    rotations, centers = [], []
+    for distance in (0.7, 1.4, 2.5):
+        if projection == "orthographic":
+            # The source centre must lie on the pixel's ray; the camera stands back to have all before it.
+            rotation, center = turns, -turns @ [toward[0], toward[1], 6.0 + distance]
+        elif source.projection == "orthographic":
+            # The pixel's ray must run towards the source: that leaves a spin about it, and any centre.
+            rotation = np.stack([_align(sign * toward, spin) for spin in turns])
+            center = 1.5 * turns[:, :, 2]
+            center[:, 2] = 4 - distance
+        else:
+            rotation, center = turns, -distance * turns @ (sign * toward / np.linalg.norm(toward))
+        rotations.append(rotation)
+        centers.append(center)
+    return np.concatenate(rotations), np.concatenate(centers), np.tile(degrees, 3)
+
+
+@cache
+def _rotations() -> tuple[Array, Array]:
+    """Rotations (n, 3, 3), and how far they turn the view in degrees (n,)."""
+    angles = [
+        (yaw, pitch, roll)
+        for yaw in range(-100, 101, 20)
+        for pitch in range(-80, 81, 20)
+        for roll in (0, 25)
+        if abs(yaw) + abs(pitch) <= 120
+    ]
+    return np.stack([pose(*a)[:3, :3] for a in angles]), np.array([np.hypot(a[0], a[1]) for a in angles])
+
+
+def _align(toward: Array, spin: Array) -> Array:
+    """The rotation that takes ``toward`` to (0, 0, -1) and is spun about it as ``spin`` says."""
+    z = -toward / np.linalg.norm(toward)
+    x = np.cross(spin[1], z)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z])
+
+
+def _surface(view: DepthImage) -> tuple[Array, Array]:
+    """Some 400 points of the surface and normals turned to the source, in the source's frame."""
+    height, width = view.depth.shape
+    y, x = np.mgrid[:height, :width].astype(np.float64)
+    z = np.where(view.valid, view.depth, np.nan).astype(np.float64)
+    point = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(view.camera.K).T
+    if view.camera.projection == "perspective":
+        point *= z[..., None]
+    else:
+        point[..., 2] = z
+    normal = np.full_like(point, np.nan)
+    normal[:-1, :-1] = np.cross(point[1:, :-1] - point[:-1, :-1], point[:-1, 1:] - point[:-1, :-1])
+    step = max(1, max(width, height) // 20)
+    point, normal = point[::step, ::step].reshape(-1, 3), normal[::step, ::step].reshape(-1, 3)
+    usable = np.isfinite(point).all(axis=1) & np.isfinite(normal).all(axis=1)
+    return point[usable], normal[usable]
+
+
+def _share_seen(
+    view: DepthImage,
+    point: Array,
+    normal: Array,
+    rotation: Array,
+    center: Array,
+    K: Array,
+    size: Size,
+    projection: str,
+) -> Array:
+    """(n,) about the share of each target image that shows the surface's front; 0 for cameras behind it."""
+    here = np.einsum("npi,nij->npj", point - center[:, None], rotation)
+    ahead = here[..., 2] > 0.4
+    with np.errstate(divide="ignore", invalid="ignore"):
+        if projection == "perspective":
+            facing = np.einsum("pi,npi->np", normal, center[:, None] - point) > 0
+            at = here[..., :2] / here[..., 2:]
+            allowed = ~_behind_surface(view, center)
+        else:
+            facing = np.einsum("pi,ni->np", normal, rotation[:, :, 2]) < 0
+            at = here[..., :2]
+            allowed = ahead.all(axis=1)
+        cell = np.floor(8 * (at @ K[:2, :2].T + K[:2, 2] + 0.5) / size)
+    seen = ahead & facing & (cell >= 0).all(axis=-1) & (cell < 8).all(axis=-1) & allowed[:, None]
+    which, _ = np.nonzero(seen)
+    count = np.zeros((len(center), 64), dtype=bool)
+    count[which, (cell[seen] @ [1, 8]).astype(int)] = True
+    return count.mean(axis=1)
+
+
+def _behind_surface(view: DepthImage, center: Array) -> Array:
+    """(n,) bool: whether a centre (in the source's frame) lies past, or just before, the sample it hides."""
+    height, width = view.depth.shape
+    scale = center[:, 2:] if view.camera.projection == "perspective" else np.ones((len(center), 1))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        pixel = center[:, :2] / scale @ view.camera.K[:2, :2].T + view.camera.K[:2, 2]
+    inside = (center[:, 2] > 0) & (pixel >= 0).all(axis=1) & (pixel <= [width - 1, height - 1]).all(axis=1)
+    column, row = np.round(np.where(inside[:, None], pixel, 0)).astype(int).T
+    return inside & ~(center[:, 2] < 0.75 * view.depth[row, column])

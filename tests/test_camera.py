@@ -1,0 +1,436 @@
+"""The camera's laws, other libraries' conventions, and its errors."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import pyibr as ibr
+
+SIZES = [(7, 13), (1, 1), (61, 37), (640, 480)]
+
+
+def random_camera(seed: int, size=(61, 37), projection="perspective", skew=0.0) -> ibr.Camera:
+    rng = np.random.default_rng(seed)
+    rotation, _ = cv2.Rodrigues(rng.normal(size=3))
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, rng.normal(size=3)
+    K = [[70 + seed, skew, 28.3], [0, 65.5, 20.1], [0, 0, 1]]
+    return ibr.Camera(K, size, pose, projection)
+
+
+def points_before(camera: ibr.Camera, count=50, seed=0) -> np.ndarray:
+    local = np.random.default_rng(seed).uniform((-1, -1, 0.5), (1, 1, 5), (count, 3))
+    return local @ camera.world_from_camera[:3, :3].T + camera.center
+
+
+# ---- laws
+
+
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+@pytest.mark.parametrize("seed", range(3))
+def test_unproject_inverts_project(projection, seed):
+    camera = random_camera(seed, projection=projection, skew=1.5)
+    points = points_before(camera)
+    np.testing.assert_allclose(camera.unproject(*camera.project(points)), points, atol=1e-12)
+
+
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+def test_pixel_matrix_agrees_with_project(projection):
+    camera = random_camera(1, projection=projection, skew=1.5)
+    points = points_before(camera)
+    homogeneous = np.column_stack([points, np.ones(len(points))])
+    u, v, w, q = camera.pixel_matrix @ camera.camera_from_world @ homogeneous.T
+    pixels, depth = camera.project(points)
+    np.testing.assert_allclose(np.column_stack([u / w, v / w]), pixels, atol=1e-9)
+    np.testing.assert_allclose(q / w, 1 / depth if projection == "perspective" else -depth, atol=1e-9)
+
+
+def test_points_behind_a_perspective_camera_have_no_pixel():
+    camera = ibr.Camera(np.eye(3), (7, 13))
+    pixels, depth = camera.project([[1, 1, -1], [0, 0, 0], [1, 2, 2]])
+    assert np.isnan(pixels[:2]).all()
+    assert pixels[2].tolist() == [0.5, 1.0]
+    assert depth.tolist() == [-1, 0, 2]
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_look_at_sees_the_target_in_the_middle_and_up_is_up(size):
+    camera = ibr.Camera.look_at((1, 2, 3), (4, -1, 7), (0, 0, 1), size, fov_y=40)
+    middle = (np.array(size) - 1) / 2
+    pixels, depth = camera.project([[4, -1, 7], [4, -1, 7.1]])
+    np.testing.assert_allclose(pixels[0], middle, atol=1e-9)
+    assert depth[0] == pytest.approx(np.sqrt(9 + 9 + 16))
+    assert pixels[1, 0] == pytest.approx(middle[0])
+    assert pixels[1, 1] < middle[1]
+
+
+def test_look_at_field_of_view_ends_at_the_image_border():
+    camera = ibr.Camera.look_at((0, 0, 0), (0, 0, 1), (0, -1, 0), (61, 37), fov_y=50)
+    np.testing.assert_array_equal(camera.world_from_camera, np.eye(4))
+    border, _ = camera.project([[0, np.tan(np.radians(25)), 1]])
+    assert border[0, 1] == pytest.approx(36.5)
+
+
+def test_look_at_orthographic_height():
+    camera = ibr.Camera.look_at(
+        (0, 0, 9), (0, 0, 0), (0, 1, 0), (61, 37), projection="orthographic", height=5
+    )
+    pixels, depth = camera.project([[0, 2.5, 1], [0, -2.5, 1]])
+    np.testing.assert_allclose(pixels, [[30, -0.5], [30, 36.5]], atol=1e-12)
+    np.testing.assert_allclose(depth, 8)
+
+
+def test_moved_goes_along_the_cameras_own_axes():
+    camera = random_camera(2)
+    moved = camera.moved(1, 2, 3)
+    np.testing.assert_allclose((camera.camera_from_world @ [*moved.center, 1])[:3], [1, 2, 3])
+    np.testing.assert_array_equal(moved.world_from_camera[:3, :3], camera.world_from_camera[:3, :3])
+
+
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+def test_orbit_keeps_its_pivot_and_moves_to_the_right(projection):
+    camera = random_camera(3, projection=projection)
+    pivot = camera.center + 4 * camera.forward
+    turned = camera.orbited(90, pivot)
+    for a, b in zip(camera.project([pivot]), turned.project([pivot]), strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-9)
+    # a quarter turn leaves it four to the right of where the pivot was straight ahead, and four ahead
+    np.testing.assert_allclose((camera.camera_from_world @ [*turned.center, 1])[:3], [4, 0, 4], atol=1e-9)
+    back = turned.orbited(-90, pivot)
+    np.testing.assert_allclose(back.world_from_camera, camera.world_from_camera, atol=1e-12)
+
+
+def test_orbit_about_a_given_axis_is_right_handed():
+    camera = ibr.Camera(np.eye(3), (7, 13)).orbited(90, (0, 0, 2), axis=(5, 0, 0))
+    np.testing.assert_allclose(camera.center, [0, 2, 2], atol=1e-12)
+
+
+def test_resized_keeps_the_borders_of_the_view():
+    camera = random_camera(4)
+    resized = camera.resized((122, 111))
+    corners = np.array([[-0.5, -0.5], [60.5, 36.5], [10, 20]])
+    world = camera.unproject(corners, np.ones(3))
+    pixels, _ = resized.project(world)
+    np.testing.assert_allclose(pixels, (corners + 0.5) * [2, 3] - 0.5, atol=1e-9)
+    np.testing.assert_allclose(resized.resized((61, 37)).K, camera.K, atol=1e-12)
+
+
+def test_immutable_equal_hashable_picklable():
+    camera, twin = random_camera(5), random_camera(5)
+    assert camera == twin
+    assert hash(camera) == hash(twin)
+    assert camera != random_camera(6)
+    assert camera != camera.resized((1, 1))
+    copy = pickle.loads(pickle.dumps(camera))
+    assert copy == camera
+    for array in (camera.K, camera.world_from_camera, camera.camera_from_world, copy.K, camera.center):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1
+    with pytest.raises(AttributeError, match="immutable"):
+        camera.K = np.eye(3)
+
+
+def test_arguments_are_copied():
+    K, pose = np.eye(3), np.eye(4)
+    camera = ibr.Camera(K, (7, 13), pose)
+    K[0, 0] = pose[0, 3] = 9
+    assert camera.K[0, 0] == 1
+    assert camera.center[0] == 0
+
+
+# ---- other conventions
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_opencv_projects_the_same_pixels(seed):
+    camera = random_camera(seed)
+    points = points_before(camera)
+    K, rvec, tvec = camera.to_opencv()
+    expected, _ = cv2.projectPoints(points, rvec, tvec, K, None)
+    np.testing.assert_allclose(camera.project(points)[0], expected[:, 0], atol=1e-8)
+    np.testing.assert_allclose(cv2.Rodrigues(rvec)[0], camera.camera_from_world[:3, :3], atol=1e-12)
+    again = ibr.Camera.from_opencv(K, rvec[:, None], tvec[:, None], camera.size)
+    np.testing.assert_allclose(again.world_from_camera, camera.world_from_camera, atol=1e-12)
+    matrix = ibr.Camera.from_opencv(K, cv2.Rodrigues(rvec)[0], tvec, camera.size)
+    np.testing.assert_allclose(matrix.world_from_camera, camera.world_from_camera, atol=1e-12)
+
+
+@pytest.mark.parametrize("rvec", [(0, 0, 0), (np.pi, 0, 0), (0, -np.pi, 0), (1e-9, 0, 0), (2, 2, 1e-12)])
+def test_opencv_rotation_vectors_at_the_ends(rvec):
+    camera = ibr.Camera.from_opencv(np.eye(3), rvec, (0, 0, 0), (7, 13))
+    np.testing.assert_allclose(
+        camera.camera_from_world[:3, :3], cv2.Rodrigues(np.array(rvec, float))[0], atol=1e-12
+    )
+    _, again, _ = camera.to_opencv()
+    np.testing.assert_allclose(cv2.Rodrigues(again)[0], camera.camera_from_world[:3, :3], atol=1e-12)
+
+
+def test_opengl_clip_space_gives_the_same_pixels():
+    """OpenGL's own path, view then frustum then viewport, whose pixel centres are at halves."""
+    camera = random_camera(7)
+    pose, K = camera.to_opengl()
+    (w, h), n, f = camera.size, 0.1, 100
+    left, right = -K[0, 2] / K[0, 0], (w - K[0, 2]) / K[0, 0]
+    top, bottom = K[1, 2] / K[1, 1], (K[1, 2] - h) / K[1, 1]
+    frustum = np.array(
+        [
+            [2 / (right - left), 0, (right + left) / (right - left), 0],
+            [0, 2 / (top - bottom), (top + bottom) / (top - bottom), 0],
+            [0, 0, -(f + n) / (f - n), -2 * f * n / (f - n)],
+            [0, 0, -1, 0],
+        ]
+    )
+    points = points_before(camera)
+    clip = frustum @ np.linalg.inv(pose) @ np.column_stack([points, np.ones(len(points))]).T
+    x, y = clip[:2] / clip[3]
+    window = np.column_stack([(x + 1) / 2 * w, (1 - y) / 2 * h])
+    np.testing.assert_allclose(window - 0.5, camera.project(points)[0], atol=1e-9)
+
+
+def test_nerf_camera_at_plus_z_looks_at_the_origin_with_y_up():
+    pose = np.eye(4)
+    pose[2, 3] = 4
+    camera = ibr.Camera.from_opengl(pose, [[50, 0, 30.5], [0, 50, 18.5], [0, 0, 1]], (61, 37))
+    pixels, depth = camera.project([[0, 0, 0], [0, 1, 0], [1, 0, 0]])
+    np.testing.assert_allclose(pixels, [[30, 18], [30, 18 - 12.5], [30 + 12.5, 18]])
+    np.testing.assert_allclose(depth, 4)
+
+
+@pytest.mark.parametrize("center", [0.0, 0.5])
+def test_opengl_round_trip(center):
+    camera = random_camera(8, skew=0.7)
+    again = ibr.Camera.from_opengl(*camera.to_opengl(center), camera.size, pixel_center=center)
+    np.testing.assert_allclose(again.K, camera.K)
+    np.testing.assert_allclose(again.world_from_camera, camera.world_from_camera, atol=1e-15)
+
+
+def test_colmap_known_camera():
+    half = np.sqrt(0.5)  # a quarter turn about y: the camera looks along the world's -x
+    camera, distortion = ibr.Camera.from_colmap(
+        "SIMPLE_PINHOLE", [50, 30.5, 18.5], [half, 0, half, 0], [0, 0, 4], (61, 37)
+    )
+    np.testing.assert_allclose(camera.K, [[50, 0, 30], [0, 50, 18], [0, 0, 1]])
+    np.testing.assert_allclose(camera.center, [4, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(camera.forward, [-1, 0, 0], atol=1e-12)
+    assert not distortion.any()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_colmap_round_trip(seed):
+    camera = random_camera(seed)
+    again, _ = ibr.Camera.from_colmap(*camera.to_colmap(), camera.size)
+    np.testing.assert_allclose(again.K, camera.K)
+    np.testing.assert_allclose(again.world_from_camera, camera.world_from_camera, atol=1e-12)
+
+
+COLMAP_MODELS = {
+    "SIMPLE_PINHOLE": [50, 30, 18],
+    "PINHOLE": [50, 55, 30, 18],
+    "SIMPLE_RADIAL": [50, 30, 18, 0.1],
+    "RADIAL": [50, 30, 18, 0.1, -0.02],
+    "OPENCV": [50, 55, 30, 18, 0.1, -0.02, 0.003, -0.004],
+    "FULL_OPENCV": [50, 55, 30, 18, 0.1, -0.02, 0.003, -0.004, 0.01, 0.02, -0.03, 0.004],
+}
+
+
+@pytest.mark.parametrize("model", COLMAP_MODELS)
+def test_colmap_models_project_as_colmap_does(model):
+    pycolmap = pytest.importorskip("pycolmap")
+    params = COLMAP_MODELS[model]
+    theirs = pycolmap.Camera(model=model, width=61, height=37, params=params)
+    ours, distortion = ibr.Camera.from_colmap(model, params, [0.9, 0.1, -0.2, 0.3], [1, 2, 3], (61, 37))
+    points = points_before(ours)
+    K, rvec, tvec = ours.to_opencv()
+    pixels, _ = cv2.projectPoints(points, rvec, tvec, K, distortion)
+    xyzw = np.array([0.1, -0.2, 0.3, 0.9])
+    pose = pycolmap.Rigid3d(pycolmap.Rotation3d(xyzw / np.linalg.norm(xyzw)), [1, 2, 3])
+    local = np.array([pose * p for p in points])
+    np.testing.assert_allclose(pixels[:, 0], theirs.img_from_cam(local) - 0.5, atol=1e-7)
+
+
+def test_colmap_distortion_is_in_opencvs_order():
+    for model, params in COLMAP_MODELS.items():
+        _, distortion = ibr.Camera.from_colmap(model, params, [1, 0, 0, 0], [0, 0, 0], (61, 37))
+        tail = params[3:] if model.startswith(("SIMPLE", "RADIAL")) else params[4:]
+        assert distortion[: len(tail)].tolist() == tail
+        assert len(distortion) in (4, 8)
+        assert not distortion[len(tail) :].any()
+
+
+def test_pytorch3d_ndc():
+    """The image's corners are those of NDC: +x left, +y up, the shorter side spans -1 ... 1."""
+    camera = random_camera(9)
+    theirs = camera.to_pytorch3d()
+    assert theirs["image_size"] == (37, 61)
+    corners = np.array([[-0.5, -0.5], [60.5, 36.5]])
+    local = camera.unproject(corners, np.array([2.0, 3.0])) @ theirs["R"] + theirs["T"]
+    ndc = theirs["focal_length"] * local[:, :2] / local[:, 2:] + theirs["principal_point"]
+    np.testing.assert_allclose(ndc, [[61 / 37, 1], [-61 / 37, -1]], atol=1e-12)
+    np.testing.assert_allclose(local[:, 2], [2, 3])
+    again = ibr.Camera.from_pytorch3d(
+        theirs["R"], theirs["T"], theirs["focal_length"], theirs["principal_point"], camera.size
+    )
+    np.testing.assert_allclose(again.K, camera.K)
+    np.testing.assert_allclose(again.world_from_camera, camera.world_from_camera, atol=1e-12)
+
+
+def test_converters_refuse_what_the_other_convention_cannot_hold():
+    flat = random_camera(1, projection="orthographic")
+    for convert in (flat.to_opencv, flat.to_opengl, flat.to_colmap, flat.to_pytorch3d):
+        with pytest.raises(ibr.ArgumentError, match="perspective"):
+            convert()
+    skewed = random_camera(1, skew=2.0)
+    for convert in (skewed.to_colmap, skewed.to_pytorch3d):
+        with pytest.raises(ibr.ArgumentError, match="skew"):
+            convert()
+
+
+# ---- errors
+
+GOOD_K = [[50, 0, 30], [0, 50, 18], [0, 0, 1]]
+
+
+def pose_with(**rows) -> np.ndarray:
+    pose = np.eye(4)
+    for row, values in rows.items():
+        pose[int(row[1:])] = values
+    return pose
+
+
+@pytest.mark.parametrize(
+    ("changed", "argument", "words"),
+    [
+        ({"K": np.eye(4)}, "K", r"shape \(3, 3\), got .*\(4, 4\)"),
+        ({"K": np.zeros((3, 3))}, "K", "fx, fy > 0"),
+        ({"K": [[50, 0, 30], [0, 0, 18], [0, 0, 1]]}, "K", "fx, fy > 0"),
+        ({"K": [[50, 0, 30], [0, -50, 18], [0, 0, 1]]}, "K", "fx, fy > 0"),
+        ({"K": [[50, 0, 30], [0, 50, 18], [0, 0, 2]]}, "K", r"\[0, 0, 1\]"),
+        ({"K": [[50, 0, np.nan], [0, 50, 18], [0, 0, 1]]}, "K", "finite numbers .* 1 that are not finite"),
+        ({"K": "K"}, "K", "numbers"),
+        ({"K": [[1, 2], [3]]}, "K", "numbers"),
+        ({"K": np.eye(3, dtype=complex)}, "K", "complex"),
+        ({"size": (0, 37)}, "size", r"two integers > 0, got tuple \(0, 37\)"),
+        ({"size": (61, -1)}, "size", "two integers > 0"),
+        ({"size": (61.5, 37)}, "size", "two integers > 0"),
+        ({"size": (61, 37, 3)}, "size", "two integers > 0"),
+        ({"size": 61}, "size", "two integers > 0"),
+        ({"world_from_camera": np.eye(3)}, "world_from_camera", r"\(4, 4\)"),
+        ({"world_from_camera": 2 * np.eye(4)}, "world_from_camera", "last row"),
+        ({"world_from_camera": pose_with(r3=(1, 2, 3, 1))}, "world_from_camera", "last row"),
+        ({"world_from_camera": pose_with(r0=(2, 0, 0, 0))}, "world_from_camera", "R.T R off by 3"),
+        ({"world_from_camera": pose_with(r0=(1, 1e-4, 0, 0))}, "world_from_camera", "R.T R off"),
+        ({"world_from_camera": pose_with(r0=(-1, 0, 0, 0))}, "world_from_camera", "mirrored"),
+        ({"world_from_camera": pose_with(r0=(1, 0, 0, np.inf))}, "world_from_camera", "finite"),
+        ({"projection": "fisheye"}, "projection", "fisheye"),
+    ],
+)
+def test_bad_arguments_are_named(changed, argument, words):
+    arguments = {"K": GOOD_K, "size": (61, 37)} | changed
+    with pytest.raises(ibr.ArgumentError, match=words) as caught:
+        ibr.Camera(**arguments)
+    assert caught.value.argument == argument
+    assert "\n" not in str(caught.value)
+
+
+def test_a_pose_rounded_to_float32_is_accepted():
+    pose = random_camera(3).world_from_camera.astype(np.float32)
+    assert ibr.Camera(GOOD_K, (61, 37), pose).world_from_camera.dtype == np.float64
+
+
+@pytest.mark.parametrize(
+    ("changed", "argument"),
+    [
+        ({"target": (0, 0, 0)}, "target"),
+        ({"up": (0, 0, 2)}, "up"),
+        ({"up": (0, 0, 0)}, "up"),
+        ({"fov_y": 180}, "fov_y"),
+        ({"fov_y": 0}, "fov_y"),
+        ({"fov_y": np.nan}, "fov_y"),
+        ({"height": 3}, "height"),
+        ({"projection": "orthographic"}, "height"),
+        ({"size": (0, 1)}, "size"),
+        ({"eye": (0, 0)}, "eye"),
+    ],
+)
+def test_look_at_errors(changed, argument):
+    arguments = {"eye": (0, 0, 0), "target": (0, 0, 1), "up": (0, -1, 0), "size": (7, 13)} | changed
+    with pytest.raises(ibr.ArgumentError) as caught:
+        ibr.Camera.look_at(**arguments)
+    assert caught.value.argument == argument
+
+
+@pytest.mark.parametrize(
+    ("call", "argument"),
+    [
+        (lambda c: c.project(np.zeros((5, 2))), "points"),
+        (lambda c: c.unproject(np.zeros((5, 2)), np.zeros(4)), "depth"),
+        (lambda c: c.moved(0, 0, np.nan), "(dx, dy, dz)"),
+        (lambda c: c.orbited("9", (0, 0, 1)), "degrees"),
+        (lambda c: c.orbited(9, (0, 0, 1), (0, 0, 0)), "axis"),
+        (lambda c: c.resized((0, 0)), "size"),
+        (lambda c: c.from_opencv(GOOD_K, (1, 2), (0, 0, 0), (7, 13)), "rotation"),
+        (lambda c: c.from_opencv(GOOD_K, (0, 0, 0), (0, 0), (7, 13)), "translation"),
+        (lambda c: c.from_opengl(np.eye(3), GOOD_K, (7, 13)), "camera_to_world"),
+        (lambda c: c.from_colmap("FISHEYE", [1], [1, 0, 0, 0], [0, 0, 0], (7, 13)), "model"),
+        (
+            lambda c: c.from_colmap("PINHOLE", [1, 2, 3], [1, 0, 0, 0], [0, 0, 0], (7, 13)),
+            "params of PINHOLE",
+        ),
+        (lambda c: c.from_colmap("PINHOLE", [1, 2, 3, 4], [0, 0, 0, 0], [0, 0, 0], (7, 13)), "qvec"),
+    ],
+)
+def test_methods_name_the_bad_argument(call, argument):
+    with pytest.raises(ibr.ArgumentError) as caught:
+        call(ibr.Camera(GOOD_K, (61, 37)))
+    assert caught.value.argument == argument
+
+
+# ---- files
+
+
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+def test_json_round_trip_is_exact(tmp_path: Path, projection):
+    camera = random_camera(3, projection=projection, skew=0.1)
+    camera.save(tmp_path / "new" / "camera.json")
+    assert ibr.Camera.load(tmp_path / "new" / "camera.json") == camera
+
+
+def test_json_with_focal_lengths_and_defaults(tmp_path: Path):
+    file = tmp_path / "camera.json"
+    file.write_text(json.dumps({"width": 61, "height": 37, "fx": 50, "fy": 50, "cx": 30, "cy": 18}))
+    assert ibr.Camera.load(file) == ibr.Camera(GOOD_K, (61, 37))
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("", "empty"),
+        ('{"width": 61', "not a readable"),
+        ("[1, 2]", "expected a JSON object, got list"),
+        ("{}", "has no width, height, fx, fy, cx, cy"),
+        ('{"width": 61, "height": 37, "fx": 5, "fy": 5, "cx": 3}', "has no cy"),
+        ('{"width": 61, "height": 37, "K": 3}', "K: expected"),
+        ('{"width": 61, "height": 37, "K": null}', "K: expected"),
+        ('{"width": "61", "height": 37, "K": [[1,0,0],[0,1,0],[0,0,1]]}', "size: expected"),
+        ('{"width": 61, "height": 37, "K": [], "world_to_camera": 1}', "unknown key 'world_to_camera'"),
+        ('{"width": 61, "height": 37, "K": [], "fx": 1}', "both K and fx"),
+        ('{"width": 6, "height": 3, "K": [[1,0,0],[0,1,0],[0,0,1]], "projection": 5}', "projection"),
+    ],
+)
+def test_bad_camera_files_are_named(tmp_path: Path, content, words):
+    file = tmp_path / "camera.json"
+    file.write_text(content)
+    with pytest.raises(ibr.FileFormatError, match=words) as caught:
+        ibr.Camera.load(file)
+    assert str(caught.value).startswith(str(file))
+
+
+def test_missing_camera_file(tmp_path: Path):
+    with pytest.raises(ibr.FileFormatError, match="no such file"):
+        ibr.Camera.load(tmp_path / "none.json")

@@ -1,0 +1,225 @@
+"""The command line: what it writes, and how it says what is wrong."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import pyibr as ibr
+from pyibr.cli import app
+
+SIZE = (61, 37)
+runner = CliRunner()
+
+
+class Scene:
+    """A plane at depth 2, in files."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.camera = ibr.Camera([[50, 0, 30], [0, 50, 18], [0, 0, 1]], SIZE)
+        rng = np.random.default_rng(0)
+        self.color = rng.integers(0, 256, (SIZE[1], SIZE[0], 3), dtype=np.uint8)
+        self.depth = np.full((SIZE[1], SIZE[0]), 2, np.float32)
+        self.camera.save(folder / "camera.json")
+        ibr.write_color(folder / "color.png", self.color)
+        ibr.write_depth(folder / "depth.png", self.depth, 1000)
+        ibr.write_depth(folder / "depth.npy", self.depth)
+
+    def run(self, *arguments: object, depth="depth.png", scale="1000", camera="camera.json"):
+        words = ["warp", self.folder / "color.png", self.folder / depth, "--camera", self.folder / camera]
+        words += ["--depth-scale", scale] if scale else []
+        return runner.invoke(app, [str(word) for word in (*words, *arguments)])
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Scene:
+    return Scene(tmp_path)
+
+
+def assert_one_line(result, *words: str) -> None:
+    assert result.exit_code == 2, result.output
+    lines = result.stderr.strip().splitlines()
+    assert len(lines) == 1, result.stderr
+    assert "Traceback" not in result.stderr
+    assert lines[0].startswith("pyibr: ")
+    for word in words:
+        assert word in lines[0]
+
+
+# ---- pictures
+
+
+def shifted_by_five(scene: Scene) -> None:
+    """What a move of 0.2 to the right shows of a plane at 2 with a focal length of 50: 5 pixels of shift."""
+    np.testing.assert_array_equal(ibr.read_color(scene.folder / "new.png")[:, :-6], scene.color[:, 5:-1])
+
+
+def test_move_along_a_plane_shifts_it(scene: Scene):
+    result = scene.run("--move", "0.2", "0", "0", "-o", scene.folder / "new.png")
+    assert result.exit_code == 0, result.output
+    assert re.search(r"new.png: 61x37, 9\d\.\d% covered", result.stdout)
+    shifted_by_five(scene)
+
+
+def test_to_another_camera_with_depth_and_mask(scene: Scene):
+    scene.camera.moved(0.2, 0, -1).save(scene.folder / "to.json")
+    result = scene.run(
+        "--to", scene.folder / "to.json", "-o", scene.folder / "out" / "new.png",
+        "--depth-out", scene.folder / "out" / "new.exr", "--valid-out", scene.folder / "out" / "valid.png",
+    )  # fmt: skip
+    assert result.exit_code == 0, result.output
+    depth = ibr.read_depth(scene.folder / "out" / "new.exr", 1000)
+    valid = ibr.read_color(scene.folder / "out" / "valid.png")[..., 0] == 255
+    np.testing.assert_array_equal(np.isfinite(depth), valid)
+    np.testing.assert_allclose(depth[valid], 3, rtol=1e-5)
+    assert 0.3 < valid.mean() < 0.6  # the plane fills two thirds of either side
+
+
+def test_orbit_keeps_the_point_at_the_median_depth_in_its_place(scene: Scene):
+    result = scene.run(
+        "--orbit", "-20", "-o", scene.folder / "new.png", "--depth-out", scene.folder / "new.npy"
+    )
+    assert result.exit_code == 0, result.output
+    assert ibr.read_depth(scene.folder / "new.npy", 1000)[18, 30] == pytest.approx(2, rel=1e-3)
+
+
+def test_frames_go_from_the_source_to_the_end(scene: Scene):
+    result = scene.run(
+        "--move", "0.2", "0", "0", "--frames", "3", "-o", scene.folder / "f.png",
+        "--depth-out", scene.folder / "d.png",
+    )  # fmt: skip
+    assert result.exit_code == 0, result.output
+    names = sorted(file.name for file in scene.folder.glob("[fd]_*.png"))
+    assert names == [f"{kind}_{i:04d}.png" for kind in "df" for i in range(3)]
+    np.testing.assert_array_equal(ibr.read_color(scene.folder / "f_0000.png"), scene.color)
+    (scene.folder / "f_0002.png").rename(scene.folder / "new.png")
+    shifted_by_five(scene)
+
+
+def test_an_empty_view_is_not_silent(scene: Scene):
+    result = scene.run("--move", "0", "0", "5", "-o", scene.folder / "new.png")
+    assert result.exit_code == 0, result.output
+    assert "is empty: its camera sees nothing of" in result.stderr
+
+
+def test_every_choice_reaches_the_warp(scene: Scene, monkeypatch: pytest.MonkeyPatch):
+    seen = {}
+
+    def fake(view, camera, method, sample, edges, fill, **options):
+        seen.update(options, far=view.far, method=method, sample=sample, edges=edges, fill=fill)
+        return ibr.Frame(view.color, view.depth, view.valid, camera)
+
+    monkeypatch.setattr(ibr, "warp", fake)
+    result = scene.run(
+        "--orbit", "5", "-o", scene.folder / "new.png", "--method", "search", "--sample", "nearest",
+        "--edges", "cut", "--cut-ratio", "1.5", "--fill", "background", "--side", "both", "--far", "9",
+    )  # fmt: skip
+    assert result.exit_code == 0, result.output
+    assert seen == {
+        "method": "search",
+        "sample": "nearest",
+        "edges": "cut",
+        "cut_ratio": 1.5,
+        "fill": "background",
+        "side": "both",
+        "far": 9.0,
+    }
+
+
+# ---- errors
+
+
+@pytest.mark.parametrize(
+    ("choice", "got"),
+    [
+        ((), "got none"),
+        (("--orbit", "5", "--move", "1", "0", "0"), "got --move and --orbit"),
+        (("--to", "x.json", "--orbit", "5"), "got --to and --orbit"),
+    ],
+)
+def test_exactly_one_new_camera(scene: Scene, choice, got):
+    result = scene.run(*choice, "-o", scene.folder / "new.png")
+    assert_one_line(result, "one of --to, --move, --orbit", got)
+
+
+def test_integer_depth_asks_for_its_scale(scene: Scene):
+    result = scene.run("--orbit", "5", "-o", scene.folder / "new.png", scale=None)
+    assert_one_line(result, "--depth-scale", "depth.png")
+    floats = scene.run("--orbit", "5", "-o", scene.folder / "new.png", depth="depth.npy", scale=None)
+    assert floats.exit_code == 0, floats.output
+
+
+def test_bad_files(scene: Scene):
+    out = ("--orbit", "5", "-o", scene.folder / "new.png")
+    assert_one_line(scene.run(*out, depth="none.png"), "none.png", "no such file")
+    assert_one_line(scene.run(*out, camera="color.png"), "color.png", "camera JSON")
+    (scene.folder / "half.png").write_bytes((scene.folder / "depth.png").read_bytes()[:60])
+    assert_one_line(scene.run(*out, depth="half.png"), "half.png", "truncated")
+    assert_one_line(scene.run("--to", scene.folder / "none.json", *out[2:]), "none.json")
+    assert_one_line(scene.run(*out[:3], scene.folder / "new.xyz"), "new.xyz", "no image format")
+    assert not (scene.folder / "new.png").exists()
+
+
+def test_sizes_that_do_not_match(scene: Scene):
+    scene.camera.resized((37, 61)).save(scene.folder / "other.json")
+    result = scene.run("--orbit", "5", "-o", scene.folder / "new.png", camera="other.json")
+    assert_one_line(result, "color: expected", "(61, 37, 3)", "(37, 61, 3)")
+
+
+def test_no_valid_depth(scene: Scene):
+    ibr.write_depth(scene.folder / "holes.npy", np.full_like(scene.depth, np.nan))
+    result = scene.run("--orbit", "5", "-o", scene.folder / "new.png", depth="holes.npy")
+    assert_one_line(result, "depth: expected at least one valid sample")
+
+
+def test_frames_need_a_path(scene: Scene):
+    result = scene.run("--to", scene.folder / "camera.json", "--frames", "3", "-o", scene.folder / "new.png")
+    assert_one_line(result, "--frames")
+
+
+def test_unknown_device(scene: Scene):
+    result = scene.run("--orbit", "5", "-o", scene.folder / "new.png", "--device", "abacus")
+    assert_one_line(result, "abacus")
+
+
+# ---- help
+
+
+@pytest.mark.parametrize("command", ["warp", "doctor"])
+def test_help_shows_an_example(command):
+    result = runner.invoke(app, [command, "--help"], env={"COLUMNS": "200", "TERM": "dumb"})
+    assert result.exit_code == 0
+    assert f"Example: pyibr {command}" in result.stdout
+
+
+def test_version():
+    assert runner.invoke(app, ["--version"]).stdout == f"pyibr {ibr.__version__}\n"
+
+
+@pytest.mark.parametrize(("works", "code"), [(True, 0), (False, 1)])
+def test_doctor_exits_with_1_if_no_device_works(monkeypatch: pytest.MonkeyPatch, works, code):
+    monkeypatch.setattr("pyibr.opencl.doctor.print_report", lambda: works)
+    assert runner.invoke(app, ["doctor"]).exit_code == code
+
+
+@pytest.mark.parametrize("module", ["pyibr", "pyibr.cli"])
+def test_importing_brings_nothing_heavy(module):
+    heavy = "{'pyopencl', 'cv2', 'imageio', 'PIL', 'OpenEXR', 'open3d', 'matplotlib'}"
+    code = f"import {module}, sys; print(sorted({heavy} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
+
+
+def test_warp_is_the_function_whatever_was_imported_before():
+    code = (
+        "import pyibr.warp, pyibr as ibr, importlib; importlib.import_module('pyibr.warp'); print(ibr.warp)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("<function warp")

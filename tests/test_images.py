@@ -1,0 +1,274 @@
+"""DepthImage, Frame, other kinds of depth, lens distortion."""
+
+from __future__ import annotations
+
+import gc
+import math
+import pickle
+import weakref
+
+import cv2
+import numpy as np
+import pytest
+
+import pyibr as ibr
+
+SIZES = [(7, 13), (1, 1), (61, 37)]
+
+
+def camera_of(size, projection="perspective") -> ibr.Camera:
+    return ibr.Camera([[40, 0.5, 3.2], [0, 44, 5.1], [0, 0, 1]], size, projection=projection)
+
+
+def image_of(size, dtype=np.uint8):
+    rng = np.random.default_rng(0)
+    color = rng.integers(0, 256, (size[1], size[0], 3), dtype=np.uint8)
+    depth = rng.uniform(1, 9, (size[1], size[0])).astype(np.float32)
+    return (color if dtype == np.uint8 else (color / 255).astype(np.float32)), depth
+
+
+# ---- DepthImage
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("dtype", [np.uint8, np.float32])
+def test_arrays_are_kept_without_a_copy_and_locked(size, dtype):
+    color, depth = image_of(size, dtype)
+    view = ibr.DepthImage(color, depth, camera_of(size))
+    assert np.shares_memory(view.color, color)
+    assert np.shares_memory(view.depth, depth)
+    assert view.far == math.inf
+    for array in (view.color, view.depth, view.valid):
+        assert array.flags.c_contiguous
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0
+    depth[0, 0] = 3  # the caller's own array stays writeable
+
+
+def test_strided_arrays_are_copied_to_contiguous_ones():
+    color, depth = image_of((61, 37))
+    view = ibr.DepthImage(color[:, ::-1], depth[::-1], camera_of((61, 37)))
+    assert view.color.flags.c_contiguous
+    assert view.depth.flags.c_contiguous
+    np.testing.assert_array_equal(view.color, color[:, ::-1])
+    np.testing.assert_array_equal(view.depth, depth[::-1])
+
+
+def test_valid_leaves_out_what_is_no_surface():
+    depth = np.array([[1, 0, -1, np.nan, np.inf, -np.inf, 4.9, 5, 6]], np.float32)
+    color, camera = np.zeros((1, 9, 3), np.uint8), camera_of((9, 1))
+    everything = ibr.DepthImage(color, depth, camera)
+    assert everything.valid.tolist() == [[True, False, False, False, False, False, True, True, True]]
+    near = ibr.DepthImage(color, depth, camera, far=5)
+    assert near.valid.tolist() == [[True, False, False, False, False, False, True, False, False]]
+
+
+def test_it_can_be_pickled_and_weakly_referenced():
+    view = ibr.DepthImage(*image_of((7, 13)), camera_of((7, 13)), far=7.5)
+    view._device_cache["buffer"] = lambda: None  # what the device keeps cannot be pickled and is not
+    copy = pickle.loads(pickle.dumps(view))
+    np.testing.assert_array_equal(copy.depth, view.depth)
+    assert (copy.camera, copy.far, copy._device_cache) == (view.camera, 7.5, {})
+    gone = weakref.ref(view)
+    del view
+    gc.collect()
+    assert gone() is None
+
+
+COLOR, DEPTH = image_of((61, 37))
+
+
+@pytest.mark.parametrize(
+    ("changed", "argument", "words"),
+    [
+        ({"color": COLOR[..., 0]}, "color", "gray"),
+        ({"color": np.dstack([COLOR, COLOR[..., :1]])}, "color", "alpha"),
+        ({"color": COLOR.astype(float)}, "color", "float64"),
+        ({"color": COLOR.astype(np.uint16)}, "color", "uint16"),
+        ({"color": COLOR.transpose(1, 0, 2)}, "color", r"\(37, 61, 3\), got .*\(61, 37, 3\)"),
+        ({"color": COLOR.tolist()}, "color", "got list"),
+        ({"depth": DEPTH.astype(float)}, "depth", r"float64 .*astype\(np.float32\)"),
+        ({"depth": DEPTH.astype(np.uint16)}, "depth", "depth_from_uint16"),
+        ({"depth": DEPTH.astype(">f4")}, "depth", ">f4"),
+        ({"depth": DEPTH.T}, "depth", r"\(37, 61\).* got .*\(61, 37\)"),
+        ({"depth": DEPTH[..., None]}, "depth", r"\(37, 61, 1\)"),
+        ({"depth": None}, "depth", "got NoneType"),
+        ({"camera": np.eye(3)}, "camera", "pyibr.Camera"),
+        ({"camera": camera_of((37, 61))}, "color", r"\(61, 37, 3\)"),
+        ({"far": 0}, "far", "> 0"),
+        ({"far": math.nan}, "far", "> 0"),
+    ],
+)
+def test_bad_arguments_are_named(changed, argument, words):
+    arguments = {"color": COLOR, "depth": DEPTH, "camera": camera_of((61, 37))} | changed
+    with pytest.raises(ibr.ArgumentError, match=words) as caught:
+        ibr.DepthImage(**arguments)
+    assert caught.value.argument == argument
+    assert "\n" not in str(caught.value)
+
+
+# ---- kinds of depth
+
+
+def test_disparity_of_motorcycle_calibration():
+    depth = ibr.depth_from_disparity([50.0, np.inf, np.nan, -31.086, -40], 994.978, 193.001, 31.086)
+    assert depth.dtype == np.float32
+    assert depth[0] == pytest.approx(994.978 * 193.001 / 81.086, rel=1e-6)
+    assert np.isnan(depth[1:]).all()
+
+
+def test_disparity_zero_is_unknown_without_an_offset():
+    assert np.isnan(ibr.depth_from_disparity(np.zeros((2, 2), np.uint8), 100, 1)).all()
+
+
+@pytest.mark.parametrize("offset", [0.0, 12.5])
+def test_disparity_round_trip(offset):
+    depth = DEPTH.copy()
+    depth[3, 4] = np.nan
+    again = ibr.depth_from_disparity(ibr.disparity_from_depth(depth, 500, 0.1, offset), 500, 0.1, offset)
+    np.testing.assert_allclose(again, depth, rtol=1e-5)
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_euclidean_distance_is_the_distance_of_the_unprojected_point(size):
+    camera = camera_of(size)
+    _, depth = image_of(size)
+    y, x = np.mgrid[: size[1], : size[0]]
+    points = camera.unproject(np.column_stack([x.ravel(), y.ravel()]), depth.ravel())
+    distance = ibr.euclidean_from_depth(depth, camera)
+    np.testing.assert_allclose(distance.ravel(), np.linalg.norm(points, axis=1), rtol=1e-6)
+    np.testing.assert_allclose(ibr.depth_from_euclidean(distance, camera), depth, rtol=1e-6)
+
+
+def test_euclidean_distance_of_an_orthographic_camera_is_planar():
+    camera = camera_of((61, 37), "orthographic")
+    np.testing.assert_array_equal(ibr.euclidean_from_depth(DEPTH, camera), DEPTH)
+    np.testing.assert_array_equal(ibr.depth_from_euclidean(DEPTH, camera), DEPTH)
+
+
+def test_uint16_in_millimetres():
+    stored = np.array([[0, 1, 1500, 65535]], np.uint16)
+    depth = ibr.depth_from_uint16(stored, 1000)
+    np.testing.assert_array_equal(depth, np.array([[np.nan, 0.001, 1.5, 65.535]], np.float32))
+    np.testing.assert_array_equal(ibr.uint16_from_depth(depth, 1000), stored)
+
+
+def test_every_uint16_survives_the_round_trip():
+    stored = np.arange(65536, dtype=np.uint16)
+    for scale in (1000, 5000, 256, 0.1):
+        again = ibr.uint16_from_depth(ibr.depth_from_uint16(stored, scale), scale)
+        np.testing.assert_array_equal(again, stored)
+
+
+@pytest.mark.parametrize("bad", [65.6, 0.0004])
+def test_depth_that_does_not_fit_in_16_bits(bad):
+    with pytest.raises(ibr.ArgumentError, match=r"depth: expected 1 to 65535 units of 1/1000, got 1 value"):
+        ibr.uint16_from_depth(np.array([1, bad, np.nan], np.float32), 1000)
+
+
+@pytest.mark.parametrize(("near", "far"), [(0.5, 25.0), (2.0, 1000.0), (0.3, 1e6)])
+def test_mpeg_levels(near, far):
+    ends = ibr.depth_from_mpeg([1.0, 0.5, np.nan], near, far)
+    middle = near / 0.5 if far >= 1000 else far * near / (near + 0.5 * (far - near))
+    np.testing.assert_allclose(ends, [near, middle, np.nan], rtol=1e-6)
+    zero = ibr.depth_from_mpeg([0.0], near, far)
+    assert np.isnan(zero[0]) if far >= 1000 else zero[0] == pytest.approx(far)
+    assert np.isnan(ibr.depth_from_mpeg([0.0], near, far, zero_is_invalid=True)[0])
+    depth = np.linspace(near, 20, 50).astype(np.float32)
+    again = ibr.depth_from_mpeg(ibr.mpeg_from_depth(depth, near, far), near, far)
+    np.testing.assert_allclose(again, depth, rtol=2e-5)
+    assert ibr.mpeg_from_depth([np.nan], near, far)[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("call", "argument"),
+    [
+        (lambda: ibr.depth_from_disparity([1.0], 0, 1), "focal"),
+        (lambda: ibr.depth_from_disparity([1.0], 1, np.nan), "baseline"),
+        (lambda: ibr.disparity_from_depth([1.0], 1, -1), "baseline"),
+        (lambda: ibr.depth_from_euclidean(DEPTH.T, camera_of((61, 37))), "distance"),
+        (lambda: ibr.euclidean_from_depth(DEPTH.T, camera_of((61, 37))), "depth"),
+        (lambda: ibr.depth_from_uint16(DEPTH, 1000), "stored"),
+        (lambda: ibr.depth_from_uint16(DEPTH.astype(np.uint16), 0), "scale"),
+        (lambda: ibr.depth_from_mpeg(DEPTH.astype(np.uint16), 1, 2), "level"),
+        (lambda: ibr.depth_from_mpeg([1.5], 1, 2), "level"),
+        (lambda: ibr.depth_from_mpeg([0.5], 2, 1), "far"),
+        (lambda: ibr.mpeg_from_depth([0.5], 1, 2), "depth"),
+    ],
+)
+def test_converters_name_the_bad_argument(call, argument):
+    with pytest.raises(ibr.ArgumentError) as caught:
+        call()
+    assert caught.value.argument == argument
+
+
+# ---- lens distortion
+
+LENS = np.array([0.7, -0.1, 0.004, -0.003, 0.02])
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.float32])
+def test_undistort_puts_a_point_where_the_pinhole_camera_sees_it(dtype):
+    K = np.array([[60, 0, 30.3], [0, 62, 18.2], [0, 0, 1]])
+    point = np.array([[0.25, -0.12, 1.0]])
+    seen, _ = cv2.projectPoints(point, np.zeros(3), np.zeros(3), K, LENS)
+    y, x = np.mgrid[:37, :61]
+    spot = np.exp(-((x - seen[0, 0, 0]) ** 2 + (y - seen[0, 0, 1]) ** 2) / 8)
+    color = np.repeat(spot[..., None] * 255, 3, axis=2).astype(np.uint8)
+    color = color if dtype == np.uint8 else (color / 255).astype(np.float32)
+    straight, depth, new_K = ibr.undistort(color, (2 - spot).astype(np.float32), K, LENS)
+    pinhole = ibr.Camera(new_K, (61, 37)).project(point)[0][0]
+    assert np.linalg.norm(pinhole - seen[0, 0]) > 0.4  # the lens moved it by more than what is left
+    weight = straight[..., 0].astype(float)
+    weight[weight < weight.max() / 4] = 0
+    found = np.array([(weight * x).sum(), (weight * y).sum()]) / weight.sum()
+    np.testing.assert_allclose(found, pinhole, atol=0.1)
+    np.testing.assert_allclose(np.unravel_index(np.nanargmin(depth), (37, 61))[::-1], pinhole, atol=1)
+    assert straight.dtype == dtype
+    assert depth.dtype == np.float32
+
+
+def test_undistort_without_distortion_copies():
+    color, depth = image_of((61, 37))
+    K = np.array([[60, 0, 30.3], [0, 62, 18.2], [0, 0, 1]])
+    straight, z, new_K = ibr.undistort(color, depth, K, np.zeros(4))
+    np.testing.assert_array_equal(straight, color)
+    np.testing.assert_array_equal(z, depth)
+    np.testing.assert_array_equal(new_K, K)
+
+
+def test_undistort_leaves_no_depth_where_the_lens_saw_nothing():
+    color, depth = image_of((61, 37))
+    K = [[60, 0, 30], [0, 60, 18], [0, 0, 1]]
+    straight, z, _ = ibr.undistort(color, depth, K, [0.9, 0, 0, 0])
+    assert np.isnan(z[0, 0])
+    assert not straight[0, 0].any()
+    assert set(z[np.isfinite(z)]) <= set(depth.ravel())
+
+
+@pytest.mark.parametrize(
+    ("changed", "argument"),
+    [
+        ({"distortion": [1, 2, 3]}, "distortion"),
+        ({"distortion": "none"}, "distortion"),
+        ({"K": np.eye(4)}, "K"),
+        ({"depth": DEPTH.T}, "color"),
+        ({"depth": DEPTH.astype(float)}, "depth"),
+    ],
+)
+def test_undistort_errors(changed, argument):
+    arguments = {"color": COLOR, "depth": DEPTH, "K": np.eye(3), "distortion": np.zeros(4)} | changed
+    with pytest.raises(ibr.ArgumentError) as caught:
+        ibr.undistort(**arguments)
+    assert caught.value.argument == argument
+
+
+# ---- the package
+
+
+def test_public_names_are_all_there():
+    for name in ibr.__all__:
+        assert getattr(ibr, name) is not None
+    assert callable(ibr.warp)
+    with pytest.raises(AttributeError, match="no attribute 'wrap'"):
+        ibr.wrap  # noqa: B018

@@ -1,0 +1,286 @@
+"""Truth for the warp's tests: rays cast (Embree, through Open3D) at the surface that a depth image means.
+
+That surface is the triangulated pixel grid in the source camera's frame. Embree only says which triangle a
+ray meets first; where it meets it is then computed again in float64 from the triangle's plane, so that the
+truth has the precision of the depth image itself. None of the maths here comes from ``pyibr``: a mistake in
+its cameras shows as a difference.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.camera import Camera
+from pyibr.images import DepthImage
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What each target pixel's ray meets first. Everything is nan (or -1) where ``valid`` is False."""
+
+    depth: Array  #: (H, W) float64, planar z
+    valid: Array  #: (H, W) bool
+    color: Array  #: (H, W, 3) float64, linear on the triangle in the source image, in the input's range
+    view: Array  #: (H, W) int64, which of the views
+    source: Array  #: (H, W, 2) float64, the hit's pixel (x, y) in that view
+    triangle: Array  #: (H, W) int64, the triangle's number in that view
+    nearness: Array  #: (H, W) float64, 1/z for a perspective target, -z for an orthographic one
+    gradient: Array  #: (H, W, 2) float64, change of nearness over a pixel in x and in y on the hit's plane
+
+    def interior(self, radius: int = 3, jump: float = 0.01) -> Array:
+        """(H, W) bool: valid and more than ``radius`` pixels away from every edge, see `band`."""
+        return self.valid & ~band(self, radius, jump)
+
+
+class Surface:
+    """The triangulated pixel grid of one depth image, ready to be looked at from many cameras.
+
+    Parameters
+    ----------
+    view : DepthImage
+        Source image.
+    edges : {"connect", "cut"}
+        "cut" leaves out triangles in which ``depth_max > cut_ratio * depth_min``.
+    cut_ratio : float
+        See ``edges``.
+    """
+
+    def __init__(self, view: DepthImage, edges: str = "connect", cut_ratio: float = 1.05) -> None:
+        import open3d as o3d
+
+        self.view = view
+        self.camera = view.camera
+        self.faces = triangulate(view, edges, cut_ratio)
+        self.vertices = np.nan_to_num(samples(view), nan=0.0, posinf=0.0, neginf=0.0)
+        used = self.vertices[self.faces.ravel()] if len(self.faces) else np.zeros((1, 3))
+        self.box = used.min(axis=0), used.max(axis=0)
+        self.scene = o3d.t.geometry.RaycastingScene()
+        if len(self.faces):
+            self.scene.add_triangles(self.vertices.astype(np.float32), self.faces.astype(np.uint32))
+
+    def cast(self, camera: Camera, side: str = "front") -> Truth:
+        """First hits of ``camera``'s rays; a hit on the wrong side is a hole."""
+        width, height = camera.size
+        origin, direction = rays(camera, self.camera, self.box)
+        packed = np.concatenate([origin, direction], axis=-1).astype(np.float32).reshape(-1, 6)
+        if len(self.faces):
+            triangle = self.scene.cast_rays(packed)["primitive_ids"].numpy().astype(np.int64)
+        else:
+            triangle = np.full(len(packed), 0xFFFFFFFF)
+        origin, direction = origin.reshape(-1, 3), direction.reshape(-1, 3)
+        hit = np.flatnonzero(triangle != 0xFFFFFFFF)
+        corner = self.vertices[self.faces[triangle[hit]]]  # (n, 3 corners, 3)
+        normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+        offset = np.einsum("ni,ni->n", normal, corner[:, 0])
+        # A ray that crosses the plane in the sense of the source's own ray meets the side the source sees.
+        from_source = normal[:, 2] if self.camera.projection == "orthographic" else offset
+        along = np.einsum("ni,ni->n", normal, direction[hit])
+        front = along * from_source > 0
+        shown = {"front": front, "back": ~front, "both": np.ones_like(front)}[side] & (along != 0)
+        hit, corner, normal = hit[shown], corner[shown], normal[shown]
+        t = (offset[shown] - np.einsum("ni,ni->n", normal, origin[hit])) / along[shown]
+        point = origin[hit] + t[:, None] * direction[hit]
+
+        source = project(self.camera, point)
+        weight = barycentric(project(self.camera, corner.reshape(-1, 3)).reshape(-1, 3, 2), source)
+        color = self.view.color.reshape(-1, 3).astype(np.float64)[self.faces[triangle[hit]]]
+        target_from_source = camera.camera_from_world @ self.camera.world_from_camera
+        here = point @ target_from_source[:3, :3].T + target_from_source[:3, 3]
+        nearness, gradient = plane(camera, here, normal @ target_from_source[:3, :3].T)
+
+        def image(values: Array, empty: float = np.nan) -> Array:
+            full = np.full((height * width, *values.shape[1:]), empty, dtype=values.dtype)
+            full[hit] = values
+            return full.reshape(height, width, *values.shape[1:])
+
+        return Truth(
+            depth=image(here[:, 2]),
+            valid=image(np.ones(len(hit), dtype=bool), False),
+            color=image(np.einsum("nk,nkc->nc", weight, color)),
+            view=image(np.zeros(len(hit), dtype=np.int64), -1),
+            source=image(source),
+            triangle=image(triangle[hit], -1),
+            nearness=image(nearness),
+            gradient=image(gradient),
+        )
+
+
+def raycast(
+    views: DepthImage | Surface | Sequence[DepthImage | Surface],
+    camera: Camera,
+    edges: str = "connect",
+    cut_ratio: float = 1.05,
+    side: str = "front",
+) -> Truth:
+    """Truth of one view or of several.
+
+    Each view is cast alone, since the back of one view's surface hides nothing of another's, and the nearest
+    hit is taken; of equally near ones, the first. A `Surface` may stand for its view (it is built only once).
+    """
+    several = [views] if isinstance(views, DepthImage | Surface) else list(views)
+    best: Truth | None = None
+    for index, view in enumerate(several):
+        surface = view if isinstance(view, Surface) else Surface(view, edges, cut_ratio)
+        new = surface.cast(camera, side)
+        if best is None:
+            best = new
+            continue
+        nearer = new.valid & ~(best.valid & (best.depth <= new.depth))
+        for name in Truth.__dataclass_fields__:
+            value = np.where(new.valid, index, -1) if name == "view" else getattr(new, name)
+            getattr(best, name)[nearer] = value[nearer]
+    assert best is not None
+    return best
+
+
+def triangulate(view: DepthImage, edges: str = "connect", cut_ratio: float = 1.05) -> Array:
+    """(n, 3) sample numbers, y * width + x, of the triangles that exist.
+
+    A cell is split from (x + 1, y) to (x, y + 1). Triangles with an invalid corner do not exist.
+    """
+    height, width = view.depth.shape
+    number = np.arange(height * width).reshape(height, width)
+    a, b, c, d = (number[:-1, :-1], number[:-1, 1:], number[1:, :-1], number[1:, 1:])
+    faces = np.stack([np.stack([a, b, c], -1), np.stack([d, c, b], -1)], axis=2).reshape(-1, 3)
+    faces = faces[view.valid.ravel()[faces].all(axis=1)]
+    if edges == "cut":
+        depth = view.depth.ravel().astype(np.float64)[faces]
+        faces = faces[depth.max(axis=1) <= cut_ratio * depth.min(axis=1)]
+    return faces
+
+
+def samples(view: DepthImage) -> Array:
+    """(height * width, 3) float64: every sample in its camera's frame."""
+    height, width = view.depth.shape
+    y, x = np.mgrid[:height, :width].astype(np.float64)
+    z = view.depth.astype(np.float64)
+    ray = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(view.camera.K).T
+    if view.camera.projection == "perspective":
+        return (ray * z[..., None]).reshape(-1, 3)
+    return np.stack([ray[..., 0], ray[..., 1], z], axis=-1).reshape(-1, 3)
+
+
+def rays(camera: Camera, frame: Camera, box: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Origins and directions (H, W, 3) of ``camera``'s rays in the frame of the camera ``frame``.
+
+    A step of 1 along a direction is a step of 1 in planar z. A perspective ray starts at the camera's centre,
+    an orthographic one far enough back to have all of ``box`` (its two corners, in ``frame``) ahead.
+    """
+    width, height = camera.size
+    y, x = np.mgrid[:height, :width].astype(np.float64)
+    pixel = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(camera.K).T
+    frame_from_camera = frame.camera_from_world @ camera.world_from_camera
+    rotation, center = frame_from_camera[:3, :3], frame_from_camera[:3, 3]
+    if camera.projection == "perspective":
+        direction = pixel @ rotation.T
+        return np.broadcast_to(center, direction.shape), direction
+    corners = np.stack(np.meshgrid(*np.stack(box, axis=1)), axis=-1).reshape(-1, 3)
+    z = (corners - center) @ rotation[:, 2]
+    start = z.min() - 0.01 * (np.ptp(z) + 1.0)
+    origin = np.stack([pixel[..., 0], pixel[..., 1], np.full((height, width), start)], axis=-1)
+    return origin @ rotation.T + center, np.broadcast_to(rotation[:, 2], origin.shape)
+
+
+def project(camera: Camera, points: Array) -> Array:
+    """(n, 2) pixels of points given in the camera's own frame."""
+    scale = points[:, 2:] if camera.projection == "perspective" else 1.0
+    plane_points = points[:, :2] / scale
+    return plane_points @ camera.K[:2, :2].T + camera.K[:2, 2]
+
+
+def barycentric(corner: Array, point: Array) -> Array:
+    """(n, 3) weights of ``point`` (n, 2) in the triangles ``corner`` (n, 3, 2), clamped to them."""
+    u, v, p = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0], point - corner[:, 0]
+    area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+    b = (p[:, 0] * v[:, 1] - p[:, 1] * v[:, 0]) / area
+    c = (u[:, 0] * p[:, 1] - u[:, 1] * p[:, 0]) / area
+    weight = np.clip(np.stack([1 - b - c, b, c], axis=-1), 0, 1)
+    return weight / weight.sum(axis=-1, keepdims=True)
+
+
+def plane(camera: Camera, point: Array, normal: Array) -> tuple[Array, Array]:
+    """Nearness at ``point`` and its change over a pixel on the plane there (both in the camera's frame).
+
+    On a plane, 1/z is affine in the pixels of a perspective camera and z in those of an orthographic one.
+    """
+    inverse = np.linalg.inv(camera.K)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        if camera.projection == "perspective":
+            offset = np.einsum("ni,ni->n", normal, point)
+            return 1 / point[:, 2], (normal @ inverse)[:, :2] / offset[:, None]
+        return -point[:, 2], (normal[:, :2] @ inverse[:2, :2]) / normal[:, 2:]
+
+
+def band(truth: Truth, radius: int = 3, jump: float = 0.01) -> Array:
+    """(H, W) bool: pixels within ``radius`` (a square's half side) of a hole, a silhouette or a depth edge.
+
+    Between two neighbouring pixels lies an edge if only one of them is valid, or if the plane of either one's
+    triangle, continued to the other pixel, misses the depth there by more than ``jump`` of it. A slope alone
+    is therefore no edge, however steep it is; its foot and crest are if it climbs more than ``jump`` a pixel.
+    The image's own border is no edge.
+    """
+    edge = ~truth.valid
+    depth = truth.depth if np.any(truth.nearness < 0) else None  # orthographic: nearness is -z
+
+    def mark(here: tuple[slice, slice], there: tuple[slice, slice], axis: int) -> None:
+        n0, n1 = truth.nearness[here], truth.nearness[there]
+        g0, g1 = truth.gradient[here][..., axis], truth.gradient[there][..., axis]
+        s0, s1 = (n0, n1) if depth is None else (depth[here], depth[there])
+        with np.errstate(invalid="ignore", over="ignore"):
+            smooth = (np.abs(n0 + g0 - n1) <= jump * np.abs(s1)) & (np.abs(n1 - g1 - n0) <= jump * np.abs(s0))
+        edge[here] |= ~smooth
+        edge[there] |= ~smooth
+
+    mark(np.s_[:, :-1], np.s_[:, 1:], 0)
+    mark(np.s_[:-1, :], np.s_[1:, :], 1)
+    return dilate(edge, radius)
+
+
+def dilate(mask: Array, radius: int) -> Array:
+    """``mask`` grown by ``radius`` pixels to all eight sides."""
+    height, width = mask.shape
+    grown = np.zeros_like(mask)
+    padded = np.pad(mask, radius)
+    for dy in range(2 * radius + 1):
+        for dx in range(2 * radius + 1):
+            grown |= padded[dy : dy + height, dx : dx + width]
+    return grown
+
+
+def depth_change_one_pixel(
+    truth: Truth, views: DepthImage | Sequence[DepthImage], camera: Camera, reach: float = 1.0
+) -> Array:
+    """(H, W) float64: how much the target's depth changes over one source pixel around each true hit.
+
+    It is the largest difference between the true depth and the target-space depth of any valid source sample
+    whose pixel lies within ``reach`` of the hit's in x and in y. Nan where the truth is a hole.
+    """
+    several = [views] if isinstance(views, DepthImage) else list(views)
+    change = np.full(truth.depth.shape, np.nan)
+    for index, view in enumerate(several):
+        mine = truth.view == index
+        target_from_source = camera.camera_from_world @ view.camera.world_from_camera
+        height, width = view.depth.shape
+        with np.errstate(invalid="ignore"):
+            depth = samples(view) @ target_from_source[2, :3] + target_from_source[2, 3]
+        depth = np.where(view.valid, depth.reshape(height, width), np.nan)
+        x, y = truth.source[mine].T
+        largest = np.zeros(len(x))
+        steps = range(-int(np.ceil(reach)), int(np.ceil(reach)) + 2)
+        for dy in steps:
+            for dx in steps:
+                sx, sy = np.floor(x).astype(int) + dx, np.floor(y).astype(int) + dy
+                near = (np.abs(sx - x) <= reach) & (np.abs(sy - y) <= reach)
+                near &= (sx >= 0) & (sx < width) & (sy >= 0) & (sy < height)
+                sample = depth[np.clip(sy, 0, height - 1), np.clip(sx, 0, width - 1)]
+                difference = np.abs(sample - truth.depth[mine])
+                largest = np.fmax(largest, np.where(near, difference, 0.0))
+        change[mine] = largest
+    return change

@@ -1,0 +1,117 @@
+"""Make this clone ready to use: system libraries through apt, a virtual environment, the Python packages.
+
+Only what is missing is installed. Where it may not install, it names the packages and the command.
+Run by ``make``; uses nothing but the standard library.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+VENV = ROOT / ".venv"
+EXTRAS = "mesh,exr,plot,dev"
+OLDEST, NEWEST = (3, 10), (3, 13)  # what Open3D, which the tests measure against, has wheels for
+
+LIBRARIES = {  # what `import open3d` loads, and the Debian or Ubuntu package that brings it
+    "libEGL.so.1": "libegl1",
+    "libGL.so.1": "libgl1",
+    "libgomp.so.1": "libgomp1",
+    "libusb-1.0.so.0": "libusb-1.0-0",
+    "libX11.so.6": "libx11-6",
+}
+
+
+def main() -> None:
+    check_python()
+    install_system_packages(missing_packages())
+    install_python_packages()
+
+
+def check_python() -> None:
+    version = sys.version_info[:2]
+    if not OLDEST <= version <= NEWEST:
+        fail(
+            f"this is Python {version[0]}.{version[1]}; the tests and the demo need Open3D, which has wheels "
+            f"for Python {OLDEST[0]}.{OLDEST[1]} to {NEWEST[0]}.{NEWEST[1]}.\n"
+            f"Name one of those: make PYTHON=python{NEWEST[0]}.{NEWEST[1]} ..."
+        )
+
+
+def missing_packages() -> list[str]:
+    """Debian's names of what is not there."""
+    missing: list[str] = []
+    if subprocess.run([sys.executable, "-c", "import ensurepip, venv"], capture_output=True).returncode:
+        missing.append("python3-venv")
+    if not any(Path("/etc/OpenCL/vendors").glob("*.icd")):
+        missing.append("pocl-opencl-icd")
+    missing += [package for library, package in LIBRARIES.items() if not can_load(library)]
+    return missing
+
+
+def can_load(library: str) -> bool:
+    try:
+        ctypes.CDLL(library)
+    except OSError:
+        return False
+    return True
+
+
+def install_system_packages(packages: list[str]) -> None:
+    if not packages:
+        return
+    names = " ".join(packages)
+    if not shutil.which("apt-get"):
+        fail(f"these are missing, by their Debian names: {names}\nInstall them with this system's own tool.")
+    say(f"installing {names}")
+    install = ["install", "-y", "-qq", "-o", "Dpkg::Use-Pty=0", "--no-install-recommends", *packages]
+    for arguments in (["update", "-qq"], install):
+        if not apt_get(arguments):
+            fail(
+                f"these packages are missing and could not be installed from here: {names}\n"
+                f"Run: sudo apt-get update && sudo apt-get install -y {names}"
+            )
+
+
+def apt_get(arguments: list[str]) -> bool:
+    sudo: list[str] = []
+    if os.geteuid() != 0:
+        if not shutil.which("sudo"):
+            return False
+        # Without a terminal nobody can type a password.
+        sudo = ["sudo"] if sys.stdin.isatty() else ["sudo", "-n"]
+    command = [*sudo, "env", "DEBIAN_FRONTEND=noninteractive", "apt-get", *arguments]
+    return subprocess.run(command, stdout=subprocess.DEVNULL).returncode == 0
+
+
+def install_python_packages() -> None:
+    if not (VENV / "bin/pip").exists():
+        say(f"creating {VENV.name}")
+        run([sys.executable, "-m", "venv", "--clear", str(VENV)])
+    say("installing the Python packages (Open3D alone is 0.5 GB: this takes some minutes)")
+    run([str(VENV / "bin/python"), "-m", "pip", "install", "-q", "-e", f"{ROOT}[{EXTRAS}]"])
+    (VENV / ".ready").touch()
+
+
+def run(command: list[str]) -> None:
+    status = subprocess.run(command, cwd=ROOT).returncode
+    if status:
+        fail(f"this command failed: {' '.join(command)}", status)
+
+
+def say(text: str) -> None:
+    print(f"setup: {text}", flush=True)
+
+
+def fail(text: str, status: int = 1) -> None:
+    print(f"setup: {text}", file=sys.stderr)
+    sys.exit(status)
+
+
+if __name__ == "__main__":
+    main()
