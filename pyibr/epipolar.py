@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr._check import Float64
+from pyibr.pixelspace import Rectangle
 
 LINE_GROUP = np.dtype(
     [
@@ -40,16 +41,6 @@ LINE_GROUP = np.dtype(
 
 _MOST_LEVELS = 4  # halvings of the distance to the epipole; what lies nearer is 1/16 of the fan's length
 _OFFSET = 0.137  # lines keep clear of pixel borders, where ownership would hang on rounding
-
-
-@dataclass(frozen=True)
-class Rectangle:
-    """Pixels low_x ... high_x - 1, low_y ... high_y - 1."""
-
-    low_x: int
-    high_x: int
-    low_y: int
-    high_y: int
 
 
 @dataclass(frozen=True)
@@ -124,6 +115,8 @@ def line_groups(epipole: Float64, area: Rectangle, lanes: int) -> tuple[NDArray[
     """
     groups: list[tuple[float, ...]] = []
     packets = 0
+    if area.empty:
+        return np.array(groups, LINE_GROUP), packets
     ends = (area.low_x, area.high_x - 1), (area.low_y, area.high_y - 1)
     e, w = (float(epipole[0]), float(epipole[1])), float(epipole[2])
     for axis in (0, 1):

@@ -3,45 +3,34 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
+from pyibr._check import describe
 from pyibr.camera import Camera
-from pyibr.epipolar import Rectangle, line_groups
+from pyibr.epipolar import line_groups
 from pyibr.errors import ArgumentError
 from pyibr.images import DepthImage, Frame
+from pyibr.pixelspace import NO_PARALLAX, PixelMap, pitch
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from pyibr._check import Float64
-    from pyibr.opencl.launch import Struct
+    from pyibr.opencl.device import Session
     from pyibr.opencl.memory import DeviceArray
 
 Method = Literal["epipolar", "search", "forward"]
 Sample = Literal["linear", "nearest"]
 Edges = Literal["connect", "cut"]
 Side = Literal["front", "back", "both"]
+Fill = Literal["background"]
 
-_SHOWN = {"front": 1, "back": 2, "both": 3}
-_EMPTY = np.float32(-3e38)
-_PIXEL_MAP = np.dtype(
-    [
-        ("dst_from_src", np.float32, 16),
-        ("src_from_dst", np.float32, 16),
-        ("src_width", np.int32),
-        ("src_height", np.int32),
-        ("src_pitch", np.int32),
-        ("dst_width", np.int32),
-        ("dst_height", np.int32),
-        ("dst_pitch", np.int32),
-        ("dst_perspective", np.int32),
-    ]
-)
+_SHOWN = {"front": 1, "back": 2, "both": 3}  # SHOWS_FRONT, SHOWS_BACK of kernels/lib/surface.h
+_EMPTY = -3e38  # EMPTY of kernels/lib/pixelspace.h
 _CUT = np.dtype([("near_scale", np.float32), ("far_scale", np.float32)])
+_SPLAT_MOST = 64.0
 
 
 def warp(
@@ -50,21 +39,128 @@ def warp(
     method: Method = "epipolar",
     sample: Sample = "linear",
     edges: Edges = "connect",
-    fill: Literal["background"] | None = None,
+    fill: Fill | None = None,
     *,
     cut_ratio: float = 1.05,
     side: Side = "front",
     splat: float = 1.0,
 ) -> Frame:
-    views = [views] if isinstance(views, DepthImage) else list(views)
-    target = _Target(camera, views[0].color.dtype)
-    for view in views:
-        _warp_one(view, target, method, sample, edges, cut_ratio, side)
-    return target.frame()
+    """Render depth images from a new camera.
+
+    A depth image means a surface: the grid of its samples, each cell split from its upper right to its lower left
+    corner. Each pixel of the target sees what its ray meets first. Several views are merged by depth.
+
+    Parameters
+    ----------
+    views : DepthImage or sequence of DepthImage
+        The sources, perspective or orthographic, with colours of one dtype. Their buffers stay on the device, so
+        that warping the same object again is cheaper.
+    camera : Camera
+        The target, perspective or orthographic.
+    method : {"epipolar", "search", "forward"}
+        "epipolar" sweeps whole epipolar lines, O(n^2) (section 4 of the paper); "search" lets each pixel search its
+        own epipolar segment, O(n^3); "forward" carries each sample over as a point, which leaves gaps where the
+        target sees the surface larger than the source did, and to which `sample`, `edges` and `side` do not apply.
+    sample : {"linear", "nearest"}
+        Read the surface between the samples, or the sample nearest to where the ray meets the surface; for depth and
+        colour alike.
+    edges : {"connect", "cut"}
+        "connect": neighbouring samples are one surface, as in displacement maps. "cut": the surface is open where
+        neighbours' depths differ by more than `cut_ratio`, as at the borders of objects in scenes.
+    fill : {None, "background"}
+        "background" fills holes, along the epipolar line, from the farther of the two sides; `valid` stays False
+        there.
+    cut_ratio : float
+        Greater than 1: the ratio of depths that `edges="cut"` opens.
+    side : {"front", "back", "both"}
+        Which side of the surface is shown: the one that faces the source's camera, the other (a solid displaced from
+        a centre inside it and seen from outside), or either. A ray that meets the other side first sees a hole.
+    splat : float
+        With "forward": side of the square of target pixels that a sample covers, 1 to 64.
+
+    Returns
+    -------
+    Frame
+        Colour in the views' dtype, planar depth, and where anything was seen.
+
+    Raises
+    ------
+    ArgumentError
+        An argument has a wrong type or value, or a view has no valid depth at all.
+    DeviceError
+        No OpenCL device works.
+
+    Warns
+    -----
+    UserWarning
+        If the target sees nothing of any view.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pyibr as ibr
+    >>> camera = ibr.Camera([[100, 0, 31.5], [0, 100, 31.5], [0, 0, 1]], (64, 64))
+    >>> color = np.full((64, 64, 3), 200, np.uint8)
+    >>> view = ibr.DepthImage(color, np.full((64, 64), 2.0, np.float32), camera)
+    >>> frame = ibr.warp(view, camera.moved(0.2, 0, 0))  # everything shifts by f * b / z = 10 pixels
+    >>> int(frame.valid.sum(axis=1)[0])
+    54
+    """
+    sources = _checked_views(views)
+    if not isinstance(camera, Camera):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise ArgumentError("camera", "a pyibr.Camera", describe(camera))
+    _one_of("method", method, Method)
+    _one_of("sample", sample, Sample)
+    _one_of("edges", edges, Edges)
+    _one_of("side", side, Side)
+    if fill is not None:
+        _one_of("fill", fill, Fill, " or None")
+    _number("cut_ratio", cut_ratio, 1.0, math.inf, "a ratio greater than 1")
+    _number("splat", splat, 1.0, _SPLAT_MOST, f"1 to {_SPLAT_MOST:g} pixels")
+
+    from pyibr.opencl.device import current
+
+    options = _Options(sample == "linear", edges == "cut", float(cut_ratio), _SHOWN[side], float(splat))
+    target = _Target(camera, sources[0].color.dtype)
+    maps: list[PixelMap] = []
+    with current().lock:
+        for view in sources:
+            samples = _samples(view)
+            pixel_map = PixelMap(view.camera, camera, samples.low, samples.high)
+            maps.append(pixel_map)
+            if method == "forward":
+                _splat(samples, pixel_map, target, options)
+            else:
+                _look(samples, pixel_map, target, options, method)
+        if fill is not None:
+            _fill(target, min(maps, key=lambda pixel_map: pixel_map.parallax))
+        frame = target.frame()
+    if not frame.valid.any():
+        warnings.warn("warp: the target camera sees nothing of the views; the frame is empty", stacklevel=2)
+    return frame
+
+
+@dataclass(frozen=True)
+class _Options:
+    linear: bool
+    cuts: bool
+    cut_ratio: float
+    shown: int
+    splat: float
+
+
+@dataclass(frozen=True)
+class _Samples:
+    """A depth image on the device."""
+
+    nearness: DeviceArray
+    color: DeviceArray
+    low: float
+    high: float
 
 
 class _Target:
-    """The frame being made, on the device."""
+    """The frame in the making, on the device."""
 
     def __init__(self, camera: Camera, dtype: np.dtype[Any]) -> None:
         from pyibr.opencl.memory import empty
@@ -74,35 +170,31 @@ class _Target:
         self.color = empty((*shape, 3), dtype)
         self.depth = empty(shape, np.float32)
         self.valid = empty(shape, np.uint8)
-        self.blank = True  # nothing has been written yet
+        self.blank = True  # nothing is written yet
+
+    def outputs(self) -> dict[str, DeviceArray]:
+        return {"depth": self.depth, "color": self.color, "valid": self.valid}
 
     def frame(self) -> Frame:
-        valid = self.valid.to_host().view(np.bool_)
-        return Frame(self.color.to_host(), self.depth.to_host(), valid, self.camera)
+        return Frame(
+            self.color.to_host(), self.depth.to_host(), self.valid.to_host().view(np.bool_), self.camera
+        )
 
 
-@dataclass(frozen=True)
-class _Source:
-    nearness: DeviceArray
-    color: DeviceArray
-    low: float
-    high: float
-
-
-def _pitch(width: int) -> int:
-    """Row length that holds whole packets and is no multiple of a power of two that caches map to one place."""
-    padded = -(-width // 16) * 16
-    return padded + 16 if padded % 256 == 0 else padded
-
-
-def _source(view: DepthImage) -> _Source:
+def _samples(view: DepthImage) -> _Samples:
+    """The view's nearness and colour on the current device, made once."""
+    from pyibr.opencl.device import current
     from pyibr.opencl.launch import launch
-    from pyibr.opencl.memory import empty, scratch, upload
+    from pyibr.opencl.memory import scratch, upload
     from pyibr.opencl.program import kernel
 
+    session = current()
+    kept = view._device_cache.get(session)
+    if isinstance(kept, _Samples):
+        return kept
     width, height = view.camera.size
-    pitch = _pitch(width)
-    nearness, ranges = scratch((height, pitch), np.float32), empty((height, 2), np.float32)
+    nearness = scratch((height, pitch(width)), np.float32)
+    ranges = scratch((height, 2), np.float32)
     launch(
         kernel("warp/nearness.cl", "to_nearness"),
         (height,),
@@ -111,84 +203,184 @@ def _source(view: DepthImage) -> _Source:
         ranges=ranges,
         src_width=width,
         src_height=height,
-        src_pitch=pitch,
+        src_pitch=pitch(width),
         src_perspective=view.camera.projection == "perspective",
-        far=min(view.far, np.finfo(np.float32).max),
+        far=min(view.far, float(np.finfo(np.float32).max)),
     )
     spread = ranges.to_host()
     low, high = float(spread[:, 0].min()), float(spread[:, 1].max())
     if low > high:
-        raise ArgumentError("depth", "at least one valid sample", "none")
-    return _Source(nearness, upload(view.color), low, high)
+        raise ArgumentError(
+            "depth", "a view with at least one sample that is finite, > 0 and nearer than `far`", "none"
+        )
+    made = view._device_cache[session] = _Samples(nearness, upload(_at_least_a_word(view.color)), low, high)
+    return made
 
 
-def _warp_one(view, target, method, sample, edges, cut_ratio, side) -> None:
+def _at_least_a_word(color: Any) -> Any:
+    """Kernels read a pixel's colour as four bytes: an image of one pixel has three."""
+    return np.resize(color, (1, 2, 3)) if color.size == 3 else color
+
+
+def _look(
+    samples: _Samples, pixel_map: PixelMap, target: _Target, options: _Options, method: Method
+) -> None:
+    """Each pixel looks for what its ray meets first: by sweep or by search, then exactly."""
     from pyibr.opencl.device import current
     from pyibr.opencl.launch import Struct, launch
     from pyibr.opencl.memory import scratch, upload
     from pyibr.opencl.program import kernel
 
     session = current()
-    source = _source(view)
-    src, dst = view.camera, target.camera
-    matrix = dst.pixel_matrix @ dst.camera_from_world @ src.world_from_camera @ np.linalg.inv(src.pixel_matrix)
-    inverse = src.pixel_matrix @ src.camera_from_world @ dst.world_from_camera @ np.linalg.inv(dst.pixel_matrix)
-    pixel_map = np.zeros((), _PIXEL_MAP)
-    pixel_map["dst_from_src"], pixel_map["src_from_dst"] = matrix.ravel(), inverse.ravel()
-    pixel_map["src_width"], pixel_map["src_height"] = src.size
-    pixel_map["src_pitch"] = _pitch(src.width)
-    pixel_map["dst_width"], pixel_map["dst_height"] = dst.size
-    pixel_map["dst_pitch"] = _pitch(dst.width)
-    pixel_map["dst_perspective"] = dst.projection == "perspective"
-    ratio = cut_ratio if edges == "cut" else 0.0
-    one = 1.0 if edges == "cut" else 0.0
-    cut = np.array((one, ratio) if src.projection == "perspective" else (ratio, one), _CUT)
-    area = Rectangle(0, dst.width, 0, dst.height)
-    seen = scratch((dst.height + 16, _pitch(dst.width)), np.float32)
-    common = {"nearness": source.nearness, "seen": seen, "map": Struct("PixelMap", pixel_map[()]), "cut": Struct("Cut", cut[()]), "shown": _SHOWN[side]}
-    if method == "search":
-        launch(kernel("warp/search.cl", "search"), dst.size, **common)
-    elif _parallax(matrix, src, source) < 1e-3:
-        seen.fill(0.0)
+    width, height = target.camera.size
+    reach = pixel_map.reach
+    if reach.empty and not target.blank:
+        return
+    near_scale, far_scale = (1.0, options.cut_ratio) if options.cuts else (0.0, 0.0)
+    if pixel_map.src.projection == "orthographic":
+        near_scale, far_scale = far_scale, near_scale
+    groups, packets = line_groups(pixel_map.epipole, reach, session.lanes)
+    # Lanes of the sweep with nothing to write need a place of their own to write it.
+    seen = scratch((height * pitch(width) + packets * session.lanes,), np.float32)
+    common = {
+        "nearness": samples.nearness,
+        "seen": seen,
+        "map": Struct("PixelMap", pixel_map.struct),
+        "cut": Struct("Cut", np.array((near_scale, far_scale), _CUT)),
+        "shown": options.shown,
+    }
+    if reach.empty:
+        seen.fill(_EMPTY)
+    elif pixel_map.parallax < NO_PARALLAX:
+        seen.fill(0.0)  # no epipole: a pixel's source position is the same at any nearness
+    elif method == "search":
+        seen.fill(_EMPTY)
+        launch(
+            kernel("warp/search.cl", "search"),
+            (reach.high_x - reach.low_x, reach.high_y - reach.low_y),
+            low_x=reach.low_x,
+            high_x=reach.high_x,
+            low_y=reach.low_y,
+            high_y=reach.high_y,
+            **common,
+        )
     else:
         seen.fill(_EMPTY)
-        groups, packets = line_groups(matrix[:3, 3], area, session.lanes)
         launch(
             kernel("warp/epipolar.cl", "epipolar_sweep"),
             (packets,),
-            **common,
             groups=upload(groups),
             group_count=len(groups),
             packet_count=packets,
-            nearest=source.high,
-            farthest=source.low,
+            nearest=samples.high,
+            farthest=samples.low,
+            **common,
         )
-    strip = 1 if session.lanes == 1 else -(-dst.width // session.lanes)
+    low_x, high_x, low_y, high_y = 0, width, 0, height
+    if not target.blank:
+        low_x, high_x, low_y, high_y = reach.low_x, reach.high_x, reach.low_y, reach.high_y
+    strip = _strip(session, high_x - low_x)
     launch(
         kernel("warp/resolve.cl", "resolve", COLOR_BYTES=target.color.dtype.itemsize, STRIP=strip),
-        (-(-dst.width // (strip * session.lanes)), dst.height),
-        **common,
-        src_color=source.color,
-        depth=target.depth,
-        color=target.color,
-        valid=target.valid,
-        linear=sample == "linear",
+        (-(-(high_x - low_x) // (strip * session.lanes)), high_y - low_y),
+        src_color=samples.color,
+        linear=options.linear,
         merge=not target.blank,
-        low_x=0,
-        high_x=dst.width,
-        low_y=0,
-        high_y=dst.height,
-        window=4.0,
+        low_x=low_x,
+        high_x=high_x,
+        low_y=low_y,
+        high_y=high_y,
+        density=pixel_map.density,
+        **common,
+        **target.outputs(),
     )
     target.blank = False
 
 
-def _parallax(matrix: Float64, camera: Camera, source: _Source) -> float:
-    """How far the source's corner pixels move in the target, in pixels, from the farthest depth to the nearest."""
-    corners = [(x, y, 1.0, n) for n in (source.low, source.high) for x in (0, camera.width - 1) for y in (0, camera.height - 1)]
-    u, v, w, _ = matrix @ np.array(corners).T
-    ahead = (w[:4] > 0) & (w[4:] > 0)
-    with np.errstate(all="ignore"):
-        shift = np.hypot(u[:4] / w[:4] - u[4:] / w[4:], v[:4] / w[:4] - v[4:] / w[4:])
-    return float(shift[ahead].max()) if ahead.all() else math.inf
+def _strip(session: Session, width: int) -> int:
+    """Packets of a row that one work-item of a CPU takes: enough to hide what starting it costs."""
+    return 1 if session.lanes == 1 else 64
 
+
+def _splat(samples: _Samples, pixel_map: PixelMap, target: _Target, options: _Options) -> None:
+    from pyibr.opencl.launch import Struct, launch
+    from pyibr.opencl.memory import scratch
+    from pyibr.opencl.program import kernel
+
+    shape = (target.camera.height, target.camera.width)
+    keys, indices = scratch(shape, np.uint32), scratch(shape, np.uint32)
+    keys.fill(0)
+    indices.fill(0xFFFFFFFF)
+    bytes_ = target.color.dtype.itemsize
+    the_map = Struct("PixelMap", pixel_map.struct)
+    for name, more in (("splat_nearness", {}), ("splat_index", {"indices": indices})):
+        launch(
+            kernel("warp/forward.cl", name, COLOR_BYTES=bytes_),
+            pixel_map.src.size,
+            nearness=samples.nearness,
+            keys=keys,
+            map=the_map,
+            size=options.splat,
+            **more,
+        )
+    launch(
+        kernel("warp/forward.cl", "splat_pixels", COLOR_BYTES=bytes_),
+        target.camera.size,
+        keys=keys,
+        indices=indices,
+        src_color=samples.color,
+        map=the_map,
+        merge=not target.blank,
+        **target.outputs(),
+    )
+    target.blank = False
+
+
+def _fill(target: _Target, pixel_map: PixelMap) -> None:
+    from pyibr.opencl.launch import launch
+    from pyibr.opencl.memory import scratch
+    from pyibr.opencl.program import kernel
+
+    width, height = target.camera.size
+    bytes_ = target.color.dtype.itemsize
+    blocks = scratch((-(-height // 16), -(-width // 16)), np.uint8)
+    shared = {"valid": target.valid, "blocks": blocks, "width": width, "height": height}
+    launch(kernel("warp/fill.cl", "fill_blocks", COLOR_BYTES=bytes_), (blocks.shape[1], blocks.shape[0]), **shared)
+    x, y, w = pixel_map.epipole / max(float(np.abs(pixel_map.epipole).max()), 1e-30)
+    launch(
+        kernel("warp/fill.cl", "fill_holes", COLOR_BYTES=bytes_),
+        (width, height),
+        color=target.color,
+        depth=target.depth,
+        epipole_x=x,
+        epipole_y=y,
+        epipole_w=w,
+        **shared,
+    )
+
+
+def _checked_views(views: DepthImage | Sequence[DepthImage]) -> list[DepthImage]:
+    sources = [views] if isinstance(views, DepthImage) else list(views) if isinstance(views, Sequence) else [views]
+    if not sources:
+        raise ArgumentError("views", "at least one DepthImage", "an empty sequence")
+    for view in sources:
+        if not isinstance(view, DepthImage):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise ArgumentError("views", "a DepthImage or a sequence of them", describe(view))
+        if view.color.dtype != sources[0].color.dtype:
+            raise ArgumentError(
+                "views", "colours of one dtype", f"{sources[0].color.dtype} and {view.color.dtype}"
+            )
+    return sources
+
+
+def _one_of(argument: str, value: object, choices: Any, also: str = "") -> None:
+    if value not in get_args(choices):
+        expected = ", ".join(f'"{choice}"' for choice in get_args(choices))
+        raise ArgumentError(argument, f"one of {expected}{also}", repr(value))
+
+
+def _number(argument: str, value: float, least: float, most: float, expected: str) -> None:
+    numeric = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
+    above = numeric and (value > least if argument == "cut_ratio" else value >= least)
+    if not (above and value <= most and math.isfinite(value)):
+        raise ArgumentError(argument, expected, repr(value))

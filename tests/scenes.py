@@ -21,6 +21,7 @@ Array = NDArray[Any]
 Size = tuple[int, int]
 
 SIZES: tuple[Size, ...] = ((1, 1), (7, 13), (61, 37), (64, 64), (96, 128))
+_CELLS = 6  # a side; how finely the search for cameras looks at what the target sees
 REGIONS = "ABCDEFGHI"  # row by row: A is above left of the image, E inside it, I below right
 
 
@@ -218,7 +219,7 @@ def target_cameras(
     size = size or view.camera.size
     found: list[Pose] = []
     for signs in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
-        if projection == "orthographic" and (signs != (1, -1) or view.camera.projection == "orthographic"):
+        if not _possible(signs, view.camera.projection, projection):
             continue
         camera = _search(view, region, signs, size, projection, share)
         if camera is not None:
@@ -261,14 +262,24 @@ def all_cameras(
     return finite + special_cameras(view, size, projection)
 
 
+def _possible(signs: tuple[int, int], source: str, target: str) -> bool:
+    if source == target == "orthographic":
+        return False  # both epipoles are at infinity
+    if target == "orthographic":
+        return signs == (1, -1)
+    return source == "perspective" or signs[1] == 1
+
+
 def _search(
     view: DepthImage, region: str, signs: tuple[int, int], size: Size, projection: Projection, share: float
 ) -> Camera | None:
     source = view.camera
     point, normal = _surface(view)
     best, best_score = None, -np.inf
-    for pixel in _places(region, size):
-        for zoom in (1.0, 0.7, 0.5):
+    for zoom in (1.0, 0.7, 0.5):
+        if best is not None:  # zooming out is for cases that cannot be seen otherwise
+            break
+        for pixel in _places(region, size):
             K = target_intrinsics(size, projection, zoom)
             toward = np.linalg.inv(K) @ [*pixel, 1.0]
             rotation, center, turned = _candidates(source, projection, toward, signs[0])
@@ -277,7 +288,7 @@ def _search(
                 usable = forward * signs[1] > 0.05
                 rotation, center, turned = rotation[usable], center[usable], turned[usable]
             seen = _share_seen(view, point, normal, rotation, center, K, size, projection)
-            score = np.where(seen >= share, seen - 0.15 * turned / 180 - 0.3 * (1 - zoom), -np.inf)
+            score = np.where(seen >= share, seen - 0.15 * turned / 180, -np.inf)
             if not len(score) or score.max() <= best_score:
                 continue
             index = int(score.argmax())
@@ -344,7 +355,7 @@ def _align(toward: Array, spin: Array) -> Array:
 
 
 def _surface(view: DepthImage) -> tuple[Array, Array]:
-    """Some 400 points of the surface and normals turned to the source, in the source's frame."""
+    """Some 200 points of the surface and normals turned to the source, in the source's frame."""
     height, width = view.depth.shape
     y, x = np.mgrid[:height, :width].astype(np.float64)
     z = np.where(view.valid, view.depth, np.nan).astype(np.float64)
@@ -355,7 +366,7 @@ def _surface(view: DepthImage) -> tuple[Array, Array]:
         point[..., 2] = z
     normal = np.full_like(point, np.nan)
     normal[:-1, :-1] = np.cross(point[1:, :-1] - point[:-1, :-1], point[:-1, 1:] - point[:-1, :-1])
-    step = max(1, max(width, height) // 20)
+    step = max(1, max(width, height) // 15)
     point, normal = point[::step, ::step].reshape(-1, 3), normal[::step, ::step].reshape(-1, 3)
     usable = np.isfinite(point).all(axis=1) & np.isfinite(normal).all(axis=1)
     return point[usable], normal[usable]
@@ -372,23 +383,24 @@ def _share_seen(
     projection: str,
 ) -> Array:
     """(n,) about the share of each target image that shows the surface's front; 0 for cameras behind it."""
-    here = np.einsum("npi,nij->npj", point - center[:, None], rotation)
-    ahead = here[..., 2] > 0.4
+    n = len(center)
+    turned = (point @ rotation.transpose(1, 0, 2).reshape(3, 3 * n)).reshape(len(point), n, 3)
+    x, y, z = (turned - np.einsum("ni,nij->nj", center, rotation)).transpose(2, 0, 1)  # (points, n) each
+    ahead = z > 0.4
     with np.errstate(divide="ignore", invalid="ignore"):
         if projection == "perspective":
-            facing = np.einsum("pi,npi->np", normal, center[:, None] - point) > 0
-            at = here[..., :2] / here[..., 2:]
+            facing = normal @ center.T > (normal * point).sum(axis=1, keepdims=True)
+            x, y = x / z, y / z
             allowed = ~_behind_surface(view, center)
         else:
-            facing = np.einsum("pi,ni->np", normal, rotation[:, :, 2]) < 0
-            at = here[..., :2]
-            allowed = ahead.all(axis=1)
-        cell = np.floor(8 * (at @ K[:2, :2].T + K[:2, 2] + 0.5) / size)
-    seen = ahead & facing & (cell >= 0).all(axis=-1) & (cell < 8).all(axis=-1) & allowed[:, None]
-    which, _ = np.nonzero(seen)
-    count = np.zeros((len(center), 64), dtype=bool)
-    count[which, (cell[seen] @ [1, 8]).astype(int)] = True
-    return count.mean(axis=1)
+            facing = normal @ rotation[:, :, 2].T < 0
+            allowed = ahead.all(axis=0)
+        column = np.floor(_CELLS * (K[0, 0] * x + K[0, 2] + 0.5) / size[0])
+        row = np.floor(_CELLS * (K[1, 1] * y + K[1, 2] + 0.5) / size[1])
+    seen = ahead & facing & allowed & (column >= 0) & (column < _CELLS) & (row >= 0) & (row < _CELLS)
+    hit = np.zeros((n, _CELLS**2), dtype=bool)
+    hit[np.nonzero(seen)[1], (column[seen] + _CELLS * row[seen]).astype(int)] = True
+    return hit.mean(axis=1)
 
 
 def _behind_surface(view: DepthImage, center: Array) -> Array:

@@ -1,14 +1,12 @@
 /* Colour of LANES pixels: three channels, interleaved, uchar (0 to 255) or float. */
-#ifndef COLOR_BYTES
-#define COLOR_BYTES 1 /* a channel: 1 (uchar) or 4 (float) */
-#endif
+#include "lib/channel.h"
+#include "lib/lanes.h"
 
 typedef struct {
     floatl r, g, b;
 } Color;
 
 #if COLOR_BYTES == 1
-#define channel uchar
 
 /* Four bytes at once, one of them a neighbour's: the image has at least four, and the last pixel is read shifted. */
 #define WORD(l) as_uint(vload4(0, image + offset.s##l))
@@ -51,7 +49,6 @@ void write_color(global uchar *image, Color c, int count)
 #endif
 }
 #else
-#define channel float
 
 Color read_color(global const float *image, intl pixel, int pixels)
 {

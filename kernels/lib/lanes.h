@@ -21,6 +21,7 @@ typedef uint16 uintl;
 #define as_uintl as_uint16
 #define load_lanes(p) vload16(0, p)
 #define store_lanes(v, p) vstore16(v, 0, p)
+#define shifted_lanes(v) (v).s00123456789abcde /* each lane's left neighbour; the first its own */
 #define lane_index ((int16)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15))
 #define gather(p, i)                                                                                          \
     (p)[(i).s0], (p)[(i).s1], (p)[(i).s2], (p)[(i).s3], (p)[(i).s4], (p)[(i).s5], (p)[(i).s6], (p)[(i).s7],   \
@@ -44,6 +45,7 @@ typedef uint uintl;
 #define as_uintl as_uint
 #define load_lanes(p) (*(p))
 #define store_lanes(v, p) (*(p) = (v))
+#define shifted_lanes(v) (v)
 #define lane_index 0
 #define any_lane(mask) ((mask) != 0)
 #define gather(p, i) (p)[i]

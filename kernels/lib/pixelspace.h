@@ -23,3 +23,6 @@ typedef struct {
 
 /* Depth (planar z) from nearness in the target. */
 #define DEPTH(map, nearness) ((map).dst_perspective ? 1.0f / (nearness) : -(nearness))
+
+/* Component `row` of the map m's image of pixel (x, y) at nearness 0 */
+#define PIXEL_ROW(m, row, x, y) ((m)[4 * (row)] * (x) + (m)[4 * (row) + 1] * (y) + (m)[4 * (row) + 2])

@@ -34,9 +34,6 @@ typedef struct {
     float distance, distance_step; /* distance to the epipole, 1 at the reference: distance + distance_step * along */
 } LineGroup;
 
-/* (U, V, W, Q) component `row` of the map's image of pixel (x, y) at nearness 0 */
-#define ROW(m, row, x, y) ((m)[4 * (row)] * (x) + (m)[4 * (row) + 1] * (y) + (m)[4 * (row) + 2])
-
 #define STORE_LANE(l) seen[address.s##l] = stored.s##l;
 
 #define AHEAD 8 /* steps between a prefetch and the use */
@@ -90,7 +87,7 @@ kernel void epipolar_sweep(global const float *nearness, global float *seen, glo
 
     /* The same lines in the source. Direction: away from the epipole as the ray recedes. */
     const floatl x = along ? at_reference : (floatl)group.reference, y = along ? (floatl)group.reference : at_reference;
-    const floatl u0 = ROW(S, 0, x, y), v0 = ROW(S, 1, x, y), w0 = ROW(S, 2, x, y);
+    const floatl u0 = PIXEL_ROW(S, 0, x, y), v0 = PIXEL_ROW(S, 1, x, y), w0 = PIXEL_ROW(S, 2, x, y);
     const floatl dir_u = u0 * e_w - e_u * w0, dir_v = v0 * e_w - e_v * w0, offset = e_u * v0 - e_v * u0;
     const intl u_major = fabs(dir_u) >= fabs(dir_v);
     const floatl dir_major = pick(u_major, dir_u, dir_v);
@@ -121,7 +118,7 @@ kernel void epipolar_sweep(global const float *nearness, global float *seen, glo
         const floatl p = corner & 1 ? low - 1.0f : high + 1.0f, c = start + slope * p;
         const float q = corner & 2 ? nearest : farthest;
         const floatl px = along ? c : p, py = along ? p : c;
-        const floatl cu = ROW(S, 0, px, py), cv = ROW(S, 1, px, py), cw = ROW(S, 2, px, py), cq = ROW(S, 3, px, py);
+        const floatl cu = PIXEL_ROW(S, 0, px, py), cv = PIXEL_ROW(S, 1, px, py), cw = PIXEL_ROW(S, 2, px, py), cq = PIXEL_ROW(S, 3, px, py);
         const floatl whole = cw * e_q - e_w * cq, part = e_q - q * e_w;
         const floatl at = (pick(u_major, cu, cv) * part + e_major * (q * cw - cq)) / whole;
         bounded = bounded & (whole * part > 0.0f);
@@ -139,9 +136,9 @@ kernel void epipolar_sweep(global const float *nearness, global float *seen, glo
     /* Homogeneous target position along the line, at nearness 0: affine in the major coordinate. */
     const floatl u_0 = pick(u_major, (floatl)0.0f, minor_0), u_1 = pick(u_major, (floatl)1.0f, tilt);
     const floatl v_0 = pick(u_major, minor_0, (floatl)0.0f), v_1 = pick(u_major, tilt, (floatl)1.0f);
-    const floatl p_0 = ROW(D, along, u_0, v_0), p_1 = D[4 * along] * u_1 + D[4 * along + 1] * v_1;
-    const floatl w_0 = ROW(D, 2, u_0, v_0), w_1 = D[8] * u_1 + D[9] * v_1;
-    const floatl q_0 = ROW(D, 3, u_0, v_0), q_1 = D[12] * u_1 + D[13] * v_1;
+    const floatl p_0 = PIXEL_ROW(D, along, u_0, v_0), p_1 = D[4 * along] * u_1 + D[4 * along + 1] * v_1;
+    const floatl w_0 = PIXEL_ROW(D, 2, u_0, v_0), w_1 = D[8] * u_1 + D[9] * v_1;
+    const floatl q_0 = PIXEL_ROW(D, 3, u_0, v_0), q_1 = D[12] * u_1 + D[13] * v_1;
     const float b_q = D[15];
 
     const int front_is_up = group.side < 0; /* -D is towards larger pixels */

@@ -6,7 +6,8 @@
  * the settled ones that no line reached are traced along their own epipolar line, a few samples around the answer.
  *
  * seen: (dst_height, dst_pitch) nearness by epipolar.cl, or the finished nearness by search.cl. depth, color, valid:
- * (dst_height, dst_width). `merge` keeps what is nearer already. Work-item: STRIP * LANES pixels of a row.
+ * (dst_height, dst_width). `merge` keeps what is nearer already. density: pixels of the
+ * source over one of the target, >= 1. Work-item: STRIP * LANES pixels of a row.
  * Cost: O(pixels). Determinism: every pixel on its own, from inputs alone.
  */
 #include "lib/lanes.h"
@@ -18,46 +19,48 @@
 #endif
 #define STEPS 3       /* triangles tried before the pixel is traced */
 #define STRAY 1.0f    /* pixels of the source by which a hit may lie off the line's: farther off, another surface may come first */
+#define WINDOW 4.0f   /* pixels of the source to either side of an answer that are traced */
+#define EDGE 2.0f     /* pixels of the source between neighbours' answers that make a depth edge */
 #define TOLERANCE 1e-3f /* pixels by which a hit may lie outside its triangle: rounding, not geometry */
 
-#define ROW(m, row, x, y) ((m)[4 * (row)] * (x) + (m)[4 * (row) + 1] * (y) + (m)[4 * (row) + 2])
-
-/* Trace around the point that the line's answer gives on the pixel's own epipolar line. */
-float retrace(Grid grid, PixelMap map, int shown, int x, int y, float guess, float window)
+/* What the pixel's own ray meets first near the answers of its line and of its neighbours' lines. */
+float retrace(Grid grid, global const float *seen, PixelMap map, int shown, int x, int y, float window)
 {
+    const float *S = map.src_from_dst;
     Ray ray;
-    ray.start = (float4)(ROW(map.src_from_dst, 0, x, y), ROW(map.src_from_dst, 1, x, y), ROW(map.src_from_dst, 2, x, y),
-                         ROW(map.src_from_dst, 3, x, y));
-    ray.centre = (float4)(map.src_from_dst[3], map.src_from_dst[7], map.src_from_dst[11], map.src_from_dst[15]);
-    const float4 point = ray.start + guess * ray.centre;
-    Walk walk = walk_of(ray, grid.width, grid.height);
-    const float at = (walk.u_major ? point.x : point.y) / point.z;
-    const float from = at - walk.sign * window, to = at + walk.sign * window;
-    walk.from = walk.sign > 0.0f ? fmax(walk.from, from) : fmin(walk.from, from);
-    walk.to = walk.sign > 0.0f ? fmin(walk.to, to) : fmax(walk.to, to);
-    uint samples = 0;
-    return trace(grid, ray, walk, shown, &samples);
-}
-
-/* The nearest answer of the four neighbours, or EMPTY. */
-float neighbour(global const float *seen, PixelMap map, int x, int y)
-{
-    const size_t at = (size_t)y * map.dst_pitch + x;
-    float best = EMPTY;
-    if (x > 0)
-        best = fmax(best, seen[at - 1]);
-    if (x + 1 < map.dst_width)
-        best = fmax(best, seen[at + 1]);
-    if (y > 0)
-        best = fmax(best, seen[at - map.dst_pitch]);
-    if (y + 1 < map.dst_height)
-        best = fmax(best, seen[at + map.dst_pitch]);
-    return best;
+    ray.start = (float4)(PIXEL_ROW(S, 0, x, y), PIXEL_ROW(S, 1, x, y), PIXEL_ROW(S, 2, x, y), PIXEL_ROW(S, 3, x, y));
+    ray.centre = (float4)(S[3], S[7], S[11], S[15]);
+    const Walk whole = walk_of(ray, grid.width, grid.height);
+    const int at = y * map.dst_pitch + x;
+    const float answers[5] = {seen[at], x > 0 ? seen[at - 1] : EMPTY, x + 1 < map.dst_width ? seen[at + 1] : EMPTY,
+                              y > 0 ? seen[at - map.dst_pitch] : EMPTY,
+                              y + 1 < map.dst_height ? seen[at + map.dst_pitch] : EMPTY};
+    float tried[5];
+    float nearest = EMPTY;
+    for (int i = 0; i < 5; i++) {
+        tried[i] = INFINITY;
+        if (!IS_HIT(answers[i]))
+            continue;
+        const float4 point = ray.start + answers[i] * ray.centre;
+        tried[i] = (whole.u_major ? point.x : point.y) / point.z;
+        int again = 0;
+        for (int j = 0; j < i; j++)
+            again |= fabs(tried[i] - tried[j]) < 0.5f * window;
+        if (again)
+            continue;
+        Walk walk = whole;
+        const float from = tried[i] - walk.sign * window, to = tried[i] + walk.sign * window;
+        walk.from = walk.sign > 0.0f ? fmax(walk.from, from) : fmin(walk.from, from);
+        walk.to = walk.sign > 0.0f ? fmin(walk.to, to) : fmax(walk.to, to);
+        uint samples = 0;
+        nearest = fmax(nearest, trace(grid, ray, walk, shown, &samples));
+    }
+    return nearest;
 }
 
 kernel void resolve(global const float *nearness, global const float *seen, global const channel *src_color,
                     global float *depth, global channel *color, global uchar *valid, PixelMap map, Cut cut, int shown,
-                    int linear, int merge, int low_x, int high_x, int low_y, int high_y, float window)
+                    int linear, int merge, int low_x, int high_x, int low_y, int high_y, float density)
 {
     const int y = low_y + get_global_id(1);
     const int strip_x = low_x + get_global_id(0) * (STRIP * LANES);
@@ -66,25 +69,34 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
     const float *S = map.src_from_dst, *D = map.dst_from_src;
     const float e_u = S[3], e_v = S[7], e_w = S[11], e_q = S[15];
     const Grid grid = {nearness, map.src_width, map.src_height, map.src_pitch, cut};
+    const float stray = STRAY * density;
     const int last_cell_x = max(map.src_width - 2, 0), last_cell_y = max(map.src_height - 2, 0);
     const int step_x = min(map.src_width - 1, 1), step_y = min(map.src_height - 1, 1); /* 0 in an image of one column */
 
     for (int x0 = strip_x; x0 < min(strip_x + STRIP * LANES, high_x); x0 += LANES) {
         const intl xi = x0 + lane_index;
         const floatl x = to_floatl(xi);
-        floatl n = load_lanes(seen + (size_t)y * map.dst_pitch + x0); /* the pitch leaves room for a whole packet */
+        global const float *here = seen + (size_t)y * map.dst_pitch + x0; /* the pitch leaves room for a whole packet */
+        const floatl answer = load_lanes(here);
+        floatl n = answer;
         const intl inside_image = xi < high_x;
         intl hit = IS_HIT(n) & inside_image;
-        intl settled = 0;
-        const floatl u0 = ROW(S, 0, x, y), v0 = ROW(S, 1, x, y), w0 = ROW(S, 2, x, y), q0 = ROW(S, 3, x, y);
+        intl settled = 0, edge = 0;
+        const floatl u0 = PIXEL_ROW(S, 0, x, y), v0 = PIXEL_ROW(S, 1, x, y), w0 = PIXEL_ROW(S, 2, x, y), q0 = PIXEL_ROW(S, 3, x, y);
         floatl u = 0.0f, v = 0.0f, fu = 0.0f, fv = 0.0f;
         intl cell_x = 0, cell_y = 0, upper = 0; /* the triangle that is hit */
 
+        floatl nearer = greater(y > 0 ? load_lanes(here - map.dst_pitch) : n,
+                                y + 1 < map.dst_height ? load_lanes(here + map.dst_pitch) : n);
+        nearer = greater(nearer, greater(x0 > 0 ? load_lanes(here - 1) : shifted_lanes(n), load_lanes(here + 1)));
         if (any_lane(hit)) {
             const floatl inverse = 1.0f / (w0 + n * e_w);
             u = (u0 + n * e_u) * inverse;
             v = (v0 + n * e_v) * inverse;
             const floatl u_line = u, v_line = v;
+            /* Beside a nearer surface the ray may meet that one. */
+            const floatl moves_by = (fabs(e_u - u * e_w) + fabs(e_v - v * e_w)) * fabs(inverse);
+            edge = hit & ((nearer - n) * moves_by > EDGE * density);
             for (int step = 0; step < STEPS; step++) {
                 const floatl uc = lesser(greater(floor(u), (floatl)0.0f), (floatl)last_cell_x);
                 const floatl vc = lesser(greater(floor(v), (floatl)0.0f), (floatl)last_cell_y);
@@ -110,8 +122,10 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
                 const intl in_triangle = (is_upper & in_upper) | (!is_upper & in_lower);
                 const intl shows = ((per_unit > 0.0f) & (intl)(shown & SHOWS_FRONT ? -1 : 0)) |
                                    ((per_unit < 0.0f) & (intl)(shown & SHOWS_BACK ? -1 : 0));
-                const intl near = (fabs(un - u_line) < STRAY) & (fabs(vn - v_line) < STRAY);
-                const intl settles = hit & !settled & in_triangle & near & !open & shows & (w_met > 0.0f);
+                const intl near = (fabs(un - u_line) < stray) & (fabs(vn - v_line) < stray);
+                const floatl level = fabs(e_q - qc * e_w), facing = fabs(per_unit);
+                const intl even = (facing > 0.5f * level) & (facing < 2.0f * level);
+                const intl settles = hit & !settled & in_triangle & near & even & !open & shows & (w_met > 0.0f);
                 const intl moves = !settled;
                 fu = pick(moves, du, fu);
                 fv = pick(moves, dv, fv);
@@ -128,23 +142,18 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
         }
 
         /* What is left, one by one. */
-        const floatl answer = load_lanes(seen + (size_t)y * map.dst_pitch + x0);
-        intl left = inside_image & !settled & (hit | (answer == EMPTY));
+        intl left = inside_image & (edge | (!settled & (hit | ((answer == EMPTY) & IS_HIT(nearer)))));
         if (any_lane(left)) {
             for (int lane = 0; lane < LANES; lane++) {
                 if (!((int *)&left)[lane])
                     continue;
                 const int px = x0 + lane;
-                float guess = ((float *)&answer)[lane];
-                if (!IS_HIT(guess))
-                    guess = neighbour(seen, map, px, y);
-                if (!IS_HIT(guess))
-                    continue;
-                const float found = retrace(grid, map, shown, px, y, guess, window);
+                ((int *)&settled)[lane] = 0;
+                const float found = retrace(grid, seen, map, shown, px, y, WINDOW * density);
                 if (!IS_HIT(found))
                     continue;
-                const float w = ROW(S, 2, px, y) + found * e_w;
-                const float uf = (ROW(S, 0, px, y) + found * e_u) / w, vf = (ROW(S, 1, px, y) + found * e_v) / w;
+                const float w = PIXEL_ROW(S, 2, px, y) + found * e_w;
+                const float uf = (PIXEL_ROW(S, 0, px, y) + found * e_u) / w, vf = (PIXEL_ROW(S, 1, px, y) + found * e_v) / w;
                 const int uc = clamp((int)floor(uf), 0, last_cell_x);
                 const int vc = clamp((int)floor(vf), 0, last_cell_y);
                 ((float *)&n)[lane] = found;
@@ -181,8 +190,8 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
             c = read_color(src_color, sy * map.src_width + sx, pixels);
             const intl at = sy * map.src_pitch + sx;
             const floatl sample = (floatl)(gather(nearness, at)), us = to_floatl(sx), vs = to_floatl(sy);
-            const floatl w = ROW(D, 2, us, vs) + D[11] * sample;
-            n = pick(w > 0.0f, (ROW(D, 3, us, vs) + D[15] * sample) / w, n);
+            const floatl w = PIXEL_ROW(D, 2, us, vs) + D[11] * sample;
+            n = pick(w > 0.0f, (PIXEL_ROW(D, 3, us, vs) + D[15] * sample) / w, n);
         }
         const floatl z = DEPTH(map, n);
         if (!merge && count == LANES) {

@@ -6,22 +6,21 @@
  */
 #include "warp/trace.h"
 
-#define ROW(m, row, x, y) ((m)[4 * (row)] * (x) + (m)[4 * (row) + 1] * (y) + (m)[4 * (row) + 2])
-
-kernel void search(global const float *nearness, global float *seen, PixelMap map, Cut cut, int shown
+kernel void search(global const float *nearness, global float *seen, PixelMap map, Cut cut, int shown, int low_x, int high_x,
+                   int low_y, int high_y
 #ifdef COUNT_SAMPLES
                    ,
-                   global uint *counts /* (dst_height, dst_width): samples visited */
+                   global uint *counts /* (dst_height, dst_width): cells visited */
 #endif
 )
 {
-    const int x = get_global_id(0), y = get_global_id(1);
-    if (x >= map.dst_width || y >= map.dst_height)
+    const int x = low_x + get_global_id(0), y = low_y + get_global_id(1);
+    if (x >= high_x || y >= high_y)
         return;
     const float *S = map.src_from_dst;
     const Grid grid = {nearness, map.src_width, map.src_height, map.src_pitch, cut};
     Ray ray;
-    ray.start = (float4)(ROW(S, 0, x, y), ROW(S, 1, x, y), ROW(S, 2, x, y), ROW(S, 3, x, y));
+    ray.start = (float4)(PIXEL_ROW(S, 0, x, y), PIXEL_ROW(S, 1, x, y), PIXEL_ROW(S, 2, x, y), PIXEL_ROW(S, 3, x, y));
     ray.centre = (float4)(S[3], S[7], S[11], S[15]);
     Walk walk = walk_of(ray, grid.width, grid.height);
     uint samples = 0;

@@ -53,6 +53,8 @@ class Session:
         What `kernel` has built here.
     spare : list
         Memory that `scratch` hands out again.
+    lock : threading.RLock
+        Held by a call while its launches are made and awaited: one call at a time uses the session.
     in_flight : list
         Arguments of launches that may still run: their memory must stay until the queue is done.
     """
@@ -64,6 +66,7 @@ class Session:
     lanes: int
     kernels: dict[Hashable, Kernel] = field(default_factory=dict["Hashable", "Kernel"], repr=False)
     spare: list[Block] = field(default_factory=list["Block"], repr=False)
+    lock: threading.RLock = field(default_factory=threading.RLock, repr=False)
     in_flight: list[object] = field(default_factory=list["object"], repr=False)
 
 

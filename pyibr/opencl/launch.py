@@ -27,7 +27,7 @@ class Struct:
     """A value of a C struct that a kernel file defines; ``values`` is its bytes as a NumPy record."""
 
     name: str
-    values: np.void | np.ndarray[Any, np.dtype[np.void]]
+    values: np.ndarray[Any, np.dtype[np.void]]
 
 
 def launch(kernel: Kernel, grid: tuple[int, ...], **arguments: DeviceArray | Struct | float) -> None:
@@ -79,5 +79,5 @@ def _pack(kernel: Kernel, name: str, declared: str, value: DeviceArray | Struct 
             return _SCALARS[declared](value)
         raise ArgumentError(f"{kernel.name}({name})", f"a number ({declared})", type(value).__name__)
     if isinstance(value, Struct) and value.name == declared:
-        return value.values
+        return value.values[()]
     raise ArgumentError(f"{kernel.name}({name})", f"a {declared}", type(value).__name__)

@@ -1,0 +1,11 @@
+/* A colour channel: uchar (0 to 255) or float. Macros, so that launches see the type in a kernel's arguments. */
+#ifndef COLOR_BYTES
+#define COLOR_BYTES 1 /* a channel: 1 (uchar) or 4 (float) */
+#endif
+#if COLOR_BYTES == 1
+#define channel uchar
+#define to_channel(value) convert_uchar_sat_rte(value)
+#else
+#define channel float
+#define to_channel(value) (value)
+#endif

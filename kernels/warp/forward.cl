@@ -1,0 +1,90 @@
+/* The forward warp: every sample of the source is carried to the target and drawn as a square of pixels, the nearest
+ * one wins (Schaufler & Priglinger 1999, section 3, with a depth test in place of an order).
+ *
+ * Three launches: the nearest sample of each pixel by nearness, of equally near ones the first by its index, and
+ * then the pixels. keys: (dst_height, dst_width) nearness as an ordered uint, 0 where nothing landed; indices: the
+ * same shape, the winning sample. Work-item: one sample, one sample, one pixel. Cost: O(samples * splat^2).
+ * Determinism: maximum and minimum do not depend on the order of work-items.
+ */
+#include "lib/pixelspace.h"
+
+#include "lib/channel.h"
+
+/* Both launches must find the same nearness to the last bit. */
+#pragma OPENCL FP_CONTRACT OFF
+
+/* Order of floats as an order of uints, 0 below them all. */
+uint key_of(float nearness)
+{
+    const uint bits = as_uint(nearness);
+    return bits & 0x80000000u ? ~bits : bits | 0x80000000u;
+}
+
+float nearness_of(uint key)
+{
+    return as_float(key & 0x80000000u ? key & 0x7fffffffu : ~key);
+}
+
+typedef struct {
+    float nearness;
+    int low_x, high_x, low_y, high_y; /* pixels covered; none where high < low */
+} Splat;
+
+/* Pixels whose centres lie in the half-open square of side `size` around the projected sample. */
+Splat splat_of(global const float *nearness, PixelMap map, int x, int y, float size)
+{
+    const float *D = map.dst_from_src;
+    const float n = nearness[y * map.src_pitch + x];
+    Splat splat = {0.0f, 0, -1, 0, -1};
+    const float w = PIXEL_ROW(D, 2, x, y) + D[11] * n;
+    if (n <= NO_SURFACE || w <= 0.0f)
+        return splat;
+    const float u = (PIXEL_ROW(D, 0, x, y) + D[3] * n) / w, v = (PIXEL_ROW(D, 1, x, y) + D[7] * n) / w;
+    splat.nearness = (PIXEL_ROW(D, 3, x, y) + D[15] * n) / w;
+    splat.low_x = max(0, convert_int_sat(ceil(u - 0.5f * size)));
+    splat.high_x = min(map.dst_width, convert_int_sat(ceil(u + 0.5f * size))) - 1;
+    splat.low_y = max(0, convert_int_sat(ceil(v - 0.5f * size)));
+    splat.high_y = min(map.dst_height, convert_int_sat(ceil(v + 0.5f * size))) - 1;
+    return splat;
+}
+
+kernel void splat_nearness(global const float *nearness, global uint *keys, PixelMap map, float size)
+{
+    const int x = get_global_id(0), y = get_global_id(1);
+    if (x >= map.src_width || y >= map.src_height)
+        return;
+    const Splat splat = splat_of(nearness, map, x, y, size);
+    for (int row = splat.low_y; row <= splat.high_y; row++)
+        for (int column = splat.low_x; column <= splat.high_x; column++)
+            atomic_max(keys + row * map.dst_width + column, key_of(splat.nearness));
+}
+
+kernel void splat_index(global const float *nearness, global const uint *keys, global uint *indices, PixelMap map,
+                        float size)
+{
+    const int x = get_global_id(0), y = get_global_id(1);
+    if (x >= map.src_width || y >= map.src_height)
+        return;
+    const Splat splat = splat_of(nearness, map, x, y, size);
+    for (int row = splat.low_y; row <= splat.high_y; row++)
+        for (int column = splat.low_x; column <= splat.high_x; column++)
+            if (keys[row * map.dst_width + column] == key_of(splat.nearness))
+                atomic_min(indices + row * map.dst_width + column, (uint)(y * map.src_width + x));
+}
+
+kernel void splat_pixels(global const uint *keys, global const uint *indices, global const channel *src_color,
+                         global float *depth, global channel *color, global uchar *valid, PixelMap map, int merge)
+{
+    const int x = get_global_id(0), y = get_global_id(1);
+    if (x >= map.dst_width || y >= map.dst_height)
+        return;
+    const size_t at = (size_t)y * map.dst_width + x;
+    const int landed = keys[at] != 0;
+    const float z = landed ? DEPTH(map, nearness_of(keys[at])) : NAN;
+    if (merge && !(landed && !(z >= depth[at])))
+        return; /* what is there is nearer, or there is nothing to add */
+    depth[at] = z;
+    valid[at] = landed;
+    for (int c = 0; c < 3; c++)
+        color[3 * at + c] = landed ? src_color[3 * (size_t)indices[at] + c] : 0;
+}

@@ -1,0 +1,167 @@
+"""From one camera's pixel space to another's: the warp equation of a pair of cameras (kernels/lib/pixelspace.h).
+
+A point is homogeneous (U, V, W, Q): pixel (U/W, V/W), nearness Q/W, which is 1/z for a perspective camera and -z for
+an orthographic one. One 4x4 matrix carries it from the source to the target; its last column is the epipole.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr._check import Float64
+from pyibr.camera import Camera
+
+PIXEL_MAP = np.dtype(
+    [
+        ("dst_from_src", np.float32, 16),
+        ("src_from_dst", np.float32, 16),
+        ("src_width", np.int32),
+        ("src_height", np.int32),
+        ("src_pitch", np.int32),
+        ("dst_width", np.int32),
+        ("dst_height", np.int32),
+        ("dst_pitch", np.int32),
+        ("dst_perspective", np.int32),
+    ]
+)
+"""The struct PixelMap of kernels/lib/pixelspace.h."""
+
+NO_PARALLAX = 1e-3
+"""Pixels: cameras between which nothing moves more differ by a rotation (or a zoom) alone."""
+
+
+@dataclass(frozen=True)
+class Rectangle:
+    """Pixels low_x ... high_x - 1, low_y ... high_y - 1."""
+
+    low_x: int
+    high_x: int
+    low_y: int
+    high_y: int
+
+    @property
+    def empty(self) -> bool:
+        """Whether it holds no pixel."""
+        return self.low_x >= self.high_x or self.low_y >= self.high_y
+
+
+def pitch(width: int) -> int:
+    """Row length of nearness images: whole packets, and not the power of two that caches map to one place."""
+    padded = -(-width // 16) * 16
+    return padded + 16 if padded % 256 == 0 else padded
+
+
+@dataclass(frozen=True)
+class PixelMap:
+    """The map between two cameras, for samples of a range of nearness.
+
+    Attributes
+    ----------
+    src, dst : Camera
+        The source, whose samples have depths, and the target.
+    low, high : float
+        Least and greatest nearness of the source's samples.
+    """
+
+    src: Camera
+    dst: Camera
+    low: float
+    high: float
+
+    @cached_property
+    def dst_from_src(self) -> Float64:
+        """(4, 4) float64."""
+        return (
+            self.dst.pixel_matrix
+            @ self.dst.camera_from_world
+            @ self.src.world_from_camera
+            @ np.linalg.inv(self.src.pixel_matrix)
+        )
+
+    @cached_property
+    def src_from_dst(self) -> Float64:
+        """(4, 4) float64."""
+        return (
+            self.src.pixel_matrix
+            @ self.src.camera_from_world
+            @ self.dst.world_from_camera
+            @ np.linalg.inv(self.dst.pixel_matrix)
+        )
+
+    @property
+    def epipole(self) -> Float64:
+        """(3,) homogeneous pixel of the source's centre in the target; negative W: an antipode."""
+        return self.dst_from_src[:3, 3]
+
+    @cached_property
+    def struct(self) -> NDArray[np.void]:
+        """A PIXEL_MAP record."""
+        values = np.zeros((), PIXEL_MAP)
+        values["dst_from_src"], values["src_from_dst"] = self.dst_from_src.ravel(), self.src_from_dst.ravel()
+        values["src_width"], values["src_height"], values["src_pitch"] = *self.src.size, pitch(self.src.width)
+        values["dst_width"], values["dst_height"], values["dst_pitch"] = *self.dst.size, pitch(self.dst.width)
+        values["dst_perspective"] = self.dst.projection == "perspective"
+        return values
+
+    @cached_property
+    def parallax(self) -> float:
+        """How far the source's corners move in the target, in pixels, between depths that are far apart.
+
+        The depths are infinity and the nearest sample's in a perspective source; in an orthographic one the
+        farthest sample's and one as far before it as the image is wide.
+        """
+        perspective = self.src.projection == "perspective"
+        ends = (0.0, self.high) if perspective else (self.low, self.high + self.src.width / self.src.K[0, 0])
+        u, v, w = self._corners(ends)
+        if not (w > 0).all():
+            return math.inf
+        return float(np.hypot(u[:4] / w[:4] - u[4:] / w[4:], v[:4] / w[:4] - v[4:] / w[4:]).max())
+
+    @cached_property
+    def reach(self) -> Rectangle:
+        """The target's pixels that any of the source's samples, or the surface between them, may cover."""
+        width, height = self.dst.size
+        u, v, w = self._corners((self.low, self.high))
+        if not (w > 0).any():
+            return Rectangle(0, 0, 0, 0)
+        if not (w > 0).all():
+            return Rectangle(0, width, 0, height)
+        x, y = np.clip(u / w, -2, width + 1), np.clip(v / w, -2, height + 1)
+        return Rectangle(
+            max(math.floor(x.min()), 0),
+            min(math.ceil(x.max()) + 1, width),
+            max(math.floor(y.min()), 0),
+            min(math.ceil(y.max()) + 1, height),
+        )
+
+    @cached_property
+    def density(self) -> float:
+        """Source pixels over one target pixel, at the middle nearness where the target sees it; at least 1."""
+        middle = 0.5 * (self.low + self.high)
+        spans = [np.linspace(0.1, 0.9, 5) * (size - 1) for size in self.src.size]
+        x, y = (grid.ravel() for grid in np.meshgrid(*spans))
+        matrix = self.dst_from_src
+
+        def project(dx: float, dy: float) -> tuple[Float64, Float64, Float64]:
+            u, v, w = (matrix @ np.array([x + dx, y + dy, np.ones_like(x), np.full_like(x, middle)]))[:3]
+            return u / w, v / w, w
+
+        with np.errstate(divide="ignore", invalid="ignore"):
+            (u, v, w), (ux, vx, _), (uy, vy, _) = project(0, 0), project(1, 0), project(0, 1)
+            area = np.abs((ux - u) * (vy - v) - (vx - v) * (uy - u))
+            width, height = self.dst.size
+            seen = (w > 0) & (u > -width) & (u < 2 * width) & (v > -height) & (v < 2 * height) & (area > 0)
+        return float(max(1.0, np.median(area[seen]) ** -0.5)) if seen.any() else 1.0
+
+    def _corners(self, ends: tuple[float, float]) -> tuple[Float64, Float64, Float64]:
+        """(8,) homogeneous target positions of the source's corner pixels, at one nearness and at the other."""
+        last = self.src.width - 1, self.src.height - 1
+        corners = [(x, y, 1.0, n) for n, x, y in itertools.product(ends, (0, last[0]), (0, last[1]))]
+        u, v, w, _ = self.dst_from_src @ np.array(corners).T
+        return u, v, w
