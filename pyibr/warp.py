@@ -299,7 +299,7 @@ def _look(
 
 def _strip(session: Session, width: int) -> int:
     """Packets of a row that one work-item of a CPU takes: enough to hide what starting it costs."""
-    return 1 if session.lanes == 1 else 64
+    return 1 if session.lanes == 1 else 16
 
 
 def _splat(samples: _Samples, pixel_map: PixelMap, target: _Target, options: _Options) -> None:

@@ -20,6 +20,9 @@ from pyibr.images import DepthImage
 
 Array = NDArray[Any]
 
+NOTHING = 0xFFFFFFFF  # Embree's number for no triangle
+NUDGE = 1e-3  # target pixels
+
 
 @dataclass(frozen=True)
 class Truth:
@@ -35,7 +38,7 @@ class Truth:
     gradient: Array  #: (H, W, 2) float64, change of nearness over a pixel in x and in y on the hit's plane
 
     def interior(self, radius: int = 3, jump: float = 0.01) -> Array:
-        """(H, W) bool: valid and more than ``radius`` pixels away from every edge, see `band`."""
+        """(H, W) bool: valid and at least ``radius`` pixels away from every edge, see `band`."""
         return self.valid & ~band(self, radius, jump)
 
 
@@ -65,32 +68,55 @@ class Surface:
         if len(self.faces):
             self.scene.add_triangles(self.vertices.astype(np.float32), self.faces.astype(np.uint32))
 
+    def _first_triangle(self, origin: Array, direction: Array) -> Array:
+        """(n,) numbers of the triangles that rays (n, 3) meet first, or `NOTHING`."""
+        if not len(self.faces):
+            return np.full(len(origin), NOTHING)
+        packed = np.concatenate([origin, direction], axis=-1).astype(np.float32)
+        return self.scene.cast_rays(packed)["primitive_ids"].numpy().astype(np.int64)
+
+    def _meet(self, origin: Array, direction: Array, triangle: Array) -> tuple[Array, Array, Array, Array]:
+        """Where rays meet the planes of triangles.
+
+        The points and the planes' normals (n, 3), whether the ray comes from the side that the source sees
+        (n,), and the points' weights (n, 3) in the triangles in the source image, negative where beyond them.
+        """
+        corner = self.vertices[self.faces[triangle]]  # (n, 3 corners, 3)
+        normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+        offset = np.einsum("ni,ni->n", normal, corner[:, 0])
+        along = np.einsum("ni,ni->n", normal, direction)
+        # A ray that crosses the plane in the sense of the source's own ray meets the side the source sees.
+        front = along * (normal[:, 2] if self.camera.projection == "orthographic" else offset) > 0
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = (offset - np.einsum("ni,ni->n", normal, origin)) / along
+            point = origin + t[:, None] * direction
+        pixel = project(self.camera, corner.reshape(-1, 3)).reshape(-1, 3, 2)
+        return point, normal, front, barycentric(pixel, project(self.camera, point))
+
     def cast(self, camera: Camera, side: str = "front") -> Truth:
         """First hits of ``camera``'s rays; a hit on the wrong side is a hole."""
         width, height = camera.size
-        origin, direction = rays(camera, self.camera, self.box)
-        packed = np.concatenate([origin, direction], axis=-1).astype(np.float32).reshape(-1, 6)
-        if len(self.faces):
-            triangle = self.scene.cast_rays(packed)["primitive_ids"].numpy().astype(np.int64)
-        else:
-            triangle = np.full(len(packed), 0xFFFFFFFF)
-        origin, direction = origin.reshape(-1, 3), direction.reshape(-1, 3)
-        hit = np.flatnonzero(triangle != 0xFFFFFFFF)
-        corner = self.vertices[self.faces[triangle[hit]]]  # (n, 3 corners, 3)
-        normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-        offset = np.einsum("ni,ni->n", normal, corner[:, 0])
-        # A ray that crosses the plane in the sense of the source's own ray meets the side the source sees.
-        from_source = normal[:, 2] if self.camera.projection == "orthographic" else offset
-        along = np.einsum("ni,ni->n", normal, direction[hit])
-        front = along * from_source > 0
-        shown = {"front": front, "back": ~front, "both": np.ones_like(front)}[side] & (along != 0)
-        hit, corner, normal = hit[shown], corner[shown], normal[shown]
-        t = (offset[shown] - np.einsum("ni,ni->n", normal, origin[hit])) / along[shown]
-        point = origin[hit] + t[:, None] * direction[hit]
+        y, x = np.mgrid[:height, :width].reshape(2, -1).astype(np.float64)
+        origin, direction = rays(camera, self.camera, self.box, x, y)
+        triangle = self._first_triangle(origin, direction)
+        # Embree lets some rays slip through an edge or a corner that they meet exactly: look around them.
+        for dx, dy in ((1, 1), (-1, -1), (1, -1), (-1, 1)):
+            lost = np.flatnonzero(triangle == NOTHING)
+            around = rays(camera, self.camera, self.box, x[lost] + NUDGE * dx, y[lost] + NUDGE * dy)
+            near = self._first_triangle(*around)
+            lost, near = lost[near != NOTHING], near[near != NOTHING]
+            met = self._meet(origin[lost], direction[lost], near)[3].min(axis=1) > -1e-6
+            triangle[lost[met]] = near[met]
 
-        source = project(self.camera, point)
-        weight = barycentric(project(self.camera, corner.reshape(-1, 3)).reshape(-1, 3, 2), source)
-        color = self.view.color.reshape(-1, 3).astype(np.float64)[self.faces[triangle[hit]]]
+        hit = np.flatnonzero(triangle != NOTHING)
+        triangle = triangle[hit]
+        point, normal, front, weight = self._meet(origin[hit], direction[hit], triangle)
+        shown = {"front": front, "back": ~front, "both": np.ones_like(front)}[side]
+        hit, triangle, point, normal, weight = (a[shown] for a in (hit, triangle, point, normal, weight))
+
+        weight = np.clip(weight, 0, 1)
+        weight /= weight.sum(axis=1, keepdims=True)
+        color = self.view.color.reshape(-1, 3).astype(np.float64)[self.faces[triangle]]
         target_from_source = camera.camera_from_world @ self.camera.world_from_camera
         here = point @ target_from_source[:3, :3].T + target_from_source[:3, 3]
         nearness, gradient = plane(camera, here, normal @ target_from_source[:3, :3].T)
@@ -105,8 +131,8 @@ class Surface:
             valid=image(np.ones(len(hit), dtype=bool), False),
             color=image(np.einsum("nk,nkc->nc", weight, color)),
             view=image(np.zeros(len(hit), dtype=np.int64), -1),
-            source=image(source),
-            triangle=image(triangle[hit], -1),
+            source=image(project(self.camera, point)),
+            triangle=image(triangle, -1),
             nearness=image(nearness),
             gradient=image(gradient),
         )
@@ -167,14 +193,13 @@ def samples(view: DepthImage) -> Array:
     return np.stack([ray[..., 0], ray[..., 1], z], axis=-1).reshape(-1, 3)
 
 
-def rays(camera: Camera, frame: Camera, box: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Origins and directions (H, W, 3) of ``camera``'s rays in the frame of the camera ``frame``.
+def rays(camera: Camera, frame: Camera, box: tuple[Array, Array], x: Array, y: Array) -> tuple[Array, Array]:
+    """Origins and directions (n, 3) of ``camera``'s rays through pixels (x, y).
 
-    A step of 1 along a direction is a step of 1 in planar z. A perspective ray starts at the camera's centre,
-    an orthographic one far enough back to have all of ``box`` (its two corners, in ``frame``) ahead.
+    They are given in the frame of the camera ``frame``, and a step of 1 along a direction is a step of 1 in
+    planar z. A perspective ray starts at the camera's centre, an orthographic one far enough back to have all
+    of ``box`` (its two corners, in ``frame``) ahead.
     """
-    width, height = camera.size
-    y, x = np.mgrid[:height, :width].astype(np.float64)
     pixel = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(camera.K).T
     frame_from_camera = frame.camera_from_world @ camera.world_from_camera
     rotation, center = frame_from_camera[:3, :3], frame_from_camera[:3, 3]
@@ -183,9 +208,8 @@ def rays(camera: Camera, frame: Camera, box: tuple[Array, Array]) -> tuple[Array
         return np.broadcast_to(center, direction.shape), direction
     corners = np.stack(np.meshgrid(*np.stack(box, axis=1)), axis=-1).reshape(-1, 3)
     z = (corners - center) @ rotation[:, 2]
-    start = z.min() - 0.01 * (np.ptp(z) + 1.0)
-    origin = np.stack([pixel[..., 0], pixel[..., 1], np.full((height, width), start)], axis=-1)
-    return origin @ rotation.T + center, np.broadcast_to(rotation[:, 2], origin.shape)
+    pixel[:, 2] = z.min() - 0.01 * (np.ptp(z) + 1.0)
+    return pixel @ rotation.T + center, np.broadcast_to(rotation[:, 2], pixel.shape)
 
 
 def project(camera: Camera, points: Array) -> Array:
@@ -196,13 +220,12 @@ def project(camera: Camera, points: Array) -> Array:
 
 
 def barycentric(corner: Array, point: Array) -> Array:
-    """(n, 3) weights of ``point`` (n, 2) in the triangles ``corner`` (n, 3, 2), clamped to them."""
+    """(n, 3) weights of ``point`` (n, 2) in the triangles ``corner`` (n, 3, 2)."""
     u, v, p = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0], point - corner[:, 0]
     area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
     b = (p[:, 0] * v[:, 1] - p[:, 1] * v[:, 0]) / area
     c = (u[:, 0] * p[:, 1] - u[:, 1] * p[:, 0]) / area
-    weight = np.clip(np.stack([1 - b - c, b, c], axis=-1), 0, 1)
-    return weight / weight.sum(axis=-1, keepdims=True)
+    return np.stack([1 - b - c, b, c], axis=-1)
 
 
 def plane(camera: Camera, point: Array, normal: Array) -> tuple[Array, Array]:
@@ -219,7 +242,7 @@ def plane(camera: Camera, point: Array, normal: Array) -> tuple[Array, Array]:
 
 
 def band(truth: Truth, radius: int = 3, jump: float = 0.01) -> Array:
-    """(H, W) bool: pixels within ``radius`` (a square's half side) of a hole, a silhouette or a depth edge.
+    """(H, W) bool: the ``radius`` pixels, to all eight sides, next to a hole, a silhouette or a depth edge.
 
     Between two neighbouring pixels lies an edge if only one of them is valid, or if the plane of either one's
     triangle, continued to the other pixel, misses the depth there by more than ``jump`` of it. A slope alone
@@ -240,7 +263,7 @@ def band(truth: Truth, radius: int = 3, jump: float = 0.01) -> Array:
 
     mark(np.s_[:, :-1], np.s_[:, 1:], 0)
     mark(np.s_[:-1, :], np.s_[1:, :], 1)
-    return dilate(edge, radius)
+    return dilate(edge, radius - 1)  # the pixels on both sides of an edge are marked already
 
 
 def dilate(mask: Array, radius: int) -> Array:

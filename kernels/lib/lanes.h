@@ -34,7 +34,13 @@ int any_lane(int16 mask)
     const int2 eighth = quarter.lo | quarter.hi;
     return (eighth.x | eighth.y) != 0;
 }
+/* Unaligned, in one instruction: vstore16 of uchar goes byte by byte. */
+typedef struct __attribute__((packed)) {
+    uchar16 bytes;
+} UnalignedBytes;
+#define store_bytes(v, p) (((global UnalignedBytes *)(p))->bytes = (v))
 #elif LANES == 1
+#define store_bytes(v, p) (*(p) = (v))
 typedef float floatl;
 typedef int intl;
 typedef uint uintl;
@@ -60,7 +66,7 @@ typedef uint uintl;
 #define lesser(a, b) pick((a) < (b), a, b)
 #define greater(a, b) pick((a) > (b), a, b)
 
-/* Walks across rows touch a new page each step, which hardware does not foresee. */
+/* foresee(p): p will be read or written soon. */
 #if LANES == 16 && defined(__has_builtin)
 #if __has_builtin(__builtin_prefetch)
 #define foresee(p) __builtin_prefetch((const void *)(uintptr_t)(p))

@@ -37,7 +37,8 @@ typedef struct {
 #define STORE_LANE(l) seen[address.s##l] = stored.s##l;
 
 #define AHEAD 8 /* steps between a prefetch and the use */
-/* Neighbouring lines share cache lines: only their first and last are fetched. */
+/* Walks across rows touch a new page each step, which hardware does not foresee. Lines next to each other share
+ * cache lines: the first and the last are enough. */
 #define FORESEE_LANE(l) foresee(base + fetched.s##l);
 #define FORESEE(array, index, by, last)                                                                        \
     {                                                                                                          \

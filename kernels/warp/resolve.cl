@@ -15,7 +15,7 @@
 #include "warp/trace.h"
 
 #ifndef STRIP
-#define STRIP 1 /* packets of LANES pixels a work-item */
+#define STRIP 1 /* packets of LANES pixels a work-item; more than 1 hides a packet's latency behind the others */
 #endif
 #define STEPS 3       /* triangles tried before the pixel is traced */
 #define STRAY 1.0f    /* pixels of the source by which a hit may lie off the line's: farther off, another surface may come first */
@@ -69,116 +69,131 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
     const float *S = map.src_from_dst, *D = map.dst_from_src;
     const float e_u = S[3], e_v = S[7], e_w = S[11], e_q = S[15];
     const Grid grid = {nearness, map.src_width, map.src_height, map.src_pitch, cut};
-    const float stray = STRAY * density;
     const int last_cell_x = max(map.src_width - 2, 0), last_cell_y = max(map.src_height - 2, 0);
     const int step_x = min(map.src_width - 1, 1), step_y = min(map.src_height - 1, 1); /* 0 in an image of one column */
+    const int packets = min(STRIP, (high_x - strip_x + LANES - 1) / LANES);
+    const int pixels = map.src_width * map.src_height;
+    const float stray = STRAY * density;
 
-    for (int x0 = strip_x; x0 < min(strip_x + STRIP * LANES, high_x); x0 += LANES) {
-        const intl xi = x0 + lane_index;
-        const floatl x = to_floatl(xi);
+    /* Per packet: source position and target nearness of the answer or hit; the line's position; lanes that have an
+     * answer and are not settled yet; lanes that are settled; lanes to trace. */
+    floatl us[STRIP], vs[STRIP], ns[STRIP], line_us[STRIP], line_vs[STRIP];
+    intl open_lanes[STRIP], settled_lanes[STRIP], traced_lanes[STRIP];
+
+    for (int p = 0; p < packets; p++) {
+        const int x0 = strip_x + p * LANES;
         global const float *here = seen + (size_t)y * map.dst_pitch + x0; /* the pitch leaves room for a whole packet */
-        const floatl answer = load_lanes(here);
-        floatl n = answer;
-        const intl inside_image = xi < high_x;
-        intl hit = IS_HIT(n) & inside_image;
-        intl settled = 0, edge = 0;
-        const floatl u0 = PIXEL_ROW(S, 0, x, y), v0 = PIXEL_ROW(S, 1, x, y), w0 = PIXEL_ROW(S, 2, x, y), q0 = PIXEL_ROW(S, 3, x, y);
-        floatl u = 0.0f, v = 0.0f, fu = 0.0f, fv = 0.0f;
-        intl cell_x = 0, cell_y = 0, upper = 0; /* the triangle that is hit */
-
+        const floatl n = load_lanes(here), x = to_floatl(x0 + lane_index);
+        const intl inside = x0 + lane_index < high_x, hit = IS_HIT(n) & inside;
+        const floatl u0 = PIXEL_ROW(S, 0, x, y), v0 = PIXEL_ROW(S, 1, x, y), w0 = PIXEL_ROW(S, 2, x, y);
+        const floatl inverse = 1.0f / (w0 + n * e_w);
+        const floatl u = (u0 + n * e_u) * inverse, v = (v0 + n * e_v) * inverse;
+        /* Beside a nearer surface the ray may meet that one. */
         floatl nearer = greater(y > 0 ? load_lanes(here - map.dst_pitch) : n,
                                 y + 1 < map.dst_height ? load_lanes(here + map.dst_pitch) : n);
         nearer = greater(nearer, greater(x0 > 0 ? load_lanes(here - 1) : shifted_lanes(n), load_lanes(here + 1)));
-        if (any_lane(hit)) {
-            const floatl inverse = 1.0f / (w0 + n * e_w);
-            u = (u0 + n * e_u) * inverse;
-            v = (v0 + n * e_v) * inverse;
-            const floatl u_line = u, v_line = v;
-            /* Beside a nearer surface the ray may meet that one. */
-            const floatl moves_by = (fabs(e_u - u * e_w) + fabs(e_v - v * e_w)) * fabs(inverse);
-            edge = hit & ((nearer - n) * moves_by > EDGE * density);
-            for (int step = 0; step < STEPS; step++) {
-                const floatl uc = lesser(greater(floor(u), (floatl)0.0f), (floatl)last_cell_x);
-                const floatl vc = lesser(greater(floor(v), (floatl)0.0f), (floatl)last_cell_y);
-                const intl is_upper = (u - uc) + (v - vc) > 1.0f;
-                const intl base = to_intl(vc) * map.src_pitch + to_intl(uc);
-                const intl i10 = base + step_x, i01 = base + step_y * map.src_pitch;
-                const intl ic = pick(is_upper, i01 + step_x, base);
-                const floatl q10 = (floatl)(gather(nearness, i10)), q01 = (floatl)(gather(nearness, i01)),
-                             qc = (floatl)(gather(nearness, ic));
-                const floatl gu = pick(is_upper, qc - q01, q10 - qc), gv = pick(is_upper, qc - q10, q01 - qc);
-                const floatl cu = uc + pick(is_upper, (floatl)1.0f, (floatl)0.0f);
-                const floatl cv = vc + pick(is_upper, (floatl)1.0f, (floatl)0.0f);
-                const intl open = IS_OPEN(cut, greater(qc, greater(q10, q01)), lesser(qc, lesser(q10, q01)));
-                const floatl per_unit = e_q - qc * e_w - gu * (e_u - cu * e_w) - gv * (e_v - cv * e_w);
-                const floatl at_start = q0 - qc * w0 - gu * (u0 - cu * w0) - gv * (v0 - cv * w0);
-                const floatl met = -at_start / per_unit;
-                const floatl w_met = w0 + met * e_w;
-                const floatl inverse = 1.0f / w_met;
-                const floatl un = (u0 + met * e_u) * inverse, vn = (v0 + met * e_v) * inverse;
-                const floatl du = un - uc, dv = vn - vc, diagonal = du + dv;
-                const intl in_lower = (du >= -TOLERANCE) & (dv >= -TOLERANCE) & (diagonal <= 1.0f + TOLERANCE);
-                const intl in_upper = (du <= 1.0f + TOLERANCE) & (dv <= 1.0f + TOLERANCE) & (diagonal >= 1.0f - TOLERANCE);
-                const intl in_triangle = (is_upper & in_upper) | (!is_upper & in_lower);
-                const intl shows = ((per_unit > 0.0f) & (intl)(shown & SHOWS_FRONT ? -1 : 0)) |
-                                   ((per_unit < 0.0f) & (intl)(shown & SHOWS_BACK ? -1 : 0));
-                const intl near = (fabs(un - u_line) < stray) & (fabs(vn - v_line) < stray);
-                const floatl level = fabs(e_q - qc * e_w), facing = fabs(per_unit);
-                const intl even = (facing > 0.5f * level) & (facing < 2.0f * level);
-                const intl settles = hit & !settled & in_triangle & near & even & !open & shows & (w_met > 0.0f);
-                const intl moves = !settled;
-                fu = pick(moves, du, fu);
-                fv = pick(moves, dv, fv);
-                u = pick(moves, un, u);
-                v = pick(moves, vn, v);
-                n = pick(settles, met, n);
-                cell_x = pick(moves, to_intl(uc), cell_x);
-                cell_y = pick(moves, to_intl(vc), cell_y);
-                upper = pick(moves, is_upper, upper);
-                settled = settled | settles;
-                if (!any_lane(hit & !settled))
-                    break;
-            }
-        }
+        const floatl moves_by = (fabs(e_u - u * e_w) + fabs(e_v - v * e_w)) * fabs(inverse);
+        const intl edge = hit & ((nearer - n) * moves_by > EDGE * density);
+        us[p] = line_us[p] = u;
+        vs[p] = line_vs[p] = v;
+        ns[p] = n;
+        open_lanes[p] = hit & !edge;
+        traced_lanes[p] = edge | (inside & (n == EMPTY) & IS_HIT(nearer));
+        settled_lanes[p] = 0;
+#if LANES == 16
+        const int first_x = clamp(convert_int(u.s0), 0, last_cell_x), first_y = clamp(convert_int(v.s0), 0, last_cell_y);
+        const int last_x = clamp(convert_int(u.sf), 0, last_cell_x), last_y = clamp(convert_int(v.sf), 0, last_cell_y);
+        foresee(nearness + first_y * map.src_pitch + first_x);
+        foresee(nearness + last_y * map.src_pitch + last_x);
+        foresee(nearness + (last_y + step_y) * map.src_pitch + last_x);
+        foresee(src_color + 3 * (first_y * map.src_width + first_x));
+        foresee(src_color + 3 * (last_y * map.src_width + last_x));
+        foresee(src_color + 3 * ((last_y + step_y) * map.src_width + last_x));
+#endif
+    }
 
-        /* What is left, one by one. */
-        intl left = inside_image & (edge | (!settled & (hit | ((answer == EMPTY) & IS_HIT(nearer)))));
-        if (any_lane(left)) {
-            for (int lane = 0; lane < LANES; lane++) {
-                if (!((int *)&left)[lane])
-                    continue;
-                const int px = x0 + lane;
-                ((int *)&settled)[lane] = 0;
-                const float found = retrace(grid, seen, map, shown, px, y, WINDOW * density);
-                if (!IS_HIT(found))
-                    continue;
-                const float w = PIXEL_ROW(S, 2, px, y) + found * e_w;
-                const float uf = (PIXEL_ROW(S, 0, px, y) + found * e_u) / w, vf = (PIXEL_ROW(S, 1, px, y) + found * e_v) / w;
-                const int uc = clamp((int)floor(uf), 0, last_cell_x);
-                const int vc = clamp((int)floor(vf), 0, last_cell_y);
-                ((float *)&n)[lane] = found;
-                ((float *)&fu)[lane] = uf - uc;
-                ((float *)&fv)[lane] = vf - vc;
-                ((int *)&cell_x)[lane] = uc;
-                ((int *)&cell_y)[lane] = vc;
-                ((int *)&upper)[lane] = uf - uc + vf - vc > 1.0f ? -1 : 0;
-                ((int *)&settled)[lane] = -1;
-            }
+    for (int step = 0; step < STEPS; step++) {
+        for (int p = 0; p < packets; p++) {
+            const intl waiting = open_lanes[p];
+            if (!any_lane(waiting))
+                continue;
+            const floatl x = to_floatl(strip_x + p * LANES + lane_index), u = us[p], v = vs[p];
+            const floatl uc = lesser(greater(floor(u), (floatl)0.0f), (floatl)last_cell_x);
+            const floatl vc = lesser(greater(floor(v), (floatl)0.0f), (floatl)last_cell_y);
+            const intl upper = (u - uc) + (v - vc) > 1.0f;
+            const intl base = to_intl(vc) * map.src_pitch + to_intl(uc);
+            const intl i10 = base + step_x, i01 = base + step_y * map.src_pitch;
+            const intl ic = pick(upper, i01 + step_x, base);
+            const floatl q10 = (floatl)(gather(nearness, i10)), q01 = (floatl)(gather(nearness, i01)),
+                         qc = (floatl)(gather(nearness, ic));
+            const floatl gu = pick(upper, qc - q01, q10 - qc), gv = pick(upper, qc - q10, q01 - qc);
+            const floatl one = pick(upper, (floatl)1.0f, (floatl)0.0f), cu = uc + one, cv = vc + one;
+            const intl open = IS_OPEN(cut, greater(qc, greater(q10, q01)), lesser(qc, lesser(q10, q01)));
+            const floatl u0 = PIXEL_ROW(S, 0, x, y), v0 = PIXEL_ROW(S, 1, x, y), w0 = PIXEL_ROW(S, 2, x, y),
+                         q0 = PIXEL_ROW(S, 3, x, y);
+            const floatl per_unit = e_q - qc * e_w - gu * (e_u - cu * e_w) - gv * (e_v - cv * e_w);
+            const floatl at_start = q0 - qc * w0 - gu * (u0 - cu * w0) - gv * (v0 - cv * w0);
+            const floatl met = -at_start / per_unit;
+            const floatl w_met = w0 + met * e_w, inverse = 1.0f / w_met;
+            const floatl u_met = (u0 + met * e_u) * inverse, v_met = (v0 + met * e_v) * inverse;
+
+            const floatl du = u_met - uc, dv = v_met - vc, diagonal = du + dv;
+            const intl in_lower = (du >= -TOLERANCE) & (dv >= -TOLERANCE) & (diagonal <= 1.0f + TOLERANCE);
+            const intl in_upper = (du <= 1.0f + TOLERANCE) & (dv <= 1.0f + TOLERANCE) & (diagonal >= 1.0f - TOLERANCE);
+            const intl in_triangle = (upper & in_upper) | (!upper & in_lower);
+            const intl shows = ((per_unit > 0.0f) & (intl)(shown & SHOWS_FRONT ? -1 : 0)) |
+                               ((per_unit < 0.0f) & (intl)(shown & SHOWS_BACK ? -1 : 0));
+            const intl near = (fabs(u_met - line_us[p]) < stray) & (fabs(v_met - line_vs[p]) < stray);
+            /* On a surface much steeper or shallower to the ray than a level one, another triangle may come first. */
+            const floatl level = fabs(e_q - qc * e_w), facing = fabs(per_unit);
+            const intl even = (facing > 0.5f * level) & (facing < 2.0f * level);
+            const intl settles = waiting & in_triangle & near & even & shows & !open & (w_met > 0.0f);
+            us[p] = pick(waiting, u_met, u);
+            vs[p] = pick(waiting, v_met, v);
+            ns[p] = pick(settles, met, ns[p]);
+            settled_lanes[p] = settled_lanes[p] | settles;
+            open_lanes[p] = waiting & !settles;
         }
-        const size_t out = (size_t)y * map.dst_width + x0;
-        const int count = min(high_x - x0, LANES);
-        fu = lesser(greater(fu, (floatl)0.0f), (floatl)1.0f);
-        fv = lesser(greater(fv, (floatl)0.0f), (floatl)1.0f);
-        const int pixels = map.src_width * map.src_height;
-        const intl row = cell_y * map.src_width + cell_x;
+    }
+
+    for (int p = 0; p < packets; p++) {
+        const intl traced = traced_lanes[p] | open_lanes[p];
+        if (!any_lane(traced))
+            continue;
+        for (int lane = 0; lane < LANES; lane++) {
+            if (!((const int *)&traced)[lane])
+                continue;
+            const int x = strip_x + p * LANES + lane;
+            const float n = retrace(grid, seen, map, shown, x, y, WINDOW * density);
+            if (!IS_HIT(n))
+                continue;
+            const float w = PIXEL_ROW(S, 2, x, y) + n * e_w;
+            ((float *)&us[p])[lane] = (PIXEL_ROW(S, 0, x, y) + n * e_u) / w;
+            ((float *)&vs[p])[lane] = (PIXEL_ROW(S, 1, x, y) + n * e_v) / w;
+            ((float *)&ns[p])[lane] = n;
+            ((int *)&settled_lanes[p])[lane] = -1;
+        }
+    }
+
+    for (int p = 0; p < packets; p++) {
+        const int x0 = strip_x + p * LANES, count = min(high_x - x0, LANES);
+        const intl settled = settled_lanes[p];
+        const floatl u = us[p], v = vs[p];
+        const floatl uc = lesser(greater(floor(u), (floatl)0.0f), (floatl)last_cell_x);
+        const floatl vc = lesser(greater(floor(v), (floatl)0.0f), (floatl)last_cell_y);
+        const floatl fu = lesser(greater(u - uc, (floatl)0.0f), (floatl)1.0f);
+        const floatl fv = lesser(greater(v - vc, (floatl)0.0f), (floatl)1.0f);
+        const intl cell_x = to_intl(uc), cell_y = to_intl(vc);
+        floatl n = ns[p];
         Color c;
         if (linear) {
-            const intl beside = row + step_x, below = row + step_y * map.src_width;
-            const intl corner = pick(upper, below + step_x, row);
             const floatl diagonal = fu + fv - 1.0f;
+            const intl upper = diagonal > 0.0f;
+            const intl cell = cell_y * map.src_width + cell_x;
+            const intl beside = cell + step_x, below = cell + step_y * map.src_width;
             const floatl at_beside = pick(upper, 1.0f - fv, fu), at_below = pick(upper, 1.0f - fu, fv);
             const floatl at_corner = fabs(diagonal);
-            const Color c0 = read_color(src_color, corner, pixels);
+            const Color c0 = read_color(src_color, pick(upper, below + step_x, cell), pixels);
             const Color c1 = read_color(src_color, beside, pixels);
             const Color c2 = read_color(src_color, below, pixels);
             c.r = at_corner * c0.r + at_beside * c1.r + at_below * c2.r;
@@ -189,18 +204,19 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
             const intl sy = cell_y + pick(fv >= 0.5f, (intl)step_y, (intl)0);
             c = read_color(src_color, sy * map.src_width + sx, pixels);
             const intl at = sy * map.src_pitch + sx;
-            const floatl sample = (floatl)(gather(nearness, at)), us = to_floatl(sx), vs = to_floatl(sy);
-            const floatl w = PIXEL_ROW(D, 2, us, vs) + D[11] * sample;
-            n = pick(w > 0.0f, (PIXEL_ROW(D, 3, us, vs) + D[15] * sample) / w, n);
+            const floatl q = (floatl)(gather(nearness, at)), sample_u = to_floatl(sx), sample_v = to_floatl(sy);
+            const floatl w = PIXEL_ROW(D, 2, sample_u, sample_v) + D[11] * q;
+            n = pick(w > 0.0f, (PIXEL_ROW(D, 3, sample_u, sample_v) + D[15] * q) / w, n);
         }
         const floatl z = DEPTH(map, n);
+        const size_t out = (size_t)y * map.dst_width + x0;
         if (!merge && count == LANES) {
             store_lanes(pick(settled, z, (floatl)NAN), depth + out);
+            store_bytes(to_ucharl(settled & 1), valid + out);
             c.r = pick(settled, c.r, (floatl)0.0f);
             c.g = pick(settled, c.g, (floatl)0.0f);
             c.b = pick(settled, c.b, (floatl)0.0f);
-            write_color(color + 3 * out, c, LANES);
-            store_lanes(to_ucharl(settled & 1), valid + out);
+            write_color(color + 3 * out, c);
             continue;
         }
         for (int lane = 0; lane < count; lane++) {
@@ -210,9 +226,8 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
                 continue; /* what is there is nearer, or there is nothing to add */
             depth[out + lane] = is_settled ? z_new : NAN;
             valid[out + lane] = is_settled;
-            Color one = {is_settled ? ((const float *)&c.r)[lane] : 0.0f, is_settled ? ((const float *)&c.g)[lane] : 0.0f,
-                         is_settled ? ((const float *)&c.b)[lane] : 0.0f};
-            write_color(color + 3 * (out + lane), one, 1);
+            const float3 one = (float3)(((const float *)&c.r)[lane], ((const float *)&c.g)[lane], ((const float *)&c.b)[lane]);
+            write_pixel(color + 3 * (out + lane), is_settled ? one : (float3)(0.0f));
         }
     }
 }

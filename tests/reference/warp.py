@@ -1,9 +1,9 @@
 """The warp in NumPy float64, a pixel at a time, for reading and for small images.
 
 After Schaufler and Priglinger, "Efficient Displacement Mapping by Image Warping" (1999), sections 3 to 5, in
-homogeneous pixel space: `Camera.pixel_matrix` takes a point of the camera's frame to (U, V, W, Q), its pixel is
-(U/W, V/W) and its nearness, the paper's disparity delta, is Q/W. On every triangle of the source's grid and along
-every ray nearness is affine in the source's pixels, for perspective and orthographic cameras alike.
+homogeneous pixel space: `Camera.pixel_matrix` takes a point of the camera's frame to (U, V, W, Q), its pixel
+is (U/W, V/W) and its nearness, the paper's disparity delta, is Q/W. On a triangle of the source's grid and
+along a ray nearness is affine in the source's pixels, for perspective and orthographic cameras alike.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Result:
 
 
 def forward_reference(view: DepthImage, camera: Camera, splat: int = 1) -> Result:
-    """Every valid sample drawn as ``splat`` x ``splat`` target pixels; the nearest wins, then the earlier sample.
+    """Every valid sample drawn as ``splat`` x ``splat`` target pixels; nearest first, then by sample number.
 
     Equation (2): a sample's x_r and delta(x_r), taken to the target's pixel space.
     """
@@ -69,14 +69,14 @@ def search_reference(
     cut_ratio: float = 1.05,
     side: str = "front",
 ) -> Result:
-    """Every target pixel searches its segment of the epipolar line, from the epipole to the point at infinity.
+    """Every target pixel searches its segment of the epipolar line, from epipole to point at infinity.
 
     The ray of the target pixel x_d is ``epipole + t * infinity`` in the source's pixel space: the two ends of
-    equation (4). At the source pixel that it passes at t, its nearness is the paper's min_delta; it has met the
-    surface where the surface's delta is larger.
+    equation (4). At the source pixel that it passes at t, its nearness is the paper's min_delta; it has met
+    the surface where the surface's delta is larger.
 
-    Every triangle of the grid that the segment crosses is tried, which is exact. With "nearest" samples depth and
-    colour are those of the triangle's corner next to the hit.
+    Every triangle of the grid that the segment crosses is tried, which is exact. With "nearest" samples depth
+    and colour are those of the triangle's corner next to the hit.
     """
     result = Result.empty(camera)
     source_from_target = _source_from_target(view.camera, camera)
@@ -168,7 +168,9 @@ def _first_triangle(view: DepthImage, ray: Ray, cut_ratio: float) -> tuple[Hit |
     t = np.unique(np.concatenate([[ray.low], *grid, [ray.high]]))
     a, b = t[:-1], t[1:]
     # Between two stops the ray's pixels lie in one triangle: the one around any pixel between them.
-    inner = np.where(np.isinf(b), np.where(np.isinf(a), 0.0, a + 1), np.where(np.isinf(a), b - 1, (a + b) / 2))
+    inner = np.where(
+        np.isinf(b), np.where(np.isinf(a), 0.0, a + 1), np.where(np.isinf(a), b - 1, (a + b) / 2)
+    )
     pixel = ray.at(inner)[:, :2] / ray.at(inner)[:, 2:3]
     x, y = np.clip(np.floor(pixel).astype(int), 0, [width - 2, height - 2]).T
     upper = (pixel[:, 0] - x + pixel[:, 1] - y >= 1).astype(int)

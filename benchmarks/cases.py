@@ -1,0 +1,56 @@
+"""Which cases each benchmark runs, in full and in quick: data only."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from benchmarks.scenes import MOTIONS, REGIONS
+
+Position = tuple[str, str]  # region of the epipole, motion of the target camera
+
+EVERY_POSITION: tuple[Position, ...] = tuple((region, motion) for region in REGIONS for motion in MOTIONS)
+ONE_A_REGION: tuple[Position, ...] = tuple((region, MOTIONS[i % 2]) for i, region in enumerate(REGIONS))
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Sizes are sides of square images; where a mapping has a size as key, its value is the number of turns."""
+
+    complexity_positions: tuple[Position, ...]
+    complexity: Mapping[str, Mapping[int, int]]  # method: sizes
+    table2: Mapping[int, int]
+    peers_positions: tuple[Position, ...]
+    peers: Mapping[int, int]
+    open3d_largest: int  # side of the largest image whose triangles Open3D is given
+    startup_repeats: int
+    startup_empty_cache: bool  # begin with nothing built, so that a first process shows what building costs
+    memory: tuple[int, ...]
+
+
+FULL = Plan(
+    complexity_positions=ONE_A_REGION,
+    complexity={
+        "epipolar": {128: 15, 256: 11, 512: 7, 1024: 5, 2048: 3, 4096: 3},
+        "search": {128: 3, 256: 3, 512: 1, 1024: 1},
+    },
+    table2={128: 9, 256: 7, 512: 5},
+    peers_positions=EVERY_POSITION,
+    peers={256: 15, 512: 11, 1024: 7, 2048: 5, 4096: 3},
+    open3d_largest=1024,
+    startup_repeats=5,
+    startup_empty_cache=True,
+    memory=(1024, 4096),
+)
+
+QUICK = Plan(
+    complexity_positions=(("A", "forward"), ("E", "backward")),
+    complexity={"epipolar": {32: 3, 64: 3, 128: 3}, "search": {32: 1, 64: 1}},
+    table2={32: 1},
+    peers_positions=(("A", "forward"), ("E", "backward")),
+    peers={64: 3, 128: 3},
+    open3d_largest=64,
+    startup_repeats=1,
+    startup_empty_cache=False,
+    memory=(256,),
+)

@@ -1,0 +1,71 @@
+"""One measurement in a process of its own; prints JSON. Called by `benchmarks.startup`."""
+
+from __future__ import annotations
+
+import time
+
+START = time.perf_counter()
+
+import json  # noqa: E402 - what this file itself needs counts as little as possible
+import sys  # noqa: E402
+from typing import Any  # noqa: E402
+
+
+def elapsed(start: float) -> float:
+    return 1e3 * (time.perf_counter() - start)
+
+
+def measure_import() -> dict[str, Any]:
+    start = time.perf_counter()
+    import numpy  # noqa: F401
+
+    numpy_ms = elapsed(start)
+    import pyibr  # noqa: F401
+
+    return {"import_ms": elapsed(start), "numpy_ms": numpy_ms}
+
+
+def measure_frame() -> dict[str, Any]:
+    """A small picture: only what comes before it should count."""
+    from benchmarks import scenes
+    from benchmarks.launches import build_times
+
+    view, target = scenes.view(256), scenes.target_camera(256, "F", "forward")
+    import pyibr as ibr
+
+    with build_times() as kernels:
+        ibr.warp(view, target)
+    return {"frame_ms": elapsed(START), "kernels_ms": kernels}
+
+
+def measure_memory(n: int) -> dict[str, Any]:
+    """Inputs and outputs are counted with all else that comes and goes: the peak over what the process had before."""
+    import pyibr as ibr
+    from benchmarks import scenes
+
+    ibr.warp(scenes.view(16), scenes.target_camera(16, "F", "forward"))  # the runtime and the kernels are there
+    target = scenes.target_camera(n, "F", "forward")
+    before = memory("VmRSS")
+    color, depth = scenes.relief(n)
+    with open("/proc/self/clear_refs", "w") as file:  # noqa: PTH123
+        file.write("5")  # the peak begins anew
+    frame = ibr.warp(ibr.DepthImage(color, depth, scenes.source_camera(n)), target)
+    peak = memory("VmHWM")
+    return {
+        "inputs": color.nbytes + depth.nbytes,
+        "outputs": frame.color.nbytes + frame.depth.nbytes + frame.valid.nbytes,
+        "added": peak - before,
+        "process": peak,
+    }
+
+
+def memory(name: str) -> int:
+    """Bytes, of this process."""
+    with open("/proc/self/status") as file:  # noqa: PTH123
+        return next(1024 * int(line.split()[1]) for line in file if line.startswith(name + ":"))
+
+
+if __name__ == "__main__":
+    what, *rest = sys.argv[1:]
+    found = {"import": measure_import, "frame": measure_frame, "memory": measure_memory}[what](*map(int, rest))
+    print(json.dumps(found))

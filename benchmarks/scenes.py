@@ -1,0 +1,72 @@
+"""The relief that is warped, and cameras with the epipole in each of the nine regions (the paper's table 1).
+
+Everything is fixed in normalised image coordinates, so that epipolar segments grow with the image's side.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import pyibr as ibr
+
+Array = NDArray[Any]
+
+REGIONS = "ABCDEFGHI"  # row by row: A is above left of the image, E inside it, I below right
+MOTIONS = ("forward", "backward")  # of the target camera: its epipole is an antipode, or a true one
+DISTANCE = 0.6  # scene units between the cameras; the relief lies 3 to 5 before the source
+_COLUMN, _ROW = (-0.3, 0.35, 1.3), (-0.3, 0.6, 1.3)  # of the epipole, in image sides
+_CHUNK = 256  # rows made at once, so that making a large relief needs little memory
+
+
+def relief(n: int) -> tuple[Array, Array]:
+    """A smooth relief with a raised box and a raised disc.
+
+    Returns
+    -------
+    color : uint8 (n, n, 3)
+    depth : float32 (n, n)
+        Planar z in scene units.
+    """
+    color, depth = np.empty((n, n, 3), np.uint8), np.empty((n, n), np.float32)
+    x = np.linspace(-1, 1, n, dtype=np.float32)
+    for top in range(0, n, _CHUNK):
+        a, b = x[None, :], x[top : top + _CHUNK, None]
+        z = 4.2 + 0.4 * np.sin(2.3 * a + 0.5) * np.cos(2.9 * b) + 0.2 * np.sin(4.1 * (0.6 * a + b) + 1)
+        z -= 0.5 * ((np.abs(a + 0.45) < 0.2) & (np.abs(b + 0.4) < 0.25))
+        z -= 0.4 * ((a - 0.35) ** 2 + (b - 0.4) ** 2 < 0.06)
+        depth[top : top + _CHUNK] = z
+        for channel, phase in enumerate((0.0, 2.0, 4.0)):
+            waves = 0.3 * np.sin(9 * a + 5 * b + phase) + 0.2 * np.sin(23 * b - 11 * a * b + phase)
+            color[top : top + _CHUNK, :, channel] = 255 * (0.5 + waves)
+    return color, depth
+
+
+def source_camera(n: int) -> ibr.Camera:
+    """Sees 80 degrees over the image's side."""
+    middle = (n - 1) / 2
+    return ibr.Camera([[0.6 * n, 0, middle], [0, 0.6 * n, middle], [0, 0, 1]], (n, n))
+
+
+def view(n: int) -> ibr.DepthImage:
+    """The relief as the source camera sees it."""
+    return ibr.DepthImage(*relief(n), source_camera(n))
+
+
+def epipole(n: int, region: str) -> Array:
+    """(2,) pixel of the epipole in the target."""
+    row, column = divmod(REGIONS.index(region), 3)
+    return np.array([_COLUMN[column], _ROW[row]]) * (n - 1)
+
+
+def translation(n: int, region: str, motion: str) -> Array:
+    """(3,) where the source's centre lies in the target's frame; the cameras differ by nothing else."""
+    toward = np.linalg.inv(source_camera(n).K) @ [*epipole(n, region), 1.0]
+    return (1 if motion == "backward" else -1) * DISTANCE * toward / np.linalg.norm(toward)
+
+
+def target_camera(n: int, region: str, motion: str) -> ibr.Camera:
+    """The source camera moved so that the epipole lies in ``region``."""
+    return source_camera(n).moved(*-translation(n, region, motion))

@@ -1,0 +1,70 @@
+"""A real terrain as depth images: the elevation model of the Jacksboro fault that matplotlib ships.
+
+World axes: x east, y north, z up, in metres, the origin in the middle of the map at sea level.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from matplotlib import cbook
+from matplotlib.colors import LightSource, LinearSegmentedColormap
+from numpy.typing import NDArray
+
+import pyibr as ibr
+
+METRES_PER_DEGREE = 111_200.0
+LATITUDE = 36.6  # of the map's middle: a degree of longitude is shorter here by its cosine
+EXAGGERATION = 2.5  # heights are drawn this much larger, or 30 km of low hills would look flat
+FINER = 4  # samples of the depth image per sample of the elevation model, in x and y
+FLIGHT = 6000.0  # metres above the origin at which the map's camera stands
+PIVOT = np.array((0.0, -2000.0, EXAGGERATION * 500.0))  # the point that the views look at
+
+_LAND = ("#2f5d4a", "#5f8a56", "#a9b46f", "#d9c58b", "#b58a5e", "#8c6a55", "#e9e4dc")
+
+
+def height_field() -> ibr.DepthImage:
+    """The terrain seen straight from above by an orthographic camera, with its true aspect."""
+    with cbook.get_sample_data("jacksboro_fault_dem.npz") as stored:
+        elevation = stored["elevation"].astype(np.float32)
+        step_x = METRES_PER_DEGREE * float(stored["dx"]) * np.cos(np.radians(LATITUDE)) / FINER
+        step_y = METRES_PER_DEGREE * float(stored["dy"]) / FINER
+    rows, columns = elevation.shape
+    height = cv2.resize(elevation, (columns * FINER, rows * FINER), interpolation=cv2.INTER_CUBIC)
+    height = cv2.GaussianBlur(height, (0, 0), 1.5)  # whole metres make steps
+    rows, columns = height.shape
+
+    K = [[1 / step_x, 0, (columns - 1) / 2], [0, 1 / step_y, (rows - 1) / 2], [0, 0, 1]]
+    from_above = np.eye(4)
+    from_above[:3, :3] = np.diag((1, -1, -1))  # the image's rows go south, the camera looks down
+    from_above[2, 3] = FLIGHT
+    camera = ibr.Camera(K, (columns, rows), from_above, "orthographic")
+    depth = (FLIGHT - EXAGGERATION * height).astype(np.float32)
+    return ibr.DepthImage(_shaded(height, step_x, step_y), depth, camera)
+
+
+def _shaded(height: NDArray[np.float32], step_x: float, step_y: float) -> NDArray[np.uint8]:
+    """Colours by height, shaded by a light from the north-west."""
+    colors = LinearSegmentedColormap.from_list("land", _LAND)(np.clip((height - 230) / 850, 0, 1))[..., :3]
+    light = LightSource(azdeg=315, altdeg=40)
+    shaded = light.shade_rgb(
+        colors, height, blend_mode="soft", vert_exag=EXAGGERATION, dx=step_x, dy=step_y
+    )
+    return np.rint(np.clip(shaded, 0, 1) * 255).astype(np.uint8)
+
+
+def camera_at(
+    turned: float, climbed: float, nearer: float, size: tuple[int, int], fov_y: float
+) -> ibr.Camera:
+    """A camera that looks at the pivot: turned about it (degrees), climbed (metres), and then so much nearer."""
+    x, y, z = 0.0, -17_000.0, 11_000.0 + climbed
+    a = np.radians(turned)
+    offset = np.array((x * np.cos(a) - y * np.sin(a), x * np.sin(a) + y * np.cos(a), z))
+    return ibr.Camera.look_at(PIVOT + nearer * offset, PIVOT, (0, 0, 1), size, fov_y)
+
+
+def source_view(field: ibr.DepthImage, size: tuple[int, int] = (1500, 1000)) -> ibr.DepthImage:
+    """The terrain as one perspective camera sees it: colour and depth, and nothing of what hills hide."""
+    camera = camera_at(0, 0, 1, size, fov_y=38)
+    frame = ibr.warp(field, camera, method="search")
+    return ibr.DepthImage(frame.color, frame.depth, camera)

@@ -1,0 +1,202 @@
+"""The epipolar warp against rays cast at the surface that a depth image means.
+
+Sources and targets of both projections, all nine places of the epipole, all pairs of signs, and no epipole at all.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import product
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.camera import Camera
+from tests import scenes, truth
+
+pytest.importorskip("open3d")
+
+PROJECTIONS = ("perspective", "orthographic")
+SCENES = ("smooth", "stepped")
+PLACES = (*scenes.REGIONS, "special")  # special: identity, rotation alone, epipoles at infinity
+SOURCE, TARGET = (256, 192), (240, 200)
+
+DEPTH = 1e-3  # relative: what the warp promises for linear samples
+ROUNDING = 1e-5  # relative: depth is float32, and comes of a few dozen operations on pixels up to 256
+RIGHT = 0.999  # share of the interior pixels that must be right: the rest is thinner than the band sees
+COVERAGE = 0.005  # share of the image whose coverage may differ: silhouettes, to within a pixel
+AGREEMENT = 0.995  # share of the image where epipolar and search must be the same: silhouettes again
+COLOR = 1.0  # of 255: half for rounding to bytes, half for a position that is right to 0.1 % of the depth
+
+
+def cases() -> list[tuple[str, str, str, str]]:
+    """Scene, source, target, place; two orthographic cameras never have an epipole that is not at infinity."""
+    every = product(SCENES, PROJECTIONS, PROJECTIONS, PLACES)
+    return [case for case in every if case[3] == "special" or "perspective" in case[1:3]]
+
+
+@cache
+def surface(scene: str, projection: str, edges: str = "connect", size: scenes.Size = SOURCE) -> truth.Surface:
+    return truth.Surface(getattr(scenes, scene)(size, projection), edges)
+
+
+def poses(view: ibr.DepthImage, target: str, place: str, size: scenes.Size = TARGET) -> list[scenes.Pose]:
+    if place == "special":
+        return scenes.special_cameras(view, size, target)
+    found = scenes.target_cameras(view, place, size, target)
+    assert found, f"no camera has its epipole in {place}"
+    return found
+
+
+def agreement(a: ibr.Frame, b: ibr.Frame) -> float:
+    """Share of the image where both frames see the same depth or both see nothing."""
+    return float(((a.valid == b.valid) & (~a.valid | np.isclose(a.depth, b.depth, rtol=DEPTH, atol=0))).mean())
+
+
+def check_linear(seen: truth.Truth, frame: ibr.Frame, name: str) -> None:
+    interior = seen.interior()
+    # 100 pixels: a share of 99.9 % means that all are right, at least.
+    assert interior.sum() > 100, f"{name}: the truth is all edges"
+    right = frame.valid & np.isclose(frame.depth, seen.depth, rtol=DEPTH, atol=0)
+    assert right[interior].mean() >= RIGHT, name
+    assert (frame.valid != seen.valid).mean() <= COVERAGE, name
+    off = np.abs(frame.color.astype(np.float64) - seen.color).max(axis=-1)
+    assert off[interior & right].max() <= COLOR, name
+
+
+def check_nearest(seen: truth.Truth, frame: ibr.Frame, view: ibr.DepthImage, name: str) -> None:
+    interior = seen.interior()
+    limit = truth.depth_change_one_pixel(seen, view, frame.camera) + ROUNDING * np.abs(seen.depth)
+    right = frame.valid & (np.abs(frame.depth - seen.depth) <= limit)
+    assert right[interior].mean() >= RIGHT, name
+    assert (frame.valid != seen.valid).mean() <= COVERAGE, name
+
+
+@pytest.mark.parametrize("edges", ["connect", "cut"])
+@pytest.mark.parametrize(("scene", "source", "target", "place"), cases())
+def test_depth_color_and_coverage_are_the_truths(scene, source, target, place, edges):
+    here = surface(scene, source, edges)
+    for pose in poses(here.view, target, place):
+        seen = here.cast(pose.camera)
+        check_linear(seen, ibr.warp(here.view, pose.camera, edges=edges), pose.name)
+        nearest = ibr.warp(here.view, pose.camera, edges=edges, sample="nearest")
+        check_nearest(seen, nearest, here.view, pose.name)
+
+
+@pytest.mark.parametrize(("scene", "source", "target", "place"), cases())
+def test_epipolar_is_search(scene, source, target, place):
+    view = getattr(scenes, scene)(SOURCE, source)
+    for number, pose in enumerate(poses(view, target, place)):
+        edges, sample = ("connect", "cut")[number % 2], ("linear", "nearest")[number // 2 % 2]
+        swept = ibr.warp(view, pose.camera, edges=edges, sample=sample)
+        searched = ibr.warp(view, pose.camera, "search", edges=edges, sample=sample)
+        assert agreement(swept, searched) >= AGREEMENT, pose.name
+
+
+def around(view: ibr.DepthImage, target: str) -> list[tuple[str, Camera]]:
+    """Cameras that see the surface's other side, straight and askew, and one of those that see its front."""
+    K = scenes.target_intrinsics(TARGET, target)
+    behind = {
+        "behind": scenes.pose(yaw=180, center=(0, 0, 8)),
+        "behind, askew": scenes.pose(yaw=150, pitch=15, roll=10, center=(-1.5, 0.8, 8.5)),
+        "above and behind": scenes.pose(yaw=170, pitch=-35, center=(0.3, 3, 8)),
+    }
+    cameras = [(n, Camera(K, TARGET, view.camera.world_from_camera @ p, target)) for n, p in behind.items()]
+    return cameras + [(p.name, p.camera) for p in scenes.special_cameras(view, TARGET, target)[-2:]]
+
+
+@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("source", PROJECTIONS)
+@pytest.mark.parametrize("target", PROJECTIONS)
+@pytest.mark.parametrize("edges", ["connect", "cut"])
+def test_the_back_and_both_sides(scene, source, target, edges):
+    here = surface(scene, source, edges)
+    for name, camera in around(here.view, target):
+        for side in ("front", "back", "both"):
+            seen = here.cast(camera, side)
+            frame = ibr.warp(here.view, camera, edges=edges, side=side) if seen.valid.any() else None
+            if frame is None:
+                with pytest.warns(UserWarning, match="sees nothing"):
+                    frame = ibr.warp(here.view, camera, edges=edges, side=side)
+                assert not frame.valid.any(), (name, side)
+            elif seen.interior().sum() > 100:
+                check_linear(seen, frame, f"{name}, {side}")
+            else:
+                assert (frame.valid != seen.valid).mean() <= COVERAGE, (name, side)
+
+
+@pytest.mark.parametrize("size", [(60, 50), (31, 50), (480, 400), (500, 131)], ids=str)
+@pytest.mark.parametrize("source", PROJECTIONS)
+@pytest.mark.parametrize("target", PROJECTIONS)
+def test_targets_much_smaller_and_larger_than_the_source(source, target, size):
+    here = surface("stepped", source, size=(128, 96))
+    places = ("special",) if source == target == "orthographic" else ("special", "B", "E", "I")
+    cameras = [pose for place in places for pose in poses(here.view, target, place, (120, 100))[-3:]]
+    for pose in cameras:
+        camera = pose.camera.resized(size)
+        seen = here.cast(camera)
+        frame = ibr.warp(here.view, camera)
+        assert (frame.valid != seen.valid).mean() <= COVERAGE, pose.name
+        interior = seen.interior()
+        right = frame.valid & np.isclose(frame.depth, seen.depth, rtol=DEPTH, atol=0)
+        # One pixel of a small image may be more than a share of 0.1 %.
+        assert np.count_nonzero(~right[interior]) <= max(1, (1 - RIGHT) * interior.sum()), pose.name
+
+
+@pytest.mark.parametrize("size", [(7, 13), (61, 37), (2, 2), (2, 9), (17, 2)], ids=str)
+@pytest.mark.parametrize("source", PROJECTIONS)
+@pytest.mark.parametrize("target", PROJECTIONS)
+def test_awkward_sizes(size, source, target):
+    here = surface("smooth", source, size=size)
+    cameras = poses(here.view, target, "special", (61, 37)) + poses(here.view, target, "special", size)
+    if "perspective" in (source, target):
+        cameras += [p for place in "AEH" for p in poses(scenes.smooth((61, 37), source), target, place, (61, 37))]
+    for pose in cameras:
+        seen = here.cast(pose.camera)
+        if not seen.valid.any():
+            continue
+        frame = ibr.warp(here.view, pose.camera)
+        # 2: of a small image, a pixel or two on the surface's very border may be any share.
+        assert np.count_nonzero(frame.valid != seen.valid) <= max(2, COVERAGE * seen.valid.size), pose.name
+        interior = seen.interior()
+        right = frame.valid & np.isclose(frame.depth, seen.depth, rtol=DEPTH, atol=0)
+        assert np.count_nonzero(~right[interior]) <= 1, pose.name
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 9), (5, 1)], ids=str)
+@pytest.mark.parametrize("source", PROJECTIONS)
+@pytest.mark.parametrize("target", PROJECTIONS)
+@pytest.mark.parametrize("method", ["epipolar", "search", "forward"])
+@pytest.mark.filterwarnings("ignore:warp. the target camera sees nothing")
+def test_images_of_one_row_or_column_do_no_harm(size, source, target, method):
+    view = scenes.smooth(size, source)
+    middle = float(view.depth.mean())
+    for target_size in ((61, 37), size):
+        for pose in scenes.special_cameras(view, target_size, target):
+            frame = ibr.warp(view, pose.camera, method)
+            assert frame.color.shape == (target_size[1], target_size[0], 3)
+            np.testing.assert_array_equal(np.isfinite(frame.depth), frame.valid)
+            # A line of samples is no surface; what is drawn of it must be of it: depth is 3 to 5, and turned by 25.
+            assert (np.abs(frame.depth[frame.valid] - middle) < 3).all(), pose.name
+
+
+@pytest.mark.parametrize("target_size", [(1, 1), (1, 60), (60, 1)], ids=str)
+@pytest.mark.parametrize("source", PROJECTIONS)
+@pytest.mark.parametrize("target", PROJECTIONS)
+def test_targets_of_one_row_or_column(target_size, source, target):
+    here = surface("smooth", source, size=(61, 37))
+    for pose in scenes.special_cameras(here.view, (60, 60), target):
+        K = pose.camera.K.copy()
+        K[:2, 2] = (target_size[0] - 1) / 2, (target_size[1] - 1) / 2
+        camera = Camera(K, target_size, pose.camera.world_from_camera, target)
+        seen = here.cast(camera)
+        assert seen.valid.any(), pose.name
+        for sample in ("linear", "nearest"):
+            frame = ibr.warp(here.view, camera, sample=sample)
+            assert np.count_nonzero(frame.valid != seen.valid) <= 1, pose.name
+            both = frame.valid & seen.valid
+            limit = truth.depth_change_one_pixel(seen, here.view, camera) if sample == "nearest" else 0
+            off = np.abs(frame.depth - seen.depth) - limit
+            # No interior in one row: one ray may pass a hill's crest that another one just meets.
+            assert np.count_nonzero(off[both] > DEPTH * seen.depth[both]) <= 1, pose.name
