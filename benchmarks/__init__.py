@@ -1,4 +1,5 @@
 """Times, counts and memory of pyibr beside the papers' figures and today's peers.
 
-``python -m benchmarks`` measures and writes JSON; ``python -m benchmarks.report DIR`` makes tables and plots of it.
+``python -m benchmarks`` measures and writes JSON; ``python -m benchmarks.report DIR`` makes tables and plots
+of it.
 """

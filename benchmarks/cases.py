@@ -15,11 +15,12 @@ ONE_A_REGION: tuple[Position, ...] = tuple((region, MOTIONS[i % 2]) for i, regio
 
 @dataclass(frozen=True)
 class Plan:
-    """Sizes are sides of square images; where a mapping has a size as key, its value is the number of turns."""
+    """Sizes are sides of square images; a mapping from sizes gives the number of turns."""
 
     complexity_positions: tuple[Position, ...]
     complexity: Mapping[str, Mapping[int, int]]  # method: sizes
     table2: Mapping[int, int]
+    dragon_mesh: str
     peers_positions: tuple[Position, ...]
     peers: Mapping[int, int]
     open3d_largest: int  # side of the largest image whose triangles Open3D is given
@@ -35,6 +36,7 @@ FULL = Plan(
         "search": {128: 3, 256: 3, 512: 1, 1024: 1},
     },
     table2={128: 9, 256: 7, 512: 5},
+    dragon_mesh="dragon_vrip.ply.gz",
     peers_positions=EVERY_POSITION,
     peers={256: 15, 512: 11, 1024: 7, 2048: 5, 4096: 3},
     open3d_largest=1024,
@@ -47,6 +49,7 @@ QUICK = Plan(
     complexity_positions=(("A", "forward"), ("E", "backward")),
     complexity={"epipolar": {32: 3, 64: 3, 128: 3}, "search": {32: 1, 64: 1}},
     table2={32: 1},
+    dragon_mesh="dragon_vrip_res3.ply.gz",
     peers_positions=(("A", "forward"), ("E", "backward")),
     peers={64: 3, 128: 3},
     open3d_largest=64,

@@ -15,16 +15,6 @@ def elapsed(start: float) -> float:
     return 1e3 * (time.perf_counter() - start)
 
 
-def measure_import() -> dict[str, Any]:
-    start = time.perf_counter()
-    import numpy  # noqa: F401
-
-    numpy_ms = elapsed(start)
-    import pyibr  # noqa: F401
-
-    return {"import_ms": elapsed(start), "numpy_ms": numpy_ms}
-
-
 def measure_frame() -> dict[str, Any]:
     """A small picture: only what comes before it should count."""
     from benchmarks import scenes
@@ -39,11 +29,13 @@ def measure_frame() -> dict[str, Any]:
 
 
 def measure_memory(n: int) -> dict[str, Any]:
-    """Inputs and outputs are counted with all else that comes and goes: the peak over what the process had before."""
+    """The peak over what the process held before its inputs were made."""
     import pyibr as ibr
     from benchmarks import scenes
 
-    ibr.warp(scenes.view(16), scenes.target_camera(16, "F", "forward"))  # the runtime and the kernels are there
+    ibr.warp(
+        scenes.view(16), scenes.target_camera(16, "F", "forward")
+    )  # the runtime and the kernels are there
     target = scenes.target_camera(n, "F", "forward")
     before = memory("VmRSS")
     color, depth = scenes.relief(n)
@@ -67,5 +59,5 @@ def memory(name: str) -> int:
 
 if __name__ == "__main__":
     what, *rest = sys.argv[1:]
-    found = {"import": measure_import, "frame": measure_frame, "memory": measure_memory}[what](*map(int, rest))
+    found = {"frame": measure_frame, "memory": measure_memory}[what](*map(int, rest))
     print(json.dumps(found))

@@ -15,7 +15,12 @@ PACKAGES = {
     "pyibr": ("pyibr",),
     "numpy": ("numpy",),
     "pyopencl": ("pyopencl",),
-    "opencv": ("opencv-contrib-python-headless", "opencv-contrib-python", "opencv-python-headless", "opencv-python"),
+    "opencv": (
+        "opencv-contrib-python-headless",
+        "opencv-contrib-python",
+        "opencv-python-headless",
+        "opencv-python",
+    ),
     "open3d": ("open3d", "open3d-cpu"),
 }
 
@@ -63,7 +68,9 @@ def commit() -> str | None:
         return done.stdout.strip()
 
     try:
-        return git("rev-parse", "HEAD") + ("+" if git("status", "--porcelain", "--untracked-files=no") else "")
+        return git("rev-parse", "HEAD") + (
+            "+" if git("status", "--porcelain", "--untracked-files=no") else ""
+        )
     except (OSError, subprocess.CalledProcessError):
         return None
 

@@ -1,7 +1,7 @@
 """What single launches of a warp cost, and how many samples they visit.
 
-`pyibr.warp` looks up `launch` and `kernel` when it is called: while these contexts are open it finds others in their
-place, which do the same with the same arguments and take notes.
+`pyibr.warp` looks up `launch` and `kernel` when it is called: while these contexts are open it finds others
+in their place, which do the same with the same arguments and take notes.
 """
 
 from __future__ import annotations
@@ -69,7 +69,9 @@ def counted_samples() -> Iterator[dict[str, int]]:
             return launch(kernel, grid, **arguments)
         sweep = kernel.name == "epipolar_sweep"
         target = arguments["map"].values
-        shape = (arguments["packet_count"], 2) if sweep else (int(target["dst_height"]), int(target["dst_width"]))
+        shape = (
+            (arguments["packet_count"], 2) if sweep else (int(target["dst_height"]), int(target["dst_width"]))
+        )
         visited = empty(shape, np.uint32)
         visited.fill(0)
         counter = program.kernel(file, kernel.name, COUNT_SAMPLES=1)

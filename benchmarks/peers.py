@@ -1,10 +1,11 @@
-"""pyibr's warp beside OpenCV's and Open3D's, from NumPy arrays to NumPy arrays, over the epipole's nine regions."""
+"""pyibr beside OpenCV and Open3D, from NumPy arrays to NumPy arrays, over the epipole's nine regions."""
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -94,19 +95,25 @@ def _source_positions(task: Task) -> tuple[Array, Array]:
     z = np.where(frame.valid, frame.depth, 1.0).astype(np.float32)
     # The cameras share K and differ by a translation t: K (X - t) = z pixel - K t.
     u, v, w = (task.source.K @ -task.target_from_source[:3, 3]).astype(np.float32)
-    return tuple(np.where(frame.valid, (p * z + e) / (z + w), np.float32(-1)) for p, e in ((x, u), (y, v)))
+    nowhere = np.float32(-1)
+    across = np.where(frame.valid, (x * z + u) / (z + w), nowhere)
+    down = np.where(frame.valid, (y * z + v) / (z + w), nowhere)
+    return across, down
 
 
 def _open3d(task: Task) -> dict[str, Subject]:
-    """Rays against the same surface, depth only. The scene is built anew each turn; the rays of the cast are not."""
-    import open3d as o3d
+    """Rays against the same surface, depth only. The scene is built anew each turn, the rays are not."""
+    o3d: Any = import_module("open3d")
 
     height, width = task.depth.shape
     index = np.arange(height * width, dtype=np.uint32).reshape(height, width)
     corners = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
     upper_left, upper_right, lower_left, lower_right = (corner.ravel() for corner in corners)
     faces = np.concatenate(
-        [np.stack([upper_left, upper_right, lower_left], 1), np.stack([lower_right, lower_left, upper_right], 1)]
+        [
+            np.stack([upper_left, upper_right, lower_left], 1),
+            np.stack([lower_right, lower_left, upper_right], 1),
+        ]
     )
     x, y = np.meshgrid(np.arange(width), np.arange(height))
     toward = (np.stack([x, y, np.ones_like(x)], -1) @ np.linalg.inv(task.source.K).T).astype(np.float32)

@@ -18,22 +18,35 @@ from benchmarks.results import Record, Skip
 from benchmarks.runner import Case, Work
 
 BARS = {"import": 300.0, "first frame": 1000.0, "peak memory": 3.0}
-"""Milliseconds of `import pyibr`; milliseconds of a whole process up to its first frame, kernels built before;
-all that a warp at the largest size adds to the process, inputs and outputs too, as a multiple of those."""
+"""Milliseconds of `import pyibr`; of a whole process with one frame, kernels built before; and all that a
+warp at the largest size adds to the process, inputs and outputs included, as a multiple of those."""
+
+IMPORT = """
+from time import perf_counter
+start = perf_counter()
+import numpy
+numpy_ms = 1e3 * (perf_counter() - start)
+import pyibr
+import_ms = 1e3 * (perf_counter() - start)
+import json
+print(json.dumps({"import_ms": import_ms, "numpy_ms": numpy_ms}))
+"""
 
 
 def cases(plan: Plan) -> Iterator[Case]:
     """Imports, first frames, and memory by size."""
     yield Case({"what": "import"}, functools.partial(_imports, plan.startup_repeats))
-    yield Case({"what": "first frame"}, functools.partial(_frames, plan.startup_repeats, plan.startup_empty_cache))
+    yield Case(
+        {"what": "first frame"}, functools.partial(_frames, plan.startup_repeats, plan.startup_empty_cache)
+    )
     for n in plan.memory:
         yield Case({"what": "memory", "size": n}, functools.partial(_memory, n))
 
 
 def _imports(repeats: int) -> Work:
     def read() -> Iterator[Record]:
-        child("import")  # bytecode is written, files are in memory
-        runs = [child("import") for _ in range(repeats)]
+        python("-c", IMPORT)  # bytecode is written, files are in memory
+        runs = [python("-c", IMPORT) for _ in range(repeats)]
         yield Record("import pyibr", "import", "ms", {}, [run["import_ms"] for run in runs])
         yield Record("import pyibr", "of that NumPy", "ms", {}, [run["numpy_ms"] for run in runs])
 
@@ -44,7 +57,9 @@ def _frames(repeats: int, empty_cache: bool) -> Work:
     def read() -> Iterator[Record]:
         with tempfile.TemporaryDirectory() as folder:
             # PoCL keeps built kernels, too.
-            caches = {"PYIBR_CACHE": f"{folder}/pyibr", "POCL_CACHE_DIR": f"{folder}/pocl"} if empty_cache else {}
+            caches = (
+                {"PYIBR_CACHE": f"{folder}/pyibr", "POCL_CACHE_DIR": f"{folder}/pocl"} if empty_cache else {}
+            )
             first = child("frame", caches=caches)
             if empty_cache:
                 yield Record("first process ever", "whole process", "ms", {}, [first["process_ms"]])
@@ -70,23 +85,29 @@ def _memory(n: int) -> Work | Skip:
         for name in ("inputs", "outputs", "added", "process"):
             yield Record(name, "memory", "bytes", parameters, [found[name]])
         yield Record("peak memory", "of inputs and outputs", "share", parameters, [found["added"] / arrays])
-        yield Record("whole process", "of inputs and outputs", "share", parameters, [found["process"] / arrays])
+        yield Record(
+            "whole process", "of inputs and outputs", "share", parameters, [found["process"] / arrays]
+        )
 
     return Work(read=read)
 
 
 def child(*arguments: str, caches: dict[str, str] | None = None) -> dict[str, Any]:
-    """What ``python -m benchmarks.child`` reports, and how long the process took, interpreter and all."""
-    root = Path(__file__).parent.parent
+    """What ``python -m benchmarks.child`` reports."""
+    return python("-m", "benchmarks.child", *arguments, caches=caches)
+
+
+def python(*arguments: str, caches: dict[str, str] | None = None) -> dict[str, Any]:
+    """The JSON that a process prints, and how long the process took, interpreter and all."""
     start = time.perf_counter()
     done = subprocess.run(
-        [sys.executable, "-m", "benchmarks.child", *arguments],
-        cwd=root,
+        [sys.executable, *arguments],
+        cwd=Path(__file__).parent.parent,
         env={**os.environ, **(caches or {})},
         capture_output=True,
         text=True,
     )
     took = 1e3 * (time.perf_counter() - start)
     if done.returncode:
-        raise RuntimeError(f"benchmarks.child {' '.join(arguments)} failed:\n{done.stderr}")
+        raise RuntimeError(f"python {' '.join(arguments)} failed:\n{done.stderr}")
     return {"process_ms": took, **json.loads(done.stdout)}

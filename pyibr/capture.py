@@ -24,8 +24,9 @@ Int64 = NDArray[np.int64]
 
 _NOTHING = 0xFFFFFFFF  # Embree's number for no triangle
 _NUDGE = 1e-3  # pixels
-_SUN, _SHADOW = np.array([1.0, 0.98, 0.92]), np.array([0.30, 0.28, 0.34])
-_LIGHT = np.array([-0.45, -0.8, -0.4]) / np.linalg.norm([0.45, 0.8, 0.4])
+_SUN: Float64 = np.array([1.0, 0.98, 0.92])
+_SHADOW: Float64 = np.array([0.30, 0.28, 0.34])
+_LIGHT: Float64 = np.array([-0.45, -0.8, -0.4]) / np.linalg.norm([0.45, 0.8, 0.4])
 
 
 class MeshScene:
@@ -93,19 +94,25 @@ class MeshScene:
     def from_open3d(cls, mesh: Any, base_color: tuple[float, float, float] = (235, 190, 130)) -> MeshScene:
         """Take over an `open3d.geometry.TriangleMesh` or `open3d.t.geometry.TriangleMesh`.
 
-        Of several textures only the first is used.
+        Of several textures only the first (of a tensor mesh, its albedo map) is used.
         """
+        texture = None
         if hasattr(mesh, "to_legacy"):
+            if mesh.has_valid_material() and "albedo" in mesh.material.texture_maps:
+                # Open3D keeps a tensor mesh's texture top row first, a legacy mesh's bottom row first.
+                texture = mesh.material.texture_maps["albedo"].as_tensor().numpy()[::-1]
             mesh = mesh.to_legacy()
+        elif hasattr(mesh, "textures") and mesh.has_textures():
+            texture = np.asarray(mesh.textures[0])
         try:
             vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
         except AttributeError:
-            raise ArgumentError("mesh", "an Open3D TriangleMesh", describe(mesh)) from None
+            raise ArgumentError("mesh", "an Open3D TriangleMesh or a MeshScene", describe(mesh)) from None
         colors = np.asarray(mesh.vertex_colors) if mesh.has_vertex_colors() else None
-        uv = texture = None
-        if mesh.has_triangle_uvs() and mesh.has_textures():
-            uv = np.asarray(mesh.triangle_uvs).reshape(-1, 3, 2)
-            texture = np.ascontiguousarray(np.asarray(mesh.textures[0])[..., :3], np.uint8)
+        if texture is None or not mesh.has_triangle_uvs():
+            return cls(vertices, faces, colors, base_color=base_color)
+        uv = np.asarray(mesh.triangle_uvs).reshape(-1, 3, 2)
+        texture = np.repeat(texture, 3, axis=2) if texture.shape[2] == 1 else texture[..., :3]
         return cls(vertices, faces, colors, uv, texture, base_color)
 
     def capture(
@@ -197,11 +204,8 @@ class MeshScene:
         normal = np.einsum("nk,nkc->nc", weight, self._normals[corner])
         normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
         lambert = normal @ _LIGHT
-        warm, cool = np.array([1.0, 0.98, 0.92]), np.array([0.30, 0.28, 0.34])
-        shade = (
-            cool + (warm - cool) * np.where(lambert > 0, 0.15 + 0.85 * lambert, 0.15 * (1 + lambert))[:, None]
-        )
-        return self._base_color * shade
+        light = 0.15 + 0.85 * np.maximum(lambert, 0) + 0.15 * np.minimum(lambert, 0)
+        return self._base_color * (_SHADOW + (_SUN - _SHADOW) * light[:, None])
 
 
 def capture(
@@ -231,8 +235,8 @@ def cube_cameras(center: ArrayLike, size: int) -> list[Camera]:
     Examples
     --------
     >>> from pyibr.capture import cube_cameras
-    >>> [camera.forward.tolist() for camera in cube_cameras([0, 0, 0], 64)][:2]
-    [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]
+    >>> [camera.forward.round().astype(int).tolist() for camera in cube_cameras([0, 0, 0], 64)][:2]
+    [[1, 0, 0], [-1, 0, 0]]
     """
     if size < 2:
         raise ArgumentError("size", "at least 2 pixels", describe(size))

@@ -1,8 +1,9 @@
 """The models of the warping paper as depth images: a globe, a torus and a scanned dragon.
 
-After Schaufler and Priglinger, "Efficient Displacement Mapping by Image Warping" (1999), section 7: globe and torus
-are displaced from depth images at one centre, the dragon is covered by sixteen of them. World axes are as a
-camera's: x right, y down, z forward; up is -y. The scanned meshes' own up, +y, is turned over on loading.
+After Schaufler and Priglinger, "Efficient Displacement Mapping by Image Warping" (1999), section 7: globe and
+torus are displaced from depth images at one centre, the dragon is covered by sixteen of them. World axes are
+as a camera's: x right, y down, z forward; up is -y. The scanned meshes' own up, +y, is turned over on
+loading.
 """
 
 from __future__ import annotations
@@ -35,16 +36,16 @@ def globe(
 ) -> list[DepthImage]:
     """Make a globe of radius 1 about the origin, displaced outwards from its centre, as six depth images.
 
-    The images are cube faces at the globe's centre (see `cube_cameras`), so that the globe is seen from outside on
-    the surface's back: draw it with `side="back"`. Depth is exact at the samples, no ray is cast.
+    The images are cube faces at the globe's centre (see `cube_cameras`), so that the globe is seen from
+    outside on the surface's back: draw it with `side="back"`. Depth is exact at the samples, no ray is cast.
 
     Parameters
     ----------
     size : int
         Of each image in pixels.
     elevation : (h, w) float32 in [0, 1], optional
-        Equirectangular: longitude -180 to 180 degrees along the rows, latitude 90 to -90 down the columns. Read
-        bilinearly. Default: continents from noise with a fixed seed.
+        Equirectangular: longitude -180 to 180 degrees along the rows, latitude 90 to -90 down the columns.
+        Read bilinearly. Default: continents from noise with a fixed seed.
     color : (h', w', 3) uint8, optional
         Equirectangular. Default: a colour scale of the elevation.
     relief : float
@@ -75,10 +76,11 @@ def globe(
 def torus(size: int, layers: Sequence[str] = ("first", "last")) -> list[DepthImage]:
     """Make a bumpy torus about the origin, as depth images from the middle of its hole.
 
-    From there a ray meets the tube twice: first its inner wall, last its outer wall. Each layer is six perspective
-    depth images of one centre (see `cube_cameras`; the torus lies across the cube's diagonal, so that each image
-    sees a part of it). Draw it with `side="both"`: seen from outside, the outer wall shows its back and the
-    inner wall, through the hole, its front. At the rim where a ray just touches the tube the two walls are joined.
+    From there a ray meets the tube twice: first its inner wall, last its outer wall. Each layer is six
+    perspective depth images of one centre (see `cube_cameras`; the torus lies across the cube's diagonal, so
+    that each image sees a part of it). Draw it with `side="both"`: seen from outside, the outer wall shows
+    its back and the inner wall, through the hole, its front. At the rim where a ray just touches the tube the
+    two walls are joined.
 
     Parameters
     ----------
@@ -117,10 +119,8 @@ def dragon(mesh_path: str | PathLike[str], size: int, views: int = 16) -> list[D
     views : int
         How many cameras, spread evenly over a sphere.
 
-    Notes
-    -----
-    Neighbouring samples lie on different parts of the surface here: draw it with `edges="cut"`, unless the rubber
-    sheets that the paper shows are wanted.
+    Notes ----- Neighbouring samples lie on different parts of the surface here: draw it with `edges="cut"`,
+    unless the rubber sheets that the paper shows are wanted.
     """
     if views < 1:
         raise ArgumentError("views", "at least 1", describe(views))
@@ -178,7 +178,7 @@ def load_earth(folder: str | PathLike[str]) -> tuple[Float32, Uint8]:
 
 
 def load_scene(mesh_path: str | PathLike[str]) -> MeshScene:
-    """Read a mesh file, also with `.gz`, as a `MeshScene`; what is up in the file (+y) becomes up here (-y)."""
+    """Read a mesh file, also with `.gz`, as a `MeshScene`; up in the file (+y) becomes up here (-y)."""
     path = Path(mesh_path)
     try:
         import open3d as o3d
@@ -194,7 +194,8 @@ def load_scene(mesh_path: str | PathLike[str]) -> MeshScene:
                 source.write_bytes(gzip.decompress(path.read_bytes()))
             except (OSError, EOFError) as error:
                 raise FileFormatError(f"{path}: not a whole gzip file ({error})") from None
-        mesh: Any = o3d.io.read_triangle_mesh(str(source), enable_post_processing=False)
+        library: Any = o3d
+        mesh = library.io.read_triangle_mesh(str(source))
     if not len(mesh.triangles):
         raise FileFormatError(f"{path}: no triangles could be read")
     mesh.rotate(np.diag([1.0, -1.0, -1.0]), center=(0, 0, 0))
@@ -208,7 +209,7 @@ def _outside(
     away = direction / np.linalg.norm(direction)
     up = _UP if abs(away @ _UP) < 0.99 else np.array([0.0, 0.0, 1.0])
     narrow = min(1.0, size[0] / size[1])
-    fov = 2 * np.arctan(1.02 * np.tan(np.arcsin(1 / distance)) / narrow)
+    fov = 2 * np.arctan(1.08 * np.tan(np.arcsin(1 / distance)) / narrow)
     return Camera.look_at(center + distance * radius * away, center, up, size, float(np.degrees(fov)))
 
 
@@ -223,10 +224,10 @@ def _uint8(values: Float64) -> Uint8:
 
 
 def _on_sphere(image: NDArray[Any], direction: Float64) -> Float64:
-    """Values (n, C) of an equirectangular image (h, w, C) in directions (n, 3); bilinear, around the date line."""
+    """Values (n, C) of an equirectangular image (h, w, C) in directions (n, 3), bilinear."""
     height, width = image.shape[:2]
     x, y, z = direction.T
-    u = (np.arctan2(x, z) / (2 * np.pi) + 0.5) * width - 0.5
+    u = (np.arctan2(x, -z) / (2 * np.pi) + 0.5) * width - 0.5
     v = np.clip((np.arcsin(np.clip(y, -1, 1)) / np.pi + 0.5) * height - 0.5, 0, height - 1)
     column, row = np.floor(u).astype(np.int64), np.floor(v).astype(np.int64)
     fu, fv = (u - column)[:, None], (v - row)[:, None]
@@ -244,7 +245,7 @@ def _noise(direction: Float64) -> Float64:
             wave = random.normal(size=3)
             wave *= 2.2 * 1.9**octave / np.linalg.norm(wave)
             total += 0.58**octave * np.sin(direction @ wave + random.uniform(0, 2 * np.pi))
-    return np.clip((total - 0.4) / 7.0, 0, 1)
+    return np.clip((total - 0.1) / 7.0, 0, 1)
 
 
 def _hypsometric(height: Float64) -> Float64:
@@ -277,8 +278,8 @@ def _torus_scene() -> MeshScene:
 def _joined_at_rim(first: DepthImage, last: DepthImage) -> tuple[DepthImage, DepthImage]:
     """Close the gap of a pixel between the two walls of a solid where rays cease to meet it.
 
-    A missed pixel beside a hit one gets, in both images, the mean of its neighbours' points midway between the
-    walls. Otherwise the walls, which meet where a ray touches the solid, would end before that.
+    A missed pixel beside a hit one gets, in both images, the mean of its neighbours' points midway between
+    the walls. Otherwise the walls, which meet where a ray touches the solid, would end before that.
     """
     near, far = np.pad(first.depth, 1, constant_values=np.inf), np.pad(last.depth, 1, constant_values=np.inf)
     colors = [np.pad(image.color, ((1, 1), (1, 1), (0, 0))).astype(np.float64) for image in (first, last)]

@@ -64,7 +64,7 @@ class Surface:
         self.vertices = np.nan_to_num(samples(view), nan=0.0, posinf=0.0, neginf=0.0)
         used = self.vertices[self.faces.ravel()] if len(self.faces) else np.zeros((1, 3))
         self.box = used.min(axis=0), used.max(axis=0)
-        self.scene = o3d.t.geometry.RaycastingScene()
+        self.scene: Any = o3d.t.geometry.RaycastingScene()
         if len(self.faces):
             self.scene.add_triangles(self.vertices.astype(np.float32), self.faces.astype(np.uint32))
 

@@ -47,16 +47,21 @@ def _shaded(height: NDArray[np.float32], step_x: float, step_y: float) -> NDArra
     """Colours by height, shaded by a light from the north-west."""
     colors = LinearSegmentedColormap.from_list("land", _LAND)(np.clip((height - 230) / 850, 0, 1))[..., :3]
     light = LightSource(azdeg=315, altdeg=40)
-    shaded = light.shade_rgb(
-        colors, height, blend_mode="soft", vert_exag=EXAGGERATION, dx=step_x, dy=step_y
-    )
+    shaded = light.shade_rgb(colors, height, blend_mode="soft", vert_exag=EXAGGERATION, dx=step_x, dy=step_y)
     return np.rint(np.clip(shaded, 0, 1) * 255).astype(np.uint8)
+
+
+def extent_of(camera: ibr.Camera) -> tuple[float, float, float, float]:
+    """West, east, south and north of the map's image in metres, for matplotlib."""
+    last = camera.width - 0.5, camera.height - 0.5
+    (west, north, _), (east, south, _) = camera.unproject([(-0.5, -0.5), last], [1.0, 1.0]).tolist()
+    return west, east, south, north
 
 
 def camera_at(
     turned: float, climbed: float, nearer: float, size: tuple[int, int], fov_y: float
 ) -> ibr.Camera:
-    """A camera that looks at the pivot: turned about it (degrees), climbed (metres), and then so much nearer."""
+    """A camera that looks at the pivot: turned about it by degrees, up by metres, then nearer by a factor."""
     x, y, z = 0.0, -17_000.0, 11_000.0 + climbed
     a = np.radians(turned)
     offset = np.array((x * np.cos(a) - y * np.sin(a), x * np.sin(a) + y * np.cos(a), z))
@@ -66,5 +71,5 @@ def camera_at(
 def source_view(field: ibr.DepthImage, size: tuple[int, int] = (1500, 1000)) -> ibr.DepthImage:
     """The terrain as one perspective camera sees it: colour and depth, and nothing of what hills hide."""
     camera = camera_at(0, 0, 1, size, fov_y=38)
-    frame = ibr.warp(field, camera, method="search")
+    frame = ibr.warp(field, camera)
     return ibr.DepthImage(frame.color, frame.depth, camera)

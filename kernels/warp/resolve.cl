@@ -178,6 +178,8 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
     for (int p = 0; p < packets; p++) {
         const int x0 = strip_x + p * LANES, count = min(high_x - x0, LANES);
         const intl settled = settled_lanes[p];
+        if (merge && !any_lane(settled))
+            continue;
         const floatl u = us[p], v = vs[p];
         const floatl uc = lesser(greater(floor(u), (floatl)0.0f), (floatl)last_cell_x);
         const floatl vc = lesser(greater(floor(v), (floatl)0.0f), (floatl)last_cell_y);

@@ -106,6 +106,19 @@ def around(view: ibr.DepthImage, target: str) -> list[tuple[str, Camera]]:
     return cameras + [(p.name, p.camera) for p in scenes.special_cameras(view, TARGET, target)[-2:]]
 
 
+def test_sideways_motion_of_turned_cameras():
+    """Their epipole is at infinity but for rounding, which says no more of where it is."""
+    scene = scenes.smooth((160, 120))
+    rng = np.random.default_rng(0)
+    for number in range(40):
+        pose = scenes.pose(*rng.uniform(-60, 60, 3), center=tuple(rng.uniform(-2, 2, 3)))
+        camera = Camera(scene.camera.K, (160, 120), pose)
+        view = ibr.DepthImage(scene.color, scene.depth, camera)
+        dx, dy = rng.uniform(-0.5, 0.5, 2) * ((1, 0), (0, 1), (1, 1))[number % 3]
+        target = camera.moved(dx, dy, 0)
+        assert agreement(ibr.warp(view, target), ibr.warp(view, target, "search")) >= AGREEMENT, (number, dx, dy)
+
+
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("source", PROJECTIONS)
 @pytest.mark.parametrize("target", PROJECTIONS)
@@ -132,7 +145,7 @@ def test_the_back_and_both_sides(scene, source, target, edges):
 def test_targets_much_smaller_and_larger_than_the_source(source, target, size):
     here = surface("stepped", source, size=(128, 96))
     places = ("special",) if source == target == "orthographic" else ("special", "B", "E", "I")
-    cameras = [pose for place in places for pose in poses(here.view, target, place, (120, 100))[-3:]]
+    cameras = [pose for place in places for pose in poses(here.view, target, place, (120, 100))[-2:]]
     for pose in cameras:
         camera = pose.camera.resized(size)
         seen = here.cast(camera)
@@ -162,6 +175,22 @@ def test_awkward_sizes(size, source, target):
         interior = seen.interior()
         right = frame.valid & np.isclose(frame.depth, seen.depth, rtol=DEPTH, atol=0)
         assert np.count_nonzero(~right[interior]) <= 1, pose.name
+
+
+@pytest.mark.parametrize("forward", [0.5, -0.5, 0.0])
+@pytest.mark.parametrize("method", ["epipolar", "search"])
+@pytest.mark.parametrize("source", PROJECTIONS)
+def test_the_pixel_at_the_epipole_is_no_hole(source, method, forward):
+    """Forward motion with a principal point on a pixel's centre: that pixel has no epipolar line, yet a ray."""
+    f = 50 if source == "perspective" else 20
+    y, x = np.mgrid[:49, :65]
+    depth = (3 + 0.02 * x + 0.01 * y).astype(np.float32)
+    camera = Camera([[f, 0, 32], [0, f, 24], [0, 0, 1]], (65, 49), projection=source)
+    view = ibr.DepthImage(np.zeros((49, 65, 3), np.uint8), depth, camera)
+    target = Camera([[50, 0, 32], [0, 50, 24], [0, 0, 1]], (65, 49)).moved(0, 0, forward)
+    frame = ibr.warp(view, target, method)
+    assert frame.valid[24, 32]
+    np.testing.assert_allclose(frame.depth[24, 32], depth[24, 32] - forward, rtol=1e-6)
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 9), (5, 1)], ids=str)
@@ -194,7 +223,8 @@ def test_targets_of_one_row_or_column(target_size, source, target):
         assert seen.valid.any(), pose.name
         for sample in ("linear", "nearest"):
             frame = ibr.warp(here.view, camera, sample=sample)
-            assert np.count_nonzero(frame.valid != seen.valid) <= 1, pose.name
+            # 1: a ray may pass just beside a silhouette that another one meets.
+            assert np.count_nonzero(frame.valid != seen.valid) <= (1 if seen.valid.size > 1 else 0), pose.name
             both = frame.valid & seen.valid
             limit = truth.depth_change_one_pixel(seen, here.view, camera) if sample == "nearest" else 0
             off = np.abs(frame.depth - seen.depth) - limit

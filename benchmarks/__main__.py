@@ -1,0 +1,45 @@
+"""``python -m benchmarks [NAMES] [--quick] [--out DIR]``: measure, write JSON, then the report of it."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from benchmarks import report
+from benchmarks.cases import FULL, QUICK
+from benchmarks.runner import run
+
+NAMES = ("complexity", "table2", "peers", "startup")
+
+
+def main(
+    names: Annotated[
+        list[str] | None, typer.Argument(help=f"Some of: {', '.join(NAMES)}. Default: all.")
+    ] = None,
+    quick: Annotated[bool, typer.Option(help="Tiny sizes, to see that everything runs.")] = False,
+    out: Annotated[
+        Path | None, typer.Option(help="Default: benchmarks/results/VERSION, or build/benchmarks.")
+    ] = None,
+) -> None:
+    """Measure pyibr beside the papers' figures and its peers. No other work should run meanwhile."""
+    import pyibr as ibr
+
+    wanted = names or list(NAMES)
+    unknown = sorted(set(wanted) - set(NAMES))
+    if unknown:
+        raise typer.BadParameter(f"expected some of {', '.join(NAMES)}, got {', '.join(unknown)}")
+    if out is None:
+        here = Path(__file__).parent
+        out = here.parent / "build/benchmarks" if quick else here / "results" / ibr.__version__
+    for name in wanted:
+        module = import_module(f"benchmarks.{name}")
+        run(name, module.cases(QUICK if quick else FULL)).save(out / f"{name}.json")
+    Console().print(f"written: {report.write(out)}")
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,97 @@
+"""Plots of results."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.statistics import exponent, median
+
+Series = Mapping[int, float]  # by size
+
+
+def complexity(series: Mapping[tuple[str, str], Series], path: Path) -> None:
+    """Visited samples and time over the side, logarithmic, with fitted lines."""
+    figure, panels = _panels(2)
+    labels = {"visited": "samples visited", "end to end": "time [ms]"}
+    colors = {"epipolar": "C0", "search": "C3"}
+    for panel, (quantity, label) in zip(panels, labels.items(), strict=True):
+        for (method, what), values in series.items():
+            if what != quantity:
+                continue
+            n, y = np.array(list(values)), np.array(list(values.values()))
+            power = exponent(n.tolist(), y.tolist())
+            scale = np.exp(np.mean(np.log(y) - power * np.log(n)))
+            panel.plot(n, y, "o", color=colors[method], label=f"{method}: $n^{{{power:.2f}}}$")
+            panel.plot(n, scale * n**power, "-", lw=1, color=colors[method])
+        _logarithmic(panel, label)
+    _save(figure, path)
+
+
+def table2(series: Mapping[str, Series], paper: Mapping[str, Series], path: Path) -> None:
+    """Ours as lines, the paper's dashed, in one colour a model."""
+    figure, (panel,) = _panels(1)
+    for index, (model, values) in enumerate(series.items()):
+        panel.plot(list(values), list(values.values()), "o-", color=f"C{index}", label=f"{model}, here")
+        figures = paper[model]
+        panel.plot(list(figures), list(figures.values()), "s--", color=f"C{index}", label=f"{model}, R10000")
+    _logarithmic(panel, "time of a picture [ms]")
+    _save(figure, path)
+
+
+def peers(
+    times: Mapping[tuple[str, int], Mapping[Any, float]],
+    ratios: Mapping[tuple[str, int], Sequence[float]],
+    bars: Mapping[tuple[str, int], float],
+    path: Path,
+) -> None:
+    """Left: times by size. Right: ratios to the base; a dot is a position, the line their median."""
+    figure, (left, right) = _panels(2)
+    subjects = list(dict.fromkeys(subject for subject, _ in ratios))
+    for index, subject in enumerate(subjects):
+        sizes = [n for s, n in ratios if s == subject]
+        style: dict[str, Any] = {"color": f"C{index}", "marker": "o", "ms": 4, "label": subject}
+        left.plot(sizes, [median(times[subject, n].values()) for n in sizes], **style)
+        right.plot(sizes, [median(ratios[subject, n]) for n in sizes], **style)
+        for n in sizes:
+            shift = 1 + 0.025 * (index - len(subjects) / 2)
+            right.plot(
+                [n * shift] * len(ratios[subject, n]),
+                ratios[subject, n],
+                ".",
+                ms=3,
+                alpha=0.4,
+                color=f"C{index}",
+            )
+        for (s, n), bar in bars.items():
+            if s == subject and n in sizes:
+                right.plot([n / 1.15, n * 1.15], [bar, bar], "-", lw=3, alpha=0.6, color=f"C{index}")
+    _logarithmic(left, "time, median over the positions [ms]")
+    _logarithmic(right, "ratio to cv2.warpFrame (thick: bars)")
+    right.legend().remove()
+    _save(figure, path)
+
+
+def _panels(count: int) -> tuple[Any, list[Any]]:
+    # Without pyplot: no window system is looked for and nothing stays open.
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(5.5 * count, 4.4), layout="constrained")
+    return figure, list(np.atleast_1d(figure.subplots(1, count)))
+
+
+def _logarithmic(panel: Any, label: str) -> None:
+    panel.set_xscale("log", base=2)
+    panel.set_yscale("log")
+    panel.xaxis.set_major_formatter("{x:.0f}")
+    panel.set_xlabel("side of the image [pixels]")
+    panel.set_ylabel(label)
+    panel.grid(True, which="both", lw=0.3, alpha=0.5)
+    panel.legend(fontsize=8)
+
+
+def _save(figure: Any, path: Path) -> None:
+    figure.savefig(path, dpi=120)

@@ -1,0 +1,57 @@
+"""``python -m benchmarks.report DIR``: tables and plots, from the JSON files in DIR alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from benchmarks.results import Result
+from benchmarks.sections import SECTIONS
+from benchmarks.tables import origin, skipped
+
+FILE = "report.md"
+HEAD = """# Benchmarks
+
+`python -m benchmarks` measures, `python -m benchmarks.report` made this from the JSON files beside it.
+Times are medians with quartiles in brackets, after one run for nothing (but a search that takes seconds).
+"""
+
+
+def write(folder: Path) -> Path:
+    """Make the report of all results in ``folder``; returns its path.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there are none.
+    ValueError
+        If a file is not a result.
+    """
+    results = [
+        Result.load(folder / f"{name}.json") for name in SECTIONS if (folder / f"{name}.json").exists()
+    ]
+    if not results:
+        raise FileNotFoundError(f"{folder}: none of {', '.join(f'{name}.json' for name in SECTIONS)} is here")
+    parts = [HEAD]
+    for result in results:
+        parts += [
+            *SECTIONS[result.benchmark](result, folder),
+            *skipped(result.skipped),
+            origin(result.environment),
+        ]
+    path = folder / FILE
+    path.write_text("\n".join(part for part in parts if part))
+    return path
+
+
+def main(
+    folder: Annotated[Path, typer.Argument(help="Where the JSON files are; the report goes there, too.")],
+) -> None:
+    """Make tables and plots of measured results."""
+    print(f"written: {write(folder)}")
+
+
+if __name__ == "__main__":
+    typer.run(main)

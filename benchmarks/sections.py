@@ -1,0 +1,215 @@
+"""The report's sections: one function a benchmark, which makes its plot and returns its Markdown."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from benchmarks import complexity, peers, plots, startup, table2
+from benchmarks.results import Result
+from benchmarks.statistics import Quartiles, exponent, median, number, ratios
+from benchmarks.tables import only, position, sizes_of, table, totals, verdict
+
+COMPLEXITY = """## Complexity
+
+Sums over {positions} positions of the epipole. *Visited* counts the steps of the walks: source samples,
+and for the sweep target pixels, too.
+
+![Growth with the image's side](complexity.png)
+"""
+
+TABLE2 = """## The paper's table 2
+
+Milliseconds a picture; reference images and picture have one size. The views stay prepared between pictures,
+except where they are fresh.
+
+![Table 2](table2.png)
+"""
+
+PEERS = """## Peers
+
+From NumPy arrays to NumPy arrays, a fresh `DepthImage` each time, in turns in one process. The median
+over {positions} positions in milliseconds, in brackets the median of the ratios to {base}.
+cv2.registerDepth and Open3D deliver depth alone; Open3D's rays are made beforehand; cv2.remap (colour
+and depth) is given the finished maps.
+
+![Peers](peers.png)
+"""
+
+COVERAGE = """{ours} covers {covered:.1%} of the target, {base} {base_covered:.1%} (medians over all
+cases); where both do, their depths differ by {difference:.2%} (median).
+"""
+
+STARTUP = """## Start and memory
+
+Each in processes of its own. A whole process counts from its start to its end, the interpreter included. The
+second process finds its kernels built.
+"""
+
+MEMORY = """Memory in MiB. *Added* is the peak of the process's resident memory (VmHWM, set back just
+before) less what the process held once a tiny warp was done and before the inputs were made: inputs,
+outputs and everything else.
+"""
+
+
+def complexity_section(result: Result, folder: Path) -> list[str]:
+    """Exponents, totals over the positions, and the log-log plot."""
+    units = {"visited": "samples", "end to end": "ms"}
+    every = {
+        (m, q): totals(result.select(subject=m, quantity=q)) for q in units for m in ("epipolar", "search")
+    }
+    series = {key: values for key, values in every.items() if len(values) > 1}
+    plots.complexity(series, folder / "complexity.png")
+    rows: list[list[str]] = []
+    for key, values in series.items():
+        fitted = exponent(list(values), list(values.values()))
+        bar = complexity.BARS.get(key)
+        judged = ["", ""]
+        if bar:
+            shown = f"{bar[0]:g} to {bar[1]:g}" if bar[0] > 0 else f"at most {bar[1]:g}"
+            judged = [shown, verdict(bar[0] <= fitted <= bar[1])]
+        rows.append([*key, f"{min(values)} to {max(values)}", f"{fitted:.3f}", *judged])
+    detail = [
+        [str(n), *(number(values[n]) if n in values else "" for values in series.values())]
+        for n in sizes_of(result.records)
+    ]
+    positions = len({position(record) for record in result.records})
+    return [
+        COMPLEXITY.format(positions=positions),
+        table(["method", "quantity", "n", "exponent", "bar", ""], rows),
+        table(["n", *(f"{method}: {quantity} ({units[quantity]})" for method, quantity in series)], detail),
+    ]
+
+
+def table2_section(result: Result, folder: Path) -> list[str]:
+    """The paper's table with ours beside it."""
+    subjects = [*table2.SUBJECTS, table2.FRESH]
+    rows: list[list[str]] = []
+    series: dict[str, dict[int, float]] = {}
+    for model, figures in table2.PAPER.items():
+        for n in sizes_of(result.select(model=model)):
+            here = {"model": model, "size": n}
+            times = {s: only(result.select(subject=s, quantity="end to end", **here)) for s in subjects}
+            kernels = only(result.select(subject="nearest", quantity="kernels", **here))
+            ours = series.setdefault(model, {})[n] = median(times["nearest"])
+            paper = [number(figures[n]), f"{figures[n] / ours:.0f}"] if n in figures else ["", ""]
+            cells = [str(Quartiles.of(times[s])) for s in subjects]
+            rows.append(
+                [
+                    model,
+                    str(table2.IMAGES[model]),
+                    str(n),
+                    paper[0],
+                    *cells,
+                    number(median(kernels)),
+                    paper[1],
+                ]
+            )
+    plots.table2(series, table2.PAPER, folder / "table2.png")
+    heads = ["model", "images", "size", "R10000", *subjects, "nearest, kernels alone", "R10000 / nearest"]
+    return [TABLE2, table(heads, rows)]
+
+
+def peers_section(result: Result, folder: Path) -> list[str]:
+    """Ratios to the base by size with their bars, then each position."""
+    subjects = list(dict.fromkeys(record.subject for record in result.select(quantity="end to end")))
+    sizes = sizes_of(result.records)
+    times = {
+        (s, n): {position(r): r.values for r in result.select(subject=s, size=n, quantity="end to end")}
+        for n in sizes
+        for s in subjects
+    }
+    medians = {
+        key: {at: median(values) for at, values in found.items()} for key, found in times.items() if found
+    }
+    relative = {(s, n): ratios(found, medians[peers.BASE, n]) for (s, n), found in medians.items()}
+    plots.peers(medians, relative, peers.BARS, folder / "peers.png")
+
+    def summary(subject: str, n: int) -> str:
+        if (subject, n) not in medians:
+            return ""
+        return f"{number(median(medians[subject, n].values()))} ({median(relative[subject, n]):.2f})"
+
+    def kernels(subject: str, n: int) -> str:
+        found = result.select(subject=subject, size=n, quantity="kernels")
+        return number(median(median(record.values) for record in found))
+
+    rows = [[subject, *(summary(subject, n) for n in sizes)] for subject in subjects]
+    rows += [[f"{subject}, kernels alone", *(kernels(subject, n) for n in sizes)] for subject in peers.OURS]
+    bars: list[list[str]] = []
+    for (subject, n), bar in peers.BARS.items():
+        if (subject, n) in relative:
+            spread = Quartiles.of(relative[subject, n])
+            bars.append([subject, str(n), str(spread), f"at most {bar:g}", verdict(spread.median <= bar)])
+    parts = [
+        PEERS.format(positions=len({position(r) for r in result.records}), base=peers.BASE),
+        table(["", *map(str, sizes)], rows),
+        table(["subject", "size", f"ratio to {peers.BASE}", "bar", ""], bars),
+        _coverage(result),
+    ]
+    for n in sizes:
+        here = [subject for subject in subjects if (subject, n) in medians]
+        base = medians[peers.BASE, n]
+        rows = [
+            [*at, *(f"{Quartiles.of(times[s, n][at])} {medians[s, n][at] / base[at]:.2f}" for s in here)]
+            for at in base
+        ]
+        parts.append(f"### {n} x {n}, by region and motion\n\nMilliseconds, and the ratio to {peers.BASE}.\n")
+        parts.append(table(["region", "motion", *here], rows))
+    return parts
+
+
+def _coverage(result: Result) -> str:
+    def middle(subject: str, quantity: str) -> float:
+        return median(
+            v for record in result.select(subject=subject, quantity=quantity) for v in record.values
+        )
+
+    return COVERAGE.format(
+        ours=peers.NEAREST,
+        covered=middle(peers.NEAREST, "coverage"),
+        base=peers.BASE,
+        base_covered=middle(peers.BASE, "coverage"),
+        difference=middle(peers.BASE, "median depth difference"),
+    )
+
+
+def startup_section(result: Result, folder: Path) -> list[str]:
+    """Import, first frame, and memory, with their bars."""
+    limits = {
+        ("import pyibr", "import"): startup.BARS["import"],
+        ("second process", "whole process"): startup.BARS["first frame"],
+    }
+    times: list[list[str]] = []
+    kernels: list[list[str]] = []
+    for record in result.select(unit="ms"):
+        spread = Quartiles.of(record.values)
+        row = [record.subject, record.quantity, str(spread)]
+        if record.quantity in ("build", "load"):
+            kernels.append(row)
+            continue
+        bar = limits.get((record.subject, record.quantity))
+        times.append([*row, *([f"at most {bar:g}", verdict(spread.median <= bar)] if bar else ["", ""])])
+    memory: list[list[str]] = []
+    sizes = sizes_of(result.records)
+    for n in sizes:
+        size = {record.subject: record.values[0] / 2**20 for record in result.select(unit="bytes", size=n)}
+        share, bar = only(result.select(subject="peak memory", size=n))[0], startup.BARS["peak memory"]
+        judged = [f"at most {bar:g}", verdict(share <= bar)] if n == max(sizes) else ["", ""]
+        cells = [number(size[what]) for what in ("inputs", "outputs", "added", "process")]
+        memory.append([f"{n} x {n}", *cells, f"{share:.2f}", *judged])
+    heads = ["warp", "inputs", "outputs", "added", "whole process", "added / (inputs + outputs)", "bar", ""]
+    return [
+        STARTUP,
+        table(["", "", "ms", "bar", ""], times),
+        table(["kernel", "", "ms"], kernels),
+        MEMORY if memory else "",
+        table(heads, memory),
+    ]
+
+
+SECTIONS = {
+    "complexity": complexity_section,
+    "table2": table2_section,
+    "peers": peers_section,
+    "startup": startup_section,
+}

@@ -1,0 +1,182 @@
+"""The benchmarks: their arithmetic, their files, the report of a small result, and that all of it runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from benchmarks import peers, report, scenes, table2
+from benchmarks.__main__ import main
+from benchmarks.launches import build_times, counted_samples, kernel_times
+from benchmarks.results import Record, Result, Skip
+from benchmarks.runner import in_turns
+from benchmarks.statistics import Quartiles, exponent, ratios
+
+ENVIRONMENT = {
+    "time": "2026-01-01T00:00:00+00:00",
+    "device": "a device",
+    "device_reason": "the only cpu device that works",
+    "platform": "a platform",
+    "device_version": "OpenCL 3.0",
+    "driver": "1.0",
+    "cpu": "a processor",
+    "cores": 2,
+    "system": "a system",
+    "python": "3.11.0",
+    "versions": {"pyibr": "0.1.0", "open3d": None},
+    "commit": None,
+    "load_average": None,
+}
+
+
+@pytest.mark.parametrize("power", [1.0, 2.0, 3.0])
+def test_exponent_of_a_power_with_noise(power: float) -> None:
+    sizes = [128, 256, 512, 1024]
+    noise = np.random.default_rng(1).normal(0, 0.01, len(sizes))
+    assert exponent(sizes, [7e-6 * n**power * np.exp(e) for n, e in zip(sizes, noise, strict=True)]) == (
+        pytest.approx(power, abs=0.02)
+    )
+
+
+def test_exponent_needs_two_sizes() -> None:
+    with pytest.raises(ValueError, match="two different"):
+        exponent([128, 128], [1, 2])
+
+
+def test_quartiles_and_ratios() -> None:
+    assert Quartiles.of([4, 1, 3, 2, 5]) == Quartiles(2, 3, 4)
+    assert ratios({"a": 2, "b": 3, "c": 5}, {"a": 4, "c": 10}) == [0.5, 0.5]
+
+
+def test_turns_alternate_after_one_run_each_for_nothing() -> None:
+    calls: list[str] = []
+    times = in_turns({"a": lambda: calls.append("a"), "b": lambda: calls.append("b")}, repeats=2)
+    assert "".join(calls) == "ababab"
+    assert {name: len(values) for name, values in times.items()} == {"a": 2, "b": 2}
+
+
+def test_result_survives_json(tmp_path: Path) -> None:
+    parameters = {"size": 64, "region": "A"}
+    records = [
+        Record("a", "end to end", "ms", parameters, [1.5, 2]),
+        Record("a", "visited", "samples", {}, [3]),
+    ]
+    result = Result("peers", ENVIRONMENT, records, [Skip("b", "it is not here")])
+    result.save(tmp_path / "peers.json")
+    assert Result.load(tmp_path / "peers.json") == result
+    assert list(result.select(subject="a", region="A")) == records[:1]
+
+
+@pytest.mark.parametrize("text", ["{", "{}", '{"schema": 0}', "[]"])
+def test_files_of_another_kind_are_refused_by_name(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "peers.json"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=r"peers\.json: not a result"):
+        Result.load(path)
+
+
+def test_records_without_values_or_units_are_refused() -> None:
+    with pytest.raises(ValueError, match="at least one"):
+        Record("a", "end to end", "ms", {}, [])
+    with pytest.raises(ValueError, match="unit"):
+        Record("a", "end to end", "s", {}, [1.0])
+
+
+def canned_peers(nearest: float) -> Result:
+    """Two sizes and positions: warpFrame takes 10 and 20 ms, we ``nearest`` times that."""
+    records: list[Record] = []
+    for n in (1024, 2048):
+        for region, base in (("A", 10.0), ("E", 20.0)):
+            parameters = {"size": n, "region": region, "motion": "forward"}
+            for subject, factor in ((peers.NEAREST, nearest), (peers.LINEAR, 0.7), (peers.BASE, 1.0)):
+                values = [factor * base * f for f in (0.9, 1.0, 1.3)]
+                records.append(Record(subject, "end to end", "ms", parameters, values))
+            records += [Record(name, "kernels", "ms", parameters, [1.0]) for name in peers.OURS]
+            for subject, quantity in (
+                (peers.NEAREST, "coverage"),
+                (peers.BASE, "coverage"),
+                (peers.BASE, "median depth difference"),
+            ):
+                records.append(Record(subject, quantity, "share", parameters, [0.5]))
+    return Result("peers", ENVIRONMENT, records, [Skip("Open3D", "it is not installed")])
+
+
+def test_report_says_which_bars_are_met(tmp_path: Path) -> None:
+    canned_peers(nearest=0.45).save(tmp_path / "peers.json")
+    text = report.write(tmp_path).read_text()
+    assert "| pyibr nearest | 1024 | 0.450 (0.450 to 0.450) | at most 0.5 | met |" in text
+    assert "| pyibr nearest | 2048 | 0.450 (0.450 to 0.450) | at most 0.4 | **not met** |" in text
+    assert "| pyibr linear | 2048 | 0.700 (0.700 to 0.700) | at most 0.6 | **not met** |" in text
+    assert "Left out: Open3D, because it is not installed." in text
+    assert (tmp_path / "peers.png").stat().st_size > 5000
+
+
+def test_report_of_nothing_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match="none of"):
+        report.write(tmp_path)
+
+
+@pytest.mark.parametrize("motion", scenes.MOTIONS)
+@pytest.mark.parametrize("region", scenes.REGIONS)
+def test_epipoles_lie_where_they_should_and_the_relief_is_seen(region: str, motion: str) -> None:
+    n = 64
+    source, target = scenes.source_camera(n), scenes.target_camera(n, region, motion)
+    u, v, w = target.K @ target.camera_from_world[:3, 3]
+    column, row = (sum(at > end for end in (0, n - 1)) for at in (u / w, v / w))
+    assert scenes.REGIONS[3 * row + column] == region
+    assert (w > 0) == (motion == "backward")
+    np.testing.assert_array_equal(source.K, target.K)
+    assert ibr.warp(scenes.view(n), target).valid.mean() > 0.6
+
+
+def test_counted_samples_do_not_depend_on_luck() -> None:
+    view, target = scenes.view(48), scenes.target_camera(48, "F", "forward")
+    counts: list[dict[str, int]] = []
+    for _ in range(2):
+        with counted_samples() as found:
+            ibr.warp(view, target, method="search")
+        counts.append(dict(found))
+    assert counts[0] == counts[1]
+    with counted_samples() as sweep:
+        ibr.warp(view, target)
+    # The sweep settles each seen pixel once; a search visits every sample before each of them.
+    assert 48 * 48 / 2 < sweep["pixels"] < 3 * 48 * 48
+    assert sweep["samples"] < counts[0]["samples"] / 5
+
+
+def test_launches_are_seen_by_name() -> None:
+    view, target = scenes.view(32), scenes.target_camera(32, "F", "forward")
+    with kernel_times() as times:
+        ibr.warp(view, target)
+    assert set(times) == {"to_nearness", "epipolar_sweep", "resolve"}
+    with build_times() as built:
+        ibr.warp(view, target)
+    assert set(built) == {"epipolar_sweep", "resolve"}
+    with pytest.raises(RuntimeError, match="neither a sweep nor a search"), counted_samples():
+        pass
+
+
+def test_the_papers_figures_are_in_milliseconds() -> None:
+    assert table2.PAPER["torus"] == {128: 50.3, 256: 201.3, 512: 775.2}
+    assert table2.PAPER["dragon"][512] == 1227.6
+
+
+def test_everything_runs_quickly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("open3d", exc_type=ImportError)
+    monkeypatch.setenv("PYIBR_DATA", str(tmp_path))
+    main(quick=True, out=tmp_path / "out")
+    text = (tmp_path / "out/report.md").read_text()
+    for heading in ("## Complexity", "## The paper's table 2", "## Peers", "## Start and memory"):
+        assert heading in text
+    assert "Left out: dragon, because dragon_vrip_res3.ply.gz is not in $PYIBR_DATA/meshes." in text
+    assert {path.name for path in (tmp_path / "out").glob("*.png")} == {
+        "complexity.png",
+        "table2.png",
+        "peers.png",
+    }
+    # The picture of a report comes from the files alone.
+    (tmp_path / "out/report.md").unlink()
+    assert report.write(tmp_path / "out").read_text() == text

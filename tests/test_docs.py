@@ -1,0 +1,84 @@
+"""The manual does what it says: its Python runs, its links lead somewhere, its examples give what they show."""
+
+from __future__ import annotations
+
+import doctest
+import importlib
+import pkgutil
+import re
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+import pyibr
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
+BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+CODE = re.compile(r"^```.*?^```$|`[^`\n]*`", re.MULTILINE | re.DOTALL)
+LINK = re.compile(r"\]\(([^)\s]+)\)")
+TOCTREE = re.compile(r"^```\{toctree\}\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+MODULES = sorted(m.name for m in pkgutil.walk_packages(pyibr.__path__, "pyibr."))
+
+
+def name_of(page: Path) -> str:
+    return page.relative_to(ROOT).as_posix()
+
+
+def blocks_of(page: Path) -> list[tuple[int, str]]:
+    """(line, source) of each block of Python."""
+    text = page.read_text(encoding="utf-8")
+    return [(text.count("\n", 0, m.start(1)), m.group(1)) for m in BLOCK.finditer(text)]
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if blocks_of(p)], ids=name_of)
+def test_python_of_page_runs(
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {"__name__": "__main__"}
+    for line, source in blocks_of(page):
+        # Blank lines before the source make a traceback name the page's own line.
+        exec(compile("\n" * line + source, str(page), "exec"), names)
+
+
+def test_pages_with_python_are_found() -> None:
+    with_python = {name_of(page) for page in PAGES if blocks_of(page)}
+    assert {"README.md", "docs/index.md", "docs/conventions.md", "docs/howto/own-images.md"} <= with_python
+
+
+def test_readme_example_is_as_short_as_it_says() -> None:
+    ((_, source),) = blocks_of(ROOT / "README.md")
+    assert sum(bool(line.strip()) for line in source.splitlines()) <= 10
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_links_lead_to_files(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    links = LINK.findall(CODE.sub("", text))
+    local = [link.split("#")[0] for link in links if not re.match(r"[a-z]+:|#", link)]
+    for listing in TOCTREE.findall(text):
+        local += [f"{line}.md" for line in listing.split() if not line.startswith(":") and line != "1"]
+    missing = [link for link in local if not (page.parent / link).exists()]
+    assert not missing
+
+
+def test_every_page_is_in_a_table_of_contents() -> None:
+    text = (ROOT / "docs/index.md").read_text(encoding="utf-8")
+    listed = {line for listing in TOCTREE.findall(text) for line in listing.split()}
+    pages = {p.relative_to(ROOT / "docs").with_suffix("").as_posix() for p in ROOT.glob("docs/**/*.md")}
+    assert pages - listed == {"index"}
+
+
+def test_reference_names_all_that_is_public() -> None:
+    text = (ROOT / "docs/reference.md").read_text(encoding="utf-8")
+    documented = set(re.findall(r"^\.\. auto\w+:: pyibr\.(\w+)$", text, re.MULTILINE))
+    assert set(pyibr.__all__) - {"__version__"} <= documented
+
+
+@pytest.mark.parametrize("name", ["pyibr", *MODULES])
+def test_examples_of_docstrings(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    module: ModuleType = importlib.import_module(name)
+    assert doctest.testmod(module).failed == 0

@@ -1,0 +1,150 @@
+"""The layout of epipolar lines, as a pure function: every pixel has a line, and none has many.
+
+Who owns what is worked out here once more, in float64 and from the description in kernels/warp/epipolar.cl: a
+pixel belongs to a fan by the sign and the greater part of D, its offset from the epipole, and there to any line
+that passes within half of the distance between the lines that are there.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pyibr.epipolar import line_groups
+from pyibr.pixelspace import Rectangle
+
+LANES = 16
+SIZES = ((64, 48), (61, 37), (7, 13), (1, 1), (1, 30), (40, 1), (200, 9))
+REGIONS = [(column, row) for row in (-1, 0, 1) for column in (-1, 0, 1)]
+
+
+def areas(size: tuple[int, int]) -> list[Rectangle]:
+    """The whole image, and a part of it as a view that reaches no more gives."""
+    width, height = size
+    whole = Rectangle(0, width, 0, height)
+    part = Rectangle(width // 3, max(width // 3 + 1, width - 2), height // 4, height)
+    return [whole, part]
+
+
+def finite_epipoles(size: tuple[int, int], region: tuple[int, int], seed: int) -> list[np.ndarray]:
+    """Near and far, on pixel centres and off them, with both signs and several scales."""
+    rng = np.random.default_rng(seed)
+    extent = np.array(size, np.float64)
+    found = []
+    for distance in (0.02, 0.5, 3.0, 1000.0):
+        at = np.where(
+            np.array(region) < 0,
+            -distance * extent * rng.uniform(0.5, 1, 2) - 0.5,
+            np.where(
+                np.array(region) > 0,
+                extent - 0.5 + distance * extent * rng.uniform(0.5, 1, 2),
+                rng.uniform(-0.4, extent - 0.6),
+            ),
+        )
+        for x, y in (at, np.round(at)):
+            for w in (1.0, -1.0, 0.03, -40.0):
+                found.append(np.array([x * w, y * w, w]))
+    return found
+
+
+def check(epipole: np.ndarray, area: Rectangle) -> tuple[float, float]:
+    """Pixels visited and lines laid, once all that must hold of each pixel is seen to hold."""
+    groups, packets = line_groups(epipole, area, LANES)
+    width, height = area.high_x - area.low_x, area.high_y - area.low_y
+    y, x = np.mgrid[area.low_y : area.high_y, area.low_x : area.high_x].astype(np.float64)
+    D = x * epipole[2] - epipole[0], y * epipole[2] - epipole[1]
+    owners = np.zeros((height, width), int)
+    visits = 0.0
+    first_packet = 0
+    for g in groups:
+        assert g["first_packet"] == first_packet
+        first_packet += -(-int(g["count"]) // LANES)
+        axis, side = int(g["axis"]), int(g["side"])
+        pixel = (x, y)[axis]
+        d_along, d_across = D[axis] * side, np.abs(D[1 - axis])
+        mine = (d_along > d_across) if axis else (d_along >= d_across)
+        mine &= (pixel >= g["low"]) & (pixel <= g["high"]) & (d_along > 0)
+        reference = float(g["reference"])
+        at_reference = (reference * epipole[2] - epipole[axis]) * side
+        with np.errstate(divide="ignore", invalid="ignore"):
+            # The pixel's own line, where it passes the reference.
+            cut = (x, y)[1 - axis] + D[1 - axis] * side / d_along * (reference - pixel)
+            # A pixel there is `apart` wide here.
+            distance = d_along / at_reference
+        apart = distance.copy()
+        for level in range(1, int(g["levels"]) + 1):
+            apart = np.where(distance <= 0.5**level, distance * 2**level, apart)
+        with np.errstate(invalid="ignore"):
+            nearest = np.clip(np.round((cut - g["first"]) / g["spacing"]), 0, int(g["count"]) - 1)
+            off = np.abs(g["first"] + nearest * g["spacing"] - cut) * distance
+            owners += mine & (off < 0.5 * apart)
+            assert not (mine & (off < 0.5 * apart) & (off > 0.5)).any(), "a line owns what is over half a pixel off"
+        lines = g["first"] + g["spacing"] * np.arange(int(g["count"]))
+        visits += steps(lines, g, epipole, reference)
+    assert first_packet == packets
+    return coverage(owners, D), visits
+
+
+def coverage(owners: np.ndarray, D: tuple[np.ndarray, np.ndarray]) -> float:
+    """Share of the pixels that have an owner, the epipole's own pixel aside: it has no line at all."""
+    asked = np.maximum(np.abs(D[0]), np.abs(D[1])) > 0
+    return float((owners > 0)[asked].mean()) if asked.any() else 1.0
+
+
+def steps(lines: np.ndarray, group: np.void, epipole: np.ndarray, reference: float) -> float:
+    """Pixels between low and high along, and cross_low and cross_high across, that lines pass."""
+    axis = int(group["axis"])
+    slope = (lines * epipole[2] - epipole[1 - axis]) / (reference * epipole[2] - epipole[axis])
+    along = np.arange(int(group["low"]), int(group["high"]) + 1)
+    across = lines[:, None] + slope[:, None] * (along - reference)
+    return float(np.count_nonzero((across >= group["cross_low"] - 0.5) & (across <= group["cross_high"] + 0.5)))
+
+
+@pytest.mark.parametrize("region", REGIONS, ids=str)
+@pytest.mark.parametrize("size", SIZES, ids=str)
+def test_every_pixel_has_a_line_within_half_a_pixel(size, region):
+    for area in areas(size):
+        pixels = (area.high_x - area.low_x) * (area.high_y - area.low_y)
+        border = 2 * (area.high_x - area.low_x + area.high_y - area.low_y)
+        for epipole in finite_epipoles(size, region, seed=1):
+            covered, visits = check(epipole, area)
+            assert covered == 1.0, (epipole, area)
+            # 1.7: between two halvings up to 1.5 lines, if spread by the distance, cross the width of one. And in
+            # four fans up to two lines at either end, of each of up to five spacings, are there to be safe.
+            assert visits <= 1.7 * pixels + 16 * border, (epipole, area)
+
+
+@pytest.mark.parametrize("size", SIZES, ids=str)
+def test_epipoles_at_infinity(size):
+    for area in areas(size):
+        for x, y in ((1, 0), (-1, 0), (0, 1), (0, -1), (3, 2), (-2, 3), (1, 1), (1, -1), (-500, 1), (1e-6, -7)):
+            covered, _ = check(np.array([x, y, 0.0], np.float64), area)
+            assert covered == 1.0, (x, y)
+
+
+@pytest.mark.parametrize("size", SIZES, ids=str)
+def test_epipoles_all_but_at_infinity(size):
+    """What rounding makes of a sideways motion: the third coordinate is not 0 but next to it."""
+    for area in areas(size):
+        for x, y in ((30.0, 0.0), (-30.0, 1e-15), (1e-14, 25.0), (0.0, -25.0), (-20.0, 15.0), (17.0, 17.0)):
+            for w in (1e-12, 1e-14, 1.1e-16, 3e-17, 1e-18, 1e-25):
+                for sign in (1, -1):
+                    covered, _ = check(np.array([x, y, sign * w]), area)
+                    assert covered == 1.0, (x, y, sign * w, area)
+
+
+def test_lines_near_the_epipole_are_thinned():
+    """Of the 1024 lines that end at the border of a 256 x 256 image, few come near an epipole in its middle."""
+    epipole = np.array([127.3, 120.8, 1.0])
+    area = Rectangle(0, 256, 0, 256)
+    _, visits = check(epipole, area)
+    assert visits <= 1.7 * 256 * 256
+    groups, _ = line_groups(epipole, area, LANES)
+    near = [g for g in groups if g["low"] - 4 <= epipole[g["axis"]] <= g["high"] + 4]
+    # Thinned four times by two, 1024 lines are 64; a fan adds up to three beyond either end.
+    assert sum(int(g["count"]) for g in near) <= 64 + 4 * 6
+
+
+def test_nothing_to_cover_needs_no_lines():
+    groups, packets = line_groups(np.array([1.0, 2.0, 1.0]), Rectangle(5, 5, 0, 10), LANES)
+    assert len(groups) == packets == 0

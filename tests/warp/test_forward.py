@@ -1,0 +1,91 @@
+"""The forward warp and the search are their float64 references in tests/reference, to the last pixel or nearly so."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.camera import Camera
+from tests import scenes
+from tests.reference.warp import forward_reference, search_reference
+
+PROJECTIONS = ("perspective", "orthographic")
+SIZE, TARGET = (31, 22), (27, 24)
+SCENES = [scenes.smooth, scenes.stepped, scenes.holed]
+ROUNDING = 2e-6  # relative: float32 depth of a few dozen operations
+
+
+@pytest.mark.parametrize("splat", [1, 2, 3])
+@pytest.mark.parametrize("source", PROJECTIONS)
+@pytest.mark.parametrize("target", PROJECTIONS)
+@pytest.mark.parametrize("scene", SCENES)
+def test_forward_is_its_reference(scene, source, target, splat):
+    view = scene(SIZE, source)
+    drawn = 0
+    for pose in scenes.all_cameras(view, TARGET, target)[splat - 1 :: 3]:
+        found = ibr.warp(view, pose.camera, "forward", splat=splat)
+        expected = forward_reference(view, pose.camera, splat)
+        # A sample on the border between two pixels, or two samples of about one depth, may be rounded either way.
+        same = found.valid == expected.valid
+        assert np.count_nonzero(~same) <= 2, pose.name
+        both = found.valid & expected.valid
+        close = np.isclose(found.depth, expected.depth, rtol=ROUNDING, atol=0)
+        close &= (found.color == np.where(both[..., None], expected.color, 0)).all(axis=-1)
+        assert np.count_nonzero(both & ~close) <= 2 * splat, pose.name
+        drawn += np.count_nonzero(both)
+    assert drawn > 1000
+
+
+@pytest.mark.parametrize("scale", [0.5, 0.25])
+@pytest.mark.parametrize("splat", [1, 2, 3])
+def test_ties_go_to_the_earlier_sample(scale, splat):
+    """A wall of one depth, seen smaller: many samples on a pixel, all as near. Exact, in binary fractions."""
+    camera = Camera([[16, 0, 7.5], [0, 16, 7.5], [0, 0, 1]], (16, 16))
+    color = np.zeros((16, 16, 3), np.uint8)
+    color[..., 0] = np.arange(256).reshape(16, 16)
+    view = ibr.DepthImage(color, np.full((16, 16), 2, np.float32), camera)
+    small = Camera([[16 * scale, 0, 3.75], [0, 16 * scale, 3.625], [0, 0, 1]], (8, 8))
+    found = ibr.warp(view, small, "forward", splat=splat)
+    expected = forward_reference(view, small, splat)
+    np.testing.assert_array_equal(found.valid, expected.valid)
+    np.testing.assert_array_equal(found.color, expected.color)
+    np.testing.assert_array_equal(found.depth, expected.depth.astype(np.float32))
+
+
+def test_a_larger_splat_closes_gaps():
+    view = scenes.smooth((64, 48))
+    camera = view.camera.resized((160, 120)).moved(0.1, 0, 0)
+    cover = [ibr.warp(view, camera, "forward", splat=splat).valid for splat in (1, 2, 3)]
+    assert cover[0].mean() < 0.3
+    # 2.5 pixels from sample to sample, and less than 3: no gap within the surface
+    middle = np.s_[10:-10, 20:-20]
+    assert cover[2][middle].all()
+    assert (cover[1] >= cover[0]).all()
+    assert cover[0].sum() < cover[1].sum() < cover[2].sum()
+
+
+@pytest.mark.parametrize("sample", ["linear", "nearest"])
+@pytest.mark.parametrize("source", PROJECTIONS)
+@pytest.mark.parametrize("target", PROJECTIONS)
+@pytest.mark.parametrize("scene", SCENES)
+def test_search_is_its_reference(scene, source, target, sample):
+    view = scene(SIZE, source)
+    compared = 0
+    poses = scenes.all_cameras(view, TARGET, target)
+    for number, pose in enumerate(poses[sample == "nearest" :: 2]):
+        options = {"edges": ("connect", "cut")[number % 2], "side": ("front", "both", "back")[number % 3]}
+        expected = search_reference(view, pose.camera, sample=sample, **options)
+        if not expected.valid.any():
+            continue
+        found = ibr.warp(view, pose.camera, "search", sample, **options)
+        # A ray that just touches a silhouette, or passes just between two samples, may be rounded either way.
+        assert np.count_nonzero(found.valid != expected.valid) <= 3, (pose.name, options)
+        both = found.valid & expected.valid
+        close = np.isclose(found.depth, expected.depth, rtol=1e-4, atol=0)
+        assert np.count_nonzero(both & ~close) <= 3, (pose.name, options)
+        off = np.abs(found.color - expected.color).max(axis=-1)
+        # Half a level for the bytes, and as much for a position that is off by a few thousandths of a pixel.
+        assert np.count_nonzero(off[both & close] > 1) <= 1, (pose.name, options)
+        compared += np.count_nonzero(both)
+    assert compared > 1000

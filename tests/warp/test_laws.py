@@ -1,0 +1,357 @@
+"""What must hold of any warp, whatever the scene: laws with answers that are known without a second renderer."""
+
+from __future__ import annotations
+
+from itertools import permutations
+
+import cv2
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.camera import Camera
+from tests import scenes
+
+PROJECTIONS = ("perspective", "orthographic")
+METHODS = ("epipolar", "search", "forward")
+SIZE = (96, 64)
+
+
+def same_bits(a: ibr.Frame, b: ibr.Frame) -> None:
+    np.testing.assert_array_equal(a.valid, b.valid)
+    np.testing.assert_array_equal(a.depth.view(np.uint32), b.depth.view(np.uint32))
+    np.testing.assert_array_equal(a.color, b.color)
+
+
+def pinhole(size: scenes.Size, focal: float = 60.0) -> Camera:
+    return Camera([[focal, 0, (size[0] - 1) / 2], [0, focal, (size[1] - 1) / 2], [0, 0, 1]], size)
+
+
+def image(depth: np.ndarray, camera: Camera, **options: float) -> ibr.DepthImage:
+    """``depth`` with the scenes' texture."""
+    return ibr.DepthImage(scenes.texture(*scenes.image_coordinates(camera.size)), depth.astype(np.float32), camera, **options)
+
+
+# --- standing still ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 9), (5, 1), (7, 13), (61, 37), (64, 64)], ids=str)
+@pytest.mark.parametrize("projection", PROJECTIONS)
+@pytest.mark.parametrize("sample", ["linear", "nearest"])
+@pytest.mark.parametrize("dtype", [np.uint8, np.float32])
+def test_the_same_camera_copies(size, projection, sample, dtype):
+    view = scenes.stepped(size, projection)
+    color = view.color if dtype == np.uint8 else (view.color / np.float32(255)).astype(np.float32)
+    view = ibr.DepthImage(color, view.depth, view.camera)
+    frame = ibr.warp(view, view.camera, sample=sample)
+    assert frame.valid.all()
+    # 1 ulp: depth is kept as its inverse. Float colours pass through sums of weights, 4 roundings.
+    np.testing.assert_array_max_ulp(frame.depth, view.depth, 1)
+    np.testing.assert_allclose(frame.color, color, rtol=0, atol=0 if dtype == np.uint8 else 4 * 2**-24)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("projection", PROJECTIONS)
+def test_holes_stay_where_they_are(method, projection):
+    view = scenes.holed((61, 37), projection)
+    frame = ibr.warp(view, view.camera, method)
+    # A sample is a vertex of triangles, which are gone where one of their corners is: never more than the valid ones.
+    assert not frame.valid[~view.valid].any()
+    np.testing.assert_array_max_ulp(frame.depth[frame.valid], view.depth[frame.valid], 1)
+    if method == "forward":
+        np.testing.assert_array_equal(frame.valid, view.valid)
+    assert (frame.color[~frame.valid] == 0).all()
+    assert np.isnan(frame.depth[~frame.valid]).all()
+
+
+@pytest.mark.parametrize("bad", [np.nan, 0.0, -1.0, np.inf, -np.inf, 100.0, 1e30])
+def test_every_kind_of_no_surface_is_the_same_hole(bad):
+    camera = pinhole(SIZE)
+    depth = np.full(SIZE[::-1], 2.0, np.float32)
+    depth[20:40, 30:60] = bad
+    frame = ibr.warp(image(depth, camera, far=100.0), camera.moved(0.1, 0, 0))  # a shift of 3 pixels
+    hole = np.zeros(SIZE[::-1], bool)
+    hole[20:40, 27:57] = True
+    hole[:, -3:] = True
+    grown = cv2.dilate(hole.astype(np.uint8), np.ones((3, 3))).astype(bool)
+    assert not frame.valid[hole].any()
+    assert frame.valid[~grown].all()
+    np.testing.assert_allclose(frame.depth[frame.valid], 2, rtol=1e-6)  # float32, a dozen operations
+
+
+def test_a_far_background_is_no_surface():
+    camera = pinhole(SIZE)
+    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
+    disc = (x - 47) ** 2 + (y - 31) ** 2 < 400
+    view = image(np.where(disc, 2.0, 50.0), camera, far=50.0)
+    assert ibr.warp(view, camera).valid.sum() < disc.sum()
+    everything = image(np.where(disc, 2.0, 50.0), camera)
+    assert ibr.warp(everything, camera).valid.all()
+
+
+# --- planes ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("pixels", [(5, 0), (-7, 0), (0, 4), (0, -6), (9, -11)], ids=str)
+def test_a_wall_shifts_by_focal_times_baseline_over_depth(method, pixels):
+    camera, z = pinhole(SIZE), 3.0
+    view = image(np.full(SIZE[::-1], z), camera)
+    dx, dy = pixels
+    frame = ibr.warp(view, camera.moved(dx * z / 60, dy * z / 60, 0), method)
+    expected = np.zeros_like(view.color)
+    there = np.zeros(SIZE[::-1], bool)
+    source = np.s_[max(dy, 0) : SIZE[1] + min(dy, 0), max(dx, 0) : SIZE[0] + min(dx, 0)]
+    target = np.s_[max(-dy, 0) : SIZE[1] + min(-dy, 0), max(-dx, 0) : SIZE[0] + min(-dx, 0)]
+    expected[target], there[target] = view.color[source], True
+    # Rays through the outermost samples may pass just beside the surface's border.
+    inner = cv2.erode(there.astype(np.uint8), np.ones((3, 3))).astype(bool)
+    assert not frame.valid[~there].any()
+    assert frame.valid[inner].all()
+    np.testing.assert_array_equal(frame.color[frame.valid], expected[frame.valid])
+    np.testing.assert_allclose(frame.depth[frame.valid], z, rtol=1e-6)
+
+
+@pytest.mark.parametrize("move", [(0.3, 0, 0), (0.1, -0.2, 0.4), (0, 0, -0.7)], ids=str)
+def test_a_plane_is_its_homography(move):
+    """A slanted plane n . X = d from a turned camera: H = K (R - t n^T / d) K^-1, and the colours cv2 draws with it."""
+    camera = pinhole(SIZE)
+    normal, d = np.array([0.15, -0.1, 1.0]), 3.0
+    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
+    ray = np.stack([x, y, np.ones_like(x)], -1) @ np.linalg.inv(camera.K).T
+    view = image(d / (ray @ normal), camera)
+    target = Camera(camera.K, SIZE, scenes.pose(yaw=4, pitch=-3, roll=7, center=move))
+    target_from_source = target.camera_from_world
+    H = camera.K @ (target_from_source[:3, :3] + np.outer(target_from_source[:3, 3], normal) / d) @ np.linalg.inv(camera.K)
+    frame = ibr.warp(view, target)
+    drawn = cv2.warpPerspective(view.color.astype(np.float32), H, SIZE, flags=cv2.INTER_LINEAR)
+    inside = cv2.warpPerspective(np.ones(SIZE[::-1], np.float32), H, SIZE, flags=cv2.INTER_LINEAR) > 1 - 1e-6
+    inner = cv2.erode(inside.astype(np.uint8), np.ones((3, 3))).astype(bool)
+    assert inner.mean() > 0.5
+    assert frame.valid[inner].all()
+    # 3 of 255: cv2 mixes four samples, the warp three (a triangle), and cv2 rounds positions to 1/32 of a pixel.
+    off = np.abs(frame.color.astype(np.float64) - drawn)[inner]
+    assert off.max() <= 3
+    assert off.mean() < 0.5
+    # Depth has a closed form: where the target's ray meets the plane.
+    rotation, center = target.world_from_camera[:3, :3], target.center
+    expected = (d - center @ normal) / (ray @ rotation.T @ normal)
+    np.testing.assert_allclose(frame.depth[inner], expected[inner], rtol=2e-6)
+
+
+# --- scale and order ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("scale", [2.0**-6, 2.0**10])
+def test_scaling_depth_and_baseline_together_changes_nothing(method, scale):
+    """A power of two changes exponents alone: the same bits."""
+    view = scenes.stepped(SIZE)
+
+    def scaled(camera: Camera) -> Camera:
+        pose = camera.world_from_camera.copy()
+        pose[:3, 3] *= scale
+        return Camera(camera.K, camera.size, pose)
+
+    larger = ibr.DepthImage(view.color, view.depth * np.float32(scale), scaled(view.camera))
+    for region in "AEF":
+        for pose in scenes.target_cameras(view, region):
+            one, other = ibr.warp(view, pose.camera, method), ibr.warp(larger, scaled(pose.camera), method)
+            same_bits(one, ibr.Frame(other.color, other.depth / np.float32(scale), other.valid, pose.camera))
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("sample", ["linear", "nearest"])
+def test_the_same_bits_every_time(method, sample):
+    view = scenes.stepped(SIZE)
+    for pose in scenes.target_cameras(view, "E") + scenes.special_cameras(view):
+        first = ibr.warp(view, pose.camera, method, sample, fill="background")
+        for _ in range(3):
+            same_bits(first, ibr.warp(view, pose.camera, method, sample, fill="background"))
+        fresh = ibr.DepthImage(view.color, view.depth, view.camera)  # nothing kept on the device
+        same_bits(first, ibr.warp(fresh, pose.camera, method, sample, fill="background"))
+
+
+def three_views() -> list[ibr.DepthImage]:
+    """Seen from three places, of three different surfaces, so that no depths are equal."""
+    first = scenes.stepped(SIZE)
+    turned = [scenes.pose(yaw=8, center=(-0.5, 0.1, 0.2)), scenes.pose(yaw=-9, pitch=4, center=(0.6, 0, -0.1))]
+    cameras = [Camera(first.camera.K, SIZE, first.camera.world_from_camera @ pose) for pose in turned]
+    smooth, holed = scenes.smooth(SIZE), scenes.holed(SIZE)
+    return [
+        first,
+        ibr.DepthImage(255 - smooth.color, smooth.depth * np.float32(1.07), cameras[0]),
+        ibr.DepthImage(holed.color // 2, holed.depth * np.float32(0.93), cameras[1], far=holed.far * 0.93),
+    ]
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("sample", ["linear", "nearest"])
+@pytest.mark.parametrize("edges", ["connect", "cut"])
+def test_several_views_are_their_frames_merged_by_depth_in_any_order(method, sample, edges):
+    views = three_views()
+    targets = [p.camera for place in "AE" for p in scenes.target_cameras(views[0], place)]
+    for target in [*targets, views[0].camera, views[2].camera]:
+        alone = [ibr.warp(view, target, method, sample, edges) for view in views]
+        depths = np.stack([np.where(frame.valid, frame.depth, np.inf) for frame in alone])
+        nearest = depths.argmin(axis=0)
+        valid = np.isfinite(depths.min(axis=0))
+        color = np.take_along_axis(np.stack([f.color for f in alone]), nearest[None, ..., None], 0)[0]
+        expected = ibr.Frame(color, np.where(valid, depths.min(axis=0), np.nan).astype(np.float32), valid, target)
+        for order in permutations(views):
+            merged = ibr.warp(order, target, method, sample, edges)
+            np.testing.assert_array_equal(merged.valid, expected.valid)
+            np.testing.assert_array_equal(merged.depth, expected.depth)
+            np.testing.assert_array_equal(merged.color, expected.color)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_view_that_sees_nothing_changes_nothing(method):
+    view = scenes.stepped(SIZE)
+    away = Camera(view.camera.K, SIZE, view.camera.world_from_camera @ scenes.pose(yaw=180, center=(0, 0, -20)))
+    elsewhere = ibr.DepthImage(view.color, view.depth, away)
+    target = view.camera.moved(0.2, 0.1, 0)
+    alone = ibr.warp(view, target, method)
+    same_bits(alone, ibr.warp([view, elsewhere], target, method))
+    same_bits(alone, ibr.warp([elsewhere, view], target, method))
+
+
+# --- there and back ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", ["epipolar", "search"])
+@pytest.mark.parametrize("move", [(0.4, 0.1, 0.0), (0.1, 0.0, 0.5), (-0.2, 0.3, -0.4)], ids=str)
+def test_there_and_back_is_where_it_was(method, move):
+    view = scenes.smooth((128, 96))
+    there = ibr.warp(view, view.camera.moved(*move), method)
+    back = ibr.warp(ibr.DepthImage(there.color, there.depth, there.camera), view.camera, method)
+    inner = cv2.erode(back.valid.astype(np.uint8), np.ones((7, 7))).astype(bool)
+    assert inner.mean() > 0.6
+    # A curved surface, sampled twice: to second order in a pixel, h^2 / 8 of the curvature. That is 0.1 % here.
+    error = np.abs(back.depth / view.depth - 1)[inner]
+    assert np.quantile(error, 0.999) < 2e-3
+    assert np.median(error) < 2e-4
+    # The same of the texture, whose finest wave is some 17 pixels long, and two roundings to bytes.
+    assert np.median(np.abs(back.color.astype(int) - view.color.astype(int))[inner]) <= 2
+
+
+# --- edges -------------------------------------------------------------------------------------------
+
+
+def two_walls() -> tuple[ibr.DepthImage, Camera]:
+    """A near wall on the left of column 48, a far one on the right; seen from the right a gap opens between them."""
+    camera = pinhole(SIZE)
+    x = np.mgrid[: SIZE[1], : SIZE[0]][1]
+    color = np.where(x[..., None] < 48, np.uint8([200, 30, 30]), np.uint8([30, 30, 200]))
+    depth = np.where(x < 48, 2.0, 4.0).astype(np.float32)
+    # 20 pixels of shift at depth 2, and 10 at depth 4.
+    return ibr.DepthImage(color, depth, camera), camera.moved(20 * 2 / 60, 0, 0)
+
+
+@pytest.mark.parametrize("method", ["epipolar", "search"])
+def test_cut_opens_what_connect_stretches(method):
+    view, target = two_walls()
+    connected, cut = (ibr.warp(view, target, method, edges=edges) for edges in ("connect", "cut"))
+    # The near wall ends at 47 - 20 = 27, the far one begins at 48 - 10 = 38: just there a ray may pass by or not.
+    gap = np.s_[:, 28:38]
+    assert connected.valid[:, :84].all()
+    assert not cut.valid[gap].any()
+    assert cut.valid[:, :27].all()
+    assert cut.valid[:, 39:84].all()
+    stretched = connected.depth[gap]
+    assert (np.diff(stretched, axis=1) > 0).all()
+    assert ((stretched > 2) & (stretched < 4)).all()
+    for frame in (connected, cut):
+        np.testing.assert_allclose(frame.depth[:, :27], 2, rtol=1e-6)
+        np.testing.assert_allclose(frame.depth[:, 39:84], 4, rtol=1e-6)
+        assert (frame.color[:, :27] == (200, 30, 30)).all()
+        assert (frame.color[:, 39:84] == (30, 30, 200)).all()
+
+
+def test_the_cut_ratio_is_the_ratio_that_is_cut():
+    view, target = two_walls()
+    assert ibr.warp(view, target, edges="cut", cut_ratio=2.001).valid[:, 28:38].all()
+    assert not ibr.warp(view, target, edges="cut", cut_ratio=1.999).valid[:, 28:38].any()
+
+
+# --- filling -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_holes_are_filled_from_the_farther_side(sign):
+    view, target = two_walls()
+    if sign < 0:  # mirrored: the far wall on the left, the camera moves to the left
+        view = ibr.DepthImage(view.color[:, ::-1], view.depth[:, ::-1], view.camera)
+        target = view.camera.moved(-20 * 2 / 60, 0, 0)
+    bare, filled = (ibr.warp(view, target, edges="cut", fill=fill) for fill in (None, "background"))
+    flip = np.s_[:, ::sign]
+    np.testing.assert_array_equal(filled.valid, bare.valid)
+    np.testing.assert_array_equal(filled.color[bare.valid], bare.color[bare.valid])
+    np.testing.assert_array_equal(filled.depth[bare.valid], bare.depth[bare.valid])
+    gap = filled.depth[flip][:, 28:38], filled.color[flip][:, 28:38]
+    np.testing.assert_allclose(gap[0], 4, rtol=1e-6)
+    assert (gap[1] == (30, 30, 200)).all()
+    # Beyond the far wall's end there is one side only.
+    np.testing.assert_allclose(filled.depth[flip][:, 86:], 4, rtol=1e-6)
+
+
+@pytest.mark.parametrize("place", [*scenes.REGIONS, "special"])
+@pytest.mark.parametrize("method", METHODS)
+def test_everything_is_filled_that_has_a_valid_pixel_on_its_line(place, method):
+    view = scenes.stepped((61, 37))
+    poses = scenes.special_cameras(view) if place == "special" else scenes.target_cameras(view, place)
+    for pose in poses:
+        if pose.region == "none":
+            continue  # without an epipole there are no lines
+        bare = ibr.warp(view, pose.camera, method, edges="cut")
+        filled = ibr.warp(view, pose.camera, method, edges="cut", fill="background")
+        np.testing.assert_array_equal(filled.valid, bare.valid)
+        reached = holes_with_an_end(bare.valid, scenes.epipole(pose.camera, view.camera))
+        # 1 %: whether a line passes through a pixel or just beside it hangs on rounding.
+        assert np.isnan(filled.depth[reached]).mean() <= 0.01, pose.name
+        low, high = np.nanmin(bare.depth), np.nanmax(bare.depth)
+        ends = filled.depth[np.isfinite(filled.depth)]
+        assert ends.min() >= low * (1 - 1e-6), pose.name
+        assert ends.max() <= high * (1 + 1e-6), pose.name
+
+
+def holes_with_an_end(valid: np.ndarray, epipole: np.ndarray) -> np.ndarray:
+    """(H, W) bool: holes on whose epipolar line, walked a pixel at a time either way, there is a valid pixel."""
+    height, width = valid.shape
+    found = np.zeros_like(valid)
+    for y, x in np.argwhere(~valid):
+        d = np.array([x * epipole[2] - epipole[0], y * epipole[2] - epipole[1]])
+        longest = np.abs(d).max()
+        d = d / longest if longest > 0 else np.array([1.0, 0.0])
+        steps = np.arange(-max(width, height), max(width, height) + 1)
+        px, py = np.rint(x + steps * d[0]).astype(int), np.rint(y + steps * d[1]).astype(int)
+        inside = (px >= 0) & (px < width) & (py >= 0) & (py < height)
+        found[y, x] = valid[py[inside], px[inside]].any()
+    return found
+
+
+# --- colours -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("sample", ["linear", "nearest"])
+@pytest.mark.parametrize("fill", [None, "background"])
+def test_bytes_and_floats_agree(method, sample, fill):
+    view = scenes.stepped(SIZE)
+    floats = ibr.DepthImage(view.color.astype(np.float32) / np.float32(255), view.depth, view.camera)
+    for pose in scenes.target_cameras(view, "E") + scenes.special_cameras(view)[2:5]:
+        one = ibr.warp(view, pose.camera, method, sample, "cut", fill)
+        other = ibr.warp(floats, pose.camera, method, sample, "cut", fill)
+        np.testing.assert_array_equal(one.depth, other.depth)
+        np.testing.assert_array_equal(one.valid, other.valid)
+        assert other.color.dtype == np.float32
+        # Half a level for the rounding to bytes, and a whole one after filling, which mixes what is rounded already.
+        limit = 1.01 if fill else 0.501
+        assert np.abs(one.color - other.color.astype(np.float64) * 255).max() <= limit, pose.name
+
+
+def test_float_colors_beyond_one_are_kept():
+    camera = pinhole((16, 12))
+    color = np.full((12, 16, 3), 7.5, np.float32)
+    frame = ibr.warp(ibr.DepthImage(color, np.full((12, 16), 2, np.float32), camera), camera.moved(0.1, 0, 0))
+    np.testing.assert_allclose(frame.color[frame.valid], 7.5, rtol=1e-6)
