@@ -78,8 +78,8 @@ def depth_rmse(depth: Image, truth: Image, valid: Mask | None = None) -> float:
     --------
     >>> import numpy as np
     >>> from pyibr import metrics
-    >>> metrics.depth_rmse(np.array([[1.0, 2.0, np.nan]]), np.array([[4.0, 6.0, 1.0]])) ** 2
-    12.5
+    >>> metrics.depth_rmse(np.array([[1.0, 2.0, np.nan]]), np.array([[4.0, 5.0, 1.0]]))
+    3.0
     """
     return math.sqrt(float(np.mean(np.square(_depth_differences(depth, truth, valid)))))
 

@@ -142,7 +142,7 @@ class PixelMap:
 
     @cached_property
     def density(self) -> float:
-        """Source pixels over one target pixel, at the middle nearness where the target sees it; at least 1."""
+        """Source pixels over one target pixel, along an axis, at the middle nearness where the target sees it."""
         middle = 0.5 * (self.low + self.high)
         spans = [np.linspace(0.1, 0.9, 5) * (size - 1) for size in self.src.size]
         x, y = (grid.ravel() for grid in np.meshgrid(*spans))
@@ -157,7 +157,7 @@ class PixelMap:
             area = np.abs((ux - u) * (vy - v) - (vx - v) * (uy - u))
             width, height = self.dst.size
             seen = (w > 0) & (u > -width) & (u < 2 * width) & (v > -height) & (v < 2 * height) & (area > 0)
-        return float(max(1.0, np.median(area[seen]) ** -0.5)) if seen.any() else 1.0
+        return float(np.median(area[seen]) ** -0.5) if seen.any() else 1.0
 
     def _corners(self, ends: tuple[float, float]) -> tuple[Float64, Float64, Float64]:
         """(8,) homogeneous target positions of the source's corner pixels, at one nearness and at the other."""

@@ -31,6 +31,7 @@ _SHOWN = {"front": 1, "back": 2, "both": 3}  # SHOWS_FRONT, SHOWS_BACK of kernel
 _EMPTY = -3e38  # EMPTY of kernels/lib/pixelspace.h
 _CUT = np.dtype([("near_scale", np.float32), ("far_scale", np.float32)])
 _SPLAT_MOST = 64.0
+_APART_MOST = 16
 
 
 def warp(
@@ -240,8 +241,10 @@ def _look(
     if pixel_map.src.projection == "orthographic":
         near_scale, far_scale = far_scale, near_scale
     groups, packets = line_groups(pixel_map.epipole, reach, session.lanes)
-    # Lanes of the sweep with nothing to write need a place of their own to write it.
-    seen = scratch((height * pitch(width) + packets * session.lanes,), np.float32)
+    # Lanes of the sweep with nothing to write need a place of their own to write it; packets at the end of the last
+    # row read beyond it.
+    beyond = max(packets * session.lanes, session.lanes + _APART_MOST)
+    seen = scratch((height * pitch(width) + beyond,), np.float32)
     common = {
         "nearness": samples.nearness,
         "seen": seen,
@@ -290,7 +293,8 @@ def _look(
         high_x=high_x,
         low_y=low_y,
         high_y=high_y,
-        density=pixel_map.density,
+        density=max(pixel_map.density, 1.0),
+        apart=min(math.ceil(1.0 / pixel_map.density), _APART_MOST),
         **common,
         **target.outputs(),
     )

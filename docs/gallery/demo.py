@@ -20,6 +20,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import Normalize, to_rgb
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import track
@@ -120,7 +121,9 @@ def show_title(axes: Axes, head: str, tail: str) -> None:
     axes.set_title(tail, loc="right", fontsize=15, pad=7)
 
 
-def show_depth(axes: Axes, depth: NDArray[np.float32], valid: NDArray[np.bool_], scale: Normalize):
+def show_depth(
+    axes: Axes, depth: NDArray[np.float32], valid: NDArray[np.bool_], scale: Normalize
+) -> AxesImage:
     """Depth in kilometres, on the scale that all panels share."""
     return axes.imshow(np.where(valid, depth / 1000, np.nan), cmap="viridis_r", norm=scale)
 
@@ -146,7 +149,16 @@ def show_map(axes: Axes, field: ibr.DepthImage, source: ibr.Camera, path: list[i
         color = INK if name == "s" else HOLE
         axes.fill(*wedge.T, facecolor=color, alpha=0.25, edgecolor="white", linewidth=1)
         axes.plot(*at, "o", color=color, markersize=15, markeredgecolor="white")
-        axes.text(*at, name, color="white", fontsize=11, fontweight="bold", ha="center", va="center_baseline")
+        axes.text(
+            float(at[0]),
+            float(at[1]),
+            name,
+            color="white",
+            fontsize=11,
+            fontweight="bold",
+            ha="center",
+            va="center_baseline",
+        )
 
 
 def print_table(console: Console, source: ibr.DepthImage, views: list[View]) -> None:

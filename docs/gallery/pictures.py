@@ -12,7 +12,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 from demo import FAINT, HOLE, INK, PATH, views_of
 from matplotlib.axes import Axes
+from matplotlib.colors import Normalize, to_rgb, to_rgba
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle as Patch
 from matplotlib.ticker import NullLocator
 from terrain import height_field, source_view
 
@@ -40,11 +42,11 @@ def terrain() -> Figure:
     depth = np.where(source.valid, -source.depth, np.nan)
     panels = {
         "source: colour": np.where(source.valid[..., None], source.color, 255),
-        "source: depth": plt.get_cmap("viridis")(plt.Normalize(-28_000, -11_000)(depth)),
+        "source: depth": plt.get_cmap("viridis")(Normalize(-28_000, -11_000)(depth)),
         "new view": frame.color,
-        "hidden from the source": np.where(frame.valid[..., None], gray, mpl.colors.to_rgb(HOLE)),
+        "hidden from the source": np.where(frame.valid[..., None], gray, to_rgb(HOLE)),
     }
-    panels["source: depth"][~source.valid] = mpl.colors.to_rgba(FAINT)
+    panels["source: depth"][~source.valid] = to_rgba(FAINT)
     figure, row = plt.subplots(1, 4, figsize=(14, 2.62), layout="constrained")
     for axes, (name, image) in zip(row, panels.items(), strict=True):
         bare(axes).imshow(image)
@@ -67,7 +69,7 @@ def epipolar_lines() -> Figure:
             for ends in lines_of(group, epipole):
                 color = BLUE if group["axis"] == 0 else ORANGE
                 axes.plot(*ends, color=color, linewidth=0.7, alpha=0.9)
-        axes.add_patch(plt.Rectangle((-0.5, -0.5), width, height, fill=False, edgecolor=INK, linewidth=1.5))
+        axes.add_patch(Patch((-0.5, -0.5), width, height, fill=False, edgecolor=INK, linewidth=1.5))
         if epipole[2]:
             axes.plot(*epipole[:2], "o", color=HOLE, markersize=8, zorder=5)
         axes.set_title(name, loc="left", fontsize=12, color=INK)
@@ -138,8 +140,8 @@ def epipolar_plane() -> Figure:
 def save(name: str, figure: Figure, dpi: int) -> None:
     """Write one picture and say how large it is."""
     path = IMAGES / name
-    options = {"pil_kwargs": {"quality": 88}} if path.suffix == ".jpg" else {}
-    figure.savefig(path, dpi=dpi, facecolor="white", **options)
+    quality = {"quality": 88} if path.suffix == ".jpg" else None
+    figure.savefig(path, dpi=dpi, facecolor="white", pil_kwargs=quality)
     plt.close(figure)
     print(f"{path}: {path.stat().st_size / 1000:.0f} kB")
 

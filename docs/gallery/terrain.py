@@ -25,7 +25,8 @@ _LAND = ("#2f5d4a", "#5f8a56", "#a9b46f", "#d9c58b", "#b58a5e", "#8c6a55", "#e9e
 
 def height_field() -> ibr.DepthImage:
     """The terrain seen straight from above by an orthographic camera, with its true aspect."""
-    with cbook.get_sample_data("jacksboro_fault_dem.npz") as stored:
+    path = str(cbook.get_sample_data("jacksboro_fault_dem.npz", asfileobj=False))
+    with np.load(path) as stored:
         elevation = stored["elevation"].astype(np.float32)
         step_x = METRES_PER_DEGREE * float(stored["dx"]) * np.cos(np.radians(LATITUDE)) / FINER
         step_y = METRES_PER_DEGREE * float(stored["dy"]) / FINER

@@ -176,9 +176,7 @@ kernel void epipolar_sweep(global const float *nearness, global float *seen, glo
         const floatl qa = (floatl)(gather(nearness, at)), qb = (floatl)(gather(nearness, next));
         const floatl q_before = q, p0 = p1, w0_ = w1, q0 = q1;
         const intl torn = IS_OPEN(cut, greater(qa, qb), lesser(qa, qb));
-        /* Beside a missing sample the line keeps to the other one: what goes too far, resolve.cl trims. */
-        const intl first_half = ((part < 0.5f) & (qa > NO_SURFACE)) | (qb <= NO_SURFACE);
-        q = pick(torn, pick(first_half, qa, qb), qa + part * (qb - qa));
+        q = pick(torn, pick(part < 0.5f, qa, qb), qa + part * (qb - qa));
         const intl open = IS_OPEN(cut, greater(q, q_before), lesser(q, q_before)) | !active;
         p1 = p_0 + p_1 * major + q * b_along;
         w1 = w_0 + w_1 * major + q * b_w;

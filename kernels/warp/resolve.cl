@@ -7,7 +7,8 @@
  *
  * seen: (dst_height, dst_pitch) nearness by epipolar.cl, or the finished nearness by search.cl. depth, color, valid:
  * (dst_height, dst_width). `merge` keeps what is nearer already. density: pixels of the
- * source over one of the target, >= 1. Work-item: STRIP * LANES pixels of a row.
+ * source over one of the target, >= 1; apart: pixels of the target over one of the source, >= 1 (what a line missed of
+ * the surface by half a sample is that far from what it saw). Work-item: STRIP * LANES pixels of a row.
  * Cost: O(pixels). Determinism: every pixel on its own, from inputs alone.
  */
 #include "lib/lanes.h"
@@ -24,24 +25,26 @@
 #define TOLERANCE 1e-3f /* pixels by which a hit may lie outside its triangle: rounding, not geometry */
 
 /* What the pixel's own ray meets first near the answers of its line and of its neighbours' lines. */
-float retrace(Grid grid, global const float *seen, PixelMap map, int shown, int x, int y, float window)
+float retrace(Grid grid, global const float *seen, PixelMap map, int shown, int x, int y, float window,
+              int apart)
 {
     const float *S = map.src_from_dst;
     Ray ray;
     ray.start = (float4)(PIXEL_ROW(S, 0, x, y), PIXEL_ROW(S, 1, x, y), PIXEL_ROW(S, 2, x, y), PIXEL_ROW(S, 3, x, y));
     ray.centre = (float4)(S[3], S[7], S[11], S[15]);
     const Walk whole = walk_of(ray, grid.width, grid.height);
-    const int at = y * map.dst_pitch + x;
-    const float answers[5] = {seen[at], x > 0 ? seen[at - 1] : EMPTY, x + 1 < map.dst_width ? seen[at + 1] : EMPTY,
-                              y > 0 ? seen[at - map.dst_pitch] : EMPTY,
-                              y + 1 < map.dst_height ? seen[at + map.dst_pitch] : EMPTY};
-    float tried[5];
+    float tried[9];
     float nearest = EMPTY;
-    for (int i = 0; i < 5; i++) {
+    for (int i = 0; i < (apart > 1 ? 9 : 5); i++) {
+        const int by = i > 4 ? apart : 1;
+        const int nx = x + (i % 4 == 1 ? -by : i % 4 == 2 ? by : 0), ny = y + (i % 4 == 3 ? -by : i && i % 4 == 0 ? by : 0);
         tried[i] = INFINITY;
-        if (!IS_HIT(answers[i]))
+        if (nx < 0 || nx >= map.dst_width || ny < 0 || ny >= map.dst_height)
             continue;
-        const float4 point = ray.start + answers[i] * ray.centre;
+        const float answer = seen[ny * map.dst_pitch + nx];
+        if (!IS_HIT(answer))
+            continue;
+        const float4 point = ray.start + answer * ray.centre;
         tried[i] = (whole.u_major ? point.x : point.y) / point.z;
         int again = 0;
         for (int j = 0; j < i; j++)
@@ -60,7 +63,8 @@ float retrace(Grid grid, global const float *seen, PixelMap map, int shown, int 
 
 kernel void resolve(global const float *nearness, global const float *seen, global const channel *src_color,
                     global float *depth, global channel *color, global uchar *valid, PixelMap map, Cut cut, int shown,
-                    int linear, int merge, int low_x, int high_x, int low_y, int high_y, float density)
+                    int linear, int merge, int low_x, int high_x, int low_y, int high_y, float density,
+                    int apart)
 {
     const int y = low_y + get_global_id(1);
     const int strip_x = low_x + get_global_id(0) * (STRIP * LANES);
@@ -92,13 +96,19 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
         floatl nearer = greater(y > 0 ? load_lanes(here - map.dst_pitch) : n,
                                 y + 1 < map.dst_height ? load_lanes(here + map.dst_pitch) : n);
         nearer = greater(nearer, greater(x0 > 0 ? load_lanes(here - 1) : shifted_lanes(n), load_lanes(here + 1)));
+        floatl beside = nearer;
+        if (apart > 1) {
+            beside = greater(beside, y >= apart ? load_lanes(here - apart * map.dst_pitch) : n);
+            beside = greater(beside, y + apart < map.dst_height ? load_lanes(here + apart * map.dst_pitch) : n);
+            beside = greater(beside, greater(x0 >= apart ? load_lanes(here - apart) : n, load_lanes(here + apart)));
+        }
         const floatl moves_by = (fabs(e_u - u * e_w) + fabs(e_v - v * e_w)) * fabs(inverse);
         const intl edge = hit & ((nearer - n) * moves_by > EDGE * density);
         us[p] = line_us[p] = u;
         vs[p] = line_vs[p] = v;
         ns[p] = n;
         open_lanes[p] = hit & !edge;
-        traced_lanes[p] = edge | (inside & (n == EMPTY) & IS_HIT(nearer));
+        traced_lanes[p] = edge | (inside & (n == EMPTY) & IS_HIT(beside));
         settled_lanes[p] = 0;
 #if LANES == 16
         const int first_x = clamp(convert_int(u.s0), 0, last_cell_x), first_y = clamp(convert_int(v.s0), 0, last_cell_y);
@@ -164,7 +174,7 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
             if (!((const int *)&traced)[lane])
                 continue;
             const int x = strip_x + p * LANES + lane;
-            const float n = retrace(grid, seen, map, shown, x, y, WINDOW * density);
+            const float n = retrace(grid, seen, map, shown, x, y, WINDOW * density, apart);
             if (!IS_HIT(n))
                 continue;
             const float w = PIXEL_ROW(S, 2, x, y) + n * e_w;

@@ -78,7 +78,9 @@ def check(epipole: np.ndarray, area: Rectangle) -> tuple[float, float]:
             nearest = np.clip(np.round((cut - g["first"]) / g["spacing"]), 0, int(g["count"]) - 1)
             off = np.abs(g["first"] + nearest * g["spacing"] - cut) * distance
             owners += mine & (off < 0.5 * apart)
-            assert not (mine & (off < 0.5 * apart) & (off > 0.5)).any(), "a line owns what is over half a pixel off"
+            assert not (mine & (off < 0.5 * apart) & (off > 0.5)).any(), (
+                "a line owns what is over half a pixel off"
+            )
         lines = g["first"] + g["spacing"] * np.arange(int(g["count"]))
         visits += steps(lines, g, epipole, reference)
     assert first_packet == packets
@@ -97,7 +99,9 @@ def steps(lines: np.ndarray, group: np.void, epipole: np.ndarray, reference: flo
     slope = (lines * epipole[2] - epipole[1 - axis]) / (reference * epipole[2] - epipole[axis])
     along = np.arange(int(group["low"]), int(group["high"]) + 1)
     across = lines[:, None] + slope[:, None] * (along - reference)
-    return float(np.count_nonzero((across >= group["cross_low"] - 0.5) & (across <= group["cross_high"] + 0.5)))
+    return float(
+        np.count_nonzero((across >= group["cross_low"] - 0.5) & (across <= group["cross_high"] + 0.5))
+    )
 
 
 @pytest.mark.parametrize("region", REGIONS, ids=str)
@@ -117,7 +121,18 @@ def test_every_pixel_has_a_line_within_half_a_pixel(size, region):
 @pytest.mark.parametrize("size", SIZES, ids=str)
 def test_epipoles_at_infinity(size):
     for area in areas(size):
-        for x, y in ((1, 0), (-1, 0), (0, 1), (0, -1), (3, 2), (-2, 3), (1, 1), (1, -1), (-500, 1), (1e-6, -7)):
+        for x, y in (
+            (1, 0),
+            (-1, 0),
+            (0, 1),
+            (0, -1),
+            (3, 2),
+            (-2, 3),
+            (1, 1),
+            (1, -1),
+            (-500, 1),
+            (1e-6, -7),
+        ):
             covered, _ = check(np.array([x, y, 0.0], np.float64), area)
             assert covered == 1.0, (x, y)
 

@@ -51,7 +51,9 @@ def poses(view: ibr.DepthImage, target: str, place: str, size: scenes.Size = TAR
 
 def agreement(a: ibr.Frame, b: ibr.Frame) -> float:
     """Share of the image where both frames see the same depth or both see nothing."""
-    return float(((a.valid == b.valid) & (~a.valid | np.isclose(a.depth, b.depth, rtol=DEPTH, atol=0))).mean())
+    return float(
+        ((a.valid == b.valid) & (~a.valid | np.isclose(a.depth, b.depth, rtol=DEPTH, atol=0))).mean()
+    )
 
 
 def check_linear(seen: truth.Truth, frame: ibr.Frame, name: str) -> None:
@@ -116,7 +118,11 @@ def test_sideways_motion_of_turned_cameras():
         view = ibr.DepthImage(scene.color, scene.depth, camera)
         dx, dy = rng.uniform(-0.5, 0.5, 2) * ((1, 0), (0, 1), (1, 1))[number % 3]
         target = camera.moved(dx, dy, 0)
-        assert agreement(ibr.warp(view, target), ibr.warp(view, target, "search")) >= AGREEMENT, (number, dx, dy)
+        assert agreement(ibr.warp(view, target), ibr.warp(view, target, "search")) >= AGREEMENT, (
+            number,
+            dx,
+            dy,
+        )
 
 
 @pytest.mark.parametrize("scene", SCENES)
@@ -164,7 +170,9 @@ def test_awkward_sizes(size, source, target):
     here = surface("smooth", source, size=size)
     cameras = poses(here.view, target, "special", (61, 37)) + poses(here.view, target, "special", size)
     if "perspective" in (source, target):
-        cameras += [p for place in "AEH" for p in poses(scenes.smooth((61, 37), source), target, place, (61, 37))]
+        cameras += [
+            p for place in "AEH" for p in poses(scenes.smooth((61, 37), source), target, place, (61, 37))
+        ]
     for pose in cameras:
         seen = here.cast(pose.camera)
         if not seen.valid.any():

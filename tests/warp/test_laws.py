@@ -29,7 +29,9 @@ def pinhole(size: scenes.Size, focal: float = 60.0) -> Camera:
 
 def image(depth: np.ndarray, camera: Camera, **options: float) -> ibr.DepthImage:
     """``depth`` with the scenes' texture."""
-    return ibr.DepthImage(scenes.texture(*scenes.image_coordinates(camera.size)), depth.astype(np.float32), camera, **options)
+    return ibr.DepthImage(
+        scenes.texture(*scenes.image_coordinates(camera.size)), depth.astype(np.float32), camera, **options
+    )
 
 
 # --- standing still ----------------------------------------------------------------------------------
@@ -122,7 +124,11 @@ def test_a_plane_is_its_homography(move):
     view = image(d / (ray @ normal), camera)
     target = Camera(camera.K, SIZE, scenes.pose(yaw=4, pitch=-3, roll=7, center=move))
     target_from_source = target.camera_from_world
-    H = camera.K @ (target_from_source[:3, :3] + np.outer(target_from_source[:3, 3], normal) / d) @ np.linalg.inv(camera.K)
+    H = (
+        camera.K
+        @ (target_from_source[:3, :3] + np.outer(target_from_source[:3, 3], normal) / d)
+        @ np.linalg.inv(camera.K)
+    )
     frame = ibr.warp(view, target)
     drawn = cv2.warpPerspective(view.color.astype(np.float32), H, SIZE, flags=cv2.INTER_LINEAR)
     inside = cv2.warpPerspective(np.ones(SIZE[::-1], np.float32), H, SIZE, flags=cv2.INTER_LINEAR) > 1 - 1e-6
@@ -175,7 +181,10 @@ def test_the_same_bits_every_time(method, sample):
 def three_views() -> list[ibr.DepthImage]:
     """Seen from three places, of three different surfaces, so that no depths are equal."""
     first = scenes.stepped(SIZE)
-    turned = [scenes.pose(yaw=8, center=(-0.5, 0.1, 0.2)), scenes.pose(yaw=-9, pitch=4, center=(0.6, 0, -0.1))]
+    turned = [
+        scenes.pose(yaw=8, center=(-0.5, 0.1, 0.2)),
+        scenes.pose(yaw=-9, pitch=4, center=(0.6, 0, -0.1)),
+    ]
     cameras = [Camera(first.camera.K, SIZE, first.camera.world_from_camera @ pose) for pose in turned]
     smooth, holed = scenes.smooth(SIZE), scenes.holed(SIZE)
     return [
@@ -197,7 +206,9 @@ def test_several_views_are_their_frames_merged_by_depth_in_any_order(method, sam
         nearest = depths.argmin(axis=0)
         valid = np.isfinite(depths.min(axis=0))
         color = np.take_along_axis(np.stack([f.color for f in alone]), nearest[None, ..., None], 0)[0]
-        expected = ibr.Frame(color, np.where(valid, depths.min(axis=0), np.nan).astype(np.float32), valid, target)
+        expected = ibr.Frame(
+            color, np.where(valid, depths.min(axis=0), np.nan).astype(np.float32), valid, target
+        )
         for order in permutations(views):
             merged = ibr.warp(order, target, method, sample, edges)
             np.testing.assert_array_equal(merged.valid, expected.valid)
@@ -208,7 +219,9 @@ def test_several_views_are_their_frames_merged_by_depth_in_any_order(method, sam
 @pytest.mark.parametrize("method", METHODS)
 def test_a_view_that_sees_nothing_changes_nothing(method):
     view = scenes.stepped(SIZE)
-    away = Camera(view.camera.K, SIZE, view.camera.world_from_camera @ scenes.pose(yaw=180, center=(0, 0, -20)))
+    away = Camera(
+        view.camera.K, SIZE, view.camera.world_from_camera @ scenes.pose(yaw=180, center=(0, 0, -20))
+    )
     elsewhere = ibr.DepthImage(view.color, view.depth, away)
     target = view.camera.moved(0.2, 0.1, 0)
     alone = ibr.warp(view, target, method)
