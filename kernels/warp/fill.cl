@@ -9,7 +9,8 @@
 #include "lib/channel.h"
 
 #define BLOCK 16
-#define SAME_DEPTH 1.05f /* ends whose depths differ by no more than this ratio are one background */
+#define SAME_DEPTH 1.02f  /* ends whose depths differ by no more than this ratio are one background, */
+#define OTHER_DEPTH 1.1f /* and by more than this two; between them the one passes into the other */
 
 kernel void fill_blocks(global const uchar *valid, global uchar *blocks, int width, int height)
 {
@@ -62,8 +63,8 @@ kernel void fill_holes(global channel *color, global float *depth, global const 
         return;
     const float za = a.x < 0 ? -INFINITY : depth[a.x], zb = b.x < 0 ? -INFINITY : depth[b.x];
     float part = za >= zb ? 0.0f : 1.0f; /* of b */
-    if (a.x >= 0 && b.x >= 0 && fmax(za, zb) <= SAME_DEPTH * fmin(za, zb))
-        part = (float)a.y / (a.y + b.y);
+    if (a.x >= 0 && b.x >= 0)
+        part = mix((float)a.y / (a.y + b.y), part, smoothstep(SAME_DEPTH, OTHER_DEPTH, fmax(za, zb) / fmin(za, zb)));
     const size_t at = (size_t)y * width + x;
     const int ia = a.x < 0 ? b.x : a.x, ib = b.x < 0 ? a.x : b.x;
     depth[at] = mix(depth[ia], depth[ib], part);

@@ -13,53 +13,15 @@
  */
 #include "lib/lanes.h"
 #include "lib/color.h"
-#include "warp/trace.h"
+#include "warp/retrace.h"
 
 #ifndef STRIP
 #define STRIP 1 /* packets of LANES pixels a work-item; more than 1 hides a packet's latency behind the others */
 #endif
 #define STEPS 3       /* triangles tried before the pixel is traced */
 #define STRAY 1.0f    /* pixels of the source by which a hit may lie off the line's: farther off, another surface may come first */
-#define WINDOW 4.0f   /* pixels of the source to either side of an answer that are traced */
 #define EDGE 2.0f     /* pixels of the source between neighbours' answers that make a depth edge */
 #define TOLERANCE 1e-3f /* pixels by which a hit may lie outside its triangle: rounding, not geometry */
-
-/* What the pixel's own ray meets first near the answers of its line and of its neighbours' lines. */
-float retrace(Grid grid, global const float *seen, PixelMap map, int shown, int x, int y, float window,
-              int apart)
-{
-    const float *S = map.src_from_dst;
-    Ray ray;
-    ray.start = (float4)(PIXEL_ROW(S, 0, x, y), PIXEL_ROW(S, 1, x, y), PIXEL_ROW(S, 2, x, y), PIXEL_ROW(S, 3, x, y));
-    ray.centre = (float4)(S[3], S[7], S[11], S[15]);
-    const Walk whole = walk_of(ray, grid.width, grid.height);
-    float tried[9];
-    float nearest = EMPTY;
-    for (int i = 0; i < (apart > 1 ? 9 : 5); i++) {
-        const int by = i > 4 ? apart : 1;
-        const int nx = x + (i % 4 == 1 ? -by : i % 4 == 2 ? by : 0), ny = y + (i % 4 == 3 ? -by : i && i % 4 == 0 ? by : 0);
-        tried[i] = INFINITY;
-        if (nx < 0 || nx >= map.dst_width || ny < 0 || ny >= map.dst_height)
-            continue;
-        const float answer = seen[ny * map.dst_pitch + nx];
-        if (!IS_HIT(answer))
-            continue;
-        const float4 point = ray.start + answer * ray.centre;
-        tried[i] = (whole.u_major ? point.x : point.y) / point.z;
-        int again = 0;
-        for (int j = 0; j < i; j++)
-            again |= fabs(tried[i] - tried[j]) < 0.5f * window;
-        if (again)
-            continue;
-        Walk walk = whole;
-        const float from = tried[i] - walk.sign * window, to = tried[i] + walk.sign * window;
-        walk.from = walk.sign > 0.0f ? fmax(walk.from, from) : fmin(walk.from, from);
-        walk.to = walk.sign > 0.0f ? fmin(walk.to, to) : fmax(walk.to, to);
-        uint samples = 0;
-        nearest = fmax(nearest, trace(grid, ray, walk, shown, &samples));
-    }
-    return nearest;
-}
 
 kernel void resolve(global const float *nearness, global const float *seen, global const channel *src_color,
                     global float *depth, global channel *color, global uchar *valid, PixelMap map, Cut cut, int shown,
@@ -174,7 +136,7 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
             if (!((const int *)&traced)[lane])
                 continue;
             const int x = strip_x + p * LANES + lane;
-            const float n = retrace(grid, seen, map, shown, x, y, WINDOW * density, apart);
+            const float n = retrace(grid, seen, map, shown, x, y, density, apart);
             if (!IS_HIT(n))
                 continue;
             const float w = PIXEL_ROW(S, 2, x, y) + n * e_w;

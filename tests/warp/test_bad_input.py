@@ -1,0 +1,217 @@
+"""Bad input: an error that names the argument, what was expected and what came; never a crash or a silent picture."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import pyibr as ibr
+from pyibr.cli import app
+from pyibr.errors import ArgumentError
+
+K = [[50, 0, 20], [0, 50, 15], [0, 0, 1]]
+SIZE = (41, 31)
+CAMERA = ibr.Camera(K, SIZE)
+COLOR = np.full((31, 41, 3), 100, np.uint8)
+DEPTH = np.full((31, 41), 2, np.float32)
+VIEW = ibr.DepthImage(COLOR, DEPTH, CAMERA)
+FLOATS = ibr.DepthImage(COLOR / np.float32(255), DEPTH, CAMERA)
+MIRROR = np.diag([-1.0, 1, 1, 1])
+SHEAR = np.eye(4) + np.eye(4, k=1) * 0.1
+
+Call = Callable[[], Any]
+
+
+def warp(views: Any = VIEW, camera: Any = CAMERA, *rest: Any, **options: Any) -> ibr.Frame:
+    return ibr.warp(views, camera, *rest, **options)
+
+
+def image(color: Any = COLOR, depth: Any = DEPTH, camera: Any = CAMERA, **options: Any) -> ibr.DepthImage:
+    return ibr.DepthImage(color, depth, camera, **options)
+
+
+# What is called, the argument that the error names, and words of what was expected and of what came.
+CASES: dict[str, tuple[Call, str, str, str]] = {
+    "no view": (lambda: warp([]), "views", "at least one DepthImage", "an empty sequence"),
+    "an array as view": (lambda: warp(COLOR), "views", "DepthImage", "(31, 41, 3)"),
+    "None as view": (lambda: warp(None), "views", "DepthImage", "None"),
+    "a frame among views": (lambda: warp([VIEW, "view"]), "views", "DepthImage", "'view'"),
+    "two dtypes": (lambda: warp([VIEW, FLOATS]), "views", "one dtype", "uint8 and float32"),
+    "a matrix as camera": (lambda: warp(VIEW, np.eye(4)), "camera", "pyibr.Camera", "(4, 4)"),
+    "None as camera": (lambda: warp(VIEW, None), "camera", "pyibr.Camera", "None"),
+    "method": (lambda: warp(method="sweep"), "method", '"search"', "'sweep'"),
+    "method, unhashable": (lambda: warp(method=["search"]), "method", '"search"', "['search']"),
+    "sample": (lambda: warp(sample="cubic"), "sample", '"linear", "nearest"', "'cubic'"),
+    "edges": (lambda: warp(edges=None), "edges", '"connect", "cut"', "None"),
+    "fill": (lambda: warp(fill="foreground"), "fill", '"background" or None', "'foreground'"),
+    "fill, a bool": (lambda: warp(fill=True), "fill", '"background" or None', "True"),
+    "side": (lambda: warp(side="left"), "side", '"front", "back", "both"', "'left'"),
+    "cut_ratio of 1": (lambda: warp(cut_ratio=1.0), "cut_ratio", "greater than 1", "1.0"),
+    "cut_ratio, nan": (lambda: warp(cut_ratio=math.nan), "cut_ratio", "greater than 1", "nan"),
+    "cut_ratio, infinite": (lambda: warp(cut_ratio=math.inf), "cut_ratio", "greater than 1", "inf"),
+    "cut_ratio, text": (lambda: warp(cut_ratio="2"), "cut_ratio", "greater than 1", "'2'"),
+    "splat of 0": (lambda: warp(method="forward", splat=0), "splat", "1 to 64", "0"),
+    "splat, endless": (lambda: warp(method="forward", splat=1e9), "splat", "1 to 64", "1000000000.0"),
+    "splat, nan": (lambda: warp(method="forward", splat=math.nan), "splat", "1 to 64", "nan"),
+    "nan everywhere": (lambda: warp(image(depth=DEPTH * np.nan)), "depth", "at least one sample", "none"),
+    "zeros everywhere": (lambda: warp(image(depth=DEPTH * 0)), "depth", "at least one sample", "none"),
+    "all background": (lambda: warp(image(far=2.0)), "depth", "nearer than `far`", "none"),
+    "one view of two is empty": (
+        lambda: warp([VIEW, image(depth=-DEPTH)]),
+        "depth",
+        "at least one sample",
+        "none",
+    ),
+    "gray": (lambda: image(COLOR[..., 0]), "color", "(31, 41, 3)", "gray"),
+    "alpha": (lambda: image(np.dstack([COLOR, DEPTH.astype(np.uint8)])), "color", "(31, 41, 3)", "alpha"),
+    "double colour": (lambda: image(COLOR / 255), "color", "float32", "float64"),
+    "16-bit colour": (lambda: image(COLOR.astype(np.uint16)), "color", "uint8", "uint16"),
+    "a list as colour": (lambda: image(COLOR.tolist()), "color", "uint8", "list"),
+    "colour turned": (lambda: image(COLOR.transpose(1, 0, 2)), "color", "(31, 41, 3)", "(41, 31, 3)"),
+    "double depth": (lambda: image(depth=DEPTH.astype(float)), "depth", "float32", "float64"),
+    "integer depth": (lambda: image(depth=DEPTH.astype(np.uint16)), "depth", "float32", "depth_from_uint16"),
+    "depth of other size": (lambda: image(depth=DEPTH[:-1]), "depth", "(31, 41)", "(30, 41)"),
+    "depth with a channel": (lambda: image(depth=DEPTH[..., None]), "depth", "(31, 41)", "(31, 41, 1)"),
+    "camera of other size": (
+        lambda: image(camera=CAMERA.resized((40, 31))),
+        "color",
+        "(31, 40, 3)",
+        "(31, 41, 3)",
+    ),
+    "no camera": (lambda: image(camera=None), "camera", "pyibr.Camera", "None"),
+    "far of 0": (lambda: image(far=0.0), "far", "> 0", "0.0"),
+    "far, nan": (lambda: image(far=math.nan), "far", "> 0", "nan"),
+    "images of no pixel": (
+        lambda: image(COLOR[:0], DEPTH[:0], ibr.Camera(K, (41, 0))),
+        "size",
+        "integers > 0",
+        "(41, 0)",
+    ),
+    "singular K": (lambda: ibr.Camera(np.zeros((3, 3)), SIZE), "K", "fx, fy > 0", "0.0"),
+    "K of focal length 0": (
+        lambda: ibr.Camera([[0, 0, 1], [0, 5, 1], [0, 0, 1]], SIZE),
+        "K",
+        "fx, fy > 0",
+        "0.0",
+    ),
+    "K, nan": (lambda: ibr.Camera(np.full((3, 3), np.nan), SIZE), "K", "finite", "not finite"),
+    "K, 4x4": (lambda: ibr.Camera(np.eye(4), SIZE), "K", "(3, 3)", "(4, 4)"),
+    "size of floats": (lambda: ibr.Camera(K, (41.0, 31.0)), "size", "integers", "41.0"),  # type: ignore[arg-type]
+    "size, negative": (lambda: ibr.Camera(K, (-1, 31)), "size", "> 0", "(-1, 31)"),
+    "mirrored pose": (lambda: ibr.Camera(K, SIZE, MIRROR), "world_from_camera", "rigid", "det R = -1"),
+    "sheared pose": (lambda: ibr.Camera(K, SIZE, SHEAR), "world_from_camera", "rigid", "R^T R"),
+    "scaled pose": (
+        lambda: ibr.Camera(K, SIZE, 2 * np.eye(4)),
+        "world_from_camera",
+        "rigid",
+        "[0.0, 0.0, 0.0, 2.0]",
+    ),
+    "pose, nan": (
+        lambda: ibr.Camera(K, SIZE, np.eye(4) * np.nan),
+        "world_from_camera",
+        "finite",
+        "not finite",
+    ),
+    "pose, 3x4": (lambda: ibr.Camera(K, SIZE, np.eye(4)[:3]), "world_from_camera", "(4, 4)", "(3, 4)"),
+    "projection": (lambda: ibr.Camera(K, SIZE, None, "fisheye"), "projection", '"orthographic"', "fisheye"),  # type: ignore[arg-type]
+}
+
+
+@pytest.mark.parametrize(("call", "argument", "expected", "got"), CASES.values(), ids=CASES.keys())
+def test_the_error_names_argument_expected_and_got(call, argument, expected, got):
+    with pytest.raises(ArgumentError) as caught:
+        call()
+    text = str(caught.value)
+    assert caught.value.argument == argument
+    assert text.startswith(f"{argument}: expected ")
+    middle, came = text.split(", got ", 1)
+    assert expected in middle
+    assert got in came
+    assert "\n" not in text
+
+
+@pytest.mark.parametrize("method", ["epipolar", "search", "forward"])
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+def test_a_target_that_sees_nothing_gets_a_warning_and_holes(method, projection):
+    K_here = K if projection == "perspective" else [[10, 0, 20], [0, 10, 15], [0, 0, 1]]
+    away = ibr.Camera(K_here, (33, 25), np.diag([-1.0, 1, -1, 1]), projection).moved(0, 0, 1)
+    aside = ibr.Camera(K_here, (33, 25), projection=projection).moved(100, 0, 0)
+    # An orthographic camera has no behind: its rays have no beginning.
+    for target in (away, aside) if projection == "perspective" else (aside,):
+        for fill in (None, "background"):
+            with pytest.warns(UserWarning, match="sees nothing") as caught:
+                frame = ibr.warp(VIEW, target, method, fill=fill)
+            assert caught[0].filename == __file__  # the caller's line, not pyibr's
+            assert not frame.valid.any()
+            assert np.isnan(frame.depth).all()
+            assert (frame.color == 0).all()
+            assert frame.color.shape == (25, 33, 3)
+
+
+def test_a_tuple_of_views_is_a_sequence():
+    np.testing.assert_array_equal(warp((VIEW, VIEW)).depth, warp(VIEW).depth)
+
+
+@pytest.mark.parametrize("method", ["epipolar", "search", "forward"])
+@pytest.mark.parametrize("extreme", [1e-30, 1e-12, 1e12, 1e30])
+@pytest.mark.filterwarnings("ignore:warp. the target camera sees nothing")
+def test_extreme_depths_do_no_harm(method, extreme):
+    """One sample out of all proportion may spoil what is around it, and nothing else."""
+    depth = DEPTH.copy()
+    depth[15, 20] = extreme
+    for target in (CAMERA.moved(0.2, 0.1, 0), CAMERA.moved(0, 0, 1.0), CAMERA.orbited(20, (0, 0, 2))):
+        frame = ibr.warp(ibr.DepthImage(COLOR, depth, CAMERA), target, method, edges="cut")
+        clean = ibr.warp(VIEW, target, method, edges="cut")
+        np.testing.assert_array_equal(np.isfinite(frame.depth), frame.valid)
+        same = frame.valid & clean.valid & np.isclose(frame.depth, clean.depth, rtol=1e-3)
+        # 60: one sample spoils six triangles, which cover some 5 x 5 pixels here at most, and their rims.
+        assert np.count_nonzero(clean.valid & ~same) <= 60
+
+
+def test_color_that_is_not_finite_stays_where_it_is():
+    color = FLOATS.color.copy()
+    color[10, 10] = np.nan
+    frame = ibr.warp(ibr.DepthImage(color, DEPTH, CAMERA), CAMERA.moved(0.1, 0, 0))
+    assert np.count_nonzero(np.isnan(frame.color).any(axis=-1)) <= 9
+    assert np.isfinite(frame.depth[frame.valid]).all()
+
+
+def test_the_command_line_says_it_in_one_line(tmp_path):
+    CAMERA.save(tmp_path / "camera.json")
+    ibr.write_color(tmp_path / "color.png", COLOR)
+    np.save(tmp_path / "depth.npy", DEPTH)
+    np.save(tmp_path / "none.npy", DEPTH * np.nan)
+    np.save(tmp_path / "small.npy", DEPTH[:5])
+    (tmp_path / "torn.png").write_bytes((tmp_path / "color.png").read_bytes()[:60])
+    (tmp_path / "skew.json").write_text(
+        '{"width": 41, "height": 31, "K": [[0, 0, 20], [0, 50, 15], [0, 0, 1]]}'
+    )
+
+    def told(color="color.png", depth="depth.npy", camera="camera.json", *rest: str) -> str:
+        words = [
+            tmp_path / color,
+            tmp_path / depth,
+            "--camera",
+            tmp_path / camera,
+            "-o",
+            tmp_path / "out.png",
+        ]
+        result = CliRunner().invoke(app, ["warp", *map(str, words), *(rest or ("--move", "0.1", "0", "0"))])
+        assert result.exit_code == 2, result.output
+        assert not (tmp_path / "out.png").exists()
+        (line,) = result.stderr.strip().splitlines()
+        return line
+
+    assert "depth: expected" in told(depth="none.npy")
+    assert "(31, 41)" in told(depth="small.npy")
+    assert "torn.png" in told(color="torn.png")
+    assert "skew.json: K: expected" in told(camera="skew.json")
+    assert "missing.npy" in told(depth="missing.npy")
+    assert "cut_ratio: expected" in told(
+        "color.png", "depth.npy", "camera.json", "--orbit", "5", "--cut-ratio", "0.5"
+    )

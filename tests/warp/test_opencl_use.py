@@ -1,0 +1,142 @@
+"""How the warp uses OpenCL: what the second process finds in the cache, the kernels' GPU form, and their bounds."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.opencl import device
+from tests import scenes
+
+FIRST_FRAME = """
+import numpy as np, pyibr as ibr
+camera = ibr.Camera([[30, 0, 20], [0, 30, 15], [0, 0, 1]], (41, 31))
+view = ibr.DepthImage(np.full((31, 41, 3), 9, np.uint8), np.full((31, 41), 2, np.float32), camera)
+frame = ibr.warp(view, camera.moved(0.1, 0.05, 0.2), fill="background")
+print(int(frame.valid.sum()))
+"""
+
+
+def run(*command: str, timeout: float = 120, **environment: str) -> subprocess.CompletedProcess[str]:
+    variables = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)} | environment
+    return subprocess.run(command, env=variables, capture_output=True, text=True, timeout=timeout)
+
+
+def test_the_second_process_builds_nothing(tmp_path: Path):
+    first = run(sys.executable, "-c", FIRST_FRAME, PYIBR_CACHE=str(tmp_path))
+    assert first.returncode == 0, first.stderr
+    binaries = {path: path.stat().st_mtime_ns for path in (tmp_path / "programs").glob("*.bin")}
+    assert len(binaries) >= 4  # nearness, epipolar, resolve, fill
+    # What would build anew has no compiler: a program made from source raises.
+    forbid = "import pyopencl as cl; make = cl.Program.__init__\n" + (
+        "def refuse(self, context, *rest):\n"
+        "    assert len(rest) == 2, 'built from source'\n"
+        "    make(self, context, *rest)\n"
+        "cl.Program.__init__ = refuse\n"
+    )
+    second = run(sys.executable, "-c", forbid + FIRST_FRAME, PYIBR_CACHE=str(tmp_path))
+    assert second.returncode == 0, second.stderr
+    assert second.stdout == first.stdout
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "programs").glob("*.bin")} == binaries
+
+
+def test_damaged_binaries_are_built_anew(tmp_path: Path):
+    first = run(sys.executable, "-c", FIRST_FRAME, PYIBR_CACHE=str(tmp_path))
+    assert first.returncode == 0, first.stderr
+    binaries = list((tmp_path / "programs").glob("*.bin"))
+    for path in binaries:
+        path.write_bytes(b"not a program")
+    second = run(sys.executable, "-c", FIRST_FRAME, PYIBR_CACHE=str(tmp_path))
+    assert (second.returncode, second.stdout) == (0, first.stdout), second.stderr
+    assert all(path.stat().st_size > 100 for path in binaries)
+
+
+def test_importing_brings_no_device_and_no_large_library():
+    code = "import sys, pyibr; print([n for n in ('pyopencl', 'cv2', 'open3d', 'rich', 'typer') if n in sys.modules])"
+    result = run(sys.executable, "-c", code)
+    assert (result.returncode, result.stdout.strip()) == (0, "[]"), result.stderr
+
+
+@pytest.fixture
+def one_lane() -> Iterator[None]:
+    """Kernels in the form that a GPU gets, on whatever device there is."""
+    session = device.current()
+    index = session.device.index
+    device._sessions[index] = dataclasses.replace(session, lanes=1, kernels={})
+    device._default_session.cache_clear()
+    yield
+    device._sessions[index] = session
+    device._default_session.cache_clear()
+
+
+def frames(place: str, source: str) -> list[ibr.Frame]:
+    kept = scenes.holed((96, 64), source)
+    view = ibr.DepthImage(kept.color, kept.depth, kept.camera, far=kept.far)
+    poses = scenes.special_cameras(view) if place == "special" else scenes.target_cameras(view, place)
+    options = (
+        {},
+        {"edges": "cut"},
+        {"sample": "nearest", "side": "both"},
+        {"method": "search"},
+        {"method": "forward"},
+    )
+    made = [ibr.warp(view, pose.camera, **some) for pose in poses for some in options]
+    first = poses[0].camera
+    return [*made, ibr.warp([view, scenes.smooth((61, 37), source)], first, fill="background")]
+
+
+@pytest.fixture(
+    params=[
+        (place, source) for place in ("A", "E", "F", "special") for source in ("perspective", "orthographic")
+    ],
+    ids="-".join,
+)
+def wide(request: pytest.FixtureRequest) -> tuple[tuple[str, str], list[ibr.Frame]]:
+    """Made before `one_lane` takes the session's place."""
+    return request.param, frames(*request.param)
+
+
+def test_one_lane_is_as_good_as_sixteen(wide, one_lane):
+    case, expected = wide
+    assert device.current().lanes == 1
+    for number, (one, other) in enumerate(zip(frames(*case), expected, strict=True)):
+        # Compilers contract other products in other forms: last bits differ, and with them a pixel at a silhouette.
+        assert (one.valid == other.valid).mean() >= 0.999, number
+        both = one.valid & other.valid
+        same = np.isclose(one.depth, other.depth, rtol=1e-5, atol=0)
+        assert same[both].mean() >= 0.999, number
+        off = np.abs(one.color.astype(int) - other.color)[both & same]
+        assert (off > 1).mean() <= 0.001, number
+
+
+BOUNDS = """
+import sys
+import numpy as np, pyibr as ibr
+from pyibr.opencl import device
+from tests import scenes
+view = scenes.holed((13, 7))
+for pose in scenes.target_cameras(view, "E", (9, 11))[:1] + scenes.special_cameras(view, (9, 11))[2:3]:
+    for options in ({"edges": "cut", "fill": "background"}, {"method": "search"}, {"method": "forward", "splat": 2}):
+        ibr.warp([view, scenes.smooth((7, 1))], pose.camera, **options)
+print("done on", device.current().device.name)
+"""
+
+
+@pytest.mark.skipif(
+    shutil.which("oclgrind") is None, reason="oclgrind is not installed (apt-get install oclgrind)"
+)
+def test_no_kernel_leaves_its_arrays(tmp_path: Path):
+    command = ("oclgrind", "--check-api", sys.executable, "-W", "ignore", "-c", BOUNDS)
+    result = run(*command, timeout=300, PYIBR_CACHE=str(tmp_path), PYIBR_DEVICE="oclgrind")
+    assert "done on Oclgrind" in result.stdout, result.stdout + result.stderr
+    for report in ("Invalid read", "Invalid write", "Uninitialized", "data race"):
+        assert report not in result.stdout + result.stderr, (result.stdout + result.stderr)[:3000]
