@@ -155,6 +155,7 @@ kernel void epipolar_sweep(global const float *nearness, global float *seen, glo
     const int last_sample = map.src_height * map.src_pitch - 1, last_pixel = map.dst_height * map.dst_pitch - 1;
     const intl ahead = AHEAD * to_intl(sign) * stride_major;
     const int ahead_p = AHEAD * (along ? map.dst_pitch : 1);
+    int gaps = 0; /* a lane has begun anew: pixels outside its interval may be settled, too */
 #ifdef COUNT_SAMPLES
     uint samples = 0, pixels = 0;
 #define COUNT(counter, mask) for (int l = 0; l < LANES; l++) counter += ((int *)&(mask))[l] != 0;
@@ -188,6 +189,7 @@ kernel void epipolar_sweep(global const float *nearness, global float *seen, glo
             const floatl crossing = p0 * w1 - p1 * w0_; /* sign of p where w = 0 between a negative and a positive w */
             const floatl t = pick(emerges, pick(crossing > 0.0f, (floatl)1e9f, (floatl)-1e9f), p1 / w1);
             const floatl fresh = fmin(fmax(floor(t), low - 1.0f), high);
+            gaps |= step > 0;
             below = pick(open | emerges, fresh, below);
             above = pick(open | emerges, fresh + 1.0f, above);
         }
@@ -222,8 +224,11 @@ kernel void epipolar_sweep(global const float *nearness, global float *seen, glo
 #endif
             const floatl blocked = pick(goes_up, up, down);
             const floatl value = pick(blocked < 0.0f, blocked, (q0 + f * (q1 - q0)) / w);
-            const floatl before = (floatl)(gather(seen, address));
-            const floatl stored = pick(before == EMPTY, value, before);
+            floatl stored = value;
+            if (gaps) {
+                const floatl before = (floatl)(gather(seen, address));
+                stored = pick(before == EMPTY, value, before);
+            }
 #if LANES == 1
             seen[address] = stored;
 #else

@@ -124,7 +124,9 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
             vs[p] = pick(waiting, v_met, v);
             ns[p] = pick(settles, met, ns[p]);
             settled_lanes[p] = settled_lanes[p] | settles;
-            open_lanes[p] = waiting & !settles;
+            const intl doubtful = waiting & in_triangle & !settles;
+            traced_lanes[p] = traced_lanes[p] | doubtful;
+            open_lanes[p] = waiting & !settles & !doubtful;
         }
     }
 

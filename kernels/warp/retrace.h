@@ -5,8 +5,9 @@
  */
 #include "warp/trace.h"
 
-#define WINDOW 4.0f  /* pixels of the source that are traced to either side of an answer */
-#define BEHIND 64.0f /* and beyond the last answer, where a crest may hide what is connected to it */
+#define WINDOW 2.0f  /* pixels of the source that are traced to either side of an answer */
+#define BEYOND 8.0f  /* and, if nothing is met there, before the first answer and behind the last one; */
+#define BEHIND 64.0f /* behind the last one if the pixel's line met something: past a crest, the next slope may be far */
 
 /* The part of a walk between two major coordinates, in walking order. */
 Walk part_of(Walk walk, float from, float to)
@@ -52,9 +53,10 @@ float retrace(Grid grid, global const float *seen, PixelMap map, int shown, int 
             nearest = fmax(nearest, trace(grid, ray, part_of(whole, tried[i] - window, tried[i] + window), shown, &samples));
     }
     const int connected = grid.cut.far_scale == 0.0f;
-    if (!IS_HIT(nearest) && connected && answers >= 2) /* a window that begins behind the surface sees its back */
-        nearest = trace(grid, ray,
-                        part_of(whole, whole.sign * first - WINDOW * window, whole.sign * last + BEHIND / WINDOW * window),
-                        shown, &samples);
+    if (!IS_HIT(nearest) && connected && answers >= 2) { /* a window that begins behind the surface sees its back */
+        const float more = whole.sign * density, behind = tried[0] < INFINITY ? BEHIND : BEYOND;
+        const Walk wide = part_of(whole, whole.sign * first - BEYOND * more, whole.sign * last + behind * more);
+        nearest = trace(grid, ray, wide, shown, &samples);
+    }
     return nearest;
 }

@@ -1,4 +1,6 @@
-"""Bad input: an error that names the argument, what was expected and what came; never a crash or a silent picture."""
+"""Bad input: an error that names the argument, what was expected and what came; never a crash or a silent
+picture.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,7 @@ CAMERA = ibr.Camera(K, SIZE)
 COLOR = np.full((31, 41, 3), 100, np.uint8)
 DEPTH = np.full((31, 41), 2, np.float32)
 VIEW = ibr.DepthImage(COLOR, DEPTH, CAMERA)
-FLOATS = ibr.DepthImage(COLOR / np.float32(255), DEPTH, CAMERA)
+FLOATS = ibr.DepthImage((COLOR / np.float32(255)).astype(np.float32), DEPTH, CAMERA)
 MIRROR = np.diag([-1.0, 1, 1, 1])
 SHEAR = np.eye(4) + np.eye(4, k=1) * 0.1
 

@@ -1,8 +1,8 @@
 """The layout of epipolar lines, as a pure function: every pixel has a line, and none has many.
 
-Who owns what is worked out here once more, in float64 and from the description in kernels/warp/epipolar.cl: a
-pixel belongs to a fan by the sign and the greater part of D, its offset from the epipole, and there to any line
-that passes within half of the distance between the lines that are there.
+Who owns what is worked out here once more, from the description in kernels/warp/epipolar.cl: a pixel belongs
+to a fan by the sign and the greater part of D, its offset from the epipole, and there to any line that passes
+within half of the distance between the lines that are there.
 """
 
 from __future__ import annotations
@@ -53,6 +53,10 @@ def check(epipole: np.ndarray, area: Rectangle) -> tuple[float, float]:
     width, height = area.high_x - area.low_x, area.high_y - area.low_y
     y, x = np.mgrid[area.low_y : area.high_y, area.low_x : area.high_x].astype(np.float64)
     D = x * epipole[2] - epipole[0], y * epipole[2] - epipole[1]
+    # Which fan is the greater part of D is decided as the kernel does, in float32: on a diagonal, rounding
+    # decides.
+    x32, y32, e32 = x.astype(np.float32), y.astype(np.float32), epipole.astype(np.float32)
+    rounded = x32 * e32[2] - e32[0], y32 * e32[2] - e32[1]
     owners = np.zeros((height, width), int)
     visits = 0.0
     first_packet = 0
@@ -61,8 +65,8 @@ def check(epipole: np.ndarray, area: Rectangle) -> tuple[float, float]:
         first_packet += -(-int(g["count"]) // LANES)
         axis, side = int(g["axis"]), int(g["side"])
         pixel = (x, y)[axis]
-        d_along, d_across = D[axis] * side, np.abs(D[1 - axis])
-        mine = (d_along > d_across) if axis else (d_along >= d_across)
+        d_along, other = D[axis] * side, np.abs(rounded[1 - axis])
+        mine = (rounded[axis] * side > other) if axis else (rounded[axis] * side >= other)
         mine &= (pixel >= g["low"]) & (pixel <= g["high"]) & (d_along > 0)
         reference = float(g["reference"])
         at_reference = (reference * epipole[2] - epipole[axis]) * side
@@ -113,8 +117,9 @@ def test_every_pixel_has_a_line_within_half_a_pixel(size, region):
         for epipole in finite_epipoles(size, region, seed=1):
             covered, visits = check(epipole, area)
             assert covered == 1.0, (epipole, area)
-            # 1.7: between two halvings up to 1.5 lines, if spread by the distance, cross the width of one. And in
-            # four fans up to two lines at either end, of each of up to five spacings, are there to be safe.
+            # 1.7: between two halvings up to 1.5 lines, if spread by the distance, cross the width of one.
+            # And in four fans up to two lines at either end, of each of up to five spacings, are there to
+            # be safe.
             assert visits <= 1.7 * pixels + 16 * border, (epipole, area)
 
 
@@ -142,14 +147,16 @@ def test_epipoles_all_but_at_infinity(size):
     """What rounding makes of a sideways motion: the third coordinate is not 0 but next to it."""
     for area in areas(size):
         for x, y in ((30.0, 0.0), (-30.0, 1e-15), (1e-14, 25.0), (0.0, -25.0), (-20.0, 15.0), (17.0, 17.0)):
-            for w in (1e-12, 1e-14, 1.1e-16, 3e-17, 1e-18, 1e-25):
+            for w in (1e-6, 1e-7, 1e-8, 1e-9, 1e-12, 1e-14, 1.1e-16, 3e-17, 1e-18, 1e-25):
                 for sign in (1, -1):
                     covered, _ = check(np.array([x, y, sign * w]), area)
                     assert covered == 1.0, (x, y, sign * w, area)
 
 
 def test_lines_near_the_epipole_are_thinned():
-    """Of the 1024 lines that end at the border of a 256 x 256 image, few come near an epipole in its middle."""
+    """Of the 1024 lines that end at the border of a 256 x 256 image, few come near an epipole in its
+    middle.
+    """
     epipole = np.array([127.3, 120.8, 1.0])
     area = Rectangle(0, 256, 0, 256)
     _, visits = check(epipole, area)

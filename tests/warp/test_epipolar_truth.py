@@ -1,6 +1,7 @@
 """The epipolar warp against rays cast at the surface that a depth image means.
 
-Sources and targets of both projections, all nine places of the epipole, all pairs of signs, and no epipole at all.
+Sources and targets of both projections, all nine places of the epipole, all pairs of signs, and no epipole
+at all.
 """
 
 from __future__ import annotations
@@ -12,12 +13,13 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.camera import Camera
+from pyibr.camera import Camera, Projection
+from pyibr.warp import Edges, Sample
 from tests import scenes, truth
 
 pytest.importorskip("open3d")
 
-PROJECTIONS = ("perspective", "orthographic")
+PROJECTIONS: tuple[Projection, ...] = ("perspective", "orthographic")
 SCENES = ("smooth", "stepped")
 PLACES = (*scenes.REGIONS, "special")  # special: identity, rotation alone, epipoles at infinity
 SOURCE, TARGET = (256, 192), (240, 200)
@@ -31,17 +33,23 @@ COLOR = 1.0  # of 255: half for rounding to bytes, half for a position that is r
 
 
 def cases() -> list[tuple[str, str, str, str]]:
-    """Scene, source, target, place; two orthographic cameras never have an epipole that is not at infinity."""
+    """Scene, source, target, place; two orthographic cameras never have an epipole that is not at
+    infinity.
+    """
     every = product(SCENES, PROJECTIONS, PROJECTIONS, PLACES)
     return [case for case in every if case[3] == "special" or "perspective" in case[1:3]]
 
 
 @cache
-def surface(scene: str, projection: str, edges: str = "connect", size: scenes.Size = SOURCE) -> truth.Surface:
+def surface(
+    scene: str, projection: Projection, edges: str = "connect", size: scenes.Size = SOURCE
+) -> truth.Surface:
     return truth.Surface(getattr(scenes, scene)(size, projection), edges)
 
 
-def poses(view: ibr.DepthImage, target: str, place: str, size: scenes.Size = TARGET) -> list[scenes.Pose]:
+def poses(
+    view: ibr.DepthImage, target: Projection, place: str, size: scenes.Size = TARGET
+) -> list[scenes.Pose]:
     if place == "special":
         return scenes.special_cameras(view, size, target)
     found = scenes.target_cameras(view, place, size, target)
@@ -90,13 +98,14 @@ def test_depth_color_and_coverage_are_the_truths(scene, source, target, place, e
 def test_epipolar_is_search(scene, source, target, place):
     view = getattr(scenes, scene)(SOURCE, source)
     for number, pose in enumerate(poses(view, target, place)):
-        edges, sample = ("connect", "cut")[number % 2], ("linear", "nearest")[number // 2 % 2]
+        edges: Edges = "cut" if number % 2 else "connect"
+        sample: Sample = "nearest" if number // 2 % 2 else "linear"
         swept = ibr.warp(view, pose.camera, edges=edges, sample=sample)
         searched = ibr.warp(view, pose.camera, "search", edges=edges, sample=sample)
         assert agreement(swept, searched) >= AGREEMENT, pose.name
 
 
-def around(view: ibr.DepthImage, target: str) -> list[tuple[str, Camera]]:
+def around(view: ibr.DepthImage, target: Projection) -> list[tuple[str, Camera]]:
     """Cameras that see the surface's other side, straight and askew, and one of those that see its front."""
     K = scenes.target_intrinsics(TARGET, target)
     behind = {
@@ -145,7 +154,7 @@ def test_the_back_and_both_sides(scene, source, target, edges):
                 assert (frame.valid != seen.valid).mean() <= COVERAGE, (name, side)
 
 
-@pytest.mark.parametrize("size", [(60, 50), (31, 50), (480, 400), (500, 131)], ids=str)
+@pytest.mark.parametrize("size", [(60, 50), (31, 50), (320, 270), (500, 131)], ids=str)
 @pytest.mark.parametrize("source", PROJECTIONS)
 @pytest.mark.parametrize("target", PROJECTIONS)
 def test_targets_much_smaller_and_larger_than_the_source(source, target, size):
@@ -189,7 +198,9 @@ def test_awkward_sizes(size, source, target):
 @pytest.mark.parametrize("method", ["epipolar", "search"])
 @pytest.mark.parametrize("source", PROJECTIONS)
 def test_the_pixel_at_the_epipole_is_no_hole(source, method, forward):
-    """Forward motion with a principal point on a pixel's centre: that pixel has no epipolar line, yet a ray."""
+    """Forward motion with a principal point on a pixel's centre: that pixel has no epipolar line, yet a
+    ray.
+    """
     f = 50 if source == "perspective" else 20
     y, x = np.mgrid[:49, :65]
     depth = (3 + 0.02 * x + 0.01 * y).astype(np.float32)
@@ -214,7 +225,8 @@ def test_images_of_one_row_or_column_do_no_harm(size, source, target, method):
             frame = ibr.warp(view, pose.camera, method)
             assert frame.color.shape == (target_size[1], target_size[0], 3)
             np.testing.assert_array_equal(np.isfinite(frame.depth), frame.valid)
-            # A line of samples is no surface; what is drawn of it must be of it: depth is 3 to 5, and turned by 25.
+            # A line of samples is no surface; what is drawn of it must be of it: depth is 3 to 5, and
+            # turned by 25.
             assert (np.abs(frame.depth[frame.valid] - middle) < 3).all(), pose.name
 
 

@@ -1,15 +1,18 @@
-"""The forward warp and the search are their float64 references in tests/reference, to the last pixel or nearly so."""
+"""The forward warp and the search are their float64 references in tests/reference, to the last pixel or
+nearly so.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.camera import Camera
+from pyibr.camera import Camera, Projection
 from tests import scenes
 from tests.reference.warp import forward_reference, search_reference
 
@@ -20,7 +23,9 @@ ROUNDING = 2e-6  # relative: float32 depth of a few dozen operations
 
 
 @cache
-def poses_of(scene: Callable[..., ibr.DepthImage], source: str, target: str) -> list[scenes.Pose]:
+def poses_of(
+    scene: Callable[..., ibr.DepthImage], source: Projection, target: Projection
+) -> list[scenes.Pose]:
     return scenes.all_cameras(scene(SIZE, source), TARGET, target)
 
 
@@ -34,7 +39,8 @@ def test_forward_is_its_reference(scene, source, target, splat):
     for pose in poses_of(scene, source, target)[splat - 1 :: 4]:
         found = ibr.warp(view, pose.camera, "forward", splat=splat)
         expected = forward_reference(view, pose.camera, splat)
-        # A sample on the border between two pixels, or two samples of about one depth, may be rounded either way.
+        # A sample on the border between two pixels, or two samples of about one depth, may be rounded
+        # either way.
         same = found.valid == expected.valid
         assert np.count_nonzero(~same) <= 2, pose.name
         both = found.valid & expected.valid
@@ -49,7 +55,9 @@ def test_forward_is_its_reference(scene, source, target, splat):
 @pytest.mark.parametrize("scale", [0.5, 0.25])
 @pytest.mark.parametrize("splat", [1, 2, 3])
 def test_ties_go_to_the_earlier_sample(scale, splat):
-    """A wall of one depth, seen smaller: many samples on a pixel, all as near. Exact: all is binary fractions."""
+    """A wall of one depth, seen smaller: many samples on a pixel, all as near. Exact: all is binary
+    fractions.
+    """
     camera = Camera([[16, 0, 7.5], [0, 16, 7.5], [0, 0, 1]], (16, 16))
     color = np.zeros((16, 16, 3), np.uint8)
     color[..., 0] = np.arange(256).reshape(16, 16)
@@ -82,7 +90,10 @@ def test_search_is_its_reference(scene, source, target, sample):
     view = scene(SIZE, source)
     compared = 0
     for number, pose in enumerate(poses_of(scene, source, target)[sample == "nearest" :: 3]):
-        options = {"edges": ("connect", "cut")[number % 2], "side": ("front", "both", "back")[number % 3]}
+        options: dict[str, Any] = {
+            "edges": ("connect", "cut")[number % 2],
+            "side": ("front", "both", "back")[number % 3],
+        }
         expected = search_reference(view, pose.camera, sample=sample, **options)
         if not expected.valid.any():
             continue

@@ -1,4 +1,6 @@
-"""What must hold of any warp, whatever the scene: laws with answers that are known without a second renderer."""
+"""What must hold of any warp, whatever the scene: laws with answers that are known without a second
+renderer.
+"""
 
 from __future__ import annotations
 
@@ -57,7 +59,8 @@ def test_the_same_camera_copies(size, projection, sample, dtype):
 def test_holes_stay_where_they_are(method, projection):
     view = scenes.holed((61, 37), projection)
     frame = ibr.warp(view, view.camera, method)
-    # A sample is a vertex of triangles, which are gone where one of their corners is: never more than the valid ones.
+    # A sample is a vertex of triangles, which are gone where one of their corners is: never more than the
+    # valid ones.
     assert not frame.valid[~view.valid].any()
     np.testing.assert_array_max_ulp(frame.depth[frame.valid], view.depth[frame.valid], 1)
     if method == "forward":
@@ -116,7 +119,9 @@ def test_a_wall_shifts_by_focal_times_baseline_over_depth(method, pixels):
 
 @pytest.mark.parametrize("move", [(0.3, 0, 0), (0.1, -0.2, 0.4), (0, 0, -0.7)], ids=str)
 def test_a_plane_is_its_homography(move):
-    """A slanted plane n . X = d from a turned camera: H = K (R - t n^T / d) K^-1, and the colours cv2 draws with it."""
+    """A slanted plane n . X = d from a turned camera: H = K (R - t n^T / d) K^-1, and the colours cv2
+    draws with it.
+    """
     camera = pinhole(SIZE)
     normal, d = np.array([0.15, -0.1, 1.0]), 3.0
     y, x = np.mgrid[: SIZE[1], : SIZE[0]]
@@ -135,7 +140,8 @@ def test_a_plane_is_its_homography(move):
     inner = cv2.erode(inside.astype(np.uint8), np.ones((3, 3))).astype(bool)
     assert inner.mean() > 0.5
     assert frame.valid[inner].all()
-    # 3 of 255: cv2 mixes four samples, the warp three (a triangle), and cv2 rounds positions to 1/32 of a pixel.
+    # 3 of 255: cv2 mixes four samples, the warp three (a triangle), and cv2 rounds positions to 1/32 of a
+    # pixel.
     off = np.abs(frame.color.astype(np.float64) - drawn)[inner]
     assert off.max() <= 3
     assert off.mean() < 0.5
@@ -240,7 +246,8 @@ def test_there_and_back_is_where_it_was(method, move):
     back = ibr.warp(ibr.DepthImage(there.color, there.depth, there.camera), view.camera, method)
     inner = cv2.erode(back.valid.astype(np.uint8), np.ones((7, 7))).astype(bool)
     assert inner.mean() > 0.6
-    # A curved surface, sampled twice: to second order in a pixel, h^2 / 8 of the curvature. That is 0.1 % here.
+    # A curved surface, sampled twice: to second order in a pixel, h^2 / 8 of the curvature. That is 0.1 %
+    # here.
     error = np.abs(back.depth / view.depth - 1)[inner]
     assert np.quantile(error, 0.999) < 2e-3
     assert np.median(error) < 2e-4
@@ -252,10 +259,10 @@ def test_there_and_back_is_where_it_was(method, move):
 
 
 def two_walls() -> tuple[ibr.DepthImage, Camera]:
-    """A near wall on the left of column 48, a far one on the right; seen from the right a gap opens between them."""
+    """A near wall left of column 48 and a far one; from farther to the right a gap opens between them."""
     camera = pinhole(SIZE)
     x = np.mgrid[: SIZE[1], : SIZE[0]][1]
-    color = np.where(x[..., None] < 48, np.uint8([200, 30, 30]), np.uint8([30, 30, 200]))
+    color = np.where(x[..., None] < 48, (200, 30, 30), (30, 30, 200)).astype(np.uint8)
     depth = np.where(x < 48, 2.0, 4.0).astype(np.float32)
     # 20 pixels of shift at depth 2, and 10 at depth 4.
     return ibr.DepthImage(color, depth, camera), camera.moved(20 * 2 / 60, 0, 0)
@@ -265,7 +272,8 @@ def two_walls() -> tuple[ibr.DepthImage, Camera]:
 def test_cut_opens_what_connect_stretches(method):
     view, target = two_walls()
     connected, cut = (ibr.warp(view, target, method, edges=edges) for edges in ("connect", "cut"))
-    # The near wall ends at 47 - 20 = 27, the far one begins at 48 - 10 = 38: just there a ray may pass by or not.
+    # The near wall ends at 47 - 20 = 27, the far one begins at 48 - 10 = 38: just there a ray may pass by
+    # or not.
     gap = np.s_[:, 28:38]
     assert connected.valid[:, :84].all()
     assert not cut.valid[gap].any()
@@ -329,7 +337,9 @@ def test_everything_is_filled_that_has_a_valid_pixel_on_its_line(place, method):
 
 
 def holes_with_an_end(valid: np.ndarray, epipole: np.ndarray) -> np.ndarray:
-    """(H, W) bool: holes on whose epipolar line, walked a pixel at a time either way, there is a valid pixel."""
+    """(H, W) bool: holes on whose epipolar line, walked a pixel at a time either way, there is a valid
+    pixel.
+    """
     height, width = valid.shape
     found = np.zeros_like(valid)
     for y, x in np.argwhere(~valid):
@@ -358,7 +368,8 @@ def test_bytes_and_floats_agree(method, sample, fill):
         np.testing.assert_array_equal(one.depth, other.depth)
         np.testing.assert_array_equal(one.valid, other.valid)
         assert other.color.dtype == np.float32
-        # Half a level for the rounding to bytes, and a whole one after filling, which mixes what is rounded already.
+        # Half a level for the rounding to bytes, and a whole one after filling, which mixes what is rounded
+        # already.
         limit = 1.01 if fill else 0.501
         assert np.abs(one.color - other.color.astype(np.float64) * 255).max() <= limit, pose.name
 

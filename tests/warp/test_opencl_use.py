@@ -1,4 +1,6 @@
-"""How the warp uses OpenCL: what the second process finds in the cache, the kernels' GPU form, and their bounds."""
+"""How the warp uses OpenCL: what the second process finds in the cache, the kernels' GPU form, and their
+bounds.
+"""
 
 from __future__ import annotations
 
@@ -9,11 +11,13 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import pyibr as ibr
+from pyibr.camera import Projection
 from pyibr.opencl import device
 from tests import scenes
 
@@ -61,7 +65,8 @@ def test_damaged_binaries_are_built_anew(tmp_path: Path):
 
 
 def test_importing_brings_no_device_and_no_large_library():
-    code = "import sys, pyibr; print([n for n in ('pyopencl', 'cv2', 'open3d', 'rich', 'typer') if n in sys.modules])"
+    heavy = ("pyopencl", "cv2", "open3d", "rich", "typer", "imageio")
+    code = f"import sys, pyibr; print([name for name in {heavy} if name in sys.modules])"
     result = run(sys.executable, "-c", code)
     assert (result.returncode, result.stdout.strip()) == (0, "[]"), result.stderr
 
@@ -78,11 +83,11 @@ def one_lane() -> Iterator[None]:
     device._default_session.cache_clear()
 
 
-def frames(place: str, source: str) -> list[ibr.Frame]:
+def frames(place: str, source: Projection) -> list[ibr.Frame]:
     kept = scenes.holed((96, 64), source)
     view = ibr.DepthImage(kept.color, kept.depth, kept.camera, far=kept.far)
     poses = scenes.special_cameras(view) if place == "special" else scenes.target_cameras(view, place)
-    options = (
+    options: tuple[dict[str, Any], ...] = (
         {},
         {"edges": "cut"},
         {"sample": "nearest", "side": "both"},
@@ -109,7 +114,8 @@ def test_one_lane_is_as_good_as_sixteen(wide, one_lane):
     case, expected = wide
     assert device.current().lanes == 1
     for number, (one, other) in enumerate(zip(frames(*case), expected, strict=True)):
-        # Compilers contract other products in other forms: last bits differ, and with them a pixel at a silhouette.
+        # Compilers contract other products in other forms: last bits differ, and with them a pixel at a
+        # silhouette.
         assert (one.valid == other.valid).mean() >= 0.999, number
         both = one.valid & other.valid
         same = np.isclose(one.depth, other.depth, rtol=1e-5, atol=0)
@@ -119,14 +125,15 @@ def test_one_lane_is_as_good_as_sixteen(wide, one_lane):
 
 
 BOUNDS = """
-import sys
-import numpy as np, pyibr as ibr
 from pyibr.opencl import device
 from tests import scenes
-view = scenes.holed((13, 7))
+import pyibr as ibr
+ways = {"edges": "cut", "fill": "background"}, {"method": "search"}, {"method": "forward", "splat": 2}
+view = scenes.scene(scenes.stepped_depth, (13, 7), far=4.8)
+line = scenes.scene(scenes.smooth_depth, (7, 1))
 for pose in scenes.target_cameras(view, "E", (9, 11))[:1] + scenes.special_cameras(view, (9, 11))[2:3]:
-    for options in ({"edges": "cut", "fill": "background"}, {"method": "search"}, {"method": "forward", "splat": 2}):
-        ibr.warp([view, scenes.smooth((7, 1))], pose.camera, **options)
+    for way in ways:
+        ibr.warp([view, line], pose.camera, **way)
 print("done on", device.current().device.name)
 """
 

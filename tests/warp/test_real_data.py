@@ -65,7 +65,8 @@ def test_a_frame_is_the_other_one_where_both_see(source, target, sample):
     both = frame.valid & b.valid & (np.abs(frame.depth - b.depth) <= 0.02 * b.depth)
     # 90.1 % of frame 50, which is a closer look, lie in frame 0, and 98.3 % of frame 0 in frame 4.
     assert both.mean() > (0.45 if source == 50 else 0.9)
-    # 1 mm: depth is in whole millimetres, and reprojection of the samples gives 0.57. 2 of 255: it gives 1.7 and 1.8.
+    # 1 mm: depth is in whole millimetres, and reprojection of the samples gives 0.57. 2 of 255: it gives
+    # 1.7 and 1.8.
     assert metrics.median_depth_error(frame.depth, b.depth, both) <= 1e-3
     assert metrics.median_color_error(frame.color, b.color, both) <= 2
 
@@ -76,7 +77,8 @@ def test_holes_are_what_the_other_frame_did_not_see(source, target):
     frame = ibr.warp(a, b.camera, edges="cut")
     seen = seen_by(a, b, tolerance=0.005)
     assert seen.mean() > (0.45 if source == 50 else 0.8)
-    # 0.1 %: surfaces that the source sees at a grazing angle, whose neighbours differ by more than the cut ratio.
+    # 0.1 %: surfaces that the source sees at a grazing angle, whose neighbours differ by more than the cut
+    # ratio.
     assert metrics.hole_ratio(frame.valid, seen) <= 1e-3
     # And nothing is drawn where the source saw something far behind: 5 %, as the cut ratio.
     wrong = frame.valid & b.valid & (np.abs(frame.depth - b.depth) > 0.05 * b.depth)
@@ -89,7 +91,8 @@ def test_filled_holes_hold_the_background(source, target):
     bare, filled = (ibr.warp(a, b.camera, edges="cut", fill=fill) for fill in (None, "background"))
     holes = ~bare.valid & np.isfinite(filled.depth) & b.valid
     assert holes.sum() > 0.6 * np.count_nonzero(~bare.valid)
-    # A guess, yet a better one than the foreground: most of what was hidden is no nearer than what it is filled with.
+    # A guess, yet a better one than the foreground: most of what was hidden is no nearer than what it is
+    # filled with.
     assert (filled.depth >= 0.9 * b.depth)[holes].mean() > 0.65
 
 
