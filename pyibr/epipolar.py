@@ -40,6 +40,7 @@ LINE_GROUP = np.dtype(
 """The struct LineGroup of kernels/warp/epipolar.cl."""
 
 _MOST_LEVELS = 4  # halvings of the distance to the epipole; what lies nearer is 1/16 of the fan's length
+_ROUNDING = 4e-7  # relative: on a diagonal, the kernel's float32 decides between two fans
 _OFFSET = 0.137  # lines keep clear of pixel borders, where ownership would hang on rounding
 
 
@@ -62,7 +63,7 @@ class _Fan:
     @property
     def reference(self) -> int:
         """The pixel along the axis that is farthest from the epipole."""
-        return max(self.along, key=self.distance)
+        return self.along[1] if self.w * self.side > 0.0 else self.along[0]
 
     @property
     def nearest(self) -> float:
@@ -81,8 +82,10 @@ class _Fan:
             low, high = min(cuts), max(cuts)
         if self.w != 0.0:
             middle, half = self.e_across / self.w, self.distance(self.reference) / abs(self.w)
+            if self.nearest > 0.0:  # the cuts bound it
+                half += _ROUNDING * max(abs(self.e_along), abs(self.e_across)) / abs(self.w)
             low, high = max(low, middle - half), min(high, middle + half)
-        elif abs(self.e_across) > abs(self.e_along) or (self.axis == 1 and abs(self.e_across) == abs(self.e_along)):
+        elif abs(self.e_across) > abs(self.e_along) * (1.0 + _ROUNDING):
             return math.inf, -math.inf
         return low, high
 

@@ -32,6 +32,8 @@ PIXEL_MAP = np.dtype(
 )
 """The struct PixelMap of kernels/lib/pixelspace.h."""
 
+_GRID = [part.ravel() for part in np.meshgrid(np.linspace(0.1, 0.9, 5), np.linspace(0.1, 0.9, 5))]
+
 NO_PARALLAX = 1e-3
 """Pixels: cameras between which nothing moves more differ by a rotation (or a zoom) alone."""
 
@@ -96,8 +98,8 @@ class PixelMap:
 
     @property
     def epipole(self) -> Float64:
-        """(3,) homogeneous pixel of the source's centre in the target; negative W: an antipode."""
-        return self.dst_from_src[:3, 3]
+        """(3,) homogeneous pixel of the source's centre in the target; negative W: an antipode; 0: there is none."""
+        return self.dst_from_src[:3, 3] if self.parallax >= NO_PARALLAX else np.zeros(3)
 
     @cached_property
     def struct(self) -> NDArray[np.void]:
@@ -143,21 +145,29 @@ class PixelMap:
     @cached_property
     def density(self) -> float:
         """Source pixels over one target pixel, along an axis, at the middle nearness where the target sees it."""
-        middle = 0.5 * (self.low + self.high)
-        spans = [np.linspace(0.1, 0.9, 5) * (size - 1) for size in self.src.size]
-        x, y = (grid.ravel() for grid in np.meshgrid(*spans))
-        matrix = self.dst_from_src
-
-        def project(dx: float, dy: float) -> tuple[Float64, Float64, Float64]:
-            u, v, w = (matrix @ np.array([x + dx, y + dy, np.ones_like(x), np.full_like(x, middle)]))[:3]
-            return u / w, v / w, w
-
+        u, v, w, _ = self._middle
         with np.errstate(divide="ignore", invalid="ignore"):
-            (u, v, w), (ux, vx, _), (uy, vy, _) = project(0, 0), project(1, 0), project(0, 1)
-            area = np.abs((ux - u) * (vy - v) - (vx - v) * (uy - u))
+            x, y = u / w, v / w
+            area = np.abs((x[1] - x[0]) * (y[2] - y[0]) - (x[2] - x[0]) * (y[1] - y[0]))
             width, height = self.dst.size
-            seen = (w > 0) & (u > -width) & (u < 2 * width) & (v > -height) & (v < 2 * height) & (area > 0)
+            near = (x[0] > -width) & (x[0] < 2 * width) & (y[0] > -height) & (y[0] < 2 * height)
+            seen = (w[0] > 0) & near & (area > 0)
         return float(np.median(area[seen]) ** -0.5) if seen.any() else 1.0
+
+    @cached_property
+    def typical(self) -> float:
+        """Nearness in the target of a point at the middle nearness of the source that is before both cameras."""
+        _, _, w, q = self._middle
+        ahead = w[0] > 0
+        return float(np.median(q[0][ahead] / w[0][ahead])) if ahead.any() else 1.0
+
+    @cached_property
+    def _middle(self) -> Float64:
+        """(4, 3, 25) homogeneous target positions of a grid of source pixels and their right and lower neighbours."""
+        x, y = (part * (size - 1) for part, size in zip(_GRID, self.src.size, strict=True))
+        ones, nearness = np.ones_like(x), np.full_like(x, 0.5 * (self.low + self.high))
+        points = np.array([[x, x + 1, x], [y, y, y + 1], [ones] * 3, [nearness] * 3])
+        return np.tensordot(self.dst_from_src, points, 1)
 
     def _corners(self, ends: tuple[float, float]) -> tuple[Float64, Float64, Float64]:
         """(8,) homogeneous target positions of the source's corner pixels, at one nearness and at the other."""

@@ -15,7 +15,7 @@ from pyibr.camera import Camera
 from pyibr.epipolar import line_groups
 from pyibr.errors import ArgumentError
 from pyibr.images import DepthImage, Frame
-from pyibr.pixelspace import NO_PARALLAX, PixelMap, pitch
+from pyibr.pixelspace import PixelMap, pitch
 
 if TYPE_CHECKING:
     from pyibr.opencl.device import Session
@@ -254,8 +254,8 @@ def _look(
     }
     if reach.empty:
         seen.fill(_EMPTY)
-    elif pixel_map.parallax < NO_PARALLAX:
-        seen.fill(0.0)  # no epipole: a pixel's source position is the same at any nearness
+    elif not packets:
+        seen.fill(pixel_map.typical)  # no epipole, or it is all there is: any nearness gives the source position
     elif method == "search":
         seen.fill(_EMPTY)
         launch(
@@ -294,6 +294,7 @@ def _look(
         low_y=low_y,
         high_y=high_y,
         density=max(pixel_map.density, 1.0),
+        typical=pixel_map.typical,
         apart=min(math.ceil(1.0 / pixel_map.density), _APART_MOST),
         **common,
         **target.outputs(),

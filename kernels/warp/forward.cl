@@ -42,9 +42,9 @@ Splat splat_of(global const float *nearness, PixelMap map, int x, int y, float s
     const float u = (PIXEL_ROW(D, 0, x, y) + D[3] * n) / w, v = (PIXEL_ROW(D, 1, x, y) + D[7] * n) / w;
     splat.nearness = (PIXEL_ROW(D, 3, x, y) + D[15] * n) / w;
     splat.low_x = max(0, convert_int_sat(ceil(u - 0.5f * size)));
-    splat.high_x = min(map.dst_width, convert_int_sat(ceil(u + 0.5f * size))) - 1;
+    splat.high_x = clamp(convert_int_sat(ceil(u + 0.5f * size)), 0, map.dst_width) - 1;
     splat.low_y = max(0, convert_int_sat(ceil(v - 0.5f * size)));
-    splat.high_y = min(map.dst_height, convert_int_sat(ceil(v + 0.5f * size))) - 1;
+    splat.high_y = clamp(convert_int_sat(ceil(v + 0.5f * size)), 0, map.dst_height) - 1;
     return splat;
 }
 

@@ -8,7 +8,7 @@
  * seen: (dst_height, dst_pitch) nearness by epipolar.cl, or the finished nearness by search.cl. depth, color, valid:
  * (dst_height, dst_width). `merge` keeps what is nearer already. density: pixels of the
  * source over one of the target, >= 1; apart: pixels of the target over one of the source, >= 1 (what a line missed of
- * the surface by half a sample is that far from what it saw). Work-item: STRIP * LANES pixels of a row.
+ * the surface by half a sample is that far from what it saw). typical: some nearness that the view has in the target. Work-item: STRIP * LANES pixels of a row.
  * Cost: O(pixels). Determinism: every pixel on its own, from inputs alone.
  */
 #include "lib/lanes.h"
@@ -21,12 +21,13 @@
 #define STEPS 3       /* triangles tried before the pixel is traced */
 #define STRAY 1.0f    /* pixels of the source by which a hit may lie off the line's: farther off, another surface may come first */
 #define EDGE 2.0f     /* pixels of the source between neighbours' answers that make a depth edge */
+#define AT_EPIPOLE 1e-2f /* pixels of the target around the epipole that no line settles */
 #define TOLERANCE 1e-3f /* pixels by which a hit may lie outside its triangle: rounding, not geometry */
 
 kernel void resolve(global const float *nearness, global const float *seen, global const channel *src_color,
                     global float *depth, global channel *color, global uchar *valid, PixelMap map, Cut cut, int shown,
                     int linear, int merge, int low_x, int high_x, int low_y, int high_y, float density,
-                    int apart)
+                    int apart, float typical)
 {
     const int y = low_y + get_global_id(1);
     const int strip_x = low_x + get_global_id(0) * (STRIP * LANES);
@@ -49,7 +50,10 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
     for (int p = 0; p < packets; p++) {
         const int x0 = strip_x + p * LANES;
         global const float *here = seen + (size_t)y * map.dst_pitch + x0; /* the pitch leaves room for a whole packet */
-        const floatl n = load_lanes(here), x = to_floatl(x0 + lane_index);
+        const floatl x = to_floatl(x0 + lane_index);
+        floatl n = load_lanes(here);
+        if (fabs(y * D[11] - D[7]) <= AT_EPIPOLE * fabs(D[11])) /* no line there, and no parallax */
+            n = pick((fabs(x * D[11] - D[3]) <= AT_EPIPOLE * fabs(D[11])) & (n == EMPTY), (floatl)typical, n);
         const intl inside = x0 + lane_index < high_x, hit = IS_HIT(n) & inside;
         const floatl u0 = PIXEL_ROW(S, 0, x, y), v0 = PIXEL_ROW(S, 1, x, y), w0 = PIXEL_ROW(S, 2, x, y);
         const floatl inverse = 1.0f / (w0 + n * e_w);
@@ -112,7 +116,7 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
             const floatl du = u_met - uc, dv = v_met - vc, diagonal = du + dv;
             const intl in_lower = (du >= -TOLERANCE) & (dv >= -TOLERANCE) & (diagonal <= 1.0f + TOLERANCE);
             const intl in_upper = (du <= 1.0f + TOLERANCE) & (dv <= 1.0f + TOLERANCE) & (diagonal >= 1.0f - TOLERANCE);
-            const intl in_triangle = (upper & in_upper) | (!upper & in_lower);
+            const intl in_triangle = (upper & in_upper) | ((!upper) & in_lower);
             const intl shows = ((per_unit > 0.0f) & (intl)(shown & SHOWS_FRONT ? -1 : 0)) |
                                ((per_unit < 0.0f) & (intl)(shown & SHOWS_BACK ? -1 : 0));
             const intl near = (fabs(u_met - line_us[p]) < stray) & (fabs(v_met - line_vs[p]) < stray);
