@@ -195,13 +195,15 @@ kernel void epipolar_sweep(global const float *nearness, global float *seen, glo
         }
 
         for (;;) {
-            const intl goes_up = (p1 - above * w1 >= 0.0f) & (above <= high);
-            const intl goes_down = (p1 - below * w1 < 0.0f) & (below >= low);
+            const intl goes_up = !open & (p1 - above * w1 >= 0.0f) & (above <= high);
+            const intl goes_down = !open & (p1 - below * w1 < 0.0f) & (below >= low);
+            if (!any_lane(goes_up | goes_down))
+                break;
             const floatl p = pick(goes_up, above, below);
             const floatl g0 = p0 - p * w0_, g1 = p1 - p * w1;
             const floatl f = lesser(greater(g0 / (g0 - g1), (floatl)0.0f), (floatl)1.0f);
             const floatl w = w0_ + f * (w1 - w0_);
-            const intl settles = (goes_up | goes_down) & !open & (w > 0.0f);
+            const intl settles = (goes_up | goes_down) & (w > 0.0f);
             if (!any_lane(settles))
                 break;
             COUNT(pixels, settles)

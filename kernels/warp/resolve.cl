@@ -40,12 +40,13 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
     const int step_x = min(map.src_width - 1, 1), step_y = min(map.src_height - 1, 1); /* 0 in an image of one column */
     const int packets = min(STRIP, (high_x - strip_x + LANES - 1) / LANES);
     const int pixels = map.src_width * map.src_height;
+    const float last_u = map.src_width - 1 + TOLERANCE, last_v = map.src_height - 1 + TOLERANCE;
     const float stray = STRAY * density;
 
     /* Per packet: source position and target nearness of the answer or hit; the line's position; lanes that have an
-     * answer and are not settled yet; lanes that are settled; lanes to trace. */
+     * answer and are not settled yet; lanes whose answer is a neighbour's; lanes that are settled; lanes to trace. */
     floatl us[STRIP], vs[STRIP], ns[STRIP], line_us[STRIP], line_vs[STRIP];
-    intl open_lanes[STRIP], settled_lanes[STRIP], traced_lanes[STRIP];
+    intl open_lanes[STRIP], missed_lanes[STRIP], settled_lanes[STRIP], traced_lanes[STRIP];
 
     for (int p = 0; p < packets; p++) {
         const int x0 = strip_x + p * LANES;
@@ -54,27 +55,32 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
         floatl n = load_lanes(here);
         if (fabs(y * D[11] - D[7]) <= AT_EPIPOLE * fabs(D[11])) /* no line there, and no parallax */
             n = pick((fabs(x * D[11] - D[3]) <= AT_EPIPOLE * fabs(D[11])) & (n == EMPTY), (floatl)typical, n);
-        const intl inside = x0 + lane_index < high_x, hit = IS_HIT(n) & inside;
-        const floatl u0 = PIXEL_ROW(S, 0, x, y), v0 = PIXEL_ROW(S, 1, x, y), w0 = PIXEL_ROW(S, 2, x, y);
-        const floatl inverse = 1.0f / (w0 + n * e_w);
-        const floatl u = (u0 + n * e_u) * inverse, v = (v0 + n * e_v) * inverse;
-        /* Beside a nearer surface the ray may meet that one. */
-        floatl nearer = greater(y > 0 ? load_lanes(here - map.dst_pitch) : n,
-                                y + 1 < map.dst_height ? load_lanes(here + map.dst_pitch) : n);
-        nearer = greater(nearer, greater(x0 > 0 ? load_lanes(here - 1) : shifted_lanes(n), load_lanes(here + 1)));
+        const floatl above = y > 0 ? load_lanes(here - map.dst_pitch) : n;
+        const floatl under = y + 1 < map.dst_height ? load_lanes(here + map.dst_pitch) : n;
+        const floatl left = x0 > 0 ? load_lanes(here - 1) : shifted_lanes(n), right = load_lanes(here + 1);
+        const floatl nearer = greater(greater(above, under), greater(left, right));
         floatl beside = nearer;
         if (apart > 1) {
             beside = greater(beside, y >= apart ? load_lanes(here - apart * map.dst_pitch) : n);
             beside = greater(beside, y + apart < map.dst_height ? load_lanes(here + apart * map.dst_pitch) : n);
             beside = greater(beside, greater(x0 >= apart ? load_lanes(here - apart) : n, load_lanes(here + apart)));
         }
+        /* A pixel that no line reached may see on what a neighbour's line saw. */
+        const intl inside = x0 + lane_index < high_x, hit = inside & IS_HIT(n);
+        const intl missed = inside & (n == EMPTY) & IS_HIT(beside);
+        const floatl guess = pick(missed, beside, n);
+        const floatl u0 = PIXEL_ROW(S, 0, x, y), v0 = PIXEL_ROW(S, 1, x, y), w0 = PIXEL_ROW(S, 2, x, y);
+        const floatl inverse = 1.0f / (w0 + guess * e_w);
+        const floatl u = (u0 + guess * e_u) * inverse, v = (v0 + guess * e_v) * inverse;
+        /* A pixel beside a nearer surface may see that one. */
         const floatl moves_by = (fabs(e_u - u * e_w) + fabs(e_v - v * e_w)) * fabs(inverse);
         const intl edge = hit & ((nearer - n) * moves_by > EDGE * density);
         us[p] = line_us[p] = u;
         vs[p] = line_vs[p] = v;
-        ns[p] = n;
-        open_lanes[p] = hit & !edge;
-        traced_lanes[p] = edge | (inside & (n == EMPTY) & IS_HIT(beside));
+        ns[p] = guess;
+        open_lanes[p] = (hit & !edge) | missed;
+        missed_lanes[p] = missed;
+        traced_lanes[p] = edge;
         settled_lanes[p] = 0;
 #if LANES == 16
         const int first_x = clamp(convert_int(u.s0), 0, last_cell_x), first_y = clamp(convert_int(v.s0), 0, last_cell_y);
@@ -130,7 +136,8 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
             settled_lanes[p] = settled_lanes[p] | settles;
             const intl doubtful = waiting & in_triangle & !settles;
             traced_lanes[p] = traced_lanes[p] | doubtful;
-            open_lanes[p] = waiting & !settles & !doubtful;
+            const intl leaves = missed_lanes[p] & ((u_met < -TOLERANCE) | (u_met > last_u) | (v_met < -TOLERANCE) | (v_met > last_v));
+            open_lanes[p] = waiting & !settles & !doubtful & !leaves;
         }
     }
 
