@@ -18,6 +18,7 @@ typedef uint16 uintl;
 #define to_intl convert_int16
 #define to_ucharl convert_uchar16
 #define as_intl as_int16
+#define as_floatl as_float16
 #define as_uintl as_uint16
 #define load_lanes(p) vload16(0, p)
 #define store_lanes(v, p) vstore16(v, 0, p)
@@ -48,6 +49,7 @@ typedef uint uintl;
 #define to_intl convert_int
 #define to_ucharl convert_uchar
 #define as_intl as_int
+#define as_floatl as_float
 #define as_uintl as_uint
 #define load_lanes(p) (*(p))
 #define store_lanes(v, p) (*(p) = (v))

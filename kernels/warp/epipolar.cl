@@ -44,10 +44,12 @@ typedef struct {
     {                                                                                                          \
         global const float *base = array;                                                                      \
         const intl fetched = clamp(index + by, (intl)0, (intl)(last));                                         \
-        if (group.spacing == 1.0f) {                                                                           \
-            FORESEE_LANE(0) FORESEE_LANE(f)                                                                    \
-        } else {                                                                                               \
-            EACH_LANE(FORESEE_LANE)                                                                            \
+        FORESEE_LANE(0) FORESEE_LANE(f)                                                                        \
+        if (group.spacing > 1.0f) {                                                                            \
+            FORESEE_LANE(8)                                                                                    \
+            if (group.spacing > 2.0f) {                                                                        \
+                FORESEE_LANE(4) FORESEE_LANE(c)                                                                \
+            }                                                                                                  \
         }                                                                                                      \
     }
 
@@ -142,6 +144,7 @@ kernel void epipolar_sweep(global const float *nearness, global float *seen, glo
     const floatl q_0 = PIXEL_ROW(D, 3, u_0, v_0), q_1 = D[12] * u_1 + D[13] * v_1;
     const float b_q = D[15];
 
+    const float innermost = 1 << group.levels;
     const int front_is_up = group.side < 0; /* -D is towards larger pixels */
     const floatl up = front_is_up ? (shown & SHOWS_FRONT ? 0.0f : BLOCKED) : (shown & SHOWS_BACK ? 0.0f : BLOCKED);
     const floatl down = front_is_up ? (shown & SHOWS_BACK ? 0.0f : BLOCKED) : (shown & SHOWS_FRONT ? 0.0f : BLOCKED);
@@ -212,9 +215,9 @@ kernel void epipolar_sweep(global const float *nearness, global float *seen, glo
 
             const floatl at_line = start + slope * p, c = floor(at_line + 0.5f);
             const floatl distance = group.distance + group.distance_step * p;
-            floatl apart = distance;
-            for (int level = 1; level <= group.levels; level++)
-                apart = pick(distance <= 1.0f / (1 << level), distance * (1 << level), apart);
+            /* Lines are 1/2 to 1 pixel apart in each ring, less within the last one. */
+            const floatl in_ring = as_floatl((as_intl(distance) & 0x007fffff) | 0x3f000000);
+            const floatl apart = lesser(in_ring, distance * innermost);
             const floatl D_along = (p * b_w - b_along) * group.side, D_across = fabs(c * b_w - b_across);
             const intl in_wedge = along ? (D_along > D_across) : (D_along >= D_across);
             const intl owns = in_wedge & (fabs(at_line - c) < 0.5f * apart - guard) & (c >= group.cross_low) &
@@ -222,7 +225,8 @@ kernel void epipolar_sweep(global const float *nearness, global float *seen, glo
             const intl pc = to_intl(c), pa = to_intl(p);
             const intl address = pick(settles & owns, along ? pa * map.dst_pitch + pc : pc * map.dst_pitch + pa, spare);
 #if LANES == 16
-            FORESEE(seen, address, pick(goes_up, (intl)ahead_p, (intl)-ahead_p), last_pixel)
+            if (along)
+                FORESEE(seen, address, pick(goes_up, (intl)ahead_p, (intl)-ahead_p), last_pixel)
 #endif
             const floatl blocked = pick(goes_up, up, down);
             const floatl value = pick(blocked < 0.0f, blocked, (q0 + f * (q1 - q0)) / w);
