@@ -186,7 +186,7 @@ def _samples(view: DepthImage) -> _Samples:
     """The view's nearness and colour on the current device, made once."""
     from pyibr.opencl.device import current
     from pyibr.opencl.launch import launch
-    from pyibr.opencl.memory import scratch, upload
+    from pyibr.opencl.memory import empty, upload
     from pyibr.opencl.program import kernel
 
     session = current()
@@ -194,8 +194,8 @@ def _samples(view: DepthImage) -> _Samples:
     if isinstance(kept, _Samples):
         return kept
     width, height = view.camera.size
-    nearness = scratch((height, pitch(width)), np.float32)
-    ranges = scratch((height, 2), np.float32)
+    nearness = empty((height, pitch(width)), np.float32)
+    ranges = empty((height, 2), np.float32)
     launch(
         kernel("warp/nearness.cl", "to_nearness"),
         (height,),
@@ -229,7 +229,7 @@ def _look(
     """Each pixel looks for what its ray meets first: by sweep or by search, then exactly."""
     from pyibr.opencl.device import current
     from pyibr.opencl.launch import Struct, launch
-    from pyibr.opencl.memory import scratch, upload
+    from pyibr.opencl.memory import empty, upload
     from pyibr.opencl.program import kernel
 
     session = current()
@@ -244,7 +244,7 @@ def _look(
     # Lanes of the sweep with nothing to write need a place of their own to write it; packets at the end of the last
     # row read beyond it.
     beyond = max(packets * session.lanes, session.lanes + _APART_MOST)
-    seen = scratch((height * pitch(width) + beyond,), np.float32)
+    seen = empty((height * pitch(width) + beyond,), np.float32)
     common = {
         "nearness": samples.nearness,
         "seen": seen,
@@ -309,11 +309,11 @@ def _strip(session: Session, width: int) -> int:
 
 def _splat(samples: _Samples, pixel_map: PixelMap, target: _Target, options: _Options) -> None:
     from pyibr.opencl.launch import Struct, launch
-    from pyibr.opencl.memory import scratch
+    from pyibr.opencl.memory import empty
     from pyibr.opencl.program import kernel
 
     shape = (target.camera.height, target.camera.width)
-    keys, indices = scratch(shape, np.uint32), scratch(shape, np.uint32)
+    keys, indices = empty(shape, np.uint32), empty(shape, np.uint32)
     keys.fill(0)
     indices.fill(0xFFFFFFFF)
     bytes_ = target.color.dtype.itemsize
@@ -343,12 +343,12 @@ def _splat(samples: _Samples, pixel_map: PixelMap, target: _Target, options: _Op
 
 def _fill(target: _Target, pixel_map: PixelMap) -> None:
     from pyibr.opencl.launch import launch
-    from pyibr.opencl.memory import scratch
+    from pyibr.opencl.memory import empty
     from pyibr.opencl.program import kernel
 
     width, height = target.camera.size
     bytes_ = target.color.dtype.itemsize
-    blocks = scratch((-(-height // 16), -(-width // 16)), np.uint8)
+    blocks = empty((-(-height // 16), -(-width // 16)), np.uint8)
     shared = {"valid": target.valid, "blocks": blocks, "width": width, "height": height}
     launch(kernel("warp/fill.cl", "fill_blocks", COLOR_BYTES=bytes_), (blocks.shape[1], blocks.shape[0]), **shared)
     x, y, w = pixel_map.epipole / max(float(np.abs(pixel_map.epipole).max()), 1e-30)

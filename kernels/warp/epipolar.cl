@@ -216,7 +216,7 @@ kernel void epipolar_sweep(global const float *nearness, global float *seen, glo
             const floatl at_line = start + slope * p, c = floor(at_line + 0.5f);
             const floatl distance = group.distance + group.distance_step * p;
             /* Lines are 1/2 to 1 pixel apart in each ring, less within the last one. */
-            const floatl in_ring = as_floatl((as_intl(distance) & 0x007fffff) | 0x3f000000);
+            const floatl in_ring = as_floatl(((as_intl(distance) - 1) & 0x007fffff) | 0x3f000000);
             const floatl apart = lesser(in_ring, distance * innermost);
             const floatl D_along = (p * b_w - b_along) * group.side, D_across = fabs(c * b_w - b_across);
             const intl in_wedge = along ? (D_along > D_across) : (D_along >= D_across);

@@ -52,7 +52,7 @@ class Session:
     kernels : dict
         What `kernel` has built here.
     spare : list
-        Memory that `scratch` hands out again.
+        Memory that `empty` hands out again.
     lock : threading.RLock
         Held by a call while its launches are made and awaited: one call at a time uses the session.
     in_flight : list

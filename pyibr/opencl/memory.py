@@ -27,7 +27,7 @@ class Block:
     """A piece of device memory, and the same memory on the host where the device works in place."""
 
     buffer: cl.Buffer
-    host: NDArray[np.uint8] | None
+    host: mmap.mmap | None
     size: int
 
 
@@ -77,56 +77,56 @@ def upload(array: NDArray[Any]) -> DeviceArray:
 
 
 def empty(shape: tuple[int, ...], dtype: DTypeLike) -> DeviceArray:
-    """An uninitialised array for launches to write and the caller to keep."""
-    session = current()
-    host = np.empty(shape, dtype) if session.is_cpu else None
-    kind = np.dtype(dtype)
-    return DeviceArray(_buffer(session, host, int(np.prod(shape)) * kind.itemsize), shape, kind, host, session)
+    """An uninitialised array for launches to write.
 
-
-def scratch(shape: tuple[int, ...], dtype: DTypeLike) -> DeviceArray:
-    """As `empty`, in memory that is handed out again once nobody refers to the array."""
+    Its memory is handed out again once nobody refers to the array, on the device or on the host: the system takes
+    longer to give a process fresh pages than a kernel to fill them.
+    """
     session = current()
     kind = np.dtype(dtype)
     size = int(np.prod(shape)) * kind.itemsize
-    fitting = [block for block in session.spare if size <= block.size <= 2 * size]
-    if fitting:
-        block = min(fitting, key=lambda block: block.size)
-        session.spare.remove(block)
-    else:
-        host = _allocate(size) if session.is_cpu else None
-        block = Block(_buffer(session, host, size), host, size)
-    host = None if block.host is None else block.host[:size].view(kind).reshape(shape)
-    array = DeviceArray(block.buffer, shape, kind, host, session)
-    weakref.finalize(array, _give_back, session, block).atexit = False
-    return array
+    block = _take(session, size)
+    if block.host is None:
+        array = DeviceArray(block.buffer, shape, kind, None, session)
+        weakref.finalize(array, session.spare.append, block).atexit = False
+        return array
+    # Views of an array keep alive the one that is made of the memory itself.
+    memory = np.frombuffer(block.host, np.uint8)
+    weakref.finalize(memory, session.spare.append, block).atexit = False
+    start = -memory.ctypes.data % _HUGE_PAGE if memory.size > _HUGE_PAGE else 0
+    host = memory[start : start + size].view(kind).reshape(shape)
+    return DeviceArray(block.buffer, shape, kind, host, session)
 
 
-def _give_back(session: Session, block: Block) -> None:
-    session.spare.append(block)
-    while sum(kept.size for kept in session.spare) > _SPARE_BYTES:
-        session.spare.pop(0)
-
-
-def _buffer(session: Session, host: NDArray[Any] | None, size: int) -> cl.Buffer:
+def _take(session: Session, size: int) -> Block:
+    """A block for `size` bytes: a spare one that is not much larger, else a new one."""
     import pyopencl as cl
 
-    if host is None:
-        return cl.Buffer(session.context, cl.mem_flags.READ_WRITE, size)
-    return cl.Buffer(session.context, cl.mem_flags.READ_WRITE | cl.mem_flags.USE_HOST_PTR, hostbuf=host)
+    spare = session.spare
+    while sum(block.size for block in spare) > _SPARE_BYTES:
+        del spare[0]
+    fitting = [block for block in spare if size <= block.size <= size + size // 4]
+    if fitting:
+        block = min(fitting, key=lambda block: block.size)
+        spare.remove(block)
+        return block
+    if not session.is_cpu:
+        return Block(cl.Buffer(session.context, cl.mem_flags.READ_WRITE, max(size, 1)), None, size)
+    host = _pages(size)
+    memory = np.frombuffer(host, np.uint8)
+    start = -memory.ctypes.data % _HUGE_PAGE if memory.size > _HUGE_PAGE else 0
+    flags = cl.mem_flags.READ_WRITE | cl.mem_flags.USE_HOST_PTR
+    return Block(cl.Buffer(session.context, flags, hostbuf=memory[start : start + max(size, 1)]), host, size)
 
 
-def _allocate(size: int) -> NDArray[np.uint8]:
-    """Page-aligned memory, in huge pages where it is large and the system has them.
+def _pages(size: int) -> mmap.mmap:
+    """Whole pages, which CPU runtimes use in place; huge ones for large sizes, where the system has them.
 
     Kernels walk columns as well as rows, and with small pages every step of such a walk misses the TLB.
     """
-    huge = size >= _HUGE_PAGE and hasattr(mmap, "MADV_HUGEPAGE")
-    memory = mmap.mmap(-1, size + _HUGE_PAGE if huge else max(size, 1))
-    array = np.frombuffer(memory, np.uint8)
-    if not huge:
-        return array[:size]
+    if size < _HUGE_PAGE or not hasattr(mmap, "MADV_HUGEPAGE"):
+        return mmap.mmap(-1, max(size, 1))
+    pages = mmap.mmap(-1, size + _HUGE_PAGE, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)  # shared ones stay small
     with contextlib.suppress(OSError):  # a kernel built without huge pages
-        memory.madvise(mmap.MADV_HUGEPAGE)
-    start = -array.ctypes.data % _HUGE_PAGE
-    return array[start : start + size]
+        pages.madvise(mmap.MADV_HUGEPAGE)
+    return pages
