@@ -17,13 +17,9 @@ NAMES = ("complexity", "table2", "peers", "startup")
 
 
 def main(
-    names: Annotated[
-        list[str] | None, typer.Argument(help=f"Some of: {', '.join(NAMES)}. Default: all.")
-    ] = None,
+    names: Annotated[list[str] | None, typer.Argument(help=f"Some of: {', '.join(NAMES)}. Default: all.")] = None,
     quick: Annotated[bool, typer.Option(help="Tiny sizes, to see that everything runs.")] = False,
-    out: Annotated[
-        Path | None, typer.Option(help="Default: benchmarks/results/VERSION, or build/benchmarks.")
-    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Default: benchmarks/results/VERSION, or build/benchmarks.")] = None,
 ) -> None:
     """Measure pyibr beside the papers' figures and its peers. No other work should run meanwhile."""
     import pyibr as ibr

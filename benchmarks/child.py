@@ -33,9 +33,7 @@ def measure_memory(n: int) -> dict[str, Any]:
     import pyibr as ibr
     from benchmarks import scenes
 
-    ibr.warp(
-        scenes.view(16), scenes.target_camera(16, "F", "forward")
-    )  # the runtime and the kernels are there
+    ibr.warp(scenes.view(16), scenes.target_camera(16, "F", "forward"))  # the runtime and the kernels are there
     target = scenes.target_camera(n, "F", "forward")
     before = memory("VmRSS")
     color, depth = scenes.relief(n)

@@ -69,9 +69,7 @@ def counted_samples() -> Iterator[dict[str, int]]:
             return launch(kernel, grid, **arguments)
         sweep = kernel.name == "epipolar_sweep"
         target = arguments["map"].values
-        shape = (
-            (arguments["packet_count"], 2) if sweep else (int(target["dst_height"]), int(target["dst_width"]))
-        )
+        shape = (arguments["packet_count"], 2) if sweep else (int(target["dst_height"]), int(target["dst_width"]))
         visited = empty(shape, np.uint32)
         visited.fill(0)
         counter = program.kernel(file, kernel.name, COUNT_SAMPLES=1)

@@ -29,9 +29,7 @@ def write(folder: Path) -> Path:
     ValueError
         If a file is not a result.
     """
-    results = [
-        Result.load(folder / f"{name}.json") for name in SECTIONS if (folder / f"{name}.json").exists()
-    ]
+    results = [Result.load(folder / f"{name}.json") for name in SECTIONS if (folder / f"{name}.json").exists()]
     if not results:
         raise FileNotFoundError(f"{folder}: none of {', '.join(f'{name}.json' for name in SECTIONS)} is here")
     parts = [HEAD]

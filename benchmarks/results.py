@@ -77,9 +77,7 @@ class Result:
         path.parent.mkdir(parents=True, exist_ok=True)
         head = {k: v for k, v in asdict(self).items() if k not in ("records", "skipped")}
         lines = {"records": _lines(self.records), "skipped": _lines(self.skipped)}
-        body = json.dumps(head, indent=1)[:-2] + "".join(
-            f',\n "{key}": {text}' for key, text in lines.items()
-        )
+        body = json.dumps(head, indent=1)[:-2] + "".join(f',\n "{key}": {text}' for key, text in lines.items())
         path.write_text(body + "\n}\n")
 
     @classmethod

@@ -54,9 +54,7 @@ outputs and everything else.
 def complexity_section(result: Result, folder: Path) -> list[str]:
     """Exponents, totals over the positions, and the log-log plot."""
     units = {"visited": "samples", "end to end": "ms"}
-    every = {
-        (m, q): totals(result.select(subject=m, quantity=q)) for q in units for m in ("epipolar", "search")
-    }
+    every = {(m, q): totals(result.select(subject=m, quantity=q)) for q in units for m in ("epipolar", "search")}
     series = {key: values for key, values in every.items() if len(values) > 1}
     plots.complexity(series, folder / "complexity.png")
     rows: list[list[str]] = []
@@ -118,9 +116,7 @@ def peers_section(result: Result, folder: Path) -> list[str]:
         for n in sizes
         for s in subjects
     }
-    medians = {
-        key: {at: median(values) for at, values in found.items()} for key, found in times.items() if found
-    }
+    medians = {key: {at: median(values) for at, values in found.items()} for key, found in times.items() if found}
     relative = {(s, n): ratios(found, medians[peers.BASE, n]) for (s, n), found in medians.items()}
     plots.peers(medians, relative, peers.BARS, folder / "peers.png")
 
@@ -150,8 +146,7 @@ def peers_section(result: Result, folder: Path) -> list[str]:
         here = [subject for subject in subjects if (subject, n) in medians]
         base = medians[peers.BASE, n]
         rows = [
-            [*at, *(f"{Quartiles.of(times[s, n][at])} {medians[s, n][at] / base[at]:.2f}" for s in here)]
-            for at in base
+            [*at, *(f"{Quartiles.of(times[s, n][at])} {medians[s, n][at] / base[at]:.2f}" for s in here)] for at in base
         ]
         parts.append(f"### {n} x {n}, by region and motion\n\nMilliseconds, and the ratio to {peers.BASE}.\n")
         parts.append(table(["region", "motion", *here], rows))
@@ -160,9 +155,7 @@ def peers_section(result: Result, folder: Path) -> list[str]:
 
 def _coverage(result: Result) -> str:
     def middle(subject: str, quantity: str) -> float:
-        return median(
-            v for record in result.select(subject=subject, quantity=quantity) for v in record.values
-        )
+        return median(v for record in result.select(subject=subject, quantity=quantity) for v in record.values)
 
     return COVERAGE.format(
         ours=peers.NEAREST,

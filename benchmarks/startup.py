@@ -36,9 +36,7 @@ print(json.dumps({"import_ms": import_ms, "numpy_ms": numpy_ms}))
 def cases(plan: Plan) -> Iterator[Case]:
     """Imports, first frames, and memory by size."""
     yield Case({"what": "import"}, functools.partial(_imports, plan.startup_repeats))
-    yield Case(
-        {"what": "first frame"}, functools.partial(_frames, plan.startup_repeats, plan.startup_empty_cache)
-    )
+    yield Case({"what": "first frame"}, functools.partial(_frames, plan.startup_repeats, plan.startup_empty_cache))
     for n in plan.memory:
         yield Case({"what": "memory", "size": n}, functools.partial(_memory, n))
 
@@ -57,9 +55,7 @@ def _frames(repeats: int, empty_cache: bool) -> Work:
     def read() -> Iterator[Record]:
         with tempfile.TemporaryDirectory() as folder:
             # PoCL keeps built kernels, too.
-            caches = (
-                {"PYIBR_CACHE": f"{folder}/pyibr", "POCL_CACHE_DIR": f"{folder}/pocl"} if empty_cache else {}
-            )
+            caches = {"PYIBR_CACHE": f"{folder}/pyibr", "POCL_CACHE_DIR": f"{folder}/pocl"} if empty_cache else {}
             first = child("frame", caches=caches)
             if empty_cache:
                 yield Record("first process ever", "whole process", "ms", {}, [first["process_ms"]])
@@ -85,9 +81,7 @@ def _memory(n: int) -> Work | Skip:
         for name in ("inputs", "outputs", "added", "process"):
             yield Record(name, "memory", "bytes", parameters, [found[name]])
         yield Record("peak memory", "of inputs and outputs", "share", parameters, [found["added"] / arrays])
-        yield Record(
-            "whole process", "of inputs and outputs", "share", parameters, [found["process"] / arrays]
-        )
+        yield Record("whole process", "of inputs and outputs", "share", parameters, [found["process"] / arrays])
 
     return Work(read=read)
 

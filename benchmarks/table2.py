@@ -65,9 +65,7 @@ def _prepare(model: str, n: int, repeats: int, mesh: str) -> Work | Skip:
             yield Record(name, "kernels", "ms", parameters, [sum(map(sum, times.values()))])
         yield Record("nearest", "coverage", "share", parameters, [float(warp("nearest").valid.mean())])
 
-    subjects: dict[str, Subject] = {
-        name: functools.partial(warp, sample) for name, sample in SUBJECTS.items()
-    }
+    subjects: dict[str, Subject] = {name: functools.partial(warp, sample) for name, sample in SUBJECTS.items()}
     return Work({**subjects, FRESH: fresh}, repeats, read)
 
 

@@ -41,9 +41,7 @@ def numbers(argument: str, value: object, shape: tuple[int | None, ...], finite:
         raise ArgumentError(argument, expected, describe(array if array.dtype.kind != "O" else value))
     result = array.astype(np.float64)
     if finite and not np.isfinite(result).all():
-        raise ArgumentError(
-            argument, expected, f"{np.count_nonzero(~np.isfinite(result))} that are not finite"
-        )
+        raise ArgumentError(argument, expected, f"{np.count_nonzero(~np.isfinite(result))} that are not finite")
     return result
 
 

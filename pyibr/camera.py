@@ -271,9 +271,7 @@ class Camera:
         return local @ self.world_from_camera[:3, :3].T + self.center
 
     @classmethod
-    def from_opencv(
-        cls, K: ArrayLike, rotation: ArrayLike, translation: ArrayLike, size: tuple[int, int]
-    ) -> Camera:
+    def from_opencv(cls, K: ArrayLike, rotation: ArrayLike, translation: ArrayLike, size: tuple[int, int]) -> Camera:
         """Make a camera from OpenCV's extrinsics, x_camera = R x_world + t.
 
         `rotation` is an axis-angle vector (`rvec`, 3 numbers) or a (3, 3) matrix, `translation` is `tvec`.

@@ -84,13 +84,9 @@ def warp(
     ] = 1,
     method: Annotated[Method, typer.Option(help="How the surface is searched")] = "epipolar",
     sample: Annotated[Sample, typer.Option(help="How depth and colour are read")] = "linear",
-    edges: Annotated[
-        Edges, typer.Option(help="Neighbours are one surface, or cut apart at depth edges")
-    ] = "connect",
+    edges: Annotated[Edges, typer.Option(help="Neighbours are one surface, or cut apart at depth edges")] = "connect",
     cut_ratio: Annotated[float, typer.Option(help="Cut where neighbours' depths differ by more")] = 1.05,
-    fill: Annotated[
-        Literal["none", "background"], typer.Option(help="Fill holes from their farther side")
-    ] = "none",
+    fill: Annotated[Literal["none", "background"], typer.Option(help="Fill holes from their farther side")] = "none",
     side: Annotated[Side, typer.Option(help="Sides of the surface that are shown")] = "front",
     far: Annotated[float, typer.Option(help="Depth from which on there is no surface")] = math.inf,
     depth_scale: Annotated[
@@ -104,9 +100,7 @@ def warp(
 
     Give the new camera by exactly one of --to, --move and --orbit.
     """
-    given = [
-        name for name, value in (("--to", to), ("--move", move), ("--orbit", orbit)) if value is not None
-    ]
+    given = [name for name, value in (("--to", to), ("--move", move), ("--orbit", orbit)) if value is not None]
     if len(given) != 1:
         raise ArgumentError("new camera", "one of --to, --move, --orbit", " and ".join(given) or "none")
     if frames > 1 and to is not None:

@@ -142,7 +142,19 @@ def line_groups(epipole: Float64, area: Rectangle, lanes: int) -> tuple[NDArray[
                 along = fan.extent(0.0 if goes_on else 0.5 ** (level + 1))
                 distance = -fan.e_along * side / farthest, w * side / farthest
                 groups.append(
-                    (axis, side, packets, count, *along, *fan.across, levels, fan.reference, start, spacing, *distance)
+                    (
+                        axis,
+                        side,
+                        packets,
+                        count,
+                        *along,
+                        *fan.across,
+                        levels,
+                        fan.reference,
+                        start,
+                        spacing,
+                        *distance,
+                    )
                 )
                 packets += -(-count // lanes)
     return np.array(groups, LINE_GROUP), packets

@@ -75,7 +75,7 @@ class DepthImage:
         self.color = _locked(_checked_color(color, shape))
         self.depth = _locked(_checked_depth(depth, shape))
         # The OpenCL side keeps its buffers here, so that they live as long as the image.
-        self._device_cache: dict[object, object] = {}
+        self.device_cache: dict[object, object] = {}
 
     def __reduce__(self) -> tuple[type[DepthImage], tuple[Color, Depth, Camera, float]]:
         return DepthImage, (self.color, self.depth, self.camera, self.far)
@@ -292,9 +292,7 @@ def mpeg_from_depth(depth: ArrayLike, near: float, far: float) -> Depth:
     return np.nan_to_num(np.clip(level, 0, 1), nan=0).astype(np.float32)
 
 
-def undistort(
-    color: _ColorT, depth: Depth, K: ArrayLike, distortion: ArrayLike
-) -> tuple[_ColorT, Depth, Float64]:
+def undistort(color: _ColorT, depth: Depth, K: ArrayLike, distortion: ArrayLike) -> tuple[_ColorT, Depth, Float64]:
     """Remove a lens's distortion from an image and its depth, with OpenCV.
 
     Parameters
@@ -334,9 +332,7 @@ def undistort(
         intrinsics, coefficients, np.eye(3), intrinsics, shape[::-1], cv2.CV_32FC1
     )
     straight = cv2.remap(color, map_x, map_y, cv2.INTER_LINEAR, borderValue=0)
-    z = cv2.remap(
-        depth, map_x, map_y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=math.nan
-    )
+    z = cv2.remap(depth, map_x, map_y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=math.nan)
     return cast("_ColorT", straight), cast("Depth", z), intrinsics
 
 
@@ -357,9 +353,7 @@ def _ray_lengths(camera: Camera) -> Float64:
 def _within(argument: str, values: Float64, low: float, high: float, expected: str) -> None:
     outside = values[(values < low) | (values > high)]
     if outside.size:
-        raise ArgumentError(
-            argument, expected, f"{outside.size} values from {outside.min():g} to {outside.max():g}"
-        )
+        raise ArgumentError(argument, expected, f"{outside.size} values from {outside.min():g} to {outside.max():g}")
 
 
 def _checked_levels(level: ArrayLike) -> Float64:

@@ -155,9 +155,7 @@ def view(
     """
     points: list[Float64] = []
     for image in images:
-        points.append(
-            image.camera.unproject(_pixels(image.camera)[image.valid.ravel()], image.depth[image.valid])
-        )
+        points.append(image.camera.unproject(_pixels(image.camera)[image.valid.ravel()], image.depth[image.valid]))
     every = np.concatenate(points)
     center = (every.min(axis=0) + every.max(axis=0)) / 2
     radius = float(np.linalg.norm(every - center, axis=1).max())
@@ -251,9 +249,7 @@ def _noise(direction: Float64) -> Float64:
 def _hypsometric(height: Float64) -> Float64:
     """Colours (n, 3), 0 to 255, from the sea over beaches, plains and rock to snow."""
     stops = [0.0, 0.004, 0.03, 0.2, 0.45, 0.7]
-    colors = np.array(
-        [[22, 60, 120], [205, 190, 130], [70, 130, 60], [110, 120, 60], [130, 105, 85], [245, 245, 250]]
-    )
+    colors = np.array([[22, 60, 120], [205, 190, 130], [70, 130, 60], [110, 120, 60], [130, 105, 85], [245, 245, 250]])
     return np.stack([np.interp(height, stops, colors[:, channel]) for channel in range(3)], axis=1)
 
 

@@ -152,14 +152,14 @@ class PixelMap:
             width, height = self.dst.size
             near = (x[0] > -width) & (x[0] < 2 * width) & (y[0] > -height) & (y[0] < 2 * height)
             seen = (w[0] > 0) & near & (area > 0)
-        return float(np.median(area[seen]) ** -0.5) if seen.any() else 1.0
+        return _middle_of(area[seen]) ** -0.5 if seen.any() else 1.0
 
     @cached_property
     def typical(self) -> float:
         """Nearness in the target of a point at the middle nearness of the source that is before both cameras."""
         _, _, w, q = self._middle
         ahead = w[0] > 0
-        return float(np.median(q[0][ahead] / w[0][ahead])) if ahead.any() else 1.0
+        return _middle_of(q[0][ahead] / w[0][ahead]) if ahead.any() else 1.0
 
     @cached_property
     def _middle(self) -> Float64:
@@ -175,3 +175,8 @@ class PixelMap:
         corners = [(x, y, 1.0, n) for n, x, y in itertools.product(ends, (0, last[0]), (0, last[1]))]
         u, v, w, _ = self.dst_from_src @ np.array(corners).T
         return u, v, w
+
+
+def _middle_of(values: Float64) -> float:
+    """The upper median; NumPy's own imports all of its masked arrays first."""
+    return float(np.sort(values)[len(values) // 2])

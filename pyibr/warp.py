@@ -6,7 +6,7 @@ import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 
 import numpy as np
 
@@ -177,9 +177,7 @@ class _Target:
         return {"depth": self.depth, "color": self.color, "valid": self.valid}
 
     def frame(self) -> Frame:
-        return Frame(
-            self.color.to_host(), self.depth.to_host(), self.valid.to_host().view(np.bool_), self.camera
-        )
+        return Frame(self.color.to_host(), self.depth.to_host(), self.valid.to_host().view(np.bool_), self.camera)
 
 
 def _samples(view: DepthImage) -> _Samples:
@@ -190,7 +188,7 @@ def _samples(view: DepthImage) -> _Samples:
     from pyibr.opencl.program import kernel
 
     session = current()
-    kept = view._device_cache.get(session)
+    kept = view.device_cache.get(session)
     if isinstance(kept, _Samples):
         return kept
     width, height = view.camera.size
@@ -214,7 +212,7 @@ def _samples(view: DepthImage) -> _Samples:
         raise ArgumentError(
             "depth", "a view with at least one sample that is finite, > 0 and nearer than `far`", "none"
         )
-    made = view._device_cache[session] = _Samples(nearness, upload(_at_least_a_word(view.color)), low, high)
+    made = view.device_cache[session] = _Samples(nearness, upload(_at_least_a_word(view.color)), low, high)
     return made
 
 
@@ -223,9 +221,7 @@ def _at_least_a_word(color: Any) -> Any:
     return np.resize(color, (1, 2, 3)) if color.size == 3 else color
 
 
-def _look(
-    samples: _Samples, pixel_map: PixelMap, target: _Target, options: _Options, method: Method
-) -> None:
+def _look(samples: _Samples, pixel_map: PixelMap, target: _Target, options: _Options, method: Method) -> None:
     """Each pixel looks for what its ray meets first: by sweep or by search, then exactly."""
     from pyibr.opencl.device import current
     from pyibr.opencl.launch import Struct, launch
@@ -350,7 +346,11 @@ def _fill(target: _Target, pixel_map: PixelMap) -> None:
     bytes_ = target.color.dtype.itemsize
     blocks = empty((-(-height // 16), -(-width // 16)), np.uint8)
     shared = {"valid": target.valid, "blocks": blocks, "width": width, "height": height}
-    launch(kernel("warp/fill.cl", "fill_blocks", COLOR_BYTES=bytes_), (blocks.shape[1], blocks.shape[0]), **shared)
+    launch(
+        kernel("warp/fill.cl", "fill_blocks", COLOR_BYTES=bytes_),
+        (blocks.shape[1], blocks.shape[0]),
+        **shared,
+    )
     x, y, w = pixel_map.epipole / max(float(np.abs(pixel_map.epipole).max()), 1e-30)
     launch(
         kernel("warp/fill.cl", "fill_holes", COLOR_BYTES=bytes_),
@@ -365,17 +365,20 @@ def _fill(target: _Target, pixel_map: PixelMap) -> None:
 
 
 def _checked_views(views: DepthImage | Sequence[DepthImage]) -> list[DepthImage]:
-    sources = [views] if isinstance(views, DepthImage) else list(views) if isinstance(views, Sequence) else [views]
+    sources: list[DepthImage] = [views] if isinstance(views, DepthImage) else list(_listed(views))
     if not sources:
         raise ArgumentError("views", "at least one DepthImage", "an empty sequence")
     for view in sources:
         if not isinstance(view, DepthImage):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise ArgumentError("views", "a DepthImage or a sequence of them", describe(view))
         if view.color.dtype != sources[0].color.dtype:
-            raise ArgumentError(
-                "views", "colours of one dtype", f"{sources[0].color.dtype} and {view.color.dtype}"
-            )
+            raise ArgumentError("views", "colours of one dtype", f"{sources[0].color.dtype} and {view.color.dtype}")
     return sources
+
+
+def _listed(views: object) -> Sequence[DepthImage]:
+    """What `views` holds; something else than a sequence is one view, for the check to name."""
+    return cast("Sequence[DepthImage]", views if isinstance(views, Sequence) else [views])
 
 
 def _one_of(argument: str, value: object, choices: Any, also: str = "") -> None:
@@ -385,7 +388,7 @@ def _one_of(argument: str, value: object, choices: Any, also: str = "") -> None:
 
 
 def _number(argument: str, value: float, least: float, most: float, expected: str) -> None:
-    numeric = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
+    numeric = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)  # pyright: ignore[reportUnnecessaryIsInstance]
     above = numeric and (value > least if argument == "cut_ratio" else value >= least)
     if not (above and value <= most and math.isfinite(value)):
         raise ArgumentError(argument, expected, repr(value))

@@ -228,9 +228,7 @@ def target_cameras(
     return found
 
 
-def special_cameras(
-    view: DepthImage, size: Size | None = None, projection: Projection = "perspective"
-) -> list[Pose]:
+def special_cameras(view: DepthImage, size: Size | None = None, projection: Projection = "perspective") -> list[Pose]:
     """Identity, pure rotation, and epipoles at infinity (sideways translations along x, y and a diagonal)."""
     size = size or view.camera.size
     source = view.camera
@@ -254,9 +252,7 @@ def special_cameras(
     return found
 
 
-def all_cameras(
-    view: DepthImage, size: Size | None = None, projection: Projection = "perspective"
-) -> list[Pose]:
+def all_cameras(view: DepthImage, size: Size | None = None, projection: Projection = "perspective") -> list[Pose]:
     """`target_cameras` of all nine regions, then `special_cameras`."""
     finite = [pose for region in REGIONS for pose in target_cameras(view, region, size, projection)]
     return finite + special_cameras(view, size, projection)

@@ -78,9 +78,7 @@ def test_look_at_field_of_view_ends_at_the_image_border():
 
 
 def test_look_at_orthographic_height():
-    camera = ibr.Camera.look_at(
-        (0, 0, 9), (0, 0, 0), (0, 1, 0), (61, 37), projection="orthographic", height=5
-    )
+    camera = ibr.Camera.look_at((0, 0, 9), (0, 0, 0), (0, 1, 0), (61, 37), projection="orthographic", height=5)
     pixels, depth = camera.project([[0, 2.5, 1], [0, -2.5, 1]])
     np.testing.assert_allclose(pixels, [[30, -0.5], [30, 36.5]], atol=1e-12)
     np.testing.assert_allclose(depth, 8)
@@ -164,9 +162,7 @@ def test_opencv_projects_the_same_pixels(seed):
 @pytest.mark.parametrize("rvec", [(0, 0, 0), (np.pi, 0, 0), (0, -np.pi, 0), (1e-9, 0, 0), (2, 2, 1e-12)])
 def test_opencv_rotation_vectors_at_the_ends(rvec):
     camera = ibr.Camera.from_opencv(np.eye(3), rvec, (0, 0, 0), (7, 13))
-    np.testing.assert_allclose(
-        camera.camera_from_world[:3, :3], cv2.Rodrigues(np.array(rvec, float))[0], atol=1e-12
-    )
+    np.testing.assert_allclose(camera.camera_from_world[:3, :3], cv2.Rodrigues(np.array(rvec, float))[0], atol=1e-12)
     _, again, _ = camera.to_opencv()
     np.testing.assert_allclose(cv2.Rodrigues(again)[0], camera.camera_from_world[:3, :3], atol=1e-12)
 

@@ -83,9 +83,7 @@ def test_to_another_camera_with_depth_and_mask(scene: Scene):
 
 
 def test_orbit_keeps_the_point_at_the_median_depth_in_its_place(scene: Scene):
-    result = scene.run(
-        "--orbit", "-20", "-o", scene.folder / "new.png", "--depth-out", scene.folder / "new.npy"
-    )
+    result = scene.run("--orbit", "-20", "-o", scene.folder / "new.png", "--depth-out", scene.folder / "new.npy")
     assert result.exit_code == 0, result.output
     assert ibr.read_depth(scene.folder / "new.npy", 1000)[18, 30] == pytest.approx(2, rel=1e-3)
 
@@ -218,8 +216,6 @@ def test_importing_brings_nothing_heavy(module):
 
 
 def test_warp_is_the_function_whatever_was_imported_before():
-    code = (
-        "import pyibr.warp, pyibr as ibr, importlib; importlib.import_module('pyibr.warp'); print(ibr.warp)"
-    )
+    code = "import pyibr.warp, pyibr as ibr, importlib; importlib.import_module('pyibr.warp'); print(ibr.warp)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.startswith("<function warp")

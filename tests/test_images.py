@@ -65,10 +65,10 @@ def test_valid_leaves_out_what_is_no_surface():
 
 def test_it_can_be_pickled_and_weakly_referenced():
     view = ibr.DepthImage(*image_of((7, 13)), camera_of((7, 13)), far=7.5)
-    view._device_cache["buffer"] = lambda: None  # what the device keeps cannot be pickled and is not
+    view.device_cache["buffer"] = lambda: None  # what the device keeps cannot be pickled and is not
     copy = pickle.loads(pickle.dumps(view))
     np.testing.assert_array_equal(copy.depth, view.depth)
-    assert (copy.camera, copy.far, copy._device_cache) == (view.camera, 7.5, {})
+    assert (copy.camera, copy.far, copy.device_cache) == (view.camera, 7.5, {})
     gone = weakref.ref(view)
     del view
     gc.collect()

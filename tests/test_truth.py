@@ -50,9 +50,7 @@ def test_plane_is_seen_at_its_closed_form_depth(source, target):
 
 def test_the_front_is_the_side_that_the_source_sees():
     view = scenes.flat((32, 32))
-    behind = Camera(
-        view.camera.K, (32, 32), view.camera.world_from_camera @ scenes.pose(yaw=180, center=(0, 0, 8))
-    )
+    behind = Camera(view.camera.K, (32, 32), view.camera.world_from_camera @ scenes.pose(yaw=180, center=(0, 0, 8)))
     seen = {side: truth.raycast(view, behind, side=side).valid.mean() for side in ("front", "back", "both")}
     front, back, both = seen.values()
     assert (front, back) == (0, both)
@@ -100,9 +98,7 @@ def test_band_holds_edges_and_nothing_of_a_slope():
     assert not truth.band(truth.raycast(slope, camera))[inside].any()
     shifted = Camera([[30, 0, 20.25], [0, 30, 15], [0, 0, 1]], (width, height))
     found = truth.band(truth.raycast(step, shifted), radius=3)[inside]
-    expected = (x >= 19 - 2) & (
-        x <= 21 + 2
-    )  # pixel 20 shows the step's slope: the edges are on both its sides
+    expected = (x >= 19 - 2) & (x <= 21 + 2)  # pixel 20 shows the step's slope: the edges are on both its sides
     np.testing.assert_array_equal(found, expected[inside])
 
 

@@ -121,9 +121,7 @@ def show_title(axes: Axes, head: str, tail: str) -> None:
     axes.set_title(tail, loc="right", fontsize=15, pad=7)
 
 
-def show_depth(
-    axes: Axes, depth: NDArray[np.float32], valid: NDArray[np.bool_], scale: Normalize
-) -> AxesImage:
+def show_depth(axes: Axes, depth: NDArray[np.float32], valid: NDArray[np.bool_], scale: Normalize) -> AxesImage:
     """Depth in kilometres, on the scale that all panels share."""
     return axes.imshow(np.where(valid, depth / 1000, np.nan), cmap="viridis_r", norm=scale)
 
@@ -170,13 +168,9 @@ def print_table(console: Console, source: ibr.DepthImage, views: list[View]) -> 
         table.add_column(heading, justify="right")
     for number, view in enumerate(views, 1):
         table.add_row(str(number), f"{view.time:.1f} ms", f"{1 - view.frame.valid.mean():.1%}")
-    console.print(
-        f"One depth image of {width} x {height}, warped to {len(views)} views of {SIZE[0]} x {SIZE[1]}:"
-    )
+    console.print(f"One depth image of {width} x {height}, warped to {len(views)} views of {SIZE[0]} x {SIZE[1]}:")
     console.print(table)
-    console.print(
-        f"Times: median of {REPEATS} calls, NumPy to NumPy, holes filled, on {device.name}.", soft_wrap=True
-    )
+    console.print(f"Times: median of {REPEATS} calls, NumPy to NumPy, holes filled, on {device.name}.", soft_wrap=True)
 
 
 def main() -> None:

@@ -59,9 +59,7 @@ def extent_of(camera: ibr.Camera) -> tuple[float, float, float, float]:
     return west, east, south, north
 
 
-def camera_at(
-    turned: float, climbed: float, nearer: float, size: tuple[int, int], fov_y: float
-) -> ibr.Camera:
+def camera_at(turned: float, climbed: float, nearer: float, size: tuple[int, int], fov_y: float) -> ibr.Camera:
     """A camera that looks at the pivot: turned about it by degrees, up by metres, then nearer by a factor."""
     x, y, z = 0.0, -17_000.0, 11_000.0 + climbed
     a = np.radians(turned)

@@ -77,12 +77,7 @@ def write_color(path: _PathLike, color: NDArray[np.uint8] | NDArray[np.float32])
     EXR, PFM and NPY keep float32; other formats store it as 8 bit, with [0, 1] for 0 ... 255, clipped. EXR
     and PFM store uint8 divided by 255.
     """
-    if (
-        color.ndim != 3
-        or color.shape[2] != 3
-        or color.dtype.name not in ("uint8", "float32")
-        or not color.size
-    ):
+    if color.ndim != 3 or color.shape[2] != 3 or color.dtype.name not in ("uint8", "float32") or not color.size:
         raise ArgumentError("color", "uint8 or float32 of shape (H, W, 3)", describe(color))
     _module(path, _COLOR_MODULES, "image").write_color(path, color)
 

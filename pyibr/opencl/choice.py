@@ -130,9 +130,7 @@ def select(found: Sequence[Found], examine: Examine, selector: int | str, argume
         if device.works:
             return device
         broken.append(device)
-    raise DeviceError(
-        f"the device asked for by {argument}={selector!r} does not work.\n{explain_broken(broken)}"
-    )
+    raise DeviceError(f"the device asked for by {argument}={selector!r} does not work.\n{explain_broken(broken)}")
 
 
 def explain_broken(broken: Sequence[Device]) -> str:

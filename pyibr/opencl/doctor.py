@@ -94,9 +94,7 @@ def print_report(console: Console | None = None) -> bool:
     if result.chosen is None:
         console.print(Text(result.why, style="bold red"), soft_wrap=True)
     else:
-        console.print(
-            Text.assemble("pyibr uses ", (str(result.chosen), "bold"), f", {result.why}."), soft_wrap=True
-        )
+        console.print(Text.assemble("pyibr uses ", (str(result.chosen), "bold"), f", {result.why}."), soft_wrap=True)
     return result.chosen is not None
 
 
@@ -104,9 +102,7 @@ def _print_device(console: Console, device: Device, chosen: bool) -> None:
     from rich.text import Text
 
     mark = ("✓ ", "bold green") if device.works else ("✗ ", "bold red")
-    head = Text.assemble(
-        "\n", mark, (f"{device.index}  {device.platform}: {device.name}", "bold" if chosen else "")
-    )
+    head = Text.assemble("\n", mark, (f"{device.index}  {device.platform}: {device.name}", "bold" if chosen else ""))
     console.print(head, soft_wrap=True)
     lines = [f"{device.kind}, driver {device.driver}", device.version]
     if device.speed is not None:

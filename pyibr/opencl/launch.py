@@ -56,9 +56,7 @@ def launch(kernel: Kernel, grid: tuple[int, ...], **arguments: DeviceArray | Str
         raise ArgumentError(
             f"{kernel.name}()", f"the arguments {sorted(names)}", f"missing {missing}, unknown {unknown}"
         )
-    values = [
-        _pack(kernel, argument.name, argument.type, arguments[argument.name]) for argument in kernel.arguments
-    ]
+    values = [_pack(kernel, argument.name, argument.type, arguments[argument.name]) for argument in kernel.arguments]
     local = (1,) * len(grid) if kernel.session.is_cpu else None
     kernel.session.in_flight.append(arguments)
     kernel.handle.set_args(*values)
@@ -68,9 +66,7 @@ def launch(kernel: Kernel, grid: tuple[int, ...], **arguments: DeviceArray | Str
 def _pack(kernel: Kernel, name: str, declared: str, value: DeviceArray | Struct | float) -> Any:
     if declared.endswith("*"):
         element = declared[:-1]
-        if isinstance(value, DeviceArray) and (
-            value.dtype.fields or value.dtype.name == _ELEMENTS.get(element)
-        ):
+        if isinstance(value, DeviceArray) and (value.dtype.fields or value.dtype.name == _ELEMENTS.get(element)):
             return value.buffer
         got = value.dtype.name if isinstance(value, DeviceArray) else type(value).__name__
         raise ArgumentError(f"{kernel.name}({name})", f"a device array of {element}", got)

@@ -115,9 +115,7 @@ def _test_apart(found: Found, measure: bool) -> Outcome:
     if done.returncode < 0:
         return Outcome(False, f"the runtime crashed on a tiny kernel (signal {-done.returncode})")
     last = (done.stderr.strip().splitlines() or ["no message"])[-1]
-    return Outcome(
-        False, f"the runtime ended the process (status {done.returncode}) on a tiny kernel: {last}"
-    )
+    return Outcome(False, f"the runtime ended the process (status {done.returncode}) on a tiny kernel: {last}")
 
 
 def _test_here(found: Found, measure: bool) -> Outcome:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from pyibr.errors import BuildError
 from pyibr.opencl.cache import cache_folder, read_cached, write_cached
@@ -84,20 +85,17 @@ def _build(session: Session, file: str, name: str, defines: dict[str, int]) -> K
     identity = "\0".join(
         [source, *options[:3], *options[4:], device.platform, device.name, device.version, device.driver]
     )
-    stem = (
-        cache_folder()
-        / "programs"
-        / f"{Path(file).stem}-{hashlib.sha256(identity.encode()).hexdigest()[:24]}"
-    )
+    stem = cache_folder() / "programs" / f"{Path(file).stem}-{hashlib.sha256(identity.encode()).hexdigest()[:24]}"
     loaded = _load(session, stem)
     if loaded is None:
         try:
-            program = cl.Program(session.context, source).build(options=options, cache_dir=False)
+            program = _quietly_built(cl.Program(session.context, source), options)
         except cl.RuntimeError as error:
             raise BuildError(f"kernels/{file} failed to build with {' '.join(options)}:\n{error}") from error
-        signatures = {k.function_name: _signature(k) for k in program.all_kernels()}
+        signatures = {str(handle.function_name): _signature(handle) for handle in program.all_kernels()}
         write_cached(stem.with_suffix(".json"), json.dumps(signatures).encode())
-        write_cached(stem.with_suffix(".bin"), program.get_info(cl.program_info.BINARIES)[0])
+        binaries = cast("list[bytes]", program.get_info(cl.program_info.BINARIES))
+        write_cached(stem.with_suffix(".bin"), binaries[0])
     else:
         program, signatures = loaded
     arguments = tuple(Argument(*pair) for pair in signatures[name])
@@ -118,14 +116,23 @@ def _expand(file: str) -> str:
     return text_of(file)
 
 
+def _quietly_built(program: cl.Program, options: list[str]) -> cl.Program:
+    """Built without pyopencl's own cache, and without its warning that a compiler said something."""
+    import pyopencl as cl
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", cl.CompilerWarning)
+        return program.build(options=options, cache_dir=cast("str", False))  # its stubs forget False
+
+
 def _signature(handle: cl.Kernel) -> list[tuple[str, str]]:
     import pyopencl as cl
 
     info = cl.kernel_arg_info
-    return [
-        (handle.get_arg_info(i, info.NAME), handle.get_arg_info(i, info.TYPE_NAME).replace(" ", ""))
-        for i in range(handle.num_args)
+    pairs = [
+        (handle.get_arg_info(i, info.NAME), handle.get_arg_info(i, info.TYPE_NAME)) for i in range(handle.num_args)
     ]
+    return [(str(name), str(declared).replace(" ", "")) for name, declared in pairs]
 
 
 def _load(session: Session, stem: Path) -> tuple[cl.Program, _Signatures] | None:
@@ -136,8 +143,7 @@ def _load(session: Session, stem: Path) -> tuple[cl.Program, _Signatures] | None
         return None
     try:
         signatures = json.loads(described)
-        return cl.Program(session.context, [session.context.devices[0]], [binary]).build(
-            cache_dir=False
-        ), signatures
+        program = cl.Program(session.context, [session.context.devices[0]], [binary])
+        return _quietly_built(program, []), signatures
     except (ValueError, cl.Error):
         return None  # damaged, or of another time: built anew

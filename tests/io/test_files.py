@@ -104,9 +104,7 @@ def test_gray_palette_alpha_and_bits_become_rgb(tmp_path: Path):
     iio.imwrite(tmp_path / "rgba.png", np.dstack([color_of((7, 13)), gray]))
     np.testing.assert_array_equal(ibr.read_color(tmp_path / "rgba.png"), color_of((7, 13)))
     iio.imwrite(tmp_path / "gray16.png", gray.astype(np.uint16) * 257)
-    np.testing.assert_allclose(
-        ibr.read_color(tmp_path / "gray16.png"), np.dstack([gray / 255] * 3), atol=1e-6
-    )
+    np.testing.assert_allclose(ibr.read_color(tmp_path / "gray16.png"), np.dstack([gray / 255] * 3), atol=1e-6)
 
 
 def test_mask(tmp_path: Path):

@@ -140,9 +140,7 @@ def test_of_several_that_match_the_first_that_works_is_taken():
 
 @pytest.mark.parametrize("selector", ["radeon", 7, -1, "", "  "])
 def test_a_name_that_matches_nothing(selector: int | str):
-    with pytest.raises(
-        ArgumentError, match=r"\$PYIBR_DEVICE: expected .*0 = Portable.*: one.*, got "
-    ) as caught:
+    with pytest.raises(ArgumentError, match=r"\$PYIBR_DEVICE: expected .*0 = Portable.*: one.*, got ") as caught:
         select([found(0, "one", "cpu")], Examiner(one=fast(1.0)), selector, "$PYIBR_DEVICE")
     assert repr(selector) in str(caught.value)
 
@@ -280,9 +278,7 @@ def test_use_device_refuses_what_names_no_device(wrong: Any):
         pass
 
 
-def test_a_device_that_cannot_be_opened_is_named(
-    nothing_open: None, own_cache: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_device_that_cannot_be_opened_is_named(nothing_open: None, own_cache: Path, monkeypatch: pytest.MonkeyPatch):
     import pyopencl as cl
 
     def refuse(devices: object) -> None:
@@ -343,9 +339,7 @@ def test_a_probe_is_kept_and_forgotten(own_cache: Path, monkeypatch: pytest.Monk
     assert not list(own_cache.glob("devices/*.json"))
 
 
-@pytest.mark.parametrize(
-    "text", ["", "{", "[]", "null", '{"works": true}', '{"works":1,"reason":"","speed":{"x":1}}']
-)
+@pytest.mark.parametrize("text", ["", "{", "[]", "null", '{"works": true}', '{"works":1,"reason":"","speed":{"x":1}}'])
 def test_a_damaged_file_is_as_good_as_none(text: str, own_cache: Path):
     entry = found_devices()[current().device.index]
     probe(entry)
@@ -371,9 +365,7 @@ def test_a_runtime_that_crashes_is_broken_with_a_reason(
     assert probe(found(0, "bad", "cpu")) == Outcome(False, "the runtime crashed on a tiny kernel (signal 11)")
 
 
-def test_a_runtime_that_hangs_is_broken_with_a_reason(
-    own_cache: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-):
+def test_a_runtime_that_hangs_is_broken_with_a_reason(own_cache: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     python = tmp_path / "python"
     python.write_text("#!/bin/sh\nexec sleep 60\n")
     python.chmod(0o755)
@@ -428,9 +420,7 @@ def intel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "lib/libintelocl.so"
 
 
-def test_the_loader_sees_the_mended_path_and_the_systems_runtimes(
-    intel: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_the_loader_sees_the_mended_path_and_the_systems_runtimes(intel: Path, monkeypatch: pytest.MonkeyPatch):
     system = intel.parent.parent / "system"
     system.mkdir()
     (system / "other.icd").write_text("libother.so\n")
@@ -460,9 +450,7 @@ def test_what_intels_runtime_lacks_is_named(intel: Path):
 # --- the report -----------------------------------------------------------------------------------
 
 
-def test_the_report_names_every_device_and_the_chosen_one(
-    capsys: pytest.CaptureFixture[str], own_cache: Path
-):
+def test_the_report_names_every_device_and_the_chosen_one(capsys: pytest.CaptureFixture[str], own_cache: Path):
     assert print_report() is True
     text = capsys.readouterr().out
     for device in devices():
@@ -473,9 +461,7 @@ def test_the_report_names_every_device_and_the_chosen_one(
     assert f"pyibr uses {current().device}" in text
 
 
-def test_the_report_where_nothing_is_found(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
+def test_the_report_where_nothing_is_found(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("PYIBR_DEVICE", "no such device")
     result = report()
     assert result.chosen is None and "$PYIBR_DEVICE" in result.why

@@ -168,9 +168,7 @@ def _first_triangle(view: DepthImage, ray: Ray, cut_ratio: float) -> tuple[Hit |
     t = np.unique(np.concatenate([[ray.low], *grid, [ray.high]]))
     a, b = t[:-1], t[1:]
     # Between two stops the ray's pixels lie in one triangle: the one around any pixel between them.
-    inner = np.where(
-        np.isinf(b), np.where(np.isinf(a), 0.0, a + 1), np.where(np.isinf(a), b - 1, (a + b) / 2)
-    )
+    inner = np.where(np.isinf(b), np.where(np.isinf(a), 0.0, a + 1), np.where(np.isinf(a), b - 1, (a + b) / 2))
     pixel = ray.at(inner)[:, :2] / ray.at(inner)[:, 2:3]
     x, y = np.clip(np.floor(pixel).astype(int), 0, [width - 2, height - 2]).T
     upper = (pixel[:, 0] - x + pixel[:, 1] - y >= 1).astype(int)

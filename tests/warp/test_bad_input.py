@@ -190,9 +190,7 @@ def test_the_command_line_says_it_in_one_line(tmp_path):
     np.save(tmp_path / "none.npy", DEPTH * np.nan)
     np.save(tmp_path / "small.npy", DEPTH[:5])
     (tmp_path / "torn.png").write_bytes((tmp_path / "color.png").read_bytes()[:60])
-    (tmp_path / "skew.json").write_text(
-        '{"width": 41, "height": 31, "K": [[0, 0, 20], [0, 50, 15], [0, 0, 1]]}'
-    )
+    (tmp_path / "skew.json").write_text('{"width": 41, "height": 31, "K": [[0, 0, 20], [0, 50, 15], [0, 0, 1]]}')
 
     def told(color="color.png", depth="depth.npy", camera="camera.json", *rest: str) -> str:
         words = [
@@ -214,6 +212,4 @@ def test_the_command_line_says_it_in_one_line(tmp_path):
     assert "torn.png" in told(color="torn.png")
     assert "skew.json: K: expected" in told(camera="skew.json")
     assert "missing.npy" in told(depth="missing.npy")
-    assert "cut_ratio: expected" in told(
-        "color.png", "depth.npy", "camera.json", "--orbit", "5", "--cut-ratio", "0.5"
-    )
+    assert "cut_ratio: expected" in told("color.png", "depth.npy", "camera.json", "--orbit", "5", "--cut-ratio", "0.5")

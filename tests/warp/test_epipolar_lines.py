@@ -82,9 +82,7 @@ def check(epipole: np.ndarray, area: Rectangle) -> tuple[float, float]:
             nearest = np.clip(np.round((cut - g["first"]) / g["spacing"]), 0, int(g["count"]) - 1)
             off = np.abs(g["first"] + nearest * g["spacing"] - cut) * distance
             owners += mine & (off < 0.5 * apart)
-            assert not (mine & (off < 0.5 * apart) & (off > 0.5)).any(), (
-                "a line owns what is over half a pixel off"
-            )
+            assert not (mine & (off < 0.5 * apart) & (off > 0.5)).any(), "a line owns what is over half a pixel off"
         lines = g["first"] + g["spacing"] * np.arange(int(g["count"]))
         visits += steps(lines, g, epipole, reference)
     assert first_packet == packets
@@ -103,9 +101,7 @@ def steps(lines: np.ndarray, group: np.void, epipole: np.ndarray, reference: flo
     slope = (lines * epipole[2] - epipole[1 - axis]) / (reference * epipole[2] - epipole[axis])
     along = np.arange(int(group["low"]), int(group["high"]) + 1)
     across = lines[:, None] + slope[:, None] * (along - reference)
-    return float(
-        np.count_nonzero((across >= group["cross_low"] - 0.5) & (across <= group["cross_high"] + 0.5))
-    )
+    return float(np.count_nonzero((across >= group["cross_low"] - 0.5) & (across <= group["cross_high"] + 0.5)))
 
 
 @pytest.mark.parametrize("region", REGIONS, ids=str)

@@ -41,15 +41,11 @@ def cases() -> list[tuple[str, str, str, str]]:
 
 
 @cache
-def surface(
-    scene: str, projection: Projection, edges: str = "connect", size: scenes.Size = SOURCE
-) -> truth.Surface:
+def surface(scene: str, projection: Projection, edges: str = "connect", size: scenes.Size = SOURCE) -> truth.Surface:
     return truth.Surface(getattr(scenes, scene)(size, projection), edges)
 
 
-def poses(
-    view: ibr.DepthImage, target: Projection, place: str, size: scenes.Size = TARGET
-) -> list[scenes.Pose]:
+def poses(view: ibr.DepthImage, target: Projection, place: str, size: scenes.Size = TARGET) -> list[scenes.Pose]:
     if place == "special":
         return scenes.special_cameras(view, size, target)
     found = scenes.target_cameras(view, place, size, target)
@@ -59,9 +55,7 @@ def poses(
 
 def agreement(a: ibr.Frame, b: ibr.Frame) -> float:
     """Share of the image where both frames see the same depth or both see nothing."""
-    return float(
-        ((a.valid == b.valid) & (~a.valid | np.isclose(a.depth, b.depth, rtol=DEPTH, atol=0))).mean()
-    )
+    return float(((a.valid == b.valid) & (~a.valid | np.isclose(a.depth, b.depth, rtol=DEPTH, atol=0))).mean())
 
 
 def check_linear(seen: truth.Truth, frame: ibr.Frame, name: str) -> None:
@@ -179,9 +173,7 @@ def test_awkward_sizes(size, source, target):
     here = surface("smooth", source, size=size)
     cameras = poses(here.view, target, "special", (61, 37)) + poses(here.view, target, "special", size)
     if "perspective" in (source, target):
-        cameras += [
-            p for place in "AEH" for p in poses(scenes.smooth((61, 37), source), target, place, (61, 37))
-        ]
+        cameras += [p for place in "AEH" for p in poses(scenes.smooth((61, 37), source), target, place, (61, 37))]
     for pose in cameras:
         seen = here.cast(pose.camera)
         if not seen.valid.any():

@@ -23,9 +23,7 @@ ROUNDING = 2e-6  # relative: float32 depth of a few dozen operations
 
 
 @cache
-def poses_of(
-    scene: Callable[..., ibr.DepthImage], source: Projection, target: Projection
-) -> list[scenes.Pose]:
+def poses_of(scene: Callable[..., ibr.DepthImage], source: Projection, target: Projection) -> list[scenes.Pose]:
     return scenes.all_cameras(scene(SIZE, source), TARGET, target)
 
 

@@ -212,9 +212,7 @@ def test_several_views_are_their_frames_merged_by_depth_in_any_order(method, sam
         nearest = depths.argmin(axis=0)
         valid = np.isfinite(depths.min(axis=0))
         color = np.take_along_axis(np.stack([f.color for f in alone]), nearest[None, ..., None], 0)[0]
-        expected = ibr.Frame(
-            color, np.where(valid, depths.min(axis=0), np.nan).astype(np.float32), valid, target
-        )
+        expected = ibr.Frame(color, np.where(valid, depths.min(axis=0), np.nan).astype(np.float32), valid, target)
         for order in permutations(views):
             merged = ibr.warp(order, target, method, sample, edges)
             np.testing.assert_array_equal(merged.valid, expected.valid)
@@ -225,9 +223,7 @@ def test_several_views_are_their_frames_merged_by_depth_in_any_order(method, sam
 @pytest.mark.parametrize("method", METHODS)
 def test_a_view_that_sees_nothing_changes_nothing(method):
     view = scenes.stepped(SIZE)
-    away = Camera(
-        view.camera.K, SIZE, view.camera.world_from_camera @ scenes.pose(yaw=180, center=(0, 0, -20))
-    )
+    away = Camera(view.camera.K, SIZE, view.camera.world_from_camera @ scenes.pose(yaw=180, center=(0, 0, -20)))
     elsewhere = ibr.DepthImage(view.color, view.depth, away)
     target = view.camera.moved(0.2, 0.1, 0)
     alone = ibr.warp(view, target, method)

@@ -100,9 +100,7 @@ def frames(place: str, source: Projection) -> list[ibr.Frame]:
 
 
 @pytest.fixture(
-    params=[
-        (place, source) for place in ("A", "E", "F", "special") for source in ("perspective", "orthographic")
-    ],
+    params=[(place, source) for place in ("A", "E", "F", "special") for source in ("perspective", "orthographic")],
     ids="-".join,
 )
 def wide(request: pytest.FixtureRequest) -> tuple[tuple[str, str], list[ibr.Frame]]:
@@ -138,9 +136,7 @@ print("done on", device.current().device.name)
 """
 
 
-@pytest.mark.skipif(
-    shutil.which("oclgrind") is None, reason="oclgrind is not installed (apt-get install oclgrind)"
-)
+@pytest.mark.skipif(shutil.which("oclgrind") is None, reason="oclgrind is not installed (apt-get install oclgrind)")
 def test_no_kernel_leaves_its_arrays(tmp_path: Path):
     command = ("oclgrind", "--check-api", sys.executable, "-W", "ignore", "-c", BOUNDS)
     result = run(*command, timeout=300, PYIBR_CACHE=str(tmp_path), PYIBR_DEVICE="oclgrind")
