@@ -35,6 +35,7 @@ LINE_GROUP = np.dtype(
         ("spacing", np.float32),
         ("distance", np.float32),
         ("distance_step", np.float32),
+        ("least", np.float32),
     ]
 )
 """The struct LineGroup of kernels/warp/epipolar.cl."""
@@ -139,22 +140,10 @@ def line_groups(epipole: Float64, area: Rectangle, lanes: int) -> tuple[NDArray[
                 spacing = 2**level if goes_on else 2 ** (level + 1)
                 start = first if goes_on else first + 2**level
                 count = int((high + 2**levels - start) // spacing) + 1
-                along = fan.extent(0.0 if goes_on else 0.5 ** (level + 1))
+                least = 0.0 if goes_on else 0.5 ** (level + 1)
+                along = fan.extent(least)
                 distance = -fan.e_along * side / farthest, w * side / farthest
-                groups.append(
-                    (
-                        axis,
-                        side,
-                        packets,
-                        count,
-                        *along,
-                        *fan.across,
-                        levels,
-                        fan.reference,
-                        start,
-                        spacing,
-                        *distance,
-                    )
-                )
+                line = fan.reference, start, spacing
+                groups.append((axis, side, packets, count, *along, *fan.across, levels, *line, *distance, least))
                 packets += -(-count // lanes)
     return np.array(groups, LINE_GROUP), packets

@@ -32,6 +32,7 @@ typedef struct {
     float reference;             /* pixel along at which lines of level 0 are 1 pixel apart */
     float first, spacing;        /* pixel across of the first line there, and from line to line */
     float distance, distance_step; /* distance to the epipole, 1 at the reference: distance + distance_step * along */
+    float least;                   /* no pixel at this distance or nearer is these lines' */
 } LineGroup;
 
 #define STORE_LANE(l) seen[address.s##l] = stored.s##l;
@@ -220,8 +221,8 @@ kernel void epipolar_sweep(global const float *nearness, global float *seen, glo
             const floatl apart = lesser(in_ring, distance * innermost);
             const floatl D_along = (p * b_w - b_along) * group.side, D_across = fabs(c * b_w - b_across);
             const intl in_wedge = along ? (D_along > D_across) : (D_along >= D_across);
-            const intl owns = in_wedge & (fabs(at_line - c) < 0.5f * apart - guard) & (c >= group.cross_low) &
-                              (c <= group.cross_high);
+            const intl owns = in_wedge & (fabs(at_line - c) < 0.5f * apart - guard) & (distance > group.least) &
+                              (c >= group.cross_low) & (c <= group.cross_high);
             const intl pc = to_intl(c), pa = to_intl(p);
             const intl address = pick(settles & owns, along ? pa * map.dst_pitch + pc : pc * map.dst_pitch + pa, spare);
 #if LANES == 16

@@ -81,11 +81,13 @@ def check(epipole: np.ndarray, area: Rectangle) -> tuple[float, float]:
         with np.errstate(invalid="ignore"):
             nearest = np.clip(np.round((cut - g["first"]) / g["spacing"]), 0, int(g["count"]) - 1)
             off = np.abs(g["first"] + nearest * g["spacing"] - cut) * distance
-            owners += mine & (off < 0.5 * apart)
+            mine &= distance > g["least"]
+            owners += mine & (off < (0.5 - 1e-6) * apart)  # the kernel keeps off the border between two lines
             assert not (mine & (off < 0.5 * apart) & (off > 0.5)).any(), "a line owns what is over half a pixel off"
         lines = g["first"] + g["spacing"] * np.arange(int(g["count"]))
         visits += steps(lines, g, epipole, reference)
     assert first_packet == packets
+    assert owners.max(initial=0) <= 1, "two lines write one pixel: the later one wins"
     return coverage(owners, D), visits
 
 
