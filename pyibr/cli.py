@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import nullcontext
 from pathlib import Path
@@ -110,16 +111,10 @@ def warp(
     targets = [Camera.load(to)] if to is not None else list(_path(view, move, orbit, frames))
     with ibr.use_device(device) if device else nullcontext():
         for number, target in enumerate(_with_progress(targets)):
-            frame = ibr.warp(
-                view,
-                target,
-                method,
-                sample,
-                edges,
-                None if fill == "none" else fill,
-                cut_ratio=cut_ratio,
-                side=side,
-            )
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", UserWarning)  # an empty view is told below, with the file's name
+                filled = None if fill == "none" else fill
+                frame = ibr.warp(view, target, method, sample, edges, filled, cut_ratio=cut_ratio, side=side)
             name = _numbered(output, number, frames)
             ibr.write_color(name, frame.color)
             if depth_out is not None:

@@ -119,7 +119,13 @@ def dragon(mesh_path: str | PathLike[str], size: int, views: int = 16) -> list[D
     views : int
         How many cameras, spread evenly over a sphere.
 
-    Notes ----- Neighbouring samples lie on different parts of the surface here: draw it with `edges="cut"`,
+    Returns
+    -------
+    list of DepthImage
+
+    Notes
+    -----
+    Neighbouring samples lie on different parts of the surface here: draw it with `edges="cut"`,
     unless the rubber sheets that the paper shows are wanted.
     """
     if views < 1:

@@ -54,8 +54,11 @@ class Rectangle:
 
 
 def pitch(width: int) -> int:
-    """Row length of nearness images: whole packets, and not the power of two that caches map to one place."""
-    padded = -(-width // 16) * 16
+    """Row length of nearness images: whole packets, room to look beyond the last pixel, and no power of two.
+
+    Rows of a power of two lie in one place of the cache, which walks along columns overflow.
+    """
+    padded = (-(-width // 16) + 1) * 16
     return padded + 16 if padded % 256 == 0 else padded
 
 

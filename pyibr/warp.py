@@ -31,6 +31,8 @@ _SHOWN = {"front": 1, "back": 2, "both": 3}  # SHOWS_FRONT, SHOWS_BACK of kernel
 _EMPTY = -3e38  # EMPTY of kernels/lib/pixelspace.h
 _CUT = np.dtype([("near_scale", np.float32), ("far_scale", np.float32)])
 _SPLAT_MOST = 64.0
+_PIXELS_MOST = 1 << 29  # kernels number samples and colour bytes in 32 bits
+_FARTHEST = 1e30  # depths beyond it are background, and below its inverse invalid
 _APART_MOST = 16
 
 
@@ -110,6 +112,9 @@ def warp(
     sources = _checked_views(views)
     if not isinstance(camera, Camera):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise ArgumentError("camera", "a pyibr.Camera", describe(camera))
+    for argument, size in [("camera", camera.size), *(("views", view.camera.size) for view in sources)]:
+        if size[0] * size[1] > _PIXELS_MOST:
+            raise ArgumentError(argument, f"at most {_PIXELS_MOST} pixels", f"{size[0]} x {size[1]}")
     _one_of("method", method, Method)
     _one_of("sample", sample, Sample)
     _one_of("edges", edges, Edges)
@@ -204,7 +209,7 @@ def _samples(view: DepthImage) -> _Samples:
         src_height=height,
         src_pitch=pitch(width),
         src_perspective=view.camera.projection == "perspective",
-        far=min(view.far, float(np.finfo(np.float32).max)),
+        far=min(view.far, _FARTHEST),
     )
     spread = ranges.to_host()
     low, high = float(spread[:, 0].min()), float(spread[:, 1].max())
@@ -382,7 +387,7 @@ def _listed(views: object) -> Sequence[DepthImage]:
 
 
 def _one_of(argument: str, value: object, choices: Any, also: str = "") -> None:
-    if value not in get_args(choices):
+    if not isinstance(value, str) or value not in get_args(choices):
         expected = ", ".join(f'"{choice}"' for choice in get_args(choices))
         raise ArgumentError(argument, f"one of {expected}{also}", repr(value))
 

@@ -21,6 +21,9 @@ typedef struct {
     int dst_perspective; /* how a nearness of the target becomes a depth */
 } PixelMap;
 
+/* Is a hit before the target's camera? Behind a perspective one, rays are beyond infinity. */
+#define IS_BEFORE(perspective, nearness) ((perspective) ? (nearness) > 0.0f : (nearness) < 0.0f)
+
 /* Depth (planar z) from nearness in the target. */
 #define DEPTH(map, nearness) ((map).dst_perspective ? 1.0f / (nearness) : -(nearness))
 

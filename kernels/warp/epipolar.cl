@@ -182,10 +182,12 @@ kernel void epipolar_sweep(global const float *nearness, global float *seen, glo
         const floatl q_before = q, p0 = p1, w0_ = w1, q0 = q1;
         const intl torn = IS_OPEN(cut, greater(qa, qb), lesser(qa, qb));
         q = pick(torn, pick(part < 0.5f, qa, qb), qa + part * (qb - qa));
-        const intl open = IS_OPEN(cut, greater(q, q_before), lesser(q, q_before)) | !active;
         p1 = p_0 + p_1 * major + q * b_along;
         w1 = w_0 + w_1 * major + q * b_w;
         q1 = q_0 + q_1 * major + q * b_q;
+        intl open = IS_OPEN(cut, greater(q, q_before), lesser(q, q_before)) | !active;
+        if (!map.dst_perspective) /* behind an orthographic target's image plane */
+            open = open | (q0 >= 0.0f) | (q1 >= 0.0f);
 
         /* After a gap, or out of the plane of the target's centre, a new interval begins where the line stands. */
         const intl emerges = (w0_ <= 0.0f) & (w1 > 0.0f) & !open;

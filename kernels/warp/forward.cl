@@ -41,6 +41,8 @@ Splat splat_of(global const float *nearness, PixelMap map, int x, int y, float s
         return splat;
     const float u = (PIXEL_ROW(D, 0, x, y) + D[3] * n) / w, v = (PIXEL_ROW(D, 1, x, y) + D[7] * n) / w;
     splat.nearness = (PIXEL_ROW(D, 3, x, y) + D[15] * n) / w;
+    if (!IS_BEFORE(map.dst_perspective, splat.nearness))
+        return splat;
     splat.low_x = max(0, convert_int_sat(ceil(u - 0.5f * size)));
     splat.high_x = clamp(convert_int_sat(ceil(u + 0.5f * size)), 0, map.dst_width) - 1;
     splat.low_y = max(0, convert_int_sat(ceil(v - 0.5f * size)));

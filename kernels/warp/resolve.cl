@@ -21,7 +21,6 @@
 #define STEPS 3       /* triangles tried before the pixel is traced */
 #define STRAY 1.0f    /* pixels of the source by which a hit may lie off the line's: farther off, another surface may come first */
 #define EDGE 2.0f     /* pixels of the source between neighbours' answers that make a depth edge */
-#define CALM 1.0f     /* and less than that is one surface */
 #define AT_EPIPOLE 1e-2f /* pixels of the target around the epipole that no line settles */
 #define TOLERANCE 1e-3f /* pixels by which a hit may lie outside its triangle: rounding, not geometry */
 
@@ -76,16 +75,13 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
         /* A pixel beside a nearer surface may see that one. */
         const floatl moves_by = (fabs(e_u - u * e_w) + fabs(e_v - v * e_w)) * fabs(inverse);
         const intl edge = hit & ((nearer - n) * moves_by > EDGE * density);
-        /* Where the neighbours saw the same surface, the line's answer tells the nearest sample. */
-        const floatl farther = lesser(lesser(above, under), lesser(left, right));
-        const intl calm = hit & !edge & ((n - farther) * moves_by < CALM * density) & (intl)(linear ? 0 : -1);
         us[p] = line_us[p] = u;
         vs[p] = line_vs[p] = v;
         ns[p] = guess;
-        open_lanes[p] = (hit & !edge & !calm) | missed;
+        open_lanes[p] = (hit & !edge) | missed;
         missed_lanes[p] = missed;
         traced_lanes[p] = edge;
-        settled_lanes[p] = calm;
+        settled_lanes[p] = 0;
 #if LANES == 16
         const int first_x = clamp(convert_int(u.s0), 0, last_cell_x), first_y = clamp(convert_int(v.s0), 0, last_cell_y);
         const int last_x = clamp(convert_int(u.sf), 0, last_cell_x), last_y = clamp(convert_int(v.sf), 0, last_cell_y);
@@ -133,7 +129,8 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
             /* On a surface much steeper or shallower to the ray than a level one, another triangle may come first. */
             const floatl level = fabs(e_q - qc * e_w), facing = fabs(per_unit);
             const intl even = (facing > 0.5f * level) & (facing < 2.0f * level);
-            const intl settles = waiting & in_triangle & near & even & shows & !open & (w_met > 0.0f);
+            const intl before = map.dst_perspective ? met > 0.0f : met < 0.0f;
+            const intl settles = waiting & in_triangle & near & even & shows & !open & (w_met > 0.0f) & before;
             us[p] = pick(waiting, u_met, u);
             vs[p] = pick(waiting, v_met, v);
             ns[p] = pick(settles, met, ns[p]);

@@ -24,6 +24,7 @@ float retrace(Grid grid, global const float *seen, PixelMap map, int shown, int 
     Ray ray;
     ray.start = (float4)(PIXEL_ROW(S, 0, x, y), PIXEL_ROW(S, 1, x, y), PIXEL_ROW(S, 2, x, y), PIXEL_ROW(S, 3, x, y));
     ray.centre = (float4)(S[3], S[7], S[11], S[15]);
+    ray.perspective = map.dst_perspective;
     const Walk whole = walk_of(ray, grid.width, grid.height);
     const float window = whole.sign * WINDOW * density;
 

@@ -22,6 +22,7 @@ kernel void search(global const float *nearness, global float *seen, PixelMap ma
     Ray ray;
     ray.start = (float4)(PIXEL_ROW(S, 0, x, y), PIXEL_ROW(S, 1, x, y), PIXEL_ROW(S, 2, x, y), PIXEL_ROW(S, 3, x, y));
     ray.centre = (float4)(S[3], S[7], S[11], S[15]);
+    ray.perspective = map.dst_perspective;
     Walk walk = walk_of(ray, grid.width, grid.height);
     uint samples = 0;
     seen[y * map.dst_pitch + x] = trace(grid, ray, walk, shown, &samples);

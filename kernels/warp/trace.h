@@ -9,6 +9,7 @@
 typedef struct {
     float4 start;  /* (U, V, W, Q) at target nearness 0 */
     float4 centre; /* the target's centre: the source's epipole */
+    int perspective; /* the target is */
 } Ray;
 
 typedef struct {
@@ -54,7 +55,6 @@ typedef struct {
     float from, to;     /* major coordinate, in walking order */
     float tilt, minor;  /* minor coordinate = minor + tilt * major */
     float slope, level; /* nearness of the ray = level + slope * major */
-    float infinity;     /* major coordinate where the ray is at nearness 0, or the end of the walk */
 } Walk;
 
 /* The whole line: from the epipole (or the image's border) to the border (or the epipole). Empty if from passes to. */
@@ -87,7 +87,8 @@ Walk walk_of(Ray ray, int width, int height)
     }
     walk.from = walk.sign > 0.0f ? low : high;
     walk.to = walk.sign > 0.0f ? high : low;
-    walk.infinity = s.z > 0.0f ? s_major / s.z : walk.to;
+    if (ray.perspective && s.z > 0.0f) /* beyond the point at infinity there is nothing to see */
+        walk.to = walk.sign > 0.0f ? fmin(walk.to, s_major / s.z) : fmax(walk.to, s_major / s.z);
     if ((walk.to - walk.from) * walk.sign < 0.0f)
         walk.to = walk.from - walk.sign;
     return walk;
@@ -129,10 +130,13 @@ float trace(Grid grid, Ray ray, Walk walk, int shown, uint *samples)
                 const float lead_a = t.q + t.gu * (u0 + du * a - t.x) + t.gv * (v0 + dv * a - t.y) - near0 - near_step * a;
                 const float lead_b = t.q + t.gu * (u0 + du * b - t.x) + t.gv * (v0 + dv * b - t.y) - near0 - near_step * b;
                 const float lead_0 = joined ? carried : lead_a;
-                if (lead_0 < 0.0f && lead_b >= 0.0f)
-                    return shown & SHOWS_FRONT ? meet(ray, t) : BLOCKED;
-                if (lead_0 >= 0.0f && lead_b < 0.0f && (joined || lead_a >= 0.0f))
-                    return shown & SHOWS_BACK ? meet(ray, t) : BLOCKED;
+                const int front = lead_0 < 0.0f && lead_b >= 0.0f;
+                const int back = lead_0 >= 0.0f && lead_b < 0.0f;
+                if (front || back) {
+                    const float met = meet(ray, t);
+                    if (IS_BEFORE(ray.perspective, met))
+                        return shown & (front ? SHOWS_FRONT : SHOWS_BACK) ? met : BLOCKED;
+                }
                 carried = lead_b;
                 joined = 1;
             }

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pyibr.errors import DeviceError
 from pyibr.opencl.device import current
 
 if TYPE_CHECKING:
@@ -24,11 +25,12 @@ _SPARE_BYTES = 1 << 28  # how much memory a session keeps for its next calls
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """A piece of device memory, and the same memory on the host where the device works in place."""
+    """A piece of device memory; where the device works in place, also the pages on the host that it lies in."""
 
     buffer: cl.Buffer
-    host: mmap.mmap | None
     size: int
+    pages: mmap.mmap | None = None
+    start: int = 0  # in the pages
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,15 +88,14 @@ def empty(shape: tuple[int, ...], dtype: DTypeLike) -> DeviceArray:
     kind = np.dtype(dtype)
     size = int(np.prod(shape)) * kind.itemsize
     block = _take(session, size)
-    if block.host is None:
+    if block.pages is None:
         array = DeviceArray(block.buffer, shape, kind, None, session)
-        weakref.finalize(array, session.spare.append, block).atexit = False
+        weakref.finalize(array, _give_back, session, block).atexit = False
         return array
-    # Views of an array keep alive the one that is made of the memory itself.
-    memory = np.frombuffer(block.host, np.uint8)
-    weakref.finalize(memory, session.spare.append, block).atexit = False
-    start = -memory.ctypes.data % _HUGE_PAGE if memory.size > _HUGE_PAGE else 0
-    host = memory[start : start + size].view(kind).reshape(shape)
+    # Views of an array keep alive the one that is made of the pages themselves.
+    pages = np.frombuffer(block.pages, np.uint8)
+    weakref.finalize(pages, _give_back, session, block).atexit = False
+    host = pages[block.start : block.start + size].view(kind).reshape(shape)
     return DeviceArray(block.buffer, shape, kind, host, session)
 
 
@@ -102,21 +103,29 @@ def _take(session: Session, size: int) -> Block:
     """A block for `size` bytes: a spare one that is not much larger, else a new one."""
     import pyopencl as cl
 
+    for block in sorted(session.spare, key=lambda block: block.size):
+        if size <= block.size <= size + size // 4:
+            with contextlib.suppress(ValueError):  # a finalizer may have let it go meanwhile
+                session.spare.remove(block)
+                return block
+    flags = cl.mem_flags.READ_WRITE
+    try:
+        if not session.is_cpu:
+            return Block(cl.Buffer(session.context, flags, max(size, 1)), size)
+        pages = _pages(size)
+        memory = np.frombuffer(pages, np.uint8)
+        start = -memory.ctypes.data % _HUGE_PAGE if memory.size >= size + _HUGE_PAGE else 0
+        hostbuf = memory[start : start + max(size, 1)]
+        return Block(cl.Buffer(session.context, flags | cl.mem_flags.USE_HOST_PTR, hostbuf=hostbuf), size, pages, start)
+    except (OSError, MemoryError, cl.MemoryError) as error:
+        raise DeviceError(f"not enough memory on {session.device} for {size / 2**20:.0f} MiB more") from error
+
+
+def _give_back(session: Session, block: Block) -> None:
     spare = session.spare
-    while sum(block.size for block in spare) > _SPARE_BYTES:
-        del spare[0]
-    fitting = [block for block in spare if size <= block.size <= size + size // 4]
-    if fitting:
-        block = min(fitting, key=lambda block: block.size)
-        spare.remove(block)
-        return block
-    if not session.is_cpu:
-        return Block(cl.Buffer(session.context, cl.mem_flags.READ_WRITE, max(size, 1)), None, size)
-    host = _pages(size)
-    memory = np.frombuffer(host, np.uint8)
-    start = -memory.ctypes.data % _HUGE_PAGE if memory.size > _HUGE_PAGE else 0
-    flags = cl.mem_flags.READ_WRITE | cl.mem_flags.USE_HOST_PTR
-    return Block(cl.Buffer(session.context, flags, hostbuf=memory[start : start + max(size, 1)]), host, size)
+    spare.append(block)
+    while sum(kept.size for kept in spare) > _SPARE_BYTES:
+        spare.pop(0)
 
 
 def _pages(size: int) -> mmap.mmap:
@@ -124,9 +133,11 @@ def _pages(size: int) -> mmap.mmap:
 
     Kernels walk columns as well as rows, and with small pages every step of such a walk misses the TLB.
     """
+    # Private: shared pages stay small, and a forked child would write into its parent's frames.
+    private = {"flags": mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS} if hasattr(mmap, "MAP_PRIVATE") else {}
     if size < _HUGE_PAGE or not hasattr(mmap, "MADV_HUGEPAGE"):
-        return mmap.mmap(-1, max(size, 1))
-    pages = mmap.mmap(-1, size + _HUGE_PAGE, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)  # shared ones stay small
+        return mmap.mmap(-1, max(size, 1), **private)
+    pages = mmap.mmap(-1, size + _HUGE_PAGE, **private)
     with contextlib.suppress(OSError):  # a kernel built without huge pages
         pages.madvise(mmap.MADV_HUGEPAGE)
     return pages

@@ -77,16 +77,14 @@ def kernel(file: str, name: str, **defines: int) -> Kernel:
 def _build(session: Session, file: str, name: str, defines: dict[str, int]) -> Kernel:
     import pyopencl as cl
 
-    options = ["-cl-std=CL1.2", "-Werror", "-cl-kernel-arg-info", f"-I{kernels_folder()}"]
+    options = ["-cl-std=CL1.2", "-Werror", "-cl-kernel-arg-info"]
     named = {"LANES": session.lanes, **defines}
     options += [f"-D{define}={value}" for define, value in sorted(named.items())]
     source = _expand(file)
     device = session.device
-    identity = "\0".join(
-        [source, *options[:3], *options[4:], device.platform, device.name, device.version, device.driver]
-    )
+    identity = "\0".join([source, *options, device.platform, device.name, device.version, device.driver])
     stem = cache_folder() / "programs" / f"{Path(file).stem}-{hashlib.sha256(identity.encode()).hexdigest()[:24]}"
-    loaded = _load(session, stem)
+    loaded = _load(session, stem, name)
     if loaded is None:
         try:
             program = _quietly_built(cl.Program(session.context, source), options)
@@ -135,7 +133,7 @@ def _signature(handle: cl.Kernel) -> list[tuple[str, str]]:
     return [(str(name), str(declared).replace(" ", "")) for name, declared in pairs]
 
 
-def _load(session: Session, stem: Path) -> tuple[cl.Program, _Signatures] | None:
+def _load(session: Session, stem: Path, name: str) -> tuple[cl.Program, _Signatures] | None:
     import pyopencl as cl
 
     binary, described = read_cached(stem.with_suffix(".bin")), read_cached(stem.with_suffix(".json"))
@@ -143,7 +141,9 @@ def _load(session: Session, stem: Path) -> tuple[cl.Program, _Signatures] | None
         return None
     try:
         signatures = json.loads(described)
+        if name not in signatures:
+            return None
         program = cl.Program(session.context, [session.context.devices[0]], [binary])
         return _quietly_built(program, []), signatures
-    except (ValueError, cl.Error):
+    except (ValueError, TypeError, cl.Error):
         return None  # damaged, or of another time: built anew
