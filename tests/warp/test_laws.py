@@ -375,3 +375,14 @@ def test_float_colors_beyond_one_are_kept():
     color = np.full((12, 16, 3), 7.5, np.float32)
     frame = ibr.warp(ibr.DepthImage(color, np.full((12, 16), 2, np.float32), camera), camera.moved(0.1, 0, 0))
     np.testing.assert_allclose(frame.color[frame.valid], 7.5, rtol=1e-6)
+
+
+@pytest.mark.parametrize("method", ["epipolar", "search", "forward"])
+@pytest.mark.parametrize("source", ["perspective", "orthographic"])
+@pytest.mark.parametrize("target", ["perspective", "orthographic"])
+def test_only_what_is_before_the_camera_is_seen(method, source, target):
+    view = scenes.stepped(SIZE, source)
+    for forward in (0.0, 2.0, 4.5, 6.0):  # into the scene
+        camera = Camera(scenes.target_intrinsics(SIZE, target), SIZE, projection=target).moved(0.1, 0.2, forward)
+        frame = ibr.warp(view, camera, method, side="both")
+        assert (frame.depth[frame.valid] > 0).all()

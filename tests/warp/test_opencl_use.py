@@ -73,10 +73,10 @@ def test_importing_brings_no_device_and_no_large_library():
 
 @pytest.fixture
 def one_lane() -> Iterator[None]:
-    """Kernels in the form that a GPU gets, on whatever device there is."""
+    """Kernels in the form that a GPU gets, and memory copied to and fro, on whatever device there is."""
     session = device.current()
     index = session.device.index
-    device._sessions[index] = dataclasses.replace(session, lanes=1, kernels={})
+    device._sessions[index] = dataclasses.replace(session, lanes=1, is_cpu=False, kernels={}, spare=[], in_flight=[])
     device._default_session.cache_clear()
     yield
     device._sessions[index] = session
