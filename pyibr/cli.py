@@ -20,6 +20,16 @@ from pyibr.images import DepthImage
 from pyibr.warp import Edges, Method, Sample, Side
 
 
+_OPTIONS = {
+    "scale": "--depth-scale",
+    "cut_ratio": "--cut-ratio",
+    "far": "--far",
+    "degrees": "--orbit",
+    "device": "--device",
+}
+"""What users of the command line call the library's arguments."""
+
+
 class _OneLineErrors(TyperGroup):
     """Shows what pyibr raises on purpose as one line, without a traceback."""
 
@@ -27,7 +37,10 @@ class _OneLineErrors(TyperGroup):
         try:
             return super().invoke(ctx)
         except Error as error:
-            typer.secho(f"pyibr: {error}", err=True, fg="red")
+            text = str(error)
+            if isinstance(error, ArgumentError) and error.argument in _OPTIONS:
+                text = _OPTIONS[error.argument] + text.removeprefix(error.argument)
+            typer.secho(f"pyibr: {text}", err=True, fg="red")
             raise typer.Exit(2) from error
 
 
@@ -106,6 +119,8 @@ def warp(
         raise ArgumentError("new camera", "one of --to, --move, --orbit", " and ".join(given) or "none")
     if frames > 1 and to is not None:
         raise ArgumentError("--frames", "1 with --to (a path needs --move or --orbit)", str(frames))
+    if depth_out is not None and depth_out.suffix.lower() == ".png" and depth_scale is None:
+        raise ArgumentError("--depth-scale", f"stored units per scene unit, for the integers of {depth_out}", "none")
     source = Camera.load(camera)
     view = DepthImage(ibr.read_color(color), ibr.read_depth(depth, depth_scale), source, far)
     targets = [Camera.load(to)] if to is not None else list(_path(view, move, orbit, frames))

@@ -219,3 +219,15 @@ def test_warp_is_the_function_whatever_was_imported_before():
     code = "import pyibr.warp, pyibr as ibr, importlib; importlib.import_module('pyibr.warp'); print(ibr.warp)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.startswith("<function warp")
+
+
+def test_errors_name_options_and_come_before_any_output(scene: Scene):
+    new = scene.folder / "new.png"
+    move = ("--move", 0.1, 0, 0, "-o", new)
+    assert_one_line(scene.run(*move, scale="0"), "--depth-scale: expected")
+    assert_one_line(scene.run(*move, "--edges", "cut", "--cut-ratio", 0.5), "--cut-ratio: expected", "0.5")
+    (scene.folder / "folder").mkdir()
+    assert_one_line(scene.run(*move, depth="folder"), "folder: expected a file, got a folder")
+    unwritable = scene.run(*move, "--depth-out", scene.folder / "z.png", depth="depth.npy", scale=None)
+    assert_one_line(unwritable, "--depth-scale", "z.png")
+    assert not new.exists()

@@ -154,6 +154,8 @@ def _required(scale: float | None, path: _PathLike) -> float:
 
 
 def _module(path: _PathLike, modules: dict[str, str], default: str | None = None) -> _Format:
+    if Path(path).is_dir():
+        raise FileFormatError(f"{path}: expected a file, got a folder")
     suffix = Path(path).suffix.lower()
     name = modules.get(suffix, default)
     if name is None:
