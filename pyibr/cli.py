@@ -19,7 +19,6 @@ from pyibr.errors import ArgumentError, Error
 from pyibr.images import DepthImage
 from pyibr.warp import Edges, Method, Sample, Side
 
-
 _OPTIONS = {
     "scale": "--depth-scale",
     "cut_ratio": "--cut-ratio",
