@@ -211,4 +211,5 @@ def test_the_command_line_says_it_in_one_line(tmp_path):
     assert "torn.png" in told(color="torn.png")
     assert "skew.json: K: expected" in told(camera="skew.json")
     assert "missing.npy" in told(depth="missing.npy")
-    assert "--cut-ratio: expected" in told("color.png", "depth.npy", "camera.json", "--orbit", "5", "--cut-ratio", "0.5")
+    flat = "--orbit", "5", "--cut-ratio", "0.5"
+    assert "--cut-ratio: expected" in told("color.png", "depth.npy", "camera.json", *flat)
