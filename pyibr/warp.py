@@ -34,6 +34,7 @@ _SPLAT_MOST = 64.0
 _PIXELS_MOST = 1 << 29  # kernels number samples and colour bytes in 32 bits
 _FARTHEST = 1e30  # depths beyond it are background, and below its inverse invalid
 _APART_MOST = 16
+_CALM = 0.25  # pixels: nearest samples may be off by half of it, see kernels/warp/resolve.cl
 
 
 def warp(
@@ -66,7 +67,7 @@ def warp(
         target sees the surface larger than the source did, and to which `sample`, `edges` and `side` do not apply.
     sample : {"linear", "nearest"}
         Read the surface between the samples, or the sample nearest to where the ray meets the surface; for depth and
-        colour alike.
+        colour alike. Within 1/8 of a pixel of the middle between two samples, either may be taken for the nearest.
     edges : {"connect", "cut"}
         "connect": neighbouring samples are one surface, as in displacement maps. "cut": the surface is open where
         neighbours' depths differ by more than `cut_ratio`, as at the borders of objects in scenes.
@@ -296,6 +297,7 @@ def _look(samples: _Samples, pixel_map: PixelMap, target: _Target, options: _Opt
         high_y=high_y,
         density=max(pixel_map.density, 1.0),
         typical=pixel_map.typical,
+        calm=_CALM if packets and not options.linear else 0.0,
         apart=min(math.ceil(1.0 / pixel_map.density), _APART_MOST),
         **common,
         **target.outputs(),

@@ -4,11 +4,14 @@
  * of the source at the line's answer, moves to where it met its plane, and is done when it lies in the triangle it
  * met: on a surface one or two steps. What does not settle so (silhouettes, cuts, rough surfaces) and pixels beside
  * the settled ones that no line reached are traced along their own epipolar line, a few samples around the answer.
+ * Where neighbours' answers hardly differ, the line's answer is good enough for a nearest sample.
  *
  * seen: (dst_height, dst_pitch) nearness by epipolar.cl, or the finished nearness by search.cl. depth, color, valid:
- * (dst_height, dst_width). `merge` keeps what is nearer already. density: pixels of the
- * source over one of the target, >= 1; apart: pixels of the target over one of the source, >= 1 (what a line missed of
- * the surface by half a sample is that far from what it saw). typical: some nearness that the view has in the target. Work-item: STRIP * LANES pixels of a row.
+ * (dst_height, dst_width); merge: keep what is nearer already. density: pixels of the source over one of the target,
+ * >= 1. apart: pixels of the target over one of the source, >= 1: what a line missed of the surface by half a sample
+ * is that far from what it saw. typical: some nearness that the view has in the target. calm: pixels of the source
+ * between neighbours' answers, over a pixel of either image, below which the line's is taken; 0: never.
+ * Work-item: STRIP * LANES pixels of a row.
  * Cost: O(pixels). Determinism: every pixel on its own, from inputs alone.
  */
 #include "lib/lanes.h"
@@ -27,7 +30,7 @@
 kernel void resolve(global const float *nearness, global const float *seen, global const channel *src_color,
                     global float *depth, global channel *color, global uchar *valid, PixelMap map, Cut cut, int shown,
                     int linear, int merge, int low_x, int high_x, int low_y, int high_y, float density,
-                    int apart, float typical)
+                    int apart, float typical, float calm)
 {
     const int y = low_y + get_global_id(1);
     const int strip_x = low_x + get_global_id(0) * (STRIP * LANES);
@@ -52,13 +55,15 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
         const int x0 = strip_x + p * LANES;
         global const float *here = seen + (size_t)y * map.dst_pitch + x0; /* the pitch leaves room for a whole packet */
         const floatl x = to_floatl(x0 + lane_index);
-        floatl n = load_lanes(here);
+        const floatl swept = load_lanes(here);
+        floatl n = swept;
         if (fabs(y * D[11] - D[7]) <= AT_EPIPOLE * fabs(D[11])) /* no line there, and no parallax */
             n = pick((fabs(x * D[11] - D[3]) <= AT_EPIPOLE * fabs(D[11])) & (n == EMPTY), (floatl)typical, n);
         const floatl above = y > 0 ? load_lanes(here - map.dst_pitch) : n;
         const floatl under = y + 1 < map.dst_height ? load_lanes(here + map.dst_pitch) : n;
         const floatl left = x0 > 0 ? load_lanes(here - 1) : shifted_lanes(n), right = load_lanes(here + 1);
         const floatl nearer = greater(greater(above, under), greater(left, right));
+        const floatl farther = lesser(lesser(above, under), lesser(left, right));
         floatl beside = nearer;
         if (apart > 1) {
             beside = greater(beside, y >= apart ? load_lanes(here - apart * map.dst_pitch) : n);
@@ -75,13 +80,17 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
         /* A pixel beside a nearer surface may see that one. */
         const floatl moves_by = (fabs(e_u - u * e_w) + fabs(e_v - v * e_w)) * fabs(inverse);
         const intl edge = hit & ((nearer - n) * moves_by > EDGE * density);
+        const intl on_image = (u >= -TOLERANCE) & (u <= last_u) & (v >= -TOLERANCE) & (v <= last_v);
+        const floatl step = (fabs(S[0] - u * S[8]) + fabs(S[4] - v * S[8])) * fabs(inverse); /* from pixel to pixel */
+        const floatl differs_by = greater(nearer - n, n - farther) * moves_by;
+        const intl is_calm = inside & IS_HIT(swept) & on_image & (differs_by < calm * lesser(step, (floatl)1.0f));
         us[p] = line_us[p] = u;
         vs[p] = line_vs[p] = v;
         ns[p] = guess;
-        open_lanes[p] = (hit & !edge) | missed;
+        open_lanes[p] = (hit & !edge & !is_calm) | missed;
         missed_lanes[p] = missed;
         traced_lanes[p] = edge;
-        settled_lanes[p] = 0;
+        settled_lanes[p] = is_calm;
 #if LANES == 16
         const int first_x = clamp(convert_int(u.s0), 0, last_cell_x), first_y = clamp(convert_int(v.s0), 0, last_cell_y);
         const int last_x = clamp(convert_int(u.sf), 0, last_cell_x), last_y = clamp(convert_int(v.sf), 0, last_cell_y);

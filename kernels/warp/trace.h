@@ -1,8 +1,7 @@
 /* A ray of the target against the triangulated grid of the source, exactly, along its own epipolar line.
  *
  * In the source's pixel space the ray is Y(n) = start + n * centre, n being the nearness in the target, and its
- * image is a straight line, walked away from the epipole cell by cell and, in a cell, triangle by triangle.
- * The first triangle that the ray crosses is what it sees.
+ * image is a straight line, walked away from the epipole. The first triangle that the ray crosses is what it sees.
  */
 #include "lib/surface.h"
 
@@ -18,10 +17,11 @@ typedef struct {
     Cut cut;
 } Grid;
 
-/* One triangle: nearness is q + gu (u - x) + gv (v - y). */
+#define PAST 2e-3f /* pixels of the source by which a hit may lie past the walk's end: rounding */
+
+/* One triangle: nearness is q + gu (u - x) + gv (v - y); high and low are its samples' extremes. */
 typedef struct {
-    float q, gu, gv, x, y;
-    int open;
+    float q, gu, gv, x, y, high, low;
 } Triangle;
 
 Triangle triangle_at(Grid grid, int x, int y, int upper)
@@ -35,7 +35,8 @@ Triangle triangle_at(Grid grid, int x, int y, int upper)
     t.gv = upper ? corner - q10 : q01 - corner;
     t.x = upper ? x + 1 : x;
     t.y = upper ? y + 1 : y;
-    t.open = IS_OPEN(grid.cut, fmax(corner, fmax(q10, q01)), fmin(corner, fmin(q10, q01)));
+    t.high = fmax(corner, fmax(q10, q01));
+    t.low = fmin(corner, fmin(q10, q01));
     return t;
 }
 
@@ -94,7 +95,12 @@ Walk walk_of(Ray ray, int width, int height)
     return walk;
 }
 
-/* The first triangle that the ray crosses between from and to: target nearness, BLOCKED, or EMPTY if it meets none. */
+/* The first triangle that the ray crosses between from and to: target nearness, BLOCKED, or EMPTY if it meets none.
+ *
+ * The walk goes from edge to edge of the triangulation: columns, rows and diagonals. Two samples give the surface's
+ * lead over the ray where it crosses an edge; where the lead changes its sign from one edge to the next, the ray
+ * meets the triangle between them. Which edge comes next is not foreseeable: selections, no branches.
+ */
 float trace(Grid grid, Ray ray, Walk walk, int shown, uint *samples)
 {
     const float length = (walk.to - walk.from) * walk.sign;
@@ -105,50 +111,54 @@ float trace(Grid grid, Ray ray, Walk walk, int shown, uint *samples)
     const float minor = walk.minor + walk.tilt * walk.from;
     const float u0 = walk.u_major ? walk.from : minor, v0 = walk.u_major ? minor : walk.from;
     const float near0 = walk.level + walk.slope * walk.from, near_step = walk.slope * walk.sign;
-    const float inv_u = du != 0.0f ? fabs(1.0f / du) : INFINITY, inv_v = dv != 0.0f ? fabs(1.0f / dv) : INFINITY;
-    float next_u = du > 0.0f ? (floor(u0) + 1.0f - u0) * inv_u : (du < 0.0f ? (u0 - ceil(u0) + 1.0f) * inv_u : INFINITY);
-    float next_v = dv > 0.0f ? (floor(v0) + 1.0f - v0) * inv_v : (dv < 0.0f ? (v0 - ceil(v0) + 1.0f) * inv_v : INFINITY);
-    float s = 0.0f, carried = 0.0f; /* distance walked; the surface's lead over the ray where it was left */
-    int joined = 0;                 /* the surface was closed where it was left */
-    while (s <= length) {
-        const float end = fmin(fmin(next_u, next_v), length);
-        const float middle = 0.5f * (s + end);
-        const int x = clamp((int)floor(u0 + du * middle), 0, max(grid.width - 2, 0));
-        const int y = clamp((int)floor(v0 + dv * middle), 0, max(grid.height - 2, 0));
-        const float side_0 = u0 + du * s - x + v0 + dv * s - y - 1.0f;
-        const float side_1 = u0 + du * end - x + v0 + dv * end - y - 1.0f;
-        const int splits = side_0 * side_1 < 0.0f;
-        float a = s;
+    const int last_x = grid.width - 1, last_y = grid.height - 1;
+
+    /* Distance walked to the next column, row and diagonal, and from one to the next. */
+    const float dd = du + dv, d0 = u0 + v0;
+    const float step_u = fabs(1.0f / du), step_v = fabs(1.0f / dv), step_d = fabs(1.0f / dd);
+    float to_u = du != 0.0f ? (du > 0.0f ? floor(u0) + 1.0f - u0 : u0 - ceil(u0) + 1.0f) * step_u : INFINITY;
+    float to_v = dv != 0.0f ? (dv > 0.0f ? floor(v0) + 1.0f - v0 : v0 - ceil(v0) + 1.0f) * step_v : INFINITY;
+    float to_d = dd != 0.0f ? (dd > 0.0f ? floor(d0) + 1.0f - d0 : d0 - ceil(d0) + 1.0f) * step_d : INFINITY;
+
+    const int x0 = clamp((int)floor(u0), 0, max(last_x - 1, 0)), y0 = clamp((int)floor(v0), 0, max(last_y - 1, 0));
+    const float first_side = d0 - x0 - y0 - 1.0f;
+    const Triangle first = triangle_at(grid, x0, y0, first_side > 0.0f || (first_side == 0.0f && dd > 0.0f));
+    float lead = first.q + first.gu * (u0 - first.x) + first.gv * (v0 - first.y) - near0;
+    float high = first.high, low = first.low; /* of the edge's samples */
+    float s = 0.0f;
+    *samples += 1;
+    while (s < length) {
+        const float before = s, lead_before = lead, high_before = high, low_before = low;
+        s = fmin(fmin(to_u, to_v), to_d);
+        const int on_u = s == to_u, on_v = !on_u & (s == to_v), on_d = !(on_u | on_v);
+        to_u += on_u ? step_u : 0.0f;
+        to_v += on_v ? step_v : 0.0f;
+        to_d += on_d ? step_d : 0.0f;
+        const float u = u0 + du * s, v = v0 + dv * s;
+        const float x = floor(on_u ? u + 0.5f : u), y = floor(on_v ? v + 0.5f : v);
+        const float part = clamp(on_v ? u - x : v - y, 0.0f, 1.0f);
+        const int ax = clamp((int)x + on_d, 0, last_x), bx = clamp((int)x + on_v, 0, last_x);
+        const int ay = clamp((int)y, 0, last_y), by = clamp((int)y + !on_v, 0, last_y);
+        const float a = grid.nearness[ay * grid.pitch + ax], b = grid.nearness[by * grid.pitch + bx];
+        lead = a + part * (b - a) - near0 - near_step * s;
+        high = fmax(a, b);
+        low = fmin(a, b);
         *samples += 1;
-        for (int piece = 0; piece <= splits; piece++) {
-            const float b = splits && piece == 0 ? s + (end - s) * side_0 / (side_0 - side_1) : end;
-            const int upper = splits ? (piece == 0) == (side_0 > 0.0f) : side_0 + side_1 > 0.0f;
-            const Triangle t = triangle_at(grid, x, y, upper);
-            if (t.open) {
-                joined = 0;
-            } else {
-                const float lead_a = t.q + t.gu * (u0 + du * a - t.x) + t.gv * (v0 + dv * a - t.y) - near0 - near_step * a;
-                const float lead_b = t.q + t.gu * (u0 + du * b - t.x) + t.gv * (v0 + dv * b - t.y) - near0 - near_step * b;
-                const float lead_0 = joined ? carried : lead_a;
-                const int front = lead_0 < 0.0f && lead_b >= 0.0f;
-                const int back = lead_0 >= 0.0f && lead_b < 0.0f;
-                if (front || back) {
-                    const float met = meet(ray, t);
-                    if (IS_BEFORE(ray.perspective, met))
-                        return shown & (front ? SHOWS_FRONT : SHOWS_BACK) ? met : BLOCKED;
-                }
-                carried = lead_b;
-                joined = 1;
-            }
-            a = b;
-        }
-        if (end >= length)
-            break;
-        if (next_u <= end)
-            next_u += inv_u;
-        if (next_v <= end)
-            next_v += inv_v;
-        s = end;
+        const int front = lead_before < 0.0f & lead >= 0.0f, back = lead_before >= 0.0f & lead < 0.0f;
+        if (!(front | back) || IS_OPEN(grid.cut, fmax(high, high_before), fmin(low, low_before)))
+            continue;
+        const float middle = 0.5f * (before + s), um = u0 + du * middle, vm = v0 + dv * middle;
+        const int xm = clamp((int)floor(um), 0, max(last_x - 1, 0)), ym = clamp((int)floor(vm), 0, max(last_y - 1, 0));
+        const Triangle t = triangle_at(grid, xm, ym, um - xm + vm - ym > 1.0f);
+        if (IS_OPEN(grid.cut, t.high, t.low)) /* at a corner, another triangle than the edges' */
+            continue;
+        const float met = meet(ray, t);
+        const float w = ray.start.z + met * ray.centre.z;
+        const float met_at = (walk.u_major ? ray.start.x + met * ray.centre.x : ray.start.y + met * ray.centre.y) / w;
+        if ((met_at - walk.to) * walk.sign > PAST)
+            return EMPTY;
+        if (IS_BEFORE(ray.perspective, met))
+            return shown & (front ? SHOWS_FRONT : SHOWS_BACK) ? met : BLOCKED;
     }
     return EMPTY;
 }
