@@ -31,8 +31,13 @@ from pyibr.images import (
     undistort,
 )
 from pyibr.io import read_color, read_depth, write_color, write_depth, write_mask
+from pyibr.light import Light
+from pyibr.mesh import Mesh
 
-# The function takes the place of its module as the package's attribute, on the first import and for good.
+# The functions take the place of their modules as the package's attributes, on the first import and for good.
+from pyibr.render import render
+from pyibr.silhouette import Silhouette
+from pyibr.slicing import DepthObject, SlicedSurface, VisualHull
 from pyibr.warp import warp
 
 if TYPE_CHECKING:
@@ -45,12 +50,18 @@ __all__ = [
     "BuildError",
     "Camera",
     "DepthImage",
+    "DepthObject",
     "Device",
     "DeviceError",
     "Error",
     "FileFormatError",
     "Frame",
+    "Light",
+    "Mesh",
     "MissingPackageError",
+    "Silhouette",
+    "SlicedSurface",
+    "VisualHull",
     "__version__",
     "depth_from_disparity",
     "depth_from_euclidean",
@@ -62,6 +73,7 @@ __all__ = [
     "mpeg_from_depth",
     "read_color",
     "read_depth",
+    "render",
     "uint16_from_depth",
     "undistort",
     "use_device",

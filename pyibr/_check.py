@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import cast
+from typing import Any, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,3 +98,20 @@ def checked_pose(world_from_camera: object) -> Float64:
         raise ArgumentError(name, rigid, "det R = -1, a mirrored frame")
     pose[3] = 0, 0, 0, 1
     return pose
+
+
+def one_of(argument: str, value: object, choices: Any, also: str = "") -> None:
+    """Raise ArgumentError unless `value` is one of a Literal's strings."""
+    if not isinstance(value, str) or value not in get_args(choices):
+        expected = ", ".join(f'"{choice}"' for choice in get_args(choices))
+        raise ArgumentError(argument, f"one of {expected}{also}", repr(value))
+
+
+def checked_image(argument: str, color: NDArray[Any]) -> NDArray[Any]:
+    """Return `color` if it is an image of three channels, or raise ArgumentError."""
+    expected = "uint8, or float32 in [0, 1], of shape (h, w, 3)"
+    if not isinstance(color, np.ndarray) or color.ndim != 3 or color.shape[2] != 3 or 0 in color.shape:  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise ArgumentError(argument, expected, describe(color))
+    if color.dtype.name not in ("uint8", "float32"):
+        raise ArgumentError(argument, expected, describe(color))
+    return color

@@ -6,18 +6,18 @@ depth images are as exact as their float32 samples can be. Open3D is imported wh
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+import itertools
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pyibr._check import Float64, describe, numbers
-from pyibr.camera import Camera
-from pyibr.errors import ArgumentError, MissingPackageError
+from pyibr._check import Float64, describe, numbers, one_of
+from pyibr._open3d import open3d
+from pyibr.camera import Camera, Projection
+from pyibr.errors import ArgumentError
 from pyibr.images import DepthImage
-
-if TYPE_CHECKING:
-    import types
+from pyibr.mesh import Mesh
 
 Layer = Literal["first", "last"]
 Int64 = NDArray[np.int64]
@@ -84,7 +84,7 @@ class MeshScene:
         self._base_color = np.asarray(base_color, np.float64)
         self._normals: Float64 | None = None
 
-        o3d = _open3d()
+        o3d = open3d()
         self._scene: Any = o3d.t.geometry.RaycastingScene()
         self._scene.add_triangles(
             np.ascontiguousarray(self.vertices, np.float32), np.ascontiguousarray(self.faces, np.uint32)
@@ -114,6 +114,15 @@ class MeshScene:
         uv = np.asarray(mesh.triangle_uvs).reshape(-1, 3, 2)
         texture = np.repeat(texture, 3, axis=2) if texture.shape[2] == 1 else texture[..., :3]
         return cls(vertices, faces, colors, uv, texture, base_color)
+
+    @classmethod
+    def from_mesh(cls, mesh: Mesh, base_color: tuple[float, float, float] = (235, 190, 130)) -> MeshScene:
+        """Take over a `pyibr.Mesh`, with its texture or its colours."""
+        texture = mesh.texture
+        if texture is not None and texture.dtype != np.uint8:
+            texture = np.rint(texture * np.float32(255)).astype(np.uint8)
+        uv = mesh.uv if texture is not None else None
+        return cls(mesh.vertices, mesh.faces, mesh.colors, uv, texture, base_color)
 
     def capture(
         self, camera: Camera, layer: Layer = "first", background: tuple[int, int, int] = (0, 0, 0)
@@ -251,6 +260,58 @@ def cube_cameras(center: ArrayLike, size: int) -> list[Camera]:
     return cameras
 
 
+def object_views(
+    mesh: Mesh | MeshScene, size: int, projection: Projection = "orthographic", margin: float = 0.02
+) -> list[DepthImage]:
+    """Six depth images of an object from all round, as if on the faces of a cube that looks inwards.
+
+    Parameters
+    ----------
+    mesh : Mesh or MeshScene
+    size : int
+        Pixels a side of each image.
+    projection : "orthographic" or "perspective"
+        Perspective cameras stand 2.5 cube edges from the middle.
+    margin : float
+        Part of the mesh's largest extent that is left free on all sides, >= 0.
+
+    Returns
+    -------
+    list of 6 DepthImage
+        Looking along x, -x, y, -y, z, -z. Background has no depth.
+
+    Raises
+    ------
+    ArgumentError
+        If an argument is out of its range.
+    MissingPackageError
+        If Open3D is not installed.
+    """
+    scene = MeshScene.from_mesh(mesh) if isinstance(mesh, Mesh) else mesh
+    one_of("projection", projection, Projection)
+    if not margin >= 0:
+        raise ArgumentError("margin", "a number >= 0", describe(margin))
+    if size < 1:
+        raise ArgumentError("size", "an int >= 1", describe(size))
+    used = scene.vertices[scene.faces.ravel()]
+    low, high = used.min(axis=0), used.max(axis=0)
+    edge = float((high - low).max()) * (1 + 2 * margin)
+    away = 2.5 * edge if projection == "perspective" else 0.501 * edge
+    # Perspective cameras see the cube's front face, half an edge nearer than its middle, in full.
+    focal = size / edge * (1.0 if projection == "orthographic" else away - 0.5 * edge)
+    K = [[focal, 0, (size - 1) / 2], [0, focal, (size - 1) / 2], [0, 0, 1]]
+    middle, views = 0.5 * (low + high), list[DepthImage]()
+    for axis, sign in itertools.product(range(3), (1, -1)):
+        forward = np.zeros(3)
+        forward[axis] = sign
+        down = np.eye(3)[(axis + 1) % 3]
+        pose = np.eye(4)
+        pose[:3, :3] = np.column_stack([np.cross(down, forward), down, forward])
+        pose[:3, 3] = middle - away * forward
+        views.append(scene.capture(Camera(K, (size, size), pose, projection)))
+    return views
+
+
 def _rays(camera: Camera, pixel: NDArray[Any]) -> tuple[Float64, Float64]:
     """Origins and directions (n, 3) in the world; a step of 1 along a direction is 1 in planar z."""
     one = camera.unproject(pixel, np.ones(len(pixel)))
@@ -321,13 +382,3 @@ def _checked_uv(uv: ArrayLike, faces: Int64, count: int) -> Float64:
     if array.shape == (len(faces), 3, 2):
         return numbers("uv", array, (None, 3, 2))
     raise ArgumentError("uv", f"shape ({count}, 2) or ({len(faces)}, 3, 2)", describe(array))
-
-
-def _open3d() -> types.ModuleType:
-    try:
-        import open3d
-    except ImportError as error:
-        raise MissingPackageError(
-            f"capturing a mesh needs Open3D: pip install open3d (importing it failed: {error})"
-        ) from None
-    return open3d

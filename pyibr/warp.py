@@ -6,16 +6,17 @@ import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, cast, get_args
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 
-from pyibr._check import describe
+from pyibr._check import describe, one_of
 from pyibr.camera import Camera
 from pyibr.epipolar import line_groups
 from pyibr.errors import ArgumentError
 from pyibr.images import DepthImage, Frame
 from pyibr.pixelspace import PixelMap, pitch
+from pyibr.target import Target
 
 if TYPE_CHECKING:
     from pyibr.opencl.device import Session
@@ -116,19 +117,19 @@ def warp(
     for argument, size in [("camera", camera.size), *(("views", view.camera.size) for view in sources)]:
         if size[0] * size[1] > _PIXELS_MOST:
             raise ArgumentError(argument, f"at most {_PIXELS_MOST} pixels", f"{size[0]} x {size[1]}")
-    _one_of("method", method, Method)
-    _one_of("sample", sample, Sample)
-    _one_of("edges", edges, Edges)
-    _one_of("side", side, Side)
+    one_of("method", method, Method)
+    one_of("sample", sample, Sample)
+    one_of("edges", edges, Edges)
+    one_of("side", side, Side)
     if fill is not None:
-        _one_of("fill", fill, Fill, " or None")
+        one_of("fill", fill, Fill, " or None")
     _number("cut_ratio", cut_ratio, 1.0, math.inf, "a ratio greater than 1")
     _number("splat", splat, 1.0, _SPLAT_MOST, f"1 to {_SPLAT_MOST:g} pixels")
 
     from pyibr.opencl.device import current
 
     options = _Options(sample == "linear", edges == "cut", float(cut_ratio), _SHOWN[side], float(splat))
-    target = _Target(camera, sources[0].color.dtype)
+    target = Target(camera, sources[0].color.dtype)
     maps: list[PixelMap] = []
     with current().lock:
         for view in sources:
@@ -145,6 +146,13 @@ def warp(
     if not frame.valid.any():
         warnings.warn("warp: the target camera sees nothing of the views; the frame is empty", stacklevel=2)
     return frame
+
+
+def draw(target: Target, view: DepthImage) -> None:
+    """Draw a view into the target by the epipolar warp, with the defaults of `warp`. The session's lock is held."""
+    samples = _samples(view)
+    pixel_map = PixelMap(view.camera, target.camera, samples.low, samples.high)
+    _look(samples, pixel_map, target, _Options(True, False, 1.0, _SHOWN["front"], 1.0), "epipolar")
 
 
 @dataclass(frozen=True)
@@ -164,26 +172,6 @@ class _Samples:
     color: DeviceArray
     low: float
     high: float
-
-
-class _Target:
-    """The frame in the making, on the device."""
-
-    def __init__(self, camera: Camera, dtype: np.dtype[Any]) -> None:
-        from pyibr.opencl.memory import empty
-
-        shape = (camera.height, camera.width)
-        self.camera = camera
-        self.color = empty((*shape, 3), dtype)
-        self.depth = empty(shape, np.float32)
-        self.valid = empty(shape, np.uint8)
-        self.blank = True  # nothing is written yet
-
-    def outputs(self) -> dict[str, DeviceArray]:
-        return {"depth": self.depth, "color": self.color, "valid": self.valid}
-
-    def frame(self) -> Frame:
-        return Frame(self.color.to_host(), self.depth.to_host(), self.valid.to_host().view(np.bool_), self.camera)
 
 
 def _samples(view: DepthImage) -> _Samples:
@@ -227,7 +215,7 @@ def _at_least_a_word(color: Any) -> Any:
     return np.resize(color, (1, 2, 3)) if color.size == 3 else color
 
 
-def _look(samples: _Samples, pixel_map: PixelMap, target: _Target, options: _Options, method: Method) -> None:
+def _look(samples: _Samples, pixel_map: PixelMap, target: Target, options: _Options, method: Method) -> None:
     """Each pixel looks for what its ray meets first: by sweep or by search, then exactly."""
     from pyibr.opencl.device import current
     from pyibr.opencl.launch import Struct, launch
@@ -310,7 +298,7 @@ def _strip(session: Session, width: int) -> int:
     return 1 if session.lanes == 1 else 16
 
 
-def _splat(samples: _Samples, pixel_map: PixelMap, target: _Target, options: _Options) -> None:
+def _splat(samples: _Samples, pixel_map: PixelMap, target: Target, options: _Options) -> None:
     from pyibr.opencl.launch import Struct, launch
     from pyibr.opencl.memory import empty
     from pyibr.opencl.program import kernel
@@ -344,7 +332,7 @@ def _splat(samples: _Samples, pixel_map: PixelMap, target: _Target, options: _Op
     target.blank = False
 
 
-def _fill(target: _Target, pixel_map: PixelMap) -> None:
+def _fill(target: Target, pixel_map: PixelMap) -> None:
     from pyibr.opencl.launch import launch
     from pyibr.opencl.memory import empty
     from pyibr.opencl.program import kernel
@@ -386,12 +374,6 @@ def _checked_views(views: DepthImage | Sequence[DepthImage]) -> list[DepthImage]
 def _listed(views: object) -> Sequence[DepthImage]:
     """What `views` holds; something else than a sequence is one view, for the check to name."""
     return cast("Sequence[DepthImage]", views if isinstance(views, Sequence) else [views])
-
-
-def _one_of(argument: str, value: object, choices: Any, also: str = "") -> None:
-    if not isinstance(value, str) or value not in get_args(choices):
-        expected = ", ".join(f'"{choice}"' for choice in get_args(choices))
-        raise ArgumentError(argument, f"one of {expected}{also}", repr(value))
 
 
 def _number(argument: str, value: float, least: float, most: float, expected: str) -> None:

@@ -1,8 +1,6 @@
 from __future__ import annotations
 
 import gzip
-import os
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,10 +8,9 @@ import pytest
 from pyibr import models
 from pyibr.errors import ArgumentError, FileFormatError
 from tests import truth
+from tests.data import shared
 
 o3d = pytest.importorskip("open3d")
-
-DATA = Path(os.environ.get("PYIBR_DATA", Path(__file__).parents[2] / "shared" / "data"))
 
 
 def world(view):
@@ -125,14 +122,13 @@ def test_errors_name_what_is_wrong(tmp_path):
         models.dragon(tmp_path / "empty.ply", 16)
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason="no data folder (PYIBR_DATA)")
 def test_the_real_earth_and_dragon():
-    elevation, color = models.load_earth(DATA / "heightfields" / "earth")
+    elevation, color = models.load_earth(shared("heightfields/earth"))
     assert elevation.dtype == np.float32
     assert (elevation.min(), elevation.max() <= 1) == (0, True)
     images = models.globe(64, elevation, color)
     camera = models.view(images, (61, 61), direction=(np.sin(np.radians(10)), -np.sin(np.radians(20)), -1))
     r, g, b = truth.raycast(images, camera, side="back").color[30, 30]
     assert r > g > b  # the Sahara, not the sea
-    dragon = models.dragon(DATA / "meshes" / "dragon_vrip_res3.ply.gz", 64)
+    dragon = models.dragon(shared("meshes/dragon_vrip_res3.ply.gz"), 64)
     assert all(0.08 < view.valid.mean() < 0.5 for view in dragon)

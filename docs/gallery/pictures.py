@@ -8,6 +8,7 @@ import matplotlib as mpl
 
 mpl.use("Agg")
 
+import cv2
 import matplotlib.pyplot as plt
 import numpy as np
 from demo import FAINT, HOLE, INK, PATH, views_of
@@ -18,6 +19,8 @@ from matplotlib.patches import Rectangle as Patch
 from matplotlib.ticker import NullLocator
 from terrain import height_field, source_view
 
+import pyibr as ibr
+from pyibr.capture import MeshScene, object_views
 from pyibr.epipolar import line_groups
 from pyibr.pixelspace import Rectangle
 
@@ -137,6 +140,112 @@ def epipolar_plane() -> Figure:
     return figure
 
 
+def slicing_directions() -> Figure:
+    """One height map, seen from above and from the side, by slices of each kind."""
+    y, x = np.mgrid[:128, :128] / 128
+    hills = np.sin(4 * np.pi * x) * np.cos(2 * np.pi * y) + 0.7 * np.sin(9 * np.pi * x + 5 * y)
+    height = (0.5 + 0.26 * hills).clip(0.04, 1).astype(np.float32)
+    checks = ((x * 8).astype(int) + (y * 8).astype(int) & 1)[..., None]
+    color = (np.stack([90 + 150 * x, 110 + 100 * y, 235 - 120 * x], axis=-1) - 35 * checks).astype(np.uint8)
+    corners, uv = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 0], [1, 0], [1, 1], [0, 1]]
+    square = ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]], uv=uv)
+    light = ibr.Light(direction=(0.6, 0.3, -1))
+    figure, grid = plt.subplots(2, 3, figsize=(13, 5.6), layout="constrained")
+    for row, elevation, slices in ((0, 50, 16), (1, 4, 16)):
+        angle = np.radians(elevation)
+        eye = np.array([0.5, 0.5, 0.1]) + 2.1 * np.array([0.5 * np.cos(angle), -0.87 * np.cos(angle), np.sin(angle)])
+        camera = ibr.Camera.look_at(
+            eye, (0.5, 0.5, 0.1), (0, 0, 1), (640, 300 if row else 400), fov_y=26 if row else 36
+        )
+        for axes, slicing in zip(grid[row], ("surface", "orthogonal", "screen"), strict=True):
+            thing = ibr.SlicedSurface(square, height, color, 0.22, slices=slices, slicing=slicing)
+            bare(axes).imshow(ibr.render(thing, camera, light, background=(255, 255, 255)).color)
+            axes.set_title(f'slicing="{slicing}", {slices} slices', loc="left", fontsize=12, color=INK)
+    return figure
+
+
+def donut(sides: int = 25) -> ibr.Mesh:
+    """The paper's donut: sides x sides quadrilaterals."""
+    a, b = np.meshgrid(*[np.arange(sides + 1) * 2 * np.pi / sides] * 2)
+    ring = 1 + 0.42 * np.cos(b)
+    vertices = np.stack([ring * np.cos(a), ring * np.sin(a), 0.42 * np.sin(b)], axis=-1).reshape(-1, 3)
+    normals = np.stack([np.cos(b) * np.cos(a), np.cos(b) * np.sin(a), np.sin(b)], axis=-1).reshape(-1, 3)
+    i = (np.arange(sides)[:, None] * (sides + 1) + np.arange(sides)).ravel()
+    lower, upper = np.stack([i, i + 1, i + sides + 2], 1), np.stack([i, i + sides + 2, i + sides + 1], 1)
+    return ibr.Mesh(
+        vertices, np.concatenate([lower, upper]), np.stack([a, b], -1).reshape(-1, 2) / (2 * np.pi), normals
+    )
+
+
+def donuts() -> Figure:
+    """Height maps on a donut of 625 quadrilaterals: fur, and bricks."""
+    rng = np.random.default_rng(1)
+    fur = cv2.GaussianBlur(rng.random((64, 64)).astype(np.float32) ** 3, (0, 0), 0.8, borderType=cv2.BORDER_REFLECT)
+    fur /= fur.max()
+    y, x = np.mgrid[:64, :64]
+    joint = np.minimum(y % 16, (x + 8 * (y // 16 % 2)) % 32 % 31)
+    brick = np.clip(joint / 3, 0, 1).astype(np.float32) * (0.8 + 0.2 * rng.random((64, 64)).astype(np.float32))
+    fur_color = (np.stack([60 + 190 * fur, 40 + 120 * fur, 20 + 60 * fur], -1)).clip(0, 255).astype(np.uint8)
+    red = np.where(joint[..., None] > 1, (176, 84, 62), (190, 184, 172)).astype(np.uint8)
+    light, camera = (
+        ibr.Light(direction=(0.3, 1, -1)),
+        ibr.Camera.look_at((1.6, -2.7, 2.3), (0, 0, -0.05), (0, 0, 1), (760, 560), 42),
+    )
+    figure, row = plt.subplots(1, 2, figsize=(13, 4.9), layout="constrained")
+    surfaces = {
+        "furry, 20 slices": ibr.SlicedSurface(donut(), fur, fur_color, 0.16, tiles=(8, 4), slices=20),
+        "bricks, 15 slices": ibr.SlicedSurface(donut(), brick, red, 0.06, tiles=(10, 4), slices=15),
+    }
+    for axes, (name, surface) in zip(row, surfaces.items(), strict=True):
+        bare(axes).imshow(ibr.render(surface, camera, light, background=(255, 255, 255)).color)
+        axes.set_title(name, loc="left", fontsize=12, color=INK)
+    return figure
+
+
+def knot() -> MeshScene:
+    """A trefoil knot, striped along its length: an object with much that hides the rest."""
+    a, b = np.meshgrid(np.linspace(0, 2 * np.pi, 361)[:-1], np.linspace(0, 2 * np.pi, 49)[:-1], indexing="ij")
+    line = lambda t: np.stack([np.sin(t) + 2 * np.sin(2 * t), np.cos(t) - 2 * np.cos(2 * t), -np.sin(3 * t)], axis=-1)
+    along = line(a + 1e-4) - line(a - 1e-4)
+    along /= np.linalg.norm(along, axis=-1, keepdims=True)
+    side = np.cross(along, (0, 0, 1.0))
+    side /= np.linalg.norm(side, axis=-1, keepdims=True)
+    normal = np.cos(b)[..., None] * side + np.sin(b)[..., None] * np.cross(along, side)
+    vertices = (line(a) + 0.55 * normal).reshape(-1, 3)
+    i, j = np.meshgrid(np.arange(360), np.arange(48), indexing="ij")
+    corner = lambda di, dj: ((i + di) % 360 * 48 + (j + dj) % 48).ravel()
+    faces = np.concatenate(
+        [
+            np.stack([corner(0, 0), corner(1, 0), corner(1, 1)], 1),
+            np.stack([corner(0, 0), corner(1, 1), corner(0, 1)], 1),
+        ]
+    )
+    hue = plt.get_cmap("twilight_shifted")(a / (2 * np.pi))[..., :3] * (0.6 + 0.4 * (np.floor(a * 14) % 2))[..., None]
+    shade = 0.35 + 0.65 * np.clip(normal @ np.array([-0.4, -0.5, 0.77]), 0, 1)
+    colors = np.clip(255 * (0.25 + 0.75 * hue) * shade[..., None], 0, 255).astype(np.uint8).reshape(-1, 3)
+    return MeshScene(vertices, faces, colors)
+
+
+def depth_object() -> Figure:
+    """A knot from six depth images: truth, both textures, and the hull of the same silhouettes."""
+    scene = knot()
+    views = object_views(scene, 512)
+    camera = ibr.Camera.look_at((4.5, -5.5, 6.5), (0, 0, 0), (0, 0, 1), (420, 400), fov_y=42)
+    panels = {
+        "the mesh": scene.capture(camera, background=(255, 255, 255)).color,
+        "depth object": ibr.render(ibr.DepthObject(views, 256), camera, background=(255, 255, 255)).color,
+        'texture="naive"': ibr.render(
+            ibr.DepthObject(views, 256, texture="naive"), camera, background=(255, 255, 255)
+        ).color,
+        "visual hull": ibr.render(ibr.VisualHull(views, 256), camera, background=(255, 255, 255)).color,
+    }
+    figure, row = plt.subplots(1, 4, figsize=(14, 3.6), layout="constrained")
+    for axes, (name, image) in zip(row, panels.items(), strict=True):
+        bare(axes).imshow(image)
+        axes.set_title(name, loc="left", fontsize=12, color=INK)
+    return figure
+
+
 def save(name: str, figure: Figure, dpi: int) -> None:
     """Write one picture and say how large it is."""
     path = IMAGES / name
@@ -152,3 +261,6 @@ if __name__ == "__main__":
     save("terrain.jpg", terrain(), 110)
     save("epipolar-lines.png", epipolar_lines(), 80)
     save("epipolar-plane.png", epipolar_plane(), 100)
+    save("slicing-directions.png", slicing_directions(), 80)
+    save("donuts.jpg", donuts(), 80)
+    save("depth-object.png", depth_object(), 90)

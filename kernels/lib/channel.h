@@ -4,8 +4,10 @@
 #endif
 #if COLOR_BYTES == 1
 #define channel uchar
+#define CHANNEL_MOST 255.0f
 #define to_channel(value) convert_uchar_sat_rte(value)
 #else
 #define channel float
+#define CHANNEL_MOST 1.0f
 #define to_channel(value) (value)
 #endif

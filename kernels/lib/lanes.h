@@ -35,6 +35,12 @@ int any_lane(int16 mask)
     const int2 eighth = quarter.lo | quarter.hi;
     return (eighth.x | eighth.y) != 0;
 }
+float least_lane(float16 v)
+{
+    const float8 half_ = fmin(v.lo, v.hi);
+    const float4 quarter = fmin(half_.lo, half_.hi);
+    return fmin(fmin(quarter.x, quarter.y), fmin(quarter.z, quarter.w));
+}
 /* Unaligned, in one instruction: vstore16 of uchar goes byte by byte. */
 typedef struct __attribute__((packed)) {
     uchar16 bytes;
@@ -56,6 +62,7 @@ typedef uint uintl;
 #define shifted_lanes(v) (v)
 #define lane_index 0
 #define any_lane(mask) ((mask) != 0)
+#define least_lane(v) (v)
 #define gather(p, i) (p)[i]
 #else
 #error "LANES must be 1 or 16"

@@ -19,7 +19,14 @@ _SCALARS: dict[str, type[np.generic]] = {
     "float": np.float32,
     "ulong": np.uint64,
 }
-_ELEMENTS = {"float": "float32", "int": "int32", "uint": "uint32", "uchar": "uint8", "ulong": "uint64"}
+_ELEMENTS = {
+    "float": "float32",
+    "short": "int16",
+    "int": "int32",
+    "uint": "uint32",
+    "uchar": "uint8",
+    "ulong": "uint64",
+}
 
 
 @dataclass(frozen=True)

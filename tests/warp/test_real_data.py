@@ -5,7 +5,6 @@ The data is not part of the project: the folder is named by ``$PYIBR_DATA``, or 
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import imageio.v3 as iio
@@ -15,23 +14,13 @@ import pytest
 import pyibr as ibr
 from pyibr import metrics
 from pyibr.camera import Camera
-
-ROOT = Path(__file__).parents[2]
-DATA = Path(os.environ.get("PYIBR_DATA") or ROOT.parent / "shared" / "data")
-
-
-def folder(name: str) -> Path:
-    found = DATA / name
-    if not found.is_dir():
-        pytest.skip(f"no real data at {found} (name its folder in $PYIBR_DATA)")
-    return found
-
+from tests.data import shared
 
 # --- a room, rendered with noise-free depth in whole millimetres --------------------------------------
 
 
 def room(number: int) -> ibr.DepthImage:
-    here = folder("rgbd_livingroom1")
+    here = shared("rgbd_livingroom1")
     poses = np.loadtxt(here / "poses_gt_cam_to_frame0.txt")
     pose = poses[poses[:, 0] == number][0, 1:].reshape(4, 4)
     camera = Camera([[525, 0, 319.5], [0, 525, 239.5], [0, 0, 1]], (640, 480), pose)
@@ -100,7 +89,7 @@ def test_filled_holes_hold_the_background(source, target):
 
 
 def motorcycle() -> tuple[ibr.DepthImage, Camera, np.ndarray]:
-    here = folder("stereo_middlebury") / "motorcycle"
+    here = shared("stereo_middlebury") / "motorcycle"
     left, right = (iio.imread(here / f"motorcycle_{side}.png")[..., :3] for side in ("left", "right"))
     disparity = np.load(here / "motorcycle_disp.npz")["arr_0"]
     f, baseline, offset = 994.978, 0.193001, 31.086
@@ -117,7 +106,7 @@ def disparity(path: Path) -> np.ndarray:
 
 
 def pair(name: str) -> tuple[ibr.DepthImage, Camera, np.ndarray]:
-    here = folder("stereo_middlebury") / name
+    here = shared("stereo_middlebury") / name
     left, right = (iio.imread(here / f"im{number}.png")[..., :3] for number in (2, 6))
     # No calibration is known: with any focal length and baseline the picture is the same.
     depth = ibr.depth_from_disparity(disparity(here / "disp2.png"), focal=500, baseline=0.1)
@@ -140,7 +129,7 @@ def test_left_to_right(load, name, figure):
 @pytest.mark.parametrize("name", ["cones", "teddy"])
 def test_holes_of_a_stereo_pair_are_what_the_left_camera_did_not_see(name):
     view, camera, _ = pair(name)
-    here = folder("stereo_middlebury") / name
+    here = shared("stereo_middlebury") / name
     left, right = (disparity(here / f"disp{number}.png") for number in (2, 6))
     frame = ibr.warp(view, camera, edges="cut")
     y, x = np.mgrid[: right.shape[0], : right.shape[1]]

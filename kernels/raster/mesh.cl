@@ -1,0 +1,278 @@
+/* Triangle meshes: texture, vertex colours, light.
+ *
+ * Perspective-correct: a corner's weight at a pixel is its opposite edge's function over the sum of all three. The
+ * texture is read bilinearly in the two levels of its pyramid around the pixel's footprint (Williams 1983).
+ *
+ * faces: (triangles, 3) corners of each. projected: (vertices, 4), project.cl. list, starts: bins.cl. depth, color,
+ * valid: (height, width) the picture, which keeps what is nearer already; ties go to the first triangle.
+ * TEXTURED: uv (vertices, 2); texels: RGBA bytes, level by level from the largest, each half the size of the one
+ * before, rounded down. TINTED: tints (vertices, 3) in [0, 1]. LIT: normals (vertices, 3). facing: the sign of a
+ * front-facing triangle's determinant. culled: 1 backs, -1 fronts are not drawn, 0 both are.
+ * Work-item: a region (region.h). Cost: O(list + pixels). Determinism: list order.
+ */
+#include "lib/color.h"
+#include "lib/light.h"
+#include "raster/region.h"
+#include "raster/triangle.h"
+
+#define LEVELS_MOST 16
+
+typedef struct {
+    global const int *faces;
+    global const float *projected;
+    Screen screen;
+    float nearest_w;
+    int culled;
+} Context;
+
+typedef struct {
+    Edge edges[3]; /* opposite to each corner */
+    ExactEdge exact_edges[3];
+    int exact; /* which of them are used */
+    float n_x, n_y, n_0; /* nearness: n_x x + n_y y + n_0 */
+    float nearest;
+    int index, low_x, high_x, low_y, high_y;
+} Primitive;
+
+int set_up(const Context *context, int index, int x, int y, Primitive *t)
+{
+    float4 p[3];
+    int crosses = 0;
+    for (int k = 0; k < 3; k++) {
+        p[k] = relative_to(vload4(context->faces[3 * index + k], context->projected), x, y);
+        crosses |= !(p[k].z >= context->nearest_w);
+    }
+    t->low_x = t->low_y = 0;
+    t->high_x = t->high_y = REGION - 1;
+    t->exact = 0;
+    float turns; /* > 0: seen from behind */
+    if (!crosses) {
+        float2 at[3];
+        for (int k = 0; k < 3; k++)
+            at[k] = p[k].xy / p[k].z;
+        const float2 low = fmin(at[0], fmin(at[1], at[2])), high = fmax(at[0], fmax(at[1], at[2]));
+        t->low_x = (int)ceil(fmax(low.x - 0.01f, 0.0f));
+        t->low_y = (int)ceil(fmax(low.y - 0.01f, 0.0f));
+        t->high_x = (int)fmin(floor(high.x + 0.01f), REGION - 1.0f);
+        t->high_y = (int)fmin(floor(high.y + 0.01f), REGION - 1.0f);
+        if (t->low_x > t->high_x || t->low_y > t->high_y)
+            return 0;
+        t->exact = fmin(low.x, low.y) > -FARTHEST_CORNER && fmax(high.x, high.y) < FARTHEST_CORNER;
+        if (t->exact) {
+            int2 snapped[3];
+            for (int k = 0; k < 3; k++)
+                snapped[k] = convert_int2_rte(at[k] * SUBPIXELS);
+            const int2 b = snapped[1] - snapped[0], c = snapped[2] - snapped[0];
+            const long area = (long)b.x * c.y - (long)b.y * c.x;
+            if (area == 0)
+                return 0;
+            for (int k = 0; k < 3; k++)
+                t->exact_edges[k] = area > 0 ? exact_edge(snapped[(k + 1) % 3], snapped[(k + 2) % 3])
+                                             : exact_edge(snapped[(k + 2) % 3], snapped[(k + 1) % 3]);
+            turns = area > 0 ? 1.0f : -1.0f;
+        }
+    }
+    for (int k = 0; k < 3; k++)
+        t->edges[k] = edge_of(p[(k + 1) % 3], p[(k + 2) % 3]);
+    const float determinant = t->edges[0].a * p[0].x + t->edges[0].b * p[0].y + t->edges[0].c * p[0].z;
+    if (determinant == 0.0f || !isfinite(determinant))
+        return 0;
+    if (!t->exact)
+        turns = determinant;
+    if (turns * context->culled > 0.0f)
+        return 0;
+    /* The plane's deviations from a corner's nearness are small, and so are their errors. */
+    const float middle = crosses ? 0.0f : p[0].w / p[0].z, sign = determinant < 0.0f ? -1.0f : 1.0f;
+    t->n_x = t->n_y = t->n_0 = 0.0f;
+    for (int k = 0; k < 3; k++) {
+        const float differs = p[k].w - middle * p[k].z;
+        t->edges[k].a *= sign;
+        t->edges[k].b *= sign;
+        t->edges[k].c *= sign;
+        t->n_x += t->edges[k].a * differs;
+        t->n_y += t->edges[k].b * differs;
+        t->n_0 += t->edges[k].c * differs;
+    }
+    const float inverse = 1.0f / fabs(determinant);
+    t->n_x *= inverse;
+    t->n_y *= inverse;
+    t->n_0 = t->n_0 * inverse + middle;
+    t->nearest = context->screen.nearest;
+    t->index = index;
+    return 1;
+}
+
+void cover(const Context *context, const Primitive *t, Region *region, int block, int first_x, int first_y)
+{
+    const intl xi = first_x + block_x, yi = first_y + block_y;
+    const floatl x = to_floatl(xi), y = to_floatl(yi);
+    intl covered = -1;
+    if (t->exact) {
+        for (int k = 0; k < 3; k++)
+            covered = covered & (t->exact_edges[k].a * xi + (t->exact_edges[k].b * yi + t->exact_edges[k].c) >= 0);
+    } else {
+        for (int k = 0; k < 3; k++)
+            covered = covered & (t->edges[k].a * x + (t->edges[k].b * y + t->edges[k].c) > 0.0f);
+    }
+    const floatl n = t->n_x * x + (t->n_y * y + t->n_0), so_far = region->nearness[block];
+    covered = covered & (n > so_far) & (n <= t->nearest);
+    region->nearness[block] = pick(covered, n, so_far);
+    region->owner[block] = pick(covered, (intl)t->index, region->owner[block]);
+}
+
+#include "raster/list.h"
+
+#ifdef TEXTURED
+#define CHANNEL(word, shift) to_floatl((word >> shift) & 255)
+
+/* Adds the texel (x, y) of each lane's level, wrapped, to sum, with a weight. */
+void add_texel(global const uint *texels, intl x, intl y, intl width, intl height, intl start, floatl weight, Color *sum)
+{
+    const intl at = start + y * width + x;
+    const intl word = as_intl((uintl)(gather(texels, at)));
+    sum->r += weight * CHANNEL(word, 0);
+    sum->g += weight * CHANNEL(word, 8);
+    sum->b += weight * CHANNEL(word, 16);
+}
+
+intl wrapped(intl i, intl size)
+{
+    const intl rest = i % size;
+    return pick(rest < 0, rest + size, rest);
+}
+
+void add_level(global const uint *texels, floatl u, floatl v, intl level, int width, int height, floatl weight, Color *sum)
+{
+    intl start = 0, w = width, h = height;
+    for (int l = 0; l < LEVELS_MOST; l++) {
+        const intl finer = level > l;
+        if (!any_lane(finer))
+            break;
+        start = pick(finer, start + w * h, start);
+        w = pick(finer, max(w / 2, (intl)1), w);
+        h = pick(finer, max(h / 2, (intl)1), h);
+    }
+    const floatl tx = u * to_floatl(w) - 0.5f, ty = v * to_floatl(h) - 0.5f;
+    const floatl x0 = floor(tx), y0 = floor(ty), fx = tx - x0, fy = ty - y0;
+    const intl xa = wrapped(to_intl(x0), w), xb = wrapped(to_intl(x0) + 1, w);
+    const intl ya = wrapped(to_intl(y0), h), yb = wrapped(to_intl(y0) + 1, h);
+    add_texel(texels, xa, ya, w, h, start, weight * (1.0f - fx) * (1.0f - fy), sum);
+    add_texel(texels, xb, ya, w, h, start, weight * fx * (1.0f - fy), sum);
+    add_texel(texels, xa, yb, w, h, start, weight * (1.0f - fx) * fy, sum);
+    add_texel(texels, xb, yb, w, h, start, weight * fx * fy, sum);
+}
+#endif
+
+/* The mean of the corners' values, by weights */
+#define MEAN(array, stride, part) (weight[0] * (floatl)(GATHER(array, corner[0] * stride + part)) +             \
+                                   weight[1] * (floatl)(GATHER(array, corner[1] * stride + part)) +             \
+                                   weight[2] * (floatl)(GATHER(array, corner[2] * stride + part)))
+#define GATHER(array, i) gather(array, (i))
+
+kernel void draw_mesh(global const int *faces, global const float *projected, global const int *list,
+                      global const int *starts, int bins_x, global float *depth, global channel *color,
+                      global uchar *valid, Screen screen, float nearest_w, int culled, int blank, float base_r,
+                      float base_g, float base_b
+#ifdef TEXTURED
+                      ,
+                      global const float *uv, global const uint *texels, int texture_width, int texture_height,
+                      int levels
+#endif
+#ifdef TINTED
+                      ,
+                      global const float *tints
+#endif
+#ifdef LIT
+                      ,
+                      global const float *normals, Light light
+#endif
+)
+{
+    const int x = get_global_id(0) * REGION, y = get_global_id(1) * REGION;
+    if (x >= screen.width || y >= screen.height)
+        return;
+    const Context context = {faces, projected, screen, nearest_w, culled};
+    const int bin = y / BIN * bins_x + x / BIN;
+    Region region;
+    begin_region(&region, screen, depth, blank, x, y);
+    draw_list(&context, &region, list, starts[bin], starts[bin + 1], x, y);
+
+    for (int block = 0; block < BLOCKS; block++) {
+        const intl owner = region.owner[block], mine = owner >= 0;
+        if (!blank && !any_lane(mine))
+            continue;
+        Color shade = {base_r, base_g, base_b};
+        const int first_x = block % ROW * BLOCK, first_y = block / ROW * BLOCK;
+        if (any_lane(mine)) {
+            const floatl px = to_floatl(first_x + block_x), py = to_floatl(first_y + block_y);
+            intl corner[3];
+            floatl weight[3], U[3], V[3], W[3];
+            const intl face = 3 * pick(mine, owner, (intl)0);
+            for (int k = 0; k < 3; k++) {
+                const intl at = face + k;
+                corner[k] = (intl)(gather(faces, at));
+                W[k] = (floatl)(GATHER(projected, 4 * corner[k] + 2));
+                U[k] = (floatl)(GATHER(projected, 4 * corner[k])) - W[k] * (px + x);
+                V[k] = (floatl)(GATHER(projected, 4 * corner[k] + 1)) - W[k] * (py + y);
+            }
+            /* Relative to the pixel an edge's function is its c alone. */
+            floatl total = 0.0f;
+            for (int k = 0; k < 3; k++) {
+                const int i = (k + 1) % 3, j = (k + 2) % 3;
+                weight[k] = U[i] * V[j] - V[i] * U[j];
+                total += weight[k];
+            }
+            for (int k = 0; k < 3; k++)
+                weight[k] /= total;
+#ifdef TINTED
+            shade.r = MEAN(tints, 3, 0);
+            shade.g = MEAN(tints, 3, 1);
+            shade.b = MEAN(tints, 3, 2);
+#endif
+#ifdef TEXTURED
+            const floatl u = MEAN(uv, 2, 0), v = MEAN(uv, 2, 1);
+            /* One pixel on, weights change by the edges' a or b, and the total by their sums. */
+            floatl du_x = 0.0f, dv_x = 0.0f, du_y = 0.0f, dv_y = 0.0f, a_sum = 0.0f, b_sum = 0.0f;
+            for (int k = 0; k < 3; k++) {
+                const int i = (k + 1) % 3, j = (k + 2) % 3;
+                const floatl a = V[i] * W[j] - W[i] * V[j], b = W[i] * U[j] - U[i] * W[j];
+                const floatl cu = (floatl)(GATHER(uv, 2 * corner[k])), cv = (floatl)(GATHER(uv, 2 * corner[k] + 1));
+                du_x += a * cu;
+                dv_x += a * cv;
+                du_y += b * cu;
+                dv_y += b * cv;
+                a_sum += a;
+                b_sum += b;
+            }
+            du_x = (du_x - u * a_sum) / total * texture_width;
+            dv_x = (dv_x - v * a_sum) / total * texture_height;
+            du_y = (du_y - u * b_sum) / total * texture_width;
+            dv_y = (dv_y - v * b_sum) / total * texture_height;
+            const floatl texels_2 = greater(du_x * du_x + dv_x * dv_x, du_y * du_y + dv_y * dv_y);
+            const floatl lod = fmin(fmax(0.5f * log2(texels_2), (floatl)0.0f), (floatl)(levels - 1));
+            const floatl below = floor(lod), between = lod - below;
+            Color read = {0.0f, 0.0f, 0.0f};
+            add_level(texels, u, v, to_intl(below), texture_width, texture_height, (1.0f - between) / 255.0f, &read);
+            if (any_lane(between > 0.0f))
+                add_level(texels, u, v, min(to_intl(below) + 1, (intl)(levels - 1)), texture_width, texture_height,
+                          between / 255.0f, &read);
+            shade = read;
+#endif
+#ifdef LIT
+            floatl nx = MEAN(normals, 3, 0), ny = MEAN(normals, 3, 1), nz = MEAN(normals, 3, 2);
+            const floatl n = region.nearness[block], flip = pick(total > 0.0f, (floatl)-1.0f, (floatl)1.0f);
+            const floatl scale = flip / sqrt(nx * nx + ny * ny + nz * nz);
+            const float *m = screen.to_world;
+            const floatl wx = px + x, wy = py + y, inverse = 1.0f / (PIXEL_ROW(m, 3, wx, wy) + n * m[15]);
+            const floatl X = (PIXEL_ROW(m, 0, wx, wy) + n * m[3]) * inverse, Y = (PIXEL_ROW(m, 1, wx, wy) + n * m[7]) * inverse,
+                         Z = (PIXEL_ROW(m, 2, wx, wy) + n * m[11]) * inverse;
+            floatl cosine;
+            LAMBERT(light, X, Y, Z, nx * scale, ny * scale, nz * scale, cosine);
+            shade.r *= light.ambient + (1.0f - light.ambient) * light.color[0] * cosine;
+            shade.g *= light.ambient + (1.0f - light.ambient) * light.color[1] * cosine;
+            shade.b *= light.ambient + (1.0f - light.ambient) * light.color[2] * cosine;
+#endif
+        }
+        write_block(&region, block, screen, depth, color, valid, blank, x + first_x, y + first_y, shade);
+    }
+}

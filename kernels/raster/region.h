@@ -1,0 +1,72 @@
+/* Drawing primitives of a bin, in order, into a region of pixels that one work-item owns.
+ *
+ * A CPU's work-item owns a bin and goes through it in blocks of 4 x 4 pixels, one to a lane; a GPU's owns a pixel.
+ * A fragment program defines, before it calls `draw_list`:
+ *   Context    its arguments, by pointer
+ *   Primitive  what is the same for all pixels of one, with the box of its pixels in the region: low_x ... high_y
+ *   int set_up(const Context *, int index, int x, int y, Primitive *)   x, y: the region's first pixel; 0: not seen
+ *   void cover(const Context *, const Primitive *, Region *, int block, int x, int y)   x, y: the block's first pixel
+ */
+#include "lib/color.h"
+#include "lib/screen.h"
+
+#ifndef BIN
+#define BIN 32 /* pixels, the side of a bin */
+#endif
+#if LANES == 16
+#define REGION BIN /* pixels, the side of a work-item's region */
+#define BLOCK 4
+#define block_x (lane_index & 3)
+#define block_y (lane_index >> 2)
+#else
+#define REGION 1
+#define BLOCK 1
+#define block_x 0
+#define block_y 0
+#endif
+#define ROW (REGION / BLOCK) /* blocks in a row */
+#define BLOCKS (ROW * ROW)
+
+typedef struct {
+    floatl nearness[BLOCKS]; /* of the picture so far */
+    intl owner[BLOCKS];      /* primitive that is seen, -1: none of these */
+    float farthest[BLOCKS];  /* no pixel of the block shows what is farther than that */
+#ifdef PLACED
+    floatl u[BLOCKS], v[BLOCKS]; /* where on the owner */
+#endif
+} Region;
+
+/* Takes over the picture so far; x, y: the region's first pixel. */
+void begin_region(Region *region, Screen screen, global const float *depth, int blank, int x, int y)
+{
+    for (int block = 0; block < BLOCKS; block++) {
+        floatl so_far = EMPTY;
+        if (!blank)
+            for (int lane = 0; lane < LANES; lane++) {
+                const int px = x + block % ROW * BLOCK + lane % BLOCK, py = y + block / ROW * BLOCK + lane / BLOCK;
+                if (px < screen.width && py < screen.height)
+                    ((float *)&so_far)[lane] = drawn_nearness(screen, depth[(size_t)py * screen.width + px]);
+            }
+        region->nearness[block] = so_far;
+        region->owner[block] = -1;
+        region->farthest[block] = least_lane(so_far);
+    }
+}
+
+/* Writes a block of the region to the picture; shade in [0, 1]; x, y: the block's first pixel. */
+void write_block(const Region *region, int block, Screen screen, global float *depth, global channel *color,
+                 global uchar *valid, int blank, int x, int y, Color shade)
+{
+    for (int lane = 0; lane < LANES; lane++) {
+        const int px = x + lane % BLOCK, py = y + lane / BLOCK;
+        const int mine = ((const int *)&region->owner[block])[lane] >= 0;
+        if (px >= screen.width || py >= screen.height || !(mine || blank))
+            continue;
+        const size_t at = (size_t)py * screen.width + px;
+        const float n = ((const float *)&region->nearness[block])[lane];
+        const float3 one = (float3)(((const float *)&shade.r)[lane], ((const float *)&shade.g)[lane], ((const float *)&shade.b)[lane]);
+        depth[at] = mine ? (screen.perspective ? 1.0f / n : -n) : NAN;
+        valid[at] = mine;
+        write_pixel(color + 3 * at, mine ? clamp(one, 0.0f, 1.0f) * CHANNEL_MOST : (float3)(0.0f));
+    }
+}

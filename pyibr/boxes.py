@@ -1,0 +1,166 @@
+"""Where an object lies: the box that its views' samples or silhouettes leave."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr._check import Float64
+from pyibr.camera import Camera
+from pyibr.errors import ArgumentError
+from pyibr.images import DepthImage
+from pyibr.silhouette import Silhouette
+
+_CARVED = 64  # cells a side of the grid that finds a hull's box
+
+
+@dataclass(frozen=True)
+class Box:
+    """Where an object lies: a box in the world.
+
+    Attributes
+    ----------
+    axes : (3, 3) float64
+        Unit vectors along the edges, as rows.
+    low, high : (3,) float64
+        Extent along them.
+    """
+
+    axes: Float64
+    low: Float64
+    high: Float64
+
+    @property
+    def edges(self) -> Float64:
+        """(3,) lengths."""
+        return self.high - self.low
+
+    @property
+    def corners(self) -> Float64:
+        """(8, 3) in the world."""
+        grid = np.array(np.meshgrid(*zip(self.low, self.high, strict=True))).reshape(3, -1).T
+        return grid @ self.axes
+
+    @property
+    def center(self) -> Float64:
+        """(3,) in the world."""
+        return 0.5 * (self.low + self.high) @ self.axes
+
+    @property
+    def from_world(self) -> Float64:
+        """(3, 4): the box becomes the unit cube."""
+        return np.column_stack([self.axes, -self.low]) / self.edges[:, None]
+
+
+def _world_points(view: DepthImage) -> Float64:
+    """(N, 3) its valid samples in the world."""
+    y, x = np.nonzero(view.valid)
+    z = view.depth[y, x].astype(np.float64)
+    q = 1 / z if view.camera.projection == "perspective" else -z
+    to_world = view.camera.world_from_camera @ np.linalg.inv(view.camera.pixel_matrix)
+    points = to_world @ np.stack([x, y, np.ones_like(z), q])
+    return (points[:3] / points[3]).T
+
+
+def box_of_samples(views: list[DepthImage]) -> Box:
+    """The box of all samples along the first view's axes; an error if no sample lies in all views' volumes."""
+    axes = views[0].camera.world_from_camera[:3, :3].T
+    samples = [_world_points(view) for view in views]
+    along = np.concatenate(samples) @ axes.T
+    low, high = along.min(axis=0), along.max(axis=0)
+    margin = 1e-3 * max(float((high - low).max()), 1e-12)  # a flat box has no inside
+    box = Box(axes, low - margin, high + margin)
+    some = np.concatenate([points[:: max(len(points) // 500, 1)] for points in samples])
+    inside = np.ones(len(some), bool)
+    reach = 0.05 * float(box.edges.max())  # samples lie on the surface, and a little off others'
+    for view in views:
+        x, y, z, on_image = _seen_from(view.camera, some)
+        depth = np.where(view.valid, view.depth, np.inf)
+        inside &= on_image & (depth[y, x] <= z + reach)
+    if not inside.any():
+        raise ArgumentError(
+            "views", "views around one object, whose volumes have something in common", "none in common"
+        )
+    return box
+
+
+def _seen_from(
+    camera: Camera, points: Float64
+) -> tuple[NDArray[np.intp], NDArray[np.intp], Float64, NDArray[np.bool_]]:
+    """Nearest pixels x, y and depth of world points, and whether they lie on the image (else x = y = 0)."""
+    u, v, w, _ = camera.pixel_matrix @ camera.camera_from_world @ np.column_stack([points, np.ones(len(points))]).T
+    z = camera.camera_from_world[2, :3] @ points.T + camera.camera_from_world[2, 3]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        x, y = np.rint(u / w), np.rint(v / w)
+        on_image = (w > 0) & (z > 0) & (x >= 0) & (x < camera.width) & (y >= 0) & (y < camera.height)
+    return np.where(on_image, x, 0).astype(np.intp), np.where(on_image, y, 0).astype(np.intp), z, on_image
+
+
+def nearness_map(view: DepthImage, box: Box) -> NDArray[np.float32]:
+    """(H, W) nearness of a view's samples, background as far as the box reaches."""
+    z = view.camera.camera_from_world[2, :3] @ box.corners.T + view.camera.camera_from_world[2, 3]
+    far = max(float(z.max()), float(view.depth[view.valid].max()))
+    depth = np.where(view.valid, view.depth, far)
+    return (1 / depth if view.camera.projection == "perspective" else -depth).astype(np.float32)
+
+
+def box_of_silhouettes(views: Sequence[Silhouette | DepthImage]) -> Box:
+    """The box of what a coarse grid finds within all silhouettes, found twice, along the world's axes."""
+    center, radius = _where_they_look(views)
+    low, high = center - radius, center + radius
+    for _ in range(3):
+        cell = (high - low) / _CARVED
+        ticks = [first + step * (np.arange(_CARVED) + 0.5) for first, step in zip(low, cell, strict=True)]
+        points = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, 3)
+        for view in views:
+            points = points[_near_silhouette(view, points, 0.5 * float(np.linalg.norm(cell)))]
+        if not len(points):
+            raise ArgumentError("views", "silhouettes of one object, with something within all of them", "nothing")
+        low, high = points.min(axis=0) - cell, points.max(axis=0) + cell
+    return Box(np.eye(3), low, high)
+
+
+def _near_silhouette(view: Silhouette | DepthImage, points: Float64, reach: float) -> NDArray[np.bool_]:
+    """Whether balls of radius `reach` may touch the silhouette."""
+    import cv2
+
+    camera = view.camera
+    x, y, z, on_image = _seen_from(camera, points)
+    if not on_image.any():
+        return on_image
+    scale = float(max(camera.K[0, 0], camera.K[1, 1]))
+    if camera.projection == "perspective":
+        scale /= max(float(z[on_image].min()), 1e-12)
+    pixels = min(int(np.ceil(scale * reach)) + 1, max(camera.size))
+    distance = cv2.distanceTransform(np.where(view.valid, 0, 255).astype(np.uint8), cv2.DIST_L2, 5)
+    return on_image & (distance[y, x] <= pixels)
+
+
+def _where_they_look(views: Sequence[Silhouette | DepthImage]) -> tuple[Float64, float]:
+    """The point closest to the rays through the silhouettes' middles, and how far the object reaches around it."""
+    system, right = np.zeros((3, 3)), np.zeros(3)
+    rays: list[tuple[Float64, Float64]] = []
+    for view in views:
+        y, x = np.nonzero(view.valid)
+        to_world = view.camera.world_from_camera @ np.linalg.inv(view.camera.pixel_matrix)
+        middle = np.array([0.5 * (x.min() + x.max()), 0.5 * (y.min() + y.max()), 1.0])
+        if view.camera.projection == "perspective":
+            origin, direction = view.camera.world_from_camera[:3, 3], to_world[:3, :3] @ middle
+        else:
+            origin, direction = to_world[:3, :3] @ middle, view.camera.world_from_camera[:3, 2]
+        direction = direction / np.linalg.norm(direction)
+        across = np.eye(3) - np.outer(direction, direction)
+        system, right = system + across, right + across @ origin
+        rays.append((origin, direction))
+    center: Float64 = np.linalg.lstsq(system, right, rcond=None)[0].astype(np.float64)
+    radius = 0.0
+    for view in views:
+        y, x = np.nonzero(view.valid)
+        pixels = 0.5 * float(np.hypot(x.max() - x.min() + 1, y.max() - y.min() + 1))
+        z = float(view.camera.camera_from_world[2, :3] @ center + view.camera.camera_from_world[2, 3])
+        scale = float(min(view.camera.K[0, 0], view.camera.K[1, 1]))
+        radius = max(radius, pixels / scale * (abs(z) if view.camera.projection == "perspective" else 1.0))
+    return center, 1.5 * radius

@@ -1,0 +1,89 @@
+"""The displacement volume of a mesh: each triangle's prism along its corners' normals, as tetrahedra."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr._check import Float64
+from pyibr.mesh import Mesh
+
+Float32 = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Volume:
+    """A displacement volume: each triangle's prism as three tetrahedra, walls shared by neighbours.
+
+    Attributes
+    ----------
+    points : (V, 3) float32
+        Corners, in the world: the base's, then those `scale` above them.
+    places : (V, 3) float32
+        u and v (tiled) and height of each.
+    corners : (3 T, 4) int32
+        Of the tetrahedra, three in a row for each triangle.
+    frames : (T, 3, 3) float32
+        The slicing directions a (the normal), b (along u) and c (along v): unit length, at right angles.
+    gradients : (T, 2, 3) float32
+        Of u and v (tiled), in the world.
+    bounds : low (3,), high (3,)
+    """
+
+    points: Float32
+    places: Float32
+    corners: NDArray[np.int32]
+    frames: Float32
+    gradients: Float32
+
+    @property
+    def bounds(self) -> tuple[Float32, Float32]:
+        """Of the points."""
+        return self.points.min(axis=0), self.points.max(axis=0)
+
+
+def extruded(base: Mesh, scale: float, tiles: tuple[int, int]) -> Volume:
+    """The volume between a mesh with uv and the same `scale` farther along its normals."""
+    vertices = base.vertices.astype(np.float64)
+    normals = np.asarray(base.normals if base.normals is not None else base.smooth_normals, np.float64)
+    uv = np.asarray(base.uv, np.float64) * tiles
+    count = len(vertices)
+    points = np.concatenate([vertices, vertices + scale * normals])
+    places = np.column_stack([np.concatenate([uv, uv]), np.repeat([0.0, 1.0], count)])
+
+    # The diagonal of a wall goes from the corner of lower rank up: neighbours agree, across seams of uv, too.
+    rank = np.unique(base.vertices, axis=0, return_inverse=True)[1].ravel()
+    order = np.argsort(rank[base.faces], axis=1, kind="stable")
+    i, j, k = np.take_along_axis(base.faces, order, axis=1).T
+    top_i, top_j, top_k = i + count, j + count, k + count
+    corners = np.stack([i, j, k, top_k, i, j, top_j, top_k, i, top_i, top_j, top_k], axis=1).reshape(-1, 4)
+
+    frames, gradients = _frames(vertices[base.faces], normals[base.faces], uv[base.faces])
+    single = [np.ascontiguousarray(values, np.float32) for values in (points, places, frames, gradients)]
+    return Volume(single[0], single[1], np.ascontiguousarray(corners, np.int32), single[2], single[3])
+
+
+def _frames(corners: Float64, normals: Float64, uv: Float64) -> tuple[Float64, Float64]:
+    """Slicing directions and gradients of u and v, per triangle; any directions where uv or the triangle is flat."""
+    sides, changes = corners[:, 1:] - corners[:, :1], uv[:, 1:] - uv[:, :1]
+    a = _unit(np.cross(sides[:, 0], sides[:, 1]), np.array([0.0, 0.0, 1.0]))
+    a *= np.where((a * normals.sum(axis=1)).sum(axis=1, keepdims=True) < 0, -1.0, 1.0)
+    # Gradients within the plane: with the sides and the normal as rows, a linear system for each triangle.
+    rows = np.concatenate([sides, a[:, None]], axis=1)
+    good = np.abs(np.linalg.det(rows)) > 1e-30
+    rows[~good] = np.eye(3)
+    values = np.concatenate([changes, np.zeros((len(a), 1, 2))], axis=1)
+    gradients: Float64 = np.linalg.solve(rows, values).transpose(0, 2, 1).astype(np.float64)
+    gradients[~good] = 0
+    least = np.eye(3)[np.abs(a).argmin(axis=1)]
+    b = _unit(gradients[:, 0], _unit(np.cross(a, least), np.array([1.0, 0.0, 0.0])))
+    c = np.cross(a, b)
+    c *= np.where((c * gradients[:, 1]).sum(axis=1, keepdims=True) < 0, -1.0, 1.0)
+    return np.stack([a, b, c], axis=1), gradients
+
+
+def _unit(vectors: Float64, otherwise: Float64) -> Float64:
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.where(length > 1e-30, vectors / np.maximum(length, 1e-30), otherwise)

@@ -1,0 +1,128 @@
+"""Any mix of things in one picture."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pyibr._check import describe, numbers
+from pyibr.camera import Camera
+from pyibr.errors import ArgumentError
+from pyibr.images import DepthImage, Frame
+from pyibr.light import Light
+from pyibr.mesh import Mesh
+from pyibr.slicing import DepthObject, SlicedSurface, VisualHull
+from pyibr.target import Target
+
+Thing = DepthImage | Mesh | SlicedSurface | DepthObject | VisualHull
+
+if TYPE_CHECKING:
+    _Draw = Callable[[Target, Any, Light | None], None]
+
+
+def render(
+    things: Thing | Sequence[Thing], camera: Camera, light: Light | None = None, background: ArrayLike = (0, 0, 0)
+) -> Frame:
+    """Draw things of any kind into one picture with one depth buffer.
+
+    Parameters
+    ----------
+    things : thing or sequence of things
+        `DepthImage` (drawn by the epipolar warp with its defaults), `Mesh`, `SlicedSurface`, `DepthObject`,
+        `VisualHull`. Where two are equally far, the first one
+        stays.
+    camera : Camera
+        Perspective or orthographic.
+    light : Light, optional
+        Shades what has normals; without it things show their own colours. Depth images are never shaded: their
+        colours hold the light that they were taken in.
+    background : (r, g, b)
+        Colour where there is nothing, in the range of the frame's dtype.
+
+    Returns
+    -------
+    Frame
+        float32 if a depth image has float32 colours, else uint8. Depth is planar z.
+
+    Raises
+    ------
+    ArgumentError
+        An argument has a wrong type or value.
+    DeviceError
+        No OpenCL device works.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pyibr as ibr
+    >>> square = ibr.Mesh([[-1, -1, 3], [1, -1, 3], [-1, 1, 3], [1, 1, 3]], [[0, 1, 2], [3, 2, 1]])
+    >>> frame = ibr.render(square, ibr.Camera([[20, 0, 5], [0, 20, 5], [0, 0, 1]], (11, 11)))
+    >>> float(frame.depth[5, 5])
+    3.0
+    """
+    several = list(things) if isinstance(things, Sequence) else [things]
+    if not several:
+        raise ArgumentError("things", "at least one thing", "an empty sequence")
+    for thing in several:
+        if type(thing) not in _DRAWN:
+            kinds = ", ".join(kind.__name__ for kind in _DRAWN)
+            raise ArgumentError("things", f"things of these kinds: {kinds}", describe(thing))
+    if not isinstance(camera, Camera):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise ArgumentError("camera", "a pyibr.Camera", describe(camera))
+    if light is not None and not isinstance(light, Light):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise ArgumentError("light", "a pyibr.Light or None", describe(light))
+    around = numbers("background", background, (3,))
+
+    from pyibr.opencl.device import current
+
+    in_float = any(isinstance(thing, DepthImage) and thing.color.dtype == np.float32 for thing in several)
+    dtype = np.dtype(np.float32 if in_float else np.uint8)
+    if (around < 0).any() or (around > (1 if in_float else 255)).any():
+        raise ArgumentError("background", f"a colour in the range of {dtype}", describe(background))
+    with current().lock:
+        target = Target(camera, dtype)
+        for thing in several:
+            _DRAWN[type(thing)](target, thing, light)
+        frame = target.frame()
+    if around.any():
+        frame.color[~frame.valid] = around.astype(dtype)
+    return frame
+
+
+def _draw_depth_image(target: Target, view: DepthImage, light: Light | None) -> None:
+    from pyibr.warp import draw
+
+    if view.color.dtype != target.color.dtype:
+        color = (view.color * np.float32(1 / 255)).astype(np.float32)
+        view = DepthImage(color, view.depth, view.camera, view.far)
+    draw(target, view)
+
+
+def _draw_mesh(target: Target, mesh: Mesh, light: Light | None) -> None:
+    from pyibr.raster import draw_mesh
+
+    draw_mesh(target, mesh, light)
+
+
+def _draw_surface(target: Target, surface: SlicedSurface, light: Light | None) -> None:
+    from pyibr.slicing import draw_surface
+
+    draw_surface(target, surface, light)
+
+
+def _draw_object(target: Target, thing: DepthObject | VisualHull, light: Light | None) -> None:
+    from pyibr.slicing import draw_object
+
+    draw_object(target, thing)
+
+
+_DRAWN: dict[type, _Draw] = {
+    DepthImage: _draw_depth_image,
+    Mesh: _draw_mesh,
+    SlicedSurface: _draw_surface,
+    DepthObject: _draw_object,
+    VisualHull: _draw_object,
+}

@@ -1,0 +1,317 @@
+"""Sliced surfaces against rays cast at the same height field, finely triangulated."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.camera import Camera
+from pyibr.opencl.memory import empty
+from pyibr.slicing import draw_surface
+from pyibr.target import Target
+from tests.reference.heights import bilinear_height
+
+o3d = pytest.importorskip("open3d")
+
+SCALE = 0.25
+SIZE = (200, 150)
+FINE = 8  # cells of the truth's mesh per texel: a bilinear patch is a plane to 1/64 of its twist
+ELEVATIONS = (90, 60, 35, 15, 5)  # degrees
+DIRECTIONS = (10, 100, 190, 280, 55)
+
+
+def heights(n: int = 32) -> np.ndarray:
+    """Hills from 0.1 to 0.9, periodic, so that tiles join."""
+    y, x = np.mgrid[:n, :n] * (2 * np.pi / n)
+    waves = np.sin(2 * x) * np.cos(y) + 0.5 * np.sin(3 * y + x) + 0.3 * np.cos(4 * x - 2 * y)
+    return (0.5 + 0.4 * waves / np.abs(waves).max()).astype(np.float32)
+
+
+def square() -> ibr.Mesh:
+    corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+    return ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]], uv=[[0, 0], [1, 0], [1, 1], [0, 1]])
+
+
+def surface(slices: int, slicing: str, test: str = "inside", height: np.ndarray | None = None) -> ibr.SlicedSurface:
+    color = np.full((2, 2, 3), 200, np.uint8)
+    return ibr.SlicedSurface(
+        square(), heights() if height is None else height, color, SCALE, slices=slices, slicing=slicing, test=test
+    )
+
+
+def camera(elevation: float, direction: float, size: tuple[int, int] = SIZE) -> Camera:
+    e, d = np.radians(elevation), np.radians(direction)
+    away = np.array([np.cos(e) * np.cos(d), np.cos(e) * np.sin(d), np.sin(e)])
+    middle = np.array([0.5, 0.5, 0.5 * SCALE])
+    up = (0, 0, 1) if elevation < 90 else (np.cos(d), np.sin(d), 0)
+    return Camera.look_at(middle + 2.2 * away, middle, up, size, fov_y=36)
+
+
+@cache
+def solid() -> o3d.t.geometry.RaycastingScene:
+    """The displaced polygon, its walls and its base, as slices fill it."""
+    height = heights().astype(np.float64)
+    n = FINE * len(height)
+    ticks = np.arange(n + 1) / n
+    u, v = np.meshgrid(ticks, ticks)
+    top = np.column_stack([u.ravel(), v.ravel(), SCALE * bilinear_height(height, u, v).ravel()])
+    base = top * (1, 1, 0)
+    y, x = np.mgrid[:n, :n]
+    a = (y * (n + 1) + x).ravel()
+    b, c, d = a + 1, a + n + 1, a + n + 2
+    faces = np.concatenate([np.column_stack([a, b, d]), np.column_stack([a, d, c])])
+    rim = np.concatenate([np.arange(n), np.arange(n) * (n + 1)])  # two sides; the others lie n away
+    step = np.concatenate([np.ones(n, int), np.full(n, n + 1)])
+    across = np.concatenate([np.full(n, n * (n + 1)), np.full(n, n)])
+    count = len(top)
+    walls = []
+    for start in (rim, rim + across):
+        end = start + step
+        walls += [np.column_stack([start, end, end + count]), np.column_stack([start, end + count, start + count])]
+    scene = o3d.t.geometry.RaycastingScene()
+    vertices = np.concatenate([top, base]).astype(np.float32)
+    scene.add_triangles(vertices, np.concatenate([faces, faces + count, *walls]).astype(np.uint32))
+    return scene
+
+
+def cast(cam: Camera) -> np.ndarray:
+    """True depth; inf where there is nothing."""
+    y, x = np.mgrid[: cam.height, : cam.width]
+    pixels = np.stack([x, y, np.ones_like(x)], axis=-1).reshape(-1, 3)
+    rays = pixels @ np.linalg.inv(cam.K).T @ cam.world_from_camera[:3, :3].T
+    origin = np.broadcast_to(cam.world_from_camera[:3, 3], rays.shape)
+    hits = solid().cast_rays(np.concatenate([origin, rays], axis=1).astype(np.float32))
+    return hits["t_hit"].numpy().reshape(cam.height, cam.width)
+
+
+def interior(truth: np.ndarray) -> np.ndarray:
+    """Pixels 3 away from where depth jumps by more than a hundredth."""
+    import cv2
+
+    z = np.where(np.isfinite(truth), truth, 100.0).astype(np.float32)
+    around = np.ones((3, 3))
+    edges = (cv2.dilate(z, around) - cv2.erode(z, around) > 0.03).astype(np.uint8)
+    return np.isfinite(truth) & ~cv2.dilate(edges, np.ones((7, 7))).astype(bool)
+
+
+def views() -> list[tuple[Camera, np.ndarray]]:
+    return [(cam, cast(cam)) for e in ELEVATIONS for d in DIRECTIONS for cam in [camera(e, d)]]
+
+
+@pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
+def test_depth_error_falls_as_the_number_of_slices_rises(slicing):
+    counts = (16, 32, 64, 128, 256)
+    means = []
+    truths = views()
+    for slices in counts:
+        errors = []
+        for cam, truth in truths:
+            frame = ibr.render(surface(slices, slicing), cam)
+            inside = interior(truth) & frame.valid
+            errors.append((frame.depth - truth)[inside])
+        off = np.concatenate(errors)
+        means.append(np.abs(off).mean())
+        assert means[-1] <= SCALE / slices
+    exponent = np.polyfit(np.log(counts), np.log(means), 1)[0]
+    assert -1.15 <= exponent <= -0.85, (exponent, means)
+
+
+@pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
+def test_no_view_sees_through(slicing):
+    for cam, truth in views():
+        for slices in (16, 64):
+            frame = ibr.render(surface(slices, slicing), cam)
+            assert frame.valid[interior(truth)].all()
+
+
+@pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
+def test_silhouettes(slicing):
+    for cam, truth in views():
+        frame = ibr.render(surface(256, slicing), cam)
+        seen = np.isfinite(truth)
+        assert (seen & frame.valid).sum() / (seen | frame.valid).sum() >= 0.99
+
+
+def test_slices_of_the_surface_are_seen_through_from_the_side():
+    """What the paper's figure 4 shows: at 5 degrees some rays pass between two slices, more so with fewer slices."""
+    through = []
+    for slices in (8, 32):
+        missed = total = 0
+        for d in DIRECTIONS:
+            cam = camera(2, d)
+            inside = interior(cast(cam))
+            missed += (~ibr.render(surface(slices, "surface"), cam).valid[inside]).sum()
+            total += inside.sum()
+        through.append(missed / total)
+    assert through[0] > 0.01
+    assert through[1] < through[0]
+
+
+@pytest.mark.parametrize("slicing", ["surface", "orthogonal", "screen"])
+def test_the_alpha_test_at_height_0(slicing):
+    """Where the map is 0, `inside` shows nothing and `at_least` the base."""
+    height = heights()
+    height[:, :16] = 0
+    cam = camera(90, 90, (64, 64))
+    masked = ibr.render(surface(32, slicing, "inside", height), cam)
+    based = ibr.render(surface(32, slicing, "at_least", height), cam)
+    u = ground(cam)[..., 0]
+    v = ground(cam)[..., 1]
+    # Half a texel beside the step, heights blend; perspective moves the solid's top.
+    flat = (u > 0.05) & (u < 0.45) & (v > 0.05) & (v < 0.95)
+    assert not masked.valid[flat].any()
+    assert based.valid[flat].all()
+    np.testing.assert_allclose(based.depth[flat], 2.2 + 0.5 * SCALE, rtol=1e-5)
+
+
+def ground(cam: Camera) -> np.ndarray:
+    """Where rays meet the plane z = 0."""
+    y, x = np.mgrid[: cam.height, : cam.width]
+    rays = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(cam.K).T @ cam.world_from_camera[:3, :3].T
+    origin = cam.world_from_camera[:3, 3]
+    return origin + rays * (-origin[2] / rays[..., 2])[..., None]
+
+
+def test_a_band_opens_steps_between_neighbours():
+    """A cliff seen from the side: `inside` fills it, a band shows its top and bottom only."""
+    height = np.full((32, 32), 0.1, np.float32)
+    height[:, 16:] = 0.9
+    cam = camera(20, 180)
+    whole = ibr.render(surface(64, "surface", "inside", height), cam)
+    band = ibr.render(surface(64, "surface", "band", height), cam)
+    assert band.valid.sum() < 0.9 * whole.valid.sum()
+    assert not (band.valid & ~whole.valid).any()
+
+
+def test_tests_are_counted():
+    cam = camera(60, 30)
+    counts = {}
+    for slicing in ("surface", "orthogonal", "screen"):
+        target = Target(cam, np.dtype(np.uint8))
+        tests = empty((cam.height, cam.width), np.int32)
+        tests.fill(0)
+        draw_surface(target, surface(64, slicing), None, tests)
+        frame = target.frame()
+        counted = tests.to_host()
+        assert (counted[frame.valid] >= 1).all()
+        assert counted.max() <= 3 * 64 * 2  # no more than the slices that a ray can cross
+        counts[slicing] = counted[frame.valid].mean()
+    assert counts["orthogonal"] < 64
+
+
+def test_other_heights_without_rebuilding():
+    first = surface(32, "orthogonal")
+    cam = camera(50, 20)
+    ibr.render(first, cam)
+    second = first.with_height(np.clip(heights() * 0.5, 0, 1))
+    assert second.volume is first.volume
+    frame, fresh = ibr.render(second, cam), ibr.render(surface(32, "orthogonal", height=heights() * 0.5), cam)
+    np.testing.assert_array_equal(frame.depth, fresh.depth)
+    assert not np.array_equal(frame.depth, ibr.render(first, cam).depth, equal_nan=True)
+
+
+def test_colour_and_tiles():
+    """Seen from above, a flat surface is its colour image, repeated."""
+    color = np.zeros((2, 2, 3), np.uint8)
+    color[0, 0], color[1, 1] = (255, 0, 0), (0, 255, 0)
+    flat = np.full((2, 2), 0.5, np.float32)
+    thing = ibr.SlicedSurface(square(), flat, color, 1e-3, tiles=(4, 2), slices=4)
+    cam = camera(90, 90, (96, 96))
+    frame = ibr.render(thing, cam)
+    point = ground(cam)
+    for u, v, expected in ((1 / 16, 1 / 8, (255, 0, 0)), (3 / 16, 3 / 8, (0, 255, 0)), (5 / 16, 1 / 8, (255, 0, 0))):
+        y, x = np.unravel_index(np.hypot(point[..., 0] - u, point[..., 1] - v).argmin(), frame.valid.shape)
+        # A pixel is 1/60 of the square, hence up to 1/15 of a texel off its centre: 2/15 of the range
+        assert np.abs(frame.color[y, x].astype(int) - expected).max() <= 2 / 15 * 255
+
+
+def test_shading_by_slopes_and_by_a_normal_map():
+    """A ramp: its normal is known, and a constant normal map says the same."""
+    n = 64
+    ramp = np.tile((np.arange(n) + 0.5) / n * 0.5 + 0.2, (n, 1)).astype(np.float32)
+    color = np.full((1, 1, 3), 255, np.uint8)
+    light = ibr.Light(direction=(-1, 0, -1), ambient=0.0)
+    slope = 0.5 * SCALE
+    normal = np.array([-slope, 0, 1]) / np.hypot(slope, 1)
+    expected = 255 * normal @ np.array([1, 0, 1]) / np.sqrt(2)
+    cam = camera(90, 90, (64, 64))
+    point = ground(cam)
+    inside = (np.abs(point[..., :2] - 0.5) < 0.4).all(axis=-1)
+    maps = {"slopes": None, "map": np.tile(normal.astype(np.float32), (4, 4, 1))}
+    for name, normal_map in maps.items():
+        thing = ibr.SlicedSurface(square(), ramp, color, SCALE, slices=64, normal_map=normal_map)
+        shaded = ibr.render(thing, cam, light).color[inside].astype(float)
+        assert np.abs(shaded - expected).max() <= 1, name  # rounding to bytes, and float32
+
+
+def donut(sides: int = 25) -> ibr.Mesh:
+    """The paper's donut: sides x sides quadrilaterals."""
+    a, b = np.meshgrid(*[np.arange(sides + 1) * 2 * np.pi / sides] * 2)
+    ring = 1 + 0.4 * np.cos(b)
+    vertices = np.stack([ring * np.cos(a), ring * np.sin(a), 0.4 * np.sin(b)], axis=-1).reshape(-1, 3)
+    normals = np.stack([np.cos(b) * np.cos(a), np.cos(b) * np.sin(a), np.sin(b)], axis=-1).reshape(-1, 3)
+    y, x = np.mgrid[:sides, :sides]
+    i = (y * (sides + 1) + x).ravel()
+    faces = np.concatenate(
+        [np.column_stack([i, i + 1, i + sides + 2]), np.column_stack([i, i + sides + 2, i + sides + 1])]
+    )
+    uv = np.stack([a, b], axis=-1).reshape(-1, 2) / (2 * np.pi)
+    return ibr.Mesh(vertices, faces, uv=uv, normals=normals)
+
+
+@pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
+def test_a_donut_of_constant_height_is_a_fatter_donut(slicing):
+    """No gap between polygons: what is seen is the donut 0.1 farther out, to a slice and the polygons' sagitta."""
+    height, color = np.ones((4, 4), np.float32), np.full((1, 1, 3), 200, np.uint8)
+    thing = ibr.SlicedSurface(donut(), height, color, 0.1, tiles=(8, 4), slices=20, slicing=slicing, test="at_least")
+    cam = Camera.look_at((1.5, -2.0, 2.5), (0, 0, 0), (0, 0, 1), (160, 120), fov_y=45)
+    frame = ibr.render(thing, cam)
+    base = donut()
+    outer = ibr.Mesh(base.vertices + 0.1 * base.normals, base.faces)
+    truth = ibr.render(outer, cam)
+    both = frame.valid & truth.valid
+    assert both.sum() / (frame.valid | truth.valid).sum() >= 0.99
+    off = (frame.depth - truth.depth)[both]
+    assert np.median(np.abs(off)) <= 0.1 / 20
+    assert np.quantile(np.abs(off), 0.9) <= 3 * 0.1 / 20  # a slice is met obliquely
+
+
+BAD = [
+    ("height", {"height": np.full((4, 4), 1.5, np.float32)}, "height"),
+    ("negative height", {"height": np.full((4, 4), -0.1, np.float32)}, "height"),
+    ("NaN height", {"height": np.full((4, 4), np.nan, np.float32)}, "height"),
+    ("empty height", {"height": np.zeros((0, 4), np.float32)}, "height"),
+    ("height of strings", {"height": np.array([["a"]])}, "height"),
+    ("gray colour", {"color": np.zeros((4, 4), np.uint8)}, "color"),
+    ("scale 0", {"scale": 0.0}, "scale"),
+    ("scale NaN", {"scale": float("nan")}, "scale"),
+    ("tiles 0", {"tiles": (0, 1)}, "tiles"),
+    ("tiles 1.5", {"tiles": (1.5, 1)}, "tiles"),
+    ("slices 0", {"slices": 0}, "slices"),
+    ("slices 2.5", {"slices": 2.5}, "slices"),
+    ("slicing", {"slicing": "sideways"}, "slicing"),
+    ("test", {"test": "maybe"}, "test"),
+    ("normal map", {"normal_map": np.zeros((4, 4, 3), np.float32)}, "normal_map"),
+    ("no mesh", {"base": 3}, "base"),
+    ("no uv", {"base": ibr.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])}, "base"),
+]
+
+
+@pytest.mark.parametrize(("what", "changes", "argument"), BAD, ids=[case[0] for case in BAD])
+def test_bad_input(what, changes, argument):
+    good = {"base": square(), "height": heights(), "color": np.zeros((2, 2, 3), np.uint8), "scale": 1.0}
+    with pytest.raises(ibr.ArgumentError, match=f"^{argument}: "):
+        ibr.SlicedSurface(**{**good, **changes})
+
+
+def test_degenerate_triangles_and_flat_uv_are_drawn_or_not_but_do_no_harm():
+    corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 2, 2]]
+    mesh = ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3], [0, 0, 1], [4, 4, 4]], uv=np.zeros((5, 2)))
+    thing = ibr.SlicedSurface(mesh, heights(), np.full((2, 2, 3), 9, np.uint8), 0.1)
+    for elevation in (90, 20):
+        frame = ibr.render(thing, camera(elevation, 30, (61, 37)))
+        assert np.isfinite(frame.depth[frame.valid]).all()
+        assert frame.valid.any()
