@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from pyibr.opencl.memory import DeviceArray
 
 _SLICES_MOST = 65536
+_HALVINGS_MOST = 24  # float32 holds no more
 _SLICINGS = {name: number for number, name in enumerate(get_args(Slicing))}  # SURFACE ... of kernels/slicing/
 _TESTS = {"at_least": 0, "band": 1, "inside": 2}  # kernels/slicing/heights.h
 _TO_SCREEN = 3  # the axis of slices parallel to the screen, kernels/slicing/object.cl
@@ -158,6 +159,9 @@ class DepthObject:
     slicing : {"orthogonal", "screen"}
         Along the edge of the box (its axes are the first view's) that faces the viewer most, or parallel to the view
         plane.
+    halvings : int
+        How often the way from a slice that passes back to the one before is halved to meet the surface; 0 leaves the
+        slices as they are, as in the paper.
     texture : {"visible", "naive"}
         Up to three images colour a point, weighted by how close their directions are to the target's: "visible"
         takes those that saw the point (if any did), "naive" the closest ones as in the paper.
@@ -174,8 +178,10 @@ class DepthObject:
         slices: int = 128,
         slicing: ObjectSlicing = "orthogonal",
         texture: Texture = "visible",
+        halvings: int = 2,
     ) -> None:
         self.views = _checked_views(views, DepthImage)
+        self.halvings = _checked_halvings(halvings)
         for number, view in enumerate(self.views):
             if not view.valid.any():
                 raise ArgumentError("views", "views with valid depth", f"none in view {number}")
@@ -207,6 +213,8 @@ class VisualHull:
         Along the longest edge of the hull's box; other directions have the same spacing.
     slicing : {"orthogonal", "screen"}
         As for `DepthObject`; the box's axes are the world's.
+    halvings : int
+        As for `DepthObject`.
 
     Raises
     ------
@@ -217,9 +225,14 @@ class VisualHull:
     texture: Texture = "naive"  # silhouettes do not tell what they see
 
     def __init__(
-        self, views: Sequence[Silhouette | DepthImage], slices: int = 128, slicing: ObjectSlicing = "orthogonal"
+        self,
+        views: Sequence[Silhouette | DepthImage],
+        slices: int = 128,
+        slicing: ObjectSlicing = "orthogonal",
+        halvings: int = 2,
     ) -> None:
         self.views = _checked_views(views, (Silhouette, DepthImage))
+        self.halvings = _checked_halvings(halvings)
         self.slices = _checked_slices(slices)
         one_of("slicing", slicing, ObjectSlicing)
         self.slicing: ObjectSlicing = slicing
@@ -278,6 +291,12 @@ def _checked_slices(slices: int) -> int:
     if isinstance(slices, bool) or not isinstance(slices, (int, np.integer)) or not 1 <= slices <= _SLICES_MOST:  # pyright: ignore[reportUnnecessaryIsInstance]
         raise ArgumentError("slices", f"a whole number from 1 to {_SLICES_MOST}", describe(slices))
     return int(slices)
+
+
+def _checked_halvings(halvings: int) -> int:
+    if isinstance(halvings, bool) or not isinstance(halvings, (int, np.integer)) or not 0 <= halvings <= _HALVINGS_MOST:  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise ArgumentError("halvings", f"a whole number from 0 to {_HALVINGS_MOST}", describe(halvings))
+    return int(halvings)
 
 
 def _checked_views(views: Any, kinds: Any) -> list[Any]:
@@ -391,6 +410,7 @@ def draw_object(target: Target, thing: DepthObject | VisualHull, counts: DeviceA
             screen=Struct("Screen", target.screen(near)),
             box=Struct("Box", record),
             slices_axis=axis,
+            halvings=thing.halvings,
             visible=thing.texture == "visible",
             tolerance=_BEFORE * (spacing + sample),
             low_x=low_x,

@@ -205,7 +205,10 @@ def donuts() -> Figure:
 def knot() -> MeshScene:
     """A trefoil knot, striped along its length: an object with much that hides the rest."""
     a, b = np.meshgrid(np.linspace(0, 2 * np.pi, 361)[:-1], np.linspace(0, 2 * np.pi, 49)[:-1], indexing="ij")
-    line = lambda t: np.stack([np.sin(t) + 2 * np.sin(2 * t), np.cos(t) - 2 * np.cos(2 * t), -np.sin(3 * t)], axis=-1)
+
+    def line(t: np.ndarray) -> np.ndarray:
+        return np.stack([np.sin(t) + 2 * np.sin(2 * t), np.cos(t) - 2 * np.cos(2 * t), -np.sin(3 * t)], axis=-1)
+
     along = line(a + 1e-4) - line(a - 1e-4)
     along /= np.linalg.norm(along, axis=-1, keepdims=True)
     side = np.cross(along, (0, 0, 1.0))
@@ -213,7 +216,10 @@ def knot() -> MeshScene:
     normal = np.cos(b)[..., None] * side + np.sin(b)[..., None] * np.cross(along, side)
     vertices = (line(a) + 0.55 * normal).reshape(-1, 3)
     i, j = np.meshgrid(np.arange(360), np.arange(48), indexing="ij")
-    corner = lambda di, dj: ((i + di) % 360 * 48 + (j + dj) % 48).ravel()
+
+    def corner(di: int, dj: int) -> np.ndarray:
+        return ((i + di) % 360 * 48 + (j + dj) % 48).ravel()
+
     faces = np.concatenate(
         [
             np.stack([corner(0, 0), corner(1, 0), corner(1, 1)], 1),

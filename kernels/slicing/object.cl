@@ -7,7 +7,8 @@
  * FARTHEST.
  *
  * Deviations from the paper: the slices are met per pixel instead of drawn as polygons, so the stencil passes become
- * one loop; `visible` weighs only images that saw the point.
+ * one loop; `halvings` brings the point that passes closer to the surface than its slice; `visible` weighs only images
+ * that saw the point.
  *
  * matrices: (VIEWS, 16) from the world to each view's pixel space. sizes: (VIEWS, 3) width, height and start in maps
  * and colors. maps: nearness, or 0 and 1. colors: RGBA bytes, A = 255 where the view has a sample. order: (VIEWS,)
@@ -90,10 +91,41 @@ floatl read_map(global const float *maps, Taps taps)
     return sum;
 }
 
+/* A view's pixel space along the rays */
+typedef struct {
+    Line u, v, w, q;
+} ViewLines;
+
+ViewLines lines_of(global const float *matrix, const Ray *ray)
+{
+    const ViewLines made = {row_of(matrix, ray), row_of(matrix + 4, ray), row_of(matrix + 8, ray),
+                            row_of(matrix + 12, ray)};
+    return made;
+}
+
+/* Which of the points at z pass the test of every view? */
+intl inside_all(const ViewLines *views, global const int *order, global const int *sizes, global const float *maps,
+                floatl z, intl inside, intl *tests)
+{
+    for (int i = 0; i < VIEWS && any_lane(inside); i++) {
+        *tests += inside & 1;
+        const floatl w = AT(views[i].w, z), inverse = 1.0f / w;
+        const Taps taps = taps_of(sizes + 3 * order[i], AT(views[i].u, z) * inverse, AT(views[i].v, z) * inverse);
+        const floatl value = read_map(maps, taps);
+#if SILHOUETTES
+        inside = inside & taps.on_image & (w > 0.0f) & (value >= 0.5f);
+#else
+        inside = inside & taps.on_image & (w > 0.0f) & (AT(views[i].q, z) * inverse <= value);
+#endif
+    }
+    return inside;
+}
+
 kernel void draw_object(global const float *matrices, global const int *sizes, global const float *maps,
                         global const uint *colors, global const int *order, global const float *closeness,
                         global float *depth, global channel *color, global uchar *valid, Screen screen, Box box,
-                        int slices_axis /* 0, 1, 2, or 3: parallel to the screen */, int visible,
+                        int slices_axis /* 0, 1, 2, or 3: parallel to the screen */,
+                        int halvings /* of the way back to the slice before, once one has passed */, int visible,
                         float tolerance /* scene units that a sample may lie before a point that it shows */,
                         int low_x, int low_y, int blank
 #ifdef COUNTED
@@ -139,17 +171,12 @@ kernel void draw_object(global const float *matrices, global const int *sizes, g
         }
     }
     intl searches = front <= back;
-    intl found = 0;
+    intl found = 0, tests = 0;
     floatl hit = 0.0f;
     if (any_lane(searches)) {
-        Line U[VIEWS], V[VIEWS], W[VIEWS], Q[VIEWS];
-        for (int i = 0; i < VIEWS; i++) {
-            global const float *matrix = matrices + 16 * order[i];
-            U[i] = row_of(matrix, &ray);
-            V[i] = row_of(matrix + 4, &ray);
-            W[i] = row_of(matrix + 8, &ray);
-            Q[i] = row_of(matrix + 12, &ray);
-        }
+        ViewLines views[VIEWS];
+        for (int i = 0; i < VIEWS; i++)
+            views[i] = lines_of(matrices + 16 * order[i], &ray);
         const intl rises = number.direction > 0.0f;
         const floatl step = pick(rises, (floatl)1.0f, (floatl)-1.0f), per_slice = 1.0f / number.direction;
         const floatl s_front = AT(number, front);
@@ -158,26 +185,23 @@ kernel void draw_object(global const float *matrices, global const int *sizes, g
             searches = searches & !found & (z <= back);
             if (!any_lane(searches))
                 break;
-            intl inside = searches & (z >= front);
-            for (int i = 0; i < VIEWS && any_lane(inside); i++) {
-#ifdef COUNTED
-                for (int lane = 0; lane < LANES; lane++)
-                    if (((const int *)&inside)[lane] && x + lane % BLOCK < screen.width && y + lane / BLOCK < screen.height)
-                        counts[(size_t)(y + lane / BLOCK) * screen.width + x + lane % BLOCK]++;
-#endif
-                const floatl w = AT(W[i], z), inverse = 1.0f / w;
-                const Taps taps = taps_of(sizes + 3 * order[i], AT(U[i], z) * inverse, AT(V[i], z) * inverse);
-                const floatl value = read_map(maps, taps);
-#if SILHOUETTES
-                inside = inside & taps.on_image & (w > 0.0f) & (value >= 0.5f);
-#else
-                inside = inside & taps.on_image & (w > 0.0f) & (AT(Q[i], z) * inverse <= value);
-#endif
-            }
+            const intl inside = inside_all(views, order, sizes, maps, z, searches & (z >= front), &tests);
             hit = pick(inside, z, hit);
             found = found | inside;
         }
+        floatl before = greater(hit - fabs(per_slice), front);
+        for (int i = 0; i < halvings && any_lane(found); i++) {
+            const floatl middle = 0.5f * (before + hit);
+            const intl inside = inside_all(views, order, sizes, maps, middle, found, &tests);
+            hit = pick(inside, middle, hit);
+            before = pick(inside, before, middle);
+        }
     }
+#ifdef COUNTED
+    for (int lane = 0; lane < LANES; lane++)
+        if (x + lane % BLOCK < screen.width && y + lane / BLOCK < screen.height)
+            counts[(size_t)(y + lane / BLOCK) * screen.width + x + lane % BLOCK] += ((const int *)&tests)[lane];
+#endif
     region.nearness[0] = pick(found, screen.perspective ? 1.0f / hit : -hit, so_far);
     region.owner[0] = pick(found, (intl)0, (intl)-1);
 
@@ -190,10 +214,9 @@ kernel void draw_object(global const float *matrices, global const int *sizes, g
             const intl wanted = found & (seen_count < BLENDED);
             if (!any_lane(wanted))
                 break;
-            global const float *matrix = matrices + 16 * order[i];
-            const Line u = row_of(matrix, &ray), v = row_of(matrix + 4, &ray), w = row_of(matrix + 8, &ray), q = row_of(matrix + 12, &ray);
-            const floatl inverse = 1.0f / AT(w, hit);
-            const Taps taps = taps_of(sizes + 3 * order[i], AT(u, hit) * inverse, AT(v, hit) * inverse);
+            const ViewLines view = lines_of(matrices + 16 * order[i], &ray);
+            const floatl inverse = 1.0f / AT(view.w, hit);
+            const Taps taps = taps_of(sizes + 3 * order[i], AT(view.u, hit) * inverse, AT(view.v, hit) * inverse);
             Color read = {0.0f, 0.0f, 0.0f};
             floatl opaque = 0.0f;
             for (int k = 0; k < 4; k++) {
@@ -208,8 +231,8 @@ kernel void draw_object(global const float *matrices, global const int *sizes, g
             const intl has_color = taps.on_image & (opaque > 1e-3f);
             intl sees = has_color;
 #if !SILHOUETTES
-            const floatl mine = AT(q, hit) * inverse, theirs = read_map(maps, taps);
-            const intl flat = fabs(AT(w, hit) - 1.0f) + fabs(w.direction) == 0.0f; /* orthographic: nearness is -z */
+            const floatl mine = AT(view.q, hit) * inverse, theirs = read_map(maps, taps);
+            const intl flat = fabs(AT(view.w, hit) - 1.0f) + fabs(view.w.direction) == 0.0f; /* orthographic: nearness is -z */
             sees = sees & (pick(flat, theirs - mine, (theirs - mine) / (theirs * mine)) <= tolerance);
 #endif
             const floatl weight = closeness[order[i]] / (255.0f * opaque);

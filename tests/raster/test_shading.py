@@ -83,10 +83,7 @@ def test_lambert(light, projection, turned):
     y, x = np.nonzero(frame.valid)
     point = cam.unproject(np.stack([x, y], axis=-1), frame.depth[frame.valid].astype(float))
     normal = np.array([2, 0, -2.5]) / np.hypot(2, 2.5)  # of the plane, towards the camera
-    if light.position is not None:
-        to_light = light.position - point
-    else:
-        to_light = np.tile(-light.direction, (len(point), 1))
+    to_light = np.tile(-light.direction, (len(point), 1)) if light.position is None else light.position - point
     cosine = np.maximum(to_light @ normal / np.linalg.norm(to_light, axis=1), 0)
     expected = 200 * (light.ambient + (1 - light.ambient) * cosine[:, None] * light.color)
     assert np.abs(frame.color[frame.valid] - np.minimum(expected, 255)).max() <= 0.6
