@@ -299,13 +299,14 @@ def _checked_halvings(halvings: int) -> int:
     return int(halvings)
 
 
-def _checked_views(views: Any, kinds: Any) -> list[Any]:
+def _checked_views(views: object, kinds: Any) -> list[Any]:
     if not isinstance(views, Sequence) or not views:
-        raise ArgumentError("views", "a sequence of at least one view", describe(views))
-    for view in cast("Sequence[Any]", views):
+        raise ArgumentError("views", "a sequence of at least one view", describe(cast("object", views)))
+    several = list(cast("Sequence[object]", views))
+    for view in several:
         if not isinstance(view, kinds):
             raise ArgumentError("views", "views of the right kind", describe(view))
-    return list(cast("Sequence[Any]", views))
+    return several
 
 
 def draw_surface(
