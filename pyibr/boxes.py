@@ -141,22 +141,26 @@ def _near_silhouette(view: Silhouette | DepthImage, points: Float64, reach: floa
 
 def _where_they_look(views: Sequence[Silhouette | DepthImage]) -> tuple[Float64, float]:
     """The point closest to the rays through the silhouettes' middles, and how far the object reaches around it."""
-    system, right = np.zeros((3, 3)), np.zeros(3)
-    rays: list[tuple[Float64, Float64]] = []
-    for view in views:
+    origins, directions = np.zeros((len(views), 3)), np.zeros((len(views), 3))
+    for number, view in enumerate(views):
         y, x = np.nonzero(view.valid)
         to_world = view.camera.world_from_camera @ np.linalg.inv(view.camera.pixel_matrix)
-        middle = np.array([0.5 * (x.min() + x.max()), 0.5 * (y.min() + y.max()), 1.0])
+        middle = to_world[:3, :3] @ (0.5 * (x.min() + x.max()), 0.5 * (y.min() + y.max()), 1.0)
         if view.camera.projection == "perspective":
-            origin, direction = view.camera.world_from_camera[:3, 3], to_world[:3, :3] @ middle
+            origins[number], directions[number] = view.camera.world_from_camera[:3, 3], middle
         else:
-            origin, direction = to_world[:3, :3] @ middle, view.camera.world_from_camera[:3, 2]
-        direction = direction / np.linalg.norm(direction)
-        across = np.eye(3) - np.outer(direction, direction)
-        system, right = system + across, right + across @ origin
-        rays.append((origin, direction))
-    center: Float64 = np.linalg.lstsq(system, right, rcond=None)[0].astype(np.float64)
-    radius = 0.0
+            origins[number], directions[number] = middle, view.camera.world_from_camera[:3, 2]
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
+    # From the origins' mean: rays that are all parallel leave one direction open, and the middle is as good as any.
+    mean = origins.mean(axis=0)
+    right: Float64 = np.einsum("nij,nj->i", across, origins - mean)
+    system: Float64 = across.sum(axis=0)
+    offset: Float64 = np.linalg.lstsq(system, right, rcond=1e-9)[0].astype(np.float64)
+    perspective = any(view.camera.projection == "perspective" for view in views)
+    if perspective and (directions @ directions[0] > 1 - 1e-9).all():
+        raise ArgumentError("views", "silhouettes from more than one direction", "all from one side")
+    center, radius = mean + offset, 0.0
     for view in views:
         y, x = np.nonzero(view.valid)
         pixels = 0.5 * float(np.hypot(x.max() - x.min() + 1, y.max() - y.min() + 1))

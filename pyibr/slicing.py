@@ -243,13 +243,18 @@ class VisualHull:
         return f"<VisualHull {len(self.views)} views, {self.slices} slices>"
 
     @cached_property
-    def tested(self) -> list[int]:
-        """Numbers of the views whose test is made: opposite orthographic views share one silhouette."""
-        kept: list[int] = []
+    def outlines(self) -> list[int]:
+        """For each view the number of the first with its silhouette: opposite orthographic views share one."""
+        firsts: list[int] = []
         for number, view in enumerate(self.views):
-            if not any(is_opposite(view, self.views[other]) for other in kept):
-                kept.append(number)
-        return kept
+            same = (other for other in sorted(set(firsts)) if is_opposite(view, self.views[other]))
+            firsts.append(next(same, number))
+        return firsts
+
+    @property
+    def tested(self) -> list[int]:
+        """Numbers of the views with silhouettes of their own; each is tested once."""
+        return sorted(set(self.outlines))
 
     @cached_property
     def maps(self) -> list[Float32]:
@@ -386,8 +391,9 @@ def draw_object(target: Target, thing: DepthObject | VisualHull, counts: DeviceA
     towards = _direction(camera, box)
     cosines = directions @ towards
     order = np.argsort(-cosines, kind="stable")
-    if hull:
-        order = order[np.isin(order, thing.tested)]
+    if hull:  # of the views with one silhouette, the closest to the target's is tested, and colours
+        _, closest = np.unique(np.array(thing.outlines)[order], return_index=True)
+        order = order[np.sort(closest)]
     axis = _TO_SCREEN if thing.slicing == "screen" else int(np.argmax(np.abs(box.axes @ towards)))
     spacing = float(box.edges.max()) / thing.slices
     sample = max(_sample_size(view.camera, box) for view in thing.views)

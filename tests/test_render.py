@@ -59,31 +59,114 @@ def test_the_dtype_is_float_if_a_depth_images_is():
     np.testing.assert_allclose(frame.color[2, 2], 90 / 255, atol=1e-6)
 
 
+def test_a_float_picture_is_the_byte_one_unrounded():
+    light = ibr.Light(direction=(0.4, 0.2, 1), color=(1, 0.9, 0.8))
+    mesh = ibr.Mesh([[-1, -1, 3], [1, -1, 4], [1, 1, 5]], [[0, 2, 1]], colors=np.eye(3, dtype=np.float32))
+    far = ibr.DepthImage(np.full((61, 81, 3), 0.5, np.float32), np.full((61, 81), 9, np.float32), CAMERA)
+    frame, rounded = ibr.render([mesh, far], CAMERA, light), ibr.render(mesh, CAMERA, light)
+    on = rounded.valid
+    assert on.sum() > 300
+    assert np.abs(255 * frame.color[on] - rounded.color[on]).max() <= 0.51
+    assert (frame.color[~on] == 0.5).all()  # depth images are not shaded
+
+
+def test_a_curved_depth_image_and_a_mesh_hide_each_other():
+    """Two surfaces that cross: each pixel shows the nearer of what it shows of each alone."""
+    source = scenes.smooth((96, 72))
+    camera = source.camera.moved(0.3, -0.1, 0.2)
+    corners = camera.unproject([[-10, -10], [110, -10], [110, 90], [-10, 90]], [3.2, 4.4, 4.4, 3.2])
+    sheet = ibr.Mesh(corners, [[0, 2, 1], [0, 3, 2]], colors=np.full((4, 3), 255, np.uint8))
+    a, b = ibr.render(source, camera), ibr.render(sheet, camera)
+    z = np.stack([np.where(frame.valid, frame.depth, np.inf) for frame in (a, b)])
+    first = z[0] <= z[1]
+    assert 500 < (first & a.valid & b.valid).sum() < 5000  # they do cross
+    expected = np.where(first[..., None], a.color, b.color)
+    tie = np.abs(z[0] - z[1]) <= 1e-5 * z[0]  # either order may round another way
+    for order in ([source, sheet], [sheet, source]):
+        frame = ibr.render(order, camera)
+        np.testing.assert_array_equal(frame.valid, a.valid | b.valid)
+        np.testing.assert_allclose(frame.depth[frame.valid], z.min(axis=0)[frame.valid], rtol=1e-5)
+        np.testing.assert_array_equal(frame.color[~tie], expected[~tie])
+
+
+def test_of_equally_near_things_the_first_stays():
+    red, green = wall(3, 0.5, (255, 0, 0)), wall(3, 0.5, (0, 255, 0))
+    for order, color in (([red, green], (255, 0, 0)), ([green, red], (0, 255, 0))):
+        frame = ibr.render(order, CAMERA)
+        assert (frame.color[frame.valid] == color).all()
+        np.testing.assert_array_equal(frame.valid, ibr.render(red, CAMERA).valid)
+
+
+def test_without_a_light_things_show_their_own_colours():
+    frame = ibr.render(wall(3, 0.5, (10, 130, 250)), CAMERA, light=None)
+    assert (frame.color[frame.valid] == (10, 130, 250)).all()
+
+
+@pytest.mark.parametrize("size", [(1, 1), (7, 13), (61, 37)], ids=str)
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+def test_sizes_and_the_same_bits_again(size, projection):
+    width, height = size
+    f = width if projection == "perspective" else width / 4
+    camera = Camera([[f, 0, (width - 1) / 2], [0, f, (height - 1) / 2], [0, 0, 1]], size, projection=projection)
+    things = [view(5), wall(3, 0.4, (255, 0, 0)), relief(), wall(4.5, 9, (0, 0, 255))]
+    frame, again = (ibr.render(things, camera, ibr.Light(direction=(0, 0.5, 1))) for _ in range(2))
+    assert frame.color.shape == (height, width, 3)
+    assert frame.camera is camera
+    assert frame.valid.all()
+    assert abs(frame.depth[height // 2, width // 2] - 3) < 1e-5
+    for one, other in ((frame.color, again.color), (frame.depth, again.depth), (frame.valid, again.valid)):
+        assert one.tobytes() == other.tobytes()
+
+
 def test_background():
     frame = ibr.render(wall(3, 0.5, (255, 0, 0)), CAMERA, background=(10, 20, 30))
     assert (frame.color[~frame.valid] == (10, 20, 30)).all()
     assert (frame.color[frame.valid] == (255, 0, 0)).all()
     assert np.isnan(frame.depth[~frame.valid]).all()
+    away = CAMERA.moved(50, 0, 0)
+    assert (ibr.render(view(5, np.float32), away, background=(0.5, 0, 1)).color == np.float32((0.5, 0, 1))).all()
+
+
+def test_partly_and_wholly_out_of_view():
+    """A square of 21 pixels, 0.5 m to each side at 3 m, moved out at each border."""
+    for dx, dy in ((2, 0), (-2, 0), (0, 1.5), (0, -1.5), (-2, 1.5), (2.6, 0), (0, 30)):
+        frame = ibr.render(wall(3, 0.51, (9, 9, 9)), CAMERA.moved(dx, dy, 0))
+        y, x = np.mgrid[:61, :81]
+        expected = (np.abs(x - 40 + 20 * dx) <= 10) & (np.abs(y - 30 + 20 * dy) <= 10)
+        np.testing.assert_array_equal(frame.valid, expected)
+        assert expected.any() == (dx < 2.6 and dy < 30)
 
 
 def test_nothing_in_view():
     frame = ibr.render([wall(-3, 1, (9, 9, 9)), wall(3, 0.5, (9, 9, 9))], CAMERA.moved(50, 0, 0))
     assert not frame.valid.any()
     assert (frame.color == 0).all()
+    assert np.isnan(frame.depth).all()
 
 
 BAD = [
     ("things", {"things": []}),
     ("things", {"things": 3}),
+    ("things", {"things": ()}),
+    ("things", {"things": None}),
+    ("things", {"things": "mesh"}),
     ("things", {"things": [np.zeros((4, 4))]}),
+    ("things", {"things": [wall(3, 1, (9, 9, 9)), None]}),
+    ("camera", {"camera": None}),
     ("camera", {"camera": "front"}),
     ("light", {"light": (0, 0, 1)}),
+    ("light", {"light": ibr.Light}),
     ("background", {"background": (0, 0)}),
+    ("background", {"background": 0}),
+    ("background", {"background": "black"}),
     ("background", {"background": (0, 0, 300)}),
+    ("background", {"background": (0, 0, -1)}),
+    ("background", {"background": (0, 0, np.nan)}),
+    ("background", {"things": view(5, np.float32), "background": (0, 0, 2)}),
 ]
 
 
 @pytest.mark.parametrize(("argument", "changes"), BAD)
 def test_bad_input(argument, changes):
-    with pytest.raises(ibr.ArgumentError, match=f"^{argument}: "):
+    with pytest.raises(ibr.ArgumentError, match=f"^{argument}: expected .*, got "):
         ibr.render(**{"things": wall(3, 1, (9, 9, 9)), "camera": CAMERA, **changes})

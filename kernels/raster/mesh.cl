@@ -6,8 +6,8 @@
  * faces: (triangles, 3) corners of each. projected: (vertices, 4), project.cl. list, starts: bins.cl. depth, color,
  * valid: (height, width) the picture, which keeps what is nearer already; ties go to the first triangle.
  * TEXTURED: uv (vertices, 2); texels: RGBA bytes, level by level from the largest, each half the size of the one
- * before, rounded down. TINTED: tints (vertices, 3) in [0, 1]. LIT: normals (vertices, 3). facing: the sign of a
- * front-facing triangle's determinant. culled: 1 backs, -1 fronts are not drawn, 0 both are.
+ * before, rounded down. TINTED: tints (vertices, 3) in [0, 1]. LIT: normals (vertices, 3). culled: 1 backs, -1
+ * fronts are not drawn, 0 both are.
  * Work-item: a region (region.h). Cost: O(list + pixels). Determinism: list order.
  */
 #include "lib/color.h"
@@ -28,8 +28,9 @@ typedef struct {
 typedef struct {
     Edge edges[3]; /* opposite to each corner */
     ExactEdge exact_edges[3];
-    int exact; /* which of them are used */
+    int exact; /* bit k: the exact one of edge k is used */
     float n_x, n_y, n_0; /* nearness: n_x x + n_y y + n_0 */
+    float n_low, n_high; /* of the corners */
     float nearest;
     int index, low_x, high_x, low_y, high_y;
 } Primitive;
@@ -37,19 +38,21 @@ typedef struct {
 int set_up(const Context *context, int index, int x, int y, Primitive *t)
 {
     float4 p[3];
-    int crosses = 0;
+    float2 at[3];
+    int2 snapped[3];
+    int crosses = 0, close = 0; /* bit k: corner k is before the camera and not far off */
     for (int k = 0; k < 3; k++) {
         p[k] = relative_to(vload4(context->faces[3 * index + k], context->projected), x, y);
-        crosses |= !(p[k].z >= context->nearest_w);
+        at[k] = p[k].xy / p[k].z;
+        const int is_before = p[k].z >= context->nearest_w;
+        const int is_close = is_before && fmax(fabs(at[k].x), fabs(at[k].y)) < FARTHEST_CORNER;
+        snapped[k] = is_close ? convert_int2_rte(at[k] * SUBPIXELS) : 0;
+        crosses |= !is_before;
+        close |= is_close << k;
     }
     t->low_x = t->low_y = 0;
     t->high_x = t->high_y = REGION - 1;
-    t->exact = 0;
-    float turns; /* > 0: seen from behind */
     if (!crosses) {
-        float2 at[3];
-        for (int k = 0; k < 3; k++)
-            at[k] = p[k].xy / p[k].z;
         const float2 low = fmin(at[0], fmin(at[1], at[2])), high = fmax(at[0], fmax(at[1], at[2]));
         t->low_x = (int)ceil(fmax(low.x - 0.01f, 0.0f));
         t->low_y = (int)ceil(fmax(low.y - 0.01f, 0.0f));
@@ -57,33 +60,35 @@ int set_up(const Context *context, int index, int x, int y, Primitive *t)
         t->high_y = (int)fmin(floor(high.y + 0.01f), REGION - 1.0f);
         if (t->low_x > t->high_x || t->low_y > t->high_y)
             return 0;
-        t->exact = fmin(low.x, low.y) > -FARTHEST_CORNER && fmax(high.x, high.y) < FARTHEST_CORNER;
-        if (t->exact) {
-            int2 snapped[3];
-            for (int k = 0; k < 3; k++)
-                snapped[k] = convert_int2_rte(at[k] * SUBPIXELS);
-            const int2 b = snapped[1] - snapped[0], c = snapped[2] - snapped[0];
-            const long area = (long)b.x * c.y - (long)b.y * c.x;
-            if (area == 0)
-                return 0;
-            for (int k = 0; k < 3; k++)
-                t->exact_edges[k] = area > 0 ? exact_edge(snapped[(k + 1) % 3], snapped[(k + 2) % 3])
-                                             : exact_edge(snapped[(k + 2) % 3], snapped[(k + 1) % 3]);
-            turns = area > 0 ? 1.0f : -1.0f;
-        }
     }
     for (int k = 0; k < 3; k++)
         t->edges[k] = edge_of(p[(k + 1) % 3], p[(k + 2) % 3]);
     const float determinant = t->edges[0].a * p[0].x + t->edges[0].b * p[0].y + t->edges[0].c * p[0].z;
     if (determinant == 0.0f || !isfinite(determinant))
         return 0;
-    if (!t->exact)
-        turns = determinant;
+    float turns = determinant; /* > 0: seen from behind */
+    if (close == 7) {
+        const int2 b = snapped[1] - snapped[0], c = snapped[2] - snapped[0];
+        const long area = (long)b.x * c.y - (long)b.y * c.x;
+        if (area == 0)
+            return 0;
+        turns = area > 0 ? 1.0f : -1.0f;
+    }
     if (turns * context->culled > 0.0f)
         return 0;
+    t->exact = 0;
+    for (int k = 0; k < 3; k++) {
+        const int i = (k + 1) % 3, j = (k + 2) % 3;
+        if (!(close >> i & close >> j & 1))
+            continue;
+        t->exact |= 1 << k;
+        t->exact_edges[k] = turns > 0.0f ? exact_edge(snapped[i], snapped[j]) : exact_edge(snapped[j], snapped[i]);
+    }
     /* The plane's deviations from a corner's nearness are small, and so are their errors. */
     const float middle = crosses ? 0.0f : p[0].w / p[0].z, sign = determinant < 0.0f ? -1.0f : 1.0f;
     t->n_x = t->n_y = t->n_0 = 0.0f;
+    t->n_low = crosses ? -INFINITY : INFINITY;
+    t->n_high = -t->n_low;
     for (int k = 0; k < 3; k++) {
         const float differs = p[k].w - middle * p[k].z;
         t->edges[k].a *= sign;
@@ -92,6 +97,10 @@ int set_up(const Context *context, int index, int x, int y, Primitive *t)
         t->n_x += t->edges[k].a * differs;
         t->n_y += t->edges[k].b * differs;
         t->n_0 += t->edges[k].c * differs;
+        if (!crosses) {
+            t->n_low = fmin(t->n_low, p[k].w / p[k].z);
+            t->n_high = fmax(t->n_high, p[k].w / p[k].z);
+        }
     }
     const float inverse = 1.0f / fabs(determinant);
     t->n_x *= inverse;
@@ -107,14 +116,17 @@ void cover(const Context *context, const Primitive *t, Region *region, int block
     const intl xi = first_x + block_x, yi = first_y + block_y;
     const floatl x = to_floatl(xi), y = to_floatl(yi);
     intl covered = -1;
-    if (t->exact) {
-        for (int k = 0; k < 3; k++)
+    for (int k = 0; k < 3; k++) {
+        if (t->exact >> k & 1) {
             covered = covered & (t->exact_edges[k].a * xi + (t->exact_edges[k].b * yi + t->exact_edges[k].c) >= 0);
-    } else {
-        for (int k = 0; k < 3; k++)
-            covered = covered & (t->edges[k].a * x + (t->edges[k].b * y + t->edges[k].c) > 0.0f);
+        } else {
+            const floatl inside = t->edges[k].a * x + (t->edges[k].b * y + t->edges[k].c);
+            covered = covered & (IS_TOP_LEFT(t->edges[k]) ? inside >= 0.0f : inside > 0.0f);
+        }
     }
-    const floatl n = t->n_x * x + (t->n_y * y + t->n_0), so_far = region->nearness[block];
+    /* A pixel that moved corners cover may lie beyond them, where a steep plane leaves their range. */
+    const floatl plane = t->n_x * x + (t->n_y * y + t->n_0);
+    const floatl n = lesser(greater(plane, (floatl)t->n_low), (floatl)t->n_high), so_far = region->nearness[block];
     covered = covered & (n > so_far) & (n <= t->nearest);
     region->nearness[block] = pick(covered, n, so_far);
     region->owner[block] = pick(covered, (intl)t->index, region->owner[block]);
@@ -222,8 +234,11 @@ kernel void draw_mesh(global const int *faces, global const float *projected, gl
                 weight[k] = U[i] * V[j] - V[i] * U[j];
                 total += weight[k];
             }
+            for (int k = 0; k < 3; k++) /* none from beyond the triangle, as in `cover` */
+                weight[k] = greater(weight[k] / total, (floatl)0.0f);
+            const floatl weights = weight[0] + weight[1] + weight[2];
             for (int k = 0; k < 3; k++)
-                weight[k] /= total;
+                weight[k] /= weights;
 #ifdef TINTED
             shade.r = MEAN(tints, 3, 0);
             shade.g = MEAN(tints, 3, 1);

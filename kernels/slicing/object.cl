@@ -155,7 +155,8 @@ kernel void draw_object(global const float *matrices, global const int *sizes, g
 
     const floatl so_far = region.nearness[0];
     floatl front = screen.perspective ? 1.0f / screen.nearest : 0.0f;
-    floatl back = pick(so_far <= EMPTY, (floatl)INFINITY, screen.perspective ? 1.0f / so_far : -so_far);
+    const floatl hidden = pick(so_far <= EMPTY, (floatl)INFINITY, screen.perspective ? 1.0f / so_far : -so_far);
+    floatl back = INFINITY;
     Line number = {0.0f, 1.0f / box.spacing};
     for (int k = 0; k < 3; k++) {
         const float *r = box.from_world + 4 * k;
@@ -180,6 +181,7 @@ kernel void draw_object(global const float *matrices, global const int *sizes, g
         const intl rises = number.direction > 0.0f;
         const floatl step = pick(rises, (floatl)1.0f, (floatl)-1.0f), per_slice = 1.0f / number.direction;
         const floatl s_front = AT(number, front);
+        back = lesser(hidden + fabs(per_slice), back); /* halvings bring a point forward by up to a slice */
         for (floatl slice = pick(rises, ceil(s_front), floor(s_front));; slice += step) {
             const floatl z = (slice - number.base) * per_slice;
             searches = searches & !found & (z <= back);
@@ -202,7 +204,9 @@ kernel void draw_object(global const float *matrices, global const int *sizes, g
         if (x + lane % BLOCK < screen.width && y + lane / BLOCK < screen.height)
             counts[(size_t)(y + lane / BLOCK) * screen.width + x + lane % BLOCK] += ((const int *)&tests)[lane];
 #endif
-    region.nearness[0] = pick(found, screen.perspective ? 1.0f / hit : -hit, so_far);
+    const floatl nearness = screen.perspective ? 1.0f / hit : -hit;
+    found = found & (nearness > so_far); /* of what is equally far, the first stays */
+    region.nearness[0] = pick(found, nearness, so_far);
     region.owner[0] = pick(found, (intl)0, (intl)-1);
 
     Color shade = {0.0f, 0.0f, 0.0f};

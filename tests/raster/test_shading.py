@@ -7,6 +7,8 @@ import pytest
 
 import pyibr as ibr
 from pyibr.camera import Camera
+from tests.reference.heights import bilinear_height
+from tests.reference.raster import weights
 
 CORNERS = np.array([[-1, -1, 2.0], [1.5, -1, 4], [1.5, 1, 4], [-1, 1, 2]])
 FACES = [[0, 2, 1], [0, 3, 2]]
@@ -36,17 +38,34 @@ def test_colours_are_linear_on_the_surface_not_on_the_screen(projection):
 
 
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+@pytest.mark.parametrize("dtype", [np.uint8, np.float32])
+def test_colours_of_any_triangle(projection, dtype):
+    """Steep and small ones, and such as pass the camera, against float64 weights."""
+    rng = np.random.default_rng(2)
+    n = 60
+    cam = camera(projection)
+    middle = cam.unproject(rng.uniform((0, 0), cam.size, (n, 2)), rng.uniform(2, 6, n))
+    points = middle[:, None] + rng.normal(size=(n, 3, 3)) * ((1, 1, 1.5) if projection == "perspective" else 0.3)
+    colors = rng.integers(0, 256, (3 * n, 3)).astype(dtype) if dtype == np.uint8 else rng.random((3 * n, 3), np.float32)
+    number = np.column_stack([np.arange(n), 0 * np.arange(n), 0 * np.arange(n)]).astype(np.uint8).repeat(3, 0)
+    faces = np.arange(3 * n).reshape(-1, 3)
+    frame = ibr.render(ibr.Mesh(points.reshape(-1, 3), faces, colors=colors), cam)
+    owner = ibr.render(ibr.Mesh(points.reshape(-1, 3), faces, colors=number), cam).color[frame.valid][:, 0]
+    pixels = np.argwhere(frame.valid)[:, ::-1]
+    weight = np.clip(weights(cam, points[owner], pixels), 0, 1)  # of pixels that moved corners cover
+    expected = np.einsum("nk,nkc->nc", weight, colors.reshape(n, 3, 3)[owner].astype(float))
+    expected *= 1 if dtype == np.uint8 else 255
+    assert len(np.unique(owner)) > 20
+    assert np.abs(frame.color[frame.valid] - expected).max() <= 0.6  # rounding to bytes, and float32 positions
+
+
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 def test_a_magnified_texture_is_bilinear(projection):
     texture = np.random.default_rng(0).integers(0, 256, (5, 7, 3)).astype(np.uint8)
     cam = camera(projection)
     frame = ibr.render(ibr.Mesh(CORNERS, FACES, uv=3 * UV - 1, texture=texture), cam)  # tiled, from -1 on
     u, v = (3 * on_plane(cam, frame) - 1).T
-    x, y = u * 7 - 0.5, v * 5 - 0.5
-    x0, y0 = np.floor(x).astype(int), np.floor(y).astype(int)
-    fx, fy = (x - x0)[:, None], (y - y0)[:, None]
-    a, b = texture[y0 % 5, x0 % 7] * (1 - fx) + texture[y0 % 5, (x0 + 1) % 7] * fx, None
-    b = texture[(y0 + 1) % 5, x0 % 7] * (1 - fx) + texture[(y0 + 1) % 5, (x0 + 1) % 7] * fx
-    expected = a * (1 - fy) + b * fy
+    expected = np.stack([bilinear_height(texture[..., c].astype(float), u, v) for c in range(3)], axis=-1)
     # 21 texels over some 60 pixels: 1 unit for rounding to bytes and positions in float32.
     assert np.abs(frame.color[frame.valid] - expected).max() <= 1
 
@@ -63,6 +82,34 @@ def test_mip_mapping():
             assert np.abs(frame.color[frame.valid].astype(int) - 127).max() <= 2
         frame = ibr.render(ibr.Mesh(square, FACES, uv=UV * 40, texture=flat), camera())
         assert (frame.color[frame.valid] == 77).all()
+
+
+def test_a_texture_far_away_is_its_mean():
+    """Of odd sizes too, whose levels do not halve evenly, and of floats."""
+    rng = np.random.default_rng(0)
+    for dtype, size in ((np.uint8, (37, 53)), (np.uint8, (1, 7)), (np.float32, (64, 16))):
+        texture = rng.random((*size, 3))
+        texture = (texture * 255).astype(dtype) if dtype == np.uint8 else texture.astype(dtype)
+        square = (CORNERS * (1, 1, 0)) * 10 + (0, 0, 40)
+        frame = ibr.render(ibr.Mesh(square, FACES, uv=UV * 40, texture=texture), camera())
+        mean = texture.mean(axis=(0, 1)) * (1 if dtype == np.uint8 else 255)
+        # Each of up to six levels rounds to bytes, by chance up and down.
+        assert frame.valid.sum() > 500
+        assert np.abs(frame.color[frame.valid] - mean).max() <= 2
+
+
+def test_a_checkered_floor_blurs_towards_the_horizon():
+    """Black and white at the camera's feet, grey without noise where a pixel sees many squares."""
+    board = np.kron([[0, 1], [1, 0]], np.ones((64, 64)))[..., None].repeat(3, 2).astype(np.float32)
+    floor = ibr.Mesh(
+        [[-400, 1, -400], [400, 1, -400], [400, 1, 400], [-400, 1, 400]], FACES, uv=UV * 800, texture=board
+    )
+    frame = ibr.render(floor, Camera([[100, 0, 80], [0, 100, 2], [0, 0, 1]], (161, 121)))
+    assert frame.valid[3:].all()
+    feet, far = frame.color[60:, :, 0].astype(float), frame.color[3:6, :, 0].astype(float)
+    assert ((feet < 3) | (feet > 252)).mean() > 0.8  # 50 pixels a square and more
+    assert far.std() < 2  # 4 squares a pixel and more, in y
+    assert abs(far.mean() - 127.5) < 2
 
 
 LIGHTS = [
@@ -89,18 +136,35 @@ def test_lambert(light, projection, turned):
     assert np.abs(frame.color[frame.valid] - np.minimum(expected, 255)).max() <= 0.6
 
 
-BAD_LIGHTS = [
-    ({}, "direction"),
-    ({"direction": (1, 0, 0), "position": (0, 0, 0)}, "direction"),
-    ({"direction": (0, 0, 0)}, "direction"),
-    ({"direction": (1, 0)}, "direction"),
-    ({"position": (np.nan, 0, 0)}, "position"),
-    ({"direction": (1, 0, 0), "color": (-1, 0, 0)}, "color"),
-    ({"direction": (1, 0, 0), "ambient": 1.5}, "ambient"),
-]
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+def test_normals_are_interpolated_and_made_unit_length(projection):
+    """The mesh's own normals: 100 degrees and less apart, of triangles seen from either side."""
+    rng = np.random.default_rng(3)
+    light = ibr.Light(direction=(0.2, -0.4, 1), ambient=0.1)
+    for turned in (False, True):
+        normals = rng.normal(size=(3, 3)) * 0.6 + (0, 0, 1 if turned else -1)
+        face, cam = [[0, 1, 2] if turned else [0, 2, 1]], camera(projection)
+        frame = ibr.render(ibr.Mesh(CORNERS[:3], face, normals=normals, colors=np.ones((3, 3), np.float32)), cam, light)
+        pixels = np.argwhere(frame.valid)[:, ::-1]
+        weight = weights(cam, np.tile(CORNERS[:3], (len(pixels), 1, 1)), pixels)
+        normal = weight @ (normals / np.linalg.norm(normals, axis=1, keepdims=True))
+        seen = -1 if turned else 1  # its normals point away from the camera
+        cosine = seen * normal @ -light.direction / np.linalg.norm(normal, axis=1) / np.linalg.norm(light.direction)
+        expected = 255 * (0.1 + 0.9 * np.maximum(cosine, 0))
+        assert len(pixels) > 500
+        assert np.abs(frame.color[frame.valid] - expected[:, None]).max() <= 0.6
 
 
-@pytest.mark.parametrize(("arguments", "argument"), BAD_LIGHTS)
-def test_bad_lights(arguments, argument):
-    with pytest.raises(ibr.ArgumentError, match=f"^{argument}: "):
-        ibr.Light(**arguments)
+def test_a_light_shades_textures_and_greys_too():
+    """Straight on all of it, along the surface the ambient part; 0.8 is the grey of meshes without colours."""
+    square = np.array([[-1, -1, 3], [1, -1, 3], [1, 1, 3], [-1, 1, 3.0]])
+    texture = np.full((2, 3, 3), (200, 100, 50), np.uint8)
+    for mesh, own in (
+        (ibr.Mesh(square, FACES, uv=UV, texture=texture), (200, 100, 50)),
+        (ibr.Mesh(square, FACES), (204, 204, 204)),
+    ):
+        for direction, part in (((0, 0, 1), 1), ((1, 0, 0), 0.25), ((0, 0, -1), 0.25)):
+            frame = ibr.render(mesh, camera(), ibr.Light(direction=direction))
+            assert np.abs(frame.color[frame.valid] - np.multiply(own, part)).max() <= 0.6
+        frame = ibr.render(mesh, camera(), ibr.Light(direction=(0, 0, 1), color=(9, 1, 0), ambient=0.0))
+        assert (frame.color[frame.valid] == (255, own[1], 0)).all()  # what is too bright is white

@@ -1,56 +1,107 @@
-"""Objects from depth images in float64, for reading (Kautz & Seidel 2001, section 4)."""
+"""Objects from images in float64, for reading (Kautz & Seidel 2001, sections 4 and 5).
+
+No slices: rays are marched in steps far finer than a slice, and where they enter is found by halving.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from pyibr.boxes import Box
 from pyibr.camera import Camera
+from pyibr.images import DepthImage
+from pyibr.silhouette import Silhouette
+
+Inside = Callable[[np.ndarray], np.ndarray]  # world points (N, 3) -> (N,) bool
 
 
 def bilinear(image: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Between the pixels around (x, y), whose centres are at whole numbers; the border is repeated."""
     height, width = image.shape
     x, y = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
-    x0, y0 = np.minimum(np.floor(x).astype(int), width - 2), np.minimum(np.floor(y).astype(int), height - 2)
-    fx, fy = x - x0, y - y0
-    top = (1 - fx) * image[y0, x0] + fx * image[y0, x0 + 1]
-    bottom = (1 - fx) * image[y0 + 1, x0] + fx * image[y0 + 1, x0 + 1]
+    left, upper = np.floor(x).astype(int), np.floor(y).astype(int)
+    right, lower = np.minimum(left + 1, width - 1), np.minimum(upper + 1, height - 1)
+    fx, fy = x - left, y - upper
+    top = (1 - fx) * image[upper, left] + fx * image[upper, right]
+    bottom = (1 - fx) * image[lower, left] + fx * image[lower, right]
     return (1 - fy) * top + fy * bottom
 
 
-def inside(points: np.ndarray, cameras: Sequence[Camera], maps: Sequence[np.ndarray]) -> np.ndarray:
-    """Whether world points (N, 3) lie on every image and behind its surface: nearness at most the map's."""
-    passed = np.ones(len(points), bool)
-    for camera, nearness in zip(cameras, maps, strict=True):
-        left = np.flatnonzero(passed)
-        u, v, w, q = (
-            camera.pixel_matrix @ camera.camera_from_world @ np.column_stack([points[left], np.ones(len(left))]).T
-        )
-        x, y = u / w, v / w
-        on_image = (w > 0) & (x >= -0.5) & (x <= camera.width - 0.5) & (y >= -0.5) & (y <= camera.height - 0.5)
-        passed[left] = on_image & (q / w <= bilinear(nearness.astype(np.float64), x, y))
-    return passed
+def seen_at(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Pixels x, y and depth of world points, and which of them are on the image."""
+    local = (points - camera.world_from_camera[:3, 3]) @ camera.world_from_camera[:3, :3]
+    z = local[:, 2]
+    scale = np.where(z > 0, z, 1.0) if camera.projection == "perspective" else 1.0
+    x = (camera.K[0, 0] * local[:, 0] + camera.K[0, 1] * local[:, 1]) / scale + camera.K[0, 2]
+    y = camera.K[1, 1] * local[:, 1] / scale + camera.K[1, 2]
+    on_image = (x >= -0.5) & (x <= camera.width - 0.5) & (y >= -0.5) & (y <= camera.height - 0.5)
+    return x, y, z, on_image & ((z > 0) | (camera.projection == "orthographic"))
 
 
-def first_depth(
-    camera: Camera, cameras: Sequence[Camera], maps: Sequence[np.ndarray], near: float, far: float, steps: int
-) -> np.ndarray:
-    """(H, W) depth at which each pixel's ray enters the object first: marched in steps, then halved; inf if never."""
+def nearness(z: np.ndarray, camera: Camera) -> np.ndarray:
+    """What is linear across the picture of a plane: 1/z of a perspective camera, -z of an orthographic one."""
+    return 1 / np.maximum(z, 1e-12) if camera.projection == "perspective" else -z
+
+
+def depth_object(views: Sequence[DepthImage], box: Box) -> Inside:
+    """What lies behind the surface of every view; what a view saw as background is as far as the box reaches."""
+    surfaces = []
+    for view in views:
+        far = max(seen_at(view.camera, box.corners)[2].max(), view.depth[view.valid].max())
+        surfaces.append(nearness(np.where(view.valid, view.depth, far).astype(float), view.camera))
+
+    def inside(points: np.ndarray) -> np.ndarray:
+        left = np.arange(len(points))  # what fails a view's test is spared the others'
+        for view, surface in zip(views, surfaces, strict=True):
+            x, y, z, on_image = seen_at(view.camera, points[left])
+            left = left[on_image & (nearness(z, view.camera) <= bilinear(surface, x, y))]
+        return np.isin(np.arange(len(points)), left)
+
+    return inside
+
+
+def visual_hull(views: Sequence[Silhouette | DepthImage]) -> Inside:
+    """What lies within every silhouette, whose outline is where the mask, bilinear, is a half."""
+
+    def inside(points: np.ndarray) -> np.ndarray:
+        left = np.arange(len(points))
+        for view in views:
+            x, y, _, on_image = seen_at(view.camera, points[left])
+            left = left[on_image & (bilinear(view.valid.astype(float), x, y) >= 0.5)]
+        return np.isin(np.arange(len(points)), left)
+
+    return inside
+
+
+def first_depth(inside: Inside, camera: Camera, box: Box, step: float) -> np.ndarray:
+    """(H, W) depth at which each pixel's ray first enters a solid within the box, inf if never; `step` in depth."""
     y, x = np.mgrid[: camera.height, : camera.width]
     pixels = np.stack([x.ravel(), y.ravel()], axis=-1)
-    depth, found = np.full(len(pixels), np.inf), np.zeros(len(pixels), bool)
-    step = (far - near) / steps
-    for z in near + step * np.arange(steps + 1):
-        left = np.flatnonzero(~found)
-        hit = left[inside(camera.unproject(pixels[left], np.full(len(left), z)), cameras, maps)]
-        depth[hit], found[hit] = z, True
-    some = np.flatnonzero(found)
-    before, behind = depth[some] - step, depth[some].copy()
-    for _ in range(20):
+    at_1, at_2 = (camera.unproject(pixels, np.full(len(pixels), z)) for z in (1.0, 2.0))
+    origin, direction = 2 * at_1 - at_2, at_2 - at_1  # the point of depth z is origin + z * direction
+
+    # A ray is in the box from the last of its three entries to the first of its three exits.
+    start, along = origin @ box.axes.T, direction @ box.axes.T
+    along = np.where(np.abs(along) < 1e-15, 1e-15, along)
+    crossings = np.stack([(box.low - start) / along, (box.high - start) / along])
+    front, back = np.maximum(crossings.min(axis=0).max(axis=1), 0), crossings.max(axis=0).min(axis=1)
+
+    depth, z = np.full(len(pixels), np.inf), front.copy()
+    left = np.flatnonzero(front <= back)
+    while len(left):
+        hit = inside(origin[left] + z[left, None] * direction[left])
+        depth[left[hit]] = z[left[hit]]
+        left = left[~hit]
+        z[left] += step
+        left = left[z[left] <= back[left]]
+
+    some = np.flatnonzero(np.isfinite(depth))
+    behind, before = depth[some], np.maximum(depth[some] - step, front[some])
+    for _ in range(12):
         middle = 0.5 * (before + behind)
-        is_in = inside(camera.unproject(pixels[some], middle), cameras, maps)
-        behind, before = np.where(is_in, middle, behind), np.where(is_in, before, middle)
+        hit = inside(origin[some] + middle[:, None] * direction[some])
+        behind, before = np.where(hit, middle, behind), np.where(hit, before, middle)
     depth[some] = behind
     return depth.reshape(camera.height, camera.width)

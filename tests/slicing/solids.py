@@ -2,58 +2,72 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
+from numpy.typing import ArrayLike
 
+import pyibr as ibr
 from pyibr.camera import Camera
-from pyibr.capture import MeshScene
-from pyibr.images import DepthImage
+from pyibr.capture import MeshScene, object_views
 
 
-def revolved(radius: np.ndarray, height: np.ndarray, colors: np.ndarray, closed: bool, sides: int = 64) -> MeshScene:
-    """A profile turned about the y axis; radius, height (n,), colors (n, 3) uint8; closed: the last joins the first."""
-    n = len(radius)
-    angle = np.arange(sides) * 2 * np.pi / sides
-    ring = np.stack([np.outer(np.cos(angle), radius), np.tile(height, (sides, 1)), np.outer(np.sin(angle), radius)], -1)
+def revolved(profile: ArrayLike, closed: bool, sides: int = 96) -> tuple[np.ndarray, np.ndarray]:
+    """A profile of radius and height (n, 2), turned about the y axis; closed: its last point joins the first."""
+    radius, height = np.asarray(profile, float).T
+    n, turn = len(radius), np.arange(sides) * 2 * np.pi / sides
+    x, y, z = np.outer(np.cos(turn), radius), np.tile(height, (sides, 1)), np.outer(np.sin(turn), radius)
     i, j = np.mgrid[:sides, : n if closed else n - 1]
-    a, b = i * n + j, i * n + (j + 1) % n
-    c, d = (i + 1) % sides * n + (j + 1) % n, (i + 1) % sides * n + j
-    faces = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
-    return MeshScene(ring.reshape(-1, 3), faces, np.tile(colors, (sides, 1)))
+    following, right = (i + 1) % sides * n, (j + 1) % n
+    a, b, c, d = i * n + j, i * n + right, following + right, following + j
+    faces = np.concatenate([np.stack(corners, -1).reshape(-1, 3) for corners in ((a, b, c), (a, c, d))])
+    return np.stack([x, y, z], axis=-1).reshape(-1, 3), faces
 
 
+def colored(vertices: np.ndarray, faces: np.ndarray) -> MeshScene:
+    """Colours tell where a point lies."""
+    return MeshScene(vertices, faces, np.clip(127.5 + 80 * vertices, 0, 255).astype(np.uint8))
+
+
+@cache
 def torus() -> MeshScene:
-    """Radii 1 and 0.4; red grows from the bottom to the top, green from the inside to the outside."""
-    b = np.arange(32) * 2 * np.pi / 32
-    colors = np.stack([128 + 120 * np.sin(b), 128 + 120 * np.cos(b), np.full(32, 60)], axis=-1).astype(np.uint8)
-    return revolved(1 + 0.4 * np.cos(b), 0.4 * np.sin(b), colors, closed=True)
+    """Of radii 1 and 0.45, aslant."""
+    turn = np.arange(60) * 2 * np.pi / 60
+    vertices, faces = revolved(np.column_stack([1 + 0.45 * np.cos(turn), 0.45 * np.sin(turn)]), closed=True, sides=120)
+    aslant, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
+    return colored(vertices @ aslant, faces)
 
 
+@cache
 def cup() -> MeshScene:
-    """Open at the top, y = 1, where its walls are 0.2 thick; blue outside, red on the floor inside, y = -0.7."""
-    profile = np.array([(0, -1), (1, -1), (1, 1), (0.8, 1), (0.8, -0.7), (0.8, -0.7), (0, -0.7)])
-    blue, green, red = (0, 0, 255), (0, 255, 0), (255, 0, 0)
-    colors = np.array([blue, blue, blue, green, green, red, red], np.uint8)
-    return revolved(profile[:, 0], profile[:, 1], colors, closed=False)
+    """Open above (+y): a wall 0.15 thick, and a bottom."""
+    return colored(*revolved([(0, -1), (0.8, -1), (0.8, 1), (0.65, 1), (0.65, -0.8), (0, -0.8)], closed=False))
 
 
-def ball(sides: int = 128) -> MeshScene:
-    """Of radius 1."""
-    a = np.linspace(-np.pi / 2, np.pi / 2, sides // 2 + 1)
-    return revolved(np.cos(a), np.sin(a), np.full((len(a), 3), 200, np.uint8), closed=False, sides=sides)
+def looking(
+    scene: MeshScene, direction: ArrayLike, size: tuple[int, int], projection: str = "perspective", near: float = 1.3
+) -> Camera:
+    """A camera `near` extents from the middle, in this direction, that sees all of the scene."""
+    low, high = scene.vertices.min(axis=0), scene.vertices.max(axis=0)
+    middle, extent = 0.5 * (low + high), np.linalg.norm(high - low)
+    eye = middle + near * extent * np.asarray(direction) / np.linalg.norm(direction)
+    how = {"fov_y": 42.0} if projection == "perspective" else {"projection": projection, "height": 1.05 * extent}
+    return Camera.look_at(eye, middle, (0, 1, 0), size, **how)
 
 
-def tilted_views(scene: MeshScene, size: tuple[int, int] = (100, 88), reach: float = 3.4) -> list[DepthImage]:
-    """Eight views from near a cube's corners, each rolled; every other one is orthographic, `reach` scene units high."""
-    views: list[DepthImage] = []
-    for k in range(8):
-        corner = np.array([k & 1, k >> 1 & 1, k >> 2]) * 2.0 - 1 + 0.2 * np.sin([k, 2 * k, 3 * k])
-        eye, up = 5 * corner / np.linalg.norm(corner), np.sin([k, k + 2, k + 4])
-        orthographic = {"projection": "orthographic", "height": reach}
-        how = orthographic if k % 2 else {"fov_y": float(np.degrees(2 * np.arctan(0.52 * reach / 5)))}
-        views.append(scene.capture(Camera.look_at(eye, (0.1, 0, 0), up, size, **how)))
-    return views
+@cache
+def views_of_torus(kind: str) -> list[ibr.DepthImage]:
+    """Six "orthographic" or "perspective" ones, "four" in a plane, or "nine, anywhere", of both projections."""
+    scene = torus()
+    if kind in ("orthographic", "perspective"):
+        return object_views(scene, 160, kind)
+    if kind == "four":
+        return object_views(scene, 160)[:4]
+    directions = np.random.default_rng(5).normal(size=(9, 3))
+    projections = ("perspective", "orthographic")
+    return [scene.capture(looking(scene, d, (150, 170), projections[k % 2])) for k, d in enumerate(directions)]
 
 
-def iou(a: np.ndarray, b: np.ndarray) -> float:
-    """Pixels in both over pixels in any."""
-    return float((a & b).sum() / (a | b).sum())
+def spacing(thing: ibr.DepthObject | ibr.VisualHull) -> float:
+    """Between slices, in scene units."""
+    return float(thing.box.edges.max()) / thing.slices

@@ -2,120 +2,123 @@
 
 from __future__ import annotations
 
-from functools import cache
-from itertools import pairwise
+from itertools import permutations
 
 import numpy as np
 import pytest
+
+pytest.importorskip("open3d")
 
 import pyibr as ibr
 from pyibr import metrics
 from pyibr.camera import Camera
 from pyibr.capture import MeshScene, object_views
+from pyibr.metrics import silhouette_iou
+from pyibr.opencl.memory import empty
+from pyibr.slicing import draw_object
+from pyibr.target import Target
 from tests.data import shared
-from tests.reference.slicing import first_depth
+from tests.reference.slicing import depth_object, first_depth
+from tests.slicing.solids import cup, looking, spacing, torus, views_of_torus
 
-o3d = pytest.importorskip("open3d")
-
-
-@cache
-def torus() -> MeshScene:
-    """A torus whose colours tell where a point lies."""
-    mesh = o3d.geometry.TriangleMesh.create_torus(1.0, 0.45, 120, 60)
-    vertices = np.asarray(mesh.vertices) * (1, 1.1, 1) @ np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
-    colors = np.clip(127.5 + 80 * vertices, 0, 255).astype(np.uint8)
-    return MeshScene(vertices, np.asarray(mesh.triangles), colors)
+KINDS = ["orthographic", "perspective", "four", "nine, anywhere"]
+FRONT = (0.5, 0.4, 1)
 
 
-@cache
-def cup() -> MeshScene:
-    """Open above (+y): a wall 0.15 thick, and a bottom."""
-    turn = np.linspace(0, 2 * np.pi, 97)[:-1]
-    profile = [(0, -1), (0.8, -1), (0.8, 1), (0.65, 1), (0.65, -0.8), (0, -0.8)]
-    rings = np.array([[(r * np.cos(t), y, r * np.sin(t)) for t in turn] for r, y in profile])
-    i = np.arange(96)
-    faces = []
-    for a, b in pairwise(range(len(profile))):
-        p, q, r, s = a * 96 + i, a * 96 + (i + 1) % 96, b * 96 + i, b * 96 + (i + 1) % 96
-        faces += [np.stack([p, r, q], 1), np.stack([q, r, s], 1)]
-    vertices = rings.reshape(-1, 3)
-    colors = np.clip(127.5 + 100 * vertices, 0, 255).astype(np.uint8)
-    return MeshScene(vertices, np.concatenate(faces), colors)
+def across_slices(thing: ibr.DepthObject, camera: Camera) -> np.ndarray | float:
+    """How far one goes across the slices, for 1 in depth, on each pixel's ray."""
+    if thing.slicing == "screen":
+        return 1.0
+    y, x = np.mgrid[: camera.height, : camera.width]
+    pixels = np.stack([x.ravel(), y.ravel()], axis=-1)
+    ray = camera.unproject(pixels, np.full(len(pixels), 2.0)) - camera.unproject(pixels, np.ones(len(pixels)))
+    towards = camera.forward if camera.projection == "orthographic" else thing.box.center - camera.center
+    axis = np.abs(thing.box.axes @ towards).argmax()
+    return np.abs(ray @ thing.box.axes[axis]).reshape(y.shape)
 
 
-def looking(scene: MeshScene, direction: tuple[float, float, float], size: tuple[int, int]) -> Camera:
-    low, high = scene.vertices.min(axis=0), scene.vertices.max(axis=0)
-    middle, extent = 0.5 * (low + high), np.linalg.norm(high - low)
-    away = np.array(direction) / np.linalg.norm(direction)
-    return Camera.look_at(middle + 1.3 * extent * away, middle, (0, 1, 0), size, fov_y=42)
-
-
-def reference(thing: ibr.DepthObject, camera: Camera) -> np.ndarray:
-    z = camera.camera_from_world[2, :3] @ thing.box.corners.T + camera.camera_from_world[2, 3]
-    return first_depth(camera, [v.camera for v in thing.views], thing.maps, float(z.min()), float(z.max()), 600)
-
-
-def spacing(thing: ibr.DepthObject | ibr.VisualHull) -> float:
-    return float(thing.box.edges.max()) / thing.slices
-
-
-def iou(a: np.ndarray, b: np.ndarray) -> float:
-    return float((a & b).sum() / (a | b).sum())
-
-
-def check(thing: ibr.DepthObject, camera: Camera, truth: np.ndarray, same: float = 0.995) -> None:
-    frame = ibr.render(thing, camera)
-    seen = np.isfinite(truth)
-    assert iou(frame.valid, seen) >= same
+def check(thing: ibr.DepthObject, camera: Camera, truth: np.ndarray) -> None:
+    frame, seen = ibr.render(thing, camera), np.isfinite(truth)
+    # What is thinner than a slice, at the outline, may be missed: 1 to 6 of 2000 pixels here.
+    assert silhouette_iou(frame.valid, seen) >= 0.995
     both = frame.valid & seen
-    assert np.median(np.abs(frame.depth - truth)[both]) <= 0.5 * spacing(thing)
+    off = (np.abs(frame.depth - truth) * across_slices(thing, camera))[both] * 2**thing.halvings / spacing(thing)
+    # The first slice behind the surface is anything up to 1 away. 0.55: three standard errors of 2000 such
+    # numbers' median and more. 1.02: the truth is itself known to 0.001 only.
+    assert np.median(off) <= 0.55
+    assert np.quantile(off, 0.98) <= 1.02
 
 
-def some_views(kind: str) -> list[ibr.DepthImage]:
-    scene = torus()
-    if kind in ("orthographic", "perspective"):
-        return object_views(scene, 160, kind)
-    if kind == "four":
-        return object_views(scene, 160)[:4]
-    directions = np.random.default_rng(5).normal(size=(9, 3))
-    return [scene.capture(looking(scene, tuple(d), (150, 170))) for d in directions]
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_it_is_the_intersection_of_the_displaced_volumes(kind, projection):
+    views, camera = views_of_torus(kind), looking(torus(), FRONT, (110, 90), projection)
+    first = ibr.DepthObject(views, 256)
+    truth = first_depth(depth_object(views, first.box), camera, first.box, spacing(first) / 8)
+    for slicing in ("orthogonal", "screen"):
+        for halvings in (0, 2, 5):
+            check(ibr.DepthObject(views, 256, slicing, halvings=halvings), camera, truth)
+
+
+def test_the_dragon_at_full_size():
+    scene = MeshScene.from_mesh(ibr.Mesh.load(shared("meshes/dragon_vrip.ply.gz")))
+    views, camera = object_views(scene, 512), looking(scene, FRONT, (320, 240))
+    first = ibr.DepthObject(views, 256)
+    truth = first_depth(depth_object(views, first.box), camera, first.box, spacing(first) / 4)
+    for slicing in ("orthogonal", "screen"):
+        for halvings in (0, 2):
+            check(ibr.DepthObject(views, 256, slicing, halvings=halvings), camera, truth)
 
 
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
-@pytest.mark.parametrize("kind", ["orthographic", "perspective", "four", "nine, anywhere"])
-def test_it_is_the_intersection_of_the_displaced_volumes(kind, slicing):
-    thing = ibr.DepthObject(some_views(kind), slices=256, slicing=slicing)
-    camera = looking(torus(), (0.5, 0.4, 1), (110, 90))
-    check(thing, camera, reference(thing, camera), same=0.985)  # of few pixels, more are the outline's
+def test_more_slices_converge(slicing):
+    views, camera = views_of_torus("orthographic"), looking(torus(), FRONT, (110, 90))
+    box = ibr.DepthObject(views).box
+    truth = first_depth(depth_object(views, box), camera, box, float(box.edges.max()) / 2048)
+    off = []
+    for slices in (16, 32, 64, 128, 256):
+        frame = ibr.render(ibr.DepthObject(views, slices, slicing, halvings=0), camera)
+        off.append(np.median(np.abs(frame.depth - truth)[frame.valid & np.isfinite(truth)]))
+    exponent = np.polyfit(np.arange(5), np.log2(off), 1)[0]
+    assert -1.15 <= exponent <= -0.85, off  # as 1 / slices
 
 
 def test_without_halvings_points_lie_on_slices():
-    thing = ibr.DepthObject(some_views("orthographic"), 64, "screen", halvings=0)
-    frame = ibr.render(thing, looking(torus(), (0.5, 0.4, 1), (110, 90)))
+    thing = ibr.DepthObject(views_of_torus("orthographic"), 64, "screen", halvings=0)
+    frame = ibr.render(thing, looking(torus(), FRONT, (110, 90)))
     number = frame.depth[frame.valid] / spacing(thing)
     # z is some 4 units, 200 slices, of float32
     np.testing.assert_allclose(number, np.rint(number), atol=200 * 2**-22)
 
 
-def test_the_dragon_at_full_size():
-    scene = MeshScene.from_mesh(ibr.Mesh.load(shared("meshes/dragon_vrip.ply.gz")))
-    thing = ibr.DepthObject(object_views(scene, 512), slices=256)
-    camera = looking(scene, (0.15, 0.1, 1), (512, 512))
-    check(thing, camera, reference(thing, camera))
-
-
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 def test_against_the_mesh_with_the_colours_of_views_that_saw_the_point(slicing):
-    views, scores = some_views("orthographic"), {}
-    for texture in ("visible", "naive"):
+    views, scores = views_of_torus("orthographic"), {"visible": [], "naive": []}
+    for texture, scored in scores.items():
         thing = ibr.DepthObject(views, 256, slicing, texture)
-        for direction in ((0.5, 0.4, 1), (-1, 0.3, 0.2)):
+        for direction in (FRONT, (-1, 0.3, 0.2)):
             camera = looking(torus(), direction, (160, 120))
             truth, frame = torus().capture(camera), ibr.render(thing, camera)
-            assert iou(frame.valid, truth.valid) >= 0.97
-            both = frame.valid & truth.valid
-            scores.setdefault(texture, []).append(metrics.psnr(frame.color, truth.color, both))
+            # The views' samples are a 160th of the object apart: half of one at the outline is 2 % of the area.
+            assert silhouette_iou(frame.valid, truth.valid) >= 0.97
+            scored.append(metrics.psnr(frame.color, truth.color, frame.valid & truth.valid))
     assert np.mean(scores["visible"]) > np.mean(scores["naive"]) + 3  # dB
+    assert np.mean(scores["visible"]) > 25
+
+
+def test_a_textured_mesh():
+    """Spot, the cow: what its own legs hide from a view is not painted with the legs."""
+    mesh = ibr.Mesh.load(next(shared("meshes/spot").glob("*.obj*")))
+    scene = MeshScene.from_mesh(mesh)
+    views, scores = object_views(scene, 256), {"visible": [], "naive": []}
+    for texture, scored in scores.items():
+        thing = ibr.DepthObject(views, 256, texture=texture)
+        for direction in (FRONT, (-0.8, -0.5, 1)):
+            camera = looking(scene, direction, (200, 150))
+            truth, frame = scene.capture(camera), ibr.render(thing, camera)
+            assert silhouette_iou(frame.valid, truth.valid) >= 0.97
+            scored.append(metrics.psnr(frame.color, truth.color, frame.valid & truth.valid))
+    assert np.mean(scores["visible"]) > np.mean(scores["naive"]) + 1
     assert np.mean(scores["visible"]) > 25
 
 
@@ -127,62 +130,156 @@ def test_a_cups_cavity_is_in_the_object_and_not_in_the_hull():
     frame = ibr.render(ibr.DepthObject(views, 200), camera)
     hull = ibr.render(ibr.VisualHull(views, 200), camera)
     middle = (slice(50, 70), slice(50, 70))
-    np.testing.assert_allclose(frame.depth[middle], truth.depth[middle], atol=0.1)  # the bottom, 1.8 deep
-    assert (truth.depth[middle] - hull.depth[middle]).min() > 1.0
+    np.testing.assert_allclose(frame.depth[middle], truth.depth[middle], atol=0.02)  # the bottom: 2 slices
+    assert (truth.depth[middle] - hull.depth[middle]).min() > 1.0  # 1.8 deep, and closed
 
 
-def test_laws():
-    views = some_views("orthographic")
-    camera = looking(torus(), (0.5, 0.4, 1), (90, 70))
-    thing = ibr.DepthObject(views, 64)
-    frame = ibr.render(thing, camera)
-    again = ibr.render(ibr.DepthObject(views, 64), camera)
-    np.testing.assert_array_equal(frame.depth, again.depth)
-    np.testing.assert_array_equal(frame.color, again.color)
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_hull_contains_the_object(kind):
+    views, camera = views_of_torus(kind), looking(torus(), FRONT, (110, 90))
+    frame, hull = ibr.render(ibr.DepthObject(views, 128), camera), ibr.render(ibr.VisualHull(views, 128), camera)
+    # An object ends halfway to the background's samples or later, a silhouette halfway: up to a sample at the outline
+    both = frame.valid & hull.valid
+    assert both.sum() >= 0.98 * frame.valid.sum()
+    nearer = hull.depth[both] <= frame.depth[both] + 2 * spacing(ibr.VisualHull(views, 128))
+    assert nearer.mean() >= 0.98
+
+
+def test_two_runs_give_the_same_bits():
+    views, camera = views_of_torus("nine, anywhere"), looking(torus(), FRONT, (90, 70))
+    one, two = (ibr.render(ibr.DepthObject(views, 64), camera) for _ in range(2))
+    np.testing.assert_array_equal(one.depth, two.depth)
+    np.testing.assert_array_equal(one.color, two.color)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_order_of_views_changes_nothing(kind):
+    views, camera = views_of_torus(kind), looking(torus(), FRONT, (90, 70))
+    frame = ibr.render(ibr.DepthObject(views, 64), camera)
     turned = ibr.render(ibr.DepthObject([views[0], *views[:0:-1]], 64), camera)  # the first view gives the box's axes
-    np.testing.assert_array_equal(frame.valid, turned.valid)
     np.testing.assert_array_equal(frame.depth, turned.depth)
-    hull = ibr.VisualHull(views, 64)
-    assert hull.tested == [0, 2, 4]  # opposite silhouettes are one
-    assert ibr.render(hull, camera).valid[frame.valid].mean() >= 0.99
-    for size in ((1, 1), (7, 13), (61, 37)):
-        small = ibr.render(thing, camera.resized(size))
-        np.testing.assert_array_equal(np.isfinite(small.depth), small.valid)
-        assert small.valid.any()
-    inside = Camera([[30, 0, 20], [0, 30, 20], [0, 0, 1]], (41, 41))  # in the torus' hole
-    for slicing in ("orthogonal", "screen"):
-        ring = ibr.render(ibr.DepthObject(views, 64, slicing), inside)
-        np.testing.assert_array_equal(np.isfinite(ring.depth), ring.valid)
+    # Equally close views blend in another order: a rounding, unless the third place is a tie
+    assert (np.abs(frame.color.astype(int) - turned.color) > 1).any(axis=-1).sum() == 0
 
 
-def test_it_stands_among_other_things():
-    thing = ibr.DepthObject(some_views("orthographic"), 128)
-    camera = looking(torus(), (0, 0, 1), (100, 80))
-    alone = ibr.render(thing, camera)
-    # A wall through the middle, across the view: it hides what lies behind it and nothing else.
-    wall = ibr.Mesh([[-5, -5, 0], [5, -5, 0], [5, 5, 0], [-5, 5, 0]], [[0, 1, 2], [0, 2, 3]])
-    z = float(camera.camera_from_world[2, 3])
-    both = [ibr.render(order, camera) for order in ([thing, wall], [wall, thing])]
-    np.testing.assert_array_equal(both[0].depth, both[1].depth)
-    assert both[0].valid.all()
-    front = alone.valid & (alone.depth < z - 1e-3)
-    np.testing.assert_array_equal(both[0].depth[front], alone.depth[front])
-    np.testing.assert_allclose(both[0].depth[~alone.valid], z, rtol=1e-5)
+@pytest.mark.parametrize("size", [(1, 1), (7, 13), (61, 37)])
+def test_any_size_is_a_part_of_a_large_picture(size):
+    thing, camera = ibr.DepthObject(views_of_torus("perspective"), 64), looking(torus(), FRONT, (90, 70))
+    whole = ibr.render(thing, camera)
+    width, height = size
+    middle = np.add(
+        np.argwhere(whole.valid[18:51, 30:60])[0], (18, 30)
+    )  # on the object, and all of the part in the whole
+    y, x = np.subtract(middle, (height // 2, width // 2))
+    K = camera.K - [[0, 0, x], [0, 0, y], [0, 0, 0]]
+    part = ibr.render(thing, Camera(K, size, camera.world_from_camera))
+    window = whole.depth[y : y + height, x : x + width]
+    assert np.isfinite(window).any()
+    both = part.valid & np.isfinite(window)
+    assert both.sum() >= 0.99 * max(part.valid.sum(), np.isfinite(window).sum())
+    # The same rays from another K, rounded to float32; at the outline that may decide on a slice.
+    assert np.quantile(np.abs(part.depth - window)[both], 0.95) <= 1e-4
 
 
-def test_bad_input():
-    views = some_views("orthographic")
-    far = [ibr.DepthImage(v.color, v.depth, v.camera.moved(100.0 * k, 0, 0)) for k, v in enumerate(views)]
-    empty = ibr.DepthImage(views[0].color, np.full_like(views[0].depth, np.nan), views[0].camera)
-    for bad in ([], views[0], [3], far, [*views, empty]):
+@pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
+@pytest.mark.parametrize("texture", ["visible", "naive"])
+def test_from_within_its_box(slicing, texture):
+    thing = ibr.DepthObject(views_of_torus("orthographic"), 64, slicing, texture)
+    middle, ring = thing.box.center, torus().vertices[0]
+    for eye in (middle, middle + 1e-6, 0.5 * (middle + ring), ring):
+        frame = ibr.render(thing, Camera.look_at(eye, np.add(middle, (0.3, 2, 0.1)), (0, 0, 1), (41, 33), fov_y=80))
+        np.testing.assert_array_equal(np.isfinite(frame.depth), frame.valid)
+        assert (frame.depth[frame.valid] > 0).all()
+    behind = ibr.render(thing, Camera.look_at(middle + 9, middle + 18, (0, 0, 1), (41, 33)))
+    assert not behind.valid.any()
+
+
+def test_from_afar_it_is_orthographic():
+    thing = ibr.DepthObject(views_of_torus("orthographic"), 64, "screen")
+    flat = looking(torus(), FRONT, (90, 70), "orthographic")
+    away = 1000.0
+    K = flat.K * [[away, 0, 1], [0, away, 1], [0, 0, 1]]
+    pose = flat.world_from_camera.copy()
+    depth = float((thing.box.center - flat.center) @ flat.forward)
+    pose[:3, 3] += (depth - away) * flat.forward
+    near, far = ibr.render(thing, flat), ibr.render(thing, Camera(K, flat.size, pose))
+    assert silhouette_iou(near.valid, far.valid) >= 0.99
+    both = near.valid & far.valid
+    # Slices lie elsewhere, float32 holds 1000 to 6e-5, and half the object's depth of 2 shifts rays by a 1000th.
+    off = np.abs(far.depth + (depth - away) - near.depth)[both]
+    assert np.quantile(off, 0.9) <= 1.5 * spacing(thing) / 2**thing.halvings
+
+
+def plane_through(thing: ibr.DepthObject) -> ibr.Mesh:
+    """A large square through the middle, aslant."""
+    a, b = np.linalg.qr(np.random.default_rng(8).normal(size=(3, 3)))[0][:2] * 5
+    corners = np.array([a, b, -a, -b]) + thing.box.center
+    return ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]], colors=np.full((4, 3), 9, np.uint8))
+
+
+@pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
+@pytest.mark.parametrize("halvings", [0, 2])
+def test_one_depth_buffer_with_other_things(slicing, halvings):
+    thing = ibr.DepthObject(views_of_torus("orthographic"), 40, slicing, halvings=halvings)
+    wall, hull = plane_through(thing), ibr.VisualHull(object_views(cup(), 64), 40, slicing, halvings)
+    for projection in ("perspective", "orthographic"):
+        camera = looking(torus(), FRONT, (100, 80), projection)
+        things = [thing, wall, hull]
+        alone = [ibr.render(one, camera) for one in things]
+        nearest = np.min([np.where(one.valid, one.depth, np.inf) for one in alone], axis=0)
+        for order in permutations(things):
+            frame = ibr.render(order, camera)
+            np.testing.assert_array_equal(np.where(frame.valid, frame.depth, np.inf), nearest)
+        assert (nearest == alone[0].depth).any()
+        assert (nearest == alone[1].depth).any()
+        assert (nearest == alone[2].depth).any()
+
+
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+def test_of_what_is_equally_far_the_first_stays(projection):
+    views = views_of_torus("orthographic")
+    dark, light = (
+        ibr.DepthObject([ibr.DepthImage(np.full_like(v.color, gray), v.depth, v.camera) for v in views], 64)
+        for gray in (50, 200)
+    )
+    frame = ibr.render([dark, light], looking(torus(), FRONT, (90, 70), projection))
+    assert (frame.color[frame.valid] == 50).all()
+
+
+def test_tests_are_counted():
+    thing, camera = ibr.DepthObject(views_of_torus("orthographic"), 64), looking(torus(), FRONT, (90, 70))
+    target, tests = Target(camera, np.dtype(np.uint8)), empty((70, 90), np.int32)
+    tests.fill(0)
+    draw_object(target, thing, tests)
+    seen, counted = target.frame().valid, tests.to_host()
+    assert (counted[seen] >= 6).all()  # what passes has passed all
+    # A ray crosses no more than 64 * sqrt(3) slices and one each side, with six tests each at most.
+    assert counted.max() <= 6 * (64 * 3**0.5 + 2 + thing.halvings)
+
+
+def test_bad_views():
+    views = views_of_torus("orthographic")
+    apart = [ibr.DepthImage(v.color, v.depth, v.camera.moved(100.0 * k, 0, 0)) for k, v in enumerate(views)]
+    back = views[0].camera.orbited(180, views[0].camera.center)
+    turned_away = [views[0], ibr.DepthImage(views[0].color, views[0].depth, back)]
+    nothing = ibr.DepthImage(views[0].color, np.full_like(views[0].depth, np.nan), views[0].camera)
+    outline = ibr.Silhouette(views[0].color, views[0].valid, views[0].camera)
+    for bad in ([], (), None, views[0], [3], [*views, None], apart, turned_away, [*views, nothing], [outline]):
         with pytest.raises(ibr.ArgumentError, match=r"^views: "):
             ibr.DepthObject(bad)
-    for changes, argument in (
-        ({"slices": 0}, "slices"),
-        ({"slices": 1.5}, "slices"),
-        ({"slicing": "surface"}, "slicing"),
-        ({"texture": "best"}, "texture"),
-        ({"halvings": -1}, "halvings"),
-    ):
-        with pytest.raises(ibr.ArgumentError, match=rf"^{argument}: "):
-            ibr.DepthObject(views, **changes)
+    with pytest.raises(ibr.ArgumentError, match="view 6"):
+        ibr.DepthObject([*views, nothing])
+
+
+BAD = [
+    *[("slices", value) for value in (0, -3, 1.5, "64", True, None, 10**9)],
+    *[("slicing", value) for value in ("surface", None, 1)],
+    *[("texture", value) for value in ("best", None)],
+    *[("halvings", value) for value in (-1, 0.5, True, 99)],
+]
+
+
+@pytest.mark.parametrize(("argument", "value"), BAD)
+def test_bad_options(argument, value):
+    with pytest.raises(ibr.ArgumentError, match=rf"^{argument}: "):
+        ibr.DepthObject(views_of_torus("four"), **{argument: value})

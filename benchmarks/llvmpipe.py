@@ -1,0 +1,186 @@
+"""Mesa's software OpenGL as a peer: the same triangles, and the same slices as alpha-tested quadrilaterals."""
+
+from __future__ import annotations
+
+import functools
+import os
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import pyibr as ibr
+
+Array = NDArray[Any]
+
+_VIEWS_MOST = 6
+
+_MESH_VERTEX = """
+#version 330
+uniform mat4 clip;
+in vec3 position;
+in vec3 tint;
+out vec3 shade;
+void main() { gl_Position = clip * vec4(position, 1.0); shade = tint; }
+"""
+_MESH_FRAGMENT = """
+#version 330
+in vec3 shade;
+out vec4 color;
+void main() { color = vec4(shade, 1.0); }
+"""
+_SLICE_VERTEX = """
+#version 330
+uniform mat4 clip;
+in vec3 position;
+out vec3 world;
+void main() { gl_Position = clip * vec4(position, 1.0); world = position; }
+"""
+# A fragment of a slice passes if its point passes the test of each view, the same as kernels/slicing/object.cl.
+_SLICE_FRAGMENT = """
+#version 330
+#define VIEWS {views}
+uniform mat4 views[VIEWS];
+uniform vec2 sizes[VIEWS];
+uniform float weights[VIEWS];
+uniform sampler2D maps[VIEWS];
+uniform sampler2D colors[VIEWS];
+in vec3 world;
+out vec4 color;
+void main() {{
+    vec2 places[VIEWS];
+{tests}
+    vec3 sum = vec3(0.0);
+{blends}
+    color = vec4(sum, 1.0);
+}}
+"""
+_TEST = """
+    {{
+        vec4 p = views[{i}] * vec4(world, 1.0);
+        places[{i}] = (p.xy / p.z + 0.5) / sizes[{i}];
+        if (any(lessThan(places[{i}], vec2(0.0))) || any(greaterThan(places[{i}], vec2(1.0)))) discard;
+        if ({fails}) discard;
+    }}
+"""
+_BLEND = "    if (weights[{i}] > 0.0) sum += weights[{i}] * texture(colors[{i}], places[{i}]).rgb;"
+
+
+@functools.cache
+def context() -> Any:
+    """The one context, or the reason why there is none."""
+    os.environ |= {"LIBGL_ALWAYS_SOFTWARE": "1", "GALLIUM_DRIVER": "llvmpipe"}
+    try:
+        import moderngl
+
+        made = moderngl.create_standalone_context(backend="egl")
+    except Exception as error:  # a missing package, library or display: all are reasons to go without
+        return f"no OpenGL through moderngl and EGL ({type(error).__name__}: {error})"
+    renderer = str(made.info["GL_RENDERER"])
+    return made if "llvmpipe" in renderer else f"OpenGL is not Mesa's llvmpipe but {renderer}"
+
+
+def clip_matrix(camera: ibr.Camera, near: float, far: float) -> Array:
+    """(4, 4) world to OpenGL's clip space; row y of the picture is row y of the framebuffer, so it is read as it is."""
+    width, height = camera.size
+    U, V, W, _ = camera.pixel_matrix @ camera.camera_from_world
+    z = camera.camera_from_world[2]
+    one = np.array([0.0, 0, 0, 1])
+    if camera.projection == "perspective":
+        depth = ((far + near) * z - 2 * far * near * one) / (far - near)
+    else:
+        depth = (2 * z - (far + near) * one) / (far - near)
+    return np.array([2 * (U + 0.5 * W) / width - W, 2 * (V + 0.5 * W) / height - W, depth, W])
+
+
+@dataclass
+class Picture:
+    """Something prepared that draws itself."""
+
+    program: Any
+    vertices: Any
+    framebuffer: Any
+    camera: ibr.Camera
+    near: float
+    far: float
+
+    def draw(self, read: bool = True) -> tuple[Array, Array] | None:
+        """Colour (H, W, 3) uint8 and planar depth (H, W) float32, infinite where there is nothing."""
+        gl = context()
+        self.framebuffer.use()
+        gl.clear()
+        gl.enable(gl.DEPTH_TEST)
+        self.vertices.render()
+        if not read:
+            gl.finish()
+            return None
+        height, width = self.camera.height, self.camera.width
+        color = np.frombuffer(self.framebuffer.read(components=3, alignment=1), np.uint8).reshape(height, width, 3)
+        d = np.frombuffer(self.framebuffer.read(components=1, attachment=-1, dtype="f4", alignment=1), np.float32)
+        d = d.reshape(height, width)
+        if self.camera.projection == "perspective":
+            z = self.near * self.far / (self.far - d * (self.far - self.near))
+        else:
+            z = self.near + d * (self.far - self.near)
+        return color, np.where(d < 1, z, np.inf).astype(np.float32)
+
+
+def triangles(camera: ibr.Camera, mesh: ibr.Mesh, colors: Array, near: float, far: float) -> Picture:
+    """A mesh with vertex colours (N, 3) in [0, 1]."""
+    gl = context()
+    program = gl.program(vertex_shader=_MESH_VERTEX, fragment_shader=_MESH_FRAGMENT)
+    program["clip"].write(clip_matrix(camera, near, far).T.astype("f4").tobytes())
+    data = np.concatenate([mesh.vertices, colors.astype(np.float32)], axis=1)
+    buffer, indices = gl.buffer(data.tobytes()), gl.buffer(mesh.faces.tobytes())
+    vertices = gl.vertex_array(program, [(buffer, "3f 3f", "position", "tint")], indices)
+    return Picture(program, vertices, _framebuffer(gl, camera), camera, near, far)
+
+
+def slices(
+    camera: ibr.Camera, thing: ibr.DepthObject | ibr.VisualHull, numbers: list[int], axis: int, near: float, far: float
+) -> Picture:
+    """The slices of an object along an axis of its box, front to back; numbers: the views that are tested."""
+    gl = context()
+    hull = isinstance(thing, ibr.VisualHull)
+    tests: list[str] = []
+    for i in range(len(numbers)):
+        read = f"texture(maps[{i}], places[{i}]).r"
+        tests.append(_TEST.format(i=i, fails=f"{read} < 0.5" if hull else f"p.w / p.z > {read}"))
+    blends = [_BLEND.format(i=i) for i in range(len(numbers))]
+    program = gl.program(
+        vertex_shader=_SLICE_VERTEX,
+        fragment_shader=_SLICE_FRAGMENT.format(views=len(numbers), tests="".join(tests), blends="\n".join(blends)),
+    )
+    program["clip"].write(clip_matrix(camera, near, far).T.astype("f4").tobytes())
+    views = [thing.views[k] for k in numbers]
+    matrices = [view.camera.pixel_matrix @ view.camera.camera_from_world for view in views]
+    program["views"].write(np.array([m.T for m in matrices], "f4").tobytes())
+    program["sizes"].write(np.array([view.camera.size for view in views], "f4").tobytes())
+    weights = np.zeros(len(numbers), "f4")
+    weights[:3] = 1 / min(3, len(numbers))
+    program["weights"].write(weights.tobytes())
+    for i, (k, view) in enumerate(zip(numbers, views, strict=True)):
+        for name, values, kind in (("maps", thing.maps[k], "f4"), ("colors", view.color, "f1")):
+            texture = gl.texture(view.camera.size, 3 if kind == "f1" else 1, values.tobytes(), 1, dtype=kind)
+            texture.repeat_x = texture.repeat_y = False
+            unit = i + (_VIEWS_MOST if name == "colors" else 0)
+            texture.use(unit)
+            program[f"{name}[{i}]"].value = unit
+    box = thing.box
+    count = round(float(box.edges[axis] / box.edges.max()) * thing.slices)
+    others = [k for k in range(3) if k != axis]
+    quads = np.zeros((count, 6, 3))
+    quads[:, :, axis] = (np.arange(count)[:, None] + 0.5) / count
+    for corner, (a, b) in enumerate(((0, 0), (1, 0), (1, 1), (0, 0), (1, 1), (0, 1))):
+        quads[:, corner, others[0]], quads[:, corner, others[1]] = a, b
+    points = (box.low + quads * box.edges) @ box.axes
+    depth = points[:, 0] @ camera.camera_from_world[2, :3]
+    points = points[np.argsort(depth)]
+    buffer = gl.buffer(points.astype("f4").tobytes())
+    vertices = gl.vertex_array(program, [(buffer, "3f", "position")])
+    return Picture(program, vertices, _framebuffer(gl, camera), camera, near, far)
+
+
+def _framebuffer(gl: Any, camera: ibr.Camera) -> Any:
+    return gl.framebuffer([gl.texture(camera.size, 4)], gl.depth_texture(camera.size))

@@ -1,0 +1,96 @@
+"""The rasteriser's kernels in their GPU form, and their bounds."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.camera import Camera
+from tests.one_lane import one_lane
+from tests.scenes import pose
+
+LIGHT = ibr.Light(position=(0, -2, 0))
+
+
+def globe(projection: str) -> tuple[ibr.Mesh, Camera]:
+    """A lit, textured sphere of unit radius, 4 before the camera, on a screen of no whole number of bins."""
+    across, down = np.meshgrid(np.linspace(0, 1, 41), np.linspace(0, 1, 21))
+    a, b = 2 * np.pi * across.ravel(), np.pi * down.ravel()
+    points = np.stack([np.sin(b) * np.cos(a), -np.cos(b), np.sin(b) * np.sin(a)], axis=-1)
+    i = (np.arange(20)[:, None] * 41 + np.arange(40)).ravel()
+    faces = np.concatenate([np.stack([i, i + 1, i + 41], 1), np.stack([i + 1, i + 42, i + 41], 1)])
+    texture = np.random.default_rng(0).integers(0, 256, (20, 30, 3)).astype(np.uint8)
+    mesh = ibr.Mesh(np.add(points, (0, 0, 4)), faces, np.stack([across, down], -1).reshape(-1, 2), points, texture)
+    f = 250 if projection == "perspective" else 70
+    return mesh, Camera([[f, 0, 70], [0, f, 90], [0, 0, 1]], (150, 170), projection=projection)
+
+
+def soup(projection: str) -> tuple[ibr.Mesh, Camera]:
+    """Coloured triangles in one another and on both sides of the camera."""
+    rng = np.random.default_rng(1)
+    points = rng.uniform((-4, -3, -2), (4, 3, 6), (200, 1, 3)) + rng.normal(size=(200, 3, 3))
+    mesh = ibr.Mesh(points.reshape(-1, 3), np.arange(600).reshape(-1, 3), colors=rng.random((600, 3), np.float32))
+    f = 100 if projection == "perspective" else 20
+    return mesh, Camera([[f, 0, 70], [0, f, 50], [0, 0, 1]], (161, 121), pose(roll=20), projection)
+
+
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+@pytest.mark.parametrize("scene", [globe, soup])
+def test_one_lane_is_as_good_as_sixteen(scene, projection):
+    mesh, camera = scene(projection)
+    wide = ibr.render(mesh, camera, LIGHT)
+    with one_lane():
+        one = ibr.render(mesh, camera, LIGHT)
+    assert wide.valid.sum() > 5000
+    # Corners are rounded to 1/256 of a pixel relative to the work-item's region: a pixel at an outline, or on an
+    # edge of two triangles, may differ.
+    assert (one.valid != wide.valid).mean() <= 1e-4
+    both = one.valid & wide.valid
+    assert np.isclose(one.depth, wide.depth, rtol=1e-5, atol=1e-5)[both].mean() >= 0.9995
+    assert (np.abs(one.color.astype(int) - wide.color)[both].max(axis=1) <= 1).mean() >= 0.9995
+
+
+def test_one_lane_draws_into_what_is_there():
+    near, camera = globe("perspective")
+    wall = ibr.Mesh([[-2, -2, 4], [2, -2, 4], [2, 2, 4], [-2, 2, 4]], [[0, 2, 1], [0, 3, 2]])
+    with one_lane():
+        one, other = ibr.render([near, wall], camera), ibr.render([wall, near], camera)
+    wide = ibr.render([near, wall], camera)
+    np.testing.assert_array_equal(one.color, other.color)
+    np.testing.assert_array_equal(one.depth, other.depth)
+    np.testing.assert_allclose(one.depth, wide.depth, rtol=1e-5)
+
+
+BOUNDS = """
+import numpy as np, pyibr as ibr
+from pyibr.opencl import device
+from pyibr.camera import Camera
+square = [[-1, -1, 2], [1, -1, 4], [1, 1, 4], [-1, 1, -2]]
+faces, uv = [[0, 2, 1], [0, 3, 2], [1, 1, 2]], [[-1, 0], [1, 0], [1, 2], [0, 3]]
+light = ibr.Light(position=(0, 0, 0))
+for size in (13, 7), (1, 1), (35, 5):
+    camera = Camera([[20, 0, 6], [0, 20, 3], [0, 0, 1]], size)
+    for image in np.full((5, 3, 3), 9, np.uint8), np.full((1, 1, 3), 9, np.uint8):
+        first = ibr.Mesh(square, faces, uv=uv, texture=image)
+        second = ibr.Mesh(square, faces, colors=np.full((4, 3), 9, np.uint8))
+        ibr.render([first, second, ibr.Mesh(square, faces)], camera, light)
+print("done on", device.current().device.name)
+"""
+
+
+@pytest.mark.skipif(shutil.which("oclgrind") is None, reason="oclgrind is not installed (apt-get install oclgrind)")
+def test_no_kernel_leaves_its_arrays(tmp_path: Path):
+    paths = {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p), "PYIBR_CACHE": str(tmp_path)}
+    command = ("oclgrind", "--check-api", sys.executable, "-W", "ignore", "-c", BOUNDS)
+    variables = os.environ | paths | {"PYIBR_DEVICE": "oclgrind"}
+    result = subprocess.run(command, env=variables, capture_output=True, text=True, timeout=300)
+    assert "done on Oclgrind" in result.stdout, result.stdout + result.stderr
+    for report in ("Invalid read", "Invalid write", "Uninitialized", "data race"):
+        assert report not in result.stdout + result.stderr, (result.stdout + result.stderr)[:3000]

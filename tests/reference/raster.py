@@ -1,0 +1,47 @@
+"""A triangle at a pixel in float64, for reading; none of the maths comes from pyibr's camera."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pyibr.camera import Camera
+
+
+def homogeneous(camera: Camera, points: np.ndarray) -> np.ndarray:
+    """(..., 3) U, V, W of points (..., 3) of the world: their pixels are (U / W, V / W)."""
+    rotation, center = camera.world_from_camera[:3, :3], camera.world_from_camera[:3, 3]
+    local = (points - center) @ rotation
+    if camera.projection == "orthographic":
+        local = np.concatenate([local[..., :2], np.ones_like(local[..., :1])], axis=-1)
+    return local @ camera.K.T
+
+
+def weights(camera: Camera, corners: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """(n, 3) weights of triangles' corners (n, 3, 3) at what pixels (n, 2) see of their planes; perspective-correct.
+
+    The point sum w_k P_k is seen at (x, y) if sum w_k (U_k, V_k, W_k) is a multiple of (x, y, 1).
+    """
+    seen = np.concatenate([pixels, np.ones((len(pixels), 1))], axis=1)
+    multiple = np.linalg.solve(homogeneous(camera, corners).transpose(0, 2, 1), seen[..., None])[..., 0]
+    return multiple / multiple.sum(axis=1, keepdims=True)
+
+
+def depths(camera: Camera, corners: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """(n,) planar z of triangles' planes at pixels."""
+    z = (corners - camera.world_from_camera[:3, 3]) @ camera.world_from_camera[:3, 2]
+    return (weights(camera, corners, pixels) * z).sum(axis=1)
+
+
+def edge_distances(camera: Camera, corners: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """(n, 3) pixels from the edge opposite to each corner, positive inside; for corners before the camera."""
+    place = homogeneous(camera, corners)
+    place = place[..., :2] / place[..., 2:]
+    p, q = np.roll(place, -1, axis=1), np.roll(place, -2, axis=1)
+    along = q - p
+
+    def across(points: np.ndarray) -> np.ndarray:
+        return along[..., 0] * (points - p)[..., 1] - along[..., 1] * (points - p)[..., 0]
+
+    length = np.linalg.norm(along, axis=-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return across(pixels[:, None]) * np.sign(across(place)) / length

@@ -1,0 +1,143 @@
+"""The box of an object holds all of it, and little more."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("open3d")
+
+import pyibr as ibr
+from pyibr.boxes import Box, box_of_samples, box_of_silhouettes, nearness_map
+from pyibr.camera import Camera
+from pyibr.capture import object_views
+from tests.reference.slicing import visual_hull
+from tests.slicing.solids import cup, looking, torus, views_of_torus
+
+KINDS = ["orthographic", "perspective", "four", "nine, anywhere"]
+
+
+def moved(views: list[ibr.DepthImage], by: tuple[float, float, float]) -> list[ibr.DepthImage]:
+    """The same scene elsewhere in the world."""
+    made = []
+    for view in views:
+        pose = view.camera.world_from_camera.copy()
+        pose[:3, 3] += by
+        camera = Camera(view.camera.K, view.camera.size, pose, view.camera.projection)
+        made.append(ibr.DepthImage(view.color, view.depth, camera))
+    return made
+
+
+def within(box: Box, points: np.ndarray) -> np.ndarray:
+    along = points @ box.axes.T
+    return ((along >= box.low) & (along <= box.high)).all(axis=1)
+
+
+def test_a_box_is_a_unit_cube_in_its_own_frame():
+    axes, _ = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))
+    box = Box(axes, np.array([1.0, -2, 3]), np.array([2.0, 3, 7]))
+    np.testing.assert_allclose(box.edges, [1, 5, 4])
+    cube = box.corners @ box.from_world[:, :3].T + box.from_world[:, 3]
+    assert {tuple(corner) for corner in np.rint(cube).astype(int).tolist()} == {
+        (x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)
+    }
+    np.testing.assert_allclose(cube, np.rint(cube), atol=1e-12)
+    np.testing.assert_allclose(box.center, box.corners.mean(axis=0))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_box_of_samples_is_theirs_along_the_first_views_axes(kind):
+    views = views_of_torus(kind)
+    box = box_of_samples(views)
+    np.testing.assert_allclose(box.axes, views[0].camera.world_from_camera[:3, :3].T)
+    points = []
+    for view in views:
+        y, x = np.nonzero(view.valid)
+        points.append(view.camera.unproject(np.column_stack([x, y]), view.depth[y, x]))
+    every = np.concatenate(points)
+    assert within(box, every).all()
+    extent = np.ptp(every @ box.axes.T, axis=0)
+    np.testing.assert_allclose(box.edges, extent + 0.002 * extent.max(), rtol=1e-9)  # a 1000th on each side
+
+
+def test_a_flat_object_has_a_box_with_an_inside():
+    camera = Camera([[20, 0, 10], [0, 20, 10], [0, 0, 1]], (21, 21))
+    view = ibr.DepthImage(np.zeros((21, 21, 3), np.uint8), np.full((21, 21), 2.0, np.float32), camera)
+    box = box_of_samples([view])
+    assert (box.edges > 0).all()
+    assert np.isfinite(box.from_world).all()
+
+
+@pytest.mark.parametrize("projection", ["orthographic", "perspective"])
+def test_background_is_as_far_as_the_box_reaches(projection):
+    views = object_views(torus(), 40, projection)
+    box = box_of_samples(views)
+    for view in views:
+        nearness = nearness_map(view, box)
+        z = view.camera.camera_from_world[2, :3] @ box.corners.T + view.camera.camera_from_world[2, 3]
+        assert nearness.dtype == np.float32
+        far = nearness[~view.valid]
+        np.testing.assert_allclose(far, 1 / z.max() if projection == "perspective" else -z.max(), rtol=1e-6)
+        there = view.depth[view.valid]
+        np.testing.assert_array_equal(nearness[view.valid], 1 / there if projection == "perspective" else -there)
+        assert far.max() < nearness[view.valid].min()
+
+
+@pytest.mark.parametrize("by", [(0, 0, 0), (300, -200, 100)])
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_box_of_silhouettes_holds_all_that_lies_within_them(kind, by):
+    views = moved(views_of_torus(kind), by)
+    box = box_of_silhouettes(views)
+    np.testing.assert_array_equal(box.axes, np.eye(3))
+    random = np.random.default_rng(2).uniform(-1, 1, size=(200_000, 3))
+    points = box.center + random * 0.75 * box.edges.max()  # half as much again on each side
+    points = points[visual_hull(views)(points)]
+    assert len(points) > 1000
+    assert within(box, points).all()
+    # Two cells of the last grid, and what a silhouette's samples and cells' radii add: no more than a tenth
+    assert (box.edges <= 1.1 * np.ptp(points, axis=0) + 0.05 * box.edges.max()).all()
+
+
+def test_two_opposite_views_anywhere_in_the_world():
+    """Their rays are all parallel: nothing says how deep the object lies but the cameras."""
+    for projection in ("orthographic", "perspective"):
+        here = object_views(torus(), 60, projection)[:2]
+        box, there = box_of_silhouettes(here), box_of_silhouettes(moved(here, (100, 30, 5)))
+        assert within(box, torus().vertices).all()
+        np.testing.assert_allclose(there.center - box.center, (100, 30, 5), atol=0.05)
+        np.testing.assert_allclose(there.edges, box.edges, rtol=0.02)
+
+
+def test_a_small_silhouette_is_found():
+    """One of a pixel, in four views."""
+    views = []
+    for eye in ((3, 0, 0), (0, 3, 0.1), (0, 0.1, 3), (2, 2, 2)):
+        camera = Camera.look_at(eye, (0, 0, 0), (0.1, 0.2, 0.3), (201, 151), fov_y=60)
+        mask = np.zeros((151, 201), bool)
+        mask[75, 100] = True
+        views.append(ibr.Silhouette(np.zeros((151, 201, 3), np.uint8), mask, camera))
+    box = box_of_silhouettes(views)
+    pixel = 2 * 3 * np.tan(np.radians(30)) / 151
+    assert within(box, np.zeros((1, 3))).all()
+    # Its square, and around it the pixel and a half that a coarse grid may not cut off
+    assert (box.edges <= 8 * pixel).all()
+    target = views[3].camera
+    frame = ibr.render(ibr.VisualHull(views, 64), Camera(target.K, target.size, target.world_from_camera))
+    assert frame.valid[75, 100]
+    assert frame.valid.sum() <= 9
+
+
+def test_views_with_nothing_in_common():
+    views = object_views(cup(), 40)
+    apart = [views[0], *moved(views[2:3], (0, 0, 50))]
+    for made in (box_of_samples, box_of_silhouettes):
+        with pytest.raises(ibr.ArgumentError, match=r"^views: "):
+            made(apart)
+
+
+def test_silhouettes_from_one_side_bound_nothing():
+    view = cup().capture(looking(cup(), (0, 0, 1), (60, 50)))
+    aside = ibr.DepthImage(view.color, view.depth, view.camera.moved(0.1, 0, 0))
+    for views in ([view], [view, view], [view, aside]):
+        with pytest.raises(ibr.ArgumentError, match="one side"):
+            box_of_silhouettes(views)
