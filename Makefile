@@ -13,6 +13,9 @@ help:  ## this list
 .venv/.docs: .venv/.ready
 	@$(RUN) -m pip install -q -e '.[docs]' && touch $@
 
+.venv/.bench: .venv/.ready
+	@$(RUN) -m pip install -q -e '.[bench]' && touch $@
+
 setup: .venv/.ready  ## system libraries, .venv and the Python packages
 
 demo: .venv/.ready  ## new views of a terrain: build/demo.png
@@ -26,7 +29,7 @@ check: .venv/.ready  ## lint, format and types
 	@$(RUN) -m ruff format --check .
 	@$(RUN) -m pyright
 
-bench: .venv/.ready  ## time against the peers and the paper
+bench: .venv/.bench  ## time against the peers and the paper
 	@$(RUN) -m benchmarks $(ARGS)
 
 docs: .venv/.docs  ## the manual: build/docs/index.html

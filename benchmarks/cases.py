@@ -23,6 +23,11 @@ class Plan:
     peers_positions: tuple[Position, ...]
     peers: Mapping[int, int]
     open3d_largest: int  # side of the largest image whose triangles Open3D is given
+    raster: Mapping[tuple[str, int], int]  # mesh and side
+    slicing: Mapping[tuple[int, int], int]  # side and number of slices
+    donut: int  # turns
+    elevations: tuple[int, ...]  # degrees above the surface, of the views that compare the directions of slicing
+    direction_slices: tuple[int, ...]
     startup_repeats: int
     startup_empty_cache: bool  # begin with nothing built, so that a first process shows what building costs
     memory: tuple[int, ...]
@@ -39,6 +44,16 @@ FULL = Plan(
     peers_positions=EVERY_POSITION,
     peers={256: 15, 512: 11, 1024: 7, 2048: 5, 4096: 3},
     open3d_largest=512,
+    raster={("dragon", 1024): 15, ("donut", 512): 41},
+    slicing={
+        **{(n, 128): 9 for n in (50, 100, 150, 200, 300, 400)},
+        **{(300, slices): 9 for slices in (16, 32, 64, 256)},
+        (150, 70): 15,
+        (400, 150): 7,
+    },
+    donut=31,
+    elevations=(5, 10, 20, 45, 90),
+    direction_slices=(8, 16, 32, 64, 128, 256),
     startup_repeats=5,
     startup_empty_cache=True,
     memory=(1024, 4096),
@@ -52,6 +67,11 @@ QUICK = Plan(
     peers_positions=(("A", "forward"), ("E", "backward")),
     peers={64: 3, 128: 3},
     open3d_largest=64,
+    raster={("dragon", 64): 1, ("donut", 64): 1},
+    slicing={(40, 128): 1, (80, 128): 1, (300, 8): 1, (300, 16): 1},
+    donut=1,
+    elevations=(20, 90),
+    direction_slices=(8, 16),
     startup_repeats=1,
     startup_empty_cache=False,
     memory=(256,),

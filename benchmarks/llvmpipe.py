@@ -5,12 +5,14 @@ from __future__ import annotations
 import functools
 import os
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import pyibr as ibr
+from pyibr.slicing.object import slices_axis
 
 Array = NDArray[Any]
 
@@ -72,13 +74,15 @@ def context() -> Any:
     """The one context, or the reason why there is none."""
     os.environ |= {"LIBGL_ALWAYS_SOFTWARE": "1", "GALLIUM_DRIVER": "llvmpipe"}
     try:
-        import moderngl
-
-        made = moderngl.create_standalone_context(backend="egl")
+        moderngl: Any = import_module("moderngl")
+        made = moderngl.create_context(standalone=True, backend="egl")
     except Exception as error:  # a missing package, library or display: all are reasons to go without
-        return f"no OpenGL through moderngl and EGL ({type(error).__name__}: {error})"
+        return (
+            f"there is no OpenGL through moderngl and EGL ({type(error).__name__}: {error}); it needs "
+            "pip install moderngl, and on Debian apt install libegl1 libgl1-mesa-dri"
+        )
     renderer = str(made.info["GL_RENDERER"])
-    return made if "llvmpipe" in renderer else f"OpenGL is not Mesa's llvmpipe but {renderer}"
+    return made if "llvmpipe" in renderer else f"OpenGL is drawn by {renderer} here"
 
 
 def clip_matrix(camera: ibr.Camera, near: float, far: float) -> Array:
@@ -105,16 +109,21 @@ class Picture:
     near: float
     far: float
 
-    def draw(self, read: bool = True) -> tuple[Array, Array] | None:
-        """Colour (H, W, 3) uint8 and planar depth (H, W) float32, infinite where there is nothing."""
+    def draw(self) -> None:
+        """Draw, and wait until it is done."""
         gl = context()
+        self._start(gl)
+        gl.finish()
+
+    def _start(self, gl: Any) -> None:
         self.framebuffer.use()
         gl.clear()
         gl.enable(gl.DEPTH_TEST)
         self.vertices.render()
-        if not read:
-            gl.finish()
-            return None
+
+    def picture(self) -> tuple[Array, Array]:
+        """Colour (H, W, 3) uint8 and planar depth (H, W) float32, infinite where there is nothing."""
+        self._start(context())
         height, width = self.camera.height, self.camera.width
         color = np.frombuffer(self.framebuffer.read(components=3, alignment=1), np.uint8).reshape(height, width, 3)
         d = np.frombuffer(self.framebuffer.read(components=1, attachment=-1, dtype="f4", alignment=1), np.float32)
@@ -137,12 +146,14 @@ def triangles(camera: ibr.Camera, mesh: ibr.Mesh, colors: Array, near: float, fa
     return Picture(program, vertices, _framebuffer(gl, camera), camera, near, far)
 
 
-def slices(
-    camera: ibr.Camera, thing: ibr.DepthObject | ibr.VisualHull, numbers: list[int], axis: int, near: float, far: float
-) -> Picture:
-    """The slices of an object along an axis of its box, front to back; numbers: the views that are tested."""
+def slices(camera: ibr.Camera, thing: ibr.DepthObject | ibr.VisualHull, near: float, far: float) -> Picture:
+    """An object's orthogonal slices, front to back: as many as ours, along the same edge of its box."""
     gl = context()
     hull = isinstance(thing, ibr.VisualHull)
+    axis = slices_axis(thing, camera)
+    closeness = [float(camera.forward @ view.camera.forward) for view in thing.views]
+    tested = thing.tested if isinstance(thing, ibr.VisualHull) else range(len(thing.views))
+    numbers = sorted(tested, key=lambda k: -closeness[k])
     tests: list[str] = []
     for i in range(len(numbers)):
         read = f"texture(maps[{i}], places[{i}]).r"
@@ -162,11 +173,12 @@ def slices(
     program["weights"].write(weights.tobytes())
     for i, (k, view) in enumerate(zip(numbers, views, strict=True)):
         for name, values, kind in (("maps", thing.maps[k], "f4"), ("colors", view.color, "f1")):
-            texture = gl.texture(view.camera.size, 3 if kind == "f1" else 1, values.tobytes(), 1, dtype=kind)
+            texture = gl.texture(view.camera.size, 3 if kind == "f1" else 1, values.tobytes(), alignment=1, dtype=kind)
             texture.repeat_x = texture.repeat_y = False
             unit = i + (_VIEWS_MOST if name == "colors" else 0)
             texture.use(unit)
-            program[f"{name}[{i}]"].value = unit
+    program["maps"].value = list(range(len(views)))
+    program["colors"].value = list(range(_VIEWS_MOST, _VIEWS_MOST + len(views)))
     box = thing.box
     count = round(float(box.edges[axis] / box.edges.max()) * thing.slices)
     others = [k for k in range(3) if k != axis]
@@ -174,7 +186,7 @@ def slices(
     quads[:, :, axis] = (np.arange(count)[:, None] + 0.5) / count
     for corner, (a, b) in enumerate(((0, 0), (1, 0), (1, 1), (0, 0), (1, 1), (0, 1))):
         quads[:, corner, others[0]], quads[:, corner, others[1]] = a, b
-    points = (box.low + quads * box.edges) @ box.axes
+    points = (box.low + quads * box.edges) @ box.axes  # 6 corners of each
     depth = points[:, 0] @ camera.camera_from_world[2, :3]
     points = points[np.argsort(depth)]
     buffer = gl.buffer(points.astype("f4").tobytes())

@@ -75,6 +75,39 @@ def peers(
     _save(figure, path)
 
 
+def objects(
+    by_size: Mapping[str, Series], by_slices: Mapping[str, Series], paper: Mapping[tuple[int, int], float], path: Path
+) -> None:
+    """Figure 12 of Kautz and Seidel: frames per second by the picture's side, and by the number of slices."""
+    figure, panels = _panels(2)
+    for panel, series, label in zip(
+        panels, (by_size, by_slices), ("side of the picture [pixels]", "slices"), strict=True
+    ):
+        for index, (subject, milliseconds) in enumerate(series.items()):
+            style = "s--" if "llvmpipe" in subject else "o-"
+            rates = [1000 / value for value in milliseconds.values()]
+            panel.plot(list(milliseconds), rates, style, color=f"C{index // 2}", ms=4, label=subject)
+        _logarithmic(panel, "frames per second", label)
+    for (side, slices), rate in paper.items():
+        panels[0].plot(side, rate, "k*", ms=9)
+        panels[0].annotate(f"GeForce 2, {slices} slices", (side, rate), (6, -3), textcoords="offset points", fontsize=8)
+    _save(figure, path)
+
+
+def directions(error: Mapping[str, Mapping[int, Series]], through: Mapping[str, Series], path: Path) -> None:
+    """Figure 10 as numbers. Left: error over slices, a line an elevation. Right: what is seen through."""
+    figure, (left, right) = _panels(2)
+    for index, (slicing, by_elevation) in enumerate(error.items()):
+        for elevation, series in by_elevation.items():
+            label = slicing if elevation == min(by_elevation) else None
+            left.plot(list(series), list(series.values()), "o-", color=f"C{index}", ms=3, lw=0.8, label=label)
+        shown = {n: max(100 * share, 1e-3) for n, share in through[slicing].items()}
+        right.plot(list(shown), list(shown.values()), "o-", color=f"C{index}", ms=4, label=slicing)
+    _logarithmic(left, "mean depth error [displacements]", "slices")
+    _logarithmic(right, "seen through [% of the surface], 0.001: none", "slices")
+    _save(figure, path)
+
+
 def _panels(count: int) -> tuple[Any, list[Any]]:
     # Without pyplot: no window system is looked for and nothing stays open.
     from matplotlib.figure import Figure
@@ -83,11 +116,11 @@ def _panels(count: int) -> tuple[Any, list[Any]]:
     return figure, list(np.atleast_1d(figure.subplots(1, count)))
 
 
-def _logarithmic(panel: Any, label: str) -> None:
+def _logarithmic(panel: Any, label: str, across: str = "side of the image [pixels]") -> None:
     panel.set_xscale("log", base=2)
     panel.set_yscale("log")
     panel.xaxis.set_major_formatter("{x:.0f}")
-    panel.set_xlabel("side of the image [pixels]")
+    panel.set_xlabel(across)
     panel.set_ylabel(label)
     panel.grid(True, which="both", lw=0.3, alpha=0.5)
     panel.legend(fontsize=8)

@@ -1,16 +1,21 @@
-"""The relief that is warped, and cameras with the epipole in each of the nine regions (the paper's table 1).
+"""What is drawn: the relief that is warped, cameras with the epipole in each of the nine regions, scans, bumps.
 
-Everything is fixed in normalised image coordinates, so that epipolar segments grow with the image's side.
+The regions are those of the warping paper's table 1. The relief is fixed in normalised image coordinates, so that
+epipolar segments grow with the image's side.
 """
 
 from __future__ import annotations
 
+import functools
+import os
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import pyibr as ibr
+from benchmarks.results import Skip
 
 Array = NDArray[Any]
 
@@ -42,6 +47,33 @@ def relief(n: int) -> tuple[Array, Array]:
             waves = 0.3 * np.sin(9 * a + 5 * b + phase) + 0.2 * np.sin(23 * b - 11 * a * b + phase)
             color[top : top + _CHUNK, :, channel] = 255 * (0.5 + waves)
     return color, depth
+
+
+def data_folder() -> Path:
+    """Where scanned meshes and real height maps are."""
+    beside = Path(__file__).resolve().parent.parent.parent / "shared/data"
+    return Path(os.environ.get("PYIBR_DATA", beside))
+
+
+@functools.cache
+def scanned(name: str) -> ibr.Mesh | Skip:
+    """A scanned mesh of the data folder."""
+    path = data_folder() / "meshes" / name
+    if not path.is_file():
+        return Skip(name.split("_")[0], f"{name} is not in $PYIBR_DATA/meshes")
+    try:
+        return ibr.Mesh.load(path)
+    except ibr.MissingPackageError as error:
+        return Skip(name.split("_")[0], str(error))
+
+
+def bumps(n: int) -> Array:
+    """(n, n) float32 in [0, 1]: smooth heights that are 0 on the border."""
+    x = (np.arange(n) + 0.5) / n
+    u, v = np.meshgrid(x, x)
+    waves = 0.55 + 0.25 * np.sin(9 * u + 4 * v) * np.cos(11 * v - 3 * u) + 0.2 * np.sin(14 * u * v + 1)
+    window = np.clip(8 * np.minimum(np.minimum(u, 1 - u), np.minimum(v, 1 - v)) - 0.2, 0, 1)
+    return (waves * window * window * (3 - 2 * window)).clip(0, 1).astype(np.float32)
 
 
 def source_camera(n: int) -> ibr.Camera:

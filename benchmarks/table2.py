@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import functools
-import os
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pyibr as ibr
@@ -13,6 +11,7 @@ from benchmarks.cases import Plan
 from benchmarks.launches import kernel_times
 from benchmarks.results import Record, Skip
 from benchmarks.runner import Case, Subject, Work
+from benchmarks.scenes import data_folder
 from pyibr import models
 
 PAPER = {
@@ -27,12 +26,6 @@ IMAGES = {"torus": 6, "globe": 6, "dragon": 16}
 
 SUBJECTS: dict[str, Any] = {"nearest": "nearest", "linear": "linear"}  # the paper picks the closest sample
 FRESH = "nearest, fresh views"  # DepthImages made anew, so that everything is prepared again
-
-
-def data_folder() -> Path:
-    """Where the models come from."""
-    beside = Path(__file__).resolve().parent.parent.parent / "shared/data"
-    return Path(os.environ.get("PYIBR_DATA", beside))
 
 
 def cases(plan: Plan) -> Iterator[Case]:

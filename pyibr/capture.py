@@ -17,7 +17,7 @@ from pyibr._open3d import open3d
 from pyibr.camera import Camera, Projection
 from pyibr.errors import ArgumentError
 from pyibr.images import DepthImage
-from pyibr.mesh import Mesh
+from pyibr.mesh import Mesh, checked_faces
 
 Layer = Literal["first", "last"]
 Int64 = NDArray[np.int64]
@@ -75,7 +75,7 @@ class MeshScene:
         base_color: tuple[float, float, float] = (235, 190, 130),
     ) -> None:
         self.vertices: Float64 = numbers("vertices", vertices, (None, 3))
-        self.faces: Int64 = _checked_faces(faces, len(self.vertices))
+        self.faces: Int64 = checked_faces(faces, len(self.vertices)).astype(np.int64)
         self._texture = None if texture is None else _checked_texture(texture)
         self._colors = None if colors is None else _checked_colors(colors, len(self.vertices))
         self._uv = None if uv is None else _checked_uv(uv, self.faces, len(self.vertices))
@@ -349,16 +349,6 @@ def _smooth_normals(vertices: Float64, faces: Int64) -> Float64:
         axis=1,
     )
     return total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), np.finfo(np.float64).tiny)
-
-
-def _checked_faces(faces: ArrayLike, count: int) -> Int64:
-    array = np.asarray(faces)
-    expected = f"integers of shape (M, 3) from 0 to {count - 1}, M >= 1"
-    if array.ndim != 2 or array.shape[1:] != (3,) or array.dtype.kind not in "iu" or not len(array):
-        raise ArgumentError("faces", expected, describe(array))
-    if array.min() < 0 or array.max() >= count:
-        raise ArgumentError("faces", expected, f"values from {array.min()} to {array.max()}")
-    return array.astype(np.int64)
 
 
 def _checked_texture(texture: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -75,7 +75,7 @@ class Mesh:
         colors: NDArray[Any] | None = None,
     ) -> None:
         points = numbers("vertices", vertices, (None, 3)).astype(np.float32)
-        corners = _checked_faces(faces, len(points))
+        corners = checked_faces(faces, len(points))
         along = None if normals is None else _checked_normals(normals, len(points))
         tints = None if colors is None else _checked_colors("colors", colors, (len(points), 3))
         places = None if uv is None else _checked_uv(uv, len(points), len(corners))
@@ -291,7 +291,8 @@ def _locked(array: NDArray[Any]) -> Any:
     return view
 
 
-def _checked_faces(faces: ArrayLike, count: int) -> NDArray[np.int32]:
+def checked_faces(faces: ArrayLike, count: int) -> NDArray[np.int32]:
+    """Return `faces` as (M, 3) numbers of `count` vertices, or raise ArgumentError."""
     expected = "integers of shape (M, 3), M >= 1"
     array = np.asarray(faces)
     if array.ndim != 2 or array.shape[1:] != (3,) or not len(array) or array.dtype.kind not in "iu":

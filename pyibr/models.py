@@ -1,7 +1,7 @@
-"""The models of the warping paper as depth images: a globe, a torus and a scanned dragon.
+"""The papers' models: a globe, a torus and a scanned dragon as depth images; a donut as a base for displacement.
 
 After Schaufler and Priglinger, "Efficient Displacement Mapping by Image Warping" (1999), section 7: globe and
-torus are displaced from depth images at one centre, the dragon is covered by sixteen of them. World axes are
+torus are displaced from depth images at one centre, the dragon is covered by sixteen of them. Their world axes are
 as a camera's: x right, y down, z forward; up is -y. The scanned meshes' own up, +y, is turned over on
 loading.
 """
@@ -24,6 +24,7 @@ from pyibr.camera import Camera
 from pyibr.capture import MeshScene, cube_cameras
 from pyibr.errors import ArgumentError, FileFormatError, MissingPackageError
 from pyibr.images import DepthImage
+from pyibr.mesh import Mesh
 
 Float32 = NDArray[np.float32]
 Uint8 = NDArray[np.uint8]
@@ -139,6 +140,43 @@ def dragon(mesh_path: str | PathLike[str], size: int, views: int = 16) -> list[D
     angle = number * np.pi * (3 - np.sqrt(5))
     around = np.column_stack([np.cos(angle) * np.sqrt(1 - y * y), y, np.sin(angle) * np.sqrt(1 - y * y)])
     return [scene.capture(_outside(center, radius, direction, (size, size))) for direction in around]
+
+
+def donut(sides: int = 25, radius: float = 1.0, tube: float = 0.4) -> Mesh:
+    """Make a donut of sides x sides quadrilaterals about the z axis, the base that Kautz and Seidel (2001) displace.
+
+    Parameters
+    ----------
+    sides : int
+        At least 3. The paper's has 25: 625 polygons, two triangles each.
+    radius, tube : float
+        Of the middle line and of its cross section, in scene units.
+
+    Returns
+    -------
+    Mesh
+        With exact normals; u runs around the axis, v around the tube, 0 to 1.
+
+    Examples
+    --------
+    >>> from pyibr import models
+    >>> models.donut()
+    <Mesh 676 vertices, 1250 triangles>
+    """
+    if sides < 3:
+        raise ArgumentError("sides", "at least 3", describe(sides))
+    a, b = np.meshgrid(*[np.arange(sides + 1) * (2 * np.pi / sides)] * 2)
+    outwards = np.stack([np.cos(b) * np.cos(a), np.cos(b) * np.sin(a), np.sin(b)], axis=-1)
+    middle = np.stack([np.cos(a), np.sin(a), 0 * a], axis=-1)
+    y, x = np.mgrid[:sides, :sides]
+    i = (y * (sides + 1) + x).ravel()
+    lower, upper = np.stack([i, i + 1, i + sides + 2], 1), np.stack([i, i + sides + 2, i + sides + 1], 1)
+    return Mesh(
+        (radius * middle + tube * outwards).reshape(-1, 3),
+        np.concatenate([lower, upper]),
+        uv=np.stack([a, b], axis=-1).reshape(-1, 2) / (2 * np.pi),
+        normals=outwards.reshape(-1, 3),
+    )
 
 
 def view(

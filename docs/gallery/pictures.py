@@ -20,6 +20,7 @@ from matplotlib.ticker import NullLocator
 from terrain import height_field, source_view
 
 import pyibr as ibr
+from pyibr import models
 from pyibr.capture import MeshScene, object_views
 from pyibr.epipolar import line_groups
 from pyibr.pixelspace import Rectangle
@@ -164,19 +165,6 @@ def slicing_directions() -> Figure:
     return figure
 
 
-def donut(sides: int = 25) -> ibr.Mesh:
-    """The paper's donut: sides x sides quadrilaterals."""
-    a, b = np.meshgrid(*[np.arange(sides + 1) * 2 * np.pi / sides] * 2)
-    ring = 1 + 0.42 * np.cos(b)
-    vertices = np.stack([ring * np.cos(a), ring * np.sin(a), 0.42 * np.sin(b)], axis=-1).reshape(-1, 3)
-    normals = np.stack([np.cos(b) * np.cos(a), np.cos(b) * np.sin(a), np.sin(b)], axis=-1).reshape(-1, 3)
-    i = (np.arange(sides)[:, None] * (sides + 1) + np.arange(sides)).ravel()
-    lower, upper = np.stack([i, i + 1, i + sides + 2], 1), np.stack([i, i + sides + 2, i + sides + 1], 1)
-    return ibr.Mesh(
-        vertices, np.concatenate([lower, upper]), np.stack([a, b], -1).reshape(-1, 2) / (2 * np.pi), normals
-    )
-
-
 def donuts() -> Figure:
     """Height maps on a donut of 625 quadrilaterals: fur, and bricks."""
     rng = np.random.default_rng(1)
@@ -193,8 +181,8 @@ def donuts() -> Figure:
     )
     figure, row = plt.subplots(1, 2, figsize=(13, 4.9), layout="constrained")
     surfaces = {
-        "furry, 20 slices": ibr.SlicedSurface(donut(), fur, fur_color, 0.16, tiles=(8, 4), slices=20),
-        "bricks, 15 slices": ibr.SlicedSurface(donut(), brick, red, 0.06, tiles=(10, 4), slices=15),
+        "furry, 20 slices": ibr.SlicedSurface(models.donut(), fur, fur_color, 0.16, tiles=(8, 4), slices=20),
+        "bricks, 15 slices": ibr.SlicedSurface(models.donut(), brick, red, 0.06, tiles=(10, 4), slices=15),
     }
     for axes, (name, surface) in zip(row, surfaces.items(), strict=True):
         bare(axes).imshow(ibr.render(surface, camera, light, background=(255, 255, 255)).color)

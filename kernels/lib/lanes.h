@@ -14,8 +14,10 @@
 typedef float16 floatl;
 typedef int16 intl;
 typedef uint16 uintl;
+typedef long16 longl;
 #define to_floatl convert_float16
 #define to_intl convert_int16
+#define to_longl convert_long16
 #define to_ucharl convert_uchar16
 #define as_intl as_int16
 #define as_floatl as_float16
@@ -51,8 +53,10 @@ typedef struct __attribute__((packed)) {
 typedef float floatl;
 typedef int intl;
 typedef uint uintl;
+typedef long longl;
 #define to_floatl convert_float
 #define to_intl convert_int
+#define to_longl convert_long
 #define to_ucharl convert_uchar
 #define as_intl as_int
 #define as_floatl as_float
@@ -74,6 +78,9 @@ typedef uint uintl;
 /* One instruction each, where fmin and fmax take four: a NaN in a yields b. */
 #define lesser(a, b) pick((a) < (b), a, b)
 #define greater(a, b) pick((a) > (b), a, b)
+
+/* isfinite() compiles to a call a lane. */
+#define isfinite_lanes(v) (fabs(v) < INFINITY)
 
 /* foresee(p): p will be read or written soon. */
 #if LANES == 16 && defined(__has_builtin)

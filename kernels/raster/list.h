@@ -1,12 +1,20 @@
 /* The loop of raster/region.h: to be included after the fragment program. */
 void draw_list(const Context *context, Region *region, global const int *list, int first, int last, int x, int y)
 {
-    for (int i = first; i < last; i++) {
-        Primitive primitive;
-        if (!set_up(context, list[i], x, y, &primitive))
+    for (int i = first; i < last; i += LANES) {
+        Primitives primitives;
+        const intl at = min(i + lane_index, (intl)(last - 1)), index = (intl)(gather(list, at));
+        const intl seen = set_up(context, index, x, y, &primitives) & (i + lane_index < last);
+        if (!any_lane(seen))
             continue;
-        for (int row = primitive.low_y / BLOCK; row <= primitive.high_y / BLOCK; row++)
-            for (int column = primitive.low_x / BLOCK; column <= primitive.high_x / BLOCK; column++)
-                cover(context, &primitive, region, row * ROW + column, column * BLOCK, row * BLOCK);
+        for (int lane = 0; lane < LANES; lane++) {
+            if (!((const int *)&seen)[lane])
+                continue;
+            const int low_x = ((const int *)&primitives.low_x)[lane], high_x = ((const int *)&primitives.high_x)[lane];
+            const int low_y = ((const int *)&primitives.low_y)[lane], high_y = ((const int *)&primitives.high_y)[lane];
+            for (int row = low_y / BLOCK; row <= high_y / BLOCK; row++)
+                for (int column = low_x / BLOCK; column <= high_x / BLOCK; column++)
+                    cover(context, &primitives, lane, region, row * ROW + column, column * BLOCK, row * BLOCK);
+        }
     }
 }

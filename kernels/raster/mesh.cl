@@ -25,111 +25,20 @@ typedef struct {
     int culled;
 } Context;
 
-typedef struct {
-    Edge edges[3]; /* opposite to each corner */
-    ExactEdge exact_edges[3];
-    int exact; /* bit k: the exact one of edge k is used */
-    float n_x, n_y, n_0; /* nearness: n_x x + n_y y + n_0 */
-    float n_low, n_high; /* of the corners */
-    float nearest;
-    int index, low_x, high_x, low_y, high_y;
-} Primitive;
+typedef Triangles Primitives;
 
-int set_up(const Context *context, int index, int x, int y, Primitive *t)
+intl set_up(const Context *context, intl index, int x, int y, Primitives *t)
 {
-    float4 p[3];
-    float2 at[3];
-    int2 snapped[3];
-    int crosses = 0, close = 0; /* bit k: corner k is before the camera and not far off */
-    for (int k = 0; k < 3; k++) {
-        p[k] = relative_to(vload4(context->faces[3 * index + k], context->projected), x, y);
-        at[k] = p[k].xy / p[k].z;
-        const int is_before = p[k].z >= context->nearest_w;
-        const int is_close = is_before && fmax(fabs(at[k].x), fabs(at[k].y)) < FARTHEST_CORNER;
-        snapped[k] = is_close ? convert_int2_rte(at[k] * SUBPIXELS) : 0;
-        crosses |= !is_before;
-        close |= is_close << k;
-    }
-    t->low_x = t->low_y = 0;
-    t->high_x = t->high_y = REGION - 1;
-    if (!crosses) {
-        const float2 low = fmin(at[0], fmin(at[1], at[2])), high = fmax(at[0], fmax(at[1], at[2]));
-        t->low_x = (int)ceil(fmax(low.x - 0.01f, 0.0f));
-        t->low_y = (int)ceil(fmax(low.y - 0.01f, 0.0f));
-        t->high_x = (int)fmin(floor(high.x + 0.01f), REGION - 1.0f);
-        t->high_y = (int)fmin(floor(high.y + 0.01f), REGION - 1.0f);
-        if (t->low_x > t->high_x || t->low_y > t->high_y)
-            return 0;
-    }
-    for (int k = 0; k < 3; k++)
-        t->edges[k] = edge_of(p[(k + 1) % 3], p[(k + 2) % 3]);
-    const float determinant = t->edges[0].a * p[0].x + t->edges[0].b * p[0].y + t->edges[0].c * p[0].z;
-    if (determinant == 0.0f || !isfinite(determinant))
-        return 0;
-    float turns = determinant; /* > 0: seen from behind */
-    if (close == 7) {
-        const int2 b = snapped[1] - snapped[0], c = snapped[2] - snapped[0];
-        const long area = (long)b.x * c.y - (long)b.y * c.x;
-        if (area == 0)
-            return 0;
-        turns = area > 0 ? 1.0f : -1.0f;
-    }
-    if (turns * context->culled > 0.0f)
-        return 0;
-    t->exact = 0;
-    for (int k = 0; k < 3; k++) {
-        const int i = (k + 1) % 3, j = (k + 2) % 3;
-        if (!(close >> i & close >> j & 1))
-            continue;
-        t->exact |= 1 << k;
-        t->exact_edges[k] = turns > 0.0f ? exact_edge(snapped[i], snapped[j]) : exact_edge(snapped[j], snapped[i]);
-    }
-    /* The plane's deviations from a corner's nearness are small, and so are their errors. */
-    const float middle = crosses ? 0.0f : p[0].w / p[0].z, sign = determinant < 0.0f ? -1.0f : 1.0f;
-    t->n_x = t->n_y = t->n_0 = 0.0f;
-    t->n_low = crosses ? -INFINITY : INFINITY;
-    t->n_high = -t->n_low;
-    for (int k = 0; k < 3; k++) {
-        const float differs = p[k].w - middle * p[k].z;
-        t->edges[k].a *= sign;
-        t->edges[k].b *= sign;
-        t->edges[k].c *= sign;
-        t->n_x += t->edges[k].a * differs;
-        t->n_y += t->edges[k].b * differs;
-        t->n_0 += t->edges[k].c * differs;
-        if (!crosses) {
-            t->n_low = fmin(t->n_low, p[k].w / p[k].z);
-            t->n_high = fmax(t->n_high, p[k].w / p[k].z);
-        }
-    }
-    const float inverse = 1.0f / fabs(determinant);
-    t->n_x *= inverse;
-    t->n_y *= inverse;
-    t->n_0 = t->n_0 * inverse + middle;
-    t->nearest = context->screen.nearest;
-    t->index = index;
-    return 1;
+    return set_up_triangles(context->faces, context->projected, index, context->nearest_w, context->culled, x, y, t);
 }
 
-void cover(const Context *context, const Primitive *t, Region *region, int block, int first_x, int first_y)
+void cover(const Context *context, const Primitives *t, int lane, Region *region, int block, int first_x, int first_y)
 {
-    const intl xi = first_x + block_x, yi = first_y + block_y;
-    const floatl x = to_floatl(xi), y = to_floatl(yi);
-    intl covered = -1;
-    for (int k = 0; k < 3; k++) {
-        if (t->exact >> k & 1) {
-            covered = covered & (t->exact_edges[k].a * xi + (t->exact_edges[k].b * yi + t->exact_edges[k].c) >= 0);
-        } else {
-            const floatl inside = t->edges[k].a * x + (t->edges[k].b * y + t->edges[k].c);
-            covered = covered & (IS_TOP_LEFT(t->edges[k]) ? inside >= 0.0f : inside > 0.0f);
-        }
-    }
-    /* A pixel that moved corners cover may lie beyond them, where a steep plane leaves their range. */
-    const floatl plane = t->n_x * x + (t->n_y * y + t->n_0);
-    const floatl n = lesser(greater(plane, (floatl)t->n_low), (floatl)t->n_high), so_far = region->nearness[block];
-    covered = covered & (n > so_far) & (n <= t->nearest);
-    region->nearness[block] = pick(covered, n, so_far);
-    region->owner[block] = pick(covered, (intl)t->index, region->owner[block]);
+    floatl n;
+    const floatl so_far = region->nearness[block];
+    const intl seen = covered_by(t, lane, first_x, first_y, &n) & (n > so_far) & (n <= context->screen.nearest);
+    region->nearness[block] = pick(seen, n, so_far);
+    region->owner[block] = pick(seen, (intl)INT_OF(t->index), region->owner[block]);
 }
 
 #include "raster/list.h"

@@ -2,10 +2,13 @@
  *
  * A CPU's work-item owns a bin and goes through it in blocks of 4 x 4 pixels, one to a lane; a GPU's owns a pixel.
  * A fragment program defines, before it calls `draw_list`:
- *   Context    its arguments, by pointer
- *   Primitive  what is the same for all pixels of one, with the box of its pixels in the region: low_x ... high_y
- *   int set_up(const Context *, int index, int x, int y, Primitive *)   x, y: the region's first pixel; 0: not seen
- *   void cover(const Context *, const Primitive *, Region *, int block, int x, int y)   x, y: the block's first pixel
+ *   Context     its arguments, by pointer
+ *   Primitives  what is the same for all pixels of each of LANES primitives; intl low_x, high_x, low_y, high_y: the
+ *               box of its pixels in the region
+ *   intl set_up(const Context *, intl index, int x, int y, Primitives *)   x, y: the region's first pixel; which of
+ *               them may be seen
+ *   void cover(const Context *, const Primitives *, int lane, Region *, int block, int x, int y)   one of them; x, y:
+ *               the block's first pixel
  */
 #include "lib/color.h"
 #include "lib/screen.h"

@@ -1,5 +1,5 @@
-/* Edges of triangles in homogeneous pixel space (Olano & Greer 1997): no clipping, since an edge function is positive
- * on the visible side only, even where a corner lies behind the camera.
+/* Triangles in homogeneous pixel space (Olano & Greer 1997): no clipping, since an edge function is positive on the
+ * visible side only, even where a corner lies behind the camera. LANES triangles are set up at once.
  *
  * What is covered is decided in whole numbers, on corners that are moved to the nearest 1/256 of a pixel, or in
  * floating point for edges with a corner behind the camera or far off. Either way two triangles that share an edge
@@ -9,43 +9,147 @@
 
 #define SUBPIXELS 256
 #define FARTHEST_CORNER 16384.0f /* pixels from the region: beyond, whole numbers of 32 bits do not suffice */
+#define ROUNDING 0.01f           /* pixels by which a moved corner may leave the box of the triangle */
+
+/* One number of the lanes */
+#define FLOAT_OF(lanes) (((const float *)&(lanes))[lane])
+#define INT_OF(lanes) (((const int *)&(lanes))[lane])
 
 /* a x + b y + c, positive inside */
 typedef struct {
-    float a, b, c;
-} Edge;
+    floatl a, b, c;
+} Edges;
 
 /* a x + b y + c, not negative on the pixels inside */
 typedef struct {
-    int a, b, c;
-} ExactEdge;
+    intl a, b, c;
+} ExactEdges;
 
-/* The function of the edge from p to q: exactly the opposite of that from q to p */
-Edge edge_of(float4 p, float4 q)
-{
-#pragma OPENCL FP_CONTRACT OFF /* which rounds one of two products only */
-    const Edge e = {p.y * q.z - p.z * q.y, p.z * q.x - p.x * q.z, p.x * q.y - p.y * q.x};
-    return e;
-}
+typedef struct {
+    Edges edges[3]; /* opposite to each corner */
+    ExactEdges exact_edges[3];
+    intl exact;            /* bit k: the exact one of edge k is used */
+    floatl n_x, n_y, n_0;  /* nearness: n_x x + n_y y + n_0 */
+    floatl n_low, n_high;  /* of the corners */
+    intl index, low_x, high_x, low_y, high_y; /* box in the region */
+} Triangles;
 
 /* Which of two triangles has the pixels on their edge */
-#define IS_TOP_LEFT(e) ((e).a > 0 || ((e).a == 0 && (e).b > 0))
+#define IS_TOP_LEFT(a, b) (((a) > 0) | (((a) == 0) & ((b) > 0)))
 
-/* The same for corners in subpixels: exact, with the top-left rule. */
-ExactEdge exact_edge(int2 p, int2 q)
+/* The function of the edges from (U, V, W)[i] to [j]: exactly the opposite of those from j to i */
+Edges edges_of(const floatl *U, const floatl *V, const floatl *W, int i, int j)
 {
-    ExactEdge e;
-    e.a = p.y - q.y;
-    e.b = q.x - p.x;
-    const long c = -((long)e.a * p.x + (long)e.b * p.y) - !IS_TOP_LEFT(e);
-    e.c = (int)clamp(c >> 8, -(1L << 29), 1L << 29); /* a x + b y counts subpixels times pixels */
+#pragma OPENCL FP_CONTRACT OFF /* which rounds one of two products only */
+    const Edges e = {V[i] * W[j] - W[i] * V[j], W[i] * U[j] - U[i] * W[j], U[i] * V[j] - V[i] * U[j]};
     return e;
 }
 
-/* The corner's position relative to pixel (x, y) */
-float4 relative_to(float4 corner, int x, int y)
+/* The same from p to q in subpixels, with the top-left rule; turned: -1 for triangles whose corners run the other way */
+ExactEdges exact_edges_of(intl px, intl py, intl qx, intl qy, intl turned)
 {
-    corner.x -= x * corner.z;
-    corner.y -= y * corner.z;
-    return corner;
+    ExactEdges e;
+    e.a = turned * (py - qy);
+    e.b = turned * (qx - px);
+    const longl at_p = to_longl(e.a) * to_longl(px) + to_longl(e.b) * to_longl(py);
+    const longl c = -at_p - to_longl(pick(IS_TOP_LEFT(e.a, e.b), (intl)0, (intl)1));
+    e.c = to_intl(clamp(c >> 8, (longl)(-(1L << 29)), (longl)(1L << 29))); /* a x + b y counts subpixels times pixels */
+    return e;
+}
+
+/* Triangles of corners (triangles, 3) of projected; x, y: the region's first pixel. Which of them may be seen? */
+intl set_up_triangles(global const int *corners, global const float *projected, intl index, float nearest_w, int culled,
+                      int x, int y, Triangles *t)
+{
+    floatl U[3], V[3], W[3], Q[3], at_x[3], at_y[3];
+    intl px[3], py[3], close[3]; /* corner k is before the camera and not far off */
+    intl crosses = 0;
+    for (int k = 0; k < 3; k++) {
+        const intl face = 3 * index + k, at = 4 * (intl)(gather(corners, face));
+        const intl at_v = at + 1, at_w = at + 2, at_q = at + 3;
+        W[k] = (floatl)(gather(projected, at_w));
+        Q[k] = (floatl)(gather(projected, at_q));
+        U[k] = (floatl)(gather(projected, at)) - x * W[k]; /* relative to the region */
+        V[k] = (floatl)(gather(projected, at_v)) - y * W[k];
+        at_x[k] = U[k] / W[k];
+        at_y[k] = V[k] / W[k];
+        const intl is_before = W[k] >= nearest_w;
+        close[k] = is_before & (fabs(at_x[k]) < FARTHEST_CORNER) & (fabs(at_y[k]) < FARTHEST_CORNER);
+        px[k] = to_intl(rint(pick(close[k], at_x[k] * SUBPIXELS, (floatl)0.0f)));
+        py[k] = to_intl(rint(pick(close[k], at_y[k] * SUBPIXELS, (floatl)0.0f)));
+        crosses = crosses | !is_before;
+    }
+    const float end = REGION - 1;
+    const floatl low_x = lesser(at_x[0], lesser(at_x[1], at_x[2])), high_x = greater(at_x[0], greater(at_x[1], at_x[2]));
+    const floatl low_y = lesser(at_y[0], lesser(at_y[1], at_y[2])), high_y = greater(at_y[0], greater(at_y[1], at_y[2]));
+    t->low_x = to_intl(ceil(pick(crosses, (floatl)0.0f, lesser(greater(low_x - ROUNDING, (floatl)0.0f), (floatl)REGION))));
+    t->low_y = to_intl(ceil(pick(crosses, (floatl)0.0f, lesser(greater(low_y - ROUNDING, (floatl)0.0f), (floatl)REGION))));
+    t->high_x = to_intl(floor(pick(crosses, (floatl)end, greater(lesser(high_x + ROUNDING, (floatl)end), (floatl)-1.0f))));
+    t->high_y = to_intl(floor(pick(crosses, (floatl)end, greater(lesser(high_y + ROUNDING, (floatl)end), (floatl)-1.0f))));
+    intl seen = (t->low_x <= t->high_x) & (t->low_y <= t->high_y);
+    if (!any_lane(seen))
+        return seen;
+
+    for (int k = 0; k < 3; k++)
+        t->edges[k] = edges_of(U, V, W, (k + 1) % 3, (k + 2) % 3);
+    const floatl determinant = t->edges[0].a * U[0] + t->edges[0].b * V[0] + t->edges[0].c * W[0];
+    const intl all_close = close[0] & close[1] & close[2];
+    const longl area = to_longl(px[1] - px[0]) * to_longl(py[2] - py[0]) - to_longl(py[1] - py[0]) * to_longl(px[2] - px[0]);
+    const intl area_sign = pick(to_intl(area > 0L), (intl)1, pick(to_intl(area < 0L), (intl)-1, (intl)0));
+    const floatl turns = pick(all_close, to_floatl(area_sign), determinant); /* > 0: seen from behind */
+    seen = seen & (determinant != 0.0f) & isfinite_lanes(determinant) & (turns != 0.0f) & (turns * culled <= 0.0f);
+    const intl turned = pick(turns > 0.0f, (intl)1, (intl)-1);
+    t->exact = 0;
+    for (int k = 0; k < 3; k++) {
+        const int i = (k + 1) % 3, j = (k + 2) % 3;
+        t->exact |= pick(close[i] & close[j], (intl)(1 << k), (intl)0);
+        t->exact_edges[k] = exact_edges_of(px[i], py[i], px[j], py[j], turned);
+    }
+    /* The plane's deviations from a corner's nearness are small, and so are their errors. */
+    const floatl middle = pick(crosses, (floatl)0.0f, Q[0] / W[0]);
+    const floatl sign = pick(determinant < 0.0f, (floatl)-1.0f, (floatl)1.0f);
+    t->n_x = t->n_y = t->n_0 = 0.0f;
+    t->n_low = pick(crosses, (floatl)-INFINITY, (floatl)INFINITY);
+    t->n_high = -t->n_low;
+    for (int k = 0; k < 3; k++) {
+        const floatl differs = Q[k] - middle * W[k], n = Q[k] / W[k];
+        t->edges[k].a *= sign;
+        t->edges[k].b *= sign;
+        t->edges[k].c *= sign;
+        t->n_x += t->edges[k].a * differs;
+        t->n_y += t->edges[k].b * differs;
+        t->n_0 += t->edges[k].c * differs;
+        t->n_low = pick(!crosses & (n < t->n_low), n, t->n_low);
+        t->n_high = pick(!crosses & (n > t->n_high), n, t->n_high);
+    }
+    const floatl inverse = 1.0f / fabs(determinant);
+    t->n_x *= inverse;
+    t->n_y *= inverse;
+    t->n_0 = t->n_0 * inverse + middle;
+    t->index = index;
+    return seen;
+}
+
+/* Which pixels of the block at (first_x, first_y) does the triangle of a lane cover, and how near is it there? */
+intl covered_by(const Triangles *t, int lane, int first_x, int first_y, floatl *nearness)
+{
+    const intl xi = first_x + block_x, yi = first_y + block_y;
+    const floatl x = to_floatl(xi), y = to_floatl(yi);
+    const int exact = INT_OF(t->exact);
+    intl covered = lane_index == lane_index;
+    for (int k = 0; k < 3; k++) {
+        if (exact >> k & 1) {
+            const ExactEdges *e = &t->exact_edges[k];
+            covered = covered & (INT_OF(e->a) * xi + (INT_OF(e->b) * yi + INT_OF(e->c)) >= 0);
+        } else {
+            const Edges *e = &t->edges[k];
+            const float a = FLOAT_OF(e->a), b = FLOAT_OF(e->b);
+            const floatl inside = a * x + (b * y + FLOAT_OF(e->c));
+            covered = covered & (IS_TOP_LEFT(a, b) ? inside >= 0.0f : inside > 0.0f);
+        }
+    }
+    /* A pixel that moved corners cover may lie beyond them, where a steep plane leaves their range. */
+    const floatl plane = FLOAT_OF(t->n_x) * x + (FLOAT_OF(t->n_y) * y + FLOAT_OF(t->n_0));
+    *nearness = lesser(greater(plane, (floatl)FLOAT_OF(t->n_low)), (floatl)FLOAT_OF(t->n_high));
+    return covered;
 }

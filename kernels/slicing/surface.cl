@@ -5,6 +5,8 @@
  * that numbers the slices: a slice is where it is a whole number. A pixel walks the slices of its part of the ray from
  * front to back and stops at the first that passes the alpha test.
  *
+ * UNCLIPPED: slices parallel to the screen are tested all over the box of each tetrahedron, not only inside.
+ *
  * Deviations from the paper: slices are met per pixel instead of drawn as polygons; where a ray enters or leaves
  * through the base, the base is tested as a slice is, so that no view sees through flat parts between two slices.
  *
@@ -18,7 +20,6 @@
 #include "lib/color.h"
 #include "lib/light.h"
 #include "raster/region.h"
-#include "raster/triangle.h"
 #include "slicing/heights.h"
 
 #define SURFACE 0
@@ -54,8 +55,16 @@ typedef struct {
     int outlines;
     Quantity u, v, h, slice;
     float nearest, front; /* of the screen, of the corners */
-    int index, perspective, low_x, high_x, low_y, high_y;
-} Primitive;
+#ifdef UNCLIPPED
+    float rear; /* of the corners */
+#endif
+    int index, perspective;
+} Tetrahedron;
+
+typedef struct {
+    Tetrahedron of[LANES];
+    intl low_x, high_x, low_y, high_y;
+} Primitives;
 
 /* Rows of the inverse of the matrix whose columns are the corners: barycentric coordinates. 0 if it is flat. */
 int barycentric_rows(const float4 *p, Quantity *rows)
@@ -103,31 +112,32 @@ typedef struct {
 
 #define AT(line, z) ((line).fixed + (line).sloped * (z))
 
-int set_up(const Context *context, int index, int x, int y, Primitive *t)
+/* Its box in the region: (low_x, high_x, low_y, high_y); empty if it cannot be seen */
+int4 set_up_one(const Context *context, int index, int x, int y, Tetrahedron *t)
 {
+    const int4 empty = (int4)(1, 0, 1, 0);
     float4 p[4];
     int crosses = 0;
     for (int k = 0; k < 4; k++) {
-        p[k] = relative_to(vload4(context->corners[4 * index + k], context->projected), x, y);
+        p[k] = vload4(context->corners[4 * index + k], context->projected);
+        p[k].xy -= (float2)(x, y) * p[k].z; /* relative to the region */
         crosses |= !(p[k].z >= context->nearest_w);
     }
-    t->low_x = t->low_y = 0;
-    t->high_x = t->high_y = REGION - 1;
+    int4 box = (int4)(0, REGION - 1, 0, REGION - 1);
     if (!crosses) {
         float2 low = p[0].xy / p[0].z, high = low;
         for (int k = 1; k < 4; k++) {
             low = fmin(low, p[k].xy / p[k].z);
             high = fmax(high, p[k].xy / p[k].z);
         }
-        t->low_x = max(0, (int)ceil(fmax(low.x - 1e-3f, 0.0f)));
-        t->low_y = max(0, (int)ceil(fmax(low.y - 1e-3f, 0.0f)));
-        t->high_x = (int)fmin(floor(high.x + 1e-3f), REGION - 1.0f);
-        t->high_y = (int)fmin(floor(high.y + 1e-3f), REGION - 1.0f);
-        if (t->low_x > t->high_x || t->low_y > t->high_y)
-            return 0;
+        low = clamp(ceil(low - 1e-3f), 0.0f, (float)REGION);
+        high = clamp(floor(high + 1e-3f), -1.0f, REGION - 1.0f);
+        box = (int4)((int)low.x, (int)high.x, (int)low.y, (int)high.y);
+        if (box.x > box.y || box.z > box.w)
+            return empty;
     }
     if (!barycentric_rows(p, t->rows))
-        return 0;
+        return empty;
     float3 point[4], place[4], middle = 0.0f;
     for (int k = 0; k < 4; k++) {
         point[k] = vload3(context->corners[4 * index + k], context->points);
@@ -188,11 +198,26 @@ int set_up(const Context *context, int index, int x, int y, Primitive *t)
     t->nearest = t->front = context->screen.nearest;
     if (!crosses)
         t->front = fmax(fmax(p[0].w / p[0].z, p[1].w / p[1].z), fmax(p[2].w / p[2].z, p[3].w / p[3].z));
+#ifdef UNCLIPPED
+    t->rear = crosses ? NAN : fmin(fmin(p[0].w / p[0].z, p[1].w / p[1].z), fmin(p[2].w / p[2].z, p[3].w / p[3].z));
+#endif
     t->index = index;
-    return 1;
+    return box;
 }
 
-Line line_of(const Primitive *t, Quantity q, floatl x, floatl y)
+intl set_up(const Context *context, intl index, int x, int y, Primitives *made)
+{
+    for (int lane = 0; lane < LANES; lane++) {
+        const int4 box = set_up_one(context, ((const int *)&index)[lane], x, y, &made->of[lane]);
+        ((int *)&made->low_x)[lane] = box.x;
+        ((int *)&made->high_x)[lane] = box.y;
+        ((int *)&made->low_y)[lane] = box.z;
+        ((int *)&made->high_y)[lane] = box.w;
+    }
+    return made->low_x <= made->high_x;
+}
+
+Line line_of(const Tetrahedron *t, Quantity q, floatl x, floatl y)
 {
     const floatl at = q.x * x + (q.y * y + q.one);
     Line line;
@@ -208,14 +233,14 @@ typedef struct {
     floatl z;
 } Search;
 
-/* The alpha test at z, where `tries` */
-void try_at(const Context *context, int block, Search *search, floatl z, intl tries)
+/* The alpha test at z, where `tries`; it cannot pass where not `inside` */
+void try_at(const Context *context, int block, Search *search, floatl z, intl tries, intl inside)
 {
     if (!any_lane(tries))
         return;
     const floatl alpha = height_at(context->heights, context->map_width, context->map_height, AT(search->u, z), AT(search->v, z));
     const floatl h = greater(AT(search->h, z), (floatl)0.0f);
-    const intl passed = tries & passes(context->test, alpha, h, 1.0f / context->slices);
+    const intl passed = tries & inside & passes(context->test, alpha, h, 1.0f / context->slices);
     search->z = pick(passed, z, search->z);
     search->found = search->found | passed;
 #ifdef COUNTED
@@ -227,13 +252,16 @@ void try_at(const Context *context, int block, Search *search, floatl z, intl tr
 #endif
 }
 
-void cover(const Context *context, const Primitive *t, Region *region, int block, int first_x, int first_y)
+void cover(const Context *context, const Primitives *made, int lane, Region *region, int block, int first_x, int first_y)
 {
+    const Tetrahedron *t = &made->of[lane];
     if (t->front <= region->farthest[block])
         return;
+#ifndef UNCLIPPED
     for (int k = 0; k < t->outlines; k++) /* most blocks in the box of a tetrahedron lie beside it */
         if (t->outline[k].x * first_x + (t->outline[k].y * first_y + t->outline[k].one) < 0.0f)
             return;
+#endif
     const floatl x = to_floatl(first_x + block_x), y = to_floatl(first_y + block_y);
     /* The ray's part inside, and before what is drawn already, in nearness: bounds are planes over the picture. */
     const floatl so_far = region->nearness[block];
@@ -246,15 +274,24 @@ void cover(const Context *context, const Primitive *t, Region *region, int block
             far = greater(n, far);
     }
     const intl inside = (far <= near) & (near > so_far);
-    if (!any_lane(inside))
+    const floatl entry = t->perspective ? 1.0f / near : -near, exit = t->perspective ? 1.0f / far : -far;
+    floatl front = entry, back = exit; /* where slices are tested */
+    intl meets = inside;
+#ifdef UNCLIPPED
+    if (!isnan(t->rear)) {
+        front = t->perspective ? 1.0f / t->front : -t->front;
+        back = t->perspective ? 1.0f / t->rear : -t->rear;
+        meets = t->front > so_far;
+    }
+#endif
+    if (!any_lane(meets))
         return;
-    const floatl front = t->perspective ? 1.0f / near : -near, back = t->perspective ? 1.0f / far : -far;
     const floatl drawn = pick(so_far <= EMPTY, (floatl)INFINITY, t->perspective ? 1.0f / so_far : -so_far);
     Search search = {line_of(t, t->u, x, y), line_of(t, t->v, x, y), line_of(t, t->h, x, y), 0, 0.0f};
     const Line number = line_of(t, t->slice, x, y);
     const int bases = context->slicing != SURFACE; /* there, slice 0 is the base */
     if (bases)
-        try_at(context, block, &search, front, inside & (search.h.sloped > 0.0f) & (AT(search.h, front) < THIN));
+        try_at(context, block, &search, entry, inside & (search.h.sloped > 0.0f) & (AT(search.h, entry) < THIN), inside);
 
     const intl rises = number.sloped > 0.0f;
     const floatl step = pick(rises, (floatl)1.0f, (floatl)-1.0f), per_slice = 1.0f / number.sloped;
@@ -262,14 +299,15 @@ void cover(const Context *context, const Primitive *t, Region *region, int block
     const floatl last = pick(rises, floor(s_back + THIN), ceil(s_back - THIN));
     for (floatl slice = pick(rises, ceil(s_front - THIN), floor(s_front + THIN));; slice += step) {
         const floatl z = lesser(greater((slice - number.fixed) * per_slice, front), back);
-        const intl tries = inside & !search.found & ((last - slice) * step >= 0.0f) & (z < drawn);
+        const intl tries = meets & !search.found & ((last - slice) * step >= 0.0f) & (z < drawn);
         if (!any_lane(tries))
             break;
-        try_at(context, block, &search, z, tries);
+        try_at(context, block, &search, z, tries, inside & (z >= entry) & (z <= exit));
     }
     if (bases)
-        try_at(context, block, &search, back,
-               inside & !search.found & (search.h.sloped < 0.0f) & (AT(search.h, back) < THIN) & (back < drawn));
+        try_at(context, block, &search, exit,
+               inside & !search.found & (search.h.sloped < 0.0f) & (AT(search.h, exit) < THIN) & (exit < drawn),
+               inside);
 
     const intl found = search.found;
     if (!any_lane(found))

@@ -8,6 +8,8 @@
 | .pfm | yes | yes |
 | .exr (package OpenEXR) | R, G, B | Z, else Y, else R |
 | .bin (COLMAP) | | yes |
+
+Scans on a grid, which are points and no images, are read by `read_range_grid`.
 """
 
 from __future__ import annotations
@@ -22,8 +24,9 @@ from numpy.typing import NDArray
 
 from pyibr._check import describe, positive
 from pyibr.errors import ArgumentError, FileFormatError
+from pyibr.io.range_grid import read_range_grid
 
-__all__ = ["read_color", "read_depth", "write_color", "write_depth", "write_mask"]
+__all__ = ["read_color", "read_depth", "read_range_grid", "write_color", "write_depth", "write_mask"]
 
 _PathLike = str | PathLike[str]
 _COLOR_MODULES = {".npy": "npy", ".npz": "npy", ".pfm": "pfm", ".exr": "exr"}

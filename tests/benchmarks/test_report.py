@@ -169,13 +169,21 @@ def test_everything_runs_quickly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setenv("PYIBR_DATA", str(tmp_path))
     main(quick=True, out=tmp_path / "out")
     text = (tmp_path / "out/report.md").read_text()
-    for heading in ("## Complexity", "## The paper's table 2", "## Peers", "## Start and memory"):
+    for heading in (
+        "## Complexity",
+        "## The paper's table 2",
+        "## Peers",
+        "## Triangles",
+        "## Slices",
+        "## Start and memory",
+    ):
         assert heading in text
     assert "Left out: dragon, because dragon_vrip_res3.ply.gz is not in $PYIBR_DATA/meshes." in text
     assert {path.name for path in (tmp_path / "out").glob("*.png")} == {
         "complexity.png",
         "table2.png",
         "peers.png",
+        "slicing-error.png",
     }
     # The picture of a report comes from the files alone.
     (tmp_path / "out/report.md").unlink()

@@ -8,9 +8,9 @@ import pytest
 pytest.importorskip("open3d")
 
 import pyibr as ibr
-from pyibr.boxes import Box, box_of_samples, box_of_silhouettes, nearness_map
 from pyibr.camera import Camera
 from pyibr.capture import object_views
+from pyibr.slicing.boxes import Box, box_of_samples, box_of_silhouettes, nearness_map
 from tests.reference.slicing import visual_hull
 from tests.slicing.solids import cup, looking, torus, views_of_torus
 
@@ -48,7 +48,7 @@ def test_a_box_is_a_unit_cube_in_its_own_frame():
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_box_of_samples_is_theirs_along_the_first_views_axes(kind):
     views = views_of_torus(kind)
-    box = box_of_samples(views)
+    box = box_of_samples(views, True)
     np.testing.assert_allclose(box.axes, views[0].camera.world_from_camera[:3, :3].T)
     points = []
     for view in views:
@@ -63,7 +63,7 @@ def test_the_box_of_samples_is_theirs_along_the_first_views_axes(kind):
 def test_a_flat_object_has_a_box_with_an_inside():
     camera = Camera([[20, 0, 10], [0, 20, 10], [0, 0, 1]], (21, 21))
     view = ibr.DepthImage(np.zeros((21, 21, 3), np.uint8), np.full((21, 21), 2.0, np.float32), camera)
-    box = box_of_samples([view])
+    box = box_of_samples([view], True)
     assert (box.edges > 0).all()
     assert np.isfinite(box.from_world).all()
 
@@ -71,9 +71,9 @@ def test_a_flat_object_has_a_box_with_an_inside():
 @pytest.mark.parametrize("projection", ["orthographic", "perspective"])
 def test_background_is_as_far_as_the_box_reaches(projection):
     views = object_views(torus(), 40, projection)
-    box = box_of_samples(views)
+    box = box_of_samples(views, True)
     for view in views:
-        nearness = nearness_map(view, box)
+        nearness = nearness_map(view, box, True)
         z = view.camera.camera_from_world[2, :3] @ box.corners.T + view.camera.camera_from_world[2, 3]
         assert nearness.dtype == np.float32
         far = nearness[~view.valid]
@@ -130,9 +130,23 @@ def test_a_small_silhouette_is_found():
 def test_views_with_nothing_in_common():
     views = object_views(cup(), 40)
     apart = [views[0], *moved(views[2:3], (0, 0, 50))]
-    for made in (box_of_samples, box_of_silhouettes):
+    for made in (ibr.DepthObject, ibr.VisualHull):
         with pytest.raises(ibr.ArgumentError, match=r"^views: "):
             made(apart)
+
+
+def test_samples_without_depth_say_that_there_is_nothing_or_nothing_at_all():
+    camera = Camera([[20, 0, 10], [0, 20, 10], [0, 0, 1]], (21, 21))
+    depth = np.full((21, 21), 2.0, np.float32)
+    depth[:, 0], depth[:, 1], depth[:, 2], depth[:, 3] = np.nan, 0, np.inf, 9
+    view = ibr.DepthImage(np.zeros((21, 21, 3), np.uint8), depth, camera, far=8)
+    box = box_of_samples([view], True)
+    far, near = nearness_map(view, box, True), nearness_map(view, box, False)
+    surface = np.float32(0.5)
+    assert (far[:, :4] < surface).all()
+    assert (near[:, :2] > surface).all()  # all points lie behind it: no test
+    assert (near[:, 2:4] < surface).all()
+    np.testing.assert_array_equal(far[:, 4:], near[:, 4:])
 
 
 def test_silhouettes_from_one_side_bound_nothing():

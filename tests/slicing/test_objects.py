@@ -14,9 +14,7 @@ from pyibr import metrics
 from pyibr.camera import Camera
 from pyibr.capture import MeshScene, object_views
 from pyibr.metrics import silhouette_iou
-from pyibr.opencl.memory import empty
-from pyibr.slicing import draw_object
-from pyibr.target import Target
+from pyibr.slicing import alpha_tests
 from tests.data import shared
 from tests.reference.slicing import depth_object, first_depth
 from tests.slicing.solids import cup, looking, spacing, torus, views_of_torus
@@ -248,13 +246,17 @@ def test_of_what_is_equally_far_the_first_stays(projection):
 
 def test_tests_are_counted():
     thing, camera = ibr.DepthObject(views_of_torus("orthographic"), 64), looking(torus(), FRONT, (90, 70))
-    target, tests = Target(camera, np.dtype(np.uint8)), empty((70, 90), np.int32)
-    tests.fill(0)
-    draw_object(target, thing, tests)
-    seen, counted = target.frame().valid, tests.to_host()
+    counted, seen = alpha_tests(thing, camera), ibr.render(thing, camera).valid
     assert (counted[seen] >= 6).all()  # what passes has passed all
     # A ray crosses no more than 64 * sqrt(3) slices and one each side, with six tests each at most.
     assert counted.max() <= 6 * (64 * 3**0.5 + 2 + thing.halvings)
+
+
+@pytest.mark.parametrize(("thing", "camera"), [("cup", None), (None, 1)])
+def test_what_cannot_be_counted(thing, camera):
+    good = ibr.DepthObject(views_of_torus("orthographic"), 16)
+    with pytest.raises(ibr.ArgumentError, match=r"thing|camera"):
+        alpha_tests(thing or good, camera or looking(torus(), FRONT, (9, 7)))
 
 
 def test_bad_views():

@@ -65,7 +65,12 @@ def _world_points(view: DepthImage) -> Float64:
     return (points[:3] / points[3]).T
 
 
-def box_of_samples(views: list[DepthImage]) -> Box:
+def is_background(view: DepthImage, missing_is_background: bool) -> NDArray[np.bool_]:
+    """(H, W) where a view saw that there is nothing: infinite depth or beyond `far`, or every sample without depth."""
+    return ~view.valid & (missing_is_background | (view.depth >= view.far))
+
+
+def box_of_samples(views: list[DepthImage], missing_is_background: bool) -> Box:
     """The box of all samples along the first view's axes; an error if no sample lies in all views' volumes."""
     axes = views[0].camera.world_from_camera[:3, :3].T
     samples = [_world_points(view) for view in views]
@@ -78,7 +83,7 @@ def box_of_samples(views: list[DepthImage]) -> Box:
     reach = 0.05 * float(box.edges.max())  # samples lie on the surface, and a little off others'
     for view in views:
         x, y, z, on_image = _seen_from(view.camera, some)
-        depth = np.where(view.valid, view.depth, np.inf)
+        depth = np.where(view.valid, view.depth, np.where(is_background(view, missing_is_background), np.inf, -np.inf))
         inside &= on_image & (depth[y, x] <= z + reach)
     if not inside.any():
         raise ArgumentError(
@@ -99,11 +104,12 @@ def _seen_from(
     return np.where(on_image, x, 0).astype(np.intp), np.where(on_image, y, 0).astype(np.intp), z, on_image
 
 
-def nearness_map(view: DepthImage, box: Box) -> NDArray[np.float32]:
-    """(H, W) nearness of a view's samples, background as far as the box reaches."""
+def nearness_map(view: DepthImage, box: Box, missing_is_background: bool) -> NDArray[np.float32]:
+    """(H, W) nearness of a view's samples; background as far as the box reaches, what is unknown as near."""
     z = view.camera.camera_from_world[2, :3] @ box.corners.T + view.camera.camera_from_world[2, 3]
     far = max(float(z.max()), float(view.depth[view.valid].max()))
-    depth = np.where(view.valid, view.depth, far)
+    near = max(float(z.min()), 1e-3 * far) if view.camera.projection == "perspective" else float(z.min())
+    depth = np.where(view.valid, view.depth, np.where(is_background(view, missing_is_background), far, near))
     return (1 / depth if view.camera.projection == "perspective" else -depth).astype(np.float32)
 
 

@@ -1,0 +1,59 @@
+"""Range grids: scans in PLY files whose points lie on a grid of rows and columns, as in Stanford's repository."""
+
+from __future__ import annotations
+
+import gzip
+from os import PathLike
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.io.files import reading
+
+
+def read_range_grid(path: str | PathLike[str]) -> NDArray[np.float32]:
+    """Read a scan: an ASCII PLY file with an element ``range_grid``, also packed by gzip.
+
+    Parameters
+    ----------
+    path : path
+        Ends in .ply, or .ply.gz.
+
+    Returns
+    -------
+    (rows, columns, 3) float32
+        Points in the scanner's frame, in the file's unit; NaN where the scanner saw nothing.
+
+    Raises
+    ------
+    FileFormatError
+        If the file is missing, truncated, or no range grid.
+    """
+    with reading(path, "range grid") as source:
+        data = source.read_bytes()
+        data = gzip.decompress(data) if data[:2] == b"\x1f\x8b" else data
+        head, separator, body = data.partition(b"end_header\n")
+        lines = head.decode("ascii").splitlines()
+        words = [line.split() for line in lines]
+        if not separator or words[:1] != [["ply"]] or ["format", "ascii", "1.0"] not in words:
+            raise ValueError("expected an ASCII PLY file")
+        named = {tuple(line[:2]): line[2:] for line in words if len(line) >= 3}
+        try:
+            columns, rows = (int(named["obj_info", name][0]) for name in ("num_cols", "num_rows"))
+            count, cells = (int(named["element", name][0]) for name in ("vertex", "range_grid"))
+        except KeyError as error:
+            raise ValueError(f"no {' '.join(error.args[0])} in the header") from None
+        properties = words[words.index(["element", "vertex", str(count)]) + 1 :]
+        if [line[-1] for line in properties[:3]] != ["x", "y", "z"] or cells != rows * columns:
+            raise ValueError("expected vertices that start with x y z, and a cell for each row and column")
+        text = body.decode("ascii").splitlines()
+        if len(text) < count + cells:
+            raise ValueError(f"expected {count} vertices and {cells} cells, got {len(text)} lines")
+        points = np.array([line.split()[:3] for line in text[:count]], np.float32).reshape(count, 3)
+        grid = np.full((cells, 3), np.nan, np.float32)
+        # A cell is "0", or "1" and the number of its vertex.
+        number = np.array([int(line[2:]) if line[:2] == "1 " else -1 for line in text[count : count + cells]])
+        if number.max(initial=-1) >= count:
+            raise ValueError(f"a cell of vertex {number.max()}, of {count}")
+        grid[number >= 0] = points[number[number >= 0]]
+        return grid.reshape(rows, columns, 3)

@@ -1,0 +1,69 @@
+"""Displacement mapping by slices, and objects from images (Kautz & Seidel 2001).
+
+`SlicedSurface` displaces a mesh by a height map. `DepthObject` is what six (or more, or fewer) depth images leave of
+space, `VisualHull` what silhouettes leave. `pyibr.render` draws them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr._check import describe
+from pyibr.camera import Camera
+from pyibr.errors import ArgumentError
+from pyibr.slicing.object import DepthObject, VisualHull, draw_object
+from pyibr.slicing.surface import SlicedSurface, draw_surface
+from pyibr.target import Target
+
+__all__ = ["DepthObject", "SlicedSurface", "VisualHull", "alpha_tests", "draw_object", "draw_surface"]
+
+
+def alpha_tests(thing: SlicedSurface | DepthObject | VisualHull, camera: Camera) -> NDArray[np.int32]:
+    """Count the alpha tests that a picture of one thing takes.
+
+    Parameters
+    ----------
+    thing : SlicedSurface, DepthObject or VisualHull
+        Each image that an object's point is tested against counts as one. A surface's slice that a ray meets on the
+        border of two tetrahedra of the displacement volume counts twice.
+    camera : Camera
+
+    Returns
+    -------
+    (H, W) int32
+        Of each pixel.
+
+    Raises
+    ------
+    ArgumentError
+        If an argument has a wrong type.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pyibr as ibr
+    >>> from pyibr.slicing import alpha_tests
+    >>> corners, uv = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 0], [1, 0], [1, 1], [0, 1]]
+    >>> square = ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]], uv=uv)
+    >>> height, color = np.full((4, 4), 0.48, np.float32), np.full((4, 4, 3), 200, np.uint8)
+    >>> surface = ibr.SlicedSurface(square, height, color, scale=0.2, slices=20, slicing="surface")
+    >>> camera = ibr.Camera.look_at((0.5, 0.5, 2), (0.5, 0.5, 0), (0, 1, 0), (9, 9), fov_y=20)
+    >>> int(alpha_tests(surface, camera)[1, 6])  # slices 20, 19, ... 9, the first below the height of 9.6
+    12
+    """
+    from pyibr.opencl.device import current
+    from pyibr.opencl.memory import upload
+
+    if not isinstance(camera, Camera):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise ArgumentError("camera", "a pyibr.Camera", describe(camera))
+    with current().lock:
+        target = Target(camera, np.dtype(np.uint8))
+        counts = upload(np.zeros((camera.height, camera.width), np.int32))
+        if isinstance(thing, SlicedSurface):
+            draw_surface(target, thing, None, counts)
+        elif isinstance(thing, (DepthObject, VisualHull)):  # pyright: ignore[reportUnnecessaryIsInstance]
+            draw_object(target, thing, counts)
+        else:
+            raise ArgumentError("thing", "a SlicedSurface, DepthObject or VisualHull", describe(thing))
+        return counts.to_host()

@@ -1,0 +1,282 @@
+"""Objects from images all round: what depth images or silhouettes leave of space (Kautz & Seidel 2001, 4 and 5)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Literal, cast
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr._check import Float64, describe, one_of
+from pyibr.camera import Camera
+from pyibr.errors import ArgumentError
+from pyibr.images import DepthImage
+from pyibr.raster import rgba_words
+from pyibr.silhouette import Silhouette, is_opposite
+from pyibr.slicing.boxes import Box, box_of_samples, box_of_silhouettes, nearness_map
+from pyibr.slicing.slices import checked_halvings, checked_slices
+from pyibr.target import Target
+
+ObjectSlicing = Literal["orthogonal", "screen"]
+Texture = Literal["visible", "naive"]
+Missing = Literal["background", "unknown"]
+Float32 = NDArray[np.float32]
+
+if TYPE_CHECKING:
+    from pyibr.opencl.memory import DeviceArray
+
+TO_SCREEN = 3  # the axis of slices parallel to the screen, kernels/slicing/object.cl
+_BEFORE = 2.0  # slices and samples by which a view's surface may lie before a point that it still shows
+_BOX = np.dtype([("from_world", np.float32, 12), ("edges", np.float32, 3), ("spacing", np.float32)])
+
+
+class DepthObject:
+    """What depth images all round leave of space: a solid with their colours.
+
+    A point is part of it if it lies behind every image's surface. Where an image saw background it leaves nothing.
+    Section 4 of the paper.
+
+    Parameters
+    ----------
+    views : sequence of DepthImage
+        Orthographic or perspective, at any poses: six arranged as a cube in the paper
+        (`pyibr.capture.object_views`).
+    slices : int
+        Along the longest edge of the object's box; other directions have the same spacing.
+    slicing : {"orthogonal", "screen"}
+        Along the edge of the box (its axes are the first view's) that faces the viewer most, or parallel to the view
+        plane.
+    halvings : int
+        How often the way from a slice that passes back to the one before is halved to meet the surface; 0 leaves the
+        slices as they are, as in the paper.
+    texture : {"visible", "naive"}
+        Up to three images colour a point, weighted by how close their directions are to the target's: "visible"
+        takes those that saw the point (if any did), "naive" the closest ones as in the paper.
+    missing : {"background", "unknown"}
+        What a sample without depth says: that there is nothing, or nothing at all, as in the scans of sensors that
+        do not see everything. Infinite depth, and depth from the image's `far` on, is always background.
+
+    Raises
+    ------
+    ArgumentError
+        If there are no views, one has no valid depth, or their volumes have nothing in common.
+    """
+
+    def __init__(
+        self,
+        views: Sequence[DepthImage],
+        slices: int = 128,
+        slicing: ObjectSlicing = "orthogonal",
+        texture: Texture = "visible",
+        halvings: int = 2,
+        missing: Missing = "background",
+    ) -> None:
+        self.views = _checked_views(views, DepthImage)
+        self.halvings = checked_halvings(halvings)
+        for number, view in enumerate(self.views):
+            if not view.valid.any():
+                raise ArgumentError("views", "views with valid depth", f"none in view {number}")
+        self.slices = checked_slices(slices)
+        one_of("slicing", slicing, ObjectSlicing)
+        one_of("texture", texture, Texture)
+        one_of("missing", missing, Missing)
+        self.slicing: ObjectSlicing = slicing
+        self.texture: Texture = texture
+        self.missing: Missing = missing
+        self.device_cache: WeakKeyDictionary[Any, Any] = WeakKeyDictionary()
+        self.box = box_of_samples(self.views, missing == "background")
+
+    def __repr__(self) -> str:
+        return f"<DepthObject {len(self.views)} views, {self.slices} slices>"
+
+    @cached_property
+    def maps(self) -> list[Float32]:
+        """Nearness images of the views, see `nearness_map`."""
+        return [nearness_map(view, self.box, self.missing == "background") for view in self.views]
+
+
+class VisualHull:
+    """What silhouettes leave of space: the largest solid that fits into all of them.
+
+    Parameters
+    ----------
+    views : sequence of Silhouette or DepthImage
+        Any number, at any calibrated poses; of depth images only `valid` and the colours are used.
+    slices : int
+        Along the longest edge of the hull's box; other directions have the same spacing.
+    slicing : {"orthogonal", "screen"}
+        As for `DepthObject`; the box's axes are the world's.
+    halvings : int
+        As for `DepthObject`.
+
+    Raises
+    ------
+    ArgumentError
+        If there are no views, or nothing lies within all silhouettes.
+    """
+
+    texture: Texture = "naive"  # silhouettes do not tell what they see
+
+    def __init__(
+        self,
+        views: Sequence[Silhouette | DepthImage],
+        slices: int = 128,
+        slicing: ObjectSlicing = "orthogonal",
+        halvings: int = 2,
+    ) -> None:
+        self.views = _checked_views(views, (Silhouette, DepthImage))
+        self.halvings = checked_halvings(halvings)
+        self.slices = checked_slices(slices)
+        one_of("slicing", slicing, ObjectSlicing)
+        self.slicing: ObjectSlicing = slicing
+        self.device_cache: WeakKeyDictionary[Any, Any] = WeakKeyDictionary()
+        self.box = box_of_silhouettes(self.views)
+
+    def __repr__(self) -> str:
+        return f"<VisualHull {len(self.views)} views, {self.slices} slices>"
+
+    @cached_property
+    def outlines(self) -> list[int]:
+        """For each view the number of the first with its silhouette: opposite orthographic views share one."""
+        firsts: list[int] = []
+        for number, view in enumerate(self.views):
+            same = (other for other in sorted(set(firsts)) if is_opposite(view, self.views[other]))
+            firsts.append(next(same, number))
+        return firsts
+
+    @property
+    def tested(self) -> list[int]:
+        """Numbers of the views with silhouettes of their own; each is tested once."""
+        return sorted(set(self.outlines))
+
+    @cached_property
+    def maps(self) -> list[Float32]:
+        """Masks of the views, 0 or 1."""
+        return [np.ascontiguousarray(view.valid, np.float32) for view in self.views]
+
+
+def draw_object(target: Target, thing: DepthObject | VisualHull, counts: DeviceArray | None = None) -> None:
+    """Draw an object into the target; `counts`, (H, W) int32, gains the view tests of each pixel."""
+    from pyibr.opencl.launch import Struct, launch
+    from pyibr.opencl.memory import upload
+    from pyibr.opencl.program import kernel
+
+    hull = isinstance(thing, VisualHull)
+    buffers = _object_buffers(thing)
+    box, camera = thing.box, target.camera
+    directions = np.array([_direction(view.camera, box) for view in thing.views])
+    cosines = directions @ _direction(camera, box)
+    order = np.argsort(-cosines, kind="stable")
+    if hull:  # of the views with one silhouette, the closest to the target's is tested, and colours
+        _, closest = np.unique(np.array(thing.outlines)[order], return_index=True)
+        order = order[np.sort(closest)]
+    spacing = float(box.edges.max()) / thing.slices
+    sample = max(_sample_size(view.camera, box) for view in thing.views)
+    record = np.zeros((), _BOX)
+    record["from_world"], record["edges"], record["spacing"] = box.from_world.ravel(), box.edges, spacing
+    corners = np.asarray(box.corners, np.float32)
+    near = target.near((corners.min(axis=0), corners.max(axis=0)))
+    low_x, low_y, across, down = _blocks(target, box, near)
+    defines = {"VIEWS": len(order), "SILHOUETTES": int(hull), "COLOR_BYTES": target.channel_bytes}
+    more: dict[str, Any] = {}
+    if counts is not None:
+        defines["COUNTED"] = 1
+        more["counts"] = counts
+    if across > 0 and down > 0:
+        launch(
+            kernel("slicing/object.cl", "draw_object", **defines),
+            (across, down),
+            **buffers,
+            order=upload(order.astype(np.int32)),
+            closeness=upload(np.maximum(cosines, 1e-3).astype(np.float32)),
+            screen=Struct("Screen", target.screen(near)),
+            box=Struct("Box", record),
+            slices_axis=slices_axis(thing, camera),
+            halvings=thing.halvings,
+            visible=thing.texture == "visible",
+            tolerance=_BEFORE * (spacing + sample),
+            low_x=low_x,
+            low_y=low_y,
+            blank=target.blank,
+            **target.outputs(),
+            **more,
+        )
+        target.blank = False
+
+
+def slices_axis(thing: DepthObject | VisualHull, camera: Camera) -> int:
+    """Which edge of the box the slices stand across: the one that faces the camera most, or `TO_SCREEN`."""
+    if thing.slicing == "screen":
+        return TO_SCREEN
+    return int(np.argmax(np.abs(thing.box.axes @ _direction(camera, thing.box))))
+
+
+def _direction(camera: Camera, box: Box) -> Float64:
+    """Unit vector in which a camera sees the box."""
+    forward = camera.world_from_camera[:3, 2]
+    if camera.projection == "perspective":
+        forward = box.center - camera.world_from_camera[:3, 3]
+    return forward / max(float(np.linalg.norm(forward)), 1e-30)
+
+
+def _sample_size(camera: Camera, box: Box) -> float:
+    """A pixel's size on the object, in scene units."""
+    z = float(camera.camera_from_world[2, :3] @ box.center + camera.camera_from_world[2, 3])
+    return (abs(z) if camera.projection == "perspective" else 1.0) / float(min(camera.K[0, 0], camera.K[1, 1]))
+
+
+def _blocks(target: Target, box: Box, near: float) -> tuple[int, int, int, int]:
+    """First pixel and blocks across and down: all of a blank picture, else where the box may be seen."""
+    from pyibr.opencl.device import current
+
+    block = 4 if current().is_cpu else 1  # kernels/raster/region.h
+    width, height = target.camera.size
+    low_x = low_y = 0
+    if not target.blank:
+        u, v, w, _ = target.from_world @ np.column_stack([box.corners, np.ones(8)]).T
+        if (w < near).all():
+            return 0, 0, 0, 0
+        if (w >= near).all():
+            low_x, width = max(int(np.floor((u / w).min())), 0), min(int(np.ceil((u / w).max())) + 1, width)
+            low_y, height = max(int(np.floor((v / w).min())), 0), min(int(np.ceil((v / w).max())) + 1, height)
+    return low_x, low_y, -(-(width - low_x) // block), -(-(height - low_y) // block)
+
+
+def _object_buffers(thing: DepthObject | VisualHull) -> dict[str, DeviceArray]:
+    """The object on the current device, made once."""
+    from pyibr.opencl.device import current
+    from pyibr.opencl.memory import upload
+
+    session = current()
+    kept = thing.device_cache.get(session)
+    if isinstance(kept, dict):
+        return cast("dict[str, DeviceArray]", kept)
+    sizes: list[tuple[int, int, int]] = []
+    start = 0
+    words: list[NDArray[np.uint32]] = []
+    for view in thing.views:
+        sizes.append((*view.camera.size, start))
+        start += view.valid.size
+        words.append(rgba_words(view.color, view.valid))
+    matrices = np.array([view.camera.pixel_matrix @ view.camera.camera_from_world for view in thing.views])
+    made = {
+        "matrices": upload(matrices.reshape(-1, 16).astype(np.float32)),
+        "sizes": upload(np.array(sizes, np.int32)),
+        "maps": upload(np.concatenate([values.ravel() for values in thing.maps])),
+        "colors": upload(np.concatenate(words)),
+    }
+    thing.device_cache[session] = made
+    return made
+
+
+def _checked_views(views: object, kinds: Any) -> list[Any]:
+    if not isinstance(views, Sequence) or not views:
+        raise ArgumentError("views", "a sequence of at least one view", describe(cast("object", views)))
+    several = list(cast("Sequence[object]", views))
+    for view in several:
+        if not isinstance(view, kinds):
+            raise ArgumentError("views", "views of the right kind", describe(view))
+    return several

@@ -1,0 +1,194 @@
+"""A mesh displaced along its normals by a height map, by slices (Kautz & Seidel 2001, section 3)."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Literal, cast, get_args
+from weakref import WeakKeyDictionary
+
+from numpy.typing import NDArray
+
+from pyibr._check import checked_image, describe, one_of, positive
+from pyibr.errors import ArgumentError
+from pyibr.heights import checked_height, checked_normal_map, checked_tiles, height_pairs
+from pyibr.light import Light
+from pyibr.mesh import Mesh
+from pyibr.raster import BIN, bin_primitives, project, rgba_words
+from pyibr.slicing.prisms import Volume, extruded
+from pyibr.slicing.slices import checked_slices
+from pyibr.target import Target
+
+Slicing = Literal["surface", "orthogonal", "screen"]
+AlphaTest = Literal["inside", "at_least", "band"]
+
+if TYPE_CHECKING:
+    from pyibr.opencl.memory import DeviceArray
+
+_SLICINGS = {name: number for number, name in enumerate(get_args(Slicing))}  # SURFACE ... of kernels/slicing/
+_TESTS = {"at_least": 0, "band": 1, "inside": 2}  # kernels/slicing/heights.h
+
+
+class SlicedSurface:
+    """A mesh displaced along its normals by a height map, drawn by slices.
+
+    Parameters
+    ----------
+    base : Mesh
+        With uv; a single polygon or any surface. It is displaced along its normals, or its smooth ones.
+    height : (h, w) float32 in [0, 1], or uint8, uint16
+        0 is the base, 1 is `scale` above it. Bilinear between texel centres, repeated beyond 0 to 1; kept in 16 bits.
+    color : (h', w', 3) uint8, or float32 in [0, 1]
+        Over the same uv.
+    scale : float
+        The displacement of height 1, in scene units.
+    tiles : (int, int)
+        How often height and colour repeat along u and v.
+    slices : int
+        Over the displacement volume's height. Slices across the surface and parallel to the screen have the same
+        spacing, `scale / slices` (section 3.4).
+    slicing : {"orthogonal", "surface", "screen"}
+        "surface": parallel to the base only (section 3.1), which one sees through from the side; "orthogonal":
+        along the normal or one of two directions in the surface, whichever faces the viewer most, polygon by polygon
+        (section 3.2); "screen": parallel to the view plane (section 3.3).
+    test : {"inside", "at_least", "band"}
+        A slice at height h is drawn where the map's height is more than h, so that 0 masks the surface out; at least
+        h (Dietrich), which draws the base, too; or at most a slice spacing more than h (Schaufler), so that one may
+        see through between neighbours of very different heights.
+    normal_map : (h'', w'', 3) float32, optional
+        Unit normals in tangent space, for lights: x along u, y along v, z along the normal. Without it the heights'
+        slopes give them.
+
+    clipped : bool
+        False lets slices parallel to the screen test the points beside the displacement volume, too, as the paper's
+        simplest variant does (section 3.3): the same picture with more alpha tests, to compare.
+
+    Raises
+    ------
+    ArgumentError
+        If an argument has a wrong shape, type or range, or the mesh has no uv.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pyibr as ibr
+    >>> corners, uv = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 0], [1, 0], [1, 1], [0, 1]]
+    >>> square = ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]], uv=uv)
+    >>> height, color = np.full((4, 4), 0.48, np.float32), np.full((4, 4, 3), 200, np.uint8)
+    >>> surface = ibr.SlicedSurface(square, height, color, scale=0.2, slices=20, slicing="surface")
+    >>> camera = ibr.Camera.look_at((0.5, 0.5, 2), (0.5, 0.5, 0), (0, 1, 0), (9, 9), fov_y=20)
+    >>> round(float(ibr.render(surface, camera).depth[4, 4]), 3)  # the highest slice below 0.096 is at 0.09
+    1.91
+    """
+
+    def __init__(
+        self,
+        base: Mesh,
+        height: NDArray[Any],
+        color: NDArray[Any],
+        scale: float,
+        tiles: tuple[int, int] = (1, 1),
+        slices: int = 64,
+        slicing: Slicing = "orthogonal",
+        test: AlphaTest = "inside",
+        normal_map: NDArray[Any] | None = None,
+        clipped: bool = True,
+    ) -> None:
+        if not isinstance(base, Mesh):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise ArgumentError("base", "a pyibr.Mesh", describe(base))
+        if base.uv is None:
+            raise ArgumentError("base", "a mesh with uv", f"{base!r} without")
+        self.base = base
+        self.height = checked_height(height)
+        self.color = checked_image("color", color)
+        self.scale = positive("scale", scale)
+        self.tiles = checked_tiles(tiles)
+        self.slices = checked_slices(slices)
+        one_of("slicing", slicing, Slicing)
+        one_of("test", test, AlphaTest)
+        self.slicing: Slicing = slicing
+        self.test: AlphaTest = test
+        self.normal_map = None if normal_map is None else checked_normal_map(normal_map)
+        self.clipped = clipped
+        self.device_cache: WeakKeyDictionary[Any, Any] = WeakKeyDictionary()
+
+    def __repr__(self) -> str:
+        h, w = self.height.shape
+        return f"<SlicedSurface {len(self.base.faces)} triangles, heights {w}x{h}, {self.slices} slices>"
+
+    def with_height(self, height: NDArray[Any]) -> SlicedSurface:
+        """The same surface with other heights, for animations: everything else, on the device too, is shared."""
+        made = object.__new__(SlicedSurface)
+        made.__dict__.update(self.__dict__)
+        made.height = checked_height(height)
+        return made
+
+    @cached_property
+    def volume(self) -> Volume:
+        """The displacement volume."""
+        return extruded(self.base, self.scale, self.tiles)
+
+
+def draw_surface(
+    target: Target, surface: SlicedSurface, light: Light | None, counts: DeviceArray | None = None
+) -> None:
+    """Draw a sliced surface into the target; `counts`, (H, W) int32, gains the alpha tests of each pixel."""
+    from pyibr.opencl.device import current
+    from pyibr.opencl.launch import Struct, launch
+    from pyibr.opencl.program import kernel
+
+    buffers = _surface_buffers(surface)
+    near = target.near(surface.volume.bounds)
+    projected = project(target, buffers["points"], near)
+    bins = bin_primitives(target, buffers["corners"], projected, near, sort=True)
+    defines: dict[str, int] = {}
+    more: dict[str, Any] = {}
+    if light is not None:
+        defines["LIT"] = 1
+        height, width = (0, 0) if surface.normal_map is None else surface.normal_map.shape[:2]
+        more |= {"normal_width": width, "normal_height": height, "light": Struct("Light", light.struct)}
+        more |= {"gradients": buffers["gradients"], "normal_map": buffers.get("normal_map", buffers["gradients"])}
+    if not surface.clipped and surface.slicing == "screen":
+        defines["UNCLIPPED"] = 1
+    if counts is not None:
+        defines["COUNTED"] = 1
+        more["counts"] = counts
+    launch(
+        kernel("slicing/surface.cl", "draw_surface", BIN=BIN, COLOR_BYTES=target.channel_bytes, **defines),
+        (bins.columns, bins.rows) if current().is_cpu else target.camera.size,
+        **{name: buffers[name] for name in ("corners", "points", "places", "frames", "heights", "colors")},
+        projected=projected,
+        list=bins.list,
+        starts=bins.starts,
+        bins_x=bins.columns,
+        screen=Struct("Screen", target.screen(near)),
+        nearest_w=near,
+        spacing=surface.scale / surface.slices,
+        slices=surface.slices,
+        slicing=_SLICINGS[surface.slicing],
+        test=_TESTS[surface.test],
+        map_width=surface.height.shape[1],
+        map_height=surface.height.shape[0],
+        color_width=surface.color.shape[1],
+        color_height=surface.color.shape[0],
+        blank=target.blank,
+        **target.outputs(),
+        **more,
+    )
+    target.blank = False
+
+
+def _surface_buffers(surface: SlicedSurface) -> dict[str, DeviceArray]:
+    """The surface on the current device: made once but for the heights, which an animation replaces."""
+    from pyibr.opencl.device import current
+    from pyibr.opencl.memory import upload
+
+    session = current()
+    kept = surface.device_cache.get(session)
+    if not isinstance(kept, dict):
+        volume = surface.volume
+        kept = {name: upload(getattr(volume, name)) for name in ("points", "places", "corners", "frames", "gradients")}
+        kept["colors"] = upload(rgba_words(surface.color))
+        if surface.normal_map is not None:
+            kept["normal_map"] = upload(surface.normal_map)
+        surface.device_cache[session] = kept
+    return {**cast("dict[str, DeviceArray]", kept), "heights": upload(height_pairs(surface.height))}

@@ -1,0 +1,72 @@
+"""A displaced unit square as a solid to cast rays at: its bilinear height field finely triangulated, walls, base."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.camera import Camera
+from tests.reference.heights import bilinear_height
+
+o3d = pytest.importorskip("open3d")
+
+
+def square() -> ibr.Mesh:
+    """The base: z = 0, uv = (x, y)."""
+    corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+    return ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]], uv=[[0, 0], [1, 0], [1, 1], [0, 1]])
+
+
+def looking(elevation: float, direction: float, scale: float, size: tuple[int, int]) -> Camera:
+    """A perspective camera that sees all of it; angles in degrees."""
+    e, d = np.radians(elevation), np.radians(direction)
+    away = np.array([np.cos(e) * np.cos(d), np.cos(e) * np.sin(d), np.sin(e)])
+    middle = np.array([0.5, 0.5, 0.5 * scale])
+    up = (0, 0, 1) if elevation < 90 else (np.cos(d), np.sin(d), 0)
+    return Camera.look_at(middle + 2.2 * away, middle, up, size, fov_y=36)
+
+
+class Solid:
+    """Filled below its height, scale * height above z = 0; `fine` cells of the mesh a texel."""
+
+    def __init__(self, height: np.ndarray, scale: float, fine: int) -> None:
+        n = fine * len(height)
+        ticks = np.arange(n + 1) / n
+        u, v = np.meshgrid(ticks, ticks)
+        rise = scale * bilinear_height(height.astype(np.float64), u, v)
+        top = np.column_stack([u.ravel(), v.ravel(), rise.ravel()])
+        base = top * (1, 1, 0)
+        y, x = np.mgrid[:n, :n]
+        a = (y * (n + 1) + x).ravel()
+        b, c, d = a + 1, a + n + 1, a + n + 2
+        faces = np.concatenate([np.column_stack([a, b, d]), np.column_stack([a, d, c])])
+        rim = np.concatenate([np.arange(n), np.arange(n) * (n + 1)])  # two sides; the others lie n away
+        step = np.concatenate([np.ones(n, int), np.full(n, n + 1)])
+        across = np.concatenate([np.full(n, n * (n + 1)), np.full(n, n)])
+        count = len(top)
+        walls = []
+        for start in (rim, rim + across):
+            end = start + step
+            walls += [np.column_stack([start, end, end + count]), np.column_stack([start, end + count, start + count])]
+        self.scene = o3d.t.geometry.RaycastingScene()
+        vertices = np.concatenate([top, base]).astype(np.float32)
+        self.scene.add_triangles(vertices, np.concatenate([faces, faces + count, *walls]).astype(np.uint32))
+
+    def depth(self, camera: Camera) -> np.ndarray:
+        """True planar depth seen by a perspective camera; inf where there is nothing."""
+        y, x = np.mgrid[: camera.height, : camera.width]
+        pixels = np.stack([x, y, np.ones_like(x)], axis=-1).reshape(-1, 3)
+        rays = pixels @ np.linalg.inv(camera.K).T @ camera.world_from_camera[:3, :3].T
+        origin = np.broadcast_to(camera.world_from_camera[:3, 3], rays.shape)
+        hits = self.scene.cast_rays(np.concatenate([origin, rays], axis=1).astype(np.float32))
+        return hits["t_hit"].numpy().reshape(camera.height, camera.width)
+
+
+def interior(truth: np.ndarray, jump: float = 0.03) -> np.ndarray:
+    """Pixels 3 away from where depth jumps by more than this between neighbours."""
+    z = np.where(np.isfinite(truth), truth, 100.0).astype(np.float32)
+    around = np.ones((3, 3))
+    edges = (cv2.dilate(z, around) - cv2.erode(z, around) > jump).astype(np.uint8)
+    return np.isfinite(truth) & ~cv2.dilate(edges, np.ones((7, 7))).astype(bool)
