@@ -74,7 +74,7 @@ class Mesh:
         texture: NDArray[Any] | None = None,
         colors: NDArray[Any] | None = None,
     ) -> None:
-        points = numbers("vertices", vertices, (None, 3)).astype(np.float32)
+        points = _in_float32("vertices", numbers("vertices", vertices, (None, 3)))
         corners = checked_faces(faces, len(points))
         along = None if normals is None else _checked_normals(normals, len(points))
         tints = None if colors is None else _checked_colors("colors", colors, (len(points), 3))
@@ -305,7 +305,14 @@ def checked_faces(faces: ArrayLike, count: int) -> NDArray[np.int32]:
 def _checked_uv(uv: ArrayLike, vertices: int, faces: int) -> Float32:
     array = np.asarray(uv)
     shape = (faces, 3, 2) if array.ndim == 3 else (vertices, 2)
-    return numbers("uv", array, shape).astype(np.float32)
+    return _in_float32("uv", numbers("uv", array, shape))
+
+
+def _in_float32(argument: str, array: NDArray[np.float64]) -> Float32:
+    most = float(np.finfo(np.float32).max)
+    if array.size and np.abs(array).max() > most:
+        raise ArgumentError(argument, f"numbers up to {most:g}, as float32 holds", f"{np.abs(array).max():g}")
+    return array.astype(np.float32)
 
 
 def _checked_normals(normals: ArrayLike, count: int) -> Float32:

@@ -32,8 +32,7 @@ def render(
     ----------
     things : thing or sequence of things
         `DepthImage` (drawn by the epipolar warp with its defaults), `Mesh`, `SlicedSurface`, `DepthObject`,
-        `VisualHull`. Where two are equally far, the first one
-        stays.
+        `VisualHull`, and their subclasses. Where two are equally far, the first one stays.
     camera : Camera
         Perspective or orthographic.
     light : Light, optional
@@ -66,10 +65,7 @@ def render(
     several = list(things) if isinstance(things, Sequence) else [things]
     if not several:
         raise ArgumentError("things", "at least one thing", "an empty sequence")
-    for thing in several:
-        if type(thing) not in _DRAWN:
-            kinds = ", ".join(kind.__name__ for kind in _DRAWN)
-            raise ArgumentError("things", f"things of these kinds: {kinds}", describe(thing))
+    drawn = [_drawn_by(thing) for thing in several]
     if not isinstance(camera, Camera):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise ArgumentError("camera", "a pyibr.Camera", describe(camera))
     if light is not None and not isinstance(light, Light):  # pyright: ignore[reportUnnecessaryIsInstance]
@@ -84,12 +80,20 @@ def render(
         raise ArgumentError("background", f"a colour in the range of {dtype}", describe(background))
     with current().lock:
         target = Target(camera, dtype)
-        for thing in several:
-            _DRAWN[type(thing)](target, thing, light)
+        for draw, thing in zip(drawn, several, strict=True):
+            draw(target, thing, light)
         frame = target.frame()
     if around.any():
         frame.color[~frame.valid] = around.astype(dtype)
     return frame
+
+
+def _drawn_by(thing: object) -> _Draw:
+    for kind, draw in _DRAWN.items():
+        if isinstance(thing, kind):
+            return draw
+    kinds = ", ".join(kind.__name__ for kind in _DRAWN)
+    raise ArgumentError("things", f"things of these kinds: {kinds}", describe(thing))
 
 
 def _draw_depth_image(target: Target, view: DepthImage, light: Light | None) -> None:

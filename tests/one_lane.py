@@ -3,8 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+import os
+import shutil
+import subprocess
+import sys
 from collections.abc import Generator
 from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
 
 from pyibr.opencl import device
 
@@ -22,3 +29,17 @@ def one_lane() -> Generator[None, None, None]:
     finally:
         device._sessions[index] = session
         device._default_session.cache_clear()
+
+
+def check_bounds(script: str, cache: Path) -> None:
+    """Run a script under Oclgrind, which sees reads and writes beyond the arrays, data races and what is unset."""
+    if shutil.which("oclgrind") is None:
+        pytest.skip("oclgrind is not installed (apt-get install oclgrind)")
+    paths = {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p), "PYIBR_CACHE": str(cache)}
+    script += "\nfrom pyibr.opencl import device\nprint('done on', device.current().device.name)\n"
+    command = ("oclgrind", "--check-api", sys.executable, "-W", "ignore", "-c", script)
+    variables = os.environ | paths | {"PYIBR_DEVICE": "oclgrind"}
+    result = subprocess.run(command, env=variables, capture_output=True, text=True, timeout=300)
+    assert "done on Oclgrind" in result.stdout, result.stdout + result.stderr
+    for report in ("Invalid read", "Invalid write", "Uninitialized", "data race"):
+        assert report not in result.stdout + result.stderr, (result.stdout + result.stderr)[:3000]

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from pyibr.camera import Camera
-from pyibr.capture import MeshScene, capture, cube_cameras
+from pyibr.capture import MeshScene, capture, cube_cameras, object_views
 from pyibr.errors import ArgumentError, MissingPackageError
+from pyibr.mesh import Mesh
 
 o3d = pytest.importorskip("open3d")
 
@@ -179,3 +180,53 @@ def test_without_open3d_the_command_is_named(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "open3d", None)
     with pytest.raises(MissingPackageError, match="pip install open3d"):
         MeshScene([[0, 0, 1], [1, 0, 1], [0, 1, 1]], [[0, 1, 2]])
+
+
+def box(low: tuple[float, float, float], high: tuple[float, float, float]) -> Mesh:
+    corners = np.array(np.meshgrid(*zip(low, high, strict=True), indexing="ij")).reshape(3, -1).T
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = [[a, b, c] for a, b, c, _ in quads] + [[a, c, d] for a, _, c, d in quads]
+    return Mesh(corners, faces)
+
+
+@pytest.mark.parametrize("projection", ["orthographic", "perspective"])
+def test_six_views_see_a_box_from_its_six_sides(projection):
+    mesh, size, margin = box((1, 2, 3), (3, 3, 7)), 100, 0.05
+    views = object_views(mesh, size, projection, margin)
+    extents, middle = np.array([2.0, 1, 4]), np.array([2, 2.5, 5])
+    edge = 4 * (1 + 2 * margin)
+    assert len(views) == 6
+    for number, view in enumerate(views):
+        axis, sign = divmod(number, 2)
+        expected = np.eye(3)[axis] * (1 if sign == 0 else -1)
+        np.testing.assert_allclose(view.camera.forward, expected, atol=1e-12)
+        assert view.camera.projection == projection
+        # Its front face: at the middle half its extent before the object's middle, and in full on the image.
+        z = np.dot(middle - view.camera.center, expected) - 0.5 * extents[axis]
+        assert view.depth[size // 2, size // 2] == pytest.approx(z, rel=1e-6)
+        across = np.delete(extents, axis)
+        seen = np.sort([np.any(view.valid, axis=k).sum() for k in (0, 1)])
+        if projection == "orthographic":
+            np.testing.assert_allclose(seen, np.sort(across) / edge * size, atol=1.5)
+        assert seen.max() <= size * (1 - margin)
+        assert np.isinf(view.depth[~view.valid]).all()
+
+
+@pytest.mark.parametrize(("argument", "value"), [("projection", "fisheye"), ("margin", -0.1), ("size", 0)])
+def test_six_views_of_wrong_arguments(argument, value):
+    with pytest.raises(ArgumentError, match=f"^{argument}: "):
+        object_views(box((0, 0, 0), (1, 1, 1)), **({"size": 8} | {argument: value}))
+
+
+def test_a_mesh_is_captured_with_its_own_colours():
+    square, camera = (
+        [[-1, -1, 3], [1, -1, 3], [-1, 1, 3], [1, 1, 3]],
+        Camera([[20, 0, 5], [0, 20, 5], [0, 0, 1]], (11, 11)),
+    )
+    faces, uv = [[0, 1, 2], [3, 2, 1]], [[0, 0], [1, 0], [0, 1], [1, 1]]
+    texture = np.full((2, 2, 3), (0.2, 0.4, 0.6), np.float32)
+    tinted = Mesh(square, faces, colors=np.full((4, 3), (10, 20, 30), np.uint8))
+    textured = Mesh(square, faces, uv=uv, texture=texture, colors=np.zeros((4, 3), np.uint8))
+    np.testing.assert_array_equal(MeshScene.from_mesh(tinted).capture(camera).color[5, 5], (10, 20, 30))
+    np.testing.assert_array_equal(MeshScene.from_mesh(textured).capture(camera).color[5, 5], (51, 102, 153))
+    assert MeshScene.from_mesh(Mesh(square, faces, uv=uv)).capture(camera).valid.any()

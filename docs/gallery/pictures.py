@@ -165,6 +165,26 @@ def slicing_directions() -> Figure:
     return figure
 
 
+def slice_counts() -> Figure:
+    """A pyramid field at 40 degrees by 6 to 48 slices along the normal, across it and parallel to the screen."""
+    y, x = np.mgrid[:128, :128] / 128
+    ridges = np.maximum(1 - np.abs(4 * x % 1 - 0.5) * 2.4, 1 - np.abs(4 * y % 1 - 0.5) * 2.4).clip(0, 1)
+    height = (0.08 + 0.9 * ridges).astype(np.float32)
+    color = (np.array([60, 110, 150]) + ridges[..., None] * np.array([170, 100, 20])).astype(np.uint8)
+    corners, uv = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 0], [1, 0], [1, 1], [0, 1]]
+    square = ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]], uv=uv)
+    angle, light = np.radians(25), ibr.Light(direction=(0.6, 0.3, -1))
+    eye = np.array([0.5, 0.5, 0.1]) + 2.1 * np.array([0.5 * np.cos(angle), -0.87 * np.cos(angle), np.sin(angle)])
+    camera = ibr.Camera.look_at(eye, (0.5, 0.5, 0.02), (0, 0, 1), (560, 250), fov_y=18)
+    figure, grid = plt.subplots(3, 3, figsize=(13, 6.1), layout="constrained")
+    for row, slicing in zip(grid, ("surface", "orthogonal", "screen"), strict=True):
+        for axes, slices in zip(row, (6, 12, 48), strict=True):
+            thing = ibr.SlicedSurface(square, height, color, 0.2, slices=slices, slicing=slicing)
+            bare(axes).imshow(ibr.render(thing, camera, light, background=(255, 255, 255)).color)
+            axes.set_title(f'slicing="{slicing}", {slices} slices', loc="left", fontsize=12, color=INK)
+    return figure
+
+
 def donuts() -> Figure:
     """Height maps on a donut of 625 quadrilaterals: fur, and bricks."""
     rng = np.random.default_rng(1)
@@ -256,5 +276,6 @@ if __name__ == "__main__":
     save("epipolar-lines.png", epipolar_lines(), 80)
     save("epipolar-plane.png", epipolar_plane(), 100)
     save("slicing-directions.png", slicing_directions(), 80)
+    save("slice-counts.png", slice_counts(), 70)
     save("donuts.jpg", donuts(), 80)
     save("depth-object.png", depth_object(), 90)

@@ -4,9 +4,7 @@ bounds.
 
 from __future__ import annotations
 
-import dataclasses
 import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -20,6 +18,7 @@ import pyibr as ibr
 from pyibr.camera import Projection
 from pyibr.opencl import device
 from tests import scenes
+from tests.one_lane import check_bounds, one_lane
 
 FIRST_FRAME = """
 import numpy as np, pyibr as ibr
@@ -72,15 +71,9 @@ def test_importing_brings_no_device_and_no_large_library():
 
 
 @pytest.fixture
-def one_lane() -> Iterator[None]:
-    """Kernels in the form that a GPU gets, and memory copied to and fro, on whatever device there is."""
-    session = device.current()
-    index = session.device.index
-    device._sessions[index] = dataclasses.replace(session, lanes=1, is_cpu=False, kernels={}, spare=[], in_flight=[])
-    device._default_session.cache_clear()
-    yield
-    device._sessions[index] = session
-    device._default_session.cache_clear()
+def in_one_lane() -> Iterator[None]:
+    with one_lane():
+        yield
 
 
 def frames(place: str, source: Projection) -> list[ibr.Frame]:
@@ -123,7 +116,6 @@ def test_one_lane_is_as_good_as_sixteen(wide, one_lane):
 
 
 BOUNDS = """
-from pyibr.opencl import device
 from tests import scenes
 import pyibr as ibr
 ways = {"edges": "cut", "fill": "background"}, {"method": "search"}, {"method": "forward", "splat": 2}
@@ -132,14 +124,8 @@ line = scenes.scene(scenes.smooth_depth, (7, 1))
 for pose in scenes.target_cameras(view, "E", (9, 11))[:1] + scenes.special_cameras(view, (9, 11))[2:3]:
     for way in ways:
         ibr.warp([view, line], pose.camera, **way)
-print("done on", device.current().device.name)
 """
 
 
-@pytest.mark.skipif(shutil.which("oclgrind") is None, reason="oclgrind is not installed (apt-get install oclgrind)")
 def test_no_kernel_leaves_its_arrays(tmp_path: Path):
-    command = ("oclgrind", "--check-api", sys.executable, "-W", "ignore", "-c", BOUNDS)
-    result = run(*command, timeout=300, PYIBR_CACHE=str(tmp_path), PYIBR_DEVICE="oclgrind")
-    assert "done on Oclgrind" in result.stdout, result.stdout + result.stderr
-    for report in ("Invalid read", "Invalid write", "Uninitialized", "data race"):
-        assert report not in result.stdout + result.stderr, (result.stdout + result.stderr)[:3000]
+    check_bounds(BOUNDS, tmp_path)
