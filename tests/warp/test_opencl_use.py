@@ -97,11 +97,11 @@ def frames(place: str, source: Projection) -> list[ibr.Frame]:
     ids="-".join,
 )
 def wide(request: pytest.FixtureRequest) -> tuple[tuple[str, str], list[ibr.Frame]]:
-    """Made before `one_lane` takes the session's place."""
+    """Made before `in_one_lane` takes the session's place."""
     return request.param, frames(*request.param)
 
 
-def test_one_lane_is_as_good_as_sixteen(wide, one_lane):
+def test_one_lane_is_as_good_as_sixteen(wide, in_one_lane):
     case, expected = wide
     assert device.current().lanes == 1
     for number, (one, other) in enumerate(zip(frames(*case), expected, strict=True)):
