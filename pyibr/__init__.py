@@ -33,6 +33,7 @@ from pyibr.images import (
 from pyibr.io import read_color, read_depth, write_color, write_depth, write_mask
 from pyibr.light import Light
 from pyibr.mesh import Mesh
+from pyibr.relief import ReliefSurface
 
 # The functions take the place of their modules as the package's attributes, on the first import and for good.
 from pyibr.render import render
@@ -59,6 +60,7 @@ __all__ = [
     "Light",
     "Mesh",
     "MissingPackageError",
+    "ReliefSurface",
     "Silhouette",
     "SlicedSurface",
     "VisualHull",

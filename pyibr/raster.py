@@ -196,7 +196,7 @@ def _buffers(mesh: Mesh) -> dict[str, DeviceArray]:
         return cast("dict[str, DeviceArray]", kept)
     made = {"vertices": upload(mesh.vertices), "faces": upload(mesh.faces)}
     if mesh.texture is not None and mesh.uv is not None:
-        made["uv"], made["texels"] = upload(mesh.uv), upload(_pyramid(mesh.texture))
+        made["uv"], made["texels"] = upload(mesh.uv), upload(texture_pyramid(mesh.texture))
     elif mesh.colors is not None:
         made["tints"] = upload(_unit(mesh.colors))
     mesh.device_cache[session] = made
@@ -216,7 +216,7 @@ def _unit(colors: NDArray[Any]) -> NDArray[np.float32]:
     return np.ascontiguousarray(colors * scale, np.float32)
 
 
-def _pyramid(texture: NDArray[Any]) -> NDArray[np.uint32]:
+def texture_pyramid(texture: NDArray[Any]) -> NDArray[np.uint32]:
     """All levels of a texture, largest first, as RGBA words: each half as large as the one before, rounded down."""
     import cv2
 

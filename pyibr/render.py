@@ -14,10 +14,11 @@ from pyibr.errors import ArgumentError
 from pyibr.images import DepthImage, Frame
 from pyibr.light import Light
 from pyibr.mesh import Mesh
+from pyibr.relief import ReliefSurface
 from pyibr.slicing import DepthObject, SlicedSurface, VisualHull
 from pyibr.target import Target
 
-Thing = DepthImage | Mesh | SlicedSurface | DepthObject | VisualHull
+Thing = DepthImage | Mesh | SlicedSurface | ReliefSurface | DepthObject | VisualHull
 
 if TYPE_CHECKING:
     _Draw = Callable[[Target, Any, Light | None], None]
@@ -31,7 +32,7 @@ def render(
     Parameters
     ----------
     things : thing or sequence of things
-        `DepthImage` (drawn by the epipolar warp with its defaults), `Mesh`, `SlicedSurface`, `DepthObject`,
+        `DepthImage` (drawn by the epipolar warp with its defaults), `Mesh`, `SlicedSurface`, `ReliefSurface`, `DepthObject`,
         `VisualHull`, and their subclasses. Where two are equally far, the first one stays.
     camera : Camera
         Perspective or orthographic.
@@ -117,6 +118,12 @@ def _draw_surface(target: Target, surface: SlicedSurface, light: Light | None) -
     draw_surface(target, surface, light)
 
 
+def _draw_relief(target: Target, surface: ReliefSurface, light: Light | None) -> None:
+    from pyibr.relief import draw_relief
+
+    draw_relief(target, surface, light)
+
+
 def _draw_object(target: Target, thing: DepthObject | VisualHull, light: Light | None) -> None:
     from pyibr.slicing import draw_object
 
@@ -127,6 +134,7 @@ _DRAWN: dict[type, _Draw] = {
     DepthImage: _draw_depth_image,
     Mesh: _draw_mesh,
     SlicedSurface: _draw_surface,
+    ReliefSurface: _draw_relief,
     DepthObject: _draw_object,
     VisualHull: _draw_object,
 }

@@ -153,3 +153,42 @@ intl covered_by(const Triangles *t, int lane, int first_x, int first_y, floatl *
     *nearness = lesser(greater(plane, (floatl)FLOAT_OF(t->n_low)), (floatl)FLOAT_OF(t->n_high));
     return covered;
 }
+
+/* The corners of each lane's triangle, and their perspective-correct weights at the pixel (x, y) of the picture. Returns
+ * twice the triangle's area as seen: > 0 from behind. */
+floatl corner_weights(global const int *corners, global const float *projected, intl index, floatl x, floatl y,
+                      intl *corner, floatl *weight)
+{
+    floatl U[3], V[3], W[3], total = 0.0f, sum = 0.0f;
+    for (int k = 0; k < 3; k++) {
+        const intl face = 3 * index + k;
+        corner[k] = (intl)(gather(corners, face));
+        const intl at = 4 * corner[k], at_v = at + 1, at_w = at + 2;
+        W[k] = (floatl)(gather(projected, at_w));
+        U[k] = (floatl)(gather(projected, at)) - W[k] * x; /* relative to the pixel an edge's function is its c alone */
+        V[k] = (floatl)(gather(projected, at_v)) - W[k] * y;
+    }
+    for (int k = 0; k < 3; k++) {
+        const int i = (k + 1) % 3, j = (k + 2) % 3;
+        weight[k] = U[i] * V[j] - V[i] * U[j];
+        total += weight[k];
+    }
+    for (int k = 0; k < 3; k++) { /* none from beyond the triangle, as in `covered_by` */
+        weight[k] = greater(weight[k] / total, (floatl)0.0f);
+        sum += weight[k];
+    }
+    for (int k = 0; k < 3; k++)
+        weight[k] /= sum;
+    return total;
+}
+
+/* The mean of the corners' values, by weights: part of each of `array`'s rows of `stride` */
+floatl corner_mean(global const float *array, int stride, int part, const intl *corner, const floatl *weight)
+{
+    floatl sum = 0.0f;
+    for (int k = 0; k < 3; k++) {
+        const intl at = corner[k] * stride + part;
+        sum += weight[k] * (floatl)(gather(array, at));
+    }
+    return sum;
+}

@@ -22,6 +22,7 @@ _SCALARS: dict[str, type[np.generic]] = {
 _ELEMENTS = {
     "float": "float32",
     "short": "int16",
+    "ushort": "uint16",
     "int": "int32",
     "uint": "uint32",
     "uchar": "uint8",

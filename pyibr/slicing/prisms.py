@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pyibr._check import Float64
 from pyibr.mesh import Mesh
+from pyibr.tangents import unit, uv_gradients
 
 Float32 = NDArray[np.float32]
 
@@ -67,23 +68,12 @@ def extruded(base: Mesh, scale: float, tiles: tuple[int, int]) -> Volume:
 
 def _frames(corners: Float64, normals: Float64, uv: Float64) -> tuple[Float64, Float64]:
     """Slicing directions and gradients of u and v, per triangle; any directions where uv or the triangle is flat."""
-    sides, changes = corners[:, 1:] - corners[:, :1], uv[:, 1:] - uv[:, :1]
-    a = _unit(np.cross(sides[:, 0], sides[:, 1]), np.array([0.0, 0.0, 1.0]))
+    sides = corners[:, 1:] - corners[:, :1]
+    a = unit(np.cross(sides[:, 0], sides[:, 1]), np.array([0.0, 0.0, 1.0]))
     a *= np.where((a * normals.sum(axis=1)).sum(axis=1, keepdims=True) < 0, -1.0, 1.0)
-    # Gradients within the plane: with the sides and the normal as rows, a linear system for each triangle.
-    rows = np.concatenate([sides, a[:, None]], axis=1)
-    good = np.abs(np.linalg.det(rows)) > 1e-30
-    rows[~good] = np.eye(3)
-    values = np.concatenate([changes, np.zeros((len(a), 1, 2))], axis=1)
-    gradients: Float64 = np.linalg.solve(rows, values).transpose(0, 2, 1).astype(np.float64)
-    gradients[~good] = 0
+    gradients = uv_gradients(corners, uv)[0]
     least = np.eye(3)[np.abs(a).argmin(axis=1)]
-    b = _unit(gradients[:, 0], _unit(np.cross(a, least), np.array([1.0, 0.0, 0.0])))
+    b = unit(gradients[:, 0], unit(np.cross(a, least), np.array([1.0, 0.0, 0.0])))
     c = np.cross(a, b)
     c *= np.where((c * gradients[:, 1]).sum(axis=1, keepdims=True) < 0, -1.0, 1.0)
     return np.stack([a, b, c], axis=1), gradients
-
-
-def _unit(vectors: Float64, otherwise: Float64) -> Float64:
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.where(length > 1e-30, vectors / np.maximum(length, 1e-30), otherwise)

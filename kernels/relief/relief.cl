@@ -1,0 +1,235 @@
+/* Relief mapping on a mesh, with true silhouettes and depth (Oliveira & Policarpo 2005).
+ *
+ * A pixel's ray enters the relief at the mesh. There the vertices' frames and quadrics are interpolated, and the ray is
+ * followed in texture space (search.h) until it meets the relief or comes out again beside the silhouette. It may then
+ * enter elsewhere: a region's pixels are searched layer by layer, nearest entry first, for as long as an entry lies
+ * nearer than what has been found. All lanes of a block search at once, whichever triangles they entered.
+ *
+ * Deviations from the paper: safe steps (search.h); the tile sizes are gradients of u and v, which also hold where u and
+ * v are not at right angles; the normal follows the quadric.
+ *
+ * faces: (triangles, 3) corners of each. projected: (vertices, 4), raster/project.cl. list, starts: raster/bins.cl.
+ * vertices: (vertices, 13) u, v, normal, gradient of u, gradient of v (world, per scene unit), a, b. texels, bounds,
+ * levels: search.h. colors: lib/texture.h. normal_map: (normal_height, normal_width, 3), where > 0.
+ * counts: (height, width) searched entries, with COUNTED.
+ * Work-item: a region (raster/region.h). Cost: O(list + pixels * layers * steps). Determinism: list order.
+ */
+#define PLACED
+#include "lib/light.h"
+#include "lib/texture.h"
+#include "raster/region.h"
+#include "raster/triangle.h"
+#include "relief/search.h"
+
+#define LINEAR 0
+#define SAFE 1
+#define VERTEX 13 /* floats of a vertex */
+#define LEAST_COSINE 1e-3f /* of a ray that enters, where silhouettes are flat */
+
+/* Entries of a region's pixels */
+typedef struct {
+    floatl first[BLOCKS], second[BLOCKS]; /* nearness of the nearest two so far */
+    intl entered[BLOCKS];                 /* triangle of the first, -1: none */
+    floatl beyond[BLOCKS];                /* entries up to this one have been searched */
+    intl beyond_index[BLOCKS];
+} Layers;
+
+typedef struct {
+    global const int *faces;
+    global const float *projected;
+    Screen screen;
+    float nearest_w;
+    Layers *layers;
+} Context;
+
+typedef Triangles Primitives;
+
+intl set_up(const Context *context, intl index, int x, int y, Primitives *t)
+{
+    return set_up_triangles(context->faces, context->projected, index, context->nearest_w, 1, x, y, t);
+}
+
+void cover(const Context *context, const Primitives *t, int lane, Region *region, int block, int first_x, int first_y)
+{
+    floatl n;
+    Layers *layers = context->layers;
+    const int index = INT_OF(t->index);
+    const floatl first = layers->first[block], second = layers->second[block], beyond = layers->beyond[block];
+    const intl covered = covered_by(t, lane, first_x, first_y, &n);
+    const intl seen = covered & (n <= context->screen.nearest) & (n > region->nearness[block]) &
+                      ((n < beyond) | ((n == beyond) & (layers->beyond_index[block] < index)));
+    const intl nearer = seen & (n > first);
+    layers->second[block] = pick(nearer, first, pick(seen & (n > second), n, second));
+    layers->first[block] = pick(nearer, n, first);
+    layers->entered[block] = pick(nearer, (intl)index, layers->entered[block]);
+}
+
+#include "raster/list.h"
+
+/* A pixel's ray where it enters: what the vertices say there */
+typedef struct {
+    floatl vx, vy, vz; /* direction in the world, unit length */
+    floatl u, v, nx, ny, nz, ux, uy, uz, wx, wy, wz, a, b; /* w: the gradient of v */
+} Entry;
+
+Entry entry_of(global const int *faces, global const float *projected, global const float *vertices, Screen screen,
+               intl index, floatl x, floatl y, floatl direction_x, floatl direction_y, floatl direction_z)
+{
+    Entry e;
+    intl corner[3];
+    floatl weight[3];
+    corner_weights(faces, projected, index, x, y, corner, weight);
+#define OF_VERTEX(part) corner_mean(vertices, VERTEX, part, corner, weight)
+    e.u = OF_VERTEX(0);
+    e.v = OF_VERTEX(1);
+    e.nx = OF_VERTEX(2);
+    e.ny = OF_VERTEX(3);
+    e.nz = OF_VERTEX(4);
+    e.ux = OF_VERTEX(5);
+    e.uy = OF_VERTEX(6);
+    e.uz = OF_VERTEX(7);
+    e.wx = OF_VERTEX(8);
+    e.wy = OF_VERTEX(9);
+    e.wz = OF_VERTEX(10);
+    e.a = OF_VERTEX(11);
+    e.b = OF_VERTEX(12);
+    const floatl normal = 1.0f / sqrt(fmax(e.nx * e.nx + e.ny * e.ny + e.nz * e.nz, (floatl)1e-20f));
+    e.nx *= normal;
+    e.ny *= normal;
+    e.nz *= normal;
+    const floatl unit = 1.0f / sqrt(direction_x * direction_x + direction_y * direction_y + direction_z * direction_z);
+    e.vx = direction_x * unit;
+    e.vy = direction_y * unit;
+    e.vz = direction_z * unit;
+    return e;
+}
+
+kernel void draw_relief(global const int *faces, global const float *projected, global const int *list,
+                        global const int *starts, int bins_x, global const float *vertices, global const uint *texels,
+                        global const ushort *bounds, global const int *levels, int level_count,
+                        global const uint *colors, int color_width, int color_height, int color_levels,
+                        global float *depth, global channel *color, global uchar *valid, Screen screen,
+                        float nearest_w, float scale, float pixel_size, int quadric, int search, int steps,
+                        int halvings, int blank
+#ifdef LIT
+                        ,
+                        global const float *normal_map, int normal_width, int normal_height, Light light
+#endif
+#ifdef COUNTED
+                        ,
+                        global int *counts
+#endif
+)
+{
+    const int x = get_global_id(0) * REGION, y = get_global_id(1) * REGION;
+    if (x >= screen.width || y >= screen.height)
+        return;
+    Layers layers;
+    const Context context = {faces, projected, screen, nearest_w, &layers};
+    const int bin = y / BIN * bins_x + x / BIN, map_width = levels[0], map_height = levels[1];
+    const float *m = screen.to_world, *f = screen.from_world;
+    Region region;
+    begin_region(&region, screen, depth, blank, x, y);
+    for (int block = 0; block < BLOCKS; block++) {
+        layers.beyond[block] = INFINITY;
+        layers.beyond_index[block] = -1;
+    }
+    for (int again = starts[bin] < starts[bin + 1]; again;) {
+        for (int block = 0; block < BLOCKS; block++) {
+            layers.first[block] = layers.second[block] = EMPTY;
+            layers.entered[block] = -1;
+        }
+        draw_list(&context, &region, list, starts[bin], starts[bin + 1], x, y);
+        again = 0;
+        for (int block = 0; block < BLOCKS; block++) {
+            const intl entered = layers.entered[block], enters = entered >= 0;
+            if (!any_lane(enters)) {
+                layers.beyond[block] = -INFINITY;
+                continue;
+            }
+            const floatl px = to_floatl(x + block % ROW * BLOCK + block_x), py = to_floatl(y + block / ROW * BLOCK + block_y);
+            const floatl n = layers.first[block];
+            const floatl inverse = 1.0f / (PIXEL_ROW(m, 3, px, py) + n * m[15]);
+            const floatl X = (PIXEL_ROW(m, 0, px, py) + n * m[3]) * inverse;
+            const floatl Y = (PIXEL_ROW(m, 1, px, py) + n * m[7]) * inverse;
+            const floatl Z = (PIXEL_ROW(m, 2, px, py) + n * m[11]) * inverse;
+            floatl ahead_x = -m[3], ahead_y = -m[7], ahead_z = -m[11]; /* of an orthographic picture */
+            if (screen.perspective) {
+                ahead_x = X - m[3] / m[15];
+                ahead_y = Y - m[7] / m[15];
+                ahead_z = Z - m[11] / m[15];
+            }
+            const Entry e = entry_of(faces, projected, vertices, screen, pick(enters, entered, (intl)0), px, py, ahead_x,
+                                     ahead_y, ahead_z);
+            ReliefRay ray;
+            const floatl cosine = e.vx * e.nx + e.vy * e.ny + e.vz * e.nz; /* < 0: it enters */
+            ray.u = e.u - floor(e.u);
+            ray.v = e.v - floor(e.v);
+            ray.du = e.vx * e.ux + e.vy * e.uy + e.vz * e.uz;
+            ray.dv = e.vx * e.wx + e.vy * e.wy + e.vz * e.wz;
+            const floatl u_2 = e.ux * e.ux + e.uy * e.uy + e.uz * e.uz;
+            const floatl v_2 = e.wx * e.wx + e.wy * e.wy + e.wz * e.wz;
+            const floatl x_2 = ray.du * ray.du / fmax(u_2, (floatl)1e-30f); /* of the direction along x */
+            const floatl y_2 = fmax(1.0f - cosine * cosine - x_2, (floatl)0.0f);
+            ray.L = -cosine / scale;
+            ray.K = (e.a * x_2 + e.b * y_2) / scale;
+            if (!quadric) {
+                ray.L = fmax(ray.L, (floatl)(LEAST_COSINE / scale));
+                ray.K = 0.0f;
+            }
+#if DISTANCE == EXACT
+            ray.vz = cosine;
+            ray.a_xx = quadric ? e.a * x_2 : (floatl)0.0f;
+            ray.b_yy = quadric ? e.b * y_2 : (floatl)0.0f;
+            ray.aa_xx = e.a * ray.a_xx;
+            ray.bb_yy = e.b * ray.b_yy;
+            ray.scale = scale;
+#endif
+            const intl active = enters & (ray.L > 0.0f) & isfinite_lanes(ray.u + ray.v + ray.du + ray.dv + ray.K);
+            rest(&ray, active);
+            set_end(&ray);
+            /* Texels in a pixel that sees the surface straight on */
+            const floatl distance = screen.perspective ? 1.0f / n : (floatl)1.0f;
+            floatl texels_2 = fmax(u_2 * (map_width * map_width), v_2 * (map_height * map_height)) *
+                                    (distance * distance * (pixel_size * pixel_size));
+            texels_2 = pick(active, texels_2, (floatl)1.0f);
+            ray.level = clamp(to_intl(floor(0.5f * log2(fmax(texels_2, (floatl)1.0f)))), (intl)0, (intl)(level_count - 1));
+            intl found;
+            const floatl t = search == SAFE ? safe_search(&ray, texels, bounds, levels, active, &found)
+                                            : linear_search(&ray, texels, levels, steps, halvings, active, &found);
+            const floatl hx = X + t * e.vx, hy = Y + t * e.vy, hz = Z + t * e.vz;
+            const floatl hit_w = f[8] * hx + f[9] * hy + f[10] * hz + f[11];
+            const floatl hit_q = f[12] * hx + f[13] * hy + f[14] * hz + f[15];
+            const floatl nearness = hit_q / hit_w, so_far = region.nearness[block];
+            const intl nearer = active & found & (nearness > so_far);
+            region.nearness[block] = pick(nearer, nearness, so_far);
+            region.owner[block] = pick(nearer, entered, region.owner[block]);
+            region.u[block] = pick(nearer, ray.u + ray.du * t, region.u[block]);
+            region.v[block] = pick(nearer, ray.v + ray.dv * t, region.v[block]);
+#ifdef COUNTED
+            for (int lane = 0; lane < LANES; lane++) {
+                const int at_x = x + block % ROW * BLOCK + lane % BLOCK, at_y = y + block / ROW * BLOCK + lane / BLOCK;
+                if (((const int *)&enters)[lane] && at_x < screen.width && at_y < screen.height)
+                    counts[(size_t)at_y * screen.width + at_x]++;
+            }
+#endif
+            const intl more = enters & (layers.second[block] > region.nearness[block]);
+            layers.beyond[block] = pick(more, n, (floatl)-INFINITY);
+            layers.beyond_index[block] = entered;
+            again |= any_lane(more);
+        }
+    }
+
+    for (int block = 0; block < BLOCKS; block++) {
+        const intl owner = region.owner[block], mine = owner >= 0;
+        if (!blank && !any_lane(mine))
+            continue;
+        const int first_x = block % ROW * BLOCK, first_y = block / ROW * BLOCK;
+        Color shade = {0.0f, 0.0f, 0.0f};
+        if (any_lane(mine)) {
+            const floatl u = pick(mine, region.u[block], (floatl)0.0f), v = pick(mine, region.v[block], (floatl)0.0f);
+            add_level(colors, u, v, (intl)0, color_width, color_height, 1.0f / 255.0f, &shade);
+        }
+        write_block(&region, block, screen, depth, color, valid, blank, x + first_x, y + first_y, shade);
+    }
+}

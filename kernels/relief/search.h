@@ -1,0 +1,218 @@
+/* Where a ray first meets a height field that follows a quadric (Oliveira & Policarpo 2005, sections 3.1 to 3.4).
+ *
+ * A ray enters at t = 0, at depth 0, and runs straight: u + du t, v + dv t. Below the quadric its depth, 1 at the
+ * bottom, is L t + K t^2 by equation 7; that is the whole of it where DISTANCE is APPROXIMATE. The surface lies at depth
+ * 1 - height. EXACT goes by equation 6: from the point at right angles to the ray to the quadric. Its segment is not
+ * the shortest, so its part along the quadric's normal is taken, which makes a plane's depth that of equation 7.
+ *
+ * levels: (levels, TABLE) ints: width, height, start in texels, tiers of bounds, and where each of them starts. texels:
+ * lib/heights.h. bounds: tier 0 is the greatest height of each cell between 2x2 texels, in 65535ths; the next of 2x2
+ * cells, and so on.
+ */
+#include "lib/heights.h"
+
+#define APPROXIMATE 0
+#define EXACT 1
+#ifndef DISTANCE
+#define DISTANCE APPROXIMATE
+#endif
+#define TABLE 20         /* ints of a level */
+#define STEPS_MOST 4096  /* of a safe search */
+#define NUDGE 1e-3f      /* texels: into the cell that a ray enters */
+#define TILES_MOST 1e3f  /* that a ray crosses, so that numbers stay small */
+#define CELL_PARTS 4     /* of a cell, in a search by EXACT */
+
+typedef struct {
+    floatl u, v, du, dv; /* du, dv per scene unit */
+    floatl L, K;         /* depth by equation 7: L t + K t^2 */
+    floatl end;          /* least t > 0 at which the ray is back at depth 0, or at the bottom */
+    intl at_bottom;      /* which of the two */
+    intl level;          /* of the map */
+#if DISTANCE == EXACT
+    floatl vz;                 /* of the unit direction, along the normal: < 0 */
+    floatl a_xx, b_yy;         /* a (direction along x)^2, b (along y)^2 */
+    floatl aa_xx, bb_yy;       /* a^2 ..., b^2 ... */
+    floatl scale;              /* of depth 1 */
+#endif
+} ReliefRay;
+
+#if DISTANCE == EXACT
+/* Depth at t: from P = V t along U, at right angles to V in the plane of V and the normal, to R on the quadric. */
+floatl depth_of(const ReliefRay *ray, floatl t)
+{
+    const floatl below = t * (ray->L + ray->K * t) * ray->scale; /* equation 7 */
+    const floatl uz = sqrt(fmax(1.0f - ray->vz * ray->vz, (floatl)1e-6f)); /* U = (N - vz V) / uz */
+    const floatl per = -ray->vz / uz;                                      /* U's tangential part over V's */
+    const floatl bend = ray->a_xx + ray->b_yy, A = per * per * bend, B = 2.0f * t * per * bend - uz;
+    const floatl discriminant = B * B - 4.0f * A * below, root = sqrt(fmax(discriminant, (floatl)0.0f));
+    const floatl s = 2.0f * below / (root - B);
+    /* R's tangential part is (t + per s) times V's; the normal there is (-2 a x, -2 b y, 1). */
+    const floatl along = t + per * s, steep = 4.0f * along * along * (ray->aa_xx + ray->bb_yy);
+    const floatl projected = (uz - 2.0f * per * along * bend) / sqrt(1.0f + steep);
+    const intl solved = (discriminant >= 0.0f) & (root > B);
+    return pick(solved, s * projected, below) / ray->scale;
+}
+#else
+#define depth_of(ray, t) ((t) * ((ray)->L + (ray)->K * (t)))
+#endif
+
+/* Lanes that do not search get a ray that harms nobody. */
+void rest(ReliefRay *ray, intl active)
+{
+    ray->u = pick(active, ray->u, (floatl)0.0f);
+    ray->v = pick(active, ray->v, (floatl)0.0f);
+    ray->du = pick(active, ray->du, (floatl)0.0f);
+    ray->dv = pick(active, ray->dv, (floatl)0.0f);
+    ray->L = pick(active, ray->L, (floatl)1.0f);
+    ray->K = pick(active, ray->K, (floatl)0.0f);
+#if DISTANCE == EXACT
+    ray->vz = pick(active, ray->vz, (floatl)-0.5f);
+    ray->a_xx = pick(active, ray->a_xx, (floatl)0.0f);
+    ray->b_yy = pick(active, ray->b_yy, (floatl)0.0f);
+    ray->aa_xx = pick(active, ray->aa_xx, (floatl)0.0f);
+    ray->bb_yy = pick(active, ray->bb_yy, (floatl)0.0f);
+#endif
+}
+
+/* Where the ray leaves (section 3.3). */
+void set_end(ReliefRay *ray)
+{
+    const floatl discriminant = ray->L * ray->L + 4.0f * ray->K;
+    ray->at_bottom = discriminant >= 0.0f;
+    ray->end = pick(ray->at_bottom, 2.0f / (ray->L + sqrt(fmax(discriminant, (floatl)0.0f))), -ray->L / ray->K);
+#if DISTANCE == EXACT
+    /* Distances along the normal are shorter, so the bottom is reached later: before the ray is deepest, or never. */
+    floatl before = pick(ray->at_bottom, ray->end, (floatl)0.0f);
+    floatl after = pick(ray->K < 0.0f, -0.5f * ray->L / ray->K, 4.0f * before);
+    const intl reaches = ray->at_bottom & (depth_of(ray, after) >= 1.0f);
+    for (int i = 0; i < 16; i++) {
+        const floatl middle = 0.5f * (before + after);
+        const intl below = depth_of(ray, middle) >= 1.0f;
+        after = pick(below, middle, after);
+        before = pick(below, before, middle);
+    }
+    ray->end = pick(reaches, after, pick(ray->K < 0.0f, -ray->L / ray->K, ray->end));
+    ray->at_bottom = reaches | (ray->at_bottom & (ray->K >= 0.0f));
+#endif
+    ray->end = fmin(ray->end, TILES_MOST / fmax(fabs(ray->du) + fabs(ray->dv), (floatl)1e-20f));
+}
+
+#define TABLE_AT(levels, level, i) (intl)(gather(levels, (level) * TABLE + (i)))
+
+/* The paper's search: `steps` even ones, then `halvings` of the last. Returns t where `found`. */
+floatl linear_search(const ReliefRay *ray, global const uint *texels, global const int *levels, int steps, int halvings,
+                     intl active, intl *found)
+{
+    const intl width = TABLE_AT(levels, ray->level, 0), height = TABLE_AT(levels, ray->level, 1);
+    const intl start = TABLE_AT(levels, ray->level, 2);
+    const floatl step = ray->end * (1.0f / steps);
+    floatl after = ray->end;
+    intl inside = 0;
+    for (int i = 1; i <= steps && any_lane(active & !inside); i++) {
+        const floatl t = step * i;
+        const floatl h = height_in(texels, start, width, height, ray->u + ray->du * t, ray->v + ray->dv * t);
+        const intl now = active & !inside & (depth_of(ray, t) >= 1.0f - h);
+        after = pick(now, t, after);
+        inside = inside | now;
+    }
+    floatl before = fmax(after - step, (floatl)0.0f);
+    for (int i = 0; i < halvings; i++) {
+        const floatl t = 0.5f * (before + after);
+        const floatl h = height_in(texels, start, width, height, ray->u + ray->du * t, ray->v + ray->dv * t);
+        const intl now = depth_of(ray, t) >= 1.0f - h;
+        after = pick(now & inside, t, after);
+        before = pick(!now & inside, t, before);
+    }
+    *found = active & (inside | ray->at_bottom);
+    return after;
+}
+
+/* No step is longer than the bounds allow, so nothing is stepped over: cells whose greatest height stays below the ray
+ * are crossed at once, and a cell between 2x2 texels is solved. */
+floatl safe_search(const ReliefRay *ray, global const uint *texels, global const ushort *bounds, global const int *levels,
+                   intl active, intl *found)
+{
+    const intl width = TABLE_AT(levels, ray->level, 0), height = TABLE_AT(levels, ray->level, 1);
+    const intl start = TABLE_AT(levels, ray->level, 2), top = TABLE_AT(levels, ray->level, 3) - 1;
+    const floatl w = to_floatl(width), h = to_floatl(height);
+    const floatl x0 = ray->u * w - 0.5f, y0 = ray->v * h - 0.5f, dx = ray->du * w, dy = ray->dv * h;
+    const floatl per_x = 1.0f / pick(fabs(dx) < 1e-20f, (floatl)1e-20f, dx);
+    const floatl per_y = 1.0f / pick(fabs(dy) < 1e-20f, (floatl)1e-20f, dy);
+    const floatl nudge = NUDGE * fmin(fabs(per_x), fabs(per_y));
+    const floatl peak = pick(ray->K < 0.0f, -0.5f * ray->L / ray->K, (floatl)INFINITY); /* deepest there */
+    intl tier = min(top, (intl)2), hit = 0;
+    floatl t = 0.0f, at = ray->end;
+    active = active & (ray->end > 0.0f);
+    for (int i = 0; i < STEPS_MOST && any_lane(active); i++) {
+        /* The cell just after t, in the tile */
+        const floatl inside = t + nudge;
+        const floatl cx = floor(x0 + dx * inside), cy = floor(y0 + dy * inside);
+        intl tx = to_intl(cx - w * floor(cx / w)), ty = to_intl(cy - h * floor(cy / h));
+        tx = clamp(tx, (intl)0, width - 1);
+        ty = clamp(ty, (intl)0, height - 1);
+        const intl column = tx >> tier, row = ty >> tier;
+        const intl first_x = column << tier, first_y = row << tier, one = (intl)1 << tier;
+        const intl side_x = pick(dx > 0.0f, min(first_x + one, width), first_x);
+        const intl side_y = pick(dy > 0.0f, min(first_y + one, height), first_y);
+        const floatl t_x = (cx + to_floatl(side_x - tx) - x0) * per_x, t_y = (cy + to_floatl(side_y - ty) - y0) * per_y;
+        const floatl leaves = fmin(fmax(fmin(t_x, t_y), inside), ray->end);
+
+        const intl row_length = ((width - 1) >> tier) + 1;
+        const intl tier_at = ray->level * TABLE + 4 + tier;
+        const intl bound_at = (intl)(gather(levels, tier_at)) + row * row_length + column;
+        const floatl highest = to_floatl((intl)(gather(bounds, bound_at))) * (1.0f / 65535.0f);
+        const floatl lowest = 1.0f - highest; /* depth of the surface in the cell */
+        floatl deepest = fmax(depth_of(ray, t), depth_of(ray, leaves));
+        const floatl turn = fmin(fmax(peak, t), leaves);
+        deepest = fmax(deepest, depth_of(ray, turn));
+        const intl is_free = deepest < lowest, at_leaf = tier == 0, solves = active & !is_free & at_leaf;
+        if (any_lane(solves)) {
+            const Patch p = read_patch(texels, start, width, height, tx, ty);
+            const floatl slope_x = p.ab - p.aa, slope_y = p.ba - p.aa, twist = p.aa - p.ab - p.ba + p.bb;
+            const floatl fx = x0 + dx * t - cx, fy = y0 + dy * t - cy;
+#if DISTANCE == EXACT
+            floatl before = t, after = t;
+            intl within = 0;
+            for (int part = 0; part <= CELL_PARTS; part++) {
+                const floatl z = t + (leaves - t) * (part * (1.0f / CELL_PARTS)), ahead = z - t;
+                const floatl gx = fx + dx * ahead, gy = fy + dy * ahead;
+                const intl now = !within & (depth_of(ray, z) >= 1.0f - (p.aa + slope_x * gx + slope_y * gy + twist * gx * gy));
+                after = pick(within, after, z);
+                within = within | now;
+                before = pick(within, before, z);
+            }
+            for (int part = 0; part < 8; part++) {
+                const floatl z = 0.5f * (before + after), ahead = z - t, gx = fx + dx * ahead, gy = fy + dy * ahead;
+                const intl now = depth_of(ray, z) >= 1.0f - (p.aa + slope_x * gx + slope_y * gy + twist * gx * gy);
+                after = pick(now, z, after);
+                before = pick(now, before, z);
+            }
+            const intl met = solves & within;
+            at = pick(met, after, at);
+#else
+            /* Ray less surface is F0 + F1 ahead + F2 ahead^2, F0 < 0 above the surface. */
+            const floatl F0 = depth_of(ray, t) - 1.0f + p.aa + slope_x * fx + slope_y * fy + twist * fx * fy;
+            const floatl F1 = ray->L + 2.0f * ray->K * t + slope_x * dx + slope_y * dy + twist * (fx * dy + fy * dx);
+            const floatl F2 = ray->K + twist * dx * dy;
+            const floatl discriminant = F1 * F1 - 4.0f * F2 * F0;
+            const floatl ahead = 2.0f * F0 / (-F1 - sqrt(fmax(discriminant, (floatl)0.0f)));
+            const intl crosses = (discriminant >= 0.0f) & (ahead >= 0.0f) & (ahead <= (leaves - t) + nudge);
+            const intl met = solves & ((F0 >= 0.0f) | crosses);
+            at = pick(met, fmin(t + pick(F0 >= 0.0f, (floatl)0.0f, ahead), ray->end), at);
+#endif
+            hit = hit | met;
+            active = active & !met;
+        }
+        const intl passes = active & (is_free | at_leaf);
+        /* Up a tier where the ray leaves the parent, too. */
+        const intl by_x = t_x <= t_y, index = pick(by_x, column, row);
+        const intl forward = pick(by_x, dx, dy) > 0.0f, odd = (index & 1) != 0;
+        const intl ends = pick(by_x, side_x == width, side_y == height);
+        const intl up = (forward & (odd | ends)) | (!forward & !odd);
+        t = pick(passes, leaves, t);
+        tier = pick(passes, min(tier + pick(up, (intl)1, (intl)0), top), pick(active, tier - 1, tier));
+        active = active & (t < ray->end);
+    }
+    *found = hit | ray->at_bottom;
+    return at;
+}

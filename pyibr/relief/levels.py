@@ -1,0 +1,79 @@
+"""A height map's levels for relief mapping: means for what is far, and bounds for steps that miss nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float32 = NDArray[np.float32]
+LEVELS_MOST = 16  # kernels/relief/search.h
+
+
+@dataclass(frozen=True)
+class HeightLevels:
+    """All levels of a height map, and a hierarchy of bounds for each.
+
+    Attributes
+    ----------
+    texels : (n,) uint32
+        Level by level, largest first. Of 8-bit heights a word holds four: a texel, its right neighbour, and the two
+        below; of others two of 16 bits: a texel and its right neighbour. All of them tiled.
+    bounds : (m,) uint16
+        Greatest height, in 65535ths, of the cells between 2x2 texels, then of 2x2 cells, and so on up to one.
+    table : (levels, 4 + LEVELS_MOST) int32
+        Of each level width, height, start in texels, number of its hierarchy's tiers, and their starts in bounds.
+    height_bytes : int
+        1 or 2: the kernels' HEIGHT_BYTES.
+    """
+
+    texels: NDArray[np.uint32]
+    bounds: NDArray[np.uint16]
+    table: NDArray[np.int32]
+    height_bytes: int
+
+
+def height_levels(height: Float32, height_bytes: int) -> HeightLevels:
+    """Levels of heights (h, w) in [0, 1], each half as large as the one before, rounded down.
+
+    Parameters
+    ----------
+    height : (h, w) float32
+    height_bytes : 1 or 2
+        1 if the heights are multiples of 1/255: reading them takes half the time.
+    """
+    import cv2
+
+    words: list[NDArray[np.uint32]] = []
+    bounds: list[NDArray[np.uint16]] = []
+    rows: list[list[int]] = []
+    level, start, bound_start = height, 0, 0
+    while True:
+        h, w = level.shape
+        most = 255 if height_bytes == 1 else 65535
+        fixed = np.rint(level * np.float32(most)).astype(np.uint32)
+        right, down = np.roll(fixed, -1, axis=1), np.roll(fixed, -1, axis=0)
+        across = np.roll(right, -1, axis=0)
+        if height_bytes == 1:
+            words.append((fixed | right << 8 | down << 16 | across << 24).astype(np.uint32).ravel())
+        else:
+            words.append((fixed | right << 16).astype(np.uint32).ravel())
+        cell = np.maximum(np.maximum(fixed, right), np.maximum(down, across)) * (65535 // most)
+        row = [w, h, start, 0]
+        while True:
+            bounds.append(cell.astype(np.uint16).ravel())
+            row.append(bound_start)
+            row[3] += 1
+            bound_start += cell.size
+            if cell.size == 1:
+                break
+            padded = np.pad(cell, ((0, cell.shape[0] % 2), (0, cell.shape[1] % 2)))
+            cell = padded.reshape(padded.shape[0] // 2, 2, -1, 2).max(axis=(1, 3))
+        rows.append(row + [0] * (4 + LEVELS_MOST - len(row)))
+        start += fixed.size
+        if w == h == 1:
+            break
+        level = cv2.resize(level, (max(w // 2, 1), max(h // 2, 1)), interpolation=cv2.INTER_AREA)
+        level = level.reshape(max(h // 2, 1), max(w // 2, 1))
+    return HeightLevels(np.concatenate(words), np.concatenate(bounds), np.array(rows, np.int32), height_bytes)

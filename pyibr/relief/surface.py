@@ -1,0 +1,210 @@
+"""A mesh with a relief carved into it (Oliveira & Policarpo 2005): what is drawn, and how it is prepared."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Literal, cast
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr._check import checked_image, describe, one_of, positive
+from pyibr.errors import ArgumentError
+from pyibr.heights import checked_height, checked_normal_map, checked_tiles
+from pyibr.light import Light
+from pyibr.mesh import Mesh
+from pyibr.raster import BIN, bin_primitives, project, texture_pyramid
+from pyibr.relief.levels import HeightLevels, height_levels
+from pyibr.relief.quadrics import VertexFrames, vertex_frames
+from pyibr.target import Target
+
+Silhouette = Literal["quadric", "none"]
+Distance = Literal["approximate", "exact"]
+Search = Literal["safe", "linear"]
+
+if TYPE_CHECKING:
+    from pyibr.opencl.memory import DeviceArray
+
+_DISTANCES = {"approximate": 0, "exact": 1}  # kernels/relief/search.h
+_SEARCHES = {"linear": 0, "safe": 1}  # kernels/relief/relief.cl
+
+
+class ReliefSurface:
+    """A mesh with a relief carved into it: its own triangles are drawn, and rays searched below them.
+
+    Parameters
+    ----------
+    base : Mesh
+        With uv. The relief lies below its triangles' fronts.
+    height : (h, w) float32 in [0, 1], or uint8, uint16
+        1 is the base, 0 is `scale` below it. Bilinear between texel centres, repeated beyond 0 to 1; uint8 is kept in
+        8 bits, all else in 16.
+    color : (h', w', 3) uint8, or float32 in [0, 1]
+        Over the same uv.
+    scale : float
+        The depth of height 0, in scene units.
+    tiles : (int, int)
+        How often height and colour repeat along u and v.
+    normal_map : (h'', w'', 3) float32, optional
+        Unit normals in tangent space, for lights: x along u, y along v, z along the normal. Without it the heights'
+        slopes give them.
+    silhouette : {"quadric", "none"}
+        "quadric": the relief follows a quadric fitted to each vertex' neighbours, so that rays beside it come out
+        again; "none": it is flat at each pixel, as in earlier relief mapping, and all of the mesh is covered.
+    distance : {"approximate", "exact"}
+        A ray's depth below the quadric: along the normal where it entered (equation 7), or from the quadric's own
+        point opposite the ray (equation 6), which bends with it.
+    search : {"safe", "linear"}
+        "safe" steps over nothing, by bounds of the heights; "linear" is the paper's: even steps, then halvings.
+    steps, halvings : int
+        Of the linear search.
+
+    Attributes
+    ----------
+    planar_vertices : int
+        How many vertices have neighbours that determine no quadric: there the relief is flat.
+
+    Raises
+    ------
+    ArgumentError
+        If an argument has a wrong shape, type or range, or the mesh has no uv.
+    """
+
+    def __init__(
+        self,
+        base: Mesh,
+        height: NDArray[Any],
+        color: NDArray[Any],
+        scale: float,
+        tiles: tuple[int, int] = (1, 1),
+        normal_map: NDArray[Any] | None = None,
+        silhouette: Silhouette = "quadric",
+        distance: Distance = "approximate",
+        search: Search = "safe",
+        steps: int = 32,
+        halvings: int = 6,
+    ) -> None:
+        if not isinstance(base, Mesh):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise ArgumentError("base", "a pyibr.Mesh", describe(base))
+        if base.uv is None:
+            raise ArgumentError("base", "a mesh with uv", f"{base!r} without")
+        self.base = base
+        self.height = checked_height(height)
+        self._height_bytes = 1 if height.dtype == np.uint8 else 2
+        self.color = checked_image("color", color)
+        self.scale = positive("scale", scale)
+        self.tiles = checked_tiles(tiles)
+        one_of("silhouette", silhouette, Silhouette)
+        one_of("distance", distance, Distance)
+        one_of("search", search, Search)
+        self.silhouette: Silhouette = silhouette
+        self.distance: Distance = distance
+        self.search: Search = search
+        self.steps = _checked_count("steps", steps, 1)
+        self.halvings = _checked_count("halvings", halvings, 0)
+        self.normal_map = None if normal_map is None else checked_normal_map(normal_map)
+        self.device_cache: WeakKeyDictionary[Any, Any] = WeakKeyDictionary()
+
+    def __repr__(self) -> str:
+        h, w = self.height.shape
+        return f"<ReliefSurface {len(self.base.faces)} triangles, heights {w}x{h}>"
+
+    @cached_property
+    def frames(self) -> VertexFrames:
+        """The vertices' frames and quadrics."""
+        return vertex_frames(self.base, self.tiles)
+
+    @property
+    def planar_vertices(self) -> int:
+        """How many vertices have neighbours that determine no quadric."""
+        return int(self.frames.planar.sum())
+
+    @cached_property
+    def levels(self) -> HeightLevels:
+        """Levels and bounds of the heights."""
+        return height_levels(self.height, self._height_bytes)
+
+
+def _checked_count(argument: str, value: int, least: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not least <= value <= 65536:  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise ArgumentError(argument, f"a whole number from {least} to 65536", describe(value))
+    return int(value)
+
+
+def draw_relief(
+    target: Target, surface: ReliefSurface, light: Light | None, counts: DeviceArray | None = None
+) -> None:
+    """Draw a relief into the target; `counts`, (H, W) int32, gains the searches of each pixel."""
+    from pyibr.opencl.device import current
+    from pyibr.opencl.launch import Struct, launch
+    from pyibr.opencl.program import kernel
+
+    buffers = _buffers(surface)
+    near = target.near(surface.base.bounds)
+    projected = project(target, buffers["points"], near)
+    bins = bin_primitives(target, buffers["faces"], projected, near, culled=1)
+    defines: dict[str, int] = {"DISTANCE": _DISTANCES[surface.distance], "HEIGHT_BYTES": surface.levels.height_bytes}
+    more: dict[str, Any] = {}
+    if light is not None:
+        defines["LIT"] = 1
+        height, width = (0, 0) if surface.normal_map is None else surface.normal_map.shape[:2]
+        more |= {"normal_width": width, "normal_height": height, "light": Struct("Light", light.struct)}
+        more |= {"normal_map": buffers.get("normal_map", buffers["vertices"])}
+    if counts is not None:
+        defines["COUNTED"] = 1
+        more["counts"] = counts
+    K = target.camera.K
+    launch(
+        kernel("relief/relief.cl", "draw_relief", BIN=BIN, COLOR_BYTES=target.channel_bytes, **defines),
+        (bins.columns, bins.rows) if current().is_cpu else target.camera.size,
+        **{name: buffers[name] for name in ("faces", "vertices", "texels", "bounds", "levels", "colors")},
+        projected=projected,
+        list=bins.list,
+        starts=bins.starts,
+        bins_x=bins.columns,
+        level_count=len(surface.levels.table),
+        color_width=surface.color.shape[1],
+        color_height=surface.color.shape[0],
+        color_levels=max(surface.color.shape[:2]).bit_length(),
+        screen=Struct("Screen", target.screen(near)),
+        nearest_w=near,
+        scale=surface.scale,
+        pixel_size=1 / float(max(K[0, 0], K[1, 1])),
+        quadric=surface.silhouette == "quadric",
+        search=_SEARCHES[surface.search],
+        steps=surface.steps,
+        halvings=surface.halvings,
+        blank=target.blank,
+        **target.outputs(),
+        **more,
+    )
+    target.blank = False
+
+
+def _buffers(surface: ReliefSurface) -> dict[str, DeviceArray]:
+    """The surface on the current device, made once."""
+    from pyibr.opencl.device import current
+    from pyibr.opencl.memory import upload
+
+    session = current()
+    kept = surface.device_cache.get(session)
+    if isinstance(kept, dict):
+        return cast("dict[str, DeviceArray]", kept)
+    base, frames, levels = surface.base, surface.frames, surface.levels
+    uv = np.asarray(base.uv, np.float64) * surface.tiles
+    vertices = np.concatenate([uv, frames.normals, frames.gradients.reshape(-1, 6), frames.quadrics], axis=1)
+    made = {
+        "points": upload(base.vertices),
+        "faces": upload(base.faces),
+        "vertices": upload(np.ascontiguousarray(vertices, np.float32)),
+        "texels": upload(levels.texels),
+        "bounds": upload(levels.bounds),
+        "levels": upload(levels.table),
+        "colors": upload(texture_pyramid(surface.color)),
+    }
+    if surface.normal_map is not None:
+        made["normal_map"] = upload(surface.normal_map)
+    session_cache = surface.device_cache
+    session_cache[session] = made
+    return made
