@@ -6,13 +6,14 @@ typedef struct {
     floatl r, g, b;
 } Color;
 
-#if COLOR_BYTES == 1
-/* Four bytes at once, one of them a neighbour's: the image has at least four, and the last pixel is read shifted. */
-#if LANES == 16
-/* Unaligned, in one instruction: vload4 of uchar goes byte by byte. */
+/* Unaligned, in one instruction: vload4 and vstore4 of uchar go byte by byte. */
 typedef struct __attribute__((packed)) {
     uint bytes;
 } Word;
+
+#if COLOR_BYTES == 1
+/* Four bytes at once, one of them a neighbour's: the image has at least four, and the last pixel is read shifted. */
+#if LANES == 16
 #define WORD(l) ((global const Word *)(image + offset.s##l))->bytes
 #define WORDS                                                                                                  \
     (uint16)(WORD(0), WORD(1), WORD(2), WORD(3), WORD(4), WORD(5), WORD(6), WORD(7), WORD(8), WORD(9),         \

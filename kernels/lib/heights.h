@@ -1,4 +1,4 @@
-/* Height maps, tiled: texel centres are at (i + 0.5) / size.
+/* Height maps, tiled: texel centres are at (i + 0.5) / size, so (x, y) = uv * size - 0.5 counts from the first centre.
  *
  * HEIGHT_BYTES 1: a word holds four heights of 8 bits: a texel, its right neighbour, and the two below.
  * HEIGHT_BYTES 2: a word holds two of 16 bits: a texel and its right neighbour.
@@ -8,44 +8,73 @@
 #ifndef HEIGHT_BYTES
 #define HEIGHT_BYTES 2
 #endif
+#if HEIGHT_BYTES == 1
+#define HEIGHT_UNIT (1.0f / 255.0f)
+#else
+#define HEIGHT_UNIT (1.0f / 65535.0f)
+#endif
 
-/* Heights at the corners of the cell right of and below a texel, in [0, 1]: first letter up to down, second left to
- * right */
+#ifndef POWERS_OF_TWO
+#define POWERS_OF_TWO 0 /* 1: the map's width and height are powers of two, so tiles need a mask alone */
+#endif
+
+/* One level of a map; lanes may be on different ones. */
+typedef struct {
+    intl width, height, start; /* start in texels */
+    floatl per_width, per_height;
+} HeightMap;
+
+/* The greatest whole number <= x, in both forms */
+#define FLOOR(x, whole, number)                                                                                \
+    intl number = to_intl(x);                                                                                  \
+    floatl whole = to_floatl(number);                                                                          \
+    {                                                                                                          \
+        const intl above = (whole) > (x);                                                                      \
+        whole = pick(above, whole - 1.0f, whole);                                                              \
+        number = pick(above, number - 1, number);                                                              \
+    }
+
+/* A whole number of texels, in both forms, moved into the tile */
+#if POWERS_OF_TWO
+#define TILED(whole, number, size, per_size) ((number) & ((size) - 1))
+#else
+#define TILED(whole, number, size, per_size) ((number) - (size) * to_intl(floor_lanes(((whole) + 0.5f) * (per_size))))
+#endif
+
+/* Heights at the corners of a cell, in HEIGHT_UNITs: first letter up to down, second left to right */
 typedef struct {
     floatl aa, ab, ba, bb;
 } Patch;
 
-/* The patch at texel (x, y), both within the map of width x height words from `start` on */
-Patch read_patch(global const uint *texels, intl start, intl width, intl height, intl x, intl y)
+/* The cell right of and below the texel (x, y) of the tile */
+Patch read_patch(global const uint *texels, HeightMap map, intl x, intl y)
 {
     Patch patch;
-    const intl upper = start + y * width + x;
+    const intl upper = map.start + y * map.width + x;
     const intl a = as_intl((uintl)(gather(texels, upper)));
 #if HEIGHT_BYTES == 1
-    const float unit = 1.0f / 255.0f;
-    patch.aa = to_floatl(a & 255) * unit;
-    patch.ab = to_floatl((a >> 8) & 255) * unit;
-    patch.ba = to_floatl((a >> 16) & 255) * unit;
-    patch.bb = to_floatl((a >> 24) & 255) * unit;
+    patch.aa = to_floatl(a & 255);
+    patch.ab = to_floatl((a >> 8) & 255);
+    patch.ba = to_floatl((a >> 16) & 255);
+    patch.bb = to_floatl((a >> 24) & 255);
 #else
-    const float unit = 1.0f / 65535.0f;
-    const intl below = y + 1, lower = start + pick(below >= height, below - height, below) * width + x;
+    const intl lower = map.start + pick(y + 1 < map.height, y + 1, (intl)0) * map.width + x;
     const intl b = as_intl((uintl)(gather(texels, lower)));
-    patch.aa = to_floatl(a & 0xffff) * unit;
-    patch.ab = to_floatl((a >> 16) & 0xffff) * unit;
-    patch.ba = to_floatl(b & 0xffff) * unit;
-    patch.bb = to_floatl((b >> 16) & 0xffff) * unit;
+    patch.aa = to_floatl(a & 0xffff);
+    patch.ab = to_floatl((a >> 16) & 0xffff);
+    patch.ba = to_floatl(b & 0xffff);
+    patch.bb = to_floatl((b >> 16) & 0xffff);
 #endif
     return patch;
 }
 
-/* Bilinear height at (u, v) */
-floatl height_in(global const uint *texels, intl start, intl width, intl height, floatl u, floatl v)
+/* Bilinear height at (x, y), anywhere, in HEIGHT_UNITs */
+floatl height_in(global const uint *texels, HeightMap map, floatl x, floatl y)
 {
-    const floatl tx = (u - floor(u)) * to_floatl(width) - 0.5f, ty = (v - floor(v)) * to_floatl(height) - 0.5f;
-    const floatl x0 = floor(tx), y0 = floor(ty), fx = tx - x0, fy = ty - y0;
-    const intl ix = to_intl(x0), iy = to_intl(y0); /* u - floor(u) may round to 1: x0 is width - 1 even then */
-    const Patch p = read_patch(texels, start, width, height, pick(ix < 0, ix + width, ix), pick(iy < 0, iy + height, iy));
+    FLOOR(x, x0, ix)
+    FLOOR(y, y0, iy)
+    const floatl fx = x - x0, fy = y - y0;
+    const Patch p = read_patch(texels, map, TILED(x0, ix, map.width, map.per_width), TILED(y0, iy, map.height, map.per_height));
     const floatl top = p.aa + fx * (p.ab - p.aa), bottom = p.ba + fx * (p.bb - p.ba);
     return top + fy * (bottom - top);
 }

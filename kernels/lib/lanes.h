@@ -75,6 +75,45 @@ typedef long longl;
 /* mask ? yes : no, for float and int lanes alike */
 #define pick(mask, yes, no) select(no, yes, mask)
 
+#if LANES == 16
+#define ZIP_LOW(a, b)                                                                                          \
+    (float16)(a.s0, b.s0, a.s1, b.s1, a.s2, b.s2, a.s3, b.s3, a.s4, b.s4, a.s5, b.s5, a.s6, b.s6, a.s7, b.s7)
+#define ZIP_HIGH(a, b)                                                                                         \
+    (float16)(a.s8, b.s8, a.s9, b.s9, a.sa, b.sa, a.sb, b.sb, a.sc, b.sc, a.sd, b.sd, a.se, b.se, a.sf, b.sf)
+/* 16 rows of 16 to columns: zipping rows 8 apart, four times over, is a transposition. */
+void transpose(float16 *rows)
+{
+    float16 zipped[16];
+    for (int round = 0; round < 2; round++) {
+        for (int i = 0; i < 8; i++) {
+            zipped[2 * i] = ZIP_LOW(rows[i], rows[i + 8]);
+            zipped[2 * i + 1] = ZIP_HIGH(rows[i], rows[i + 8]);
+        }
+        for (int i = 0; i < 8; i++) {
+            rows[2 * i] = ZIP_LOW(zipped[i], zipped[i + 8]);
+            rows[2 * i + 1] = ZIP_HIGH(zipped[i], zipped[i + 8]);
+        }
+    }
+}
+#endif
+
+/* For |x| < 2^31: floor() and ceil() of vectors are 14 instructions, these 4; of x >= 0 truncated() is 2. */
+#if LANES == 16
+#define truncated(x) to_floatl(to_intl(x))
+floatl floor_lanes(floatl x)
+{
+    const floatl whole = truncated(x);
+    return whole - pick(whole > x, (floatl)1.0f, (floatl)0.0f);
+}
+#else
+#define truncated floor
+#define floor_lanes floor
+#endif
+#define ceil_lanes(x) (-floor_lanes(-(x)))
+
+/* A whole number of texels, moved into a tile */
+#define IN_TILE(i, size, per_size) ((i) - (size) * floor_lanes(((i) + 0.5f) * (per_size)))
+
 /* One instruction each, where fmin and fmax take four: a NaN in a yields b. */
 #define lesser(a, b) pick((a) < (b), a, b)
 #define greater(a, b) pick((a) > (b), a, b)

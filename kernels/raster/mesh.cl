@@ -132,7 +132,7 @@ kernel void draw_mesh(global const int *faces, global const float *projected, gl
             dv_y = (dv_y - v * b_sum) / total * texture_height;
             const floatl texels_2 = greater(du_x * du_x + dv_x * dv_x, du_y * du_y + dv_y * dv_y);
             const floatl lod = fmin(fmax(0.5f * log2(texels_2), (floatl)0.0f), (floatl)(levels - 1));
-            const floatl below = floor(lod), between = lod - below;
+            const floatl below = truncated(lod), between = lod - below;
             Color read = {0.0f, 0.0f, 0.0f};
             add_level(texels, u, v, to_intl(below), texture_width, texture_height, (1.0f - between) / 255.0f, &read);
             if (any_lane(between > 0.0f))

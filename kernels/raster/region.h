@@ -56,10 +56,59 @@ void begin_region(Region *region, Screen screen, global const float *depth, int 
     }
 }
 
+#if LANES == 16
+/* A row of a blank picture's block, 4 pixels at once: vstores of bytes go one by one. */
+#define WRITE_ROW(at, l, a, b, c, d)                                                                           \
+    {                                                                                                          \
+        vstore4(z.l, 0, depth + (at));                                                                         \
+        ((global Word *)(valid + (at)))->bytes = as_uint(convert_uchar4(seen.l));                              \
+        WRITE_COLORS(at, a, b, c, d)                                                                           \
+    }
+#if COLOR_BYTES == 1
+#define WRITE_COLORS(at, a, b, c, d)                                                                           \
+    {                                                                                                          \
+        global Word *bytes = (global Word *)(color + 3 * (at));                                                \
+        bytes[0].bytes = word.a | word.b << 24;                                                                \
+        bytes[1].bytes = word.b >> 8 | word.c << 16;                                                           \
+        bytes[2].bytes = word.c >> 16 | word.d << 8;                                                           \
+    }
+#else
+#define WRITE_COLORS(at, a, b, c, d)                                                                           \
+    vstore3((float3)(red.a, green.a, blue.a), 0, color + 3 * (at));                                            \
+    vstore3((float3)(red.b, green.b, blue.b), 0, color + 3 * (at) + 3);                                        \
+    vstore3((float3)(red.c, green.c, blue.c), 0, color + 3 * (at) + 6);                                        \
+    vstore3((float3)(red.d, green.d, blue.d), 0, color + 3 * (at) + 9);
+#endif
+
+void write_blank_block(const Region *region, int block, Screen screen, global float *depth, global channel *color,
+                       global uchar *valid, int x, int y, Color shade)
+{
+    const int16 mine = region->owner[block] >= 0, seen = mine & 1;
+    const float16 n = region->nearness[block], z = pick(mine, screen.perspective ? 1.0f / n : -n, (float16)NAN);
+    const float16 red = pick(mine, clamp(shade.r, 0.0f, 1.0f), (float16)0.0f) * CHANNEL_MOST;
+    const float16 green = pick(mine, clamp(shade.g, 0.0f, 1.0f), (float16)0.0f) * CHANNEL_MOST;
+    const float16 blue = pick(mine, clamp(shade.b, 0.0f, 1.0f), (float16)0.0f) * CHANNEL_MOST;
+#if COLOR_BYTES == 1
+    const uint16 word = as_uint16(to_intl(red + 0.5f) | to_intl(green + 0.5f) << 8 | to_intl(blue + 0.5f) << 16);
+#endif
+    const size_t at = (size_t)y * screen.width + x;
+    WRITE_ROW(at, s0123, s0, s1, s2, s3)
+    WRITE_ROW(at + screen.width, s4567, s4, s5, s6, s7)
+    WRITE_ROW(at + 2 * screen.width, s89ab, s8, s9, sa, sb)
+    WRITE_ROW(at + 3 * screen.width, scdef, sc, sd, se, sf)
+}
+#endif
+
 /* Writes a block of the region to the picture; shade in [0, 1]; x, y: the block's first pixel. */
 void write_block(const Region *region, int block, Screen screen, global float *depth, global channel *color,
                  global uchar *valid, int blank, int x, int y, Color shade)
 {
+#if LANES == 16
+    if (blank && x + BLOCK <= screen.width && y + BLOCK <= screen.height) {
+        write_blank_block(region, block, screen, depth, color, valid, x, y, shade);
+        return;
+    }
+#endif
     for (int lane = 0; lane < LANES; lane++) {
         const int px = x + lane % BLOCK, py = y + lane / BLOCK;
         const int mine = ((const int *)&region->owner[block])[lane] >= 0;

@@ -75,17 +75,17 @@ intl set_up_triangles(global const int *corners, global const float *projected, 
         at_y[k] = V[k] / W[k];
         const intl is_before = W[k] >= nearest_w;
         close[k] = is_before & (fabs(at_x[k]) < FARTHEST_CORNER) & (fabs(at_y[k]) < FARTHEST_CORNER);
-        px[k] = to_intl(rint(pick(close[k], at_x[k] * SUBPIXELS, (floatl)0.0f)));
-        py[k] = to_intl(rint(pick(close[k], at_y[k] * SUBPIXELS, (floatl)0.0f)));
+        px[k] = to_intl(floor_lanes(pick(close[k], at_x[k] * SUBPIXELS + 0.5f, (floatl)0.0f)));
+        py[k] = to_intl(floor_lanes(pick(close[k], at_y[k] * SUBPIXELS + 0.5f, (floatl)0.0f)));
         crosses = crosses | !is_before;
     }
     const float end = REGION - 1;
     const floatl low_x = lesser(at_x[0], lesser(at_x[1], at_x[2])), high_x = greater(at_x[0], greater(at_x[1], at_x[2]));
     const floatl low_y = lesser(at_y[0], lesser(at_y[1], at_y[2])), high_y = greater(at_y[0], greater(at_y[1], at_y[2]));
-    t->low_x = to_intl(ceil(pick(crosses, (floatl)0.0f, lesser(greater(low_x - ROUNDING, (floatl)0.0f), (floatl)REGION))));
-    t->low_y = to_intl(ceil(pick(crosses, (floatl)0.0f, lesser(greater(low_y - ROUNDING, (floatl)0.0f), (floatl)REGION))));
-    t->high_x = to_intl(floor(pick(crosses, (floatl)end, greater(lesser(high_x + ROUNDING, (floatl)end), (floatl)-1.0f))));
-    t->high_y = to_intl(floor(pick(crosses, (floatl)end, greater(lesser(high_y + ROUNDING, (floatl)end), (floatl)-1.0f))));
+    t->low_x = to_intl(ceil_lanes(pick(crosses, (floatl)0.0f, lesser(greater(low_x - ROUNDING, (floatl)0.0f), (floatl)REGION))));
+    t->low_y = to_intl(ceil_lanes(pick(crosses, (floatl)0.0f, lesser(greater(low_y - ROUNDING, (floatl)0.0f), (floatl)REGION))));
+    t->high_x = to_intl(floor_lanes(pick(crosses, (floatl)end, greater(lesser(high_x + ROUNDING, (floatl)end), (floatl)-1.0f))));
+    t->high_y = to_intl(floor_lanes(pick(crosses, (floatl)end, greater(lesser(high_y + ROUNDING, (floatl)end), (floatl)-1.0f))));
     intl seen = (t->low_x <= t->high_x) & (t->low_y <= t->high_y);
     if (!any_lane(seen))
         return seen;
@@ -182,13 +182,18 @@ floatl corner_weights(global const int *corners, global const float *projected, 
     return total;
 }
 
-/* The mean of the corners' values, by weights: part of each of `array`'s rows of `stride` */
-floatl corner_mean(global const float *array, int stride, int part, const intl *corner, const floatl *weight)
+/* The means of the corners' values, by weights: `rows` of 16 floats a vertex, a mean each */
+void corner_means(global const float *rows, const intl *corner, const floatl *weight, floatl *means)
 {
-    floatl sum = 0.0f;
-    for (int k = 0; k < 3; k++) {
-        const intl at = corner[k] * stride + part;
-        sum += weight[k] * (floatl)(gather(array, at));
-    }
-    return sum;
+#if LANES == 16
+    for (int lane = 0; lane < LANES; lane++)
+        means[lane] = FLOAT_OF(weight[0]) * vload16(INT_OF(corner[0]), rows) +
+                      FLOAT_OF(weight[1]) * vload16(INT_OF(corner[1]), rows) +
+                      FLOAT_OF(weight[2]) * vload16(INT_OF(corner[2]), rows);
+    transpose(means);
+#else
+    for (int part = 0; part < 16; part++)
+        means[part] = weight[0] * rows[16 * corner[0] + part] + weight[1] * rows[16 * corner[1] + part] +
+                      weight[2] * rows[16 * corner[2] + part];
+#endif
 }

@@ -9,7 +9,7 @@
  * v are not at right angles; the normal follows the quadric.
  *
  * faces: (triangles, 3) corners of each. projected: (vertices, 4), raster/project.cl. list, starts: raster/bins.cl.
- * vertices: (vertices, 13) u, v, normal, gradient of u, gradient of v (world, per scene unit), a, b. texels, bounds,
+ * vertices: (vertices, 16) u, v, normal, gradient of u, gradient of v (world, per scene unit), a, b, unused. texels, bounds,
  * levels: search.h. colors: lib/texture.h. normal_map: (normal_height, normal_width, 3), where > 0.
  * counts: (height, width) searched entries, with COUNTED.
  * Work-item: a region (raster/region.h). Cost: O(list + pixels * layers * steps). Determinism: list order.
@@ -23,7 +23,6 @@
 
 #define LINEAR 0
 #define SAFE 1
-#define VERTEX 13 /* floats of a vertex */
 #define LEAST_COSINE 1e-3f /* of a ray that enters, where silhouettes are flat */
 
 /* Entries of a region's pixels */
@@ -79,20 +78,21 @@ Entry entry_of(global const int *faces, global const float *projected, global co
     intl corner[3];
     floatl weight[3];
     corner_weights(faces, projected, index, x, y, corner, weight);
-#define OF_VERTEX(part) corner_mean(vertices, VERTEX, part, corner, weight)
-    e.u = OF_VERTEX(0);
-    e.v = OF_VERTEX(1);
-    e.nx = OF_VERTEX(2);
-    e.ny = OF_VERTEX(3);
-    e.nz = OF_VERTEX(4);
-    e.ux = OF_VERTEX(5);
-    e.uy = OF_VERTEX(6);
-    e.uz = OF_VERTEX(7);
-    e.wx = OF_VERTEX(8);
-    e.wy = OF_VERTEX(9);
-    e.wz = OF_VERTEX(10);
-    e.a = OF_VERTEX(11);
-    e.b = OF_VERTEX(12);
+    floatl of_vertex[16];
+    corner_means(vertices, corner, weight, of_vertex);
+    e.u = of_vertex[0];
+    e.v = of_vertex[1];
+    e.nx = of_vertex[2];
+    e.ny = of_vertex[3];
+    e.nz = of_vertex[4];
+    e.ux = of_vertex[5];
+    e.uy = of_vertex[6];
+    e.uz = of_vertex[7];
+    e.wx = of_vertex[8];
+    e.wy = of_vertex[9];
+    e.wz = of_vertex[10];
+    e.a = of_vertex[11];
+    e.b = of_vertex[12];
     const floatl normal = 1.0f / sqrt(fmax(e.nx * e.nx + e.ny * e.ny + e.nz * e.nz, (floatl)1e-20f));
     e.nx *= normal;
     e.ny *= normal;
@@ -163,8 +163,8 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
                                      ahead_y, ahead_z);
             ReliefRay ray;
             const floatl cosine = e.vx * e.nx + e.vy * e.ny + e.vz * e.nz; /* < 0: it enters */
-            ray.u = e.u - floor(e.u);
-            ray.v = e.v - floor(e.v);
+            ray.u = e.u - floor_lanes(e.u);
+            ray.v = e.v - floor_lanes(e.v);
             ray.du = e.vx * e.ux + e.vy * e.uy + e.vz * e.uz;
             ray.dv = e.vx * e.wx + e.vy * e.wy + e.vz * e.wz;
             const floatl u_2 = e.ux * e.ux + e.uy * e.uy + e.uz * e.uz;
@@ -193,10 +193,12 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
             floatl texels_2 = fmax(u_2 * (map_width * map_width), v_2 * (map_height * map_height)) *
                                     (distance * distance * (pixel_size * pixel_size));
             texels_2 = pick(active, texels_2, (floatl)1.0f);
-            ray.level = clamp(to_intl(floor(0.5f * log2(fmax(texels_2, (floatl)1.0f)))), (intl)0, (intl)(level_count - 1));
+            const intl doublings = (as_intl(greater(texels_2, (floatl)1.0f)) >> 23) - 127; /* its log2, rounded down */
+            ray.level = min(doublings >> 1, (intl)(level_count - 1));
             intl found;
-            const floatl t = search == SAFE ? safe_search(&ray, texels, bounds, levels, active, &found)
-                                            : linear_search(&ray, texels, levels, steps, halvings, active, &found);
+            const Track track = track_of(&ray, levels);
+            const floatl t = search == SAFE ? safe_search(&ray, &track, texels, bounds, levels, active, &found)
+                                            : linear_search(&ray, &track, texels, steps, halvings, active, &found);
             const floatl hx = X + t * e.vx, hy = Y + t * e.vy, hz = Z + t * e.vz;
             const floatl hit_w = f[8] * hx + f[9] * hy + f[10] * hz + f[11];
             const floatl hit_q = f[12] * hx + f[13] * hy + f[14] * hz + f[15];

@@ -97,31 +97,50 @@ void set_end(ReliefRay *ray)
     ray->end = fmin(ray->end, TILES_MOST / fmax(fabs(ray->du) + fabs(ray->dv), (floatl)1e-20f));
 }
 
-#define TABLE_AT(levels, level, i) (intl)(gather(levels, (level) * TABLE + (i)))
+/* Where a ray runs on its level of the map: (x, y) + (dx, dy) t */
+typedef struct {
+    HeightMap map;
+    floatl x, y, dx, dy;
+} Track;
+
+#define TABLE_AT(levels, level, i) (intl)(gather(levels, ((level) * TABLE + (i))))
+
+Track track_of(const ReliefRay *ray, global const int *levels)
+{
+    Track k;
+    k.map.width = TABLE_AT(levels, ray->level, 0);
+    k.map.height = TABLE_AT(levels, ray->level, 1);
+    k.map.start = TABLE_AT(levels, ray->level, 2);
+    const floatl width = to_floatl(k.map.width), height = to_floatl(k.map.height);
+    k.map.per_width = 1.0f / width;
+    k.map.per_height = 1.0f / height;
+    k.x = ray->u * width - 0.5f;
+    k.y = ray->v * height - 0.5f;
+    k.dx = ray->du * width;
+    k.dy = ray->dv * height;
+    return k;
+}
 
 /* The paper's search: `steps` even ones, then `halvings` of the last. Returns t where `found`. */
-floatl linear_search(const ReliefRay *ray, global const uint *texels, global const int *levels, int steps, int halvings,
+floatl linear_search(const ReliefRay *ray, const Track *k, global const uint *texels, int steps, int halvings,
                      intl active, intl *found)
 {
-    const intl width = TABLE_AT(levels, ray->level, 0), height = TABLE_AT(levels, ray->level, 1);
-    const intl start = TABLE_AT(levels, ray->level, 2);
     const floatl step = ray->end * (1.0f / steps);
     floatl after = ray->end;
-    intl inside = 0;
-    for (int i = 1; i <= steps && any_lane(active & !inside); i++) {
+    intl searches = active;
+    for (int i = 1; i <= steps && any_lane(searches); i++) {
         const floatl t = step * i;
-        const floatl h = height_in(texels, start, width, height, ray->u + ray->du * t, ray->v + ray->dv * t);
-        const intl now = active & !inside & (depth_of(ray, t) >= 1.0f - h);
-        after = pick(now, t, after);
-        inside = inside | now;
+        const intl below = depth_of(ray, t) >= 1.0f - HEIGHT_UNIT * height_in(texels, k->map, k->x + k->dx * t, k->y + k->dy * t);
+        after = pick(searches & below, t, after);
+        searches = searches & !below;
     }
-    floatl before = fmax(after - step, (floatl)0.0f);
+    const intl inside = active & !searches;
+    floatl before = after - step;
     for (int i = 0; i < halvings; i++) {
         const floatl t = 0.5f * (before + after);
-        const floatl h = height_in(texels, start, width, height, ray->u + ray->du * t, ray->v + ray->dv * t);
-        const intl now = depth_of(ray, t) >= 1.0f - h;
-        after = pick(now & inside, t, after);
-        before = pick(!now & inside, t, before);
+        const intl below = depth_of(ray, t) >= 1.0f - HEIGHT_UNIT * height_in(texels, k->map, k->x + k->dx * t, k->y + k->dy * t);
+        after = pick(below & inside, t, after);
+        before = pick(below, before, t);
     }
     *found = active & (inside | ray->at_bottom);
     return after;
@@ -129,13 +148,12 @@ floatl linear_search(const ReliefRay *ray, global const uint *texels, global con
 
 /* No step is longer than the bounds allow, so nothing is stepped over: cells whose greatest height stays below the ray
  * are crossed at once, and a cell between 2x2 texels is solved. */
-floatl safe_search(const ReliefRay *ray, global const uint *texels, global const ushort *bounds, global const int *levels,
-                   intl active, intl *found)
+floatl safe_search(const ReliefRay *ray, const Track *k, global const uint *texels, global const ushort *bounds,
+                   global const int *levels, intl active, intl *found)
 {
-    const intl width = TABLE_AT(levels, ray->level, 0), height = TABLE_AT(levels, ray->level, 1);
-    const intl start = TABLE_AT(levels, ray->level, 2), top = TABLE_AT(levels, ray->level, 3) - 1;
-    const floatl w = to_floatl(width), h = to_floatl(height);
-    const floatl x0 = ray->u * w - 0.5f, y0 = ray->v * h - 0.5f, dx = ray->du * w, dy = ray->dv * h;
+    const intl width = k->map.width, height = k->map.height;
+    const intl top = TABLE_AT(levels, ray->level, 3) - 1;
+    const floatl x0 = k->x, y0 = k->y, dx = k->dx, dy = k->dy;
     const floatl per_x = 1.0f / pick(fabs(dx) < 1e-20f, (floatl)1e-20f, dx);
     const floatl per_y = 1.0f / pick(fabs(dy) < 1e-20f, (floatl)1e-20f, dy);
     const floatl nudge = NUDGE * fmin(fabs(per_x), fabs(per_y));
@@ -146,29 +164,29 @@ floatl safe_search(const ReliefRay *ray, global const uint *texels, global const
     for (int i = 0; i < STEPS_MOST && any_lane(active); i++) {
         /* The cell just after t, in the tile */
         const floatl inside = t + nudge;
-        const floatl cx = floor(x0 + dx * inside), cy = floor(y0 + dy * inside);
-        intl tx = to_intl(cx - w * floor(cx / w)), ty = to_intl(cy - h * floor(cy / h));
-        tx = clamp(tx, (intl)0, width - 1);
-        ty = clamp(ty, (intl)0, height - 1);
+        const floatl at_x = x0 + dx * inside, at_y = y0 + dy * inside;
+        FLOOR(at_x, cx, ix)
+        FLOOR(at_y, cy, iy)
+        const intl tx = TILED(cx, ix, width, k->map.per_width), ty = TILED(cy, iy, height, k->map.per_height);
         const intl column = tx >> tier, row = ty >> tier;
         const intl first_x = column << tier, first_y = row << tier, one = (intl)1 << tier;
         const intl side_x = pick(dx > 0.0f, min(first_x + one, width), first_x);
         const intl side_y = pick(dy > 0.0f, min(first_y + one, height), first_y);
         const floatl t_x = (cx + to_floatl(side_x - tx) - x0) * per_x, t_y = (cy + to_floatl(side_y - ty) - y0) * per_y;
-        const floatl leaves = fmin(fmax(fmin(t_x, t_y), inside), ray->end);
+        const floatl leaves = lesser(greater(lesser(t_x, t_y), inside), ray->end);
 
         const intl row_length = ((width - 1) >> tier) + 1;
-        const intl tier_at = ray->level * TABLE + 4 + tier;
-        const intl bound_at = (intl)(gather(levels, tier_at)) + row * row_length + column;
+        const intl bound_at = TABLE_AT(levels, ray->level, 4 + tier) + row * row_length + column;
         const floatl highest = to_floatl((intl)(gather(bounds, bound_at))) * (1.0f / 65535.0f);
         const floatl lowest = 1.0f - highest; /* depth of the surface in the cell */
-        floatl deepest = fmax(depth_of(ray, t), depth_of(ray, leaves));
-        const floatl turn = fmin(fmax(peak, t), leaves);
-        deepest = fmax(deepest, depth_of(ray, turn));
+        floatl deepest = greater(depth_of(ray, t), depth_of(ray, leaves));
+        const floatl turn = lesser(greater(peak, t), leaves);
+        deepest = greater(deepest, depth_of(ray, turn));
         const intl is_free = deepest < lowest, at_leaf = tier == 0, solves = active & !is_free & at_leaf;
         if (any_lane(solves)) {
-            const Patch p = read_patch(texels, start, width, height, tx, ty);
-            const floatl slope_x = p.ab - p.aa, slope_y = p.ba - p.aa, twist = p.aa - p.ab - p.ba + p.bb;
+            const Patch p = read_patch(texels, k->map, tx, ty);
+            const floatl corner = p.aa * HEIGHT_UNIT, slope_x = (p.ab - p.aa) * HEIGHT_UNIT;
+            const floatl slope_y = (p.ba - p.aa) * HEIGHT_UNIT, twist = (p.aa - p.ab - p.ba + p.bb) * HEIGHT_UNIT;
             const floatl fx = x0 + dx * t - cx, fy = y0 + dy * t - cy;
 #if DISTANCE == EXACT
             floatl before = t, after = t;
@@ -176,14 +194,14 @@ floatl safe_search(const ReliefRay *ray, global const uint *texels, global const
             for (int part = 0; part <= CELL_PARTS; part++) {
                 const floatl z = t + (leaves - t) * (part * (1.0f / CELL_PARTS)), ahead = z - t;
                 const floatl gx = fx + dx * ahead, gy = fy + dy * ahead;
-                const intl now = !within & (depth_of(ray, z) >= 1.0f - (p.aa + slope_x * gx + slope_y * gy + twist * gx * gy));
+                const intl now = !within & (depth_of(ray, z) >= 1.0f - (corner + slope_x * gx + slope_y * gy + twist * gx * gy));
                 after = pick(within, after, z);
                 within = within | now;
                 before = pick(within, before, z);
             }
             for (int part = 0; part < 8; part++) {
                 const floatl z = 0.5f * (before + after), ahead = z - t, gx = fx + dx * ahead, gy = fy + dy * ahead;
-                const intl now = depth_of(ray, z) >= 1.0f - (p.aa + slope_x * gx + slope_y * gy + twist * gx * gy);
+                const intl now = depth_of(ray, z) >= 1.0f - (corner + slope_x * gx + slope_y * gy + twist * gx * gy);
                 after = pick(now, z, after);
                 before = pick(now, before, z);
             }
@@ -191,7 +209,7 @@ floatl safe_search(const ReliefRay *ray, global const uint *texels, global const
             at = pick(met, after, at);
 #else
             /* Ray less surface is F0 + F1 ahead + F2 ahead^2, F0 < 0 above the surface. */
-            const floatl F0 = depth_of(ray, t) - 1.0f + p.aa + slope_x * fx + slope_y * fy + twist * fx * fy;
+            const floatl F0 = depth_of(ray, t) - 1.0f + corner + slope_x * fx + slope_y * fy + twist * fx * fy;
             const floatl F1 = ray->L + 2.0f * ray->K * t + slope_x * dx + slope_y * dy + twist * (fx * dy + fy * dx);
             const floatl F2 = ray->K + twist * dx * dy;
             const floatl discriminant = F1 * F1 - 4.0f * F2 * F0;

@@ -9,8 +9,8 @@
  * above it that of its right neighbour. */
 floatl height_at(global const uint *heights, int width, int height, floatl u, floatl v)
 {
-    const floatl tx = (u - floor(u)) * width - 0.5f, ty = (v - floor(v)) * height - 0.5f;
-    const floatl x0 = floor(tx), y0 = floor(ty), fx = tx - x0, fy = ty - y0;
+    const floatl tx = (u - floor_lanes(u)) * width - 0.5f, ty = (v - floor_lanes(v)) * height - 0.5f;
+    const floatl x0 = floor_lanes(tx), y0 = floor_lanes(ty), fx = tx - x0, fy = ty - y0;
     const intl ix = to_intl(x0), iy = to_intl(y0);
     const intl x = pick(ix < 0, ix + width, ix); /* u - floor(u) may round to 1: x0 is width - 1 even then */
     const intl upper = pick(iy < 0, iy + height, iy) * width + x;

@@ -66,8 +66,8 @@ Taps taps_of(global const int *size, floatl x, floatl y)
     const int width = size[0], height = size[1];
     Taps taps;
     taps.on_image = (x >= -0.5f) & (x <= width - 0.5f) & (y >= -0.5f) & (y <= height - 0.5f);
-    const floatl cx = fmin(fmax(x, (floatl)0.0f), (floatl)(width - 1)), cy = fmin(fmax(y, (floatl)0.0f), (floatl)(height - 1));
-    const floatl x0 = fmin(floor(cx), (floatl)max(width - 2, 0)), y0 = fmin(floor(cy), (floatl)max(height - 2, 0));
+    const floatl cx = lesser(greater(x, (floatl)0.0f), (floatl)(width - 1)), cy = lesser(greater(y, (floatl)0.0f), (floatl)(height - 1));
+    const floatl x0 = lesser(truncated(cx), (floatl)max(width - 2, 0)), y0 = lesser(truncated(cy), (floatl)max(height - 2, 0));
     const floatl fx = cx - x0, fy = cy - y0;
     const int right = min(width - 1, 1), down = min(height - 1, 1) * width;
     taps.at[0] = size[2] + to_intl(y0) * width + to_intl(x0);
@@ -182,7 +182,7 @@ kernel void draw_object(global const float *matrices, global const int *sizes, g
         const floatl step = pick(rises, (floatl)1.0f, (floatl)-1.0f), per_slice = 1.0f / number.direction;
         const floatl s_front = AT(number, front);
         back = lesser(hidden + fabs(per_slice), back); /* halvings bring a point forward by up to a slice */
-        for (floatl slice = pick(rises, ceil(s_front), floor(s_front));; slice += step) {
+        for (floatl slice = pick(rises, ceil_lanes(s_front), floor_lanes(s_front));; slice += step) {
             const floatl z = (slice - number.base) * per_slice;
             searches = searches & !found & (z <= back);
             if (!any_lane(searches))

@@ -296,8 +296,8 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
     const intl rises = number.sloped > 0.0f;
     const floatl step = pick(rises, (floatl)1.0f, (floatl)-1.0f), per_slice = 1.0f / number.sloped;
     const floatl s_front = AT(number, front), s_back = AT(number, back);
-    const floatl last = pick(rises, floor(s_back + THIN), ceil(s_back - THIN));
-    for (floatl slice = pick(rises, ceil(s_front - THIN), floor(s_front + THIN));; slice += step) {
+    const floatl last = pick(rises, floor_lanes(s_back + THIN), ceil_lanes(s_back - THIN));
+    for (floatl slice = pick(rises, ceil_lanes(s_front - THIN), floor_lanes(s_front + THIN));; slice += step) {
         const floatl z = lesser(greater((slice - number.fixed) * per_slice, front), back);
         const intl tries = meets & !search.found & ((last - slice) * step >= 0.0f) & (z < drawn);
         if (!any_lane(tries))
@@ -364,8 +364,8 @@ kernel void draw_surface(global const int *corners, global const float *projecte
         Color shade = {0.0f, 0.0f, 0.0f};
         if (any_lane(mine)) {
             const floatl u = pick(mine, region.u[block], (floatl)0.0f), v = pick(mine, region.v[block], (floatl)0.0f);
-            const floatl tx = (u - floor(u)) * color_width - 0.5f, ty = (v - floor(v)) * color_height - 0.5f;
-            const floatl x0 = floor(tx), y0 = floor(ty);
+            const floatl tx = (u - floor_lanes(u)) * color_width - 0.5f, ty = (v - floor_lanes(v)) * color_height - 0.5f;
+            const floatl x0 = floor_lanes(tx), y0 = floor_lanes(ty);
             for (int k = 0; k < 4; k++) {
                 intl cx = to_intl(x0) + (k & 1), cy = to_intl(y0) + (k >> 1);
                 cx = pick(cx < 0, cx + color_width, pick(cx >= color_width, cx - color_width, cx));
@@ -385,8 +385,8 @@ kernel void draw_surface(global const int *corners, global const float *projecte
             floatl along_u, along_v;
             floatl nx = FRAME_AT(0), ny = FRAME_AT(1), nz = FRAME_AT(2);
             if (normal_width > 0) { /* tangent-space normals: their slopes are per length of the surface */
-                const intl mx = min(to_intl((u - floor(u)) * normal_width), (intl)(normal_width - 1));
-                const intl my = min(to_intl((v - floor(v)) * normal_height), (intl)(normal_height - 1));
+                const intl mx = min(to_intl((u - floor_lanes(u)) * normal_width), (intl)(normal_width - 1));
+                const intl my = min(to_intl((v - floor_lanes(v)) * normal_height), (intl)(normal_height - 1));
                 const intl at = (my * normal_width + mx) * 3, at_1 = at + 1, at_2 = at + 2;
                 const floatl mz = greater((floatl)(gather(normal_map, at_2)), (floatl)1e-3f);
                 const floatl mu = (floatl)(gather(normal_map, at)) / mz, mv = (floatl)(gather(normal_map, at_1)) / mz;

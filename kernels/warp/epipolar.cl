@@ -194,7 +194,7 @@ kernel void epipolar_sweep(global const float *nearness, global float *seen, glo
         if (any_lane((open & active) | emerges)) {
             const floatl crossing = p0 * w1 - p1 * w0_; /* sign of p where w = 0 between a negative and a positive w */
             const floatl t = pick(emerges, pick(crossing > 0.0f, (floatl)1e9f, (floatl)-1e9f), p1 / w1);
-            const floatl fresh = fmin(fmax(floor(t), low - 1.0f), high);
+            const floatl fresh = floor_lanes(lesser(greater(t, low - 1.0f), high));
             gaps |= step > 0;
             below = pick(open | emerges, fresh, below);
             above = pick(open | emerges, fresh + 1.0f, above);
@@ -216,7 +216,7 @@ kernel void epipolar_sweep(global const float *nearness, global float *seen, glo
             above = pick(settles & goes_up, above + 1.0f, above);
             below = pick(settles & !goes_up, below - 1.0f, below);
 
-            const floatl at_line = start + slope * p, c = floor(at_line + 0.5f);
+            const floatl at_line = start + slope * p, c = floor_lanes(at_line + 0.5f);
             const floatl distance = group.distance + group.distance_step * p;
             /* Lines are 1/2 to 1 pixel apart in each ring, less within the last one. */
             const floatl in_ring = as_floatl(((as_intl(distance) - 1) & 0x007fffff) | 0x3f000000);

@@ -109,8 +109,8 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
             if (!any_lane(waiting))
                 continue;
             const floatl x = to_floatl(strip_x + p * LANES + lane_index), u = us[p], v = vs[p];
-            const floatl uc = lesser(greater(floor(u), (floatl)0.0f), (floatl)last_cell_x);
-            const floatl vc = lesser(greater(floor(v), (floatl)0.0f), (floatl)last_cell_y);
+            const floatl uc = truncated(lesser(greater(u, (floatl)0.0f), (floatl)last_cell_x));
+            const floatl vc = truncated(lesser(greater(v, (floatl)0.0f), (floatl)last_cell_y));
             const intl upper = (u - uc) + (v - vc) > 1.0f;
             const intl base = to_intl(vc) * map.src_pitch + to_intl(uc);
             const intl i10 = base + step_x, i01 = base + step_y * map.src_pitch;
@@ -176,8 +176,8 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
         if (merge && !any_lane(settled))
             continue;
         const floatl u = us[p], v = vs[p];
-        const floatl uc = lesser(greater(floor(u), (floatl)0.0f), (floatl)last_cell_x);
-        const floatl vc = lesser(greater(floor(v), (floatl)0.0f), (floatl)last_cell_y);
+        const floatl uc = truncated(lesser(greater(u, (floatl)0.0f), (floatl)last_cell_x));
+        const floatl vc = truncated(lesser(greater(v, (floatl)0.0f), (floatl)last_cell_y));
         const floatl fu = lesser(greater(u - uc, (floatl)0.0f), (floatl)1.0f);
         const floatl fv = lesser(greater(v - vc, (floatl)0.0f), (floatl)1.0f);
         const intl cell_x = to_intl(uc), cell_y = to_intl(vc);

@@ -145,6 +145,7 @@ def draw_relief(
     projected = project(target, buffers["points"], near)
     bins = bin_primitives(target, buffers["faces"], projected, near, culled=1)
     defines: dict[str, int] = {"DISTANCE": _DISTANCES[surface.distance], "HEIGHT_BYTES": surface.levels.height_bytes}
+    defines["POWERS_OF_TWO"] = int(all(n & (n - 1) == 0 for n in surface.height.shape))
     more: dict[str, Any] = {}
     if light is not None:
         defines["LIT"] = 1
@@ -194,10 +195,12 @@ def _buffers(surface: ReliefSurface) -> dict[str, DeviceArray]:
     base, frames, levels = surface.base, surface.frames, surface.levels
     uv = np.asarray(base.uv, np.float64) * surface.tiles
     vertices = np.concatenate([uv, frames.normals, frames.gradients.reshape(-1, 6), frames.quadrics], axis=1)
+    rows = np.zeros((len(vertices), 16), np.float32)  # kernels/relief/relief.cl
+    rows[:, : vertices.shape[1]] = vertices
     made = {
         "points": upload(base.vertices),
         "faces": upload(base.faces),
-        "vertices": upload(np.ascontiguousarray(vertices, np.float32)),
+        "vertices": upload(rows),
         "texels": upload(levels.texels),
         "bounds": upload(levels.bounds),
         "levels": upload(levels.table),

@@ -1,0 +1,82 @@
+"""Curved solids with a relief carved into them, finely triangulated to cast rays at, and their coarse meshes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.camera import Camera
+from tests.reference.heights import bilinear_height
+
+o3d = pytest.importorskip("open3d")
+
+Surface = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]  # u, v -> points and unit normals
+
+
+def torus(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Radius 1 about the z axis, tube 0.4."""
+    a, b = 2 * np.pi * u, 2 * np.pi * v
+    normals = np.stack([np.cos(b) * np.cos(a), np.cos(b) * np.sin(a), np.sin(b)], axis=-1)
+    return np.stack([np.cos(a), np.sin(a), 0 * a], axis=-1) + 0.4 * normals, normals
+
+
+def cylinder(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Radius 1 about the z axis, from z = -1.2 to 1.2; open."""
+    a = 2 * np.pi * u
+    normals = np.stack([np.cos(a), np.sin(a), 0 * a], axis=-1)
+    return normals + (2.4 * v - 1.2)[..., None] * np.array([0, 0, 1.0]), normals
+
+
+def sphere(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Radius 1, without the poles, where uv is degenerate."""
+    a, b = 2 * np.pi * u, np.pi * (0.8 * v - 0.4)
+    normals = np.stack([np.cos(b) * np.cos(a), np.cos(b) * np.sin(a), np.sin(b)], axis=-1)
+    return normals, normals
+
+
+def grid(surface: Surface, columns: int, rows: int) -> ibr.Mesh:
+    """columns x rows quadrilaterals over u and v from 0 to 1, counter-clockwise from outside."""
+    u, v = np.meshgrid(np.arange(columns + 1) / columns, np.arange(rows + 1) / rows)
+    points, normals = surface(u.ravel(), v.ravel())
+    y, x = np.mgrid[:rows, :columns]
+    i = (y * (columns + 1) + x).ravel()
+    n = columns + 1
+    faces = np.concatenate([np.stack([i, i + 1, i + n + 1], 1), np.stack([i, i + n + 1, i + n], 1)])
+    return ibr.Mesh(points, faces, np.stack([u.ravel(), v.ravel()], 1), normals)
+
+
+@dataclass
+class Carved:
+    """The truth: the smooth surface with the relief carved into it, `fine` cells a texel."""
+
+    surface: Surface
+    height: np.ndarray
+    scale: float
+    tiles: tuple[int, int]
+    fine: int = 2
+
+    def __post_init__(self) -> None:
+        rows, columns = (n * t * self.fine for n, t in zip(self.height.shape, self.tiles[::-1], strict=True))
+        u, v = np.meshgrid(np.arange(columns + 1) / columns, np.arange(rows + 1) / rows)
+        points, normals = self.surface(u.ravel(), v.ravel())
+        h = bilinear_height(self.height.astype(np.float64), u.ravel() * self.tiles[0], v.ravel() * self.tiles[1])
+        vertices = points - self.scale * (1 - h)[:, None] * normals
+        faces = grid(self.surface, columns, rows).faces
+        self.scene = o3d.t.geometry.RaycastingScene()
+        self.scene.add_triangles(vertices.astype(np.float32), faces.astype(np.uint32))
+
+    def depth(self, camera: Camera) -> np.ndarray:
+        """True planar depth; inf where there is nothing."""
+        y, x = np.mgrid[: camera.height, : camera.width]
+        pixels = np.column_stack([x.ravel(), y.ravel()])
+        one = camera.unproject(pixels, np.ones(len(pixels)))
+        if camera.projection == "perspective":
+            origin, direction = np.broadcast_to(camera.center, one.shape), one - camera.center
+        else:
+            origin, direction = one - camera.forward, np.broadcast_to(camera.forward, one.shape)
+        hits = self.scene.cast_rays(np.concatenate([origin, direction], axis=1).astype(np.float32))
+        return hits["t_hit"].numpy().reshape(camera.height, camera.width)
