@@ -69,6 +69,51 @@ _TEST = """
 _BLEND = "    if (weights[{i}] > 0.0) sum += weights[{i}] * texture(colors[{i}], places[{i}]).rgb;"
 
 
+_RELIEF_VERTEX = """
+#version 330
+uniform mat4 clip;
+in vec3 position;
+in vec2 place;
+out vec3 world;
+out vec2 uv;
+void main() { gl_Position = clip * vec4(position, 1.0); world = position; uv = place; }
+"""
+# Relief mapping of a plane z = 0 whose uv is (x, y) times `per_unit`: even steps, then halvings.
+_RELIEF_FRAGMENT = """
+#version 330
+uniform vec3 eye;
+uniform vec2 per_unit;
+uniform float scale;
+uniform int steps, halvings;
+uniform vec4 depth_row;
+uniform vec2 planes;
+uniform sampler2D heights, colors;
+in vec3 world;
+in vec2 uv;
+out vec4 color;
+void main() {
+    vec3 v = normalize(world - eye);
+    vec2 along = v.xy * per_unit;
+    float slope = -v.z / scale, end = 1.0 / slope, size = end / float(steps), after = end;
+    for (int i = 1; i <= steps; i++) {
+        float t = size * float(i);
+        if (t * slope >= 1.0 - textureLod(heights, uv + along * t, 0.0).r) {
+            after = t;
+            break;
+        }
+    }
+    float before = after - size;
+    for (int i = 0; i < halvings; i++) {
+        float t = 0.5 * (before + after);
+        if (t * slope >= 1.0 - textureLod(heights, uv + along * t, 0.0).r) after = t; else before = t;
+    }
+    color = textureLod(colors, uv + along * after, 0.0);
+    float z = dot(depth_row, vec4(world + v * after, 1.0));
+    gl_FragDepth = planes.y * (z - planes.x) / (z * (planes.y - planes.x));
+}
+"""
+
+
 @functools.cache
 def context() -> Any:
     """The one context, or the reason why there is none."""
@@ -191,6 +236,37 @@ def slices(camera: ibr.Camera, thing: ibr.DepthObject | ibr.VisualHull, near: fl
     points = points[np.argsort(depth)]
     buffer = gl.buffer(points.astype("f4").tobytes())
     vertices = gl.vertex_array(program, [(buffer, "3f", "position")])
+    return Picture(program, vertices, _framebuffer(gl, camera), camera, near, far)
+
+
+def relief(camera: ibr.Camera, surface: ibr.ReliefSurface, near: float, far: float) -> Picture:
+    """A relief on a base of z = 0 with uv proportional to x and y, by the linear search."""
+    gl = context()
+    base = surface.base
+    program = gl.program(vertex_shader=_RELIEF_VERTEX, fragment_shader=_RELIEF_FRAGMENT)
+    uv = np.asarray(base.uv, np.float64) * surface.tiles
+    per_unit = np.ptp(uv, axis=0) / np.ptp(base.vertices[:, :2], axis=0)
+    values = {
+        "eye": camera.center,
+        "per_unit": per_unit,
+        "depth_row": camera.camera_from_world[2],
+        "planes": (near, far),
+    }
+    program["clip"].write(clip_matrix(camera, near, far).T.astype("f4").tobytes())
+    for name, value in values.items():
+        program[name].write(np.asarray(value, "f4").tobytes())
+    program["scale"].value, program["steps"].value, program["halvings"].value = (
+        surface.scale,
+        surface.steps,
+        surface.halvings,
+    )
+    heights = np.rint(surface.height * 255).astype(np.uint8)
+    for unit, (name, image) in enumerate((("heights", heights), ("colors", surface.color))):
+        h, w = image.shape[:2]
+        gl.texture((w, h), 1 if image.ndim == 2 else 3, np.ascontiguousarray(image).tobytes(), alignment=1).use(unit)
+        program[name].value = unit
+    data = np.concatenate([base.vertices, uv.astype(np.float32)], axis=1)[base.faces.ravel()]
+    vertices = gl.vertex_array(program, [(gl.buffer(data.tobytes()), "3f 2f", "position", "place")])
     return Picture(program, vertices, _framebuffer(gl, camera), camera, near, far)
 
 

@@ -32,8 +32,8 @@ def render(
     Parameters
     ----------
     things : thing or sequence of things
-        `DepthImage` (drawn by the epipolar warp with its defaults), `Mesh`, `SlicedSurface`, `ReliefSurface`, `DepthObject`,
-        `VisualHull`, and their subclasses. Where two are equally far, the first one stays.
+        `DepthImage` (drawn by the epipolar warp with its defaults), `Mesh`, `SlicedSurface`, `ReliefSurface`,
+        `DepthObject`, `VisualHull`, and their subclasses. Where two are equally far, the first one stays.
     camera : Camera
         Perspective or orthographic.
     light : Light, optional

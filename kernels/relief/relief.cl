@@ -23,7 +23,7 @@
 
 #define LINEAR 0
 #define SAFE 1
-#define LEAST_COSINE 1e-3f /* of a ray that enters, where silhouettes are flat */
+#define LEAST_COSINE 1e-3f /* of a ray that enters: at outlines interpolated normals may look away */
 
 /* Entries of a region's pixels */
 typedef struct {
@@ -171,21 +171,17 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
             const floatl v_2 = e.wx * e.wx + e.wy * e.wy + e.wz * e.wz;
             const floatl x_2 = ray.du * ray.du / fmax(u_2, (floatl)1e-30f); /* of the direction along x */
             const floatl y_2 = fmax(1.0f - cosine * cosine - x_2, (floatl)0.0f);
-            ray.L = -cosine / scale;
-            ray.K = (e.a * x_2 + e.b * y_2) / scale;
-            if (!quadric) {
-                ray.L = fmax(ray.L, (floatl)(LEAST_COSINE / scale));
-                ray.K = 0.0f;
-            }
+            ray.L = greater(-cosine, (floatl)LEAST_COSINE) / scale;
+            ray.K = quadric ? (e.a * x_2 + e.b * y_2) / scale : (floatl)0.0f;
 #if DISTANCE == EXACT
-            ray.vz = cosine;
+            ray.vz = lesser(cosine, (floatl)-LEAST_COSINE);
             ray.a_xx = quadric ? e.a * x_2 : (floatl)0.0f;
             ray.b_yy = quadric ? e.b * y_2 : (floatl)0.0f;
             ray.aa_xx = e.a * ray.a_xx;
             ray.bb_yy = e.b * ray.b_yy;
             ray.scale = scale;
 #endif
-            const intl active = enters & (ray.L > 0.0f) & isfinite_lanes(ray.u + ray.v + ray.du + ray.dv + ray.K);
+            const intl active = enters & isfinite_lanes(ray.u + ray.v + ray.du + ray.dv + ray.K);
             rest(&ray, active);
             set_end(&ray);
             /* Texels in a pixel that sees the surface straight on */

@@ -46,19 +46,36 @@ def vertex_frames(mesh: Mesh, tiles: tuple[int, int]) -> VertexFrames:
     vertices = mesh.vertices.astype(np.float64)
     normals = np.asarray(mesh.normals if mesh.normals is not None else mesh.smooth_normals, np.float64)
     uv = np.asarray(mesh.uv, np.float64) * tiles
-    per_face, usable = uv_gradients(vertices[mesh.faces], uv[mesh.faces])
-    sides = vertices[mesh.faces[:, 1:]] - vertices[mesh.faces[:, :1]]
-    area = np.where(usable, np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1), 0.0)
-    corner, weight = mesh.faces.ravel(), np.repeat(area, 3)
-    total = np.maximum(np.bincount(corner, weight, len(vertices)), 1e-300)
-    gradients = np.zeros((len(vertices), 2, 3))
-    for k in range(2):
-        for axis in range(3):
-            values = weight * np.repeat(per_face[:, k, axis], 3)
-            gradients[:, k, axis] = np.bincount(corner, values, len(vertices)) / total
-    gradients -= np.einsum("nkc,nc->nk", gradients, normals)[..., None] * normals[:, None]
+    gradients = fitted_gradients(vertices, mesh.faces, normals, uv)
     quadrics, planar = fitted_quadrics(vertices, mesh.faces, normals, gradients[:, 0])
     return VertexFrames(normals, gradients, quadrics, planar)
+
+
+def fitted_gradients(vertices: Float64, faces: NDArray[np.int32], normals: Float64, uv: Float64) -> Float64:
+    """(N, 2, 3) gradients of u and v in the tangent planes: least squares over the triangles' edges at each vertex."""
+    x_axis = _any_tangent(normals)
+    y_axis = np.cross(normals, x_axis)
+    usable = uv_gradients(vertices[faces], uv[faces])[1]
+    corner = faces[usable]
+    sums = np.zeros((len(vertices), 7))  # xx, xy, yy, and x and y times the change of u and of v
+    for k in range(3):
+        for other in ((k + 1) % 3, (k + 2) % 3):
+            here, there = corner[:, k], corner[:, other]
+            away, change = vertices[there] - vertices[here], uv[there] - uv[here]
+            x, y = (np.einsum("nc,nc->n", away, axes[here]) for axes in (x_axis, y_axis))
+            terms = (x * x, x * y, y * y, x * change[:, 0], y * change[:, 0], x * change[:, 1], y * change[:, 1])
+            for column, values in enumerate(terms):
+                sums[:, column] += np.bincount(here, values, len(vertices))
+    xx, xy, yy = sums[:, 0], sums[:, 1], sums[:, 2]
+    determinant = xx * yy - xy * xy
+    solved = determinant > _SINGULAR * xx * yy
+    divisor = np.where(solved, determinant, 1.0)
+    made = np.zeros((len(vertices), 2, 3))
+    for k in range(2):
+        xu, yu = sums[:, 3 + 2 * k], sums[:, 4 + 2 * k]
+        along_x, along_y = (yy * xu - xy * yu) / divisor, (xx * yu - xy * xu) / divisor
+        made[:, k] = along_x[:, None] * x_axis + along_y[:, None] * y_axis
+    return np.where(solved[:, None, None], made, 0.0)
 
 
 def fitted_quadrics(

@@ -132,9 +132,7 @@ def _checked_count(argument: str, value: int, least: int) -> int:
     return int(value)
 
 
-def draw_relief(
-    target: Target, surface: ReliefSurface, light: Light | None, counts: DeviceArray | None = None
-) -> None:
+def draw_relief(target: Target, surface: ReliefSurface, light: Light | None, counts: DeviceArray | None = None) -> None:
     """Draw a relief into the target; `counts`, (H, W) int32, gains the searches of each pixel."""
     from pyibr.opencl.device import current
     from pyibr.opencl.launch import Struct, launch

@@ -38,6 +38,12 @@ def sphere(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return normals, normals
 
 
+def plane(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """3 x 3 unit squares of z = 0, the middle one from 0 to 1."""
+    points = np.stack([3 * u - 1, 3 * v - 1, 0 * u], axis=-1)
+    return points, np.broadcast_to((0.0, 0, 1), points.shape)
+
+
 def grid(surface: Surface, columns: int, rows: int) -> ibr.Mesh:
     """columns x rows quadrilaterals over u and v from 0 to 1, counter-clockwise from outside."""
     u, v = np.meshgrid(np.arange(columns + 1) / columns, np.arange(rows + 1) / rows)

@@ -1,0 +1,99 @@
+"""What reliefs refuse, by the argument's name, and what they do with bases that have gaps in them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.camera import Camera
+from tests.displaced import square
+
+WHITE = np.full((2, 2, 3), 200, np.uint8)
+RAMP = np.linspace(0, 1, 64, dtype=np.float32).reshape(8, 8)
+CAMERA = Camera.look_at((0.5, -0.6, 0.9), (0.5, 0.5, 0), (0, 0, 1), (61, 37), fov_y=50)
+
+
+@pytest.mark.parametrize(
+    ("argument", "value"),
+    [
+        ("base", "mesh"),
+        ("base", ibr.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])),
+        ("height", RAMP * 2),
+        ("height", RAMP - 0.5),
+        ("height", np.full((4, 4), np.nan, np.float32)),
+        ("height", np.zeros((4, 4), np.int32)),
+        ("height", np.zeros((4, 4, 1), np.float32)),
+        ("height", np.zeros((0, 4), np.float32)),
+        ("color", np.zeros((4, 4), np.uint8)),
+        ("color", np.zeros((4, 4, 3))),
+        ("scale", 0),
+        ("scale", -1.0),
+        ("scale", np.inf),
+        ("tiles", (0, 1)),
+        ("tiles", (1.5, 1)),
+        ("tiles", 2),
+        ("normal_map", np.zeros((4, 4, 3), np.float32)),
+        ("normal_map", np.zeros((4, 4), np.float32)),
+        ("silhouette", "true"),
+        ("distance", "equation 6"),
+        ("search", "cone"),
+        ("steps", 0),
+        ("steps", 2.5),
+        ("halvings", -1),
+        ("halvings", True),
+    ],
+)
+def test_wrong_arguments_are_named(argument, value):
+    good = {"base": square(), "height": RAMP, "color": WHITE, "scale": 0.1}
+    with pytest.raises(ibr.ArgumentError, match=rf"^{argument}: "):
+        ibr.ReliefSurface(**(good | {argument: value}))
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 7), (7, 13), (61, 37), (64, 64)])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+def test_maps_of_any_size_and_kind(shape, dtype):
+    most = 1 if dtype == np.float32 else np.iinfo(dtype).max
+    height = (np.random.default_rng(0).random(shape) * most).astype(dtype)
+    frame = ibr.render(ibr.ReliefSurface(square(), height, WHITE, 0.1, (3, 2)), CAMERA)
+    plain = ibr.render(square(), CAMERA)
+    np.testing.assert_array_equal(frame.valid, plain.valid)
+    assert (frame.depth >= plain.depth - 1e-5)[frame.valid].all()
+
+
+def test_bytes_and_floats_are_one_map():
+    height = np.random.default_rng(0).integers(0, 256, (16, 16)).astype(np.uint8)
+    a = ibr.render(ibr.ReliefSurface(square(), height, WHITE, 0.1), CAMERA)
+    b = ibr.render(ibr.ReliefSurface(square(), height / np.float32(255), WHITE, 0.1), CAMERA)
+    np.testing.assert_array_equal(a.valid, b.valid)
+    assert np.isclose(a.depth, b.depth, rtol=1e-4)[a.valid].mean() >= 0.995  # cells beside the one that is met
+
+
+def test_triangles_whose_uv_has_no_area_show_one_height():
+    """Where uv does not change, neither does the height: the relief is a plane that lies as deep as its texel."""
+    mesh = square()
+    still = ibr.Mesh(mesh.vertices, mesh.faces, np.full((4, 2), 0.5))
+    height = np.full((4, 4), 0.25, np.float32)
+    frame = ibr.render(ibr.ReliefSurface(still, height, WHITE, 0.2), CAMERA)
+    expected = ibr.render(ibr.Mesh(mesh.vertices - (0, 0, 0.15), mesh.faces), CAMERA)
+    both = frame.valid & expected.valid
+    assert both.sum() > 300
+    np.testing.assert_allclose(frame.depth[both], expected.depth[both], rtol=1e-4)
+
+
+def test_degenerate_triangles_draw_nothing():
+    mesh = square()
+    more = ibr.Mesh(mesh.vertices, [*mesh.faces.tolist(), [0, 0, 1], [2, 2, 2]], mesh.uv)
+    a, b = (ibr.render(ibr.ReliefSurface(base, RAMP, WHITE, 0.1), CAMERA) for base in (mesh, more))
+    np.testing.assert_array_equal(a.depth, b.depth)
+
+
+def test_backs_are_not_drawn():
+    below = Camera.look_at((0.5, -0.6, -0.9), (0.5, 0.5, 0), (0, 0, 1), (61, 37), fov_y=50)
+    assert not ibr.render(ibr.ReliefSurface(square(), RAMP, WHITE, 0.1), below).valid.any()
+
+
+def test_planar_vertices_are_counted():
+    corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [5, 5, 5]]  # the last one has no neighbours
+    base = ibr.Mesh(corners, [[0, 1, 2]], uv=np.zeros((4, 2)))
+    assert ibr.ReliefSurface(base, RAMP, WHITE, 1).planar_vertices == 1

@@ -1,0 +1,53 @@
+"""The relief kernels in their GPU form, and their bounds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr import models
+from pyibr.camera import Camera
+from tests.one_lane import check_bounds, one_lane
+
+
+@pytest.mark.parametrize("options", [{}, {"search": "linear"}, {"distance": "exact"}, {"silhouette": "none"}])
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+def test_one_lane_is_as_good_as_sixteen(projection, options):
+    rng = np.random.default_rng(3)
+    height, color = rng.random((16, 24), np.float32), rng.integers(0, 256, (8, 8, 3)).astype(np.uint8)
+    thing = ibr.ReliefSurface(models.donut(24), height, color, 0.1, (4, 2), **options)
+    tall = {"height": 2.6} if projection == "orthographic" else {}
+    camera = Camera.look_at((1.5, -2.4, 1.6), (0, 0, 0), (0, 0, 1), (101, 77), 45, projection, **tall)
+    wide = ibr.render(thing, camera)
+    with one_lane():
+        one = ibr.render(thing, camera)
+    assert wide.valid.sum() > 2000
+    # A ray that grazes is met by one rounding and missed by another: a pixel sees what lies behind.
+    assert (one.valid != wide.valid).mean() <= 2e-3
+    both = one.valid & wide.valid
+    assert np.isclose(one.depth, wide.depth, rtol=1e-4)[both].mean() >= 0.99
+    assert (np.abs(one.color.astype(int) - wide.color)[both].max(axis=1) <= 2).mean() >= 0.98
+
+
+BOUNDS = """
+import numpy as np, pyibr as ibr
+corners, uv = [[0, 0, 0], [1, 0, 0], [1, 1, 0.1], [0, 1, 0]], [[-1, 0], [1, 0], [1, 3], [0, 1]]
+square = ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3], [1, 1, 2]], uv=uv)
+rng = np.random.default_rng(0)
+light = ibr.Light(direction=(0, 0, -1))
+cameras = [ibr.Camera.look_at(eye, (0.5, 0.5, 0), (0, 1, 0.1), size, fov_y=60)
+           for eye, size in (((0.5, 0.5, 0.6), (13, 7)), ((1, 2, 1), (1, 1)), ((0.5, 0.5, 0.05), (35, 5)))]
+for n in 1, 5:
+    height, color = rng.random((n, n + 1), np.float32), np.full((n + 1, n, 3), 9, np.uint8)
+    for options in {}, {"search": "linear", "steps": 4}, {"distance": "exact"}, {"silhouette": "none"}:
+        for camera in cameras:
+            ibr.render(ibr.ReliefSurface(square, height, color, 0.3, (2, 1), **options), camera, light)
+            ibr.render(ibr.ReliefSurface(square, (255 * height).astype(np.uint8), color, 0.3), camera)
+"""
+
+
+def test_no_kernel_leaves_its_arrays(tmp_path: Path):
+    check_bounds(BOUNDS, tmp_path)

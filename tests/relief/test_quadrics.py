@@ -1,0 +1,115 @@
+"""Frames and quadrics of vertices."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.relief.quadrics import fitted_quadrics, vertex_frames
+from tests.relief.solids import cylinder, grid, sphere, torus
+
+
+def patch(a: float, b: float, size: float = 0.1) -> ibr.Mesh:
+    """3 x 3 vertices of z = a x^2 + b y^2, u along x and v along y; vertex 4 is the apex."""
+    y, x = (k.ravel() * size for k in np.mgrid[-1:2, -1:2].astype(float))
+    z = a * x * x + b * y * y
+    i = np.array([0, 1, 3, 4])
+    faces = np.concatenate([np.stack([i, i + 1, i + 4], 1), np.stack([i, i + 4, i + 3], 1)])
+    gradient = np.stack([-2 * a * x, -2 * b * y, np.ones(9)], axis=1)
+    return ibr.Mesh(np.stack([x, y, z], 1), faces, np.stack([x, y], 1), gradient)
+
+
+@pytest.mark.parametrize(("a", "b"), [(1.5, 0.7), (-2, -2), (1, -1), (0.8, 0), (0, -3), (0, 0)])
+@pytest.mark.parametrize("size", [1e-4, 0.1, 1e3])
+def test_a_quadric_is_fitted_exactly(a, b, size):
+    """Paraboloid, hyperbolic paraboloid, parabolic cylinder, plane; at any scale."""
+    mesh = patch(a / size, b / size, size)
+    found = vertex_frames(mesh, (1, 1))
+    # The vertices are kept in float32: 1e-7 of the neighbourhood's size.
+    np.testing.assert_allclose(found.quadrics[4] * size, [a, b], atol=1e-5)
+    assert not found.planar[4]
+
+
+def test_it_does_not_depend_on_where_the_patch_lies():
+    mesh = patch(1.5, -0.7)
+    rotation = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    rotation *= np.sign(np.linalg.det(rotation))
+    moved = ibr.Mesh(mesh.vertices @ rotation.T + (1, 2, 3), mesh.faces, mesh.uv, mesh.normals @ rotation.T)
+    found = vertex_frames(moved, (1, 1))
+    np.testing.assert_allclose(found.quadrics[4], [1.5, -0.7], atol=2e-4)  # float32 at a distance of 4
+    np.testing.assert_allclose(found.gradients[4], rotation.T[:2], atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("surface", "expected"),
+    [
+        (sphere, (-0.5, -0.5)),
+        (cylinder, (-0.5, 0)),  # -1 / (2 R) around, flat along
+        (torus, None),
+    ],
+)
+def test_curvatures_of_solids(surface, expected):
+    mesh = grid(surface, 64, 32)
+    found = vertex_frames(mesh, (1, 1))
+    inner = (mesh.uv[:, 1] > 0.1) & (mesh.uv[:, 1] < 0.9)
+    if expected is None:  # across the tube -1 / (2 r); around the axis -cos(b) / (2 (R + r cos(b)))
+        b = 2 * np.pi * mesh.uv[:, 1]
+        expected = np.stack([-0.5 * np.cos(b) / (1 + 0.4 * np.cos(b)), np.full(len(b), -0.5 / 0.4)], axis=1)
+        assert (found.quadrics[inner][:, 0] > 0.1).any()  # the saddle
+    # A fit to neighbours at distance d is off by d^2 / R^2 of the curvature.
+    np.testing.assert_allclose(
+        found.quadrics[inner], np.broadcast_to(expected, (len(inner), 2))[inner], rtol=0.06, atol=0.03
+    )
+
+
+def test_seams_of_uv_do_not_show():
+    """A cylinder's first and last column of vertices are the same points with other uv."""
+    mesh = grid(cylinder, 32, 4)
+    found = vertex_frames(mesh, (1, 1))
+    rows = np.arange(5) * 33
+    np.testing.assert_allclose(found.quadrics[rows], found.quadrics[rows + 32], atol=1e-6)
+
+
+def test_gradients_tell_the_size_of_tiles():
+    mesh = grid(cylinder, 64, 8)
+    found = vertex_frames(mesh, (12, 5))
+    size = 1 / np.linalg.norm(found.gradients, axis=2)
+    np.testing.assert_allclose(size[:, 0], 2 * np.pi / 12, rtol=2e-3)  # the polygon is shorter than the circle
+    np.testing.assert_allclose(size[:, 1], 2.4 / 5, rtol=1e-5)
+    np.testing.assert_allclose(np.einsum("nkc,nc->nk", found.gradients, found.normals), 0, atol=1e-7)  # of float32
+
+
+def test_mirrored_uv_runs_the_other_way():
+    mesh = patch(1, 2)
+    mirrored = ibr.Mesh(mesh.vertices, mesh.faces, mesh.uv * (-1, 1), mesh.normals)
+    a, b = vertex_frames(mesh, (1, 1)), vertex_frames(mirrored, (1, 1))
+    np.testing.assert_allclose(b.gradients[4, 0], -a.gradients[4, 0])
+    np.testing.assert_allclose(b.quadrics[4], a.quadrics[4])
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        [[0, 0, 0], [1, 0, 0], [2, 0, 0]],  # no area
+        [[0, 0, 0], [0, 0, 0], [0, 0, 0]],  # one point
+        [[0, 0, 0], [1, 1, 0.5], [1, -1, 0.5]],  # all neighbours at |x| = |y|: a and b cannot be told apart
+    ],
+)
+def test_neighbours_that_determine_nothing(points):
+    quadrics, planar = fitted_quadrics(
+        np.array(points, float),
+        np.array([[0, 1, 2]], np.int32),
+        np.tile([0.0, 0, 1], (3, 1)),
+        np.tile([1.0, 0, 0], (3, 1)),
+    )
+    assert planar[0]
+    np.testing.assert_array_equal(quadrics[0], 0)
+    assert np.isfinite(quadrics).all()
+
+
+def test_vertices_without_triangles_are_planar():
+    mesh = ibr.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0.2], [5, 5, 5]], [[0, 1, 2]], [[0, 0], [1, 0], [0, 1], [0, 0]])
+    found = vertex_frames(mesh, (1, 1))
+    assert found.planar[3]
+    np.testing.assert_array_equal(found.gradients[3], 0)

@@ -1,0 +1,252 @@
+"""Reliefs against rays cast at finely displaced meshes: planes and curved solids."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import cv2
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.camera import Camera
+from pyibr.metrics import silhouette_iou
+from tests.relief.solids import Carved, cylinder, grid, plane, sphere, torus
+
+SIZE = (400, 300)
+WHITE = np.full((2, 2, 3), 200, np.uint8)
+
+
+def tiled_noise(seed: int, sigma: float) -> np.ndarray:
+    """64 x 64 smooth noise from 0 to 1."""
+    noise = np.pad(np.random.default_rng(seed).random((64, 64)), 16, mode="wrap")
+    smooth = cv2.GaussianBlur(noise, (0, 0), sigma)[16:-16, 16:-16]
+    return ((smooth - smooth.min()) / np.ptp(smooth)).astype(np.float32)
+
+
+@cache
+def bricks() -> np.ndarray:
+    """64 x 64, tiled: rough bricks with slanted joints."""
+    y, x = np.mgrid[:64, :64]
+    across = np.minimum((x + 16 * (y // 16 % 2)) % 32, 31 - (x + 16 * (y // 16 % 2)) % 32)
+    joint = np.minimum(across, np.minimum(y % 16, 15 - y % 16))
+    return (np.clip(joint / 4, 0, 1) * (0.7 + 0.3 * tiled_noise(2, 1.5))).astype(np.float32)
+
+
+def away_from_edges(truth: np.ndarray, jump: float) -> np.ndarray:
+    """Pixels 3 away from silhouettes and where depth jumps."""
+    z = np.where(np.isfinite(truth), truth, 100).astype(np.float32)
+    edges = (cv2.dilate(z, np.ones((3, 3))) - cv2.erode(z, np.ones((3, 3))) > jump).astype(np.uint8)
+    return np.isfinite(truth) & (cv2.dilate(edges, np.ones((7, 7))) == 0)
+
+
+def distance(frame: ibr.Frame, truth: np.ndarray, camera: Camera) -> np.ndarray:
+    """Between the points that frame and truth see, in scene units."""
+    y, x = np.mgrid[: camera.height, : camera.width]
+    rays = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(camera.K).T
+    length = np.linalg.norm(rays, axis=-1) if camera.projection == "perspective" else 1.0
+    return np.abs(frame.depth - truth) * length
+
+
+def over_square(elevation: float, projection: str = "perspective") -> Camera:
+    """Looks at the middle of the unit square, from `elevation` degrees above it."""
+    e = np.radians(elevation)
+    eye = np.array([0.5, 0.5, 0]) + 1.6 * np.array([0.35 * np.cos(e), -0.94 * np.cos(e), np.sin(e)])
+    tall = {"height": 0.9} if projection == "orthographic" else {}
+    return Camera.look_at(eye, (0.5, 0.5, 0), (0, 0.3, 1), SIZE, 32, projection, **tall)
+
+
+@cache
+def carved_plane(thin: bool) -> Carved:
+    """Over 3 x 3 unit squares, of which the middle one is seen: rays run on beyond the polygon, over its tiles."""
+    return Carved(plane, (spikes() if thin else bricks()), 0.05, (3, 3), fine=4)
+
+
+@cache
+def spikes() -> np.ndarray:
+    """Single texels at full height over a low ground: features that even steps miss."""
+    height = np.full((64, 64), 0.1, np.float32)
+    height[4::16, 6::16] = 1
+    height[40, :] = 1
+    return height
+
+
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+@pytest.mark.parametrize("elevation", [90, 60, 30, 10])
+@pytest.mark.parametrize("thin", [False, True])
+def test_a_plane(elevation, projection, thin):
+    camera = over_square(elevation, projection)
+    height = spikes() if thin else bricks()
+    base = ibr.Mesh(
+        [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]], [[0, 0], [1, 0], [1, 1], [0, 1]]
+    )
+    truth = carved_plane(thin).depth(camera)
+    frame = ibr.render(ibr.ReliefSurface(base, height, WHITE, 0.05), camera)
+    entered = ibr.render(base, camera).valid
+    np.testing.assert_array_equal(frame.valid, entered)
+    # Between rows of pixels depth changes by 0.003 / sin(elevation) on the flat.
+    inside = away_from_edges(np.where(entered, truth, np.inf), max(0.02, 0.015 / np.sin(np.radians(elevation))))
+    assert inside.sum() > 3000
+    off = distance(frame, truth, camera)[inside] * 64  # texels
+    assert (off <= 0.5).mean() >= 0.999, (off <= 0.5).mean()
+
+
+def test_even_steps_miss_thin_features_and_safe_ones_do_not():
+    camera = over_square(15)
+    base = ibr.Mesh(
+        [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]], [[0, 0], [1, 0], [1, 1], [0, 1]]
+    )
+    truth = carved_plane(True).depth(camera)
+    missed = {}
+    for search in ("safe", "linear"):
+        frame = ibr.render(ibr.ReliefSurface(base, spikes(), WHITE, 0.05, search=search), camera)
+        # Seen through a feature: what is shown lies more than a texel behind the true surface.
+        missed[search] = (distance(frame, truth, camera)[frame.valid] * 64 > 1).mean()
+    assert missed["safe"] <= 0.002  # at the features' outlines, where a pixel is half on them
+    assert missed["linear"] >= 5 * missed["safe"]
+    assert missed["linear"] >= 0.01
+
+
+def around(name: str, distance_: float = 1.0) -> Camera:
+    eye = {"cylinder": (3.2, -1.2, 0.3), "sphere": (3.2, -1.2, 0.35), "torus": (2.2, -3.0, 1.9)}[name]
+    return Camera.look_at(distance_ * np.array(eye), (0, 0, 0), (0, 0, 1), SIZE, fov_y=42)
+
+
+SOLIDS = {
+    "cylinder": (cylinder, (12, 5), (64, 8)),
+    "sphere": (sphere, (12, 5), (64, 32)),
+    "torus": (torus, (16, 6), (96, 48)),
+}
+SCALES = {"cylinder": 0.05, "sphere": 0.05, "torus": 0.025}
+
+
+@cache
+def carved(name: str) -> Carved:
+    surface, tiles, _ = SOLIDS[name]
+    return Carved(surface, bricks(), SCALES[name], tiles)
+
+
+def banded_iou(a: np.ndarray, b: np.ndarray) -> float:
+    """Intersection over union within 20 pixels of b's silhouette."""
+    inner, outer = cv2.erode(b.astype(np.uint8), np.ones((3, 3))), cv2.dilate(b.astype(np.uint8), np.ones((3, 3)))
+    band = cv2.dilate(outer - inner, np.ones((41, 41))) > 0
+    return silhouette_iou(a & band, b & band)
+
+
+@pytest.mark.parametrize("distance_", ["approximate", "exact"])
+@pytest.mark.parametrize("name", list(SOLIDS))
+def test_curved_solids(name, distance_):
+    surface, tiles, cells = SOLIDS[name]
+    camera, base = around(name), grid(surface, *cells)
+    truth = carved(name).depth(camera)
+    solid = np.isfinite(truth)
+    frames: dict[str, ibr.Frame] = {}
+    for silhouette in ("quadric", "none"):
+        relief = ibr.ReliefSurface(
+            base, bricks(), WHITE, SCALES[name], tiles, silhouette=silhouette, distance=distance_
+        )
+        frames[silhouette] = ibr.render(relief, camera)
+    frame = frames["quadric"]
+    assert silhouette_iou(frame.valid, solid) >= 0.99
+    assert banded_iou(frame.valid, solid) >= 0.95
+    wrong = {silhouette: (made.valid ^ solid).sum() for silhouette, made in frames.items()}
+    assert wrong["quadric"] <= 0.4 * wrong["none"], wrong
+    inside = away_from_edges(truth, 0.03)
+    assert inside.sum() > 5000
+    assert frame.valid[inside].all()
+    texel = 2 * np.pi * (1.4 if name == "torus" else 1.0) / (tiles[0] * 64)
+    off = distance(frame, truth, camera)[inside] / texel
+    assert (off <= 2).mean() >= 0.97, (off <= 2).mean()
+
+
+def test_zero_curvature_is_flat_relief():
+    base = ibr.Mesh(
+        [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]], [[0, 0], [1, 0], [1, 1], [0, 1]]
+    )
+    camera = over_square(25)
+    quadric, none = (
+        ibr.render(ibr.ReliefSurface(base, bricks(), WHITE, 0.05, silhouette=silhouette), camera)
+        for silhouette in ("quadric", "none")
+    )
+    np.testing.assert_array_equal(quadric.depth, none.depth)
+
+
+@pytest.mark.parametrize("search", ["safe", "linear"])
+def test_a_height_of_one_is_the_mesh_itself(search):
+    base, camera = grid(torus, 48, 24), around("torus")
+    relief = ibr.ReliefSurface(base, np.ones((8, 8), np.float32), WHITE, 0.1, (4, 2), search=search)
+    frame = ibr.render(relief, camera)
+    from pyibr.raster import draw_mesh
+    from pyibr.target import Target
+
+    target = Target(camera, np.dtype(np.uint8))
+    draw_mesh(target, base, None, cull=1)
+    mesh = target.frame()
+    np.testing.assert_array_equal(frame.valid, mesh.valid)
+    # A linear step is where it is found, then halved six times.
+    step = 0.0 if search == "safe" else 0.1
+    assert np.abs(frame.depth - mesh.depth)[frame.valid].max() <= 1e-4 + step
+
+
+def test_scaling_everything_changes_nothing():
+    camera, far = around("torus"), around("torus", 10.0)
+    base = grid(torus, 48, 24)
+    larger = ibr.Mesh(10 * base.vertices, base.faces, base.uv, base.normals)
+    small = ibr.render(ibr.ReliefSurface(base, bricks(), WHITE, 0.05, (8, 4)), camera)
+    large = ibr.render(ibr.ReliefSurface(larger, bricks(), WHITE, 0.5, (8, 4)), far)
+    assert (small.valid != large.valid).mean() <= 1e-4
+    both = small.valid & large.valid
+    assert np.isclose(small.depth * 10, large.depth, rtol=1e-4)[both].mean() >= 0.999
+
+
+def test_from_afar_means_are_read_and_bounds_hold():
+    """From 20 times as far a pixel covers many texels; the picture is that of the mesh at the mean height."""
+    height = (np.indices((64, 64)).sum(axis=0) % 2).astype(np.float32)
+    base = grid(torus, 48, 24)
+    camera = Camera.look_at((22, -30, 19), (0, 0, 0), (0, 0, 1), (120, 90), fov_y=3.4)
+    frame = ibr.render(ibr.ReliefSurface(base, height, WHITE, 0.1, (16, 6)), camera)
+    mean = ibr.render(ibr.ReliefSurface(base, np.full((2, 2), 0.5, np.float32), WHITE, 0.1, (16, 6)), camera)
+    assert silhouette_iou(frame.valid, mean.valid) >= 0.98
+    both = frame.valid & mean.valid
+    assert np.median(np.abs(frame.depth - mean.depth)[both]) <= 0.01
+
+
+def test_two_runs_give_the_same_bits():
+    thing, camera = ibr.ReliefSurface(grid(torus, 48, 24), bricks(), WHITE, 0.05, (8, 4)), around("torus")
+    first, second = ibr.render(thing, camera), ibr.render(thing, camera)
+    np.testing.assert_array_equal(first.depth, second.depth)
+    np.testing.assert_array_equal(first.color, second.color)
+
+
+def test_two_coincident_cylinders_show_what_lies_farther_out():
+    """Of two materials on one cylinder each shows where it is the higher one."""
+    other = tiled_noise(4, 3)
+    camera, base, tiles = around("cylinder"), grid(cylinder, 64, 8), (12, 5)
+    red, blue = (np.full((2, 2, 3), color, np.uint8) for color in ((200, 40, 40), (40, 40, 200)))
+    frame = ibr.render(
+        [ibr.ReliefSurface(base, bricks(), red, 0.05, tiles), ibr.ReliefSurface(base, other, blue, 0.05, tiles)], camera
+    )
+    truths = [Carved(cylinder, height, 0.05, tiles).depth(camera) for height in (bricks(), other)]
+    nearest = np.minimum(*truths)
+    inside = away_from_edges(nearest, 0.03) & frame.valid
+    agrees = (frame.color[..., 0] > 100) == (truths[0] < truths[1])
+    assert agrees[inside].mean() >= 0.98, agrees[inside].mean()
+    assert 0.2 <= (truths[0] < truths[1])[inside].mean() <= 0.8
+
+
+def test_one_depth_buffer_with_other_things():
+    base, camera = grid(torus, 48, 24), around("torus")
+    relief = ibr.ReliefSurface(base, bricks(), WHITE, 0.08, (8, 4))
+    low, high = np.array([-2, -2, -0.01]), np.array([2, 2, -0.01])
+    sheet = ibr.Mesh(
+        [[low[0], low[1], low[2]], [high[0], low[1], low[2]], [high[0], high[1], low[2]], [low[0], high[1], low[2]]],
+        [[0, 1, 2], [0, 2, 3]],
+        colors=np.zeros((4, 3), np.uint8),
+    )
+    alone = ibr.render(relief, camera)
+    plain = ibr.render(sheet, camera)
+    for things in ([relief, sheet], [sheet, relief]):
+        both = ibr.render(things, camera)
+        nearest = np.fmin(alone.depth, plain.depth)
+        np.testing.assert_allclose(both.depth[both.valid], nearest[both.valid], rtol=1e-6)
+        np.testing.assert_array_equal(both.valid, alone.valid | plain.valid)
