@@ -28,6 +28,10 @@ class Plan:
     donut: int  # turns
     elevations: tuple[int, ...]  # degrees above the surface, of the views that compare the directions of slicing
     direction_slices: tuple[int, ...]
+    relief_plane: int  # turns
+    relief_scenes: Mapping[str, int]  # turns by scene
+    relief_steps: tuple[int, ...]  # of the linear search
+    relief_embree: int  # turns
     startup_repeats: int
     startup_empty_cache: bool  # begin with nothing built, so that a first process shows what building costs
     memory: tuple[int, ...]
@@ -54,6 +58,10 @@ FULL = Plan(
     donut=31,
     elevations=(5, 10, 20, 45, 90),
     direction_slices=(8, 16, 32, 64, 128, 256),
+    relief_plane=21,
+    relief_scenes={"torus": 31, "teapot": 31, "human": 15, "spot": 15},
+    relief_steps=(8, 16, 32, 64, 128, 256),
+    relief_embree=7,
     startup_repeats=5,
     startup_empty_cache=True,
     memory=(1024, 4096),
@@ -72,6 +80,10 @@ QUICK = Plan(
     donut=1,
     elevations=(20, 90),
     direction_slices=(8, 16),
+    relief_plane=1,
+    relief_scenes={"torus": 1, "teapot": 1},
+    relief_steps=(8, 32),
+    relief_embree=1,
     startup_repeats=1,
     startup_empty_cache=False,
     memory=(256,),

@@ -67,6 +67,18 @@ def scanned(name: str) -> ibr.Mesh | Skip:
         return Skip(name.split("_")[0], str(error))
 
 
+def bricks(n: int = 256) -> tuple[Array, Array]:
+    """Height (n, n) uint8 and colour (n, n, 3) uint8 of a brick wall: 8 rows of 4, tiled."""
+    y, x = np.mgrid[:n, :n] * (256 / n)
+    shifted = (x + 32 * (y // 32 % 2)) % 64
+    joint = np.minimum(np.minimum(shifted, 63 - shifted), np.minimum(y % 32, 31 - y % 32))
+    rough = 0.5 + 0.5 * np.sin(x * np.pi / 16 + 3 * np.sin(y * np.pi / 32)) * np.sin(y * np.pi / 16)
+    height = 255 * np.clip(joint / 6, 0, 1) * (0.75 + 0.25 * rough)
+    stone = np.array([150, 82, 60]) * (0.7 + 0.3 * rough[..., None])
+    color = np.where(joint[..., None] > 3, stone, (150, 145, 135))
+    return height.astype(np.uint8), color.astype(np.uint8)
+
+
 def bumps(n: int) -> Array:
     """(n, n) float32 in [0, 1]: smooth heights that are 0 on the border."""
     x = (np.arange(n) + 0.5) / n

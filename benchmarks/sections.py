@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from benchmarks import complexity, peers, plots, raster, slicing, startup, table2
+from benchmarks import complexity, peers, plots, raster, relief, slicing, startup, table2
 from benchmarks.results import Record, Result
 from benchmarks.statistics import Quartiles, exponent, median, number, ratios
 from benchmarks.tables import only, position, sizes_of, table, totals, verdict
@@ -69,6 +69,32 @@ The paper's figure 10 as numbers: a displaced polygon against rays cast at it, 3
 depth error in slice spacings, and the largest share of the surface that is seen through.
 
 ![Error and see-through by the number of slices](slicing-error.png)
+"""
+
+RELIEF = """## Relief
+
+800 x 600 pixels, a map of 256 x 256 bricks, from NumPy arrays to NumPy arrays, in turns. The paper's scenes ran at
+{rate:.0f} frames per second on a GeForce 6800 GT, its monitor's rate.
+
+### A plane that fills the picture
+
+"""
+
+RELIEF_SCENES = """### Scenes
+
+Milliseconds, and frames per second in brackets. *Exact* is equation 6 for the distance to the quadric, the others are
+equation 7.
+"""
+
+RELIEF_THIN = """### Thin features
+
+Single texels that stand out, seen at 15 degrees: the share of pixels that see something behind what they should, and
+the time.
+"""
+
+RELIEF_EMBREE = """### Beside ray casting of the displaced mesh
+
+The torus. Memory is that of vertices, triangles and maps; Embree's own tree comes on top of it.
 """
 
 STARTUP = """## Start and memory
@@ -319,6 +345,46 @@ def _directions(result: Result, folder: Path) -> list[str]:
     return [DIRECTIONS, table(["slicing", "elevation", *(f"{n} slices" for n in counts)], [*rows, *seen])]
 
 
+def relief_section(result: Result, folder: Path) -> list[str]:
+    """The plane, the scenes, thin features, ray casting."""
+    parts = [RELIEF.format(rate=relief.PAPER_RATE)]
+    plane = {record.subject: record.values for record in result.select(case="plane", quantity="end to end")}
+    if plane:
+        rows = [[subject, str(Quartiles.of(values)), ""] for subject, values in plane.items()]
+        if relief.PEER in plane:
+            ratio, bar = median(plane[relief.PLANE]) / median(plane[relief.PEER]), relief.BARS["plane"]
+            psnr = only(result.select(case="plane", unit="dB"))[0]
+            rows[0][2] = f"{ratio:.2f} of llvmpipe at {psnr:.1f} dB (at most {bar:g}: {verdict(ratio <= bar)})"
+        parts.append(table(["", "ms", ""], rows))
+    scenes = list(dict.fromkeys(str(r.parameters["scene"]) for r in result.select(case="scene")))
+    rows = []
+    for name in scenes:
+        times = {r.subject: median(r.values) for r in result.select(case="scene", scene=name, quantity="end to end")}
+        triangles = only(result.select(case="scene", scene=name, quantity="triangles"))[0]
+        covered = only(result.select(case="scene", scene=name, quantity="coverage"))[0]
+        cells = [f"{number(value)} ({1000 / value:.0f})" for value in times.values()]
+        judged = ["", ""]
+        if name in relief.BARRED_SCENES:
+            judged = [f"at least {relief.PAPER_RATE:.0f}", verdict(1000 / times["linear"] >= relief.PAPER_RATE)]
+        rows.append([name, f"{triangles:.0f}", f"{covered:.0%}", *cells, *judged])
+    parts += [RELIEF_SCENES, table(["scene", "triangles", "covered", *relief.WAYS, "bar for linear", ""], rows)]
+    rows = []
+    for record in result.select(case="thin", quantity="end to end"):
+        missed = only(result.select(case="thin", quantity="missed", subject=record.subject))[0]
+        name = "safe" if record.subject == f"{relief.SAFE_STEPS}" else f"linear, {record.subject} steps"
+        rows.append([name, f"{missed:.2%}", number(median(record.values))])
+    parts += [RELIEF_THIN, table(["search", "missed", "ms"], rows)]
+    rows = []
+    for record in result.select(case="embree", quantity="end to end"):
+        more = {r.quantity: r.values[0] for r in result.select(case="embree", subject=record.subject)}
+        memory = number(more["memory"] / 2**20) if "memory" in more else ""
+        triangles = f"{more['triangles']:.0f}" if "triangles" in more else ""
+        rows.append([record.subject, str(Quartiles.of(record.values)), triangles, memory])
+    same = [r.values[0] for r in result.select(case="embree", quantity="silhouette (IoU)")]
+    note = f"The silhouettes' intersection over union is {same[0]:.3f}.\n" if same else ""
+    return [*parts, RELIEF_EMBREE, table(["", "ms", "triangles", "MiB"], rows), note]
+
+
 def startup_section(result: Result, folder: Path) -> list[str]:
     """Import, first frame, and memory, with their bars."""
     limits = {
@@ -359,5 +425,6 @@ SECTIONS = {
     "peers": peers_section,
     "raster": raster_section,
     "slicing": slicing_section,
+    "relief": relief_section,
     "startup": startup_section,
 }

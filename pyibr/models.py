@@ -179,6 +179,39 @@ def donut(sides: int = 25, radius: float = 1.0, tube: float = 0.4) -> Mesh:
     )
 
 
+def with_cylindrical_uv(mesh: Mesh, axis: int = 1) -> Mesh:
+    """Give a mesh uv as if a label were wrapped around it: u by the angle about its middle axis, v along that axis.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    axis : 0, 1 or 2
+        x, y or z; v runs against it, from 0 at the top to 1.
+
+    Returns
+    -------
+    Mesh
+        With the same surface and normals; vertices are split along the seam.
+
+    Examples
+    --------
+    >>> from pyibr import models
+    >>> tube = models.with_cylindrical_uv(models.donut(), axis=2)
+    >>> tube.uv.shape == (len(tube.vertices), 2)
+    True
+    """
+    if axis not in (0, 1, 2):
+        raise ArgumentError("axis", "0, 1 or 2", describe(axis))
+    low, high = (corner.astype(np.float64) for corner in mesh.bounds)
+    away = mesh.vertices - 0.5 * (low + high)
+    angle = np.arctan2(away[:, (axis + 1) % 3], away[:, (axis + 2) % 3]) / (2 * np.pi)
+    down = (high[axis] - mesh.vertices[:, axis]) / max(high[axis] - low[axis], 1e-30)
+    u = angle[mesh.faces]
+    u += np.where(u.max(axis=1, keepdims=True) - u > 0.5, 1.0, 0.0)  # across the seam
+    normals = mesh.normals if mesh.normals is not None else mesh.smooth_normals
+    return Mesh(mesh.vertices, mesh.faces, np.stack([u, down[mesh.faces]], axis=-1), normals, None, mesh.colors)
+
+
 def view(
     images: Sequence[DepthImage],
     size: tuple[int, int],

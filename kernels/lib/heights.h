@@ -21,7 +21,9 @@
 /* One level of a map; lanes may be on different ones. */
 typedef struct {
     intl width, height, start; /* start in texels */
+#if !POWERS_OF_TWO
     floatl per_width, per_height;
+#endif
 } HeightMap;
 
 /* The greatest whole number <= x, in both forms */

@@ -154,46 +154,75 @@ intl covered_by(const Triangles *t, int lane, int first_x, int first_y, floatl *
     return covered;
 }
 
-/* The corners of each lane's triangle, and their perspective-correct weights at the pixel (x, y) of the picture. Returns
- * twice the triangle's area as seen: > 0 from behind. */
-floatl corner_weights(global const int *corners, global const float *projected, intl index, floatl x, floatl y,
-                      intl *corner, floatl *weight)
+/* A pixel's place on a triangle: the triangle's corners, and their perspective-correct weights. */
+typedef struct {
+    intl corner[3];
+    floatl weight[3];
+    floatl area; /* twice the triangle's, as seen: > 0 from behind */
+    int uniform; /* all lanes are on one triangle */
+} Place;
+
+/* At the pixel (x, y) of the picture */
+Place place_on(global const int *corners, global const float *projected, intl index, floatl x, floatl y)
 {
-    floatl U[3], V[3], W[3], total = 0.0f, sum = 0.0f;
-    for (int k = 0; k < 3; k++) {
-        const intl face = 3 * index + k;
-        corner[k] = (intl)(gather(corners, face));
-        const intl at = 4 * corner[k], at_v = at + 1, at_w = at + 2;
-        W[k] = (floatl)(gather(projected, at_w));
-        U[k] = (floatl)(gather(projected, at)) - W[k] * x; /* relative to the pixel an edge's function is its c alone */
-        V[k] = (floatl)(gather(projected, at_v)) - W[k] * y;
+    Place p;
+    floatl U[3], V[3], W[3], sum = 0.0f;
+    const int one = *(const int *)&index;
+    p.uniform = !any_lane(index != one);
+    for (int k = 0; k < 3; k++) { /* relative to the pixel an edge's function is its c alone */
+        if (p.uniform) {
+            const int corner = corners[3 * one + k];
+            const float4 at = vload4(corner, projected);
+            p.corner[k] = corner;
+            W[k] = at.z;
+            U[k] = at.x - at.z * x;
+            V[k] = at.y - at.z * y;
+        } else {
+            const intl face = 3 * index + k;
+            p.corner[k] = (intl)(gather(corners, face));
+            const intl at = 4 * p.corner[k], at_v = at + 1, at_w = at + 2;
+            W[k] = (floatl)(gather(projected, at_w));
+            U[k] = (floatl)(gather(projected, at)) - W[k] * x;
+            V[k] = (floatl)(gather(projected, at_v)) - W[k] * y;
+        }
     }
+    p.area = 0.0f;
     for (int k = 0; k < 3; k++) {
         const int i = (k + 1) % 3, j = (k + 2) % 3;
-        weight[k] = U[i] * V[j] - V[i] * U[j];
-        total += weight[k];
+        p.weight[k] = U[i] * V[j] - V[i] * U[j];
+        p.area += p.weight[k];
     }
+    const floatl sign = pick(p.area < 0.0f, (floatl)-1.0f, (floatl)1.0f);
     for (int k = 0; k < 3; k++) { /* none from beyond the triangle, as in `covered_by` */
-        weight[k] = greater(weight[k] / total, (floatl)0.0f);
-        sum += weight[k];
+        p.weight[k] = greater(p.weight[k] * sign, (floatl)0.0f);
+        sum += p.weight[k];
     }
+    const floatl inverse = 1.0f / sum;
     for (int k = 0; k < 3; k++)
-        weight[k] /= sum;
-    return total;
+        p.weight[k] *= inverse;
+    return p;
 }
 
 /* The means of the corners' values, by weights: `rows` of 16 floats a vertex, a mean each */
-void corner_means(global const float *rows, const intl *corner, const floatl *weight, floatl *means)
+void corner_means(global const float *rows, const Place *p, floatl *means)
 {
 #if LANES == 16
+    if (p->uniform) {
+        const float16 a = vload16(*(const int *)&p->corner[0], rows), b = vload16(*(const int *)&p->corner[1], rows),
+                      c = vload16(*(const int *)&p->corner[2], rows);
+        for (int part = 0; part < 16; part++)
+            means[part] = p->weight[0] * ((const float *)&a)[part] + p->weight[1] * ((const float *)&b)[part] +
+                          p->weight[2] * ((const float *)&c)[part];
+        return;
+    }
     for (int lane = 0; lane < LANES; lane++)
-        means[lane] = FLOAT_OF(weight[0]) * vload16(INT_OF(corner[0]), rows) +
-                      FLOAT_OF(weight[1]) * vload16(INT_OF(corner[1]), rows) +
-                      FLOAT_OF(weight[2]) * vload16(INT_OF(corner[2]), rows);
+        means[lane] = FLOAT_OF(p->weight[0]) * vload16(INT_OF(p->corner[0]), rows) +
+                      FLOAT_OF(p->weight[1]) * vload16(INT_OF(p->corner[1]), rows) +
+                      FLOAT_OF(p->weight[2]) * vload16(INT_OF(p->corner[2]), rows);
     transpose(means);
 #else
     for (int part = 0; part < 16; part++)
-        means[part] = weight[0] * rows[16 * corner[0] + part] + weight[1] * rows[16 * corner[1] + part] +
-                      weight[2] * rows[16 * corner[2] + part];
+        means[part] = p->weight[0] * rows[16 * p->corner[0] + part] + p->weight[1] * rows[16 * p->corner[1] + part] +
+                      p->weight[2] * rows[16 * p->corner[2] + part];
 #endif
 }

@@ -75,11 +75,9 @@ Entry entry_of(global const int *faces, global const float *projected, global co
                intl index, floatl x, floatl y, floatl direction_x, floatl direction_y, floatl direction_z)
 {
     Entry e;
-    intl corner[3];
-    floatl weight[3];
-    corner_weights(faces, projected, index, x, y, corner, weight);
+    const Place place = place_on(faces, projected, index, x, y);
     floatl of_vertex[16];
-    corner_means(vertices, corner, weight, of_vertex);
+    corner_means(vertices, &place, of_vertex);
     e.u = of_vertex[0];
     e.v = of_vertex[1];
     e.nx = of_vertex[2];
@@ -128,6 +126,7 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
     const Context context = {faces, projected, screen, nearest_w, &layers};
     const int bin = y / BIN * bins_x + x / BIN, map_width = levels[0], map_height = levels[1];
     const float *m = screen.to_world, *f = screen.from_world;
+    const float per_scale = 1.0f / scale;
     Region region;
     begin_region(&region, screen, depth, blank, x, y);
     for (int block = 0; block < BLOCKS; block++) {
@@ -169,10 +168,10 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
             ray.dv = e.vx * e.wx + e.vy * e.wy + e.vz * e.wz;
             const floatl u_2 = e.ux * e.ux + e.uy * e.uy + e.uz * e.uz;
             const floatl v_2 = e.wx * e.wx + e.wy * e.wy + e.wz * e.wz;
-            const floatl x_2 = ray.du * ray.du / fmax(u_2, (floatl)1e-30f); /* of the direction along x */
-            const floatl y_2 = fmax(1.0f - cosine * cosine - x_2, (floatl)0.0f);
-            ray.L = greater(-cosine, (floatl)LEAST_COSINE) / scale;
-            ray.K = quadric ? (e.a * x_2 + e.b * y_2) / scale : (floatl)0.0f;
+            const floatl x_2 = ray.du * ray.du / greater(u_2, (floatl)1e-30f); /* of the direction along x */
+            const floatl y_2 = greater(1.0f - cosine * cosine - x_2, (floatl)0.0f);
+            ray.L = greater(-cosine, (floatl)LEAST_COSINE) * per_scale;
+            ray.K = quadric ? (e.a * x_2 + e.b * y_2) * per_scale : (floatl)0.0f;
 #if DISTANCE == EXACT
             ray.vz = lesser(cosine, (floatl)-LEAST_COSINE);
             ray.a_xx = quadric ? e.a * x_2 : (floatl)0.0f;
@@ -186,7 +185,7 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
             set_end(&ray);
             /* Texels in a pixel that sees the surface straight on */
             const floatl distance = screen.perspective ? 1.0f / n : (floatl)1.0f;
-            floatl texels_2 = fmax(u_2 * (map_width * map_width), v_2 * (map_height * map_height)) *
+            floatl texels_2 = greater(u_2 * (map_width * map_width), v_2 * (map_height * map_height)) *
                                     (distance * distance * (pixel_size * pixel_size));
             texels_2 = pick(active, texels_2, (floatl)1.0f);
             const intl doublings = (as_intl(greater(texels_2, (floatl)1.0f)) >> 23) - 127; /* its log2, rounded down */

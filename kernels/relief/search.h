@@ -112,8 +112,10 @@ Track track_of(const ReliefRay *ray, global const int *levels)
     k.map.height = TABLE_AT(levels, ray->level, 1);
     k.map.start = TABLE_AT(levels, ray->level, 2);
     const floatl width = to_floatl(k.map.width), height = to_floatl(k.map.height);
+#if !POWERS_OF_TWO
     k.map.per_width = 1.0f / width;
     k.map.per_height = 1.0f / height;
+#endif
     k.x = ray->u * width - 0.5f;
     k.y = ray->v * height - 0.5f;
     k.dx = ray->du * width;

@@ -121,7 +121,7 @@ def fitted_quadrics(
     x, y, z = (np.einsum("nc,nc->n", away, axes[owner]) for axes in (x_axis, y_axis, normals))
 
     def sums(values: Float64) -> Float64:
-        return np.bincount(owner, values, len(vertices))
+        return np.bincount(owner, values, len(vertices)).astype(np.float64)
 
     xx, xy, yy = sums(x**4), sums(x * x * y * y), sums(y**4)
     xz, yz = sums(x * x * z), sums(y * y * z)

@@ -175,6 +175,7 @@ def test_everything_runs_quickly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         "## Peers",
         "## Triangles",
         "## Slices",
+        "## Relief",
         "## Start and memory",
     ):
         assert heading in text
