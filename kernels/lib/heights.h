@@ -26,20 +26,20 @@ typedef struct {
 #endif
 } HeightMap;
 
-/* The greatest whole number <= x, in both forms */
-#define FLOOR(x, whole, number)                                                                                \
-    intl number = to_intl(x);                                                                                  \
-    floatl whole = to_floatl(number);                                                                          \
-    {                                                                                                          \
-        const intl above = (whole) > (x);                                                                      \
-        whole = pick(above, whole - 1.0f, whole);                                                              \
-        number = pick(above, number - 1, number);                                                              \
-    }
-
-/* A whole number of texels, in both forms, moved into the tile */
+/* FLOOR: the greatest whole number <= x, also as an int. TILED: that int, moved into the tile. */
 #if POWERS_OF_TWO
+/* Added, it leaves no bits for fractions, and the last bits are those of the whole number: |x| < 2^22. A whole x may
+ * yield x - 1, and a fraction of 1. */
+#define WHOLE_BITS 12582912.0f
+#define FLOOR(x, whole, number)                                                                                \
+    const floatl number##_bits = ((x) - 0.5f) + WHOLE_BITS;                                                    \
+    const floatl whole = number##_bits - WHOLE_BITS;                                                           \
+    const intl number = as_intl(number##_bits);
 #define TILED(whole, number, size, per_size) ((number) & ((size) - 1))
 #else
+#define FLOOR(x, whole, number)                                                                                \
+    const floatl whole = floor_lanes(x);                                                                       \
+    const intl number = to_intl(whole);
 #define TILED(whole, number, size, per_size) ((number) - (size) * to_intl(floor_lanes(((whole) + 0.5f) * (per_size))))
 #endif
 

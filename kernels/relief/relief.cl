@@ -65,41 +65,84 @@ void cover(const Context *context, const Primitives *t, int lane, Region *region
 
 #include "raster/list.h"
 
-/* A pixel's ray where it enters: what the vertices say there */
+/* What the vertices say where a pixel's ray enters */
 typedef struct {
-    floatl vx, vy, vz; /* direction in the world, unit length */
-    floatl u, v, nx, ny, nz, ux, uy, uz, wx, wy, wz, a, b; /* w: the gradient of v */
+    floatl u, v, nx, ny, nz, ux, uy, uz, wx, wy, wz, a, b; /* n: unit length; w: the gradient of v */
 } Entry;
 
-Entry entry_of(global const int *faces, global const float *projected, global const float *vertices, Screen screen,
-               intl index, floatl x, floatl y, floatl direction_x, floatl direction_y, floatl direction_z)
+Entry entry_of(global const int *faces, global const float *projected, global const float *vertices, intl index,
+               floatl x, floatl y)
 {
-    Entry e;
     const Place place = place_on(faces, projected, index, x, y);
     floatl of_vertex[16];
     corner_means(vertices, &place, of_vertex);
-    e.u = of_vertex[0];
-    e.v = of_vertex[1];
-    e.nx = of_vertex[2];
-    e.ny = of_vertex[3];
-    e.nz = of_vertex[4];
-    e.ux = of_vertex[5];
-    e.uy = of_vertex[6];
-    e.uz = of_vertex[7];
-    e.wx = of_vertex[8];
-    e.wy = of_vertex[9];
-    e.wz = of_vertex[10];
-    e.a = of_vertex[11];
-    e.b = of_vertex[12];
-    const floatl normal = 1.0f / sqrt(fmax(e.nx * e.nx + e.ny * e.ny + e.nz * e.nz, (floatl)1e-20f));
-    e.nx *= normal;
-    e.ny *= normal;
-    e.nz *= normal;
-    const floatl unit = 1.0f / sqrt(direction_x * direction_x + direction_y * direction_y + direction_z * direction_z);
-    e.vx = direction_x * unit;
-    e.vy = direction_y * unit;
-    e.vz = direction_z * unit;
+    const floatl nx = of_vertex[2], ny = of_vertex[3], nz = of_vertex[4];
+    const floatl unit = 1.0f / sqrt(greater(nx * nx + ny * ny + nz * nz, (floatl)1e-20f));
+    const Entry e = {of_vertex[0], of_vertex[1], nx * unit, ny * unit, nz * unit, of_vertex[5], of_vertex[6],
+                     of_vertex[7], of_vertex[8], of_vertex[9], of_vertex[10], of_vertex[11], of_vertex[12]};
     return e;
+}
+
+/* Unit vector in the world */
+typedef struct {
+    floatl x, y, z;
+} Direction;
+
+/* In which the picture sees the point (x, y, z) */
+Direction towards(Screen screen, floatl x, floatl y, floatl z)
+{
+    const float *m = screen.to_world;
+    Direction d = {-m[3], -m[7], -m[11]}; /* of an orthographic picture */
+    if (screen.perspective) {
+        d.x = x - m[3] / m[15];
+        d.y = y - m[7] / m[15];
+        d.z = z - m[11] / m[15];
+    }
+    const floatl unit = 1.0f / sqrt(d.x * d.x + d.y * d.y + d.z * d.z);
+    d.x *= unit;
+    d.y *= unit;
+    d.z *= unit;
+    return d;
+}
+
+/* The ray in texture space (section 3.4), but for its level and end */
+void set_ray(ReliefRay *ray, const Entry *e, Direction d, int quadric, float scale)
+{
+    const float per_scale = 1.0f / scale;
+    const floatl cosine = d.x * e->nx + d.y * e->ny + d.z * e->nz; /* < 0: it enters */
+    ray->u = e->u - floor_lanes(e->u);
+    ray->v = e->v - floor_lanes(e->v);
+    ray->du = d.x * e->ux + d.y * e->uy + d.z * e->uz;
+    ray->dv = d.x * e->wx + d.y * e->wy + d.z * e->wz;
+    const floatl u_2 = e->ux * e->ux + e->uy * e->uy + e->uz * e->uz;
+    const floatl x_2 = ray->du * ray->du / greater(u_2, (floatl)1e-30f); /* of the direction along x */
+    const floatl y_2 = greater(1.0f - cosine * cosine - x_2, (floatl)0.0f);
+    ray->L = greater(-cosine, (floatl)LEAST_COSINE) * per_scale;
+    ray->K = quadric ? (e->a * x_2 + e->b * y_2) * per_scale : (floatl)0.0f;
+#if DISTANCE == EXACT
+    ray->vz = lesser(cosine, (floatl)-LEAST_COSINE);
+    ray->a_xx = quadric ? e->a * x_2 : (floatl)0.0f;
+    ray->b_yy = quadric ? e->b * y_2 : (floatl)0.0f;
+    ray->aa_xx = e->a * ray->a_xx;
+    ray->bb_yy = e->b * ray->b_yy;
+    ray->scale = scale;
+#endif
+}
+
+intl is_sound(const ReliefRay *ray)
+{
+    return isfinite_lanes(ray->u + ray->v + ray->du + ray->dv + ray->K);
+}
+
+/* The level of the map whose texels are as large as a pixel that sees the surface straight on, `size` scene units */
+intl level_of(const Entry *e, global const int *levels, int level_count, floatl size, intl enters)
+{
+    const floatl u_2 = e->ux * e->ux + e->uy * e->uy + e->uz * e->uz;
+    const floatl v_2 = e->wx * e->wx + e->wy * e->wy + e->wz * e->wz;
+    const floatl texels_2 = greater(u_2 * (levels[0] * levels[0]), v_2 * (levels[1] * levels[1])) * size * size;
+    const floatl sound = pick(enters & isfinite_lanes(texels_2), texels_2, (floatl)1.0f);
+    const intl doublings = (as_intl(greater(sound, (floatl)1.0f)) >> 23) - 127; /* its log2, rounded down */
+    return min(doublings >> 1, (intl)(level_count - 1));
 }
 
 kernel void draw_relief(global const int *faces, global const float *projected, global const int *list,
@@ -124,9 +167,8 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
         return;
     Layers layers;
     const Context context = {faces, projected, screen, nearest_w, &layers};
-    const int bin = y / BIN * bins_x + x / BIN, map_width = levels[0], map_height = levels[1];
+    const int bin = y / BIN * bins_x + x / BIN;
     const float *m = screen.to_world, *f = screen.from_world;
-    const float per_scale = 1.0f / scale;
     Region region;
     begin_region(&region, screen, depth, blank, x, y);
     for (int block = 0; block < BLOCKS; block++) {
@@ -140,80 +182,68 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
         }
         draw_list(&context, &region, list, starts[bin], starts[bin + 1], x, y);
         again = 0;
-        for (int block = 0; block < BLOCKS; block++) {
-            const intl entered = layers.entered[block], enters = entered >= 0;
-            if (!any_lane(enters)) {
-                layers.beyond[block] = -INFINITY;
+        for (int block = 0; block < BLOCKS; block += TWINS) {
+            intl entered[TWINS], searched[TWINS];
+            int any = 0;
+            for (int k = 0; k < TWINS; k++) {
+                entered[k] = layers.entered[block + k];
+                any |= any_lane(entered[k] >= 0);
+            }
+            if (!any) {
+                for (int k = 0; k < TWINS; k++)
+                    layers.beyond[block + k] = -INFINITY;
                 continue;
             }
-            const floatl px = to_floatl(x + block % ROW * BLOCK + block_x), py = to_floatl(y + block / ROW * BLOCK + block_y);
-            const floatl n = layers.first[block];
-            const floatl inverse = 1.0f / (PIXEL_ROW(m, 3, px, py) + n * m[15]);
-            const floatl X = (PIXEL_ROW(m, 0, px, py) + n * m[3]) * inverse;
-            const floatl Y = (PIXEL_ROW(m, 1, px, py) + n * m[7]) * inverse;
-            const floatl Z = (PIXEL_ROW(m, 2, px, py) + n * m[11]) * inverse;
-            floatl ahead_x = -m[3], ahead_y = -m[7], ahead_z = -m[11]; /* of an orthographic picture */
-            if (screen.perspective) {
-                ahead_x = X - m[3] / m[15];
-                ahead_y = Y - m[7] / m[15];
-                ahead_z = Z - m[11] / m[15];
+            Search searches[TWINS];
+            floatl X[TWINS], Y[TWINS], Z[TWINS];
+            Direction direction[TWINS];
+            for (int k = 0; k < TWINS; k++) {
+                const int at = block + k;
+                const floatl px = to_floatl(x + at % ROW * BLOCK + block_x), py = to_floatl(y + at / ROW * BLOCK + block_y);
+                const floatl n = layers.first[at], inverse = 1.0f / (PIXEL_ROW(m, 3, px, py) + n * m[15]);
+                X[k] = (PIXEL_ROW(m, 0, px, py) + n * m[3]) * inverse;
+                Y[k] = (PIXEL_ROW(m, 1, px, py) + n * m[7]) * inverse;
+                Z[k] = (PIXEL_ROW(m, 2, px, py) + n * m[11]) * inverse;
+                direction[k] = towards(screen, X[k], Y[k], Z[k]);
+                const intl enters = entered[k] >= 0;
+                const Entry e = entry_of(faces, projected, vertices, pick(enters, entered[k], (intl)0), px, py);
+                set_ray(&searches[k].ray, &e, direction[k], quadric, scale);
+                const floatl distance = screen.perspective ? 1.0f / n : (floatl)1.0f;
+                searches[k].ray.level = level_of(&e, levels, level_count, distance * pixel_size, enters);
+                searches[k].active = searched[k] = enters & is_sound(&searches[k].ray);
+                rest(&searches[k].ray, searched[k]);
+                set_end(&searches[k].ray);
+                searches[k].track = track_of(&searches[k].ray, levels);
             }
-            const Entry e = entry_of(faces, projected, vertices, screen, pick(enters, entered, (intl)0), px, py, ahead_x,
-                                     ahead_y, ahead_z);
-            ReliefRay ray;
-            const floatl cosine = e.vx * e.nx + e.vy * e.ny + e.vz * e.nz; /* < 0: it enters */
-            ray.u = e.u - floor_lanes(e.u);
-            ray.v = e.v - floor_lanes(e.v);
-            ray.du = e.vx * e.ux + e.vy * e.uy + e.vz * e.uz;
-            ray.dv = e.vx * e.wx + e.vy * e.wy + e.vz * e.wz;
-            const floatl u_2 = e.ux * e.ux + e.uy * e.uy + e.uz * e.uz;
-            const floatl v_2 = e.wx * e.wx + e.wy * e.wy + e.wz * e.wz;
-            const floatl x_2 = ray.du * ray.du / greater(u_2, (floatl)1e-30f); /* of the direction along x */
-            const floatl y_2 = greater(1.0f - cosine * cosine - x_2, (floatl)0.0f);
-            ray.L = greater(-cosine, (floatl)LEAST_COSINE) * per_scale;
-            ray.K = quadric ? (e.a * x_2 + e.b * y_2) * per_scale : (floatl)0.0f;
-#if DISTANCE == EXACT
-            ray.vz = lesser(cosine, (floatl)-LEAST_COSINE);
-            ray.a_xx = quadric ? e.a * x_2 : (floatl)0.0f;
-            ray.b_yy = quadric ? e.b * y_2 : (floatl)0.0f;
-            ray.aa_xx = e.a * ray.a_xx;
-            ray.bb_yy = e.b * ray.b_yy;
-            ray.scale = scale;
-#endif
-            const intl active = enters & isfinite_lanes(ray.u + ray.v + ray.du + ray.dv + ray.K);
-            rest(&ray, active);
-            set_end(&ray);
-            /* Texels in a pixel that sees the surface straight on */
-            const floatl distance = screen.perspective ? 1.0f / n : (floatl)1.0f;
-            floatl texels_2 = greater(u_2 * (map_width * map_width), v_2 * (map_height * map_height)) *
-                                    (distance * distance * (pixel_size * pixel_size));
-            texels_2 = pick(active, texels_2, (floatl)1.0f);
-            const intl doublings = (as_intl(greater(texels_2, (floatl)1.0f)) >> 23) - 127; /* its log2, rounded down */
-            ray.level = min(doublings >> 1, (intl)(level_count - 1));
-            intl found;
-            const Track track = track_of(&ray, levels);
-            const floatl t = search == SAFE ? safe_search(&ray, &track, texels, bounds, levels, active, &found)
-                                            : linear_search(&ray, &track, texels, steps, halvings, active, &found);
-            const floatl hx = X + t * e.vx, hy = Y + t * e.vy, hz = Z + t * e.vz;
-            const floatl hit_w = f[8] * hx + f[9] * hy + f[10] * hz + f[11];
-            const floatl hit_q = f[12] * hx + f[13] * hy + f[14] * hz + f[15];
-            const floatl nearness = hit_q / hit_w, so_far = region.nearness[block];
-            const intl nearer = active & found & (nearness > so_far);
-            region.nearness[block] = pick(nearer, nearness, so_far);
-            region.owner[block] = pick(nearer, entered, region.owner[block]);
-            region.u[block] = pick(nearer, ray.u + ray.du * t, region.u[block]);
-            region.v[block] = pick(nearer, ray.v + ray.dv * t, region.v[block]);
+            if (search == SAFE)
+                safe_search(searches, texels, bounds, levels);
+            else
+                linear_search(searches, texels, steps, halvings);
+            for (int k = 0; k < TWINS; k++) {
+                const int at = block + k;
+                const ReliefRay *ray = &searches[k].ray;
+                const floatl t = searches[k].t;
+                const floatl hx = X[k] + t * direction[k].x, hy = Y[k] + t * direction[k].y, hz = Z[k] + t * direction[k].z;
+                const floatl hit_w = f[8] * hx + f[9] * hy + f[10] * hz + f[11];
+                const floatl hit_q = f[12] * hx + f[13] * hy + f[14] * hz + f[15];
+                const floatl nearness = hit_q / hit_w, so_far = region.nearness[at];
+                const intl nearer = searched[k] & searches[k].found & (nearness > so_far);
+                region.nearness[at] = pick(nearer, nearness, so_far);
+                region.owner[at] = pick(nearer, entered[k], region.owner[at]);
+                region.u[at] = pick(nearer, ray->u + ray->du * t, region.u[at]);
+                region.v[at] = pick(nearer, ray->v + ray->dv * t, region.v[at]);
 #ifdef COUNTED
-            for (int lane = 0; lane < LANES; lane++) {
-                const int at_x = x + block % ROW * BLOCK + lane % BLOCK, at_y = y + block / ROW * BLOCK + lane / BLOCK;
-                if (((const int *)&enters)[lane] && at_x < screen.width && at_y < screen.height)
-                    counts[(size_t)at_y * screen.width + at_x]++;
-            }
+                for (int lane = 0; lane < LANES; lane++) {
+                    const int at_x = x + at % ROW * BLOCK + lane % BLOCK, at_y = y + at / ROW * BLOCK + lane / BLOCK;
+                    if (INT_OF(entered[k]) >= 0 && at_x < screen.width && at_y < screen.height)
+                        counts[(size_t)at_y * screen.width + at_x]++;
+                }
 #endif
-            const intl more = enters & (layers.second[block] > region.nearness[block]);
-            layers.beyond[block] = pick(more, n, (floatl)-INFINITY);
-            layers.beyond_index[block] = entered;
-            again |= any_lane(more);
+                const intl more = (entered[k] >= 0) & (layers.second[at] > region.nearness[at]);
+                layers.beyond[at] = pick(more, layers.first[at], (floatl)-INFINITY);
+                layers.beyond_index[at] = entered[k];
+                again |= any_lane(more);
+            }
         }
     }
 

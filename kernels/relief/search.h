@@ -18,6 +18,12 @@
 #endif
 #define TABLE 20         /* ints of a level */
 #define STEPS_MOST 4096  /* of a safe search */
+#if LANES == 16
+#define TWINS 2 /* rays that are searched in turns, so that one's arithmetic fills the other's waits */
+#else
+#define TWINS 1
+#endif
+#define FIRST_TIER 2     /* where a safe search starts */
 #define NUDGE 1e-3f      /* texels: into the cell that a ray enters */
 #define TILES_MOST 1e3f  /* that a ray crosses, so that numbers stay small */
 #define CELL_PARTS 4     /* of a cell, in a search by EXACT */
@@ -123,116 +129,171 @@ Track track_of(const ReliefRay *ray, global const int *levels)
     return k;
 }
 
-/* The paper's search: `steps` even ones, then `halvings` of the last. Returns t where `found`. */
-floatl linear_search(const ReliefRay *ray, const Track *k, global const uint *texels, int steps, int halvings,
-                     intl active, intl *found)
+/* A search on its way */
+typedef struct {
+    ReliefRay ray;
+    Track track;
+    intl active; /* searches still */
+    intl found;
+    floatl t;      /* so far; in the end, where it is found */
+    floatl before; /* linear: the last point above the surface */
+    intl tier;     /* safe: of the bounds */
+    floatl per_x, per_y, nudge, peak;
+} Search;
+
+/* Is the ray at or below the surface? */
+intl is_below(const Search *s, global const uint *texels, floatl t)
 {
-    const floatl step = ray->end * (1.0f / steps);
-    floatl after = ray->end;
-    intl searches = active;
-    for (int i = 1; i <= steps && any_lane(searches); i++) {
-        const floatl t = step * i;
-        const intl below = depth_of(ray, t) >= 1.0f - HEIGHT_UNIT * height_in(texels, k->map, k->x + k->dx * t, k->y + k->dy * t);
-        after = pick(searches & below, t, after);
-        searches = searches & !below;
+    const Track *k = &s->track;
+    return depth_of(&s->ray, t) >= 1.0f - HEIGHT_UNIT * height_in(texels, k->map, k->x + k->dx * t, k->y + k->dy * t);
+}
+
+/* The paper's search: `steps` even ones, then `halvings` of the last. */
+void linear_search(Search *searches, global const uint *texels, int steps, int halvings)
+{
+    floatl step[TWINS];
+    for (int k = 0; k < TWINS; k++) {
+        Search *s = searches + k;
+        step[k] = s->ray.end * (1.0f / steps);
+        s->t = s->ray.end;
+        s->found = s->active;
     }
-    const intl inside = active & !searches;
-    floatl before = after - step;
-    for (int i = 0; i < halvings; i++) {
-        const floatl t = 0.5f * (before + after);
-        const intl below = depth_of(ray, t) >= 1.0f - HEIGHT_UNIT * height_in(texels, k->map, k->x + k->dx * t, k->y + k->dy * t);
-        after = pick(below & inside, t, after);
-        before = pick(below, before, t);
+    for (int i = 1; i <= steps; i++) {
+        int going = 0;
+        for (int k = 0; k < TWINS; k++) {
+            Search *s = searches + k;
+            if (!any_lane(s->active))
+                continue;
+            const floatl t = step[k] * i;
+            const intl below = is_below(s, texels, t);
+            s->t = pick(s->active & below, t, s->t);
+            s->active = s->active & !below;
+            going = 1;
+        }
+        if (!going)
+            break;
     }
-    *found = active & (inside | ray->at_bottom);
-    return after;
+    for (int k = 0; k < TWINS; k++)
+        searches[k].before = searches[k].t - step[k];
+    for (int i = 0; i < halvings; i++)
+        for (int k = 0; k < TWINS; k++) {
+            Search *s = searches + k;
+            const floatl t = 0.5f * (s->before + s->t);
+            const intl below = is_below(s, texels, t);
+            s->t = pick(below & !s->active, t, s->t);
+            s->before = pick(below, s->before, t);
+        }
+    for (int k = 0; k < TWINS; k++)
+        searches[k].found = searches[k].found & (!searches[k].active | searches[k].ray.at_bottom);
+}
+
+/* Where in the cell of a patch, which the ray crosses from t to `leaves`, does it meet the surface? (fx, fy): at t, in
+ * the cell. Sets t where it does, which it returns. */
+intl solve_cell(Search *s, Patch p, floatl fx, floatl fy, floatl leaves, intl tries)
+{
+    const ReliefRay *ray = &s->ray;
+    const floatl t = s->t, dx = s->track.dx, dy = s->track.dy;
+    const floatl corner = p.aa * HEIGHT_UNIT, slope_x = (p.ab - p.aa) * HEIGHT_UNIT;
+    const floatl slope_y = (p.ba - p.aa) * HEIGHT_UNIT, twist = (p.aa - p.ab - p.ba + p.bb) * HEIGHT_UNIT;
+#if DISTANCE == EXACT
+    floatl before = t, after = t;
+    intl within = 0;
+    for (int part = 0; part <= CELL_PARTS; part++) {
+        const floatl z = t + (leaves - t) * (part * (1.0f / CELL_PARTS)), gx = fx + dx * (z - t), gy = fy + dy * (z - t);
+        const intl now = !within & (depth_of(ray, z) >= 1.0f - (corner + slope_x * gx + slope_y * gy + twist * gx * gy));
+        after = pick(within, after, z);
+        within = within | now;
+        before = pick(within, before, z);
+    }
+    for (int part = 0; part < 8; part++) {
+        const floatl z = 0.5f * (before + after), gx = fx + dx * (z - t), gy = fy + dy * (z - t);
+        const intl now = depth_of(ray, z) >= 1.0f - (corner + slope_x * gx + slope_y * gy + twist * gx * gy);
+        after = pick(now, z, after);
+        before = pick(now, before, z);
+    }
+    const intl met = tries & within;
+    s->t = pick(met, after, t);
+#else
+    /* Ray less surface is F0 + F1 ahead + F2 ahead^2, F0 < 0 above the surface. */
+    const floatl F0 = depth_of(ray, t) - 1.0f + corner + slope_x * fx + slope_y * fy + twist * fx * fy;
+    const floatl F1 = ray->L + 2.0f * ray->K * t + slope_x * dx + slope_y * dy + twist * (fx * dy + fy * dx);
+    const floatl F2 = ray->K + twist * dx * dy;
+    const floatl discriminant = F1 * F1 - 4.0f * F2 * F0;
+    const floatl ahead = 2.0f * F0 / (-F1 - sqrt(greater(discriminant, (floatl)0.0f)));
+    const intl crosses = (discriminant >= 0.0f) & (ahead >= 0.0f) & (ahead <= (leaves - t) + s->nudge);
+    const intl met = tries & ((F0 >= 0.0f) | crosses);
+    s->t = pick(met, lesser(t + pick(F0 >= 0.0f, (floatl)0.0f, ahead), ray->end), t);
+#endif
+    return met;
+}
+
+/* One step of a safe search: across a cell that the ray stays above, or down to its quarters. */
+void safe_step(Search *s, global const uint *texels, global const ushort *bounds, global const int *levels)
+{
+    const ReliefRay *ray = &s->ray;
+    const intl width = s->track.map.width, height = s->track.map.height, tier = s->tier;
+    const floatl x0 = s->track.x, y0 = s->track.y, dx = s->track.dx, dy = s->track.dy, t = s->t;
+    /* The cell just after t, in the tile */
+    const floatl inside = t + s->nudge, at_x = x0 + dx * inside, at_y = y0 + dy * inside;
+    FLOOR(at_x, cx, ix)
+    FLOOR(at_y, cy, iy)
+    const intl tx = TILED(cx, ix, width, s->track.map.per_width), ty = TILED(cy, iy, height, s->track.map.per_height);
+    const intl column = tx >> tier, row = ty >> tier, row_length = ((width - 1) >> tier) + 1;
+    const intl bound_at = TABLE_AT(levels, ray->level, 4 + tier) + row * row_length + column;
+    const floatl highest = to_floatl((intl)(gather(bounds, bound_at))) * (1.0f / 65535.0f);
+    const intl first_x = column << tier, first_y = row << tier, one = (intl)1 << tier;
+    const intl side_x = pick(dx > 0.0f, min(first_x + one, width), first_x);
+    const intl side_y = pick(dy > 0.0f, min(first_y + one, height), first_y);
+    const floatl t_x = (cx + to_floatl(side_x - tx) - x0) * s->per_x, t_y = (cy + to_floatl(side_y - ty) - y0) * s->per_y;
+    const floatl leaves = lesser(greater(lesser(t_x, t_y), inside), ray->end);
+    const floatl turn = lesser(greater(s->peak, t), leaves);
+    const floatl deepest = greater(greater(depth_of(ray, t), depth_of(ray, leaves)), depth_of(ray, turn));
+    const intl is_free = deepest < 1.0f - highest, at_leaf = tier == 0, solves = s->active & !is_free & at_leaf;
+    /* Up a tier where the ray leaves the parent, too. */
+    const intl by_x = t_x <= t_y, index = pick(by_x, column, row);
+    const intl forward = pick(by_x, dx, dy) > 0.0f, odd = (index & 1) != 0;
+    const intl ends = pick(by_x, side_x == width, side_y == height);
+    const intl up = (forward & (odd | ends)) | (!forward & !odd);
+    intl met = 0;
+    if (any_lane(solves))
+        met = solve_cell(s, read_patch(texels, s->track.map, tx, ty), x0 + dx * t - cx, y0 + dy * t - cy, leaves, solves);
+    s->found = s->found | met;
+    s->active = s->active & !met;
+    const intl passes = s->active & (is_free | at_leaf);
+    s->t = pick(passes, leaves, s->t);
+    s->tier = pick(passes, tier + pick(up, (intl)1, (intl)0), pick(s->active, tier - 1, tier));
+    s->tier = min(s->tier, TABLE_AT(levels, ray->level, 3) - 1);
+    s->active = s->active & (s->t < ray->end);
 }
 
 /* No step is longer than the bounds allow, so nothing is stepped over: cells whose greatest height stays below the ray
  * are crossed at once, and a cell between 2x2 texels is solved. */
-floatl safe_search(const ReliefRay *ray, const Track *k, global const uint *texels, global const ushort *bounds,
-                   global const int *levels, intl active, intl *found)
+void safe_search(Search *searches, global const uint *texels, global const ushort *bounds, global const int *levels)
 {
-    const intl width = k->map.width, height = k->map.height;
-    const intl top = TABLE_AT(levels, ray->level, 3) - 1;
-    const floatl x0 = k->x, y0 = k->y, dx = k->dx, dy = k->dy;
-    const floatl per_x = 1.0f / pick(fabs(dx) < 1e-20f, (floatl)1e-20f, dx);
-    const floatl per_y = 1.0f / pick(fabs(dy) < 1e-20f, (floatl)1e-20f, dy);
-    const floatl nudge = NUDGE * fmin(fabs(per_x), fabs(per_y));
-    const floatl peak = pick(ray->K < 0.0f, -0.5f * ray->L / ray->K, (floatl)INFINITY); /* deepest there */
-    intl tier = min(top, (intl)2), hit = 0;
-    floatl t = 0.0f, at = ray->end;
-    active = active & (ray->end > 0.0f);
-    for (int i = 0; i < STEPS_MOST && any_lane(active); i++) {
-        /* The cell just after t, in the tile */
-        const floatl inside = t + nudge;
-        const floatl at_x = x0 + dx * inside, at_y = y0 + dy * inside;
-        FLOOR(at_x, cx, ix)
-        FLOOR(at_y, cy, iy)
-        const intl tx = TILED(cx, ix, width, k->map.per_width), ty = TILED(cy, iy, height, k->map.per_height);
-        const intl column = tx >> tier, row = ty >> tier;
-        const intl first_x = column << tier, first_y = row << tier, one = (intl)1 << tier;
-        const intl side_x = pick(dx > 0.0f, min(first_x + one, width), first_x);
-        const intl side_y = pick(dy > 0.0f, min(first_y + one, height), first_y);
-        const floatl t_x = (cx + to_floatl(side_x - tx) - x0) * per_x, t_y = (cy + to_floatl(side_y - ty) - y0) * per_y;
-        const floatl leaves = lesser(greater(lesser(t_x, t_y), inside), ray->end);
-
-        const intl row_length = ((width - 1) >> tier) + 1;
-        const intl bound_at = TABLE_AT(levels, ray->level, 4 + tier) + row * row_length + column;
-        const floatl highest = to_floatl((intl)(gather(bounds, bound_at))) * (1.0f / 65535.0f);
-        const floatl lowest = 1.0f - highest; /* depth of the surface in the cell */
-        floatl deepest = greater(depth_of(ray, t), depth_of(ray, leaves));
-        const floatl turn = lesser(greater(peak, t), leaves);
-        deepest = greater(deepest, depth_of(ray, turn));
-        const intl is_free = deepest < lowest, at_leaf = tier == 0, solves = active & !is_free & at_leaf;
-        if (any_lane(solves)) {
-            const Patch p = read_patch(texels, k->map, tx, ty);
-            const floatl corner = p.aa * HEIGHT_UNIT, slope_x = (p.ab - p.aa) * HEIGHT_UNIT;
-            const floatl slope_y = (p.ba - p.aa) * HEIGHT_UNIT, twist = (p.aa - p.ab - p.ba + p.bb) * HEIGHT_UNIT;
-            const floatl fx = x0 + dx * t - cx, fy = y0 + dy * t - cy;
-#if DISTANCE == EXACT
-            floatl before = t, after = t;
-            intl within = 0;
-            for (int part = 0; part <= CELL_PARTS; part++) {
-                const floatl z = t + (leaves - t) * (part * (1.0f / CELL_PARTS)), ahead = z - t;
-                const floatl gx = fx + dx * ahead, gy = fy + dy * ahead;
-                const intl now = !within & (depth_of(ray, z) >= 1.0f - (corner + slope_x * gx + slope_y * gy + twist * gx * gy));
-                after = pick(within, after, z);
-                within = within | now;
-                before = pick(within, before, z);
-            }
-            for (int part = 0; part < 8; part++) {
-                const floatl z = 0.5f * (before + after), ahead = z - t, gx = fx + dx * ahead, gy = fy + dy * ahead;
-                const intl now = depth_of(ray, z) >= 1.0f - (corner + slope_x * gx + slope_y * gy + twist * gx * gy);
-                after = pick(now, z, after);
-                before = pick(now, before, z);
-            }
-            const intl met = solves & within;
-            at = pick(met, after, at);
-#else
-            /* Ray less surface is F0 + F1 ahead + F2 ahead^2, F0 < 0 above the surface. */
-            const floatl F0 = depth_of(ray, t) - 1.0f + corner + slope_x * fx + slope_y * fy + twist * fx * fy;
-            const floatl F1 = ray->L + 2.0f * ray->K * t + slope_x * dx + slope_y * dy + twist * (fx * dy + fy * dx);
-            const floatl F2 = ray->K + twist * dx * dy;
-            const floatl discriminant = F1 * F1 - 4.0f * F2 * F0;
-            const floatl ahead = 2.0f * F0 / (-F1 - sqrt(fmax(discriminant, (floatl)0.0f)));
-            const intl crosses = (discriminant >= 0.0f) & (ahead >= 0.0f) & (ahead <= (leaves - t) + nudge);
-            const intl met = solves & ((F0 >= 0.0f) | crosses);
-            at = pick(met, fmin(t + pick(F0 >= 0.0f, (floatl)0.0f, ahead), ray->end), at);
-#endif
-            hit = hit | met;
-            active = active & !met;
-        }
-        const intl passes = active & (is_free | at_leaf);
-        /* Up a tier where the ray leaves the parent, too. */
-        const intl by_x = t_x <= t_y, index = pick(by_x, column, row);
-        const intl forward = pick(by_x, dx, dy) > 0.0f, odd = (index & 1) != 0;
-        const intl ends = pick(by_x, side_x == width, side_y == height);
-        const intl up = (forward & (odd | ends)) | (!forward & !odd);
-        t = pick(passes, leaves, t);
-        tier = pick(passes, min(tier + pick(up, (intl)1, (intl)0), top), pick(active, tier - 1, tier));
-        active = active & (t < ray->end);
+    for (int k = 0; k < TWINS; k++) {
+        Search *s = searches + k;
+        const floatl dx = s->track.dx, dy = s->track.dy, K = s->ray.K;
+        s->per_x = 1.0f / pick(fabs(dx) < 1e-20f, (floatl)1e-20f, dx);
+        s->per_y = 1.0f / pick(fabs(dy) < 1e-20f, (floatl)1e-20f, dy);
+        s->nudge = NUDGE * lesser(fabs(s->per_x), fabs(s->per_y));
+        s->peak = pick(K < 0.0f, -0.5f * s->ray.L / K, (floatl)INFINITY); /* deepest there */
+        s->tier = min(TABLE_AT(levels, s->ray.level, 3) - 1, (intl)FIRST_TIER);
+        s->t = 0.0f;
+        s->found = 0;
+        s->active = s->active & (s->ray.end > 0.0f);
     }
-    *found = hit | ray->at_bottom;
-    return at;
+    for (int i = 0; i < STEPS_MOST; i++) {
+        int going = 0;
+        for (int k = 0; k < TWINS; k++)
+            if (any_lane(searches[k].active)) {
+                safe_step(searches + k, texels, bounds, levels);
+                going = 1;
+            }
+        if (!going)
+            break;
+    }
+    for (int k = 0; k < TWINS; k++) { /* what has met nothing has come to the end */
+        searches[k].t = pick(searches[k].found, searches[k].t, searches[k].ray.end);
+        searches[k].found = searches[k].found | searches[k].ray.at_bottom;
+    }
 }
