@@ -31,6 +31,7 @@ typedef struct {
     intl entered[BLOCKS];                 /* triangle of the first, -1: none */
     floatl beyond[BLOCKS];                /* entries up to this one have been searched */
     intl beyond_index[BLOCKS];
+    floatl t[BLOCKS];                     /* from the entry to what is seen, in scene units */
 } Layers;
 
 typedef struct {
@@ -134,16 +135,86 @@ intl is_sound(const ReliefRay *ray)
     return isfinite_lanes(ray->u + ray->v + ray->du + ray->dv + ray->K);
 }
 
-/* The level of the map whose texels are as large as a pixel that sees the surface straight on, `size` scene units */
-intl level_of(const Entry *e, global const int *levels, int level_count, floatl size, intl enters)
+/* The level of a map whose texels are as large as a pixel that sees the surface straight on, `size` scene units */
+intl level_of(const Entry *e, int width, int height, int level_count, floatl size, intl enters)
 {
     const floatl u_2 = e->ux * e->ux + e->uy * e->uy + e->uz * e->uz;
     const floatl v_2 = e->wx * e->wx + e->wy * e->wy + e->wz * e->wz;
-    const floatl texels_2 = greater(u_2 * (levels[0] * levels[0]), v_2 * (levels[1] * levels[1])) * size * size;
+    const floatl texels_2 = greater(u_2 * ((float)width * width), v_2 * ((float)height * height)) * size * size;
     const floatl sound = pick(enters & isfinite_lanes(texels_2), texels_2, (floatl)1.0f);
     const intl doublings = (as_intl(greater(sound, (floatl)1.0f)) >> 23) - 127; /* its log2, rounded down */
     return min(doublings >> 1, (intl)(level_count - 1));
 }
+
+#ifdef LIT
+Direction at_unit_length(Direction d)
+{
+    const floatl unit = 1.0f / sqrt(greater(d.x * d.x + d.y * d.y + d.z * d.z, (floatl)1e-30f));
+    const Direction made = {d.x * unit, d.y * unit, d.z * unit};
+    return made;
+}
+
+/* x and y of the frame in which the quadric is z = a x^2 + b y^2 */
+void tangents_of(const Entry *e, Direction *x, Direction *y)
+{
+    const Direction along = {e->ux, e->uy, e->uz};
+    *x = at_unit_length(along);
+    y->x = e->ny * x->z - e->nz * x->y;
+    y->y = e->nz * x->x - e->nx * x->z;
+    y->z = e->nx * x->y - e->ny * x->x;
+}
+
+/* The quadric's normal where a ray in direction d is after t */
+Direction normal_at(const Entry *e, Direction d, floatl t, int quadric)
+{
+    Direction x, y, normal = {e->nx, e->ny, e->nz};
+    if (!quadric)
+        return normal;
+    tangents_of(e, &x, &y);
+    const floatl along_x = -2.0f * e->a * t * (d.x * x.x + d.y * x.y + d.z * x.z);
+    const floatl along_y = -2.0f * e->b * t * (d.x * y.x + d.y * y.y + d.z * y.z);
+    normal.x += along_x * x.x + along_y * y.x;
+    normal.y += along_x * x.y + along_y * y.y;
+    normal.z += along_x * x.z + along_y * y.z;
+    return at_unit_length(normal);
+}
+
+/* By the heights' slopes, over two texels of the level */
+void tilt_by_slope(Direction *normal, const Entry *e, global const uint *texels, Track k, float scale)
+{
+    const float rise = 0.5f * scale * HEIGHT_UNIT;
+    const floatl across = height_in(texels, k.map, k.x + 1.0f, k.y) - height_in(texels, k.map, k.x - 1.0f, k.y);
+    const floatl down = height_in(texels, k.map, k.x, k.y + 1.0f) - height_in(texels, k.map, k.x, k.y - 1.0f);
+    const floatl du = across * to_floatl(k.map.width) * rise, dv = down * to_floatl(k.map.height) * rise;
+    const Direction tilted = {normal->x - du * e->ux - dv * e->wx, normal->y - du * e->uy - dv * e->wy,
+                              normal->z - du * e->uz - dv * e->wz};
+    *normal = at_unit_length(tilted);
+}
+
+/* By a map of unit normals, x along u, y along v, bilinear */
+void tilt_by_map(Direction *normal, const Entry *e, global const float *map, int width, int height, floatl u, floatl v)
+{
+    const floatl tx = u * width - 0.5f, ty = v * height - 0.5f, x0 = floor_lanes(tx), y0 = floor_lanes(ty);
+    const intl left = pick(x0 < 0.0f, (intl)(width - 1), to_intl(x0)), right = pick(left + 1 < width, left + 1, (intl)0);
+    const intl up = pick(y0 < 0.0f, (intl)(height - 1), to_intl(y0)), down = pick(up + 1 < height, up + 1, (intl)0);
+    floatl part[3];
+    for (int axis = 0; axis < 3; axis++) {
+        const intl aa = 3 * (up * width + left) + axis, ab = 3 * (up * width + right) + axis;
+        const intl ba = 3 * (down * width + left) + axis, bb = 3 * (down * width + right) + axis;
+        const floatl top = (floatl)(gather(map, aa)) * (1.0f - tx + x0) + (floatl)(gather(map, ab)) * (tx - x0);
+        const floatl bottom = (floatl)(gather(map, ba)) * (1.0f - tx + x0) + (floatl)(gather(map, bb)) * (tx - x0);
+        part[axis] = top * (1.0f - ty + y0) + bottom * (ty - y0);
+    }
+    Direction x, y;
+    tangents_of(e, &x, &y);
+    const floatl turned = pick(e->wx * y.x + e->wy * y.y + e->wz * y.z < 0.0f, (floatl)-1.0f, (floatl)1.0f); /* v may run against y */
+    const floatl across = turned * part[1];
+    const Direction tilted = {part[2] * normal->x + part[0] * x.x + across * y.x,
+                              part[2] * normal->y + part[0] * x.y + across * y.y,
+                              part[2] * normal->z + part[0] * x.z + across * y.z};
+    *normal = at_unit_length(tilted);
+}
+#endif
 
 kernel void draw_relief(global const int *faces, global const float *projected, global const int *list,
                         global const int *starts, int bins_x, global const float *vertices, global const uint *texels,
@@ -172,6 +243,7 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
     Region region;
     begin_region(&region, screen, depth, blank, x, y);
     for (int block = 0; block < BLOCKS; block++) {
+        layers.t[block] = 0.0f;
         layers.beyond[block] = INFINITY;
         layers.beyond_index[block] = -1;
     }
@@ -209,7 +281,7 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
                 const Entry e = entry_of(faces, projected, vertices, pick(enters, entered[k], (intl)0), px, py);
                 set_ray(&searches[k].ray, &e, direction[k], quadric, scale);
                 const floatl distance = screen.perspective ? 1.0f / n : (floatl)1.0f;
-                searches[k].ray.level = level_of(&e, levels, level_count, distance * pixel_size, enters);
+                searches[k].ray.level = level_of(&e, levels[0], levels[1], level_count, distance * pixel_size, enters);
                 searches[k].active = searched[k] = enters & is_sound(&searches[k].ray);
                 rest(&searches[k].ray, searched[k]);
                 set_end(&searches[k].ray);
@@ -230,6 +302,7 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
                 const intl nearer = searched[k] & searches[k].found & (nearness > so_far);
                 region.nearness[at] = pick(nearer, nearness, so_far);
                 region.owner[at] = pick(nearer, entered[k], region.owner[at]);
+                layers.t[at] = pick(nearer, t, layers.t[at]);
                 region.u[at] = pick(nearer, ray->u + ray->du * t, region.u[at]);
                 region.v[at] = pick(nearer, ray->v + ray->dv * t, region.v[at]);
 #ifdef COUNTED
@@ -255,7 +328,32 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
         Color shade = {0.0f, 0.0f, 0.0f};
         if (any_lane(mine)) {
             const floatl u = pick(mine, region.u[block], (floatl)0.0f), v = pick(mine, region.v[block], (floatl)0.0f);
-            add_level(colors, u, v, (intl)0, color_width, color_height, 1.0f / 255.0f, &shade);
+            const floatl px = to_floatl(x + first_x + block_x), py = to_floatl(y + first_y + block_y);
+            const Entry e = entry_of(faces, projected, vertices, pick(mine, owner, (intl)0), px, py);
+            const floatl n = region.nearness[block], distance = screen.perspective ? 1.0f / n : (floatl)1.0f;
+            add_level(colors, u, v, level_of(&e, color_width, color_height, color_levels, distance * pixel_size, mine),
+                      color_width, color_height, 1.0f / 255.0f, &shade);
+#ifdef LIT
+            const floatl inverse = 1.0f / (PIXEL_ROW(m, 3, px, py) + n * m[15]);
+            const floatl X = (PIXEL_ROW(m, 0, px, py) + n * m[3]) * inverse;
+            const floatl Y = (PIXEL_ROW(m, 1, px, py) + n * m[7]) * inverse;
+            const floatl Z = (PIXEL_ROW(m, 2, px, py) + n * m[11]) * inverse;
+            Direction normal = normal_at(&e, towards(screen, X, Y, Z), pick(mine, layers.t[block], (floatl)0.0f), quadric);
+            ReliefRay place;
+            place.u = u - floor_lanes(u);
+            place.v = v - floor_lanes(v);
+            place.du = place.dv = 0.0f;
+            place.level = level_of(&e, levels[0], levels[1], level_count, distance * pixel_size, mine);
+            if (normal_width > 0)
+                tilt_by_map(&normal, &e, normal_map, normal_width, normal_height, place.u, place.v);
+            else
+                tilt_by_slope(&normal, &e, texels, track_of(&place, levels), scale);
+            floatl cosine;
+            LAMBERT(light, X, Y, Z, normal.x, normal.y, normal.z, cosine);
+            shade.r *= light.ambient + (1.0f - light.ambient) * light.color[0] * cosine;
+            shade.g *= light.ambient + (1.0f - light.ambient) * light.color[1] * cosine;
+            shade.b *= light.ambient + (1.0f - light.ambient) * light.color[2] * cosine;
+#endif
         }
         write_block(&region, block, screen, depth, color, valid, blank, x + first_x, y + first_y, shade);
     }
