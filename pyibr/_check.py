@@ -115,3 +115,12 @@ def checked_image(argument: str, color: NDArray[Any]) -> NDArray[Any]:
     if color.dtype.name not in ("uint8", "float32"):
         raise ArgumentError(argument, expected, describe(color))
     return color
+
+
+class Fixed:
+    """What is drawn from buffers on the device: its attributes cannot be set again once it is made."""
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if name in self.__dict__:
+            raise AttributeError(f"{type(self).__name__}.{name} cannot be changed: make a new one")
+        super().__setattr__(name, value)

@@ -7,7 +7,7 @@ depth images are as exact as their float32 samples can be. Open3D is imported wh
 from __future__ import annotations
 
 import itertools
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -107,7 +107,7 @@ class MeshScene:
         try:
             vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
         except AttributeError:
-            raise ArgumentError("mesh", "an Open3D TriangleMesh or a MeshScene", describe(mesh)) from None
+            raise ArgumentError("mesh", "a Mesh, a MeshScene or an Open3D TriangleMesh", describe(mesh)) from None
         colors = np.asarray(mesh.vertex_colors) if mesh.has_vertex_colors() else None
         if texture is None or not mesh.has_triangle_uvs():
             return cls(vertices, faces, colors, base_color=base_color)
@@ -220,12 +220,22 @@ class MeshScene:
 def capture(
     mesh: Any, camera: Camera, layer: Layer = "first", background: tuple[int, int, int] = (0, 0, 0)
 ) -> DepthImage:
-    """Take one depth image of a `MeshScene` or an Open3D triangle mesh; see `MeshScene.capture`.
+    """Take one depth image of a `Mesh`, a `MeshScene` or an Open3D triangle mesh; see `MeshScene.capture`.
 
     For several cameras make the `MeshScene` once.
     """
-    scene = mesh if isinstance(mesh, MeshScene) else MeshScene.from_open3d(mesh)
-    return scene.capture(camera, layer, background)
+    return _as_scene(mesh).capture(camera, layer, background)
+
+
+def _as_scene(mesh: Any) -> MeshScene:
+    if isinstance(mesh, MeshScene):
+        return mesh
+    return MeshScene.from_mesh(mesh) if isinstance(mesh, Mesh) else MeshScene.from_open3d(mesh)
+
+
+def _check_size(size: object, least: int) -> None:
+    if isinstance(size, bool) or not isinstance(size, (int, np.integer)) or size < least:
+        raise ArgumentError("size", f"at least {least} pixel{'s' * (least > 1)}", describe(cast("object", size)))
 
 
 def cube_cameras(center: ArrayLike, size: int) -> list[Camera]:
@@ -247,8 +257,7 @@ def cube_cameras(center: ArrayLike, size: int) -> list[Camera]:
     >>> [camera.forward.round().astype(int).tolist() for camera in cube_cameras([0, 0, 0], 64)][:2]
     [[1, 0, 0], [-1, 0, 0]]
     """
-    if size < 2:
-        raise ArgumentError("size", "at least 2 pixels", describe(size))
+    _check_size(size, 2)
     half = (size - 1) / 2
     x, y, z = np.eye(3)
     axes = [(-z, y, x), (z, y, -x), (x, -z, y), (x, z, -y), (x, y, z), (-x, y, -z)]  # right, down, forward
@@ -261,13 +270,13 @@ def cube_cameras(center: ArrayLike, size: int) -> list[Camera]:
 
 
 def object_views(
-    mesh: Mesh | MeshScene, size: int, projection: Projection = "orthographic", margin: float = 0.02
+    mesh: Any, size: int, projection: Projection = "orthographic", margin: float = 0.02
 ) -> list[DepthImage]:
     """Six depth images of an object from all round, as if on the faces of a cube that looks inwards.
 
     Parameters
     ----------
-    mesh : Mesh or MeshScene
+    mesh : Mesh, MeshScene or an Open3D triangle mesh
     size : int
         Pixels a side of each image.
     projection : "orthographic" or "perspective"
@@ -287,12 +296,11 @@ def object_views(
     MissingPackageError
         If Open3D is not installed.
     """
-    scene = MeshScene.from_mesh(mesh) if isinstance(mesh, Mesh) else mesh
+    scene = _as_scene(mesh)
     one_of("projection", projection, Projection)
-    if not margin >= 0:
+    if not float(numbers("margin", margin, ())) >= 0:
         raise ArgumentError("margin", "a number >= 0", describe(margin))
-    if size < 1:
-        raise ArgumentError("size", "an int >= 1", describe(size))
+    _check_size(size, 1)
     used = scene.vertices[scene.faces.ravel()]
     low, high = used.min(axis=0), used.max(axis=0)
     edge = float((high - low).max()) * (1 + 2 * margin)

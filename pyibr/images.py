@@ -88,6 +88,18 @@ class DepthImage:
         """(H, W) True where the depth is finite, > 0 and nearer than `far`. Computed on first use."""
         return _locked((self.depth > 0) & (self.depth < self.far))
 
+    @property
+    def points(self) -> Float64:
+        """(N, 3) float64: the valid samples in the world, in scene units, row by row."""
+        y, x = np.nonzero(self.valid)
+        return self.camera.unproject(np.column_stack([x, y]), self.depth[y, x].astype(np.float64))
+
+    @cached_property
+    def bounds(self) -> tuple[Float64, Float64]:
+        """(low, high), each (3,), in the world: the box around the valid samples. Computed on first use."""
+        points = self.points if self.valid.any() else self.camera.center[None]
+        return points.min(axis=0), points.max(axis=0)
+
 
 @dataclass(frozen=True, eq=False)
 class Frame:

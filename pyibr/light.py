@@ -5,31 +5,51 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pyibr._check import numbers
+from pyibr._check import describe, numbers
 from pyibr.errors import ArgumentError
 
-_LIGHT = np.dtype([("vector", np.float32, 4), ("color", np.float32, 3), ("ambient", np.float32)])
+_LIGHT = np.dtype(
+    [
+        ("vector", np.float32, 4),
+        ("axis", np.float32, 4),
+        ("color", np.float32, 3),
+        ("ambient", np.float32),
+        ("specular", np.float32),
+        ("shininess", np.float32),
+    ]
+)
 """The struct Light of kernels/lib/light.h."""
+
+_SHADOW_MOST = 16384
 
 
 class Light:
-    """A light: far away, or at a point. Surfaces follow Lambert's law.
+    """A light: far away, at a point, or a spot. Surfaces follow Lambert's law, with highlights, and cast shadows.
 
     Parameters
     ----------
     direction : array_like (3,), optional
-        Where the light goes, in the world; not zero. Either this or `position`.
+        Where the light goes, in the world; not zero. Alone, the light is far away.
     position : array_like (3,), optional
-        Where it is, in the world. It does not fall off with distance.
+        Where it is, in the world. It does not fall off with distance. Alone, it shines everywhere; with a direction it
+        is a spot.
     color : array_like (3,)
         Of what it lights straight on, >= 0; 1 is white.
     ambient : float
         The part of the light that comes from everywhere, 0 to 1.
+    angle : float
+        The opening of a spot's cone, degrees, more than 0 and less than 180.
+    specular : float
+        Strength of highlights, >= 0.
+    shininess : float
+        How narrow they are: the power of the cosine between normal and halfway vector, > 0.
+    shadow_size : int
+        Texels a side of the shadow map; 0 for no shadows.
 
     Raises
     ------
     ArgumentError
-        If neither or both of direction and position are given, or a value is out of its range.
+        If neither direction nor position is given, or a value is out of its range.
 
     Examples
     --------
@@ -44,31 +64,59 @@ class Light:
         position: ArrayLike | None = None,
         color: ArrayLike = (1.0, 1.0, 1.0),
         ambient: float = 0.25,
+        angle: float = 90.0,
+        specular: float = 0.0,
+        shininess: float = 32.0,
+        shadow_size: int = 1024,
     ) -> None:
-        if (direction is None) == (position is None):
-            raise ArgumentError("direction", "either direction or position", "both" if position is not None else "none")
+        if direction is None and position is None:
+            raise ArgumentError("direction", "a direction, a position, or both for a spot", "none")
         self.direction = None if direction is None else numbers("direction", direction, (3,))
         self.position = None if position is None else numbers("position", position, (3,))
         self.color = numbers("color", color, (3,))
-        self.ambient = float(numbers("ambient", ambient, ()))
+        self.ambient = _in_range("ambient", ambient, 0, 1)
+        self.angle = float(numbers("angle", angle, ()))
+        self.specular = _in_range("specular", specular, 0, np.inf)
+        self.shininess = float(numbers("shininess", shininess, ()))
         if self.direction is not None and not self.direction.any():
             raise ArgumentError("direction", "a direction that is not zero", "(0, 0, 0)")
         if (self.color < 0).any():
             raise ArgumentError("color", "numbers >= 0", str(self.color))
-        if not 0 <= self.ambient <= 1:
-            raise ArgumentError("ambient", "a number from 0 to 1", repr(ambient))
+        if not 0 < self.angle < 180:
+            raise ArgumentError("angle", "degrees > 0 and < 180", repr(angle))
+        if not self.shininess > 0:
+            raise ArgumentError("shininess", "a number > 0", repr(shininess))
+        is_count = isinstance(shadow_size, (int, np.integer)) and not isinstance(shadow_size, bool)  # pyright: ignore[reportUnnecessaryIsInstance]
+        if not is_count or not (shadow_size == 0 or 2 <= shadow_size <= _SHADOW_MOST):
+            raise ArgumentError("shadow_size", f"0, or a whole number from 2 to {_SHADOW_MOST}", describe(shadow_size))
+        self.shadow_size = int(shadow_size)
 
     def __repr__(self) -> str:
-        name, vector = ("direction", self.direction) if self.position is None else ("position", self.position)
-        return f"<Light {name} ({', '.join(f'{x:g}' for x in vector)})>" if vector is not None else "<Light>"
+        known = {"position": self.position, "direction": self.direction}
+        parts = [f"{name} ({', '.join(f'{x:g}' for x in v)})" for name, v in known.items() if v is not None]
+        return f"<Light {' '.join(parts)}>"
 
     @property
     def struct(self) -> NDArray[np.void]:
         """A record of the kernels' struct Light."""
         values = np.zeros((), _LIGHT)
-        if self.position is not None:
+        axis = np.zeros(3) if self.direction is None else self.direction / np.linalg.norm(self.direction)
+        if self.position is None:
+            values["vector"] = (*-axis, 0.0)
+            values["axis"] = (0, 0, 0, -2)
+        else:
             values["vector"] = (*self.position, 1.0)
-        elif self.direction is not None:
-            values["vector"] = (*(-self.direction / np.linalg.norm(self.direction)), 0.0)
+            cone = -2.0 if self.direction is None else np.cos(np.radians(self.angle / 2))
+            values["axis"] = (*axis, cone)
         values["color"], values["ambient"] = self.color, self.ambient
+        values["specular"], values["shininess"] = self.specular, self.shininess
         return values
+
+
+def _in_range(argument: str, value: float, low: float, high: float) -> float:
+    number = float(numbers(argument, value, ()))
+    if not low <= number <= high:
+        raise ArgumentError(
+            argument, f"a number from {low:g} to {high:g}" if high < np.inf else f"a number >= {low:g}", repr(value)
+        )
+    return number

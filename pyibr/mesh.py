@@ -15,7 +15,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pyibr._check import describe, numbers
+from pyibr._check import Fixed, describe, numbers
 from pyibr._open3d import open3d
 from pyibr.errors import ArgumentError, FileFormatError
 from pyibr.io.files import reading
@@ -28,7 +28,7 @@ _HEADER_MOST = 1 << 16  # bytes of a PLY file that its header ends in
 _TEXTURED = (".glb", ".obj")
 
 
-class Mesh:
+class Mesh(Fixed):
     """Triangles with what is known at their corners.
 
     Parameters
@@ -51,7 +51,7 @@ class Mesh:
     ----------
     vertices, faces, uv, normals, texture, colors
         float32 and int32 arrays, a row per vertex; with uv per corner, vertices are split where it differs. Locked
-        against writing: buffers on the device are kept as well.
+        against writing through the mesh: buffers on the device are kept as well, so do not change the originals either.
 
     Raises
     ------
@@ -89,11 +89,10 @@ class Mesh:
         self.uv: Float32 | None = None if places is None else _locked(places)
         self.normals: Float32 | None = None if along is None else _locked(along)
         self.colors: NDArray[Any] | None = None if tints is None else _locked(tints)
-        self.texture: NDArray[Any] | None = None
-        if texture is not None:
-            if self.uv is None:
-                raise ArgumentError("uv", "uv for the texture", "none")
-            self.texture = _locked(_checked_colors("texture", texture, (None, None, 3)))
+        if texture is not None and self.uv is None:
+            raise ArgumentError("uv", "uv for the texture", "none")
+        shown = None if texture is None else _locked(_checked_colors("texture", texture, (None, None, 3)))
+        self.texture: NDArray[Any] | None = shown
         self.device_cache: WeakKeyDictionary[Any, Any] = WeakKeyDictionary()
 
     def __repr__(self) -> str:

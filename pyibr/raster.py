@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from pyibr.light import Light
     from pyibr.mesh import Mesh
     from pyibr.opencl.memory import DeviceArray
+    from pyibr.shadow import Lighting
     from pyibr.target import Target
 
 BIN = 32  # pixels; as in kernels/raster/
@@ -130,14 +130,14 @@ def bin_primitives(
     return Bins(found, uploaded, columns, rows)
 
 
-def draw_mesh(target: Target, mesh: Mesh, light: Light | None, cull: int = 0) -> None:
+def draw_mesh(target: Target, mesh: Mesh, lit: Lighting | None, cull: int = 0) -> None:
     """Draw a mesh into the target.
 
     Parameters
     ----------
     target : Target
     mesh : Mesh
-    light : Light or None
+    lit : Lighting or None
         None shows the mesh's own colours as they are.
     cull : int
         1 leaves out triangles seen from behind, -1 those seen from the front.
@@ -160,9 +160,11 @@ def draw_mesh(target: Target, mesh: Mesh, light: Light | None, cull: int = 0) ->
     elif "tints" in buffers:
         defines["TINTED"] = 1
         more = {"tints": buffers["tints"]}
-    if light is not None:
-        defines["LIT"] = 1
-        more |= {"normals": _normals(mesh, buffers), "light": Struct("Light", light.struct)}
+    if lit is not None:
+        defines |= lit.defines
+        more |= {"normals": _normals(mesh, buffers), **lit.arguments()}
+        if lit.maps is not None:
+            more["vertices"] = buffers["vertices"]
     whole = current().is_cpu
     launch(
         kernel("raster/mesh.cl", "draw_mesh", BIN=BIN, COLOR_BYTES=target.channel_bytes, **defines),

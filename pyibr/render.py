@@ -15,13 +15,16 @@ from pyibr.images import DepthImage, Frame
 from pyibr.light import Light
 from pyibr.mesh import Mesh
 from pyibr.relief import ReliefSurface
+from pyibr.shadow import Lighting, darken, lighting
 from pyibr.slicing import DepthObject, SlicedSurface, VisualHull
 from pyibr.target import Target
 
 Thing = DepthImage | Mesh | SlicedSurface | ReliefSurface | DepthObject | VisualHull
 
 if TYPE_CHECKING:
-    _Draw = Callable[[Target, Any, Light | None], None]
+    from pyibr.opencl.memory import DeviceArray
+
+    _Draw = Callable[[Target, Any, Lighting | None], None]
 
 
 def render(
@@ -37,8 +40,9 @@ def render(
     camera : Camera
         Perspective or orthographic.
     light : Light, optional
-        Shades what has normals; without it things show their own colours. Depth images are never shaded: their
-        colours hold the light that they were taken in.
+        Shades what has normals; without it things show their own colours. Depth images, depth objects and hulls are
+        not shaded, since their colours hold the light that they were taken in; in shadow they keep its ambient part.
+        All things cast shadows, a depth image as far as its surface is seen from the light (`shadow_size=0`: none).
     background : (r, g, b)
         Colour where there is nothing, in the range of the frame's dtype.
 
@@ -80,9 +84,14 @@ def render(
     if (around < 0).any() or (around > (1 if in_float else 255)).any():
         raise ArgumentError("background", f"a colour in the range of {dtype}", describe(background))
     with current().lock:
+
+        def draw_all(target: Target, lit: Lighting | None = None) -> None:
+            for draw, thing in zip(drawn, several, strict=True):
+                draw(target, thing, lit)
+
+        lit = None if light is None else lighting(light, [thing.bounds for thing in several], draw_all, dtype)
         target = Target(camera, dtype)
-        for draw, thing in zip(drawn, several, strict=True):
-            draw(target, thing, light)
+        draw_all(target, lit)
         frame = target.frame()
     if around.any():
         frame.color[~frame.valid] = around.astype(dtype)
@@ -97,37 +106,52 @@ def _drawn_by(thing: object) -> _Draw:
     raise ArgumentError("things", f"things of these kinds: {kinds}", describe(thing))
 
 
-def _draw_depth_image(target: Target, view: DepthImage, light: Light | None) -> None:
+def _draw_depth_image(target: Target, view: DepthImage, lit: Lighting | None) -> None:
     from pyibr.warp import draw
 
     if view.color.dtype != target.color.dtype:
         color = (view.color * np.float32(1 / 255)).astype(np.float32)
         view = DepthImage(color, view.depth, view.camera, view.far)
+    before = _depths_before(target, lit)
     draw(target, view)
+    if lit is not None:
+        darken(target, before, lit)
 
 
-def _draw_mesh(target: Target, mesh: Mesh, light: Light | None) -> None:
+def _depths_before(target: Target, lit: Lighting | None) -> DeviceArray | None:
+    """A copy of the depths so far, if there will be shadows on what is drawn next and there is something already."""
+    from pyibr.opencl.memory import upload
+
+    if lit is None or lit.maps is None or target.blank:
+        return None
+    return upload(target.depth.to_host().copy())
+
+
+def _draw_mesh(target: Target, mesh: Mesh, lit: Lighting | None) -> None:
     from pyibr.raster import draw_mesh
 
-    draw_mesh(target, mesh, light)
+    draw_mesh(target, mesh, lit)
 
 
-def _draw_surface(target: Target, surface: SlicedSurface, light: Light | None) -> None:
+def _draw_surface(target: Target, surface: SlicedSurface, lit: Lighting | None) -> None:
     from pyibr.slicing import draw_surface
 
-    draw_surface(target, surface, light)
+    draw_surface(target, surface, lit)
 
 
-def _draw_relief(target: Target, surface: ReliefSurface, light: Light | None) -> None:
+def _draw_relief(target: Target, surface: ReliefSurface, lit: Lighting | None) -> None:
     from pyibr.relief import draw_relief
 
-    draw_relief(target, surface, light)
+    draw_relief(target, surface, lit)
 
 
-def _draw_object(target: Target, thing: DepthObject | VisualHull, light: Light | None) -> None:
+def _draw_object(target: Target, thing: DepthObject | VisualHull, lit: Lighting | None) -> None:
     from pyibr.slicing import draw_object
 
+    before = _depths_before(target, lit)
     draw_object(target, thing)
+    if lit is not None:
+        darken(target, before, lit, float(thing.box.edges.max()) / thing.slices)
 
 
 _DRAWN: dict[type, _Draw] = {

@@ -43,6 +43,7 @@ def scan_view(
     """
     import cv2
 
+    points = np.asarray(points)
     if points.ndim != 3 or points.shape[2] != 3 or points.dtype.kind != "f":
         raise ArgumentError("points", "floats of shape (rows, columns, 3)", describe(points))
     between = np.linalg.norm(np.diff(points[..., :2], axis=1), axis=2)
@@ -50,6 +51,8 @@ def scan_view(
         if np.isnan(between).all():
             raise ArgumentError("points", "neighbours that are joined", "none")
         pixel = float(np.nanmedian(between))
+    if not float(numbers("pixel", pixel, (), finite=False)) > 0:
+        raise ArgumentError("pixel", "a size > 0; neighbours of a row that lie apart, if none is given", f"{pixel:g}")
     rows, columns = points.shape[:2]
     y, x = np.mgrid[: rows - 1, : columns - 1]
     first: NDArray[np.int64] = (y * columns + x).ravel()

@@ -25,6 +25,12 @@ def test_a_position():
     assert light.struct["ambient"] == 1
 
 
+def test_a_spot_has_a_cone():
+    spot = ibr.Light(position=(0, 0, 2), direction=(0, 0, -3), angle=60)
+    np.testing.assert_allclose(spot.struct["axis"], (0, 0, -1, np.cos(np.radians(30))), atol=1e-7)
+    assert repr(spot) == "<Light position (0, 0, 2) direction (0, 0, -3)>"
+
+
 def test_repr():
     assert repr(ibr.Light(direction=(0, 0, 1))) == "<Light direction (0, 0, 1)>"
     assert repr(ibr.Light(position=(1, -2.5, 0))) == "<Light position (1, -2.5, 0)>"
@@ -32,7 +38,12 @@ def test_repr():
 
 BAD = [
     ({}, "direction", "got none"),
-    ({"direction": (1, 0, 0), "position": (0, 0, 0)}, "direction", "got both"),
+    ({"position": (1, 0, 0), "direction": (0, 1, 0), "angle": 0}, "angle", "degrees"),
+    ({"position": (1, 0, 0), "direction": (0, 1, 0), "angle": 180}, "angle", "degrees"),
+    ({"direction": (1, 0, 0), "specular": -1}, "specular", ">= 0"),
+    ({"direction": (1, 0, 0), "shininess": 0}, "shininess", "> 0"),
+    ({"direction": (1, 0, 0), "shadow_size": 1}, "shadow_size", "from 2"),
+    ({"direction": (1, 0, 0), "shadow_size": 0.5}, "shadow_size", "whole"),
     ({"direction": (0, 0, 0)}, "direction", "not zero"),
     ({"direction": (1, 0)}, "direction", r"shape \(3,\)"),
     ({"direction": "down"}, "direction", "numbers"),

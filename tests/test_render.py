@@ -60,7 +60,7 @@ def test_the_dtype_is_float_if_a_depth_images_is():
 
 
 def test_a_float_picture_is_the_byte_one_unrounded():
-    light = ibr.Light(direction=(0.4, 0.2, 1), color=(1, 0.9, 0.8))
+    light = ibr.Light(direction=(0.4, 0.2, 1), color=(1, 0.9, 0.8), shadow_size=0)
     mesh = ibr.Mesh([[-1, -1, 3], [1, -1, 4], [1, 1, 5]], [[0, 2, 1]], colors=np.eye(3, dtype=np.float32))
     far = ibr.DepthImage(np.full((61, 81, 3), 0.5, np.float32), np.full((61, 81), 9, np.float32), CAMERA)
     frame, rounded = ibr.render([mesh, far], CAMERA, light), ibr.render(mesh, CAMERA, light)

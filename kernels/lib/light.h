@@ -1,16 +1,118 @@
-/* One light and Lambert's law. */
+/* One light: Lambert's law, highlights (Blinn 1977), shadows by maps (Williams 1978).
+ *
+ * SHADOWED: the kernel has `global const float *shadow_maps, Shadow shadow`: depth images as the light sees the scene,
+ * one below the other; NaN where there is nothing.
+ */
+#include "lib/color.h"
+#include "lib/pixelspace.h"
+
 typedef struct {
-    float vector[4]; /* towards the light, unit length (w = 0), or its position (w = 1), in the world */
-    float color[3];  /* of what it lights straight on; 1 is white */
-    float ambient;   /* part of the light that comes from everywhere, 0 to 1 */
+    float vector[4];  /* towards the light, unit length (w = 0), or its position (w = 1), in the world */
+    float axis[4];    /* of a spot: where it goes, unit length; cosine of half its angle, -1: shines everywhere */
+    float color[3];   /* of what it lights straight on; 1 is white */
+    float ambient;    /* part of the light that comes from everywhere, 0 to 1 */
+    float specular;   /* highlight: its strength, */
+    float shininess;  /* and how narrow it is */
 } Light;
 
-/* Cosine of the light's angle to the unit normal (nx, ny, nz) at the point (x, y, z); 0 from behind. */
-#define LAMBERT(light, x, y, z, nx, ny, nz, cosine)                                                            \
-    {                                                                                                          \
-        const floatl to_x = (light).vector[0] - (light).vector[3] * (x);                                       \
-        const floatl to_y = (light).vector[1] - (light).vector[3] * (y);                                       \
-        const floatl to_z = (light).vector[2] - (light).vector[3] * (z);                                       \
-        const floatl far = sqrt(to_x * to_x + to_y * to_y + to_z * to_z);                                      \
-        cosine = greater(((nx) * to_x + (ny) * to_y + (nz) * to_z) / far, (floatl)0.0f);                       \
+#define MAPS_MOST 6
+
+typedef struct {
+    float from_world[16 * MAPS_MOST]; /* pixel space of each map, row by row */
+    float depth_row[4 * MAPS_MOST];   /* planar depth in it */
+    int maps, size, perspective;
+    float texel; /* size of a texel: in the world, or (perspective) at depth 1 */
+    float grain; /* scene units by which the thing itself may lie before its true surface in a map */
+} Shadow;
+
+#ifdef SHADOWED
+#define SHADOW_PARAMETERS , global const float *shadow_maps, Shadow shadow
+#define VISIBILITY(light, x, y, z, nx, ny, nz) visibility(shadow_maps, shadow, light, x, y, z, nx, ny, nz)
+#else
+#define SHADOW_PARAMETERS
+#define VISIBILITY(light, x, y, z, nx, ny, nz) (floatl)1.0f
+#endif
+
+/* From a point towards the light: unit vector, and whether the light shines there */
+typedef struct {
+    floatl x, y, z;
+    intl shines;
+} ToLight;
+
+ToLight to_light(Light light, floatl x, floatl y, floatl z)
+{
+    ToLight to;
+    to.x = light.vector[0] - light.vector[3] * x;
+    to.y = light.vector[1] - light.vector[3] * y;
+    to.z = light.vector[2] - light.vector[3] * z;
+    const floatl unit = 1.0f / sqrt(greater(to.x * to.x + to.y * to.y + to.z * to.z, (floatl)1e-30f));
+    to.x *= unit;
+    to.y *= unit;
+    to.z *= unit;
+    to.shines = -(to.x * light.axis[0] + to.y * light.axis[1] + to.z * light.axis[2]) >= light.axis[3];
+    return to;
+}
+
+#ifdef SHADOWED
+/* How far is the point in sight of the light, 0 to 1? n: the surface's normal there, unit length.
+ *
+ * Four texels around the point are compared and weighed (percentage-closer filtering, Reeves et al. 1987). Over the 1.5
+ * texels that they reach from the point, a surface that is seen at the angle a rises by 1.5 texels * tan(a) towards the
+ * light. A point moved along the normal by d lies d / cos(a) before its own surface, so d = 1.5 texels * sin(a) keeps it
+ * out of its own shadow; half a texel more is for normals that are not the surface's own, and the grain for slices.
+ */
+floatl visibility(global const float *shadow_maps, Shadow shadow, Light light, floatl x, floatl y, floatl z, floatl nx,
+                  floatl ny, floatl nz)
+{
+    const ToLight to = to_light(light, x, y, z);
+    const floatl cosine = nx * to.x + ny * to.y + nz * to.z, sine_2 = 1.0f - cosine * cosine;
+    floatl visible = 1.0f;
+    intl open = lane_index >= 0; /* not seen in a map yet */
+    for (int i = 0; i < shadow.maps; i++) {
+        const float *m = shadow.from_world + 16 * i, *r = shadow.depth_row + 4 * i;
+        const floatl here = r[0] * x + r[1] * y + r[2] * z + r[3];
+        const floatl texel = shadow.perspective ? shadow.texel * here : (floatl)shadow.texel;
+        const floatl off = texel * (1.5f * sqrt(greater(sine_2, (floatl)0.0f)) + 0.5f) + shadow.grain;
+        const floatl px = x + off * nx, py = y + off * ny, pz = z + off * nz;
+        const floatl depth = r[0] * px + r[1] * py + r[2] * pz + r[3];
+        const floatl w = m[8] * px + m[9] * py + m[10] * pz + m[11], inverse = 1.0f / w;
+        const floatl u = (m[0] * px + m[1] * py + m[2] * pz + m[3]) * inverse;
+        const floatl v = (m[4] * px + m[5] * py + m[6] * pz + m[7]) * inverse;
+        const float last = shadow.size - 1;
+        const intl seen = open & (w > 0.0f) & (u >= -0.5f) & (u <= last + 0.5f) & (v >= -0.5f) & (v <= last + 0.5f);
+        if (!any_lane(seen))
+            continue;
+        const floatl cu = pick(seen, lesser(greater(u, (floatl)0.0f), (floatl)last), (floatl)0.0f);
+        const floatl cv = pick(seen, lesser(greater(v, (floatl)0.0f), (floatl)last), (floatl)0.0f);
+        const floatl u0 = lesser(truncated(cu), (floatl)(last - 1.0f)), v0 = lesser(truncated(cv), (floatl)(last - 1.0f));
+        const floatl fu = cu - u0, fv = cv - v0;
+        const intl aa = (to_intl(v0) + i * shadow.size) * shadow.size + to_intl(u0);
+        const intl ab = aa + 1, ba = aa + shadow.size, bb = ba + 1;
+#define IN_SIGHT(at) pick((floatl)(gather(shadow_maps, at)) < depth, (floatl)0.0f, (floatl)1.0f)
+        const floatl top = (1.0f - fu) * IN_SIGHT(aa) + fu * IN_SIGHT(ab);
+        const floatl bottom = (1.0f - fu) * IN_SIGHT(ba) + fu * IN_SIGHT(bb);
+        visible = pick(seen, (1.0f - fv) * top + fv * bottom, visible);
+        open = open & !seen;
     }
+    return visible;
+}
+#endif
+
+/* Lights a colour of the point (x, y, z); n: unit normal; v: unit vector to the viewer; visible: 0 to 1. */
+void shine(Color *shade, Light light, floatl x, floatl y, floatl z, floatl nx, floatl ny, floatl nz, floatl vx, floatl vy,
+           floatl vz, floatl visible)
+{
+    const ToLight to = to_light(light, x, y, z);
+    const floatl cosine = greater(nx * to.x + ny * to.y + nz * to.z, (floatl)0.0f);
+    const floatl direct = pick(to.shines, (1.0f - light.ambient) * visible, (floatl)0.0f), diffuse = direct * cosine;
+    floatl highlight = 0.0f;
+    if (light.specular > 0.0f) {
+        const floatl hx = to.x + vx, hy = to.y + vy, hz = to.z + vz;
+        const floatl unit = 1.0f / sqrt(greater(hx * hx + hy * hy + hz * hz, (floatl)1e-30f));
+        const floatl along = greater((nx * hx + ny * hy + nz * hz) * unit, (floatl)1e-6f);
+        highlight = pick(cosine > 0.0f, direct * light.specular * exp2(light.shininess * log2(along)), (floatl)0.0f);
+    }
+    shade->r = shade->r * (light.ambient + light.color[0] * diffuse) + light.color[0] * highlight;
+    shade->g = shade->g * (light.ambient + light.color[1] * diffuse) + light.color[1] * highlight;
+    shade->b = shade->b * (light.ambient + light.color[2] * diffuse) + light.color[2] * highlight;
+}

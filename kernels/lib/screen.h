@@ -1,4 +1,5 @@
 /* The target of a rendering: its camera's pixel space (lib/pixelspace.h) over the world. */
+#include "lib/lanes.h"
 #include "lib/pixelspace.h"
 
 typedef struct {
@@ -13,4 +14,26 @@ typedef struct {
 float drawn_nearness(Screen screen, float depth)
 {
     return isnan(depth) ? EMPTY : (screen.perspective ? 1.0f / depth : -depth);
+}
+
+/* Unit vector in the world */
+typedef struct {
+    floatl x, y, z;
+} Direction;
+
+/* In which the picture sees the point (x, y, z) */
+Direction towards(Screen screen, floatl x, floatl y, floatl z)
+{
+    const float *m = screen.to_world;
+    Direction d = {-m[3], -m[7], -m[11]}; /* of an orthographic picture */
+    if (screen.perspective) {
+        d.x = x - m[3] / m[15];
+        d.y = y - m[7] / m[15];
+        d.z = z - m[11] / m[15];
+    }
+    const floatl unit = 1.0f / sqrt(d.x * d.x + d.y * d.y + d.z * d.z);
+    d.x *= unit;
+    d.y *= unit;
+    d.z *= unit;
+    return d;
 }

@@ -63,7 +63,11 @@ kernel void draw_mesh(global const int *faces, global const float *projected, gl
 #endif
 #ifdef LIT
                       ,
-                      global const float *normals, Light light
+                      global const float *normals, Light light SHADOW_PARAMETERS
+#endif
+#ifdef SHADOWED
+                      ,
+                      global const float *vertices /* (vertices, 3) world */
 #endif
 )
 {
@@ -148,11 +152,24 @@ kernel void draw_mesh(global const int *faces, global const float *projected, gl
             const floatl wx = px + x, wy = py + y, inverse = 1.0f / (PIXEL_ROW(m, 3, wx, wy) + n * m[15]);
             const floatl X = (PIXEL_ROW(m, 0, wx, wy) + n * m[3]) * inverse, Y = (PIXEL_ROW(m, 1, wx, wy) + n * m[7]) * inverse,
                          Z = (PIXEL_ROW(m, 2, wx, wy) + n * m[11]) * inverse;
-            floatl cosine;
-            LAMBERT(light, X, Y, Z, nx * scale, ny * scale, nz * scale, cosine);
-            shade.r *= light.ambient + (1.0f - light.ambient) * light.color[0] * cosine;
-            shade.g *= light.ambient + (1.0f - light.ambient) * light.color[1] * cosine;
-            shade.b *= light.ambient + (1.0f - light.ambient) * light.color[2] * cosine;
+            nx *= scale;
+            ny *= scale;
+            nz *= scale;
+            const Direction ahead = towards(screen, X, Y, Z);
+            floatl visible = 1.0f;
+#ifdef SHADOWED /* by the triangle's own normal: the one that is shaded by may be bent */
+            floatl side[6];
+            for (int part = 0; part < 3; part++) {
+                const floatl start = (floatl)(GATHER(vertices, 3 * corner[0] + part));
+                side[part] = (floatl)(GATHER(vertices, 3 * corner[1] + part)) - start;
+                side[3 + part] = (floatl)(GATHER(vertices, 3 * corner[2] + part)) - start;
+            }
+            const floatl gx = side[1] * side[5] - side[2] * side[4], gy = side[2] * side[3] - side[0] * side[5];
+            const floatl gz = side[0] * side[4] - side[1] * side[3];
+            const floatl unit = flip / sqrt(greater(gx * gx + gy * gy + gz * gz, (floatl)1e-30f));
+            visible = VISIBILITY(light, X, Y, Z, gx * unit, gy * unit, gz * unit);
+#endif
+            shine(&shade, light, X, Y, Z, nx, ny, nz, -ahead.x, -ahead.y, -ahead.z, visible);
 #endif
         }
         write_block(&region, block, screen, depth, color, valid, blank, x + first_x, y + first_y, shade);

@@ -136,7 +136,7 @@ intl covered_by(const Triangles *t, int lane, int first_x, int first_y, floatl *
     const intl xi = first_x + block_x, yi = first_y + block_y;
     const floatl x = to_floatl(xi), y = to_floatl(yi);
     const int exact = INT_OF(t->exact);
-    intl covered = lane_index == lane_index;
+    intl covered = lane_index >= 0;
     for (int k = 0; k < 3; k++) {
         if (exact >> k & 1) {
             const ExactEdges *e = &t->exact_edges[k];

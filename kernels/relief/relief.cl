@@ -84,28 +84,6 @@ Entry entry_of(global const int *faces, global const float *projected, global co
     return e;
 }
 
-/* Unit vector in the world */
-typedef struct {
-    floatl x, y, z;
-} Direction;
-
-/* In which the picture sees the point (x, y, z) */
-Direction towards(Screen screen, floatl x, floatl y, floatl z)
-{
-    const float *m = screen.to_world;
-    Direction d = {-m[3], -m[7], -m[11]}; /* of an orthographic picture */
-    if (screen.perspective) {
-        d.x = x - m[3] / m[15];
-        d.y = y - m[7] / m[15];
-        d.z = z - m[11] / m[15];
-    }
-    const floatl unit = 1.0f / sqrt(d.x * d.x + d.y * d.y + d.z * d.z);
-    d.x *= unit;
-    d.y *= unit;
-    d.z *= unit;
-    return d;
-}
-
 /* The ray in texture space (section 3.4), but for its level and end */
 void set_ray(ReliefRay *ray, const Entry *e, Direction d, int quadric, float scale)
 {
@@ -225,7 +203,8 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
                         int halvings, int blank
 #ifdef LIT
                         ,
-                        global const float *normal_map, int normal_width, int normal_height, Light light
+                        global const float *normal_map, int normal_width, int normal_height,
+                        Light light SHADOW_PARAMETERS
 #endif
 #ifdef COUNTED
                         ,
@@ -338,7 +317,8 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
             const floatl X = (PIXEL_ROW(m, 0, px, py) + n * m[3]) * inverse;
             const floatl Y = (PIXEL_ROW(m, 1, px, py) + n * m[7]) * inverse;
             const floatl Z = (PIXEL_ROW(m, 2, px, py) + n * m[11]) * inverse;
-            Direction normal = normal_at(&e, towards(screen, X, Y, Z), pick(mine, layers.t[block], (floatl)0.0f), quadric);
+            const Direction ahead = towards(screen, X, Y, Z);
+            Direction normal = normal_at(&e, ahead, pick(mine, layers.t[block], (floatl)0.0f), quadric);
             ReliefRay place;
             place.u = u - floor_lanes(u);
             place.v = v - floor_lanes(v);
@@ -348,11 +328,8 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
                 tilt_by_map(&normal, &e, normal_map, normal_width, normal_height, place.u, place.v);
             else
                 tilt_by_slope(&normal, &e, texels, track_of(&place, levels), scale);
-            floatl cosine;
-            LAMBERT(light, X, Y, Z, normal.x, normal.y, normal.z, cosine);
-            shade.r *= light.ambient + (1.0f - light.ambient) * light.color[0] * cosine;
-            shade.g *= light.ambient + (1.0f - light.ambient) * light.color[1] * cosine;
-            shade.b *= light.ambient + (1.0f - light.ambient) * light.color[2] * cosine;
+            shine(&shade, light, X, Y, Z, normal.x, normal.y, normal.z, -ahead.x, -ahead.y, -ahead.z,
+                  VISIBILITY(light, X, Y, Z, normal.x, normal.y, normal.z));
 #endif
         }
         write_block(&region, block, screen, depth, color, valid, blank, x + first_x, y + first_y, shade);

@@ -12,9 +12,10 @@ floatl height_at(global const uint *heights, int width, int height, floatl u, fl
     const floatl tx = (u - floor_lanes(u)) * width - 0.5f, ty = (v - floor_lanes(v)) * height - 0.5f;
     const floatl x0 = floor_lanes(tx), y0 = floor_lanes(ty), fx = tx - x0, fy = ty - y0;
     const intl ix = to_intl(x0), iy = to_intl(y0);
-    const intl x = pick(ix < 0, ix + width, ix); /* u - floor(u) may round to 1: x0 is width - 1 even then */
-    const intl upper = pick(iy < 0, iy + height, iy) * width + x;
-    const intl lower = pick(iy + 1 >= height, iy + 1 - height, iy + 1) * width + x;
+    /* Lanes that do not ask may hold anything: none may read beyond the map. */
+    const intl x = clamp(pick(ix < 0, ix + width, ix), (intl)0, (intl)(width - 1));
+    const intl y = clamp(pick(iy < 0, iy + height, iy), (intl)0, (intl)(height - 1));
+    const intl upper = y * width + x, lower = pick(y + 1 >= height, (intl)0, y + 1) * width + x;
     const intl a = as_intl((uintl)(gather(heights, upper))), b = as_intl((uintl)(gather(heights, lower)));
     const floatl aa = to_floatl(a & 0xffff), ab = to_floatl((a >> 16) & 0xffff);
     const floatl ba = to_floatl(b & 0xffff), bb = to_floatl((b >> 16) & 0xffff);

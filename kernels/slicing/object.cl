@@ -105,7 +105,7 @@ ViewLines lines_of(global const float *matrix, const Ray *ray)
 
 /* Which of the points at z pass the test of every view? */
 intl inside_all(const ViewLines *views, global const int *order, global const int *sizes, global const float *maps,
-                floatl z, intl inside, intl *tests)
+                floatl z, intl inside, int unknown, intl *tests)
 {
     for (int i = 0; i < VIEWS && any_lane(inside); i++) {
         *tests += inside & 1;
@@ -115,7 +115,8 @@ intl inside_all(const ViewLines *views, global const int *order, global const in
 #if SILHOUETTES
         inside = inside & taps.on_image & (w > 0.0f) & (value >= 0.5f);
 #else
-        inside = inside & taps.on_image & (w > 0.0f) & (AT(views[i].q, z) * inverse <= value);
+        const intl seen = taps.on_image & (w > 0.0f);
+        inside = inside & (seen | (intl)(unknown ? -1 : 0)) & (!seen | (AT(views[i].q, z) * inverse <= value));
 #endif
     }
     return inside;
@@ -126,6 +127,7 @@ kernel void draw_object(global const float *matrices, global const int *sizes, g
                         global float *depth, global channel *color, global uchar *valid, Screen screen, Box box,
                         int slices_axis /* 0, 1, 2, or 3: parallel to the screen */,
                         int halvings /* of the way back to the slice before, once one has passed */, int visible,
+                        int unknown /* 1: images say nothing of what lies beside them */,
                         float tolerance /* scene units that a sample may lie before a point that it shows */,
                         int low_x, int low_y, int blank
 #ifdef COUNTED
@@ -187,14 +189,14 @@ kernel void draw_object(global const float *matrices, global const int *sizes, g
             searches = searches & !found & (z <= back);
             if (!any_lane(searches))
                 break;
-            const intl inside = inside_all(views, order, sizes, maps, z, searches & (z >= front), &tests);
+            const intl inside = inside_all(views, order, sizes, maps, z, searches & (z >= front), unknown, &tests);
             hit = pick(inside, z, hit);
             found = found | inside;
         }
         floatl before = greater(hit - fabs(per_slice), front);
         for (int i = 0; i < halvings && any_lane(found); i++) {
             const floatl middle = 0.5f * (before + hit);
-            const intl inside = inside_all(views, order, sizes, maps, middle, found, &tests);
+            const intl inside = inside_all(views, order, sizes, maps, middle, found, unknown, &tests);
             hit = pick(inside, middle, hit);
             before = pick(inside, before, middle);
         }

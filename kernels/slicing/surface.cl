@@ -54,11 +54,9 @@ typedef struct {
     Quantity outline[4]; /* positive at a block's first pixel if the tetrahedron may be seen in it */
     int outlines;
     Quantity u, v, h, slice;
-    float nearest, front; /* of the screen, of the corners */
-#ifdef UNCLIPPED
-    float rear; /* of the corners */
-#endif
-    int index, perspective;
+    float nearest, front, rear; /* nearness: of the screen, of the corners */
+    float first, last;          /* a little farther and nearer than the corners */
+    int index, perspective, crosses; /* the near plane */
 } Tetrahedron;
 
 typedef struct {
@@ -198,9 +196,13 @@ int4 set_up_one(const Context *context, int index, int x, int y, Tetrahedron *t)
     t->nearest = t->front = context->screen.nearest;
     if (!crosses)
         t->front = fmax(fmax(p[0].w / p[0].z, p[1].w / p[1].z), fmax(p[2].w / p[2].z, p[3].w / p[3].z));
-#ifdef UNCLIPPED
-    t->rear = crosses ? NAN : fmin(fmin(p[0].w / p[0].z, p[1].w / p[1].z), fmin(p[2].w / p[2].z, p[3].w / p[3].z));
-#endif
+    t->rear = t->perspective ? 0.0f : -INFINITY;
+    if (!crosses)
+        t->rear = fmin(fmin(p[0].w / p[0].z, p[1].w / p[1].z), fmin(p[2].w / p[2].z, p[3].w / p[3].z));
+    t->crosses = crosses;
+    const float slack = 1e-4f * (t->front - t->rear) + 2e-6f * fmax(fabs(t->front), fabs(t->rear));
+    t->first = crosses ? t->rear : t->rear - slack;
+    t->last = crosses ? t->nearest : fmin(t->front + slack, t->nearest);
     t->index = index;
     return box;
 }
@@ -265,7 +267,7 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
     const floatl x = to_floatl(first_x + block_x), y = to_floatl(first_y + block_y);
     /* The ray's part inside, and before what is drawn already, in nearness: bounds are planes over the picture. */
     const floatl so_far = region->nearness[block];
-    floatl far = t->perspective ? 0.0f : -INFINITY, near = t->nearest;
+    floatl far = t->first, near = t->last; /* so that no rounding of a flat one's sides leads astray */
     for (int k = 0; k < 4; k++) {
         const floatl n = t->sides[k].x * x + (t->sides[k].y * y + t->sides[k].one);
         if (t->leaves[k])
@@ -278,7 +280,7 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
     floatl front = entry, back = exit; /* where slices are tested */
     intl meets = inside;
 #ifdef UNCLIPPED
-    if (!isnan(t->rear)) {
+    if (!t->crosses) {
         front = t->perspective ? 1.0f / t->front : -t->front;
         back = t->perspective ? 1.0f / t->rear : -t->rear;
         meets = t->front > so_far;
@@ -333,7 +335,8 @@ kernel void draw_surface(global const int *corners, global const float *projecte
 #ifdef LIT
                          ,
                          global const float *gradients, /* (triangles, 2, 3) of u and v in the world, tiled */
-                         global const float *normal_map, int normal_width, int normal_height, Light light
+                         global const float *normal_map, int normal_width, int normal_height,
+                         Light light SHADOW_PARAMETERS
 #endif
 #ifdef COUNTED
                          ,
@@ -411,11 +414,11 @@ kernel void draw_surface(global const int *corners, global const float *projecte
             const floatl inverse = 1.0f / (PIXEL_ROW(m, 3, px, py) + n * m[15]);
             const floatl X = (PIXEL_ROW(m, 0, px, py) + n * m[3]) * inverse, Y = (PIXEL_ROW(m, 1, px, py) + n * m[7]) * inverse,
                          Z = (PIXEL_ROW(m, 2, px, py) + n * m[11]) * inverse;
-            floatl cosine;
-            LAMBERT(light, X, Y, Z, nx * inverse_length, ny * inverse_length, nz * inverse_length, cosine);
-            shade.r *= light.ambient + (1.0f - light.ambient) * light.color[0] * cosine;
-            shade.g *= light.ambient + (1.0f - light.ambient) * light.color[1] * cosine;
-            shade.b *= light.ambient + (1.0f - light.ambient) * light.color[2] * cosine;
+            nx *= inverse_length;
+            ny *= inverse_length;
+            nz *= inverse_length;
+            const Direction ahead = towards(screen, X, Y, Z);
+            shine(&shade, light, X, Y, Z, nx, ny, nz, -ahead.x, -ahead.y, -ahead.z, VISIBILITY(light, X, Y, Z, nx, ny, nz));
 #endif
         }
         write_block(&region, block, screen, depth, color, valid, blank, x + first_x, y + first_y, shade);

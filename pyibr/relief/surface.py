@@ -9,10 +9,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr._check import checked_image, describe, one_of, positive
+from pyibr._check import Fixed, checked_image, describe, one_of, positive
 from pyibr.errors import ArgumentError
 from pyibr.heights import checked_height, checked_normal_map, checked_tiles
-from pyibr.light import Light
 from pyibr.mesh import Mesh
 from pyibr.raster import BIN, bin_primitives, project, texture_pyramid
 from pyibr.relief.levels import HeightLevels, height_levels
@@ -25,12 +24,13 @@ Search = Literal["safe", "linear"]
 
 if TYPE_CHECKING:
     from pyibr.opencl.memory import DeviceArray
+    from pyibr.shadow import Lighting
 
 _DISTANCES = {"approximate": 0, "exact": 1}  # kernels/relief/search.h
 _SEARCHES = {"linear": 0, "safe": 1}  # kernels/relief/relief.cl
 
 
-class ReliefSurface:
+class ReliefSurface(Fixed):
     """A mesh with a relief carved into it: its own triangles are drawn, and rays searched below them.
 
     Parameters
@@ -110,6 +110,12 @@ class ReliefSurface:
         h, w = self.height.shape
         return f"<ReliefSurface {len(self.base.faces)} triangles, heights {w}x{h}>"
 
+    @property
+    def bounds(self) -> tuple[NDArray[Any], NDArray[Any]]:
+        """(low, high), each (3,), in the world: the box around the relief."""
+        low, high = self.base.bounds
+        return low - self.scale, high + self.scale
+
     @cached_property
     def frames(self) -> VertexFrames:
         """The vertices' frames and quadrics."""
@@ -132,7 +138,9 @@ def _checked_count(argument: str, value: int, least: int) -> int:
     return int(value)
 
 
-def draw_relief(target: Target, surface: ReliefSurface, light: Light | None, counts: DeviceArray | None = None) -> None:
+def draw_relief(
+    target: Target, surface: ReliefSurface, lit: Lighting | None, counts: DeviceArray | None = None
+) -> None:
     """Draw a relief into the target; `counts`, (H, W) int32, gains the searches of each pixel."""
     from pyibr.opencl.device import current
     from pyibr.opencl.launch import Struct, launch
@@ -145,10 +153,10 @@ def draw_relief(target: Target, surface: ReliefSurface, light: Light | None, cou
     defines: dict[str, int] = {"DISTANCE": _DISTANCES[surface.distance], "HEIGHT_BYTES": surface.levels.height_bytes}
     defines["POWERS_OF_TWO"] = int(all(n & (n - 1) == 0 for n in surface.height.shape))
     more: dict[str, Any] = {}
-    if light is not None:
-        defines["LIT"] = 1
+    if lit is not None:
+        defines |= lit.defines
         height, width = (0, 0) if surface.normal_map is None else surface.normal_map.shape[:2]
-        more |= {"normal_width": width, "normal_height": height, "light": Struct("Light", light.struct)}
+        more |= {"normal_width": width, "normal_height": height, **lit.arguments()}
         more |= {"normal_map": buffers.get("normal_map", buffers["vertices"])}
     if counts is not None:
         defines["COUNTED"] = 1

@@ -45,6 +45,11 @@ class Box:
         return grid @ self.axes
 
     @property
+    def bounds(self) -> tuple[Float64, Float64]:
+        """(low, high), each (3,), in the world: the box around it along the world's axes."""
+        return self.corners.min(axis=0), self.corners.max(axis=0)
+
+    @property
     def center(self) -> Float64:
         """(3,) in the world."""
         return 0.5 * (self.low + self.high) @ self.axes
@@ -55,16 +60,6 @@ class Box:
         return np.column_stack([self.axes, -self.low]) / self.edges[:, None]
 
 
-def _world_points(view: DepthImage) -> Float64:
-    """(N, 3) its valid samples in the world."""
-    y, x = np.nonzero(view.valid)
-    z = view.depth[y, x].astype(np.float64)
-    q = 1 / z if view.camera.projection == "perspective" else -z
-    to_world = view.camera.world_from_camera @ np.linalg.inv(view.camera.pixel_matrix)
-    points = to_world @ np.stack([x, y, np.ones_like(z), q])
-    return (points[:3] / points[3]).T
-
-
 def is_background(view: DepthImage, missing_is_background: bool) -> NDArray[np.bool_]:
     """(H, W) where a view saw that there is nothing: infinite depth or beyond `far`, or every sample without depth."""
     return ~view.valid & (missing_is_background | (view.depth >= view.far))
@@ -72,8 +67,10 @@ def is_background(view: DepthImage, missing_is_background: bool) -> NDArray[np.b
 
 def box_of_samples(views: list[DepthImage], missing_is_background: bool) -> Box:
     """The box of all samples along the first view's axes; an error if no sample lies in all views' volumes."""
+    import cv2
+
     axes = views[0].camera.world_from_camera[:3, :3].T
-    samples = [_world_points(view) for view in views]
+    samples = [view.points for view in views]
     along = np.concatenate(samples) @ axes.T
     low, high = along.min(axis=0), along.max(axis=0)
     margin = 1e-3 * max(float((high - low).max()), 1e-12)  # a flat box has no inside
@@ -83,8 +80,9 @@ def box_of_samples(views: list[DepthImage], missing_is_background: bool) -> Box:
     reach = 0.05 * float(box.edges.max())  # samples lie on the surface, and a little off others'
     for view in views:
         x, y, z, on_image = _seen_from(view.camera, some)
-        depth = np.where(view.valid, view.depth, np.where(is_background(view, missing_is_background), np.inf, -np.inf))
-        inside &= on_image & (depth[y, x] <= z + reach)
+        depth = np.where(view.valid, view.depth, np.where(is_background(view, missing_is_background), 1e38, -1e38))
+        nearest = cv2.erode(depth.astype(np.float32), np.ones((3, 3)))  # samples may lie on others' outlines
+        inside &= (on_image & (nearest[y, x] <= z + reach)) | (~on_image & (not missing_is_background))
     if not inside.any():
         raise ArgumentError(
             "views", "views around one object, whose volumes have something in common", "none in common"

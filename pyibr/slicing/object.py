@@ -10,7 +10,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr._check import Float64, describe, one_of
+from pyibr._check import Fixed, Float64, describe, one_of
 from pyibr.camera import Camera
 from pyibr.errors import ArgumentError
 from pyibr.images import DepthImage
@@ -33,7 +33,7 @@ _BEFORE = 2.0  # slices and samples by which a view's surface may lie before a p
 _BOX = np.dtype([("from_world", np.float32, 12), ("edges", np.float32, 3), ("spacing", np.float32)])
 
 
-class DepthObject:
+class DepthObject(Fixed):
     """What depth images all round leave of space: a solid with their colours.
 
     A point is part of it if it lies behind every image's surface. Where an image saw background it leaves nothing.
@@ -57,7 +57,8 @@ class DepthObject:
         takes those that saw the point (if any did), "naive" the closest ones as in the paper.
     missing : {"background", "unknown"}
         What a sample without depth says: that there is nothing, or nothing at all, as in the scans of sensors that
-        do not see everything. Infinite depth, and depth from the image's `far` on, is always background.
+        do not see everything. Infinite depth, and depth from the image's `far` on, is always background. Beside an
+        image it is the same: what lies out of its frame is cut off, or left to the other images.
 
     Raises
     ------
@@ -74,7 +75,7 @@ class DepthObject:
         halvings: int = 2,
         missing: Missing = "background",
     ) -> None:
-        self.views = _checked_views(views, DepthImage)
+        self.views = _checked_views(views, (DepthImage,))
         self.halvings = checked_halvings(halvings)
         for number, view in enumerate(self.views):
             if not view.valid.any():
@@ -92,19 +93,25 @@ class DepthObject:
     def __repr__(self) -> str:
         return f"<DepthObject {len(self.views)} views, {self.slices} slices>"
 
+    @property
+    def bounds(self) -> tuple[Float64, Float64]:
+        """(low, high), each (3,), in the world: the box around the object."""
+        return self.box.bounds
+
     @cached_property
     def maps(self) -> list[Float32]:
         """Nearness images of the views, see `nearness_map`."""
         return [nearness_map(view, self.box, self.missing == "background") for view in self.views]
 
 
-class VisualHull:
+class VisualHull(Fixed):
     """What silhouettes leave of space: the largest solid that fits into all of them.
 
     Parameters
     ----------
     views : sequence of Silhouette or DepthImage
-        Any number, at any calibrated poses; of depth images only `valid` and the colours are used.
+        Any number, at any calibrated poses; of depth images only `valid` and the colours are used. Each must show all
+        of the object: what lies out of its frame is cut off.
     slices : int
         Along the longest edge of the hull's box; other directions have the same spacing.
     slicing : {"orthogonal", "screen"}
@@ -137,6 +144,11 @@ class VisualHull:
 
     def __repr__(self) -> str:
         return f"<VisualHull {len(self.views)} views, {self.slices} slices>"
+
+    @property
+    def bounds(self) -> tuple[Float64, Float64]:
+        """(low, high), each (3,), in the world: the box around the object."""
+        return self.box.bounds
 
     @cached_property
     def outlines(self) -> list[int]:
@@ -197,6 +209,7 @@ def draw_object(target: Target, thing: DepthObject | VisualHull, counts: DeviceA
             slices_axis=slices_axis(thing, camera),
             halvings=thing.halvings,
             visible=thing.texture == "visible",
+            unknown=isinstance(thing, DepthObject) and thing.missing == "unknown",
             tolerance=_BEFORE * (spacing + sample),
             low_x=low_x,
             low_y=low_y,
@@ -276,7 +289,8 @@ def _checked_views(views: object, kinds: Any) -> list[Any]:
     if not isinstance(views, Sequence) or not views:
         raise ArgumentError("views", "a sequence of at least one view", describe(cast("object", views)))
     several = list(cast("Sequence[object]", views))
-    for view in several:
+    for number, view in enumerate(several):
         if not isinstance(view, kinds):
-            raise ArgumentError("views", "views of the right kind", describe(view))
+            names = " or ".join(f"pyibr.{kind.__name__}" for kind in kinds)
+            raise ArgumentError("views", f"a sequence of {names}", f"{describe(view)} as view {number}")
     return several

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,9 @@ from pyibr.mesh import Mesh
 from pyibr.tangents import unit, uv_gradients
 
 Float32 = NDArray[np.float32]
+
+
+_FLAT = 1e-6  # of its longest side: the height of a triangle that float32 takes for a line
 
 
 @dataclass(frozen=True)
@@ -39,7 +43,7 @@ class Volume:
     frames: Float32
     gradients: Float32
 
-    @property
+    @cached_property
     def bounds(self) -> tuple[Float32, Float32]:
         """Of the points."""
         return self.points.min(axis=0), self.points.max(axis=0)
@@ -48,6 +52,7 @@ class Volume:
 def extruded(base: Mesh, scale: float, tiles: tuple[int, int]) -> Volume:
     """The volume between a mesh with uv and the same `scale` farther along its normals."""
     vertices = base.vertices.astype(np.float64)
+    faces = _with_area(vertices, base.faces)
     normals = np.asarray(base.normals if base.normals is not None else base.smooth_normals, np.float64)
     uv = np.asarray(base.uv, np.float64) * tiles
     count = len(vertices)
@@ -56,14 +61,22 @@ def extruded(base: Mesh, scale: float, tiles: tuple[int, int]) -> Volume:
 
     # The diagonal of a wall goes from the corner of lower rank up: neighbours agree, across seams of uv, too.
     rank = np.unique(base.vertices, axis=0, return_inverse=True)[1].ravel()
-    order = np.argsort(rank[base.faces], axis=1, kind="stable")
-    i, j, k = np.take_along_axis(base.faces, order, axis=1).T
+    order = np.argsort(rank[faces], axis=1, kind="stable")
+    i, j, k = np.take_along_axis(faces, order, axis=1).T
     top_i, top_j, top_k = i + count, j + count, k + count
     corners = np.stack([i, j, k, top_k, i, j, top_j, top_k, i, top_i, top_j, top_k], axis=1).reshape(-1, 4)
 
-    frames, gradients = _frames(vertices[base.faces], normals[base.faces], uv[base.faces])
+    frames, gradients = _frames(vertices[faces], normals[faces], uv[faces])
     single = [np.ascontiguousarray(values, np.float32) for values in (points, places, frames, gradients)]
     return Volume(single[0], single[1], np.ascontiguousarray(corners, np.int32), single[2], single[3])
+
+
+def _with_area(vertices: Float64, faces: NDArray[np.int32]) -> NDArray[np.int32]:
+    """The triangles that are more than a line: others have no volume above them."""
+    sides = vertices[faces[:, 1:]] - vertices[faces[:, :1]]
+    area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    longest = np.maximum(np.linalg.norm(sides, axis=2).max(axis=1), np.linalg.norm(sides[:, 1] - sides[:, 0], axis=1))
+    return faces[area > _FLAT * longest**2]
 
 
 def _frames(corners: Float64, normals: Float64, uv: Float64) -> tuple[Float64, Float64]:

@@ -8,10 +8,9 @@ from weakref import WeakKeyDictionary
 
 from numpy.typing import NDArray
 
-from pyibr._check import checked_image, describe, one_of, positive
+from pyibr._check import Fixed, checked_image, describe, one_of, positive
 from pyibr.errors import ArgumentError
 from pyibr.heights import checked_height, checked_normal_map, checked_tiles, height_pairs
-from pyibr.light import Light
 from pyibr.mesh import Mesh
 from pyibr.raster import BIN, bin_primitives, project, rgba_words
 from pyibr.slicing.prisms import Volume, extruded
@@ -23,12 +22,13 @@ AlphaTest = Literal["inside", "at_least", "band"]
 
 if TYPE_CHECKING:
     from pyibr.opencl.memory import DeviceArray
+    from pyibr.shadow import Lighting
 
 _SLICINGS = {name: number for number, name in enumerate(get_args(Slicing))}  # SURFACE ... of kernels/slicing/
 _TESTS = {"at_least": 0, "band": 1, "inside": 2}  # kernels/slicing/heights.h
 
 
-class SlicedSurface:
+class SlicedSurface(Fixed):
     """A mesh displaced along its normals by a height map, drawn by slices.
 
     Parameters
@@ -48,8 +48,8 @@ class SlicedSurface:
         spacing, `scale / slices` (section 3.4).
     slicing : {"orthogonal", "surface", "screen"}
         "surface": parallel to the base only (section 3.1), which one sees through from the side; "orthogonal":
-        along the normal or one of two directions in the surface, whichever faces the viewer most, polygon by polygon
-        (section 3.2); "screen": parallel to the view plane (section 3.3).
+        along the normal or one of two directions in the surface, whichever faces the viewer most (section 3.2), for
+        each of the three tetrahedra over a triangle; "screen": parallel to the view plane (section 3.3).
     test : {"inside", "at_least", "band"}
         A slice at height h is drawn where the map's height is more than h, so that 0 masks the surface out; at least
         h (Dietrich), which draws the base, too; or at most a slice spacing more than h (Schaufler), so that one may
@@ -108,7 +108,10 @@ class SlicedSurface:
         self.slicing: Slicing = slicing
         self.test: AlphaTest = test
         self.normal_map = None if normal_map is None else checked_normal_map(normal_map)
+        if not isinstance(clipped, bool):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise ArgumentError("clipped", "True or False", describe(clipped))
         self.clipped = clipped
+        self.height_cache: WeakKeyDictionary[Any, Any] = WeakKeyDictionary()
         self.device_cache: WeakKeyDictionary[Any, Any] = WeakKeyDictionary()
 
     def __repr__(self) -> str:
@@ -118,9 +121,14 @@ class SlicedSurface:
     def with_height(self, height: NDArray[Any]) -> SlicedSurface:
         """The same surface with other heights, for animations: everything else, on the device too, is shared."""
         made = object.__new__(SlicedSurface)
-        made.__dict__.update(self.__dict__)
-        made.height = checked_height(height)
+        shared = {**self.__dict__, "volume": self.volume, "height": checked_height(height)}
+        made.__dict__.update(shared, height_cache=WeakKeyDictionary[Any, Any]())
         return made
+
+    @property
+    def bounds(self) -> tuple[NDArray[Any], NDArray[Any]]:
+        """(low, high), each (3,), in the world: the box around the displacement volume."""
+        return self.volume.bounds
 
     @cached_property
     def volume(self) -> Volume:
@@ -129,7 +137,7 @@ class SlicedSurface:
 
 
 def draw_surface(
-    target: Target, surface: SlicedSurface, light: Light | None, counts: DeviceArray | None = None
+    target: Target, surface: SlicedSurface, lit: Lighting | None, counts: DeviceArray | None = None
 ) -> None:
     """Draw a sliced surface into the target; `counts`, (H, W) int32, gains the alpha tests of each pixel."""
     from pyibr.opencl.device import current
@@ -142,10 +150,10 @@ def draw_surface(
     bins = bin_primitives(target, buffers["corners"], projected, near, sort=True)
     defines: dict[str, int] = {}
     more: dict[str, Any] = {}
-    if light is not None:
-        defines["LIT"] = 1
+    if lit is not None:
+        defines |= lit.defines
         height, width = (0, 0) if surface.normal_map is None else surface.normal_map.shape[:2]
-        more |= {"normal_width": width, "normal_height": height, "light": Struct("Light", light.struct)}
+        more |= {"normal_width": width, "normal_height": height, **lit.arguments(1.5 * surface.scale / surface.slices)}
         more |= {"gradients": buffers["gradients"], "normal_map": buffers.get("normal_map", buffers["gradients"])}
     if not surface.clipped and surface.slicing == "screen":
         defines["UNCLIPPED"] = 1
@@ -191,4 +199,6 @@ def _surface_buffers(surface: SlicedSurface) -> dict[str, DeviceArray]:
         if surface.normal_map is not None:
             kept["normal_map"] = upload(surface.normal_map)
         surface.device_cache[session] = kept
-    return {**cast("dict[str, DeviceArray]", kept), "heights": upload(height_pairs(surface.height))}
+    if session not in surface.height_cache:
+        surface.height_cache[session] = upload(height_pairs(surface.height))
+    return {**cast("dict[str, DeviceArray]", kept), "heights": surface.height_cache[session]}

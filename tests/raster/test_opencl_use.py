@@ -69,7 +69,7 @@ import numpy as np, pyibr as ibr
 from pyibr.camera import Camera
 square = [[-1, -1, 2], [1, -1, 4], [1, 1, 4], [-1, 1, -2]]
 faces, uv = [[0, 2, 1], [0, 3, 2], [1, 1, 2]], [[-1, 0], [1, 0], [1, 2], [0, 3]]
-light = ibr.Light(position=(0, 0, 0))
+light = ibr.Light(position=(0, 0, 0), shadow_size=8)
 for size in (13, 7), (1, 1), (35, 5):
     camera = Camera([[20, 0, 6], [0, 20, 3], [0, 0, 1]], size)
     for image in np.full((5, 3, 3), 9, np.uint8), np.full((1, 1, 3), 9, np.uint8):

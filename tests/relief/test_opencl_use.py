@@ -37,7 +37,7 @@ import numpy as np, pyibr as ibr
 corners, uv = [[0, 0, 0], [1, 0, 0], [1, 1, 0.1], [0, 1, 0]], [[-1, 0], [1, 0], [1, 3], [0, 1]]
 square = ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3], [1, 1, 2]], uv=uv)
 rng = np.random.default_rng(0)
-light = ibr.Light(direction=(0, 0, -1))
+light = ibr.Light(direction=(0, 0, -1), shadow_size=8)
 cameras = [ibr.Camera.look_at(eye, (0.5, 0.5, 0), (0, 1, 0.1), size, fov_y=60)
            for eye, size in (((0.5, 0.5, 0.6), (13, 7)), ((1, 2, 1), (1, 1)), ((0.5, 0.5, 0.05), (35, 5)))]
 for n in 1, 5:

@@ -285,3 +285,39 @@ BAD = [
 def test_bad_options(argument, value):
     with pytest.raises(ibr.ArgumentError, match=rf"^{argument}: "):
         ibr.DepthObject(views_of_torus("four"), **{argument: value})
+
+
+@pytest.mark.parametrize("size", [31, 48, 100, 256])
+@pytest.mark.parametrize("extent", [(1, 1, 1), (1, 1, 0.05)])
+def test_a_box_along_the_views_axes(size, extent):
+    """Its sides lie exactly on the other views' outlines."""
+    corners = np.array(np.meshgrid(*[(0, e) for e in extent], indexing="ij")).reshape(3, -1).T
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = [[a, b, c] for a, b, c, _ in quads] + [[a, c, d] for a, _, c, d in quads]
+    mesh = ibr.Mesh(corners, faces)
+    thing, camera = (
+        ibr.DepthObject(object_views(mesh, size), 64),
+        Camera.look_at((2, 1.7, 2.6), (0.5, 0.5, 0.3), (0, 0, 1), (121, 91), 40),
+    )
+    frame, truth = ibr.render(thing, camera), ibr.render(mesh, camera)
+    # Outlines are off by half a sample of the images: 0.5 / size of the box on each side.
+    assert silhouette_iou(frame.valid, truth.valid) >= 1 - 6 / size - 0.02
+
+
+def test_an_image_that_shows_a_part_alone():
+    """With `missing="unknown"` the other images decide beside it; else it cuts."""
+    views = views_of_torus("orthographic")
+    camera = views[0].camera
+    rows, columns = slice(20, 60), slice(30, 80)
+    K = camera.K - [[0, 0, 30], [0, 0, 20], [0, 0, 0]]
+    part = ibr.DepthImage(
+        np.ascontiguousarray(views[0].color[rows, columns]),
+        np.ascontiguousarray(views[0].depth[rows, columns]),
+        Camera(K, (50, 40), camera.world_from_camera, camera.projection),
+    )
+    target = looking(torus(), FRONT, (90, 70))
+    whole = ibr.render(ibr.DepthObject(views, 64), target).valid
+    left = ibr.render(ibr.DepthObject([*views[1:], part], 64, missing="unknown"), target).valid
+    cut = ibr.render(ibr.DepthObject([*views[1:], part], 64), target).valid
+    assert silhouette_iou(left, whole) >= 0.97
+    assert cut.sum() < 0.8 * whole.sum()

@@ -1,0 +1,173 @@
+"""Shadow maps: the scene's depths as its light sees them (Williams 1978)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr._check import Float64
+from pyibr.camera import Camera
+from pyibr.light import Light
+from pyibr.target import Target
+
+if TYPE_CHECKING:
+    from pyibr.opencl.memory import DeviceArray
+
+Bounds = tuple[NDArray[Any], NDArray[Any]]
+
+_MAPS_MOST = 6
+_SHADOW = np.dtype(
+    [
+        ("from_world", np.float32, 16 * _MAPS_MOST),
+        ("depth_row", np.float32, 4 * _MAPS_MOST),
+        ("maps", np.int32),
+        ("size", np.int32),
+        ("perspective", np.int32),
+        ("texel", np.float32),
+        ("grain", np.float32),
+    ]
+)
+"""The struct Shadow of kernels/lib/light.h."""
+
+_WIDEST = 150.0  # degrees that one map of a point light may cover; a light among the things takes six
+
+
+@dataclass(frozen=True)
+class Lighting:
+    """A light and what it sees: all that a system needs to shade its things.
+
+    Attributes
+    ----------
+    light : Light
+    maps : DeviceArray or None
+        (M * size, size) float32: planar depths, M maps one below the other; None without shadows.
+    shadow : record of the kernels' struct Shadow, or None
+    """
+
+    light: Light
+    maps: DeviceArray | None = None
+    shadow: NDArray[np.void] | None = None
+
+    @property
+    def defines(self) -> dict[str, int]:
+        """For kernels with a light."""
+        return {"LIT": 1} if self.maps is None else {"LIT": 1, "SHADOWED": 1}
+
+    def arguments(self, grain: float = 0.0) -> dict[str, Any]:
+        """Of kernels with a light, by name; grain: scene units by which the thing in a map may lie before its surface."""
+        from pyibr.opencl.launch import Struct
+
+        made: dict[str, Any] = {"light": Struct("Light", self.light.struct)}
+        if self.maps is not None and self.shadow is not None:
+            shadow = self.shadow.copy()
+            shadow["grain"] = grain
+            made |= {"shadow_maps": self.maps, "shadow": Struct("Shadow", shadow)}
+        return made
+
+
+def lighting(light: Light, bounds: Sequence[Bounds], draw: Callable[[Target], None], dtype: np.dtype[Any]) -> Lighting:
+    """Let the light look at the scene, if it casts shadows.
+
+    Parameters
+    ----------
+    light : Light
+    bounds : sequence of (low, high)
+        Of each thing, in the world.
+    draw : callable
+        Draws all things into a target.
+    dtype : dtype
+        Of the picture's colours, which `draw` expects.
+    """
+    from pyibr.opencl.memory import upload
+
+    if not light.shadow_size:
+        return Lighting(light)
+    cameras = light_cameras(light, bounds)
+    targets: list[Target] = []
+    for camera in cameras:
+        target = Target(camera, dtype)
+        draw(target)
+        targets.append(target)
+    values = np.zeros((), _SHADOW)
+    for i, camera in enumerate(cameras):
+        values["from_world"][16 * i : 16 * i + 16] = (camera.pixel_matrix @ camera.camera_from_world).ravel()
+        values["depth_row"][4 * i : 4 * i + 4] = camera.camera_from_world[2]
+    values["maps"], values["size"] = len(cameras), light.shadow_size
+    values["perspective"] = cameras[0].projection == "perspective"
+    values["texel"] = 1 / min(cameras[0].K[0, 0], cameras[0].K[1, 1])
+    if len(targets) == 1:
+        return Lighting(light, targets[0].depth, values)
+    stacked = np.concatenate([target.depth.to_host() for target in targets])
+    return Lighting(light, upload(stacked), values)
+
+
+def light_cameras(light: Light, bounds: Sequence[Bounds]) -> list[Camera]:
+    """One camera that sees all of the scene from the light; of a point light among the things, six."""
+    low = np.min([np.asarray(b[0], np.float64) for b in bounds], axis=0)
+    high = np.max([np.asarray(b[1], np.float64) for b in bounds], axis=0)
+    corners = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
+    middle, n = 0.5 * (low + high), light.shadow_size
+    if light.position is None and light.direction is not None:
+        return [_far_camera(light.direction, corners, n)]
+    assert light.position is not None
+    if light.direction is not None:
+        return [_camera(light.position, light.direction, n, light.angle * 1.02)]
+    away = middle - light.position
+    radius, distance = float(np.linalg.norm(high - low)) / 2, float(np.linalg.norm(away))
+    angle = 2 * float(np.degrees(np.arcsin(min(1.0, radius / max(distance, 1e-30))))) * 1.02
+    if angle < _WIDEST:
+        return [_camera(light.position, away, n, angle)]
+    # Six faces of a cube, each a little wider, so that filtering stays on one.
+    axes = [sign * axis for axis in np.eye(3) for sign in (1.0, -1.0)]
+    return [_camera(light.position, axis, n, 2 * np.degrees(np.arctan(1 + 4 / n))) for axis in axes]
+
+
+def _pose(position: Float64, forward: Float64) -> Float64:
+    forward = forward / np.linalg.norm(forward)
+    right = np.cross(np.eye(3)[np.abs(forward).argmin()], forward)
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, :3] = np.column_stack([right, np.cross(forward, right), forward])
+    pose[:3, 3] = position
+    return pose
+
+
+def _camera(position: Float64, forward: Float64, n: int, angle: float) -> Camera:
+    focal = 0.5 * n / np.tan(np.radians(min(angle, 175.0)) / 2)
+    return Camera([[focal, 0, (n - 1) / 2], [0, focal, (n - 1) / 2], [0, 0, 1]], (n, n), _pose(position, forward))
+
+
+def _far_camera(direction: Float64, corners: Float64, n: int) -> Camera:
+    """Orthographic, around the corners of the scene's box."""
+    pose = _pose(np.zeros(3), direction)
+    inside = corners @ pose[:3, :3]
+    low, high = inside.min(axis=0), inside.max(axis=0)
+    extent = np.maximum(high - low, 1e-6 * max(float((high - low).max()), 1e-30))
+    pose[:3, 3] = pose[:3, :3] @ np.array([*(0.5 * (low + high))[:2], low[2] - 0.01 * extent.max() - 1e-30])
+    # Two texels are left free on each side.
+    fx, fy = max(n - 4, 1) / extent[:2]
+    return Camera([[fx, 0, (n - 1) / 2], [0, fy, (n - 1) / 2], [0, 0, 1]], (n, n), pose, "orthographic")
+
+
+def darken(target: Target, before: DeviceArray | None, lit: Lighting, grain: float = 0.0) -> None:
+    """Shadows on a thing without normals that has just been drawn; `before`: the depths it was drawn over, if any."""
+    from pyibr.opencl.device import current
+    from pyibr.opencl.launch import Struct, launch
+    from pyibr.opencl.program import kernel
+
+    if lit.maps is None:
+        return
+    width, height = target.camera.size
+    launch(
+        kernel("raster/shadow.cl", "darken", COLOR_BYTES=target.channel_bytes),
+        (-(-width // current().lanes), height),
+        before=target.depth if before is None else before,
+        screen=Struct("Screen", target.screen(0.5)),
+        blank=before is None,
+        **target.outputs(),
+        **lit.arguments(grain),
+    )
