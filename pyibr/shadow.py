@@ -58,7 +58,7 @@ class Lighting:
         return {"LIT": 1} if self.maps is None else {"LIT": 1, "SHADOWED": 1}
 
     def arguments(self, grain: float = 0.0) -> dict[str, Any]:
-        """Of kernels with a light, by name; grain: scene units by which the thing in a map may lie before its surface."""
+        """Of kernels with a light, by name; grain: scene units by which a thing may lie before its surface."""
         from pyibr.opencl.launch import Struct
 
         made: dict[str, Any] = {"light": Struct("Light", self.light.struct)}
