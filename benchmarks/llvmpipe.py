@@ -153,6 +153,7 @@ class Picture:
     camera: ibr.Camera
     near: float
     far: float
+    textures: tuple[Any, ...] = ()  # by their units; none: as they were bound
 
     def draw(self) -> None:
         """Draw, and wait until it is done."""
@@ -162,6 +163,8 @@ class Picture:
 
     def _start(self, gl: Any) -> None:
         self.framebuffer.use()
+        for unit, texture in enumerate(self.textures):
+            texture.use(unit)
         gl.clear()
         gl.enable(gl.DEPTH_TEST)
         self.vertices.render()
@@ -239,8 +242,8 @@ def slices(camera: ibr.Camera, thing: ibr.DepthObject | ibr.VisualHull, near: fl
     return Picture(program, vertices, _framebuffer(gl, camera), camera, near, far)
 
 
-def relief(camera: ibr.Camera, surface: ibr.ReliefSurface, near: float, far: float) -> Picture:
-    """A relief on a base of z = 0 with uv proportional to x and y, by the linear search."""
+def relief(camera: ibr.Camera, surface: ibr.ReliefSurface, near: float, far: float, in_float: bool = False) -> Picture:
+    """A relief on a base of z = 0 with uv proportional to x and y, by the linear search; heights in 8 bits or float."""
     gl = context()
     base = surface.base
     program = gl.program(vertex_shader=_RELIEF_VERTEX, fragment_shader=_RELIEF_FRAGMENT)
@@ -260,14 +263,17 @@ def relief(camera: ibr.Camera, surface: ibr.ReliefSurface, near: float, far: flo
         surface.steps,
         surface.halvings,
     )
-    heights = np.rint(surface.height * 255).astype(np.uint8)
+    heights = surface.height if in_float else np.rint(surface.height * 255).astype(np.uint8)
+    textures: list[Any] = []
     for unit, (name, image) in enumerate((("heights", heights), ("colors", surface.color))):
         h, w = image.shape[:2]
-        gl.texture((w, h), 1 if image.ndim == 2 else 3, np.ascontiguousarray(image).tobytes(), alignment=1).use(unit)
+        kind = "f4" if image.dtype == np.float32 else "f1"
+        channels = 1 if image.ndim == 2 else 3
+        textures.append(gl.texture((w, h), channels, np.ascontiguousarray(image).tobytes(), alignment=1, dtype=kind))
         program[name].value = unit
     data = np.concatenate([base.vertices, uv.astype(np.float32)], axis=1)[base.faces.ravel()]
     vertices = gl.vertex_array(program, [(gl.buffer(data.tobytes()), "3f 2f", "position", "place")])
-    return Picture(program, vertices, _framebuffer(gl, camera), camera, near, far)
+    return Picture(program, vertices, _framebuffer(gl, camera), camera, near, far, tuple(textures))
 
 
 def _framebuffer(gl: Any, camera: ibr.Camera) -> Any:

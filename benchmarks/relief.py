@@ -20,7 +20,8 @@ from benchmarks.scenes import bricks, scanned
 from pyibr import models
 
 SIZE = (800, 600)
-PLANE, PLANE_SAFE, PEER = "linear, 32 + 6 steps", "safe", "llvmpipe"
+PLANE, PLANE_SAFE = "linear, 32 + 6 steps", "safe"
+PEER, PEER_FLOAT = "llvmpipe", "llvmpipe, heights in float"
 PAPER_RATE = 85.0  # frames per second, GeForce 6800 GT: the refresh rate of its monitor
 BARS = {"plane": 0.4, "scene": PAPER_RATE}
 BARRED_SCENES = ("torus", "teapot")
@@ -61,6 +62,7 @@ def _plane(repeats: int) -> Work:
     if not isinstance(llvmpipe.context(), str):
         peer = llvmpipe.relief(camera, linear, 0.01, 10)
         subjects[PEER] = peer.picture
+        subjects[PEER_FLOAT] = llvmpipe.relief(camera, linear, 0.01, 10, in_float=True).picture
 
     def read() -> Iterator[Record]:
         if peer is not None:

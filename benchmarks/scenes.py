@@ -73,7 +73,8 @@ def bricks(n: int = 256) -> tuple[Array, Array]:
     shifted = (x + 32 * (y // 32 % 2)) % 64
     joint = np.minimum(np.minimum(shifted, 63 - shifted), np.minimum(y % 32, 31 - y % 32))
     rough = 0.5 + 0.5 * np.sin(x * np.pi / 16 + 3 * np.sin(y * np.pi / 32)) * np.sin(y * np.pi / 16)
-    height = 255 * np.clip(joint / 6, 0, 1) * (0.75 + 0.25 * rough)
+    ramp = np.clip(joint / 14, 0, 1)
+    height = 255 * ramp * ramp * (3 - 2 * ramp) * (0.75 + 0.25 * rough)
     stone = np.array([150, 82, 60]) * (0.7 + 0.3 * rough[..., None])
     color = np.where(joint[..., None] > 3, stone, (150, 145, 135))
     return height.astype(np.uint8), color.astype(np.uint8)

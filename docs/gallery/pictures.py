@@ -11,6 +11,7 @@ mpl.use("Agg")
 import cv2
 import matplotlib.pyplot as plt
 import numpy as np
+import reliefs
 from demo import FAINT, HOLE, INK, PATH, views_of
 from matplotlib.axes import Axes
 from matplotlib.colors import Normalize, to_rgb, to_rgba
@@ -279,3 +280,6 @@ if __name__ == "__main__":
     save("slice-counts.png", slice_counts(), 70)
     save("donuts.jpg", donuts(), 80)
     save("depth-object.png", depth_object(), 90)
+    save("relief-silhouettes.jpg", reliefs.silhouettes(), 80)
+    save("relief-distances.jpg", reliefs.distances(), 80)
+    save("relief-scenes.jpg", reliefs.scenes(), 80)

@@ -9,7 +9,8 @@
 | .exr (package OpenEXR) | R, G, B | Z, else Y, else R |
 | .bin (COLMAP) | | yes |
 
-Scans on a grid, which are points and no images, are read by `read_range_grid`.
+Scans on a grid, which are points and no images, are read by `read_range_grid`; pictures of normals and heights by
+`read_relief_map`.
 """
 
 from __future__ import annotations
@@ -25,8 +26,18 @@ from numpy.typing import NDArray
 from pyibr._check import describe, positive
 from pyibr.errors import ArgumentError, FileFormatError
 from pyibr.io.range_grid import read_range_grid
+from pyibr.io.relief_map import read_relief_map, write_relief_map
 
-__all__ = ["read_color", "read_depth", "read_range_grid", "write_color", "write_depth", "write_mask"]
+__all__ = [
+    "read_color",
+    "read_depth",
+    "read_range_grid",
+    "read_relief_map",
+    "write_color",
+    "write_depth",
+    "write_mask",
+    "write_relief_map",
+]
 
 _PathLike = str | PathLike[str]
 _COLOR_MODULES = {".npy": "npy", ".npz": "npy", ".pfm": "pfm", ".exr": "exr"}

@@ -1,0 +1,168 @@
+"""The pictures of relief mapping: made by pictures.py."""
+
+from __future__ import annotations
+
+import cv2
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+
+import pyibr as ibr
+from pyibr import models
+
+WHITE = (255, 255, 255)
+
+
+def noise(seed: int, sigma: float, n: int = 256) -> np.ndarray:
+    """(n, n) smooth noise from 0 to 1, tiled."""
+    rough = np.pad(np.random.default_rng(seed).random((n, n)).astype(np.float32), 64, mode="wrap")
+    smooth = cv2.GaussianBlur(rough, (0, 0), sigma)[64:-64, 64:-64]
+    return (smooth - smooth.min()) / np.ptp(smooth)
+
+
+def bricks() -> tuple[np.ndarray, np.ndarray]:
+    """Height and colour of a wall of rough bricks."""
+    y, x = np.mgrid[:256, :256]
+    shifted = (x + 32 * (y // 32 % 2)) % 64
+    joint = np.minimum(np.minimum(shifted, 63 - shifted), np.minimum(y % 32, 31 - y % 32))
+    number = (x + 32 * (y // 32 % 2)) // 64 % 4 + 4 * (y // 32)
+    shade = np.random.default_rng(5).random(64)[number % 64]
+    height = np.clip(joint / 7, 0, 1) * (0.62 + 0.22 * shade + 0.16 * noise(1, 2.5)) + 0.04 * noise(2, 1)
+    tint = np.array([168, 92, 66]) + np.array([34, 20, 14]) * (2 * shade[..., None] - 1)
+    mortar = np.array([172, 166, 154]) * (0.85 + 0.2 * noise(4, 1.2)[..., None])
+    color = np.where((joint > 3)[..., None], tint * (0.75 + 0.35 * noise(3, 2)[..., None]), mortar)
+    return (255 * height.clip(0, 1)).astype(np.uint8), color.clip(0, 255).astype(np.uint8)
+
+
+def stones() -> tuple[np.ndarray, np.ndarray]:
+    """Height and colour of rounded stones beside one another."""
+    rng = np.random.default_rng(8)
+    centers = rng.random((46, 2)) * 256
+    shifts = np.array([(i, j) for i in (-256, 0, 256) for j in (-256, 0, 256)])
+    points = (centers[:, None] + shifts).reshape(-1, 2)
+    y, x = np.mgrid[:256, :256]
+    away = np.sort(np.hypot(y[..., None] - points[:, 0], x[..., None] - points[:, 1]), axis=-1)
+    owner = np.argmin(np.hypot(y[..., None] - points[:, 0], x[..., None] - points[:, 1]), axis=-1) // 9
+    gap = away[..., 1] - away[..., 0]
+    height = np.sqrt(np.clip(gap / 26, 0, 1)) * (0.75 + 0.25 * noise(11, 5))
+    tint = rng.random(46)[owner][..., None]
+    color = (np.array([116, 120, 118]) + np.array([46, 40, 30]) * (tint - 0.5) * 2) * (0.45 + 0.55 * height[..., None])
+    return (255 * height.clip(0, 1)).astype(np.uint8), color.clip(0, 255).astype(np.uint8)
+
+
+def tube(sides: int, length: float = 2.4, radius: float = 1.0) -> ibr.Mesh:
+    """An open cylinder about the z axis."""
+    u, v = np.meshgrid(np.linspace(0, 1, sides + 1), np.linspace(0, 1, 9))
+    a = 2 * np.pi * u
+    normals = np.stack([np.cos(a), np.sin(a), 0 * a], axis=-1)
+    points = radius * normals + (length * (v - 0.5))[..., None] * np.array([0, 0, 1.0])
+    i = (np.arange(8)[:, None] * (sides + 1) + np.arange(sides)).ravel()
+    faces = np.concatenate([np.stack([i, i + 1, i + sides + 2], 1), np.stack([i, i + sides + 2, i + sides + 1], 1)])
+    return ibr.Mesh(points.reshape(-1, 3), faces, np.stack([u, -v], -1).reshape(-1, 2), normals.reshape(-1, 3))
+
+
+def quad(corner: tuple, along: tuple, up: tuple) -> ibr.Mesh:
+    """A parallelogram with uv along its sides."""
+    a, b, c = (np.array(p, float) for p in (corner, along, up))
+    return ibr.Mesh([a, a + b, a + b + c, a + c], [[0, 1, 2], [0, 2, 3]], uv=[[0, 1], [1, 1], [1, 0], [0, 0]])
+
+
+def show(axes: Axes, image: np.ndarray, title: str) -> None:
+    axes.imshow(image)
+    axes.set_title(title, loc="left", fontsize=12, color="#222222")
+    axes.set_axis_off()
+
+
+def wires(axes: Axes, mesh: ibr.Mesh, camera: ibr.Camera) -> None:
+    """The edges of the triangles that face the camera."""
+    pixel, _ = camera.project(mesh.vertices)
+    corner = mesh.vertices[mesh.faces].astype(float)
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    front = mesh.faces[((camera.center - corner[:, 0]) * normal).sum(axis=1) > 0]
+    lines = np.concatenate([pixel[front[:, [i, (i + 1) % 3]]] for i in range(3)])
+    limits = axes.get_xlim(), axes.get_ylim()
+    axes.add_collection(LineCollection(list(lines), colors="#1f6fb4", linewidths=0.35))
+    axes.set(xlim=limits[0], ylim=limits[1])
+
+
+def silhouettes() -> Figure:
+    """A torus and a tube, flat and with the quadrics, and the mesh over that."""
+    light = ibr.Light(direction=(0.5, 0.8, -0.9), color=(1.4, 1.35, 1.25))
+    height, color = bricks()
+    size, up = (620, 440), (0, 0, 1)
+    things = [
+        (models.donut(32), (10, 4), 0.09, ibr.Camera.look_at((1.3, -2.2, 1.7), (0, 0, -0.05), up, size, 42)),
+        (tube(24), (7, 3), 0.12, ibr.Camera.look_at((2.0, -4.0, 0.6), (0, 0, 0), up, size, 42)),
+    ]
+    figure, grid = plt.subplots(2, 3, figsize=(13.5, 6.6), layout="constrained")
+    for row, (mesh, tiles, scale, camera) in zip(grid, things, strict=True):
+        made = {s: ibr.ReliefSurface(mesh, height, color, scale, tiles, silhouette=s) for s in ("none", "quadric")}
+        frames = {s: ibr.render(thing, camera, light, background=WHITE).color for s, thing in made.items()}
+        show(row[0], frames["none"], 'silhouette="none"')
+        show(row[1], frames["quadric"], 'silhouette="quadric"')
+        show(row[2], frames["quadric"], "the mesh over it")
+        wires(row[2], mesh, camera)
+    return figure
+
+
+def distances() -> Figure:
+    """The two distances to the quadric, side by side, and where they differ."""
+    height, color = bricks()
+    camera = ibr.Camera.look_at((1.6, -3.2, 0.5), (0, 0, 0), (0, 0, 1), (520, 400), 44)
+    light = ibr.Light(direction=(0.5, 0.8, -0.9), color=(1.4, 1.35, 1.25))
+    frames: list[ibr.Frame] = []
+    for distance in ("exact", "approximate"):
+        relief = ibr.ReliefSurface(tube(24), height, color, 0.15, (7, 3), distance=distance)
+        frames.append(ibr.render(relief, camera, light, background=WHITE))
+    off = np.abs(frames[0].color.astype(int) - frames[1].color).max(axis=2)
+    figure, row = plt.subplots(1, 3, figsize=(13.5, 3.6), layout="constrained")
+    show(row[0], frames[0].color, 'distance="exact"')
+    show(row[1], frames[1].color, 'distance="approximate"')
+    show(row[2], 255 - np.repeat(off[..., None], 3, axis=2).astype(np.uint8), "their difference")
+    return figure
+
+
+def scenes() -> Figure:
+    """Interpenetration, a saddle, several numbers of tiles, and a room with shadows."""
+    brick, stone = bricks(), stones()
+    light = ibr.Light(direction=(0.5, 0.8, -0.9), color=(1.4, 1.35, 1.25))
+    figure, grid = plt.subplots(2, 2, figsize=(13, 9.6), layout="constrained")
+    camera = ibr.Camera.look_at((1.6, -3.2, 0.8), (0, 0, 0), (0, 0, 1), (620, 440), 42)
+    both = [ibr.ReliefSurface(tube(32), *brick, 0.13, (6, 3)), ibr.ReliefSurface(tube(32), *stone, 0.13, (5, 2))]
+    frame = ibr.render(both, camera, light, background=WHITE)
+    show(grid[0, 0], frame.color, "two coincident cylinders of different materials")
+    camera = ibr.Camera.look_at((0.75, -1.1, 0.75), (0.25, -0.55, 0.12), (0, 0, 1), (620, 440), 44)
+    saddle = ibr.ReliefSurface(models.donut(48), *stone, 0.07, (8, 3))
+    show(grid[0, 1], ibr.render(saddle, camera, light, background=WHITE).color, "the saddle inside a torus")
+    row = []
+    for tiles in ((4, 2), (8, 3), (16, 6)):
+        torus = ibr.ReliefSurface(models.donut(48), *stone, 0.28 / tiles[1], tiles)
+        view = ibr.Camera.look_at((0.7, -2.3, 2.6), (0, 0, 0), (0, 0, 1), (300, 440), 62)
+        row.append(ibr.render(torus, view, light, background=WHITE).color)
+    show(grid[1, 0], np.hstack(row), "one torus with more and more tiles")
+    show(grid[1, 1], room((620, 440)), "walls, floor, columns and a torus, with shadows")
+    return figure
+
+
+def room(size: tuple[int, int]) -> np.ndarray:
+    """A corner of a room, all of it reliefs, lit by one spot."""
+    brick, stone = bricks(), stones()
+    things = [
+        ibr.ReliefSurface(quad((-3, 2.2, 0), (6, 0, 0), (0, 0, 3)), *brick, 0.12, (5, 3)),
+        ibr.ReliefSurface(quad((-3, -3, 0), (0, 5.2, 0), (0, 0, 3)), *brick, 0.12, (5, 3)),
+        ibr.ReliefSurface(quad((-3, -3, 0), (6, 0, 0), (0, 5.2, 0)), *stone, 0.10, (4, 4)),
+    ]
+    for x, y in ((-1.9, 1.2), (0.1, 1.2), (2.1, 1.2)):
+        column = tube(32, 3.0, 0.32)
+        moved = ibr.Mesh(column.vertices + np.array([x, y, 1.5]), column.faces, column.uv, column.normals)
+        things.append(ibr.ReliefSurface(moved, *brick, 0.05, (3, 4)))
+    ring = models.donut(40, 0.62, 0.26)
+    lying = ibr.Mesh(ring.vertices + np.array([0.5, -0.9, 0.24]), ring.faces, ring.uv, ring.normals)
+    things.append(ibr.ReliefSurface(lying, *stone, 0.06, (7, 3)))
+    camera = ibr.Camera.look_at((2.7, -4.4, 2.1), (-0.2, 0.2, 0.9), (0, 0, 1), size, 48)
+    light = ibr.Light(
+        position=(2.6, -3.6, 4.4), direction=(-2.6, 3.9, -3.9), angle=75, color=(1.5, 1.4, 1.25), shadow_size=2048
+    )
+    return ibr.render(things, camera, light).color

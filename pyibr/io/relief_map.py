@@ -1,0 +1,98 @@
+"""Relief maps: a picture whose red, green and blue are a normal and whose alpha is a height, 8 bits each."""
+
+from __future__ import annotations
+
+from os import PathLike
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr._check import describe, one_of
+from pyibr.errors import ArgumentError, FileFormatError
+from pyibr.io.files import atomic_path, reading
+
+Green = Literal["down", "up"]
+
+
+def read_relief_map(
+    path: str | PathLike[str], green: Green = "down", alpha: Literal["height", "depth"] = "height"
+) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """Read a relief map.
+
+    Parameters
+    ----------
+    path : path
+        PNG, TIFF, TGA, DDS or whatever else Pillow reads with an alpha channel.
+    green : {"down", "up"}
+        Whether green grows with v, down the picture, or against it. Makers of textures use both.
+    alpha : {"height", "depth"}
+        "depth": 0 is the surface, 255 the deepest, as in relief mapping's papers.
+
+    Returns
+    -------
+    normal_map : (h, w, 3) float32
+        Unit normals in tangent space: x along u, y along v, z along the normal.
+    height : (h, w) uint8
+
+    Raises
+    ------
+    ArgumentError
+        If `green` or `alpha` is something else.
+    FileFormatError
+        If the file is missing, truncated, or has no alpha channel.
+    """
+    from PIL import Image
+
+    one_of("green", green, Green)
+    one_of("alpha", alpha, Literal["height", "depth"])
+    with reading(path, "relief map") as source, Image.open(source) as picture:
+        if picture.mode not in ("RGBA", "LA", "PA") and "transparency" not in picture.info:
+            raise FileFormatError(f"{source}: expected normals and heights as RGBA, got {picture.mode}")
+        rgba = np.asarray(picture.convert("RGBA"))
+    normals = rgba[..., :3].astype(np.float32) / np.float32(127.5) - np.float32(1)
+    normals[..., 1] *= np.float32(1 if green == "down" else -1)
+    normals[..., 2] = np.maximum(normals[..., 2], np.float32(1e-3))  # backs are a matter of rounding
+    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+    height = rgba[..., 3] if alpha == "height" else 255 - rgba[..., 3]
+    return normals, np.ascontiguousarray(height)
+
+
+def write_relief_map(
+    path: str | PathLike[str], normal_map: NDArray[Any], height: NDArray[np.uint8], green: Green = "down"
+) -> None:
+    """Write a relief map, as `read_relief_map` reads it.
+
+    Parameters
+    ----------
+    path : path
+        In a format with alpha: PNG, TIFF, TGA.
+    normal_map : (h, w, 3) float
+        In tangent space, z > 0, of any length.
+    height : (h, w) uint8
+    green : {"down", "up"}
+
+    Raises
+    ------
+    ArgumentError
+        If the arrays do not fit together.
+    FileFormatError
+        If the file cannot be written.
+    """
+    from PIL import Image
+
+    one_of("green", green, Green)
+    if height.ndim != 2 or height.dtype != np.uint8 or not height.size:
+        raise ArgumentError("height", "uint8 of shape (h, w)", describe(height))
+    if normal_map.shape != (*height.shape, 3) or normal_map.dtype.kind != "f" or not np.isfinite(normal_map).all():
+        raise ArgumentError("normal_map", f"floats of shape {(*height.shape, 3)}", describe(normal_map))
+    if (normal_map[..., 2] <= 0).any():
+        raise ArgumentError("normal_map", "normals with z > 0", f"{np.count_nonzero(normal_map[..., 2] <= 0)} without")
+    unit = normal_map / np.linalg.norm(normal_map, axis=2, keepdims=True)
+    unit = unit * np.array([1, 1 if green == "down" else -1, 1])
+    rgb = np.rint((unit + 1) * 127.5).clip(0, 255).astype(np.uint8)
+    with atomic_path(path) as temporary:
+        try:
+            Image.fromarray(np.dstack([rgb, height])).save(temporary)
+        except (ValueError, KeyError) as error:
+            raise FileFormatError(f"{path}: cannot be written as a picture with alpha: {error}") from error
