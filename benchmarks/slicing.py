@@ -43,6 +43,7 @@ def cases(plan: Plan) -> Iterator[Case]:
     for (n, slices), repeats in plan.slicing.items():
         parameters: dict[str, Parameter] = {"case": "object", "size": n, "slices": slices}
         yield Case(parameters, functools.partial(_objects, parameters, n, slices, repeats, plan.dragon_mesh))
+    yield Case({"case": "mesh"}, functools.partial(_against_mesh, plan.dragon_mesh))
     yield Case({"case": "donut"}, functools.partial(_donut, plan.donut))
     for elevation in plan.elevations:
         for slices in plan.direction_slices:
@@ -85,6 +86,40 @@ def _objects(parameters: dict[str, Parameter], n: int, slices: int, repeats: int
             yield Record(name, "alpha tests", "samples", parameters, [tests])
 
     return Work(subjects, repeats, read)
+
+
+def _against_mesh(scan: str) -> Work | Skip:
+    """The object, its textures and its hull beside the mesh that they were taken of, from three sides."""
+    mesh, views = scanned(scan), _views(scan)
+    if isinstance(mesh, Skip) or isinstance(views, Skip):
+        return mesh if isinstance(mesh, Skip) else Skip("mesh", "it has no views")
+    scene = MeshScene(mesh.vertices, mesh.faces)
+    things: dict[str, ibr.DepthObject | ibr.VisualHull] = {
+        "visible": ibr.DepthObject(views, 256),
+        "naive": ibr.DepthObject(views, 256, texture="naive"),
+        "hull": ibr.VisualHull(views, 256),
+    }
+    box = things["visible"].box
+    frames: dict[str, list[tuple[ibr.Frame, ibr.DepthImage]]] = {name: [] for name in things}
+    for side in ((0.5, 0.35, 1.0), (-1.0, 0.5, 0.4), (0.6, 0.8, -0.9)):
+        away = 2.2 * np.linalg.norm(box.edges) * np.array(side) / np.linalg.norm(side)
+        camera = ibr.Camera.look_at(box.center + away, box.center, (0, 1, 0), (480, 360), fov_y=28)
+        truth = scene.capture(camera)
+        for name, thing in things.items():
+            frames[name].append((ibr.render(thing, camera), truth))
+
+    def read() -> Iterator[Record]:
+        parameters: dict[str, Parameter] = {"case": "mesh"}
+        for name, pairs in frames.items():
+            yield Record(name, "silhouette (IoU)", "share", parameters, [_iou(f.valid, t.valid) for f, t in pairs])
+            errors: list[float] = []
+            for frame, truth in pairs:
+                both = frame.valid & truth.valid
+                squared = np.square(frame.color.astype(float) - truth.color)[both].mean()
+                errors.append(float(10 * np.log10(255**2 / squared)))
+            yield Record(name, "colour (PSNR)", "dB", parameters, errors)
+
+    return Work(read=read)
 
 
 def _iou(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> float:

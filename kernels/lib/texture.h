@@ -38,3 +38,11 @@ void add_level(global const uint *texels, floatl u, floatl v, intl level, int wi
     add_texel(texels, yb + xa, left * fy, sum);
     add_texel(texels, yb + xb, right * fy, sum);
 }
+
+/* The level whose texels are as large as a pixel, from the square of how many of the first's it covers along a side */
+intl level_of_texels(floatl texels_2, int level_count)
+{
+    const floatl sound = pick(isfinite_lanes(texels_2), greater(texels_2, (floatl)1.0f), (floatl)1.0f);
+    const intl doublings = (as_intl(sound) >> 23) - 127; /* its log2, rounded down */
+    return min(doublings >> 1, (intl)(level_count - 1));
+}

@@ -16,6 +16,7 @@
  */
 #define PLACED
 #include "lib/light.h"
+#include "lib/normals.h"
 #include "lib/texture.h"
 #include "raster/region.h"
 #include "raster/triangle.h"
@@ -119,19 +120,10 @@ intl level_of(const Entry *e, int width, int height, int level_count, floatl siz
     const floatl u_2 = e->ux * e->ux + e->uy * e->uy + e->uz * e->uz;
     const floatl v_2 = e->wx * e->wx + e->wy * e->wy + e->wz * e->wz;
     const floatl texels_2 = greater(u_2 * ((float)width * width), v_2 * ((float)height * height)) * size * size;
-    const floatl sound = pick(enters & isfinite_lanes(texels_2), texels_2, (floatl)1.0f);
-    const intl doublings = (as_intl(greater(sound, (floatl)1.0f)) >> 23) - 127; /* its log2, rounded down */
-    return min(doublings >> 1, (intl)(level_count - 1));
+    return level_of_texels(pick(enters, texels_2, (floatl)1.0f), level_count);
 }
 
 #ifdef LIT
-Direction at_unit_length(Direction d)
-{
-    const floatl unit = 1.0f / sqrt(greater(d.x * d.x + d.y * d.y + d.z * d.z, (floatl)1e-30f));
-    const Direction made = {d.x * unit, d.y * unit, d.z * unit};
-    return made;
-}
-
 /* x and y of the frame in which the quadric is z = a x^2 + b y^2 */
 void tangents_of(const Entry *e, Direction *x, Direction *y)
 {
@@ -172,24 +164,14 @@ void tilt_by_slope(Direction *normal, const Entry *e, global const uint *texels,
 /* By a map of unit normals, x along u, y along v, bilinear */
 void tilt_by_map(Direction *normal, const Entry *e, global const float *map, int width, int height, floatl u, floatl v)
 {
-    const floatl tx = u * width - 0.5f, ty = v * height - 0.5f, x0 = floor_lanes(tx), y0 = floor_lanes(ty);
-    const intl left = pick(x0 < 0.0f, (intl)(width - 1), to_intl(x0)), right = pick(left + 1 < width, left + 1, (intl)0);
-    const intl up = pick(y0 < 0.0f, (intl)(height - 1), to_intl(y0)), down = pick(up + 1 < height, up + 1, (intl)0);
-    floatl part[3];
-    for (int axis = 0; axis < 3; axis++) {
-        const intl aa = 3 * (up * width + left) + axis, ab = 3 * (up * width + right) + axis;
-        const intl ba = 3 * (down * width + left) + axis, bb = 3 * (down * width + right) + axis;
-        const floatl top = (floatl)(gather(map, aa)) * (1.0f - tx + x0) + (floatl)(gather(map, ab)) * (tx - x0);
-        const floatl bottom = (floatl)(gather(map, ba)) * (1.0f - tx + x0) + (floatl)(gather(map, bb)) * (tx - x0);
-        part[axis] = top * (1.0f - ty + y0) + bottom * (ty - y0);
-    }
+    const Direction part = normal_in(map, width, height, u, v);
     Direction x, y;
     tangents_of(e, &x, &y);
     const floatl turned = pick(e->wx * y.x + e->wy * y.y + e->wz * y.z < 0.0f, (floatl)-1.0f, (floatl)1.0f); /* v may run against y */
-    const floatl across = turned * part[1];
-    const Direction tilted = {part[2] * normal->x + part[0] * x.x + across * y.x,
-                              part[2] * normal->y + part[0] * x.y + across * y.y,
-                              part[2] * normal->z + part[0] * x.z + across * y.z};
+    const floatl across = turned * part.y;
+    const Direction tilted = {part.z * normal->x + part.x * x.x + across * y.x,
+                              part.z * normal->y + part.x * x.y + across * y.y,
+                              part.z * normal->z + part.x * x.z + across * y.z};
     *normal = at_unit_length(tilted);
 }
 #endif

@@ -12,13 +12,15 @@
  *
  * corners: (tetrahedra, 4) of projected, three in a row for each triangle. places: (vertices, 3) u, v (tiled) and
  * height. points: (vertices, 3) world. frames: (triangles, 3, 3) the slicing directions a (normal), b, c: unit length.
- * heights: (map_height, map_width), heights.h. colors: (color_height, color_width) RGBA bytes. spacing: of the slices,
+ * heights: (map_height, map_width), heights.h. colors: lib/texture.h. gradients:
+ * (triangles, 2, 3) of u and v in the world, tiled. normals: (vertices of the base, 3). spacing: of the slices,
  * in the world. slices: of direction a. counts: (height, width) alpha tests, with COUNTED.
  * Work-item: a region (raster/region.h). Cost: O(list + pixels * slices met). Determinism: list order.
  */
 #define PLACED
-#include "lib/color.h"
 #include "lib/light.h"
+#include "lib/normals.h"
+#include "lib/texture.h"
 #include "raster/region.h"
 #include "slicing/heights.h"
 
@@ -324,19 +326,50 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
 #include "raster/list.h"
 
 #define GATHER(array, i) gather(array, i)
-#define CHANNEL(word, shift) to_floatl((word >> shift) & 255)
+
+#ifdef LIT
+/* The base's normal below a point: interpolated at its foot on the triangle */
+Direction normal_below(global const int *corners, global const float *points, global const float *normals, intl triangle,
+                       floatl X, floatl Y, floatl Z)
+{
+    intl corner[3];
+    floatl p[3][3];
+    for (int k = 0; k < 3; k++) { /* the first three corners of the first tetrahedron are the triangle's */
+        const intl at = 12 * triangle + k;
+        corner[k] = (intl)(gather(corners, at));
+        for (int axis = 0; axis < 3; axis++)
+            p[k][axis] = (floatl)(GATHER(points, (3 * corner[k] + axis)));
+    }
+    const floatl ax = p[1][0] - p[0][0], ay = p[1][1] - p[0][1], az = p[1][2] - p[0][2];
+    const floatl bx = p[2][0] - p[0][0], by = p[2][1] - p[0][1], bz = p[2][2] - p[0][2];
+    const floatl x = X - p[0][0], y = Y - p[0][1], z = Z - p[0][2];
+    const floatl aa = ax * ax + ay * ay + az * az, ab = ax * bx + ay * by + az * bz, bb = bx * bx + by * by + bz * bz;
+    const floatl xa = x * ax + y * ay + z * az, xb = x * bx + y * by + z * bz;
+    const floatl inverse = 1.0f / greater(aa * bb - ab * ab, (floatl)1e-30f);
+    const floatl second = lesser(greater((bb * xa - ab * xb) * inverse, (floatl)0.0f), (floatl)1.0f);
+    const floatl third = lesser(greater((aa * xb - ab * xa) * inverse, (floatl)0.0f), (floatl)1.0f);
+    const floatl weight[3] = {greater(1.0f - second - third, (floatl)0.0f), second, third};
+    Direction made = {0.0f, 0.0f, 0.0f};
+    for (int k = 0; k < 3; k++) {
+        made.x += weight[k] * (floatl)(GATHER(normals, (3 * corner[k])));
+        made.y += weight[k] * (floatl)(GATHER(normals, (3 * corner[k] + 1)));
+        made.z += weight[k] * (floatl)(GATHER(normals, (3 * corner[k] + 2)));
+    }
+    return at_unit_length(made);
+}
+#endif
 
 kernel void draw_surface(global const int *corners, global const float *projected, global const float *points,
                          global const float *places, global const float *frames, global const uint *heights,
                          global const uint *colors, global const int *list, global const int *starts, int bins_x,
                          global float *depth, global channel *color, global uchar *valid, Screen screen,
                          float nearest_w, float spacing, int slices, int slicing, int test, int map_width,
-                         int map_height, int color_width, int color_height, int blank
+                         int map_height, int color_width, int color_height,
+                         int color_levels, float pixel_size, global const float *gradients, int blank
 #ifdef LIT
                          ,
-                         global const float *gradients, /* (triangles, 2, 3) of u and v in the world, tiled */
-                         global const float *normal_map, int normal_width, int normal_height,
-                         Light light SHADOW_PARAMETERS
+                         global const float *normals, global const float *normal_map, int normal_width,
+                         int normal_height, Light light SHADOW_PARAMETERS
 #endif
 #ifdef COUNTED
                          ,
@@ -367,53 +400,42 @@ kernel void draw_surface(global const int *corners, global const float *projecte
         Color shade = {0.0f, 0.0f, 0.0f};
         if (any_lane(mine)) {
             const floatl u = pick(mine, region.u[block], (floatl)0.0f), v = pick(mine, region.v[block], (floatl)0.0f);
-            const floatl tx = (u - floor_lanes(u)) * color_width - 0.5f, ty = (v - floor_lanes(v)) * color_height - 0.5f;
-            const floatl x0 = floor_lanes(tx), y0 = floor_lanes(ty);
-            for (int k = 0; k < 4; k++) {
-                intl cx = to_intl(x0) + (k & 1), cy = to_intl(y0) + (k >> 1);
-                cx = pick(cx < 0, cx + color_width, pick(cx >= color_width, cx - color_width, cx));
-                cy = pick(cy < 0, cy + color_height, pick(cy >= color_height, cy - color_height, cy));
-                const floatl weight = (k & 1 ? tx - x0 : 1.0f - (tx - x0)) * (k >> 1 ? ty - y0 : 1.0f - (ty - y0)) / 255.0f;
-                const intl at = cy * color_width + cx;
-                const intl word = as_intl((uintl)(gather(colors, at)));
-                shade.r += weight * CHANNEL(word, 0);
-                shade.g += weight * CHANNEL(word, 8);
-                shade.b += weight * CHANNEL(word, 16);
-            }
-#ifdef LIT
-            const intl triangle = pick(mine, owner / 3, (intl)0);
-#define FRAME_AT(k) (floatl)(GATHER(frames, (frame + k)))
+            const intl triangle = to_intl((to_floatl(pick(mine, owner, (intl)0)) + 0.5f) * (1.0f / 3.0f));
 #define SLOPE_AT(k) (floatl)(GATHER(gradients, (slope + k)))
-            const intl frame = triangle * 9, slope = triangle * 6;
-            floatl along_u, along_v;
-            floatl nx = FRAME_AT(0), ny = FRAME_AT(1), nz = FRAME_AT(2);
-            if (normal_width > 0) { /* tangent-space normals: their slopes are per length of the surface */
-                const intl mx = min(to_intl((u - floor_lanes(u)) * normal_width), (intl)(normal_width - 1));
-                const intl my = min(to_intl((v - floor_lanes(v)) * normal_height), (intl)(normal_height - 1));
-                const intl at = (my * normal_width + mx) * 3, at_1 = at + 1, at_2 = at + 2;
-                const floatl mz = greater((floatl)(gather(normal_map, at_2)), (floatl)1e-3f);
-                const floatl mu = (floatl)(gather(normal_map, at)) / mz, mv = (floatl)(gather(normal_map, at_1)) / mz;
-                const floatl bx = FRAME_AT(3), by = FRAME_AT(4), bz = FRAME_AT(5), cx = FRAME_AT(6), cy = FRAME_AT(7),
-                             cz = FRAME_AT(8);
-                nx += mu * bx + mv * cx;
-                ny += mu * by + mv * cy;
-                nz += mu * bz + mv * cz;
-            } else { /* the height's gradient */
-                const float du = 1.0f / map_width, dv = 1.0f / map_height;
-                const float rise = 0.5f * spacing * slices;
-                along_u = (height_at(heights, map_width, map_height, u + du, v) - height_at(heights, map_width, map_height, u - du, v)) * (rise * map_width);
-                along_v = (height_at(heights, map_width, map_height, u, v + dv) - height_at(heights, map_width, map_height, u, v - dv)) * (rise * map_height);
-                nx -= along_u * SLOPE_AT(0) + along_v * SLOPE_AT(3);
-                ny -= along_u * SLOPE_AT(1) + along_v * SLOPE_AT(4);
-                nz -= along_u * SLOPE_AT(2) + along_v * SLOPE_AT(5);
-            }
-            const floatl inverse_length = 1.0f / sqrt(nx * nx + ny * ny + nz * nz);
-            const floatl n = region.nearness[block];
+            const intl slope = triangle * 6;
+            const Direction along_u = {SLOPE_AT(0), SLOPE_AT(1), SLOPE_AT(2)};
+            const Direction along_v = {SLOPE_AT(3), SLOPE_AT(4), SLOPE_AT(5)};
+            const floatl n = region.nearness[block], size = pixel_size * (screen.perspective ? 1.0f / n : (floatl)1.0f);
+            const floatl u_2 = along_u.x * along_u.x + along_u.y * along_u.y + along_u.z * along_u.z;
+            const floatl v_2 = along_v.x * along_v.x + along_v.y * along_v.y + along_v.z * along_v.z;
+            const floatl texels_2 = greater(u_2 * ((float)color_width * color_width), v_2 * ((float)color_height * color_height));
+            add_level(colors, u, v, level_of_texels(pick(mine, texels_2 * size * size, (floatl)1.0f), color_levels),
+                      color_width, color_height, 1.0f / 255.0f, &shade);
+#ifdef LIT
             const float *m = screen.to_world;
             const floatl px = to_floatl(x + first_x + block_x), py = to_floatl(y + first_y + block_y);
             const floatl inverse = 1.0f / (PIXEL_ROW(m, 3, px, py) + n * m[15]);
             const floatl X = (PIXEL_ROW(m, 0, px, py) + n * m[3]) * inverse, Y = (PIXEL_ROW(m, 1, px, py) + n * m[7]) * inverse,
                          Z = (PIXEL_ROW(m, 2, px, py) + n * m[11]) * inverse;
+            const Direction base = normal_below(corners, points, normals, triangle, X, Y, Z);
+            floatl nx = base.x, ny = base.y, nz = base.z;
+            if (normal_width > 0) { /* tangent-space normals: their slopes are per length of the surface */
+                const Direction own = normal_in(normal_map, normal_width, normal_height, u, v);
+                const floatl steep = 1.0f / greater(own.z, (floatl)1e-3f), mu = own.x * steep, mv = own.y * steep;
+#define FRAME_AT(k) (floatl)(GATHER(frames, (triangle * 9 + k)))
+                nx += mu * FRAME_AT(3) + mv * FRAME_AT(6);
+                ny += mu * FRAME_AT(4) + mv * FRAME_AT(7);
+                nz += mu * FRAME_AT(5) + mv * FRAME_AT(8);
+            } else { /* the height's gradient */
+                const float du = 1.0f / map_width, dv = 1.0f / map_height;
+                const float rise = 0.5f * spacing * slices;
+                const floatl by_u = (height_at(heights, map_width, map_height, u + du, v) - height_at(heights, map_width, map_height, u - du, v)) * (rise * map_width);
+                const floatl by_v = (height_at(heights, map_width, map_height, u, v + dv) - height_at(heights, map_width, map_height, u, v - dv)) * (rise * map_height);
+                nx -= by_u * along_u.x + by_v * along_v.x;
+                ny -= by_u * along_u.y + by_v * along_v.y;
+                nz -= by_u * along_u.z + by_v * along_v.z;
+            }
+            const floatl inverse_length = 1.0f / sqrt(nx * nx + ny * ny + nz * nz);
             nx *= inverse_length;
             ny *= inverse_length;
             nz *= inverse_length;

@@ -34,6 +34,8 @@ class Volume:
         The slicing directions a (the normal), b (along u) and c (along v): unit length, at right angles.
     gradients : (T, 2, 3) float32
         Of u and v (tiled), in the world.
+    normals : (V / 2, 3) float32
+        Of the base's vertices, unit length.
     bounds : low (3,), high (3,)
     """
 
@@ -42,6 +44,7 @@ class Volume:
     corners: NDArray[np.int32]
     frames: Float32
     gradients: Float32
+    normals: Float32
 
     @cached_property
     def bounds(self) -> tuple[Float32, Float32]:
@@ -67,8 +70,8 @@ def extruded(base: Mesh, scale: float, tiles: tuple[int, int]) -> Volume:
     corners = np.stack([i, j, k, top_k, i, j, top_j, top_k, i, top_i, top_j, top_k], axis=1).reshape(-1, 4)
 
     frames, gradients = _frames(vertices[faces], normals[faces], uv[faces])
-    single = [np.ascontiguousarray(values, np.float32) for values in (points, places, frames, gradients)]
-    return Volume(single[0], single[1], np.ascontiguousarray(corners, np.int32), single[2], single[3])
+    single = [np.ascontiguousarray(values, np.float32) for values in (points, places, frames, gradients, normals)]
+    return Volume(single[0], single[1], np.ascontiguousarray(corners, np.int32), single[2], single[3], single[4])
 
 
 def _with_area(vertices: Float64, faces: NDArray[np.int32]) -> NDArray[np.int32]:

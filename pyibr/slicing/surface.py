@@ -12,7 +12,7 @@ from pyibr._check import Fixed, checked_image, describe, one_of, positive
 from pyibr.errors import ArgumentError
 from pyibr.heights import checked_height, checked_normal_map, checked_tiles, height_pairs
 from pyibr.mesh import Mesh
-from pyibr.raster import BIN, bin_primitives, project, rgba_words
+from pyibr.raster import BIN, bin_primitives, project, texture_pyramid
 from pyibr.slicing.prisms import Volume, extruded
 from pyibr.slicing.slices import checked_slices
 from pyibr.target import Target
@@ -154,7 +154,7 @@ def draw_surface(
         defines |= lit.defines
         height, width = (0, 0) if surface.normal_map is None else surface.normal_map.shape[:2]
         more |= {"normal_width": width, "normal_height": height, **lit.arguments(1.5 * surface.scale / surface.slices)}
-        more |= {"gradients": buffers["gradients"], "normal_map": buffers.get("normal_map", buffers["gradients"])}
+        more |= {"normals": buffers["normals"], "normal_map": buffers.get("normal_map", buffers["gradients"])}
     if not surface.clipped and surface.slicing == "screen":
         defines["UNCLIPPED"] = 1
     if counts is not None:
@@ -163,7 +163,7 @@ def draw_surface(
     launch(
         kernel("slicing/surface.cl", "draw_surface", BIN=BIN, COLOR_BYTES=target.channel_bytes, **defines),
         (bins.columns, bins.rows) if current().is_cpu else target.camera.size,
-        **{name: buffers[name] for name in ("corners", "points", "places", "frames", "heights", "colors")},
+        **{name: buffers[name] for name in ("corners", "points", "places", "frames", "gradients", "heights", "colors")},
         projected=projected,
         list=bins.list,
         starts=bins.starts,
@@ -178,6 +178,8 @@ def draw_surface(
         map_height=surface.height.shape[0],
         color_width=surface.color.shape[1],
         color_height=surface.color.shape[0],
+        color_levels=max(surface.color.shape[:2]).bit_length(),
+        pixel_size=1 / float(max(target.camera.K[0, 0], target.camera.K[1, 1])),
         blank=target.blank,
         **target.outputs(),
         **more,
@@ -194,8 +196,11 @@ def _surface_buffers(surface: SlicedSurface) -> dict[str, DeviceArray]:
     kept = surface.device_cache.get(session)
     if not isinstance(kept, dict):
         volume = surface.volume
-        kept = {name: upload(getattr(volume, name)) for name in ("points", "places", "corners", "frames", "gradients")}
-        kept["colors"] = upload(rgba_words(surface.color))
+        kept = {
+            name: upload(getattr(volume, name))
+            for name in ("points", "places", "corners", "frames", "gradients", "normals")
+        }
+        kept["colors"] = upload(texture_pyramid(surface.color))
         if surface.normal_map is not None:
             kept["normal_map"] = upload(surface.normal_map)
         surface.device_cache[session] = kept

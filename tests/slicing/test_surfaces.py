@@ -294,3 +294,29 @@ def test_what_is_made_cannot_be_changed():
     for name in ("color", "height", "scale", "slices"):
         with pytest.raises(AttributeError, match="make a new one"):
             setattr(made, name, getattr(made, name))
+
+
+def test_flat_heights_are_lit_as_the_mesh():
+    """Normals are interpolated: no facets."""
+    base = models.donut(16)
+    flat, color = np.full((4, 4), 0.999, np.float32), np.full((1, 1, 3), 204, np.uint8)
+    light = ibr.Light(direction=(0.4, 0.8, -0.8), shadow_size=0)
+    cam = Camera.look_at((1.5, -2.0, 2.5), (0, 0, 0), (0, 0, 1), (160, 120), fov_y=45)
+    thing = ibr.SlicedSurface(base, flat, color, 0.001, slices=16)
+    frame = ibr.render(thing, cam, light)
+    mesh = ibr.render(ibr.Mesh(base.vertices, base.faces, normals=base.normals), cam, light)
+    both = frame.valid & mesh.valid
+    off = np.abs(frame.color.astype(int) - mesh.color)[both].max(axis=1)
+    assert np.median(off) <= 1
+    assert np.quantile(off, 0.98) <= 6  # farther out by 0.001, a pixel at an edge sees the next triangle
+
+
+def test_colours_far_away_are_means():
+    """A fine checker from afar: a pixel covers many texels."""
+    checker = np.repeat((np.indices((128, 128)).sum(axis=0) % 2 * 255).astype(np.uint8)[..., None], 3, axis=2)
+    flat = np.full((4, 4), 0.5, np.float32)
+    cam = Camera.look_at((0.5, 0.5, 30), (0.5, 0.5, 0), (0, 1, 0), (61, 61), fov_y=2)
+    frame = ibr.render(ibr.SlicedSurface(square(), flat, checker, 0.1, (4, 4), 16), cam)
+    inner = frame.color[frame.valid][:, 0].astype(float)
+    assert inner.std() <= 2
+    assert abs(inner.mean() - 127.5) <= 2
