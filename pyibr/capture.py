@@ -287,7 +287,7 @@ def object_views(
     Returns
     -------
     list of 6 DepthImage
-        Looking along x, -x, y, -y, z, -z. Background has no depth.
+        Looking along x, -x, y, -y, z, -z. Background is infinitely far.
 
     Raises
     ------
@@ -295,6 +295,13 @@ def object_views(
         If an argument is out of its range.
     MissingPackageError
         If Open3D is not installed.
+
+    Examples
+    --------
+    >>> from pyibr import models
+    >>> from pyibr.capture import object_views
+    >>> [view.camera.size for view in object_views(models.donut(), 32)]
+    [(32, 32), (32, 32), (32, 32), (32, 32), (32, 32), (32, 32)]
     """
     scene = _as_scene(mesh)
     one_of("projection", projection, Projection)

@@ -9,18 +9,19 @@ from contextlib import contextmanager
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Literal, cast
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pyibr._check import Fixed, describe, numbers
+from pyibr._check import Fixed, describe, numbers, one_of
 from pyibr._open3d import open3d
 from pyibr.errors import ArgumentError, FileFormatError
 from pyibr.io.files import reading
 
 Float32 = NDArray[np.float32]
+Sides = Literal["both", "front", "back"]
 
 _READ = (".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
 _WRITTEN = (".glb", ".obj", ".off", ".ply", ".stl")
@@ -46,6 +47,8 @@ class Mesh(Fixed):
         Drawn with 8 bits a channel. Needs uv.
     colors : (N, 3) uint8, or float32 in [0, 1], optional
         Of the vertices; not shown where there is a texture.
+    sides : {"both", "front", "back"}
+        Which sides of the triangles are drawn.
 
     Attributes
     ----------
@@ -73,7 +76,10 @@ class Mesh(Fixed):
         normals: ArrayLike | None = None,
         texture: NDArray[Any] | None = None,
         colors: NDArray[Any] | None = None,
+        sides: Sides = "both",
     ) -> None:
+        one_of("sides", sides, Sides)
+        self.sides: Sides = sides
         points = _in_float32("vertices", numbers("vertices", vertices, (None, 3)))
         corners = checked_faces(faces, len(points))
         along = None if normals is None else _checked_normals(normals, len(points))

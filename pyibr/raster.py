@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 BIN = 32  # pixels; as in kernels/raster/
 _CHUNKS = {True: 32, False: 1024}  # parts that primitives are binned in, on a CPU and on a GPU
+_CULLED = {"both": 0, "front": 1, "back": -1}  # kernels/raster/mesh.cl
 _GREY = (0.8, 0.8, 0.8)  # of a mesh without texture and colours
 
 
@@ -130,7 +131,7 @@ def bin_primitives(
     return Bins(found, uploaded, columns, rows)
 
 
-def draw_mesh(target: Target, mesh: Mesh, lit: Lighting | None, cull: int = 0) -> None:
+def draw_mesh(target: Target, mesh: Mesh, lit: Lighting | None) -> None:
     """Draw a mesh into the target.
 
     Parameters
@@ -139,14 +140,12 @@ def draw_mesh(target: Target, mesh: Mesh, lit: Lighting | None, cull: int = 0) -
     mesh : Mesh
     lit : Lighting or None
         None shows the mesh's own colours as they are.
-    cull : int
-        1 leaves out triangles seen from behind, -1 those seen from the front.
     """
     from pyibr.opencl.device import current
     from pyibr.opencl.launch import Struct, launch
     from pyibr.opencl.program import kernel
 
-    near = target.near(mesh.bounds)
+    near, cull = target.near(mesh.bounds), _CULLED[mesh.sides]
     buffers = _buffers(mesh)
     projected = project(target, buffers["vertices"], near)
     bins = bin_primitives(target, buffers["faces"], projected, near, cull)

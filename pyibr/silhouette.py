@@ -28,6 +28,16 @@ class Silhouette:
     ------
     ArgumentError
         If shapes, dtypes and camera do not fit together, or the mask is empty.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pyibr as ibr
+    >>> camera = ibr.Camera([[50, 0, 3], [0, 50, 6], [0, 0, 1]], (7, 13))
+    >>> color = np.zeros((13, 7, 3), np.uint8)
+    >>> view = ibr.Silhouette(color, np.ones((13, 7), bool), camera)
+    >>> view.valid.shape
+    (13, 7)
     """
 
     def __init__(self, color: NDArray[Any], mask: NDArray[np.bool_], camera: Camera) -> None:

@@ -22,6 +22,7 @@ from matplotlib.colors import Normalize, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from numpy.typing import NDArray
+from objects import depth_object
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
@@ -31,6 +32,7 @@ import pyibr as ibr
 from pyibr.opencl.device import explain
 
 OUTPUT = Path(__file__).resolve().parents[2] / "build" / "demo.png"
+OBJECT = OUTPUT.with_name("object.png")
 SIZE = (900, 600)
 PATH = ((-20, 1500, 0.80), (-8, 6000, 0.74), (7, 5000, 0.60), (19, 500, 0.68))  # as camera_at takes them
 REPEATS = 7
@@ -183,8 +185,11 @@ def main() -> None:
     with progress.status("drawing the picture"):
         OUTPUT.parent.mkdir(parents=True, exist_ok=True)
         picture(field, source, views).savefig(OUTPUT, dpi=100)
+    with progress.status("making a solid of six depth images"):
+        depth_object().savefig(OBJECT, dpi=100)
     print_table(console, source, views)
     console.print(f"The picture is [bold]{OUTPUT}[/bold]", soft_wrap=True)
+    console.print(f"A solid from six depth images is in [bold]{OBJECT}[/bold]", soft_wrap=True)
     console.print(f"To see it, open it in a browser, or run: [bold]xdg-open {OUTPUT}[/bold]", soft_wrap=True)
 
 

@@ -69,6 +69,18 @@ class ReliefSurface(Fixed):
     ------
     ArgumentError
         If an argument has a wrong shape, type or range, or the mesh has no uv.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pyibr as ibr
+    >>> corners, uv = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 0], [1, 0], [1, 1], [0, 1]]
+    >>> square = ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]], uv=uv)
+    >>> height, color = np.full((4, 4), 0.25, np.float32), np.full((4, 4, 3), 200, np.uint8)
+    >>> camera = ibr.Camera.look_at((0.5, 0.5, 2), (0.5, 0.5, 0), (0, 1, 0), (9, 9), fov_y=20)
+    >>> frame = ibr.render(ibr.ReliefSurface(square, height, color, scale=0.2), camera)
+    >>> round(float(frame.depth[4, 4]), 3)  # 0.75 * 0.2 below the square
+    2.15
     """
 
     def __init__(

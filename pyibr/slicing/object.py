@@ -64,6 +64,19 @@ class DepthObject(Fixed):
     ------
     ArgumentError
         If there are no views, one has no valid depth, or their volumes have nothing in common.
+
+    Examples
+    --------
+    >>> import pyibr as ibr
+    >>> from pyibr import models
+    >>> from pyibr.capture import object_views
+    >>> thing = ibr.DepthObject(object_views(models.donut(), 64), slices=64)
+    >>> thing
+    <DepthObject 6 views, 64 slices>
+    >>> camera = ibr.Camera.look_at((0, 0, 4), (0, 0, 0), (0, 1, 0), (41, 41), fov_y=45)
+    >>> frame = ibr.render(thing, camera)
+    >>> bool(frame.valid[20, 32]), bool(frame.valid[20, 20])  # the ring, and the hole in it
+    (True, False)
     """
 
     def __init__(
@@ -123,6 +136,15 @@ class VisualHull(Fixed):
     ------
     ArgumentError
         If there are no views, or nothing lies within all silhouettes.
+
+    Examples
+    --------
+    >>> import pyibr as ibr
+    >>> from pyibr import models
+    >>> from pyibr.capture import object_views
+    >>> hull = ibr.VisualHull(object_views(models.donut(), 64), slices=64)
+    >>> hull.tested  # opposite views show one silhouette
+    [0, 2, 4]
     """
 
     texture: Texture = "naive"  # silhouettes do not tell what they see

@@ -10,8 +10,6 @@ import pytest
 
 import pyibr as ibr
 from pyibr.camera import Camera
-from pyibr.raster import draw_mesh
-from pyibr.target import Target
 from tests.data import shared
 from tests.one_lane import one_lane
 from tests.reference.raster import depths, edge_distances
@@ -284,12 +282,12 @@ def test_degenerate_triangles_draw_nothing(points, projection):
 
 
 def test_culling():
-    front = ibr.Mesh([[0, 0, 3], [0, 1, 3], [1, 0, 3]], [[0, 1, 2]])  # its normal is -z: towards the camera
+    points, faces = [[0, 0, 3], [0, 1, 3], [1, 0, 3]], [[0, 1, 2]]  # its normal is -z: towards the camera
     camera = Camera([[20, 0, 5], [0, 20, 5], [0, 0, 1]], (30, 30))
-    for cull, seen in ((0, True), (1, True), (-1, False)):
-        target = Target(camera, np.dtype(np.uint8))
-        draw_mesh(target, front, None, cull)
-        assert target.frame().valid.any() == seen
+    for sides, seen in (("both", True), ("front", True), ("back", False)):
+        assert ibr.render(ibr.Mesh(points, faces, sides=sides), camera).valid.any() == seen
+    with pytest.raises(ibr.ArgumentError, match=r"^sides: "):
+        ibr.Mesh(points, faces, sides="left")
 
 
 def test_the_first_of_two_coincident_triangles_stays():
