@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gzip
 import tempfile
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
 from os import PathLike
@@ -49,6 +49,8 @@ class Mesh(Fixed):
         Of the vertices; not shown where there is a texture.
     sides : {"both", "front", "back"}
         Which sides of the triangles are drawn.
+    attributes : mapping of str to (N,) or (N, k) arrays, optional
+        More numbers of the vertices, kept as float32 for other programs: `to_open3d` and files take them along.
 
     Attributes
     ----------
@@ -77,6 +79,7 @@ class Mesh(Fixed):
         texture: NDArray[Any] | None = None,
         colors: NDArray[Any] | None = None,
         sides: Sides = "both",
+        attributes: Mapping[str, ArrayLike] | None = None,
     ) -> None:
         one_of("sides", sides, Sides)
         self.sides: Sides = sides
@@ -85,8 +88,10 @@ class Mesh(Fixed):
         along = None if normals is None else _checked_normals(normals, len(points))
         tints = None if colors is None else _checked_colors("colors", colors, (len(points), 3))
         places = None if uv is None else _checked_uv(uv, len(points), len(corners))
+        others = {name: _checked_attribute(name, values, len(points)) for name, values in (attributes or {}).items()}
         if places is not None and places.ndim == 3:
             corners, kept, places = _split(corners, places)
+            others = {name: values[kept] for name, values in others.items()}
             points = points[kept]
             along = None if along is None else along[kept]
             tints = None if tints is None else tints[kept]
@@ -95,6 +100,7 @@ class Mesh(Fixed):
         self.uv: Float32 | None = None if places is None else _locked(places)
         self.normals: Float32 | None = None if along is None else _locked(along)
         self.colors: NDArray[Any] | None = None if tints is None else _locked(tints)
+        self.attributes: dict[str, Float32] = {name: _locked(values) for name, values in others.items()}
         if texture is not None and self.uv is None:
             raise ArgumentError("uv", "uv for the texture", "none")
         shown = None if texture is None else _locked(_checked_colors("texture", texture, (None, None, 3)))
@@ -193,6 +199,8 @@ class Mesh(Fixed):
         if self.colors is not None:
             scale = np.float32(1 / 255 if self.colors.dtype == np.uint8 else 1)
             mesh.vertex.colors = (self.colors * scale).astype(np.float32)
+        for name, values in self.attributes.items():
+            mesh.vertex[name] = np.array(values).reshape(len(values), -1)
         if self.uv is not None:
             mesh.triangle.texture_uvs = np.ascontiguousarray(_turned(self.uv)[self.faces])
         if self.texture is not None:
@@ -311,6 +319,11 @@ def _checked_uv(uv: ArrayLike, vertices: int, faces: int) -> Float32:
     array = np.asarray(uv)
     shape = (faces, 3, 2) if array.ndim == 3 else (vertices, 2)
     return _in_float32("uv", numbers("uv", array, shape))
+
+
+def _checked_attribute(name: str, values: ArrayLike, count: int) -> Float32:
+    argument, array = f"attributes[{name!r}]", np.asarray(values)
+    return _in_float32(argument, numbers(argument, array, (count, None)[: max(array.ndim, 1)]))
 
 
 def _in_float32(argument: str, array: NDArray[np.float64]) -> Float32:

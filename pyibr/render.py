@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from pyibr._check import describe, numbers
 from pyibr.camera import Camera
+from pyibr.depthmesh import DepthMesh, DepthMeshObject
 from pyibr.errors import ArgumentError
 from pyibr.images import DepthImage, Frame
 from pyibr.light import Light
@@ -19,7 +20,7 @@ from pyibr.shadow import Lighting, darken, lighting
 from pyibr.slicing import DepthObject, SlicedSurface, VisualHull
 from pyibr.target import Target
 
-Thing = DepthImage | Mesh | SlicedSurface | ReliefSurface | DepthObject | VisualHull
+Thing = DepthImage | Mesh | SlicedSurface | ReliefSurface | DepthObject | VisualHull | DepthMesh | DepthMeshObject
 
 if TYPE_CHECKING:
     from pyibr.opencl.memory import DeviceArray
@@ -36,13 +37,15 @@ def render(
     ----------
     things : thing or sequence of things
         `DepthImage` (drawn by the epipolar warp with its defaults), `Mesh`, `SlicedSurface`, `ReliefSurface`,
-        `DepthObject`, `VisualHull`, and their subclasses. Where two are equally far, the first one stays.
+        `DepthObject`, `VisualHull`, `DepthMesh`, `DepthMeshObject`, and their subclasses. Where two are equally far,
+        the first one stays.
     camera : Camera
         Perspective or orthographic.
     light : Light, optional
-        Shades what has normals; without it things show their own colours. Depth images, depth objects and hulls are
-        not shaded, since their colours hold the light that they were taken in; in shadow they keep its ambient part.
-        All things cast shadows, a depth image as far as its surface is seen from the light (`shadow_size=0`: none).
+        Shades what has normals; without it things show their own colours. Depth images, and what is made of images,
+        are not shaded, since their colours hold the light that they were taken in; in shadow they keep its ambient
+        part. All things cast shadows, a depth image as far as its surface is seen from the light (`shadow_size=0`:
+        none).
     background : (r, g, b)
         Colour where there is nothing, in the range of the frame's dtype.
 
@@ -154,6 +157,15 @@ def _draw_object(target: Target, thing: DepthObject | VisualHull, lit: Lighting 
         darken(target, before, lit, float(thing.box.edges.max()) / thing.slices)
 
 
+def _draw_depth_mesh(target: Target, thing: DepthMesh | DepthMeshObject, lit: Lighting | None) -> None:
+    from pyibr.depthmesh import draw_depth_mesh
+
+    before = _depths_before(target, lit)
+    draw_depth_mesh(target, thing)
+    if lit is not None:
+        darken(target, before, lit)
+
+
 _DRAWN: dict[type, _Draw] = {
     DepthImage: _draw_depth_image,
     Mesh: _draw_mesh,
@@ -161,4 +173,6 @@ _DRAWN: dict[type, _Draw] = {
     ReliefSurface: _draw_relief,
     DepthObject: _draw_object,
     VisualHull: _draw_object,
+    DepthMesh: _draw_depth_mesh,
+    DepthMeshObject: _draw_depth_mesh,
 }
