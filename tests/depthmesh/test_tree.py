@@ -1,0 +1,188 @@
+"""The quadtree's errors, spheres, states and selection, and what is segmented, against the twin in float64."""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import product
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.camera import Camera
+from pyibr.depthmesh import Segmentation
+from pyibr.depthmesh.tree import active_for, active_within
+from tests import scenes
+from tests.depthmesh.views import PROJECTIONS, cells_of, corners_of, rough
+from tests.reference import depthmesh as reference
+
+SIZES = [(2, 2), (7, 13), (61, 37), (33, 33), (65, 40)]
+TESTS = ["orthogonality", "connectedness", "disparity", "none"]
+
+# Depths are about 4 and kept as their inverses: two roundings of 2^-24 of it each way, a few more in differences of
+# places, and as many again for each of at most 12 levels that are added up.
+ATOL = 4 * 12 * 2**-21
+
+
+@cache
+def all_kinds() -> list[tuple[str, ibr.DepthMesh, reference.Tree]]:
+    views = {}
+    for number, (projection, size) in enumerate(product(PROJECTIONS, SIZES)):
+        holes = 0.03 * (number % 2)
+        views[f"{size} {projection} {holes}"] = rough(np.random.default_rng(number), size, projection, 0.02, holes)
+    views["holed"], views["stepped"] = scenes.holed((61, 37)), scenes.stepped((33, 33), "orthographic")
+    things = {name: ibr.DepthMesh(view) for name, view in views.items()}
+    return [(name, thing, twin(thing)) for name, thing in things.items()]
+
+
+def twin(thing: ibr.DepthMesh) -> reference.Tree:
+    return reference.Tree(thing.view, thing.tree.cells.to_host())
+
+
+def fields(tree: reference.Tree, side: int) -> tuple[np.ndarray, ...]:
+    """(side + 1, side + 1) errors, radii, depths and states; the corners have none."""
+    errors, radii, depths = np.full((3, side + 1, side + 1), -1.0)
+    states = np.zeros((side + 1, side + 1), int)
+    for (x, y), vertex in tree.vertices.items():
+        errors[y, x], radii[y, x], depths[y, x] = vertex.error, vertex.radius, vertex.depth
+        for triangle, state in vertex.states.items():
+            states[y, x] |= state << (0 if triangle.is_a else 2)
+    return errors, radii, depths, states
+
+
+def test_errors_spheres_and_states():
+    for name, thing, twin_tree in all_kinds():
+        tree, side = thing.tree, thing.tree.side
+        found = [a.to_host()[:, : side + 1] for a in (tree.errors, tree.radii, tree.depths, tree.states)]
+        errors, radii, depths, states = fields(twin_tree, side)
+        some = errors >= 0
+        assert side == 1 or some.any()
+        np.testing.assert_array_equal(found[0] >= 0, some, name)
+        np.testing.assert_allclose(found[0][some], errors[some], rtol=1e-5, atol=ATOL, err_msg=name)
+        np.testing.assert_allclose(found[1][some], radii[some], rtol=1e-5, atol=ATOL, err_msg=name)
+        np.testing.assert_allclose(found[2][some], depths[some], rtol=2**-22, err_msg=name)
+        np.testing.assert_array_equal(found[3][some], states[some], name)
+
+
+def test_parents_hold_their_children():
+    """Larger errors, and spheres around the children's: so vertices can decide on their own."""
+    for name, thing, structure in all_kinds():
+        tree = thing.tree
+        errors, radii, depths = (a.to_host().astype(np.float64) for a in (tree.errors, tree.radii, tree.depths))
+        for corner, vertex in structure.vertices.items():
+            x, y = corner
+            for cx, cy in vertex.children:
+                if errors[cy, cx] < 0 or errors[y, x] < 0:
+                    continue
+                assert errors[y, x] >= errors[cy, cx], name
+                away = structure.place((cx, cy), depths[cy, cx]) - structure.place(corner, depths[y, x])
+                # The kernel's own distance is rounded.
+                assert radii[y, x] >= np.linalg.norm(away) + radii[cy, cx] - ATOL, name
+
+
+def test_the_root_errors_bound_the_flattest_mesh():
+    """Errors are sums: no sample lies off the coarsest triangles by more than their split's says."""
+    for projection in PROJECTIONS:
+        thing = ibr.DepthMesh(rough(np.random.default_rng(1), (33, 33), projection), segmentation=Segmentation("none"))
+        tree = twin(thing)
+        most = max(tree.departure(root) for root in tree.roots)
+        # Departures are along the line of sight, errors across the bisected edges: the slopes here are below 2.
+        assert most <= np.hypot(1, 2) * tree.vertices[16, 16].error
+
+
+def cameras(view: ibr.DepthImage) -> dict[str, Camera]:
+    """Outside, close, inside, behind and grazing, orthographic as well; relative to the view's own."""
+    own = view.camera.world_from_camera
+    K = scenes.target_intrinsics((90, 70))
+    flat = scenes.target_intrinsics((90, 70), "orthographic", zoom=1.5)
+    return {
+        "same": Camera(K, (90, 70), own),
+        "aside": Camera(K, (90, 70), own @ scenes.pose(yaw=-30, center=(2, 0.3, 0.5))),
+        "inside": Camera(3 * K - [[0, 0, 80], [0, 0, 60], [0, 0, 2]], (90, 70), own @ scenes.pose(center=(0, 0, 3.5))),
+        "behind": Camera(K, (90, 70), own @ scenes.pose(yaw=180, center=(0.5, 0, 8))),
+        "grazing": Camera(K, (90, 70), own @ scenes.pose(yaw=-88, center=(4, 0, 3.8))),
+        "away": Camera(K, (90, 70), own @ scenes.pose(yaw=180)),
+        "flat": Camera(flat, (90, 70), own @ scenes.pose(yaw=-30, center=(2, 0, 0)), "orthographic"),
+    }
+
+
+@pytest.mark.parametrize("projection", PROJECTIONS)
+def test_selection_and_triangles(projection):
+    for size, holes in [((7, 13), 0.0), ((33, 33), 0.01), ((40, 21), 0.0)]:
+        thing = ibr.DepthMesh(rough(np.random.default_rng(2), size, projection, 0.02, holes))
+        structure = twin(thing)
+        for name, camera in cameras(thing.view).items():
+            for tolerance in (0, 0.7, 3):
+                expected = structure.needed(camera, tolerance)
+                active = active_for(thing.tree, camera, tolerance).to_host()[:, : thing.tree.side + 1]
+                found = {(x, y) for y, x in np.argwhere(active).tolist()}
+                # One on the very edge of the sphere's test may be rounded to either side.
+                assert len(found ^ expected) <= 2e-3 * len(structure.vertices), (name, tolerance)
+                triangles = corners_of(thing._samples_for(camera, tolerance), thing)
+                kept = {tuple(map(tuple, t)) for t in triangles.tolist()}
+                wound = {counter_clockwise(t) for t in structure.triangles(found)}
+                assert kept == wound, (name, tolerance)
+                assert len(triangles) == len(kept)
+
+
+def counter_clockwise(triangle: tuple[reference.Corner, ...]) -> tuple[reference.Corner, ...]:
+    a, apex, b = triangle
+    area = (apex[0] - a[0]) * (b[1] - a[1]) - (apex[1] - a[1]) * (b[0] - a[0])
+    return (a, apex, b) if area < 0 else (b, apex, a)
+
+
+@pytest.mark.parametrize("projection", PROJECTIONS)
+def test_simplification(projection):
+    for size, holes in [((7, 13), 0.0), ((33, 33), 0.01), ((40, 21), 0.0)]:
+        thing = ibr.DepthMesh(rough(np.random.default_rng(3), size, projection, 0.01, holes))
+        structure = twin(thing)
+        for bound in (0.0123, 0.05, 0.3):  # no sample's error is one of them
+            active = active_within(thing.tree, bound).to_host()[:, : thing.tree.side + 1]
+            assert {(x, y) for y, x in np.argwhere(active).tolist()} == structure.simplified(bound)
+
+
+@pytest.mark.parametrize("test", TESTS)
+@pytest.mark.parametrize("projection", PROJECTIONS)
+def test_segmentation(projection, test):
+    # Limits that the noise's triangles lie on both sides of
+    rule = Segmentation(test, angle=25, depth_range=0.03, gap=0.03)
+    drawn = []
+    for size in [(2, 2), (7, 13), (33, 18)]:
+        for view in (rough(np.random.default_rng(5), size, projection, 0.2, 0.02), scenes.stepped(size, projection)):
+            expected = reference.segmented(view, rule)[:-1, :-1]
+            expected = np.stack([expected & 3, expected >> 2], -1) == reference.DRAWN
+            if not expected.any():
+                continue
+            found = cells_of(ibr.DepthMesh(view, segmentation=rule))
+            # A triangle on the limit may be rounded to either side.
+            assert (found != expected).sum() <= 1e-3 * expected.size
+            drawn.append(expected.mean())
+    assert min(drawn) < (0.7 if test != "none" else 1)
+
+
+@pytest.mark.parametrize("projection", PROJECTIONS)
+def test_normals_and_quality(projection):
+    for view in (rough(np.random.default_rng(6), (61, 37), projection, 0.02, 0.02), scenes.stepped((33, 33), projection)):
+        thing = ibr.DepthMesh(view)
+        expected = reference.normals(view, thing.segmentation)
+        assert thing.normals.dtype == np.float32
+        # Differences of 0.1 between places of 4 that are rounded to 2^-22 of it: a 10000th of a radian.
+        np.testing.assert_allclose(thing.normals, expected, atol=3e-4)
+        np.testing.assert_array_equal(thing.quality, np.abs(thing.normals[..., 2]))
+        assert 0 <= thing.quality.min() < thing.quality.max() <= 1 + 1e-6
+
+
+def test_the_normals_of_planes_are_theirs():
+    size = (40, 30)
+    normal = np.array([0.4, -0.2, -1.0]) / np.linalg.norm([0.4, -0.2, -1.0])
+    for projection in PROJECTIONS:
+        camera = scenes.source_camera(size, projection)
+        y, x = np.mgrid[: size[1], : size[0]]
+        ray = np.stack([x, y, np.ones_like(x)], -1) @ np.linalg.inv(camera.K).T
+        if projection == "perspective":
+            depth = -4 / (ray @ normal)
+        else:
+            depth = (-4 - ray[..., :2] @ normal[:2]) / normal[2]
+        view = ibr.DepthImage(np.zeros((*size[::-1], 3), np.uint8), depth.astype(np.float32), camera)
+        thing = ibr.DepthMesh(view, segmentation=Segmentation(depth_range=0.1))
+        np.testing.assert_allclose(thing.normals, np.broadcast_to(normal, (*size[::-1], 3)), atol=2e-4)

@@ -1,0 +1,122 @@
+"""Depth images for the depth meshes' tests, and their triangulations as sets of the grid's own triangles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+import pyibr as ibr
+from pyibr.camera import Camera
+from pyibr.depthmesh.mesh import _samples_of
+from pyibr.depthmesh.tree import active_within
+from pyibr.images import DepthImage
+from tests import scenes
+
+PROJECTIONS = ("perspective", "orthographic")
+
+
+def rough_depth(rng: np.random.Generator, size: scenes.Size, noise: float = 0.02, holes: float = 0.0) -> np.ndarray:
+    """(H, W) float32: waves and noise about 4, with a share of holes."""
+    a, b = scenes.image_coordinates(size)
+    phase = rng.uniform(0, 6, 2)
+    depth = 4 + 0.4 * np.sin(3 * a + phase[0]) + 0.4 * np.cos(4 * b + phase[1]) + rng.normal(0, noise, a.shape)
+    return np.where(rng.random(a.shape) < holes, np.nan, depth).astype(np.float32)
+
+
+def rough(
+    rng: np.random.Generator, size: scenes.Size, projection: str, noise: float = 0.02, holes: float = 0.0
+) -> DepthImage:
+    depth = rough_depth(rng, size, noise, holes)
+    color = scenes.texture(*scenes.image_coordinates(size))
+    return DepthImage(color, depth, scenes.source_camera(size, projection))
+
+
+def cells_of(thing: ibr.DepthMesh) -> np.ndarray:
+    """(H - 1, W - 1, 2) bool: which of each cell's triangles, the upper and the lower one, are drawn."""
+    width, height = thing.view.camera.size
+    states = thing.tree.cells.to_host()[: height - 1, : width - 1]
+    return np.stack([states & 3, states >> 2 & 3], -1) == 2
+
+
+def samples_for(thing: ibr.DepthMesh, camera: Camera, tolerance: float) -> np.ndarray:
+    """(T, 3, 2) x and y of the corners of the triangles for a camera, the right angle's second."""
+    return corners_of(thing._samples_for(camera, tolerance), thing)
+
+
+def samples_within(thing: ibr.DepthMesh, max_error: float) -> np.ndarray:
+    """The same, of `simplify`."""
+    return corners_of(_samples_of(thing.tree, active_within(thing.tree, max_error)), thing)
+
+
+def corners_of(samples: np.ndarray, thing: ibr.DepthMesh) -> np.ndarray:
+    return np.stack(np.divmod(samples, thing.view.camera.width)[::-1], -1).astype(np.int64)
+
+
+def weights_in(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(T, k, 3) weights of points (T, k, 2) in triangles (T, 3, 2), negative outside."""
+    a, b, c = (corners[:, None, k] for k in range(3))
+
+    def twice_area(p: np.ndarray, q: np.ndarray, r: np.ndarray) -> np.ndarray:
+        u, v = q - p, r - p
+        return u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
+
+    parts = twice_area(points, b, c), twice_area(a, points, c), twice_area(a, b, points)
+    return np.stack(parts, -1) / twice_area(a, b, c)[..., None]
+
+
+def by_extent(corners: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Triangles (n, 3, 2) with boxes of one size, and the samples (n, k, 2) in their boxes, row by row."""
+    low, extent = corners.min(axis=1), np.ptp(corners, axis=1)
+    for width, height in np.unique(extent, axis=0):
+        same = (extent == (width, height)).all(axis=1)
+        x, y = np.meshgrid(np.arange(width + 1), np.arange(height + 1))
+        yield corners[same], low[same][:, None] + np.stack([x.ravel(), y.ravel()], -1)
+
+
+def leaf_middles(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where the upper and the lower triangle of a cell have their middles; its diagonal turns from cell to cell."""
+    main = (x + y) % 2 == 0
+    upper = np.stack([x + np.where(main, 2, 1) / 3, y + 1 / 3], -1)
+    return upper, np.stack([x + np.where(main, 1, 2) / 3, y + 2 / 3], -1)
+
+
+def coverage(corners: np.ndarray, size: scenes.Size) -> np.ndarray:
+    """(H - 1, W - 1, 2) how many triangles cover each of the cells' two."""
+    count = np.zeros((size[1] - 1, size[0] - 1, 2), np.int64)
+    for some, points in by_extent(corners):
+        x, y = points[..., 0], points[..., 1]
+        for side, middle in enumerate(leaf_middles(x, y)):
+            within = (weights_in(some, middle) > 0).all(axis=-1)
+            np.add.at(count, (y[within], x[within], side), 1)
+    return count
+
+
+def check_crack_free(corners: np.ndarray, size: scenes.Size) -> np.ndarray:
+    """Assert that triangles share whole edges wherever two of them meet; return what they cover."""
+    edge1, edge2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    areas = edge1[:, 0] * edge2[:, 1] - edge1[:, 1] * edge2[:, 0]
+    assert (areas < 0).all()  # wound as the camera, whose y runs down, sees counter-clockwise
+    covered = coverage(corners, size)
+    assert covered.max() <= 1
+    assert covered.sum() == -areas.sum()
+    number = corners[..., 1] * size[0] + corners[..., 0]
+    edges = np.concatenate([number[:, [0, 1]], number[:, [1, 2]], number[:, [2, 0]]])
+    there, back = edges[:, 0] * size[0] * size[1] + edges[:, 1], edges[:, 1] * size[0] * size[1] + edges[:, 0]
+    assert len(np.unique(there)) == len(there)
+    lone = edges[~np.isin(there, back)]
+    start, end = (np.stack([e % size[0], e // size[0]], -1) for e in lone.T)
+    steps = np.abs(end - start).max(axis=1)
+    unit = (end - start) // steps[:, None]
+    assert (start + steps[:, None] * unit == end).all()  # along rows, columns and diagonals
+    # Just beyond each unit of an edge that has no other side there must be nothing.
+    number = np.repeat(np.arange(len(lone)), steps)
+    along = np.arange(len(number)) - np.repeat(np.cumsum(steps) - steps, steps) + 0.5
+    right = np.stack([-unit[:, 1], unit[:, 0]], -1)  # of its direction, as y runs down
+    beyond = start[number] + along[:, None] * unit[number] + 0.1 * right[number]
+    cell = np.floor(beyond).astype(int)
+    inside = ((cell >= 0) & (cell < np.subtract(size, 1))).all(axis=1)
+    (x, y), (fx, fy) = cell[inside].T, (beyond - cell)[inside].T
+    lower = np.where((x + y) % 2 == 0, fy > fx, fx + fy > 1)
+    assert not covered[y, x, lower.astype(int)].any()
+    return covered.astype(bool)

@@ -1,0 +1,308 @@
+"""The restricted quadtree of a depth image in float64, for reading (Pajarola, Sainz & Meng 2003, section 3).
+
+Everything is told by triangles: each has its right angle at `apex` and is split at the middle of its longest side, the
+`split`. A vertex of the tree is such a middle: its children are the splits of the triangles that it makes.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from itertools import chain
+
+import numpy as np
+
+from pyibr.camera import Camera
+from pyibr.depthmesh import Segmentation
+from pyibr.images import DepthImage
+
+Corner = tuple[int, int]  # x, y
+
+UNDRAWN, DRAWN = 1, 2
+LOSS = 4.0  # what a triangle of which only a part is drawn counts as, in its own lengths
+
+
+@dataclass(frozen=True)
+class Triangle:
+    start: Corner
+    end: Corner
+    apex: Corner
+
+    @property
+    def is_leaf(self) -> bool:
+        """Half of a cell."""
+        return abs(self.end[0] - self.start[0]) == 1
+
+    @property
+    def split(self) -> Corner:
+        return (self.start[0] + self.end[0]) // 2, (self.start[1] + self.end[1]) // 2
+
+    @property
+    def halves(self) -> tuple[Triangle, Triangle]:
+        return Triangle(self.apex, self.start, self.split), Triangle(self.end, self.apex, self.split)
+
+    @property
+    def is_a(self) -> bool:
+        """Above its longest side, or left of it."""
+        (x, y), apex = np.add(self.start, self.end) / 2, self.apex
+        return apex[1] < y or (apex[1] == y and apex[0] < x)
+
+    @property
+    def corners(self) -> tuple[Corner, Corner, Corner]:
+        return self.start, self.apex, self.end
+
+
+@dataclass
+class Vertex:
+    sides: list[Triangle] = field(default_factory=list)
+    error: float = -1.0
+    radius: float = 0.0
+    depth: float = 0.0
+    states: dict[Triangle, int] = field(default_factory=dict)
+
+    @property
+    def children(self) -> list[Corner]:
+        """Row by row; around a centre above, right, below, left. A depth is taken over from the first that has one."""
+        found = {half.split for side in self.sides for half in side.halves if not half.is_leaf}
+        ordered = sorted(found, key=lambda corner: corner[::-1])
+        around = len(ordered) == 4 and ordered[1][1] == ordered[2][1]
+        return [ordered[k] for k in (0, 2, 3, 1)] if around else ordered
+
+
+class Tree:
+    """The tree over the view's samples; cells: (H, W) states of each cell's two triangles, A in the lower two bits."""
+
+    def __init__(self, view: DepthImage, cells: np.ndarray) -> None:
+        self.view, self.cells = view, cells
+        self.ray_from_pixel = np.linalg.inv(view.camera.K)
+        side = 1
+        while side < max(view.camera.size) - 1:
+            side *= 2
+        first, last = (0, 0), (side, side)
+        self.roots = Triangle(first, last, (side, 0)), Triangle(last, first, (0, side))
+        self.vertices: defaultdict[Corner, Vertex] = defaultdict(Vertex)
+        level = list(self.roots)
+        levels: list[set[Corner]] = []
+        while level and not level[0].is_leaf:
+            for triangle in level:
+                self.vertices[triangle.split].sides.append(triangle)
+            levels.append({triangle.split for triangle in level})
+            level = list(chain.from_iterable(triangle.halves for triangle in level))
+        self.fine_to_coarse = list(chain.from_iterable(reversed(levels)))
+        for corner in self.fine_to_coarse:
+            self._fill(corner, self.vertices[corner])
+
+    def is_sample(self, corner: Corner) -> bool:
+        x, y = corner
+        return x < self.view.camera.width and y < self.view.camera.height and bool(self.view.valid[y, x])
+
+    def place(self, corner: Corner, z: float | None = None) -> np.ndarray:
+        """In the camera's frame; z: the sample's if not given."""
+        x, y = corner
+        z = float(self.view.depth[y, x]) if z is None else z
+        ray = self.ray_from_pixel @ (x, y, 1.0)
+        return ray * z if self.view.camera.projection == "perspective" else np.array([ray[0], ray[1], z])
+
+    def state(self, triangle: Triangle) -> int:
+        """Whether it is drawn, not, or a part of it (3)."""
+        if not triangle.is_leaf:
+            return self.vertices[triangle.split].states[triangle]
+        x, y = np.min(triangle.corners, axis=0)
+        if x >= self.view.camera.width - 1 or y >= self.view.camera.height - 1:
+            return UNDRAWN
+        return int(self.cells[y, x] if triangle.is_a else self.cells[y, x] >> 2) & 3
+
+    def _fill(self, corner: Corner, vertex: Vertex) -> None:
+        vertex.states = {side: self.state(side.halves[0]) | self.state(side.halves[1]) for side in vertex.sides}
+        low = np.min([side.corners for side in vertex.sides], axis=(0, 1))
+        if (low >= np.subtract(self.view.camera.size, 1)).any():
+            return  # no triangle of it reaches the image: nothing drawn can depend on it
+        children = {child: self.vertices[child] for child in vertex.children}
+        below = max([-1.0, *(child.error for child in children.values())])
+        known = [child.depth for child in children.values() if child.error >= 0]
+        vertex.depth = float(self.view.depth[corner[::-1]]) if self.is_sample(corner) else next(iter(known), 0.0)
+        vertex.error = below
+        if any(state & DRAWN for state in vertex.states.values()):
+            vertex.error = self.own_error(corner) + max(below, 0.0)
+            if UNDRAWN | DRAWN in vertex.states.values():
+                vertex.error = max(vertex.error, LOSS * self.length(corner))
+        for place, child in children.items():
+            if child.error >= 0:
+                away = np.linalg.norm(self.place(place, child.depth) - self.place(corner, vertex.depth))
+                vertex.radius = max(vertex.radius, float(away) + child.radius)
+
+    def own_error(self, corner: Corner) -> float:
+        """Equation 1 for midpoints, which leaves out the axis across their edge, equation 2 for centres."""
+        start, end = self.vertices[corner].sides[0].start, self.vertices[corner].sides[0].end
+        if not (self.is_sample(start) and self.is_sample(end) and self.is_sample(corner)):
+            return 0.0
+        a, b, p = self.place(start), self.place(end), self.place(corner)
+        if start[1] == end[1]:
+            a, b, p = a[[0, 2]], b[[0, 2]], p[[0, 2]]
+        elif start[0] == end[0]:
+            a, b, p = a[[1, 2]], b[[1, 2]], p[[1, 2]]
+        along = (b - a) / np.linalg.norm(b - a)
+        return float(np.linalg.norm((p - a) - ((p - a) @ along) * along))
+
+    def length(self, corner: Corner) -> float:
+        """Of the edge that a vertex bisects, if it faces the camera."""
+        side, camera = self.vertices[corner].sides[0], self.view.camera
+        scale = self.vertices[corner].depth if camera.projection == "perspective" else 1.0
+        pixels = float(np.linalg.norm(np.subtract(side.end, side.start)))
+        return pixels / min(camera.K[0, 0], camera.K[1, 1]) * scale
+
+    def needed(self, camera: Camera, tolerance: float) -> set[Corner]:
+        """Equation 5, from the sphere's nearest point, within what the camera sees."""
+        found: set[Corner] = set()
+        there = self.view.camera.world_from_camera
+        for corner, vertex in self.vertices.items():
+            if vertex.error < 0:
+                continue
+            center = there[:3, :3] @ self.place(corner, vertex.depth) + there[:3, 3]
+            distance = 1.0
+            if camera.projection == "perspective":
+                distance = max(float(np.linalg.norm(center - camera.center)) - vertex.radius, 0.0)
+            seen = (outside(camera, center) <= vertex.radius).all()
+            if seen and vertex.error * max(camera.K[0, 0], camera.K[1, 1]) >= tolerance * distance:
+                found.add(corner)
+        return found
+
+    def simplified(self, max_error: float) -> set[Corner]:
+        """Vertices without which a triangle would be off by more than `max_error` in depth at a sample of it."""
+        found: set[Corner] = set()
+        for corner in self.fine_to_coarse:
+            vertex = self.vertices[corner]
+            if vertex.error < 0:
+                continue
+            kept = any(child in found for child in vertex.children)
+            for side, state in vertex.states.items():
+                kept = kept or state == UNDRAWN | DRAWN or (state == DRAWN and self.departure(side) > max_error)
+            if kept:
+                found.add(corner)
+        return found
+
+    def departure(self, triangle: Triangle) -> float:
+        """How far in depth its samples lie off its plane."""
+        low, high = np.min(triangle.corners, axis=0), np.max(triangle.corners, axis=0)
+        x, y = np.meshgrid(np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1))
+        corner = np.array([(*c, 1.0) for c in triangle.corners])
+        weight = np.stack([x, y, np.ones_like(x)], -1) @ np.linalg.inv(corner)
+        depth = self.view.depth.astype(np.float64)
+        straight = 1 / depth if self.view.camera.projection == "perspective" else depth
+        plane = weight @ [straight[c[::-1]] for c in triangle.corners]
+        off = (1 / plane if self.view.camera.projection == "perspective" else plane) - depth[y, x]
+        return float(np.abs(off[(weight > -1e-9).all(axis=-1)]).max())
+
+    def triangles(self, active: set[Corner]) -> Iterator[tuple[Corner, Corner, Corner]]:
+        """The drawn triangles that are left when those with an active split are split, from the roots down."""
+        left = list(self.roots)
+        while left:
+            triangle = left.pop()
+            if not triangle.is_leaf and triangle.split in active:
+                left += triangle.halves
+            elif self.state(triangle) == DRAWN:
+                yield triangle.corners
+
+
+def outside(camera: Camera, point: np.ndarray) -> np.ndarray:
+    """(5,) how far a point lies beyond the planes of a camera's frustum; what is behind lies beyond the last."""
+    here = camera.camera_from_world[:3, :3] @ point + camera.camera_from_world[:3, 3]
+    one = np.array([0, 0, 1.0, 0] if camera.projection == "perspective" else [0, 0, 0, 1.0])
+    found = []
+    for axis, size in enumerate(camera.size):
+        pixel = np.array([*camera.K[axis, :2], 0, 0]) + camera.K[axis, 2] * one  # times one
+        for plane in (pixel + 0.5 * one, (size - 0.5) * one - pixel):
+            found.append(-(plane[:3] @ here + plane[3]) / np.linalg.norm(plane[:3]))
+    return np.array([*found, -here[2]])
+
+
+# --- what is surface -----------------------------------------------------------------------------------------------
+
+Bridges = Callable[[list[Corner]], bool]
+
+
+def segmented(view: DepthImage, rule: Segmentation) -> np.ndarray:
+    """(H, W) states of each cell's two triangles: DRAWN if their samples are valid and bridge no gap."""
+    width, height = view.camera.size
+    tree = Tree(view, np.zeros((height, width), np.uint8))
+    depth = view.depth.astype(np.float64)
+    perspective = view.camera.projection == "perspective"
+    extent = float(np.max(view.bounds[1] - view.bounds[0]))
+
+    def orthogonality(corners: list[Corner]) -> bool:
+        p, q, r = (tree.place(corner) for corner in corners)
+        normal = np.cross(q - p, r - p)
+        sight = p + q + r if perspective else np.array([0, 0, 1.0])
+        sine = abs(normal @ sight) / np.linalg.norm(normal) / np.linalg.norm(sight)
+        z = [p[2], q[2], r[2]]
+        scale = np.mean(z) if perspective else extent
+        return sine < np.sin(np.radians(rule.angle)) and np.ptp(z) > rule.depth_range * scale
+
+    def nearness(corner: Corner) -> float:
+        z = depth[corner[::-1]]
+        return 1 / z if perspective else -z
+
+    def disparity(corners: list[Corner]) -> bool:
+        n = [nearness(corner) for corner in corners]
+        return np.ptp(n) > rule.gap * (max(n) if perspective else extent)
+
+    def connected(a: Corner, b: Corner) -> bool:
+        """Whether the step from a to b is small, or the one that comes before it, or after it, on their line is like it."""
+        step = np.subtract(b, a)
+        change = nearness(b) - nearness(a)
+        off = [abs(change)]
+        for end, sign in ((tuple(a - step), 1), (tuple(b + step), -1)):
+            if min(end) >= 0 and tree.is_sample(end):
+                other = nearness(a) - nearness(end) if sign > 0 else nearness(end) - nearness(b)
+                off.append(abs(change - other))
+        scale = max(abs(nearness(a)), abs(nearness(b))) if perspective else extent
+        return min(off) <= rule.gap * scale
+
+    def connectedness(corners: list[Corner]) -> bool:
+        sides = [(a, b) for a in corners for b in corners if a < b and (a[0] == b[0] or a[1] == b[1])]
+        return not all(connected(a, b) for a, b in sides)
+
+    tests: dict[str, Bridges] = {
+        "orthogonality": orthogonality,
+        "disparity": disparity,
+        "connectedness": connectedness,
+        "none": lambda corners: False,
+    }
+    cells = np.zeros((height, width), np.uint8)
+    for y in range(height - 1):
+        for x in range(width - 1):
+            four = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)]
+            skip = (2, 1) if (x + y) % 2 == 0 else (3, 0)  # not corners of the upper, of the lower triangle
+            for side, other in enumerate(skip):
+                corners = [corner for k, corner in enumerate(four) if k != other]
+                drawn = all(map(tree.is_sample, corners)) and not tests[rule.test](corners)
+                cells[y, x] |= (DRAWN if drawn else UNDRAWN) << 2 * side
+    return cells
+
+
+def normals(view: DepthImage, rule: Segmentation) -> np.ndarray:
+    """(H, W, 3) in the camera's frame: across the differences to the neighbours that the depth range joins."""
+    width, height = view.camera.size
+    tree = Tree(view, np.zeros((height, width), np.uint8))
+    perspective = view.camera.projection == "perspective"
+    extent = float(np.max(view.bounds[1] - view.bounds[0]))
+    found = np.tile((0.0, 0.0, -1.0), (height, width, 1))
+    for y, x in np.argwhere(view.valid):
+        here = tree.place((x, y))
+        sums = []
+        for dx, dy in ((1, 0), (0, 1)):
+            total = np.zeros(3)
+            for sign in (-1, 1):
+                near = x + sign * dx, y + sign * dy
+                if min(near) < 0 or not tree.is_sample(near):
+                    continue
+                there = tree.place(near)
+                scale = min(here[2], there[2]) if perspective else extent
+                if abs(there[2] - here[2]) <= rule.depth_range * scale:
+                    total += sign * (there - here)
+            sums.append(total)
+        normal = np.cross(sums[1], sums[0])
+        if np.linalg.norm(normal) > 0:
+            found[y, x] = normal / np.linalg.norm(normal)
+    return found
