@@ -1,0 +1,360 @@
+"""Triangulations: no cracks, errors within their bounds, and what the meshes bring along."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+o3d = pytest.importorskip("open3d")
+
+import pyibr as ibr
+from pyibr import models
+from pyibr.camera import Camera
+from pyibr.capture import object_views
+from pyibr.depthmesh import Segmentation
+from tests import scenes
+from tests.depthmesh.views import (
+    PROJECTIONS,
+    by_extent,
+    cells_of,
+    check_crack_free,
+    coverage,
+    rough,
+    samples_for,
+    samples_within,
+    weights_in,
+)
+from tests.slicing.solids import views_of_torus
+
+TESTS = ("orthogonality", "connectedness", "disparity", "none")
+TOLERANCES = (0, 0.3, 1, 4, 20, 1e9)
+
+
+def some_mesh(rng: np.random.Generator, number: int) -> ibr.DepthMesh:
+    """A random field of random size, every third one with holes, segmented by all tests in turn."""
+    size = tuple(int(n) for n in rng.integers(2, 90, 2))
+    noise, holes = rng.choice([0, 0.02, 0.3]), 0.01 * (number % 3 == 0)
+    view = rough(rng, size, PROJECTIONS[number % 2], noise, holes)
+    return ibr.DepthMesh(view, segmentation=Segmentation(TESTS[number // 2 % 4]))
+
+
+def some_camera(rng: np.random.Generator, view: ibr.DepthImage) -> Camera:
+    """Anywhere within, around and behind the surface, looking anywhere near it."""
+    low, high = view.bounds
+    extent = np.maximum(high - low, 0.5)
+    eye, at = rng.uniform(low - extent, high + extent), rng.uniform(low, high)
+    if rng.random() < 0.25:  # on the surface
+        eye = view.points[rng.integers(len(view.points))]
+    if rng.random() < 0.25:
+        return Camera.look_at(eye, at, (0, -1, 0.1), (200, 150), projection="orthographic", height=rng.uniform(0.5, 9))
+    return Camera.look_at(eye, at, (0, -1, 0.1), (200, 150), fov_y=rng.uniform(10, 110))
+
+
+def test_no_triangulation_has_cracks():
+    rng = np.random.default_rng(0)
+    partly = 0
+    for number in range(60):
+        thing = some_mesh(rng, number)
+        size, drawn = thing.view.camera.size, cells_of(thing)
+        for _ in range(3):
+            camera = some_camera(rng, thing.view)
+            for tolerance in TOLERANCES:
+                covered = check_crack_free(samples_for(thing, camera, tolerance), size)
+                assert not (covered & ~drawn).any()
+                partly += 0 < covered.sum() < drawn.sum()
+    assert partly > 100  # with lost triangles at edges
+
+
+def test_tolerance_0_is_the_full_grid():
+    rng = np.random.default_rng(1)
+    for number in range(24):
+        thing = some_mesh(rng, number)
+        view = thing.view
+        own = Camera(view.camera.K, view.camera.size, view.camera.world_from_camera, view.camera.projection)
+        corners = samples_for(thing, own, 0)
+        drawn = cells_of(thing)
+        assert len(corners) == drawn.sum()
+        np.testing.assert_array_equal(coverage(corners, view.camera.size), drawn)
+
+
+def test_no_edge_is_lost_at_common_tolerances():
+    """Triangles drawn in part count four times their length: the least ones, 2 pixels long, as 8."""
+    rng = np.random.default_rng(5)
+    for number in range(24):
+        thing = some_mesh(rng, number)
+        view = thing.view
+        for tolerance in (1, 4):  # the cameras' rays run up to 1.4 times the depth
+            np.testing.assert_array_equal(coverage(samples_for(thing, view.camera, tolerance), view.camera.size), cells_of(thing))
+
+
+@pytest.mark.parametrize("tolerance", [0.5, 2])
+def test_larger_tolerances_have_fewer_triangles(tolerance):
+    thing = ibr.DepthMesh(scenes.smooth((129, 97)))
+    camera = thing.view.camera.moved(0.5, 0, 0)
+    counts = [len(thing.triangulate(camera, t).faces) for t in (0, tolerance, 4 * tolerance, 16 * tolerance)]
+    assert counts == sorted(counts, reverse=True)
+    assert counts[1] > 2 * counts[3]
+
+
+# --- simplify ----------------------------------------------------------------------------------------
+
+
+def vertical_error(corners: np.ndarray, view: ibr.DepthImage) -> float:
+    """How far in depth samples lie off the triangles that cover them."""
+    depth = view.depth.astype(np.float64)
+    perspective = view.camera.projection == "perspective"
+    straight = 1 / depth if perspective else depth
+    worst = 0.0
+    for some, points in by_extent(corners):
+        weight = weights_in(some, points)
+        plane = (weight * straight[some[..., 1], some[..., 0]][:, None]).sum(axis=-1)
+        off = np.abs((1 / plane if perspective else plane) - depth[points[..., 1], points[..., 0]])
+        worst = max(worst, off[(weight > -1e-12).all(axis=-1)].max())
+    return worst
+
+
+def test_simplify_never_exceeds_its_error():
+    rng = np.random.default_rng(2)
+    used = []
+    for number in range(32):
+        thing = some_mesh(rng, number)
+        drawn = cells_of(thing)
+        for bound in (0.0, 0.01, 0.05, 0.3, 5.0):
+            corners = samples_within(thing, bound)
+            np.testing.assert_array_equal(check_crack_free(corners, thing.view.camera.size), drawn)
+            worst = vertical_error(corners, thing.view)
+            # The kernel's depths of 4 pass through their inverses and back: a few roundings of 2^-22.
+            assert worst <= bound + 4 * 2**-20
+            used.append(worst / bound if bound and len(corners) < drawn.sum() else 0)
+    assert np.quantile(used, 0.75) > 0.8  # and it is made use of
+
+
+def plane(size: scenes.Size, projection: str) -> ibr.DepthImage:
+    """Aslant; 1/z is straight on planes."""
+    y, x = np.mgrid[: size[1], : size[0]]
+    straight = 0.3 - 0.0007 * x + 0.001 * y
+    depth = (1 / straight if projection == "perspective" else 20 * straight).astype(np.float32)
+    return ibr.DepthImage(np.zeros((*size[::-1], 3), np.uint8), depth, scenes.source_camera(size, projection))
+
+
+@pytest.mark.parametrize("projection", PROJECTIONS)
+def test_simplify_leaves_few_triangles_of_planes(projection):
+    assert len(ibr.DepthMesh(plane((65, 65), projection)).simplify(1e-4).faces) == 2
+    # What is no power of two large ends in ever smaller blocks: their number goes with the border's length, 159.
+    thing = ibr.DepthMesh(plane((100, 61), projection))
+    assert len(thing.simplify(1e-4).faces) <= 2 * 159
+    assert cells_of(thing).sum() == 2 * 99 * 60
+
+
+def test_simplify_gives_fewer_triangles_than_errors_that_bound():
+    """It asks triangles themselves: smooth hills at a thousandth of their depth need a tenth of the grid."""
+    for projection in PROJECTIONS:
+        thing = ibr.DepthMesh(scenes.smooth((129, 129), projection), segmentation=Segmentation("none"))
+        counts = [len(thing.simplify(bound).faces) for bound in (0.0, 0.004, 0.016, 0.064)]
+        assert counts[0] > 0.99 * 2 * 128 * 128  # a few are flat
+        # Bends fall with the square of the size: four times the error is a quarter of the triangles and a bit more.
+        assert counts[1] < 0.15 * counts[0]
+        assert all(later < 0.45 * earlier for earlier, later in zip(counts[1:], counts[2:], strict=False))
+
+
+# --- errors as seen by the target ---------------------------------------------------------------------
+
+
+def cast(mesh: ibr.Mesh) -> o3d.t.geometry.RaycastingScene:
+    scene = o3d.t.geometry.RaycastingScene()
+    scene.add_triangles(np.array(mesh.vertices), mesh.faces.astype(np.uint32))
+    return scene
+
+
+def rays_of(camera: Camera) -> np.ndarray:
+    y, x = np.mgrid[: camera.height, : camera.width]
+    pixels = np.column_stack([x.ravel(), y.ravel()])
+    start, end = (camera.unproject(pixels, np.full(len(pixels), z)) for z in (1e-3, 1.0 + 1e-3))
+    return np.concatenate([start, end - start], axis=1)
+
+
+def errors_in_pixels(fine: ibr.Mesh, coarse: ibr.Mesh, camera: Camera) -> np.ndarray:
+    """From what each pixel sees of either mesh to the other, where it sees both; their outlines are not counted."""
+    rays, scenes_of = rays_of(camera), (cast(fine), cast(coarse))
+    t = [scene.cast_rays(rays.astype(np.float32))["t_hit"].numpy().astype(np.float64) for scene in scenes_of]
+    both = np.isfinite(t[0]) & np.isfinite(t[1])
+    assert both.mean() > 0.05
+    assert (np.isfinite(t[0]) != np.isfinite(t[1])).sum() <= 0.01 * both.sum()
+    found = []
+    for mine, other in ((0, 1), (1, 0)):
+        points = (rays[:, :3] + rays[:, 3:] * t[mine][:, None])[both]
+        off = scenes_of[other].compute_distance(points.astype(np.float32)).numpy()
+        far = np.linalg.norm(points - camera.center, axis=1) if camera.projection == "perspective" else 1.0
+        found.append(off * camera.K[0, 0] / far)
+    return np.concatenate(found)
+
+
+@cache
+def seen(name: str) -> list[tuple[ibr.DepthMesh, Camera]]:
+    """Meshes, and cameras that see them otherwise."""
+    found = []
+    if name == "torus":
+        camera = Camera.look_at((1.5, 1.2, 3), (0, 0, 0), (0, 1, 0), (200, 160), fov_y=45)
+        flat = Camera.look_at((-1.5, 1, 3), (0, 0, 0), (0, 1, 0), (200, 160), projection="orthographic", height=3)
+        for kind in PROJECTIONS:
+            found += [(ibr.DepthMesh(views_of_torus(kind)[4]), c) for c in (camera, flat)]
+        return found
+    for projection in PROJECTIONS:
+        for noise in (0.0, 0.01):
+            view = rough(np.random.default_rng(4), (120, 90), projection, noise)
+            own = view.camera.world_from_camera
+            for move in ({"yaw": -30, "center": (2, 0.3, 0.5)}, {"pitch": 15, "center": (0, 0.8, 1.5)}):
+                camera = Camera(scenes.target_intrinsics((200, 150)), (200, 150), own @ scenes.pose(**move))
+                found.append((ibr.DepthMesh(view), camera))
+    return found
+
+
+@pytest.mark.parametrize("tolerance", [1, 2, 4])
+@pytest.mark.parametrize("name", ["torus", "rough"])
+def test_errors_in_pixels(name, tolerance):
+    off, left = [], []
+    for thing, camera in seen(name):
+        fine, coarse = thing.triangulate(camera, 0), thing.triangulate(camera, tolerance)
+        left.append(len(coarse.faces) / len(fine.faces))
+        off.append(errors_in_pixels(fine, coarse, camera))
+    together = np.concatenate(off)
+    assert (together <= 1.5 * tolerance).mean() >= 0.995
+    # Errors are sums over the levels, most of which are far from reached.
+    assert (together <= tolerance).mean() >= 0.9995
+    assert np.mean(left) < {1: 0.95, 2: 0.8, 4: 0.6}[tolerance]
+
+
+def test_far_away_and_out_of_view_it_is_coarse():
+    view = scenes.smooth((129, 129))
+    thing, own = ibr.DepthMesh(view), view.camera.world_from_camera
+    K = scenes.target_intrinsics((200, 150))
+    near, far = (Camera(K, (200, 150), own @ scenes.pose(center=(0, 0, -z))) for z in (0, 100))
+    fine = len(thing.triangulate(near, 1).faces)
+    assert len(thing.triangulate(far, 1).faces) < 0.05 * fine
+    # Through a lens that sees a quarter of the width: there it is as fine as with all of it, the rest is coarse.
+    K = np.array([[600, 0, 600], [0, 600, 75], [0, 0, 1]])
+    whole, part = Camera(K, (1200, 150), own), Camera(K, (300, 150), own)
+    both = [thing.triangulate(camera, 0.5) for camera in (whole, part)]
+    pixels = [part.project(mesh.vertices)[0] for mesh in both]
+    inside = [((p > 0) & (p < (300, 150))).all(axis=1) for p in pixels]
+    assert inside[0].sum() == inside[1].sum() > 100
+    assert (~inside[1]).sum() < 0.35 * (~inside[0]).sum()
+    turned = Camera(K, (300, 150), own @ scenes.pose(yaw=180))
+    assert len(thing.triangulate(turned, 0).faces) < 100
+
+
+# --- what meshes bring along --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("projection", PROJECTIONS)
+def test_vertices_are_samples(projection):
+    view = scenes.holed((61, 37), projection)
+    thing = ibr.DepthMesh(view)
+    target = view.camera.moved(0.5, 0, 0)
+    for mesh in (thing.triangulate(view.camera, 0), thing.triangulate(target, 3), thing.simplify(0.05)):
+        pixel, z = view.camera.project(mesh.vertices.astype(np.float64))
+        x, y = np.rint(pixel).astype(int).T
+        # float32 places of 5 units, seen by 60 pixels a unit at most
+        np.testing.assert_allclose(pixel, np.stack([x, y], -1), atol=1e-4)
+        np.testing.assert_allclose(z, view.depth[y, x], rtol=1e-6)
+        np.testing.assert_allclose(mesh.uv, (np.stack([x, y], -1) + 0.5) / view.camera.size, rtol=1e-6)
+        assert mesh.texture is view.color or np.array_equal(mesh.texture, view.color)
+        turned = mesh.normals @ view.camera.world_from_camera[:3, :3]
+        np.testing.assert_allclose(turned, thing.normals[y, x], atol=1e-6)
+        np.testing.assert_array_equal(mesh.attributes["quality"], thing.quality[y, x])
+        # Fronts are what the camera sees.
+        corner = mesh.vertices[mesh.faces].astype(np.float64)
+        normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+        sight = corner.mean(axis=1) - view.camera.center if projection == "perspective" else view.camera.forward
+        assert (np.sum(normal * sight, axis=1) < 0).all()
+        assert len(np.unique(mesh.faces)) == len(mesh.vertices)
+
+
+def test_the_own_tolerance_is_the_default():
+    view = scenes.smooth((65, 65))
+    camera = view.camera.moved(0.3, 0, 0)
+    thing = ibr.DepthMesh(view, tolerance=3)
+    np.testing.assert_array_equal(thing.triangulate(camera).faces, thing.triangulate(camera, 3).faces)
+    assert len(thing.triangulate(camera, 0).faces) > len(thing.triangulate(camera).faces)
+
+
+def test_a_mesh_drawn_as_a_mesh_is_the_depth_mesh_drawn():
+    view = scenes.smooth((65, 65))
+    camera = Camera.look_at(view.camera.center + (1, 0, 0), view.points.mean(axis=0), (0, -1, 0), (120, 90), fov_y=60)
+    for tolerance in (0, 4):
+        thing = ibr.DepthMesh(view, tolerance)
+        one, other = ibr.render(thing, camera), ibr.render(thing.triangulate(camera), camera)
+        assert (one.valid != other.valid).mean() <= 1e-3
+        both = one.valid & other.valid
+        assert both.mean() > 0.3
+        np.testing.assert_allclose(one.depth[both], other.depth[both], rtol=1e-4)
+
+
+def test_open3d_and_files(tmp_path):
+    thing = ibr.DepthMesh(object_views(models.donut(), 48)[4])
+    mesh = thing.simplify(0.01)
+    other = mesh.to_open3d()
+    assert len(other.triangle.indices) == len(mesh.faces)
+    np.testing.assert_array_equal(other.vertex["quality"].numpy()[:, 0], mesh.attributes["quality"])
+    mesh.save(tmp_path / "thing.glb")
+    back = ibr.Mesh.load(tmp_path / "thing.glb")
+    assert len(back.faces) == len(mesh.faces)
+    np.testing.assert_allclose(sorted_places(back), sorted_places(mesh), atol=1e-6)
+    np.testing.assert_array_equal(back.texture, mesh.texture)
+    plain = ibr.Mesh(mesh.vertices, mesh.faces, normals=mesh.normals, attributes=mesh.attributes)
+    plain.save(tmp_path / "thing.ply")
+    back = ibr.Mesh.load(tmp_path / "thing.ply")
+    np.testing.assert_array_equal(back.faces, mesh.faces)
+    np.testing.assert_array_equal(back.vertices, mesh.vertices)
+    np.testing.assert_allclose(back.normals, mesh.normals, atol=1e-6)
+
+
+def sorted_places(mesh: ibr.Mesh) -> np.ndarray:
+    """Of all triangles' corners, whatever order a file keeps vertices in."""
+    corner = mesh.vertices[mesh.faces].reshape(-1, 3)
+    return corner[np.lexsort(np.round(corner, 4).T)]
+
+
+# --- strips -------------------------------------------------------------------------------------------
+
+
+def decoded(strips: list[np.ndarray]) -> np.ndarray:
+    """Triangles of strips, every other one turned; those with a number twice have no area."""
+    found = []
+    for strip in strips:
+        three = np.stack([strip[:-2], strip[1:-1], strip[2:]], -1)
+        three[1::2] = three[1::2, [1, 0, 2]]
+        found.append(three[(three != np.roll(three, 1, axis=1)).all(axis=1)])
+    return np.concatenate(found)
+
+
+def in_order(faces: np.ndarray) -> np.ndarray:
+    """Each triangle from its least number on, and all of them sorted."""
+    first = faces.argmin(axis=1)[:, None]
+    turned = np.take_along_axis(faces, (first + np.arange(3)) % 3, axis=1)
+    return turned[np.lexsort(turned.T)]
+
+
+def test_strips_hold_the_same_triangles():
+    rng = np.random.default_rng(3)
+    for number in range(16):
+        thing = some_mesh(rng, number)
+        camera = some_camera(rng, thing.view)
+        for tolerance in (0, 1, 8):
+            if not len(samples_for(thing, camera, tolerance)):
+                continue
+            faces = thing.triangulate(camera, tolerance).faces
+            strips = thing.strips(camera, tolerance)
+            np.testing.assert_array_equal(in_order(decoded(strips)), in_order(faces))
+
+
+def test_strips_are_long_where_nothing_is_cut():
+    thing = ibr.DepthMesh(scenes.smooth((65, 65)), segmentation=Segmentation("none"))
+    for tolerance in (0, 2):
+        camera = thing.view.camera.moved(0.3, 0, 0)
+        strips, faces = thing.strips(camera, tolerance), thing.triangulate(camera, tolerance).faces
+        assert len(strips) == 1  # one curve through all of them
+        # As triangles they would take 3 numbers each; a strip 1, and 1 more at a turn.
+        assert sum(map(len, strips)) < 2 * len(faces)
