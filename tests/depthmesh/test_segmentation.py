@@ -1,0 +1,128 @@
+"""Rubber sheets: what is known to bridge two surfaces is taken out, and hardly anything else."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.depthmesh import Segmentation
+from tests import scenes
+from tests.depthmesh.layers import PLATES, bridging, layered
+from tests.depthmesh.views import PROJECTIONS, cells_of, rough
+from tests.warp.test_real_data import room
+
+TESTS = ("orthogonality", "connectedness", "disparity")
+SIZE = (320, 240)
+
+
+@pytest.mark.parametrize("test", TESTS)
+@pytest.mark.parametrize("projection", PROJECTIONS)
+@pytest.mark.parametrize("name", list(PLATES))
+def test_a_plate_before_a_wall(name, projection, test):
+    view, plate = layered(name, SIZE, projection)
+    drawn, rubber = cells_of(ibr.DepthMesh(view, segmentation=Segmentation(test))), bridging(plate)
+    assert rubber.sum() > 1000
+    assert (~drawn)[rubber].mean() >= 0.99
+    assert (~drawn)[~rubber].mean() < 0.005
+
+
+@pytest.mark.parametrize("test", [*TESTS, "none"])
+def test_one_surface_stays_whole(test):
+    for projection in PROJECTIONS:
+        for size in ((2, 2), (7, 13), (61, 37), (128, 96)):
+            assert cells_of(ibr.DepthMesh(scenes.flat(size, projection), segmentation=Segmentation(test))).all()
+        view = scenes.smooth(SIZE, projection)
+        assert cells_of(ibr.DepthMesh(view, segmentation=Segmentation(test))).all()
+
+
+def test_none_takes_out_nothing_but_what_has_no_depth():
+    view = scenes.holed((61, 37))
+    drawn = cells_of(ibr.DepthMesh(view, segmentation=Segmentation("none")))
+    valid = view.valid
+    corners = np.stack([valid[:-1, :-1], valid[:-1, 1:], valid[1:, :-1], valid[1:, 1:]])
+    np.testing.assert_array_equal(drawn.all(axis=-1), corners.all(axis=0))
+    assert not drawn[corners.sum(axis=0) < 3].any()
+
+
+def test_the_angle_and_the_range_both_decide():
+    """A step is seen edge-on if its height is more than 1 / tan(angle) of a sample's width."""
+    camera = ibr.Camera([[100, 0, 20], [0, 100, 15], [0, 0, 1]], (40, 30))
+    for step in (0.05, 0.2, 0.5, 2.0):
+        depth = np.full((30, 40), 4, np.float32)
+        depth[:, 20:] += step
+        view = ibr.DepthImage(np.zeros((30, 40, 3), np.uint8), depth, camera)
+        for angle in (2, 5, 10, 20):
+            for depth_range in (0.01, 0.06, 0.3):
+                drawn = cells_of(ibr.DepthMesh(view, segmentation=Segmentation("orthogonality", angle, depth_range)))
+                # The sample is (4 to 4 + step) / 100 wide; not decided here is what lies close to a limit.
+                slopes, range_of = (4 / 100 / step, (4 + step) / 100 / step), step / (4 + step / 2)
+                if max(slopes) < 0.8 * np.tan(np.radians(angle)) and range_of > 1.2 * depth_range:
+                    assert not drawn[:, 19].any()
+                elif min(slopes) > 1.2 * np.tan(np.radians(angle)) or range_of < 0.8 * depth_range:
+                    assert drawn.all()
+                assert drawn[:, :19].all() and drawn[:, 20:].all()
+
+
+@pytest.mark.parametrize("test", TESTS)
+def test_stricter_thresholds_take_out_more(test):
+    view = rough(np.random.default_rng(0), (61, 37), "perspective", 0.3)
+    kept = []
+    for k in (1, 2, 4):
+        rule = Segmentation(test, angle=8 * k, depth_range=0.08 / k, gap=0.08 / k)
+        kept.append(cells_of(ibr.DepthMesh(view, segmentation=rule)))
+    assert kept[0].sum() > kept[1].sum() > kept[2].sum() > 0
+    assert not (kept[1] & ~kept[0]).any() and not (kept[2] & ~kept[1]).any()
+
+
+# --- a room --------------------------------------------------------------------------------------------
+
+
+def triangle_points(view: ibr.DepthImage, every: int) -> tuple[np.ndarray, np.ndarray]:
+    """World points (4, n, 3) within some of the grid's triangles, and the triangles' places (n, 3) y, x, side."""
+    height, width = view.depth.shape
+    y, x, side = np.meshgrid(np.arange(0, height - 1, every), np.arange(0, width - 1), (0, 1), indexing="ij")
+    y, x, side = y.ravel(), x.ravel(), side.ravel()
+    main = (x + y) % 2 == 0
+    # The diagonal's ends, and the corner that is the triangle's own
+    dx = np.stack([np.where(main, 0, 1), np.where(main, 1, 0), np.where(main == (side == 0), 1, 0)])
+    dy = np.stack([np.zeros_like(x), np.ones_like(x), side])
+    known = view.valid[y + dy, x + dx].all(axis=0)
+    y, x, side, dx, dy = y[known], x[known], side[known], dx[:, known], dy[:, known]
+    pixels = np.stack([x + dx, y + dy], -1).reshape(-1, 2)
+    corner = view.camera.unproject(pixels, view.depth[y + dy, x + dx].ravel()).reshape(3, -1, 3)
+    shares = np.array([[1, 1, 1], [1, 1, 0], [1, 0, 1], [0, 1, 1]]) / [[3], [2], [2], [2]]
+    return np.einsum("kc,cni->kni", shares, corner), np.stack([y, x, side], -1)
+
+
+@cache
+def labelled(number: int, others: tuple[int, ...], every: int = 3) -> tuple[np.ndarray, np.ndarray]:
+    """Triangles (n, 3) of a frame that others have seen through, and such that they have seen as a surface.
+
+    Seen through: its middle, or that of a side, lies more than 1 % before what another frame sees there. A surface:
+    all of these lie within 0.5 % of what some frame sees, depth being in whole millimetres.
+    """
+    points, triangles = triangle_points(room(number), every)
+    through = np.zeros(len(triangles), bool)
+    met = np.zeros((4, len(triangles)), bool)
+    for other in map(room, others):
+        pixel, z = other.camera.project(points.reshape(-1, 3))
+        good = np.isfinite(pixel).all(axis=1) & (z > 0) & ((pixel >= 0) & (pixel < (639, 479))).all(axis=1)
+        u, v = np.floor(np.where(good[:, None], pixel, 0)).astype(int).T
+        around = np.stack([other.depth[v + dy, u + dx] for dy in (0, 1) for dx in (0, 1)])
+        good &= (around > 0).all(axis=0)
+        through |= (good & (around.min(axis=0) > 1.01 * z)).reshape(4, -1).any(axis=0)
+        met |= (good & (np.abs(around - z) <= 0.005 * z).all(axis=0)).reshape(4, -1)
+    return triangles[through], triangles[~through & met.all(axis=0)]
+
+
+@pytest.mark.parametrize("test", TESTS)
+def test_the_defaults_hold_on_a_room(test):
+    for number, others in ((0, (1, 2, 3, 4, 50)), (4, (0, 1, 50))):
+        rubber, surface = labelled(number, others)
+        assert len(rubber) > 1000 and len(surface) > 150_000
+        drawn = cells_of(ibr.DepthMesh(room(number), segmentation=Segmentation(test)))
+        assert (~drawn)[tuple(rubber.T)].mean() >= 0.99
+        assert (~drawn)[tuple(surface.T)].mean() < 0.005
