@@ -1,0 +1,298 @@
+"""Depth meshes drawn and blended: laws, and pictures against the true mesh and real frames."""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import permutations
+
+import cv2
+import numpy as np
+import pytest
+
+pytest.importorskip("open3d")
+
+import pyibr as ibr
+from pyibr import metrics, models
+from pyibr.camera import Camera
+from pyibr.capture import MeshScene, object_views
+from pyibr.depthmesh import Segmentation
+from pyibr.metrics import silhouette_iou
+from tests import scenes
+from tests.data import shared
+from tests.depthmesh.views import PROJECTIONS
+from tests.slicing.solids import looking, torus, views_of_torus
+from tests.slicing.test_real_data import scans
+from tests.test_shadow import CAMERA, LIGHTS, agreement, floor, joined, truly_lit
+from tests.warp.test_laws import same_bits
+from tests.warp.test_real_data import room
+
+SIZE = (180, 150)
+DIRECTIONS = ((0.5, 0.4, 1), (-1, 0.3, 0.2), (0.2, -1, -0.5))
+BLENDS = ("quality", "position", "nearest")
+
+
+def six() -> list[ibr.DepthImage]:
+    return views_of_torus("orthographic")
+
+
+def target(direction: tuple[float, ...] = DIRECTIONS[0], projection: str = "perspective") -> Camera:
+    return looking(torus(), direction, SIZE, projection)
+
+
+# --- laws ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("projection", PROJECTIONS)
+@pytest.mark.parametrize("blend", BLENDS)
+def test_one_view_blended_is_that_view_drawn(blend, projection):
+    for view in (views_of_torus("perspective")[4], six()[4], scenes.stepped((61, 37))):
+        camera = target(projection=projection) if view.camera.width == 160 else view.camera.moved(0.3, 0.1, 0)
+        for tolerance in (0.0, 2.0):
+            one = ibr.render(ibr.DepthMesh(view, tolerance), camera)
+            thing = ibr.DepthMeshObject([view], tolerance, blend, background=False)
+            assert one.valid.sum() > 300
+            same = ibr.render(thing, camera)
+            np.testing.assert_array_equal(same.valid, one.valid)
+            np.testing.assert_array_equal(same.depth, one.depth)
+            # A colour times its weight, through the weight again: a rounding that may cross a half.
+            assert np.abs(same.color.astype(int) - one.color).max() <= 1
+
+
+@pytest.mark.parametrize("blend", BLENDS)
+def test_the_views_order_changes_nothing(blend):
+    views = six()
+    rng = np.random.default_rng(0)
+    for camera in (target(), target(DIRECTIONS[2], "orthographic")):
+        first = ibr.render(ibr.DepthMeshObject(views, blend=blend), camera)
+        for _ in range(3):
+            other = ibr.render(ibr.DepthMeshObject([views[k] for k in rng.permutation(6)], blend=blend), camera)
+            np.testing.assert_array_equal(other.valid, first.valid)
+            np.testing.assert_array_equal(other.depth, first.depth)
+            # Sums of three in another order; of equally near fronts "nearest" takes the first view's.
+            off = np.abs(other.color.astype(int) - first.color).max(axis=2)
+            assert (off <= 1).mean() >= (0.999 if blend == "nearest" else 1)
+
+
+def test_two_runs_give_the_same_bits():
+    thing, camera = ibr.DepthMeshObject(six()), target()
+    same_bits(ibr.render(thing, camera), ibr.render(thing, camera))
+    same_bits(ibr.render(thing, camera), ibr.render(ibr.DepthMeshObject(six()), camera))
+
+
+def test_weights():
+    views = views_of_torus("perspective")
+    centers = np.array([view.camera.center for view in views])
+    rng = np.random.default_rng(1)
+    for blended in (1, 2, 3, 6, 20):
+        thing = ibr.DepthMeshObject(views, blended=blended)
+        for eye in rng.normal(0, 4, (20, 3)):
+            weights = thing.weights(Camera.look_at(eye, (0, 0, 0), (0.1, 0.2, 1), SIZE))
+            assert weights.shape == (6,) and weights.dtype == np.float64
+            assert weights.sum() == pytest.approx(1)
+            assert np.count_nonzero(weights) == min(blended, 6)
+            distances = np.linalg.norm(centers - eye, axis=1)
+            order = np.argsort(distances)
+            assert (np.diff(weights[order]) <= 0).all()
+            some = order[: min(blended, 6)]
+            np.testing.assert_allclose(weights[some] * distances[some], weights[some[0]] * distances[some[0]])
+        at_a_view = thing.weights(views[2].camera)
+        assert at_a_view[2] > 0.999
+
+
+def test_orthographic_cameras_have_weights_by_their_direction():
+    thing = ibr.DepthMeshObject(six(), blended=3)
+    for direction in np.random.default_rng(2).normal(size=(10, 3)):
+        weights = thing.weights(looking(torus(), direction, SIZE, "orthographic"))
+        facing = np.array([view.camera.forward @ direction for view in six()])
+        assert set(np.argsort(facing)[:3]) == set(np.flatnonzero(weights))
+        assert weights.argmax() == facing.argmin()
+
+
+def test_occupancy():
+    thing = ibr.DepthMeshObject(six(), background=False)
+    for direction in DIRECTIONS:
+        camera = target(direction)
+        views, frame, weights = thing.occupancy(camera), ibr.render(thing, camera), thing.weights(camera)
+        assert (views.shape, views.dtype) == (SIZE[::-1], np.uint32)
+        np.testing.assert_array_equal(views > 0, frame.valid)
+        possible = int((np.uint32(1) << np.flatnonzero(weights).astype(np.uint32)).sum())
+        assert not (views & ~np.uint32(possible)).any()
+        for number in np.flatnonzero(weights):
+            drawn = views >> np.uint32(number) & 1 > 0
+            alone = ibr.render(ibr.DepthMesh(six()[number]), camera)
+            assert drawn.any() and not (drawn & ~alone.valid).any()
+            # It gives colour where, and only where, its surface is the front one within epsilon.
+            near = alone.valid & (alone.depth <= np.nan_to_num(frame.depth) + thing.epsilon)
+            assert (near != drawn).mean() <= 2e-3
+        several = np.array([bin(v).count("1") for v in np.unique(views)])
+        assert several.max() == 3
+    only = ibr.DepthMeshObject(six(), blend="nearest", background=False).occupancy(target())
+    assert all(bin(v).count("1") <= 1 for v in np.unique(only))
+
+
+def test_occupancy_names_views_by_their_own_numbers():
+    views = six()
+    camera = target()
+    first = ibr.DepthMeshObject(views).occupancy(camera)
+    order = [3, 5, 0, 1, 4, 2]
+    other = ibr.DepthMeshObject([views[k] for k in order]).occupancy(camera)
+    back = np.zeros_like(other)
+    for place, number in enumerate(order):
+        back |= (other >> np.uint32(place) & 1) << np.uint32(number)
+    np.testing.assert_array_equal(back, first)
+
+
+@pytest.mark.parametrize("kind", PROJECTIONS)
+def test_a_view_comes_back_at_its_own_camera(kind):
+    views = views_of_torus(kind)
+    for number in (0, 4):
+        view = views[number]
+        for blend in BLENDS:
+            thing = ibr.DepthMeshObject(views, tolerance=0, blend=blend)
+            frame = ibr.render(thing, view.camera)
+            assert silhouette_iou(frame.valid, view.valid) >= 0.97
+            inner = frame.valid & (cv2.erode(view.valid.astype(np.uint8), np.ones((5, 5))) > 0)
+            assert inner.sum() > 2000
+            assert np.quantile(np.abs(frame.depth - view.depth)[inner], 0.99) <= 0.01
+            off = np.abs(frame.color.astype(int) - view.color).max(axis=2)[inner]
+            # Almost all weight is its own; the other views' samples are elsewhere. "nearest" may show any of them.
+            assert np.quantile(off, 0.95) <= (2 if blend != "nearest" and kind == "perspective" else 12)
+
+
+def test_one_view_comes_back_bit_by_bit():
+    for view in (scenes.stepped((61, 37)), scenes.holed((61, 37)), six()[4]):
+        thing = ibr.DepthMesh(view, tolerance=0, segmentation=Segmentation("none"))
+        frame = ibr.render(thing, view.camera)
+        assert not (frame.valid & ~view.valid).any()
+        assert frame.valid.sum() > 0.9 * view.valid.sum()
+        both = frame.valid & view.valid
+        np.testing.assert_allclose(frame.depth[both], view.depth[both], rtol=1e-5)
+        # Corners are rounded to 1/256 of a pixel; beside an edge the colour may be a neighbour's for that.
+        assert (np.abs(frame.color.astype(int) - view.color).max(axis=2)[both] <= 2).mean() >= 0.99
+
+
+def test_float_colours():
+    views = [ibr.DepthImage((v.color / np.float32(255)).astype(np.float32), v.depth, v.camera) for v in six()]
+    for thing, like in (
+        (ibr.DepthMeshObject(views), ibr.DepthMeshObject(six())),
+        (ibr.DepthMesh(views[4]), ibr.DepthMesh(six()[4])),
+    ):
+        frame, bytes_frame = ibr.render(thing, target()), ibr.render(like, target())
+        np.testing.assert_array_equal(frame.depth, bytes_frame.depth)
+        scale = 255 if frame.color.dtype == np.float32 else 1
+        # Their device copies have 8 bits a channel.
+        assert np.abs(frame.color.astype(float) * scale - bytes_frame.color)[frame.valid].max() <= 1.01
+
+
+def test_the_background_shows_through_holes_only():
+    view = scenes.stepped((96, 128))
+    with_it, without = (ibr.DepthMeshObject([view], background=b) for b in (True, False))
+    camera = view.camera.moved(0.35, 0.1, 0)
+    full, bare = ibr.render(with_it, camera), ibr.render(without, camera)
+    assert full.valid.sum() > bare.valid.sum() + 50
+    np.testing.assert_array_equal(full.depth[bare.valid], bare.depth[bare.valid])
+    np.testing.assert_array_equal(full.color[bare.valid], bare.color[bare.valid])
+    # From where the view itself stands there are no holes.
+    own = ibr.render(with_it, view.camera), ibr.render(without, view.camera)
+    assert own[0].valid.mean() >= own[1].valid.mean() > 0.97
+
+
+def test_empty_space_stays_empty():
+    """The hole of a ring that segmentation cuts from nothing: no coarse mesh spans it."""
+    thing = ibr.DepthMeshObject(object_views(models.donut(48), 96))
+    truth = MeshScene.from_mesh(models.donut(48))
+    for eye in ((0.4, 0.5, 4), (3, 0.3, 2.5)):
+        camera = Camera.look_at(eye, (0, 0, 0), (0, 1, 0), (121, 121), fov_y=45)
+        frame, seen = ibr.render(thing, camera), truth.capture(camera)
+        nothing = cv2.erode((~seen.valid).astype(np.uint8), np.ones((7, 7))) > 0
+        assert not frame.valid[nothing].any()
+
+
+# --- with other things ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("projection", PROJECTIONS)
+def test_one_depth_buffer_with_other_things(projection):
+    wall = ibr.Mesh(
+        [[-3, -3, 0.3], [3, -3, -0.4], [3, 3, 0.2], [-3, 3, 0.9]],
+        [[0, 1, 2], [0, 2, 3]],
+        colors=np.full((4, 3), 9, np.uint8),
+    )
+    things = [ibr.DepthMeshObject(six()), wall, ibr.DepthMesh(views_of_torus("perspective")[0])]
+    camera = target(projection=projection)
+    alone = [ibr.render(one, camera) for one in things]
+    nearest = np.min([np.where(one.valid, one.depth, np.inf) for one in alone], axis=0)
+    for order in permutations(things):
+        frame = ibr.render(order, camera)
+        np.testing.assert_array_equal(np.where(frame.valid, frame.depth, np.inf), nearest)
+        for one in alone:
+            mine = one.valid & (one.depth == nearest)
+            assert mine.sum() > 20
+            unique = mine & (np.sum([a.valid & (a.depth == nearest) for a in alone], axis=0) == 1)
+            np.testing.assert_array_equal(frame.color[unique], one.color[unique])
+
+
+def test_shadows_are_cast_and_received():
+    thing = ibr.DepthMeshObject(object_views(models.donut(48), 256))
+    ground, light = floor(), ibr.Light(**LIGHTS["far"], ambient=0.25)
+    own, frame = ibr.render([ground, thing], CAMERA), ibr.render([ground, thing], CAMERA, light)
+    truth, depth = truly_lit(joined([ground, models.donut(48)]), light)
+    bare = ibr.render(ground, CAMERA)
+    on_ground = cv2.erode((own.valid & (np.abs(own.depth - bare.depth) < 1e-4)).astype(np.uint8), np.ones((7, 7))) > 0
+    ground_lit = frame.color[..., 0] > 60  # 50 is its ambient part
+    assert agreement(np.where(on_ground, ground_lit, truth), truth, depth) >= 0.97
+    # Images' colours hold their light already: the object is never shaded, and dark where another thing's shadow is.
+    roof = ibr.Mesh([[-3, -3, 2.0], [3, -3, 2.0], [3, 3, 2.0], [-3, 3, 2.0]], [[0, 1, 2], [0, 2, 3]])
+    camera = Camera.look_at((1.9, -3.4, 1.6), (0, 0, 0), (0, 0, 1), SIZE, fov_y=40)
+    plain = ibr.render(thing, camera)
+    shaded = ibr.render([thing, roof], camera, ibr.Light(direction=(0, 0, -1), ambient=0.25))
+    under = plain.valid & (shaded.depth == plain.depth)
+    assert under.sum() > 1000
+    np.testing.assert_allclose(shaded.color[under], 0.25 * plain.color[under], atol=1)
+    above = ibr.render([thing, roof], camera, ibr.Light(direction=(0, 0, -1), shadow_size=0))
+    np.testing.assert_array_equal(above.color[under], plain.color[under])
+
+
+def test_from_within_and_from_behind():
+    thing = ibr.DepthMeshObject(six())
+    ring = torus().vertices[0]
+    for eye in ((0, 0, 0), 0.5 * ring, ring, 0.999 * ring):
+        frame = ibr.render(thing, Camera.look_at(eye, np.add(eye, (0.3, 2, 0.1)), (0, 0, 1), (41, 33), fov_y=80))
+        np.testing.assert_array_equal(np.isfinite(frame.depth), frame.valid)
+        assert (frame.depth[frame.valid] > 0).all()
+    away = ibr.render(thing, Camera.look_at((0, 0, 9), (0, 0, 18), (0, 1, 0), (41, 33)))
+    assert not away.valid.any() and (away.color == 0).all()
+    assert not thing.occupancy(Camera.look_at((0, 0, 9), (0, 0, 18), (0, 1, 0), (41, 33))).any()
+
+
+# --- against the truth ---------------------------------------------------------------------------------
+
+
+@cache
+def sources(name: str) -> tuple[MeshScene, list[ibr.DepthMesh], list[tuple[ibr.DepthImage, Camera]]]:
+    """A mesh, six views of it, and what is to be seen at cameras that are none of them."""
+    scene = torus() if name == "torus" else MeshScene.from_mesh(ibr.Mesh.load(shared(f"meshes/{name}")))
+    cameras = [looking(scene, d, (256, 256), near=1.6) for d in np.random.default_rng(5).normal(size=(6, 3))]
+    meshes = [ibr.DepthMesh(view) for view in object_views(scene, 256, "perspective")]
+    return scene, meshes, [(scene.capture(camera), camera) for camera in cameras]
+
+
+def scores(name: str, **options) -> tuple[float, float, float]:
+    """Mean PSNR on what both cover, mean and least IoU."""
+    _, meshes, tests = sources(name)
+    thing = ibr.DepthMeshObject(meshes, **options)
+    found = []
+    for truth, camera in tests:
+        frame = ibr.render(thing, camera)
+        both = frame.valid & truth.valid
+        found.append((metrics.psnr(frame.color, truth.color, both), silhouette_iou(frame.valid, truth.valid)))
+    quality, iou = np.array(found).T
+    return float(quality.mean()), float(iou.mean()), float(iou.min())
+
+
+MODELS = ["torus", "dragon_vrip_res3.ply.gz", "bun_zipper.ply.gz", "human_male_makehuman.obj.gz"]
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_six_views_against_the_mesh(name):
+    print(name, {b: scores(name, blend=b) for b in BLENDS}, scores(name, tolerance=0))
