@@ -58,6 +58,30 @@ def test_one_view_blended_is_that_view_drawn(blend, projection):
             assert np.abs(same.color.astype(int) - one.color).max() <= 1
 
 
+def test_every_projection_draws_every_projection():
+    for kind in PROJECTIONS:
+        thing = ibr.DepthMesh(views_of_torus(kind)[4])
+        for projection in PROJECTIONS:
+            camera = target(projection=projection)
+            frame, mesh = ibr.render(thing, camera), ibr.render(thing.triangulate(camera), camera)
+            assert mesh.valid.sum() > 1000
+            assert (frame.valid != mesh.valid).mean() <= 1e-3
+            assert metrics.median_depth_error(frame.depth, mesh.depth, frame.valid & mesh.valid) <= 1e-5
+
+
+@pytest.mark.parametrize("epsilon", [0.0, 1e-7, 0.01])
+def test_no_pixel_goes_without_colour(epsilon):
+    """However thin the layer that is blended, the front surface is in it."""
+    bright = [ibr.DepthImage(np.full_like(v.color, 200), v.depth, v.camera) for v in six()]
+    things = [ibr.DepthMeshObject(bright, blend=b, epsilon=epsilon) for b in BLENDS]
+    if epsilon == 0:
+        things.append(ibr.DepthMesh(bright[4]))
+    for thing in things:
+        for projection in PROJECTIONS:
+            frame = ibr.render(thing, target(projection=projection))
+            assert (np.abs(frame.color[frame.valid].astype(int) - 200) <= 1).all()
+
+
 @pytest.mark.parametrize("blend", BLENDS)
 def test_the_views_order_changes_nothing(blend):
     views = six()
@@ -106,6 +130,45 @@ def test_orthographic_cameras_have_weights_by_their_direction():
         facing = np.array([view.camera.forward @ direction for view in six()])
         assert set(np.argsort(facing)[:3]) == set(np.flatnonzero(weights))
         assert weights.argmax() == facing.argmin()
+
+
+def plane_seen(angle: float, gray: int) -> ibr.DepthImage:
+    """The plane z = 0 from 4 away and so many degrees aslant, in one colour."""
+    turn = np.radians(angle)
+    camera = Camera.look_at((4 * np.sin(turn), 0, 4 * np.cos(turn)), (0, 0, 0), (0, 1, 0), (65, 65), fov_y=30)
+    corners = [[-9, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0]]
+    view = MeshScene(corners, [[0, 1, 2], [0, 2, 3]]).capture(camera)
+    return ibr.DepthImage(np.full_like(view.color, gray), view.depth, view.camera)
+
+
+@pytest.mark.parametrize("blend", BLENDS)
+def test_colours_are_weighed_by_position_and_quality(blend):
+    angles, grays = (0, 60, -40), (20, 220, 120)
+    thing = ibr.DepthMeshObject([plane_seen(a, g) for a, g in zip(angles, grays, strict=True)], blend=blend)
+    camera = Camera.look_at((1.5, 0.4, 4), (0, 0, 0), (0, 1, 0), (41, 31), fov_y=12)
+    frame, weights = ibr.render(thing, camera), thing.weights(camera)
+    assert frame.valid.all()
+    facing = np.cos(np.radians(angles)) if blend == "quality" else 1.0
+    if blend == "nearest":
+        assert set(np.unique(frame.color)) <= set(grays)
+    else:
+        expected = (weights * facing) @ grays / (weights * facing).sum()
+        # Normals at the mesh's border are one-sided, here they are the plane's; colours are rounded.
+        assert np.abs(frame.color - expected).max() <= 1.01
+
+
+def test_what_lies_behind_by_more_than_epsilon_gives_no_colour():
+    near, far = plane_seen(20, 200), plane_seen(20, 20)
+    for gap, epsilon, expected in ((0.02, 0.05, 110), (0.05, 0.02, 200)):
+        behind = ibr.DepthImage(far.color, (far.depth + np.float32(gap)).astype(np.float32), far.camera)
+        thing = ibr.DepthMeshObject([behind, near], epsilon=epsilon, blend="position", background=False)
+        camera = near.camera.resized((41, 41))
+        frame = ibr.render(thing, camera)
+        inside = frame.color[5:-5, 5:-5].astype(int)
+        assert np.abs(inside - expected).max() <= 1
+        bits = thing.occupancy(camera)[5:-5, 5:-5]
+        assert (bits == (3 if expected == 110 else 2)).all()
+        assert frame.depth[20, 20] == pytest.approx(4, rel=1e-3)
 
 
 def test_occupancy():
@@ -159,16 +222,17 @@ def test_a_view_comes_back_at_its_own_camera(kind):
             assert np.quantile(off, 0.95) <= (2 if blend != "nearest" and kind == "perspective" else 12)
 
 
-def test_one_view_comes_back_bit_by_bit():
+def test_one_view_comes_back():
     for view in (scenes.stepped((61, 37)), scenes.holed((61, 37)), six()[4]):
         thing = ibr.DepthMesh(view, tolerance=0, segmentation=Segmentation("none"))
         frame = ibr.render(thing, view.camera)
         assert not (frame.valid & ~view.valid).any()
-        assert frame.valid.sum() > 0.9 * view.valid.sum()
-        both = frame.valid & view.valid
-        np.testing.assert_allclose(frame.depth[both], view.depth[both], rtol=1e-5)
-        # Corners are rounded to 1/256 of a pixel; beside an edge the colour may be a neighbour's for that.
-        assert (np.abs(frame.color.astype(int) - view.color).max(axis=2)[both] <= 2).mean() >= 0.99
+        # Where all four triangles' samples around are valid; a surface's own edge may be drawn on its other side.
+        inner = cv2.erode(view.valid.astype(np.uint8), np.ones((3, 3)), borderValue=0) > 0
+        assert inner.sum() > 700
+        assert frame.valid[inner].all()
+        np.testing.assert_allclose(frame.depth[inner], view.depth[inner], rtol=1e-4)  # steep triangles beside edges
+        assert (np.abs(frame.color.astype(int) - view.color).max(axis=2)[inner] <= 1).mean() >= 0.99
 
 
 def test_float_colours():
@@ -194,7 +258,8 @@ def test_the_background_shows_through_holes_only():
     np.testing.assert_array_equal(full.color[bare.valid], bare.color[bare.valid])
     # From where the view itself stands there are no holes.
     own = ibr.render(with_it, view.camera), ibr.render(without, view.camera)
-    assert own[0].valid.mean() >= own[1].valid.mean() > 0.97
+    assert own[0].valid.sum() >= own[1].valid.sum()
+    assert own[0].valid[1:-1, 1:-1].mean() > 0.99
 
 
 def test_empty_space_stays_empty():
@@ -290,9 +355,68 @@ def scores(name: str, **options) -> tuple[float, float, float]:
     return float(quality.mean()), float(iou.mean()), float(iou.min())
 
 
-MODELS = ["torus", "dragon_vrip_res3.ply.gz", "bun_zipper.ply.gz", "human_male_makehuman.obj.gz"]
+# Samples are 1.3 pixels of these targets, of 256 pixels: a model's outline is lost by half of one. At twice the size of
+# both, the least mean is 0.97.
+MODELS = {
+    "torus": 0.98,
+    "dragon_vrip_res3.ply.gz": 0.955,
+    "bun_zipper.ply.gz": 0.97,
+    "human_male_makehuman.obj.gz": 0.93,
+}
 
 
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("name", list(MODELS))
 def test_six_views_against_the_mesh(name):
-    print(name, {b: scores(name, blend=b) for b in BLENDS}, scores(name, tolerance=0))
+    found = {blend: scores(name, blend=blend) for blend in BLENDS}
+    quality, iou, least = found["quality"]
+    assert iou >= MODELS[name]
+    assert least >= MODELS[name] - 0.04
+    # Best or equal: 0.05 dB is no difference that is seen.
+    assert quality >= found["position"][0] - 0.05
+    assert quality >= found["nearest"][0] - 0.05
+    assert quality > 28
+
+
+def test_a_pixels_tolerance_costs_little():
+    name = "dragon_vrip_res3.ply.gz"
+    full, tolerant = scores(name, tolerance=0), scores(name, tolerance=1)
+    assert tolerant[0] >= full[0] - 0.5
+    assert tolerant[1] >= full[1] - 0.01
+    _, meshes, tests = sources(name)
+    camera = tests[0][1]
+    faces = [sum(len(mesh.triangulate(camera, t).faces) for mesh in meshes) for t in (0, 1)]
+    assert faces[1] < 0.8 * faces[0]
+
+
+def test_the_bunny_from_six_real_scans():
+    thing = ibr.DepthMeshObject(scans())
+    scene = MeshScene.from_mesh(ibr.Mesh.load(shared("meshes/bun_zipper.ply.gz")))
+    middle = 0.5 * (scene.vertices.min(axis=0) + scene.vertices.max(axis=0))
+    for direction in ((0.3, 0.4, 1), (1, 0.3, -0.3), (-0.6, 0.2, -1)):
+        away = 0.45 * np.array(direction) / np.linalg.norm(direction)
+        camera = Camera.look_at(middle + away, middle, (0, 1, 0), (300, 260), fov_y=26)
+        truth, frame = scene.capture(camera), ibr.render(thing, camera)
+        # What no scan saw around the ears and beneath is missing.
+        assert silhouette_iou(frame.valid, truth.valid) >= 0.94
+        # The scans lie 0.2 mm off the mesh.
+        assert metrics.median_depth_error(frame.depth, truth.depth, frame.valid & truth.valid) <= 0.2e-3
+
+
+@pytest.mark.parametrize(("numbers", "number"), [((0, 1, 2, 3, 4), 50), ((50,), 0), ((0, 50), 2)])
+def test_a_room(numbers, number):
+    views, truth = [room(n) for n in numbers], room(number)
+    frame = ibr.render(ibr.DepthMeshObject(views), truth.camera)
+    # 2 %: far above the millimetre that is asked for, far below the steps between objects.
+    both = frame.valid & truth.valid & (np.abs(frame.depth - truth.depth) <= 0.02 * truth.depth)
+    # 1 mm: depth is in whole millimetres. 2 of 255: reprojection of the samples gives 1.7 and 1.8.
+    assert metrics.median_depth_error(frame.depth, truth.depth, both) <= 1e-3
+    assert metrics.median_color_error(frame.color, truth.color, both) <= 2
+    # Together they show more than the best of them does on its own, and than the warp of it, but for what
+    # lies just before the cut.
+    for view in views:
+        warped = ibr.warp(view, truth.camera, edges="cut")
+        right = warped.valid & truth.valid & (np.abs(warped.depth - truth.depth) <= 0.02 * truth.depth)
+        assert both.mean() >= right.mean() - 0.002
+    # Without the coarse meshes' guesses behind what no view saw, hardly anything is drawn before the true surface.
+    bare = ibr.render(ibr.DepthMeshObject(views, background=False), truth.camera)
+    assert (bare.valid & truth.valid & (truth.depth - bare.depth > 0.05 * truth.depth)).mean() <= 0.005

@@ -7,8 +7,6 @@ from functools import cache
 import numpy as np
 import pytest
 
-o3d = pytest.importorskip("open3d")
-
 import pyibr as ibr
 from pyibr import models
 from pyibr.camera import Camera
@@ -28,6 +26,8 @@ from tests.depthmesh.views import (
 )
 from tests.slicing.solids import views_of_torus
 
+o3d = pytest.importorskip("open3d")
+
 TESTS = ("orthogonality", "connectedness", "disparity", "none")
 TOLERANCES = (0, 0.3, 1, 4, 20, 1e9)
 
@@ -37,7 +37,7 @@ def some_mesh(rng: np.random.Generator, number: int) -> ibr.DepthMesh:
     size = tuple(int(n) for n in rng.integers(2, 90, 2))
     noise, holes = rng.choice([0, 0.02, 0.3]), 0.01 * (number % 3 == 0)
     view = rough(rng, size, PROJECTIONS[number % 2], noise, holes)
-    return ibr.DepthMesh(view, segmentation=Segmentation(TESTS[number // 2 % 4]))
+    return ibr.DepthMesh(view, segmentation=Segmentation(TESTS[number // 2 % 4], gap=0.05))
 
 
 def some_camera(rng: np.random.Generator, view: ibr.DepthImage) -> Camera:
@@ -86,7 +86,9 @@ def test_no_edge_is_lost_at_common_tolerances():
         thing = some_mesh(rng, number)
         view = thing.view
         for tolerance in (1, 4):  # the cameras' rays run up to 1.4 times the depth
-            np.testing.assert_array_equal(coverage(samples_for(thing, view.camera, tolerance), view.camera.size), cells_of(thing))
+            np.testing.assert_array_equal(
+                coverage(samples_for(thing, view.camera, tolerance), view.camera.size), cells_of(thing)
+            )
 
 
 @pytest.mark.parametrize("tolerance", [0.5, 2])
@@ -156,7 +158,7 @@ def test_simplify_gives_fewer_triangles_than_errors_that_bound():
         assert counts[0] > 0.99 * 2 * 128 * 128  # a few are flat
         # Bends fall with the square of the size: four times the error is a quarter of the triangles and a bit more.
         assert counts[1] < 0.15 * counts[0]
-        assert all(later < 0.45 * earlier for earlier, later in zip(counts[1:], counts[2:], strict=False))
+        assert counts[2] < 0.45 * counts[1] and counts[3] < 0.45 * counts[2]
 
 
 # --- errors as seen by the target ---------------------------------------------------------------------
@@ -282,7 +284,8 @@ def test_the_own_tolerance_is_the_default():
 
 def test_a_mesh_drawn_as_a_mesh_is_the_depth_mesh_drawn():
     view = scenes.smooth((65, 65))
-    camera = Camera.look_at(view.camera.center + (1, 0, 0), view.points.mean(axis=0), (0, -1, 0), (120, 90), fov_y=60)
+    eye = view.camera.moved(1, 0, 0).center
+    camera = Camera.look_at(eye, view.points.mean(axis=0), (0, -1, 0), (120, 90), fov_y=60)
     for tolerance in (0, 4):
         thing = ibr.DepthMesh(view, tolerance)
         one, other = ibr.render(thing, camera), ibr.render(thing.triangulate(camera), camera)

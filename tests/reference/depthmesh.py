@@ -248,7 +248,7 @@ def segmented(view: DepthImage, rule: Segmentation) -> np.ndarray:
         return np.ptp(n) > rule.gap * (max(n) if perspective else extent)
 
     def connected(a: Corner, b: Corner) -> bool:
-        """Whether the step from a to b is small, or the one that comes before it, or after it, on their line is like it."""
+        """Whether the step from a to b is small, or like the one before it or after it on their line."""
         step = np.subtract(b, a)
         change = nearness(b) - nearness(a)
         off = [abs(change)]

@@ -1,0 +1,105 @@
+"""The depth meshes' kernels in their GPU form, and their bounds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.depthmesh import Segmentation
+from pyibr.images import DepthImage
+from tests import scenes
+from tests.depthmesh.views import PROJECTIONS, rough
+from tests.one_lane import check_bounds, one_lane
+
+TESTS = ("orthogonality", "connectedness", "disparity", "none")
+
+
+@pytest.mark.parametrize("projection", PROJECTIONS)
+@pytest.mark.parametrize("test", TESTS)
+def test_trees_in_one_lane(test, projection):
+    for size in ((2, 2), (7, 13), (65, 40)):
+        view = rough(np.random.default_rng(0), size, projection, 0.05, 0.02)
+        if size == (2, 2):
+            view = scenes.flat(size, projection)
+        rule = Segmentation(test, angle=20, depth_range=0.03, gap=0.03)
+        camera = view.camera.moved(0.4, 0.1, -0.2)
+
+        def made(view: DepthImage = view, rule: Segmentation = rule, camera: ibr.Camera = camera) -> list[np.ndarray]:
+            thing = ibr.DepthMesh(DepthImage(view.color, view.depth, view.camera), segmentation=rule)
+            tree, side = thing.tree, thing.tree.side
+            known = tree.errors.to_host()[:, : side + 1]
+            fields = [a.to_host()[:, : side + 1] for a in (tree.radii, tree.depths, tree.states)]
+            meshes = [thing.triangulate(camera, t) for t in (0, 1.5)] + [thing.simplify(e) for e in (0.011, 0.2)]
+            return [known, *(np.where(known >= 0, f, 0) for f in fields), thing.normals, *(m.faces for m in meshes)]
+
+        wide = made()
+        with one_lane():
+            one = made()
+        for a, b in zip(wide, one, strict=True):
+            if a.shape == b.shape:
+                # The compiler may join products and sums otherwise: a rounding of 2^-24 of 5, a few times over.
+                assert np.isclose(a, b, rtol=1e-5, atol=1e-5).mean() >= 0.999
+            else:  # an error just at the limit
+                assert abs(len(a) - len(b)) <= 0.01 * len(a)
+
+
+@pytest.mark.parametrize("projection", PROJECTIONS)
+@pytest.mark.parametrize("blend", ["quality", "position", "nearest"])
+def test_pictures_in_one_lane(blend, projection):
+    def drawn() -> list[ibr.Frame | np.ndarray]:
+        source = scenes.stepped((96, 128), projection)
+        views = [
+            DepthImage(source.color, source.depth, source.camera),
+            DepthImage(source.color, source.depth + np.float32(0.001), source.camera.moved(0.02, 0, 0)),
+        ]
+        camera = source.camera.moved(0.3, 0.1, 0).resized((101, 77))
+        thing = ibr.DepthMeshObject(views, 1.0, blend)
+        wall = ibr.Mesh([[-9, -9, 9], [9, -9, 9], [0, 9, 9]], [[0, 1, 2]])
+        return [ibr.render(thing, camera), ibr.render([wall, thing.meshes[0]], camera), thing.occupancy(camera)]
+
+    wide = drawn()
+    with one_lane():
+        one = drawn()
+    for a, b in zip(wide[:2], one[:2], strict=True):
+        assert a.valid.sum() > 2000
+        # Corners are rounded to 1/256 of a pixel relative to the work-item's region: a pixel at an outline, or on an
+        # edge of two triangles, may differ.
+        assert (a.valid != b.valid).mean() <= 5e-4
+        both = a.valid & b.valid
+        assert np.isclose(a.depth, b.depth, rtol=1e-4)[both].mean() >= 0.995
+        assert (np.abs(a.color.astype(int) - b.color)[both].max(axis=1) <= 1).mean() >= 0.99
+    assert (wide[2] != one[2]).mean() <= 0.01
+
+
+BOUNDS = """
+import numpy as np, pyibr as ibr
+from pyibr.depthmesh import Segmentation
+rng = np.random.default_rng(0)
+def view(size, projection='perspective', holes=0.1):
+    w, h = size
+    f = 1.2 * w if projection == 'perspective' else w / 3
+    depth = (3 + 0.2 * rng.random((h, w))).astype(np.float32)
+    depth[rng.random((h, w)) < holes] = np.nan
+    camera = ibr.Camera([[f, 0, w / 2], [0, f, h / 2], [0, 0, 1]], size, projection=projection)
+    return ibr.DepthImage(np.full((h, w, 3), 9, np.uint8), depth, camera)
+target = ibr.Camera([[9, 0, 6], [0, 9, 3], [0, 0, 1]], (13, 7))
+for test, size in ('orthogonality', (2, 2)), ('connectedness', (7, 13)), ('disparity', (17, 9)), ('none', (35, 3)):
+    for projection in 'perspective', 'orthographic':
+        holes = 0 if size == (2, 2) else 0.1
+        thing = ibr.DepthMesh(view(size, projection, holes), 0.5, Segmentation(test, 60, 0.1, 0.1))
+        thing.simplify(0.05)
+        ibr.render(thing, target)
+for size in (13, 7), (1, 1), (35, 5):
+    camera = ibr.Camera([[9, 0, 6], [0, 9, 3], [0, 0, 1]], size)
+    for blend in 'quality', 'nearest':
+        thing = ibr.DepthMeshObject([view((9, 7)), view((5, 8), 'orthographic')], 0.5, blend)
+        ibr.render(thing, camera, ibr.Light(direction=(0, 0, 1), shadow_size=8))
+    thing.occupancy(camera)
+"""
+
+
+def test_no_kernel_leaves_its_arrays(tmp_path: Path):
+    check_bounds(BOUNDS, tmp_path)
