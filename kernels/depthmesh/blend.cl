@@ -171,7 +171,8 @@ kernel void draw_meshes(global const int *corners, global const float *projected
         Color sum = {0.0f, 0.0f, 0.0f};
         floatl total = 0.0f;
         intl views = (intl)0;
-        const floatl deepest = screen.perspective ? 1.0f / (1.0f / front + epsilon) : front - epsilon;
+        /* Of epsilon 0 this is `front` itself. */
+        const floatl deepest = screen.perspective ? front / (1.0f + epsilon * front) : front - epsilon;
         for (int mesh = 0; mesh < MESHES; mesh++) {
             const floatl n = seen[mesh].nearness[block];
             intl given = mine & (seen[mesh].owner[block] >= 0) & (mesh < VIEWS ? !under : under);
