@@ -42,7 +42,8 @@ class Mesh(Fixed):
         Of the vertices, or of each triangle's corners. v runs down the texture's rows, texel centres are at
         (i + 0.5) / n, and beyond 0 to 1 the texture repeats.
     normals : array_like (N, 3), optional
-        Of the vertices, not zero; kept at unit length.
+        Of the vertices, not zero; kept at unit length. The side they point to is lit as they say, the other as if
+        they were turned round, whichever way the corners run.
     texture : (h, w, 3) uint8, or float32 in [0, 1], optional
         Drawn with 8 bits a channel. Needs uv.
     colors : (N, 3) uint8, or float32 in [0, 1], optional
