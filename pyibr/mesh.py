@@ -35,7 +35,7 @@ class Mesh(Fixed):
     Parameters
     ----------
     vertices : array_like (N, 3)
-        In scene units, in the world.
+        In scene units, in the world. Kept as float32: see "far from the origin" in the manual's conventions.
     faces : array_like (M, 3), integers
         Corners of each triangle, counter-clockwise as seen from its front. Degenerate ones draw nothing.
     uv : array_like (N, 2) or (M, 3, 2), optional

@@ -43,13 +43,19 @@ class Bins:
     rows: int
 
 
-def project(target: Target, vertices: DeviceArray, near: float) -> DeviceArray:
-    """(N, 4) homogeneous pixel-space positions of (N, 3) vertices of the world."""
+def project(
+    target: Target, vertices: DeviceArray, near: float, bounds: tuple[NDArray[Any], NDArray[Any]] | None = None
+) -> DeviceArray:
+    """(N, 4) homogeneous pixel-space positions of (N, 3) vertices of the world.
+
+    With their `bounds`, (low, high), as exact as float32 vertices are even far from the world's origin.
+    """
     from pyibr.opencl.launch import Struct, launch
     from pyibr.opencl.memory import empty
     from pyibr.opencl.program import kernel
 
     count = vertices.shape[0]
+    origin = np.zeros(3, np.float32) if bounds is None else (0.5 * (bounds[0] + bounds[1])).astype(np.float32)
     projected = empty((count, 4), np.float32)
     launch(
         kernel("raster/project.cl", "project"),
@@ -57,7 +63,10 @@ def project(target: Target, vertices: DeviceArray, near: float) -> DeviceArray:
         vertices=vertices,
         projected=projected,
         count=count,
-        screen=Struct("Screen", target.screen(near)),
+        origin_x=float(origin[0]),
+        origin_y=float(origin[1]),
+        origin_z=float(origin[2]),
+        screen=Struct("Screen", target.screen(near, origin)),
     )
     return projected
 
@@ -147,7 +156,7 @@ def draw_mesh(target: Target, mesh: Mesh, lit: Lighting | None) -> None:
 
     near, cull = target.near(mesh.bounds), _CULLED[mesh.sides]
     buffers = _buffers(mesh)
-    projected = project(target, buffers["vertices"], near)
+    projected = project(target, buffers["vertices"], near, mesh.bounds)
     bins = bin_primitives(target, buffers["faces"], projected, near, cull)
     defines: dict[str, int] = {}
     more: dict[str, Any] = {}

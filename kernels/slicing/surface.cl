@@ -25,6 +25,7 @@
 #include "slicing/heights.h"
 #include "slicing/tetrahedra.h"
 
+#define NUMBER_MOST 8388608.0f /* slices: beyond, the next one would be the same float */
 #define THIN 1e-4f /* slices: rounding of where a ray enters and leaves a tetrahedron */
 
 /* What a block's rays have met */
@@ -96,7 +97,8 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
 
     const intl rises = number.sloped > 0.0f;
     const floatl step = pick(rises, (floatl)1.0f, (floatl)-1.0f), per_slice = 1.0f / number.sloped;
-    const floatl s_front = AT(number, front), s_back = AT(number, back);
+    const floatl s_front = lesser(greater(AT(number, front), (floatl)-NUMBER_MOST), (floatl)NUMBER_MOST);
+    const floatl s_back = lesser(greater(AT(number, back), (floatl)-NUMBER_MOST), (floatl)NUMBER_MOST);
     const floatl last = pick(rises, floor_lanes(s_back + THIN), ceil_lanes(s_back - THIN));
     for (floatl slice = pick(rises, ceil_lanes(s_front - THIN), floor_lanes(s_front + THIN));; slice += step) {
         const floatl z = lesser(greater((slice - number.fixed) * per_slice, front), back);

@@ -147,9 +147,10 @@ int4 set_up_one(const Context *context, int index, int x, int y, Tetrahedron *t)
             }
         }
     }
+    /* Across the normal a whole number is taken off, as large as that of the first corner: what remains is exact. */
     if (context->slicing == SCREEN) {
-        const float along = 1.0f / context->spacing;
-        t->slice = t->perspective ? (Quantity){0.0f, 0.0f, along, 0.0f} : (Quantity){0.0f, 0.0f, 0.0f, -along};
+        const float along = 1.0f / context->spacing, off = rint((t->perspective ? p[0].z : -p[0].w) * along);
+        t->slice = t->perspective ? (Quantity){0.0f, 0.0f, along, -off} : (Quantity){0.0f, 0.0f, -off, -along};
     } else if (direction == 0) {
         t->slice = t->h;
         t->slice.x *= context->slices;
@@ -157,8 +158,9 @@ int4 set_up_one(const Context *context, int index, int x, int y, Tetrahedron *t)
         t->slice.one *= context->slices;
         t->slice.n *= context->slices;
     } else {
-        const float4 values = (float4)(dot(point[0], d), dot(point[1], d), dot(point[2], d), dot(point[3], d));
-        t->slice = blend(t->rows, values / context->spacing);
+        const float along = 1.0f / context->spacing, first = dot(point[0], d) * along;
+        const float4 beside = (float4)(0.0f, dot(point[1] - point[0], d), dot(point[2] - point[0], d), dot(point[3] - point[0], d));
+        t->slice = blend(t->rows, (first - rint(first)) + beside * along);
     }
     const float grown = crosses ? 0.0f : GROWN / p[0].z; /* no gap between neighbours by rounding */
     for (int k = 0; k < 4; k++) {
