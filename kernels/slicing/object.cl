@@ -14,7 +14,7 @@
  * and colors. maps: nearness, or 0 and 1. colors: RGBA bytes, A = 255 where the view has a sample. order: (VIEWS,)
  * views in the order of testing. closeness: (VIEWS,) of each view's direction to the target's, > 0. world: its origin
  * is the box's middle. box: world to the box's frame, where it is the unit cube. edges: of the box. counts: (height, width) view tests, with COUNTED.
- * Work-item: a block of pixels (raster/region.h). Cost: O(pixels * slices * views tested). Determinism: fixed order.
+ * Work-item: with LANES 16 a block of 4 x 4 pixels, one to a lane; with LANES 1 a pixel. Cost: O(pixels * slices * views tested). Determinism: fixed order.
  */
 #define BIN BLOCK
 #include "lib/color.h"

@@ -15,7 +15,9 @@
  * heights: (map_height, map_width), lib/heights.h. colors: lib/texture.h. gradients:
  * (triangles, 2, 3) of u and v in the world, tiled. normals: (vertices of the base, 3). spacing: of the slices,
  * in the world. slices: of direction a. counts: (height, width) alpha tests, with COUNTED.
- * Work-item: a region (raster/region.h). Cost: O(list + pixels * slices met). Determinism: list order.
+ * Work-item: a region (raster/region.h): with LANES 16 a bin, in blocks of 4 x 4 pixels, one to a lane; with LANES 1 a
+ * pixel, which sets up all tetrahedra of its bin's list by itself and walks the slices of those that it meets.
+ * Cost: O(list + pixels * slices met), with LANES 1 O(pixels * list + ...). Determinism: list order.
  */
 #define PLACED
 #include "lib/light.h"
