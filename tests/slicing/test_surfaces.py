@@ -43,8 +43,8 @@ def surface(
     )
 
 
-def camera(elevation: float, direction: float, size: tuple[int, int] = SIZE) -> Camera:
-    return looking(elevation, direction, SCALE, size)
+def camera(elevation: float, direction: float, size: tuple[int, int] = SIZE, projection: str = "perspective") -> Camera:
+    return looking(elevation, direction, SCALE, size, projection)
 
 
 @cache
@@ -52,15 +52,21 @@ def solid() -> Solid:
     return Solid(heights(), SCALE, FINE)
 
 
-def views() -> list[tuple[Camera, np.ndarray]]:
-    return [(cam, solid().depth(cam)) for e in ELEVATIONS for d in DIRECTIONS for cam in [camera(e, d)]]
+@cache
+def views(projection: str) -> list[tuple[Camera, np.ndarray]]:
+    cameras = [camera(e, d, projection=projection) for e in ELEVATIONS for d in DIRECTIONS]
+    return [(cam, solid().depth(cam)) for cam in cameras]
 
 
+PROJECTIONS = ["perspective", "orthographic"]
+
+
+@pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
-def test_depth_error_falls_as_the_number_of_slices_rises(slicing):
+def test_depth_error_falls_as_the_number_of_slices_rises(slicing, projection):
     counts = (16, 32, 64, 128, 256)
     means = []
-    truths = views()
+    truths = views(projection)
     for slices in counts:
         errors = []
         for cam, truth in truths:
@@ -74,17 +80,19 @@ def test_depth_error_falls_as_the_number_of_slices_rises(slicing):
     assert -1.15 <= exponent <= -0.85, (exponent, means)
 
 
+@pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
-def test_no_view_sees_through(slicing):
-    for cam, truth in views():
+def test_no_view_sees_through(slicing, projection):
+    for cam, truth in views(projection):
         for slices in (16, 64):
             frame = ibr.render(surface(slices, slicing), cam)
             assert frame.valid[interior(truth)].all()
 
 
+@pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
-def test_silhouettes(slicing):
-    for cam, truth in views():
+def test_silhouettes(slicing, projection):
+    for cam, truth in views(projection):
         frame = ibr.render(surface(256, slicing), cam)
         seen = np.isfinite(truth)
         assert (seen & frame.valid).sum() / (seen | frame.valid).sum() >= 0.99
