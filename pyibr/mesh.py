@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from pyibr._check import Fixed, describe, numbers, one_of
 from pyibr._open3d import open3d
 from pyibr.errors import ArgumentError, FileFormatError
-from pyibr.io.files import reading
+from pyibr.io.files import checked_path, folder_for, reading
 
 Float32 = NDArray[np.float32]
 Sides = Literal["both", "front", "back"]
@@ -145,7 +145,7 @@ class Mesh(Fixed):
         MissingPackageError
             If Open3D is not installed.
         """
-        file = Path(path)
+        file = checked_path(path)
         packed = file.suffix.lower() == ".gz"
         kind = Path(file.stem).suffix.lower() if packed else file.suffix.lower()
         if kind not in _READ:
@@ -162,7 +162,7 @@ class Mesh(Fixed):
             return cls.from_open3d(found, texture)
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write the mesh: OBJ and GLB with uv and texture, PLY, STL and OFF without.
+        """Write the mesh: OBJ and GLB with uv and texture, PLY, STL and OFF without. A missing folder is made.
 
         Raises
         ------
@@ -171,7 +171,7 @@ class Mesh(Fixed):
         FileFormatError
             If the file cannot be written.
         """
-        file = Path(path)
+        file = checked_path(path)
         kind = file.suffix.lower()
         if kind not in _WRITTEN:
             raise ArgumentError("path", f"a file that ends in one of {', '.join(_WRITTEN)}", str(file))
@@ -180,6 +180,7 @@ class Mesh(Fixed):
         mesh = self.to_open3d()
         if kind == ".stl":
             mesh.compute_triangle_normals()
+        folder_for(file)
         with _silent():
             written = open3d().t.io.write_triangle_mesh(str(file), mesh)
         if not written:

@@ -218,6 +218,26 @@ def test_shading_by_slopes_and_by_a_normal_map():
         assert np.abs(shaded - expected).max() <= 1, name  # rounding to bytes, and float32
 
 
+@pytest.mark.parametrize("make", [ibr.SlicedSurface, ibr.ReliefSurface])
+def test_a_normal_map_of_bytes_is_decoded(make):
+    """As the reader of relief maps does; 127 and 128 both are 0."""
+    rng = np.random.default_rng(4)
+    normals = rng.normal(size=(8, 8, 3)) * (0.4, 0.4, 0) + (0, 0, 1)
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    in_bytes = np.rint((normals + 1) * 127.5).astype(np.uint8)
+    color, height = np.full((2, 2, 3), 255, np.uint8), np.full((4, 4), 0.5, np.float32)
+    light, cam = ibr.Light(direction=(-1, -0.5, -1), shadow_size=0), camera(70, 40, (64, 64))
+    frames = [
+        ibr.render(make(square(), height, color, 0.01, normal_map=given), cam, light)
+        for given in (normals.astype(np.float32), in_bytes)
+    ]
+    assert frames[0].color[frames[0].valid].std() > 20
+    # Half a byte of 127.5 in each of three components, all the way through Lambert's law
+    assert np.abs(frames[0].color.astype(int) - frames[1].color).max() <= 3
+    level = make(square(), height, color, 0.01, normal_map=np.array([[[255, 128, 127], [127, 127, 255]]], np.uint8))
+    assert (level.normal_map[..., 2] > 0).all()
+
+
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 def test_a_donut_of_constant_height_is_a_fatter_donut(slicing):
     """No gap between polygons: what is seen is the donut 0.1 farther out, to a slice and the polygons' sagitta."""
@@ -251,6 +271,10 @@ BAD = [
     ("slicing", {"slicing": "sideways"}, "slicing"),
     ("test", {"test": "maybe"}, "test"),
     ("normal map", {"normal_map": np.zeros((4, 4, 3), np.float32)}, "normal_map"),
+    ("black normal map", {"normal_map": np.zeros((4, 4, 3), np.uint8)}, "normal_map"),
+    ("normal map of int", {"normal_map": np.full((4, 4, 3), 200, np.int32)}, "normal_map"),
+    ("NaN normal map", {"normal_map": np.full((4, 4, 3), np.nan, np.float32)}, "normal_map"),
+    ("empty normal map", {"normal_map": np.zeros((0, 4, 3), np.uint8)}, "normal_map"),
     ("no mesh", {"base": 3}, "base"),
     ("no uv", {"base": ibr.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])}, "base"),
 ]
