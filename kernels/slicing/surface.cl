@@ -28,6 +28,7 @@
 #include "slicing/tetrahedra.h"
 
 #define NUMBER_MOST 8388608.0f /* slices: beyond, the next one would be the same float */
+#define ROUNDED 1e-5f /* of the displacement: what lies no higher is on the base */
 #define THIN 1e-4f /* slices: rounding of where a ray enters and leaves a tetrahedron */
 
 /* What a block's rays have met */
@@ -43,7 +44,7 @@ void try_at(const Context *context, int block, Search *search, floatl z, intl tr
     if (!any_lane(tries))
         return;
     const floatl alpha = height_at(context->heights, context->map_width, context->map_height, AT(search->u, z), AT(search->v, z));
-    const floatl h = greater(AT(search->h, z), (floatl)0.0f);
+    const floatl above = AT(search->h, z), h = pick(above > ROUNDED, above, (floatl)0.0f);
     const intl passed = tries & inside & passes(context->test, alpha, h, 1.0f / context->slices);
     search->z = pick(passed, z, search->z);
     search->found = search->found | passed;

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
+import cv2
 import numpy as np
 import pytest
 
@@ -128,6 +129,22 @@ def test_the_alpha_test_at_height_0(slicing):
     assert not masked.valid[flat].any()
     assert based.valid[flat].all()
     np.testing.assert_allclose(based.depth[flat], 2.2 + 0.5 * SCALE, rtol=1e-5)
+
+
+@pytest.mark.parametrize("projection", PROJECTIONS)
+@pytest.mark.parametrize("slicing", ["surface", "orthogonal", "screen"])
+def test_at_least_draws_all_of_the_base_from_any_side(slicing, projection):
+    """Heights of 0: no rounding of where a ray meets the base may miss it."""
+    flat = np.zeros((32, 32), np.float32)
+    for elevation in (70, 45, 20):
+        cam = camera(elevation, 33, (128, 128), projection)
+        frame = ibr.render(surface(64, slicing, "at_least", flat), cam)
+        truth = ibr.render(square(), cam)
+        inner = cv2.erode(truth.valid.astype(np.uint8), np.ones((3, 3))).astype(bool)
+        assert inner.sum() > 1000
+        assert frame.valid[inner].all()
+        # float32 depths of 2.2; a ray that is taken for one on the base is a 100,000th of the displacement above
+        assert np.abs(frame.depth - truth.depth)[inner].max() <= 1e-5
 
 
 def ground(cam: Camera) -> np.ndarray:
