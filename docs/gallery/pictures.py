@@ -181,10 +181,9 @@ def three_directions() -> Figure:
     views = {"a, along the normal": (65, -60), "b, along u": (16, 0), "c, along v": (16, -90)}
     for axes, (name, (elevation, azimuth)) in zip(row, views.items(), strict=True):
         e, a = np.radians((elevation, azimuth))
-        away = 3 * np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
-        camera = ibr.Camera.look_at(
-            (0.5, 0.5, 0.1) + away, (0.5, 0.5, 0.1), (0, 0, 1), (640, 330), 26 if elevation > 45 else 18
-        )
+        middle = np.array([0.5, 0.5, 0.1])
+        eye = middle + 3 * np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+        camera = ibr.Camera.look_at(eye, middle, (0, 0, 1), (640, 330), 27 if elevation > 45 else 15)
         bare(axes).imshow(ibr.render(thing, camera, light, background=(255, 255, 255)).color)
         axes.set_title(f"direction {name}", loc="left", fontsize=12, color=INK)
     return figure
