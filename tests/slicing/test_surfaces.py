@@ -178,6 +178,13 @@ def test_tests_are_counted():
     assert counts["orthogonal"] < 64
 
 
+@pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
+def test_the_cost_stays_even(slicing):
+    """Section 3.4: more slices across the surface than along its normal, but each covers fewer pixels."""
+    tests = [alpha_tests(surface(64, slicing), camera(e, d)).sum() for e in ELEVATIONS for d in DIRECTIONS[:2]]
+    assert max(tests) <= 1.5 * min(tests)
+
+
 @pytest.mark.parametrize("elevation", [60, 10])
 def test_slices_beside_the_volume_change_the_cost_alone(elevation):
     cam = camera(elevation, 30)
