@@ -49,7 +49,7 @@ class Mesh(Fixed):
     colors : (N, 3) uint8, or float32 in [0, 1], optional
         Of the vertices; not shown where there is a texture.
     sides : {"both", "front", "back"}
-        Which sides of the triangles are drawn.
+        Which sides of the triangles are drawn; the corners tell which is the front, not the normals.
 
     Attributes
     ----------
