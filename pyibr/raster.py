@@ -43,19 +43,17 @@ class Bins:
     rows: int
 
 
-def project(
-    target: Target, vertices: DeviceArray, near: float, bounds: tuple[NDArray[Any], NDArray[Any]] | None = None
-) -> DeviceArray:
+def project(target: Target, vertices: DeviceArray, near: float) -> DeviceArray:
     """(N, 4) homogeneous pixel-space positions of (N, 3) vertices of the world.
 
-    With their `bounds`, (low, high), as exact as float32 vertices are even far from the world's origin.
+    As exact as float32 vertices are, even far from the world's origin: they are taken relative to the camera.
     """
     from pyibr.opencl.launch import Struct, launch
     from pyibr.opencl.memory import empty
     from pyibr.opencl.program import kernel
 
     count = vertices.shape[0]
-    origin = np.zeros(3, np.float32) if bounds is None else (0.5 * (bounds[0] + bounds[1])).astype(np.float32)
+    origin = target.camera.center.astype(np.float32)  # the same for all things: no cracks between neighbours
     projected = empty((count, 4), np.float32)
     launch(
         kernel("raster/project.cl", "project"),
@@ -156,7 +154,7 @@ def draw_mesh(target: Target, mesh: Mesh, lit: Lighting | None) -> None:
 
     near, cull = target.near(mesh.bounds), _CULLED[mesh.sides]
     buffers = _buffers(mesh)
-    projected = project(target, buffers["vertices"], near, mesh.bounds)
+    projected = project(target, buffers["vertices"], near)
     bins = bin_primitives(target, buffers["faces"], projected, near, cull)
     defines: dict[str, int] = {}
     more: dict[str, Any] = {}

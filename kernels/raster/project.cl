@@ -1,7 +1,8 @@
 /* Vertices of the world to the target's pixel space.
  *
- * vertices: (count, 3) world. screen: as seen from `origin`, near the vertices: where these are far from the world's
- * origin, the differences are exact and the matrix has no large numbers. projected: (count, 4) homogeneous U, V, W, Q (lib/pixelspace.h).
+ * vertices: (count, 3) world. screen: of points relative to `origin`, the camera's centre: far from the world's origin
+ * such differences are exact, and the matrix has no large numbers. projected: (count, 4) homogeneous U, V, W, Q
+ * (lib/pixelspace.h).
  * Work-item: a vertex. Cost: O(count). Determinism: every vertex on its own.
  */
 #include "lib/screen.h"

@@ -146,7 +146,7 @@ def draw_surface(
 
     buffers = _surface_buffers(surface)
     near = target.near(surface.volume.bounds)
-    projected = project(target, buffers["points"], near, surface.volume.bounds)
+    projected = project(target, buffers["points"], near)
     bins = bin_primitives(target, buffers["corners"], projected, near, sort=True)
     defines: dict[str, int] = {}
     more: dict[str, Any] = {}
