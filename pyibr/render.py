@@ -112,11 +112,8 @@ def _drawn_by(thing: object) -> _Draw:
 def _draw_depth_image(target: Target, view: DepthImage, lit: Lighting | None) -> None:
     from pyibr.warp import draw
 
-    if view.color.dtype != target.color.dtype:
-        color = (view.color * np.float32(1 / 255)).astype(np.float32)
-        view = DepthImage(color, view.depth, view.camera, view.far)
     before = _depths_before(target, lit)
-    draw(target, view)
+    draw(target, view.in_float if target.color.dtype == np.float32 else view)
     if lit is not None:
         darken(target, before, lit)
 
