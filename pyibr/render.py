@@ -41,8 +41,9 @@ def render(
         Perspective or orthographic.
     light : Light, optional
         Shades what has normals; without it things show their own colours. Depth images, depth objects and hulls are
-        not shaded, since their colours hold the light that they were taken in; in shadow they keep its ambient part.
-        All things cast shadows, a depth image as far as its surface is seen from the light (`shadow_size=0`: none).
+        not shaded, since their colours hold the light that they were taken in; in shadow, and where their surface is
+        turned away from it, they keep its ambient part. All things cast shadows (`shadow_size=0`: none), a depth image
+        from both its sides.
     background : (r, g, b)
         Colour where there is nothing, in the range of the frame's dtype.
 
@@ -83,6 +84,7 @@ def render(
     dtype = np.dtype(np.float32 if in_float else np.uint8)
     if (around < 0).any() or (around > (1 if in_float else 255)).any():
         raise ArgumentError("background", f"a colour in the range of {dtype}", describe(background))
+    several = [_in_dtype(thing, dtype) for thing in several]
     with current().lock:
 
         def draw_all(target: Target, lit: Lighting | None = None) -> None:
@@ -106,14 +108,18 @@ def _drawn_by(thing: object) -> _Draw:
     raise ArgumentError("things", f"things of these kinds: {kinds}", describe(thing))
 
 
+def _in_dtype(thing: Thing, dtype: np.dtype[Any]) -> Thing:
+    """A depth image with colours of the picture's dtype; anything else as it is."""
+    if not isinstance(thing, DepthImage) or thing.color.dtype == dtype:
+        return thing
+    return DepthImage((thing.color * np.float32(1 / 255)).astype(np.float32), thing.depth, thing.camera, thing.far)
+
+
 def _draw_depth_image(target: Target, view: DepthImage, lit: Lighting | None) -> None:
     from pyibr.warp import draw
 
-    if view.color.dtype != target.color.dtype:
-        color = (view.color * np.float32(1 / 255)).astype(np.float32)
-        view = DepthImage(color, view.depth, view.camera, view.far)
     before = _depths_before(target, lit)
-    draw(target, view)
+    draw(target, view, "both" if target.from_light else "front")
     if lit is not None:
         darken(target, before, lit)
 
@@ -151,7 +157,8 @@ def _draw_object(target: Target, thing: DepthObject | VisualHull, lit: Lighting 
     before = _depths_before(target, lit)
     draw_object(target, thing)
     if lit is not None:
-        darken(target, before, lit, float(thing.box.edges.max()) / thing.slices)
+        spacing = float(thing.box.edges.max()) / thing.slices
+        darken(target, before, lit, grain=spacing, apart=4, fade=0)
 
 
 _DRAWN: dict[type, _Draw] = {
