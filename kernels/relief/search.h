@@ -27,6 +27,8 @@
 #endif
 #define FIRST_TIER 2     /* where a safe search starts */
 #define NUDGE 1e-3f      /* texels: into the cell that a ray enters */
+#define STILL 1e-4f      /* texels: what moves less along x, or y, stays on its column, or row */
+#define NEVER 1e20f       /* scene units */
 #define TILES_MOST 1e3f  /* that a ray crosses, so that numbers stay small */
 #define CELL_PARTS 4     /* of a cell, in a search by EXACT */
 
@@ -142,6 +144,7 @@ typedef struct {
     floatl before; /* linear: the last point above the surface */
     intl tier;     /* safe: of the bounds */
     floatl per_x, per_y, nudge, peak;
+    floatl from_x, from_y; /* where the ray starts; a texel before it where it stays on a column, or row */
 #ifdef COUNTED
     intl taken; /* steps */
 #endif
@@ -256,9 +259,10 @@ void safe_step(Search *s, global const uint *texels, global const ushort *bounds
     const intl bound_at = TABLE_AT(levels, ray->level, 4 + tier) + row * row_length + column;
     const floatl highest = to_floatl((intl)(gather(bounds, bound_at))) * (1.0f / 65535.0f);
     const intl first_x = column << tier, first_y = row << tier, one = (intl)1 << tier;
-    const intl side_x = pick(dx > 0.0f, min(first_x + one, width), first_x);
-    const intl side_y = pick(dy > 0.0f, min(first_y + one, height), first_y);
-    const floatl t_x = (cx + to_floatl(side_x - tx) - x0) * s->per_x, t_y = (cy + to_floatl(side_y - ty) - y0) * s->per_y;
+    const intl side_x = pick(dx >= 0.0f, min(first_x + one, width), first_x);
+    const intl side_y = pick(dy >= 0.0f, min(first_y + one, height), first_y);
+    const floatl t_x = (cx + to_floatl(side_x - tx) - s->from_x) * s->per_x;
+    const floatl t_y = (cy + to_floatl(side_y - ty) - s->from_y) * s->per_y;
     const floatl leaves = lesser(greater(lesser(t_x, t_y), inside), ray->end);
     const floatl turn = lesser(greater(s->peak, t), leaves);
     /* By equation 7, than which nothing is deeper */
@@ -288,9 +292,14 @@ void safe_search(Search *searches, global const uint *texels, global const ushor
 {
     for (int k = 0; k < TWINS; k++) {
         Search *s = searches + k;
-        const floatl dx = s->track.dx, dy = s->track.dy, K = s->ray.K;
-        s->per_x = 1.0f / pick(fabs(dx) < 1e-20f, (floatl)1e-20f, dx);
-        s->per_y = 1.0f / pick(fabs(dy) < 1e-20f, (floatl)1e-20f, dy);
+        const floatl K = s->ray.K;
+        const intl still_x = !(fabs(s->track.dx) * s->ray.end >= STILL), still_y = !(fabs(s->track.dy) * s->ray.end >= STILL);
+        s->track.dx = pick(still_x, (floatl)0.0f, s->track.dx);
+        s->track.dy = pick(still_y, (floatl)0.0f, s->track.dy);
+        s->per_x = pick(still_x, (floatl)NEVER, 1.0f / s->track.dx);
+        s->per_y = pick(still_y, (floatl)NEVER, 1.0f / s->track.dy);
+        s->from_x = pick(still_x, s->track.x - 1.0f, s->track.x);
+        s->from_y = pick(still_y, s->track.y - 1.0f, s->track.y);
         s->nudge = NUDGE * lesser(fabs(s->per_x), fabs(s->per_y));
         s->peak = pick(K < 0.0f, -0.5f * s->ray.L / K, (floatl)INFINITY); /* deepest there */
         s->tier = min(TABLE_AT(levels, s->ray.level, 3) - 1, (intl)FIRST_TIER);
