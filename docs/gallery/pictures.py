@@ -233,3 +233,5 @@ if __name__ == "__main__":
     save("relief-silhouettes.jpg", reliefs.silhouettes(), 80)
     save("relief-distances.jpg", reliefs.distances(), 80)
     save("relief-scenes.jpg", reliefs.scenes(), 80)
+    if (made := reliefs.models_in_relief()) is not None:  # of meshes that are not part of the project
+        save("relief-models.jpg", made, 80)
