@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 import pyibr as ibr
-import pyibr.io
 from pyibr import models
+from pyibr.io import read_relief_map
 
 WHITE = (255, 255, 255)
 DATA = Path(os.environ.get("PYIBR_DATA") or Path(__file__).resolve().parents[3] / "shared/data")
@@ -63,7 +63,7 @@ def photographed(name: str) -> tuple[np.ndarray, np.ndarray] | None:
     folder = DATA / "heightfields/ogre_terrain_cc0"
     if not folder.is_dir():
         return None
-    height = ibr.io.read_relief_map(folder / f"{name}_normheight.dds")[1]
+    height = read_relief_map(folder / f"{name}_normheight.dds")[1]
     with Image.open(folder / f"{name}_diffspec.dds") as picture:
         color = np.asarray(picture.convert("RGB"))
     reduced = [cv2.resize(map_, (512, 512), interpolation=cv2.INTER_AREA) for map_ in (height, color)]
