@@ -47,7 +47,8 @@ def cases(plan: Plan) -> Iterator[Case]:
     """The plane, the paper's kinds of scenes, steps, and ray casting."""
     yield Case({"case": "plane"}, functools.partial(_plane, plan.relief_plane))
     for name, repeats in plan.relief_scenes.items():
-        yield Case({"case": "scene", "scene": name}, functools.partial(_scene, name, repeats))
+        make = _room if name == "room" else functools.partial(_scene, name)
+        yield Case({"case": "scene", "scene": name}, functools.partial(make, repeats))
     for name in MAPS:
         yield Case({"case": "steps", "map": name}, functools.partial(_steps, name, plan.relief_steps))
     yield Case({"case": "embree"}, functools.partial(_embree, plan.relief_embree))
@@ -116,6 +117,49 @@ def _scene(name: str, repeats: int) -> Work | Skip:
 
     subjects: dict[str, Subject] = {way: functools.partial(ibr.render, thing, camera) for way, thing in things.items()}
     return Work(subjects, repeats, read)
+
+
+def _room(repeats: int) -> Work:
+    """Walls, floor, columns and a torus, all of them reliefs, with a spot's shadows: the paper's figure 1."""
+    height, color = bricks()
+    quads = [
+        ((-3, 2.2, 0), (6, 0, 0), (0, 0, 3)),
+        ((-3, -3, 0), (0, 5.2, 0), (0, 0, 3)),
+        ((-3, -3, 0), (6, 0, 0), (0, 5.2, 0)),
+    ]
+    bases: list[tuple[ibr.Mesh, tuple[int, int], float]] = []
+    for corner, along, up in (np.array(sides, float) for sides in quads):
+        corners = [corner, corner + along, corner + along + up, corner + up]
+        uv = [[0, 1], [1, 1], [1, 0], [0, 0]]
+        bases.append((ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]], uv=uv), (5, 3), 0.12))
+    for x in (-1.9, 0.1, 2.1):
+        bases.append((_column(32, x, 1.2), (3, 4), 0.05))
+    ring = models.donut(40, 0.62, 0.26)
+    bases.append((ibr.Mesh(np.add(ring.vertices, (0.5, -0.9, 0.24)), ring.faces, ring.uv, ring.normals), (7, 3), 0.06))
+    camera = ibr.Camera.look_at((2.7, -4.4, 2.1), (-0.2, 0.2, 0.9), (0, 0, 1), SIZE, 48)
+    light = ibr.Light(position=(2.6, -3.6, 4.4), direction=(-2.6, 3.9, -3.9), angle=75)
+    things = {way: [ibr.ReliefSurface(m, height, color, s, t, **o) for m, t, s in bases] for way, o in WAYS.items()}
+    parameters: dict[str, Parameter] = {"case": "scene", "scene": "room"}
+
+    def read() -> Iterator[Record]:
+        frame = ibr.render(things["safe"], camera, light)
+        yield Record("safe", "coverage", "share", parameters, [float(frame.valid.mean())])
+        yield Record("safe", "triangles", "count", parameters, [sum(len(mesh.faces) for mesh, _, _ in bases)])
+
+    subjects: dict[str, Subject] = {
+        way: functools.partial(ibr.render, all_, camera, light) for way, all_ in things.items()
+    }
+    return Work(subjects, repeats, read)
+
+
+def _column(sides: int, x: float, y: float) -> ibr.Mesh:
+    """A cylinder of radius 0.32 from z = 0 to 3."""
+    u, v = np.meshgrid(np.linspace(0, 1, sides + 1), np.linspace(0, 1, 9))
+    normals = np.stack([np.cos(2 * np.pi * u), np.sin(2 * np.pi * u), 0 * u], axis=-1).reshape(-1, 3)
+    points = 0.32 * normals + np.stack([x + 0 * u, y + 0 * u, 3 * v], axis=-1).reshape(-1, 3)
+    i = (np.arange(8)[:, None] * (sides + 1) + np.arange(sides)).ravel()
+    faces = np.concatenate([np.stack([i, i + 1, i + sides + 2], 1), np.stack([i, i + sides + 2, i + sides + 1], 1)])
+    return ibr.Mesh(points, faces, np.stack([u, -v], -1).reshape(-1, 2), normals)
 
 
 def _steps(name: str, steps: tuple[int, ...]) -> Work:

@@ -93,7 +93,8 @@ bar is judged by the latter, which draws the same picture.
 RELIEF_SCENES = """### Scenes
 
 Milliseconds, and frames per second in brackets. *Exact* is equation 6 for the distance to the quadric, the others are
-equation 7. The factors are those of exact over approximate distances; the paper reports two.
+equation 7. The factors are those of exact over approximate distances; the paper reports two. The room is several
+reliefs with a light and its shadows, so that all of them are drawn twice; the other scenes have neither.
 """
 
 RELIEF_STEPS = """### Steps

@@ -56,17 +56,18 @@ ToLight to_light(Light light, floatl x, floatl y, floatl z)
 
 #ifdef SHADOWED
 #define SHADOW_REACH 1.0f /* texels, along both axes: from a point to those that it is compared with */
-#define SHADOW_SLACK 0.5f/* texels */
+#define SHADOW_SLACK 0.5f /* texels */
 
 /* How far is the point in sight of the light, 0 to 1? n: the surface's own normal there, unit length.
  *
  * Four texels around the point are compared and weighed (percentage-closer filtering, Reeves et al. 1987). On a map a
  * plane's nearness is linear: from one texel to the next it changes as if the plane were lifted by a texel's side, in
  * the world, times the cosine between that side and the plane's normal. A point that is moved by as much along the
- * normal lies before all of its own plane's texels (docs/theory/shadows.md). SHADOW_SLACK is for surfaces that are no planes, and
- * for rounding; the grain for slices.
+ * normal lies before all of its own plane's texels (docs/theory/shadows.md). SHADOW_SLACK is for surfaces that are no
+ * planes, and for rounding; the grain for slices.
  */
-floatl visibility(global const float *shadow_maps, Shadow shadow, floatl x, floatl y, floatl z, floatl nx, floatl ny, floatl nz)
+floatl visibility(global const float *shadow_maps, Shadow shadow, floatl x, floatl y, floatl z, floatl nx, floatl ny,
+                  floatl nz)
 {
     const float middle = 0.5f * (shadow.size - 1), safe = SHADOW_SLACK * fmax(shadow.texel_x, shadow.texel_y);
     floatl visible = 1.0f;
@@ -79,7 +80,8 @@ floatl visibility(global const float *shadow_maps, Shadow shadow, floatl x, floa
             down[axis] = SHADOW_REACH * shadow.texel_y * shadow.texel_y * (m[4 + axis] - middle * m[8 + axis]);
         }
         const floatl here = m[8] * x + m[9] * y + m[10] * z + m[11];
-        const floatl tilt = fabs(right[0] * nx + right[1] * ny + right[2] * nz) + fabs(down[0] * nx + down[1] * ny + down[2] * nz);
+        const floatl tilt = fabs(right[0] * nx + right[1] * ny + right[2] * nz) +
+                            fabs(down[0] * nx + down[1] * ny + down[2] * nz);
         const floatl off = here * (tilt + safe) + shadow.grain;
         const floatl px = x + off * nx, py = y + off * ny, pz = z + off * nz;
         const floatl depth = r[0] * px + r[1] * py + r[2] * pz + r[3];

@@ -1,9 +1,9 @@
 /* Shadows on what shows its own colours: images and objects made of images.
  *
- * Such colours hold the light that they were taken in. Where the pixel's point is out of the light's sight they keep the
- * light's ambient part. Normals come from the picture's depths: along x and y, of the neighbours `apart` pixels away the
- * one whose nearness differs less. What turns away from the light is dark, and fades before that over `fade` of the
- * cosine; with 0 that is left to the map, in which a solid's front hides its back.
+ * Such colours hold the light that they were taken in. Where the pixel's point is out of the light's sight they keep
+ * the light's ambient part. Normals come from the picture's depths: along x and y, of the neighbours `apart` pixels
+ * away the one whose nearness differs less. What turns away from the light is dark, and fades before that over `fade`
+ * of the cosine; with 0 that is left to the map, in which a solid's front hides its back.
  *
  * before: (height, width) the depths before the thing was drawn, with `blank` 0; other pixels stay. depth, color: the
  * picture. Work-item: LANES pixels of a row. Cost: O(pixels). Determinism: every pixel on its own.
@@ -46,8 +46,8 @@ Point step_of(global const float *depth, Screen screen, intl x, intl y, int dx, 
     return made;
 }
 
-kernel void darken(global const float *before, global const float *depth, global channel *color, Screen screen, int blank,
-                   int apart, float fade, Light light SHADOW_PARAMETERS)
+kernel void darken(global const float *before, global const float *depth, global channel *color, Screen screen,
+                   int blank, int apart, float fade, Light light SHADOW_PARAMETERS)
 {
     const int first = get_global_id(0) * LANES, row = get_global_id(1);
     if (first >= screen.width || row >= screen.height)
@@ -59,7 +59,8 @@ kernel void darken(global const float *before, global const float *depth, global
         return;
     const floatl n = pick(drawn, screen.perspective ? 1.0f / z : -z, (floatl)(screen.perspective ? 1.0f : -1.0f));
     const Point p = point_at(screen, to_floatl(x), to_floatl(y), n);
-    const Point across = step_of(depth, screen, x, y, apart, 0, n, p), down = step_of(depth, screen, x, y, 0, apart, n, p);
+    const Point across = step_of(depth, screen, x, y, apart, 0, n, p);
+    const Point down = step_of(depth, screen, x, y, 0, apart, n, p);
     floatl nx = across.y * down.z - across.z * down.y, ny = across.z * down.x - across.x * down.z;
     floatl nz = across.x * down.y - across.y * down.x;
     const Direction ahead = towards(screen, p.x, p.y, p.z);

@@ -11,8 +11,8 @@
  * faces: (triangles, 3) corners of each. projected: (vertices, 4), raster/project.cl. list, starts: raster/bins.cl.
  * vertices: (vertices, 16) u, v, normal, gradient of u, gradient of v (world, per scene unit), a, b, unused. texels, bounds,
  * levels: search.h. colors: lib/texture.h. normal_map: (normal_height, normal_width, 3), where > 0.
- * counts: (height, width, 2) searched entries and their steps, with COUNTED. places: (height, width, 2) u and v of what is
- * seen, in the tile, NaN where nothing is, with TOLD.
+ * counts: (height, width, 2) searched entries and their steps, with COUNTED. places: (height, width, 2) u and v of what
+ * is seen, in the tile, NaN where nothing is, with TOLD.
  * Work-item: a region (raster/region.h). Cost: O(list + pixels * layers * steps). Determinism: list order.
  */
 #define PLACED

@@ -1,11 +1,11 @@
 /* Where a ray first meets a height field that follows a quadric (Oliveira & Policarpo 2005, sections 3.1 to 3.4).
  *
  * A ray enters at t = 0, at depth 0, and runs straight: u + du t, v + dv t. Below the quadric its depth, 1 at the
- * bottom, is L t + K t^2 by equation 7: how far the point P lies below the quadric, along z; that is the whole of it where
- * DISTANCE is APPROXIMATE. The surface lies at depth 1 - height. EXACT goes to R, on the quadric opposite P at right angles
- * to the ray (equation 6). The segment PR is not the way along the normal, and is without bound where the ray runs along it;
- * its part along the normal is. With the normal halfway between P and R that part is equation 7 over the length of that
- * normal, (-2 a x, -2 b y, 1), for the quadric is of degree two. So it is never more than equation 7.
+ * bottom, is L t + K t^2 by equation 7: how far the point P lies below the quadric, along z; that is the whole of it
+ * where DISTANCE is APPROXIMATE. The surface lies at depth 1 - height. EXACT goes to R, on the quadric opposite P at
+ * right angles to the ray (equation 6). The segment PR is not the way along the normal, and is without bound where the
+ * ray runs along it; its part along the normal is. With the normal halfway between P and R that part is equation 7 over
+ * the length of that normal, (-2 a x, -2 b y, 1), for the quadric is of degree two: never more than equation 7.
  *
  * levels: (levels, TABLE) ints: width, height, start in texels, tiers of bounds, and where each of them starts. texels:
  * lib/heights.h. bounds: tier 0 is the greatest height of each cell between 2x2 texels, in 65535ths; the next of 2x2
@@ -293,7 +293,8 @@ void safe_search(Search *searches, global const uint *texels, global const ushor
     for (int k = 0; k < TWINS; k++) {
         Search *s = searches + k;
         const floatl K = s->ray.K;
-        const intl still_x = !(fabs(s->track.dx) * s->ray.end >= STILL), still_y = !(fabs(s->track.dy) * s->ray.end >= STILL);
+        const intl still_x = !(fabs(s->track.dx) * s->ray.end >= STILL);
+        const intl still_y = !(fabs(s->track.dy) * s->ray.end >= STILL);
         s->track.dx = pick(still_x, (floatl)0.0f, s->track.dx);
         s->track.dy = pick(still_y, (floatl)0.0f, s->track.dy);
         s->per_x = pick(still_x, (floatl)NEVER, 1.0f / s->track.dx);
