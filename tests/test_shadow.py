@@ -244,6 +244,20 @@ def test_a_card_that_stands_on_the_floor():
     assert share[beside].max() <= 0.01
 
 
+def test_what_is_ten_texels_high_has_a_shadow():
+    """Up to two thirds of its length; beyond, the point that is moved off the floor looks over the edge."""
+    card = ibr.Mesh([[0, -0.5, 0], [0, 0.5, 0], [0, 0.5, 0.03], [0, -0.5, 0.03]], [[0, 1, 2], [0, 2, 3]])
+    things, light = [plane(1.0), card], ibr.Light(direction=(1, 0.2, -1), shadow_size=512)
+    texel = 1 / light_cameras(light, [thing.bounds for thing in things])[0].K[0, 0]
+    assert 9 < 0.03 / texel < 16
+    camera = Camera.look_at((0.25, 0, 0.4), (0.015, 0, 0), (0, 0, 1), (301, 301), 8)
+    _, points, _ = first_hits(caster(*things), camera)
+    share, _ = shares(things, camera, light)
+    beside = (points[..., 2] < 1e-6) & (points[..., 0] > 2 * texel * np.sqrt(2)) & (points[..., 0] < 0.02)
+    assert beside.sum() > 5000
+    assert share[beside].max() <= 0.01
+
+
 def every_thing() -> list[Any]:
     """One of each kind, in one another's shadow."""
     source = Camera.look_at((0, -3, 3), (0, 0, 0), (0, 0, 1), (60, 45), 40)
