@@ -9,6 +9,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from pyibr.camera import Camera
+from pyibr.depthmesh import DepthMesh, DepthMeshObject
 from pyibr.errors import (
     ArgumentError,
     BuildError,
@@ -51,6 +52,8 @@ __all__ = [
     "BuildError",
     "Camera",
     "DepthImage",
+    "DepthMesh",
+    "DepthMeshObject",
     "DepthObject",
     "Device",
     "DeviceError",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gzip
 import tempfile
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
 from os import PathLike
@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from pyibr._check import Fixed, describe, numbers, one_of
 from pyibr._open3d import open3d
 from pyibr.errors import ArgumentError, FileFormatError
-from pyibr.io.files import reading
+from pyibr.io.files import checked_path, folder_for, reading
 
 Float32 = NDArray[np.float32]
 Sides = Literal["both", "front", "back"]
@@ -35,20 +35,23 @@ class Mesh(Fixed):
     Parameters
     ----------
     vertices : array_like (N, 3)
-        In scene units, in the world.
+        In scene units, in the world. Kept as float32: see "far from the origin" in the manual's conventions.
     faces : array_like (M, 3), integers
         Corners of each triangle, counter-clockwise as seen from its front. Degenerate ones draw nothing.
     uv : array_like (N, 2) or (M, 3, 2), optional
         Of the vertices, or of each triangle's corners. v runs down the texture's rows, texel centres are at
         (i + 0.5) / n, and beyond 0 to 1 the texture repeats.
     normals : array_like (N, 3), optional
-        Of the vertices, not zero; kept at unit length.
+        Of the vertices, not zero; kept at unit length. The side they point to is lit as they say, the other as if
+        they were turned round, whichever way the corners run.
     texture : (h, w, 3) uint8, or float32 in [0, 1], optional
         Drawn with 8 bits a channel. Needs uv.
     colors : (N, 3) uint8, or float32 in [0, 1], optional
         Of the vertices; not shown where there is a texture.
     sides : {"both", "front", "back"}
-        Which sides of the triangles are drawn.
+        Which sides of the triangles are drawn; the corners tell which is the front, not the normals.
+    attributes : mapping of str to (N,) or (N, k) arrays, optional
+        More numbers of the vertices, kept as float32 for other programs: `to_open3d` and files take them along.
 
     Attributes
     ----------
@@ -77,6 +80,7 @@ class Mesh(Fixed):
         texture: NDArray[Any] | None = None,
         colors: NDArray[Any] | None = None,
         sides: Sides = "both",
+        attributes: Mapping[str, ArrayLike] | None = None,
     ) -> None:
         one_of("sides", sides, Sides)
         self.sides: Sides = sides
@@ -85,8 +89,10 @@ class Mesh(Fixed):
         along = None if normals is None else _checked_normals(normals, len(points))
         tints = None if colors is None else _checked_colors("colors", colors, (len(points), 3))
         places = None if uv is None else _checked_uv(uv, len(points), len(corners))
+        others = {name: _checked_attribute(name, values, len(points)) for name, values in (attributes or {}).items()}
         if places is not None and places.ndim == 3:
             corners, kept, places = _split(corners, places)
+            others = {name: values[kept] for name, values in others.items()}
             points = points[kept]
             along = None if along is None else along[kept]
             tints = None if tints is None else tints[kept]
@@ -95,6 +101,7 @@ class Mesh(Fixed):
         self.uv: Float32 | None = None if places is None else _locked(places)
         self.normals: Float32 | None = None if along is None else _locked(along)
         self.colors: NDArray[Any] | None = None if tints is None else _locked(tints)
+        self.attributes: dict[str, Float32] = {name: _locked(values) for name, values in others.items()}
         if texture is not None and self.uv is None:
             raise ArgumentError("uv", "uv for the texture", "none")
         shown = None if texture is None else _locked(_checked_colors("texture", texture, (None, None, 3)))
@@ -144,7 +151,7 @@ class Mesh(Fixed):
         MissingPackageError
             If Open3D is not installed.
         """
-        file = Path(path)
+        file = checked_path(path)
         packed = file.suffix.lower() == ".gz"
         kind = Path(file.stem).suffix.lower() if packed else file.suffix.lower()
         if kind not in _READ:
@@ -161,7 +168,7 @@ class Mesh(Fixed):
             return cls.from_open3d(found, texture)
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write the mesh: OBJ and GLB with uv and texture, PLY, STL and OFF without.
+        """Write the mesh: OBJ and GLB with uv and texture, PLY, STL and OFF without. A missing folder is made.
 
         Raises
         ------
@@ -170,7 +177,7 @@ class Mesh(Fixed):
         FileFormatError
             If the file cannot be written.
         """
-        file = Path(path)
+        file = checked_path(path)
         kind = file.suffix.lower()
         if kind not in _WRITTEN:
             raise ArgumentError("path", f"a file that ends in one of {', '.join(_WRITTEN)}", str(file))
@@ -179,6 +186,7 @@ class Mesh(Fixed):
         mesh = self.to_open3d()
         if kind == ".stl":
             mesh.compute_triangle_normals()
+        folder_for(file)
         with _silent():
             written = open3d().t.io.write_triangle_mesh(str(file), mesh)
         if not written:
@@ -193,6 +201,8 @@ class Mesh(Fixed):
         if self.colors is not None:
             scale = np.float32(1 / 255 if self.colors.dtype == np.uint8 else 1)
             mesh.vertex.colors = (self.colors * scale).astype(np.float32)
+        for name, values in self.attributes.items():
+            mesh.vertex[name] = np.array(values).reshape(len(values), -1)
         if self.uv is not None:
             mesh.triangle.texture_uvs = np.ascontiguousarray(_turned(self.uv)[self.faces])
         if self.texture is not None:
@@ -311,6 +321,11 @@ def _checked_uv(uv: ArrayLike, vertices: int, faces: int) -> Float32:
     array = np.asarray(uv)
     shape = (faces, 3, 2) if array.ndim == 3 else (vertices, 2)
     return _in_float32("uv", numbers("uv", array, shape))
+
+
+def _checked_attribute(name: str, values: ArrayLike, count: int) -> Float32:
+    argument, array = f"attributes[{name!r}]", np.asarray(values)
+    return _in_float32(argument, numbers(argument, array, (count, None)[: max(array.ndim, 1)]))
 
 
 def _in_float32(argument: str, array: NDArray[np.float64]) -> Float32:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from pyibr._check import describe, numbers
 from pyibr.camera import Camera
+from pyibr.depthmesh import DepthMesh, DepthMeshObject
 from pyibr.errors import ArgumentError
 from pyibr.images import DepthImage, Frame
 from pyibr.light import Light
@@ -19,7 +20,7 @@ from pyibr.shadow import Lighting, darken, lighting
 from pyibr.slicing import DepthObject, SlicedSurface, VisualHull
 from pyibr.target import Target
 
-Thing = DepthImage | Mesh | SlicedSurface | ReliefSurface | DepthObject | VisualHull
+Thing = DepthImage | Mesh | SlicedSurface | ReliefSurface | DepthObject | VisualHull | DepthMesh | DepthMeshObject
 
 if TYPE_CHECKING:
     from pyibr.opencl.memory import DeviceArray
@@ -36,12 +37,13 @@ def render(
     ----------
     things : thing or sequence of things
         `DepthImage` (drawn by the epipolar warp with its defaults), `Mesh`, `SlicedSurface`, `ReliefSurface`,
-        `DepthObject`, `VisualHull`, and their subclasses. Where two are equally far, the first one stays.
+        `DepthObject`, `VisualHull`, `DepthMesh`, `DepthMeshObject`, and their subclasses. Where two are equally far,
+        the first one stays.
     camera : Camera
         Perspective or orthographic.
     light : Light, optional
-        Shades what has normals; without it things show their own colours. Depth images, depth objects and hulls are
-        not shaded, since their colours hold the light that they were taken in; in shadow, and where their surface is
+        Shades what has normals; without it things show their own colours. Depth images, and what is made of images,
+        are not shaded, since their colours hold the light that they were taken in; in shadow, and where a surface is
         turned away from it, they keep its ambient part. All things cast shadows (`shadow_size=0`: none), a depth image
         from both its sides.
     background : (r, g, b)
@@ -84,7 +86,6 @@ def render(
     dtype = np.dtype(np.float32 if in_float else np.uint8)
     if (around < 0).any() or (around > (1 if in_float else 255)).any():
         raise ArgumentError("background", f"a colour in the range of {dtype}", describe(background))
-    several = [_in_dtype(thing, dtype) for thing in several]
     with current().lock:
 
         def draw_all(target: Target, lit: Lighting | None = None) -> None:
@@ -108,18 +109,12 @@ def _drawn_by(thing: object) -> _Draw:
     raise ArgumentError("things", f"things of these kinds: {kinds}", describe(thing))
 
 
-def _in_dtype(thing: Thing, dtype: np.dtype[Any]) -> Thing:
-    """A depth image with colours of the picture's dtype; anything else as it is."""
-    if not isinstance(thing, DepthImage) or thing.color.dtype == dtype:
-        return thing
-    return DepthImage((thing.color * np.float32(1 / 255)).astype(np.float32), thing.depth, thing.camera, thing.far)
-
-
 def _draw_depth_image(target: Target, view: DepthImage, lit: Lighting | None) -> None:
     from pyibr.warp import draw
 
     before = _depths_before(target, lit)
-    draw(target, view, "both" if target.from_light else "front")
+    shown = view.in_float if target.color.dtype == np.float32 else view
+    draw(target, shown, "both" if target.from_light else "front")
     if lit is not None:
         darken(target, before, lit)
 
@@ -161,6 +156,15 @@ def _draw_object(target: Target, thing: DepthObject | VisualHull, lit: Lighting 
         darken(target, before, lit, grain=spacing, apart=4, fade=0)
 
 
+def _draw_depth_mesh(target: Target, thing: DepthMesh | DepthMeshObject, lit: Lighting | None) -> None:
+    from pyibr.depthmesh import draw_depth_mesh
+
+    before = _depths_before(target, lit)
+    draw_depth_mesh(target, thing)
+    if lit is not None:
+        darken(target, before, lit)
+
+
 _DRAWN: dict[type, _Draw] = {
     DepthImage: _draw_depth_image,
     Mesh: _draw_mesh,
@@ -168,4 +172,6 @@ _DRAWN: dict[type, _Draw] = {
     ReliefSurface: _draw_relief,
     DepthObject: _draw_object,
     VisualHull: _draw_object,
+    DepthMesh: _draw_depth_mesh,
+    DepthMeshObject: _draw_depth_mesh,
 }

@@ -81,11 +81,16 @@ class Target:
         middle, eye = 0.5 * (low + high), self.camera.world_from_camera[:3, 3]
         return max(_NEAR * float(np.linalg.norm(middle - eye) + 0.5 * np.linalg.norm(high - low)), _NEAREST)
 
-    def screen(self, near: float) -> NDArray[np.void]:
-        """A record of the struct Screen."""
+    def screen(self, near: float, origin: NDArray[Any] | None = None) -> NDArray[np.void]:
+        """A record of the struct Screen; with an `origin`, (3,) in the world, for points relative to it."""
+        from_world = self.from_world
+        if origin is not None:
+            shift = np.eye(4)
+            shift[:3, 3] = origin
+            from_world = from_world @ shift
         values = np.zeros((), _SCREEN)
-        values["from_world"] = self.from_world.ravel()
-        values["to_world"] = np.linalg.inv(self.from_world).ravel()
+        values["from_world"] = from_world.ravel()
+        values["to_world"] = np.linalg.inv(from_world).ravel()
         values["width"], values["height"] = self.camera.size
         perspective = self.camera.projection == "perspective"
         values["perspective"] = perspective

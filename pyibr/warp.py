@@ -6,7 +6,7 @@ import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, cast
+from typing import TYPE_CHECKING, Literal, cast
 
 import numpy as np
 
@@ -16,11 +16,11 @@ from pyibr.epipolar import line_groups
 from pyibr.errors import ArgumentError
 from pyibr.images import DepthImage, Frame
 from pyibr.pixelspace import PixelMap, pitch
+from pyibr.samples import Samples, samples_of
 from pyibr.target import Target
 
 if TYPE_CHECKING:
     from pyibr.opencl.device import Session
-    from pyibr.opencl.memory import DeviceArray
 
 Method = Literal["epipolar", "search", "forward"]
 Sample = Literal["linear", "nearest"]
@@ -33,7 +33,6 @@ _EMPTY = -3e38  # EMPTY of kernels/lib/pixelspace.h
 _CUT = np.dtype([("near_scale", np.float32), ("far_scale", np.float32)])
 _SPLAT_MOST = 64.0
 _PIXELS_MOST = 1 << 29  # kernels number samples and colour bytes in 32 bits
-_FARTHEST = 1e30  # depths beyond it are background, and below its inverse invalid
 _APART_MOST = 16
 _CALM = 0.25  # pixels: nearest samples may be off by half of it, see kernels/warp/resolve.cl
 
@@ -133,7 +132,7 @@ def warp(
     maps: list[PixelMap] = []
     with current().lock:
         for view in sources:
-            samples = _samples(view)
+            samples = samples_of(view)
             pixel_map = PixelMap(view.camera, camera, samples.low, samples.high)
             maps.append(pixel_map)
             if method == "forward":
@@ -150,7 +149,7 @@ def warp(
 
 def draw(target: Target, view: DepthImage, side: Side = "front") -> None:
     """Draw a view into the target by the epipolar warp, with the defaults of `warp`. The session's lock is held."""
-    samples = _samples(view)
+    samples = samples_of(view)
     pixel_map = PixelMap(view.camera, target.camera, samples.low, samples.high)
     _look(samples, pixel_map, target, _Options(True, False, 1.0, _SHOWN[side], 1.0), "epipolar")
 
@@ -164,58 +163,7 @@ class _Options:
     splat: float
 
 
-@dataclass(frozen=True)
-class _Samples:
-    """A depth image on the device."""
-
-    nearness: DeviceArray
-    color: DeviceArray
-    low: float
-    high: float
-
-
-def _samples(view: DepthImage) -> _Samples:
-    """The view's nearness and colour on the current device, made once."""
-    from pyibr.opencl.device import current
-    from pyibr.opencl.launch import launch
-    from pyibr.opencl.memory import empty, upload
-    from pyibr.opencl.program import kernel
-
-    session = current()
-    kept = view.device_cache.get(session)
-    if isinstance(kept, _Samples):
-        return kept
-    width, height = view.camera.size
-    nearness = empty((height, pitch(width)), np.float32)
-    ranges = empty((height, 2), np.float32)
-    launch(
-        kernel("warp/nearness.cl", "to_nearness"),
-        (height,),
-        depth=upload(view.depth),
-        nearness=nearness,
-        ranges=ranges,
-        src_width=width,
-        src_height=height,
-        src_pitch=pitch(width),
-        src_perspective=view.camera.projection == "perspective",
-        far=min(view.far, _FARTHEST),
-    )
-    spread = ranges.to_host()
-    low, high = float(spread[:, 0].min()), float(spread[:, 1].max())
-    if low > high:
-        raise ArgumentError(
-            "depth", "a view with at least one sample that is finite, > 0 and nearer than `far`", "none"
-        )
-    made = view.device_cache[session] = _Samples(nearness, upload(_at_least_a_word(view.color)), low, high)
-    return made
-
-
-def _at_least_a_word(color: Any) -> Any:
-    """Kernels read a pixel's colour as four bytes: an image of one pixel has three."""
-    return np.resize(color, (1, 2, 3)) if color.size == 3 else color
-
-
-def _look(samples: _Samples, pixel_map: PixelMap, target: Target, options: _Options, method: Method) -> None:
+def _look(samples: Samples, pixel_map: PixelMap, target: Target, options: _Options, method: Method) -> None:
     """Each pixel looks for what its ray meets first: by sweep or by search, then exactly."""
     from pyibr.opencl.device import current
     from pyibr.opencl.launch import Struct, launch
@@ -298,7 +246,7 @@ def _strip(session: Session, width: int) -> int:
     return 1 if session.lanes == 1 else 16
 
 
-def _splat(samples: _Samples, pixel_map: PixelMap, target: Target, options: _Options) -> None:
+def _splat(samples: Samples, pixel_map: PixelMap, target: Target, options: _Options) -> None:
     from pyibr.opencl.launch import Struct, launch
     from pyibr.opencl.memory import empty
     from pyibr.opencl.program import kernel

@@ -30,27 +30,27 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 def test_a_folder_with_a_space(folder):
-    assert program.kernel("warp/nearness.cl", "to_nearness").name == "to_nearness"
+    assert program.kernel("lib/nearness.cl", "to_nearness").name == "to_nearness"
 
 
 def test_a_failed_build_names_file_options_and_log(folder):
-    (folder / "warp/nearness.cl").write_text("kernel void to_nearness(global float *a) { a[0] = missing; }")
-    with pytest.raises(BuildError, match=r"warp/nearness\.cl failed to build with .*-DLANES=") as raised:
-        program.kernel("warp/nearness.cl", "to_nearness")
+    (folder / "lib/nearness.cl").write_text("kernel void to_nearness(global float *a) { a[0] = missing; }")
+    with pytest.raises(BuildError, match=r"lib/nearness\.cl failed to build with .*-DLANES=") as raised:
+        program.kernel("lib/nearness.cl", "to_nearness")
     assert "missing" in str(raised.value)
 
 
 @pytest.mark.parametrize("content", ["{}", "[]", "null", "not json", json.dumps({"another": []})])
 def test_a_stale_description_is_built_anew(folder, tmp_path, content):
-    first = program.kernel("warp/nearness.cl", "to_nearness")
+    first = program.kernel("lib/nearness.cl", "to_nearness")
     (described,) = (tmp_path / "cache" / "programs").glob("*.json")
     described.write_text(content)
     current().kernels.clear()
-    assert program.kernel("warp/nearness.cl", "to_nearness").arguments == first.arguments
+    assert program.kernel("lib/nearness.cl", "to_nearness").arguments == first.arguments
 
 
 def test_launch_checks_names_and_types(folder):
-    kernel = program.kernel("warp/nearness.cl", "to_nearness")
+    kernel = program.kernel("lib/nearness.cl", "to_nearness")
     with pytest.raises(ArgumentError, match=r"to_nearness\(\).*missing .*'far'.*unknown \['fur'\]"):
         launch(kernel, (1,), fur=1.0)
     values: dict[str, float] = {argument.name: 1.0 for argument in kernel.arguments}

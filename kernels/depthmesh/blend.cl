@@ -1,0 +1,225 @@
+/* Depth meshes of several views, blended per pixel (Pajarola, Sainz & Meng 2003, sections 4.3 to 4.5).
+ *
+ * A region's pixels see each mesh's nearest surface first (the depth pass), then those of them that lie within epsilon
+ * behind the front one give their colours (the colour pass), weighted and normalised at once. Where segmentation leaves
+ * a hole in all meshes, coarse ones without it (UNDERLAID) show through, but not where any view has seen that there is
+ * nothing.
+ * BLEND 0: weights of positions times quality, per pixel (the paper's); 1: of positions alone; 2: the front mesh's colour.
+ *
+ * Deviations from the paper: a mesh's own hidden surfaces are left out within epsilon, too; textures are projected, not
+ * stretched over triangles, and read within the source's triangles, so that no colour leaks over a depth edge; what
+ * bridges surfaces in the coarse meshes is kept out of empty space.
+ *
+ * corners, projected, places: select.cl, mesh by mesh: the VIEWS ones, then as many coarse ones. list, starts:
+ * raster/bins.cl. firsts: (meshes + 1,) each mesh's first triangle. sizes: (VIEWS, 3) width, height and start in colors
+ * of each view. colors: RGBA bytes. weights: (VIEWS,) positional, > 0. With UNDERLAID, of all views there are:
+ * limits, their depths, INFINITY for background and 0 where nothing is known; limit_sizes like sizes; from_target, (ALL,
+ * 16) from the target's pixel space to theirs; perspectives: 1 or 0. depth, color, valid: the picture, which keeps
+ * what is nearer already. occupancy: (height, width) bit k is set where view k gave colour, with OCCUPIED.
+ * Work-item: a region (raster/region.h). Cost: O(list + pixels * meshes). Determinism: list order, then the meshes'.
+ */
+#include "raster/region.h"
+#include "raster/triangle.h"
+
+#ifndef VIEWS
+#define VIEWS 1
+#endif
+#ifndef UNDERLAID
+#define UNDERLAID 0
+#endif
+#ifndef BLEND
+#define BLEND 0
+#endif
+#ifndef ALL
+#define ALL VIEWS /* views there are, drawn or not */
+#endif
+#define MESHES (VIEWS * (1 + UNDERLAID))
+#define LEAST_QUALITY 1e-3f /* so that what is seen edge-on by all views still has a colour */
+
+typedef struct {
+    global const int *corners;
+    global const float *projected;
+    Screen screen;
+    float nearest_w;
+} Context;
+
+typedef Triangles Primitives;
+
+intl set_up(const Context *context, intl index, int x, int y, Primitives *t)
+{
+    return set_up_triangles(context->corners, context->projected, index, context->nearest_w, 0, x, y, t);
+}
+
+void cover(const Context *context, const Primitives *t, int lane, Region *region, int block, int first_x, int first_y)
+{
+    floatl n;
+    const floatl so_far = region->nearness[block];
+    const intl seen = covered_by(t, lane, first_x, first_y, &n) & (n > so_far) & (n <= context->screen.nearest);
+    region->nearness[block] = pick(seen, n, so_far);
+    region->owner[block] = pick(seen, (intl)INT_OF(t->index), region->owner[block]);
+}
+
+#include "raster/list.h"
+
+/* Where in list[first, last), in ascending order, are the numbers from `number` on? */
+int place_in(global const int *list, int first, int last, int number)
+{
+    while (first < last) {
+        const int middle = (first + last) / 2;
+        if (list[middle] < number)
+            first = middle + 1;
+        else
+            last = middle;
+    }
+    return first;
+}
+
+#if UNDERLAID
+/* Has a view seen through the target's pixel (x, y) at nearness n, with all four samples around it? */
+intl is_empty(global const float *limits, global const int *sizes, global const float *from_target,
+              global const int *perspectives, floatl x, floatl y, floatl n, float epsilon)
+{
+    intl empty = (intl)0;
+    for (int view = 0; view < ALL; view++) {
+        global const float *m = from_target + 16 * view;
+        const int width = sizes[3 * view], height = sizes[3 * view + 1];
+        const floatl inverse = 1.0f / (PIXEL_ROW(m, 2, x, y) + n * m[11]), near = (PIXEL_ROW(m, 3, x, y) + n * m[15]) * inverse;
+        const floatl u = (PIXEL_ROW(m, 0, x, y) + n * m[3]) * inverse, v = (PIXEL_ROW(m, 1, x, y) + n * m[7]) * inverse;
+        const floatl z = perspectives[view] ? 1.0f / near : -near;
+        intl through = (inverse > 0.0f) & (z > 0.0f) & (u >= 0.0f) & (v >= 0.0f) & (u < width - 1.0f) & (v < height - 1.0f);
+        const intl first = sizes[3 * view + 2] + pick(through, to_intl(v) * width + to_intl(u), (intl)0);
+        for (int k = 0; k < 4; k++) {
+            const intl at = first + (k & 1) + (k >> 1) * width;
+            through = through & (z < (floatl)(gather(limits, at)) - epsilon);
+        }
+        empty = empty | through;
+    }
+    return empty;
+}
+#endif
+
+/* Adds the colour at the pixel (x, y) of a view: linear within the cell's triangle. */
+void add_color(global const uint *colors, global const int *size, floatl x, floatl y, floatl weight, Color *sum)
+{
+    const int width = size[0], height = size[1];
+    const floatl cx = lesser(greater(x, (floatl)0.0f), (floatl)(width - 1)), cy = lesser(greater(y, (floatl)0.0f), (floatl)(height - 1));
+    const floatl x0 = lesser(truncated(cx), (floatl)(width - 2)), y0 = lesser(truncated(cy), (floatl)(height - 2));
+    const intl column = to_intl(x0), row = to_intl(y0), at = size[2] + row * width + column;
+    const floatl fx = cx - x0, fy = cy - y0, gx = 1.0f - fx, gy = 1.0f - fy, none = 0.0f;
+    const intl main = ((column ^ row) & 1) == 0; /* the diagonal runs to the lower right (depthmesh/tree.h) */
+    const floatl share[4] = {pick(main, lesser(gx, gy), greater(gx - fy, none)), pick(main, greater(fx - fy, none), lesser(fx, gy)),
+                             pick(main, greater(fy - fx, none), lesser(gx, fy)), pick(main, lesser(fx, fy), greater(fx - gy, none))};
+    for (int k = 0; k < 4; k++) {
+        const intl sample = at + (k & 1) + (k >> 1) * width, word = as_intl((uintl)(gather(colors, sample)));
+        const floatl part = weight * share[k];
+        sum->r += part * to_floatl(word & 255);
+        sum->g += part * to_floatl(word >> 8 & 255);
+        sum->b += part * to_floatl(word >> 16 & 255);
+    }
+}
+
+kernel void draw_meshes(global const int *corners, global const float *projected, global const float *places,
+                        global const int *list, global const int *starts, int bins_x, global const int *firsts,
+                        global const int *sizes, global const uint *colors, global const float *weights,
+                        global float *depth, global channel *color, global uchar *valid, Screen screen, float nearest_w,
+                        float epsilon, int blank
+#if UNDERLAID
+                        ,
+                        global const float *limits, global const int *limit_sizes, global const float *from_target,
+                        global const int *perspectives
+#endif
+#ifdef OCCUPIED
+                        ,
+                        global uint *occupancy
+#endif
+)
+{
+    const int x = get_global_id(0) * REGION, y = get_global_id(1) * REGION;
+    if (x >= screen.width || y >= screen.height)
+        return;
+    const Context context = {corners, projected, screen, nearest_w};
+    const int bin = y / BIN * bins_x + x / BIN;
+    Region seen[MESHES], shown;
+    int next = starts[bin];
+    for (int mesh = 0; mesh < MESHES; mesh++) {
+        const int end = place_in(list, next, starts[bin + 1], firsts[mesh + 1]);
+        begin_region(&seen[mesh], screen, depth, 1, x, y);
+        draw_list(&context, &seen[mesh], list, next, end, x, y);
+        next = end;
+    }
+    begin_region(&shown, screen, depth, blank, x, y);
+
+    for (int block = 0; block < BLOCKS; block++) {
+        floatl front = EMPTY;
+        intl under = (intl)0; /* nothing but coarse meshes */
+        for (int mesh = 0; mesh < VIEWS; mesh++)
+            front = greater(seen[mesh].nearness[block], front);
+#if UNDERLAID
+        under = front == EMPTY;
+        for (int mesh = VIEWS; mesh < MESHES; mesh++) {
+            const intl covered = under & (seen[mesh].owner[block] >= 0);
+            if (!any_lane(covered))
+                continue;
+            const floatl n = seen[mesh].nearness[block];
+            const floatl px = to_floatl(x + block % ROW * BLOCK + block_x), py = to_floatl(y + block / ROW * BLOCK + block_y);
+            const intl kept = covered & !is_empty(limits, limit_sizes, from_target, perspectives, px, py,
+                                                  pick(covered, n, (floatl)1.0f), epsilon);
+            seen[mesh].owner[block] = pick(kept, seen[mesh].owner[block], (intl)-1);
+            front = pick(kept, greater(n, front), front);
+        }
+#endif
+        const intl mine = front > shown.nearness[block];
+        if (!blank && !any_lane(mine))
+            continue;
+        const int first_x = x + block % ROW * BLOCK, first_y = y + block / ROW * BLOCK;
+        Color sum = {0.0f, 0.0f, 0.0f};
+        floatl total = 0.0f;
+        intl views = (intl)0;
+        /* Of epsilon 0 this is `front` itself. */
+        const floatl deepest = screen.perspective ? front / (1.0f + epsilon * front) : front - epsilon;
+        for (int mesh = 0; mesh < MESHES; mesh++) {
+            const floatl n = seen[mesh].nearness[block];
+            intl given = mine & (seen[mesh].owner[block] >= 0) & (mesh < VIEWS ? !under : under);
+#if BLEND == 2
+            given = given & (n == front) & (total == 0.0f);
+#else
+            given = given & (n >= deepest);
+#endif
+            if (!any_lane(given))
+                continue;
+            const floatl px = to_floatl(first_x + block_x), py = to_floatl(first_y + block_y);
+            const Place p = place_on(corners, projected, pick(given, seen[mesh].owner[block], firsts[mesh] + (intl)0), px, py);
+            floatl at_x = 0.0f, at_y = 0.0f, at_z = 0.0f, quality = 0.0f;
+            for (int k = 0; k < 3; k++) {
+                const intl row = 4 * p.corner[k], row_y = row + 1, row_z = row + 2, row_q = row + 3;
+                at_x += p.weight[k] * (floatl)(gather(places, row));
+                at_y += p.weight[k] * (floatl)(gather(places, row_y));
+                at_z += p.weight[k] * (floatl)(gather(places, row_z));
+                quality += p.weight[k] * (floatl)(gather(places, row_q));
+            }
+            const int view = mesh % VIEWS;
+#if BLEND == 0
+            const floatl weight = pick(given, weights[view] * greater(quality, (floatl)LEAST_QUALITY), (floatl)0.0f);
+#else
+            const floatl weight = pick(given, (floatl)weights[view], (floatl)0.0f);
+#endif
+            const floatl inverse = 1.0f / at_z;
+            const floatl sound_x = pick(given, at_x * inverse, (floatl)0.0f), sound_y = pick(given, at_y * inverse, (floatl)0.0f);
+            add_color(colors, sizes + 3 * view, sound_x, sound_y, weight, &sum);
+            total += weight;
+            views |= pick(given, (intl)(1 << view), (intl)0);
+        }
+        const floatl scale = 1.0f / (255.0f * pick(mine, total, (floatl)1.0f));
+        const Color shade = {sum.r * scale, sum.g * scale, sum.b * scale};
+        shown.nearness[block] = front;
+        shown.owner[block] = pick(mine, (intl)0, (intl)-1);
+        write_block(&shown, block, screen, depth, color, valid, blank, first_x, first_y, shade);
+#ifdef OCCUPIED
+        for (int lane = 0; lane < LANES; lane++) {
+            const int ox = first_x + lane % BLOCK, oy = first_y + lane / BLOCK;
+            if (ox < screen.width && oy < screen.height)
+                occupancy[(size_t)oy * screen.width + ox] = ((const int *)&views)[lane];
+        }
+#endif
+    }
+}

@@ -1,0 +1,176 @@
+/* The quadtree's errors and bounding spheres, fine to coarse (Pajarola, Sainz & Meng 2003, sections 3.2 and 3.3).
+ *
+ * A vertex's error is its distance from the edge that it bisects, of a midpoint in the plane of z and of the direction
+ * of its edge (equation 1), of a centre in space (equation 2), and that of the child with the largest. Spheres hold those
+ * of all children. So parents have the larger ones, and one test of each vertex on its own yields a triangulation
+ * without cracks (Lindstrom & Pascucci 2001).
+ *
+ * Deviations from the paper: a child's error is added to the own one instead of the larger of them being taken, since a
+ * surface that leaves both out may be off by both: so errors bound what they are errors of. A triangle of which only a
+ * part is drawn has LOSS times its own length as an error, since all of it is lost unless it is split: edges and
+ * segmentation stay at any tolerance that is of use.
+ *
+ * nearness: (height, pitch). cells: samples.cl. Of each vertex, (side + 1, row): errors in scene units, -1 where nothing
+ * is drawn (to be filled with that before); radii of the bounding spheres; depths of their centres, which are a child's
+ * where there is no sample; states of the sides (to be filled with UNDRAWN | UNDRAWN << 2 before).
+ * Work-item: a row of vertices of one step (`find_errors`), all rows of all coarser steps (`find_coarse_errors`).
+ * Cost: O(vertices). Determinism: maxima of children in a fixed order.
+ */
+#include "depthmesh/tree.h"
+
+#define LOSS 4.0f
+
+typedef struct {
+    global const float *nearness;
+    global const uchar *cells;
+    global float *errors, *radii, *depths;
+    global uchar *states;
+} Tree;
+
+/* What is known of LANES vertices */
+typedef struct {
+    Point center;
+    floatl error, radius, depth;
+    intl side[2]; /* states */
+} Vertices;
+
+floatl nearness_at(const Layout *layout, const Tree *tree, intl x, intl y)
+{
+    const intl in = (x < layout->width) & (y < layout->height), at = pick(in, y * layout->pitch + x, (intl)0);
+    return pick(in, (floatl)(gather(tree->nearness, at)), (floatl)NO_SURFACE);
+}
+
+/* Takes over a child's error and depth; returns the state of its side that faces the vertices. */
+intl add_child(const Layout *layout, const Tree *tree, intl x, intl y, intl there, int faces_b, Vertices *v)
+{
+    const intl at = pick(there, y * layout->row + x, (intl)0);
+    const intl byte = (intl)(gather(tree->states, at));
+    const floatl error = pick(there, (floatl)(gather(tree->errors, at)), (floatl)-1.0f);
+    v->error = fmax(v->error, error);
+    v->depth = pick((v->depth == 0.0f) & (error >= 0.0f), (floatl)(gather(tree->depths, at)), v->depth);
+    return pick(there, faces_b ? STATE_B(byte) : STATE_A(byte), (intl)0);
+}
+
+/* Widens the spheres to hold a child's. */
+void hold_child(const Layout *layout, const Tree *tree, intl x, intl y, intl there, Vertices *v)
+{
+    const intl at = pick(there, y * layout->row + x, (intl)0);
+    const intl holds = there & ((floatl)(gather(tree->errors, at)) >= 0.0f);
+    const Point away = minus(point_of(layout, to_floatl(x), to_floatl(y), (floatl)(gather(tree->depths, at))), v->center);
+    const floatl reach = sqrt(DOT(away, away)) + (floatl)(gather(tree->radii, at));
+    v->radius = pick(holds, fmax(v->radius, reach), v->radius);
+}
+
+/* The vertices' own errors: p bisects the edge from a to b, or, where one of them is no sample, nothing is known. */
+floatl bisection_error(const Layout *layout, const Tree *tree, Point p, floatl n, intl ax, intl ay, intl bx, intl by, int centers,
+                       int across)
+{
+    const floatl na = nearness_at(layout, tree, ax, ay), nb = nearness_at(layout, tree, bx, by);
+    const Point a = point_of(layout, to_floatl(ax), to_floatl(ay), DEPTH_OF(*layout, na));
+    const Point b = point_of(layout, to_floatl(bx), to_floatl(by), DEPTH_OF(*layout, nb));
+    const Point ab = minus(b, a), ap = minus(p, a);
+    floatl area, length;
+    if (centers) {
+        const Point normal = cross_of(ab, ap);
+        area = sqrt(DOT(normal, normal));
+        length = sqrt(DOT(ab, ab));
+    } else {
+        const floatl run = across ? ab.x : ab.y, to_p = across ? ap.x : ap.y;
+        area = fabs(run * ap.z - ab.z * to_p);
+        length = sqrt(run * run + ab.z * ab.z);
+    }
+    const intl known = IS_SAMPLE(n) & IS_SAMPLE(na) & IS_SAMPLE(nb) & (length > 0.0f);
+    return pick(known, area / pick(known, length, (floatl)1.0f), (floatl)0.0f);
+}
+
+/* The row y of vertices of step s */
+void find_row(const Layout *layout, const Tree *tree, int s, int y, int centers)
+{
+    const int across = !(y / s & 1); /* midpoints of this row lie on edges along x */
+    const int half_step = s / 2;
+    for (int start = centers || across ? s : 0; start <= layout->side && start - s < layout->width - 1; start += 2 * s * LANES) {
+        const intl x = start + 2 * s * lane_index, mine = (x <= layout->side) & (x - s < layout->width - 1);
+        const intl row = (intl)y;
+        Vertices v;
+        const floatl n = nearness_at(layout, tree, x, row);
+        v.error = -1.0f;
+        v.radius = 0.0f;
+        v.depth = pick(IS_SAMPLE(n), DEPTH_OF(*layout, n), (floatl)0.0f);
+        v.side[0] = v.side[1] = 0;
+        intl main = 0, child_x[4], child_y[4], there[4];
+        if (centers) {
+            main = IS_MAIN(x, row, s);
+            for (int k = 0; k < 4; k++) { /* above, right, below, left */
+                child_x[k] = x + (k == 1 ? s : k == 3 ? -s : 0);
+                child_y[k] = row + (k == 2 ? s : k == 0 ? -s : 0);
+                there[k] = mine;
+                const intl state = add_child(layout, tree, child_x[k], child_y[k], mine, k == 0 || k == 3, &v);
+                const intl to_a = k == 0 ? (intl)-1 : k == 2 ? (intl)0 : k == 1 ? main : !main;
+                v.side[0] |= pick(to_a, state, (intl)0);
+                v.side[1] |= pick(to_a, (intl)0, state);
+            }
+        } else {
+            for (int k = 0; k < 4; k++) {
+                const int right = k & 1, below = k >> 1, side = across ? below : right;
+                child_x[k] = x + (right ? half_step : -half_step);
+                child_y[k] = row + (below ? half_step : -half_step);
+                there[k] = mine & (right ? x < layout->side : x > 0) & (intl)((below ? y < layout->side : y > 0) ? -1 : 0);
+                if (s > 1) {
+                    v.side[side] |= add_child(layout, tree, child_x[k], child_y[k], there[k], !below, &v);
+                    continue;
+                }
+                const intl cx = x - !right, cy = row - !below;
+                const intl in = there[k] & (cx < layout->width - 1) & (cy < layout->height - 1);
+                const intl at = pick(in, cy * layout->pitch + cx, (intl)0), byte = (intl)(gather(tree->cells, at));
+                const intl state = pick(in, below ? STATE_A(byte) : STATE_B(byte), (intl)UNDRAWN);
+                v.side[side] |= pick(there[k], state, (intl)0);
+            }
+        }
+        v.center = point_of(layout, to_floatl(x), to_floatl(row), v.depth);
+        if (centers || s > 1)
+            for (int k = 0; k < 4; k++)
+                hold_child(layout, tree, child_x[k], child_y[k], there[k], &v);
+        const int before_x = centers || across ? s : 0, before_y = centers || !across ? s : 0;
+        const intl ay = centers ? pick(main, row - s, row + s) : row - before_y;
+        const intl by = centers ? pick(main, row + s, row - s) : row + before_y;
+        const floatl own = bisection_error(layout, tree, v.center, n, x - before_x, ay, x + before_x, by, centers, across);
+        const intl partly = (v.side[0] == (UNDRAWN | DRAWN)) | (v.side[1] == (UNDRAWN | DRAWN));
+        const floatl length = LOSS * 2.0f * s * (centers ? M_SQRT2_F : 1.0f) * layout->footprint * (layout->perspective ? v.depth : (floatl)1.0f);
+        const intl drawn = ((v.side[0] | v.side[1]) & DRAWN) != 0;
+        v.error = pick(drawn, fmax(own + fmax(v.error, (floatl)0.0f), pick(partly, length, (floatl)0.0f)), v.error);
+        const intl at = row * layout->row + x, byte = v.side[0] | v.side[1] << 2;
+        for (int lane = 0; lane < LANES; lane++) {
+            if (!((const int *)&mine)[lane])
+                continue;
+            const int to = ((const int *)&at)[lane];
+            tree->errors[to] = ((const float *)&v.error)[lane];
+            tree->radii[to] = ((const float *)&v.radius)[lane];
+            tree->depths[to] = ((const float *)&v.depth)[lane];
+            tree->states[to] = ((const int *)&byte)[lane];
+        }
+    }
+}
+
+kernel void find_errors(global const float *nearness, global const uchar *cells, global float *errors, global float *radii,
+                        global float *depths, global uchar *states, Layout layout, int s, int centers)
+{
+    const int y = centers ? s + 2 * s * (int)get_global_id(0) : s * (int)get_global_id(0);
+    if (y > layout.side || y - s >= layout.height - 1)
+        return;
+    const Tree tree = {nearness, cells, errors, radii, depths, states};
+    find_row(&layout, &tree, s, y, centers);
+}
+
+kernel void find_coarse_errors(global const float *nearness, global const uchar *cells, global float *errors,
+                               global float *radii, global float *depths, global uchar *states, Layout layout, int finest)
+{
+    if (get_global_id(0) > 0)
+        return;
+    const Tree tree = {nearness, cells, errors, radii, depths, states};
+    for (int s = finest; s < layout.side; s *= 2) {
+        for (int y = 0; y <= layout.side && y - s < layout.height - 1; y += s)
+            find_row(&layout, &tree, s, y, 0);
+        for (int y = s; y <= layout.side && y - s < layout.height - 1; y += 2 * s)
+            find_row(&layout, &tree, s, y, 1);
+    }
+}

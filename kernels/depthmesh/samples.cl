@@ -1,0 +1,153 @@
+/* What a depth image's samples say of its surface: which triangles of the full grid are drawn, and the normals.
+ *
+ * `segment` finds the triangles that bridge two surfaces (rubber sheets). TEST 0 is the paper's: seen edge-on
+ * (equation 3) and long in depth (equation 4); for orthographic views, whose z has no fixed origin, the depth range is
+ * taken relative to the view's extent. TEST 1, connectedness (Mark, McMillan & Bishop 1997): an edge is kept if either
+ * of its samples continues the line to the other's far side, in nearness, where planes are straight. TEST 2: nearness
+ * within the triangle differs too much (disparity; Oliveira & Bishop 1998). TEST 3 keeps everything.
+ *
+ * nearness: (height, pitch), lib/nearness.cl. cells: (height, pitch) states of each cell's two triangles (tree.h).
+ * normals: (3, height, pitch) in the view's frame, towards the camera; from the differences to both neighbours, or to
+ * the one that the depth range allows; (0, 0, -1) where there is none.
+ * Work-item: a row. Cost: O(samples). Determinism: every sample on its own.
+ */
+#include "depthmesh/tree.h"
+
+#ifndef TEST
+#define TEST 0
+#endif
+
+typedef struct {
+    float sine;        /* of the angle between a triangle and the line of sight: below it, it is seen edge-on */
+    float depth_range; /* of what is one surface, relative to z or to the extent */
+    float extent;      /* of an orthographic view's samples, in scene units */
+    float gap;         /* relative difference of nearness between samples of one surface */
+} Segmentation;
+
+#define SPREAD(a, b, c) (fmax(a, fmax(b, c)) - fmin(a, fmin(b, c)))
+
+/* Is the triangle of the points p, q, r with nearness a, b, c a rubber sheet? */
+intl bridges(const Layout *layout, const Segmentation *rule, Point p, Point q, Point r, floatl a, floatl b, floatl c)
+{
+#if TEST == 0
+    const Point normal = cross_of(minus(q, p), minus(r, p));
+    Point sight = {0.0f, 0.0f, 1.0f};
+    floatl scale = rule->extent;
+    if (layout->perspective) {
+        sight.x = p.x + q.x + r.x;
+        sight.y = p.y + q.y + r.y;
+        sight.z = p.z + q.z + r.z;
+        scale = sight.z * (1.0f / 3.0f);
+    }
+    const floatl along = DOT(sight, normal), sizes = DOT(sight, sight) * DOT(normal, normal);
+    return (along * along < rule->sine * rule->sine * sizes) & (SPREAD(p.z, q.z, r.z) > rule->depth_range * scale);
+#elif TEST == 2
+    const floatl scale = layout->perspective ? fmax(a, fmax(b, c)) : (floatl)rule->extent;
+    return SPREAD(a, b, c) > rule->gap * scale;
+#else
+    return (intl)(p.z < -INFINITY);
+#endif
+}
+
+#if TEST == 1
+/* Do samples next to each other, with nearness a and b, belong together? before, after: the next ones on both sides. */
+intl connected(const Layout *layout, const Segmentation *rule, floatl before, floatl a, floatl b, floatl after)
+{
+    const floatl step = b - a, scale = layout->perspective ? fmax(fabs(a), fabs(b)) : (floatl)rule->extent;
+    const floatl on = pick(IS_SAMPLE(before), fabs(step - (a - before)), fabs(step));
+    const floatl back = pick(IS_SAMPLE(after), fabs(step - (after - b)), fabs(step));
+    return fmin(fmin(on, back), fabs(step)) <= rule->gap * scale;
+}
+
+/* The same for the sample at (x, y) and the next along x or y */
+intl is_connected(const Layout *layout, const Segmentation *rule, global const float *nearness, intl x, intl y, int dx, int dy)
+{
+    const intl right = (intl)(layout->width - 1), bottom = (intl)(layout->height - 1), none = (intl)0;
+    const intl x0 = max(x - dx, none), y0 = max(y - dy, none), before = y0 * layout->pitch + x0;
+    const intl a = min(y, bottom) * layout->pitch + min(x, right);
+    const intl b = min(y + dy, bottom) * layout->pitch + min(x + dx, right);
+    const intl after = min(y + 2 * dy, bottom) * layout->pitch + min(x + 2 * dx, right);
+    return connected(layout, rule, (floatl)(gather(nearness, before)), (floatl)(gather(nearness, a)),
+                     (floatl)(gather(nearness, b)), (floatl)(gather(nearness, after)));
+}
+#endif
+
+kernel void segment(global const float *nearness, global uchar *cells, Layout layout, Segmentation rule)
+{
+    const int y = get_global_id(0);
+    if (y >= layout.height - 1)
+        return;
+    global const float *upper = nearness + (size_t)y * layout.pitch, *lower = upper + layout.pitch;
+    for (int first = 0; first < layout.width - 1; first += LANES) {
+        const floatl n[4] = {load_lanes(upper + first), load_lanes(upper + first + 1), load_lanes(lower + first),
+                             load_lanes(lower + first + 1)};
+        const intl x = first + lane_index, main = ((x ^ y) & 1) == 0;
+        const floatl fx = to_floatl(x), fy = (floatl)y;
+        Point p[4];
+        for (int k = 0; k < 4; k++)
+            p[k] = point_of(&layout, fx + (k & 1), fy + (k >> 1), DEPTH_OF(layout, n[k]));
+        /* The diagonal's ends belong to both triangles: the other corners are the upper one's and the lower one's own. */
+        const Point a = {pick(main, p[3].x, p[2].x), pick(main, p[3].y, p[2].y), pick(main, p[3].z, p[2].z)};
+        const Point b = {pick(main, p[0].x, p[1].x), pick(main, p[0].y, p[1].y), pick(main, p[0].z, p[1].z)};
+        const floatl na = pick(main, n[3], n[2]), nb = pick(main, n[0], n[1]);
+        intl upper_drawn = IS_SAMPLE(n[0]) & IS_SAMPLE(n[1]) & IS_SAMPLE(na);
+        intl lower_drawn = IS_SAMPLE(n[2]) & IS_SAMPLE(n[3]) & IS_SAMPLE(nb);
+        upper_drawn = upper_drawn & !bridges(&layout, &rule, p[0], p[1], a, n[0], n[1], na);
+        lower_drawn = lower_drawn & !bridges(&layout, &rule, p[2], p[3], b, n[2], n[3], nb);
+#if TEST == 1
+        const intl row = (intl)y, left = is_connected(&layout, &rule, nearness, x, row, 0, 1);
+        const intl right = is_connected(&layout, &rule, nearness, x + 1, row, 0, 1);
+        upper_drawn = upper_drawn & is_connected(&layout, &rule, nearness, x, row, 1, 0) & pick(main, right, left);
+        lower_drawn = lower_drawn & is_connected(&layout, &rule, nearness, x, row + 1, 1, 0) & pick(main, left, right);
+#endif
+        const intl state = pick(upper_drawn, (intl)DRAWN, (intl)UNDRAWN) |
+                           pick(lower_drawn, (intl)(DRAWN << 2), (intl)(UNDRAWN << 2));
+        store_bytes(to_ucharl(pick(x < layout.width - 1, state, (intl)0)), cells + (size_t)y * layout.pitch + first);
+    }
+}
+
+/* Adds the step from a to b, if there is a surface between them. */
+void add_step(const Layout *layout, const Segmentation *rule, Point a, Point b, intl there, Point *sum)
+{
+    const floatl scale = layout->perspective ? fmin(a.z, b.z) : (floatl)rule->extent;
+    const intl joined = there & (fabs(b.z - a.z) <= rule->depth_range * scale);
+    sum->x += pick(joined, b.x - a.x, (floatl)0.0f);
+    sum->y += pick(joined, b.y - a.y, (floatl)0.0f);
+    sum->z += pick(joined, b.z - a.z, (floatl)0.0f);
+}
+
+kernel void find_normals(global const float *nearness, global float *normals, Layout layout, Segmentation rule)
+{
+    const int y = get_global_id(0);
+    if (y >= layout.height)
+        return;
+    const size_t plane = (size_t)layout.pitch * layout.height;
+    global const float *own = nearness + (size_t)y * layout.pitch;
+    global const float *above = y > 0 ? own - layout.pitch : own, *below = y < layout.height - 1 ? own + layout.pitch : own;
+    for (int first = 0; first < layout.width; first += LANES) {
+        const intl x = first + lane_index;
+        const floatl n = load_lanes(own + first), right = load_lanes(own + first + 1);
+        const floatl left = first ? load_lanes(own + first - 1) : shifted_lanes(n);
+        const floatl up = load_lanes(above + first), down = load_lanes(below + first);
+        const floatl fx = to_floatl(x), fy = (floatl)y;
+        const Point p = point_of(&layout, fx, fy, DEPTH_OF(layout, n));
+        const Point to_left = point_of(&layout, fx - 1.0f, fy, DEPTH_OF(layout, left));
+        const Point to_right = point_of(&layout, fx + 1.0f, fy, DEPTH_OF(layout, right));
+        const Point to_up = point_of(&layout, fx, fy - 1.0f, DEPTH_OF(layout, up));
+        const Point to_down = point_of(&layout, fx, fy + 1.0f, DEPTH_OF(layout, down));
+        const intl valid = IS_SAMPLE(n);
+        Point across = {0.0f, 0.0f, 0.0f}, along = across;
+        add_step(&layout, &rule, to_left, p, valid & IS_SAMPLE(left) & (x > 0), &across);
+        add_step(&layout, &rule, p, to_right, valid & IS_SAMPLE(right) & (x < layout.width - 1), &across);
+        add_step(&layout, &rule, to_up, p, valid & IS_SAMPLE(up) & (intl)(above == own ? 0 : -1), &along);
+        add_step(&layout, &rule, p, to_down, valid & IS_SAMPLE(down) & (intl)(below == own ? 0 : -1), &along);
+        const Point normal = cross_of(along, across); /* towards the camera */
+        const floatl length = sqrt(DOT(normal, normal));
+        const intl sound = length > 0.0f;
+        const floatl scale = 1.0f / pick(sound, length, (floatl)1.0f);
+        global float *out = normals + (size_t)y * layout.pitch + first;
+        store_lanes(pick(sound, normal.x * scale, (floatl)0.0f), out);
+        store_lanes(pick(sound, normal.y * scale, (floatl)0.0f), out + plane);
+        store_lanes(pick(sound, normal.z * scale, (floatl)-1.0f), out + 2 * plane);
+    }
+}

@@ -1,0 +1,69 @@
+/* The restricted quadtree over a depth image's samples (Pajarola 1998; Pajarola, Sainz & Meng 2003, section 3.2).
+ *
+ * Vertices are the points (x, y) of a square grid with a power of two of cells along its side, of which the image covers
+ * the upper left part; the rest is padding, which is never drawn.
+ * All but the four corners bisect an edge of the next coarser triangulation. With s the largest power of two that
+ * divides x and y, a vertex is
+ *   a centre   (x/s and y/s are odd): it bisects the diagonal of the block of side 2s around it;
+ *   a midpoint (one of them is odd): it bisects the edge from s before to s after, along x or along y.
+ * A block's diagonal runs from its upper left to its lower right corner (`main`) where the sum of its column and row
+ * is even, so that all diagonals of four blocks meet in their parent's centre.
+ * The two triangles that share the bisected edge are the vertex's sides: side A lies above (or left of an edge along
+ * y), side B below (or right). Splitting a side makes two triangles, the sides of two further vertices that face this
+ * one: its children. A midpoint's are the centres at (+-s/2, +-s/2), a centre's the midpoints at (+-s, 0) and (0, +-s).
+ * In a triangulation without cracks a vertex is active only if all vertices whose child it is are.
+ */
+#include "lib/lanes.h"
+#include "lib/pixelspace.h"
+
+/* A triangle's state: what the cells within it say, 0 where there is no triangle. Side A has the lower two bits of a vertex's
+ * byte and side B the next two; in a cell's byte the upper triangle is A, the lower one B. */
+#define UNDRAWN 1
+#define DRAWN 2
+#define STATE_A(byte) ((byte) & 3)
+#define STATE_B(byte) ((byte) >> 2 & 3)
+
+typedef struct {
+    float ray[6];    /* the sample (x, y) lies on (ray[0] x + ray[1] y + ray[2], ray[3] x + ray[4] y + ray[5], 1) z, or, seen
+                        by an orthographic camera, at these x and y with its own z */
+    float footprint; /* of a sample, in scene units: at depth 1, or everywhere */
+    int perspective;
+    int width, height; /* samples */
+    int pitch;         /* samples from one row to the next */
+    int side;          /* cells along the tree's side */
+    int row;           /* vertices from one row of the tree to the next */
+} Layout;
+
+/* In the view's camera's frame */
+typedef struct {
+    floatl x, y, z;
+} Point;
+
+#define IS_SAMPLE(nearness) ((nearness) > 0.5f * NO_SURFACE)
+#define DEPTH_OF(layout, nearness) ((layout).perspective ? 1.0f / (nearness) : -(nearness))
+
+/* The place of the sample (x, y) with depth z */
+Point point_of(const Layout *layout, floatl x, floatl y, floatl z)
+{
+    const float *r = layout->ray;
+    const floatl scale = layout->perspective ? z : (floatl)1.0f;
+    const Point p = {(r[0] * x + r[1] * y + r[2]) * scale, (r[3] * x + r[4] * y + r[5]) * scale, z};
+    return p;
+}
+
+Point minus(Point a, Point b)
+{
+    const Point d = {a.x - b.x, a.y - b.y, a.z - b.z};
+    return d;
+}
+
+Point cross_of(Point a, Point b)
+{
+    const Point c = {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+    return c;
+}
+
+#define DOT(a, b) ((a).x * (b).x + (a).y * (b).y + (a).z * (b).z)
+
+/* Does the diagonal of the block of side 2s with the centre (x, y) run to the lower right? */
+#define IS_MAIN(x, y, s) (!((((x) - (s)) / (2 * (s)) ^ ((y) - (s)) / (2 * (s))) & 1))

@@ -1,0 +1,9 @@
+"""Depth images as adaptive triangle meshes, several blended per pixel (Pajarola, Sainz & Meng 2003)."""
+
+from __future__ import annotations
+
+from pyibr.depthmesh.mesh import DepthMesh
+from pyibr.depthmesh.object import DepthMeshObject, draw_depth_mesh
+from pyibr.depthmesh.segmentation import Segmentation
+
+__all__ = ["DepthMesh", "DepthMeshObject", "Segmentation", "draw_depth_mesh"]

@@ -1,0 +1,214 @@
+"""One depth image as an adaptive triangle mesh (Pajarola, Sainz & Meng 2003, section 3)."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr._check import Fixed, Float64, describe, numbers
+from pyibr.camera import Camera
+from pyibr.depthmesh.segmentation import Segmentation
+from pyibr.depthmesh.strips import strips_of
+from pyibr.depthmesh.tree import Tree, active_for, active_within, build_tree, triangles_of
+from pyibr.errors import ArgumentError
+from pyibr.images import DepthImage
+from pyibr.mesh import Mesh
+
+if TYPE_CHECKING:
+    from pyibr.opencl.memory import DeviceArray
+
+
+class DepthMesh(Fixed):
+    """A depth image as a triangle mesh that adapts to the viewer: fine where that is seen, without cracks.
+
+    A restricted quadtree over the samples is kept on the device, with the error of each vertex; a triangulation is read
+    from it for each target.
+
+    Parameters
+    ----------
+    view : DepthImage
+        Perspective or orthographic, of any size from 2x2 samples on.
+    tolerance : float
+        Pixels of the target, >= 0, by which `render` lets the drawn surface lie off the full grid; 0 draws it all.
+    segmentation : Segmentation, optional
+        What is taken out as bridging two surfaces; by default the paper's test.
+
+    Raises
+    ------
+    ArgumentError
+        If an argument is out of its range, or the samples make no triangle.
+
+    Examples
+    --------
+    >>> import pyibr as ibr
+    >>> from pyibr import models
+    >>> from pyibr.capture import object_views
+    >>> thing = ibr.DepthMesh(object_views(models.donut(), 64)[4])
+    >>> thing
+    <DepthMesh 64x64>
+    >>> fine, coarse = (thing.triangulate(thing.view.camera, tolerance) for tolerance in (0, 2))
+    >>> len(coarse.faces) < len(fine.faces)
+    True
+    """
+
+    def __init__(self, view: DepthImage, tolerance: float = 1.0, segmentation: Segmentation | None = None) -> None:
+        if not isinstance(view, DepthImage):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise ArgumentError("view", "a pyibr.DepthImage", describe(view))
+        if min(view.camera.size) < 2:
+            raise ArgumentError("view", "at least 2x2 samples", f"{view.camera.width}x{view.camera.height}")
+        if not view.valid.any():
+            raise ArgumentError("view", "samples with valid depth", "none")
+        rule = Segmentation() if segmentation is None else segmentation
+        if not isinstance(rule, Segmentation):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise ArgumentError("segmentation", "a pyibr.depthmesh.Segmentation or None", describe(rule))
+        self.view = view
+        self.tolerance = checked_tolerance("tolerance", tolerance)
+        self.segmentation = rule
+        self.device_cache: WeakKeyDictionary[Any, dict[str, Any]] = WeakKeyDictionary()
+
+    def __repr__(self) -> str:
+        return f"<DepthMesh {self.view.camera.width}x{self.view.camera.height}>"
+
+    @property
+    def bounds(self) -> tuple[Float64, Float64]:
+        """(low, high), each (3,), in the world: the box around the samples."""
+        return self.view.bounds
+
+    @property
+    def tree(self) -> Tree:
+        """The quadtree on the current device, made once."""
+        from pyibr.opencl.device import current
+
+        session = current()
+        kept = self.device_cache.setdefault(session, {})
+        with session.lock:
+            if "tree" not in kept:
+                made = build_tree(self.view, self.segmentation)
+                if not (made.cells.to_host()[:-1, : self.view.camera.width - 1] & 0b1010).any():
+                    raise ArgumentError("view", "samples that make triangles", "only isolated ones, or rubber sheets")
+                kept["tree"] = made
+            return kept["tree"]
+
+    @cached_property
+    def normals(self) -> NDArray[np.float32]:
+        """(H, W, 3) unit normals of the samples in the view's camera's frame, towards the camera."""
+        tree = self.tree
+        with tree.normals.session.lock:
+            found = tree.normals.to_host()[..., : self.view.camera.width]
+        return np.ascontiguousarray(np.moveaxis(found, 0, -1))
+
+    @property
+    def quality(self) -> NDArray[np.float32]:
+        """(H, W) |n . (0, 0, 1)|: how much each sample faces the camera, in [0, 1]."""
+        return np.abs(self.normals[..., 2])
+
+    def triangulate(self, camera: Camera, tolerance: float | None = None) -> Mesh:
+        """Triangulate the surface for a camera (section 3.4 of the paper).
+
+        Parameters
+        ----------
+        camera : Camera
+            Perspective or orthographic. What it does not see stays coarse.
+        tolerance : float, optional
+            Pixels of that camera, >= 0: vertices whose error is seen smaller are left out; 0 takes all. By default
+            the mesh's own.
+
+        Returns
+        -------
+        Mesh
+            In the world, with uv into the view's colour as texture, normals, and the attribute "quality" (N,).
+
+        Raises
+        ------
+        ArgumentError
+            If an argument is out of its range.
+        """
+        with self.tree.errors.session.lock:
+            return self._mesh_of(self._samples_for(camera, tolerance))
+
+    def simplify(self, max_error: float) -> Mesh:
+        """Triangulate the surface within a vertical error, for any view.
+
+        Parameters
+        ----------
+        max_error : float
+            Scene units, >= 0: at every sample the mesh's depth is the sample's within that.
+
+        Returns
+        -------
+        Mesh
+            As from `triangulate`.
+
+        Raises
+        ------
+        ArgumentError
+            If `max_error` is out of its range.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import pyibr as ibr
+        >>> camera = ibr.Camera([[30, 0, 16], [0, 30, 16], [0, 0, 1]], (33, 33))
+        >>> plane = ibr.DepthImage(np.zeros((33, 33, 3), np.uint8), np.full((33, 33), 2, np.float32), camera)
+        >>> len(ibr.DepthMesh(plane).simplify(1e-4).faces)
+        2
+        """
+        tree, bound = self.tree, checked_tolerance("max_error", max_error)
+        with tree.errors.session.lock:
+            return self._mesh_of(_samples_of(tree, active_within(tree, bound)))
+
+    def strips(self, camera: Camera, tolerance: float | None = None) -> list[NDArray[np.int32]]:
+        """Triangle strips of what `triangulate` yields, as it numbers the vertices (figure 6 of the paper).
+
+        Returns
+        -------
+        list of (n,) int32 arrays
+            Each three numbers in a row are a triangle, every other one wound the other way; a number that comes twice
+            turns the strip and makes a triangle without area. Strips end where a triangle is not drawn.
+        """
+        with self.tree.errors.session.lock:
+            samples = self._samples_for(camera, tolerance)
+        _, numbered = np.unique(samples, return_inverse=True)
+        faces = numbered.reshape(-1, 3).astype(np.int32)
+        return strips_of(samples, faces, self.view.camera.width, self.tree.side)
+
+    def _samples_for(self, camera: Camera, tolerance: float | None) -> NDArray[np.int32]:
+        if not isinstance(camera, Camera):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise ArgumentError("camera", "a pyibr.Camera", describe(camera))
+        allowed = self.tolerance if tolerance is None else checked_tolerance("tolerance", tolerance)
+        return _samples_of(self.tree, active_for(self.tree, camera, allowed))
+
+    def _mesh_of(self, samples: NDArray[np.int32]) -> Mesh:
+        """The mesh of triangles (T, 3) of samples, numbered in the samples' order."""
+        camera = self.view.camera
+        used, faces = np.unique(samples, return_inverse=True)
+        y, x = np.divmod(used, camera.width)
+        points = camera.unproject(np.stack([x, y], -1), self.view.depth[y, x])
+        normals = self.normals[y, x] @ camera.world_from_camera[:3, :3].T
+        uv = (np.stack([x, y], -1) + 0.5) / camera.size
+        return Mesh(
+            points,
+            faces.reshape(-1, 3),
+            uv,
+            normals,
+            texture=self.view.color,
+            attributes={"quality": self.quality[y, x]},
+        )
+
+
+def _samples_of(tree: Tree, active: DeviceArray) -> NDArray[np.int32]:
+    """(T, 3) samples of the triangles of active vertices."""
+    (found,) = triangles_of([tree], [active])
+    return np.array(found.samples.to_host()[: found.count])
+
+
+def checked_tolerance(argument: str, value: float) -> float:
+    """Return a number >= 0, or raise ArgumentError."""
+    number = float(numbers(argument, value, ()))
+    if number < 0:
+        raise ArgumentError(argument, "a number >= 0", describe(value))
+    return number

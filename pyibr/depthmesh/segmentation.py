@@ -1,0 +1,78 @@
+"""Which triangles of a depth image's full grid are surface, and which bridge two surfaces (rubber sheets)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr._check import describe, numbers, one_of
+from pyibr.errors import ArgumentError
+from pyibr.images import DepthImage
+
+Test = Literal["orthogonality", "connectedness", "disparity", "none"]
+
+TESTS = {"orthogonality": 0, "connectedness": 1, "disparity": 2, "none": 3}
+"""TEST of kernels/depthmesh/samples.cl."""
+
+_SEGMENTATION = np.dtype(
+    [("sine", np.float32), ("depth_range", np.float32), ("extent", np.float32), ("gap", np.float32)]
+)
+
+
+@dataclass(frozen=True)
+class Segmentation:
+    """How rubber sheets are told from surfaces.
+
+    Parameters
+    ----------
+    test : {"orthogonality", "connectedness", "disparity", "none"}
+        "orthogonality": a triangle is none of a surface if it is seen edge-on and long in depth (equations 3 and 4 of
+        the paper). "connectedness": if a sample at an edge's end continues the line on the edge's other side neither
+        way (after Mark, McMillan & Bishop 1997). "disparity": if its corners' disparities differ too much (after
+        Oliveira & Bishop 1998). "none": nothing is taken out.
+    angle : float
+        omega, degrees in (0, 90): "orthogonality" takes triangles that lines of sight meet at less than that.
+    depth_range : float
+        lambda, > 0: of those, the ones whose depths differ by more than that part of their own depth; in orthographic
+        views, whose depths have no fixed origin, of the samples' largest extent.
+    gap : float
+        > 0: for the other tests, the largest relative difference of disparities (1 / z); in orthographic views of
+        depths, by the samples' largest extent.
+
+    Raises
+    ------
+    ArgumentError
+        If a value is out of its range.
+
+    Examples
+    --------
+    >>> from pyibr.depthmesh import Segmentation
+    >>> Segmentation(angle=3)
+    Segmentation(test='orthogonality', angle=3, depth_range=0.02, gap=0.03)
+    """
+
+    test: Test = "orthogonality"
+    angle: float = 5.0
+    depth_range: float = 0.02
+    gap: float = 0.03
+
+    def __post_init__(self) -> None:
+        one_of("test", self.test, Test)
+        if not 0 < float(numbers("angle", self.angle, ())) < 90:
+            raise ArgumentError("angle", "degrees between 0 and 90", describe(self.angle))
+        for name in ("depth_range", "gap"):
+            if not float(numbers(name, getattr(self, name), ())) > 0:
+                raise ArgumentError(name, "a number > 0", describe(getattr(self, name)))
+
+    def record(self, view: DepthImage) -> NDArray[np.void]:
+        """The struct Segmentation of kernels/depthmesh/samples.cl."""
+        values = np.zeros((), _SEGMENTATION)
+        values["sine"] = math.sin(math.radians(self.angle))
+        values["depth_range"], values["gap"] = self.depth_range, self.gap
+        low, high = view.bounds
+        values["extent"] = float((high - low).max())
+        return values

@@ -1,0 +1,81 @@
+"""Triangle strips along the quadtree's triangles (Pajarola 1998; Pajarola, Sainz & Meng 2003, figure 6)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Int32 = NDArray[np.int32]
+
+
+def strips_of(samples: Int32, faces: Int32, width: int, side: int) -> list[Int32]:
+    """Join a quadtree's triangles to strips, in the order of the Sierpinski curve through them.
+
+    Parameters
+    ----------
+    samples : (T, 3) int32
+        y * width + x of each triangle's corners, the one at the right angle second.
+    faces : (T, 3) int32
+        The same corners as strips are to name them.
+    width : int
+    side : int
+        Cells along the tree's side.
+
+    Returns
+    -------
+    list of (n,) int32
+        Three numbers in a row are a triangle, every other one wound the other way; one that comes again after one
+        other number turns the strip.
+    """
+    ordered = faces[np.argsort(_along_curve(samples, width, side), kind="stable")].tolist()
+    strips: list[Int32] = []
+    run: list[list[int]] = []
+    for face in ordered:
+        if run and not _may_follow(run, face):
+            strips.append(_strip(run))
+            run = []
+        run.append(face)
+    if run:
+        strips.append(_strip(run))
+    return strips
+
+
+def _along_curve(samples: Int32, width: int, side: int) -> NDArray[np.int64]:
+    """Where each triangle lies on the curve: the choices on the way down to it, as binary digits."""
+    corners = np.stack(np.divmod(samples, width)[::-1], -1).astype(np.float64)
+    middle = corners.mean(axis=1)
+    upper = middle[:, 0] > middle[:, 1]  # the root's diagonal runs to the lower right
+    # The curve runs from `start` to `end`, the ends of a triangle's longest side; it sees `right_angle` on the way.
+    start = np.where(upper[:, None], side, 0) * np.ones(2)
+    end = side - start
+    right_angle = np.where(upper[:, None], (side, 0), (0, side)).astype(np.float64)
+    key = upper.astype(np.int64)
+    for _ in range(2 * side.bit_length() - 1):
+        split = 0.5 * (start + end)
+        second = np.sum((middle - split) * (end - start), axis=1) > 0
+        start, end = np.where(second[:, None], right_angle, start), np.where(second[:, None], end, right_angle)
+        right_angle = split
+        key = 2 * key + second
+    return key
+
+
+def _may_follow(run: list[list[int]], face: list[int]) -> bool:
+    """Whether a triangle shares a side with the last one of a run that the run has not come in by."""
+    shared = set(run[-1]) & set(face)
+    return len(shared) == 2 and (len(run) == 1 or not shared <= set(run[-2]))
+
+
+def _strip(run: list[list[int]]) -> Int32:
+    """The strip of triangles each of which shares a side with the next."""
+    first = run[0]
+    if len(run) == 1:
+        return np.array(first, np.int32)
+    alone = next(k for k in range(3) if first[k] not in run[1])
+    strip = [*first[alone:], *first[:alone]]  # still wound as it was; left by the last two
+    for face, following in zip(run[1:], [*run[2:], None], strict=True):
+        old, last = strip[-2:]
+        new = next(corner for corner in face if corner not in (old, last))
+        if following is not None and last not in following:
+            strip.append(old)  # turned: the side of `old` and `new` is left by
+        strip.append(new)
+    return np.array(strip, np.int32)

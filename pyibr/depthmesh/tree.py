@@ -1,0 +1,322 @@
+"""The restricted quadtree over a depth image on the device, and triangulations of it (kernels/depthmesh/)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pyibr._check import Float64
+from pyibr.camera import Camera
+from pyibr.depthmesh.segmentation import TESTS, Segmentation
+from pyibr.images import DepthImage
+from pyibr.pixelspace import PixelMap, pitch
+from pyibr.samples import samples_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from pyibr.opencl.launch import Struct
+    from pyibr.opencl.memory import DeviceArray
+
+_LAYOUT = np.dtype(
+    [
+        ("ray", np.float32, 6),
+        ("footprint", np.float32),
+        ("perspective", np.int32),
+        ("width", np.int32),
+        ("height", np.int32),
+        ("pitch", np.int32),
+        ("side", np.int32),
+        ("row", np.int32),
+    ]
+)
+"""The struct Layout of kernels/depthmesh/tree.h."""
+
+_VIEWER = np.dtype(
+    [
+        ("eye", np.float32, 3),
+        ("planes", np.float32, (5, 4)),
+        ("scale", np.float32),
+        ("tolerance", np.float32),
+        ("perspective", np.int32),
+    ]
+)
+_PLACEMENT = np.dtype([("dst_from_src", np.float32, 16)])
+_COARSE = 16  # from this step on, all rows are one work-item's: they are too few to share
+_UNDRAWN = 0b0101  # both sides, kernels/depthmesh/tree.h
+_CHUNK = 1024  # corners of a work-item, kernels/depthmesh/select.cl
+
+
+@dataclass(frozen=True)
+class Tree:
+    """The quadtree of a view: what kernels/depthmesh/ tells of its samples and vertices.
+
+    Attributes
+    ----------
+    view : DepthImage
+    layout : Struct
+        Of kernels/depthmesh/tree.h.
+    nearness : DeviceArray (H, pitch)
+    cells : DeviceArray (H, pitch) uint8
+        Whether each cell's two triangles are drawn.
+    normals : DeviceArray (3, H, pitch)
+        In the view's frame.
+    errors, radii, depths : DeviceArray (side + 1, row)
+        Of the vertices: errors (-1: nothing is drawn), bounding spheres, depths of their centres; scene units.
+    states : DeviceArray (side + 1, row) uint8
+        Which of the two triangles that a vertex splits are drawn.
+    """
+
+    view: DepthImage
+    layout: Struct
+    nearness: DeviceArray
+    cells: DeviceArray
+    normals: DeviceArray
+    errors: DeviceArray
+    radii: DeviceArray
+    depths: DeviceArray
+    states: DeviceArray
+
+    @property
+    def side(self) -> int:
+        """Cells along the side, a power of two."""
+        return self.errors.shape[0] - 1
+
+
+def build_tree(view: DepthImage, segmentation: Segmentation) -> Tree:
+    """Segment a view's grid, and find its normals and its tree's errors, fine to coarse."""
+    from pyibr.opencl.launch import Struct, launch
+    from pyibr.opencl.memory import empty
+    from pyibr.opencl.program import kernel
+
+    width, height = view.camera.size
+    side = 1 << (max(width, height) - 2).bit_length()
+    row = pitch(side + 1)
+    nearness = samples_of(view).nearness
+    layout = Struct("Layout", _layout(view.camera, side, row))
+    rule = Struct("Segmentation", segmentation.record(view))
+    cells, normals = empty((height, pitch(width)), np.uint8), empty((3, height, pitch(width)), np.float32)
+    test = TESTS[segmentation.test]
+    launch(
+        kernel("depthmesh/samples.cl", "segment", TEST=test),
+        (height - 1,),
+        nearness=nearness,
+        cells=cells,
+        layout=layout,
+        rule=rule,
+    )
+    launch(
+        kernel("depthmesh/samples.cl", "find_normals", TEST=test),
+        (height,),
+        nearness=nearness,
+        normals=normals,
+        layout=layout,
+        rule=rule,
+    )
+    errors, radii, depths = (empty((side + 1, row), np.float32) for _ in range(3))
+    states = empty((side + 1, row), np.uint8)
+    errors.fill(-1.0)
+    states.fill(_UNDRAWN)
+    buffers = {
+        "nearness": nearness,
+        "cells": cells,
+        "errors": errors,
+        "radii": radii,
+        "depths": depths,
+        "states": states,
+        "layout": layout,
+    }
+    _fine_to_coarse("depthmesh/errors.cl", "find_errors", "find_coarse_errors", side, height, buffers)
+    return Tree(view, layout, nearness, cells, normals, errors, radii, depths, states)
+
+
+def _fine_to_coarse(file: str, fine: str, coarse: str, side: int, height: int, arguments: dict[str, Any]) -> None:
+    """Launch a kernel for the midpoints' rows of each step and then the centres', from fine to coarse."""
+    from pyibr.opencl.launch import launch
+    from pyibr.opencl.program import kernel
+
+    step = 1
+    while step < min(side, _COARSE):
+        rows = -(-(height - 1) // step) + 1
+        launch(kernel(file, fine), (min(side // step + 1, rows),), **arguments, s=step, centers=False)
+        launch(kernel(file, fine), (min(side // (2 * step), -(-rows // 2)),), **arguments, s=step, centers=True)
+        step *= 2
+    if step < side:
+        launch(kernel(file, coarse), (1,), **arguments, finest=step)
+
+
+def _layout(camera: Camera, side: int, row: int) -> np.ndarray[Any, np.dtype[np.void]]:
+    values = np.zeros((), _LAYOUT)
+    values["ray"] = np.linalg.inv(camera.K)[:2].ravel()
+    values["footprint"] = 1.0 / min(camera.K[0, 0], camera.K[1, 1])
+    values["perspective"] = camera.projection == "perspective"
+    values["width"], values["height"] = camera.size
+    values["pitch"], values["side"], values["row"] = pitch(camera.width), side, row
+    return values
+
+
+def active_for(tree: Tree, camera: Camera, tolerance: float) -> DeviceArray:
+    """Mark the vertices that a camera needs for a tolerance in pixels (equation 5): (side + 1, row) uint8."""
+    from pyibr.opencl.launch import Struct, launch
+    from pyibr.opencl.memory import empty
+    from pyibr.opencl.program import kernel
+
+    active = empty(tree.errors.shape, np.uint8)
+    launch(
+        kernel("depthmesh/select.cl", "activate"),
+        (tree.side + 1,),
+        errors=tree.errors,
+        radii=tree.radii,
+        depths=tree.depths,
+        active=active,
+        layout=tree.layout,
+        viewer=Struct("Viewer", _viewer(tree.view.camera, camera, tolerance)),
+    )
+    return active
+
+
+def _viewer(src: Camera, dst: Camera, tolerance: float) -> np.ndarray[Any, np.dtype[np.void]]:
+    dst_from_src = dst.camera_from_world @ src.world_from_camera
+    u, v, w, q = dst.pixel_matrix @ dst_from_src
+    before = w if dst.projection == "perspective" else -q
+    planes = np.array(
+        [u + 0.5 * w, (dst.width - 0.5) * w - u, v + 0.5 * w, (dst.height - 0.5) * w - v, before], np.float64
+    )
+    planes /= np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
+    values = np.zeros((), _VIEWER)
+    values["eye"] = np.linalg.inv(dst_from_src)[:3, 3]
+    values["planes"] = planes
+    values["scale"] = max(dst.K[0, 0], dst.K[1, 1])
+    values["tolerance"] = tolerance
+    values["perspective"] = dst.projection == "perspective"
+    return values
+
+
+def active_within(tree: Tree, max_error: float) -> DeviceArray:
+    """Mark the vertices that a vertical error of at most `max_error`, in scene units, needs: (side + 1, row) uint8."""
+    from pyibr.opencl.memory import empty
+
+    active = empty(tree.errors.shape, np.uint8)
+    active.fill(0)
+    buffers = {
+        "nearness": tree.nearness,
+        "errors": tree.errors,
+        "states": tree.states,
+        "active": active,
+        "layout": tree.layout,
+        "max_error": max_error,
+    }
+    height = tree.view.camera.height
+    _fine_to_coarse("depthmesh/simplify.cl", "merge", "merge_coarse", tree.side, height, buffers)
+    return active
+
+
+@dataclass(frozen=True)
+class Triangles:
+    """Triangles of a view's samples.
+
+    Attributes
+    ----------
+    samples : DeviceArray (T, 3) int32
+        y * width + x of each corner; of no use if there are none.
+    count : int
+        T.
+    """
+
+    samples: DeviceArray
+    count: int
+
+
+def triangles_of(trees: Sequence[Tree], active: Sequence[DeviceArray]) -> list[Triangles]:
+    """List the triangles of each tree's active vertices, in a fixed order."""
+    from pyibr.opencl.launch import launch
+    from pyibr.opencl.memory import empty, upload
+    from pyibr.opencl.program import kernel
+
+    counts: list[DeviceArray] = []
+    for tree, marks in zip(trees, active, strict=True):
+        counts.append(empty((tree.side + 1,), np.int32))
+        launch(
+            kernel("depthmesh/select.cl", "count_triangles"),
+            (tree.side + 1,),
+            active=marks,
+            states=tree.states,
+            cells=tree.cells,
+            starts=counts[-1],
+            layout=tree.layout,
+        )
+    found: list[Triangles] = []
+    for tree, marks, rows in zip(trees, active, counts, strict=True):
+        starts = np.concatenate([[0], np.cumsum(rows.to_host())]).astype(np.int32)
+        samples = empty((max(int(starts[-1]), 1), 3), np.int32)
+        launch(
+            kernel("depthmesh/select.cl", "write_triangles"),
+            (tree.side + 1,),
+            active=marks,
+            states=tree.states,
+            cells=tree.cells,
+            starts=upload(starts),
+            samples=samples,
+            layout=tree.layout,
+        )
+        found.append(Triangles(samples, int(starts[-1])))
+    return found
+
+
+@dataclass(frozen=True)
+class PlacedTriangles:
+    """Triangles of several trees in a target's picture, one after the other (kernels/depthmesh/select.cl).
+
+    Attributes
+    ----------
+    corners : DeviceArray (T, 3) int32
+    projected, places : DeviceArray (3 T, 4) float32
+    firsts : list of int
+        Number of each tree's first triangle, and T.
+    """
+
+    corners: DeviceArray
+    projected: DeviceArray
+    places: DeviceArray
+    firsts: list[int]
+
+
+def place_triangles(target: Camera, trees: Sequence[Tree], triangles: Sequence[Triangles]) -> PlacedTriangles:
+    """Carry triangles of trees' samples into a target's pixel space."""
+    from pyibr.opencl.launch import Struct, launch
+    from pyibr.opencl.memory import empty
+    from pyibr.opencl.program import kernel
+
+    firsts = [0, *np.cumsum([several.count for several in triangles]).tolist()]
+    total = max(firsts[-1], 1)
+    corners = empty((total, 3), np.int32)
+    projected, places = (empty((3 * total, 4), np.float32) for _ in range(2))
+    for tree, several, first in zip(trees, triangles, firsts[:-1], strict=True):
+        if not several.count:
+            continue
+        placement = np.zeros((), _PLACEMENT)
+        placement["dst_from_src"] = PixelMap(tree.view.camera, target, 0.0, 0.0).dst_from_src.ravel()
+        launch(
+            kernel("depthmesh/select.cl", "place_corners"),
+            (-(-3 * several.count // _CHUNK),),
+            nearness=tree.nearness,
+            normals=tree.normals,
+            samples=several.samples,
+            projected=projected,
+            places=places,
+            corners=corners,
+            layout=tree.layout,
+            placement=Struct("Placement", placement),
+            first=3 * first,
+            count=3 * several.count,
+        )
+    return PlacedTriangles(corners, projected, places, firsts)
+
+
+def eye_of(camera: Camera, center: Float64, away: float) -> Float64:
+    """Where a camera looks from: its centre; an orthographic one, which has none, `away` before a point."""
+    if camera.projection == "perspective":
+        return camera.center
+    return center - away * camera.forward
