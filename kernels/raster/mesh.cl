@@ -152,7 +152,7 @@ kernel void draw_mesh(global const int *faces, global const float *projected, gl
             const floatl gx = side[1] * side[5] - side[2] * side[4], gy = side[2] * side[3] - side[0] * side[5];
             const floatl gz = side[0] * side[4] - side[1] * side[3];
             const floatl unit = flip / sqrt(greater(gx * gx + gy * gy + gz * gz, (floatl)1e-30f));
-            visible = VISIBILITY(light, X, Y, Z, gx * unit, gy * unit, gz * unit);
+            visible = VISIBILITY(X, Y, Z, gx * unit, gy * unit, gz * unit);
 #endif
             shine(&shade, light, X, Y, Z, nx, ny, nz, -ahead.x, -ahead.y, -ahead.z, visible);
 #endif

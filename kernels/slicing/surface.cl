@@ -130,9 +130,9 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
 #define GATHER(array, i) gather(array, i)
 
 #ifdef LIT
-/* The base's normal below a point: interpolated at its foot on the triangle */
+/* The base's normal below a point: interpolated at its foot on the triangle. rise: above the triangle's plane */
 Direction normal_below(global const int *corners, global const float *points, global const float *normals, intl triangle,
-                       floatl X, floatl Y, floatl Z)
+                       floatl X, floatl Y, floatl Z, floatl *rise)
 {
     intl corner[3];
     floatl p[3][3];
@@ -148,6 +148,7 @@ Direction normal_below(global const int *corners, global const float *points, gl
     const floatl aa = ax * ax + ay * ay + az * az, ab = ax * bx + ay * by + az * bz, bb = bx * bx + by * by + bz * bz;
     const floatl xa = x * ax + y * ay + z * az, xb = x * bx + y * by + z * bz;
     const floatl inverse = 1.0f / greater(aa * bb - ab * ab, (floatl)1e-30f);
+    *rise = fabs(x * (ay * bz - az * by) + y * (az * bx - ax * bz) + z * (ax * by - ay * bx)) * sqrt(inverse);
     const floatl second = lesser(greater((bb * xa - ab * xb) * inverse, (floatl)0.0f), (floatl)1.0f);
     const floatl third = lesser(greater((aa * xb - ab * xa) * inverse, (floatl)0.0f), (floatl)1.0f);
     const floatl weight[3] = {greater(1.0f - second - third, (floatl)0.0f), second, third};
@@ -219,7 +220,8 @@ kernel void draw_surface(global const int *corners, global const float *projecte
             const floatl inverse = 1.0f / (PIXEL_ROW(m, 3, px, py) + n * m[15]);
             const floatl X = (PIXEL_ROW(m, 0, px, py) + n * m[3]) * inverse, Y = (PIXEL_ROW(m, 1, px, py) + n * m[7]) * inverse,
                          Z = (PIXEL_ROW(m, 2, px, py) + n * m[11]) * inverse;
-            const Direction base = normal_below(corners, points, normals, triangle, X, Y, Z);
+            floatl above;
+            const Direction base = normal_below(corners, points, normals, triangle, X, Y, Z, &above);
             floatl nx = base.x, ny = base.y, nz = base.z;
             if (normal_width > 0) { /* tangent-space normals: their slopes are per length of the surface */
                 const Direction own = normal_in(normal_map, normal_width, normal_height, u, v);
@@ -242,7 +244,21 @@ kernel void draw_surface(global const int *corners, global const float *projecte
             ny *= inverse_length;
             nz *= inverse_length;
             const Direction ahead = towards(screen, X, Y, Z);
-            shine(&shade, light, X, Y, Z, nx, ny, nz, -ahead.x, -ahead.y, -ahead.z, VISIBILITY(light, X, Y, Z, nx, ny, nz));
+            floatl visible = VISIBILITY(X, Y, Z, nx, ny, nz);
+#ifdef SHADOWED
+            /* Farther than a slice below the heights a point may lie on a side of the volume, whose normal is across the
+             * base's. */
+            const floatl top = height_at(heights, map_width, map_height, u, v) * (spacing * slices);
+            const intl on_side = mine & (top - above > spacing);
+            if (any_lane(on_side)) {
+                const floatl up = base.x * ahead.x + base.y * ahead.y + base.z * ahead.z;
+                const Direction across = {up * base.x - ahead.x, up * base.y - ahead.y, up * base.z - ahead.z};
+                const Direction side = at_unit_length(across);
+                const floatl from_side = VISIBILITY(X, Y, Z, side.x, side.y, side.z);
+                visible = pick(on_side & (from_side > visible), from_side, visible);
+            }
+#endif
+            shine(&shade, light, X, Y, Z, nx, ny, nz, -ahead.x, -ahead.y, -ahead.z, visible);
 #endif
         }
         write_block(&region, block, screen, depth, color, valid, blank, x + first_x, y + first_y, shade);
