@@ -105,10 +105,17 @@ kernel void find_departures(global const float *nearness, global const uchar *st
         const intl x = start + step * lane_index, mine = (x <= layout.side) & (x - s < layout.width - 1);
         const intl vertex = pick(mine, y * layout.row + x, (intl)0), byte = (intl)(gather(states, vertex));
         const intl at = y * layout.pitch + x, main = IS_MAIN(x, (intl)y, s);
+        floatl finest = 0.0f; /* departure of both sides of a midpoint of step 1: there is no sample but its own */
+        if (s == 1 && !centers) {
+            const intl either = mine & (((byte | byte >> 2) & DRAWN) != 0), edge = (intl)(across ? 1 : layout.pitch);
+            const intl own = pick(either, at, (intl)0), before = pick(either, at - edge, (intl)0), after = pick(either, at + edge, (intl)0);
+            finest = departure(&layout, 0.5f * ((floatl)(gather(nearness, before)) + (floatl)(gather(nearness, after))),
+                               (floatl)(gather(nearness, own)));
+        }
         for (int b = 0; b < 2; b++) {
             const intl state = b ? STATE_B(byte) : STATE_A(byte), drawn = mine & (state == DRAWN);
-            floatl most = pick(state == (UNDRAWN | DRAWN), (floatl)INFINITY, pick(drawn, (floatl)0.0f, (floatl)-1.0f));
-            if (any_lane(drawn)) {
+            floatl most = pick(state == (UNDRAWN | DRAWN), (floatl)INFINITY, pick(drawn, finest, (floatl)-1.0f));
+            if ((s > 1 || centers) && any_lane(drawn)) {
                 const Plane p = plane_of(&layout, nearness, at, s, centers, across, main, b, drawn);
                 if (s < WIDE) {
                     const int turn = 1; /* where it is not, x is mirrored */
