@@ -15,7 +15,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pyibr._check import Fixed, describe, numbers, one_of
+from pyibr._check import Fixed, check_tiled, describe, numbers, one_of
 from pyibr._open3d import open3d
 from pyibr.errors import ArgumentError, FileFormatError
 from pyibr.io.files import checked_path, folder_for, reading
@@ -105,6 +105,8 @@ class Mesh(Fixed):
         if texture is not None and self.uv is None:
             raise ArgumentError("uv", "uv for the texture", "none")
         shown = None if texture is None else _locked(_checked_colors("texture", texture, (None, None, 3)))
+        if self.uv is not None:
+            check_tiled(self.uv, (1, 1), shown)
         self.texture: NDArray[Any] | None = shown
         self.device_cache: WeakKeyDictionary[Any, Any] = WeakKeyDictionary()
 

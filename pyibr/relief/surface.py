@@ -9,7 +9,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr._check import Fixed, checked_image, describe, one_of, positive
+from pyibr._check import Fixed, check_tiled, checked_image, describe, one_of, positive
 from pyibr.camera import Camera
 from pyibr.errors import ArgumentError
 from pyibr.heights import Float32, checked_height, checked_normal_map, checked_tiles
@@ -47,9 +47,9 @@ class ReliefSurface(Fixed):
         The depth of height 0, in scene units.
     tiles : (int, int)
         How often height and colour repeat along u and v.
-    normal_map : (h'', w'', 3) float32, optional
-        Unit normals in tangent space, for lights: x along u, y along v, z along the normal. Without it the heights'
-        slopes give them.
+    normal_map : (h'', w'', 3) float32 or uint8, optional
+        Unit normals in tangent space, for lights: x along u, y along v (down the image), z along the normal. Bytes
+        are decoded as x / 127.5 - 1. Without a map the heights' slopes give normals.
     silhouette : {"quadric", "none"}
         "quadric": the relief follows a quadric fitted to each vertex' neighbours, so that rays beside it come out
         again; "none": it is flat at each pixel, as in earlier relief mapping, and all of the mesh is covered.
@@ -117,6 +117,7 @@ class ReliefSurface(Fixed):
         self.steps = _checked_count("steps", steps, 1)
         self.halvings = _checked_count("halvings", halvings, 0)
         self.normal_map = None if normal_map is None else checked_normal_map(normal_map)
+        check_tiled(base.uv, self.tiles, self.height, self.color, self.normal_map)
         self.device_cache: WeakKeyDictionary[Any, Any] = WeakKeyDictionary()
 
     def __repr__(self) -> str:

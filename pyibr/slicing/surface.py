@@ -8,7 +8,7 @@ from weakref import WeakKeyDictionary
 
 from numpy.typing import NDArray
 
-from pyibr._check import Fixed, checked_image, describe, one_of, positive
+from pyibr._check import Fixed, check_tiled, checked_image, describe, one_of, positive
 from pyibr.errors import ArgumentError
 from pyibr.heights import checked_height, checked_normal_map, checked_tiles, height_pairs
 from pyibr.mesh import Mesh
@@ -108,6 +108,7 @@ class SlicedSurface(Fixed):
         self.slicing: Slicing = slicing
         self.test: AlphaTest = test
         self.normal_map = None if normal_map is None else checked_normal_map(normal_map)
+        check_tiled(base.uv, self.tiles, self.height, self.color, self.normal_map)
         if not isinstance(clipped, bool):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise ArgumentError("clipped", "True or False", describe(clipped))
         self.clipped = clipped

@@ -290,6 +290,7 @@ BAD = [
     ("scale NaN", {"scale": float("nan")}, "scale"),
     ("tiles 0", {"tiles": (0, 1)}, "tiles"),
     ("tiles 1.5", {"tiles": (1.5, 1)}, "tiles"),
+    ("more tiles than floats count", {"tiles": (10**6, 1)}, "uv"),
     ("slices 0", {"slices": 0}, "slices"),
     ("slices 2.5", {"slices": 2.5}, "slices"),
     ("slicing", {"slicing": "sideways"}, "slicing"),
