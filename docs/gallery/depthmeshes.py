@@ -68,6 +68,6 @@ def unseen() -> Figure:
     figure, row = plt.subplots(1, 4, figsize=(14, 3.4), layout="constrained")
     for axes, eye in zip(row, eyes, strict=True):
         camera = seen_from(*eye)
-        count = sum(len(mesh.triangulate(camera, thing.tolerance).faces) for mesh in thing.meshes)
+        count = sum(len(mesh.triangulate(camera, thing.tolerance / 2).faces) for mesh in thing.meshes)
         show(axes, ibr.render(thing, camera, background=WHITE).color, f"{count:,} triangles of six views")
     return figure

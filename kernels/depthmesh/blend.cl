@@ -12,10 +12,11 @@
  *
  * corners, projected, places: select.cl, mesh by mesh: the VIEWS ones, then as many coarse ones. list, starts:
  * raster/bins.cl. firsts: (meshes + 1,) each mesh's first triangle. sizes: (VIEWS, 3) width, height and start in colors
- * of each view. colors: RGBA bytes. weights: (VIEWS,) positional, > 0. With UNDERLAID, of all views there are:
- * limits, their depths, INFINITY for background and 0 where nothing is known; limit_sizes like sizes; from_target, (ALL,
- * 16) from the target's pixel space to theirs; perspectives: 1 or 0. depth, color, valid: the picture, which keeps
- * what is nearer already. occupancy: (height, width) bit k is set where view k gave colour, with OCCUPIED.
+ * of each view. colors: RGBA bytes. weights: (VIEWS,) positional, > 0. culled: 1 leaves out what is seen from behind. With
+ * UNDERLAID, of all views there are: limits, their depths, INFINITY for background and 0 where nothing is known;
+ * limit_sizes like sizes; from_target, (ALL, 16) from the target's pixel space to theirs; perspectives: 1 or 0. depth,
+ * color, valid: the picture, which keeps what is nearer already. occupancy: (height, width) bit k is set where view k
+ * gave colour, with OCCUPIED.
  * Work-item: a region (raster/region.h). Cost: O(list + pixels * meshes). Determinism: list order, then the meshes'.
  */
 #include "raster/region.h"
@@ -41,13 +42,14 @@ typedef struct {
     global const float *projected;
     Screen screen;
     float nearest_w;
+    int culled;
 } Context;
 
 typedef Triangles Primitives;
 
 intl set_up(const Context *context, intl index, int x, int y, Primitives *t)
 {
-    return set_up_triangles(context->corners, context->projected, index, context->nearest_w, 0, x, y, t);
+    return set_up_triangles(context->corners, context->projected, index, context->nearest_w, context->culled, x, y, t);
 }
 
 void cover(const Context *context, const Primitives *t, int lane, Region *region, int block, int first_x, int first_y)
@@ -122,7 +124,7 @@ kernel void draw_meshes(global const int *corners, global const float *projected
                         global const int *list, global const int *starts, int bins_x, global const int *firsts,
                         global const int *sizes, global const uint *colors, global const float *weights,
                         global float *depth, global channel *color, global uchar *valid, Screen screen, float nearest_w,
-                        float epsilon, int blank
+                        int culled, float epsilon, int blank
 #if UNDERLAID
                         ,
                         global const float *limits, global const int *limit_sizes, global const float *from_target,
@@ -137,7 +139,7 @@ kernel void draw_meshes(global const int *corners, global const float *projected
     const int x = get_global_id(0) * REGION, y = get_global_id(1) * REGION;
     if (x >= screen.width || y >= screen.height)
         return;
-    const Context context = {corners, projected, screen, nearest_w};
+    const Context context = {corners, projected, screen, nearest_w, culled};
     const int bin = y / BIN * bins_x + x / BIN;
     Region seen[MESHES], shown;
     int next = starts[bin];

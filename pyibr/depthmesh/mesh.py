@@ -26,7 +26,7 @@ class DepthMesh(Fixed):
     """A depth image as a triangle mesh that adapts to the viewer: fine where that is seen, without cracks.
 
     A restricted quadtree over the samples is kept on the device, with the error of each vertex; a triangulation is read
-    from it for each target.
+    from it for each target. `render` draws the side that the view saw.
 
     Parameters
     ----------

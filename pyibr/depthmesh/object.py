@@ -53,7 +53,7 @@ class DepthMeshObject(Fixed):
         At any poses: six from the sides of a box around an object in the paper (`pyibr.capture.object_views`), or
         frames of a scene. Of a `DepthMesh` the segmentation is its own.
     tolerance : float
-        Pixels of the target, >= 0; see `DepthMesh`.
+        Pixels of the target, >= 0, by which surfaces that are one may lie apart: each mesh gets half of it.
     blend : {"quality", "position", "nearest"}
         "quality" weighs views by the closeness of their viewpoints and, per pixel, by how much their surfaces face
         them; "position" by the former alone; "nearest" takes the colour of the front surface.
@@ -215,7 +215,8 @@ def draw_depth_mesh(target: Target, thing: DepthMesh | DepthMeshObject, occupanc
     weights = thing.weights(target.camera) if several else np.ones(1)
     chosen = np.flatnonzero(weights)
     trees = [meshes[number].tree for number in chosen]
-    triangles = triangles_of(trees, [active_for(tree, target.camera, thing.tolerance) for tree in trees])
+    tolerance = 0.5 * thing.tolerance if several else thing.tolerance
+    triangles = triangles_of(trees, [active_for(tree, target.camera, tolerance) for tree in trees])
     colors = _colors_of(thing, meshes)
     defines = {"VIEWS": len(chosen), "COLOR_BYTES": target.channel_bytes}
     more: dict[str, Any] = {}
@@ -240,7 +241,8 @@ def draw_depth_mesh(target: Target, thing: DepthMesh | DepthMeshObject, occupanc
         more["occupancy"] = occupancy
     placed = place_triangles(target.camera, trees, triangles)
     near = target.near(thing.bounds)
-    bins = bin_primitives(target, placed.corners, placed.projected, near)
+    culled = 0 if target.from_light else 1  # backs have no colours, but cast shadows
+    bins = bin_primitives(target, placed.corners, placed.projected, near, culled)
     launch(
         kernel("depthmesh/blend.cl", "draw_meshes", BIN=BIN, **defines),
         (bins.columns, bins.rows) if current().is_cpu else target.camera.size,
@@ -256,6 +258,7 @@ def draw_depth_mesh(target: Target, thing: DepthMesh | DepthMeshObject, occupanc
         weights=upload(weights[chosen].astype(np.float32)),
         screen=Struct("Screen", target.screen(near)),
         nearest_w=near,
+        culled=culled,
         epsilon=thing.epsilon if several else 0.0,
         blank=target.blank,
         **target.outputs(),
