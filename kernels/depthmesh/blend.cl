@@ -11,10 +11,11 @@
  * bridges surfaces in the coarse meshes is kept out of empty space.
  *
  * corners, projected, places: select.cl, mesh by mesh: the VIEWS ones, then as many coarse ones. list, starts:
- * raster/bins.cl. firsts: (meshes + 1,) each mesh's first triangle. sizes: (VIEWS, 3) width, height and start in colors
- * of each view. colors: RGBA bytes. weights: (VIEWS,) positional, > 0. culled: 1 leaves out what is seen from behind. With
+ * raster/bins.cl. firsts: (meshes + 1,) each mesh's first triangle. sizes: (VIEWS, 4) width, height, start in colors
+ * and number of the level that is read of each view: each is half as large as the one before, rounded up. colors: RGBA
+ * bytes, A = 255 times the part that has samples. weights: (VIEWS,) positional, > 0. culled: 1 leaves out what is seen from behind. With
  * UNDERLAID, of all views there are: limits, their depths, INFINITY for background and 0 where nothing is known;
- * limit_sizes like sizes; from_target, (ALL, 16) from the target's pixel space to theirs; perspectives: 1 or 0. depth,
+ * limit_sizes: (ALL, 3) width, height and start; from_target, (ALL, 16) from the target's pixel space to theirs; perspectives: 1 or 0. depth,
  * color, valid: the picture, which keeps what is nearer already. occupancy: (height, width) bit k is set where view k
  * gave colour, with OCCUPIED.
  * Work-item: a region (raster/region.h). Cost: O(list + pixels * meshes). Determinism: list order, then the meshes'.
@@ -100,24 +101,40 @@ intl is_empty(global const float *limits, global const int *sizes, global const 
 }
 #endif
 
-/* Adds the colour at the pixel (x, y) of a view: linear within the cell's triangle. */
+/* Adds the colour at the pixel (x, y) of a view's level: of its samples linear within the cell's triangle, of a coarser
+ * level bilinear, by how much of each texel has samples. */
 void add_color(global const uint *colors, global const int *size, floatl x, floatl y, floatl weight, Color *sum)
 {
-    const int width = size[0], height = size[1];
-    const floatl cx = lesser(greater(x, (floatl)0.0f), (floatl)(width - 1)), cy = lesser(greater(y, (floatl)0.0f), (floatl)(height - 1));
-    const floatl x0 = lesser(truncated(cx), (floatl)(width - 2)), y0 = lesser(truncated(cy), (floatl)(height - 2));
+    const int width = size[0], height = size[1], level = size[3];
+    const float per_texel = 1.0f / (1 << level);
+    const floatl u = (x + 0.5f) * per_texel - 0.5f, v = (y + 0.5f) * per_texel - 0.5f, none = 0.0f;
+    const floatl cx = lesser(greater(u, none), (floatl)(width - 1)), cy = lesser(greater(v, none), (floatl)(height - 1));
+    const floatl x0 = lesser(truncated(cx), (floatl)max(width - 2, 0)), y0 = lesser(truncated(cy), (floatl)max(height - 2, 0));
     const intl column = to_intl(x0), row = to_intl(y0), at = size[2] + row * width + column;
-    const floatl fx = cx - x0, fy = cy - y0, gx = 1.0f - fx, gy = 1.0f - fy, none = 0.0f;
-    const intl main = ((column ^ row) & 1) == 0; /* the diagonal runs to the lower right (depthmesh/tree.h) */
-    const floatl share[4] = {pick(main, lesser(gx, gy), greater(gx - fy, none)), pick(main, greater(fx - fy, none), lesser(fx, gy)),
-                             pick(main, greater(fy - fx, none), lesser(gx, fy)), pick(main, lesser(fx, fy), greater(fx - gy, none))};
-    for (int k = 0; k < 4; k++) {
-        const intl sample = at + (k & 1) + (k >> 1) * width, word = as_intl((uintl)(gather(colors, sample)));
-        const floatl part = weight * share[k];
-        sum->r += part * to_floatl(word & 255);
-        sum->g += part * to_floatl(word >> 8 & 255);
-        sum->b += part * to_floatl(word >> 16 & 255);
+    const floatl fx = cx - x0, fy = cy - y0, gx = 1.0f - fx, gy = 1.0f - fy;
+    const int right = min(width - 1, 1), down = min(height - 1, 1) * width;
+    floatl share[4] = {gx * gy, fx * gy, gx * fy, fx * fy};
+    if (level == 0) {
+        const intl main = ((column ^ row) & 1) == 0; /* the diagonal runs to the lower right (depthmesh/tree.h) */
+        share[0] = pick(main, lesser(gx, gy), greater(gx - fy, none));
+        share[1] = pick(main, greater(fx - fy, none), lesser(fx, gy));
+        share[2] = pick(main, greater(fy - fx, none), lesser(gx, fy));
+        share[3] = pick(main, lesser(fx, fy), greater(fx - gy, none));
     }
+    Color read = {0.0f, 0.0f, 0.0f};
+    floatl opaque = 0.0f;
+    for (int k = 0; k < 4; k++) {
+        const intl texel = at + (k & 1 ? right : 0) + (k >> 1 ? down : 0), word = as_intl((uintl)(gather(colors, texel)));
+        const floatl part = share[k] * to_floatl(word >> 24 & 255);
+        read.r += part * to_floatl(word & 255);
+        read.g += part * to_floatl(word >> 8 & 255);
+        read.b += part * to_floatl(word >> 16 & 255);
+        opaque += part;
+    }
+    const floatl scale = weight / greater(opaque, (floatl)1e-6f);
+    sum->r += scale * read.r;
+    sum->g += scale * read.g;
+    sum->b += scale * read.b;
 }
 
 kernel void draw_meshes(global const int *corners, global const float *projected, global const float *places,
@@ -207,7 +224,7 @@ kernel void draw_meshes(global const int *corners, global const float *projected
 #endif
             const floatl inverse = 1.0f / at_z;
             const floatl sound_x = pick(given, at_x * inverse, (floatl)0.0f), sound_y = pick(given, at_y * inverse, (floatl)0.0f);
-            add_color(colors, sizes + 3 * view, sound_x, sound_y, weight, &sum);
+            add_color(colors, sizes + 4 * view, sound_x, sound_y, weight, &sum);
             total += weight;
             views |= pick(given, (intl)(1 << view), (intl)0);
         }

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pyibr._check import Fixed, Float64, describe, one_of
 from pyibr.camera import Camera
+from pyibr.depthmesh.levels import color_levels, level_for
 from pyibr.depthmesh.mesh import DepthMesh, checked_tolerance
 from pyibr.depthmesh.segmentation import Segmentation
 from pyibr.depthmesh.tree import (
@@ -154,10 +155,13 @@ class DepthMeshObject(Fixed):
 
 @dataclass(frozen=True)
 class _Colors:
-    """The views' colours on the device, one after the other, and width, height and start of each."""
+    """The views' colours on the device: of each all levels, half as large as the one before, one after the other.
+
+    `sizes` holds width, height, start and number of each level of each view.
+    """
 
     words: DeviceArray
-    sizes: NDArray[np.int32]
+    sizes: list[list[tuple[int, int, int, int]]]
 
 
 @dataclass(frozen=True)
@@ -166,6 +170,7 @@ class _Background:
 
     triangles: list[Triangles]
     limits: DeviceArray
+    sizes: DeviceArray
 
 
 def _colors_of(thing: DepthMesh | DepthMeshObject, meshes: list[DepthMesh]) -> _Colors:
@@ -174,11 +179,14 @@ def _colors_of(thing: DepthMesh | DepthMeshObject, meshes: list[DepthMesh]) -> _
 
     kept = thing.device_cache.setdefault(current(), {})
     if "colors" not in kept:
-        views = [mesh.view for mesh in meshes]
-        starts = np.cumsum([0, *(view.valid.size for view in views[:-1])])
-        sizes = [(*view.camera.size, start) for view, start in zip(views, starts, strict=True)]
-        words = upload(np.concatenate([rgba_words(view.color) for view in views]))
-        kept["colors"] = _Colors(words, np.array(sizes, np.int32))
+        words, sizes, start = list[NDArray[np.uint32]](), list[list[tuple[int, int, int, int]]](), 0
+        for mesh in meshes:
+            sizes.append([])
+            for number, (color, covered) in enumerate(color_levels(mesh.view)):
+                sizes[-1].append((color.shape[1], color.shape[0], start, number))
+                words.append(rgba_words(color, covered))
+                start += words[-1].size
+        kept["colors"] = _Colors(upload(np.concatenate(words)), sizes)
     return kept["colors"]
 
 
@@ -196,7 +204,9 @@ def _background_of(thing: DepthMeshObject) -> _Background:
             view = mesh.view
             unseen = np.where(view.depth >= view.far, np.float32(np.inf), np.float32(0))
             limits.append(np.where(view.valid, view.depth, unseen).ravel())
-        kept["background"] = _Background(triangles, upload(np.concatenate(limits)))
+        starts = np.cumsum([0, *(limit.size for limit in limits[:-1])])
+        sizes = [(*mesh.view.camera.size, start) for mesh, start in zip(thing.meshes, starts, strict=True)]
+        kept["background"] = _Background(triangles, upload(np.concatenate(limits)), upload(np.array(sizes, np.int32)))
     return kept["background"]
 
 
@@ -217,7 +227,8 @@ def draw_depth_mesh(target: Target, thing: DepthMesh | DepthMeshObject, occupanc
     trees = [meshes[number].tree for number in chosen]
     tolerance = 0.5 * thing.tolerance if several else thing.tolerance
     triangles = triangles_of(trees, [active_for(tree, target.camera, tolerance) for tree in trees])
-    colors = _colors_of(thing, meshes)
+    colors, middle = _colors_of(thing, meshes), 0.5 * (thing.bounds[0] + thing.bounds[1])
+    levels = [colors.sizes[number][level_for(meshes[number].view.camera, target.camera, middle)] for number in chosen]
     defines = {"VIEWS": len(chosen), "COLOR_BYTES": target.channel_bytes}
     more: dict[str, Any] = {}
     if several:
@@ -230,7 +241,7 @@ def draw_depth_mesh(target: Target, thing: DepthMesh | DepthMeshObject, occupanc
         defines |= {"UNDERLAID": 1, "ALL": len(meshes)}
         more = {
             "limits": background.limits,
-            "limit_sizes": upload(colors.sizes),
+            "limit_sizes": background.sizes,
             "from_target": upload(np.array(maps, np.float32).reshape(-1, 16)),
             "perspectives": upload(
                 np.array([mesh.view.camera.projection == "perspective" for mesh in meshes], np.int32)
@@ -253,7 +264,7 @@ def draw_depth_mesh(target: Target, thing: DepthMesh | DepthMeshObject, occupanc
         starts=bins.starts,
         bins_x=bins.columns,
         firsts=upload(np.array(placed.firsts, np.int32)),
-        sizes=upload(colors.sizes[chosen]),
+        sizes=upload(np.array(levels, np.int32)),
         colors=colors.words,
         weights=upload(weights[chosen].astype(np.float32)),
         screen=Struct("Screen", target.screen(near)),
