@@ -176,6 +176,13 @@ def test_everything_runs_quickly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         "## Triangles",
         "## Slices",
         "## Relief",
+        "## Depth meshes",
+        "### Construction",
+        "### Frames",
+        "### Quality",
+        "### Beside the epipolar warp",
+        "### Simplification",
+        "### Beside quadric decimation",
         "## Start and memory",
     ):
         assert heading in text
@@ -185,6 +192,7 @@ def test_everything_runs_quickly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         "table2.png",
         "peers.png",
         "slicing-error.png",
+        "depthmesh-simplification.png",
     }
     # The picture of a report comes from the files alone.
     (tmp_path / "out/report.md").unlink()
