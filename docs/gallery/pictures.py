@@ -9,6 +9,7 @@ import matplotlib as mpl
 mpl.use("Agg")
 
 import cv2
+import depthmeshes
 import matplotlib.pyplot as plt
 import numpy as np
 import reliefs
@@ -233,3 +234,6 @@ if __name__ == "__main__":
     save("relief-silhouettes.jpg", reliefs.silhouettes(), 80)
     save("relief-distances.jpg", reliefs.distances(), 80)
     save("relief-scenes.jpg", reliefs.scenes(), 80)
+    save("depth-mesh.jpg", depthmeshes.segmentation(), 80)
+    save("depth-mesh-blending.jpg", depthmeshes.blending(), 80)
+    save("depth-mesh-object.jpg", depthmeshes.unseen(), 80)

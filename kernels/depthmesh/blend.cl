@@ -75,20 +75,24 @@ int place_in(global const int *list, int first, int last, int number)
 }
 
 #if UNDERLAID
-/* Has a view seen through the target's pixel (x, y) at nearness n? */
+/* Has a view seen through the target's pixel (x, y) at nearness n, with all four samples around it? */
 intl is_empty(global const float *limits, global const int *sizes, global const float *from_target,
               global const int *perspectives, floatl x, floatl y, floatl n, float epsilon)
 {
     intl empty = (intl)0;
     for (int view = 0; view < ALL; view++) {
         global const float *m = from_target + 16 * view;
-        global const int *size = sizes + 3 * view;
+        const int width = sizes[3 * view], height = sizes[3 * view + 1];
         const floatl inverse = 1.0f / (PIXEL_ROW(m, 2, x, y) + n * m[11]), near = (PIXEL_ROW(m, 3, x, y) + n * m[15]) * inverse;
-        const floatl u = (PIXEL_ROW(m, 0, x, y) + n * m[3]) * inverse + 0.5f, v = (PIXEL_ROW(m, 1, x, y) + n * m[7]) * inverse + 0.5f;
+        const floatl u = (PIXEL_ROW(m, 0, x, y) + n * m[3]) * inverse, v = (PIXEL_ROW(m, 1, x, y) + n * m[7]) * inverse;
         const floatl z = perspectives[view] ? 1.0f / near : -near;
-        const intl on_image = (inverse > 0.0f) & (z > 0.0f) & (u >= 0.0f) & (v >= 0.0f) & (u < (float)size[0]) & (v < (float)size[1]);
-        const intl at = size[2] + pick(on_image, to_intl(v) * size[0] + to_intl(u), (intl)0);
-        empty = empty | (on_image & (z < (floatl)(gather(limits, at)) - epsilon));
+        intl through = (inverse > 0.0f) & (z > 0.0f) & (u >= 0.0f) & (v >= 0.0f) & (u < width - 1.0f) & (v < height - 1.0f);
+        const intl first = sizes[3 * view + 2] + pick(through, to_intl(v) * width + to_intl(u), (intl)0);
+        for (int k = 0; k < 4; k++) {
+            const intl at = first + (k & 1) + (k >> 1) * width;
+            through = through & (z < (floatl)(gather(limits, at)) - epsilon);
+        }
+        empty = empty | through;
     }
     return empty;
 }
@@ -171,7 +175,8 @@ kernel void draw_meshes(global const int *corners, global const float *projected
         Color sum = {0.0f, 0.0f, 0.0f};
         floatl total = 0.0f;
         intl views = (intl)0;
-        const floatl deepest = screen.perspective ? 1.0f / (1.0f / front + epsilon) : front - epsilon;
+        /* Of epsilon 0 this is `front` itself. */
+        const floatl deepest = screen.perspective ? front / (1.0f + epsilon * front) : front - epsilon;
         for (int mesh = 0; mesh < MESHES; mesh++) {
             const floatl n = seen[mesh].nearness[block];
             intl given = mine & (seen[mesh].owner[block] >= 0) & (mesh < VIEWS ? !under : under);
