@@ -166,18 +166,18 @@ def _frames(parameters: dict[str, Parameter], repeats: int, plan: Plan) -> Work 
         return found
 
     def read() -> Iterator[Record]:
-        ibr.render(thing, camera)
+        covered = float(ibr.render(thing, camera).valid.mean())
         runs: list[dict[str, list[float]]] = []
         for _ in range(_KERNEL_RUNS):
             with kernel_times() as times:
-                covered = ibr.render(thing, camera).valid.mean()
+                ibr.render(thing, camera)
             runs.append(dict(times))
         for stage, kernels in STAGES.items():
             values = [sum(sum(run.get(kernel, ())) for kernel in kernels) for run in runs]
             yield Record(stage, "kernels", "ms", parameters, values)
         triangles = sum(several.count for several in select())
         yield Record(SELECTION, "triangles", "count", parameters, [triangles])
-        yield Record(FRAME, "coverage", "share", parameters, [float(covered)])
+        yield Record(FRAME, "coverage", "share", parameters, [covered])
 
     return Work({FRAME: functools.partial(ibr.render, thing, camera), SELECTION: select}, repeats, read)
 
@@ -232,8 +232,8 @@ def _quality(parameters: dict[str, Parameter], count: int, plan: Plan) -> Work |
     return Work(read=read)
 
 
-def structural_similarity(a: NDArray[np.uint8], b: NDArray[np.uint8], valid: NDArray[np.bool_]) -> float:
-    """Mean SSIM (Gaussian window of 11 pixels) over the valid pixels; the others are black in both."""
+def structural_similarity(a: NDArray[Any], b: NDArray[Any], valid: NDArray[np.bool_]) -> float:
+    """Mean SSIM (uint8, Gaussian window of 11 pixels) over the valid pixels; the others are black in both."""
     cv2: Any = import_module("cv2")
     _, every = cv2.quality.QualitySSIM_compute(*(np.where(valid[..., None], image, np.uint8(0)) for image in (a, b)))
     return float(every[valid].mean())

@@ -88,7 +88,7 @@ def terrain() -> tuple[Array, float] | Skip:
         return Skip("fuji", f"{path.name} is not in $PYIBR_DATA/heightfields/dem")
     import cv2
 
-    blue, green, red = np.moveaxis(cv2.imread(str(path))[..., :3].astype(np.float64), -1, 0)
+    blue, green, red = np.moveaxis(np.asarray(cv2.imread(str(path)), np.float64), -1, 0)
     heights = (-10000 + 0.1 * (65536 * red + 256 * green + blue)).astype(np.float32)
     return np.pad(heights, ((0, 1), (0, 1)), "edge"), _FUJI_SPACING
 
