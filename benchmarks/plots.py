@@ -90,7 +90,8 @@ def objects(
         _logarithmic(panel, "frames per second", label)
     for (side, slices), rate in paper.items():
         panels[0].plot(side, rate, "k*", ms=9)
-        panels[0].annotate(f"GeForce 2, {slices} slices", (side, rate), (6, -3), textcoords="offset points", fontsize=8)
+        left: dict[str, Any] = {"ha": "right", "textcoords": "offset points", "fontsize": 8}
+        panels[0].annotate(f"GeForce 2, {slices} slices", (side, rate), (-6, -3), **left)
     _save(figure, path)
 
 

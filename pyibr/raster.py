@@ -44,12 +44,16 @@ class Bins:
 
 
 def project(target: Target, vertices: DeviceArray, near: float) -> DeviceArray:
-    """(N, 4) homogeneous pixel-space positions of (N, 3) vertices of the world."""
+    """(N, 4) homogeneous pixel-space positions of (N, 3) vertices of the world.
+
+    As exact as float32 vertices are, even far from the world's origin: they are taken relative to the camera.
+    """
     from pyibr.opencl.launch import Struct, launch
     from pyibr.opencl.memory import empty
     from pyibr.opencl.program import kernel
 
     count = vertices.shape[0]
+    origin = target.camera.center.astype(np.float32)  # the same for all things: no cracks between neighbours
     projected = empty((count, 4), np.float32)
     launch(
         kernel("raster/project.cl", "project"),
@@ -57,7 +61,10 @@ def project(target: Target, vertices: DeviceArray, near: float) -> DeviceArray:
         vertices=vertices,
         projected=projected,
         count=count,
-        screen=Struct("Screen", target.screen(near)),
+        origin_x=float(origin[0]),
+        origin_y=float(origin[1]),
+        origin_z=float(origin[2]),
+        screen=Struct("Screen", target.screen(near, origin)),
     )
     return projected
 
@@ -161,7 +168,7 @@ def draw_mesh(target: Target, mesh: Mesh, lit: Lighting | None) -> None:
         more = {"tints": buffers["tints"]}
     if lit is not None:
         defines |= lit.defines
-        more |= {"normals": _normals(mesh, buffers), **lit.arguments()}
+        more |= {**_normals(mesh, buffers), **lit.arguments()}
         if lit.maps is not None:
             more["vertices"] = buffers["vertices"]
     whole = current().is_cpu
@@ -204,12 +211,21 @@ def _buffers(mesh: Mesh) -> dict[str, DeviceArray]:
     return made
 
 
-def _normals(mesh: Mesh, buffers: dict[str, DeviceArray]) -> DeviceArray:
+def _normals(mesh: Mesh, buffers: dict[str, DeviceArray]) -> dict[str, DeviceArray]:
     from pyibr.opencl.memory import upload
 
     if "normals" not in buffers:
-        buffers["normals"] = upload(mesh.normals if mesh.normals is not None else mesh.smooth_normals)
-    return buffers["normals"]
+        normals = mesh.normals if mesh.normals is not None else mesh.smooth_normals
+        buffers["normals"], buffers["fronts"] = upload(normals), upload(_fronts(mesh, normals))
+    return {name: buffers[name] for name in ("normals", "fronts")}
+
+
+def _fronts(mesh: Mesh, normals: NDArray[np.float32]) -> NDArray[np.int16]:
+    """(M,) 1, or -1 for triangles whose corners run clockwise as seen from where their normals point."""
+    corner = mesh.vertices[mesh.faces].astype(np.float64)
+    across = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    along = (across * normals[mesh.faces].sum(axis=1)).sum(axis=1)
+    return np.where(along < 0, -1, 1).astype(np.int16)
 
 
 def _unit(colors: NDArray[Any]) -> NDArray[np.float32]:

@@ -19,6 +19,7 @@ from pyibr.depthmesh.tree import (
     active_for,
     active_within,
     build_tree,
+    departures_of,
     eye_of,
     place_triangles,
     triangles_of,
@@ -191,7 +192,7 @@ def _background_of(thing: DepthMeshObject) -> _Background:
         triangles, limits = list[Triangles](), list[NDArray[np.float32]]()
         for mesh in thing.meshes:
             tree = build_tree(mesh.view, Segmentation("none"))
-            triangles += triangles_of([tree], [active_within(tree, _COARSE_ERROR * thing.extent)])
+            triangles += triangles_of([tree], [active_within(tree, departures_of(tree), _COARSE_ERROR * thing.extent)])
             view = mesh.view
             unseen = np.where(view.depth >= view.far, np.float32(np.inf), np.float32(0))
             limits.append(np.where(view.valid, view.depth, unseen).ravel())

@@ -54,10 +54,10 @@ class SlicedSurface(Fixed):
         A slice at height h is drawn where the map's height is more than h, so that 0 masks the surface out; at least
         h (Dietrich), which draws the base, too; or at most a slice spacing more than h (Schaufler), so that one may
         see through between neighbours of very different heights.
-    normal_map : (h'', w'', 3) float32, optional
-        Unit normals in tangent space, for lights: x along u, y along v, z along the normal. Without it the heights'
-        slopes give them.
-
+    normal_map : (h'', w'', 3) float32 or uint8, optional
+        Unit normals in tangent space, for lights: x along u, y along v (down the image), z along the normal. Bytes
+        are decoded as x / 127.5 - 1; of a map whose green grows upwards give 255 - green (`pyibr.io.read_relief_map`
+        does). Without a map the heights' slopes give normals.
     clipped : bool
         False lets slices parallel to the screen test the points beside the displacement volume, too, as the paper's
         simplest variant does (section 3.3): the same picture with more alpha tests, to compare.

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from benchmarks import peers, report, scenes, table2
+from benchmarks import llvmpipe, peers, report, scenes, table2
 from benchmarks.__main__ import main
 from benchmarks.launches import build_times, counted_samples, kernel_times
 from benchmarks.results import Record, Result, Skip
 from benchmarks.runner import in_turns
 from benchmarks.statistics import Quartiles, exponent, ratios
+from pyibr import models
+from pyibr.capture import object_views
 
 ENVIRONMENT = {
     "time": "2026-01-01T00:00:00+00:00",
@@ -197,3 +199,18 @@ def test_everything_runs_quickly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     # The picture of a report comes from the files alone.
     (tmp_path / "out/report.md").unlink()
     assert report.write(tmp_path / "out").read_text() == text
+
+
+def test_pictures_of_llvmpipe_keep_their_own_textures() -> None:
+    """An object's, its hull's, and the object's again, prepared before any is drawn."""
+    if isinstance(gl := llvmpipe.context(), str):
+        pytest.skip(gl)
+    pytest.importorskip("open3d")
+    views = object_views(models.donut(), 96)
+    things = [ibr.DepthObject(views, 48), ibr.VisualHull(views, 48)]
+    camera = ibr.Camera.look_at((1.5, -2, 2.5), (0, 0, 0), (0, 0, 1), (120, 90), fov_y=45)
+    pictures = [llvmpipe.slices(camera, thing, 1.0, 6.0) for thing in things]
+    for thing, picture in zip(things, pictures, strict=True):
+        ours, theirs = ibr.render(thing, camera).valid, np.isfinite(picture.picture()[1])
+        # Slices half a spacing apart: up to one of 48 slices at the outline
+        assert (ours & theirs).sum() / (ours | theirs).sum() >= 0.96
