@@ -174,13 +174,19 @@ def _hierarchy_and_triangles(surface: Surface) -> Any:
 
 
 def _ours(surface: Surface, parameters: dict[str, Parameter], repeats: int, module: Any) -> Work:
+    """Fresh views in turns of their own: the memory that they take and free slows whatever comes after them."""
     mesh = _fresh(surface)
 
     def read() -> Iterator[Record]:
         for error in surface.errors:
             yield from _errors(OURS, surface, error, _simplified(mesh, error), parameters)
 
-    return Work(read=read)
+    subjects: dict[str, Subject] = {
+        FRESH: lambda: _fresh(surface).tree.states.to_host(),
+        MESH: lambda: mesh.simplify(surface.error),
+        WHOLE: lambda: _fresh(surface).simplify(surface.error),
+    }
+    return Work(subjects, repeats, read)
 
 
 def _martini(surface: Surface, parameters: dict[str, Parameter], repeats: int, module: Any) -> Work:
@@ -204,10 +210,8 @@ def _martini(surface: Surface, parameters: dict[str, Parameter], repeats: int, m
 
     subjects: dict[str, Subject] = {
         HIERARCHY: lambda: _hierarchy(surface),
-        FRESH: lambda: _fresh(surface).tree.states.to_host(),
         MARTINI_TILE: lambda: martini.create_tile(depth),
         TRIANGLES: lambda: _triangles(tree, error),
-        MESH: lambda: mesh.simplify(error),
         MARTINI_MESH: lambda: tile.get_mesh(error),
         BOTH: lambda: _hierarchy_and_triangles(surface),
         MARTINI_BOTH: lambda: martini.create_tile(depth).get_mesh(error),
@@ -231,7 +235,6 @@ def _delatin(surface: Surface, parameters: dict[str, Parameter], repeats: int, m
 
     subjects: dict[str, Subject] = {
         BOTH: lambda: _hierarchy_and_triangles(surface),
-        WHOLE: lambda: _fresh(surface).simplify(surface.error),
         DELATIN: lambda: run(surface.error),
     }
     return Work(subjects, repeats, read)
