@@ -76,6 +76,7 @@ def _names(result: Result, case: str, parameter: str) -> list[str]:
 
 
 def _construction(result: Result) -> list[str]:
+    subjects = depthmesh.CAPTURE, depthmesh.HIERARCHY, depthmesh.FRESH
     rows: list[list[str]] = []
     for model in _names(result, "construction", "model"):
         here = {"case": "construction", "model": model}
@@ -85,9 +86,8 @@ def _construction(result: Result) -> list[str]:
         theirs = [f"{paper.render + paper.capture:g}", f"{paper.quadtree:g}"] if paper else ["", ""]
         if paper:
             theirs.append(f"{paper.quadtree / median(times[depthmesh.HIERARCHY]):.0f}")
-        cells = [str(Quartiles.of(values)) for values in times.values()]
+        cells = [str(Quartiles.of(times[subject])) for subject in subjects]
         rows.append([model, f"{triangles:.0f}", *cells, *(theirs if paper else ["", "", ""])])
-    subjects = depthmesh.CAPTURE, depthmesh.HIERARCHY, depthmesh.FRESH
     heads = ["model", "triangles", *subjects, "paper: render and read", "paper: quadtree", "paper / hierarchy"]
     return [CONSTRUCTION, table(heads, rows)] if rows else []
 
