@@ -109,6 +109,23 @@ def directions(error: Mapping[str, Mapping[int, Series]], through: Mapping[str, 
     _save(figure, path)
 
 
+def simplification(series: Mapping[str, Mapping[str, Sequence[tuple[float, float]]]], path: Path) -> None:
+    """Triangles over the measured error, a panel a surface, a line a subject."""
+    figure, panels = _panels(len(series))
+    for panel, (surface, lines) in zip(panels, series.items(), strict=True):
+        for subject, points in lines.items():
+            error, triangles = np.array(sorted(points)).T
+            panel.plot(error, triangles, "o-", ms=4, label=subject)
+        panel.set_xscale("log")
+        panel.set_yscale("log")
+        panel.set_title(surface, fontsize=10)
+        panel.set_xlabel("largest error at a sample [scene units]")
+        panel.set_ylabel("triangles")
+        panel.grid(True, which="both", lw=0.3, alpha=0.5)
+        panel.legend(fontsize=8)
+    _save(figure, path)
+
+
 def _panels(count: int) -> tuple[Any, list[Any]]:
     # Without pyplot: no window system is looked for and nothing stays open.
     from matplotlib.figure import Figure

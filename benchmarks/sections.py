@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import complexity, peers, plots, raster, relief, slicing, startup, table2
+from benchmarks.depthmesh_section import depthmesh_section
 from benchmarks.results import Record, Result
 from benchmarks.statistics import Quartiles, exponent, median, number, ratios
 from benchmarks.tables import only, position, sizes_of, table, totals, verdict
@@ -478,5 +479,6 @@ SECTIONS = {
     "raster": raster_section,
     "slicing": slicing_section,
     "relief": relief_section,
+    "depthmesh": depthmesh_section,
     "startup": startup_section,
 }

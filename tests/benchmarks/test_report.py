@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from benchmarks import llvmpipe, peers, report, scenes, table2
+from benchmarks import depthmesh, llvmpipe, peers, report, scenes, simplification, table2
 from benchmarks.__main__ import main
 from benchmarks.launches import build_times, counted_samples, kernel_times
 from benchmarks.results import Record, Result, Skip
@@ -166,6 +166,29 @@ def test_the_papers_figures_are_in_milliseconds() -> None:
     assert table2.PAPER["dragon"][512] == 1227.6
 
 
+def test_the_depth_mesh_papers_stages_make_its_frame_rates() -> None:
+    for row in depthmesh.PAPER_RENDERING.values():
+        stages = row.selection + row.depth + row.color + row.blend
+        assert stages < 1000 / row.rate < stages + 5  # what the paper's frames take beside the stages it lists
+
+
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+def test_departures_are_measured_in_depth_at_the_samples(projection: str) -> None:
+    pytest.importorskip("open3d", exc_type=ImportError)
+    n = 9
+    camera = ibr.Camera([[8, 0, 4], [0, 8, 4], [0, 0, 1]], (n, n), projection=projection)  # pyright: ignore[reportArgumentType]
+    depth = np.full((n, n), 3, np.float32)
+    depth[4, 4], depth[0, 0] = 2.75, np.inf
+    view = ibr.DepthImage(np.zeros((n, n, 3), np.uint8), depth, camera)
+    corners = camera.unproject([[0, 0], [n - 1, 0], [n - 1, n - 1], [0, n - 1]], np.full(4, 3))
+    off = simplification.departures(view, corners, np.array([[0, 1, 2], [0, 2, 3]]))
+    assert len(off) == n * n - 1
+    assert off.max() == pytest.approx(0.25, abs=1e-5)  # float32 rays
+    assert np.count_nonzero(off > 1e-5) == 1
+    half = simplification.departures(view, corners, np.array([[0, 1, 2]]))
+    assert np.count_nonzero(np.isinf(half)) == n * (n - 1) // 2
+
+
 def test_everything_runs_quickly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("open3d", exc_type=ImportError)
     monkeypatch.setenv("PYIBR_DATA", str(tmp_path))
@@ -178,6 +201,13 @@ def test_everything_runs_quickly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         "## Triangles",
         "## Slices",
         "## Relief",
+        "## Depth meshes",
+        "### Construction",
+        "### Frames",
+        "### Quality",
+        "### Beside the epipolar warp",
+        "### Simplification",
+        "### Beside quadric decimation",
         "## Start and memory",
     ):
         assert heading in text
@@ -187,6 +217,7 @@ def test_everything_runs_quickly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         "table2.png",
         "peers.png",
         "slicing-error.png",
+        "depthmesh-simplification.png",
     }
     # The picture of a report comes from the files alone.
     (tmp_path / "out/report.md").unlink()
