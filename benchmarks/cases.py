@@ -32,6 +32,13 @@ class Plan:
     relief_scenes: Mapping[str, int]  # turns by scene
     relief_steps: tuple[int, ...]  # of the linear search
     relief_embree: int  # turns
+    depthmesh_side: int  # of the depth images and the pictures
+    depthmesh_models: Mapping[str, int]  # turns by model
+    depthmesh_tolerances: tuple[float, ...]  # pixels
+    depthmesh_quality: tuple[str, int]  # model and number of unseen cameras
+    depthmesh_warp: int  # turns
+    simplification: Mapping[str, int]  # turns by surface
+    decimation: Mapping[str, int]
     startup_repeats: int
     startup_empty_cache: bool  # begin with nothing built, so that a first process shows what building costs
     memory: tuple[int, ...]
@@ -59,9 +66,16 @@ FULL = Plan(
     elevations=(5, 10, 20, 45, 90),
     direction_slices=(8, 16, 32, 64, 128, 256),
     relief_plane=21,
-    relief_scenes={"torus": 31, "teapot": 31, "human": 15, "spot": 15},
-    relief_steps=(8, 16, 32, 64, 128, 256),
+    relief_scenes={"torus": 31, "teapot": 31, "human": 15, "spot": 15, "room": 7},
+    relief_steps=(8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096),
     relief_embree=7,
+    depthmesh_side=512,
+    depthmesh_models={"dragon": 21, "bunny": 21, "female": 21, "male": 21, "spot": 21},
+    depthmesh_tolerances=(1, 4, 16),
+    depthmesh_quality=("dragon", 20),
+    depthmesh_warp=21,
+    simplification={"fuji": 41, "dragon, filled": 21},
+    decimation={"fuji": 1, "dragon": 3},
     startup_repeats=5,
     startup_empty_cache=True,
     memory=(1024, 4096),
@@ -84,6 +98,13 @@ QUICK = Plan(
     relief_scenes={"torus": 1, "teapot": 1},
     relief_steps=(8, 32),
     relief_embree=1,
+    depthmesh_side=64,
+    depthmesh_models={"donut": 1, "dragon": 1},
+    depthmesh_tolerances=(1, 4),
+    depthmesh_quality=("donut", 2),
+    depthmesh_warp=1,
+    simplification={"relief": 1},
+    decimation={"relief": 1},
     startup_repeats=1,
     startup_empty_cache=False,
     memory=(256,),

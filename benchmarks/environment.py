@@ -22,6 +22,8 @@ PACKAGES = {
         "opencv-python",
     ),
     "open3d": ("open3d", "open3d-cpu"),
+    "pymartini": ("pymartini",),
+    "pydelatin": ("pydelatin",),
 }
 
 

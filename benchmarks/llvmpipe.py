@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any
 
@@ -153,7 +153,7 @@ class Picture:
     camera: ibr.Camera
     near: float
     far: float
-    textures: tuple[Any, ...] = ()  # by their units; none: as they were bound
+    textures: dict[int, Any] = field(default_factory=dict[int, Any])  # by their units
 
     def draw(self) -> None:
         """Draw, and wait until it is done."""
@@ -163,7 +163,7 @@ class Picture:
 
     def _start(self, gl: Any) -> None:
         self.framebuffer.use()
-        for unit, texture in enumerate(self.textures):
+        for unit, texture in self.textures.items():
             texture.use(unit)
         gl.clear()
         gl.enable(gl.DEPTH_TEST)
@@ -219,12 +219,12 @@ def slices(camera: ibr.Camera, thing: ibr.DepthObject | ibr.VisualHull, near: fl
     weights = np.zeros(len(numbers), "f4")
     weights[:3] = 1 / min(3, len(numbers))
     program["weights"].write(weights.tobytes())
+    textures: dict[int, Any] = {}
     for i, (k, view) in enumerate(zip(numbers, views, strict=True)):
         for name, values, kind in (("maps", thing.maps[k], "f4"), ("colors", view.color, "f1")):
             texture = gl.texture(view.camera.size, 3 if kind == "f1" else 1, values.tobytes(), alignment=1, dtype=kind)
             texture.repeat_x = texture.repeat_y = False
-            unit = i + (_VIEWS_MOST if name == "colors" else 0)
-            texture.use(unit)
+            textures[i + (_VIEWS_MOST if name == "colors" else 0)] = texture
     program["maps"].value = list(range(len(views)))
     program["colors"].value = list(range(_VIEWS_MOST, _VIEWS_MOST + len(views)))
     box = thing.box
@@ -239,7 +239,7 @@ def slices(camera: ibr.Camera, thing: ibr.DepthObject | ibr.VisualHull, near: fl
     points = points[np.argsort(depth)]
     buffer = gl.buffer(points.astype("f4").tobytes())
     vertices = gl.vertex_array(program, [(buffer, "3f", "position")])
-    return Picture(program, vertices, _framebuffer(gl, camera), camera, near, far)
+    return Picture(program, vertices, _framebuffer(gl, camera), camera, near, far, textures)
 
 
 def relief(camera: ibr.Camera, surface: ibr.ReliefSurface, near: float, far: float, in_float: bool = False) -> Picture:
@@ -264,16 +264,16 @@ def relief(camera: ibr.Camera, surface: ibr.ReliefSurface, near: float, far: flo
         surface.halvings,
     )
     heights = surface.height if in_float else np.rint(surface.height * 255).astype(np.uint8)
-    textures: list[Any] = []
+    textures: dict[int, Any] = {}
     for unit, (name, image) in enumerate((("heights", heights), ("colors", surface.color))):
         h, w = image.shape[:2]
         kind = "f4" if image.dtype == np.float32 else "f1"
         channels = 1 if image.ndim == 2 else 3
-        textures.append(gl.texture((w, h), channels, np.ascontiguousarray(image).tobytes(), alignment=1, dtype=kind))
+        textures[unit] = gl.texture((w, h), channels, np.ascontiguousarray(image).tobytes(), alignment=1, dtype=kind)
         program[name].value = unit
     data = np.concatenate([base.vertices, uv.astype(np.float32)], axis=1)[base.faces.ravel()]
     vertices = gl.vertex_array(program, [(gl.buffer(data.tobytes()), "3f 2f", "position", "place")])
-    return Picture(program, vertices, _framebuffer(gl, camera), camera, near, far, tuple(textures))
+    return Picture(program, vertices, _framebuffer(gl, camera), camera, near, far, textures)
 
 
 def _framebuffer(gl: Any, camera: ibr.Camera) -> Any:

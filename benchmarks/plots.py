@@ -90,7 +90,8 @@ def objects(
         _logarithmic(panel, "frames per second", label)
     for (side, slices), rate in paper.items():
         panels[0].plot(side, rate, "k*", ms=9)
-        panels[0].annotate(f"GeForce 2, {slices} slices", (side, rate), (6, -3), textcoords="offset points", fontsize=8)
+        left: dict[str, Any] = {"ha": "right", "textcoords": "offset points", "fontsize": 8}
+        panels[0].annotate(f"GeForce 2, {slices} slices", (side, rate), (-6, -3), **left)
     _save(figure, path)
 
 
@@ -105,6 +106,23 @@ def directions(error: Mapping[str, Mapping[int, Series]], through: Mapping[str, 
         right.plot(list(shown), list(shown.values()), "o-", color=f"C{index}", ms=4, label=slicing)
     _logarithmic(left, "mean depth error [displacements]", "slices")
     _logarithmic(right, "seen through [% of the surface], 0.001: none", "slices")
+    _save(figure, path)
+
+
+def simplification(series: Mapping[str, Mapping[str, Sequence[tuple[float, float]]]], path: Path) -> None:
+    """Triangles over the measured error, a panel a surface, a line a subject."""
+    figure, panels = _panels(len(series))
+    for panel, (surface, lines) in zip(panels, series.items(), strict=True):
+        for subject, points in lines.items():
+            error, triangles = np.array(sorted(points)).T
+            panel.plot(error, triangles, "o-", ms=4, label=subject)
+        panel.set_xscale("log")
+        panel.set_yscale("log")
+        panel.set_title(surface, fontsize=10)
+        panel.set_xlabel("largest error at a sample [scene units]")
+        panel.set_ylabel("triangles")
+        panel.grid(True, which="both", lw=0.3, alpha=0.5)
+        panel.legend(fontsize=8)
     _save(figure, path)
 
 

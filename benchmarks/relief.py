@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import functools
+import os
 import time
 from collections.abc import Iterator
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,12 +20,16 @@ from benchmarks.results import Parameter, Record, Skip
 from benchmarks.runner import Case, Subject, Work
 from benchmarks.scenes import bricks, scanned
 from pyibr import models
+from pyibr.opencl.device import current
+from pyibr.opencl.memory import empty
+from pyibr.relief import draw_relief
+from pyibr.target import Target
 
 SIZE = (800, 600)
 PLANE, PLANE_SAFE = "linear, 32 + 6 steps", "safe"
-PEER, PEER_FLOAT = "llvmpipe", "llvmpipe, heights in float"
+PEER, PEER_FLOAT = "llvmpipe, heights in 8 bits", "llvmpipe, heights in float"
 PAPER_RATE = 85.0  # frames per second, GeForce 6800 GT: the refresh rate of its monitor
-BARS = {"plane": 0.4, "scene": PAPER_RATE}
+BARS = {"plane": 0.4, "same picture": 45.0, "scene": PAPER_RATE}
 BARRED_SCENES = ("torus", "teapot")
 WAYS: dict[str, dict[str, Any]] = {
     "linear": {"search": "linear"},
@@ -33,14 +39,18 @@ WAYS: dict[str, dict[str, Any]] = {
     "flat (no silhouettes)": {"search": "linear", "silhouette": "none"},
 }
 SAFE_STEPS = 0  # the number of steps that stands for the safe search
+MAPS = ("bricks", "thin")
+EQUAL = 2e-3  # share of pixels that may see a texel too far: what the tests allow the safe search, against cast rays
 
 
 def cases(plan: Plan) -> Iterator[Case]:
-    """The plane, the paper's kinds of scenes, thin features, and ray casting."""
+    """The plane, the paper's kinds of scenes, steps, and ray casting."""
     yield Case({"case": "plane"}, functools.partial(_plane, plan.relief_plane))
     for name, repeats in plan.relief_scenes.items():
-        yield Case({"case": "scene", "scene": name}, functools.partial(_scene, name, repeats))
-    yield Case({"case": "thin"}, functools.partial(_thin, plan.relief_steps))
+        make = _room if name == "room" else functools.partial(_scene, name)
+        yield Case({"case": "scene", "scene": name}, functools.partial(make, repeats))
+    for name in MAPS:
+        yield Case({"case": "steps", "map": name}, functools.partial(_steps, name, plan.relief_steps))
     yield Case({"case": "embree"}, functools.partial(_embree, plan.relief_embree))
 
 
@@ -58,18 +68,17 @@ def _plane(repeats: int) -> Work:
         PLANE: functools.partial(ibr.render, linear, camera),
         PLANE_SAFE: functools.partial(ibr.render, safe, camera),
     }
-    peer = None
+    peers: dict[str, llvmpipe.Picture] = {}
     if not isinstance(llvmpipe.context(), str):
-        peer = llvmpipe.relief(camera, linear, 0.01, 10)
-        subjects[PEER] = peer.picture
-        subjects[PEER_FLOAT] = llvmpipe.relief(camera, linear, 0.01, 10, in_float=True).picture
+        for name in (PEER, PEER_FLOAT):
+            peers[name] = llvmpipe.relief(camera, linear, 0.01, 10, in_float=name == PEER_FLOAT)
+            subjects[name] = peers[name].picture
 
     def read() -> Iterator[Record]:
-        if peer is not None:
-            error = np.square(ibr.render(linear, camera).color.astype(float) - peer.picture()[0]).mean()
-            yield Record(
-                PLANE, "agreement with llvmpipe (PSNR)", "dB", {"case": "plane"}, [10 * np.log10(255**2 / error)]
-            )
+        ours = ibr.render(linear, camera).color.astype(float)
+        for name, peer in peers.items():
+            error = float(np.square(ours - peer.picture()[0]).mean())
+            yield Record(name, "agreement (PSNR)", "dB", {"case": "plane"}, [10 * np.log10(255**2 / error)])
 
     return Work(subjects, repeats, read)
 
@@ -110,27 +119,84 @@ def _scene(name: str, repeats: int) -> Work | Skip:
     return Work(subjects, repeats, read)
 
 
-def _thin(steps: tuple[int, ...]) -> Work:
-    """Single texels that stand out, at 15 degrees: what even steps miss, beside what they cost."""
-    height = np.full((256, 256), 40, np.uint8)
-    height[8::32, 12::32] = 255
-    height[::64] = 255
+def _room(repeats: int) -> Work:
+    """Walls, floor, columns and a torus, all of them reliefs, with a spot's shadows: the paper's figure 1."""
+    height, color = bricks()
+    quads = [
+        ((-3, 2.2, 0), (6, 0, 0), (0, 0, 3)),
+        ((-3, -3, 0), (0, 5.2, 0), (0, 0, 3)),
+        ((-3, -3, 0), (6, 0, 0), (0, 5.2, 0)),
+    ]
+    bases: list[tuple[ibr.Mesh, tuple[int, int], float]] = []
+    for corner, along, up in (np.array(sides, float) for sides in quads):
+        corners = [corner, corner + along, corner + along + up, corner + up]
+        uv = [[0, 1], [1, 1], [1, 0], [0, 0]]
+        bases.append((ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]], uv=uv), (5, 3), 0.12))
+    for x in (-1.9, 0.1, 2.1):
+        bases.append((_column(32, x, 1.2), (3, 4), 0.05))
+    ring = models.donut(40, 0.62, 0.26)
+    bases.append((ibr.Mesh(np.add(ring.vertices, (0.5, -0.9, 0.24)), ring.faces, ring.uv, ring.normals), (7, 3), 0.06))
+    camera = ibr.Camera.look_at((2.7, -4.4, 2.1), (-0.2, 0.2, 0.9), (0, 0, 1), SIZE, 48)
+    light = ibr.Light(position=(2.6, -3.6, 4.4), direction=(-2.6, 3.9, -3.9), angle=75)
+    things = {way: [ibr.ReliefSurface(m, height, color, s, t, **o) for m, t, s in bases] for way, o in WAYS.items()}
+    parameters: dict[str, Parameter] = {"case": "scene", "scene": "room"}
+
+    def read() -> Iterator[Record]:
+        frame = ibr.render(things["safe"], camera, light)
+        yield Record("safe", "coverage", "share", parameters, [float(frame.valid.mean())])
+        yield Record("safe", "triangles", "count", parameters, [sum(len(mesh.faces) for mesh, _, _ in bases)])
+
+    subjects: dict[str, Subject] = {
+        way: functools.partial(ibr.render, all_, camera, light) for way, all_ in things.items()
+    }
+    return Work(subjects, repeats, read)
+
+
+def _column(sides: int, x: float, y: float) -> ibr.Mesh:
+    """A cylinder of radius 0.32 from z = 0 to 3."""
+    u, v = np.meshgrid(np.linspace(0, 1, sides + 1), np.linspace(0, 1, 9))
+    normals = np.stack([np.cos(2 * np.pi * u), np.sin(2 * np.pi * u), 0 * u], axis=-1).reshape(-1, 3)
+    points = 0.32 * normals + np.stack([x + 0 * u, y + 0 * u, 3 * v], axis=-1).reshape(-1, 3)
+    i = (np.arange(8)[:, None] * (sides + 1) + np.arange(sides)).ravel()
+    faces = np.concatenate([np.stack([i, i + 1, i + sides + 2], 1), np.stack([i, i + sides + 2, i + sides + 1], 1)])
+    return ibr.Mesh(points, faces, np.stack([u, -v], -1).reshape(-1, 2), normals)
+
+
+def _steps(name: str, steps: tuple[int, ...]) -> Work:
+    """Bricks, or single texels that stand out, at 15 degrees: what even steps miss, and what both searches cost."""
+    height = bricks()[0]
+    if name == "thin":
+        height = np.full((256, 256), 40, np.uint8)
+        height[8::32, 12::32] = 255
+        height[::64] = 255
     white, angle = np.full((2, 2, 3), 200, np.uint8), np.radians(15)
     eye = np.array([0.5, 0.5, 0]) + 1.4 * np.array([0.3 * np.cos(angle), -0.95 * np.cos(angle), np.sin(angle)])
     camera = ibr.Camera.look_at(eye, (0.5, 0.5, 0), (0, 0, 1), SIZE, fov_y=30)
     things = {SAFE_STEPS: ibr.ReliefSurface(_square(), height, white, 0.05)}
     for n in steps:
         things[n] = ibr.ReliefSurface(_square(), height, white, 0.05, search="linear", steps=n)
+    parameters: dict[str, Parameter] = {"case": "steps", "map": name}
 
     def read() -> Iterator[Record]:
         truth = ibr.render(things[SAFE_STEPS], camera)
         for n, thing in things.items():
             frame = ibr.render(thing, camera)
             missed = (frame.depth - truth.depth)[frame.valid] > 1 / 256
-            yield Record(f"{n}", "missed", "share", {"case": "thin"}, [float(missed.mean())])
+            yield Record(f"{n}", "missed", "share", parameters, [float(missed.mean())])
+            yield Record(f"{n}", "steps", "count", parameters, [_mean_steps(thing, camera)])
 
     subjects: dict[str, Subject] = {f"{n}": functools.partial(ibr.render, thing, camera) for n, thing in things.items()}
     return Work(subjects, 5, read)
+
+
+def _mean_steps(thing: ibr.ReliefSurface, camera: ibr.Camera) -> float:
+    """Of a search; halvings count as steps, and what the safe one does in a cell is one."""
+    counts = empty((camera.height, camera.width, 2), np.int32)
+    counts.fill(0)
+    with current().lock:
+        draw_relief(Target(camera, np.dtype(np.uint8)), thing, None, counts=counts)
+        searches, steps = counts.to_host().reshape(-1, 2).sum(axis=0, dtype=np.int64)
+    return float(steps / searches)
 
 
 def _embree(repeats: int) -> Work | Skip:
@@ -154,7 +220,9 @@ def _embree(repeats: int) -> Work | Skip:
         scene.cast_rays(packed[:1, :1])  # it is built when it is first cast at
         return scene
 
+    before = _resident()
     built = build()
+    grown = _resident() - before
     subjects: dict[str, Subject] = {
         "pyibr": functools.partial(ibr.render, relief, camera),
         "Embree, cast": lambda: built.cast_rays(packed)["t_hit"].numpy(),
@@ -165,6 +233,8 @@ def _embree(repeats: int) -> Work | Skip:
         start = time.perf_counter()
         build()
         yield Record("Embree, build", "end to end", "ms", parameters, [1e3 * (time.perf_counter() - start)])
+        if grown > 0:
+            yield Record("Embree, build", "memory", "bytes", parameters, [grown])
         fresh = ibr.ReliefSurface(models.donut(48), height, color, scale, tiles)
         start = time.perf_counter()
         ibr.render(fresh, camera)
@@ -181,6 +251,12 @@ def _embree(repeats: int) -> Work | Skip:
         yield Record("pyibr", "silhouette (IoU)", "share", parameters, [same])
 
     return Work(subjects, repeats, read)
+
+
+def _resident() -> int:
+    """Bytes of this process in memory; 0 where the system does not tell."""
+    told = Path("/proc/self/statm")
+    return int(told.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") if told.is_file() else 0
 
 
 def _displaced_torus(height: NDArray[Any], tiles: tuple[int, int], scale: float) -> tuple[NDArray[Any], NDArray[Any]]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 SCHEMA = 1
-UNITS = ("ms", "samples", "bytes", "share", "count", "spacings", "dB")
+UNITS = ("ms", "samples", "bytes", "share", "count", "spacings", "scene units", "dB")
 
 Parameter = str | int | float
 

@@ -23,6 +23,7 @@ REGIONS = "ABCDEFGHI"  # row by row: A is above left of the image, E inside it, 
 MOTIONS = ("forward", "backward")  # of the target camera: its epipole is an antipode, or a true one
 DISTANCE = 0.6  # scene units between the cameras; the relief lies 3 to 5 before the source
 _COLUMN, _ROW = (-0.3, 0.35, 1.3), (-0.3, 0.6, 1.3)  # of the epipole, in image sides
+_FUJI_SPACING = 62.4  # metres: tile 10/906/404 of 512 samples a side, at 35.3 degrees north
 _CHUNK = 256  # rows made at once, so that making a large relief needs little memory
 
 
@@ -78,6 +79,18 @@ def bricks(n: int = 256) -> tuple[Array, Array]:
     stone = np.array([150, 82, 60]) * (0.7 + 0.3 * rough[..., None])
     color = np.where(joint[..., None] > 3, stone, (150, 145, 135))
     return height.astype(np.uint8), color.astype(np.uint8)
+
+
+def terrain() -> tuple[Array, float] | Skip:
+    """Heights (513, 513) float32 and spacing, in metres: the tile of mount Fuji that terrain meshers are timed on."""
+    path = data_folder() / "heightfields/dem/fuji.png"
+    if not path.is_file():
+        return Skip("fuji", f"{path.name} is not in $PYIBR_DATA/heightfields/dem")
+    import cv2
+
+    blue, green, red = np.moveaxis(np.asarray(cv2.imread(str(path)), np.float64), -1, 0)
+    heights = (-10000 + 0.1 * (65536 * red + 256 * green + blue)).astype(np.float32)
+    return np.pad(heights, ((0, 1), (0, 1)), "edge"), _FUJI_SPACING
 
 
 def bumps(n: int) -> Array:

@@ -117,6 +117,21 @@ def checked_image(argument: str, color: NDArray[Any]) -> NDArray[Any]:
     return color
 
 
+_TEXELS_MOST = 1 << 21  # from 0 on: float32 tells their places within half a texel, as IN_TILE of the kernels needs
+
+
+def check_tiled(uv: NDArray[Any], tiles: tuple[int, int], *maps: NDArray[Any] | None) -> None:
+    """Raise ArgumentError if a map's repetitions go on for longer than kernels can count its texels."""
+    for image in maps:
+        if image is None:
+            continue
+        farthest = np.abs(uv).max(axis=0) * tiles * (image.shape[1], image.shape[0])
+        if (farthest > _TEXELS_MOST).any():
+            size = f"{image.shape[1]}x{image.shape[0]}"
+            expected = f"uv * tiles * a map's size up to {_TEXELS_MOST} texels"
+            raise ArgumentError("uv", expected, f"{farthest.max():.4g} of a map of {size}")
+
+
 class Fixed:
     """What is drawn from buffers on the device: its attributes cannot be set again once it is made."""
 

@@ -292,7 +292,7 @@ def object_views(
     Raises
     ------
     ArgumentError
-        If an argument is out of its range.
+        If an argument is out of its range, or a view does not see the object: a plate from its edge.
     MissingPackageError
         If Open3D is not installed.
 
@@ -323,7 +323,15 @@ def object_views(
         pose = np.eye(4)
         pose[:3, :3] = np.column_stack([np.cross(down, forward), down, forward])
         pose[:3, 3] = middle - away * forward
-        views.append(scene.capture(Camera(K, (size, size), pose, projection)))
+        camera = Camera(K, (size, size), pose, projection)
+        try:
+            views.append(scene.capture(camera))
+        except ArgumentError as error:
+            if error.argument != "camera":
+                raise
+            extents = ", ".join(f"{extent:g}" for extent in high - low)
+            expected = f"an object that all six views see, thicker than a pixel of {edge / size:.3g} (raise `size`)"
+            raise ArgumentError("mesh", expected, f"extents of {extents}, unseen along {'xyz'[axis]}") from None
     return views
 
 

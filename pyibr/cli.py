@@ -1,4 +1,4 @@
-"""The command line: `pyibr warp` and `pyibr doctor`."""
+"""The command line: `pyibr warp`, `pyibr mesh` and `pyibr doctor`."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from typer.core import TyperGroup
 
 import pyibr as ibr
 from pyibr.camera import Camera
+from pyibr.depthmesh.segmentation import Segmentation, Test
 from pyibr.errors import ArgumentError, Error
 from pyibr.images import DepthImage
 from pyibr.warp import Edges, Method, Sample, Side
@@ -24,6 +25,8 @@ _OPTIONS = {
     "cut_ratio": "--cut-ratio",
     "far": "--far",
     "degrees": "--orbit",
+    "max_error": "--max-error",
+    "path": "--output",
     "device": "--device",
 }
 """What users of the command line call the library's arguments."""
@@ -139,6 +142,34 @@ def warp(
                 typer.secho(f"{name} is empty: its camera sees nothing of {color}", err=True, fg="yellow")
             elif frames == 1:
                 typer.echo(f"{name}: {target.width}x{target.height}, {frame.valid.mean():.1%} covered")
+
+
+@app.command(
+    epilog="Example: [bold]pyibr mesh color.png depth.png --depth-scale 1000 --camera camera.json "
+    "--max-error 0.005 -o scene.glb[/bold]"
+)
+def mesh(
+    color: Annotated[Path, typer.Argument(metavar="COLOR", help="Image: PNG, JPEG, TIFF, EXR, PFM, NPY ...")],
+    depth: Annotated[
+        Path, typer.Argument(metavar="DEPTH", help="Its planar depth: PNG16, NPY, NPZ, PFM, EXR, COLMAP .bin")
+    ],
+    camera: Annotated[Path, typer.Option(help="Its camera: JSON with width, height, K, world_from_camera")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="The mesh: GLB or OBJ, with the image as texture")],
+    max_error: Annotated[float, typer.Option(help="Depths may be off by that, in scene units; 0: by nothing")],
+    segmentation: Annotated[Test, typer.Option(help="How triangles between two surfaces are told")] = "orthogonality",
+    far: Annotated[float, typer.Option(help="Depth from which on there is no surface")] = math.inf,
+    depth_scale: Annotated[
+        float | None, typer.Option(help="Stored depth units per scene unit: 1000 for millimetres to metres")
+    ] = None,
+    device: Annotated[str | None, typer.Option(help="OpenCL device: part of its name, or its number")] = None,
+) -> None:
+    """Turn an image with depth into a textured triangle mesh, simplified within an error."""
+    view = DepthImage(ibr.read_color(color), ibr.read_depth(depth, depth_scale), Camera.load(camera), far)
+    with ibr.use_device(device) if device else nullcontext():
+        made = ibr.DepthMesh(view, segmentation=Segmentation(segmentation)).simplify(max_error)
+    made.save(output)
+    share = len(made.faces) / (2 * (view.camera.width - 1) * (view.camera.height - 1))
+    typer.echo(f"{output}: {len(made.faces)} triangles, {share:.1%} of the full grid's")
 
 
 @app.command(epilog="Example: [bold]pyibr doctor[/bold]")

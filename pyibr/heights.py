@@ -34,13 +34,22 @@ def height_pairs(height: Float32) -> NDArray[np.uint32]:
 
 
 def checked_normal_map(normal_map: NDArray[Any]) -> Float32:
-    """Unit normals in tangent space."""
-    expected = "float normals in tangent space of shape (h, w, 3), z > 0"
+    """Unit normals in tangent space; bytes are decoded as x / 127.5 - 1."""
+    expected = "normals in tangent space of shape (h, w, 3), floats or uint8 (0 is -1, 255 is 1), z > 0"
     if not isinstance(normal_map, np.ndarray) or normal_map.ndim != 3 or normal_map.shape[2] != 3:  # pyright: ignore[reportUnnecessaryIsInstance]
         raise ArgumentError("normal_map", expected, describe(normal_map))
-    if normal_map.dtype.kind != "f" or not np.isfinite(normal_map).all() or (normal_map[..., 2] <= 0).any():
+    if 0 in normal_map.shape or not (normal_map.dtype.kind == "f" or normal_map.dtype == np.uint8):
         raise ArgumentError("normal_map", expected, describe(normal_map))
-    return np.ascontiguousarray(normal_map, np.float32)
+    single = np.ascontiguousarray(normal_map, np.float32)
+    if normal_map.dtype == np.uint8:
+        single = single / np.float32(127.5) - np.float32(1)
+        single[..., 2][np.abs(single[..., 2]) < 0.004] = 1e-3  # 127 and 128 both mean 0
+    if not np.isfinite(single).all():
+        raise ArgumentError("normal_map", expected, "values that are not finite")
+    below = int(np.count_nonzero(single[..., 2] <= 0))
+    if below:
+        raise ArgumentError("normal_map", expected, f"{below} of {single.shape[0] * single.shape[1]} with z <= 0")
+    return single
 
 
 def checked_tiles(tiles: tuple[int, int]) -> tuple[int, int]:

@@ -88,6 +88,14 @@ class DepthImage:
         """(H, W) True where the depth is finite, > 0 and nearer than `far`. Computed on first use."""
         return _locked((self.depth > 0) & (self.depth < self.far))
 
+    @cached_property
+    def in_float(self) -> DepthImage:
+        """The same image with float32 colours, itself if they are. Made on first use, so that it keeps its buffers."""
+        if self.color.dtype == np.float32:
+            return self
+        color = (self.color * np.float32(1 / 255)).astype(np.float32)
+        return DepthImage(color, self.depth, self.camera, self.far)
+
     @property
     def points(self) -> Float64:
         """(N, 3) float64: the valid samples in the world, in scene units, row by row."""

@@ -12,6 +12,7 @@ _LIGHT = np.dtype(
     [
         ("vector", np.float32, 4),
         ("axis", np.float32, 4),
+        ("cone_rise", np.float32),
         ("color", np.float32, 3),
         ("ambient", np.float32),
         ("specular", np.float32),
@@ -21,6 +22,7 @@ _LIGHT = np.dtype(
 """The struct Light of kernels/lib/light.h."""
 
 _SHADOW_MOST = 16384
+_FADE = 0.02  # of a spot's angle, at its edge
 
 
 class Light:
@@ -38,7 +40,7 @@ class Light:
     ambient : float
         The part of the light that comes from everywhere, 0 to 1.
     angle : float
-        The opening of a spot's cone, degrees, more than 0 and less than 180.
+        The opening of a spot's cone, degrees, more than 0 and less than 180. It fades over the last 2 % of that.
     specular : float
         Strength of highlights, >= 0.
     shininess : float
@@ -103,11 +105,12 @@ class Light:
         axis = np.zeros(3) if self.direction is None else self.direction / np.linalg.norm(self.direction)
         if self.position is None:
             values["vector"] = (*-axis, 0.0)
-            values["axis"] = (0, 0, 0, -2)
+            values["axis"], values["cone_rise"] = (0, 0, 0, -2), 1
         else:
             values["vector"] = (*self.position, 1.0)
-            cone = -2.0 if self.direction is None else np.cos(np.radians(self.angle / 2))
-            values["axis"] = (*axis, cone)
+            half = np.radians(self.angle / 2)
+            edge, full = (-2.0, -1.0) if self.direction is None else (np.cos(half), np.cos((1 - _FADE) * half))
+            values["axis"], values["cone_rise"] = (*axis, edge), 1 / (full - edge)
         values["color"], values["ambient"] = self.color, self.ambient
         values["specular"], values["shininess"] = self.specular, self.shininess
         return values

@@ -15,10 +15,10 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pyibr._check import Fixed, describe, numbers, one_of
+from pyibr._check import Fixed, check_tiled, describe, numbers, one_of
 from pyibr._open3d import open3d
 from pyibr.errors import ArgumentError, FileFormatError
-from pyibr.io.files import reading
+from pyibr.io.files import checked_path, folder_for, reading
 
 Float32 = NDArray[np.float32]
 Sides = Literal["both", "front", "back"]
@@ -35,20 +35,21 @@ class Mesh(Fixed):
     Parameters
     ----------
     vertices : array_like (N, 3)
-        In scene units, in the world.
+        In scene units, in the world. Kept as float32: see "far from the origin" in the manual's conventions.
     faces : array_like (M, 3), integers
         Corners of each triangle, counter-clockwise as seen from its front. Degenerate ones draw nothing.
     uv : array_like (N, 2) or (M, 3, 2), optional
         Of the vertices, or of each triangle's corners. v runs down the texture's rows, texel centres are at
         (i + 0.5) / n, and beyond 0 to 1 the texture repeats.
     normals : array_like (N, 3), optional
-        Of the vertices, not zero; kept at unit length.
+        Of the vertices, not zero; kept at unit length. The side they point to is lit as they say, the other as if
+        they were turned round, whichever way the corners run.
     texture : (h, w, 3) uint8, or float32 in [0, 1], optional
         Drawn with 8 bits a channel. Needs uv.
     colors : (N, 3) uint8, or float32 in [0, 1], optional
         Of the vertices; not shown where there is a texture.
     sides : {"both", "front", "back"}
-        Which sides of the triangles are drawn.
+        Which sides of the triangles are drawn; the corners tell which is the front, not the normals.
     attributes : mapping of str to (N,) or (N, k) arrays, optional
         More numbers of the vertices, kept as float32 for other programs: `to_open3d` and files take them along.
 
@@ -104,6 +105,8 @@ class Mesh(Fixed):
         if texture is not None and self.uv is None:
             raise ArgumentError("uv", "uv for the texture", "none")
         shown = None if texture is None else _locked(_checked_colors("texture", texture, (None, None, 3)))
+        if self.uv is not None:
+            check_tiled(self.uv, (1, 1), shown)
         self.texture: NDArray[Any] | None = shown
         self.device_cache: WeakKeyDictionary[Any, Any] = WeakKeyDictionary()
 
@@ -150,7 +153,7 @@ class Mesh(Fixed):
         MissingPackageError
             If Open3D is not installed.
         """
-        file = Path(path)
+        file = checked_path(path)
         packed = file.suffix.lower() == ".gz"
         kind = Path(file.stem).suffix.lower() if packed else file.suffix.lower()
         if kind not in _READ:
@@ -167,7 +170,7 @@ class Mesh(Fixed):
             return cls.from_open3d(found, texture)
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write the mesh: OBJ and GLB with uv and texture, PLY, STL and OFF without.
+        """Write the mesh: OBJ and GLB with uv and texture, PLY, STL and OFF without. A missing folder is made.
 
         Raises
         ------
@@ -176,7 +179,7 @@ class Mesh(Fixed):
         FileFormatError
             If the file cannot be written.
         """
-        file = Path(path)
+        file = checked_path(path)
         kind = file.suffix.lower()
         if kind not in _WRITTEN:
             raise ArgumentError("path", f"a file that ends in one of {', '.join(_WRITTEN)}", str(file))
@@ -185,6 +188,7 @@ class Mesh(Fixed):
         mesh = self.to_open3d()
         if kind == ".stl":
             mesh.compute_triangle_normals()
+        folder_for(file)
         with _silent():
             written = open3d().t.io.write_triangle_mesh(str(file), mesh)
         if not written:

@@ -44,12 +44,16 @@ class Bins:
 
 
 def project(target: Target, vertices: DeviceArray, near: float) -> DeviceArray:
-    """(N, 4) homogeneous pixel-space positions of (N, 3) vertices of the world."""
+    """(N, 4) homogeneous pixel-space positions of (N, 3) vertices of the world.
+
+    As exact as float32 vertices are, even far from the world's origin: they are taken relative to the camera.
+    """
     from pyibr.opencl.launch import Struct, launch
     from pyibr.opencl.memory import empty
     from pyibr.opencl.program import kernel
 
     count = vertices.shape[0]
+    origin = target.camera.center.astype(np.float32)  # the same for all things: no cracks between neighbours
     projected = empty((count, 4), np.float32)
     launch(
         kernel("raster/project.cl", "project"),
@@ -57,7 +61,10 @@ def project(target: Target, vertices: DeviceArray, near: float) -> DeviceArray:
         vertices=vertices,
         projected=projected,
         count=count,
-        screen=Struct("Screen", target.screen(near)),
+        origin_x=float(origin[0]),
+        origin_y=float(origin[1]),
+        origin_z=float(origin[2]),
+        screen=Struct("Screen", target.screen(near, origin)),
     )
     return projected
 
@@ -161,7 +168,7 @@ def draw_mesh(target: Target, mesh: Mesh, lit: Lighting | None) -> None:
         more = {"tints": buffers["tints"]}
     if lit is not None:
         defines |= lit.defines
-        more |= {"normals": _normals(mesh, buffers), **lit.arguments()}
+        more |= {**_normals(mesh, buffers), **lit.arguments()}
         if lit.maps is not None:
             more["vertices"] = buffers["vertices"]
     whole = current().is_cpu
@@ -204,12 +211,21 @@ def _buffers(mesh: Mesh) -> dict[str, DeviceArray]:
     return made
 
 
-def _normals(mesh: Mesh, buffers: dict[str, DeviceArray]) -> DeviceArray:
+def _normals(mesh: Mesh, buffers: dict[str, DeviceArray]) -> dict[str, DeviceArray]:
     from pyibr.opencl.memory import upload
 
     if "normals" not in buffers:
-        buffers["normals"] = upload(mesh.normals if mesh.normals is not None else mesh.smooth_normals)
-    return buffers["normals"]
+        normals = mesh.normals if mesh.normals is not None else mesh.smooth_normals
+        buffers["normals"], buffers["fronts"] = upload(normals), upload(_fronts(mesh, normals))
+    return {name: buffers[name] for name in ("normals", "fronts")}
+
+
+def _fronts(mesh: Mesh, normals: NDArray[np.float32]) -> NDArray[np.int16]:
+    """(M,) 1, or -1 for triangles whose corners run clockwise as seen from where their normals point."""
+    corner = mesh.vertices[mesh.faces].astype(np.float64)
+    across = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    along = (across * normals[mesh.faces].sum(axis=1)).sum(axis=1)
+    return np.where(along < 0, -1, 1).astype(np.int16)
 
 
 def _unit(colors: NDArray[Any]) -> NDArray[np.float32]:
@@ -231,11 +247,11 @@ def texture_pyramid(texture: NDArray[Any]) -> NDArray[np.uint32]:
         level = cv2.resize(level, (max(width // 2, 1), max(height // 2, 1)), interpolation=cv2.INTER_AREA)
 
 
-def rgba_words(color: NDArray[Any], opaque: NDArray[np.bool_] | None = None) -> NDArray[np.uint32]:
-    """An image's pixels as RGBA words in a row: a texel is one read. A is 255, or 0 where not opaque."""
+def rgba_words(color: NDArray[Any], opacity: NDArray[Any] | None = None) -> NDArray[np.uint32]:
+    """An image's pixels as RGBA words in a row: a texel is one read. A is 255, or the opacity (bool, or 0 to 255)."""
     rgba = np.empty((*color.shape[:2], 4), np.uint8)
     rgba[..., :3] = _bytes(color)
-    rgba[..., 3] = 255 if opaque is None else np.where(opaque, 255, 0)
+    rgba[..., 3] = 255 if opacity is None else opacity * np.uint8(255) if opacity.dtype == bool else opacity
     return rgba.view(np.uint32).ravel()
 
 

@@ -43,9 +43,9 @@ def render(
         Perspective or orthographic.
     light : Light, optional
         Shades what has normals; without it things show their own colours. Depth images, and what is made of images,
-        are not shaded, since their colours hold the light that they were taken in; in shadow they keep its ambient
-        part. All things cast shadows, a depth image as far as its surface is seen from the light (`shadow_size=0`:
-        none).
+        are not shaded, since their colours hold the light that they were taken in; in shadow, and where a surface is
+        turned away from it, they keep its ambient part. All things cast shadows (`shadow_size=0`: none), a depth image
+        from both its sides.
     background : (r, g, b)
         Colour where there is nothing, in the range of the frame's dtype.
 
@@ -112,11 +112,9 @@ def _drawn_by(thing: object) -> _Draw:
 def _draw_depth_image(target: Target, view: DepthImage, lit: Lighting | None) -> None:
     from pyibr.warp import draw
 
-    if view.color.dtype != target.color.dtype:
-        color = (view.color * np.float32(1 / 255)).astype(np.float32)
-        view = DepthImage(color, view.depth, view.camera, view.far)
     before = _depths_before(target, lit)
-    draw(target, view)
+    shown = view.in_float if target.color.dtype == np.float32 else view
+    draw(target, shown, "both" if target.from_light else "front")
     if lit is not None:
         darken(target, before, lit)
 
@@ -154,7 +152,8 @@ def _draw_object(target: Target, thing: DepthObject | VisualHull, lit: Lighting 
     before = _depths_before(target, lit)
     draw_object(target, thing)
     if lit is not None:
-        darken(target, before, lit, float(thing.box.edges.max()) / thing.slices)
+        spacing = float(thing.box.edges.max()) / thing.slices
+        darken(target, before, lit, grain=spacing, apart=4, fade=0)
 
 
 def _draw_depth_mesh(target: Target, thing: DepthMesh | DepthMeshObject, lit: Lighting | None) -> None:

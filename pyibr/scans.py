@@ -37,7 +37,7 @@ def scan_view(
     Raises
     ------
     ArgumentError
-        If `points` is no grid, or has no two neighbours that are joined.
+        If `points` is no grid, has no two neighbours that are joined, or is seen from its edge.
     MissingPackageError
         If Open3D is not installed.
     """
@@ -73,7 +73,14 @@ def scan_view(
     K = [[1 / pixel, 0, (width - 1) / 2], [0, 1 / pixel, (height - 1) / 2], [0, 0, 1]]
     scan_from_camera = np.diag([1.0, -1.0, -1.0, 1.0])
     scan_from_camera[:3, 3] = *(0.5 * (low + high))[:2], high[2] + pixel
-    view = scene.capture(Camera(K, (width, height), pose @ scan_from_camera, "orthographic"))
+    try:
+        view = scene.capture(Camera(K, (width, height), pose @ scan_from_camera, "orthographic"))
+    except ArgumentError as error:
+        if error.argument != "camera":
+            raise
+        raise ArgumentError(
+            "points", "a surface that is seen along the scanner's -z", "one seen from its edge"
+        ) from None
     found = cv2.connectedComponentsWithStats((~view.valid).astype(np.uint8), connectivity=4)
     region, statistics = np.asarray(found[1], np.int64), np.asarray(found[2], np.int64)
     left, top = statistics[:, cv2.CC_STAT_LEFT], statistics[:, cv2.CC_STAT_TOP]

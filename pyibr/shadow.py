@@ -26,14 +26,17 @@ _SHADOW = np.dtype(
         ("depth_row", np.float32, 4 * _MAPS_MOST),
         ("maps", np.int32),
         ("size", np.int32),
-        ("perspective", np.int32),
-        ("texel", np.float32),
+        ("texel_x", np.float32),
+        ("texel_y", np.float32),
         ("grain", np.float32),
     ]
 )
 """The struct Shadow of kernels/lib/light.h."""
 
-_WIDEST = 150.0  # degrees that one map of a point light may cover; a light among the things takes six
+_WIDEST = 120.0  # degrees that one perspective map may cover, whose texels grow towards its edge; beyond, it takes six
+_MARGIN = 4  # texels left free around a map: points are moved by up to 2, and 1 more is read
+_THIN = 1e-6  # of the longer side: the least extent of a map
+_NARROWEST = 1e-3  # degrees
 
 
 @dataclass(frozen=True)
@@ -78,7 +81,7 @@ def lighting(light: Light, bounds: Sequence[Bounds], draw: Callable[[Target], No
     bounds : sequence of (low, high)
         Of each thing, in the world.
     draw : callable
-        Draws all things into a target.
+        Draws what all things hide from the light into a target.
     dtype : dtype
         Of the picture's colours, which `draw` expects.
     """
@@ -89,7 +92,7 @@ def lighting(light: Light, bounds: Sequence[Bounds], draw: Callable[[Target], No
     cameras = light_cameras(light, bounds)
     targets: list[Target] = []
     for camera in cameras:
-        target = Target(camera, dtype)
+        target = Target(camera, dtype, from_light=True)
         draw(target)
         targets.append(target)
     values = np.zeros((), _SHADOW)
@@ -97,8 +100,7 @@ def lighting(light: Light, bounds: Sequence[Bounds], draw: Callable[[Target], No
         values["from_world"][16 * i : 16 * i + 16] = (camera.pixel_matrix @ camera.camera_from_world).ravel()
         values["depth_row"][4 * i : 4 * i + 4] = camera.camera_from_world[2]
     values["maps"], values["size"] = len(cameras), light.shadow_size
-    values["perspective"] = cameras[0].projection == "perspective"
-    values["texel"] = 1 / min(cameras[0].K[0, 0], cameras[0].K[1, 1])
+    values["texel_x"], values["texel_y"] = 1 / cameras[0].K[0, 0], 1 / cameras[0].K[1, 1]
     if len(targets) == 1:
         return Lighting(light, targets[0].depth, values)
     stacked = np.concatenate([target.depth.to_host() for target in targets])
@@ -106,7 +108,7 @@ def lighting(light: Light, bounds: Sequence[Bounds], draw: Callable[[Target], No
 
 
 def light_cameras(light: Light, bounds: Sequence[Bounds]) -> list[Camera]:
-    """One camera that sees all of the scene from the light; of a point light among the things, six."""
+    """One camera that sees all of the scene from the light, or six around a wide spot or a point near the things."""
     low = np.min([np.asarray(b[0], np.float64) for b in bounds], axis=0)
     high = np.max([np.asarray(b[1], np.float64) for b in bounds], axis=0)
     corners = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
@@ -115,15 +117,15 @@ def light_cameras(light: Light, bounds: Sequence[Bounds]) -> list[Camera]:
         return [_far_camera(light.direction, corners, n)]
     assert light.position is not None
     if light.direction is not None:
-        return [_camera(light.position, light.direction, n, light.angle * 1.02)]
-    away = middle - light.position
-    radius, distance = float(np.linalg.norm(high - low)) / 2, float(np.linalg.norm(away))
-    angle = 2 * float(np.degrees(np.arcsin(min(1.0, radius / max(distance, 1e-30))))) * 1.02
-    if angle < _WIDEST:
-        return [_camera(light.position, away, n, angle)]
-    # Six faces of a cube, each a little wider, so that filtering stays on one.
-    axes = [sign * axis for axis in np.eye(3) for sign in (1.0, -1.0)]
-    return [_camera(light.position, axis, n, 2 * np.degrees(np.arctan(1 + 4 / n))) for axis in axes]
+        axis, angle = light.direction, light.angle
+    else:  # all of the ball around the box
+        axis = middle - light.position
+        radius, distance = float(np.linalg.norm(high - low)) / 2, float(np.linalg.norm(axis))
+        angle = 2 * float(np.degrees(np.arcsin(radius / distance))) if radius < distance else 180.0
+    if angle <= _WIDEST:
+        return [_camera(light.position, axis, n, max(angle, _NARROWEST))]
+    axes = [sign * one for one in np.eye(3) for sign in (1.0, -1.0)]
+    return [_camera(light.position, one, n, 90) for one in axes]
 
 
 def _pose(position: Float64, forward: Float64) -> Float64:
@@ -136,8 +138,13 @@ def _pose(position: Float64, forward: Float64) -> Float64:
     return pose
 
 
+def _inside(n: int) -> int:
+    """Texels of a side without the margins."""
+    return max(n - 2 * _MARGIN, n // 2)
+
+
 def _camera(position: Float64, forward: Float64, n: int, angle: float) -> Camera:
-    focal = 0.5 * n / np.tan(np.radians(min(angle, 175.0)) / 2)
+    focal = 0.5 * _inside(n) / np.tan(np.radians(angle) / 2)
     return Camera([[focal, 0, (n - 1) / 2], [0, focal, (n - 1) / 2], [0, 0, 1]], (n, n), _pose(position, forward))
 
 
@@ -146,15 +153,31 @@ def _far_camera(direction: Float64, corners: Float64, n: int) -> Camera:
     pose = _pose(np.zeros(3), direction)
     inside = corners @ pose[:3, :3]
     low, high = inside.min(axis=0), inside.max(axis=0)
-    extent = np.maximum(high - low, 1e-6 * max(float((high - low).max()), 1e-30))
-    pose[:3, 3] = pose[:3, :3] @ np.array([*(0.5 * (low + high))[:2], low[2] - 0.01 * extent.max() - 1e-30])
-    # Two texels are left free on each side.
-    fx, fy = max(n - 4, 1) / extent[:2]
+    extent = np.maximum(high - low, _THIN * (float((high - low).max()) or 1.0))
+    pose[:3, 3] = pose[:3, :3] @ np.array([*(0.5 * (low + high))[:2], low[2] - 0.01 * extent.max()])
+    fx, fy = _inside(n) / extent[:2]
     return Camera([[fx, 0, (n - 1) / 2], [0, fy, (n - 1) / 2], [0, 0, 1]], (n, n), pose, "orthographic")
 
 
-def darken(target: Target, before: DeviceArray | None, lit: Lighting, grain: float = 0.0) -> None:
-    """Shadows on a thing without normals that has just been drawn; `before`: the depths it was drawn over, if any."""
+def darken(
+    target: Target, before: DeviceArray | None, lit: Lighting, grain: float = 0.0, apart: int = 1, fade: float = 0.1
+) -> None:
+    """Shadows on a thing without normals that has just been drawn.
+
+    Parameters
+    ----------
+    target : Target
+    before : DeviceArray, optional
+        The depths that it was drawn over, if there were any.
+    lit : Lighting
+    grain : float
+        Scene units by which it may lie before its surface.
+    apart : int
+        Pixels between the depths that tell its normals.
+    fade : float
+        Cosine between light and normal from which it fades as it turns away; 0 for solids, whose fronts hide their
+        backs.
+    """
     from pyibr.opencl.device import current
     from pyibr.opencl.launch import Struct, launch
     from pyibr.opencl.program import kernel
@@ -168,6 +191,9 @@ def darken(target: Target, before: DeviceArray | None, lit: Lighting, grain: flo
         before=target.depth if before is None else before,
         screen=Struct("Screen", target.screen(0.5)),
         blank=before is None,
-        **target.outputs(),
+        apart=apart,
+        fade=fade,
+        depth=target.depth,
+        color=target.color,
         **lit.arguments(grain),
     )

@@ -28,6 +28,8 @@ _SCREEN = np.dtype(
 
 _NEAR = 1e-5  # of the distance to the farthest point of a thing: what lies nearer than that is not drawn
 
+_NEAREST = 1e-30  # scene units: of a point that the camera stands in
+
 
 class Target:
     """Colour, depth and coverage on the current device.
@@ -37,6 +39,8 @@ class Target:
     camera : Camera
     dtype : dtype
         Of the colour: uint8 or float32.
+    from_light : bool
+        Only its depths count: they are a light's map of what casts shadows.
 
     Attributes
     ----------
@@ -44,7 +48,7 @@ class Target:
         Nothing has been written yet: who draws first writes every pixel, who draws later keeps what is nearer.
     """
 
-    def __init__(self, camera: Camera, dtype: np.dtype[Any]) -> None:
+    def __init__(self, camera: Camera, dtype: np.dtype[Any], from_light: bool = False) -> None:
         from pyibr.opencl.memory import empty
 
         shape = (camera.height, camera.width)
@@ -53,6 +57,7 @@ class Target:
         self.depth = empty(shape, np.float32)
         self.valid = empty(shape, np.uint8)
         self.blank = True
+        self.from_light = from_light
 
     def outputs(self) -> dict[str, DeviceArray]:
         """The three buffers by their kernels' names."""
@@ -74,13 +79,18 @@ class Target:
             return 0.5  # W is 1 everywhere
         low, high = (np.asarray(corner, np.float64) for corner in bounds)
         middle, eye = 0.5 * (low + high), self.camera.world_from_camera[:3, 3]
-        return _NEAR * float(np.linalg.norm(middle - eye) + 0.5 * np.linalg.norm(high - low))
+        return max(_NEAR * float(np.linalg.norm(middle - eye) + 0.5 * np.linalg.norm(high - low)), _NEAREST)
 
-    def screen(self, near: float) -> NDArray[np.void]:
-        """A record of the struct Screen."""
+    def screen(self, near: float, origin: NDArray[Any] | None = None) -> NDArray[np.void]:
+        """A record of the struct Screen; with an `origin`, (3,) in the world, for points relative to it."""
+        from_world = self.from_world
+        if origin is not None:
+            shift = np.eye(4)
+            shift[:3, 3] = origin
+            from_world = from_world @ shift
         values = np.zeros((), _SCREEN)
-        values["from_world"] = self.from_world.ravel()
-        values["to_world"] = np.linalg.inv(self.from_world).ravel()
+        values["from_world"] = from_world.ravel()
+        values["to_world"] = np.linalg.inv(from_world).ravel()
         values["width"], values["height"] = self.camera.size
         perspective = self.camera.projection == "perspective"
         values["perspective"] = perspective

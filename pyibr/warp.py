@@ -147,11 +147,11 @@ def warp(
     return frame
 
 
-def draw(target: Target, view: DepthImage) -> None:
+def draw(target: Target, view: DepthImage, side: Side = "front") -> None:
     """Draw a view into the target by the epipolar warp, with the defaults of `warp`. The session's lock is held."""
     samples = samples_of(view)
     pixel_map = PixelMap(view.camera, target.camera, samples.low, samples.high)
-    _look(samples, pixel_map, target, _Options(True, False, 1.0, _SHOWN["front"], 1.0), "epipolar")
+    _look(samples, pixel_map, target, _Options(True, False, 1.0, _SHOWN[side], 1.0), "epipolar")
 
 
 @dataclass(frozen=True)

@@ -19,13 +19,16 @@ def square() -> ibr.Mesh:
     return ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]], uv=[[0, 0], [1, 0], [1, 1], [0, 1]])
 
 
-def looking(elevation: float, direction: float, scale: float, size: tuple[int, int]) -> Camera:
-    """A perspective camera that sees all of it; angles in degrees."""
+def looking(
+    elevation: float, direction: float, scale: float, size: tuple[int, int], projection: str = "perspective"
+) -> Camera:
+    """A camera that sees all of it; angles in degrees."""
     e, d = np.radians(elevation), np.radians(direction)
     away = np.array([np.cos(e) * np.cos(d), np.cos(e) * np.sin(d), np.sin(e)])
     middle = np.array([0.5, 0.5, 0.5 * scale])
     up = (0, 0, 1) if elevation < 90 else (np.cos(d), np.sin(d), 0)
-    return Camera.look_at(middle + 2.2 * away, middle, up, size, fov_y=36)
+    how = {"fov_y": 36.0} if projection == "perspective" else {"projection": projection, "height": 1.5}
+    return Camera.look_at(middle + 2.2 * away, middle, up, size, **how)
 
 
 class Solid:
@@ -55,12 +58,12 @@ class Solid:
         self.scene.add_triangles(vertices, np.concatenate([faces, faces + count, *walls]).astype(np.uint32))
 
     def depth(self, camera: Camera) -> np.ndarray:
-        """True planar depth seen by a perspective camera; inf where there is nothing."""
+        """True planar depth seen by a camera; inf where there is nothing."""
         y, x = np.mgrid[: camera.height, : camera.width]
-        pixels = np.stack([x, y, np.ones_like(x)], axis=-1).reshape(-1, 3)
-        rays = pixels @ np.linalg.inv(camera.K).T @ camera.world_from_camera[:3, :3].T
-        origin = np.broadcast_to(camera.world_from_camera[:3, 3], rays.shape)
-        hits = self.scene.cast_rays(np.concatenate([origin, rays], axis=1).astype(np.float32))
+        pixels = np.stack([x, y], axis=-1).reshape(-1, 2)
+        at_1, at_2 = (camera.unproject(pixels, np.full(len(pixels), z)) for z in (1.0, 2.0))
+        rays = at_2 - at_1
+        hits = self.scene.cast_rays(np.concatenate([at_1 - rays, rays], axis=1).astype(np.float32))
         return hits["t_hit"].numpy().reshape(camera.height, camera.width)
 
 

@@ -230,3 +230,16 @@ def test_a_mesh_is_captured_with_its_own_colours():
     np.testing.assert_array_equal(MeshScene.from_mesh(tinted).capture(camera).color[5, 5], (10, 20, 30))
     np.testing.assert_array_equal(MeshScene.from_mesh(textured).capture(camera).color[5, 5], (51, 102, 153))
     assert MeshScene.from_mesh(Mesh(square, faces, uv=uv)).capture(camera).valid.any()
+
+
+@pytest.mark.parametrize("projection", ["orthographic", "perspective"])
+@pytest.mark.parametrize("thickness", [0, 0.01])
+def test_an_object_too_thin_for_six_views(projection, thickness):
+    """A plate from its edge lies between two rows of pixels."""
+    corners = np.array(np.meshgrid((0, 1), (0, 1), (0, thickness), indexing="ij")).reshape(3, -1).T
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    plate = Mesh(corners, [[a, b, c] for a, b, c, _ in quads] + [[a, c, d] for a, _, c, d in quads])
+    with pytest.raises(ArgumentError, match=r"^mesh: expected .*thicker than a pixel.* got extents of 1, 1, "):
+        object_views(plate, 64, projection)
+    if thickness:
+        assert len(object_views(plate, 256, projection)) == 6

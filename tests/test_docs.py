@@ -51,7 +51,13 @@ def test_python_of_page_runs(
 
 def test_pages_with_python_are_found() -> None:
     with_python = {name_of(page) for page in PAGES if blocks_of(page)}
-    assert {"README.md", "docs/index.md", "docs/conventions.md", "docs/howto/own-images.md"} <= with_python
+    assert {
+        "README.md",
+        "docs/index.md",
+        "docs/conventions.md",
+        "docs/howto/own-images.md",
+        "docs/howto/objects.md",
+    } <= with_python
 
 
 def test_readme_example_is_as_short_as_it_says() -> None:

@@ -36,6 +36,53 @@ def test_repr():
     assert repr(ibr.Light(position=(1, -2.5, 0))) == "<Light position (1, -2.5, 0)>"
 
 
+FLOOR = ibr.Mesh([[-4, -4, 0], [4, -4, 0], [4, 4, 0], [-4, 4, 0]], [[0, 1, 2], [0, 2, 3]])
+
+
+def floor_seen(projection: str = "perspective") -> tuple[ibr.Camera, np.ndarray]:
+    """A camera over the floor, and the floor's points at its pixels."""
+    how = {"height": 3.0, "projection": projection} if projection == "orthographic" else {}
+    camera = ibr.Camera.look_at((0.3, -1, 2.5), (0, 0, 0), (0, 1, 0), (64, 48), 50, **how)
+    frame = ibr.render(FLOOR, camera)
+    assert frame.valid.all()
+    y, x = np.mgrid[:48, :64]
+    points = camera.unproject(np.stack([x.ravel(), y.ravel()], axis=-1), frame.depth.ravel().astype(float))
+    return camera, points.reshape(48, 64, 3)
+
+
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+def test_highlights(projection):
+    """Blinn's: the cosine between the normal and the direction halfway between light and viewer, to a power."""
+    camera, points = floor_seen(projection)
+    for shape in ({"position": (-0.5, 0.8, 1.5)}, {"direction": (0.2, -0.4, -1)}, {"position": (0, 0, -1)}):
+        light = ibr.Light(**shape, color=(1, 0.5, 0.2), ambient=0.2, specular=0.7, shininess=20, shadow_size=0)
+        ones = np.ones_like(points)
+        to_light = np.subtract(light.position, points) if light.direction is None else ones * -light.direction
+        to_light /= np.linalg.norm(to_light, axis=-1, keepdims=True)
+        to_eye = camera.center - points if projection == "perspective" else ones * -camera.forward
+        to_eye /= np.linalg.norm(to_eye, axis=-1, keepdims=True)
+        halfway = to_light + to_eye
+        cosine = np.maximum(to_light[..., 2], 0)
+        highlight = np.where(cosine > 0, (halfway[..., 2] / np.linalg.norm(halfway, axis=-1)) ** 20, 0)
+        part = 0.2 + 0.8 * cosine[..., None] * light.color
+        expected = 255 * np.minimum(0.8 * part + 0.8 * 0.7 * highlight[..., None] * light.color, 1)
+        assert np.abs(ibr.render(FLOOR, camera, light).color - expected).max() <= 0.6  # rounding to bytes
+
+
+def test_a_spot_light_lights_its_cone_alone():
+    camera, points = floor_seen()
+    light = ibr.Light(direction=(0, 0.2, -1), position=(0, 0, 2), angle=35, ambient=0.1, shadow_size=0)
+    alone = ibr.Light(position=(0, 0, 2), ambient=0.1, shadow_size=0)
+    spot, point = (ibr.render(FLOOR, camera, one).color for one in (light, alone))
+    off_axis = points - (0, 0, 2)
+    cosine = off_axis @ [0, 0.2, -1] / np.linalg.norm(off_axis, axis=-1) / np.hypot(0.2, 1)
+    angle = np.degrees(np.arccos(cosine))
+    outside, full = angle > 17.5 + 1e-3, angle < 0.98 * 17.5 - 1e-3
+    assert min(outside.sum(), full.sum()) > 300
+    assert np.abs(spot[outside] - 0.1 * 0.8 * 255).max() <= 0.6
+    np.testing.assert_array_equal(spot[full], point[full])
+
+
 BAD = [
     ({}, "direction", "got none"),
     ({"position": (1, 0, 0), "direction": (0, 1, 0), "angle": 0}, "angle", "degrees"),

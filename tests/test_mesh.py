@@ -146,3 +146,20 @@ def test_bad_files(tmp_path, capfd):
     with pytest.raises(ibr.ArgumentError, match="ends in"):
         textured.save(tmp_path / "square.xyz")
     assert "Open3D" not in "".join(capfd.readouterr())
+
+
+@pytest.mark.parametrize("path", [None, 3, b"square.ply", ["square.ply"]], ids=str)
+def test_paths_that_are_none(path):
+    for use in (ibr.Mesh.load, ibr.Mesh(CORNERS, FACES).save):
+        with pytest.raises(ibr.ArgumentError, match=r"^path: expected a file's path, .* got "):
+            use(path)
+
+
+def test_saving_makes_the_folder(tmp_path, capfd):
+    mesh = ibr.Mesh(CORNERS, FACES)
+    mesh.save(tmp_path / "new" / "folder" / "square.ply")
+    assert len(ibr.Mesh.load(tmp_path / "new" / "folder" / "square.ply").faces) == 2
+    (tmp_path / "file").touch()
+    with pytest.raises(ibr.FileFormatError, match="not a folder"):
+        mesh.save(tmp_path / "file" / "square.ply")
+    assert not capfd.readouterr().err

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
+from pyibr import models
 from pyibr.camera import Camera
+from pyibr.capture import object_views
 from tests import scenes
 
 CAMERA = Camera([[60, 0, 40], [0, 60, 30], [0, 0, 1]], (81, 61))
@@ -57,6 +59,36 @@ def test_the_dtype_is_float_if_a_depth_images_is():
     assert frame.color.dtype == np.float32
     np.testing.assert_allclose(frame.color[30, 40], (1, 0, 0), atol=1e-6)
     np.testing.assert_allclose(frame.color[2, 2], 90 / 255, atol=1e-6)
+
+
+def test_views_of_both_dtypes_are_uploaded_once(monkeypatch):
+    from pyibr.opencl import launch, memory
+
+    things, launched, uploaded = [view(5, np.float32), view(4)], [], []
+    real_launch, real_upload = launch.launch, memory.upload
+    first = ibr.render(things, CAMERA)
+    monkeypatch.setattr(
+        launch, "launch", lambda kernel, *a, **k: (launched.append(kernel.name), real_launch(kernel, *a, **k))
+    )
+    monkeypatch.setattr(memory, "upload", lambda array: (uploaded.append(array.nbytes), real_upload(array))[1])
+    second = ibr.render(things, CAMERA)
+    np.testing.assert_array_equal(second.color, first.color)
+    assert launched
+    assert "to_nearness" not in launched  # what is done with an image first
+    assert sum(uploaded) < things[1].depth.nbytes
+
+
+def test_objects_of_both_dtypes_are_made_once():
+    pytest.importorskip("open3d")
+    views = object_views(models.donut(16), 32)
+    mixed = [views[0].in_float, *views[1:]]
+    thing, plain = ibr.DepthObject(mixed, 32), ibr.DepthObject(views, 32)
+    camera = Camera.look_at((0, 1, 4), (0, 0, 0), (0, 1, 0), (41, 31), fov_y=45)
+    frame = ibr.render(thing, camera)
+    (kept,) = thing.device_cache.values()
+    np.testing.assert_array_equal(frame.color, ibr.render(plain, camera).color)
+    ibr.render(thing, camera)
+    assert next(iter(thing.device_cache.values())) is kept
 
 
 def test_a_float_picture_is_the_byte_one_unrounded():

@@ -9,6 +9,7 @@ import matplotlib as mpl
 mpl.use("Agg")
 
 import cv2
+import depthmeshes
 import matplotlib.pyplot as plt
 import numpy as np
 import reliefs
@@ -166,6 +167,29 @@ def slicing_directions() -> Figure:
     return figure
 
 
+def three_directions() -> Figure:
+    """A height map by 64 slices from where the directions a, b and c face the viewer most."""
+    y, x = np.mgrid[:128, :128] / 128
+    waves = 0.6 * np.sin(9.4 * np.hypot(x - 0.4, y - 0.55) * 2) + 0.4 * np.sin(12.6 * x) * np.sin(18.8 * y)
+    height = (0.5 + 0.45 * waves).clip(0.04, 1).astype(np.float32)
+    tint = height[..., None]
+    color = (np.array([50, 70, 120]) * (1 - tint) + np.array([250, 205, 150]) * tint).astype(np.uint8)
+    corners, uv = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 0], [1, 0], [1, 1], [0, 1]]
+    square = ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]], uv=uv)
+    thing = ibr.SlicedSurface(square, height, color, 0.22, slices=64)
+    light = ibr.Light(direction=(0.6, 0.4, -1))
+    figure, row = plt.subplots(1, 3, figsize=(13, 3.0), layout="constrained")
+    views = {"a, along the normal": (65, -60), "b, along u": (16, 0), "c, along v": (16, -90)}
+    for axes, (name, (elevation, azimuth)) in zip(row, views.items(), strict=True):
+        e, a = np.radians((elevation, azimuth))
+        middle = np.array([0.5, 0.5, 0.1])
+        eye = middle + 3 * np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+        camera = ibr.Camera.look_at(eye, middle, (0, 0, 1), (640, 330), 27 if elevation > 45 else 15)
+        bare(axes).imshow(ibr.render(thing, camera, light, background=(255, 255, 255)).color)
+        axes.set_title(f"direction {name}", loc="left", fontsize=12, color=INK)
+    return figure
+
+
 def slice_counts() -> Figure:
     """A pyramid field at 40 degrees by 6 to 48 slices along the normal, across it and parallel to the screen."""
     y, x = np.mgrid[:128, :128] / 128
@@ -227,9 +251,15 @@ if __name__ == "__main__":
     save("epipolar-lines.png", epipolar_lines(), 80)
     save("epipolar-plane.png", epipolar_plane(), 100)
     save("slicing-directions.png", slicing_directions(), 80)
+    save("three-directions.jpg", three_directions(), 80)
     save("slice-counts.png", slice_counts(), 70)
     save("donuts.jpg", donuts(), 80)
     save("depth-object.png", depth_object(), 90)
     save("relief-silhouettes.jpg", reliefs.silhouettes(), 80)
     save("relief-distances.jpg", reliefs.distances(), 80)
     save("relief-scenes.jpg", reliefs.scenes(), 80)
+    if (made := reliefs.models_in_relief()) is not None:  # of meshes that are not part of the project
+        save("relief-models.jpg", made, 80)
+    save("depth-mesh.jpg", depthmeshes.segmentation(), 80)
+    save("depth-mesh-blending.jpg", depthmeshes.blending(), 80)
+    save("depth-mesh-object.jpg", depthmeshes.unseen(), 80)

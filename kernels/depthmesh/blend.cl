@@ -11,11 +11,13 @@
  * bridges surfaces in the coarse meshes is kept out of empty space.
  *
  * corners, projected, places: select.cl, mesh by mesh: the VIEWS ones, then as many coarse ones. list, starts:
- * raster/bins.cl. firsts: (meshes + 1,) each mesh's first triangle. sizes: (VIEWS, 3) width, height and start in colors
- * of each view. colors: RGBA bytes. weights: (VIEWS,) positional, > 0. With UNDERLAID, of all views there are:
- * limits, their depths, INFINITY for background and 0 where nothing is known; limit_sizes like sizes; from_target, (ALL,
- * 16) from the target's pixel space to theirs; perspectives: 1 or 0. depth, color, valid: the picture, which keeps
- * what is nearer already. occupancy: (height, width) bit k is set where view k gave colour, with OCCUPIED.
+ * raster/bins.cl. firsts: (meshes + 1,) each mesh's first triangle. sizes: (VIEWS, 4) width, height, start in colors
+ * and number of the level that is read of each view: each is half as large as the one before, rounded up. colors: RGBA
+ * bytes, A = 255 times the part that has samples. weights: (VIEWS,) positional, > 0. culled: 1 leaves out what is seen from behind. With
+ * UNDERLAID, of all views there are: limits, their depths, INFINITY for background and 0 where nothing is known;
+ * limit_sizes: (ALL, 3) width, height and start; from_target, (ALL, 16) from the target's pixel space to theirs; perspectives: 1 or 0. depth,
+ * color, valid: the picture, which keeps what is nearer already. occupancy: (height, width) bit k is set where view k
+ * gave colour, with OCCUPIED.
  * Work-item: a region (raster/region.h). Cost: O(list + pixels * meshes). Determinism: list order, then the meshes'.
  */
 #include "raster/region.h"
@@ -41,13 +43,14 @@ typedef struct {
     global const float *projected;
     Screen screen;
     float nearest_w;
+    int culled;
 } Context;
 
 typedef Triangles Primitives;
 
 intl set_up(const Context *context, intl index, int x, int y, Primitives *t)
 {
-    return set_up_triangles(context->corners, context->projected, index, context->nearest_w, 0, x, y, t);
+    return set_up_triangles(context->corners, context->projected, index, context->nearest_w, context->culled, x, y, t);
 }
 
 void cover(const Context *context, const Primitives *t, int lane, Region *region, int block, int first_x, int first_y)
@@ -75,50 +78,70 @@ int place_in(global const int *list, int first, int last, int number)
 }
 
 #if UNDERLAID
-/* Has a view seen through the target's pixel (x, y) at nearness n? */
+/* Has a view seen through the target's pixel (x, y) at nearness n, with all four samples around it? */
 intl is_empty(global const float *limits, global const int *sizes, global const float *from_target,
               global const int *perspectives, floatl x, floatl y, floatl n, float epsilon)
 {
     intl empty = (intl)0;
     for (int view = 0; view < ALL; view++) {
         global const float *m = from_target + 16 * view;
-        global const int *size = sizes + 3 * view;
+        const int width = sizes[3 * view], height = sizes[3 * view + 1];
         const floatl inverse = 1.0f / (PIXEL_ROW(m, 2, x, y) + n * m[11]), near = (PIXEL_ROW(m, 3, x, y) + n * m[15]) * inverse;
-        const floatl u = (PIXEL_ROW(m, 0, x, y) + n * m[3]) * inverse + 0.5f, v = (PIXEL_ROW(m, 1, x, y) + n * m[7]) * inverse + 0.5f;
+        const floatl u = (PIXEL_ROW(m, 0, x, y) + n * m[3]) * inverse, v = (PIXEL_ROW(m, 1, x, y) + n * m[7]) * inverse;
         const floatl z = perspectives[view] ? 1.0f / near : -near;
-        const intl on_image = (inverse > 0.0f) & (z > 0.0f) & (u >= 0.0f) & (v >= 0.0f) & (u < (float)size[0]) & (v < (float)size[1]);
-        const intl at = size[2] + pick(on_image, to_intl(v) * size[0] + to_intl(u), (intl)0);
-        empty = empty | (on_image & (z < (floatl)(gather(limits, at)) - epsilon));
+        intl through = (inverse > 0.0f) & (z > 0.0f) & (u >= 0.0f) & (v >= 0.0f) & (u < width - 1.0f) & (v < height - 1.0f);
+        const intl first = sizes[3 * view + 2] + pick(through, to_intl(v) * width + to_intl(u), (intl)0);
+        for (int k = 0; k < 4; k++) {
+            const intl at = first + (k & 1) + (k >> 1) * width;
+            through = through & (z < (floatl)(gather(limits, at)) - epsilon);
+        }
+        empty = empty | through;
     }
     return empty;
 }
 #endif
 
-/* Adds the colour at the pixel (x, y) of a view: linear within the cell's triangle. */
+/* Adds the colour at the pixel (x, y) of a view's level: of its samples linear within the cell's triangle, of a coarser
+ * level bilinear, by how much of each texel has samples. */
 void add_color(global const uint *colors, global const int *size, floatl x, floatl y, floatl weight, Color *sum)
 {
-    const int width = size[0], height = size[1];
-    const floatl cx = lesser(greater(x, (floatl)0.0f), (floatl)(width - 1)), cy = lesser(greater(y, (floatl)0.0f), (floatl)(height - 1));
-    const floatl x0 = lesser(truncated(cx), (floatl)(width - 2)), y0 = lesser(truncated(cy), (floatl)(height - 2));
+    const int width = size[0], height = size[1], level = size[3];
+    const float per_texel = 1.0f / (1 << level);
+    const floatl u = (x + 0.5f) * per_texel - 0.5f, v = (y + 0.5f) * per_texel - 0.5f, none = 0.0f;
+    const floatl cx = lesser(greater(u, none), (floatl)(width - 1)), cy = lesser(greater(v, none), (floatl)(height - 1));
+    const floatl x0 = lesser(truncated(cx), (floatl)max(width - 2, 0)), y0 = lesser(truncated(cy), (floatl)max(height - 2, 0));
     const intl column = to_intl(x0), row = to_intl(y0), at = size[2] + row * width + column;
-    const floatl fx = cx - x0, fy = cy - y0, gx = 1.0f - fx, gy = 1.0f - fy, none = 0.0f;
-    const intl main = ((column ^ row) & 1) == 0; /* the diagonal runs to the lower right (depthmesh/tree.h) */
-    const floatl share[4] = {pick(main, lesser(gx, gy), greater(gx - fy, none)), pick(main, greater(fx - fy, none), lesser(fx, gy)),
-                             pick(main, greater(fy - fx, none), lesser(gx, fy)), pick(main, lesser(fx, fy), greater(fx - gy, none))};
-    for (int k = 0; k < 4; k++) {
-        const intl sample = at + (k & 1) + (k >> 1) * width, word = as_intl((uintl)(gather(colors, sample)));
-        const floatl part = weight * share[k];
-        sum->r += part * to_floatl(word & 255);
-        sum->g += part * to_floatl(word >> 8 & 255);
-        sum->b += part * to_floatl(word >> 16 & 255);
+    const floatl fx = cx - x0, fy = cy - y0, gx = 1.0f - fx, gy = 1.0f - fy;
+    const int right = min(width - 1, 1), down = min(height - 1, 1) * width;
+    floatl share[4] = {gx * gy, fx * gy, gx * fy, fx * fy};
+    if (level == 0) {
+        const intl main = ((column ^ row) & 1) == 0; /* the diagonal runs to the lower right (depthmesh/tree.h) */
+        share[0] = pick(main, lesser(gx, gy), greater(gx - fy, none));
+        share[1] = pick(main, greater(fx - fy, none), lesser(fx, gy));
+        share[2] = pick(main, greater(fy - fx, none), lesser(gx, fy));
+        share[3] = pick(main, lesser(fx, fy), greater(fx - gy, none));
     }
+    Color read = {0.0f, 0.0f, 0.0f};
+    floatl opaque = 0.0f;
+    for (int k = 0; k < 4; k++) {
+        const intl texel = at + (k & 1 ? right : 0) + (k >> 1 ? down : 0), word = as_intl((uintl)(gather(colors, texel)));
+        const floatl part = share[k] * to_floatl(word >> 24 & 255);
+        read.r += part * to_floatl(word & 255);
+        read.g += part * to_floatl(word >> 8 & 255);
+        read.b += part * to_floatl(word >> 16 & 255);
+        opaque += part;
+    }
+    const floatl scale = weight / greater(opaque, (floatl)1e-6f);
+    sum->r += scale * read.r;
+    sum->g += scale * read.g;
+    sum->b += scale * read.b;
 }
 
 kernel void draw_meshes(global const int *corners, global const float *projected, global const float *places,
                         global const int *list, global const int *starts, int bins_x, global const int *firsts,
                         global const int *sizes, global const uint *colors, global const float *weights,
                         global float *depth, global channel *color, global uchar *valid, Screen screen, float nearest_w,
-                        float epsilon, int blank
+                        int culled, float epsilon, int blank
 #if UNDERLAID
                         ,
                         global const float *limits, global const int *limit_sizes, global const float *from_target,
@@ -133,7 +156,7 @@ kernel void draw_meshes(global const int *corners, global const float *projected
     const int x = get_global_id(0) * REGION, y = get_global_id(1) * REGION;
     if (x >= screen.width || y >= screen.height)
         return;
-    const Context context = {corners, projected, screen, nearest_w};
+    const Context context = {corners, projected, screen, nearest_w, culled};
     const int bin = y / BIN * bins_x + x / BIN;
     Region seen[MESHES], shown;
     int next = starts[bin];
@@ -171,7 +194,8 @@ kernel void draw_meshes(global const int *corners, global const float *projected
         Color sum = {0.0f, 0.0f, 0.0f};
         floatl total = 0.0f;
         intl views = (intl)0;
-        const floatl deepest = screen.perspective ? 1.0f / (1.0f / front + epsilon) : front - epsilon;
+        /* Of epsilon 0 this is `front` itself. */
+        const floatl deepest = screen.perspective ? front / (1.0f + epsilon * front) : front - epsilon;
         for (int mesh = 0; mesh < MESHES; mesh++) {
             const floatl n = seen[mesh].nearness[block];
             intl given = mine & (seen[mesh].owner[block] >= 0) & (mesh < VIEWS ? !under : under);
@@ -200,7 +224,7 @@ kernel void draw_meshes(global const int *corners, global const float *projected
 #endif
             const floatl inverse = 1.0f / at_z;
             const floatl sound_x = pick(given, at_x * inverse, (floatl)0.0f), sound_y = pick(given, at_y * inverse, (floatl)0.0f);
-            add_color(colors, sizes + 3 * view, sound_x, sound_y, weight, &sum);
+            add_color(colors, sizes + 4 * view, sound_x, sound_y, weight, &sum);
             total += weight;
             views |= pick(given, (intl)(1 << view), (intl)0);
         }

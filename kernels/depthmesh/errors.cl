@@ -40,25 +40,32 @@ floatl nearness_at(const Layout *layout, const Tree *tree, intl x, intl y)
     return pick(in, (floatl)(gather(tree->nearness, at)), (floatl)NO_SURFACE);
 }
 
-/* Takes over a child's error and depth; returns the state of its side that faces the vertices. */
-intl add_child(const Layout *layout, const Tree *tree, intl x, intl y, intl there, int faces_b, Vertices *v)
+/* LANES children */
+typedef struct {
+    intl at; /* 0 where there is none */
+    floatl x, y, error, depth;
+} Children;
+
+/* The children at (x, y): takes over their errors and depths. */
+Children add_children(const Layout *layout, const Tree *tree, intl x, intl y, intl there, Vertices *v)
 {
-    const intl at = pick(there, y * layout->row + x, (intl)0);
-    const intl byte = (intl)(gather(tree->states, at));
-    const floatl error = pick(there, (floatl)(gather(tree->errors, at)), (floatl)-1.0f);
-    v->error = fmax(v->error, error);
-    v->depth = pick((v->depth == 0.0f) & (error >= 0.0f), (floatl)(gather(tree->depths, at)), v->depth);
-    return pick(there, faces_b ? STATE_B(byte) : STATE_A(byte), (intl)0);
+    Children c;
+    c.at = pick(there, y * layout->row + x, (intl)0);
+    c.x = to_floatl(x);
+    c.y = to_floatl(y);
+    c.error = pick(there, (floatl)(gather(tree->errors, c.at)), (floatl)-1.0f);
+    c.depth = (floatl)(gather(tree->depths, c.at));
+    v->error = greater(c.error, v->error);
+    v->depth = pick((v->depth == 0.0f) & (c.error >= 0.0f), c.depth, v->depth);
+    return c;
 }
 
-/* Widens the spheres to hold a child's. */
-void hold_child(const Layout *layout, const Tree *tree, intl x, intl y, intl there, Vertices *v)
+/* Widens the spheres to hold children's. */
+void hold_children(const Layout *layout, const Tree *tree, const Children *c, Vertices *v)
 {
-    const intl at = pick(there, y * layout->row + x, (intl)0);
-    const intl holds = there & ((floatl)(gather(tree->errors, at)) >= 0.0f);
-    const Point away = minus(point_of(layout, to_floatl(x), to_floatl(y), (floatl)(gather(tree->depths, at))), v->center);
-    const floatl reach = sqrt(DOT(away, away)) + (floatl)(gather(tree->radii, at));
-    v->radius = pick(holds, fmax(v->radius, reach), v->radius);
+    const Point away = minus(point_of(layout, c->x, c->y, c->depth), v->center);
+    const floatl reach = sqrt(DOT(away, away)) + (floatl)(gather(tree->radii, c->at));
+    v->radius = pick((c->error >= 0.0f) & (reach > v->radius), reach, v->radius);
 }
 
 /* The vertices' own errors: p bisects the edge from a to b, or, where one of them is no sample, nothing is known. */
@@ -97,14 +104,15 @@ void find_row(const Layout *layout, const Tree *tree, int s, int y, int centers)
         v.radius = 0.0f;
         v.depth = pick(IS_SAMPLE(n), DEPTH_OF(*layout, n), (floatl)0.0f);
         v.side[0] = v.side[1] = 0;
-        intl main = 0, child_x[4], child_y[4], there[4];
+        intl main = 0;
+        Children children[4];
         if (centers) {
             main = IS_MAIN(x, row, s);
             for (int k = 0; k < 4; k++) { /* above, right, below, left */
-                child_x[k] = x + (k == 1 ? s : k == 3 ? -s : 0);
-                child_y[k] = row + (k == 2 ? s : k == 0 ? -s : 0);
-                there[k] = mine;
-                const intl state = add_child(layout, tree, child_x[k], child_y[k], mine, k == 0 || k == 3, &v);
+                const intl child_x = x + (k == 1 ? s : k == 3 ? -s : 0), child_y = row + (k == 2 ? s : k == 0 ? -s : 0);
+                children[k] = add_children(layout, tree, child_x, child_y, mine, &v);
+                const intl byte = (intl)(gather(tree->states, children[k].at));
+                const intl state = k == 0 || k == 3 ? STATE_B(byte) : STATE_A(byte);
                 const intl to_a = k == 0 ? (intl)-1 : k == 2 ? (intl)0 : k == 1 ? main : !main;
                 v.side[0] |= pick(to_a, state, (intl)0);
                 v.side[1] |= pick(to_a, (intl)0, state);
@@ -112,24 +120,25 @@ void find_row(const Layout *layout, const Tree *tree, int s, int y, int centers)
         } else {
             for (int k = 0; k < 4; k++) {
                 const int right = k & 1, below = k >> 1, side = across ? below : right;
-                child_x[k] = x + (right ? half_step : -half_step);
-                child_y[k] = row + (below ? half_step : -half_step);
-                there[k] = mine & (right ? x < layout->side : x > 0) & (intl)((below ? y < layout->side : y > 0) ? -1 : 0);
+                const intl there = mine & (right ? x < layout->side : x > 0) & (intl)((below ? y < layout->side : y > 0) ? -1 : 0);
                 if (s > 1) {
-                    v.side[side] |= add_child(layout, tree, child_x[k], child_y[k], there[k], !below, &v);
+                    const intl child_x = x + (right ? half_step : -half_step), child_y = row + (below ? half_step : -half_step);
+                    children[k] = add_children(layout, tree, child_x, child_y, there, &v);
+                    const intl byte = (intl)(gather(tree->states, children[k].at));
+                    v.side[side] |= pick(there, below ? STATE_A(byte) : STATE_B(byte), (intl)0);
                     continue;
                 }
                 const intl cx = x - !right, cy = row - !below;
-                const intl in = there[k] & (cx < layout->width - 1) & (cy < layout->height - 1);
+                const intl in = there & (cx < layout->width - 1) & (cy < layout->height - 1);
                 const intl at = pick(in, cy * layout->pitch + cx, (intl)0), byte = (intl)(gather(tree->cells, at));
                 const intl state = pick(in, below ? STATE_A(byte) : STATE_B(byte), (intl)UNDRAWN);
-                v.side[side] |= pick(there[k], state, (intl)0);
+                v.side[side] |= pick(there, state, (intl)0);
             }
         }
         v.center = point_of(layout, to_floatl(x), to_floatl(row), v.depth);
         if (centers || s > 1)
             for (int k = 0; k < 4; k++)
-                hold_child(layout, tree, child_x[k], child_y[k], there[k], &v);
+                hold_children(layout, tree, &children[k], &v);
         const int before_x = centers || across ? s : 0, before_y = centers || !across ? s : 0;
         const intl ay = centers ? pick(main, row - s, row + s) : row - before_y;
         const intl by = centers ? pick(main, row + s, row - s) : row + before_y;

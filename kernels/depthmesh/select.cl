@@ -3,7 +3,8 @@
  * `activate` marks the vertices that a target needs: those whose error is seen larger than the tolerance (equation 5)
  * from the nearest point of their bounding sphere, which is within the target's view. Errors and spheres hold those of
  * all children, so every vertex can decide on its own, and no cracks arise. A triangle is part of the triangulation if
- * its vertex at the right angle is active and the one that would split it is not; it is drawn if all of it is.
+ * its vertex at the right angle is active and the one that would split it is not; it is drawn if all of it is. (The two
+ * corners where the coarsest triangles have their right angles are always active.)
  *
  * Deviation from the paper: the distance is that of the sphere, not of the vertex, as the above demands.
  *
@@ -54,6 +55,8 @@ kernel void activate(global const float *errors, global const float *radii, glob
         }
         store_bytes(to_ucharl(needed & 1), active + at);
     }
+    if (y == 0 || y == layout.side) /* the corner at a coarsest triangle's right angle */
+        active[start + layout.side - y] = 1;
 }
 
 /* One of the four triangles with their right angle at a vertex */
@@ -64,12 +67,12 @@ typedef struct {
 
 /* The triangle towards (dx, dy) of the vertex p of step s, a midpoint or a corner: split by a centre or a cell's own */
 Triangle triangle_of(const Layout *layout, global const uchar *active, global const uchar *states, global const uchar *cells,
-                     int2 p, int s, int centers, int k)
+                     int2 p, int s, int k)
 {
     Triangle t = {p, p, 0};
     int2 splits;
     int state;
-    if (centers) { /* k: above, right, below, left */
+    if (IS_CENTER(p.x, p.y, s)) { /* k: above, right, below, left */
         const int2 to = (int2)(k == 1 ? s : k == 3 ? -s : 0, k == 2 ? s : k == 0 ? -s : 0), turned = (int2)(to.y, -to.x);
         splits = p + to;
         t.a = splits + turned;
@@ -102,19 +105,16 @@ Triangle triangle_of(const Layout *layout, global const uchar *active, global co
     return t;
 }
 
-/* The step of a vertex, and whether it is a centre */
-int step_of(int x, int y, int *centers)
+/* The first active vertex of a row from x on, or one beyond the side */
+int next_active(global const uchar *row, int x, int side)
 {
-    const int both = x | y, s = both & -both;
-    *centers = (x & y & s) != 0;
-    return s;
-}
-
-/* Two of the tree's corners are where the coarsest two triangles have their right angles. */
-int has_triangles(const Layout *layout, global const uchar *active, int x, int y)
-{
-    const int corner = (x == 0 && y == layout->side) || (x == layout->side && y == 0);
-    return corner || active[y * layout->row + x];
+    for (; x <= side; x++) {
+        while (!(x & 7) && x <= side && !*(global const ulong *)(row + x)) /* rows start and end at whole words */
+            x += 8;
+        if (x <= side && row[x])
+            break;
+    }
+    return x;
 }
 
 kernel void count_triangles(global const uchar *active, global const uchar *states, global const uchar *cells,
@@ -124,13 +124,10 @@ kernel void count_triangles(global const uchar *active, global const uchar *stat
     if (y > layout.side)
         return;
     int count = 0;
-    for (int x = 0; x <= layout.side; x++) {
-        if (!has_triangles(&layout, active, x, y))
-            continue;
-        int centers;
-        const int s = step_of(x, y, &centers);
+    for (int x = -1; (x = next_active(active + (size_t)y * layout.row, x + 1, layout.side)) <= layout.side;) {
+        const int s = step_of(x, y);
         for (int k = 0; k < 4; k++)
-            count += triangle_of(&layout, active, states, cells, (int2)(x, y), s, centers, k).drawn;
+            count += triangle_of(&layout, active, states, cells, (int2)(x, y), s, k).drawn;
     }
     starts[y] = count;
 }
@@ -142,13 +139,10 @@ kernel void write_triangles(global const uchar *active, global const uchar *stat
     if (y > layout.side)
         return;
     global int *next = samples + 3 * (size_t)starts[y];
-    for (int x = 0; x <= layout.side; x++) {
-        if (!has_triangles(&layout, active, x, y))
-            continue;
-        int centers;
-        const int s = step_of(x, y, &centers);
+    for (int x = -1; (x = next_active(active + (size_t)y * layout.row, x + 1, layout.side)) <= layout.side;) {
+        const int s = step_of(x, y);
         for (int k = 0; k < 4; k++) {
-            const Triangle t = triangle_of(&layout, active, states, cells, (int2)(x, y), s, centers, k);
+            const Triangle t = triangle_of(&layout, active, states, cells, (int2)(x, y), s, k);
             if (!t.drawn)
                 continue;
             next[0] = t.a.y * layout.width + t.a.x;

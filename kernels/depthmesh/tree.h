@@ -66,4 +66,12 @@ Point cross_of(Point a, Point b)
 #define DOT(a, b) ((a).x * (b).x + (a).y * (b).y + (a).z * (b).z)
 
 /* Does the diagonal of the block of side 2s with the centre (x, y) run to the lower right? */
-#define IS_MAIN(x, y, s) (!((((x) - (s)) / (2 * (s)) ^ ((y) - (s)) / (2 * (s))) & 1))
+#define IS_MAIN(x, y, s) (!(((x) ^ (y)) & (2 * (s))))
+
+/* The step of a vertex: the largest power of two in x and in y */
+int step_of(int x, int y)
+{
+    return (x | y) & -(x | y);
+}
+
+#define IS_CENTER(x, y, s) (((x) & (y) & (s)) != 0)

@@ -8,7 +8,8 @@
 
 typedef struct {
     float vector[4];  /* towards the light, unit length (w = 0), or its position (w = 1), in the world */
-    float axis[4];    /* of a spot: where it goes, unit length; cosine of half its angle, -1: shines everywhere */
+    float axis[4];    /* of a spot: where it goes, unit length; cosine of half its angle, -2: shines everywhere */
+    float cone_rise;  /* of a spot: how fast it gets full inside of that, per cosine */
     float color[3];   /* of what it lights straight on; 1 is white */
     float ambient;    /* part of the light that comes from everywhere, 0 to 1 */
     float specular;   /* highlight: its strength, */
@@ -20,23 +21,22 @@ typedef struct {
 typedef struct {
     float from_world[16 * MAPS_MOST]; /* pixel space of each map, row by row */
     float depth_row[4 * MAPS_MOST];   /* planar depth in it */
-    int maps, size, perspective;
-    float texel; /* size of a texel: in the world, or (perspective) at depth 1 */
+    int maps, size;
+    float texel_x, texel_y; /* sides of a texel: in the world, or (perspective) at depth 1 */
     float grain; /* scene units by which the thing itself may lie before its true surface in a map */
 } Shadow;
 
 #ifdef SHADOWED
 #define SHADOW_PARAMETERS , global const float *shadow_maps, Shadow shadow
-#define VISIBILITY(light, x, y, z, nx, ny, nz) visibility(shadow_maps, shadow, light, x, y, z, nx, ny, nz)
+#define VISIBILITY(x, y, z, nx, ny, nz) visibility(shadow_maps, shadow, x, y, z, nx, ny, nz)
 #else
 #define SHADOW_PARAMETERS
-#define VISIBILITY(light, x, y, z, nx, ny, nz) (floatl)1.0f
+#define VISIBILITY(x, y, z, nx, ny, nz) (floatl)1.0f
 #endif
 
-/* From a point towards the light: unit vector, and whether the light shines there */
+/* From a point towards the light: unit vector, and the share of the light that goes there: less than 1 beside a cone */
 typedef struct {
-    floatl x, y, z;
-    intl shines;
+    floatl x, y, z, share;
 } ToLight;
 
 ToLight to_light(Light light, floatl x, floatl y, floatl z)
@@ -49,30 +49,40 @@ ToLight to_light(Light light, floatl x, floatl y, floatl z)
     to.x *= unit;
     to.y *= unit;
     to.z *= unit;
-    to.shines = -(to.x * light.axis[0] + to.y * light.axis[1] + to.z * light.axis[2]) >= light.axis[3];
+    const floatl cosine = -(to.x * light.axis[0] + to.y * light.axis[1] + to.z * light.axis[2]);
+    to.share = lesser(greater((cosine - light.axis[3]) * light.cone_rise, (floatl)0.0f), (floatl)1.0f);
     return to;
 }
 
 #ifdef SHADOWED
-/* How far is the point in sight of the light, 0 to 1? n: the surface's normal there, unit length.
+#define SHADOW_REACH 1.0f /* texels, along both axes: from a point to those that it is compared with */
+#define SHADOW_SLACK 0.5f /* texels */
+
+/* How far is the point in sight of the light, 0 to 1? n: the surface's own normal there, unit length.
  *
- * Four texels around the point are compared and weighed (percentage-closer filtering, Reeves et al. 1987). Over the 1.5
- * texels that they reach from the point, a surface that is seen at the angle a rises by 1.5 texels * tan(a) towards the
- * light. A point moved along the normal by d lies d / cos(a) before its own surface, so d = 1.5 texels * sin(a) keeps it
- * out of its own shadow; half a texel more is for normals that are not the surface's own, and the grain for slices.
+ * Four texels around the point are compared and weighed (percentage-closer filtering, Reeves et al. 1987). On a map a
+ * plane's nearness is linear: from one texel to the next it changes as if the plane were lifted by a texel's side, in
+ * the world, times the cosine between that side and the plane's normal. A point that is moved by as much along the
+ * normal lies before all of its own plane's texels (docs/theory/shadows.md). SHADOW_SLACK is for surfaces that are no
+ * planes, and for rounding; the grain for slices.
  */
-floatl visibility(global const float *shadow_maps, Shadow shadow, Light light, floatl x, floatl y, floatl z, floatl nx,
-                  floatl ny, floatl nz)
+floatl visibility(global const float *shadow_maps, Shadow shadow, floatl x, floatl y, floatl z, floatl nx, floatl ny,
+                  floatl nz)
 {
-    const ToLight to = to_light(light, x, y, z);
-    const floatl cosine = nx * to.x + ny * to.y + nz * to.z, sine_2 = 1.0f - cosine * cosine;
+    const float middle = 0.5f * (shadow.size - 1), safe = SHADOW_SLACK * fmax(shadow.texel_x, shadow.texel_y);
     floatl visible = 1.0f;
     intl open = lane_index >= 0; /* not seen in a map yet */
     for (int i = 0; i < shadow.maps; i++) {
         const float *m = shadow.from_world + 16 * i, *r = shadow.depth_row + 4 * i;
-        const floatl here = r[0] * x + r[1] * y + r[2] * z + r[3];
-        const floatl texel = shadow.perspective ? shadow.texel * here : (floatl)shadow.texel;
-        const floatl off = texel * (1.5f * sqrt(greater(sine_2, (floatl)0.0f)) + 0.5f) + shadow.grain;
+        float right[3], down[3]; /* as long as SHADOW_REACH texels, where W is 1 */
+        for (int axis = 0; axis < 3; axis++) {
+            right[axis] = SHADOW_REACH * shadow.texel_x * shadow.texel_x * (m[axis] - middle * m[8 + axis]);
+            down[axis] = SHADOW_REACH * shadow.texel_y * shadow.texel_y * (m[4 + axis] - middle * m[8 + axis]);
+        }
+        const floatl here = m[8] * x + m[9] * y + m[10] * z + m[11];
+        const floatl tilt = fabs(right[0] * nx + right[1] * ny + right[2] * nz) +
+                            fabs(down[0] * nx + down[1] * ny + down[2] * nz);
+        const floatl off = here * (tilt + safe) + shadow.grain;
         const floatl px = x + off * nx, py = y + off * ny, pz = z + off * nz;
         const floatl depth = r[0] * px + r[1] * py + r[2] * pz + r[3];
         const floatl w = m[8] * px + m[9] * py + m[10] * pz + m[11], inverse = 1.0f / w;
@@ -104,7 +114,7 @@ void shine(Color *shade, Light light, floatl x, floatl y, floatl z, floatl nx, f
 {
     const ToLight to = to_light(light, x, y, z);
     const floatl cosine = greater(nx * to.x + ny * to.y + nz * to.z, (floatl)0.0f);
-    const floatl direct = pick(to.shines, (1.0f - light.ambient) * visible, (floatl)0.0f), diffuse = direct * cosine;
+    const floatl direct = (1.0f - light.ambient) * visible * to.share, diffuse = direct * cosine;
     floatl highlight = 0.0f;
     if (light.specular > 0.0f) {
         const floatl hx = to.x + vx, hy = to.y + vy, hz = to.z + vz;

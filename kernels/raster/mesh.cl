@@ -6,8 +6,9 @@
  * faces: (triangles, 3) corners of each. projected: (vertices, 4), project.cl. list, starts: bins.cl. depth, color,
  * valid: (height, width) the picture, which keeps what is nearer already; ties go to the first triangle.
  * TEXTURED: uv (vertices, 2); texels: RGBA bytes, level by level from the largest, each half the size of the one
- * before, rounded down. TINTED: tints (vertices, 3) in [0, 1]. LIT: normals (vertices, 3). culled: 1 backs, -1
- * fronts are not drawn, 0 both are.
+ * before, rounded down. TINTED: tints (vertices, 3) in [0, 1]. LIT: normals (vertices, 3); fronts: (triangles,)
+ * 1, or -1 where they point to the side that the corners run clockwise on. culled: 1 backs, -1 fronts are not drawn, 0
+ * both are.
  * Work-item: a region (region.h). Cost: O(list + pixels). Determinism: list order.
  */
 #include "lib/color.h"
@@ -42,11 +43,15 @@ void cover(const Context *context, const Primitives *t, int lane, Region *region
 
 #include "raster/list.h"
 
-/* The mean of the corners' values, by weights */
-#define MEAN(array, stride, part) (weight[0] * (floatl)(GATHER(array, corner[0] * stride + part)) +             \
-                                   weight[1] * (floatl)(GATHER(array, corner[1] * stride + part)) +             \
-                                   weight[2] * (floatl)(GATHER(array, corner[2] * stride + part)))
 #define GATHER(array, i) gather(array, (i))
+
+/* The mean of the corners' values: one of `stride` numbers a vertex */
+floatl mean_on(const Place *p, global const float *values, int stride, int part)
+{
+    return p->weight[0] * (floatl)(GATHER(values, p->corner[0] * stride + part)) +
+           p->weight[1] * (floatl)(GATHER(values, p->corner[1] * stride + part)) +
+           p->weight[2] * (floatl)(GATHER(values, p->corner[2] * stride + part));
+}
 
 kernel void draw_mesh(global const int *faces, global const float *projected, global const int *list,
                       global const int *starts, int bins_x, global float *depth, global channel *color,
@@ -63,7 +68,7 @@ kernel void draw_mesh(global const int *faces, global const float *projected, gl
 #endif
 #ifdef LIT
                       ,
-                      global const float *normals, Light light SHADOW_PARAMETERS
+                      global const float *normals, global const short *fronts, Light light SHADOW_PARAMETERS
 #endif
 #ifdef SHADOWED
                       ,
@@ -87,42 +92,22 @@ kernel void draw_mesh(global const int *faces, global const float *projected, gl
         Color shade = {base_r, base_g, base_b};
         const int first_x = block % ROW * BLOCK, first_y = block / ROW * BLOCK;
         if (any_lane(mine)) {
-            const floatl px = to_floatl(first_x + block_x), py = to_floatl(first_y + block_y);
-            intl corner[3];
-            floatl weight[3], U[3], V[3], W[3];
-            const intl face = 3 * pick(mine, owner, (intl)0);
-            for (int k = 0; k < 3; k++) {
-                const intl at = face + k;
-                corner[k] = (intl)(gather(faces, at));
-                W[k] = (floatl)(GATHER(projected, 4 * corner[k] + 2));
-                U[k] = (floatl)(GATHER(projected, 4 * corner[k])) - W[k] * (px + x);
-                V[k] = (floatl)(GATHER(projected, 4 * corner[k] + 1)) - W[k] * (py + y);
-            }
-            /* Relative to the pixel an edge's function is its c alone. */
-            floatl total = 0.0f;
-            for (int k = 0; k < 3; k++) {
-                const int i = (k + 1) % 3, j = (k + 2) % 3;
-                weight[k] = U[i] * V[j] - V[i] * U[j];
-                total += weight[k];
-            }
-            for (int k = 0; k < 3; k++) /* none from beyond the triangle, as in `cover` */
-                weight[k] = greater(weight[k] / total, (floatl)0.0f);
-            const floatl weights = weight[0] + weight[1] + weight[2];
-            for (int k = 0; k < 3; k++)
-                weight[k] /= weights;
+            const floatl px = to_floatl(x + first_x + block_x), py = to_floatl(y + first_y + block_y);
+            const intl face = pick(mine, owner, (intl)0);
+            const Place p = place_on(faces, projected, face, px, py);
 #ifdef TINTED
-            shade.r = MEAN(tints, 3, 0);
-            shade.g = MEAN(tints, 3, 1);
-            shade.b = MEAN(tints, 3, 2);
+            shade.r = mean_on(&p, tints, 3, 0);
+            shade.g = mean_on(&p, tints, 3, 1);
+            shade.b = mean_on(&p, tints, 3, 2);
 #endif
 #ifdef TEXTURED
-            const floatl u = MEAN(uv, 2, 0), v = MEAN(uv, 2, 1);
+            const floatl u = mean_on(&p, uv, 2, 0), v = mean_on(&p, uv, 2, 1);
             /* One pixel on, weights change by the edges' a or b, and the total by their sums. */
             floatl du_x = 0.0f, dv_x = 0.0f, du_y = 0.0f, dv_y = 0.0f, a_sum = 0.0f, b_sum = 0.0f;
             for (int k = 0; k < 3; k++) {
                 const int i = (k + 1) % 3, j = (k + 2) % 3;
-                const floatl a = V[i] * W[j] - W[i] * V[j], b = W[i] * U[j] - U[i] * W[j];
-                const floatl cu = (floatl)(GATHER(uv, 2 * corner[k])), cv = (floatl)(GATHER(uv, 2 * corner[k] + 1));
+                const floatl a = p.V[i] * p.W[j] - p.W[i] * p.V[j], b = p.W[i] * p.U[j] - p.U[i] * p.W[j];
+                const floatl cu = (floatl)(GATHER(uv, 2 * p.corner[k])), cv = (floatl)(GATHER(uv, 2 * p.corner[k] + 1));
                 du_x += a * cu;
                 dv_x += a * cv;
                 du_y += b * cu;
@@ -130,10 +115,10 @@ kernel void draw_mesh(global const int *faces, global const float *projected, gl
                 a_sum += a;
                 b_sum += b;
             }
-            du_x = (du_x - u * a_sum) / total * texture_width;
-            dv_x = (dv_x - v * a_sum) / total * texture_height;
-            du_y = (du_y - u * b_sum) / total * texture_width;
-            dv_y = (dv_y - v * b_sum) / total * texture_height;
+            du_x = (du_x - u * a_sum) / p.area * texture_width;
+            dv_x = (dv_x - v * a_sum) / p.area * texture_height;
+            du_y = (du_y - u * b_sum) / p.area * texture_width;
+            dv_y = (dv_y - v * b_sum) / p.area * texture_height;
             const floatl texels_2 = greater(du_x * du_x + dv_x * dv_x, du_y * du_y + dv_y * dv_y);
             const floatl lod = fmin(fmax(0.5f * log2(texels_2), (floatl)0.0f), (floatl)(levels - 1));
             const floatl below = truncated(lod), between = lod - below;
@@ -145,13 +130,13 @@ kernel void draw_mesh(global const int *faces, global const float *projected, gl
             shade = read;
 #endif
 #ifdef LIT
-            floatl nx = MEAN(normals, 3, 0), ny = MEAN(normals, 3, 1), nz = MEAN(normals, 3, 2);
-            const floatl n = region.nearness[block], flip = pick(total > 0.0f, (floatl)-1.0f, (floatl)1.0f);
-            const floatl scale = flip / sqrt(nx * nx + ny * ny + nz * nz);
+            floatl nx = mean_on(&p, normals, 3, 0), ny = mean_on(&p, normals, 3, 1), nz = mean_on(&p, normals, 3, 2);
+            const floatl n = region.nearness[block], flip = pick(p.area > 0.0f, (floatl)-1.0f, (floatl)1.0f);
+            const floatl front = (floatl)(gather(fronts, face)), scale = flip * front / sqrt(nx * nx + ny * ny + nz * nz);
             const float *m = screen.to_world;
-            const floatl wx = px + x, wy = py + y, inverse = 1.0f / (PIXEL_ROW(m, 3, wx, wy) + n * m[15]);
-            const floatl X = (PIXEL_ROW(m, 0, wx, wy) + n * m[3]) * inverse, Y = (PIXEL_ROW(m, 1, wx, wy) + n * m[7]) * inverse,
-                         Z = (PIXEL_ROW(m, 2, wx, wy) + n * m[11]) * inverse;
+            const floatl inverse = 1.0f / (PIXEL_ROW(m, 3, px, py) + n * m[15]);
+            const floatl X = (PIXEL_ROW(m, 0, px, py) + n * m[3]) * inverse, Y = (PIXEL_ROW(m, 1, px, py) + n * m[7]) * inverse,
+                         Z = (PIXEL_ROW(m, 2, px, py) + n * m[11]) * inverse;
             nx *= scale;
             ny *= scale;
             nz *= scale;
@@ -160,14 +145,14 @@ kernel void draw_mesh(global const int *faces, global const float *projected, gl
 #ifdef SHADOWED /* by the triangle's own normal: the one that is shaded by may be bent */
             floatl side[6];
             for (int part = 0; part < 3; part++) {
-                const floatl start = (floatl)(GATHER(vertices, 3 * corner[0] + part));
-                side[part] = (floatl)(GATHER(vertices, 3 * corner[1] + part)) - start;
-                side[3 + part] = (floatl)(GATHER(vertices, 3 * corner[2] + part)) - start;
+                const floatl start = (floatl)(GATHER(vertices, 3 * p.corner[0] + part));
+                side[part] = (floatl)(GATHER(vertices, 3 * p.corner[1] + part)) - start;
+                side[3 + part] = (floatl)(GATHER(vertices, 3 * p.corner[2] + part)) - start;
             }
             const floatl gx = side[1] * side[5] - side[2] * side[4], gy = side[2] * side[3] - side[0] * side[5];
             const floatl gz = side[0] * side[4] - side[1] * side[3];
             const floatl unit = flip / sqrt(greater(gx * gx + gy * gy + gz * gz, (floatl)1e-30f));
-            visible = VISIBILITY(light, X, Y, Z, gx * unit, gy * unit, gz * unit);
+            visible = VISIBILITY(X, Y, Z, gx * unit, gy * unit, gz * unit);
 #endif
             shine(&shade, light, X, Y, Z, nx, ny, nz, -ahead.x, -ahead.y, -ahead.z, visible);
 #endif

@@ -1,16 +1,19 @@
 /* Vertices of the world to the target's pixel space.
  *
- * vertices: (count, 3) world. projected: (count, 4) homogeneous U, V, W, Q (lib/pixelspace.h).
+ * vertices: (count, 3) world. screen: of points relative to `origin`, the camera's centre: far from the world's origin
+ * such differences are exact, and the matrix has no large numbers. projected: (count, 4) homogeneous U, V, W, Q
+ * (lib/pixelspace.h).
  * Work-item: a vertex. Cost: O(count). Determinism: every vertex on its own.
  */
 #include "lib/screen.h"
 
-kernel void project(global const float *vertices, global float *projected, int count, Screen screen)
+kernel void project(global const float *vertices, global float *projected, int count, float origin_x, float origin_y,
+                    float origin_z, Screen screen)
 {
     const int i = get_global_id(0);
     if (i >= count)
         return;
-    const float3 p = vload3(i, vertices);
+    const float3 p = vload3(i, vertices) - (float3)(origin_x, origin_y, origin_z);
     const float *m = screen.from_world;
     float4 made;
     made.x = m[0] * p.x + m[1] * p.y + m[2] * p.z + m[3];

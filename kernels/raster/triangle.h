@@ -158,6 +158,7 @@ intl covered_by(const Triangles *t, int lane, int first_x, int first_y, floatl *
 typedef struct {
     intl corner[3];
     floatl weight[3];
+    floatl U[3], V[3], W[3]; /* of the corners, relative to the pixel */
     floatl area; /* twice the triangle's, as seen: > 0 from behind */
     int uniform; /* all lanes are on one triangle */
 } Place;
@@ -166,7 +167,7 @@ typedef struct {
 Place place_on(global const int *corners, global const float *projected, intl index, floatl x, floatl y)
 {
     Place p;
-    floatl U[3], V[3], W[3], sum = 0.0f;
+    floatl sum = 0.0f;
     const int one = *(const int *)&index;
     p.uniform = !any_lane(index != one);
     for (int k = 0; k < 3; k++) { /* relative to the pixel an edge's function is its c alone */
@@ -174,22 +175,22 @@ Place place_on(global const int *corners, global const float *projected, intl in
             const int corner = corners[3 * one + k];
             const float4 at = vload4(corner, projected);
             p.corner[k] = corner;
-            W[k] = at.z;
-            U[k] = at.x - at.z * x;
-            V[k] = at.y - at.z * y;
+            p.W[k] = at.z;
+            p.U[k] = at.x - at.z * x;
+            p.V[k] = at.y - at.z * y;
         } else {
             const intl face = 3 * index + k;
             p.corner[k] = (intl)(gather(corners, face));
             const intl at = 4 * p.corner[k], at_v = at + 1, at_w = at + 2;
-            W[k] = (floatl)(gather(projected, at_w));
-            U[k] = (floatl)(gather(projected, at)) - W[k] * x;
-            V[k] = (floatl)(gather(projected, at_v)) - W[k] * y;
+            p.W[k] = (floatl)(gather(projected, at_w));
+            p.U[k] = (floatl)(gather(projected, at)) - p.W[k] * x;
+            p.V[k] = (floatl)(gather(projected, at_v)) - p.W[k] * y;
         }
     }
     p.area = 0.0f;
     for (int k = 0; k < 3; k++) {
         const int i = (k + 1) % 3, j = (k + 2) % 3;
-        p.weight[k] = U[i] * V[j] - V[i] * U[j];
+        p.weight[k] = p.U[i] * p.V[j] - p.V[i] * p.U[j];
         p.area += p.weight[k];
     }
     const floatl sign = pick(p.area < 0.0f, (floatl)-1.0f, (floatl)1.0f);

@@ -11,7 +11,8 @@
  * faces: (triangles, 3) corners of each. projected: (vertices, 4), raster/project.cl. list, starts: raster/bins.cl.
  * vertices: (vertices, 16) u, v, normal, gradient of u, gradient of v (world, per scene unit), a, b, unused. texels, bounds,
  * levels: search.h. colors: lib/texture.h. normal_map: (normal_height, normal_width, 3), where > 0.
- * counts: (height, width) searched entries, with COUNTED.
+ * counts: (height, width, 2) searched entries and their steps, with COUNTED. places: (height, width, 2) u and v of what
+ * is seen, in the tile, NaN where nothing is, with TOLD.
  * Work-item: a region (raster/region.h). Cost: O(list + pixels * layers * steps). Determinism: list order.
  */
 #define PLACED
@@ -192,6 +193,10 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
                         ,
                         global int *counts
 #endif
+#ifdef TOLD
+                        ,
+                        global float *places
+#endif
 )
 {
     const int x = get_global_id(0) * REGION, y = get_global_id(1) * REGION;
@@ -243,6 +248,9 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
                 set_ray(&searches[k].ray, &e, direction[k], quadric, scale);
                 const floatl distance = screen.perspective ? 1.0f / n : (floatl)1.0f;
                 searches[k].ray.level = level_of(&e, levels[0], levels[1], level_count, distance * pixel_size, enters);
+#ifdef COUNTED
+                searches[k].taken = 0;
+#endif
                 searches[k].active = searched[k] = enters & is_sound(&searches[k].ray);
                 rest(&searches[k].ray, searched[k]);
                 set_end(&searches[k].ray);
@@ -269,8 +277,11 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
 #ifdef COUNTED
                 for (int lane = 0; lane < LANES; lane++) {
                     const int at_x = x + at % ROW * BLOCK + lane % BLOCK, at_y = y + at / ROW * BLOCK + lane / BLOCK;
-                    if (INT_OF(entered[k]) >= 0 && at_x < screen.width && at_y < screen.height)
-                        counts[(size_t)at_y * screen.width + at_x]++;
+                    if (INT_OF(entered[k]) >= 0 && at_x < screen.width && at_y < screen.height) {
+                        const size_t pixel = 2 * ((size_t)at_y * screen.width + at_x);
+                        counts[pixel]++;
+                        counts[pixel + 1] += INT_OF(searches[k].taken);
+                    }
                 }
 #endif
                 const intl more = (entered[k] >= 0) & (layers.second[at] > region.nearness[at]);
@@ -306,14 +317,25 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
             place.v = v - floor_lanes(v);
             place.du = place.dv = 0.0f;
             place.level = level_of(&e, levels[0], levels[1], level_count, distance * pixel_size, mine);
+            Direction own = normal; /* of the surface itself: no map decides what hides it from the light */
+            tilt_by_slope(&own, &e, texels, track_of(&place, levels), scale);
             if (normal_width > 0)
                 tilt_by_map(&normal, &e, normal_map, normal_width, normal_height, place.u, place.v);
             else
-                tilt_by_slope(&normal, &e, texels, track_of(&place, levels), scale);
+                normal = own;
             shine(&shade, light, X, Y, Z, normal.x, normal.y, normal.z, -ahead.x, -ahead.y, -ahead.z,
-                  VISIBILITY(light, X, Y, Z, normal.x, normal.y, normal.z));
+                  VISIBILITY(X, Y, Z, own.x, own.y, own.z));
 #endif
         }
+#ifdef TOLD
+        for (int lane = 0; lane < LANES; lane++) {
+            const int at_x = x + first_x + lane % BLOCK, at_y = y + first_y + lane / BLOCK;
+            if (at_x >= screen.width || at_y >= screen.height)
+                continue;
+            const float2 uv = {((const float *)&region.u[block])[lane], ((const float *)&region.v[block])[lane]};
+            vstore2(INT_OF(owner) >= 0 ? uv - floor(uv) : (float2)(NAN), (size_t)at_y * screen.width + at_x, places);
+        }
+#endif
         write_block(&region, block, screen, depth, color, valid, blank, x + first_x, y + first_y, shade);
     }
 }

@@ -1,9 +1,11 @@
 /* Where a ray first meets a height field that follows a quadric (Oliveira & Policarpo 2005, sections 3.1 to 3.4).
  *
  * A ray enters at t = 0, at depth 0, and runs straight: u + du t, v + dv t. Below the quadric its depth, 1 at the
- * bottom, is L t + K t^2 by equation 7; that is the whole of it where DISTANCE is APPROXIMATE. The surface lies at depth
- * 1 - height. EXACT goes by equation 6: from the point at right angles to the ray to the quadric. Its segment is not
- * the shortest, so its part along the quadric's normal is taken, which makes a plane's depth that of equation 7.
+ * bottom, is L t + K t^2 by equation 7: how far the point P lies below the quadric, along z; that is the whole of it
+ * where DISTANCE is APPROXIMATE. The surface lies at depth 1 - height. EXACT goes to R, on the quadric opposite P at
+ * right angles to the ray (equation 6). The segment PR is not the way along the normal, and is without bound where the
+ * ray runs along it; its part along the normal is. With the normal halfway between P and R that part is equation 7 over
+ * the length of that normal, (-2 a x, -2 b y, 1), for the quadric is of degree two: never more than equation 7.
  *
  * levels: (levels, TABLE) ints: width, height, start in texels, tiers of bounds, and where each of them starts. texels:
  * lib/heights.h. bounds: tier 0 is the greatest height of each cell between 2x2 texels, in 65535ths; the next of 2x2
@@ -25,6 +27,8 @@
 #endif
 #define FIRST_TIER 2     /* where a safe search starts */
 #define NUDGE 1e-3f      /* texels: into the cell that a ray enters */
+#define STILL 1e-4f      /* texels: what moves less along x, or y, stays on its column, or row */
+#define NEVER 1e20f       /* scene units */
 #define TILES_MOST 1e3f  /* that a ray crosses, so that numbers stay small */
 #define CELL_PARTS 4     /* of a cell, in a search by EXACT */
 
@@ -42,24 +46,25 @@ typedef struct {
 #endif
 } ReliefRay;
 
+/* Equation 7 */
+#define PLAIN_DEPTH(ray, t) ((t) * ((ray)->L + (ray)->K * (t)))
+
 #if DISTANCE == EXACT
-/* Depth at t: from P = V t along U, at right angles to V in the plane of V and the normal, to R on the quadric. */
+/* Depth at t: P = V t; R = P + s U, U at right angles to V in the plane of V and the normal. */
 floatl depth_of(const ReliefRay *ray, floatl t)
 {
-    const floatl below = t * (ray->L + ray->K * t) * ray->scale; /* equation 7 */
-    const floatl uz = sqrt(fmax(1.0f - ray->vz * ray->vz, (floatl)1e-6f)); /* U = (N - vz V) / uz */
-    const floatl per = -ray->vz / uz;                                      /* U's tangential part over V's */
+    const floatl depth = PLAIN_DEPTH(ray, t), below = depth * ray->scale;
+    const floatl uz = sqrt(greater(1.0f - ray->vz * ray->vz, (floatl)1e-6f)); /* U = (N - vz V) / uz */
+    const floatl per = -ray->vz / uz;                                         /* U's tangential part over V's */
     const floatl bend = ray->a_xx + ray->b_yy, A = per * per * bend, B = 2.0f * t * per * bend - uz;
-    const floatl discriminant = B * B - 4.0f * A * below, root = sqrt(fmax(discriminant, (floatl)0.0f));
-    const floatl s = 2.0f * below / (root - B);
-    /* R's tangential part is (t + per s) times V's; the normal there is (-2 a x, -2 b y, 1). */
-    const floatl along = t + per * s, steep = 4.0f * along * along * (ray->aa_xx + ray->bb_yy);
-    const floatl projected = (uz - 2.0f * per * along * bend) / sqrt(1.0f + steep);
+    const floatl discriminant = B * B - 4.0f * A * below, root = sqrt(greater(discriminant, (floatl)0.0f));
+    const floatl halfway = t + per * below / (root - B); /* tangential part over V's: s is 2 below / (root - B) */
+    const floatl steep = 4.0f * halfway * halfway * (ray->aa_xx + ray->bb_yy);
     const intl solved = (discriminant >= 0.0f) & (root > B);
-    return pick(solved, s * projected, below) / ray->scale;
+    return pick(solved, depth / sqrt(1.0f + steep), depth);
 }
 #else
-#define depth_of(ray, t) ((t) * ((ray)->L + (ray)->K * (t)))
+#define depth_of PLAIN_DEPTH
 #endif
 
 /* Lanes that do not search get a ray that harms nobody. */
@@ -87,7 +92,7 @@ void set_end(ReliefRay *ray)
     ray->at_bottom = discriminant >= 0.0f;
     ray->end = pick(ray->at_bottom, 2.0f / (ray->L + sqrt(fmax(discriminant, (floatl)0.0f))), -ray->L / ray->K);
 #if DISTANCE == EXACT
-    /* Distances along the normal are shorter, so the bottom is reached later: before the ray is deepest, or never. */
+    /* Depths are less than by equation 7, so the bottom is reached later: before the ray is deepest, or never. */
     floatl before = pick(ray->at_bottom, ray->end, (floatl)0.0f);
     floatl after = pick(ray->K < 0.0f, -0.5f * ray->L / ray->K, 4.0f * before);
     const intl reaches = ray->at_bottom & (depth_of(ray, after) >= 1.0f);
@@ -139,7 +144,17 @@ typedef struct {
     floatl before; /* linear: the last point above the surface */
     intl tier;     /* safe: of the bounds */
     floatl per_x, per_y, nudge, peak;
+    floatl from_x, from_y; /* where the ray starts; a texel before it where it stays on a column, or row */
+#ifdef COUNTED
+    intl taken; /* steps */
+#endif
 } Search;
+
+#ifdef COUNTED
+#define COUNT(search, tries) (search)->taken += (tries) & 1;
+#else
+#define COUNT(search, tries)
+#endif
 
 /* Is the ray at or below the surface? */
 intl is_below(const Search *s, global const uint *texels, floatl t)
@@ -165,6 +180,7 @@ void linear_search(Search *searches, global const uint *texels, int steps, int h
             if (!any_lane(s->active))
                 continue;
             const floatl t = step[k] * i;
+            COUNT(s, s->active)
             const intl below = is_below(s, texels, t);
             s->t = pick(s->active & below, t, s->t);
             s->active = s->active & !below;
@@ -179,6 +195,7 @@ void linear_search(Search *searches, global const uint *texels, int steps, int h
         for (int k = 0; k < TWINS; k++) {
             Search *s = searches + k;
             const floatl t = 0.5f * (s->before + s->t);
+            COUNT(s, !s->active & s->found)
             const intl below = is_below(s, texels, t);
             s->t = pick(below & !s->active, t, s->t);
             s->before = pick(below, s->before, t);
@@ -242,12 +259,14 @@ void safe_step(Search *s, global const uint *texels, global const ushort *bounds
     const intl bound_at = TABLE_AT(levels, ray->level, 4 + tier) + row * row_length + column;
     const floatl highest = to_floatl((intl)(gather(bounds, bound_at))) * (1.0f / 65535.0f);
     const intl first_x = column << tier, first_y = row << tier, one = (intl)1 << tier;
-    const intl side_x = pick(dx > 0.0f, min(first_x + one, width), first_x);
-    const intl side_y = pick(dy > 0.0f, min(first_y + one, height), first_y);
-    const floatl t_x = (cx + to_floatl(side_x - tx) - x0) * s->per_x, t_y = (cy + to_floatl(side_y - ty) - y0) * s->per_y;
+    const intl side_x = pick(dx >= 0.0f, min(first_x + one, width), first_x);
+    const intl side_y = pick(dy >= 0.0f, min(first_y + one, height), first_y);
+    const floatl t_x = (cx + to_floatl(side_x - tx) - s->from_x) * s->per_x;
+    const floatl t_y = (cy + to_floatl(side_y - ty) - s->from_y) * s->per_y;
     const floatl leaves = lesser(greater(lesser(t_x, t_y), inside), ray->end);
     const floatl turn = lesser(greater(s->peak, t), leaves);
-    const floatl deepest = greater(greater(depth_of(ray, t), depth_of(ray, leaves)), depth_of(ray, turn));
+    /* By equation 7, than which nothing is deeper */
+    const floatl deepest = greater(greater(PLAIN_DEPTH(ray, t), PLAIN_DEPTH(ray, leaves)), PLAIN_DEPTH(ray, turn));
     const intl is_free = deepest < 1.0f - highest, at_leaf = tier == 0, solves = s->active & !is_free & at_leaf;
     /* Up a tier where the ray leaves the parent, too. */
     const intl by_x = t_x <= t_y, index = pick(by_x, column, row);
@@ -255,6 +274,7 @@ void safe_step(Search *s, global const uint *texels, global const ushort *bounds
     const intl ends = pick(by_x, side_x == width, side_y == height);
     const intl up = (forward & (odd | ends)) | (!forward & !odd);
     intl met = 0;
+    COUNT(s, s->active)
     if (any_lane(solves))
         met = solve_cell(s, read_patch(texels, s->track.map, tx, ty), x0 + dx * t - cx, y0 + dy * t - cy, leaves, solves);
     s->found = s->found | met;
@@ -272,9 +292,15 @@ void safe_search(Search *searches, global const uint *texels, global const ushor
 {
     for (int k = 0; k < TWINS; k++) {
         Search *s = searches + k;
-        const floatl dx = s->track.dx, dy = s->track.dy, K = s->ray.K;
-        s->per_x = 1.0f / pick(fabs(dx) < 1e-20f, (floatl)1e-20f, dx);
-        s->per_y = 1.0f / pick(fabs(dy) < 1e-20f, (floatl)1e-20f, dy);
+        const floatl K = s->ray.K;
+        const intl still_x = !(fabs(s->track.dx) * s->ray.end >= STILL);
+        const intl still_y = !(fabs(s->track.dy) * s->ray.end >= STILL);
+        s->track.dx = pick(still_x, (floatl)0.0f, s->track.dx);
+        s->track.dy = pick(still_y, (floatl)0.0f, s->track.dy);
+        s->per_x = pick(still_x, (floatl)NEVER, 1.0f / s->track.dx);
+        s->per_y = pick(still_y, (floatl)NEVER, 1.0f / s->track.dy);
+        s->from_x = pick(still_x, s->track.x - 1.0f, s->track.x);
+        s->from_y = pick(still_y, s->track.y - 1.0f, s->track.y);
         s->nudge = NUDGE * lesser(fabs(s->per_x), fabs(s->per_y));
         s->peak = pick(K < 0.0f, -0.5f * s->ray.L / K, (floatl)INFINITY); /* deepest there */
         s->tier = min(TABLE_AT(levels, s->ray.level, 3) - 1, (intl)FIRST_TIER);

@@ -12,9 +12,9 @@
  *
  * matrices: (VIEWS, 16) from the world to each view's pixel space. sizes: (VIEWS, 3) width, height and start in maps
  * and colors. maps: nearness, or 0 and 1. colors: RGBA bytes, A = 255 where the view has a sample. order: (VIEWS,)
- * views in the order of testing. closeness: (VIEWS,) of each view's direction to the target's, > 0. box: world to the
- * box's frame, where it is the unit cube. edges: of the box. counts: (height, width) view tests, with COUNTED.
- * Work-item: a block of pixels (raster/region.h). Cost: O(pixels * slices * views tested). Determinism: fixed order.
+ * views in the order of testing. closeness: (VIEWS,) of each view's direction to the target's, > 0. world: its origin
+ * is the box's middle. box: world to the box's frame, where it is the unit cube. edges: of the box. counts: (height, width) view tests, with COUNTED.
+ * Work-item: with LANES 16 a block of 4 x 4 pixels, one to a lane; with LANES 1 a pixel. Cost: O(pixels * slices * views tested). Determinism: fixed order.
  */
 #define BIN BLOCK
 #include "lib/color.h"
@@ -32,6 +32,7 @@ typedef struct {
     float from_world[12]; /* row by row */
     float edges[3];       /* of the box, in scene units */
     float spacing;        /* of the slices, in scene units */
+    float first;          /* number of a slice parallel to the screen that is counted as 0: one near the box */
 } Box;
 
 /* base + z direction */
@@ -159,7 +160,7 @@ kernel void draw_object(global const float *matrices, global const int *sizes, g
     floatl front = screen.perspective ? 1.0f / screen.nearest : 0.0f;
     const floatl hidden = pick(so_far <= EMPTY, (floatl)INFINITY, screen.perspective ? 1.0f / so_far : -so_far);
     floatl back = INFINITY;
-    Line number = {0.0f, 1.0f / box.spacing};
+    Line number = {-box.first, 1.0f / box.spacing};
     for (int k = 0; k < 3; k++) {
         const float *r = box.from_world + 4 * k;
         const Line side = {r[0] * ray.x.base + r[1] * ray.y.base + r[2] * ray.z.base + r[3],
@@ -182,7 +183,8 @@ kernel void draw_object(global const float *matrices, global const int *sizes, g
             views[i] = lines_of(matrices + 16 * order[i], &ray);
         const intl rises = number.direction > 0.0f;
         const floatl step = pick(rises, (floatl)1.0f, (floatl)-1.0f), per_slice = 1.0f / number.direction;
-        const floatl s_front = AT(number, front);
+        /* Beyond, the next slice would be the same float. */
+        const floatl s_front = lesser(greater(AT(number, front), (floatl)-8388608.0f), (floatl)8388608.0f);
         back = lesser(hidden + fabs(per_slice), back); /* halvings bring a point forward by up to a slice */
         for (floatl slice = pick(rises, ceil_lanes(s_front), floor_lanes(s_front));; slice += step) {
             const floatl z = (slice - number.base) * per_slice;

@@ -12,10 +12,12 @@
  *
  * corners: (tetrahedra, 4) of projected, three in a row for each triangle. places: (vertices, 3) u, v (tiled) and
  * height. points: (vertices, 3) world. frames: (triangles, 3, 3) the slicing directions a (normal), b, c: unit length.
- * heights: (map_height, map_width), heights.h. colors: lib/texture.h. gradients:
+ * heights: (map_height, map_width), lib/heights.h. colors: lib/texture.h. gradients:
  * (triangles, 2, 3) of u and v in the world, tiled. normals: (vertices of the base, 3). spacing: of the slices,
  * in the world. slices: of direction a. counts: (height, width) alpha tests, with COUNTED.
- * Work-item: a region (raster/region.h). Cost: O(list + pixels * slices met). Determinism: list order.
+ * Work-item: a region (raster/region.h): with LANES 16 a bin, in blocks of 4 x 4 pixels, one to a lane; with LANES 1 a
+ * pixel, which sets up all tetrahedra of its bin's list by itself and walks the slices of those that it meets.
+ * Cost: O(list + pixels * slices met), with LANES 1 O(pixels * list + ...). Determinism: list order.
  */
 #define PLACED
 #include "lib/light.h"
@@ -23,212 +25,11 @@
 #include "lib/texture.h"
 #include "raster/region.h"
 #include "slicing/heights.h"
+#include "slicing/tetrahedra.h"
 
-#define SURFACE 0
-#define ORTHOGONAL 1
-#define SCREEN 2
-#define GROWN 1e-5f /* of a tetrahedron, by which its sides are moved outwards */
+#define NUMBER_MOST 8388608.0f /* slices: beyond, the next one would be the same float */
+#define ROUNDED 1e-5f /* of the displacement: what lies no higher is on the base */
 #define THIN 1e-4f /* slices: rounding of where a ray enters and leaves a tetrahedron */
-
-typedef struct {
-    global const int *corners;
-    global const float *projected, *points, *places, *frames;
-    global const uint *heights;
-    Screen screen;
-    float nearest_w, spacing;
-    int slices, slicing, test, map_width, map_height;
-#ifdef COUNTED
-    global int *counts;
-    int x, y;
-#endif
-} Context;
-
-/* Along a ray, a quantity is `fixed` + `sloped` z; in a perspective picture fixed is the same for all pixels, in an
- * orthographic one sloped. Per pixel: x px + y py + one. */
-typedef struct {
-    float x, y, one, n;
-} Quantity;
-
-typedef struct {
-    Quantity rows[4];  /* barycentric coordinates: >= 0 inside */
-    Quantity sides[4]; /* per pixel, the nearness at which the ray crosses each side, */
-    int leaves[4];     /* and whether it leaves there, on its way to the camera */
-    Quantity outline[4]; /* positive at a block's first pixel if the tetrahedron may be seen in it */
-    int outlines;
-    Quantity u, v, h, slice;
-    float nearest, front, rear; /* nearness: of the screen, of the corners */
-    float first, last;          /* a little farther and nearer than the corners */
-    int index, perspective, crosses; /* the near plane */
-} Tetrahedron;
-
-typedef struct {
-    Tetrahedron of[LANES];
-    intl low_x, high_x, low_y, high_y;
-} Primitives;
-
-/* Rows of the inverse of the matrix whose columns are the corners: barycentric coordinates. 0 if it is flat. */
-int barycentric_rows(const float4 *p, Quantity *rows)
-{
-    float determinant = 0.0f;
-    for (int k = 0; k < 4; k++) {
-        const float4 a = p[(k + 1) & 3], b = p[(k + 2) & 3], c = p[(k + 3) & 3];
-        const float bc_zw = b.z * c.w - b.w * c.z, bc_yw = b.y * c.w - b.w * c.y, bc_yz = b.y * c.z - b.z * c.y;
-        const float bc_xw = b.x * c.w - b.w * c.x, bc_xz = b.x * c.z - b.z * c.x, bc_xy = b.x * c.y - b.y * c.x;
-        const float sign = k & 1 ? -1.0f : 1.0f;
-        rows[k].x = sign * (a.y * bc_zw - a.z * bc_yw + a.w * bc_yz);
-        rows[k].y = -sign * (a.x * bc_zw - a.z * bc_xw + a.w * bc_xz);
-        rows[k].one = sign * (a.x * bc_yw - a.y * bc_xw + a.w * bc_xy);
-        rows[k].n = -sign * (a.x * bc_yz - a.y * bc_xz + a.z * bc_xy);
-        if (k == 0)
-            determinant = rows[0].x * p[0].x + rows[0].y * p[0].y + rows[0].one * p[0].z + rows[0].n * p[0].w;
-    }
-    if (determinant == 0.0f || !isfinite(determinant))
-        return 0;
-    const float inverse = 1.0f / determinant;
-    for (int k = 0; k < 4; k++) {
-        rows[k].x *= inverse;
-        rows[k].y *= inverse;
-        rows[k].one *= inverse;
-        rows[k].n *= inverse;
-    }
-    return 1;
-}
-
-/* A quantity from its values at the corners */
-Quantity blend(const Quantity *rows, float4 values)
-{
-    Quantity made;
-    made.x = rows[0].x * values.x + rows[1].x * values.y + rows[2].x * values.z + rows[3].x * values.w;
-    made.y = rows[0].y * values.x + rows[1].y * values.y + rows[2].y * values.z + rows[3].y * values.w;
-    made.one = rows[0].one * values.x + rows[1].one * values.y + rows[2].one * values.z + rows[3].one * values.w;
-    made.n = rows[0].n * values.x + rows[1].n * values.y + rows[2].n * values.z + rows[3].n * values.w;
-    return made;
-}
-
-/* A quantity along a pixel's ray: fixed + sloped z */
-typedef struct {
-    floatl fixed, sloped;
-} Line;
-
-#define AT(line, z) ((line).fixed + (line).sloped * (z))
-
-/* Its box in the region: (low_x, high_x, low_y, high_y); empty if it cannot be seen */
-int4 set_up_one(const Context *context, int index, int x, int y, Tetrahedron *t)
-{
-    const int4 empty = (int4)(1, 0, 1, 0);
-    float4 p[4];
-    int crosses = 0;
-    for (int k = 0; k < 4; k++) {
-        p[k] = vload4(context->corners[4 * index + k], context->projected);
-        p[k].xy -= (float2)(x, y) * p[k].z; /* relative to the region */
-        crosses |= !(p[k].z >= context->nearest_w);
-    }
-    int4 box = (int4)(0, REGION - 1, 0, REGION - 1);
-    if (!crosses) {
-        float2 low = p[0].xy / p[0].z, high = low;
-        for (int k = 1; k < 4; k++) {
-            low = fmin(low, p[k].xy / p[k].z);
-            high = fmax(high, p[k].xy / p[k].z);
-        }
-        low = clamp(ceil(low - 1e-3f), 0.0f, (float)REGION);
-        high = clamp(floor(high + 1e-3f), -1.0f, REGION - 1.0f);
-        box = (int4)((int)low.x, (int)high.x, (int)low.y, (int)high.y);
-        if (box.x > box.y || box.z > box.w)
-            return empty;
-    }
-    if (!barycentric_rows(p, t->rows))
-        return empty;
-    float3 point[4], place[4], middle = 0.0f;
-    for (int k = 0; k < 4; k++) {
-        point[k] = vload3(context->corners[4 * index + k], context->points);
-        place[k] = vload3(context->corners[4 * index + k], context->places);
-        middle += 0.25f * point[k];
-    }
-    t->u = blend(t->rows, (float4)(place[0].x, place[1].x, place[2].x, place[3].x));
-    t->v = blend(t->rows, (float4)(place[0].y, place[1].y, place[2].y, place[3].y));
-    t->h = blend(t->rows, (float4)(place[0].z, place[1].z, place[2].z, place[3].z));
-    t->perspective = context->screen.perspective;
-
-    int direction = 0; /* a */
-    const float3 a = vload3(index / 3 * 3, context->frames);
-    float3 d = a;
-    if (context->slicing == ORTHOGONAL) { /* the direction that faces the viewer most */
-        const float *m = context->screen.to_world;
-        const float3 eye = (float3)(m[3], m[7], m[11]);
-        const float3 view = t->perspective ? middle - eye / m[15] : eye;
-        float most = fabs(dot(a, view));
-        for (int k = 1; k < 3; k++) {
-            const float3 other = vload3(index / 3 * 3 + k, context->frames);
-            if (fabs(dot(other, view)) > most) {
-                most = fabs(dot(other, view));
-                direction = k;
-                d = other;
-            }
-        }
-    }
-    if (context->slicing == SCREEN) {
-        const float along = 1.0f / context->spacing;
-        t->slice = t->perspective ? (Quantity){0.0f, 0.0f, along, 0.0f} : (Quantity){0.0f, 0.0f, 0.0f, -along};
-    } else if (direction == 0) {
-        t->slice = t->h;
-        t->slice.x *= context->slices;
-        t->slice.y *= context->slices;
-        t->slice.one *= context->slices;
-        t->slice.n *= context->slices;
-    } else {
-        const float4 values = (float4)(dot(point[0], d), dot(point[1], d), dot(point[2], d), dot(point[3], d));
-        t->slice = blend(t->rows, values / context->spacing);
-    }
-    const float grown = crosses ? 0.0f : GROWN / p[0].z; /* no gap between neighbours by rounding */
-    for (int k = 0; k < 4; k++) {
-        const Quantity row = t->rows[k];
-        const float n = fabs(row.n) > 1e-30f ? row.n : 1e-30f; /* seen edge-on */
-        t->sides[k] = (Quantity){-row.x / n, -row.y / n, -(row.one + grown) / n, 0.0f};
-        t->leaves[k] = n < 0.0f;
-    }
-    t->outlines = 0;
-    for (int k = 0; k < 4; k++)
-        for (int l = 0; l < 4; l++)
-            if (t->leaves[k] && !t->leaves[l]) {
-                Quantity o = {t->sides[k].x - t->sides[l].x, t->sides[k].y - t->sides[l].y,
-                              t->sides[k].one - t->sides[l].one, 0.0f};
-                o.one += (fmax(o.x, 0.0f) + fmax(o.y, 0.0f)) * (BLOCK - 1);
-                t->outline[t->outlines++] = o;
-            }
-    t->nearest = t->front = context->screen.nearest;
-    if (!crosses)
-        t->front = fmax(fmax(p[0].w / p[0].z, p[1].w / p[1].z), fmax(p[2].w / p[2].z, p[3].w / p[3].z));
-    t->rear = t->perspective ? 0.0f : -INFINITY;
-    if (!crosses)
-        t->rear = fmin(fmin(p[0].w / p[0].z, p[1].w / p[1].z), fmin(p[2].w / p[2].z, p[3].w / p[3].z));
-    t->crosses = crosses;
-    const float slack = 1e-4f * (t->front - t->rear) + 2e-6f * fmax(fabs(t->front), fabs(t->rear));
-    t->first = crosses ? t->rear : t->rear - slack;
-    t->last = crosses ? t->nearest : fmin(t->front + slack, t->nearest);
-    t->index = index;
-    return box;
-}
-
-intl set_up(const Context *context, intl index, int x, int y, Primitives *made)
-{
-    for (int lane = 0; lane < LANES; lane++) {
-        const int4 box = set_up_one(context, ((const int *)&index)[lane], x, y, &made->of[lane]);
-        ((int *)&made->low_x)[lane] = box.x;
-        ((int *)&made->high_x)[lane] = box.y;
-        ((int *)&made->low_y)[lane] = box.z;
-        ((int *)&made->high_y)[lane] = box.w;
-    }
-    return made->low_x <= made->high_x;
-}
-
-Line line_of(const Tetrahedron *t, Quantity q, floatl x, floatl y)
-{
-    const floatl at = q.x * x + (q.y * y + q.one);
-    Line line;
-    line.fixed = t->perspective ? (floatl)q.n : at;
-    line.sloped = t->perspective ? at : (floatl)(-q.n);
-    return line;
-}
 
 /* What a block's rays have met */
 typedef struct {
@@ -243,7 +44,7 @@ void try_at(const Context *context, int block, Search *search, floatl z, intl tr
     if (!any_lane(tries))
         return;
     const floatl alpha = height_at(context->heights, context->map_width, context->map_height, AT(search->u, z), AT(search->v, z));
-    const floatl h = greater(AT(search->h, z), (floatl)0.0f);
+    const floatl above = AT(search->h, z), h = pick(above > ROUNDED, above, (floatl)0.0f);
     const intl passed = tries & inside & passes(context->test, alpha, h, 1.0f / context->slices);
     search->z = pick(passed, z, search->z);
     search->found = search->found | passed;
@@ -299,7 +100,8 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
 
     const intl rises = number.sloped > 0.0f;
     const floatl step = pick(rises, (floatl)1.0f, (floatl)-1.0f), per_slice = 1.0f / number.sloped;
-    const floatl s_front = AT(number, front), s_back = AT(number, back);
+    const floatl s_front = lesser(greater(AT(number, front), (floatl)-NUMBER_MOST), (floatl)NUMBER_MOST);
+    const floatl s_back = lesser(greater(AT(number, back), (floatl)-NUMBER_MOST), (floatl)NUMBER_MOST);
     const floatl last = pick(rises, floor_lanes(s_back + THIN), ceil_lanes(s_back - THIN));
     for (floatl slice = pick(rises, ceil_lanes(s_front - THIN), floor_lanes(s_front + THIN));; slice += step) {
         const floatl z = lesser(greater((slice - number.fixed) * per_slice, front), back);
@@ -328,9 +130,9 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
 #define GATHER(array, i) gather(array, i)
 
 #ifdef LIT
-/* The base's normal below a point: interpolated at its foot on the triangle */
+/* The base's normal below a point: interpolated at its foot on the triangle. rise: above the triangle's plane */
 Direction normal_below(global const int *corners, global const float *points, global const float *normals, intl triangle,
-                       floatl X, floatl Y, floatl Z)
+                       floatl X, floatl Y, floatl Z, floatl *rise)
 {
     intl corner[3];
     floatl p[3][3];
@@ -346,6 +148,7 @@ Direction normal_below(global const int *corners, global const float *points, gl
     const floatl aa = ax * ax + ay * ay + az * az, ab = ax * bx + ay * by + az * bz, bb = bx * bx + by * by + bz * bz;
     const floatl xa = x * ax + y * ay + z * az, xb = x * bx + y * by + z * bz;
     const floatl inverse = 1.0f / greater(aa * bb - ab * ab, (floatl)1e-30f);
+    *rise = fabs(x * (ay * bz - az * by) + y * (az * bx - ax * bz) + z * (ax * by - ay * bx)) * sqrt(inverse);
     const floatl second = lesser(greater((bb * xa - ab * xb) * inverse, (floatl)0.0f), (floatl)1.0f);
     const floatl third = lesser(greater((aa * xb - ab * xa) * inverse, (floatl)0.0f), (floatl)1.0f);
     const floatl weight[3] = {greater(1.0f - second - third, (floatl)0.0f), second, third};
@@ -417,7 +220,8 @@ kernel void draw_surface(global const int *corners, global const float *projecte
             const floatl inverse = 1.0f / (PIXEL_ROW(m, 3, px, py) + n * m[15]);
             const floatl X = (PIXEL_ROW(m, 0, px, py) + n * m[3]) * inverse, Y = (PIXEL_ROW(m, 1, px, py) + n * m[7]) * inverse,
                          Z = (PIXEL_ROW(m, 2, px, py) + n * m[11]) * inverse;
-            const Direction base = normal_below(corners, points, normals, triangle, X, Y, Z);
+            floatl above;
+            const Direction base = normal_below(corners, points, normals, triangle, X, Y, Z, &above);
             floatl nx = base.x, ny = base.y, nz = base.z;
             if (normal_width > 0) { /* tangent-space normals: their slopes are per length of the surface */
                 const Direction own = normal_in(normal_map, normal_width, normal_height, u, v);
@@ -440,7 +244,21 @@ kernel void draw_surface(global const int *corners, global const float *projecte
             ny *= inverse_length;
             nz *= inverse_length;
             const Direction ahead = towards(screen, X, Y, Z);
-            shine(&shade, light, X, Y, Z, nx, ny, nz, -ahead.x, -ahead.y, -ahead.z, VISIBILITY(light, X, Y, Z, nx, ny, nz));
+            floatl visible = VISIBILITY(X, Y, Z, nx, ny, nz);
+#ifdef SHADOWED
+            /* Farther than a slice below the heights a point may lie on a side of the volume, whose normal is across the
+             * base's. */
+            const floatl top = height_at(heights, map_width, map_height, u, v) * (spacing * slices);
+            const intl on_side = mine & (top - above > spacing);
+            if (any_lane(on_side)) {
+                const floatl up = base.x * ahead.x + base.y * ahead.y + base.z * ahead.z;
+                const Direction across = {up * base.x - ahead.x, up * base.y - ahead.y, up * base.z - ahead.z};
+                const Direction side = at_unit_length(across);
+                const floatl from_side = VISIBILITY(X, Y, Z, side.x, side.y, side.z);
+                visible = pick(on_side & (from_side > visible), from_side, visible);
+            }
+#endif
+            shine(&shade, light, X, Y, Z, nx, ny, nz, -ahead.x, -ahead.y, -ahead.z, visible);
 #endif
         }
         write_block(&region, block, screen, depth, color, valid, blank, x + first_x, y + first_y, shade);

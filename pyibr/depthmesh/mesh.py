@@ -13,7 +13,7 @@ from pyibr._check import Fixed, Float64, describe, numbers
 from pyibr.camera import Camera
 from pyibr.depthmesh.segmentation import Segmentation
 from pyibr.depthmesh.strips import strips_of
-from pyibr.depthmesh.tree import Tree, active_for, active_within, build_tree, triangles_of
+from pyibr.depthmesh.tree import Tree, active_for, active_within, build_tree, departures_of, triangles_of
 from pyibr.errors import ArgumentError
 from pyibr.images import DepthImage
 from pyibr.mesh import Mesh
@@ -26,7 +26,7 @@ class DepthMesh(Fixed):
     """A depth image as a triangle mesh that adapts to the viewer: fine where that is seen, without cracks.
 
     A restricted quadtree over the samples is kept on the device, with the error of each vertex; a triangulation is read
-    from it for each target.
+    from it for each target. `render` draws the side that the view saw.
 
     Parameters
     ----------
@@ -159,7 +159,10 @@ class DepthMesh(Fixed):
         """
         tree, bound = self.tree, checked_tolerance("max_error", max_error)
         with tree.errors.session.lock:
-            return self._mesh_of(_samples_of(tree, active_within(tree, bound)))
+            kept = self.device_cache[tree.errors.session]
+            if "departures" not in kept:
+                kept["departures"] = departures_of(tree)
+            return self._mesh_of(_samples_of(tree, active_within(tree, kept["departures"], bound)))
 
     def strips(self, camera: Camera, tolerance: float | None = None) -> list[NDArray[np.int32]]:
         """Triangle strips of what `triangulate` yields, as it numbers the vertices (figure 6 of the paper).

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pyibr._check import Fixed, Float64, describe, one_of
 from pyibr.camera import Camera
+from pyibr.depthmesh.levels import color_levels, level_for
 from pyibr.depthmesh.mesh import DepthMesh, checked_tolerance
 from pyibr.depthmesh.segmentation import Segmentation
 from pyibr.depthmesh.tree import (
@@ -19,6 +20,7 @@ from pyibr.depthmesh.tree import (
     active_for,
     active_within,
     build_tree,
+    departures_of,
     eye_of,
     place_triangles,
     triangles_of,
@@ -52,7 +54,7 @@ class DepthMeshObject(Fixed):
         At any poses: six from the sides of a box around an object in the paper (`pyibr.capture.object_views`), or
         frames of a scene. Of a `DepthMesh` the segmentation is its own.
     tolerance : float
-        Pixels of the target, >= 0; see `DepthMesh`.
+        Pixels of the target, >= 0, by which surfaces that are one may lie apart: each mesh gets half of it.
     blend : {"quality", "position", "nearest"}
         "quality" weighs views by the closeness of their viewpoints and, per pixel, by how much their surfaces face
         them; "position" by the former alone; "nearest" takes the colour of the front surface.
@@ -153,10 +155,13 @@ class DepthMeshObject(Fixed):
 
 @dataclass(frozen=True)
 class _Colors:
-    """The views' colours on the device, one after the other, and width, height and start of each."""
+    """The views' colours on the device: of each all levels, half as large as the one before, one after the other.
+
+    `sizes` holds width, height, start and number of each level of each view.
+    """
 
     words: DeviceArray
-    sizes: NDArray[np.int32]
+    sizes: list[list[tuple[int, int, int, int]]]
 
 
 @dataclass(frozen=True)
@@ -165,6 +170,7 @@ class _Background:
 
     triangles: list[Triangles]
     limits: DeviceArray
+    sizes: DeviceArray
 
 
 def _colors_of(thing: DepthMesh | DepthMeshObject, meshes: list[DepthMesh]) -> _Colors:
@@ -173,11 +179,14 @@ def _colors_of(thing: DepthMesh | DepthMeshObject, meshes: list[DepthMesh]) -> _
 
     kept = thing.device_cache.setdefault(current(), {})
     if "colors" not in kept:
-        views = [mesh.view for mesh in meshes]
-        starts = np.cumsum([0, *(view.valid.size for view in views[:-1])])
-        sizes = [(*view.camera.size, start) for view, start in zip(views, starts, strict=True)]
-        words = upload(np.concatenate([rgba_words(view.color) for view in views]))
-        kept["colors"] = _Colors(words, np.array(sizes, np.int32))
+        words, sizes, start = list[NDArray[np.uint32]](), list[list[tuple[int, int, int, int]]](), 0
+        for mesh in meshes:
+            sizes.append([])
+            for number, (color, covered) in enumerate(color_levels(mesh.view)):
+                sizes[-1].append((color.shape[1], color.shape[0], start, number))
+                words.append(rgba_words(color, covered))
+                start += words[-1].size
+        kept["colors"] = _Colors(upload(np.concatenate(words)), sizes)
     return kept["colors"]
 
 
@@ -191,11 +200,13 @@ def _background_of(thing: DepthMeshObject) -> _Background:
         triangles, limits = list[Triangles](), list[NDArray[np.float32]]()
         for mesh in thing.meshes:
             tree = build_tree(mesh.view, Segmentation("none"))
-            triangles += triangles_of([tree], [active_within(tree, _COARSE_ERROR * thing.extent)])
+            triangles += triangles_of([tree], [active_within(tree, departures_of(tree), _COARSE_ERROR * thing.extent)])
             view = mesh.view
             unseen = np.where(view.depth >= view.far, np.float32(np.inf), np.float32(0))
             limits.append(np.where(view.valid, view.depth, unseen).ravel())
-        kept["background"] = _Background(triangles, upload(np.concatenate(limits)))
+        starts = np.cumsum([0, *(limit.size for limit in limits[:-1])])
+        sizes = [(*mesh.view.camera.size, start) for mesh, start in zip(thing.meshes, starts, strict=True)]
+        kept["background"] = _Background(triangles, upload(np.concatenate(limits)), upload(np.array(sizes, np.int32)))
     return kept["background"]
 
 
@@ -214,8 +225,10 @@ def draw_depth_mesh(target: Target, thing: DepthMesh | DepthMeshObject, occupanc
     weights = thing.weights(target.camera) if several else np.ones(1)
     chosen = np.flatnonzero(weights)
     trees = [meshes[number].tree for number in chosen]
-    triangles = triangles_of(trees, [active_for(tree, target.camera, thing.tolerance) for tree in trees])
-    colors = _colors_of(thing, meshes)
+    tolerance = 0.5 * thing.tolerance if several else thing.tolerance
+    triangles = triangles_of(trees, [active_for(tree, target.camera, tolerance) for tree in trees])
+    colors, middle = _colors_of(thing, meshes), 0.5 * (thing.bounds[0] + thing.bounds[1])
+    levels = [colors.sizes[number][level_for(meshes[number].view.camera, target.camera, middle)] for number in chosen]
     defines = {"VIEWS": len(chosen), "COLOR_BYTES": target.channel_bytes}
     more: dict[str, Any] = {}
     if several:
@@ -228,7 +241,7 @@ def draw_depth_mesh(target: Target, thing: DepthMesh | DepthMeshObject, occupanc
         defines |= {"UNDERLAID": 1, "ALL": len(meshes)}
         more = {
             "limits": background.limits,
-            "limit_sizes": upload(colors.sizes),
+            "limit_sizes": background.sizes,
             "from_target": upload(np.array(maps, np.float32).reshape(-1, 16)),
             "perspectives": upload(
                 np.array([mesh.view.camera.projection == "perspective" for mesh in meshes], np.int32)
@@ -239,7 +252,8 @@ def draw_depth_mesh(target: Target, thing: DepthMesh | DepthMeshObject, occupanc
         more["occupancy"] = occupancy
     placed = place_triangles(target.camera, trees, triangles)
     near = target.near(thing.bounds)
-    bins = bin_primitives(target, placed.corners, placed.projected, near)
+    culled = 0 if target.from_light else 1  # backs have no colours, but cast shadows
+    bins = bin_primitives(target, placed.corners, placed.projected, near, culled)
     launch(
         kernel("depthmesh/blend.cl", "draw_meshes", BIN=BIN, **defines),
         (bins.columns, bins.rows) if current().is_cpu else target.camera.size,
@@ -250,11 +264,12 @@ def draw_depth_mesh(target: Target, thing: DepthMesh | DepthMeshObject, occupanc
         starts=bins.starts,
         bins_x=bins.columns,
         firsts=upload(np.array(placed.firsts, np.int32)),
-        sizes=upload(colors.sizes[chosen]),
+        sizes=upload(np.array(levels, np.int32)),
         colors=colors.words,
         weights=upload(weights[chosen].astype(np.float32)),
         screen=Struct("Screen", target.screen(near)),
         nearest_w=near,
+        culled=culled,
         epsilon=thing.epsilon if several else 0.0,
         blank=target.blank,
         **target.outputs(),

@@ -119,7 +119,7 @@ def build_tree(view: DepthImage, segmentation: Segmentation) -> Tree:
     states = empty((side + 1, row), np.uint8)
     errors.fill(-1.0)
     states.fill(_UNDRAWN)
-    buffers = {
+    buffers: dict[str, Any] = {
         "nearness": nearness,
         "cells": cells,
         "errors": errors,
@@ -128,23 +128,16 @@ def build_tree(view: DepthImage, segmentation: Segmentation) -> Tree:
         "states": states,
         "layout": layout,
     }
-    _fine_to_coarse("depthmesh/errors.cl", "find_errors", "find_coarse_errors", side, height, buffers)
-    return Tree(view, layout, nearness, cells, normals, errors, radii, depths, states)
-
-
-def _fine_to_coarse(file: str, fine: str, coarse: str, side: int, height: int, arguments: dict[str, Any]) -> None:
-    """Launch a kernel for the midpoints' rows of each step and then the centres', from fine to coarse."""
-    from pyibr.opencl.launch import launch
-    from pyibr.opencl.program import kernel
-
     step = 1
     while step < min(side, _COARSE):
         rows = -(-(height - 1) // step) + 1
-        launch(kernel(file, fine), (min(side // step + 1, rows),), **arguments, s=step, centers=False)
-        launch(kernel(file, fine), (min(side // (2 * step), -(-rows // 2)),), **arguments, s=step, centers=True)
+        fine = kernel("depthmesh/errors.cl", "find_errors")
+        launch(fine, (min(side // step + 1, rows),), **buffers, s=step, centers=False)
+        launch(fine, (min(side // (2 * step), -(-rows // 2)),), **buffers, s=step, centers=True)
         step *= 2
     if step < side:
-        launch(kernel(file, coarse), (1,), **arguments, finest=step)
+        launch(kernel("depthmesh/errors.cl", "find_coarse_errors"), (1,), **buffers, finest=step)
+    return Tree(view, layout, nearness, cells, normals, errors, radii, depths, states)
 
 
 def _layout(camera: Camera, side: int, row: int) -> np.ndarray[Any, np.dtype[np.void]]:
@@ -194,22 +187,43 @@ def _viewer(src: Camera, dst: Camera, tolerance: float) -> np.ndarray[Any, np.dt
     return values
 
 
-def active_within(tree: Tree, max_error: float) -> DeviceArray:
-    """Mark the vertices that a vertical error of at most `max_error`, in scene units, needs: (side + 1, row) uint8."""
+def departures_of(tree: Tree) -> DeviceArray:
+    """(2, side + 1, row) how far the triangles on both sides of each vertex depart from the samples within them."""
+    from pyibr.opencl.launch import launch
     from pyibr.opencl.memory import empty
+    from pyibr.opencl.program import kernel
+
+    departures = empty((2, *tree.errors.shape), np.float32)
+    departures.fill(-1.0)
+    steps = [1 << power for power in range(tree.side.bit_length() - 1)]
+    launch(
+        kernel("depthmesh/simplify.cl", "find_departures"),
+        (max(sum(tree.side // step + 1 + tree.side // (2 * step) for step in steps), 1),),
+        nearness=tree.nearness,
+        states=tree.states,
+        departures=departures,
+        layout=tree.layout,
+    )
+    return departures
+
+
+def active_within(tree: Tree, departures: DeviceArray, max_error: float) -> DeviceArray:
+    """Mark the vertices that a vertical error of at most `max_error`, in scene units, needs: (side + 1, row) uint8."""
+    from pyibr.opencl.launch import launch
+    from pyibr.opencl.memory import empty
+    from pyibr.opencl.program import kernel
 
     active = empty(tree.errors.shape, np.uint8)
     active.fill(0)
-    buffers = {
-        "nearness": tree.nearness,
-        "errors": tree.errors,
-        "states": tree.states,
-        "active": active,
-        "layout": tree.layout,
-        "max_error": max_error,
-    }
-    height = tree.view.camera.height
-    _fine_to_coarse("depthmesh/simplify.cl", "merge", "merge_coarse", tree.side, height, buffers)
+    launch(
+        kernel("depthmesh/simplify.cl", "refine"),
+        (1,),
+        departures=departures,
+        active=active,
+        queue=empty(tree.errors.shape, np.int32),
+        layout=tree.layout,
+        max_error=max_error,
+    )
     return active
 
 

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from importlib import import_module
 from os import PathLike
-from pathlib import Path
 from typing import Any, Protocol, cast
 
 import numpy as np
@@ -25,6 +24,7 @@ from numpy.typing import NDArray
 
 from pyibr._check import describe, positive
 from pyibr.errors import ArgumentError, FileFormatError
+from pyibr.io.files import checked_path
 from pyibr.io.range_grid import read_range_grid
 from pyibr.io.relief_map import read_relief_map, write_relief_map
 
@@ -150,7 +150,7 @@ def write_depth(path: _PathLike, depth: NDArray[np.float32], scale: float | None
     if depth.ndim != 2 or depth.dtype.kind != "f" or not depth.size:
         raise ArgumentError("depth", "float32 of shape (H, W)", describe(depth))
     module = _module(path, _DEPTH_MODULES)
-    if Path(path).suffix.lower() == ".png":
+    if checked_path(path).suffix.lower() == ".png":
         module.write_depth(path, uint16_from_depth(depth, _required(scale, path)))
     else:
         factor = 1.0 if scale is None else positive("scale", scale)
@@ -168,9 +168,9 @@ def _required(scale: float | None, path: _PathLike) -> float:
 
 
 def _module(path: _PathLike, modules: dict[str, str], default: str | None = None) -> _Format:
-    if Path(path).is_dir():
+    if checked_path(path).is_dir():
         raise FileFormatError(f"{path}: expected a file, got a folder")
-    suffix = Path(path).suffix.lower()
+    suffix = checked_path(path).suffix.lower()
     name = modules.get(suffix, default)
     if name is None:
         known = ", ".join(sorted(modules))

@@ -7,7 +7,23 @@ from contextlib import contextmanager, suppress
 from os import PathLike, getpid
 from pathlib import Path
 
-from pyibr.errors import FileFormatError
+from pyibr._check import describe
+from pyibr.errors import ArgumentError, FileFormatError
+
+
+def checked_path(path: str | PathLike[str]) -> Path:
+    """Return `path` as a Path, or raise ArgumentError."""
+    if not isinstance(path, (str, PathLike)):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise ArgumentError("path", "a file's path, str or pathlib.Path", describe(path))
+    return Path(path)
+
+
+def folder_for(file: Path) -> None:
+    """Make the folder that a file is written into."""
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise _not_written(file, error) from error
 
 
 @contextmanager
@@ -16,25 +32,29 @@ def atomic_path(path: str | PathLike[str]) -> Generator[Path, None, None]:
 
     A reader never sees half a file. A missing parent folder is made.
     """
-    final = Path(path)
+    final = checked_path(path)
     temporary = final.with_name(f".{final.stem}.{getpid()}{final.suffix}")
     try:
-        final.parent.mkdir(parents=True, exist_ok=True)
+        folder_for(final)
         yield temporary
         temporary.replace(final)
-    except (FileExistsError, NotADirectoryError) as error:
-        raise FileFormatError(f"{final}: cannot be written: {error.filename} is not a folder") from error
     except OSError as error:
-        raise FileFormatError(f"{final}: cannot be written: {error.strerror or error}") from error
+        raise _not_written(final, error) from error
     finally:
         with suppress(OSError):
             temporary.unlink()
 
 
+def _not_written(file: Path, error: OSError) -> FileFormatError:
+    if isinstance(error, (FileExistsError, NotADirectoryError)):
+        return FileFormatError(f"{file}: cannot be written: {error.filename} is not a folder")
+    return FileFormatError(f"{file}: cannot be written: {error.strerror or error}")
+
+
 @contextmanager
 def reading(path: str | PathLike[str], kind: str) -> Generator[Path, None, None]:
     """Yield `path` if it is a file with content; turn what a decoder raises into FileFormatError."""
-    source = Path(path)
+    source = checked_path(path)
     try:
         if not source.is_file():
             raise FileFormatError(f"{source}: {'is a folder' if source.is_dir() else 'no such file'}")

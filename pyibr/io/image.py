@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from os import PathLike
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.errors import FileFormatError
-from pyibr.io.files import atomic_path, reading
+from pyibr.io.files import atomic_path, checked_path, reading
 
 _WRITABLE = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".ppm")
 
@@ -27,7 +26,7 @@ def write_color(path: str | PathLike[str], color: NDArray[Any]) -> None:
     iio = _imageio()
     if color.dtype.kind == "f":
         color = np.rint(np.clip(np.nan_to_num(color), 0, 1) * 255).astype(np.uint8)
-    suffix = Path(path).suffix.lower()
+    suffix = checked_path(path).suffix.lower()
     if suffix not in _WRITABLE:
         raise FileFormatError(f"{path}: no image format {suffix or 'without a suffix'} to write")
     options = {"quality": 95} if suffix in (".jpg", ".jpeg", ".webp") else {}

@@ -41,6 +41,29 @@ class VertexFrames:
     planar: NDArray[np.bool_]
 
 
+def split_at_mirrors(mesh: Mesh) -> Mesh:
+    """Double the vertices between triangles whose uv run opposite ways round, so that none has gradients of both.
+
+    Copies follow the vertices that there were; a mesh without such vertices is returned as it is.
+    """
+    uv = np.asarray(mesh.uv, np.float64)
+    usable = uv_gradients(mesh.vertices.astype(np.float64)[mesh.faces], uv[mesh.faces])[1]
+    a, b = (uv[mesh.faces[:, k]] - uv[mesh.faces[:, 0]] for k in (1, 2))
+    mirrored = usable & (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] < 0)
+    of_either = np.zeros((2, len(uv)), np.bool_)
+    of_either[0, mesh.faces[usable & ~mirrored]] = True
+    of_either[1, mesh.faces[mirrored]] = True
+    doubled = np.flatnonzero(of_either.all(axis=0))
+    if not len(doubled):
+        return mesh
+    number = np.arange(len(uv), dtype=np.int32)
+    number[doubled] = len(uv) + np.arange(len(doubled))
+    faces = np.where(mirrored[:, None], number[mesh.faces], mesh.faces)
+    kept = np.concatenate([np.arange(len(uv)), doubled])
+    normals = mesh.normals if mesh.normals is not None else mesh.smooth_normals
+    return Mesh(mesh.vertices[kept], faces, uv[kept], normals[kept])
+
+
 def vertex_frames(mesh: Mesh, tiles: tuple[int, int]) -> VertexFrames:
     """Frames and quadrics of all vertices of a mesh with uv."""
     vertices = mesh.vertices.astype(np.float64)

@@ -9,13 +9,14 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr._check import Fixed, checked_image, describe, one_of, positive
+from pyibr._check import Fixed, check_tiled, checked_image, describe, one_of, positive
+from pyibr.camera import Camera
 from pyibr.errors import ArgumentError
-from pyibr.heights import checked_height, checked_normal_map, checked_tiles
+from pyibr.heights import Float32, checked_height, checked_normal_map, checked_tiles
 from pyibr.mesh import Mesh
 from pyibr.raster import BIN, bin_primitives, project, texture_pyramid
 from pyibr.relief.levels import HeightLevels, height_levels
-from pyibr.relief.quadrics import VertexFrames, vertex_frames
+from pyibr.relief.quadrics import VertexFrames, split_at_mirrors, vertex_frames
 from pyibr.target import Target
 
 Silhouette = Literal["quadric", "none"]
@@ -46,15 +47,15 @@ class ReliefSurface(Fixed):
         The depth of height 0, in scene units.
     tiles : (int, int)
         How often height and colour repeat along u and v.
-    normal_map : (h'', w'', 3) float32, optional
-        Unit normals in tangent space, for lights: x along u, y along v, z along the normal. Without it the heights'
-        slopes give them.
+    normal_map : (h'', w'', 3) float32 or uint8, optional
+        Unit normals in tangent space, for lights: x along u, y along v (down the image), z along the normal. Bytes
+        are decoded as x / 127.5 - 1. Without a map the heights' slopes give normals.
     silhouette : {"quadric", "none"}
         "quadric": the relief follows a quadric fitted to each vertex' neighbours, so that rays beside it come out
         again; "none": it is flat at each pixel, as in earlier relief mapping, and all of the mesh is covered.
     distance : {"approximate", "exact"}
-        A ray's depth below the quadric: along the normal where it entered (equation 7), or from the quadric's own
-        point opposite the ray (equation 6), which bends with it.
+        A ray's depth below the quadric: along the normal where it entered (equation 7), or along the normal halfway
+        to the quadric's point opposite the ray (equation 6), which bends with it.
     search : {"safe", "linear"}
         "safe" steps over nothing, by bounds of the heights; "linear" is the paper's: even steps, then halvings.
     steps, halvings : int
@@ -116,6 +117,7 @@ class ReliefSurface(Fixed):
         self.steps = _checked_count("steps", steps, 1)
         self.halvings = _checked_count("halvings", halvings, 0)
         self.normal_map = None if normal_map is None else checked_normal_map(normal_map)
+        check_tiled(base.uv, self.tiles, self.height, self.color, self.normal_map)
         self.device_cache: WeakKeyDictionary[Any, Any] = WeakKeyDictionary()
 
     def __repr__(self) -> str:
@@ -124,24 +126,54 @@ class ReliefSurface(Fixed):
 
     @property
     def bounds(self) -> tuple[NDArray[Any], NDArray[Any]]:
-        """(low, high), each (3,), in the world: the box around the relief."""
+        """(low, high), each (3,), in the world: the box around the relief.
+
+        Rays that run on below an open border of the base may find what lies beyond it.
+        """
         low, high = self.base.bounds
         return low - self.scale, high + self.scale
 
     @cached_property
+    def drawn(self) -> Mesh:
+        """The base, with vertices doubled where mirrored uv meet: its own vertices come first."""
+        return split_at_mirrors(self.base)
+
+    @cached_property
     def frames(self) -> VertexFrames:
-        """The vertices' frames and quadrics."""
-        return vertex_frames(self.base, self.tiles)
+        """The drawn vertices' frames and quadrics."""
+        return vertex_frames(self.drawn, self.tiles)
 
     @property
     def planar_vertices(self) -> int:
         """How many vertices have neighbours that determine no quadric."""
-        return int(self.frames.planar.sum())
+        return int(self.frames.planar[: len(self.base.vertices)].sum())
 
     @cached_property
     def levels(self) -> HeightLevels:
         """Levels and bounds of the heights."""
         return height_levels(self.height, self._height_bytes)
+
+    def tile_coordinates(self, camera: Camera) -> Float32:
+        """Where in the tile each pixel of a picture sees the relief.
+
+        Parameters
+        ----------
+        camera : Camera
+
+        Returns
+        -------
+        (H, W, 2) float32
+            u and v in [0, 1], tiles included: of what `render` shows of this relief alone. NaN where there is nothing.
+        """
+        if not isinstance(camera, Camera):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise ArgumentError("camera", "a pyibr.Camera", describe(camera))
+        from pyibr.opencl.device import current
+        from pyibr.opencl.memory import empty
+
+        with current().lock:
+            places = empty((camera.height, camera.width, 2), np.float32)
+            draw_relief(Target(camera, np.dtype(np.uint8)), self, None, places=places)
+            return places.to_host()
 
 
 def _checked_count(argument: str, value: int, least: int) -> int:
@@ -151,9 +183,24 @@ def _checked_count(argument: str, value: int, least: int) -> int:
 
 
 def draw_relief(
-    target: Target, surface: ReliefSurface, lit: Lighting | None, counts: DeviceArray | None = None
+    target: Target,
+    surface: ReliefSurface,
+    lit: Lighting | None,
+    counts: DeviceArray | None = None,
+    places: DeviceArray | None = None,
 ) -> None:
-    """Draw a relief into the target; `counts`, (H, W) int32, gains the searches of each pixel."""
+    """Draw a relief into the target.
+
+    Parameters
+    ----------
+    target : Target
+    surface : ReliefSurface
+    lit : Lighting, optional
+    counts : DeviceArray (H, W, 2) int32, optional
+        Gains the searches of each pixel, and their steps: halvings and what the safe search does in a cell included.
+    places : DeviceArray (H, W, 2) float32, optional
+        Becomes u and v in the tile, for a target that is blank.
+    """
     from pyibr.opencl.device import current
     from pyibr.opencl.launch import Struct, launch
     from pyibr.opencl.program import kernel
@@ -173,6 +220,9 @@ def draw_relief(
     if counts is not None:
         defines["COUNTED"] = 1
         more["counts"] = counts
+    if places is not None:
+        defines["TOLD"] = 1
+        more["places"] = places
     K = target.camera.K
     launch(
         kernel("relief/relief.cl", "draw_relief", BIN=BIN, COLOR_BYTES=target.channel_bytes, **defines),
@@ -210,7 +260,7 @@ def _buffers(surface: ReliefSurface) -> dict[str, DeviceArray]:
     kept = surface.device_cache.get(session)
     if isinstance(kept, dict):
         return cast("dict[str, DeviceArray]", kept)
-    base, frames, levels = surface.base, surface.frames, surface.levels
+    base, frames, levels = surface.drawn, surface.frames, surface.levels
     uv = np.asarray(base.uv, np.float64) * surface.tiles
     vertices = np.concatenate([uv, frames.normals, frames.gradients.reshape(-1, 6), frames.quadrics], axis=1)
     rows = np.zeros((len(vertices), 16), np.float32)  # kernels/relief/relief.cl

@@ -30,7 +30,9 @@ if TYPE_CHECKING:
 
 TO_SCREEN = 3  # the axis of slices parallel to the screen, kernels/slicing/object.cl
 _BEFORE = 2.0  # slices and samples by which a view's surface may lie before a point that it still shows
-_BOX = np.dtype([("from_world", np.float32, 12), ("edges", np.float32, 3), ("spacing", np.float32)])
+_BOX = np.dtype(
+    [("from_world", np.float32, 12), ("edges", np.float32, 3), ("spacing", np.float32), ("first", np.float32)]
+)
 
 
 class DepthObject(Fixed):
@@ -210,7 +212,11 @@ def draw_object(target: Target, thing: DepthObject | VisualHull, counts: DeviceA
     spacing = float(box.edges.max()) / thing.slices
     sample = max(_sample_size(view.camera, box) for view in thing.views)
     record = np.zeros((), _BOX)
-    record["from_world"], record["edges"], record["spacing"] = box.from_world.ravel(), box.edges, spacing
+    # In the kernel the world's origin is the box's middle: float32 holds what is near 0 best.
+    record["from_world"] = (box.from_world @ _moved_by(box.center)).ravel()
+    record["edges"], record["spacing"] = box.edges, spacing
+    depth = float(camera.camera_from_world[2, :3] @ box.center + camera.camera_from_world[2, 3])
+    record["first"] = np.rint(depth / spacing) if slices_axis(thing, camera) == TO_SCREEN else 0
     corners = np.asarray(box.corners, np.float32)
     near = target.near((corners.min(axis=0), corners.max(axis=0)))
     low_x, low_y, across, down = _blocks(target, box, near)
@@ -226,7 +232,7 @@ def draw_object(target: Target, thing: DepthObject | VisualHull, counts: DeviceA
             **buffers,
             order=upload(order.astype(np.int32)),
             closeness=upload(np.maximum(cosines, 1e-3).astype(np.float32)),
-            screen=Struct("Screen", target.screen(near)),
+            screen=Struct("Screen", target.screen(near, box.center)),
             box=Struct("Box", record),
             slices_axis=slices_axis(thing, camera),
             halvings=thing.halvings,
@@ -240,6 +246,13 @@ def draw_object(target: Target, thing: DepthObject | VisualHull, counts: DeviceA
             **more,
         )
         target.blank = False
+
+
+def _moved_by(offset: Float64) -> Float64:
+    """(4, 4) that adds an offset to points."""
+    matrix = np.eye(4)
+    matrix[:3, 3] = offset
+    return matrix
 
 
 def slices_axis(thing: DepthObject | VisualHull, camera: Camera) -> int:
@@ -296,7 +309,8 @@ def _object_buffers(thing: DepthObject | VisualHull) -> dict[str, DeviceArray]:
         sizes.append((*view.camera.size, start))
         start += view.valid.size
         words.append(rgba_words(view.color, view.valid))
-    matrices = np.array([view.camera.pixel_matrix @ view.camera.camera_from_world for view in thing.views])
+    move = _moved_by(thing.box.center)
+    matrices = np.array([view.camera.pixel_matrix @ view.camera.camera_from_world @ move for view in thing.views])
     made = {
         "matrices": upload(matrices.reshape(-1, 16).astype(np.float32)),
         "sizes": upload(np.array(sizes, np.int32)),

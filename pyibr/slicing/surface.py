@@ -8,7 +8,7 @@ from weakref import WeakKeyDictionary
 
 from numpy.typing import NDArray
 
-from pyibr._check import Fixed, checked_image, describe, one_of, positive
+from pyibr._check import Fixed, check_tiled, checked_image, describe, one_of, positive
 from pyibr.errors import ArgumentError
 from pyibr.heights import checked_height, checked_normal_map, checked_tiles, height_pairs
 from pyibr.mesh import Mesh
@@ -54,10 +54,10 @@ class SlicedSurface(Fixed):
         A slice at height h is drawn where the map's height is more than h, so that 0 masks the surface out; at least
         h (Dietrich), which draws the base, too; or at most a slice spacing more than h (Schaufler), so that one may
         see through between neighbours of very different heights.
-    normal_map : (h'', w'', 3) float32, optional
-        Unit normals in tangent space, for lights: x along u, y along v, z along the normal. Without it the heights'
-        slopes give them.
-
+    normal_map : (h'', w'', 3) float32 or uint8, optional
+        Unit normals in tangent space, for lights: x along u, y along v (down the image), z along the normal. Bytes
+        are decoded as x / 127.5 - 1; of a map whose green grows upwards give 255 - green (`pyibr.io.read_relief_map`
+        does). Without a map the heights' slopes give normals.
     clipped : bool
         False lets slices parallel to the screen test the points beside the displacement volume, too, as the paper's
         simplest variant does (section 3.3): the same picture with more alpha tests, to compare.
@@ -108,6 +108,7 @@ class SlicedSurface(Fixed):
         self.slicing: Slicing = slicing
         self.test: AlphaTest = test
         self.normal_map = None if normal_map is None else checked_normal_map(normal_map)
+        check_tiled(base.uv, self.tiles, self.height, self.color, self.normal_map)
         if not isinstance(clipped, bool):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise ArgumentError("clipped", "True or False", describe(clipped))
         self.clipped = clipped

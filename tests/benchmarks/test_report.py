@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from benchmarks import peers, report, scenes, table2
+from benchmarks import depthmesh, llvmpipe, peers, report, scenes, simplification, table2
 from benchmarks.__main__ import main
 from benchmarks.launches import build_times, counted_samples, kernel_times
 from benchmarks.results import Record, Result, Skip
 from benchmarks.runner import in_turns
 from benchmarks.statistics import Quartiles, exponent, ratios
+from pyibr import models
+from pyibr.capture import object_views
 
 ENVIRONMENT = {
     "time": "2026-01-01T00:00:00+00:00",
@@ -164,6 +166,29 @@ def test_the_papers_figures_are_in_milliseconds() -> None:
     assert table2.PAPER["dragon"][512] == 1227.6
 
 
+def test_the_depth_mesh_papers_stages_make_its_frame_rates() -> None:
+    for row in depthmesh.PAPER_RENDERING.values():
+        stages = row.selection + row.depth + row.color + row.blend
+        assert stages < 1000 / row.rate < stages + 5  # what the paper's frames take beside the stages it lists
+
+
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+def test_departures_are_measured_in_depth_at_the_samples(projection: str) -> None:
+    pytest.importorskip("open3d", exc_type=ImportError)
+    n = 9
+    camera = ibr.Camera([[8, 0, 4], [0, 8, 4], [0, 0, 1]], (n, n), projection=projection)  # pyright: ignore[reportArgumentType]
+    depth = np.full((n, n), 3, np.float32)
+    depth[4, 4], depth[0, 0] = 2.75, np.inf
+    view = ibr.DepthImage(np.zeros((n, n, 3), np.uint8), depth, camera)
+    corners = camera.unproject([[0, 0], [n - 1, 0], [n - 1, n - 1], [0, n - 1]], np.full(4, 3))
+    off = simplification.departures(view, corners, np.array([[0, 1, 2], [0, 2, 3]]))
+    assert len(off) == n * n - 1
+    assert off.max() == pytest.approx(0.25, abs=1e-5)  # float32 rays
+    assert np.count_nonzero(off > 1e-5) == 1
+    half = simplification.departures(view, corners, np.array([[0, 1, 2]]))
+    assert np.count_nonzero(np.isinf(half)) == n * (n - 1) // 2
+
+
 def test_everything_runs_quickly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("open3d", exc_type=ImportError)
     monkeypatch.setenv("PYIBR_DATA", str(tmp_path))
@@ -176,6 +201,13 @@ def test_everything_runs_quickly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         "## Triangles",
         "## Slices",
         "## Relief",
+        "## Depth meshes",
+        "### Construction",
+        "### Frames",
+        "### Quality",
+        "### Beside the epipolar warp",
+        "### Simplification",
+        "### Beside quadric decimation",
         "## Start and memory",
     ):
         assert heading in text
@@ -185,7 +217,23 @@ def test_everything_runs_quickly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         "table2.png",
         "peers.png",
         "slicing-error.png",
+        "depthmesh-simplification.png",
     }
     # The picture of a report comes from the files alone.
     (tmp_path / "out/report.md").unlink()
     assert report.write(tmp_path / "out").read_text() == text
+
+
+def test_pictures_of_llvmpipe_keep_their_own_textures() -> None:
+    """An object's, its hull's, and the object's again, prepared before any is drawn."""
+    if isinstance(gl := llvmpipe.context(), str):
+        pytest.skip(gl)
+    pytest.importorskip("open3d")
+    views = object_views(models.donut(), 96)
+    things = [ibr.DepthObject(views, 48), ibr.VisualHull(views, 48)]
+    camera = ibr.Camera.look_at((1.5, -2, 2.5), (0, 0, 0), (0, 0, 1), (120, 90), fov_y=45)
+    pictures = [llvmpipe.slices(camera, thing, 1.0, 6.0) for thing in things]
+    for thing, picture in zip(things, pictures, strict=True):
+        ours, theirs = ibr.render(thing, camera).valid, np.isfinite(picture.picture()[1])
+        # Slices half a spacing apart: up to one of 48 slices at the outline
+        assert (ours & theirs).sum() / (ours | theirs).sum() >= 0.96

@@ -344,3 +344,17 @@ def test_writers_name_the_bad_argument(tmp_path: Path, call, argument):
     with pytest.raises(ibr.ArgumentError) as caught:
         call(tmp_path)
     assert caught.value.argument == argument
+
+
+@pytest.mark.parametrize("path", [None, 3, b"color.png"], ids=str)
+def test_what_is_no_path(path):
+    color, depth = np.zeros((4, 4, 3), np.uint8), np.ones((4, 4), np.float32)
+    for use in (
+        ibr.read_color,
+        ibr.read_depth,
+        ibr.Camera.load,
+        lambda p: ibr.write_color(p, color),
+        lambda p: ibr.write_depth(p, depth),
+    ):
+        with pytest.raises(ibr.ArgumentError, match=r"^path: expected a file's path"):
+            use(path)

@@ -90,8 +90,13 @@ def test_a_scan_as_a_depth_image():
     assert np.isposinf(view.depth[0]).all()
 
 
-@pytest.mark.parametrize("points", [np.zeros((3, 3), np.float32), np.full((3, 3, 3), np.nan, np.float32)])
+EDGE_ON = np.stack(np.meshgrid(np.arange(9), 0, np.arange(3), indexing="ij"), -1)[:, 0].swapaxes(0, 1).astype(float)
+
+
+@pytest.mark.parametrize(
+    "points", [np.zeros((3, 3), np.float32), np.full((3, 3, 3), np.nan, np.float32), EDGE_ON], ids=["2D", "NaN", "edge"]
+)
 def test_what_is_no_scan(points):
     pytest.importorskip("open3d", exc_type=ImportError)
-    with pytest.raises(ibr.ArgumentError, match="points"):
+    with pytest.raises(ibr.ArgumentError, match=r"^points: "):
         scan_view(points)

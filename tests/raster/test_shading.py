@@ -155,6 +155,44 @@ def test_normals_are_interpolated_and_made_unit_length(projection):
         assert np.abs(frame.color[frame.valid] - expected[:, None]).max() <= 0.6
 
 
+@pytest.mark.parametrize("shadow_size", [0, 64])
+def test_normals_tell_the_front_however_corners_run(shadow_size):
+    """A ball wound clockwise, or triangle by triangle at random, is lit as one that is wound as it should."""
+    a, b = np.meshgrid(np.linspace(0, 2 * np.pi, 40)[:-1], np.linspace(0.01, np.pi - 0.01, 20))
+    outward = np.stack([np.sin(b) * np.cos(a), -np.cos(b), np.sin(b) * np.sin(a)], axis=-1).reshape(-1, 3)
+    i, j = (part.ravel() for part in np.mgrid[:19, :39])
+    k, right = 39 * i + j, 39 * i + (j + 1) % 39
+    out = np.concatenate([np.stack([k, k + 39, right], 1), np.stack([right, k + 39, right + 39], 1)])
+    mixed = np.where(np.random.default_rng(0).random((len(out), 1)) < 0.5, out, out[:, ::-1])
+    light = ibr.Light(direction=(0.2, 0.5, 1), specular=0.4, shadow_size=shadow_size)
+    cam = Camera([[90, 0, 40], [0, 90, 34.5], [0, 0, 1]], (90, 70))
+    corner = outward[out]
+    across = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    assert ((across * corner.mean(axis=1)).sum(axis=1) > 0).all()
+    ball = np.add(outward, (0, 0, 4))
+    well, *others = (
+        ibr.render(ibr.Mesh(ball, faces, normals=outward), cam, light) for faces in (out, out[:, ::-1], mixed)
+    )
+    assert well.color[well.valid].max() > 200
+    for frame in others:
+        off = np.abs(frame.color.astype(int) - well.color).max(axis=-1)
+        assert (off <= 1).mean() >= 0.999  # on edges, turned triangles have other pixels
+    inside = Camera([[50, 0, 40], [0, 50, 34.5], [0, 0, 1]], (90, 70), world_from_camera=moved_to((0, 0, 4)))
+    ahead = ibr.Light(direction=(0, 0, 1), shadow_size=0)
+    lit = [
+        ibr.render(ibr.Mesh(ball, faces, normals=normals), inside, ahead)
+        for faces, normals in ((out, outward), (mixed, outward), (out, -outward))
+    ]
+    for frame in lit:  # from within, the wall ahead is lit straight on
+        assert frame.color[35, 40, 0] >= 203
+
+
+def moved_to(center: tuple[float, float, float]) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, 3] = center
+    return pose
+
+
 def test_a_light_shades_textures_and_greys_too():
     """Straight on all of it, along the surface the ambient part; 0.8 is the grey of meshes without colours."""
     square = np.array([[-1, -1, 3], [1, -1, 3], [1, 1, 3], [-1, 1, 3.0]])

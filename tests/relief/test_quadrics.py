@@ -7,7 +7,7 @@ import pytest
 
 import pyibr as ibr
 from pyibr.relief.quadrics import fitted_quadrics, vertex_frames
-from tests.relief.solids import cylinder, grid, sphere, torus
+from tests.relief.solids import cylinder, grid, plane, sphere, torus
 
 
 def patch(a: float, b: float, size: float = 0.1) -> ibr.Mesh:
@@ -113,3 +113,22 @@ def test_vertices_without_triangles_are_planar():
     found = vertex_frames(mesh, (1, 1))
     assert found.planar[3]
     np.testing.assert_array_equal(found.gradients[3], 0)
+
+
+@pytest.mark.parametrize(("surface", "curvatures"), [(sphere, (-0.5, -0.5)), (cylinder, (-0.5, 0.0)), (plane, (0, 0))])
+def test_boundary_vertices(surface, curvatures):
+    """Neighbours on one side alone determine the quadric as well."""
+    mesh = grid(surface, 96, 48)
+    found = vertex_frames(mesh, (1, 1))
+    border = (mesh.uv[:, 1] == 0) | (mesh.uv[:, 1] == 1)
+    assert not found.planar.any()
+    np.testing.assert_allclose(found.quadrics[border], np.broadcast_to(curvatures, (border.sum(), 2)), atol=0.03)
+
+
+def test_a_fan_of_few_neighbours_is_stable():
+    """A triangle alone: two neighbours that determine a quadric, or, on one line, none."""
+    mesh = ibr.Mesh([[0, 0, 0], [1, 0, 0.1], [0, 1, -0.2]], [[0, 1, 2]], [[0, 0], [1, 0], [0, 1]], [[0, 0, 1]] * 3)
+    found = vertex_frames(mesh, (1, 1))
+    np.testing.assert_allclose(found.quadrics[0], [0.1, -0.2], atol=1e-6)
+    assert np.isfinite(found.quadrics).all()
+    assert np.abs(found.quadrics).max() < 1

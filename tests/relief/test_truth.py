@@ -11,6 +11,7 @@ import pytest
 import pyibr as ibr
 from pyibr.camera import Camera
 from pyibr.metrics import silhouette_iou
+from tests.displaced import square
 from tests.relief.solids import Carved, cylinder, grid, plane, sphere, torus
 
 SIZE = (400, 300)
@@ -77,9 +78,7 @@ def spikes() -> np.ndarray:
 def test_a_plane(elevation, projection, thin):
     camera = over_square(elevation, projection)
     height = spikes() if thin else bricks()
-    base = ibr.Mesh(
-        [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]], [[0, 0], [1, 0], [1, 1], [0, 1]]
-    )
+    base = square()
     truth = carved_plane(thin).depth(camera)
     frame = ibr.render(ibr.ReliefSurface(base, height, WHITE, 0.05), camera)
     entered = ibr.render(base, camera).valid
@@ -93,9 +92,7 @@ def test_a_plane(elevation, projection, thin):
 
 def test_even_steps_miss_thin_features_and_safe_ones_do_not():
     camera = over_square(15)
-    base = ibr.Mesh(
-        [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]], [[0, 0], [1, 0], [1, 1], [0, 1]]
-    )
+    base = square()
     truth = carved_plane(True).depth(camera)
     missed = {}
     for search in ("safe", "linear"):
@@ -105,6 +102,24 @@ def test_even_steps_miss_thin_features_and_safe_ones_do_not():
     assert missed["safe"] <= 0.002  # at the features' outlines, where a pixel is half on them
     assert missed["linear"] >= 5 * missed["safe"]
     assert missed["linear"] >= 0.01
+
+
+@pytest.mark.parametrize("distance_", ["approximate", "exact"])
+@pytest.mark.parametrize("side", [0, 1, 2, 3])
+@pytest.mark.parametrize("n", [64, 48])
+def test_rays_along_an_axis_of_the_map(n, side, distance_):
+    """Parallel rays that stay on one row or column of texels, some of them between two: as 4096 even steps."""
+    e, d = np.radians(12), np.radians(90 * side)
+    away = np.array([np.cos(e) * np.cos(d), np.cos(e) * np.sin(d), np.sin(e)])
+    camera = Camera.look_at((0.5, 0.5, 0) + 1.6 * away, (0.5, 0.5, 0), (0, 0, 1), (129, 65), 32, "orthographic", 1.0)
+    base, height = square(), bricks()[:n, :n]
+    safe, even = (
+        ibr.render(ibr.ReliefSurface(base, height, WHITE, 0.05, distance=distance_, **options), camera)
+        for options in ({}, {"search": "linear", "steps": 4096})
+    )
+    np.testing.assert_array_equal(safe.valid, even.valid)
+    off = np.abs(safe.depth - even.depth)[safe.valid] * n  # texels
+    assert (off <= 0.1).mean() >= 0.998  # a ray that grazes an edge is met by one rounding
 
 
 def around(name: str, distance_: float = 1.0) -> Camera:
@@ -160,9 +175,7 @@ def test_curved_solids(name, distance_):
 
 
 def test_zero_curvature_is_flat_relief():
-    base = ibr.Mesh(
-        [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]], [[0, 0], [1, 0], [1, 1], [0, 1]]
-    )
+    base = square()
     camera = over_square(25)
     quadric, none = (
         ibr.render(ibr.ReliefSurface(base, bricks(), WHITE, 0.05, silhouette=silhouette), camera)

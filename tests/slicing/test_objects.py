@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from itertools import permutations
 
+import cv2
 import numpy as np
 import pytest
 
@@ -102,6 +103,26 @@ def test_against_the_mesh_with_the_colours_of_views_that_saw_the_point(slicing):
             scored.append(metrics.psnr(frame.color, truth.color, frame.valid & truth.valid))
     assert np.mean(scores["visible"]) > np.mean(scores["naive"]) + 3  # dB
     assert np.mean(scores["visible"]) > 25
+
+
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+def test_naive_colours_are_the_three_closest_views_by_their_cosines(projection):
+    """Section 4.2: weights that sum to one, here the same for every pixel; each view has its own colour."""
+    tints = np.array([(200, 30, 60), (10, 220, 90), (50, 120, 250), (240, 230, 20), (90, 0, 180), (0, 160, 170)])
+    views = [
+        ibr.DepthImage(np.broadcast_to(tint.astype(np.uint8), v.color.shape).copy(), v.depth, v.camera)
+        for tint, v in zip(tints, views_of_torus("orthographic"), strict=True)
+    ]
+    thing, camera = ibr.DepthObject(views, 64, texture="naive"), looking(torus(), (0.8, 0.5, 1), (90, 70), projection)
+    towards = camera.forward if projection == "orthographic" else thing.box.center - camera.center
+    cosines = np.array([v.camera.forward for v in views]) @ towards / np.linalg.norm(towards)
+    closest = np.argsort(-cosines)[:3]
+    expected = cosines[closest] @ tints[closest] / cosines[closest].sum()
+    frame = ibr.render(thing, camera)
+    shown = frame.color[cv2.erode(frame.valid.astype(np.uint8), np.ones((5, 5))) > 0]
+    assert len(shown) > 300
+    # A point that one of the three shows as background has no colour there, and another view's instead.
+    assert (np.abs(shown - expected).max(axis=1) <= 1).mean() >= 0.97
 
 
 def test_a_textured_mesh():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import pyibr as ibr
 from pyibr import models
 from pyibr.camera import Camera
 from pyibr.metrics import silhouette_iou
+from pyibr.opencl import device, launch, program
 from tests.one_lane import check_bounds, one_lane
 from tests.slicing.solids import looking, torus, views_of_torus
 
@@ -46,6 +48,28 @@ def test_an_object_in_one_lane(make, kind):
     both = one.valid & wide.valid
     assert np.isclose(one.depth, wide.depth, rtol=1e-4)[both].mean() >= 0.995
     assert (np.abs(one.color.astype(int) - wide.color)[both].max(axis=1) <= 1).mean() >= 0.99
+
+
+def test_a_work_item_is_a_pixel_in_one_lane_and_a_bin_or_a_block_in_sixteen(monkeypatch):
+    """As kernels/slicing/surface.cl and object.cl say."""
+    camera = Camera.look_at((0, 1, 4), (0, 0, 0), (0, 1, 0), (101, 77), fov_y=45)
+    surface = ibr.SlicedSurface(models.donut(6), np.ones((2, 2), np.float32), np.zeros((2, 2, 3), np.uint8), 0.1)
+    thing, grids, real = ibr.DepthObject(views_of_torus("four"), 16), {}, launch.launch
+
+    def spied(kernel: program.Kernel, grid: tuple[int, ...], **arguments: Any) -> None:
+        grids[kernel.name] = tuple(grid)
+        real(kernel, grid, **arguments)
+
+    monkeypatch.setattr(launch, "launch", spied)
+    lanes = device.current().lanes
+    for made in (surface, thing):
+        ibr.render(made, camera)
+    if lanes == 16:
+        assert (grids["draw_surface"], grids["draw_object"]) == ((4, 3), (26, 20))  # of 32 x 32, and of 4 x 4
+    with one_lane():
+        for made in (surface, thing):
+            ibr.render(made, camera)
+    assert grids["draw_surface"] == grids["draw_object"] == (101, 77)
 
 
 BOUNDS = """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
+import cv2
 import numpy as np
 import pytest
 
@@ -43,8 +44,8 @@ def surface(
     )
 
 
-def camera(elevation: float, direction: float, size: tuple[int, int] = SIZE) -> Camera:
-    return looking(elevation, direction, SCALE, size)
+def camera(elevation: float, direction: float, size: tuple[int, int] = SIZE, projection: str = "perspective") -> Camera:
+    return looking(elevation, direction, SCALE, size, projection)
 
 
 @cache
@@ -52,15 +53,21 @@ def solid() -> Solid:
     return Solid(heights(), SCALE, FINE)
 
 
-def views() -> list[tuple[Camera, np.ndarray]]:
-    return [(cam, solid().depth(cam)) for e in ELEVATIONS for d in DIRECTIONS for cam in [camera(e, d)]]
+@cache
+def views(projection: str) -> list[tuple[Camera, np.ndarray]]:
+    cameras = [camera(e, d, projection=projection) for e in ELEVATIONS for d in DIRECTIONS]
+    return [(cam, solid().depth(cam)) for cam in cameras]
 
 
+PROJECTIONS = ["perspective", "orthographic"]
+
+
+@pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
-def test_depth_error_falls_as_the_number_of_slices_rises(slicing):
+def test_depth_error_falls_as_the_number_of_slices_rises(slicing, projection):
     counts = (16, 32, 64, 128, 256)
     means = []
-    truths = views()
+    truths = views(projection)
     for slices in counts:
         errors = []
         for cam, truth in truths:
@@ -74,17 +81,19 @@ def test_depth_error_falls_as_the_number_of_slices_rises(slicing):
     assert -1.15 <= exponent <= -0.85, (exponent, means)
 
 
+@pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
-def test_no_view_sees_through(slicing):
-    for cam, truth in views():
+def test_no_view_sees_through(slicing, projection):
+    for cam, truth in views(projection):
         for slices in (16, 64):
             frame = ibr.render(surface(slices, slicing), cam)
             assert frame.valid[interior(truth)].all()
 
 
+@pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
-def test_silhouettes(slicing):
-    for cam, truth in views():
+def test_silhouettes(slicing, projection):
+    for cam, truth in views(projection):
         frame = ibr.render(surface(256, slicing), cam)
         seen = np.isfinite(truth)
         assert (seen & frame.valid).sum() / (seen | frame.valid).sum() >= 0.99
@@ -122,6 +131,22 @@ def test_the_alpha_test_at_height_0(slicing):
     np.testing.assert_allclose(based.depth[flat], 2.2 + 0.5 * SCALE, rtol=1e-5)
 
 
+@pytest.mark.parametrize("projection", PROJECTIONS)
+@pytest.mark.parametrize("slicing", ["surface", "orthogonal", "screen"])
+def test_at_least_draws_all_of_the_base_from_any_side(slicing, projection):
+    """Heights of 0: no rounding of where a ray meets the base may miss it."""
+    flat = np.zeros((32, 32), np.float32)
+    for elevation in (70, 45, 20):
+        cam = camera(elevation, 33, (128, 128), projection)
+        frame = ibr.render(surface(64, slicing, "at_least", flat), cam)
+        truth = ibr.render(square(), cam)
+        inner = cv2.erode(truth.valid.astype(np.uint8), np.ones((3, 3))).astype(bool)
+        assert inner.sum() > 1000
+        assert frame.valid[inner].all()
+        # float32 depths of 2.2; a ray that is taken for one on the base is a 100,000th of the displacement above
+        assert np.abs(frame.depth - truth.depth)[inner].max() <= 1e-5
+
+
 def ground(cam: Camera) -> np.ndarray:
     """Where rays meet the plane z = 0."""
     y, x = np.mgrid[: cam.height, : cam.width]
@@ -151,6 +176,13 @@ def test_tests_are_counted():
         assert counted.max() <= 3 * 64 * 2  # no more than the slices that a ray can cross
         counts[slicing] = counted[seen].mean()
     assert counts["orthogonal"] < 64
+
+
+@pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
+def test_the_cost_stays_even(slicing):
+    """Section 3.4: more slices across the surface than along its normal, but each covers fewer pixels."""
+    tests = [alpha_tests(surface(64, slicing), camera(e, d)).sum() for e in ELEVATIONS for d in DIRECTIONS[:2]]
+    assert max(tests) <= 1.5 * min(tests)
 
 
 @pytest.mark.parametrize("elevation", [60, 10])
@@ -210,6 +242,26 @@ def test_shading_by_slopes_and_by_a_normal_map():
         assert np.abs(shaded - expected).max() <= 1, name  # rounding to bytes, and float32
 
 
+@pytest.mark.parametrize("make", [ibr.SlicedSurface, ibr.ReliefSurface])
+def test_a_normal_map_of_bytes_is_decoded(make):
+    """As the reader of relief maps does; 127 and 128 both are 0."""
+    rng = np.random.default_rng(4)
+    normals = rng.normal(size=(8, 8, 3)) * (0.4, 0.4, 0) + (0, 0, 1)
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    in_bytes = np.rint((normals + 1) * 127.5).astype(np.uint8)
+    color, height = np.full((2, 2, 3), 255, np.uint8), np.full((4, 4), 0.5, np.float32)
+    light, cam = ibr.Light(direction=(-1, -0.5, -1), shadow_size=0), camera(70, 40, (64, 64))
+    frames = [
+        ibr.render(make(square(), height, color, 0.01, normal_map=given), cam, light)
+        for given in (normals.astype(np.float32), in_bytes)
+    ]
+    assert frames[0].color[frames[0].valid].std() > 20
+    # Half a byte of 127.5 in each of three components, all the way through Lambert's law
+    assert np.abs(frames[0].color.astype(int) - frames[1].color).max() <= 3
+    level = make(square(), height, color, 0.01, normal_map=np.array([[[255, 128, 127], [127, 127, 255]]], np.uint8))
+    assert (level.normal_map[..., 2] > 0).all()
+
+
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 def test_a_donut_of_constant_height_is_a_fatter_donut(slicing):
     """No gap between polygons: what is seen is the donut 0.1 farther out, to a slice and the polygons' sagitta."""
@@ -238,11 +290,16 @@ BAD = [
     ("scale NaN", {"scale": float("nan")}, "scale"),
     ("tiles 0", {"tiles": (0, 1)}, "tiles"),
     ("tiles 1.5", {"tiles": (1.5, 1)}, "tiles"),
+    ("more tiles than floats count", {"tiles": (10**6, 1)}, "uv"),
     ("slices 0", {"slices": 0}, "slices"),
     ("slices 2.5", {"slices": 2.5}, "slices"),
     ("slicing", {"slicing": "sideways"}, "slicing"),
     ("test", {"test": "maybe"}, "test"),
     ("normal map", {"normal_map": np.zeros((4, 4, 3), np.float32)}, "normal_map"),
+    ("black normal map", {"normal_map": np.zeros((4, 4, 3), np.uint8)}, "normal_map"),
+    ("normal map of int", {"normal_map": np.full((4, 4, 3), 200, np.int32)}, "normal_map"),
+    ("NaN normal map", {"normal_map": np.full((4, 4, 3), np.nan, np.float32)}, "normal_map"),
+    ("empty normal map", {"normal_map": np.zeros((0, 4, 3), np.uint8)}, "normal_map"),
     ("no mesh", {"base": 3}, "base"),
     ("no uv", {"base": ibr.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])}, "base"),
 ]

@@ -1,0 +1,73 @@
+"""The pictures of depth meshes: made by pictures.py."""
+
+from __future__ import annotations
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.figure import Figure
+from objects import knot
+from reliefs import show, wires
+
+import pyibr as ibr
+from pyibr.capture import object_views
+from pyibr.depthmesh import Segmentation
+
+WHITE = (255, 255, 255)
+EXPOSURES = (1.0, 0.72, 0.86, 1.12, 0.78, 0.94)
+
+
+def seen_from(*eye: float, size: tuple[int, int] = (420, 400)) -> ibr.Camera:
+    return ibr.Camera.look_at(eye, (0, 0, 0), (0, 0, 1), size, fov_y=42)
+
+
+def segmentation() -> Figure:
+    """One view of a knot from beside: stretched, segmented, and the triangles that were drawn."""
+    view = object_views(knot(), 512, "perspective")[5]  # from above
+    camera = seen_from(4.5, -5.5, 6.5)
+    mesh = ibr.DepthMesh(view, tolerance=2)
+    stretched = ibr.DepthMesh(view, tolerance=2, segmentation=Segmentation("none"))
+    figure, row = plt.subplots(1, 4, figsize=(14, 3.6), layout="constrained")
+    show(row[0], np.where(view.valid[..., None], view.color, 255), "the view, with depth")
+    show(row[1], ibr.render(stretched, camera, background=WHITE).color, "rubber sheets")
+    frame = ibr.render(mesh, camera, background=WHITE)
+    show(row[2], frame.color, "segmented")
+    triangles = mesh.triangulate(camera)
+    show(row[3], (255 - (255 - frame.color) * 0.35).astype(np.uint8), f"{len(triangles.faces):,} triangles, 2 px")
+    wires(row[3], triangles, camera)
+    return figure
+
+
+def blending() -> Figure:
+    """Six views, exposed differently, in three blendings beside the mesh; and which views gave the colours."""
+    scene = knot()
+    views = [
+        ibr.DepthImage((view.color * (exposure / 1.12)).astype(np.uint8), view.depth, view.camera)
+        for view, exposure in zip(object_views(scene, 512, "perspective"), EXPOSURES, strict=True)
+    ]
+    camera = seen_from(5.1, -4.7, 6.2)
+    meshes = [ibr.DepthMesh(view) for view in views]
+    figure, row = plt.subplots(1, 5, figsize=(17.2, 3.6), layout="constrained")
+    truth = scene.capture(camera, background=WHITE)
+    show(row[0], truth.color, "the mesh")
+    for axes, blend in zip(row[1:4], ("nearest", "position", "quality"), strict=True):
+        thing = ibr.DepthMeshObject(meshes, blend=blend)
+        show(axes, ibr.render(thing, camera, background=WHITE).color, f'blend="{blend}"')
+    thing = ibr.DepthMeshObject(meshes)
+    occupancy = thing.occupancy(camera)
+    picture = np.full((*occupancy.shape, 3), 255, np.uint8)
+    primaries = np.stack([occupancy >> number & 1 for number in np.flatnonzero(thing.weights(camera))], axis=-1)
+    picture[occupancy > 0] = (225 * primaries[occupancy > 0]).astype(np.uint8)
+    show(row[4], picture, "occupancy")
+    return figure
+
+
+def unseen() -> Figure:
+    """A knot of six depth images from directions that none of them has."""
+    thing = ibr.DepthMeshObject(object_views(knot(), 512), blended=6)
+    eyes = [(7.5, -5.5, 4), (-6, -6, 6), (-3.5, 7.5, -5), (6, 6, 6)]
+    figure, row = plt.subplots(1, 4, figsize=(14, 3.4), layout="constrained")
+    for axes, eye in zip(row, eyes, strict=True):
+        camera = seen_from(*eye)
+        count = sum(len(mesh.triangulate(camera, thing.tolerance / 2).faces) for mesh in thing.meshes)
+        show(axes, ibr.render(thing, camera, background=WHITE).color, f"{count:,} triangles of six views")
+    return figure

@@ -1,0 +1,214 @@
+/* Tetrahedra of a displacement volume, set up for a region of pixels (Kautz & Seidel 2001, section 3).
+ *
+ * All that the loops of surface.cl need of one is affine over the picture: where rays enter and leave it, u, v and height
+ * along them, and the number of the slice. Per triangle one of the slicing directions is chosen here (section 3.2).
+ * Arrays: see surface.cl.
+ */
+#include "raster/region.h"
+
+#define SURFACE 0
+#define ORTHOGONAL 1
+#define SCREEN 2
+#define GROWN 1e-5f /* of a tetrahedron, by which its sides are moved outwards */
+
+typedef struct {
+    global const int *corners;
+    global const float *projected, *points, *places, *frames;
+    global const uint *heights;
+    Screen screen;
+    float nearest_w, spacing;
+    int slices, slicing, test, map_width, map_height;
+#ifdef COUNTED
+    global int *counts;
+    int x, y;
+#endif
+} Context;
+
+/* Along a ray, a quantity is `fixed` + `sloped` z; in a perspective picture fixed is the same for all pixels, in an
+ * orthographic one sloped. Per pixel: x px + y py + one. */
+typedef struct {
+    float x, y, one, n;
+} Quantity;
+
+typedef struct {
+    Quantity rows[4];  /* barycentric coordinates: >= 0 inside */
+    Quantity sides[4]; /* per pixel, the nearness at which the ray crosses each side, */
+    int leaves[4];     /* and whether it leaves there, on its way to the camera */
+    Quantity outline[4]; /* positive at a block's first pixel if the tetrahedron may be seen in it */
+    int outlines;
+    Quantity u, v, h, slice;
+    float nearest, front, rear; /* nearness: of the screen, of the corners */
+    float first, last;          /* a little farther and nearer than the corners */
+    int index, perspective, crosses; /* the near plane */
+} Tetrahedron;
+
+typedef struct {
+    Tetrahedron of[LANES];
+    intl low_x, high_x, low_y, high_y;
+} Primitives;
+
+/* Rows of the inverse of the matrix whose columns are the corners: barycentric coordinates. 0 if it is flat. */
+int barycentric_rows(const float4 *p, Quantity *rows)
+{
+    float determinant = 0.0f;
+    for (int k = 0; k < 4; k++) {
+        const float4 a = p[(k + 1) & 3], b = p[(k + 2) & 3], c = p[(k + 3) & 3];
+        const float bc_zw = b.z * c.w - b.w * c.z, bc_yw = b.y * c.w - b.w * c.y, bc_yz = b.y * c.z - b.z * c.y;
+        const float bc_xw = b.x * c.w - b.w * c.x, bc_xz = b.x * c.z - b.z * c.x, bc_xy = b.x * c.y - b.y * c.x;
+        const float sign = k & 1 ? -1.0f : 1.0f;
+        rows[k].x = sign * (a.y * bc_zw - a.z * bc_yw + a.w * bc_yz);
+        rows[k].y = -sign * (a.x * bc_zw - a.z * bc_xw + a.w * bc_xz);
+        rows[k].one = sign * (a.x * bc_yw - a.y * bc_xw + a.w * bc_xy);
+        rows[k].n = -sign * (a.x * bc_yz - a.y * bc_xz + a.z * bc_xy);
+        if (k == 0)
+            determinant = rows[0].x * p[0].x + rows[0].y * p[0].y + rows[0].one * p[0].z + rows[0].n * p[0].w;
+    }
+    if (determinant == 0.0f || !isfinite(determinant))
+        return 0;
+    const float inverse = 1.0f / determinant;
+    for (int k = 0; k < 4; k++) {
+        rows[k].x *= inverse;
+        rows[k].y *= inverse;
+        rows[k].one *= inverse;
+        rows[k].n *= inverse;
+    }
+    return 1;
+}
+
+/* A quantity from its values at the corners */
+Quantity blend(const Quantity *rows, float4 values)
+{
+    Quantity made;
+    made.x = rows[0].x * values.x + rows[1].x * values.y + rows[2].x * values.z + rows[3].x * values.w;
+    made.y = rows[0].y * values.x + rows[1].y * values.y + rows[2].y * values.z + rows[3].y * values.w;
+    made.one = rows[0].one * values.x + rows[1].one * values.y + rows[2].one * values.z + rows[3].one * values.w;
+    made.n = rows[0].n * values.x + rows[1].n * values.y + rows[2].n * values.z + rows[3].n * values.w;
+    return made;
+}
+
+/* A quantity along a pixel's ray: fixed + sloped z */
+typedef struct {
+    floatl fixed, sloped;
+} Line;
+
+#define AT(line, z) ((line).fixed + (line).sloped * (z))
+
+/* Its box in the region: (low_x, high_x, low_y, high_y); empty if it cannot be seen */
+int4 set_up_one(const Context *context, int index, int x, int y, Tetrahedron *t)
+{
+    const int4 empty = (int4)(1, 0, 1, 0);
+    float4 p[4];
+    int crosses = 0;
+    for (int k = 0; k < 4; k++) {
+        p[k] = vload4(context->corners[4 * index + k], context->projected);
+        p[k].xy -= (float2)(x, y) * p[k].z; /* relative to the region */
+        crosses |= !(p[k].z >= context->nearest_w);
+    }
+    int4 box = (int4)(0, REGION - 1, 0, REGION - 1);
+    if (!crosses) {
+        float2 low = p[0].xy / p[0].z, high = low;
+        for (int k = 1; k < 4; k++) {
+            low = fmin(low, p[k].xy / p[k].z);
+            high = fmax(high, p[k].xy / p[k].z);
+        }
+        low = clamp(ceil(low - 1e-3f), 0.0f, (float)REGION);
+        high = clamp(floor(high + 1e-3f), -1.0f, REGION - 1.0f);
+        box = (int4)((int)low.x, (int)high.x, (int)low.y, (int)high.y);
+        if (box.x > box.y || box.z > box.w)
+            return empty;
+    }
+    if (!barycentric_rows(p, t->rows))
+        return empty;
+    float3 point[4], place[4], middle = 0.0f;
+    for (int k = 0; k < 4; k++) {
+        point[k] = vload3(context->corners[4 * index + k], context->points);
+        place[k] = vload3(context->corners[4 * index + k], context->places);
+        middle += 0.25f * point[k];
+    }
+    t->u = blend(t->rows, (float4)(place[0].x, place[1].x, place[2].x, place[3].x));
+    t->v = blend(t->rows, (float4)(place[0].y, place[1].y, place[2].y, place[3].y));
+    t->h = blend(t->rows, (float4)(place[0].z, place[1].z, place[2].z, place[3].z));
+    t->perspective = context->screen.perspective;
+
+    int direction = 0; /* a */
+    const float3 a = vload3(index / 3 * 3, context->frames);
+    float3 d = a;
+    if (context->slicing == ORTHOGONAL) { /* the direction that faces the viewer most */
+        const float *m = context->screen.to_world;
+        const float3 eye = (float3)(m[3], m[7], m[11]);
+        const float3 view = t->perspective ? middle - eye / m[15] : eye;
+        float most = fabs(dot(a, view));
+        for (int k = 1; k < 3; k++) {
+            const float3 other = vload3(index / 3 * 3 + k, context->frames);
+            if (fabs(dot(other, view)) > most) {
+                most = fabs(dot(other, view));
+                direction = k;
+                d = other;
+            }
+        }
+    }
+    /* Across the normal a whole number is taken off, as large as that of the first corner: what remains is exact. */
+    if (context->slicing == SCREEN) {
+        const float along = 1.0f / context->spacing, off = rint((t->perspective ? p[0].z : -p[0].w) * along);
+        t->slice = t->perspective ? (Quantity){0.0f, 0.0f, along, -off} : (Quantity){0.0f, 0.0f, -off, -along};
+    } else if (direction == 0) {
+        t->slice = t->h;
+        t->slice.x *= context->slices;
+        t->slice.y *= context->slices;
+        t->slice.one *= context->slices;
+        t->slice.n *= context->slices;
+    } else {
+        const float along = 1.0f / context->spacing, first = dot(point[0], d) * along;
+        const float4 beside = (float4)(0.0f, dot(point[1] - point[0], d), dot(point[2] - point[0], d), dot(point[3] - point[0], d));
+        t->slice = blend(t->rows, (first - rint(first)) + beside * along);
+    }
+    const float grown = crosses ? 0.0f : GROWN / p[0].z; /* no gap between neighbours by rounding */
+    for (int k = 0; k < 4; k++) {
+        const Quantity row = t->rows[k];
+        const float n = fabs(row.n) > 1e-30f ? row.n : 1e-30f; /* seen edge-on */
+        t->sides[k] = (Quantity){-row.x / n, -row.y / n, -(row.one + grown) / n, 0.0f};
+        t->leaves[k] = n < 0.0f;
+    }
+    t->outlines = 0;
+    for (int k = 0; k < 4; k++)
+        for (int l = 0; l < 4; l++)
+            if (t->leaves[k] && !t->leaves[l]) {
+                Quantity o = {t->sides[k].x - t->sides[l].x, t->sides[k].y - t->sides[l].y,
+                              t->sides[k].one - t->sides[l].one, 0.0f};
+                o.one += (fmax(o.x, 0.0f) + fmax(o.y, 0.0f)) * (BLOCK - 1);
+                t->outline[t->outlines++] = o;
+            }
+    t->nearest = t->front = context->screen.nearest;
+    if (!crosses)
+        t->front = fmax(fmax(p[0].w / p[0].z, p[1].w / p[1].z), fmax(p[2].w / p[2].z, p[3].w / p[3].z));
+    t->rear = t->perspective ? 0.0f : -INFINITY;
+    if (!crosses)
+        t->rear = fmin(fmin(p[0].w / p[0].z, p[1].w / p[1].z), fmin(p[2].w / p[2].z, p[3].w / p[3].z));
+    t->crosses = crosses;
+    const float slack = 1e-4f * (t->front - t->rear) + 2e-6f * fmax(fabs(t->front), fabs(t->rear));
+    t->first = crosses ? t->rear : t->rear - slack;
+    t->last = crosses ? t->nearest : fmin(t->front + slack, t->nearest);
+    t->index = index;
+    return box;
+}
+
+intl set_up(const Context *context, intl index, int x, int y, Primitives *made)
+{
+    for (int lane = 0; lane < LANES; lane++) {
+        const int4 box = set_up_one(context, ((const int *)&index)[lane], x, y, &made->of[lane]);
+        ((int *)&made->low_x)[lane] = box.x;
+        ((int *)&made->high_x)[lane] = box.y;
+        ((int *)&made->low_y)[lane] = box.z;
+        ((int *)&made->high_y)[lane] = box.w;
+    }
+    return made->low_x <= made->high_x;
+}
+
+Line line_of(const Tetrahedron *t, Quantity q, floatl x, floatl y)
+{
+    const floatl at = q.x * x + (q.y * y + q.one);
+    Line line;
+    line.fixed = t->perspective ? (floatl)q.n : at;
+    line.sloped = t->perspective ? at : (floatl)(-q.n);
+    return line;
+}

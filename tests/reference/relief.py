@@ -1,0 +1,150 @@
+"""Relief mapping in float64, for reading: entries at triangles, distances to the quadric, linear and binary search.
+
+One ray a pixel enters at each triangle that it meets from the front; of what it finds below them the nearest is seen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+import pyibr as ibr
+from pyibr.camera import Camera
+from pyibr.relief.quadrics import VertexFrames
+from tests.reference.heights import bilinear_height
+
+STEEPEST = 1e-3  # cosine at which interpolated normals are taken to be entered at least
+
+
+@dataclass
+class Rays:
+    """n rays below a surface, in the tangent frame of the point that they enter at; t is the way gone since."""
+
+    uv: np.ndarray  # (n, 2) where they enter,
+    duv: np.ndarray  # (n, 2) and its change per t
+    V: np.ndarray  # (n, 3) unit directions: x along the gradient of u, y, z along the normal
+    a: np.ndarray  # (n,) the quadric z = a x^2 + b y^2
+    b: np.ndarray
+    scale: float
+
+    def approximate(self, t: np.ndarray) -> np.ndarray:
+        """Equation 7: how far P lies below the quadric, along z; 1 is the bottom."""
+        x, y, z = (self.V * t[:, None]).T
+        return -(z - (self.a * x**2 + self.b * y**2)) / self.scale
+
+    def exact(self, t: np.ndarray) -> np.ndarray:
+        """Equation 6: P + s U = R on the quadric; and the part of PR along the normal halfway between them."""
+        V, P = self.V, self.V * t[:, None]
+        U = np.array([0.0, 0, 1]) - V[:, 2:] * V  # in the plane of V and the normal, at right angles to V
+        U /= np.linalg.norm(U, axis=1, keepdims=True)
+        a, b = self.a, self.b
+        A = a * U[:, 0] ** 2 + b * U[:, 1] ** 2
+        B = 2 * a * P[:, 0] * U[:, 0] + 2 * b * P[:, 1] * U[:, 1] - U[:, 2]
+        C = a * P[:, 0] ** 2 + b * P[:, 1] ** 2 - P[:, 2]
+        discriminant = B**2 - 4 * A * C
+        with np.errstate(invalid="ignore", divide="ignore"):
+            s = 2 * C / (-B + np.sqrt(discriminant))  # the root next to P, also where A is 0
+            R = P + s[:, None] * U
+            halfway = 0.5 * (P + R)
+            normal = np.stack([-2 * a * halfway[:, 0], -2 * b * halfway[:, 1], np.ones(len(t))], axis=1)
+            normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+            along = ((R - P) * normal).sum(axis=1) / self.scale
+        return np.where((discriminant >= 0) & (s >= 0), along, self.approximate(t))
+
+    def ends(self, distance: str) -> tuple[np.ndarray, np.ndarray]:
+        """t_max, and whether it is at the bottom (section 3.3)."""
+        L = -self.V[:, 2] / self.scale
+        K = (self.a * self.V[:, 0] ** 2 + self.b * self.V[:, 1] ** 2) / self.scale
+        with np.errstate(invalid="ignore", divide="ignore"):
+            bottom, out = 2 / (L + np.sqrt(L**2 + 4 * K)), -L / K
+        at_bottom = L**2 + 4 * K >= 0
+        if distance == "approximate":
+            return np.where(at_bottom, bottom, out), at_bottom
+        # Depths are a little less: the bottom comes later, but before the ray is deepest, if at all.
+        before = np.where(at_bottom, bottom, 0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            after = np.where(K < 0, -0.5 * L / K, 4 * before)
+        reaches = at_bottom & (self.exact(after) >= 1)
+        for _ in range(60):
+            middle = 0.5 * (before + after)
+            below = self.exact(middle) >= 1
+            before, after = np.where(below, before, middle), np.where(below, middle, after)
+        return np.where(reaches, after, np.where(K < 0, out, bottom)), reaches | (at_bottom & (K >= 0))
+
+
+def searched(rays: Rays, height: np.ndarray, distance: str, steps: int, halvings: int) -> np.ndarray:
+    """(n,) t at which the rays meet the relief; infinite where they pass it."""
+    depth = rays.exact if distance == "exact" else rays.approximate
+    end, at_bottom = rays.ends(distance)
+
+    def below(t: np.ndarray) -> np.ndarray:
+        u, v = (rays.uv + rays.duv * t[:, None]).T
+        return depth(t) >= 1 - bilinear_height(height, u, v)
+
+    met, going = end.copy(), np.ones(len(end), bool)
+    for i in range(1, steps + 1):
+        hits = going & below(end * i / steps)
+        met = np.where(hits, end * i / steps, met)
+        going &= ~hits
+    before, after = met - end / steps, met.copy()
+    for _ in range(halvings):
+        middle = 0.5 * (before + after)
+        hits = below(middle)
+        before, after = np.where(hits, before, middle), np.where(hits, middle, after)
+    return np.where(going, np.where(at_bottom, end, np.inf), after)
+
+
+def relief_depth(
+    base: ibr.Mesh,
+    frames: VertexFrames,
+    height: np.ndarray,
+    scale: float,
+    tiles: tuple[int, int],
+    camera: Camera,
+    distance: str = "approximate",
+    steps: int = 32,
+    halvings: int = 6,
+) -> np.ndarray:
+    """(H, W) planar depth of a relief, infinite where there is nothing."""
+    y, x = np.mgrid[: camera.height, : camera.width].reshape(2, -1)
+    near = camera.unproject(np.column_stack([x, y]), np.ones(len(x)))
+    perspective = camera.projection == "perspective"
+    origin = np.tile(camera.center, (len(x), 1)) if perspective else near - camera.forward
+    ray = near - origin  # of planar depth 1
+    length = np.linalg.norm(ray, axis=1)
+    unit = ray / length[:, None]
+    found = np.full(len(x), np.inf)
+    uv = np.asarray(base.uv, float) * tiles
+    for face in base.faces:
+        corners = np.asarray(base.vertices[face], float)
+        side, other = corners[1] - corners[0], corners[2] - corners[0]
+        normal = np.cross(side, other)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            depth = ((corners[0] - origin) @ normal) / (ray @ normal)
+            point = origin + depth[:, None] * ray - corners[0]
+            second = np.cross(point, other) @ normal / (normal @ normal)
+            third = np.cross(side, point) @ normal / (normal @ normal)
+        weights = np.column_stack([1 - second - third, second, third])
+        enters = np.flatnonzero((weights >= 0).all(axis=1) & (ray @ normal < 0) & (depth > 0))
+        if not len(enters):
+            continue
+        rays = _entered(weights[enters], face, uv, frames, unit[enters], scale)
+        t = searched(rays, height, distance, steps, halvings)
+        found[enters] = np.minimum(found[enters], depth[enters] + t / length[enters])
+    return found.reshape(camera.height, camera.width)
+
+
+def _entered(
+    weights: np.ndarray, face: np.ndarray, uv: np.ndarray, frames: VertexFrames, d: np.ndarray, scale: float
+) -> Rays:
+    """Rays in the tangent frames that are interpolated over a triangle."""
+    normal = weights @ frames.normals[face]
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    gradients = np.einsum("nk,kic->nic", weights, frames.gradients[face])
+    a, b = (weights @ frames.quadrics[face]).T
+    duv = np.einsum("nic,nc->ni", gradients, d)
+    cosine = (d * normal).sum(axis=1)
+    x = duv[:, 0] / np.linalg.norm(gradients[:, 0], axis=1)
+    y = np.sqrt(np.maximum(1 - cosine**2 - x**2, 0))  # only its square counts
+    return Rays(weights @ uv[face], duv, np.column_stack([x, y, np.minimum(cosine, -STEEPEST)]), a, b, scale)

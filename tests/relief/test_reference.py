@@ -1,0 +1,125 @@
+"""The kernels against the float64 twin (tests/reference/relief.py), and counted steps, and coordinates in the tile."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr import models
+from pyibr.camera import Camera
+from pyibr.opencl.memory import empty
+from pyibr.relief import draw_relief
+from pyibr.target import Target
+from tests.displaced import square
+from tests.reference.heights import bilinear_height
+from tests.reference.relief import Rays, relief_depth
+from tests.relief.solids import cylinder, grid, sphere, torus
+
+WHITE = np.full((2, 2, 3), 200, np.uint8)
+SCALE, TILES = 0.1, (6, 3)
+
+
+def hills() -> np.ndarray:
+    """12 x 16 heights, repeated without a seam."""
+    y, x = np.mgrid[:12, :16]
+    a, b = 2 * np.pi * x / 16, 2 * np.pi * y / 12
+    return (0.5 + 0.3 * np.sin(a) * np.cos(b) + 0.15 * np.cos(2 * a + b)).astype(np.float32)
+
+
+def seen_from(projection: str) -> Camera:
+    tall = {"height": 2.5} if projection == "orthographic" else {}
+    return Camera.look_at((1.3, -2.3, 1.5), (0, 0, 0), (0, 0, 1), (73, 47), 50, projection, **tall)
+
+
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+@pytest.mark.parametrize("distance", ["approximate", "exact"])
+@pytest.mark.parametrize("search", ["linear", "safe"])
+def test_a_torus_is_as_in_float64(search, distance, projection):
+    """The safe search against 256 even steps, which miss nothing of these hills."""
+    camera, base = seen_from(projection), models.donut(16)
+    thing = ibr.ReliefSurface(base, hills(), WHITE, SCALE, TILES, distance=distance, search=search)
+    steps, halvings = (32, 6) if search == "linear" else (256, 12)
+    rounded = np.rint(hills() * 65535.0) / 65535
+    expected = relief_depth(base, thing.frames, rounded, SCALE, TILES, camera, distance, steps, halvings)
+    frame = ibr.render(thing, camera)
+    assert frame.valid.sum() > 800
+    # Rays that graze the outline, or a hill before another, are met by one rounding and missed by another.
+    assert (frame.valid != np.isfinite(expected)).mean() <= 2e-3
+    both = frame.valid & np.isfinite(expected)
+    assert (np.abs(frame.depth - expected)[both] <= 2e-4).mean() >= 0.99
+
+
+@pytest.mark.parametrize(("a", "b"), [(0, 0), (-0.8, -0.8), (0.5, -0.9), (0, -1.2), (0.6, 0.4)])
+def test_exact_distances_are_closer_to_the_quadric(a, b):
+    """Against the nearest of a million points of the quadric, along rays of all slopes; equal on a plane."""
+    rng = np.random.default_rng(1)
+    V = rng.normal(size=(60, 3))
+    V[:, 2] = -np.abs(V[:, 2]) - 0.1
+    V /= np.linalg.norm(V, axis=1, keepdims=True)
+    rays = Rays(np.zeros((60, 2)), np.zeros((60, 2)), V, np.full(60, a), np.full(60, b), 1.0)
+    ends = Rays(rays.uv, rays.duv, V, rays.a, rays.b, 0.1).ends("approximate")[0]
+    t = np.minimum(ends, 1.0) * rng.uniform(0.2, 0.9, 60)
+    y, x = np.mgrid[-1.2:1.2:1000j, -1.2:1.2:1000j]
+    quadric = np.stack([x, y, a * x * x + b * y * y], axis=-1).reshape(-1, 3)
+    truth = np.array([np.sqrt(((quadric - p) ** 2).sum(axis=1).min()) for p in V * t[:, None]])
+    off = {name: np.abs(getattr(rays, name)(t) - truth) for name in ("exact", "approximate")}
+    if a == b == 0:
+        np.testing.assert_allclose(rays.exact(t), rays.approximate(t), atol=1e-12)
+    else:
+        assert off["exact"].mean() < 0.7 * off["approximate"].mean()
+    assert (rays.exact(t) <= rays.approximate(t) + 1e-12).all()  # kernels/relief/search.h leans on it
+
+
+@pytest.mark.parametrize("distance", ["approximate", "exact"])
+@pytest.mark.parametrize("surface", [sphere, cylinder, torus])
+def test_even_heights_are_parallel_surfaces(surface, distance):
+    """Seen head-on and to the outline: 0.05 below a sphere, a cylinder and a torus, saddle and all."""
+    eye = (1.2, -2.0, 2.2) if surface is torus else (4.0, 0, 0)
+    camera = Camera.look_at(eye, (0, 0, 0), (0, 0, 1), (161, 121), 30 if surface is not torus else 46)
+    even = np.full((4, 4), 0.5, np.float32)
+    frame = ibr.render(ibr.ReliefSurface(grid(surface, 96, 64), even, WHITE, 0.1, (4, 4), distance=distance), camera)
+    y, x = np.nonzero(frame.valid)
+    points = camera.unproject(np.column_stack([x, y]), frame.depth[y, x].astype(float))
+    around = np.hypot(points[:, 0], points[:, 1])
+    radius = {sphere: np.linalg.norm(points, axis=1), cylinder: around, torus: 0.6 + np.hypot(around - 1, points[:, 2])}
+    off = np.abs(1 - radius[surface] - 0.05)
+    assert len(points) > 4000
+    assert np.median(off) <= 1e-3
+    assert (off <= 5e-3).mean() >= 0.97  # a tenth of the depth; beside outlines the quadric leaves the surface
+
+
+def test_coordinates_in_the_tile():
+    """The height there is as deep as what is seen."""
+    camera = Camera.look_at((0.8, -0.5, 0.7), (0.5, 0.5, 0), (0, 0, 1), (161, 117), fov_y=45)
+    thing = ibr.ReliefSurface(square(), hills(), WHITE, SCALE, TILES)
+    places, frame = thing.tile_coordinates(camera), ibr.render(thing, camera)
+    assert places.shape == (117, 161, 2)
+    assert places.dtype == np.float32
+    np.testing.assert_array_equal(np.isfinite(places).all(axis=2), frame.valid)
+    assert (places[frame.valid] >= 0).all()
+    assert (places[frame.valid] <= 1).all()
+    y, x = np.nonzero(frame.valid)
+    points = camera.unproject(np.column_stack([x, y]), frame.depth[y, x].astype(float))
+    off = (places[y, x] - points[:, :2] * TILES + 0.5) % 1 - 0.5
+    assert np.abs(off).max() <= 1e-4
+    deep = SCALE * (bilinear_height(hills().astype(float), *places[y, x].astype(float).T) - 1)
+    assert np.abs(deep - points[:, 2]).max() <= 1e-3
+    with pytest.raises(ibr.ArgumentError, match=r"^camera: "):
+        thing.tile_coordinates("camera")
+
+
+def test_steps_are_counted():
+    """Over a level relief in the middle even steps stop halfway; a safe one sees that nothing is above it."""
+    camera = Camera.look_at((0.5, 0.5, 1), (0.5, 0.5, 0), (0, 1, 0), (31, 23), fov_y=20)
+    counted: dict[str, np.ndarray] = {}
+    for search in ("linear", "safe"):
+        thing = ibr.ReliefSurface(square(), np.full((8, 8), 0.5, np.float32), WHITE, 0.1, search=search)
+        counts = empty((23, 31, 2), np.int32)
+        counts.fill(0)
+        draw_relief(Target(camera, np.dtype(np.uint8)), thing, None, counts=counts)
+        counted[search] = counts.to_host().copy()
+        assert (counted[search][..., 0] == 1).all()
+    # 16 or 17 of 32, for the height is rounded to 16 bits; and six halvings.
+    assert set(np.unique(counted["linear"][..., 1])) <= {22, 23}
+    assert counted["safe"][..., 1].max() <= 6
