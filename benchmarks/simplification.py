@@ -22,7 +22,7 @@ from benchmarks.runner import Case, Subject, Work
 from benchmarks.scenes import relief, scanned, terrain
 from pyibr.capture import MeshScene, object_views
 from pyibr.depthmesh.segmentation import Segmentation
-from pyibr.depthmesh.tree import Tree, active_within, build_tree, departures_of, triangles_of
+from pyibr.depthmesh.tree import Tree, active_within, build_tree, triangles_of
 from pyibr.errors import MissingPackageError
 
 OURS, MARTINI, DELATIN, OPEN3D = "pyibr", "pymartini", "pydelatin", "Open3D"
@@ -161,7 +161,7 @@ def _fresh(surface: Surface) -> ibr.DepthMesh:
 
 def _triangles(tree: Tree, error: float) -> NDArray[Any]:
     """What pymartini's `get_mesh` yields, too: samples by triangle, no mesh yet."""
-    (found,) = triangles_of([tree], [active_within(tree, departures_of(tree), error)])
+    (found,) = triangles_of([tree], [active_within(tree, error)])
     return found.samples.to_host()[: found.count]
 
 

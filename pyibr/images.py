@@ -105,8 +105,17 @@ class DepthImage:
     @cached_property
     def bounds(self) -> tuple[Float64, Float64]:
         """(low, high), each (3,), in the world: the box around the valid samples. Computed on first use."""
-        points = self.points if self.valid.any() else self.camera.center[None]
-        return points.min(axis=0), points.max(axis=0)
+        if not self.valid.any():
+            return self.camera.center, self.camera.center
+        y, x = np.nonzero(self.valid)
+        z = self.depth[y, x].astype(np.float64)
+        inverse, scale = np.linalg.inv(self.camera.K), z if self.camera.projection == "perspective" else 1.0
+        local = [(row[0] * x + row[1] * y + row[2]) * scale for row in inverse[:2]]
+        low, high = np.empty(3), np.empty(3)
+        for axis, (a, b, c, start) in enumerate(self.camera.world_from_camera[:3]):  # points in rows take far longer
+            values = a * local[0] + b * local[1] + c * z + start
+            low[axis], high[axis] = values.min(), values.max()
+        return low, high
 
 
 @dataclass(frozen=True, eq=False)

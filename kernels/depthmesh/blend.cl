@@ -101,6 +101,21 @@ intl is_empty(global const float *limits, global const int *sizes, global const 
 }
 #endif
 
+#if UNDERLAID
+/* Is there a pixel that no mesh covers? */
+int has_holes(const Region *seen)
+{
+    for (int block = 0; block < BLOCKS; block++) {
+        floatl front = seen[0].nearness[block];
+        for (int mesh = 1; mesh < VIEWS; mesh++)
+            front = greater(seen[mesh].nearness[block], front);
+        if (any_lane(front == EMPTY))
+            return 1;
+    }
+    return 0;
+}
+#endif
+
 /* Adds the colour at the pixel (x, y) of a view's level: of its samples linear within the cell's triangle, of a coarser
  * level bilinear, by how much of each texel has samples. */
 void add_color(global const uint *colors, global const int *size, floatl x, floatl y, floatl weight, Color *sum)
@@ -159,12 +174,16 @@ kernel void draw_meshes(global const int *corners, global const float *projected
     const Context context = {corners, projected, screen, nearest_w, culled};
     const int bin = y / BIN * bins_x + x / BIN;
     Region seen[MESHES], shown;
-    int next = starts[bin];
-    for (int mesh = 0; mesh < MESHES; mesh++) {
+    int next = starts[bin], meshes = VIEWS;
+    for (int mesh = 0; mesh < meshes; mesh++) {
         const int end = place_in(list, next, starts[bin + 1], firsts[mesh + 1]);
         begin_region(&seen[mesh], screen, depth, 1, x, y);
         draw_list(&context, &seen[mesh], list, next, end, x, y);
         next = end;
+#if UNDERLAID
+        if (mesh == VIEWS - 1 && next < starts[bin + 1] && has_holes(seen))
+            meshes = MESHES;
+#endif
     }
     begin_region(&shown, screen, depth, blank, x, y);
 
@@ -175,7 +194,7 @@ kernel void draw_meshes(global const int *corners, global const float *projected
             front = greater(seen[mesh].nearness[block], front);
 #if UNDERLAID
         under = front == EMPTY;
-        for (int mesh = VIEWS; mesh < MESHES; mesh++) {
+        for (int mesh = VIEWS; mesh < meshes; mesh++) {
             const intl covered = under & (seen[mesh].owner[block] >= 0);
             if (!any_lane(covered))
                 continue;
@@ -196,7 +215,7 @@ kernel void draw_meshes(global const int *corners, global const float *projected
         intl views = (intl)0;
         /* Of epsilon 0 this is `front` itself. */
         const floatl deepest = screen.perspective ? front / (1.0f + epsilon * front) : front - epsilon;
-        for (int mesh = 0; mesh < MESHES; mesh++) {
+        for (int mesh = 0; mesh < meshes; mesh++) {
             const floatl n = seen[mesh].nearness[block];
             intl given = mine & (seen[mesh].owner[block] >= 0) & (mesh < VIEWS ? !under : under);
 #if BLEND == 2

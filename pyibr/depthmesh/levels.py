@@ -13,7 +13,7 @@ from pyibr.images import DepthImage
 
 
 def color_levels(view: DepthImage) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.uint8]]]:
-    """Colours (h, w, 3) of a view's samples and 255 times the part of each texel that has some, ever coarser, to 1x1."""
+    """Colours (h, w, 3) of a view's samples and 255 times the part of each texel that has some, down to 1x1."""
     color = view.color if view.color.dtype == np.uint8 else np.rint(view.color * np.float32(255)).astype(np.uint8)
     yield color, np.where(view.valid, 255, 0).astype(np.uint8)
     part = view.valid.astype(np.float32)

@@ -13,7 +13,7 @@ from pyibr._check import Fixed, Float64, describe, numbers
 from pyibr.camera import Camera
 from pyibr.depthmesh.segmentation import Segmentation
 from pyibr.depthmesh.strips import strips_of
-from pyibr.depthmesh.tree import Tree, active_for, active_within, build_tree, departures_of, triangles_of
+from pyibr.depthmesh.tree import Tree, active_for, active_within, build_tree, triangles_of
 from pyibr.errors import ArgumentError
 from pyibr.images import DepthImage
 from pyibr.mesh import Mesh
@@ -159,10 +159,7 @@ class DepthMesh(Fixed):
         """
         tree, bound = self.tree, checked_tolerance("max_error", max_error)
         with tree.errors.session.lock:
-            kept = self.device_cache[tree.errors.session]
-            if "departures" not in kept:
-                kept["departures"] = departures_of(tree)
-            return self._mesh_of(_samples_of(tree, active_within(tree, kept["departures"], bound)))
+            return self._mesh_of(_samples_of(tree, active_within(tree, bound)))
 
     def strips(self, camera: Camera, tolerance: float | None = None) -> list[NDArray[np.int32]]:
         """Triangle strips of what `triangulate` yields, as it numbers the vertices (figure 6 of the paper).
@@ -175,8 +172,7 @@ class DepthMesh(Fixed):
         """
         with self.tree.errors.session.lock:
             samples = self._samples_for(camera, tolerance)
-        _, numbered = np.unique(samples, return_inverse=True)
-        faces = numbered.reshape(-1, 3).astype(np.int32)
+        faces = _numbered(samples, self.view.depth.size)[samples]
         return strips_of(samples, faces, self.view.camera.width, self.tree.side)
 
     def _samples_for(self, camera: Camera, tolerance: float | None) -> NDArray[np.int32]:
@@ -188,19 +184,27 @@ class DepthMesh(Fixed):
     def _mesh_of(self, samples: NDArray[np.int32]) -> Mesh:
         """The mesh of triangles (T, 3) of samples, numbered in the samples' order."""
         camera = self.view.camera
-        used, faces = np.unique(samples, return_inverse=True)
+        places = _numbered(samples, self.view.depth.size)
+        used = np.flatnonzero(places >= 0)
         y, x = np.divmod(used, camera.width)
         points = camera.unproject(np.stack([x, y], -1), self.view.depth[y, x])
-        normals = self.normals[y, x] @ camera.world_from_camera[:3, :3].T
+        normals = self.tree.normals.to_host()[:, y, x].T
         uv = (np.stack([x, y], -1) + 0.5) / camera.size
         return Mesh(
             points,
-            faces.reshape(-1, 3),
+            places[samples],
             uv,
-            normals,
+            normals @ camera.world_from_camera[:3, :3].T,
             texture=self.view.color,
-            attributes={"quality": self.quality[y, x]},
+            attributes={"quality": np.abs(normals[:, 2])},
         )
+
+
+def _numbered(samples: NDArray[np.int32], count: int) -> NDArray[np.int32]:
+    """(count,) consecutive numbers of the samples that triangles use, -1 for others."""
+    used = np.zeros(count, np.bool_)
+    used[samples.ravel()] = True
+    return np.where(used, np.cumsum(used, dtype=np.int32) - 1, -1).astype(np.int32)
 
 
 def _samples_of(tree: Tree, active: DeviceArray) -> NDArray[np.int32]:

@@ -20,7 +20,6 @@ from pyibr.depthmesh.tree import (
     active_for,
     active_within,
     build_tree,
-    departures_of,
     eye_of,
     place_triangles,
     triangles_of,
@@ -200,7 +199,8 @@ def _background_of(thing: DepthMeshObject) -> _Background:
         triangles, limits = list[Triangles](), list[NDArray[np.float32]]()
         for mesh in thing.meshes:
             tree = build_tree(mesh.view, Segmentation("none"))
-            triangles += triangles_of([tree], [active_within(tree, departures_of(tree), _COARSE_ERROR * thing.extent)])
+            (several,) = triangles_of([tree], [active_within(tree, _COARSE_ERROR * thing.extent)])
+            triangles.append(_over_holes(several, mesh))
             view = mesh.view
             unseen = np.where(view.depth >= view.far, np.float32(np.inf), np.float32(0))
             limits.append(np.where(view.valid, view.depth, unseen).ravel())
@@ -208,6 +208,22 @@ def _background_of(thing: DepthMeshObject) -> _Background:
         sizes = [(*mesh.view.camera.size, start) for mesh, start in zip(thing.meshes, starts, strict=True)]
         kept["background"] = _Background(triangles, upload(np.concatenate(limits)), upload(np.array(sizes, np.int32)))
     return kept["background"]
+
+
+def _over_holes(triangles: Triangles, mesh: DepthMesh) -> Triangles:
+    """Those of a view's triangles whose boxes hold a cell that is not drawn in full."""
+    from pyibr.opencl.memory import upload
+
+    width, height = mesh.view.camera.size
+    corners = triangles.samples.to_host()[: triangles.count]
+    drawn = mesh.tree.cells.to_host()[: height - 1, : width - 1] == 0b1010
+    holes = np.zeros((height, width), np.int32)  # above and to the left of each sample
+    holes[1:, 1:] = np.cumsum(np.cumsum(~drawn, axis=0, dtype=np.int32), axis=1)
+    y, x = np.divmod(corners, width)
+    low_x, low_y, high_x, high_y = x.min(axis=1), y.min(axis=1), x.max(axis=1), y.max(axis=1)
+    within = holes[high_y, high_x] - holes[low_y, high_x] - holes[high_y, low_x] + holes[low_y, low_x]
+    kept = np.ascontiguousarray(corners[within > 0])
+    return Triangles(upload(kept if len(kept) else np.zeros((1, 3), np.int32)), len(kept))
 
 
 def draw_depth_mesh(target: Target, thing: DepthMesh | DepthMeshObject, occupancy: DeviceArray | None = None) -> None:

@@ -73,6 +73,7 @@ class Segmentation:
         values = np.zeros((), _SEGMENTATION)
         values["sine"] = math.sin(math.radians(self.angle))
         values["depth_range"], values["gap"] = self.depth_range, self.gap
-        low, high = view.bounds
-        values["extent"] = float((high - low).max())
+        if view.camera.projection == "orthographic":
+            low, high = view.bounds
+            values["extent"] = float((high - low).max())
         return values

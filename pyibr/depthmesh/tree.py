@@ -187,27 +187,7 @@ def _viewer(src: Camera, dst: Camera, tolerance: float) -> np.ndarray[Any, np.dt
     return values
 
 
-def departures_of(tree: Tree) -> DeviceArray:
-    """(2, side + 1, row) how far the triangles on both sides of each vertex depart from the samples within them."""
-    from pyibr.opencl.launch import launch
-    from pyibr.opencl.memory import empty
-    from pyibr.opencl.program import kernel
-
-    departures = empty((2, *tree.errors.shape), np.float32)
-    departures.fill(-1.0)
-    steps = [1 << power for power in range(tree.side.bit_length() - 1)]
-    launch(
-        kernel("depthmesh/simplify.cl", "find_departures"),
-        (max(sum(tree.side // step + 1 + tree.side // (2 * step) for step in steps), 1),),
-        nearness=tree.nearness,
-        states=tree.states,
-        departures=departures,
-        layout=tree.layout,
-    )
-    return departures
-
-
-def active_within(tree: Tree, departures: DeviceArray, max_error: float) -> DeviceArray:
+def active_within(tree: Tree, max_error: float) -> DeviceArray:
     """Mark the vertices that a vertical error of at most `max_error`, in scene units, needs: (side + 1, row) uint8."""
     from pyibr.opencl.launch import launch
     from pyibr.opencl.memory import empty
@@ -218,7 +198,8 @@ def active_within(tree: Tree, departures: DeviceArray, max_error: float) -> Devi
     launch(
         kernel("depthmesh/simplify.cl", "refine"),
         (1,),
-        departures=departures,
+        nearness=tree.nearness,
+        states=tree.states,
         active=active,
         queue=empty(tree.errors.shape, np.int32),
         layout=tree.layout,
