@@ -8,8 +8,6 @@ import numpy as np
 
 import pyibr as ibr
 from pyibr.camera import Camera
-from pyibr.depthmesh.mesh import _samples_of
-from pyibr.depthmesh.tree import active_within
 from pyibr.images import DepthImage
 from tests import scenes
 
@@ -46,7 +44,9 @@ def samples_for(thing: ibr.DepthMesh, camera: Camera, tolerance: float) -> np.nd
 
 def samples_within(thing: ibr.DepthMesh, max_error: float) -> np.ndarray:
     """The same, of `simplify`."""
-    return corners_of(_samples_of(thing.tree, active_within(thing.tree, max_error)), thing)
+    mesh = thing.simplify(max_error)
+    assert mesh.uv is not None
+    return np.rint(mesh.uv * thing.view.camera.size - 0.5).astype(np.int64)[mesh.faces]
 
 
 def corners_of(samples: np.ndarray, thing: ibr.DepthMesh) -> np.ndarray:

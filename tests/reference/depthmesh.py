@@ -90,8 +90,11 @@ class Tree:
             levels.append({triangle.split for triangle in level})
             level = list(chain.from_iterable(triangle.halves for triangle in level))
         self.fine_to_coarse = list(chain.from_iterable(reversed(levels)))
+        self.parents: defaultdict[Corner, list[Corner]] = defaultdict(list)
         for corner in self.fine_to_coarse:
             self._fill(corner, self.vertices[corner])
+            for child in self.vertices[corner].children:
+                self.parents[child].append(corner)
 
     def is_sample(self, corner: Corner) -> bool:
         x, y = corner
@@ -169,18 +172,22 @@ class Tree:
         return found
 
     def simplified(self, max_error: float) -> set[Corner]:
-        """Vertices without which a triangle would be off by more than `max_error` in depth at a sample of it."""
+        """The splits without which a triangle is off by more than `max_error` in depth at a sample of it.
+
+        From the coarsest triangles down; what is split needs all of which it is a child to be split.
+        """
         found: set[Corner] = set()
-        for corner in self.fine_to_coarse:
-            vertex = self.vertices[corner]
-            if vertex.error < 0:
-                continue
-            kept = any(child in found for child in vertex.children)
-            for side, state in vertex.states.items():
-                kept = kept or state == UNDRAWN | DRAWN or (state == DRAWN and self.departure(side) > max_error)
-            if kept:
-                found.add(corner)
-        return found
+        while True:
+            wanted = set()
+            for triangle in self.left(found):
+                state = 0 if triangle.is_leaf else self.state(triangle)
+                if state == UNDRAWN | DRAWN or (state == DRAWN and self.departure(triangle) > max_error):
+                    wanted.add(triangle.split)
+            if not wanted:
+                return found
+            while wanted:
+                found |= wanted
+                wanted = {parent for corner in wanted for parent in self.parents[corner]} - found
 
     def departure(self, triangle: Triangle) -> float:
         """How far in depth its samples lie off its plane."""
@@ -194,15 +201,19 @@ class Tree:
         off = (1 / plane if self.view.camera.projection == "perspective" else plane) - depth[y, x]
         return float(np.abs(off[(weight > -1e-9).all(axis=-1)]).max())
 
-    def triangles(self, active: set[Corner]) -> Iterator[tuple[Corner, Corner, Corner]]:
-        """The drawn triangles that are left when those with an active split are split, from the roots down."""
-        left = list(self.roots)
-        while left:
-            triangle = left.pop()
+    def left(self, active: set[Corner]) -> Iterator[Triangle]:
+        """The triangles that are left when those with an active split are split, from the roots down."""
+        below = list(self.roots)
+        while below:
+            triangle = below.pop()
             if not triangle.is_leaf and triangle.split in active:
-                left += triangle.halves
-            elif self.state(triangle) == DRAWN:
-                yield triangle.corners
+                below += triangle.halves
+            else:
+                yield triangle
+
+    def triangles(self, active: set[Corner]) -> Iterator[tuple[Corner, Corner, Corner]]:
+        """Those of them that are drawn."""
+        return (triangle.corners for triangle in self.left(active) if self.state(triangle) == DRAWN)
 
 
 def outside(camera: Camera, point: np.ndarray) -> np.ndarray:
