@@ -119,8 +119,8 @@ def draw_depth_mesh(target: Target, thing: DepthMesh | DepthMeshObject, occupanc
     several = isinstance(thing, DepthMeshObject)
     meshes = thing.meshes if several else [thing]
     closeness = thing.closeness(target.camera) if several else np.ones(1)
-    order = np.argsort(-closeness, kind="stable")
-    chosen = np.sort(order[: thing.blended]) if several else order
+    order: list[int] = np.argsort(-closeness, kind="stable").tolist()
+    chosen = sorted(order[: thing.blended]) if several else order
     trees = [meshes[number].tree for number in chosen]
     tolerance = 0.5 * thing.tolerance if several else thing.tolerance
     triangles = triangles_of(trees, [active_for(tree, target.camera, tolerance) for tree in trees])
@@ -131,10 +131,10 @@ def draw_depth_mesh(target: Target, thing: DepthMesh | DepthMeshObject, occupanc
         defines["BLEND"] = _BLENDS[thing.blend]
     if several and thing.background:
         background = _background_of(thing)
-        others = np.sort(order[len(chosen) : _UNDERLAID * len(chosen)])
+        others = sorted(order[len(chosen) : _UNDERLAID * len(chosen)])
         triangles += [background.bridges[number] for number in chosen]
         triangles += [background.surfaces[number] for number in others]
-        shown = np.concatenate([chosen, chosen, others])
+        shown = [*chosen, *chosen, *others]
         trees = [meshes[number].tree for number in shown]
         maps = [PixelMap(target.camera, mesh.view.camera, 0.0, 0.0).dst_from_src for mesh in meshes]
         perspectives = [mesh.view.camera.projection == "perspective" for mesh in meshes]
@@ -146,7 +146,10 @@ def draw_depth_mesh(target: Target, thing: DepthMesh | DepthMeshObject, occupanc
             "perspectives": upload(np.array(perspectives, np.int32)),
         }
     colors, middle = _colors_of(thing, meshes), 0.5 * (thing.bounds[0] + thing.bounds[1])
-    levels = [colors.sizes[number][level_for(meshes[number].view.camera, target.camera, middle)] for number in shown]
+    levels = [
+        (*colors.sizes[number][level_for(meshes[number].view.camera, target.camera, middle)], number)
+        for number in shown
+    ]
     if occupancy is not None:
         defines["OCCUPIED"] = 1
         more["occupancy"] = occupancy
@@ -164,7 +167,7 @@ def draw_depth_mesh(target: Target, thing: DepthMesh | DepthMeshObject, occupanc
         starts=bins.starts,
         bins_x=bins.columns,
         firsts=upload(np.array(placed.firsts, np.int32)),
-        sizes=upload(np.column_stack([levels, shown]).astype(np.int32)),
+        sizes=upload(np.array(levels, np.int32)),
         colors=colors.words,
         weights=upload((closeness[shown] / closeness.max()).astype(np.float32)),
         screen=Struct("Screen", target.screen(near)),
