@@ -47,7 +47,7 @@ vertices' midpoints, of ours and pydelatin's it is a bound for all samples.
 """
 
 TIMES = """Milliseconds, in turns, at 30 m on the Fuji tile. *Triangles* are the samples of each, as pymartini's mesh
-yields them; *simplify* makes a `Mesh` with points, normals and uv of them, the mesh's departures being known.
+yields them; *simplify* makes a `Mesh` with points, normals and uv of them.
 """
 
 DECIMATION = """### Beside quadric decimation

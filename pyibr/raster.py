@@ -237,7 +237,7 @@ def texture_pyramid(texture: NDArray[Any]) -> NDArray[np.uint32]:
     """All levels of a texture, largest first, as RGBA words: each half as large as the one before, rounded down."""
     import cv2
 
-    level = _bytes(texture)
+    level = as_bytes(texture)
     words: list[NDArray[np.uint32]] = []
     while True:
         height, width = level.shape[:2]
@@ -250,12 +250,13 @@ def texture_pyramid(texture: NDArray[Any]) -> NDArray[np.uint32]:
 def rgba_words(color: NDArray[Any], opacity: NDArray[Any] | None = None) -> NDArray[np.uint32]:
     """An image's pixels as RGBA words in a row: a texel is one read. A is 255, or the opacity (bool, or 0 to 255)."""
     rgba = np.empty((*color.shape[:2], 4), np.uint8)
-    rgba[..., :3] = _bytes(color)
+    rgba[..., :3] = as_bytes(color)
     rgba[..., 3] = 255 if opacity is None else opacity * np.uint8(255) if opacity.dtype == bool else opacity
     return rgba.view(np.uint32).ravel()
 
 
-def _bytes(color: NDArray[Any]) -> NDArray[np.uint8]:
+def as_bytes(color: NDArray[Any]) -> NDArray[np.uint8]:
+    """Colours in 8 bits a channel."""
     return color if color.dtype == np.uint8 else np.rint(color * np.float32(255)).astype(np.uint8)
 
 

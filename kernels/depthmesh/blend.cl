@@ -10,14 +10,14 @@
  * stretched over triangles, and read within the source's triangles, so that no colour leaks over a depth edge; what
  * bridges surfaces in the coarse meshes is kept out of empty space.
  *
- * corners, projected, places: select.cl, mesh by mesh: the VIEWS ones, then as many coarse ones. list, starts:
- * raster/bins.cl. firsts: (meshes + 1,) each mesh's first triangle. sizes: (VIEWS, 4) width, height, start in colors
- * and number of the level that is read of each view: each is half as large as the one before, rounded up. colors: RGBA
- * bytes, A = 255 times the part that has samples. weights: (VIEWS,) positional, > 0. culled: 1 leaves out what is seen from behind. With
- * UNDERLAID, of all views there are: limits, their depths, INFINITY for background and 0 where nothing is known;
- * limit_sizes: (ALL, 3) width, height and start; from_target, (ALL, 16) from the target's pixel space to theirs; perspectives: 1 or 0. depth,
- * color, valid: the picture, which keeps what is nearer already. occupancy: (height, width) bit k is set where view k
- * gave colour, with OCCUPIED.
+ * corners, projected, places: select.cl, mesh by mesh: those of VIEWS views, then UNDERLAID coarse ones. list, starts:
+ * raster/bins.cl. firsts: (meshes + 1,) each mesh's first triangle. sizes: (meshes, 5) width, height, start in colors and
+ * number of the level that is read of its view (each is half as large as the one before, rounded up), and the number of
+ * the view. colors: RGBA bytes, A = 255 times the part that has samples. weights: (meshes,) positional, > 0. culled: 1
+ * leaves out what is seen from behind. With UNDERLAID, of ALL views there are: limits, their depths, INFINITY for
+ * background and 0 where nothing is known; limit_sizes: (ALL, 3) width, height and start; from_target, (ALL, 16) from the
+ * target's pixel space to theirs; perspectives: 1 or 0. depth, color, valid: the picture, which keeps what is nearer
+ * already. occupancy: (height, width) bit k is set where view k gave colour, with OCCUPIED.
  * Work-item: a region (raster/region.h). Cost: O(list + pixels * meshes). Determinism: list order, then the meshes'.
  */
 #include "raster/region.h"
@@ -27,7 +27,7 @@
 #define VIEWS 1
 #endif
 #ifndef UNDERLAID
-#define UNDERLAID 0
+#define UNDERLAID 0 /* coarse meshes under the holes */
 #endif
 #ifndef BLEND
 #define BLEND 0
@@ -35,7 +35,7 @@
 #ifndef ALL
 #define ALL VIEWS /* views there are, drawn or not */
 #endif
-#define MESHES (VIEWS * (1 + UNDERLAID))
+#define MESHES (VIEWS + UNDERLAID)
 #define LEAST_QUALITY 1e-3f /* so that what is seen edge-on by all views still has a colour */
 
 typedef struct {
@@ -235,17 +235,16 @@ kernel void draw_meshes(global const int *corners, global const float *projected
                 at_z += p.weight[k] * (floatl)(gather(places, row_z));
                 quality += p.weight[k] * (floatl)(gather(places, row_q));
             }
-            const int view = mesh % VIEWS;
 #if BLEND == 0
-            const floatl weight = pick(given, weights[view] * greater(quality, (floatl)LEAST_QUALITY), (floatl)0.0f);
+            const floatl weight = pick(given, weights[mesh] * greater(quality, (floatl)LEAST_QUALITY), (floatl)0.0f);
 #else
-            const floatl weight = pick(given, (floatl)weights[view], (floatl)0.0f);
+            const floatl weight = pick(given, (floatl)weights[mesh], (floatl)0.0f);
 #endif
             const floatl inverse = 1.0f / at_z;
             const floatl sound_x = pick(given, at_x * inverse, (floatl)0.0f), sound_y = pick(given, at_y * inverse, (floatl)0.0f);
-            add_color(colors, sizes + 4 * view, sound_x, sound_y, weight, &sum);
+            add_color(colors, sizes + 5 * mesh, sound_x, sound_y, weight, &sum);
             total += weight;
-            views |= pick(given, (intl)(1 << view), (intl)0);
+            views |= pick(given, (intl)(1 << sizes[5 * mesh + 4]), (intl)0);
         }
         const floatl scale = 1.0f / (255.0f * pick(mine, total, (floatl)1.0f));
         const Color shade = {sum.r * scale, sum.g * scale, sum.b * scale};

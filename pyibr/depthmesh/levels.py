@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from pyibr._check import Float64
 from pyibr.camera import Camera
 from pyibr.images import DepthImage
+from pyibr.raster import as_bytes
 
 
 def color_levels(view: DepthImage) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.uint8]]]:
     """Colours (h, w, 3) of a view's samples and 255 times the part of each texel that has some, down to 1x1."""
-    color = view.color if view.color.dtype == np.uint8 else np.rint(view.color * np.float32(255)).astype(np.uint8)
+    color = as_bytes(view.color)
     yield color, np.where(view.valid, 255, 0).astype(np.uint8)
     part = view.valid.astype(np.float32)
     sums = color * part[..., None]
