@@ -27,6 +27,7 @@ _READ = (".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
 _WRITTEN = (".glb", ".obj", ".off", ".ply", ".stl")
 _HEADER_MOST = 1 << 16  # bytes of a PLY file that its header ends in
 _TEXTURED = (".glb", ".obj")
+_COLORED = (".off", ".ply")
 
 
 class Mesh(Fixed):
@@ -51,7 +52,7 @@ class Mesh(Fixed):
     sides : {"both", "front", "back"}
         Which sides of the triangles are drawn; the corners tell which is the front, not the normals.
     attributes : mapping of str to (N,) or (N, k) arrays, optional
-        More numbers of the vertices, kept as float32 for other programs: `to_open3d` and files take them along.
+        More numbers of the vertices, kept as float32 for other programs: `to_open3d` takes them along.
 
     Attributes
     ----------
@@ -183,9 +184,12 @@ class Mesh(Fixed):
         kind = file.suffix.lower()
         if kind not in _WRITTEN:
             raise ArgumentError("path", f"a file that ends in one of {', '.join(_WRITTEN)}", str(file))
+        written_as = self
         if self.texture is not None and kind not in _TEXTURED:
-            raise ArgumentError("path", f"a file that can hold the texture: {' or '.join(_TEXTURED)}", str(file))
-        mesh = self.to_open3d()
+            if self.colors is None or kind not in _COLORED:
+                raise ArgumentError("path", f"a file that can hold the texture: {' or '.join(_TEXTURED)}", str(file))
+            written_as = Mesh(self.vertices, self.faces, normals=self.normals, colors=self.colors)
+        mesh = written_as.to_open3d()
         if kind == ".stl":
             mesh.compute_triangle_normals()
         folder_for(file)
@@ -200,7 +204,7 @@ class Mesh(Fixed):
         mesh = o3d.t.geometry.TriangleMesh(np.array(self.vertices), np.array(self.faces))
         if self.normals is not None:
             mesh.vertex.normals = np.array(self.normals)
-        if self.colors is not None:
+        if self.colors is not None and self.texture is None:  # others would multiply the two
             scale = np.float32(1 / 255 if self.colors.dtype == np.uint8 else 1)
             mesh.vertex.colors = (self.colors * scale).astype(np.float32)
         for name, values in self.attributes.items():

@@ -11,9 +11,10 @@
  * bridges surfaces in the coarse meshes is kept out of empty space.
  *
  * corners, projected, places: select.cl, mesh by mesh: those of VIEWS views, then UNDERLAID coarse ones. list, starts:
- * raster/bins.cl. firsts: (meshes + 1,) each mesh's first triangle. sizes: (meshes, 5) width, height, start in colors and
- * number of the level that is read of its view (each is half as large as the one before, rounded up), and the number of
- * the view. colors: RGBA bytes, A = 255 times the part that has samples. weights: (meshes,) positional, > 0. culled: 1
+ * raster/bins.cl. firsts: (meshes + 1,) each mesh's first triangle. sources: (meshes, 3) number of its view, and of the
+ * first and the last of that view's levels. levels: (levels, 3) width, height and start in colors, each half as large as
+ * the one before, rounded up. scales: (meshes,) samples of the view to pixels of the target that a scene unit takes at
+ * depth 1 of both. colors: RGBA bytes, A = 255 times the part that has samples. weights: (meshes,) positional, > 0. culled: 1
  * leaves out what is seen from behind. With UNDERLAID, of ALL views there are: limits, their depths, INFINITY for
  * background and 0 where nothing is known; limit_sizes: (ALL, 3) width, height and start; from_target, (ALL, 16) from the
  * target's pixel space to theirs; perspectives: 1 or 0. depth, color, valid: the picture, which keeps what is nearer
@@ -36,6 +37,7 @@
 #define ALL VIEWS /* views there are, drawn or not */
 #endif
 #define MESHES (VIEWS + UNDERLAID)
+#define HALFWAY 0.25f /* of a level, from which on the coarser one is read: rather a little grain than blur */
 #define LEAST_QUALITY 1e-3f /* so that what is seen edge-on by all views still has a colour */
 
 typedef struct {
@@ -118,9 +120,9 @@ int has_holes(const Region *seen)
 
 /* Adds the colour at the pixel (x, y) of a view's level: of its samples linear within the cell's triangle, of a coarser
  * level bilinear, by how much of each texel has samples. */
-void add_color(global const uint *colors, global const int *size, floatl x, floatl y, floatl weight, Color *sum)
+void add_color(global const uint *colors, global const int *size, int level, floatl x, floatl y, floatl weight, Color *sum)
 {
-    const int width = size[0], height = size[1], level = size[3];
+    const int width = size[0], height = size[1];
     const float per_texel = 1.0f / (1 << level);
     const floatl u = (x + 0.5f) * per_texel - 0.5f, v = (y + 0.5f) * per_texel - 0.5f, none = 0.0f;
     const floatl cx = lesser(greater(u, none), (floatl)(width - 1)), cy = lesser(greater(v, none), (floatl)(height - 1));
@@ -154,7 +156,8 @@ void add_color(global const uint *colors, global const int *size, floatl x, floa
 
 kernel void draw_meshes(global const int *corners, global const float *projected, global const float *places,
                         global const int *list, global const int *starts, int bins_x, global const int *firsts,
-                        global const int *sizes, global const uint *colors, global const float *weights,
+                        global const int *sources, global const int *levels, global const float *scales,
+                        global const uint *colors, global const float *weights,
                         global float *depth, global channel *color, global uchar *valid, Screen screen, float nearest_w,
                         int culled, float epsilon, int blank
 #if UNDERLAID
@@ -242,9 +245,14 @@ kernel void draw_meshes(global const int *corners, global const float *projected
 #endif
             const floatl inverse = 1.0f / at_z;
             const floatl sound_x = pick(given, at_x * inverse, (floatl)0.0f), sound_y = pick(given, at_y * inverse, (floatl)0.0f);
-            add_color(colors, sizes + 5 * mesh, sound_x, sound_y, weight, &sum);
+            /* One level for the block: that of the pixel that sees the view largest, which blurs nothing */
+            const floatl away = screen.perspective ? 1.0f / n : (floatl)1.0f;
+            const float samples = least_lane(pick(given, scales[mesh] * away * inverse, (floatl)INFINITY));
+            const int finest = sources[3 * mesh + 1], coarsest = sources[3 * mesh + 2];
+            const int level = clamp((int)floor(log2(fmax(samples, 1.0f)) + HALFWAY), 0, coarsest - finest);
+            add_color(colors, levels + 3 * (finest + level), level, sound_x, sound_y, weight, &sum);
             total += weight;
-            views |= pick(given, (intl)(1 << sizes[5 * mesh + 4]), (intl)0);
+            views |= pick(given, (intl)(1 << sources[3 * mesh]), (intl)0);
         }
         const floatl scale = 1.0f / (255.0f * pick(mine, total, (floatl)1.0f));
         const Color shade = {sum.r * scale, sum.g * scale, sum.b * scale};

@@ -168,10 +168,10 @@ kernel void place_corners(global const float *nearness, global const float *norm
         const intl y = sample / layout.width, x = sample - y * layout.width, pixel = y * layout.pitch + x;
         const floatl n = (floatl)(gather(nearness, pixel)), fx = to_floatl(x), fy = to_floatl(y);
         const floatl z = layout.perspective ? 1.0f / n : (floatl)1.0f;
-        const floatl made[8] = {PIXEL_ROW(m, 0, fx, fy) + n * m[3],
-                                PIXEL_ROW(m, 1, fx, fy) + n * m[7],
-                                PIXEL_ROW(m, 2, fx, fy) + n * m[11],
-                                PIXEL_ROW(m, 3, fx, fy) + n * m[15],
+        const floatl made[8] = {z * (PIXEL_ROW(m, 0, fx, fy) + n * m[3]),
+                                z * (PIXEL_ROW(m, 1, fx, fy) + n * m[7]),
+                                z * (PIXEL_ROW(m, 2, fx, fy) + n * m[11]),
+                                z * (PIXEL_ROW(m, 3, fx, fy) + n * m[15]),
                                 fx * z,
                                 fy * z,
                                 z,

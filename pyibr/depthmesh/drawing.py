@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.depthmesh.levels import color_levels, level_for
+from pyibr.camera import Camera
+from pyibr.depthmesh.levels import color_levels
 from pyibr.depthmesh.mesh import DepthMesh
 from pyibr.depthmesh.object import DepthMeshObject
 from pyibr.depthmesh.segmentation import Segmentation
@@ -29,11 +30,12 @@ _UNDERLAID = 2  # times as many views are looked at under the holes as are blend
 class _Colors:
     """The views' colours on the device: of each all levels, half as large as the one before, one after the other.
 
-    `sizes` holds width, height, start and number of each level of each view.
+    `sizes` holds width, height and start of each level, `ends` numbers of the first and last level of each view.
     """
 
     words: DeviceArray
-    sizes: list[list[tuple[int, int, int, int]]]
+    sizes: DeviceArray
+    ends: list[tuple[int, int]]
 
 
 @dataclass(frozen=True)
@@ -56,14 +58,16 @@ def _colors_of(thing: DepthMesh | DepthMeshObject, meshes: list[DepthMesh]) -> _
 
     kept = thing.device_cache.setdefault(current(), {})
     if "colors" not in kept:
-        words, sizes, start = list[NDArray[np.uint32]](), list[list[tuple[int, int, int, int]]](), 0
+        words, sizes = list[NDArray[np.uint32]](), list[tuple[int, int, int]]()
+        ends, start = list[tuple[int, int]](), 0
         for mesh in meshes:
-            sizes.append([])
-            for number, (color, covered) in enumerate(color_levels(mesh.view)):
-                sizes[-1].append((color.shape[1], color.shape[0], start, number))
+            first = len(sizes)
+            for color, covered in color_levels(mesh.view):
+                sizes.append((color.shape[1], color.shape[0], start))
                 words.append(rgba_words(color, covered))
                 start += words[-1].size
-        kept["colors"] = _Colors(upload(np.concatenate(words)), sizes)
+            ends.append((first, len(sizes) - 1))
+        kept["colors"] = _Colors(upload(np.concatenate(words)), upload(np.array(sizes, np.int32)), ends)
     return kept["colors"]
 
 
@@ -145,11 +149,9 @@ def draw_depth_mesh(target: Target, thing: DepthMesh | DepthMeshObject, occupanc
             "from_target": upload(np.array(maps, np.float32).reshape(-1, 16)),
             "perspectives": upload(np.array(perspectives, np.int32)),
         }
-    colors, middle = _colors_of(thing, meshes), 0.5 * (thing.bounds[0] + thing.bounds[1])
-    levels = [
-        (*colors.sizes[number][level_for(meshes[number].view.camera, target.camera, middle)], number)
-        for number in shown
-    ]
+    colors = _colors_of(thing, meshes)
+    sources = [(number, *colors.ends[number]) for number in shown]
+    scales = [_focal(meshes[number].view.camera) / _focal(target.camera) for number in shown]
     if occupancy is not None:
         defines["OCCUPIED"] = 1
         more["occupancy"] = occupancy
@@ -167,7 +169,9 @@ def draw_depth_mesh(target: Target, thing: DepthMesh | DepthMeshObject, occupanc
         starts=bins.starts,
         bins_x=bins.columns,
         firsts=upload(np.array(placed.firsts, np.int32)),
-        sizes=upload(np.array(levels, np.int32)),
+        sources=upload(np.array(sources, np.int32)),
+        levels=colors.sizes,
+        scales=upload(np.array(scales, np.float32)),
         colors=colors.words,
         weights=upload((closeness[shown] / closeness.max()).astype(np.float32)),
         screen=Struct("Screen", target.screen(near)),
@@ -179,3 +183,8 @@ def draw_depth_mesh(target: Target, thing: DepthMesh | DepthMeshObject, occupanc
         **more,
     )
     target.blank = False
+
+
+def _focal(camera: Camera) -> float:
+    """Pixels that a scene unit takes at depth 1, or everywhere."""
+    return float(np.sqrt(camera.K[0, 0] * camera.K[1, 1]))

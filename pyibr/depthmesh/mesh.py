@@ -120,7 +120,8 @@ class DepthMesh(Fixed):
         Returns
         -------
         Mesh
-            In the world, with uv into the view's colour as texture, normals, and the attribute "quality" (N,).
+            In the world, with uv into the view's colour as texture, the vertices' colours for files that hold no
+            texture, normals, and the attribute "quality" (N,).
 
         Raises
         ------
@@ -128,7 +129,10 @@ class DepthMesh(Fixed):
             If an argument is out of its range.
         """
         with self.tree.errors.session.lock:
-            return self._mesh_of(self._samples_for(camera, tolerance))
+            samples = self._samples_for(camera, tolerance)
+            if not len(samples):
+                raise ArgumentError("camera", "one for which triangles are left at this tolerance", describe(camera))
+            return self._mesh_of(samples)
 
     def simplify(self, max_error: float) -> Mesh:
         """Triangulate the surface within a vertical error, for any view.
@@ -196,6 +200,7 @@ class DepthMesh(Fixed):
             uv,
             normals @ camera.world_from_camera[:3, :3].T,
             texture=self.view.color,
+            colors=self.view.color[y, x],
             attributes={"quality": np.abs(normals[:, 2])},
         )
 

@@ -95,7 +95,9 @@ class DepthMeshObject(Fixed):
         boxes = np.array([mesh.bounds for mesh in self.meshes])
         self.bounds: tuple[Float64, Float64] = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
         self.epsilon = _EPSILON * self.extent if epsilon is None else checked_tolerance("epsilon", epsilon)
-        self.background = bool(background)
+        if not isinstance(background, bool):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise ArgumentError("background", "True or False", describe(background))
+        self.background = background
         self.device_cache: WeakKeyDictionary[Any, dict[str, Any]] = WeakKeyDictionary()
 
     def __repr__(self) -> str:
@@ -121,6 +123,8 @@ class DepthMeshObject(Fixed):
 
     def closeness(self, camera: Camera) -> Float64:
         """(views,) inverse distances of the viewpoints from a camera's, in 1 / scene units."""
+        if not isinstance(camera, Camera):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise ArgumentError("camera", "a pyibr.Camera", describe(camera))
         viewpoints = np.array([mesh.view.camera.center for mesh in self.meshes])
         middle = 0.5 * (self.bounds[0] + self.bounds[1])
         away = float(np.linalg.norm(viewpoints - middle, axis=1).mean())
@@ -153,13 +157,17 @@ def _checked_meshes(views: object, segmentation: Segmentation | None) -> list[De
             meshes.append(view)
         elif not isinstance(view, DepthImage):
             raise ArgumentError("views", "DepthImage or DepthMesh", f"{describe(view)} as view {number}")
+        elif min(view.camera.size) < 2:
+            size = f"{view.camera.width}x{view.camera.height}"
+            raise ArgumentError("views", "views of at least 2x2 samples", f"{size} as view {number}")
         elif not view.valid.any():
             raise ArgumentError("views", "views with valid depth", f"none in view {number}")
         else:
             meshes.append(DepthMesh(view, segmentation=segmentation))
     boxes = np.array([mesh.bounds for mesh in meshes])
+    slack = _EPSILON * float((boxes[:, 1].max(axis=0) - boxes[:, 0].min(axis=0)).max())  # for flat things' boxes
     for number, (low, high) in enumerate(boxes):
-        meets = (boxes[:, 0] <= high).all(axis=1) & (boxes[:, 1] >= low).all(axis=1)
+        meets = (boxes[:, 0] <= high + slack).all(axis=1) & (boxes[:, 1] >= low - slack).all(axis=1)
         if len(meshes) > 1 and meets.sum() == 1:
             raise ArgumentError("views", "views of one thing", f"view {number} shares no volume with any other")
     return meshes

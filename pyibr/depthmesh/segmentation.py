@@ -52,13 +52,13 @@ class Segmentation:
     --------
     >>> from pyibr.depthmesh import Segmentation
     >>> Segmentation(angle=3)
-    Segmentation(test='orthogonality', angle=3, depth_range=0.02, gap=0.03)
+    Segmentation(test='orthogonality', angle=3, depth_range=0.02, gap=0.02)
     """
 
     test: Test = "orthogonality"
     angle: float = 5.0
     depth_range: float = 0.02
-    gap: float = 0.03
+    gap: float = 0.02
 
     def __post_init__(self) -> None:
         one_of("test", self.test, Test)
