@@ -32,6 +32,16 @@ _OPTIONS = {
 """What users of the command line call the library's arguments."""
 
 
+_Color = Annotated[Path, typer.Argument(metavar="COLOR", help="Image: PNG, JPEG, TIFF, EXR, PFM, NPY ...")]
+_Depth = Annotated[
+    Path, typer.Argument(metavar="DEPTH", help="Its planar depth: PNG16, NPY, NPZ, PFM, EXR, COLMAP .bin")
+]
+_Camera = Annotated[Path, typer.Option(help="Its camera: JSON with width, height, K, world_from_camera")]
+_Far = Annotated[float, typer.Option(help="Depth from which on there is no surface")]
+_Scale = Annotated[float | None, typer.Option(help="Stored depth units per scene unit: 1000 for millimetres to metres")]
+_DeviceName = Annotated[str | None, typer.Option(help="OpenCL device: part of its name, or its number")]
+
+
 class _OneLineErrors(TyperGroup):
     """Shows what pyibr raises on purpose as one line, without a traceback."""
 
@@ -77,11 +87,9 @@ def _main(  # pyright: ignore[reportUnusedFunction]
     "--orbit 10 -o new.png[/bold]"
 )
 def warp(
-    color: Annotated[Path, typer.Argument(metavar="COLOR", help="Image: PNG, JPEG, TIFF, EXR, PFM, NPY ...")],
-    depth: Annotated[
-        Path, typer.Argument(metavar="DEPTH", help="Its planar depth: PNG16, NPY, NPZ, PFM, EXR, COLMAP .bin")
-    ],
-    camera: Annotated[Path, typer.Option(help="Its camera: JSON with width, height, K, world_from_camera")],
+    color: _Color,
+    depth: _Depth,
+    camera: _Camera,
     output: Annotated[Path, typer.Option("--output", "-o", help="The new view")],
     to: Annotated[Path | None, typer.Option(help="The new view's camera: JSON")] = None,
     move: Annotated[
@@ -104,13 +112,11 @@ def warp(
     cut_ratio: Annotated[float, typer.Option(help="Cut where neighbours' depths differ by more")] = 1.05,
     fill: Annotated[Literal["none", "background"], typer.Option(help="Fill holes from their farther side")] = "none",
     side: Annotated[Side, typer.Option(help="Sides of the surface that are shown")] = "front",
-    far: Annotated[float, typer.Option(help="Depth from which on there is no surface")] = math.inf,
-    depth_scale: Annotated[
-        float | None, typer.Option(help="Stored depth units per scene unit: 1000 for millimetres to metres")
-    ] = None,
+    far: _Far = math.inf,
+    depth_scale: _Scale = None,
     depth_out: Annotated[Path | None, typer.Option(help="Write the new view's depth too")] = None,
     valid_out: Annotated[Path | None, typer.Option(help="Write the mask of what is no hole too")] = None,
-    device: Annotated[str | None, typer.Option(help="OpenCL device: part of its name, or its number")] = None,
+    device: _DeviceName = None,
 ) -> None:
     """Render a new view of an image with depth.
 
@@ -149,19 +155,15 @@ def warp(
     "--max-error 0.005 -o scene.glb[/bold]"
 )
 def mesh(
-    color: Annotated[Path, typer.Argument(metavar="COLOR", help="Image: PNG, JPEG, TIFF, EXR, PFM, NPY ...")],
-    depth: Annotated[
-        Path, typer.Argument(metavar="DEPTH", help="Its planar depth: PNG16, NPY, NPZ, PFM, EXR, COLMAP .bin")
-    ],
-    camera: Annotated[Path, typer.Option(help="Its camera: JSON with width, height, K, world_from_camera")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="The mesh: GLB or OBJ, with the image as texture")],
+    color: _Color,
+    depth: _Depth,
+    camera: _Camera,
+    output: Annotated[Path, typer.Option("--output", "-o", help="The mesh: GLB, OBJ (with the image as texture), PLY")],
     max_error: Annotated[float, typer.Option(help="Depths may be off by that, in scene units; 0: by nothing")],
     segmentation: Annotated[Test, typer.Option(help="How triangles between two surfaces are told")] = "orthogonality",
-    far: Annotated[float, typer.Option(help="Depth from which on there is no surface")] = math.inf,
-    depth_scale: Annotated[
-        float | None, typer.Option(help="Stored depth units per scene unit: 1000 for millimetres to metres")
-    ] = None,
-    device: Annotated[str | None, typer.Option(help="OpenCL device: part of its name, or its number")] = None,
+    far: _Far = math.inf,
+    depth_scale: _Scale = None,
+    device: _DeviceName = None,
 ) -> None:
     """Turn an image with depth into a textured triangle mesh, simplified within an error."""
     view = DepthImage(ibr.read_color(color), ibr.read_depth(depth, depth_scale), Camera.load(camera), far)

@@ -32,8 +32,8 @@ class Scene:
         ibr.write_depth(folder / "depth.png", self.depth, 1000)
         ibr.write_depth(folder / "depth.npy", self.depth)
 
-    def run(self, *arguments: object, depth="depth.png", scale="1000", camera="camera.json"):
-        words = ["warp", self.folder / "color.png", self.folder / depth, "--camera", self.folder / camera]
+    def run(self, *arguments: object, depth="depth.png", scale="1000", camera="camera.json", command="warp"):
+        words = [command, self.folder / "color.png", self.folder / depth, "--camera", self.folder / camera]
         words += ["--depth-scale", scale] if scale else []
         return runner.invoke(app, [str(word) for word in (*words, *arguments)])
 
@@ -134,6 +134,32 @@ def test_every_choice_reaches_the_warp(scene: Scene, monkeypatch: pytest.MonkeyP
 # ---- errors
 
 
+# ---- meshes
+
+
+@pytest.mark.parametrize("kind", ["glb", "obj", "ply"])
+def test_a_plane_becomes_few_triangles(scene: Scene, kind):
+    file = scene.folder / f"plane.{kind}"
+    result = scene.run("--max-error", "0.001", "-o", file, command="mesh")
+    assert result.exit_code == 0, result.output
+    made = ibr.Mesh.load(file)
+    # Blocks of 32 and less: what the padding of 61x37 to 65x65 leaves.
+    assert f"plane.{kind}: {len(made.faces)} triangles" in result.stdout
+    assert len(made.faces) < 2 * 60 * 36 / 4
+    low, high = scene.camera.unproject([[0, 0], [60, 36]], [2, 2])
+    np.testing.assert_allclose(made.bounds, [low, high], atol=1e-6)
+    assert (made.texture is None) == (kind == "ply")
+    assert (made.colors is None) == (kind != "ply")
+
+
+def test_bad_meshes(scene: Scene):
+    assert_one_line(scene.run("--max-error", "-1", "-o", scene.folder / "a.glb", command="mesh"), "--max-error", ">= 0")
+    result = scene.run("--max-error", "1", "-o", scene.folder / "a.stl", command="mesh")
+    assert_one_line(result, "--output", "a.stl")
+    result = scene.run("--max-error", "1", "-o", scene.folder / "a.glb", command="mesh", scale="")
+    assert_one_line(result, "--depth-scale")
+
+
 @pytest.mark.parametrize(
     ("choice", "got"),
     [
@@ -190,7 +216,7 @@ def test_unknown_device(scene: Scene):
 # ---- help
 
 
-@pytest.mark.parametrize("command", ["warp", "doctor"])
+@pytest.mark.parametrize("command", ["warp", "mesh", "doctor"])
 def test_help_shows_an_example(command):
     result = runner.invoke(app, [command, "--help"], env={"COLUMNS": "200", "TERM": "dumb"})
     assert result.exit_code == 0

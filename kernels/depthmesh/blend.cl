@@ -21,8 +21,7 @@
  * already. occupancy: (height, width) bit k is set where view k gave colour, with OCCUPIED.
  * Work-item: a region (raster/region.h). Cost: O(list + pixels * meshes). Determinism: list order, then the meshes'.
  */
-#include "raster/region.h"
-#include "raster/triangle.h"
+#include "raster/nearest.h"
 
 #ifndef VIEWS
 #define VIEWS 1
@@ -39,32 +38,6 @@
 #define MESHES (VIEWS + UNDERLAID)
 #define HALFWAY 0.25f /* of a level, from which on the coarser one is read: rather a little grain than blur */
 #define LEAST_QUALITY 1e-3f /* so that what is seen edge-on by all views still has a colour */
-
-typedef struct {
-    global const int *corners;
-    global const float *projected;
-    Screen screen;
-    float nearest_w;
-    int culled;
-} Context;
-
-typedef Triangles Primitives;
-
-intl set_up(const Context *context, intl index, int x, int y, Primitives *t)
-{
-    return set_up_triangles(context->corners, context->projected, index, context->nearest_w, context->culled, x, y, t);
-}
-
-void cover(const Context *context, const Primitives *t, int lane, Region *region, int block, int first_x, int first_y)
-{
-    floatl n;
-    const floatl so_far = region->nearness[block];
-    const intl seen = covered_by(t, lane, first_x, first_y, &n) & (n > so_far) & (n <= context->screen.nearest);
-    region->nearness[block] = pick(seen, n, so_far);
-    region->owner[block] = pick(seen, (intl)INT_OF(t->index), region->owner[block]);
-}
-
-#include "raster/list.h"
 
 /* Where in list[first, last), in ascending order, are the numbers from `number` on? */
 int place_in(global const int *list, int first, int last, int number)

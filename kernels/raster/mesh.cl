@@ -14,34 +14,7 @@
 #include "lib/color.h"
 #include "lib/light.h"
 #include "lib/texture.h"
-#include "raster/region.h"
-#include "raster/triangle.h"
-
-typedef struct {
-    global const int *faces;
-    global const float *projected;
-    Screen screen;
-    float nearest_w;
-    int culled;
-} Context;
-
-typedef Triangles Primitives;
-
-intl set_up(const Context *context, intl index, int x, int y, Primitives *t)
-{
-    return set_up_triangles(context->faces, context->projected, index, context->nearest_w, context->culled, x, y, t);
-}
-
-void cover(const Context *context, const Primitives *t, int lane, Region *region, int block, int first_x, int first_y)
-{
-    floatl n;
-    const floatl so_far = region->nearness[block];
-    const intl seen = covered_by(t, lane, first_x, first_y, &n) & (n > so_far) & (n <= context->screen.nearest);
-    region->nearness[block] = pick(seen, n, so_far);
-    region->owner[block] = pick(seen, (intl)INT_OF(t->index), region->owner[block]);
-}
-
-#include "raster/list.h"
+#include "raster/nearest.h"
 
 #define GATHER(array, i) gather(array, (i))
 
