@@ -105,9 +105,13 @@ class DepthImage:
     @cached_property
     def bounds(self) -> tuple[Float64, Float64]:
         """(low, high), each (3,), in the world: the box around the valid samples. Computed on first use."""
-        if not self.valid.any():
+        return self.bounds_of(self.valid)
+
+    def bounds_of(self, which: NDArray[np.bool_]) -> tuple[Float64, Float64]:
+        """(low, high), each (3,), in the world: the box around those of the samples, (H, W) bool."""
+        if not which.any():
             return self.camera.center, self.camera.center
-        y, x = np.nonzero(self.valid)
+        y, x = np.nonzero(which)
         z = self.depth[y, x].astype(np.float64)
         inverse, scale = np.linalg.inv(self.camera.K), z if self.camera.projection == "perspective" else 1.0
         local = [(row[0] * x + row[1] * y + row[2]) * scale for row in inverse[:2]]

@@ -28,6 +28,7 @@ _WRITTEN = (".glb", ".obj", ".off", ".ply", ".stl")
 _HEADER_MOST = 1 << 16  # bytes of a PLY file that its header ends in
 _TEXTURED = (".glb", ".obj")
 _COLORED = (".off", ".ply")
+_OWN_PLACES = ("positions", "normals", "colors")  # of Open3D's vertex attributes: not in `attributes`
 
 
 class Mesh(Fixed):
@@ -52,7 +53,8 @@ class Mesh(Fixed):
     sides : {"both", "front", "back"}
         Which sides of the triangles are drawn; the corners tell which is the front, not the normals.
     attributes : mapping of str to (N,) or (N, k) arrays, optional
-        More numbers of the vertices, kept as float32 for other programs: `to_open3d` takes them along.
+        More numbers of the vertices, kept as float32 for other programs: `to_open3d` takes them along. Files
+        do not hold them.
 
     Attributes
     ----------
@@ -245,7 +247,10 @@ class Mesh(Fixed):
         colors = mesh.vertex["colors"].numpy() if "colors" in mesh.vertex else None
         if colors is not None and colors.dtype != np.uint8:  # of bytes, in most files
             colors = np.rint(np.clip(colors, 0, 1) * 255).astype(np.uint8)
-        return cls(mesh.vertex["positions"].numpy(), mesh.triangle["indices"].numpy(), uv, normals, texture, colors)
+        points, faces = mesh.vertex["positions"].numpy(), mesh.triangle["indices"].numpy()
+        others = {name: mesh.vertex[name].numpy() for name in mesh.vertex if name not in _OWN_PLACES}
+        others = {name: values for name, values in others.items() if np.isfinite(values).all()}
+        return cls(points, faces, uv, normals, texture, colors, attributes=others)
 
 
 def _read(source: Path) -> Any:

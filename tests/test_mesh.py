@@ -163,3 +163,11 @@ def test_saving_makes_the_folder(tmp_path, capfd):
     with pytest.raises(ibr.FileFormatError, match="not a folder"):
         mesh.save(tmp_path / "file" / "square.ply")
     assert not capfd.readouterr().err
+
+
+def test_attributes_go_through_open3d():
+    heat = [[1.0], [2.0], [3.0]]
+    mesh = ibr.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], attributes={"heat": heat})
+    np.testing.assert_array_equal(ibr.Mesh.from_open3d(mesh.to_open3d()).attributes["heat"], heat)
+    with pytest.raises(ibr.ArgumentError, match=r"attributes\['heat'\]: .*\(3,\)"):
+        ibr.Mesh(mesh.vertices, mesh.faces, attributes={"heat": [1.0]})

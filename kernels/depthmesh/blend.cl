@@ -74,9 +74,7 @@ intl is_empty(global const float *limits, global const int *sizes, global const 
     }
     return empty;
 }
-#endif
 
-#if UNDERLAID
 /* Is there a pixel that no mesh covers? */
 int has_holes(const Region *seen)
 {
@@ -188,21 +186,28 @@ kernel void draw_meshes(global const int *corners, global const float *projected
         const int first_x = x + block % ROW * BLOCK, first_y = y + block / ROW * BLOCK;
         Color sum = {0.0f, 0.0f, 0.0f};
         floatl total = 0.0f;
+#if BLEND == 2
+        intl taken = (intl)0;
+#endif
+#ifdef OCCUPIED
         intl views = (intl)0;
+#endif
         /* Of epsilon 0 this is `front` itself. */
         const floatl deepest = screen.perspective ? front / (1.0f + epsilon * front) : front - epsilon;
         for (int mesh = 0; mesh < meshes; mesh++) {
             const floatl n = seen[mesh].nearness[block];
-            intl given = mine & (seen[mesh].owner[block] >= 0) & (mesh < VIEWS ? !under : under);
+            intl shares = (seen[mesh].owner[block] >= 0) & (mesh < VIEWS ? !under : under);
 #if BLEND == 2
-            given = given & (n == front) & (total == 0.0f);
+            shares = shares & (n == front) & !taken;
+            taken = taken | shares;
 #else
-            given = given & (n >= deepest);
+            shares = shares & (n >= deepest);
 #endif
+            const intl given = shares & mine;
             if (!any_lane(given))
                 continue;
             const floatl px = to_floatl(first_x + block_x), py = to_floatl(first_y + block_y);
-            const Place p = place_on(corners, projected, pick(given, seen[mesh].owner[block], firsts[mesh] + (intl)0), px, py);
+            const Place p = place_on(corners, projected, pick(shares, seen[mesh].owner[block], firsts[mesh] + (intl)0), px, py);
             floatl at_x = 0.0f, at_y = 0.0f, at_z = 0.0f, quality = 0.0f;
             for (int k = 0; k < 3; k++) {
                 const intl row = 4 * p.corner[k], row_y = row + 1, row_z = row + 2, row_q = row + 3;
@@ -217,15 +222,17 @@ kernel void draw_meshes(global const int *corners, global const float *projected
             const floatl weight = pick(given, (floatl)weights[mesh], (floatl)0.0f);
 #endif
             const floatl inverse = 1.0f / at_z;
-            const floatl sound_x = pick(given, at_x * inverse, (floatl)0.0f), sound_y = pick(given, at_y * inverse, (floatl)0.0f);
+            const floatl sound_x = pick(shares, at_x * inverse, (floatl)0.0f), sound_y = pick(shares, at_y * inverse, (floatl)0.0f);
             /* One level for the block: that of the pixel that sees the view largest, which blurs nothing */
             const floatl away = screen.perspective ? 1.0f / n : (floatl)1.0f;
-            const float samples = least_lane(pick(given, scales[mesh] * away * inverse, (floatl)INFINITY));
+            const float samples = least_lane(pick(shares, scales[mesh] * away * inverse, (floatl)INFINITY));
             const int finest = sources[3 * mesh + 1], coarsest = sources[3 * mesh + 2];
             const int level = clamp((int)floor(log2(fmax(samples, 1.0f)) + HALFWAY), 0, coarsest - finest);
             add_color(colors, levels + 3 * (finest + level), level, sound_x, sound_y, weight, &sum);
             total += weight;
+#ifdef OCCUPIED
             views |= pick(given, (intl)(1 << sources[3 * mesh]), (intl)0);
+#endif
         }
         const floatl scale = 1.0f / (255.0f * pick(mine, total, (floatl)1.0f));
         const Color shade = {sum.r * scale, sum.g * scale, sum.b * scale};

@@ -6,8 +6,10 @@
 #define channel uchar
 #define CHANNEL_MOST 255.0f
 #define to_channel(value) convert_uchar_sat_rte(value)
+#define rounded(value) floor((value) + 0.5f) /* halves up, as vectors of pixels are */
 #else
 #define channel float
 #define CHANNEL_MOST 1.0f
 #define to_channel(value) (value)
+#define rounded(value) (value)
 #endif

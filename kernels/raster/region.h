@@ -119,6 +119,6 @@ void write_block(const Region *region, int block, Screen screen, global float *d
         const float3 one = (float3)(((const float *)&shade.r)[lane], ((const float *)&shade.g)[lane], ((const float *)&shade.b)[lane]);
         depth[at] = mine ? (screen.perspective ? 1.0f / n : -n) : NAN;
         valid[at] = mine;
-        write_pixel(color + 3 * at, mine ? clamp(one, 0.0f, 1.0f) * CHANNEL_MOST : (float3)(0.0f));
+        write_pixel(color + 3 * at, mine ? rounded(clamp(one, 0.0f, 1.0f) * CHANNEL_MOST) : (float3)(0.0f));
     }
 }

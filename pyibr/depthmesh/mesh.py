@@ -26,7 +26,7 @@ class DepthMesh(Fixed):
     """A depth image as a triangle mesh that adapts to the viewer: fine where that is seen, without cracks.
 
     A restricted quadtree over the samples is kept on the device, with the error of each vertex; a triangulation is read
-    from it for each target. `render` draws the side that the view saw.
+    from it for each target. `render` draws the side that the view saw, with 8 bits a channel.
 
     Parameters
     ----------
@@ -73,10 +73,11 @@ class DepthMesh(Fixed):
     def __repr__(self) -> str:
         return f"<DepthMesh {self.view.camera.width}x{self.view.camera.height}>"
 
-    @property
+    @cached_property
     def bounds(self) -> tuple[Float64, Float64]:
-        """(low, high), each (3,), in the world: the box around the samples."""
-        return self.view.bounds
+        """(low, high), each (3,), in the world: the box around the triangles, whatever isolated samples say."""
+        with self.tree.cells.session.lock:
+            return self.view.bounds_of(_in_triangles(self.tree))
 
     @property
     def tree(self) -> Tree:
@@ -88,7 +89,7 @@ class DepthMesh(Fixed):
         with session.lock:
             if "tree" not in kept:
                 made = build_tree(self.view, self.segmentation)
-                if not (made.cells.to_host()[:-1, : self.view.camera.width - 1] & 0b1010).any():
+                if not _in_triangles(made).any():
                     raise ArgumentError("view", "samples that make triangles", "only isolated ones, or rubber sheets")
                 kept["tree"] = made
             return kept["tree"]
@@ -163,10 +164,15 @@ class DepthMesh(Fixed):
         """
         tree, bound = self.tree, checked_tolerance("max_error", max_error)
         with tree.errors.session.lock:
-            return self._mesh_of(_samples_of(tree, active_within(tree, bound)))
+            return self._mesh_of(_corners_of(tree, active_within(tree, bound)))
 
     def strips(self, camera: Camera, tolerance: float | None = None) -> list[NDArray[np.int32]]:
         """Triangle strips of what `triangulate` yields, as it numbers the vertices (figure 6 of the paper).
+
+        Parameters
+        ----------
+        camera, tolerance
+            As for `triangulate`.
 
         Returns
         -------
@@ -183,7 +189,7 @@ class DepthMesh(Fixed):
         if not isinstance(camera, Camera):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise ArgumentError("camera", "a pyibr.Camera", describe(camera))
         allowed = self.tolerance if tolerance is None else checked_tolerance("tolerance", tolerance)
-        return _samples_of(self.tree, active_for(self.tree, camera, allowed))
+        return _corners_of(self.tree, active_for(self.tree, camera, allowed))
 
     def _mesh_of(self, samples: NDArray[np.int32]) -> Mesh:
         """The mesh of triangles (T, 3) of samples, numbered in the samples' order."""
@@ -205,6 +211,20 @@ class DepthMesh(Fixed):
         )
 
 
+def _in_triangles(tree: Tree) -> NDArray[np.bool_]:
+    """(H, W) which samples are corners of triangles that are drawn."""
+    width, height = tree.view.camera.size
+    cells = tree.cells.to_host()[: height - 1, : width - 1]
+    upper, lower = (cells & 0b0010) > 0, (cells & 0b1000) > 0
+    main = np.add.outer(np.arange(height - 1), np.arange(width - 1)) % 2 == 0  # kernels/depthmesh/tree.h
+    found = np.zeros((height, width), np.bool_)
+    found[:-1, :-1] |= upper | (lower & main)
+    found[:-1, 1:] |= upper | (lower & ~main)
+    found[1:, :-1] |= lower | (upper & ~main)
+    found[1:, 1:] |= lower | (upper & main)
+    return found
+
+
 def _numbered(samples: NDArray[np.int32], count: int) -> NDArray[np.int32]:
     """(count,) consecutive numbers of the samples that triangles use, -1 for others."""
     used = np.zeros(count, np.bool_)
@@ -212,7 +232,7 @@ def _numbered(samples: NDArray[np.int32], count: int) -> NDArray[np.int32]:
     return np.where(used, np.cumsum(used, dtype=np.int32) - 1, -1).astype(np.int32)
 
 
-def _samples_of(tree: Tree, active: DeviceArray) -> NDArray[np.int32]:
+def _corners_of(tree: Tree, active: DeviceArray) -> NDArray[np.int32]:
     """(T, 3) samples of the triangles of active vertices."""
     (found,) = triangles_of([tree], [active])
     return np.array(found.samples.to_host()[: found.count])
@@ -223,4 +243,4 @@ def checked_tolerance(argument: str, value: float) -> float:
     number = float(numbers(argument, value, ()))
     if number < 0:
         raise ArgumentError(argument, "a number >= 0", describe(value))
-    return number
+    return min(number, float(np.finfo(np.float32).max))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal, cast
+from functools import cached_property
+from typing import Any, Literal, cast
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -13,17 +14,11 @@ from pyibr._check import Fixed, Float64, describe, one_of
 from pyibr.camera import Camera
 from pyibr.depthmesh.mesh import DepthMesh, checked_tolerance
 from pyibr.depthmesh.segmentation import Segmentation
-from pyibr.depthmesh.tree import (
-    eye_of,
-)
 from pyibr.errors import ArgumentError
 from pyibr.images import DepthImage
 from pyibr.target import Target
 
 Blend = Literal["quality", "position", "nearest"]
-
-if TYPE_CHECKING:
-    pass
 
 _EPSILON = 0.01  # of the largest extent
 _MOST = 32  # views that are blended
@@ -33,7 +28,7 @@ class DepthMeshObject(Fixed):
     """Depth images of one thing as adaptive meshes, blended per pixel.
 
     For each target the views whose viewpoints are closest are triangulated, their nearest surfaces found, and the
-    colours of those close behind the front one blended.
+    colours of those close behind the front one blended. Colours have 8 bits a channel.
 
     Parameters
     ----------
@@ -52,14 +47,16 @@ class DepthMeshObject(Fixed):
         extent of the samples.
     background : bool
         Whether coarse meshes show through holes: those of the other close views, and what segmentation took out, where
-        no view saw empty space.
+        no view saw empty space. A view's infinite depths, and those from its `far` on, say that there is nothing; NaN
+        and 0 say nothing.
     segmentation : Segmentation, optional
         For views that are no `DepthMesh`.
 
     Raises
     ------
     ArgumentError
-        If an argument is out of its range, a view has no valid depth, or one shares no volume with the others.
+        If an argument is out of its range, a view has no valid depth, or one lies apart from all others by more than
+        their sizes.
 
     Examples
     --------
@@ -92,9 +89,7 @@ class DepthMeshObject(Fixed):
         if isinstance(blended, bool) or not isinstance(blended, (int, np.integer)) or not 1 <= blended <= _MOST:  # pyright: ignore[reportUnnecessaryIsInstance]
             raise ArgumentError("blended", f"an integer from 1 to {_MOST}", describe(blended))
         self.blended = min(int(blended), len(self.meshes))
-        boxes = np.array([mesh.bounds for mesh in self.meshes])
-        self.bounds: tuple[Float64, Float64] = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
-        self.epsilon = _EPSILON * self.extent if epsilon is None else checked_tolerance("epsilon", epsilon)
+        self._epsilon = None if epsilon is None else checked_tolerance("epsilon", epsilon)
         if not isinstance(background, bool):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise ArgumentError("background", "True or False", describe(background))
         self.background = background
@@ -103,10 +98,21 @@ class DepthMeshObject(Fixed):
     def __repr__(self) -> str:
         return f"<DepthMeshObject {len(self.meshes)} view{'s' * (len(self.meshes) != 1)}>"
 
+    @cached_property
+    def bounds(self) -> tuple[Float64, Float64]:
+        """(low, high), each (3,), in the world: the box around the surfaces."""
+        boxes = np.array([mesh.bounds for mesh in self.meshes])
+        return boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
+
     @property
     def extent(self) -> float:
-        """The largest edge of the box around the samples, in scene units."""
+        """The largest edge of the box around the surfaces, in scene units."""
         return float((self.bounds[1] - self.bounds[0]).max())
+
+    @property
+    def epsilon(self) -> float:
+        """Scene units by which surfaces that are the same may lie behind the front one."""
+        return _EPSILON * self.extent if self._epsilon is None else self._epsilon
 
     def weights(self, camera: Camera) -> Float64:
         """Positional weights of the views for a camera (section 4.2 of the paper).
@@ -115,7 +121,8 @@ class DepthMeshObject(Fixed):
         -------
         (views,) float64
             Inverse to the distances of the viewpoints from the camera's; the `blended` largest ones, normalised, and 0
-            for the others. An orthographic camera's viewpoint is as far from the object's middle as the views' are.
+            for the others. The viewpoints of orthographic cameras lie before the object's middle, as far from it as the
+            perspective views' do on average, or twice its extent.
         """
         found = self.closeness(camera)
         found[np.argsort(-found, kind="stable")[self.blended :]] = 0.0
@@ -125,11 +132,16 @@ class DepthMeshObject(Fixed):
         """(views,) inverse distances of the viewpoints from a camera's, in 1 / scene units."""
         if not isinstance(camera, Camera):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise ArgumentError("camera", "a pyibr.Camera", describe(camera))
-        viewpoints = np.array([mesh.view.camera.center for mesh in self.meshes])
         middle = 0.5 * (self.bounds[0] + self.bounds[1])
-        away = float(np.linalg.norm(viewpoints - middle, axis=1).mean())
-        distances = np.linalg.norm(viewpoints - eye_of(camera, middle, away), axis=1)
-        return 1.0 / np.maximum(distances, 1e-6 * max(self.extent, away))
+        views = [mesh.view.camera for mesh in self.meshes]
+        away = [np.linalg.norm(view.center - middle) for view in views if view.projection == "perspective"]
+        apart = float(np.mean(away)) if away else 2 * self.extent
+
+        def viewpoint(camera: Camera) -> Float64:
+            return camera.center if camera.projection == "perspective" else middle - apart * camera.forward
+
+        distances = np.linalg.norm([viewpoint(view) - viewpoint(camera) for view in views], axis=1)
+        return 1.0 / np.maximum(distances, 1e-6 * max(self.extent, apart))
 
     def occupancy(self, camera: Camera) -> NDArray[np.uint32]:
         """Which views gave each pixel its colour: (H, W), bit k for view k (figure 12 of the paper)."""
@@ -164,10 +176,20 @@ def _checked_meshes(views: object, segmentation: Segmentation | None) -> list[De
             raise ArgumentError("views", "views with valid depth", f"none in view {number}")
         else:
             meshes.append(DepthMesh(view, segmentation=segmentation))
-    boxes = np.array([mesh.bounds for mesh in meshes])
-    slack = _EPSILON * float((boxes[:, 1].max(axis=0) - boxes[:, 0].min(axis=0)).max())  # for flat things' boxes
-    for number, (low, high) in enumerate(boxes):
-        meets = (boxes[:, 0] <= high + slack).all(axis=1) & (boxes[:, 1] >= low - slack).all(axis=1)
-        if len(meshes) > 1 and meets.sum() == 1:
-            raise ArgumentError("views", "views of one thing", f"view {number} shares no volume with any other")
+    _check_connected([mesh.view for mesh in meshes])
     return meshes
+
+
+def _check_connected(views: list[DepthImage]) -> None:
+    """Raise ArgumentError if views lie apart from the others by more than their own size: they show another thing."""
+    boxes = np.array([view.bounds for view in views])
+    reach = 0.5 * (boxes[:, 1] - boxes[:, 0]).max(axis=1, keepdims=True)
+    low, high = boxes[:, 0] - reach, boxes[:, 1] + reach
+    joined = np.arange(len(views)) == 0
+    for _ in views:  # from view to view
+        low_of_all, high_of_all = low[joined], high[joined]
+        meets = (low[:, None] <= high_of_all).all(axis=2) & (high[:, None] >= low_of_all).all(axis=2)
+        joined = joined | meets.any(axis=1)
+    if not joined.all():
+        number = int(np.argmin(joined))
+        raise ArgumentError("views", "views of one thing", f"view {number}, which shares no volume with the first ones")

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pyibr._check import Float64
 from pyibr.camera import Camera
 from pyibr.depthmesh.segmentation import TESTS, Segmentation
 from pyibr.images import DepthImage
@@ -308,10 +307,3 @@ def place_triangles(target: Camera, trees: Sequence[Tree], triangles: Sequence[T
             count=3 * several.count,
         )
     return PlacedTriangles(corners, projected, places, firsts)
-
-
-def eye_of(camera: Camera, center: Float64, away: float) -> Float64:
-    """Where a camera looks from: its centre; an orthographic one, which has none, `away` before a point."""
-    if camera.projection == "perspective":
-        return camera.center
-    return center - away * camera.forward

@@ -130,6 +130,35 @@ def test_orthographic_cameras_have_weights_by_their_direction():
         assert weights.argmax() == facing.argmin()
 
 
+def test_where_an_orthographic_camera_stands_along_its_axis_changes_nothing():
+    views = object_views(torus(), 64)
+    moved = views[1].camera.moved(0, 0, -50)
+    others = [views[0], ibr.DepthImage(views[1].color, views[1].depth + np.float32(50), moved), *views[2:]]
+    thing, same = ibr.DepthMeshObject(views), ibr.DepthMeshObject(others)
+    # The moved view's depths, 50 larger, are rounded to 4e-6.
+    np.testing.assert_allclose(same.weights(target()), thing.weights(target()), atol=1e-5)
+
+
+@pytest.mark.parametrize("projection", PROJECTIONS)
+def test_opposite_sides_are_one_thing(projection):
+    views = object_views(models.donut(), 64, projection)
+    for first in (0, 2, 4):
+        assert ibr.render(ibr.DepthMeshObject(views[first : first + 2]), views[first].camera).valid.any()
+
+
+def test_a_sample_far_off_spoils_nothing():
+    view = scenes.flat((33, 33))
+    depth = view.depth.copy()
+    depth[5, 7] = 1e6
+    spoilt = ibr.DepthImage(view.color, depth, view.camera)
+    mesh = ibr.DepthMesh(spoilt)
+    np.testing.assert_allclose(mesh.bounds, view.bounds, atol=1e-6)
+    # But for the last column and row, which the rule for edges leaves out, and the sample's own triangles.
+    assert ibr.render(mesh, view.camera).valid.sum() >= 32 * 32 - 8
+    extent = np.subtract(*view.bounds[::-1]).max()
+    assert ibr.DepthMeshObject([spoilt]).epsilon == pytest.approx(0.01 * extent)
+
+
 def plane_seen(angle: float, gray: int) -> ibr.DepthImage:
     """The plane z = 0 from 4 away and so many degrees aslant, in one colour."""
     turn = np.radians(angle)
