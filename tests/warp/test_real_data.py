@@ -115,7 +115,9 @@ def pair(name: str) -> tuple[ibr.DepthImage, Camera, np.ndarray]:
 
 
 @pytest.mark.parametrize(
-    ("load", "name", "figure"), [(pair, "cones", 5.3), (pair, "teddy", 4.0), (motorcycle, "", 3.0)], ids=str
+    ("load", "name", "figure"),
+    [(pair, "cones", 5.3), (pair, "teddy", 4.0), (motorcycle, "", 3.0)],
+    ids=["cones", "teddy", "motorcycle"],
 )
 def test_left_to_right(load, name, figure):
     view, camera, right = load(name) if name else load()
