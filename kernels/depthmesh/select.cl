@@ -161,11 +161,14 @@ kernel void place_corners(global const float *nearness, global const float *norm
     const int start = get_global_id(0) * CHUNK;
     if (start >= count)
         return;
-    const float *m = placement.dst_from_src;
+    const float *m = placement.dst_from_src, per_width = 1.0f / layout.width;
     global const float *facing = normals + (size_t)2 * layout.pitch * layout.height;
     for (int i = start; i < min(start + CHUNK, count); i += LANES) {
         const intl at = min(i + lane_index, (intl)(count - 1)), sample = (intl)(gather(samples, at));
-        const intl y = sample / layout.width, x = sample - y * layout.width, pixel = y * layout.pitch + x;
+        /* Whole numbers are divided one by one: a float's quotient is right to one row. */
+        const intl guess = to_intl(to_floatl(sample) * per_width), rest = sample - guess * layout.width;
+        const intl y = guess + pick(rest < 0, (intl)-1, pick(rest >= layout.width, (intl)1, (intl)0));
+        const intl x = sample - y * layout.width, pixel = y * layout.pitch + x;
         const floatl n = (floatl)(gather(nearness, pixel)), fx = to_floatl(x), fy = to_floatl(y);
         const floatl z = layout.perspective ? 1.0f / n : (floatl)1.0f;
         const floatl made[8] = {z * (PIXEL_ROW(m, 0, fx, fy) + n * m[3]),
