@@ -258,8 +258,6 @@ if __name__ == "__main__":
     save("relief-silhouettes.jpg", reliefs.silhouettes(), 80)
     save("relief-distances.jpg", reliefs.distances(), 80)
     save("relief-scenes.jpg", reliefs.scenes(), 80)
-    if (made := reliefs.models_in_relief()) is not None:  # of meshes that are not part of the project
-        save("relief-models.jpg", made, 80)
     save("depth-mesh.jpg", depthmeshes.segmentation(), 80)
     save("depth-mesh-blending.jpg", depthmeshes.blending(), 80)
     save("depth-mesh-object.jpg", depthmeshes.unseen(), 80)

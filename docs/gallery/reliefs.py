@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
-
 import cv2
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from PIL import Image
 
 import pyibr as ibr
 from pyibr import models
-from pyibr.io import read_relief_map
 
 WHITE = (255, 255, 255)
-DATA = Path(os.environ.get("PYIBR_DATA") or Path(__file__).resolve().parents[3] / "shared/data")
 
 
 def noise(seed: int, sigma: float, n: int = 256) -> np.ndarray:
@@ -56,18 +50,6 @@ def stones() -> tuple[np.ndarray, np.ndarray]:
     tint = rng.random(46)[owner][..., None]
     color = (np.array([116, 120, 118]) + np.array([46, 40, 30]) * (tint - 0.5) * 2) * (0.45 + 0.55 * height[..., None])
     return (255 * height.clip(0, 1)).astype(np.uint8), color.clip(0, 255).astype(np.uint8)
-
-
-def photographed(name: str) -> tuple[np.ndarray, np.ndarray] | None:
-    """Height and colour, 512 x 512, of a scanned material (Bricks076C, Rock20); None without the data folder."""
-    folder = DATA / "heightfields/ogre_terrain_cc0"
-    if not folder.is_dir():
-        return None
-    height = read_relief_map(folder / f"{name}_normheight.dds")[1]
-    with Image.open(folder / f"{name}_diffspec.dds") as picture:
-        color = np.asarray(picture.convert("RGB"))
-    reduced = [cv2.resize(map_, (512, 512), interpolation=cv2.INTER_AREA) for map_ in (height, color)]
-    return reduced[0], reduced[1]
 
 
 def tube(sides: int, length: float = 2.4, radius: float = 1.0) -> ibr.Mesh:
@@ -161,38 +143,6 @@ def scenes() -> Figure:
         row.append(ibr.render(torus, view, light, background=WHITE).color)
     show(grid[1, 0], np.hstack(row), "one torus with more and more tiles")
     show(grid[1, 1], room((620, 440)), "walls, floor, columns and a torus, with shadows")
-    return figure
-
-
-def models_in_relief() -> Figure | None:
-    """Teapot, human and cow of the data folder, in bricks and rock; None where the folder is not."""
-    folder = DATA / "meshes"
-    brick, rock = photographed("Bricks076C") or bricks(), photographed("Rock20") or stones()
-    things = {  # tiles, depth over size, azimuth, distance over size
-        "teapot.obj.gz": (brick, (12, 6), 0.014, 25, 1.1),
-        "human_male_makehuman.obj.gz": (rock, (16, 16), 0.004, 15, 1.35),
-        "spot/spot_triangulated.obj": (rock, (5, 5), 0.004, 225, 1.15),
-    }
-    if not all((folder / name).is_file() for name in things):
-        return None
-    figure, row = plt.subplots(1, 3, figsize=(13.5, 5), layout="constrained", width_ratios=(1.5, 0.8, 1.2))
-    for axes, (name, (material, tiles, depth, azimuth, away)) in zip(row, things.items(), strict=True):
-        mesh = ibr.Mesh.load(folder / name)
-        if name.startswith("teapot"):
-            mesh = models.with_cylindrical_uv(mesh, axis=1)
-        low, high = (np.asarray(corner, float) for corner in mesh.bounds)
-        extent, middle, turn = float(np.linalg.norm(high - low)), 0.5 * (low + high), np.radians(azimuth)
-        relief = ibr.ReliefSurface(mesh, *material, depth * extent, tiles)
-        width = {"t": 660, "h": 352, "s": 528}[name[0]]
-        eye = middle + away * extent * np.array([np.sin(turn), 0.28, np.cos(turn)])
-        camera = ibr.Camera.look_at(eye, middle, (0, 1, 0), (width, 440), 38)
-        floor = quad(
-            (*(middle - 2 * extent)[:1], low[1], middle[2] + 2 * extent), (4 * extent, 0, 0), (0, 0, -4 * extent)
-        )
-        toward = np.array([np.sin(turn + 0.7), 0.9, np.cos(turn + 0.7)])
-        light = ibr.Light(direction=-toward, color=(2.6, 2.5, 2.4), shadow_size=2048)
-        ground = ibr.Mesh(floor.vertices, floor.faces, colors=np.full((4, 3), 120, np.uint8))
-        show(axes, ibr.render([relief, ground], camera, light, background=WHITE).color, f"{len(mesh.faces)} triangles")
     return figure
 
 
