@@ -8,6 +8,7 @@ START = time.perf_counter()
 
 import json  # noqa: E402 - what this file itself needs counts as little as possible
 import sys  # noqa: E402
+from pathlib import Path  # noqa: E402
 from typing import Any  # noqa: E402
 
 
@@ -37,8 +38,7 @@ def measure_memory(n: int) -> dict[str, Any]:
     target = scenes.target_camera(n, "F", "forward")
     before = memory("VmRSS")
     color, depth = scenes.relief(n)
-    with open("/proc/self/clear_refs", "w") as file:  # noqa: PTH123
-        file.write("5")  # the peak begins anew
+    Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew
     frame = ibr.warp(ibr.DepthImage(color, depth, scenes.source_camera(n)), target)
     peak = memory("VmHWM")
     return {
@@ -51,8 +51,8 @@ def measure_memory(n: int) -> dict[str, Any]:
 
 def memory(name: str) -> int:
     """Bytes, of this process."""
-    with open("/proc/self/status") as file:  # noqa: PTH123
-        return next(1024 * int(line.split()[1]) for line in file if line.startswith(name + ":"))
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return next(1024 * int(line.split()[1]) for line in lines if line.startswith(name + ":"))
 
 
 if __name__ == "__main__":

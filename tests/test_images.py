@@ -271,4 +271,4 @@ def test_public_names_are_all_there():
         assert getattr(ibr, name) is not None
     assert callable(ibr.warp)
     with pytest.raises(AttributeError, match="no attribute 'wrap'"):
-        ibr.wrap  # noqa: B018
+        _ = ibr.wrap

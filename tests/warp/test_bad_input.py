@@ -103,7 +103,7 @@ CASES: dict[str, tuple[Call, str, str, str]] = {
     ),
     "K, nan": (lambda: ibr.Camera(np.full((3, 3), np.nan), SIZE), "K", "finite", "not finite"),
     "K, 4x4": (lambda: ibr.Camera(np.eye(4), SIZE), "K", "(3, 3)", "(4, 4)"),
-    "size of floats": (lambda: ibr.Camera(K, (41.0, 31.0)), "size", "integers", "41.0"),  # type: ignore[arg-type]
+    "size of floats": (lambda: ibr.Camera(K, (41.0, 31.0)), "size", "integers", "41.0"),
     "size, negative": (lambda: ibr.Camera(K, (-1, 31)), "size", "> 0", "(-1, 31)"),
     "mirrored pose": (lambda: ibr.Camera(K, SIZE, MIRROR), "world_from_camera", "rigid", "det R = -1"),
     "sheared pose": (lambda: ibr.Camera(K, SIZE, SHEAR), "world_from_camera", "rigid", "R^T R"),
@@ -120,7 +120,7 @@ CASES: dict[str, tuple[Call, str, str, str]] = {
         "not finite",
     ),
     "pose, 3x4": (lambda: ibr.Camera(K, SIZE, np.eye(4)[:3]), "world_from_camera", "(4, 4)", "(3, 4)"),
-    "projection": (lambda: ibr.Camera(K, SIZE, None, "fisheye"), "projection", '"orthographic"', "fisheye"),  # type: ignore[arg-type]
+    "projection": (lambda: ibr.Camera(K, SIZE, None, "fisheye"), "projection", '"orthographic"', "fisheye"),
 }
 
 
