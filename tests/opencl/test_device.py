@@ -19,7 +19,6 @@ from pyibr.opencl import runtimes
 from pyibr.opencl.cache import cache_folder, read_cached, write_cached
 from pyibr.opencl.choice import choose, select
 from pyibr.opencl.device import current, devices, explain, use_device
-from pyibr.opencl.doctor import print_report, report
 from pyibr.opencl.probe import Outcome, Speed, forget, probe
 from pyibr.opencl.runtimes import Found, found_devices, remedy_for
 
@@ -47,12 +46,6 @@ class Examiner:
 
 def fast(search: float) -> Outcome:
     return Outcome(True, speed=Speed(copy=1.0, mad=1.0, search=search))
-
-
-@pytest.fixture
-def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    monkeypatch.setenv("PYIBR_CACHE", str(tmp_path / "cache"))
-    yield tmp_path / "cache"
 
 
 @pytest.fixture
@@ -400,70 +393,3 @@ def test_a_folder_that_cannot_be_written_is_no_error(tmp_path: Path):
     assert write_cached(tmp_path / "new/inside", b"x") is True
     assert read_cached(tmp_path / "new/inside") == b"x"
     assert [p.name for p in (tmp_path / "new").iterdir()] == ["inside"], "no part is left behind"
-
-
-# --- runtimes from pip ----------------------------------------------------------------------------
-
-
-@pytest.fixture
-def intel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder as pip leaves it, the packer's path in the .icd file included; returns the library."""
-    (tmp_path / "etc/OpenCL/vendors").mkdir(parents=True)
-    (tmp_path / "etc/OpenCL/vendors/intel-cpu.icd").write_text("/opt/placeholder/lib/libintelocl.so\n")
-    (tmp_path / "etc/OpenCL/vendors/emulator.icd").write_text("/opt/placeholder/lib/libnothere.so\n")
-    (tmp_path / "lib").mkdir()
-    for name in ("libintelocl.so", *runtimes._INTEL_NEEDS):
-        (tmp_path / "lib" / name).touch()
-    monkeypatch.setattr(runtimes, "_prefixes", lambda: [tmp_path])
-    for name in runtimes._LOADER_VARIABLES:
-        monkeypatch.delenv(name, raising=False)
-    return tmp_path / "lib/libintelocl.so"
-
-
-def test_the_loader_sees_the_mended_path_and_the_systems_runtimes(intel: Path, monkeypatch: pytest.MonkeyPatch):
-    system = intel.parent.parent / "system"
-    system.mkdir()
-    (system / "other.icd").write_text("libother.so\n")
-    monkeypatch.setattr(runtimes, "_SYSTEM_ICDS", system)
-    with runtimes._mended_runtimes():
-        folder = Path(os.environ["OCL_ICD_VENDORS"])
-        assert sorted(p.read_text().strip() for p in folder.glob("*.icd")) == [str(intel), "libother.so"]
-    assert "OCL_ICD_VENDORS" not in os.environ
-    assert not folder.exists()
-
-
-def test_the_loaders_own_variables_are_respected(intel: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setenv("OCL_ICD_VENDORS", "/somewhere")
-    with runtimes._mended_runtimes():
-        assert os.environ["OCL_ICD_VENDORS"] == "/somewhere"
-    (problem,) = runtimes.problems()
-    assert str(intel) in problem.what and problem.remedy == "unset OCL_ICD_VENDORS"
-
-
-def test_what_intels_runtime_lacks_is_named(intel: Path):
-    assert runtimes.problems() == []
-    (intel.parent / "libsvml.so").unlink()
-    (problem,) = runtimes.problems()
-    assert "libsvml.so" in problem.what and problem.remedy == "pip install intel-cmplr-lib-rt"
-
-
-# --- the report -----------------------------------------------------------------------------------
-
-
-def test_the_report_names_every_device_and_the_chosen_one(capsys: pytest.CaptureFixture[str], own_cache: Path):
-    assert print_report() is True
-    text = capsys.readouterr().out
-    for device in devices():
-        assert device.name in text
-        assert (f"{device.index}  {device.platform}" in text) and device.version in text
-        assert device.works or (device.reason in text and device.remedy in text)
-    assert "Gsamples/s" in text and str(own_cache) in text
-    assert f"pyibr uses {current().device}" in text
-
-
-def test_the_report_where_nothing_is_found(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setenv("PYIBR_DEVICE", "no such device")
-    result = report()
-    assert result.chosen is None and "$PYIBR_DEVICE" in result.why
-    assert print_report() is False
-    assert "no such device" in capsys.readouterr().out

@@ -1,0 +1,29 @@
+"""The report on the devices of this machine."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from pyibr.opencl.device import current, devices
+from pyibr.opencl.doctor import print_report, report
+
+
+def test_the_report_names_every_device_and_the_chosen_one(capsys: pytest.CaptureFixture[str], own_cache: Path):
+    assert print_report() is True
+    text = capsys.readouterr().out
+    for device in devices():
+        assert device.name in text
+        assert (f"{device.index}  {device.platform}" in text) and device.version in text
+        assert device.works or (device.reason in text and device.remedy in text)
+    assert "Gsamples/s" in text and str(own_cache) in text
+    assert f"pyibr uses {current().device}" in text
+
+
+def test_the_report_where_nothing_is_found(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("PYIBR_DEVICE", "no such device")
+    result = report()
+    assert result.chosen is None and "$PYIBR_DEVICE" in result.why
+    assert print_report() is False
+    assert "no such device" in capsys.readouterr().out
