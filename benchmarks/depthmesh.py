@@ -27,7 +27,7 @@ from pyibr.camera import Projection
 from pyibr.capture import MeshScene, object_views
 from pyibr.depthmesh.object import Blend
 from pyibr.depthmesh.segmentation import Segmentation
-from pyibr.depthmesh.tree import active_for, build_tree, triangles_of
+from pyibr.depthmesh.tree import Triangles, active_for, build_tree, list_triangles
 from pyibr.errors import MissingPackageError
 
 
@@ -70,8 +70,8 @@ BARS = {"selection": 5.0, "rate": 60.0, "overlap": 0.97, "tolerance": 0.5}
 CAPTURE, HIERARCHY, FRESH = "capture", "hierarchy", "fresh view and hierarchy"
 FRAME, SELECTION = "frame", "selection"
 STAGES = {
-    "selection": ("activate", "count_triangles", "write_triangles"),
-    "projection and bins": ("place_corners", "count_bins", "start_bins", "fill_bins", "sort_bins"),
+    "selection": ("activate", "find_triangles", "list_points", "list_triangles"),
+    "projection and bins": ("project_points", "count_bins", "start_bins", "fill_bins", "sort_bins"),
     "depth, colour and blend": ("draw_meshes",),
 }
 """Kernels of a frame."""
@@ -164,9 +164,9 @@ def _frames(parameters: dict[str, Parameter], repeats: int, plan: Plan) -> Work 
     camera = _filled(thing, plan.depthmesh_side)
     trees = [thing.meshes[number].tree for number in np.flatnonzero(thing.weights(camera))]
 
-    def select() -> list[Any]:
-        found = triangles_of(trees, [active_for(tree, camera, tolerance) for tree in trees])
-        found[-1].samples.to_host()  # by then all are there
+    def select() -> Triangles:
+        found = list_triangles(trees, [active_for(tree, camera, tolerance) for tree in trees])
+        found.corners.to_host()  # by then all are there
         return found
 
     def read() -> Iterator[Record]:
@@ -179,7 +179,7 @@ def _frames(parameters: dict[str, Parameter], repeats: int, plan: Plan) -> Work 
         for stage, kernels in STAGES.items():
             values = [sum(sum(run.get(kernel, ())) for kernel in kernels) for run in runs]
             yield Record(stage, "kernels", "ms", parameters, values)
-        triangles = sum(several.count for several in select())
+        triangles = select().firsts[-1]
         yield Record(SELECTION, "triangles", "count", parameters, [triangles])
         yield Record(FRAME, "coverage", "share", parameters, [covered])
 

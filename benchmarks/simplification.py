@@ -22,7 +22,7 @@ from benchmarks.runner import Case, Subject, Work
 from benchmarks.scenes import relief, scanned, terrain
 from pyibr.capture import MeshScene, object_views
 from pyibr.depthmesh.segmentation import Segmentation
-from pyibr.depthmesh.tree import Tree, active_within, build_tree, triangles_of
+from pyibr.depthmesh.tree import Tree, active_within, build_tree, list_triangles
 from pyibr.errors import MissingPackageError
 
 OURS, MARTINI, DELATIN, OPEN3D = "pyibr", "pymartini", "pydelatin", "Open3D"
@@ -159,10 +159,10 @@ def _fresh(surface: Surface) -> ibr.DepthMesh:
     )
 
 
-def _triangles(tree: Tree, error: float) -> NDArray[Any]:
-    """What pymartini's `get_mesh` yields, too: samples by triangle, no mesh yet."""
-    (found,) = triangles_of([tree], [active_within(tree, error)])
-    return found.samples.to_host()[: found.count]
+def _triangles(tree: Tree, error: float) -> tuple[NDArray[Any], NDArray[Any]]:
+    """What pymartini's `get_mesh` yields, too: points and triangles, no mesh yet."""
+    found = list_triangles([tree], [active_within(tree, error)])
+    return found.points.to_host(), found.corners.to_host()
 
 
 def _hierarchy(surface: Surface) -> Any:

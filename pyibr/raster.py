@@ -84,8 +84,8 @@ def bin_primitives(
     count, sides = corners.shape
     columns, rows = (-(-size // BIN) for size in target.camera.size)
     bins = columns * rows
-    chunk = -(-count // _CHUNKS[current().is_cpu])
-    chunks = -(-count // chunk)
+    chunk = max(-(-count // _CHUNKS[current().is_cpu]), 1)
+    chunks = max(-(-count // chunk), 1)
     boxes, counts, totals = empty((count, 4), np.int16), empty((chunks, bins), np.int32), empty((bins,), np.int32)
     shared = {"primitives": count, "chunk": chunk, "bins_x": columns, "bins_y": rows}
     launch(

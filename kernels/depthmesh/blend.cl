@@ -10,9 +10,9 @@
  * stretched over triangles, and read within the source's triangles, so that no colour leaks over a depth edge; what
  * bridges surfaces in the coarse meshes is kept out of empty space.
  *
- * corners, projected, places: select.cl, mesh by mesh: those of VIEWS views, then UNDERLAID coarse ones. list, starts:
- * raster/bins.cl. firsts: (meshes + 1,) each mesh's first triangle. sources: (meshes, 3) number of its view, and of the
- * first and the last of that view's levels. levels: (levels, 3) width, height and start in colors, each half as large as
+ * corners, projected, points: select.cl, mesh by mesh: UNDERLAID coarse ones, then those of VIEWS views. list, starts:
+ * raster/bins.cl. firsts: (meshes + 1,) each mesh's first triangle. sources: (meshes, 4) number of its view, of the first
+ * and the last of that view's levels, and 1 for a perspective view. levels: (levels, 3) width, height and start in colors, each half as large as
  * the one before, rounded up. scales: (meshes,) samples of the view to pixels of the target that a scene unit takes at
  * depth 1 of both. colors: RGBA bytes, A = 255 times the part that has samples. weights: (meshes,) positional, > 0. culled: 1
  * leaves out what is seen from behind. With UNDERLAID, of ALL views there are: limits, their depths, INFINITY for
@@ -125,7 +125,20 @@ void add_color(global const uint *colors, global const int *size, int level, flo
     sum->b += scale * read.b;
 }
 
-kernel void draw_meshes(global const int *corners, global const float *projected, global const float *places,
+/* Draws the meshes [first, last), each into a region of its own, from a bin's list. */
+void draw_each(const Context *context, Region *seen, global const int *list, global const int *starts, global const int *firsts,
+               int first, int last, global const float *depth, int x, int y)
+{
+    int next = place_in(list, starts[0], starts[1], firsts[first]);
+    for (int mesh = first; mesh < last; mesh++) {
+        const int end = place_in(list, next, starts[1], firsts[mesh + 1]);
+        begin_region(&seen[mesh], context->screen, depth, 1, x, y);
+        draw_list(context, &seen[mesh], list, next, end, x, y);
+        next = end;
+    }
+}
+
+kernel void draw_meshes(global const int *corners, global const float *projected, global const float *points,
                         global const int *list, global const int *starts, int bins_x, global const int *firsts,
                         global const int *sources, global const int *levels, global const float *scales,
                         global const uint *colors, global const float *weights,
@@ -148,27 +161,24 @@ kernel void draw_meshes(global const int *corners, global const float *projected
     const Context context = {corners, projected, screen, nearest_w, culled};
     const int bin = y / BIN * bins_x + x / BIN;
     Region seen[MESHES], shown;
-    int next = starts[bin], meshes = VIEWS;
-    for (int mesh = 0; mesh < meshes; mesh++) {
-        const int end = place_in(list, next, starts[bin + 1], firsts[mesh + 1]);
-        begin_region(&seen[mesh], screen, depth, 1, x, y);
-        draw_list(&context, &seen[mesh], list, next, end, x, y);
-        next = end;
+    int first_mesh = UNDERLAID;
+    draw_each(&context, seen, list, starts + bin, firsts, UNDERLAID, MESHES, depth, x, y);
 #if UNDERLAID
-        if (mesh == VIEWS - 1 && next < starts[bin + 1] && has_holes(seen))
-            meshes = MESHES;
-#endif
+    if (has_holes(seen + UNDERLAID)) {
+        first_mesh = 0;
+        draw_each(&context, seen, list, starts + bin, firsts, 0, UNDERLAID, depth, x, y);
     }
+#endif
     begin_region(&shown, screen, depth, blank, x, y);
 
     for (int block = 0; block < BLOCKS; block++) {
         floatl front = EMPTY;
         intl under = (intl)0; /* nothing but coarse meshes */
-        for (int mesh = 0; mesh < VIEWS; mesh++)
+        for (int mesh = UNDERLAID; mesh < MESHES; mesh++)
             front = greater(seen[mesh].nearness[block], front);
 #if UNDERLAID
         under = front == EMPTY;
-        for (int mesh = VIEWS; mesh < meshes; mesh++) {
+        for (int mesh = first_mesh; mesh < UNDERLAID; mesh++) {
             const intl covered = under & (seen[mesh].owner[block] >= 0);
             if (!any_lane(covered))
                 continue;
@@ -194,9 +204,9 @@ kernel void draw_meshes(global const int *corners, global const float *projected
 #endif
         /* Of epsilon 0 this is `front` itself. */
         const floatl deepest = screen.perspective ? front / (1.0f + epsilon * front) : front - epsilon;
-        for (int mesh = 0; mesh < meshes; mesh++) {
+        for (int mesh = first_mesh; mesh < MESHES; mesh++) {
             const floatl n = seen[mesh].nearness[block];
-            intl shares = (seen[mesh].owner[block] >= 0) & (mesh < VIEWS ? !under : under);
+            intl shares = (seen[mesh].owner[block] >= 0) & (mesh < UNDERLAID ? under : !under);
 #if BLEND == 2
             shares = shares & (n == front) & !taken;
             taken = taken | shares;
@@ -211,27 +221,27 @@ kernel void draw_meshes(global const int *corners, global const float *projected
             floatl at_x = 0.0f, at_y = 0.0f, at_z = 0.0f, quality = 0.0f;
             for (int k = 0; k < 3; k++) {
                 const intl row = 4 * p.corner[k], row_y = row + 1, row_z = row + 2, row_q = row + 3;
-                at_x += p.weight[k] * (floatl)(gather(places, row));
-                at_y += p.weight[k] * (floatl)(gather(places, row_y));
-                at_z += p.weight[k] * (floatl)(gather(places, row_z));
-                quality += p.weight[k] * (floatl)(gather(places, row_q));
+                at_x += p.weight[k] * (floatl)(gather(points, row));
+                at_y += p.weight[k] * (floatl)(gather(points, row_y));
+                at_z += p.weight[k] * (floatl)(gather(points, row_z));
+                quality += p.weight[k] * (floatl)(gather(points, row_q));
             }
 #if BLEND == 0
             const floatl weight = pick(given, weights[mesh] * greater(quality, (floatl)LEAST_QUALITY), (floatl)0.0f);
 #else
             const floatl weight = pick(given, (floatl)weights[mesh], (floatl)0.0f);
 #endif
-            const floatl inverse = 1.0f / at_z;
+            const floatl inverse = sources[4 * mesh + 3] ? 1.0f / at_z : (floatl)1.0f;
             const floatl sound_x = pick(shares, at_x * inverse, (floatl)0.0f), sound_y = pick(shares, at_y * inverse, (floatl)0.0f);
             /* One level for the block: that of the pixel that sees the view largest, which blurs nothing */
             const floatl away = screen.perspective ? 1.0f / n : (floatl)1.0f;
             const float samples = least_lane(pick(shares, scales[mesh] * away * inverse, (floatl)INFINITY));
-            const int finest = sources[3 * mesh + 1], coarsest = sources[3 * mesh + 2];
+            const int finest = sources[4 * mesh + 1], coarsest = sources[4 * mesh + 2];
             const int level = clamp((int)floor(log2(fmax(samples, 1.0f)) + HALFWAY), 0, coarsest - finest);
             add_color(colors, levels + 3 * (finest + level), level, sound_x, sound_y, weight, &sum);
             total += weight;
 #ifdef OCCUPIED
-            views |= pick(given, (intl)(1 << sources[3 * mesh]), (intl)0);
+            views |= pick(given, (intl)(1 << sources[4 * mesh]), (intl)0);
 #endif
         }
         const floatl scale = 1.0f / (255.0f * pick(mine, total, (floatl)1.0f));

@@ -3,17 +3,16 @@
  * `activate` marks the vertices that a target needs: those whose error is seen larger than the tolerance (equation 5)
  * from the nearest point of their bounding sphere, which is within the target's view. Errors and spheres hold those of
  * all children, so every vertex can decide on its own, and no cracks arise. A triangle is part of the triangulation if
- * its vertex at the right angle is active and the one that would split it is not; it is drawn if all of it is. (The two
- * corners where the coarsest triangles have their right angles are always active.)
+ * its vertex at the right angle is active and the one that would split it is not; it is drawn if all of it is.
+ * `find_triangles` finds them, `list_points` and `list_triangles` write them down.
  *
  * Deviation from the paper: the distance is that of the sphere, not of the vertex, as the above demands.
  *
- * active: (side + 1, row). starts: of each row of vertices its triangles' count, then the number of its first one.
- * samples: (triangles, 3) y * width + x of each corner, counter-clockwise as the view sees them. projected:
- * (3 triangles, 4) the corners in the target's pixel space. places: (3 triangles, 4) their homogeneous pixel in the view
- * (x z, y z, z) and their quality |n z|. corners: (triangles, 3) their numbers.
- * Work-item: a row of vertices, or CHUNK corners. Cost: O(vertices) + O(triangles). Determinism: rows' and columns'
- * order.
+ * Of each vertex, (side + 1, row): active, tree.h; drawn: bit k where the k-th triangle with its right angle there is
+ * drawn; numbers of those that are listed. counts, firsts: (side + 1, 2) how many points and triangles each row has, and
+ * the numbers of its first ones. points: (points, 4) where in the view, tree.h, and quality |n z|. corners:
+ * (triangles, 3) numbers of points, counter-clockwise as the view sees them, the one at the right angle second.
+ * Work-item: a row of vertices. Cost: O(vertices). Determinism: rows' and columns' order.
  */
 #include "depthmesh/tree.h"
 
@@ -26,10 +25,6 @@ typedef struct {
     float tolerance;   /* pixels */
     int perspective;
 } Viewer;
-
-typedef struct {
-    float dst_from_src[16]; /* from the view's pixel space to the target's, row by row */
-} Placement;
 
 kernel void activate(global const float *errors, global const float *radii, global const float *depths,
                      global uchar *active, Layout layout, Viewer viewer)
@@ -53,60 +48,13 @@ kernel void activate(global const float *errors, global const float *radii, glob
                 needed = needed & (plane[0] * p.x + plane[1] * p.y + plane[2] * p.z + plane[3] >= -radius);
             }
         }
-        store_bytes(to_ucharl(needed & 1), active + at);
+        store_bytes(to_ucharl(pick(needed, (intl)ACTIVE, (intl)0)), active + at);
     }
-    if (y == 0 || y == layout.side) /* the corner at a coarsest triangle's right angle */
-        active[start + layout.side - y] = 1;
+    mark_corners(&layout, active, y);
 }
 
-/* One of the four triangles with their right angle at a vertex */
-typedef struct {
-    int2 a, b; /* its other corners; a, vertex, b run counter-clockwise */
-    int drawn;
-} Triangle;
-
-/* The triangle towards (dx, dy) of the vertex p of step s, a midpoint or a corner: split by a centre or a cell's own */
-Triangle triangle_of(const Layout *layout, global const uchar *active, global const uchar *states, global const uchar *cells,
-                     int2 p, int s, int k)
-{
-    Triangle t = {p, p, 0};
-    int2 splits;
-    int state;
-    if (IS_CENTER(p.x, p.y, s)) { /* k: above, right, below, left */
-        const int2 to = (int2)(k == 1 ? s : k == 3 ? -s : 0, k == 2 ? s : k == 0 ? -s : 0), turned = (int2)(to.y, -to.x);
-        splits = p + to;
-        t.a = splits + turned;
-        t.b = splits - turned;
-        const int at = splits.y * layout->row + splits.x;
-        if (active[at])
-            return t;
-        state = k == 0 || k == 3 ? STATE_B(states[at]) : STATE_A(states[at]);
-    } else { /* k: upper left, upper right, lower left, lower right */
-        const int2 to = (int2)(k & 1 ? 1 : -1, k >> 1 ? 1 : -1), end = p + s * to;
-        if (end.x < 0 || end.x > layout->side || end.y < 0 || end.y > layout->side)
-            return t;
-        t.a = k == 0 || k == 3 ? (int2)(end.x, p.y) : (int2)(p.x, end.y);
-        t.b = k == 0 || k == 3 ? (int2)(p.x, end.y) : (int2)(end.x, p.y);
-        if (s > 1) {
-            splits = p + (s / 2) * to;
-            const int at = splits.y * layout->row + splits.x;
-            if (active[at])
-                return t;
-            state = k >> 1 ? STATE_A(states[at]) : STATE_B(states[at]);
-        } else {
-            const int2 cell = min(p, end);
-            if (cell.x >= layout->width - 1 || cell.y >= layout->height - 1)
-                return t;
-            const int byte = cells[cell.y * layout->pitch + cell.x];
-            state = k >> 1 ? STATE_A(byte) : STATE_B(byte);
-        }
-    }
-    t.drawn = state == DRAWN;
-    return t;
-}
-
-/* The first active vertex of a row from x on, or one beyond the side */
-int next_active(global const uchar *row, int x, int side)
+/* The first vertex of a row from x on that is marked, or one beyond the side */
+int next_marked(global const uchar *row, int x, int side)
 {
     for (; x <= side; x++) {
         while (!(x & 7) && x <= side && !*(global const ulong *)(row + x)) /* rows start and end at whole words */
@@ -117,74 +65,111 @@ int next_active(global const uchar *row, int x, int side)
     return x;
 }
 
-kernel void count_triangles(global const uchar *active, global const uchar *states, global const uchar *cells,
-                            global int *starts, Layout layout)
+/* Is the triangle that the vertex `at` would split on a side (0: A, 1: B) whole and all drawn? */
+#define IS_DRAWN(at, b) (!active[at] & (((b) ? STATE_B(states[at]) : STATE_A(states[at])) == DRAWN))
+
+/* The triangles with their right angle at the vertex (x, y) that are drawn, a bit each, clockwise: of a centre from the
+ * one above, of others from the one to the upper left */
+int triangles_at(const Layout *layout, global const uchar *active, global const uchar *states, global const uchar *cells, int x,
+                 int y)
 {
-    const int y = get_global_id(0);
-    if (y > layout.side)
-        return;
-    int count = 0;
-    for (int x = -1; (x = next_active(active + (size_t)y * layout.row, x + 1, layout.side)) <= layout.side;) {
-        const int s = step_of(x, y);
-        for (int k = 0; k < 4; k++)
-            count += triangle_of(&layout, active, states, cells, (int2)(x, y), s, k).drawn;
+    const int s = step_of(x, y), row = layout->row, at = y * row + x;
+    if (IS_CENTER(x, y, s))
+        return IS_DRAWN(at - s * row, 1) | IS_DRAWN(at + s, 0) << 1 | IS_DRAWN(at + s * row, 0) << 2 | IS_DRAWN(at - s, 1) << 3;
+    int found = 0;
+    for (int k = 0; k < 4; k++) {
+        const int right = k == 1 || k == 2, below = k > 1;
+        if (x == (right ? layout->side : 0) || y == (below ? layout->side : 0))
+            continue;
+        if (s > 1) {
+            const int split = at + (right ? s / 2 : -s / 2) + (below ? s / 2 : -s / 2) * row;
+            found |= IS_DRAWN(split, !below) << k;
+            continue;
+        }
+        const int cell_x = x - !right, cell_y = y - !below;
+        if (cell_x >= layout->width - 1 || cell_y >= layout->height - 1)
+            continue;
+        const int byte = cells[cell_y * layout->pitch + cell_x];
+        found |= ((below ? STATE_A(byte) : STATE_B(byte)) == DRAWN) << k;
     }
-    starts[y] = count;
+    return found;
 }
 
-kernel void write_triangles(global const uchar *active, global const uchar *states, global const uchar *cells,
-                            global const int *starts, global int *samples, Layout layout)
+kernel void find_triangles(global const uchar *active, global const uchar *states, global const uchar *cells,
+                           global uchar *drawn, global int *counts, Layout layout)
 {
     const int y = get_global_id(0);
     if (y > layout.side)
         return;
-    global int *next = samples + 3 * (size_t)starts[y];
-    for (int x = -1; (x = next_active(active + (size_t)y * layout.row, x + 1, layout.side)) <= layout.side;) {
-        const int s = step_of(x, y);
+    int points = 0, triangles = 0;
+    const size_t start = (size_t)y * layout.row;
+    for (int x = -1; (x = next_marked(active + start, x + 1, layout.side)) <= layout.side;) {
+        points += x < layout.width && y < layout.height;
+        if (active[start + x] != ACTIVE)
+            continue;
+        const int found = triangles_at(&layout, active, states, cells, x, y);
+        drawn[start + x] = found;
+        triangles += popcount(found);
+    }
+    counts[2 * y] = points;
+    counts[2 * y + 1] = triangles;
+}
+
+kernel void list_points(global const uchar *active, global const float *nearness, global const float *normals,
+                        global const int *firsts, global int *numbers, global float *points, Layout layout)
+{
+    const int y = get_global_id(0);
+    if (y >= layout.height)
+        return;
+    const size_t start = (size_t)y * layout.row, samples = (size_t)y * layout.pitch;
+    global const float *facing = normals + (size_t)2 * layout.pitch * layout.height + samples;
+    int number = firsts[2 * y];
+    for (int x = -1; (x = next_marked(active + start, x + 1, layout.width - 1)) < layout.width; number++) {
+        const float n = nearness[samples + x], z = 1.0f / n, quality = fabs(facing[x]);
+        numbers[start + x] = number;
+        vstore4(layout.perspective ? (float4)(x * z, y * z, z, quality) : (float4)(x, y, n, quality), number, points);
+    }
+}
+
+kernel void list_triangles(global const uchar *active, global const uchar *drawn, global const int *numbers,
+                           global const int *firsts, global int *corners, Layout layout)
+{
+    const int y = get_global_id(0), row = layout.row;
+    if (y > layout.side)
+        return;
+    const size_t start = (size_t)y * row;
+    global int *next = corners + 3 * (size_t)firsts[2 * y + 1];
+    for (int x = -1; (x = next_marked(active + start, x + 1, layout.side)) <= layout.side;) {
+        if (active[start + x] != ACTIVE || !drawn[start + x])
+            continue;
+        const int s = step_of(x, y), down = s * row, upper_left = -s - down;
+        const int around[2][5] = {{-s, -down, s, down, -s}, {upper_left, s - down, s + down, down - s, upper_left}};
+        const int *corner = around[IS_CENTER(x, y, s)];
+        global const int *number = numbers + start + x;
         for (int k = 0; k < 4; k++) {
-            const Triangle t = triangle_of(&layout, active, states, cells, (int2)(x, y), s, k);
-            if (!t.drawn)
+            if (!(drawn[start + x] >> k & 1))
                 continue;
-            next[0] = t.a.y * layout.width + t.a.x;
-            next[1] = y * layout.width + x;
-            next[2] = t.b.y * layout.width + t.b.x;
+            next[0] = number[corner[k]];
+            next[1] = number[0];
+            next[2] = number[corner[k + 1]];
             next += 3;
         }
     }
 }
 
-/* Corners of triangles to the target's picture; first: the place of the first of `count`. */
-kernel void place_corners(global const float *nearness, global const float *normals, global const int *samples,
-                          global float *projected, global float *places, global int *corners, Layout layout,
-                          Placement placement, int first, int count)
+/* Points of several meshes, mesh by mesh, to the target's pixel space. firsts: (meshes + 1,) numbers of each one's first.
+ * maps: (meshes, 16), from (a, b, c, 1) of a mesh's points. projected: (points, 4). Work-item: CHUNK points. */
+kernel void project_points(global const float *points, global const int *firsts, global const float *maps, int meshes,
+                           global float *projected)
 {
     const int start = get_global_id(0) * CHUNK;
-    if (start >= count)
-        return;
-    const float *m = placement.dst_from_src, per_width = 1.0f / layout.width;
-    global const float *facing = normals + (size_t)2 * layout.pitch * layout.height;
-    for (int i = start; i < min(start + CHUNK, count); i += LANES) {
-        const intl at = min(i + lane_index, (intl)(count - 1)), sample = (intl)(gather(samples, at));
-        /* Whole numbers are divided one by one: a float's quotient is right to one row. */
-        const intl guess = to_intl(to_floatl(sample) * per_width), rest = sample - guess * layout.width;
-        const intl y = guess + pick(rest < 0, (intl)-1, pick(rest >= layout.width, (intl)1, (intl)0));
-        const intl x = sample - y * layout.width, pixel = y * layout.pitch + x;
-        const floatl n = (floatl)(gather(nearness, pixel)), fx = to_floatl(x), fy = to_floatl(y);
-        const floatl z = layout.perspective ? 1.0f / n : (floatl)1.0f;
-        const floatl made[8] = {z * (PIXEL_ROW(m, 0, fx, fy) + n * m[3]),
-                                z * (PIXEL_ROW(m, 1, fx, fy) + n * m[7]),
-                                z * (PIXEL_ROW(m, 2, fx, fy) + n * m[11]),
-                                z * (PIXEL_ROW(m, 3, fx, fy) + n * m[15]),
-                                fx * z,
-                                fy * z,
-                                z,
-                                fabs((floatl)(gather(facing, pixel)))};
-        for (int lane = 0; lane < LANES && i + lane < count; lane++) {
-            const size_t to = (size_t)first + i + lane;
-#define PART(k) ((const float *)&made[k])[lane]
-            vstore4((float4)(PART(0), PART(1), PART(2), PART(3)), to, projected);
-            vstore4((float4)(PART(4), PART(5), PART(6), PART(7)), to, places);
-            corners[to] = to;
+    for (int mesh = 0; mesh < meshes; mesh++) {
+        global const float *m = maps + 16 * mesh;
+        const float4 a = (float4)(m[0], m[4], m[8], m[12]), b = (float4)(m[1], m[5], m[9], m[13]);
+        const float4 c = (float4)(m[2], m[6], m[10], m[14]), d = (float4)(m[3], m[7], m[11], m[15]);
+        for (int i = max(start, firsts[mesh]); i < min(start + CHUNK, firsts[mesh + 1]); i++) {
+            const float4 p = vload4(i, points);
+            vstore4(a * p.x + b * p.y + c * p.z + d, i, projected);
         }
     }
 }

@@ -5,7 +5,7 @@
  * Each split is one that any triangulation within the bound has: no other has fewer triangles. Planes are straight in
  * nearness, so departures are exact for both kinds of cameras.
  *
- * nearness: (height, pitch). states: errors.cl. active: (side + 1, row), 1 or 0, to be filled with 0 before. queue: as many
+ * nearness: (height, pitch). states: errors.cl. active: (side + 1, row), tree.h, to be filled with 0 before. queue: as many
  * ints.
  * Work-item: everything, since what is split follows from what was. Cost: O(triangles + samples): most triangles that are
  * split are found to depart at once, and of others the rows are read LANES samples at a time. Determinism: the set that
@@ -74,7 +74,7 @@ void activate(const Layout *layout, Work *work, int x, int y)
     const int side = layout->side, at = y * layout->row + x;
     if (x < 0 || x > side || y < 0 || y > side || ((x == 0 || x == side) && (y == 0 || y == side)) || work->active[at])
         return;
-    work->active[at] = 1;
+    work->active[at] = ACTIVE;
     work->queue[work->last++] = at;
 }
 
@@ -93,7 +93,8 @@ kernel void refine(global const float *nearness, global const uchar *states, glo
     if (get_global_id(0) > 0)
         return;
     Work work = {nearness, states, active, queue, 0, max_error};
-    active[side] = active[side * row] = 1; /* the corners at the coarsest triangles' right angles */
+    mark_corners(&layout, active, 0);
+    mark_corners(&layout, active, side);
     if (side > 1) {
         look_at(&layout, &work, root, root, root, 0);
         look_at(&layout, &work, root, root, root, 1);

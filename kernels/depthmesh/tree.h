@@ -12,6 +12,9 @@
  * y), side B below (or right). Splitting a side makes two triangles, the sides of two further vertices that face this
  * one: its children. A midpoint's are the centres at (+-s/2, +-s/2), a centre's the midpoints at (+-s, 0) and (0, +-s).
  * In a triangulation without cracks a vertex is active only if all vertices whose child it is are.
+ *
+ * Points of triangles are kept as (a, b, c): of a perspective view (x z, y z, z), of an orthographic one (x, y, -z). With a
+ * 1 they are homogeneous: a 4x4 map takes them to another camera's pixel space.
  */
 #include "lib/lanes.h"
 #include "lib/pixelspace.h"
@@ -75,3 +78,17 @@ int step_of(int x, int y)
 }
 
 #define IS_CENTER(x, y, s) (((x) & (y) & (s)) != 0)
+
+/* Marks of vertices of a triangulation: all corners of triangles, and of them those where right angles may be */
+#define LISTED 2
+#define ACTIVE 3
+
+/* Marks the four corners of the tree, of which two are at the coarsest triangles' right angles. */
+void mark_corners(const Layout *layout, global uchar *active, int y)
+{
+    if (y > 0 && y < layout->side)
+        return;
+    global uchar *row = active + (size_t)y * layout->row;
+    row[y] = LISTED;
+    row[layout->side - y] = ACTIVE;
+}

@@ -20,57 +20,79 @@
 #endif
 #define SLACK 0.01f /* pixels: rounding of the projected corners, to 1/256 in triangle.h */
 
+/* The first and last bins that each of LANES primitives may touch; none: low_x > high_x */
+typedef struct {
+    intl low_x, high_x, low_y, high_y;
+} Boxes;
+
+Boxes boxes_of(global const int *corners, global const float *projected, intl index, Screen screen, float nearest_w, int culled)
+{
+    floatl U[CORNERS], V[CORNERS], W[CORNERS], x[CORNERS], y[CORNERS];
+    intl before[CORNERS], some = (intl)0, all = (intl)(LANES == 1 ? 1 : -1);
+    floatl low_x = INFINITY, high_x = -INFINITY, low_y = INFINITY, high_y = -INFINITY;
+    for (int k = 0; k < CORNERS; k++) {
+        const intl corner = CORNERS * index + k, at = 4 * (intl)(gather(corners, corner)), at_v = at + 1, at_w = at + 2;
+        U[k] = (floatl)(gather(projected, at));
+        V[k] = (floatl)(gather(projected, at_v));
+        W[k] = (floatl)(gather(projected, at_w));
+        x[k] = U[k] / W[k];
+        y[k] = V[k] / W[k];
+        before[k] = W[k] >= nearest_w;
+        some = some | before[k];
+        all = all & before[k];
+        low_x = pick(before[k], lesser(x[k], low_x), low_x);
+        high_x = pick(before[k], greater(x[k], high_x), high_x);
+        low_y = pick(before[k], lesser(y[k], low_y), low_y);
+        high_y = pick(before[k], greater(y[k], high_y), high_y);
+    }
+    if (any_lane(some & !all)) /* where edges cross the near plane */
+        for (int k = 0; k < CORNERS; k++)
+            for (int l = 0; l < CORNERS; l++) {
+                const intl leaves = before[k] & !before[l];
+                const floatl part = (W[k] - nearest_w) / (W[k] - W[l]);
+                const floatl at_x = (U[k] + (U[l] - U[k]) * part) / nearest_w, at_y = (V[k] + (V[l] - V[k]) * part) / nearest_w;
+                low_x = pick(leaves, lesser(at_x, low_x), low_x);
+                high_x = pick(leaves, greater(at_x, high_x), high_x);
+                low_y = pick(leaves, lesser(at_y, low_y), low_y);
+                high_y = pick(leaves, greater(at_y, high_y), high_y);
+            }
+    const floatl none = 0.0f, right = screen.width - 1.0f, bottom = screen.height - 1.0f;
+    const floatl x0 = greater(ceil(low_x - SLACK), none), x1 = lesser(floor(high_x + SLACK), right);
+    const floatl y0 = greater(ceil(low_y - SLACK), none), y1 = lesser(floor(high_y + SLACK), bottom);
+    intl seen = some & (x0 <= x1) & (y0 <= y1);
+#if CORNERS == 3
+    if (culled) { /* triangle.h decides */
+        const floatl turns = (x[1] - x[0]) * (y[2] - y[0]) - (y[1] - y[0]) * (x[2] - x[0]);
+        seen = seen & (!all | (turns * culled <= SLACK));
+    }
+#endif
+    const float per_bin = 1.0f / BIN; /* a power of two: exact */
+    const Boxes boxes = {pick(seen, to_intl(x0 * per_bin), (intl)1), pick(seen, to_intl(x1 * per_bin), (intl)0),
+                         pick(seen, to_intl(y0 * per_bin), (intl)1), pick(seen, to_intl(y1 * per_bin), (intl)0)};
+    return boxes;
+}
+
+/* One number of the lanes */
+#define OF_LANE(lanes) (((const int *)&(lanes))[lane])
+
 kernel void count_bins(global const int *corners, global const float *projected, global short *boxes,
                        global int *counts, int primitives, int chunk, int bins_x, int bins_y, Screen screen,
                        float nearest_w, int culled)
 {
     const int c = get_global_id(0), first = c * chunk, last = min(first + chunk, primitives);
-    if (first >= primitives)
-        return;
     global int *mine = counts + (size_t)c * bins_x * bins_y;
     for (int b = 0; b < bins_x * bins_y; b++)
         mine[b] = 0;
-    for (int i = first; i < last; i++) {
-        float4 p[CORNERS];
-        float low_x = INFINITY, high_x = -INFINITY, low_y = INFINITY, high_y = -INFINITY;
-        int before = 0;
-        for (int k = 0; k < CORNERS; k++) {
-            p[k] = vload4(corners[CORNERS * i + k], projected);
-            if (!(p[k].z >= nearest_w))
-                continue;
-            before++;
-            const float x = p[k].x / p[k].z, y = p[k].y / p[k].z;
-            low_x = fmin(low_x, x);
-            high_x = fmax(high_x, x);
-            low_y = fmin(low_y, y);
-            high_y = fmax(high_y, y);
+    for (int start = first; start < last; start += LANES) {
+        const Boxes box = boxes_of(corners, projected, min(start + lane_index, (intl)(last - 1)), screen, nearest_w, culled);
+        for (int lane = 0; lane < min(LANES, last - start); lane++) {
+            const int low_x = OF_LANE(box.low_x), high_x = OF_LANE(box.high_x);
+            const int low_y = OF_LANE(box.low_y), high_y = OF_LANE(box.high_y);
+            vstore4((short4)(low_x, high_x, low_y, high_y), start + lane, boxes);
+            for (int y = low_y; y <= high_y; y++)
+                for (int x = low_x; x <= high_x; x++)
+                    mine[y * bins_x + x]++;
         }
-        if (before && before < CORNERS) /* where its edges cross the near plane */
-            for (int k = 0; k < CORNERS; k++)
-                for (int l = 0; l < CORNERS; l++) {
-                    if (!(p[k].z >= nearest_w) || p[l].z >= nearest_w)
-                        continue;
-                    const float4 at = p[k] + (p[l] - p[k]) * ((p[k].z - nearest_w) / (p[k].z - p[l].z));
-                    low_x = fmin(low_x, at.x / nearest_w);
-                    high_x = fmax(high_x, at.x / nearest_w);
-                    low_y = fmin(low_y, at.y / nearest_w);
-                    high_y = fmax(high_y, at.y / nearest_w);
-                }
-        const float x0 = fmax(ceil(low_x - SLACK), 0.0f), x1 = fmin(floor(high_x + SLACK), screen.width - 1.0f);
-        const float y0 = fmax(ceil(low_y - SLACK), 0.0f), y1 = fmin(floor(high_y + SLACK), screen.height - 1.0f);
-        int seen = before && x0 <= x1 && y0 <= y1;
-#if CORNERS == 3
-        if (seen && culled && before == CORNERS) {
-            const float2 a = p[0].xy / p[0].z, b = p[1].xy / p[1].z - a, d = p[2].xy / p[2].z - a;
-            seen = (b.x * d.y - b.y * d.x) * culled <= SLACK; /* triangle.h decides */
-        }
-#endif
-        const short4 box = seen ? (short4)((short)(x0 / BIN), (short)(x1 / BIN), (short)(y0 / BIN), (short)(y1 / BIN))
-                                : (short4)(1, 0, 1, 0);
-        vstore4(box, i, boxes);
-        for (int y = box.z; y <= box.w; y++)
-            for (int x = box.x; x <= box.y; x++)
-                mine[y * bins_x + x]++;
     }
 }
 

@@ -13,7 +13,7 @@ from pyibr.depthmesh.levels import color_levels
 from pyibr.depthmesh.mesh import DepthMesh
 from pyibr.depthmesh.object import DepthMeshObject
 from pyibr.depthmesh.segmentation import Segmentation
-from pyibr.depthmesh.tree import Triangles, active_for, active_within, build_tree, place_triangles, triangles_of
+from pyibr.depthmesh.tree import Triangles, active_for, active_within, build_tree, list_triangles, pixels_of, project_points
 from pyibr.pixelspace import PixelMap
 from pyibr.raster import BIN, bin_primitives, rgba_words
 from pyibr.target import Target
@@ -42,12 +42,13 @@ class _Colors:
 class _Background:
     """What shows through holes, and up to where each view has seen that there is nothing.
 
-    `bridges` are each view's coarse triangles over the cells that segmentation took out, `surfaces` those over the
-    others.
+    `points` are each view's, of `bridges`, its coarse triangles over the cells that segmentation took out, and of
+    `surfaces`, those over the others.
     """
 
-    bridges: list[Triangles]
-    surfaces: list[Triangles]
+    points: list[NDArray[np.float32]]
+    bridges: list[NDArray[np.int32]]
+    surfaces: list[NDArray[np.int32]]
     limits: DeviceArray
     sizes: DeviceArray
 
@@ -78,36 +79,56 @@ def _background_of(thing: DepthMeshObject) -> _Background:
 
     kept = thing.device_cache.setdefault(current(), {})
     if "background" not in kept:
-        bridges, surfaces, limits = list[Triangles](), list[Triangles](), list[NDArray[np.float32]]()
+        points, limits = list[NDArray[np.float32]](), list[NDArray[np.float32]]()
+        bridges, surfaces = list[NDArray[np.int32]](), list[NDArray[np.int32]]()
         for mesh in thing.meshes:
             trees = build_tree(mesh.view, Segmentation("none")), mesh.tree
-            coarse = triangles_of(trees, [active_within(tree, _COARSE_ERROR * thing.extent) for tree in trees])
-            bridges.append(_over_holes(coarse[0], mesh))
-            surfaces.append(coarse[1])
+            coarse = list_triangles(trees, [active_within(tree, _COARSE_ERROR * thing.extent) for tree in trees])
+            corners = coarse.corners.to_host()
+            points.append(coarse.points.to_host())
+            bridges.append(_over_holes(corners[: coarse.firsts[1]], points[-1], mesh))
+            surfaces.append(corners[coarse.firsts[1] :])
             view = mesh.view
             unseen = np.where(view.depth >= view.far, np.float32(np.inf), np.float32(0))
             limits.append(np.where(view.valid, view.depth, unseen).ravel())
         starts = np.cumsum([0, *(limit.size for limit in limits[:-1])])
         sizes = [(*mesh.view.camera.size, start) for mesh, start in zip(thing.meshes, starts, strict=True)]
         limits_of_all, sizes_of_all = upload(np.concatenate(limits)), upload(np.array(sizes, np.int32))
-        kept["background"] = _Background(bridges, surfaces, limits_of_all, sizes_of_all)
+        kept["background"] = _Background(points, bridges, surfaces, limits_of_all, sizes_of_all)
     return kept["background"]
 
 
-def _over_holes(triangles: Triangles, mesh: DepthMesh) -> Triangles:
+def _over_holes(corners: NDArray[np.int32], points: NDArray[np.float32], mesh: DepthMesh) -> NDArray[np.int32]:
     """Those of a view's triangles whose boxes hold a cell that is not drawn in full."""
-    from pyibr.opencl.memory import upload
-
     width, height = mesh.view.camera.size
-    corners = triangles.samples.to_host()[: triangles.count]
     drawn = mesh.tree.cells.to_host()[: height - 1, : width - 1] == 0b1010
     holes = np.zeros((height, width), np.int32)  # above and to the left of each sample
     holes[1:, 1:] = np.cumsum(np.cumsum(~drawn, axis=0, dtype=np.int32), axis=1)
-    y, x = np.divmod(corners, width)
+    x, y = np.moveaxis(pixels_of(points[corners], mesh.view), -1, 0)
     low_x, low_y, high_x, high_y = x.min(axis=1), y.min(axis=1), x.max(axis=1), y.max(axis=1)
     within = holes[high_y, high_x] - holes[low_y, high_x] - holes[high_y, low_x] + holes[low_y, low_x]
-    kept = np.ascontiguousarray(corners[within > 0])
-    return Triangles(upload(kept if len(kept) else np.zeros((1, 3), np.int32)), len(kept))
+    return corners[within > 0]
+
+
+def _underlay(thing: DepthMeshObject, chosen: list[int], others: list[int]) -> Triangles:
+    """What shows through the holes of the chosen views' meshes: their bridges, and surfaces of others."""
+    from pyibr.opencl.device import current
+    from pyibr.opencl.memory import upload
+
+    background = _background_of(thing)
+    kept = thing.device_cache[current()]
+    which, found = kept.get("underlay", (None, None))
+    if which == (chosen, others):
+        return found
+    parts = [(number, background.bridges[number]) for number in chosen]
+    parts += [(number, background.surfaces[number]) for number in others]
+    point_firsts = np.cumsum([0, *(len(background.points[number]) for number, _ in parts)]).tolist()
+    firsts = np.cumsum([0, *(len(corners) for _, corners in parts)]).tolist()
+    points = np.concatenate([background.points[number] for number, _ in parts])
+    corners = np.concatenate([part + first for (_, part), first in zip(parts, point_firsts[:-1], strict=True)])
+    made = Triangles(upload(points), upload(corners.astype(np.int32)), point_firsts, firsts)
+    kept["underlay"] = (chosen, others), made
+    return made
 
 
 def draw_depth_mesh(target: Target, thing: DepthMesh | DepthMeshObject, occupancy: DeviceArray | None = None) -> None:
@@ -127,8 +148,8 @@ def draw_depth_mesh(target: Target, thing: DepthMesh | DepthMeshObject, occupanc
     chosen = sorted(order[: thing.blended]) if several else order
     trees = [meshes[number].tree for number in chosen]
     tolerance = 0.5 * thing.tolerance if several else thing.tolerance
-    triangles = triangles_of(trees, [active_for(tree, target.camera, tolerance) for tree in trees])
-    shown = chosen  # the view of each mesh that is drawn
+    active = [active_for(tree, target.camera, tolerance) for tree in trees]
+    shown, underlay = chosen, None  # the view of each mesh that is drawn
     defines = {"VIEWS": len(chosen), "COLOR_BYTES": target.channel_bytes}
     more: dict[str, Any] = {}
     if several:
@@ -136,10 +157,8 @@ def draw_depth_mesh(target: Target, thing: DepthMesh | DepthMeshObject, occupanc
     if several and thing.background:
         background = _background_of(thing)
         others = sorted(order[len(chosen) : _UNDERLAID * len(chosen)])
-        triangles += [background.bridges[number] for number in chosen]
-        triangles += [background.surfaces[number] for number in others]
-        shown = [*chosen, *chosen, *others]
-        trees = [meshes[number].tree for number in shown]
+        underlay = _underlay(thing, chosen, others)
+        shown = [*chosen, *others, *chosen]
         maps = [PixelMap(target.camera, mesh.view.camera, 0.0, 0.0).dst_from_src for mesh in meshes]
         perspectives = [mesh.view.camera.projection == "perspective" for mesh in meshes]
         defines |= {"UNDERLAID": len(shown) - len(chosen), "ALL": len(meshes)}
@@ -149,26 +168,31 @@ def draw_depth_mesh(target: Target, thing: DepthMesh | DepthMeshObject, occupanc
             "from_target": upload(np.array(maps, np.float32).reshape(-1, 16)),
             "perspectives": upload(np.array(perspectives, np.int32)),
         }
+    triangles = list_triangles(trees, active, underlay)
+    views = [meshes[number].view for number in shown]
+    projected = project_points(target.camera, views, triangles)
     colors = _colors_of(thing, meshes)
-    sources = [(number, *colors.ends[number]) for number in shown]
-    scales = [_focal(meshes[number].view.camera) / _focal(target.camera) for number in shown]
+    sources = [
+        (number, *colors.ends[number], view.camera.projection == "perspective")
+        for number, view in zip(shown, views, strict=True)
+    ]
+    scales = [_focal(view.camera) / _focal(target.camera) for view in views]
     if occupancy is not None:
         defines["OCCUPIED"] = 1
         more["occupancy"] = occupancy
-    placed = place_triangles(target.camera, trees, triangles)
     near = target.near(thing.bounds)
     culled = 0 if target.from_light else 1  # backs have no colours, but cast shadows
-    bins = bin_primitives(target, placed.corners, placed.projected, near, culled)
+    bins = bin_primitives(target, triangles.corners, projected, near, culled)
     launch(
         kernel("depthmesh/blend.cl", "draw_meshes", BIN=BIN, **defines),
         (bins.columns, bins.rows) if current().is_cpu else target.camera.size,
-        corners=placed.corners,
-        projected=placed.projected,
-        places=placed.places,
+        corners=triangles.corners,
+        projected=projected,
+        points=triangles.points,
         list=bins.list,
         starts=bins.starts,
         bins_x=bins.columns,
-        firsts=upload(np.array(placed.firsts, np.int32)),
+        firsts=upload(np.array(triangles.firsts, np.int32)),
         sources=upload(np.array(sources, np.int32)),
         levels=colors.sizes,
         scales=upload(np.array(scales, np.float32)),

@@ -13,7 +13,7 @@ from pyibr._check import Fixed, Float64, describe, numbers
 from pyibr.camera import Camera
 from pyibr.depthmesh.segmentation import Segmentation
 from pyibr.depthmesh.strips import strips_of
-from pyibr.depthmesh.tree import Tree, active_for, active_within, build_tree, triangles_of
+from pyibr.depthmesh.tree import Tree, active_for, active_within, build_tree, list_triangles, pixels_of
 from pyibr.errors import ArgumentError
 from pyibr.images import DepthImage
 from pyibr.mesh import Mesh
@@ -233,9 +233,12 @@ def _numbered(samples: NDArray[np.int32], count: int) -> NDArray[np.int32]:
 
 
 def _corners_of(tree: Tree, active: DeviceArray) -> NDArray[np.int32]:
-    """(T, 3) samples of the triangles of active vertices."""
-    (found,) = triangles_of([tree], [active])
-    return np.array(found.samples.to_host()[: found.count])
+    """(T, 3) samples y * width + x of the triangles of active vertices."""
+    found = list_triangles([tree], [active])
+    if not found.firsts[-1]:
+        return np.zeros((0, 3), np.int32)
+    x, y = pixels_of(found.points.to_host(), tree.view).T
+    return (y * tree.view.camera.width + x).astype(np.int32)[found.corners.to_host()]
 
 
 def checked_tolerance(argument: str, value: float) -> float:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pyibr.camera import Camera
 from pyibr.depthmesh.segmentation import TESTS, Segmentation
@@ -42,10 +43,9 @@ _VIEWER = np.dtype(
         ("perspective", np.int32),
     ]
 )
-_PLACEMENT = np.dtype([("dst_from_src", np.float32, 16)])
 _COARSE = 16  # from this step on, all rows are one work-item's: they are too few to share
 _UNDRAWN = 0b0101  # both sides, kernels/depthmesh/tree.h
-_CHUNK = 1024  # corners of a work-item, kernels/depthmesh/select.cl
+_CHUNK = 1024  # points of a work-item, kernels/depthmesh/select.cl
 
 
 @dataclass(frozen=True)
@@ -209,101 +209,110 @@ def active_within(tree: Tree, max_error: float) -> DeviceArray:
 
 @dataclass(frozen=True)
 class Triangles:
-    """Triangles of a view's samples.
+    """Triangles of several trees, one tree's after the other's.
 
     Attributes
     ----------
-    samples : DeviceArray (T, 3) int32
-        y * width + x of each corner; of no use if there are none.
-    count : int
-        T.
+    points : DeviceArray (P, 4) float32
+        Where in its view each lies, kernels/depthmesh/tree.h, and its quality.
+    corners : DeviceArray (T, 3) int32
+        Numbers of points.
+    point_firsts, firsts : list of int
+        Numbers of each tree's first point and first triangle; P and T.
     """
 
-    samples: DeviceArray
-    count: int
+    points: DeviceArray
+    corners: DeviceArray
+    point_firsts: list[int]
+    firsts: list[int]
 
 
-def triangles_of(trees: Sequence[Tree], active: Sequence[DeviceArray]) -> list[Triangles]:
-    """List the triangles of each tree's active vertices, in a fixed order."""
+def list_triangles(
+    trees: Sequence[Tree], active: Sequence[DeviceArray], before: Triangles | None = None
+) -> Triangles:
+    """List the triangles of each tree's active vertices, after those of `before`, in a fixed order."""
+    from pyibr.opencl.launch import launch
+    from pyibr.opencl.memory import copy, empty, upload
+    from pyibr.opencl.program import kernel
+
+    found: list[tuple[DeviceArray, DeviceArray]] = []
+    for tree, marks in zip(trees, active, strict=True):
+        drawn, counts = empty(marks.shape, np.uint8), empty((tree.side + 1, 2), np.int32)
+        launch(
+            kernel("depthmesh/select.cl", "find_triangles"),
+            (tree.side + 1,),
+            active=marks,
+            states=tree.states,
+            cells=tree.cells,
+            drawn=drawn,
+            counts=counts,
+            layout=tree.layout,
+        )
+        found.append((drawn, counts))
+    of_rows = np.concatenate([np.zeros((1, 2), np.int32), *(counts.to_host() for _, counts in found)])
+    if before is not None:
+        of_rows[0] = before.point_firsts[-1], before.firsts[-1]
+    row_firsts = np.cumsum(of_rows, axis=0, dtype=np.int32)
+    ends = np.cumsum([0, *(tree.side + 1 for tree in trees)])
+    points = empty((row_firsts[-1, 0], 4), np.float32)
+    corners = empty((row_firsts[-1, 1], 3), np.int32)
+    if before is not None:
+        copy(before.points, points)
+        copy(before.corners, corners)
+    for tree, marks, (drawn, _), first in zip(trees, active, found, ends[:-1], strict=True):
+        numbers, firsts = empty(marks.shape, np.int32), upload(row_firsts[first:])
+        launch(
+            kernel("depthmesh/select.cl", "list_points"),
+            (tree.view.camera.height,),
+            active=marks,
+            nearness=tree.nearness,
+            normals=tree.normals,
+            firsts=firsts,
+            numbers=numbers,
+            points=points,
+            layout=tree.layout,
+        )
+        launch(
+            kernel("depthmesh/select.cl", "list_triangles"),
+            (tree.side + 1,),
+            active=marks,
+            drawn=drawn,
+            numbers=numbers,
+            firsts=firsts,
+            corners=corners,
+            layout=tree.layout,
+        )
+    point_firsts, triangle_firsts = row_firsts[ends].T.tolist()
+    if before is not None:
+        point_firsts, triangle_firsts = before.point_firsts[:-1] + point_firsts, before.firsts[:-1] + triangle_firsts
+    return Triangles(points, corners, point_firsts, triangle_firsts)
+
+
+def pixels_of(points: NDArray[np.float32], view: DepthImage) -> NDArray[np.int64]:
+    """(..., 2) the samples x and y of a view that points (..., 4) of its triangles lie at."""
+    x, y, z = np.moveaxis(points[..., :3].astype(np.float64), -1, 0)
+    scale = 1 / z if view.camera.projection == "perspective" else np.ones_like(z)
+    return np.rint(np.stack([x * scale, y * scale], -1)).astype(np.int64)
+
+
+def project_points(target: Camera, views: Sequence[DepthImage], triangles: Triangles) -> DeviceArray:
+    """(P, 4) the triangles' points in a target's pixel space; views: each mesh's."""
     from pyibr.opencl.launch import launch
     from pyibr.opencl.memory import empty, upload
     from pyibr.opencl.program import kernel
 
-    counts: list[DeviceArray] = []
-    for tree, marks in zip(trees, active, strict=True):
-        counts.append(empty((tree.side + 1,), np.int32))
-        launch(
-            kernel("depthmesh/select.cl", "count_triangles"),
-            (tree.side + 1,),
-            active=marks,
-            states=tree.states,
-            cells=tree.cells,
-            starts=counts[-1],
-            layout=tree.layout,
-        )
-    found: list[Triangles] = []
-    for tree, marks, rows in zip(trees, active, counts, strict=True):
-        starts = np.concatenate([[0], np.cumsum(rows.to_host())]).astype(np.int32)
-        samples = empty((max(int(starts[-1]), 1), 3), np.int32)
-        launch(
-            kernel("depthmesh/select.cl", "write_triangles"),
-            (tree.side + 1,),
-            active=marks,
-            states=tree.states,
-            cells=tree.cells,
-            starts=upload(starts),
-            samples=samples,
-            layout=tree.layout,
-        )
-        found.append(Triangles(samples, int(starts[-1])))
-    return found
-
-
-@dataclass(frozen=True)
-class PlacedTriangles:
-    """Triangles of several trees in a target's picture, one after the other (kernels/depthmesh/select.cl).
-
-    Attributes
-    ----------
-    corners : DeviceArray (T, 3) int32
-    projected, places : DeviceArray (3 T, 4) float32
-    firsts : list of int
-        Number of each tree's first triangle, and T.
-    """
-
-    corners: DeviceArray
-    projected: DeviceArray
-    places: DeviceArray
-    firsts: list[int]
-
-
-def place_triangles(target: Camera, trees: Sequence[Tree], triangles: Sequence[Triangles]) -> PlacedTriangles:
-    """Carry triangles of trees' samples into a target's pixel space."""
-    from pyibr.opencl.launch import Struct, launch
-    from pyibr.opencl.memory import empty
-    from pyibr.opencl.program import kernel
-
-    firsts = [0, *np.cumsum([several.count for several in triangles]).tolist()]
-    total = max(firsts[-1], 1)
-    corners = empty((total, 3), np.int32)
-    projected, places = (empty((3 * total, 4), np.float32) for _ in range(2))
-    for tree, several, first in zip(trees, triangles, firsts[:-1], strict=True):
-        if not several.count:
-            continue
-        placement = np.zeros((), _PLACEMENT)
-        placement["dst_from_src"] = PixelMap(tree.view.camera, target, 0.0, 0.0).dst_from_src.ravel()
-        launch(
-            kernel("depthmesh/select.cl", "place_corners"),
-            (-(-3 * several.count // _CHUNK),),
-            nearness=tree.nearness,
-            normals=tree.normals,
-            samples=several.samples,
-            projected=projected,
-            places=places,
-            corners=corners,
-            layout=tree.layout,
-            placement=Struct("Placement", placement),
-            first=3 * first,
-            count=3 * several.count,
-        )
-    return PlacedTriangles(corners, projected, places, firsts)
+    maps = np.array([PixelMap(view.camera, target, 0.0, 0.0).dst_from_src for view in views], np.float32)
+    for view, one in zip(views, maps, strict=True):
+        if view.camera.projection == "orthographic":
+            one[:, 2:] = one[:, :1:-1]  # points hold nearness third, not 1
+    projected = empty(triangles.points.shape, np.float32)
+    launch(
+        kernel("depthmesh/select.cl", "project_points"),
+        (-(-triangles.point_firsts[-1] // _CHUNK),),
+        points=triangles.points,
+        firsts=upload(np.array(triangles.point_firsts, np.int32)),
+        maps=upload(maps),
+        meshes=len(views),
+        projected=projected,
+    )
+    return projected

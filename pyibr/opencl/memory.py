@@ -48,7 +48,9 @@ class DeviceArray:
         import pyopencl as cl
 
         queue = self.session.queue
-        if self.host is None:
+        if 0 in self.shape:
+            values = np.empty(self.shape, self.dtype)
+        elif self.host is None:
             values = np.empty(self.shape, self.dtype)
             cl.enqueue_copy(queue, values, self.buffer)
         else:
@@ -72,10 +74,21 @@ def upload(array: NDArray[Any]) -> DeviceArray:
     import pyopencl as cl
 
     session = current()
+    if not array.size:
+        return empty(array.shape, array.dtype)
     flags = cl.mem_flags.READ_ONLY
     flags |= cl.mem_flags.USE_HOST_PTR if session.is_cpu else cl.mem_flags.COPY_HOST_PTR
     buffer = cl.Buffer(session.context, flags, hostbuf=array)
     return DeviceArray(buffer, array.shape, array.dtype, array if session.is_cpu else None, session)
+
+
+def copy(source: DeviceArray, target: DeviceArray) -> None:
+    """Copies all of `source` to the start of `target`, in the order of launches."""
+    import pyopencl as cl
+
+    size = int(np.prod(source.shape)) * source.dtype.itemsize
+    if size:
+        cl.enqueue_copy(source.session.queue, target.buffer, source.buffer, byte_count=size)
 
 
 def empty(shape: tuple[int, ...], dtype: DTypeLike) -> DeviceArray:
