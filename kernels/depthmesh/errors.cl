@@ -11,9 +11,11 @@
  * segmentation stay at any tolerance that is of use.
  *
  * nearness: (height, pitch). cells: samples.cl. Of each vertex, (side + 1, row): errors in scene units, -1 where nothing
- * is drawn (to be filled with that before); radii of the bounding spheres; depths of their centres, which are a child's
- * where there is no sample; states of the sides (to be filled with UNDRAWN | UNDRAWN << 2 before).
- * Work-item: a row of vertices of one step (`find_errors`), all rows of all coarser steps (`find_coarse_errors`).
+ * is drawn; radii of the bounding spheres; depths of their centres, which are a child's where there is no sample; states
+ * of the sides.
+ * Work-item: a row of vertices of step 1, most of all, one after the other (`find_finest_midpoints`, which also writes what
+ * is true of vertices that no cell belongs to, `find_finest_centers`), of a coarser step (`find_errors`), all rows of all
+ * coarser steps (`find_coarse_errors`).
  * Cost: O(vertices). Determinism: maxima of children in a fixed order.
  */
 #include "depthmesh/tree.h"
@@ -68,11 +70,10 @@ void hold_children(const Layout *layout, const Tree *tree, const Children *c, Ve
     v->radius = pick((c->error >= 0.0f) & (reach > v->radius), reach, v->radius);
 }
 
-/* The vertices' own errors: p bisects the edge from a to b, or, where one of them is no sample, nothing is known. */
-floatl bisection_error(const Layout *layout, const Tree *tree, Point p, floatl n, intl ax, intl ay, intl bx, intl by, int centers,
+/* The vertices' own errors: p, of nearness n, bisects the edge from a to b; 0 where one of them is no sample. */
+floatl bisection_error(const Layout *layout, Point p, floatl n, intl ax, intl ay, floatl na, intl bx, intl by, floatl nb, int centers,
                        int across)
 {
-    const floatl na = nearness_at(layout, tree, ax, ay), nb = nearness_at(layout, tree, bx, by);
     const Point a = point_of(layout, to_floatl(ax), to_floatl(ay), DEPTH_OF(*layout, na));
     const Point b = point_of(layout, to_floatl(bx), to_floatl(by), DEPTH_OF(*layout, nb));
     const Point ab = minus(b, a), ap = minus(p, a);
@@ -90,7 +91,17 @@ floatl bisection_error(const Layout *layout, const Tree *tree, Point p, floatl n
     return pick(known, area / pick(known, length, (floatl)1.0f), (floatl)0.0f);
 }
 
-/* The row y of vertices of step s */
+/* Adds the vertices' own errors to their children's, unless nothing is drawn. */
+void add_error(const Layout *layout, floatl own, int s, int centers, Vertices *v)
+{
+    const intl partly = (v->side[0] == (UNDRAWN | DRAWN)) | (v->side[1] == (UNDRAWN | DRAWN));
+    const float samples = LOSS * 2.0f * s * (centers ? M_SQRT2_F : 1.0f);
+    const floatl length = samples * layout->footprint * (layout->perspective ? v->depth : (floatl)1.0f);
+    const intl drawn = ((v->side[0] | v->side[1]) & DRAWN) != 0;
+    v->error = pick(drawn, fmax(own + fmax(v->error, (floatl)0.0f), pick(partly, length, (floatl)0.0f)), v->error);
+}
+
+/* The row y of vertices of step s > 1 */
 void find_row(const Layout *layout, const Tree *tree, int s, int y, int centers)
 {
     const int across = !(y / s & 1); /* midpoints of this row lie on edges along x */
@@ -121,32 +132,21 @@ void find_row(const Layout *layout, const Tree *tree, int s, int y, int centers)
             for (int k = 0; k < 4; k++) {
                 const int right = k & 1, below = k >> 1, side = across ? below : right;
                 const intl there = mine & (right ? x < layout->side : x > 0) & (intl)((below ? y < layout->side : y > 0) ? -1 : 0);
-                if (s > 1) {
-                    const intl child_x = x + (right ? half_step : -half_step), child_y = row + (below ? half_step : -half_step);
-                    children[k] = add_children(layout, tree, child_x, child_y, there, &v);
-                    const intl byte = (intl)(gather(tree->states, children[k].at));
-                    v.side[side] |= pick(there, below ? STATE_A(byte) : STATE_B(byte), (intl)0);
-                    continue;
-                }
-                const intl cx = x - !right, cy = row - !below;
-                const intl in = there & (cx < layout->width - 1) & (cy < layout->height - 1);
-                const intl at = pick(in, cy * layout->pitch + cx, (intl)0), byte = (intl)(gather(tree->cells, at));
-                const intl state = pick(in, below ? STATE_A(byte) : STATE_B(byte), (intl)UNDRAWN);
-                v.side[side] |= pick(there, state, (intl)0);
+                const intl child_x = x + (right ? half_step : -half_step), child_y = row + (below ? half_step : -half_step);
+                children[k] = add_children(layout, tree, child_x, child_y, there, &v);
+                const intl byte = (intl)(gather(tree->states, children[k].at));
+                v.side[side] |= pick(there, below ? STATE_A(byte) : STATE_B(byte), (intl)0);
             }
         }
         v.center = point_of(layout, to_floatl(x), to_floatl(row), v.depth);
-        if (centers || s > 1)
-            for (int k = 0; k < 4; k++)
-                hold_children(layout, tree, &children[k], &v);
+        for (int k = 0; k < 4; k++)
+            hold_children(layout, tree, &children[k], &v);
         const int before_x = centers || across ? s : 0, before_y = centers || !across ? s : 0;
         const intl ay = centers ? pick(main, row - s, row + s) : row - before_y;
         const intl by = centers ? pick(main, row + s, row - s) : row + before_y;
-        const floatl own = bisection_error(layout, tree, v.center, n, x - before_x, ay, x + before_x, by, centers, across);
-        const intl partly = (v.side[0] == (UNDRAWN | DRAWN)) | (v.side[1] == (UNDRAWN | DRAWN));
-        const floatl length = LOSS * 2.0f * s * (centers ? M_SQRT2_F : 1.0f) * layout->footprint * (layout->perspective ? v.depth : (floatl)1.0f);
-        const intl drawn = ((v.side[0] | v.side[1]) & DRAWN) != 0;
-        v.error = pick(drawn, fmax(own + fmax(v.error, (floatl)0.0f), pick(partly, length, (floatl)0.0f)), v.error);
+        const intl ax = x - before_x, bx = x + before_x;
+        const floatl na = nearness_at(layout, tree, ax, ay), nb = nearness_at(layout, tree, bx, by);
+        add_error(layout, bisection_error(layout, v.center, n, ax, ay, na, bx, by, nb, centers, across), s, centers, &v);
         const intl at = row * layout->row + x, byte = v.side[0] | v.side[1] << 2;
         for (int lane = 0; lane < LANES; lane++) {
             if (!((const int *)&mine)[lane])
@@ -157,6 +157,120 @@ void find_row(const Layout *layout, const Tree *tree, int s, int y, int centers)
             tree->depths[to] = ((const float *)&v.depth)[lane];
             tree->states[to] = ((const int *)&byte)[lane];
         }
+    }
+}
+
+/* LANES numbers of a row from first + dx on, dx in {-1, 0, 1}; the first of a row's has no left neighbour. */
+#define NEXT_TO(load, row, first, dx) ((dx) < 0 && !(first) ? shifted_lanes(load(row)) : load((row) + (first) + (dx)))
+#define load_bytes(p) to_intl(load_lanes(p))
+
+/* Nearness of the samples next to those of a row y from x on: dx and dy in {-1, 0, 1} */
+floatl nearness_next_to(const Layout *layout, const Tree *tree, intl x, int first, int y, int dx, int dy)
+{
+    if (y + dy < 0 || y + dy >= layout->height)
+        return NO_SURFACE;
+    global const float *row = tree->nearness + (size_t)(y + dy) * layout->pitch;
+    const intl in = (x + dx >= 0) & (x + dx < layout->width);
+    return pick(in, NEXT_TO(load_lanes, row, first, dx), (floatl)NO_SURFACE);
+}
+
+/* States of the cells' triangles that meet the vertices x of a row y: dx and dy, -1 or 0, tell which cell. */
+intl state_next_to(const Layout *layout, const Tree *tree, intl x, int first, int y, int dx, int dy)
+{
+    if (y + dy < 0 || y + dy >= layout->side)
+        return (intl)0;
+    const intl there = (x + dx >= 0) & (x + dx < layout->side);
+    if (y + dy >= layout->height - 1)
+        return pick(there, (intl)UNDRAWN, (intl)0);
+    global const uchar *row = tree->cells + (size_t)(y + dy) * layout->pitch;
+    const intl byte = NEXT_TO(load_bytes, row, first, dx), state = dy ? STATE_B(byte) : STATE_A(byte);
+    return pick(there, pick(x + dx < layout->width - 1, state, (intl)UNDRAWN), (intl)0);
+}
+
+void store_vertices(const Tree *tree, size_t at, const Vertices *v)
+{
+    store_lanes(v->error, tree->errors + at);
+    store_lanes(v->radius, tree->radii + at);
+    store_lanes(v->depth, tree->depths + at);
+    store_bytes(to_ucharl(v->side[0] | v->side[1] << 2), tree->states + at);
+}
+
+kernel void find_finest_midpoints(global const float *nearness, global const uchar *cells, global float *errors,
+                                  global float *radii, global float *depths, global uchar *states, Layout layout)
+{
+    const int y = get_global_id(0), across = !(y & 1);
+    if (y > layout.side)
+        return;
+    const Tree tree = {nearness, cells, errors, radii, depths, states};
+    for (int first = 0; first <= layout.side; first += LANES) {
+        const size_t at = (size_t)y * layout.row + first;
+        Vertices v = {{0.0f, 0.0f, 0.0f}, -1.0f, 0.0f, 0.0f, {(intl)UNDRAWN, (intl)UNDRAWN}};
+        if (first > layout.width || y > layout.height) {
+            store_vertices(&tree, at, &v);
+            continue;
+        }
+        const intl x = first + lane_index, row = (intl)y;
+        const floatl n = nearness_next_to(&layout, &tree, x, first, y, 0, 0);
+        const floatl na = nearness_next_to(&layout, &tree, x, first, y, across ? -1 : 0, across ? 0 : -1);
+        const floatl nb = nearness_next_to(&layout, &tree, x, first, y, across ? 1 : 0, across ? 0 : 1);
+        const intl upper_left = state_next_to(&layout, &tree, x, first, y, -1, -1);
+        const intl upper_right = state_next_to(&layout, &tree, x, first, y, 0, -1);
+        const intl lower_left = state_next_to(&layout, &tree, x, first, y, -1, 0);
+        const intl lower_right = state_next_to(&layout, &tree, x, first, y, 0, 0);
+        const intl odd = (x & 1) == 1, mine = layout.side == 1 ? (intl)0 : across ? odd : !odd;
+        v.side[0] = pick(mine, upper_left | (across ? upper_right : lower_left), v.side[0]);
+        v.side[1] = pick(mine, lower_right | (across ? lower_left : upper_right), v.side[1]);
+        v.depth = pick(IS_SAMPLE(n), DEPTH_OF(layout, n), (floatl)0.0f);
+        v.center = point_of(&layout, to_floatl(x), (floatl)y, v.depth);
+        const intl ax = x - across, ay = row - !across, bx = x + across, by = row + !across;
+        add_error(&layout, bisection_error(&layout, v.center, n, ax, ay, na, bx, by, nb, 0, across), 1, 0, &v);
+        store_vertices(&tree, at, &v);
+    }
+}
+
+kernel void find_finest_centers(global const float *nearness, global const uchar *cells, global float *errors,
+                                global float *radii, global float *depths, global uchar *states, Layout layout)
+{
+    const int y = 2 * get_global_id(0) + 1;
+    if (y > layout.side || y >= layout.height)
+        return;
+    const Tree tree = {nearness, cells, errors, radii, depths, states};
+    const int dx[4] = {0, 1, 0, -1}, dy[4] = {-1, 0, 1, 0}; /* children above, right, below, left */
+    for (int first = 0; first < layout.width; first += LANES) {
+        const size_t at = (size_t)y * layout.row + first;
+        const intl x = first + lane_index, mine = ((x & 1) == 1) & (x < layout.width), main = IS_MAIN(x, (intl)y, 1);
+        const floatl n = nearness_next_to(&layout, &tree, x, first, y, 0, 0);
+        Vertices v = {{0.0f, 0.0f, 0.0f}, -1.0f, 0.0f, pick(IS_SAMPLE(n), DEPTH_OF(layout, n), (floatl)0.0f), {(intl)0, (intl)0}};
+        floatl error[4], depth[4];
+        for (int k = 0; k < 4; k++) {
+            const size_t start = (size_t)(y + dy[k]) * layout.row;
+            error[k] = NEXT_TO(load_lanes, errors + start, first, dx[k]);
+            depth[k] = NEXT_TO(load_lanes, depths + start, first, dx[k]);
+            const intl byte = NEXT_TO(load_bytes, states + start, first, dx[k]);
+            const intl state = k == 0 || k == 3 ? STATE_B(byte) : STATE_A(byte);
+            const intl to_a = k == 0 ? (intl)-1 : k == 2 ? (intl)0 : k == 1 ? main : !main;
+            v.side[0] |= pick(to_a, state, (intl)0);
+            v.side[1] |= pick(to_a, (intl)0, state);
+            v.error = greater(error[k], v.error);
+            v.depth = pick((v.depth == 0.0f) & (error[k] >= 0.0f), depth[k], v.depth);
+        }
+        v.center = point_of(&layout, to_floatl(x), (floatl)y, v.depth);
+        for (int k = 0; k < 4; k++) {
+            const Point away = minus(point_of(&layout, to_floatl(x + dx[k]), (floatl)(y + dy[k]), depth[k]), v.center);
+            v.radius = pick(error[k] >= 0.0f, greater(sqrt(DOT(away, away)), v.radius), v.radius);
+        }
+        const floatl upper[2] = {nearness_next_to(&layout, &tree, x, first, y, -1, -1), nearness_next_to(&layout, &tree, x, first, y, 1, -1)};
+        const floatl lower[2] = {nearness_next_to(&layout, &tree, x, first, y, -1, 1), nearness_next_to(&layout, &tree, x, first, y, 1, 1)};
+        const floatl na = pick(main, upper[0], lower[0]), nb = pick(main, lower[1], upper[1]);
+        const intl down = pick(main, (intl)1, (intl)-1);
+        add_error(&layout, bisection_error(&layout, v.center, n, x - 1, y - down, na, x + 1, y + down, nb, 1, 0), 1, 1, &v);
+        v.error = pick(mine, v.error, load_lanes(errors + at));
+        v.radius = pick(mine, v.radius, load_lanes(radii + at));
+        v.depth = pick(mine, v.depth, load_lanes(depths + at));
+        const intl before = load_bytes(states + at);
+        v.side[0] = pick(mine, v.side[0], STATE_A(before));
+        v.side[1] = pick(mine, v.side[1], STATE_B(before));
+        store_vertices(&tree, at, &v);
     }
 }
 

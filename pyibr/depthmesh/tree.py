@@ -43,8 +43,7 @@ _VIEWER = np.dtype(
         ("perspective", np.int32),
     ]
 )
-_COARSE = 16  # from this step on, all rows are one work-item's: they are too few to share
-_UNDRAWN = 0b0101  # both sides, kernels/depthmesh/tree.h
+_COARSE = 8  # from this step on, all rows are one work-item's: they are too few to share
 _CHUNK = 1024  # points of a work-item, kernels/depthmesh/select.cl
 
 
@@ -116,8 +115,6 @@ def build_tree(view: DepthImage, segmentation: Segmentation) -> Tree:
     )
     errors, radii, depths = (empty((side + 1, row), np.float32) for _ in range(3))
     states = empty((side + 1, row), np.uint8)
-    errors.fill(-1.0)
-    states.fill(_UNDRAWN)
     buffers: dict[str, Any] = {
         "nearness": nearness,
         "cells": cells,
@@ -127,7 +124,10 @@ def build_tree(view: DepthImage, segmentation: Segmentation) -> Tree:
         "states": states,
         "layout": layout,
     }
-    step = 1
+    launch(kernel("depthmesh/errors.cl", "find_finest_midpoints"), (side + 1,), **buffers)
+    if side > 1:
+        launch(kernel("depthmesh/errors.cl", "find_finest_centers"), (side // 2,), **buffers)
+    step = 2
     while step < min(side, _COARSE):
         rows = -(-(height - 1) // step) + 1
         fine = kernel("depthmesh/errors.cl", "find_errors")

@@ -9,24 +9,19 @@ import numpy as np
 
 from pyibr.errors import ArgumentError
 from pyibr.opencl.memory import DeviceArray
+from pyibr.opencl.program import SCALARS
 
 if TYPE_CHECKING:
     from pyibr.opencl.program import Kernel
 
-_SCALARS: dict[str, type[np.generic]] = {
-    "int": np.int32,
-    "uint": np.uint32,
-    "float": np.float32,
-    "ulong": np.uint64,
-}
-_ELEMENTS = {
-    "float": "float32",
-    "short": "int16",
-    "ushort": "uint16",
-    "int": "int32",
-    "uint": "uint32",
-    "uchar": "uint8",
-    "ulong": "uint64",
+_ELEMENTS: dict[str, np.dtype[Any]] = {
+    "float": np.dtype(np.float32),
+    "short": np.dtype(np.int16),
+    "ushort": np.dtype(np.uint16),
+    "int": np.dtype(np.int32),
+    "uint": np.dtype(np.uint32),
+    "uchar": np.dtype(np.uint8),
+    "ulong": np.dtype(np.uint64),
 }
 
 
@@ -58,8 +53,8 @@ def launch(kernel: Kernel, grid: tuple[int, ...], **arguments: DeviceArray | Str
     """
     import pyopencl as cl
 
-    names = {argument.name for argument in kernel.arguments}
-    if names != set(arguments):
+    names = kernel.names
+    if names != arguments.keys():
         missing, unknown = sorted(names - set(arguments)), sorted(set(arguments) - names)
         raise ArgumentError(
             f"{kernel.name}()", f"the arguments {sorted(names)}", f"missing {missing}, unknown {unknown}"
@@ -74,13 +69,13 @@ def launch(kernel: Kernel, grid: tuple[int, ...], **arguments: DeviceArray | Str
 def _pack(kernel: Kernel, name: str, declared: str, value: DeviceArray | Struct | float) -> Any:
     if declared.endswith("*"):
         element = declared[:-1]
-        if isinstance(value, DeviceArray) and (value.dtype.fields or value.dtype.name == _ELEMENTS.get(element)):
+        if isinstance(value, DeviceArray) and (value.dtype.fields or value.dtype == _ELEMENTS.get(element)):
             return value.buffer
         got = value.dtype.name if isinstance(value, DeviceArray) else type(value).__name__
         raise ArgumentError(f"{kernel.name}({name})", f"a device array of {element}", got)
-    if declared in _SCALARS:
+    if declared in SCALARS:
         if isinstance(value, (int, float, np.number)):
-            return _SCALARS[declared](value)
+            return float(value) if declared == "float" else int(value)
         raise ArgumentError(f"{kernel.name}({name})", f"a number ({declared})", type(value).__name__)
     if isinstance(value, Struct) and value.name == declared:
         return value.values[()]

@@ -7,8 +7,11 @@ import json
 import re
 import warnings
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
+
+import numpy as np
 
 from pyibr.errors import BuildError
 from pyibr.opencl.cache import cache_folder, read_cached, write_cached
@@ -18,6 +21,9 @@ if TYPE_CHECKING:
     import pyopencl as cl
 
     from pyibr.opencl.device import Session
+
+SCALARS: dict[str, type[np.generic]] = {"int": np.int32, "uint": np.uint32, "float": np.float32, "ulong": np.uint64}
+"""Numbers that kernels take by value."""
 
 _Signatures = dict[str, list[tuple[str, str]]]
 
@@ -40,6 +46,11 @@ class Kernel:
     handle: cl.Kernel
     name: str
     arguments: tuple[Argument, ...]
+
+    @cached_property
+    def names(self) -> frozenset[str]:
+        """Of the arguments."""
+        return frozenset(argument.name for argument in self.arguments)
 
 
 def kernels_folder() -> Path:
@@ -97,7 +108,14 @@ def _build(session: Session, file: str, name: str, defines: dict[str, int]) -> K
     else:
         program, signatures = loaded
     arguments = tuple(Argument(*pair) for pair in signatures[name])
-    return Kernel(session, cl.Kernel(program, name), name, arguments)
+    handle = cl.Kernel(program, name)
+    handle.set_arg_types([_passed_as(argument.type) for argument in arguments])  # twenty times as fast as without
+    return Kernel(session, handle, name, arguments)
+
+
+def _passed_as(declared: str) -> type[np.generic] | np.dtype[np.void] | None:
+    """How pyopencl is to pass an argument: buffers as such, the others' bytes."""
+    return None if declared.endswith("*") else SCALARS.get(declared, np.dtype("V1"))
 
 
 def _expand(file: str) -> str:

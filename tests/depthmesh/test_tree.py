@@ -68,8 +68,8 @@ def test_parents_hold_their_children():
     """Larger errors, and spheres around the children's: so vertices can decide on their own."""
     for name, thing, structure in all_kinds():
         tree = thing.tree
-        errors = tree.errors.to_host().astype(np.float64)
-        radii, depths = (np.where(errors >= 0, a.to_host(), 0).astype(np.float64) for a in (tree.radii, tree.depths))
+        kept = [a.to_host()[:, : tree.side + 1].astype(np.float64) for a in (tree.errors, tree.radii, tree.depths)]
+        errors, radii, depths = (np.where(kept[0] >= 0, a, 0 if a is not kept[0] else -1) for a in kept)
         for corner, vertex in structure.vertices.items():
             x, y = corner
             for cx, cy in vertex.children:
