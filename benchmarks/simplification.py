@@ -166,7 +166,7 @@ def _triangles(tree: Tree, error: float) -> tuple[NDArray[Any], NDArray[Any]]:
 
 
 def _hierarchy(surface: Surface) -> Any:
-    return build_tree(surface.view, surface.segmentation).states.to_host()
+    return build_tree(surface.view, surface.segmentation).errors.errors.to_host()
 
 
 def _hierarchy_and_triangles(surface: Surface) -> Any:
@@ -182,7 +182,7 @@ def _ours(surface: Surface, parameters: dict[str, Parameter], repeats: int, modu
             yield from _errors(OURS, surface, error, _simplified(mesh, error), parameters)
 
     subjects: dict[str, Subject] = {
-        FRESH: lambda: _fresh(surface).tree.states.to_host(),
+        FRESH: lambda: _fresh(surface).tree.errors.errors.to_host(),
         MESH: lambda: mesh.simplify(surface.error),
         WHOLE: lambda: _fresh(surface).simplify(surface.error),
     }

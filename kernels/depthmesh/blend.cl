@@ -12,13 +12,13 @@
  *
  * corners, projected, points: select.cl, mesh by mesh: UNDERLAID coarse ones, then those of VIEWS views. list, starts:
  * raster/bins.cl. firsts: (meshes + 1,) each mesh's first triangle. sources: (meshes, 4) number of its view, of the first
- * and the last of that view's levels, and 1 for a perspective view. levels: (levels, 3) width, height and start in colors, each half as large as
- * the one before, rounded up. scales: (meshes,) samples of the view to pixels of the target that a scene unit takes at
- * depth 1 of both. colors: RGBA bytes, A = 255 times the part that has samples. weights: (meshes,) positional, > 0. culled: 1
- * leaves out what is seen from behind. With UNDERLAID, of ALL views there are: limits, their depths, INFINITY for
- * background and 0 where nothing is known; limit_sizes: (ALL, 3) width, height and start; from_target, (ALL, 16) from the
- * target's pixel space to theirs; perspectives: 1 or 0. depth, color, valid: the picture, which keeps what is nearer
- * already. occupancy: (height, width) bit k is set where view k gave colour, with OCCUPIED.
+ * and the last of that view's levels, and 1 for a perspective view. levels: (levels, 3) width, height and start in colors,
+ * each half as large as the one before, rounded up. scales: (meshes,) samples of the view to pixels of the target that a
+ * scene unit takes at depth 1 of both. colors: RGBA bytes, A = 255 times the part that has samples. weights: (meshes,)
+ * positional, > 0. culled: 1 leaves out what is seen from behind. With UNDERLAID, of ALL views there are: limits, their
+ * depths, INFINITY for background and 0 where nothing is known; limit_sizes: (ALL, 3) width, height and start;
+ * from_target, (ALL, 16) from the target's pixel space to theirs; perspectives: 1 or 0. depth, color, valid: the picture,
+ * which keeps what is nearer already. occupancy: (height, width) bit k is set where view k gave colour, with OCCUPIED.
  * Work-item: a region (raster/region.h). Cost: O(list + pixels * meshes). Determinism: list order, then the meshes'.
  */
 #include "raster/nearest.h"

@@ -10,12 +10,11 @@
  * part is drawn has LOSS times its own length as an error, since all of it is lost unless it is split: edges and
  * segmentation stay at any tolerance that is of use.
  *
- * nearness: (height, pitch). cells: samples.cl. Of each vertex, (side + 1, row): errors in scene units, -1 where nothing
- * is drawn; radii of the bounding spheres; depths of their centres, which are a child's where there is no sample; states
- * of the sides.
- * Work-item: a row of vertices of step 1, most of all, one after the other (`find_finest_midpoints`, which also writes what
- * is true of vertices that no cell belongs to, `find_finest_centers`), of a coarser step (`find_errors`), all rows of all
- * coarser steps (`find_coarse_errors`).
+ * nearness: (height, pitch). Of each vertex, (side + 1, row): states, states.cl; errors in scene units, -1 where nothing is
+ * drawn; radii of the bounding spheres; depths of their centres, which are a child's where there is no sample.
+ * Work-item: a row of vertices of step 1, most of all, one after the other (`find_finest_midpoints`, which also writes
+ * what is true of vertices that no cell belongs to, `find_finest_centers`), of a coarser step (`find_errors`), all rows of
+ * all coarser steps (`find_coarse_errors`).
  * Cost: O(vertices). Determinism: maxima of children in a fixed order.
  */
 #include "depthmesh/tree.h"
@@ -24,16 +23,14 @@
 
 typedef struct {
     global const float *nearness;
-    global const uchar *cells;
+    global const uchar *states;
     global float *errors, *radii, *depths;
-    global uchar *states;
 } Tree;
 
 /* What is known of LANES vertices */
 typedef struct {
     Point center;
     floatl error, radius, depth;
-    intl side[2]; /* states */
 } Vertices;
 
 floatl nearness_at(const Layout *layout, const Tree *tree, intl x, intl y)
@@ -92,12 +89,12 @@ floatl bisection_error(const Layout *layout, Point p, floatl n, intl ax, intl ay
 }
 
 /* Adds the vertices' own errors to their children's, unless nothing is drawn. */
-void add_error(const Layout *layout, floatl own, int s, int centers, Vertices *v)
+void add_error(const Layout *layout, floatl own, intl states, int s, int centers, Vertices *v)
 {
-    const intl partly = (v->side[0] == (UNDRAWN | DRAWN)) | (v->side[1] == (UNDRAWN | DRAWN));
+    const intl a = STATE_A(states), b = STATE_B(states);
+    const intl partly = (a == (UNDRAWN | DRAWN)) | (b == (UNDRAWN | DRAWN)), drawn = ((a | b) & DRAWN) != 0;
     const float samples = LOSS * 2.0f * s * (centers ? M_SQRT2_F : 1.0f);
     const floatl length = samples * layout->footprint * (layout->perspective ? v->depth : (floatl)1.0f);
-    const intl drawn = ((v->side[0] | v->side[1]) & DRAWN) != 0;
     v->error = pick(drawn, fmax(own + fmax(v->error, (floatl)0.0f), pick(partly, length, (floatl)0.0f)), v->error);
 }
 
@@ -105,38 +102,17 @@ void add_error(const Layout *layout, floatl own, int s, int centers, Vertices *v
 void find_row(const Layout *layout, const Tree *tree, int s, int y, int centers)
 {
     const int across = !(y / s & 1); /* midpoints of this row lie on edges along x */
-    const int half_step = s / 2;
     for (int start = centers || across ? s : 0; start <= layout->side && start - s < layout->width - 1; start += 2 * s * LANES) {
         const intl x = start + 2 * s * lane_index, mine = (x <= layout->side) & (x - s < layout->width - 1);
-        const intl row = (intl)y;
-        Vertices v;
+        const intl row = (intl)y, main = IS_MAIN(x, row, s), at = pick(mine, row * layout->row + x, (intl)0);
         const floatl n = nearness_at(layout, tree, x, row);
-        v.error = -1.0f;
-        v.radius = 0.0f;
-        v.depth = pick(IS_SAMPLE(n), DEPTH_OF(*layout, n), (floatl)0.0f);
-        v.side[0] = v.side[1] = 0;
-        intl main = 0;
-        Children children[4];
-        if (centers) {
-            main = IS_MAIN(x, row, s);
-            for (int k = 0; k < 4; k++) { /* above, right, below, left */
-                const intl child_x = x + (k == 1 ? s : k == 3 ? -s : 0), child_y = row + (k == 2 ? s : k == 0 ? -s : 0);
-                children[k] = add_children(layout, tree, child_x, child_y, mine, &v);
-                const intl byte = (intl)(gather(tree->states, children[k].at));
-                const intl state = k == 0 || k == 3 ? STATE_B(byte) : STATE_A(byte);
-                const intl to_a = k == 0 ? (intl)-1 : k == 2 ? (intl)0 : k == 1 ? main : !main;
-                v.side[0] |= pick(to_a, state, (intl)0);
-                v.side[1] |= pick(to_a, (intl)0, state);
-            }
-        } else {
-            for (int k = 0; k < 4; k++) {
-                const int right = k & 1, below = k >> 1, side = across ? below : right;
-                const intl there = mine & (right ? x < layout->side : x > 0) & (intl)((below ? y < layout->side : y > 0) ? -1 : 0);
-                const intl child_x = x + (right ? half_step : -half_step), child_y = row + (below ? half_step : -half_step);
-                children[k] = add_children(layout, tree, child_x, child_y, there, &v);
-                const intl byte = (intl)(gather(tree->states, children[k].at));
-                v.side[side] |= pick(there, below ? STATE_A(byte) : STATE_B(byte), (intl)0);
-            }
+        Vertices v = {{0.0f, 0.0f, 0.0f}, -1.0f, 0.0f, pick(IS_SAMPLE(n), DEPTH_OF(*layout, n), (floatl)0.0f)};
+        Children children[4]; /* of a centre above, to the right, below and to the left, of a midpoint all around */
+        for (int k = 0; k < 4; k++) {
+            const int dx = centers ? (k == 1 ? s : k == 3 ? -s : 0) : (k & 1 ? s / 2 : -s / 2);
+            const int dy = centers ? (k == 2 ? s : k == 0 ? -s : 0) : (k >> 1 ? s / 2 : -s / 2);
+            const intl there = mine & (x + dx >= 0) & (x + dx <= layout->side) & (row + dy >= 0) & (row + dy <= layout->side);
+            children[k] = add_children(layout, tree, x + dx, row + dy, there, &v);
         }
         v.center = point_of(layout, to_floatl(x), to_floatl(row), v.depth);
         for (int k = 0; k < 4; k++)
@@ -144,10 +120,10 @@ void find_row(const Layout *layout, const Tree *tree, int s, int y, int centers)
         const int before_x = centers || across ? s : 0, before_y = centers || !across ? s : 0;
         const intl ay = centers ? pick(main, row - s, row + s) : row - before_y;
         const intl by = centers ? pick(main, row + s, row - s) : row + before_y;
-        const intl ax = x - before_x, bx = x + before_x;
+        const intl ax = x - before_x, bx = x + before_x, states = (intl)(gather(tree->states, at));
         const floatl na = nearness_at(layout, tree, ax, ay), nb = nearness_at(layout, tree, bx, by);
-        add_error(layout, bisection_error(layout, v.center, n, ax, ay, na, bx, by, nb, centers, across), s, centers, &v);
-        const intl at = row * layout->row + x, byte = v.side[0] | v.side[1] << 2;
+        const floatl own = bisection_error(layout, v.center, n, ax, ay, na, bx, by, nb, centers, across);
+        add_error(layout, own, states, s, centers, &v);
         for (int lane = 0; lane < LANES; lane++) {
             if (!((const int *)&mine)[lane])
                 continue;
@@ -155,14 +131,9 @@ void find_row(const Layout *layout, const Tree *tree, int s, int y, int centers)
             tree->errors[to] = ((const float *)&v.error)[lane];
             tree->radii[to] = ((const float *)&v.radius)[lane];
             tree->depths[to] = ((const float *)&v.depth)[lane];
-            tree->states[to] = ((const int *)&byte)[lane];
         }
     }
 }
-
-/* LANES numbers of a row from first + dx on, dx in {-1, 0, 1}; the first of a row's has no left neighbour. */
-#define NEXT_TO(load, row, first, dx) ((dx) < 0 && !(first) ? shifted_lanes(load(row)) : load((row) + (first) + (dx)))
-#define load_bytes(p) to_intl(load_lanes(p))
 
 /* Nearness of the samples next to those of a row y from x on: dx and dy in {-1, 0, 1} */
 floatl nearness_next_to(const Layout *layout, const Tree *tree, intl x, int first, int y, int dx, int dy)
@@ -174,83 +145,57 @@ floatl nearness_next_to(const Layout *layout, const Tree *tree, intl x, int firs
     return pick(in, NEXT_TO(load_lanes, row, first, dx), (floatl)NO_SURFACE);
 }
 
-/* States of the cells' triangles that meet the vertices x of a row y: dx and dy, -1 or 0, tell which cell. */
-intl state_next_to(const Layout *layout, const Tree *tree, intl x, int first, int y, int dx, int dy)
-{
-    if (y + dy < 0 || y + dy >= layout->side)
-        return (intl)0;
-    const intl there = (x + dx >= 0) & (x + dx < layout->side);
-    if (y + dy >= layout->height - 1)
-        return pick(there, (intl)UNDRAWN, (intl)0);
-    global const uchar *row = tree->cells + (size_t)(y + dy) * layout->pitch;
-    const intl byte = NEXT_TO(load_bytes, row, first, dx), state = dy ? STATE_B(byte) : STATE_A(byte);
-    return pick(there, pick(x + dx < layout->width - 1, state, (intl)UNDRAWN), (intl)0);
-}
-
 void store_vertices(const Tree *tree, size_t at, const Vertices *v)
 {
     store_lanes(v->error, tree->errors + at);
     store_lanes(v->radius, tree->radii + at);
     store_lanes(v->depth, tree->depths + at);
-    store_bytes(to_ucharl(v->side[0] | v->side[1] << 2), tree->states + at);
 }
 
-kernel void find_finest_midpoints(global const float *nearness, global const uchar *cells, global float *errors,
-                                  global float *radii, global float *depths, global uchar *states, Layout layout)
+kernel void find_finest_midpoints(global const float *nearness, global const uchar *states, global float *errors,
+                                  global float *radii, global float *depths, Layout layout)
 {
     const int y = get_global_id(0), across = !(y & 1);
     if (y > layout.side)
         return;
-    const Tree tree = {nearness, cells, errors, radii, depths, states};
+    const Tree tree = {nearness, states, errors, radii, depths};
     for (int first = 0; first <= layout.side; first += LANES) {
         const size_t at = (size_t)y * layout.row + first;
-        Vertices v = {{0.0f, 0.0f, 0.0f}, -1.0f, 0.0f, 0.0f, {(intl)UNDRAWN, (intl)UNDRAWN}};
-        if (first > layout.width || y > layout.height) {
-            store_vertices(&tree, at, &v);
-            continue;
+        const intl x = first + lane_index, ax = x - across, bx = x + across;
+        const int ay = y - !across, by = y + !across;
+        Vertices v = {{0.0f, 0.0f, 0.0f}, -1.0f, 0.0f, 0.0f};
+        if (first <= layout.width && y <= layout.height) {
+            const floatl n = nearness_next_to(&layout, &tree, x, first, y, 0, 0);
+            const floatl na = nearness_next_to(&layout, &tree, x, first, y, across ? -1 : 0, across ? 0 : -1);
+            const floatl nb = nearness_next_to(&layout, &tree, x, first, y, across ? 1 : 0, across ? 0 : 1);
+            v.depth = pick(IS_SAMPLE(n), DEPTH_OF(layout, n), (floatl)0.0f);
+            v.center = point_of(&layout, to_floatl(x), (floatl)y, v.depth);
+            const floatl own = bisection_error(&layout, v.center, n, ax, (intl)ay, na, bx, (intl)by, nb, 0, across);
+            const intl odd = (x & 1) == 1, mine = layout.side == 1 ? (intl)0 : across ? odd : !odd;
+            add_error(&layout, own, pick(mine, load_bytes(states + at), (intl)0), 1, 0, &v);
         }
-        const intl x = first + lane_index, row = (intl)y;
-        const floatl n = nearness_next_to(&layout, &tree, x, first, y, 0, 0);
-        const floatl na = nearness_next_to(&layout, &tree, x, first, y, across ? -1 : 0, across ? 0 : -1);
-        const floatl nb = nearness_next_to(&layout, &tree, x, first, y, across ? 1 : 0, across ? 0 : 1);
-        const intl upper_left = state_next_to(&layout, &tree, x, first, y, -1, -1);
-        const intl upper_right = state_next_to(&layout, &tree, x, first, y, 0, -1);
-        const intl lower_left = state_next_to(&layout, &tree, x, first, y, -1, 0);
-        const intl lower_right = state_next_to(&layout, &tree, x, first, y, 0, 0);
-        const intl odd = (x & 1) == 1, mine = layout.side == 1 ? (intl)0 : across ? odd : !odd;
-        v.side[0] = pick(mine, upper_left | (across ? upper_right : lower_left), v.side[0]);
-        v.side[1] = pick(mine, lower_right | (across ? lower_left : upper_right), v.side[1]);
-        v.depth = pick(IS_SAMPLE(n), DEPTH_OF(layout, n), (floatl)0.0f);
-        v.center = point_of(&layout, to_floatl(x), (floatl)y, v.depth);
-        const intl ax = x - across, ay = row - !across, bx = x + across, by = row + !across;
-        add_error(&layout, bisection_error(&layout, v.center, n, ax, ay, na, bx, by, nb, 0, across), 1, 0, &v);
         store_vertices(&tree, at, &v);
     }
 }
 
-kernel void find_finest_centers(global const float *nearness, global const uchar *cells, global float *errors,
-                                global float *radii, global float *depths, global uchar *states, Layout layout)
+kernel void find_finest_centers(global const float *nearness, global const uchar *states, global float *errors,
+                                global float *radii, global float *depths, Layout layout)
 {
     const int y = 2 * get_global_id(0) + 1;
     if (y > layout.side || y >= layout.height)
         return;
-    const Tree tree = {nearness, cells, errors, radii, depths, states};
+    const Tree tree = {nearness, states, errors, radii, depths};
     const int dx[4] = {0, 1, 0, -1}, dy[4] = {-1, 0, 1, 0}; /* children above, right, below, left */
     for (int first = 0; first < layout.width; first += LANES) {
         const size_t at = (size_t)y * layout.row + first;
         const intl x = first + lane_index, mine = ((x & 1) == 1) & (x < layout.width), main = IS_MAIN(x, (intl)y, 1);
         const floatl n = nearness_next_to(&layout, &tree, x, first, y, 0, 0);
-        Vertices v = {{0.0f, 0.0f, 0.0f}, -1.0f, 0.0f, pick(IS_SAMPLE(n), DEPTH_OF(layout, n), (floatl)0.0f), {(intl)0, (intl)0}};
+        Vertices v = {{0.0f, 0.0f, 0.0f}, -1.0f, 0.0f, pick(IS_SAMPLE(n), DEPTH_OF(layout, n), (floatl)0.0f)};
         floatl error[4], depth[4];
         for (int k = 0; k < 4; k++) {
             const size_t start = (size_t)(y + dy[k]) * layout.row;
             error[k] = NEXT_TO(load_lanes, errors + start, first, dx[k]);
             depth[k] = NEXT_TO(load_lanes, depths + start, first, dx[k]);
-            const intl byte = NEXT_TO(load_bytes, states + start, first, dx[k]);
-            const intl state = k == 0 || k == 3 ? STATE_B(byte) : STATE_A(byte);
-            const intl to_a = k == 0 ? (intl)-1 : k == 2 ? (intl)0 : k == 1 ? main : !main;
-            v.side[0] |= pick(to_a, state, (intl)0);
-            v.side[1] |= pick(to_a, (intl)0, state);
             v.error = greater(error[k], v.error);
             v.depth = pick((v.depth == 0.0f) & (error[k] >= 0.0f), depth[k], v.depth);
         }
@@ -259,37 +204,37 @@ kernel void find_finest_centers(global const float *nearness, global const uchar
             const Point away = minus(point_of(&layout, to_floatl(x + dx[k]), (floatl)(y + dy[k]), depth[k]), v.center);
             v.radius = pick(error[k] >= 0.0f, greater(sqrt(DOT(away, away)), v.radius), v.radius);
         }
-        const floatl upper[2] = {nearness_next_to(&layout, &tree, x, first, y, -1, -1), nearness_next_to(&layout, &tree, x, first, y, 1, -1)};
-        const floatl lower[2] = {nearness_next_to(&layout, &tree, x, first, y, -1, 1), nearness_next_to(&layout, &tree, x, first, y, 1, 1)};
-        const floatl na = pick(main, upper[0], lower[0]), nb = pick(main, lower[1], upper[1]);
-        const intl down = pick(main, (intl)1, (intl)-1);
-        add_error(&layout, bisection_error(&layout, v.center, n, x - 1, y - down, na, x + 1, y + down, nb, 1, 0), 1, 1, &v);
+        floatl corner[2][2]; /* nearness */
+        for (int below = 0; below < 2; below++)
+            for (int right = 0; right < 2; right++)
+                corner[below][right] = nearness_next_to(&layout, &tree, x, first, y, right ? 1 : -1, below ? 1 : -1);
+        const floatl na = pick(main, corner[0][0], corner[1][0]), nb = pick(main, corner[1][1], corner[0][1]);
+        const intl down = pick(main, (intl)1, (intl)-1), ay = y - down, by = y + down;
+        const floatl own = bisection_error(&layout, v.center, n, x - 1, ay, na, x + 1, by, nb, 1, 0);
+        add_error(&layout, own, load_bytes(states + at), 1, 1, &v);
         v.error = pick(mine, v.error, load_lanes(errors + at));
         v.radius = pick(mine, v.radius, load_lanes(radii + at));
         v.depth = pick(mine, v.depth, load_lanes(depths + at));
-        const intl before = load_bytes(states + at);
-        v.side[0] = pick(mine, v.side[0], STATE_A(before));
-        v.side[1] = pick(mine, v.side[1], STATE_B(before));
         store_vertices(&tree, at, &v);
     }
 }
 
-kernel void find_errors(global const float *nearness, global const uchar *cells, global float *errors, global float *radii,
-                        global float *depths, global uchar *states, Layout layout, int s, int centers)
+kernel void find_errors(global const float *nearness, global const uchar *states, global float *errors, global float *radii,
+                        global float *depths, Layout layout, int s, int centers)
 {
     const int y = centers ? s + 2 * s * (int)get_global_id(0) : s * (int)get_global_id(0);
     if (y > layout.side || y - s >= layout.height - 1)
         return;
-    const Tree tree = {nearness, cells, errors, radii, depths, states};
+    const Tree tree = {nearness, states, errors, radii, depths};
     find_row(&layout, &tree, s, y, centers);
 }
 
-kernel void find_coarse_errors(global const float *nearness, global const uchar *cells, global float *errors,
-                               global float *radii, global float *depths, global uchar *states, Layout layout, int finest)
+kernel void find_coarse_errors(global const float *nearness, global const uchar *states, global float *errors,
+                               global float *radii, global float *depths, Layout layout, int finest)
 {
     if (get_global_id(0) > 0)
         return;
-    const Tree tree = {nearness, cells, errors, radii, depths, states};
+    const Tree tree = {nearness, states, errors, radii, depths};
     for (int s = finest; s < layout.side; s *= 2) {
         for (int y = 0; y <= layout.side && y - s < layout.height - 1; y += s)
             find_row(&layout, &tree, s, y, 0);

@@ -79,6 +79,10 @@ int step_of(int x, int y)
 
 #define IS_CENTER(x, y, s) (((x) & (y) & (s)) != 0)
 
+/* LANES numbers of a row from first + dx on, dx in {-1, 0, 1}; the first of a row's has no left neighbour. */
+#define NEXT_TO(load, row, first, dx) ((dx) < 0 && !(first) ? shifted_lanes(load(row)) : load((row) + (first) + (dx)))
+#define load_bytes(p) to_intl(load_lanes(p))
+
 /* Marks of vertices of a triangulation: all corners of triangles, and of them those where right angles may be */
 #define LISTED 2
 #define ACTIVE 3

@@ -9,11 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.camera import Camera
+from pyibr.depthmesh.background import background_of, underlay_of
 from pyibr.depthmesh.levels import color_levels
 from pyibr.depthmesh.mesh import DepthMesh
 from pyibr.depthmesh.object import DepthMeshObject
-from pyibr.depthmesh.segmentation import Segmentation
-from pyibr.depthmesh.tree import Triangles, active_for, active_within, build_tree, list_triangles, pixels_of, project_points
+from pyibr.depthmesh.tree import (
+    active_for,
+    list_triangles,
+    project_points,
+)
 from pyibr.pixelspace import PixelMap
 from pyibr.raster import BIN, bin_primitives, rgba_words
 from pyibr.target import Target
@@ -22,7 +26,6 @@ if TYPE_CHECKING:
     from pyibr.opencl.memory import DeviceArray
 
 _BLENDS = {"quality": 0, "position": 1, "nearest": 2}  # BLEND of kernels/depthmesh/blend.cl
-_COARSE_ERROR = 0.005  # of the largest extent: the coarse meshes' under the holes
 _UNDERLAID = 2  # times as many views are looked at under the holes as are blended
 
 
@@ -36,21 +39,6 @@ class _Colors:
     words: DeviceArray
     sizes: DeviceArray
     ends: list[tuple[int, int]]
-
-
-@dataclass(frozen=True)
-class _Background:
-    """What shows through holes, and up to where each view has seen that there is nothing.
-
-    `points` are each view's, of `bridges`, its coarse triangles over the cells that segmentation took out, and of
-    `surfaces`, those over the others.
-    """
-
-    points: list[NDArray[np.float32]]
-    bridges: list[NDArray[np.int32]]
-    surfaces: list[NDArray[np.int32]]
-    limits: DeviceArray
-    sizes: DeviceArray
 
 
 def _colors_of(thing: DepthMesh | DepthMeshObject, meshes: list[DepthMesh]) -> _Colors:
@@ -70,65 +58,6 @@ def _colors_of(thing: DepthMesh | DepthMeshObject, meshes: list[DepthMesh]) -> _
             ends.append((first, len(sizes) - 1))
         kept["colors"] = _Colors(upload(np.concatenate(words)), upload(np.array(sizes, np.int32)), ends)
     return kept["colors"]
-
-
-def _background_of(thing: DepthMeshObject) -> _Background:
-    """What shows through holes, made once (section 4.5 of the paper)."""
-    from pyibr.opencl.device import current
-    from pyibr.opencl.memory import upload
-
-    kept = thing.device_cache.setdefault(current(), {})
-    if "background" not in kept:
-        points, limits = list[NDArray[np.float32]](), list[NDArray[np.float32]]()
-        bridges, surfaces = list[NDArray[np.int32]](), list[NDArray[np.int32]]()
-        for mesh in thing.meshes:
-            trees = build_tree(mesh.view, Segmentation("none")), mesh.tree
-            coarse = list_triangles(trees, [active_within(tree, _COARSE_ERROR * thing.extent) for tree in trees])
-            corners = coarse.corners.to_host()
-            points.append(coarse.points.to_host())
-            bridges.append(_over_holes(corners[: coarse.firsts[1]], points[-1], mesh))
-            surfaces.append(corners[coarse.firsts[1] :])
-            view = mesh.view
-            unseen = np.where(view.depth >= view.far, np.float32(np.inf), np.float32(0))
-            limits.append(np.where(view.valid, view.depth, unseen).ravel())
-        starts = np.cumsum([0, *(limit.size for limit in limits[:-1])])
-        sizes = [(*mesh.view.camera.size, start) for mesh, start in zip(thing.meshes, starts, strict=True)]
-        limits_of_all, sizes_of_all = upload(np.concatenate(limits)), upload(np.array(sizes, np.int32))
-        kept["background"] = _Background(points, bridges, surfaces, limits_of_all, sizes_of_all)
-    return kept["background"]
-
-
-def _over_holes(corners: NDArray[np.int32], points: NDArray[np.float32], mesh: DepthMesh) -> NDArray[np.int32]:
-    """Those of a view's triangles whose boxes hold a cell that is not drawn in full."""
-    width, height = mesh.view.camera.size
-    drawn = mesh.tree.cells.to_host()[: height - 1, : width - 1] == 0b1010
-    holes = np.zeros((height, width), np.int32)  # above and to the left of each sample
-    holes[1:, 1:] = np.cumsum(np.cumsum(~drawn, axis=0, dtype=np.int32), axis=1)
-    x, y = np.moveaxis(pixels_of(points[corners], mesh.view), -1, 0)
-    low_x, low_y, high_x, high_y = x.min(axis=1), y.min(axis=1), x.max(axis=1), y.max(axis=1)
-    within = holes[high_y, high_x] - holes[low_y, high_x] - holes[high_y, low_x] + holes[low_y, low_x]
-    return corners[within > 0]
-
-
-def _underlay(thing: DepthMeshObject, chosen: list[int], others: list[int]) -> Triangles:
-    """What shows through the holes of the chosen views' meshes: their bridges, and surfaces of others."""
-    from pyibr.opencl.device import current
-    from pyibr.opencl.memory import upload
-
-    background = _background_of(thing)
-    kept = thing.device_cache[current()]
-    which, found = kept.get("underlay", (None, None))
-    if which == (chosen, others):
-        return found
-    parts = [(number, background.bridges[number]) for number in chosen]
-    parts += [(number, background.surfaces[number]) for number in others]
-    point_firsts = np.cumsum([0, *(len(background.points[number]) for number, _ in parts)]).tolist()
-    firsts = np.cumsum([0, *(len(corners) for _, corners in parts)]).tolist()
-    points = np.concatenate([background.points[number] for number, _ in parts])
-    corners = np.concatenate([part + first for (_, part), first in zip(parts, point_firsts[:-1], strict=True)])
-    made = Triangles(upload(points), upload(corners.astype(np.int32)), point_firsts, firsts)
-    kept["underlay"] = (chosen, others), made
-    return made
 
 
 def draw_depth_mesh(target: Target, thing: DepthMesh | DepthMeshObject, occupancy: DeviceArray | None = None) -> None:
@@ -155,9 +84,9 @@ def draw_depth_mesh(target: Target, thing: DepthMesh | DepthMeshObject, occupanc
     if several:
         defines["BLEND"] = _BLENDS[thing.blend]
     if several and thing.background:
-        background = _background_of(thing)
+        background = background_of(thing)
         others = sorted(order[len(chosen) : _UNDERLAID * len(chosen)])
-        underlay = _underlay(thing, chosen, others)
+        underlay = underlay_of(thing, chosen, others)
         shown = [*chosen, *others, *chosen]
         maps = [PixelMap(target.camera, mesh.view.camera, 0.0, 0.0).dst_from_src for mesh in meshes]
         perspectives = [mesh.view.camera.projection == "perspective" for mesh in meshes]

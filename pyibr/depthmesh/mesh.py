@@ -129,7 +129,7 @@ class DepthMesh(Fixed):
         ArgumentError
             If an argument is out of its range.
         """
-        with self.tree.errors.session.lock:
+        with self.tree.states.session.lock:
             samples = self._samples_for(camera, tolerance)
             if not len(samples):
                 raise ArgumentError("camera", "one for which triangles are left at this tolerance", describe(camera))
@@ -163,7 +163,7 @@ class DepthMesh(Fixed):
         2
         """
         tree, bound = self.tree, checked_tolerance("max_error", max_error)
-        with tree.errors.session.lock:
+        with tree.states.session.lock:
             return self._mesh_of(_corners_of(tree, active_within(tree, bound)))
 
     def strips(self, camera: Camera, tolerance: float | None = None) -> list[NDArray[np.int32]]:
@@ -180,7 +180,7 @@ class DepthMesh(Fixed):
             Each three numbers in a row are a triangle, every other one wound the other way; a number that comes twice
             turns the strip and makes a triangle without area. Strips end where a triangle is not drawn.
         """
-        with self.tree.errors.session.lock:
+        with self.tree.states.session.lock:
             samples = self._samples_for(camera, tolerance)
         faces = _numbered(samples, self.view.depth.size)[samples]
         return strips_of(samples, faces, self.view.camera.width, self.tree.side)

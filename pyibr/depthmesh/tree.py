@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -56,35 +57,48 @@ class Tree:
     view : DepthImage
     layout : Struct
         Of kernels/depthmesh/tree.h.
+    side : int
+        Cells along the side, a power of two.
     nearness : DeviceArray (H, pitch)
     cells : DeviceArray (H, pitch) uint8
         Whether each cell's two triangles are drawn.
     normals : DeviceArray (3, H, pitch)
         In the view's frame.
-    errors, radii, depths : DeviceArray (side + 1, row)
-        Of the vertices: errors (-1: nothing is drawn), bounding spheres, depths of their centres; scene units.
     states : DeviceArray (side + 1, row) uint8
         Which of the two triangles that a vertex splits are drawn.
     """
 
     view: DepthImage
     layout: Struct
+    side: int
     nearness: DeviceArray
     cells: DeviceArray
     normals: DeviceArray
+    states: DeviceArray
+
+    @cached_property
+    def errors(self) -> Errors:
+        """What selection for a viewer needs to know of the vertices."""
+        return _find_errors(self)
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Of a tree's vertices, (side + 1, row): errors, -1 where nothing is drawn, and bounding spheres; scene units.
+
+    Attributes
+    ----------
+    errors, radii, depths : DeviceArray
+        The depths are those of the spheres' centres.
+    """
+
     errors: DeviceArray
     radii: DeviceArray
     depths: DeviceArray
-    states: DeviceArray
-
-    @property
-    def side(self) -> int:
-        """Cells along the side, a power of two."""
-        return self.errors.shape[0] - 1
 
 
 def build_tree(view: DepthImage, segmentation: Segmentation) -> Tree:
-    """Segment a view's grid, and find its normals and its tree's errors, fine to coarse."""
+    """Segment a view's grid, and find its normals and what its tree's triangles are made of."""
     from pyibr.opencl.launch import Struct, launch
     from pyibr.opencl.memory import empty
     from pyibr.opencl.program import kernel
@@ -113,30 +127,50 @@ def build_tree(view: DepthImage, segmentation: Segmentation) -> Tree:
         layout=layout,
         rule=rule,
     )
-    errors, radii, depths = (empty((side + 1, row), np.float32) for _ in range(3))
-    states = empty((side + 1, row), np.uint8)
-    buffers: dict[str, Any] = {
-        "nearness": nearness,
-        "cells": cells,
+    file, states = "depthmesh/states.cl", empty((side + 1, row), np.uint8)
+    launch(kernel(file, "find_midpoint_states"), (side + 1,), cells=cells, states=states, layout=layout)
+    if side > 1:
+        launch(kernel(file, "find_center_states"), (side // 2,), states=states, layout=layout)
+    _fine_to_coarse(file, "find_states", "find_coarse_states", side, height, states=states, layout=layout)
+    return Tree(view, layout, side, nearness, cells, normals, states)
+
+
+def _find_errors(tree: Tree) -> Errors:
+    from pyibr.opencl.launch import launch
+    from pyibr.opencl.memory import empty
+    from pyibr.opencl.program import kernel
+
+    file, side = "depthmesh/errors.cl", tree.side
+    errors, radii, depths = (empty(tree.states.shape, np.float32) for _ in range(3))
+    shared: dict[str, Any] = {
+        "nearness": tree.nearness,
+        "states": tree.states,
         "errors": errors,
         "radii": radii,
         "depths": depths,
-        "states": states,
-        "layout": layout,
+        "layout": tree.layout,
     }
-    launch(kernel("depthmesh/errors.cl", "find_finest_midpoints"), (side + 1,), **buffers)
+    launch(kernel(file, "find_finest_midpoints"), (side + 1,), **shared)
     if side > 1:
-        launch(kernel("depthmesh/errors.cl", "find_finest_centers"), (side // 2,), **buffers)
+        launch(kernel(file, "find_finest_centers"), (side // 2,), **shared)
+    _fine_to_coarse(file, "find_errors", "find_coarse_errors", side, tree.view.camera.height, **shared)
+    return Errors(errors, radii, depths)
+
+
+def _fine_to_coarse(file: str, of_step: str, of_coarse: str, side: int, height: int, **shared: Any) -> None:
+    """Launch kernels for the vertices of each step from 2 on: midpoints, then centres."""
+    from pyibr.opencl.launch import launch
+    from pyibr.opencl.program import kernel
+
     step = 2
     while step < min(side, _COARSE):
         rows = -(-(height - 1) // step) + 1
-        fine = kernel("depthmesh/errors.cl", "find_errors")
-        launch(fine, (min(side // step + 1, rows),), **buffers, s=step, centers=False)
-        launch(fine, (min(side // (2 * step), -(-rows // 2)),), **buffers, s=step, centers=True)
+        one = kernel(file, of_step)
+        launch(one, (min(side // step + 1, rows),), **shared, s=step, centers=False)
+        launch(one, (min(side // (2 * step), -(-rows // 2)),), **shared, s=step, centers=True)
         step *= 2
     if step < side:
-        launch(kernel("depthmesh/errors.cl", "find_coarse_errors"), (1,), **buffers, finest=step)
-    return Tree(view, layout, nearness, cells, normals, errors, radii, depths, states)
+        launch(kernel(file, of_coarse), (1,), **shared, finest=step)
 
 
 def _layout(camera: Camera, side: int, row: int) -> np.ndarray[Any, np.dtype[np.void]]:
@@ -155,13 +189,13 @@ def active_for(tree: Tree, camera: Camera, tolerance: float) -> DeviceArray:
     from pyibr.opencl.memory import empty
     from pyibr.opencl.program import kernel
 
-    active = empty(tree.errors.shape, np.uint8)
+    known, active = tree.errors, empty(tree.states.shape, np.uint8)
     launch(
         kernel("depthmesh/select.cl", "activate"),
         (tree.side + 1,),
-        errors=tree.errors,
-        radii=tree.radii,
-        depths=tree.depths,
+        errors=known.errors,
+        radii=known.radii,
+        depths=known.depths,
         active=active,
         layout=tree.layout,
         viewer=Struct("Viewer", _viewer(tree.view.camera, camera, tolerance)),
@@ -192,7 +226,7 @@ def active_within(tree: Tree, max_error: float) -> DeviceArray:
     from pyibr.opencl.memory import empty
     from pyibr.opencl.program import kernel
 
-    active = empty(tree.errors.shape, np.uint8)
+    active = empty(tree.states.shape, np.uint8)
     active.fill(0)
     launch(
         kernel("depthmesh/simplify.cl", "refine"),
@@ -200,7 +234,7 @@ def active_within(tree: Tree, max_error: float) -> DeviceArray:
         nearness=tree.nearness,
         states=tree.states,
         active=active,
-        queue=empty(tree.errors.shape, np.int32),
+        queue=empty(tree.states.shape, np.int32),
         layout=tree.layout,
         max_error=max_error,
     )
@@ -227,9 +261,7 @@ class Triangles:
     firsts: list[int]
 
 
-def list_triangles(
-    trees: Sequence[Tree], active: Sequence[DeviceArray], before: Triangles | None = None
-) -> Triangles:
+def list_triangles(trees: Sequence[Tree], active: Sequence[DeviceArray], before: Triangles | None = None) -> Triangles:
     """List the triangles of each tree's active vertices, after those of `before`, in a fixed order."""
     from pyibr.opencl.launch import launch
     from pyibr.opencl.memory import copy, empty, upload

@@ -53,7 +53,9 @@ def fields(tree: reference.Tree, side: int) -> tuple[np.ndarray, ...]:
 def test_errors_spheres_and_states():
     for name, thing, twin_tree in all_kinds():
         tree, side = thing.tree, thing.tree.side
-        found = [a.to_host()[:, : side + 1] for a in (tree.errors, tree.radii, tree.depths, tree.states)]
+        known = tree.errors
+        arrays = known.errors, known.radii, known.depths, tree.states
+        found = [a.to_host()[:, : side + 1] for a in arrays]
         errors, radii, depths, states = fields(twin_tree, side)
         some = errors >= 0
         assert side == 1 or some.any()
@@ -68,7 +70,8 @@ def test_parents_hold_their_children():
     """Larger errors, and spheres around the children's: so vertices can decide on their own."""
     for name, thing, structure in all_kinds():
         tree = thing.tree
-        kept = [a.to_host()[:, : tree.side + 1].astype(np.float64) for a in (tree.errors, tree.radii, tree.depths)]
+        arrays = tree.errors.errors, tree.errors.radii, tree.errors.depths
+        kept = [a.to_host()[:, : tree.side + 1].astype(np.float64) for a in arrays]
         errors, radii, depths = (np.where(kept[0] >= 0, a, 0 if a is not kept[0] else -1) for a in kept)
         for corner, vertex in structure.vertices.items():
             x, y = corner
