@@ -91,6 +91,15 @@ def test_no_edge_is_lost_at_common_tolerances():
             )
 
 
+def test_vertices_are_the_samples():
+    """Whatever the image's width, its points pass through (x z, y z, z) and back."""
+    for projection in PROJECTIONS:
+        for size in ((2, 1301), (4099, 3), (61, 37), (1000, 7)):
+            view = rough(np.random.default_rng(1), size, projection, 0.3)
+            mesh = ibr.DepthMesh(view, segmentation=Segmentation("none")).triangulate(view.camera, 0)
+            np.testing.assert_array_equal(mesh.vertices, view.points.astype(np.float32))
+
+
 @pytest.mark.parametrize("tolerance", [0.5, 2])
 def test_larger_tolerances_have_fewer_triangles(tolerance):
     thing = ibr.DepthMesh(scenes.smooth((129, 97)))
@@ -131,6 +140,20 @@ def test_simplify_never_exceeds_its_error():
             assert worst <= bound + 4 * 2**-20
             used.append(worst / bound if bound and len(corners) < drawn.sum() else 0)
     assert np.quantile(used, 0.75) > 0.8  # and it is made use of
+
+
+@pytest.mark.parametrize("projection", PROJECTIONS)
+def test_simplify_sees_every_single_sample(projection):
+    """A spike on a plane, wherever it is: on borders no second triangle would see it."""
+    side, bound = 17, 0.05
+    flat = plane((side, side), projection)
+    for y in range(side):
+        for x in range(side):
+            depth = flat.depth.copy()
+            depth[y, x] += 0.1
+            view = ibr.DepthImage(flat.color, depth, flat.camera)
+            thing = ibr.DepthMesh(view, segmentation=Segmentation("none"))
+            assert vertical_error(samples_within(thing, bound), view) <= bound, (x, y)
 
 
 def plane(size: scenes.Size, projection: str) -> ibr.DepthImage:
