@@ -23,13 +23,13 @@ _COARSE_ERROR = 0.005  # of the largest extent: that of the coarse meshes
 class Background:
     """What shows through holes, and up to where each view has seen that there is nothing.
 
-    `points` are each view's, of `bridges`, its coarse triangles over the cells that segmentation took out, and of
-    `surfaces`, those over the others.
+    `points` are each view's, of its coarse triangles `closed`, which segmentation took nothing from, and of those among
+    them over what it took, `bridges`.
     """
 
     points: list[NDArray[np.float32]]
+    closed: list[NDArray[np.int32]]
     bridges: list[NDArray[np.int32]]
-    surfaces: list[NDArray[np.int32]]
     limits: DeviceArray
     sizes: DeviceArray
 
@@ -42,21 +42,20 @@ def background_of(thing: DepthMeshObject) -> Background:
     kept = thing.device_cache.setdefault(current(), {})
     if "background" not in kept:
         points, limits = list[NDArray[np.float32]](), list[NDArray[np.float32]]()
-        bridges, surfaces = list[NDArray[np.int32]](), list[NDArray[np.int32]]()
+        closed, bridges = list[NDArray[np.int32]](), list[NDArray[np.int32]]()
         for mesh in thing.meshes:
-            trees = build_tree(mesh.view, Segmentation("none")), mesh.tree
-            coarse = list_triangles(trees, [active_within(tree, _COARSE_ERROR * thing.extent) for tree in trees])
-            corners = coarse.corners.to_host()
+            tree = build_tree(mesh.view, Segmentation("none"))
+            coarse = list_triangles([tree], [active_within(tree, _COARSE_ERROR * thing.extent)])
             points.append(coarse.points.to_host())
-            bridges.append(_over_holes(corners[: coarse.firsts[1]], points[-1], mesh))
-            surfaces.append(corners[coarse.firsts[1] :])
+            closed.append(coarse.corners.to_host())
+            bridges.append(_over_holes(closed[-1], points[-1], mesh))
             view = mesh.view
             unseen = np.where(view.depth >= view.far, np.float32(np.inf), np.float32(0))
             limits.append(np.where(view.valid, view.depth, unseen).ravel())
         starts = np.cumsum([0, *(limit.size for limit in limits[:-1])])
         sizes = [(*mesh.view.camera.size, start) for mesh, start in zip(thing.meshes, starts, strict=True)]
         limits_of_all, sizes_of_all = upload(np.concatenate(limits)), upload(np.array(sizes, np.int32))
-        kept["background"] = Background(points, bridges, surfaces, limits_of_all, sizes_of_all)
+        kept["background"] = Background(points, closed, bridges, limits_of_all, sizes_of_all)
     return kept["background"]
 
 
@@ -73,7 +72,7 @@ def _over_holes(corners: NDArray[np.int32], points: NDArray[np.float32], mesh: D
 
 
 def underlay_of(thing: DepthMeshObject, chosen: list[int], others: list[int]) -> Triangles:
-    """What shows through the holes of the chosen views' meshes: their bridges, and surfaces of others."""
+    """What shows through the holes of the chosen views' meshes: their bridges, and the closed meshes of others."""
     from pyibr.opencl.device import current
     from pyibr.opencl.memory import upload
 
@@ -83,7 +82,7 @@ def underlay_of(thing: DepthMeshObject, chosen: list[int], others: list[int]) ->
     if which == (chosen, others):
         return found
     parts = [(number, background.bridges[number]) for number in chosen]
-    parts += [(number, background.surfaces[number]) for number in others]
+    parts += [(number, background.closed[number]) for number in others]
     point_firsts = np.cumsum([0, *(len(background.points[number]) for number, _ in parts)]).tolist()
     firsts = np.cumsum([0, *(len(corners) for _, corners in parts)]).tolist()
     points = np.concatenate([background.points[number] for number, _ in parts])

@@ -9,7 +9,7 @@ import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -108,7 +108,7 @@ def _build(session: Session, file: str, name: str, defines: dict[str, int]) -> K
     else:
         program, signatures = loaded
     arguments = tuple(Argument(*pair) for pair in signatures[name])
-    handle = cl.Kernel(program, name)
+    handle: Any = cl.Kernel(program, name)
     handle.set_arg_types([_passed_as(argument.type) for argument in arguments])  # twenty times as fast as without
     return Kernel(session, handle, name, arguments)
 
