@@ -247,11 +247,11 @@ def texture_pyramid(texture: NDArray[Any]) -> NDArray[np.uint32]:
         level = cv2.resize(level, (max(width // 2, 1), max(height // 2, 1)), interpolation=cv2.INTER_AREA)
 
 
-def rgba_words(color: NDArray[Any], opacity: NDArray[Any] | None = None) -> NDArray[np.uint32]:
-    """An image's pixels as RGBA words in a row: a texel is one read. A is 255, or the opacity (bool, or 0 to 255)."""
+def rgba_words(color: NDArray[Any], valid: NDArray[np.bool_] | None = None) -> NDArray[np.uint32]:
+    """An image's pixels as RGBA words in a row: a texel is one read. A is 255, or 0 where not valid."""
     rgba = np.empty((*color.shape[:2], 4), np.uint8)
     rgba[..., :3] = as_bytes(color)
-    rgba[..., 3] = 255 if opacity is None else opacity * np.uint8(255) if opacity.dtype == bool else opacity
+    rgba[..., 3] = 255 if valid is None else valid * np.uint8(255)
     return rgba.view(np.uint32).ravel()
 
 

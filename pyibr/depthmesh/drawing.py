@@ -19,7 +19,7 @@ from pyibr.depthmesh.tree import (
     project_points,
 )
 from pyibr.pixelspace import PixelMap
-from pyibr.raster import BIN, bin_primitives, rgba_words
+from pyibr.raster import BIN, bin_primitives
 from pyibr.target import Target
 
 if TYPE_CHECKING:
@@ -51,10 +51,10 @@ def _colors_of(thing: DepthMesh | DepthMeshObject, meshes: list[DepthMesh]) -> _
         ends, start = list[tuple[int, int]](), 0
         for mesh in meshes:
             first = len(sizes)
-            for color, covered in color_levels(mesh.view):
-                sizes.append((color.shape[1], color.shape[0], start))
-                words.append(rgba_words(color, covered))
-                start += words[-1].size
+            for level in color_levels(mesh.view):
+                sizes.append((*level.shape[::-1], start))
+                words.append(level.ravel())
+                start += level.size
             ends.append((first, len(sizes) - 1))
         kept["colors"] = _Colors(upload(np.concatenate(words)), upload(np.array(sizes, np.int32)), ends)
     return kept["colors"]

@@ -89,7 +89,7 @@ class DepthMesh(Fixed):
         with session.lock:
             if "tree" not in kept:
                 made = build_tree(self.view, self.segmentation)
-                if not _in_triangles(made).any():
+                if not (_cells_of(made) & 0b1010).any():
                     raise ArgumentError("view", "samples that make triangles", "only isolated ones, or rubber sheets")
                 kept["tree"] = made
             return kept["tree"]
@@ -211,10 +211,16 @@ class DepthMesh(Fixed):
         )
 
 
+def _cells_of(tree: Tree) -> NDArray[np.uint8]:
+    """(H - 1, W - 1) states of the cells, kernels/depthmesh/tree.h: drawn are those with 0b0010 and 0b1000."""
+    width, height = tree.view.camera.size
+    return tree.cells.to_host()[: height - 1, : width - 1]
+
+
 def _in_triangles(tree: Tree) -> NDArray[np.bool_]:
     """(H, W) which samples are corners of triangles that are drawn."""
     width, height = tree.view.camera.size
-    cells = tree.cells.to_host()[: height - 1, : width - 1]
+    cells = _cells_of(tree)
     upper, lower = (cells & 0b0010) > 0, (cells & 0b1000) > 0
     main = np.add.outer(np.arange(height - 1), np.arange(width - 1)) % 2 == 0  # kernels/depthmesh/tree.h
     found = np.zeros((height, width), np.bool_)

@@ -357,6 +357,28 @@ def test_images_are_not_shaded():
     np.testing.assert_allclose(shaded.color[under], 0.25 * plain.color[under], atol=1)
 
 
+@pytest.mark.parametrize("projection", PROJECTIONS)
+def test_views_seen_small_are_averaged(projection):
+    """A board of squares of two samples turns grey from afar; holes stay out of its mean, and up close it is sharp."""
+    size = (203, 131)
+    y, x = np.mgrid[: size[1], : size[0]]
+    light = (x // 2 + y // 2) % 2 == 0
+    color = np.repeat(np.where(light, 240, 40).astype(np.uint8)[..., None], 3, 2)
+    color[60:71, 90:111] = (255, 0, 0)
+    depth = np.full(size[::-1], 4, np.float32)
+    depth[60:71, 90:111] = np.nan
+    camera = scenes.source_camera(size, projection)
+    thing = ibr.DepthMesh(ibr.DepthImage(color, depth, camera), segmentation=Segmentation("none"))
+    for scale, spread in ((8, 12), (21, 12), (3, 45)):
+        small = ibr.render(thing, camera.resized((size[0] // scale, size[1] // scale)))
+        assert small.valid.mean() > 0.8
+        seen = small.color[small.valid].astype(float)
+        assert abs(seen.mean() - 140) < 5 and seen.std() < spread, scale
+        assert np.ptp(seen, axis=-1).max() == 0  # nothing of the red that has no depth
+    same = ibr.render(thing, camera)
+    assert same.valid.mean() > 0.97 and set(np.unique(same.color[same.valid])) == {40, 240}
+
+
 def test_colours_stay_sharp_where_views_stand_in_the_middle():
     """Six views from a room's middle: how far the middle is from either camera says nothing of how large things are."""
     walls = box((0, 0, 0), (1, 1, 1))
