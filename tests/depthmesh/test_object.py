@@ -101,6 +101,13 @@ def test_two_runs_give_the_same_bits():
     same_bits(ibr.render(thing, camera), ibr.render(ibr.DepthMeshObject(six()), camera))
 
 
+def test_what_was_drawn_before_changes_nothing():
+    thing = ibr.DepthMeshObject(views_of_torus("perspective"), blended=2)
+    for direction in (*DIRECTIONS, *DIRECTIONS[:1]):
+        fresh = ibr.DepthMeshObject(views_of_torus("perspective"), blended=2)
+        same_bits(ibr.render(thing, target(direction)), ibr.render(fresh, target(direction)))
+
+
 def test_weights():
     views = views_of_torus("perspective")
     centers = np.array([view.camera.center for view in views])

@@ -11,7 +11,7 @@ import pytest
 import pyibr as ibr
 from pyibr.camera import Camera
 from pyibr.depthmesh import Segmentation
-from pyibr.depthmesh.tree import active_for
+from pyibr.depthmesh.tree import active_for, list_triangles, pixels_of
 from tests import scenes
 from tests.depthmesh.views import PROJECTIONS, cells_of, corners_of, rough, samples_within
 from tests.reference import depthmesh as reference
@@ -122,6 +122,10 @@ def test_selection_and_triangles(projection):
                 found = {(x, y) for y, x in np.argwhere(active).tolist() if (x, y) in structure.vertices}
                 # One on the very edge of the sphere's test may be rounded to either side.
                 assert len(found ^ expected) <= 2e-3 * len(structure.vertices), (name, tolerance)
+                points = list_triangles([thing.tree], [active_for(thing.tree, camera, tolerance)]).points.to_host()
+                pixels = pixels_of(points, thing.view)
+                assert (pixels >= 0).all() and (pixels < size).all()
+                assert len(np.unique(pixels, axis=0)) == len(pixels)
                 triangles = corners_of(thing._samples_for(camera, tolerance), thing)
                 kept = {tuple(map(tuple, t)) for t in triangles.tolist()}
                 wound = {counter_clockwise(t) for t in structure.triangles(found)}

@@ -47,10 +47,10 @@ def scores(name: str, size: int = 256, **options) -> tuple[float, float, float]:
 # Least mean IoU with views and targets of 256 pixels: of an outline up to one sample is lost, and thin limbs are all
 # outline.
 MODELS = {
-    "torus": 0.98,
-    "dragon_vrip_res3.ply.gz": 0.955,
-    "bun_zipper.ply.gz": 0.97,
-    "human_male_makehuman.obj.gz": 0.93,
+    "torus": 0.99,
+    "dragon_vrip_res3.ply.gz": 0.975,
+    "bun_zipper.ply.gz": 0.99,
+    "human_male_makehuman.obj.gz": 0.95,
 }
 
 
@@ -59,7 +59,7 @@ def test_six_views_against_the_mesh(name):
     found = {blend: scores(name, blend=blend) for blend in BLENDS}
     quality, iou, least = found["quality"]
     assert iou >= MODELS[name]
-    assert least >= MODELS[name] - 0.04
+    assert least >= MODELS[name] - 0.02
     # Best or equal: 0.05 dB is no difference that is seen.
     assert quality >= found["position"][0] - 0.05
     assert quality >= found["nearest"][0] - 0.05
@@ -67,7 +67,7 @@ def test_six_views_against_the_mesh(name):
 
 
 def test_the_dragon_at_full_size():
-    assert scores("dragon_vrip_res3.ply.gz", 512)[1] >= 0.97
+    assert scores("dragon_vrip_res3.ply.gz", 512)[2] >= 0.97  # from every side
 
 
 def test_a_pixels_tolerance_costs_little():
