@@ -290,6 +290,20 @@ def test_culling():
         ibr.Mesh(points, faces, sides="left")
 
 
+def test_a_triangle_that_passes_the_camera_shows_one_of_its_sides():
+    """Wherever its corners are; the side is told by where the camera lies off its plane."""
+    camera = Camera([[20, 0, 15], [0, 20, 12], [0, 0, 1]], (31, 25))
+    passing = 0
+    for points in np.random.default_rng(0).uniform((-3, -3, -3), (3, 3, 4), (300, 3, 3)):
+        frames = {s: ibr.render(ibr.Mesh(points, [[0, 1, 2]], sides=s), camera) for s in ("both", "front", "back")}
+        normal = np.cross(points[1] - points[0], points[2] - points[0])
+        seen = "front" if normal @ points[0] < 0 else "back"
+        np.testing.assert_array_equal(frames[seen].depth, frames["both"].depth)
+        assert not frames["back" if seen == "front" else "front"].valid.any()
+        passing += frames["both"].valid.any() and points[:, 2].min() < 0
+    assert passing > 50
+
+
 def test_the_first_of_two_coincident_triangles_stays():
     points = np.array([[0, 0, 3], [1, 0, 3.5], [0, 1, 4]])
     color = np.repeat(np.array([[255, 0, 0], [0, 255, 0]], np.uint8), 3, axis=0)
