@@ -27,7 +27,8 @@ from pyibr.camera import Projection
 from pyibr.capture import MeshScene, object_views
 from pyibr.depthmesh.object import Blend
 from pyibr.depthmesh.segmentation import Segmentation
-from pyibr.depthmesh.tree import Triangles, active_for, build_tree, list_triangles
+from pyibr.depthmesh.tree import build_tree
+from pyibr.depthmesh.triangulation import Triangles, active_for, list_triangles
 from pyibr.errors import MissingPackageError
 
 

@@ -46,8 +46,8 @@ vertices' midpoints, of ours and pydelatin's it is a bound for all samples.
 ![Triangles by measured error](depthmesh-simplification.png)
 """
 
-TIMES = """Milliseconds, in turns, at 30 m on the Fuji tile. *Triangles* are the samples of each, as pymartini's mesh
-yields them; *simplify* makes a `Mesh` with points, normals and uv of them.
+TIMES = """Milliseconds, in turns, at 30 m on the Fuji tile. *Triangles* are points and their numbers, as pymartini's
+mesh yields them; *simplify* makes a `Mesh` with points, normals and uv of them.
 """
 
 DECIMATION = """### Beside quadric decimation

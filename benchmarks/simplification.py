@@ -22,7 +22,8 @@ from benchmarks.runner import Case, Subject, Work
 from benchmarks.scenes import relief, scanned, terrain
 from pyibr.capture import MeshScene, object_views
 from pyibr.depthmesh.segmentation import Segmentation
-from pyibr.depthmesh.tree import Tree, active_within, build_tree, list_triangles
+from pyibr.depthmesh.tree import Tree, build_tree
+from pyibr.depthmesh.triangulation import active_within, list_triangles
 from pyibr.errors import MissingPackageError
 
 OURS, MARTINI, DELATIN, OPEN3D = "pyibr", "pymartini", "pydelatin", "Open3D"

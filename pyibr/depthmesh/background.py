@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from pyibr.depthmesh.mesh import DepthMesh
 from pyibr.depthmesh.object import DepthMeshObject
 from pyibr.depthmesh.segmentation import Segmentation
-from pyibr.depthmesh.tree import Triangles, active_within, build_tree, list_triangles, pixels_of
+from pyibr.depthmesh.tree import build_tree
+from pyibr.depthmesh.triangulation import Triangles, active_within, list_triangles, pixels_of
 
 if TYPE_CHECKING:
     from pyibr.opencl.memory import DeviceArray

@@ -13,11 +13,7 @@ from pyibr.depthmesh.background import background_of, underlay_of
 from pyibr.depthmesh.levels import color_levels
 from pyibr.depthmesh.mesh import DepthMesh
 from pyibr.depthmesh.object import DepthMeshObject
-from pyibr.depthmesh.tree import (
-    active_for,
-    list_triangles,
-    project_points,
-)
+from pyibr.depthmesh.triangulation import active_for, list_triangles, project_points
 from pyibr.pixelspace import PixelMap
 from pyibr.raster import BIN, bin_primitives
 from pyibr.target import Target

@@ -13,7 +13,8 @@ from pyibr._check import Fixed, Float64, describe, numbers
 from pyibr.camera import Camera
 from pyibr.depthmesh.segmentation import Segmentation
 from pyibr.depthmesh.strips import strips_of
-from pyibr.depthmesh.tree import Tree, active_for, active_within, build_tree, list_triangles, pixels_of
+from pyibr.depthmesh.tree import Tree, build_tree
+from pyibr.depthmesh.triangulation import active_for, active_within, list_triangles, pixels_of
 from pyibr.errors import ArgumentError
 from pyibr.images import DepthImage
 from pyibr.mesh import Mesh

@@ -11,7 +11,7 @@ import pytest
 import pyibr as ibr
 from pyibr.camera import Camera
 from pyibr.depthmesh import Segmentation
-from pyibr.depthmesh.tree import active_for, list_triangles, pixels_of
+from pyibr.depthmesh.triangulation import active_for, list_triangles, pixels_of
 from tests import scenes
 from tests.depthmesh.views import PROJECTIONS, cells_of, corners_of, rough, samples_within
 from tests.reference import depthmesh as reference

@@ -1,0 +1,197 @@
+"""Triangulations of quadtrees: which vertices they need, and their triangles (kernels/depthmesh/)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.camera import Camera
+from pyibr.depthmesh.tree import Tree
+from pyibr.images import DepthImage
+from pyibr.pixelspace import PixelMap
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from pyibr.opencl.memory import DeviceArray
+
+_VIEWER = np.dtype(
+    [
+        ("eye", np.float32, 3),
+        ("planes", np.float32, (5, 4)),
+        ("scale", np.float32),
+        ("tolerance", np.float32),
+        ("perspective", np.int32),
+    ]
+)
+_CHUNK = 1024  # points of a work-item, kernels/depthmesh/select.cl
+
+
+def active_for(tree: Tree, camera: Camera, tolerance: float) -> DeviceArray:
+    """Mark the vertices that a camera needs for a tolerance in pixels (equation 5): (side + 1, row) uint8."""
+    from pyibr.opencl.launch import Struct, launch
+    from pyibr.opencl.memory import empty
+    from pyibr.opencl.program import kernel
+
+    known, active = tree.errors, empty(tree.states.shape, np.uint8)
+    launch(
+        kernel("depthmesh/select.cl", "activate"),
+        (tree.side + 1,),
+        errors=known.errors,
+        radii=known.radii,
+        depths=known.depths,
+        active=active,
+        layout=tree.layout,
+        viewer=Struct("Viewer", _viewer(tree.view.camera, camera, tolerance)),
+    )
+    return active
+
+
+def _viewer(src: Camera, dst: Camera, tolerance: float) -> np.ndarray[Any, np.dtype[np.void]]:
+    dst_from_src = dst.camera_from_world @ src.world_from_camera
+    u, v, w, q = dst.pixel_matrix @ dst_from_src
+    before = w if dst.projection == "perspective" else -q
+    planes = np.array(
+        [u + 0.5 * w, (dst.width - 0.5) * w - u, v + 0.5 * w, (dst.height - 0.5) * w - v, before], np.float64
+    )
+    planes /= np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
+    values = np.zeros((), _VIEWER)
+    values["eye"] = np.linalg.inv(dst_from_src)[:3, 3]
+    values["planes"] = planes
+    values["scale"] = max(dst.K[0, 0], dst.K[1, 1])
+    values["tolerance"] = tolerance
+    values["perspective"] = dst.projection == "perspective"
+    return values
+
+
+def active_within(tree: Tree, max_error: float) -> DeviceArray:
+    """Mark the vertices that a vertical error of at most `max_error`, in scene units, needs: (side + 1, row) uint8."""
+    from pyibr.opencl.launch import launch
+    from pyibr.opencl.memory import empty
+    from pyibr.opencl.program import kernel
+
+    active = empty(tree.states.shape, np.uint8)
+    active.fill(0)
+    launch(
+        kernel("depthmesh/simplify.cl", "refine"),
+        (1,),
+        nearness=tree.nearness,
+        states=tree.states,
+        active=active,
+        queue=empty(tree.states.shape, np.int32),
+        layout=tree.layout,
+        max_error=max_error,
+    )
+    return active
+
+
+@dataclass(frozen=True)
+class Triangles:
+    """Triangles of several trees, one tree's after the other's.
+
+    Attributes
+    ----------
+    points : DeviceArray (P, 4) float32
+        Where in its view each lies, kernels/depthmesh/tree.h, and its quality.
+    corners : DeviceArray (T, 3) int32
+        Numbers of points.
+    point_firsts, firsts : list of int
+        Numbers of each tree's first point and first triangle; P and T.
+    """
+
+    points: DeviceArray
+    corners: DeviceArray
+    point_firsts: list[int]
+    firsts: list[int]
+
+
+def list_triangles(trees: Sequence[Tree], active: Sequence[DeviceArray], before: Triangles | None = None) -> Triangles:
+    """List the triangles of each tree's active vertices, after those of `before`, in a fixed order."""
+    from pyibr.opencl.launch import launch
+    from pyibr.opencl.memory import copy, empty, upload
+    from pyibr.opencl.program import kernel
+
+    found: list[tuple[DeviceArray, DeviceArray]] = []
+    for tree, marks in zip(trees, active, strict=True):
+        drawn, counts = empty(marks.shape, np.uint8), empty((tree.side + 1, 2), np.int32)
+        launch(
+            kernel("depthmesh/select.cl", "find_triangles"),
+            (tree.side + 1,),
+            active=marks,
+            states=tree.states,
+            cells=tree.cells,
+            drawn=drawn,
+            counts=counts,
+            layout=tree.layout,
+        )
+        found.append((drawn, counts))
+    of_rows = np.concatenate([np.zeros((1, 2), np.int32), *(counts.to_host() for _, counts in found)])
+    if before is not None:
+        of_rows[0] = before.point_firsts[-1], before.firsts[-1]
+    row_firsts = np.cumsum(of_rows, axis=0, dtype=np.int32)
+    ends = np.cumsum([0, *(tree.side + 1 for tree in trees)])
+    points = empty((row_firsts[-1, 0], 4), np.float32)
+    corners = empty((row_firsts[-1, 1], 3), np.int32)
+    if before is not None:
+        copy(before.points, points)
+        copy(before.corners, corners)
+    for tree, marks, (drawn, _), first in zip(trees, active, found, ends[:-1], strict=True):
+        numbers, firsts = empty(marks.shape, np.int32), upload(row_firsts[first:])
+        launch(
+            kernel("depthmesh/select.cl", "list_points"),
+            (tree.view.camera.height,),
+            active=marks,
+            nearness=tree.nearness,
+            normals=tree.normals,
+            firsts=firsts,
+            numbers=numbers,
+            points=points,
+            layout=tree.layout,
+        )
+        launch(
+            kernel("depthmesh/select.cl", "list_triangles"),
+            (tree.side + 1,),
+            active=marks,
+            drawn=drawn,
+            numbers=numbers,
+            firsts=firsts,
+            corners=corners,
+            layout=tree.layout,
+        )
+    point_firsts, triangle_firsts = row_firsts[ends].T.tolist()
+    if before is not None:
+        point_firsts, triangle_firsts = before.point_firsts[:-1] + point_firsts, before.firsts[:-1] + triangle_firsts
+    return Triangles(points, corners, point_firsts, triangle_firsts)
+
+
+def pixels_of(points: NDArray[np.float32], view: DepthImage) -> NDArray[np.int64]:
+    """(..., 2) the samples x and y of a view that points (..., 4) of its triangles lie at."""
+    x, y, z = np.moveaxis(points[..., :3].astype(np.float64), -1, 0)
+    scale = 1 / z if view.camera.projection == "perspective" else np.ones_like(z)
+    return np.rint(np.stack([x * scale, y * scale], -1)).astype(np.int64)
+
+
+def project_points(target: Camera, views: Sequence[DepthImage], triangles: Triangles) -> DeviceArray:
+    """(P, 4) the triangles' points in a target's pixel space; views: each mesh's."""
+    from pyibr.opencl.launch import launch
+    from pyibr.opencl.memory import empty, upload
+    from pyibr.opencl.program import kernel
+
+    maps = np.array([PixelMap(view.camera, target, 0.0, 0.0).dst_from_src for view in views], np.float32)
+    for view, one in zip(views, maps, strict=True):
+        if view.camera.projection == "orthographic":
+            one[:, 2:] = one[:, :1:-1]  # points hold nearness third, not 1
+    projected = empty(triangles.points.shape, np.float32)
+    launch(
+        kernel("depthmesh/select.cl", "project_points"),
+        (-(-triangles.point_firsts[-1] // _CHUNK),),
+        points=triangles.points,
+        firsts=upload(np.array(triangles.point_firsts, np.int32)),
+        maps=upload(maps),
+        meshes=len(views),
+        projected=projected,
+    )
+    return projected
