@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from typing import Any, cast, get_args
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,7 +134,19 @@ def check_tiled(uv: NDArray[Any], tiles: tuple[int, int], *maps: NDArray[Any] | 
 
 
 class Fixed:
-    """What is drawn from buffers on the device: its attributes cannot be set again once it is made."""
+    """What is drawn from buffers on the device: its attributes cannot be set again once it is made.
+
+    Copies and pickles leave the buffers behind, which are kept in attributes that end in `_cache`.
+    """
+
+    def __getstate__(self) -> dict[str, object]:
+        return {name: None if name.endswith("_cache") else value for name, value in self.__dict__.items()}
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        for name, value in state.items():
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
+            self.__dict__[name] = WeakKeyDictionary[Any, Any]() if name.endswith("_cache") else value
 
     def __setattr__(self, name: str, value: object) -> None:
         if name in self.__dict__:

@@ -21,6 +21,7 @@ from pyibr.images import DepthImage
 from pyibr.warp import Edges, Method, Sample, Side
 
 _OPTIONS = {
+    "view": "DEPTH",
     "scale": "--depth-scale",
     "cut_ratio": "--cut-ratio",
     "far": "--far",

@@ -22,7 +22,10 @@ class ArgumentError(Error, ValueError):
 
     def __init__(self, argument: str, expected: str, got: str) -> None:
         super().__init__(f"{argument}: expected {expected}, got {got}")
-        self.argument = argument
+        self.argument, self.expected, self.got = argument, expected, got
+
+    def __reduce__(self) -> tuple[type[ArgumentError], tuple[str, str, str]]:
+        return ArgumentError, (self.argument, self.expected, self.got)
 
 
 class FileFormatError(Error):

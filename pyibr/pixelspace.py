@@ -62,6 +62,21 @@ def pitch(width: int) -> int:
     return padded + 16 if padded % 256 == 0 else padded
 
 
+def frustum(camera: Camera) -> Float64:
+    """(5, 4) planes of what a camera sees, in the world: a x + b y + c z + d >= 0 inside, unit normals."""
+    u, v, w, q = camera.pixel_matrix @ camera.camera_from_world
+    before = w if camera.projection == "perspective" else -q
+    sides = u + 0.5 * w, (camera.width - 0.5) * w - u, v + 0.5 * w, (camera.height - 0.5) * w - v
+    planes = np.array([*sides, before])
+    return planes / np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
+
+
+def pixel_size(camera: Camera, point: Float64) -> float:
+    """Scene units that a pixel takes at a point of the world."""
+    z = float(camera.camera_from_world[2, :3] @ point + camera.camera_from_world[2, 3])
+    return (abs(z) if camera.projection == "perspective" else 1.0) / float(min(camera.K[0, 0], camera.K[1, 1]))
+
+
 @dataclass(frozen=True)
 class PixelMap:
     """The map between two cameras, for samples of a range of nearness.

@@ -257,7 +257,7 @@ def rgba_words(color: NDArray[Any], valid: NDArray[np.bool_] | None = None) -> N
 
 def as_bytes(color: NDArray[Any]) -> NDArray[np.uint8]:
     """Colours in 8 bits a channel."""
-    return color if color.dtype == np.uint8 else np.rint(color * np.float32(255)).astype(np.uint8)
+    return color if color.dtype == np.uint8 else np.rint(np.clip(color, 0, 1) * np.float32(255)).astype(np.uint8)
 
 
 def _checked(texture: NDArray[Any] | None) -> NDArray[Any]:

@@ -15,6 +15,7 @@ from pyibr.errors import ArgumentError
 from pyibr.images import DepthImage, Frame
 from pyibr.light import Light
 from pyibr.mesh import Mesh
+from pyibr.pixelspace import pixel_size
 from pyibr.relief import ReliefSurface
 from pyibr.shadow import Lighting, darken, lighting
 from pyibr.slicing import DepthObject, SlicedSurface, VisualHull
@@ -161,8 +162,9 @@ def _draw_depth_mesh(target: Target, thing: DepthMesh | DepthMeshObject, lit: Li
 
     before = _depths_before(target, lit)
     draw_depth_mesh(target, thing)
-    if lit is not None:
-        darken(target, before, lit)
+    if lit is not None:  # lights see other triangles, which may lie before these by the tolerance
+        low, high = thing.bounds
+        darken(target, before, lit, grain=thing.tolerance * pixel_size(target.camera, 0.5 * (low + high)))
 
 
 _DRAWN: dict[type, _Draw] = {

@@ -158,6 +158,8 @@ def test_bad_meshes(scene: Scene):
     assert_one_line(result, "--output", "a.stl")
     result = scene.run("--max-error", "1", "-o", scene.folder / "a.glb", command="mesh", scale="")
     assert_one_line(result, "--depth-scale")
+    result = scene.run("--max-error", "1", "-o", scene.folder / "a.glb", "--far", "1e-9", command="mesh")
+    assert_one_line(result, "DEPTH", "valid depth")
 
 
 @pytest.mark.parametrize(

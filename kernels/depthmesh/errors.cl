@@ -2,7 +2,7 @@
  *
  * A vertex's error is its distance from the edge that it bisects, of a midpoint in the plane of z and of the direction
  * of its edge (equation 1), of a centre in space (equation 2), and that of the child with the largest. Spheres hold those
- * of all children. So parents have the larger ones, and one test of each vertex on its own yields a triangulation
+ * of all children, the finest the triangles that they split. So parents have the larger ones, and one test of each vertex on its own yields a triangulation
  * without cracks (Lindstrom & Pascucci 2001).
  *
  * Deviations from the paper: a child's error is added to the own one instead of the larger of them being taken, since a
@@ -171,6 +171,13 @@ kernel void find_finest_midpoints(global const float *nearness, global const uch
             v.depth = pick(IS_SAMPLE(n), DEPTH_OF(layout, n), (floatl)0.0f);
             v.center = point_of(&layout, to_floatl(x), (floatl)y, v.depth);
             const floatl own = bisection_error(&layout, v.center, n, ax, (intl)ay, na, bx, (intl)by, nb, 0, across);
+            for (int k = 0; k < 4; k++) { /* corners of the triangles that it splits */
+                const int dx = k == 0 ? -1 : k == 1, dy = k == 2 ? -1 : k == 3;
+                const floatl next = nearness_next_to(&layout, &tree, x, first, y, dx, dy);
+                const Point p = point_of(&layout, to_floatl(x + dx), (floatl)(y + dy), DEPTH_OF(layout, next));
+                const Point away = minus(p, v.center);
+                v.radius = pick(IS_SAMPLE(next), greater(sqrt(DOT(away, away)), v.radius), v.radius);
+            }
             const intl odd = (x & 1) == 1, mine = layout.side == 1 ? (intl)0 : across ? odd : !odd;
             add_error(&layout, own, pick(mine, load_bytes(states + at), (intl)0), 1, 0, &v);
         }
@@ -191,18 +198,19 @@ kernel void find_finest_centers(global const float *nearness, global const uchar
         const intl x = first + lane_index, mine = ((x & 1) == 1) & (x < layout.width), main = IS_MAIN(x, (intl)y, 1);
         const floatl n = nearness_next_to(&layout, &tree, x, first, y, 0, 0);
         Vertices v = {{0.0f, 0.0f, 0.0f}, -1.0f, 0.0f, pick(IS_SAMPLE(n), DEPTH_OF(layout, n), (floatl)0.0f)};
-        floatl error[4], depth[4];
+        floatl error[4], depth[4], radius[4];
         for (int k = 0; k < 4; k++) {
             const size_t start = (size_t)(y + dy[k]) * layout.row;
             error[k] = NEXT_TO(load_lanes, errors + start, first, dx[k]);
             depth[k] = NEXT_TO(load_lanes, depths + start, first, dx[k]);
+            radius[k] = NEXT_TO(load_lanes, radii + start, first, dx[k]);
             v.error = greater(error[k], v.error);
             v.depth = pick((v.depth == 0.0f) & (error[k] >= 0.0f), depth[k], v.depth);
         }
         v.center = point_of(&layout, to_floatl(x), (floatl)y, v.depth);
         for (int k = 0; k < 4; k++) {
             const Point away = minus(point_of(&layout, to_floatl(x + dx[k]), (floatl)(y + dy[k]), depth[k]), v.center);
-            v.radius = pick(error[k] >= 0.0f, greater(sqrt(DOT(away, away)), v.radius), v.radius);
+            v.radius = pick(error[k] >= 0.0f, greater(sqrt(DOT(away, away)) + radius[k], v.radius), v.radius);
         }
         floatl corner[2][2]; /* nearness */
         for (int below = 0; below < 2; below++)

@@ -2,13 +2,13 @@
  *
  * `segment` finds the triangles that bridge two surfaces (rubber sheets). TEST 0 is the paper's: seen edge-on
  * (equation 3) and long in depth (equation 4); for orthographic views, whose z has no fixed origin, the depth range is
- * taken relative to the view's extent. TEST 1, connectedness (Mark, McMillan & Bishop 1997): an edge is kept if either
- * of its samples continues the line to the other's far side, in nearness, where planes are straight. TEST 2: nearness
+ * taken relative to the view's extent. TEST 1, connectedness (Mark, McMillan & Bishop 1997): an edge is kept if it is
+ * short, or either of its samples continues the line to the other's far side, in nearness, where planes are straight. TEST 2: nearness
  * within the triangle differs too much (disparity; Oliveira & Bishop 1998). TEST 3 keeps everything.
  *
  * nearness: (height, pitch), lib/nearness.cl. cells: (height, pitch) states of each cell's two triangles (tree.h).
- * normals: (3, height, pitch) in the view's frame, towards the camera; from the differences to both neighbours, or to
- * the one that the depth range allows; (0, 0, -1) where there is none.
+ * normals: (3, height, pitch) in the view's frame, towards the camera, from the differences to those neighbours that
+ * triangles join; (0, 0, -1) where there are none.
  * Work-item: a row. Cost: O(samples). Determinism: every sample on its own.
  */
 #include "depthmesh/tree.h"
@@ -106,17 +106,15 @@ kernel void segment(global const float *nearness, global uchar *cells, Layout la
     }
 }
 
-/* Adds the step from a to b, if there is a surface between them. */
-void add_step(const Layout *layout, const Segmentation *rule, Point a, Point b, intl there, Point *sum)
+/* Adds the step from a to b. */
+void add_step(Point a, Point b, intl joined, Point *sum)
 {
-    const floatl scale = layout->perspective ? fmin(a.z, b.z) : (floatl)rule->extent;
-    const intl joined = there & (fabs(b.z - a.z) <= rule->depth_range * scale);
     sum->x += pick(joined, b.x - a.x, (floatl)0.0f);
     sum->y += pick(joined, b.y - a.y, (floatl)0.0f);
     sum->z += pick(joined, b.z - a.z, (floatl)0.0f);
 }
 
-kernel void find_normals(global const float *nearness, global float *normals, Layout layout, Segmentation rule)
+kernel void find_normals(global const float *nearness, global const uchar *cells, global float *normals, Layout layout)
 {
     const int y = get_global_id(0);
     if (y >= layout.height)
@@ -135,12 +133,22 @@ kernel void find_normals(global const float *nearness, global float *normals, La
         const Point to_right = point_of(&layout, fx + 1.0f, fy, DEPTH_OF(layout, right));
         const Point to_up = point_of(&layout, fx, fy - 1.0f, DEPTH_OF(layout, up));
         const Point to_down = point_of(&layout, fx, fy + 1.0f, DEPTH_OF(layout, down));
-        const intl valid = IS_SAMPLE(n);
+        const intl upper_left = cell_next_to(&layout, cells, x, first, y, -1, -1);
+        const intl upper_right = cell_next_to(&layout, cells, x, first, y, 0, -1);
+        const intl lower_left = cell_next_to(&layout, cells, x, first, y, -1, 0);
+        const intl lower_right = cell_next_to(&layout, cells, x, first, y, 0, 0), main = ((x ^ y) & 1) == 0;
+        /* Diagonals turn from cell to cell, and with them the triangles that have the edges along y. */
+        const intl above = pick(main, STATE_A(upper_left) | STATE_A(upper_right), STATE_B(upper_left) | STATE_B(upper_right));
+        const intl beneath = pick(main, STATE_B(lower_left) | STATE_B(lower_right), STATE_A(lower_left) | STATE_A(lower_right));
+        const intl before = STATE_B(upper_left) | STATE_A(lower_left), after = STATE_B(upper_right) | STATE_A(lower_right);
         Point across = {0.0f, 0.0f, 0.0f}, along = across;
-        add_step(&layout, &rule, to_left, p, valid & IS_SAMPLE(left) & (x > 0), &across);
-        add_step(&layout, &rule, p, to_right, valid & IS_SAMPLE(right) & (x < layout.width - 1), &across);
-        add_step(&layout, &rule, to_up, p, valid & IS_SAMPLE(up) & (intl)(above == own ? 0 : -1), &along);
-        add_step(&layout, &rule, p, to_down, valid & IS_SAMPLE(down) & (intl)(below == own ? 0 : -1), &along);
+        add_step(to_left, p, (before & DRAWN) != 0, &across);
+        add_step(p, to_right, (after & DRAWN) != 0, &across);
+        add_step(to_up, p, (above & DRAWN) != 0, &along);
+        add_step(p, to_down, (beneath & DRAWN) != 0, &along);
+        /* Where no triangle tells how the surface runs, it is taken to face the camera. */
+        across.x = pick(((before | after) & DRAWN) != 0, across.x, (floatl)1.0f);
+        along.y = pick(((above | beneath) & DRAWN) != 0, along.y, (floatl)1.0f);
         const Point normal = cross_of(along, across); /* towards the camera */
         const floatl length = sqrt(DOT(normal, normal));
         const intl sound = length > 0.0f;

@@ -5,7 +5,7 @@
  * Each split is one that any triangulation within the bound has: no other has fewer triangles. Planes are straight in
  * nearness, so departures are exact for both kinds of cameras.
  *
- * nearness: (height, pitch). states: errors.cl. active: (side + 1, row), tree.h, to be filled with 0 before. queue: as many
+ * nearness: (height, pitch). states: states.cl. active: (side + 1, row), tree.h, to be filled with 0 before. queue: as many
  * ints.
  * Work-item: everything, since what is split follows from what was. Cost: O(triangles + samples): most triangles that are
  * split are found to depart at once, and of others the rows are read LANES samples at a time. Determinism: the set that

@@ -10,21 +10,6 @@
  */
 #include "depthmesh/tree.h"
 
-#define NOTHING (UNDRAWN | UNDRAWN << 2)
-
-/* Of the cells' triangles that meet the vertices x of a row y; dx and dy, -1 or 0, tell which cell. 0: beyond the tree */
-intl state_next_to(const Layout *layout, global const uchar *cells, intl x, int first, int y, int dx, int dy)
-{
-    if (y + dy < 0 || y + dy >= layout->side)
-        return (intl)0;
-    const intl there = (x + dx >= 0) & (x + dx < layout->side);
-    if (y + dy >= layout->height - 1)
-        return pick(there, (intl)UNDRAWN, (intl)0);
-    global const uchar *row = cells + (size_t)(y + dy) * layout->pitch;
-    const intl byte = NEXT_TO(load_bytes, row, first, dx), state = dy ? STATE_B(byte) : STATE_A(byte);
-    return pick(there, pick(x + dx < layout->width - 1, state, (intl)UNDRAWN), (intl)0);
-}
-
 /* A centre's byte from those of the midpoints above, to the right, below and to the left */
 #define CENTER_BYTE(above, right, below, left, main)                                                           \
     (STATE_B(above) | pick(main, STATE_A(right), STATE_B(left)) |                                              \
@@ -39,10 +24,10 @@ kernel void find_midpoint_states(global const uchar *cells, global uchar *states
         const intl x = first + lane_index, odd = (x & 1) == 1, mine = layout.side == 1 ? (intl)0 : across ? odd : !odd;
         intl byte = NOTHING;
         if (first <= layout.width && y <= layout.height) {
-            const intl upper_left = state_next_to(&layout, cells, x, first, y, -1, -1);
-            const intl upper_right = state_next_to(&layout, cells, x, first, y, 0, -1);
-            const intl lower_left = state_next_to(&layout, cells, x, first, y, -1, 0);
-            const intl lower_right = state_next_to(&layout, cells, x, first, y, 0, 0);
+            const intl upper_left = STATE_B(cell_next_to(&layout, cells, x, first, y, -1, -1));
+            const intl upper_right = STATE_B(cell_next_to(&layout, cells, x, first, y, 0, -1));
+            const intl lower_left = STATE_A(cell_next_to(&layout, cells, x, first, y, -1, 0));
+            const intl lower_right = STATE_A(cell_next_to(&layout, cells, x, first, y, 0, 0));
             const intl a = upper_left | (across ? upper_right : lower_left), b = lower_right | (across ? lower_left : upper_right);
             byte = pick(mine, a | b << 2, byte);
         }

@@ -83,6 +83,20 @@ int step_of(int x, int y)
 #define NEXT_TO(load, row, first, dx) ((dx) < 0 && !(first) ? shifted_lanes(load(row)) : load((row) + (first) + (dx)))
 #define load_bytes(p) to_intl(load_lanes(p))
 
+#define NOTHING (UNDRAWN | UNDRAWN << 2)
+
+/* Of the cells that meet the vertices x of a row y, dx and dy, -1 or 0, tell which one: its byte, 0 beyond the tree */
+intl cell_next_to(const Layout *layout, global const uchar *cells, intl x, int first, int y, int dx, int dy)
+{
+    if (y + dy < 0 || y + dy >= layout->side)
+        return (intl)0;
+    const intl there = (x + dx >= 0) & (x + dx < layout->side);
+    if (y + dy >= layout->height - 1)
+        return pick(there, (intl)NOTHING, (intl)0);
+    const intl byte = NEXT_TO(load_bytes, cells + (size_t)(y + dy) * layout->pitch, first, dx);
+    return pick(there, pick(x + dx < layout->width - 1, byte, (intl)NOTHING), (intl)0);
+}
+
 /* Marks of vertices of a triangulation: all corners of triangles, and of them those where right angles may be */
 #define LISTED 2
 #define ACTIVE 3

@@ -61,9 +61,10 @@ Boxes boxes_of(global const int *corners, global const float *projected, intl in
     const floatl y0 = greater(ceil(low_y - SLACK), none), y1 = lesser(floor(high_y + SLACK), bottom);
     intl seen = some & (x0 <= x1) & (y0 <= y1);
 #if CORNERS == 3
-    if (culled) { /* triangle.h decides */
-        const floatl turns = (x[1] - x[0]) * (y[2] - y[0]) - (y[1] - y[0]) * (x[2] - x[0]);
-        seen = seen & (!all | (turns * culled <= SLACK));
+    if (culled) { /* triangle.h decides, on moved corners: that turns slivers round, the longer the larger their area */
+        const floatl ax = x[1] - x[0], ay = y[1] - y[0], bx = x[2] - x[0], by = y[2] - y[0];
+        const floatl moved = SLACK * (1.0f + fabs(ax) + fabs(ay) + fabs(bx) + fabs(by));
+        seen = seen & (!all | ((ax * by - ay * bx) * culled <= moved));
     }
 #endif
     const float per_bin = 1.0f / BIN; /* a power of two: exact */

@@ -41,7 +41,8 @@ class DepthMesh(Fixed):
     Raises
     ------
     ArgumentError
-        If an argument is out of its range, or the samples make no triangle.
+        If an argument is out of its range; on first use, if the samples make no triangle, or lie so near or far that
+        single precision does not hold products of their distances.
 
     Examples
     --------
@@ -131,10 +132,7 @@ class DepthMesh(Fixed):
             If an argument is out of its range.
         """
         with self.tree.states.session.lock:
-            samples = self._samples_for(camera, tolerance)
-            if not len(samples):
-                raise ArgumentError("camera", "one for which triangles are left at this tolerance", describe(camera))
-            return self._mesh_of(samples)
+            return self._mesh_of(self._some_samples_for(camera, tolerance))
 
     def simplify(self, max_error: float) -> Mesh:
         """Triangulate the surface within a vertical error, for any view.
@@ -180,11 +178,22 @@ class DepthMesh(Fixed):
         list of (n,) int32 arrays
             Each three numbers in a row are a triangle, every other one wound the other way; a number that comes twice
             turns the strip and makes a triangle without area. Strips end where a triangle is not drawn.
+
+        Raises
+        ------
+        ArgumentError
+            As by `triangulate`.
         """
         with self.tree.states.session.lock:
-            samples = self._samples_for(camera, tolerance)
+            samples = self._some_samples_for(camera, tolerance)
         faces = _numbered(samples, self.view.depth.size)[samples]
         return strips_of(samples, faces, self.view.camera.width, self.tree.side)
+
+    def _some_samples_for(self, camera: Camera, tolerance: float | None) -> NDArray[np.int32]:
+        samples = self._samples_for(camera, tolerance)
+        if not len(samples):
+            raise ArgumentError("camera", "one for which triangles are left at this tolerance", describe(camera))
+        return samples
 
     def _samples_for(self, camera: Camera, tolerance: float | None) -> NDArray[np.int32]:
         if not isinstance(camera, Camera):  # pyright: ignore[reportUnnecessaryIsInstance]

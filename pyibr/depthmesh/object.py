@@ -16,6 +16,7 @@ from pyibr.depthmesh.mesh import DepthMesh, checked_tolerance
 from pyibr.depthmesh.segmentation import Segmentation
 from pyibr.errors import ArgumentError
 from pyibr.images import DepthImage
+from pyibr.pixelspace import frustum
 from pyibr.target import Target
 
 Blend = Literal["quality", "position", "nearest"]
@@ -99,10 +100,20 @@ class DepthMeshObject(Fixed):
         return f"<DepthMeshObject {len(self.meshes)} view{'s' * (len(self.meshes) != 1)}>"
 
     @cached_property
+    def _boxes(self) -> Float64:
+        """(views, 2, 3) low and high of each mesh's box in the world."""
+        boxes: list[tuple[Float64, Float64]] = []
+        for number, mesh in enumerate(self.meshes):
+            try:
+                boxes.append(mesh.bounds)
+            except ArgumentError as error:
+                raise ArgumentError("views", f"views with {error.expected}", f"{error.got} in view {number}") from None
+        return np.array(boxes)
+
+    @property
     def bounds(self) -> tuple[Float64, Float64]:
         """(low, high), each (3,), in the world: the box around the surfaces."""
-        boxes = np.array([mesh.bounds for mesh in self.meshes])
-        return boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
+        return self._boxes[:, 0].min(axis=0), self._boxes[:, 1].max(axis=0)
 
     @property
     def extent(self) -> float:
@@ -121,15 +132,16 @@ class DepthMeshObject(Fixed):
         -------
         (views,) float64
             Inverse to the distances of the viewpoints from the camera's; the `blended` largest ones, normalised, and 0
-            for the others. The viewpoints of orthographic cameras lie before the object's middle, as far from it as the
-            perspective views' do on average, or twice its extent.
+            for the others. Of viewpoints that are one, those that look the same way come first; views of what the
+            camera does not see have next to none. The viewpoints of orthographic cameras lie before the object's
+            middle, as far from it as the perspective views' do on average, or twice its extent.
         """
         found = self.closeness(camera)
         found[np.argsort(-found, kind="stable")[self.blended :]] = 0.0
         return found / found.sum()
 
     def closeness(self, camera: Camera) -> Float64:
-        """(views,) inverse distances of the viewpoints from a camera's, in 1 / scene units."""
+        """(views,) inverse distances of the viewpoints from a camera's, in 1 / scene units; see `weights`."""
         if not isinstance(camera, Camera):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise ArgumentError("camera", "a pyibr.Camera", describe(camera))
         middle = 0.5 * (self.bounds[0] + self.bounds[1])
@@ -141,10 +153,32 @@ class DepthMeshObject(Fixed):
             return camera.center if camera.projection == "perspective" else middle - apart * camera.forward
 
         distances = np.linalg.norm([viewpoint(view) - viewpoint(camera) for view in views], axis=1)
-        return 1.0 / np.maximum(distances, 1e-6 * max(self.extent, apart))
+        cosines = np.clip([view.forward @ camera.forward for view in views], -1, 1)
+        ties = 1 + 1e-9 * np.arccos(cosines)  # of one viewpoint those are closest that look the same way
+        found = 1.0 / (np.maximum(distances, 1e-6 * max(self.extent, apart)) * ties)
+        return np.where(self._is_in(camera), found, 1e-9 * found)
+
+    def _is_in(self, camera: Camera) -> NDArray[np.bool_]:
+        """(views,) whether the view's box may be seen by a camera."""
+        planes = frustum(camera)
+        low, high = self._boxes[:, None, 0], self._boxes[:, None, 1]
+        farthest = np.where(planes[:, :3] > 0, high, low)  # (views, planes, 3) the corner furthest inside
+        inside: NDArray[np.bool_] = np.einsum("vpc,pc->vp", farthest, planes[:, :3]) + planes[:, 3] >= 0
+        return inside.all(axis=1)
 
     def occupancy(self, camera: Camera) -> NDArray[np.uint32]:
-        """Which views gave each pixel its colour: (H, W), bit k for view k (figure 12 of the paper)."""
+        """Which views gave each pixel its colour (figure 12 of the paper).
+
+        Returns
+        -------
+        (H, W) uint32
+            Bit k for view k.
+
+        Raises
+        ------
+        ArgumentError
+            If there are more than 32 views: a bit each.
+        """
         from pyibr.depthmesh.drawing import draw_depth_mesh
         from pyibr.opencl.device import current
         from pyibr.opencl.memory import empty

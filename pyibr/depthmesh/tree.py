@@ -10,6 +10,7 @@ import numpy as np
 
 from pyibr.camera import Camera
 from pyibr.depthmesh.segmentation import TESTS, Segmentation
+from pyibr.errors import ArgumentError
 from pyibr.images import DepthImage
 from pyibr.pixelspace import pitch
 from pyibr.samples import samples_of
@@ -32,6 +33,7 @@ _LAYOUT = np.dtype(
 )
 """The struct Layout of kernels/depthmesh/tree.h."""
 
+_DEPTHS = (1e-4, 1e8)  # beyond, products of four distances leave the range of float32
 _COARSE = 8  # from this step on, all rows are one work-item's: they are too few to share
 
 
@@ -91,15 +93,21 @@ def build_tree(view: DepthImage, segmentation: Segmentation) -> Tree:
     from pyibr.opencl.program import kernel
 
     width, height = view.camera.size
+    samples = samples_of(view)
+    perspective = view.camera.projection == "perspective"
+    depths = (1 / samples.high, 1 / samples.low) if perspective else (-samples.high, -samples.low)
+    if depths[1] > _DEPTHS[1] or (perspective and depths[0] < _DEPTHS[0]):
+        least, most = _DEPTHS
+        allowed = f"depths from {least:g} to {most:g} scene units (or `far`, if larger ones are background)"
+        raise ArgumentError("view", allowed, f"{depths[0]:g} to {depths[1]:g}")
     side = 1 << (max(width, height) - 2).bit_length()
     row = pitch(side + 1)
-    nearness = samples_of(view).nearness
+    nearness = samples.nearness
     layout = Struct("Layout", _layout(view.camera, side, row))
     rule = Struct("Segmentation", segmentation.record(view))
     cells, normals = empty((height, pitch(width)), np.uint8), empty((3, height, pitch(width)), np.float32)
-    test = TESTS[segmentation.test]
     launch(
-        kernel("depthmesh/samples.cl", "segment", TEST=test),
+        kernel("depthmesh/samples.cl", "segment", TEST=TESTS[segmentation.test]),
         (height - 1,),
         nearness=nearness,
         cells=cells,
@@ -107,12 +115,12 @@ def build_tree(view: DepthImage, segmentation: Segmentation) -> Tree:
         rule=rule,
     )
     launch(
-        kernel("depthmesh/samples.cl", "find_normals", TEST=test),
+        kernel("depthmesh/samples.cl", "find_normals"),
         (height,),
         nearness=nearness,
+        cells=cells,
         normals=normals,
         layout=layout,
-        rule=rule,
     )
     file, states = "depthmesh/states.cl", empty((side + 1, row), np.uint8)
     launch(kernel(file, "find_midpoint_states"), (side + 1,), cells=cells, states=states, layout=layout)

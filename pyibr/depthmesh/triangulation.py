@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pyibr.camera import Camera
 from pyibr.depthmesh.tree import Tree
 from pyibr.images import DepthImage
-from pyibr.pixelspace import PixelMap
+from pyibr.pixelspace import PixelMap, frustum
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -51,17 +51,10 @@ def active_for(tree: Tree, camera: Camera, tolerance: float) -> DeviceArray:
 
 
 def _viewer(src: Camera, dst: Camera, tolerance: float) -> np.ndarray[Any, np.dtype[np.void]]:
-    dst_from_src = dst.camera_from_world @ src.world_from_camera
-    u, v, w, q = dst.pixel_matrix @ dst_from_src
-    before = w if dst.projection == "perspective" else -q
-    planes = np.array(
-        [u + 0.5 * w, (dst.width - 0.5) * w - u, v + 0.5 * w, (dst.height - 0.5) * w - v, before], np.float64
-    )
-    planes /= np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
     values = np.zeros((), _VIEWER)
-    values["eye"] = np.linalg.inv(dst_from_src)[:3, 3]
-    values["planes"] = planes
-    values["scale"] = max(dst.K[0, 0], dst.K[1, 1])
+    values["eye"] = (src.camera_from_world @ dst.world_from_camera)[:3, 3]
+    values["planes"] = frustum(dst) @ src.world_from_camera
+    values["scale"] = np.linalg.norm(dst.K[:2, :2], 2)
     values["tolerance"] = tolerance
     values["perspective"] = dst.projection == "perspective"
     return values

@@ -14,6 +14,7 @@ from pyibr._check import Fixed, Float64, describe, one_of
 from pyibr.camera import Camera
 from pyibr.errors import ArgumentError
 from pyibr.images import DepthImage
+from pyibr.pixelspace import pixel_size
 from pyibr.raster import rgba_words
 from pyibr.silhouette import Silhouette, is_opposite
 from pyibr.slicing.boxes import Box, box_of_samples, box_of_silhouettes, nearness_map
@@ -210,7 +211,7 @@ def draw_object(target: Target, thing: DepthObject | VisualHull, counts: DeviceA
         _, closest = np.unique(np.array(thing.outlines)[order], return_index=True)
         order = order[np.sort(closest)]
     spacing = float(box.edges.max()) / thing.slices
-    sample = max(_sample_size(view.camera, box) for view in thing.views)
+    sample = max(pixel_size(view.camera, box.center) for view in thing.views)
     record = np.zeros((), _BOX)
     # In the kernel the world's origin is the box's middle: float32 holds what is near 0 best.
     record["from_world"] = (box.from_world @ _moved_by(box.center)).ravel()
@@ -268,12 +269,6 @@ def _direction(camera: Camera, box: Box) -> Float64:
     if camera.projection == "perspective":
         forward = box.center - camera.world_from_camera[:3, 3]
     return forward / max(float(np.linalg.norm(forward)), 1e-30)
-
-
-def _sample_size(camera: Camera, box: Box) -> float:
-    """A pixel's size on the object, in scene units."""
-    z = float(camera.camera_from_world[2, :3] @ box.center + camera.camera_from_world[2, 3])
-    return (abs(z) if camera.projection == "perspective" else 1.0) / float(min(camera.K[0, 0], camera.K[1, 1]))
 
 
 def _blocks(target: Target, box: Box, near: float) -> tuple[int, int, int, int]:

@@ -139,9 +139,26 @@ def test_samples_that_make_no_triangle():
         lambda: thing.simplify(0.1),
         lambda: thing.strips(CAMERA),
         lambda: ibr.render(thing, CAMERA),
-        lambda: ibr.render(ibr.DepthMeshObject([isolated()]), CAMERA),
     ):
         assert "triangles" in refused("view", call)
+    several = ibr.DepthMeshObject([with_depth(np.full((9, 9), 2.0)), isolated()])
+    message = refused("views", ibr.render, several, CAMERA)
+    assert "triangles" in message and "in view 1" in message
+
+
+def test_depths_beyond_single_precision():
+    """Products of four distances must be numbers: a sentinel for background must be told by `far`."""
+    depth = np.full((9, 9), 2.0)
+    depth[2, 2] = 1e15
+    camera = with_depth(depth).camera
+    assert "far" in refused("view", ibr.DepthMesh(with_depth(depth)).simplify, 0.1)
+    assert "1e-06" in refused("view", ibr.render, ibr.DepthMesh(with_depth(5e-7 * depth)), camera)
+    told = ibr.DepthImage(np.zeros((9, 9, 3), np.uint8), depth.astype(np.float32), camera, far=1e10)
+    assert len(ibr.DepthMesh(told).simplify(0).faces) > 10
+    for scale in (1e-4, 1e6):
+        flat = with_depth(np.full((9, 9), 2 * scale))
+        assert len(ibr.DepthMesh(flat).simplify(1e-3 * scale).faces) == 2
+        assert ibr.render(ibr.DepthMesh(flat), flat.camera).valid[1:8, 1:8].all()
 
 
 def test_a_view_cannot_be_changed_once_it_is_a_mesh():
@@ -175,7 +192,7 @@ def test_views_where_all_is_lost_at_a_tolerance():
     thing, far = ibr.DepthMesh(view), view.camera.moved(0, 0, -1e4)
     assert not ibr.render(thing, far).valid.any()
     assert not ibr.render(ibr.DepthMeshObject([view]), far).valid.any()
-    assert thing.strips(far, 50) == []
+    refused("camera", thing.strips, far, 50)
     refused("camera", thing.triangulate, far, 50)
 
 

@@ -17,7 +17,7 @@ from pyibr.capture import MeshScene, cube_cameras, object_views
 from pyibr.depthmesh import Segmentation
 from pyibr.metrics import silhouette_iou
 from tests import scenes
-from tests.depthmesh.views import PROJECTIONS
+from tests.depthmesh.views import PROJECTIONS, rough
 from tests.shadowed import AMBIENT, CAMERAS, agreement, ball, box, caster, joined, plane
 from tests.slicing.solids import looking, torus, views_of_torus
 from tests.warp.test_laws import same_bits
@@ -99,6 +99,32 @@ def test_two_runs_give_the_same_bits():
     thing, camera = ibr.DepthMeshObject(six()), target()
     same_bits(ibr.render(thing, camera), ibr.render(thing, camera))
     same_bits(ibr.render(thing, camera), ibr.render(ibr.DepthMeshObject(six()), camera))
+
+
+@pytest.mark.parametrize("projection", PROJECTIONS)
+def test_the_full_grid_up_to_the_pictures_border(projection):
+    """What the picture cuts off at its border is as fine as what it shows."""
+    view = rough(np.random.default_rng(3), (97, 61), projection, 0.03)
+    whole, thing = full_grid(view), ibr.DepthMesh(view, 0, Segmentation("none"))
+    for zoom in (1, 3, 11):
+        K = view.camera.K * [[zoom], [zoom], [1]] + [[0, 0, 80 - 48 * zoom], [0, 0, 60 - 30 * zoom], [0, 0, 0]]
+        camera = Camera(K, (161, 121), view.camera.world_from_camera, projection).moved(0.05, 0.02, 0.1)
+        expected, frame = ibr.render(whole, camera), ibr.render(thing, camera)
+        np.testing.assert_array_equal(frame.valid, expected.valid)
+        # A pixel between two triangles may go to either.
+        assert (np.abs(frame.depth - expected.depth)[frame.valid] > 1e-4).mean() <= 1e-3, zoom
+
+
+def full_grid(view: ibr.DepthImage) -> ibr.Mesh:
+    """All triangles of the grid, diagonals turning from cell to cell, with their fronts to the view."""
+    width, height = view.camera.size
+    y, x = np.mgrid[: height - 1, : width - 1]
+    a, main = y * width + x, (x + y) % 2 == 0
+    b, c, d = a + 1, a + width, a + width + 1
+    upper = np.stack([a, np.where(main, d, c), b], -1)
+    lower = np.stack([c, d, np.where(main, a, b)], -1)
+    faces = np.concatenate([upper.reshape(-1, 3), lower.reshape(-1, 3)]).astype(np.int32)
+    return ibr.Mesh(view.points.astype(np.float32), faces)
 
 
 def test_what_was_drawn_before_changes_nothing():
@@ -362,6 +388,36 @@ def test_images_are_not_shaded():
     under = plain.valid & (shaded.depth == plain.depth)
     assert under.sum() > 1000
     np.testing.assert_allclose(shaded.color[under], 0.25 * plain.color[under], atol=1)
+
+
+def test_frames_from_one_place_are_told_by_where_they_look():
+    """A room's panorama: every direction is covered by those frames that show it."""
+    scene = joined([box((0, 0, 0), (2, 2, 2))])
+    views = [scene.capture(camera) for camera in cube_cameras((0.1, 0, 0), 65)]
+    thing = ibr.DepthMeshObject(views, blended=3, background=False)
+    for view in views:
+        assert ibr.render(thing, view.camera).valid.mean() > 0.95
+        assert thing.weights(view.camera)[[v is view for v in views]] > 0.3
+
+
+def test_a_lit_surface_does_not_shade_itself():
+    """Whatever its tolerance: the light sees other triangles than the picture."""
+    y, x = np.mgrid[:192, :192]
+    depth = (4 + 0.15 * np.sin(x / 11) + 0.15 * np.cos(y / 9)).astype(np.float32)
+    camera = Camera([[192, 0, 95.5], [0, 192, 95.5], [0, 0, 1]], (192, 192))
+    view = ibr.DepthImage(np.full((192, 192, 3), 200, np.uint8), depth, camera)
+    for tolerance in (0, 1, 4):
+        frame = ibr.render(
+            ibr.DepthMesh(view, tolerance), camera.moved(0.4, 0.2, 0), ibr.Light(direction=(0.1, 0.1, 1))
+        )
+        assert (frame.color[frame.valid] == 200).all(), tolerance
+
+
+def test_colours_beyond_their_range_are_cut_off():
+    view = scenes.flat((20, 15))
+    color = np.where(np.arange(20)[:, None] < 10, np.float32(1.02), np.float32(-0.02)) * np.ones((15, 1, 3), np.float32)
+    frame = ibr.render(ibr.DepthMesh(ibr.DepthImage(color, view.depth, view.camera)), view.camera)
+    assert set(np.unique(frame.color[frame.valid])) == {0, 255}
 
 
 @pytest.mark.parametrize("projection", PROJECTIONS)

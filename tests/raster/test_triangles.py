@@ -304,6 +304,25 @@ def test_a_triangle_that_passes_the_camera_shows_one_of_its_sides():
     assert passing > 50
 
 
+def test_slivers_are_not_culled_away():
+    """A plane with slivers without area along a line: corners are moved to subpixels, and slivers turn round."""
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        angle = rng.uniform(0, 2 * np.pi)
+        along = np.sort(np.concatenate([[-3, 3], rng.uniform(-3, 3, 10)]))
+        plane = np.concatenate([np.stack([along, 0 * along], -1), [[0, -4], [0, 4]]])
+        plane = plane @ [[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]
+        ends = np.arange(11)
+        faces = [[0, 12, 11], *([i, i + 1, 13] for i in ends), *([0, i + 1, i] for i in ends[1:])]
+        eye = rng.normal(0, 2, 3)
+        eye[2] = 6 * abs(eye[2]) + 0.6
+        camera = Camera.look_at(eye, (0, 0, 0), (0, 1, 0.1), (800, 600), fov_y=60)
+        points = np.column_stack([plane, np.zeros(len(plane))])
+        shown = {s: ibr.render(ibr.Mesh(points, faces, sides=s), camera).valid for s in ("both", "front", "back")}
+        front = "front" if shown["front"].sum() > shown["back"].sum() else "back"
+        np.testing.assert_array_equal(shown[front], shown["both"])
+
+
 def test_the_first_of_two_coincident_triangles_stays():
     points = np.array([[0, 0, 3], [1, 0, 3.5], [0, 1, 4]])
     color = np.repeat(np.array([[255, 0, 0], [0, 255, 0]], np.uint8), 3, axis=0)

@@ -130,6 +130,9 @@ class Tree:
             vertex.error = self.own_error(corner) + max(below, 0.0)
             if UNDRAWN | DRAWN in vertex.states.values():
                 vertex.error = max(vertex.error, LOSS * self.length(corner))
+        if not vertex.children and self.is_sample(corner):
+            ends = [end for triangle in vertex.sides for end in triangle.corners if self.is_sample(end)]
+            vertex.radius = max(float(np.linalg.norm(self.place(end) - self.place(corner))) for end in ends)
         for place, child in children.items():
             if child.error >= 0:
                 away = np.linalg.norm(self.place(place, child.depth) - self.place(corner, vertex.depth))
@@ -167,7 +170,7 @@ class Tree:
             if camera.projection == "perspective":
                 distance = max(float(np.linalg.norm(center - camera.center)) - vertex.radius, 0.0)
             seen = (outside(camera, center) <= vertex.radius).all()
-            if seen and vertex.error * max(camera.K[0, 0], camera.K[1, 1]) >= tolerance * distance:
+            if seen and vertex.error * np.linalg.norm(camera.K[:2, :2], 2) >= tolerance * distance:
                 found.add(corner)
         return found
 
@@ -292,28 +295,27 @@ def segmented(view: DepthImage, rule: Segmentation) -> np.ndarray:
     return cells
 
 
-def normals(view: DepthImage, rule: Segmentation) -> np.ndarray:
-    """(H, W, 3) in the camera's frame: across the differences to the neighbours that the depth range joins."""
+def normals(view: DepthImage, cells: np.ndarray) -> np.ndarray:
+    """(H, W, 3) in the camera's frame: across the differences to the neighbours that drawn triangles join."""
     width, height = view.camera.size
-    tree = Tree(view, np.zeros((height, width), np.uint8))
-    perspective = view.camera.projection == "perspective"
-    extent = float(np.max(view.bounds[1] - view.bounds[0]))
+    tree = Tree(view, cells)
+    joined: set[tuple[Corner, Corner]] = set()
+    for y in range(height - 1):
+        for x in range(width - 1):
+            four = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)]
+            skip = (2, 1) if (x + y) % 2 == 0 else (3, 0)
+            for side, other in enumerate(skip):
+                if cells[y, x] >> 2 * side & 3 == DRAWN:
+                    corners = [corner for k, corner in enumerate(four) if k != other]
+                    joined |= {(a, b) for a in corners for b in corners}
     found = np.tile((0.0, 0.0, -1.0), (height, width, 1))
     for y, x in np.argwhere(view.valid):
         here = tree.place((x, y))
         sums = []
         for dx, dy in ((1, 0), (0, 1)):
-            total = np.zeros(3)
-            for sign in (-1, 1):
-                near = x + sign * dx, y + sign * dy
-                if min(near) < 0 or not tree.is_sample(near):
-                    continue
-                there = tree.place(near)
-                scale = min(here[2], there[2]) if perspective else extent
-                if abs(there[2] - here[2]) <= rule.depth_range * scale:
-                    total += sign * (there - here)
-            sums.append(total)
+            ends = [(sign, (x + sign * dx, y + sign * dy)) for sign in (-1, 1)]
+            steps = [sign * (tree.place(end) - here) for sign, end in ends if ((x, y), end) in joined]
+            sums.append(np.sum(steps, axis=0) if steps else np.array([dx, dy, 0.0]))
         normal = np.cross(sums[1], sums[0])
-        if np.linalg.norm(normal) > 0:
-            found[y, x] = normal / np.linalg.norm(normal)
+        found[y, x] = normal / np.linalg.norm(normal)
     return found
