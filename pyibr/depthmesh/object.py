@@ -155,16 +155,16 @@ class DepthMeshObject(Fixed):
         distances = np.linalg.norm([viewpoint(view) - viewpoint(camera) for view in views], axis=1)
         cosines = np.clip([view.forward @ camera.forward for view in views], -1, 1)
         ties = 1 + 1e-9 * np.arccos(cosines)  # of one viewpoint those are closest that look the same way
-        found = 1.0 / (np.maximum(distances, 1e-6 * max(self.extent, apart)) * ties)
-        return np.where(self._is_in(camera), found, 1e-9 * found)
+        found: Float64 = 1.0 / (np.maximum(distances, 1e-6 * max(self.extent, apart)) * ties)
+        return found * np.where(self._is_in(camera), 1.0, 1e-9)
 
     def _is_in(self, camera: Camera) -> NDArray[np.bool_]:
         """(views,) whether the view's box may be seen by a camera."""
         planes = frustum(camera)
         low, high = self._boxes[:, None, 0], self._boxes[:, None, 1]
         farthest = np.where(planes[:, :3] > 0, high, low)  # (views, planes, 3) the corner furthest inside
-        inside: NDArray[np.bool_] = np.einsum("vpc,pc->vp", farthest, planes[:, :3]) + planes[:, 3] >= 0
-        return inside.all(axis=1)
+        inside = np.asarray(np.einsum("vpc,pc->vp", farthest, planes[:, :3]) + planes[:, 3]) >= 0
+        return np.asarray(inside.all(axis=1), np.bool_)
 
     def occupancy(self, camera: Camera) -> NDArray[np.uint32]:
         """Which views gave each pixel its colour (figure 12 of the paper).
