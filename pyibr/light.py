@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pyibr._check import describe, numbers
+from pyibr._check import Float64, describe, numbers
 from pyibr.errors import ArgumentError
 
 _LIGHT = np.dtype(
@@ -98,16 +98,15 @@ class Light:
         parts = [f"{name} ({', '.join(f'{x:g}' for x in v)})" for name, v in known.items() if v is not None]
         return f"<Light {' '.join(parts)}>"
 
-    @property
-    def struct(self) -> NDArray[np.void]:
-        """A record of the kernels' struct Light."""
+    def struct(self, origin: Float64) -> NDArray[np.void]:
+        """A record of the kernels' struct Light, for points relative to an origin, (3,) in the world."""
         values = np.zeros((), _LIGHT)
         axis = np.zeros(3) if self.direction is None else self.direction / np.linalg.norm(self.direction)
         if self.position is None:
             values["vector"] = (*-axis, 0.0)
             values["axis"], values["cone_rise"] = (0, 0, 0, -2), 1
         else:
-            values["vector"] = (*self.position, 1.0)
+            values["vector"] = (*(self.position - origin), 1.0)
             half = np.radians(self.angle / 2)
             edge, full = (-2.0, -1.0) if self.direction is None else (np.cos(half), np.cos((1 - _FADE) * half))
             values["axis"], values["cone_rise"] = (*axis, edge), 1 / (full - edge)

@@ -48,28 +48,50 @@ class Lighting:
     light : Light
     maps : DeviceArray or None
         (M * size, size) float32: planar depths, M maps one below the other; None without shadows.
-    shadow : record of the kernels' struct Shadow, or None
+    cameras : list of Camera
+        The maps'.
     """
 
     light: Light
     maps: DeviceArray | None = None
-    shadow: NDArray[np.void] | None = None
+    cameras: Sequence[Camera] = ()
 
     @property
     def defines(self) -> dict[str, int]:
         """For kernels with a light."""
         return {"LIT": 1} if self.maps is None else {"LIT": 1, "SHADOWED": 1}
 
-    def arguments(self, grain: float = 0.0) -> dict[str, Any]:
-        """Of kernels with a light, by name; grain: scene units by which a thing may lie before its surface."""
+    def arguments(self, grain: float = 0.0, origin: Float64 | None = None) -> dict[str, Any]:
+        """Of kernels with a light, by name.
+
+        Parameters
+        ----------
+        grain : float
+            Scene units by which a thing may lie before its surface.
+        origin : (3,), optional
+            In the world: what the kernel's points are relative to.
+        """
         from pyibr.opencl.launch import Struct
 
-        made: dict[str, Any] = {"light": Struct("Light", self.light.struct)}
-        if self.maps is not None and self.shadow is not None:
-            shadow = self.shadow.copy()
-            shadow["grain"] = grain
-            made |= {"shadow_maps": self.maps, "shadow": Struct("Shadow", shadow)}
+        start = np.zeros(3) if origin is None else origin
+        made: dict[str, Any] = {"light": Struct("Light", self.light.struct(start))}
+        if self.maps is not None:
+            made |= {"shadow_maps": self.maps, "shadow": Struct("Shadow", self._shadow(grain, start))}
         return made
+
+    def _shadow(self, grain: float, origin: Float64) -> NDArray[np.void]:
+        """A record of the kernels' struct Shadow."""
+        values = np.zeros((), _SHADOW)
+        shift = np.eye(4)
+        shift[:3, 3] = origin
+        for i, camera in enumerate(self.cameras):
+            from_origin = camera.camera_from_world @ shift
+            values["from_world"][16 * i : 16 * i + 16] = (camera.pixel_matrix @ from_origin).ravel()
+            values["depth_row"][4 * i : 4 * i + 4] = from_origin[2]
+        values["maps"], values["size"] = len(self.cameras), self.light.shadow_size
+        values["texel_x"], values["texel_y"] = 1 / self.cameras[0].K[0, 0], 1 / self.cameras[0].K[1, 1]
+        values["grain"] = grain
+        return values
 
 
 def lighting(light: Light, bounds: Sequence[Bounds], draw: Callable[[Target], None], dtype: np.dtype[Any]) -> Lighting:
@@ -95,16 +117,10 @@ def lighting(light: Light, bounds: Sequence[Bounds], draw: Callable[[Target], No
         target = Target(camera, dtype, from_light=True)
         draw(target)
         targets.append(target)
-    values = np.zeros((), _SHADOW)
-    for i, camera in enumerate(cameras):
-        values["from_world"][16 * i : 16 * i + 16] = (camera.pixel_matrix @ camera.camera_from_world).ravel()
-        values["depth_row"][4 * i : 4 * i + 4] = camera.camera_from_world[2]
-    values["maps"], values["size"] = len(cameras), light.shadow_size
-    values["texel_x"], values["texel_y"] = 1 / cameras[0].K[0, 0], 1 / cameras[0].K[1, 1]
     if len(targets) == 1:
-        return Lighting(light, targets[0].depth, values)
+        return Lighting(light, targets[0].depth, cameras)
     stacked = np.concatenate([target.depth.to_host() for target in targets])
-    return Lighting(light, upload(stacked), values)
+    return Lighting(light, upload(stacked), cameras)
 
 
 def light_cameras(light: Light, bounds: Sequence[Bounds]) -> list[Camera]:
@@ -185,15 +201,16 @@ def darken(
     if lit.maps is None:
         return
     width, height = target.camera.size
+    origin = target.camera.center  # float32 holds what is near 0 best
     launch(
         kernel("raster/shadow.cl", "darken", COLOR_BYTES=target.channel_bytes),
         (-(-width // current().lanes), height),
         before=target.depth if before is None else before,
-        screen=Struct("Screen", target.screen(0.5)),
+        screen=Struct("Screen", target.screen(0.5, origin)),
         blank=before is None,
         apart=apart,
         fade=fade,
         depth=target.depth,
         color=target.color,
-        **lit.arguments(grain),
+        **lit.arguments(grain, origin),
     )

@@ -19,9 +19,9 @@ AWAY = np.array([100_000.0, -70_000, 50_000])  # float32 has steps of 1/128 ther
 STEP = 1 / 128
 
 
-def moved(camera: Camera) -> Camera:
+def moved(camera: Camera, off: np.ndarray = AWAY) -> Camera:
     pose = camera.world_from_camera.copy()
-    pose[:3, 3] += AWAY
+    pose[:3, 3] += off
     return Camera(camera.K, camera.size, pose, camera.projection)
 
 
@@ -130,3 +130,26 @@ def test_an_object_from_afar(slicing):
     flat = looking(torus(), (0.5, 0.4, 1), (80, 60), "orthographic")
     near, far = ibr.render(thing, flat), ibr.render(thing, from_afar(flat, 1e5))
     assert silhouette_iou(near.valid, far.valid) >= 0.98
+
+
+@pytest.mark.parametrize("light", ["sun", "lamp"])
+@pytest.mark.parametrize("make", [ibr.DepthObject, ibr.DepthMeshObject])
+def test_shadows_on_images_are_the_same_anywhere(make, light):
+    """What is made of images has no vertices that would be rounded."""
+    views = views_of_torus("perspective")
+    camera = looking(torus(), (0.5, 0.4, 1), (100, 80), "perspective")
+    position = np.array([4.0, 3, 2])
+    frames: list[ibr.Frame] = []
+    for off in (np.zeros(3), AWAY, 10 * AWAY):
+        there = [ibr.DepthImage(v.color, v.depth, moved(v.camera, off)) for v in views]
+        lamp = ibr.Light(position=position + off) if light == "lamp" else ibr.Light(direction=-position)
+        frames.append(ibr.render(make(there), moved(camera, off), lamp))
+    plain = ibr.render(make(views), camera)
+    dark = (plain.color.astype(int) - frames[0].color).max(axis=-1) > 20
+    assert 0.02 < dark[plain.valid].mean() < 0.95
+    for frame in frames[1:]:
+        both = frame.valid & frames[0].valid
+        assert (frame.valid != frames[0].valid).mean() <= 1e-3
+        differs = np.abs(frame.color.astype(int) - frames[0].color).max(axis=-1)[both]
+        # The shadow's very edge may go to either side.
+        assert (differs > 2).mean() <= 0.01

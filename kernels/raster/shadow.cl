@@ -25,7 +25,7 @@ typedef struct {
     floatl x, y, z;
 } Point;
 
-/* In the world, what a pixel sees at a nearness */
+/* In the world, relative to the screen's origin, what a pixel sees at a nearness */
 Point point_at(Screen screen, floatl x, floatl y, floatl n)
 {
     const float *m = screen.to_world;
