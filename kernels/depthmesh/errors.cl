@@ -20,6 +20,7 @@
 #include "depthmesh/tree.h"
 
 #define LOSS 4.0f
+#define MARGIN 0.01f /* samples by which spheres reach beyond children's: more than what rounding may turn round */
 
 typedef struct {
     global const float *nearness;
@@ -59,11 +60,17 @@ Children add_children(const Layout *layout, const Tree *tree, intl x, intl y, in
     return c;
 }
 
+/* Of samples at a depth, in scene units */
+floatl sample_size(const Layout *layout, floatl depth)
+{
+    return layout->footprint * (layout->perspective ? depth : (floatl)1.0f);
+}
+
 /* Widens the spheres to hold children's. */
 void hold_children(const Layout *layout, const Tree *tree, const Children *c, Vertices *v)
 {
     const Point away = minus(point_of(layout, c->x, c->y, c->depth), v->center);
-    const floatl reach = sqrt(DOT(away, away)) + (floatl)(gather(tree->radii, c->at));
+    const floatl reach = sqrt(DOT(away, away)) + (floatl)(gather(tree->radii, c->at)) + MARGIN * sample_size(layout, v->depth);
     v->radius = pick((c->error >= 0.0f) & (reach > v->radius), reach, v->radius);
 }
 
@@ -94,7 +101,7 @@ void add_error(const Layout *layout, floatl own, intl states, int s, int centers
     const intl a = STATE_A(states), b = STATE_B(states);
     const intl partly = (a == (UNDRAWN | DRAWN)) | (b == (UNDRAWN | DRAWN)), drawn = ((a | b) & DRAWN) != 0;
     const float samples = LOSS * 2.0f * s * (centers ? M_SQRT2_F : 1.0f);
-    const floatl length = samples * layout->footprint * (layout->perspective ? v->depth : (floatl)1.0f);
+    const floatl length = samples * sample_size(layout, v->depth);
     v->error = pick(drawn, fmax(own + fmax(v->error, (floatl)0.0f), pick(partly, length, (floatl)0.0f)), v->error);
 }
 
@@ -210,7 +217,8 @@ kernel void find_finest_centers(global const float *nearness, global const uchar
         v.center = point_of(&layout, to_floatl(x), (floatl)y, v.depth);
         for (int k = 0; k < 4; k++) {
             const Point away = minus(point_of(&layout, to_floatl(x + dx[k]), (floatl)(y + dy[k]), depth[k]), v.center);
-            v.radius = pick(error[k] >= 0.0f, greater(sqrt(DOT(away, away)) + radius[k], v.radius), v.radius);
+            const floatl reach = sqrt(DOT(away, away)) + radius[k] + MARGIN * sample_size(&layout, v.depth);
+            v.radius = pick(error[k] >= 0.0f, greater(reach, v.radius), v.radius);
         }
         floatl corner[2][2]; /* nearness */
         for (int below = 0; below < 2; below++)

@@ -146,12 +146,14 @@ kernel void list_triangles(global const uchar *active, global const uchar *drawn
         const int around[2][5] = {{-s, -down, s, down, -s}, {upper_left, s - down, s + down, down - s, upper_left}};
         const int *corner = around[IS_CENTER(x, y, s)];
         global const int *number = numbers + start + x;
+        global const uchar *is_listed = active + start + x;
         for (int k = 0; k < 4; k++) {
             if (!(drawn[start + x] >> k & 1))
                 continue;
-            next[0] = number[corner[k]];
+            /* All are listed, unless rounding has turned a parent and its child round: then a triangle without area. */
+            next[0] = number[is_listed[corner[k]] ? corner[k] : 0];
             next[1] = number[0];
-            next[2] = number[corner[k + 1]];
+            next[2] = number[is_listed[corner[k + 1]] ? corner[k + 1] : 0];
             next += 3;
         }
     }

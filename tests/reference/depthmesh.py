@@ -20,6 +20,7 @@ from pyibr.images import DepthImage
 Corner = tuple[int, int]  # x, y
 
 UNDRAWN, DRAWN = 1, 2
+MARGIN = 0.01  # samples by which spheres reach beyond children's
 LOSS = 4.0  # what a triangle of which only a part is drawn counts as, in its own lengths
 
 
@@ -136,7 +137,8 @@ class Tree:
         for place, child in children.items():
             if child.error >= 0:
                 away = np.linalg.norm(self.place(place, child.depth) - self.place(corner, vertex.depth))
-                vertex.radius = max(vertex.radius, float(away) + child.radius)
+                reach = float(away) + child.radius + MARGIN * self.sample_size(corner)
+                vertex.radius = max(vertex.radius, reach)
 
     def own_error(self, corner: Corner) -> float:
         """Equation 1 for midpoints, which leaves out the axis across their edge, equation 2 for centres."""
@@ -153,10 +155,14 @@ class Tree:
 
     def length(self, corner: Corner) -> float:
         """Of the edge that a vertex bisects, if it faces the camera."""
-        side, camera = self.vertices[corner].sides[0], self.view.camera
+        side = self.vertices[corner].sides[0]
+        return float(np.linalg.norm(np.subtract(side.end, side.start))) * self.sample_size(corner)
+
+    def sample_size(self, corner: Corner) -> float:
+        """In scene units, at a vertex' depth."""
+        camera = self.view.camera
         scale = self.vertices[corner].depth if camera.projection == "perspective" else 1.0
-        pixels = float(np.linalg.norm(np.subtract(side.end, side.start)))
-        return pixels / min(camera.K[0, 0], camera.K[1, 1]) * scale
+        return scale / min(camera.K[0, 0], camera.K[1, 1])
 
     def needed(self, camera: Camera, tolerance: float) -> set[Corner]:
         """Equation 5, from the sphere's nearest point, within what the camera sees."""
