@@ -400,6 +400,15 @@ def test_frames_from_one_place_are_told_by_where_they_look():
         assert thing.weights(view.camera)[[v is view for v in views]] > 0.3
 
 
+def test_frames_of_something_else_come_last():
+    """The closest frame looks the other way."""
+    scene = joined([box((0, 0, 0), (2, 2, 2))])
+    ahead, behind = cube_cameras((0.1, 0, 0), 65)[4:]
+    thing = ibr.DepthMeshObject([scene.capture(behind), scene.capture(ahead.moved(0.2, 0, -0.5))], blended=1)
+    assert thing.weights(ahead).tolist() == [0, 1]
+    assert ibr.render(thing, ahead).valid.mean() > 0.95
+
+
 def test_a_lit_surface_does_not_shade_itself():
     """Whatever its tolerance: the light sees other triangles than the picture."""
     y, x = np.mgrid[:192, :192]
