@@ -171,7 +171,7 @@ kernel void find_finest_midpoints(global const float *nearness, global const uch
         const intl x = first + lane_index, ax = x - across, bx = x + across;
         const int ay = y - !across, by = y + !across;
         Vertices v = {{0.0f, 0.0f, 0.0f}, -1.0f, 0.0f, 0.0f};
-        if (first <= layout.width && y <= layout.height) {
+        if (first < layout.width && y < layout.height) {
             const floatl n = nearness_next_to(&layout, &tree, x, first, y, 0, 0);
             const floatl na = nearness_next_to(&layout, &tree, x, first, y, across ? -1 : 0, across ? 0 : -1);
             const floatl nb = nearness_next_to(&layout, &tree, x, first, y, across ? 1 : 0, across ? 0 : 1);

@@ -23,7 +23,7 @@ kernel void find_midpoint_states(global const uchar *cells, global uchar *states
     for (int first = 0; first <= layout.side; first += LANES) {
         const intl x = first + lane_index, odd = (x & 1) == 1, mine = layout.side == 1 ? (intl)0 : across ? odd : !odd;
         intl byte = NOTHING;
-        if (first <= layout.width && y <= layout.height) {
+        if (first < layout.width && y < layout.height) {
             const intl upper_left = STATE_B(cell_next_to(&layout, cells, x, first, y, -1, -1));
             const intl upper_right = STATE_B(cell_next_to(&layout, cells, x, first, y, 0, -1));
             const intl lower_left = STATE_A(cell_next_to(&layout, cells, x, first, y, -1, 0));

@@ -1,0 +1,53 @@
+"""Kernels in wide lanes between pages that nobody may read: one step too far ends the process."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+FENCED = """
+import ctypes, mmap
+import numpy as np
+import pyopencl as cl
+from pyibr.opencl import memory
+
+libc = ctypes.CDLL(None, use_errno=True)
+
+def fenced(session, size):
+    whole = -(-max(size, 1) // mmap.PAGESIZE) * mmap.PAGESIZE
+    pages = mmap.mmap(-1, whole + mmap.PAGESIZE)
+    held = np.frombuffer(pages, np.uint8)
+    assert libc.mprotect(ctypes.c_void_p(held.ctypes.data + whole), mmap.PAGESIZE, 0) == 0
+    start = (whole - max(size, 1)) // 64 * 64  # runtimes want that alignment
+    flags = cl.mem_flags.READ_WRITE | cl.mem_flags.USE_HOST_PTR
+    buffer = cl.Buffer(session.context, flags, hostbuf=held[start : start + max(size, 1)])
+    return memory.Block(buffer, size, pages, start)
+
+memory._take = fenced
+memory._give_back = lambda session, block: None
+
+import pyibr as ibr
+from pyibr import models
+from pyibr.capture import object_views
+
+for projection in ("perspective", "orthographic"):
+    for size in (16, 33, 64, 128):
+        views = object_views(models.donut(20), size, projection)
+        camera = ibr.Camera.look_at((1, 2, 5), (0, 0, 0), (0, 1, 0), (size, size), fov_y=45)
+        light = ibr.Light(direction=(-1, -1, -1), shadow_size=64)
+        things = [ibr.DepthMesh(views[4]), ibr.DepthMeshObject(views), ibr.DepthObject(views, slices=16), models.donut(20)]
+        ibr.DepthMesh(views[4]).simplify(0.01)
+        for thing in things:
+            ibr.render(thing, camera, light)
+        ibr.warp(views[4], views[4].camera.moved(0.1, 0, 0))
+print("through")
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="pages are protected by Linux' mprotect")
+def test_no_kernel_reads_beyond_its_arrays():
+    pytest.importorskip("open3d")
+    done = subprocess.run([sys.executable, "-c", FENCED], capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and "through" in done.stdout, done.stderr[-2000:]
