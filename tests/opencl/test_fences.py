@@ -37,7 +37,8 @@ for projection in ("perspective", "orthographic"):
         views = object_views(models.donut(20), size, projection)
         camera = ibr.Camera.look_at((1, 2, 5), (0, 0, 0), (0, 1, 0), (size, size), fov_y=45)
         light = ibr.Light(direction=(-1, -1, -1), shadow_size=64)
-        things = [ibr.DepthMesh(views[4]), ibr.DepthMeshObject(views), ibr.DepthObject(views, slices=16), models.donut(20)]
+        solid, mesh = ibr.DepthObject(views, slices=16), models.donut(20)
+        things = [ibr.DepthMesh(views[4]), ibr.DepthMeshObject(views), solid, mesh]
         ibr.DepthMesh(views[4]).simplify(0.01)
         for thing in things:
             ibr.render(thing, camera, light)
