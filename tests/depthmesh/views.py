@@ -10,8 +10,11 @@ import pyibr as ibr
 from pyibr.camera import Camera
 from pyibr.images import DepthImage
 from tests import scenes
+from tests.slicing.solids import looking, torus, views_of_torus
 
 PROJECTIONS = ("perspective", "orthographic")
+SIZE = (180, 150)
+DIRECTIONS = ((0.5, 0.4, 1), (-1, 0.3, 0.2), (0.2, -1, -0.5))
 
 
 def rough_depth(rng: np.random.Generator, size: scenes.Size, noise: float = 0.02, holes: float = 0.0) -> np.ndarray:
@@ -51,6 +54,14 @@ def samples_within(thing: ibr.DepthMesh, max_error: float) -> np.ndarray:
 
 def corners_of(samples: np.ndarray, thing: ibr.DepthMesh) -> np.ndarray:
     return np.stack(np.divmod(samples, thing.view.camera.width)[::-1], -1).astype(np.int64)
+
+
+def six() -> list[ibr.DepthImage]:
+    return views_of_torus("orthographic")
+
+
+def target(direction: tuple[float, ...] = DIRECTIONS[0], projection: str = "perspective") -> Camera:
+    return looking(torus(), direction, SIZE, projection)
 
 
 def weights_in(corners: np.ndarray, points: np.ndarray) -> np.ndarray:

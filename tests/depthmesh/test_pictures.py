@@ -1,0 +1,164 @@
+"""Depth meshes in pictures: with other things, under lights, and their colours from close by and from afar."""
+
+from __future__ import annotations
+
+from itertools import permutations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("open3d")
+
+import pyibr as ibr
+from pyibr.camera import Camera
+from pyibr.capture import MeshScene, cube_cameras, object_views
+from pyibr.depthmesh import Segmentation
+from tests import scenes
+from tests.depthmesh.views import PROJECTIONS, SIZE, six, target
+from tests.shadowed import AMBIENT, CAMERAS, agreement, ball, box, caster, joined, plane
+from tests.slicing.solids import torus, views_of_torus
+
+
+@pytest.mark.parametrize("projection", PROJECTIONS)
+def test_one_depth_buffer_with_other_things(projection):
+    wall = ibr.Mesh(
+        [[-3, -3, 0.3], [3, -3, -0.4], [3, 3, 0.2], [-3, 3, 0.9]],
+        [[0, 1, 2], [0, 2, 3]],
+        colors=np.full((4, 3), 9, np.uint8),
+    )
+    things = [ibr.DepthMeshObject(six()), wall, ibr.DepthMesh(views_of_torus("perspective")[5])]
+    camera = target(projection=projection)
+    alone = [ibr.render(one, camera) for one in things]
+    nearest = np.min([np.where(one.valid, one.depth, np.inf) for one in alone], axis=0)
+    for order in permutations(things):
+        frame = ibr.render(order, camera)
+        np.testing.assert_array_equal(np.where(frame.valid, frame.depth, np.inf), nearest)
+        for one in alone:
+            mine = one.valid & (one.depth == nearest)
+            assert mine.sum() > 20
+            unique = mine & (np.sum([a.valid & (a.depth == nearest) for a in alone], axis=0) == 1)
+            np.testing.assert_array_equal(frame.color[unique], one.color[unique])
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        {"direction": (1, 0.6, -1.2)},
+        {"position": (-2, -1, 3), "direction": (2, 1.2, -3), "angle": 50},
+        {"position": (-1.5, -2, 2.8)},
+    ],
+    ids=str,
+)
+def test_shadows_are_cast_and_received(shape):
+    solid = ball((0.2, 0.1, 0.75), 0.6)
+    bar, floor = box((-0.3, -0.6, 1.4), (0.1, 0.7, 0.05)), plane()
+    views = object_views(joined([solid]), 128)
+    scene, light = caster(solid, bar, floor), ibr.Light(**shape, ambient=AMBIENT)
+    for thing in (ibr.DepthMeshObject(views), ibr.DepthMeshObject([ibr.DepthMesh(view) for view in views], blended=6)):
+        # Samples are 0.01 apart: the horizon of the ball as the light sees it is known to that.
+        assert agreement([thing, bar, floor], scene, CAMERAS["perspective"], light) >= 0.97
+
+
+def test_images_are_not_shaded():
+    """Their colours hold their light already: only in another thing's shadow they keep the ambient part alone."""
+    thing = ibr.DepthMeshObject(six())
+    camera = target()
+    plain = ibr.render(thing, camera)
+    lit = ibr.render(thing, camera, ibr.Light(direction=(0, 0, -1), ambient=0.25, shadow_size=0))
+    np.testing.assert_array_equal(lit.color, plain.color)
+    roof = ibr.Mesh([[-3, 3, -3], [3, 3, -3], [3, 3, 3], [-3, 3, 3]], [[0, 1, 2], [0, 2, 3]])
+    shaded = ibr.render([thing, roof], camera, ibr.Light(direction=(0, -1, 0), ambient=0.25))
+    under = plain.valid & (shaded.depth == plain.depth)
+    assert under.sum() > 1000
+    np.testing.assert_allclose(shaded.color[under], 0.25 * plain.color[under], atol=1)
+
+
+def test_frames_from_one_place_are_told_by_where_they_look():
+    """A room's panorama: every direction is covered by those frames that show it."""
+    scene = joined([box((0, 0, 0), (2, 2, 2))])
+    views = [scene.capture(camera) for camera in cube_cameras((0.1, 0, 0), 65)]
+    thing = ibr.DepthMeshObject(views, blended=3, background=False)
+    for view in views:
+        assert ibr.render(thing, view.camera).valid.mean() > 0.95
+        assert thing.weights(view.camera)[[v is view for v in views]] > 0.3
+
+
+def test_frames_of_something_else_come_last():
+    """The closest frame looks the other way."""
+    scene = joined([box((0, 0, 0), (2, 2, 2))])
+    ahead, behind = cube_cameras((0.1, 0, 0), 65)[4:]
+    thing = ibr.DepthMeshObject([scene.capture(behind), scene.capture(ahead.moved(0.2, 0, -0.5))], blended=1)
+    assert thing.weights(ahead).tolist() == [0, 1]
+    assert ibr.render(thing, ahead).valid.mean() > 0.95
+
+
+def test_a_lit_surface_does_not_shade_itself():
+    """Whatever its tolerance: the light sees other triangles than the picture."""
+    y, x = np.mgrid[:192, :192]
+    depth = (4 + 0.15 * np.sin(x / 11) + 0.15 * np.cos(y / 9)).astype(np.float32)
+    camera = Camera([[192, 0, 95.5], [0, 192, 95.5], [0, 0, 1]], (192, 192))
+    view = ibr.DepthImage(np.full((192, 192, 3), 200, np.uint8), depth, camera)
+    for tolerance in (0, 1, 4):
+        frame = ibr.render(
+            ibr.DepthMesh(view, tolerance), camera.moved(0.4, 0.2, 0), ibr.Light(direction=(0.1, 0.1, 1))
+        )
+        assert (frame.color[frame.valid] == 200).all(), tolerance
+
+
+def test_colours_beyond_their_range_are_cut_off():
+    view = scenes.flat((20, 15))
+    color = np.where(np.arange(20)[:, None] < 10, np.float32(1.02), np.float32(-0.02)) * np.ones((15, 1, 3), np.float32)
+    frame = ibr.render(ibr.DepthMesh(ibr.DepthImage(color, view.depth, view.camera)), view.camera)
+    assert set(np.unique(frame.color[frame.valid])) == {0, 255}
+
+
+@pytest.mark.parametrize("projection", PROJECTIONS)
+def test_views_seen_small_are_averaged(projection):
+    """A board of squares of two samples turns grey from afar; holes stay out of its mean, and up close it is sharp."""
+    size = (203, 131)
+    y, x = np.mgrid[: size[1], : size[0]]
+    light = (x // 2 + y // 2) % 2 == 0
+    color = np.repeat(np.where(light, 240, 40).astype(np.uint8)[..., None], 3, 2)
+    color[60:71, 90:111] = (255, 0, 0)
+    depth = np.full(size[::-1], 4, np.float32)
+    depth[60:71, 90:111] = np.nan
+    camera = scenes.source_camera(size, projection)
+    thing = ibr.DepthMesh(ibr.DepthImage(color, depth, camera), segmentation=Segmentation("none"))
+    for scale, spread in ((8, 12), (21, 12), (3, 45)):
+        small = ibr.render(thing, camera.resized((size[0] // scale, size[1] // scale)))
+        assert small.valid.mean() > 0.8
+        seen = small.color[small.valid].astype(float)
+        assert abs(seen.mean() - 140) < 5 and seen.std() < spread, scale
+        assert np.ptp(seen, axis=-1).max() == 0  # nothing of the red that has no depth
+    same = ibr.render(thing, camera)
+    assert same.valid.mean() > 0.97 and set(np.unique(same.color[same.valid])) == {40, 240}
+
+
+def test_colours_stay_sharp_where_views_stand_in_the_middle():
+    """Six views from a room's middle: how far the middle is from either camera says nothing of how large things are."""
+    walls = box((0, 0, 0), (1, 1, 1))
+    corners = np.array(walls.vertices)
+    points = MeshScene(corners, walls.faces, uv=corners[:, [0, 1]] * 0.4 + 0.5, texture=checkers())
+    views = [points.capture(camera) for camera in cube_cameras((1e-3, 0, 0), 128)]
+    camera = Camera.look_at((0.2, 0.1, 0.15), (0.1, 0.2, 1.0), (0, 1, 0), SIZE, fov_y=70)
+    truth, frame = points.capture(camera), ibr.render(ibr.DepthMeshObject(views, 0.0, blended=6), camera)
+    both = frame.valid & truth.valid
+    assert both.mean() > 0.95
+    assert np.abs(frame.color.astype(int) - truth.color)[both].mean() <= 10  # of edges between 40 and 220
+
+
+def checkers() -> np.ndarray:
+    y, x = np.mgrid[:64, :64] // 8
+    return np.where((x + y) % 2, 40, 220).astype(np.uint8)[..., None].repeat(3, 2)
+
+
+def test_from_within_and_from_behind():
+    thing = ibr.DepthMeshObject(six())
+    ring = torus().vertices[0]
+    for eye in ((0, 0, 0), 0.5 * ring, ring, 0.999 * ring):
+        frame = ibr.render(thing, Camera.look_at(eye, np.add(eye, (0.3, 2, 0.1)), (0, 0, 1), (41, 33), fov_y=80))
+        np.testing.assert_array_equal(np.isfinite(frame.depth), frame.valid)
+        assert (frame.depth[frame.valid] > 0).all()
+    away = ibr.render(thing, Camera.look_at((0, 0, 9), (0, 0, 18), (0, 1, 0), (41, 33)))
+    assert not away.valid.any() and (away.color == 0).all()
+    assert not thing.occupancy(Camera.look_at((0, 0, 9), (0, 0, 18), (0, 1, 0), (41, 33))).any()
