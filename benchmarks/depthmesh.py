@@ -139,7 +139,7 @@ def _construction(name: str, repeats: int, plan: Plan) -> Work | Skip:
     # In turns of their own: the memory that these take and free slows whatever comes after them.
     others: dict[str, Subject] = {
         CAPTURE: functools.partial(scene.capture, view.camera),
-        FRESH: lambda: ibr.DepthMesh(again(view)).tree.errors.errors.to_host(),
+        FRESH: lambda: simplification.hierarchy(ibr.DepthMesh(again(view)).tree),
     }
 
     def read() -> Iterator[Record]:
@@ -148,7 +148,7 @@ def _construction(name: str, repeats: int, plan: Plan) -> Work | Skip:
         for subject, values in in_turns(others, repeats).items():
             yield Record(subject, "end to end", "ms", parameters, values)
 
-    return Work({HIERARCHY: lambda: build_tree(view, Segmentation()).errors.errors.to_host()}, repeats, read)
+    return Work({HIERARCHY: lambda: simplification.hierarchy(build_tree(view, Segmentation()))}, repeats, read)
 
 
 def again(view: ibr.DepthImage) -> ibr.DepthImage:

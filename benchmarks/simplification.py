@@ -166,8 +166,14 @@ def _triangles(tree: Tree, error: float) -> tuple[NDArray[Any], NDArray[Any]]:
     return found.points.to_host(), found.corners.to_host()
 
 
+def hierarchy(tree: Tree) -> Any:
+    """Have a tree's normals, errors and spheres made, too, which otherwise wait until they are asked for."""
+    _, known = tree.normals, tree.errors
+    return known.errors.to_host()  # by then all are there
+
+
 def _hierarchy(surface: Surface) -> Any:
-    return build_tree(surface.view, surface.segmentation).errors.errors.to_host()
+    return hierarchy(build_tree(surface.view, surface.segmentation))
 
 
 def _hierarchy_and_triangles(surface: Surface) -> Any:
@@ -183,7 +189,7 @@ def _ours(surface: Surface, parameters: dict[str, Parameter], repeats: int, modu
             yield from _errors(OURS, surface, error, _simplified(mesh, error), parameters)
 
     subjects: dict[str, Subject] = {
-        FRESH: lambda: _fresh(surface).tree.errors.errors.to_host(),
+        FRESH: lambda: hierarchy(_fresh(surface).tree),
         MESH: lambda: mesh.simplify(surface.error),
         WHOLE: lambda: _fresh(surface).simplify(surface.error),
     }

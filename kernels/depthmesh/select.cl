@@ -10,7 +10,7 @@
  *
  * Of each vertex, (side + 1, row): active, tree.h; drawn: bit k where the k-th triangle with its right angle there is
  * drawn; numbers of those that are listed. counts, firsts: (side + 1, 2) how many points and triangles each row has, and
- * the numbers of its first ones. points: (points, 4) where in the view, tree.h, and quality |n z|. corners:
+ * the numbers of its first ones. points: (points, 4) where in the view, tree.h, and quality |n z| if RATED. corners:
  * (triangles, 3) numbers of points, counter-clockwise as the view sees them, the one at the right angle second.
  * Work-item: a row of vertices. Cost: O(vertices). Determinism: rows' and columns' order.
  */
@@ -115,17 +115,27 @@ kernel void find_triangles(global const uchar *active, global const uchar *state
     counts[2 * y + 1] = triangles;
 }
 
-kernel void list_points(global const uchar *active, global const float *nearness, global const float *normals,
-                        global const int *firsts, global int *numbers, global float *points, Layout layout)
+kernel void list_points(global const uchar *active, global const float *nearness, global const int *firsts,
+                        global int *numbers, global float *points, Layout layout
+#ifdef RATED
+                        ,
+                        global const float *normals
+#endif
+)
 {
     const int y = get_global_id(0);
     if (y >= layout.height)
         return;
     const size_t start = (size_t)y * layout.row, samples = (size_t)y * layout.pitch;
+#ifdef RATED
     global const float *facing = normals + (size_t)2 * layout.pitch * layout.height + samples;
+#define QUALITY(x) fabs(facing[x])
+#else
+#define QUALITY(x) 0.0f
+#endif
     int number = firsts[2 * y];
     for (int x = -1; (x = next_marked(active + start, x + 1, layout.width - 1)) < layout.width; number++) {
-        const float n = nearness[samples + x], z = 1.0f / n, quality = fabs(facing[x]);
+        const float n = nearness[samples + x], z = 1.0f / n, quality = QUALITY(x);
         numbers[start + x] = number;
         vstore4(layout.perspective ? (float4)(x * z, y * z, z, quality) : (float4)(x, y, n, quality), number, points);
     }

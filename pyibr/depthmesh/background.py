@@ -46,7 +46,7 @@ def background_of(thing: DepthMeshObject) -> Background:
         closed, bridges = list[NDArray[np.int32]](), list[NDArray[np.int32]]()
         for mesh in thing.meshes:
             tree = build_tree(mesh.view, Segmentation("none"))
-            coarse = list_triangles([tree], [active_within(tree, _COARSE_ERROR * thing.extent)])
+            coarse = list_triangles([tree], [active_within(tree, _COARSE_ERROR * thing.extent)], rated=True)
             points.append(coarse.points.to_host())
             closed.append(coarse.corners.to_host())
             bridges.append(_over_holes(closed[-1], points[-1], mesh))

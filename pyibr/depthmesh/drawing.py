@@ -93,7 +93,7 @@ def draw_depth_mesh(target: Target, thing: DepthMesh | DepthMeshObject, occupanc
             "from_target": upload(np.array(maps, np.float32).reshape(-1, 16)),
             "perspectives": upload(np.array(perspectives, np.int32)),
         }
-    triangles = list_triangles(trees, active, underlay)
+    triangles = list_triangles(trees, active, underlay, rated=True)
     views = [meshes[number].view for number in shown]
     projected = project_points(target.camera, views, triangles)
     colors = _colors_of(thing, meshes)

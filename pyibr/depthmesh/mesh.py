@@ -100,7 +100,7 @@ class DepthMesh(Fixed):
     def normals(self) -> NDArray[np.float32]:
         """(H, W, 3) unit normals of the samples in the view's camera's frame, towards the camera."""
         tree = self.tree
-        with tree.normals.session.lock:
+        with tree.cells.session.lock:
             found = tree.normals.to_host()[..., : self.view.camera.width]
         return np.ascontiguousarray(np.moveaxis(found, 0, -1))
 

@@ -51,8 +51,6 @@ class Tree:
     nearness : DeviceArray (H, pitch)
     cells : DeviceArray (H, pitch) uint8
         Whether each cell's two triangles are drawn.
-    normals : DeviceArray (3, H, pitch)
-        In the view's frame.
     states : DeviceArray (side + 1, row) uint8
         Which of the two triangles that a vertex splits are drawn.
     """
@@ -62,8 +60,12 @@ class Tree:
     side: int
     nearness: DeviceArray
     cells: DeviceArray
-    normals: DeviceArray
     states: DeviceArray
+
+    @cached_property
+    def normals(self) -> DeviceArray:
+        """(3, H, pitch) normals of the samples in the view's frame."""
+        return _find_normals(self)
 
     @cached_property
     def errors(self) -> Errors:
@@ -87,7 +89,7 @@ class Errors:
 
 
 def build_tree(view: DepthImage, segmentation: Segmentation) -> Tree:
-    """Segment a view's grid, and find its normals and what its tree's triangles are made of."""
+    """Segment a view's grid, and find what its tree's triangles are made of."""
     from pyibr.opencl.launch import Struct, launch
     from pyibr.opencl.memory import empty
     from pyibr.opencl.program import kernel
@@ -105,7 +107,7 @@ def build_tree(view: DepthImage, segmentation: Segmentation) -> Tree:
     nearness = samples.nearness
     layout = Struct("Layout", _layout(view.camera, side, row))
     rule = Struct("Segmentation", segmentation.record(view))
-    cells, normals = empty((height, pitch(width)), np.uint8), empty((3, height, pitch(width)), np.float32)
+    cells = empty((height, pitch(width)), np.uint8)
     launch(
         kernel("depthmesh/samples.cl", "segment", TEST=TESTS[segmentation.test]),
         (height - 1,),
@@ -114,20 +116,30 @@ def build_tree(view: DepthImage, segmentation: Segmentation) -> Tree:
         layout=layout,
         rule=rule,
     )
-    launch(
-        kernel("depthmesh/samples.cl", "find_normals"),
-        (height,),
-        nearness=nearness,
-        cells=cells,
-        normals=normals,
-        layout=layout,
-    )
     file, states = "depthmesh/states.cl", empty((side + 1, row), np.uint8)
     launch(kernel(file, "find_midpoint_states"), (side + 1,), cells=cells, states=states, layout=layout)
     if side > 1:
         launch(kernel(file, "find_center_states"), (side // 2,), states=states, layout=layout)
     _fine_to_coarse(file, "find_states", "find_coarse_states", side, height, states=states, layout=layout)
-    return Tree(view, layout, side, nearness, cells, normals, states)
+    return Tree(view, layout, side, nearness, cells, states)
+
+
+def _find_normals(tree: Tree) -> DeviceArray:
+    from pyibr.opencl.launch import launch
+    from pyibr.opencl.memory import empty
+    from pyibr.opencl.program import kernel
+
+    width, height = tree.view.camera.size
+    normals = empty((3, height, pitch(width)), np.float32)
+    launch(
+        kernel("depthmesh/samples.cl", "find_normals"),
+        (height,),
+        nearness=tree.nearness,
+        cells=tree.cells,
+        normals=normals,
+        layout=tree.layout,
+    )
+    return normals
 
 
 def _find_errors(tree: Tree) -> Errors:

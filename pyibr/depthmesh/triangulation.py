@@ -88,7 +88,7 @@ class Triangles:
     Attributes
     ----------
     points : DeviceArray (P, 4) float32
-        Where in its view each lies, kernels/depthmesh/tree.h, and its quality.
+        Where in its view each lies, kernels/depthmesh/tree.h, and its quality, or 0 where none was asked for.
     corners : DeviceArray (T, 3) int32
         Numbers of points.
     point_firsts, firsts : list of int
@@ -101,8 +101,13 @@ class Triangles:
     firsts: list[int]
 
 
-def list_triangles(trees: Sequence[Tree], active: Sequence[DeviceArray], before: Triangles | None = None) -> Triangles:
-    """List the triangles of each tree's active vertices, after those of `before`, in a fixed order."""
+def list_triangles(
+    trees: Sequence[Tree], active: Sequence[DeviceArray], before: Triangles | None = None, *, rated: bool = False
+) -> Triangles:
+    """List the triangles of each tree's active vertices, after those of `before`, in a fixed order.
+
+    With `rated`, points hold their quality, which takes the normals.
+    """
     from pyibr.opencl.launch import launch
     from pyibr.opencl.memory import copy, empty, upload
     from pyibr.opencl.program import kernel
@@ -134,15 +139,15 @@ def list_triangles(trees: Sequence[Tree], active: Sequence[DeviceArray], before:
     for tree, marks, (drawn, _), first in zip(trees, active, found, ends[:-1], strict=True):
         numbers, firsts = empty(marks.shape, np.int32), upload(row_firsts[first:])
         launch(
-            kernel("depthmesh/select.cl", "list_points"),
+            kernel("depthmesh/select.cl", "list_points", **({"RATED": 1} if rated else {})),
             (tree.view.camera.height,),
             active=marks,
             nearness=tree.nearness,
-            normals=tree.normals,
             firsts=firsts,
             numbers=numbers,
             points=points,
             layout=tree.layout,
+            **({"normals": tree.normals} if rated else {}),
         )
         launch(
             kernel("depthmesh/select.cl", "list_triangles"),
