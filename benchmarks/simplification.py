@@ -22,19 +22,18 @@ from benchmarks.runner import Case, Subject, Work
 from benchmarks.scenes import relief, scanned, terrain
 from pyibr.capture import MeshScene, object_views
 from pyibr.depthmesh.segmentation import Segmentation
-from pyibr.depthmesh.tree import Tree, build_tree
+from pyibr.depthmesh.tree import Tree
 from pyibr.depthmesh.triangulation import active_within, list_triangles
 from pyibr.errors import MissingPackageError
 
 OURS, MARTINI, DELATIN, OPEN3D = "pyibr", "pymartini", "pydelatin", "Open3D"
 SAME = "pyibr, at pymartini's measured error"
-HIERARCHY, TRIANGLES, BOTH = "pyibr, hierarchy", "pyibr, triangles", "pyibr, hierarchy and triangles"
-MESH, WHOLE = "pyibr, simplify", "pyibr, fresh view to mesh"
-FRESH = "pyibr, hierarchy of a fresh view"
+HIERARCHY, TRIANGLES, BOTH = "pyibr, hierarchy", "pyibr, triangles", "pyibr, depth image to triangles"
+MESH, WHOLE = "pyibr, simplify", "pyibr, depth image to mesh"
 MARTINI_TILE, MARTINI_MESH, MARTINI_BOTH = "pymartini, tile", "pymartini, mesh", "pymartini, tile and mesh"
 BARS = {"hierarchy": 1.0, "triangles": 1.0, "delatin": 0.25}
 """On the Fuji tile, at most: hierarchy over pymartini's tile, triangles over pymartini's at its measured error, and
-hierarchy and triangles over pydelatin's whole run."""
+depth image to triangles over pydelatin's whole run."""
 
 _EXTENT = (0.0005, 0.001, 0.002, 0.004, 0.008)  # errors, of the largest extent
 
@@ -172,16 +171,7 @@ def hierarchy(tree: Tree) -> Any:
     return known.errors.to_host()  # by then all are there
 
 
-def _hierarchy(surface: Surface) -> Any:
-    return hierarchy(build_tree(surface.view, surface.segmentation))
-
-
-def _hierarchy_and_triangles(surface: Surface) -> Any:
-    return _triangles(build_tree(surface.view, surface.segmentation), surface.error)
-
-
 def _ours(surface: Surface, parameters: dict[str, Parameter], repeats: int, module: Any) -> Work:
-    """Fresh views in turns of their own: the memory that they take and free slows whatever comes after them."""
     mesh = _fresh(surface)
 
     def read() -> Iterator[Record]:
@@ -189,7 +179,6 @@ def _ours(surface: Surface, parameters: dict[str, Parameter], repeats: int, modu
             yield from _errors(OURS, surface, error, _simplified(mesh, error), parameters)
 
     subjects: dict[str, Subject] = {
-        FRESH: lambda: hierarchy(_fresh(surface).tree),
         MESH: lambda: mesh.simplify(surface.error),
         WHOLE: lambda: _fresh(surface).simplify(surface.error),
     }
@@ -200,7 +189,7 @@ def _martini(surface: Surface, parameters: dict[str, Parameter], repeats: int, m
     """The set-up for a size of tiles counts for nothing: it is made once."""
     depth, error, mesh = surface.view.depth, surface.error, _fresh(surface)
     martini = module.Martini(surface.side)
-    tile, tree = martini.create_tile(depth), build_tree(surface.view, surface.segmentation)
+    tile = martini.create_tile(depth)
 
     def found(error: float) -> tuple[Any, Any]:
         vertices, triangles = tile.get_mesh(error)
@@ -216,11 +205,11 @@ def _martini(surface: Surface, parameters: dict[str, Parameter], repeats: int, m
                 yield Record(SAME, record.quantity, record.unit, {**parameters, "error": nominal}, record.values)
 
     subjects: dict[str, Subject] = {
-        HIERARCHY: lambda: _hierarchy(surface),
+        HIERARCHY: lambda: hierarchy(_fresh(surface).tree),
         MARTINI_TILE: lambda: martini.create_tile(depth),
-        TRIANGLES: lambda: _triangles(tree, error),
+        TRIANGLES: lambda: _triangles(mesh.tree, error),
         MARTINI_MESH: lambda: tile.get_mesh(error),
-        BOTH: lambda: _hierarchy_and_triangles(surface),
+        BOTH: lambda: _triangles(_fresh(surface).tree, error),
         MARTINI_BOTH: lambda: martini.create_tile(depth).get_mesh(error),
     }
     return Work(subjects, repeats, read)
@@ -241,7 +230,8 @@ def _delatin(surface: Surface, parameters: dict[str, Parameter], repeats: int, m
             yield from _errors(DELATIN, surface, error, (points, triangles), parameters)
 
     subjects: dict[str, Subject] = {
-        BOTH: lambda: _hierarchy_and_triangles(surface),
+        BOTH: lambda: _triangles(_fresh(surface).tree, surface.error),
+        WHOLE: lambda: _fresh(surface).simplify(surface.error),
         DELATIN: lambda: run(surface.error),
     }
     return Work(subjects, repeats, read)

@@ -21,6 +21,8 @@ from pyibr.errors import ArgumentError, MissingPackageError
 Color = NDArray[np.uint8] | NDArray[np.float32]
 Depth = NDArray[np.float32]
 
+_IN_CACHE = 1 << 15  # samples at a time: of more, float64 values take several times longer
+
 _ColorT = TypeVar("_ColorT", bound=Color)
 _ArrayT = TypeVar("_ArrayT", bound=NDArray[np.generic])
 
@@ -111,15 +113,20 @@ class DepthImage:
         """(low, high), each (3,), in the world: the box around those of the samples, (H, W) bool."""
         if not which.any():
             return self.camera.center, self.camera.center
-        y, x = np.nonzero(which)
-        z = self.depth[y, x].astype(np.float64)
-        inverse, scale = np.linalg.inv(self.camera.K), z if self.camera.projection == "perspective" else 1.0
-        local = [(row[0] * x + row[1] * y + row[2]) * scale for row in inverse[:2]]
-        low, high = np.empty(3), np.empty(3)
-        for axis, (a, b, c, start) in enumerate(self.camera.world_from_camera[:3]):  # points in rows take far longer
-            values = a * local[0] + b * local[1] + c * z + start
-            low[axis], high[axis] = values.min(), values.max()
-        return low, high
+        turn, x = self.camera.world_from_camera[:3, :3], np.arange(self.camera.width)
+        across, perspective = turn[:, :2] @ np.linalg.inv(self.camera.K)[:2], self.camera.projection == "perspective"
+        low, high = np.full(3, np.inf), np.full(3, -np.inf)
+        rows = max(_IN_CACHE // self.camera.width, 1)
+        for first in range(0, self.camera.height, rows):
+            part = slice(first, first + rows)
+            z = np.where(which[part], self.depth[part], np.float64(np.nan))
+            y = np.arange(first, first + len(z))[:, None]
+            for axis, ((a, b, c), along) in enumerate(zip(across, turn[:, 2], strict=True)):
+                aside = a * x + (b * y + c)
+                values = (aside + along) * z if perspective else aside + along * z
+                low[axis] = np.fmin(low[axis], np.fmin.reduce(values, axis=None))
+                high[axis] = np.fmax(high[axis], np.fmax.reduce(values, axis=None))
+        return low + self.camera.center, high + self.camera.center
 
 
 @dataclass(frozen=True, eq=False)

@@ -63,6 +63,22 @@ def test_valid_leaves_out_what_is_no_surface():
     assert near.valid.tolist() == [[True, False, False, False, False, False, True, False, False]]
 
 
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+@pytest.mark.parametrize("size", [(1, 1), (61, 37), (300, 400), (40000, 2)])
+def test_the_box_around_the_samples(size, projection):
+    rng = np.random.default_rng(0)
+    camera = camera_of(size, projection).moved(100, 2, -3).orbited(50, (1, 2, 3), (1, -2, 0.5))
+    depth = rng.uniform(1, 9, size[::-1]).astype(np.float32)
+    depth[rng.random(depth.shape) < 0.2] = math.inf
+    depth[: size[1] // 3] = 0
+    depth[-1, -1] = 5
+    view = ibr.DepthImage(np.zeros((*depth.shape, 3), np.uint8), depth, camera)
+    points = view.points
+    np.testing.assert_allclose(view.bounds, [points.min(axis=0), points.max(axis=0)], rtol=1e-12)
+    low, high = view.bounds_of(np.zeros(depth.shape, bool))
+    np.testing.assert_array_equal(low, high)
+
+
 def test_it_can_be_pickled_and_weakly_referenced():
     view = ibr.DepthImage(*image_of((7, 13)), camera_of((7, 13)), far=7.5)
     view.device_cache["buffer"] = lambda: None  # what the device keeps cannot be pickled and is not

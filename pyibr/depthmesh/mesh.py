@@ -22,6 +22,8 @@ from pyibr.mesh import Mesh
 if TYPE_CHECKING:
     from pyibr.opencl.memory import DeviceArray
 
+Int32 = NDArray[np.int32]
+
 
 class DepthMesh(Fixed):
     """A depth image as a triangle mesh that adapts to the viewer: fine where that is seen, without cracks.
@@ -132,7 +134,7 @@ class DepthMesh(Fixed):
             If an argument is out of its range.
         """
         with self.tree.states.session.lock:
-            return self._mesh_of(self._some_samples_for(camera, tolerance))
+            return self._mesh_of(*self._some_triangles_for(camera, tolerance))
 
     def simplify(self, max_error: float) -> Mesh:
         """Triangulate the surface within a vertical error, for any view.
@@ -163,7 +165,7 @@ class DepthMesh(Fixed):
         """
         tree, bound = self.tree, checked_tolerance("max_error", max_error)
         with tree.states.session.lock:
-            return self._mesh_of(_corners_of(tree, active_within(tree, bound)))
+            return self._mesh_of(*_triangles_of(tree, active_within(tree, bound)))
 
     def strips(self, camera: Camera, tolerance: float | None = None) -> list[NDArray[np.int32]]:
         """Triangle strips of what `triangulate` yields, as it numbers the vertices (figure 6 of the paper).
@@ -185,35 +187,29 @@ class DepthMesh(Fixed):
             As by `triangulate`.
         """
         with self.tree.states.session.lock:
-            samples = self._some_samples_for(camera, tolerance)
-        faces = _numbered(samples, self.view.depth.size)[samples]
-        return strips_of(samples, faces, self.view.camera.width, self.tree.side)
+            samples, faces = self._some_triangles_for(camera, tolerance)
+        return strips_of(samples[faces], faces, self.view.camera.width, self.tree.side)
 
-    def _some_samples_for(self, camera: Camera, tolerance: float | None) -> NDArray[np.int32]:
-        samples = self._samples_for(camera, tolerance)
-        if not len(samples):
+    def _some_triangles_for(self, camera: Camera, tolerance: float | None) -> tuple[Int32, Int32]:
+        samples, faces = self._triangles_for(camera, tolerance)
+        if not len(faces):
             raise ArgumentError("camera", "one for which triangles are left at this tolerance", describe(camera))
-        return samples
+        return samples, faces
 
-    def _samples_for(self, camera: Camera, tolerance: float | None) -> NDArray[np.int32]:
+    def _triangles_for(self, camera: Camera, tolerance: float | None) -> tuple[Int32, Int32]:
         if not isinstance(camera, Camera):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise ArgumentError("camera", "a pyibr.Camera", describe(camera))
         allowed = self.tolerance if tolerance is None else checked_tolerance("tolerance", tolerance)
-        return _corners_of(self.tree, active_for(self.tree, camera, allowed))
+        return _triangles_of(self.tree, active_for(self.tree, camera, allowed))
 
-    def _mesh_of(self, samples: NDArray[np.int32]) -> Mesh:
-        """The mesh of triangles (T, 3) of samples, numbered in the samples' order."""
+    def _mesh_of(self, samples: Int32, faces: Int32) -> Mesh:
         camera = self.view.camera
-        places = _numbered(samples, self.view.depth.size)
-        used = np.flatnonzero(places >= 0)
-        y, x = np.divmod(used, camera.width)
-        points = camera.unproject(np.stack([x, y], -1), self.view.depth[y, x])
-        normals = self.tree.normals.to_host()[:, y, x].T
-        uv = (np.stack([x, y], -1) + 0.5) / camera.size
+        y, x = np.divmod(samples, camera.width)
+        pixels, normals = np.column_stack([x, y]), self.tree.normals.to_host()[:, y, x].T
         return Mesh(
-            points,
-            places[samples],
-            uv,
+            camera.unproject(pixels, self.view.depth[y, x]),
+            faces,
+            (pixels + 0.5) / camera.size,
             normals @ camera.world_from_camera[:3, :3].T,
             texture=self.view.color,
             colors=self.view.color[y, x],
@@ -241,20 +237,15 @@ def _in_triangles(tree: Tree) -> NDArray[np.bool_]:
     return found
 
 
-def _numbered(samples: NDArray[np.int32], count: int) -> NDArray[np.int32]:
-    """(count,) consecutive numbers of the samples that triangles use, -1 for others."""
-    used = np.zeros(count, np.bool_)
-    used[samples.ravel()] = True
-    return np.where(used, np.cumsum(used, dtype=np.int32) - 1, -1).astype(np.int32)
-
-
-def _corners_of(tree: Tree, active: DeviceArray) -> NDArray[np.int32]:
-    """(T, 3) samples y * width + x of the triangles of active vertices."""
+def _triangles_of(tree: Tree, active: DeviceArray) -> tuple[Int32, Int32]:
+    """(N,) the samples y * width + x that triangles of active vertices use, and (T, 3) which of them each has."""
     found = list_triangles([tree], [active])
-    if not found.firsts[-1]:
-        return np.zeros((0, 3), np.int32)
-    x, y = pixels_of(found.points.to_host(), tree.view).T
-    return (y * tree.view.camera.width + x).astype(np.int32)[found.corners.to_host()]
+    corners = found.corners.to_host()
+    used = np.zeros(found.point_firsts[-1], np.bool_)  # not those amid segmented triangles
+    used[corners] = True
+    x, y = pixels_of(found.points.to_host()[used], tree.view).T
+    samples = (y * tree.view.camera.width + x).astype(np.int32)
+    return samples, (np.cumsum(used, dtype=np.int32) - 1)[corners]
 
 
 def checked_tolerance(argument: str, value: float) -> float:

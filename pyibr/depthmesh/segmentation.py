@@ -38,7 +38,7 @@ class Segmentation:
         omega, degrees in (0, 90): "orthogonality" takes triangles that lines of sight meet at less than that.
     depth_range : float
         lambda, > 0: of those, the ones whose depths differ by more than that part of their own depth; in orthographic
-        views, whose depths have no fixed origin, of the samples' largest extent.
+        views, whose depths have no fixed origin, of the samples' largest extent along x, y or z.
     gap : float
         > 0: for the other tests, the largest relative difference of disparities (1 / z); in orthographic views of
         depths, by the samples' largest extent.
@@ -68,12 +68,12 @@ class Segmentation:
             if not float(numbers(name, getattr(self, name), ())) > 0:
                 raise ArgumentError(name, "a number > 0", describe(getattr(self, name)))
 
-    def record(self, view: DepthImage) -> NDArray[np.void]:
-        """The struct Segmentation of kernels/depthmesh/samples.cl."""
+    def record(self, view: DepthImage, depth_span: float) -> NDArray[np.void]:
+        """The struct Segmentation of kernels/depthmesh/samples.cl; the view's depths differ by up to `depth_span`."""
         values = np.zeros((), _SEGMENTATION)
         values["sine"] = math.sin(math.radians(self.angle))
         values["depth_range"], values["gap"] = self.depth_range, self.gap
         if view.camera.projection == "orthographic":
-            low, high = view.bounds
-            values["extent"] = float((high - low).max())
+            sides = [np.ptp(np.flatnonzero(view.valid.any(axis=axis))) for axis in (0, 1)]
+            values["extent"] = max(*np.abs(np.linalg.inv(view.camera.K)[:2, :2]) @ sides, depth_span)
         return values

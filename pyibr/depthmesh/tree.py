@@ -106,7 +106,7 @@ def build_tree(view: DepthImage, segmentation: Segmentation) -> Tree:
     row = pitch(side + 1)
     nearness = samples.nearness
     layout = Struct("Layout", _layout(view.camera, side, row))
-    rule = Struct("Segmentation", segmentation.record(view))
+    rule = Struct("Segmentation", segmentation.record(view, depths[1] - depths[0]))
     cells = empty((height, pitch(width)), np.uint8)
     launch(
         kernel("depthmesh/samples.cl", "segment", TEST=TESTS[segmentation.test]),

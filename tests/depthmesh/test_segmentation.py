@@ -47,6 +47,19 @@ def test_none_takes_out_nothing_but_what_has_no_depth():
     assert not drawn[corners.sum(axis=0) < 3].any()
 
 
+@pytest.mark.parametrize("test", TESTS)
+def test_how_a_camera_lies_in_the_world_changes_nothing(test):
+    view, plate = layered("flat", SIZE, "orthographic")
+    turned = ibr.DepthImage(view.color, view.depth, view.camera.orbited(50, (1, 2, 3), (1, -2, 0.5)))
+    step, (low, high) = 4.8 - 3.2, view.bounds
+    for limit, whole in ((0.95, False), (1.05, True)):  # of the step
+        part = limit * step / (high - low).max()
+        rule = Segmentation(test, depth_range=part, gap=part)
+        drawn, same = (cells_of(ibr.DepthMesh(v, segmentation=rule)) for v in (view, turned))
+        np.testing.assert_array_equal(drawn, same)
+        assert drawn[bridging(plate)].all() == whole
+
+
 def test_the_angle_and_the_range_both_decide():
     """A step is seen edge-on if its height is more than 1 / tan(angle) of a sample's width."""
     camera = ibr.Camera([[100, 0, 20], [0, 100, 15], [0, 0, 1]], (40, 30))

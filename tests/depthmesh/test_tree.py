@@ -13,7 +13,7 @@ from pyibr.camera import Camera
 from pyibr.depthmesh import Segmentation
 from pyibr.depthmesh.triangulation import active_for, list_triangles, pixels_of
 from tests import scenes
-from tests.depthmesh.views import PROJECTIONS, cells_of, corners_of, rough, samples_within
+from tests.depthmesh.views import PROJECTIONS, cells_of, rough, samples_for, samples_within
 from tests.reference import depthmesh as reference
 
 SIZES = [(2, 2), (7, 13), (61, 37), (33, 33), (65, 40)]
@@ -126,7 +126,7 @@ def test_selection_and_triangles(projection):
                 pixels = pixels_of(points, thing.view)
                 assert (pixels >= 0).all() and (pixels < size).all()
                 assert len(np.unique(pixels, axis=0)) == len(pixels)
-                triangles = corners_of(thing._samples_for(camera, tolerance), thing)
+                triangles = samples_for(thing, camera, tolerance)
                 kept = {tuple(map(tuple, t)) for t in triangles.tolist()}
                 wound = {counter_clockwise(t) for t in structure.triangles(found)}
                 assert kept == wound, (name, tolerance)

@@ -42,7 +42,8 @@ def cells_of(thing: ibr.DepthMesh) -> np.ndarray:
 
 def samples_for(thing: ibr.DepthMesh, camera: Camera, tolerance: float) -> np.ndarray:
     """(T, 3, 2) x and y of the corners of the triangles for a camera, the right angle's second."""
-    return corners_of(thing._samples_for(camera, tolerance), thing)
+    samples, faces = thing._triangles_for(camera, tolerance)
+    return corners_of(samples[faces], thing)
 
 
 def samples_within(thing: ibr.DepthMesh, max_error: float) -> np.ndarray:

@@ -248,7 +248,7 @@ def segmented(view: DepthImage, rule: Segmentation) -> np.ndarray:
     tree = Tree(view, np.zeros((height, width), np.uint8))
     depth = view.depth.astype(np.float64)
     perspective = view.camera.projection == "perspective"
-    extent = float(np.max(view.bounds[1] - view.bounds[0]))
+    extent = np.ptp([tree.place((x, y)) for y, x in np.argwhere(view.valid)], axis=0).max()
 
     def orthogonality(corners: list[Corner]) -> bool:
         p, q, r = (tree.place(corner) for corner in corners)
