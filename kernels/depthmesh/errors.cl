@@ -2,8 +2,8 @@
  *
  * A vertex's error is its distance from the edge that it bisects, of a midpoint in the plane of z and of the direction
  * of its edge (equation 1), of a centre in space (equation 2), and that of the child with the largest. Spheres hold those
- * of all children, the finest the triangles that they split. So parents have the larger ones, and one test of each vertex on its own yields a triangulation
- * without cracks (Lindstrom & Pascucci 2001).
+ * of all children, the finest the triangles that they split. So parents have the larger ones, and one test of each vertex
+ * on its own yields a triangulation without cracks (Lindstrom & Pascucci 2001).
  *
  * Deviations from the paper: a child's error is added to the own one instead of the larger of them being taken, since a
  * surface that leaves both out may be off by both: so errors bound what they are errors of. A triangle of which only a

@@ -99,8 +99,8 @@ kernel void refine(global const float *nearness, global const uchar *states, glo
         look_at(&layout, &work, root, root, root, 0);
         look_at(&layout, &work, root, root, root, 1);
     }
-    for (int first = 0; first < work.last; first++) {
-        const int y = queue[first] / row, x = queue[first] - y * row, s = step_of(x, y);
+    while (work.last > 0) {
+        const int at = queue[--work.last], y = at / row, x = at - y * row, s = step_of(x, y);
         if (IS_CENTER(x, y, s)) {
             const int turn = IS_MAIN(x, y, s) ? s : -s;
             activate(&layout, &work, x + turn, y - s); /* its parents, at its right angles */

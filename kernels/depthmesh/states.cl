@@ -4,49 +4,35 @@
  * A triangle's state is what its two halves' states say together; those are sides of the vertex's children.
  *
  * cells: samples.cl. states: (side + 1, row) of each vertex, both sides' (tree.h).
- * Work-item: a row of vertices of step 1, all of them, one after the other (`find_midpoint_states`, which also writes
- * UNDRAWN for those that no cell belongs to, `find_center_states`), of a coarser step (`find_states`), all rows of all
- * coarser steps (`find_coarse_states`). Cost: O(vertices). Determinism: nothing depends on an order.
+ * Work-item: a row of vertices, of which those of step 1 are found and of others UNDRAWN is written
+ * (`find_finest_states`), a row of vertices of a coarser step (`find_states`), all rows of all coarser steps
+ * (`find_coarse_states`). Cost: O(vertices). Determinism: nothing depends on an order.
  */
 #include "depthmesh/tree.h"
 
-/* A centre's byte from those of the midpoints above, to the right, below and to the left */
-#define CENTER_BYTE(above, right, below, left, main)                                                           \
-    (STATE_B(above) | pick(main, STATE_A(right), STATE_B(left)) |                                              \
-     (STATE_A(below) | pick(main, STATE_B(left), STATE_A(right))) << 2)
-
-kernel void find_midpoint_states(global const uchar *cells, global uchar *states, Layout layout)
+kernel void find_finest_states(global const uchar *cells, global uchar *states, Layout layout)
 {
     const int y = get_global_id(0), across = !(y & 1);
     if (y > layout.side)
         return;
     for (int first = 0; first <= layout.side; first += LANES) {
-        const intl x = first + lane_index, odd = (x & 1) == 1, mine = layout.side == 1 ? (intl)0 : across ? odd : !odd;
+        const intl x = first + lane_index, odd = (x & 1) == 1, main = IS_MAIN(x, (intl)y, 1);
         intl byte = NOTHING;
-        if (first < layout.width && y < layout.height) {
-            const intl upper_left = STATE_B(cell_next_to(&layout, cells, x, first, y, -1, -1));
-            const intl upper_right = STATE_B(cell_next_to(&layout, cells, x, first, y, 0, -1));
-            const intl lower_left = STATE_A(cell_next_to(&layout, cells, x, first, y, -1, 0));
-            const intl lower_right = STATE_A(cell_next_to(&layout, cells, x, first, y, 0, 0));
-            const intl a = upper_left | (across ? upper_right : lower_left), b = lower_right | (across ? lower_left : upper_right);
-            byte = pick(mine, a | b << 2, byte);
+        if (first < layout.width && y < layout.height && layout.side > 1) {
+            const intl upper_left = cell_next_to(&layout, cells, x, first, y, -1, -1);
+            const intl upper_right = cell_next_to(&layout, cells, x, first, y, 0, -1);
+            const intl lower_left = cell_next_to(&layout, cells, x, first, y, -1, 0);
+            const intl lower_right = cell_next_to(&layout, cells, x, first, y, 0, 0);
+            /* The triangles that meet the vertex from the left and from the right, from above and from below */
+            const intl left = STATE_B(upper_left) | STATE_A(lower_left), right = STATE_A(lower_right) | STATE_B(upper_right);
+            const intl above = STATE_B(upper_left) | STATE_B(upper_right), below = STATE_A(lower_left) | STATE_A(lower_right);
+            /* Those of the block around a centre that do not meet it */
+            const intl top = STATE_A(upper_left) | STATE_A(upper_right), bottom = STATE_B(lower_left) | STATE_B(lower_right);
+            const intl a = across ? above : pick(odd, top | pick(main, right, left), left);
+            const intl b = across ? below : pick(odd, bottom | pick(main, left, right), right);
+            byte = across ? pick(odd, a | b << 2, byte) : a | b << 2;
         }
         store_bytes(to_ucharl(byte), states + (size_t)y * layout.row + first);
-    }
-}
-
-kernel void find_center_states(global uchar *states, Layout layout)
-{
-    const int y = 2 * get_global_id(0) + 1;
-    if (y > layout.side || y >= layout.height)
-        return;
-    global uchar *own = states + (size_t)y * layout.row, *above = own - layout.row, *below = own + layout.row;
-    for (int first = 0; first < layout.width; first += LANES) {
-        const intl x = first + lane_index, mine = ((x & 1) == 1) & (x < layout.width);
-        const intl up = load_bytes(above + first), right = NEXT_TO(load_bytes, own, first, 1);
-        const intl down = load_bytes(below + first), left = NEXT_TO(load_bytes, own, first, -1);
-        const intl made = CENTER_BYTE(up, right, down, left, IS_MAIN(x, (intl)y, 1));
-        store_bytes(to_ucharl(pick(mine, made, load_bytes(own + first))), own + first);
     }
 }
 
@@ -58,8 +44,9 @@ void find_row(const Layout *layout, global uchar *states, int s, int y, int cent
     for (int x = centers || across ? s : 0; x <= side && x - s < layout->width - 1; x += 2 * s) {
         global uchar *at = states + (size_t)y * row + x;
         if (centers) {
-            const int above = at[-s * row], right = at[s], below = at[s * row], left = at[-s];
-            *at = CENTER_BYTE(above, right, below, left, IS_MAIN(x, y, s));
+            const int above = at[-s * row], below = at[s * row], main = IS_MAIN(x, y, s);
+            const int left = STATE_B(at[-s]), right = STATE_A(at[s]);
+            *at = STATE_B(above) | (main ? right : left) | (STATE_A(below) | (main ? left : right)) << 2;
             continue;
         }
         const int up = -half_step * row, down = half_step * row;

@@ -117,9 +117,7 @@ def build_tree(view: DepthImage, segmentation: Segmentation) -> Tree:
         rule=rule,
     )
     file, states = "depthmesh/states.cl", empty((side + 1, row), np.uint8)
-    launch(kernel(file, "find_midpoint_states"), (side + 1,), cells=cells, states=states, layout=layout)
-    if side > 1:
-        launch(kernel(file, "find_center_states"), (side // 2,), states=states, layout=layout)
+    launch(kernel(file, "find_finest_states"), (side + 1,), cells=cells, states=states, layout=layout)
     _fine_to_coarse(file, "find_states", "find_coarse_states", side, height, states=states, layout=layout)
     return Tree(view, layout, side, nearness, cells, states)
 
