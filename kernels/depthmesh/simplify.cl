@@ -1,25 +1,31 @@
 /* Triangulations within a vertical error, for no viewer in particular.
  *
- * `refine` starts from the coarsest triangles and splits those that depart in depth by more than max_error from any sample
- * within them, not only from the vertex that would split them: so it is a bound. What must be split with them, follows.
- * Each split is one that any triangulation within the bound has: no other has fewer triangles. Planes are straight in
- * nearness, so departures are exact for both kinds of cameras.
+ * From the coarsest triangles on, those are split that depart in depth by more than max_error from any sample within them,
+ * not only from the vertex that would split them: so it is a bound. What must be split with them, follows. Each split is
+ * one that any triangulation within the bound has: no other has fewer triangles. Planes are straight in nearness, so
+ * departures are exact for both kinds of cameras.
  *
- * nearness: (height, pitch). states: states.cl. active: (side + 1, row), tree.h, to be filled with 0 before. queue: as many
- * ints.
- * Work-item: everything, since what is split follows from what was. Cost: O(triangles + samples): most triangles that are
- * split are found to depart at once, and of others the rows are read LANES samples at a time. Determinism: the set that
- * it finds is the same in any order.
+ * nearness: (height, pitch). states: states.cl. active: (side + 1, row), tree.h, to be filled with 0 before. pool: chunks
+ * of CHUNK ints, of which work-items make stacks; chunks: (1,) how many are in use. coarse: a step.
+ * Work-item: all vertices of at least the coarse step (`refine_coarse`), then one of them each and whatever follows from
+ * it, unless another work-item has come there first (`refine`).
+ * Cost: O(triangles + samples): most triangles that are split are found to depart at once, and of others the rows are
+ * read LANES samples at a time. Determinism: what is split follows from single vertices, so the set is the same in any
+ * order.
  */
 #include "depthmesh/tree.h"
+
+#define CHUNK 64 /* ints: the chunks below and above, then vertices */
+#define NONE -1
 
 typedef struct {
     global const float *nearness;
     global const uchar *states;
     global uchar *active;
-    global int *queue; /* active vertices whose parents and children have not been looked at from `first` on */
-    int last;
     float max_error;
+    int finest; /* step of children to be looked at */
+    global int *pool, *chunks;
+    int chunk, height; /* the top of a stack of active vertices whose parents and children have not been */
 } Work;
 
 /* Whether planes of nearness p lie off samples of nearness n by more than max_error, in depth: no division */
@@ -68,14 +74,39 @@ int must_split(const Layout *layout, const Work *work, int x, int y, int s, int 
     return 0;
 }
 
-/* Takes a vertex in, unless it is one of the tree's corners or beyond. */
+#ifdef __ENDIAN_LITTLE__
+#define BYTE_IN_WORD(at) (8 * ((at) & 3))
+#else
+#define BYTE_IN_WORD(at) (24 - 8 * ((at) & 3))
+#endif
+
+/* Puts a chunk on top of a stack: one that has been there before, or a new one. */
+void add_chunk(Work *work)
+{
+    const int below = work->chunk;
+    int above = below == NONE ? NONE : work->pool[CHUNK * below + 1];
+    if (above == NONE) {
+        above = atomic_inc(work->chunks);
+        work->pool[CHUNK * above] = below;
+        work->pool[CHUNK * above + 1] = NONE;
+        if (below != NONE)
+            work->pool[CHUNK * below + 1] = above;
+    }
+    work->chunk = above;
+    work->height = 2;
+}
+
+/* Takes a vertex in, unless it is one of the tree's corners, beyond, or another work-item's. */
 void activate(const Layout *layout, Work *work, int x, int y)
 {
-    const int side = layout->side, at = y * layout->row + x;
+    const int side = layout->side, at = y * layout->row + x, shift = BYTE_IN_WORD(at);
     if (x < 0 || x > side || y < 0 || y > side || ((x == 0 || x == side) && (y == 0 || y == side)) || work->active[at])
         return;
-    work->active[at] = ACTIVE;
-    work->queue[work->last++] = at;
+    if (atomic_or((volatile global int *)work->active + at / 4, ACTIVE << shift) >> shift & ACTIVE)
+        return;
+    if (work->height == CHUNK)
+        add_chunk(work);
+    work->pool[CHUNK * work->chunk + work->height++] = at;
 }
 
 /* The child (x, y) of step s of a vertex that is active: its side b is a triangle that there is. */
@@ -86,35 +117,71 @@ void look_at(const Layout *layout, Work *work, int x, int y, int s, int b)
         activate(layout, work, x, y);
 }
 
-kernel void refine(global const float *nearness, global const uchar *states, global uchar *active, global int *queue,
-                   Layout layout, float max_error)
+/* What follows from the active vertex `at`, of its children those of steps below `coarse` */
+void follow(const Layout *layout, Work *work, int at, int coarse)
 {
-    const int row = layout.row, side = layout.side, root = side / 2;
+    const int y = at / layout->row, x = at - y * layout->row, s = step_of(x, y);
+    if (IS_CENTER(x, y, s)) {
+        const int turn = IS_MAIN(x, y, s) ? s : -s;
+        activate(layout, work, x + turn, y - s); /* its parents, at its right angles */
+        activate(layout, work, x - turn, y + s);
+        if (s < work->finest || s >= coarse)
+            return;
+        look_at(layout, work, x, y - s, s, 1);
+        look_at(layout, work, x + s, y, s, 0);
+        look_at(layout, work, x, y + s, s, 0);
+        look_at(layout, work, x - s, y, s, 1);
+    } else {
+        const int2 to_b = x & s ? (int2)(0, s) : (int2)(s, 0);
+        activate(layout, work, x - to_b.x, y - to_b.y);
+        activate(layout, work, x + to_b.x, y + to_b.y);
+        if (s / 2 < work->finest || s / 2 >= coarse)
+            return;
+        for (int k = 0; k < 4; k++)
+            look_at(layout, work, x + (k & 1 ? s / 2 : -s / 2), y + (k >> 1 ? s / 2 : -s / 2), s / 2, !(k >> 1));
+    }
+}
+
+void follow_all(const Layout *layout, Work *work)
+{
+    for (;;) {
+        if (work->height == 2) {
+            work->chunk = work->pool[CHUNK * work->chunk];
+            work->height = CHUNK;
+            if (work->chunk == NONE)
+                return;
+        }
+        follow(layout, work, work->pool[CHUNK * work->chunk + --work->height], layout->side);
+    }
+}
+
+kernel void refine_coarse(global const float *nearness, global const uchar *states, global uchar *active, global int *pool,
+                          global int *chunks, Layout layout, float max_error, int coarse)
+{
     if (get_global_id(0) > 0)
         return;
-    Work work = {nearness, states, active, queue, 0, max_error};
+    const int root = layout.side / 2;
+    *chunks = 0;
+    Work work = {nearness, states, active, max_error, coarse, pool, chunks, NONE};
+    add_chunk(&work);
     mark_corners(&layout, active, 0);
-    mark_corners(&layout, active, side);
-    if (side > 1) {
+    mark_corners(&layout, active, layout.side);
+    if (layout.side > 1) {
         look_at(&layout, &work, root, root, root, 0);
         look_at(&layout, &work, root, root, root, 1);
     }
-    while (work.last > 0) {
-        const int at = queue[--work.last], y = at / row, x = at - y * row, s = step_of(x, y);
-        if (IS_CENTER(x, y, s)) {
-            const int turn = IS_MAIN(x, y, s) ? s : -s;
-            activate(&layout, &work, x + turn, y - s); /* its parents, at its right angles */
-            activate(&layout, &work, x - turn, y + s);
-            look_at(&layout, &work, x, y - s, s, 1);
-            look_at(&layout, &work, x + s, y, s, 0);
-            look_at(&layout, &work, x, y + s, s, 0);
-            look_at(&layout, &work, x - s, y, s, 1);
-        } else {
-            const int2 to_b = x & s ? (int2)(0, s) : (int2)(s, 0);
-            activate(&layout, &work, x - to_b.x, y - to_b.y);
-            activate(&layout, &work, x + to_b.x, y + to_b.y);
-            for (int k = 0; k < 4 && s > 1; k++)
-                look_at(&layout, &work, x + (k & 1 ? s / 2 : -s / 2), y + (k >> 1 ? s / 2 : -s / 2), s / 2, !(k >> 1));
-        }
-    }
+    follow_all(&layout, &work);
+}
+
+kernel void refine(global const float *nearness, global const uchar *states, global uchar *active, global int *pool,
+                   global int *chunks, Layout layout, float max_error, int coarse)
+{
+    const int x = coarse * get_global_id(0), y = coarse * get_global_id(1), at = y * layout.row + x;
+    const int corner = (x == 0 || x == layout.side) && (y == 0 || y == layout.side);
+    if (x > layout.side || y > layout.side || corner || !active[at])
+        return;
+    Work work = {nearness, states, active, max_error, 1, pool, chunks, NONE};
+    add_chunk(&work);
+    follow(&layout, &work, at, coarse);
+    follow_all(&layout, &work);
 }

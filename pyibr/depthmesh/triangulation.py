@@ -27,7 +27,9 @@ _VIEWER = np.dtype(
         ("perspective", np.int32),
     ]
 )
-_CHUNK = 1024  # points of a work-item, kernels/depthmesh/select.cl
+_SHARES = 16  # along a tree's side, that simplification is shared out in
+_CHUNK = 64
+_POINTS = 1024  # points of a work-item, kernels/depthmesh/select.cl
 
 
 def active_for(tree: Tree, camera: Camera, tolerance: float) -> DeviceArray:
@@ -68,16 +70,22 @@ def active_within(tree: Tree, max_error: float) -> DeviceArray:
 
     active = empty(tree.states.shape, np.uint8)
     active.fill(0)
-    launch(
-        kernel("depthmesh/simplify.cl", "refine"),
-        (1,),
-        nearness=tree.nearness,
-        states=tree.states,
-        active=active,
-        queue=empty(tree.states.shape, np.int32),
-        layout=tree.layout,
-        max_error=max_error,
-    )
+    coarse = max(tree.side // _SHARES, 1)
+    grid = (tree.side // coarse + 1,) * 2
+    most = int(np.prod(active.shape)) // (_CHUNK - 2) + int(np.prod(grid)) + 1  # every vertex on a stack, all begun anew
+    shared: dict[str, Any] = {
+        "nearness": tree.nearness,
+        "states": tree.states,
+        "active": active,
+        "pool": empty((most, _CHUNK), np.int32),
+        "chunks": empty((1,), np.int32),
+        "layout": tree.layout,
+        "max_error": max_error,
+        "coarse": coarse,
+    }
+    launch(kernel("depthmesh/simplify.cl", "refine_coarse"), (1,), **shared)
+    if coarse > 1:
+        launch(kernel("depthmesh/simplify.cl", "refine"), grid, **shared)
     return active
 
 
@@ -185,7 +193,7 @@ def project_points(target: Camera, views: Sequence[DepthImage], triangles: Trian
     projected = empty(triangles.points.shape, np.float32)
     launch(
         kernel("depthmesh/select.cl", "project_points"),
-        (-(-triangles.point_firsts[-1] // _CHUNK),),
+        (-(-triangles.point_firsts[-1] // _POINTS),),
         points=triangles.points,
         firsts=upload(np.array(triangles.point_firsts, np.int32)),
         maps=upload(maps),
