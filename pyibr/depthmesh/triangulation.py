@@ -72,7 +72,9 @@ def active_within(tree: Tree, max_error: float) -> DeviceArray:
     active.fill(0)
     coarse = max(tree.side // _SHARES, 1)
     grid = (tree.side // coarse + 1,) * 2
-    most = int(np.prod(active.shape)) // (_CHUNK - 2) + int(np.prod(grid)) + 1  # every vertex on a stack, all begun anew
+    most = (
+        int(np.prod(active.shape)) // (_CHUNK - 2) + int(np.prod(grid)) + 1
+    )  # every vertex on a stack, all begun anew
     shared: dict[str, Any] = {
         "nearness": tree.nearness,
         "states": tree.states,

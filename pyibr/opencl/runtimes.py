@@ -3,7 +3,7 @@
 Intel's CPU runtime from PyPI (``intel-opencl-rt``) cannot be found as it is installed: its ``.icd`` file
 holds a path of the machine that packed it, and the libraries it needs lie where the dynamic linker does not
 look. Both are mended here while the loader reads its list, without a file left behind and without an
-environment variable that stays set.
+environment variable that stays set. PoCL's threads are kept on processors of their own in the same way.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -33,6 +33,7 @@ Kind = Literal["cpu", "gpu", "accelerator"]
 
 _SYSTEM_ICDS = Path("/etc/OpenCL/vendors")
 _LOADER_VARIABLES = ("OCL_ICD_VENDORS", "OPENCL_VENDOR_PATH", "OCL_ICD_FILENAMES")
+_THREAD_VARIABLES = ("POCL_AFFINITY", "POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT")
 _INTEL_NEEDS = ("libintlc.so.5", "libirng.so", "libimf.so", "libsvml.so")
 _INTEL_PIP = "pip install intel-opencl-rt intel-cmplr-lib-rt"
 
@@ -80,18 +81,14 @@ def found_devices() -> tuple[Found, ...]:
     except ImportError as error:
         raise DeviceError(f"pyopencl cannot be imported ({error}); to mend it: {loader_remedy()}") from error
 
-    with _mended_runtimes():
-        try:
-            platforms = cl.get_platforms()
-        except cl.Error:  # the loader's way to say that there is none
-            platforms = []
+    listed: list[tuple[cl.Platform, list[cl.Device]]] = []
+    with _mended_runtimes(), _pinned_threads(), suppress(cl.Error):  # the loader's way to say that there is none
+        for entry in cl.get_platforms():
+            with suppress(cl.Error):
+                listed.append((entry, entry.get_devices()))
     found: list[Found] = []
     seen: Counter[str] = Counter()
-    for entry in platforms:
-        try:
-            handles = entry.get_devices()
-        except cl.Error:
-            continue
+    for entry, handles in listed:
         for handle in handles:
             names = [entry.name, handle.name, handle.vendor]
             versions = [entry.version, handle.version, handle.driver_version, cl.VERSION_TEXT]
@@ -233,6 +230,24 @@ def _mended_runtimes() -> Generator[None, None, None]:
             yield
         finally:
             del os.environ["OCL_ICD_VENDORS"]
+
+
+@contextmanager
+def _pinned_threads() -> Generator[None, None, None]:
+    """While it is open, PoCL keeps each thread that it starts on a processor of its own.
+
+    Linux wakes threads that have slept side by side on one processor, and spreads them after milliseconds: longer than
+    most frames take. A user who chose the processors, or set PoCL's own variables, is left alone.
+    """
+    everywhere = sys.platform == "linux" and os.sched_getaffinity(0) == set(range(os.cpu_count() or 0))
+    if not everywhere or any(os.environ.get(name) for name in _THREAD_VARIABLES):
+        yield
+        return
+    os.environ["POCL_AFFINITY"] = "1"
+    try:
+        yield
+    finally:
+        del os.environ["POCL_AFFINITY"]
 
 
 def _preload(folder: Path) -> None:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -50,3 +53,38 @@ def test_what_intels_runtime_lacks_is_named(intel: Path):
     (intel.parent / "libsvml.so").unlink()
     (problem,) = runtimes.problems()
     assert "libsvml.so" in problem.what and problem.remedy == "pip install intel-cmplr-lib-rt"
+
+
+THREADS = """
+import json, os
+import pyopencl  # numpy's threads are none of PoCL's
+before = set(os.listdir("/proc/self/task"))
+if {chosen}:
+    os.sched_setaffinity(0, {chosen})
+from pyibr.opencl.device import current
+platform = current().device.platform
+new = set(os.listdir("/proc/self/task")) - before
+threads = [sorted(os.sched_getaffinity(int(name))) for name in new]
+print(json.dumps([platform, threads, os.environ.get("POCL_AFFINITY")]))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="threads are kept on processors on Linux alone")
+@pytest.mark.parametrize("choice", ["nobody's", "POCL_AFFINITY", "POCL_MAX_PTHREAD_COUNT", "taskset"])
+def test_threads_have_a_processor_each_unless_the_user_chose(choice: str):
+    everywhere = sorted(os.sched_getaffinity(0))
+    if everywhere != list(range(os.cpu_count() or 0)) or len(everywhere) < 2:
+        pytest.skip("not all processors are this process's")
+    environment = {name: value for name, value in os.environ.items() if name not in runtimes._THREAD_VARIABLES}
+    values = {"POCL_AFFINITY": "0", "POCL_MAX_PTHREAD_COUNT": str(len(everywhere))}
+    environment |= {choice: values[choice]} if choice in values else {}
+    script = THREADS.format(chosen={1} if choice == "taskset" else "None")
+    done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True)
+    platform, threads, variable = json.loads(done.stdout)
+    assert variable == environment.get("POCL_AFFINITY")
+    if "Portable" not in platform or not threads:
+        pytest.skip("PoCL is not what computes here")
+    if choice == "nobody's":
+        assert sorted(threads) == [[number] for number in everywhere]
+    else:
+        assert all(allowed == ([1] if choice == "taskset" else everywhere) for allowed in threads)
