@@ -249,9 +249,11 @@ def texture_pyramid(texture: NDArray[Any]) -> NDArray[np.uint32]:
 
 def rgba_words(color: NDArray[Any], valid: NDArray[np.bool_] | None = None) -> NDArray[np.uint32]:
     """An image's pixels as RGBA words in a row: a texel is one read. A is 255, or 0 where not valid."""
-    rgba = np.empty((*color.shape[:2], 4), np.uint8)
-    rgba[..., :3] = as_bytes(color)
-    rgba[..., 3] = 255 if valid is None else valid * np.uint8(255)
+    import cv2
+
+    rgba = np.asarray(cv2.cvtColor(as_bytes(color), cv2.COLOR_RGB2RGBA), np.uint8)
+    if valid is not None:
+        rgba[..., 3] = valid * np.uint8(255)
     return rgba.view(np.uint32).ravel()
 
 

@@ -30,6 +30,8 @@ def _halved(image: NDArray[np.float32]) -> NDArray[np.float32]:
     import cv2
 
     height, width = image.shape[:2]
-    even = cv2.copyMakeBorder(image, 0, height % 2, 0, width % 2, cv2.BORDER_REPLICATE)
+    even = image
+    if height % 2 or width % 2:
+        even = cv2.copyMakeBorder(image, 0, height % 2, 0, width % 2, cv2.BORDER_REPLICATE)
     halved = cv2.resize(even, (-(-width // 2), -(-height // 2)), interpolation=cv2.INTER_AREA)
     return np.asarray(halved, np.float32)

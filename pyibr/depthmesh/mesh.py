@@ -228,7 +228,8 @@ def _in_triangles(tree: Tree) -> NDArray[np.bool_]:
     width, height = tree.view.camera.size
     cells = _cells_of(tree)
     upper, lower = (cells & 0b0010) > 0, (cells & 0b1000) > 0
-    main = np.add.outer(np.arange(height - 1), np.arange(width - 1)) % 2 == 0  # kernels/depthmesh/tree.h
+    y, x = np.ogrid[: height - 1, : width - 1]
+    main = y % 2 == x % 2  # kernels/depthmesh/tree.h
     found = np.zeros((height, width), np.bool_)
     found[:-1, :-1] |= upper | (lower & main)
     found[:-1, 1:] |= upper | (lower & ~main)
