@@ -48,7 +48,7 @@ vertices' midpoints, of ours and pydelatin's it is a bound for all samples.
 
 TIMES = """Milliseconds, in turns, at 30 m on the Fuji tile, all from `DepthImage`s made anew but for *triangles* and
 *simplify*. *Triangles* are points and their numbers, as pymartini's and pydelatin's; *simplify* makes a `Mesh` with
-normals and uv of them. *Hierarchy*: normals, errors and spheres; triangles need neither.
+normals and uv of them. *Hierarchy*: normals, errors and spheres, too; triangles need none of them.
 """
 
 DECIMATION = """### Beside quadric decimation

@@ -110,7 +110,7 @@ class DepthImage:
         return self.bounds_of(self.valid)
 
     def bounds_of(self, which: NDArray[np.bool_]) -> tuple[Float64, Float64]:
-        """(low, high), each (3,), in the world: the box around those of the samples, (H, W) bool."""
+        """(low, high), each (3,), in the world: the box around those of the valid samples, (H, W) bool."""
         if not which.any():
             return self.camera.center, self.camera.center
         turn, x = self.camera.world_from_camera[:3, :3], np.arange(self.camera.width)

@@ -6,16 +6,16 @@
  * departures are exact for both kinds of cameras.
  *
  * nearness: (height, pitch). states: states.cl. active: (side + 1, row), tree.h, to be filled with 0 before. pool: chunks
- * of CHUNK ints, of which work-items make stacks; chunks: (1,) how many are in use. coarse: a step.
- * Work-item: all vertices of at least the coarse step (`refine_coarse`), then one of them each and whatever follows from
- * it, unless another work-item has come there first (`refine`).
+ * of CHUNK ints, the numbers of the chunks below and above and then vertices, of which work-items make stacks; used: (1,)
+ * how many chunks are. coarse: a step.
+ * Work-item: all vertices of at least the coarse step (`refine_coarse`), then each of them and whatever follows from it
+ * that no other work-item has taken (`refine`). They see each other's marks late, or not; what decides is atomic.
  * Cost: O(triangles + samples): most triangles that are split are found to depart at once, and of others the rows are
  * read LANES samples at a time. Determinism: what is split follows from single vertices, so the set is the same in any
  * order.
  */
 #include "depthmesh/tree.h"
 
-#define CHUNK 64 /* ints: the chunks below and above, then vertices */
 #define NONE -1
 
 typedef struct {
@@ -24,8 +24,8 @@ typedef struct {
     global uchar *active;
     float max_error;
     int finest; /* step of children to be looked at */
-    global int *pool, *chunks;
-    int chunk, height; /* the top of a stack of active vertices whose parents and children have not been */
+    global int *pool, *used;
+    int chunk, height; /* the top of a stack of active vertices whose parents and children are still to be looked at */
 } Work;
 
 /* Whether planes of nearness p lie off samples of nearness n by more than max_error, in depth: no division */
@@ -86,7 +86,7 @@ void add_chunk(Work *work)
     const int below = work->chunk;
     int above = below == NONE ? NONE : work->pool[CHUNK * below + 1];
     if (above == NONE) {
-        above = atomic_inc(work->chunks);
+        above = atomic_inc(work->used);
         work->pool[CHUNK * above] = below;
         work->pool[CHUNK * above + 1] = NONE;
         if (below != NONE)
@@ -156,13 +156,13 @@ void follow_all(const Layout *layout, Work *work)
 }
 
 kernel void refine_coarse(global const float *nearness, global const uchar *states, global uchar *active, global int *pool,
-                          global int *chunks, Layout layout, float max_error, int coarse)
+                          global int *used, Layout layout, float max_error, int coarse)
 {
     if (get_global_id(0) > 0)
         return;
     const int root = layout.side / 2;
-    *chunks = 0;
-    Work work = {nearness, states, active, max_error, coarse, pool, chunks, NONE};
+    *used = 0;
+    Work work = {nearness, states, active, max_error, coarse, pool, used, NONE};
     add_chunk(&work);
     mark_corners(&layout, active, 0);
     mark_corners(&layout, active, layout.side);
@@ -174,13 +174,13 @@ kernel void refine_coarse(global const float *nearness, global const uchar *stat
 }
 
 kernel void refine(global const float *nearness, global const uchar *states, global uchar *active, global int *pool,
-                   global int *chunks, Layout layout, float max_error, int coarse)
+                   global int *used, Layout layout, float max_error, int coarse)
 {
     const int x = coarse * get_global_id(0), y = coarse * get_global_id(1), at = y * layout.row + x;
     const int corner = (x == 0 || x == layout.side) && (y == 0 || y == layout.side);
     if (x > layout.side || y > layout.side || corner || !active[at])
         return;
-    Work work = {nearness, states, active, max_error, 1, pool, chunks, NONE};
+    Work work = {nearness, states, active, max_error, 1, pool, used, NONE};
     add_chunk(&work);
     follow(&layout, &work, at, coarse);
     follow_all(&layout, &work);

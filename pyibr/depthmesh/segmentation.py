@@ -74,6 +74,13 @@ class Segmentation:
         values["sine"] = math.sin(math.radians(self.angle))
         values["depth_range"], values["gap"] = self.depth_range, self.gap
         if view.camera.projection == "orthographic":
-            sides = [np.ptp(np.flatnonzero(view.valid.any(axis=axis))) for axis in (0, 1)]
-            values["extent"] = max(*np.abs(np.linalg.inv(view.camera.K)[:2, :2]) @ sides, depth_span)
+            values["extent"] = max(*_sides(view), depth_span)
         return values
+
+
+def _sides(view: DepthImage) -> NDArray[np.float64]:
+    """(2,) how far an orthographic view's samples lie apart along x and y, in scene units."""
+    y = np.flatnonzero(view.valid.any(axis=1))
+    first, last = view.valid.argmax(axis=1)[y], view.camera.width - 1 - view.valid[:, ::-1].argmax(axis=1)[y]
+    ends = np.stack([np.concatenate([first, last]), np.concatenate([y, y])])
+    return np.ptp(np.linalg.inv(view.camera.K)[:2, :2] @ ends, axis=1)

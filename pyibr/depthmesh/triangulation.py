@@ -28,7 +28,7 @@ _VIEWER = np.dtype(
     ]
 )
 _SHARES = 16  # along a tree's side, that simplification is shared out in
-_CHUNK = 64
+_CHUNK = 64  # numbers of vertices that a work-item of kernels/depthmesh/simplify.cl takes memory for at once
 _POINTS = 1024  # points of a work-item, kernels/depthmesh/select.cl
 
 
@@ -72,22 +72,21 @@ def active_within(tree: Tree, max_error: float) -> DeviceArray:
     active.fill(0)
     coarse = max(tree.side // _SHARES, 1)
     grid = (tree.side // coarse + 1,) * 2
-    most = (
-        int(np.prod(active.shape)) // (_CHUNK - 2) + int(np.prod(grid)) + 1
-    )  # every vertex on a stack, all begun anew
+    # Enough for all vertices at once and a chunk that is not full for each work-item.
+    chunks = int(np.prod(active.shape)) // (_CHUNK - 2) + int(np.prod(grid)) + 1
     shared: dict[str, Any] = {
         "nearness": tree.nearness,
         "states": tree.states,
         "active": active,
-        "pool": empty((most, _CHUNK), np.int32),
-        "chunks": empty((1,), np.int32),
+        "pool": empty((chunks, _CHUNK), np.int32),
+        "used": empty((1,), np.int32),
         "layout": tree.layout,
         "max_error": max_error,
         "coarse": coarse,
     }
-    launch(kernel("depthmesh/simplify.cl", "refine_coarse"), (1,), **shared)
+    launch(kernel("depthmesh/simplify.cl", "refine_coarse", CHUNK=_CHUNK), (1,), **shared)
     if coarse > 1:
-        launch(kernel("depthmesh/simplify.cl", "refine"), grid, **shared)
+        launch(kernel("depthmesh/simplify.cl", "refine", CHUNK=_CHUNK), grid, **shared)
     return active
 
 

@@ -240,7 +240,7 @@ def _pinned_threads() -> Generator[None, None, None]:
     most frames take. A user who chose the processors, or set PoCL's own variables, is left alone.
     """
     everywhere = sys.platform == "linux" and os.sched_getaffinity(0) == set(range(os.cpu_count() or 0))
-    if not everywhere or any(os.environ.get(name) for name in _THREAD_VARIABLES):
+    if not everywhere or any(name in os.environ for name in _THREAD_VARIABLES):
         yield
         return
     os.environ["POCL_AFFINITY"] = "1"

@@ -60,6 +60,20 @@ def test_how_a_camera_lies_in_the_world_changes_nothing(test):
         assert drawn[bridging(plate)].all() == whole
 
 
+@pytest.mark.parametrize("skew", [-9.0, 0.0, 9.0])
+@pytest.mark.parametrize("span", [0.1, 50.0])
+def test_the_extent_is_that_of_the_valid_samples(skew, span):
+    width, height = 40, 31
+    camera = ibr.Camera([[10, skew, 20], [0, 12, 15], [0, 0, 1]], (width, height), projection="orthographic")
+    y, x = np.mgrid[:height, :width]
+    for shown in (abs(x - y - 4) < 3, abs(x + y - 30) < 3, (x > 9) & (x < 14), (y > 20) & (x == 7), x + y >= 0):
+        depth = np.where(shown, 3 + span * (x + y) / (x + y)[shown].max(), np.nan).astype(np.float32)
+        view = ibr.DepthImage(np.zeros((height, width, 3), np.uint8), depth, camera)
+        apart = np.nanmax(depth) - np.nanmin(depth)
+        expected = np.ptp(view.points, axis=0).max()  # the camera's frame is the world's
+        assert Segmentation().record(view, float(apart))["extent"] == pytest.approx(expected, rel=1e-6)
+
+
 def test_the_angle_and_the_range_both_decide():
     """A step is seen edge-on if its height is more than 1 / tan(angle) of a sample's width."""
     camera = ibr.Camera([[100, 0, 20], [0, 100, 15], [0, 0, 1]], (40, 30))

@@ -70,14 +70,14 @@ print(json.dumps([platform, threads, os.environ.get("POCL_AFFINITY")]))
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="threads are kept on processors on Linux alone")
-@pytest.mark.parametrize("choice", ["nobody's", "POCL_AFFINITY", "POCL_MAX_PTHREAD_COUNT", "taskset"])
+@pytest.mark.parametrize("choice", ["nobody's", "taskset", *runtimes._THREAD_VARIABLES])
 def test_threads_have_a_processor_each_unless_the_user_chose(choice: str):
     everywhere = sorted(os.sched_getaffinity(0))
     if everywhere != list(range(os.cpu_count() or 0)) or len(everywhere) < 2:
         pytest.skip("not all processors are this process's")
     environment = {name: value for name, value in os.environ.items() if name not in runtimes._THREAD_VARIABLES}
-    values = {"POCL_AFFINITY": "0", "POCL_MAX_PTHREAD_COUNT": str(len(everywhere))}
-    environment |= {choice: values[choice]} if choice in values else {}
+    if choice in runtimes._THREAD_VARIABLES:
+        environment[choice] = "0" if choice == "POCL_AFFINITY" else str(len(everywhere))
     script = THREADS.format(chosen={1} if choice == "taskset" else "None")
     done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True)
     platform, threads, variable = json.loads(done.stdout)
