@@ -55,6 +55,7 @@ def test_what_intels_runtime_lacks_is_named(intel: Path):
     assert "libsvml.so" in problem.what and problem.remedy == "pip install intel-cmplr-lib-rt"
 
 
+POCLS = ("POCL_AFFINITY", "POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT")
 THREADS = """
 import json, os
 import pyopencl  # numpy's threads are none of PoCL's
@@ -70,13 +71,13 @@ print(json.dumps([platform, threads, os.environ.get("POCL_AFFINITY")]))
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="threads are kept on processors on Linux alone")
-@pytest.mark.parametrize("choice", ["nobody's", "taskset", *runtimes._THREAD_VARIABLES])
+@pytest.mark.parametrize("choice", ["nobody's", "taskset", *POCLS])
 def test_threads_have_a_processor_each_unless_the_user_chose(choice: str):
     everywhere = sorted(os.sched_getaffinity(0))
     if everywhere != list(range(os.cpu_count() or 0)) or len(everywhere) < 2:
         pytest.skip("not all processors are this process's")
-    environment = {name: value for name, value in os.environ.items() if name not in runtimes._THREAD_VARIABLES}
-    if choice in runtimes._THREAD_VARIABLES:
+    environment = {name: value for name, value in os.environ.items() if name not in POCLS}
+    if choice in POCLS:
         environment[choice] = "0" if choice == "POCL_AFFINITY" else str(len(everywhere))
     script = THREADS.format(chosen={1} if choice == "taskset" else "None")
     done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True)
