@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -70,6 +71,15 @@ def test_result_survives_json(tmp_path: Path) -> None:
     result.save(tmp_path / "peers.json")
     assert Result.load(tmp_path / "peers.json") == result
     assert list(result.select(subject="a", region="A")) == records[:1]
+
+
+def test_the_published_report_is_that_of_its_results(tmp_path: Path) -> None:
+    published = Path(report.__file__).parent / "results" / ibr.__version__
+    if not published.is_dir():  # of a version that has just begun
+        pytest.skip("no results of this version are here")
+    for path in published.glob("*.json"):
+        shutil.copy(path, tmp_path)
+    assert report.write(tmp_path).read_text() == (published / report.FILE).read_text()
 
 
 @pytest.mark.parametrize("text", ["{", "{}", '{"schema": 0}', "[]"])
