@@ -108,7 +108,7 @@ class DepthMesh(Fixed):
 
     @property
     def quality(self) -> NDArray[np.float32]:
-        """(H, W) |n . (0, 0, 1)|: how much each sample faces the camera, in [0, 1]."""
+        """(H, W) ``|n . (0, 0, 1)|``: how much each sample faces the camera, in [0, 1]."""
         return np.abs(self.normals[..., 2])
 
     def triangulate(self, camera: Camera, tolerance: float | None = None) -> Mesh:
