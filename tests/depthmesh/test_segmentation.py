@@ -153,3 +153,21 @@ def test_the_defaults_hold_on_a_room(test):
         drawn = cells_of(ibr.DepthMesh(room(number), segmentation=Segmentation(test)))
         assert (~drawn)[tuple(rubber.T)].mean() >= 0.99
         assert (~drawn)[tuple(surface.T)].mean() < 0.005
+
+
+@pytest.mark.parametrize("test", TESTS)
+def test_what_is_left_in_a_room_is_below_the_thresholds(test):
+    """Frame 50 has many steps of 1 to 2 % of their depth: equation 4 lets triangles be that span less than lambda."""
+    view, rule = room(50), Segmentation(test)
+    rubber, surface = labelled(50, (0, 1, 2, 3, 4))
+    drawn = cells_of(ibr.DepthMesh(view, segmentation=rule))
+    y, x, side = rubber.T
+    main = (x + y) % 2 == 0
+    four = np.stack([view.depth[y + dy, x + dx] for dy in (0, 1) for dx in (0, 1)])
+    apart = np.where(side == 0, np.where(main, 2, 3), np.where(main, 1, 0))  # the corner that is not the triangle's
+    three = np.where(np.arange(4)[:, None] == apart, np.nan, four)
+    spans = (np.nanmax(three, axis=0) - np.nanmin(three, axis=0)) / np.nanmean(three, axis=0)
+    large = rubber[spans > (rule.depth_range if test == "orthogonality" else rule.gap)]
+    assert len(large) > 2000 and len(surface) > 100_000
+    assert (~drawn)[tuple(large.T)].mean() >= 0.99
+    assert (~drawn)[tuple(surface.T)].mean() < 0.005

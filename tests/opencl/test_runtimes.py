@@ -83,9 +83,9 @@ def test_threads_have_a_processor_each_unless_the_user_chose(choice: str):
     done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True)
     platform, threads, variable = json.loads(done.stdout)
     assert variable == environment.get("POCL_AFFINITY")
-    if "Portable" not in platform or not threads:
+    if "Portable" not in platform:
         pytest.skip("PoCL is not what computes here")
-    if choice == "nobody's":
-        assert sorted(threads) == [[number] for number in everywhere]
+    if choice == "nobody's":  # another runtime's threads may be anywhere
+        assert sorted(allowed for allowed in threads if len(allowed) == 1) == [[number] for number in everywhere]
     else:
-        assert all(allowed == ([1] if choice == "taskset" else everywhere) for allowed in threads)
+        assert threads and all(allowed == ([1] if choice == "taskset" else everywhere) for allowed in threads)
