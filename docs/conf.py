@@ -11,6 +11,7 @@ import pyibr
 
 project = "pyibr"
 author = "The pyibr authors"
+project_copyright = f"2026, {author}"
 release = version = pyibr.__version__
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
