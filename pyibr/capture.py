@@ -211,7 +211,7 @@ class MeshScene:
         if self._normals is None:
             self._normals = _smooth_normals(self.vertices, self.faces)
         normal = np.einsum("nk,nkc->nc", weight, self._normals[corner])
-        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+        normal /= np.maximum(np.sqrt(np.einsum("nc,nc->n", normal, normal)), 1e-12)[:, None]
         lambert = normal @ _LIGHT
         light = 0.15 + 0.85 * np.maximum(lambert, 0) + 0.15 * np.minimum(lambert, 0)
         return self._base_color * (_SHADOW + (_SUN - _SHADOW) * light[:, None])

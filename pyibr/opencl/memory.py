@@ -147,7 +147,7 @@ def _pages(size: int) -> mmap.mmap:
     Kernels walk columns as well as rows, and with small pages every step of such a walk misses the TLB.
     """
     # Private: shared pages stay small, and a forked child would write into its parent's frames.
-    private = {"flags": mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS} if hasattr(mmap, "MAP_PRIVATE") else {}
+    private: dict[str, Any] = {"flags": mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS} if hasattr(mmap, "MAP_PRIVATE") else {}
     if size < _HUGE_PAGE or not hasattr(mmap, "MADV_HUGEPAGE"):
         return mmap.mmap(-1, max(size, 1), **private)
     pages = mmap.mmap(-1, size + _HUGE_PAGE, **private)
