@@ -99,7 +99,9 @@ class _Fan:
         return max(self.along[0], math.floor(low) - 2), min(self.along[1], math.ceil(high) + 2)
 
 
-def line_groups(epipole: Float64, area: Rectangle, lanes: int) -> tuple[NDArray[Any], int]:
+def line_groups(
+    epipole: Float64, area: Rectangle, lanes: int, through_pixels: bool = False
+) -> tuple[NDArray[Any], int]:
     """Lay epipolar lines over ``area``.
 
     Parameters
@@ -110,6 +112,8 @@ def line_groups(epipole: Float64, area: Rectangle, lanes: int) -> tuple[NDArray[
         Pixels to cover.
     lanes : int
         Lines a work-item.
+    through_pixels : bool
+        Lines that run along rows or columns pass through the pixels' centres, and not beside them.
 
     Returns
     -------
@@ -133,7 +137,7 @@ def line_groups(epipole: Float64, area: Rectangle, lanes: int) -> tuple[NDArray[
             if low > high:
                 continue
             levels = min(_MOST_LEVELS, max(0, int(-math.log2(max(fan.nearest, 1e-9)))))
-            first = math.floor(low) - 2**levels + _OFFSET
+            first = math.floor(low) - 2**levels + (0.0 if through_pixels else _OFFSET)
             # All odd lines end at half the distance, all odd multiples of two at a quarter, ...
             for level in range(levels + 1):
                 goes_on = level == levels

@@ -34,6 +34,12 @@ PIXEL_MAP = np.dtype(
 
 _GRID = [part.ravel() for part in np.meshgrid(np.linspace(0.1, 0.9, 5), np.linspace(0.1, 0.9, 5))]
 
+ON_SAMPLES = 1e-3
+"""ON_SAMPLES of kernels/lib/surface.h."""
+
+_ROUNDING = 1e-10  # relative: of products of a few matrices in float64
+_ROUNDING_FAR = 1e-15  # of positions as far from the world's origin as 1
+
 NO_PARALLAX = 1e-3
 """Pixels: cameras between which nothing moves more differ by a rotation (or a zoom) alone."""
 
@@ -97,27 +103,33 @@ class PixelMap:
     @cached_property
     def dst_from_src(self) -> Float64:
         """(4, 4) float64."""
-        return (
-            self.dst.pixel_matrix
-            @ self.dst.camera_from_world
-            @ self.src.world_from_camera
-            @ np.linalg.inv(self.src.pixel_matrix)
-        )
+        return _pixels_from_pixels(self.dst, self.src)
 
     @cached_property
     def src_from_dst(self) -> Float64:
         """(4, 4) float64."""
-        return (
-            self.src.pixel_matrix
-            @ self.src.camera_from_world
-            @ self.dst.world_from_camera
-            @ np.linalg.inv(self.dst.pixel_matrix)
-        )
+        return _pixels_from_pixels(self.src, self.dst)
 
     @property
     def epipole(self) -> Float64:
         """(3,) homogeneous pixel of the source's centre in the target; negative W: an antipode; 0: there is none."""
         return self.dst_from_src[:3, 3] if self.parallax >= NO_PARALLAX else np.zeros(3)
+
+    @cached_property
+    def aligned(self) -> bool:
+        """Whether epipolar lines run along rows or columns of both images, as in stereo pairs and light fields."""
+        ends = self.epipole, self.src_from_dst[:3, 3]
+        return all(np.count_nonzero(end) == 1 and end[2] == 0.0 for end in ends)
+
+    @cached_property
+    def on_samples(self) -> bool:
+        """Of aligned lines through the target's pixels: whether all of them run along the source's samples."""
+        target_axis, source_axis = (int(np.argmin(end[:2] != 0)) for end in (self.epipole, self.src_from_dst[:3, 3]))
+        pixels = np.zeros((3, self.dst.size[target_axis]))
+        pixels[target_axis], pixels[2] = np.arange(pixels.shape[1]), 1.0
+        rows = self.src_from_dst[[source_axis, 2], :3] @ pixels
+        across = rows[0] / rows[1]
+        return bool((np.abs(across - np.rint(across)) < ON_SAMPLES).all())
 
     @cached_property
     def struct(self) -> NDArray[np.void]:
@@ -193,6 +205,18 @@ class PixelMap:
         corners = [(x, y, 1.0, n) for n, x, y in itertools.product(ends, (0, last[0]), (0, last[1]))]
         u, v, w, _ = self.dst_from_src @ np.array(corners).T
         return u, v, w
+
+
+def _pixels_from_pixels(one: Camera, other: Camera) -> Float64:
+    """(4, 4) from the other's pixel space to the one's. What is nothing but rounding is 0: special positions stay so."""
+    pose = one.camera_from_world @ other.world_from_camera
+    turn, step = pose[:3, :3], pose[:3, 3]
+    turn[np.abs(turn) < _ROUNDING] = 0.0
+    far = max(float(np.abs(one.center).max()), float(np.abs(other.center).max()))
+    step[np.abs(step) < max(_ROUNDING * float(np.abs(step).max()), _ROUNDING_FAR * far)] = 0.0
+    made = one.pixel_matrix @ pose @ np.linalg.inv(other.pixel_matrix)
+    made[np.abs(made) < _ROUNDING * np.abs(made).max(axis=1, keepdims=True) / max(*other.size, 1)] = 0.0
+    return made
 
 
 def _middle_of(values: Float64) -> float:

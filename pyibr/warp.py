@@ -6,9 +6,10 @@ import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, cast
+from typing import Literal, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pyibr._check import describe, one_of
 from pyibr.camera import Camera
@@ -19,9 +20,6 @@ from pyibr.pixelspace import PixelMap, pitch
 from pyibr.samples import Samples, samples_of
 from pyibr.target import Target
 
-if TYPE_CHECKING:
-    from pyibr.opencl.device import Session
-
 Method = Literal["epipolar", "search", "forward"]
 Sample = Literal["linear", "nearest"]
 Edges = Literal["connect", "cut"]
@@ -30,11 +28,12 @@ Fill = Literal["background"]
 
 _SHOWN = {"front": 1, "back": 2, "both": 3}  # SHOWS_FRONT, SHOWS_BACK of kernels/lib/surface.h
 _EMPTY = -3e38  # EMPTY of kernels/lib/pixelspace.h
-_CUT = np.dtype([("near_scale", np.float32), ("far_scale", np.float32)])
+_CUT = np.dtype([("near_scale", np.float32), ("far_scale", np.float32), ("least", np.float32)])
+_OF_LINES, _OWN, _OF_ALL = 0, 1, 2  # ANSWERS_... of kernels/warp/resolve.cl
 _SPLAT_MOST = 64.0
 _PIXELS_MOST = 1 << 29  # kernels number samples and colour bytes in 32 bits
 _APART_MOST = 16
-_CALM = 0.25  # pixels: nearest samples may be off by half of it, see kernels/warp/resolve.cl
+_STRIP = 16  # packets of a row that one work-item of a CPU takes: enough to hide what starting it costs
 
 
 def warp(
@@ -175,10 +174,8 @@ def _look(samples: Samples, pixel_map: PixelMap, target: Target, options: _Optio
     reach = pixel_map.reach
     if reach.empty and not target.blank:
         return
-    near_scale, far_scale = (1.0, options.cut_ratio) if options.cuts else (0.0, 0.0)
-    if pixel_map.src.projection == "orthographic":
-        near_scale, far_scale = far_scale, near_scale
-    groups, packets = line_groups(pixel_map.epipole, reach, session.lanes)
+    aligned = pixel_map.aligned
+    groups, packets = line_groups(pixel_map.epipole, reach, session.lanes, aligned)
     # Lanes of the sweep with nothing to write need a place of their own to write it; packets at the end of the last
     # row read beyond it.
     beyond = max(packets * session.lanes, session.lanes + _APART_MOST)
@@ -187,18 +184,21 @@ def _look(samples: Samples, pixel_map: PixelMap, target: Target, options: _Optio
         "nearness": samples.nearness,
         "seen": seen,
         "map": Struct("PixelMap", pixel_map.struct),
-        "cut": Struct("Cut", np.array((near_scale, far_scale), _CUT)),
+        "cut": Struct("Cut", _cut(pixel_map.src, options)),
         "shown": options.shown,
     }
+    answers = _OWN
     if reach.empty:
         seen.fill(_EMPTY)
     elif not packets:
-        seen.fill(pixel_map.typical)  # no epipole, or it is all there is: any nearness gives the source position
+        answers = _OF_ALL  # no epipole, or it is all there is: any nearness gives the source position
+        seen.fill(pixel_map.typical)
     elif method == "search":
+        answers = _OWN
         seen.fill(_EMPTY)
         launch(
             kernel("warp/search.cl", "search"),
-            (reach.high_x - reach.low_x, reach.high_y - reach.low_y),
+            (-(-(reach.high_x - reach.low_x) // session.lanes), reach.high_y - reach.low_y),
             low_x=reach.low_x,
             high_x=reach.high_x,
             low_y=reach.low_y,
@@ -207,8 +207,10 @@ def _look(samples: Samples, pixel_map: PixelMap, target: Target, options: _Optio
         )
     else:
         seen.fill(_EMPTY)
+        defines = {"ALIGNED": 1, "DIAGONALS": int(not pixel_map.on_samples)} if aligned else {}
+        answers = _OWN if aligned else _OF_LINES
         launch(
-            kernel("warp/epipolar.cl", "epipolar_sweep"),
+            kernel("warp/epipolar.cl", "epipolar_sweep", **defines),
             (packets,),
             groups=upload(groups),
             group_count=len(groups),
@@ -220,9 +222,10 @@ def _look(samples: Samples, pixel_map: PixelMap, target: Target, options: _Optio
     low_x, high_x, low_y, high_y = 0, width, 0, height
     if not target.blank:
         low_x, high_x, low_y, high_y = reach.low_x, reach.high_x, reach.low_y, reach.high_y
-    strip = _strip(session, high_x - low_x)
+    strip = 1 if session.lanes == 1 else _STRIP
+    apart = min(math.ceil(1.0 / pixel_map.density), _APART_MOST)
     launch(
-        kernel("warp/resolve.cl", "resolve", COLOR_BYTES=target.color.dtype.itemsize, STRIP=strip),
+        kernel("warp/resolve.cl", "resolve", COLOR_BYTES=target.channel_bytes, STRIP=strip, ZOOMED=int(apart > 1)),
         (-(-(high_x - low_x) // (strip * session.lanes)), high_y - low_y),
         src_color=samples.color,
         linear=options.linear,
@@ -231,19 +234,24 @@ def _look(samples: Samples, pixel_map: PixelMap, target: Target, options: _Optio
         high_x=high_x,
         low_y=low_y,
         high_y=high_y,
+        answers=answers,
         density=max(pixel_map.density, 1.0),
         typical=pixel_map.typical,
-        calm=_CALM if packets and not options.linear else 0.0,
-        apart=min(math.ceil(1.0 / pixel_map.density), _APART_MOST),
+        apart=apart,
         **common,
         **target.outputs(),
     )
     target.blank = False
 
 
-def _strip(session: Session, width: int) -> int:
-    """Packets of a row that one work-item of a CPU takes: enough to hide what starting it costs."""
-    return 1 if session.lanes == 1 else 16
+def _cut(camera: Camera, options: _Options) -> NDArray[np.void]:
+    """A record of the kernels' struct Cut: which neighbours of the camera's view are torn apart."""
+    if not options.cuts:
+        return np.array((0.0, 0.0, 0.0), _CUT)
+    if camera.projection == "perspective":
+        return np.array((1.0, options.cut_ratio, 0.0), _CUT)
+    sides = camera.width / camera.K[0, 0], camera.height / camera.K[1, 1]
+    return np.array((1.0, 1.0, (options.cut_ratio - 1.0) * max(sides)), _CUT)
 
 
 def _splat(samples: Samples, pixel_map: PixelMap, target: Target, options: _Options) -> None:

@@ -16,6 +16,12 @@
  *
  * Work-item: LANES lines of one group. Cost: source samples + target pixels a line; lines <= about 2 (width + height).
  * Determinism: a pixel is written by at most one lane.
+ *
+ * seen: (dst_height, dst_pitch) nearness of the hit, BLOCKED or EMPTY, which it is filled with before; behind it LANES
+ * floats a work-item, for lanes with nothing to write. ALIGNED: all lines run along rows or columns of both images
+ * (stereo, light fields) and pass through the pixels' centres, so that their answers are the pixels' own.
+ * DIAGONALS: the surface is followed from edge to edge of the triangles, diagonals too, and not from column to column
+ * (or row to row) alone; lines that are aligned but lie between the samples need it.
  */
 #include "lib/lanes.h"
 #include "lib/surface.h"
@@ -35,7 +41,12 @@ typedef struct {
     float least;                   /* no pixel at this distance or nearer is these lines' */
 } LineGroup;
 
-#define STORE_LANE(l) seen[address.s##l] = stored.s##l;
+#ifndef ALIGNED
+#define ALIGNED 0 /* 1: lines along rows or columns of both images, through the pixels' centres */
+#endif
+#ifndef DIAGONALS
+#define DIAGONALS 0 /* 1: with ALIGNED, lines that may lie between the samples */
+#endif
 
 #define AHEAD 8 /* steps between a prefetch and the use */
 /* Walks across rows touch a new page each step, which hardware does not foresee. Lines next to each other share
@@ -54,72 +65,98 @@ typedef struct {
         }                                                                                                      \
     }
 
-kernel void epipolar_sweep(global const float *nearness, global float *seen, global const LineGroup *groups,
-                           int group_count, int packet_count, PixelMap map, Cut cut, int shown, float nearest,
-                           float farthest
-#ifdef COUNT_SAMPLES
-                           ,
-                           global uint *counts /* (packet_count, 2): samples and pixels visited */
-#endif
-)
-{
-    const int packet = get_global_id(0);
-    if (packet >= packet_count)
-        return;
-    int g = 0;
-    while (g + 1 < group_count && packet >= groups[g + 1].first_packet)
-        g++;
-    const LineGroup group = groups[g];
-    const int along = group.axis, across = 1 - along;
-    const float *D = map.dst_from_src, *S = map.src_from_dst;
-    const float b_along = D[4 * along + 3], b_across = D[4 * across + 3], b_w = D[11];
-    const float e_u = S[3], e_v = S[7], e_w = S[11], e_q = S[15];
+/* LANES lines in both images. */
+typedef struct {
+    int along, across;             /* axes of the target: x 0, y 1 */
+    floatl start, slope;           /* in the target: across = start + slope * along, */
+    floatl low, high;              /* for pixels along from low to high */
+    intl u_major;                  /* in the source: minor = minor_0 + tilt * major */
+    floatl minor_0, tilt, sign;    /* sign: of the walk's steps, away from the epipole as the ray recedes */
+    floatl from, to, last_major;   /* major coordinates that are walked; none if from > to */
+    intl last_minor, stride_major, stride_minor;
+} Lines;
 
-    /* The lines of this packet in the target: across = start + slope * along. */
+/* The interval that a connected run of samples has settled, [below + 1, above - 1]. */
+typedef struct {
+    floatl below, above;
+    intl anew;  /* the next segment begins another interval */
+    intl begun; /* there has been one */
+} Interval;
+
+/* A sample (or a place between samples) of the line: its nearness, and its homogeneous target position. */
+typedef struct {
+    floatl nearness, p, w, q;
+} Place;
+
+/* Where a line's answers go. */
+typedef struct {
+    global float *seen;
+    int spare;      /* for lanes with nothing to write */
+    floatl up, down; /* BLOCKED where segments that extend the interval that way show a side that is not shown */
+    int begun_anew; /* a lane has more than one interval: pixels outside of the last one may be settled, too */
+    uint pixels;
+} Answers;
+
+#define COUNT(counter, mask) for (int l = 0; l < LANES; l++) counter += ((int *)&(mask))[l] != 0;
+#define STORE_LANE(l) seen[address.s##l] = stored.s##l;
+
+/* The lines of a packet in the target. */
+Lines lines_of(LineGroup group, PixelMap map, int packet, float nearest, float farthest)
+{
+    const float *D = map.dst_from_src, *S = map.src_from_dst;
+    Lines line;
+    line.along = group.axis;
+    line.across = 1 - group.axis;
+    const float b_along = D[4 * line.along + 3], b_across = D[4 * line.across + 3], b_w = D[11];
+    const float e_u = S[3], e_v = S[7], e_w = S[11], e_q = S[15];
     const intl index = (packet - group.first_packet) * LANES + lane_index;
-    const intl in_group = index < group.count;
     const floatl at_reference = group.first + group.spacing * to_floatl(index);
-    const floatl slope = (at_reference * b_w - b_across) / (group.reference * b_w - b_along);
-    const floatl start = at_reference - slope * group.reference;
-    const floatl steep = pick(fabs(slope) < 1e-12f, (floatl)1e-12f, slope);
-    const floatl cross_0 = (group.cross_low - 0.5f - start) / steep, cross_1 = (group.cross_high + 0.5f - start) / steep;
-    const floatl low = fmax((floatl)group.low, ceil(fmin(cross_0, cross_1)));
-    const floatl high = fmin((floatl)group.high, floor(fmax(cross_0, cross_1)));
-    const intl reaches = in_group & (low <= high);
-    if (!any_lane(reaches))
-        return;
+    line.slope = (at_reference * b_w - b_across) / (group.reference * b_w - b_along);
+    line.start = at_reference - line.slope * group.reference;
+    const floatl steep = pick(fabs(line.slope) < 1e-12f, (floatl)1e-12f, line.slope);
+    const floatl cross_0 = (group.cross_low - 0.5f - line.start) / steep, cross_1 = (group.cross_high + 0.5f - line.start) / steep;
+    line.low = fmax((floatl)group.low, ceil(fmin(cross_0, cross_1)));
+    line.high = fmin((floatl)group.high, floor(fmax(cross_0, cross_1)));
+    line.high = pick(index < group.count, line.high, line.low - 1.0f);
 
     /* The same lines in the source. Direction: away from the epipole as the ray recedes. */
+    const int along = line.along;
     const floatl x = along ? at_reference : (floatl)group.reference, y = along ? (floatl)group.reference : at_reference;
     const floatl u0 = PIXEL_ROW(S, 0, x, y), v0 = PIXEL_ROW(S, 1, x, y), w0 = PIXEL_ROW(S, 2, x, y);
     const floatl dir_u = u0 * e_w - e_u * w0, dir_v = v0 * e_w - e_v * w0, offset = e_u * v0 - e_v * u0;
     const intl u_major = fabs(dir_u) >= fabs(dir_v);
     const floatl dir_major = pick(u_major, dir_u, dir_v);
-    const floatl tilt = pick(u_major, dir_v, dir_u) / dir_major;
-    const floatl minor_0 = pick(u_major, -offset, offset) / dir_major;
-    const floatl sign = pick(dir_major < 0.0f, (floatl)-1.0f, (floatl)1.0f);
-    const floatl last_major = to_floatl(pick(u_major, (intl)(map.src_width - 1), (intl)(map.src_height - 1)));
-    const intl last_minor = pick(u_major, (intl)(map.src_height - 1), (intl)(map.src_width - 1));
-    const intl stride_major = pick(u_major, (intl)1, (intl)map.src_pitch);
-    const intl stride_minor = pick(u_major, (intl)map.src_pitch, (intl)1);
+    line.u_major = u_major;
+    line.tilt = pick(u_major, dir_v, dir_u) / dir_major;
+    line.minor_0 = pick(u_major, -offset, offset) / dir_major;
+#if ALIGNED
+    const floatl row = floor_lanes(line.minor_0 + 0.5f);
+    line.minor_0 = pick(fabs(line.minor_0 - row) < ON_SAMPLES, row, line.minor_0);
+#endif
+    line.sign = pick(dir_major < 0.0f, (floatl)-1.0f, (floatl)1.0f);
+    line.last_major = to_floatl(pick(u_major, (intl)(map.src_width - 1), (intl)(map.src_height - 1)));
+    line.last_minor = pick(u_major, (intl)(map.src_height - 1), (intl)(map.src_width - 1));
+    line.stride_major = pick(u_major, (intl)1, (intl)map.src_pitch);
+    line.stride_minor = pick(u_major, (intl)map.src_pitch, (intl)1);
 
     /* Clip the source line: to the image, to this side of the epipole, to what the range of depth can show. */
-    floatl from = 0.0f, to = last_major;
-    const floatl tilted = pick(fabs(tilt) < 1e-12f, (floatl)1e-12f, tilt);
-    const floatl edge_0 = -minor_0 / tilted, edge_1 = (to_floatl(last_minor) - minor_0) / tilted;
+    floatl from = 0.0f, to = line.last_major;
+    const floatl tilted = pick(fabs(line.tilt) < 1e-12f, (floatl)1e-12f, line.tilt);
+    const floatl edge_0 = (-ON_SAMPLES - line.minor_0) / tilted;
+    const floatl edge_1 = (to_floatl(line.last_minor) + ON_SAMPLES - line.minor_0) / tilted;
     from = fmax(from, fmin(edge_0, edge_1));
     to = fmin(to, fmax(edge_0, edge_1));
     const floatl e_major = pick(u_major, (floatl)e_u, (floatl)e_v);
     if (e_w != 0.0f) {
         const floatl epipole = e_major / e_w;
-        const intl after = e_w * sign > 0.0f; /* samples follow the epipole on the axis */
+        const intl after = e_w * line.sign > 0.0f; /* samples follow the epipole on the axis */
         from = pick(after, fmax(from, epipole), from);
         to = pick(after, to, fmin(to, epipole));
     }
     floatl reach_low = INFINITY, reach_high = -INFINITY;
     intl bounded = 1;
     for (int corner = 0; corner < 4; corner++) {
-        const floatl p = corner & 1 ? low - 1.0f : high + 1.0f, c = start + slope * p;
+        const floatl p = corner & 1 ? line.low - 1.0f : line.high + 1.0f, c = line.start + line.slope * p;
         const float q = corner & 2 ? nearest : farthest;
         const floatl px = along ? c : p, py = along ? p : c;
         const floatl cu = PIXEL_ROW(S, 0, px, py), cv = PIXEL_ROW(S, 1, px, py), cw = PIXEL_ROW(S, 2, px, py), cq = PIXEL_ROW(S, 3, px, py);
@@ -132,121 +169,197 @@ kernel void epipolar_sweep(global const float *nearness, global float *seen, glo
     from = pick(bounded, fmax(from, reach_low - 1.0f), from);
     to = pick(bounded, fmin(to, reach_high + 1.0f), to);
     /* One sample more at each end: what lies between the last sample and the clip belongs to the line, too. */
-    from = fmax(ceil(from) - 1.0f, (floatl)0.0f);
-    to = fmin(floor(to) + 1.0f, last_major);
-    const intl steps = pick(reaches & (from <= to), to_intl(to - from), (intl)-1);
-    floatl major = pick(sign > 0.0f, from, to);
+    line.from = fmax(ceil(from) - 1.0f, (floatl)0.0f);
+    line.to = fmin(floor(to) + 1.0f, line.last_major);
+    return line;
+}
+
+/* Settles the pixels between the ends of a segment of the surface that its interval does not hold yet. */
+void extend(Interval *interval, Answers *answers, Place a, Place b, intl open, Lines line, LineGroup group, PixelMap map)
+{
+    const float b_along = map.dst_from_src[4 * line.along + 3], b_across = map.dst_from_src[4 * line.across + 3], b_w = map.dst_from_src[11];
+    const float innermost = 1 << group.levels;
+    const float guard = 5e-7f * (map.dst_width + map.dst_height); /* rounding: no pixel may have two owners, */
+    global float *seen = answers->seen;
+
+    const floatl crosses = b.p * a.w - a.p * b.w; /* the sign of the target's move from a to b, if both are before it */
+    const intl emerges = (a.w <= 0.0f) & (b.w > 0.0f); /* out of the plane of the target's centre */
+    const intl begins = !open & (interval->anew | emerges);
+    if (any_lane(begins)) {
+        const floatl from_infinity = pick(crosses > 0.0f, (floatl)-1e9f, (floatl)1e9f);
+        const floatl t = lesser(greater(pick(emerges, from_infinity, a.p / a.w), line.low - 1.0f), line.high + 1.0f);
+        /* and a pixel that the segment only just begins at is its own, whichever way it goes on */
+        const floatl next = pick((crosses > 0.0f) | emerges, ceil_lanes(t - guard), floor_lanes(t + guard) + 1.0f);
+        const floatl first = lesser(greater(next, line.low), line.high + 1.0f);
+        interval->above = pick(begins, first, interval->above);
+        interval->below = pick(begins, first - 1.0f, interval->below);
+        answers->begun_anew |= any_lane(begins & interval->begun);
+        interval->begun = interval->begun | begins;
+    }
+    interval->anew = open;
+    for (;;) {
+        const intl goes_up = !open & (b.p - interval->above * b.w >= -guard * b.w) & (interval->above <= line.high);
+        const intl goes_down = !open & (b.p - interval->below * b.w <= guard * b.w) & (interval->below >= line.low);
+        if (!any_lane(goes_up | goes_down))
+            break;
+        const floatl p = pick(goes_up, interval->above, interval->below);
+        const floatl g0 = a.p - p * a.w, g1 = b.p - p * b.w;
+        const floatl f = lesser(greater(g0 / (g0 - g1), (floatl)0.0f), (floatl)1.0f);
+        const floatl w = a.w + f * (b.w - a.w);
+        const intl settles = (goes_up | goes_down) & (w > 0.0f);
+        if (!any_lane(settles))
+            break;
+#ifdef COUNT_SAMPLES
+        COUNT(answers->pixels, settles)
+#endif
+        interval->above = pick(settles & goes_up, interval->above + 1.0f, interval->above);
+        interval->below = pick(settles & !goes_up, interval->below - 1.0f, interval->below);
+
+        const floatl at_line = line.start + line.slope * p, c = floor_lanes(at_line + 0.5f);
+        const floatl distance = group.distance + group.distance_step * p;
+        /* Lines are 1/2 to 1 pixel apart in each ring, less within the last one. */
+        const floatl in_ring = as_floatl(((as_intl(distance) - 1) & 0x007fffff) | 0x3f000000);
+        const floatl apart = lesser(in_ring, distance * innermost);
+        const floatl D_along = (p * b_w - b_along) * group.side, D_across = fabs(c * b_w - b_across);
+        const intl in_wedge = line.along ? (D_along > D_across) : (D_along >= D_across);
+        const intl owns = in_wedge & (fabs(at_line - c) < 0.5f * apart - guard) & (distance > group.least) &
+                          (c >= group.cross_low) & (c <= group.cross_high);
+        const intl pc = to_intl(c), pa = to_intl(p);
+        const intl address = pick(settles & owns, line.along ? pa * map.dst_pitch + pc : pc * map.dst_pitch + pa,
+                                  answers->spare + lane_index);
+#if LANES == 16
+        if (line.along) {
+            const int ahead = AHEAD * map.dst_pitch;
+            FORESEE(seen, address, pick(goes_up, (intl)ahead, (intl)-ahead), map.dst_height * map.dst_pitch - 1)
+        }
+#endif
+        const floatl blocked = pick(goes_up, answers->up, answers->down);
+        const floatl value = pick(blocked < 0.0f, blocked, (a.q + f * (b.q - a.q)) / w);
+        floatl stored = value;
+        if (answers->begun_anew) {
+            const floatl before = (floatl)(gather(seen, address));
+            stored = pick(before == EMPTY, value, before);
+        }
+#if LANES == 1
+        seen[address] = stored;
+#else
+        EACH_LANE(STORE_LANE)
+#endif
+    }
+}
+
+kernel void epipolar_sweep(global const float *nearness, global float *seen, global const LineGroup *groups,
+                           int group_count, int packet_count, PixelMap map, Cut cut, int shown, float nearest,
+                           float farthest
+#ifdef COUNT_SAMPLES
+                           ,
+                           global uint *counts /* (packet_count, 2): samples and pixels visited */
+#endif
+)
+{
+    const int id = get_global_id(0);
+    if (id >= packet_count)
+        return;
+    /* Runtimes give a thread neighbours; lines next to each other take equally long. So each thread gets all kinds. */
+    const int half_ = (packet_count + 1) / 2;
+    const int packet = id < half_ ? 2 * id : 2 * (id - half_) + 1;
+    int g = 0;
+    while (g + 1 < group_count && packet >= groups[g + 1].first_packet)
+        g++;
+    const LineGroup group = groups[g];
+    const Lines line = lines_of(group, map, packet, nearest, farthest);
+    const intl steps = pick((line.low <= line.high) & (line.from <= line.to), to_intl(line.to - line.from), (intl)-1);
+    if (!any_lane(steps >= 0))
+        return;
 
     /* Homogeneous target position along the line, at nearness 0: affine in the major coordinate. */
-    const floatl u_0 = pick(u_major, (floatl)0.0f, minor_0), u_1 = pick(u_major, (floatl)1.0f, tilt);
-    const floatl v_0 = pick(u_major, minor_0, (floatl)0.0f), v_1 = pick(u_major, tilt, (floatl)1.0f);
+    const float *D = map.dst_from_src;
+    const int along = line.along;
+    const floatl u_0 = pick(line.u_major, (floatl)0.0f, line.minor_0), u_1 = pick(line.u_major, (floatl)1.0f, line.tilt);
+    const floatl v_0 = pick(line.u_major, line.minor_0, (floatl)0.0f), v_1 = pick(line.u_major, line.tilt, (floatl)1.0f);
     const floatl p_0 = PIXEL_ROW(D, along, u_0, v_0), p_1 = D[4 * along] * u_1 + D[4 * along + 1] * v_1;
     const floatl w_0 = PIXEL_ROW(D, 2, u_0, v_0), w_1 = D[8] * u_1 + D[9] * v_1;
     const floatl q_0 = PIXEL_ROW(D, 3, u_0, v_0), q_1 = D[12] * u_1 + D[13] * v_1;
-    const float b_q = D[15];
+    const float b_along = D[4 * along + 3], b_w = D[11], b_q = D[15];
+#define PLACE(name, at, of_surface)                                                                            \
+    Place name;                                                                                                \
+    name.nearness = of_surface;                                                                                \
+    name.p = p_0 + p_1 * (at) + name.nearness * b_along;                                                       \
+    name.w = w_0 + w_1 * (at) + name.nearness * b_w;                                                           \
+    name.q = q_0 + q_1 * (at) + name.nearness * b_q;
 
-    const float innermost = 1 << group.levels;
     const int front_is_up = group.side < 0; /* -D is towards larger pixels */
-    const floatl up = front_is_up ? (shown & SHOWS_FRONT ? 0.0f : BLOCKED) : (shown & SHOWS_BACK ? 0.0f : BLOCKED);
-    const floatl down = front_is_up ? (shown & SHOWS_BACK ? 0.0f : BLOCKED) : (shown & SHOWS_FRONT ? 0.0f : BLOCKED);
-    const float guard = 5e-7f * (map.dst_width + map.dst_height); /* rounding: no pixel may have two owners */
+    Answers answers;
+    answers.seen = seen;
+    answers.spare = map.dst_height * map.dst_pitch + packet * LANES;
+    answers.up = front_is_up ? (shown & SHOWS_FRONT ? 0.0f : BLOCKED) : (shown & SHOWS_BACK ? 0.0f : BLOCKED);
+    answers.down = front_is_up ? (shown & SHOWS_BACK ? 0.0f : BLOCKED) : (shown & SHOWS_FRONT ? 0.0f : BLOCKED);
+    answers.begun_anew = 0;
+    answers.pixels = 0;
+    Interval interval;
+    interval.anew = -1;
+    interval.begun = 0;
+    interval.above = line.low;
+    interval.below = line.low - 1.0f;
+    uint samples = 0;
 
-    const intl spare = map.dst_height * map.dst_pitch + packet * LANES + lane_index; /* for lanes with nothing to write */
-
-    floatl q = NO_SURFACE, p1 = 0.0f, w1 = 1.0f, q1 = 0.0f; /* the sample, and its homogeneous target position */
-    floatl above = low;                                    /* the settled interval is [below + 1, above - 1] */
-    floatl below = low - 1.0f;
-    const int last_sample = map.src_height * map.src_pitch - 1, last_pixel = map.dst_height * map.dst_pitch - 1;
-    const intl ahead = AHEAD * to_intl(sign) * stride_major;
-    const int ahead_p = AHEAD * (along ? map.dst_pitch : 1);
-    int gaps = 0; /* a lane has begun anew: pixels outside its interval may be settled, too */
-#ifdef COUNT_SAMPLES
-    uint samples = 0, pixels = 0;
-#define COUNT(counter, mask) for (int l = 0; l < LANES; l++) counter += ((int *)&(mask))[l] != 0;
-#else
-#define COUNT(counter, mask)
+    floatl major = pick(line.sign > 0.0f, line.from, line.to);
+    PLACE(before, major, (floatl)NO_SURFACE)
+    const int last_sample = map.src_height * map.src_pitch - 1;
+    const intl ahead = AHEAD * to_intl(line.sign) * line.stride_major;
+#if DIAGONALS
+    floatl qa_before = NO_SURFACE, qb_before = NO_SURFACE;
 #endif
-    for (int step = 0; any_lane(step <= steps); step++, major += sign) {
+    for (int step = 0; any_lane(step <= steps); step++, major += line.sign) {
         const intl active = step <= steps;
+#ifdef COUNT_SAMPLES
         COUNT(samples, active)
-        const intl m = clamp(to_intl(major), (intl)0, to_intl(last_major));
-        const floatl minor = lesser(greater(minor_0 + tilt * major, (floatl)0.0f), to_floatl(last_minor));
-        const intl cell = max(min(to_intl(minor), last_minor - 1), (intl)0);
+#endif
+        const intl m = clamp(to_intl(major), (intl)0, to_intl(line.last_major));
+        const floatl minor = lesser(greater(line.minor_0 + line.tilt * major, (floatl)0.0f), to_floatl(line.last_minor));
+        const intl cell = max(min(to_intl(minor), line.last_minor - 1), (intl)0);
         const floatl part = minor - to_floatl(cell);
-        const intl at = m * stride_major + cell * stride_minor;
+        const intl at = m * line.stride_major + cell * line.stride_minor;
 #if LANES == 16
         FORESEE(nearness, at, ahead, last_sample)
 #endif
-        const intl next = at + pick(last_minor > 0, stride_minor, (intl)0);
-        const floatl qa = (floatl)(gather(nearness, at)), qb = (floatl)(gather(nearness, next));
-        const floatl q_before = q, p0 = p1, w0_ = w1, q0 = q1;
-        const intl torn = IS_OPEN(cut, greater(qa, qb), lesser(qa, qb));
-        q = pick(torn, pick(part < 0.5f, qa, qb), qa + part * (qb - qa));
-        p1 = p_0 + p_1 * major + q * b_along;
-        w1 = w_0 + w_1 * major + q * b_w;
-        q1 = q_0 + q_1 * major + q * b_q;
-        intl open = IS_OPEN(cut, greater(q, q_before), lesser(q, q_before)) | !active;
-        if (!map.dst_perspective) /* behind an orthographic target's image plane */
-            open = open | (q0 >= 0.0f) | (q1 >= 0.0f);
-
-        /* After a gap, or out of the plane of the target's centre, a new interval begins where the line stands. */
-        const intl emerges = (w0_ <= 0.0f) & (w1 > 0.0f) & !open;
-        if (any_lane((open & active) | emerges)) {
-            const floatl crossing = p0 * w1 - p1 * w0_; /* sign of p where w = 0 between a negative and a positive w */
-            const floatl t = pick(emerges, pick(crossing > 0.0f, (floatl)1e9f, (floatl)-1e9f), p1 / w1);
-            const floatl fresh = floor_lanes(lesser(greater(t, low - 1.0f), high));
-            gaps |= step > 0;
-            below = pick(open | emerges, fresh, below);
-            above = pick(open | emerges, fresh + 1.0f, above);
-        }
-
-        for (;;) {
-            const intl goes_up = !open & (p1 - above * w1 >= 0.0f) & (above <= high);
-            const intl goes_down = !open & (p1 - below * w1 < 0.0f) & (below >= low);
-            if (!any_lane(goes_up | goes_down))
-                break;
-            const floatl p = pick(goes_up, above, below);
-            const floatl g0 = p0 - p * w0_, g1 = p1 - p * w1;
-            const floatl f = lesser(greater(g0 / (g0 - g1), (floatl)0.0f), (floatl)1.0f);
-            const floatl w = w0_ + f * (w1 - w0_);
-            const intl settles = (goes_up | goes_down) & (w > 0.0f);
-            if (!any_lane(settles))
-                break;
-            COUNT(pixels, settles)
-            above = pick(settles & goes_up, above + 1.0f, above);
-            below = pick(settles & !goes_up, below - 1.0f, below);
-
-            const floatl at_line = start + slope * p, c = floor_lanes(at_line + 0.5f);
-            const floatl distance = group.distance + group.distance_step * p;
-            /* Lines are 1/2 to 1 pixel apart in each ring, less within the last one. */
-            const floatl in_ring = as_floatl(((as_intl(distance) - 1) & 0x007fffff) | 0x3f000000);
-            const floatl apart = lesser(in_ring, distance * innermost);
-            const floatl D_along = (p * b_w - b_along) * group.side, D_across = fabs(c * b_w - b_across);
-            const intl in_wedge = along ? (D_along > D_across) : (D_along >= D_across);
-            const intl owns = in_wedge & (fabs(at_line - c) < 0.5f * apart - guard) & (distance > group.least) &
-                              (c >= group.cross_low) & (c <= group.cross_high);
-            const intl pc = to_intl(c), pa = to_intl(p);
-            const intl address = pick(settles & owns, along ? pa * map.dst_pitch + pc : pc * map.dst_pitch + pa, spare);
-#if LANES == 16
-            if (along)
-                FORESEE(seen, address, pick(goes_up, (intl)ahead_p, (intl)-ahead_p), last_pixel)
+        const intl next = at + pick(line.last_minor > 0, line.stride_minor, (intl)0);
+        floatl qa = (floatl)(gather(nearness, at)), qb = (floatl)(gather(nearness, next));
+#if ALIGNED
+        /* A line along samples sees those alone. */
+        qa = pick(part == 1.0f, qb, qa);
+        qb = pick(part == 0.0f, qa, qb);
 #endif
-            const floatl blocked = pick(goes_up, up, down);
-            const floatl value = pick(blocked < 0.0f, blocked, (q0 + f * (q1 - q0)) / w);
-            floatl stored = value;
-            if (gaps) {
-                const floatl before = (floatl)(gather(seen, address));
-                stored = pick(before == EMPTY, value, before);
-            }
-#if LANES == 1
-            seen[address] = stored;
+#if DIAGONALS
+        const intl up = line.sign > 0.0f;
+        const floatl turns_at = pick(up, 1.0f - part, part); /* from the place before */
+        const floatl q_before = pick(up, qb_before, qa_before), q_here = pick(up, qa, qb); /* the diagonal's ends */
+        PLACE(diagonal, major - line.sign * (1.0f - turns_at), q_before + turns_at * (q_here - q_before))
+        PLACE(here, major, qa + part * (qb - qa))
+        const floatl high_before = greater(qa_before, qb_before), low_before = lesser(qa_before, qb_before);
+        const floatl high = greater(qa, qb), low = lesser(qa, qb);
+        intl open = IS_OPEN(cut, greater(high_before, q_here), lesser(low_before, q_here)) | !active;
+        intl open_after = IS_OPEN(cut, greater(high, q_before), lesser(low, q_before)) | !active;
+        if (!map.dst_perspective) { /* behind an orthographic target's image plane */
+            open = open | (before.q >= 0.0f) | (diagonal.q >= 0.0f);
+            open_after = open_after | (diagonal.q >= 0.0f) | (here.q >= 0.0f);
+        }
+        extend(&interval, &answers, before, diagonal, open, line, group, map);
+        extend(&interval, &answers, diagonal, here, open_after, line, group, map);
+        qa_before = qa;
+        qb_before = qb;
 #else
-            EACH_LANE(STORE_LANE)
+        const intl torn = IS_OPEN(cut, greater(qa, qb), lesser(qa, qb));
+        PLACE(here, major, pick(torn, pick(part < 0.5f, qa, qb), qa + part * (qb - qa)))
+        intl open = IS_OPEN(cut, greater(here.nearness, before.nearness), lesser(here.nearness, before.nearness)) | !active;
+        if (!map.dst_perspective) /* behind an orthographic target's image plane */
+            open = open | (before.q >= 0.0f) | (here.q >= 0.0f);
+        extend(&interval, &answers, before, here, open, line, group, map);
 #endif
-        }
+        before = here;
     }
 #ifdef COUNT_SAMPLES
     counts[2 * packet] = samples;
-    counts[2 * packet + 1] = pixels;
+    counts[2 * packet + 1] = answers.pixels;
 #endif
 }

@@ -1,8 +1,8 @@
 /* The O(n^3) inverse warp: every pixel of the target searches its own epipolar segment, from the epipole (or where the
  * line enters the image) to the projection of the ray's point at infinity (Schaufler & Priglinger 1999, section 4).
  *
- * seen: (dst_height, dst_pitch) nearness of the hit, BLOCKED or EMPTY. Work-item: one pixel. Cost: O(source width).
- * Determinism: every pixel on its own.
+ * seen: (dst_height, dst_pitch) nearness of the hit, BLOCKED or EMPTY. Work-item: LANES pixels of a row.
+ * Cost: O(source width) a pixel. Determinism: every pixel on its own.
  */
 #include "warp/trace.h"
 
@@ -10,23 +10,26 @@ kernel void search(global const float *nearness, global float *seen, PixelMap ma
                    int low_y, int high_y
 #ifdef COUNT_SAMPLES
                    ,
-                   global uint *counts /* (dst_height, dst_width): cells visited */
+                   global uint *counts /* (dst_height, packets a row): cells visited by the slowest lane */
 #endif
 )
 {
-    const int x = low_x + get_global_id(0), y = low_y + get_global_id(1);
+    const int x = low_x + get_global_id(0) * LANES, y = low_y + get_global_id(1);
     if (x >= high_x || y >= high_y)
         return;
-    const float *S = map.src_from_dst;
     const Grid grid = {nearness, map.src_width, map.src_height, map.src_pitch, cut};
-    Ray ray;
-    ray.start = (float4)(PIXEL_ROW(S, 0, x, y), PIXEL_ROW(S, 1, x, y), PIXEL_ROW(S, 2, x, y), PIXEL_ROW(S, 3, x, y));
-    ray.centre = (float4)(S[3], S[7], S[11], S[15]);
-    ray.perspective = map.dst_perspective;
-    Walk walk = walk_of(ray, grid.width, grid.height);
-    uint samples = 0;
-    seen[y * map.dst_pitch + x] = trace(grid, ray, walk, shown, &samples);
+    const Rays rays = rays_of(map, to_floatl(x + lane_index), y);
+    const Lines lines = lines_of(rays, grid);
+    Stretches whole;
+    whole.from = 0.0f;
+    whole.to = lines.length;
+    whole.next[0] = INFINITY;
+    whole.count = 1;
+    whole.reach = 0.0f;
+    uint cells = 0;
+    const floatl found = trace(grid, rays, lines, whole, shown, x + lane_index < high_x, &cells);
+    store_lanes(found, seen + (size_t)y * map.dst_pitch + x); /* the pitch leaves room for a whole packet */
 #ifdef COUNT_SAMPLES
-    counts[y * map.dst_width + x] = samples;
+    counts[y * ((map.dst_width + LANES - 1) / LANES) + get_global_id(0)] = cells * LANES;
 #endif
 }
