@@ -17,7 +17,7 @@
  * Work-item: LANES lines of one group. Cost: source samples + target pixels a line; lines <= about 2 (width + height).
  * Determinism: a pixel is written by at most one lane.
  *
- * seen: (dst_height, dst_pitch) nearness of the hit, BLOCKED or EMPTY, which it is filled with before; behind it LANES
+ * seen: (dst_height, dst_pitch) answers (answers.h), filled with EMPTY before; behind them LANES
  * floats a work-item, for lanes with nothing to write. ALIGNED: all lines run along rows or columns of both images
  * (stereo, light fields) and pass through the pixels' centres, so that their answers are the pixels' own.
  * DIAGONALS: the surface is followed from edge to edge of the triangles, diagonals too, and not from column to column
@@ -25,6 +25,7 @@
  */
 #include "lib/lanes.h"
 #include "lib/surface.h"
+#include "warp/answers.h"
 
 /* Equally spaced epipolar lines of the target; "along" is the axis that they advance in, "across" the other. */
 typedef struct {
@@ -92,7 +93,7 @@ typedef struct {
 typedef struct {
     global float *seen;
     int spare;      /* for lanes with nothing to write */
-    floatl up, down; /* BLOCKED where segments that extend the interval that way show a side that is not shown */
+    int up_hides, down_hides; /* 1: segments that extend the interval that way have a side that is not shown */
     int begun_anew; /* a lane has more than one interval: pixels outside of the last one may be settled, too */
     uint pixels;
 } Answers;
@@ -233,8 +234,9 @@ void extend(Interval *interval, Answers *answers, Place a, Place b, intl open, L
             FORESEE(seen, address, pick(goes_up, (intl)ahead, (intl)-ahead), map.dst_height * map.dst_pitch - 1)
         }
 #endif
-        const floatl blocked = pick(goes_up, answers->up, answers->down);
-        const floatl value = pick(blocked < 0.0f, blocked, (a.q + f * (b.q - a.q)) / w);
+        const floatl met = (a.q + f * (b.q - a.q)) / w;
+        const intl hides = pick(goes_up, (intl)answers->up_hides, (intl)answers->down_hides);
+        const floatl value = ANSWER(met, hides);
         floatl stored = value;
         if (answers->begun_anew) {
             const floatl before = (floatl)(gather(seen, address));
@@ -292,8 +294,8 @@ kernel void epipolar_sweep(global const float *nearness, global float *seen, glo
     Answers answers;
     answers.seen = seen;
     answers.spare = map.dst_height * map.dst_pitch + packet * LANES;
-    answers.up = front_is_up ? (shown & SHOWS_FRONT ? 0.0f : BLOCKED) : (shown & SHOWS_BACK ? 0.0f : BLOCKED);
-    answers.down = front_is_up ? (shown & SHOWS_BACK ? 0.0f : BLOCKED) : (shown & SHOWS_FRONT ? 0.0f : BLOCKED);
+    answers.up_hides = !(shown & (front_is_up ? SHOWS_FRONT : SHOWS_BACK));
+    answers.down_hides = !(shown & (front_is_up ? SHOWS_BACK : SHOWS_FRONT));
     answers.begun_anew = 0;
     answers.pixels = 0;
     Interval interval;

@@ -16,6 +16,7 @@
  * Determinism: every pixel on its own, from inputs alone.
  */
 #include "lib/color.h"
+#include "warp/answers.h"
 #include "warp/trace.h"
 
 #ifndef STRIP
@@ -54,12 +55,11 @@ Pixels look_around(global const float *seen, PixelMap map, int x0, int y, intl i
     const floatl x = to_floatl(x0 + lane_index);
     floatl n = load_lanes(here);
     if (fabs(y * D[11] - D[7]) <= AT_EPIPOLE * fabs(D[11])) /* no line there, and no parallax */
-        n = pick((fabs(x * D[11] - D[3]) <= AT_EPIPOLE * fabs(D[11])) & (n == EMPTY), (floatl)typical, n);
-    const intl hit = inside & IS_HIT(n);
+        n = pick((fabs(x * D[11] - D[3]) <= AT_EPIPOLE * fabs(D[11])) & !IS_MET(n), ANSWER((floatl)typical, 0), n);
+    const intl seen_here = inside & IS_SEEN(n);
     Pixels pixels;
-    floatl guess = n;
-    pixels.smooth = answers == ANSWERS_OF_ALL ? hit : (intl)0;
-    pixels.settled = answers == ANSWERS_ARE_OWN ? hit : (intl)0;
+    pixels.smooth = answers == ANSWERS_OF_ALL ? inside : (intl)0;
+    pixels.settled = answers == ANSWERS_ARE_OWN ? seen_here : (intl)0;
     pixels.traced = 0;
     floatl curved = 0.0f;
     if (answers == ANSWERS_OF_LINES) {
@@ -67,23 +67,22 @@ Pixels look_around(global const float *seen, PixelMap map, int x0, int y, intl i
         const floatl under = y + 1 < map.dst_height ? load_lanes(here + map.dst_pitch) : n;
         floatl left = x0 > 0 ? load_lanes(here - 1) : shifted_lanes(n), right = load_lanes(here + 1);
         right = pick(x0 + lane_index + 1 < map.dst_width, right, n);
-        floatl beside = greater(greater(above, under), greater(left, right));
-        const intl all_hit = hit & IS_HIT(above) & IS_HIT(under) & IS_HIT(left) & IS_HIT(right);
+        const intl above_seen = IS_SEEN(above), under_seen = IS_SEEN(under), left_seen = IS_SEEN(left), right_seen = IS_SEEN(right);
+        intl any_seen = seen_here | above_seen | under_seen | left_seen | right_seen;
 #if ZOOMED
-        beside = greater(beside, y >= apart ? load_lanes(here - apart * map.dst_pitch) : n);
-        beside = greater(beside, y + apart < map.dst_height ? load_lanes(here + apart * map.dst_pitch) : n);
-        beside = greater(beside, greater(x0 >= apart ? load_lanes(here - apart) : n, load_lanes(here + apart)));
+        any_seen = any_seen | (y >= apart ? IS_SEEN(load_lanes(here - apart * map.dst_pitch)) : 0);
+        any_seen = any_seen | (y + apart < map.dst_height ? IS_SEEN(load_lanes(here + apart * map.dst_pitch)) : 0);
+        any_seen = any_seen | (x0 >= apart ? IS_SEEN(load_lanes(here - apart)) : 0) | IS_SEEN(load_lanes(here + apart));
 #endif
         curved = greater(fabs(left + right - 2.0f * n), fabs(above + under - 2.0f * n));
-        pixels.smooth = all_hit;
-        /* A pixel that no line reached may see on what a neighbour's line saw. */
-        pixels.traced = inside & (hit | IS_HIT(beside));
-        guess = pick(hit, n, beside);
+        pixels.smooth = seen_here & above_seen & under_seen & left_seen & right_seen;
+        /* A pixel whose line sees nothing may see what a neighbour's line sees. */
+        pixels.traced = inside & any_seen;
     }
-    const floatl w0 = PIXEL_ROW(S, 2, x, y), inverse = 1.0f / (w0 + guess * S[11]);
-    pixels.u = (PIXEL_ROW(S, 0, x, y) + guess * S[3]) * inverse;
-    pixels.v = (PIXEL_ROW(S, 1, x, y) + guess * S[7]) * inverse;
-    pixels.n = guess;
+    const floatl w0 = PIXEL_ROW(S, 2, x, y), inverse = 1.0f / (w0 + n * S[11]);
+    pixels.u = (PIXEL_ROW(S, 0, x, y) + n * S[3]) * inverse;
+    pixels.v = (PIXEL_ROW(S, 1, x, y) + n * S[7]) * inverse;
+    pixels.n = n;
     if (answers == ANSWERS_OF_LINES) {
         const floatl moves_by = (fabs(S[3] - pixels.u * S[11]) + fabs(S[7] - pixels.v * S[11])) * fabs(inverse);
         pixels.smooth = pixels.smooth & (curved * moves_by < ROUGH * density);
@@ -153,7 +152,7 @@ floatl trace_around(global const float *seen, Grid grid, PixelMap map, intl x, i
                     float density)
 {
     const Rays rays = rays_of(map, to_floatl(x), y);
-    const Lines lines = lines_of(rays, grid);
+    const Epipolar epipolar = epipolar_of(rays, grid);
     floatl places[ANSWERS], last = -INFINITY;
     intl answered = 0;
     intl own = 0;
@@ -164,8 +163,8 @@ floatl trace_around(global const float *seen, Grid grid, PixelMap map, intl x, i
         const intl there = (nx >= 0) & (nx < map.dst_width) & (intl)(ny >= 0 && ny < map.dst_height ? -1 : 0);
         const intl index = clamp(ny, 0, map.dst_height - 1) * map.dst_pitch + clamp(nx, (intl)0, (intl)(map.dst_width - 1));
         const floatl answer = (floatl)(gather(seen, index));
-        const intl hit = there & IS_HIT(answer);
-        const floatl place = distance_of(rays, lines, answer);
+        const intl hit = there & IS_MET(answer);
+        const floatl place = distance_of(rays, epipolar.lines, answer);
         places[i] = pick(hit & isfinite_lanes(place), place, (floatl)INFINITY);
         last = pick(hit, greater(place, last), last);
         answered += hit & 1;
@@ -186,7 +185,7 @@ floatl trace_around(global const float *seen, Grid grid, PixelMap map, intl x, i
     for (int i = 1; i < ANSWERS; i++)
         stretches.next[i - 1] = places[i];
     uint cells = 0;
-    const floatl found = trace(grid, rays, lines, stretches, shown, wanted & (places[0] < INFINITY), &cells);
+    const floatl found = trace(grid, rays, epipolar, stretches, shown, wanted & (places[0] < INFINITY), &cells);
     if (grid.cut.far_scale != 0.0f)
         return found;
     /* A stretch of a connected surface that begins behind it sees its back: once more, from farther before. */
@@ -197,7 +196,7 @@ floatl trace_around(global const float *seen, Grid grid, PixelMap map, intl x, i
     stretches.to = last + pick(own, (floatl)BEHIND, (floatl)BEYOND) * density;
     stretches.next[0] = INFINITY;
     stretches.count = 1;
-    return pick(again, trace(grid, rays, lines, stretches, shown, again, &cells), found);
+    return pick(again, trace(grid, rays, epipolar, stretches, shown, again, &cells), found);
 }
 
 /* The pixels' nearness and colours where their rays meet the source. */

@@ -1,9 +1,10 @@
 /* The O(n^3) inverse warp: every pixel of the target searches its own epipolar segment, from the epipole (or where the
  * line enters the image) to the projection of the ray's point at infinity (Schaufler & Priglinger 1999, section 4).
  *
- * seen: (dst_height, dst_pitch) nearness of the hit, BLOCKED or EMPTY. Work-item: LANES pixels of a row.
+ * seen: (dst_height, dst_pitch) answers (answers.h). Work-item: LANES pixels of a row.
  * Cost: O(source width) a pixel. Determinism: every pixel on its own.
  */
+#include "warp/answers.h"
 #include "warp/trace.h"
 
 kernel void search(global const float *nearness, global float *seen, PixelMap map, Cut cut, int shown, int low_x, int high_x,
@@ -19,16 +20,16 @@ kernel void search(global const float *nearness, global float *seen, PixelMap ma
         return;
     const Grid grid = {nearness, map.src_width, map.src_height, map.src_pitch, cut};
     const Rays rays = rays_of(map, to_floatl(x + lane_index), y);
-    const Lines lines = lines_of(rays, grid);
+    const Epipolar epipolar = epipolar_of(rays, grid);
     Stretches whole;
     whole.from = 0.0f;
-    whole.to = lines.length;
+    whole.to = epipolar.lines.length;
     whole.next[0] = INFINITY;
     whole.count = 1;
     whole.reach = 0.0f;
     uint cells = 0;
-    const floatl found = trace(grid, rays, lines, whole, shown, x + lane_index < high_x, &cells);
-    store_lanes(found, seen + (size_t)y * map.dst_pitch + x); /* the pitch leaves room for a whole packet */
+    const floatl found = trace(grid, rays, epipolar, whole, shown, x + lane_index < high_x, &cells);
+    store_lanes(ANSWER(found, 0), seen + (size_t)y * map.dst_pitch + x); /* the pitch leaves room for a whole packet */
 #ifdef COUNT_SAMPLES
     counts[y * ((map.dst_width + LANES - 1) / LANES) + get_global_id(0)] = cells * LANES;
 #endif

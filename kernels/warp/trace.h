@@ -7,14 +7,7 @@
  *
  * Cost: the cells of the parts of the line that are looked at, for the slowest of LANES rays.
  */
-#include "lib/lanes.h"
-#include "lib/surface.h"
-
-typedef struct {
-    global const float *nearness;
-    int width, height, pitch;
-    Cut cut;
-} Grid;
+#include "warp/cells.h"
 
 /* One ray a lane; all of them pass the target's centre, which is the epipole of the source. */
 typedef struct {
@@ -28,14 +21,13 @@ typedef struct {
     floatl q, gu, gv, x, y;
 } Plane;
 
-/* The rays' epipolar lines, by the distance walked along their major axis. */
+/* The rays' epipolar lines, and the rays' own nearness along them. */
 typedef struct {
-    floatl u, v, du, dv;       /* position at distance 0, and its change */
-    floatl near, near_step;    /* the ray's nearness there, and its change */
-    floatl length;             /* distance to walk; < 0: nothing */
-    intl along_row, along_column, along_diagonal; /* it runs along edges of the grid */
-} Lines;
+    Lines lines;
+    floatl near, near_step; /* at distance 0, and its change */
+} Epipolar;
 
+#define TOUCH 2e-4f /* pixels of the source by which a surface reaches beyond its last samples: rounding */
 #define STRETCHES_MOST 9
 
 /* The parts of a line that are looked at, in order: from ... to, and `reach` to either side of the places that follow
@@ -70,7 +62,7 @@ floatl meet(Rays rays, Plane plane, floatl *per_unit)
 }
 
 /* Where the lines run, from the epipole (or the image's border) to the border (or the epipole). */
-Lines lines_of(Rays rays, Grid grid)
+Epipolar epipolar_of(Rays rays, Grid grid)
 {
     const float4 c = rays.centre;
     const floatl dir_u = rays.u * c.z - c.x * rays.w, dir_v = rays.v * c.z - c.y * rays.w, offset = c.x * rays.v - c.y * rays.u;
@@ -104,31 +96,18 @@ Lines lines_of(Rays rays, Grid grid)
     high = pick(cuts_high, fmin(high, border), high);
     low = pick(cuts_low, fmax(low, border), low);
 
-    Lines lines;
-    const floatl from = pick(rising, low, high);
-    const floatl at_minor = minor + tilt * from;
-    lines.u = pick(u_major, from, at_minor);
-    lines.v = pick(u_major, at_minor, from);
-    lines.du = sign * pick(u_major, (floatl)1.0f, tilt);
-    lines.dv = sign * pick(u_major, tilt, (floatl)1.0f);
-    lines.near = level + slope * from;
-    lines.near_step = slope * sign;
+    Epipolar epipolar;
+    const floatl from = pick(rising, low, high), at_minor = minor + tilt * from;
     const intl runs = (fabs(major) > 0.0f) & isfinite_lanes(tilt) & isfinite_lanes(at_minor);
-    lines.length = pick(runs, high - low, (floatl)-1.0f);
-
-    /* Along the grid's edges: exactly there. */
-    const floatl long_ = fmax(lines.length, (floatl)1.0f);
-    const floatl row = floor_lanes(lines.v + 0.5f), column = floor_lanes(lines.u + 0.5f);
-    const floatl diagonal = floor_lanes(lines.u + lines.v + 0.5f);
-    const floatl turn = lines.du + lines.dv;
-    lines.along_row = (fabs(lines.dv) * long_ < ON_SAMPLES) & (fabs(lines.v - row) < ON_SAMPLES);
-    lines.along_column = (fabs(lines.du) * long_ < ON_SAMPLES) & (fabs(lines.u - column) < ON_SAMPLES);
-    lines.along_diagonal = (fabs(turn) * long_ < ON_SAMPLES) & (fabs(lines.u + lines.v - diagonal) < ON_SAMPLES);
-    lines.dv = pick(lines.along_row, (floatl)0.0f, pick(lines.along_diagonal, -lines.du, lines.dv));
-    lines.du = pick(lines.along_column, (floatl)0.0f, lines.du);
-    lines.v = pick(lines.along_row, row, pick(lines.along_diagonal, diagonal - lines.u, lines.v));
-    lines.u = pick(lines.along_column, column, lines.u);
-    return lines;
+    epipolar.lines.u = pick(u_major, from, at_minor);
+    epipolar.lines.v = pick(u_major, at_minor, from);
+    epipolar.lines.du = sign * pick(u_major, (floatl)1.0f, tilt);
+    epipolar.lines.dv = sign * pick(u_major, tilt, (floatl)1.0f);
+    epipolar.lines.length = pick(runs, high - low, (floatl)-1.0f);
+    epipolar.near = level + slope * from;
+    epipolar.near_step = slope * sign;
+    snap(&epipolar.lines);
+    return epipolar;
 }
 
 /* The distance along the lines at which a target nearness lies. */
@@ -140,25 +119,12 @@ floatl distance_of(Rays rays, Lines lines, floatl nearness)
 }
 
 /* The first triangle that the rays cross on stretches of their lines: target nearness, BLOCKED, or EMPTY if they meet
- * none. Which cell comes next is not foreseeable: selections, no branches. */
-floatl trace(Grid grid, Rays rays, Lines lines, Stretches stretches, int shown, intl wanted, uint *cells)
+ * none. */
+floatl trace(Grid grid, Rays rays, Epipolar epipolar, Stretches stretches, int shown, intl wanted, uint *cells)
 {
-    const floatl du = lines.du, dv = lines.dv;
-    const floatl step_u = pick(du < 0.0f, (floatl)-1.0f, (floatl)1.0f), step_v = pick(dv < 0.0f, (floatl)-1.0f, (floatl)1.0f);
-    const floatl ahead_u = pick(du > 0.0f, (floatl)1.0f, (floatl)0.0f), ahead_v = pick(dv > 0.0f, (floatl)1.0f, (floatl)0.0f);
-    const floatl per_u = pick(du == 0.0f, (floatl)0.0f, 1.0f / du), never_u = pick(du == 0.0f, (floatl)INFINITY, (floatl)0.0f);
-    const floatl per_v = pick(dv == 0.0f, (floatl)0.0f, 1.0f / dv), never_v = pick(dv == 0.0f, (floatl)INFINITY, (floatl)0.0f);
-    const floatl turn = du + dv, start_d = lines.u + lines.v;
-    const floatl per_d = 1.0f / turn;
-    const intl lower_first = turn >= 0.0f;
-    const floatl touch = ON_SAMPLES * fabs(lines.near_step); /* a lead that a step of that length makes */
-
-    /* A line along edges sees cells that are folded onto them. */
-    const floatl last_x = pick(lines.along_column, (floatl)(grid.width - 1), (floatl)max(grid.width - 2, 0));
-    const floatl last_y = pick(lines.along_row, (floatl)(grid.height - 1), (floatl)max(grid.height - 2, 0));
-    const intl right = pick(lines.along_column, (intl)0, (intl)min(grid.width - 1, 1));
-    const intl down = pick(lines.along_row, (intl)0, (intl)(grid.height > 1 ? grid.pitch : 0));
-
+    const Lines lines = epipolar.lines;
+    const Way way = way_of(lines, grid);
+    const floatl touch = TOUCH * fabs(epipolar.near_step); /* a lead that a step of that length makes */
     floatl at = fmax(stretches.from, (floatl)0.0f), to = fmin(stretches.to, lines.length), lead = 0.0f, x = 0.0f, y = 0.0f;
     intl active = wanted & (at <= lines.length), begins = active, connected = 0;
     floatl result = EMPTY;
@@ -181,77 +147,44 @@ floatl trace(Grid grid, Rays rays, Lines lines, Stretches stretches, int shown, 
         if (!any_lane(active))
             break;
         if (any_lane(begins)) {
-            const floatl u = lines.u + du * at, v = lines.v + dv * at;
-            x = pick(begins, pick(du < 0.0f, ceil_lanes(u) - 1.0f, floor_lanes(u)), x);
-            y = pick(begins, pick(dv < 0.0f, ceil_lanes(v) - 1.0f, floor_lanes(v)), y);
+            enter_cells(lines, at, begins, &x, &y);
             connected = connected & !begins;
             begins = 0;
         }
         *cells += 1;
+        const Cell cell = pass_cells(grid, lines, way, x, y, at);
 
-        /* The cell's samples. */
-        const floatl xc = lesser(greater(x, (floatl)0.0f), last_x), yc = lesser(greater(y, (floatl)0.0f), last_y);
-        const intl base = to_intl(yc) * grid.pitch + to_intl(xc);
-        const intl i10 = base + right, i01 = base + down;
-        const intl i00 = pick(lines.along_diagonal, i10, base), i11 = pick(lines.along_diagonal, i10, i01 + right);
-        const floatl q00 = (floatl)(gather(grid.nearness, i00)), q10 = (floatl)(gather(grid.nearness, i10)),
-                     q01 = (floatl)(gather(grid.nearness, i01)), q11 = (floatl)(gather(grid.nearness, i11));
-
-        /* Where the line leaves it, and where it passes from one triangle to the other, if it does. */
-        const floatl out_u = (x + ahead_u - lines.u) * per_u + never_u, out_v = (y + ahead_v - lines.v) * per_v + never_v;
-        const floatl out = lesser(greater(lesser(out_u, out_v), at), lines.length);
-        const floatl diagonal = (xc + yc + 1.0f - start_d) * per_d, crossing = lesser(greater(diagonal, at), out);
-        const intl no_first = !(diagonal > at), no_second = diagonal >= out; /* along the diagonal it is all one */
-
-        /* The surface's lead over the ray at the ends of both parts. */
-        const floatl u_0 = lines.u - xc + du * at, v_0 = lines.v - yc + dv * at;
-        const floatl u_1 = lines.u - xc + du * crossing, v_1 = lines.v - yc + dv * crossing;
-        const floatl u_2 = lines.u - xc + du * out, v_2 = lines.v - yc + dv * out;
-        const floatl near_0 = lines.near + lines.near_step * at, near_1 = lines.near + lines.near_step * crossing,
-                     near_2 = lines.near + lines.near_step * out;
-        const floatl lower_u = q10 - q00, lower_v = q01 - q00, upper_u = q11 - q01, upper_v = q11 - q10;
-        const floatl lower_end = q00 + lower_u * pick(lower_first, u_0, u_2) + lower_v * pick(lower_first, v_0, v_2);
-        const floatl upper_end = q10 + upper_u * (pick(lower_first, u_2, u_0) - 1.0f) + upper_v * pick(lower_first, v_2, v_0);
-        const floatl lower_1 = q00 + lower_u * u_1 + lower_v * v_1, upper_1 = q10 + upper_u * (u_1 - 1.0f) + upper_v * v_1;
-        const floatl first_1 = pick(lower_first, lower_1, upper_1) - near_1, second_1 = pick(lower_first, upper_1, lower_1) - near_1;
-        const floatl lead_0 = pick(connected, lead, pick(no_first, second_1, pick(lower_first, lower_end, upper_end) - near_0));
-        const floatl lead_1 = pick(no_first, lead_0, first_1);
-        const floatl lead_2 = pick(no_second, lead_1, pick(lower_first, upper_end, lower_end) - near_2);
-        const intl beyond = lines.along_diagonal & ((x != xc) | (y != yc)); /* of the grid, by rounding */
-        const floatl high = greater(q10, q01), low = lesser(q10, q01);
-        const intl lower_open = beyond | IS_OPEN(grid.cut, greater(high, q00), lesser(low, q00));
-        const intl upper_open = beyond | IS_OPEN(grid.cut, greater(high, q11), lesser(low, q11));
-        const intl open_1 = no_first | pick(lower_first, lower_open, upper_open);
-        const intl open_2 = no_second | pick(lower_first, upper_open, lower_open);
-        const floatl entry_2 = pick(open_1 & !no_first, second_1, lead_1);
-
+        /* The surface's lead over the ray: where it changes its sign, the ray meets the surface. */
+        const floatl near_0 = epipolar.near + epipolar.near_step * at, near_1 = epipolar.near + epipolar.near_step * cell.crossing,
+                     near_2 = epipolar.near + epipolar.near_step * cell.out;
+        const floatl lead_0 = pick(connected, lead, cell.q_in - near_0), lead_2 = cell.q_out - near_2;
+        const floatl lead_1 = pick(cell.has_first, pick(cell.has_second, cell.q_crossing - near_1, lead_2), lead_0);
         /* Surfaces end with their last sample, not before it: hence the touch. */
-        const intl front_1 = !open_1 & (lead_0 < touch) & (lead_1 >= -touch) & (lead_1 > lead_0);
-        const intl back_1 = !open_1 & (lead_0 > 0.0f) & (lead_1 <= 0.0f);
-        const intl front_2 = !open_2 & (entry_2 < touch) & (lead_2 >= -touch) & (lead_2 > entry_2);
-        const intl back_2 = !open_2 & (entry_2 > 0.0f) & (lead_2 <= 0.0f);
-        const intl meets_1 = front_1 | back_1;
-        const intl meets = active & (meets_1 | front_2 | back_2);
+        const intl first = cell.has_first & !cell.first_open, second = cell.has_second & !cell.second_open;
+        const intl first_front = first & (lead_0 < touch) & (lead_1 >= -touch) & (lead_1 > lead_0);
+        const intl first_back = first & (lead_0 > 0.0f) & (lead_1 <= 0.0f);
+        const intl second_front = second & (lead_1 < touch) & (lead_2 >= -touch) & (lead_2 > lead_1);
+        const intl second_back = second & (lead_1 > 0.0f) & (lead_2 <= 0.0f);
+        const intl in_first = first_front | first_back;
+        const intl meets = active & (in_first | second_front | second_back);
         if (any_lane(meets)) {
-            const intl front = (meets_1 & front_1) | ((!meets_1) & front_2);
+            const intl front = (in_first & first_front) | ((!in_first) & second_front);
             const intl shows = meets & ((front & (intl)(shown & SHOWS_FRONT ? -1 : 0)) | ((!front) & (intl)(shown & SHOWS_BACK ? -1 : 0)));
-            const intl lower = (meets_1 & lower_first) | (!(meets_1 | lower_first));
-            met_plane.q = pick(shows, pick(lower, q00, q10), met_plane.q);
-            met_plane.gu = pick(shows, pick(lower, lower_u, upper_u), met_plane.gu);
-            met_plane.gv = pick(shows, pick(lower, lower_v, upper_v), met_plane.gv);
-            met_plane.x = pick(shows, pick(lower, xc, xc + 1.0f), met_plane.x);
-            met_plane.y = pick(shows, yc, met_plane.y);
+            const intl lower = (in_first & way.lower_first) | (!(in_first | way.lower_first));
+            met_plane.q = pick(shows, pick(lower, cell.q00, cell.q10), met_plane.q);
+            met_plane.gu = pick(shows, pick(lower, cell.lower_u, cell.upper_u), met_plane.gu);
+            met_plane.gv = pick(shows, pick(lower, cell.lower_v, cell.upper_v), met_plane.gv);
+            met_plane.x = pick(shows, pick(lower, cell.x, cell.x + 1.0f), met_plane.x);
+            met_plane.y = pick(shows, cell.y, met_plane.y);
             is_met = is_met | shows;
             result = pick(meets & !shows, (floatl)BLOCKED, result);
             active = active & !meets;
         }
-
-        /* On to the next cell. */
-        lead = lead_2;
-        connected = pick(no_second, pick(no_first, connected, !open_1), !open_2);
-        x += pick(out_u <= out_v, step_u, (floatl)0.0f);
-        y += pick(out_v <= out_u, step_v, (floatl)0.0f);
-        at = out;
+        connected = pick(cell.has_second, !cell.second_open, pick(cell.has_first, !cell.first_open, connected));
+        lead = pick(cell.has_first | cell.has_second, lead_2, lead);
+        x = cell.next_x;
+        y = cell.next_y;
+        at = cell.out;
         active = active & (at < lines.length);
     }
     floatl per_unit;

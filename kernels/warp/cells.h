@@ -1,0 +1,136 @@
+/* A straight line's way through the triangulated grid of the source, from cell to cell.
+ *
+ * In each cell the line passes one triangle and then, unless it misses it, the other: three places, where it enters the
+ * cell, crosses the diagonal and leaves, and two parts between them.
+ */
+#include "lib/lanes.h"
+#include "lib/surface.h"
+
+typedef struct {
+    global const float *nearness;
+    int width, height, pitch;
+    Cut cut;
+} Grid;
+
+/* Lines of the source, one a lane, by the distance walked along their major axis. */
+typedef struct {
+    floatl u, v, du, dv; /* position at distance 0, and its change */
+    floatl length;       /* distance to walk; < 0: nothing */
+    intl along_row, along_column, along_diagonal; /* the line runs along edges of the grid */
+} Lines;
+
+/* What stays the same on the way. */
+typedef struct {
+    floatl step_u, step_v;   /* to the next cell */
+    floatl ahead_u, ahead_v; /* from a cell to the column and the row that the line leaves it by */
+    floatl per_u, per_v, per_d, never_u, never_v; /* distance from column to column, row to row, diagonal to diagonal */
+    floatl last_x, last_y;
+    intl right, down; /* from a sample to its neighbours, 0 where cells are folded onto the edge that a line runs along */
+    intl lower_first;
+} Way;
+
+typedef struct {
+    floatl x, y;                /* of the sample at its upper left */
+    floatl q10, q00, q01, q11;  /* its samples */
+    floatl lower_u, lower_v, upper_u, upper_v; /* its triangles' gradients */
+    floatl crossing, out;       /* distances at which the line crosses the diagonal, and leaves */
+    floatl q_in, q_crossing, q_out; /* the surface's nearness there and where it enters */
+    intl has_first, has_second; /* whether the parts are there */
+    intl first_open, second_open; /* and no surface */
+    floatl next_x, next_y;
+} Cell;
+
+/* A line that runs along samples, or their diagonals, but for rounding, does. */
+void snap(Lines *lines)
+{
+    const floatl longest = fmax(lines->length, (floatl)1.0f);
+    const floatl row = floor_lanes(lines->v + 0.5f), column = floor_lanes(lines->u + 0.5f);
+    const floatl diagonal = floor_lanes(lines->u + lines->v + 0.5f);
+    lines->along_row = (fabs(lines->dv) * longest < ON_SAMPLES) & (fabs(lines->v - row) < ON_SAMPLES);
+    lines->along_column = (fabs(lines->du) * longest < ON_SAMPLES) & (fabs(lines->u - column) < ON_SAMPLES);
+    lines->along_diagonal = (fabs(lines->du + lines->dv) * longest < ON_SAMPLES) & (fabs(lines->u + lines->v - diagonal) < ON_SAMPLES);
+    lines->dv = pick(lines->along_row, (floatl)0.0f, pick(lines->along_diagonal, -lines->du, lines->dv));
+    lines->du = pick(lines->along_column, (floatl)0.0f, lines->du);
+    lines->v = pick(lines->along_row, row, pick(lines->along_diagonal, diagonal - lines->u, lines->v));
+    lines->u = pick(lines->along_column, column, lines->u);
+}
+
+Way way_of(Lines lines, Grid grid)
+{
+    const floatl du = lines.du, dv = lines.dv;
+    Way way;
+    way.step_u = pick(du < 0.0f, (floatl)-1.0f, (floatl)1.0f);
+    way.step_v = pick(dv < 0.0f, (floatl)-1.0f, (floatl)1.0f);
+    way.ahead_u = pick(du > 0.0f, (floatl)1.0f, (floatl)0.0f);
+    way.ahead_v = pick(dv > 0.0f, (floatl)1.0f, (floatl)0.0f);
+    way.per_u = pick(du == 0.0f, (floatl)0.0f, 1.0f / du);
+    way.per_v = pick(dv == 0.0f, (floatl)0.0f, 1.0f / dv);
+    way.per_d = 1.0f / (du + dv);
+    way.never_u = pick(du == 0.0f, (floatl)INFINITY, (floatl)0.0f);
+    way.never_v = pick(dv == 0.0f, (floatl)INFINITY, (floatl)0.0f);
+    way.lower_first = du + dv >= 0.0f;
+    way.last_x = pick(lines.along_column, (floatl)(grid.width - 1), (floatl)max(grid.width - 2, 0));
+    way.last_y = pick(lines.along_row, (floatl)(grid.height - 1), (floatl)max(grid.height - 2, 0));
+    way.right = pick(lines.along_column, (intl)0, (intl)min(grid.width - 1, 1));
+    way.down = pick(lines.along_row, (intl)0, (intl)(grid.height > 1 ? grid.pitch : 0));
+    return way;
+}
+
+/* The cells (x, y) that lines enter at a distance. */
+void enter_cells(Lines lines, floatl at, intl which, floatl *x, floatl *y)
+{
+    const floatl u = lines.u + lines.du * at, v = lines.v + lines.dv * at;
+    *x = pick(which, pick(lines.du < 0.0f, ceil_lanes(u) - 1.0f, floor_lanes(u)), *x);
+    *y = pick(which, pick(lines.dv < 0.0f, ceil_lanes(v) - 1.0f, floor_lanes(v)), *y);
+}
+
+/* The lines' parts in the cells (x, y), which they are in at a distance. Which cell comes next is not foreseeable:
+ * selections, no branches; and distances from whole cells, no sums of steps, which drift. */
+Cell pass_cells(Grid grid, Lines lines, Way way, floatl x, floatl y, floatl at)
+{
+    Cell cell;
+    const floatl xc = lesser(greater(x, (floatl)0.0f), way.last_x), yc = lesser(greater(y, (floatl)0.0f), way.last_y);
+    const intl base = to_intl(yc) * grid.pitch + to_intl(xc);
+    const intl i10 = base + way.right, i01 = base + way.down;
+    const intl i00 = pick(lines.along_diagonal, i10, base), i11 = pick(lines.along_diagonal, i10, i01 + way.right);
+    const floatl q00 = (floatl)(gather(grid.nearness, i00)), q10 = (floatl)(gather(grid.nearness, i10)),
+                 q01 = (floatl)(gather(grid.nearness, i01)), q11 = (floatl)(gather(grid.nearness, i11));
+
+    const floatl out_u = (x + way.ahead_u - lines.u) * way.per_u + way.never_u;
+    const floatl out_v = (y + way.ahead_v - lines.v) * way.per_v + way.never_v;
+    const floatl out = lesser(greater(lesser(out_u, out_v), at), lines.length);
+    const floatl diagonal = (xc + yc + 1.0f - (lines.u + lines.v)) * way.per_d;
+    cell.next_x = x + pick(out_u <= out_v, way.step_u, (floatl)0.0f);
+    cell.next_y = y + pick(out_v <= out_u, way.step_v, (floatl)0.0f);
+    cell.crossing = lesser(greater(diagonal, at), out);
+    cell.out = out;
+    cell.has_first = diagonal > at; /* a line along the diagonal has but the second */
+    cell.has_second = !(diagonal >= out);
+
+    const floatl u_0 = lines.u - xc + lines.du * at, v_0 = lines.v - yc + lines.dv * at;
+    const floatl u_2 = lines.u - xc + lines.du * out, v_2 = lines.v - yc + lines.dv * out;
+    const floatl u_1 = lines.u - xc + lines.du * cell.crossing;
+    cell.lower_u = q10 - q00;
+    cell.lower_v = q01 - q00;
+    cell.upper_u = q11 - q01;
+    cell.upper_v = q11 - q10;
+    const intl enters_lower = (way.lower_first & cell.has_first) | (!(way.lower_first | cell.has_first));
+    const intl leaves_lower = (way.lower_first & !cell.has_second) | (!way.lower_first & cell.has_second);
+    cell.q_in = pick(enters_lower, q00 + cell.lower_u * u_0 + cell.lower_v * v_0, q10 + cell.upper_u * (u_0 - 1.0f) + cell.upper_v * v_0);
+    cell.q_out = pick(leaves_lower, q00 + cell.lower_u * u_2 + cell.lower_v * v_2, q10 + cell.upper_u * (u_2 - 1.0f) + cell.upper_v * v_2);
+    cell.q_crossing = q01 + u_1 * (q10 - q01);
+
+    const intl beyond = lines.along_diagonal & ((x != xc) | (y != yc)); /* of the grid, by rounding */
+    const floatl high = greater(q10, q01), low = lesser(q10, q01);
+    const intl lower_open = beyond | IS_OPEN(grid.cut, greater(high, q00), lesser(low, q00));
+    const intl upper_open = beyond | IS_OPEN(grid.cut, greater(high, q11), lesser(low, q11));
+    cell.first_open = pick(way.lower_first, lower_open, upper_open);
+    cell.second_open = pick(way.lower_first, upper_open, lower_open);
+    cell.x = xc;
+    cell.y = yc;
+    cell.q00 = q00;
+    cell.q10 = q10;
+    cell.q01 = q01;
+    cell.q11 = q11;
+    return cell;
+}
