@@ -207,10 +207,11 @@ def _look(samples: Samples, pixel_map: PixelMap, target: Target, options: _Optio
         )
     else:
         seen.fill(_EMPTY)
-        defines = {"ALIGNED": 1, "DIAGONALS": int(not pixel_map.on_samples)} if aligned else {}
+        # Where a torn surface ends, lines are not asked for more than where to look; a connected one has crests.
+        exact = not (pixel_map.on_samples if aligned else options.cuts)
         answers = _OWN if aligned else _OF_LINES
         launch(
-            kernel("warp/epipolar.cl", "epipolar_sweep", **defines),
+            kernel("warp/epipolar.cl", "epipolar_sweep", ALIGNED=int(aligned), EDGES=int(exact)),
             (packets,),
             groups=upload(groups),
             group_count=len(groups),

@@ -20,12 +20,11 @@
  * seen: (dst_height, dst_pitch) answers (answers.h), filled with EMPTY before; behind them LANES
  * floats a work-item, for lanes with nothing to write. ALIGNED: all lines run along rows or columns of both images
  * (stereo, light fields) and pass through the pixels' centres, so that their answers are the pixels' own.
- * DIAGONALS: the surface is followed from edge to edge of the triangles, diagonals too, and not from column to column
- * (or row to row) alone; lines that are aligned but lie between the samples need it.
+ * EDGES: the surface is followed from edge to edge of its triangles, and not from column to column (row to row) alone,
+ * which skips their diagonals: exact for the line, at about twice the cost.
  */
-#include "lib/lanes.h"
-#include "lib/surface.h"
 #include "warp/answers.h"
+#include "warp/cells.h"
 
 /* Equally spaced epipolar lines of the target; "along" is the axis that they advance in, "across" the other. */
 typedef struct {
@@ -45,8 +44,8 @@ typedef struct {
 #ifndef ALIGNED
 #define ALIGNED 0 /* 1: lines along rows or columns of both images, through the pixels' centres */
 #endif
-#ifndef DIAGONALS
-#define DIAGONALS 0 /* 1: with ALIGNED, lines that may lie between the samples */
+#ifndef EDGES
+#define EDGES 0 /* 1: from edge to edge of the triangles, which is what lines meet; 0: from column to column (row to row) */
 #endif
 
 #define AHEAD 8 /* steps between a prefetch and the use */
@@ -66,7 +65,7 @@ typedef struct {
         }                                                                                                      \
     }
 
-/* LANES lines in both images. */
+/* LANES epipolar lines in both images. */
 typedef struct {
     int along, across;             /* axes of the target: x 0, y 1 */
     floatl start, slope;           /* in the target: across = start + slope * along, */
@@ -75,7 +74,7 @@ typedef struct {
     floatl minor_0, tilt, sign;    /* sign: of the walk's steps, away from the epipole as the ray recedes */
     floatl from, to, last_major;   /* major coordinates that are walked; none if from > to */
     intl last_minor, stride_major, stride_minor;
-} Lines;
+} Epipolars;
 
 /* The interval that a connected run of samples has settled, [below + 1, above - 1]. */
 typedef struct {
@@ -102,10 +101,10 @@ typedef struct {
 #define STORE_LANE(l) seen[address.s##l] = stored.s##l;
 
 /* The lines of a packet in the target. */
-Lines lines_of(LineGroup group, PixelMap map, int packet, float nearest, float farthest)
+Epipolars epipolars_of(LineGroup group, PixelMap map, int packet, float nearest, float farthest)
 {
     const float *D = map.dst_from_src, *S = map.src_from_dst;
-    Lines line;
+    Epipolars line;
     line.along = group.axis;
     line.across = 1 - group.axis;
     const float b_along = D[4 * line.along + 3], b_across = D[4 * line.across + 3], b_w = D[11];
@@ -169,14 +168,18 @@ Lines lines_of(LineGroup group, PixelMap map, int packet, float nearest, float f
     }
     from = pick(bounded, fmax(from, reach_low - 1.0f), from);
     to = pick(bounded, fmin(to, reach_high + 1.0f), to);
-    /* One sample more at each end: what lies between the last sample and the clip belongs to the line, too. */
-    line.from = fmax(ceil(from) - 1.0f, (floatl)0.0f);
-    line.to = fmin(floor(to) + 1.0f, line.last_major);
+#if !EDGES /* one sample more at each end: what lies between the last sample and the clip belongs to the line, too */
+    from = fmax(ceil(from) - 1.0f, (floatl)0.0f);
+    to = fmin(floor(to) + 1.0f, line.last_major);
+#endif
+    line.from = from;
+    line.to = to;
     return line;
 }
 
-/* Settles the pixels between the ends of a segment of the surface that its interval does not hold yet. */
-void extend(Interval *interval, Answers *answers, Place a, Place b, intl open, Lines line, LineGroup group, PixelMap map)
+/* Settles the pixels between the ends of a segment of the surface that its interval does not hold yet. there: lanes
+ * that have a segment; open: it is no surface. */
+void extend(Interval *interval, Answers *answers, Place a, Place b, intl there, intl open, Epipolars line, LineGroup group, PixelMap map)
 {
     const float b_along = map.dst_from_src[4 * line.along + 3], b_across = map.dst_from_src[4 * line.across + 3], b_w = map.dst_from_src[11];
     const float innermost = 1 << group.levels;
@@ -185,7 +188,7 @@ void extend(Interval *interval, Answers *answers, Place a, Place b, intl open, L
 
     const floatl crosses = b.p * a.w - a.p * b.w; /* the sign of the target's move from a to b, if both are before it */
     const intl emerges = (a.w <= 0.0f) & (b.w > 0.0f); /* out of the plane of the target's centre */
-    const intl begins = !open & (interval->anew | emerges);
+    const intl begins = there & (!open) & (interval->anew | emerges);
     if (any_lane(begins)) {
         const floatl from_infinity = pick(crosses > 0.0f, (floatl)-1e9f, (floatl)1e9f);
         const floatl t = lesser(greater(pick(emerges, from_infinity, a.p / a.w), line.low - 1.0f), line.high + 1.0f);
@@ -197,10 +200,11 @@ void extend(Interval *interval, Answers *answers, Place a, Place b, intl open, L
         answers->begun_anew |= any_lane(begins & interval->begun);
         interval->begun = interval->begun | begins;
     }
-    interval->anew = open;
+    interval->anew = pick(there, open, interval->anew);
+    const intl closed = there & !open;
     for (;;) {
-        const intl goes_up = !open & (b.p - interval->above * b.w >= -guard * b.w) & (interval->above <= line.high);
-        const intl goes_down = !open & (b.p - interval->below * b.w <= guard * b.w) & (interval->below >= line.low);
+        const intl goes_up = closed & (b.p - interval->above * b.w >= -guard * b.w) & (interval->above <= line.high);
+        const intl goes_down = closed & (b.p - interval->below * b.w <= guard * b.w) & (interval->below >= line.low);
         if (!any_lane(goes_up | goes_down))
             break;
         const floatl p = pick(goes_up, interval->above, interval->below);
@@ -250,6 +254,150 @@ void extend(Interval *interval, Answers *answers, Place a, Place b, intl open, L
     }
 }
 
+/* Homogeneous target positions along lines of the source at nearness 0: affine in the distance walked. */
+typedef struct {
+    floatl p_0, p_1, w_0, w_1, q_0, q_1;
+    float b_p, b_w, b_q; /* and what nearness adds */
+} Targets;
+
+Targets targets_of(PixelMap map, int along, floatl u, floatl v, floatl du, floatl dv)
+{
+    const float *D = map.dst_from_src;
+    Targets targets;
+    targets.p_0 = PIXEL_ROW(D, along, u, v);
+    targets.p_1 = D[4 * along] * du + D[4 * along + 1] * dv;
+    targets.w_0 = PIXEL_ROW(D, 2, u, v);
+    targets.w_1 = D[8] * du + D[9] * dv;
+    targets.q_0 = PIXEL_ROW(D, 3, u, v);
+    targets.q_1 = D[12] * du + D[13] * dv;
+    targets.b_p = D[4 * along + 3];
+    targets.b_w = D[11];
+    targets.b_q = D[15];
+    return targets;
+}
+
+Place place_at(Targets targets, floatl distance, floatl nearness)
+{
+    Place place;
+    place.nearness = nearness;
+    place.p = targets.p_0 + targets.p_1 * distance + nearness * targets.b_p;
+    place.w = targets.w_0 + targets.w_1 * distance + nearness * targets.b_w;
+    place.q = targets.q_0 + targets.q_1 * distance + nearness * targets.b_q;
+    return place;
+}
+
+/* Behind an orthographic target's image plane? Behind a perspective one, W tells. */
+#define IS_BEHIND(map, place) ((map).dst_perspective ? (intl)0 : ((place).q >= 0.0f))
+
+Interval nothing_settled(Epipolars line)
+{
+    Interval interval;
+    interval.anew = -1;
+    interval.begun = 0;
+    interval.above = line.low;
+    interval.below = line.low - 1.0f;
+    return interval;
+}
+
+#if EDGES
+/* Along the edges of the triangles. Returns the cells that were passed. */
+uint walk_edges(Grid grid, Epipolars line, LineGroup group, PixelMap map, Answers *answers)
+{
+    const floatl from = pick(line.sign > 0.0f, line.from, line.to), minor = line.minor_0 + line.tilt * from;
+    Lines lines;
+    lines.u = pick(line.u_major, from, minor);
+    lines.v = pick(line.u_major, minor, from);
+    lines.du = line.sign * pick(line.u_major, (floatl)1.0f, line.tilt);
+    lines.dv = line.sign * pick(line.u_major, line.tilt, (floatl)1.0f);
+    lines.length = pick(line.low <= line.high, line.to - line.from, (floatl)-1.0f);
+    snap(&lines);
+    const Way way = way_of(lines, grid);
+    const Targets targets = targets_of(map, line.along, lines.u, lines.v, lines.du, lines.dv);
+    Interval interval = nothing_settled(line);
+    floatl at = 0.0f, x = 0.0f, y = 0.0f;
+    intl active = lines.length > 0.0f, connected = 0;
+    enter_cells(lines, at, active, &x, &y);
+    Place before = place_at(targets, at, (floatl)NO_SURFACE);
+    uint cells = 0;
+    while (any_lane(active)) {
+#ifdef COUNT_SAMPLES
+        COUNT(cells, active)
+#endif
+        const Cell cell = pass_cells(grid, lines, way, x, y, at);
+        Place enters = place_at(targets, at, cell.q_in);
+        enters.p = pick(connected, before.p, enters.p);
+        enters.w = pick(connected, before.w, enters.w);
+        enters.q = pick(connected, before.q, enters.q);
+        const Place crosses = place_at(targets, cell.crossing, cell.q_crossing), leaves = place_at(targets, cell.out, cell.q_out);
+        const intl has_both = cell.has_first & cell.has_second;
+        for (int part = 0; part < 2; part++) {
+            const intl there = active & (part ? cell.has_second : cell.has_first);
+            if (!any_lane(there))
+                continue;
+            Place a = enters, b = leaves;
+            if (part) {
+                a.p = pick(has_both, crosses.p, enters.p);
+                a.w = pick(has_both, crosses.w, enters.w);
+                a.q = pick(has_both, crosses.q, enters.q);
+            } else {
+                b.p = pick(has_both, crosses.p, leaves.p);
+                b.w = pick(has_both, crosses.w, leaves.w);
+                b.q = pick(has_both, crosses.q, leaves.q);
+            }
+            const intl open = (part ? cell.second_open : cell.first_open) | IS_BEHIND(map, a) | IS_BEHIND(map, b);
+            extend(&interval, answers, a, b, there, open, line, group, map);
+        }
+        connected = pick(cell.has_second, !cell.second_open, pick(cell.has_first, !cell.first_open, connected));
+        before = leaves;
+        x = cell.next_x;
+        y = cell.next_y;
+        at = cell.out;
+        active = active & (at < lines.length);
+    }
+    return cells;
+}
+#else
+/* From column to column (or row to row): where the line passes between two samples. Returns the steps. */
+uint walk_samples(Grid grid, Epipolars line, LineGroup group, PixelMap map, Answers *answers)
+{
+    const intl steps = pick((line.low <= line.high) & (line.from <= line.to), to_intl(line.to - line.from), (intl)-1);
+    const Targets targets =
+        targets_of(map, line.along, pick(line.u_major, (floatl)0.0f, line.minor_0), pick(line.u_major, line.minor_0, (floatl)0.0f),
+                   pick(line.u_major, (floatl)1.0f, line.tilt), pick(line.u_major, line.tilt, (floatl)1.0f));
+    Interval interval = nothing_settled(line);
+    floatl major = pick(line.sign > 0.0f, line.from, line.to);
+    Place before = place_at(targets, major, (floatl)NO_SURFACE);
+    uint samples = 0;
+#if LANES == 16
+    const int last_sample = map.src_height * map.src_pitch - 1;
+    const intl ahead = AHEAD * to_intl(line.sign) * line.stride_major;
+#endif
+    for (int step = 0; any_lane(step <= steps); step++, major += line.sign) {
+        const intl active = step <= steps;
+#ifdef COUNT_SAMPLES
+        COUNT(samples, active)
+#endif
+        const intl m = clamp(to_intl(major), (intl)0, to_intl(line.last_major));
+        const floatl minor = lesser(greater(line.minor_0 + line.tilt * major, (floatl)0.0f), to_floatl(line.last_minor));
+        const intl cell = max(min(to_intl(minor), line.last_minor - 1), (intl)0);
+        const floatl part = minor - to_floatl(cell);
+        const intl at = m * line.stride_major + cell * line.stride_minor;
+#if LANES == 16
+        FORESEE(grid.nearness, at, ahead, last_sample)
+#endif
+        const intl next = at + pick(line.last_minor > 0, line.stride_minor, (intl)0);
+        const floatl qa = (floatl)(gather(grid.nearness, at)), qb = (floatl)(gather(grid.nearness, next));
+        const intl torn = IS_OPEN(grid.cut, greater(qa, qb), lesser(qa, qb));
+        const Place here = place_at(targets, major, pick(torn, pick(part < 0.5f, qa, qb), qa + part * (qb - qa)));
+        const floatl high = greater(here.nearness, before.nearness), low = lesser(here.nearness, before.nearness);
+        const intl open = IS_OPEN(grid.cut, high, low) | IS_BEHIND(map, before) | IS_BEHIND(map, here);
+        extend(&interval, answers, before, here, active, open, line, group, map);
+        before = here;
+    }
+    return samples;
+}
+#endif
+
 kernel void epipolar_sweep(global const float *nearness, global float *seen, global const LineGroup *groups,
                            int group_count, int packet_count, PixelMap map, Cut cut, int shown, float nearest,
                            float farthest
@@ -269,27 +417,9 @@ kernel void epipolar_sweep(global const float *nearness, global float *seen, glo
     while (g + 1 < group_count && packet >= groups[g + 1].first_packet)
         g++;
     const LineGroup group = groups[g];
-    const Lines line = lines_of(group, map, packet, nearest, farthest);
-    const intl steps = pick((line.low <= line.high) & (line.from <= line.to), to_intl(line.to - line.from), (intl)-1);
-    if (!any_lane(steps >= 0))
+    const Epipolars line = epipolars_of(group, map, packet, nearest, farthest);
+    if (!any_lane((line.low <= line.high) & (line.from <= line.to)))
         return;
-
-    /* Homogeneous target position along the line, at nearness 0: affine in the major coordinate. */
-    const float *D = map.dst_from_src;
-    const int along = line.along;
-    const floatl u_0 = pick(line.u_major, (floatl)0.0f, line.minor_0), u_1 = pick(line.u_major, (floatl)1.0f, line.tilt);
-    const floatl v_0 = pick(line.u_major, line.minor_0, (floatl)0.0f), v_1 = pick(line.u_major, line.tilt, (floatl)1.0f);
-    const floatl p_0 = PIXEL_ROW(D, along, u_0, v_0), p_1 = D[4 * along] * u_1 + D[4 * along + 1] * v_1;
-    const floatl w_0 = PIXEL_ROW(D, 2, u_0, v_0), w_1 = D[8] * u_1 + D[9] * v_1;
-    const floatl q_0 = PIXEL_ROW(D, 3, u_0, v_0), q_1 = D[12] * u_1 + D[13] * v_1;
-    const float b_along = D[4 * along + 3], b_w = D[11], b_q = D[15];
-#define PLACE(name, at, of_surface)                                                                            \
-    Place name;                                                                                                \
-    name.nearness = of_surface;                                                                                \
-    name.p = p_0 + p_1 * (at) + name.nearness * b_along;                                                       \
-    name.w = w_0 + w_1 * (at) + name.nearness * b_w;                                                           \
-    name.q = q_0 + q_1 * (at) + name.nearness * b_q;
-
     const int front_is_up = group.side < 0; /* -D is towards larger pixels */
     Answers answers;
     answers.seen = seen;
@@ -298,68 +428,12 @@ kernel void epipolar_sweep(global const float *nearness, global float *seen, glo
     answers.down_hides = !(shown & (front_is_up ? SHOWS_BACK : SHOWS_FRONT));
     answers.begun_anew = 0;
     answers.pixels = 0;
-    Interval interval;
-    interval.anew = -1;
-    interval.begun = 0;
-    interval.above = line.low;
-    interval.below = line.low - 1.0f;
-    uint samples = 0;
-
-    floatl major = pick(line.sign > 0.0f, line.from, line.to);
-    PLACE(before, major, (floatl)NO_SURFACE)
-    const int last_sample = map.src_height * map.src_pitch - 1;
-    const intl ahead = AHEAD * to_intl(line.sign) * line.stride_major;
-#if DIAGONALS
-    floatl qa_before = NO_SURFACE, qb_before = NO_SURFACE;
-#endif
-    for (int step = 0; any_lane(step <= steps); step++, major += line.sign) {
-        const intl active = step <= steps;
-#ifdef COUNT_SAMPLES
-        COUNT(samples, active)
-#endif
-        const intl m = clamp(to_intl(major), (intl)0, to_intl(line.last_major));
-        const floatl minor = lesser(greater(line.minor_0 + line.tilt * major, (floatl)0.0f), to_floatl(line.last_minor));
-        const intl cell = max(min(to_intl(minor), line.last_minor - 1), (intl)0);
-        const floatl part = minor - to_floatl(cell);
-        const intl at = m * line.stride_major + cell * line.stride_minor;
-#if LANES == 16
-        FORESEE(nearness, at, ahead, last_sample)
-#endif
-        const intl next = at + pick(line.last_minor > 0, line.stride_minor, (intl)0);
-        floatl qa = (floatl)(gather(nearness, at)), qb = (floatl)(gather(nearness, next));
-#if ALIGNED
-        /* A line along samples sees those alone. */
-        qa = pick(part == 1.0f, qb, qa);
-        qb = pick(part == 0.0f, qa, qb);
-#endif
-#if DIAGONALS
-        const intl up = line.sign > 0.0f;
-        const floatl turns_at = pick(up, 1.0f - part, part); /* from the place before */
-        const floatl q_before = pick(up, qb_before, qa_before), q_here = pick(up, qa, qb); /* the diagonal's ends */
-        PLACE(diagonal, major - line.sign * (1.0f - turns_at), q_before + turns_at * (q_here - q_before))
-        PLACE(here, major, qa + part * (qb - qa))
-        const floatl high_before = greater(qa_before, qb_before), low_before = lesser(qa_before, qb_before);
-        const floatl high = greater(qa, qb), low = lesser(qa, qb);
-        intl open = IS_OPEN(cut, greater(high_before, q_here), lesser(low_before, q_here)) | !active;
-        intl open_after = IS_OPEN(cut, greater(high, q_before), lesser(low, q_before)) | !active;
-        if (!map.dst_perspective) { /* behind an orthographic target's image plane */
-            open = open | (before.q >= 0.0f) | (diagonal.q >= 0.0f);
-            open_after = open_after | (diagonal.q >= 0.0f) | (here.q >= 0.0f);
-        }
-        extend(&interval, &answers, before, diagonal, open, line, group, map);
-        extend(&interval, &answers, diagonal, here, open_after, line, group, map);
-        qa_before = qa;
-        qb_before = qb;
+    const Grid grid = {nearness, map.src_width, map.src_height, map.src_pitch, cut};
+#if EDGES
+    const uint samples = walk_edges(grid, line, group, map, &answers);
 #else
-        const intl torn = IS_OPEN(cut, greater(qa, qb), lesser(qa, qb));
-        PLACE(here, major, pick(torn, pick(part < 0.5f, qa, qb), qa + part * (qb - qa)))
-        intl open = IS_OPEN(cut, greater(here.nearness, before.nearness), lesser(here.nearness, before.nearness)) | !active;
-        if (!map.dst_perspective) /* behind an orthographic target's image plane */
-            open = open | (before.q >= 0.0f) | (here.q >= 0.0f);
-        extend(&interval, &answers, before, here, open, line, group, map);
+    const uint samples = walk_samples(grid, line, group, map, &answers);
 #endif
-        before = here;
-    }
 #ifdef COUNT_SAMPLES
     counts[2 * packet] = samples;
     counts[2 * packet + 1] = answers.pixels;
