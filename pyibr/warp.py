@@ -33,6 +33,7 @@ _OF_LINES, _OWN, _OF_ALL = 0, 1, 2  # ANSWERS_... of kernels/warp/resolve.cl
 _SPLAT_MOST = 64.0
 _PIXELS_MOST = 1 << 29  # kernels number samples and colour bytes in 32 bits
 _APART_MOST = 16
+_LOOK_TORN, _LOOK_CONNECTED = (1.0, 2.0), (0.5, 4.0)  # `rough` and `window` of kernels/warp/resolve.cl, measured
 _STRIP = 16  # packets of a row that one work-item of a CPU takes: enough to hide what starting it costs
 
 
@@ -223,8 +224,9 @@ def _look(samples: Samples, pixel_map: PixelMap, target: Target, options: _Optio
     low_x, high_x, low_y, high_y = 0, width, 0, height
     if not target.blank:
         low_x, high_x, low_y, high_y = reach.low_x, reach.high_x, reach.low_y, reach.high_y
+    rough, window = _LOOK_TORN if options.cuts else _LOOK_CONNECTED
     strip = 1 if session.lanes == 1 else _STRIP
-    apart = min(math.ceil(1.0 / pixel_map.density), _APART_MOST)
+    apart = min(math.ceil(0.5 / pixel_map.density), _APART_MOST)
     launch(
         kernel("warp/resolve.cl", "resolve", COLOR_BYTES=target.channel_bytes, STRIP=strip, ZOOMED=int(apart > 1)),
         (-(-(high_x - low_x) // (strip * session.lanes)), high_y - low_y),
@@ -239,6 +241,8 @@ def _look(samples: Samples, pixel_map: PixelMap, target: Target, options: _Optio
         density=max(pixel_map.density, 1.0),
         typical=pixel_map.typical,
         apart=apart,
+        rough=rough,
+        window=window,
         **common,
         **target.outputs(),
     )

@@ -41,7 +41,7 @@ typedef struct {
 } Cell;
 
 /* A line that runs along samples, or their diagonals, but for rounding, does. */
-void snap(Lines *lines)
+INLINED void snap(Lines *lines)
 {
     const floatl longest = fmax(lines->length, (floatl)1.0f);
     const floatl row = floor_lanes(lines->v + 0.5f), column = floor_lanes(lines->u + 0.5f);
@@ -55,7 +55,7 @@ void snap(Lines *lines)
     lines->u = pick(lines->along_column, column, lines->u);
 }
 
-Way way_of(Lines lines, Grid grid)
+INLINED Way way_of(Lines lines, Grid grid)
 {
     const floatl du = lines.du, dv = lines.dv;
     Way way;
@@ -77,7 +77,7 @@ Way way_of(Lines lines, Grid grid)
 }
 
 /* The cells (x, y) that lines enter at a distance. */
-void enter_cells(Lines lines, floatl at, intl which, floatl *x, floatl *y)
+INLINED void enter_cells(Lines lines, floatl at, intl which, floatl *x, floatl *y)
 {
     const floatl u = lines.u + lines.du * at, v = lines.v + lines.dv * at;
     *x = pick(which, pick(lines.du < 0.0f, ceil_lanes(u) - 1.0f, floor_lanes(u)), *x);
@@ -86,7 +86,7 @@ void enter_cells(Lines lines, floatl at, intl which, floatl *x, floatl *y)
 
 /* The lines' parts in the cells (x, y), which they are in at a distance. Which cell comes next is not foreseeable:
  * selections, no branches; and distances from whole cells, no sums of steps, which drift. */
-Cell pass_cells(Grid grid, Lines lines, Way way, floatl x, floatl y, floatl at)
+INLINED Cell pass_cells(Grid grid, Lines lines, Way way, floatl x, floatl y, floatl at)
 {
     Cell cell;
     const floatl xc = lesser(greater(x, (floatl)0.0f), way.last_x), yc = lesser(greater(y, (floatl)0.0f), way.last_y);

@@ -101,7 +101,7 @@ typedef struct {
 #define STORE_LANE(l) seen[address.s##l] = stored.s##l;
 
 /* The lines of a packet in the target. */
-Epipolars epipolars_of(LineGroup group, PixelMap map, int packet, float nearest, float farthest)
+INLINED Epipolars epipolars_of(LineGroup group, PixelMap map, int packet, float nearest, float farthest)
 {
     const float *D = map.dst_from_src, *S = map.src_from_dst;
     Epipolars line;
@@ -179,7 +179,7 @@ Epipolars epipolars_of(LineGroup group, PixelMap map, int packet, float nearest,
 
 /* Settles the pixels between the ends of a segment of the surface that its interval does not hold yet. there: lanes
  * that have a segment; open: it is no surface. */
-void extend(Interval *interval, Answers *answers, Place a, Place b, intl there, intl open, Epipolars line, LineGroup group, PixelMap map)
+INLINED void extend(Interval *interval, Answers *answers, Place a, Place b, intl there, intl open, Epipolars line, LineGroup group, PixelMap map)
 {
     const float b_along = map.dst_from_src[4 * line.along + 3], b_across = map.dst_from_src[4 * line.across + 3], b_w = map.dst_from_src[11];
     const float innermost = 1 << group.levels;
@@ -260,7 +260,7 @@ typedef struct {
     float b_p, b_w, b_q; /* and what nearness adds */
 } Targets;
 
-Targets targets_of(PixelMap map, int along, floatl u, floatl v, floatl du, floatl dv)
+INLINED Targets targets_of(PixelMap map, int along, floatl u, floatl v, floatl du, floatl dv)
 {
     const float *D = map.dst_from_src;
     Targets targets;
@@ -276,7 +276,7 @@ Targets targets_of(PixelMap map, int along, floatl u, floatl v, floatl du, float
     return targets;
 }
 
-Place place_at(Targets targets, floatl distance, floatl nearness)
+INLINED Place place_at(Targets targets, floatl distance, floatl nearness)
 {
     Place place;
     place.nearness = nearness;
@@ -289,7 +289,7 @@ Place place_at(Targets targets, floatl distance, floatl nearness)
 /* Behind an orthographic target's image plane? Behind a perspective one, W tells. */
 #define IS_BEHIND(map, place) ((map).dst_perspective ? (intl)0 : ((place).q >= 0.0f))
 
-Interval nothing_settled(Epipolars line)
+INLINED Interval nothing_settled(Epipolars line)
 {
     Interval interval;
     interval.anew = -1;
@@ -301,7 +301,7 @@ Interval nothing_settled(Epipolars line)
 
 #if EDGES
 /* Along the edges of the triangles. Returns the cells that were passed. */
-uint walk_edges(Grid grid, Epipolars line, LineGroup group, PixelMap map, Answers *answers)
+INLINED uint walk_edges(Grid grid, Epipolars line, LineGroup group, PixelMap map, Answers *answers)
 {
     const floatl from = pick(line.sign > 0.0f, line.from, line.to), minor = line.minor_0 + line.tilt * from;
     Lines lines;
@@ -358,7 +358,7 @@ uint walk_edges(Grid grid, Epipolars line, LineGroup group, PixelMap map, Answer
 }
 #else
 /* From column to column (or row to row): where the line passes between two samples. Returns the steps. */
-uint walk_samples(Grid grid, Epipolars line, LineGroup group, PixelMap map, Answers *answers)
+INLINED uint walk_samples(Grid grid, Epipolars line, LineGroup group, PixelMap map, Answers *answers)
 {
     const intl steps = pick((line.low <= line.high) & (line.from <= line.to), to_intl(line.to - line.from), (intl)-1);
     const Targets targets =

@@ -9,15 +9,15 @@
  * seen: (dst_height, dst_pitch) nearness by epipolar.cl, or by search.cl. depth, color, valid: (dst_height, dst_width);
  * merge: keep what is nearer already. answers: what `seen` holds, ANSWERS_... below. density: pixels of the source over
  * one of the target, >= 1. apart: pixels of the target over one of the source, >= 1: what a line missed of the surface
- * by half a sample is that far from what it saw. typical: some nearness that the view has in the target.
+ * by half a sample is that far from what it saw. typical: some nearness that the view has in the target. rough: pixels
+ * of the source; a second difference of neighbours' answers that makes a surface rough. window: pixels of the source
+ * that are traced to either side of an answer.
  * Work-item: STRIP * LANES pixels of a row.
- * Cost: O(pixels): a pixel looks at no more than ANSWERS * 2 * WINDOW * density columns of the source, and once more at
+ * Cost: O(pixels): a pixel looks at no more than ANSWERS * 2 * window * density columns of the source, and once more at
  * BEYOND + BEHIND of them where a connected surface is seen from its back.
  * Determinism: every pixel on its own, from inputs alone.
  */
 #include "lib/color.h"
-#include "warp/answers.h"
-#include "warp/trace.h"
 
 #ifndef STRIP
 #define STRIP 1 /* packets of LANES pixels a work-item: pixels to trace are gathered from all of them */
@@ -26,15 +26,17 @@
 #define ZOOMED 0 /* a sample is larger than a pixel: answers that are `apart` away count, too */
 #endif
 #define ANSWERS (ZOOMED ? 9 : 5)
+#define STRETCHES (ANSWERS - 1)
+#include "warp/answers.h"
+#include "warp/trace.h"
+
 #define ANSWERS_OF_LINES 0 /* `seen` is what lines saw that pass by the pixels */
 #define ANSWERS_ARE_OWN 1  /* it is what the pixels' own rays saw */
 #define ANSWERS_OF_ALL 2   /* nothing moves with its depth: each pixel sees its place in the source */
 
-#define ROUGH 1.0f       /* pixels of the source: second difference of neighbours' answers that makes a surface rough */
 #define AT_EPIPOLE 1e-2f /* pixels of the target around the epipole that no line settles */
 #define TOLERANCE 1e-3f  /* pixels by which a hit may lie outside its triangle: rounding, not geometry */
-#define WINDOW 2.0f      /* pixels of the source that are traced to either side of an answer; */
-#define BEYOND 8.0f      /* if nothing is met there, before the first answer */
+#define BEYOND 8.0f      /* pixels of the source that are traced, if nothing is met around the answers, before the first */
 #define BEHIND 64.0f     /* and behind the last one: past a crest, the next slope may be far */
 
 /* What is known of a packet's pixels. */
@@ -47,8 +49,8 @@ typedef struct {
 } Pixels;
 
 /* A pixel's own answer and its neighbours', and what they say of the surface. */
-Pixels look_around(global const float *seen, PixelMap map, int x0, int y, intl inside, int answers, int apart, float density,
-                   float typical)
+INLINED Pixels look_around(global const float *seen, PixelMap map, int x0, int y, intl inside, int answers, int apart, float density,
+                   float typical, float rough)
 {
     const float *S = map.src_from_dst, *D = map.dst_from_src;
     global const float *here = seen + (size_t)y * map.dst_pitch + x0;
@@ -85,13 +87,13 @@ Pixels look_around(global const float *seen, PixelMap map, int x0, int y, intl i
     pixels.n = n;
     if (answers == ANSWERS_OF_LINES) {
         const floatl moves_by = (fabs(S[3] - pixels.u * S[11]) + fabs(S[7] - pixels.v * S[11])) * fabs(inverse);
-        pixels.smooth = pixels.smooth & (curved * moves_by < ROUGH * density);
+        pixels.smooth = pixels.smooth & (curved * moves_by < rough * density);
     }
     return pixels;
 }
 
 /* The pixels' own rays meet the triangles at their answers: settled is what meets them inside. */
-void meet_there(Pixels *pixels, Grid grid, PixelMap map, int x0, int y, int answers, int shown, float density)
+INLINED void meet_there(Pixels *pixels, Grid grid, PixelMap map, int x0, int y, int answers, int shown, float density)
 {
     const float *S = map.src_from_dst;
     const Rays rays = rays_of(map, to_floatl(x0 + lane_index), y);
@@ -141,66 +143,81 @@ void meet_there(Pixels *pixels, Grid grid, PixelMap map, int x0, int y, int answ
 
 #define SORT(i, j)                                                                                             \
     {                                                                                                          \
-        const floatl first = fmin(places[i], places[j]), last = fmax(places[i], places[j]);                    \
+        const floatl first = lesser(places[i], places[j]), last = greater(places[i], places[j]);              \
         places[i] = first;                                                                                     \
         places[j] = last;                                                                                      \
     }
+#if ZOOMED
+#define SORT_PLACES                                                                                            \
+    SORT(0, 3) SORT(1, 7) SORT(2, 5) SORT(4, 8) SORT(0, 7) SORT(2, 4) SORT(3, 8) SORT(5, 6) SORT(0, 2)         \
+    SORT(1, 3) SORT(4, 5) SORT(7, 8) SORT(1, 4) SORT(3, 6) SORT(5, 7) SORT(0, 1) SORT(2, 4) SORT(3, 5)         \
+    SORT(6, 8) SORT(2, 3) SORT(4, 5) SORT(6, 7) SORT(1, 2) SORT(3, 4) SORT(5, 6)
+#else
+#define SORT_PLACES                                                                                            \
+    SORT(0, 3) SORT(1, 4) SORT(0, 2) SORT(1, 3) SORT(0, 1) SORT(2, 4) SORT(1, 2) SORT(3, 4) SORT(2, 3)
+#endif
+
+/* Where on the pixels' own lines their neighbours' answers lie, (dx, dy) pixels away; INFINITY: nowhere. */
+INLINED floatl place_of(global const float *seen, PixelMap map, Rays rays, Lines lines, intl x, int y, int dx, int dy)
+{
+    const intl nx = x + dx;
+    const int ny = y + dy;
+    const intl index = clamp(ny, 0, map.dst_height - 1) * map.dst_pitch + clamp(nx, (intl)0, (intl)(map.dst_width - 1));
+    const floatl answer = (floatl)(gather(seen, index));
+    const floatl place = distance_of(rays, lines, answer);
+    const intl there = (nx >= 0) & (nx < map.dst_width) & (intl)(ny >= 0 && ny < map.dst_height ? -1 : 0);
+    return pick(there & IS_MET(answer) & isfinite_lanes(place), place, (floatl)INFINITY);
+}
 
 /* Pixels of a row, one a lane, traced around what their line and their neighbours' lines saw. Target nearness of the
  * hits, BLOCKED or EMPTY. */
-floatl trace_around(global const float *seen, Grid grid, PixelMap map, intl x, int y, intl wanted, int shown, int apart,
-                    float density)
+INLINED floatl trace_around(global const float *seen, Grid grid, PixelMap map, intl x, int y, intl wanted, int shown, int apart,
+                    float density, float window, uint *cells)
 {
     const Rays rays = rays_of(map, to_floatl(x), y);
     const Epipolar epipolar = epipolar_of(rays, grid);
-    floatl places[ANSWERS], last = -INFINITY;
-    intl answered = 0;
-    intl own = 0;
-    for (int i = 0; i < ANSWERS; i++) {
-        const int by = i > 4 ? apart : 1, side = i % 4;
-        const intl nx = x + (side == 1 ? -by : side == 2 ? by : 0);
-        const int ny = y + (side == 3 ? -by : i && side == 0 ? by : 0);
-        const intl there = (nx >= 0) & (nx < map.dst_width) & (intl)(ny >= 0 && ny < map.dst_height ? -1 : 0);
-        const intl index = clamp(ny, 0, map.dst_height - 1) * map.dst_pitch + clamp(nx, (intl)0, (intl)(map.dst_width - 1));
-        const floatl answer = (floatl)(gather(seen, index));
-        const intl hit = there & IS_MET(answer);
-        const floatl place = distance_of(rays, epipolar.lines, answer);
-        places[i] = pick(hit & isfinite_lanes(place), place, (floatl)INFINITY);
-        last = pick(hit, greater(place, last), last);
-        answered += hit & 1;
-        own = i ? own : hit;
-    }
-#if ZOOMED /* by insertion */
-    for (int i = 1; i < ANSWERS; i++)
-        for (int j = i; j > 0; j--)
-            SORT(j - 1, j)
-#else
-    SORT(0, 3) SORT(1, 4) SORT(0, 2) SORT(1, 3) SORT(0, 1) SORT(2, 4) SORT(1, 2) SORT(3, 4) SORT(2, 3)
+    const Lines lines = epipolar.lines;
+    floatl places[ANSWERS];
+    places[0] = place_of(seen, map, rays, lines, x, y, 0, 0);
+    places[1] = place_of(seen, map, rays, lines, x, y, -1, 0);
+    places[2] = place_of(seen, map, rays, lines, x, y, 1, 0);
+    places[3] = place_of(seen, map, rays, lines, x, y, 0, -1);
+    places[4] = place_of(seen, map, rays, lines, x, y, 0, 1);
+#if ZOOMED
+    places[5] = place_of(seen, map, rays, lines, x, y, -apart, 0);
+    places[6] = place_of(seen, map, rays, lines, x, y, apart, 0);
+    places[7] = place_of(seen, map, rays, lines, x, y, 0, -apart);
+    places[8] = place_of(seen, map, rays, lines, x, y, 0, apart);
 #endif
+    const intl answered = places[0] < INFINITY;
+    SORT_PLACES
     Stretches stretches;
-    stretches.reach = WINDOW * density;
+    stretches.reach = window * density;
     stretches.from = places[0] - stretches.reach;
     stretches.to = places[0] + stretches.reach;
-    stretches.count = ANSWERS - 1;
     for (int i = 1; i < ANSWERS; i++)
         stretches.next[i - 1] = places[i];
-    uint cells = 0;
-    const floatl found = trace(grid, rays, epipolar, stretches, shown, wanted & (places[0] < INFINITY), &cells);
-    if (grid.cut.far_scale != 0.0f)
-        return found;
-    /* A stretch of a connected surface that begins behind it sees its back: once more, from farther before. */
-    const intl again = wanted & !IS_HIT(found) & (answered + (own & 1) >= 2);
-    if (!any_lane(again))
-        return found;
-    stretches.from = places[0] - BEYOND * density;
-    stretches.to = last + pick(own, (floatl)BEHIND, (floatl)BEYOND) * density;
-    stretches.next[0] = INFINITY;
-    stretches.count = 1;
-    return pick(again, trace(grid, rays, epipolar, stretches, shown, again, &cells), found);
+    floatl last = places[0];
+    for (int i = 1; i < ANSWERS; i++)
+        last = pick(places[i] < INFINITY, places[i], last);
+    floatl found = EMPTY;
+    intl asked = wanted & (places[0] < INFINITY);
+    for (int attempt = 0; attempt < 2; attempt++) {
+        found = pick(asked, trace(grid, rays, epipolar, stretches, shown, asked, cells), found);
+        /* A stretch of a connected surface that begins behind it sees its back: once more, from farther before. */
+        asked = asked & !IS_HIT(found) & (intl)(grid.cut.far_scale == 0.0f ? -1 : 0);
+        if (!any_lane(asked))
+            break;
+        stretches.from = places[0] - BEYOND * density;
+        stretches.to = last + pick(answered, (floatl)BEHIND, (floatl)BEYOND) * density;
+        for (int i = 1; i < ANSWERS; i++)
+            stretches.next[i - 1] = INFINITY;
+    }
+    return found;
 }
 
 /* The pixels' nearness and colours where their rays meet the source. */
-Color read_there(Pixels *pixels, Grid grid, PixelMap map, global const channel *src_color, int linear)
+INLINED Color read_there(Pixels *pixels, Grid grid, PixelMap map, global const channel *src_color, int linear)
 {
     const float *D = map.dst_from_src;
     const int step_x = min(map.src_width - 1, 1), step_y = min(map.src_height - 1, 1); /* 0 in an image of one column */
@@ -237,7 +254,7 @@ Color read_there(Pixels *pixels, Grid grid, PixelMap map, global const channel *
 }
 
 /* The first `count` of LANES pixels; merge: only where they are nearer than what is there. */
-void write_pixels(Pixels pixels, Color c, PixelMap map, int merge, int count, global float *depth, global channel *color,
+INLINED void write_pixels(Pixels pixels, Color c, PixelMap map, int merge, int count, global float *depth, global channel *color,
                   global uchar *valid)
 {
     const intl settled = pixels.settled;
@@ -266,7 +283,12 @@ void write_pixels(Pixels pixels, Color c, PixelMap map, int merge, int count, gl
 kernel void resolve(global const float *nearness, global const float *seen, global const channel *src_color,
                     global float *depth, global channel *color, global uchar *valid, PixelMap map, Cut cut, int shown,
                     int linear, int merge, int low_x, int high_x, int low_y, int high_y, int answers, float density,
-                    int apart, float typical)
+                    int apart, float typical, float rough, float window
+#ifdef COUNT_SAMPLES
+                    ,
+                    global uint *counts /* (work-items, 2): cells visited by the slowest lane, times LANES; pixels traced */
+#endif
+)
 {
     const int y = low_y + get_global_id(1);
     const int strip_x = low_x + get_global_id(0) * (STRIP * LANES);
@@ -278,7 +300,7 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
     Pixels pixels[STRIP];
     for (int p = 0; p < packets; p++) {
         const int x0 = strip_x + p * LANES;
-        pixels[p] = look_around(seen, map, x0, y, x0 + lane_index < high_x, answers, apart, density, typical);
+        pixels[p] = look_around(seen, map, x0, y, x0 + lane_index < high_x, answers, apart, density, typical, rough);
 #if LANES == 16
         const int last_x = map.src_width - 1, last_y = map.src_height - 1;
         const int u_0 = clamp(convert_int(pixels[p].u.s0), 0, last_x), v_0 = clamp(convert_int(pixels[p].v.s0), 0, last_y);
@@ -305,10 +327,11 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
                     count += ((const int *)&traced)[lane] != 0;
                 }
         }
+    uint cells = 0;
     for (int first = 0; first < count; first += LANES) {
         const intl wanted = first + lane_index < count;
         const intl pixel = pick(wanted, (intl)load_lanes(left + first), (intl)0), x = strip_x + pixel;
-        const floatl n = trace_around(seen, grid, map, x, y, wanted, shown, apart, density);
+        const floatl n = trace_around(seen, grid, map, x, y, wanted, shown, apart, density, window, &cells);
         const floatl w = PIXEL_ROW(S, 2, to_floatl(x), y) + n * S[11];
         const floatl u = (PIXEL_ROW(S, 0, to_floatl(x), y) + n * S[3]) / w, v = (PIXEL_ROW(S, 1, to_floatl(x), y) + n * S[7]) / w;
         for (int i = 0; i < min(count - first, LANES); i++) {
@@ -329,4 +352,9 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
         const Color c = read_there(&pixels[p], grid, map, src_color, linear);
         write_pixels(pixels[p], c, map, merge, min(high_x - x0, LANES), depth + out, color + 3 * out, valid + out);
     }
+#ifdef COUNT_SAMPLES
+    const int item = get_global_id(1) * get_global_size(0) + get_global_id(0);
+    counts[2 * item] = cells * LANES;
+    counts[2 * item + 1] = count;
+#endif
 }

@@ -25,7 +25,6 @@ kernel void search(global const float *nearness, global float *seen, PixelMap ma
     whole.from = 0.0f;
     whole.to = epipolar.lines.length;
     whole.next[0] = INFINITY;
-    whole.count = 1;
     whole.reach = 0.0f;
     uint cells = 0;
     const floatl found = trace(grid, rays, epipolar, whole, shown, x + lane_index < high_x, &cells);

@@ -28,18 +28,19 @@ typedef struct {
 } Epipolar;
 
 #define TOUCH 2e-4f /* pixels of the source by which a surface reaches beyond its last samples: rounding */
-#define STRETCHES_MOST 9
+#ifndef STRETCHES
+#define STRETCHES 1 /* parts of a line that are looked at, after the first, at most */
+#endif
 
 /* The parts of a line that are looked at, in order: from ... to, and `reach` to either side of the places that follow
  * (INFINITY: none). */
 typedef struct {
     floatl from, to;
-    floatl next[STRETCHES_MOST - 1];
-    int count; /* of next */
+    floatl next[STRETCHES];
     float reach;
 } Stretches;
 
-Rays rays_of(PixelMap map, floatl x, float y)
+INLINED Rays rays_of(PixelMap map, floatl x, float y)
 {
     const float *S = map.src_from_dst;
     Rays rays;
@@ -53,7 +54,7 @@ Rays rays_of(PixelMap map, floatl x, float y)
 }
 
 /* Target nearness at which the rays meet a plane; per_unit > 0: its front. */
-floatl meet(Rays rays, Plane plane, floatl *per_unit)
+INLINED floatl meet(Rays rays, Plane plane, floatl *per_unit)
 {
     const float4 c = rays.centre;
     const floatl at_start = rays.q - plane.q * rays.w - plane.gu * (rays.u - plane.x * rays.w) - plane.gv * (rays.v - plane.y * rays.w);
@@ -62,7 +63,7 @@ floatl meet(Rays rays, Plane plane, floatl *per_unit)
 }
 
 /* Where the lines run, from the epipole (or the image's border) to the border (or the epipole). */
-Epipolar epipolar_of(Rays rays, Grid grid)
+INLINED Epipolar epipolar_of(Rays rays, Grid grid)
 {
     const float4 c = rays.centre;
     const floatl dir_u = rays.u * c.z - c.x * rays.w, dir_v = rays.v * c.z - c.y * rays.w, offset = c.x * rays.v - c.y * rays.u;
@@ -111,7 +112,7 @@ Epipolar epipolar_of(Rays rays, Grid grid)
 }
 
 /* The distance along the lines at which a target nearness lies. */
-floatl distance_of(Rays rays, Lines lines, floatl nearness)
+INLINED floatl distance_of(Rays rays, Lines lines, floatl nearness)
 {
     const floatl w = rays.w + nearness * rays.centre.z;
     const floatl u = (rays.u + nearness * rays.centre.x) / w, v = (rays.v + nearness * rays.centre.y) / w;
@@ -120,7 +121,7 @@ floatl distance_of(Rays rays, Lines lines, floatl nearness)
 
 /* The first triangle that the rays cross on stretches of their lines: target nearness, BLOCKED, or EMPTY if they meet
  * none. */
-floatl trace(Grid grid, Rays rays, Epipolar epipolar, Stretches stretches, int shown, intl wanted, uint *cells)
+INLINED floatl trace(Grid grid, Rays rays, Epipolar epipolar, Stretches stretches, int shown, intl wanted, uint *cells)
 {
     const Lines lines = epipolar.lines;
     const Way way = way_of(lines, grid);
@@ -135,10 +136,9 @@ floatl trace(Grid grid, Rays rays, Epipolar epipolar, Stretches stretches, int s
         const intl over = active & !begins & (at >= to);
         if (any_lane(over)) {
             const floatl next = stretches.next[0], from = next - stretches.reach;
-            for (int i = 0; i + 1 < stretches.count; i++)
+            for (int i = 0; i + 1 < STRETCHES; i++)
                 stretches.next[i] = pick(over, stretches.next[i + 1], stretches.next[i]);
-            if (stretches.count > 0)
-                stretches.next[stretches.count - 1] = pick(over, (floatl)INFINITY, stretches.next[stretches.count - 1]);
+            stretches.next[STRETCHES - 1] = pick(over, (floatl)INFINITY, stretches.next[STRETCHES - 1]);
             to = pick(over, fmin(next + stretches.reach, lines.length), to);
             begins = over & (from > at);
             at = pick(begins, from, at);
