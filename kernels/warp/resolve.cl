@@ -256,6 +256,14 @@ INLINED Color read_there(Pixels *pixels, Grid grid, PixelMap map, global const c
     return c;
 }
 
+#if ORIGINS
+INLINED void write_origin(Pixels pixels, int lane, global float *origin, int view)
+{
+    const float3 from = (float3)(((const float *)&pixels.u)[lane], ((const float *)&pixels.v)[lane], view);
+    vstore3(((const int *)&pixels.settled)[lane] ? from : (float3)(NAN), lane, origin);
+}
+#endif
+
 /* The first `count` of LANES pixels; merge: only where they are nearer than what is there. */
 INLINED void write_pixels(Pixels pixels, Color c, PixelMap map, int merge, int count, global float *depth, global channel *color,
                   global uchar *valid
@@ -267,13 +275,17 @@ INLINED void write_pixels(Pixels pixels, Color c, PixelMap map, int merge, int c
 {
     const intl settled = pixels.settled;
     const floatl z = DEPTH(map, pixels.n);
-    if (!ORIGINS && !merge && count == LANES) {
+    if (!merge && count == LANES) {
         store_lanes(pick(settled, z, (floatl)NAN), depth);
         store_bytes(to_ucharl(settled & 1), valid);
         c.r = pick(settled, c.r, (floatl)0.0f);
         c.g = pick(settled, c.g, (floatl)0.0f);
         c.b = pick(settled, c.b, (floatl)0.0f);
         write_color(color, c);
+#if ORIGINS
+        for (int lane = 0; lane < LANES; lane++)
+            write_origin(pixels, lane, origin, view);
+#endif
         return;
     }
     for (int lane = 0; lane < count; lane++) {
@@ -284,11 +296,10 @@ INLINED void write_pixels(Pixels pixels, Color c, PixelMap map, int merge, int c
         depth[lane] = is_settled ? z_new : NAN;
         valid[lane] = is_settled;
 #if ORIGINS
-        const float3 from = (float3)(((const float *)&pixels.u)[lane], ((const float *)&pixels.v)[lane], view);
-        vstore3(is_settled ? from : (float3)(NAN), lane, origin);
+        write_origin(pixels, lane, origin, view);
 #endif
         const float3 one = (float3)(((const float *)&c.r)[lane], ((const float *)&c.g)[lane], ((const float *)&c.b)[lane]);
-        write_pixel(color + 3 * lane, is_settled ? one : (float3)(0.0f));
+        write_pixel(color + 3 * lane, is_settled ? rounded(one) : (float3)(0.0f));
     }
 }
 
