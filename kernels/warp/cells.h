@@ -115,7 +115,7 @@ INLINED Cell pass_cells(Grid grid, Lines lines, Way way, floatl x, floatl y, flo
     cell.upper_u = q11 - q01;
     cell.upper_v = q11 - q10;
     const intl enters_lower = (way.lower_first & cell.has_first) | (!(way.lower_first | cell.has_first));
-    const intl leaves_lower = (way.lower_first & !cell.has_second) | (!way.lower_first & cell.has_second);
+    const intl leaves_lower = (way.lower_first & (!cell.has_second)) | ((!way.lower_first) & cell.has_second);
     cell.q_in = pick(enters_lower, q00 + cell.lower_u * u_0 + cell.lower_v * v_0, q10 + cell.upper_u * (u_0 - 1.0f) + cell.upper_v * v_0);
     cell.q_out = pick(leaves_lower, q00 + cell.lower_u * u_2 + cell.lower_v * v_2, q10 + cell.upper_u * (u_2 - 1.0f) + cell.upper_v * v_2);
     cell.q_crossing = q01 + u_1 * (q10 - q01);

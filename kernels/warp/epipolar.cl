@@ -123,7 +123,8 @@ INLINED Epipolars epipolars_of(LineGroup group, PixelMap map, int packet, float 
     in_area = in_area & (at_reference >= group.cross_low) & (at_reference <= group.cross_high);
     line.first_pixel = to_intl(at_reference) * (group.axis ? 1 : map.dst_pitch);
 #endif
-    line.high = pick(in_area, line.high, line.low - 1.0f);
+    line.low = pick(in_area, line.low, (floatl)0.0f);
+    line.high = pick(in_area, line.high, (floatl)-1.0f);
 
     /* The same lines in the source. Direction: away from the epipole as the ray recedes. */
     const int along = line.along;

@@ -59,13 +59,10 @@ INLINED Pixels look_around(global const float *seen, PixelMap map, int x0, int y
     global const float *here = seen + (size_t)y * map.dst_pitch + x0;
     const floatl x = to_floatl(x0 + lane_index);
     floatl n = load_lanes(here);
-    if (fabs(y * D[11] - D[7]) <= AT_EPIPOLE * fabs(D[11])) /* no line there, and no parallax */
-        n = pick((fabs(x * D[11] - D[3]) <= AT_EPIPOLE * fabs(D[11])) & !IS_MET(n), ANSWER((floatl)typical, 0), n);
     const intl seen_here = inside & IS_SEEN(n);
     Pixels pixels;
-    pixels.smooth = answers == ANSWERS_OF_ALL ? inside : (intl)0;
     pixels.settled = answers == ANSWERS_ARE_OWN ? seen_here : (intl)0;
-    pixels.traced = 0;
+    pixels.smooth = pixels.traced = 0;
     floatl curved = 0.0f;
     if (answers == ANSWERS_OF_LINES) {
         const floatl above = y > 0 ? load_lanes(here - map.dst_pitch) : n;
@@ -84,6 +81,10 @@ INLINED Pixels look_around(global const float *seen, PixelMap map, int x0, int y
         /* A pixel whose line sees nothing may see what a neighbour's line sees. */
         pixels.traced = inside & any_seen;
     }
+    intl in_place = answers == ANSWERS_OF_ALL ? inside : (intl)0;
+    if (fabs(y * D[11] - D[7]) <= AT_EPIPOLE * fabs(D[11])) /* no line there, and no parallax */
+        in_place = in_place | ((fabs(x * D[11] - D[3]) <= AT_EPIPOLE * fabs(D[11])) & inside & !IS_MET(n));
+    n = pick(in_place, (floatl)typical, n);
     const floatl w0 = PIXEL_ROW(S, 2, x, y), inverse = 1.0f / (w0 + n * S[11]);
     pixels.u = (PIXEL_ROW(S, 0, x, y) + n * S[3]) * inverse;
     pixels.v = (PIXEL_ROW(S, 1, x, y) + n * S[7]) * inverse;
@@ -92,6 +93,8 @@ INLINED Pixels look_around(global const float *seen, PixelMap map, int x0, int y
         const floatl moves_by = (fabs(S[3] - pixels.u * S[11]) + fabs(S[7] - pixels.v * S[11])) * fabs(inverse);
         pixels.smooth = pixels.smooth & (curved * moves_by < rough * density);
     }
+    pixels.smooth = pixels.smooth | in_place;
+    pixels.traced = pixels.traced & !in_place;
     return pixels;
 }
 
@@ -338,10 +341,9 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
         foresee(src_color + 3 * (v_f * map.src_width + u_f));
 #endif
     }
-    if (answers != ANSWERS_ARE_OWN)
-        for (int p = 0; p < packets; p++)
-            if (any_lane(pixels[p].smooth))
-                meet_there(&pixels[p], grid, map, strip_x + p * LANES, y, answers, shown, density);
+    for (int p = 0; p < packets; p++)
+        if (any_lane(pixels[p].smooth))
+            meet_there(&pixels[p], grid, map, strip_x + p * LANES, y, answers, shown, density);
 
     /* Those that are not settled, in full packets. */
     int left[(STRIP + 1) * LANES], count = 0;
