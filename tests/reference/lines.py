@@ -29,7 +29,7 @@ class Sideways:
 
     depth: Array  #: (H, W) float64, nan in holes
     source: Array  #: (H, W, 2) x and y in the source of what is seen, nan in holes
-    on_end: Array  #: (H, W) bool: the ray passes an end of the surface, or a fold, that nothing nearer hides
+    on_end: Array  #: (H, W) bool: the ray passes an end of the surface, a fold or a lone sample, that nothing hides
 
 
 def sideways_reference(view: DepthImage, step: tuple[float, float], cut_ratio: float = np.inf) -> Sideways:
@@ -101,7 +101,7 @@ def _first_seen(s: Array, t: Array, q: Array, closed: Array, pixels: Array) -> t
     The knots are at s in the source and at t in the target. A segment shows its front where both run the same way.
     """
     nothing = np.full(len(pixels), np.nan)
-    if not closed.any():
+    if not len(closed):
         return nothing, nothing, np.zeros(len(pixels), bool)
     t0, t1, q0, q1 = t[:-1, None], t[1:, None], q[:-1, None], q[1:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -119,7 +119,8 @@ def _first_seen(s: Array, t: Array, q: Array, closed: Array, pixels: Array) -> t
     before, after = np.append(False, closed), np.append(closed, False)
     side = np.append(front[:, 0], False)
     turns = before & after & (np.roll(side, 1) != side)
-    ends = np.flatnonzero((before != after) | turns)
+    lone = ~before & ~after & np.isfinite(q)  # it may be a corner of a surface beside the line
+    ends = np.flatnonzero((before != after) | turns | lone)
     close = np.abs(pixels[:, None] - t[ends]) <= NEAR_END
     hidden = there.max(axis=0)[:, None] > q[ends] * 1.001
     return seen, place, (close & ~hidden).any(axis=1)

@@ -26,7 +26,6 @@ CUT_RATIO = 1.05  # what `edges="cut"` takes if nothing else is asked for
 OFF = 0.01  # relative: a depth that is farther off is of another place of the surface
 NOISE = 0.005  # share of the pixels that may be off where every sample is an edge
 TIE = 1 / 8  # pixels of the source: within that of the middle between two samples, either may be the nearest
-FRACTIONAL_NOISE = 0.005  # the same between methods, where lines run between rows
 
 STEPS = {
     "right": (0.3, 0.0),
@@ -158,14 +157,14 @@ def test_rows_between_the_sources_rows(step, scene, edges, target):
     swept, searched = (ibr.warp(view, camera, method, edges=edges) for method in METHODS)
     wrong = off(swept, np.where(searched.valid, searched.depth, np.nan))
     wrong &= ~passes_ends(view, camera, edges)
-    assert wrong.mean() <= (FRACTIONAL_NOISE if scene.startswith("noise") else 0), wrong.sum()
+    assert wrong.mean() <= limit_of(scene), wrong.sum()
 
 
 @pytest.mark.parametrize("scene", ["steps in rows", "checks", "one sample thin", "holes", "noise of 100 %"])
 @pytest.mark.parametrize("edges", ["connect", "cut"])
 @pytest.mark.parametrize("target", ["shifted", "larger"])
 def test_rows_between_the_sources_rows_are_the_references(scene, edges, target):
-    view = view_of(scene, (37, 53))
+    view = view_of(scene, (23, 19))
     for step in ((0.3, 0.0), (0.0, -0.25)):
         camera = between(view.camera, target).moved(*step, 0)
         seen = search_reference(view, camera, edges=edges, cut_ratio=CUT_RATIO)
