@@ -179,7 +179,9 @@ def between(camera: Camera, target: str) -> Camera:
     if target == "shifted":
         return Camera(camera.K + [[0, 0, 0.43], [0, 0, -0.29], [0, 0, 0]], camera.size, camera.world_from_camera)
     width, height = camera.size
-    return camera.resized((width * 5 // 7, height * 5 // 7) if target == "smaller" else (width * 9 // 5, height * 9 // 5))
+    return camera.resized(
+        (width * 5 // 7, height * 5 // 7) if target == "smaller" else (width * 9 // 5, height * 9 // 5)
+    )
 
 
 def passes_ends(view: ibr.DepthImage, camera: Camera, edges: str, by: float = 2e-3) -> np.ndarray:
