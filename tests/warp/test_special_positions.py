@@ -109,6 +109,21 @@ def test_a_hair_beside_a_sample_as_much_is_seen(surroundings, projection, edges,
             assert differs.sum() <= SHARE * differs.size, (method, differs.sum())
 
 
+@pytest.mark.parametrize("by", [0.0, 0.001, 0.3])
+@pytest.mark.parametrize("move", [0.6, -0.6])
+@pytest.mark.parametrize("edges", EDGES)
+@pytest.mark.parametrize("projection", PROJECTIONS)
+@pytest.mark.parametrize("surroundings", SURROUNDINGS)
+def test_the_pixel_at_the_epipole_sees_its_sample(surroundings, projection, edges, move, by):
+    """All of its ray's points lie at one place of the source: the sample there, or a hole."""
+    source, target = forward_pair(projection, move, by)
+    depth = depth_around(surroundings)
+    for method in METHODS:
+        seen = ibr.warp(image(depth, source), target, method, edges=edges).depth[AT[::-1]]
+        # 0.3 pixels beside the sample the surface is 0.1 % farther or nearer, at most.
+        np.testing.assert_allclose(seen, depth[AT[::-1]] - move, rtol=1e-5 if by < 0.01 else 0.01, err_msg=method)
+
+
 # --- torn orthographic views -------------------------------------------------------------------------
 
 
