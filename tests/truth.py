@@ -50,7 +50,8 @@ class Surface:
     view : DepthImage
         Source image.
     edges : {"connect", "cut"}
-        "cut" leaves out triangles in which ``depth_max > cut_ratio * depth_min``.
+        "cut" leaves out triangles in which ``depth_max > cut_ratio * depth_min``, of orthographic views those in
+        which ``depth_max - depth_min`` is more than ``cut_ratio - 1`` times the longer side of what the camera sees.
     cut_ratio : float
         See ``edges``.
     """
@@ -178,7 +179,11 @@ def triangulate(view: DepthImage, edges: str = "connect", cut_ratio: float = 1.0
     faces = faces[view.valid.ravel()[faces].all(axis=1)]
     if edges == "cut":
         depth = view.depth.ravel().astype(np.float64)[faces]
-        faces = faces[depth.max(axis=1) <= cut_ratio * depth.min(axis=1)]
+        near, far = depth.min(axis=1), depth.max(axis=1)
+        camera = view.camera
+        longer_side = max(camera.width / camera.K[0, 0], camera.height / camera.K[1, 1])  # of an orthographic view
+        perspective = camera.projection == "perspective"
+        faces = faces[far <= cut_ratio * near if perspective else far - near <= (cut_ratio - 1) * longer_side]
     return faces
 
 

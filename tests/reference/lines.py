@@ -1,12 +1,14 @@
 """Exact sideways steps in float64: each epipolar line as the polyline of the surface along it.
 
 Two cameras that share K and differ by a step along x, along y or (with square pixels) along a diagonal see each
-other's lines of samples as lines of pixels. There the surface is a polyline between samples, and along the diagonal
-that crosses the cells' own also their middles. A sample moves by focal length * step * nearness, nothing else changes.
+other's lines of samples as lines of pixels. Along such a line the surface is a polyline with a knot at each sample,
+and on the diagonals that cross the cells' own also one in the middle of each cell. A sample moves along its line by
+focal length * step * nearness, and its nearness stays as it is: what has the greatest nearness is seen first.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,98 +19,108 @@ from tests.reference.warp import nearness
 
 Array = NDArray[Any]
 
-TOUCH = 1e-6  # pixels: float64 decides what a ray touches that passes a segment's very end
+TOUCH = 1e-6  # pixels by which a segment reaches beyond its ends, so that rounding in float64 opens no gaps
+NEAR_END = 1e-3  # pixels: a ray that passes an end of the surface this closely may see it or not
 
 
-def sideways_reference(view: DepthImage, step: tuple[float, float], cut_ratio: float = np.inf) -> tuple[Array, Array]:
-    """Depth (H, W) float64 that `view.camera.moved(*step, 0)` sees, nan in holes; and where a ray passes an end.
+@dataclass
+class Sideways:
+    """What a camera sees that has stepped sideways."""
+
+    depth: Array  #: (H, W) float64, nan in holes
+    source: Array  #: (H, W, 2) x and y in the source of what is seen, nan in holes
+    on_end: Array  #: (H, W) bool: the ray passes an end of the surface, a fold or a lone sample, that nothing hides
+
+
+def sideways_reference(view: DepthImage, step: tuple[float, float], cut_ratio: float = np.inf) -> Sideways:
+    """What `view.camera.moved(*step, 0)` sees of a view.
 
     Parameters
     ----------
     view : DepthImage
-        Perspective; if the step is along a diagonal, with square pixels.
+        The camera is perspective. If the step is along a diagonal, its pixels are square.
     step : (x, y)
-        In scene units: one of them 0, or both of one length.
+        In scene units. One of them is 0, or both are of one length.
     cut_ratio : float
-        Neighbours' depths that differ by more are torn apart.
-
-    Returns
-    -------
-    depth : (H, W) float64
-    on_end : (H, W) bool
-        The ray of the pixel passes an end of the surface to within rounding: it may see it or not.
+        Neighbours whose depths differ by a greater ratio are torn apart.
     """
-    direction = np.sign(step).astype(int)
-    direction = direction if direction[np.flatnonzero(direction)[0]] > 0 else -direction
-    shift = float(np.dot(step, direction)) / np.abs(direction).sum() * view.camera.K[0, 0]
-    if direction[0] == 0:
-        shift = step[1] * view.camera.K[1, 1]
     delta = nearness(view)
     height, width = delta.shape
-    seen, on_end = np.full(delta.shape, np.nan), np.zeros(delta.shape, bool)
-    for y, x in _starts(width, height, direction):
-        count = _length(width, height, x, y, direction)
-        xs, ys = x + direction[0] * np.arange(count), y + direction[1] * np.arange(count)
-        s, q, closed = _polyline(delta, xs, ys, direction, cut_ratio)
-        nearest, ends = _first_seen(s - shift * q, q, closed, np.arange(count))
-        seen[ys, xs], on_end[ys, xs] = 1 / nearest, ends
-    return seen, on_end
+    direction = np.sign(step).astype(int)
+    if direction[np.flatnonzero(direction)[0]] < 0:
+        direction = -direction
+    axis = 0 if direction[0] else 1
+    shift = view.camera.K[axis, axis] * step[axis]  # along the line, in pixels at nearness 1
+    result = Sideways(np.full(delta.shape, np.nan), np.full((*delta.shape, 2), np.nan), np.zeros(delta.shape, bool))
+    for start in _starts(width, height, direction):
+        pixels = np.arange(_length(width, height, start, direction))
+        x, y = (start + pixels[:, None] * direction).T
+        s, q, closed = _polyline(delta, x, y, direction, cut_ratio)
+        seen, place, result.on_end[y, x] = _first_seen(s, s - shift * q, q, closed, pixels)
+        result.depth[y, x] = 1 / seen
+        result.source[y, x] = start + place[:, None] * direction
+    return result
 
 
-def _starts(width: int, height: int, direction: Array) -> list[tuple[int, int]]:
-    """(y, x) of the first sample of each line."""
-    dx, dy = direction
-    return [
-        (y, x)
-        for y in range(height)
-        for x in range(width)
-        if not (0 <= x - dx < width and 0 <= y - dy < height)
-    ]
+def _starts(width: int, height: int, direction: Array) -> list[Array]:
+    """The first sample (x, y) of each line."""
+    samples = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).reshape(-1, 2)
+    before = samples - direction
+    inside = (before >= 0).all(axis=1) & (before < [width, height]).all(axis=1)
+    return list(samples[~inside])
 
 
-def _length(width: int, height: int, x: int, y: int, direction: Array) -> int:
-    count = 0
-    while 0 <= x < width and 0 <= y < height:
-        x, y, count = x + direction[0], y + direction[1], count + 1
-    return count
+def _length(width: int, height: int, start: Array, direction: Array) -> int:
+    """The number of samples from the first one to the image's border."""
+    left = np.where(direction > 0, np.subtract([width, height], start), np.add(start, 1))
+    return int(left[direction != 0].min())
 
 
-def _polyline(delta: Array, xs: Array, ys: Array, direction: Array, cut_ratio: float) -> tuple[Array, Array, Array]:
-    """Positions and nearness of the line's knots, and which segments between them are surface."""
-    q = delta[ys, xs]
-    s = np.arange(len(q), dtype=float)
-    if tuple(direction) != (1, 1):  # rows, columns and the cells' diagonals: edges of the grid
-        return s, q, _together(cut_ratio, q[:-1], q[1:])
-    right, below = delta[ys[:-1], xs[:-1] + 1], delta[ys[:-1] + 1, xs[:-1]]
-    knots, places = np.empty(2 * len(q) - 1), np.arange(2 * len(q) - 1) / 2
-    knots[::2], knots[1::2] = q, 0.5 * (right + below)
-    closed = np.empty(2 * len(q) - 2, bool)
+def _polyline(delta: Array, x: Array, y: Array, direction: Array, cut_ratio: float) -> tuple[Array, Array, Array]:
+    """The knots' places in samples from the line's start, their nearness, and which segments are surface."""
+    q = delta[y, x]
+    if tuple(direction) != (1, 1):  # rows, columns and the cells' own diagonals are edges of the grid
+        return np.arange(len(q), dtype=float), q, _together(cut_ratio, q[:-1], q[1:])
+    # The other diagonals pass a cell's lower triangle, the middle of its own diagonal, and its upper triangle.
+    right, below = delta[y[:-1], x[:-1] + 1], delta[y[:-1] + 1, x[:-1]]
+    knots, closed = np.empty(2 * len(q) - 1), np.empty(2 * len(q) - 2, bool)
+    knots[::2], knots[1::2] = q, (right + below) / 2
     closed[::2], closed[1::2] = _together(cut_ratio, q[:-1], right, below), _together(cut_ratio, q[1:], right, below)
-    return places, knots, closed
+    return np.arange(len(knots)) / 2, knots, closed
 
 
 def _together(cut_ratio: float, *samples: Array) -> Array:
-    """Whether samples of nearness are one surface."""
-    high, low = np.max(samples, axis=0), np.min(samples, axis=0)
+    """Whether the samples of a triangle or an edge, given by nearness, are one surface."""
     with np.errstate(invalid="ignore"):
-        return (low > 0) & (high <= cut_ratio * low)
+        return np.max(samples, axis=0) <= cut_ratio * np.min(samples, axis=0)  # a hole's nan is not
 
 
-def _first_seen(t: Array, q: Array, closed: Array, pixels: Array) -> tuple[Array, Array]:
-    """Nearness that each pixel sees first, nan where that is nothing or the surface's back; and where a ray passes an
-    end of the surface."""
+def _first_seen(s: Array, t: Array, q: Array, closed: Array, pixels: Array) -> tuple[Array, Array, Array]:
+    """Each pixel's nearness and place of what its ray sees first, nan in holes; and whether it is on an end.
+
+    The knots are at s in the source and at t in the target. A segment shows its front where both run the same way.
+    """
+    nothing = np.full(len(pixels), np.nan)
+    if not len(closed):
+        return nothing, nothing, np.zeros(len(pixels), bool)
     t0, t1, q0, q1 = t[:-1, None], t[1:, None], q[:-1, None], q[1:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         part = np.clip((pixels - t0) / (t1 - t0), 0, 1)
         met = closed[:, None] & (pixels >= np.minimum(t0, t1) - TOUCH) & (pixels <= np.maximum(t0, t1) + TOUCH)
-        there = np.where(met, q0 + part * (q1 - q0), -np.inf)
-    if not len(there):
-        return np.full(len(pixels), np.nan), np.zeros(len(pixels), bool)
-    first = there.argmax(axis=0)
-    found = there[first, np.arange(len(pixels))]
-    front = (t1 > t0)[first, 0]
+        front = t1 > t0
+        # At a fold a ray meets the front of one segment and the back of the next at once: it sees the front.
+        there = np.where(met, (q0 + part * (q1 - q0)) * (1 + TOUCH * front), -np.inf)
+    first, pixel = there.argmax(axis=0), np.arange(len(pixels))
+    visible = met[first, pixel] & front[first, 0]
+    part = part[first, pixel]
+    seen = np.where(visible, q[first] + part * (q[first + 1] - q[first]), np.nan)
+    place = np.where(visible, s[first] + part * (s[first + 1] - s[first]), np.nan)
+
     before, after = np.append(False, closed), np.append(closed, False)
-    turns = np.append(False, (t[1:-1] - t[:-2]) * (t[2:] - t[1:-1]) <= 0) if len(t) > 2 else np.array([False])
-    ends = t[(before != after) | np.append(turns, False)[: len(t)]]
-    on_end = (np.abs(pixels[:, None] - ends) <= 1e-3).any(axis=1)
-    return np.where(np.isfinite(found) & front, found, np.nan), on_end
+    side = np.append(front[:, 0], False)
+    turns = before & after & (np.roll(side, 1) != side)
+    lone = ~before & ~after & np.isfinite(q)  # it may be a corner of a surface beside the line
+    ends = np.flatnonzero((before != after) | turns | lone)
+    close = np.abs(pixels[:, None] - t[ends]) <= NEAR_END
+    hidden = there.max(axis=0)[:, None] > q[ends] * 1.001
+    return seen, place, (close & ~hidden).any(axis=1)

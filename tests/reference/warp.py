@@ -158,6 +158,11 @@ def nearness(view: DepthImage) -> Array:
     return 1 / z if view.camera.projection == "perspective" else -z
 
 
+def longer_side(camera: Camera) -> float:
+    """Of what an orthographic camera sees, in scene units: what its depths are compared with where edges are cut."""
+    return max(camera.width / camera.K[0, 0], camera.height / camera.K[1, 1])
+
+
 def _first_triangle(view: DepthImage, ray: Ray, cut_ratio: float) -> tuple[Hit | None, int]:
     """The first triangle of the grid that the ray crosses."""
     delta = nearness(view)
@@ -183,7 +188,10 @@ def _first_triangle(view: DepthImage, ray: Ray, cut_ratio: float) -> tuple[Hit |
         slack = 1e-9 * np.where(np.isfinite(b - a), b - a, 1.0)
         crossed = (root >= a - slack) & (root <= b + slack)
         depth = np.stack([view.depth[cy, cx], view.depth[cy, nx], view.depth[ny, cx]]).astype(np.float64)
-        crossed &= depth.max(axis=0) <= cut_ratio * depth.min(axis=0)
+        if view.camera.projection == "perspective":
+            crossed &= depth.max(axis=0) <= cut_ratio * depth.min(axis=0)
+        else:
+            crossed &= depth.max(axis=0) - depth.min(axis=0) <= (cut_ratio - 1) * longer_side(view.camera)
     if not crossed.any():
         return None, len(t)
     i = int(np.argmax(crossed))

@@ -1,0 +1,36 @@
+"""Which pixels of a warp are off, and which of them no rounding can decide."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.camera import Camera
+
+Array = NDArray[Any]
+
+CUT_RATIO = 1.05  # what `edges="cut"` takes if nothing else is asked for
+OFF = 0.01  # relative: a depth that is farther off is of another place of the surface
+HAIR = 0.002  # pixels of the target: twice of what the kernels take for a ray that runs along samples
+
+
+def off(found: Array, expected: Array) -> Array:
+    """(H, W) bool: where depths, nan in holes, are of other places of the surface, or one of them is a hole."""
+    with np.errstate(invalid="ignore"):
+        return (np.isfinite(found) != np.isfinite(expected)) | (np.abs(found / expected - 1) > OFF)
+
+
+def with_center_moved(camera: Camera, x: float, y: float) -> Camera:
+    """The camera, but its principal point is so many pixels to the right and below."""
+    K = np.add(camera.K, [[0, 0, x], [0, 0, y], [0, 0, 0]])
+    return Camera(K, camera.size, camera.world_from_camera, camera.projection)
+
+
+def ties(depth_seen_by: Callable[[Camera], Array], camera: Camera) -> Array:
+    """(H, W) bool: rays that pass an end of the surface so closely that a hair beside it all changes."""
+    here = depth_seen_by(camera)
+    beside = (with_center_moved(camera, x, y) for x, y in ((HAIR, 0), (-HAIR, 0), (0, HAIR), (0, -HAIR)))
+    return np.any([off(depth_seen_by(other), here) for other in beside], axis=0)

@@ -1,0 +1,207 @@
+"""Random warps: the sweep against the search, and the search against its reference.
+
+A seed makes a scene, two cameras and the options. To try more of them than the suite does, from the repository's root:
+
+    python -m tests.warp.test_generated --seconds 120 --first 1000
+
+This prints the worst warps, each with its seed, and the worst shares of pixels by scene and by movement.
+
+What is left to differ is what shows through between torn pieces in less than a pixel's width. The sweep's lines pass
+up to half a pixel beside the pixels: what no line of a pixel and its neighbours saw is not looked for.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+import warnings
+from dataclasses import dataclass
+from functools import partial
+from itertools import count
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.camera import Camera, Projection
+from pyibr.warp import Edges, Side
+from tests import scenes
+from tests.exact import CUT_RATIO, off, ties
+from tests.reference.warp import search_reference
+
+SCENES = ("smooth", "steps", "noise", "soft", "thin", "holes")
+MOVES = ("x", "y", "z", "diagonal", "any", "turned", "turned alone")
+LIMIT = 0.005  # share of the target's pixels that the sweep may see otherwise than the search
+FEW = 3  # pixels that it may in any case: 0.5 % of a target of 20 x 20 is but two
+LIMIT_NOISE = 0.025  # of white noise of full range: of some 2000 warps 2 % in the worst, 0.1 % on average
+
+
+@dataclass
+class Case:
+    """A random warp."""
+
+    seed: int
+    scene: str
+    move: str
+    view: ibr.DepthImage
+    target: Camera
+    edges: Edges
+    side: Side
+
+    @property
+    def limit(self) -> float:
+        """Pixels that sweep and search may see otherwise."""
+        share = LIMIT_NOISE if self.scene == "noise" else LIMIT
+        return max(FEW, share * self.target.width * self.target.height)
+
+    def __str__(self) -> str:
+        cameras = " to ".join(f"{c.projection} {c.width} x {c.height}" for c in (self.view.camera, self.target))
+        return f"seed {self.seed}: {self.scene}, {self.move}, {self.edges}, {self.side}, {cameras}"
+
+
+def make_case(seed: int, least: int = 20, most: tuple[int, int] = (160, 130)) -> Case:
+    """Sources of `least` ... `most` samples a side; targets of the same size or another one."""
+    rng = np.random.default_rng(seed)
+    size = int(rng.integers(least, most[0])), int(rng.integers(least, most[1]))
+    scene, move = str(rng.choice(SCENES)), str(rng.choice(MOVES))
+    depth = random_depth(rng, scene, size).astype(np.float32)
+    projections: list[Projection] = ["perspective", "perspective", "orthographic"]
+    source, target = (projections[i] for i in rng.integers(0, 3, 2))
+    focal = rng.uniform(0.6, 1.5) * max(size)
+    view = ibr.DepthImage(
+        rng.integers(0, 256, (*depth.shape, 3), dtype=np.uint8), depth, camera(rng, size, focal, np.eye(4), source)
+    )
+    target_size = size
+    if rng.uniform() < 0.4:
+        target_size = int(rng.integers(10, most[0])), int(rng.integers(10, most[1]))
+    zoom = 1.0 if rng.uniform() < 0.6 else rng.uniform(0.5, 4)
+    dst = camera(rng, target_size, zoom * focal, random_pose(rng, move), target)
+    edges: list[Edges] = ["connect", "cut"]
+    sides: list[Side] = ["front", "front", "back", "both"]
+    return Case(seed, scene, move, view, dst, edges[rng.integers(2)], sides[rng.integers(4)])
+
+
+def camera(
+    rng: np.random.Generator, size: scenes.Size, focal: float, pose: np.ndarray, projection: Projection
+) -> Camera:
+    """The principal point is in the middle, or beside it."""
+    f = focal if projection == "perspective" else focal / 4  # as much of what is 4 away
+    K = [[f, 0, (size[0] - 1) / 2 + rng.choice([0, 0.3])], [0, f, (size[1] - 1) / 2], [0, 0, 1]]
+    return Camera(K, size, pose, projection)
+
+
+def random_depth(rng: np.random.Generator, scene: str, size: scenes.Size) -> np.ndarray:
+    """(H, W) depths of 2 to 4.6."""
+    width, height = size
+    y, x = np.mgrid[:height, :width].astype(float)
+    if scene == "smooth":
+        return 4 + 0.5 * np.sin(x / rng.uniform(5, 20)) * np.cos(y / rng.uniform(5, 20))
+    if scene == "steps":
+        period, rows = rng.integers(3, 20), rng.integers(0, 2)
+        return np.where((x // period + rows * (y // period)) % 2, rng.uniform(2, 3), 4.5)
+    if scene == "noise":
+        return rng.uniform(2.5, 4.5, (height, width))
+    if scene == "soft":
+        return 3.5 + 0.4 * np.sin(x / 9) + rng.normal(0, 0.02, (height, width))
+    if scene == "thin":
+        return np.where((x % 13 < rng.integers(1, 3)) | (y % 17 < rng.integers(0, 3)), 2.2, 4.5)
+    depth = 4 + 0.3 * np.sin(x / 9) * np.cos(y / 7)
+    depth[rng.uniform(size=depth.shape) < 0.03] = np.nan
+    depth[height // 3 : height // 2, width // 4 : width // 2] = 2.2
+    return depth
+
+
+def random_pose(rng: np.random.Generator, move: str) -> np.ndarray:
+    center, angles = np.zeros(3), np.zeros(3)
+    if move in ("x", "y", "z"):
+        center["xyz".index(move)] = rng.normal(0, 0.5 if move == "z" else 0.3)
+    elif move == "diagonal":
+        center[:2] = rng.normal(0, 0.3) * np.array([1, rng.choice([-1, 1])])
+    elif move != "turned alone":
+        center = rng.normal(0, 0.5 if move == "turned" else 0.3, 3)
+    if move in ("turned", "turned alone"):
+        angles = rng.normal(0, 8, 3)
+    return scenes.pose(*angles, center=tuple(center))
+
+
+def searched(case: Case, target: Camera) -> np.ndarray:
+    """(H, W) depth that the search sees for a target, nan in holes."""
+    return ibr.warp(case.view, target, "search", edges=case.edges, side=case.side).depth
+
+
+def without_ties(case: Case, wrong: np.ndarray) -> np.ndarray:
+    """Wrong pixels, less those whose rays pass an end of the surface within a hair."""
+    return wrong & ~ties(partial(searched, case), case.target) if wrong.any() else wrong
+
+
+def differing(case: Case) -> np.ndarray:
+    """(H, W) bool: pixels where the sweep sees something else than the search."""
+    swept = ibr.warp(case.view, case.target, edges=case.edges, side=case.side)
+    return without_ties(case, off(swept.depth, searched(case, case.target)))
+
+
+@pytest.mark.filterwarnings("ignore:warp. the target camera sees nothing")
+@pytest.mark.parametrize("first", range(1000, 1600, 50))
+def test_epipolar_sees_what_search_sees(first):
+    for seed in range(first, first + 50):
+        case = make_case(seed)
+        wrong = differing(case)
+        assert wrong.sum() <= case.limit, f"{wrong.sum()} of {wrong.size} pixels, {case}"
+
+
+@pytest.mark.parametrize("seed", [11, 143, 517, 2646, 2905, 4487, 5011, 5879])
+def test_what_shows_through_in_less_than_a_pixel_between_torn_pieces(seed):
+    """Of seeds 0 to 6132 those whose sweep misses the most."""
+    case = make_case(seed)
+    wrong = differing(case)
+    assert wrong.sum() <= case.limit, f"{wrong.sum()} of {wrong.size} pixels, {case}"
+
+
+@pytest.mark.filterwarnings("ignore:warp. the target camera sees nothing")
+@pytest.mark.parametrize("seed", range(16))
+def test_search_sees_what_its_reference_sees(seed):
+    case = make_case(seed, least=9, most=(31, 27))
+    seen = search_reference(case.view, case.target, "linear", case.edges, CUT_RATIO, case.side)
+    wrong = without_ties(case, off(searched(case, case.target), seen.depth))
+    assert not wrong.any(), f"{np.argwhere(wrong).tolist()}, {case}"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Random warps, the sweep against the search.")
+    parser.add_argument("--seconds", type=float, default=60)
+    parser.add_argument("--first", type=int, default=0, help="the first seed")
+    given = parser.parse_args()
+    warnings.simplefilter("ignore")
+    end, results = time.monotonic() + given.seconds, []
+    for seed in count(given.first):
+        if time.monotonic() > end:
+            break
+        case = make_case(seed)
+        wrong = differing(case)
+        results.append(
+            (
+                float(wrong.mean()),
+                int(wrong.sum()),
+                wrong.sum() > case.limit,
+                case.scene,
+                case.move,
+                case.edges,
+                str(case),
+            )
+        )
+    shares = np.array([share for share, *_ in results])
+    beyond = [result for result in results if result[2]]
+    print(f"{len(results)} warps, {len(beyond)} beyond their limit, on average {shares.mean():.3%} off")
+    for share, pixels, *_, name in sorted(results, reverse=True)[:10]:
+        print(f"  {share:.2%}, {pixels} pixels: {name}")
+    for share, pixels, _, _, _, _, name in sorted(beyond):
+        print(f"  beyond: {share:.2%}, {pixels} pixels: {name}")
+    for edges in ("connect", "cut"):
+        print(f"worst share, {edges}".ljust(22) + "".join(f"{move:>14}" for move in MOVES))
+        for scene in SCENES:
+            of = [[r[0] for r in results if r[3:6] == (scene, move, edges)] for move in MOVES]
+            print(f"{scene:<22}" + "".join(f"{max(shares, default=0):14.2%}" for shares in of))
+
+
+if __name__ == "__main__":
+    main()

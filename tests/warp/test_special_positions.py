@@ -1,0 +1,266 @@
+"""Positions that no random camera takes: epipoles on samples and on pixels, no motion at all, lines for images.
+
+Where a ray runs along a row, a column or a diagonal of samples it sees the edges that it runs along, alone.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.camera import Camera, Projection
+from pyibr.warp import Edges, Method
+from tests import scenes
+from tests.exact import CUT_RATIO, off
+from tests.reference.lines import sideways_reference
+from tests.reference.warp import search_reference
+
+METHODS: tuple[Method, ...] = ("epipolar", "search")
+PROJECTIONS: tuple[Projection, ...] = ("perspective", "orthographic")
+EDGES: tuple[Edges, ...] = ("connect", "cut")
+SHARE = 0.005  # of the pixels that may be off: rays that pass an end of the surface within rounding
+
+
+def image(depth: np.ndarray, camera: Camera) -> ibr.DepthImage:
+    color = scenes.texture(*scenes.image_coordinates(camera.size))
+    return ibr.DepthImage(color, depth.astype(np.float32), camera)
+
+
+def beside_border(valid: np.ndarray) -> np.ndarray:
+    """(H, W) bool: what is next to the border of what is seen, or is that border."""
+    grown, shrunk = (f(valid.astype(np.uint8), np.ones((3, 3), np.uint8)) for f in (cv2.dilate, cv2.erode))
+    return grown != shrunk
+
+
+# --- forward and backward, with the epipole on a sample and on a pixel -------------------------------
+
+SIZE, AT = (29, 23), (12, 10)  # AT: the sample, and the pixel, that the camera moves towards
+SURROUNDINGS = ("smooth", "a hole at the epipole", "holes around the epipole", "a hole in its row", "boxes")
+
+
+def depth_around(surroundings: str) -> np.ndarray:
+    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
+    dx, dy = x - AT[0], y - AT[1]
+    depth = 4 + 0.3 * np.sin(x / 5) * np.cos(y / 4)
+    if surroundings == "a hole at the epipole":
+        depth[AT[1], AT[0]] = np.nan
+    elif surroundings == "holes around the epipole":
+        depth[(np.maximum(abs(dx), abs(dy)) == 2) & (dx != dy)] = np.nan
+    elif surroundings == "a hole in its row":
+        depth[(dy == 0) & (abs(dx) > 2) & (abs(dx) < 6)] = np.nan
+    elif surroundings == "boxes":
+        depth[(abs(dx) % 11 > 6) & (abs(dy) % 9 > 4)] = 2.65
+    return depth
+
+
+def forward_pair(projection: Projection, move: float, by: float) -> tuple[Camera, Camera]:
+    """A source and a target that differ by a move along z; the epipole is `by` pixels off the sample and the pixel."""
+    f = 22.0
+    K = np.array([[f, 0, AT[0] + by], [0, f, AT[1] + by], [0, 0, 1]])
+    if projection == "perspective":
+        source = Camera(K, SIZE)
+    else:
+        source = Camera(K / [[4, 4, 1], [4, 4, 1], [1, 1, 1]], SIZE, projection=projection)
+    return source, Camera(K, SIZE).moved(0, 0, move)
+
+
+def at_epipole() -> np.ndarray:
+    """(H, W) bool: the one pixel that the camera moves towards. It has no epipolar line, and tests of its own."""
+    mask = np.zeros(SIZE[::-1], bool)
+    mask[AT[1], AT[0]] = True
+    return mask
+
+
+@pytest.mark.parametrize("by", [0.0, 0.001])
+@pytest.mark.parametrize("move", [0.6, -0.6])
+@pytest.mark.parametrize("edges", EDGES)
+@pytest.mark.parametrize("projection", PROJECTIONS)
+@pytest.mark.parametrize("surroundings", SURROUNDINGS)
+def test_moves_towards_a_sample_are_the_references(surroundings, projection, edges, move, by):
+    source, target = forward_pair(projection, move, by)
+    view = image(depth_around(surroundings), source)
+    seen = search_reference(view, target, edges=edges, cut_ratio=CUT_RATIO)
+    assert seen.valid.mean() > 0.2
+    # Rays in the epipole's row, column and diagonals see edges between holes, which the reference takes for open.
+    y, x = np.indices(seen.valid.shape) - np.array(AT)[::-1, None, None]
+    on_samples = (y == 0) | (x == 0) | (x == -y) if by < 0.01 else np.zeros_like(seen.valid)
+    open_to_the_reference = on_samples & ~seen.valid
+    for method in METHODS:
+        wrong = off(ibr.warp(view, target, method, edges=edges).depth, seen.depth)
+        wrong &= ~open_to_the_reference & ~at_epipole()
+        assert wrong.mean() <= SHARE, (method, wrong.sum())
+
+
+@pytest.mark.parametrize("move", [0.6, -0.6])
+@pytest.mark.parametrize("edges", EDGES)
+@pytest.mark.parametrize("projection", PROJECTIONS)
+@pytest.mark.parametrize("surroundings", SURROUNDINGS)
+def test_a_hair_beside_a_sample_as_much_is_seen(surroundings, projection, edges, move):
+    for method in METHODS:
+        frames = []
+        for by in (0.0, 0.001, -0.001):
+            source, target = forward_pair(projection, move, by)
+            frames.append(ibr.warp(image(depth_around(surroundings), source), target, method, edges=edges))
+        for beside in frames[1:]:
+            differs = (frames[0].valid != beside.valid) & ~at_epipole()
+            assert not (differs & ~beside_border(frames[0].valid)).any(), (method, np.argwhere(differs).tolist())
+            assert differs.sum() <= SHARE * differs.size, (method, differs.sum())
+
+
+@pytest.mark.parametrize("by", [0.0, 0.001, 0.3])
+@pytest.mark.parametrize("move", [0.6, -0.6])
+@pytest.mark.parametrize("edges", EDGES)
+@pytest.mark.parametrize("projection", PROJECTIONS)
+@pytest.mark.parametrize("surroundings", SURROUNDINGS)
+def test_the_pixel_at_the_epipole_sees_its_sample(surroundings, projection, edges, move, by):
+    """All of its ray's points lie at one place of the source: the sample there, or a hole."""
+    source, target = forward_pair(projection, move, by)
+    depth = depth_around(surroundings)
+    for method in METHODS:
+        seen = ibr.warp(image(depth, source), target, method, edges=edges).depth[AT[::-1]]
+        # 0.3 pixels beside the sample the surface is 0.1 % farther or nearer, at most.
+        np.testing.assert_allclose(seen, depth[AT[::-1]] - move, rtol=1e-5 if by < 0.01 else 0.01, err_msg=method)
+
+
+# --- torn orthographic views -------------------------------------------------------------------------
+
+
+def ramp_and_steps(size: scenes.Size) -> np.ndarray:
+    """A slope on the left, and on the right steps of 0.1 to 1.2 scene units."""
+    y, x = np.mgrid[: size[1], : size[0]]
+    heights = np.array([0.0, 0.1, 0.0, 0.3, 0.0, 0.45, 0.0, 1.2])
+    return np.where(x < size[0] // 3, 6 - 0.02 * x, 6 - heights[(y // 6) % 8])
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("back", [1.0, 100.0])
+def test_what_is_torn_does_not_depend_on_how_far_back_an_orthographic_camera_stands(method, back):
+    size, scale = (75, 58), 12.0
+    camera = Camera([[scale, 0, 36.5], [0, scale, 27.8], [0, 0, 1]], size, projection="orthographic")
+    depth = ramp_and_steps(size)
+    near, far = image(depth, camera), image(depth + back, camera.moved(0, 0, -back))
+    for target in (
+        Camera([[60, 0, 36.2], [0, 60, 29.1], [0, 0, 1]], size, scenes.pose(pitch=8, center=(0.2, -1.1, 0.4))),
+        Camera(camera.K, size, scenes.pose(yaw=14, pitch=22), "orthographic"),
+    ):
+        one, other = (ibr.warp(view, target, method, edges="cut") for view in (near, far))
+        assert 0.3 < one.valid.mean() < 0.95
+        # Depths of 106 in float32 are right to 4e-6, a ten-thousandth of a pixel: rays at silhouettes alone see it.
+        assert (one.valid != other.valid).mean() <= 0.002
+        np.testing.assert_array_less(
+            np.abs(one.depth - other.depth)[one.valid & other.valid & ~beside_border(one.valid)], 1e-3
+        )
+
+
+@pytest.mark.parametrize("size", [(75, 58), (46, 91)], ids=str)
+@pytest.mark.parametrize("cut_ratio", [1.05, 1.02, 1.3])
+def test_an_orthographic_view_is_torn_where_depths_differ_by_a_share_of_its_longer_side(size, cut_ratio):
+    scale, longer = 12.0, max(size) / 12.0
+    step = (cut_ratio - 1) * longer
+    camera = Camera([[scale, 0, 36.5], [0, scale, 27.8], [0, 0, 1]], size, projection="orthographic")
+    target = Camera(camera.K, size, scenes.pose(yaw=-20, center=(2.05, 0, 0.36)), "orthographic")  # of (0, 0, 6)
+    for part in (0.99, 1.01):
+        depth = np.where(np.arange(size[0]) < size[0] // 2, 6.0, 6.0 + part * step)[None].repeat(size[1], 0)
+        view = image(depth, camera)
+        connected, cut = (ibr.warp(view, target, edges=edges, cut_ratio=cut_ratio) for edges in EDGES)
+        assert connected.valid.mean() > 0.7
+        gap = connected.valid & ~cut.valid
+        if part < 1:
+            assert not gap.any()
+        else:
+            # The step is one sample wide: cos(20 degrees) of a pixel and more, a gap of at least one in most rows.
+            assert gap.sum() >= 0.9 * size[1]
+
+
+# --- zooms -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("zoom", [8, 32])
+@pytest.mark.parametrize("edges", EDGES)
+@pytest.mark.parametrize("method", METHODS)
+def test_the_nearest_sample_reaches_no_farther_than_the_surface_itself(method, edges, zoom):
+    size = (47, 35)
+    y, x = np.mgrid[: size[1], : size[0]]
+    depth = np.where((x - 23) ** 2 + (y - 17) ** 2 < 9, 2.2, 4.0)
+    depth[(x - 25) ** 2 + (y - 20) ** 2 < 3] = np.nan
+    camera = Camera([[40, 0, 23], [0, 40, 17], [0, 0, 1]], size)
+    view = image(depth, camera)
+    zoomed = [[40 * zoom, 0, 151 / 2], [0, 40 * zoom, 133 / 2], [0, 0, 1]]
+    for center in ((0, 0, 0), (0.11, 0, 0), (0.07, -0.05, 0.2)):
+        target = Camera(zoomed, (152, 134), scenes.pose(center=center))
+        nearest, linear = (ibr.warp(view, target, method, sample, edges) for sample in ("nearest", "linear"))
+        assert linear.valid.mean() > 0.02
+        np.testing.assert_array_equal(nearest.valid, linear.valid)
+
+
+# --- images that are lines ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("edges", EDGES)
+@pytest.mark.parametrize("length", [2, 3, 57])
+@pytest.mark.parametrize("scene", ["smooth", "steps", "holes", "noise"])
+def test_lines_of_samples_step_along_themselves(scene, length, edges):
+    place = np.arange(length)
+    depth = {
+        "smooth": 4 + 0.4 * np.sin(place / 5),
+        "steps": np.where(place % 9 < 4, 2.2, 4.5),
+        "holes": np.where(place % 7 == 3, np.nan, 4.0),
+        "noise": np.random.default_rng(2).uniform(2.2, 4.5, length),
+    }[scene]
+    for axis in (0, 1):
+        size = (length, 1) if axis == 0 else (1, length)
+        camera = Camera([[40, 0, (size[0] - 1) / 2], [0, 40, (size[1] - 1) / 2], [0, 0, 1]], size)
+        view = image(depth.reshape(size[::-1]), camera)
+        for step in (0.05, 0.23, -0.23):
+            move = (step, 0.0) if axis == 0 else (0.0, step)
+            seen = sideways_reference(view, move, CUT_RATIO if edges == "cut" else np.inf)
+            if not np.isfinite(seen.depth).any():
+                continue
+            for method in METHODS:
+                frame = ibr.warp(view, camera.moved(*move, 0), method, edges=edges)
+                wrong = off(frame.depth, seen.depth) & ~seen.on_end
+                assert not wrong.any(), (axis, step, method, np.argwhere(wrong).tolist())
+
+
+# --- no motion ---------------------------------------------------------------------------------------
+
+
+def rough_view(projection: Projection) -> ibr.DepthImage:
+    """Depth edges, holes, and samples with holes all round."""
+    size = (61, 47)
+    y, x = np.mgrid[: size[1], : size[0]]
+    depth = np.where((x // 7 + y // 5) % 3 == 0, 2.2, 4.5) + 0.01 * x
+    depth[(7 * x + 3 * y) % 29 == 0] = np.nan
+    depth[20:31, 30:41] = np.nan
+    depth[25, 35] = 3.0
+    f = 45.0 if projection == "perspective" else 9.0
+    K = [[f, 0, 31.2], [0, 1.1 * f, 22.7], [0, 0, 1]]
+    return image(depth, Camera(K, size, scenes.pose(25, -10, 5, (0.4, -1.1, 0.7)), projection))
+
+
+@pytest.mark.parametrize("sample", ["linear", "nearest"])
+@pytest.mark.parametrize("edges", EDGES)
+@pytest.mark.parametrize("projection", PROJECTIONS)
+@pytest.mark.parametrize("method", METHODS)
+def test_the_same_camera_sees_every_sample(method, projection, edges, sample):
+    view = rough_view(projection)
+    frame = ibr.warp(view, view.camera, method, sample, edges)
+    np.testing.assert_array_equal(frame.valid, view.valid)
+    np.testing.assert_array_max_ulp(frame.depth[view.valid], view.depth[view.valid], 1)  # kept as its inverse
+    np.testing.assert_array_equal(frame.color[view.valid], view.color[view.valid])
+
+
+@pytest.mark.parametrize("edges", EDGES)
+@pytest.mark.parametrize("turn", [(4, 0, 0), (0, -6, 0), (0, 0, 17), (5, -3, 90), (12, -7, 20)], ids=str)
+def test_a_turned_camera_sees_the_triangles_that_its_rays_pass(turn, edges):
+    view = rough_view("perspective")
+    K = [[32, 0, 15.3], [0, 29, 16.9], [0, 0, 1]]
+    target = Camera(K, (33, 37), view.camera.world_from_camera @ scenes.pose(*turn))
+    seen = search_reference(view, target, edges=edges, cut_ratio=CUT_RATIO)
+    assert seen.valid.mean() > 0.1
+    for method in METHODS:
+        wrong = off(ibr.warp(view, target, method, edges=edges).depth, seen.depth)
+        # Without motion nothing is seen from its side: what is off lies within 1/1000 of a pixel of an edge.
+        assert wrong.sum() <= SHARE * wrong.size, (method, wrong.sum())
