@@ -17,7 +17,7 @@ class Plan:
     """Sizes are sides of square images; a mapping from sizes gives the number of turns."""
 
     complexity_positions: tuple[Position, ...]
-    complexity: Mapping[str, Mapping[int, int]]  # method: sizes
+    complexity: Mapping[str, Mapping[int, int]]  # subject: sizes
     table2: Mapping[int, int]
     dragon_mesh: str
     peers_positions: tuple[Position, ...]
@@ -48,6 +48,7 @@ FULL = Plan(
     complexity_positions=(("A", "forward"), ("E", "backward"), ("F", "forward")),
     complexity={
         "epipolar": {128: 15, 256: 11, 512: 7, 1024: 5, 2048: 3, 4096: 3},
+        "epipolar, white noise": {128: 9, 256: 7, 512: 5, 1024: 3, 2048: 3, 4096: 3},
         "search": {128: 3, 256: 1, 512: 1, 1024: 1},
     },
     table2={128: 9, 256: 7, 512: 5},
@@ -83,7 +84,11 @@ FULL = Plan(
 
 QUICK = Plan(
     complexity_positions=(("A", "forward"), ("E", "backward")),
-    complexity={"epipolar": {32: 3, 64: 3, 128: 3}, "search": {32: 1, 64: 1}},
+    complexity={
+        "epipolar": {32: 3, 64: 3, 128: 3},
+        "epipolar, white noise": {32: 1, 64: 1},
+        "search": {32: 1, 64: 1},
+    },
     table2={32: 1},
     dragon_mesh="dragon_vrip_res3.ply.gz",
     peers_positions=(("A", "forward"), ("E", "backward")),

@@ -17,16 +17,17 @@ def complexity(series: Mapping[tuple[str, str], Series], path: Path) -> None:
     """Visited samples and time over the side, logarithmic, with fitted lines."""
     figure, panels = _panels(2)
     labels = {"visited": "samples visited", "end to end": "time [ms]"}
-    colors = {"epipolar": "C0", "search": "C3"}
+    subjects = list(dict.fromkeys(subject for subject, _ in series))
     for panel, (quantity, label) in zip(panels, labels.items(), strict=True):
         for (method, what), values in series.items():
             if what != quantity:
                 continue
             n, y = np.array(list(values)), np.array(list(values.values()))
+            color = f"C{subjects.index(method)}"
             power = exponent(n.tolist(), y.tolist())
             scale = np.exp(np.mean(np.log(y) - power * np.log(n)))
-            panel.plot(n, y, "o", color=colors[method], label=f"{method}: $n^{{{power:.2f}}}$")
-            panel.plot(n, scale * n**power, "-", lw=1, color=colors[method])
+            panel.plot(n, y, "o", color=color, label=f"{method}: $n^{{{power:.2f}}}$")
+            panel.plot(n, scale * n**power, "-", lw=1, color=color)
         _logarithmic(panel, label)
     _save(figure, path)
 

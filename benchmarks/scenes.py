@@ -50,6 +50,20 @@ def relief(n: int) -> tuple[Array, Array]:
     return color, depth
 
 
+def white_noise(n: int) -> tuple[Array, Array]:
+    """The relief's colours, and depths between its nearest and its farthest that know nothing of their neighbours.
+
+    Returns
+    -------
+    color : uint8 (n, n, 3)
+    depth : float32 (n, n)
+        Planar z in scene units.
+    """
+    color, depth = relief(n)
+    low, high = depth.min(), depth.max()
+    return color, low + (high - low) * np.random.default_rng(n).random((n, n), np.float32)
+
+
 def data_folder() -> Path:
     """Where scanned meshes and real height maps are."""
     beside = Path(__file__).resolve().parent.parent.parent / "shared/data"
