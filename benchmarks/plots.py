@@ -76,6 +76,41 @@ def peers(
     _save(figure, path)
 
 
+def rgbd(
+    ratios: Mapping[tuple[str, str, float], Sequence[float]],
+    bars: Mapping[tuple[str, str, float], float],
+    base: str,
+    path: Path,
+) -> None:
+    """Ratios to the base by noise: a panel a kind of motion, a line a size; a dot is a motion, the line their mean."""
+    kinds, sizes = (
+        list(dict.fromkeys(kind for kind, _, _ in ratios)),
+        list(dict.fromkeys(size for _, size, _ in ratios)),
+    )
+    figure, panels = _panels(len(kinds))
+    for panel, kind in zip(panels, kinds, strict=True):
+        noises = sorted({noise for k, _, noise in ratios if k == kind})
+        for index, size in enumerate(sizes):
+            here = {at: ratios[kind, size, noise] for at, noise in enumerate(noises) if (kind, size, noise) in ratios}
+            shift, color = 0.04 * (index - (len(sizes) - 1) / 2), f"C{index}"
+            panel.plot(list(here), [np.mean(found) for found in here.values()], "o-", color=color, ms=4, label=size)
+            for at, found in here.items():
+                panel.plot([at + shift] * len(found), found, ".", ms=4, alpha=0.5, color=color)
+                bar = bars.get((kind, size, noises[at]))
+                if bar is not None:
+                    ends = [at + shift - 0.15, at + shift + 0.15]
+                    panel.plot(ends, [bar, bar], "-", lw=3, alpha=0.5, color=color)
+        panel.axhline(1, color="k", lw=0.8)
+        panel.set_xticks(range(len(noises)), [f"{noise:g}" if noise else "none" for noise in noises])
+        panel.set_ylim(bottom=0)
+        panel.set_title(kind, fontsize=10)
+        panel.set_xlabel("noise [pixels of disparity]")
+        panel.set_ylabel(f"ratio to {base} (thick: bars)")
+        panel.grid(True, lw=0.3, alpha=0.5)
+        panel.legend(fontsize=8)
+    _save(figure, path)
+
+
 def objects(
     by_size: Mapping[str, Series], by_slices: Mapping[str, Series], paper: Mapping[tuple[int, int], float], path: Path
 ) -> None:

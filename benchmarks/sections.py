@@ -9,6 +9,7 @@ from benchmarks.depthmesh_section import depthmesh_section
 from benchmarks.opencv import BASE, REMAP
 from benchmarks.relief_section import relief_section
 from benchmarks.results import Result
+from benchmarks.rgbd_section import rgbd_section
 from benchmarks.slicing_section import raster_section, slicing_section
 from benchmarks.statistics import Quartiles, exponent, median, number, ratios
 from benchmarks.tables import only, position, sizes_of, table, totals, verdict
@@ -221,6 +222,7 @@ SECTIONS = {
     "complexity": complexity_section,
     "table2": table2_section,
     "peers": peers_section,
+    "rgbd": rgbd_section,
     "raster": raster_section,
     "slicing": slicing_section,
     "relief": relief_section,
