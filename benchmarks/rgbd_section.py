@@ -100,7 +100,8 @@ class _Rows:
             at = record.parameters
             key = str(at["kind"]), str(at["size"]), float(at["noise"]), str(at["motion"])
             self.found.setdefault(key, {})[record.subject] = record.values
-        self.groups = list(dict.fromkeys(key[:3] for key in self.found))
+        groups = dict.fromkeys(key[:3] for key in self.found)
+        self.groups = sorted(groups, key=lambda group: list(MOTIONS).index(group[0]))
 
     def ratios(self, subject: str, kind: str, size: str, noise: float) -> list[float]:
         """To cv2.warpFrame, by motion; empty where the subject was not timed."""

@@ -35,7 +35,7 @@ _POSES = {
     50: ((-0.36, -0.53, 0.24), (0.49, 0.26, 0.83)),
 }
 """Where the synthetic room is seen from and in which direction, about as the frames of `LIVINGROOM`: metres, y down."""
-_CHUNK = 256  # rows made at once, so that making a large relief needs little memory
+_CHUNK = 256  # rows made at once, so that making a large picture needs little memory
 
 
 def relief(n: int) -> tuple[Array, Array]:
@@ -177,16 +177,10 @@ def rgbd(scene: str, number: int, size: tuple[int, int], noise: float = 0.0) -> 
         In metres; NaN where there is no depth.
     """
     camera = depth_camera(scene, number, size)
-    if scene == LIVINGROOM:
-        color, depth = _living_room(number, size)
-    else:
-        from pyibr.capture import capture
-
-        try:
-            view = capture(_room(), camera)
-        except ibr.MissingPackageError as error:
-            return Skip(ROOM, str(error))
-        color, depth = view.color, view.depth
+    try:
+        color, depth = _living_room(number, size) if scene == LIVINGROOM else _room_seen_by(camera)
+    except ibr.MissingPackageError as error:
+        return Skip(scene, str(error))
     if noise > 0:
         focal = float(camera.K[0, 0])
         disparity = ibr.disparity_from_depth(depth, focal, _BASELINE)
@@ -224,6 +218,7 @@ def _covering(size: tuple[int, int]) -> tuple[tuple[int, int], tuple[int, int]]:
     return (width, height), ((width - size[0]) // 2, (height - size[1]) // 2)
 
 
+@functools.lru_cache(maxsize=2)
 def _living_room(number: int, size: tuple[int, int]) -> tuple[Array, Array]:
     """Colour and depth; between samples of one surface nearness is interpolated, elsewhere the nearest one stays."""
     import cv2
@@ -241,6 +236,19 @@ def _living_room(number: int, size: tuple[int, int]) -> tuple[Array, Array]:
     color = cv2.resize(np.ascontiguousarray(color), full, interpolation=cv2.INTER_LINEAR if finer else cv2.INTER_AREA)
     part = slice(top, top + size[1]), slice(left, left + size[0])
     return np.ascontiguousarray(color[part]), np.ascontiguousarray(depth[part], np.float32)
+
+
+@functools.lru_cache(maxsize=2)
+def _room_seen_by(camera: ibr.Camera) -> tuple[Array, Array]:
+    """Colour and depth, some rows at a time: rays need much memory."""
+    from pyibr.capture import MeshScene
+
+    scene, parts = MeshScene.from_mesh(_room()), list[ibr.DepthImage]()
+    for top in range(0, camera.height, _CHUNK):
+        size = camera.width, min(_CHUNK, camera.height - top)
+        K = camera.K - np.array([[0, 0, 0], [0, 0, top], [0, 0, 0]])
+        parts.append(scene.capture(ibr.Camera(K, size, camera.world_from_camera)))
+    return np.concatenate([part.color for part in parts]), np.concatenate([part.depth for part in parts])
 
 
 @functools.cache
