@@ -13,7 +13,7 @@ from benchmarks import report
 from benchmarks.cases import FULL, QUICK
 from benchmarks.runner import run
 
-NAMES = ("complexity", "table2", "peers", "raster", "slicing", "relief", "depthmesh", "startup")
+NAMES = ("complexity", "table2", "peers", "rgbd", "raster", "slicing", "relief", "depthmesh", "startup")
 
 
 def main(

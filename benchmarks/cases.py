@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from benchmarks.scenes import MOTIONS, REGIONS
+from benchmarks.scenes import LIVINGROOM, MOTIONS, REGIONS, ROOM
 
+Size = tuple[int, int]  # width, height
 Position = tuple[str, str]  # region of the epipole, motion of the target camera
 
 EVERY_POSITION: tuple[Position, ...] = tuple((region, motion) for region in REGIONS for motion in MOTIONS)
@@ -14,10 +15,10 @@ EVERY_POSITION: tuple[Position, ...] = tuple((region, motion) for region in REGI
 
 @dataclass(frozen=True)
 class Plan:
-    """Sizes are sides of square images; a mapping from sizes gives the number of turns."""
+    """Sizes are sides of square images, or width and height; a mapping from sizes gives the number of turns."""
 
     complexity_positions: tuple[Position, ...]
-    complexity: Mapping[str, Mapping[int, int]]  # method: sizes
+    complexity: Mapping[str, Mapping[int, int]]  # subject: sizes
     table2: Mapping[int, int]
     dragon_mesh: str
     peers_positions: tuple[Position, ...]
@@ -39,6 +40,15 @@ class Plan:
     depthmesh_warp: int  # turns
     simplification: Mapping[str, int]  # turns by surface
     decimation: Mapping[str, int]
+    rgbd_scene: str
+    rgbd: Mapping[Size, int]
+    rgbd_noise: tuple[float, ...]  # pixels of disparity
+    rgbd_connected: tuple[Size, ...]  # where connected surfaces are warped, too
+    rgbd_threads: Mapping[tuple[Size, float], int]  # size and noise: processes of each number of threads
+    rgbd_white: Mapping[Size, int]
+    rgbd_stereo: Mapping[tuple[Size, float], int]  # size and noise
+    rgbd_light_field: Mapping[tuple[int, int], int]  # side and number of views
+    rgbd_small: Mapping[int, int]
     startup_repeats: int
     startup_empty_cache: bool  # begin with nothing built, so that a first process shows what building costs
     memory: tuple[int, ...]
@@ -48,6 +58,7 @@ FULL = Plan(
     complexity_positions=(("A", "forward"), ("E", "backward"), ("F", "forward")),
     complexity={
         "epipolar": {128: 15, 256: 11, 512: 7, 1024: 5, 2048: 3, 4096: 3},
+        "epipolar, white noise": {128: 9, 256: 7, 512: 5, 1024: 3, 2048: 3, 4096: 3},
         "search": {128: 3, 256: 1, 512: 1, 1024: 1},
     },
     table2={128: 9, 256: 7, 512: 5},
@@ -76,6 +87,15 @@ FULL = Plan(
     depthmesh_warp=21,
     simplification={"fuji": 41, "dragon, filled": 21},
     decimation={"fuji": 1, "dragon": 3},
+    rgbd_scene=LIVINGROOM,
+    rgbd={(640, 480): 31, (1280, 720): 15, (1920, 1440): 11, (3840, 2160): 5},
+    rgbd_noise=(0.0, 0.1, 0.3),
+    rgbd_connected=((640, 480), (1920, 1440)),
+    rgbd_threads={(size, noise): 5 for size in ((640, 480), (1920, 1440)) for noise in (0.0, 0.3)},
+    rgbd_white={(640, 480): 31, (1024, 1024): 21},
+    rgbd_stereo={((1280, 720), noise): 31 for noise in (0.0, 0.1, 0.3)},
+    rgbd_light_field={(512, 48): 11},
+    rgbd_small={64: 201},
     startup_repeats=5,
     startup_empty_cache=True,
     memory=(1024, 4096),
@@ -83,7 +103,11 @@ FULL = Plan(
 
 QUICK = Plan(
     complexity_positions=(("A", "forward"), ("E", "backward")),
-    complexity={"epipolar": {32: 3, 64: 3, 128: 3}, "search": {32: 1, 64: 1}},
+    complexity={
+        "epipolar": {32: 3, 64: 3, 128: 3},
+        "epipolar, white noise": {32: 1, 64: 1},
+        "search": {32: 1, 64: 1},
+    },
     table2={32: 1},
     dragon_mesh="dragon_vrip_res3.ply.gz",
     peers_positions=(("A", "forward"), ("E", "backward")),
@@ -105,6 +129,15 @@ QUICK = Plan(
     depthmesh_warp=1,
     simplification={"relief": 1},
     decimation={"relief": 1},
+    rgbd_scene=ROOM,
+    rgbd={(64, 48): 1, (96, 54): 1},
+    rgbd_noise=(0.0, 0.3),
+    rgbd_connected=((64, 48),),
+    rgbd_threads={((64, 48), 0.0): 1},
+    rgbd_white={(64, 48): 1},
+    rgbd_stereo={((96, 54), 0.0): 1},
+    rgbd_light_field={(32, 3): 1},
+    rgbd_small={16: 3},
     startup_repeats=1,
     startup_empty_cache=False,
     memory=(256,),

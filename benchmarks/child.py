@@ -1,4 +1,4 @@
-"""One measurement in a process of its own; prints JSON. Called by `benchmarks.startup`."""
+"""One measurement in a process of its own; prints JSON. Called through `benchmarks.startup.child`."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ import json  # noqa: E402 - what this file itself needs counts as little as poss
 import sys  # noqa: E402
 from pathlib import Path  # noqa: E402
 from typing import Any  # noqa: E402
+
+KERNEL_RUNS = 7
 
 
 def elapsed(start: float) -> float:
@@ -49,6 +51,21 @@ def measure_memory(n: int) -> dict[str, Any]:
     }
 
 
+def measure_kernels(scene: str, width: int, height: int, noise: float) -> dict[str, Any]:
+    """A warp's kernels, after one run for nothing, on as many threads as the environment allows."""
+    from benchmarks.launches import kernel_times
+    from benchmarks.rgbd import kernel_work
+    from pyibr.opencl.device import current
+
+    times: dict[str, list[float]] = {}
+    for turn in range(KERNEL_RUNS + 1):
+        with kernel_times() as launches:
+            kernel_work(scene, (width, height), noise)
+        for kernel, values in launches.items() if turn else ():
+            times.setdefault(kernel, []).append(sum(values))
+    return {"kernels_ms": times, "threads": current().context.devices[0].max_compute_units}
+
+
 def memory(name: str) -> int:
     """Bytes, of this process."""
     lines = Path("/proc/self/status").read_text().splitlines()
@@ -57,5 +74,6 @@ def memory(name: str) -> int:
 
 if __name__ == "__main__":
     what, *rest = sys.argv[1:]
-    found = {"frame": measure_frame, "memory": measure_memory}[what](*map(int, rest))
+    measures = {"frame": measure_frame, "memory": measure_memory, "kernels": measure_kernels}
+    found = measures[what](*map(json.loads, rest))
     print(json.dumps(found))

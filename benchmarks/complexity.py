@@ -1,66 +1,80 @@
-"""How time and visited samples grow with the image's side: O(n^3) for `search`, O(n^2) for `epipolar`.
+"""How time and what a whole call visits grow with the image's side: O(n^3) for `search`, O(n^2) for `epipolar`.
 
 The scene is fixed in normalised image coordinates, so that the depth's range spans a part of the image that
-does not depend on n, and epipolar segments grow with n.
+does not depend on n, and epipolar segments grow with n. White noise in the same range is the other extreme:
+what a pixel's line saw tells next to nothing of what the pixel sees.
 """
 
 from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pyibr as ibr
 from benchmarks import scenes
 from benchmarks.cases import Plan
 from benchmarks.launches import counted_samples, kernel_times
-from benchmarks.results import Record
+from benchmarks.results import Parameter, Record
 from benchmarks.runner import Case, Work
 
 SLOW = 512  # from here on a search takes seconds: no turn for nothing before
 
-BARS = {
-    ("epipolar", "visited"): (1.9, 2.1),
-    ("epipolar", "end to end"): (-math.inf, 2.25),
-    ("search", "visited"): (2.85, 3.15),
+SMOOTH, NOISE, SEARCH = "epipolar", "epipolar, white noise", "search"
+SUBJECTS: dict[str, tuple[Any, Callable[[int], Any]]] = {
+    SMOOTH: ("epipolar", scenes.relief),
+    NOISE: ("epipolar", scenes.white_noise),
+    SEARCH: ("search", scenes.relief),
 }
-"""The exponent's least and greatest, by method and quantity."""
+"""Method and surface."""
+
+BARS = {
+    (SMOOTH, "visited"): (1.9, 2.1),
+    (NOISE, "visited"): (1.9, 2.1),
+    (SMOOTH, "end to end"): (-math.inf, 2.25),
+    (NOISE, "end to end"): (-math.inf, 2.25),
+    (SEARCH, "visited"): (2.85, 3.15),
+}
+"""The exponent's least and greatest, by subject and quantity."""
 
 
 def cases(plan: Plan) -> Iterator[Case]:
-    """One case a method, size and position."""
-    for method, sizes in plan.complexity.items():
+    """One case a subject, size and position."""
+    for subject, sizes in plan.complexity.items():
         for n, repeats in sizes.items():
             for region, motion in plan.complexity_positions:
-                parameters = {"method": method, "size": n, "region": region, "motion": motion}
-                yield Case(parameters, functools.partial(_prepare, method, n, region, motion, repeats))
+                parameters: dict[str, Parameter] = {"size": n, "region": region, "motion": motion}
+                yield Case(
+                    {"subject": subject, **parameters}, functools.partial(_prepare, subject, parameters, repeats)
+                )
 
 
-def _prepare(method: Any, n: int, region: str, motion: str, repeats: int) -> Work:
-    color, depth = _relief(n)
+def _prepare(subject: str, parameters: dict[str, Parameter], repeats: int) -> Work:
+    n, region, motion = int(parameters["size"]), str(parameters["region"]), str(parameters["motion"])
+    method = SUBJECTS[subject][0]
+    color, depth = _surface(subject, n)
     source, target = scenes.source_camera(n), scenes.target_camera(n, region, motion)
 
     def warp() -> ibr.Frame:
         return ibr.warp(ibr.DepthImage(color, depth, source), target, method=method)
 
     def read() -> Iterator[Record]:
-        parameters = {"method": method, "size": n, "region": region, "motion": motion}
         with counted_samples() as counts:
             warp()
-        # A search's pixels do nothing of their own; the sweep's are steps of its walk as its samples are.
-        visited = counts["samples"] + (counts["pixels"] if method == "epipolar" else 0)
-        yield Record(method, "visited", "samples", parameters, [visited])
-        yield Record(method, "source samples", "samples", parameters, [counts["samples"]])
+        visited = {kernel: seen.samples + seen.pixels for kernel, seen in counts.items()}
+        yield Record(subject, "visited", "samples", parameters, [sum(visited.values())])
+        for kernel, steps in visited.items():
+            yield Record(f"{subject}: {kernel}", "visited", "samples", parameters, [steps])
         if method == "epipolar":
             with kernel_times() as times:
                 warp()
             for name, values in times.items():
-                yield Record(f"{method}: {name}", "kernel", "ms", parameters, values)
+                yield Record(f"{subject}: {name}", "kernel", "ms", parameters, values)
 
-    return Work({method: warp}, repeats, read, warm=method == "epipolar" or n < SLOW)
+    return Work({subject: warp}, repeats, read, warm=method == "epipolar" or n < SLOW)
 
 
 @functools.lru_cache(maxsize=1)
-def _relief(n: int) -> Any:
-    return scenes.relief(n)
+def _surface(subject: str, n: int) -> Any:
+    return SUBJECTS[subject][1](n)

@@ -6,10 +6,12 @@ in their place, which do the same with the same arguments and take notes.
 
 from __future__ import annotations
 
+import math
 import time
 from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 from unittest import mock
 
@@ -19,7 +21,23 @@ from pyibr.opencl import launch as launching
 from pyibr.opencl import program
 from pyibr.opencl.memory import empty
 
-COUNTED = {"search": "warp/search.cl", "epipolar_sweep": "warp/epipolar.cl"}
+COUNTED = ("epipolar_sweep", "search", "resolve")
+
+
+@dataclass(frozen=True)
+class Visited:
+    """What launches of a kernel visited.
+
+    Attributes
+    ----------
+    samples : int
+        Steps along epipolar lines in the source: samples or cells. A packet of lanes takes as many as its slowest.
+    pixels : int
+        Of the target: those that the sweep settles, those that `resolve` traces once more; of a search none.
+    """
+
+    samples: int = 0
+    pixels: int = 0
 
 
 @contextmanager
@@ -58,29 +76,33 @@ def build_times() -> Iterator[dict[str, float]]:
 
 
 @contextmanager
-def counted_samples() -> Iterator[dict[str, int]]:
-    """Yields what the sweep and the search visit: "samples" of the source and "pixels" of the target."""
-    counts: dict[str, int] = {}
-    launch = launching.launch
+def counted_samples() -> Iterator[dict[str, Visited]]:
+    """Yields by kernel what a whole call visits: the sweep or the search, and `resolve`."""
+    counts: dict[str, Visited] = {}
+    kernel, launch = program.kernel, launching.launch
+
+    def with_counts(file: str, name: str, **defines: int) -> program.Kernel:
+        return kernel(file, name, **defines, **({"COUNT_SAMPLES": 1} if name in COUNTED else {}))
 
     def counting(kernel: program.Kernel, grid: tuple[int, ...], **arguments: Any) -> None:
-        file = COUNTED.get(kernel.name)
-        if file is None:
+        if kernel.name not in COUNTED:
             return launch(kernel, grid, **arguments)
-        sweep = kernel.name == "epipolar_sweep"
         target = arguments["map"].values
-        shape = (arguments["packet_count"], 2) if sweep else (int(target["dst_height"]), int(target["dst_width"]))
+        shape = {
+            "epipolar_sweep": lambda: (arguments["packet_count"], 2),
+            "search": lambda: (int(target["dst_height"]), -(-int(target["dst_width"]) // kernel.session.lanes)),
+            "resolve": lambda: (math.prod(grid), 2),
+        }[kernel.name]()
         visited = empty(shape, np.uint32)
         visited.fill(0)
-        counter = program.kernel(file, kernel.name, COUNT_SAMPLES=1)
-        launch(counter, grid, **arguments, counts=visited)
+        launch(kernel, grid, **arguments, counts=visited)
         host = visited.to_host().astype(np.uint64)
-        samples, pixels = (host[:, 0].sum(), host[:, 1].sum()) if sweep else (host.sum(), host.size)
-        counts["samples"] = counts.get("samples", 0) + int(samples)
-        counts["pixels"] = counts.get("pixels", 0) + int(pixels)
+        samples, pixels = (host.sum(), 0) if kernel.name == "search" else host.sum(axis=0)
+        before = counts.get(kernel.name, Visited())
+        counts[kernel.name] = Visited(before.samples + int(samples), before.pixels + int(pixels))
         return None
 
-    with mock.patch.object(launching, "launch", counting):
+    with mock.patch.object(program, "kernel", with_counts), mock.patch.object(launching, "launch", counting):
         yield counts
     _require(counts, "neither a sweep nor a search was launched")
 

@@ -4,47 +4,33 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterator
-from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-import pyibr as ibr
-from benchmarks import scenes
+from benchmarks import opencv, scenes
 from benchmarks.cases import Plan
-from benchmarks.launches import kernel_times
-from benchmarks.results import Record
+from benchmarks.opencv import Task
+from benchmarks.results import Parameter, Record
 from benchmarks.runner import Case, Subject, Work
 
 Array = NDArray[Any]
 
 NEAREST, LINEAR = "pyibr nearest", "pyibr linear"
-BASE = "cv2.warpFrame"
-OURS: dict[str, Any] = {NEAREST: "nearest", LINEAR: "linear"}
+OURS: dict[str, opencv.Options] = {NEAREST: {"sample": "nearest"}, LINEAR: {"sample": "linear"}}
 OPEN3D_BUILD, OPEN3D_CAST = "Open3D build", "Open3D cast"
-KERNEL_RUNS = 3
 
-BARS = {(NEAREST, 1024): 0.5, (NEAREST, 2048): 0.4, (LINEAR, 1024): 0.8, (LINEAR, 2048): 0.6}
-"""At most this part of the time of `BASE`, by subject and size: the median over the positions."""
+BARS = {
+    (NEAREST, 1024): 0.55,
+    (LINEAR, 1024): 0.65,
+    **{(subject, n): 0.35 for subject in OURS for n in (2048, 4096)},
+}
+"""At most this part of the time of cv2.warpFrame, by subject and size: the median over the positions."""
 
-
-@dataclass(frozen=True)
-class Task:
-    """One warp: the same arrays and cameras for everybody."""
-
-    color: Array
-    depth: Array
-    source: ibr.Camera
-    target: ibr.Camera
-
-    def ours(self, sample: Any) -> ibr.Frame:
-        return ibr.warp(ibr.DepthImage(self.color, self.depth, self.source), self.target, sample=sample)
-
-    @functools.cached_property
-    def target_from_source(self) -> Array:
-        return self.target.camera_from_world @ self.source.world_from_camera
+REMAP_BAR, REMAP_FROM = 1.7, 1024
+"""At most this multiple of the time of cv2.remap, from this size on: the median over the positions."""
 
 
 def cases(plan: Plan) -> Iterator[Case]:
@@ -58,47 +44,22 @@ def cases(plan: Plan) -> Iterator[Case]:
 def _prepare(n: int, region: str, motion: str, repeats: int, open3d: bool) -> Work:
     color, depth = _relief(n)
     task = Task(color, depth, scenes.source_camera(n), scenes.target_camera(n, region, motion))
-    subjects = {name: functools.partial(task.ours, sample) for name, sample in OURS.items()}
-    subjects |= _opencv(task)
+    subjects: dict[str, Subject] = {name: functools.partial(task.ours, **options) for name, options in OURS.items()}
+    subjects |= opencv.subjects(task)
     if open3d:
         subjects |= _open3d(task)
-    parameters = {"size": n, "region": region, "motion": motion}
-    return Work(subjects, repeats, lambda: [*_kernels(task, parameters), *_sameness(task, parameters)])
+    parameters: dict[str, Parameter] = {"size": n, "region": region, "motion": motion}
+
+    def read() -> Iterator[Record]:
+        yield from opencv.kernels(task, OURS, parameters)
+        yield from opencv.sameness(task, NEAREST, OURS[NEAREST], parameters)
+
+    return Work(subjects, repeats, read)
 
 
 @functools.lru_cache(maxsize=1)
 def _relief(n: int) -> tuple[Array, Array]:
     return scenes.relief(n)
-
-
-def _opencv(task: Task) -> dict[str, Subject]:
-    import cv2
-
-    mask = np.full(task.depth.shape, 255, np.uint8)
-    K, Rt, undistorted = task.source.K, task.target_from_source, np.zeros(5)
-    across, down = _source_positions(task)
-
-    def remap() -> object:
-        return [cv2.remap(image, across, down, cv2.INTER_LINEAR) for image in (task.color, task.depth)]
-
-    return {
-        BASE: lambda: cv2.warpFrame(task.depth, task.color, mask, Rt, K),
-        "cv2.registerDepth": lambda: cv2.registerDepth(K, K, undistorted, Rt, task.depth, task.target.size),
-        "cv2.remap": remap,
-    }
-
-
-def _source_positions(task: Task) -> tuple[Array, Array]:
-    """float32 (H, W) x and y in the source of what each target pixel sees; -1 where it sees nothing."""
-    frame = task.ours("linear")
-    x, y = np.meshgrid(*(np.arange(size, dtype=np.float32) for size in task.target.size))
-    z = np.where(frame.valid, frame.depth, 1.0).astype(np.float32)
-    # The cameras share K and differ by a translation t: K (X - t) = z pixel - K t.
-    u, v, w = (task.source.K @ -task.target_from_source[:3, 3]).astype(np.float32)
-    nowhere = np.float32(-1)
-    across = np.where(frame.valid, (x * z + u) / (z + w), nowhere)
-    down = np.where(frame.valid, (y * z + v) / (z + w), nowhere)
-    return across, down
 
 
 def _open3d(task: Task) -> dict[str, Subject]:
@@ -128,28 +89,3 @@ def _open3d(task: Task) -> dict[str, Subject]:
 
     scene = build()
     return {OPEN3D_BUILD: build, OPEN3D_CAST: lambda: scene.cast_rays(rays)["t_hit"].numpy()}
-
-
-def _kernels(task: Task, parameters: dict[str, Any]) -> Iterator[Record]:
-    """What the kernels alone take."""
-    for name, sample in OURS.items():
-        totals: list[float] = []
-        for _ in range(KERNEL_RUNS):
-            with kernel_times() as times:
-                task.ours(sample)
-            totals.append(sum(map(sum, times.values())))
-        yield Record(name, "kernels", "ms", parameters, totals)
-
-
-def _sameness(task: Task, parameters: dict[str, Any]) -> Iterator[Record]:
-    """How much of the target each covers, and that both mean the same warp."""
-    import cv2
-
-    mask = np.full(task.depth.shape, 255, np.uint8)
-    depth, _, seen = cv2.warpFrame(task.depth, task.color, mask, task.target_from_source, task.source.K)
-    frame = task.ours("nearest")
-    both = frame.valid & (seen > 0)
-    difference = float(np.median(np.abs(depth[both] / frame.depth[both] - 1)))
-    yield Record(NEAREST, "coverage", "share", parameters, [float(frame.valid.mean())])
-    yield Record(BASE, "coverage", "share", parameters, [float((seen > 0).mean())])
-    yield Record(BASE, "median depth difference", "share", parameters, [difference])

@@ -17,16 +17,17 @@ def complexity(series: Mapping[tuple[str, str], Series], path: Path) -> None:
     """Visited samples and time over the side, logarithmic, with fitted lines."""
     figure, panels = _panels(2)
     labels = {"visited": "samples visited", "end to end": "time [ms]"}
-    colors = {"epipolar": "C0", "search": "C3"}
+    subjects = list(dict.fromkeys(subject for subject, _ in series))
     for panel, (quantity, label) in zip(panels, labels.items(), strict=True):
         for (method, what), values in series.items():
             if what != quantity:
                 continue
             n, y = np.array(list(values)), np.array(list(values.values()))
+            color = f"C{subjects.index(method)}"
             power = exponent(n.tolist(), y.tolist())
             scale = np.exp(np.mean(np.log(y) - power * np.log(n)))
-            panel.plot(n, y, "o", color=colors[method], label=f"{method}: $n^{{{power:.2f}}}$")
-            panel.plot(n, scale * n**power, "-", lw=1, color=colors[method])
+            panel.plot(n, y, "o", color=color, label=f"{method}: $n^{{{power:.2f}}}$")
+            panel.plot(n, scale * n**power, "-", lw=1, color=color)
         _logarithmic(panel, label)
     _save(figure, path)
 
@@ -72,6 +73,41 @@ def peers(
     _logarithmic(left, "time, median over the positions [ms]")
     _logarithmic(right, "ratio to cv2.warpFrame (thick: bars)")
     right.legend().remove()
+    _save(figure, path)
+
+
+def rgbd(
+    ratios: Mapping[tuple[str, str, float], Sequence[float]],
+    bars: Mapping[tuple[str, str, float], float],
+    base: str,
+    path: Path,
+) -> None:
+    """Ratios to the base by noise: a panel a kind of motion, a line a size; a dot is a motion, the line their mean."""
+    kinds, sizes = (
+        list(dict.fromkeys(kind for kind, _, _ in ratios)),
+        list(dict.fromkeys(size for _, size, _ in ratios)),
+    )
+    figure, panels = _panels(len(kinds))
+    for panel, kind in zip(panels, kinds, strict=True):
+        noises = sorted({noise for k, _, noise in ratios if k == kind})
+        for index, size in enumerate(sizes):
+            here = {at: ratios[kind, size, noise] for at, noise in enumerate(noises) if (kind, size, noise) in ratios}
+            shift, color = 0.04 * (index - (len(sizes) - 1) / 2), f"C{index}"
+            panel.plot(list(here), [np.mean(found) for found in here.values()], "o-", color=color, ms=4, label=size)
+            for at, found in here.items():
+                panel.plot([at + shift] * len(found), found, ".", ms=4, alpha=0.5, color=color)
+                bar = bars.get((kind, size, noises[at]))
+                if bar is not None:
+                    ends = [at + shift - 0.15, at + shift + 0.15]
+                    panel.plot(ends, [bar, bar], "-", lw=3, alpha=0.5, color=color)
+        panel.axhline(1, color="k", lw=0.8)
+        panel.set_xticks(range(len(noises)), [f"{noise:g}" if noise else "none" for noise in noises])
+        panel.set_ylim(bottom=0)
+        panel.set_title(kind, fontsize=10)
+        panel.set_xlabel("noise [pixels of disparity]")
+        panel.set_ylabel(f"ratio to {base} (thick: bars)")
+        panel.grid(True, lw=0.3, alpha=0.5)
+        panel.legend(fontsize=8)
     _save(figure, path)
 
 

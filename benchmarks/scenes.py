@@ -1,4 +1,4 @@
-"""What is drawn: the relief that is warped, cameras with the epipole in each of the nine regions, scans, bumps.
+"""What is drawn: the relief that is warped, cameras with the epipole in each of the nine regions, scans, bumps, rooms.
 
 The regions are those of the warping paper's table 1. The relief is fixed in normalised image coordinates, so that
 epipolar segments grow with the image's side.
@@ -24,7 +24,18 @@ MOTIONS = ("forward", "backward")  # of the target camera: its epipole is an ant
 DISTANCE = 0.6  # scene units between the cameras; the relief lies 3 to 5 before the source
 _COLUMN, _ROW = (-0.3, 0.35, 1.3), (-0.3, 0.6, 1.3)  # of the epipole, in image sides
 _FUJI_SPACING = 62.4  # metres: tile 10/906/404 of 512 samples a side, at 35.3 degrees north
-_CHUNK = 256  # rows made at once, so that making a large relief needs little memory
+LIVINGROOM, ROOM = "livingroom1", "synthetic room"  # what a depth camera sees
+_VGA, _FOCAL = (640, 480), 525.0  # pixels, of the depth camera
+_BASELINE = 0.075  # metres between a structured-light camera and its projector
+_DISPARITY_STEPS = 8  # a pixel
+_SAME_SURFACE = 0.02  # neighbours whose nearness differs by a smaller part than this are interpolated
+_POSES = {
+    0: ((0, 0, 0), (0, 0, 1)),
+    4: ((0.005, -0.1, -0.007), (0.016, 0.05, 1)),
+    50: ((-0.36, -0.53, 0.24), (0.49, 0.26, 0.83)),
+}
+"""Where the synthetic room is seen from and in which direction, about as the frames of `LIVINGROOM`: metres, y down."""
+_CHUNK = 256  # rows made at once, so that making a large picture needs little memory
 
 
 def relief(n: int) -> tuple[Array, Array]:
@@ -48,6 +59,20 @@ def relief(n: int) -> tuple[Array, Array]:
             waves = 0.3 * np.sin(9 * a + 5 * b + phase) + 0.2 * np.sin(23 * b - 11 * a * b + phase)
             color[top : top + _CHUNK, :, channel] = 255 * (0.5 + waves)
     return color, depth
+
+
+def white_noise(n: int) -> tuple[Array, Array]:
+    """The relief's colours, and depths between its nearest and its farthest that know nothing of their neighbours.
+
+    Returns
+    -------
+    color : uint8 (n, n, 3)
+    depth : float32 (n, n)
+        Planar z in scene units.
+    """
+    color, depth = relief(n)
+    low, high = depth.min(), depth.max()
+    return color, low + (high - low) * np.random.default_rng(n).random((n, n), np.float32)
 
 
 def data_folder() -> Path:
@@ -128,3 +153,124 @@ def translation(n: int, region: str, motion: str) -> Array:
 def target_camera(n: int, region: str, motion: str) -> ibr.Camera:
     """The source camera moved so that the epipole lies in ``region``."""
     return source_camera(n).moved(*-translation(n, region, motion))
+
+
+@functools.lru_cache(maxsize=2)
+def rgbd(scene: str, number: int, size: tuple[int, int], noise: float = 0.0) -> ibr.DepthImage | Skip:
+    """A frame of a depth camera.
+
+    Parameters
+    ----------
+    scene : str
+        `LIVINGROOM` of the data folder, 640 x 480 and without noise (Choi, Zhou & Koltun 2015), scaled until it covers
+        ``size``, and cropped to its middle; or `ROOM`, which is ray cast at ``size``.
+    number : {0, 4, 50}
+        The frame.
+    size : (width, height)
+    noise : float
+        Standard deviation of the disparity, in pixels of this size, which is then rounded to steps of 1/8 pixel: what
+        structured light with a baseline of 7.5 cm delivers. 0: the depth as it is.
+
+    Returns
+    -------
+    DepthImage or Skip
+        In metres; NaN where there is no depth.
+    """
+    camera = depth_camera(scene, number, size)
+    try:
+        color, depth = _living_room(number, size) if scene == LIVINGROOM else _room_seen_by(camera)
+    except ibr.MissingPackageError as error:
+        return Skip(scene, str(error))
+    if noise > 0:
+        focal = float(camera.K[0, 0])
+        disparity = ibr.disparity_from_depth(depth, focal, _BASELINE)
+        disparity += np.random.default_rng(number).normal(0, noise, depth.shape)
+        disparity = np.round(disparity * _DISPARITY_STEPS) / _DISPARITY_STEPS
+        depth = ibr.depth_from_disparity(disparity, focal, _BASELINE)
+    return ibr.DepthImage(color, depth, camera)
+
+
+def shown(size: tuple[int, int]) -> str:
+    """As results and reports write it."""
+    return f"{size[0]} x {size[1]}"
+
+
+def depth_camera(scene: str, number: int, size: tuple[int, int]) -> ibr.Camera:
+    """The camera of a frame of `rgbd`."""
+    pose = np.eye(4)
+    if scene == LIVINGROOM:
+        poses = np.loadtxt(data_folder() / "rgbd_livingroom1/poses_gt_cam_to_frame0.txt")
+        pose = poses[poses[:, 0] == number][0, 1:].reshape(4, 4)
+    else:
+        at, forward = (np.array(vector, float) for vector in _POSES[number])
+        pose = ibr.Camera.look_at(at, at + forward, (0, -1, 0), _VGA, fov_y=49).world_from_camera
+    (width, height), focal = _VGA, _FOCAL
+    camera = ibr.Camera([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]], _VGA, pose)
+    full, (left, top) = _covering(size)
+    K = camera.resized(full).K - np.array([[0, 0, left], [0, 0, top], [0, 0, 0]])
+    return ibr.Camera(K, size, pose)
+
+
+def _covering(size: tuple[int, int]) -> tuple[tuple[int, int], tuple[int, int]]:
+    """The size of 640 x 480 scaled until it covers ``size``, and what is cropped at its left and top."""
+    scale = max(size[0] / _VGA[0], size[1] / _VGA[1])
+    width, height = round(scale * _VGA[0]), round(scale * _VGA[1])
+    return (width, height), ((width - size[0]) // 2, (height - size[1]) // 2)
+
+
+@functools.lru_cache(maxsize=2)
+def _living_room(number: int, size: tuple[int, int]) -> tuple[Array, Array]:
+    """Colour and depth; between samples of one surface nearness is interpolated, elsewhere the nearest one stays."""
+    import cv2
+
+    folder = data_folder() / "rgbd_livingroom1"
+    color = np.asarray(cv2.imread(str(folder / f"color/{number:05d}.jpg")))[..., ::-1]
+    stored = np.asarray(cv2.imread(str(folder / f"depth/{number:05d}.png"), cv2.IMREAD_UNCHANGED))
+    nearness = np.where(stored > 0, 1000 / np.maximum(stored, 1), 0).astype(np.float32)
+    full, (left, top) = _covering(size)
+    nearest = cv2.resize(nearness, full, interpolation=cv2.INTER_NEAREST)
+    smooth = cv2.resize(nearness, full, interpolation=cv2.INTER_LINEAR)
+    nearness = np.where(np.abs(smooth - nearest) < _SAME_SURFACE * nearest, smooth, nearest)
+    depth = np.where(nearness > 0, 1 / np.maximum(nearness, np.float32(1e-6)), np.float32(np.nan))
+    finer = full[0] >= _VGA[0]
+    color = cv2.resize(np.ascontiguousarray(color), full, interpolation=cv2.INTER_LINEAR if finer else cv2.INTER_AREA)
+    part = slice(top, top + size[1]), slice(left, left + size[0])
+    return np.ascontiguousarray(color[part]), np.ascontiguousarray(depth[part], np.float32)
+
+
+@functools.lru_cache(maxsize=2)
+def _room_seen_by(camera: ibr.Camera) -> tuple[Array, Array]:
+    """Colour and depth, some rows at a time: rays need much memory."""
+    from pyibr.capture import MeshScene
+
+    scene, parts = MeshScene.from_mesh(_room()), list[ibr.DepthImage]()
+    for top in range(0, camera.height, _CHUNK):
+        size = camera.width, min(_CHUNK, camera.height - top)
+        K = camera.K - np.array([[0, 0, 0], [0, 0, top], [0, 0, 0]])
+        parts.append(scene.capture(ibr.Camera(K, size, camera.world_from_camera)))
+    return np.concatenate([part.color for part in parts]), np.concatenate([part.depth for part in parts])
+
+
+@functools.cache
+def _room() -> ibr.Mesh:
+    """Walls all round, a cupboard, a table and its box, a column, and a ball. Metres, y down."""
+    boxes = [
+        ((-1.6, -1.0, -0.8), (1.7, 0.9, 2.6)),
+        ((-1.4, -0.4, 1.8), (-0.7, 0.9, 2.2)),
+        ((-0.3, 0.35, 1.2), (0.6, 0.4, 1.7)),
+        ((0.05, 0.15, 1.35), (0.25, 0.35, 1.55)),
+        ((0.7, -1.0, 1.5), (0.85, 0.9, 1.65)),
+    ]
+    corners = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+    sides = np.array([(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)])
+    of_box = np.concatenate([sides[:, [0, 1, 2]], sides[:, [0, 2, 3]]])
+    vertices = [np.array(low) + corners * (np.array(high) - np.array(low)) for low, high in boxes]
+    faces = [of_box + 8 * box for box in range(len(boxes))]
+    n = 40  # of the ball, from pole to pole and half round it
+    down, around = (axis.ravel() for axis in np.meshgrid(*[np.arange(n + 1) * np.pi / n] * 2, indexing="ij"))
+    ball = np.stack([np.sin(down) * np.cos(2 * around), -np.cos(down), np.sin(down) * np.sin(2 * around)], -1)
+    first = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel() + 8 * len(boxes)
+    vertices.append(np.array((-0.3, 0.65, 1.1)) + 0.25 * ball)
+    faces += [np.stack([first, first + 1, first + n + 1], -1), np.stack([first + 1, first + n + 2, first + n + 1], -1)]
+    points = np.concatenate(vertices)
+    return ibr.Mesh(points, np.concatenate(faces), colors=0.55 + 0.4 * np.sin(3 * points + (0, 1, 2)))

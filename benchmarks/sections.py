@@ -6,16 +6,19 @@ from pathlib import Path
 
 from benchmarks import complexity, peers, plots, startup, table2
 from benchmarks.depthmesh_section import depthmesh_section
+from benchmarks.opencv import BASE, REMAP
 from benchmarks.relief_section import relief_section
 from benchmarks.results import Result
+from benchmarks.rgbd_section import rgbd_section
 from benchmarks.slicing_section import raster_section, slicing_section
 from benchmarks.statistics import Quartiles, exponent, median, number, ratios
 from benchmarks.tables import only, position, sizes_of, table, totals, verdict
 
 COMPLEXITY = """## Complexity
 
-Sums over {positions} positions of the epipole. *Visited* counts the steps of the walks: source samples,
-and for the sweep target pixels, too.
+Sums over {positions} positions of the epipole. *Visited* counts the steps of a whole call: those along epipolar lines
+in the source, a packet of lanes taking as many as its slowest, and the target's pixels, both in the sweep (or search)
+and where `resolve` traces a pixel once more. White noise has the relief's range of depth and is connected.
 
 ![Growth with the image's side](complexity.png)
 """
@@ -57,7 +60,8 @@ outputs and everything else.
 def complexity_section(result: Result, folder: Path) -> list[str]:
     """Exponents, totals over the positions, and the log-log plot."""
     units = {"visited": "samples", "end to end": "ms"}
-    every = {(m, q): totals(result.select(subject=m, quantity=q)) for q in units for m in ("epipolar", "search")}
+    subjects = complexity.SUBJECTS
+    every = {(m, q): totals(result.select(subject=m, quantity=q)) for q in units for m in subjects}
     series = {key: values for key, values in every.items() if len(values) > 1}
     plots.complexity(series, folder / "complexity.png")
     rows: list[list[str]] = []
@@ -76,8 +80,8 @@ def complexity_section(result: Result, folder: Path) -> list[str]:
     positions = len({position(record) for record in result.records})
     return [
         COMPLEXITY.format(positions=positions),
-        table(["method", "quantity", "n", "exponent", "bar", ""], rows),
-        table(["n", *(f"{method}: {quantity} ({units[quantity]})" for method, quantity in series)], detail),
+        table(["subject", "quantity", "n", "exponent", "bar", ""], rows),
+        table(["n", *(f"{subject}: {quantity} ({units[quantity]})" for subject, quantity in series)], detail),
     ]
 
 
@@ -120,7 +124,7 @@ def peers_section(result: Result, folder: Path) -> list[str]:
         for s in subjects
     }
     medians = {key: {at: median(values) for at, values in found.items()} for key, found in times.items() if found}
-    relative = {(s, n): ratios(found, medians[peers.BASE, n]) for (s, n), found in medians.items()}
+    relative = {(s, n): ratios(found, medians[BASE, n]) for (s, n), found in medians.items()}
     plots.peers(medians, relative, peers.BARS, folder / "peers.png")
 
     def summary(subject: str, n: int) -> str:
@@ -134,26 +138,37 @@ def peers_section(result: Result, folder: Path) -> list[str]:
 
     rows = [[subject, *(summary(subject, n) for n in sizes)] for subject in subjects]
     rows += [[f"{subject}, kernels alone", *(kernels(subject, n) for n in sizes)] for subject in peers.OURS]
-    bars: list[list[str]] = []
-    for (subject, n), bar in peers.BARS.items():
-        if (subject, n) in relative:
-            spread = Quartiles.of(relative[subject, n])
-            bars.append([subject, str(n), str(spread), f"at most {bar:g}", verdict(spread.median <= bar)])
+    bars = [
+        [subject, str(n), BASE, *_judged(relative[subject, n], bar)]
+        for (subject, n), bar in peers.BARS.items()
+        if (subject, n) in relative
+    ]
+    bars += [
+        [subject, str(n), REMAP, *_judged(ratios(medians[subject, n], medians[REMAP, n]), peers.REMAP_BAR)]
+        for subject, n in medians
+        if subject in peers.OURS and n >= peers.REMAP_FROM and (REMAP, n) in medians
+    ]
     parts = [
-        PEERS.format(positions=len({position(r) for r in result.records}), base=peers.BASE),
+        PEERS.format(positions=len({position(r) for r in result.records}), base=BASE),
         table(["", *map(str, sizes)], rows),
-        table(["subject", "size", f"ratio to {peers.BASE}", "bar", ""], bars),
+        table(["subject", "size", "beside", "ratio", "bar", ""], bars),
         _coverage(result),
     ]
     for n in sizes:
         here = [subject for subject in subjects if (subject, n) in medians]
-        base = medians[peers.BASE, n]
+        base = medians[BASE, n]
         rows = [
             [*at, *(f"{Quartiles.of(times[s, n][at])} {medians[s, n][at] / base[at]:.2f}" for s in here)] for at in base
         ]
-        parts.append(f"### {n} x {n}, by region and motion\n\nMilliseconds, and the ratio to {peers.BASE}.\n")
+        parts.append(f"### {n} x {n}, by region and motion\n\nMilliseconds, and the ratio to {BASE}.\n")
         parts.append(table(["region", "motion", *here], rows))
     return parts
+
+
+def _judged(found: list[float], bar: float) -> list[str]:
+    """The spread of ratios, the bar for their median, and whether it is met."""
+    spread = Quartiles.of(found)
+    return [str(spread), f"at most {bar:g}", verdict(spread.median <= bar)]
 
 
 def _coverage(result: Result) -> str:
@@ -163,9 +178,9 @@ def _coverage(result: Result) -> str:
     return COVERAGE.format(
         ours=peers.NEAREST,
         covered=middle(peers.NEAREST, "coverage"),
-        base=peers.BASE,
-        base_covered=middle(peers.BASE, "coverage"),
-        difference=middle(peers.BASE, "median depth difference"),
+        base=BASE,
+        base_covered=middle(BASE, "coverage"),
+        difference=middle(BASE, "median depth difference"),
     )
 
 
@@ -207,6 +222,7 @@ SECTIONS = {
     "complexity": complexity_section,
     "table2": table2_section,
     "peers": peers_section,
+    "rgbd": rgbd_section,
     "raster": raster_section,
     "slicing": slicing_section,
     "relief": relief_section,

@@ -56,12 +56,12 @@ def _frames(repeats: int, empty_cache: bool) -> Work:
         with tempfile.TemporaryDirectory() as folder:
             # PoCL keeps built kernels, too.
             caches = {"PYIBR_CACHE": f"{folder}/pyibr", "POCL_CACHE_DIR": f"{folder}/pocl"} if empty_cache else {}
-            first = child("frame", caches=caches)
+            first = child("frame", settings=caches)
             if empty_cache:
                 yield Record("first process ever", "whole process", "ms", {}, [first["process_ms"]])
                 for name, built in first["kernels_ms"].items():
                     yield Record(name, "build", "ms", {}, [built])
-            runs = [child("frame", caches=caches) for _ in range(repeats)]
+            runs = [child("frame", settings=caches) for _ in range(repeats)]
         yield Record("second process", "whole process", "ms", {}, [run["process_ms"] for run in runs])
         yield Record("second process", "import to frame", "ms", {}, [run["frame_ms"] for run in runs])
         for name in runs[0]["kernels_ms"]:
@@ -86,18 +86,18 @@ def _memory(n: int) -> Work | Skip:
     return Work(read=read)
 
 
-def child(*arguments: str, caches: dict[str, str] | None = None) -> dict[str, Any]:
+def child(*arguments: str, settings: dict[str, str] | None = None) -> dict[str, Any]:
     """What ``python -m benchmarks.child`` reports."""
-    return python("-m", "benchmarks.child", *arguments, caches=caches)
+    return python("-m", "benchmarks.child", *arguments, settings=settings)
 
 
-def python(*arguments: str, caches: dict[str, str] | None = None) -> dict[str, Any]:
+def python(*arguments: str, settings: dict[str, str] | None = None) -> dict[str, Any]:
     """The JSON that a process prints, and how long the process took, interpreter and all."""
     start = time.perf_counter()
     done = subprocess.run(
         [sys.executable, *arguments],
         cwd=Path(__file__).parent.parent,
-        env={**os.environ, **(caches or {})},
+        env={**os.environ, **(settings or {})},
         capture_output=True,
         text=True,
     )

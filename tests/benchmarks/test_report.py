@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from benchmarks import depthmesh, llvmpipe, peers, report, scenes, simplification, table2
+from benchmarks import depthmesh, llvmpipe, opencv, peers, report, scenes, simplification, table2
 from benchmarks.__main__ import main
-from benchmarks.launches import build_times, counted_samples, kernel_times
+from benchmarks.launches import Visited, build_times, counted_samples, kernel_times
 from benchmarks.results import Record, Result, Skip
 from benchmarks.runner import in_turns
 from benchmarks.statistics import Quartiles, exponent, ratios
@@ -103,14 +103,19 @@ def canned_peers(nearest: float) -> Result:
     for n in (1024, 2048):
         for region, base in (("A", 10.0), ("E", 20.0)):
             parameters = {"size": n, "region": region, "motion": "forward"}
-            for subject, factor in ((peers.NEAREST, nearest), (peers.LINEAR, 0.7), (peers.BASE, 1.0)):
+            for subject, factor in (
+                (peers.NEAREST, nearest),
+                (peers.LINEAR, 0.7),
+                (opencv.BASE, 1.0),
+                (opencv.REMAP, 0.3),
+            ):
                 values = [factor * base * f for f in (0.9, 1.0, 1.3)]
                 records.append(Record(subject, "end to end", "ms", parameters, values))
             records += [Record(name, "kernels", "ms", parameters, [1.0]) for name in peers.OURS]
             for subject, quantity in (
                 (peers.NEAREST, "coverage"),
-                (peers.BASE, "coverage"),
-                (peers.BASE, "median depth difference"),
+                (opencv.BASE, "coverage"),
+                (opencv.BASE, "median depth difference"),
             ):
                 records.append(Record(subject, quantity, "share", parameters, [0.5]))
     return Result("peers", ENVIRONMENT, records, [Skip("Open3D", "it is not installed")])
@@ -119,9 +124,10 @@ def canned_peers(nearest: float) -> Result:
 def test_report_says_which_bars_are_met(tmp_path: Path) -> None:
     canned_peers(nearest=0.45).save(tmp_path / "peers.json")
     text = report.write(tmp_path).read_text()
-    assert "| pyibr nearest | 1024 | 0.450 (0.450 to 0.450) | at most 0.5 | met |" in text
-    assert "| pyibr nearest | 2048 | 0.450 (0.450 to 0.450) | at most 0.4 | **not met** |" in text
-    assert "| pyibr linear | 2048 | 0.700 (0.700 to 0.700) | at most 0.6 | **not met** |" in text
+    assert "| pyibr nearest | 1024 | cv2.warpFrame | 0.450 (0.450 to 0.450) | at most 0.55 | met |" in text
+    assert "| pyibr nearest | 2048 | cv2.warpFrame | 0.450 (0.450 to 0.450) | at most 0.35 | **not met** |" in text
+    assert "| pyibr nearest | 1024 | cv2.remap | 1.50 (1.50 to 1.50) | at most 1.7 | met |" in text
+    assert "| pyibr linear | 2048 | cv2.remap | 2.33 (2.33 to 2.33) | at most 1.7 | **not met** |" in text
     assert "Left out: Open3D, because it is not installed." in text
     assert (tmp_path / "peers.png").stat().st_size > 5000
 
@@ -146,27 +152,45 @@ def test_epipoles_lie_where_they_should_and_the_relief_is_seen(region: str, moti
 
 def test_counted_samples_do_not_depend_on_luck() -> None:
     view, target = scenes.view(48), scenes.target_camera(48, "F", "forward")
-    counts: list[dict[str, int]] = []
-    for _ in range(2):
-        with counted_samples() as found:
-            ibr.warp(view, target, method="search")
-        counts.append(dict(found))
-    assert counts[0] == counts[1]
-    with counted_samples() as sweep:
-        ibr.warp(view, target)
+    counts: dict[str, list[dict[str, Visited]]] = {"search": [], "epipolar": []}
+    for method, runs in counts.items():
+        for _ in range(2):
+            with counted_samples() as found:
+                ibr.warp(view, target, method=method)  # pyright: ignore[reportArgumentType]
+            runs.append(dict(found))
+        assert runs[0] == runs[1]
+    search, epipolar = counts["search"][0], counts["epipolar"][0]
+    assert set(search) == {"search", "resolve"} and set(epipolar) == {"epipolar_sweep", "resolve"}
+    assert search["resolve"] == Visited(0, 0)  # each pixel has found its own answer
     # The sweep settles each seen pixel once; a search visits every sample before each of them.
-    assert 48 * 48 / 2 < sweep["pixels"] < 3 * 48 * 48
-    assert sweep["samples"] < counts[0]["samples"] / 5
+    sweep = epipolar["epipolar_sweep"]
+    assert 48 * 48 / 2 < sweep.pixels < 3 * 48 * 48
+    assert sweep.samples < search["search"].samples / 5
+
+
+def test_what_resolve_traces_is_counted() -> None:
+    n = 48
+    target = scenes.target_camera(n, "F", "forward")
+    traced: list[int] = []
+    for surface in (scenes.relief, scenes.white_noise):
+        with counted_samples() as found:
+            frame = ibr.warp(ibr.DepthImage(*surface(n), scenes.source_camera(n)), target)
+        assert frame.valid.mean() > 0.9
+        assert found["resolve"].pixels <= n * n
+        assert found["resolve"].samples >= found["resolve"].pixels  # at least a cell each
+        traced.append(found["resolve"].pixels)
+    # On smooth ground the lines' answers are the pixels'; in noise next to none is.
+    assert traced[0] < 0.2 * n * n < 0.5 * n * n < traced[1]
 
 
 def test_launches_are_seen_by_name() -> None:
     view, target = scenes.view(32), scenes.target_camera(32, "F", "forward")
     with kernel_times() as times:
         ibr.warp(view, target)
-    assert set(times) == {"to_nearness", "epipolar_sweep", "resolve"}
+    assert set(times) == {"to_nearness", "clear", "epipolar_sweep", "resolve"}
     with build_times() as built:
         ibr.warp(view, target)
-    assert set(built) == {"epipolar_sweep", "resolve"}
+    assert set(built) == {"clear", "epipolar_sweep", "resolve"}
     with pytest.raises(RuntimeError, match="neither a sweep nor a search"), counted_samples():
         pass
 
@@ -208,6 +232,14 @@ def test_everything_runs_quickly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         "## Complexity",
         "## The paper's table 2",
         "## Peers",
+        "## Real RGB-D",
+        "### Threads",
+        "### White noise",
+        "### Stereo",
+        "### A light field",
+        "### Small images",
+        "### Published figures of others",
+        "### Real RGB-D, 64 x 48",
         "## Triangles",
         "## Slices",
         "## Relief",
@@ -226,6 +258,7 @@ def test_everything_runs_quickly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         "complexity.png",
         "table2.png",
         "peers.png",
+        "rgbd.png",
         "slicing-error.png",
         "depthmesh-simplification.png",
     }

@@ -1,0 +1,167 @@
+"""What warps of depth cameras' frames are used for, and what they hang on: threads, noise, pairs, rows of views."""
+
+from __future__ import annotations
+
+import functools
+import json
+import os
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+import pyibr as ibr
+from benchmarks import scenes
+from benchmarks.cases import Plan
+from benchmarks.launches import kernel_times
+from benchmarks.results import Parameter, Record, Skip
+from benchmarks.runner import Case, Work
+from benchmarks.startup import child
+
+Size = tuple[int, int]
+
+BARS = {"threads": 1.85, "noise": 4.0, "stereo": 60.0, "light field": 0.6, "small": 0.35}
+"""At least: one thread's time over two threads'; at most: `resolve` on white noise over the same on a smooth surface;
+at least: pairs a second; at most: one call over single ones; at most: milliseconds of a fresh small image."""
+
+THREADS = (1, 2)
+SMOOTH, NOISE = "smooth surface", "white noise"
+AMPLITUDES = {"connect": 1.0, "cut": 0.1}
+"""The noise's range, of the smooth surface's, by `edges`: what is cut must be covered as well."""
+
+EYES = 0.032  # metres from the middle to either
+STEREO = {"connected": "connect", "cut": "cut"}
+LIGHT_FIELD_WIDTH = 0.24  # metres from the first camera to the last
+ONE_CALL, SINGLE = "one call", "single warps"
+FRESH, KEPT = "fresh", "kept"
+_SMALL_STEP = 0.07  # metres
+_POCL = "Portable Computing Language"
+
+
+def cases(plan: Plan, scene: str) -> Iterator[Case]:
+    """Threads, white noise, stereo, a light field, small images."""
+
+    def case(what: str, size: Size, **more: Parameter) -> dict[str, Parameter]:
+        return {"case": what, "scene": scene, "size": scenes.shown(size), **more}
+
+    for (size, noise), repeats in plan.rgbd_threads.items():
+        parameters = case("threads", size, noise=noise)
+        yield Case(parameters, functools.partial(_threads, parameters, scene, size, repeats))
+    for size, repeats in plan.rgbd_white.items():
+        for edges in AMPLITUDES:
+            parameters: dict[str, Parameter] = {"case": "white noise", "size": scenes.shown(size), "edges": edges}
+            yield Case(parameters, functools.partial(_white_noise, parameters, size, repeats))
+    for (size, noise), repeats in plan.rgbd_stereo.items():
+        yield Case(case("stereo", size, noise=noise), functools.partial(_stereo, scene, size, noise, repeats))
+    for (side, views), repeats in plan.rgbd_light_field.items():
+        prepare = functools.partial(_light_field, scene, side, views, repeats)
+        yield Case(case("light field", (side, side), views=views), prepare)
+    for side, repeats in plan.rgbd_small.items():
+        yield Case(case("small", (side, side)), functools.partial(_small, scene, side, repeats))
+
+
+def _threads(parameters: dict[str, Parameter], scene: str, size: Size, repeats: int) -> Work | Skip:
+    """Processes of one and of two threads in turns, each thread kept on a processor as pyibr keeps them."""
+    from pyibr.opencl.device import explain
+
+    if (platform := explain()[0].platform) != _POCL:
+        return Skip("threads", f"only PoCL can be told their number, and the device is {platform}'s")
+    if (os.cpu_count() or 1) < max(THREADS):
+        return Skip("threads", "there is one processor")
+    if isinstance(view := scenes.rgbd(scene, 0, size), Skip):
+        return view
+
+    def read() -> Iterator[Record]:
+        times: dict[tuple[int, str], list[float]] = {}
+        arguments = [json.dumps(value) for value in (scene, *size, parameters["noise"])]
+        for _ in range(repeats):
+            for count in THREADS:
+                names = ("POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT")
+                chosen = {"POCL_AFFINITY": "1", **{name: str(count) for name in names}}
+                found = child("kernels", *arguments, settings=chosen)
+                if found["threads"] != count:
+                    raise RuntimeError(f"threads: expected {count}, PoCL has started {found['threads']}")
+                for kernel, values in found["kernels_ms"].items():
+                    times.setdefault((count, kernel), []).extend(values)
+        for (count, kernel), values in times.items():
+            yield Record(kernel, "kernel", "ms", {**parameters, "threads": count}, values)
+
+    return Work(read=read)
+
+
+def _white_noise(parameters: dict[str, Parameter], size: Size, repeats: int) -> Work:
+    """`resolve` where every line's answer misleads, and where next to none does; in turns."""
+    edges: Any = parameters["edges"]
+    width, height = size
+    color, depth = np.ascontiguousarray(scenes.relief(width)[0][:height]), _without_steps(width)[:height]
+    noise = np.random.default_rng(width).random(depth.shape, np.float32) - np.float32(0.5)
+    noise *= np.float32(AMPLITUDES[edges]) * np.ptp(depth)
+    rough = noise + (depth.mean() if edges == "connect" else depth)
+    source = ibr.Camera(scenes.source_camera(width).K, size)
+    target = source.moved(*-scenes.translation(width, "F", "forward"))
+    surfaces = {SMOOTH: np.ascontiguousarray(depth), NOISE: np.ascontiguousarray(rough, np.float32)}
+
+    def read() -> Iterator[Record]:
+        times: dict[str, list[float]] = {name: [] for name in surfaces}
+        covered: dict[str, float] = {}
+        for turn in range(repeats + 1):
+            for name, surface in surfaces.items():
+                with kernel_times() as launches:
+                    frame = ibr.warp(ibr.DepthImage(color, surface, source), target, edges=edges)
+                covered[name] = float(frame.valid.mean())
+                if turn:
+                    times[name] += launches["resolve"]
+        for name, values in times.items():
+            yield Record(name, "resolve", "ms", parameters, values)
+            yield Record(name, "coverage", "share", parameters, [covered[name]])
+
+    return Work(read=read)
+
+
+def _without_steps(n: int) -> Any:
+    """(n, n) float32: depths of the relief's range, without its box and its disc."""
+    x = np.linspace(-1, 1, n, dtype=np.float32)
+    a, b = x[None, :], x[:, None]
+    return 4 + np.float32(0.6) * np.sin(2.3 * a + 0.5) * np.cos(2.9 * b)
+
+
+def _stereo(scene: str, size: Size, noise: float, repeats: int) -> Work | Skip:
+    view = scenes.rgbd(scene, 0, size, noise)
+    if isinstance(view, Skip):
+        return view
+    color, depth, camera = view.color, view.depth, view.camera
+    eyes = [camera.moved(x, 0, 0) for x in (-EYES, EYES)]
+
+    def pair(edges: Any) -> object:
+        return ibr.warp(ibr.DepthImage(color, depth, camera), eyes, edges=edges, fill="background")
+
+    return Work({name: functools.partial(pair, edges) for name, edges in STEREO.items()}, repeats)
+
+
+def _light_field(scene: str, side: int, views: int, repeats: int) -> Work | Skip:
+    view = scenes.rgbd(scene, 0, (side, side))
+    if isinstance(view, Skip):
+        return view
+    kept = view
+    cameras = [kept.camera.moved(float(x), 0, 0) for x in np.linspace(-0.5, 0.5, views) * LIGHT_FIELD_WIDTH]
+
+    def one_call() -> object:
+        return ibr.warp(kept, cameras)
+
+    def single() -> object:
+        return [ibr.warp(kept, camera) for camera in cameras]
+
+    return Work({ONE_CALL: one_call, SINGLE: single}, repeats)
+
+
+def _small(scene: str, side: int, repeats: int) -> Work | Skip:
+    view = scenes.rgbd(scene, 0, (side, side))
+    if isinstance(view, Skip):
+        return view
+    kept, color, depth, camera = view, view.color, view.depth, view.camera
+    target = camera.moved(_SMALL_STEP, 0, 0)
+
+    def fresh() -> object:
+        return ibr.warp(ibr.DepthImage(color, depth, camera), target, edges="cut")
+
+    return Work({FRESH: fresh, KEPT: lambda: ibr.warp(kept, target, edges="cut")}, repeats)

@@ -1,0 +1,163 @@
+"""The benchmark on depth cameras: its scenes, its maps for OpenCV, and what its section says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks import opencv, report, rgbd, rgbd_uses, scenes
+from benchmarks.cases import FULL, QUICK
+from benchmarks.opencv import Task
+from benchmarks.results import Record, Result, Skip
+from pyibr import metrics
+from tests.benchmarks.test_report import ENVIRONMENT
+
+SCENES = [scenes.ROOM, scenes.LIVINGROOM]
+SIZE = (131, 77)  # wider than the camera's picture
+
+
+def view(scene: str, number: int, size: tuple[int, int] = SIZE, noise: float = 0.0):
+    if scene == scenes.ROOM:
+        pytest.importorskip("open3d", exc_type=ImportError)
+    elif not (scenes.data_folder() / "rgbd_livingroom1").is_dir():
+        pytest.skip(f"needs {scene}")
+    found = scenes.rgbd(scene, number, size, noise)
+    assert not isinstance(found, Skip)
+    return found
+
+
+@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("size", [SIZE, (640, 480), (211, 208)], ids=scenes.shown)
+def test_frames_of_a_scene_are_of_one_world(scene: str, size: tuple[int, int]) -> None:
+    """Scaled and cropped, one frame is the other where both see: poses, K and depth belong together."""
+    source, target = view(scene, 0, size), view(scene, 4, size)
+    assert source.camera.size == size and source.color.shape == (size[1], size[0], 3)
+    task = Task(source.color, source.depth, source.camera, target.camera)
+    frame = task.ours(edges="cut")
+    both = frame.valid & target.valid & (np.abs(frame.depth - target.depth) < 0.02 * target.depth)
+    assert both.mean() > 0.75
+    # 1 mm: the living room's depth is in whole ones. 6 of 255: its edges, seen small.
+    assert metrics.median_depth_error(frame.depth, target.depth, both) <= 1e-3
+    assert metrics.median_color_error(frame.color, target.color, both) <= 6
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_noise_is_of_the_disparity_and_in_steps(scene: str) -> None:
+    clean, noisy = view(scene, 0), view(scene, 0, noise=0.5)
+    assert np.array_equal(clean.color, noisy.color)
+    scale = clean.camera.K[0, 0] * 0.075
+    with np.errstate(divide="ignore"):
+        exact, found = scale / clean.depth.astype(float), scale / noisy.depth.astype(float)
+    both = clean.valid & noisy.valid & (exact > 2.5)  # a disparity of five sigmas: none is lost below zero
+    np.testing.assert_allclose(8 * found[both], np.round(8 * found[both]), atol=1e-4)
+    # 0.5, and rounding's 1/8 / sqrt(12) on top; of so many samples the estimate is good to a few percent.
+    assert (found - exact)[both].std() == pytest.approx(np.hypot(0.5, 0.125 / np.sqrt(12)), rel=0.08)
+    assert not (noisy.valid & ~clean.valid).any()
+
+
+@pytest.mark.parametrize("motion", ["0 to 50", "50 to 0"])
+def test_maps_for_opencv_read_the_source_where_our_frame_does(motion: str) -> None:
+    """With a turn between the cameras, too."""
+    import cv2
+
+    source, target = (view(scenes.ROOM, int(number), (320, 240)) for number in motion.split(" to "))
+    task = Task(source.color, source.depth, source.camera, target.camera, {"edges": "cut"})
+    across, down = opencv.source_positions(task)
+    frame = task.ours(edges="cut")
+    assert np.array_equal(across >= 0, frame.valid)
+    read = cv2.remap(task.color, across, down, cv2.INTER_LINEAR)
+    off = np.abs(read.astype(int) - frame.color).max(axis=2)[frame.valid]
+    assert frame.valid.mean() > 0.4
+    assert np.quantile(off, 0.98) <= 2  # at the borders of objects we do not interpolate across
+
+
+def test_warp_frame_means_the_same_warp() -> None:
+    source, target = (view(scenes.ROOM, number, (320, 240)) for number in (0, 50))
+    task = Task(source.color, source.depth, source.camera, target.camera)
+    records = list(opencv.sameness(task, rgbd.NEAREST, rgbd.OURS[rgbd.NEAREST], {}))
+    (difference,) = (record.values[0] for record in records if record.quantity == "median depth difference")
+    assert difference < 0.005  # it moves samples to whole pixels
+
+
+def canned(linear: float) -> Result:
+    """warpFrame takes 10 ms; pyibr linear ``linear`` times that without noise, and one row of nearest 4 times."""
+    result = Result("rgbd", ENVIRONMENT)
+    for size in ("640 x 480", "3840 x 2160"):
+        for noise in (0.0, 0.3):
+            for kind, motions in rgbd.MOTIONS.items():
+                for motion in motions:
+                    parameters = {"size": size, "noise": noise, "kind": kind, "motion": motion}
+                    here = {"case": "warp", "scene": scenes.ROOM, **parameters}
+                    worst = size == "3840 x 2160" and noise == 0.3 and motion == "from 50"
+                    factors = {rgbd.LINEAR: linear + noise, rgbd.NEAREST: 4.0 if worst else 0.5, opencv.BASE: 1.0}
+                    for subject, factor in factors.items():
+                        values = [10 * factor * f for f in (0.9, 1.0, 1.3)]
+                        result.records.append(Record(subject, "end to end", "ms", here, values))
+                    result.records.append(Record(rgbd.LINEAR, "kernels", "ms", here, [3.0]))
+                    for subject in (rgbd.NEAREST, opencv.BASE):
+                        result.records.append(Record(subject, "coverage", "share", here, [0.5]))
+                    result.records.append(Record(opencv.BASE, "median depth difference", "share", here, [0.01]))
+    return result
+
+
+def test_section_names_the_worst_row_and_which_bars_are_met(tmp_path: Path) -> None:
+    canned(linear=0.7).save(tmp_path / "rgbd.json")
+    text = report.write(tmp_path).read_text()
+    assert (
+        "pyibr nearest, 3840 x 2160, 0.3 pixels of noise, 7 cm sideways, from 50: **4.00 times** the\ntime of" in text
+    )
+    assert "1 of 40 rows of pyibr are slower than cv2.warpFrame." in text
+    assert "| from pose to pose | 640 x 480 | 0 | 0.70 | at most 0.8 | met |" in text
+    assert "| from pose to pose | 640 x 480 | 0.3 | 1.00 | at most 1.2 | met |" in text
+    assert "| 7 cm sideways | 640 x 480 | 0 | 0.70 | at most 0.6 | **not met** |" in text
+    assert "| 7 cm sideways | 3840 x 2160 | 0.3 | 1.00 |  |  | 2.25 |" in text
+    assert "As published, on other machines" in text
+    assert (tmp_path / "rgbd.png").stat().st_size > 5000
+
+
+def test_uses_are_judged_by_their_bars(tmp_path: Path) -> None:
+    result = Result("rgbd", ENVIRONMENT)
+
+    def add(case: str, subject: str, quantity: str, values: list[float], **parameters: str | int | float) -> None:
+        unit = "share" if quantity == "coverage" else "ms"
+        result.records.append(Record(subject, quantity, unit, {"case": case, "size": "64 x 64", **parameters}, values))
+
+    for count, time in zip(rgbd_uses.THREADS, (5.0, 3.0), strict=True):
+        add("threads", "resolve", "kernel", [time], noise=0.3, threads=count)
+        add("threads", "epipolar_sweep", "kernel", [time + 1], noise=0.3, threads=count)
+    for subject, time in ((rgbd_uses.SMOOTH, 1.0), (rgbd_uses.NOISE, 3.9)):
+        add("white noise", subject, "resolve", [time], edges="connect")
+        add("white noise", subject, "coverage", [0.9], edges="connect")
+    add("stereo", "cut", "end to end", [20.0], noise=0.1)
+    add("light field", rgbd_uses.ONE_CALL, "end to end", [5.0], views=48)
+    add("light field", rgbd_uses.SINGLE, "end to end", [10.0], views=48)
+    add("small", rgbd_uses.FRESH, "end to end", [0.36])
+    add("small", rgbd_uses.KEPT, "end to end", [0.2])
+    result.save(tmp_path / "rgbd.json")
+    text = report.write(tmp_path).read_text()
+    assert "| all | 11.0 | 7.00 | 1.57 | at least 1.85 | **not met** |" in text
+    assert "| 3.90 | at most 4 | met |" in text
+    assert "| 50 | at least 60 | **not met** |" in text
+    assert "| 0.50 | at most 0.6 | met |" in text
+    assert "| fresh | 0.360 (0.360 to 0.360) | at most 0.35 | **not met** |" in text
+    assert "| kept | 0.200 (0.200 to 0.200) |  |  |" in text
+
+
+def test_without_the_data_the_room_stands_in_and_the_report_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PYIBR_DATA", str(tmp_path))
+    plan = replace(QUICK, rgbd_scene=scenes.LIVINGROOM)
+    cases = list(rgbd.cases(plan))
+    skip = cases[0].prepare()
+    assert isinstance(skip, Skip) and "stands in" in skip.reason
+    assert {case.parameters["scene"] for case in cases if "scene" in case.parameters} == {scenes.ROOM}
+
+
+def test_bars_are_of_cases_that_are_run() -> None:
+    sizes = {scenes.shown(size) for size in FULL.rgbd}
+    for kind, size, noise in rgbd.BARS:
+        assert kind in rgbd.MOTIONS and size in sizes and noise in FULL.rgbd_noise
