@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +23,8 @@ from pyibr.shadow import Lighting, darken, lighting
 from pyibr.slicing import DepthObject, SlicedSurface, VisualHull
 from pyibr.target import Target
 from pyibr.warp import Edges, Sample, Side, drawing
+
+_APART_MOST = 64  # pixels between the depths that tell the normals of nearest samples
 
 Thing = DepthImage | Mesh | SlicedSurface | ReliefSurface | DepthObject | VisualHull | DepthMesh | DepthMeshObject
 
@@ -89,7 +92,7 @@ def render(
     several = list(things) if isinstance(things, Sequence) else [things]
     if not several:
         raise ArgumentError("things", "at least one thing", "an empty sequence")
-    draw_view = drawing(sample, edges, cut_ratio, side)
+    draw_view = functools.partial(_draw_depth_image, drawing(sample, edges, cut_ratio, side), sample == "nearest")
     drawn = [_drawn_by(thing, draw_view) for thing in several]
     if not isinstance(camera, Camera):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise ArgumentError("camera", "a pyibr.Camera", describe(camera))
@@ -118,9 +121,9 @@ def render(
     return frame
 
 
-def _drawn_by(thing: object, draw_view: Callable[[Target, DepthImage], None]) -> _Draw:
+def _drawn_by(thing: object, draw_view: _Draw) -> _Draw:
     if isinstance(thing, DepthImage):
-        return functools.partial(_draw_depth_image, draw_view)
+        return draw_view
     for kind, draw in _DRAWN.items():
         if isinstance(thing, kind):
             return draw
@@ -129,12 +132,23 @@ def _drawn_by(thing: object, draw_view: Callable[[Target, DepthImage], None]) ->
 
 
 def _draw_depth_image(
-    draw_view: Callable[[Target, DepthImage], None], target: Target, view: DepthImage, lit: Lighting | None
+    warp: Callable[[Target, DepthImage], None],
+    in_steps: bool,
+    target: Target,
+    view: DepthImage,
+    lit: Lighting | None,
 ) -> None:
+    """in_steps: depths are those of the nearest samples."""
     before = _depths_before(target, lit)
-    draw_view(target, view.in_float if target.color.dtype == np.float32 else view)
-    if lit is not None:
-        darken(target, before, lit)
+    warp(target, view.in_float if target.color.dtype == np.float32 else view)
+    if lit is None:
+        return
+    grain, apart = 0.0, 1
+    if in_steps:  # less than a sample off the surface that hides the light, whose slope shows over several samples
+        low, high = view.bounds
+        grain, pixel = (pixel_size(camera, 0.5 * (low + high)) for camera in (view.camera, target.camera))
+        apart = math.ceil(min(4 * max(grain / pixel, 1), _APART_MOST)) if pixel > 0 else _APART_MOST
+    darken(target, before, lit, grain=grain, apart=apart)
 
 
 def _depths_before(target: Target, lit: Lighting | None) -> DeviceArray | None:

@@ -100,7 +100,9 @@ FEW = [{"direction": (0.8, 0.9, -1.3)}, LIGHTS["spot"], {"position": (2, -2, 2.5
 
 @pytest.mark.parametrize("shape", FEW, ids=str)
 @pytest.mark.parametrize("dtype", [np.uint8, np.float32])
-def test_a_warped_depth_image_casts_and_receives(shape, dtype):
+@pytest.mark.parametrize("edges", ["cut", "connect"])
+def test_a_warped_depth_image_casts_and_receives(shape, dtype, edges):
+    """Shadows are those of the surface that is drawn."""
     source = Camera.look_at((0.2, -3.4, 3.2), (0, 0, 0.2), (0, 0, 1), (400, 300), 50)
     view = capture(joined(SCENES["balls"]), source)
     color = np.full((300, 400, 3), 255 if dtype == np.uint8 else 1, dtype)
@@ -111,19 +113,22 @@ def test_a_warped_depth_image_casts_and_receives(shape, dtype):
     z = np.nan_to_num(view.depth.ravel().astype(float), nan=1.0, posinf=1.0)
     scene.add_triangles(
         source.unproject(np.stack([x, y], axis=-1), z).astype(np.float32),
-        triangulate(view, "connect", 1.05).astype(np.uint32),
+        triangulate(view, edges, 1.05).astype(np.uint32),
     )
     camera = source.moved(0.3, -0.1, 0.2).resized((320, 240))
     things, light = [view, beam, shelf], ibr.Light(**shape, ambient=AMBIENT)
     if dtype == np.float32:
         byte = ibr.render(
-            [ibr.DepthImage(np.full_like(color, 255, np.uint8), view.depth, source), beam, shelf], camera, light
+            [ibr.DepthImage(np.full_like(color, 255, np.uint8), view.depth, source), beam, shelf],
+            camera,
+            light,
+            edges=edges,
         )
-        picture = ibr.render(things, camera, light)
+        picture = ibr.render(things, camera, light, edges=edges)
         assert np.abs(255 * picture.color - byte.color).max() <= 0.51 + 1e-3
         return
-    share = agreement(things, scene, camera, light)
-    assert share >= 0.97
+    for sample in ("linear", "nearest"):
+        assert agreement(things, scene, camera, light, edges=edges, sample=sample) >= 0.97, sample
 
 
 @pytest.mark.parametrize("make", [ibr.DepthObject, ibr.VisualHull])

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from pyibr.camera import Camera
 from pyibr.images import DepthImage
+from tests.reference.warp import one_surface
 
 Array = NDArray[Any]
 
@@ -50,7 +51,8 @@ class Surface:
     view : DepthImage
         Source image.
     edges : {"connect", "cut"}
-        "cut" leaves out triangles in which ``depth_max > cut_ratio * depth_min``.
+        "cut" leaves out triangles in which ``depth_max > cut_ratio * depth_min``, or, of an orthographic view,
+        ``depth_max - depth_min`` is more than ``cut_ratio - 1`` of the longer side of what it sees.
     cut_ratio : float
         See ``edges``.
     """
@@ -178,7 +180,7 @@ def triangulate(view: DepthImage, edges: str = "connect", cut_ratio: float = 1.0
     faces = faces[view.valid.ravel()[faces].all(axis=1)]
     if edges == "cut":
         depth = view.depth.ravel().astype(np.float64)[faces]
-        faces = faces[depth.max(axis=1) <= cut_ratio * depth.min(axis=1)]
+        faces = faces[one_surface(view.camera, depth.T, cut_ratio)]
     return faces
 
 

@@ -158,6 +158,18 @@ def nearness(view: DepthImage) -> Array:
     return 1 / z if view.camera.projection == "perspective" else -z
 
 
+def one_surface(camera: Camera, depth: Array, cut_ratio: float) -> Array:
+    """(n,) whether triangles with corners of (3, n) depths are kept by `edges="cut"`.
+
+    Of an orthographic camera, whose depths have no origin, the ratio is one of the longer side of what it sees.
+    """
+    low, high = depth.min(axis=0), depth.max(axis=0)
+    if camera.projection == "perspective":
+        return high <= cut_ratio * low
+    longer = max(camera.width / camera.K[0, 0], camera.height / camera.K[1, 1])
+    return high - low <= (cut_ratio - 1) * longer
+
+
 def _first_triangle(view: DepthImage, ray: Ray, cut_ratio: float) -> tuple[Hit | None, int]:
     """The first triangle of the grid that the ray crosses."""
     delta = nearness(view)
@@ -183,7 +195,7 @@ def _first_triangle(view: DepthImage, ray: Ray, cut_ratio: float) -> tuple[Hit |
         slack = 1e-9 * np.where(np.isfinite(b - a), b - a, 1.0)
         crossed = (root >= a - slack) & (root <= b + slack)
         depth = np.stack([view.depth[cy, cx], view.depth[cy, nx], view.depth[ny, cx]]).astype(np.float64)
-        crossed &= depth.max(axis=0) <= cut_ratio * depth.min(axis=0)
+        crossed &= one_surface(view.camera, depth, cut_ratio)
     if not crossed.any():
         return None, len(t)
     i = int(np.argmax(crossed))
