@@ -135,8 +135,8 @@ def test_a_warped_depth_image_casts_and_receives(shape, dtype, edges):
 def test_light_passes_where_edges_are_cut(dtype):
     """A card at 2, half a unit to each side, before a wall at 4; the light comes from the left, at 45 degrees.
 
-    The card's shadow is on the wall from 1.5 to 2.5. The rubber sheet around it takes the light from -1 to 1.5, of which
-    the source sees what is beyond 1.
+    The card's shadow is on the wall from 1.5 to 2.5. The rubber sheet around it takes the light from -1 to 1.5, of
+    which the source sees what is beyond 1.
     """
     camera = Camera([[60, 0, 60], [0, 60, 40], [0, 0, 1]], (121, 81))
     y, x = np.mgrid[:81, :121]
