@@ -2,7 +2,8 @@
 
 The scene is fixed in normalised image coordinates, so that the depth's range spans a part of the image that
 does not depend on n, and epipolar segments grow with n. White noise in the same range is the other extreme:
-what a pixel's line saw tells next to nothing of what the pixel sees.
+what a pixel's line saw tells next to nothing of what the pixel sees. Both are drawn with `edges="connect"`, as the
+paper's displacement maps are: one surface without holes, whatever n makes of its steps.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ def _prepare(subject: str, parameters: dict[str, Parameter], repeats: int) -> Wo
     source, target = scenes.source_camera(n), scenes.target_camera(n, region, motion)
 
     def warp() -> ibr.Frame:
-        return ibr.warp(ibr.DepthImage(color, depth, source), target, method=method)
+        return ibr.warp(ibr.DepthImage(color, depth, source), target, method=method, edges="connect")
 
     def read() -> Iterator[Record]:
         with counted_samples() as counts:

@@ -256,11 +256,11 @@ def _warp(parameters: dict[str, Parameter], plan: Plan) -> Work | Skip:
     subjects: dict[str, Any] = {
         MESH: functools.partial(ibr.render, fine, camera),
         MESH_FULL: functools.partial(ibr.render, full, camera),
-        WARP: functools.partial(ibr.warp, view, camera),
+        WARP: functools.partial(ibr.warp, view, camera, edges="cut"),
     }
     fresh: dict[str, Subject] = {
         FRESH_MESH: lambda: ibr.render(ibr.DepthMesh(again(view)), camera),
-        FRESH_WARP: lambda: ibr.warp(again(view), camera),
+        FRESH_WARP: lambda: ibr.warp(again(view), camera, edges="cut"),
     }
 
     def read() -> Iterator[Record]:

@@ -1,4 +1,8 @@
-"""pyibr beside OpenCV and Open3D, from NumPy arrays to NumPy arrays, over the epipole's nine regions."""
+"""pyibr beside OpenCV and Open3D, from NumPy arrays to NumPy arrays, over the epipole's nine regions.
+
+The surface is open between the relief and what is raised above it (`edges="cut"`), for Open3D's rays, too. OpenCV
+carries samples alone.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +22,7 @@ from benchmarks.runner import Case, Subject, Work
 
 Array = NDArray[Any]
 
+CUT_RATIO = 1.05  # of neighbours' depths: beyond it they are no one surface
 NEAREST, LINEAR = "pyibr nearest", "pyibr linear"
 OURS: dict[str, opencv.Options] = {NEAREST: {"sample": "nearest"}, LINEAR: {"sample": "linear"}}
 OPEN3D_BUILD, OPEN3D_CAST = "Open3D build", "Open3D cast"
@@ -76,6 +81,8 @@ def _open3d(task: Task) -> dict[str, Subject]:
             np.stack([lower_right, lower_left, upper_right], 1),
         ]
     )
+    corner_depths = task.depth.ravel()[faces]
+    faces = faces[corner_depths.max(axis=1) <= CUT_RATIO * corner_depths.min(axis=1)]
     x, y = np.meshgrid(np.arange(width), np.arange(height))
     toward = (np.stack([x, y, np.ones_like(x)], -1) @ np.linalg.inv(task.source.K).T).astype(np.float32)
     center = -task.target_from_source[:3, 3].astype(np.float32)

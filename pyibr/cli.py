@@ -109,7 +109,7 @@ def warp(
     ] = 1,
     method: Annotated[Method, typer.Option(help="How the surface is searched")] = "epipolar",
     sample: Annotated[Sample, typer.Option(help="How depth and colour are read")] = "linear",
-    edges: Annotated[Edges, typer.Option(help="Neighbours are one surface, or cut apart at depth edges")] = "connect",
+    edges: Annotated[Edges, typer.Option(help="Neighbours are cut apart at depth edges, or one surface")] = "cut",
     cut_ratio: Annotated[float, typer.Option(help="Cut where neighbours' depths differ by more")] = 1.05,
     fill: Annotated[Literal["none", "background"], typer.Option(help="Fill holes from their farther side")] = "none",
     side: Annotated[Side, typer.Option(help="Sides of the surface that are shown")] = "front",

@@ -38,7 +38,8 @@ def globe(
     """Make a globe of radius 1 about the origin, displaced outwards from its centre, as six depth images.
 
     The images are cube faces at the globe's centre (see `cube_cameras`), so that the globe is seen from
-    outside on the surface's back: draw it with `side="back"`. Depth is exact at the samples, no ray is cast.
+    outside on the surface's back: draw it with `side="back"`, and with `edges="connect"`, since it is one surface
+    however steep. Depth is exact at the samples, no ray is cast.
 
     Parameters
     ----------
@@ -81,7 +82,7 @@ def torus(size: int, layers: Sequence[str] = ("first", "last")) -> list[DepthIma
     perspective depth images of one centre (see `cube_cameras`; the torus lies across the cube's diagonal, so
     that each image sees a part of it). Draw it with `side="both"`: seen from outside, the outer wall shows
     its back and the inner wall, through the hole, its front. At the rim where a ray just touches the tube the
-    two walls are joined.
+    two walls are joined, if it is drawn with `edges="connect"`.
 
     Parameters
     ----------
@@ -126,8 +127,8 @@ def dragon(mesh_path: str | PathLike[str], size: int, views: int = 16) -> list[D
 
     Notes
     -----
-    Neighbouring samples lie on different parts of the surface here: draw it with `edges="cut"`,
-    unless the rubber sheets that the paper shows are wanted.
+    Neighbouring samples lie on different parts of the surface here: draw it with `edges="cut"`, the default,
+    unless the rubber sheets that the paper shows are wanted (`edges="connect"`).
     """
     if views < 1:
         raise ArgumentError("views", "at least 1", describe(views))

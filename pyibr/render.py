@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +22,9 @@ from pyibr.relief import ReliefSurface
 from pyibr.shadow import Lighting, darken, lighting
 from pyibr.slicing import DepthObject, SlicedSurface, VisualHull
 from pyibr.target import Target
+from pyibr.warp import Edges, Sample, Side, drawing
+
+_APART_MOST = 64  # pixels between the depths that tell the normals of nearest samples
 
 Thing = DepthImage | Mesh | SlicedSurface | ReliefSurface | DepthObject | VisualHull | DepthMesh | DepthMeshObject
 
@@ -30,14 +35,22 @@ if TYPE_CHECKING:
 
 
 def render(
-    things: Thing | Sequence[Thing], camera: Camera, light: Light | None = None, background: ArrayLike = (0, 0, 0)
+    things: Thing | Sequence[Thing],
+    camera: Camera,
+    light: Light | None = None,
+    background: ArrayLike = (0, 0, 0),
+    *,
+    edges: Edges = "cut",
+    cut_ratio: float = 1.05,
+    side: Side = "front",
+    sample: Sample = "linear",
 ) -> Frame:
     """Draw things of any kind into one picture with one depth buffer.
 
     Parameters
     ----------
     things : thing or sequence of things
-        `DepthImage` (drawn by the epipolar warp with its defaults), `Mesh`, `SlicedSurface`, `ReliefSurface`,
+        `DepthImage` (drawn by the epipolar warp), `Mesh`, `SlicedSurface`, `ReliefSurface`,
         `DepthObject`, `VisualHull`, `DepthMesh`, `DepthMeshObject`, and their subclasses. Where two are equally far,
         the first one stays.
     camera : Camera
@@ -46,9 +59,14 @@ def render(
         Shades what has normals; without it things show their own colours. Depth images, and what is made of images,
         are not shaded, since their colours hold the light that they were taken in; in shadow, and where a surface is
         turned away from it, they keep its ambient part. All things cast shadows (`shadow_size=0`: none), a depth image
-        from both its sides.
+        from both its sides, with the `edges` that it is drawn with.
     background : (r, g, b)
         Colour where there is nothing, in the range of the frame's dtype.
+    edges : {"cut", "connect"}
+        Of the depth images among the things, as are the following: what they mean in `warp`.
+    cut_ratio : float
+    side : {"front", "back", "both"}
+    sample : {"linear", "nearest"}
 
     Returns
     -------
@@ -74,7 +92,8 @@ def render(
     several = list(things) if isinstance(things, Sequence) else [things]
     if not several:
         raise ArgumentError("things", "at least one thing", "an empty sequence")
-    drawn = [_drawn_by(thing) for thing in several]
+    draw_view = functools.partial(_draw_depth_image, drawing(sample, edges, cut_ratio, side), sample == "nearest")
+    drawn = [_drawn_by(thing, draw_view) for thing in several]
     if not isinstance(camera, Camera):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise ArgumentError("camera", "a pyibr.Camera", describe(camera))
     if light is not None and not isinstance(light, Light):  # pyright: ignore[reportUnnecessaryIsInstance]
@@ -102,22 +121,34 @@ def render(
     return frame
 
 
-def _drawn_by(thing: object) -> _Draw:
+def _drawn_by(thing: object, draw_view: _Draw) -> _Draw:
+    if isinstance(thing, DepthImage):
+        return draw_view
     for kind, draw in _DRAWN.items():
         if isinstance(thing, kind):
             return draw
-    kinds = ", ".join(kind.__name__ for kind in _DRAWN)
+    kinds = ", ".join(kind.__name__ for kind in (DepthImage, *_DRAWN))
     raise ArgumentError("things", f"things of these kinds: {kinds}", describe(thing))
 
 
-def _draw_depth_image(target: Target, view: DepthImage, lit: Lighting | None) -> None:
-    from pyibr.warp import draw
-
+def _draw_depth_image(
+    warp: Callable[[Target, DepthImage], None],
+    in_steps: bool,
+    target: Target,
+    view: DepthImage,
+    lit: Lighting | None,
+) -> None:
+    """in_steps: depths are those of the nearest samples."""
     before = _depths_before(target, lit)
-    shown = view.in_float if target.color.dtype == np.float32 else view
-    draw(target, shown, "both" if target.from_light else "front")
-    if lit is not None:
-        darken(target, before, lit)
+    warp(target, view.in_float if target.color.dtype == np.float32 else view)
+    if lit is None:
+        return
+    grain, apart = 0.0, 1
+    if in_steps:  # less than a sample off the surface that hides the light, whose slope shows over several samples
+        low, high = view.bounds
+        grain, pixel = (pixel_size(camera, 0.5 * (low + high)) for camera in (view.camera, target.camera))
+        apart = math.ceil(min(4 * max(grain / pixel, 1), _APART_MOST)) if pixel > 0 else _APART_MOST
+    darken(target, before, lit, grain=grain, apart=apart)
 
 
 def _depths_before(target: Target, lit: Lighting | None) -> DeviceArray | None:
@@ -168,7 +199,6 @@ def _draw_depth_mesh(target: Target, thing: DepthMesh | DepthMeshObject, lit: Li
 
 
 _DRAWN: dict[type, _Draw] = {
-    DepthImage: _draw_depth_image,
     Mesh: _draw_mesh,
     SlicedSurface: _draw_surface,
     ReliefSurface: _draw_relief,

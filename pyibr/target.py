@@ -72,7 +72,11 @@ class Target:
         self.out = out
         self._pool: dict[int, DeviceArray] = {} if pool is None else pool
         if out is None:
-            self.color, self.depth, self.valid = empty((*shape, 3), dtype), empty(shape, np.float32), empty(shape, np.uint8)
+            self.color, self.depth, self.valid = (
+                empty((*shape, 3), dtype),
+                empty(shape, np.float32),
+                empty(shape, np.uint8),
+            )
         else:
             self.color, self.depth, self.valid = output(out.color), output(out.depth), output(out.valid.view(np.uint8))
         self.origin = empty((*shape, 3), np.float32) if classes else None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Literal, cast, overload
 
 import numpy as np
@@ -67,7 +67,7 @@ def warp(
     camera: Camera | Sequence[Camera],
     method: Method = "epipolar",
     sample: Sample = "linear",
-    edges: Edges = "connect",
+    edges: Edges = "cut",
     fill: Fill | None = None,
     *,
     cut_ratio: float = 1.05,
@@ -96,14 +96,16 @@ def warp(
     sample : {"linear", "nearest"}
         Read the surface between the samples, or the sample nearest to where the ray meets the surface; for depth and
         colour alike.
-    edges : {"connect", "cut"}
-        "connect": neighbouring samples are one surface, as in displacement maps. "cut": the surface is open where
-        neighbours' depths differ by more than `cut_ratio`, as at the borders of objects in scenes.
+    edges : {"cut", "connect"}
+        "cut": the surface is open where neighbours' depths differ too much (see `cut_ratio`), as at the borders of
+        objects in scenes. "connect": neighbouring samples are one surface, however far apart, as in displacement maps.
     fill : {None, "background"}
         "background" fills holes, along the epipolar line, from the farther of the two sides; `valid` stays False
         there.
     cut_ratio : float
-        Greater than 1: the ratio of depths that `edges="cut"` opens.
+        Greater than 1: `edges="cut"` opens the surface where neighbours' depths have a greater ratio. Depths of an
+        orthographic view have no origin that a ratio could refer to: it is cut where they differ by more than
+        (`cut_ratio` - 1) times the longer side of what its camera sees.
     side : {"front", "back", "both"}
         Which side of the surface is shown: the one that faces the source's camera, the other (a solid displaced from
         a centre inside it and seen from outside), or either. A ray that meets the other side first sees a hole.
@@ -151,19 +153,13 @@ def warp(
         if size[0] * size[1] > _PIXELS_MOST:
             raise ArgumentError(argument, f"at most {_PIXELS_MOST} pixels", f"{size[0]} x {size[1]}")
     one_of("method", method, Method)
-    one_of("sample", sample, Sample)
-    one_of("edges", edges, Edges)
-    one_of("side", side, Side)
     if fill is not None:
         one_of("fill", fill, Fill, " or None")
-    _number("cut_ratio", cut_ratio, 1.0, math.inf, "a ratio greater than 1")
+    options = _options(sample, edges, cut_ratio, side, method == "search")
     _number("splat", splat, 1.0, _SPLAT_MOST, f"1 to {_SPLAT_MOST:g} pixels")
     if classes and method == "forward":
         raise ArgumentError("classes", 'False with method="forward", which asks no rays', "True")
     outs = _checked_out(out, camera, cameras, sources[0])
-    options = Options(
-        method == "search", sample == "linear", float(cut_ratio) if edges == "cut" else None, _SHOWN[side]
-    )
 
     from pyibr.opencl.device import current
 
@@ -213,11 +209,29 @@ def _draw_views(
         fill_from_behind(target, min(maps, key=lambda pixel_map: pixel_map.parallax))
 
 
-def draw(target: Target, view: DepthImage, side: Side = "front") -> None:
-    """Draw a view into the target by the epipolar warp, with the defaults of `warp`. The session's lock is held."""
-    samples = samples_of(view)
-    pixel_map = PixelMap(camera_pair(view.camera, target.camera), samples.low, samples.high)
-    look(samples, pixel_map, target, Options(shown=_SHOWN[side]))
+def drawing(sample: Sample, edges: Edges, cut_ratio: float, side: Side) -> Callable[[Target, DepthImage], None]:
+    """Check how views are to be shown, as `warp` does, and return what draws one so by the epipolar warp.
+
+    Into a light's map it draws the surface itself, from both its sides. The session's lock is held meanwhile.
+    """
+    options = _options(sample, edges, cut_ratio, side)
+    hides = _options("linear", edges, cut_ratio, "both")
+
+    def draw(target: Target, view: DepthImage) -> None:
+        samples = samples_of(view)
+        pixel_map = PixelMap(camera_pair(view.camera, target.camera), samples.low, samples.high)
+        look(samples, pixel_map, target, hides if target.from_light else options)
+
+    return draw
+
+
+def _options(sample: Sample, edges: Edges, cut_ratio: float, side: Side, search: bool = False) -> Options:
+    """Check how a view is to be shown."""
+    one_of("sample", sample, Sample)
+    one_of("edges", edges, Edges)
+    one_of("side", side, Side)
+    _number("cut_ratio", cut_ratio, 1.0, math.inf, "a ratio greater than 1")
+    return Options(search, sample == "linear", float(cut_ratio) if edges == "cut" else None, _SHOWN[side])
 
 
 def _checked_views(views: DepthImage | Sequence[DepthImage]) -> list[DepthImage]:

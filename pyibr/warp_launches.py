@@ -173,7 +173,9 @@ def clear(array: DeviceArray, value: float) -> None:
     from pyibr.opencl.program import kernel
 
     count = array.shape[0]
-    launch(kernel("lib/clear.cl", "clear"), (-(-count // _CHUNK),), values=array, count=count, chunk=_CHUNK, value=value)
+    launch(
+        kernel("lib/clear.cl", "clear"), (-(-count // _CHUNK),), values=array, count=count, chunk=_CHUNK, value=value
+    )
 
 
 def splat(samples: Samples, pixel_map: PixelMap, target: Target, size: float) -> None:

@@ -123,19 +123,19 @@ def edges(of: np.ndarray) -> np.ndarray:
     return cv2.dilate(at.astype(np.uint8), np.ones((5, 5))) > 0
 
 
-def shares(things: Any, camera: Camera, light: ibr.Light) -> tuple[np.ndarray, np.ndarray]:
+def shares(things: Any, camera: Camera, light: ibr.Light, **options: Any) -> tuple[np.ndarray, np.ndarray]:
     """(H, W) the light's share that a picture shows, and where it can be told: where without shadows it is lit."""
     plain = ibr.Light(light.direction, light.position, light.color, light.ambient, light.angle, shadow_size=0)
-    picture, lit = (ibr.render(things, camera, one).color[..., 0].astype(float) for one in (light, plain))
-    own = ibr.render(things, camera).color[..., 0].astype(float)
+    picture, lit = (ibr.render(things, camera, one, **options).color[..., 0].astype(float) for one in (light, plain))
+    own = ibr.render(things, camera, **options).color[..., 0].astype(float)
     told = lit - AMBIENT * own > 8  # of 255: otherwise rounding counts
     return np.where(told, (picture - AMBIENT * own) / np.where(told, lit - AMBIENT * own, 1), 0), told
 
 
-def agreement(things: Any, scene: Any, camera: Camera, light: ibr.Light) -> float:
+def agreement(things: Any, scene: Any, camera: Camera, light: ibr.Light, **options: Any) -> float:
     depth, points, normals = first_hits(scene, camera)
     truth = true_shares(scene, light, points, normals)
-    share, told = shares(things, camera, light)
+    share, told = shares(things, camera, light, **options)
     counted = told & np.isfinite(depth) & ~edges(truth) & ~edges(depth)
     assert counted.sum() > 5000
     assert 0.02 < truth[counted].mean() < 0.999  # there is light and shadow

@@ -131,6 +131,19 @@ def test_every_choice_reaches_the_warp(scene: Scene, monkeypatch: pytest.MonkeyP
     }
 
 
+def test_depth_edges_are_cut_unless_asked_otherwise(scene: Scene):
+    depth = np.where(np.arange(SIZE[0]) < 30, np.float32(1), np.float32(2)) * np.ones((SIZE[1], 1), np.float32)
+    np.save(scene.folder / "step.npy", depth)
+    view, target = ibr.DepthImage(scene.color, depth, scene.camera), scene.camera.moved(0.2, 0, 0)
+    pictures = []
+    for asked, edges in (((), "cut"), (("--edges", "cut"), "cut"), (("--edges", "connect"), "connect")):
+        made = scene.run("--move", "0.2", "0", "0", *asked, "-o", scene.folder / "new.png", depth="step.npy", scale="")
+        assert made.exit_code == 0, made.output
+        pictures.append(ibr.read_color(scene.folder / "new.png"))
+        np.testing.assert_array_equal(pictures[-1], ibr.warp(view, target, edges=edges).color)
+    assert (pictures[0] != pictures[2]).any()
+
+
 # ---- errors
 
 

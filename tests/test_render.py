@@ -47,12 +47,49 @@ def test_one_depth_buffer_for_all_in_any_order():
     np.testing.assert_allclose([frame.depth[30, 40], frame.depth[30, 48], frame.depth[2, 2]], [2, 3, 5], rtol=1e-6)
 
 
-def test_a_depth_image_alone_is_the_warp():
-    source = scenes.smooth((64, 48))
-    target = source.camera.moved(0.2, 0.1, 0.1)
-    a, b = ibr.render(source, target), ibr.warp(source, target)
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"edges": "cut"},
+        {"edges": "connect"},
+        {"cut_ratio": 1.3},
+        {"sample": "nearest"},
+        {"side": "both", "edges": "connect"},
+        {"side": "back", "edges": "connect"},
+    ],
+    ids=str,
+)
+@pytest.mark.filterwarnings("ignore:warp. the target camera sees nothing")
+def test_a_depth_image_alone_is_the_warp(options, projection):
+    source = scenes.stepped((64, 48), projection)
+    target = source.camera.moved(0.5, 0.1, 0.1)
+    if projection == "orthographic":  # where it would see no step, were it as the source
+        target = source.camera.orbited(30, source.camera.center + 4 * source.camera.forward)
+    if "side" in options:
+        target = source.camera.orbited(160, source.camera.center + 4 * source.camera.forward)
+    a, b = ibr.render(source, target, **options), ibr.warp(source, target, **options)
     np.testing.assert_array_equal(a.color, b.color)
     np.testing.assert_array_equal(a.depth, b.depth)
+    assert a.valid.mean() > 0.3
+    cut = ibr.warp(source, target, edges="cut")
+    same = np.array_equal(a.depth, cut.depth, equal_nan=True)
+    assert same == (options in ({}, {"edges": "cut"}))  # each of the others is another picture
+
+
+def test_options_are_of_depth_images_alone():
+    """Of several, and of no other thing."""
+    views = [scenes.stepped((64, 48)), scenes.holed((64, 48))]
+    target = views[0].camera.moved(0.5, 0.1, 0.1)
+    options = {"edges": "connect", "side": "both", "sample": "nearest"}
+    a, b = ibr.render(views, target, **options), ibr.warp(views, target, **options)
+    np.testing.assert_array_equal(a.color, b.color)
+    np.testing.assert_array_equal(a.depth, b.depth)
+    for thing in (wall(3, 0.5, (255, 0, 0)), relief(), ibr.DepthMesh(views[0])):
+        one, other = ibr.render(thing, CAMERA), ibr.render(thing, CAMERA, **options)
+        np.testing.assert_array_equal(one.color, other.color)
+        np.testing.assert_array_equal(one.depth, other.depth)
 
 
 def test_the_dtype_is_float_if_a_depth_images_is():
@@ -221,10 +258,21 @@ BAD = [
     ("background", {"background": (0, 0, -1)}),
     ("background", {"background": (0, 0, np.nan)}),
     ("background", {"things": view(5, np.float32), "background": (0, 0, 2)}),
+    ("edges", {"things": view(5), "edges": "torn"}),
+    ("edges", {"edges": None}),
+    ("edges", {"edges": ["cut"]}),
+    ("cut_ratio", {"things": view(5), "cut_ratio": 1.0}),
+    ("cut_ratio", {"cut_ratio": np.nan}),
+    ("cut_ratio", {"cut_ratio": np.inf}),
+    ("cut_ratio", {"cut_ratio": "1.1"}),
+    ("side", {"things": view(5), "side": "left"}),
+    ("side", {"side": True}),
+    ("sample", {"things": view(5), "sample": "cubic"}),
+    ("sample", {"sample": None}),
 ]
 
 
 @pytest.mark.parametrize(("argument", "changes"), BAD)
 def test_bad_input(argument, changes):
-    with pytest.raises(ibr.ArgumentError, match=f"^{argument}: expected .*, got "):
+    with pytest.raises(ibr.ArgumentError, match=f"^{argument}: expected .*, got .*$"):
         ibr.render(**{"things": wall(3, 1, (9, 9, 9)), "camera": CAMERA, **changes})

@@ -100,7 +100,9 @@ FEW = [{"direction": (0.8, 0.9, -1.3)}, LIGHTS["spot"], {"position": (2, -2, 2.5
 
 @pytest.mark.parametrize("shape", FEW, ids=str)
 @pytest.mark.parametrize("dtype", [np.uint8, np.float32])
-def test_a_warped_depth_image_casts_and_receives(shape, dtype):
+@pytest.mark.parametrize("edges", ["cut", "connect"])
+def test_a_warped_depth_image_casts_and_receives(shape, dtype, edges):
+    """Shadows are those of the surface that is drawn."""
     source = Camera.look_at((0.2, -3.4, 3.2), (0, 0, 0.2), (0, 0, 1), (400, 300), 50)
     view = capture(joined(SCENES["balls"]), source)
     color = np.full((300, 400, 3), 255 if dtype == np.uint8 else 1, dtype)
@@ -111,19 +113,46 @@ def test_a_warped_depth_image_casts_and_receives(shape, dtype):
     z = np.nan_to_num(view.depth.ravel().astype(float), nan=1.0, posinf=1.0)
     scene.add_triangles(
         source.unproject(np.stack([x, y], axis=-1), z).astype(np.float32),
-        triangulate(view, "connect", 1.05).astype(np.uint32),
+        triangulate(view, edges, 1.05).astype(np.uint32),
     )
     camera = source.moved(0.3, -0.1, 0.2).resized((320, 240))
     things, light = [view, beam, shelf], ibr.Light(**shape, ambient=AMBIENT)
     if dtype == np.float32:
         byte = ibr.render(
-            [ibr.DepthImage(np.full_like(color, 255, np.uint8), view.depth, source), beam, shelf], camera, light
+            [ibr.DepthImage(np.full_like(color, 255, np.uint8), view.depth, source), beam, shelf],
+            camera,
+            light,
+            edges=edges,
         )
-        picture = ibr.render(things, camera, light)
+        picture = ibr.render(things, camera, light, edges=edges)
         assert np.abs(255 * picture.color - byte.color).max() <= 0.51 + 1e-3
         return
-    share = agreement(things, scene, camera, light)
-    assert share >= 0.97
+    for sample in ("linear", "nearest"):
+        assert agreement(things, scene, camera, light, edges=edges, sample=sample) >= 0.97, sample
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.float32])
+def test_light_passes_where_edges_are_cut(dtype):
+    """A card at 2, half a unit to each side, before a wall at 4; the light comes from the left, at 45 degrees.
+
+    The card's shadow is on the wall from 1.5 to 2.5. The rubber sheet around it takes the light from -1 to 1.5, of
+    which the source sees what is beyond 1.
+    """
+    camera = Camera([[60, 0, 60], [0, 60, 40], [0, 0, 1]], (121, 81))
+    y, x = np.mgrid[:81, :121]
+    depth = np.where((abs(x - 60) <= 15) & (abs(y - 40) <= 15), np.float32(2), np.float32(4))
+    view = ibr.DepthImage(np.full((81, 121, 3), 200 if dtype == np.uint8 else 0.5, dtype), depth, camera)
+    frame, cut, connected = (
+        ibr.render(view, camera, ibr.Light(direction=(1, 0, 1)), **options).color[40, :, 0] / view.color[0, 0, 0]
+        for options in ({}, {"edges": "cut"}, {"edges": "connect"})
+    )
+    np.testing.assert_array_equal(frame, cut)
+    np.testing.assert_allclose(cut[77:82], 1)
+    np.testing.assert_allclose(connected[77:82], 0.25, atol=0.01)
+    for row in (cut, connected):
+        np.testing.assert_allclose(row[84:96], 0.25, atol=0.01)
+        np.testing.assert_allclose(row[100:119], 1)
+        np.testing.assert_allclose(row[47:73], 1)  # the card
 
 
 @pytest.mark.parametrize("make", [ibr.DepthObject, ibr.VisualHull])

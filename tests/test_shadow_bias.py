@@ -53,6 +53,24 @@ def test_a_lit_plane_has_no_acne(elevation, size):
         assert picture.color[picture.valid].min() >= 254
 
 
+@pytest.mark.parametrize("size", [(80, 60), (160, 120), (320, 240)], ids=str)
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+def test_lit_nearest_samples_have_no_acne(projection, size):
+    """Their depths are steps, of a plane aslant and of hills, all of which face the light."""
+    K = [[150, 0, 79.5], [0, 150, 59.5], [0, 0, 1]] if projection == "perspective" else np.diag([40.0, 40, 1])
+    source = Camera(K, (160, 120), projection=projection)
+    y, x = np.mgrid[:120, :160] / 80
+    for depth in (4 + x + 0.5 * y, 4 - 0.8 * y, 4 + 0.15 * np.sin(5 * x) * np.cos(4 * y)):
+        view = ibr.DepthImage(np.full((120, 160, 3), 255, np.uint8), depth.astype(np.float32), source)
+        camera = source.moved(0.2, -0.1, 0.3).resized(size)
+        for direction in ((0, 0, 1), (0.1, 0.3, 1), (-0.3, -0.1, 1)):
+            for light in (ibr.Light(direction), ibr.Light(position=source.center - np.array(direction))):
+                picture = ibr.render(view, camera, light, sample="nearest")
+                dark = picture.color[picture.valid] < 254
+                assert picture.valid.mean() > 0.5
+                assert dark.mean() <= 0.002, (direction, light.position)  # on the rims, where steps end
+
+
 @pytest.mark.parametrize("mapped", [False, True])
 @pytest.mark.parametrize("elevation", [50, 70, 90])
 @pytest.mark.parametrize("size", [128, 1024])

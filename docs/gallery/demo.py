@@ -54,11 +54,11 @@ def views_of(source: ibr.DepthImage, path: Sequence[tuple[float, float, float]])
     views: list[View] = []
     for stop in track(path, "Warping", transient=True, console=Console(stderr=True)):
         camera = camera_at(*stop, size=SIZE, fov_y=32)
-        frame = ibr.warp(source, camera, edges="cut", cut_ratio=1.02, fill="background")
+        frame = ibr.warp(source, camera, cut_ratio=1.02, fill="background")
         times: list[float] = []
         for _ in range(REPEATS):
             start = time.perf_counter()
-            ibr.warp(source, camera, edges="cut", cut_ratio=1.02, fill="background")
+            ibr.warp(source, camera, cut_ratio=1.02, fill="background")
             times.append(1e3 * (time.perf_counter() - start))
         views.append(View(frame, statistics.median(times)))
     return views

@@ -70,5 +70,5 @@ def camera_at(turned: float, climbed: float, nearer: float, size: tuple[int, int
 def source_view(field: ibr.DepthImage, size: tuple[int, int] = (1500, 1000)) -> ibr.DepthImage:
     """The terrain as one perspective camera sees it: colour and depth, and nothing of what hills hide."""
     camera = camera_at(0, 0, 1, size, fov_y=38)
-    frame = ibr.warp(field, camera)
+    frame = ibr.warp(field, camera, edges="connect")  # a height field is one surface
     return ibr.DepthImage(frame.color, frame.depth, camera)

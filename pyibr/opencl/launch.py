@@ -63,7 +63,9 @@ def launch(kernel: Kernel, grid: tuple[int, ...], **arguments: DeviceArray | Str
     values = [_PACK[argument.kind](kernel, argument, arguments[argument.name]) for argument in kernel.arguments]
     kernel.session.in_flight.append(arguments)
     kernel.handle.set_args(*values)
-    cl.enqueue_nd_range_kernel(kernel.session.queue, kernel.handle, grid, _LOCAL[len(grid)] if kernel.session.is_cpu else None)
+    cl.enqueue_nd_range_kernel(
+        kernel.session.queue, kernel.handle, grid, _LOCAL[len(grid)] if kernel.session.is_cpu else None
+    )
 
 
 def _pointer(kernel: Kernel, argument: Argument, value: DeviceArray | Struct | float) -> Any:

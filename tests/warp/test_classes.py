@@ -27,7 +27,10 @@ AGREES = 0.999  # share of the pixels two pixels away from where the class chang
 @cache
 def scene() -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Vertices and faces: a wall at z = 6, two boxes and an octahedral ball before it."""
-    vertices, faces = [np.array([[-40, -40, 6], [40, -40, 6], [-40, 40, 6], [40, 40, 6]], float)], [[0, 1, 2], [3, 2, 1]]
+    vertices, faces = (
+        [np.array([[-40, -40, 6], [40, -40, 6], [-40, 40, 6], [40, 40, 6]], float)],
+        [[0, 1, 2], [3, 2, 1]],
+    )
     for low, high in (((-1.6, -0.9, 3.2), (-0.5, 0.8, 3.9)), ((0.4, 0.3, 2.6), (1.1, 1.2, 3.0))):
         corners = np.array(np.meshgrid(*zip(low, high, strict=True), indexing="ij")).reshape(3, -1).T
         start = sum(map(len, vertices))

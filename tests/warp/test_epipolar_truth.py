@@ -173,7 +173,7 @@ def test_targets_much_smaller_and_larger_than_the_source(source, target, size):
     for pose in cameras:
         camera = pose.camera.resized(size)
         seen = here.cast(camera)
-        frame = ibr.warp(here.view, camera)
+        frame = ibr.warp(here.view, camera, edges="connect")
         assert (frame.valid != seen.valid).mean() <= COVERAGE, pose.name
         interior = seen.interior()
         right = frame.valid & np.isclose(frame.depth, seen.depth, rtol=DEPTH, atol=0)
@@ -193,7 +193,7 @@ def test_awkward_sizes(size, source, target):
         seen = here.cast(pose.camera)
         if not seen.valid.any():
             continue
-        frame = ibr.warp(here.view, pose.camera)
+        frame = ibr.warp(here.view, pose.camera, edges="connect")
         # 2: of a small image, a pixel or two on the surface's very border may be any share.
         assert np.count_nonzero(frame.valid != seen.valid) <= max(2, COVERAGE * seen.valid.size), pose.name
         interior = seen.interior()
@@ -249,7 +249,7 @@ def test_targets_of_one_row_or_column(target_size, source, target):
         seen = here.cast(camera)
         assert seen.valid.any(), pose.name
         for sample in ("linear", "nearest"):
-            frame = ibr.warp(here.view, camera, sample=sample)
+            frame = ibr.warp(here.view, camera, sample=sample, edges="connect")
             # 1: a ray may pass just beside a silhouette that another one meets.
             assert np.count_nonzero(frame.valid != seen.valid) <= (1 if seen.valid.size > 1 else 0), pose.name
             both = frame.valid & seen.valid

@@ -291,6 +291,33 @@ def test_the_cut_ratio_is_the_ratio_that_is_cut():
     assert not ibr.warp(view, target, edges="cut", cut_ratio=1.999).valid[:, 28:38].any()
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_edges_are_cut_unless_they_are_to_be_connected(method):
+    view, target = two_walls()
+    same_bits(ibr.warp(view, target, method), ibr.warp(view, target, method, edges="cut", cut_ratio=1.05))
+    assert not ibr.warp(view, target, method).valid[:, 28:38].any()
+
+
+@pytest.mark.parametrize("method", ["epipolar", "search"])
+@pytest.mark.parametrize("lifted", [0.0, 64.0])
+@pytest.mark.parametrize(("step", "torn"), [(0.31, False), (0.33, True)])
+@pytest.mark.parametrize("turned", [False, True])
+def test_orthographic_views_are_cut_by_the_longer_side_of_what_they_see(method, lifted, step, torn, turned):
+    """5 % of 6.4 scene units are 0.32, wherever along its axis the camera stands."""
+    size, focal = ((64, 40), 10.0) if not turned else ((40, 64), 10.0)
+    camera = Camera(
+        [[focal, 0, (size[0] - 1) / 2], [0, focal, (size[1] - 1) / 2], [0, 0, 1]], size, projection="orthographic"
+    ).moved(0, 0, -lifted)
+    across = np.mgrid[: size[1], : size[0]][0 if turned else 1]
+    view = image(lifted + 3 + np.where(across < max(size) // 2, 0, step), camera)
+    # From the near half's side, so that the step's slope is seen from its front: all of the source is before it.
+    aside = np.array([0.0, 3.0, 0.0] if turned else [3.0, 0.0, 0.0])
+    target = Camera.look_at(aside, (0, 0, 3), (0, -1, 0), (96, 96), projection="orthographic", height=8)
+    cut, connected = (ibr.warp(view, target, method, edges=edges).valid for edges in ("cut", "connect"))
+    assert (cut <= connected).all()
+    assert (connected & ~cut).any() == torn
+
+
 # --- filling -----------------------------------------------------------------------------------------
 
 
