@@ -164,13 +164,14 @@ INLINED void meet_there(Pixels *pixels, Grid grid, PixelMap map, int x0, int y, 
 #endif
 
 /* Where on the pixels' own lines their neighbours' answers lie, (dx, dy) pixels away; INFINITY: nowhere. */
-INLINED floatl place_of(global const float *seen, PixelMap map, Rays rays, Lines lines, intl x, int y, int dx, int dy)
+INLINED floatl place_of(global const float *seen, PixelMap map, Rays rays, Epipolar epipolar, intl x, int y, int dx,
+                        int dy)
 {
     const intl nx = x + dx;
     const int ny = y + dy;
     const intl index = clamp(ny, 0, map.dst_height - 1) * map.dst_pitch + clamp(nx, (intl)0, (intl)(map.dst_width - 1));
     const floatl answer = (floatl)(gather(seen, index));
-    const floatl place = distance_of(rays, lines, answer);
+    const floatl place = distance_of(rays, epipolar, answer);
     const intl there = (nx >= 0) & (nx < map.dst_width) & (intl)(ny >= 0 && ny < map.dst_height ? -1 : 0);
     return pick(there & IS_MET(answer) & isfinite_lanes(place), place, (floatl)INFINITY);
 }
@@ -182,18 +183,17 @@ INLINED floatl trace_around(global const float *seen, Grid grid, PixelMap map, i
 {
     const Rays rays = rays_of(map, to_floatl(x), y);
     const Epipolar epipolar = epipolar_of(rays, grid);
-    const Lines lines = epipolar.lines;
     floatl places[ANSWERS];
-    places[0] = place_of(seen, map, rays, lines, x, y, 0, 0);
-    places[1] = place_of(seen, map, rays, lines, x, y, -1, 0);
-    places[2] = place_of(seen, map, rays, lines, x, y, 1, 0);
-    places[3] = place_of(seen, map, rays, lines, x, y, 0, -1);
-    places[4] = place_of(seen, map, rays, lines, x, y, 0, 1);
+    places[0] = place_of(seen, map, rays, epipolar, x, y, 0, 0);
+    places[1] = place_of(seen, map, rays, epipolar, x, y, -1, 0);
+    places[2] = place_of(seen, map, rays, epipolar, x, y, 1, 0);
+    places[3] = place_of(seen, map, rays, epipolar, x, y, 0, -1);
+    places[4] = place_of(seen, map, rays, epipolar, x, y, 0, 1);
 #if ZOOMED
-    places[5] = place_of(seen, map, rays, lines, x, y, -apart, 0);
-    places[6] = place_of(seen, map, rays, lines, x, y, apart, 0);
-    places[7] = place_of(seen, map, rays, lines, x, y, 0, -apart);
-    places[8] = place_of(seen, map, rays, lines, x, y, 0, apart);
+    places[5] = place_of(seen, map, rays, epipolar, x, y, -apart, 0);
+    places[6] = place_of(seen, map, rays, epipolar, x, y, apart, 0);
+    places[7] = place_of(seen, map, rays, epipolar, x, y, 0, -apart);
+    places[8] = place_of(seen, map, rays, epipolar, x, y, 0, apart);
 #endif
     const intl answered = places[0] < INFINITY;
     SORT_PLACES

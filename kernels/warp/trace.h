@@ -25,6 +25,7 @@ typedef struct {
 typedef struct {
     Lines lines;
     floatl near, near_step; /* at distance 0, and its change */
+    floatl start, centre;   /* the rays' start and centre along the lines' major axes, as distances */
 } Epipolar;
 
 #define TOUCH 2e-4f /* pixels of the source by which a surface reaches beyond its last samples: rounding */
@@ -71,15 +72,16 @@ INLINED Epipolar epipolar_of(Rays rays, Grid grid)
     const floatl major = pick(u_major, dir_u, dir_v), start = pick(u_major, rays.u, rays.v);
     const floatl centre = pick(u_major, (floatl)c.x, (floatl)c.y);
     const floatl sign = pick(major < 0.0f, (floatl)-1.0f, (floatl)1.0f);
-    const floatl tilt = pick(u_major, dir_v, dir_u) / major;
-    const floatl minor = pick(u_major, -offset, offset) / major;
-    const floatl slope = (rays.q * c.z - c.w * rays.w) / major, level = (c.w * start - rays.q * centre) / major;
+    const floatl per_major = 1.0f / major;
+    const floatl tilt = pick(u_major, dir_v, dir_u) * per_major;
+    const floatl minor = pick(u_major, -offset, offset) * per_major;
+    const floatl slope = (rays.q * c.z - c.w * rays.w) * per_major, level = (c.w * start - rays.q * centre) * per_major;
 
     /* Clip to the image, and by a little beyond its border: rounding. */
     const float last_u = grid.width - 1, last_v = grid.height - 1;
     const floatl last_minor = pick(u_major, (floatl)last_v, (floatl)last_u);
-    const floatl tilted = pick(fabs(tilt) < 1e-12f, (floatl)1e-12f, tilt);
-    const floatl edge_0 = (-ON_SAMPLES - minor) / tilted, edge_1 = (last_minor + ON_SAMPLES - minor) / tilted;
+    const floatl per_tilt = 1.0f / pick(fabs(tilt) < 1e-12f, (floatl)1e-12f, tilt);
+    const floatl edge_0 = (-ON_SAMPLES - minor) * per_tilt, edge_1 = (last_minor + ON_SAMPLES - minor) * per_tilt;
     floatl low = fmax((floatl)0.0f, fmin(edge_0, edge_1));
     floatl high = fmin(pick(u_major, (floatl)last_u, (floatl)last_v), fmax(edge_0, edge_1));
     /* To this side of the epipole, */
@@ -107,16 +109,16 @@ INLINED Epipolar epipolar_of(Rays rays, Grid grid)
     epipolar.lines.length = pick(runs, high - low, (floatl)-1.0f);
     epipolar.near = level + slope * from;
     epipolar.near_step = slope * sign;
+    epipolar.start = sign * (start - from * rays.w);
+    epipolar.centre = sign * (centre - from * c.z);
     snap(&epipolar.lines);
     return epipolar;
 }
 
 /* The distance along the lines at which a target nearness lies. */
-INLINED floatl distance_of(Rays rays, Lines lines, floatl nearness)
+INLINED floatl distance_of(Rays rays, Epipolar epipolar, floatl nearness)
 {
-    const floatl w = rays.w + nearness * rays.centre.z;
-    const floatl u = (rays.u + nearness * rays.centre.x) / w, v = (rays.v + nearness * rays.centre.y) / w;
-    return pick(fabs(lines.du) >= fabs(lines.dv), (u - lines.u) * lines.du, (v - lines.v) * lines.dv);
+    return (epipolar.start + nearness * epipolar.centre) / (rays.w + nearness * rays.centre.z);
 }
 
 /* The first triangle that the rays cross on stretches of their lines: target nearness, BLOCKED, or EMPTY if they meet
