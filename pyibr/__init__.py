@@ -21,6 +21,7 @@ from pyibr.errors import (
 from pyibr.images import (
     DepthImage,
     Frame,
+    PixelClass,
     depth_from_disparity,
     depth_from_euclidean,
     depth_from_mpeg,
@@ -63,6 +64,7 @@ __all__ = [
     "Light",
     "Mesh",
     "MissingPackageError",
+    "PixelClass",
     "ReliefSurface",
     "Silhouette",
     "SlicedSurface",

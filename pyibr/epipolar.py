@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -61,12 +62,12 @@ class _Fan:
         """Distance to the epipole along the axis (times |w|): positive on this side."""
         return (pixel * self.w - self.e_along) * self.side
 
-    @property
+    @cached_property
     def reference(self) -> int:
         """The pixel along the axis that is farthest from the epipole."""
         return self.along[1] if self.w * self.side > 0.0 else self.along[0]
 
-    @property
+    @cached_property
     def nearest(self) -> float:
         """The least distance in the area, as a part of the reference's; <= 0 if the epipole is within its columns."""
         return min(map(self.distance, self.along)) / self.distance(self.reference)
@@ -121,13 +122,18 @@ def line_groups(
     packets : int
         Work-items needed for all groups.
     """
+    return _laid((float(epipole[0]), float(epipole[1]), float(epipole[2])), area, lanes, through_pixels)
+
+
+@lru_cache(maxsize=64)
+def _laid(
+    epipole: tuple[float, float, float], area: Rectangle, lanes: int, through_pixels: bool
+) -> tuple[NDArray[Any], int]:
     groups: list[tuple[float, ...]] = []
     packets = 0
-    if area.empty:
-        return np.array(groups, LINE_GROUP), packets
     ends = (area.low_x, area.high_x - 1), (area.low_y, area.high_y - 1)
-    e, w = (float(epipole[0]), float(epipole[1])), float(epipole[2])
-    for axis in (0, 1):
+    *e, w = epipole
+    for axis in () if area.empty else (0, 1):
         for side in (1, -1):
             fan = _Fan(axis, side, ends[axis], ends[1 - axis], e[axis], e[1 - axis], w)
             farthest = fan.distance(fan.reference)
@@ -150,4 +156,6 @@ def line_groups(
                 line = fan.reference, start, spacing
                 groups.append((axis, side, packets, count, *along, *fan.across, levels, *line, *distance, least))
                 packets += -(-count // lanes)
-    return np.array(groups, LINE_GROUP), packets
+    laid = np.array(groups, LINE_GROUP)
+    laid.flags.writeable = False
+    return laid, packets

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from enum import IntEnum
 from functools import cached_property
 from typing import TypeVar, cast
 
@@ -129,6 +130,26 @@ class DepthImage:
         return low + self.camera.center, high + self.camera.center
 
 
+class PixelClass(IntEnum):
+    """What a pixel of a new view is. Of several views' answers for a hole the least counts: what knows most.
+
+    Examples
+    --------
+    >>> import pyibr as ibr
+    >>> ibr.PixelClass(1).name
+    'HIDDEN'
+    """
+
+    SEEN = 0
+    """The source saw what is there."""
+    HIDDEN = 1
+    """What is there was hidden from the source by something nearer."""
+    UNOBSERVED = 2
+    """The source has no depth there."""
+    OUTSIDE = 3
+    """What is there lies outside of the source's image."""
+
+
 @dataclass(frozen=True, eq=False)
 class Frame:
     """A rendered view.
@@ -142,12 +163,23 @@ class Frame:
     valid : (H, W) bool
         False in holes: pixels that no surface was seen through.
     camera : Camera
+    classes : (H, W) uint8, or None
+        If they were asked for: what each pixel is, a `PixelClass`.
+    source : (H, W, 2) float32, or None
+        If they were asked for: the pixel (x, y) of the source that each pixel comes from, between its samples; NaN where
+        not valid. What belongs to the source's pixels (labels, features, flow) is carried over with it, by `cv2.remap`
+        or by indexing.
+    view : (H, W) int32, or None
+        If they were asked for: the number of the view that it comes from, -1 where not valid.
     """
 
     color: Color
     depth: Depth
     valid: NDArray[np.bool_]
     camera: Camera
+    classes: NDArray[np.uint8] | None = None
+    source: NDArray[np.float32] | None = None
+    view: NDArray[np.int32] | None = None
 
     def __repr__(self) -> str:
         return f"<Frame {self.camera.width}x{self.camera.height} {self.color.dtype}>"

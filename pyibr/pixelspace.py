@@ -6,6 +6,7 @@ an orthographic one. One 4x4 matrix carries it from the source to the target; it
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from dataclasses import dataclass
@@ -84,21 +85,17 @@ def pixel_size(camera: Camera, point: Float64) -> float:
 
 
 @dataclass(frozen=True)
-class PixelMap:
-    """The map between two cameras, for samples of a range of nearness.
+class CameraPair:
+    """What two cameras fix of the map between them, whatever the source's samples.
 
     Attributes
     ----------
     src, dst : Camera
         The source, whose samples have depths, and the target.
-    low, high : float
-        Least and greatest nearness of the source's samples.
     """
 
     src: Camera
     dst: Camera
-    low: float
-    high: float
 
     @cached_property
     def dst_from_src(self) -> Float64:
@@ -110,21 +107,17 @@ class PixelMap:
         """(4, 4) float64."""
         return _pixels_from_pixels(self.src, self.dst)
 
-    @property
-    def epipole(self) -> Float64:
-        """(3,) homogeneous pixel of the source's centre in the target; negative W: an antipode; 0: there is none."""
-        return self.dst_from_src[:3, 3] if self.parallax >= NO_PARALLAX else np.zeros(3)
-
     @cached_property
     def aligned(self) -> bool:
         """Whether epipolar lines run along rows or columns of both images, as in stereo pairs and light fields."""
-        ends = self.epipole, self.src_from_dst[:3, 3]
+        ends = self.dst_from_src[:3, 3], self.src_from_dst[:3, 3]
         return all(np.count_nonzero(end) == 1 and end[2] == 0.0 for end in ends)
 
     @cached_property
     def on_samples(self) -> bool:
         """Of aligned lines through the target's pixels: whether all of them run along the source's samples."""
-        target_axis, source_axis = (int(np.argmin(end[:2] != 0)) for end in (self.epipole, self.src_from_dst[:3, 3]))
+        ends = self.dst_from_src[:2, 3], self.src_from_dst[:2, 3]
+        target_axis, source_axis = (int(np.argmin(end != 0)) for end in ends)
         pixels = np.zeros((3, self.dst.size[target_axis]))
         pixels[target_axis], pixels[2] = np.arange(pixels.shape[1]), 1.0
         rows = self.src_from_dst[[source_axis, 2], :3] @ pixels
@@ -142,34 +135,81 @@ class PixelMap:
         return values
 
     @cached_property
+    def corners(self) -> list[list[float]]:
+        """(U, V, W) in the target of the source's corner pixels at nearness 0; and what nearness adds to them."""
+        last = self.src.width - 1, self.src.height - 1
+        at_infinity = [(x, y, 1.0, 0.0) for x, y in itertools.product((0, last[0]), (0, last[1]))]
+        return (self.dst_from_src[:3] @ np.array([*at_infinity, (0, 0, 0, 1)]).T).T.tolist()
+
+    @cached_property
+    def grid(self) -> tuple[Float64, Float64]:
+        """(4, 3, 25) homogeneous positions in the target, at nearness 0, of a grid of source pixels and their right
+        and lower neighbours; and (4, 1, 1), what nearness adds to them.
+        """
+        x, y = (part * (size - 1) for part, size in zip(_GRID, self.src.size, strict=True))
+        points = np.array([[x, x + 1, x], [y, y, y + 1], [np.ones_like(x)] * 3])
+        return np.tensordot(self.dst_from_src[:, :3], points, 1), self.dst_from_src[:, 3, None, None]
+
+
+@functools.lru_cache(maxsize=256)
+def camera_pair(src: Camera, dst: Camera) -> CameraPair:
+    """The pair, made once for cameras that are used again."""
+    return CameraPair(src, dst)
+
+
+@dataclass(frozen=True)
+class PixelMap:
+    """The map between two cameras, for samples of a range of nearness.
+
+    Attributes
+    ----------
+    pair : CameraPair
+    low, high : float
+        Least and greatest nearness of the source's samples.
+    """
+
+    pair: CameraPair
+    low: float
+    high: float
+
+    @property
+    def epipole(self) -> Float64:
+        """(3,) homogeneous pixel of the source's centre in the target; negative W: an antipode; 0: there is none."""
+        return self.pair.dst_from_src[:3, 3] if self.parallax >= NO_PARALLAX else np.zeros(3)
+
+    @cached_property
     def parallax(self) -> float:
         """How far the source's corners move in the target, in pixels, between depths that are far apart.
 
         The depths are infinity and the nearest sample's in a perspective source; in an orthographic one the
         farthest sample's and one as far before it as the image is wide.
         """
-        perspective = self.src.projection == "perspective"
-        ends = (0.0, self.high) if perspective else (self.low, self.high + self.src.width / self.src.K[0, 0])
-        u, v, w = self._corners(ends)
-        if not (w > 0).all():
-            return math.inf
-        return float(np.hypot(u[:4] / w[:4] - u[4:] / w[4:], v[:4] / w[:4] - v[4:] / w[4:]).max())
+        src = self.pair.src
+        perspective = src.projection == "perspective"
+        ends = (0.0, self.high) if perspective else (self.low, self.high + src.width / float(src.K[0, 0]))
+        most = 0.0
+        for (u0, v0, w0), (u1, v1, w1) in zip(*map(self._corners, ends), strict=True):
+            if w0 <= 0 or w1 <= 0:
+                return math.inf
+            most = max(most, math.hypot(u0 / w0 - u1 / w1, v0 / w0 - v1 / w1))
+        return most
 
     @cached_property
     def reach(self) -> Rectangle:
         """The target's pixels that any of the source's samples, or the surface between them, may cover."""
-        width, height = self.dst.size
-        u, v, w = self._corners((self.low, self.high))
-        if not (w > 0).any():
+        width, height = self.pair.dst.size
+        points = [point for end in (self.low, self.high) for point in self._corners(end)]
+        if all(w <= 0 for _, _, w in points):
             return Rectangle(0, 0, 0, 0)
-        if not (w > 0).all():
+        if any(w <= 0 for _, _, w in points):
             return Rectangle(0, width, 0, height)
-        x, y = np.clip(u / w, -2, width + 1), np.clip(v / w, -2, height + 1)
+        x = [min(max(u / w, -2), width + 1) for u, _, w in points]
+        y = [min(max(v / w, -2), height + 1) for _, v, w in points]
         return Rectangle(
-            max(math.floor(x.min()), 0),
-            min(math.ceil(x.max()) + 1, width),
-            max(math.floor(y.min()), 0),
-            min(math.ceil(y.max()) + 1, height),
+            max(math.floor(min(x)), 0),
+            min(math.ceil(max(x)) + 1, width),
+            max(math.floor(min(y)), 0),
+            min(math.ceil(max(y)) + 1, height),
         )
 
     @cached_property
@@ -179,10 +219,10 @@ class PixelMap:
         with np.errstate(divide="ignore", invalid="ignore"):
             x, y = u / w, v / w
             area = np.abs((x[1] - x[0]) * (y[2] - y[0]) - (x[2] - x[0]) * (y[1] - y[0]))
-            width, height = self.dst.size
+            width, height = self.pair.dst.size
             near = (x[0] > -width) & (x[0] < 2 * width) & (y[0] > -height) & (y[0] < 2 * height)
-            seen = (w[0] > 0) & near & (area > 0)
-        return _middle_of(area[seen]) ** -0.5 if seen.any() else 1.0
+            areas = area[(w[0] > 0) & near & (area > 0)]
+        return _middle_of(areas) ** -0.5 if len(areas) else 1.0
 
     @cached_property
     def typical(self) -> float:
@@ -193,18 +233,14 @@ class PixelMap:
 
     @cached_property
     def _middle(self) -> Float64:
-        """(4, 3, 25) homogeneous target positions of a grid of source pixels and their right and lower neighbours."""
-        x, y = (part * (size - 1) for part, size in zip(_GRID, self.src.size, strict=True))
-        ones, nearness = np.ones_like(x), np.full_like(x, 0.5 * (self.low + self.high))
-        points = np.array([[x, x + 1, x], [y, y, y + 1], [ones] * 3, [nearness] * 3])
-        return np.tensordot(self.dst_from_src, points, 1)
+        """(4, 3, 25) homogeneous target positions of the pair's grid, at the middle nearness."""
+        at_infinity, per_nearness = self.pair.grid
+        return at_infinity + 0.5 * (self.low + self.high) * per_nearness
 
-    def _corners(self, ends: tuple[float, float]) -> tuple[Float64, Float64, Float64]:
-        """(8,) homogeneous target positions of the source's corner pixels, at one nearness and at the other."""
-        last = self.src.width - 1, self.src.height - 1
-        corners = [(x, y, 1.0, n) for n, x, y in itertools.product(ends, (0, last[0]), (0, last[1]))]
-        u, v, w, _ = self.dst_from_src @ np.array(corners).T
-        return u, v, w
+    def _corners(self, nearness: float) -> list[tuple[float, float, float]]:
+        """(U, V, W) in the target of the source's corner pixels, at a nearness."""
+        *corners, (b_u, b_v, b_w) = self.pair.corners
+        return [(u + nearness * b_u, v + nearness * b_v, w + nearness * b_w) for u, v, w in corners]
 
 
 def _pixels_from_pixels(one: Camera, other: Camera) -> Float64:

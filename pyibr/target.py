@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -41,6 +43,12 @@ class Target:
         Of the colour: uint8 or float32.
     from_light : bool
         Only its depths count: they are a light's map of what casts shadows.
+    out : Frame, optional
+        Its arrays are written, instead of new ones.
+    classes : bool
+        What each pixel is, and where it comes from, is written, too.
+    pool : dict, optional
+        Scratch memory by size, for targets that are drawn one after the other.
 
     Attributes
     ----------
@@ -48,16 +56,37 @@ class Target:
         Nothing has been written yet: who draws first writes every pixel, who draws later keeps what is nearer.
     """
 
-    def __init__(self, camera: Camera, dtype: np.dtype[Any], from_light: bool = False) -> None:
-        from pyibr.opencl.memory import empty
+    def __init__(
+        self,
+        camera: Camera,
+        dtype: np.dtype[Any],
+        from_light: bool = False,
+        out: Frame | None = None,
+        classes: bool = False,
+        pool: dict[int, DeviceArray] | None = None,
+    ) -> None:
+        from pyibr.opencl.memory import empty, output
 
         shape = (camera.height, camera.width)
         self.camera = camera
-        self.color = empty((*shape, 3), dtype)
-        self.depth = empty(shape, np.float32)
-        self.valid = empty(shape, np.uint8)
+        self.out = out
+        self._pool: dict[int, DeviceArray] = {} if pool is None else pool
+        if out is None:
+            self.color, self.depth, self.valid = empty((*shape, 3), dtype), empty(shape, np.float32), empty(shape, np.uint8)
+        else:
+            self.color, self.depth, self.valid = output(out.color), output(out.depth), output(out.valid.view(np.uint8))
+        self.origin = empty((*shape, 3), np.float32) if classes else None
+        self.classes = empty(shape, np.uint8) if classes else None
         self.blank = True
         self.from_light = from_light
+
+    def scratch(self, count: int) -> DeviceArray:
+        """(count,) float32 that launches may use until the next who asks does."""
+        from pyibr.opencl.memory import empty
+
+        if count not in self._pool:
+            self._pool[count] = empty((count,), np.float32)
+        return self._pool[count]
 
     def outputs(self) -> dict[str, DeviceArray]:
         """The three buffers by their kernels' names."""
@@ -99,4 +128,29 @@ class Target:
 
     def frame(self) -> Frame:
         """The picture on the host, once all launches are done."""
-        return Frame(self.color.to_host(), self.depth.to_host(), self.valid.to_host().view(np.bool_), self.camera)
+        return frames([self])[0]
+
+
+def frames(targets: Sequence[Target]) -> list[Frame]:
+    """The pictures on the host, once all launches are done."""
+    from pyibr.opencl.memory import to_host
+
+    arrays: list[DeviceArray] = []
+    for target in targets:
+        arrays += [target.color, target.depth, target.valid]
+        if target.origin is not None and target.classes is not None:
+            arrays += [target.origin, target.classes]
+    values = iter(to_host(arrays))
+    made: list[Frame] = []
+    for target in targets:
+        color, depth, valid = next(values), next(values), next(values).view(np.bool_)
+        more: dict[str, Any] = {}
+        if target.origin is not None:
+            origin = next(values)
+            view = np.where(valid, origin[..., 2], -1).astype(np.int32)
+            more = {"source": origin[..., :2], "view": view, "classes": next(values)}
+        if target.out is None:
+            made.append(Frame(color, depth, valid, target.camera, **more))
+        else:
+            made.append(replace(target.out, camera=target.camera, **more))
+    return made

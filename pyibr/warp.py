@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Literal, cast
+from collections.abc import Sequence
+from typing import Any, Literal, cast, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pyibr._check import describe, one_of
 from pyibr.camera import Camera
-from pyibr.epipolar import line_groups
 from pyibr.errors import ArgumentError
 from pyibr.images import DepthImage, Frame
-from pyibr.pixelspace import PixelMap, pitch
+from pyibr.pixelspace import PixelMap, camera_pair
 from pyibr.samples import Samples, samples_of
-from pyibr.target import Target
+from pyibr.target import Target, frames
+from pyibr.warp_launches import Options, classify, fill_from_behind, look
+from pyibr.warp_launches import splat as splat_samples
 
+Array = NDArray[Any]
 Method = Literal["epipolar", "search", "forward"]
 Sample = Literal["linear", "nearest"]
 Edges = Literal["connect", "cut"]
@@ -27,19 +28,43 @@ Side = Literal["front", "back", "both"]
 Fill = Literal["background"]
 
 _SHOWN = {"front": 1, "back": 2, "both": 3}  # SHOWS_FRONT, SHOWS_BACK of kernels/lib/surface.h
-_EMPTY = -3e38  # EMPTY of kernels/lib/pixelspace.h
-_CUT = np.dtype([("near_scale", np.float32), ("far_scale", np.float32), ("least", np.float32)])
-_OF_LINES, _OWN, _OF_ALL = 0, 1, 2  # ANSWERS_... of kernels/warp/resolve.cl
 _SPLAT_MOST = 64.0
 _PIXELS_MOST = 1 << 29  # kernels number samples and colour bytes in 32 bits
-_APART_MOST = 16
-_LOOK_TORN, _LOOK_CONNECTED = (1.0, 2.0), (0.5, 4.0)  # `rough` and `window` of kernels/warp/resolve.cl, measured
-_STRIP = 16  # packets of a row that one work-item of a CPU takes: enough to hide what starting it costs
 
 
+@overload
 def warp(
     views: DepthImage | Sequence[DepthImage],
     camera: Camera,
+    method: Method = ...,
+    sample: Sample = ...,
+    edges: Edges = ...,
+    fill: Fill | None = ...,
+    *,
+    cut_ratio: float = ...,
+    side: Side = ...,
+    splat: float = ...,
+    classes: bool = ...,
+    out: Frame | None = ...,
+) -> Frame: ...
+@overload
+def warp(
+    views: DepthImage | Sequence[DepthImage],
+    camera: Sequence[Camera],
+    method: Method = ...,
+    sample: Sample = ...,
+    edges: Edges = ...,
+    fill: Fill | None = ...,
+    *,
+    cut_ratio: float = ...,
+    side: Side = ...,
+    splat: float = ...,
+    classes: bool = ...,
+    out: Sequence[Frame] | None = ...,
+) -> list[Frame]: ...
+def warp(
+    views: DepthImage | Sequence[DepthImage],
+    camera: Camera | Sequence[Camera],
     method: Method = "epipolar",
     sample: Sample = "linear",
     edges: Edges = "cut",
@@ -48,7 +73,9 @@ def warp(
     cut_ratio: float = 1.05,
     side: Side = "front",
     splat: float = 1.0,
-) -> Frame:
+    classes: bool = False,
+    out: Frame | Sequence[Frame] | None = None,
+) -> Frame | list[Frame]:
     """Render depth images from a new camera.
 
     A depth image means a surface: the grid of its samples, each cell split from its upper right to its lower left
@@ -59,15 +86,16 @@ def warp(
     views : DepthImage or sequence of DepthImage
         The sources, perspective or orthographic, with colours of one dtype. Their buffers stay on the device, so
         that warping the same object again is cheaper.
-    camera : Camera
-        The target, perspective or orthographic.
+    camera : Camera or sequence of Camera
+        The target, perspective or orthographic; or several, which are drawn without a wait between them: each frame is
+        the same as by a call of its own.
     method : {"epipolar", "search", "forward"}
         "epipolar" sweeps whole epipolar lines, O(n^2) (section 4 of the paper); "search" lets each pixel search its
         own epipolar segment, O(n^3); "forward" carries each sample over as a point, which leaves gaps where the
         target sees the surface larger than the source did, and to which `sample`, `edges` and `side` do not apply.
     sample : {"linear", "nearest"}
         Read the surface between the samples, or the sample nearest to where the ray meets the surface; for depth and
-        colour alike. Within 1/8 of a pixel of the middle between two samples, either may be taken for the nearest.
+        colour alike.
     edges : {"cut", "connect"}
         "cut": the surface is open where neighbours' depths differ too much (see `cut_ratio`), as at the borders of
         objects in scenes. "connect": neighbouring samples are one surface, however far apart, as in displacement maps.
@@ -83,10 +111,17 @@ def warp(
         a centre inside it and seen from outside), or either. A ray that meets the other side first sees a hole.
     splat : float
         With "forward": side of the square of target pixels that a sample covers, 1 to 64.
+    classes : bool
+        The frame tells, too, what each pixel is (`Frame.classes`: seen, hidden, never observed, outside of the view),
+        and where in which view it comes from (`Frame.source`, `Frame.view`). Not with "forward". Following the holes'
+        rays takes longer the larger the range of depth is.
+    out : Frame or sequence of Frame, optional
+        Frames whose arrays are written instead of new ones: C-contiguous and writable, of the target's size and the
+        views' dtype, each of them once.
 
     Returns
     -------
-    Frame
+    Frame, or list of Frame if `camera` is a sequence
         Colour in the views' dtype, planar depth, and where anything was seen.
 
     Raises
@@ -113,227 +148,86 @@ def warp(
     54
     """
     sources = _checked_views(views)
-    if not isinstance(camera, Camera):  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise ArgumentError("camera", "a pyibr.Camera", describe(camera))
-    for argument, size in [("camera", camera.size), *(("views", view.camera.size) for view in sources)]:
+    cameras = _checked_cameras(camera)
+    for argument, size in [*(("camera", c.size) for c in cameras), *(("views", v.camera.size) for v in sources)]:
         if size[0] * size[1] > _PIXELS_MOST:
             raise ArgumentError(argument, f"at most {_PIXELS_MOST} pixels", f"{size[0]} x {size[1]}")
     one_of("method", method, Method)
+    options = looks(sample, edges, cut_ratio, side, method == "search")
     if fill is not None:
         one_of("fill", fill, Fill, " or None")
-    options = _options(sample, edges, cut_ratio, side, splat)
+    _number("splat", splat, 1.0, _SPLAT_MOST, f"1 to {_SPLAT_MOST:g} pixels")
+    if classes and method == "forward":
+        raise ArgumentError("classes", 'False with method="forward", which asks no rays', "True")
+    outs = _checked_out(out, camera, cameras, sources[0])
 
     from pyibr.opencl.device import current
 
-    target = Target(camera, sources[0].color.dtype)
-    maps: list[PixelMap] = []
     with current().lock:
-        for view in sources:
-            samples = samples_of(view)
-            pixel_map = PixelMap(view.camera, camera, samples.low, samples.high)
-            maps.append(pixel_map)
-            if method == "forward":
-                _splat(samples, pixel_map, target, options)
-            else:
-                _look(samples, pixel_map, target, options, method)
-        if fill is not None:
-            _fill(target, min(maps, key=lambda pixel_map: pixel_map.parallax))
-        frame = target.frame()
-    if not frame.valid.any():
-        warnings.warn("warp: the target camera sees nothing of the views; the frame is empty", stacklevel=2)
-    return frame
+        samples = [samples_of(view) for view in sources]
+        pool: dict[int, Any] = {}
+        targets: list[Target] = []
+        for one, into in zip(cameras, outs, strict=True):
+            target = Target(one, sources[0].color.dtype, out=into, classes=bool(classes), pool=pool)
+            _draw_views(target, sources, samples, method, options, float(splat), fill)
+            targets.append(target)
+        made = frames(targets)
+    empty = [number for number, frame in enumerate(made) if not frame.valid.any()]
+    if isinstance(camera, Camera):
+        if empty:
+            warnings.warn("warp: the target camera sees nothing of the views; the frame is empty", stacklevel=2)
+        return made[0]
+    if empty:
+        some = ", ".join(map(str, empty))
+        warnings.warn(f"warp: target cameras {some} see nothing of the views; their frames are empty", stacklevel=2)
+    return made
 
 
-def drawing(sample: Sample, edges: Edges, cut_ratio: float, side: Side) -> Callable[[Target, DepthImage], None]:
-    """Check how views are to be shown, as `warp` does, and return what draws one so by the epipolar warp.
+def _draw_views(
+    target: Target,
+    sources: Sequence[DepthImage],
+    samples: Sequence[Samples],
+    method: Method,
+    options: Options,
+    size: float,
+    fill: Fill | None,
+) -> None:
+    """Draw all views into a target, then what is asked for of its holes."""
+    maps = [
+        PixelMap(camera_pair(view.camera, target.camera), some.low, some.high)
+        for view, some in zip(sources, samples, strict=True)
+    ]
+    for number, (some, pixel_map) in enumerate(zip(samples, maps, strict=True)):
+        if method == "forward":
+            splat_samples(some, pixel_map, target, size)
+        else:
+            look(some, pixel_map, target, options, number)
+    if target.classes is not None:
+        for number, (some, pixel_map) in enumerate(zip(samples, maps, strict=True)):
+            classify(some, pixel_map, target, options, number == 0)
+    if fill is not None:
+        fill_from_behind(target, min(maps, key=lambda pixel_map: pixel_map.parallax))
 
-    Into a light's map it draws the surface itself, from both its sides. The session's lock is held meanwhile.
-    """
-    options = _options(sample, edges, cut_ratio, side)
-    hides = _options("linear", edges, cut_ratio, "both")
 
-    def draw(target: Target, view: DepthImage) -> None:
-        samples = samples_of(view)
-        pixel_map = PixelMap(view.camera, target.camera, samples.low, samples.high)
-        _look(samples, pixel_map, target, hides if target.from_light else options, "epipolar")
-
-    return draw
-
-
-@dataclass(frozen=True)
-class _Options:
-    linear: bool
-    cuts: bool
-    cut_ratio: float
-    shown: int
-    splat: float
-
-
-def _options(sample: Sample, edges: Edges, cut_ratio: float, side: Side, splat: float = 1.0) -> _Options:
-    """Check how a view is to be shown."""
+def looks(sample: Sample, edges: Edges, cut_ratio: float, side: Side, search: bool = False) -> Options:
+    """Check how views are to be shown."""
     one_of("sample", sample, Sample)
     one_of("edges", edges, Edges)
     one_of("side", side, Side)
     _number("cut_ratio", cut_ratio, 1.0, math.inf, "a ratio greater than 1")
-    _number("splat", splat, 1.0, _SPLAT_MOST, f"1 to {_SPLAT_MOST:g} pixels")
-    return _Options(sample == "linear", edges == "cut", float(cut_ratio), _SHOWN[side], float(splat))
+    return Options(search, sample == "linear", float(cut_ratio) if edges == "cut" else None, _SHOWN[side])
 
 
-def _look(samples: Samples, pixel_map: PixelMap, target: Target, options: _Options, method: Method) -> None:
-    """Each pixel looks for what its ray meets first: by sweep or by search, then exactly."""
-    from pyibr.opencl.device import current
-    from pyibr.opencl.launch import Struct, launch
-    from pyibr.opencl.memory import empty, upload
-    from pyibr.opencl.program import kernel
+def draw(target: Target, view: DepthImage, options: Options) -> None:
+    """Draw a view into the target by the epipolar warp; into a light's map the surface itself, from both its sides.
 
-    session = current()
-    width, height = target.camera.size
-    reach = pixel_map.reach
-    if reach.empty and not target.blank:
-        return
-    aligned = pixel_map.aligned
-    groups, packets = line_groups(pixel_map.epipole, reach, session.lanes, aligned)
-    # Lanes of the sweep with nothing to write need a place of their own to write it; packets at the end of the last
-    # row read beyond it.
-    beyond = max(packets * session.lanes, session.lanes + _APART_MOST)
-    seen = empty((height * pitch(width) + beyond,), np.float32)
-    common = {
-        "nearness": samples.nearness,
-        "seen": seen,
-        "map": Struct("PixelMap", pixel_map.struct),
-        "cut": Struct("Cut", _cut(pixel_map.src, options)),
-        "shown": options.shown,
-    }
-    answers = _OWN
-    if reach.empty:
-        seen.fill(_EMPTY)
-    elif not packets:
-        answers = _OF_ALL  # no epipole, or it is all there is: any nearness gives the source position
-        seen.fill(pixel_map.typical)
-    elif method == "search":
-        answers = _OWN
-        seen.fill(_EMPTY)
-        launch(
-            kernel("warp/search.cl", "search"),
-            (-(-(reach.high_x - reach.low_x) // session.lanes), reach.high_y - reach.low_y),
-            low_x=reach.low_x,
-            high_x=reach.high_x,
-            low_y=reach.low_y,
-            high_y=reach.high_y,
-            **common,
-        )
-    else:
-        seen.fill(_EMPTY)
-        # Where a torn surface ends, lines are not asked for more than where to look; a connected one has crests.
-        exact = not (pixel_map.on_samples if aligned else options.cuts)
-        answers = _OWN if aligned else _OF_LINES
-        launch(
-            kernel("warp/epipolar.cl", "epipolar_sweep", ALIGNED=int(aligned), EDGES=int(exact)),
-            (packets,),
-            groups=upload(groups),
-            group_count=len(groups),
-            packet_count=packets,
-            nearest=samples.high,
-            farthest=samples.low,
-            **common,
-        )
-    low_x, high_x, low_y, high_y = 0, width, 0, height
-    if not target.blank:
-        low_x, high_x, low_y, high_y = reach.low_x, reach.high_x, reach.low_y, reach.high_y
-    rough, window = _LOOK_TORN if options.cuts else _LOOK_CONNECTED
-    strip = 1 if session.lanes == 1 else _STRIP
-    apart = min(math.ceil(0.5 / pixel_map.density), _APART_MOST)
-    launch(
-        kernel("warp/resolve.cl", "resolve", COLOR_BYTES=target.channel_bytes, STRIP=strip, ZOOMED=int(apart > 1)),
-        (-(-(high_x - low_x) // (strip * session.lanes)), high_y - low_y),
-        src_color=samples.color,
-        linear=options.linear,
-        merge=not target.blank,
-        low_x=low_x,
-        high_x=high_x,
-        low_y=low_y,
-        high_y=high_y,
-        answers=answers,
-        density=max(pixel_map.density, 1.0),
-        typical=pixel_map.typical,
-        apart=apart,
-        rough=rough,
-        window=window,
-        **common,
-        **target.outputs(),
-    )
-    target.blank = False
-
-
-def _cut(camera: Camera, options: _Options) -> NDArray[np.void]:
-    """A record of the kernels' struct Cut: which neighbours of the camera's view are torn apart."""
-    if not options.cuts:
-        return np.array((0.0, 0.0, 0.0), _CUT)
-    if camera.projection == "perspective":
-        return np.array((1.0, options.cut_ratio, 0.0), _CUT)
-    sides = camera.width / camera.K[0, 0], camera.height / camera.K[1, 1]
-    return np.array((1.0, 1.0, (options.cut_ratio - 1.0) * max(sides)), _CUT)
-
-
-def _splat(samples: Samples, pixel_map: PixelMap, target: Target, options: _Options) -> None:
-    from pyibr.opencl.launch import Struct, launch
-    from pyibr.opencl.memory import empty
-    from pyibr.opencl.program import kernel
-
-    shape = (target.camera.height, target.camera.width)
-    keys, indices = empty(shape, np.uint32), empty(shape, np.uint32)
-    keys.fill(0)
-    indices.fill(0xFFFFFFFF)
-    bytes_ = target.color.dtype.itemsize
-    the_map = Struct("PixelMap", pixel_map.struct)
-    for name, more in (("splat_nearness", {}), ("splat_index", {"indices": indices})):
-        launch(
-            kernel("warp/forward.cl", name, COLOR_BYTES=bytes_),
-            pixel_map.src.size,
-            nearness=samples.nearness,
-            keys=keys,
-            map=the_map,
-            size=options.splat,
-            **more,
-        )
-    launch(
-        kernel("warp/forward.cl", "splat_pixels", COLOR_BYTES=bytes_),
-        target.camera.size,
-        keys=keys,
-        indices=indices,
-        src_color=samples.color,
-        map=the_map,
-        merge=not target.blank,
-        **target.outputs(),
-    )
-    target.blank = False
-
-
-def _fill(target: Target, pixel_map: PixelMap) -> None:
-    from pyibr.opencl.launch import launch
-    from pyibr.opencl.memory import empty
-    from pyibr.opencl.program import kernel
-
-    width, height = target.camera.size
-    bytes_ = target.color.dtype.itemsize
-    blocks = empty((-(-height // 16), -(-width // 16)), np.uint8)
-    shared = {"valid": target.valid, "blocks": blocks, "width": width, "height": height}
-    launch(
-        kernel("warp/fill.cl", "fill_blocks", COLOR_BYTES=bytes_),
-        (blocks.shape[1], blocks.shape[0]),
-        **shared,
-    )
-    x, y, w = pixel_map.epipole / max(float(np.abs(pixel_map.epipole).max()), 1e-30)
-    launch(
-        kernel("warp/fill.cl", "fill_holes", COLOR_BYTES=bytes_),
-        (width, height),
-        color=target.color,
-        depth=target.depth,
-        epipole_x=x,
-        epipole_y=y,
-        epipole_w=w,
-        **shared,
-    )
+    The session's lock is held.
+    """
+    if target.from_light:
+        options = Options(cut_ratio=options.cut_ratio, shown=_SHOWN["both"])
+    samples = samples_of(view)
+    pixel_map = PixelMap(camera_pair(view.camera, target.camera), samples.low, samples.high)
+    look(samples, pixel_map, target, options)
 
 
 def _checked_views(views: DepthImage | Sequence[DepthImage]) -> list[DepthImage]:
@@ -346,6 +240,46 @@ def _checked_views(views: DepthImage | Sequence[DepthImage]) -> list[DepthImage]
         if view.color.dtype != sources[0].color.dtype:
             raise ArgumentError("views", "colours of one dtype", f"{sources[0].color.dtype} and {view.color.dtype}")
     return sources
+
+
+def _checked_cameras(camera: Camera | Sequence[Camera]) -> list[Camera]:
+    cameras = [camera] if isinstance(camera, Camera) else list(camera) if isinstance(camera, Sequence) else []  # pyright: ignore[reportUnnecessaryIsInstance]
+    if not cameras:
+        got = "an empty sequence" if isinstance(camera, Sequence) else describe(camera)
+        raise ArgumentError("camera", "a pyibr.Camera or a sequence of them", got)
+    for one in cameras:
+        if not isinstance(one, Camera):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise ArgumentError("camera", "a pyibr.Camera or a sequence of them", describe(one))
+    return cameras
+
+
+def _checked_out(
+    out: Frame | Sequence[Frame] | None, camera: Camera | Sequence[Camera], cameras: Sequence[Camera], view: DepthImage
+) -> Sequence[Frame | None]:
+    """A frame to write into for each camera, or None."""
+    if out is None:
+        return [None] * len(cameras)
+    several = not isinstance(camera, Camera)
+    outs = list(out) if isinstance(out, Sequence) else [out]
+    if several != isinstance(out, Sequence) or len(outs) != len(cameras):
+        expected = f"a sequence of {len(cameras)} frames" if several else "a Frame"
+        raise ArgumentError("out", expected, f"{len(outs)} frames" if isinstance(out, Sequence) else describe(out))
+    taken: list[Array] = []
+    for one, frame in zip(cameras, outs, strict=True):
+        if not isinstance(frame, Frame):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise ArgumentError("out", "a Frame", describe(frame))
+        shape = one.height, one.width
+        kinds = (("color", (*shape, 3), view.color.dtype), ("depth", shape, np.float32), ("valid", shape, np.bool_))
+        for name, expected, dtype in kinds:
+            array = getattr(frame, name)
+            if not isinstance(array, np.ndarray) or array.shape != expected or array.dtype != dtype:
+                raise ArgumentError(f"out.{name}", f"{np.dtype(dtype)} of shape {expected}", describe(array))
+            if not (array.flags.c_contiguous and array.flags.writeable):
+                raise ArgumentError(f"out.{name}", "a C-contiguous array that may be written", "one that is not")
+            if any(np.may_share_memory(array, other) for other in [*taken, view.color, view.depth]):
+                raise ArgumentError(f"out.{name}", "memory of its own", "memory that another array has, too")
+            taken.append(array)
+    return outs
 
 
 def _listed(views: object) -> Sequence[DepthImage]:

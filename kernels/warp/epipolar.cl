@@ -74,6 +74,7 @@ typedef struct {
     floatl minor_0, tilt, sign;    /* sign: of the walk's steps, away from the epipole as the ray recedes */
     floatl from, to, last_major;   /* major coordinates that are walked; none if from > to */
     intl last_minor, stride_major, stride_minor;
+    intl first_pixel;              /* ALIGNED: the index of the line's pixel 0 */
 } Epipolars;
 
 /* The interval that a connected run of samples has settled, [below + 1, above - 1]. */
@@ -117,7 +118,12 @@ INLINED Epipolars epipolars_of(LineGroup group, PixelMap map, int packet, float 
     const floatl cross_0 = (group.cross_low - 0.5f - line.start) / steep, cross_1 = (group.cross_high + 0.5f - line.start) / steep;
     line.low = fmax((floatl)group.low, ceil(fmin(cross_0, cross_1)));
     line.high = fmin((floatl)group.high, floor(fmax(cross_0, cross_1)));
-    line.high = pick(index < group.count, line.high, line.low - 1.0f);
+    intl in_area = index < group.count;
+#if ALIGNED
+    in_area = in_area & (at_reference >= group.cross_low) & (at_reference <= group.cross_high);
+    line.first_pixel = to_intl(at_reference) * (group.axis ? 1 : map.dst_pitch);
+#endif
+    line.high = pick(in_area, line.high, line.low - 1.0f);
 
     /* The same lines in the source. Direction: away from the epipole as the ray recedes. */
     const int along = line.along;
@@ -181,8 +187,6 @@ INLINED Epipolars epipolars_of(LineGroup group, PixelMap map, int packet, float 
  * that have a segment; open: it is no surface. */
 INLINED void extend(Interval *interval, Answers *answers, Place a, Place b, intl there, intl open, Epipolars line, LineGroup group, PixelMap map)
 {
-    const float b_along = map.dst_from_src[4 * line.along + 3], b_across = map.dst_from_src[4 * line.across + 3], b_w = map.dst_from_src[11];
-    const float innermost = 1 << group.levels;
     const float guard = 5e-7f * (map.dst_width + map.dst_height); /* rounding: no pixel may have two owners, */
     global float *seen = answers->seen;
 
@@ -220,6 +224,11 @@ INLINED void extend(Interval *interval, Answers *answers, Place a, Place b, intl
         interval->above = pick(settles & goes_up, interval->above + 1.0f, interval->above);
         interval->below = pick(settles & !goes_up, interval->below - 1.0f, interval->below);
 
+#if ALIGNED /* each line has pixels of its own */
+        const intl address = pick(settles, line.first_pixel + to_intl(p) * (line.along ? map.dst_pitch : 1), answers->spare + lane_index);
+#else
+        const float b_along = map.dst_from_src[4 * line.along + 3], b_across = map.dst_from_src[4 * line.across + 3];
+        const float b_w = map.dst_from_src[11], innermost = 1 << group.levels;
         const floatl at_line = line.start + line.slope * p, c = floor_lanes(at_line + 0.5f);
         const floatl distance = group.distance + group.distance_step * p;
         /* Lines are 1/2 to 1 pixel apart in each ring, less within the last one. */
@@ -232,6 +241,7 @@ INLINED void extend(Interval *interval, Answers *answers, Place a, Place b, intl
         const intl pc = to_intl(c), pa = to_intl(p);
         const intl address = pick(settles & owns, line.along ? pa * map.dst_pitch + pc : pc * map.dst_pitch + pa,
                                   answers->spare + lane_index);
+#endif
 #if LANES == 16
         if (line.along) {
             const int ahead = AHEAD * map.dst_pitch;

@@ -25,6 +25,9 @@
 #ifndef ZOOMED
 #define ZOOMED 0 /* a sample is larger than a pixel: answers that are `apart` away count, too */
 #endif
+#ifndef ORIGINS
+#define ORIGINS 0 /* 1: where in which view each pixel comes from is written, too */
+#endif
 #define ANSWERS (ZOOMED ? 9 : 5)
 #define STRETCHES (ANSWERS - 1)
 #include "warp/answers.h"
@@ -253,9 +256,22 @@ INLINED Color read_there(Pixels *pixels, Grid grid, PixelMap map, global const c
     return c;
 }
 
+#if ORIGINS
+INLINED void write_origin(Pixels pixels, int lane, global float *origin, int view)
+{
+    const float3 from = (float3)(((const float *)&pixels.u)[lane], ((const float *)&pixels.v)[lane], view);
+    vstore3(((const int *)&pixels.settled)[lane] ? from : (float3)(NAN), lane, origin);
+}
+#endif
+
 /* The first `count` of LANES pixels; merge: only where they are nearer than what is there. */
 INLINED void write_pixels(Pixels pixels, Color c, PixelMap map, int merge, int count, global float *depth, global channel *color,
-                  global uchar *valid)
+                  global uchar *valid
+#if ORIGINS
+                  ,
+                  global float *origin, int view
+#endif
+)
 {
     const intl settled = pixels.settled;
     const floatl z = DEPTH(map, pixels.n);
@@ -266,6 +282,10 @@ INLINED void write_pixels(Pixels pixels, Color c, PixelMap map, int merge, int c
         c.g = pick(settled, c.g, (floatl)0.0f);
         c.b = pick(settled, c.b, (floatl)0.0f);
         write_color(color, c);
+#if ORIGINS
+        for (int lane = 0; lane < LANES; lane++)
+            write_origin(pixels, lane, origin, view);
+#endif
         return;
     }
     for (int lane = 0; lane < count; lane++) {
@@ -275,8 +295,11 @@ INLINED void write_pixels(Pixels pixels, Color c, PixelMap map, int merge, int c
             continue; /* what is there is nearer, or there is nothing to add */
         depth[lane] = is_settled ? z_new : NAN;
         valid[lane] = is_settled;
+#if ORIGINS
+        write_origin(pixels, lane, origin, view);
+#endif
         const float3 one = (float3)(((const float *)&c.r)[lane], ((const float *)&c.g)[lane], ((const float *)&c.b)[lane]);
-        write_pixel(color + 3 * lane, is_settled ? one : (float3)(0.0f));
+        write_pixel(color + 3 * lane, is_settled ? rounded(one) : (float3)(0.0f));
     }
 }
 
@@ -284,6 +307,10 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
                     global float *depth, global channel *color, global uchar *valid, PixelMap map, Cut cut, int shown,
                     int linear, int merge, int low_x, int high_x, int low_y, int high_y, int answers, float density,
                     int apart, float typical, float rough, float window
+#if ORIGINS
+                    ,
+                    global float *origin /* (dst_height, dst_width, 3): u, v and the number of the view */, int view
+#endif
 #ifdef COUNT_SAMPLES
                     ,
                     global uint *counts /* (work-items, 2): cells visited by the slowest lane, times LANES; pixels traced */
@@ -350,7 +377,12 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
         const int x0 = strip_x + p * LANES;
         const size_t out = (size_t)y * map.dst_width + x0;
         const Color c = read_there(&pixels[p], grid, map, src_color, linear);
-        write_pixels(pixels[p], c, map, merge, min(high_x - x0, LANES), depth + out, color + 3 * out, valid + out);
+        write_pixels(pixels[p], c, map, merge, min(high_x - x0, LANES), depth + out, color + 3 * out, valid + out
+#if ORIGINS
+                     ,
+                     origin + 3 * out, view
+#endif
+        );
     }
 #ifdef COUNT_SAMPLES
     const int item = get_global_id(1) * get_global_size(0) + get_global_id(0);

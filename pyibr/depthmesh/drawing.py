@@ -14,7 +14,7 @@ from pyibr.depthmesh.levels import color_levels
 from pyibr.depthmesh.mesh import DepthMesh
 from pyibr.depthmesh.object import DepthMeshObject
 from pyibr.depthmesh.triangulation import active_for, list_triangles, project_points
-from pyibr.pixelspace import PixelMap
+from pyibr.pixelspace import camera_pair
 from pyibr.raster import BIN, bin_primitives
 from pyibr.target import Target
 
@@ -84,7 +84,7 @@ def draw_depth_mesh(target: Target, thing: DepthMesh | DepthMeshObject, occupanc
         others = sorted(order[len(chosen) : _UNDERLAID * len(chosen)])
         underlay = underlay_of(thing, chosen, others)
         shown = [*chosen, *others, *chosen]
-        maps = [PixelMap(target.camera, mesh.view.camera, 0.0, 0.0).dst_from_src for mesh in meshes]
+        maps = [camera_pair(target.camera, mesh.view.camera).dst_from_src for mesh in meshes]
         perspectives = [mesh.view.camera.projection == "perspective" for mesh in meshes]
         defines |= {"UNDERLAID": len(shown) - len(chosen), "ALL": len(meshes)}
         more = {

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pyibr.camera import Camera
 from pyibr.depthmesh.tree import Tree
 from pyibr.images import DepthImage
-from pyibr.pixelspace import PixelMap, frustum
+from pyibr.pixelspace import camera_pair, frustum
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -187,7 +187,7 @@ def project_points(target: Camera, views: Sequence[DepthImage], triangles: Trian
     from pyibr.opencl.memory import empty, upload
     from pyibr.opencl.program import kernel
 
-    maps = np.array([PixelMap(view.camera, target, 0.0, 0.0).dst_from_src for view in views], np.float32)
+    maps = np.array([camera_pair(view.camera, target).dst_from_src for view in views], np.float32)
     for view, one in zip(views, maps, strict=True):
         if view.camera.projection == "orthographic":
             one[:, 2:] = one[:, :1:-1]  # points hold nearness third, not 1

@@ -9,10 +9,9 @@ import numpy as np
 
 from pyibr.errors import ArgumentError
 from pyibr.opencl.memory import DeviceArray
-from pyibr.opencl.program import SCALARS
 
 if TYPE_CHECKING:
-    from pyibr.opencl.program import Kernel
+    from pyibr.opencl.program import Argument, Kernel
 
 _ELEMENTS: dict[str, np.dtype[Any]] = {
     "float": np.dtype(np.float32),
@@ -23,6 +22,9 @@ _ELEMENTS: dict[str, np.dtype[Any]] = {
     "uchar": np.dtype(np.uint8),
     "ulong": np.dtype(np.uint64),
 }
+
+_LOCAL = {1: (1,), 2: (1, 1), 3: (1, 1, 1)}
+"""Work-groups of a CPU, by the grid's dimensions: a work-item each."""
 
 
 @dataclass(frozen=True)
@@ -53,30 +55,34 @@ def launch(kernel: Kernel, grid: tuple[int, ...], **arguments: DeviceArray | Str
     """
     import pyopencl as cl
 
-    names = kernel.names
-    if names != arguments.keys():
-        missing, unknown = sorted(names - set(arguments)), sorted(set(arguments) - names)
+    if kernel.names != arguments.keys():
+        missing, unknown = sorted(kernel.names - set(arguments)), sorted(set(arguments) - kernel.names)
         raise ArgumentError(
-            f"{kernel.name}()", f"the arguments {sorted(names)}", f"missing {missing}, unknown {unknown}"
+            f"{kernel.name}()", f"the arguments {sorted(kernel.names)}", f"missing {missing}, unknown {unknown}"
         )
-    values = [_pack(kernel, argument.name, argument.type, arguments[argument.name]) for argument in kernel.arguments]
-    local = (1,) * len(grid) if kernel.session.is_cpu else None
+    values = [_PACK[argument.kind](kernel, argument, arguments[argument.name]) for argument in kernel.arguments]
     kernel.session.in_flight.append(arguments)
     kernel.handle.set_args(*values)
-    cl.enqueue_nd_range_kernel(kernel.session.queue, kernel.handle, grid, local)
+    cl.enqueue_nd_range_kernel(kernel.session.queue, kernel.handle, grid, _LOCAL[len(grid)] if kernel.session.is_cpu else None)
 
 
-def _pack(kernel: Kernel, name: str, declared: str, value: DeviceArray | Struct | float) -> Any:
-    if declared.endswith("*"):
-        element = declared[:-1]
-        if isinstance(value, DeviceArray) and (value.dtype.fields or value.dtype == _ELEMENTS.get(element)):
-            return value.buffer
-        got = value.dtype.name if isinstance(value, DeviceArray) else type(value).__name__
-        raise ArgumentError(f"{kernel.name}({name})", f"a device array of {element}", got)
-    if declared in SCALARS:
-        if isinstance(value, (int, float, np.number)):
-            return float(value) if declared == "float" else int(value)
-        raise ArgumentError(f"{kernel.name}({name})", f"a number ({declared})", type(value).__name__)
-    if isinstance(value, Struct) and value.name == declared:
+def _pointer(kernel: Kernel, argument: Argument, value: DeviceArray | Struct | float) -> Any:
+    if isinstance(value, DeviceArray) and (value.dtype.fields or value.dtype == _ELEMENTS.get(argument.type[:-1])):
+        return value.buffer
+    got = value.dtype.name if isinstance(value, DeviceArray) else type(value).__name__
+    raise ArgumentError(f"{kernel.name}({argument.name})", f"a device array of {argument.type[:-1]}", got)
+
+
+def _number(kernel: Kernel, argument: Argument, value: DeviceArray | Struct | float) -> Any:
+    if isinstance(value, (int, float, np.number)):
+        return float(value) if argument.type == "float" else int(value)
+    raise ArgumentError(f"{kernel.name}({argument.name})", f"a number ({argument.type})", type(value).__name__)
+
+
+def _struct(kernel: Kernel, argument: Argument, value: DeviceArray | Struct | float) -> Any:
+    if isinstance(value, Struct) and value.name == argument.type:
         return value.values[()]
-    raise ArgumentError(f"{kernel.name}({name})", f"a {declared}", type(value).__name__)
+    raise ArgumentError(f"{kernel.name}({argument.name})", f"a {argument.type}", type(value).__name__)
+
+
+_PACK = {"pointer": _pointer, "number": _number, "struct": _struct}

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import mmap
 import weakref
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -40,33 +42,43 @@ class DeviceArray:
     buffer: cl.Buffer
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
-    host: NDArray[Any] | None  # the memory itself, where the device works in place
+    host: NDArray[Any] | None  # the memory itself, where the device works in place; elsewhere where its values go
     session: Session
 
     def to_host(self) -> NDArray[Any]:
         """The values, once all launches are done."""
-        import pyopencl as cl
-
-        queue = self.session.queue
-        if 0 in self.shape:
-            values = np.empty(self.shape, self.dtype)
-        elif self.host is None:
-            values = np.empty(self.shape, self.dtype)
-            cl.enqueue_copy(queue, values, self.buffer)
-        else:
-            values = self.host
-            mapped, _ = cl.enqueue_map_buffer(queue, self.buffer, cl.map_flags.READ, 0, self.shape, self.dtype)
-            mapped.base.release(queue)
-        queue.finish()
-        self.session.in_flight.clear()
-        return values
+        return to_host([self])[0]
 
     def fill(self, value: float) -> None:
         """Sets every element, in the order of launches."""
         import pyopencl as cl
 
-        size = int(np.prod(self.shape)) * self.dtype.itemsize
+        size = math.prod(self.shape) * self.dtype.itemsize
         cl.enqueue_fill_buffer(self.session.queue, self.buffer, self.dtype.type(value), 0, size)
+
+
+def to_host(arrays: Sequence[DeviceArray]) -> list[NDArray[Any]]:
+    """The values of arrays of one session, once all launches are done: one wait for all of them."""
+    import pyopencl as cl
+
+    session = arrays[0].session
+    values: list[NDArray[Any]] = []
+    for array in arrays:
+        if 0 in array.shape:
+            values.append(np.empty(array.shape, array.dtype))
+        elif array.host is None or not session.is_cpu:
+            host = np.empty(array.shape, array.dtype) if array.host is None else array.host
+            cl.enqueue_copy(session.queue, host, array.buffer, is_blocking=False)
+            values.append(host)
+        else:
+            mapped, _ = cl.enqueue_map_buffer(
+                session.queue, array.buffer, cl.map_flags.READ, 0, array.shape, array.dtype, is_blocking=False
+            )
+            mapped.base.release(session.queue)
+            values.append(array.host)
+    session.queue.finish()
+    session.in_flight.clear()
+    return values
 
 
 def upload(array: NDArray[Any]) -> DeviceArray:
@@ -82,27 +94,38 @@ def upload(array: NDArray[Any]) -> DeviceArray:
     return DeviceArray(buffer, array.shape, array.dtype, array if session.is_cpu else None, session)
 
 
+def output(array: NDArray[Any]) -> DeviceArray:
+    """``array`` (C-contiguous, writable) for launches to write: in place on a CPU; elsewhere `to_host` copies into it."""
+    import pyopencl as cl
+
+    session = current()
+    if session.is_cpu and array.size:
+        flags = cl.mem_flags.READ_WRITE | cl.mem_flags.USE_HOST_PTR
+        return DeviceArray(cl.Buffer(session.context, flags, hostbuf=array), array.shape, array.dtype, array, session)
+    return empty(array.shape, array.dtype, array)
+
+
 def copy(source: DeviceArray, target: DeviceArray) -> None:
     """Copies all of `source` to the start of `target`, in the order of launches."""
     import pyopencl as cl
 
-    size = int(np.prod(source.shape)) * source.dtype.itemsize
+    size = math.prod(source.shape) * source.dtype.itemsize
     if size:
         cl.enqueue_copy(source.session.queue, target.buffer, source.buffer, byte_count=size)
 
 
-def empty(shape: tuple[int, ...], dtype: DTypeLike) -> DeviceArray:
-    """An uninitialised array for launches to write.
+def empty(shape: tuple[int, ...], dtype: DTypeLike, into: NDArray[Any] | None = None) -> DeviceArray:
+    """An uninitialised array for launches to write; `to_host` copies it `into` another one, where memory is copied.
 
     Its memory is handed out again once nobody refers to the array, on the device or on the host: the system takes
     longer to give a process fresh pages than a kernel to fill them.
     """
     session = current()
     kind = np.dtype(dtype)
-    size = int(np.prod(shape)) * kind.itemsize
+    size = math.prod(shape) * kind.itemsize
     block = _take(session, size)
     if block.pages is None:
-        array = DeviceArray(block.buffer, shape, kind, None, session)
+        array = DeviceArray(block.buffer, shape, kind, into, session)
         weakref.finalize(array, _give_back, session, block).atexit = False
         return array
     # Views of an array keep alive the one that is made of the pages themselves.
@@ -116,11 +139,11 @@ def _take(session: Session, size: int) -> Block:
     """A block for `size` bytes: a spare one that is not much larger, else a new one."""
     import pyopencl as cl
 
-    for block in sorted(session.spare, key=lambda block: block.size):
-        if size <= block.size <= size + size // 4:
-            with contextlib.suppress(ValueError):  # a finalizer may have let it go meanwhile
-                session.spare.remove(block)
-                return block
+    fitting = [block for block in session.spare if size <= block.size <= size + size // 4]
+    for block in sorted(fitting, key=lambda block: block.size):
+        with contextlib.suppress(ValueError):  # a finalizer may have let it go meanwhile
+            session.spare.remove(block)
+            return block
     flags = cl.mem_flags.READ_WRITE
     try:
         if not session.is_cpu:

@@ -9,7 +9,7 @@ import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 
@@ -36,6 +36,13 @@ class Argument:
 
     name: str
     type: str  # without address space and qualifiers: "float*", "int", "PixelMap"
+
+    @cached_property
+    def kind(self) -> Literal["pointer", "number", "struct"]:
+        """How it is passed."""
+        if self.type.endswith("*"):
+            return "pointer"
+        return "number" if self.type in SCALARS else "struct"
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,109 @@
+/* Why a pixel of the target is a hole: what its ray passes through, as far as the source tells.
+ *
+ * A ray is followed along its epipolar line as it recedes. Where it is nearer than the surface, the source has seen
+ * that there is nothing. So what the pixel shows lies beyond the last such place, and the class is that of what begins
+ * there: behind a surface, at samples without depth, or outside of the image. A ray that comes out of a surface's back
+ * has been stopped before.
+ *
+ * valid: (dst_height, dst_width). classes: the same shape, CLASS_... below; with `first` 0 they hold what other views
+ * said, and the one that knows more stays. nearest, farthest: the source's range of nearness. still: nothing moves with
+ * its depth, each pixel sees its place in the source; typical: some nearness that it has there.
+ * Work-item: LANES pixels of a row. Cost: O(samples between the nearest and the farthest place of the ray) a hole.
+ * Determinism: every pixel on its own.
+ */
+#include "warp/trace.h"
+
+/* Of several views' classes the least counts. */
+#define CLASS_SEEN 0
+#define CLASS_HIDDEN 1     /* by something nearer */
+#define CLASS_UNOBSERVED 2 /* no depth there */
+#define CLASS_OUTSIDE 3    /* of the source's image */
+#define IS_FREE 4          /* nothing there, while the ray is followed */
+
+/* What the source says of the rays at places of its image: IS_FREE or a class; and whether the surface is closed. */
+INLINED intl state_at(Grid grid, floatl u, floatl v, floatl near, intl *closed)
+{
+    const floatl uc = lesser(greater(floor_lanes(u), (floatl)0.0f), (floatl)max(grid.width - 2, 0));
+    const floatl vc = lesser(greater(floor_lanes(v), (floatl)0.0f), (floatl)max(grid.height - 2, 0));
+    const floatl fu = u - uc, fv = v - vc;
+    const intl right = min(grid.width - 1, 1), down = grid.height > 1 ? grid.pitch : 0;
+    const intl base = to_intl(vc) * grid.pitch + to_intl(uc), upper = fu + fv > 1.0f;
+    const intl i10 = base + right, i01 = base + down, ic = pick(upper, i01 + right, base);
+    const intl nearest_sample = base + pick(fu > 0.5f, right, (intl)0) + pick(fv > 0.5f, down, (intl)0);
+    const floatl q10 = (floatl)(gather(grid.nearness, i10)), q01 = (floatl)(gather(grid.nearness, i01)),
+                 qc = (floatl)(gather(grid.nearness, ic)), qn = (floatl)(gather(grid.nearness, nearest_sample));
+    *closed = !IS_OPEN(grid.cut, greater(qc, greater(q10, q01)), lesser(qc, lesser(q10, q01)));
+    const floatl gu = pick(upper, qc - q01, q10 - qc), gv = pick(upper, qc - q10, q01 - qc);
+    const floatl one = pick(upper, (floatl)1.0f, (floatl)0.0f);
+    const floatl surface = pick(*closed, qc + gu * (fu - one) + gv * (fv - one), qn);
+    return pick(surface <= NO_SURFACE, (intl)CLASS_UNOBSERVED, pick(surface < near, (intl)IS_FREE, (intl)CLASS_HIDDEN));
+}
+
+/* Where nothing moves with its depth, each pixel has one place in the source. */
+INLINED intl class_in_place(Grid grid, Rays rays, float typical)
+{
+    const floatl w = rays.w + typical * rays.centre.z;
+    const floatl u = (rays.u + typical * rays.centre.x) / w, v = (rays.v + typical * rays.centre.y) / w;
+    const intl inside = (w > 0.0f) & (u >= 0.0f) & (v >= 0.0f) & (u <= grid.width - 1.0f) & (v <= grid.height - 1.0f);
+    intl closed;
+    const intl state = state_at(grid, lesser(greater(u, (floatl)0.0f), (floatl)(grid.width - 1)),
+                                lesser(greater(v, (floatl)0.0f), (floatl)(grid.height - 1)), (floatl)INFINITY, &closed);
+    return pick(inside, pick(state == CLASS_UNOBSERVED, state, (intl)CLASS_HIDDEN), (intl)CLASS_OUTSIDE);
+}
+
+INLINED intl class_along(Grid grid, Rays rays, float nearest, float farthest, intl wanted)
+{
+    const Epipolar epipolar = epipolar_of(rays, grid);
+    const Lines lines = epipolar.lines;
+    /* A ray that recedes from the source, too, is free before the nearest sample's depth and hidden behind the farthest
+     * one's: so far it is followed. One that comes towards the source is followed from there to the end. */
+    const intl falls = epipolar.near_step < 0.0f, rises = epipolar.near_step > 0.0f;
+    const floatl to_nearest = (nearest - epipolar.near) / epipolar.near_step;
+    const floatl to_farthest = (farthest - epipolar.near) / epipolar.near_step;
+    const floatl from = pick(falls, to_nearest, pick(rises, to_farthest, (floatl)0.0f));
+    const floatl to = pick(falls, to_farthest, lines.length);
+    const floatl start = lesser(greater(from, (floatl)0.0f), fmax(lines.length, (floatl)0.0f));
+    const floatl end = lesser(greater(to, start), lines.length);
+    const intl leaves = !(to < lines.length); /* the image, before it is hidden */
+    const intl enters = (lines.u < 0.5f) | (lines.v < 0.5f) | (lines.u > grid.width - 1.5f) | (lines.v > grid.height - 1.5f);
+    const intl before = pick(falls, (intl)IS_FREE, (intl)CLASS_HIDDEN);
+    intl class_ = pick(from > 0.0f, before, pick(enters, (intl)CLASS_OUTSIDE, (intl)IS_FREE)), was_closed = 0;
+    intl active = wanted & (lines.length >= 0.0f);
+    for (floatl at = start; any_lane(active); at += 1.0f) {
+        const floatl here = lesser(at, end);
+        const floatl u = lines.u + lines.du * here, v = lines.v + lines.dv * here;
+        intl closed;
+        const intl state = state_at(grid, u, v, epipolar.near + epipolar.near_step * here, &closed);
+        const intl is_free = state == IS_FREE;
+        const intl emerges = active & is_free & (class_ == CLASS_HIDDEN) & was_closed & closed;
+        class_ = pick(active & !emerges & (is_free | (class_ == IS_FREE)), state, class_);
+        was_closed = closed;
+        active = active & !emerges & (at < end);
+    }
+    class_ = pick(class_ == IS_FREE, pick(leaves, (intl)CLASS_OUTSIDE, (intl)CLASS_HIDDEN), class_);
+    return pick(lines.length >= 0.0f, class_, (intl)CLASS_OUTSIDE);
+}
+
+kernel void classify(global const float *nearness, global const uchar *valid, global uchar *classes, PixelMap map, Cut cut,
+                     float nearest, float farthest, float typical, int still, int first)
+{
+    const int x = get_global_id(0) * LANES, y = get_global_id(1);
+    if (x >= map.dst_width || y >= map.dst_height)
+        return;
+    const int count = min(LANES, map.dst_width - x);
+    const size_t out = (size_t)y * map.dst_width + x;
+    intl hole = 0;
+    for (int lane = 0; lane < count; lane++)
+        ((int *)&hole)[lane] = valid[out + lane] ? 0 : -1;
+    intl class_ = CLASS_SEEN;
+    if (any_lane(hole)) {
+        const Grid grid = {nearness, map.src_width, map.src_height, map.src_pitch, cut};
+        const Rays rays = rays_of(map, to_floatl(x + lane_index), y);
+        const intl found = still ? class_in_place(grid, rays, typical) : class_along(grid, rays, nearest, farthest, hole);
+        class_ = pick(hole, found, class_);
+    }
+    for (int lane = 0; lane < count; lane++) {
+        const uchar one = ((const int *)&class_)[lane];
+        classes[out + lane] = first ? one : min(one, classes[out + lane]);
+    }
+}

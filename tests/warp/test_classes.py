@@ -1,0 +1,165 @@
+"""What each pixel of a new view is, and where it comes from: against rays cast at the whole scene.
+
+The scene is known on all sides: boxes and a ball before a wall that fills every view. So what a target's pixel shows is
+a point of the scene, and whether the source saw that point, and why not, is a matter of projection.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import pyibr as ibr
+from pyibr.camera import Camera, Projection
+from tests import scenes, truth
+
+pytest.importorskip("open3d")
+
+SIZE = (170, 130)
+ON_SURFACE = 0.01  # pixels: how far (u, v) may be off the truth
+AGREES = 0.999  # share of the pixels two pixels away from where the class changes
+
+
+@cache
+def scene() -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Vertices and faces: a wall at z = 6, two boxes and an octahedral ball before it."""
+    vertices, faces = [np.array([[-40, -40, 6], [40, -40, 6], [-40, 40, 6], [40, 40, 6]], float)], [[0, 1, 2], [3, 2, 1]]
+    for low, high in (((-1.6, -0.9, 3.2), (-0.5, 0.8, 3.9)), ((0.4, 0.3, 2.6), (1.1, 1.2, 3.0))):
+        corners = np.array(np.meshgrid(*zip(low, high, strict=True), indexing="ij")).reshape(3, -1).T
+        start = sum(map(len, vertices))
+        vertices.append(corners)
+        for a, b, c, d in ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 4, 5), (2, 3, 6, 7), (0, 2, 4, 6), (1, 3, 5, 7)):
+            faces += [[start + a, start + b, start + c], [start + d, start + c, start + b]]
+    ball = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]]) * 0.6 + [0.7, -0.7, 3.6]
+    start = sum(map(len, vertices))
+    vertices.append(ball)
+    faces += [[start + x, start + 2 + y, start + 4 + z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]
+    return np.concatenate(vertices), np.array(faces)
+
+
+def cast(camera: Camera) -> NDArray[np.float64]:
+    """(H, W) planar depth of the whole scene, from either side."""
+    from pyibr.capture import MeshScene
+
+    return np.asarray(MeshScene(*scene()).capture(camera).depth, np.float64)
+
+
+def source(projection: Projection, unobserved: bool = True) -> ibr.DepthImage:
+    width, height = SIZE
+    f = 110.0 if projection == "perspective" else 30.0
+    camera = Camera([[f, 0, (width - 1) / 2], [0, f, (height - 1) / 2], [0, 0, 1]], SIZE, projection=projection)
+    depth = cast(camera).astype(np.float32)
+    if unobserved:
+        depth[4:20, 40:80] = np.nan  # of the wall: of what is nowhere observed nobody can tell what it hides
+    return ibr.DepthImage(scenes.texture(*scenes.image_coordinates(SIZE)), depth, camera)
+
+
+def expected(view: ibr.DepthImage, target: Camera) -> NDArray[np.uint8]:
+    """Classes by where in the source each pixel's point of the scene lies."""
+    y, x = np.indices((target.height, target.width))
+    points = target.unproject(np.column_stack([x.ravel(), y.ravel()]).astype(float), cast(target).ravel())
+    pixel, z = view.camera.project(points)
+    width, height = view.camera.size
+    inside = (z > 0) & (pixel >= 0).all(axis=1) & (pixel[:, 0] <= width - 1) & (pixel[:, 1] <= height - 1)
+    classes = np.full(len(pixel), ibr.PixelClass.OUTSIDE, np.uint8)
+    at = np.clip(np.rint(np.where(inside[:, None], pixel, 0)).astype(int), 0, (width - 1, height - 1))
+    known = view.valid[at[:, 1], at[:, 0]]
+    hidden = z > 1.02 * cast(view.camera)[at[:, 1], at[:, 0]]  # 2 %: less than any two surfaces here are apart
+    classes[inside] = ibr.PixelClass.SEEN
+    classes[inside & ~known] = ibr.PixelClass.UNOBSERVED
+    classes[inside & hidden] = ibr.PixelClass.HIDDEN
+    classes[inside & hidden & ~known] = ibr.PixelClass.UNOBSERVED
+    return classes.reshape(target.height, target.width)
+
+
+def away_from_changes(classes: NDArray[np.uint8], depth: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Pixels with one class, and no depth edge, within two pixels."""
+    around = np.ones((5, 5), np.uint8)
+    near, far = (f(depth.astype(np.float32), around) for f in (cv2.erode, cv2.dilate))
+    return (cv2.erode(classes, around) == cv2.dilate(classes, around)) & (far < 1.05 * near)
+
+
+MOVES = {
+    "sideways": scenes.pose(center=(0.5, 0, 0)),
+    "up": scenes.pose(center=(0, -0.4, 0)),
+    "diagonal": scenes.pose(center=(-0.3, 0.3, 0)),
+    "forward": scenes.pose(center=(0.1, 0, 0.8)),
+    "back": scenes.pose(center=(0, 0.1, -0.7)),
+    "round": scenes.pose(yaw=-18, center=(1.3, 0, 0.3)),
+    "turned": scenes.pose(yaw=9, pitch=-6, roll=4),
+}
+
+
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+@pytest.mark.parametrize("move", MOVES)
+def test_classes_and_origins_are_the_truths(projection, move):
+    view = source(projection)
+    target = Camera(source("perspective").camera.K, (150, 120), MOVES[move])
+    frame = ibr.warp(view, target, edges="cut", classes=True)
+    classes = expected(view, target)
+    clear = away_from_changes(classes, cast(target))
+    assert clear.mean() > 0.5
+    assert (frame.classes == classes)[clear].mean() >= AGREES
+    surface = truth.Surface(view, "cut").cast(target)
+    assert np.abs(frame.source - surface.source)[surface.interior() & frame.valid].max() <= ON_SURFACE
+
+
+def test_all_classes_occur():
+    """The test above would not notice a class that never comes."""
+    view = source("perspective")
+    found = [np.unique(expected(view, Camera(view.camera.K, SIZE, pose))) for pose in MOVES.values()]
+    assert set(np.concatenate(found)) == set(ibr.PixelClass)
+
+
+def test_without_asking_there_are_none():
+    view = source("perspective")
+    frame = ibr.warp(view, view.camera.moved(0.1, 0, 0))
+    assert frame.classes is frame.source is frame.view is None
+
+
+@pytest.mark.parametrize("sample", ["linear", "nearest"])
+@pytest.mark.parametrize("method", ["epipolar", "search"])
+def test_the_frame_is_the_same_with_classes(method, sample):
+    view = source("perspective")
+    target = view.camera.moved(0.3, 0.1, 0.2)
+    plain = ibr.warp(view, target, method, sample, "cut")
+    frame = ibr.warp(view, target, method, sample, "cut", classes=True)
+    np.testing.assert_array_equal(frame.color, plain.color)
+    np.testing.assert_array_equal(frame.depth, plain.depth)
+    np.testing.assert_array_equal(frame.classes == ibr.PixelClass.SEEN, plain.valid)
+    np.testing.assert_array_equal(np.isfinite(frame.source).all(axis=-1), plain.valid)
+
+
+def test_what_belongs_to_the_source_is_carried_over_by_a_gather():
+    view = source("perspective")
+    frame = ibr.warp(view, view.camera.moved(0.3, 0.1, 0.2), edges="cut", classes=True)
+    across, down = np.ascontiguousarray(np.moveaxis(frame.source, -1, 0))
+    carried = cv2.remap(view.color, across, down, cv2.INTER_LINEAR)
+    # cv2 mixes four samples, the warp three, and it rounds positions to 1/32 of a pixel: 3 of 255, as for a homography.
+    assert np.abs(carried.astype(int) - frame.color)[frame.valid].max() <= 3
+
+
+def test_of_several_views_the_one_that_shows_is_told_and_holes_are_what_knows_most():
+    first = source("perspective", unobserved=False)
+    camera = first.camera.moved(0.8, 0, 0)
+    second = ibr.DepthImage(255 - first.color, cast(camera).astype(np.float32), camera)
+    target = first.camera.moved(0.4, 0.3, 0.1)
+    both = ibr.warp([first, second], target, edges="cut", classes=True)
+    alone = [ibr.warp(view, target, edges="cut", classes=True) for view in (first, second)]
+    np.testing.assert_array_equal(both.classes, np.minimum(alone[0].classes, alone[1].classes))
+    assert set(np.unique(both.view)) >= {0, 1}
+    for number, frame in enumerate(alone):
+        shown = both.view == number
+        np.testing.assert_array_equal(both.color[shown], frame.color[shown])
+        np.testing.assert_array_equal(both.source[shown], frame.source[shown])
+    np.testing.assert_array_equal(both.view >= 0, both.valid)
+
+
+def test_forward_asks_no_rays():
+    view = source("perspective")
+    with pytest.raises(ibr.ArgumentError, match="classes"):
+        ibr.warp(view, view.camera, "forward", classes=True)
