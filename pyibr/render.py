@@ -22,7 +22,8 @@ from pyibr.relief import ReliefSurface
 from pyibr.shadow import Lighting, darken, lighting
 from pyibr.slicing import DepthObject, SlicedSurface, VisualHull
 from pyibr.target import Target
-from pyibr.warp import Edges, Sample, Side, drawing
+from pyibr.warp import Edges, Sample, Side, draw, looks
+from pyibr.warp_launches import Options
 
 _APART_MOST = 64  # pixels between the depths that tell the normals of nearest samples
 
@@ -92,7 +93,7 @@ def render(
     several = list(things) if isinstance(things, Sequence) else [things]
     if not several:
         raise ArgumentError("things", "at least one thing", "an empty sequence")
-    draw_view = functools.partial(_draw_depth_image, drawing(sample, edges, cut_ratio, side), sample == "nearest")
+    draw_view = functools.partial(_draw_depth_image, looks(sample, edges, cut_ratio, side))
     drawn = [_drawn_by(thing, draw_view) for thing in several]
     if not isinstance(camera, Camera):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise ArgumentError("camera", "a pyibr.Camera", describe(camera))
@@ -109,8 +110,8 @@ def render(
     with current().lock:
 
         def draw_all(target: Target, lit: Lighting | None = None) -> None:
-            for draw, thing in zip(drawn, several, strict=True):
-                draw(target, thing, lit)
+            for draws, thing in zip(drawn, several, strict=True):
+                draws(target, thing, lit)
 
         lit = None if light is None else lighting(light, [thing.bounds for thing in several], draw_all, dtype)
         target = Target(camera, dtype)
@@ -124,27 +125,20 @@ def render(
 def _drawn_by(thing: object, draw_view: _Draw) -> _Draw:
     if isinstance(thing, DepthImage):
         return draw_view
-    for kind, draw in _DRAWN.items():
+    for kind, draws in _DRAWN.items():
         if isinstance(thing, kind):
-            return draw
+            return draws
     kinds = ", ".join(kind.__name__ for kind in (DepthImage, *_DRAWN))
     raise ArgumentError("things", f"things of these kinds: {kinds}", describe(thing))
 
 
-def _draw_depth_image(
-    warp: Callable[[Target, DepthImage], None],
-    in_steps: bool,
-    target: Target,
-    view: DepthImage,
-    lit: Lighting | None,
-) -> None:
-    """in_steps: depths are those of the nearest samples."""
+def _draw_depth_image(options: Options, target: Target, view: DepthImage, lit: Lighting | None) -> None:
     before = _depths_before(target, lit)
-    warp(target, view.in_float if target.color.dtype == np.float32 else view)
+    draw(target, view.in_float if target.color.dtype == np.float32 else view, options)
     if lit is None:
         return
     grain, apart = 0.0, 1
-    if in_steps:  # less than a sample off the surface that hides the light, whose slope shows over several samples
+    if not options.linear:  # in steps, less than a sample off the surface, whose slope shows over several samples
         low, high = view.bounds
         grain, pixel = (pixel_size(camera, 0.5 * (low + high)) for camera in (view.camera, target.camera))
         apart = math.ceil(min(4 * max(grain / pixel, 1), _APART_MOST)) if pixel > 0 else _APART_MOST

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, Literal, cast, overload
 
 import numpy as np
@@ -153,9 +153,9 @@ def warp(
         if size[0] * size[1] > _PIXELS_MOST:
             raise ArgumentError(argument, f"at most {_PIXELS_MOST} pixels", f"{size[0]} x {size[1]}")
     one_of("method", method, Method)
+    options = looks(sample, edges, cut_ratio, side, method == "search")
     if fill is not None:
         one_of("fill", fill, Fill, " or None")
-    options = _options(sample, edges, cut_ratio, side, method == "search")
     _number("splat", splat, 1.0, _SPLAT_MOST, f"1 to {_SPLAT_MOST:g} pixels")
     if classes and method == "forward":
         raise ArgumentError("classes", 'False with method="forward", which asks no rays', "True")
@@ -209,29 +209,25 @@ def _draw_views(
         fill_from_behind(target, min(maps, key=lambda pixel_map: pixel_map.parallax))
 
 
-def drawing(sample: Sample, edges: Edges, cut_ratio: float, side: Side) -> Callable[[Target, DepthImage], None]:
-    """Check how views are to be shown, as `warp` does, and return what draws one so by the epipolar warp.
-
-    Into a light's map it draws the surface itself, from both its sides. The session's lock is held meanwhile.
-    """
-    options = _options(sample, edges, cut_ratio, side)
-    hides = _options("linear", edges, cut_ratio, "both")
-
-    def draw(target: Target, view: DepthImage) -> None:
-        samples = samples_of(view)
-        pixel_map = PixelMap(camera_pair(view.camera, target.camera), samples.low, samples.high)
-        look(samples, pixel_map, target, hides if target.from_light else options)
-
-    return draw
-
-
-def _options(sample: Sample, edges: Edges, cut_ratio: float, side: Side, search: bool = False) -> Options:
-    """Check how a view is to be shown."""
+def looks(sample: Sample, edges: Edges, cut_ratio: float, side: Side, search: bool = False) -> Options:
+    """Check how views are to be shown."""
     one_of("sample", sample, Sample)
     one_of("edges", edges, Edges)
     one_of("side", side, Side)
     _number("cut_ratio", cut_ratio, 1.0, math.inf, "a ratio greater than 1")
     return Options(search, sample == "linear", float(cut_ratio) if edges == "cut" else None, _SHOWN[side])
+
+
+def draw(target: Target, view: DepthImage, options: Options) -> None:
+    """Draw a view into the target by the epipolar warp; into a light's map the surface itself, from both its sides.
+
+    The session's lock is held.
+    """
+    if target.from_light:
+        options = Options(cut_ratio=options.cut_ratio, shown=_SHOWN["both"])
+    samples = samples_of(view)
+    pixel_map = PixelMap(camera_pair(view.camera, target.camera), samples.low, samples.high)
+    look(samples, pixel_map, target, options)
 
 
 def _checked_views(views: DepthImage | Sequence[DepthImage]) -> list[DepthImage]:
