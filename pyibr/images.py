@@ -166,8 +166,8 @@ class Frame:
     classes : (H, W) uint8, or None
         If they were asked for: what each pixel is, a `PixelClass`.
     source : (H, W, 2) float32, or None
-        If they were asked for: the pixel (x, y) of the source that each pixel comes from, between its samples; NaN where
-        not valid. What belongs to the source's pixels (labels, features, flow) is carried over with it, by `cv2.remap`
+        If they were asked for: the place (x, y) in the source that each pixel comes from, between its samples; NaN
+        where not valid. What belongs to the source's pixels (labels, features, flow) is carried over with it, by `cv2.remap`
         or by indexing.
     view : (H, W) int32, or None
         If they were asked for: the number of the view that it comes from, -1 where not valid.

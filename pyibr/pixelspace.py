@@ -244,7 +244,7 @@ class PixelMap:
 
 
 def _pixels_from_pixels(one: Camera, other: Camera) -> Float64:
-    """(4, 4) from the other's pixel space to the one's. What is nothing but rounding is 0: special positions stay so."""
+    """(4, 4) from the other's pixel space to the one's. Rounding alone is made 0: special positions stay so."""
     pose = one.camera_from_world @ other.world_from_camera
     turn, step = pose[:3, :3], pose[:3, 3]
     turn[np.abs(turn) < _ROUNDING] = 0.0

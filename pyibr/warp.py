@@ -271,8 +271,9 @@ def _checked_out(
         shape = one.height, one.width
         kinds = (("color", (*shape, 3), view.color.dtype), ("depth", shape, np.float32), ("valid", shape, np.bool_))
         for name, expected, dtype in kinds:
-            array = getattr(frame, name)
-            if not isinstance(array, np.ndarray) or array.shape != expected or array.dtype != dtype:
+            given: object = getattr(frame, name)
+            array = cast("Array", given)
+            if not isinstance(given, np.ndarray) or array.shape != expected or array.dtype != dtype:
                 raise ArgumentError(f"out.{name}", f"{np.dtype(dtype)} of shape {expected}", describe(array))
             if not (array.flags.c_contiguous and array.flags.writeable):
                 raise ArgumentError(f"out.{name}", "a C-contiguous array that may be written", "one that is not")

@@ -39,8 +39,8 @@
 
 #define AT_EPIPOLE 1e-2f /* pixels of the target around the epipole that no line settles */
 #define TOLERANCE 1e-3f  /* pixels by which a hit may lie outside its triangle: rounding, not geometry */
-#define BEYOND 8.0f      /* pixels of the source that are traced, if nothing is met around the answers, before the first */
-#define BEHIND 64.0f     /* and behind the last one: past a crest, the next slope may be far */
+#define BEYOND 4.0f      /* pixels of the source that are traced, if nothing is met around the answers, before the first */
+#define BEHIND 16.0f     /* and behind the last one: past a crest, the next slope may be far */
 
 /* What is known of a packet's pixels. */
 typedef struct {
