@@ -133,6 +133,9 @@ class DepthImage:
 class PixelClass(IntEnum):
     """What a pixel of a new view is. Of several views' answers for a hole the least counts: what knows most.
 
+    A hole's class is what begins beyond the last place where the pixel's ray was seen to pass through free space; of a
+    ray that never was, what it began in.
+
     Examples
     --------
     >>> import pyibr as ibr
@@ -166,9 +169,9 @@ class Frame:
     classes : (H, W) uint8, or None
         If they were asked for: what each pixel is, a `PixelClass`.
     source : (H, W, 2) float32, or None
-        If they were asked for: the place (x, y) in the source that each pixel comes from, between its samples; NaN
-        where not valid. What belongs to the source's pixels (labels, features, flow) is carried over with it, by `cv2.remap`
-        or by indexing.
+        If they were asked for: the place (x, y) in the source where each pixel's ray meets the surface, between its
+        samples (whatever `sample` is); NaN where not valid. What belongs to the source (labels, features, flow)
+        is carried over with it, by `cv2.remap` or by indexing.
     view : (H, W) int32, or None
         If they were asked for: the number of the view that it comes from, -1 where not valid.
     """

@@ -148,7 +148,7 @@ def frames(targets: Sequence[Target]) -> list[Frame]:
     made: list[Frame] = []
     for target in targets:
         color, depth, valid = next(values), next(values), next(values).view(np.bool_)
-        more: dict[str, Any] = {}
+        more: dict[str, Any] = {"source": None, "view": None, "classes": None}
         if target.origin is not None:
             origin = next(values)
             view = np.where(valid, origin[..., 2], -1).astype(np.int32)

@@ -117,7 +117,7 @@ def warp(
         rays takes longer the larger the range of depth is.
     out : Frame or sequence of Frame, optional
         Frames whose arrays are written instead of new ones: C-contiguous and writable, of the target's size and the
-        views' dtype, each of them once.
+        views' dtype, each of them once. What `classes` tells is new in any case.
 
     Returns
     -------

@@ -111,7 +111,8 @@ def _ask_lines(
             **shared,
         )
         return seen, _OWN
-    # A connected surface has crests that lines must not miss; of a torn one they tell where to look.
+    # Lines that are the pixels' own must be exact, and connected surfaces have crests that no line may miss. Elsewhere
+    # lines tell where to look.
     aligned = pair.aligned
     exact = not (pair.on_samples if aligned else options.cut_ratio is not None)
     launch(

@@ -1,6 +1,7 @@
 /* From what an epipolar line saw to what each pixel's own ray sees, and its depth and colour.
  *
- * The sweep's lines pass within half a pixel of the pixels they settle. Where the answers of a pixel's line and of its
+ * The sweep's lines pass within half a pixel of the pixels they settle; aligned ones pass through them, and there is
+ * nothing more to find. Where the answers of a pixel's line and of its
  * neighbours' lie on one smooth surface, the pixel's own ray meets the triangle of the source at the line's answer.
  * What does not settle so (silhouettes, cuts, rough surfaces), and pixels beside settled ones that no line reached, are
  * traced along their own epipolar line around what their line and their neighbours' lines saw. They are gathered to
@@ -13,8 +14,9 @@
  * of the source; a second difference of neighbours' answers that makes a surface rough. window: pixels of the source
  * that are traced to either side of an answer.
  * Work-item: STRIP * LANES pixels of a row.
- * Cost: O(pixels): a pixel looks at no more than ANSWERS * 2 * window * density columns of the source, and once more at
- * BEYOND + BEHIND of them where a connected surface is seen from its back.
+ * Cost: O(pixels): a pixel looks at no more than ANSWERS * 2 * window * density columns of the source. On a connected
+ * surface one that meets nothing there looks once more, from BEYOND * density before the first answer to BEHIND * density
+ * behind the last one: as far as its neighbours' answers lie apart.
  * Determinism: every pixel on its own, from inputs alone.
  */
 #include "lib/color.h"

@@ -95,7 +95,7 @@ def upload(array: NDArray[Any]) -> DeviceArray:
 
 
 def output(array: NDArray[Any]) -> DeviceArray:
-    """``array`` (C-contiguous, writable) for launches to write: in place on a CPU, elsewhere `to_host` copies into it."""
+    """``array`` (C-contiguous, writable) for launches to write: in place on a CPU, elsewhere `to_host` copies there."""
     import pyopencl as cl
 
     session = current()

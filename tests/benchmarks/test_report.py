@@ -174,7 +174,7 @@ def test_what_resolve_traces_is_counted() -> None:
     traced: list[int] = []
     for surface in (scenes.relief, scenes.white_noise):
         with counted_samples() as found:
-            frame = ibr.warp(ibr.DepthImage(*surface(n), scenes.source_camera(n)), target)
+            frame = ibr.warp(ibr.DepthImage(*surface(n), scenes.source_camera(n)), target, edges="connect")
         assert frame.valid.mean() > 0.9
         assert found["resolve"].pixels <= n * n
         assert found["resolve"].samples >= found["resolve"].pixels  # at least a cell each

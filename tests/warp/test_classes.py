@@ -166,3 +166,11 @@ def test_forward_asks_no_rays():
     view = source("perspective")
     with pytest.raises(ibr.ArgumentError, match="classes"):
         ibr.warp(view, view.camera, "forward", classes=True)
+
+
+def test_frames_that_are_given_forget_classes_that_are_not_asked_for():
+    view = source("perspective")
+    kept = ibr.warp(view, view.camera.moved(0.3, 0, 0), classes=True)
+    again = ibr.warp(view, view.camera.moved(0.1, 0, 0), out=kept)
+    assert again.color is kept.color
+    assert again.classes is again.source is again.view is None

@@ -1,0 +1,100 @@
+"""Several targets in one call, and frames that are written into: each the same as by a call of its own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from tests import scenes
+from tests.one_lane import one_lane
+from tests.warp.test_laws import same_bits
+
+SIZE = (97, 61)
+
+
+def targets(view: ibr.DepthImage) -> list[ibr.Camera]:
+    """Of several sizes, stereo steps and others, one that reuses a camera."""
+    camera = view.camera
+    small = camera.resized((50, 33))
+    return [camera.moved(0.1, 0, 0), camera.moved(-0.2, 0, 0), small, camera.moved(0.1, 0.2, 0.3), camera, small]
+
+
+@pytest.mark.parametrize("method", ["epipolar", "search", "forward"])
+@pytest.mark.parametrize("fill", [None, "background"])
+def test_each_frame_is_that_of_its_own_call(method, fill):
+    views = [scenes.stepped(SIZE), scenes.holed(SIZE)]
+    frames = ibr.warp(views, targets(views[0]), method, fill=fill)
+    assert len(frames) == 6
+    for frame, camera in zip(frames, targets(views[0]), strict=True):
+        same_bits(frame, ibr.warp(views, camera, method, fill=fill))
+        assert frame.camera == camera
+
+
+def blank(camera: ibr.Camera) -> ibr.Frame:
+    shape = camera.height, camera.width
+    return ibr.Frame(np.full((*shape, 3), 7, np.uint8), np.full(shape, 7, np.float32), np.ones(shape, bool), camera)
+
+
+def check_given_frames() -> None:
+    view = scenes.stepped(SIZE)
+    cameras = targets(view)
+    given = [blank(camera) for camera in cameras]
+    frames = ibr.warp(view, cameras, out=given)
+    for frame, own, camera in zip(frames, given, cameras, strict=True):
+        assert frame.color is own.color
+        assert frame.depth is own.depth
+        assert frame.valid is own.valid
+        same_bits(frame, ibr.warp(view, camera))
+    # The same again over what is there.
+    same_bits(ibr.warp(view, cameras[1], out=given[0]), ibr.warp(view, cameras[1]))
+
+
+def test_given_frames_are_written():
+    check_given_frames()
+
+
+def test_given_frames_are_written_where_memory_is_copied():
+    with one_lane():
+        check_given_frames()
+
+
+@pytest.mark.parametrize(
+    ("change", "argument"),
+    [
+        ({"depth": np.zeros((61, 97))}, "out.depth"),
+        ({"color": np.zeros((61, 96, 3), np.uint8)}, "out.color"),
+        ({"color": np.zeros((61, 97, 3), np.float32)}, "out.color"),
+        ({"valid": np.zeros((61, 97), np.uint8)}, "out.valid"),
+        ({"depth": np.zeros((97, 61), np.float32).T}, "out.depth"),
+        ({"depth": np.broadcast_to(np.float32(0), (61, 97))}, "out.depth"),
+        ({"valid": [[True]]}, "out.valid"),
+    ],
+)
+def test_what_cannot_be_written_is_told(change, argument):
+    view = scenes.stepped(SIZE)
+    with pytest.raises(ibr.ArgumentError, match=argument):
+        ibr.warp(view, view.camera, out=replace(blank(view.camera), **change))
+
+
+def test_out_fits_the_cameras():
+    view = scenes.stepped(SIZE)
+    camera, frame = view.camera, blank(view.camera)
+    for cameras, out in ((camera, [frame]), ([camera], frame), ([camera, camera], [frame]), (camera, view)):
+        with pytest.raises(ibr.ArgumentError, match="out"):
+            ibr.warp(view, cameras, out=out)
+    with pytest.raises(ibr.ArgumentError, match="memory of its own"):
+        ibr.warp(view, [camera, camera], out=[frame, frame])
+    with pytest.raises(ibr.ArgumentError, match="camera"):
+        ibr.warp(view, [])
+    with pytest.raises(ibr.ArgumentError, match="camera"):
+        ibr.warp(view, [camera, None])
+
+
+def test_targets_that_see_nothing_are_told_by_their_numbers():
+    view = scenes.stepped(SIZE)
+    away = view.camera.moved(1e4, 0, 0)
+    with pytest.warns(UserWarning, match="target cameras 0, 2 see nothing"):
+        ibr.warp(view, [away, view.camera, away])
