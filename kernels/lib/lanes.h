@@ -8,8 +8,12 @@
 #define LANES 1 /* work-item width: 1 or 16 */
 #endif
 
-/* A function whose arguments and results shall stay in registers: of vectors, they are passed through memory. */
+/* A function whose arguments and results shall stay in registers, where vectors are else passed through memory. */
+#if LANES == 16
 #define INLINED static inline __attribute__((always_inline))
+#else
+#define INLINED
+#endif
 
 #define EACH_LANE(F) F(0) F(1) F(2) F(3) F(4) F(5) F(6) F(7) F(8) F(9) F(a) F(b) F(c) F(d) F(e) F(f)
 

@@ -118,7 +118,12 @@ def test_one_lane_is_as_good_as_sixteen(wide, in_one_lane):
 BOUNDS = """
 from tests import scenes
 import pyibr as ibr
-ways = {"fill": "background"}, {"method": "search", "edges": "connect"}, {"method": "forward", "splat": 2}
+ways = (
+    {"fill": "background"},
+    {"edges": "connect", "classes": True},
+    {"method": "search", "edges": "connect"},
+    {"method": "forward", "splat": 2},
+)
 view = scenes.scene(scenes.stepped_depth, (13, 7), far=4.8)
 line = scenes.scene(scenes.smooth_depth, (7, 1))
 for pose in scenes.target_cameras(view, "E", (9, 11))[:1] + scenes.special_cameras(view, (9, 11))[2:3]:

@@ -1,0 +1,119 @@
+/* Where the sweep's lines run: in the target, and the same lines in the source. */
+#include "warp/cells.h"
+
+#ifndef ALIGNED
+#define ALIGNED 0 /* 1: lines along rows or columns of both images, through the pixels' centres */
+#endif
+#ifndef EDGES
+#define EDGES 0 /* 1: from edge to edge of the triangles, which is what lines meet; 0: from column to column (row to row) */
+#endif
+
+/* Equally spaced epipolar lines of the target; "along" is the axis that they advance in, "across" the other. */
+typedef struct {
+    int axis;                    /* along x: 0, along y: 1 */
+    int side;                    /* which side of the epipole: the sign of D along the axis */
+    int first_packet;            /* this group's first work-item */
+    int count;                   /* lines */
+    int low, high;               /* pixels along, inclusive */
+    int cross_low, cross_high;   /* pixels across, inclusive */
+    int levels;                  /* how often the distance to the epipole is halved within the image */
+    float reference;             /* pixel along at which lines of level 0 are 1 pixel apart */
+    float first, spacing;        /* pixel across of the first line there, and from line to line */
+    float distance, distance_step; /* distance to the epipole, 1 at the reference: distance + distance_step * along */
+    float least;                   /* no pixel at this distance or nearer is these lines' */
+} LineGroup;
+
+/* LANES epipolar lines in both images. */
+typedef struct {
+    int along, across;             /* axes of the target: x 0, y 1 */
+    floatl start, slope;           /* in the target: across = start + slope * along, */
+    floatl low, high;              /* for pixels along from low to high */
+    intl u_major;                  /* in the source: minor = minor_0 + tilt * major */
+    floatl minor_0, tilt, sign;    /* sign: of the walk's steps, away from the epipole as the ray recedes */
+    floatl from, to, last_major;   /* major coordinates that are walked; none if from > to */
+    intl last_minor, stride_major, stride_minor;
+    intl first_pixel;              /* ALIGNED: the index of the line's pixel 0 */
+} Epipolars;
+
+/* The lines of a packet in the target. */
+INLINED Epipolars epipolars_of(LineGroup group, PixelMap map, int packet, float nearest, float farthest)
+{
+    const float *D = map.dst_from_src, *S = map.src_from_dst;
+    Epipolars line;
+    line.along = group.axis;
+    line.across = 1 - group.axis;
+    const float b_along = D[4 * line.along + 3], b_across = D[4 * line.across + 3], b_w = D[11];
+    const float e_u = S[3], e_v = S[7], e_w = S[11], e_q = S[15];
+    const intl index = (packet - group.first_packet) * LANES + lane_index;
+    const floatl at_reference = group.first + group.spacing * to_floatl(index);
+    line.slope = (at_reference * b_w - b_across) / (group.reference * b_w - b_along);
+    line.start = at_reference - line.slope * group.reference;
+    const floatl steep = pick(fabs(line.slope) < 1e-12f, (floatl)1e-12f, line.slope);
+    const floatl cross_0 = (group.cross_low - 0.5f - line.start) / steep, cross_1 = (group.cross_high + 0.5f - line.start) / steep;
+    line.low = fmax((floatl)group.low, ceil(fmin(cross_0, cross_1)));
+    line.high = fmin((floatl)group.high, floor(fmax(cross_0, cross_1)));
+    intl in_area = index < group.count;
+#if ALIGNED
+    in_area = in_area & (at_reference >= group.cross_low) & (at_reference <= group.cross_high);
+    line.first_pixel = to_intl(at_reference) * (group.axis ? 1 : map.dst_pitch);
+#endif
+    line.low = pick(in_area, line.low, (floatl)0.0f);
+    line.high = pick(in_area, line.high, (floatl)-1.0f);
+
+    /* The same lines in the source. Direction: away from the epipole as the ray recedes. */
+    const int along = line.along;
+    const floatl x = along ? at_reference : (floatl)group.reference, y = along ? (floatl)group.reference : at_reference;
+    const floatl u0 = PIXEL_ROW(S, 0, x, y), v0 = PIXEL_ROW(S, 1, x, y), w0 = PIXEL_ROW(S, 2, x, y);
+    const floatl dir_u = u0 * e_w - e_u * w0, dir_v = v0 * e_w - e_v * w0, offset = e_u * v0 - e_v * u0;
+    const intl u_major = fabs(dir_u) >= fabs(dir_v);
+    const floatl dir_major = pick(u_major, dir_u, dir_v);
+    line.u_major = u_major;
+    line.tilt = pick(u_major, dir_v, dir_u) / dir_major;
+    line.minor_0 = pick(u_major, -offset, offset) / dir_major;
+#if ALIGNED
+    const floatl row = floor_lanes(line.minor_0 + 0.5f);
+    line.minor_0 = pick(fabs(line.minor_0 - row) < ON_SAMPLES, row, line.minor_0);
+#endif
+    line.sign = pick(dir_major < 0.0f, (floatl)-1.0f, (floatl)1.0f);
+    line.last_major = to_floatl(pick(u_major, (intl)(map.src_width - 1), (intl)(map.src_height - 1)));
+    line.last_minor = pick(u_major, (intl)(map.src_height - 1), (intl)(map.src_width - 1));
+    line.stride_major = pick(u_major, (intl)1, (intl)map.src_pitch);
+    line.stride_minor = pick(u_major, (intl)map.src_pitch, (intl)1);
+
+    /* Clip the source line: to the image, to this side of the epipole, to what the range of depth can show. */
+    floatl from = 0.0f, to = line.last_major;
+    const floatl tilted = pick(fabs(line.tilt) < 1e-12f, (floatl)1e-12f, line.tilt);
+    const floatl edge_0 = (-ON_SAMPLES - line.minor_0) / tilted;
+    const floatl edge_1 = (to_floatl(line.last_minor) + ON_SAMPLES - line.minor_0) / tilted;
+    from = fmax(from, fmin(edge_0, edge_1));
+    to = fmin(to, fmax(edge_0, edge_1));
+    const floatl e_major = pick(u_major, (floatl)e_u, (floatl)e_v);
+    if (e_w != 0.0f) {
+        const floatl epipole = e_major / e_w;
+        const intl after = e_w * line.sign > 0.0f; /* samples follow the epipole on the axis */
+        from = pick(after, fmax(from, epipole), from);
+        to = pick(after, to, fmin(to, epipole));
+    }
+    floatl reach_low = INFINITY, reach_high = -INFINITY;
+    intl bounded = 1;
+    for (int corner = 0; corner < 4; corner++) {
+        const floatl p = corner & 1 ? line.low - 1.0f : line.high + 1.0f, c = line.start + line.slope * p;
+        const float q = corner & 2 ? nearest : farthest;
+        const floatl px = along ? c : p, py = along ? p : c;
+        const floatl cu = PIXEL_ROW(S, 0, px, py), cv = PIXEL_ROW(S, 1, px, py), cw = PIXEL_ROW(S, 2, px, py), cq = PIXEL_ROW(S, 3, px, py);
+        const floatl whole = cw * e_q - e_w * cq, part = e_q - q * e_w;
+        const floatl at = (pick(u_major, cu, cv) * part + e_major * (q * cw - cq)) / whole;
+        bounded = bounded & (whole * part > 0.0f);
+        reach_low = fmin(reach_low, at);
+        reach_high = fmax(reach_high, at);
+    }
+    from = pick(bounded, fmax(from, reach_low - 1.0f), from);
+    to = pick(bounded, fmin(to, reach_high + 1.0f), to);
+#if !EDGES /* one sample more at each end: what lies between the last sample and the clip belongs to the line, too */
+    from = fmax(ceil(from) - 1.0f, (floatl)0.0f);
+    to = fmin(floor(to) + 1.0f, line.last_major);
+#endif
+    line.from = from;
+    line.to = to;
+    return line;
+}
