@@ -53,7 +53,7 @@ class DeviceArray:
         """Sets every element, in the order of launches."""
         import pyopencl as cl
 
-        size = math.prod(self.shape) * self.dtype.itemsize
+        size = math.prod(map(int, self.shape)) * self.dtype.itemsize
         cl.enqueue_fill_buffer(self.session.queue, self.buffer, self.dtype.type(value), 0, size)
 
 
@@ -109,7 +109,7 @@ def copy(source: DeviceArray, target: DeviceArray) -> None:
     """Copies all of `source` to the start of `target`, in the order of launches."""
     import pyopencl as cl
 
-    size = math.prod(source.shape) * source.dtype.itemsize
+    size = math.prod(map(int, source.shape)) * source.dtype.itemsize
     if size:
         cl.enqueue_copy(source.session.queue, target.buffer, source.buffer, byte_count=size)
 
@@ -122,7 +122,7 @@ def empty(shape: tuple[int, ...], dtype: DTypeLike, into: NDArray[Any] | None = 
     """
     session = current()
     kind = np.dtype(dtype)
-    size = math.prod(shape) * kind.itemsize
+    size = math.prod(map(int, shape)) * kind.itemsize
     block = _take(session, size)
     if block.pages is None:
         array = DeviceArray(block.buffer, shape, kind, into, session)
