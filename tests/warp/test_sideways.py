@@ -13,7 +13,7 @@ import pytest
 
 import pyibr as ibr
 from pyibr.camera import Camera
-from pyibr.pixelspace import PixelMap
+from pyibr.pixelspace import camera_pair
 from pyibr.warp import Edges, Method
 from tests import scenes
 from tests.exact import CUT_RATIO, off, ties, with_center_moved
@@ -133,7 +133,7 @@ def test_cameras_that_are_turned_in_the_world_step_as_exactly(step, scene, edges
     view, seen = view_of(scene, turned=True), seen_of(scene, STEPS[step], edges)
     target = view.camera.moved(*STEPS[step], 0)
     along_axis = 0.0 in STEPS[step]
-    assert PixelMap(view.camera, target, 0.2, 0.5).aligned == along_axis  # rounding of the poses is no slope
+    assert camera_pair(view.camera, target).aligned == along_axis  # rounding of the poses is no slope
     for method in METHODS:
         wrong = off(ibr.warp(view, target, method, edges=edges).depth, seen.depth) & ~seen.on_end
         assert wrong.mean() <= limit_of(scene), (method, wrong.sum())
@@ -147,7 +147,7 @@ def test_rows_between_the_sources_rows(step, scene, edges, target):
     """Stereo pairs whose lines run between the samples: epipolar sees what search sees."""
     view = view_of(scene)
     camera = between(view.camera, target).moved(*step, 0)
-    assert PixelMap(view.camera, camera, 0.2, 0.5).aligned
+    assert camera_pair(view.camera, camera).aligned
     swept, searched = (ibr.warp(view, camera, method, edges=edges) for method in METHODS)
     wrong = off(swept.depth, searched.depth)
     wrong &= ~passes_ends(view, camera, edges)
