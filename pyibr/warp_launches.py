@@ -25,6 +25,7 @@ _APART_MOST = 16
 _LOOK_TORN, _LOOK_CONNECTED = (1.0, 2.0), (0.5, 4.0)  # `rough` and `window` of kernels/warp/resolve.cl, measured
 _STRIP = 16  # packets of a row that one work-item of a CPU takes: enough to hide what starting it costs
 _CHUNK = 1 << 14  # pixels that one work-item clears
+_RUN = 64  # pixels of a row that one work-item of a CPU fills: starting one takes longer than most pixels
 
 
 @dataclass(frozen=True)
@@ -215,11 +216,13 @@ def splat(samples: Samples, pixel_map: PixelMap, target: Target, size: float) ->
 
 def fill_from_behind(target: Target, pixel_map: PixelMap) -> None:
     """Holes get what lies behind them along their epipolar lines."""
+    from pyibr.opencl.device import current
     from pyibr.opencl.launch import launch
     from pyibr.opencl.memory import empty
     from pyibr.opencl.program import kernel
 
     width, height = target.camera.size
+    run = 1 if current().lanes == 1 else _RUN
     blocks = empty((-(-height // 16), -(-width // 16)), np.uint8)
     shared = {"valid": target.valid, "blocks": blocks, "width": width, "height": height}
     launch(
@@ -230,7 +233,8 @@ def fill_from_behind(target: Target, pixel_map: PixelMap) -> None:
     x, y, w = pixel_map.epipole / max(float(np.abs(pixel_map.epipole).max()), 1e-30)
     launch(
         kernel("warp/fill.cl", "fill_holes", COLOR_BYTES=target.channel_bytes),
-        (width, height),
+        (-(-width // run), height),
+        run=run,
         color=target.color,
         depth=target.depth,
         epipole_x=x,

@@ -3,7 +3,8 @@
  * depth are taken; ends of about the same depth are blended by distance.
  *
  * color, depth: (height, width), written where valid is 0, read where it is 1. blocks: 16 x 16 pixels each, whether
- * any of them is valid, so that large holes are crossed in large steps. Work-item: one block, then one pixel.
+ * any of them is valid, so that large holes are crossed in large steps. Work-item: one block, then `run` pixels of
+ * a row.
  * Cost: O(pixels * hole / 16). Determinism: no pixel that is written is read.
  */
 #include "lib/channel.h"
@@ -47,12 +48,9 @@ int2 first_valid(global const uchar *valid, global const uchar *blocks, int widt
     }
 }
 
-kernel void fill_holes(global channel *color, global float *depth, global const uchar *valid, global const uchar *blocks,
-                       int width, int height, float epipole_x, float epipole_y, float epipole_w)
+void fill_hole(global channel *color, global float *depth, global const uchar *valid, global const uchar *blocks, int width,
+               int height, int x, int y, float epipole_x, float epipole_y, float epipole_w)
 {
-    const int x = get_global_id(0), y = get_global_id(1);
-    if (x >= width || y >= height || valid[(size_t)y * width + x])
-        return;
     float dx = x * epipole_w - epipole_x, dy = y * epipole_w - epipole_y;
     const float longest = fmax(fabs(dx), fabs(dy));
     dx = longest > 0.0f ? dx / longest : 1.0f;
@@ -70,4 +68,15 @@ kernel void fill_holes(global channel *color, global float *depth, global const 
     depth[at] = mix(depth[ia], depth[ib], part);
     for (int c = 0; c < 3; c++)
         color[3 * at + c] = to_channel(mix((float)color[3 * (size_t)ia + c], (float)color[3 * (size_t)ib + c], part));
+}
+
+kernel void fill_holes(global channel *color, global float *depth, global const uchar *valid, global const uchar *blocks,
+                       int width, int height, int run, float epipole_x, float epipole_y, float epipole_w)
+{
+    const int first = get_global_id(0) * run, y = get_global_id(1);
+    if (first >= width || y >= height)
+        return;
+    for (int x = first; x < min(first + run, width); x++)
+        if (!valid[(size_t)y * width + x])
+            fill_hole(color, depth, valid, blocks, width, height, x, y, epipole_x, epipole_y, epipole_w);
 }

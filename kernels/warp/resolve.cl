@@ -1,8 +1,8 @@
 /* From what an epipolar line saw to what each pixel's own ray sees, and its depth and colour.
  *
  * The sweep's lines pass within half a pixel of the pixels they settle; aligned ones pass through them, and there is
- * nothing more to find. Where the answers of a pixel's line and of its
- * neighbours' lie on one smooth surface, the pixel's own ray meets the triangle of the source at the line's answer.
+ * nothing more to find. Where the answers of a pixel's line and of its neighbours' lie on one smooth surface, the pixel's
+ * own ray meets the triangle of the source at the line's answer.
  * What does not settle so (silhouettes, cuts, rough surfaces), and pixels beside settled ones that no line reached, are
  * traced along their own epipolar line around what their line and their neighbours' lines saw. They are gathered to
  * full packets first, so that a trace costs the same whether few pixels need it or all.
@@ -14,9 +14,8 @@
  * of the source; a second difference of neighbours' answers that makes a surface rough. window: pixels of the source
  * that are traced to either side of an answer.
  * Work-item: STRIP * LANES pixels of a row.
- * Cost: O(pixels): a pixel looks at no more than ANSWERS * 2 * window * density columns of the source. On a connected
- * surface one that meets nothing there looks once more, from BEYOND * density before the first answer to BEHIND * density
- * behind the last one: as far as its neighbours' answers lie apart.
+ * Cost: O(pixels): a pixel looks at no more than ANSWERS * 2 * window * density columns of the source; where a connected
+ * surface is not met there, once more at ANSWERS * 2 * WIDE * density of them.
  * Determinism: every pixel on its own, from inputs alone.
  */
 #include "lib/color.h"
@@ -41,8 +40,7 @@
 
 #define AT_EPIPOLE 1e-2f /* pixels of the target around the epipole that no line settles */
 #define TOLERANCE 1e-3f  /* pixels by which a hit may lie outside its triangle: rounding, not geometry */
-#define BEYOND 4.0f      /* pixels of the source that are traced, if nothing is met around the answers, before the first */
-#define BEHIND 16.0f     /* and behind the last one: past a crest, the next slope may be far */
+#define WIDE 12.0f       /* in place of `window` where nothing is met: past a crest, the next slope may be far */
 
 /* What is known of a packet's pixels. */
 typedef struct {
@@ -101,7 +99,7 @@ INLINED Pixels look_around(global const float *seen, PixelMap map, int x0, int y
 }
 
 /* The pixels' own rays meet the triangles at their answers: settled is what meets them inside. */
-INLINED void meet_there(Pixels *pixels, Grid grid, PixelMap map, int x0, int y, int answers, int shown, float density)
+INLINED void meet_there(Pixels *pixels, Grid grid, PixelMap map, int x0, int y, int answers, int shown)
 {
     const float *S = map.src_from_dst;
     const Rays rays = rays_of(map, to_floatl(x0 + lane_index), y);
@@ -197,7 +195,6 @@ INLINED floatl trace_around(global const float *seen, Grid grid, PixelMap map, i
     places[7] = place_of(seen, map, rays, epipolar, x, y, 0, -apart);
     places[8] = place_of(seen, map, rays, epipolar, x, y, 0, apart);
 #endif
-    const intl answered = places[0] < INFINITY;
     SORT_PLACES
     Stretches stretches;
     stretches.reach = window * density;
@@ -205,21 +202,19 @@ INLINED floatl trace_around(global const float *seen, Grid grid, PixelMap map, i
     stretches.to = places[0] + stretches.reach;
     for (int i = 1; i < ANSWERS; i++)
         stretches.next[i - 1] = places[i];
-    floatl last = places[0];
-    for (int i = 1; i < ANSWERS; i++)
-        last = pick(places[i] < INFINITY, places[i], last);
     floatl found = EMPTY;
     intl asked = wanted & (places[0] < INFINITY);
     for (int attempt = 0; attempt < 2; attempt++) {
         found = pick(asked, trace(grid, rays, epipolar, stretches, shown, asked, cells), found);
-        /* A stretch of a connected surface that begins behind it sees its back: once more, from farther before. */
+        /* A stretch of a connected surface that begins behind it sees its back: once more, from farther off. */
         asked = asked & !IS_HIT(found) & (intl)(grid.cut.far_scale == 0.0f ? -1 : 0);
         if (!any_lane(asked))
             break;
-        stretches.from = places[0] - BEYOND * density;
-        stretches.to = last + pick(answered, (floatl)BEHIND, (floatl)BEYOND) * density;
+        stretches.reach = WIDE * density;
+        stretches.from = places[0] - stretches.reach;
+        stretches.to = places[0] + stretches.reach;
         for (int i = 1; i < ANSWERS; i++)
-            stretches.next[i - 1] = INFINITY;
+            stretches.next[i - 1] = places[i];
     }
     return found;
 }
@@ -345,7 +340,7 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
     }
     for (int p = 0; p < packets; p++)
         if (any_lane(pixels[p].smooth))
-            meet_there(&pixels[p], grid, map, strip_x + p * LANES, y, answers, shown, density);
+            meet_there(&pixels[p], grid, map, strip_x + p * LANES, y, answers, shown);
 
     /* Those that are not settled, in full packets. */
     int left[(STRIP + 1) * LANES], count = 0;
