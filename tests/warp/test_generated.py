@@ -33,7 +33,6 @@ SCENES = ("smooth", "steps", "noise", "soft", "thin", "holes")
 MOVES = ("x", "y", "z", "diagonal", "any", "turned", "turned alone")
 LIMIT = 0.005  # share of the target's pixels that the sweep may see otherwise than the search
 FEW = 3  # pixels that it may in any case: 0.5 % of a target of 20 x 20 is but two
-LIMIT_TORN = 0.02  # where surfaces are cut: of 7400 warps 8 are beyond 0.5 %, 1.6 % in the worst, 0.03 % on average
 LIMIT_NOISE = 0.025  # of white noise of full range: of some 2000 warps 2 % in the worst, 0.1 % on average
 
 
@@ -52,7 +51,7 @@ class Case:
     @property
     def limit(self) -> float:
         """Pixels that sweep and search may see otherwise."""
-        share = LIMIT_NOISE if self.scene == "noise" else LIMIT_TORN if self.edges == "cut" else LIMIT
+        share = LIMIT_NOISE if self.scene == "noise" else LIMIT
         return max(FEW, share * self.target.width * self.target.height)
 
     def __str__(self) -> str:
@@ -150,6 +149,9 @@ def test_epipolar_sees_what_search_sees(first):
         assert wrong.sum() <= case.limit, f"{wrong.sum()} of {wrong.size} pixels, {case}"
 
 
+@pytest.mark.xfail(
+    reason="a known fault: on cut surfaces the sweep steps over slits; walked from edge to edge it does not"
+)
 @pytest.mark.parametrize("seed", [11, 143, 517, 2646, 2905, 4487, 5011, 5879])
 def test_what_shows_through_in_less_than_a_pixel_between_torn_pieces(seed):
     """Of seeds 0 to 6132 those whose sweep misses the most."""
