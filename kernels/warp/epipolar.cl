@@ -251,16 +251,99 @@ INLINED uint walk_edges(Grid grid, Epipolars line, LineGroup group, PixelMap map
     return cells;
 }
 #else
-/* From column to column (or row to row): where the line passes between two samples. Returns the steps. */
+/* Where a line passes a column (a row) of the source, between two of its samples. */
+typedef struct {
+    floatl cell, part; /* the first sample, and the share of the way to the second */
+    intl at;           /* the first sample's index */
+    floatl a, b;       /* their nearness */
+    Place place;
+} Column;
+
+#define IS_TRIANGLE_OPEN(cut, a, b, c) IS_OPEN(cut, greater(a, greater(b, c)), lesser(a, lesser(b, c)))
+
+/* Between two columns where the surface may be torn: as far as there are triangles. The line passes two of them in the
+ * cell that it is in, or up to four where it passes a row, whose other samples are beyond_from and beyond_to. Cells are
+ * seen so that the line goes towards larger columns and their diagonals from `from.b` to `to.a`. */
+INLINED void extend_torn(Interval *interval, Answers *answers, Cut cut, Targets targets, floatl major, floatl step, Column from, Column to,
+                         floatl passed, floatl slope, floatl beyond_from, floatl beyond_to, intl active, Epipolars line,
+                         LineGroup group, PixelMap map)
+{
+    const intl down = passed > 0.0f, up = passed < 0.0f;
+    /* The cell that the line comes from, in the second column, and the cell that it goes to, in the first. */
+    const floatl to_a = pick(down, beyond_to, pick(up, to.b, to.a)), to_b = pick(down, to.a, pick(up, beyond_to, to.b));
+    const floatl from_a = pick(down, from.b, pick(up, beyond_from, from.a)), from_b = pick(down, beyond_from, pick(up, from.a, from.b));
+    /* Where it leaves the triangles, as a share of the way, and the surface's nearness there. */
+    const floatl per_diagonal = 1.0f / (1.0f + slope), first = (1.0f - from.part) * per_diagonal;
+    const floatl row = lesser(pick(down, 1.0f - from.part, -from.part) / slope, (floatl)1.0f);
+    floatl leaves[4], nearness[4];
+    intl open[4];
+    leaves[0] = lesser(first, pick(passed == 0.0f, (floatl)1.0f, row));
+    leaves[1] = pick(passed == 0.0f, leaves[0], row);
+    leaves[2] = greater(lesser(first + passed * per_diagonal, (floatl)1.0f), leaves[1]);
+    leaves[3] = 1.0f;
+    nearness[1] = pick(down, from.b, from.a) + leaves[1] * (pick(down, to.a, to.b) - pick(down, from.b, from.a));
+    nearness[0] = pick((passed == 0.0f) | (first < row), from.b + leaves[0] * (to_a - from.b), nearness[1]);
+    nearness[2] = from_b + leaves[2] * (to.a - from_b);
+    nearness[3] = to.place.nearness;
+    open[0] = IS_TRIANGLE_OPEN(cut, from.a, from.b, to_a);
+    open[1] = IS_TRIANGLE_OPEN(cut, to_a, to_b, from.b);
+    open[2] = IS_TRIANGLE_OPEN(cut, from_a, from_b, to.a);
+    open[3] = IS_TRIANGLE_OPEN(cut, to.a, to.b, from_b);
+
+    Place begin = from.place, enters = from.place;
+    floatl entered = 0.0f;
+    intl inside = 0;
+    for (int part = 0; part <= 4; part++) {
+        const intl there = part < 4 ? active & (leaves[part & 3] > entered) : active;
+        const Place left = place_at(targets, major + step * leaves[part & 3], nearness[part & 3]);
+        const intl ends = part < 4 ? there & (open[part & 3] | IS_BEHIND(map, enters) | IS_BEHIND(map, left)) : active;
+        const intl settles = inside & ends;
+        if (any_lane(settles))
+            extend(interval, answers, begin, enters, settles, (intl)0, line, group, map);
+        if (part == 4)
+            break;
+        interval->anew = interval->anew | ends;
+        const intl begins = there & !(ends | inside);
+        begin.p = pick(begins, enters.p, begin.p);
+        begin.w = pick(begins, enters.w, begin.w);
+        begin.q = pick(begins, enters.q, begin.q);
+        inside = (inside | there) & !ends;
+        enters.p = pick(there, left.p, enters.p);
+        enters.w = pick(there, left.w, enters.w);
+        enters.q = pick(there, left.q, enters.q);
+        entered = pick(there, leaves[part], entered);
+    }
+}
+
+/* From column to column (or row to row). Returns the steps. */
 INLINED uint walk_samples(Grid grid, Epipolars line, LineGroup group, PixelMap map, Answers *answers)
 {
     const intl steps = pick((line.low <= line.high) & (line.from <= line.to), to_intl(line.to - line.from), (intl)-1);
     const Targets targets =
         targets_of(map, line.along, pick(line.u_major, (floatl)0.0f, line.minor_0), pick(line.u_major, line.minor_0, (floatl)0.0f),
                    pick(line.u_major, (floatl)1.0f, line.tilt), pick(line.u_major, line.tilt, (floatl)1.0f));
+    /* Mirrored where steps are towards smaller columns, so that all lines meet the cells' diagonals alike. */
+    const intl mirrored = line.sign < 0.0f;
+    const floatl last_minor = to_floatl(line.last_minor);
+    const floatl minor_0 = pick(mirrored, last_minor - line.minor_0, line.minor_0), tilt = pick(mirrored, -line.tilt, line.tilt);
+    const floatl slope = tilt * line.sign;
+    const intl stride_minor = pick(mirrored, -line.stride_minor, line.stride_minor);
+    const intl at_0 = pick(mirrored, line.last_minor * line.stride_minor, (intl)0);
+    /* Lines along samples see the edges between them alone. */
+    const floatl length = greater(line.to - line.from, (floatl)1.0f), start = minor_0 + tilt * line.from;
+    const intl along = (fabs(start - floor_lanes(start + 0.5f)) < ON_SAMPLES) &
+                       ((fabs(slope) * length < ON_SAMPLES) | (fabs(slope + 1.0f) * length < ON_SAMPLES));
+    const intl to_second = pick(along | (line.last_minor == 0), (intl)0, stride_minor);
+    const floatl nudge = pick(along, (floatl)0.5f, (floatl)0.0f);
+    const intl last_cell = pick(along, line.last_minor, max(line.last_minor - 1, 0));
+
     Interval interval = nothing_settled(line);
     floatl major = pick(line.sign > 0.0f, line.from, line.to);
-    Place before = place_at(targets, major, (floatl)NO_SURFACE);
+    Column from;
+    from.cell = from.part = 0.0f;
+    from.at = 0;
+    from.a = from.b = NO_SURFACE;
+    from.place = place_at(targets, major, (floatl)NO_SURFACE);
     uint samples = 0;
 #if LANES == 16
     const int last_sample = map.src_height * map.src_pitch - 1;
@@ -272,21 +355,39 @@ INLINED uint walk_samples(Grid grid, Epipolars line, LineGroup group, PixelMap m
         COUNT(samples, active)
 #endif
         const intl m = clamp(to_intl(major), (intl)0, to_intl(line.last_major));
-        const floatl minor = lesser(greater(line.minor_0 + line.tilt * major, (floatl)0.0f), to_floatl(line.last_minor));
-        const intl cell = max(min(to_intl(minor), line.last_minor - 1), (intl)0);
-        const floatl part = minor - to_floatl(cell);
-        const intl at = m * line.stride_major + cell * line.stride_minor;
+        const floatl minor = lesser(greater(minor_0 + tilt * major, (floatl)0.0f), last_minor);
+        intl cell = max(min(to_intl(minor + nudge), last_cell), (intl)0);
+        Column to;
+        to.cell = to_floatl(cell);
+        if (step) /* rounding must not pass two rows at once */
+            to.cell = lesser(greater(to.cell, from.cell - 1.0f), from.cell + 1.0f);
+        to.part = pick(along, (floatl)0.0f, minor - to.cell);
+        to.at = at_0 + m * line.stride_major + to_intl(to.cell) * stride_minor;
 #if LANES == 16
-        FORESEE(grid.nearness, at, ahead, last_sample)
+        FORESEE(grid.nearness, to.at, ahead, last_sample)
 #endif
-        const intl next = at + pick(line.last_minor > 0, line.stride_minor, (intl)0);
-        const floatl qa = (floatl)(gather(grid.nearness, at)), qb = (floatl)(gather(grid.nearness, next));
-        const intl torn = IS_OPEN(grid.cut, greater(qa, qb), lesser(qa, qb));
-        const Place here = place_at(targets, major, pick(torn, pick(part < 0.5f, qa, qb), qa + part * (qb - qa)));
-        const floatl high = greater(here.nearness, before.nearness), low = lesser(here.nearness, before.nearness);
-        const intl open = IS_OPEN(grid.cut, high, low) | IS_BEHIND(map, before) | IS_BEHIND(map, here);
-        extend(&interval, answers, before, here, active, open, line, group, map);
-        before = here;
+        const intl second = to.at + to_second;
+        to.a = (floatl)(gather(grid.nearness, to.at));
+        to.b = (floatl)(gather(grid.nearness, second));
+        to.place = place_at(targets, major, to.a + to.part * (to.b - to.a));
+        const floatl passed = pick(along | (intl)(step ? 0 : -1), (floatl)0.0f, to.cell - from.cell);
+        floatl beyond_from = from.a, beyond_to = to.a;
+        if (any_lane(passed != 0.0f)) {
+            const intl down = passed > 0.0f;
+            const intl at_from = from.at + pick(down, 2 * stride_minor, pick(passed < 0.0f, -stride_minor, (intl)0));
+            const intl at_to = to.at + pick(down, -stride_minor, pick(passed < 0.0f, 2 * stride_minor, (intl)0));
+            beyond_from = (floatl)(gather(grid.nearness, at_from));
+            beyond_to = (floatl)(gather(grid.nearness, at_to));
+        }
+        const floatl high = greater(greater(greater(from.a, from.b), greater(to.a, to.b)), greater(beyond_from, beyond_to));
+        const floatl low = lesser(lesser(lesser(from.a, from.b), lesser(to.a, to.b)), lesser(beyond_from, beyond_to));
+        const intl torn = active & (IS_OPEN(grid.cut, high, low) | IS_BEHIND(map, from.place) | IS_BEHIND(map, to.place));
+        if (any_lane(torn))
+            extend_torn(&interval, answers, grid.cut, targets, major - line.sign, line.sign, from, to, passed, slope, beyond_from, beyond_to, active,
+                        line, group, map);
+        else
+            extend(&interval, answers, from.place, to.place, active, (intl)0, line, group, map);
+        from = to;
     }
     return samples;
 }
