@@ -72,6 +72,11 @@ class _Fan:
         """The least distance in the area, as a part of the reference's; <= 0 if the epipole is within its columns."""
         return min(map(self.distance, self.along)) / self.distance(self.reference)
 
+    @property
+    def is_diagonal(self) -> bool:
+        """Lines from pixel to pixel along the image's diagonals: those through one centre pass through many."""
+        return self.w == 0.0 and math.isclose(abs(self.e_across), abs(self.e_along), rel_tol=_ROUNDING)
+
     def reach(self) -> tuple[float, float]:
         """Where the lines needed cut the reference: no steeper than one to one, and through the area."""
         low, high = -math.inf, math.inf
@@ -143,7 +148,7 @@ def _laid(
             if low > high:
                 continue
             levels = min(_MOST_LEVELS, max(0, int(-math.log2(max(fan.nearest, 1e-9)))))
-            first = math.floor(low) - 2**levels + (0.0 if through_pixels else _OFFSET)
+            first = math.floor(low) - 2**levels + (0.0 if through_pixels or fan.is_diagonal else _OFFSET)
             # All odd lines end at half the distance, all odd multiples of two at a quarter, ...
             for level in range(levels + 1):
                 goes_on = level == levels

@@ -180,6 +180,16 @@ INLINED Place place_at(Targets targets, floatl distance, floatl nearness)
     return place;
 }
 
+INLINED Place pick_place(intl mask, Place yes, Place no)
+{
+    Place place;
+    place.nearness = pick(mask, yes.nearness, no.nearness);
+    place.p = pick(mask, yes.p, no.p);
+    place.w = pick(mask, yes.w, no.w);
+    place.q = pick(mask, yes.q, no.q);
+    return place;
+}
+
 /* Behind an orthographic target's image plane? Behind a perspective one, W tells. */
 #define IS_BEHIND(map, place) ((map).dst_perspective ? (intl)0 : ((place).q >= 0.0f))
 
@@ -264,9 +274,9 @@ typedef struct {
 /* Between two columns where the surface may be torn: as far as there are triangles. The line passes two of them in the
  * cell that it is in, or up to four where it passes a row, whose other samples are beyond_from and beyond_to. Cells are
  * seen so that the line goes towards larger columns and their diagonals from `from.b` to `to.a`. */
-INLINED void extend_torn(Interval *interval, Answers *answers, Cut cut, Targets targets, floatl major, floatl step, Column from, Column to,
-                         floatl passed, floatl slope, floatl beyond_from, floatl beyond_to, intl active, Epipolars line,
-                         LineGroup group, PixelMap map)
+INLINED void extend_torn(Interval *interval, Answers *answers, Cut cut, Targets targets, floatl major, Column from, Column to,
+                         floatl begins, floatl ends, floatl passed, floatl slope, floatl beyond_from, floatl beyond_to,
+                         intl active, Epipolars line, LineGroup group, PixelMap map)
 {
     const intl down = passed > 0.0f, up = passed < 0.0f;
     /* The cell that the line comes from, in the second column, and the cell that it goes to, in the first. */
@@ -284,41 +294,40 @@ INLINED void extend_torn(Interval *interval, Answers *answers, Cut cut, Targets 
     nearness[1] = pick(down, from.b, from.a) + leaves[1] * (pick(down, to.a, to.b) - pick(down, from.b, from.a));
     nearness[0] = pick((passed == 0.0f) | (first < row), from.b + leaves[0] * (to_a - from.b), nearness[1]);
     nearness[2] = from_b + leaves[2] * (to.a - from_b);
-    nearness[3] = to.place.nearness;
+    nearness[3] = 0.0f;
     open[0] = IS_TRIANGLE_OPEN(cut, from.a, from.b, to_a);
     open[1] = IS_TRIANGLE_OPEN(cut, to_a, to_b, from.b);
     open[2] = IS_TRIANGLE_OPEN(cut, from_a, from_b, to.a);
     open[3] = IS_TRIANGLE_OPEN(cut, to.a, to.b, from_b);
 
     Place begin = from.place, enters = from.place;
-    floatl entered = 0.0f;
+    floatl at = begins;
     intl inside = 0;
     for (int part = 0; part <= 4; part++) {
-        const intl there = part < 4 ? active & (leaves[part & 3] > entered) : active;
-        const Place left = place_at(targets, major + step * leaves[part & 3], nearness[part & 3]);
-        const intl ends = part < 4 ? there & (open[part & 3] | IS_BEHIND(map, enters) | IS_BEHIND(map, left)) : active;
-        const intl settles = inside & ends;
-        if (any_lane(settles))
-            extend(interval, answers, begin, enters, settles, (intl)0, line, group, map);
+        intl there = 0, stops = active;
+        Place left = to.place;
+        if (part < 4) {
+            there = active & (leaves[part] > at) & (at < ends);
+            left = pick_place(leaves[part] < ends, place_at(targets, major + line.sign * leaves[part], nearness[part]), to.place);
+            stops = there & (open[part] | IS_BEHIND(map, enters) | IS_BEHIND(map, left));
+        }
+        if (any_lane(inside & stops))
+            extend(interval, answers, begin, enters, inside & stops, (intl)0, line, group, map);
         if (part == 4)
             break;
-        interval->anew = interval->anew | ends;
-        const intl begins = there & !(ends | inside);
-        begin.p = pick(begins, enters.p, begin.p);
-        begin.w = pick(begins, enters.w, begin.w);
-        begin.q = pick(begins, enters.q, begin.q);
-        inside = (inside | there) & !ends;
-        enters.p = pick(there, left.p, enters.p);
-        enters.w = pick(there, left.w, enters.w);
-        enters.q = pick(there, left.q, enters.q);
-        entered = pick(there, leaves[part], entered);
+        interval->anew = interval->anew | stops;
+        begin = pick_place(inside, begin, enters);
+        inside = (inside | there) & !stops;
+        enters = pick_place(there, left, enters);
+        at = pick(there, leaves[part], at);
     }
 }
 
 /* From column to column (or row to row). Returns the steps. */
 INLINED uint walk_samples(Grid grid, Epipolars line, LineGroup group, PixelMap map, Answers *answers)
 {
-    const intl steps = pick((line.low <= line.high) & (line.from <= line.to), to_intl(line.to - line.from), (intl)-1);
+    const floatl low = floor_lanes(line.from), high = lesser(ceil_lanes(line.to), line.last_major);
+    const intl steps = pick((line.low <= line.high) & (line.from <= line.to), to_intl(high - low), (intl)-1);
     const Targets targets =
         targets_of(map, line.along, pick(line.u_major, (floatl)0.0f, line.minor_0), pick(line.u_major, line.minor_0, (floatl)0.0f),
                    pick(line.u_major, (floatl)1.0f, line.tilt), pick(line.u_major, line.tilt, (floatl)1.0f));
@@ -330,7 +339,7 @@ INLINED uint walk_samples(Grid grid, Epipolars line, LineGroup group, PixelMap m
     const intl stride_minor = pick(mirrored, -line.stride_minor, line.stride_minor);
     const intl at_0 = pick(mirrored, line.last_minor * line.stride_minor, (intl)0);
     /* Lines along samples see the edges between them alone. */
-    const floatl length = greater(line.to - line.from, (floatl)1.0f), start = minor_0 + tilt * line.from;
+    const floatl length = greater(high - low, (floatl)1.0f), start = minor_0 + tilt * low;
     const intl along = (fabs(start - floor_lanes(start + 0.5f)) < ON_SAMPLES) &
                        ((fabs(slope) * length < ON_SAMPLES) | (fabs(slope + 1.0f) * length < ON_SAMPLES));
     const intl to_second = pick(along | (line.last_minor == 0), (intl)0, stride_minor);
@@ -338,7 +347,9 @@ INLINED uint walk_samples(Grid grid, Epipolars line, LineGroup group, PixelMap m
     const intl last_cell = pick(along, line.last_minor, max(line.last_minor - 1, 0));
 
     Interval interval = nothing_settled(line);
-    floatl major = pick(line.sign > 0.0f, line.from, line.to);
+    floatl major = pick(mirrored, high, low);
+    const floatl begins = pick(mirrored, high - line.to, line.from - low); /* shares of the first step and the last */
+    const floatl ends = 1.0f - pick(mirrored, line.from - low, high - line.to);
     Column from;
     from.cell = from.part = 0.0f;
     from.at = 0;
@@ -355,10 +366,9 @@ INLINED uint walk_samples(Grid grid, Epipolars line, LineGroup group, PixelMap m
         COUNT(samples, active)
 #endif
         const intl m = clamp(to_intl(major), (intl)0, to_intl(line.last_major));
-        const floatl minor = lesser(greater(minor_0 + tilt * major, (floatl)0.0f), last_minor);
-        intl cell = max(min(to_intl(minor + nudge), last_cell), (intl)0);
+        const floatl minor = minor_0 + tilt * major;
         Column to;
-        to.cell = to_floatl(cell);
+        to.cell = to_floatl(max(min(to_intl(minor + nudge), last_cell), (intl)0));
         if (step) /* rounding must not pass two rows at once */
             to.cell = lesser(greater(to.cell, from.cell - 1.0f), from.cell + 1.0f);
         to.part = pick(along, (floatl)0.0f, minor - to.cell);
@@ -369,7 +379,8 @@ INLINED uint walk_samples(Grid grid, Epipolars line, LineGroup group, PixelMap m
         const intl second = to.at + to_second;
         to.a = (floatl)(gather(grid.nearness, to.at));
         to.b = (floatl)(gather(grid.nearness, second));
-        to.place = place_at(targets, major, to.a + to.part * (to.b - to.a));
+        const floatl part = lesser(greater(to.part, (floatl)0.0f), (floatl)1.0f);
+        to.place = place_at(targets, major, to.a + part * (to.b - to.a));
         const floatl passed = pick(along | (intl)(step ? 0 : -1), (floatl)0.0f, to.cell - from.cell);
         floatl beyond_from = from.a, beyond_to = to.a;
         if (any_lane(passed != 0.0f)) {
@@ -381,10 +392,20 @@ INLINED uint walk_samples(Grid grid, Epipolars line, LineGroup group, PixelMap m
         }
         const floatl high = greater(greater(greater(from.a, from.b), greater(to.a, to.b)), greater(beyond_from, beyond_to));
         const floatl low = lesser(lesser(lesser(from.a, from.b), lesser(to.a, to.b)), lesser(beyond_from, beyond_to));
+        floatl begins_at = 0.0f, ends_at = 1.0f;
+        const intl is_last = step == steps;
+        if (step == 1 || any_lane(is_last)) { /* lines end at the image's border and at the epipole, between columns */
+            const floatl nearness = from.place.nearness, change = to.place.nearness - nearness;
+            begins_at = step == 1 ? begins : begins_at;
+            ends_at = pick(is_last, ends, ends_at);
+            if (step == 1)
+                from.place = place_at(targets, major + line.sign * (begins - 1.0f), nearness + begins * change);
+            to.place = pick_place(is_last, place_at(targets, major + line.sign * (ends_at - 1.0f), nearness + ends_at * change), to.place);
+        }
         const intl torn = active & (IS_OPEN(grid.cut, high, low) | IS_BEHIND(map, from.place) | IS_BEHIND(map, to.place));
         if (any_lane(torn))
-            extend_torn(&interval, answers, grid.cut, targets, major - line.sign, line.sign, from, to, passed, slope, beyond_from, beyond_to, active,
-                        line, group, map);
+            extend_torn(&interval, answers, grid.cut, targets, major - line.sign, from, to, begins_at, ends_at, passed, slope, beyond_from,
+                        beyond_to, active, line, group, map);
         else
             extend(&interval, answers, from.place, to.place, active, (intl)0, line, group, map);
         from = to;

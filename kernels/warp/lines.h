@@ -109,10 +109,6 @@ INLINED Epipolars epipolars_of(LineGroup group, PixelMap map, int packet, float 
     }
     from = pick(bounded, fmax(from, reach_low - 1.0f), from);
     to = pick(bounded, fmin(to, reach_high + 1.0f), to);
-#if !EDGES /* one sample more at each end: what lies between the last sample and the clip belongs to the line, too */
-    from = fmax(ceil(from) - 1.0f, (floatl)0.0f);
-    to = fmin(floor(to) + 1.0f, line.last_major);
-#endif
     line.from = from;
     line.to = to;
     return line;

@@ -136,8 +136,8 @@ INLINED void meet_there(Pixels *pixels, Grid grid, PixelMap map, int x0, int y, 
     const intl in_lower = (du >= -TOLERANCE) & (dv >= -TOLERANCE) & (diagonal <= 1.0f + TOLERANCE);
     const intl in_upper = (du <= 1.0f + TOLERANCE) & (dv <= 1.0f + TOLERANCE) & (diagonal >= 1.0f - TOLERANCE);
     const intl in_triangle = (upper & in_upper) | ((!upper) & in_lower);
-    const intl shows = ((per_unit > 0.0f) & (intl)(shown & SHOWS_FRONT ? -1 : 0)) |
-                       ((per_unit < 0.0f) & (intl)(shown & SHOWS_BACK ? -1 : 0));
+    /* A back has a front close before it, which a ray beside the line may meet: where both are shown, a trace tells. */
+    const intl shows = shown & SHOWS_FRONT ? per_unit > 0.0f : per_unit < 0.0f;
     const intl before = map.dst_perspective ? met > 0.0f : met < 0.0f;
     const intl settles = pixels->smooth & in_triangle & shows & !open & (w_met > 0.0f) & before;
     pixels->u = pick(settles, u_met, u);
