@@ -64,22 +64,24 @@ INLINED Pixels look_around(global const float *seen, PixelMap map, int x0, int y
     pixels.settled = answers == ANSWERS_ARE_OWN ? seen_here : (intl)0;
     pixels.smooth = pixels.traced = 0;
     floatl curved = 0.0f;
+    intl any_seen = 0;
     if (answers == ANSWERS_OF_LINES) {
         const floatl above = y > 0 ? load_lanes(here - map.dst_pitch) : n;
         const floatl under = y + 1 < map.dst_height ? load_lanes(here + map.dst_pitch) : n;
         floatl left = x0 > 0 ? load_lanes(here - 1) : shifted_lanes(n), right = load_lanes(here + 1);
         right = pick(x0 + lane_index + 1 < map.dst_width, right, n);
-        const intl above_seen = IS_SEEN(above), under_seen = IS_SEEN(under), left_seen = IS_SEEN(left), right_seen = IS_SEEN(right);
-        intl any_seen = seen_here | above_seen | under_seen | left_seen | right_seen;
+        const intl above_met = IS_MET(above), under_met = IS_MET(under), left_met = IS_MET(left), right_met = IS_MET(right);
+        any_seen = seen_here | IS_SEEN(above) | IS_SEEN(under) | IS_SEEN(left) | IS_SEEN(right);
+        intl any_met = IS_MET(n) | above_met | under_met | left_met | right_met;
 #if ZOOMED
-        any_seen = any_seen | (y >= apart ? IS_SEEN(load_lanes(here - apart * map.dst_pitch)) : 0);
-        any_seen = any_seen | (y + apart < map.dst_height ? IS_SEEN(load_lanes(here + apart * map.dst_pitch)) : 0);
-        any_seen = any_seen | (x0 >= apart ? IS_SEEN(load_lanes(here - apart)) : 0) | IS_SEEN(load_lanes(here + apart));
+        any_met = any_met | (y >= apart ? IS_MET(load_lanes(here - apart * map.dst_pitch)) : 0);
+        any_met = any_met | (y + apart < map.dst_height ? IS_MET(load_lanes(here + apart * map.dst_pitch)) : 0);
+        any_met = any_met | (x0 >= apart ? IS_MET(load_lanes(here - apart)) : 0) | IS_MET(load_lanes(here + apart));
 #endif
         curved = greater(fabs(left + right - 2.0f * n), fabs(above + under - 2.0f * n));
-        pixels.smooth = seen_here & above_seen & under_seen & left_seen & right_seen;
-        /* A pixel whose line sees nothing may see what a neighbour's line sees. */
-        pixels.traced = inside & any_seen;
+        pixels.smooth = inside & IS_MET(n) & above_met & under_met & left_met & right_met;
+        /* A pixel whose line meets nothing may see what a neighbour's line meets. */
+        pixels.traced = inside & any_met;
     }
     intl in_place = answers == ANSWERS_OF_ALL ? inside : (intl)0;
     if (fabs(y * D[11] - D[7]) <= AT_EPIPOLE * fabs(D[11])) /* no line there, and no parallax */
@@ -92,6 +94,9 @@ INLINED Pixels look_around(global const float *seen, PixelMap map, int x0, int y
     if (answers == ANSWERS_OF_LINES) {
         const floatl moves_by = (fabs(S[3] - pixels.u * S[11]) + fabs(S[7] - pixels.v * S[11])) * fabs(inverse);
         pixels.smooth = pixels.smooth & (curved * moves_by < rough * density);
+        /* Amid a smooth side that is not shown there is nothing to see. */
+        pixels.traced = pixels.traced & (any_seen | !pixels.smooth);
+        pixels.smooth = pixels.smooth & seen_here;
     }
     pixels.smooth = pixels.smooth | in_place;
     pixels.traced = pixels.traced & !in_place;
