@@ -34,3 +34,14 @@ def ties(depth_seen_by: Callable[[Camera], Array], camera: Camera) -> Array:
     here = depth_seen_by(camera)
     beside = (with_center_moved(camera, x, y) for x, y in ((HAIR, 0), (-HAIR, 0), (0, HAIR), (0, -HAIR)))
     return np.any([off(depth_seen_by(other), here) for other in beside], axis=0)
+
+
+def slivers(depth_seen_by: Callable[[Camera], Array], camera: Camera) -> Array:
+    """(H, W) bool: rays that see something less than a pixel wide: half a pixel to either side is something else."""
+    here = depth_seen_by(camera)
+    a, b = 0.5, 0.5 / np.sqrt(2)
+    found = np.zeros(here.shape, bool)
+    for x, y in ((a, 0), (0, a), (b, b), (b, -b)):
+        sides = [off(depth_seen_by(with_center_moved(camera, s * x, s * y)), here) for s in (1, -1)]
+        found |= sides[0] & sides[1]
+    return found

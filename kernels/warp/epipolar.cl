@@ -289,7 +289,7 @@ INLINED void extend_torn(Interval *interval, Answers *answers, Cut cut, Targets 
     intl open[4];
     leaves[0] = lesser(first, pick(passed == 0.0f, (floatl)1.0f, row));
     leaves[1] = pick(passed == 0.0f, leaves[0], row);
-    leaves[2] = greater(lesser(first + passed * per_diagonal, (floatl)1.0f), leaves[1]);
+    leaves[2] = pick(down, greater(lesser((2.0f - from.part) * per_diagonal, (floatl)1.0f), row), leaves[1]);
     leaves[3] = 1.0f;
     nearness[1] = pick(down, from.b, from.a) + leaves[1] * (pick(down, to.a, to.b) - pick(down, from.b, from.a));
     nearness[0] = pick((passed == 0.0f) | (first < row), from.b + leaves[0] * (to_a - from.b), nearness[1]);

