@@ -44,12 +44,21 @@
 
 /* What is known of a packet's pixels. */
 typedef struct {
-    floatl u, v; /* where in the source the answer or the hit lies */
-    floatl n;    /* its target nearness */
+    floatl n;    /* the answer's target nearness, then the hit's; EMPTY where there is none */
+    floatl u, v; /* where in the source the answer lies */
     intl smooth; /* the answer is one of a smooth surface */
-    intl traced; /* to be traced, or settled if it is not smooth */
-    intl settled;
+    intl traced; /* to be traced, or settled if it is smooth */
 } Pixels;
+
+/* Where in the source the pixels' answers or hits lie; returns 1 / w there. */
+INLINED floatl find_place(Pixels *pixels, PixelMap map, int x0, int y)
+{
+    const float *S = map.src_from_dst;
+    const floatl x = to_floatl(x0 + lane_index), n = pixels->n, inverse = 1.0f / (PIXEL_ROW(S, 2, x, y) + n * S[11]);
+    pixels->u = (PIXEL_ROW(S, 0, x, y) + n * S[3]) * inverse;
+    pixels->v = (PIXEL_ROW(S, 1, x, y) + n * S[7]) * inverse;
+    return inverse;
+}
 
 /* A pixel's own answer and its neighbours', and what they say of the surface. */
 INLINED Pixels look_around(global const float *seen, PixelMap map, int x0, int y, intl inside, int answers, int apart, float density,
@@ -61,7 +70,6 @@ INLINED Pixels look_around(global const float *seen, PixelMap map, int x0, int y
     floatl n = load_lanes(here);
     const intl seen_here = inside & IS_SEEN(n);
     Pixels pixels;
-    pixels.settled = answers == ANSWERS_ARE_OWN ? seen_here : (intl)0;
     pixels.smooth = pixels.traced = 0;
     floatl curved = 0.0f;
     intl any_seen = 0;
@@ -87,10 +95,8 @@ INLINED Pixels look_around(global const float *seen, PixelMap map, int x0, int y
     if (fabs(y * D[11] - D[7]) <= AT_EPIPOLE * fabs(D[11])) /* no line there, and no parallax */
         in_place = in_place | ((fabs(x * D[11] - D[3]) <= AT_EPIPOLE * fabs(D[11])) & inside & !IS_MET(n));
     n = pick(in_place, (floatl)typical, n);
-    const floatl w0 = PIXEL_ROW(S, 2, x, y), inverse = 1.0f / (w0 + n * S[11]);
-    pixels.u = (PIXEL_ROW(S, 0, x, y) + n * S[3]) * inverse;
-    pixels.v = (PIXEL_ROW(S, 1, x, y) + n * S[7]) * inverse;
-    pixels.n = n;
+    pixels.n = answers == ANSWERS_ARE_OWN ? pick(seen_here, n, (floatl)EMPTY) : n;
+    const floatl inverse = find_place(&pixels, map, x0, y);
     if (answers == ANSWERS_OF_LINES) {
         const floatl moves_by = (fabs(S[3] - pixels.u * S[11]) + fabs(S[7] - pixels.v * S[11])) * fabs(inverse);
         pixels.smooth = pixels.smooth & (curved * moves_by < rough * density);
@@ -103,7 +109,7 @@ INLINED Pixels look_around(global const float *seen, PixelMap map, int x0, int y
     return pixels;
 }
 
-/* The pixels' own rays meet the triangles at their answers: settled is what meets them inside. */
+/* The pixels' own rays meet the triangles at their answers: settled is what meets them inside, EMPTY what does not. */
 INLINED void meet_there(Pixels *pixels, Grid grid, PixelMap map, int x0, int y, int answers, int shown)
 {
     const float *S = map.src_from_dst;
@@ -142,13 +148,11 @@ INLINED void meet_there(Pixels *pixels, Grid grid, PixelMap map, int x0, int y, 
     const intl in_upper = (du <= 1.0f + TOLERANCE) & (dv <= 1.0f + TOLERANCE) & (diagonal >= 1.0f - TOLERANCE);
     const intl in_triangle = (upper & in_upper) | ((!upper) & in_lower);
     /* A back has a front close before it, which a ray beside the line may meet: where both are shown, a trace tells. */
-    const intl shows = shown & SHOWS_FRONT ? per_unit > 0.0f : per_unit < 0.0f;
+    const int shows_back = answers == ANSWERS_OF_ALL ? shown & SHOWS_BACK : shown == SHOWS_BACK;
+    const intl shows = ((per_unit > 0.0f) & (intl)(shown & SHOWS_FRONT ? -1 : 0)) | ((per_unit < 0.0f) & (intl)(shows_back ? -1 : 0));
     const intl before = map.dst_perspective ? met > 0.0f : met < 0.0f;
     const intl settles = pixels->smooth & in_triangle & shows & !open & (w_met > 0.0f) & before;
-    pixels->u = pick(settles, u_met, u);
-    pixels->v = pick(settles, v_met, v);
-    pixels->n = pick(settles, met, pixels->n);
-    pixels->settled = pixels->settled | settles;
+    pixels->n = pick(settles, met, (floatl)EMPTY);
     pixels->traced = pixels->traced & !settles;
 }
 
@@ -168,17 +172,15 @@ INLINED void meet_there(Pixels *pixels, Grid grid, PixelMap map, int x0, int y, 
     SORT(0, 3) SORT(1, 4) SORT(0, 2) SORT(1, 3) SORT(0, 1) SORT(2, 4) SORT(1, 2) SORT(3, 4) SORT(2, 3)
 #endif
 
-/* Where on the pixels' own lines their neighbours' answers lie, (dx, dy) pixels away; INFINITY: nowhere. */
-INLINED floatl place_of(global const float *seen, PixelMap map, Rays rays, Epipolar epipolar, intl x, int y, int dx,
-                        int dy)
+/* Where on the pixels' own lines the answers lie that pixels x of row y got; INFINITY: nowhere. Beyond the image's border
+ * the pixels at the border stand in. */
+INLINED floatl place_of(global const float *seen, PixelMap map, Rays rays, Epipolar epipolar, intl x, int y)
 {
-    const intl nx = x + dx;
-    const int ny = y + dy;
-    const intl index = clamp(ny, 0, map.dst_height - 1) * map.dst_pitch + clamp(nx, (intl)0, (intl)(map.dst_width - 1));
-    const floatl answer = (floatl)(gather(seen, index));
+    global const float *row = seen + (size_t)clamp(y, 0, map.dst_height - 1) * map.dst_pitch;
+    const intl at = min(max(x, (intl)0), (intl)(map.dst_width - 1));
+    const floatl answer = (floatl)(gather(row, at));
     const floatl place = distance_of(rays, epipolar, answer);
-    const intl there = (nx >= 0) & (nx < map.dst_width) & (intl)(ny >= 0 && ny < map.dst_height ? -1 : 0);
-    return pick(there & IS_MET(answer) & isfinite_lanes(place), place, (floatl)INFINITY);
+    return pick(IS_MET(answer) & isfinite_lanes(place), place, (floatl)INFINITY);
 }
 
 /* Pixels of a row, one a lane, traced around what their line and their neighbours' lines saw. Target nearness of the
@@ -189,16 +191,16 @@ INLINED floatl trace_around(global const float *seen, Grid grid, PixelMap map, i
     const Rays rays = rays_of(map, to_floatl(x), y);
     const Epipolar epipolar = epipolar_of(rays, grid);
     floatl places[ANSWERS];
-    places[0] = place_of(seen, map, rays, epipolar, x, y, 0, 0);
-    places[1] = place_of(seen, map, rays, epipolar, x, y, -1, 0);
-    places[2] = place_of(seen, map, rays, epipolar, x, y, 1, 0);
-    places[3] = place_of(seen, map, rays, epipolar, x, y, 0, -1);
-    places[4] = place_of(seen, map, rays, epipolar, x, y, 0, 1);
+    places[0] = place_of(seen, map, rays, epipolar, x, y);
+    places[1] = place_of(seen, map, rays, epipolar, x - 1, y);
+    places[2] = place_of(seen, map, rays, epipolar, x + 1, y);
+    places[3] = place_of(seen, map, rays, epipolar, x, y - 1);
+    places[4] = place_of(seen, map, rays, epipolar, x, y + 1);
 #if ZOOMED
-    places[5] = place_of(seen, map, rays, epipolar, x, y, -apart, 0);
-    places[6] = place_of(seen, map, rays, epipolar, x, y, apart, 0);
-    places[7] = place_of(seen, map, rays, epipolar, x, y, 0, -apart);
-    places[8] = place_of(seen, map, rays, epipolar, x, y, 0, apart);
+    places[5] = place_of(seen, map, rays, epipolar, x - apart, y);
+    places[6] = place_of(seen, map, rays, epipolar, x + apart, y);
+    places[7] = place_of(seen, map, rays, epipolar, x, y - apart);
+    places[8] = place_of(seen, map, rays, epipolar, x, y + apart);
 #endif
     SORT_PLACES
     Stretches stretches;
@@ -242,7 +244,7 @@ INLINED Color read_there(Pixels *pixels, Grid grid, PixelMap map, global const c
         const intl at = sy * map.src_pitch + sx;
         const floatl q = (floatl)(gather(grid.nearness, at)), sample_u = to_floatl(sx), sample_v = to_floatl(sy);
         const floatl w = PIXEL_ROW(D, 2, sample_u, sample_v) + D[11] * q;
-        pixels->n = pick(w > 0.0f, (PIXEL_ROW(D, 3, sample_u, sample_v) + D[15] * q) / w, pixels->n);
+        pixels->n = pick(IS_HIT(pixels->n) & (w > 0.0f), (PIXEL_ROW(D, 3, sample_u, sample_v) + D[15] * q) / w, pixels->n);
         return read_color(src_color, sy * map.src_width + sx, count);
     }
     const floatl diagonal = fu + fv - 1.0f;
@@ -265,7 +267,7 @@ INLINED Color read_there(Pixels *pixels, Grid grid, PixelMap map, global const c
 INLINED void write_origin(Pixels pixels, int lane, global float *origin, int view)
 {
     const float3 from = (float3)(((const float *)&pixels.u)[lane], ((const float *)&pixels.v)[lane], view);
-    vstore3(((const int *)&pixels.settled)[lane] ? from : (float3)(NAN), lane, origin);
+    vstore3(IS_HIT(((const float *)&pixels.n)[lane]) ? from : (float3)(NAN), lane, origin);
 }
 #endif
 
@@ -278,7 +280,7 @@ INLINED void write_pixels(Pixels pixels, Color c, PixelMap map, int merge, int c
 #endif
 )
 {
-    const intl settled = pixels.settled;
+    const intl settled = IS_HIT(pixels.n);
     const floatl z = DEPTH(map, pixels.n);
     if (!merge && count == LANES) {
         store_lanes(pick(settled, z, (floatl)NAN), depth);
@@ -343,9 +345,13 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
         foresee(src_color + 3 * (v_f * map.src_width + u_f));
 #endif
     }
-    for (int p = 0; p < packets; p++)
-        if (any_lane(pixels[p].smooth))
-            meet_there(&pixels[p], grid, map, strip_x + p * LANES, y, answers, shown);
+    if (answers != ANSWERS_ARE_OWN)
+        for (int p = 0; p < packets; p++) {
+            if (any_lane(pixels[p].smooth))
+                meet_there(&pixels[p], grid, map, strip_x + p * LANES, y, answers, shown);
+            else
+                pixels[p].n = EMPTY;
+        }
 
     /* Those that are not settled, in full packets. */
     int left[(STRIP + 1) * LANES], count = 0;
@@ -363,23 +369,16 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
         const intl wanted = first + lane_index < count;
         const intl pixel = pick(wanted, (intl)load_lanes(left + first), (intl)0), x = strip_x + pixel;
         const floatl n = trace_around(seen, grid, map, x, y, wanted, shown, apart, density, window, &cells);
-        const floatl w = PIXEL_ROW(S, 2, to_floatl(x), y) + n * S[11];
-        const floatl u = (PIXEL_ROW(S, 0, to_floatl(x), y) + n * S[3]) / w, v = (PIXEL_ROW(S, 1, to_floatl(x), y) + n * S[7]) / w;
-        for (int i = 0; i < min(count - first, LANES); i++) {
-            const int lane = left[first + i] % LANES;
-            Pixels *there = &pixels[left[first + i] / LANES];
-            ((float *)&there->u)[lane] = ((const float *)&u)[i];
-            ((float *)&there->v)[lane] = ((const float *)&v)[i];
-            ((float *)&there->n)[lane] = ((const float *)&n)[i];
-            ((int *)&there->settled)[lane] = IS_HIT(((const float *)&n)[i]) ? -1 : 0;
-        }
+        for (int i = 0; i < min(count - first, LANES); i++)
+            ((float *)&pixels[left[first + i] / LANES].n)[left[first + i] % LANES] = ((const float *)&n)[i];
     }
 
     for (int p = 0; p < packets; p++) {
-        if (merge && !any_lane(pixels[p].settled))
+        if (merge && !any_lane(IS_HIT(pixels[p].n)))
             continue;
         const int x0 = strip_x + p * LANES;
         const size_t out = (size_t)y * map.dst_width + x0;
+        find_place(&pixels[p], map, x0, y);
         const Color c = read_there(&pixels[p], grid, map, src_color, linear);
         write_pixels(pixels[p], c, map, merge, min(high_x - x0, LANES), depth + out, color + 3 * out, valid + out
 #if ORIGINS
