@@ -206,7 +206,7 @@ def _draw_views(
         for number, (some, pixel_map) in enumerate(zip(samples, maps, strict=True)):
             classify(some, pixel_map, target, options, number == 0)
     if fill is not None:
-        fill_from_behind(target, min(maps, key=lambda pixel_map: pixel_map.parallax))
+        fill_from_behind(target, min(maps, key=lambda pixel_map: pixel_map.parallax).epipole)
 
 
 def looks(sample: Sample, edges: Edges, cut_ratio: float, side: Side, search: bool = False) -> Options:

@@ -25,6 +25,7 @@ _APART_MOST = 16
 _LOOK_TORN, _LOOK_CONNECTED = (1.0, 1.0), (0.5, 4.0)  # `rough` and `window` of kernels/warp/resolve.cl, measured
 _STRIP = 16  # packets of a row that one work-item of a CPU takes: enough to hide what starting it costs
 _CHUNK = 1 << 14  # pixels that one work-item clears
+_BLOCK = 32  # BLOCK of kernels/warp/fill.cl
 _RUN = 64  # pixels of a row that one work-item of a CPU fills: starting one takes longer than most pixels
 
 
@@ -214,8 +215,8 @@ def splat(samples: Samples, pixel_map: PixelMap, target: Target, size: float) ->
     target.blank = False
 
 
-def fill_from_behind(target: Target, pixel_map: PixelMap) -> None:
-    """Holes get what lies behind them along their epipolar lines."""
+def fill_from_behind(target: Target, epipole: NDArray[np.float64]) -> None:
+    """Holes get what lies behind them along the lines through the epipole, (3,) homogeneous; all 0: along rows."""
     from pyibr.opencl.device import current
     from pyibr.opencl.launch import launch
     from pyibr.opencl.memory import empty
@@ -223,25 +224,20 @@ def fill_from_behind(target: Target, pixel_map: PixelMap) -> None:
 
     width, height = target.camera.size
     run = 1 if current().lanes == 1 else _RUN
-    blocks = empty((-(-height // 16), -(-width // 16)), np.uint8)
-    shared = {"valid": target.valid, "blocks": blocks, "width": width, "height": height}
-    launch(
-        kernel("warp/fill.cl", "fill_blocks", COLOR_BYTES=target.channel_bytes),
-        (blocks.shape[1], blocks.shape[0]),
-        **shared,
-    )
-    x, y, w = pixel_map.epipole / max(float(np.abs(pixel_map.epipole).max()), 1e-30)
-    launch(
-        kernel("warp/fill.cl", "fill_holes", COLOR_BYTES=target.channel_bytes),
-        (-(-width // run), height),
-        run=run,
-        color=target.color,
-        depth=target.depth,
-        epipole_x=x,
-        epipole_y=y,
-        epipole_w=w,
-        **shared,
-    )
+    grid = -(-width // run), height
+    defines = {"COLOR_BYTES": target.channel_bytes}
+    image: dict[str, Any] = {"valid": target.valid, "width": width, "height": height}
+    shared: dict[str, Any] = {**image, "color": target.color, "depth": target.depth, "run": run}
+    x, y, w = (epipole / max(float(np.abs(epipole).max()), 1e-30)).astype(np.float32).tolist()
+    # An epipole at infinity gives all pixels one direction: if it is exactly to a neighbour, they share lines, too.
+    if w == 0 and {x, y} <= {-1.0, 0.0, 1.0}:
+        dx, dy = (-x, -y) if x or y else (1, 0)
+        launch(kernel("warp/fill.cl", "fill_runs", **defines), grid, dx=dx, dy=dy, **shared)
+        return
+    blocks = empty((-(-height // _BLOCK), -(-width // _BLOCK)), np.uint8)
+    launch(kernel("warp/fill.cl", "fill_blocks", **defines), blocks.shape[::-1], blocks=blocks, **image)
+    away = {"epipole_x": x, "epipole_y": y, "epipole_w": w}
+    launch(kernel("warp/fill.cl", "fill_holes", **defines), grid, blocks=blocks, **away, **shared)
 
 
 def classify(samples: Samples, pixel_map: PixelMap, target: Target, options: Options, first: bool) -> None:

@@ -6,10 +6,12 @@
 #define channel uchar
 #define CHANNEL_MOST 255.0f
 #define to_channel(value) convert_uchar_sat_rte(value)
+#define to_channels(values) convert_uchar4_sat_rte(values) /* of a float4, at the cost of one */
 #define rounded(value) floor((value) + 0.5f) /* halves up, as vectors of pixels are */
 #else
 #define channel float
 #define CHANNEL_MOST 1.0f
 #define to_channel(value) (value)
+#define to_channels(values) (values)
 #define rounded(value) (value)
 #endif

@@ -126,7 +126,7 @@ ways = (
 )
 view = scenes.scene(scenes.stepped_depth, (13, 7), far=4.8)
 line = scenes.scene(scenes.smooth_depth, (7, 1))
-for pose in scenes.target_cameras(view, "E", (9, 11))[:1] + scenes.special_cameras(view, (9, 11))[2:3]:
+for pose in scenes.target_cameras(view, "E", (9, 11))[:1] + scenes.special_cameras(view, (9, 11))[2:5:2]:
     for way in ways:
         ibr.warp([view, line], pose.camera, **way)
 """
