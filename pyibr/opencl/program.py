@@ -29,6 +29,10 @@ _Signatures = dict[str, list[tuple[str, str]]]
 
 _INCLUDE = re.compile(r'^\s*#include "([^"]+)"', re.MULTILINE)
 
+_NO_DENORMALS = "-cl-denorms-are-zero"
+"""They mean nothing in any kernel, and CPUs take a hundred cycles for one. A way of running: binaries do not hold it."""
+
+
 
 @dataclass(frozen=True)
 class Argument:
@@ -95,8 +99,7 @@ def kernel(file: str, name: str, **defines: int) -> Kernel:
 def _build(session: Session, file: str, name: str, defines: dict[str, int]) -> Kernel:
     import pyopencl as cl
 
-    # Denormals mean nothing in any kernel, and CPUs take a hundred cycles for one.
-    options = ["-cl-std=CL1.2", "-cl-denorms-are-zero", "-Werror", "-cl-kernel-arg-info"]
+    options = ["-cl-std=CL1.2", _NO_DENORMALS, "-Werror", "-cl-kernel-arg-info"]
     named = {"LANES": session.lanes, **defines}
     options += [f"-D{define}={value}" for define, value in sorted(named.items())]
     source = _expand(file)
@@ -170,6 +173,6 @@ def _load(session: Session, stem: Path, name: str) -> tuple[cl.Program, _Signatu
         if name not in signatures:
             return None
         program = cl.Program(session.context, [session.context.devices[0]], [binary])
-        return _quietly_built(program, []), signatures
+        return _quietly_built(program, [_NO_DENORMALS]), signatures
     except (ValueError, TypeError, cl.Error):
         return None  # damaged, or of another time: built anew
