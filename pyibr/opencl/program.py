@@ -30,7 +30,7 @@ _Signatures = dict[str, list[tuple[str, str]]]
 _INCLUDE = re.compile(r'^\s*#include "([^"]+)"', re.MULTILINE)
 
 _NO_DENORMALS = "-cl-denorms-are-zero"
-"""They mean nothing in any kernel, and CPUs take a hundred cycles for one. A way of running: binaries do not hold it."""
+"""They mean nothing in any kernel, and CPUs take a hundred cycles for one. Binaries do not hold this option."""
 
 
 
