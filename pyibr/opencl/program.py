@@ -33,7 +33,6 @@ _NO_DENORMALS = "-cl-denorms-are-zero"
 """They mean nothing in any kernel, and CPUs take a hundred cycles for one. Binaries do not hold this option."""
 
 
-
 @dataclass(frozen=True)
 class Argument:
     """One argument of a kernel, as its source declares it."""

@@ -150,10 +150,12 @@ def test_epipolar_sees_what_search_sees(first):
 
 @pytest.mark.parametrize(
     "seed",
-    [11, 143, 517, 2646, 2905, 4487, 5011, 5879, 20786]  # slits between torn pieces
-    + [33878]  # a back close behind a front
-    + [40163, 41897, 50170, 52136]  # along diagonals, and at the border of the source
-    + [33488, 39031, 48318, 52866],  # backs amid fronts
+    [
+        *(11, 143, 517, 2646, 2905, 4487, 5011, 5879, 20786),  # slits between torn pieces
+        33878,  # a back close behind a front
+        *(40163, 41897, 50170, 52136),  # along diagonals, and at the border of the source
+        *(33488, 39031, 48318, 52866),  # backs amid fronts
+    ],
 )
 def test_warps_that_were_wrong(seed):
     case = make_case(seed)
