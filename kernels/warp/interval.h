@@ -1,0 +1,184 @@
+/* What a walk along lines of the source settles of the target's lines: the pixels that a connected run of samples has
+ * settled are one interval, which the run's next segment extends at either end.
+ *
+ * The first segment that crosses a pixel's ray is what it sees: a pixel that is settled stays as it is.
+ */
+#include "warp/answers.h"
+#include "warp/lines.h"
+
+#define AHEAD 8 /* steps between a prefetch and the use */
+/* Walks across rows touch a new page each step, which hardware does not foresee. Lines next to each other share
+ * cache lines: the first and the last are enough. */
+#define FORESEE_LANE(l) foresee(base + fetched.s##l);
+#define FORESEE(array, index, by, last)                                                                        \
+    {                                                                                                          \
+        global const float *base = array;                                                                      \
+        const intl fetched = clamp(index + by, (intl)0, (intl)(last));                                         \
+        FORESEE_LANE(0) FORESEE_LANE(f)                                                                        \
+        if (group.spacing > 1.0f) {                                                                            \
+            FORESEE_LANE(8)                                                                                    \
+            if (group.spacing > 2.0f) {                                                                        \
+                FORESEE_LANE(4) FORESEE_LANE(c)                                                                \
+            }                                                                                                  \
+        }                                                                                                      \
+    }
+
+/* The pixels [below + 1, above - 1] of a line. */
+typedef struct {
+    floatl below, above;
+    intl anew;  /* the next segment begins another interval */
+    intl begun; /* there has been one */
+} Interval;
+
+/* A sample (or a place between samples) of the line: its nearness, and its homogeneous target position. */
+typedef struct {
+    floatl nearness, p, w, q;
+} Place;
+
+/* Where a line's answers go. */
+typedef struct {
+    global float *seen;
+    int spare;      /* for lanes with nothing to write */
+    int up_hides, down_hides; /* 1: segments that extend the interval that way have a side that is not shown */
+    int begun_anew; /* a lane has more than one interval: pixels outside of the last one may be settled, too */
+    uint pixels;
+} Answers;
+
+#define COUNT(counter, mask) for (int l = 0; l < LANES; l++) counter += ((int *)&(mask))[l] != 0;
+#define STORE_LANE(l) seen[address.s##l] = stored.s##l;
+
+/* Settles the pixels between the ends of a segment of the surface that its interval does not hold yet. there: lanes
+ * that have a segment; open: it is no surface. */
+INLINED void extend(Interval *interval, Answers *answers, Place a, Place b, intl there, intl open, Epipolars line, LineGroup group, PixelMap map)
+{
+    const float guard = 5e-7f * (map.dst_width + map.dst_height); /* rounding: no pixel may have two owners, */
+    global float *seen = answers->seen;
+
+    const floatl crosses = b.p * a.w - a.p * b.w; /* the sign of the target's move from a to b, if both are before it */
+    const intl emerges = (a.w <= 0.0f) & (b.w > 0.0f); /* out of the plane of the target's centre */
+    const intl begins = there & (!open) & (interval->anew | emerges);
+    if (any_lane(begins)) {
+        const floatl from_infinity = pick(crosses > 0.0f, (floatl)-1e9f, (floatl)1e9f);
+        const floatl t = lesser(greater(pick(emerges, from_infinity, a.p / a.w), line.low - 1.0f), line.high + 1.0f);
+        /* and a pixel that the segment only just begins at is its own, whichever way it goes on */
+        const floatl next = pick((crosses > 0.0f) | emerges, ceil_lanes(t - guard), floor_lanes(t + guard) + 1.0f);
+        const floatl first = lesser(greater(next, line.low), line.high + 1.0f);
+        interval->above = pick(begins, first, interval->above);
+        interval->below = pick(begins, first - 1.0f, interval->below);
+        answers->begun_anew |= any_lane(begins & interval->begun);
+        interval->begun = interval->begun | begins;
+    }
+    interval->anew = pick(there, open, interval->anew);
+    const intl closed = there & !open;
+    for (;;) {
+        const intl goes_up = closed & (b.p - interval->above * b.w >= -guard * b.w) & (interval->above <= line.high);
+        const intl goes_down = closed & (b.p - interval->below * b.w <= guard * b.w) & (interval->below >= line.low);
+        if (!any_lane(goes_up | goes_down))
+            break;
+        const floatl p = pick(goes_up, interval->above, interval->below);
+        const floatl g0 = a.p - p * a.w, g1 = b.p - p * b.w;
+        const floatl f = lesser(greater(g0 / (g0 - g1), (floatl)0.0f), (floatl)1.0f);
+        const floatl w = a.w + f * (b.w - a.w);
+        const intl settles = (goes_up | goes_down) & (w > 0.0f);
+        if (!any_lane(settles))
+            break;
+#ifdef COUNT_SAMPLES
+        COUNT(answers->pixels, settles)
+#endif
+        interval->above = pick(settles & goes_up, interval->above + 1.0f, interval->above);
+        interval->below = pick(settles & !goes_up, interval->below - 1.0f, interval->below);
+
+#if ALIGNED /* each line has pixels of its own */
+        const intl address = pick(settles, line.first_pixel + to_intl(p) * (line.along ? map.dst_pitch : 1), answers->spare + lane_index);
+#else
+        const float b_along = map.dst_from_src[4 * line.along + 3], b_across = map.dst_from_src[4 * line.across + 3];
+        const float b_w = map.dst_from_src[11], innermost = 1 << group.levels;
+        const floatl at_line = line.start + line.slope * p, c = floor_lanes(at_line + 0.5f);
+        const floatl distance = group.distance + group.distance_step * p;
+        /* Lines are 1/2 to 1 pixel apart in each ring, less within the last one. */
+        const floatl in_ring = as_floatl(((as_intl(distance) - 1) & 0x007fffff) | 0x3f000000);
+        const floatl apart = lesser(in_ring, distance * innermost);
+        const floatl D_along = (p * b_w - b_along) * group.side, D_across = fabs(c * b_w - b_across);
+        const intl in_wedge = line.along ? (D_along > D_across) : (D_along >= D_across);
+        const intl owns = in_wedge & (fabs(at_line - c) < 0.5f * apart - guard) & (distance > group.least) &
+                          (c >= group.cross_low) & (c <= group.cross_high);
+        const intl pc = to_intl(c), pa = to_intl(p);
+        const intl address = pick(settles & owns, line.along ? pa * map.dst_pitch + pc : pc * map.dst_pitch + pa,
+                                  answers->spare + lane_index);
+#endif
+#if LANES == 16
+        if (line.along) {
+            const int ahead = AHEAD * map.dst_pitch;
+            FORESEE(seen, address, pick(goes_up, (intl)ahead, (intl)-ahead), map.dst_height * map.dst_pitch - 1)
+        }
+#endif
+        const floatl met = (a.q + f * (b.q - a.q)) / w;
+        const intl hides = pick(goes_up, (intl)answers->up_hides, (intl)answers->down_hides);
+        const floatl value = ANSWER(met, hides);
+        floatl stored = value;
+        if (answers->begun_anew) {
+            const floatl before = (floatl)(gather(seen, address));
+            stored = pick(before == EMPTY, value, before);
+        }
+#if LANES == 1
+        seen[address] = stored;
+#else
+        EACH_LANE(STORE_LANE)
+#endif
+    }
+}
+
+/* Homogeneous target positions along lines of the source at nearness 0: affine in the distance walked. */
+typedef struct {
+    floatl p_0, p_1, w_0, w_1, q_0, q_1;
+    float b_p, b_w, b_q; /* and what nearness adds */
+} Targets;
+
+INLINED Targets targets_of(PixelMap map, int along, floatl u, floatl v, floatl du, floatl dv)
+{
+    const float *D = map.dst_from_src;
+    Targets targets;
+    targets.p_0 = PIXEL_ROW(D, along, u, v);
+    targets.p_1 = D[4 * along] * du + D[4 * along + 1] * dv;
+    targets.w_0 = PIXEL_ROW(D, 2, u, v);
+    targets.w_1 = D[8] * du + D[9] * dv;
+    targets.q_0 = PIXEL_ROW(D, 3, u, v);
+    targets.q_1 = D[12] * du + D[13] * dv;
+    targets.b_p = D[4 * along + 3];
+    targets.b_w = D[11];
+    targets.b_q = D[15];
+    return targets;
+}
+
+INLINED Place place_at(Targets targets, floatl distance, floatl nearness)
+{
+    Place place;
+    place.nearness = nearness;
+    place.p = targets.p_0 + targets.p_1 * distance + nearness * targets.b_p;
+    place.w = targets.w_0 + targets.w_1 * distance + nearness * targets.b_w;
+    place.q = targets.q_0 + targets.q_1 * distance + nearness * targets.b_q;
+    return place;
+}
+
+INLINED Place pick_place(intl mask, Place yes, Place no)
+{
+    Place place;
+    place.nearness = pick(mask, yes.nearness, no.nearness);
+    place.p = pick(mask, yes.p, no.p);
+    place.w = pick(mask, yes.w, no.w);
+    place.q = pick(mask, yes.q, no.q);
+    return place;
+}
+
+/* Behind an orthographic target's image plane? Behind a perspective one, W tells. */
+#define IS_BEHIND(map, place) ((map).dst_perspective ? (intl)0 : ((place).q >= 0.0f))
+
+INLINED Interval nothing_settled(Epipolars line)
+{
+    Interval interval;
+    interval.anew = -1;
+    interval.begun = 0;
+    interval.above = line.low;
+    interval.below = line.low - 1.0f;
+    return interval;
+}

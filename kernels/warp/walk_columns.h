@@ -1,0 +1,183 @@
+/* Along lines of the source from column to column (or row to row): the surface is straight between two of them where it
+ * is connected, which leaves out the corners at diagonals and rows, but it ends where its triangles end.
+ */
+#include "warp/interval.h"
+
+#define IS_TRIANGLE_OPEN(cut, a, b, c) IS_OPEN(cut, greater(a, greater(b, c)), lesser(a, lesser(b, c)))
+
+/* Where lines pass a column, between two of its samples. */
+typedef struct {
+    floatl cell, part; /* the first sample, and the share of the way to the second; beyond 0 and 1 beside the image */
+    intl at;           /* the first sample's index */
+    floatl a, b;       /* the samples' nearness */
+    Place place;
+} Column;
+
+/* What lies between two columns. The lines are in one cell, or pass a row and are in two. */
+typedef struct {
+    Column from, to;
+    floatl begins, ends;           /* the part of the way that is the lines': all of it, 0 to 1, but at their ends */
+    floatl passed;                 /* the row: 1 the cell's last, -1 its first, 0 none */
+    floatl beyond_from, beyond_to; /* then the columns' samples of the two cells that are not the columns' own */
+    floatl slope;                  /* rows a column */
+} Step;
+
+/* The triangles that lines pass on a step, in order, two in each cell. */
+typedef struct {
+    floatl leaves[4];   /* the part of the way at which the lines leave them: none is entered that is left before */
+    floatl nearness[3]; /* the surface's, there */
+    intl open[4];
+} Triangles;
+
+/* Cells' diagonals go from the first column's second sample to the second column's first. */
+INLINED Triangles triangles_of(Step step, Cut cut)
+{
+    const Column from = step.from, to = step.to;
+    const intl none = step.passed == 0.0f, down = step.passed > 0.0f, up = step.passed < 0.0f;
+    /* The second column's samples of the cell that is left, and the first column's of the cell that is entered. */
+    const floatl to_a = pick(down, step.beyond_to, pick(up, to.b, to.a)), to_b = pick(down, to.a, pick(up, step.beyond_to, to.b));
+    const floatl from_a = pick(down, from.b, pick(up, step.beyond_from, from.a));
+    const floatl from_b = pick(down, step.beyond_from, pick(up, from.a, from.b));
+    const floatl per_diagonal = 1.0f / (1.0f + step.slope), diagonal = (1.0f - from.part) * per_diagonal;
+    const floatl row = lesser(pick(down, 1.0f - from.part, -from.part) / step.slope, (floatl)1.0f);
+    const floatl row_from = pick(down, from.b, from.a), row_to = pick(down, to.a, to.b);
+
+    Triangles triangles;
+    triangles.leaves[0] = lesser(diagonal, pick(none, (floatl)1.0f, row));
+    triangles.leaves[1] = pick(none, triangles.leaves[0], row);
+    /* Upwards, a row is entered past the diagonal. */
+    triangles.leaves[2] = pick(down, greater(lesser((2.0f - from.part) * per_diagonal, (floatl)1.0f), row), triangles.leaves[1]);
+    triangles.leaves[3] = 1.0f;
+    triangles.nearness[1] = row_from + triangles.leaves[1] * (row_to - row_from);
+    triangles.nearness[0] = pick(none | (diagonal < row), from.b + triangles.leaves[0] * (to_a - from.b), triangles.nearness[1]);
+    triangles.nearness[2] = from_b + triangles.leaves[2] * (to.a - from_b);
+    triangles.open[0] = IS_TRIANGLE_OPEN(cut, from.a, from.b, to_a);
+    triangles.open[1] = IS_TRIANGLE_OPEN(cut, to_a, to_b, from.b);
+    triangles.open[2] = IS_TRIANGLE_OPEN(cut, from_a, from_b, to.a);
+    triangles.open[3] = IS_TRIANGLE_OPEN(cut, to.a, to.b, from_b);
+    return triangles;
+}
+
+/* On a step where the surface may be torn: each run of triangles that are there is a segment. major: of the first
+ * column. */
+INLINED void extend_torn(Interval *interval, Answers *answers, Step step, Cut cut, Targets targets, floatl major, intl active,
+                         Epipolars line, LineGroup group, PixelMap map)
+{
+    const Triangles triangles = triangles_of(step, cut);
+    Place begin = step.from.place, enters = begin;
+    floatl entered = step.begins;
+    intl inside = 0;
+    for (int part = 0; part < 4; part++) {
+        const floatl leaves = triangles.leaves[part];
+        const intl there = active & (leaves > entered) & (entered < step.ends);
+        Place left = step.to.place;
+        if (part < 3)
+            left = pick_place(leaves < step.ends, place_at(targets, major + line.sign * leaves, triangles.nearness[part]), left);
+        const intl stops = there & (triangles.open[part] | IS_BEHIND(map, enters) | IS_BEHIND(map, left));
+        if (any_lane(inside & stops))
+            extend(interval, answers, begin, enters, inside & stops, (intl)0, line, group, map);
+        interval->anew = interval->anew | stops;
+        begin = pick_place(inside, begin, enters);
+        inside = (inside | there) & !stops;
+        enters = pick_place(there, left, enters);
+        entered = pick(there, leaves, entered);
+    }
+    if (any_lane(inside))
+        extend(interval, answers, begin, enters, inside, (intl)0, line, group, map);
+}
+
+/* Returns the columns that were passed. */
+INLINED uint walk(Grid grid, Epipolars line, LineGroup group, PixelMap map, Answers *answers)
+{
+    const floatl first = floor_lanes(line.from), last = lesser(ceil_lanes(line.to), line.last_major);
+    const intl steps = pick((line.low <= line.high) & (line.from <= line.to), to_intl(last - first), (intl)-1);
+    const Targets targets =
+        targets_of(map, line.along, pick(line.u_major, (floatl)0.0f, line.minor_0), pick(line.u_major, line.minor_0, (floatl)0.0f),
+                   pick(line.u_major, (floatl)1.0f, line.tilt), pick(line.u_major, line.tilt, (floatl)1.0f));
+    /* Where steps go towards smaller columns, rows are mirrored: so all lines meet the cells' diagonals alike. */
+    const intl mirrored = line.sign < 0.0f;
+    const floatl last_minor = to_floatl(line.last_minor);
+    const floatl minor_0 = pick(mirrored, last_minor - line.minor_0, line.minor_0), tilt = pick(mirrored, -line.tilt, line.tilt);
+    const intl stride = pick(mirrored, -line.stride_minor, line.stride_minor);
+    const intl at_0 = pick(mirrored, line.last_minor * line.stride_minor, (intl)0);
+    Step step;
+    step.slope = tilt * line.sign;
+    /* Lines along samples see the edges between them alone. */
+    const floatl longest = greater(last - first, (floatl)1.0f), start = minor_0 + tilt * first;
+    const intl along = (fabs(start - floor_lanes(start + 0.5f)) < ON_SAMPLES) &
+                       ((fabs(step.slope) * longest < ON_SAMPLES) | (fabs(step.slope + 1.0f) * longest < ON_SAMPLES));
+    const floatl nudge = pick(along, (floatl)0.5f, (floatl)0.0f);
+    const intl last_cell = pick(along, line.last_minor, max(line.last_minor - 1, 0));
+    const intl to_b = pick(along | (line.last_minor == 0), (intl)0, stride);
+    /* They end at the image's border and at the epipole, between columns. */
+    const floatl begins = pick(mirrored, last - line.to, line.from - first);
+    const floatl ends = 1.0f - pick(mirrored, line.from - first, last - line.to);
+
+    Interval interval = nothing_settled(line);
+    floatl major = pick(mirrored, last, first);
+    step.from.cell = step.from.part = 0.0f;
+    step.from.at = 0;
+    step.from.a = step.from.b = NO_SURFACE;
+    step.from.place = place_at(targets, major, (floatl)NO_SURFACE);
+    uint columns = 0;
+#if LANES == 16
+    const int last_sample = map.src_height * map.src_pitch - 1;
+    const intl ahead = AHEAD * to_intl(line.sign) * line.stride_major;
+#endif
+    for (int count = 0; any_lane(count <= steps); count++, major += line.sign) {
+        const intl active = count <= steps, is_last = count == steps;
+#ifdef COUNT_SAMPLES
+        COUNT(columns, active)
+#endif
+        const intl column = clamp(to_intl(major), (intl)0, to_intl(line.last_major));
+        const floatl minor = minor_0 + tilt * major;
+        Column to;
+        to.cell = to_floatl(max(min(to_intl(minor + nudge), last_cell), (intl)0));
+        if (count) /* no two rows at once, by rounding */
+            to.cell = lesser(greater(to.cell, step.from.cell - 1.0f), step.from.cell + 1.0f);
+        to.part = pick(along, (floatl)0.0f, minor - to.cell);
+        to.at = at_0 + column * line.stride_major + to_intl(to.cell) * stride;
+#if LANES == 16
+        FORESEE(grid.nearness, to.at, ahead, last_sample)
+#endif
+        const intl at_b = to.at + to_b;
+        to.a = (floatl)(gather(grid.nearness, to.at));
+        to.b = (floatl)(gather(grid.nearness, at_b));
+        const floatl part = lesser(greater(to.part, (floatl)0.0f), (floatl)1.0f);
+        to.place = place_at(targets, major, to.a + part * (to.b - to.a));
+
+        const Column from = step.from;
+        step.passed = pick(along | (intl)(count ? 0 : -1), (floatl)0.0f, to.cell - from.cell);
+        step.beyond_from = from.a;
+        step.beyond_to = to.a;
+        if (any_lane(step.passed != 0.0f)) {
+            const intl down = step.passed > 0.0f, up = step.passed < 0.0f;
+            const intl at_from = from.at + pick(down, 2 * stride, pick(up, -stride, (intl)0));
+            const intl at_to = to.at + pick(down, -stride, pick(up, 2 * stride, (intl)0));
+            step.beyond_from = (floatl)(gather(grid.nearness, at_from));
+            step.beyond_to = (floatl)(gather(grid.nearness, at_to));
+        }
+        step.begins = 0.0f;
+        step.ends = 1.0f;
+        if (count == 1 || any_lane(is_last)) {
+            const floatl nearness = from.place.nearness, change = to.place.nearness - nearness;
+            if (count == 1) {
+                step.begins = begins;
+                step.from.place = place_at(targets, major + line.sign * (begins - 1.0f), nearness + begins * change);
+            }
+            step.ends = pick(is_last, ends, step.ends);
+            to.place = pick_place(is_last, place_at(targets, major + line.sign * (ends - 1.0f), nearness + ends * change), to.place);
+        }
+        step.to = to;
+
+        const floatl high = greater(greater(greater(from.a, from.b), greater(to.a, to.b)), greater(step.beyond_from, step.beyond_to));
+        const floatl low = lesser(lesser(lesser(from.a, from.b), lesser(to.a, to.b)), lesser(step.beyond_from, step.beyond_to));
+        const intl torn = IS_OPEN(grid.cut, high, low) | IS_BEHIND(map, step.from.place) | IS_BEHIND(map, to.place);
+        if (any_lane(active & torn))
+            extend_torn(&interval, answers, step, grid.cut, targets, major - line.sign, active, line, group, map);
+        else
+            extend(&interval, answers, step.from.place, to.place, active, (intl)0, line, group, map);
+        step.from = to;
+    }
+    return columns;
+}
