@@ -95,7 +95,7 @@ INLINED Pixels look_around(global const float *seen, PixelMap map, int x0, int y
     if (fabs(y * D[11] - D[7]) <= AT_EPIPOLE * fabs(D[11])) /* no line there, and no parallax */
         in_place = in_place | ((fabs(x * D[11] - D[3]) <= AT_EPIPOLE * fabs(D[11])) & inside & !IS_MET(n));
     n = pick(in_place, (floatl)typical, n);
-    pixels.n = answers == ANSWERS_ARE_OWN ? pick(seen_here, n, (floatl)EMPTY) : n;
+    pixels.n = answers == ANSWERS_ARE_OWN ? pick(seen_here | in_place, n, (floatl)EMPTY) : n;
     const floatl inverse = find_place(&pixels, map, x0, y);
     if (answers == ANSWERS_OF_LINES) {
         const floatl moves_by = (fabs(S[3] - pixels.u * S[11]) + fabs(S[7] - pixels.v * S[11])) * fabs(inverse);
@@ -152,7 +152,8 @@ INLINED void meet_there(Pixels *pixels, Grid grid, PixelMap map, int x0, int y, 
     const intl shows = ((per_unit > 0.0f) & (intl)(shown & SHOWS_FRONT ? -1 : 0)) | ((per_unit < 0.0f) & (intl)(shows_back ? -1 : 0));
     const intl before = map.dst_perspective ? met > 0.0f : met < 0.0f;
     const intl settles = pixels->smooth & in_triangle & shows & !open & (w_met > 0.0f) & before;
-    pixels->n = pick(settles, met, (floatl)EMPTY);
+    const intl own = answers == ANSWERS_ARE_OWN ? !pixels->smooth : (intl)0;
+    pixels->n = pick(settles, met, pick(own, pixels->n, (floatl)EMPTY));
     pixels->traced = pixels->traced & !settles;
 }
 
@@ -345,13 +346,12 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
         foresee(src_color + 3 * (v_f * map.src_width + u_f));
 #endif
     }
-    if (answers != ANSWERS_ARE_OWN)
-        for (int p = 0; p < packets; p++) {
-            if (any_lane(pixels[p].smooth))
-                meet_there(&pixels[p], grid, map, strip_x + p * LANES, y, answers, shown);
-            else
-                pixels[p].n = EMPTY;
-        }
+    for (int p = 0; p < packets; p++) {
+        if (any_lane(pixels[p].smooth))
+            meet_there(&pixels[p], grid, map, strip_x + p * LANES, y, answers, shown);
+        else if (answers != ANSWERS_ARE_OWN)
+            pixels[p].n = EMPTY;
+    }
 
     /* Those that are not settled, in full packets. */
     int left[(STRIP + 1) * LANES], count = 0;
