@@ -148,13 +148,15 @@ def _laid(
             if low > high:
                 continue
             levels = min(_MOST_LEVELS, max(0, int(-math.log2(max(fan.nearest, 1e-9)))))
-            first = math.floor(low) - 2**levels + (0.0 if through_pixels or fan.is_diagonal else _OFFSET)
+            # Lines through pixels are the pixels' own, from the first on; others' slopes lead in from beyond.
+            beyond = 0 if through_pixels else 2**levels
+            first = math.floor(low) - beyond + (0.0 if through_pixels or fan.is_diagonal else _OFFSET)
             # All odd lines end at half the distance, all odd multiples of two at a quarter, ...
             for level in range(levels + 1):
                 goes_on = level == levels
                 spacing = 2**level if goes_on else 2 ** (level + 1)
                 start = first if goes_on else first + 2**level
-                count = int((high + 2**levels - start) // spacing) + 1
+                count = int((high + beyond - start) // spacing) + 1
                 least = 0.0 if goes_on else 0.5 ** (level + 1)
                 along = fan.extent(least)
                 distance = -fan.e_along * side / farthest, w * side / farthest

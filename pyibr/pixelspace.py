@@ -198,18 +198,18 @@ class PixelMap:
     def reach(self) -> Rectangle:
         """The target's pixels that any of the source's samples, or the surface between them, may cover."""
         width, height = self.pair.dst.size
-        points = [point for end in (self.low, self.high) for point in self._corners(end)]
-        if all(w <= 0 for _, _, w in points):
+        points = [*self._corners(self.low), *self._corners(self.high)]
+        before = [w for _, _, w in points if w > 0]
+        if not before:
             return Rectangle(0, 0, 0, 0)
-        if any(w <= 0 for _, _, w in points):
+        if len(before) < len(points):
             return Rectangle(0, width, 0, height)
-        x = [min(max(u / w, -2), width + 1) for u, _, w in points]
-        y = [min(max(v / w, -2), height + 1) for _, v, w in points]
+        x, y = [u / w for u, _, w in points], [v / w for _, v, w in points]
         return Rectangle(
-            max(math.floor(min(x)), 0),
-            min(math.ceil(max(x)) + 1, width),
-            max(math.floor(min(y)), 0),
-            min(math.ceil(max(y)) + 1, height),
+            math.floor(min(max(min(x), 0), width)),
+            math.ceil(min(max(max(x), -2), width - 1)) + 1,
+            math.floor(min(max(min(y), 0), height)),
+            math.ceil(min(max(max(y), -2), height - 1)) + 1,
         )
 
     @cached_property

@@ -101,13 +101,13 @@ def render(
         raise ArgumentError("light", "a pyibr.Light or None", describe(light))
     around = numbers("background", background, (3,))
 
-    from pyibr.opencl.device import current
+    from pyibr.opencl.device import one_call
 
     in_float = any(isinstance(thing, DepthImage) and thing.color.dtype == np.float32 for thing in several)
     dtype = np.dtype(np.float32 if in_float else np.uint8)
     if (around < 0).any() or (around > (1 if in_float else 255)).any():
         raise ArgumentError("background", f"a colour in the range of {dtype}", describe(background))
-    with current().lock:
+    with one_call():
 
         def draw_all(target: Target, lit: Lighting | None = None) -> None:
             for draws, thing in zip(drawn, several, strict=True):

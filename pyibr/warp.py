@@ -161,9 +161,9 @@ def warp(
         raise ArgumentError("classes", 'False with method="forward", which asks no rays', "True")
     outs = _checked_out(out, camera, cameras, sources[0])
 
-    from pyibr.opencl.device import current
+    from pyibr.opencl.device import one_call
 
-    with current().lock:
+    with one_call():
         samples = [samples_of(view) for view in sources]
         pool: dict[int, Any] = {}
         targets: list[Target] = []

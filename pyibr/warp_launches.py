@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pyibr._check import Float64
 from pyibr.camera import Camera
 from pyibr.epipolar import line_groups
-from pyibr.pixelspace import NO_PARALLAX, PixelMap, pitch
+from pyibr.pixelspace import NO_PARALLAX, PixelMap, Rectangle, pitch
 from pyibr.samples import Samples
 from pyibr.target import Target
 
@@ -88,13 +89,14 @@ def _ask_lines(
     from pyibr.opencl.memory import upload
     from pyibr.opencl.program import kernel
 
-    lanes, reach, pair = current().lanes, pixel_map.reach, pixel_map.pair
-    groups, packets = line_groups(pixel_map.epipole, reach, lanes, pair.aligned)
+    lanes, reach, epipole, aligned = current().lanes, pixel_map.reach, pixel_map.epipole, pixel_map.pair.aligned
+    area = _whole_lines(reach, epipole, target.camera) if aligned and not reach.empty else reach
+    groups, packets = line_groups(epipole, area, lanes, aligned)
     # Lanes of the sweep with nothing to write need a place of their own to write it; packets at the end of the last
     # row read beyond it.
     beyond = max(packets * lanes, lanes + _APART_MOST)
     seen = target.scratch(target.camera.height * pitch(target.camera.width) + beyond)
-    if reach.empty or packets:
+    if reach.empty or (packets and (options.search or not aligned)):  # aligned lines leave out no pixel
         clear(seen, _EMPTY)
     if reach.empty:
         return seen, _OWN
@@ -115,8 +117,7 @@ def _ask_lines(
         return seen, _OWN
     # Lines that are the pixels' own must be exact, and connected surfaces have crests that no line may miss. Elsewhere
     # lines tell where to look.
-    aligned = pair.aligned
-    exact = not (pair.on_samples if aligned else options.cut_ratio is not None)
+    exact = not (pixel_map.pair.on_samples if aligned else options.cut_ratio is not None)
     launch(
         kernel("warp/epipolar.cl", "epipolar_sweep", ALIGNED=int(aligned), EDGES=int(exact)),
         (packets,),
@@ -129,6 +130,13 @@ def _ask_lines(
         **shared,
     )
     return seen, _OWN if aligned else _OF_LINES
+
+
+def _whole_lines(reach: Rectangle, epipole: Float64, camera: Camera) -> Rectangle:
+    """`reach` with all rows of the picture, or all columns: a line for each of them, along the epipole's axis."""
+    if epipole[0] != 0.0:
+        return replace(reach, low_y=0, high_y=camera.height)
+    return replace(reach, low_x=0, high_x=camera.width)
 
 
 def _resolve(
@@ -146,7 +154,10 @@ def _resolve(
         low_x, high_x, low_y, high_y = reach.low_x, reach.high_x, reach.low_y, reach.high_y
     rough, window = _LOOK_CONNECTED if options.cut_ratio is None else _LOOK_TORN
     strip = 1 if lanes == 1 else _STRIP
-    apart = min(math.ceil(0.5 / pixel_map.density), _APART_MOST)
+    # Aligned lines leave nothing to look for beside their answers, and what only such a look needs takes a while.
+    told = pixel_map.pair.aligned and shared["answers"] == _OWN
+    density, typical = (1.0, 1.0) if told else (pixel_map.density, pixel_map.typical)
+    apart = min(math.ceil(0.5 / density), _APART_MOST)
     defines = {"COLOR_BYTES": target.channel_bytes, "STRIP": strip, "ZOOMED": int(apart > 1)}
     origins = {} if target.origin is None else {"origin": target.origin, "view": view}
     launch(
@@ -159,8 +170,8 @@ def _resolve(
         high_x=high_x,
         low_y=low_y,
         high_y=high_y,
-        density=max(pixel_map.density, 1.0),
-        typical=pixel_map.typical,
+        density=max(density, 1.0),
+        typical=typical,
         apart=apart,
         rough=rough,
         window=window,

@@ -17,9 +17,10 @@
  * Work-item: LANES lines of one group. Cost: source samples + target pixels a line; lines <= about 2 (width + height).
  * Determinism: a pixel is written by at most one lane.
  *
- * seen: (dst_height, dst_pitch) answers (answers.h), filled with EMPTY before; behind them LANES
+ * seen: (dst_height, dst_pitch) answers (answers.h), filled with EMPTY before unless ALIGNED; behind them LANES
  * floats a work-item, for lanes with nothing to write. ALIGNED: all lines run along rows or columns of both images
- * (stereo, light fields) and pass through the pixels' centres, so that their answers are the pixels' own.
+ * (stereo, light fields) and pass through the pixels' centres, so that their answers are the pixels' own. There is a
+ * line for each row (or column), the first packet begins with the first one, and each packet fills its own with EMPTY.
  * EDGES: the surface is followed from edge to edge of its triangles (walk_edges.h), and not from column to column (row to
  * row, walk_columns.h), which leaves out the corners between: exact for the line, at about twice the cost.
  */
@@ -28,6 +29,18 @@
 #include "warp/walk_edges.h"
 #else
 #include "warp/walk_columns.h"
+#endif
+
+#if ALIGNED
+/* Nothing is settled on the rows (or columns) of a packet, whose first is the given one. */
+INLINED void clear_lines(global float *seen, int first, int along, PixelMap map)
+{
+    const int rows = along ? map.dst_height : min(LANES, map.dst_height - first), columns = along ? 1 : map.dst_width;
+    global float *from = seen + (along ? first : (size_t)first * map.dst_pitch);
+    for (int y = 0; y < rows; y++)
+        for (int x = 0; x < columns; x += LANES) /* rows have room for whole packets */
+            store_lanes((floatl)EMPTY, from + (size_t)y * map.dst_pitch + x);
+}
 #endif
 
 kernel void epipolar_sweep(global const float *nearness, global float *seen, global const LineGroup *groups,
@@ -50,6 +63,9 @@ kernel void epipolar_sweep(global const float *nearness, global float *seen, glo
         g++;
     const LineGroup group = groups[g];
     const Epipolars line = epipolars_of(group, map, packet, nearest, farthest);
+#if ALIGNED
+    clear_lines(seen, packet * LANES, line.along, map);
+#endif
     if (!any_lane((line.low <= line.high) & (line.from <= line.to)))
         return;
     const int front_is_up = group.side < 0; /* -D is towards larger pixels */

@@ -180,14 +180,14 @@ class DepthMeshObject(Fixed):
             If there are more than 32 views: a bit each.
         """
         from pyibr.depthmesh.drawing import draw_depth_mesh
-        from pyibr.opencl.device import current
+        from pyibr.opencl.device import one_call
         from pyibr.opencl.memory import empty
 
         if not isinstance(camera, Camera):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise ArgumentError("camera", "a pyibr.Camera", describe(camera))
         if len(self.meshes) > 32:
             raise ArgumentError("views", "at most 32, a bit each", f"{len(self.meshes)}")
-        with current().lock:
+        with one_call():
             found = empty((camera.height, camera.width), np.uint32)
             found.fill(0)
             draw_depth_mesh(Target(camera, np.dtype(np.uint8)), self, found)

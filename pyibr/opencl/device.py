@@ -21,14 +21,14 @@ from pyibr.opencl.cache import cache_folder
 from pyibr.opencl.choice import Device, choose, describe, explain_broken, select
 from pyibr.opencl.probe import Outcome, forget, probe
 from pyibr.opencl.runtimes import Found, found_devices
+from pyibr.opencl.spare import Spare
 
 if TYPE_CHECKING:
     import pyopencl as cl
 
-    from pyibr.opencl.memory import Block
     from pyibr.opencl.program import Kernel
 
-__all__ = ["Device", "Session", "cache_folder", "current", "devices", "explain", "use_device"]
+__all__ = ["Device", "Session", "cache_folder", "current", "devices", "explain", "one_call", "use_device"]
 
 VARIABLE = "PYIBR_DEVICE"
 
@@ -51,7 +51,7 @@ class Session:
         How many work-items' worth of work a kernel's lane loop holds: 16 on a CPU, 1 elsewhere.
     kernels : dict
         What `kernel` has built here.
-    spare : list
+    spare : Spare
         Memory that `empty` hands out again.
     lock : threading.RLock
         Held by a call while its launches are made and awaited: one call at a time uses the session.
@@ -65,7 +65,7 @@ class Session:
     is_cpu: bool
     lanes: int
     kernels: dict[Hashable, Kernel] = field(default_factory=dict["Hashable", "Kernel"], repr=False)
-    spare: list[Block] = field(default_factory=list["Block"], repr=False)
+    spare: Spare = field(default_factory=Spare, repr=False)
     lock: threading.RLock = field(default_factory=threading.RLock, repr=False)
     in_flight: list[object] = field(default_factory=list["object"], repr=False)
 
@@ -168,6 +168,18 @@ def current() -> Session:
     if chosen is not None:
         return _session(chosen)
     return _default_session(os.environ.get(VARIABLE, ""))
+
+
+@contextmanager
+def one_call() -> Generator[Session, None, None]:
+    """The session of the device in use, for one call alone: until it is done, its device stays the one in use."""
+    session = current()
+    with session.lock:
+        token = _chosen.set(session.device)  # `current` need not look at the environment each time
+        try:
+            yield session
+        finally:
+            _chosen.reset(token)
 
 
 def explain() -> tuple[Device, str]:

@@ -14,6 +14,7 @@ import numpy as np
 
 from pyibr.errors import DeviceError
 from pyibr.opencl.device import current
+from pyibr.opencl.spare import Block, rounded
 
 if TYPE_CHECKING:
     import pyopencl as cl
@@ -23,16 +24,6 @@ if TYPE_CHECKING:
 
 _HUGE_PAGE = 1 << 21
 _SPARE_BYTES = 1 << 28  # how much memory a session keeps for its next calls
-
-
-@dataclass(frozen=True, eq=False)
-class Block:
-    """A piece of device memory; where the device works in place, also the pages on the host that it lies in."""
-
-    buffer: cl.Buffer
-    size: int
-    pages: mmap.mmap | None = None
-    start: int = 0  # in the pages
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,32 +127,28 @@ def empty(shape: tuple[int, ...], dtype: DTypeLike, into: NDArray[Any] | None = 
 
 
 def _take(session: Session, size: int) -> Block:
-    """A block for `size` bytes: a spare one that is not much larger, else a new one."""
+    """A block for `size` bytes: a spare one, else a new one."""
     import pyopencl as cl
 
-    fitting = [block for block in session.spare if size <= block.size <= size + size // 4]
-    for block in sorted(fitting, key=lambda block: block.size):
-        with contextlib.suppress(ValueError):  # a finalizer may have let it go meanwhile
-            session.spare.remove(block)
-            return block
+    size = rounded(size)
+    spare = session.spare.take(size)
+    if spare is not None:
+        return spare
     flags = cl.mem_flags.READ_WRITE
     try:
         if not session.is_cpu:
-            return Block(cl.Buffer(session.context, flags, max(size, 1)), size)
+            return Block(cl.Buffer(session.context, flags, size), size)
         pages = _pages(size)
         memory = np.frombuffer(pages, np.uint8)
         start = -memory.ctypes.data % _HUGE_PAGE if memory.size >= size + _HUGE_PAGE else 0
-        hostbuf = memory[start : start + max(size, 1)]
+        hostbuf = memory[start : start + size]
         return Block(cl.Buffer(session.context, flags | cl.mem_flags.USE_HOST_PTR, hostbuf=hostbuf), size, pages, start)
     except (OSError, MemoryError, cl.MemoryError) as error:
         raise DeviceError(f"not enough memory on {session.device} for {size / 2**20:.0f} MiB more") from error
 
 
 def _give_back(session: Session, block: Block) -> None:
-    spare = session.spare
-    spare.append(block)
-    while sum(kept.size for kept in spare) > _SPARE_BYTES:
-        spare.pop(0)
+    session.spare.give(block, _SPARE_BYTES)
 
 
 def _pages(size: int) -> mmap.mmap:
@@ -172,7 +159,7 @@ def _pages(size: int) -> mmap.mmap:
     # Private: shared pages stay small, and a forked child would write into its parent's frames.
     private: dict[str, Any] = {"flags": mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS} if hasattr(mmap, "MAP_PRIVATE") else {}
     if size < _HUGE_PAGE or not hasattr(mmap, "MADV_HUGEPAGE"):
-        return mmap.mmap(-1, max(size, 1), **private)
+        return mmap.mmap(-1, size, **private)
     pages = mmap.mmap(-1, size + _HUGE_PAGE, **private)
     with contextlib.suppress(OSError):  # a kernel built without huge pages
         pages.madvise(mmap.MADV_HUGEPAGE)

@@ -167,10 +167,10 @@ class ReliefSurface(Fixed):
         """
         if not isinstance(camera, Camera):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise ArgumentError("camera", "a pyibr.Camera", describe(camera))
-        from pyibr.opencl.device import current
+        from pyibr.opencl.device import one_call
         from pyibr.opencl.memory import empty
 
-        with current().lock:
+        with one_call():
             places = empty((camera.height, camera.width, 2), np.float32)
             draw_relief(Target(camera, np.dtype(np.uint8)), self, None, places=places)
             return places.to_host()

@@ -52,12 +52,12 @@ def alpha_tests(thing: SlicedSurface | DepthObject | VisualHull, camera: Camera)
     >>> int(alpha_tests(surface, camera)[1, 6])  # slices 20, 19, ... 9, the first below the height of 9.6
     12
     """
-    from pyibr.opencl.device import current
+    from pyibr.opencl.device import one_call
     from pyibr.opencl.memory import upload
 
     if not isinstance(camera, Camera):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise ArgumentError("camera", "a pyibr.Camera", describe(camera))
-    with current().lock:
+    with one_call():
         target = Target(camera, np.dtype(np.uint8))
         counts = upload(np.zeros((camera.height, camera.width), np.int32))
         if isinstance(thing, SlicedSurface):

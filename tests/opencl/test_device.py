@@ -18,7 +18,7 @@ from pyibr.opencl import probe as probe_module
 from pyibr.opencl import runtimes
 from pyibr.opencl.cache import cache_folder, read_cached, write_cached
 from pyibr.opencl.choice import choose, select
-from pyibr.opencl.device import current, devices, explain, use_device
+from pyibr.opencl.device import current, devices, explain, one_call, use_device
 from pyibr.opencl.probe import Outcome, Speed, forget, probe
 from pyibr.opencl.runtimes import Found, found_devices, remedy_for
 
@@ -226,6 +226,16 @@ def test_use_device_nests_and_ends(monkeypatch: pytest.MonkeyPatch):
             pass
         assert current() is usual
         assert explain()[1] == "named by use_device"
+    with pytest.raises(ArgumentError):
+        current()
+
+
+def test_a_call_stays_on_its_device(monkeypatch: pytest.MonkeyPatch):
+    usual = current()
+    with one_call() as session:
+        assert session is usual
+        monkeypatch.setenv("PYIBR_DEVICE", "no such device")
+        assert current() is usual
     with pytest.raises(ArgumentError):
         current()
 

@@ -12,6 +12,7 @@ import pytest
 
 from pyibr.opencl import memory
 from pyibr.opencl.device import current
+from pyibr.opencl.spare import rounded
 
 SMALL, LARGE = (100, 100), (1500, 1001)  # below and above a huge page
 
@@ -47,6 +48,26 @@ def test_spare_memory_is_bounded(monkeypatch):
     del arrays
     gc.collect()
     assert sum(block.size for block in current().spare) <= 10_000_000
+
+
+def test_what_lay_idle_longest_goes_first(monkeypatch):
+    session = current()
+    session.spare.clear()
+    sizes = [100_000, 200_000, 300_000]
+    monkeypatch.setattr(memory, "_SPARE_BYTES", sum(map(rounded, sizes[1:])))
+    for size in sizes:
+        memory.empty((size,), np.uint8)
+    assert [block.size for block in session.spare] == [rounded(size) for size in sizes[1:]]
+
+
+def test_sizes_that_are_much_the_same_share_memory():
+    session = current()
+    session.spare.clear()
+    buffer = memory.empty((1_000_000,), np.uint8).buffer
+    assert memory.empty((1_010_000,), np.uint8).buffer is buffer
+    for size in (0, 1, 4096, 4097, 10**6, 2**31 + 1):
+        assert size <= rounded(size) <= max(size + size // 8, size + 4096)
+        assert rounded(rounded(size)) == rounded(size)
 
 
 @pytest.mark.parametrize("shape", [SMALL, LARGE])

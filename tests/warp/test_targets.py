@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
+from pyibr.opencl.memory import DeviceArray
+from pyibr.target import Target
 from tests import scenes
 from tests.one_lane import one_lane
 from tests.warp.test_laws import same_bits
@@ -91,6 +93,38 @@ def test_out_fits_the_cameras():
         ibr.warp(view, [])
     with pytest.raises(ibr.ArgumentError, match="camera"):
         ibr.warp(view, [camera, None])
+
+
+def check_memory_that_is_not_blank(monkeypatch: pytest.MonkeyPatch, step: tuple[float, float]) -> None:
+    view = scenes.stepped(SIZE)
+    camera = view.camera.moved(*step, 0)
+    K = np.add(camera.K, [[0, 0, 17], [0, 0, 29], [0, 0, 0]])  # neither the first rows nor the first columns
+    larger = ibr.Camera(K, (131, 117), camera.world_from_camera)
+    expected = ibr.warp(view, larger)
+    assert expected.valid.any() and not expected.valid[0].any() and not expected.valid[:, 0].any()
+    scratch = Target.scratch
+
+    def written(target: Target, count: int) -> DeviceArray:
+        array = scratch(target, count)
+        array.fill(1 / 3)
+        return array
+
+    monkeypatch.setattr(Target, "scratch", written)
+    same_bits(ibr.warp(view, larger), expected)
+
+
+STEPS = [(0.2, 0.0), (-0.2, 0.0), (0.0, 0.2), (0.0, -0.2), (0.2, 0.1)]
+
+
+@pytest.mark.parametrize("step", STEPS)
+def test_what_earlier_calls_left_in_memory_shows_nowhere(monkeypatch, step):
+    check_memory_that_is_not_blank(monkeypatch, step)
+
+
+@pytest.mark.parametrize("step", STEPS)
+def test_what_earlier_calls_left_in_memory_shows_nowhere_in_one_lane(monkeypatch, step):
+    with one_lane():
+        check_memory_that_is_not_blank(monkeypatch, step)
 
 
 def test_targets_that_see_nothing_are_told_by_their_numbers():

@@ -1,0 +1,69 @@
+"""Device memory that nobody refers to any more, kept for those who ask next."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import mmap
+
+    import pyopencl as cl
+
+_LEAST = 1 << 12  # bytes: a page
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """A piece of device memory; where the device works in place, also the pages on the host that it lies in."""
+
+    buffer: cl.Buffer
+    size: int
+    pages: mmap.mmap | None = None
+    start: int = 0  # in the pages
+
+
+def rounded(size: int) -> int:
+    """Bytes of the block for `size` of them: up to an eighth more, so that sizes that are much the same are one."""
+    step = max(1 << max(size.bit_length() - 4, 0), _LEAST)
+    return -(-max(size, 1) // step) * step
+
+
+class Spare:
+    """Blocks by size. Finalizers give them back, in any thread and at any time: amid `take` and `give`, too."""
+
+    def __init__(self) -> None:
+        self.size = 0
+        self._blocks: OrderedDict[int, list[Block]] = OrderedDict()  # lists stay, if empty: `give` may hold one
+        self._lock = threading.RLock()
+
+    def __iter__(self) -> Iterator[Block]:
+        return iter([block for blocks in self._blocks.values() for block in blocks])
+
+    def take(self, size: int) -> Block | None:
+        """A block of that size, the one given last, or None."""
+        with self._lock:
+            blocks = self._blocks.get(size)
+            block = blocks.pop() if blocks else None
+            if block is not None:
+                self.size -= size
+            return block
+
+    def give(self, block: Block, most: int) -> None:
+        """Keep a block, and at most that many bytes: blocks of the size that was given longest ago go first."""
+        with self._lock:
+            self._blocks.setdefault(block.size, []).append(block)
+            self._blocks.move_to_end(block.size)
+            self.size += block.size
+            for blocks in [*self._blocks.values()] if self.size > most else ():
+                while blocks and self.size > most:
+                    oldest = blocks.pop(0)
+                    self.size -= oldest.size
+
+    def clear(self) -> None:
+        """Let go of all of them."""
+        while (block := next(iter(self), None)) is not None:
+            self.take(block.size)
