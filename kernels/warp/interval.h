@@ -22,6 +22,12 @@
             }                                                                                                  \
         }                                                                                                      \
     }
+#if LANES == 16
+#define FORESEE_SAMPLES(grid, at, line)                                                                        \
+    FORESEE((grid).nearness, at, AHEAD * to_intl((line).sign) * (line).stride_major, (grid).height * (grid).pitch - 1)
+#else
+#define FORESEE_SAMPLES(grid, at, line)
+#endif
 
 /* The pixels [below + 1, above - 1] of a line. */
 typedef struct {
@@ -148,6 +154,13 @@ INLINED Targets targets_of(PixelMap map, int along, floatl u, floatl v, floatl d
     targets.b_w = D[11];
     targets.b_q = D[15];
     return targets;
+}
+
+/* By the lines' major coordinates. */
+INLINED Targets targets_along(PixelMap map, Epipolars line)
+{
+    return targets_of(map, line.along, pick(line.u_major, (floatl)0.0f, line.minor_0), pick(line.u_major, line.minor_0, (floatl)0.0f),
+                      pick(line.u_major, (floatl)1.0f, line.tilt), pick(line.u_major, line.tilt, (floatl)1.0f));
 }
 
 INLINED Place place_at(Targets targets, floatl distance, floatl nearness)

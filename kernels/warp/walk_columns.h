@@ -91,9 +91,7 @@ INLINED uint walk(Grid grid, Epipolars line, LineGroup group, PixelMap map, Answ
 {
     const floatl first = floor_lanes(line.from), last = lesser(ceil_lanes(line.to), line.last_major);
     const intl steps = pick((line.low <= line.high) & (line.from <= line.to), to_intl(last - first), (intl)-1);
-    const Targets targets =
-        targets_of(map, line.along, pick(line.u_major, (floatl)0.0f, line.minor_0), pick(line.u_major, line.minor_0, (floatl)0.0f),
-                   pick(line.u_major, (floatl)1.0f, line.tilt), pick(line.u_major, line.tilt, (floatl)1.0f));
+    const Targets targets = targets_along(map, line);
     /* Where steps go towards smaller columns, rows are mirrored: so all lines meet the cells' diagonals alike. */
     const intl mirrored = line.sign < 0.0f;
     const floatl last_minor = to_floatl(line.last_minor);
@@ -120,10 +118,6 @@ INLINED uint walk(Grid grid, Epipolars line, LineGroup group, PixelMap map, Answ
     step.from.a = step.from.b = NO_SURFACE;
     step.from.place = place_at(targets, major, (floatl)NO_SURFACE);
     uint columns = 0;
-#if LANES == 16
-    const int last_sample = map.src_height * map.src_pitch - 1;
-    const intl ahead = AHEAD * to_intl(line.sign) * line.stride_major;
-#endif
     for (int count = 0; any_lane(count <= steps); count++, major += line.sign) {
         const intl active = count <= steps, is_last = count == steps;
 #ifdef COUNT_SAMPLES
@@ -137,9 +131,7 @@ INLINED uint walk(Grid grid, Epipolars line, LineGroup group, PixelMap map, Answ
             to.cell = lesser(greater(to.cell, step.from.cell - 1.0f), step.from.cell + 1.0f);
         to.part = pick(along, (floatl)0.0f, minor - to.cell);
         to.at = at_0 + column * line.stride_major + to_intl(to.cell) * stride;
-#if LANES == 16
-        FORESEE(grid.nearness, to.at, ahead, last_sample)
-#endif
+        FORESEE_SAMPLES(grid, to.at, line)
         const intl at_b = to.at + to_b;
         to.a = (floatl)(gather(grid.nearness, to.at));
         to.b = (floatl)(gather(grid.nearness, at_b));
