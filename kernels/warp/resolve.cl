@@ -256,11 +256,16 @@ INLINED Color read_there(Pixels *pixels, Grid grid, PixelMap map, global const c
     const floatl at_corner = fabs(diagonal);
     const Color c0 = read_color(src_color, pick(upper, below + step_x, cell), count);
     const Color c1 = read_color(src_color, beside, count);
-    const Color c2 = read_color(src_color, below, count);
     Color c;
-    c.r = at_corner * c0.r + at_beside * c1.r + at_below * c2.r;
-    c.g = at_corner * c0.g + at_beside * c1.g + at_below * c2.g;
-    c.b = at_corner * c0.b + at_beside * c1.b + at_below * c2.b;
+    c.r = at_corner * c0.r + at_beside * c1.r;
+    c.g = at_corner * c0.g + at_beside * c1.g;
+    c.b = at_corner * c0.b + at_beside * c1.b;
+    if (any_lane(at_below != 0.0f)) { /* not on rows of samples */
+        const Color c2 = read_color(src_color, below, count);
+        c.r += at_below * c2.r;
+        c.g += at_below * c2.g;
+        c.b += at_below * c2.b;
+    }
     return c;
 }
 
@@ -378,7 +383,8 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
             continue;
         const int x0 = strip_x + p * LANES;
         const size_t out = (size_t)y * map.dst_width + x0;
-        find_place(&pixels[p], map, x0, y);
+        if (answers != ANSWERS_ARE_OWN)
+            find_place(&pixels[p], map, x0, y);
         const Color c = read_there(&pixels[p], grid, map, src_color, linear);
         write_pixels(pixels[p], c, map, merge, min(high_x - x0, LANES), depth + out, color + 3 * out, valid + out
 #if ORIGINS

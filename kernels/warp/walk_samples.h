@@ -9,7 +9,7 @@ INLINED uint walk(Grid grid, Epipolars line, LineGroup group, PixelMap map, Answ
     const floatl first = ceil_lanes(line.from), last = floor_lanes(line.to);
     const intl steps = pick((line.low <= line.high) & (line.from <= line.to), to_intl(last - first), (intl)-1);
     const Targets targets = targets_along(map, line);
-    const intl row = to_intl(line.minor_0) * line.stride_minor;
+    const intl row = clamp(to_intl(line.minor_0), (intl)0, line.last_minor) * line.stride_minor; /* there may be none */
     Interval interval = nothing_settled(line);
     floatl major = pick(line.sign > 0.0f, first, last);
     Place from = place_at(targets, major, (floatl)NO_SURFACE);
