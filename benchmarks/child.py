@@ -54,7 +54,7 @@ def measure_memory(n: int) -> dict[str, Any]:
 def measure_kernels(scene: str, width: int, height: int, noise: float) -> dict[str, Any]:
     """A warp's kernels, after one run for nothing, on as many threads as the environment allows."""
     from benchmarks.launches import kernel_times
-    from benchmarks.rgbd import kernel_work
+    from benchmarks.warp.rgbd import kernel_work
     from pyibr.opencl.device import current
 
     times: dict[str, list[float]] = {}

@@ -1,6 +1,6 @@
 """What single launches of a warp cost, and how many samples they visit.
 
-`pyibr.warp` looks up `launch` and `kernel` when it is called: while these contexts are open it finds others
+`pyibr.warp.warp` looks up `launch` and `kernel` when it is called: while these contexts are open it finds others
 in their place, which do the same with the same arguments and take notes.
 """
 
@@ -108,6 +108,6 @@ def counted_samples() -> Iterator[dict[str, Visited]]:
 
 
 def _require(seen: object, otherwise: str) -> None:
-    """A context that sees nothing means that `pyibr.warp` takes its launches from elsewhere now."""
+    """A context that sees nothing means that `pyibr.warp.warp` takes its launches from elsewhere now."""
     if not seen:
         raise RuntimeError(f"benchmarks/launches.py: {otherwise}")

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from benchmarks import complexity, peers, plots, startup, table2
-from benchmarks.depthmesh_section import depthmesh_section
-from benchmarks.opencv import BASE, REMAP
-from benchmarks.relief_section import relief_section
+from benchmarks import plots, startup, table2
+from benchmarks.depthmesh.depthmesh_section import depthmesh_section
+from benchmarks.relief.relief_section import relief_section
 from benchmarks.results import Result
-from benchmarks.rgbd_section import rgbd_section
-from benchmarks.slicing_section import raster_section, slicing_section
+from benchmarks.slicing.slicing_section import raster_section, slicing_section
 from benchmarks.statistics import Quartiles, exponent, median, number, ratios
 from benchmarks.tables import only, position, sizes_of, table, totals, verdict
+from benchmarks.warp import complexity, peers
+from benchmarks.warp.opencv import BASE, REMAP
+from benchmarks.warp.rgbd_section import rgbd_section
 
 COMPLEXITY = """## Complexity
 

@@ -15,7 +15,7 @@ from benchmarks.launches import kernel_times
 from benchmarks.results import Record, Skip
 from benchmarks.runner import Case, Subject, Work
 from benchmarks.scenes import data_folder
-from pyibr import models
+from pyibr.capture import models
 
 PAPER = {
     "torus": {128: 50.3, 256: 201.3, 512: 775.2},

@@ -1,16 +1,12 @@
 """New views from images with depth, on any OpenCL device.
 
-Importing this touches no device: names that need OpenCL are loaded when they are first used.
+Importing this touches no device, and loads neither pyopencl nor OpenCV.
 """
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING
-
-from pyibr.camera import Camera
-from pyibr.depthmesh import DepthMesh, DepthMeshObject
-from pyibr.errors import (
+from pyibr.core.camera import Camera
+from pyibr.core.errors import (
     ArgumentError,
     BuildError,
     DeviceError,
@@ -18,6 +14,7 @@ from pyibr.errors import (
     FileFormatError,
     MissingPackageError,
 )
+from pyibr.depthmesh import DepthMesh, DepthMeshObject
 from pyibr.images import (
     DepthImage,
     Frame,
@@ -32,19 +29,16 @@ from pyibr.images import (
     uint16_from_depth,
     undistort,
 )
+from pyibr.images.silhouette import Silhouette
 from pyibr.io import read_color, read_depth, write_color, write_depth, write_mask
-from pyibr.light import Light
-from pyibr.mesh import Mesh
+from pyibr.meshes.mesh import Mesh
+from pyibr.opencl.device import Device, devices, use_device
+from pyibr.picture.drawable import Drawable
+from pyibr.picture.light import Light
+from pyibr.picture.render import render
 from pyibr.relief import ReliefSurface
-
-# The functions take the place of their modules as the package's attributes, on the first import and for good.
-from pyibr.render import render
-from pyibr.silhouette import Silhouette
 from pyibr.slicing import DepthObject, SlicedSurface, VisualHull
-from pyibr.warp import warp
-
-if TYPE_CHECKING:
-    from pyibr.opencl.device import Device, devices, use_device
+from pyibr.warp import warp  # takes its package's place as an attribute
 
 __version__ = "0.1.0"
 
@@ -58,6 +52,7 @@ __all__ = [
     "DepthObject",
     "Device",
     "DeviceError",
+    "Drawable",
     "Error",
     "FileFormatError",
     "Frame",
@@ -89,16 +84,3 @@ __all__ = [
     "write_depth",
     "write_mask",
 ]
-
-_LAZY = {name: "pyibr.opencl.device" for name in ("Device", "devices", "use_device")}
-
-
-def __getattr__(name: str) -> object:
-    if name not in _LAZY:
-        raise AttributeError(f"module 'pyibr' has no attribute {name!r}")
-    value = globals()[name] = getattr(import_module(_LAZY[name]), name)
-    return value
-
-
-def __dir__() -> list[str]:
-    return __all__

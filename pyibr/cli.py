@@ -14,11 +14,12 @@ import typer
 from typer.core import TyperGroup
 
 import pyibr as ibr
-from pyibr.camera import Camera
+from pyibr.core.camera import Camera
+from pyibr.core.errors import ArgumentError, Error
 from pyibr.depthmesh.segmentation import Segmentation, Test
-from pyibr.errors import ArgumentError, Error
 from pyibr.images import DepthImage
-from pyibr.warp import Edges, Method, Sample, Side
+from pyibr.opencl.doctor import print_report
+from pyibr.warp.warp import Edges, Method, Sample, Side
 
 _OPTIONS = {
     "view": "DEPTH",
@@ -178,7 +179,6 @@ def mesh(
 @app.command(epilog="Example: [bold]pyibr doctor[/bold]")
 def doctor() -> None:
     """Show the OpenCL devices, whether each works, and what mends those that do not."""
-    from pyibr.opencl.doctor import print_report
 
     if not print_report():
         raise typer.Exit(1)

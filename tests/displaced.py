@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.camera import Camera
+from pyibr.core.camera import Camera
 from tests.reference.heights import bilinear_height
 
 o3d = pytest.importorskip("open3d")

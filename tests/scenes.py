@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.camera import Camera, Projection
+from pyibr.core.camera import Camera, Projection
 from pyibr.images import DepthImage
 
 Array = NDArray[Any]

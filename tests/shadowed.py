@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.camera import Camera
-from pyibr.capture import MeshScene
+from pyibr.capture.raycast import MeshScene
+from pyibr.core.camera import Camera
 from tests.slicing.solids import revolved
 
 o3d = pytest.importorskip("open3d")

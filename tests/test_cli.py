@@ -257,7 +257,9 @@ def test_importing_brings_nothing_heavy(module):
 
 
 def test_warp_is_the_function_whatever_was_imported_before():
-    code = "import pyibr.warp, pyibr as ibr, importlib; importlib.import_module('pyibr.warp'); print(ibr.warp)"
+    code = (
+        "import pyibr.warp.warp, pyibr as ibr, importlib; importlib.import_module('pyibr.warp.warp'); print(ibr.warp)"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.startswith("<function warp")
 

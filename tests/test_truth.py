@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pyibr.camera import Camera
+from pyibr.core.camera import Camera
 from pyibr.images import DepthImage
 from tests import scenes, truth
 from tests.reference.warp import forward_reference, search_reference

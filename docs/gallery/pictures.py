@@ -23,9 +23,9 @@ from objects import depth_object
 from terrain import height_field, source_view
 
 import pyibr as ibr
-from pyibr import models
-from pyibr.epipolar import line_groups
-from pyibr.pixelspace import Rectangle
+from pyibr.capture import models
+from pyibr.core.pixelspace import Rectangle
+from pyibr.warp.lines import line_groups
 
 IMAGES = Path(__file__).resolve().parents[1] / "images"
 BLUE, ORANGE = "#1f6fb4", "#e08a00"

@@ -10,7 +10,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 import pyibr as ibr
-from pyibr import models
+from pyibr.capture import models
 
 WHITE = (255, 255, 255)
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from pyibr.depthmesh.drawing import draw_depth_mesh
 from pyibr.depthmesh.mesh import DepthMesh
 from pyibr.depthmesh.object import DepthMeshObject
 from pyibr.depthmesh.segmentation import Segmentation
 
-__all__ = ["DepthMesh", "DepthMeshObject", "Segmentation", "draw_depth_mesh"]
+__all__ = ["DepthMesh", "DepthMeshObject", "Segmentation"]

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.camera import Camera
-from pyibr.depthmesh.background import background_of, underlay_of
+from pyibr.core.camera import Camera
+from pyibr.core.checks import Float64
+from pyibr.core.pixelspace import camera_pair, pixel_size
+from pyibr.depthmesh.background import Background, ViewMesh, underlay_of
 from pyibr.depthmesh.levels import color_levels
-from pyibr.depthmesh.mesh import DepthMesh
-from pyibr.depthmesh.object import DepthMeshObject
 from pyibr.depthmesh.triangulation import active_for, list_triangles, project_points
-from pyibr.pixelspace import camera_pair
-from pyibr.raster import BIN, bin_primitives
-from pyibr.target import Target
-
-if TYPE_CHECKING:
-    from pyibr.opencl.memory import DeviceArray
+from pyibr.opencl.device import current
+from pyibr.opencl.kept import KeepsOnDevice, kept
+from pyibr.opencl.launch import Struct, launch
+from pyibr.opencl.memory import DeviceArray, upload
+from pyibr.opencl.program import kernel
+from pyibr.picture.target import Target
+from pyibr.raster.bins import BIN, bin_primitives
 
 _BLENDS = {"quality": 0, "position": 1, "nearest": 2}  # BLEND of kernels/depthmesh/blend.cl
 _UNDERLAID = 2  # times as many views are looked at under the holes as are blended
@@ -37,52 +39,79 @@ class _Colors:
     ends: list[tuple[int, int]]
 
 
-def _colors_of(thing: DepthMesh | DepthMeshObject, meshes: list[DepthMesh]) -> _Colors:
-    from pyibr.opencl.device import current
-    from pyibr.opencl.memory import upload
+@dataclass(frozen=True)
+class Blending:
+    """How the meshes of several views become one picture.
 
-    kept = thing.device_cache.setdefault(current(), {})
-    if "colors" not in kept:
-        words, sizes = list[NDArray[np.uint32]](), list[tuple[int, int, int]]()
-        ends, start = list[tuple[int, int]](), 0
-        for mesh in meshes:
-            first = len(sizes)
-            for level in color_levels(mesh.view):
-                sizes.append((*level.shape[::-1], start))
-                words.append(level.ravel())
-                start += level.size
-            ends.append((first, len(sizes) - 1))
-        kept["colors"] = _Colors(upload(np.concatenate(words)), upload(np.array(sizes, np.int32)), ends)
-    return kept["colors"]
+    Attributes
+    ----------
+    by : str
+        Of the names of `Blend`.
+    closeness : (views,) float64
+        Of the views to the target's, in 1 / scene units.
+    count : int
+        The closest views that are blended.
+    epsilon : float
+        Scene units by which surfaces that are the same may lie behind the front one.
+    background : Background, optional
+        What shows through holes.
+    """
+
+    by: str
+    closeness: Float64
+    count: int
+    epsilon: float
+    background: Background | None
 
 
-def draw_depth_mesh(target: Target, thing: DepthMesh | DepthMeshObject, occupancy: DeviceArray | None = None) -> None:
-    """Draw a depth mesh, or several blended, into the target.
+class HasMeshes(KeepsOnDevice, Protocol):
+    """What is drawn: a mesh, or several."""
+
+    @property
+    def tolerance(self) -> float: ...
+    @property
+    def bounds(self) -> tuple[Float64, Float64]: ...
+
+
+def _colors_of(meshes: Sequence[ViewMesh]) -> _Colors:
+    words, sizes = list[NDArray[np.uint32]](), list[tuple[int, int, int]]()
+    ends, start = list[tuple[int, int]](), 0
+    for mesh in meshes:
+        first = len(sizes)
+        for level in color_levels(mesh.view):
+            sizes.append((*level.shape[::-1], start))
+            words.append(level.ravel())
+            start += level.size
+        ends.append((first, len(sizes) - 1))
+    return _Colors(upload(np.concatenate(words)), upload(np.array(sizes, np.int32)), ends)
+
+
+def draw_depth_meshes(
+    target: Target,
+    thing: HasMeshes,
+    meshes: Sequence[ViewMesh],
+    blending: Blending | None = None,
+    occupancy: DeviceArray | None = None,
+) -> None:
+    """Draw the mesh of a view, or those of several, blended, into the target.
 
     `occupancy`, (H, W) uint32, gets bit k set where view k gave colour.
     """
-    from pyibr.opencl.device import current
-    from pyibr.opencl.launch import Struct, launch
-    from pyibr.opencl.memory import upload
-    from pyibr.opencl.program import kernel
-
-    several = isinstance(thing, DepthMeshObject)
-    meshes = thing.meshes if several else [thing]
-    closeness = thing.closeness(target.camera) if several else np.ones(1)
+    closeness = np.ones(1) if blending is None else blending.closeness
     order: list[int] = np.argsort(-closeness, kind="stable").tolist()
-    chosen = sorted(order[: thing.blended]) if several else order
+    chosen = order if blending is None else sorted(order[: blending.count])
     trees = [meshes[number].tree for number in chosen]
-    tolerance = 0.5 * thing.tolerance if several else thing.tolerance
+    tolerance = thing.tolerance if blending is None else 0.5 * thing.tolerance
     active = [active_for(tree, target.camera, tolerance) for tree in trees]
     shown, underlay = chosen, None  # the view of each mesh that is drawn
     defines = {"VIEWS": len(chosen), "COLOR_BYTES": target.channel_bytes}
     more: dict[str, Any] = {}
-    if several:
-        defines["BLEND"] = _BLENDS[thing.blend]
-    if several and thing.background:
-        background = background_of(thing)
+    if blending is not None:
+        defines["BLEND"] = _BLENDS[blending.by]
+    if blending is not None and blending.background is not None:
+        background = blending.background
         others = sorted(order[len(chosen) : _UNDERLAID * len(chosen)])
-        underlay = underlay_of(thing, chosen, others)
+        underlay = underlay_of(background, chosen, others)
         shown = [*chosen, *others, *chosen]
         maps = [camera_pair(target.camera, mesh.view.camera).dst_from_src for mesh in meshes]
         perspectives = [mesh.view.camera.projection == "perspective" for mesh in meshes]
@@ -96,7 +125,7 @@ def draw_depth_mesh(target: Target, thing: DepthMesh | DepthMeshObject, occupanc
     triangles = list_triangles(trees, active, underlay, rated=True)
     views = [meshes[number].view for number in shown]
     projected = project_points(target.camera, views, triangles)
-    colors = _colors_of(thing, meshes)
+    colors = kept(thing, "colors", lambda: _colors_of(meshes))
     sources = [
         (number, *colors.ends[number], view.camera.projection == "perspective")
         for number, view in zip(shown, views, strict=True)
@@ -126,12 +155,18 @@ def draw_depth_mesh(target: Target, thing: DepthMesh | DepthMeshObject, occupanc
         screen=Struct("Screen", target.screen(near)),
         nearest_w=near,
         culled=culled,
-        epsilon=thing.epsilon if several else 0.0,
+        epsilon=0.0 if blending is None else blending.epsilon,
         blank=target.blank,
         **target.outputs(),
         **more,
     )
     target.blank = False
+
+
+def drawn_off(thing: HasMeshes, target: Target) -> float:
+    """Scene units by which what is drawn may lie off the surface: lights see other triangles."""
+    low, high = thing.bounds
+    return thing.tolerance * pixel_size(target.camera, 0.5 * (low + high))
 
 
 def _focal(camera: Camera) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.images import DepthImage
-from pyibr.raster import rgba_words
+from pyibr.meshes.textures import rgba_words
 
 
 def color_levels(view: DepthImage) -> Iterator[NDArray[np.uint32]]:

@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr._check import Fixed, Float64, describe, numbers
-from pyibr.camera import Camera
+from pyibr.core.camera import Camera
+from pyibr.core.checks import Fixed, Float64, describe, numbers
+from pyibr.core.errors import ArgumentError
+from pyibr.depthmesh.drawing import draw_depth_meshes, drawn_off
 from pyibr.depthmesh.segmentation import Segmentation
 from pyibr.depthmesh.strips import strips_of
 from pyibr.depthmesh.tree import Tree, build_tree
 from pyibr.depthmesh.triangulation import active_for, active_within, list_triangles, pixels_of
-from pyibr.errors import ArgumentError
 from pyibr.images import DepthImage
-from pyibr.mesh import Mesh
-
-if TYPE_CHECKING:
-    from pyibr.opencl.memory import DeviceArray
+from pyibr.meshes.mesh import Mesh
+from pyibr.opencl.device import current
+from pyibr.opencl.kept import kept
+from pyibr.opencl.memory import DeviceArray
+from pyibr.picture.shadow import Lighting, shadowed
+from pyibr.picture.target import Target
 
 Int32 = NDArray[np.int32]
 
@@ -49,8 +50,8 @@ class DepthMesh(Fixed):
     Examples
     --------
     >>> import pyibr as ibr
-    >>> from pyibr import models
-    >>> from pyibr.capture import object_views
+    >>> from pyibr.capture import models
+    >>> from pyibr.capture.raycast import object_views
     >>> thing = ibr.DepthMesh(object_views(models.donut(), 64)[4])
     >>> thing
     <DepthMesh 64x64>
@@ -72,7 +73,6 @@ class DepthMesh(Fixed):
         self.view = view
         self.tolerance = checked_tolerance("tolerance", tolerance)
         self.segmentation = rule
-        self.device_cache: WeakKeyDictionary[Any, dict[str, Any]] = WeakKeyDictionary()
 
     def __repr__(self) -> str:
         return f"<DepthMesh {self.view.camera.width}x{self.view.camera.height}>"
@@ -83,20 +83,22 @@ class DepthMesh(Fixed):
         with self.tree.cells.session.lock:
             return self.view.bounds_of(_in_triangles(self.tree))
 
+    def draw(self, target: Target, lighting: Lighting | None) -> None:
+        """Draw the triangles in the view's colours, which hold their light."""
+        with shadowed(target, lighting, grain=drawn_off(self, target)):
+            draw_depth_meshes(target, self, [self])
+
     @property
     def tree(self) -> Tree:
         """The quadtree on the current device, made once."""
-        from pyibr.opencl.device import current
+        with current().lock:
+            return kept(self, "tree", self._made_tree)
 
-        session = current()
-        kept = self.device_cache.setdefault(session, {})
-        with session.lock:
-            if "tree" not in kept:
-                made = build_tree(self.view, self.segmentation)
-                if not (_cells_of(made) & 0b1010).any():
-                    raise ArgumentError("view", "samples that make triangles", "only isolated ones, or rubber sheets")
-                kept["tree"] = made
-            return kept["tree"]
+    def _made_tree(self) -> Tree:
+        made = build_tree(self.view, self.segmentation)
+        if not (_cells_of(made) & 0b1010).any():
+            raise ArgumentError("view", "samples that make triangles", "only isolated ones, or rubber sheets")
+        return made
 
     @cached_property
     def normals(self) -> NDArray[np.float32]:

@@ -4,20 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, Literal, cast
-from weakref import WeakKeyDictionary
+from typing import Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr._check import Fixed, Float64, describe, one_of
-from pyibr.camera import Camera
+from pyibr.core.camera import Camera
+from pyibr.core.checks import Fixed, Float64, describe, one_of
+from pyibr.core.errors import ArgumentError
+from pyibr.core.pixelspace import frustum
+from pyibr.depthmesh.background import background_of
+from pyibr.depthmesh.drawing import Blending, draw_depth_meshes, drawn_off
 from pyibr.depthmesh.mesh import DepthMesh, checked_tolerance
 from pyibr.depthmesh.segmentation import Segmentation
-from pyibr.errors import ArgumentError
 from pyibr.images import DepthImage
-from pyibr.pixelspace import frustum
-from pyibr.target import Target
+from pyibr.opencl.device import one_call
+from pyibr.opencl.kept import kept
+from pyibr.opencl.memory import DeviceArray, empty
+from pyibr.picture.shadow import Lighting, shadowed
+from pyibr.picture.target import Target
 
 Blend = Literal["quality", "position", "nearest"]
 
@@ -62,8 +67,8 @@ class DepthMeshObject(Fixed):
     Examples
     --------
     >>> import pyibr as ibr
-    >>> from pyibr import models
-    >>> from pyibr.capture import object_views
+    >>> from pyibr.capture import models
+    >>> from pyibr.capture.raycast import object_views
     >>> thing = ibr.DepthMeshObject(object_views(models.donut(), 64))
     >>> thing
     <DepthMeshObject 6 views>
@@ -94,7 +99,6 @@ class DepthMeshObject(Fixed):
         if not isinstance(background, bool):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise ArgumentError("background", "True or False", describe(background))
         self.background = background
-        self.device_cache: WeakKeyDictionary[Any, dict[str, Any]] = WeakKeyDictionary()
 
     def __repr__(self) -> str:
         return f"<DepthMeshObject {len(self.meshes)} view{'s' * (len(self.meshes) != 1)}>"
@@ -114,6 +118,18 @@ class DepthMeshObject(Fixed):
     def bounds(self) -> tuple[Float64, Float64]:
         """(low, high), each (3,), in the world: the box around the surfaces."""
         return self._boxes[:, 0].min(axis=0), self._boxes[:, 1].max(axis=0)
+
+    def draw(self, target: Target, lighting: Lighting | None) -> None:
+        """Draw the blended meshes in their views' colours, which hold their light."""
+        with shadowed(target, lighting, grain=drawn_off(self, target)):
+            self._blend(target)
+
+    def _blend(self, target: Target, occupancy: DeviceArray | None = None) -> None:
+        behind = None
+        if self.background:
+            behind = kept(self, "background", lambda: background_of(self.meshes, self.extent))
+        blending = Blending(self.blend, self.closeness(target.camera), self.blended, self.epsilon, behind)
+        draw_depth_meshes(target, self, self.meshes, blending, occupancy)
 
     @property
     def extent(self) -> float:
@@ -179,9 +195,6 @@ class DepthMeshObject(Fixed):
         ArgumentError
             If there are more than 32 views: a bit each.
         """
-        from pyibr.depthmesh.drawing import draw_depth_mesh
-        from pyibr.opencl.device import one_call
-        from pyibr.opencl.memory import empty
 
         if not isinstance(camera, Camera):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise ArgumentError("camera", "a pyibr.Camera", describe(camera))
@@ -190,7 +203,7 @@ class DepthMeshObject(Fixed):
         with one_call():
             found = empty((camera.height, camera.width), np.uint32)
             found.fill(0)
-            draw_depth_mesh(Target(camera, np.dtype(np.uint8)), self, found)
+            self._blend(Target(camera, np.dtype(np.uint8)), found)
             return np.array(found.to_host())
 
 

@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr._check import describe, numbers, one_of
-from pyibr.errors import ArgumentError
+from pyibr.core.checks import describe, numbers, one_of
+from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
 
 Test = Literal["orthogonality", "connectedness", "disparity", "none"]

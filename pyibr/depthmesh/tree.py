@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from pyibr.camera import Camera
+from pyibr.core.camera import Camera
+from pyibr.core.errors import ArgumentError
+from pyibr.core.pixelspace import pitch
 from pyibr.depthmesh.segmentation import TESTS, Segmentation
-from pyibr.errors import ArgumentError
 from pyibr.images import DepthImage
-from pyibr.pixelspace import pitch
-from pyibr.samples import samples_of
-
-if TYPE_CHECKING:
-    from pyibr.opencl.launch import Struct
-    from pyibr.opencl.memory import DeviceArray
+from pyibr.opencl.launch import Struct, launch
+from pyibr.opencl.memory import DeviceArray, empty
+from pyibr.opencl.program import kernel
+from pyibr.picture.samples import samples_of
 
 _LAYOUT = np.dtype(
     [
@@ -90,9 +89,6 @@ class Errors:
 
 def build_tree(view: DepthImage, segmentation: Segmentation) -> Tree:
     """Segment a view's grid, and find what its tree's triangles are made of."""
-    from pyibr.opencl.launch import Struct, launch
-    from pyibr.opencl.memory import empty
-    from pyibr.opencl.program import kernel
 
     width, height = view.camera.size
     samples = samples_of(view)
@@ -123,9 +119,6 @@ def build_tree(view: DepthImage, segmentation: Segmentation) -> Tree:
 
 
 def _find_normals(tree: Tree) -> DeviceArray:
-    from pyibr.opencl.launch import launch
-    from pyibr.opencl.memory import empty
-    from pyibr.opencl.program import kernel
 
     width, height = tree.view.camera.size
     normals = empty((3, height, pitch(width)), np.float32)
@@ -141,9 +134,6 @@ def _find_normals(tree: Tree) -> DeviceArray:
 
 
 def _find_errors(tree: Tree) -> Errors:
-    from pyibr.opencl.launch import launch
-    from pyibr.opencl.memory import empty
-    from pyibr.opencl.program import kernel
 
     file, side = "depthmesh/errors.cl", tree.side
     errors, radii, depths = (empty(tree.states.shape, np.float32) for _ in range(3))
@@ -164,8 +154,6 @@ def _find_errors(tree: Tree) -> Errors:
 
 def _fine_to_coarse(file: str, of_step: str, of_coarse: str, side: int, height: int, **shared: Any) -> None:
     """Launch kernels for the vertices of each step from 2 on: midpoints, then centres."""
-    from pyibr.opencl.launch import launch
-    from pyibr.opencl.program import kernel
 
     step = 2
     while step < min(side, _COARSE):

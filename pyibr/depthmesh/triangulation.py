@@ -8,15 +8,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.camera import Camera
+from pyibr.core.camera import Camera
+from pyibr.core.pixelspace import camera_pair, frustum
 from pyibr.depthmesh.tree import Tree
 from pyibr.images import DepthImage
-from pyibr.pixelspace import camera_pair, frustum
+from pyibr.opencl.launch import Struct, launch
+from pyibr.opencl.memory import DeviceArray, copy, empty, upload
+from pyibr.opencl.program import kernel
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from pyibr.opencl.memory import DeviceArray
 
 _VIEWER = np.dtype(
     [
@@ -34,9 +36,6 @@ _POINTS = 1024  # points of a work-item, kernels/depthmesh/select.cl
 
 def active_for(tree: Tree, camera: Camera, tolerance: float) -> DeviceArray:
     """Mark the vertices that a camera needs for a tolerance in pixels (equation 5): (side + 1, row) uint8."""
-    from pyibr.opencl.launch import Struct, launch
-    from pyibr.opencl.memory import empty
-    from pyibr.opencl.program import kernel
 
     known, active = tree.errors, empty(tree.states.shape, np.uint8)
     launch(
@@ -64,9 +63,6 @@ def _viewer(src: Camera, dst: Camera, tolerance: float) -> np.ndarray[Any, np.dt
 
 def active_within(tree: Tree, max_error: float) -> DeviceArray:
     """Mark the vertices that a vertical error of at most `max_error`, in scene units, needs: (side + 1, row) uint8."""
-    from pyibr.opencl.launch import launch
-    from pyibr.opencl.memory import empty
-    from pyibr.opencl.program import kernel
 
     active = empty(tree.states.shape, np.uint8)
     active.fill(0)
@@ -117,9 +113,6 @@ def list_triangles(
 
     With `rated`, points hold their quality, which takes the normals.
     """
-    from pyibr.opencl.launch import launch
-    from pyibr.opencl.memory import copy, empty, upload
-    from pyibr.opencl.program import kernel
 
     found: list[tuple[DeviceArray, DeviceArray]] = []
     for tree, marks in zip(trees, active, strict=True):
@@ -183,9 +176,6 @@ def pixels_of(points: NDArray[np.float32], view: DepthImage) -> NDArray[np.int64
 
 def project_points(target: Camera, views: Sequence[DepthImage], triangles: Triangles) -> DeviceArray:
     """(P, 4) the triangles' points in a target's pixel space; views: each mesh's."""
-    from pyibr.opencl.launch import launch
-    from pyibr.opencl.memory import empty, upload
-    from pyibr.opencl.program import kernel
 
     maps = np.array([camera_pair(view.camera, target).dst_from_src for view in views], np.float32)
     for view, one in zip(views, maps, strict=True):

@@ -22,9 +22,11 @@ from typing import Any, Protocol, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr._check import describe, positive
-from pyibr.errors import ArgumentError, FileFormatError
-from pyibr.io.files import checked_path
+from pyibr.core.checks import describe, positive
+from pyibr.core.errors import ArgumentError, FileFormatError
+from pyibr.core.files import checked_path
+from pyibr.images import depth_from_uint16, uint16_from_depth
+from pyibr.io import image
 from pyibr.io.range_grid import read_range_grid
 from pyibr.io.relief_map import read_relief_map, write_relief_map
 
@@ -100,7 +102,6 @@ def write_mask(path: _PathLike, mask: NDArray[np.bool_]) -> None:
     """Write an (H, W) bool mask as an 8-bit gray image: 0 and 255."""
     if mask.ndim != 2 or mask.dtype != np.bool_ or not mask.size:
         raise ArgumentError("mask", "bool of shape (H, W)", describe(mask))
-    from pyibr.io import image
 
     image.write_color(path, mask.astype(np.uint8) * np.uint8(255))
 
@@ -127,7 +128,6 @@ def read_depth(path: _PathLike, scale: float | None = None) -> NDArray[np.float3
     ArgumentError
         If the file holds integers and there is no scale.
     """
-    from pyibr.images import depth_from_uint16
 
     stored = _module(path, _DEPTH_MODULES).read_depth(path)
     if stored.ndim != 2 or stored.dtype.kind not in "uif" or 0 in stored.shape:
@@ -145,7 +145,6 @@ def write_depth(path: _PathLike, depth: NDArray[np.float32], scale: float | None
     PNG needs a scale, stores the nearest integer and 0 for invalid depth; ArgumentError if a depth does not
     fit in 16 bits. The other formats store floats, invalid ones as they are.
     """
-    from pyibr.images import uint16_from_depth
 
     if depth.ndim != 2 or depth.dtype.kind != "f" or not depth.size:
         raise ArgumentError("depth", "float32 of shape (H, W)", describe(depth))

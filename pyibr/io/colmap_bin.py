@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.errors import FileFormatError
-from pyibr.io.files import atomic_path, reading
+from pyibr.core.errors import FileFormatError
+from pyibr.core.files import atomic_path, reading
 
 _HEADER = re.compile(rb"(\d+)&(\d+)&(\d+)&")
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.errors import FileFormatError, MissingPackageError
-from pyibr.io.files import atomic_path, reading
+from pyibr.core.errors import FileFormatError, MissingPackageError
+from pyibr.core.files import atomic_path, reading
 
 if TYPE_CHECKING:
     from types import ModuleType

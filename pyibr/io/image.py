@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.errors import FileFormatError
-from pyibr.io.files import atomic_path, checked_path, reading
+from pyibr.core.errors import FileFormatError
+from pyibr.core.files import atomic_path, checked_path, reading
 
 _WRITABLE = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".ppm")
 

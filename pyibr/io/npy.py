@@ -8,8 +8,8 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.errors import FileFormatError
-from pyibr.io.files import atomic_path, reading
+from pyibr.core.errors import FileFormatError
+from pyibr.core.files import atomic_path, reading
 
 
 def read_color(path: str | PathLike[str]) -> NDArray[Any]:

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.errors import FileFormatError
-from pyibr.io.files import atomic_path, reading
+from pyibr.core.errors import FileFormatError
+from pyibr.core.files import atomic_path, reading
 
 _HEADER = re.compile(rb"P([Ff])\s+(\d+)\s+(\d+)\s+([-+]?\d*\.?\d+(?:[eE][-+]?\d+)?)(?:\r\n|\s)")
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr._check import describe
-from pyibr.errors import FileFormatError
+from pyibr.core.checks import describe
+from pyibr.core.errors import FileFormatError
 from pyibr.io import image
 
 

@@ -8,7 +8,7 @@ from os import PathLike
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.io.files import reading
+from pyibr.core.files import reading
 
 
 def read_range_grid(path: str | PathLike[str]) -> NDArray[np.float32]:

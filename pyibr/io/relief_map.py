@@ -8,9 +8,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr._check import describe, one_of
-from pyibr.errors import ArgumentError, FileFormatError
-from pyibr.io.files import atomic_path, reading
+from pyibr.core.checks import describe, one_of
+from pyibr.core.errors import ArgumentError, FileFormatError
+from pyibr.core.files import atomic_path, reading
 
 Green = Literal["down", "up"]
 

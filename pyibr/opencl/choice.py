@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from pyibr.errors import ArgumentError, DeviceError
-from pyibr.opencl.probe import Outcome, Speed
+from pyibr.core.errors import ArgumentError, DeviceError
+from pyibr.opencl.outcome import Outcome, Speed
 from pyibr.opencl.runtimes import Found, Kind, cpu_remedies, problems, remedy_for
 
 Examine = Callable[[Found, bool], Outcome]

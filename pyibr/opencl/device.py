@@ -14,19 +14,19 @@ from collections.abc import Generator, Hashable
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from pyibr.errors import ArgumentError, DeviceError
+from pyibr.core.errors import ArgumentError, DeviceError
 from pyibr.opencl.cache import cache_folder
 from pyibr.opencl.choice import Device, choose, describe, explain_broken, select
-from pyibr.opencl.probe import Outcome, forget, probe
+from pyibr.opencl.outcome import Outcome
+from pyibr.opencl.probe import forget, probe
 from pyibr.opencl.runtimes import Found, found_devices
 from pyibr.opencl.spare import Spare
 
 if TYPE_CHECKING:
     import pyopencl as cl
 
-    from pyibr.opencl.program import Kernel
 
 __all__ = ["Device", "Session", "cache_folder", "current", "devices", "explain", "one_call", "use_device"]
 
@@ -64,7 +64,7 @@ class Session:
     queue: cl.CommandQueue
     is_cpu: bool
     lanes: int
-    kernels: dict[Hashable, Kernel] = field(default_factory=dict["Hashable", "Kernel"], repr=False)
+    kernels: dict[Hashable, Any] = field(default_factory=dict["Hashable", Any], repr=False)
     spare: Spare = field(default_factory=Spare, repr=False)
     lock: threading.RLock = field(default_factory=threading.RLock, repr=False)
     in_flight: list[object] = field(default_factory=list["object"], repr=False)

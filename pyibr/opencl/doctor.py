@@ -8,7 +8,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pyibr.errors import Error
+from pyibr.core.errors import Error
 from pyibr.opencl.cache import cache_folder
 from pyibr.opencl.choice import Device
 from pyibr.opencl.device import devices, explain

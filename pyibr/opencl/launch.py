@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from pyibr.errors import ArgumentError
+from pyibr.core.errors import ArgumentError
 from pyibr.opencl.memory import DeviceArray
-
-if TYPE_CHECKING:
-    from pyibr.opencl.program import Argument, Kernel
+from pyibr.opencl.program import Argument, Kernel
 
 _ELEMENTS: dict[str, np.dtype[Any]] = {
     "float": np.dtype(np.float32),

@@ -12,15 +12,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pyibr.errors import DeviceError
-from pyibr.opencl.device import current
+from pyibr.core.errors import DeviceError
+from pyibr.opencl.device import Session, current
 from pyibr.opencl.spare import Block, rounded
 
 if TYPE_CHECKING:
     import pyopencl as cl
     from numpy.typing import DTypeLike, NDArray
 
-    from pyibr.opencl.device import Session
 
 _HUGE_PAGE = 1 << 21
 _SPARE_BYTES = 1 << 28  # how much memory a session keeps for its next calls
@@ -96,13 +95,21 @@ def output(array: NDArray[Any]) -> DeviceArray:
     return empty(array.shape, array.dtype, array)
 
 
-def copy(source: DeviceArray, target: DeviceArray) -> None:
-    """Copies all of `source` to the start of `target`, in the order of launches."""
+def duplicate(array: DeviceArray) -> DeviceArray:
+    """Another array with the same values, as they are in the order of launches."""
+    made = empty(array.shape, array.dtype)
+    copy(array, made)
+    return made
+
+
+def copy(source: DeviceArray, target: DeviceArray, at: int = 0) -> None:
+    """Copies all of `source` to `target` from its element `at` on, in the order of launches."""
     import pyopencl as cl
 
     size = math.prod(map(int, source.shape)) * source.dtype.itemsize
     if size:
-        cl.enqueue_copy(source.session.queue, target.buffer, source.buffer, byte_count=size)
+        start = at * target.dtype.itemsize
+        cl.enqueue_copy(source.session.queue, target.buffer, source.buffer, byte_count=size, dst_offset=start)
 
 
 def empty(shape: tuple[int, ...], dtype: DTypeLike, into: NDArray[Any] | None = None) -> DeviceArray:

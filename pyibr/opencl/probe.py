@@ -5,58 +5,18 @@ A broken runtime may not only fail but crash or hang, so its test (`selftest`) r
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
-from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import cast
 
+from pyibr.opencl import selftest
 from pyibr.opencl.cache import cache_folder, read_cached, write_cached
+from pyibr.opencl.outcome import Outcome
 from pyibr.opencl.runtimes import Found
 
 _VERSION = 1  # of the test and of the files that keep its outcome
 _PATIENCE = 90.0  # seconds
-
-
-@dataclass(frozen=True)
-class Speed:
-    """A few figures measured in a fraction of a second: a hint, not a benchmark."""
-
-    copy: float
-    """GB/s, bytes read and bytes written together."""
-    mad: float
-    """Gflop/s of 16-wide float32 multiply-adds."""
-    search: float
-    """10^9 samples/s of searches along rays that end early: what the choice between two runtimes rests on."""
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What the test of one device found."""
-
-    works: bool
-    reason: str = ""
-    speed: Speed | None = None
-
-    def to_json(self) -> str:
-        """As one line of text."""
-        return json.dumps(asdict(self))
-
-    @staticmethod
-    def from_json(text: str) -> Outcome | None:
-        """The inverse of `to_json`; None if the text is damaged or of another version."""
-        try:
-            raw = cast("dict[str, object]", json.loads(text))
-            speed = cast("dict[str, float] | None", raw["speed"])
-            return Outcome(
-                works=raw["works"] is True,
-                reason=str(raw["reason"]),
-                speed=None if speed is None else Speed(**speed),
-            )
-        except (ValueError, TypeError, KeyError):
-            return None
 
 
 def probe(found: Found, measure: bool = False, fresh: bool = False) -> Outcome:
@@ -119,6 +79,4 @@ def _test_apart(found: Found, measure: bool) -> Outcome:
 
 
 def _test_here(found: Found, measure: bool) -> Outcome:
-    from pyibr.opencl import selftest
-
     return selftest.test(found.handle, measure)

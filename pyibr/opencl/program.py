@@ -13,14 +13,13 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 
-from pyibr.errors import BuildError
+from pyibr.core.errors import BuildError
 from pyibr.opencl.cache import cache_folder, read_cached, write_cached
-from pyibr.opencl.device import current
+from pyibr.opencl.device import Session, current
 
 if TYPE_CHECKING:
     import pyopencl as cl
 
-    from pyibr.opencl.device import Session
 
 SCALARS: dict[str, type[np.generic]] = {"int": np.int32, "uint": np.uint32, "float": np.float32, "ulong": np.uint64}
 """Numbers that kernels take by value."""

@@ -24,7 +24,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from pyibr.errors import DeviceError
+from pyibr.core.errors import DeviceError
 
 if TYPE_CHECKING:
     import pyopencl as cl

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from pyibr.opencl.probe import Outcome, Speed
+from pyibr.opencl.outcome import Outcome, Speed
 from pyibr.opencl.runtimes import found_devices
 
 if TYPE_CHECKING:

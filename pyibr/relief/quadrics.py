@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr._check import Float64
-from pyibr.mesh import Mesh
-from pyibr.tangents import unit, uv_gradients
+from pyibr.core.checks import Float64
+from pyibr.meshes.mesh import Mesh
+from pyibr.meshes.tangents import unit, uv_gradients
 
 _SINGULAR = 1e-6  # of the normal equations' diagonal: less determinant than that is rounding
 

@@ -3,29 +3,31 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, cast
-from weakref import WeakKeyDictionary
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr._check import Fixed, check_tiled, checked_image, describe, one_of, positive
-from pyibr.camera import Camera
-from pyibr.errors import ArgumentError
-from pyibr.heights import Float32, checked_height, checked_normal_map, checked_tiles
-from pyibr.mesh import Mesh
-from pyibr.raster import BIN, bin_primitives, project, texture_pyramid
+from pyibr.core.camera import Camera
+from pyibr.core.checks import Fixed, check_tiled, checked_image, describe, one_of, positive
+from pyibr.core.errors import ArgumentError
+from pyibr.meshes.heights import Float32, checked_height, checked_normal_map, checked_tiles
+from pyibr.meshes.mesh import Mesh
+from pyibr.meshes.textures import texture_pyramid
+from pyibr.opencl.device import current, one_call
+from pyibr.opencl.kept import kept
+from pyibr.opencl.launch import Struct, launch
+from pyibr.opencl.memory import DeviceArray, empty, upload
+from pyibr.opencl.program import kernel
+from pyibr.picture.shadow import Lighting
+from pyibr.picture.target import Target
+from pyibr.raster.bins import BIN, bin_primitives, project
 from pyibr.relief.levels import HeightLevels, height_levels
 from pyibr.relief.quadrics import VertexFrames, split_at_mirrors, vertex_frames
-from pyibr.target import Target
 
 Silhouette = Literal["quadric", "none"]
 Distance = Literal["approximate", "exact"]
 Search = Literal["safe", "linear"]
-
-if TYPE_CHECKING:
-    from pyibr.opencl.memory import DeviceArray
-    from pyibr.shadow import Lighting
 
 _DISTANCES = {"approximate": 0, "exact": 1}  # kernels/relief/search.h
 _SEARCHES = {"linear": 0, "safe": 1}  # kernels/relief/relief.cl
@@ -118,7 +120,6 @@ class ReliefSurface(Fixed):
         self.halvings = _checked_count("halvings", halvings, 0)
         self.normal_map = None if normal_map is None else checked_normal_map(normal_map)
         check_tiled(base.uv, self.tiles, self.height, self.color, self.normal_map)
-        self.device_cache: WeakKeyDictionary[Any, Any] = WeakKeyDictionary()
 
     def __repr__(self) -> str:
         h, w = self.height.shape
@@ -132,6 +133,10 @@ class ReliefSurface(Fixed):
         """
         low, high = self.base.bounds
         return low - self.scale, high + self.scale
+
+    def draw(self, target: Target, lighting: Lighting | None) -> None:
+        """Draw the relief; lit by its normals."""
+        draw_relief(target, self, lighting)
 
     @cached_property
     def drawn(self) -> Mesh:
@@ -167,8 +172,6 @@ class ReliefSurface(Fixed):
         """
         if not isinstance(camera, Camera):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise ArgumentError("camera", "a pyibr.Camera", describe(camera))
-        from pyibr.opencl.device import one_call
-        from pyibr.opencl.memory import empty
 
         with one_call():
             places = empty((camera.height, camera.width, 2), np.float32)
@@ -201,11 +204,8 @@ def draw_relief(
     places : DeviceArray (H, W, 2) float32, optional
         Becomes u and v in the tile, for a target that is blank.
     """
-    from pyibr.opencl.device import current
-    from pyibr.opencl.launch import Struct, launch
-    from pyibr.opencl.program import kernel
 
-    buffers = _buffers(surface)
+    buffers = kept(surface, "buffers", lambda: _buffers(surface))
     near = target.near(surface.base.bounds)
     projected = project(target, buffers["points"], near)
     bins = bin_primitives(target, buffers["faces"], projected, near, culled=1)
@@ -252,14 +252,7 @@ def draw_relief(
 
 
 def _buffers(surface: ReliefSurface) -> dict[str, DeviceArray]:
-    """The surface on the current device, made once."""
-    from pyibr.opencl.device import current
-    from pyibr.opencl.memory import upload
-
-    session = current()
-    kept = surface.device_cache.get(session)
-    if isinstance(kept, dict):
-        return cast("dict[str, DeviceArray]", kept)
+    """The surface for the current device."""
     base, frames, levels = surface.drawn, surface.frames, surface.levels
     uv = np.asarray(base.uv, np.float64) * surface.tiles
     vertices = np.concatenate([uv, frames.normals, frames.gradients.reshape(-1, 6), frames.quadrics], axis=1)
@@ -276,6 +269,4 @@ def _buffers(surface: ReliefSurface) -> dict[str, DeviceArray]:
     }
     if surface.normal_map is not None:
         made["normal_map"] = upload(surface.normal_map)
-    session_cache = surface.device_cache
-    session_cache[session] = made
     return made

@@ -1,7 +1,7 @@
 """Displacement mapping by slices, and objects from images (Kautz & Seidel 2001).
 
 `SlicedSurface` displaces a mesh by a height map. `DepthObject` is what six (or more, or fewer) depth images leave of
-space, `VisualHull` what silhouettes leave. `pyibr.render` draws them.
+space, `VisualHull` what silhouettes leave. `pyibr.picture.render` draws them.
 """
 
 from __future__ import annotations
@@ -9,12 +9,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr._check import describe
-from pyibr.camera import Camera
-from pyibr.errors import ArgumentError
+from pyibr.core.camera import Camera
+from pyibr.core.checks import describe
+from pyibr.core.errors import ArgumentError
+from pyibr.opencl.device import one_call
+from pyibr.opencl.memory import upload
+from pyibr.picture.target import Target
 from pyibr.slicing.object import DepthObject, VisualHull, draw_object
 from pyibr.slicing.surface import SlicedSurface, draw_surface
-from pyibr.target import Target
 
 __all__ = ["DepthObject", "SlicedSurface", "VisualHull", "alpha_tests", "draw_object", "draw_surface"]
 
@@ -52,8 +54,6 @@ def alpha_tests(thing: SlicedSurface | DepthObject | VisualHull, camera: Camera)
     >>> int(alpha_tests(surface, camera)[1, 6])  # slices 20, 19, ... 9, the first below the height of 9.6
     12
     """
-    from pyibr.opencl.device import one_call
-    from pyibr.opencl.memory import upload
 
     if not isinstance(camera, Camera):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise ArgumentError("camera", "a pyibr.Camera", describe(camera))

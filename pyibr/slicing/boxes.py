@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr._check import Float64
-from pyibr.camera import Camera
-from pyibr.errors import ArgumentError
+from pyibr.core.camera import Camera
+from pyibr.core.checks import Float64
+from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
-from pyibr.silhouette import Silhouette
+from pyibr.images.silhouette import Silhouette
 
 _CARVED = 64  # cells a side of the grid that finds a hull's box
 

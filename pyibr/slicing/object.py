@@ -4,30 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, cast
-from weakref import WeakKeyDictionary
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr._check import Fixed, Float64, describe, one_of
-from pyibr.camera import Camera
-from pyibr.errors import ArgumentError
+from pyibr.core.camera import Camera
+from pyibr.core.checks import Fixed, Float64, describe, one_of
+from pyibr.core.errors import ArgumentError
+from pyibr.core.pixelspace import pixel_size
 from pyibr.images import DepthImage
-from pyibr.pixelspace import pixel_size
-from pyibr.raster import rgba_words
-from pyibr.silhouette import Silhouette, is_opposite
+from pyibr.images.silhouette import Silhouette, is_opposite
+from pyibr.meshes.textures import rgba_words
+from pyibr.opencl.device import current
+from pyibr.opencl.kept import kept
+from pyibr.opencl.launch import Struct, launch
+from pyibr.opencl.memory import DeviceArray, upload
+from pyibr.opencl.program import kernel
+from pyibr.picture.shadow import Lighting, shadowed
+from pyibr.picture.target import Target
 from pyibr.slicing.boxes import Box, box_of_samples, box_of_silhouettes, nearness_map
 from pyibr.slicing.slices import checked_halvings, checked_slices
-from pyibr.target import Target
 
 ObjectSlicing = Literal["orthogonal", "screen"]
 Texture = Literal["visible", "naive"]
 Missing = Literal["background", "unknown"]
 Float32 = NDArray[np.float32]
-
-if TYPE_CHECKING:
-    from pyibr.opencl.memory import DeviceArray
 
 TO_SCREEN = 3  # the axis of slices parallel to the screen, kernels/slicing/object.cl
 _BEFORE = 2.0  # slices and samples by which a view's surface may lie before a point that it still shows
@@ -71,8 +73,8 @@ class DepthObject(Fixed):
     Examples
     --------
     >>> import pyibr as ibr
-    >>> from pyibr import models
-    >>> from pyibr.capture import object_views
+    >>> from pyibr.capture import models
+    >>> from pyibr.capture.raycast import object_views
     >>> thing = ibr.DepthObject(object_views(models.donut(), 64), slices=64)
     >>> thing
     <DepthObject 6 views, 64 slices>
@@ -103,7 +105,6 @@ class DepthObject(Fixed):
         self.slicing: ObjectSlicing = slicing
         self.texture: Texture = texture
         self.missing: Missing = missing
-        self.device_cache: WeakKeyDictionary[Any, Any] = WeakKeyDictionary()
         self.box = box_of_samples(self.views, missing == "background")
 
     def __repr__(self) -> str:
@@ -113,6 +114,11 @@ class DepthObject(Fixed):
     def bounds(self) -> tuple[Float64, Float64]:
         """(low, high), each (3,), in the world: the box around the object."""
         return self.box.bounds
+
+    def draw(self, target: Target, lighting: Lighting | None) -> None:
+        """Draw the object in its views' colours, which hold their light."""
+        with shadowed(target, lighting, grain=spacing_of(self), apart=4, fade=0):
+            draw_object(target, self)
 
     @cached_property
     def maps(self) -> list[Float32]:
@@ -143,8 +149,8 @@ class VisualHull(Fixed):
     Examples
     --------
     >>> import pyibr as ibr
-    >>> from pyibr import models
-    >>> from pyibr.capture import object_views
+    >>> from pyibr.capture import models
+    >>> from pyibr.capture.raycast import object_views
     >>> hull = ibr.VisualHull(object_views(models.donut(), 64), slices=64)
     >>> hull.tested  # opposite views show one silhouette
     [0, 2, 4]
@@ -164,7 +170,6 @@ class VisualHull(Fixed):
         self.slices = checked_slices(slices)
         one_of("slicing", slicing, ObjectSlicing)
         self.slicing: ObjectSlicing = slicing
-        self.device_cache: WeakKeyDictionary[Any, Any] = WeakKeyDictionary()
         self.box = box_of_silhouettes(self.views)
 
     def __repr__(self) -> str:
@@ -174,6 +179,11 @@ class VisualHull(Fixed):
     def bounds(self) -> tuple[Float64, Float64]:
         """(low, high), each (3,), in the world: the box around the object."""
         return self.box.bounds
+
+    def draw(self, target: Target, lighting: Lighting | None) -> None:
+        """Draw the object in its views' colours, which hold their light."""
+        with shadowed(target, lighting, grain=spacing_of(self), apart=4, fade=0):
+            draw_object(target, self)
 
     @cached_property
     def outlines(self) -> list[int]:
@@ -197,12 +207,9 @@ class VisualHull(Fixed):
 
 def draw_object(target: Target, thing: DepthObject | VisualHull, counts: DeviceArray | None = None) -> None:
     """Draw an object into the target; `counts`, (H, W) int32, gains the view tests of each pixel."""
-    from pyibr.opencl.launch import Struct, launch
-    from pyibr.opencl.memory import upload
-    from pyibr.opencl.program import kernel
 
     hull = isinstance(thing, VisualHull)
-    buffers = _object_buffers(thing)
+    buffers = kept(thing, "buffers", lambda: _object_buffers(thing))
     box, camera = thing.box, target.camera
     directions = np.array([_direction(view.camera, box) for view in thing.views])
     cosines = directions @ _direction(camera, box)
@@ -210,7 +217,7 @@ def draw_object(target: Target, thing: DepthObject | VisualHull, counts: DeviceA
     if hull:  # of the views with one silhouette, the closest to the target's is tested, and colours
         _, closest = np.unique(np.array(thing.outlines)[order], return_index=True)
         order = order[np.sort(closest)]
-    spacing = float(box.edges.max()) / thing.slices
+    spacing = spacing_of(thing)
     sample = max(pixel_size(view.camera, box.center) for view in thing.views)
     record = np.zeros((), _BOX)
     # In the kernel the world's origin is the box's middle: float32 holds what is near 0 best.
@@ -249,6 +256,11 @@ def draw_object(target: Target, thing: DepthObject | VisualHull, counts: DeviceA
         target.blank = False
 
 
+def spacing_of(thing: DepthObject | VisualHull) -> float:
+    """Scene units from slice to slice."""
+    return float(thing.box.edges.max()) / thing.slices
+
+
 def _moved_by(offset: Float64) -> Float64:
     """(4, 4) that adds an offset to points."""
     matrix = np.eye(4)
@@ -273,7 +285,6 @@ def _direction(camera: Camera, box: Box) -> Float64:
 
 def _blocks(target: Target, box: Box, near: float) -> tuple[int, int, int, int]:
     """First pixel and blocks across and down: all of a blank picture, else where the box may be seen."""
-    from pyibr.opencl.device import current
 
     block = 4 if current().is_cpu else 1  # kernels/raster/region.h
     width, height = target.camera.size
@@ -289,14 +300,7 @@ def _blocks(target: Target, box: Box, near: float) -> tuple[int, int, int, int]:
 
 
 def _object_buffers(thing: DepthObject | VisualHull) -> dict[str, DeviceArray]:
-    """The object on the current device, made once."""
-    from pyibr.opencl.device import current
-    from pyibr.opencl.memory import upload
-
-    session = current()
-    kept = thing.device_cache.get(session)
-    if isinstance(kept, dict):
-        return cast("dict[str, DeviceArray]", kept)
+    """The object for the current device."""
     sizes: list[tuple[int, int, int]] = []
     start = 0
     words: list[NDArray[np.uint32]] = []
@@ -306,14 +310,12 @@ def _object_buffers(thing: DepthObject | VisualHull) -> dict[str, DeviceArray]:
         words.append(rgba_words(view.color, view.valid))
     move = _moved_by(thing.box.center)
     matrices = np.array([view.camera.pixel_matrix @ view.camera.camera_from_world @ move for view in thing.views])
-    made = {
+    return {
         "matrices": upload(matrices.reshape(-1, 16).astype(np.float32)),
         "sizes": upload(np.array(sizes, np.int32)),
         "maps": upload(np.concatenate([values.ravel() for values in thing.maps])),
         "colors": upload(np.concatenate(words)),
     }
-    thing.device_cache[session] = made
-    return made
 
 
 def _checked_views(views: object, kinds: Any) -> list[Any]:

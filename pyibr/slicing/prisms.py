@@ -8,9 +8,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr._check import Float64
-from pyibr.mesh import Mesh
-from pyibr.tangents import unit, uv_gradients
+from pyibr.core.checks import Float64
+from pyibr.meshes.mesh import Mesh
+from pyibr.meshes.tangents import unit, uv_gradients
 
 Float32 = NDArray[np.float32]
 

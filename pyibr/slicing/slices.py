@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pyibr._check import describe
-from pyibr.errors import ArgumentError
+from pyibr.core.checks import describe
+from pyibr.core.errors import ArgumentError
 
 _SLICES_MOST = 65536
 _HALVINGS_MOST = 24  # float32 holds no more

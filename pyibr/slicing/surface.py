@@ -3,29 +3,38 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, cast, get_args
-from weakref import WeakKeyDictionary
+from typing import Any, Literal, get_args
 
 from numpy.typing import NDArray
 
-from pyibr._check import Fixed, check_tiled, checked_image, describe, one_of, positive
-from pyibr.errors import ArgumentError
-from pyibr.heights import checked_height, checked_normal_map, checked_tiles, height_pairs
-from pyibr.mesh import Mesh
-from pyibr.raster import BIN, bin_primitives, project, texture_pyramid
+from pyibr.core.checks import Fixed, check_tiled, checked_image, describe, one_of, positive
+from pyibr.core.errors import ArgumentError
+from pyibr.meshes.heights import Float32, checked_height, checked_normal_map, checked_tiles, height_pairs
+from pyibr.meshes.mesh import Mesh
+from pyibr.meshes.textures import texture_pyramid
+from pyibr.opencl.device import current
+from pyibr.opencl.kept import kept
+from pyibr.opencl.launch import Struct, launch
+from pyibr.opencl.memory import DeviceArray, upload
+from pyibr.opencl.program import kernel
+from pyibr.picture.shadow import Lighting
+from pyibr.picture.target import Target
+from pyibr.raster.bins import BIN, bin_primitives, project
 from pyibr.slicing.prisms import Volume, extruded
 from pyibr.slicing.slices import checked_slices
-from pyibr.target import Target
 
 Slicing = Literal["surface", "orthogonal", "screen"]
 AlphaTest = Literal["inside", "at_least", "band"]
 
-if TYPE_CHECKING:
-    from pyibr.opencl.memory import DeviceArray
-    from pyibr.shadow import Lighting
-
 _SLICINGS = {name: number for number, name in enumerate(get_args(Slicing))}  # SURFACE ... of kernels/slicing/
 _TESTS = {"at_least": 0, "band": 1, "inside": 2}  # kernels/slicing/heights.h
+
+
+class _Heights(Fixed):
+    """The part of a surface that an animation replaces."""
+
+    def __init__(self, values: Float32) -> None:
+        self.values = values
 
 
 class SlicedSurface(Fixed):
@@ -98,7 +107,7 @@ class SlicedSurface(Fixed):
         if base.uv is None:
             raise ArgumentError("base", "a mesh with uv", f"{base!r} without")
         self.base = base
-        self.height = checked_height(height)
+        self._heights = _Heights(checked_height(height))
         self.color = checked_image("color", color)
         self.scale = positive("scale", scale)
         self.tiles = checked_tiles(tiles)
@@ -112,8 +121,6 @@ class SlicedSurface(Fixed):
         if not isinstance(clipped, bool):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise ArgumentError("clipped", "True or False", describe(clipped))
         self.clipped = clipped
-        self.height_cache: WeakKeyDictionary[Any, Any] = WeakKeyDictionary()
-        self.device_cache: WeakKeyDictionary[Any, Any] = WeakKeyDictionary()
 
     def __repr__(self) -> str:
         h, w = self.height.shape
@@ -122,14 +129,23 @@ class SlicedSurface(Fixed):
     def with_height(self, height: NDArray[Any]) -> SlicedSurface:
         """The same surface with other heights, for animations: everything else, on the device too, is shared."""
         made = object.__new__(SlicedSurface)
-        shared = {**self.__dict__, "volume": self.volume, "height": checked_height(height)}
-        made.__dict__.update(shared, height_cache=WeakKeyDictionary[Any, Any]())
+        other = _Heights(checked_height(height))
+        made.__dict__.update(self.__dict__, volume=self.volume, device_cache=self.device_cache, _heights=other)
         return made
+
+    @property
+    def height(self) -> Float32:
+        """(h, w) heights in [0, 1]."""
+        return self._heights.values
 
     @property
     def bounds(self) -> tuple[NDArray[Any], NDArray[Any]]:
         """(low, high), each (3,), in the world: the box around the displacement volume."""
         return self.volume.bounds
+
+    def draw(self, target: Target, lighting: Lighting | None) -> None:
+        """Draw the slices; lit by their normals."""
+        draw_surface(target, self, lighting)
 
     @cached_property
     def volume(self) -> Volume:
@@ -141,11 +157,11 @@ def draw_surface(
     target: Target, surface: SlicedSurface, lit: Lighting | None, counts: DeviceArray | None = None
 ) -> None:
     """Draw a sliced surface into the target; `counts`, (H, W) int32, gains the alpha tests of each pixel."""
-    from pyibr.opencl.device import current
-    from pyibr.opencl.launch import Struct, launch
-    from pyibr.opencl.program import kernel
 
-    buffers = _surface_buffers(surface)
+    buffers = {
+        **kept(surface, "volume", lambda: _volume_buffers(surface)),
+        "heights": kept(surface._heights, "pairs", lambda: upload(height_pairs(surface.height))),
+    }
     near = target.near(surface.volume.bounds)
     projected = project(target, buffers["points"], near)
     bins = bin_primitives(target, buffers["corners"], projected, near, sort=True)
@@ -188,23 +204,11 @@ def draw_surface(
     target.blank = False
 
 
-def _surface_buffers(surface: SlicedSurface) -> dict[str, DeviceArray]:
-    """The surface on the current device: made once but for the heights, which an animation replaces."""
-    from pyibr.opencl.device import current
-    from pyibr.opencl.memory import upload
-
-    session = current()
-    kept = surface.device_cache.get(session)
-    if not isinstance(kept, dict):
-        volume = surface.volume
-        kept = {
-            name: upload(getattr(volume, name))
-            for name in ("points", "places", "corners", "frames", "gradients", "normals")
-        }
-        kept["colors"] = upload(texture_pyramid(surface.color))
-        if surface.normal_map is not None:
-            kept["normal_map"] = upload(surface.normal_map)
-        surface.device_cache[session] = kept
-    if session not in surface.height_cache:
-        surface.height_cache[session] = upload(height_pairs(surface.height))
-    return {**cast("dict[str, DeviceArray]", kept), "heights": surface.height_cache[session]}
+def _volume_buffers(surface: SlicedSurface) -> dict[str, DeviceArray]:
+    """The surface, but for its heights, for the current device."""
+    names = ("points", "places", "corners", "frames", "gradients", "normals")
+    made = {name: upload(getattr(surface.volume, name)) for name in names}
+    made["colors"] = upload(texture_pyramid(surface.color))
+    if surface.normal_map is not None:
+        made["normal_map"] = upload(surface.normal_map)
+    return made

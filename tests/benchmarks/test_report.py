@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from benchmarks import depthmesh, llvmpipe, opencv, peers, report, scenes, simplification, table2
+from benchmarks import llvmpipe, report, scenes, table2
 from benchmarks.__main__ import main
+from benchmarks.depthmesh.depthmesh import depthmesh, simplification
 from benchmarks.launches import Visited, build_times, counted_samples, kernel_times
 from benchmarks.results import Record, Result, Skip
 from benchmarks.runner import in_turns
 from benchmarks.statistics import Quartiles, exponent, ratios
-from pyibr import models
-from pyibr.capture import object_views
+from benchmarks.warp import opencv, peers
+from pyibr.capture import models, object_views
 
 ENVIRONMENT = {
     "time": "2026-01-01T00:00:00+00:00",

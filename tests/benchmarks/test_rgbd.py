@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import opencv, report, rgbd, rgbd_uses, scenes
+from benchmarks import report, scenes
 from benchmarks.cases import FULL, QUICK
-from benchmarks.opencv import Task
 from benchmarks.results import Record, Result, Skip
-from pyibr import metrics
+from benchmarks.warp import opencv, rgbd, rgbd_uses
+from benchmarks.warp.opencv import Task
+from pyibr.images import metrics
 from tests.benchmarks.test_report import ENVIRONMENT
 
 SCENES = [scenes.ROOM, scenes.LIVINGROOM]

@@ -8,8 +8,8 @@ import pytest
 pytest.importorskip("open3d")
 
 import pyibr as ibr
-from pyibr import capture
-from pyibr.camera import Camera
+from pyibr.capture.raycast import raycast as capture
+from pyibr.core.camera import Camera
 from pyibr.depthmesh import Segmentation
 from tests import scenes
 

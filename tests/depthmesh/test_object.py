@@ -9,13 +9,13 @@ import pytest
 pytest.importorskip("open3d")
 
 import pyibr as ibr
-from pyibr import metrics, models
-from pyibr.camera import Camera
-from pyibr.capture import MeshScene, object_views
+from pyibr.capture.raycast import MeshScene, models, object_views
+from pyibr.core.camera import Camera
 from pyibr.depthmesh import Segmentation
 from pyibr.depthmesh.background import background_of
 from pyibr.depthmesh.triangulation import pixels_of
-from pyibr.metrics import silhouette_iou
+from pyibr.images import metrics
+from pyibr.images.metrics import silhouette_iou
 from tests import scenes
 from tests.depthmesh.views import DIRECTIONS, PROJECTIONS, SIZE, rough, six, target
 from tests.slicing.solids import looking, torus, views_of_torus

@@ -10,8 +10,8 @@ import pytest
 pytest.importorskip("open3d")
 
 import pyibr as ibr
-from pyibr.camera import Camera
-from pyibr.capture import MeshScene, cube_cameras, object_views
+from pyibr.capture.raycast import MeshScene, cube_cameras, object_views
+from pyibr.core.camera import Camera
 from pyibr.depthmesh import Segmentation
 from tests import scenes
 from tests.depthmesh.views import PROJECTIONS, SIZE, six, target

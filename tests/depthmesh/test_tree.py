@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.camera import Camera
+from pyibr.core.camera import Camera
 from pyibr.depthmesh import Segmentation
 from pyibr.depthmesh.triangulation import active_for, list_triangles, pixels_of
 from tests import scenes

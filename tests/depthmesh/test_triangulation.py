@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr import models
-from pyibr.camera import Camera
-from pyibr.capture import object_views
+from pyibr.capture import models, object_views
+from pyibr.core.camera import Camera
 from pyibr.depthmesh import Segmentation
 from tests import scenes
 from tests.depthmesh.views import (

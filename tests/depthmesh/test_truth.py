@@ -10,10 +10,10 @@ import pytest
 pytest.importorskip("open3d")
 
 import pyibr as ibr
-from pyibr import metrics
-from pyibr.camera import Camera
-from pyibr.capture import MeshScene, object_views
-from pyibr.metrics import silhouette_iou
+from pyibr.capture.raycast import MeshScene, object_views
+from pyibr.core.camera import Camera
+from pyibr.images import metrics
+from pyibr.images.metrics import silhouette_iou
 from tests.data import shared
 from tests.slicing.solids import looking, torus
 from tests.slicing.test_real_data import scans

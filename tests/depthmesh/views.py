@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 import pyibr as ibr
-from pyibr.camera import Camera
+from pyibr.core.camera import Camera
 from pyibr.images import DepthImage
 from tests import scenes
 from tests.slicing.solids import looking, torus, views_of_torus

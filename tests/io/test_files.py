@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.io.files import atomic_path
+from pyibr.core.files import atomic_path
 
 SIZES = [(7, 13), (1, 1), (61, 37)]
 DEPTH_SUFFIXES = [".png", ".npy", ".npz", ".pfm", ".exr", ".bin"]

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
+from pyibr.capture.scans import scan_view
 from pyibr.io import read_range_grid
-from pyibr.scans import scan_view
 
 HEAD = """ply
 format ascii 1.0

@@ -12,14 +12,15 @@ from typing import Any
 
 import pytest
 
-from pyibr.errors import ArgumentError, DeviceError
+from pyibr.core.errors import ArgumentError, DeviceError
 from pyibr.opencl import device as device_module
 from pyibr.opencl import probe as probe_module
 from pyibr.opencl import runtimes
 from pyibr.opencl.cache import cache_folder, read_cached, write_cached
 from pyibr.opencl.choice import choose, select
 from pyibr.opencl.device import current, devices, explain, one_call, use_device
-from pyibr.opencl.probe import Outcome, Speed, forget, probe
+from pyibr.opencl.outcome import Outcome, Speed
+from pyibr.opencl.probe import forget, probe
 from pyibr.opencl.runtimes import Found, found_devices, remedy_for
 
 BROKEN = Outcome(False, "every build fails: unknown target CPU 'generic'")
@@ -297,7 +298,7 @@ def test_a_device_that_cannot_be_opened_is_named(nothing_open: None, own_cache: 
 def test_a_forked_process_gets_an_error_and_does_not_hang():
     code = """
 import os
-from pyibr.errors import DeviceError
+from pyibr.core.errors import DeviceError
 from pyibr.opencl.device import current
 current()
 if os.fork() == 0:

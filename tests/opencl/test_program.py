@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from pyibr.errors import ArgumentError, BuildError
+from pyibr.core.errors import ArgumentError, BuildError
 from pyibr.opencl import program
 from pyibr.opencl.device import current
 from pyibr.opencl.launch import launch

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.camera import Camera
+from pyibr.core.camera import Camera
 from tests.one_lane import check_bounds, one_lane
 from tests.scenes import pose
 
@@ -66,7 +66,7 @@ def test_one_lane_draws_into_what_is_there():
 
 BOUNDS = """
 import numpy as np, pyibr as ibr
-from pyibr.camera import Camera
+from pyibr.core.camera import Camera
 square = [[-1, -1, 2], [1, -1, 4], [1, 1, 4], [-1, 1, -2]]
 faces, uv = [[0, 2, 1], [0, 3, 2], [1, 1, 2]], [[-1, 0], [1, 0], [1, 2], [0, 3]]
 light = ibr.Light(position=(0, 0, 0), shadow_size=8)

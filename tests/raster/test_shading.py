@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.camera import Camera
+from pyibr.core.camera import Camera
 from tests.reference.heights import bilinear_height
 from tests.reference.raster import weights
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.camera import Camera
+from pyibr.core.camera import Camera
 from tests.data import shared
 from tests.one_lane import one_lane
 from tests.reference.raster import depths, edge_distances

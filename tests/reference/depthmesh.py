@@ -13,7 +13,7 @@ from itertools import chain
 
 import numpy as np
 
-from pyibr.camera import Camera
+from pyibr.core.camera import Camera
 from pyibr.depthmesh import Segmentation
 from pyibr.images import DepthImage
 

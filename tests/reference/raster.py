@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pyibr.camera import Camera
+from pyibr.core.camera import Camera
 
 
 def homogeneous(camera: Camera, points: np.ndarray) -> np.ndarray:

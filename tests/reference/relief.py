@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import pyibr as ibr
-from pyibr.camera import Camera
+from pyibr.core.camera import Camera
 from pyibr.relief.quadrics import VertexFrames
 from tests.reference.heights import bilinear_height
 

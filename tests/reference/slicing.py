@@ -9,9 +9,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from pyibr.camera import Camera
+from pyibr.core.camera import Camera
 from pyibr.images import DepthImage
-from pyibr.silhouette import Silhouette
+from pyibr.images.silhouette import Silhouette
 from pyibr.slicing.boxes import Box
 
 Inside = Callable[[np.ndarray], np.ndarray]  # world points (N, 3) -> (N,) bool

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.camera import Camera
+from pyibr.core.camera import Camera
 from pyibr.images import DepthImage
 
 Array = NDArray[Any]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.camera import Camera
+from pyibr.core.camera import Camera
 from tests.displaced import square
 
 WHITE = np.full((2, 2, 3), 200, np.uint8)

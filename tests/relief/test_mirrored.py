@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.camera import Camera
+from pyibr.core.camera import Camera
 from pyibr.relief.quadrics import split_at_mirrors
 from tests.displaced import square
 from tests.relief.solids import cylinder, grid

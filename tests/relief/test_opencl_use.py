@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr import models
-from pyibr.camera import Camera
+from pyibr.capture import models
+from pyibr.core.camera import Camera
 from tests.one_lane import check_bounds, one_lane
 
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr import models
-from pyibr.camera import Camera
+from pyibr.capture import models
+from pyibr.core.camera import Camera
 from pyibr.opencl.memory import empty
+from pyibr.picture.target import Target
 from pyibr.relief import draw_relief
-from pyibr.target import Target
 from tests.displaced import square
 from tests.reference.heights import bilinear_height
 from tests.reference.relief import Rays, relief_depth

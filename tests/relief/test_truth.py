@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.camera import Camera
-from pyibr.metrics import silhouette_iou
+from pyibr.core.camera import Camera
+from pyibr.images.metrics import silhouette_iou
 from tests.displaced import square
 from tests.relief.solids import Carved, cylinder, grid, plane, sphere, torus
 

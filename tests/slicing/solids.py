@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import pyibr as ibr
-from pyibr.camera import Camera
-from pyibr.capture import MeshScene, object_views
+from pyibr.capture.raycast import MeshScene, object_views
+from pyibr.core.camera import Camera
 
 
 def revolved(profile: ArrayLike, closed: bool, sides: int = 96) -> tuple[np.ndarray, np.ndarray]:

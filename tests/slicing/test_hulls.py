@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.camera import Camera
-from pyibr.metrics import silhouette_iou
+from pyibr.core.camera import Camera
+from pyibr.images.metrics import silhouette_iou
 from tests.data import shared
 from tests.reference.slicing import first_depth, visual_hull
 

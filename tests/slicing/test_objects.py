@@ -11,10 +11,10 @@ import pytest
 pytest.importorskip("open3d")
 
 import pyibr as ibr
-from pyibr import metrics
-from pyibr.camera import Camera
-from pyibr.capture import MeshScene, object_views
-from pyibr.metrics import silhouette_iou
+from pyibr.capture.raycast import MeshScene, object_views
+from pyibr.core.camera import Camera
+from pyibr.images import metrics
+from pyibr.images.metrics import silhouette_iou
 from pyibr.slicing import alpha_tests
 from tests.data import shared
 from tests.reference.slicing import depth_object, first_depth

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr import models
-from pyibr.camera import Camera
-from pyibr.metrics import silhouette_iou
+from pyibr.capture import models
+from pyibr.core.camera import Camera
+from pyibr.images.metrics import silhouette_iou
 from pyibr.opencl import device, launch, program
 from tests.one_lane import check_bounds, one_lane
 from tests.slicing.solids import looking, torus, views_of_torus

@@ -10,11 +10,11 @@ import pytest
 from PIL import Image
 
 import pyibr as ibr
-from pyibr.camera import Camera
-from pyibr.capture import MeshScene, object_views
+from pyibr.capture.raycast import MeshScene, object_views
+from pyibr.capture.scans import scan_view
+from pyibr.core.camera import Camera
+from pyibr.images.metrics import silhouette_iou
 from pyibr.io import read_range_grid
-from pyibr.metrics import silhouette_iou
-from pyibr.scans import scan_view
 from tests.data import shared
 from tests.displaced import Solid, looking, square
 

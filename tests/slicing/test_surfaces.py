@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr import models
-from pyibr.camera import Camera
+from pyibr.capture import models
+from pyibr.core.camera import Camera
 from pyibr.slicing import alpha_tests
 from tests.displaced import Solid, interior, looking, square
 

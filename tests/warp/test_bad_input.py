@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 import pyibr as ibr
 from pyibr.cli import app
-from pyibr.errors import ArgumentError
+from pyibr.core.errors import ArgumentError
 
 K = [[50, 0, 20], [0, 50, 15], [0, 0, 1]]
 SIZE = (41, 31)

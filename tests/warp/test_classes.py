@@ -14,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 import pyibr as ibr
-from pyibr.camera import Camera, Projection
+from pyibr.core.camera import Camera, Projection
 from tests import scenes, truth
 
 pytest.importorskip("open3d")
@@ -46,7 +46,7 @@ def scene() -> tuple[NDArray[np.float64], NDArray[np.int64]]:
 
 def cast(camera: Camera) -> NDArray[np.float64]:
     """(H, W) planar depth of the whole scene, from either side."""
-    from pyibr.capture import MeshScene
+    from pyibr.capture.raycast import MeshScene
 
     return np.asarray(MeshScene(*scene()).capture(camera).depth, np.float64)
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pyibr.epipolar import line_groups
-from pyibr.pixelspace import Rectangle
+from pyibr.core.pixelspace import Rectangle
+from pyibr.warp.lines import line_groups
 
 LANES = 16
 SIZES = ((64, 48), (61, 37), (7, 13), (1, 1), (1, 30), (40, 1), (200, 9))

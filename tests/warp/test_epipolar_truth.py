@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.camera import Camera, Projection
-from pyibr.warp import Edges, Sample
+from pyibr.core.camera import Camera, Projection
+from pyibr.warp.warp import Edges, Sample
 from tests import scenes, truth
 
 pytest.importorskip("open3d")

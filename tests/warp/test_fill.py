@@ -9,11 +9,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from pyibr.camera import Camera
+from pyibr.core.camera import Camera
 from pyibr.opencl.device import current
 from pyibr.opencl.memory import copy, upload
-from pyibr.target import Target
-from pyibr.warp_launches import fill_from_behind
+from pyibr.picture.target import Target
+from pyibr.warp.launches import fill_from_behind
 from tests import scenes
 from tests.one_lane import one_lane
 from tests.reference.fill import fill_reference

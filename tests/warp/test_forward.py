@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.camera import Camera, Projection
+from pyibr.core.camera import Camera, Projection
 from tests import scenes
 from tests.reference.warp import forward_reference, search_reference
 

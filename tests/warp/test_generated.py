@@ -23,8 +23,8 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.camera import Camera, Projection
-from pyibr.warp import Edges, Side
+from pyibr.core.camera import Camera, Projection
+from pyibr.warp.warp import Edges, Side
 from tests import scenes
 from tests.exact import CUT_RATIO, off, slivers, ties
 from tests.reference.warp import search_reference

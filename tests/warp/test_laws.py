@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.camera import Camera
+from pyibr.core.camera import Camera
 from tests import scenes
 
 PROJECTIONS = ("perspective", "orthographic")

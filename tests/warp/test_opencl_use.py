@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.camera import Projection
+from pyibr.core.camera import Projection
 from pyibr.opencl import device
 from tests import scenes
 from tests.one_lane import check_bounds, one_lane

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr import metrics
-from pyibr.camera import Camera
+from pyibr.core.camera import Camera
+from pyibr.images import metrics
 from tests.data import shared
 
 # --- a room, rendered with noise-free depth in whole millimetres --------------------------------------

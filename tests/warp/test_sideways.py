@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.camera import Camera
-from pyibr.pixelspace import camera_pair
-from pyibr.warp import Edges, Method
+from pyibr.core.camera import Camera
+from pyibr.core.pixelspace import camera_pair
+from pyibr.warp.warp import Edges, Method
 from tests import scenes
 from tests.exact import CUT_RATIO, off, ties, with_center_moved
 from tests.reference.lines import Sideways, sideways_reference

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.camera import Camera, Projection
-from pyibr.warp import Edges, Method
+from pyibr.core.camera import Camera, Projection
+from pyibr.warp.warp import Edges, Method
 from tests import scenes
 from tests.exact import CUT_RATIO, off
 from tests.reference.lines import sideways_reference

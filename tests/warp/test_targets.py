@@ -9,7 +9,7 @@ import pytest
 
 import pyibr as ibr
 from pyibr.opencl.memory import DeviceArray
-from pyibr.target import Target
+from pyibr.picture.target import Target
 from tests import scenes
 from tests.one_lane import one_lane
 from tests.warp.test_laws import same_bits

@@ -1,0 +1,291 @@
+"""Depth meshes beside the paper's tables 1 and 2, the meshes that they were taken of, and the epipolar warp.
+
+The paper (Pajarola, Sainz & Meng 2003) measured on a Pentium 4 of 2.2 GHz with a GeForce4 4600 Ti. Its dragon is ours;
+its other models are not to be had, the humans stand in for its "Male" and "Female".
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import pyibr as ibr
+from benchmarks.cases import Plan
+from benchmarks.depthmesh.depthmesh import simplification
+from benchmarks.launches import kernel_times
+from benchmarks.results import Parameter, Record, Skip
+from benchmarks.runner import Case, Subject, Work, in_turns
+from benchmarks.scenes import scanned
+from pyibr.capture.raycast import MeshScene, models, object_views
+from pyibr.core.camera import Projection
+from pyibr.core.errors import MissingPackageError
+from pyibr.depthmesh.object import Blend
+from pyibr.depthmesh.segmentation import Segmentation
+from pyibr.depthmesh.tree import build_tree
+from pyibr.depthmesh.triangulation import Triangles, active_for, list_triangles
+from pyibr.images import metrics
+
+
+@dataclass(frozen=True)
+class Construction:
+    """A row of the paper's table 1: milliseconds."""
+
+    triangles: int
+    render: float
+    capture: float
+    quadtree: float
+
+
+@dataclass(frozen=True)
+class Rendering:
+    """A row of the paper's table 2: pixels of tolerance, milliseconds of the stages, frames per second."""
+
+    tolerance: float
+    triangles: int
+    selection: float
+    depth: float
+    color: float
+    blend: float
+    rate: float
+
+
+PAPER_CONSTRUCTION = {
+    "dragon": Construction(871_414, 430, 36, 405),
+    "female": Construction(605_086, 811, 36, 407),
+    "male": Construction(641_560, 849, 36, 408),
+}
+PAPER_RENDERING = {
+    "dragon": Rendering(16, 30_635, 16.6, 23.3, 23.5, 0.08, 15),
+    "female": Rendering(4, 29_735, 13.3, 19.9, 20.2, 0.1, 18),
+    "male": Rendering(4, 22_423, 11.4, 15.9, 16.2, 0.08, 21),
+}
+BARS = {"selection": 5.0, "rate": 60.0, "overlap": 0.97, "tolerance": 0.5}
+"""Milliseconds; frames per second; IoU of the silhouettes; dB. At tolerance 1, of the dragon."""
+
+CAPTURE, HIERARCHY, FRESH = "capture", "hierarchy", "fresh view and hierarchy"
+FRAME, SELECTION = "frame", "selection"
+STAGES = {
+    "selection": ("activate", "find_triangles", "list_points", "list_triangles"),
+    "projection and bins": ("project_points", "count_bins", "start_bins", "fill_bins", "sort_bins"),
+    "depth, colour and blend": ("draw_meshes",),
+}
+"""Kernels of a frame."""
+
+BLENDS: tuple[Blend, ...] = ("quality", "position", "nearest")
+FULL_GRID = "quality, full grid"
+MESH, MESH_FULL, WARP = "depth mesh, 1 px", "depth mesh, full grid", "epipolar warp"
+FRESH_MESH, FRESH_WARP = f"{MESH}, fresh view", f"{WARP}, fresh view"
+
+_FILES = {
+    "bunny": "bun_zipper.ply.gz",
+    "female": "human_female_makehuman.obj.gz",
+    "male": "human_male_makehuman.obj.gz",
+    "spot": "spot/spot_triangulated.obj",
+}
+_FRONT = (0.4, 0.3, 1.0)  # where frames are seen from
+_KERNEL_RUNS = 5
+_TURN = 15.0  # degrees between a warped view and its target
+
+
+def cases(plan: Plan) -> Iterator[Case]:
+    """Tables 1 and 2, the dragon's quality, the epipolar warp; then simplification."""
+    for name, repeats in plan.depthmesh_models.items():
+        parameters: dict[str, Parameter] = {"case": "construction", "model": name}
+        yield Case(parameters, functools.partial(_construction, name, repeats, plan))
+    for name, repeats in plan.depthmesh_models.items():
+        for tolerance in plan.depthmesh_tolerances:
+            parameters = {"case": "frame", "model": name, "tolerance": tolerance}
+            yield Case(parameters, functools.partial(_frames, parameters, repeats, plan))
+    name, cameras = plan.depthmesh_quality
+    for projection in ("perspective", "orthographic"):
+        parameters = {"case": "quality", "model": name, "projection": projection}
+        yield Case(parameters, functools.partial(_quality, parameters, cameras, plan))
+    parameters = {"case": "warp", "model": name}
+    yield Case(parameters, functools.partial(_warp, parameters, plan))
+    yield from simplification.cases(plan)
+
+
+@functools.cache
+def _scene(name: str, scan: str) -> MeshScene | Skip:
+    mesh = models.donut(60) if name == "donut" else scanned(scan if name == "dragon" else _FILES[name])
+    if isinstance(mesh, Skip):
+        return mesh
+    try:
+        return MeshScene.from_mesh(mesh)
+    except MissingPackageError as error:
+        return Skip(name, str(error))
+
+
+@functools.cache
+def _meshes(name: str, scan: str, side: int, projection: Projection) -> list[ibr.DepthMesh] | Skip:
+    """Of the six sides, as the paper takes them."""
+    scene = _scene(name, scan)
+    return scene if isinstance(scene, Skip) else [ibr.DepthMesh(v) for v in object_views(scene, side, projection)]
+
+
+def _construction(name: str, repeats: int, plan: Plan) -> Work | Skip:
+    scene = _scene(name, plan.dragon_mesh)
+    meshes = _meshes(name, plan.dragon_mesh, plan.depthmesh_side, "perspective")
+    if isinstance(scene, Skip) or isinstance(meshes, Skip):
+        return scene if isinstance(scene, Skip) else Skip(name, "it has no views")
+    view = meshes[5].view
+
+    # In turns of their own: the memory that these take and free slows whatever comes after them.
+    others: dict[str, Subject] = {
+        CAPTURE: functools.partial(scene.capture, view.camera),
+        FRESH: lambda: simplification.hierarchy(ibr.DepthMesh(again(view)).tree),
+    }
+
+    def read() -> Iterator[Record]:
+        parameters: dict[str, Parameter] = {"case": "construction", "model": name}
+        yield Record(CAPTURE, "triangles", "count", parameters, [len(scene.faces)])
+        for subject, values in in_turns(others, repeats).items():
+            yield Record(subject, "end to end", "ms", parameters, values)
+
+    return Work({HIERARCHY: lambda: simplification.hierarchy(build_tree(view, Segmentation()))}, repeats, read)
+
+
+def again(view: ibr.DepthImage) -> ibr.DepthImage:
+    """The same depth image, nothing of it known yet."""
+    return ibr.DepthImage(view.color, view.depth, view.camera, view.far)
+
+
+def _frames(parameters: dict[str, Parameter], repeats: int, plan: Plan) -> Work | Skip:
+    meshes = _meshes(str(parameters["model"]), plan.dragon_mesh, plan.depthmesh_side, "perspective")
+    if isinstance(meshes, Skip):
+        return meshes
+    tolerance = float(parameters["tolerance"])
+    thing = ibr.DepthMeshObject(meshes, tolerance)
+    camera = _filled(thing, plan.depthmesh_side)
+    trees = [thing.meshes[number].tree for number in np.flatnonzero(thing.weights(camera))]
+
+    def select() -> Triangles:
+        found = list_triangles(trees, [active_for(tree, camera, 0.5 * tolerance) for tree in trees])
+        found.corners.to_host()  # by then all are there
+        return found
+
+    def read() -> Iterator[Record]:
+        covered = float(ibr.render(thing, camera).valid.mean())
+        runs: list[dict[str, list[float]]] = []
+        for _ in range(_KERNEL_RUNS):
+            with kernel_times() as times:
+                ibr.render(thing, camera)
+            runs.append(dict(times))
+        for stage, kernels in STAGES.items():
+            values = [sum(sum(run.get(kernel, ())) for kernel in kernels) for run in runs]
+            yield Record(stage, "kernels", "ms", parameters, values)
+        triangles = select().firsts[-1]
+        yield Record(SELECTION, "triangles", "count", parameters, [triangles])
+        yield Record(FRAME, "coverage", "share", parameters, [covered])
+
+    return Work({FRAME: functools.partial(ibr.render, thing, camera), SELECTION: select}, repeats, read)
+
+
+def _filled(thing: ibr.DepthMeshObject, side: int) -> ibr.Camera:
+    """Sees the object fill the picture."""
+    low, high = thing.bounds
+    middle, edges = 0.5 * (low + high), high - low
+    away = 2.2 * float(np.linalg.norm(edges))
+    eye = middle + away * np.array(_FRONT) / np.linalg.norm(_FRONT)
+    fov = float(np.degrees(2 * np.arctan(0.55 * edges.max() / away)))
+    return ibr.Camera.look_at(eye, middle, (0, 1, 0), (side, side), fov)
+
+
+def _quality(parameters: dict[str, Parameter], count: int, plan: Plan) -> Work | Skip:
+    """The blendings from random directions, beside the mesh itself."""
+    name, projection = str(parameters["model"]), parameters["projection"]
+    scene = _scene(name, plan.dragon_mesh)
+    meshes = _meshes(
+        name,
+        plan.dragon_mesh,
+        plan.depthmesh_side,
+        "perspective" if projection == "perspective" else "orthographic",
+    )
+    if isinstance(scene, Skip) or isinstance(meshes, Skip):
+        return scene if isinstance(scene, Skip) else Skip(name, "it has no views")
+    things = {blend: ibr.DepthMeshObject(meshes, blend=blend) for blend in BLENDS}
+    things |= {FULL_GRID: ibr.DepthMeshObject(meshes, tolerance=0)}
+    low, high = things["quality"].bounds
+    middle, away = 0.5 * (low + high), 2 * float((high - low).max())
+    directions = np.random.default_rng(5).normal(size=(count, 3))
+
+    def read() -> Iterator[Record]:
+        found: dict[tuple[str, str], list[float]] = {}
+        for direction in directions / np.linalg.norm(directions, axis=1, keepdims=True):
+            eye, size = middle + away * direction, (plan.depthmesh_side, plan.depthmesh_side)
+            camera = ibr.Camera.look_at(eye, middle, (0, 1, 0), size, fov_y=40)
+            truth = scene.capture(camera)
+            frames = {name: ibr.render(thing, camera) for name, thing in things.items()}
+            both = np.logical_and.reduce([truth.valid, *(frame.valid for frame in frames.values())])
+            for name, frame in frames.items():
+                values = {
+                    "PSNR": metrics.psnr(frame.color, truth.color, both),
+                    "SSIM": structural_similarity(frame.color, truth.color, both),
+                    "silhouette (IoU)": metrics.silhouette_iou(frame.valid, truth.valid),
+                }
+                for quantity, value in values.items():
+                    found.setdefault((name, quantity), []).append(value)
+        for (name, quantity), values in found.items():
+            yield Record(name, quantity, "dB" if quantity == "PSNR" else "share", parameters, values)
+
+    return Work(read=read)
+
+
+def structural_similarity(a: NDArray[Any], b: NDArray[Any], valid: NDArray[np.bool_]) -> float:
+    """Mean SSIM (uint8, Gaussian window of 11 pixels) over the valid pixels; the others are black in both."""
+    cv2: Any = import_module("cv2")
+    _, every = cv2.quality.QualitySSIM_compute(*(np.where(valid[..., None], image, np.uint8(0)) for image in (a, b)))
+    return float(every[valid].mean())
+
+
+def _warp(parameters: dict[str, Parameter], plan: Plan) -> Work | Skip:
+    """One depth image, seen from a little aside."""
+    scene = _scene(str(parameters["model"]), plan.dragon_mesh)
+    meshes = _meshes(str(parameters["model"]), plan.dragon_mesh, plan.depthmesh_side, "perspective")
+    if isinstance(scene, Skip) or isinstance(meshes, Skip):
+        return scene if isinstance(scene, Skip) else Skip(MESH, "it has no views")
+    view = meshes[5].view
+    camera = _aside(view, 0.5 * (scene.vertices.min(axis=0) + scene.vertices.max(axis=0)))
+    fine, full = ibr.DepthMesh(view), ibr.DepthMesh(view, tolerance=0)
+    subjects: dict[str, Any] = {
+        MESH: functools.partial(ibr.render, fine, camera),
+        MESH_FULL: functools.partial(ibr.render, full, camera),
+        WARP: functools.partial(ibr.warp, view, camera, edges="cut"),
+    }
+    fresh: dict[str, Subject] = {
+        FRESH_MESH: lambda: ibr.render(ibr.DepthMesh(again(view)), camera),
+        FRESH_WARP: lambda: ibr.warp(again(view), camera, edges="cut"),
+    }
+
+    def read() -> Iterator[Record]:
+        for name, values in in_turns(fresh, plan.depthmesh_warp).items():
+            yield Record(name, "end to end", "ms", parameters, values)
+        truth = scene.capture(camera)
+        frames: dict[str, ibr.Frame] = {name: subjects[name]() for name in (MESH, MESH_FULL, WARP)}
+        both = np.logical_and.reduce([truth.valid, *(frame.valid for frame in frames.values())])
+        extent = float((view.bounds[1] - view.bounds[0]).max())
+        for name, frame in frames.items():
+            yield Record(name, "PSNR", "dB", parameters, [metrics.psnr(frame.color, truth.color, both)])
+            off = np.abs(frame.depth - truth.depth)[both] / extent
+            yield Record(name, "median depth error", "share", parameters, [float(np.median(off))])
+            yield Record(name, "depth off by over 1 %", "share", parameters, [float((off > 0.01).mean())])
+            seen, total = frame.valid & truth.valid, np.count_nonzero(truth.valid)
+            yield Record(name, "covered", "share", parameters, [float(seen.sum() / total)])
+            yield Record(name, "beside it", "share", parameters, [float((frame.valid & ~truth.valid).sum() / total)])
+
+    return Work(subjects, plan.depthmesh_warp, read)
+
+
+def _aside(view: ibr.DepthImage, middle: NDArray[Any]) -> ibr.Camera:
+    """The view's camera turned about the object's middle."""
+    angle = np.radians(_TURN)
+    turn = np.eye(4)
+    turn[:3, :3] = [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
+    turn[:3, 3] = middle - turn[:3, :3] @ middle
+    return ibr.Camera(view.camera.K, view.camera.size, turn @ view.camera.world_from_camera)

@@ -1,0 +1,262 @@
+"""The report's section on depth meshes and on simplification."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks import plots
+from benchmarks.depthmesh.depthmesh import depthmesh, simplification
+from benchmarks.results import Record, Result
+from benchmarks.statistics import Quartiles, median, number
+from benchmarks.tables import only, table, verdict
+
+HEAD = "## Depth meshes\n"
+
+CONSTRUCTION = """### Construction
+
+The paper's table 1: milliseconds for one depth image of 512 x 512. *Capture* is ray casting (Open3D), the paper's
+is rendering by OpenGL and reading its z-buffer. *Hierarchy*: segmentation, normals, errors and spheres, the view being
+on the device; *fresh view*: of a `DepthImage` made anew, too. The paper's female and male are other models.
+"""
+
+FRAMES = """### Frames
+
+The paper's table 2: three of six depth images of 512 x 512, blended, fill a picture of that size. *Selection* and
+*frame* are whole calls, the other stages the kernels' times; ours draws depth, colours and their blend in one kernel.
+"""
+
+QUALITY = """### Quality
+
+Means and least values over {count} cameras in random directions, beside the {model} itself. PSNR (dB) and SSIM
+on the pixels that all cover.
+"""
+
+WARP = """### Beside the epipolar warp
+
+One depth image of the {model} from 15 degrees aside, against rays. Colour and depth on the pixels that all cover, depth
+errors of the largest extent; *covered* and *beside it* of the pixels that see the {model}.
+"""
+
+SIMPLIFICATION = """### Simplification
+
+Triangles over the largest vertical error at the samples, measured by rays. pymartini's own error is that of its
+vertices' midpoints, of ours and pydelatin's it is a bound for all samples.
+
+![Triangles by measured error](depthmesh-simplification.png)
+"""
+
+TIMES = """Milliseconds, in turns, at 30 m on the Fuji tile, all from `DepthImage`s made anew but for *triangles* and
+*simplify*. *Triangles* are points and their numbers, as pymartini's and pydelatin's; *simplify* makes a `Mesh` with
+normals and uv of them. *Hierarchy*: normals, errors and spheres, too; triangles need none of them.
+"""
+
+DECIMATION = """### Beside quadric decimation
+
+Open3D decimates the full grid to as many triangles. Errors in depth at the samples; *missed* are samples that no
+triangle is behind or before.
+"""
+
+
+def depthmesh_section(result: Result, folder: Path) -> list[str]:
+    """The paper's two tables, quality, the epipolar warp, simplification, decimation."""
+    parts = [
+        HEAD,
+        *_construction(result),
+        *_frames(result),
+        *_quality(result),
+        *_warp(result),
+        *_simplification(result, folder),
+        *_decimation(result),
+    ]
+    return parts
+
+
+def _names(result: Result, case: str, parameter: str) -> list[str]:
+    return list(dict.fromkeys(str(record.parameters[parameter]) for record in result.select(case=case)))
+
+
+def _construction(result: Result) -> list[str]:
+    subjects = depthmesh.CAPTURE, depthmesh.HIERARCHY, depthmesh.FRESH
+    rows: list[list[str]] = []
+    for model in _names(result, "construction", "model"):
+        here = {"case": "construction", "model": model}
+        times = {record.subject: record.values for record in result.select(quantity="end to end", **here)}
+        triangles = only(result.select(quantity="triangles", **here))[0]
+        paper = depthmesh.PAPER_CONSTRUCTION.get(model)
+        theirs = [f"{paper.render + paper.capture:g}", f"{paper.quadtree:g}"] if paper else ["", ""]
+        if paper:
+            theirs.append(f"{paper.quadtree / median(times[depthmesh.HIERARCHY]):.0f}")
+        cells = [str(Quartiles.of(times[subject])) for subject in subjects]
+        rows.append([model, f"{triangles:.0f}", *cells, *(theirs if paper else ["", "", ""])])
+    heads = ["model", "triangles", *subjects, "paper: render and read", "paper: quadtree", "paper / hierarchy"]
+    return [CONSTRUCTION, table(heads, rows)] if rows else []
+
+
+def _frames(result: Result) -> list[str]:
+    rows: list[list[str]] = []
+    bars: list[list[str]] = []
+    for record in result.select(case="frame", subject=depthmesh.FRAME, quantity="end to end"):
+        here, frame = record.parameters, median(record.values)
+        model, tolerance = str(here["model"]), float(here["tolerance"])
+        selection = median(only(result.select(subject=depthmesh.SELECTION, quantity="end to end", **here)))
+        kernels = [
+            number(median(only(result.select(subject=stage, quantity="kernels", **here))))
+            for stage in list(depthmesh.STAGES)[1:]
+        ]
+        triangles = only(result.select(subject=depthmesh.SELECTION, quantity="triangles", **here))[0]
+        paper = depthmesh.PAPER_RENDERING.get(model)
+        theirs = [""] * 6
+        if paper and paper.tolerance == tolerance:
+            stages = paper.selection, paper.depth, paper.color, paper.blend
+            theirs = [f"{paper.triangles}", *(f"{stage:g}" for stage in stages), f"{paper.rate:g}"]
+        ours = [
+            f"{triangles:.0f}",
+            number(selection),
+            *kernels,
+            str(Quartiles.of(record.values)),
+            f"{1000 / frame:.0f}",
+        ]
+        rows.append([model, f"{tolerance:g}", *ours, *theirs])
+        if model == "dragon" and tolerance == 1:
+            most, least = depthmesh.BARS["selection"], depthmesh.BARS["rate"]
+            bars = [
+                ["selection", number(selection), f"at most {most:g} ms", verdict(selection <= most)],
+                ["frames per second", f"{1000 / frame:.0f}", f"at least {least:g}", verdict(1000 / frame >= least)],
+            ]
+    heads = ["model", "tolerance", "triangles", *list(depthmesh.STAGES), "frame", "frames per second"]
+    heads += [f"paper: {what}" for what in ("triangles", "selection", "depth", "colour", "blend", "frames per second")]
+    return [FRAMES, table(heads, rows), table(["dragon, 1 pixel", "", "bar", ""], bars)] if rows else []
+
+
+def _quality(result: Result) -> list[str]:
+    records = list(result.select(case="quality", quantity="PSNR"))
+    if not records:
+        return []
+    rows: list[list[str]] = []
+    bars: list[list[str]] = []
+    for projection in _names(result, "quality", "projection"):
+        found: dict[tuple[str, str], list[float]] = {
+            (record.subject, record.quantity): record.values
+            for record in result.select(case="quality", projection=projection)
+        }
+        overlap = min(found["quality", "silhouette (IoU)"])
+        mean = {key: float(np.mean(values)) for key, values in found.items()}
+        for subject in (*depthmesh.BLENDS, depthmesh.FULL_GRID):
+            cells = [
+                f"{mean[subject, quantity]:.{digits}f} ({min(found[subject, quantity]):.{digits}f})"
+                for quantity, digits in (("PSNR", 2), ("SSIM", 4), ("silhouette (IoU)", 4))
+            ]
+            rows.append([projection, subject, *cells])
+        lost = mean[depthmesh.FULL_GRID, "PSNR"] - mean["quality", "PSNR"]
+        best = all(mean["quality", q] >= mean[blend, q] for q in ("PSNR", "SSIM") for blend in depthmesh.BLENDS)
+        least, most = depthmesh.BARS["overlap"], depthmesh.BARS["tolerance"]
+        bars += [
+            [projection, "least IoU", f"{overlap:.4f}", f"at least {least:g}", verdict(overlap >= least)],
+            [projection, "1 pixel costs", f"{lost:.2f} dB", f"at most {most:g}", verdict(lost <= most)],
+            [projection, "quality is best", "", "", verdict(best)],
+        ]
+    parts = [QUALITY.format(count=len(records[0].values), model=records[0].parameters["model"])]
+    heads = ["views", "blend", "PSNR", "SSIM", "silhouette (IoU)"]
+    return [*parts, table(heads, rows), table(["views", "", "", "bar", ""], bars)]
+
+
+def _warp(result: Result) -> list[str]:
+    rows: list[list[str]] = []
+    for record in result.select(case="warp", quantity="end to end"):
+        more = {r.quantity: r.values[0] for r in result.select(case="warp", subject=record.subject)}
+        cells = [""] * 5
+        if "PSNR" in more:
+            shares = "median depth error", "depth off by over 1 %", "covered", "beside it"
+            cells = [f"{more['PSNR']:.2f}", *(f"{more[share]:.3%}" for share in shares)]
+        rows.append([record.subject, str(Quartiles.of(record.values)), *cells])
+    heads = ["", "ms", "PSNR", "median depth error", "off by over 1 %", "covered", "beside it"]
+    models = _names(result, "warp", "model")
+    return [WARP.format(model=models[0]), table(heads, rows)] if models else []
+
+
+def _point(result: Result, record: Record) -> tuple[float, float, float]:
+    """Largest and rms error, and triangles, of a record of triangles."""
+    largest, rms = (
+        only(result.select(subject=record.subject, quantity=quantity, **record.parameters))[0]
+        for quantity in ("largest error", "rms error")
+    )
+    return largest, rms, record.values[0]
+
+
+def _simplification(result: Result, folder: Path) -> list[str]:
+    surfaces = _names(result, "errors", "surface")
+    if not surfaces:
+        return []
+    series: dict[str, dict[str, list[tuple[float, float]]]] = {}
+    parts: list[str] = []
+    cases = "errors", simplification.MARTINI, simplification.DELATIN
+    for surface in surfaces:
+        rows: list[list[str]] = []
+        timed: list[list[str]] = []
+        for case in cases:
+            records = list(result.select(case=case, surface=surface, quantity="end to end"))
+            timed += [[record.subject, str(Quartiles.of(record.values))] for record in records]
+            for record in result.select(case=case, surface=surface, quantity="triangles"):
+                largest, rms, triangles = _point(result, record)
+                error = float(record.parameters["error"])
+                rows.append([record.subject, number(error), number(largest), number(rms), f"{triangles:.0f}"])
+                if record.subject != simplification.SAME:
+                    series.setdefault(surface, {}).setdefault(record.subject, []).append((largest, triangles))
+        parts += [
+            f"#### {surface}\n",
+            table(["", "error", "measured", "rms", "triangles"], rows),
+            table(["", "ms"], timed),
+        ]
+        if surface == "fuji":
+            parts.append(table(["fuji", "ratio", "bar", ""], _bars(result)))
+    plots.simplification(series, folder / "depthmesh-simplification.png")
+    return [SIMPLIFICATION, TIMES, *parts]
+
+
+def _bars(result: Result) -> list[list[str]]:
+    """Of the Fuji tile."""
+    rows: list[list[str]] = []
+
+    def judge(what: str, ratio: float, bar: float) -> None:
+        rows.append([what, f"{ratio:.2f}", f"at most {bar:g}", verdict(ratio <= bar)])
+
+    def found(case: str, subject: str, quantity: str) -> list[float]:
+        records = result.select(case=case, surface="fuji", subject=subject, quantity=quantity)
+        return [median(record.values) for record in records]
+
+    martini = simplification.MARTINI
+    if tile := found(martini, simplification.MARTINI_TILE, "end to end"):
+        (ours,) = found(martini, simplification.HIERARCHY, "end to end")
+        judge("hierarchy / pymartini's tile", ours / tile[0], simplification.BARS["hierarchy"])
+        their = found(martini, martini, "triangles")
+        same, nominal = (
+            found(martini, simplification.SAME, "triangles"),
+            found("errors", simplification.OURS, "triangles"),
+        )
+        worst = max(a / b for a, b in zip(same, their, strict=True))
+        judge("triangles / pymartini's, at its measured errors, at worst", worst, simplification.BARS["triangles"])
+        worst = max(a / b for a, b in zip(nominal, their, strict=True))
+        rows.append(["the same at its nominal errors, which its meshes exceed", f"{worst:.2f}", "", ""])
+    if run := found(simplification.DELATIN, simplification.DELATIN, "end to end"):
+        (ours,) = found(simplification.DELATIN, simplification.BOTH, "end to end")
+        judge("depth image to triangles / pydelatin", ours / run[0], simplification.BARS["delatin"])
+        (ours,) = found(simplification.DELATIN, simplification.WHOLE, "end to end")
+        rows.append(["the same to a `Mesh`, with normals and uv", f"{ours / run[0]:.2f}", "", ""])
+    return rows
+
+
+def _decimation(result: Result) -> list[str]:
+    rows: list[list[str]] = []
+    for record in result.select(case=simplification.OPEN3D, quantity="triangles"):
+        largest, rms, triangles = _point(result, record)
+        missed = only(result.select(subject=record.subject, quantity="missed", **record.parameters))[0]
+        where = [str(record.parameters["surface"]), number(float(record.parameters["error"])), record.subject]
+        rows.append([*where, f"{triangles:.0f}", number(largest), number(rms), f"{missed:.2%}"])
+    times = [
+        [str(record.parameters["surface"]), record.subject, str(Quartiles.of(record.values))]
+        for record in result.select(case=simplification.OPEN3D, quantity="end to end")
+    ]
+    heads = ["surface", "error", "", "triangles", "largest error", "rms error", "missed"]
+    return [DECIMATION, table(heads, rows), table(["surface", "", "ms"], times)] if rows else []

@@ -1,0 +1,274 @@
+"""Relief mapping beside the paper's frame rate, Mesa's llvmpipe, and ray casting of the displaced mesh (Embree)."""
+
+from __future__ import annotations
+
+import functools
+import os
+import time
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import pyibr as ibr
+from benchmarks import llvmpipe
+from benchmarks.cases import Plan
+from benchmarks.results import Parameter, Record, Skip
+from benchmarks.runner import Case, Subject, Work
+from benchmarks.scenes import bricks, scanned
+from pyibr.capture import models
+from pyibr.opencl.device import current
+from pyibr.opencl.memory import empty
+from pyibr.picture.target import Target
+from pyibr.relief import draw_relief
+
+SIZE = (800, 600)
+PLANE, PLANE_SAFE = "linear, 32 + 6 steps", "safe"
+PEER, PEER_FLOAT = "llvmpipe, heights in 8 bits", "llvmpipe, heights in float"
+PAPER_RATE = 85.0  # frames per second, GeForce 6800 GT: the refresh rate of its monitor
+BARS = {"plane": 0.4, "same picture": 45.0, "scene": PAPER_RATE}
+BARRED_SCENES = ("torus", "teapot")
+WAYS: dict[str, dict[str, Any]] = {
+    "linear": {"search": "linear"},
+    "safe": {"search": "safe"},
+    "safe, exact": {"search": "safe", "distance": "exact"},
+    "linear, exact": {"search": "linear", "distance": "exact"},
+    "flat (no silhouettes)": {"search": "linear", "silhouette": "none"},
+}
+SAFE_STEPS = 0  # the number of steps that stands for the safe search
+MAPS = ("bricks", "thin")
+EQUAL = 2e-3  # share of pixels that may see a texel too far: what the tests allow the safe search, against cast rays
+
+
+def cases(plan: Plan) -> Iterator[Case]:
+    """The plane, the paper's kinds of scenes, steps, and ray casting."""
+    yield Case({"case": "plane"}, functools.partial(_plane, plan.relief_plane))
+    for name, repeats in plan.relief_scenes.items():
+        make = _room if name == "room" else functools.partial(_scene, name)
+        yield Case({"case": "scene", "scene": name}, functools.partial(make, repeats))
+    for name in MAPS:
+        yield Case({"case": "steps", "map": name}, functools.partial(_steps, name, plan.relief_steps))
+    yield Case({"case": "embree"}, functools.partial(_embree, plan.relief_embree))
+
+
+def _square() -> ibr.Mesh:
+    corners, uv = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 0], [1, 0], [1, 1], [0, 1]]
+    return ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]], uv=uv)
+
+
+def _plane(repeats: int) -> Work:
+    """A relief that fills the picture, seen at some 40 degrees."""
+    height, color = bricks()
+    camera = ibr.Camera.look_at((0.5, 0.1, 0.35), (0.5, 0.5, 0), (0, 0, 1), SIZE, fov_y=30)
+    linear, safe = (ibr.ReliefSurface(_square(), height, color, 0.03, (3, 3), search=s) for s in ("linear", "safe"))
+    subjects: dict[str, Subject] = {
+        PLANE: functools.partial(ibr.render, linear, camera),
+        PLANE_SAFE: functools.partial(ibr.render, safe, camera),
+    }
+    peers: dict[str, llvmpipe.Picture] = {}
+    if not isinstance(llvmpipe.context(), str):
+        for name in (PEER, PEER_FLOAT):
+            peers[name] = llvmpipe.relief(camera, linear, 0.01, 10, in_float=name == PEER_FLOAT)
+            subjects[name] = peers[name].picture
+
+    def read() -> Iterator[Record]:
+        ours = ibr.render(linear, camera).color.astype(float)
+        for name, peer in peers.items():
+            error = float(np.square(ours - peer.picture()[0]).mean())
+            yield Record(name, "agreement (PSNR)", "dB", {"case": "plane"}, [10 * np.log10(255**2 / error)])
+
+    return Work(subjects, repeats, read)
+
+
+def _base(name: str) -> tuple[ibr.Mesh, tuple[int, int], float] | Skip:
+    """A mesh with uv, its tiles, and the relief's depth over its size."""
+    if name == "torus":
+        return models.donut(48), (10, 4), 0.02
+    files = {"teapot": "teapot.obj.gz", "human": "human_male_makehuman.obj.gz", "spot": "spot/spot_triangulated.obj"}
+    mesh = scanned(files[name])
+    if isinstance(mesh, Skip):
+        return mesh
+    if name == "teapot":
+        return models.with_cylindrical_uv(mesh, axis=1), (12, 5), 0.015
+    return mesh, (24, 24), 0.004
+
+
+def _scene(name: str, repeats: int) -> Work | Skip:
+    base = _base(name)
+    if isinstance(base, Skip):
+        return base
+    mesh, tiles, depth = base
+    height, color = bricks()
+    low, high = (np.asarray(corner, np.float64) for corner in mesh.bounds)
+    middle, extent = 0.5 * (low + high), float(np.linalg.norm(high - low))
+    up = (0, 0, 1) if name == "torus" else (0, 1, 0)
+    away = np.array([0.4, -0.8, 0.6]) if name == "torus" else np.array([0.5, 0.35, 0.9])
+    camera = ibr.Camera.look_at(middle + 1.15 * extent * away, middle, up, SIZE, fov_y=42)
+    things = {way: ibr.ReliefSurface(mesh, height, color, depth * extent, tiles, **o) for way, o in WAYS.items()}
+    parameters: dict[str, Parameter] = {"case": "scene", "scene": name}
+
+    def read() -> Iterator[Record]:
+        frame = ibr.render(things["safe"], camera)
+        yield Record("safe", "coverage", "share", parameters, [float(frame.valid.mean())])
+        yield Record("safe", "triangles", "count", parameters, [len(mesh.faces)])
+
+    subjects: dict[str, Subject] = {way: functools.partial(ibr.render, thing, camera) for way, thing in things.items()}
+    return Work(subjects, repeats, read)
+
+
+def _room(repeats: int) -> Work:
+    """Walls, floor, columns and a torus, all of them reliefs, with a spot's shadows: the paper's figure 1."""
+    height, color = bricks()
+    quads = [
+        ((-3, 2.2, 0), (6, 0, 0), (0, 0, 3)),
+        ((-3, -3, 0), (0, 5.2, 0), (0, 0, 3)),
+        ((-3, -3, 0), (6, 0, 0), (0, 5.2, 0)),
+    ]
+    bases: list[tuple[ibr.Mesh, tuple[int, int], float]] = []
+    for corner, along, up in (np.array(sides, float) for sides in quads):
+        corners = [corner, corner + along, corner + along + up, corner + up]
+        uv = [[0, 1], [1, 1], [1, 0], [0, 0]]
+        bases.append((ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]], uv=uv), (5, 3), 0.12))
+    for x in (-1.9, 0.1, 2.1):
+        bases.append((_column(32, x, 1.2), (3, 4), 0.05))
+    ring = models.donut(40, 0.62, 0.26)
+    bases.append((ibr.Mesh(np.add(ring.vertices, (0.5, -0.9, 0.24)), ring.faces, ring.uv, ring.normals), (7, 3), 0.06))
+    camera = ibr.Camera.look_at((2.7, -4.4, 2.1), (-0.2, 0.2, 0.9), (0, 0, 1), SIZE, 48)
+    light = ibr.Light(position=(2.6, -3.6, 4.4), direction=(-2.6, 3.9, -3.9), angle=75)
+    things = {way: [ibr.ReliefSurface(m, height, color, s, t, **o) for m, t, s in bases] for way, o in WAYS.items()}
+    parameters: dict[str, Parameter] = {"case": "scene", "scene": "room"}
+
+    def read() -> Iterator[Record]:
+        frame = ibr.render(things["safe"], camera, light)
+        yield Record("safe", "coverage", "share", parameters, [float(frame.valid.mean())])
+        yield Record("safe", "triangles", "count", parameters, [sum(len(mesh.faces) for mesh, _, _ in bases)])
+
+    subjects: dict[str, Subject] = {
+        way: functools.partial(ibr.render, all_, camera, light) for way, all_ in things.items()
+    }
+    return Work(subjects, repeats, read)
+
+
+def _column(sides: int, x: float, y: float) -> ibr.Mesh:
+    """A cylinder of radius 0.32 from z = 0 to 3."""
+    u, v = np.meshgrid(np.linspace(0, 1, sides + 1), np.linspace(0, 1, 9))
+    normals = np.stack([np.cos(2 * np.pi * u), np.sin(2 * np.pi * u), 0 * u], axis=-1).reshape(-1, 3)
+    points = 0.32 * normals + np.stack([x + 0 * u, y + 0 * u, 3 * v], axis=-1).reshape(-1, 3)
+    i = (np.arange(8)[:, None] * (sides + 1) + np.arange(sides)).ravel()
+    faces = np.concatenate([np.stack([i, i + 1, i + sides + 2], 1), np.stack([i, i + sides + 2, i + sides + 1], 1)])
+    return ibr.Mesh(points, faces, np.stack([u, -v], -1).reshape(-1, 2), normals)
+
+
+def _steps(name: str, steps: tuple[int, ...]) -> Work:
+    """Bricks, or single texels that stand out, at 15 degrees: what even steps miss, and what both searches cost."""
+    height = bricks()[0]
+    if name == "thin":
+        height = np.full((256, 256), 40, np.uint8)
+        height[8::32, 12::32] = 255
+        height[::64] = 255
+    white, angle = np.full((2, 2, 3), 200, np.uint8), np.radians(15)
+    eye = np.array([0.5, 0.5, 0]) + 1.4 * np.array([0.3 * np.cos(angle), -0.95 * np.cos(angle), np.sin(angle)])
+    camera = ibr.Camera.look_at(eye, (0.5, 0.5, 0), (0, 0, 1), SIZE, fov_y=30)
+    things = {SAFE_STEPS: ibr.ReliefSurface(_square(), height, white, 0.05)}
+    for n in steps:
+        things[n] = ibr.ReliefSurface(_square(), height, white, 0.05, search="linear", steps=n)
+    parameters: dict[str, Parameter] = {"case": "steps", "map": name}
+
+    def read() -> Iterator[Record]:
+        truth = ibr.render(things[SAFE_STEPS], camera)
+        for n, thing in things.items():
+            frame = ibr.render(thing, camera)
+            missed = (frame.depth - truth.depth)[frame.valid] > 1 / 256
+            yield Record(f"{n}", "missed", "share", parameters, [float(missed.mean())])
+            yield Record(f"{n}", "steps", "count", parameters, [_mean_steps(thing, camera)])
+
+    subjects: dict[str, Subject] = {f"{n}": functools.partial(ibr.render, thing, camera) for n, thing in things.items()}
+    return Work(subjects, 5, read)
+
+
+def _mean_steps(thing: ibr.ReliefSurface, camera: ibr.Camera) -> float:
+    """Of a search; halvings count as steps, and what the safe one does in a cell is one."""
+    counts = empty((camera.height, camera.width, 2), np.int32)
+    counts.fill(0)
+    with current().lock:
+        draw_relief(Target(camera, np.dtype(np.uint8)), thing, None, counts=counts)
+        searches, steps = counts.to_host().reshape(-1, 2).sum(axis=0, dtype=np.int64)
+    return float(steps / searches)
+
+
+def _embree(repeats: int) -> Work | Skip:
+    """The torus: its displaced mesh, two triangles a texel, built and cast by Open3D."""
+    try:
+        o3d: Any = import_module("open3d")
+    except ImportError as error:
+        return Skip("Embree", str(error))
+    height, color = bricks(128)
+    tiles, scale = (10, 4), 0.05
+    camera = ibr.Camera.look_at((1.7, -2.8, 2.2), (0, 0, 0), (0, 0, 1), SIZE, fov_y=42)
+    vertices, faces = _displaced_torus(height, tiles, scale)
+    relief = ibr.ReliefSurface(models.donut(48), height, color, scale, tiles)
+    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
+    rays = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(camera.K).T @ camera.world_from_camera[:3, :3].T
+    packed = np.concatenate([np.broadcast_to(camera.center, rays.shape), rays], axis=-1).astype(np.float32)
+
+    def build() -> Any:
+        scene = o3d.t.geometry.RaycastingScene()
+        scene.add_triangles(vertices, faces)
+        scene.cast_rays(packed[:1, :1])  # it is built when it is first cast at
+        return scene
+
+    before = _resident()
+    built = build()
+    grown = _resident() - before
+    subjects: dict[str, Subject] = {
+        "pyibr": functools.partial(ibr.render, relief, camera),
+        "Embree, cast": lambda: built.cast_rays(packed)["t_hit"].numpy(),
+    }
+
+    def read() -> Iterator[Record]:
+        parameters: dict[str, Parameter] = {"case": "embree"}
+        start = time.perf_counter()
+        build()
+        yield Record("Embree, build", "end to end", "ms", parameters, [1e3 * (time.perf_counter() - start)])
+        if grown > 0:
+            yield Record("Embree, build", "memory", "bytes", parameters, [grown])
+        fresh = ibr.ReliefSurface(models.donut(48), height, color, scale, tiles)
+        start = time.perf_counter()
+        ibr.render(fresh, camera)
+        yield Record("pyibr, first frame", "end to end", "ms", parameters, [1e3 * (time.perf_counter() - start)])
+        yield Record("Embree, cast", "triangles", "count", parameters, [len(faces)])
+        yield Record("Embree, cast", "memory", "bytes", parameters, [vertices.nbytes + faces.nbytes])
+        levels, mesh = relief.levels, relief.base
+        ours = levels.texels.nbytes + levels.bounds.nbytes + mesh.vertices.nbytes + mesh.faces.nbytes
+        yield Record("pyibr", "memory", "bytes", parameters, [ours + 64 * len(mesh.vertices)])
+        yield Record("pyibr", "triangles", "count", parameters, [len(mesh.faces)])
+        truth, frame = built.cast_rays(packed)["t_hit"].numpy(), ibr.render(relief, camera)
+        solid = np.isfinite(truth)
+        same = float((frame.valid & solid).sum() / (frame.valid | solid).sum())
+        yield Record("pyibr", "silhouette (IoU)", "share", parameters, [same])
+
+    return Work(subjects, repeats, read)
+
+
+def _resident() -> int:
+    """Bytes of this process in memory; 0 where the system does not tell."""
+    told = Path("/proc/self/statm")
+    return int(told.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") if told.is_file() else 0
+
+
+def _displaced_torus(height: NDArray[Any], tiles: tuple[int, int], scale: float) -> tuple[NDArray[Any], NDArray[Any]]:
+    rows, columns = height.shape[0] * tiles[1], height.shape[1] * tiles[0]
+    u, v = np.meshgrid((np.arange(columns) + 0.5) / columns, (np.arange(rows) + 0.5) / rows)
+    a, b = 2 * np.pi * u, 2 * np.pi * v
+    depth = scale * (1 - np.tile(height, tiles[::-1]) / 255)
+    tube = 0.4 - depth
+    ring = 1 + tube * np.cos(b)
+    vertices = np.stack([ring * np.cos(a), ring * np.sin(a), tube * np.sin(b)], axis=-1).reshape(-1, 3)
+    y, x = np.mgrid[:rows, :columns]
+    here, right = (y * columns + x).ravel(), (y * columns + (x + 1) % columns).ravel()
+    down, across = ((y + 1) % rows * columns + x).ravel(), ((y + 1) % rows * columns + (x + 1) % columns).ravel()
+    faces = np.concatenate([np.stack([here, right, across], 1), np.stack([here, across, down], 1)])
+    return vertices.astype(np.float32), faces.astype(np.uint32)

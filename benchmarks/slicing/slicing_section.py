@@ -1,0 +1,181 @@
+"""The report's sections on triangles and on slicing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from benchmarks import plots
+from benchmarks.raster.raster import raster
+from benchmarks.results import Record, Result
+from benchmarks.slicing.slicing import slicing
+from benchmarks.statistics import Quartiles, median, number
+from benchmarks.tables import only, table, verdict
+
+RASTER = """## Triangles
+
+Vertex colours, from NumPy arrays to NumPy arrays, in turns in one process with {peer} (Mesa's software OpenGL).
+
+"""
+
+SLICING = "## Slices\n"
+
+OBJECTS = """### Objects
+
+The paper's figure 12: the scanned dragon from six depth images of 512 x 512 fills the picture. A GeForce 2 GTS drew
+{paper}. llvmpipe draws as many slices along the same edge of the box, as alpha-tested quadrilaterals, front to
+back. *IoU* says how far the two pictures cover the same pixels; their slices lie half a spacing apart. Milliseconds
+from NumPy arrays to NumPy arrays, in turns.
+
+![Frames per second by size and slices](slicing-objects.png)
+"""
+
+AGAINST_MESH = """### The dragon beside its mesh
+
+From three sides at 480 x 360, 256 slices: the silhouettes' intersection over union, and the colours where both are,
+in dB. *Visible* and *naive* are the depth object's textures.
+"""
+
+DONUT = """### The donut
+
+625 polygons, {slices} slices, {width} x {height} pixels. The paper's: {low:.0f} to {high:.0f} frames per second on the
+GeForce 2 GTS.
+"""
+
+DIRECTIONS = """### Directions of slicing
+
+The paper's figure 10 as numbers: a displaced polygon against rays cast at it, 3 pixels away from depth edges. Mean
+depth error in slice spacings, and the largest share of the surface that is seen through. Slices along the surface lie
+farther apart the more one looks along them; the others do not, and none is seen through.
+
+![Error and see-through by the number of slices](slicing-error.png)
+"""
+
+
+def raster_section(result: Result, folder: Path) -> list[str]:
+    """Times and ratios of each mesh, and how far the pictures agree."""
+    rows: list[list[str]] = []
+    for record in result.select(subject=raster.OURS, quantity="end to end"):
+        here = record.parameters
+
+        def one(subject: str, quantity: str, here: dict[str, Any] = here) -> list[float]:
+            return only(result.select(subject=subject, quantity=quantity, **here))
+
+        ratio = median(record.values) / median(one(raster.PEER, "end to end"))
+        bar = raster.BARS.get((str(here["mesh"]), int(here["size"])))
+        rows.append(
+            [
+                str(here["mesh"]),
+                f"{one(raster.OURS, 'triangles')[0]:.0f}",
+                str(here["size"]),
+                str(Quartiles.of(record.values)),
+                number(median(one(raster.OURS, "kernels"))),
+                *(str(Quartiles.of(one(subject, "end to end"))) for subject in (raster.PEER, raster.UNREAD)),
+                f"{ratio:.2f}",
+                *([f"at most {bar:g}", verdict(ratio <= bar)] if bar else ["", ""]),
+                f"{one(raster.OURS, 'pixels that only one covers')[0]:.3%}",
+                f"{one(raster.OURS, 'pixels of equal colour')[0]:.2%}",
+            ]
+        )
+    heads = ["mesh", "triangles", "size", raster.OURS, "kernels alone", raster.PEER, raster.UNREAD, "ratio", "bar", ""]
+    return [RASTER.format(peer=raster.PEER), table([*heads, "only one covers", "equal colour"], rows)]
+
+
+def slicing_section(result: Result, folder: Path) -> list[str]:
+    """Figure 12, the donut, figure 10."""
+    parts = [SLICING]
+    rows: list[list[str]] = []
+    objects = [record for record in result.select(case="object", quantity="end to end")]
+    if objects:
+        parts += _objects(result, objects, folder)
+    beside = {r.subject: r for r in result.select(case="mesh", unit="dB")}
+    if beside:
+        rows = []
+        for name, record in beside.items():
+            same = only(result.select(case="mesh", subject=name, quantity="silhouette (IoU)"))
+            rows.append([name, number(min(same)), f"{min(record.values):.1f}", f"{max(record.values):.1f}"])
+        parts += [AGAINST_MESH, table(["", "least IoU", "PSNR from", "to"], rows)]
+    donut = list(result.select(case="donut", quantity="end to end"))
+    if donut:
+        width, height = slicing.DONUT_SIZE
+        low, high = slicing.PAPER_DONUT
+        parts.append(DONUT.format(slices=slicing.DONUT_SLICES, width=width, height=height, low=low, high=high))
+        rows = []
+        for record in donut:
+            rate = 1000 / median(record.values)
+            tests = only(result.select(subject=record.subject, quantity="alpha tests", case="donut"))[0]
+            bar = slicing.BARS["donut"]
+            judged = [f"at least {bar:g}", verdict(rate >= bar)] if record.subject == "orthogonal" else ["", ""]
+            cells = [str(Quartiles.of(record.values)), f"{rate:.0f}", *judged, f"{tests / 1e6:.2f}"]
+            rows.append([record.subject, *cells])
+        parts.append(table(["slicing", "ms", "frames per second", "bar", "", "million alpha tests"], rows))
+    if any(result.select(case="directions")):
+        parts += _directions(result, folder)
+    return parts
+
+
+def _objects(result: Result, records: list[Record], folder: Path) -> list[str]:
+    subjects = list(dict.fromkeys(record.subject for record in records))
+    at_slices, at_size = slicing.BAR_AT[1], slicing.BAR_AT[0]
+
+    def series(subject: str, fixed: str, value: int, free: str) -> dict[int, float]:
+        found = {
+            int(record.parameters[free]): median(record.values)
+            for record in records
+            if record.subject == subject and record.parameters[fixed] == value
+        }
+        return dict(sorted(found.items()))
+
+    plots.objects(
+        {subject: series(subject, "slices", at_slices, "size") for subject in subjects},
+        {subject: series(subject, "size", at_size, "slices") for subject in subjects},
+        slicing.PAPER,
+        folder / "slicing-objects.png",
+    )
+    rows: list[list[str]] = []
+    for here in dict.fromkeys((int(r.parameters["size"]), int(r.parameters["slices"])) for r in records):
+        at: dict[str, Any] = {"case": "object", "size": here[0], "slices": here[1]}
+        cells: list[str] = []
+        for subject in (slicing.OBJECT, slicing.HULL):
+            ours, peer = (
+                median(only(result.select(subject=s, quantity="end to end", **at)))
+                for s in (subject, slicing.PEER[subject])
+            )
+            same = only(result.select(subject=subject, quantity="agreement with llvmpipe (IoU)", **at))[0]
+            ratio = f"{ours / peer:.2f}"
+            if subject == slicing.OBJECT and here == slicing.BAR_AT:
+                ratio += f" (at most {slicing.BARS['object']:g}: {verdict(ours / peer <= slicing.BARS['object'])})"
+            cells += [number(ours), number(peer), ratio, f"{same:.3f}"]
+        paper = slicing.PAPER.get(here)
+        rows.append([str(here[0]), str(here[1]), *cells, number(1000 / paper) if paper else ""])
+    heads = ["size", "slices"]
+    for subject in (slicing.OBJECT, slicing.HULL):
+        heads += [subject, "llvmpipe", "ratio", "IoU"]
+    figures = ", ".join(
+        f"{rate:g} frames per second at {n} x {n}, {k} slices" for (n, k), rate in slicing.PAPER.items()
+    )
+    return [OBJECTS.format(paper=figures), table([*heads, "GeForce 2: depth object"], rows)]
+
+
+def _directions(result: Result, folder: Path) -> list[str]:
+    def values(quantity: str, slicing_: str, elevation: int) -> dict[int, float]:
+        found = result.select(case="directions", quantity=quantity, subject=slicing_, elevation=elevation)
+        return {int(record.parameters["slices"]): record.values[0] for record in found}
+
+    here = list(result.select(case="directions"))
+    elevations = sorted({int(record.parameters["elevation"]) for record in here})
+    error = {s: {e: values("depth error", s, e) for e in elevations} for s in slicing.DIRECTIONS}
+    through: dict[str, dict[int, float]] = {}
+    for name in slicing.DIRECTIONS:
+        shares = [values("seen through", name, e) for e in elevations]
+        through[name] = {n: max(share[n] for share in shares) for n in shares[0]}
+    counts = sorted(next(iter(through.values())))
+    scaled = {s: {e: {n: v / n for n, v in row.items()} for e, row in rows.items()} for s, rows in error.items()}
+    plots.directions(scaled, through, folder / "slicing-error.png")
+    rows = [
+        [name, f"{elevation}", *(number(by[elevation][n]) for n in counts)]
+        for name, by in error.items()
+        for elevation in elevations
+    ]
+    seen = [[name, "seen through", *(f"{share[n]:.2%}" for n in counts)] for name, share in through.items()]
+    return [DIRECTIONS, table(["slicing", "elevation", *(f"{n} slices" for n in counts)], [*rows, *seen])]

@@ -1,0 +1,255 @@
+"""The report's section on depth cameras."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from benchmarks import plots
+from benchmarks.results import Parameter, Record, Result
+from benchmarks.statistics import Quartiles, median, number
+from benchmarks.tables import only, table, verdict
+from benchmarks.warp import rgbd, rgbd_uses
+from benchmarks.warp.opencv import BASE, REGISTER, REMAP
+from benchmarks.warp.rgbd import LINEAR, MOTIONS, OURS
+
+RGBD = """## Real RGB-D
+
+Frames of the scene *{scenes}*: a camera that sees 63 by 49 degrees, from frame to frame (34 degrees and 0.7 m, or 3
+degrees and 0.1 m, apart) and 7 cm sideways. Larger sizes are scaled from 640 x 480, those of 16:9 the middle of a
+taller picture. Noise is that of structured light: so many pixels of disparity (standard deviation) at a baseline of
+7.5 cm, then rounded to 1/8 pixel.
+
+From NumPy arrays to NumPy arrays, a fresh `DepthImage` each time, in turns in one process. Surfaces are cut, but for
+*connected*. {register} delivers depth alone; {remap} (colour and depth) is given the finished maps.
+
+![Ratio to {base} by noise and size](rgbd.png)
+"""
+
+RATIOS = """Ratios to {base}, means over the motions; the bars are for {linear}. Where it is above 1, {base} is faster.
+"""
+
+WORST = """The worst row of all: {subject}, {size}, {noise} pixels of noise, {kind}, {motion}: **{ratio:.2f} times** the
+time of {base}. {slower} of {count} rows of pyibr are slower than {base}.
+"""
+
+COVERAGE = """{ours} covers {covered:.1%} of the target, {base} {base_covered:.1%} (medians over all cases); where both
+do, their depths differ by {difference:.2%} (median).
+"""
+
+THREADS = """### Threads
+
+Milliseconds of the kernels of *{linear}*, 0 to 50, in processes of one and of two threads, in turns.
+"""
+
+NOISE = """### White noise
+
+Milliseconds of the kernel `resolve`, which traces again what a pixel's line saw wrongly: on a smooth surface and on
+white noise, in turns. Connected, the noise has the surface's whole range of depth and nothing else; cut, a tenth of it
+on top of the surface, so that both are covered.
+"""
+
+STEREO = """### Stereo
+
+Both eyes, 3.2 cm to either side, from one fresh colour and depth image in one call, holes filled: milliseconds a pair.
+"""
+
+LIGHT_FIELD = """### A light field
+
+Views for a light field display, from cameras on a line of {width:g} cm, of a kept view: milliseconds for all of them.
+"""
+
+SMALL = """### Small images
+
+Milliseconds of a warp whose kernels have next to nothing to do.
+"""
+
+PUBLISHED = """### Published figures of others
+
+**As published, on other machines, with other inputs: not measured here.** RVS merges its four views.
+"""
+
+
+def rgbd_section(result: Result, folder: Path) -> list[str]:
+    """Ratios with their bars, the worst of them, the uses, and each row."""
+    rows = _Rows(result)
+    uses = [*_threads(result), *_noise(result), *_stereo(result), *_light_field(result), *_small(result)]
+    parts = [PUBLISHED, table(["program", "task", "time", "machine", "source"], [_cells(p) for p in rgbd.PUBLISHED])]
+    if not rows.found:
+        return [RGBD.split("\n", 1)[0] + "\n", *uses, *parts]
+    measured = {key: rows.ratios(LINEAR, *key) for key in rows.groups}
+    plots.rgbd(measured, rgbd.BARS, BASE, folder / "rgbd.png")
+    scenes = " and ".join(dict.fromkeys(str(record.parameters["scene"]) for record in result.select(case="warp")))
+    return [
+        RGBD.format(scenes=scenes, register=REGISTER, remap=REMAP, base=BASE),
+        rows.worst(),
+        RATIOS.format(base=BASE, linear=LINEAR),
+        rows.summary(),
+        _coverage(result),
+        *uses,
+        *parts,
+        *rows.details(),
+    ]
+
+
+class _Rows:
+    """The timed warps: a group is a kind of motion, a size and a noise; its rows are the motions."""
+
+    def __init__(self, result: Result) -> None:
+        self.result = result
+        self.found: dict[tuple[str, str, float, str], dict[str, list[float]]] = {}
+        for record in result.select(case="warp", quantity="end to end"):
+            at = record.parameters
+            key = str(at["kind"]), str(at["size"]), float(at["noise"]), str(at["motion"])
+            self.found.setdefault(key, {})[record.subject] = record.values
+        groups = dict.fromkeys(key[:3] for key in self.found)
+        self.groups = sorted(groups, key=lambda group: list(MOTIONS).index(group[0]))
+
+    def ratios(self, subject: str, kind: str, size: str, noise: float) -> list[float]:
+        """To cv2.warpFrame, by motion; empty where the subject was not timed."""
+        rows = [self.found[key] for motion in MOTIONS[kind] if (key := (kind, size, noise, motion)) in self.found]
+        return [median(row[subject]) / median(row[BASE]) for row in rows if subject in row]
+
+    def summary(self) -> str:
+        """Means over the motions, with the bars."""
+        others = [subject for subject in (*OURS, REGISTER, REMAP) if subject != LINEAR]
+        lines: list[list[str]] = []
+        for group in self.groups:
+            kind, size, noise = group
+            means = {subject: self.ratios(subject, *group) for subject in (LINEAR, *others)}
+            cells = {subject: f"{sum(r) / len(r):.2f}" if r else "" for subject, r in means.items()}
+            bar, judged = rgbd.BARS.get(group), ["", ""]
+            if bar is not None:
+                judged = [f"at most {bar:g}", verdict(sum(means[LINEAR]) / len(means[LINEAR]) <= bar)]
+            lines.append([kind, size, f"{noise:g}", cells[LINEAR], *judged, *(cells[subject] for subject in others)])
+        return table(["motion", "size", "noise", LINEAR, "bar", "", *others], lines)
+
+    def worst(self) -> str:
+        """The row of ours with the largest ratio, whatever its subject, size and noise."""
+        ratios = {
+            (subject, key): median(row[subject]) / median(row[BASE])
+            for key, row in self.found.items()
+            for subject in OURS
+            if subject in row
+        }
+        (subject, (kind, size, noise, motion)), ratio = max(ratios.items(), key=lambda item: item[1])
+        return WORST.format(
+            subject=subject,
+            size=size,
+            noise=f"{noise:g}",
+            kind=kind,
+            motion=motion,
+            ratio=ratio,
+            base=BASE,
+            slower=sum(ratio > 1 for ratio in ratios.values()),
+            count=len(ratios),
+        )
+
+    def details(self) -> list[str]:
+        """Each row, a table a size."""
+        parts: list[str] = []
+        for size in dict.fromkeys(size for _, size, _, _ in self.found):
+            here = {key: row for key, row in self.found.items() if key[1] == size}
+            subjects = list(dict.fromkeys(subject for row in here.values() for subject in row))
+            lines = [self._line(key, row, subjects) for key, row in here.items()]
+            parts.append(f"### Real RGB-D, {size}\n\nMilliseconds, and the ratio to {BASE}.\n")
+            parts.append(table(["noise", "motion", *subjects, f"{LINEAR}, kernels alone"], lines))
+        return parts
+
+    def _line(self, key: tuple[str, str, float, str], row: dict[str, list[float]], subjects: list[str]) -> list[str]:
+        kind, size, noise, motion = key
+        base = median(row[BASE])
+        cells = [f"{Quartiles.of(row[s])} {median(row[s]) / base:.2f}" if s in row else "" for s in subjects]
+        here: dict[str, Parameter] = {"kind": kind, "size": size, "noise": noise, "motion": motion}
+        kernels = only(self.result.select(case="warp", subject=LINEAR, quantity="kernels", **here))
+        return [f"{noise:g}", f"{kind}, {motion}", *cells, number(median(kernels))]
+
+
+def _cells(figure: rgbd.Published) -> list[str]:
+    return [figure.program, figure.task, figure.time, figure.machine, figure.source]
+
+
+def _coverage(result: Result) -> str:
+    def middle(subject: str, quantity: str) -> float:
+        found = result.select(case="warp", subject=subject, quantity=quantity)
+        return median(value for record in found for value in record.values)
+
+    ours, base = middle(rgbd.NEAREST, "coverage"), middle(BASE, "coverage")
+    difference = middle(BASE, "median depth difference")
+    return COVERAGE.format(ours=rgbd.NEAREST, covered=ours, base=BASE, base_covered=base, difference=difference)
+
+
+def _by(result: Result, *names: str, **wanted: Parameter) -> dict[tuple[Parameter, ...], list[Record]]:
+    """Records by the values of some of their parameters, in the order of measuring."""
+    found: dict[tuple[Parameter, ...], list[Record]] = {}
+    for record in result.select(**wanted):
+        found.setdefault(tuple(record.parameters[name] for name in names), []).append(record)
+    return found
+
+
+def _threads(result: Result) -> list[str]:
+    one, two = rgbd_uses.THREADS
+    lines: list[list[str]] = []
+    for (size, noise), records in _by(result, "size", "noise", case="threads").items():
+        times = {(int(r.parameters["threads"]), r.subject): r.values for r in records}
+        kernels = list(dict.fromkeys(kernel for _, kernel in times))
+        sums = {count: sum(median(times[count, kernel]) for kernel in kernels) for count in (one, two)}
+        for kernel in kernels:
+            a, b = times[one, kernel], times[two, kernel]
+            ratio = f"{median(a) / median(b):.2f}"
+            lines.append([str(size), f"{noise:g}", kernel, str(Quartiles.of(a)), str(Quartiles.of(b)), ratio, "", ""])
+        ratio, bar = sums[one] / sums[two], rgbd_uses.BARS["threads"]
+        judged = [f"{ratio:.2f}", f"at least {bar:g}", verdict(ratio >= bar)]
+        lines.append([str(size), f"{noise:g}", "all", number(sums[one]), number(sums[two]), *judged])
+    heads = ["size", "noise", "kernel", "1 thread", "2 threads", "ratio", "bar", ""]
+    return [THREADS.format(linear=LINEAR), table(heads, lines)] if lines else []
+
+
+def _noise(result: Result) -> list[str]:
+    lines: list[list[str]] = []
+    bar = rgbd_uses.BARS["noise"]
+    for (size, edges), records in _by(result, "size", "edges", case="white noise").items():
+        found = {(r.subject, r.quantity): r.values for r in records}
+        cells: list[str] = []
+        for subject in (rgbd_uses.SMOOTH, rgbd_uses.NOISE):
+            cells += [str(Quartiles.of(found[subject, "resolve"])), f"{found[subject, 'coverage'][0]:.1%}"]
+        ratio = median(found[rgbd_uses.NOISE, "resolve"]) / median(found[rgbd_uses.SMOOTH, "resolve"])
+        lines.append([str(size), str(edges), *cells, f"{ratio:.2f}", f"at most {bar:g}", verdict(ratio <= bar)])
+    heads = ["size", "edges", rgbd_uses.SMOOTH, "covers", rgbd_uses.NOISE, "covers", "ratio", "bar", ""]
+    return [NOISE, table(heads, lines)] if lines else []
+
+
+def _stereo(result: Result) -> list[str]:
+    lines: list[list[str]] = []
+    bar = rgbd_uses.BARS["stereo"]
+    for record in result.select(case="stereo", quantity="end to end"):
+        rate = 1000 / median(record.values)
+        at = record.parameters
+        judged = [f"{rate:.0f}", f"at least {bar:g}", verdict(rate >= bar)]
+        lines.append([str(at["size"]), f"{at['noise']:g}", record.subject, str(Quartiles.of(record.values)), *judged])
+    heads = ["size", "noise", "edges", "ms", "pairs a second", "bar", ""]
+    return [STEREO, table(heads, lines)] if lines else []
+
+
+def _light_field(result: Result) -> list[str]:
+    lines: list[list[str]] = []
+    bar = rgbd_uses.BARS["light field"]
+    for (size, views), records in _by(result, "size", "views", case="light field", quantity="end to end").items():
+        times = {record.subject: record.values for record in records}
+        one, single = times[rgbd_uses.ONE_CALL], times[rgbd_uses.SINGLE]
+        ratio = median(one) / median(single)
+        judged = [f"{ratio:.2f}", f"at most {bar:g}", verdict(ratio <= bar)]
+        lines.append([str(size), str(views), str(Quartiles.of(one)), str(Quartiles.of(single)), *judged])
+    heads = ["size", "views", rgbd_uses.ONE_CALL, rgbd_uses.SINGLE, "ratio", "bar", ""]
+    width = 100 * rgbd_uses.LIGHT_FIELD_WIDTH
+    return [LIGHT_FIELD.format(width=width), table(heads, lines)] if lines else []
+
+
+def _small(result: Result) -> list[str]:
+    lines: list[list[str]] = []
+    bar = rgbd_uses.BARS["small"]
+    for record in result.select(case="small", quantity="end to end"):
+        judged = [f"at most {bar:g}", verdict(median(record.values) <= bar)]
+        fresh = record.subject == rgbd_uses.FRESH
+        row = [str(record.parameters["size"]), record.subject, str(Quartiles.of(record.values))]
+        lines.append([*row, *(judged if fresh else ["", ""])])
+    return [SMALL, table(["size", "view", "ms", "bar", ""], lines)] if lines else []

@@ -1,0 +1,7 @@
+"""Depth images of meshes and scans, and the papers' own models."""
+
+from __future__ import annotations
+
+from pyibr.capture.raycast import MeshScene, capture, cube_cameras, object_views
+
+__all__ = ["MeshScene", "capture", "cube_cameras", "object_views"]

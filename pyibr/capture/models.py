@@ -1,0 +1,377 @@
+"""The papers' models: a globe, a torus and a scanned dragon as depth images; a donut as a base for displacement.
+
+After Schaufler and Priglinger, "Efficient Displacement Mapping by Image Warping" (1999), section 7: globe and
+torus are displaced from depth images at one centre, the dragon is covered by sixteen of them. Their world axes are
+as a camera's: x right, y down, z forward; up is -y. The scanned meshes' own up, +y, is turned over on
+loading.
+"""
+
+from __future__ import annotations
+
+import gzip
+import tempfile
+from collections.abc import Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pyibr import io
+from pyibr.capture.raycast import MeshScene, cube_cameras
+from pyibr.core.camera import Camera
+from pyibr.core.checks import Float64, describe, numbers
+from pyibr.core.errors import ArgumentError, FileFormatError, MissingPackageError
+from pyibr.images import DepthImage
+from pyibr.meshes.mesh import Mesh
+
+Float32 = NDArray[np.float32]
+Uint8 = NDArray[np.uint8]
+
+_UP = np.array([0.0, -1.0, 0.0])
+
+
+def globe(
+    size: int, elevation: Float32 | None = None, color: Uint8 | None = None, relief: float = 0.08
+) -> list[DepthImage]:
+    """Make a globe of radius 1 about the origin, displaced outwards from its centre, as six depth images.
+
+    The images are cube faces at the globe's centre (see `cube_cameras`), so that the globe is seen from
+    outside on the surface's back: draw it with `side="back"`, and with `edges="connect"`, since it is one surface
+    however steep. Depth is exact at the samples, no ray is cast.
+
+    Parameters
+    ----------
+    size : int
+        Of each image in pixels.
+    elevation : (h, w) float32 in [0, 1], optional
+        Equirectangular: longitude -180 to 180 degrees along the rows, latitude 90 to -90 down the columns.
+        Read bilinearly. Default: continents from noise with a fixed seed.
+    color : (h', w', 3) uint8, optional
+        Equirectangular. Default: a colour scale of the elevation.
+    relief : float
+        Displacement of elevation 1 in radii.
+
+    Examples
+    --------
+    >>> from pyibr.capture.models import globe
+    >>> len(globe(16)), globe(16)[0].depth.shape
+    (6, (16, 16))
+    """
+    if elevation is not None and (np.ndim(elevation) != 2 or not np.isfinite(elevation).all()):
+        raise ArgumentError("elevation", "finite numbers of shape (h, w)", describe(elevation))
+    if color is not None and (np.ndim(color) != 3 or color.shape[2] != 3 or color.dtype != np.uint8):
+        raise ArgumentError("color", "uint8 of shape (h, w, 3)", describe(color))
+    views: list[DepthImage] = []
+    for camera in cube_cameras((0, 0, 0), size):
+        ray = camera.unproject(_pixels(camera), np.ones(size * size))
+        length = np.linalg.norm(ray, axis=1)
+        direction = ray / length[:, None]
+        height = _noise(direction) if elevation is None else _on_sphere(elevation[..., None], direction)[:, 0]
+        painted = _hypsometric(height) if color is None else _on_sphere(color, direction)
+        depth = ((1 + relief * height) / length).astype(np.float32)
+        views.append(DepthImage(_uint8(painted).reshape(size, size, 3), depth.reshape(size, size), camera))
+    return views
+
+
+def torus(size: int, layers: Sequence[str] = ("first", "last")) -> list[DepthImage]:
+    """Make a bumpy torus about the origin, as depth images from the middle of its hole.
+
+    From there a ray meets the tube twice: first its inner wall, last its outer wall. Each layer is six
+    perspective depth images of one centre (see `cube_cameras`; the torus lies across the cube's diagonal, so
+    that each image sees a part of it). Draw it with `side="both"`: seen from outside, the outer wall shows
+    its back and the inner wall, through the hole, its front. At the rim where a ray just touches the tube the
+    two walls are joined, if it is drawn with `edges="connect"`.
+
+    Parameters
+    ----------
+    size : int
+        Of each image in pixels, at least 8.
+    layers : sequence of "first" and "last"
+        ("last",) are the six images of the outer wall alone.
+
+    Returns
+    -------
+    list of DepthImage
+        Six for each layer, in the order of `layers`.
+    """
+    if size < 8:
+        raise ArgumentError("size", "at least 8 pixels", describe(size))
+    if not layers or any(layer not in ("first", "last") for layer in layers):
+        raise ArgumentError("layers", '"first", "last" or both', describe(layers))
+    scene = _torus_scene()
+    images: dict[str, list[DepthImage]] = {"first": [], "last": []}
+    for camera in cube_cameras((0, 0, 0), size):
+        first, last = scene.capture(camera, "first"), scene.capture(camera, "last")
+        for layer, image in zip(("first", "last"), _joined_at_rim(first, last), strict=True):
+            images[layer].append(image)
+    return [image for layer in layers for image in images[layer]]
+
+
+def dragon(mesh_path: str | PathLike[str], size: int, views: int = 16) -> list[DepthImage]:
+    """Make depth images of a mesh from all around it, background at infinity.
+
+    Parameters
+    ----------
+    mesh_path : path
+        PLY, OBJ and whatever else Open3D reads, also with `.gz`; +y is up.
+    size : int
+        Of each image in pixels.
+    views : int
+        How many cameras, spread evenly over a sphere.
+
+    Returns
+    -------
+    list of DepthImage
+
+    Notes
+    -----
+    Neighbouring samples lie on different parts of the surface here: draw it with `edges="cut"`, the default,
+    unless the rubber sheets that the paper shows are wanted (`edges="connect"`).
+    """
+    if views < 1:
+        raise ArgumentError("views", "at least 1", describe(views))
+    scene = load_scene(mesh_path)
+    low, high = scene.vertices.min(axis=0), scene.vertices.max(axis=0)
+    center = (low + high) / 2
+    radius = float(np.linalg.norm(scene.vertices - center, axis=1).max())
+    number = np.arange(views) + 0.5
+    y = 1 - 2 * number / views
+    angle = number * np.pi * (3 - np.sqrt(5))
+    around = np.column_stack([np.cos(angle) * np.sqrt(1 - y * y), y, np.sin(angle) * np.sqrt(1 - y * y)])
+    return [scene.capture(_outside(center, radius, direction, (size, size))) for direction in around]
+
+
+def donut(sides: int = 25, radius: float = 1.0, tube: float = 0.4) -> Mesh:
+    """Make a donut of sides x sides quadrilaterals about the z axis, the base that Kautz and Seidel (2001) displace.
+
+    Parameters
+    ----------
+    sides : int
+        At least 3. The paper's has 25: 625 polygons, two triangles each.
+    radius, tube : float
+        Of the middle line and of its cross section, in scene units.
+
+    Returns
+    -------
+    Mesh
+        With exact normals; u runs around the axis, v around the tube, 0 to 1.
+
+    Examples
+    --------
+    >>> from pyibr.capture import models
+    >>> models.donut()
+    <Mesh 676 vertices, 1250 triangles>
+    """
+    if sides < 3:
+        raise ArgumentError("sides", "at least 3", describe(sides))
+    a, b = np.meshgrid(*[np.arange(sides + 1) * (2 * np.pi / sides)] * 2)
+    outwards = np.stack([np.cos(b) * np.cos(a), np.cos(b) * np.sin(a), np.sin(b)], axis=-1)
+    middle = np.stack([np.cos(a), np.sin(a), 0 * a], axis=-1)
+    y, x = np.mgrid[:sides, :sides]
+    i = (y * (sides + 1) + x).ravel()
+    lower, upper = np.stack([i, i + 1, i + sides + 2], 1), np.stack([i, i + sides + 2, i + sides + 1], 1)
+    return Mesh(
+        (radius * middle + tube * outwards).reshape(-1, 3),
+        np.concatenate([lower, upper]),
+        uv=np.stack([a, b], axis=-1).reshape(-1, 2) / (2 * np.pi),
+        normals=outwards.reshape(-1, 3),
+    )
+
+
+def with_cylindrical_uv(mesh: Mesh, axis: int = 1) -> Mesh:
+    """Give a mesh uv as if a label were wrapped around it: u by the angle about its middle axis, v along that axis.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    axis : 0, 1 or 2
+        x, y or z; v runs against it, from 0 at the top to 1.
+
+    Returns
+    -------
+    Mesh
+        With the same surface and normals; vertices are split along the seam.
+
+    Examples
+    --------
+    >>> from pyibr.capture import models
+    >>> tube = models.with_cylindrical_uv(models.donut(), axis=2)
+    >>> tube.uv.shape == (len(tube.vertices), 2)
+    True
+    """
+    if axis not in (0, 1, 2):
+        raise ArgumentError("axis", "0, 1 or 2", describe(axis))
+    low, high = (corner.astype(np.float64) for corner in mesh.bounds)
+    away = mesh.vertices - 0.5 * (low + high)
+    angle = np.arctan2(away[:, (axis + 1) % 3], away[:, (axis + 2) % 3]) / (2 * np.pi)
+    down = (high[axis] - mesh.vertices[:, axis]) / max(high[axis] - low[axis], 1e-30)
+    u = angle[mesh.faces]
+    u += np.where(u.max(axis=1, keepdims=True) - u > 0.5, 1.0, 0.0)  # across the seam
+    normals = mesh.normals if mesh.normals is not None else mesh.smooth_normals
+    return Mesh(mesh.vertices, mesh.faces, np.stack([u, down[mesh.faces]], axis=-1), normals, None, mesh.colors)
+
+
+def view(
+    images: Sequence[DepthImage],
+    size: tuple[int, int],
+    direction: ArrayLike = (0.45, -0.4, -1.0),
+    distance: float = 3.0,
+) -> Camera:
+    """Make a camera that sees all of a model from outside.
+
+    Parameters
+    ----------
+    images : sequence of DepthImage
+        The model.
+    size : (width, height)
+    direction : array_like (3,)
+        From the model to the camera; not straight up or down.
+    distance : float
+        Of the camera from the model's middle, in radii of the sphere around the model.
+    """
+    points: list[Float64] = []
+    for image in images:
+        points.append(image.camera.unproject(_pixels(image.camera)[image.valid.ravel()], image.depth[image.valid]))
+    every = np.concatenate(points)
+    center = (every.min(axis=0) + every.max(axis=0)) / 2
+    radius = float(np.linalg.norm(every - center, axis=1).max())
+    return _outside(center, radius, numbers("direction", direction, (3,)), size, distance)
+
+
+def load_earth(folder: str | PathLike[str]) -> tuple[Float32, Uint8]:
+    """Read the earth for `globe`: elevation (h, w) float32 in [0, 1] and colour (h', w', 3) uint8.
+
+    Parameters
+    ----------
+    folder : path
+        Holds `earth-topology.png` and `earth-blue-marble.jpg`, both equirectangular.
+    """
+    height = io.read_color(Path(folder) / "earth-topology.png")
+    color = io.read_color(Path(folder) / "earth-blue-marble.jpg")
+    return (height[..., 0] / 255).astype(np.float32), _uint8(np.asarray(color, np.float64))
+
+
+def load_scene(mesh_path: str | PathLike[str]) -> MeshScene:
+    """Read a mesh file, also with `.gz`, as a `MeshScene`; up in the file (+y) becomes up here (-y)."""
+    path = Path(mesh_path)
+    try:
+        import open3d as o3d
+    except ImportError:
+        raise MissingPackageError("reading a mesh needs Open3D: pip install open3d") from None
+    if not path.is_file():
+        raise FileFormatError(f"{path}: no such file")
+    with tempfile.TemporaryDirectory() as folder:
+        source = path
+        if path.suffix == ".gz":
+            source = Path(folder) / path.stem
+            try:
+                source.write_bytes(gzip.decompress(path.read_bytes()))
+            except (OSError, EOFError) as error:
+                raise FileFormatError(f"{path}: not a whole gzip file ({error})") from None
+        library: Any = o3d
+        mesh = library.io.read_triangle_mesh(str(source))
+    if not len(mesh.triangles):
+        raise FileFormatError(f"{path}: no triangles could be read")
+    mesh.rotate(np.diag([1.0, -1.0, -1.0]), center=(0, 0, 0))
+    return MeshScene.from_open3d(mesh)
+
+
+def _outside(
+    center: Float64, radius: float, direction: Float64, size: tuple[int, int], distance: float = 3.0
+) -> Camera:
+    """A camera that holds a sphere in view."""
+    away = direction / np.linalg.norm(direction)
+    up = _UP if abs(away @ _UP) < 0.99 else np.array([0.0, 0.0, 1.0])
+    narrow = min(1.0, size[0] / size[1])
+    fov = 2 * np.arctan(1.08 * np.tan(np.arcsin(1 / distance)) / narrow)
+    return Camera.look_at(center + distance * radius * away, center, up, size, float(np.degrees(fov)))
+
+
+def _pixels(camera: Camera) -> Float64:
+    """(H * W, 2) all pixel centres, row by row."""
+    grid = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+    return np.stack(grid, axis=-1).reshape(-1, 2).astype(np.float64)
+
+
+def _uint8(values: Float64) -> Uint8:
+    return np.clip(np.floor(values + 0.5), 0, 255).astype(np.uint8)
+
+
+def _on_sphere(image: NDArray[Any], direction: Float64) -> Float64:
+    """Values (n, C) of an equirectangular image (h, w, C) in directions (n, 3), bilinear."""
+    height, width = image.shape[:2]
+    x, y, z = direction.T
+    u = (np.arctan2(x, -z) / (2 * np.pi) + 0.5) * width - 0.5
+    v = np.clip((np.arcsin(np.clip(y, -1, 1)) / np.pi + 0.5) * height - 0.5, 0, height - 1)
+    column, row = np.floor(u).astype(np.int64), np.floor(v).astype(np.int64)
+    fu, fv = (u - column)[:, None], (v - row)[:, None]
+    left, right, below = column % width, (column + 1) % width, np.minimum(row + 1, height - 1)
+    top = (1 - fu) * image[row, left] + fu * image[row, right]
+    return (1 - fv) * top + fv * ((1 - fu) * image[below, left] + fu * image[below, right])
+
+
+def _noise(direction: Float64) -> Float64:
+    """Continents (0 is sea) in directions (n, 3): octaves of plane waves, of the same seed each time."""
+    random = np.random.default_rng(1999)
+    total = np.zeros(len(direction))
+    for octave in range(7):
+        for _ in range(6):
+            wave = random.normal(size=3)
+            wave *= 2.2 * 1.9**octave / np.linalg.norm(wave)
+            total += 0.58**octave * np.sin(direction @ wave + random.uniform(0, 2 * np.pi))
+    return np.clip((total - 0.1) / 7.0, 0, 1)
+
+
+def _hypsometric(height: Float64) -> Float64:
+    """Colours (n, 3), 0 to 255, from the sea over beaches, plains and rock to snow."""
+    stops = [0.0, 0.004, 0.03, 0.2, 0.45, 0.7]
+    colors = np.array([[22, 60, 120], [205, 190, 130], [70, 130, 60], [110, 120, 60], [130, 105, 85], [245, 245, 250]])
+    return np.stack([np.interp(height, stops, colors[:, channel]) for channel in range(3)], axis=1)
+
+
+def _torus_scene() -> MeshScene:
+    """A torus of radii 1 and about 0.42 across the diagonal (1, 1, 1), bumpy and striped."""
+    a, b = np.meshgrid(np.linspace(0, 2 * np.pi, 768, False), np.linspace(0, 2 * np.pi, 384, False))
+    tube = 0.42 + 0.03 * np.sin(9 * a) * np.sin(5 * b) + 0.012 * np.cos(30 * a + 6 * b)
+    ring = 1 + tube * np.cos(b)
+    local = np.stack([ring * np.cos(a), tube * np.sin(b), ring * np.sin(a)], axis=-1).reshape(-1, 3)
+    axis, across = np.ones(3) / np.sqrt(3), np.array([1, -1, 0]) / np.sqrt(2)
+    vertices = local @ np.stack([across, axis, np.cross(across, axis)])
+    stripe = 0.5 + 0.5 * np.tanh(4 * np.sin(6 * a + 3 * b))
+    dent = ((tube - tube.min()) / np.ptp(tube))[..., None]
+    colors = stripe[..., None] * np.array([215, 120, 60]) + (1 - stripe[..., None]) * np.array([50, 110, 160])
+    number = np.arange(a.size).reshape(a.shape)
+    right, down = np.roll(number, -1, axis=1), np.roll(number, -1, axis=0)
+    diagonal = np.roll(right, -1, axis=0)
+    faces = np.stack([np.stack([number, down, right], -1), np.stack([diagonal, right, down], -1)], axis=2)
+    return MeshScene(vertices, faces.reshape(-1, 3), _uint8(colors * (0.45 + 0.55 * dent)).reshape(-1, 3))
+
+
+def _joined_at_rim(first: DepthImage, last: DepthImage) -> tuple[DepthImage, DepthImage]:
+    """Close the gap of a pixel between the two walls of a solid where rays cease to meet it.
+
+    A missed pixel beside a hit one gets, in both images, the mean of its neighbours' points midway between
+    the walls. Otherwise the walls, which meet where a ray touches the solid, would end before that.
+    """
+    near, far = np.pad(first.depth, 1, constant_values=np.inf), np.pad(last.depth, 1, constant_values=np.inf)
+    colors = [np.pad(image.color, ((1, 1), (1, 1), (0, 0))).astype(np.float64) for image in (first, last)]
+    height, width = first.depth.shape
+    count, middle = np.zeros((height, width)), np.zeros((height, width))
+    mixed = np.zeros((height, width, 3))
+    for dy in range(3):
+        for dx in range(3):
+            there = np.s_[dy : dy + height, dx : dx + width]
+            hit = np.isfinite(near[there])
+            count += hit
+            middle[hit] += (near[there][hit] + far[there][hit]) / 2
+            mixed[hit] += (colors[0][there][hit] + colors[1][there][hit]) / 2
+    rim = ~first.valid & (count > 0)
+    joined: list[DepthImage] = []
+    for image in (first, last):
+        depth, color = image.depth.copy(), np.array(image.color, np.uint8)
+        depth[rim] = (middle[rim] / count[rim]).astype(np.float32)
+        color[rim] = _uint8(mixed[rim] / count[rim][:, None])
+        joined.append(DepthImage(color, depth, image.camera))
+    return joined[0], joined[1]

@@ -1,0 +1,397 @@
+"""Depth images of a triangle mesh, by ray casting (Embree, through Open3D).
+
+A ray through each pixel centre meets the mesh; the triangle's plane then gives the depth in float64, so that
+depth images are as exact as their float32 samples can be. Open3D is imported when a `MeshScene` is made.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any, Literal, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pyibr.core.camera import Camera, Projection
+from pyibr.core.checks import Float64, describe, numbers, one_of
+from pyibr.core.errors import ArgumentError
+from pyibr.core.optional import open3d
+from pyibr.images import DepthImage
+from pyibr.meshes.mesh import Mesh, checked_faces
+
+Layer = Literal["first", "last"]
+Int64 = NDArray[np.int64]
+
+_NOTHING = 0xFFFFFFFF  # Embree's number for no triangle
+_NUDGE = 1e-3  # pixels
+_SUN: Float64 = np.array([1.0, 0.98, 0.92])
+_SHADOW: Float64 = np.array([0.30, 0.28, 0.34])
+_LIGHT: Float64 = np.array([-0.45, -0.8, -0.4]) / np.linalg.norm([0.45, 0.8, 0.4])
+
+
+class MeshScene:
+    """A triangle mesh ready to be captured from many cameras.
+
+    Parameters
+    ----------
+    vertices : array_like (N, 3)
+        In scene units, in the world.
+    faces : array_like (M, 3), integers
+    colors : array_like (N, 3), optional
+        Of the vertices: uint8, or floats in [0, 1].
+    uv : array_like (N, 2) or (M, 3, 2), optional
+        Of the vertices, or of each face's corners. u runs along the texture's rows, v down its columns, texel
+        centres are at (i + 0.5) / n; beyond 0 to 1 the border is repeated.
+    texture : (h, w, 3) uint8, optional
+        Read bilinearly. Without texture and colors the surface is shaded by its smooth normals.
+    base_color : (r, g, b), 0 to 255
+        Of a shaded surface.
+
+    Raises
+    ------
+    ArgumentError
+        If the arrays do not fit together.
+    MissingPackageError
+        If Open3D is not installed.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pyibr as ibr
+    >>> from pyibr.capture.raycast import MeshScene
+    >>> square = MeshScene([[-1, -1, 3], [1, -1, 3], [-1, 1, 3], [1, 1, 3]], [[0, 1, 2], [3, 2, 1]])
+    >>> view = square.capture(ibr.Camera([[20, 0, 5], [0, 20, 5], [0, 0, 1]], (11, 11)))
+    >>> float(view.depth[5, 5])
+    3.0
+    """
+
+    def __init__(
+        self,
+        vertices: ArrayLike,
+        faces: ArrayLike,
+        colors: ArrayLike | None = None,
+        uv: ArrayLike | None = None,
+        texture: NDArray[np.uint8] | None = None,
+        base_color: tuple[float, float, float] = (235, 190, 130),
+    ) -> None:
+        self.vertices: Float64 = numbers("vertices", vertices, (None, 3))
+        self.faces: Int64 = checked_faces(faces, len(self.vertices)).astype(np.int64)
+        self._texture = None if texture is None else _checked_texture(texture)
+        self._colors = None if colors is None else _checked_colors(colors, len(self.vertices))
+        self._uv = None if uv is None else _checked_uv(uv, self.faces, len(self.vertices))
+        if (self._texture is None) != (self._uv is None):
+            raise ArgumentError("uv", "uv and texture together, or neither", "only one of them")
+        self._base_color = np.asarray(base_color, np.float64)
+        self._normals: Float64 | None = None
+
+        o3d = open3d()
+        self._scene: Any = o3d.t.geometry.RaycastingScene()
+        self._scene.add_triangles(
+            np.ascontiguousarray(self.vertices, np.float32), np.ascontiguousarray(self.faces, np.uint32)
+        )
+
+    @classmethod
+    def from_open3d(cls, mesh: Any, base_color: tuple[float, float, float] = (235, 190, 130)) -> MeshScene:
+        """Take over an `open3d.geometry.TriangleMesh` or `open3d.t.geometry.TriangleMesh`.
+
+        Of several textures only the first (of a tensor mesh, its albedo map) is used.
+        """
+        texture = None
+        if hasattr(mesh, "to_legacy"):
+            if mesh.has_valid_material() and "albedo" in mesh.material.texture_maps:
+                # Open3D keeps a tensor mesh's texture top row first, a legacy mesh's bottom row first.
+                texture = mesh.material.texture_maps["albedo"].as_tensor().numpy()[::-1]
+            mesh = mesh.to_legacy()
+        elif hasattr(mesh, "textures") and mesh.has_textures():
+            texture = np.asarray(mesh.textures[0])
+        try:
+            vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
+        except AttributeError:
+            raise ArgumentError("mesh", "a Mesh, a MeshScene or an Open3D TriangleMesh", describe(mesh)) from None
+        colors = np.asarray(mesh.vertex_colors) if mesh.has_vertex_colors() else None
+        if texture is None or not mesh.has_triangle_uvs():
+            return cls(vertices, faces, colors, base_color=base_color)
+        uv = np.asarray(mesh.triangle_uvs).reshape(-1, 3, 2)
+        texture = np.repeat(texture, 3, axis=2) if texture.shape[2] == 1 else texture[..., :3]
+        return cls(vertices, faces, colors, uv, texture, base_color)
+
+    @classmethod
+    def from_mesh(cls, mesh: Mesh, base_color: tuple[float, float, float] = (235, 190, 130)) -> MeshScene:
+        """Take over a `pyibr.Mesh`, with its texture or its colours."""
+        texture = mesh.texture
+        if texture is not None and texture.dtype != np.uint8:
+            texture = np.rint(texture * np.float32(255)).astype(np.uint8)
+        uv = mesh.uv if texture is not None else None
+        return cls(mesh.vertices, mesh.faces, mesh.colors, uv, texture, base_color)
+
+    def capture(
+        self, camera: Camera, layer: Layer = "first", background: tuple[int, int, int] = (0, 0, 0)
+    ) -> DepthImage:
+        """Take a depth image.
+
+        Parameters
+        ----------
+        camera : Camera
+            Perspective or orthographic. Only what lies before it (depth > 0) is seen.
+        layer : "first" or "last"
+            The nearest hit of each ray, or the farthest: taken from a solid's inside, that is the wall which
+            is seen from outside.
+        background : (r, g, b), 0 to 255
+            Colour where nothing is hit; the depth is infinite there.
+
+        Returns
+        -------
+        DepthImage
+            With uint8 colour.
+
+        Raises
+        ------
+        ArgumentError
+            If no ray meets the mesh.
+        """
+        if layer not in ("first", "last"):
+            raise ArgumentError("layer", '"first" or "last"', describe(layer))
+        pixel = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), -1).reshape(-1, 2)
+        triangle = self._cast(camera, pixel, layer)
+        for dx, dy in (
+            (1, 1),
+            (-1, -1),
+            (1, -1),
+            (-1, 1),
+        ):  # some rays slip through an edge that they meet exactly
+            lost = np.flatnonzero(triangle == _NOTHING)
+            triangle[lost] = self._cast(camera, pixel[lost] + _NUDGE * np.array([dx, dy]), layer)
+        hit = np.flatnonzero(triangle != _NOTHING)
+        triangle = triangle[hit]
+
+        origin, direction = _rays(camera, pixel[hit])
+        corner = self.vertices[self.faces[triangle]]
+        normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            z = np.sum((corner[:, 0] - origin) * normal, 1) / np.sum(direction * normal, 1)
+        # On a triangle seen edge-on, and for a nudged ray, the plane may be met beyond the triangle.
+        corner_z = np.sum((corner - camera.center) * camera.forward, axis=2)
+        z = np.clip(np.nan_to_num(z, nan=np.inf), corner_z.min(axis=1), corner_z.max(axis=1))
+        seen = z > 0
+        hit, triangle, z = hit[seen], triangle[seen], z[seen]
+        if not len(hit):
+            raise ArgumentError("camera", "one that sees the mesh", "one whose rays all miss it")
+        weight = _barycentric(corner[seen], normal[seen], origin[seen] + z[:, None] * direction[seen])
+
+        shape = camera.height, camera.width
+        depth = np.full(shape, np.inf, np.float32)
+        color = np.empty((*shape, 3), np.uint8)
+        color[:] = background
+        depth.reshape(-1)[hit] = z
+        color.reshape(-1, 3)[hit] = np.clip(np.floor(self._color(triangle, weight) + 0.5), 0, 255)
+        return DepthImage(color, depth, camera)
+
+    def _cast(self, camera: Camera, pixel: NDArray[Any], layer: Layer) -> Int64:
+        """Return the triangle that the rays through pixels (n, 2) meet first or last, or `_NOTHING`."""
+        origin, direction = _rays(camera, pixel)
+        z = (self.vertices - camera.center) @ camera.forward
+        margin = 0.01 * (np.ptp(z) + abs(z).max())
+        near, far = max(0.0, z.min() - margin), z.max() + margin
+        if far <= near:
+            return np.full(len(pixel), _NOTHING)
+        start, sense = (near, 1) if layer == "first" else (far, -1)
+        packed = np.concatenate([origin + start * direction, sense * direction], axis=1, dtype=np.float32)
+        answer = self._scene.cast_rays(packed)
+        triangle: Int64 = answer["primitive_ids"].numpy().astype(np.int64)
+        triangle[answer["t_hit"].numpy() > far - near] = _NOTHING
+        return triangle
+
+    def _color(self, triangle: Int64, weight: Float64) -> Float64:
+        """Return the colours (n, 3), 0 to 255, at weights (n, 3) in triangles (n,)."""
+        corner = self.faces[triangle]
+        if self._texture is not None and self._uv is not None:
+            return _bilinear(self._texture, np.einsum("nk,nkc->nc", weight, self._uv[triangle]))
+        if self._colors is not None:
+            return np.einsum("nk,nkc->nc", weight, self._colors[corner])
+        if self._normals is None:
+            self._normals = _smooth_normals(self.vertices, self.faces)
+        normal = np.einsum("nk,nkc->nc", weight, self._normals[corner])
+        normal /= np.maximum(np.sqrt(np.einsum("nc,nc->n", normal, normal)), 1e-12)[:, None]
+        lambert = normal @ _LIGHT
+        light = 0.15 + 0.85 * np.maximum(lambert, 0) + 0.15 * np.minimum(lambert, 0)
+        return self._base_color * (_SHADOW + (_SUN - _SHADOW) * light[:, None])
+
+
+def capture(
+    mesh: Any, camera: Camera, layer: Layer = "first", background: tuple[int, int, int] = (0, 0, 0)
+) -> DepthImage:
+    """Take one depth image of a `Mesh`, a `MeshScene` or an Open3D triangle mesh; see `MeshScene.capture`.
+
+    For several cameras make the `MeshScene` once.
+    """
+    return _as_scene(mesh).capture(camera, layer, background)
+
+
+def _as_scene(mesh: Any) -> MeshScene:
+    if isinstance(mesh, MeshScene):
+        return mesh
+    return MeshScene.from_mesh(mesh) if isinstance(mesh, Mesh) else MeshScene.from_open3d(mesh)
+
+
+def _check_size(size: object, least: int) -> None:
+    if isinstance(size, bool) or not isinstance(size, (int, np.integer)) or size < least:
+        raise ArgumentError("size", f"at least {least} pixel{'s' * (least > 1)}", describe(cast("object", size)))
+
+
+def cube_cameras(center: ArrayLike, size: int) -> list[Camera]:
+    """Make six cameras of 90 degrees at one centre that look along +x, -x, +y, -y, +z and -z.
+
+    The outermost pixel centres (0 and size - 1) lie exactly on the cube's edges, and neighbours have the same
+    ones there: their triangulated grids meet without a gap.
+
+    Parameters
+    ----------
+    center : array_like (3,)
+        In the world.
+    size : int
+        Of each image in pixels, at least 2.
+
+    Examples
+    --------
+    >>> from pyibr.capture.raycast import cube_cameras
+    >>> [camera.forward.round().astype(int).tolist() for camera in cube_cameras([0, 0, 0], 64)][:2]
+    [[1, 0, 0], [-1, 0, 0]]
+    """
+    _check_size(size, 2)
+    half = (size - 1) / 2
+    x, y, z = np.eye(3)
+    axes = [(-z, y, x), (z, y, -x), (x, -z, y), (x, z, -y), (x, y, z), (-x, y, -z)]  # right, down, forward
+    cameras: list[Camera] = []
+    for right, down, forward in axes:
+        pose = np.eye(4)
+        pose[:3] = np.column_stack([right, down, forward, numbers("center", center, (3,))])
+        cameras.append(Camera([[half, 0, half], [0, half, half], [0, 0, 1]], (size, size), pose))
+    return cameras
+
+
+def object_views(
+    mesh: Any, size: int, projection: Projection = "orthographic", margin: float = 0.02
+) -> list[DepthImage]:
+    """Six depth images of an object from all round, as if on the faces of a cube that looks inwards.
+
+    Parameters
+    ----------
+    mesh : Mesh, MeshScene or an Open3D triangle mesh
+    size : int
+        Pixels a side of each image.
+    projection : "orthographic" or "perspective"
+        Perspective cameras stand 2.5 cube edges from the middle.
+    margin : float
+        Part of the mesh's largest extent that is left free on all sides, >= 0.
+
+    Returns
+    -------
+    list of 6 DepthImage
+        Looking along x, -x, y, -y, z, -z. Background is infinitely far.
+
+    Raises
+    ------
+    ArgumentError
+        If an argument is out of its range, or a view does not see the object: a plate from its edge.
+    MissingPackageError
+        If Open3D is not installed.
+
+    Examples
+    --------
+    >>> from pyibr.capture import models
+    >>> from pyibr.capture.raycast import object_views
+    >>> [view.camera.size for view in object_views(models.donut(), 32)]
+    [(32, 32), (32, 32), (32, 32), (32, 32), (32, 32), (32, 32)]
+    """
+    scene = _as_scene(mesh)
+    one_of("projection", projection, Projection)
+    if not float(numbers("margin", margin, ())) >= 0:
+        raise ArgumentError("margin", "a number >= 0", describe(margin))
+    _check_size(size, 1)
+    used = scene.vertices[scene.faces.ravel()]
+    low, high = used.min(axis=0), used.max(axis=0)
+    edge = float((high - low).max()) * (1 + 2 * margin)
+    away = 2.5 * edge if projection == "perspective" else 0.501 * edge
+    # Perspective cameras see the cube's front face, half an edge nearer than its middle, in full.
+    focal = size / edge * (1.0 if projection == "orthographic" else away - 0.5 * edge)
+    K = [[focal, 0, (size - 1) / 2], [0, focal, (size - 1) / 2], [0, 0, 1]]
+    middle, views = 0.5 * (low + high), list[DepthImage]()
+    for axis, sign in itertools.product(range(3), (1, -1)):
+        forward = np.zeros(3)
+        forward[axis] = sign
+        down = np.eye(3)[(axis + 1) % 3]
+        pose = np.eye(4)
+        pose[:3, :3] = np.column_stack([np.cross(down, forward), down, forward])
+        pose[:3, 3] = middle - away * forward
+        camera = Camera(K, (size, size), pose, projection)
+        try:
+            views.append(scene.capture(camera))
+        except ArgumentError as error:
+            if error.argument != "camera":
+                raise
+            extents = ", ".join(f"{extent:g}" for extent in high - low)
+            expected = f"an object that all six views see, thicker than a pixel of {edge / size:.3g} (raise `size`)"
+            raise ArgumentError("mesh", expected, f"extents of {extents}, unseen along {'xyz'[axis]}") from None
+    return views
+
+
+def _rays(camera: Camera, pixel: NDArray[Any]) -> tuple[Float64, Float64]:
+    """Origins and directions (n, 3) in the world; a step of 1 along a direction is 1 in planar z."""
+    one = camera.unproject(pixel, np.ones(len(pixel)))
+    if camera.projection == "perspective":
+        return np.broadcast_to(camera.center, one.shape), one - camera.center
+    return one - camera.forward, np.broadcast_to(camera.forward, one.shape)
+
+
+def _barycentric(corner: Float64, normal: Float64, point: Float64) -> Float64:
+    """Weights (n, 3) of points on triangles (n, 3, 3), clamped to them."""
+    squared = np.maximum(np.sum(normal * normal, 1), np.finfo(np.float64).tiny)
+    following, last = np.roll(corner, -1, axis=1), np.roll(corner, -2, axis=1)
+    opposite = np.cross(last - following, point[:, None] - following)
+    weight = np.clip(np.einsum("nkc,nc->nk", opposite, normal) / squared[:, None], 0, 1)
+    total = weight.sum(axis=1, keepdims=True)
+    return np.where(total > 0, weight / np.maximum(total, 1e-12), 1 / 3)
+
+
+def _bilinear(image: NDArray[np.uint8], uv: Float64) -> Float64:
+    size = np.array([image.shape[1], image.shape[0]])
+    at = np.clip(uv * size - 0.5, 0, size - 1)
+    low = np.minimum(at.astype(np.int64), np.maximum(size - 2, 0))
+    (fx, fy), (x, y) = (at - low).T[..., None], low.T
+    right, down = np.minimum(x + 1, size[0] - 1), np.minimum(y + 1, size[1] - 1)
+    top = (1 - fx) * image[y, x] + fx * image[y, right]
+    return (1 - fy) * top + fy * ((1 - fx) * image[down, x] + fx * image[down, right])
+
+
+def _smooth_normals(vertices: Float64, faces: Int64) -> Float64:
+    """Unit normals (N, 3) of vertices: their faces' normals, weighted by area."""
+    corner = vertices[faces]
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    total = np.stack(
+        [np.bincount(faces.ravel(), np.repeat(normal[:, axis], 3), len(vertices)) for axis in range(3)],
+        axis=1,
+    )
+    return total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), np.finfo(np.float64).tiny)
+
+
+def _checked_texture(texture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    array = np.asarray(texture)
+    if array.dtype != np.uint8 or array.ndim != 3 or array.shape[2] != 3 or not array.size:
+        raise ArgumentError("texture", "uint8 of shape (h, w, 3)", describe(array))
+    return array
+
+
+def _checked_colors(colors: ArrayLike, count: int) -> Float64:
+    array = np.asarray(colors)
+    if array.shape != (count, 3):
+        raise ArgumentError("colors", f"shape ({count}, 3), one for each vertex", describe(array))
+    return numbers("colors", array, (None, 3)) * (1 if array.dtype == np.uint8 else 255)
+
+
+def _checked_uv(uv: ArrayLike, faces: Int64, count: int) -> Float64:
+    array = np.asarray(uv)
+    if array.shape == (count, 2):
+        return numbers("uv", array, (None, 2))[faces]
+    if array.shape == (len(faces), 3, 2):
+        return numbers("uv", array, (None, 3, 2))
+    raise ArgumentError("uv", f"shape ({count}, 2) or ({len(faces)}, 3, 2)", describe(array))

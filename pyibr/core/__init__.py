@@ -1,0 +1,1 @@
+"""What all of pyibr shares: cameras, their maps, errors, checks."""

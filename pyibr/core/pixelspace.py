@@ -1,0 +1,260 @@
+"""From one camera's pixel space to another's: the warp equation of a pair of cameras (kernels/lib/pixelspace.h).
+
+A point is homogeneous (U, V, W, Q): pixel (U/W, V/W), nearness Q/W, which is 1/z for a perspective camera and -z for
+an orthographic one. One 4x4 matrix carries it from the source to the target; its last column is the epipole.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.core.camera import Camera
+from pyibr.core.checks import Float64
+
+PIXEL_MAP = np.dtype(
+    [
+        ("dst_from_src", np.float32, 16),
+        ("src_from_dst", np.float32, 16),
+        ("src_width", np.int32),
+        ("src_height", np.int32),
+        ("src_pitch", np.int32),
+        ("dst_width", np.int32),
+        ("dst_height", np.int32),
+        ("dst_pitch", np.int32),
+        ("dst_perspective", np.int32),
+    ]
+)
+"""The struct PixelMap of kernels/lib/pixelspace.h."""
+
+_GRID = [part.ravel() for part in np.meshgrid(np.linspace(0.1, 0.9, 5), np.linspace(0.1, 0.9, 5))]
+
+ON_SAMPLES = 1e-3
+"""ON_SAMPLES of kernels/lib/surface.h."""
+
+_ROUNDING = 1e-10  # relative: of products of a few matrices in float64
+_ROUNDING_FAR = 1e-15  # of positions as far from the world's origin as 1
+
+NO_PARALLAX = 1e-3
+"""Pixels: cameras between which nothing moves more differ by a rotation (or a zoom) alone."""
+
+
+@dataclass(frozen=True)
+class Rectangle:
+    """Pixels low_x ... high_x - 1, low_y ... high_y - 1."""
+
+    low_x: int
+    high_x: int
+    low_y: int
+    high_y: int
+
+    @property
+    def empty(self) -> bool:
+        """Whether it holds no pixel."""
+        return self.low_x >= self.high_x or self.low_y >= self.high_y
+
+
+def pitch(width: int) -> int:
+    """Row length of nearness images: whole packets, room to look beyond the last pixel, and no power of two.
+
+    Rows of a power of two lie in one place of the cache, which walks along columns overflow.
+    """
+    padded = (-(-width // 16) + 1) * 16
+    return padded + 16 if padded % 256 == 0 else padded
+
+
+def frustum(camera: Camera) -> Float64:
+    """(5, 4) planes of what a camera sees, in the world: a x + b y + c z + d >= 0 inside, unit normals."""
+    u, v, w, q = camera.pixel_matrix @ camera.camera_from_world
+    before = w if camera.projection == "perspective" else -q
+    sides = u + 0.5 * w, (camera.width - 0.5) * w - u, v + 0.5 * w, (camera.height - 0.5) * w - v
+    planes = np.array([*sides, before])
+    return planes / np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
+
+
+def pixel_size(camera: Camera, point: Float64) -> float:
+    """Scene units that a pixel takes at a point of the world."""
+    z = float(camera.camera_from_world[2, :3] @ point + camera.camera_from_world[2, 3])
+    return (abs(z) if camera.projection == "perspective" else 1.0) / float(min(camera.K[0, 0], camera.K[1, 1]))
+
+
+@dataclass(frozen=True)
+class CameraPair:
+    """What two cameras fix of the map between them, whatever the source's samples.
+
+    Attributes
+    ----------
+    src, dst : Camera
+        The source, whose samples have depths, and the target.
+    """
+
+    src: Camera
+    dst: Camera
+
+    @cached_property
+    def dst_from_src(self) -> Float64:
+        """(4, 4) float64."""
+        return _pixels_from_pixels(self.dst, self.src)
+
+    @cached_property
+    def src_from_dst(self) -> Float64:
+        """(4, 4) float64."""
+        return _pixels_from_pixels(self.src, self.dst)
+
+    @cached_property
+    def aligned(self) -> bool:
+        """Whether epipolar lines run along rows or columns of both images, as in stereo pairs and light fields."""
+        ends = self.dst_from_src[:3, 3], self.src_from_dst[:3, 3]
+        return all(np.count_nonzero(end) == 1 and end[2] == 0.0 for end in ends)
+
+    @cached_property
+    def on_samples(self) -> bool:
+        """Of aligned lines through the target's pixels: whether all of them run along the source's samples."""
+        ends = self.dst_from_src[:2, 3], self.src_from_dst[:2, 3]
+        target_axis, source_axis = (int(np.argmin(end != 0)) for end in ends)
+        pixels = np.zeros((3, self.dst.size[target_axis]))
+        pixels[target_axis], pixels[2] = np.arange(pixels.shape[1]), 1.0
+        rows = self.src_from_dst[[source_axis, 2], :3] @ pixels
+        across = rows[0] / rows[1]
+        return bool((np.abs(across - np.rint(across)) < ON_SAMPLES).all())
+
+    @cached_property
+    def struct(self) -> NDArray[np.void]:
+        """A PIXEL_MAP record."""
+        values = np.zeros((), PIXEL_MAP)
+        values["dst_from_src"], values["src_from_dst"] = self.dst_from_src.ravel(), self.src_from_dst.ravel()
+        values["src_width"], values["src_height"], values["src_pitch"] = *self.src.size, pitch(self.src.width)
+        values["dst_width"], values["dst_height"], values["dst_pitch"] = *self.dst.size, pitch(self.dst.width)
+        values["dst_perspective"] = self.dst.projection == "perspective"
+        return values
+
+    @cached_property
+    def corners(self) -> list[list[float]]:
+        """(U, V, W) in the target of the source's corner pixels at nearness 0; and what nearness adds to them."""
+        last = self.src.width - 1, self.src.height - 1
+        at_infinity = [(x, y, 1.0, 0.0) for x, y in itertools.product((0, last[0]), (0, last[1]))]
+        return (self.dst_from_src[:3] @ np.array([*at_infinity, (0, 0, 0, 1)]).T).T.tolist()
+
+    @cached_property
+    def grid(self) -> tuple[Float64, Float64]:
+        """(4, 3, 25) homogeneous positions in the target, at nearness 0, of a grid of source pixels and their right
+        and lower neighbours; and (4, 1, 1), what nearness adds to them.
+        """
+        x, y = (part * (size - 1) for part, size in zip(_GRID, self.src.size, strict=True))
+        points = np.array([[x, x + 1, x], [y, y, y + 1], [np.ones_like(x)] * 3])
+        return np.tensordot(self.dst_from_src[:, :3], points, 1), self.dst_from_src[:, 3, None, None]
+
+
+@functools.lru_cache(maxsize=256)
+def camera_pair(src: Camera, dst: Camera) -> CameraPair:
+    """The pair, made once for cameras that are used again."""
+    return CameraPair(src, dst)
+
+
+@dataclass(frozen=True)
+class PixelMap:
+    """The map between two cameras, for samples of a range of nearness.
+
+    Attributes
+    ----------
+    pair : CameraPair
+    low, high : float
+        Least and greatest nearness of the source's samples.
+    """
+
+    pair: CameraPair
+    low: float
+    high: float
+
+    @property
+    def epipole(self) -> Float64:
+        """(3,) homogeneous pixel of the source's centre in the target; negative W: an antipode; 0: there is none."""
+        return self.pair.dst_from_src[:3, 3] if self.parallax >= NO_PARALLAX else np.zeros(3)
+
+    @cached_property
+    def parallax(self) -> float:
+        """How far the source's corners move in the target, in pixels, between depths that are far apart.
+
+        The depths are infinity and the nearest sample's in a perspective source; in an orthographic one the
+        farthest sample's and one as far before it as the image is wide.
+        """
+        src = self.pair.src
+        perspective = src.projection == "perspective"
+        ends = (0.0, self.high) if perspective else (self.low, self.high + src.width / float(src.K[0, 0]))
+        most = 0.0
+        for (u0, v0, w0), (u1, v1, w1) in zip(*map(self._corners, ends), strict=True):
+            if w0 <= 0 or w1 <= 0:
+                return math.inf
+            most = max(most, math.hypot(u0 / w0 - u1 / w1, v0 / w0 - v1 / w1))
+        return most
+
+    @cached_property
+    def reach(self) -> Rectangle:
+        """The target's pixels that any of the source's samples, or the surface between them, may cover."""
+        width, height = self.pair.dst.size
+        points = [*self._corners(self.low), *self._corners(self.high)]
+        before = [w for _, _, w in points if w > 0]
+        if not before:
+            return Rectangle(0, 0, 0, 0)
+        if len(before) < len(points):
+            return Rectangle(0, width, 0, height)
+        x, y = [u / w for u, _, w in points], [v / w for _, v, w in points]
+        return Rectangle(
+            math.floor(min(max(min(x), 0), width)),
+            math.ceil(min(max(max(x), -2), width - 1)) + 1,
+            math.floor(min(max(min(y), 0), height)),
+            math.ceil(min(max(max(y), -2), height - 1)) + 1,
+        )
+
+    @cached_property
+    def density(self) -> float:
+        """Source pixels over one target pixel, along an axis, at the middle nearness where the target sees it."""
+        u, v, w, _ = self._middle
+        with np.errstate(divide="ignore", invalid="ignore"):
+            x, y = u / w, v / w
+            area = np.abs((x[1] - x[0]) * (y[2] - y[0]) - (x[2] - x[0]) * (y[1] - y[0]))
+            width, height = self.pair.dst.size
+            near = (x[0] > -width) & (x[0] < 2 * width) & (y[0] > -height) & (y[0] < 2 * height)
+            areas = area[(w[0] > 0) & near & (area > 0)]
+        return _middle_of(areas) ** -0.5 if len(areas) else 1.0
+
+    @cached_property
+    def typical(self) -> float:
+        """Nearness in the target of a point at the middle nearness of the source that is before both cameras."""
+        _, _, w, q = self._middle
+        ahead = w[0] > 0
+        return _middle_of(q[0][ahead] / w[0][ahead]) if ahead.any() else 1.0
+
+    @cached_property
+    def _middle(self) -> Float64:
+        """(4, 3, 25) homogeneous target positions of the pair's grid, at the middle nearness."""
+        at_infinity, per_nearness = self.pair.grid
+        return at_infinity + 0.5 * (self.low + self.high) * per_nearness
+
+    def _corners(self, nearness: float) -> list[tuple[float, float, float]]:
+        """(U, V, W) in the target of the source's corner pixels, at a nearness."""
+        *corners, (b_u, b_v, b_w) = self.pair.corners
+        return [(u + nearness * b_u, v + nearness * b_v, w + nearness * b_w) for u, v, w in corners]
+
+
+def _pixels_from_pixels(one: Camera, other: Camera) -> Float64:
+    """(4, 4) from the other's pixel space to the one's. Rounding alone is made 0: special positions stay so."""
+    pose = one.camera_from_world @ other.world_from_camera
+    turn, step = pose[:3, :3], pose[:3, 3]
+    turn[np.abs(turn) < _ROUNDING] = 0.0
+    far = max(float(np.abs(one.center).max()), float(np.abs(other.center).max()))
+    step[np.abs(step) < max(_ROUNDING * float(np.abs(step).max()), _ROUNDING_FAR * far)] = 0.0
+    made = one.pixel_matrix @ pose @ np.linalg.inv(other.pixel_matrix)
+    made[np.abs(made) < _ROUNDING * np.abs(made).max(axis=1, keepdims=True) / max(*other.size, 1)] = 0.0
+    return made
+
+
+def _middle_of(values: Float64) -> float:
+    """The upper median; NumPy's own imports all of its masked arrays first."""
+    return float(np.sort(values)[len(values) // 2])

@@ -1,0 +1,239 @@
+"""Planar depth from other kinds of depth and back, and images without a lens's distortion."""
+
+from __future__ import annotations
+
+import math
+from typing import TypeVar, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pyibr.core.camera import Camera
+from pyibr.core.checks import Float64, checked_intrinsics, describe, numbers, positive
+from pyibr.core.errors import ArgumentError, MissingPackageError
+from pyibr.images.depth_image import Color, Depth, checked_color, checked_depth
+
+_ColorT = TypeVar("_ColorT", bound=Color)
+
+
+def depth_from_disparity(disparity: ArrayLike, focal: float, baseline: float, offset: float = 0.0) -> Depth:
+    """Return depth = focal * baseline / (disparity + offset).
+
+    Parameters
+    ----------
+    disparity : array_like
+        In pixels. Not finite is unknown. With `offset` 0, so is 0; otherwise a 0 that stands for "unknown"
+        must be made NaN first.
+    focal : float
+        In pixels.
+    baseline : float
+        In scene units.
+    offset : float
+        Added to the disparity, in pixels: the difference of the two principal points (`doffs` of Middlebury).
+
+    Returns
+    -------
+    float32 of the disparity's shape, NaN where unknown or where disparity + offset <= 0.
+
+    Examples
+    --------
+    >>> import pyibr as ibr
+    >>> ibr.depth_from_disparity([20, 0], focal=500, baseline=0.1).tolist()
+    [2.5, nan]
+    """
+    d = np.asarray(disparity, np.float64) + offset
+    depth = positive("focal", focal) * positive("baseline", baseline) / _positive_or_nan(d)
+    return depth.astype(np.float32)
+
+
+def disparity_from_depth(depth: ArrayLike, focal: float, baseline: float, offset: float = 0.0) -> Depth:
+    """Invert `depth_from_disparity`: float32 disparity in pixels, NaN where the depth is invalid."""
+    z = _positive_or_nan(np.asarray(depth, np.float64))
+    return (positive("focal", focal) * positive("baseline", baseline) / z - offset).astype(np.float32)
+
+
+def depth_from_euclidean(distance: ArrayLike, camera: Camera) -> Depth:
+    """Return the planar depth of distances along the rays of `camera`.
+
+    Parameters
+    ----------
+    distance : array_like (H, W)
+        In scene units from the camera's centre (perspective) or from its image plane (orthographic, whose
+        distances are planar already).
+    camera : Camera
+        Of size (W, H).
+
+    Returns
+    -------
+    (H, W) float32, NaN where the distance is not finite or <= 0.
+    """
+    d = numbers("distance", distance, (camera.height, camera.width), finite=False)
+    return (_positive_or_nan(d) / _ray_lengths(camera)).astype(np.float32)
+
+
+def euclidean_from_depth(depth: ArrayLike, camera: Camera) -> Depth:
+    """Invert `depth_from_euclidean`: (H, W) float32 distances, NaN where the depth is invalid."""
+    z = numbers("depth", depth, (camera.height, camera.width), finite=False)
+    return (_positive_or_nan(z) * _ray_lengths(camera)).astype(np.float32)
+
+
+def depth_from_uint16(stored: NDArray[np.uint16], scale: float) -> Depth:
+    """Return depth = stored / scale, as depth sensors write it into 16-bit PNG files.
+
+    Parameters
+    ----------
+    stored : uint16, or other integers
+        0 (or less) means no depth.
+    scale : float
+        Stored units per scene unit: 1000 for millimetres to metres, 5000 for the TUM data sets.
+
+    Returns
+    -------
+    float32 of the same shape, NaN where there is no depth.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pyibr as ibr
+    >>> ibr.depth_from_uint16(np.array([1500, 0], np.uint16), scale=1000).tolist()
+    [1.5, nan]
+    """
+    if stored.dtype.kind not in "ui":
+        raise ArgumentError("stored", "integers", describe(stored))
+    depth = (stored / positive("scale", scale)).astype(np.float32)
+    depth[stored <= 0] = np.nan
+    return depth
+
+
+def uint16_from_depth(depth: ArrayLike, scale: float) -> NDArray[np.uint16]:
+    """Invert `depth_from_uint16`, rounded to the nearest unit; 0 where the depth is invalid.
+
+    Raises
+    ------
+    ArgumentError
+        If a valid depth does not fit in 1 ... 65535 units.
+    """
+    units = np.rint(_positive_or_nan(np.asarray(depth, np.float64)) * positive("scale", scale))
+    _within("depth", units, 1, 65535, f"1 to 65535 units of 1/{scale:g}")
+    return np.nan_to_num(units, nan=0).astype(np.uint16)
+
+
+def depth_from_mpeg(level: ArrayLike, near: float, far: float, zero_is_invalid: bool = False) -> Depth:
+    """Return the depth of MPEG's normalised inverse depth.
+
+    Parameters
+    ----------
+    level : array_like of floats in [0, 1]
+        A stored integer divided by 2^bits - 1: 1 at `near`, 0 at `far`. NaN is invalid.
+    near, far : float
+        The depth range in scene units, 0 < near < far. As in the MPEG test model, a `far` of 1000 or more
+        stands for infinity: depth = near / level.
+    zero_is_invalid : bool
+        Level 0 means no depth (`HasInvalidDepth`).
+
+    Returns
+    -------
+    float32, NaN where invalid.
+    """
+    n = _checked_levels(level)
+    _check_range(near, far)
+    if zero_is_invalid:
+        n = np.where(n == 0, np.nan, n)
+    z = near / _positive_or_nan(n) if far >= 1000 else far * near / (near + n * (far - near))
+    return z.astype(np.float32)
+
+
+def mpeg_from_depth(depth: ArrayLike, near: float, far: float) -> Depth:
+    """Invert `depth_from_mpeg`: float32 levels in [0, 1], 0 where the depth is invalid.
+
+    Raises
+    ------
+    ArgumentError
+        If a valid depth lies outside `near` ... `far`.
+    """
+    _check_range(near, far)
+    z = _positive_or_nan(np.asarray(depth, np.float64))
+    endless = far >= 1000
+    # float32 depth at the very ends may lie beyond them by its rounding
+    _within("depth", z, near * (1 - 1e-6), math.inf if endless else far * (1 + 1e-6), f"{near:g} to {far:g}")
+    level = near / z if endless else near * (far - z) / (z * (far - near))
+    return np.nan_to_num(np.clip(level, 0, 1), nan=0).astype(np.float32)
+
+
+def undistort(color: _ColorT, depth: Depth, K: ArrayLike, distortion: ArrayLike) -> tuple[_ColorT, Depth, Float64]:
+    """Remove a lens's distortion from an image and its depth, with OpenCV.
+
+    Parameters
+    ----------
+    color : (H, W, 3) uint8 or float32
+    depth : (H, W) float32
+    K : array_like (3, 3)
+        Of the distorted image.
+    distortion : array_like
+        OpenCV's 4, 5, 8, 12 or 14 coefficients: k1 k2 p1 p2 [k3 [k4 k5 k6 [...]]].
+
+    Returns
+    -------
+    color : (H, W, 3)
+        Interpolated linearly; black where the lens did not see.
+    depth : (H, W) float32
+        The nearest sample, so that edges stay edges; NaN where the lens did not see.
+    K : (3, 3) float64
+        Of the result, which is that of the input.
+
+    Raises
+    ------
+    MissingPackageError
+        If OpenCV is not installed.
+    """
+    try:
+        import cv2
+    except ImportError:
+        raise MissingPackageError("undistort needs OpenCV: pip install opencv-python-headless") from None
+    intrinsics = checked_intrinsics(K)
+    coefficients = numbers("distortion", np.ravel(np.asarray(distortion)), (None,))
+    if len(coefficients) not in (4, 5, 8, 12, 14):
+        raise ArgumentError("distortion", "4, 5, 8, 12 or 14 coefficients", f"{len(coefficients)}")
+    shape = np.shape(depth)[:2]
+    color, depth = checked_color(color, shape), checked_depth(depth, shape)
+    map_x, map_y = cv2.initUndistortRectifyMap(
+        intrinsics, coefficients, np.eye(3), intrinsics, shape[::-1], cv2.CV_32FC1
+    )
+    straight = cv2.remap(color, map_x, map_y, cv2.INTER_LINEAR, borderValue=0)
+    z = cv2.remap(depth, map_x, map_y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=math.nan)
+    return cast("_ColorT", straight), cast("Depth", z), intrinsics
+
+
+def _positive_or_nan(values: Float64) -> Float64:
+    return np.where((values > 0) & (values < np.inf), values, np.nan)
+
+
+def _ray_lengths(camera: Camera) -> Float64:
+    """Length of K^-1 (x, y, 1) at each pixel, (H, W); 1 for an orthographic camera."""
+    if camera.projection == "orthographic":
+        return np.ones((camera.height, camera.width))
+    y, x = np.mgrid[: camera.height, : camera.width].astype(np.float64)
+    inverse = np.linalg.inv(camera.K)
+    rays = inverse[:2, 0, None, None] * x + inverse[:2, 1, None, None] * y + inverse[:2, 2, None, None]
+    return np.sqrt(rays[0] ** 2 + rays[1] ** 2 + 1)
+
+
+def _within(argument: str, values: Float64, low: float, high: float, expected: str) -> None:
+    outside = values[(values < low) | (values > high)]
+    if outside.size:
+        raise ArgumentError(argument, expected, f"{outside.size} values from {outside.min():g} to {outside.max():g}")
+
+
+def _checked_levels(level: ArrayLike) -> Float64:
+    array = np.asarray(level)
+    expected = "floats in [0, 1] (divide integers by 2^bits - 1)"
+    if array.dtype.kind != "f":
+        raise ArgumentError("level", expected, describe(array))
+    levels = array.astype(np.float64)
+    _within("level", levels, 0, 1, expected)
+    return levels
+
+
+def _check_range(near: float, far: float) -> None:
+    if not positive("near", near) < positive("far", far):
+        raise ArgumentError("far", f"a depth beyond near = {near:g}", f"{far:g}")

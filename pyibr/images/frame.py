@@ -1,0 +1,70 @@
+"""A rendered view, and what its pixels are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.core.camera import Camera
+from pyibr.images.depth_image import Color, Depth
+
+
+class PixelClass(IntEnum):
+    """What a pixel of a new view is. Of several views' answers for a hole the least counts: what knows most.
+
+    A hole's class is what begins beyond the last place where the pixel's ray was seen to pass through free space; of a
+    ray that never was, what it began in.
+
+    Examples
+    --------
+    >>> import pyibr as ibr
+    >>> ibr.PixelClass(1).name
+    'HIDDEN'
+    """
+
+    SEEN = 0
+    """The source saw what is there."""
+    HIDDEN = 1
+    """What is there was hidden from the source by something nearer."""
+    UNOBSERVED = 2
+    """The source has no depth there."""
+    OUTSIDE = 3
+    """What is there lies outside of the source's image."""
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A rendered view.
+
+    Attributes
+    ----------
+    color : (H, W, 3)
+        In the dtype of the input's colour; black where not valid, unless holes were filled.
+    depth : (H, W) float32
+        Planar z in `camera`'s frame; NaN where not valid.
+    valid : (H, W) bool
+        False in holes: pixels that no surface was seen through.
+    camera : Camera
+    classes : (H, W) uint8, or None
+        If they were asked for: what each pixel is, a `PixelClass`.
+    source : (H, W, 2) float32, or None
+        If they were asked for: the place (x, y) in the source where each pixel's ray meets the surface, between its
+        samples (whatever `sample` is); NaN where not valid. What belongs to the source (labels, features, flow)
+        is carried over with it, by `cv2.remap` or by indexing.
+    view : (H, W) int32, or None
+        If they were asked for: the number of the view that it comes from, -1 where not valid.
+    """
+
+    color: Color
+    depth: Depth
+    valid: NDArray[np.bool_]
+    camera: Camera
+    classes: NDArray[np.uint8] | None = None
+    source: NDArray[np.float32] | None = None
+    view: NDArray[np.int32] | None = None
+
+    def __repr__(self) -> str:
+        return f"<Frame {self.camera.width}x{self.camera.height} {self.color.dtype}>"

@@ -1,0 +1,75 @@
+"""Images of which only the object's outline is known."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.core.camera import Camera
+from pyibr.core.checks import checked_image, describe
+from pyibr.core.errors import ArgumentError
+from pyibr.images.depth_image import DepthImage
+
+
+class Silhouette:
+    """An image of which only the object's outline is known, and the camera that took it.
+
+    Parameters
+    ----------
+    color : (H, W, 3) uint8, or float32 in [0, 1]
+    mask : (H, W) bool
+        True on the object.
+    camera : Camera
+        Of size (W, H).
+
+    Raises
+    ------
+    ArgumentError
+        If shapes, dtypes and camera do not fit together, or the mask is empty.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pyibr as ibr
+    >>> camera = ibr.Camera([[50, 0, 3], [0, 50, 6], [0, 0, 1]], (7, 13))
+    >>> color = np.zeros((13, 7, 3), np.uint8)
+    >>> view = ibr.Silhouette(color, np.ones((13, 7), bool), camera)
+    >>> view.valid.shape
+    (13, 7)
+    """
+
+    def __init__(self, color: NDArray[Any], mask: NDArray[np.bool_], camera: Camera) -> None:
+        if not isinstance(camera, Camera):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise ArgumentError("camera", "a pyibr.Camera", describe(camera))
+        shape = (camera.height, camera.width)
+        if not isinstance(mask, np.ndarray) or mask.shape != shape or mask.dtype != np.bool_:  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise ArgumentError("mask", f"bool of shape {shape}", describe(mask))
+        if not mask.any():
+            raise ArgumentError("mask", "a mask that is True somewhere", "none")
+        self.color = checked_image("color", color)
+        if self.color.shape[:2] != shape:
+            raise ArgumentError("color", f"shape {(*shape, 3)}", describe(color))
+        self.valid = mask
+        self.camera = camera
+
+
+def is_opposite(a: Silhouette | DepthImage, b: Silhouette | DepthImage) -> bool:
+    """Whether two orthographic views look along one line from both sides and show one silhouette, mirrored."""
+    if a.camera.projection != "orthographic" or b.camera.projection != "orthographic":
+        return False
+    facing = float(a.camera.world_from_camera[:3, 2] @ b.camera.world_from_camera[:3, 2])
+    if a.camera.size != b.camera.size or facing > -1 + 1e-9:
+        return False
+    from_a = a.camera.world_from_camera @ np.linalg.inv(a.camera.pixel_matrix)
+    to_b = b.camera.pixel_matrix @ b.camera.camera_from_world @ from_a
+    y, x = np.indices(a.valid.shape)
+    u = to_b[0, 0] * x + to_b[0, 1] * y + to_b[0, 2]  # at any nearness: they look along one line
+    v = to_b[1, 0] * x + to_b[1, 1] * y + to_b[1, 2]
+    ui, vi = np.rint(u).astype(int), np.rint(v).astype(int)
+    if np.abs(u - ui).max() > 1e-3 or np.abs(v - vi).max() > 1e-3:
+        return False
+    if ui.min() < 0 or vi.min() < 0 or ui.max() >= b.camera.width or vi.max() >= b.camera.height:
+        return False
+    return bool((b.valid[vi, ui] == a.valid).all())

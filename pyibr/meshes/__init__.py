@@ -1,0 +1,1 @@
+"""Triangle meshes and what lies on them: textures, heights, tangents."""

@@ -1,0 +1,46 @@
+"""What the test of a device found."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from typing import cast
+
+
+@dataclass(frozen=True)
+class Speed:
+    """A few figures measured in a fraction of a second: a hint, not a benchmark."""
+
+    copy: float
+    """GB/s, bytes read and bytes written together."""
+    mad: float
+    """Gflop/s of 16-wide float32 multiply-adds."""
+    search: float
+    """10^9 samples/s of searches along rays that end early: what the choice between two runtimes rests on."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What the test of one device found."""
+
+    works: bool
+    reason: str = ""
+    speed: Speed | None = None
+
+    def to_json(self) -> str:
+        """As one line of text."""
+        return json.dumps(asdict(self))
+
+    @staticmethod
+    def from_json(text: str) -> Outcome | None:
+        """The inverse of `to_json`; None if the text is damaged or of another version."""
+        try:
+            raw = cast("dict[str, object]", json.loads(text))
+            speed = cast("dict[str, float] | None", raw["speed"])
+            return Outcome(
+                works=raw["works"] is True,
+                reason=str(raw["reason"]),
+                speed=None if speed is None else Speed(**speed),
+            )
+        except (ValueError, TypeError, KeyError):
+            return None

@@ -1,0 +1,1 @@
+"""The picture: what things draw themselves into, in which light."""

@@ -1,0 +1,124 @@
+"""Lights of `pyibr.picture.render`."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pyibr.core.checks import Float64, describe, numbers
+from pyibr.core.errors import ArgumentError
+
+_LIGHT = np.dtype(
+    [
+        ("vector", np.float32, 4),
+        ("axis", np.float32, 4),
+        ("cone_rise", np.float32),
+        ("color", np.float32, 3),
+        ("ambient", np.float32),
+        ("specular", np.float32),
+        ("shininess", np.float32),
+    ]
+)
+"""The struct Light of kernels/lib/light.h."""
+
+_SHADOW_MOST = 16384
+_FADE = 0.02  # of a spot's angle, at its edge
+
+
+class Light:
+    """A light: far away, at a point, or a spot. Surfaces follow Lambert's law, with highlights, and cast shadows.
+
+    Parameters
+    ----------
+    direction : array_like (3,), optional
+        Where the light goes, in the world; not zero. Alone, the light is far away.
+    position : array_like (3,), optional
+        Where it is, in the world. It does not fall off with distance. Alone, it shines everywhere; with a direction it
+        is a spot.
+    color : array_like (3,)
+        Of what it lights straight on, >= 0; 1 is white.
+    ambient : float
+        The part of the light that comes from everywhere, 0 to 1.
+    angle : float
+        The opening of a spot's cone, degrees, more than 0 and less than 180. It fades over the last 2 % of that.
+    specular : float
+        Strength of highlights, >= 0.
+    shininess : float
+        How narrow they are: the power of the cosine between normal and halfway vector, > 0.
+    shadow_size : int
+        Texels a side of the shadow map; 0 for no shadows.
+
+    Raises
+    ------
+    ArgumentError
+        If neither direction nor position is given, or a value is out of its range.
+
+    Examples
+    --------
+    >>> import pyibr as ibr
+    >>> ibr.Light(direction=(0, 0, 1))
+    <Light direction (0, 0, 1)>
+    """
+
+    def __init__(
+        self,
+        direction: ArrayLike | None = None,
+        position: ArrayLike | None = None,
+        color: ArrayLike = (1.0, 1.0, 1.0),
+        ambient: float = 0.25,
+        angle: float = 90.0,
+        specular: float = 0.0,
+        shininess: float = 32.0,
+        shadow_size: int = 1024,
+    ) -> None:
+        if direction is None and position is None:
+            raise ArgumentError("direction", "a direction, a position, or both for a spot", "none")
+        self.direction = None if direction is None else numbers("direction", direction, (3,))
+        self.position = None if position is None else numbers("position", position, (3,))
+        self.color = numbers("color", color, (3,))
+        self.ambient = _in_range("ambient", ambient, 0, 1)
+        self.angle = float(numbers("angle", angle, ()))
+        self.specular = _in_range("specular", specular, 0, np.inf)
+        self.shininess = float(numbers("shininess", shininess, ()))
+        if self.direction is not None and not self.direction.any():
+            raise ArgumentError("direction", "a direction that is not zero", "(0, 0, 0)")
+        if (self.color < 0).any():
+            raise ArgumentError("color", "numbers >= 0", str(self.color))
+        if not 0 < self.angle < 180:
+            raise ArgumentError("angle", "degrees > 0 and < 180", repr(angle))
+        if not self.shininess > 0:
+            raise ArgumentError("shininess", "a number > 0", repr(shininess))
+        is_count = isinstance(shadow_size, (int, np.integer)) and not isinstance(shadow_size, bool)  # pyright: ignore[reportUnnecessaryIsInstance]
+        if not is_count or not (shadow_size == 0 or 2 <= shadow_size <= _SHADOW_MOST):
+            raise ArgumentError("shadow_size", f"0, or a whole number from 2 to {_SHADOW_MOST}", describe(shadow_size))
+        self.shadow_size = int(shadow_size)
+
+    def __repr__(self) -> str:
+        known = {"position": self.position, "direction": self.direction}
+        parts = [f"{name} ({', '.join(f'{x:g}' for x in v)})" for name, v in known.items() if v is not None]
+        return f"<Light {' '.join(parts)}>"
+
+    def struct(self, origin: Float64) -> NDArray[np.void]:
+        """A record of the kernels' struct Light, for points relative to an origin, (3,) in the world."""
+        values = np.zeros((), _LIGHT)
+        axis = np.zeros(3) if self.direction is None else self.direction / np.linalg.norm(self.direction)
+        if self.position is None:
+            values["vector"] = (*-axis, 0.0)
+            values["axis"], values["cone_rise"] = (0, 0, 0, -2), 1
+        else:
+            values["vector"] = (*(self.position - origin), 1.0)
+            half = np.radians(self.angle / 2)
+            edge, full = (-2.0, -1.0) if self.direction is None else (np.cos(half), np.cos((1 - _FADE) * half))
+            values["axis"], values["cone_rise"] = (*axis, edge), 1 / (full - edge)
+        values["color"], values["ambient"] = self.color, self.ambient
+        values["specular"], values["shininess"] = self.specular, self.shininess
+        return values
+
+
+def _in_range(argument: str, value: float, low: float, high: float) -> float:
+    number = float(numbers(argument, value, ()))
+    if not low <= number <= high:
+        raise ArgumentError(
+            argument, f"a number from {low:g} to {high:g}" if high < np.inf else f"a number >= {low:g}", repr(value)
+        )
+    return number

@@ -1,0 +1,110 @@
+"""Any mix of things in one picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pyibr.core.camera import Camera
+from pyibr.core.checks import describe, numbers
+from pyibr.core.errors import ArgumentError
+from pyibr.images.depth_image import DepthImage
+from pyibr.images.frame import Frame
+from pyibr.meshes.mesh import Mesh
+from pyibr.opencl.device import one_call
+from pyibr.picture.drawable import Drawable, Edges, Fill, Look, Sample, Side, as_drawable
+from pyibr.picture.light import Light
+from pyibr.picture.shadow import Lighting, lighting
+from pyibr.picture.target import Target
+
+Thing = DepthImage | Mesh | Drawable
+
+
+def render(
+    things: Thing | Sequence[Thing],
+    camera: Camera,
+    light: Light | None = None,
+    background: ArrayLike = (0, 0, 0),
+    *,
+    edges: Edges = "cut",
+    cut_ratio: float = 1.05,
+    side: Side = "front",
+    sample: Sample = "linear",
+    fill: Fill | None = None,
+) -> Frame:
+    """Draw things of any kind into one picture with one depth buffer.
+
+    Parameters
+    ----------
+    things : thing or sequence of things
+        `DepthImage` (drawn by the epipolar warp), `Mesh`, `SlicedSurface`, `ReliefSurface`,
+        `DepthObject`, `VisualHull`, `DepthMesh`, `DepthMeshObject`, their subclasses, and whatever else is a
+        `Drawable`. Where two are equally far, the first one stays.
+    camera : Camera
+        Perspective or orthographic.
+    light : Light, optional
+        Shades what has normals; without it things show their own colours. Depth images, and what is made of images,
+        are not shaded, since their colours hold the light that they were taken in; in shadow, and where a surface is
+        turned away from it, they keep its ambient part. All things cast shadows (`shadow_size=0`: none), a depth image
+        from both its sides, with the `edges` that it is drawn with.
+    background : (r, g, b)
+        Colour where there is nothing, in the range of the frame's dtype.
+    edges : {"cut", "connect"}
+        Of the depth images among the things, as are the following: what they mean in `warp`.
+    cut_ratio : float
+    side : {"front", "back", "both"}
+    sample : {"linear", "nearest"}
+    fill : {None, "background"}
+        Holes of the picture of the depth images are filled before things that come after them are drawn.
+
+    Returns
+    -------
+    Frame
+        float32 if a depth image has float32 colours, else uint8. Depth is planar z.
+
+    Raises
+    ------
+    ArgumentError
+        An argument has a wrong type or value.
+    DeviceError
+        No OpenCL device works.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pyibr as ibr
+    >>> square = ibr.Mesh([[-1, -1, 3], [1, -1, 3], [-1, 1, 3], [1, 1, 3]], [[0, 1, 2], [3, 2, 1]])
+    >>> frame = ibr.render(square, ibr.Camera([[20, 0, 5], [0, 20, 5], [0, 0, 1]], (11, 11)))
+    >>> float(frame.depth[5, 5])
+    3.0
+    """
+    several = list(things) if isinstance(things, Sequence) else [things]
+    if not several:
+        raise ArgumentError("things", "at least one thing", "an empty sequence")
+    look = Look(sample, edges, cut_ratio, side, fill)
+    drawables = [as_drawable(thing, look) for thing in several]
+    if not isinstance(camera, Camera):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise ArgumentError("camera", "a pyibr.Camera", describe(camera))
+    if light is not None and not isinstance(light, Light):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise ArgumentError("light", "a pyibr.Light or None", describe(light))
+    around = numbers("background", background, (3,))
+
+    in_float = any(isinstance(thing, DepthImage) and thing.color.dtype == np.float32 for thing in several)
+    dtype = np.dtype(np.float32 if in_float else np.uint8)
+    if (around < 0).any() or (around > (1 if in_float else 255)).any():
+        raise ArgumentError("background", f"a colour in the range of {dtype}", describe(background))
+    with one_call():
+
+        def draw_all(target: Target, lit: Lighting | None = None) -> None:
+            for drawable in drawables:
+                drawable.draw(target, lit)
+
+        lit = None if light is None else lighting(light, [one.bounds for one in drawables], draw_all, dtype)
+        target = Target(camera, dtype)
+        draw_all(target, lit)
+        frame = target.frame()
+    if around.any():
+        frame.color[np.isnan(frame.depth)] = around.astype(dtype)
+    return frame

@@ -1,0 +1,213 @@
+"""Shadow maps: the scene's depths as its light sees them (Williams 1978)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.core.camera import Camera
+from pyibr.core.checks import Float64
+from pyibr.opencl.device import current
+from pyibr.opencl.launch import Struct, launch
+from pyibr.opencl.memory import DeviceArray, copy, duplicate, empty
+from pyibr.opencl.program import kernel
+from pyibr.picture.light import Light
+from pyibr.picture.target import Target
+
+Bounds = tuple[NDArray[Any], NDArray[Any]]
+
+_MAPS_MOST = 6
+_SHADOW = np.dtype(
+    [
+        ("from_world", np.float32, 16 * _MAPS_MOST),
+        ("depth_row", np.float32, 4 * _MAPS_MOST),
+        ("maps", np.int32),
+        ("size", np.int32),
+        ("texel_x", np.float32),
+        ("texel_y", np.float32),
+        ("grain", np.float32),
+    ]
+)
+"""The struct Shadow of kernels/lib/light.h."""
+
+_WIDEST = 120.0  # degrees that one perspective map may cover, whose texels grow towards its edge; beyond, it takes six
+_MARGIN = 4  # texels left free around a map: points are moved by up to 2, and 1 more is read
+_THIN = 1e-6  # of the longer side: the least extent of a map
+_NARROWEST = 1e-3  # degrees
+
+
+@dataclass(frozen=True)
+class Lighting:
+    """A light and what it sees: all that a system needs to shade its things.
+
+    Attributes
+    ----------
+    light : Light
+    maps : DeviceArray or None
+        (M * size, size) float32: planar depths, M maps one below the other; None without shadows.
+    cameras : list of Camera
+        The maps'.
+    """
+
+    light: Light
+    maps: DeviceArray | None = None
+    cameras: Sequence[Camera] = ()
+
+    @property
+    def defines(self) -> dict[str, int]:
+        """For kernels with a light."""
+        return {"LIT": 1} if self.maps is None else {"LIT": 1, "SHADOWED": 1}
+
+    def arguments(self, grain: float = 0.0, origin: Float64 | None = None) -> dict[str, Any]:
+        """Of kernels with a light, by name.
+
+        Parameters
+        ----------
+        grain : float
+            Scene units by which a thing may lie before its surface.
+        origin : (3,), optional
+            In the world: what the kernel's points are relative to.
+        """
+
+        start = np.zeros(3) if origin is None else origin
+        made: dict[str, Any] = {"light": Struct("Light", self.light.struct(start))}
+        if self.maps is not None:
+            made |= {"shadow_maps": self.maps, "shadow": Struct("Shadow", self._shadow(grain, start))}
+        return made
+
+    def _shadow(self, grain: float, origin: Float64) -> NDArray[np.void]:
+        """A record of the kernels' struct Shadow."""
+        values = np.zeros((), _SHADOW)
+        shift = np.eye(4)
+        shift[:3, 3] = origin
+        for i, camera in enumerate(self.cameras):
+            from_origin = camera.camera_from_world @ shift
+            values["from_world"][16 * i : 16 * i + 16] = (camera.pixel_matrix @ from_origin).ravel()
+            values["depth_row"][4 * i : 4 * i + 4] = from_origin[2]
+        values["maps"], values["size"] = len(self.cameras), self.light.shadow_size
+        values["texel_x"], values["texel_y"] = 1 / self.cameras[0].K[0, 0], 1 / self.cameras[0].K[1, 1]
+        values["grain"] = grain
+        return values
+
+
+def lighting(light: Light, bounds: Sequence[Bounds], draw: Callable[[Target], None], dtype: np.dtype[Any]) -> Lighting:
+    """Let the light look at the scene, if it casts shadows.
+
+    Parameters
+    ----------
+    light : Light
+    bounds : sequence of (low, high)
+        Of each thing, in the world.
+    draw : callable
+        Draws what all things hide from the light into a target.
+    dtype : dtype
+        Of the picture's colours, which `draw` expects.
+    """
+
+    if not light.shadow_size:
+        return Lighting(light)
+    cameras = light_cameras(light, bounds)
+    size = light.shadow_size
+    maps = empty((len(cameras) * size, size), np.float32)
+    for number, camera in enumerate(cameras):
+        target = Target(camera, dtype, from_light=True)
+        draw(target)
+        copy(target.depth, maps, number * size * size)
+    return Lighting(light, maps, cameras)
+
+
+def light_cameras(light: Light, bounds: Sequence[Bounds]) -> list[Camera]:
+    """One camera that sees all of the scene from the light, or six around a wide spot or a point near the things."""
+    low = np.min([np.asarray(b[0], np.float64) for b in bounds], axis=0)
+    high = np.max([np.asarray(b[1], np.float64) for b in bounds], axis=0)
+    corners = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
+    middle, n = 0.5 * (low + high), light.shadow_size
+    if light.position is None and light.direction is not None:
+        return [_far_camera(light.direction, corners, n)]
+    assert light.position is not None
+    if light.direction is not None:
+        axis, angle = light.direction, light.angle
+    else:  # all of the ball around the box
+        axis = middle - light.position
+        radius, distance = float(np.linalg.norm(high - low)) / 2, float(np.linalg.norm(axis))
+        angle = 2 * float(np.degrees(np.arcsin(radius / distance))) if radius < distance else 180.0
+    if angle <= _WIDEST:
+        return [_camera(light.position, axis, n, max(angle, _NARROWEST))]
+    axes = [sign * one for one in np.eye(3) for sign in (1.0, -1.0)]
+    return [_camera(light.position, one, n, 90) for one in axes]
+
+
+def _pose(position: Float64, forward: Float64) -> Float64:
+    forward = forward / np.linalg.norm(forward)
+    right = np.cross(np.eye(3)[np.abs(forward).argmin()], forward)
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, :3] = np.column_stack([right, np.cross(forward, right), forward])
+    pose[:3, 3] = position
+    return pose
+
+
+def _inside(n: int) -> int:
+    """Texels of a side without the margins."""
+    return max(n - 2 * _MARGIN, n // 2)
+
+
+def _camera(position: Float64, forward: Float64, n: int, angle: float) -> Camera:
+    focal = 0.5 * _inside(n) / np.tan(np.radians(angle) / 2)
+    return Camera([[focal, 0, (n - 1) / 2], [0, focal, (n - 1) / 2], [0, 0, 1]], (n, n), _pose(position, forward))
+
+
+def _far_camera(direction: Float64, corners: Float64, n: int) -> Camera:
+    """Orthographic, around the corners of the scene's box."""
+    pose = _pose(np.zeros(3), direction)
+    inside = corners @ pose[:3, :3]
+    low, high = inside.min(axis=0), inside.max(axis=0)
+    extent = np.maximum(high - low, _THIN * (float((high - low).max()) or 1.0))
+    pose[:3, 3] = pose[:3, :3] @ np.array([*(0.5 * (low + high))[:2], low[2] - 0.01 * extent.max()])
+    fx, fy = _inside(n) / extent[:2]
+    return Camera([[fx, 0, (n - 1) / 2], [0, fy, (n - 1) / 2], [0, 0, 1]], (n, n), pose, "orthographic")
+
+
+@contextmanager
+def shadowed(
+    target: Target, lighting: Lighting | None, grain: float = 0.0, apart: int = 1, fade: float = 0.1
+) -> Generator[None, None, None]:
+    """Shadows on what is drawn into the target within the ``with`` block, which has no normals of its own.
+
+    Parameters
+    ----------
+    target : Target
+    lighting : Lighting, optional
+        Without one, or without its shadows, nothing happens.
+    grain : float
+        Scene units by which it may lie before its surface.
+    apart : int
+        Pixels between the depths that tell its normals.
+    fade : float
+        Cosine between light and normal from which it fades as it turns away; 0 for solids, whose fronts hide their
+        backs.
+    """
+    if lighting is None or lighting.maps is None:
+        yield
+        return
+    before = None if target.blank else duplicate(target.depth)
+    yield
+    width, height = target.camera.size
+    origin = target.camera.center  # float32 holds what is near 0 best
+    launch(
+        kernel("raster/shadow.cl", "darken", COLOR_BYTES=target.channel_bytes),
+        (-(-width // current().lanes), height),
+        before=target.depth if before is None else before,
+        screen=Struct("Screen", target.screen(0.5, origin)),
+        blank=before is None,
+        apart=apart,
+        fade=fade,
+        depth=target.depth,
+        color=target.color,
+        **lighting.arguments(grain, origin),
+    )

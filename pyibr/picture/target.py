@@ -1,0 +1,155 @@
+"""The picture in the making: what every system draws into, one depth buffer for all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.core.camera import Camera
+from pyibr.images import Frame
+from pyibr.opencl.memory import DeviceArray, empty, output, to_host
+
+_SCREEN = np.dtype(
+    [
+        ("from_world", np.float32, 16),
+        ("to_world", np.float32, 16),
+        ("width", np.int32),
+        ("height", np.int32),
+        ("perspective", np.int32),
+        ("nearest", np.float32),
+    ]
+)
+"""The struct Screen of kernels/lib/screen.h."""
+
+_NEAR = 1e-5  # of the distance to the farthest point of a thing: what lies nearer than that is not drawn
+
+_NEAREST = 1e-30  # scene units: of a point that the camera stands in
+
+
+class Target:
+    """Colour, depth and coverage on the current device.
+
+    Parameters
+    ----------
+    camera : Camera
+    dtype : dtype
+        Of the colour: uint8 or float32.
+    from_light : bool
+        Only its depths count: they are a light's map of what casts shadows.
+    out : Frame, optional
+        Its arrays are written, instead of new ones.
+    classes : bool
+        What each pixel is, and where it comes from, is written, too.
+    pool : dict, optional
+        Scratch memory by size, for targets that are drawn one after the other.
+
+    Attributes
+    ----------
+    blank : bool
+        Nothing has been written yet: who draws first writes every pixel, who draws later keeps what is nearer.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        dtype: np.dtype[Any],
+        from_light: bool = False,
+        out: Frame | None = None,
+        classes: bool = False,
+        pool: dict[int, DeviceArray] | None = None,
+    ) -> None:
+
+        shape = (camera.height, camera.width)
+        self.camera = camera
+        self.out = out
+        self._pool: dict[int, DeviceArray] = {} if pool is None else pool
+        if out is None:
+            self.color, self.depth, self.valid = (
+                empty((*shape, 3), dtype),
+                empty(shape, np.float32),
+                empty(shape, np.uint8),
+            )
+        else:
+            self.color, self.depth, self.valid = output(out.color), output(out.depth), output(out.valid.view(np.uint8))
+        self.origin = empty((*shape, 3), np.float32) if classes else None
+        self.classes = empty(shape, np.uint8) if classes else None
+        self.blank = True
+        self.from_light = from_light
+
+    def scratch(self, count: int) -> DeviceArray:
+        """(count,) float32 that launches may use until the next who asks does."""
+
+        if count not in self._pool:
+            self._pool[count] = empty((count,), np.float32)
+        return self._pool[count]
+
+    def outputs(self) -> dict[str, DeviceArray]:
+        """The three buffers by their kernels' names."""
+        return {"depth": self.depth, "color": self.color, "valid": self.valid}
+
+    @property
+    def channel_bytes(self) -> int:
+        """Of the colour: the kernels' COLOR_BYTES."""
+        return self.color.dtype.itemsize
+
+    @cached_property
+    def from_world(self) -> NDArray[np.float64]:
+        """(4, 4) homogeneous pixel space over the world, see kernels/lib/pixelspace.h."""
+        return self.camera.pixel_matrix @ self.camera.camera_from_world
+
+    def near(self, bounds: tuple[NDArray[Any], NDArray[Any]]) -> float:
+        """Least homogeneous W that a thing within a box, (low, high) in the world, is drawn at: its near plane."""
+        if self.camera.projection == "orthographic":
+            return 0.5  # W is 1 everywhere
+        low, high = (np.asarray(corner, np.float64) for corner in bounds)
+        middle, eye = 0.5 * (low + high), self.camera.world_from_camera[:3, 3]
+        return max(_NEAR * float(np.linalg.norm(middle - eye) + 0.5 * np.linalg.norm(high - low)), _NEAREST)
+
+    def screen(self, near: float, origin: NDArray[Any] | None = None) -> NDArray[np.void]:
+        """A record of the struct Screen; with an `origin`, (3,) in the world, for points relative to it."""
+        from_world = self.from_world
+        if origin is not None:
+            shift = np.eye(4)
+            shift[:3, 3] = origin
+            from_world = from_world @ shift
+        values = np.zeros((), _SCREEN)
+        values["from_world"] = from_world.ravel()
+        values["to_world"] = np.linalg.inv(from_world).ravel()
+        values["width"], values["height"] = self.camera.size
+        perspective = self.camera.projection == "perspective"
+        values["perspective"] = perspective
+        values["nearest"] = 1.0 / near if perspective else 0.0
+        return values
+
+    def frame(self) -> Frame:
+        """The picture on the host, once all launches are done."""
+        return frames([self])[0]
+
+
+def frames(targets: Sequence[Target]) -> list[Frame]:
+    """The pictures on the host, once all launches are done."""
+
+    arrays: list[DeviceArray] = []
+    for target in targets:
+        arrays += [target.color, target.depth, target.valid]
+        if target.origin is not None and target.classes is not None:
+            arrays += [target.origin, target.classes]
+    values = iter(to_host(arrays))
+    made: list[Frame] = []
+    for target in targets:
+        color, depth, valid = next(values), next(values), next(values).view(np.bool_)
+        more: dict[str, Any] = {"source": None, "view": None, "classes": None}
+        if target.origin is not None:
+            origin = next(values)
+            view = np.where(valid, origin[..., 2], -1).astype(np.int32)
+            more = {"source": origin[..., :2], "view": view, "classes": next(values)}
+        if target.out is None:
+            made.append(Frame(color, depth, valid, target.camera, **more))
+        else:
+            made.append(replace(target.out, camera=target.camera, **more))
+    return made

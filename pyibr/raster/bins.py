@@ -1,0 +1,124 @@
+"""Primitives to bins on the device, for every system that draws triangles or tetrahedra (kernels/raster/)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pyibr.opencl.device import current
+from pyibr.opencl.launch import Struct, launch
+from pyibr.opencl.memory import DeviceArray, empty, upload
+from pyibr.opencl.program import kernel
+from pyibr.picture.target import Target
+
+BIN = 32  # pixels; as in kernels/raster/
+_CHUNKS = {True: 32, False: 1024}  # parts that primitives are binned in, on a CPU and on a GPU
+
+
+@dataclass(frozen=True)
+class Bins:
+    """Primitives of a target's bins.
+
+    Attributes
+    ----------
+    list : DeviceArray (L,) int32
+        Numbers of primitives, bin by bin.
+    starts : DeviceArray (bins + 1,) int32
+        Where each bin's part begins.
+    columns, rows : int
+        Bins across and down.
+    """
+
+    list: DeviceArray
+    starts: DeviceArray
+    columns: int
+    rows: int
+
+
+def project(target: Target, vertices: DeviceArray, near: float) -> DeviceArray:
+    """(N, 4) homogeneous pixel-space positions of (N, 3) vertices of the world.
+
+    As exact as float32 vertices are, even far from the world's origin: they are taken relative to the camera.
+    """
+
+    count = vertices.shape[0]
+    origin = target.camera.center.astype(np.float32)  # the same for all things: no cracks between neighbours
+    projected = empty((count, 4), np.float32)
+    launch(
+        kernel("raster/project.cl", "project"),
+        (count,),
+        vertices=vertices,
+        projected=projected,
+        count=count,
+        origin_x=float(origin[0]),
+        origin_y=float(origin[1]),
+        origin_z=float(origin[2]),
+        screen=Struct("Screen", target.screen(near, origin)),
+    )
+    return projected
+
+
+def bin_primitives(
+    target: Target, corners: DeviceArray, projected: DeviceArray, near: float, culled: int = 0, sort: bool = False
+) -> Bins:
+    """Sort primitives, (P, 3) or (P, 4) indices of projected vertices, into the target's bins.
+
+    Each bin's are in the order of their numbers or, with `sort`, from front to back.
+    """
+
+    count, sides = corners.shape
+    columns, rows = (-(-size // BIN) for size in target.camera.size)
+    bins = columns * rows
+    chunk = max(-(-count // _CHUNKS[current().is_cpu]), 1)
+    chunks = max(-(-count // chunk), 1)
+    boxes, counts, totals = empty((count, 4), np.int16), empty((chunks, bins), np.int32), empty((bins,), np.int32)
+    shared = {"primitives": count, "chunk": chunk, "bins_x": columns, "bins_y": rows}
+    launch(
+        kernel("raster/bins.cl", "count_bins", CORNERS=sides, BIN=BIN),
+        (chunks,),
+        corners=corners,
+        projected=projected,
+        boxes=boxes,
+        counts=counts,
+        screen=Struct("Screen", target.screen(near)),
+        nearest_w=near,
+        culled=culled,
+        **shared,
+    )
+    starts = np.zeros(bins + 1, np.int32)
+    for summed in (False, True):
+        uploaded = upload(starts)
+        launch(
+            kernel("raster/bins.cl", "start_bins", CORNERS=sides, BIN=BIN),
+            (bins,),
+            counts=counts,
+            totals=totals,
+            starts=uploaded,
+            chunks=chunks,
+            bins=bins,
+            summed=summed,
+        )
+        if not summed:
+            starts = np.concatenate([[0], np.cumsum(totals.to_host())]).astype(np.int32)
+    found = empty((max(int(starts[-1]), 1),), np.int32)
+    launch(
+        kernel("raster/bins.cl", "fill_bins", CORNERS=sides, BIN=BIN),
+        (chunks,),
+        boxes=boxes,
+        counts=counts,
+        list=found,
+        **shared,
+    )
+    if sort:
+        launch(
+            kernel("raster/bins.cl", "sort_bins", CORNERS=sides, BIN=BIN),
+            (bins,),
+            corners=corners,
+            projected=projected,
+            keys=empty(found.shape, np.float32),
+            list=found,
+            starts=uploaded,
+            bins=bins,
+        )
+    return Bins(found, uploaded, columns, rows)

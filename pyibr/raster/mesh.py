@@ -1,0 +1,131 @@
+"""Meshes, drawn by the rasteriser: bins to pixels in the triangles' order (kernels/raster/mesh.cl)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.meshes.mesh import Mesh
+from pyibr.meshes.textures import texture_pyramid
+from pyibr.opencl.device import current
+from pyibr.opencl.kept import kept
+from pyibr.opencl.launch import Struct, launch
+from pyibr.opencl.memory import DeviceArray, upload
+from pyibr.opencl.program import kernel
+from pyibr.picture.drawable import Look, as_drawable
+from pyibr.picture.shadow import Lighting
+from pyibr.picture.target import Target
+from pyibr.raster.bins import BIN, bin_primitives, project
+
+_CULLED = {"both": 0, "front": 1, "back": -1}  # kernels/raster/mesh.cl
+_GREY = (0.8, 0.8, 0.8)  # of a mesh without texture and colours
+
+
+def draw_mesh(target: Target, mesh: Mesh, lit: Lighting | None) -> None:
+    """Draw a mesh into the target.
+
+    Parameters
+    ----------
+    target : Target
+    mesh : Mesh
+    lit : Lighting or None
+        None shows the mesh's own colours as they are.
+    """
+
+    near, cull = target.near(mesh.bounds), _CULLED[mesh.sides]
+    buffers = kept(mesh, "buffers", lambda: _buffers(mesh))
+    projected = project(target, buffers["vertices"], near)
+    bins = bin_primitives(target, buffers["faces"], projected, near, cull)
+    defines: dict[str, int] = {}
+    more: dict[str, Any] = {}
+    if "texels" in buffers:
+        defines["TEXTURED"] = 1
+        height, width = _checked(mesh.texture).shape[:2]
+        more = {"uv": buffers["uv"], "texels": buffers["texels"], "texture_width": width, "texture_height": height}
+        more["levels"] = max(width, height).bit_length()
+    elif "tints" in buffers:
+        defines["TINTED"] = 1
+        more = {"tints": buffers["tints"]}
+    if lit is not None:
+        defines |= lit.defines
+        more |= {**kept(mesh, "normals", lambda: _normals(mesh)), **lit.arguments()}
+        if lit.maps is not None:
+            more["vertices"] = buffers["vertices"]
+    whole = current().is_cpu
+    launch(
+        kernel("raster/mesh.cl", "draw_mesh", BIN=BIN, COLOR_BYTES=target.channel_bytes, **defines),
+        (bins.columns, bins.rows) if whole else target.camera.size,
+        faces=buffers["faces"],
+        projected=projected,
+        list=bins.list,
+        starts=bins.starts,
+        bins_x=bins.columns,
+        screen=Struct("Screen", target.screen(near)),
+        nearest_w=near,
+        culled=cull,
+        blank=target.blank,
+        base_r=_GREY[0],
+        base_g=_GREY[1],
+        base_b=_GREY[2],
+        **target.outputs(),
+        **more,
+    )
+    target.blank = False
+
+
+@dataclass(frozen=True)
+class DrawnMesh:
+    """A mesh as `render` draws it."""
+
+    mesh: Mesh
+
+    @property
+    def bounds(self) -> tuple[NDArray[Any], NDArray[Any]]:
+        """(low, high), each (3,), in the world: the box around the triangles."""
+        return self.mesh.bounds
+
+    def draw(self, target: Target, lighting: Lighting | None) -> None:
+        """Draw the triangles; lit by their normals."""
+        draw_mesh(target, self.mesh, lighting)
+
+
+@as_drawable.register
+def _(thing: Mesh, look: Look) -> DrawnMesh:
+    return DrawnMesh(thing)
+
+
+def _buffers(mesh: Mesh) -> dict[str, DeviceArray]:
+    """The mesh for the current device."""
+    made = {"vertices": upload(mesh.vertices), "faces": upload(mesh.faces)}
+    if mesh.texture is not None and mesh.uv is not None:
+        made["uv"], made["texels"] = upload(mesh.uv), upload(texture_pyramid(mesh.texture))
+    elif mesh.colors is not None:
+        made["tints"] = upload(_unit(mesh.colors))
+    return made
+
+
+def _normals(mesh: Mesh) -> dict[str, DeviceArray]:
+    """The mesh's normals for the current device."""
+    normals = mesh.normals if mesh.normals is not None else mesh.smooth_normals
+    return {"normals": upload(normals), "fronts": upload(_fronts(mesh, normals))}
+
+
+def _fronts(mesh: Mesh, normals: NDArray[np.float32]) -> NDArray[np.int16]:
+    """(M,) 1, or -1 for triangles whose corners run clockwise as seen from where their normals point."""
+    corner = mesh.vertices[mesh.faces].astype(np.float64)
+    across = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    along = (across * normals[mesh.faces].sum(axis=1)).sum(axis=1)
+    return np.where(along < 0, -1, 1).astype(np.int16)
+
+
+def _unit(colors: NDArray[Any]) -> NDArray[np.float32]:
+    scale = np.float32(1 / 255 if colors.dtype == np.uint8 else 1)
+    return np.ascontiguousarray(colors * scale, np.float32)
+
+
+def _checked(texture: NDArray[Any] | None) -> NDArray[Any]:
+    assert texture is not None
+    return texture

@@ -1,0 +1,72 @@
+"""Depth images in pictures with other things, drawn by the epipolar warp."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from pyibr.core.checks import Float64, number_from, one_of
+from pyibr.core.pixelspace import PixelMap, camera_pair, pixel_size
+from pyibr.images.depth_image import DepthImage
+from pyibr.picture.drawable import Edges, Fill, Look, Sample, Side, as_drawable
+from pyibr.picture.samples import samples_of
+from pyibr.picture.shadow import Lighting, shadowed
+from pyibr.picture.target import Target
+from pyibr.warp.launches import Options, fill_from_behind, look
+
+_SHOWN = {"front": 1, "back": 2, "both": 3}  # SHOWS_FRONT, SHOWS_BACK of kernels/lib/surface.h
+_APART_MOST = 64  # pixels between the depths that tell the normals of nearest samples
+
+
+def options_of(how: Look, search: bool = False) -> Options:
+    """Check how views are to be looked at, and say it in the kernels' terms."""
+    one_of("sample", how.sample, Sample)
+    one_of("edges", how.edges, Edges)
+    one_of("side", how.side, Side)
+    if how.fill is not None:
+        one_of("fill", how.fill, Fill, " or None")
+    number_from("cut_ratio", how.cut_ratio, np.nextafter(1.0, 2.0), math.inf, "a ratio greater than 1")
+    cut_ratio = float(how.cut_ratio) if how.edges == "cut" else None
+    return Options(search, how.sample == "linear", cut_ratio, _SHOWN[how.side])
+
+
+@dataclass(frozen=True)
+class WarpedImage:
+    """A depth image as `render` draws it."""
+
+    view: DepthImage
+    options: Options
+    fills: bool
+
+    @property
+    def bounds(self) -> tuple[Float64, Float64]:
+        """(low, high), each (3,), in the world: the box around the valid samples."""
+        return self.view.bounds
+
+    def draw(self, target: Target, lighting: Lighting | None) -> None:
+        """Draw the view by the epipolar warp; into a light's map the surface itself, from both its sides."""
+        view = self.view.in_float if target.color.dtype == np.float32 else self.view
+        options = self.options
+        if target.from_light:
+            options = Options(cut_ratio=options.cut_ratio, shown=_SHOWN["both"])
+        samples = samples_of(view)
+        pixel_map = PixelMap(camera_pair(view.camera, target.camera), samples.low, samples.high)
+        with shadowed(target, lighting, *self._grain(target)):
+            look(samples, pixel_map, target, options)
+        if self.fills and not target.from_light:
+            fill_from_behind(target, pixel_map.epipole)
+
+    def _grain(self, target: Target) -> tuple[float, int]:
+        """Scene units by which nearest samples lie off the surface, and pixels over which its slope shows."""
+        if self.options.linear:
+            return 0.0, 1
+        low, high = self.view.bounds
+        grain, pixel = (pixel_size(camera, 0.5 * (low + high)) for camera in (self.view.camera, target.camera))
+        return grain, math.ceil(min(4 * max(grain / pixel, 1), _APART_MOST)) if pixel > 0 else _APART_MOST
+
+
+@as_drawable.register
+def _(thing: DepthImage, look: Look) -> WarpedImage:
+    return WarpedImage(thing, options_of(look), look.fill is not None)

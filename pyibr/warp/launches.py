@@ -1,0 +1,255 @@
+"""The warp on the device: which kernels run, with what, in which order."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.core.camera import Camera
+from pyibr.core.checks import Float64
+from pyibr.core.pixelspace import NO_PARALLAX, PixelMap, Rectangle, pitch
+from pyibr.opencl.device import current
+from pyibr.opencl.launch import Struct, launch
+from pyibr.opencl.memory import DeviceArray, empty, upload
+from pyibr.opencl.program import kernel
+from pyibr.picture.samples import Samples
+from pyibr.picture.target import Target
+from pyibr.warp.lines import line_groups
+
+_EMPTY = -3e38  # EMPTY of kernels/lib/pixelspace.h
+_CUT = np.dtype([("near_scale", np.float32), ("far_scale", np.float32), ("least", np.float32)])
+_OF_LINES, _OWN, _OF_ALL = 0, 1, 2  # ANSWERS_... of kernels/warp/resolve.cl
+_APART_MOST = 16
+_LOOK_TORN, _LOOK_CONNECTED = (1.0, 1.5), (0.5, 4.0)  # `rough` and `window` of kernels/warp/resolve.cl, measured
+_STRIP = 16  # packets of a row that one work-item of a CPU takes: enough to hide what starting it costs
+_CHUNK = 1 << 14  # pixels that one work-item clears
+_BLOCK = 32  # BLOCK of kernels/warp/fill.cl
+_RUN = 64  # pixels of a row that one work-item of a CPU fills: starting one takes longer than most pixels
+
+
+@dataclass(frozen=True)
+class Options:
+    """How views are looked at.
+
+    Attributes
+    ----------
+    search : bool
+        Each pixel on its own instead of whole lines.
+    linear : bool
+        Between the samples, or the nearest of them.
+    cut_ratio : float or None
+        Of depths that tear neighbours apart; None: all of them are connected.
+    shown : int
+        Sides of the surface: SHOWS_FRONT, SHOWS_BACK of kernels/lib/surface.h.
+    """
+
+    search: bool = False
+    linear: bool = True
+    cut_ratio: float | None = None
+    shown: int = 1
+
+    def cut(self, camera: Camera) -> NDArray[np.void]:
+        """A record of the kernels' struct Cut: which neighbours of a camera's view are torn apart."""
+        if self.cut_ratio is None:
+            return np.array((0.0, 0.0, 0.0), _CUT)
+        if camera.projection == "perspective":
+            return np.array((1.0, self.cut_ratio, 0.0), _CUT)
+        # Depths of an orthographic view have no origin: what it sees gives the scale.
+        sides = camera.width / camera.K[0, 0], camera.height / camera.K[1, 1]
+        return np.array((1.0, 1.0, (self.cut_ratio - 1.0) * max(sides)), _CUT)
+
+
+def look(samples: Samples, pixel_map: PixelMap, target: Target, options: Options, view: int = 0) -> None:
+    """Each pixel looks for what its ray meets first: by sweep or by search, then exactly. `view` is its number."""
+    reach = pixel_map.reach
+    if reach.empty and not target.blank:
+        return
+
+    shared: dict[str, Any] = {
+        "nearness": samples.nearness,
+        "map": Struct("PixelMap", pixel_map.pair.struct),
+        "cut": Struct("Cut", options.cut(pixel_map.pair.src)),
+        "shown": options.shown,
+    }
+    seen, answers = _ask_lines(samples, pixel_map, target, options, shared)
+    _resolve(samples, pixel_map, target, options, {**shared, "seen": seen, "answers": answers}, view)
+    target.blank = False
+
+
+def _ask_lines(
+    samples: Samples, pixel_map: PixelMap, target: Target, options: Options, shared: dict[str, Any]
+) -> tuple[DeviceArray, int]:
+    """What lines (or searches) see, and what it is of: ANSWERS_... of kernels/warp/resolve.cl."""
+
+    lanes, reach, epipole, aligned = current().lanes, pixel_map.reach, pixel_map.epipole, pixel_map.pair.aligned
+    area = _whole_lines(reach, epipole, target.camera) if aligned and not reach.empty else reach
+    groups, packets = line_groups(epipole, area, lanes, aligned)
+    # Lanes of the sweep with nothing to write need a place of their own to write it; packets at the end of the last
+    # row read beyond it.
+    beyond = max(packets * lanes, lanes + _APART_MOST)
+    seen = target.scratch(target.camera.height * pitch(target.camera.width) + beyond)
+    if reach.empty or (packets and (options.search or not aligned)):  # aligned lines leave out no pixel
+        clear(seen, _EMPTY)
+    if reach.empty:
+        return seen, _OWN
+    if not packets:  # no epipole, or it is all there is: any nearness gives the source position
+        clear(seen, pixel_map.typical)
+        return seen, _OF_ALL
+    if options.search:
+        launch(
+            kernel("warp/search.cl", "search"),
+            (-(-(reach.high_x - reach.low_x) // lanes), reach.high_y - reach.low_y),
+            seen=seen,
+            low_x=reach.low_x,
+            high_x=reach.high_x,
+            low_y=reach.low_y,
+            high_y=reach.high_y,
+            **shared,
+        )
+        return seen, _OWN
+    # Lines that are the pixels' own must be exact, and connected surfaces have crests that no line may miss. Elsewhere
+    # lines tell where to look.
+    exact = not (pixel_map.pair.on_samples if aligned else options.cut_ratio is not None)
+    launch(
+        kernel("warp/epipolar.cl", "epipolar_sweep", ALIGNED=int(aligned), EDGES=int(exact)),
+        (packets,),
+        seen=seen,
+        groups=upload(groups),
+        group_count=len(groups),
+        packet_count=packets,
+        nearest=samples.high,
+        farthest=samples.low,
+        **shared,
+    )
+    return seen, _OWN if aligned else _OF_LINES
+
+
+def _whole_lines(reach: Rectangle, epipole: Float64, camera: Camera) -> Rectangle:
+    """`reach` with all rows of the picture, or all columns: a line for each of them, along the epipole's axis."""
+    if epipole[0] != 0.0:
+        return replace(reach, low_y=0, high_y=camera.height)
+    return replace(reach, low_x=0, high_x=camera.width)
+
+
+def _resolve(
+    samples: Samples, pixel_map: PixelMap, target: Target, options: Options, shared: dict[str, Any], view: int
+) -> None:
+    """Depth and colour of the pixels from what their lines saw."""
+
+    lanes = current().lanes
+    low_x, high_x, low_y, high_y = 0, target.camera.width, 0, target.camera.height
+    if not target.blank:
+        reach = pixel_map.reach
+        low_x, high_x, low_y, high_y = reach.low_x, reach.high_x, reach.low_y, reach.high_y
+    rough, window = _LOOK_CONNECTED if options.cut_ratio is None else _LOOK_TORN
+    strip = 1 if lanes == 1 else _STRIP
+    # Aligned lines leave nothing to look for beside their answers, and what only such a look needs takes a while.
+    told = pixel_map.pair.aligned and shared["answers"] == _OWN
+    density, typical = (1.0, 1.0) if told else (pixel_map.density, pixel_map.typical)
+    apart = min(math.ceil(0.5 / density), _APART_MOST)
+    defines = {"COLOR_BYTES": target.channel_bytes, "STRIP": strip, "ZOOMED": int(apart > 1)}
+    origins = {} if target.origin is None else {"origin": target.origin, "view": view}
+    launch(
+        kernel("warp/resolve.cl", "resolve", ORIGINS=len(origins) // 2, **defines),
+        (-(-(high_x - low_x) // (strip * lanes)), high_y - low_y),
+        src_color=samples.color,
+        linear=options.linear,
+        merge=not target.blank,
+        low_x=low_x,
+        high_x=high_x,
+        low_y=low_y,
+        high_y=high_y,
+        density=max(density, 1.0),
+        typical=typical,
+        apart=apart,
+        rough=rough,
+        window=window,
+        **shared,
+        **target.outputs(),
+        **origins,
+    )
+
+
+def clear(array: DeviceArray, value: float) -> None:
+    """Sets all of a float32 array, on all processors."""
+
+    count = array.shape[0]
+    launch(
+        kernel("lib/clear.cl", "clear"), (-(-count // _CHUNK),), values=array, count=count, chunk=_CHUNK, value=value
+    )
+
+
+def splat(samples: Samples, pixel_map: PixelMap, target: Target, size: float) -> None:
+    """Each sample is carried over to a square of `size` pixels."""
+
+    shape = (target.camera.height, target.camera.width)
+    keys, indices = empty(shape, np.uint32), empty(shape, np.uint32)
+    keys.fill(0)
+    indices.fill(0xFFFFFFFF)
+    the_map = Struct("PixelMap", pixel_map.pair.struct)
+    for name, more in (("splat_nearness", {}), ("splat_index", {"indices": indices})):
+        launch(
+            kernel("warp/forward.cl", name, COLOR_BYTES=target.channel_bytes),
+            pixel_map.pair.src.size,
+            nearness=samples.nearness,
+            keys=keys,
+            map=the_map,
+            size=size,
+            **more,
+        )
+    launch(
+        kernel("warp/forward.cl", "splat_pixels", COLOR_BYTES=target.channel_bytes),
+        target.camera.size,
+        keys=keys,
+        indices=indices,
+        src_color=samples.color,
+        map=the_map,
+        merge=not target.blank,
+        **target.outputs(),
+    )
+    target.blank = False
+
+
+def fill_from_behind(target: Target, epipole: NDArray[np.float64]) -> None:
+    """Holes get what lies behind them along the lines through the epipole, (3,) homogeneous; all 0: along rows."""
+
+    width, height = target.camera.size
+    run = 1 if current().lanes == 1 else _RUN
+    grid = -(-width // run), height
+    defines = {"COLOR_BYTES": target.channel_bytes}
+    image: dict[str, Any] = {"valid": target.valid, "width": width, "height": height}
+    shared: dict[str, Any] = {**image, "color": target.color, "depth": target.depth, "run": run}
+    x, y, w = (epipole / max(float(np.abs(epipole).max()), 1e-30)).astype(np.float32).tolist()
+    # An epipole at infinity gives all pixels one direction: if it is exactly to a neighbour, they share lines, too.
+    if w == 0 and {x, y} <= {-1.0, 0.0, 1.0}:
+        dx, dy = (-x, -y) if x or y else (1, 0)
+        launch(kernel("warp/fill.cl", "fill_runs", **defines), grid, dx=dx, dy=dy, **shared)
+        return
+    blocks = empty((-(-height // _BLOCK), -(-width // _BLOCK)), np.uint8)
+    launch(kernel("warp/fill.cl", "fill_blocks", **defines), blocks.shape[::-1], blocks=blocks, **image)
+    away = {"epipole_x": x, "epipole_y": y, "epipole_w": w}
+    launch(kernel("warp/fill.cl", "fill_holes", **defines), grid, blocks=blocks, **away, **shared)
+
+
+def classify(samples: Samples, pixel_map: PixelMap, target: Target, options: Options, first: bool) -> None:
+    """Why the holes are holes, as far as this view tells; the `first` view begins, others add what they know."""
+
+    assert target.classes is not None
+    launch(
+        kernel("warp/classify.cl", "classify"),
+        (-(-target.camera.width // current().lanes), target.camera.height),
+        nearness=samples.nearness,
+        valid=target.valid,
+        classes=target.classes,
+        map=Struct("PixelMap", pixel_map.pair.struct),
+        cut=Struct("Cut", options.cut(pixel_map.pair.src)),
+        nearest=samples.high,
+        farthest=samples.low,
+        typical=pixel_map.typical,
+        still=pixel_map.parallax < NO_PARALLAX,
+        first=first,
+    )

@@ -1,0 +1,168 @@
+"""Where the epipolar lines of a target image run: the layout that the sweep walks.
+
+The epipole may lie in any of nine regions in and around the image, or at infinity (Schaufler & Priglinger 1999,
+table 1 and figure 7). Lines that advance mainly in x and mainly in y, on either side of the epipole, make at most four
+fans, as many as the paper walks borders. In each fan lines are one pixel apart at the column (or row) farthest from
+the epipole; nearer to it only every second one goes on each time the distance halves, so that pixels near the epipole
+are not visited much more often than others (the squares around the epipole that the paper proposes in section 8).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.core.checks import Float64
+from pyibr.core.pixelspace import Rectangle
+
+LINE_GROUP = np.dtype(
+    [
+        ("axis", np.int32),
+        ("side", np.int32),
+        ("first_packet", np.int32),
+        ("count", np.int32),
+        ("low", np.int32),
+        ("high", np.int32),
+        ("cross_low", np.int32),
+        ("cross_high", np.int32),
+        ("levels", np.int32),
+        ("reference", np.float32),
+        ("first", np.float32),
+        ("spacing", np.float32),
+        ("distance", np.float32),
+        ("distance_step", np.float32),
+        ("least", np.float32),
+    ]
+)
+"""The struct LineGroup of kernels/warp/epipolar.cl."""
+
+_MOST_LEVELS = 4  # halvings of the distance to the epipole; what lies nearer is 1/16 of the fan's length
+_ROUNDING = 4e-7  # relative: on a diagonal, the kernel's float32 decides between two fans
+_OFFSET = 0.137  # lines keep clear of pixel borders, where ownership would hang on rounding
+
+
+@dataclass(frozen=True)
+class _Fan:
+    """Lines on one side of the epipole that advance along one axis; D as in kernels/warp/epipolar.cl."""
+
+    axis: int
+    side: int
+    along: tuple[int, int]  # first and last pixel
+    across: tuple[int, int]
+    e_along: float
+    e_across: float
+    w: float
+
+    def distance(self, pixel: float) -> float:
+        """Distance to the epipole along the axis (times |w|): positive on this side."""
+        return (pixel * self.w - self.e_along) * self.side
+
+    @cached_property
+    def reference(self) -> int:
+        """The pixel along the axis that is farthest from the epipole."""
+        return self.along[1] if self.w * self.side > 0.0 else self.along[0]
+
+    @cached_property
+    def nearest(self) -> float:
+        """The least distance in the area, as a part of the reference's; <= 0 if the epipole is within its columns."""
+        return min(map(self.distance, self.along)) / self.distance(self.reference)
+
+    @property
+    def is_diagonal(self) -> bool:
+        """Lines from pixel to pixel along the image's diagonals: those through one centre pass through many."""
+        return self.w == 0.0 and math.isclose(abs(self.e_across), abs(self.e_along), rel_tol=_ROUNDING)
+
+    def reach(self) -> tuple[float, float]:
+        """Where the lines needed cut the reference: no steeper than one to one, and through the area."""
+        low, high = -math.inf, math.inf
+        if self.nearest > 0.0:
+            cuts = [
+                c + (c * self.w - self.e_across) * self.side / self.distance(a) * (self.reference - a)
+                for a in self.along
+                for c in self.across
+            ]
+            low, high = min(cuts), max(cuts)
+        if self.w != 0.0:
+            middle, half = self.e_across / self.w, self.distance(self.reference) / abs(self.w)
+            if self.nearest > 0.0:  # the cuts bound it
+                half += _ROUNDING * max(abs(self.e_along), abs(self.e_across)) / abs(self.w)
+            low, high = max(low, middle - half), min(high, middle + half)
+        elif abs(self.e_across) > abs(self.e_along) * (1.0 + _ROUNDING):
+            return math.inf, -math.inf
+        return low, high
+
+    def extent(self, least: float) -> tuple[int, int]:
+        """First and last pixel along the axis whose distance is at least the part `least` of the reference's."""
+        if self.w == 0.0:
+            return self.along
+        end = (self.e_along + least * self.distance(self.reference) * self.side) / self.w
+        low, high = sorted((float(self.reference), end))
+        return max(self.along[0], math.floor(low) - 2), min(self.along[1], math.ceil(high) + 2)
+
+
+def line_groups(
+    epipole: Float64, area: Rectangle, lanes: int, through_pixels: bool = False
+) -> tuple[NDArray[Any], int]:
+    """Lay epipolar lines over ``area``.
+
+    Parameters
+    ----------
+    epipole : (3,) float64
+        Homogeneous, with its sign: the image of the source's centre; (x, y, 0) is a direction.
+    area : Rectangle
+        Pixels to cover.
+    lanes : int
+        Lines a work-item.
+    through_pixels : bool
+        Lines that run along rows or columns pass through the pixels' centres, and not beside them.
+
+    Returns
+    -------
+    groups : LINE_GROUP array
+    packets : int
+        Work-items needed for all groups.
+    """
+    return _laid((float(epipole[0]), float(epipole[1]), float(epipole[2])), area, lanes, through_pixels)
+
+
+@lru_cache(maxsize=64)
+def _laid(
+    epipole: tuple[float, float, float], area: Rectangle, lanes: int, through_pixels: bool
+) -> tuple[NDArray[Any], int]:
+    groups: list[tuple[float, ...]] = []
+    packets = 0
+    ends = (area.low_x, area.high_x - 1), (area.low_y, area.high_y - 1)
+    *e, w = epipole
+    for axis in () if area.empty else (0, 1):
+        for side in (1, -1):
+            fan = _Fan(axis, side, ends[axis], ends[1 - axis], e[axis], e[1 - axis], w)
+            farthest = fan.distance(fan.reference)
+            if farthest <= 0.0:
+                continue
+            low, high = fan.reach()
+            if low > high:
+                continue
+            levels = min(_MOST_LEVELS, max(0, int(-math.log2(max(fan.nearest, 1e-9)))))
+            # Lines through pixels are the pixels' own, from the first on; others' slopes lead in from beyond.
+            beyond = 0 if through_pixels else 2**levels
+            first = math.floor(low) - beyond + (0.0 if through_pixels or fan.is_diagonal else _OFFSET)
+            # All odd lines end at half the distance, all odd multiples of two at a quarter, ...
+            for level in range(levels + 1):
+                goes_on = level == levels
+                spacing = 2**level if goes_on else 2 ** (level + 1)
+                start = first if goes_on else first + 2**level
+                count = int((high + beyond - start) // spacing) + 1
+                least = 0.0 if goes_on else 0.5 ** (level + 1)
+                along = fan.extent(least)
+                distance = -fan.e_along * side / farthest, w * side / farthest
+                line = fan.reference, start, spacing
+                groups.append((axis, side, packets, count, *along, *fan.across, levels, *line, *distance, least))
+                packets += -(-count // lanes)
+    laid = np.array(groups, LINE_GROUP)
+    laid.flags.writeable = False
+    return laid, packets

@@ -1,0 +1,260 @@
+"""Image warping: a depth image, or several, to a new view (Schaufler & Priglinger 1999)."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from typing import Any, Literal, cast, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.core.camera import Camera
+from pyibr.core.checks import describe, number_from, one_of
+from pyibr.core.errors import ArgumentError
+from pyibr.core.pixelspace import PixelMap, camera_pair
+from pyibr.images import DepthImage, Frame
+from pyibr.opencl.device import one_call
+from pyibr.picture.drawable import Edges, Fill, Look, Sample, Side
+from pyibr.picture.samples import Samples, samples_of
+from pyibr.picture.target import Target, frames
+from pyibr.warp.drawing import options_of
+from pyibr.warp.launches import Options, classify, fill_from_behind, look
+from pyibr.warp.launches import splat as splat_samples
+
+Array = NDArray[Any]
+Method = Literal["epipolar", "search", "forward"]
+
+_SPLAT_MOST = 64.0
+_PIXELS_MOST = 1 << 29  # kernels number samples and colour bytes in 32 bits
+
+
+@overload
+def warp(
+    views: DepthImage | Sequence[DepthImage],
+    camera: Camera,
+    method: Method = ...,
+    sample: Sample = ...,
+    edges: Edges = ...,
+    fill: Fill | None = ...,
+    *,
+    cut_ratio: float = ...,
+    side: Side = ...,
+    splat: float = ...,
+    classes: bool = ...,
+    out: Frame | None = ...,
+) -> Frame: ...
+@overload
+def warp(
+    views: DepthImage | Sequence[DepthImage],
+    camera: Sequence[Camera],
+    method: Method = ...,
+    sample: Sample = ...,
+    edges: Edges = ...,
+    fill: Fill | None = ...,
+    *,
+    cut_ratio: float = ...,
+    side: Side = ...,
+    splat: float = ...,
+    classes: bool = ...,
+    out: Sequence[Frame] | None = ...,
+) -> list[Frame]: ...
+def warp(
+    views: DepthImage | Sequence[DepthImage],
+    camera: Camera | Sequence[Camera],
+    method: Method = "epipolar",
+    sample: Sample = "linear",
+    edges: Edges = "cut",
+    fill: Fill | None = None,
+    *,
+    cut_ratio: float = 1.05,
+    side: Side = "front",
+    splat: float = 1.0,
+    classes: bool = False,
+    out: Frame | Sequence[Frame] | None = None,
+) -> Frame | list[Frame]:
+    """Render depth images from a new camera.
+
+    A depth image means a surface: the grid of its samples, each cell split from its upper right to its lower left
+    corner. Each pixel of the target sees what its ray meets first. Several views are merged by depth.
+
+    Parameters
+    ----------
+    views : DepthImage or sequence of DepthImage
+        The sources, perspective or orthographic, with colours of one dtype. Their buffers stay on the device, so
+        that warping the same object again is cheaper.
+    camera : Camera or sequence of Camera
+        The target, perspective or orthographic; or several, which are drawn without a wait between them: each frame is
+        the same as by a call of its own.
+    method : {"epipolar", "search", "forward"}
+        "epipolar" sweeps whole epipolar lines, O(n^2) (section 4 of the paper); "search" lets each pixel search its
+        own epipolar segment, O(n^3); "forward" carries each sample over as a point, which leaves gaps where the
+        target sees the surface larger than the source did, and to which `sample`, `edges` and `side` do not apply.
+    sample : {"linear", "nearest"}
+        Read the surface between the samples, or the sample nearest to where the ray meets the surface; for depth and
+        colour alike.
+    edges : {"cut", "connect"}
+        "cut": the surface is open where neighbours' depths differ too much (see `cut_ratio`), as at the borders of
+        objects in scenes. "connect": neighbouring samples are one surface, however far apart, as in displacement maps.
+    fill : {None, "background"}
+        "background" fills holes, along the epipolar line, from the farther of the two sides; `valid` stays False
+        there.
+    cut_ratio : float
+        Greater than 1: `edges="cut"` opens the surface where neighbours' depths have a greater ratio. Depths of an
+        orthographic view have no origin that a ratio could refer to: it is cut where they differ by more than
+        (`cut_ratio` - 1) times the longer side of what its camera sees.
+    side : {"front", "back", "both"}
+        Which side of the surface is shown: the one that faces the source's camera, the other (a solid displaced from
+        a centre inside it and seen from outside), or either. A ray that meets the other side first sees a hole.
+    splat : float
+        With "forward": side of the square of target pixels that a sample covers, 1 to 64.
+    classes : bool
+        The frame tells, too, what each pixel is (`Frame.classes`: seen, hidden, never observed, outside of the view),
+        and where in which view it comes from (`Frame.source`, `Frame.view`). Not with "forward". Following the holes'
+        rays takes longer the larger the range of depth is.
+    out : Frame or sequence of Frame, optional
+        Frames whose arrays are written instead of new ones: C-contiguous and writable, of the target's size and the
+        views' dtype, each of them once. What `classes` tells is new in any case.
+
+    Returns
+    -------
+    Frame, or list of Frame if `camera` is a sequence
+        Colour in the views' dtype, planar depth, and where anything was seen.
+
+    Raises
+    ------
+    ArgumentError
+        An argument has a wrong type or value, or a view has no valid depth at all.
+    DeviceError
+        No OpenCL device works.
+
+    Warns
+    -----
+    UserWarning
+        If the target sees nothing of any view.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pyibr as ibr
+    >>> camera = ibr.Camera([[100, 0, 31.5], [0, 100, 31.5], [0, 0, 1]], (64, 64))
+    >>> color = np.full((64, 64, 3), 200, np.uint8)
+    >>> view = ibr.DepthImage(color, np.full((64, 64), 2.0, np.float32), camera)
+    >>> frame = ibr.warp(view, camera.moved(0.2, 0, 0))  # everything shifts by f * b / z = 10 pixels
+    >>> int(frame.valid.sum(axis=1)[0])
+    54
+    """
+    sources = _checked_views(views)
+    cameras = _checked_cameras(camera)
+    for argument, size in [*(("camera", c.size) for c in cameras), *(("views", v.camera.size) for v in sources)]:
+        if size[0] * size[1] > _PIXELS_MOST:
+            raise ArgumentError(argument, f"at most {_PIXELS_MOST} pixels", f"{size[0]} x {size[1]}")
+    one_of("method", method, Method)
+    options = options_of(Look(sample, edges, cut_ratio, side, fill), method == "search")
+    number_from("splat", splat, 1.0, _SPLAT_MOST, f"1 to {_SPLAT_MOST:g} pixels")
+    if classes and method == "forward":
+        raise ArgumentError("classes", 'False with method="forward", which asks no rays', "True")
+    outs = _checked_out(out, camera, cameras, sources[0])
+
+    with one_call():
+        samples = [samples_of(view) for view in sources]
+        pool: dict[int, Any] = {}
+        targets: list[Target] = []
+        for one, into in zip(cameras, outs, strict=True):
+            target = Target(one, sources[0].color.dtype, out=into, classes=bool(classes), pool=pool)
+            _draw_views(target, sources, samples, method, options, float(splat), fill)
+            targets.append(target)
+        made = frames(targets)
+    empty = [number for number, frame in enumerate(made) if not frame.valid.any()]
+    if isinstance(camera, Camera):
+        if empty:
+            warnings.warn("warp: the target camera sees nothing of the views; the frame is empty", stacklevel=2)
+        return made[0]
+    if empty:
+        some = ", ".join(map(str, empty))
+        warnings.warn(f"warp: target cameras {some} see nothing of the views; their frames are empty", stacklevel=2)
+    return made
+
+
+def _draw_views(
+    target: Target,
+    sources: Sequence[DepthImage],
+    samples: Sequence[Samples],
+    method: Method,
+    options: Options,
+    size: float,
+    fill: Fill | None,
+) -> None:
+    """Draw all views into a target, then what is asked for of its holes."""
+    maps = [
+        PixelMap(camera_pair(view.camera, target.camera), some.low, some.high)
+        for view, some in zip(sources, samples, strict=True)
+    ]
+    for number, (some, pixel_map) in enumerate(zip(samples, maps, strict=True)):
+        if method == "forward":
+            splat_samples(some, pixel_map, target, size)
+        else:
+            look(some, pixel_map, target, options, number)
+    if target.classes is not None:
+        for number, (some, pixel_map) in enumerate(zip(samples, maps, strict=True)):
+            classify(some, pixel_map, target, options, number == 0)
+    if fill is not None:
+        fill_from_behind(target, min(maps, key=lambda pixel_map: pixel_map.parallax).epipole)
+
+
+def _checked_views(views: DepthImage | Sequence[DepthImage]) -> list[DepthImage]:
+    sources: list[DepthImage] = [views] if isinstance(views, DepthImage) else list(_listed(views))
+    if not sources:
+        raise ArgumentError("views", "at least one DepthImage", "an empty sequence")
+    for view in sources:
+        if not isinstance(view, DepthImage):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise ArgumentError("views", "a DepthImage or a sequence of them", describe(view))
+        if view.color.dtype != sources[0].color.dtype:
+            raise ArgumentError("views", "colours of one dtype", f"{sources[0].color.dtype} and {view.color.dtype}")
+    return sources
+
+
+def _checked_cameras(camera: Camera | Sequence[Camera]) -> list[Camera]:
+    cameras = [camera] if isinstance(camera, Camera) else list(camera) if isinstance(camera, Sequence) else []  # pyright: ignore[reportUnnecessaryIsInstance]
+    if not cameras:
+        got = "an empty sequence" if isinstance(camera, Sequence) else describe(camera)
+        raise ArgumentError("camera", "a pyibr.Camera or a sequence of them", got)
+    for one in cameras:
+        if not isinstance(one, Camera):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise ArgumentError("camera", "a pyibr.Camera or a sequence of them", describe(one))
+    return cameras
+
+
+def _checked_out(
+    out: Frame | Sequence[Frame] | None, camera: Camera | Sequence[Camera], cameras: Sequence[Camera], view: DepthImage
+) -> Sequence[Frame | None]:
+    """A frame to write into for each camera, or None."""
+    if out is None:
+        return [None] * len(cameras)
+    several = not isinstance(camera, Camera)
+    outs = list(out) if isinstance(out, Sequence) else [out]
+    if several != isinstance(out, Sequence) or len(outs) != len(cameras):
+        expected = f"a sequence of {len(cameras)} frames" if several else "a Frame"
+        raise ArgumentError("out", expected, f"{len(outs)} frames" if isinstance(out, Sequence) else describe(out))
+    taken: list[Array] = []
+    for one, frame in zip(cameras, outs, strict=True):
+        if not isinstance(frame, Frame):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise ArgumentError("out", "a Frame", describe(frame))
+        shape = one.height, one.width
+        kinds = (("color", (*shape, 3), view.color.dtype), ("depth", shape, np.float32), ("valid", shape, np.bool_))
+        for name, expected, dtype in kinds:
+            given: object = getattr(frame, name)
+            array = cast("Array", given)
+            if not isinstance(given, np.ndarray) or array.shape != expected or array.dtype != dtype:
+                raise ArgumentError(f"out.{name}", f"{np.dtype(dtype)} of shape {expected}", describe(array))
+            if not (array.flags.c_contiguous and array.flags.writeable):
+                raise ArgumentError(f"out.{name}", "a C-contiguous array that may be written", "one that is not")
+            if any(np.may_share_memory(array, other) for other in [*taken, view.color, view.depth]):
+                raise ArgumentError(f"out.{name}", "memory of its own", "memory that another array has, too")
+            taken.append(array)
+    return outs
+
+
+def _listed(views: object) -> Sequence[DepthImage]:
+    """What `views` holds; something else than a sequence is one view, for the check to name."""
+    return cast("Sequence[DepthImage]", views if isinstance(views, Sequence) else [views])

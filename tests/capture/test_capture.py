@@ -1,0 +1,245 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pyibr.capture.raycast import MeshScene, capture, cube_cameras, object_views
+from pyibr.core.camera import Camera
+from pyibr.core.errors import ArgumentError, MissingPackageError
+from pyibr.meshes.mesh import Mesh
+
+o3d = pytest.importorskip("open3d")
+
+
+def sphere(radius: float = 1.0, resolution: int = 200):
+    mesh = o3d.geometry.TriangleMesh.create_sphere(radius, resolution)
+    mesh.rotate(mesh.get_rotation_matrix_from_xyz((0.3, 0.5, 0.2)), center=(0, 0, 0))
+    return mesh
+
+
+def sphere_depth(camera: Camera, layer: str, radius: float = 1.0):
+    """Closed form for a sphere about the origin; nan where it is missed."""
+    x, y = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+    pixel = np.stack([x, y], -1).reshape(-1, 2)
+    one = camera.unproject(pixel, np.ones(len(pixel)))
+    if camera.projection == "perspective":
+        origin, direction = camera.center, one - camera.center
+    else:
+        origin, direction = one - camera.forward, camera.forward
+    a = np.sum(direction * direction, axis=-1)
+    b = np.sum(origin * direction, axis=-1)
+    c = np.sum(origin * origin, axis=-1) - radius**2
+    root = np.sqrt(np.where(b * b - a * c < 0, np.nan, b * b - a * c))
+    z = (-b - root) / a if layer == "first" else (-b + root) / a
+    return z.reshape(camera.height, camera.width)
+
+
+@pytest.mark.parametrize("layer", ["first", "last"])
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+def test_a_sphere_has_its_closed_form_depth(projection, layer):
+    height = 2.6 if projection == "orthographic" else None
+    camera = Camera.look_at((1, -2, -2.5), (0, 0.1, 0), (0, -1, 0), (61, 47), 45, projection, height)
+    view = capture(sphere(), camera, layer)
+    expected = sphere_depth(camera, layer)
+    flat = np.nan_to_num(sphere_depth(camera, "last") - sphere_depth(camera, "first"))
+    inside = flat > 0.3  # away from the silhouette, where the mesh's facets matter
+    assert inside.mean() > 0.25
+    np.testing.assert_allclose(view.depth[inside], expected[inside], rtol=3e-4)
+    assert np.count_nonzero(view.valid != np.isfinite(expected)) <= 0.01 * view.valid.size
+    assert (view.depth[~view.valid] == np.inf).all()
+
+
+def test_from_inside_only_what_lies_ahead_is_seen():
+    camera = Camera([[20, 0, 20], [0, 20, 15], [0, 0, 1]], (41, 31), np.eye(4))
+    scene = MeshScene.from_open3d(sphere())
+    for layer in ("first", "last"):
+        view = scene.capture(camera, layer)
+        np.testing.assert_allclose(view.depth, sphere_depth(camera, "last"), rtol=3e-4)
+
+
+def test_a_plane_is_exact():
+    vertices = np.array([[-9, -9, 2.0], [9, -9, 3.0], [-9, 9, 2.5], [9, 9, 3.5]])
+    camera = Camera.look_at((0.3, 0.2, -4), (0, 0, 2.7), (0, -1, 0), (37, 29))
+    view = MeshScene(vertices, [[0, 1, 2], [3, 2, 1]]).capture(camera)
+    x, y = np.meshgrid(np.arange(37), np.arange(29))
+    direction = camera.unproject(np.stack([x, y], -1).reshape(-1, 2), np.ones(37 * 29)) - camera.center
+    normal = np.cross(vertices[1] - vertices[0], vertices[2] - vertices[0])
+    expected = ((vertices[0] - camera.center) @ normal) / (direction @ normal)
+    np.testing.assert_allclose(view.depth.ravel(), expected, rtol=1e-7)
+
+
+@pytest.mark.parametrize("kind", ["legacy", "tensor"])
+def test_a_texture_is_read_as_open3d_reads_it(kind, tmp_path):
+    texture = np.zeros((8, 8, 3), np.uint8)
+    texture[:4, :4], texture[:4, 4:], texture[4:, :4] = (255, 0, 0), (0, 255, 0), (0, 0, 255)
+    o3d.io.write_image(str(tmp_path / "t.png"), o3d.geometry.Image(texture))
+    (tmp_path / "a.mtl").write_text("newmtl m\nKd 1 1 1\nmap_Kd t.png\n")
+    corners = "v 0 0 2\nv 8 0 2\nv 0 8 2\nv 8 8 2\nvt 0 1\nvt 1 1\nvt 0 0\nvt 1 0\n"
+    (tmp_path / "a.obj").write_text(f"mtllib a.mtl\n{corners}usemtl m\nf 1/1 2/2 3/3\nf 4/4 3/3 2/2\n")
+    path = str(tmp_path / "a.obj")
+    mesh = o3d.io.read_triangle_mesh(path, True) if kind == "legacy" else o3d.t.io.read_triangle_mesh(path)
+    # Pixel centres fall on texel centres; y runs down here, and v = 1 is an OBJ texture's top row.
+    camera = Camera([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1]], (8, 8), projection="orthographic")
+    np.testing.assert_array_equal(capture(mesh, camera).color, texture)
+
+
+def test_textures_and_vertex_colours_are_interpolated():
+    vertices = [[0, 0, 2], [4, 0, 2], [0, 4, 2], [4, 4, 2]]
+    faces = [[0, 1, 2], [3, 2, 1]]
+    camera = Camera([[1, 0, 0], [0, 1, 0], [0, 0, 1]], (5, 5), projection="orthographic")
+    ramp = np.array([[0, 0, 0], [200, 0, 0], [0, 100, 0], [200, 100, 0]], np.uint8)
+    y, x = np.mgrid[:5, :5]
+    expected = np.stack([50 * x, 25 * y, 0 * x], -1)
+    np.testing.assert_array_equal(MeshScene(vertices, faces, ramp).capture(camera).color, expected)
+    np.testing.assert_array_equal(MeshScene(vertices, faces, ramp / 255).capture(camera).color, expected)
+    # A 2 x 2 texture, read between its texel centres at u, v = 0.25 and 0.75.
+    uv = np.array([[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]])
+    textured = MeshScene(vertices, faces, uv=uv, texture=ramp.reshape(2, 2, 3)).capture(camera)
+    np.testing.assert_array_equal(textured.color, expected)
+    per_corner = MeshScene(vertices, faces, uv=uv[np.array(faces)], texture=ramp.reshape(2, 2, 3))
+    np.testing.assert_array_equal(per_corner.capture(camera).color, expected)
+
+
+def test_background_and_shading():
+    camera = Camera.look_at((0, 0, -4), (0, 0, 0), (0, -1, 0), (40, 30))
+    view = capture(sphere(), camera, background=(10, 20, 30))
+    assert (view.color[~view.valid] == (10, 20, 30)).all()
+    top, bottom = view.color[8, 20].astype(int).sum(), view.color[21, 20].astype(int).sum()
+    assert top > bottom + 100  # the light comes from above
+
+
+def test_cube_cameras_share_their_edges():
+    size = 9
+    cameras = cube_cameras((1, 2, 3), size)
+    index = np.arange(size)
+    edges = {}
+    for camera in cameras:
+        for border in ([0, 1], [size - 1, 1], [1, 0], [1, size - 1]):
+            x = index if border[1] != 1 else np.full(size, border[0])
+            y = np.full(size, border[1]) if border[1] != 1 else index
+            points = camera.unproject(np.stack([x, y], -1), np.ones(size)) - [1, 2, 3]
+            np.testing.assert_array_equal(np.abs(points).max(axis=1), 1)
+            edges.setdefault(tuple(sorted(map(tuple, points.tolist()))), []).append(camera)
+    assert len(edges) == 12
+    assert all(len(shared) == 2 for shared in edges.values())
+
+
+@pytest.mark.parametrize("size", [16, 33])
+def test_captured_cube_images_meet_without_a_gap(size):
+    scene = MeshScene.from_open3d(sphere())
+    points = []
+    for camera in cube_cameras((0.2, -0.1, 0.05), size):
+        view = scene.capture(camera, "last")
+        assert view.valid.all()
+        x, y = np.meshgrid(np.arange(size), np.arange(size))
+        world = camera.unproject(np.stack([x, y], -1).reshape(-1, 2), view.depth.ravel())
+        border = ((x == 0) | (x == size - 1) | (y == 0) | (y == size - 1)).ravel()
+        points.append(world[border])
+    every = np.concatenate(points)
+    distance = np.linalg.norm(every[:, None] - every[None], axis=2)
+    # Each border sample has its twin in another image: 8 corners are there three times, the others twice.
+    twins = (distance < 1e-6).sum(axis=1)
+    assert np.count_nonzero(twins == 3) == 24
+    assert np.count_nonzero(twins == 2) == len(every) - 24
+
+
+@pytest.mark.parametrize(
+    ("arguments", "name"),
+    [
+        ({"vertices": [[0, 0]]}, "vertices"),
+        ({"faces": [[0, 1, 3]]}, "faces"),
+        ({"faces": [[0.0, 1.0, 2.0]]}, "faces"),
+        ({"faces": np.zeros((0, 3), int)}, "faces"),
+        ({"colors": [[0, 0, 0]]}, "colors"),
+        ({"uv": [[0, 0]] * 3}, "uv"),
+        ({"uv": [[0, 0]] * 4, "texture": np.zeros((2, 2, 3), np.uint8)}, "uv"),
+        ({"uv": [[0, 0]] * 3, "texture": np.zeros((2, 2), np.uint8)}, "texture"),
+    ],
+)
+def test_wrong_arrays_are_named(arguments, name):
+    whole = {"vertices": [[0, 0, 1], [1, 0, 1], [0, 1, 1]], "faces": [[0, 1, 2]], **arguments}
+    with pytest.raises(ArgumentError) as error:
+        MeshScene(**whole)
+    assert error.value.argument == name
+
+
+def test_a_camera_that_sees_nothing_is_an_error():
+    scene = MeshScene([[0, 0, 1], [1, 0, 1], [0, 1, 1]], [[0, 1, 2]])
+    behind = Camera([[9, 0, 4], [0, 9, 4], [0, 0, 1]], (9, 9), np.diag([1.0, -1, -1, 1]))
+    with pytest.raises(ArgumentError, match="camera"):
+        scene.capture(behind)
+    with pytest.raises(ArgumentError, match="layer"):
+        scene.capture(behind, "middle")  # pyright: ignore[reportArgumentType]
+    with pytest.raises(ArgumentError, match="mesh"):
+        capture("mesh.ply", behind)
+    with pytest.raises(ArgumentError, match="size"):
+        cube_cameras((0, 0, 0), 1)
+
+
+def test_without_open3d_the_command_is_named(monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "open3d", None)
+    with pytest.raises(MissingPackageError, match="pip install open3d"):
+        MeshScene([[0, 0, 1], [1, 0, 1], [0, 1, 1]], [[0, 1, 2]])
+
+
+def box(low: tuple[float, float, float], high: tuple[float, float, float]) -> Mesh:
+    corners = np.array(np.meshgrid(*zip(low, high, strict=True), indexing="ij")).reshape(3, -1).T
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = [[a, b, c] for a, b, c, _ in quads] + [[a, c, d] for a, _, c, d in quads]
+    return Mesh(corners, faces)
+
+
+@pytest.mark.parametrize("projection", ["orthographic", "perspective"])
+def test_six_views_see_a_box_from_its_six_sides(projection):
+    mesh, size, margin = box((1, 2, 3), (3, 3, 7)), 100, 0.05
+    views = object_views(mesh, size, projection, margin)
+    extents, middle = np.array([2.0, 1, 4]), np.array([2, 2.5, 5])
+    edge = 4 * (1 + 2 * margin)
+    assert len(views) == 6
+    for number, view in enumerate(views):
+        axis, sign = divmod(number, 2)
+        expected = np.eye(3)[axis] * (1 if sign == 0 else -1)
+        np.testing.assert_allclose(view.camera.forward, expected, atol=1e-12)
+        assert view.camera.projection == projection
+        # Its front face: at the middle half its extent before the object's middle, and in full on the image.
+        z = np.dot(middle - view.camera.center, expected) - 0.5 * extents[axis]
+        assert view.depth[size // 2, size // 2] == pytest.approx(z, rel=1e-6)
+        across = np.delete(extents, axis)
+        seen = np.sort([np.any(view.valid, axis=k).sum() for k in (0, 1)])
+        if projection == "orthographic":
+            np.testing.assert_allclose(seen, np.sort(across) / edge * size, atol=1.5)
+        assert seen.max() <= size * (1 - margin)
+        assert np.isinf(view.depth[~view.valid]).all()
+
+
+@pytest.mark.parametrize(("argument", "value"), [("projection", "fisheye"), ("margin", -0.1), ("size", 0)])
+def test_six_views_of_wrong_arguments(argument, value):
+    with pytest.raises(ArgumentError, match=f"^{argument}: "):
+        object_views(box((0, 0, 0), (1, 1, 1)), **({"size": 8} | {argument: value}))
+
+
+def test_a_mesh_is_captured_with_its_own_colours():
+    square, camera = (
+        [[-1, -1, 3], [1, -1, 3], [-1, 1, 3], [1, 1, 3]],
+        Camera([[20, 0, 5], [0, 20, 5], [0, 0, 1]], (11, 11)),
+    )
+    faces, uv = [[0, 1, 2], [3, 2, 1]], [[0, 0], [1, 0], [0, 1], [1, 1]]
+    texture = np.full((2, 2, 3), (0.2, 0.4, 0.6), np.float32)
+    tinted = Mesh(square, faces, colors=np.full((4, 3), (10, 20, 30), np.uint8))
+    textured = Mesh(square, faces, uv=uv, texture=texture, colors=np.zeros((4, 3), np.uint8))
+    np.testing.assert_array_equal(MeshScene.from_mesh(tinted).capture(camera).color[5, 5], (10, 20, 30))
+    np.testing.assert_array_equal(MeshScene.from_mesh(textured).capture(camera).color[5, 5], (51, 102, 153))
+    assert MeshScene.from_mesh(Mesh(square, faces, uv=uv)).capture(camera).valid.any()
+
+
+@pytest.mark.parametrize("projection", ["orthographic", "perspective"])
+@pytest.mark.parametrize("thickness", [0, 0.01])
+def test_an_object_too_thin_for_six_views(projection, thickness):
+    """A plate from its edge lies between two rows of pixels."""
+    corners = np.array(np.meshgrid((0, 1), (0, 1), (0, thickness), indexing="ij")).reshape(3, -1).T
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    plate = Mesh(corners, [[a, b, c] for a, b, c, _ in quads] + [[a, c, d] for a, _, c, d in quads])
+    with pytest.raises(ArgumentError, match=r"^mesh: expected .*thicker than a pixel.* got extents of 1, 1, "):
+        object_views(plate, 64, projection)
+    if thickness:
+        assert len(object_views(plate, 256, projection)) == 6

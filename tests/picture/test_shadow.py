@@ -1,0 +1,338 @@
+"""Shadows against rays cast from the surface's true points to the light."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.capture.raycast import capture, object_views
+from pyibr.core.camera import Camera
+from pyibr.picture.shadow import light_cameras
+from tests.displaced import Solid, square
+from tests.one_lane import check_bounds, one_lane
+from tests.reference.heights import bilinear_height
+from tests.relief.solids import Carved, grid, torus
+from tests.shadowed import (
+    AMBIENT,
+    CAMERAS,
+    LIGHTS,
+    SCENES,
+    agreement,
+    ball,
+    box,
+    caster,
+    hilly,
+    joined,
+    light_of,
+    plane,
+)
+from tests.truth import triangulate
+
+
+@pytest.mark.parametrize("projection", CAMERAS)
+@pytest.mark.parametrize("kind", LIGHTS)
+@pytest.mark.parametrize("name", SCENES)
+def test_shadows_are_those_of_rays(name, kind, projection):
+    things = SCENES[name]
+    share = agreement(things, caster(*things), CAMERAS[projection], light_of(kind))
+    assert share >= 0.999
+
+
+SHAPES = [
+    {"direction": (1, 0.4, -0.5)},
+    {"position": (-0.6, 0.2, 0.8), "direction": (1.0, 0.3, -0.7), "angle": 70},
+    {"position": (0.4, 1.2, 0.6)},
+]
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=str)
+@pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
+def test_sliced_surfaces_shadow_themselves_and_others(shape, slicing):
+    height, color, floor = hilly(), np.full((1, 1, 3), 255, np.uint8), plane(3.0, -0.01)
+    surface = ibr.SlicedSurface(square(), height, color, 0.25, slices=256, slicing=slicing)
+    stone = box((0.5, 0.5, 0.42), (0.12, 0.07, 0.05))
+    scene = Solid(height, 0.25, 4).scene
+    for mesh in (stone, floor):
+        scene.add_triangles(np.array(mesh.vertices), mesh.faces.astype(np.uint32))
+    camera = Camera.look_at((0.9, -1.2, 1.3), (0.5, 0.5, 0.05), (0, 0, 1), (320, 240), 42)
+    share = agreement([surface, stone, floor], scene, camera, ibr.Light(**shape, ambient=AMBIENT))
+    assert share >= 0.99
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=str)
+def test_reliefs_shadow_themselves_and_others(shape):
+    """The square's relief lies below it, so what it shows is the solid moved down by its scale."""
+    height, color, floor = hilly(), np.full((1, 1, 3), 255, np.uint8), plane(3.0, -0.26)
+    wide = ibr.Mesh(3 * square().vertices - (1, 1, 0), square().faces, uv=3 * square().uv)  # rays run on beyond it
+    surface = ibr.ReliefSurface(wide, height, color, 0.25)
+    stone = box((0.5, 0.5, 0.17), (0.12, 0.07, 0.05))
+    scene = caster(stone, floor)
+    u, v = np.meshgrid(np.arange(769) / 256 - 1, np.arange(769) / 256 - 1)
+    y, x = np.mgrid[:768, :768]
+    at = (769 * y + x).ravel()
+    faces = np.concatenate([np.stack([at, at + 1, at + 770], 1), np.stack([at, at + 770, at + 769], 1)])
+    points = np.stack([u, v, 0.25 * (bilinear_height(height.astype(float), u, v) - 1)], axis=-1).reshape(-1, 3)
+    scene.add_triangles(points.astype(np.float32), faces.astype(np.uint32))
+    camera = Camera.look_at((0.9, -1.0, 1.05), (0.5, 0.5, -0.2), (0, 0, 1), (320, 240), 42)
+    share = agreement([surface, stone], scene, camera, ibr.Light(**shape, ambient=AMBIENT))
+    assert share >= 0.99
+
+
+@pytest.mark.parametrize("distance", ["approximate", "exact"])
+@pytest.mark.parametrize("shape", [{"direction": (0.6, 0.5, -0.9)}, LIGHTS["spot"], LIGHTS["point"]], ids=str)
+def test_curved_reliefs_shadow_themselves_and_others(shape, distance):
+    """A torus with hills, whose outline casts the shadow's."""
+    height, color, floor = hilly(), np.full((1, 1, 3), 255, np.uint8), plane(3.0, -0.45)
+    relief = ibr.ReliefSurface(grid(torus, 96, 48), height, color, 0.06, (10, 4), distance=distance)
+    scene = Carved(torus, height, 0.06, (10, 4)).scene
+    scene.add_triangles(np.array(floor.vertices), floor.faces.astype(np.uint32))
+    camera = Camera.look_at((1.9, -3.4, 2.6), (0, 0, -0.1), (0, 0, 1), (320, 240), 45)
+    share = agreement([floor, relief], scene, camera, ibr.Light(**shape, ambient=AMBIENT))
+    assert share >= 0.97
+
+
+FEW = [{"direction": (0.8, 0.9, -1.3)}, LIGHTS["spot"], {"position": (2, -2, 2.5)}]
+
+
+@pytest.mark.parametrize("shape", FEW, ids=str)
+@pytest.mark.parametrize("dtype", [np.uint8, np.float32])
+@pytest.mark.parametrize("edges", ["cut", "connect"])
+def test_a_warped_depth_image_casts_and_receives(shape, dtype, edges):
+    """Shadows are those of the surface that is drawn."""
+    source = Camera.look_at((0.2, -3.4, 3.2), (0, 0, 0.2), (0, 0, 1), (400, 300), 50)
+    view = capture(joined(SCENES["balls"]), source)
+    color = np.full((300, 400, 3), 255 if dtype == np.uint8 else 1, dtype)
+    view = ibr.DepthImage(color, view.depth, source)
+    beam, shelf = box((0.2, -0.9, 0.9), (0.6, 0.05, 0.05)), plane(5.0, -0.4)
+    scene = caster(beam, shelf)
+    y, x = np.mgrid[:300, :400].reshape(2, -1)
+    z = np.nan_to_num(view.depth.ravel().astype(float), nan=1.0, posinf=1.0)
+    scene.add_triangles(
+        source.unproject(np.stack([x, y], axis=-1), z).astype(np.float32),
+        triangulate(view, edges, 1.05).astype(np.uint32),
+    )
+    camera = source.moved(0.3, -0.1, 0.2).resized((320, 240))
+    things, light = [view, beam, shelf], ibr.Light(**shape, ambient=AMBIENT)
+    if dtype == np.float32:
+        byte = ibr.render(
+            [ibr.DepthImage(np.full_like(color, 255, np.uint8), view.depth, source), beam, shelf],
+            camera,
+            light,
+            edges=edges,
+        )
+        picture = ibr.render(things, camera, light, edges=edges)
+        assert np.abs(255 * picture.color - byte.color).max() <= 0.51 + 1e-3
+        return
+    for sample in ("linear", "nearest"):
+        assert agreement(things, scene, camera, light, edges=edges, sample=sample) >= 0.97, sample
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.float32])
+def test_light_passes_where_edges_are_cut(dtype):
+    """A card at 2, half a unit to each side, before a wall at 4; the light comes from the left, at 45 degrees.
+
+    The card's shadow is on the wall from 1.5 to 2.5. The rubber sheet around it takes the light from -1 to 1.5, of
+    which the source sees what is beyond 1.
+    """
+    camera = Camera([[60, 0, 60], [0, 60, 40], [0, 0, 1]], (121, 81))
+    y, x = np.mgrid[:81, :121]
+    depth = np.where((abs(x - 60) <= 15) & (abs(y - 40) <= 15), np.float32(2), np.float32(4))
+    view = ibr.DepthImage(np.full((81, 121, 3), 200 if dtype == np.uint8 else 0.5, dtype), depth, camera)
+    frame, cut, connected = (
+        ibr.render(view, camera, ibr.Light(direction=(1, 0, 1)), **options).color[40, :, 0] / view.color[0, 0, 0]
+        for options in ({}, {"edges": "cut"}, {"edges": "connect"})
+    )
+    np.testing.assert_array_equal(frame, cut)
+    np.testing.assert_allclose(cut[77:82], 1)
+    np.testing.assert_allclose(connected[77:82], 0.25, atol=0.01)
+    for row in (cut, connected):
+        np.testing.assert_allclose(row[84:96], 0.25, atol=0.01)
+        np.testing.assert_allclose(row[100:119], 1)
+        np.testing.assert_allclose(row[47:73], 1)  # the card
+
+
+@pytest.mark.parametrize("make", [ibr.DepthObject, ibr.VisualHull])
+@pytest.mark.parametrize("shape", FEW, ids=str)
+def test_objects_from_images_cast_and_receive(shape, make):
+    """A ball of depth images; a hull of six silhouettes is a box.
+
+    A point is moved off the object by a slice before it looks for the light, and so sees it a little behind the
+    horizon: 3 % of the ball's pixels.
+    """
+    solid = ball((0.2, 0.1, 0.75), 0.6) if make is ibr.DepthObject else box((0.2, 0.1, 0.6), (0.6, 0.4, 0.5))
+    bar, floor = box((-0.3, -0.6, 1.4), (0.1, 0.7, 0.05)), plane()
+    things = [make(object_views(joined([solid]), 128), 128), bar, floor]
+    share = agreement(things, caster(solid, bar, floor), CAMERAS["perspective"], ibr.Light(**shape, ambient=AMBIENT))
+    assert share >= 0.97
+
+
+def every_thing() -> list[Any]:
+    """One of each kind, in one another's shadow."""
+    source = Camera.look_at((0, -3, 3), (0, 0, 0), (0, 0, 1), (60, 45), 40)
+    view = capture(joined([plane(1.5, -0.2), ball((0.5, 0.6, 0.1), 0.3)]), source)
+    views = object_views(joined([ball((0, 0, 0), 0.3)]), 24)
+    shifted = ibr.Mesh(np.add(square().vertices, (-1.2, -0.5, 0)), square().faces, uv=square().uv)
+    surface = ibr.SlicedSurface(shifted, hilly()[::8, ::8], np.full((1, 1, 3), 255, np.uint8), 0.25, slices=32)
+    return [
+        view,
+        surface,
+        ibr.DepthObject(views, 24),
+        ibr.VisualHull(views, 24),
+        ibr.ReliefSurface(
+            ibr.Mesh(np.add(square().vertices, (-0.4, 0.4, 0.15)), square().faces, uv=square().uv),
+            hilly()[::8, ::8],
+            np.full((1, 1, 3), 255, np.uint8),
+            0.1,
+        ),
+        box((0.5, -0.5, 0.8), (0.3, 0.3, 0.05)),
+    ]
+
+
+SEES_ALL = Camera.look_at((1.0, -3.4, 2.4), (0, 0, 0.1), (0, 0, 1), (203, 149), 40)
+
+
+@pytest.mark.parametrize("kind", LIGHTS)
+def test_again_the_same_bits_and_in_any_order(kind):
+    things, light = every_thing(), light_of(kind, shadow_size=200)
+    frame, again = (ibr.render(things, SEES_ALL, light) for _ in range(2))
+    for one, other in ((frame.color, again.color), (frame.depth, again.depth), (frame.valid, again.valid)):
+        assert one.tobytes() == other.tobytes()
+    turned = ibr.render(things[::-1], SEES_ALL, light)
+    tied = np.abs(frame.depth - turned.depth) > 0  # the ball as object and as hull
+    assert (np.abs(frame.color.astype(int) - turned.color).max(axis=2) > 1)[~tied].mean() <= 2e-3
+
+
+@pytest.mark.parametrize("kind", LIGHTS)
+def test_in_one_lane(kind):
+    things, light = every_thing(), light_of(kind, shadow_size=200, specular=0.3)
+    wide = ibr.render(things, SEES_ALL, light)
+    with one_lane():
+        one = ibr.render(every_thing(), SEES_ALL, light)
+    # As in the tests without shadows, slices and outlines may be met otherwise by one rounding.
+    assert (one.valid != wide.valid).mean() <= 2e-3
+    assert (np.abs(one.color.astype(int) - wide.color).max(axis=2) <= 2).mean() >= 0.985
+
+
+def test_without_shadows_nothing_is_shadowed():
+    """Depth images and objects keep their colours, whatever the light; of meshes each is lit as if alone."""
+    for shape in LIGHTS.values():
+        light = ibr.Light(**shape, shadow_size=0)
+        view, surface, solid, hull, _, slab = every_thing()
+        for thing in (view, solid, hull):
+            np.testing.assert_array_equal(ibr.render(thing, SEES_ALL, light).color, ibr.render(thing, SEES_ALL).color)
+        both, alone = ibr.render([surface, slab], SEES_ALL, light), ibr.render(slab, SEES_ALL, light)
+        mine = alone.valid & (alone.depth == both.depth)
+        assert mine.sum() > 500
+        np.testing.assert_array_equal(both.color[mine], alone.color[mine])
+
+
+def test_a_light_from_behind():
+    """What is seen of a wall, of a depth image of it too, is dark: so is what stands before it."""
+    camera = Camera([[60, 0, 40], [0, 60, 30], [0, 0, 1]], (81, 61))
+    color, depth = np.full((61, 81, 3), 200, np.uint8), np.full((61, 81), 4, np.float32)
+    card = ibr.Mesh([[-0.5, -0.5, 3], [0.5, -0.5, 3], [0.5, 0.5, 3], [-0.5, 0.5, 3]], [[0, 2, 1], [0, 3, 2]])
+    for shape in ({"direction": (0.1, 0, -1)}, {"position": (0, 0.2, 9)}):
+        frame = ibr.render([ibr.DepthImage(color, depth, camera), card], camera, ibr.Light(**shape))
+        assert frame.valid.all()
+        assert set(np.unique(frame.color[5, :, 0])) == {50}
+        assert set(np.unique(frame.color[26:34, 34:46, 0])) == {51}  # a quarter of 204
+
+
+@pytest.mark.parametrize("shape", LIGHTS.values(), ids=LIGHTS)
+def test_maps_hold_all_that_is_lit(shape):
+    """Every point of the boxes that the light reaches lies on one of its maps, with room for the filter."""
+    light = ibr.Light(**shape, shadow_size=128)
+    bounds = [thing.bounds for thing in SCENES["balls"]]
+    cameras = light_cameras(light, bounds)
+    assert {camera.size for camera in cameras} == {(128, 128)}
+    rng = np.random.default_rng(0)
+    points = np.concatenate([rng.uniform(low, high, (2000, 3)) for low, high in bounds])
+    if light.position is not None and light.direction is not None:
+        off_axis = points - light.position
+        cosine = off_axis @ light.direction / np.linalg.norm(off_axis, axis=1) / np.linalg.norm(light.direction)
+        points = points[cosine > np.cos(np.radians(light.angle / 2))]
+    held = np.zeros(len(points), bool)
+    for camera in cameras:
+        pixels, depth = camera.project(points)
+        held |= (depth > 0) & (pixels > 3.4).all(axis=1) & (pixels < 123.6).all(axis=1)
+    assert len(points) > 1000
+    assert held.all()
+
+
+def test_bounds_of_things():
+    """Not of reliefs, whose rays run on below a base's open border."""
+    for thing in every_thing():
+        if isinstance(thing, ibr.ReliefSurface):
+            continue
+        low, high = thing.bounds
+        frame = ibr.render(thing, SEES_ALL)
+        y, x = np.nonzero(frame.valid)
+        points = SEES_ALL.unproject(np.stack([x, y], axis=-1), frame.depth[y, x].astype(float))
+        slack = 1e-4 * np.linalg.norm(np.subtract(high, low))  # float32
+        assert (points >= low - slack).all()
+        assert (points <= high + slack).all()
+        assert (np.ptp(points, axis=0) >= 0.4 * np.subtract(high, low)).any()  # and not much larger
+
+
+def test_a_thing_alone_and_one_of_no_extent():
+    """Whatever the light, a dot or a line before it is no error."""
+    dot = ibr.Mesh([[0, 0, 0], [0, 0, 0], [0, 0, 0]], [[0, 1, 2]])
+    line = ibr.Mesh([[0, 0, 0], [0, 0, 1], [0, 0, 0.5]], [[0, 1, 2]])
+    for shape in (*LIGHTS.values(), {"position": (0, 0, 0)}, {"position": (0, 0, 0), "direction": (0, 0, 1)}):
+        for things in ([dot], [line], [dot, plane()]):
+            assert ibr.render(things, SEES_ALL, ibr.Light(**shape)).valid.any() == (len(things) == 2)
+
+
+BOUNDS = """
+import numpy as np, pyibr as ibr
+from pyibr.core.camera import Camera
+corners, uv = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 0], [1, 0], [1, 1], [0, 1]]
+square = ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]], uv=uv)
+views = []
+for eye in (3, 0, 0), (0, 3, 0), (0, 0, 3), (-2, -2, 2):
+    camera = Camera.look_at(eye, (0, 0, 0), (0.1, 0.2, 1), (9, 7), fov_y=40)
+    depth = np.full((7, 9), np.inf, np.float32)
+    depth[2:5, 3:7] = 2.5
+    views.append(ibr.DepthImage(np.full((7, 9, 3), 9, np.uint8), depth, camera))
+height, color = np.random.default_rng(0).random((3, 2), np.float32), np.full((2, 2, 3), 9, np.uint8)
+things = [ibr.SlicedSurface(square, height, color, 0.3, slices=3), ibr.ReliefSurface(square, height, color, 0.3),
+          square, views[2], ibr.DepthObject(views, 5)]
+eye = (2, 1, 2)
+lights = [{"direction": (1, 0.3, -1)}, {"position": (0.2, 0.1, 0.3)}, {"position": eye, "direction": (-2, -1, -2)}]
+for number, light in enumerate(lights):
+    for size in (13, 7), (1, 1):
+        camera = Camera.look_at(eye, (0, 0, 0), (0, 1, 0.1), size, fov_y=40)
+        ibr.render(things[number:], camera, ibr.Light(**light, shadow_size=16, specular=0.5))
+"""
+
+
+def test_no_kernel_leaves_its_arrays(tmp_path: Path):
+    check_bounds(BOUNDS, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("light", "count"),
+    [
+        ({"direction": (0.6, 0.5, -0.9)}, 1),
+        ({"direction": (0, 0, -1)}, 1),
+        ({"position": (-8.0, 1.0, 6.0)}, 1),
+        ({"position": (-3.0, 1.0, 1.5)}, 6),  # so close that one map would be all edge
+        ({"position": (0.0, 0.0, 0.5)}, 6),
+        ({"position": (0.0, 0.0, 0.5), "direction": (1, 0, 0)}, 1),
+        ({"position": (0.0, 0.0, 0.5), "direction": (1, 0, 0), "angle": 150}, 6),  # so wide
+    ],
+)
+def test_the_lights_cameras_see_all_of_the_scene(light, count):
+    low, high = np.array([-3.0, -3, -0.5]), np.array([3.0, 3, 1])
+    cameras = light_cameras(ibr.Light(**light, shadow_size=64), [(low, high)])
+    assert len(cameras) == count
+    corners = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
+    seen = np.zeros(8, bool)
+    for camera in cameras:
+        pixel, depth = camera.project(corners)
+        seen |= (depth > 0) & (pixel >= -0.5).all(axis=1) & (pixel <= 63.5).all(axis=1)
+    assert seen.all() or ("direction" in light and "position" in light)
