@@ -13,26 +13,36 @@ from benchmarks import report
 from benchmarks.cases import FULL, QUICK
 from benchmarks.runner import run
 
-NAMES = ("complexity", "table2", "peers", "rgbd", "raster", "slicing", "relief", "depthmesh", "startup")
+MODULES = {
+    "complexity": "warp.complexity",
+    "table2": "table2",
+    "peers": "warp.peers",
+    "rgbd": "warp.rgbd",
+    "raster": "raster.raster",
+    "slicing": "slicing.slicing",
+    "relief": "relief.relief",
+    "depthmesh": "depthmesh.depthmesh",
+    "startup": "startup",
+}
 
 
 def main(
-    names: Annotated[list[str] | None, typer.Argument(help=f"Some of: {', '.join(NAMES)}. Default: all.")] = None,
+    names: Annotated[list[str] | None, typer.Argument(help=f"Some of: {', '.join(MODULES)}. Default: all.")] = None,
     quick: Annotated[bool, typer.Option(help="Tiny sizes, to see that everything runs.")] = False,
     out: Annotated[Path | None, typer.Option(help="Default: benchmarks/results/VERSION, or build/benchmarks.")] = None,
 ) -> None:
     """Measure pyibr beside the papers' figures and its peers. No other work should run meanwhile."""
     import pyibr as ibr
 
-    wanted = names or list(NAMES)
-    unknown = sorted(set(wanted) - set(NAMES))
+    wanted = names or list(MODULES)
+    unknown = sorted(set(wanted) - set(MODULES))
     if unknown:
-        raise typer.BadParameter(f"expected some of {', '.join(NAMES)}, got {', '.join(unknown)}")
+        raise typer.BadParameter(f"expected some of {', '.join(MODULES)}, got {', '.join(unknown)}")
     if out is None:
         here = Path(__file__).parent
         out = here.parent / "build/benchmarks" if quick else here / "results" / ibr.__version__
     for name in wanted:
-        module = import_module(f"benchmarks.{name}")
+        module = import_module(f"benchmarks.{MODULES[name]}")
         run(name, module.cases(QUICK if quick else FULL)).save(out / f"{name}.json")
     Console().print(f"written: {report.write(out)}")
 

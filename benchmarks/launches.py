@@ -1,25 +1,19 @@
-"""What single launches of a warp cost, and how many samples they visit.
-
-`pyibr.warp.warp` looks up `launch` and `kernel` when it is called: while these contexts are open it finds others
-in their place, which do the same with the same arguments and take notes.
-"""
+"""What single launches of a warp cost, and how many samples they visit."""
 
 from __future__ import annotations
 
 import math
 import time
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
-from unittest import mock
 
 import numpy as np
 
-from pyibr.opencl import launch as launching
-from pyibr.opencl import program
 from pyibr.opencl.memory import empty
+from pyibr.opencl.watch import Watch, watching
 
 COUNTED = ("epipolar_sweep", "search", "resolve")
 
@@ -40,53 +34,62 @@ class Visited:
     pixels: int = 0
 
 
+class _Times(Watch):
+    def __init__(self) -> None:
+        self.of: dict[str, list[float]] = defaultdict(list)
+
+    def launch(
+        self, kernel: Any, grid: tuple[int, ...], arguments: Mapping[str, Any], enqueue: Callable[..., None]
+    ) -> None:
+        kernel.session.queue.finish()
+        start = time.perf_counter()
+        enqueue(**arguments)
+        kernel.session.queue.finish()
+        self.of[kernel.name].append(1e3 * (time.perf_counter() - start))
+
+
 @contextmanager
 def kernel_times() -> Iterator[dict[str, list[float]]]:
     """Yields milliseconds by kernel, one value a launch; the queue is awaited before and after each."""
-    times: dict[str, list[float]] = defaultdict(list)
-    launch = launching.launch
+    times = _Times()
+    with watching(times):
+        yield times.of
+    _require(times.of, "no launch was seen")
 
-    def timed(kernel: program.Kernel, grid: tuple[int, ...], **arguments: Any) -> None:
-        kernel.session.queue.finish()
+
+class _BuildTimes(Watch):
+    def __init__(self) -> None:
+        self.of: dict[str, float] = {}
+
+    def build(self, name: str, defines: Mapping[str, int], make: Callable[[Mapping[str, int]], Any]) -> Any:
         start = time.perf_counter()
-        launch(kernel, grid, **arguments)
-        kernel.session.queue.finish()
-        times[kernel.name].append(1e3 * (time.perf_counter() - start))
-
-    with mock.patch.object(launching, "launch", timed):
-        yield times
-    _require(times, "no launch was seen")
+        found = make(defines)
+        self.of.setdefault(name, 1e3 * (time.perf_counter() - start))
+        return found
 
 
 @contextmanager
 def build_times() -> Iterator[dict[str, float]]:
     """Yields milliseconds that kernels took to be there, built or loaded; a kernel's first call."""
-    times: dict[str, float] = {}
-    kernel = program.kernel
-
-    def timed(file: str, name: str, **defines: int) -> program.Kernel:
-        start = time.perf_counter()
-        found = kernel(file, name, **defines)
-        times.setdefault(name, 1e3 * (time.perf_counter() - start))
-        return found
-
-    with mock.patch.object(program, "kernel", timed):
-        yield times
-    _require(times, "no kernel was asked for")
+    times = _BuildTimes()
+    with watching(times):
+        yield times.of
+    _require(times.of, "no kernel was asked for")
 
 
-@contextmanager
-def counted_samples() -> Iterator[dict[str, Visited]]:
-    """Yields by kernel what a whole call visits: the sweep or the search, and `resolve`."""
-    counts: dict[str, Visited] = {}
-    kernel, launch = program.kernel, launching.launch
+class _Counts(Watch):
+    def __init__(self) -> None:
+        self.of: dict[str, Visited] = {}
 
-    def with_counts(file: str, name: str, **defines: int) -> program.Kernel:
-        return kernel(file, name, **defines, **({"COUNT_SAMPLES": 1} if name in COUNTED else {}))
+    def build(self, name: str, defines: Mapping[str, int], make: Callable[[Mapping[str, int]], Any]) -> Any:
+        return make({**defines, "COUNT_SAMPLES": 1} if name in COUNTED else defines)
 
-    def counting(kernel: program.Kernel, grid: tuple[int, ...], **arguments: Any) -> None:
+    def launch(
+        self, kernel: Any, grid: tuple[int, ...], arguments: Mapping[str, Any], enqueue: Callable[..., None]
+    ) -> None:
         if kernel.name not in COUNTED:
-            return launch(kernel, grid, **arguments)
+            enqueue(**arguments)
+            return
         target = arguments["map"].values
         shape = {
             "epipolar_sweep": lambda: (arguments["packet_count"], 2),
@@ -95,19 +98,22 @@ def counted_samples() -> Iterator[dict[str, Visited]]:
         }[kernel.name]()
         visited = empty(shape, np.uint32)
         visited.fill(0)
-        launch(kernel, grid, **arguments, counts=visited)
+        enqueue(**arguments, counts=visited)
         host = visited.to_host().astype(np.uint64)
         samples, pixels = (host.sum(), 0) if kernel.name == "search" else host.sum(axis=0)
-        before = counts.get(kernel.name, Visited())
-        counts[kernel.name] = Visited(before.samples + int(samples), before.pixels + int(pixels))
-        return None
+        before = self.of.get(kernel.name, Visited())
+        self.of[kernel.name] = Visited(before.samples + int(samples), before.pixels + int(pixels))
 
-    with mock.patch.object(program, "kernel", with_counts), mock.patch.object(launching, "launch", counting):
-        yield counts
-    _require(counts, "neither a sweep nor a search was launched")
+
+@contextmanager
+def counted_samples() -> Iterator[dict[str, Visited]]:
+    """Yields by kernel what a whole call visits: the sweep or the search, and `resolve`."""
+    counts = _Counts()
+    with watching(counts):
+        yield counts.of
+    _require(counts.of, "neither a sweep nor a search was launched")
 
 
 def _require(seen: object, otherwise: str) -> None:
-    """A context that sees nothing means that `pyibr.warp.warp` takes its launches from elsewhere now."""
     if not seen:
-        raise RuntimeError(f"benchmarks/launches.py: {otherwise}")
+        raise RuntimeError(f"benchmarks: {otherwise}")

@@ -241,7 +241,7 @@ def _living_room(number: int, size: tuple[int, int]) -> tuple[Array, Array]:
 @functools.lru_cache(maxsize=2)
 def _room_seen_by(camera: ibr.Camera) -> tuple[Array, Array]:
     """Colour and depth, some rows at a time: rays need much memory."""
-    from pyibr.capture.raycast import MeshScene
+    from pyibr.capture import MeshScene
 
     scene, parts = MeshScene.from_mesh(_room()), list[ibr.DepthImage]()
     for top in range(0, camera.height, _CHUNK):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.capture.raycast import MeshScene
+from pyibr.capture import MeshScene
 from pyibr.core.camera import Camera
 from tests.slicing.solids import revolved
 

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 import pyibr as ibr
 from benchmarks.cases import Plan
-from benchmarks.depthmesh.depthmesh import simplification
+from benchmarks.depthmesh import simplification
 from benchmarks.launches import kernel_times
 from benchmarks.results import Parameter, Record, Skip
 from benchmarks.runner import Case, Subject, Work, in_turns
 from benchmarks.scenes import scanned
-from pyibr.capture.raycast import MeshScene, models, object_views
+from pyibr.capture import MeshScene, models, object_views
 from pyibr.core.camera import Projection
 from pyibr.core.errors import MissingPackageError
 from pyibr.depthmesh.object import Blend

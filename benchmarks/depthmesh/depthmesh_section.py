@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks import plots
-from benchmarks.depthmesh.depthmesh import depthmesh, simplification
+from benchmarks.depthmesh import depthmesh, simplification
 from benchmarks.results import Record, Result
 from benchmarks.statistics import Quartiles, median, number
 from benchmarks.tables import only, table, verdict

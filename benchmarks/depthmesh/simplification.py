@@ -20,7 +20,7 @@ from benchmarks.cases import Plan
 from benchmarks.results import Parameter, Record, Skip
 from benchmarks.runner import Case, Subject, Work
 from benchmarks.scenes import relief, scanned, terrain
-from pyibr.capture.raycast import MeshScene, object_views
+from pyibr.capture import MeshScene, object_views
 from pyibr.core.errors import MissingPackageError
 from pyibr.depthmesh.segmentation import Segmentation
 from pyibr.depthmesh.tree import Tree

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from benchmarks.relief.relief import relief
+from benchmarks.relief import relief
 from benchmarks.results import Result
 from benchmarks.statistics import Quartiles, median, number
 from benchmarks.tables import only, table, verdict

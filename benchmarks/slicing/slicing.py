@@ -19,7 +19,7 @@ from benchmarks.cases import Plan
 from benchmarks.results import Parameter, Record, Skip
 from benchmarks.runner import Case, Subject, Work
 from benchmarks.scenes import bumps, scanned
-from pyibr.capture.raycast import MeshScene, models, object_views
+from pyibr.capture import MeshScene, models, object_views
 from pyibr.slicing import alpha_tests
 
 OBJECT, HULL = "depth object", "visual hull"

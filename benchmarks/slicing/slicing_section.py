@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import plots
-from benchmarks.raster.raster import raster
+from benchmarks.raster import raster
 from benchmarks.results import Record, Result
-from benchmarks.slicing.slicing import slicing
+from benchmarks.slicing import slicing
 from benchmarks.statistics import Quartiles, median, number
 from benchmarks.tables import only, table, verdict
 

@@ -9,7 +9,7 @@ from objects import knot
 from reliefs import show, wires
 
 import pyibr as ibr
-from pyibr.capture.raycast import object_views
+from pyibr.capture import object_views
 from pyibr.depthmesh import Segmentation
 
 WHITE = (255, 255, 255)

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import pyibr as ibr
-from pyibr.capture.raycast import MeshScene, object_views
+from pyibr.capture import MeshScene, object_views
 
 
 def knot() -> MeshScene:

@@ -65,18 +65,17 @@ def locked(array: ArrayT) -> ArrayT:
     return cast("ArrayT", view)
 
 
-def number_from(argument: str, value: object, least: float, most: float, expected: str) -> float:
+def number_from(argument: str, value: float, least: float, most: float, expected: str) -> float:
     """Return `value` as a finite float from `least` to `most` or raise ArgumentError."""
-    if isinstance(value, (int, float, np.number)) and not isinstance(value, bool):
-        number = float(value)
-        if least <= number <= most and math.isfinite(number):
-            return number
+    is_number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)  # pyright: ignore[reportUnnecessaryIsInstance]
+    if is_number and least <= value <= most and math.isfinite(value):
+        return float(value)
     raise ArgumentError(argument, expected, repr(value))
 
 
-def whole_from(argument: str, value: object, least: int, most: int, expected: str = "") -> int:
+def whole_from(argument: str, value: int, least: int, most: int, expected: str = "") -> int:
     """Return `value` as an int from `least` to `most` or raise ArgumentError."""
-    if isinstance(value, (int, np.integer)) and not isinstance(value, bool) and least <= value <= most:
+    if isinstance(value, (int, np.integer)) and not isinstance(value, bool) and least <= value <= most:  # pyright: ignore[reportUnnecessaryIsInstance]
         return int(value)
     raise ArgumentError(argument, expected or f"a whole number from {least} to {most}", describe(value))
 

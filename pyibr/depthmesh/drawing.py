@@ -4,24 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Float64
+from pyibr.core.checks import Fixed, Float64
 from pyibr.core.pixelspace import camera_pair, pixel_size
 from pyibr.depthmesh.background import Background, ViewMesh, underlay_of
 from pyibr.depthmesh.levels import color_levels
 from pyibr.depthmesh.triangulation import active_for, list_triangles, project_points
 from pyibr.opencl.device import current
-from pyibr.opencl.kept import KeepsOnDevice, kept
+from pyibr.opencl.kept import kept
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, upload
 from pyibr.opencl.program import kernel
 from pyibr.picture.target import Target
 from pyibr.raster.bins import BIN, bin_primitives
+
+Bounds = tuple[Float64, Float64]
 
 _BLENDS = {"quality": 0, "position": 1, "nearest": 2}  # BLEND of kernels/depthmesh/blend.cl
 _UNDERLAID = 2  # times as many views are looked at under the holes as are blended
@@ -64,15 +66,6 @@ class Blending:
     background: Background | None
 
 
-class HasMeshes(KeepsOnDevice, Protocol):
-    """What is drawn: a mesh, or several."""
-
-    @property
-    def tolerance(self) -> float: ...
-    @property
-    def bounds(self) -> tuple[Float64, Float64]: ...
-
-
 def _colors_of(meshes: Sequence[ViewMesh]) -> _Colors:
     words, sizes = list[NDArray[np.uint32]](), list[tuple[int, int, int]]()
     ends, start = list[tuple[int, int]](), 0
@@ -88,20 +81,34 @@ def _colors_of(meshes: Sequence[ViewMesh]) -> _Colors:
 
 def draw_depth_meshes(
     target: Target,
-    thing: HasMeshes,
+    thing: Fixed,
     meshes: Sequence[ViewMesh],
+    tolerance: float,
+    bounds: Bounds,
     blending: Blending | None = None,
     occupancy: DeviceArray | None = None,
 ) -> None:
     """Draw the mesh of a view, or those of several, blended, into the target.
 
-    `occupancy`, (H, W) uint32, gets bit k set where view k gave colour.
+    Parameters
+    ----------
+    target : Target
+    thing : Fixed
+        That keeps its colours on the device.
+    meshes : sequence of ViewMesh
+    tolerance : float
+        Pixels by which each mesh may lie off its surface.
+    bounds : (low, high)
+        In the world.
+    blending : Blending, optional
+        Of several meshes.
+    occupancy : DeviceArray (H, W) uint32, optional
+        Gets bit k set where view k gave colour.
     """
     closeness = np.ones(1) if blending is None else blending.closeness
     order: list[int] = np.argsort(-closeness, kind="stable").tolist()
     chosen = order if blending is None else sorted(order[: blending.count])
     trees = [meshes[number].tree for number in chosen]
-    tolerance = thing.tolerance if blending is None else 0.5 * thing.tolerance
     active = [active_for(tree, target.camera, tolerance) for tree in trees]
     shown, underlay = chosen, None  # the view of each mesh that is drawn
     defines = {"VIEWS": len(chosen), "COLOR_BYTES": target.channel_bytes}
@@ -134,7 +141,7 @@ def draw_depth_meshes(
     if occupancy is not None:
         defines["OCCUPIED"] = 1
         more["occupancy"] = occupancy
-    near = target.near(thing.bounds)
+    near = target.near(bounds)
     culled = 0 if target.from_light else 1  # backs have no colours, but cast shadows
     bins = bin_primitives(target, triangles.corners, projected, near, culled)
     launch(
@@ -163,10 +170,10 @@ def draw_depth_meshes(
     target.blank = False
 
 
-def drawn_off(thing: HasMeshes, target: Target) -> float:
+def drawn_off(target: Target, tolerance: float, bounds: Bounds) -> float:
     """Scene units by which what is drawn may lie off the surface: lights see other triangles."""
-    low, high = thing.bounds
-    return thing.tolerance * pixel_size(target.camera, 0.5 * (low + high))
+    low, high = bounds
+    return tolerance * pixel_size(target.camera, 0.5 * (low + high))
 
 
 def _focal(camera: Camera) -> float:

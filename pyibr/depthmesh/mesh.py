@@ -77,16 +77,20 @@ class DepthMesh(Fixed):
     def __repr__(self) -> str:
         return f"<DepthMesh {self.view.camera.width}x{self.view.camera.height}>"
 
-    @cached_property
+    @property
     def bounds(self) -> tuple[Float64, Float64]:
         """(low, high), each (3,), in the world: the box around the triangles, whatever isolated samples say."""
+        return self._box
+
+    @cached_property
+    def _box(self) -> tuple[Float64, Float64]:
         with self.tree.cells.session.lock:
             return self.view.bounds_of(_in_triangles(self.tree))
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
         """Draw the triangles in the view's colours, which hold their light."""
-        with shadowed(target, lighting, grain=drawn_off(self, target)):
-            draw_depth_meshes(target, self, [self])
+        with shadowed(target, lighting, grain=drawn_off(target, self.tolerance, self.bounds)):
+            draw_depth_meshes(target, self, [self], self.tolerance, self.bounds)
 
     @property
     def tree(self) -> Tree:

@@ -121,7 +121,7 @@ class DepthMeshObject(Fixed):
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
         """Draw the blended meshes in their views' colours, which hold their light."""
-        with shadowed(target, lighting, grain=drawn_off(self, target)):
+        with shadowed(target, lighting, grain=drawn_off(target, self.tolerance, self.bounds)):
             self._blend(target)
 
     def _blend(self, target: Target, occupancy: DeviceArray | None = None) -> None:
@@ -129,7 +129,7 @@ class DepthMeshObject(Fixed):
         if self.background:
             behind = kept(self, "background", lambda: background_of(self.meshes, self.extent))
         blending = Blending(self.blend, self.closeness(target.camera), self.blended, self.epsilon, behind)
-        draw_depth_meshes(target, self, self.meshes, blending, occupancy)
+        draw_depth_meshes(target, self, self.meshes, 0.5 * self.tolerance, self.bounds, blending, occupancy)
 
     @property
     def extent(self) -> float:

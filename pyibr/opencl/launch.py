@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 from pyibr.core.errors import ArgumentError
 from pyibr.opencl.memory import DeviceArray
 from pyibr.opencl.program import Argument, Kernel
+from pyibr.opencl.watch import watches
 
 _ELEMENTS: dict[str, np.dtype[Any]] = {
     "float": np.dtype(np.float32),
@@ -51,6 +53,13 @@ def launch(kernel: Kernel, grid: tuple[int, ...], **arguments: DeviceArray | Str
     ArgumentError
         If a name is missing or unknown, or a value's type is not what the source declares.
     """
+    if watches:
+        watches[-1].launch(kernel, grid, arguments, functools.partial(_enqueue, kernel, grid))
+    else:
+        _enqueue(kernel, grid, **arguments)
+
+
+def _enqueue(kernel: Kernel, grid: tuple[int, ...], **arguments: DeviceArray | Struct | float) -> None:
     import pyopencl as cl
 
     if kernel.names != arguments.keys():

@@ -6,6 +6,7 @@ import hashlib
 import json
 import re
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -16,6 +17,7 @@ import numpy as np
 from pyibr.core.errors import BuildError
 from pyibr.opencl.cache import cache_folder, read_cached, write_cached
 from pyibr.opencl.device import Session, current
+from pyibr.opencl.watch import watches
 
 if TYPE_CHECKING:
     import pyopencl as cl
@@ -86,6 +88,12 @@ def kernel(file: str, name: str, **defines: int) -> Kernel:
     BuildError
         With file, options and the compiler's log.
     """
+    if watches:
+        return watches[-1].build(name, defines, lambda all_of_them: _found(file, name, all_of_them))
+    return _found(file, name, defines)
+
+
+def _found(file: str, name: str, defines: Mapping[str, int]) -> Kernel:
     session = current()
     key = (file, name, tuple(sorted(defines.items())))
     found = session.kernels.get(key)
@@ -94,7 +102,7 @@ def kernel(file: str, name: str, **defines: int) -> Kernel:
     return found
 
 
-def _build(session: Session, file: str, name: str, defines: dict[str, int]) -> Kernel:
+def _build(session: Session, file: str, name: str, defines: Mapping[str, int]) -> Kernel:
     import pyopencl as cl
 
     options = ["-cl-std=CL1.2", _NO_DENORMALS, "-Werror", "-cl-kernel-arg-info"]

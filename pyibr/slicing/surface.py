@@ -30,7 +30,7 @@ _SLICINGS = {name: number for number, name in enumerate(get_args(Slicing))}  # S
 _TESTS = {"at_least": 0, "band": 1, "inside": 2}  # kernels/slicing/heights.h
 
 
-class _Heights(Fixed):
+class Heights(Fixed):
     """The part of a surface that an animation replaces."""
 
     def __init__(self, values: Float32) -> None:
@@ -107,7 +107,7 @@ class SlicedSurface(Fixed):
         if base.uv is None:
             raise ArgumentError("base", "a mesh with uv", f"{base!r} without")
         self.base = base
-        self._heights = _Heights(checked_height(height))
+        self.heights = Heights(checked_height(height))
         self.color = checked_image("color", color)
         self.scale = positive("scale", scale)
         self.tiles = checked_tiles(tiles)
@@ -129,14 +129,14 @@ class SlicedSurface(Fixed):
     def with_height(self, height: NDArray[Any]) -> SlicedSurface:
         """The same surface with other heights, for animations: everything else, on the device too, is shared."""
         made = object.__new__(SlicedSurface)
-        other = _Heights(checked_height(height))
-        made.__dict__.update(self.__dict__, volume=self.volume, device_cache=self.device_cache, _heights=other)
+        other = Heights(checked_height(height))
+        made.__dict__.update(self.__dict__, volume=self.volume, device_cache=self.device_cache, heights=other)
         return made
 
     @property
     def height(self) -> Float32:
         """(h, w) heights in [0, 1]."""
-        return self._heights.values
+        return self.heights.values
 
     @property
     def bounds(self) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -160,7 +160,7 @@ def draw_surface(
 
     buffers = {
         **kept(surface, "volume", lambda: _volume_buffers(surface)),
-        "heights": kept(surface._heights, "pairs", lambda: upload(height_pairs(surface.height))),
+        "heights": kept(surface.heights, "pairs", lambda: upload(height_pairs(surface.height))),
     }
     near = target.near(surface.volume.bounds)
     projected = project(target, buffers["points"], near)

@@ -11,7 +11,7 @@ import pytest
 import pyibr as ibr
 from benchmarks import llvmpipe, report, scenes, table2
 from benchmarks.__main__ import main
-from benchmarks.depthmesh.depthmesh import depthmesh, simplification
+from benchmarks.depthmesh import depthmesh, simplification
 from benchmarks.launches import Visited, build_times, counted_samples, kernel_times
 from benchmarks.results import Record, Result, Skip
 from benchmarks.runner import in_turns

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pyibr.capture.raycast import MeshScene, capture, cube_cameras, object_views
+from pyibr.capture import MeshScene, capture, cube_cameras, object_views
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError, MissingPackageError
 from pyibr.meshes.mesh import Mesh

@@ -5,9 +5,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from tests.test_camera import points_before, random_camera
 
 import pyibr as ibr
+from tests.core.test_camera import points_before, random_camera
 
 
 @pytest.mark.parametrize("seed", range(4))

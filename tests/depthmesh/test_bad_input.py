@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("open3d")
 
 import pyibr as ibr
-from pyibr.capture.raycast import raycast as capture
+from pyibr.capture import raycast as capture
 from pyibr.core.camera import Camera
 from pyibr.depthmesh import Segmentation
 from tests import scenes

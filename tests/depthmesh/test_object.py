@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip("open3d")
 
 import pyibr as ibr
-from pyibr.capture.raycast import MeshScene, models, object_views
+from pyibr.capture import MeshScene, models, object_views
 from pyibr.core.camera import Camera
 from pyibr.depthmesh import Segmentation
 from pyibr.depthmesh.background import background_of

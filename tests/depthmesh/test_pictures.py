@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("open3d")
 
 import pyibr as ibr
-from pyibr.capture.raycast import MeshScene, cube_cameras, object_views
+from pyibr.capture import MeshScene, cube_cameras, object_views
 from pyibr.core.camera import Camera
 from pyibr.depthmesh import Segmentation
 from tests import scenes

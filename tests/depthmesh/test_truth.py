@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("open3d")
 
 import pyibr as ibr
-from pyibr.capture.raycast import MeshScene, object_views
+from pyibr.capture import MeshScene, object_views
 from pyibr.core.camera import Camera
 from pyibr.images import metrics
 from pyibr.images.metrics import silhouette_iou

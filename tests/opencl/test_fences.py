@@ -32,7 +32,7 @@ memory._give_back = lambda session, block: None
 import pyibr as ibr
 warnings.simplefilter("ignore")  # that some targets see nothing
 from pyibr.capture import models
-from pyibr.capture.raycast import object_views
+from pyibr.capture import object_views
 
 for projection in ("perspective", "orthographic"):
     for size in (16, 33, 64, 128):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.capture.raycast import capture, object_views
+from pyibr.capture import capture, object_views
 from pyibr.core.camera import Camera
 from pyibr.picture.shadow import light_cameras
 from tests.displaced import Solid, square

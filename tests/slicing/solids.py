@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import pyibr as ibr
-from pyibr.capture.raycast import MeshScene, object_views
+from pyibr.capture import MeshScene, object_views
 from pyibr.core.camera import Camera
 
 

@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("open3d")
 
 import pyibr as ibr
-from pyibr.capture.raycast import object_views
+from pyibr.capture import object_views
 from pyibr.core.camera import Camera
 from pyibr.slicing.boxes import Box, box_of_samples, box_of_silhouettes, nearness_map
 from tests.reference.slicing import visual_hull

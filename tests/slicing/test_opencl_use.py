@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +11,8 @@ import pyibr as ibr
 from pyibr.capture import models
 from pyibr.core.camera import Camera
 from pyibr.images.metrics import silhouette_iou
-from pyibr.opencl import device, launch, program
+from pyibr.opencl import device
+from pyibr.opencl.watch import Watch, watching
 from tests.one_lane import check_bounds, one_lane
 from tests.slicing.solids import looking, torus, views_of_torus
 
@@ -50,17 +50,22 @@ def test_an_object_in_one_lane(make, kind):
     assert (np.abs(one.color.astype(int) - wide.color)[both].max(axis=1) <= 1).mean() >= 0.99
 
 
-def test_a_work_item_is_a_pixel_in_one_lane_and_a_bin_or_a_block_in_sixteen(monkeypatch):
+def test_a_work_item_is_a_pixel_in_one_lane_and_a_bin_or_a_block_in_sixteen():
     """As kernels/slicing/surface.cl and object.cl say."""
     camera = Camera.look_at((0, 1, 4), (0, 0, 0), (0, 1, 0), (101, 77), fov_y=45)
     surface = ibr.SlicedSurface(models.donut(6), np.ones((2, 2), np.float32), np.zeros((2, 2, 3), np.uint8), 0.1)
-    thing, grids, real = ibr.DepthObject(views_of_torus("four"), 16), {}, launch.launch
+    thing, grids = ibr.DepthObject(views_of_torus("four"), 16), {}
 
-    def spied(kernel: program.Kernel, grid: tuple[int, ...], **arguments: Any) -> None:
-        grids[kernel.name] = tuple(grid)
-        real(kernel, grid, **arguments)
+    class Grids(Watch):
+        def launch(self, kernel, grid, arguments, enqueue) -> None:
+            grids[kernel.name] = tuple(grid)
+            enqueue(**arguments)
 
-    monkeypatch.setattr(launch, "launch", spied)
+    with watching(Grids()):
+        check_grids(surface, thing, camera, grids)
+
+
+def check_grids(surface, thing, camera, grids) -> None:
     lanes = device.current().lanes
     for made in (surface, thing):
         ibr.render(made, camera)

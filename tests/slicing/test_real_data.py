@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 import pyibr as ibr
-from pyibr.capture.raycast import MeshScene, object_views
+from pyibr.capture import MeshScene, object_views
 from pyibr.capture.scans import scan_view
 from pyibr.core.camera import Camera
 from pyibr.images.metrics import silhouette_iou

@@ -46,7 +46,7 @@ def scene() -> tuple[NDArray[np.float64], NDArray[np.int64]]:
 
 def cast(camera: Camera) -> NDArray[np.float64]:
     """(H, W) planar depth of the whole scene, from either side."""
-    from pyibr.capture.raycast import MeshScene
+    from pyibr.capture import MeshScene
 
     return np.asarray(MeshScene(*scene()).capture(camera).depth, np.float64)
 
