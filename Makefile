@@ -24,10 +24,11 @@ demo: .venv/.ready  ## new views of a terrain: build/demo.png
 test: .venv/.ready  ## the tests (ARGS="-k warp" for some of them)
 	@$(RUN) -m pytest -q $(ARGS)
 
-check: .venv/.ready  ## lint, format and types
+check: .venv/.ready  ## lint, format, types and who imports whom
 	@$(RUN) -m ruff check .
 	@$(RUN) -m ruff format --check .
 	@$(RUN) -m pyright
+	@.venv/bin/lint-imports --no-cache
 
 bench: .venv/.bench  ## time against the peers and the paper
 	@$(RUN) -m benchmarks $(ARGS)

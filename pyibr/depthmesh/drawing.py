@@ -116,19 +116,11 @@ def draw_depth_meshes(
     if blending is not None:
         defines["BLEND"] = _BLENDS[blending.by]
     if blending is not None and blending.background is not None:
-        background = blending.background
         others = sorted(order[len(chosen) : _UNDERLAID * len(chosen)])
-        underlay = underlay_of(background, chosen, others)
+        underlay = underlay_of(blending.background, chosen, others)
         shown = [*chosen, *others, *chosen]
-        maps = [camera_pair(target.camera, mesh.view.camera).dst_from_src for mesh in meshes]
-        perspectives = [mesh.view.camera.projection == "perspective" for mesh in meshes]
         defines |= {"UNDERLAID": len(shown) - len(chosen), "ALL": len(meshes)}
-        more = {
-            "limits": background.limits,
-            "limit_sizes": background.sizes,
-            "from_target": upload(np.array(maps, np.float32).reshape(-1, 16)),
-            "perspectives": upload(np.array(perspectives, np.int32)),
-        }
+        more = _seen_empty(target.camera, meshes, blending.background)
     triangles = list_triangles(trees, active, underlay, rated=True)
     views = [meshes[number].view for number in shown]
     projected = project_points(target.camera, views, triangles)
@@ -168,6 +160,18 @@ def draw_depth_meshes(
         **more,
     )
     target.blank = False
+
+
+def _seen_empty(camera: Camera, meshes: Sequence[ViewMesh], background: Background) -> dict[str, DeviceArray]:
+    """What tells up to where each view has seen that there is nothing."""
+    maps = [camera_pair(camera, mesh.view.camera).dst_from_src for mesh in meshes]
+    perspectives = [mesh.view.camera.projection == "perspective" for mesh in meshes]
+    return {
+        "limits": background.limits,
+        "limit_sizes": background.sizes,
+        "from_target": upload(np.array(maps, np.float32).reshape(-1, 16)),
+        "perspectives": upload(np.array(perspectives, np.int32)),
+    }
 
 
 def drawn_off(target: Target, tolerance: float, bounds: Bounds) -> float:

@@ -15,6 +15,7 @@ import numpy as np
 from pyibr.core.errors import DeviceError
 from pyibr.opencl.device import Session, current
 from pyibr.opencl.spare import Block, rounded
+from pyibr.opencl.watch import watches
 
 if TYPE_CHECKING:
     import pyopencl as cl
@@ -76,6 +77,8 @@ def upload(array: NDArray[Any]) -> DeviceArray:
     import pyopencl as cl
 
     session = current()
+    if watches:
+        watches[-1].upload(array.nbytes)
     if not array.size:
         return empty(array.shape, array.dtype)
     flags = cl.mem_flags.READ_ONLY

@@ -1,14 +1,14 @@
-"""Seeing what is built and launched: for benchmarks and tests."""
+"""Seeing what is built, uploaded and launched: for benchmarks and tests."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeVar
 
 
 class Watch:
-    """Stands between whoever asks for a kernel, or launches one, and what is done; this one changes nothing."""
+    """Stands between whoever asks the device for something and what is done; this one changes nothing."""
 
     def build(self, name: str, defines: Mapping[str, int], make: Callable[[Mapping[str, int]], Any]) -> Any:
         """The kernel `name` with these defines, which `make` builds or finds."""
@@ -20,13 +20,18 @@ class Watch:
         """A launch, which `enqueue(**arguments)` makes; it takes further arguments of the kernel, too."""
         enqueue(**arguments)
 
+    def upload(self, nbytes: int) -> None:
+        """An array of so many bytes becomes an input of kernels."""
+
+
+_Watching = TypeVar("_Watching", bound=Watch)
 
 watches: list[Watch] = []
 """Those that are open; the last one sees everything."""
 
 
 @contextmanager
-def watching(watch: Watch) -> Generator[Watch, None, None]:
+def watching(watch: _Watching) -> Generator[_Watching, None, None]:
     """Within it, `watch` sees all kernels and launches of this process."""
     watches.append(watch)
     try:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol, runtime_checkable
 
 from numpy.typing import NDArray
 
-from pyibr.core.checks import describe
+from pyibr.core.checks import describe, number_from, one_of
 from pyibr.core.errors import ArgumentError
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
@@ -21,13 +22,27 @@ Fill = Literal["background"]
 
 @dataclass(frozen=True)
 class Look:
-    """How depth images are looked at; what the words mean `pyibr.warp` says."""
+    """How depth images are looked at; what the words mean `pyibr.warp` says.
+
+    Raises
+    ------
+    ArgumentError
+        If one of them is none of its choices.
+    """
 
     sample: Sample = "linear"
     edges: Edges = "cut"
     cut_ratio: float = 1.05
     side: Side = "front"
     fill: Fill | None = None
+
+    def __post_init__(self) -> None:
+        one_of("sample", self.sample, Sample)
+        one_of("edges", self.edges, Edges)
+        one_of("side", self.side, Side)
+        if self.fill is not None:
+            one_of("fill", self.fill, Fill, " or None")
+        number_from("cut_ratio", self.cut_ratio, math.nextafter(1.0, 2.0), math.inf, "a ratio greater than 1")
 
 
 @runtime_checkable

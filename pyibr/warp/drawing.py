@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pyibr.core.checks import Float64, number_from, one_of
+from pyibr.core.checks import Float64
 from pyibr.core.pixelspace import PixelMap, camera_pair, pixel_size
 from pyibr.images.depth_image import DepthImage
-from pyibr.picture.drawable import Edges, Fill, Look, Sample, Side, as_drawable
+from pyibr.picture.drawable import Look, as_drawable
 from pyibr.picture.samples import samples_of
 from pyibr.picture.shadow import Lighting, shadowed
 from pyibr.picture.target import Target
@@ -21,13 +21,7 @@ _APART_MOST = 64  # pixels between the depths that tell the normals of nearest s
 
 
 def options_of(how: Look, search: bool = False) -> Options:
-    """Check how views are to be looked at, and say it in the kernels' terms."""
-    one_of("sample", how.sample, Sample)
-    one_of("edges", how.edges, Edges)
-    one_of("side", how.side, Side)
-    if how.fill is not None:
-        one_of("fill", how.fill, Fill, " or None")
-    number_from("cut_ratio", how.cut_ratio, np.nextafter(1.0, 2.0), math.inf, "a ratio greater than 1")
+    """How views are to be looked at, in the kernels' terms."""
     cut_ratio = float(how.cut_ratio) if how.edges == "cut" else None
     return Options(search, how.sample == "linear", cut_ratio, _SHOWN[how.side])
 

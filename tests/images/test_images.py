@@ -81,7 +81,8 @@ def test_the_box_around_the_samples(size, projection):
 
 def test_it_can_be_pickled_and_weakly_referenced():
     view = ibr.DepthImage(*image_of((7, 13)), camera_of((7, 13)), far=7.5)
-    view.device_cache["buffer"] = lambda: None  # what the device keeps cannot be pickled and is not
+    session = type("Session", (), {})()
+    view.device_cache[session] = {"buffer": lambda: None}  # what the device keeps cannot be pickled and is not
     copy = pickle.loads(pickle.dumps(view))
     np.testing.assert_array_equal(copy.depth, view.depth)
     assert (copy.camera, copy.far, copy.device_cache) == (view.camera, 7.5, {})
