@@ -124,12 +124,7 @@ def draw_depth_meshes(
     triangles = list_triangles(trees, active, underlay, rated=True)
     views = [meshes[number].view for number in shown]
     projected = project_points(target.camera, views, triangles)
-    colors = kept(thing, "colors", lambda: _colors_of(meshes))
-    sources = [
-        (number, *colors.ends[number], view.camera.projection == "perspective")
-        for number, view in zip(shown, views, strict=True)
-    ]
-    scales = [_focal(view.camera) / _focal(target.camera) for view in views]
+    more |= _colored(target.camera, views, shown, kept(thing, "colors", lambda: _colors_of(meshes)))
     if occupancy is not None:
         defines["OCCUPIED"] = 1
         more["occupancy"] = occupancy
@@ -146,10 +141,6 @@ def draw_depth_meshes(
         starts=bins.starts,
         bins_x=bins.columns,
         firsts=upload(np.array(triangles.firsts, np.int32)),
-        sources=upload(np.array(sources, np.int32)),
-        levels=colors.sizes,
-        scales=upload(np.array(scales, np.float32)),
-        colors=colors.words,
         weights=upload((closeness[shown] / closeness.max()).astype(np.float32)),
         screen=Struct("Screen", target.screen(near)),
         nearest_w=near,
@@ -160,6 +151,21 @@ def draw_depth_meshes(
         **more,
     )
     target.blank = False
+
+
+def _colored(camera: Camera, views: list[DepthImage], shown: list[int], colors: _Colors) -> dict[str, DeviceArray]:
+    """The colours of each mesh's view, and where in them to look."""
+    sources = [
+        (number, *colors.ends[number], view.camera.projection == "perspective")
+        for number, view in zip(shown, views, strict=True)
+    ]
+    scales = [_focal(view.camera) / _focal(camera) for view in views]
+    return {
+        "colors": colors.words,
+        "levels": colors.sizes,
+        "sources": upload(np.array(sources, np.int32)),
+        "scales": upload(np.array(scales, np.float32)),
+    }
 
 
 def _seen_empty(camera: Camera, meshes: Sequence[ViewMesh], background: Background) -> dict[str, DeviceArray]:

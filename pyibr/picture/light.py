@@ -1,4 +1,4 @@
-"""Lights of `pyibr.picture.render`."""
+"""Lights of `pyibr.render`."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Displacement mapping by slices, and objects from images (Kautz & Seidel 2001).
 
 `SlicedSurface` displaces a mesh by a height map. `DepthObject` is what six (or more, or fewer) depth images leave of
-space, `VisualHull` what silhouettes leave. `pyibr.picture.render` draws them.
+space, `VisualHull` what silhouettes leave. `pyibr.render` draws them.
 """
 
 from __future__ import annotations

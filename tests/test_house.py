@@ -1,0 +1,47 @@
+"""What keeps the code findable: imports, the size of rooms and functions."""
+
+from __future__ import annotations
+
+import ast
+import pkgutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import pyibr
+
+PACKAGE = Path(pyibr.__file__).parent
+MODULES = sorted(PACKAGE.rglob("*.py"))
+HEAVY = ("pyopencl", "cv2", "open3d", "OpenEXR", "matplotlib", "imageio", "PIL", "rich", "typer")
+
+
+def test_importing_all_modules_loads_nothing_heavy():
+    names = [name for _, name, _ in pkgutil.walk_packages([str(PACKAGE)], "pyibr.") if name != "pyibr.cli"]
+    code = f"import importlib, sys\nfor name in {names}: importlib.import_module(name)\nprint(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert not set(HEAVY) & set(loaded)
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_own_modules_are_imported_at_the_top(path):
+    tree = ast.parse(path.read_text())
+    below = [node for outer in tree.body for node in ast.walk(outer) if node is not outer]
+    local = [
+        node.module for node in below if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("pyibr")
+    ]
+    assert not local
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_functions_are_short(path):
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
+            text = ast.get_docstring(node, clean=False)
+            lines = node.end_lineno - node.lineno + 1 - (text.count("\n") + 1 if text else 0)
+            assert lines <= 60, f"{node.name}: {lines} lines without its docstring"
+
+
+def test_few_things_lie_at_the_top():
+    assert len([entry for entry in PACKAGE.iterdir() if entry.name != "__pycache__"]) <= 15
