@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import doctest
 import importlib
+import inspect
 import pkgutil
 import re
 from pathlib import Path
@@ -92,3 +93,9 @@ def test_examples_of_docstrings(name: str, tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.chdir(tmp_path)
     module: ModuleType = importlib.import_module(name)
     assert doctest.testmod(module).failed == 0
+
+
+def test_public_functions_have_examples() -> None:
+    modules = (pyibr, pyibr.io, pyibr.slicing)
+    functions = {f for m in modules for f in map(m.__dict__.get, m.__all__) if inspect.isfunction(f)}
+    assert not sorted(f.__name__ for f in functions if ">>>" not in (f.__doc__ or ""))

@@ -223,6 +223,15 @@ def capture(
     """Take one depth image of a `Mesh`, a `MeshScene` or an Open3D triangle mesh; see `MeshScene.capture`.
 
     For several cameras make the `MeshScene` once.
+
+    Examples
+    --------
+    >>> import pyibr as ibr
+    >>> from pyibr.capture import capture, models
+    >>> camera = ibr.Camera.look_at((0, 0, 4), (0, 0, 0), (0, 1, 0), (41, 41), fov_y=45)
+    >>> view = capture(models.donut(), camera)
+    >>> bool(view.valid[20, 32]), bool(view.valid[20, 20])  # the ring, and the hole in it
+    (True, False)
     """
     return _as_scene(mesh).capture(camera, layer, background)
 

@@ -47,7 +47,14 @@ def depth_from_disparity(disparity: ArrayLike, focal: float, baseline: float, of
 
 
 def disparity_from_depth(depth: ArrayLike, focal: float, baseline: float, offset: float = 0.0) -> Depth:
-    """Invert `depth_from_disparity`: float32 disparity in pixels, NaN where the depth is invalid."""
+    """Invert `depth_from_disparity`: float32 disparity in pixels, NaN where the depth is invalid.
+
+    Examples
+    --------
+    >>> import pyibr as ibr
+    >>> ibr.disparity_from_depth([2.5, 0], focal=500, baseline=0.1).tolist()
+    [20.0, nan]
+    """
     z = _positive_or_nan(np.asarray(depth, np.float64))
     return (positive("focal", focal) * positive("baseline", baseline) / z - offset).astype(np.float32)
 
@@ -66,13 +73,30 @@ def depth_from_euclidean(distance: ArrayLike, camera: Camera) -> Depth:
     Returns
     -------
     (H, W) float32, NaN where the distance is not finite or <= 0.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pyibr as ibr
+    >>> camera = ibr.Camera([[1, 0, 0], [0, 1, 0], [0, 0, 1]], (2, 1))
+    >>> ibr.depth_from_euclidean(np.array([[3, 2 * np.sqrt(2)]]), camera).tolist()  # ahead, and 45 degrees to the right
+    [[3.0, 2.0]]
     """
     d = numbers("distance", distance, (camera.height, camera.width), finite=False)
     return (_positive_or_nan(d) / _ray_lengths(camera)).astype(np.float32)
 
 
 def euclidean_from_depth(depth: ArrayLike, camera: Camera) -> Depth:
-    """Invert `depth_from_euclidean`: (H, W) float32 distances, NaN where the depth is invalid."""
+    """Invert `depth_from_euclidean`: (H, W) float32 distances, NaN where the depth is invalid.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pyibr as ibr
+    >>> camera = ibr.Camera([[1, 0, 0], [0, 1, 0], [0, 0, 1]], (2, 1))
+    >>> [round(distance, 3) for distance in ibr.euclidean_from_depth(np.array([[3.0, 2.0]]), camera)[0].tolist()]
+    [3.0, 2.828]
+    """
     z = numbers("depth", depth, (camera.height, camera.width), finite=False)
     return (_positive_or_nan(z) * _ray_lengths(camera)).astype(np.float32)
 
@@ -112,6 +136,12 @@ def uint16_from_depth(depth: ArrayLike, scale: float) -> NDArray[np.uint16]:
     ------
     ArgumentError
         If a valid depth does not fit in 1 ... 65535 units.
+
+    Examples
+    --------
+    >>> import pyibr as ibr
+    >>> ibr.uint16_from_depth([1.5, float("nan")], scale=1000).tolist()
+    [1500, 0]
     """
     units = np.rint(_positive_or_nan(np.asarray(depth, np.float64)) * positive("scale", scale))
     _within("depth", units, 1, 65535, f"1 to 65535 units of 1/{scale:g}")
@@ -134,6 +164,12 @@ def depth_from_mpeg(level: ArrayLike, near: float, far: float, zero_is_invalid: 
     Returns
     -------
     float32, NaN where invalid.
+
+    Examples
+    --------
+    >>> import pyibr as ibr
+    >>> ibr.depth_from_mpeg([1.0, 0.0], near=2, far=10).tolist()
+    [2.0, 10.0]
     """
     n = _checked_levels(level)
     _check_range(near, far)
@@ -150,6 +186,12 @@ def mpeg_from_depth(depth: ArrayLike, near: float, far: float) -> Depth:
     ------
     ArgumentError
         If a valid depth lies outside `near` ... `far`.
+
+    Examples
+    --------
+    >>> import pyibr as ibr
+    >>> ibr.mpeg_from_depth([2.0, 10.0], near=2, far=10).tolist()
+    [1.0, 0.0]
     """
     _check_range(near, far)
     z = _positive_or_nan(np.asarray(depth, np.float64))
@@ -185,6 +227,16 @@ def undistort(color: _ColorT, depth: Depth, K: ArrayLike, distortion: ArrayLike)
     ------
     MissingPackageError
         If OpenCV is not installed.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pyibr as ibr
+    >>> color, depth = np.zeros((60, 80, 3), np.uint8), np.full((60, 80), 2, np.float32)
+    >>> K = [[70, 0, 39.5], [0, 70, 29.5], [0, 0, 1]]
+    >>> color, depth, K = ibr.undistort(color, depth, K, [0.1, 0, 0, 0])
+    >>> float(depth[30, 40])
+    2.0
     """
     try:
         import cv2

@@ -56,6 +56,15 @@ class Frame:
         is carried over with it, by `cv2.remap` or by indexing.
     view : (H, W) int32, or None
         If they were asked for: the number of the view that it comes from, -1 where not valid.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pyibr as ibr
+    >>> camera = ibr.Camera([[50, 0, 3], [0, 50, 6], [0, 0, 1]], (7, 13))
+    >>> view = ibr.DepthImage(np.zeros((13, 7, 3), np.uint8), np.full((13, 7), 2, np.float32), camera)
+    >>> ibr.warp(view, camera)
+    <Frame 7x13 uint8>
     """
 
     color: Color

@@ -60,6 +60,13 @@ def median_color_error(a: Image, b: Image, valid: Mask | None = None) -> float:
     a, b : (H, W) or (H, W, C)
     valid : (H, W) bool, optional
         The pixels that count; all if not given.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pyibr.images import metrics
+    >>> metrics.median_color_error(np.full((3, 4, 3), 100, np.uint8), np.full((3, 4, 3), 90, np.uint8))
+    10.0
     """
     return float(np.median(np.abs(_differences(a, b, valid))))
 
@@ -85,7 +92,15 @@ def depth_rmse(depth: Image, truth: Image, valid: Mask | None = None) -> float:
 
 
 def median_depth_error(depth: Image, truth: Image, valid: Mask | None = None) -> float:
-    """Median absolute difference of two depth images, in scene units; the pixels of `depth_rmse` count."""
+    """Median absolute difference of two depth images, in scene units; the pixels of `depth_rmse` count.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pyibr.images import metrics
+    >>> metrics.median_depth_error(np.full((3, 4), 2.5, np.float32), np.full((3, 4), 2, np.float32))
+    0.5
+    """
     return float(np.median(np.abs(_depth_differences(depth, truth, valid))))
 
 

@@ -72,6 +72,14 @@ def read_color(path: _PathLike) -> NDArray[np.uint8] | NDArray[np.float32]:
     ------
     FileFormatError
         If the file is missing, truncated, or not a colour image.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pyibr as ibr
+    >>> ibr.write_color("red.png", np.full((2, 3, 3), (255, 0, 0), np.uint8))
+    >>> ibr.read_color("red.png")[1, 2].tolist()
+    [255, 0, 0]
     """
     stored = _module(path, _COLOR_MODULES, "image").read_color(path)
     image: NDArray[Any] = stored[..., None] if stored.ndim == 2 else stored
@@ -92,6 +100,14 @@ def write_color(path: _PathLike, color: NDArray[np.uint8] | NDArray[np.float32])
 
     EXR, PFM and NPY keep float32; other formats store it as 8 bit, with [0, 1] for 0 ... 255, clipped. EXR
     and PFM store uint8 divided by 255.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pyibr as ibr
+    >>> ibr.write_color("gray.png", np.full((2, 3, 3), 0.5, np.float32))
+    >>> int(ibr.read_color("gray.png").max())
+    128
     """
     if color.ndim != 3 or color.shape[2] != 3 or color.dtype.name not in ("uint8", "float32") or not color.size:
         raise ArgumentError("color", "uint8 or float32 of shape (H, W, 3)", describe(color))
@@ -99,7 +115,16 @@ def write_color(path: _PathLike, color: NDArray[np.uint8] | NDArray[np.float32])
 
 
 def write_mask(path: _PathLike, mask: NDArray[np.bool_]) -> None:
-    """Write an (H, W) bool mask as an 8-bit gray image: 0 and 255."""
+    """Write an (H, W) bool mask as an 8-bit gray image: 0 and 255.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pyibr as ibr
+    >>> ibr.write_mask("mask.png", np.eye(3, dtype=bool))
+    >>> ibr.read_color("mask.png")[..., 0].tolist()
+    [[255, 0, 0], [0, 255, 0], [0, 0, 255]]
+    """
     if mask.ndim != 2 or mask.dtype != np.bool_ or not mask.size:
         raise ArgumentError("mask", "bool of shape (H, W)", describe(mask))
 
@@ -127,6 +152,14 @@ def read_depth(path: _PathLike, scale: float | None = None) -> NDArray[np.float3
         If the file is missing, truncated, or does not hold depth.
     ArgumentError
         If the file holds integers and there is no scale.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pyibr as ibr
+    >>> ibr.write_depth("depth.png", np.array([[1.5, np.nan]], np.float32), scale=1000)
+    >>> ibr.read_depth("depth.png", scale=1000).tolist()
+    [[1.5, nan]]
     """
 
     stored = _module(path, _DEPTH_MODULES).read_depth(path)
@@ -144,6 +177,14 @@ def write_depth(path: _PathLike, depth: NDArray[np.float32], scale: float | None
 
     PNG needs a scale, stores the nearest integer and 0 for invalid depth; ArgumentError if a depth does not
     fit in 16 bits. The other formats store floats, invalid ones as they are.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pyibr as ibr
+    >>> ibr.write_depth("depth.npy", np.array([[1.5, np.nan]], np.float32))
+    >>> ibr.read_depth("depth.npy").tolist()
+    [[1.5, nan]]
     """
 
     if depth.ndim != 2 or depth.dtype.kind != "f" or not depth.size:

@@ -28,6 +28,17 @@ def read_range_grid(path: str | PathLike[str]) -> NDArray[np.float32]:
     ------
     FileFormatError
         If the file is missing, truncated, or no range grid.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from pyibr.io import read_range_grid
+    >>> header = "ply\\nformat ascii 1.0\\nobj_info num_cols 2\\nobj_info num_rows 1\\nelement vertex 1\\n"
+    >>> header += "property float x\\nproperty float y\\nproperty float z\\nelement range_grid 2\\n"
+    >>> header += "property list uchar int vertex_indices\\nend_header\\n"
+    >>> _ = Path("scan.ply").write_text(header + "1 2 3\\n1 0\\n0\\n")
+    >>> read_range_grid("scan.ply").tolist()
+    [[[1.0, 2.0, 3.0], [nan, nan, nan]]]
     """
     with reading(path, "range grid") as source:
         data = source.read_bytes()

@@ -41,6 +41,15 @@ def read_relief_map(
         If `green` or `alpha` is something else.
     FileFormatError
         If the file is missing, truncated, or has no alpha channel.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pyibr.io import read_relief_map, write_relief_map
+    >>> write_relief_map("bricks.png", np.full((2, 3, 3), (0, 0, 1.0)), np.full((2, 3), 200, np.uint8))
+    >>> normals, height = read_relief_map("bricks.png")
+    >>> normals[0, 0].round(2).tolist(), int(height[0, 0])
+    ([0.0, 0.0, 1.0], 200)
     """
     from PIL import Image
 
@@ -78,6 +87,12 @@ def write_relief_map(
         If the arrays do not fit together.
     FileFormatError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pyibr.io import write_relief_map
+    >>> write_relief_map("flat.png", np.full((2, 3, 3), (0, 0, 1.0)), np.zeros((2, 3), np.uint8), green="up")
     """
     from PIL import Image
 

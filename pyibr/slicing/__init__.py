@@ -18,7 +18,7 @@ from pyibr.picture.target import Target
 from pyibr.slicing.object import DepthObject, VisualHull, draw_object
 from pyibr.slicing.surface import SlicedSurface, draw_surface
 
-__all__ = ["DepthObject", "SlicedSurface", "VisualHull", "alpha_tests", "draw_object", "draw_surface"]
+__all__ = ["DepthObject", "SlicedSurface", "VisualHull", "alpha_tests"]
 
 
 def alpha_tests(thing: SlicedSurface | DepthObject | VisualHull, camera: Camera) -> NDArray[np.int32]:

@@ -311,7 +311,8 @@ def test_the_background_shows_through_holes_only():
 def test_what_shows_through_holes_has_its_quality():
     """Not that of what segmentation left: a rubber sheet is seen edge-on."""
     views = six()
-    background = background_of(ibr.DepthMeshObject(views))
+    thing = ibr.DepthMeshObject(views)
+    background = background_of(thing.meshes, thing.extent)
     for view, points in zip(views, background.points, strict=True):
         x, y = pixels_of(points, view).T
         closed = ibr.DepthMesh(view, segmentation=Segmentation("none"))
