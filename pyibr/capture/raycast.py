@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pyibr.core.camera import Camera, Projection
-from pyibr.core.checks import Float64, describe, numbers, one_of
+from pyibr.core.checks import Float64, describe, numbers, one_of, whole_from
 from pyibr.core.errors import ArgumentError
 from pyibr.core.optional import open3d
 from pyibr.images import DepthImage
@@ -243,8 +243,7 @@ def _as_scene(mesh: Any) -> MeshScene:
 
 
 def _check_size(size: object, least: int) -> None:
-    if isinstance(size, bool) or not isinstance(size, (int, np.integer)) or size < least:
-        raise ArgumentError("size", f"at least {least} pixel{'s' * (least > 1)}", describe(cast("object", size)))
+    whole_from("size", cast("int", size), least, 1 << 31, f"at least {least} pixel{'s' * (least > 1)}")
 
 
 def cube_cameras(center: ArrayLike, size: int) -> list[Camera]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pyibr.core.errors import ArgumentError
 
 Float64 = NDArray[np.float64]
+_Kind = TypeVar("_Kind")
 ArrayT = TypeVar("ArrayT", bound=NDArray[np.generic])
 
 
@@ -71,6 +72,18 @@ def number_from(argument: str, value: float, least: float, most: float, expected
     if is_number and least <= value <= most and math.isfinite(value):
         return float(value)
     raise ArgumentError(argument, expected, repr(value))
+
+
+def instance_of(argument: str, value: object, kind: type[_Kind], name: str) -> _Kind:
+    """Return `value` if it is of this class, which users know by `name`, or raise ArgumentError."""
+    if isinstance(value, kind):
+        return value
+    raise ArgumentError(argument, name, describe(value))
+
+
+def true_or_false(argument: str, value: object) -> bool:
+    """Return `value` if it is a bool or raise ArgumentError."""
+    return instance_of(argument, value, bool, "True or False")
 
 
 def whole_from(argument: str, value: int, least: int, most: int, expected: str = "") -> int:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Fixed, Float64, describe, numbers
+from pyibr.core.checks import Fixed, Float64, describe, instance_of, numbers
 from pyibr.core.errors import ArgumentError
 from pyibr.depthmesh.drawing import draw_depth_meshes, drawn_off
 from pyibr.depthmesh.segmentation import Segmentation
@@ -61,8 +61,7 @@ class DepthMesh(Fixed):
     """
 
     def __init__(self, view: DepthImage, tolerance: float = 1.0, segmentation: Segmentation | None = None) -> None:
-        if not isinstance(view, DepthImage):  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise ArgumentError("view", "a pyibr.DepthImage", describe(view))
+        instance_of("view", view, DepthImage, "a pyibr.DepthImage")
         if min(view.camera.size) < 2:
             raise ArgumentError("view", "at least 2x2 samples", f"{view.camera.width}x{view.camera.height}")
         if not view.valid.any():
@@ -203,8 +202,7 @@ class DepthMesh(Fixed):
         return samples, faces
 
     def _triangles_for(self, camera: Camera, tolerance: float | None) -> tuple[Int32, Int32]:
-        if not isinstance(camera, Camera):  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise ArgumentError("camera", "a pyibr.Camera", describe(camera))
+        instance_of("camera", camera, Camera, "a pyibr.Camera")
         allowed = self.tolerance if tolerance is None else checked_tolerance("tolerance", tolerance)
         return _triangles_of(self.tree, active_for(self.tree, camera, allowed))
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Fixed, Float64, describe, one_of
+from pyibr.core.checks import Fixed, Float64, describe, instance_of, one_of, true_or_false, whole_from
 from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import frustum
 from pyibr.depthmesh.background import background_of
@@ -92,12 +92,9 @@ class DepthMeshObject(Fixed):
         self.tolerance = checked_tolerance("tolerance", tolerance)
         one_of("blend", blend, Blend)
         self.blend: Blend = blend
-        if isinstance(blended, bool) or not isinstance(blended, (int, np.integer)) or not 1 <= blended <= _MOST:  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise ArgumentError("blended", f"an integer from 1 to {_MOST}", describe(blended))
-        self.blended = min(int(blended), len(self.meshes))
+        self.blended = min(whole_from("blended", blended, 1, _MOST), len(self.meshes))
         self._epsilon = None if epsilon is None else checked_tolerance("epsilon", epsilon)
-        if not isinstance(background, bool):  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise ArgumentError("background", "True or False", describe(background))
+        true_or_false("background", background)
         self.background = background
 
     def __repr__(self) -> str:
@@ -158,8 +155,7 @@ class DepthMeshObject(Fixed):
 
     def closeness(self, camera: Camera) -> Float64:
         """(views,) inverse distances of the viewpoints from a camera's, in 1 / scene units; see `weights`."""
-        if not isinstance(camera, Camera):  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise ArgumentError("camera", "a pyibr.Camera", describe(camera))
+        instance_of("camera", camera, Camera, "a pyibr.Camera")
         middle = 0.5 * (self.bounds[0] + self.bounds[1])
         views = [mesh.view.camera for mesh in self.meshes]
         away = [np.linalg.norm(view.center - middle) for view in views if view.projection == "perspective"]
@@ -196,8 +192,7 @@ class DepthMeshObject(Fixed):
             If there are more than 32 views: a bit each.
         """
 
-        if not isinstance(camera, Camera):  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise ArgumentError("camera", "a pyibr.Camera", describe(camera))
+        instance_of("camera", camera, Camera, "a pyibr.Camera")
         if len(self.meshes) > 32:
             raise ArgumentError("views", "at most 32, a bit each", f"{len(self.meshes)}")
         with one_call():

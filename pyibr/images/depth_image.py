@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Fixed, Float64, describe, locked, positive
+from pyibr.core.checks import Fixed, Float64, describe, instance_of, locked, positive
 from pyibr.core.errors import ArgumentError
 
 Color = NDArray[np.uint8] | NDArray[np.float32]
@@ -67,8 +67,7 @@ class DepthImage(Fixed):
     far: float
 
     def __init__(self, color: Color, depth: Depth, camera: Camera, far: float = math.inf) -> None:
-        if not isinstance(camera, Camera):  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise ArgumentError("camera", "a pyibr.Camera", describe(camera))
+        instance_of("camera", camera, Camera, "a pyibr.Camera")
         shape = camera.height, camera.width
         self.camera = camera
         self.far = far if far == math.inf else positive("far", far, "a depth > 0")

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import checked_image, describe
+from pyibr.core.checks import checked_image, describe, instance_of
 from pyibr.core.errors import ArgumentError
 from pyibr.images.depth_image import DepthImage
 
@@ -41,8 +41,7 @@ class Silhouette:
     """
 
     def __init__(self, color: NDArray[Any], mask: NDArray[np.bool_], camera: Camera) -> None:
-        if not isinstance(camera, Camera):  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise ArgumentError("camera", "a pyibr.Camera", describe(camera))
+        instance_of("camera", camera, Camera, "a pyibr.Camera")
         shape = (camera.height, camera.width)
         if not isinstance(mask, np.ndarray) or mask.shape != shape or mask.dtype != np.bool_:  # pyright: ignore[reportUnnecessaryIsInstance]
             raise ArgumentError("mask", f"bool of shape {shape}", describe(mask))

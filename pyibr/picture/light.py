@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pyibr.core.checks import Float64, describe, numbers
+from pyibr.core.checks import Float64, describe, numbers, whole_from
 from pyibr.core.errors import ArgumentError
 
 _LIGHT = np.dtype(
@@ -88,10 +88,10 @@ class Light:
             raise ArgumentError("angle", "degrees > 0 and < 180", repr(angle))
         if not self.shininess > 0:
             raise ArgumentError("shininess", "a number > 0", repr(shininess))
-        is_count = isinstance(shadow_size, (int, np.integer)) and not isinstance(shadow_size, bool)  # pyright: ignore[reportUnnecessaryIsInstance]
-        if not is_count or not (shadow_size == 0 or 2 <= shadow_size <= _SHADOW_MOST):
-            raise ArgumentError("shadow_size", f"0, or a whole number from 2 to {_SHADOW_MOST}", describe(shadow_size))
-        self.shadow_size = int(shadow_size)
+        expected = f"0, or a whole number from 2 to {_SHADOW_MOST}"
+        self.shadow_size = whole_from("shadow_size", shadow_size, 0, _SHADOW_MOST, expected)
+        if self.shadow_size == 1:
+            raise ArgumentError("shadow_size", expected, describe(shadow_size))
 
     def __repr__(self) -> str:
         known = {"position": self.position, "direction": self.direction}

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import describe, numbers
+from pyibr.core.checks import describe, instance_of, numbers
 from pyibr.core.errors import ArgumentError
 from pyibr.images.depth_image import DepthImage
 from pyibr.images.frame import Frame
@@ -85,8 +85,7 @@ def render(
         raise ArgumentError("things", "at least one thing", "an empty sequence")
     look = Look(sample, edges, cut_ratio, side, fill)
     drawables = [as_drawable(thing, look) for thing in several]
-    if not isinstance(camera, Camera):  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise ArgumentError("camera", "a pyibr.Camera", describe(camera))
+    instance_of("camera", camera, Camera, "a pyibr.Camera")
     if light is not None and not isinstance(light, Light):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise ArgumentError("light", "a pyibr.Light or None", describe(light))
     around = numbers("background", background, (3,))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Fixed, check_tiled, checked_image, describe, one_of, positive
+from pyibr.core.checks import Fixed, check_tiled, checked_image, instance_of, one_of, positive, whole_from
 from pyibr.core.errors import ArgumentError
 from pyibr.meshes.heights import Float32, checked_height, checked_normal_map, checked_tiles
 from pyibr.meshes.mesh import Mesh
@@ -29,6 +29,7 @@ Silhouette = Literal["quadric", "none"]
 Distance = Literal["approximate", "exact"]
 Search = Literal["safe", "linear"]
 
+_COUNT_MOST = 65536
 _DISTANCES = {"approximate": 0, "exact": 1}  # kernels/relief/search.h
 _SEARCHES = {"linear": 0, "safe": 1}  # kernels/relief/relief.cl
 
@@ -100,8 +101,7 @@ class ReliefSurface(Fixed):
         steps: int = 32,
         halvings: int = 6,
     ) -> None:
-        if not isinstance(base, Mesh):  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise ArgumentError("base", "a pyibr.Mesh", describe(base))
+        instance_of("base", base, Mesh, "a pyibr.Mesh")
         if base.uv is None:
             raise ArgumentError("base", "a mesh with uv", f"{base!r} without")
         self.base = base
@@ -116,8 +116,8 @@ class ReliefSurface(Fixed):
         self.silhouette: Silhouette = silhouette
         self.distance: Distance = distance
         self.search: Search = search
-        self.steps = _checked_count("steps", steps, 1)
-        self.halvings = _checked_count("halvings", halvings, 0)
+        self.steps = whole_from("steps", steps, 1, _COUNT_MOST)
+        self.halvings = whole_from("halvings", halvings, 0, _COUNT_MOST)
         self.normal_map = None if normal_map is None else checked_normal_map(normal_map)
         check_tiled(base.uv, self.tiles, self.height, self.color, self.normal_map)
 
@@ -170,19 +170,12 @@ class ReliefSurface(Fixed):
         (H, W, 2) float32
             u and v in [0, 1], tiles included: of what `render` shows of this relief alone. NaN where there is nothing.
         """
-        if not isinstance(camera, Camera):  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise ArgumentError("camera", "a pyibr.Camera", describe(camera))
+        instance_of("camera", camera, Camera, "a pyibr.Camera")
 
         with one_call():
             places = empty((camera.height, camera.width, 2), np.float32)
             draw_relief(Target(camera, np.dtype(np.uint8)), self, None, places=places)
             return places.to_host()
-
-
-def _checked_count(argument: str, value: int, least: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not least <= value <= 65536:  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise ArgumentError(argument, f"a whole number from {least} to 65536", describe(value))
-    return int(value)
 
 
 def draw_relief(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import describe
+from pyibr.core.checks import describe, instance_of
 from pyibr.core.errors import ArgumentError
 from pyibr.opencl.device import one_call
 from pyibr.opencl.memory import upload
@@ -55,8 +55,7 @@ def alpha_tests(thing: SlicedSurface | DepthObject | VisualHull, camera: Camera)
     12
     """
 
-    if not isinstance(camera, Camera):  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise ArgumentError("camera", "a pyibr.Camera", describe(camera))
+    instance_of("camera", camera, Camera, "a pyibr.Camera")
     with one_call():
         target = Target(camera, np.dtype(np.uint8))
         counts = upload(np.zeros((camera.height, camera.width), np.int32))

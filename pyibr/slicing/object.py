@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Fixed, Float64, describe, one_of
+from pyibr.core.checks import Fixed, Float64, describe, one_of, whole_from
 from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import pixel_size
 from pyibr.images import DepthImage
@@ -24,7 +24,6 @@ from pyibr.opencl.program import kernel
 from pyibr.picture.shadow import Lighting, shadowed
 from pyibr.picture.target import Target
 from pyibr.slicing.boxes import Box, box_of_samples, box_of_silhouettes, nearness_map
-from pyibr.slicing.slices import checked_halvings, checked_slices
 
 ObjectSlicing = Literal["orthogonal", "screen"]
 Texture = Literal["visible", "naive"]
@@ -32,6 +31,8 @@ Missing = Literal["background", "unknown"]
 Float32 = NDArray[np.float32]
 
 TO_SCREEN = 3  # the axis of slices parallel to the screen, kernels/slicing/object.cl
+_SLICES_MOST = 65536
+_HALVINGS_MOST = 24  # float32 holds no more
 _BEFORE = 2.0  # slices and samples by which a view's surface may lie before a point that it still shows
 _BOX = np.dtype(
     [("from_world", np.float32, 12), ("edges", np.float32, 3), ("spacing", np.float32), ("first", np.float32)]
@@ -94,11 +95,11 @@ class DepthObject(Fixed):
         missing: Missing = "background",
     ) -> None:
         self.views = _checked_views(views, (DepthImage,))
-        self.halvings = checked_halvings(halvings)
+        self.halvings = whole_from("halvings", halvings, 0, _HALVINGS_MOST)
         for number, view in enumerate(self.views):
             if not view.valid.any():
                 raise ArgumentError("views", "views with valid depth", f"none in view {number}")
-        self.slices = checked_slices(slices)
+        self.slices = whole_from("slices", slices, 1, _SLICES_MOST)
         one_of("slicing", slicing, ObjectSlicing)
         one_of("texture", texture, Texture)
         one_of("missing", missing, Missing)
@@ -166,8 +167,8 @@ class VisualHull(Fixed):
         halvings: int = 2,
     ) -> None:
         self.views = _checked_views(views, (Silhouette, DepthImage))
-        self.halvings = checked_halvings(halvings)
-        self.slices = checked_slices(slices)
+        self.halvings = whole_from("halvings", halvings, 0, _HALVINGS_MOST)
+        self.slices = whole_from("slices", slices, 1, _SLICES_MOST)
         one_of("slicing", slicing, ObjectSlicing)
         self.slicing: ObjectSlicing = slicing
         self.box = box_of_silhouettes(self.views)

@@ -7,7 +7,16 @@ from typing import Any, Literal, get_args
 
 from numpy.typing import NDArray
 
-from pyibr.core.checks import Fixed, check_tiled, checked_image, describe, one_of, positive
+from pyibr.core.checks import (
+    Fixed,
+    check_tiled,
+    checked_image,
+    instance_of,
+    one_of,
+    positive,
+    true_or_false,
+    whole_from,
+)
 from pyibr.core.errors import ArgumentError
 from pyibr.meshes.heights import Float32, checked_height, checked_normal_map, checked_tiles, height_pairs
 from pyibr.meshes.mesh import Mesh
@@ -21,11 +30,11 @@ from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
 from pyibr.raster.bins import BIN, bin_primitives, project
 from pyibr.slicing.prisms import Volume, extruded
-from pyibr.slicing.slices import checked_slices
 
 Slicing = Literal["surface", "orthogonal", "screen"]
 AlphaTest = Literal["inside", "at_least", "band"]
 
+_SLICES_MOST = 65536
 _SLICINGS = {name: number for number, name in enumerate(get_args(Slicing))}  # SURFACE ... of kernels/slicing/
 _TESTS = {"at_least": 0, "band": 1, "inside": 2}  # kernels/slicing/heights.h
 
@@ -102,8 +111,7 @@ class SlicedSurface(Fixed):
         normal_map: NDArray[Any] | None = None,
         clipped: bool = True,
     ) -> None:
-        if not isinstance(base, Mesh):  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise ArgumentError("base", "a pyibr.Mesh", describe(base))
+        instance_of("base", base, Mesh, "a pyibr.Mesh")
         if base.uv is None:
             raise ArgumentError("base", "a mesh with uv", f"{base!r} without")
         self.base = base
@@ -111,15 +119,14 @@ class SlicedSurface(Fixed):
         self.color = checked_image("color", color)
         self.scale = positive("scale", scale)
         self.tiles = checked_tiles(tiles)
-        self.slices = checked_slices(slices)
+        self.slices = whole_from("slices", slices, 1, _SLICES_MOST)
         one_of("slicing", slicing, Slicing)
         one_of("test", test, AlphaTest)
         self.slicing: Slicing = slicing
         self.test: AlphaTest = test
         self.normal_map = None if normal_map is None else checked_normal_map(normal_map)
         check_tiled(base.uv, self.tiles, self.height, self.color, self.normal_map)
-        if not isinstance(clipped, bool):  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise ArgumentError("clipped", "True or False", describe(clipped))
+        true_or_false("clipped", clipped)
         self.clipped = clipped
 
     def __repr__(self) -> str:
