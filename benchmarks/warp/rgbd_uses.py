@@ -54,8 +54,9 @@ def cases(plan: Plan, scene: str) -> Iterator[Case]:
     for (size, noise), repeats in plan.rgbd_stereo.items():
         yield Case(case("stereo", size, noise=noise), functools.partial(_stereo, scene, size, noise, repeats))
     for (side, views), repeats in plan.rgbd_light_field.items():
-        prepare = functools.partial(_light_field, scene, side, views, repeats)
-        yield Case(case("light field", (side, side), views=views), prepare)
+        for kind in (FRESH, KEPT):
+            prepare = functools.partial(_light_field, scene, side, views, repeats, kind)
+            yield Case(case("light field", (side, side), views=views, view=kind), prepare)
     for side, repeats in plan.rgbd_small.items():
         yield Case(case("small", (side, side)), functools.partial(_small, scene, side, repeats))
 
@@ -138,18 +139,21 @@ def _stereo(scene: str, size: Size, noise: float, repeats: int) -> Work | Skip:
     return Work({name: functools.partial(pair, edges) for name, edges in STEREO.items()}, repeats)
 
 
-def _light_field(scene: str, side: int, views: int, repeats: int) -> Work | Skip:
-    view = scenes.rgbd(scene, 0, (side, side))
-    if isinstance(view, Skip):
-        return view
-    kept = view
-    cameras = [kept.camera.moved(float(x), 0, 0) for x in np.linspace(-0.5, 0.5, views) * LIGHT_FIELD_WIDTH]
+def _light_field(scene: str, side: int, views: int, repeats: int, kind: str) -> Work | Skip:
+    found = scenes.rgbd(scene, 0, (side, side))
+    if isinstance(found, Skip):
+        return found
+    kept, color, depth, camera = found, found.color, found.depth, found.camera
+    cameras = [camera.moved(float(x), 0, 0) for x in np.linspace(-0.5, 0.5, views) * LIGHT_FIELD_WIDTH]
+
+    def view() -> ibr.DepthImage:
+        return ibr.DepthImage(color, depth, camera) if kind == FRESH else kept
 
     def one_call() -> object:
-        return ibr.warp(kept, cameras)
+        return ibr.warp(view(), cameras)
 
     def single() -> object:
-        return [ibr.warp(kept, camera) for camera in cameras]
+        return [ibr.warp(view(), camera) for camera in cameras]
 
     return Work({ONE_CALL: one_call, SINGLE: single}, repeats)
 
