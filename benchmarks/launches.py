@@ -82,7 +82,7 @@ def counted_samples() -> Iterator[dict[str, Visited]]:
     kernel, launch = program.kernel, launching.launch
 
     def with_counts(file: str, name: str, **defines: int) -> program.Kernel:
-        return kernel(file, name, **defines, **({"COUNT_SAMPLES": 1} if name in COUNTED else {}))
+        return kernel(file, name, **defines, **({"COUNTED": 1} if name in COUNTED else {}))
 
     def counting(kernel: program.Kernel, grid: tuple[int, ...], **arguments: Any) -> None:
         if kernel.name not in COUNTED:

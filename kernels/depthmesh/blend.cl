@@ -24,13 +24,16 @@
 #include "raster/nearest.h"
 
 #ifndef VIEWS
-#define VIEWS 1
+#define VIEWS 1 /* that are drawn */
 #endif
 #ifndef UNDERLAID
-#define UNDERLAID 0 /* coarse meshes under the holes */
+#define UNDERLAID 0 /* how many coarse meshes there are under the holes */
 #endif
 #ifndef BLEND
-#define BLEND 0
+#define BLEND 0 /* what colours are weighted by, as the file's head says */
+#endif
+#ifndef OCCUPIED
+#define OCCUPIED 0 /* 1: which views gave colour is written, too */
 #endif
 #ifndef ALL
 #define ALL VIEWS /* views there are, drawn or not */
@@ -149,7 +152,7 @@ kernel void draw_meshes(global const int *corners, global const float *projected
                         global const float *limits, global const int *limit_sizes, global const float *from_target,
                         global const int *perspectives
 #endif
-#ifdef OCCUPIED
+#if OCCUPIED
                         ,
                         global uint *occupancy
 #endif
@@ -199,7 +202,7 @@ kernel void draw_meshes(global const int *corners, global const float *projected
 #if BLEND == 2
         intl taken = (intl)0;
 #endif
-#ifdef OCCUPIED
+#if OCCUPIED
         intl views = (intl)0;
 #endif
         /* Of epsilon 0 this is `front` itself. */
@@ -240,7 +243,7 @@ kernel void draw_meshes(global const int *corners, global const float *projected
             const int level = clamp((int)floor(log2(fmax(samples, 1.0f)) + HALFWAY), 0, coarsest - finest);
             add_color(colors, levels + 3 * (finest + level), level, sound_x, sound_y, weight, &sum);
             total += weight;
-#ifdef OCCUPIED
+#if OCCUPIED
             views |= pick(given, (intl)(1 << sources[4 * mesh]), (intl)0);
 #endif
         }
@@ -249,11 +252,11 @@ kernel void draw_meshes(global const int *corners, global const float *projected
         shown.nearness[block] = front;
         shown.owner[block] = pick(mine, (intl)0, (intl)-1);
         write_block(&shown, block, screen, depth, color, valid, blank, first_x, first_y, shade);
-#ifdef OCCUPIED
+#if OCCUPIED
         for (int lane = 0; lane < LANES; lane++) {
             const int ox = first_x + lane % BLOCK, oy = first_y + lane / BLOCK;
             if (ox < screen.width && oy < screen.height)
-                occupancy[(size_t)oy * screen.width + ox] = ((const int *)&views)[lane];
+                occupancy[(size_t)oy * screen.width + ox] = int_lane(views, lane);
         }
 #endif
     }

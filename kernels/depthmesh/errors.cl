@@ -132,12 +132,12 @@ void find_row(const Layout *layout, const Tree *tree, int s, int y, int centers)
         const floatl own = bisection_error(layout, v.center, n, ax, ay, na, bx, by, nb, centers, across);
         add_error(layout, own, states, s, centers, &v);
         for (int lane = 0; lane < LANES; lane++) {
-            if (!((const int *)&mine)[lane])
+            if (!int_lane(mine, lane))
                 continue;
-            const int to = ((const int *)&at)[lane];
-            tree->errors[to] = ((const float *)&v.error)[lane];
-            tree->radii[to] = ((const float *)&v.radius)[lane];
-            tree->depths[to] = ((const float *)&v.depth)[lane];
+            const int to = int_lane(at, lane);
+            tree->errors[to] = float_lane(v.error, lane);
+            tree->radii[to] = float_lane(v.radius, lane);
+            tree->depths[to] = float_lane(v.depth, lane);
         }
     }
 }

@@ -14,7 +14,7 @@
 #include "depthmesh/tree.h"
 
 #ifndef TEST
-#define TEST 0
+#define TEST 0 /* which test finds rubber sheets, as the file's head says */
 #endif
 
 typedef struct {

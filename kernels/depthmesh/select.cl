@@ -16,6 +16,10 @@
  */
 #include "depthmesh/tree.h"
 
+#ifndef RATED
+#define RATED 0 /* 1: points are listed with their quality */
+#endif
+
 #define CHUNK 1024
 
 typedef struct {
@@ -117,7 +121,7 @@ kernel void find_triangles(global const uchar *active, global const uchar *state
 
 kernel void list_points(global const uchar *active, global const float *nearness, global const int *firsts,
                         global int *numbers, global float *points, Layout layout
-#ifdef RATED
+#if RATED
                         ,
                         global const float *normals
 #endif
@@ -127,7 +131,7 @@ kernel void list_points(global const uchar *active, global const float *nearness
     if (y >= layout.height)
         return;
     const size_t start = (size_t)y * layout.row, samples = (size_t)y * layout.pitch;
-#ifdef RATED
+#if RATED
     global const float *facing = normals + (size_t)2 * layout.pitch * layout.height + samples;
 #define QUALITY(x) fabs(facing[x])
 #else

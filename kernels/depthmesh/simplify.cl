@@ -16,6 +16,10 @@
  */
 #include "depthmesh/tree.h"
 
+#ifndef CHUNK
+#define CHUNK 64 /* ints in a chunk of the pool */
+#endif
+
 #define NONE -1
 
 typedef struct {

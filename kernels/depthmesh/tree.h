@@ -1,3 +1,5 @@
+#ifndef DEPTHMESH_TREE_H
+#define DEPTHMESH_TREE_H
 /* The restricted quadtree over a depth image's samples (Pajarola 1998; Pajarola, Sainz & Meng 2003, section 3.2).
  *
  * Vertices are the points (x, y) of a square grid with a power of two of cells along its side, of which the image covers
@@ -110,3 +112,4 @@ void mark_corners(const Layout *layout, global uchar *active, int y)
     row[y] = LISTED;
     row[layout->side - y] = ACTIVE;
 }
+#endif

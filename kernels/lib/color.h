@@ -1,3 +1,5 @@
+#ifndef LIB_COLOR_H
+#define LIB_COLOR_H
 /* Colour of LANES pixels: three channels, interleaved, uchar (0 to 255) or float. */
 #include "lib/channel.h"
 #include "lib/lanes.h"
@@ -77,4 +79,5 @@ inline void write_pixel(global float *image, float3 color)
 {
     vstore3(color, 0, image);
 }
+#endif
 #endif

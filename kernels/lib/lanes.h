@@ -1,3 +1,5 @@
+#ifndef LIB_LANES_H
+#define LIB_LANES_H
 /* Lanes: one kernel source for wide CPUs and for GPUs.
  *
  * A work-item computes LANES neighbours at once in explicit vector types: 16 on a CPU, where compilers leave
@@ -6,6 +8,9 @@
  */
 #ifndef LANES
 #define LANES 1 /* work-item width: 1 or 16 */
+#endif
+#ifndef COUNTED
+#define COUNTED 0 /* 1: kernels have `counts`, of what they did */
 #endif
 
 /* A function whose arguments and results shall stay in registers, where vectors are else passed through memory. */
@@ -79,6 +84,21 @@ typedef long longl;
 #error "LANES must be 1 or 16"
 #endif
 
+/* One lane of a variable, to be read, and to be set */
+#define float_lane(v, lane) (((const float *)&(v))[lane])
+#define int_lane(v, lane) (((const int *)&(v))[lane])
+#define set_float_lane(v, lane, value) (((float *)&(v))[lane] = (value))
+#define set_int_lane(v, lane, value) (((int *)&(v))[lane] = (value))
+
+/* Adds how many lanes of a mask are true, where that is wanted. */
+#if COUNTED
+#define COUNT(counter, mask)                                                                                   \
+    for (int lane = 0; lane < LANES; lane++)                                                                   \
+        counter += int_lane(mask, lane) != 0;
+#else
+#define COUNT(counter, mask)
+#endif
+
 /* mask ? yes : no, for float and int lanes alike */
 #define pick(mask, yes, no) select(no, yes, mask)
 
@@ -136,4 +156,5 @@ floatl floor_lanes(floatl x)
 #endif
 #ifndef foresee
 #define foresee(p)
+#endif
 #endif

@@ -1,3 +1,5 @@
+#ifndef LIB_LIGHT_H
+#define LIB_LIGHT_H
 /* One light: Lambert's law, highlights (Blinn 1977), shadows by maps (Williams 1978).
  *
  * SHADOWED: the kernel has `global const float *shadow_maps, Shadow shadow`: depth images as the light sees the scene,
@@ -5,6 +7,14 @@
  */
 #include "lib/color.h"
 #include "lib/pixelspace.h"
+
+#ifndef LIT
+#define LIT 0 /* 1: kernels that draw light what they draw, and have `Light light` */
+#endif
+#ifndef SHADOWED
+#define SHADOWED 0 /* 1: they also ask what the light sees */
+#endif
+
 
 typedef struct {
     float vector[4];  /* towards the light, unit length (w = 0), or its position (w = 1), in the world */
@@ -26,7 +36,7 @@ typedef struct {
     float grain; /* scene units by which the thing itself may lie before its true surface in a map */
 } Shadow;
 
-#ifdef SHADOWED
+#if SHADOWED
 #define SHADOW_PARAMETERS , global const float *shadow_maps, Shadow shadow
 #define VISIBILITY(x, y, z, nx, ny, nz) visibility(shadow_maps, shadow, x, y, z, nx, ny, nz)
 #else
@@ -54,7 +64,7 @@ ToLight to_light(Light light, floatl x, floatl y, floatl z)
     return to;
 }
 
-#ifdef SHADOWED
+#if SHADOWED
 #define SHADOW_REACH 1.0f /* texels, along both axes: from a point to those that it is compared with */
 #define SHADOW_SLACK 0.5f /* texels */
 
@@ -126,3 +136,4 @@ void shine(Color *shade, Light light, floatl x, floatl y, floatl z, floatl nx, f
     shade->g = shade->g * (light.ambient + light.color[1] * diffuse) + light.color[1] * highlight;
     shade->b = shade->b * (light.ambient + light.color[2] * diffuse) + light.color[2] * highlight;
 }
+#endif

@@ -1,3 +1,5 @@
+#ifndef LIB_NORMALS_H
+#define LIB_NORMALS_H
 /* Directions in the world, and maps of normals. */
 #include "lib/lanes.h"
 #include "lib/screen.h"
@@ -28,3 +30,4 @@ Direction normal_in(global const float *map, int width, int height, floatl u, fl
     const Direction made = {part[0], part[1], part[2]};
     return made;
 }
+#endif

@@ -1,3 +1,5 @@
+#ifndef LIB_PIXELSPACE_H
+#define LIB_PIXELSPACE_H
 /* Pixel space: what makes perspective and orthographic cameras one case.
  *
  * A point is written as homogeneous (U, V, W, Q) of a camera: its pixel is (U/W, V/W) and its nearness is Q/W,
@@ -29,3 +31,4 @@ typedef struct {
 
 /* Component `row` of the map m's image of pixel (x, y) at nearness 0 */
 #define PIXEL_ROW(m, row, x, y) ((m)[4 * (row)] * (x) + (m)[4 * (row) + 1] * (y) + (m)[4 * (row) + 2])
+#endif

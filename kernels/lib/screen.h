@@ -1,6 +1,12 @@
+#ifndef LIB_SCREEN_H
+#define LIB_SCREEN_H
 /* The target of a rendering: its camera's pixel space (lib/pixelspace.h) over the world. */
 #include "lib/lanes.h"
 #include "lib/pixelspace.h"
+
+#ifndef BIN
+#define BIN 32 /* pixels, the side of a bin of the rasteriser */
+#endif
 
 typedef struct {
     float from_world[16]; /* (U, V, W, Q) of the world point (X, Y, Z, 1), row by row */
@@ -37,3 +43,4 @@ Direction towards(Screen screen, floatl x, floatl y, floatl z)
     d.z *= unit;
     return d;
 }
+#endif

@@ -1,3 +1,5 @@
+#ifndef LIB_TEXTURE_H
+#define LIB_TEXTURE_H
 /* Textures with their pyramids, tiled: RGBA bytes, level by level from the largest, each half the size of the one
  * before, rounded down (Williams 1983).
  */
@@ -46,3 +48,4 @@ intl level_of_texels(floatl texels_2, int level_count)
     const intl doublings = (as_intl(sound) >> 23) - 127; /* its log2, rounded down */
     return min(doublings >> 1, (intl)(level_count - 1));
 }
+#endif

@@ -16,6 +16,13 @@
 #include "lib/texture.h"
 #include "raster/nearest.h"
 
+#ifndef TEXTURED
+#define TEXTURED 0 /* 1: the mesh has a texture, */
+#endif
+#ifndef TINTED
+#define TINTED 0 /* 1: or colours of its vertices */
+#endif
+
 #define GATHER(array, i) gather(array, (i))
 
 /* The mean of the corners' values: one of `stride` numbers a vertex */
@@ -30,20 +37,20 @@ kernel void draw_mesh(global const int *faces, global const float *projected, gl
                       global const int *starts, int bins_x, global float *depth, global channel *color,
                       global uchar *valid, Screen screen, float nearest_w, int culled, int blank, float base_r,
                       float base_g, float base_b
-#ifdef TEXTURED
+#if TEXTURED
                       ,
                       global const float *uv, global const uint *texels, int texture_width, int texture_height,
                       int levels
 #endif
-#ifdef TINTED
+#if TINTED
                       ,
                       global const float *tints
 #endif
-#ifdef LIT
+#if LIT
                       ,
                       global const float *normals, global const short *fronts, Light light SHADOW_PARAMETERS
 #endif
-#ifdef SHADOWED
+#if SHADOWED
                       ,
                       global const float *vertices /* (vertices, 3) world */
 #endif
@@ -68,12 +75,12 @@ kernel void draw_mesh(global const int *faces, global const float *projected, gl
             const floatl px = to_floatl(x + first_x + block_x), py = to_floatl(y + first_y + block_y);
             const intl face = pick(mine, owner, (intl)0);
             const Place p = place_on(faces, projected, face, px, py);
-#ifdef TINTED
+#if TINTED
             shade.r = mean_on(&p, tints, 3, 0);
             shade.g = mean_on(&p, tints, 3, 1);
             shade.b = mean_on(&p, tints, 3, 2);
 #endif
-#ifdef TEXTURED
+#if TEXTURED
             const floatl u = mean_on(&p, uv, 2, 0), v = mean_on(&p, uv, 2, 1);
             /* One pixel on, weights change by the edges' a or b, and the total by their sums. */
             floatl du_x = 0.0f, dv_x = 0.0f, du_y = 0.0f, dv_y = 0.0f, a_sum = 0.0f, b_sum = 0.0f;
@@ -102,7 +109,7 @@ kernel void draw_mesh(global const int *faces, global const float *projected, gl
                           between / 255.0f, &read);
             shade = read;
 #endif
-#ifdef LIT
+#if LIT
             floatl nx = mean_on(&p, normals, 3, 0), ny = mean_on(&p, normals, 3, 1), nz = mean_on(&p, normals, 3, 2);
             const floatl n = region.nearness[block], flip = pick(p.area > 0.0f, (floatl)-1.0f, (floatl)1.0f);
             const floatl front = (floatl)(gather(fronts, face)), scale = flip * front / sqrt(nx * nx + ny * ny + nz * nz);
@@ -115,7 +122,7 @@ kernel void draw_mesh(global const int *faces, global const float *projected, gl
             nz *= scale;
             const Direction ahead = towards(screen, X, Y, Z);
             floatl visible = 1.0f;
-#ifdef SHADOWED /* by the triangle's own normal: the one that is shaded by may be bent */
+#if SHADOWED /* by the triangle's own normal: the one that is shaded by may be bent */
             floatl side[6];
             for (int part = 0; part < 3; part++) {
                 const floatl start = (floatl)(GATHER(vertices, 3 * p.corner[0] + part));

@@ -1,3 +1,5 @@
+#ifndef RASTER_REGION_H
+#define RASTER_REGION_H
 /* Drawing primitives of a bin, in order, into a region of pixels that one work-item owns.
  *
  * A CPU's work-item owns a bin and goes through it in blocks of 4 x 4 pixels, one to a lane; a GPU's owns a pixel.
@@ -13,9 +15,10 @@
 #include "lib/color.h"
 #include "lib/screen.h"
 
-#ifndef BIN
-#define BIN 32 /* pixels, the side of a bin */
+#ifndef PLACED
+#define PLACED 0 /* 1: a region also holds where on its owner a pixel is */
 #endif
+
 #if LANES == 16
 #define REGION BIN /* pixels, the side of a work-item's region */
 #define BLOCK 4
@@ -34,7 +37,7 @@ typedef struct {
     floatl nearness[BLOCKS]; /* of the picture so far */
     intl owner[BLOCKS];      /* primitive that is seen, -1: none of these */
     float farthest[BLOCKS];  /* no pixel of the block shows what is farther than that */
-#ifdef PLACED
+#if PLACED
     floatl u[BLOCKS], v[BLOCKS]; /* where on the owner */
 #endif
 } Region;
@@ -48,7 +51,7 @@ void begin_region(Region *region, Screen screen, global const float *depth, int 
             for (int lane = 0; lane < LANES; lane++) {
                 const int px = x + block % ROW * BLOCK + lane % BLOCK, py = y + block / ROW * BLOCK + lane / BLOCK;
                 if (px < screen.width && py < screen.height)
-                    ((float *)&so_far)[lane] = drawn_nearness(screen, depth[(size_t)py * screen.width + px]);
+                    set_float_lane(so_far, lane, drawn_nearness(screen, depth[(size_t)py * screen.width + px]));
             }
         region->nearness[block] = so_far;
         region->owner[block] = -1;
@@ -111,14 +114,15 @@ void write_block(const Region *region, int block, Screen screen, global float *d
 #endif
     for (int lane = 0; lane < LANES; lane++) {
         const int px = x + lane % BLOCK, py = y + lane / BLOCK;
-        const int mine = ((const int *)&region->owner[block])[lane] >= 0;
+        const int mine = int_lane(region->owner[block], lane) >= 0;
         if (px >= screen.width || py >= screen.height || !(mine || blank))
             continue;
         const size_t at = (size_t)py * screen.width + px;
-        const float n = ((const float *)&region->nearness[block])[lane];
-        const float3 one = (float3)(((const float *)&shade.r)[lane], ((const float *)&shade.g)[lane], ((const float *)&shade.b)[lane]);
+        const float n = float_lane(region->nearness[block], lane);
+        const float3 one = (float3)(float_lane(shade.r, lane), float_lane(shade.g, lane), float_lane(shade.b, lane));
         depth[at] = mine ? (screen.perspective ? 1.0f / n : -n) : NAN;
         valid[at] = mine;
         write_pixel(color + 3 * at, mine ? rounded(clamp(one, 0.0f, 1.0f) * CHANNEL_MOST) : (float3)(0.0f));
     }
 }
+#endif

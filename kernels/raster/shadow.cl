@@ -8,7 +8,7 @@
  * before: (height, width) the depths before the thing was drawn, with `blank` 0; other pixels stay. depth, color: the
  * picture. Work-item: LANES pixels of a row. Cost: O(pixels). Determinism: every pixel on its own.
  */
-#define SHADOWED
+#define SHADOWED 1
 #include "lib/light.h"
 #include "lib/screen.h"
 
@@ -75,8 +75,8 @@ kernel void darken(global const float *before, global const float *depth, global
     const floatl visible = VISIBILITY(p.x, p.y, p.z, nx, ny, nz) * to.share * faces;
     const floatl left = light.ambient + (1.0f - light.ambient) * visible;
     for (int lane = 0; lane < LANES; lane++) {
-        const float share = ((const float *)&left)[lane];
-        if (!((const int *)&drawn)[lane] || !(share < 1.0f))
+        const float share = float_lane(left, lane);
+        if (!int_lane(drawn, lane) || !(share < 1.0f))
             continue;
         const size_t pixel = 3 * ((size_t)row * screen.width + first + lane);
         for (int k = 0; k < 3; k++)

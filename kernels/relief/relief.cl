@@ -15,13 +15,17 @@
  * is seen, in the tile, NaN where nothing is, with TOLD.
  * Work-item: a region (raster/region.h). Cost: O(list + pixels * layers * steps). Determinism: list order.
  */
-#define PLACED
+#define PLACED 1
 #include "lib/light.h"
 #include "lib/normals.h"
 #include "lib/texture.h"
 #include "raster/region.h"
 #include "raster/triangle.h"
 #include "relief/search.h"
+
+#ifndef TOLD
+#define TOLD 0 /* 1: where on the surface each pixel is, is written, too */
+#endif
 
 #define LINEAR 0
 #define SAFE 1
@@ -55,7 +59,7 @@ void cover(const Context *context, const Primitives *t, int lane, Region *region
 {
     floatl n;
     Layers *layers = context->layers;
-    const int index = INT_OF(t->index);
+    const int index = int_lane(t->index, lane);
     const floatl first = layers->first[block], second = layers->second[block], beyond = layers->beyond[block];
     const intl covered = covered_by(t, lane, first_x, first_y, &n);
     const intl seen = covered & (n <= context->screen.nearest) & (n > region->nearness[block]) &
@@ -66,6 +70,7 @@ void cover(const Context *context, const Primitives *t, int lane, Region *region
     layers->entered[block] = pick(nearer, (intl)index, layers->entered[block]);
 }
 
+#define FRAGMENTS 1
 #include "raster/list.h"
 
 /* What the vertices say where a pixel's ray enters */
@@ -124,7 +129,7 @@ intl level_of(const Entry *e, int width, int height, int level_count, floatl siz
     return level_of_texels(pick(enters, texels_2, (floatl)1.0f), level_count);
 }
 
-#ifdef LIT
+#if LIT
 /* x and y of the frame in which the quadric is z = a x^2 + b y^2 */
 void tangents_of(const Entry *e, Direction *x, Direction *y)
 {
@@ -184,16 +189,16 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
                         global float *depth, global channel *color, global uchar *valid, Screen screen,
                         float nearest_w, float scale, float pixel_size, int quadric, int search, int steps,
                         int halvings, int blank
-#ifdef LIT
+#if LIT
                         ,
                         global const float *normal_map, int normal_width, int normal_height,
                         Light light SHADOW_PARAMETERS
 #endif
-#ifdef COUNTED
+#if COUNTED
                         ,
                         global int *counts
 #endif
-#ifdef TOLD
+#if TOLD
                         ,
                         global float *places
 #endif
@@ -248,7 +253,7 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
                 set_ray(&searches[k].ray, &e, direction[k], quadric, scale);
                 const floatl distance = screen.perspective ? 1.0f / n : (floatl)1.0f;
                 searches[k].ray.level = level_of(&e, levels[0], levels[1], level_count, distance * pixel_size, enters);
-#ifdef COUNTED
+#if COUNTED
                 searches[k].taken = 0;
 #endif
                 searches[k].active = searched[k] = enters & is_sound(&searches[k].ray);
@@ -274,13 +279,13 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
                 layers.t[at] = pick(nearer, t, layers.t[at]);
                 region.u[at] = pick(nearer, ray->u + ray->du * t, region.u[at]);
                 region.v[at] = pick(nearer, ray->v + ray->dv * t, region.v[at]);
-#ifdef COUNTED
+#if COUNTED
                 for (int lane = 0; lane < LANES; lane++) {
                     const int at_x = x + at % ROW * BLOCK + lane % BLOCK, at_y = y + at / ROW * BLOCK + lane / BLOCK;
-                    if (INT_OF(entered[k]) >= 0 && at_x < screen.width && at_y < screen.height) {
+                    if (int_lane(entered[k], lane) >= 0 && at_x < screen.width && at_y < screen.height) {
                         const size_t pixel = 2 * ((size_t)at_y * screen.width + at_x);
                         counts[pixel]++;
-                        counts[pixel + 1] += INT_OF(searches[k].taken);
+                        counts[pixel + 1] += int_lane(searches[k].taken, lane);
                     }
                 }
 #endif
@@ -305,7 +310,7 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
             const floatl n = region.nearness[block], distance = screen.perspective ? 1.0f / n : (floatl)1.0f;
             add_level(colors, u, v, level_of(&e, color_width, color_height, color_levels, distance * pixel_size, mine),
                       color_width, color_height, 1.0f / 255.0f, &shade);
-#ifdef LIT
+#if LIT
             const floatl inverse = 1.0f / (PIXEL_ROW(m, 3, px, py) + n * m[15]);
             const floatl X = (PIXEL_ROW(m, 0, px, py) + n * m[3]) * inverse;
             const floatl Y = (PIXEL_ROW(m, 1, px, py) + n * m[7]) * inverse;
@@ -327,13 +332,13 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
                   VISIBILITY(X, Y, Z, own.x, own.y, own.z));
 #endif
         }
-#ifdef TOLD
+#if TOLD
         for (int lane = 0; lane < LANES; lane++) {
             const int at_x = x + first_x + lane % BLOCK, at_y = y + first_y + lane / BLOCK;
             if (at_x >= screen.width || at_y >= screen.height)
                 continue;
-            const float2 uv = {((const float *)&region.u[block])[lane], ((const float *)&region.v[block])[lane]};
-            vstore2(INT_OF(owner) >= 0 ? uv - floor(uv) : (float2)(NAN), (size_t)at_y * screen.width + at_x, places);
+            const float2 uv = {float_lane(region.u[block], lane), float_lane(region.v[block], lane)};
+            vstore2(int_lane(owner, lane) >= 0 ? uv - floor(uv) : (float2)(NAN), (size_t)at_y * screen.width + at_x, places);
         }
 #endif
         write_block(&region, block, screen, depth, color, valid, blank, x + first_x, y + first_y, shade);

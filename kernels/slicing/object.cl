@@ -21,7 +21,7 @@
 #include "raster/region.h"
 
 #ifndef VIEWS
-#define VIEWS 6
+#define VIEWS 6 /* of the object */
 #endif
 #ifndef SILHOUETTES
 #define SILHOUETTES 0 /* 1: maps are masks */
@@ -131,7 +131,7 @@ kernel void draw_object(global const float *matrices, global const int *sizes, g
                         int unknown /* 1: images say nothing of what lies beside them */,
                         float tolerance /* scene units that a sample may lie before a point that it shows */,
                         int low_x, int low_y, int blank
-#ifdef COUNTED
+#if COUNTED
                         ,
                         global int *counts
 #endif
@@ -203,10 +203,10 @@ kernel void draw_object(global const float *matrices, global const int *sizes, g
             before = pick(inside, before, middle);
         }
     }
-#ifdef COUNTED
+#if COUNTED
     for (int lane = 0; lane < LANES; lane++)
         if (x + lane % BLOCK < screen.width && y + lane / BLOCK < screen.height)
-            counts[(size_t)(y + lane / BLOCK) * screen.width + x + lane % BLOCK] += ((const int *)&tests)[lane];
+            counts[(size_t)(y + lane / BLOCK) * screen.width + x + lane % BLOCK] += int_lane(tests, lane);
 #endif
     const floatl nearness = screen.perspective ? 1.0f / hit : -hit;
     found = found & (nearness > so_far); /* of what is equally far, the first stays */

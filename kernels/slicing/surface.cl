@@ -19,13 +19,17 @@
  * pixel, which sets up all tetrahedra of its bin's list by itself and walks the slices of those that it meets.
  * Cost: O(list + pixels * slices met), with LANES 1 O(pixels * list + ...). Determinism: list order.
  */
-#define PLACED
+#define PLACED 1
 #include "lib/light.h"
 #include "lib/normals.h"
 #include "lib/texture.h"
 #include "raster/region.h"
 #include "slicing/heights.h"
 #include "slicing/tetrahedra.h"
+
+#ifndef UNCLIPPED
+#define UNCLIPPED 0 /* 1: slices are tested beside the tetrahedra, too, as the file's head says */
+#endif
 
 #define NUMBER_MOST 8388608.0f /* slices: beyond, the next one would be the same float */
 #define ROUNDED 1e-5f /* of the displacement: what lies no higher is on the base */
@@ -48,10 +52,10 @@ void try_at(const Context *context, int block, Search *search, floatl z, intl tr
     const intl passed = tries & inside & passes(context->test, alpha, h, 1.0f / context->slices);
     search->z = pick(passed, z, search->z);
     search->found = search->found | passed;
-#ifdef COUNTED
+#if COUNTED
     for (int lane = 0; lane < LANES; lane++) {
         const int px = context->x + block % ROW * BLOCK + lane % BLOCK, py = context->y + block / ROW * BLOCK + lane / BLOCK;
-        if (((const int *)&tries)[lane] && px < context->screen.width && py < context->screen.height)
+        if (int_lane(tries, lane) && px < context->screen.width && py < context->screen.height)
             context->counts[(size_t)py * context->screen.width + px]++;
     }
 #endif
@@ -62,7 +66,7 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
     const Tetrahedron *t = &made->of[lane];
     if (t->front <= region->farthest[block])
         return;
-#ifndef UNCLIPPED
+#if !UNCLIPPED
     for (int k = 0; k < t->outlines; k++) /* most blocks in the box of a tetrahedron lie beside it */
         if (t->outline[k].x * first_x + (t->outline[k].y * first_y + t->outline[k].one) < 0.0f)
             return;
@@ -82,7 +86,7 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
     const floatl entry = t->perspective ? 1.0f / near : -near, exit = t->perspective ? 1.0f / far : -far;
     floatl front = entry, back = exit; /* where slices are tested */
     intl meets = inside;
-#ifdef UNCLIPPED
+#if UNCLIPPED
     if (!t->crosses) {
         front = t->perspective ? 1.0f / t->front : -t->front;
         back = t->perspective ? 1.0f / t->rear : -t->rear;
@@ -125,11 +129,12 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
     region->v[block] = pick(found, AT(search.v, search.z), region->v[block]);
 }
 
+#define FRAGMENTS 1
 #include "raster/list.h"
 
 #define GATHER(array, i) gather(array, i)
 
-#ifdef LIT
+#if LIT
 /* The base's normal below a point: interpolated at its foot on the triangle. rise: above the triangle's plane */
 Direction normal_below(global const int *corners, global const float *points, global const float *normals, intl triangle,
                        floatl X, floatl Y, floatl Z, floatl *rise)
@@ -169,12 +174,12 @@ kernel void draw_surface(global const int *corners, global const float *projecte
                          float nearest_w, float spacing, int slices, int slicing, int test, int map_width,
                          int map_height, int color_width, int color_height,
                          int color_levels, float pixel_size, global const float *gradients, int blank
-#ifdef LIT
+#if LIT
                          ,
                          global const float *normals, global const float *normal_map, int normal_width,
                          int normal_height, Light light SHADOW_PARAMETERS
 #endif
-#ifdef COUNTED
+#if COUNTED
                          ,
                          global int *counts
 #endif
@@ -185,7 +190,7 @@ kernel void draw_surface(global const int *corners, global const float *projecte
         return;
     const Context context = {corners, projected, points, places, frames, heights, screen, nearest_w, spacing,
                              slices, slicing, test, map_width, map_height
-#ifdef COUNTED
+#if COUNTED
                              ,
                              counts, x, y
 #endif
@@ -214,7 +219,7 @@ kernel void draw_surface(global const int *corners, global const float *projecte
             const floatl texels_2 = greater(u_2 * ((float)color_width * color_width), v_2 * ((float)color_height * color_height));
             add_level(colors, u, v, level_of_texels(pick(mine, texels_2 * size * size, (floatl)1.0f), color_levels),
                       color_width, color_height, 1.0f / 255.0f, &shade);
-#ifdef LIT
+#if LIT
             const float *m = screen.to_world;
             const floatl px = to_floatl(x + first_x + block_x), py = to_floatl(y + first_y + block_y);
             const floatl inverse = 1.0f / (PIXEL_ROW(m, 3, px, py) + n * m[15]);
@@ -245,7 +250,7 @@ kernel void draw_surface(global const int *corners, global const float *projecte
             nz *= inverse_length;
             const Direction ahead = towards(screen, X, Y, Z);
             floatl visible = VISIBILITY(X, Y, Z, nx, ny, nz);
-#ifdef SHADOWED
+#if SHADOWED
             /* Farther than a slice below the heights a point may lie on a side of the volume, whose normal is across the
              * base's. */
             const floatl top = height_at(heights, map_width, map_height, u, v) * (spacing * slices);

@@ -1,3 +1,5 @@
+#ifndef SLICING_TETRAHEDRA_H
+#define SLICING_TETRAHEDRA_H
 /* Tetrahedra of a displacement volume, set up for a region of pixels (Kautz & Seidel 2001, section 3).
  *
  * All that the loops of surface.cl need of one is affine over the picture: where rays enter and leave it, u, v and height
@@ -18,7 +20,7 @@ typedef struct {
     Screen screen;
     float nearest_w, spacing;
     int slices, slicing, test, map_width, map_height;
-#ifdef COUNTED
+#if COUNTED
     global int *counts;
     int x, y;
 #endif
@@ -195,11 +197,11 @@ int4 set_up_one(const Context *context, int index, int x, int y, Tetrahedron *t)
 intl set_up(const Context *context, intl index, int x, int y, Primitives *made)
 {
     for (int lane = 0; lane < LANES; lane++) {
-        const int4 box = set_up_one(context, ((const int *)&index)[lane], x, y, &made->of[lane]);
-        ((int *)&made->low_x)[lane] = box.x;
-        ((int *)&made->high_x)[lane] = box.y;
-        ((int *)&made->low_y)[lane] = box.z;
-        ((int *)&made->high_y)[lane] = box.w;
+        const int4 box = set_up_one(context, int_lane(index, lane), x, y, &made->of[lane]);
+        set_int_lane(made->low_x, lane, box.x);
+        set_int_lane(made->high_x, lane, box.y);
+        set_int_lane(made->low_y, lane, box.z);
+        set_int_lane(made->high_y, lane, box.w);
     }
     return made->low_x <= made->high_x;
 }
@@ -212,3 +214,4 @@ Line line_of(const Tetrahedron *t, Quantity q, floatl x, floatl y)
     line.sloped = t->perspective ? at : (floatl)(-q.n);
     return line;
 }
+#endif

@@ -49,7 +49,7 @@ INLINED void clear_lines(global float *seen, int first, int along, PixelMap map)
 kernel void epipolar_sweep(global const float *nearness, global float *seen, global const LineGroup *groups,
                            int group_count, int packet_count, PixelMap map, Cut cut, int shown, float nearest,
                            float farthest
-#ifdef COUNT_SAMPLES
+#if COUNTED
                            ,
                            global uint *counts /* (packet_count, 2): samples and pixels visited */
 #endif
@@ -81,7 +81,7 @@ kernel void epipolar_sweep(global const float *nearness, global float *seen, glo
     answers.pixels = 0;
     const Grid grid = {nearness, map.src_width, map.src_height, map.src_pitch, cut};
     const uint samples = walk(grid, line, group, map, &answers);
-#ifdef COUNT_SAMPLES
+#if COUNTED
     counts[2 * packet] = samples;
     counts[2 * packet + 1] = answers.pixels;
 #endif

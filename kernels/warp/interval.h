@@ -1,3 +1,5 @@
+#ifndef WARP_INTERVAL_H
+#define WARP_INTERVAL_H
 /* What a walk along lines of the source settles of the target's lines: the pixels that a connected run of samples has
  * settled are one interval, which the run's next segment extends at either end.
  *
@@ -50,7 +52,6 @@ typedef struct {
     uint pixels;
 } Answers;
 
-#define COUNT(counter, mask) for (int l = 0; l < LANES; l++) counter += ((int *)&(mask))[l] != 0;
 #define STORE_LANE(l) seen[address.s##l] = stored.s##l;
 
 /* Settles the pixels between the ends of a segment of the surface that its interval does not hold yet. there: lanes
@@ -88,9 +89,7 @@ INLINED void extend(Interval *interval, Answers *answers, Place a, Place b, intl
         const intl settles = (goes_up | goes_down) & (w > 0.0f);
         if (!any_lane(settles))
             break;
-#ifdef COUNT_SAMPLES
         COUNT(answers->pixels, settles)
-#endif
         interval->above = pick(settles & goes_up, interval->above + 1.0f, interval->above);
         interval->below = pick(settles & !goes_up, interval->below - 1.0f, interval->below);
 
@@ -195,3 +194,4 @@ INLINED Interval nothing_settled(Epipolars line)
     interval.below = line.low - 1.0f;
     return interval;
 }
+#endif

@@ -1,3 +1,5 @@
+#ifndef WARP_LINES_H
+#define WARP_LINES_H
 /* Where the sweep's lines run: in the target, and the same lines in the source. */
 #include "warp/cells.h"
 
@@ -113,3 +115,4 @@ INLINED Epipolars epipolars_of(LineGroup group, PixelMap map, int packet, float 
     line.to = to;
     return line;
 }
+#endif

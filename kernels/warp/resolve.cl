@@ -272,8 +272,8 @@ INLINED Color read_there(Pixels *pixels, Grid grid, PixelMap map, global const c
 #if ORIGINS
 INLINED void write_origin(Pixels pixels, int lane, global float *origin, int view)
 {
-    const float3 from = (float3)(((const float *)&pixels.u)[lane], ((const float *)&pixels.v)[lane], view);
-    vstore3(IS_HIT(((const float *)&pixels.n)[lane]) ? from : (float3)(NAN), lane, origin);
+    const float3 from = (float3)(float_lane(pixels.u, lane), float_lane(pixels.v, lane), view);
+    vstore3(IS_HIT(float_lane(pixels.n, lane)) ? from : (float3)(NAN), lane, origin);
 }
 #endif
 
@@ -302,8 +302,8 @@ INLINED void write_pixels(Pixels pixels, Color c, PixelMap map, int merge, int c
         return;
     }
     for (int lane = 0; lane < count; lane++) {
-        const int is_settled = ((const int *)&settled)[lane] != 0;
-        const float z_new = ((const float *)&z)[lane], z_old = merge ? depth[lane] : NAN;
+        const int is_settled = int_lane(settled, lane) != 0;
+        const float z_new = float_lane(z, lane), z_old = merge ? depth[lane] : NAN;
         if (is_settled ? z_new >= z_old : merge)
             continue; /* what is there is nearer, or there is nothing to add */
         depth[lane] = is_settled ? z_new : NAN;
@@ -311,7 +311,7 @@ INLINED void write_pixels(Pixels pixels, Color c, PixelMap map, int merge, int c
 #if ORIGINS
         write_origin(pixels, lane, origin, view);
 #endif
-        const float3 one = (float3)(((const float *)&c.r)[lane], ((const float *)&c.g)[lane], ((const float *)&c.b)[lane]);
+        const float3 one = (float3)(float_lane(c.r, lane), float_lane(c.g, lane), float_lane(c.b, lane));
         write_pixel(color + 3 * lane, is_settled ? rounded(one) : (float3)(0.0f));
     }
 }
@@ -324,7 +324,7 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
                     ,
                     global float *origin /* (dst_height, dst_width, 3): u, v and the number of the view */, int view
 #endif
-#ifdef COUNT_SAMPLES
+#if COUNTED
                     ,
                     global uint *counts /* (work-items, 2): cells visited by the slowest lane, times LANES; pixels traced */
 #endif
@@ -366,7 +366,7 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
             if (any_lane(traced))
                 for (int lane = 0; lane < LANES; lane++) {
                     left[count] = p * LANES + lane;
-                    count += ((const int *)&traced)[lane] != 0;
+                    count += int_lane(traced, lane) != 0;
                 }
         }
     uint cells = 0;
@@ -375,7 +375,7 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
         const intl pixel = pick(wanted, (intl)load_lanes(left + first), (intl)0), x = strip_x + pixel;
         const floatl n = trace_around(seen, grid, map, x, y, wanted, shown, apart, density, window, &cells);
         for (int i = 0; i < min(count - first, LANES); i++)
-            ((float *)&pixels[left[first + i] / LANES].n)[left[first + i] % LANES] = ((const float *)&n)[i];
+            set_float_lane(pixels[left[first + i] / LANES].n, left[first + i] % LANES, float_lane(n, i));
     }
 
     for (int p = 0; p < packets; p++) {
@@ -393,7 +393,7 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
 #endif
         );
     }
-#ifdef COUNT_SAMPLES
+#if COUNTED
     const int item = get_global_id(1) * get_global_size(0) + get_global_id(0);
     counts[2 * item] = cells * LANES;
     counts[2 * item + 1] = count;

@@ -9,7 +9,7 @@
 
 kernel void search(global const float *nearness, global float *seen, PixelMap map, Cut cut, int shown, int low_x, int high_x,
                    int low_y, int high_y
-#ifdef COUNT_SAMPLES
+#if COUNTED
                    ,
                    global uint *counts /* (dst_height, packets a row): cells visited by the slowest lane */
 #endif
@@ -29,7 +29,7 @@ kernel void search(global const float *nearness, global float *seen, PixelMap ma
     uint cells = 0;
     const floatl found = trace(grid, rays, epipolar, whole, shown, x + lane_index < high_x, &cells);
     store_lanes(ANSWER(found, 0), seen + (size_t)y * map.dst_pitch + x); /* the pitch leaves room for a whole packet */
-#ifdef COUNT_SAMPLES
+#if COUNTED
     counts[y * ((map.dst_width + LANES - 1) / LANES) + get_global_id(0)] = cells * LANES;
 #endif
 }

@@ -1,3 +1,5 @@
+#ifndef WARP_TRACE_H
+#define WARP_TRACE_H
 /* Rays of the target against the triangulated grid of the source, exactly, each along its own epipolar line.
  *
  * In the source's pixel space a ray is Y(n) = start + n * centre, n being the nearness in the target, and its image is
@@ -194,3 +196,4 @@ INLINED floatl trace(Grid grid, Rays rays, Epipolar epipolar, Stretches stretche
     const intl before = rays.perspective ? met > 0.0f : met < 0.0f;
     return pick(is_met & before, met, result);
 }
+#endif

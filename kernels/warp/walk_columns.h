@@ -1,3 +1,5 @@
+#ifndef WARP_WALK_COLUMNS_H
+#define WARP_WALK_COLUMNS_H
 /* Along lines of the source from column to column (or row to row): the surface is straight between two of them where it
  * is connected, which leaves out the corners at diagonals and rows, but it ends where its triangles end.
  */
@@ -120,9 +122,7 @@ INLINED uint walk(Grid grid, Epipolars line, LineGroup group, PixelMap map, Answ
     uint columns = 0;
     for (int count = 0; any_lane(count <= steps); count++, major += line.sign) {
         const intl active = count <= steps, is_last = count == steps;
-#ifdef COUNT_SAMPLES
         COUNT(columns, active)
-#endif
         const intl column = clamp(to_intl(major), (intl)0, to_intl(line.last_major));
         const floatl minor = minor_0 + tilt * major;
         Column to;
@@ -173,3 +173,4 @@ INLINED uint walk(Grid grid, Epipolars line, LineGroup group, PixelMap map, Answ
     }
     return columns;
 }
+#endif

@@ -1,3 +1,5 @@
+#ifndef WARP_WALK_EDGES_H
+#define WARP_WALK_EDGES_H
 /* Along lines of the source from edge to edge of its triangles: exactly what the lines meet. Cells are what is counted. */
 #include "warp/interval.h"
 
@@ -21,9 +23,7 @@ INLINED uint walk(Grid grid, Epipolars line, LineGroup group, PixelMap map, Answ
     Place before = place_at(targets, at, (floatl)NO_SURFACE);
     uint cells = 0;
     while (any_lane(active)) {
-#ifdef COUNT_SAMPLES
         COUNT(cells, active)
-#endif
         const Cell cell = pass_cells(grid, lines, way, x, y, at);
         Place enters = place_at(targets, at, cell.q_in);
         enters.p = pick(connected, before.p, enters.p);
@@ -57,3 +57,4 @@ INLINED uint walk(Grid grid, Epipolars line, LineGroup group, PixelMap map, Answ
     }
     return cells;
 }
+#endif

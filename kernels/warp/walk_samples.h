@@ -1,3 +1,5 @@
+#ifndef WARP_WALK_SAMPLES_H
+#define WARP_WALK_SAMPLES_H
 /* Along rows or columns of the source's samples, from each to the next: exactly what such lines meet, which see the edges
  * between their samples alone.
  */
@@ -16,9 +18,7 @@ INLINED uint walk(Grid grid, Epipolars line, LineGroup group, PixelMap map, Answ
     uint samples = 0;
     for (int count = 0; any_lane(count <= steps); count++, major += line.sign) {
         const intl active = count <= steps;
-#ifdef COUNT_SAMPLES
         COUNT(samples, active)
-#endif
         const intl at = row + clamp(to_intl(major), (intl)0, to_intl(line.last_major)) * line.stride_major;
         FORESEE_SAMPLES(grid, at, line)
         const Place to = place_at(targets, major, (floatl)(gather(grid.nearness, at)));
@@ -29,3 +29,4 @@ INLINED uint walk(Grid grid, Epipolars line, LineGroup group, PixelMap map, Answ
     }
     return samples;
 }
+#endif
