@@ -145,7 +145,7 @@ kernel void sort_bins(global const int *corners, global const float *projected, 
     const int count = starts[b + 1] - starts[b];
     for (int i = 0; i < count; i++)
         key[i] = front_of(corners, projected, item[i]);
-#define IS_BEHIND(k, i, l, j) ((k) < (l) || ((k) == (l) && (i) > (j)))
+#define COMES_LATER(k, i, l, j) ((k) < (l) || ((k) == (l) && (i) > (j)))
     for (int start = count / 2 - 1, end = count; end > 1;) {
         int hole = 0;
         float k;
@@ -159,9 +159,9 @@ kernel void sort_bins(global const int *corners, global const float *projected, 
             key[end] = key[0], item[end] = item[0];
         }
         for (int child = 2 * hole + 1; child < end; child = 2 * hole + 1) {
-            if (child + 1 < end && IS_BEHIND(key[child + 1], item[child + 1], key[child], item[child]))
+            if (child + 1 < end && COMES_LATER(key[child + 1], item[child + 1], key[child], item[child]))
                 child++;
-            if (!IS_BEHIND(key[child], item[child], k, i))
+            if (!COMES_LATER(key[child], item[child], k, i))
                 break;
             key[hole] = key[child], item[hole] = item[child];
             hole = child;

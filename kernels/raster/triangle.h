@@ -160,12 +160,12 @@ typedef struct {
     floatl U[3], V[3], W[3]; /* of the corners, relative to the pixel */
     floatl area; /* twice the triangle's, as seen: > 0 from behind */
     int uniform; /* all lanes are on one triangle */
-} Place;
+} OnTriangle;
 
 /* At the pixel (x, y) of the picture */
-Place place_on(global const int *corners, global const float *projected, intl index, floatl x, floatl y)
+OnTriangle on_triangle(global const int *corners, global const float *projected, intl index, floatl x, floatl y)
 {
-    Place p;
+    OnTriangle p;
     floatl sum = 0.0f;
     const int one = int_lane(index, 0);
     p.uniform = !any_lane(index != one);
@@ -204,7 +204,7 @@ Place place_on(global const int *corners, global const float *projected, intl in
 }
 
 /* The means of the corners' values, by weights: `rows` of 16 floats a vertex, a mean each */
-void corner_means(global const float *rows, const Place *p, floatl *means)
+void corner_means(global const float *rows, const OnTriangle *p, floatl *means)
 {
 #if LANES == 16
     if (p->uniform) {

@@ -141,7 +141,8 @@ Track track_of(const ReliefRay *ray, global const int *levels)
 typedef struct {
     ReliefRay ray;
     Track track;
-    intl active; /* searches still */
+    intl searches; /* from the start, */
+    intl active;   /* and still */
     intl found;
     floatl t;      /* so far; in the end, where it is found */
     floatl before; /* linear: the last point above the surface */

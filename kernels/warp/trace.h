@@ -193,7 +193,7 @@ INLINED floatl trace(Grid grid, Rays rays, Epipolar epipolar, Stretches stretche
     }
     floatl per_unit;
     const floatl met = meet(rays, met_plane, &per_unit);
-    const intl before = rays.perspective ? met > 0.0f : met < 0.0f;
+    const intl before = IS_BEFORE(rays.perspective, met);
     return pick(is_met & before, met, result);
 }
 #endif

@@ -15,7 +15,7 @@ from pyibr.opencl.program import kernels_folder
 
 FOLDER = kernels_folder()
 FILES = sorted(path.relative_to(FOLDER).as_posix() for path in FOLDER.glob("*/*"))
-LONGEST = 170
+LONGEST = 100
 DEFAULT = re.compile(r"^#ifndef (\w+)\n#define \1 \S+(.*)\n#endif", re.MULTILINE)
 GUARD = re.compile(r"\A#ifndef (\w+)\n#define \1\n")
 INCLUDE = re.compile(r'^#include "(.+)"$', re.MULTILINE)
