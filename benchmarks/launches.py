@@ -82,7 +82,7 @@ class _Counts(Watch):
         self.of: dict[str, Visited] = {}
 
     def build(self, name: str, defines: Mapping[str, int], make: Callable[[Mapping[str, int]], Any]) -> Any:
-        return make({**defines, "COUNT_SAMPLES": 1} if name in COUNTED else defines)
+        return make({**defines, "COUNTED": 1} if name in COUNTED else defines)
 
     def launch(
         self, kernel: Any, grid: tuple[int, ...], arguments: Mapping[str, Any], enqueue: Callable[..., None]

@@ -21,16 +21,21 @@
  * which keeps what is nearer already. occupancy: (height, width) bit k is set where view k gave colour, with OCCUPIED.
  * Work-item: a region (raster/region.h). Cost: O(list + pixels * meshes). Determinism: list order, then the meshes'.
  */
+#include "lib/color.h"
+#include "lib/taps.h"
 #include "raster/nearest.h"
 
 #ifndef VIEWS
-#define VIEWS 1
+#define VIEWS 1 /* that are drawn */
 #endif
 #ifndef UNDERLAID
-#define UNDERLAID 0 /* coarse meshes under the holes */
+#define UNDERLAID 0 /* how many coarse meshes there are under the holes */
 #endif
 #ifndef BLEND
-#define BLEND 0
+#define BLEND 0 /* what colours are weighted by, as the file's head says */
+#endif
+#ifndef OCCUPIED
+#define OCCUPIED 0 /* 1: which views gave colour is written, too */
 #endif
 #ifndef ALL
 #define ALL VIEWS /* views there are, drawn or not */
@@ -61,9 +66,9 @@ intl is_empty(global const float *limits, global const int *sizes, global const 
     for (int view = 0; view < ALL; view++) {
         global const float *m = from_target + 16 * view;
         const int width = sizes[3 * view], height = sizes[3 * view + 1];
-        const floatl inverse = 1.0f / (PIXEL_ROW(m, 2, x, y) + n * m[11]), near = (PIXEL_ROW(m, 3, x, y) + n * m[15]) * inverse;
-        const floatl u = (PIXEL_ROW(m, 0, x, y) + n * m[3]) * inverse, v = (PIXEL_ROW(m, 1, x, y) + n * m[7]) * inverse;
-        const floatl z = perspectives[view] ? 1.0f / near : -near;
+        const floatl inverse = 1.0f / MAP_ROW(m, 2, x, y, n), near = MAP_ROW(m, 3, x, y, n) * inverse;
+        const floatl u = MAP_ROW(m, 0, x, y, n) * inverse, v = MAP_ROW(m, 1, x, y, n) * inverse;
+        const floatl z = DEPTH_OF(perspectives[view], near);
         intl through = (inverse > 0.0f) & (z > 0.0f) & (u >= 0.0f) & (v >= 0.0f) & (u < width - 1.0f) & (v < height - 1.0f);
         const intl first = sizes[3 * view + 2] + pick(through, to_intl(v) * width + to_intl(u), (intl)0);
         for (int k = 0; k < 4; k++) {
@@ -91,19 +96,17 @@ int has_holes(const Region *seen)
 
 /* Adds the colour at the pixel (x, y) of a view's level: of its samples linear within the cell's triangle, of a coarser
  * level bilinear, by how much of each texel has samples. */
-void add_color(global const uint *colors, global const int *size, int level, floatl x, floatl y, floatl weight, Color *sum)
+void add_sample(global const uint *colors, global const int *size, int level, floatl x, floatl y, floatl weight, Color *sum)
 {
     const int width = size[0], height = size[1];
     const float per_texel = 1.0f / (1 << level);
     const floatl u = (x + 0.5f) * per_texel - 0.5f, v = (y + 0.5f) * per_texel - 0.5f, none = 0.0f;
-    const floatl cx = lesser(greater(u, none), (floatl)(width - 1)), cy = lesser(greater(v, none), (floatl)(height - 1));
-    const floatl x0 = lesser(truncated(cx), (floatl)max(width - 2, 0)), y0 = lesser(truncated(cy), (floatl)max(height - 2, 0));
-    const intl column = to_intl(x0), row = to_intl(y0), at = size[2] + row * width + column;
-    const floatl fx = cx - x0, fy = cy - y0, gx = 1.0f - fx, gy = 1.0f - fy;
-    const int right = min(width - 1, 1), down = min(height - 1, 1) * width;
-    floatl share[4] = {gx * gy, fx * gy, gx * fy, fx * fy};
+    const Taps taps = clamped_taps(width, height, u, v);
+    const floatl fx = taps.fx, fy = taps.fy, gx = 1.0f - fx, gy = 1.0f - fy;
+    floatl share[4];
+    tap_weights(taps, share);
     if (level == 0) {
-        const intl main = ((column ^ row) & 1) == 0; /* the diagonal runs to the lower right (depthmesh/tree.h) */
+        const intl main = ((taps.column ^ taps.row) & 1) == 0; /* the diagonal runs to the lower right (depthmesh/tree.h) */
         share[0] = pick(main, lesser(gx, gy), greater(gx - fy, none));
         share[1] = pick(main, greater(fx - fy, none), lesser(fx, gy));
         share[2] = pick(main, greater(fy - fx, none), lesser(gx, fy));
@@ -112,17 +115,12 @@ void add_color(global const uint *colors, global const int *size, int level, flo
     Color read = {0.0f, 0.0f, 0.0f};
     floatl opaque = 0.0f;
     for (int k = 0; k < 4; k++) {
-        const intl texel = at + (k & 1 ? right : 0) + (k >> 1 ? down : 0), word = as_intl((uintl)(gather(colors, texel)));
+        const intl word = texels_at(colors, size[2] + taps.at[k]);
         const floatl part = share[k] * to_floatl(word >> 24 & 255);
-        read.r += part * to_floatl(word & 255);
-        read.g += part * to_floatl(word >> 8 & 255);
-        read.b += part * to_floatl(word >> 16 & 255);
+        add_color(&read, part, color_of(word));
         opaque += part;
     }
-    const floatl scale = weight / greater(opaque, (floatl)1e-6f);
-    sum->r += scale * read.r;
-    sum->g += scale * read.g;
-    sum->b += scale * read.b;
+    add_color(sum, weight / greater(opaque, (floatl)1e-6f), read);
 }
 
 /* Draws the meshes [first, last), each into a region of its own, from a bin's list. */
@@ -138,6 +136,45 @@ void draw_each(const Context *context, Region *seen, global const int *list, glo
     }
 }
 
+/* What the colours of the meshes are made from */
+typedef struct {
+    global const int *firsts, *sources, *levels;
+    global const float *points, *scales, *weights;
+    global const uint *colors;
+} Meshes;
+
+/* Adds a mesh's colour where it is `given`, with its weight, which is returned. seen: the mesh's own region; (x, y): the
+ * block's first pixel */
+INLINED floatl add_mesh(const Context *context, const Meshes *meshes, int mesh, const Region *seen, int block, int x, int y,
+                        intl shares, intl given, Color *sum)
+{
+    const floatl n = seen->nearness[block], px = to_floatl(x + block_x), py = to_floatl(y + block_y);
+    const intl triangle = pick(shares, seen->owner[block], meshes->firsts[mesh] + (intl)0);
+    const OnTriangle p = on_triangle(context->corners, context->projected, triangle, px, py);
+    floatl at_x = 0.0f, at_y = 0.0f, at_z = 0.0f, quality = 0.0f;
+    for (int k = 0; k < 3; k++) {
+        const intl row = 4 * p.corner[k], row_y = row + 1, row_z = row + 2, row_q = row + 3;
+        at_x += p.weight[k] * (floatl)(gather(meshes->points, row));
+        at_y += p.weight[k] * (floatl)(gather(meshes->points, row_y));
+        at_z += p.weight[k] * (floatl)(gather(meshes->points, row_z));
+        quality += p.weight[k] * (floatl)(gather(meshes->points, row_q));
+    }
+#if BLEND == 0
+    const floatl weight = pick(given, meshes->weights[mesh] * greater(quality, (floatl)LEAST_QUALITY), (floatl)0.0f);
+#else
+    const floatl weight = pick(given, (floatl)meshes->weights[mesh], (floatl)0.0f);
+#endif
+    global const int *source = meshes->sources + 4 * mesh;
+    const floatl inverse = source[3] ? 1.0f / at_z : (floatl)1.0f;
+    const floatl sound_x = pick(shares, at_x * inverse, (floatl)0.0f), sound_y = pick(shares, at_y * inverse, (floatl)0.0f);
+    /* One level for the block: that of the pixel that sees the view largest, which blurs nothing */
+    const floatl away = context->screen.perspective ? 1.0f / n : (floatl)1.0f;
+    const float samples = least_lane(pick(shares, meshes->scales[mesh] * away * inverse, (floatl)INFINITY));
+    const int level = clamp((int)floor(log2(fmax(samples, 1.0f)) + HALFWAY), 0, source[2] - source[1]);
+    add_sample(meshes->colors, meshes->levels + 3 * (source[1] + level), level, sound_x, sound_y, weight, sum);
+    return weight;
+}
+
 kernel void draw_meshes(global const int *corners, global const float *projected, global const float *points,
                         global const int *list, global const int *starts, int bins_x, global const int *firsts,
                         global const int *sources, global const int *levels, global const float *scales,
@@ -149,7 +186,7 @@ kernel void draw_meshes(global const int *corners, global const float *projected
                         global const float *limits, global const int *limit_sizes, global const float *from_target,
                         global const int *perspectives
 #endif
-#ifdef OCCUPIED
+#if OCCUPIED
                         ,
                         global uint *occupancy
 #endif
@@ -159,6 +196,7 @@ kernel void draw_meshes(global const int *corners, global const float *projected
     if (x >= screen.width || y >= screen.height)
         return;
     const Context context = {corners, projected, screen, nearest_w, culled};
+    const Meshes meshes = {firsts, sources, levels, points, scales, weights, colors};
     const int bin = y / BIN * bins_x + x / BIN;
     Region seen[MESHES], shown;
     int first_mesh = UNDERLAID;
@@ -172,6 +210,7 @@ kernel void draw_meshes(global const int *corners, global const float *projected
     begin_region(&shown, screen, depth, blank, x, y);
 
     for (int block = 0; block < BLOCKS; block++) {
+        const int first_x = x + FIRST_X(block), first_y = y + FIRST_Y(block);
         floatl front = EMPTY;
         intl under = (intl)0; /* nothing but coarse meshes */
         for (int mesh = UNDERLAID; mesh < MESHES; mesh++)
@@ -182,8 +221,7 @@ kernel void draw_meshes(global const int *corners, global const float *projected
             const intl covered = under & (seen[mesh].owner[block] >= 0);
             if (!any_lane(covered))
                 continue;
-            const floatl n = seen[mesh].nearness[block];
-            const floatl px = to_floatl(x + block % ROW * BLOCK + block_x), py = to_floatl(y + block / ROW * BLOCK + block_y);
+            const floatl n = seen[mesh].nearness[block], px = to_floatl(first_x + block_x), py = to_floatl(first_y + block_y);
             const intl kept = covered & !is_empty(limits, limit_sizes, from_target, perspectives, px, py,
                                                   pick(covered, n, (floatl)1.0f), epsilon);
             seen[mesh].owner[block] = pick(kept, seen[mesh].owner[block], (intl)-1);
@@ -193,67 +231,32 @@ kernel void draw_meshes(global const int *corners, global const float *projected
         const intl mine = front > shown.nearness[block];
         if (!blank && !any_lane(mine))
             continue;
-        const int first_x = x + block % ROW * BLOCK, first_y = y + block / ROW * BLOCK;
         Color sum = {0.0f, 0.0f, 0.0f};
         floatl total = 0.0f;
-#if BLEND == 2
-        intl taken = (intl)0;
-#endif
-#ifdef OCCUPIED
-        intl views = (intl)0;
-#endif
+        intl taken = (intl)0, views = (intl)0; /* by the front mesh; views that gave colour */
         /* Of epsilon 0 this is `front` itself. */
         const floatl deepest = screen.perspective ? front / (1.0f + epsilon * front) : front - epsilon;
         for (int mesh = first_mesh; mesh < MESHES; mesh++) {
             const floatl n = seen[mesh].nearness[block];
             intl shares = (seen[mesh].owner[block] >= 0) & (mesh < UNDERLAID ? under : !under);
-#if BLEND == 2
-            shares = shares & (n == front) & !taken;
+            shares = shares & (BLEND == 2 ? (n == front) & !taken : n >= deepest);
             taken = taken | shares;
-#else
-            shares = shares & (n >= deepest);
-#endif
             const intl given = shares & mine;
             if (!any_lane(given))
                 continue;
-            const floatl px = to_floatl(first_x + block_x), py = to_floatl(first_y + block_y);
-            const Place p = place_on(corners, projected, pick(shares, seen[mesh].owner[block], firsts[mesh] + (intl)0), px, py);
-            floatl at_x = 0.0f, at_y = 0.0f, at_z = 0.0f, quality = 0.0f;
-            for (int k = 0; k < 3; k++) {
-                const intl row = 4 * p.corner[k], row_y = row + 1, row_z = row + 2, row_q = row + 3;
-                at_x += p.weight[k] * (floatl)(gather(points, row));
-                at_y += p.weight[k] * (floatl)(gather(points, row_y));
-                at_z += p.weight[k] * (floatl)(gather(points, row_z));
-                quality += p.weight[k] * (floatl)(gather(points, row_q));
-            }
-#if BLEND == 0
-            const floatl weight = pick(given, weights[mesh] * greater(quality, (floatl)LEAST_QUALITY), (floatl)0.0f);
-#else
-            const floatl weight = pick(given, (floatl)weights[mesh], (floatl)0.0f);
-#endif
-            const floatl inverse = sources[4 * mesh + 3] ? 1.0f / at_z : (floatl)1.0f;
-            const floatl sound_x = pick(shares, at_x * inverse, (floatl)0.0f), sound_y = pick(shares, at_y * inverse, (floatl)0.0f);
-            /* One level for the block: that of the pixel that sees the view largest, which blurs nothing */
-            const floatl away = screen.perspective ? 1.0f / n : (floatl)1.0f;
-            const float samples = least_lane(pick(shares, scales[mesh] * away * inverse, (floatl)INFINITY));
-            const int finest = sources[4 * mesh + 1], coarsest = sources[4 * mesh + 2];
-            const int level = clamp((int)floor(log2(fmax(samples, 1.0f)) + HALFWAY), 0, coarsest - finest);
-            add_color(colors, levels + 3 * (finest + level), level, sound_x, sound_y, weight, &sum);
-            total += weight;
-#ifdef OCCUPIED
+            total += add_mesh(&context, &meshes, mesh, &seen[mesh], block, first_x, first_y, shares, given, &sum);
             views |= pick(given, (intl)(1 << sources[4 * mesh]), (intl)0);
-#endif
         }
         const floatl scale = 1.0f / (255.0f * pick(mine, total, (floatl)1.0f));
         const Color shade = {sum.r * scale, sum.g * scale, sum.b * scale};
         shown.nearness[block] = front;
         shown.owner[block] = pick(mine, (intl)0, (intl)-1);
         write_block(&shown, block, screen, depth, color, valid, blank, first_x, first_y, shade);
-#ifdef OCCUPIED
+#if OCCUPIED
         for (int lane = 0; lane < LANES; lane++) {
-            const int ox = first_x + lane % BLOCK, oy = first_y + lane / BLOCK;
-            if (ox < screen.width && oy < screen.height)
-                occupancy[(size_t)oy * screen.width + ox] = ((const int *)&views)[lane];
+            const long at = pixel_of(screen, first_x, first_y, lane);
+            if (at >= 0)
+                occupancy[at] = int_lane(views, lane);
         }
 #endif
     }

@@ -30,7 +30,7 @@ typedef struct {
 
 /* What is known of LANES vertices */
 typedef struct {
-    Point center;
+    Vector center;
     floatl error, radius, depth;
 } Vertices;
 
@@ -69,21 +69,21 @@ floatl sample_size(const Layout *layout, floatl depth)
 /* Widens the spheres to hold children's. */
 void hold_children(const Layout *layout, const Tree *tree, const Children *c, Vertices *v)
 {
-    const Point away = minus(point_of(layout, c->x, c->y, c->depth), v->center);
+    const Vector away = minus(point_of(layout, c->x, c->y, c->depth), v->center);
     const floatl reach = sqrt(DOT(away, away)) + (floatl)(gather(tree->radii, c->at)) + MARGIN * sample_size(layout, v->depth);
     v->radius = pick((c->error >= 0.0f) & (reach > v->radius), reach, v->radius);
 }
 
 /* The vertices' own errors: p, of nearness n, bisects the edge from a to b; 0 where one of them is no sample. */
-floatl bisection_error(const Layout *layout, Point p, floatl n, intl ax, intl ay, floatl na, intl bx, intl by, floatl nb, int centers,
+floatl bisection_error(const Layout *layout, Vector p, floatl n, intl ax, intl ay, floatl na, intl bx, intl by, floatl nb, int centers,
                        int across)
 {
-    const Point a = point_of(layout, to_floatl(ax), to_floatl(ay), DEPTH_OF(*layout, na));
-    const Point b = point_of(layout, to_floatl(bx), to_floatl(by), DEPTH_OF(*layout, nb));
-    const Point ab = minus(b, a), ap = minus(p, a);
+    const Vector a = point_of(layout, to_floatl(ax), to_floatl(ay), DEPTH_OF(layout->perspective, na));
+    const Vector b = point_of(layout, to_floatl(bx), to_floatl(by), DEPTH_OF(layout->perspective, nb));
+    const Vector ab = minus(b, a), ap = minus(p, a);
     floatl area, length;
     if (centers) {
-        const Point normal = cross_of(ab, ap);
+        const Vector normal = cross_of(ab, ap);
         area = sqrt(DOT(normal, normal));
         length = sqrt(DOT(ab, ab));
     } else {
@@ -113,7 +113,7 @@ void find_row(const Layout *layout, const Tree *tree, int s, int y, int centers)
         const intl x = start + 2 * s * lane_index, mine = (x <= layout->side) & (x - s < layout->width - 1);
         const intl row = (intl)y, main = IS_MAIN(x, row, s), at = pick(mine, row * layout->row + x, (intl)0);
         const floatl n = nearness_at(layout, tree, x, row);
-        Vertices v = {{0.0f, 0.0f, 0.0f}, -1.0f, 0.0f, pick(IS_SAMPLE(n), DEPTH_OF(*layout, n), (floatl)0.0f)};
+        Vertices v = {{0.0f, 0.0f, 0.0f}, -1.0f, 0.0f, pick(IS_SAMPLE(n), DEPTH_OF(layout->perspective, n), (floatl)0.0f)};
         Children children[4]; /* of a centre above, to the right, below and to the left, of a midpoint all around */
         for (int k = 0; k < 4; k++) {
             const int dx = centers ? (k == 1 ? s : k == 3 ? -s : 0) : (k & 1 ? s / 2 : -s / 2);
@@ -132,12 +132,12 @@ void find_row(const Layout *layout, const Tree *tree, int s, int y, int centers)
         const floatl own = bisection_error(layout, v.center, n, ax, ay, na, bx, by, nb, centers, across);
         add_error(layout, own, states, s, centers, &v);
         for (int lane = 0; lane < LANES; lane++) {
-            if (!((const int *)&mine)[lane])
+            if (!int_lane(mine, lane))
                 continue;
-            const int to = ((const int *)&at)[lane];
-            tree->errors[to] = ((const float *)&v.error)[lane];
-            tree->radii[to] = ((const float *)&v.radius)[lane];
-            tree->depths[to] = ((const float *)&v.depth)[lane];
+            const int to = int_lane(at, lane);
+            tree->errors[to] = float_lane(v.error, lane);
+            tree->radii[to] = float_lane(v.radius, lane);
+            tree->depths[to] = float_lane(v.depth, lane);
         }
     }
 }
@@ -175,14 +175,14 @@ kernel void find_finest_midpoints(global const float *nearness, global const uch
             const floatl n = nearness_next_to(&layout, &tree, x, first, y, 0, 0);
             const floatl na = nearness_next_to(&layout, &tree, x, first, y, across ? -1 : 0, across ? 0 : -1);
             const floatl nb = nearness_next_to(&layout, &tree, x, first, y, across ? 1 : 0, across ? 0 : 1);
-            v.depth = pick(IS_SAMPLE(n), DEPTH_OF(layout, n), (floatl)0.0f);
+            v.depth = pick(IS_SAMPLE(n), DEPTH_OF(layout.perspective, n), (floatl)0.0f);
             v.center = point_of(&layout, to_floatl(x), (floatl)y, v.depth);
             const floatl own = bisection_error(&layout, v.center, n, ax, (intl)ay, na, bx, (intl)by, nb, 0, across);
             for (int k = 0; k < 4; k++) { /* corners of the triangles that it splits */
                 const int dx = k == 0 ? -1 : k == 1, dy = k == 2 ? -1 : k == 3;
                 const floatl next = nearness_next_to(&layout, &tree, x, first, y, dx, dy);
-                const Point p = point_of(&layout, to_floatl(x + dx), (floatl)(y + dy), DEPTH_OF(layout, next));
-                const Point away = minus(p, v.center);
+                const Vector p = point_of(&layout, to_floatl(x + dx), (floatl)(y + dy), DEPTH_OF(layout.perspective, next));
+                const Vector away = minus(p, v.center);
                 v.radius = pick(IS_SAMPLE(next), greater(sqrt(DOT(away, away)), v.radius), v.radius);
             }
             const intl odd = (x & 1) == 1, mine = layout.side == 1 ? (intl)0 : across ? odd : !odd;
@@ -204,7 +204,7 @@ kernel void find_finest_centers(global const float *nearness, global const uchar
         const size_t at = (size_t)y * layout.row + first;
         const intl x = first + lane_index, mine = ((x & 1) == 1) & (x < layout.width), main = IS_MAIN(x, (intl)y, 1);
         const floatl n = nearness_next_to(&layout, &tree, x, first, y, 0, 0);
-        Vertices v = {{0.0f, 0.0f, 0.0f}, -1.0f, 0.0f, pick(IS_SAMPLE(n), DEPTH_OF(layout, n), (floatl)0.0f)};
+        Vertices v = {{0.0f, 0.0f, 0.0f}, -1.0f, 0.0f, pick(IS_SAMPLE(n), DEPTH_OF(layout.perspective, n), (floatl)0.0f)};
         floatl error[4], depth[4], radius[4];
         for (int k = 0; k < 4; k++) {
             const size_t start = (size_t)(y + dy[k]) * layout.row;
@@ -216,7 +216,7 @@ kernel void find_finest_centers(global const float *nearness, global const uchar
         }
         v.center = point_of(&layout, to_floatl(x), (floatl)y, v.depth);
         for (int k = 0; k < 4; k++) {
-            const Point away = minus(point_of(&layout, to_floatl(x + dx[k]), (floatl)(y + dy[k]), depth[k]), v.center);
+            const Vector away = minus(point_of(&layout, to_floatl(x + dx[k]), (floatl)(y + dy[k]), depth[k]), v.center);
             const floatl reach = sqrt(DOT(away, away)) + radius[k] + MARGIN * sample_size(&layout, v.depth);
             v.radius = pick(error[k] >= 0.0f, greater(reach, v.radius), v.radius);
         }

@@ -14,7 +14,7 @@
 #include "depthmesh/tree.h"
 
 #ifndef TEST
-#define TEST 0
+#define TEST 0 /* which test finds rubber sheets, as the file's head says */
 #endif
 
 typedef struct {
@@ -27,11 +27,11 @@ typedef struct {
 #define SPREAD(a, b, c) (fmax(a, fmax(b, c)) - fmin(a, fmin(b, c)))
 
 /* Is the triangle of the points p, q, r with nearness a, b, c a rubber sheet? */
-intl bridges(const Layout *layout, const Segmentation *rule, Point p, Point q, Point r, floatl a, floatl b, floatl c)
+intl bridges(const Layout *layout, const Segmentation *rule, Vector p, Vector q, Vector r, floatl a, floatl b, floatl c)
 {
 #if TEST == 0
-    const Point normal = cross_of(minus(q, p), minus(r, p));
-    Point sight = {0.0f, 0.0f, 1.0f};
+    const Vector normal = cross_of(minus(q, p), minus(r, p));
+    Vector sight = {0.0f, 0.0f, 1.0f};
     floatl scale = rule->extent;
     if (layout->perspective) {
         sight.x = p.x + q.x + r.x;
@@ -83,12 +83,12 @@ kernel void segment(global const float *nearness, global uchar *cells, Layout la
                              load_lanes(lower + first + 1)};
         const intl x = first + lane_index, main = ((x ^ y) & 1) == 0;
         const floatl fx = to_floatl(x), fy = (floatl)y;
-        Point p[4];
+        Vector p[4];
         for (int k = 0; k < 4; k++)
-            p[k] = point_of(&layout, fx + (k & 1), fy + (k >> 1), DEPTH_OF(layout, n[k]));
+            p[k] = point_of(&layout, fx + (k & 1), fy + (k >> 1), DEPTH_OF(layout.perspective, n[k]));
         /* The diagonal's ends belong to both triangles: the other corners are the upper one's and the lower one's own. */
-        const Point a = {pick(main, p[3].x, p[2].x), pick(main, p[3].y, p[2].y), pick(main, p[3].z, p[2].z)};
-        const Point b = {pick(main, p[0].x, p[1].x), pick(main, p[0].y, p[1].y), pick(main, p[0].z, p[1].z)};
+        const Vector a = {pick(main, p[3].x, p[2].x), pick(main, p[3].y, p[2].y), pick(main, p[3].z, p[2].z)};
+        const Vector b = {pick(main, p[0].x, p[1].x), pick(main, p[0].y, p[1].y), pick(main, p[0].z, p[1].z)};
         const floatl na = pick(main, n[3], n[2]), nb = pick(main, n[0], n[1]);
         intl upper_drawn = IS_SAMPLE(n[0]) & IS_SAMPLE(n[1]) & IS_SAMPLE(na);
         intl lower_drawn = IS_SAMPLE(n[2]) & IS_SAMPLE(n[3]) & IS_SAMPLE(nb);
@@ -107,7 +107,7 @@ kernel void segment(global const float *nearness, global uchar *cells, Layout la
 }
 
 /* Adds the step from a to b. */
-void add_step(Point a, Point b, intl joined, Point *sum)
+void add_step(Vector a, Vector b, intl joined, Vector *sum)
 {
     sum->x += pick(joined, b.x - a.x, (floatl)0.0f);
     sum->y += pick(joined, b.y - a.y, (floatl)0.0f);
@@ -128,11 +128,11 @@ kernel void find_normals(global const float *nearness, global const uchar *cells
         const floatl left = first ? load_lanes(own + first - 1) : shifted_lanes(n);
         const floatl up = load_lanes(above + first), down = load_lanes(below + first);
         const floatl fx = to_floatl(x), fy = (floatl)y;
-        const Point p = point_of(&layout, fx, fy, DEPTH_OF(layout, n));
-        const Point to_left = point_of(&layout, fx - 1.0f, fy, DEPTH_OF(layout, left));
-        const Point to_right = point_of(&layout, fx + 1.0f, fy, DEPTH_OF(layout, right));
-        const Point to_up = point_of(&layout, fx, fy - 1.0f, DEPTH_OF(layout, up));
-        const Point to_down = point_of(&layout, fx, fy + 1.0f, DEPTH_OF(layout, down));
+        const Vector p = point_of(&layout, fx, fy, DEPTH_OF(layout.perspective, n));
+        const Vector to_left = point_of(&layout, fx - 1.0f, fy, DEPTH_OF(layout.perspective, left));
+        const Vector to_right = point_of(&layout, fx + 1.0f, fy, DEPTH_OF(layout.perspective, right));
+        const Vector to_up = point_of(&layout, fx, fy - 1.0f, DEPTH_OF(layout.perspective, up));
+        const Vector to_down = point_of(&layout, fx, fy + 1.0f, DEPTH_OF(layout.perspective, down));
         const intl upper_left = cell_next_to(&layout, cells, x, first, y, -1, -1);
         const intl upper_right = cell_next_to(&layout, cells, x, first, y, 0, -1);
         const intl lower_left = cell_next_to(&layout, cells, x, first, y, -1, 0);
@@ -141,7 +141,7 @@ kernel void find_normals(global const float *nearness, global const uchar *cells
         const intl above = pick(main, STATE_A(upper_left) | STATE_A(upper_right), STATE_B(upper_left) | STATE_B(upper_right));
         const intl beneath = pick(main, STATE_B(lower_left) | STATE_B(lower_right), STATE_A(lower_left) | STATE_A(lower_right));
         const intl before = STATE_B(upper_left) | STATE_A(lower_left), after = STATE_B(upper_right) | STATE_A(lower_right);
-        Point across = {0.0f, 0.0f, 0.0f}, along = across;
+        Vector across = {0.0f, 0.0f, 0.0f}, along = across;
         add_step(to_left, p, (before & DRAWN) != 0, &across);
         add_step(p, to_right, (after & DRAWN) != 0, &across);
         add_step(to_up, p, (above & DRAWN) != 0, &along);
@@ -149,7 +149,7 @@ kernel void find_normals(global const float *nearness, global const uchar *cells
         /* Where no triangle tells how the surface runs, it is taken to face the camera. */
         across.x = pick(((before | after) & DRAWN) != 0, across.x, (floatl)1.0f);
         along.y = pick(((above | beneath) & DRAWN) != 0, along.y, (floatl)1.0f);
-        const Point normal = cross_of(along, across); /* towards the camera */
+        const Vector normal = cross_of(along, across); /* towards the camera */
         const floatl length = sqrt(DOT(normal, normal));
         const intl sound = length > 0.0f;
         const floatl scale = 1.0f / pick(sound, length, (floatl)1.0f);

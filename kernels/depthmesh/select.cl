@@ -16,7 +16,11 @@
  */
 #include "depthmesh/tree.h"
 
-#define CHUNK 1024
+#ifndef RATED
+#define RATED 0 /* 1: points are listed with their quality */
+#endif
+
+#define POINTS 1024
 
 typedef struct {
     float eye[3];      /* the target's, in the view's camera's frame */
@@ -39,8 +43,8 @@ kernel void activate(global const float *errors, global const float *radii, glob
         const intl x = first + lane_index;
         intl needed = (error >= 0.0f) & (first + lane_index <= layout.side);
         if (any_lane(needed)) {
-            const Point p = point_of(&layout, to_floatl(x), (floatl)y, load_lanes(depths + at));
-            const Point away = {p.x - viewer.eye[0], p.y - viewer.eye[1], p.z - viewer.eye[2]};
+            const Vector p = point_of(&layout, to_floatl(x), (floatl)y, load_lanes(depths + at));
+            const Vector away = {p.x - viewer.eye[0], p.y - viewer.eye[1], p.z - viewer.eye[2]};
             const floatl distance = viewer.perspective ? fmax(sqrt(DOT(away, away)) - radius, (floatl)0.0f) : (floatl)1.0f;
             needed = needed & (error * viewer.scale >= viewer.tolerance * distance);
             for (int k = 0; k < 5; k++) {
@@ -117,7 +121,7 @@ kernel void find_triangles(global const uchar *active, global const uchar *state
 
 kernel void list_points(global const uchar *active, global const float *nearness, global const int *firsts,
                         global int *numbers, global float *points, Layout layout
-#ifdef RATED
+#if RATED
                         ,
                         global const float *normals
 #endif
@@ -127,7 +131,7 @@ kernel void list_points(global const uchar *active, global const float *nearness
     if (y >= layout.height)
         return;
     const size_t start = (size_t)y * layout.row, samples = (size_t)y * layout.pitch;
-#ifdef RATED
+#if RATED
     global const float *facing = normals + (size_t)2 * layout.pitch * layout.height + samples;
 #define QUALITY(x) fabs(facing[x])
 #else
@@ -170,16 +174,16 @@ kernel void list_triangles(global const uchar *active, global const uchar *drawn
 }
 
 /* Points of several meshes, mesh by mesh, to the target's pixel space. firsts: (meshes + 1,) numbers of each one's first.
- * maps: (meshes, 16), from (a, b, c, 1) of a mesh's points. projected: (points, 4). Work-item: CHUNK points. */
+ * maps: (meshes, 16), from (a, b, c, 1) of a mesh's points. projected: (points, 4). Work-item: POINTS points. */
 kernel void project_points(global const float *points, global const int *firsts, global const float *maps, int meshes,
                            global float *projected)
 {
-    const int start = get_global_id(0) * CHUNK;
+    const int start = get_global_id(0) * POINTS;
     for (int mesh = 0; mesh < meshes; mesh++) {
         global const float *m = maps + 16 * mesh;
         const float4 a = (float4)(m[0], m[4], m[8], m[12]), b = (float4)(m[1], m[5], m[9], m[13]);
         const float4 c = (float4)(m[2], m[6], m[10], m[14]), d = (float4)(m[3], m[7], m[11], m[15]);
-        for (int i = max(start, firsts[mesh]); i < min(start + CHUNK, firsts[mesh + 1]); i++) {
+        for (int i = max(start, firsts[mesh]); i < min(start + POINTS, firsts[mesh + 1]); i++) {
             const float4 p = vload4(i, points);
             vstore4(a * p.x + b * p.y + c * p.z + d, i, projected);
         }

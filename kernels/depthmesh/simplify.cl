@@ -16,6 +16,10 @@
  */
 #include "depthmesh/tree.h"
 
+#ifndef CHUNK
+#define CHUNK 64 /* ints in a chunk of the pool */
+#endif
+
 #define NONE -1
 
 typedef struct {
@@ -30,7 +34,7 @@ typedef struct {
 
 /* Whether planes of nearness p lie off samples of nearness n by more than max_error, in depth: no division */
 #define IS_OFF(p, n) (fabs((p) - (n)) > work->max_error * (layout->perspective ? fabs((p) * (n)) : 1.0f))
-#define AT(v) work->nearness[(v).y * layout->pitch + (v).x]
+#define NEARNESS_AT(v) work->nearness[(v).y * layout->pitch + (v).x]
 
 /* Must the triangle on the side b (0: A, 1: B) of the vertex (x, y) of step s be split? */
 int must_split(const Layout *layout, const Work *work, int x, int y, int s, int b)
@@ -42,13 +46,13 @@ int must_split(const Layout *layout, const Work *work, int x, int y, int s, int 
     const int2 p = (int2)(x, y), along = centers ? (int2)(s, rises ? -s : s) : across ? (int2)(s, 0) : (int2)(0, s);
     const int2 to_a = centers ? (int2)(rises ? -s : s, -s) : across ? (int2)(0, -s) : (int2)(-s, 0);
     const int2 start = p - along, end = p + along, q = b ? p - to_a : p + to_a; /* q: the right angle */
-    const float n_start = AT(start), n_end = AT(end), n_q = AT(q);
+    const float n_start = NEARNESS_AT(start), n_end = NEARNESS_AT(end), n_q = NEARNESS_AT(q);
     /* The vertex itself and the middles of the two legs tell most. */
-    if (IS_OFF(0.5f * (n_start + n_end), AT(p)))
+    if (IS_OFF(0.5f * (n_start + n_end), NEARNESS_AT(p)))
         return 1;
     if (s == 1 && !centers)
         return 0;
-    if (IS_OFF(0.5f * (n_start + n_q), AT((start + q) / 2)) || IS_OFF(0.5f * (n_end + n_q), AT((end + q) / 2)))
+    if (IS_OFF(0.5f * (n_start + n_q), NEARNESS_AT((start + q) / 2)) || IS_OFF(0.5f * (n_end + n_q), NEARNESS_AT((end + q) / 2)))
         return 1;
     if (s == 1)
         return 0;

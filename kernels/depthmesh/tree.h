@@ -1,3 +1,5 @@
+#ifndef DEPTHMESH_TREE_H
+#define DEPTHMESH_TREE_H
 /* The restricted quadtree over a depth image's samples (Pajarola 1998; Pajarola, Sainz & Meng 2003, section 3.2).
  *
  * Vertices are the points (x, y) of a square grid with a power of two of cells along its side, of which the image covers
@@ -18,6 +20,7 @@
  */
 #include "lib/lanes.h"
 #include "lib/pixelspace.h"
+#include "lib/vectors.h"
 
 /* A triangle's state: what the cells within it say, 0 where there is no triangle. Side A has the lower two bits of a vertex's
  * byte and side B the next two; in a cell's byte the upper triangle is A, the lower one B. */
@@ -37,36 +40,16 @@ typedef struct {
     int row;           /* vertices from one row of the tree to the next */
 } Layout;
 
-/* In the view's camera's frame */
-typedef struct {
-    floatl x, y, z;
-} Point;
-
 #define IS_SAMPLE(nearness) ((nearness) > 0.5f * NO_SURFACE)
-#define DEPTH_OF(layout, nearness) ((layout).perspective ? 1.0f / (nearness) : -(nearness))
 
-/* The place of the sample (x, y) with depth z */
-Point point_of(const Layout *layout, floatl x, floatl y, floatl z)
+/* The sample (x, y) with depth z in the view's camera's frame */
+Vector point_of(const Layout *layout, floatl x, floatl y, floatl z)
 {
     const float *r = layout->ray;
     const floatl scale = layout->perspective ? z : (floatl)1.0f;
-    const Point p = {(r[0] * x + r[1] * y + r[2]) * scale, (r[3] * x + r[4] * y + r[5]) * scale, z};
+    const Vector p = {(r[0] * x + r[1] * y + r[2]) * scale, (r[3] * x + r[4] * y + r[5]) * scale, z};
     return p;
 }
-
-Point minus(Point a, Point b)
-{
-    const Point d = {a.x - b.x, a.y - b.y, a.z - b.z};
-    return d;
-}
-
-Point cross_of(Point a, Point b)
-{
-    const Point c = {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
-    return c;
-}
-
-#define DOT(a, b) ((a).x * (b).x + (a).y * (b).y + (a).z * (b).z)
 
 /* Does the diagonal of the block of side 2s with the centre (x, y) run to the lower right? */
 #define IS_MAIN(x, y, s) (!(((x) ^ (y)) & (2 * (s))))
@@ -110,3 +93,4 @@ void mark_corners(const Layout *layout, global uchar *active, int y)
     row[y] = LISTED;
     row[layout->side - y] = ACTIVE;
 }
+#endif

@@ -1,3 +1,5 @@
+#ifndef LIB_CHANNEL_H
+#define LIB_CHANNEL_H
 /* A colour channel: uchar (0 to 255) or float. Macros, so that launches see the type in a kernel's arguments. */
 #ifndef COLOR_BYTES
 #define COLOR_BYTES 1 /* a channel: 1 (uchar) or 4 (float) */
@@ -14,4 +16,5 @@
 #define to_channel(value) (value)
 #define to_channels(values) (values)
 #define rounded(value) (value)
+#endif
 #endif

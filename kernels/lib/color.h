@@ -1,3 +1,5 @@
+#ifndef LIB_COLOR_H
+#define LIB_COLOR_H
 /* Colour of LANES pixels: three channels, interleaved, uchar (0 to 255) or float. */
 #include "lib/channel.h"
 #include "lib/lanes.h"
@@ -5,6 +7,31 @@
 typedef struct {
     floatl r, g, b;
 } Color;
+
+/* The words of RGBA texels */
+#define texels_at(texels, at) as_intl((uintl)(gather(texels, at)))
+
+/* Red, green and blue from a word's lowest byte on */
+INLINED Color color_of(intl word)
+{
+    const Color c = {to_floatl(word & 255), to_floatl((word >> 8) & 255), to_floatl((word >> 16) & 255)};
+    return c;
+}
+
+INLINED void add_color(Color *sum, floatl weight, Color c)
+{
+    sum->r += weight * c.r;
+    sum->g += weight * c.g;
+    sum->b += weight * c.b;
+}
+
+INLINED Color pick_color(intl mask, Color yes, Color no)
+{
+    const Color c = {pick(mask, yes.r, no.r), pick(mask, yes.g, no.g), pick(mask, yes.b, no.b)};
+    return c;
+}
+
+#define color_lane(c, lane) (float3)(float_lane((c).r, lane), float_lane((c).g, lane), float_lane((c).b, lane))
 
 /* Unaligned, in one instruction: vload4 and vstore4 of uchar go byte by byte. */
 typedef struct __attribute__((packed)) {
@@ -26,11 +53,7 @@ inline Color read_color(global const uchar *image, intl pixel, int pixels)
 {
     const intl offset = min(3 * pixel, (intl)(3 * pixels - 4));
     const intl word = as_intl(WORDS >> as_uintl(8 * (3 * pixel - offset)));
-    Color c;
-    c.r = to_floatl(word & 255);
-    c.g = to_floatl((word >> 8) & 255);
-    c.b = to_floatl((word >> 16) & 255);
-    return c;
+    return color_of(word);
 }
 
 /* Writes LANES pixels from `image` on; rounds to nearest. */
@@ -55,11 +78,7 @@ inline void write_pixel(global uchar *image, float3 color)
 #else
 inline Color read_color(global const float *image, intl pixel, int pixels)
 {
-    const intl at = 3 * pixel, green = at + 1, blue = at + 2;
-    Color c;
-    c.r = (floatl)(gather(image, at));
-    c.g = (floatl)(gather(image, green));
-    c.b = (floatl)(gather(image, blue));
+    const Color c = {(floatl)(gather(image, 3 * pixel)), (floatl)(gather(image, 3 * pixel + 1)), (floatl)(gather(image, 3 * pixel + 2))};
     return c;
 }
 
@@ -77,4 +96,5 @@ inline void write_pixel(global float *image, float3 color)
 {
     vstore3(color, 0, image);
 }
+#endif
 #endif

@@ -1,3 +1,5 @@
+#ifndef LIB_HEIGHTS_H
+#define LIB_HEIGHTS_H
 /* Height maps, tiled: texel centres are at (i + 0.5) / size, so (x, y) = uv * size - 0.5 counts from the first centre.
  *
  * HEIGHT_BYTES 1: a word holds four heights of 8 bits: a texel, its right neighbour, and the two below.
@@ -6,7 +8,7 @@
 #include "lib/lanes.h"
 
 #ifndef HEIGHT_BYTES
-#define HEIGHT_BYTES 2
+#define HEIGHT_BYTES 2 /* of a height, as above */
 #endif
 #if HEIGHT_BYTES == 1
 #define HEIGHT_UNIT (1.0f / 255.0f)
@@ -91,3 +93,4 @@ floatl height_in(global const uint *texels, HeightMap map, floatl x, floatl y)
     const intl tx = TILED(x0, ix, map.width, map.per_width), ty = TILED(y0, iy, map.height, map.per_height);
     return height_of(read_patch(texels, map, tx, ty), x - x0, y - y0);
 }
+#endif

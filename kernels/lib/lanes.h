@@ -1,3 +1,5 @@
+#ifndef LIB_LANES_H
+#define LIB_LANES_H
 /* Lanes: one kernel source for wide CPUs and for GPUs.
  *
  * A work-item computes LANES neighbours at once in explicit vector types: 16 on a CPU, where compilers leave
@@ -6,6 +8,9 @@
  */
 #ifndef LANES
 #define LANES 1 /* work-item width: 1 or 16 */
+#endif
+#ifndef COUNTED
+#define COUNTED 0 /* 1: kernels have `counts`, of what they did */
 #endif
 
 /* A function whose arguments and results shall stay in registers, where vectors are else passed through memory. */
@@ -18,17 +23,25 @@
 #define EACH_LANE(F) F(0) F(1) F(2) F(3) F(4) F(5) F(6) F(7) F(8) F(9) F(a) F(b) F(c) F(d) F(e) F(f)
 
 #if LANES == 16
-typedef float16 floatl;
-typedef int16 intl;
-typedef uint16 uintl;
-typedef long16 longl;
-#define to_floatl convert_float16
-#define to_intl convert_int16
-#define to_longl convert_long16
-#define to_ucharl convert_uchar16
-#define as_intl as_int16
-#define as_floatl as_float16
-#define as_uintl as_uint16
+#define WIDE(name) name##16
+#elif LANES == 1
+#define WIDE(name) name
+#else
+#error "LANES must be 1 or 16"
+#endif
+typedef WIDE(float) floatl;
+typedef WIDE(int) intl;
+typedef WIDE(uint) uintl;
+typedef WIDE(long) longl;
+#define to_floatl WIDE(convert_float)
+#define to_intl WIDE(convert_int)
+#define to_longl WIDE(convert_long)
+#define to_ucharl WIDE(convert_uchar)
+#define as_intl WIDE(as_int)
+#define as_floatl WIDE(as_float)
+#define as_uintl WIDE(as_uint)
+
+#if LANES == 16
 #define load_lanes(p) vload16(0, p)
 #define store_lanes(v, p) vstore16(v, 0, p)
 #define shifted_lanes(v) (v).s00123456789abcde /* each lane's left neighbour; the first its own */
@@ -55,19 +68,8 @@ typedef struct __attribute__((packed)) {
     uchar16 bytes;
 } UnalignedBytes;
 #define store_bytes(v, p) (((global UnalignedBytes *)(p))->bytes = (v))
-#elif LANES == 1
+#else
 #define store_bytes(v, p) (*(p) = (v))
-typedef float floatl;
-typedef int intl;
-typedef uint uintl;
-typedef long longl;
-#define to_floatl convert_float
-#define to_intl convert_int
-#define to_longl convert_long
-#define to_ucharl convert_uchar
-#define as_intl as_int
-#define as_floatl as_float
-#define as_uintl as_uint
 #define load_lanes(p) (*(p))
 #define store_lanes(v, p) (*(p) = (v))
 #define shifted_lanes(v) (v)
@@ -75,8 +77,23 @@ typedef long longl;
 #define any_lane(mask) ((mask) != 0)
 #define least_lane(v) (v)
 #define gather(p, i) (p)[i]
+#endif
+
+/* One lane of a variable, to be read, and to be set */
+#define float_lane(v, lane) (((const float *)&(v))[lane])
+#define int_lane(v, lane) (((const int *)&(v))[lane])
+#define set_float_lane(v, lane, value) (((float *)&(v))[lane] = (value))
+#define set_int_lane(v, lane, value) (((int *)&(v))[lane] = (value))
+
+/* A kernel's parameter, and adding how many lanes of a mask are true, where that is wanted */
+#if COUNTED
+#define COUNTS_PARAMETER(type) , global type *counts
+#define COUNT(counter, mask)                                                                                   \
+    for (int lane = 0; lane < LANES; lane++)                                                                   \
+        counter += int_lane(mask, lane) != 0;
 #else
-#error "LANES must be 1 or 16"
+#define COUNTS_PARAMETER(type)
+#define COUNT(counter, mask)
 #endif
 
 /* mask ? yes : no, for float and int lanes alike */
@@ -136,4 +153,5 @@ floatl floor_lanes(floatl x)
 #endif
 #ifndef foresee
 #define foresee(p)
+#endif
 #endif

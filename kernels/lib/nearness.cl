@@ -29,16 +29,7 @@ kernel void to_nearness(global const float *depth, global float *nearness, globa
         low = fmin(low, pick(solid, near, (floatl)INFINITY));
         high = fmax(high, pick(solid, near, (floatl)-INFINITY));
     }
-#if LANES == 16
-    low.s01234567 = fmin(low.s01234567, low.s89abcdef);
-    low.s0123 = fmin(low.s0123, low.s4567);
-    high.s01234567 = fmax(high.s01234567, high.s89abcdef);
-    high.s0123 = fmax(high.s0123, high.s4567);
-    float least = fmin(fmin(low.s0, low.s1), fmin(low.s2, low.s3));
-    float greatest = fmax(fmax(high.s0, high.s1), fmax(high.s2, high.s3));
-#else
-    float least = low, greatest = high;
-#endif
+    float least = least_lane(low), greatest = -least_lane(-high);
     for (; x < src_width; x++) {
         const float near = src_perspective ? 1.0f / z[x] : -z[x];
         const int solid = z[x] > NEAREST && z[x] < far;

@@ -1,3 +1,5 @@
+#ifndef LIB_PIXELSPACE_H
+#define LIB_PIXELSPACE_H
 /* Pixel space: what makes perspective and orthographic cameras one case.
  *
  * A point is written as homogeneous (U, V, W, Q) of a camera: its pixel is (U/W, V/W) and its nearness is Q/W,
@@ -24,8 +26,12 @@ typedef struct {
 /* Is a hit before the target's camera? Behind a perspective one, rays are beyond infinity. */
 #define IS_BEFORE(perspective, nearness) ((perspective) ? (nearness) > 0.0f : (nearness) < 0.0f)
 
-/* Depth (planar z) from nearness in the target. */
-#define DEPTH(map, nearness) ((map).dst_perspective ? 1.0f / (nearness) : -(nearness))
+/* Depth (planar z) from nearness, and nearness from depth */
+#define DEPTH_OF(perspective, nearness) ((perspective) ? 1.0f / (nearness) : -(nearness))
 
 /* Component `row` of the map m's image of pixel (x, y) at nearness 0 */
 #define PIXEL_ROW(m, row, x, y) ((m)[4 * (row)] * (x) + (m)[4 * (row) + 1] * (y) + (m)[4 * (row) + 2])
+
+/* The same at nearness n */
+#define MAP_ROW(m, row, x, y, n) (PIXEL_ROW(m, row, x, y) + (n) * (m)[4 * (row) + 3])
+#endif

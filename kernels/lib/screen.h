@@ -1,6 +1,13 @@
+#ifndef LIB_SCREEN_H
+#define LIB_SCREEN_H
 /* The target of a rendering: its camera's pixel space (lib/pixelspace.h) over the world. */
 #include "lib/lanes.h"
 #include "lib/pixelspace.h"
+#include "lib/vectors.h"
+
+#ifndef BIN
+#define BIN 32 /* pixels, the side of a bin of the rasteriser */
+#endif
 
 typedef struct {
     float from_world[16]; /* (U, V, W, Q) of the world point (X, Y, Z, 1), row by row */
@@ -13,27 +20,23 @@ typedef struct {
 /* How far the target's picture lies at a pixel already: nearness, EMPTY where nothing is drawn. */
 float drawn_nearness(Screen screen, float depth)
 {
-    return isnan(depth) ? EMPTY : (screen.perspective ? 1.0f / depth : -depth);
+    return isnan(depth) ? EMPTY : DEPTH_OF(screen.perspective, depth);
 }
 
-/* Unit vector in the world */
-typedef struct {
-    floatl x, y, z;
-} Direction;
-
-/* In which the picture sees the point (x, y, z) */
-Direction towards(Screen screen, floatl x, floatl y, floatl z)
+/* What the pixel (x, y) sees at nearness n, in the world, relative to the screen's origin */
+INLINED Vector point_at(Screen screen, floatl x, floatl y, floatl n)
 {
     const float *m = screen.to_world;
-    Direction d = {-m[3], -m[7], -m[11]}; /* of an orthographic picture */
-    if (screen.perspective) {
-        d.x = x - m[3] / m[15];
-        d.y = y - m[7] / m[15];
-        d.z = z - m[11] / m[15];
-    }
-    const floatl unit = 1.0f / sqrt(d.x * d.x + d.y * d.y + d.z * d.z);
-    d.x *= unit;
-    d.y *= unit;
-    d.z *= unit;
-    return d;
+    const floatl inverse = 1.0f / MAP_ROW(m, 3, x, y, n);
+    const Vector p = {MAP_ROW(m, 0, x, y, n) * inverse, MAP_ROW(m, 1, x, y, n) * inverse, MAP_ROW(m, 2, x, y, n) * inverse};
+    return p;
 }
+
+/* The unit direction in which the picture sees a point */
+INLINED Vector towards(Screen screen, Vector p)
+{
+    const float *m = screen.to_world;
+    const Vector centre = {m[3] / m[15], m[7] / m[15], m[11] / m[15]}, along = {-m[3], -m[7], -m[11]};
+    return at_unit_length(screen.perspective ? minus(p, centre) : along);
+}
+#endif

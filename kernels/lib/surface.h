@@ -1,3 +1,5 @@
+#ifndef LIB_SURFACE_H
+#define LIB_SURFACE_H
 /* The surface that a depth image means: the triangulated grid of its samples.
  *
  * The cell between samples (x, y) and (x+1, y+1) is split by the diagonal from (x+1, y) to (x, y+1). Nearness is
@@ -22,3 +24,4 @@ typedef struct {
 /* Which sides of a surface are shown, seen from the source camera. */
 #define SHOWS_FRONT 1
 #define SHOWS_BACK 2
+#endif

@@ -1,20 +1,11 @@
+#ifndef LIB_TEXTURE_H
+#define LIB_TEXTURE_H
 /* Textures with their pyramids, tiled: RGBA bytes, level by level from the largest, each half the size of the one
  * before, rounded down (Williams 1983).
  */
 #include "lib/color.h"
 
 #define LEVELS_MOST 16
-
-#define CHANNEL(word, shift) to_floatl((word >> shift) & 255)
-
-/* Adds a texel to sum, with a weight. */
-void add_texel(global const uint *texels, intl at, floatl weight, Color *sum)
-{
-    const intl word = as_intl((uintl)(gather(texels, at)));
-    sum->r += weight * CHANNEL(word, 0);
-    sum->g += weight * CHANNEL(word, 8);
-    sum->b += weight * CHANNEL(word, 16);
-}
 
 void add_level(global const uint *texels, floatl u, floatl v, intl level, int width, int height, floatl weight, Color *sum)
 {
@@ -33,10 +24,10 @@ void add_level(global const uint *texels, floatl u, floatl v, intl level, int wi
     const intl xa = to_intl(IN_TILE(x0, across, 1.0f / across)), xb = pick(xa + 1 < w, xa + 1, (intl)0);
     const intl y_in = to_intl(IN_TILE(y0, down, 1.0f / down));
     const intl ya = start + y_in * w, yb = start + pick(y_in + 1 < h, y_in + 1, (intl)0) * w;
-    add_texel(texels, ya + xa, left * (1.0f - fy), sum);
-    add_texel(texels, ya + xb, right * (1.0f - fy), sum);
-    add_texel(texels, yb + xa, left * fy, sum);
-    add_texel(texels, yb + xb, right * fy, sum);
+    add_color(sum, left * (1.0f - fy), color_of(texels_at(texels, ya + xa)));
+    add_color(sum, right * (1.0f - fy), color_of(texels_at(texels, ya + xb)));
+    add_color(sum, left * fy, color_of(texels_at(texels, yb + xa)));
+    add_color(sum, right * fy, color_of(texels_at(texels, yb + xb)));
 }
 
 /* The level whose texels are as large as a pixel, from the square of how many of the first's it covers along a side */
@@ -46,3 +37,4 @@ intl level_of_texels(floatl texels_2, int level_count)
     const intl doublings = (as_intl(sound) >> 23) - 127; /* its log2, rounded down */
     return min(doublings >> 1, (intl)(level_count - 1));
 }
+#endif

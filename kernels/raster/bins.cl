@@ -12,9 +12,6 @@
  */
 #include "lib/screen.h"
 
-#ifndef BIN
-#define BIN 32 /* pixels, the side of a bin */
-#endif
 #ifndef CORNERS
 #define CORNERS 3 /* vertices of a primitive: 3 triangles, 4 tetrahedra */
 #endif
@@ -73,9 +70,6 @@ Boxes boxes_of(global const int *corners, global const float *projected, intl in
     return boxes;
 }
 
-/* One number of the lanes */
-#define OF_LANE(lanes) (((const int *)&(lanes))[lane])
-
 kernel void count_bins(global const int *corners, global const float *projected, global short *boxes,
                        global int *counts, int primitives, int chunk, int bins_x, int bins_y, Screen screen,
                        float nearest_w, int culled)
@@ -87,8 +81,8 @@ kernel void count_bins(global const int *corners, global const float *projected,
     for (int start = first; start < last; start += LANES) {
         const Boxes box = boxes_of(corners, projected, min(start + lane_index, (intl)(last - 1)), screen, nearest_w, culled);
         for (int lane = 0; lane < min(LANES, last - start); lane++) {
-            const int low_x = OF_LANE(box.low_x), high_x = OF_LANE(box.high_x);
-            const int low_y = OF_LANE(box.low_y), high_y = OF_LANE(box.high_y);
+            const int low_x = int_lane(box.low_x, lane), high_x = int_lane(box.high_x, lane);
+            const int low_y = int_lane(box.low_y, lane), high_y = int_lane(box.high_y, lane);
             vstore4((short4)(low_x, high_x, low_y, high_y), start + lane, boxes);
             for (int y = low_y; y <= high_y; y++)
                 for (int x = low_x; x <= high_x; x++)
@@ -151,7 +145,7 @@ kernel void sort_bins(global const int *corners, global const float *projected, 
     const int count = starts[b + 1] - starts[b];
     for (int i = 0; i < count; i++)
         key[i] = front_of(corners, projected, item[i]);
-#define IS_BEHIND(k, i, l, j) ((k) < (l) || ((k) == (l) && (i) > (j)))
+#define COMES_LATER(k, i, l, j) ((k) < (l) || ((k) == (l) && (i) > (j)))
     for (int start = count / 2 - 1, end = count; end > 1;) {
         int hole = 0;
         float k;
@@ -165,9 +159,9 @@ kernel void sort_bins(global const int *corners, global const float *projected, 
             key[end] = key[0], item[end] = item[0];
         }
         for (int child = 2 * hole + 1; child < end; child = 2 * hole + 1) {
-            if (child + 1 < end && IS_BEHIND(key[child + 1], item[child + 1], key[child], item[child]))
+            if (child + 1 < end && COMES_LATER(key[child + 1], item[child + 1], key[child], item[child]))
                 child++;
-            if (!IS_BEHIND(key[child], item[child], k, i))
+            if (!COMES_LATER(key[child], item[child], k, i))
                 break;
             key[hole] = key[child], item[hole] = item[child];
             hole = child;

@@ -1,3 +1,5 @@
+#ifndef RASTER_NEAREST_H
+#define RASTER_NEAREST_H
 /* The fragment program of opaque triangles (raster/region.h): each pixel keeps the nearest one, ties the first. */
 #include "raster/region.h"
 #include "raster/triangle.h"
@@ -23,7 +25,9 @@ void cover(const Context *context, const Primitives *t, int lane, Region *region
     const floatl so_far = region->nearness[block];
     const intl seen = covered_by(t, lane, first_x, first_y, &n) & (n > so_far) & (n <= context->screen.nearest);
     region->nearness[block] = pick(seen, n, so_far);
-    region->owner[block] = pick(seen, (intl)INT_OF(t->index), region->owner[block]);
+    region->owner[block] = pick(seen, (intl)int_lane(t->index, lane), region->owner[block]);
 }
 
+#define FRAGMENTS 1
 #include "raster/list.h"
+#endif

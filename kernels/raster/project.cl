@@ -15,10 +15,6 @@ kernel void project(global const float *vertices, global float *projected, int c
         return;
     const float3 p = vload3(i, vertices) - (float3)(origin_x, origin_y, origin_z);
     const float *m = screen.from_world;
-    float4 made;
-    made.x = m[0] * p.x + m[1] * p.y + m[2] * p.z + m[3];
-    made.y = m[4] * p.x + m[5] * p.y + m[6] * p.z + m[7];
-    made.z = m[8] * p.x + m[9] * p.y + m[10] * p.z + m[11];
-    made.w = m[12] * p.x + m[13] * p.y + m[14] * p.z + m[15];
+    const float4 made = {POINT_ROW(m, 0, p), POINT_ROW(m, 1, p), POINT_ROW(m, 2, p), POINT_ROW(m, 3, p)};
     vstore4(made, i, projected);
 }

@@ -1,3 +1,5 @@
+#ifndef RASTER_REGION_H
+#define RASTER_REGION_H
 /* Drawing primitives of a bin, in order, into a region of pixels that one work-item owns.
  *
  * A CPU's work-item owns a bin and goes through it in blocks of 4 x 4 pixels, one to a lane; a GPU's owns a pixel.
@@ -13,9 +15,10 @@
 #include "lib/color.h"
 #include "lib/screen.h"
 
-#ifndef BIN
-#define BIN 32 /* pixels, the side of a bin */
+#ifndef PLACED
+#define PLACED 0 /* 1: a region also holds where on its owner a pixel is */
 #endif
+
 #if LANES == 16
 #define REGION BIN /* pixels, the side of a work-item's region */
 #define BLOCK 4
@@ -29,15 +32,24 @@
 #endif
 #define ROW (REGION / BLOCK) /* blocks in a row */
 #define BLOCKS (ROW * ROW)
+#define FIRST_X(block) ((block) % ROW * BLOCK) /* a block's first pixel in the region */
+#define FIRST_Y(block) ((block) / ROW * BLOCK)
 
 typedef struct {
     floatl nearness[BLOCKS]; /* of the picture so far */
     intl owner[BLOCKS];      /* primitive that is seen, -1: none of these */
     float farthest[BLOCKS];  /* no pixel of the block shows what is farther than that */
-#ifdef PLACED
+#if PLACED
     floatl u[BLOCKS], v[BLOCKS]; /* where on the owner */
 #endif
 } Region;
+
+/* Of a lane's pixel in the block at (x, y): its index, -1 beside the picture */
+long pixel_of(Screen screen, int x, int y, int lane)
+{
+    const int px = x + lane % BLOCK, py = y + lane / BLOCK;
+    return px < screen.width && py < screen.height ? (long)py * screen.width + px : -1;
+}
 
 /* Takes over the picture so far; x, y: the region's first pixel. */
 void begin_region(Region *region, Screen screen, global const float *depth, int blank, int x, int y)
@@ -46,9 +58,9 @@ void begin_region(Region *region, Screen screen, global const float *depth, int 
         floatl so_far = EMPTY;
         if (!blank)
             for (int lane = 0; lane < LANES; lane++) {
-                const int px = x + block % ROW * BLOCK + lane % BLOCK, py = y + block / ROW * BLOCK + lane / BLOCK;
-                if (px < screen.width && py < screen.height)
-                    ((float *)&so_far)[lane] = drawn_nearness(screen, depth[(size_t)py * screen.width + px]);
+                const long at = pixel_of(screen, x + FIRST_X(block), y + FIRST_Y(block), lane);
+                if (at >= 0)
+                    set_float_lane(so_far, lane, drawn_nearness(screen, depth[at]));
             }
         region->nearness[block] = so_far;
         region->owner[block] = -1;
@@ -84,7 +96,7 @@ void write_blank_block(const Region *region, int block, Screen screen, global fl
                        global uchar *valid, int x, int y, Color shade)
 {
     const int16 mine = region->owner[block] >= 0, seen = mine & 1;
-    const float16 n = region->nearness[block], z = pick(mine, screen.perspective ? 1.0f / n : -n, (float16)NAN);
+    const float16 n = region->nearness[block], z = pick(mine, DEPTH_OF(screen.perspective, n), (float16)NAN);
     const float16 red = pick(mine, clamp(shade.r, 0.0f, 1.0f), (float16)0.0f) * CHANNEL_MOST;
     const float16 green = pick(mine, clamp(shade.g, 0.0f, 1.0f), (float16)0.0f) * CHANNEL_MOST;
     const float16 blue = pick(mine, clamp(shade.b, 0.0f, 1.0f), (float16)0.0f) * CHANNEL_MOST;
@@ -110,15 +122,15 @@ void write_block(const Region *region, int block, Screen screen, global float *d
     }
 #endif
     for (int lane = 0; lane < LANES; lane++) {
-        const int px = x + lane % BLOCK, py = y + lane / BLOCK;
-        const int mine = ((const int *)&region->owner[block])[lane] >= 0;
-        if (px >= screen.width || py >= screen.height || !(mine || blank))
+        const long at = pixel_of(screen, x, y, lane);
+        const int mine = int_lane(region->owner[block], lane) >= 0;
+        if (at < 0 || !(mine || blank))
             continue;
-        const size_t at = (size_t)py * screen.width + px;
-        const float n = ((const float *)&region->nearness[block])[lane];
-        const float3 one = (float3)(((const float *)&shade.r)[lane], ((const float *)&shade.g)[lane], ((const float *)&shade.b)[lane]);
-        depth[at] = mine ? (screen.perspective ? 1.0f / n : -n) : NAN;
+        const float n = float_lane(region->nearness[block], lane);
+        depth[at] = mine ? DEPTH_OF(screen.perspective, n) : NAN;
         valid[at] = mine;
-        write_pixel(color + 3 * at, mine ? rounded(clamp(one, 0.0f, 1.0f) * CHANNEL_MOST) : (float3)(0.0f));
+        const float3 one = rounded(clamp(color_lane(shade, lane), 0.0f, 1.0f) * CHANNEL_MOST);
+        write_pixel(color + 3 * at, mine ? one : (float3)(0.0f));
     }
 }
+#endif

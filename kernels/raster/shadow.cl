@@ -8,7 +8,7 @@
  * before: (height, width) the depths before the thing was drawn, with `blank` 0; other pixels stay. depth, color: the
  * picture. Work-item: LANES pixels of a row. Cost: O(pixels). Determinism: every pixel on its own.
  */
-#define SHADOWED
+#define SHADOWED 1
 #include "lib/light.h"
 #include "lib/screen.h"
 
@@ -18,32 +18,17 @@ floatl nearness_at(global const float *depth, Screen screen, intl x, intl y)
     const intl inside = (x >= 0) & (x < screen.width) & (y >= 0) & (y < screen.height);
     const intl at = pick(inside, y * screen.width + x, (intl)0);
     const floatl z = (floatl)(gather(depth, at));
-    return pick(inside & (z == z), screen.perspective ? 1.0f / z : -z, (floatl)EMPTY);
-}
-
-typedef struct {
-    floatl x, y, z;
-} Point;
-
-/* In the world, relative to the screen's origin, what a pixel sees at a nearness */
-Point point_at(Screen screen, floatl x, floatl y, floatl n)
-{
-    const float *m = screen.to_world;
-    const floatl inverse = 1.0f / (PIXEL_ROW(m, 3, x, y) + n * m[15]);
-    const Point p = {(PIXEL_ROW(m, 0, x, y) + n * m[3]) * inverse, (PIXEL_ROW(m, 1, x, y) + n * m[7]) * inverse,
-                     (PIXEL_ROW(m, 2, x, y) + n * m[11]) * inverse};
-    return p;
+    return pick(inside & (z == z), DEPTH_OF(screen.perspective, z), (floatl)EMPTY);
 }
 
 /* Along the surface, the way (dx, dy) from the point p of a pixel; a pixel alone is taken to be level. */
-Point step_of(global const float *depth, Screen screen, intl x, intl y, int dx, int dy, floatl n, Point p)
+Vector way_along(global const float *depth, Screen screen, intl x, intl y, int dx, int dy, floatl n, Vector p)
 {
     const floatl next = nearness_at(depth, screen, x + dx, y + dy), last = nearness_at(depth, screen, x - dx, y - dy);
     const intl forward = fabs(next - n) <= fabs(last - n);
     const floatl near = pick(forward, next, last), way = pick(forward, (floatl)1.0f, (floatl)-1.0f);
-    const Point to = point_at(screen, to_floatl(x) + way * dx, to_floatl(y) + way * dy, pick(near > EMPTY, near, n));
-    const Point made = {(to.x - p.x) * way, (to.y - p.y) * way, (to.z - p.z) * way};
-    return made;
+    const Vector to = point_at(screen, to_floatl(x) + way * dx, to_floatl(y) + way * dy, pick(near > EMPTY, near, n));
+    return scaled(minus(to, p), way);
 }
 
 kernel void darken(global const float *before, global const float *depth, global channel *color, Screen screen,
@@ -57,26 +42,22 @@ kernel void darken(global const float *before, global const float *depth, global
     const intl drawn = (first + lane_index < screen.width) & (z == z) & (blank ? (intl)(z == z) : !(z == z_before));
     if (!any_lane(drawn))
         return;
-    const floatl n = pick(drawn, screen.perspective ? 1.0f / z : -z, (floatl)(screen.perspective ? 1.0f : -1.0f));
-    const Point p = point_at(screen, to_floatl(x), to_floatl(y), n);
-    const Point across = step_of(depth, screen, x, y, apart, 0, n, p);
-    const Point down = step_of(depth, screen, x, y, 0, apart, n, p);
-    floatl nx = across.y * down.z - across.z * down.y, ny = across.z * down.x - across.x * down.z;
-    floatl nz = across.x * down.y - across.y * down.x;
-    const Direction ahead = towards(screen, p.x, p.y, p.z);
-    const floatl unit = pick(nx * ahead.x + ny * ahead.y + nz * ahead.z > 0.0f, (floatl)-1.0f, (floatl)1.0f) /
-                        sqrt(greater(nx * nx + ny * ny + nz * nz, (floatl)1e-37f)); /* towards the viewer */
-    nx *= unit;
-    ny *= unit;
-    nz *= unit;
-    const ToLight to = to_light(light, p.x, p.y, p.z);
-    const floatl cosine = nx * to.x + ny * to.y + nz * to.z;
+    const floatl n = pick(drawn, DEPTH_OF(screen.perspective, z), (floatl)(screen.perspective ? 1.0f : -1.0f));
+    const Vector p = point_at(screen, to_floatl(x), to_floatl(y), n);
+    const Vector across = way_along(depth, screen, x, y, apart, 0, n, p);
+    const Vector down = way_along(depth, screen, x, y, 0, apart, n, p);
+    const Vector normal = cross_of(across, down), ahead = towards(screen, p);
+    const floatl unit = pick(DOT(normal, ahead) > 0.0f, (floatl)-1.0f, (floatl)1.0f) /
+                        sqrt(greater(DOT(normal, normal), (floatl)1e-37f)); /* towards the viewer */
+    const Vector facing = scaled(normal, unit);
+    const ToLight to = to_light(light, p);
+    const floatl cosine = DOT(facing, to.way);
     const floatl faces = fade > 0.0f ? lesser(greater(cosine / fade, (floatl)0.0f), (floatl)1.0f) : (floatl)1.0f;
-    const floatl visible = VISIBILITY(p.x, p.y, p.z, nx, ny, nz) * to.share * faces;
+    const floatl visible = VISIBILITY(p, facing) * to.share * faces;
     const floatl left = light.ambient + (1.0f - light.ambient) * visible;
     for (int lane = 0; lane < LANES; lane++) {
-        const float share = ((const float *)&left)[lane];
-        if (!((const int *)&drawn)[lane] || !(share < 1.0f))
+        const float share = float_lane(left, lane);
+        if (!int_lane(drawn, lane) || !(share < 1.0f))
             continue;
         const size_t pixel = 3 * ((size_t)row * screen.width + first + lane);
         for (int k = 0; k < 3; k++)

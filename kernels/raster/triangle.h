@@ -1,3 +1,5 @@
+#ifndef RASTER_TRIANGLE_H
+#define RASTER_TRIANGLE_H
 /* Triangles in homogeneous pixel space (Olano & Greer 1997): no clipping, since an edge function is positive on the
  * visible side only, even where a corner lies behind the camera. LANES triangles are set up at once.
  *
@@ -6,14 +8,11 @@
  * have exactly opposite functions, and the top-left rule gives the pixels on it to one of them.
  */
 #include "lib/screen.h"
+#include "raster/region.h"
 
 #define SUBPIXELS 256
 #define FARTHEST_CORNER 16384.0f /* pixels from the region: beyond, whole numbers of 32 bits do not suffice */
 #define ROUNDING 0.01f           /* pixels by which a moved corner may leave the box of the triangle */
-
-/* One number of the lanes */
-#define FLOAT_OF(lanes) (((const float *)&(lanes))[lane])
-#define INT_OF(lanes) (((const int *)&(lanes))[lane])
 
 /* a x + b y + c, positive inside */
 typedef struct {
@@ -135,22 +134,22 @@ intl covered_by(const Triangles *t, int lane, int first_x, int first_y, floatl *
 {
     const intl xi = first_x + block_x, yi = first_y + block_y;
     const floatl x = to_floatl(xi), y = to_floatl(yi);
-    const int exact = INT_OF(t->exact);
+    const int exact = int_lane(t->exact, lane);
     intl covered = lane_index >= 0;
     for (int k = 0; k < 3; k++) {
         if (exact >> k & 1) {
             const ExactEdges *e = &t->exact_edges[k];
-            covered = covered & (INT_OF(e->a) * xi + (INT_OF(e->b) * yi + INT_OF(e->c)) >= 0);
+            covered = covered & (int_lane(e->a, lane) * xi + (int_lane(e->b, lane) * yi + int_lane(e->c, lane)) >= 0);
         } else {
             const Edges *e = &t->edges[k];
-            const float a = FLOAT_OF(e->a), b = FLOAT_OF(e->b);
-            const floatl inside = a * x + (b * y + FLOAT_OF(e->c));
+            const float a = float_lane(e->a, lane), b = float_lane(e->b, lane);
+            const floatl inside = a * x + (b * y + float_lane(e->c, lane));
             covered = covered & (IS_TOP_LEFT(a, b) ? inside >= 0.0f : inside > 0.0f);
         }
     }
     /* A pixel that moved corners cover may lie beyond them, where a steep plane leaves their range. */
-    const floatl plane = FLOAT_OF(t->n_x) * x + (FLOAT_OF(t->n_y) * y + FLOAT_OF(t->n_0));
-    *nearness = lesser(greater(plane, (floatl)FLOAT_OF(t->n_low)), (floatl)FLOAT_OF(t->n_high));
+    const floatl plane = float_lane(t->n_x, lane) * x + (float_lane(t->n_y, lane) * y + float_lane(t->n_0, lane));
+    *nearness = lesser(greater(plane, (floatl)float_lane(t->n_low, lane)), (floatl)float_lane(t->n_high, lane));
     return covered;
 }
 
@@ -161,14 +160,14 @@ typedef struct {
     floatl U[3], V[3], W[3]; /* of the corners, relative to the pixel */
     floatl area; /* twice the triangle's, as seen: > 0 from behind */
     int uniform; /* all lanes are on one triangle */
-} Place;
+} OnTriangle;
 
 /* At the pixel (x, y) of the picture */
-Place place_on(global const int *corners, global const float *projected, intl index, floatl x, floatl y)
+OnTriangle on_triangle(global const int *corners, global const float *projected, intl index, floatl x, floatl y)
 {
-    Place p;
+    OnTriangle p;
     floatl sum = 0.0f;
-    const int one = *(const int *)&index;
+    const int one = int_lane(index, 0);
     p.uniform = !any_lane(index != one);
     for (int k = 0; k < 3; k++) { /* relative to the pixel an edge's function is its c alone */
         if (p.uniform) {
@@ -205,21 +204,21 @@ Place place_on(global const int *corners, global const float *projected, intl in
 }
 
 /* The means of the corners' values, by weights: `rows` of 16 floats a vertex, a mean each */
-void corner_means(global const float *rows, const Place *p, floatl *means)
+void corner_means(global const float *rows, const OnTriangle *p, floatl *means)
 {
 #if LANES == 16
     if (p->uniform) {
-        const float16 a = vload16(*(const int *)&p->corner[0], rows), b = vload16(*(const int *)&p->corner[1], rows),
-                      c = vload16(*(const int *)&p->corner[2], rows);
+        const float16 a = vload16(int_lane(p->corner[0], 0), rows), b = vload16(int_lane(p->corner[1], 0), rows),
+                      c = vload16(int_lane(p->corner[2], 0), rows);
         for (int part = 0; part < 16; part++)
-            means[part] = p->weight[0] * ((const float *)&a)[part] + p->weight[1] * ((const float *)&b)[part] +
-                          p->weight[2] * ((const float *)&c)[part];
+            means[part] = p->weight[0] * float_lane(a, part) + p->weight[1] * float_lane(b, part) +
+                          p->weight[2] * float_lane(c, part);
         return;
     }
     for (int lane = 0; lane < LANES; lane++)
-        means[lane] = FLOAT_OF(p->weight[0]) * vload16(INT_OF(p->corner[0]), rows) +
-                      FLOAT_OF(p->weight[1]) * vload16(INT_OF(p->corner[1]), rows) +
-                      FLOAT_OF(p->weight[2]) * vload16(INT_OF(p->corner[2]), rows);
+        means[lane] = float_lane(p->weight[0], lane) * vload16(int_lane(p->corner[0], lane), rows) +
+                      float_lane(p->weight[1], lane) * vload16(int_lane(p->corner[1], lane), rows) +
+                      float_lane(p->weight[2], lane) * vload16(int_lane(p->corner[2], lane), rows);
     transpose(means);
 #else
     for (int part = 0; part < 16; part++)
@@ -227,3 +226,4 @@ void corner_means(global const float *rows, const Place *p, floatl *means)
                       p->weight[2] * rows[16 * p->corner[2] + part];
 #endif
 }
+#endif

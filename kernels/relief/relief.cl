@@ -15,13 +15,17 @@
  * is seen, in the tile, NaN where nothing is, with TOLD.
  * Work-item: a region (raster/region.h). Cost: O(list + pixels * layers * steps). Determinism: list order.
  */
-#define PLACED
+#define PLACED 1
 #include "lib/light.h"
 #include "lib/normals.h"
 #include "lib/texture.h"
 #include "raster/region.h"
 #include "raster/triangle.h"
 #include "relief/search.h"
+
+#ifndef TOLD
+#define TOLD 0 /* 1: where on the surface each pixel is, is written, too */
+#endif
 
 #define LINEAR 0
 #define SAFE 1
@@ -38,10 +42,19 @@ typedef struct {
 
 typedef struct {
     global const int *faces;
-    global const float *projected;
+    global const float *projected, *vertices;
+    global const uint *texels;
+    global const ushort *bounds;
+    global const int *levels;
+    int level_count;
     Screen screen;
-    float nearest_w;
+    float nearest_w, scale, pixel_size;
+    int quadric, search, steps, halvings;
+    int x, y; /* the region's first pixel */
     Layers *layers;
+#if COUNTED
+    global int *counts;
+#endif
 } Context;
 
 typedef Triangles Primitives;
@@ -55,7 +68,7 @@ void cover(const Context *context, const Primitives *t, int lane, Region *region
 {
     floatl n;
     Layers *layers = context->layers;
-    const int index = INT_OF(t->index);
+    const int index = int_lane(t->index, lane);
     const floatl first = layers->first[block], second = layers->second[block], beyond = layers->beyond[block];
     const intl covered = covered_by(t, lane, first_x, first_y, &n);
     const intl seen = covered & (n <= context->screen.nearest) & (n > region->nearness[block]) &
@@ -66,36 +79,38 @@ void cover(const Context *context, const Primitives *t, int lane, Region *region
     layers->entered[block] = pick(nearer, (intl)index, layers->entered[block]);
 }
 
+#define FRAGMENTS 1
 #include "raster/list.h"
 
 /* What the vertices say where a pixel's ray enters */
 typedef struct {
-    floatl u, v, nx, ny, nz, ux, uy, uz, wx, wy, wz, a, b; /* n: unit length; w: the gradient of v */
+    floatl u, v;
+    Vector normal, along_u, along_v; /* the normal of unit length, and the gradients of u and v */
+    floatl a, b;
 } Entry;
 
-Entry entry_of(global const int *faces, global const float *projected, global const float *vertices, intl index,
-               floatl x, floatl y)
+Entry entry_of(const Context *context, intl index, floatl x, floatl y)
 {
-    const Place place = place_on(faces, projected, index, x, y);
+    const OnTriangle pixel = on_triangle(context->faces, context->projected, index, x, y);
     floatl of_vertex[16];
-    corner_means(vertices, &place, of_vertex);
-    const floatl nx = of_vertex[2], ny = of_vertex[3], nz = of_vertex[4];
-    const floatl unit = 1.0f / sqrt(greater(nx * nx + ny * ny + nz * nz, (floatl)1e-20f));
-    const Entry e = {of_vertex[0], of_vertex[1], nx * unit, ny * unit, nz * unit, of_vertex[5], of_vertex[6],
-                     of_vertex[7], of_vertex[8], of_vertex[9], of_vertex[10], of_vertex[11], of_vertex[12]};
+    corner_means(context->vertices, &pixel, of_vertex);
+    const Vector normal = {of_vertex[2], of_vertex[3], of_vertex[4]};
+    const floatl unit = 1.0f / sqrt(greater(DOT(normal, normal), (floatl)1e-20f));
+    const Entry e = {of_vertex[0], of_vertex[1], scaled(normal, unit), {of_vertex[5], of_vertex[6], of_vertex[7]},
+                     {of_vertex[8], of_vertex[9], of_vertex[10]}, of_vertex[11], of_vertex[12]};
     return e;
 }
 
 /* The ray in texture space (section 3.4), but for its level and end */
-void set_ray(ReliefRay *ray, const Entry *e, Direction d, int quadric, float scale)
+void set_ray(ReliefRay *ray, const Entry *e, Vector d, int quadric, float scale)
 {
     const float per_scale = 1.0f / scale;
-    const floatl cosine = d.x * e->nx + d.y * e->ny + d.z * e->nz; /* < 0: it enters */
+    const floatl cosine = DOT(d, e->normal); /* < 0: it enters */
     ray->u = e->u - floor_lanes(e->u);
     ray->v = e->v - floor_lanes(e->v);
-    ray->du = d.x * e->ux + d.y * e->uy + d.z * e->uz;
-    ray->dv = d.x * e->wx + d.y * e->wy + d.z * e->wz;
-    const floatl u_2 = e->ux * e->ux + e->uy * e->uy + e->uz * e->uz;
+    ray->du = DOT(d, e->along_u);
+    ray->dv = DOT(d, e->along_v);
+    const floatl u_2 = DOT(e->along_u, e->along_u);
     const floatl x_2 = ray->du * ray->du / greater(u_2, (floatl)1e-30f); /* of the direction along x */
     const floatl y_2 = greater(1.0f - cosine * cosine - x_2, (floatl)0.0f);
     ray->L = greater(-cosine, (floatl)LEAST_COSINE) * per_scale;
@@ -118,64 +133,153 @@ intl is_sound(const ReliefRay *ray)
 /* The level of a map whose texels are as large as a pixel that sees the surface straight on, `size` scene units */
 intl level_of(const Entry *e, int width, int height, int level_count, floatl size, intl enters)
 {
-    const floatl u_2 = e->ux * e->ux + e->uy * e->uy + e->uz * e->uz;
-    const floatl v_2 = e->wx * e->wx + e->wy * e->wy + e->wz * e->wz;
+    const floatl u_2 = DOT(e->along_u, e->along_u);
+    const floatl v_2 = DOT(e->along_v, e->along_v);
     const floatl texels_2 = greater(u_2 * ((float)width * width), v_2 * ((float)height * height)) * size * size;
     return level_of_texels(pick(enters, texels_2, (floatl)1.0f), level_count);
 }
 
-#ifdef LIT
+#if LIT
 /* x and y of the frame in which the quadric is z = a x^2 + b y^2 */
-void tangents_of(const Entry *e, Direction *x, Direction *y)
+INLINED void tangents_of(const Entry *e, Vector *x, Vector *y)
 {
-    const Direction along = {e->ux, e->uy, e->uz};
-    *x = at_unit_length(along);
-    y->x = e->ny * x->z - e->nz * x->y;
-    y->y = e->nz * x->x - e->nx * x->z;
-    y->z = e->nx * x->y - e->ny * x->x;
+    *x = at_unit_length(e->along_u);
+    *y = cross_of(e->normal, *x);
 }
 
 /* The quadric's normal where a ray in direction d is after t */
-Direction normal_at(const Entry *e, Direction d, floatl t, int quadric)
+INLINED Vector normal_at(const Entry *e, Vector d, floatl t, int quadric)
 {
-    Direction x, y, normal = {e->nx, e->ny, e->nz};
+    Vector x, y, normal = e->normal;
     if (!quadric)
         return normal;
     tangents_of(e, &x, &y);
-    const floatl along_x = -2.0f * e->a * t * (d.x * x.x + d.y * x.y + d.z * x.z);
-    const floatl along_y = -2.0f * e->b * t * (d.x * y.x + d.y * y.y + d.z * y.z);
+    const floatl along_x = -2.0f * e->a * t * DOT(d, x), along_y = -2.0f * e->b * t * DOT(d, y);
     normal.x += along_x * x.x + along_y * y.x;
     normal.y += along_x * x.y + along_y * y.y;
     normal.z += along_x * x.z + along_y * y.z;
     return at_unit_length(normal);
 }
 
-/* By the heights' slopes, over two texels of the level */
-void tilt_by_slope(Direction *normal, const Entry *e, global const uint *texels, Track k, float scale)
+/* A normal tilted by the heights' slopes, over two texels of the level */
+INLINED Vector tilted_by_slope(Vector normal, const Entry *e, global const uint *texels, Track k, float scale)
 {
     const float rise = 0.5f * scale * HEIGHT_UNIT;
     const floatl across = height_in(texels, k.map, k.x + 1.0f, k.y) - height_in(texels, k.map, k.x - 1.0f, k.y);
     const floatl down = height_in(texels, k.map, k.x, k.y + 1.0f) - height_in(texels, k.map, k.x, k.y - 1.0f);
     const floatl du = across * to_floatl(k.map.width) * rise, dv = down * to_floatl(k.map.height) * rise;
-    const Direction tilted = {normal->x - du * e->ux - dv * e->wx, normal->y - du * e->uy - dv * e->wy,
-                              normal->z - du * e->uz - dv * e->wz};
-    *normal = at_unit_length(tilted);
+    const Vector tilted = {normal.x - du * e->along_u.x - dv * e->along_v.x, normal.y - du * e->along_u.y - dv * e->along_v.y,
+                           normal.z - du * e->along_u.z - dv * e->along_v.z};
+    return at_unit_length(tilted);
 }
 
-/* By a map of unit normals, x along u, y along v, bilinear */
-void tilt_by_map(Direction *normal, const Entry *e, global const float *map, int width, int height, floatl u, floatl v)
+/* A normal tilted by one of a map, x along u, y along v */
+INLINED Vector tilted_by_map(Vector normal, const Entry *e, Vector part)
 {
-    const Direction part = normal_in(map, width, height, u, v);
-    Direction x, y;
+    Vector x, y;
     tangents_of(e, &x, &y);
-    const floatl turned = pick(e->wx * y.x + e->wy * y.y + e->wz * y.z < 0.0f, (floatl)-1.0f, (floatl)1.0f); /* v may run against y */
-    const floatl across = turned * part.y;
-    const Direction tilted = {part.z * normal->x + part.x * x.x + across * y.x,
-                              part.z * normal->y + part.x * x.y + across * y.y,
-                              part.z * normal->z + part.x * x.z + across * y.z};
-    *normal = at_unit_length(tilted);
+    const floatl across = pick(DOT(e->along_v, y) < 0.0f, (floatl)-1.0f, (floatl)1.0f) * part.y; /* v may run against y */
+    const Vector tilted = {part.z * normal.x + part.x * x.x + across * y.x, part.z * normal.y + part.x * x.y + across * y.y,
+                           part.z * normal.z + part.x * x.z + across * y.z};
+    return at_unit_length(tilted);
 }
 #endif
+
+/* The scene units that a pixel takes at nearness n */
+#define PIXEL_SIZE(context, n)                                                                                 \
+    (((context)->screen.perspective ? 1.0f / (n) : (floatl)1.0f) * (context)->pixel_size)
+
+/* Where a block's rays enter, in the world, and in which direction */
+typedef struct {
+    Vector from, way;
+} Entrance;
+
+/* Sets up a search by the rays of a block's pixels that enter a triangle. */
+Entrance set_out(const Context *context, int block, Search *s)
+{
+    const floatl x = to_floatl(context->x + FIRST_X(block) + block_x), y = to_floatl(context->y + FIRST_Y(block) + block_y);
+    const floatl n = context->layers->first[block];
+    Entrance entrance;
+    entrance.from = point_at(context->screen, x, y, n);
+    entrance.way = towards(context->screen, entrance.from);
+    const intl entered = context->layers->entered[block], enters = entered >= 0;
+    const Entry e = entry_of(context, pick(enters, entered, (intl)0), x, y);
+    set_ray(&s->ray, &e, entrance.way, context->quadric, context->scale);
+    s->ray.level = level_of(&e, context->levels[0], context->levels[1], context->level_count, PIXEL_SIZE(context, n), enters);
+#if COUNTED
+    s->taken = 0;
+#endif
+    s->searches = s->active = enters & is_sound(&s->ray);
+    rest(&s->ray, s->active);
+    set_end(&s->ray);
+    s->track = track_of(&s->ray, context->levels);
+    return entrance;
+}
+
+#if COUNTED
+void count_steps(const Context *context, int block, const Search *s)
+{
+    for (int lane = 0; lane < LANES; lane++) {
+        const long at = pixel_of(context->screen, context->x + FIRST_X(block), context->y + FIRST_Y(block), lane);
+        if (at >= 0 && int_lane(context->layers->entered[block], lane) >= 0) {
+            context->counts[2 * at]++;
+            context->counts[2 * at + 1] += int_lane(s->taken, lane);
+        }
+    }
+}
+#endif
+
+/* Takes over what a search has found. Which pixels are to be searched from their next entry on? */
+intl take_over(const Context *context, int block, const Search *s, Entrance entrance, Region *region)
+{
+    Layers *layers = context->layers;
+    const float *m = context->screen.from_world;
+    const floatl t = s->t, so_far = region->nearness[block];
+    const Vector hit = {entrance.from.x + t * entrance.way.x, entrance.from.y + t * entrance.way.y, entrance.from.z + t * entrance.way.z};
+    const floatl hit_w = POINT_ROW(m, 2, hit), hit_q = POINT_ROW(m, 3, hit), nearness = hit_q / hit_w;
+    const intl entered = layers->entered[block], nearer = s->searches & s->found & (nearness > so_far);
+    region->nearness[block] = pick(nearer, nearness, so_far);
+    region->owner[block] = pick(nearer, entered, region->owner[block]);
+    layers->t[block] = pick(nearer, t, layers->t[block]);
+    region->u[block] = pick(nearer, s->ray.u + s->ray.du * t, region->u[block]);
+    region->v[block] = pick(nearer, s->ray.v + s->ray.dv * t, region->v[block]);
+    const intl more = (entered >= 0) & (layers->second[block] > region->nearness[block]);
+    layers->beyond[block] = pick(more, layers->first[block], (floatl)-INFINITY);
+    layers->beyond_index[block] = entered;
+    return more;
+}
+
+/* Searches from the nearest entries that have not been searched. Are there more? */
+int search_layer(const Context *context, Region *region)
+{
+    Layers *layers = context->layers;
+    int again = 0;
+    for (int block = 0; block < BLOCKS; block += TWINS) {
+        int any = 0;
+        for (int k = 0; k < TWINS; k++)
+            any |= any_lane(layers->entered[block + k] >= 0);
+        if (!any) {
+            for (int k = 0; k < TWINS; k++)
+                layers->beyond[block + k] = -INFINITY;
+            continue;
+        }
+        Search searches[TWINS];
+        Entrance entrances[TWINS];
+        for (int k = 0; k < TWINS; k++)
+            entrances[k] = set_out(context, block + k, &searches[k]);
+        if (context->search == SAFE)
+            safe_search(searches, context->texels, context->bounds, context->levels);
+        else
+            linear_search(searches, context->texels, context->steps, context->halvings);
+        for (int k = 0; k < TWINS; k++) {
+            again |= any_lane(take_over(context, block + k, &searches[k], entrances[k], region));
+#if COUNTED
+            count_steps(context, block + k, &searches[k]);
+#endif
+        }
+    }
+    return again;
+}
 
 kernel void draw_relief(global const int *faces, global const float *projected, global const int *list,
                         global const int *starts, int bins_x, global const float *vertices, global const uint *texels,
@@ -184,16 +288,13 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
                         global float *depth, global channel *color, global uchar *valid, Screen screen,
                         float nearest_w, float scale, float pixel_size, int quadric, int search, int steps,
                         int halvings, int blank
-#ifdef LIT
+#if LIT
                         ,
                         global const float *normal_map, int normal_width, int normal_height,
                         Light light SHADOW_PARAMETERS
 #endif
-#ifdef COUNTED
-                        ,
-                        global int *counts
-#endif
-#ifdef TOLD
+                        COUNTS_PARAMETER(int)
+#if TOLD
                         ,
                         global float *places
 #endif
@@ -203,9 +304,14 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
     if (x >= screen.width || y >= screen.height)
         return;
     Layers layers;
-    const Context context = {faces, projected, screen, nearest_w, &layers};
+    const Context context = {faces, projected, vertices, texels, bounds, levels, level_count, screen, nearest_w, scale,
+                             pixel_size, quadric, search, steps, halvings, x, y, &layers
+#if COUNTED
+                             ,
+                             counts
+#endif
+    };
     const int bin = y / BIN * bins_x + x / BIN;
-    const float *m = screen.to_world, *f = screen.from_world;
     Region region;
     begin_region(&region, screen, depth, blank, x, y);
     for (int block = 0; block < BLOCKS; block++) {
@@ -219,123 +325,47 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
             layers.entered[block] = -1;
         }
         draw_list(&context, &region, list, starts[bin], starts[bin + 1], x, y);
-        again = 0;
-        for (int block = 0; block < BLOCKS; block += TWINS) {
-            intl entered[TWINS], searched[TWINS];
-            int any = 0;
-            for (int k = 0; k < TWINS; k++) {
-                entered[k] = layers.entered[block + k];
-                any |= any_lane(entered[k] >= 0);
-            }
-            if (!any) {
-                for (int k = 0; k < TWINS; k++)
-                    layers.beyond[block + k] = -INFINITY;
-                continue;
-            }
-            Search searches[TWINS];
-            floatl X[TWINS], Y[TWINS], Z[TWINS];
-            Direction direction[TWINS];
-            for (int k = 0; k < TWINS; k++) {
-                const int at = block + k;
-                const floatl px = to_floatl(x + at % ROW * BLOCK + block_x), py = to_floatl(y + at / ROW * BLOCK + block_y);
-                const floatl n = layers.first[at], inverse = 1.0f / (PIXEL_ROW(m, 3, px, py) + n * m[15]);
-                X[k] = (PIXEL_ROW(m, 0, px, py) + n * m[3]) * inverse;
-                Y[k] = (PIXEL_ROW(m, 1, px, py) + n * m[7]) * inverse;
-                Z[k] = (PIXEL_ROW(m, 2, px, py) + n * m[11]) * inverse;
-                direction[k] = towards(screen, X[k], Y[k], Z[k]);
-                const intl enters = entered[k] >= 0;
-                const Entry e = entry_of(faces, projected, vertices, pick(enters, entered[k], (intl)0), px, py);
-                set_ray(&searches[k].ray, &e, direction[k], quadric, scale);
-                const floatl distance = screen.perspective ? 1.0f / n : (floatl)1.0f;
-                searches[k].ray.level = level_of(&e, levels[0], levels[1], level_count, distance * pixel_size, enters);
-#ifdef COUNTED
-                searches[k].taken = 0;
-#endif
-                searches[k].active = searched[k] = enters & is_sound(&searches[k].ray);
-                rest(&searches[k].ray, searched[k]);
-                set_end(&searches[k].ray);
-                searches[k].track = track_of(&searches[k].ray, levels);
-            }
-            if (search == SAFE)
-                safe_search(searches, texels, bounds, levels);
-            else
-                linear_search(searches, texels, steps, halvings);
-            for (int k = 0; k < TWINS; k++) {
-                const int at = block + k;
-                const ReliefRay *ray = &searches[k].ray;
-                const floatl t = searches[k].t;
-                const floatl hx = X[k] + t * direction[k].x, hy = Y[k] + t * direction[k].y, hz = Z[k] + t * direction[k].z;
-                const floatl hit_w = f[8] * hx + f[9] * hy + f[10] * hz + f[11];
-                const floatl hit_q = f[12] * hx + f[13] * hy + f[14] * hz + f[15];
-                const floatl nearness = hit_q / hit_w, so_far = region.nearness[at];
-                const intl nearer = searched[k] & searches[k].found & (nearness > so_far);
-                region.nearness[at] = pick(nearer, nearness, so_far);
-                region.owner[at] = pick(nearer, entered[k], region.owner[at]);
-                layers.t[at] = pick(nearer, t, layers.t[at]);
-                region.u[at] = pick(nearer, ray->u + ray->du * t, region.u[at]);
-                region.v[at] = pick(nearer, ray->v + ray->dv * t, region.v[at]);
-#ifdef COUNTED
-                for (int lane = 0; lane < LANES; lane++) {
-                    const int at_x = x + at % ROW * BLOCK + lane % BLOCK, at_y = y + at / ROW * BLOCK + lane / BLOCK;
-                    if (INT_OF(entered[k]) >= 0 && at_x < screen.width && at_y < screen.height) {
-                        const size_t pixel = 2 * ((size_t)at_y * screen.width + at_x);
-                        counts[pixel]++;
-                        counts[pixel + 1] += INT_OF(searches[k].taken);
-                    }
-                }
-#endif
-                const intl more = (entered[k] >= 0) & (layers.second[at] > region.nearness[at]);
-                layers.beyond[at] = pick(more, layers.first[at], (floatl)-INFINITY);
-                layers.beyond_index[at] = entered[k];
-                again |= any_lane(more);
-            }
-        }
+        again = search_layer(&context, &region);
     }
 
     for (int block = 0; block < BLOCKS; block++) {
         const intl owner = region.owner[block], mine = owner >= 0;
         if (!blank && !any_lane(mine))
             continue;
-        const int first_x = block % ROW * BLOCK, first_y = block / ROW * BLOCK;
+        const int first_x = x + FIRST_X(block), first_y = y + FIRST_Y(block);
         Color shade = {0.0f, 0.0f, 0.0f};
         if (any_lane(mine)) {
             const floatl u = pick(mine, region.u[block], (floatl)0.0f), v = pick(mine, region.v[block], (floatl)0.0f);
-            const floatl px = to_floatl(x + first_x + block_x), py = to_floatl(y + first_y + block_y);
-            const Entry e = entry_of(faces, projected, vertices, pick(mine, owner, (intl)0), px, py);
-            const floatl n = region.nearness[block], distance = screen.perspective ? 1.0f / n : (floatl)1.0f;
-            add_level(colors, u, v, level_of(&e, color_width, color_height, color_levels, distance * pixel_size, mine),
-                      color_width, color_height, 1.0f / 255.0f, &shade);
-#ifdef LIT
-            const floatl inverse = 1.0f / (PIXEL_ROW(m, 3, px, py) + n * m[15]);
-            const floatl X = (PIXEL_ROW(m, 0, px, py) + n * m[3]) * inverse;
-            const floatl Y = (PIXEL_ROW(m, 1, px, py) + n * m[7]) * inverse;
-            const floatl Z = (PIXEL_ROW(m, 2, px, py) + n * m[11]) * inverse;
-            const Direction ahead = towards(screen, X, Y, Z);
-            Direction normal = normal_at(&e, ahead, pick(mine, layers.t[block], (floatl)0.0f), quadric);
+            const floatl px = to_floatl(first_x + block_x), py = to_floatl(first_y + block_y), n = region.nearness[block];
+            const Entry e = entry_of(&context, pick(mine, owner, (intl)0), px, py);
+            const floatl size = PIXEL_SIZE(&context, n);
+            add_level(colors, u, v, level_of(&e, color_width, color_height, color_levels, size, mine), color_width,
+                      color_height, 1.0f / 255.0f, &shade);
+#if LIT
+            const Vector point = point_at(screen, px, py, n), ahead = towards(screen, point);
+            Vector normal = normal_at(&e, ahead, pick(mine, layers.t[block], (floatl)0.0f), quadric);
             ReliefRay place;
             place.u = u - floor_lanes(u);
             place.v = v - floor_lanes(v);
             place.du = place.dv = 0.0f;
-            place.level = level_of(&e, levels[0], levels[1], level_count, distance * pixel_size, mine);
-            Direction own = normal; /* of the surface itself: no map decides what hides it from the light */
-            tilt_by_slope(&own, &e, texels, track_of(&place, levels), scale);
+            place.level = level_of(&e, levels[0], levels[1], level_count, size, mine);
+            /* Of the surface itself: no map decides what hides it from the light. */
+            const Vector own = tilted_by_slope(normal, &e, texels, track_of(&place, levels), scale);
             if (normal_width > 0)
-                tilt_by_map(&normal, &e, normal_map, normal_width, normal_height, place.u, place.v);
+                normal = tilted_by_map(normal, &e, normal_in(normal_map, normal_width, normal_height, place.u, place.v));
             else
                 normal = own;
-            shine(&shade, light, X, Y, Z, normal.x, normal.y, normal.z, -ahead.x, -ahead.y, -ahead.z,
-                  VISIBILITY(X, Y, Z, own.x, own.y, own.z));
+            shine(&shade, light, point, normal, ahead, VISIBILITY(point, own));
 #endif
         }
-#ifdef TOLD
+#if TOLD
         for (int lane = 0; lane < LANES; lane++) {
-            const int at_x = x + first_x + lane % BLOCK, at_y = y + first_y + lane / BLOCK;
-            if (at_x >= screen.width || at_y >= screen.height)
-                continue;
-            const float2 uv = {((const float *)&region.u[block])[lane], ((const float *)&region.v[block])[lane]};
-            vstore2(INT_OF(owner) >= 0 ? uv - floor(uv) : (float2)(NAN), (size_t)at_y * screen.width + at_x, places);
+            const long at = pixel_of(screen, first_x, first_y, lane);
+            const float2 uv = {float_lane(region.u[block], lane), float_lane(region.v[block], lane)};
+            if (at >= 0)
+                vstore2(int_lane(owner, lane) >= 0 ? uv - floor(uv) : (float2)(NAN), at, places);
         }
 #endif
-        write_block(&region, block, screen, depth, color, valid, blank, x + first_x, y + first_y, shade);
+        write_block(&region, block, screen, depth, color, valid, blank, first_x, first_y, shade);
     }
 }

@@ -1,3 +1,5 @@
+#ifndef RELIEF_SEARCH_H
+#define RELIEF_SEARCH_H
 /* Where a ray first meets a height field that follows a quadric (Oliveira & Policarpo 2005, sections 3.1 to 3.4).
  *
  * A ray enters at t = 0, at depth 0, and runs straight: u + du t, v + dv t. Below the quadric its depth, 1 at the
@@ -12,11 +14,12 @@
  * cells, and so on.
  */
 #include "lib/heights.h"
+#include "lib/lanes.h"
 
 #define APPROXIMATE 0
 #define EXACT 1
 #ifndef DISTANCE
-#define DISTANCE APPROXIMATE
+#define DISTANCE APPROXIMATE /* or EXACT: how far below the quadric a ray is */
 #endif
 #define TABLE 20         /* ints of a level */
 #define STEPS_MOST 4096  /* of a safe search */
@@ -138,22 +141,23 @@ Track track_of(const ReliefRay *ray, global const int *levels)
 typedef struct {
     ReliefRay ray;
     Track track;
-    intl active; /* searches still */
+    intl searches; /* from the start, */
+    intl active;   /* and still */
     intl found;
     floatl t;      /* so far; in the end, where it is found */
     floatl before; /* linear: the last point above the surface */
     intl tier;     /* safe: of the bounds */
     floatl per_x, per_y, nudge, peak;
     floatl from_x, from_y; /* where the ray starts; a texel before it where it stays on a column, or row */
-#ifdef COUNTED
+#if COUNTED
     intl taken; /* steps */
 #endif
 } Search;
 
-#ifdef COUNTED
-#define COUNT(search, tries) (search)->taken += (tries) & 1;
+#if COUNTED
+#define COUNT_STEP(search, tries) (search)->taken += (tries) & 1;
 #else
-#define COUNT(search, tries)
+#define COUNT_STEP(search, tries)
 #endif
 
 /* Is the ray at or below the surface? */
@@ -180,7 +184,7 @@ void linear_search(Search *searches, global const uint *texels, int steps, int h
             if (!any_lane(s->active))
                 continue;
             const floatl t = step[k] * i;
-            COUNT(s, s->active)
+            COUNT_STEP(s, s->active)
             const intl below = is_below(s, texels, t);
             s->t = pick(s->active & below, t, s->t);
             s->active = s->active & !below;
@@ -195,7 +199,7 @@ void linear_search(Search *searches, global const uint *texels, int steps, int h
         for (int k = 0; k < TWINS; k++) {
             Search *s = searches + k;
             const floatl t = 0.5f * (s->before + s->t);
-            COUNT(s, !s->active & s->found)
+            COUNT_STEP(s, !s->active & s->found)
             const intl below = is_below(s, texels, t);
             s->t = pick(below & !s->active, t, s->t);
             s->before = pick(below, s->before, t);
@@ -274,7 +278,7 @@ void safe_step(Search *s, global const uint *texels, global const ushort *bounds
     const intl ends = pick(by_x, side_x == width, side_y == height);
     const intl up = (forward & (odd | ends)) | (!forward & !odd);
     intl met = 0;
-    COUNT(s, s->active)
+    COUNT_STEP(s, s->active)
     if (any_lane(solves))
         met = solve_cell(s, read_patch(texels, s->track.map, tx, ty), x0 + dx * t - cx, y0 + dy * t - cy, leaves, solves);
     s->found = s->found | met;
@@ -323,3 +327,4 @@ void safe_search(Search *searches, global const uint *texels, global const ushor
         searches[k].found = searches[k].found | searches[k].ray.at_bottom;
     }
 }
+#endif

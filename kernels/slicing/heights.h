@@ -1,3 +1,5 @@
+#ifndef SLICING_HEIGHTS_H
+#define SLICING_HEIGHTS_H
 /* The alpha test of a height map (Kautz & Seidel 2001, sections 3.1 and 3.2). */
 #include "lib/heights.h"
 
@@ -28,3 +30,4 @@ intl passes(int test, floatl alpha, floatl h, float band)
         return alpha > h;
     return (alpha >= h) & (alpha < h + band);
 }
+#endif

@@ -18,10 +18,12 @@
  */
 #define BIN BLOCK
 #include "lib/color.h"
+#include "lib/taps.h"
 #include "raster/region.h"
+#include "slicing/rays.h"
 
 #ifndef VIEWS
-#define VIEWS 6
+#define VIEWS 6 /* of the object */
 #endif
 #ifndef SILHOUETTES
 #define SILHOUETTES 0 /* 1: maps are masks */
@@ -35,92 +37,208 @@ typedef struct {
     float first;          /* number of a slice parallel to the screen that is counted as 0: one near the box */
 } Box;
 
-/* base + z direction */
 typedef struct {
-    floatl base, direction;
-} Line;
-
-#define AT(line, z) ((line).base + (line).direction * (z))
-
-typedef struct {
-    Line x, y, z;
-} Ray;
+    Linear x, y, z;
+} WorldRay;
 
 /* One row of a matrix, of a ray's points (homogeneous coordinate 1) */
-Line row_of(global const float *m, const Ray *ray)
+Linear row_of(global const float *m, const WorldRay *ray)
 {
-    Line made;
-    made.base = m[0] * ray->x.base + m[1] * ray->y.base + m[2] * ray->z.base + m[3];
-    made.direction = m[0] * ray->x.direction + m[1] * ray->y.direction + m[2] * ray->z.direction;
+    Linear made;
+    made.fixed = m[0] * ray->x.fixed + m[1] * ray->y.fixed + m[2] * ray->z.fixed + m[3];
+    made.sloped = m[0] * ray->x.sloped + m[1] * ray->y.sloped + m[2] * ray->z.sloped;
     return made;
 }
 
-/* The four samples around (x, y): their places and weights, and whether (x, y) is on the image. */
+/* What a view's image has around a place: four samples, their weights, and whether the place is on the image */
 typedef struct {
-    intl at[4];
-    floatl weight[4];
-    intl on_image;
-} Taps;
-
-Taps taps_of(global const int *size, floatl x, floatl y)
-{
-    const int width = size[0], height = size[1];
     Taps taps;
-    taps.on_image = (x >= -0.5f) & (x <= width - 0.5f) & (y >= -0.5f) & (y <= height - 0.5f);
-    const floatl cx = lesser(greater(x, (floatl)0.0f), (floatl)(width - 1)), cy = lesser(greater(y, (floatl)0.0f), (floatl)(height - 1));
-    const floatl x0 = lesser(truncated(cx), (floatl)max(width - 2, 0)), y0 = lesser(truncated(cy), (floatl)max(height - 2, 0));
-    const floatl fx = cx - x0, fy = cy - y0;
-    const int right = min(width - 1, 1), down = min(height - 1, 1) * width;
-    taps.at[0] = size[2] + to_intl(y0) * width + to_intl(x0);
-    taps.at[1] = taps.at[0] + right;
-    taps.at[2] = taps.at[0] + down;
-    taps.at[3] = taps.at[2] + right;
-    taps.weight[0] = (1.0f - fx) * (1.0f - fy);
-    taps.weight[1] = fx * (1.0f - fy);
-    taps.weight[2] = (1.0f - fx) * fy;
-    taps.weight[3] = fx * fy;
-    return taps;
+    floatl weights[4];
+    intl on_image;
+} Samples;
+
+INLINED Samples samples_at(global const int *size, floatl x, floatl y)
+{
+    Samples samples;
+    samples.taps = clamped_taps(size[0], size[1], x, y);
+    tap_weights(samples.taps, samples.weights);
+    samples.on_image = (x >= -0.5f) & (x <= size[0] - 0.5f) & (y >= -0.5f) & (y <= size[1] - 0.5f);
+    return samples;
 }
 
-floatl read_map(global const float *maps, Taps taps)
+INLINED floatl read_map(global const float *map, Samples samples)
 {
     floatl sum = 0.0f;
-    for (int k = 0; k < 4; k++) {
-        const intl at = taps.at[k];
-        sum += taps.weight[k] * (floatl)(gather(maps, at));
-    }
+    for (int k = 0; k < 4; k++)
+        sum += samples.weights[k] * (floatl)(gather(map, samples.taps.at[k]));
     return sum;
 }
 
 /* A view's pixel space along the rays */
 typedef struct {
-    Line u, v, w, q;
-} ViewLines;
+    Linear u, v, w, q;
+} ViewRay;
 
-ViewLines lines_of(global const float *matrix, const Ray *ray)
+ViewRay view_ray(global const float *matrix, const WorldRay *ray)
 {
-    const ViewLines made = {row_of(matrix, ray), row_of(matrix + 4, ray), row_of(matrix + 8, ray),
-                            row_of(matrix + 12, ray)};
+    const ViewRay made = {row_of(matrix, ray), row_of(matrix + 4, ray), row_of(matrix + 8, ray), row_of(matrix + 12, ray)};
     return made;
 }
 
+typedef struct {
+    global const float *matrices;
+    global const int *sizes;
+    global const float *maps;
+    global const uint *colors;
+    global const int *order;
+    global const float *closeness;
+    int visible, unknown;
+    float tolerance;
+} Views;
+
 /* Which of the points at z pass the test of every view? */
-intl inside_all(const ViewLines *views, global const int *order, global const int *sizes, global const float *maps,
-                floatl z, intl inside, int unknown, intl *tests)
+intl inside_all(const Views *views, const ViewRay *rays, floatl z, intl inside, intl *tests)
 {
     for (int i = 0; i < VIEWS && any_lane(inside); i++) {
         *tests += inside & 1;
-        const floatl w = AT(views[i].w, z), inverse = 1.0f / w;
-        const Taps taps = taps_of(sizes + 3 * order[i], AT(views[i].u, z) * inverse, AT(views[i].v, z) * inverse);
-        const floatl value = read_map(maps, taps);
+        const floatl w = AT(rays[i].w, z), inverse = 1.0f / w;
+        global const int *size = views->sizes + 3 * views->order[i];
+        const Samples samples = samples_at(size, AT(rays[i].u, z) * inverse, AT(rays[i].v, z) * inverse);
+        const floatl value = read_map(views->maps + size[2], samples);
 #if SILHOUETTES
-        inside = inside & taps.on_image & (w > 0.0f) & (value >= 0.5f);
+        inside = inside & samples.on_image & (w > 0.0f) & (value >= 0.5f);
 #else
-        const intl seen = taps.on_image & (w > 0.0f);
-        inside = inside & (seen | (intl)(unknown ? -1 : 0)) & (!seen | (AT(views[i].q, z) * inverse <= value));
+        const intl seen = samples.on_image & (w > 0.0f);
+        inside = inside & (seen | (intl)(views->unknown ? -1 : 0)) & (!seen | (AT(rays[i].q, z) * inverse <= value));
 #endif
     }
     return inside;
+}
+
+/* The rays of the pixels (x, y): perspective ones start at the centre, orthographic ones run along it. */
+WorldRay world_ray(Screen screen, floatl x, floatl y)
+{
+    const float *m = screen.to_world;
+    const floatl across[3] = {PIXEL_ROW(m, 0, x, y), PIXEL_ROW(m, 1, x, y), PIXEL_ROW(m, 2, x, y)};
+    Linear axis[3];
+    for (int k = 0; k < 3; k++) {
+        axis[k].fixed = screen.perspective ? (floatl)m[4 * k + 3] : across[k];
+        axis[k].sloped = screen.perspective ? across[k] : (floatl)(-m[4 * k + 3]);
+    }
+    const WorldRay ray = {axis[0], axis[1], axis[2]};
+    return ray;
+}
+
+/* Of a ray, from front to back, what is in the box; the slices are where the number is a whole one. */
+typedef struct {
+    floatl front, back;
+    Linear number;
+} Part;
+
+/* from: where the picture begins; slices_axis: of the box, 3: the slices are parallel to the screen */
+Part part_in(Box box, const WorldRay *ray, floatl from, int slices_axis)
+{
+    Part part = {from, INFINITY, {-box.first, 1.0f / box.spacing}};
+    for (int k = 0; k < 3; k++) {
+        const float *r = box.from_world + 4 * k;
+        const Linear side = {r[0] * ray->x.fixed + r[1] * ray->y.fixed + r[2] * ray->z.fixed + r[3],
+                             r[0] * ray->x.sloped + r[1] * ray->y.sloped + r[2] * ray->z.sloped};
+        const floatl sloped = pick(fabs(side.sloped) < 1e-20f, (floatl)1e-20f, side.sloped);
+        const floatl at_0 = -side.fixed / sloped, at_1 = (1.0f - side.fixed) / sloped;
+        part.front = greater(lesser(at_0, at_1), part.front);
+        part.back = lesser(greater(at_0, at_1), part.back);
+        if (k == slices_axis) {
+            part.number.fixed = side.fixed * (box.edges[k] / box.spacing);
+            part.number.sloped = sloped * (box.edges[k] / box.spacing);
+        }
+    }
+    return part;
+}
+
+/* Where do rays meet the object before what is drawn, which hides it from `hidden` on? Sets hit there. */
+intl meet_object(const Views *views, const WorldRay *ray, Part part, floatl hidden, int halvings, floatl *hit, intl *tests)
+{
+    intl searches = part.front <= part.back, found = 0;
+    if (!any_lane(searches))
+        return found;
+    ViewRay rays[VIEWS];
+    for (int i = 0; i < VIEWS; i++)
+        rays[i] = view_ray(views->matrices + 16 * views->order[i], ray);
+    const intl rises = part.number.sloped > 0.0f;
+    const floatl step = pick(rises, (floatl)1.0f, (floatl)-1.0f), per_slice = 1.0f / part.number.sloped;
+    /* Beyond, the next slice would be the same float. */
+    const floatl s_front = lesser(greater(AT(part.number, part.front), (floatl)-8388608.0f), (floatl)8388608.0f);
+    const floatl back = lesser(hidden + fabs(per_slice), part.back); /* halvings bring a point forward by up to a slice */
+    for (floatl slice = pick(rises, ceil_lanes(s_front), floor_lanes(s_front));; slice += step) {
+        const floatl z = (slice - part.number.fixed) * per_slice;
+        searches = searches & !found & (z <= back);
+        if (!any_lane(searches))
+            break;
+        const intl inside = inside_all(views, rays, z, searches & (z >= part.front), tests);
+        *hit = pick(inside, z, *hit);
+        found = found | inside;
+    }
+    floatl before = greater(*hit - fabs(per_slice), part.front);
+    for (int i = 0; i < halvings && any_lane(found); i++) {
+        const floatl middle = 0.5f * (before + *hit);
+        const intl inside = inside_all(views, rays, middle, found, tests);
+        *hit = pick(inside, middle, *hit);
+        before = pick(inside, before, middle);
+    }
+    return found;
+}
+
+/* Colours of at most BLENDED views, by how close they are */
+typedef struct {
+    Color color;
+    floatl weight;
+    intl views;
+} Blend;
+
+void blend_in(Blend *blend, intl mask, Color read, floatl scale, float closeness)
+{
+    const Color none = {0.0f, 0.0f, 0.0f}, more = {scale * read.r, scale * read.g, scale * read.b};
+    add_color(&blend->color, 1.0f, pick_color(mask, more, none));
+    blend->weight += pick(mask, (floatl)closeness, (floatl)0.0f);
+    blend->views += mask & 1;
+}
+
+/* Of the rays' points at `hit`: of views that see them, if there are, else of any */
+Color color_at(const Views *views, const WorldRay *ray, floatl hit, intl found)
+{
+    Blend seen = {{0.0f, 0.0f, 0.0f}, 0.0f, 0}, any = seen;
+    for (int i = 0; i < VIEWS; i++) { /* `order` is from the closest on */
+        const intl wanted = found & (seen.views < BLENDED);
+        if (!any_lane(wanted))
+            break;
+        const int number = views->order[i];
+        global const int *size = views->sizes + 3 * number;
+        const ViewRay view = view_ray(views->matrices + 16 * number, ray);
+        const floatl inverse = 1.0f / AT(view.w, hit);
+        const Samples samples = samples_at(size, AT(view.u, hit) * inverse, AT(view.v, hit) * inverse);
+        Color read = {0.0f, 0.0f, 0.0f};
+        floatl opaque = 0.0f;
+        for (int k = 0; k < 4; k++) {
+            const intl word = texels_at(views->colors + size[2], samples.taps.at[k]);
+            const floatl weight = samples.weights[k] * to_floatl((word >> 24) & 1);
+            add_color(&read, weight, color_of(word));
+            opaque += weight;
+        }
+        const intl has_color = samples.on_image & (opaque > 1e-3f);
+        intl sees = has_color;
+#if !SILHOUETTES
+        const floatl mine = AT(view.q, hit) * inverse, theirs = read_map(views->maps + size[2], samples);
+        const intl flat = fabs(AT(view.w, hit) - 1.0f) + fabs(view.w.sloped) == 0.0f; /* orthographic: nearness is -z */
+        sees = sees & (pick(flat, theirs - mine, (theirs - mine) / (theirs * mine)) <= views->tolerance);
+#endif
+        const floatl scale = views->closeness[number] / (255.0f * opaque);
+        blend_in(&any, has_color & (any.views < BLENDED), read, scale, views->closeness[number]);
+        blend_in(&seen, sees & wanted, read, scale, views->closeness[number]);
+    }
+    const intl trusts = (seen.weight > 0.0f) & (views->visible ? (intl)-1 : (intl)0);
+    const floatl scale = 1.0f / fmax(pick(trusts, seen.weight, any.weight), (floatl)1e-20f);
+    const Color color = pick_color(trusts, seen.color, any.color), shade = {scale * color.r, scale * color.g, scale * color.b};
+    return shade;
 }
 
 kernel void draw_object(global const float *matrices, global const int *sizes, global const float *maps,
@@ -130,12 +248,7 @@ kernel void draw_object(global const float *matrices, global const int *sizes, g
                         int halvings /* of the way back to the slice before, once one has passed */, int visible,
                         int unknown /* 1: images say nothing of what lies beside them */,
                         float tolerance /* scene units that a sample may lie before a point that it shows */,
-                        int low_x, int low_y, int blank
-#ifdef COUNTED
-                        ,
-                        global int *counts
-#endif
-)
+                        int low_x, int low_y, int blank COUNTS_PARAMETER(int))
 {
     const int x = low_x + get_global_id(0) * BLOCK, y = low_y + get_global_id(1) * BLOCK;
     if (x >= screen.width || y >= screen.height)
@@ -143,125 +256,26 @@ kernel void draw_object(global const float *matrices, global const int *sizes, g
     Region region;
     begin_region(&region, screen, depth, blank, x, y);
 
-    /* The pixels' rays in the world: perspective ones start at the centre, orthographic ones run along it. */
-    const floatl px = to_floatl(x + block_x), py = to_floatl(y + block_y);
-    const float *m = screen.to_world;
-    const floatl at_x = PIXEL_ROW(m, 0, px, py), at_y = PIXEL_ROW(m, 1, px, py), at_z = PIXEL_ROW(m, 2, px, py);
-    Ray ray;
-    if (screen.perspective) {
-        const Line rx = {m[3], at_x}, ry = {m[7], at_y}, rz = {m[11], at_z};
-        ray.x = rx, ray.y = ry, ray.z = rz;
-    } else {
-        const Line rx = {at_x, -m[3]}, ry = {at_y, -m[7]}, rz = {at_z, -m[11]};
-        ray.x = rx, ray.y = ry, ray.z = rz;
-    }
-
+    const Views views = {matrices, sizes, maps, colors, order, closeness, visible, unknown, tolerance};
+    const WorldRay ray = world_ray(screen, to_floatl(x + block_x), to_floatl(y + block_y));
     const floatl so_far = region.nearness[0];
-    floatl front = screen.perspective ? 1.0f / screen.nearest : 0.0f;
-    const floatl hidden = pick(so_far <= EMPTY, (floatl)INFINITY, screen.perspective ? 1.0f / so_far : -so_far);
-    floatl back = INFINITY;
-    Line number = {-box.first, 1.0f / box.spacing};
-    for (int k = 0; k < 3; k++) {
-        const float *r = box.from_world + 4 * k;
-        const Line side = {r[0] * ray.x.base + r[1] * ray.y.base + r[2] * ray.z.base + r[3],
-                           r[0] * ray.x.direction + r[1] * ray.y.direction + r[2] * ray.z.direction};
-        const floatl direction = pick(fabs(side.direction) < 1e-20f, (floatl)1e-20f, side.direction);
-        const floatl at_0 = -side.base / direction, at_1 = (1.0f - side.base) / direction;
-        front = greater(lesser(at_0, at_1), front);
-        back = lesser(greater(at_0, at_1), back);
-        if (k == slices_axis) {
-            number.base = side.base * (box.edges[k] / box.spacing);
-            number.direction = direction * (box.edges[k] / box.spacing);
-        }
-    }
-    intl searches = front <= back;
-    intl found = 0, tests = 0;
+    const floatl hidden = pick(so_far <= EMPTY, (floatl)INFINITY, DEPTH_OF(screen.perspective, so_far));
+    const Part part = part_in(box, &ray, screen.perspective ? 1.0f / screen.nearest : 0.0f, slices_axis);
     floatl hit = 0.0f;
-    if (any_lane(searches)) {
-        ViewLines views[VIEWS];
-        for (int i = 0; i < VIEWS; i++)
-            views[i] = lines_of(matrices + 16 * order[i], &ray);
-        const intl rises = number.direction > 0.0f;
-        const floatl step = pick(rises, (floatl)1.0f, (floatl)-1.0f), per_slice = 1.0f / number.direction;
-        /* Beyond, the next slice would be the same float. */
-        const floatl s_front = lesser(greater(AT(number, front), (floatl)-8388608.0f), (floatl)8388608.0f);
-        back = lesser(hidden + fabs(per_slice), back); /* halvings bring a point forward by up to a slice */
-        for (floatl slice = pick(rises, ceil_lanes(s_front), floor_lanes(s_front));; slice += step) {
-            const floatl z = (slice - number.base) * per_slice;
-            searches = searches & !found & (z <= back);
-            if (!any_lane(searches))
-                break;
-            const intl inside = inside_all(views, order, sizes, maps, z, searches & (z >= front), unknown, &tests);
-            hit = pick(inside, z, hit);
-            found = found | inside;
-        }
-        floatl before = greater(hit - fabs(per_slice), front);
-        for (int i = 0; i < halvings && any_lane(found); i++) {
-            const floatl middle = 0.5f * (before + hit);
-            const intl inside = inside_all(views, order, sizes, maps, middle, found, unknown, &tests);
-            hit = pick(inside, middle, hit);
-            before = pick(inside, before, middle);
-        }
+    intl tests = 0, found = meet_object(&views, &ray, part, hidden, halvings, &hit, &tests);
+#if COUNTED
+    for (int lane = 0; lane < LANES; lane++) {
+        const long at = pixel_of(screen, x, y, lane);
+        if (at >= 0)
+            counts[at] += int_lane(tests, lane);
     }
-#ifdef COUNTED
-    for (int lane = 0; lane < LANES; lane++)
-        if (x + lane % BLOCK < screen.width && y + lane / BLOCK < screen.height)
-            counts[(size_t)(y + lane / BLOCK) * screen.width + x + lane % BLOCK] += ((const int *)&tests)[lane];
 #endif
-    const floatl nearness = screen.perspective ? 1.0f / hit : -hit;
+    const floatl nearness = DEPTH_OF(screen.perspective, hit);
     found = found & (nearness > so_far); /* of what is equally far, the first stays */
     region.nearness[0] = pick(found, nearness, so_far);
     region.owner[0] = pick(found, (intl)0, (intl)-1);
-
     Color shade = {0.0f, 0.0f, 0.0f};
-    if (any_lane(found)) {
-        Color seen = {0.0f, 0.0f, 0.0f}, any = {0.0f, 0.0f, 0.0f};
-        floatl seen_weight = 0.0f, any_weight = 0.0f;
-        intl seen_count = 0, any_count = 0;
-        for (int i = 0; i < VIEWS; i++) { /* `order` is from the closest on */
-            const intl wanted = found & (seen_count < BLENDED);
-            if (!any_lane(wanted))
-                break;
-            const ViewLines view = lines_of(matrices + 16 * order[i], &ray);
-            const floatl inverse = 1.0f / AT(view.w, hit);
-            const Taps taps = taps_of(sizes + 3 * order[i], AT(view.u, hit) * inverse, AT(view.v, hit) * inverse);
-            Color read = {0.0f, 0.0f, 0.0f};
-            floatl opaque = 0.0f;
-            for (int k = 0; k < 4; k++) {
-                const intl at = taps.at[k];
-                const intl word = as_intl((uintl)(gather(colors, at)));
-                const floatl weight = taps.weight[k] * to_floatl((word >> 24) & 1);
-                read.r += weight * to_floatl(word & 255);
-                read.g += weight * to_floatl((word >> 8) & 255);
-                read.b += weight * to_floatl((word >> 16) & 255);
-                opaque += weight;
-            }
-            const intl has_color = taps.on_image & (opaque > 1e-3f);
-            intl sees = has_color;
-#if !SILHOUETTES
-            const floatl mine = AT(view.q, hit) * inverse, theirs = read_map(maps, taps);
-            const intl flat = fabs(AT(view.w, hit) - 1.0f) + fabs(view.w.direction) == 0.0f; /* orthographic: nearness is -z */
-            sees = sees & (pick(flat, theirs - mine, (theirs - mine) / (theirs * mine)) <= tolerance);
-#endif
-            const floatl weight = closeness[order[i]] / (255.0f * opaque);
-            const intl counts_any = has_color & (any_count < BLENDED);
-            any.r += pick(counts_any, weight * read.r, (floatl)0.0f);
-            any.g += pick(counts_any, weight * read.g, (floatl)0.0f);
-            any.b += pick(counts_any, weight * read.b, (floatl)0.0f);
-            any_weight += pick(counts_any, (floatl)closeness[order[i]], (floatl)0.0f);
-            any_count += counts_any & 1;
-            const intl counts_seen = sees & wanted;
-            seen.r += pick(counts_seen, weight * read.r, (floatl)0.0f);
-            seen.g += pick(counts_seen, weight * read.g, (floatl)0.0f);
-            seen.b += pick(counts_seen, weight * read.b, (floatl)0.0f);
-            seen_weight += pick(counts_seen, (floatl)closeness[order[i]], (floatl)0.0f);
-            seen_count += counts_seen & 1;
-        }
-        const intl trusts = (seen_weight > 0.0f) & (visible ? (intl)-1 : (intl)0);
-        const floatl scale = 1.0f / fmax(pick(trusts, seen_weight, any_weight), (floatl)1e-20f);
-        shade.r = scale * pick(trusts, seen.r, any.r);
-        shade.g = scale * pick(trusts, seen.g, any.g);
-        shade.b = scale * pick(trusts, seen.b, any.b);
-    }
+    if (any_lane(found))
+        shade = color_at(&views, &ray, hit, found);
     write_block(&region, 0, screen, depth, color, valid, blank, x, y, shade);
 }

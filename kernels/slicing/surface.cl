@@ -19,7 +19,7 @@
  * pixel, which sets up all tetrahedra of its bin's list by itself and walks the slices of those that it meets.
  * Cost: O(list + pixels * slices met), with LANES 1 O(pixels * list + ...). Determinism: list order.
  */
-#define PLACED
+#define PLACED 1
 #include "lib/light.h"
 #include "lib/normals.h"
 #include "lib/texture.h"
@@ -27,32 +27,36 @@
 #include "slicing/heights.h"
 #include "slicing/tetrahedra.h"
 
+#ifndef UNCLIPPED
+#define UNCLIPPED 0 /* 1: slices are tested beside the tetrahedra, too, as the file's head says */
+#endif
+
 #define NUMBER_MOST 8388608.0f /* slices: beyond, the next one would be the same float */
 #define ROUNDED 1e-5f /* of the displacement: what lies no higher is on the base */
 #define THIN 1e-4f /* slices: rounding of where a ray enters and leaves a tetrahedron */
 
-/* What a block's rays have met */
+/* A block's rays, and what they have met */
 typedef struct {
-    Line u, v, h; /* along the rays */
+    Linear u, v, h;
     intl found;
     floatl z;
-} Search;
+} Met;
 
 /* The alpha test at z, where `tries`; it cannot pass where not `inside` */
-void try_at(const Context *context, int block, Search *search, floatl z, intl tries, intl inside)
+void try_at(const Context *context, int block, Met *met, floatl z, intl tries, intl inside)
 {
     if (!any_lane(tries))
         return;
-    const floatl alpha = height_at(context->heights, context->map_width, context->map_height, AT(search->u, z), AT(search->v, z));
-    const floatl above = AT(search->h, z), h = pick(above > ROUNDED, above, (floatl)0.0f);
+    const floatl alpha = height_at(context->heights, context->map_width, context->map_height, AT(met->u, z), AT(met->v, z));
+    const floatl above = AT(met->h, z), h = pick(above > ROUNDED, above, (floatl)0.0f);
     const intl passed = tries & inside & passes(context->test, alpha, h, 1.0f / context->slices);
-    search->z = pick(passed, z, search->z);
-    search->found = search->found | passed;
-#ifdef COUNTED
+    met->z = pick(passed, z, met->z);
+    met->found = met->found | passed;
+#if COUNTED
     for (int lane = 0; lane < LANES; lane++) {
-        const int px = context->x + block % ROW * BLOCK + lane % BLOCK, py = context->y + block / ROW * BLOCK + lane / BLOCK;
-        if (((const int *)&tries)[lane] && px < context->screen.width && py < context->screen.height)
-            context->counts[(size_t)py * context->screen.width + px]++;
+        const long at = pixel_of(context->screen, context->x + FIRST_X(block), context->y + FIRST_Y(block), lane);
+        if (int_lane(tries, lane) && at >= 0)
+            context->counts[at]++;
     }
 #endif
 }
@@ -62,7 +66,7 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
     const Tetrahedron *t = &made->of[lane];
     if (t->front <= region->farthest[block])
         return;
-#ifndef UNCLIPPED
+#if !UNCLIPPED
     for (int k = 0; k < t->outlines; k++) /* most blocks in the box of a tetrahedron lie beside it */
         if (t->outline[k].x * first_x + (t->outline[k].y * first_y + t->outline[k].one) < 0.0f)
             return;
@@ -79,24 +83,24 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
             far = greater(n, far);
     }
     const intl inside = (far <= near) & (near > so_far);
-    const floatl entry = t->perspective ? 1.0f / near : -near, exit = t->perspective ? 1.0f / far : -far;
+    const floatl entry = DEPTH_OF(t->perspective, near), exit = DEPTH_OF(t->perspective, far);
     floatl front = entry, back = exit; /* where slices are tested */
     intl meets = inside;
-#ifdef UNCLIPPED
+#if UNCLIPPED
     if (!t->crosses) {
-        front = t->perspective ? 1.0f / t->front : -t->front;
-        back = t->perspective ? 1.0f / t->rear : -t->rear;
+        front = DEPTH_OF(t->perspective, t->front);
+        back = DEPTH_OF(t->perspective, t->rear);
         meets = t->front > so_far;
     }
 #endif
     if (!any_lane(meets))
         return;
-    const floatl drawn = pick(so_far <= EMPTY, (floatl)INFINITY, t->perspective ? 1.0f / so_far : -so_far);
-    Search search = {line_of(t, t->u, x, y), line_of(t, t->v, x, y), line_of(t, t->h, x, y), 0, 0.0f};
-    const Line number = line_of(t, t->slice, x, y);
+    const floatl drawn = pick(so_far <= EMPTY, (floatl)INFINITY, DEPTH_OF(t->perspective, so_far));
+    Met met = {along_ray(t, t->u, x, y), along_ray(t, t->v, x, y), along_ray(t, t->h, x, y), 0, 0.0f};
+    const Linear number = along_ray(t, t->slice, x, y);
     const int bases = context->slicing != SURFACE; /* there, slice 0 is the base */
     if (bases)
-        try_at(context, block, &search, entry, inside & (search.h.sloped > 0.0f) & (AT(search.h, entry) < THIN), inside);
+        try_at(context, block, &met, entry, inside & (met.h.sloped > 0.0f) & (AT(met.h, entry) < THIN), inside);
 
     const intl rises = number.sloped > 0.0f;
     const floatl step = pick(rises, (floatl)1.0f, (floatl)-1.0f), per_slice = 1.0f / number.sloped;
@@ -105,61 +109,106 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
     const floatl last = pick(rises, floor_lanes(s_back + THIN), ceil_lanes(s_back - THIN));
     for (floatl slice = pick(rises, ceil_lanes(s_front - THIN), floor_lanes(s_front + THIN));; slice += step) {
         const floatl z = lesser(greater((slice - number.fixed) * per_slice, front), back);
-        const intl tries = meets & !search.found & ((last - slice) * step >= 0.0f) & (z < drawn);
+        const intl tries = meets & !met.found & ((last - slice) * step >= 0.0f) & (z < drawn);
         if (!any_lane(tries))
             break;
-        try_at(context, block, &search, z, tries, inside & (z >= entry) & (z <= exit));
+        try_at(context, block, &met, z, tries, inside & (z >= entry) & (z <= exit));
     }
     if (bases)
-        try_at(context, block, &search, exit,
-               inside & !search.found & (search.h.sloped < 0.0f) & (AT(search.h, exit) < THIN) & (exit < drawn),
+        try_at(context, block, &met, exit,
+               inside & !met.found & (met.h.sloped < 0.0f) & (AT(met.h, exit) < THIN) & (exit < drawn),
                inside);
 
-    const intl found = search.found;
+    const intl found = met.found;
     if (!any_lane(found))
         return;
-    region->nearness[block] = pick(found, t->perspective ? 1.0f / search.z : -search.z, so_far);
+    region->nearness[block] = pick(found, DEPTH_OF(t->perspective, met.z), so_far);
     region->farthest[block] = least_lane(region->nearness[block]);
     region->owner[block] = pick(found, (intl)t->index, region->owner[block]);
-    region->u[block] = pick(found, AT(search.u, search.z), region->u[block]);
-    region->v[block] = pick(found, AT(search.v, search.z), region->v[block]);
+    region->u[block] = pick(found, AT(met.u, met.z), region->u[block]);
+    region->v[block] = pick(found, AT(met.v, met.z), region->v[block]);
 }
 
+#define FRAGMENTS 1
 #include "raster/list.h"
 
-#define GATHER(array, i) gather(array, i)
+/* One vector a lane, of an array of them */
+INLINED Vector vector_at(global const float *vectors, intl number)
+{
+    const intl at = 3 * number;
+    const Vector v = {(floatl)(gather(vectors, at)), (floatl)(gather(vectors, at + 1)), (floatl)(gather(vectors, at + 2))};
+    return v;
+}
 
-#ifdef LIT
+#if LIT
 /* The base's normal below a point: interpolated at its foot on the triangle. rise: above the triangle's plane */
-Direction normal_below(global const int *corners, global const float *points, global const float *normals, intl triangle,
-                       floatl X, floatl Y, floatl Z, floatl *rise)
+INLINED Vector normal_below(const Context *context, global const float *normals, intl triangle, Vector point, floatl *rise)
 {
     intl corner[3];
-    floatl p[3][3];
+    Vector p[3];
     for (int k = 0; k < 3; k++) { /* the first three corners of the first tetrahedron are the triangle's */
         const intl at = 12 * triangle + k;
-        corner[k] = (intl)(gather(corners, at));
-        for (int axis = 0; axis < 3; axis++)
-            p[k][axis] = (floatl)(GATHER(points, (3 * corner[k] + axis)));
+        corner[k] = (intl)(gather(context->corners, at));
+        p[k] = vector_at(context->points, corner[k]);
     }
-    const floatl ax = p[1][0] - p[0][0], ay = p[1][1] - p[0][1], az = p[1][2] - p[0][2];
-    const floatl bx = p[2][0] - p[0][0], by = p[2][1] - p[0][1], bz = p[2][2] - p[0][2];
-    const floatl x = X - p[0][0], y = Y - p[0][1], z = Z - p[0][2];
-    const floatl aa = ax * ax + ay * ay + az * az, ab = ax * bx + ay * by + az * bz, bb = bx * bx + by * by + bz * bz;
-    const floatl xa = x * ax + y * ay + z * az, xb = x * bx + y * by + z * bz;
+    const Vector a = minus(p[1], p[0]), b = minus(p[2], p[0]), to = minus(point, p[0]);
+    const floatl aa = DOT(a, a), ab = DOT(a, b), bb = DOT(b, b), xa = DOT(to, a), xb = DOT(to, b);
     const floatl inverse = 1.0f / greater(aa * bb - ab * ab, (floatl)1e-30f);
-    *rise = fabs(x * (ay * bz - az * by) + y * (az * bx - ax * bz) + z * (ax * by - ay * bx)) * sqrt(inverse);
+    const Vector normal = cross_of(a, b);
+    *rise = fabs(DOT(to, normal)) * sqrt(inverse);
     const floatl second = lesser(greater((bb * xa - ab * xb) * inverse, (floatl)0.0f), (floatl)1.0f);
     const floatl third = lesser(greater((aa * xb - ab * xa) * inverse, (floatl)0.0f), (floatl)1.0f);
     const floatl weight[3] = {greater(1.0f - second - third, (floatl)0.0f), second, third};
-    Direction made = {0.0f, 0.0f, 0.0f};
+    Vector made = {0.0f, 0.0f, 0.0f};
     for (int k = 0; k < 3; k++) {
-        made.x += weight[k] * (floatl)(GATHER(normals, (3 * corner[k])));
-        made.y += weight[k] * (floatl)(GATHER(normals, (3 * corner[k] + 1)));
-        made.z += weight[k] * (floatl)(GATHER(normals, (3 * corner[k] + 2)));
+        const Vector n = vector_at(normals, corner[k]);
+        made.x += weight[k] * n.x;
+        made.y += weight[k] * n.y;
+        made.z += weight[k] * n.z;
     }
     return at_unit_length(made);
 }
+
+/* The base's normal, tilted by a map of tangent-space normals, whose slopes are per length of the surface */
+INLINED Vector tilted_by_map(const Context *context, Vector base, intl triangle, Vector own)
+{
+    const Vector across = vector_at(context->frames, 3 * triangle + 1), down = vector_at(context->frames, 3 * triangle + 2);
+    const floatl steep = 1.0f / greater(own.z, (floatl)1e-3f), mu = own.x * steep, mv = own.y * steep;
+    const Vector tilted = {base.x + (mu * across.x + mv * down.x), base.y + (mu * across.y + mv * down.y),
+                           base.z + (mu * across.z + mv * down.z)};
+    return at_unit_length(tilted);
+}
+
+#define HEIGHT(u, v) height_at(context->heights, context->map_width, context->map_height, u, v)
+
+/* The same by the heights' gradient; along_u, along_v: of u and v in the world */
+INLINED Vector tilted_by_heights(const Context *context, Vector base, floatl u, floatl v, Vector along_u, Vector along_v)
+{
+    const float du = 1.0f / context->map_width, dv = 1.0f / context->map_height;
+    const float rise = 0.5f * context->spacing * context->slices;
+    const floatl by_u = (HEIGHT(u + du, v) - HEIGHT(u - du, v)) * (rise * context->map_width);
+    const floatl by_v = (HEIGHT(u, v + dv) - HEIGHT(u, v - dv)) * (rise * context->map_height);
+    const Vector tilted = {base.x - (by_u * along_u.x + by_v * along_v.x), base.y - (by_u * along_u.y + by_v * along_v.y),
+                           base.z - (by_u * along_u.z + by_v * along_v.z)};
+    return at_unit_length(tilted);
+}
+
+#if SHADOWED
+/* Is a point farther than a slice below the heights? Then it may lie on a side of the volume. */
+INLINED intl is_on_side(const Context *context, floatl u, floatl v, floatl above)
+{
+    const floatl top = HEIGHT(u, v) * (context->spacing * context->slices);
+    return top - above > context->spacing;
+}
+
+/* The normal of such a side, across the base's, towards the viewer */
+INLINED Vector side_normal(Vector base, Vector ahead)
+{
+    const floatl up = DOT(base, ahead);
+    const Vector across = {up * base.x - ahead.x, up * base.y - ahead.y, up * base.z - ahead.z};
+    return at_unit_length(across);
+}
+#endif
 #endif
 
 kernel void draw_surface(global const int *corners, global const float *projected, global const float *points,
@@ -169,15 +218,12 @@ kernel void draw_surface(global const int *corners, global const float *projecte
                          float nearest_w, float spacing, int slices, int slicing, int test, int map_width,
                          int map_height, int color_width, int color_height,
                          int color_levels, float pixel_size, global const float *gradients, int blank
-#ifdef LIT
+#if LIT
                          ,
                          global const float *normals, global const float *normal_map, int normal_width,
                          int normal_height, Light light SHADOW_PARAMETERS
 #endif
-#ifdef COUNTED
-                         ,
-                         global int *counts
-#endif
+                         COUNTS_PARAMETER(int)
 )
 {
     const int x = get_global_id(0) * REGION, y = get_global_id(1) * REGION;
@@ -185,7 +231,7 @@ kernel void draw_surface(global const int *corners, global const float *projecte
         return;
     const Context context = {corners, projected, points, places, frames, heights, screen, nearest_w, spacing,
                              slices, slicing, test, map_width, map_height
-#ifdef COUNTED
+#if COUNTED
                              ,
                              counts, x, y
 #endif
@@ -199,68 +245,38 @@ kernel void draw_surface(global const int *corners, global const float *projecte
         const intl owner = region.owner[block], mine = owner >= 0;
         if (!blank && !any_lane(mine))
             continue;
-        const int first_x = block % ROW * BLOCK, first_y = block / ROW * BLOCK;
+        const int first_x = x + FIRST_X(block), first_y = y + FIRST_Y(block);
         Color shade = {0.0f, 0.0f, 0.0f};
         if (any_lane(mine)) {
             const floatl u = pick(mine, region.u[block], (floatl)0.0f), v = pick(mine, region.v[block], (floatl)0.0f);
             const intl triangle = to_intl((to_floatl(pick(mine, owner, (intl)0)) + 0.5f) * (1.0f / 3.0f));
-#define SLOPE_AT(k) (floatl)(GATHER(gradients, (slope + k)))
-            const intl slope = triangle * 6;
-            const Direction along_u = {SLOPE_AT(0), SLOPE_AT(1), SLOPE_AT(2)};
-            const Direction along_v = {SLOPE_AT(3), SLOPE_AT(4), SLOPE_AT(5)};
+            const Vector along_u = vector_at(gradients, 2 * triangle), along_v = vector_at(gradients, 2 * triangle + 1);
             const floatl n = region.nearness[block], size = pixel_size * (screen.perspective ? 1.0f / n : (floatl)1.0f);
-            const floatl u_2 = along_u.x * along_u.x + along_u.y * along_u.y + along_u.z * along_u.z;
-            const floatl v_2 = along_v.x * along_v.x + along_v.y * along_v.y + along_v.z * along_v.z;
-            const floatl texels_2 = greater(u_2 * ((float)color_width * color_width), v_2 * ((float)color_height * color_height));
+            const floatl texels_2 = greater(DOT(along_u, along_u) * ((float)color_width * color_width),
+                                            DOT(along_v, along_v) * ((float)color_height * color_height));
             add_level(colors, u, v, level_of_texels(pick(mine, texels_2 * size * size, (floatl)1.0f), color_levels),
                       color_width, color_height, 1.0f / 255.0f, &shade);
-#ifdef LIT
-            const float *m = screen.to_world;
-            const floatl px = to_floatl(x + first_x + block_x), py = to_floatl(y + first_y + block_y);
-            const floatl inverse = 1.0f / (PIXEL_ROW(m, 3, px, py) + n * m[15]);
-            const floatl X = (PIXEL_ROW(m, 0, px, py) + n * m[3]) * inverse, Y = (PIXEL_ROW(m, 1, px, py) + n * m[7]) * inverse,
-                         Z = (PIXEL_ROW(m, 2, px, py) + n * m[11]) * inverse;
+#if LIT
+            const Vector point = point_at(screen, to_floatl(first_x + block_x), to_floatl(first_y + block_y), n);
+            const Vector ahead = towards(screen, point);
             floatl above;
-            const Direction base = normal_below(corners, points, normals, triangle, X, Y, Z, &above);
-            floatl nx = base.x, ny = base.y, nz = base.z;
-            if (normal_width > 0) { /* tangent-space normals: their slopes are per length of the surface */
-                const Direction own = normal_in(normal_map, normal_width, normal_height, u, v);
-                const floatl steep = 1.0f / greater(own.z, (floatl)1e-3f), mu = own.x * steep, mv = own.y * steep;
-#define FRAME_AT(k) (floatl)(GATHER(frames, (triangle * 9 + k)))
-                nx += mu * FRAME_AT(3) + mv * FRAME_AT(6);
-                ny += mu * FRAME_AT(4) + mv * FRAME_AT(7);
-                nz += mu * FRAME_AT(5) + mv * FRAME_AT(8);
-            } else { /* the height's gradient */
-                const float du = 1.0f / map_width, dv = 1.0f / map_height;
-                const float rise = 0.5f * spacing * slices;
-                const floatl by_u = (height_at(heights, map_width, map_height, u + du, v) - height_at(heights, map_width, map_height, u - du, v)) * (rise * map_width);
-                const floatl by_v = (height_at(heights, map_width, map_height, u, v + dv) - height_at(heights, map_width, map_height, u, v - dv)) * (rise * map_height);
-                nx -= by_u * along_u.x + by_v * along_v.x;
-                ny -= by_u * along_u.y + by_v * along_v.y;
-                nz -= by_u * along_u.z + by_v * along_v.z;
-            }
-            const floatl inverse_length = 1.0f / sqrt(nx * nx + ny * ny + nz * nz);
-            nx *= inverse_length;
-            ny *= inverse_length;
-            nz *= inverse_length;
-            const Direction ahead = towards(screen, X, Y, Z);
-            floatl visible = VISIBILITY(X, Y, Z, nx, ny, nz);
-#ifdef SHADOWED
-            /* Farther than a slice below the heights a point may lie on a side of the volume, whose normal is across the
-             * base's. */
-            const floatl top = height_at(heights, map_width, map_height, u, v) * (spacing * slices);
-            const intl on_side = mine & (top - above > spacing);
+            const Vector base = normal_below(&context, normals, triangle, point, &above);
+            Vector normal;
+            if (normal_width > 0)
+                normal = tilted_by_map(&context, base, triangle, normal_in(normal_map, normal_width, normal_height, u, v));
+            else
+                normal = tilted_by_heights(&context, base, u, v, along_u, along_v);
+            floatl visible = VISIBILITY(point, normal);
+#if SHADOWED
+            const intl on_side = mine & is_on_side(&context, u, v, above);
             if (any_lane(on_side)) {
-                const floatl up = base.x * ahead.x + base.y * ahead.y + base.z * ahead.z;
-                const Direction across = {up * base.x - ahead.x, up * base.y - ahead.y, up * base.z - ahead.z};
-                const Direction side = at_unit_length(across);
-                const floatl from_side = VISIBILITY(X, Y, Z, side.x, side.y, side.z);
+                const floatl from_side = VISIBILITY(point, side_normal(base, ahead));
                 visible = pick(on_side & (from_side > visible), from_side, visible);
             }
 #endif
-            shine(&shade, light, X, Y, Z, nx, ny, nz, -ahead.x, -ahead.y, -ahead.z, visible);
+            shine(&shade, light, point, normal, ahead, visible);
 #endif
         }
-        write_block(&region, block, screen, depth, color, valid, blank, x + first_x, y + first_y, shade);
+        write_block(&region, block, screen, depth, color, valid, blank, first_x, first_y, shade);
     }
 }

@@ -1,3 +1,5 @@
+#ifndef SLICING_TETRAHEDRA_H
+#define SLICING_TETRAHEDRA_H
 /* Tetrahedra of a displacement volume, set up for a region of pixels (Kautz & Seidel 2001, section 3).
  *
  * All that the loops of surface.cl need of one is affine over the picture: where rays enter and leave it, u, v and height
@@ -5,6 +7,7 @@
  * Arrays: see surface.cl.
  */
 #include "raster/region.h"
+#include "slicing/rays.h"
 
 #define SURFACE 0
 #define ORTHOGONAL 1
@@ -18,7 +21,7 @@ typedef struct {
     Screen screen;
     float nearest_w, spacing;
     int slices, slicing, test, map_width, map_height;
-#ifdef COUNTED
+#if COUNTED
     global int *counts;
     int x, y;
 #endif
@@ -76,7 +79,7 @@ int barycentric_rows(const float4 *p, Quantity *rows)
 }
 
 /* A quantity from its values at the corners */
-Quantity blend(const Quantity *rows, float4 values)
+Quantity from_corners(const Quantity *rows, float4 values)
 {
     Quantity made;
     made.x = rows[0].x * values.x + rows[1].x * values.y + rows[2].x * values.z + rows[3].x * values.w;
@@ -85,13 +88,6 @@ Quantity blend(const Quantity *rows, float4 values)
     made.n = rows[0].n * values.x + rows[1].n * values.y + rows[2].n * values.z + rows[3].n * values.w;
     return made;
 }
-
-/* A quantity along a pixel's ray: fixed + sloped z */
-typedef struct {
-    floatl fixed, sloped;
-} Line;
-
-#define AT(line, z) ((line).fixed + (line).sloped * (z))
 
 /* Its box in the region: (low_x, high_x, low_y, high_y); empty if it cannot be seen */
 int4 set_up_one(const Context *context, int index, int x, int y, Tetrahedron *t)
@@ -125,9 +121,9 @@ int4 set_up_one(const Context *context, int index, int x, int y, Tetrahedron *t)
         place[k] = vload3(context->corners[4 * index + k], context->places);
         middle += 0.25f * point[k];
     }
-    t->u = blend(t->rows, (float4)(place[0].x, place[1].x, place[2].x, place[3].x));
-    t->v = blend(t->rows, (float4)(place[0].y, place[1].y, place[2].y, place[3].y));
-    t->h = blend(t->rows, (float4)(place[0].z, place[1].z, place[2].z, place[3].z));
+    t->u = from_corners(t->rows, (float4)(place[0].x, place[1].x, place[2].x, place[3].x));
+    t->v = from_corners(t->rows, (float4)(place[0].y, place[1].y, place[2].y, place[3].y));
+    t->h = from_corners(t->rows, (float4)(place[0].z, place[1].z, place[2].z, place[3].z));
     t->perspective = context->screen.perspective;
 
     int direction = 0; /* a */
@@ -160,7 +156,7 @@ int4 set_up_one(const Context *context, int index, int x, int y, Tetrahedron *t)
     } else {
         const float along = 1.0f / context->spacing, first = dot(point[0], d) * along;
         const float4 beside = (float4)(0.0f, dot(point[1] - point[0], d), dot(point[2] - point[0], d), dot(point[3] - point[0], d));
-        t->slice = blend(t->rows, (first - rint(first)) + beside * along);
+        t->slice = from_corners(t->rows, (first - rint(first)) + beside * along);
     }
     const float grown = crosses ? 0.0f : GROWN / p[0].z; /* no gap between neighbours by rounding */
     for (int k = 0; k < 4; k++) {
@@ -195,20 +191,21 @@ int4 set_up_one(const Context *context, int index, int x, int y, Tetrahedron *t)
 intl set_up(const Context *context, intl index, int x, int y, Primitives *made)
 {
     for (int lane = 0; lane < LANES; lane++) {
-        const int4 box = set_up_one(context, ((const int *)&index)[lane], x, y, &made->of[lane]);
-        ((int *)&made->low_x)[lane] = box.x;
-        ((int *)&made->high_x)[lane] = box.y;
-        ((int *)&made->low_y)[lane] = box.z;
-        ((int *)&made->high_y)[lane] = box.w;
+        const int4 box = set_up_one(context, int_lane(index, lane), x, y, &made->of[lane]);
+        set_int_lane(made->low_x, lane, box.x);
+        set_int_lane(made->high_x, lane, box.y);
+        set_int_lane(made->low_y, lane, box.z);
+        set_int_lane(made->high_y, lane, box.w);
     }
     return made->low_x <= made->high_x;
 }
 
-Line line_of(const Tetrahedron *t, Quantity q, floatl x, floatl y)
+Linear along_ray(const Tetrahedron *t, Quantity q, floatl x, floatl y)
 {
     const floatl at = q.x * x + (q.y * y + q.one);
-    Line line;
-    line.fixed = t->perspective ? (floatl)q.n : at;
-    line.sloped = t->perspective ? at : (floatl)(-q.n);
-    return line;
+    Linear made;
+    made.fixed = t->perspective ? (floatl)q.n : at;
+    made.sloped = t->perspective ? at : (floatl)(-q.n);
+    return made;
 }
+#endif

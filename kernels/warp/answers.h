@@ -1,8 +1,14 @@
+#ifndef WARP_ANSWERS_H
+#define WARP_ANSWERS_H
 /* What a line says of a pixel: the target nearness of the surface that it meets first there, EMPTY if it meets none.
  *
  * The nearness' last bit tells whether it meets a side that is not shown: nothing is seen then, but the surface hides
  * what lies behind it.
  */
+#include "lib/lanes.h"
+#include "lib/pixelspace.h"
+
 #define ANSWER(nearness, hides) as_floatl((as_intl(nearness) & ~1) | (hides))
 #define IS_MET(answer) IS_HIT(answer)
 #define IS_SEEN(answer) (IS_HIT(answer) & ((as_intl(answer) & 1) == 0))
+#endif

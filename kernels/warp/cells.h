@@ -1,3 +1,5 @@
+#ifndef WARP_CELLS_H
+#define WARP_CELLS_H
 /* A straight line's way through the triangulated grid of the source, from cell to cell.
  *
  * In each cell the line passes one triangle and then, unless it misses it, the other: three places, where it enters the
@@ -134,3 +136,4 @@ INLINED Cell pass_cells(Grid grid, Lines lines, Way way, floatl x, floatl y, flo
     cell.q11 = q11;
     return cell;
 }
+#endif

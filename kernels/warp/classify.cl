@@ -94,7 +94,7 @@ kernel void classify(global const float *nearness, global const uchar *valid, gl
     const size_t out = (size_t)y * map.dst_width + x;
     intl hole = 0;
     for (int lane = 0; lane < count; lane++)
-        ((int *)&hole)[lane] = valid[out + lane] ? 0 : -1;
+        set_int_lane(hole, lane, valid[out + lane] ? 0 : -1);
     intl class_ = CLASS_SEEN;
     if (any_lane(hole)) {
         const Grid grid = {nearness, map.src_width, map.src_height, map.src_pitch, cut};
@@ -103,7 +103,7 @@ kernel void classify(global const float *nearness, global const uchar *valid, gl
         class_ = pick(hole, found, class_);
     }
     for (int lane = 0; lane < count; lane++) {
-        const uchar one = ((const int *)&class_)[lane];
+        const uchar one = int_lane(class_, lane);
         classes[out + lane] = first ? one : min(one, classes[out + lane]);
     }
 }

@@ -14,6 +14,7 @@
  * the nearest line by arithmetic, not by a flag; the order of writing needs no depth test even where the surface is
  * cut. The result is the nearness of what the line's ray sees: resolve.cl finds the pixel's own ray's hit from it.
  *
+ * counts: (packet_count, 2) samples and pixels visited, with COUNTED.
  * Work-item: LANES lines of one group. Cost: source samples + target pixels a line; lines <= about 2 (width + height).
  * Determinism: a pixel is written by at most one lane.
  *
@@ -48,12 +49,7 @@ INLINED void clear_lines(global float *seen, int first, int along, PixelMap map)
 
 kernel void epipolar_sweep(global const float *nearness, global float *seen, global const LineGroup *groups,
                            int group_count, int packet_count, PixelMap map, Cut cut, int shown, float nearest,
-                           float farthest
-#ifdef COUNT_SAMPLES
-                           ,
-                           global uint *counts /* (packet_count, 2): samples and pixels visited */
-#endif
-)
+                           float farthest COUNTS_PARAMETER(uint))
 {
     const int id = get_global_id(0);
     if (id >= packet_count)
@@ -65,7 +61,7 @@ kernel void epipolar_sweep(global const float *nearness, global float *seen, glo
     while (g + 1 < group_count && packet >= groups[g + 1].first_packet)
         g++;
     const LineGroup group = groups[g];
-    const Epipolars line = epipolars_of(group, map, packet, nearest, farthest);
+    const SweepLines line = sweep_lines(group, map, packet, nearest, farthest);
 #if ALIGNED
     clear_lines(seen, packet * LANES, line.along, map);
 #endif
@@ -81,7 +77,7 @@ kernel void epipolar_sweep(global const float *nearness, global float *seen, glo
     answers.pixels = 0;
     const Grid grid = {nearness, map.src_width, map.src_height, map.src_pitch, cut};
     const uint samples = walk(grid, line, group, map, &answers);
-#ifdef COUNT_SAMPLES
+#if COUNTED
     counts[2 * packet] = samples;
     counts[2 * packet + 1] = answers.pixels;
 #endif

@@ -36,11 +36,11 @@ Splat splat_of(global const float *nearness, PixelMap map, int x, int y, float s
     const float *D = map.dst_from_src;
     const float n = nearness[y * map.src_pitch + x];
     Splat splat = {0.0f, 0, -1, 0, -1};
-    const float w = PIXEL_ROW(D, 2, x, y) + D[11] * n;
+    const float w = MAP_ROW(D, 2, x, y, n);
     if (n <= NO_SURFACE || w <= 0.0f)
         return splat;
-    const float u = (PIXEL_ROW(D, 0, x, y) + D[3] * n) / w, v = (PIXEL_ROW(D, 1, x, y) + D[7] * n) / w;
-    splat.nearness = (PIXEL_ROW(D, 3, x, y) + D[15] * n) / w;
+    const float u = MAP_ROW(D, 0, x, y, n) / w, v = MAP_ROW(D, 1, x, y, n) / w;
+    splat.nearness = MAP_ROW(D, 3, x, y, n) / w;
     if (!IS_BEFORE(map.dst_perspective, splat.nearness))
         return splat;
     splat.low_x = max(0, convert_int_sat(ceil(u - 0.5f * size)));
@@ -82,7 +82,7 @@ kernel void splat_pixels(global const uint *keys, global const uint *indices, gl
         return;
     const size_t at = (size_t)y * map.dst_width + x;
     const int landed = keys[at] != 0;
-    const float z = landed ? DEPTH(map, nearness_of(keys[at])) : NAN;
+    const float z = landed ? DEPTH_OF(map.dst_perspective, nearness_of(keys[at])) : NAN;
     if (merge && !(landed && !(z >= depth[at])))
         return; /* what is there is nearer, or there is nothing to add */
     depth[at] = z;

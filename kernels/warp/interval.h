@@ -1,3 +1,5 @@
+#ifndef WARP_INTERVAL_H
+#define WARP_INTERVAL_H
 /* What a walk along lines of the source settles of the target's lines: the pixels that a connected run of samples has
  * settled are one interval, which the run's next segment extends at either end.
  *
@@ -39,7 +41,7 @@ typedef struct {
 /* A sample (or a place between samples) of the line: its nearness, and its homogeneous target position. */
 typedef struct {
     floatl nearness, p, w, q;
-} Place;
+} Projection;
 
 /* Where a line's answers go. */
 typedef struct {
@@ -50,12 +52,11 @@ typedef struct {
     uint pixels;
 } Answers;
 
-#define COUNT(counter, mask) for (int l = 0; l < LANES; l++) counter += ((int *)&(mask))[l] != 0;
 #define STORE_LANE(l) seen[address.s##l] = stored.s##l;
 
 /* Settles the pixels between the ends of a segment of the surface that its interval does not hold yet. there: lanes
  * that have a segment; open: it is no surface. */
-INLINED void extend(Interval *interval, Answers *answers, Place a, Place b, intl there, intl open, Epipolars line, LineGroup group, PixelMap map)
+INLINED void extend(Interval *interval, Answers *answers, Projection a, Projection b, intl there, intl open, SweepLines line, LineGroup group, PixelMap map)
 {
     const float guard = 5e-7f * (map.dst_width + map.dst_height); /* rounding: no pixel may have two owners, */
     global float *seen = answers->seen;
@@ -88,9 +89,7 @@ INLINED void extend(Interval *interval, Answers *answers, Place a, Place b, intl
         const intl settles = (goes_up | goes_down) & (w > 0.0f);
         if (!any_lane(settles))
             break;
-#ifdef COUNT_SAMPLES
         COUNT(answers->pixels, settles)
-#endif
         interval->above = pick(settles & goes_up, interval->above + 1.0f, interval->above);
         interval->below = pick(settles & !goes_up, interval->below - 1.0f, interval->below);
 
@@ -157,15 +156,15 @@ INLINED Targets targets_of(PixelMap map, int along, floatl u, floatl v, floatl d
 }
 
 /* By the lines' major coordinates. */
-INLINED Targets targets_along(PixelMap map, Epipolars line)
+INLINED Targets targets_along(PixelMap map, SweepLines line)
 {
     return targets_of(map, line.along, pick(line.u_major, (floatl)0.0f, line.minor_0), pick(line.u_major, line.minor_0, (floatl)0.0f),
                       pick(line.u_major, (floatl)1.0f, line.tilt), pick(line.u_major, line.tilt, (floatl)1.0f));
 }
 
-INLINED Place place_at(Targets targets, floatl distance, floatl nearness)
+INLINED Projection project_at(Targets targets, floatl distance, floatl nearness)
 {
-    Place place;
+    Projection place;
     place.nearness = nearness;
     place.p = targets.p_0 + targets.p_1 * distance + nearness * targets.b_p;
     place.w = targets.w_0 + targets.w_1 * distance + nearness * targets.b_w;
@@ -173,9 +172,9 @@ INLINED Place place_at(Targets targets, floatl distance, floatl nearness)
     return place;
 }
 
-INLINED Place pick_place(intl mask, Place yes, Place no)
+INLINED Projection pick_projection(intl mask, Projection yes, Projection no)
 {
-    Place place;
+    Projection place;
     place.nearness = pick(mask, yes.nearness, no.nearness);
     place.p = pick(mask, yes.p, no.p);
     place.w = pick(mask, yes.w, no.w);
@@ -186,7 +185,7 @@ INLINED Place pick_place(intl mask, Place yes, Place no)
 /* Behind an orthographic target's image plane? Behind a perspective one, W tells. */
 #define IS_BEHIND(map, place) ((map).dst_perspective ? (intl)0 : ((place).q >= 0.0f))
 
-INLINED Interval nothing_settled(Epipolars line)
+INLINED Interval nothing_settled(SweepLines line)
 {
     Interval interval;
     interval.anew = -1;
@@ -195,3 +194,4 @@ INLINED Interval nothing_settled(Epipolars line)
     interval.below = line.low - 1.0f;
     return interval;
 }
+#endif

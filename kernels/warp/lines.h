@@ -1,3 +1,5 @@
+#ifndef WARP_LINES_H
+#define WARP_LINES_H
 /* Where the sweep's lines run: in the target, and the same lines in the source. */
 #include "warp/cells.h"
 
@@ -33,13 +35,13 @@ typedef struct {
     floatl from, to, last_major;   /* major coordinates that are walked; none if from > to */
     intl last_minor, stride_major, stride_minor;
     intl first_pixel;              /* ALIGNED: the index of the line's pixel 0 */
-} Epipolars;
+} SweepLines;
 
 /* The lines of a packet in the target. */
-INLINED Epipolars epipolars_of(LineGroup group, PixelMap map, int packet, float nearest, float farthest)
+INLINED SweepLines sweep_lines(LineGroup group, PixelMap map, int packet, float nearest, float farthest)
 {
     const float *D = map.dst_from_src, *S = map.src_from_dst;
-    Epipolars line;
+    SweepLines line;
     line.along = group.axis;
     line.across = 1 - group.axis;
     const float b_along = D[4 * line.along + 3], b_across = D[4 * line.across + 3], b_w = D[11];
@@ -113,3 +115,4 @@ INLINED Epipolars epipolars_of(LineGroup group, PixelMap map, int packet, float 
     line.to = to;
     return line;
 }
+#endif

@@ -13,9 +13,10 @@
  * by half a sample is that far from what it saw. typical: some nearness that the view has in the target. rough: pixels
  * of the source; a second difference of neighbours' answers that makes a surface rough. window: pixels of the source
  * that are traced to either side of an answer.
+ * counts: (work-items, 2) cells visited by the slowest lane, times LANES, and pixels traced, with COUNTED.
  * Work-item: STRIP * LANES pixels of a row.
  * Cost: O(pixels): a pixel looks at no more than ANSWERS * 2 * window * density columns of the source; where a connected
- * surface is not met there, once more at ANSWERS * 2 * WIDE * density of them.
+ * surface is not met there, once more at ANSWERS * 2 * WIDE_WINDOW * density of them.
  * Determinism: every pixel on its own, from inputs alone.
  */
 #include "lib/color.h"
@@ -40,7 +41,7 @@
 
 #define AT_EPIPOLE 1e-2f /* pixels of the target around the epipole that no line settles */
 #define TOLERANCE 1e-3f  /* pixels by which a hit may lie outside its triangle: rounding, not geometry */
-#define WIDE 12.0f       /* in place of `window` where nothing is met: past a crest, the next slope may be far */
+#define WIDE_WINDOW 12.0f       /* in place of `window` where nothing is met: past a crest, the next slope may be far */
 
 /* What is known of a packet's pixels. */
 typedef struct {
@@ -54,9 +55,9 @@ typedef struct {
 INLINED floatl find_place(Pixels *pixels, PixelMap map, int x0, int y)
 {
     const float *S = map.src_from_dst;
-    const floatl x = to_floatl(x0 + lane_index), n = pixels->n, inverse = 1.0f / (PIXEL_ROW(S, 2, x, y) + n * S[11]);
-    pixels->u = (PIXEL_ROW(S, 0, x, y) + n * S[3]) * inverse;
-    pixels->v = (PIXEL_ROW(S, 1, x, y) + n * S[7]) * inverse;
+    const floatl x = to_floatl(x0 + lane_index), n = pixels->n, inverse = 1.0f / MAP_ROW(S, 2, x, y, n);
+    pixels->u = MAP_ROW(S, 0, x, y, n) * inverse;
+    pixels->v = MAP_ROW(S, 1, x, y, n) * inverse;
     return inverse;
 }
 
@@ -150,7 +151,7 @@ INLINED void meet_there(Pixels *pixels, Grid grid, PixelMap map, int x0, int y, 
     /* A back has a front close before it, which a ray beside the line may meet: where both are shown, a trace tells. */
     const int shows_back = answers == ANSWERS_OF_ALL ? shown & SHOWS_BACK : shown == SHOWS_BACK;
     const intl shows = ((per_unit > 0.0f) & (intl)(shown & SHOWS_FRONT ? -1 : 0)) | ((per_unit < 0.0f) & (intl)(shows_back ? -1 : 0));
-    const intl before = map.dst_perspective ? met > 0.0f : met < 0.0f;
+    const intl before = IS_BEFORE(map.dst_perspective, met);
     const intl settles = pixels->smooth & in_triangle & shows & !open & (w_met > 0.0f) & before;
     const intl own = answers == ANSWERS_ARE_OWN ? !pixels->smooth : (intl)0;
     pixels->n = pick(settles, met, pick(own, pixels->n, (floatl)EMPTY));
@@ -204,25 +205,20 @@ INLINED floatl trace_around(global const float *seen, Grid grid, PixelMap map, i
     places[8] = place_of(seen, map, rays, epipolar, x, y + apart);
 #endif
     SORT_PLACES
-    Stretches stretches;
-    stretches.reach = window * density;
-    stretches.from = places[0] - stretches.reach;
-    stretches.to = places[0] + stretches.reach;
-    for (int i = 1; i < ANSWERS; i++)
-        stretches.next[i - 1] = places[i];
     floatl found = EMPTY;
     intl asked = wanted & (places[0] < INFINITY);
     for (int attempt = 0; attempt < 2; attempt++) {
+        Stretches stretches;
+        stretches.reach = (attempt ? WIDE_WINDOW : window) * density;
+        stretches.from = places[0] - stretches.reach;
+        stretches.to = places[0] + stretches.reach;
+        for (int i = 1; i < ANSWERS; i++)
+            stretches.next[i - 1] = places[i];
         found = pick(asked, trace(grid, rays, epipolar, stretches, shown, asked, cells), found);
         /* A stretch of a connected surface that begins behind it sees its back: once more, from farther off. */
         asked = asked & !IS_HIT(found) & (intl)(grid.cut.far_scale == 0.0f ? -1 : 0);
         if (!any_lane(asked))
             break;
-        stretches.reach = WIDE * density;
-        stretches.from = places[0] - stretches.reach;
-        stretches.to = places[0] + stretches.reach;
-        for (int i = 1; i < ANSWERS; i++)
-            stretches.next[i - 1] = places[i];
     }
     return found;
 }
@@ -244,8 +240,8 @@ INLINED Color read_there(Pixels *pixels, Grid grid, PixelMap map, global const c
         const intl sy = cell_y + pick(fv >= 0.5f, (intl)step_y, (intl)0);
         const intl at = sy * map.src_pitch + sx;
         const floatl q = (floatl)(gather(grid.nearness, at)), sample_u = to_floatl(sx), sample_v = to_floatl(sy);
-        const floatl w = PIXEL_ROW(D, 2, sample_u, sample_v) + D[11] * q;
-        pixels->n = pick(IS_HIT(pixels->n) & (w > 0.0f), (PIXEL_ROW(D, 3, sample_u, sample_v) + D[15] * q) / w, pixels->n);
+        const floatl w = MAP_ROW(D, 2, sample_u, sample_v, q);
+        pixels->n = pick(IS_HIT(pixels->n) & (w > 0.0f), MAP_ROW(D, 3, sample_u, sample_v, q) / w, pixels->n);
         return read_color(src_color, sy * map.src_width + sx, count);
     }
     const floatl diagonal = fu + fv - 1.0f;
@@ -272,8 +268,8 @@ INLINED Color read_there(Pixels *pixels, Grid grid, PixelMap map, global const c
 #if ORIGINS
 INLINED void write_origin(Pixels pixels, int lane, global float *origin, int view)
 {
-    const float3 from = (float3)(((const float *)&pixels.u)[lane], ((const float *)&pixels.v)[lane], view);
-    vstore3(IS_HIT(((const float *)&pixels.n)[lane]) ? from : (float3)(NAN), lane, origin);
+    const float3 from = (float3)(float_lane(pixels.u, lane), float_lane(pixels.v, lane), view);
+    vstore3(IS_HIT(float_lane(pixels.n, lane)) ? from : (float3)(NAN), lane, origin);
 }
 #endif
 
@@ -287,7 +283,7 @@ INLINED void write_pixels(Pixels pixels, Color c, PixelMap map, int merge, int c
 )
 {
     const intl settled = IS_HIT(pixels.n);
-    const floatl z = DEPTH(map, pixels.n);
+    const floatl z = DEPTH_OF(map.dst_perspective, pixels.n);
     if (!merge && count == LANES) {
         store_lanes(pick(settled, z, (floatl)NAN), depth);
         store_bytes(to_ucharl(settled & 1), valid);
@@ -302,8 +298,8 @@ INLINED void write_pixels(Pixels pixels, Color c, PixelMap map, int merge, int c
         return;
     }
     for (int lane = 0; lane < count; lane++) {
-        const int is_settled = ((const int *)&settled)[lane] != 0;
-        const float z_new = ((const float *)&z)[lane], z_old = merge ? depth[lane] : NAN;
+        const int is_settled = int_lane(settled, lane) != 0;
+        const float z_new = float_lane(z, lane), z_old = merge ? depth[lane] : NAN;
         if (is_settled ? z_new >= z_old : merge)
             continue; /* what is there is nearer, or there is nothing to add */
         depth[lane] = is_settled ? z_new : NAN;
@@ -311,7 +307,7 @@ INLINED void write_pixels(Pixels pixels, Color c, PixelMap map, int merge, int c
 #if ORIGINS
         write_origin(pixels, lane, origin, view);
 #endif
-        const float3 one = (float3)(((const float *)&c.r)[lane], ((const float *)&c.g)[lane], ((const float *)&c.b)[lane]);
+        const float3 one = (float3)(float_lane(c.r, lane), float_lane(c.g, lane), float_lane(c.b, lane));
         write_pixel(color + 3 * lane, is_settled ? rounded(one) : (float3)(0.0f));
     }
 }
@@ -324,11 +320,7 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
                     ,
                     global float *origin /* (dst_height, dst_width, 3): u, v and the number of the view */, int view
 #endif
-#ifdef COUNT_SAMPLES
-                    ,
-                    global uint *counts /* (work-items, 2): cells visited by the slowest lane, times LANES; pixels traced */
-#endif
-)
+                    COUNTS_PARAMETER(uint))
 {
     const int y = low_y + get_global_id(1);
     const int strip_x = low_x + get_global_id(0) * (STRIP * LANES);
@@ -366,7 +358,7 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
             if (any_lane(traced))
                 for (int lane = 0; lane < LANES; lane++) {
                     left[count] = p * LANES + lane;
-                    count += ((const int *)&traced)[lane] != 0;
+                    count += int_lane(traced, lane) != 0;
                 }
         }
     uint cells = 0;
@@ -375,7 +367,7 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
         const intl pixel = pick(wanted, (intl)load_lanes(left + first), (intl)0), x = strip_x + pixel;
         const floatl n = trace_around(seen, grid, map, x, y, wanted, shown, apart, density, window, &cells);
         for (int i = 0; i < min(count - first, LANES); i++)
-            ((float *)&pixels[left[first + i] / LANES].n)[left[first + i] % LANES] = ((const float *)&n)[i];
+            set_float_lane(pixels[left[first + i] / LANES].n, left[first + i] % LANES, float_lane(n, i));
     }
 
     for (int p = 0; p < packets; p++) {
@@ -393,7 +385,7 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
 #endif
         );
     }
-#ifdef COUNT_SAMPLES
+#if COUNTED
     const int item = get_global_id(1) * get_global_size(0) + get_global_id(0);
     counts[2 * item] = cells * LANES;
     counts[2 * item + 1] = count;

@@ -1,19 +1,15 @@
 /* The O(n^3) inverse warp: every pixel of the target searches its own epipolar segment, from the epipole (or where the
  * line enters the image) to the projection of the ray's point at infinity (Schaufler & Priglinger 1999, section 4).
  *
- * seen: (dst_height, dst_pitch) answers (answers.h). Work-item: LANES pixels of a row.
+ * seen: (dst_height, dst_pitch) answers (answers.h). counts: (dst_height, packets a row) cells visited by the slowest lane,
+ * times LANES, with COUNTED. Work-item: LANES pixels of a row.
  * Cost: O(source width) a pixel. Determinism: every pixel on its own.
  */
 #include "warp/answers.h"
 #include "warp/trace.h"
 
 kernel void search(global const float *nearness, global float *seen, PixelMap map, Cut cut, int shown, int low_x, int high_x,
-                   int low_y, int high_y
-#ifdef COUNT_SAMPLES
-                   ,
-                   global uint *counts /* (dst_height, packets a row): cells visited by the slowest lane */
-#endif
-)
+                   int low_y, int high_y COUNTS_PARAMETER(uint))
 {
     const int x = low_x + get_global_id(0) * LANES, y = low_y + get_global_id(1);
     if (x >= high_x || y >= high_y)
@@ -29,7 +25,7 @@ kernel void search(global const float *nearness, global float *seen, PixelMap ma
     uint cells = 0;
     const floatl found = trace(grid, rays, epipolar, whole, shown, x + lane_index < high_x, &cells);
     store_lanes(ANSWER(found, 0), seen + (size_t)y * map.dst_pitch + x); /* the pitch leaves room for a whole packet */
-#ifdef COUNT_SAMPLES
+#if COUNTED
     counts[y * ((map.dst_width + LANES - 1) / LANES) + get_global_id(0)] = cells * LANES;
 #endif
 }

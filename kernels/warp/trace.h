@@ -1,3 +1,5 @@
+#ifndef WARP_TRACE_H
+#define WARP_TRACE_H
 /* Rays of the target against the triangulated grid of the source, exactly, each along its own epipolar line.
  *
  * In the source's pixel space a ray is Y(n) = start + n * centre, n being the nearness in the target, and its image is
@@ -191,6 +193,7 @@ INLINED floatl trace(Grid grid, Rays rays, Epipolar epipolar, Stretches stretche
     }
     floatl per_unit;
     const floatl met = meet(rays, met_plane, &per_unit);
-    const intl before = rays.perspective ? met > 0.0f : met < 0.0f;
+    const intl before = IS_BEFORE(rays.perspective, met);
     return pick(is_met & before, met, result);
 }
+#endif

@@ -1,3 +1,5 @@
+#ifndef WARP_WALK_COLUMNS_H
+#define WARP_WALK_COLUMNS_H
 /* Along lines of the source from column to column (or row to row): the surface is straight between two of them where it
  * is connected, which leaves out the corners at diagonals and rows, but it ends where its triangles end.
  */
@@ -10,7 +12,7 @@ typedef struct {
     floatl cell, part; /* the first sample, and the share of the way to the second; beyond 0 and 1 beside the image */
     intl at;           /* the first sample's index */
     floatl a, b;       /* the samples' nearness */
-    Place place;
+    Projection place;
 } Column;
 
 /* What lies between two columns. The lines are in one cell, or pass a row and are in two. */
@@ -27,10 +29,10 @@ typedef struct {
     floatl leaves[4];   /* the part of the way at which the lines leave them: none is entered that is left before */
     floatl nearness[3]; /* the surface's, there */
     intl open[4];
-} Triangles;
+} PassedTriangles;
 
 /* Cells' diagonals go from the first column's second sample to the second column's first. */
-INLINED Triangles triangles_of(Step step, Cut cut)
+INLINED PassedTriangles triangles_of(Step step, Cut cut)
 {
     const Column from = step.from, to = step.to;
     const intl none = step.passed == 0.0f, down = step.passed > 0.0f, up = step.passed < 0.0f;
@@ -42,7 +44,7 @@ INLINED Triangles triangles_of(Step step, Cut cut)
     const floatl row = lesser(pick(down, 1.0f - from.part, -from.part) / step.slope, (floatl)1.0f);
     const floatl row_from = pick(down, from.b, from.a), row_to = pick(down, to.a, to.b);
 
-    Triangles triangles;
+    PassedTriangles triangles;
     triangles.leaves[0] = lesser(diagonal, pick(none, (floatl)1.0f, row));
     triangles.leaves[1] = pick(none, triangles.leaves[0], row);
     /* Upwards, a row is entered past the diagonal. */
@@ -61,25 +63,25 @@ INLINED Triangles triangles_of(Step step, Cut cut)
 /* On a step where the surface may be torn: each run of triangles that are there is a segment. major: of the first
  * column. */
 INLINED void extend_torn(Interval *interval, Answers *answers, Step step, Cut cut, Targets targets, floatl major, intl active,
-                         Epipolars line, LineGroup group, PixelMap map)
+                         SweepLines line, LineGroup group, PixelMap map)
 {
-    const Triangles triangles = triangles_of(step, cut);
-    Place begin = step.from.place, enters = begin;
+    const PassedTriangles triangles = triangles_of(step, cut);
+    Projection begin = step.from.place, enters = begin;
     floatl entered = step.begins;
     intl inside = 0;
     for (int part = 0; part < 4; part++) {
         const floatl leaves = triangles.leaves[part];
         const intl there = active & (leaves > entered) & (entered < step.ends);
-        Place left = step.to.place;
+        Projection left = step.to.place;
         if (part < 3)
-            left = pick_place(leaves < step.ends, place_at(targets, major + line.sign * leaves, triangles.nearness[part]), left);
+            left = pick_projection(leaves < step.ends, project_at(targets, major + line.sign * leaves, triangles.nearness[part]), left);
         const intl stops = there & (triangles.open[part] | IS_BEHIND(map, enters) | IS_BEHIND(map, left));
         if (any_lane(inside & stops))
             extend(interval, answers, begin, enters, inside & stops, (intl)0, line, group, map);
         interval->anew = interval->anew | stops;
-        begin = pick_place(inside, begin, enters);
+        begin = pick_projection(inside, begin, enters);
         inside = (inside | there) & !stops;
-        enters = pick_place(there, left, enters);
+        enters = pick_projection(there, left, enters);
         entered = pick(there, leaves, entered);
     }
     if (any_lane(inside))
@@ -87,7 +89,7 @@ INLINED void extend_torn(Interval *interval, Answers *answers, Step step, Cut cu
 }
 
 /* Returns the columns that were passed. */
-INLINED uint walk(Grid grid, Epipolars line, LineGroup group, PixelMap map, Answers *answers)
+INLINED uint walk(Grid grid, SweepLines line, LineGroup group, PixelMap map, Answers *answers)
 {
     const floatl first = floor_lanes(line.from), last = lesser(ceil_lanes(line.to), line.last_major);
     const intl steps = pick((line.low <= line.high) & (line.from <= line.to), to_intl(last - first), (intl)-1);
@@ -116,13 +118,11 @@ INLINED uint walk(Grid grid, Epipolars line, LineGroup group, PixelMap map, Answ
     step.from.cell = step.from.part = 0.0f;
     step.from.at = 0;
     step.from.a = step.from.b = NO_SURFACE;
-    step.from.place = place_at(targets, major, (floatl)NO_SURFACE);
+    step.from.place = project_at(targets, major, (floatl)NO_SURFACE);
     uint columns = 0;
     for (int count = 0; any_lane(count <= steps); count++, major += line.sign) {
         const intl active = count <= steps, is_last = count == steps;
-#ifdef COUNT_SAMPLES
         COUNT(columns, active)
-#endif
         const intl column = clamp(to_intl(major), (intl)0, to_intl(line.last_major));
         const floatl minor = minor_0 + tilt * major;
         Column to;
@@ -136,7 +136,7 @@ INLINED uint walk(Grid grid, Epipolars line, LineGroup group, PixelMap map, Answ
         to.a = (floatl)(gather(grid.nearness, to.at));
         to.b = (floatl)(gather(grid.nearness, at_b));
         const floatl part = lesser(greater(to.part, (floatl)0.0f), (floatl)1.0f);
-        to.place = place_at(targets, major, to.a + part * (to.b - to.a));
+        to.place = project_at(targets, major, to.a + part * (to.b - to.a));
 
         const Column from = step.from;
         step.passed = pick(along | (intl)(count ? 0 : -1), (floatl)0.0f, to.cell - from.cell);
@@ -155,10 +155,10 @@ INLINED uint walk(Grid grid, Epipolars line, LineGroup group, PixelMap map, Answ
             const floatl nearness = from.place.nearness, change = to.place.nearness - nearness;
             if (count == 1) {
                 step.begins = begins;
-                step.from.place = place_at(targets, major + line.sign * (begins - 1.0f), nearness + begins * change);
+                step.from.place = project_at(targets, major + line.sign * (begins - 1.0f), nearness + begins * change);
             }
             step.ends = pick(is_last, ends, step.ends);
-            to.place = pick_place(is_last, place_at(targets, major + line.sign * (ends - 1.0f), nearness + ends * change), to.place);
+            to.place = pick_projection(is_last, project_at(targets, major + line.sign * (ends - 1.0f), nearness + ends * change), to.place);
         }
         step.to = to;
 
@@ -173,3 +173,4 @@ INLINED uint walk(Grid grid, Epipolars line, LineGroup group, PixelMap map, Answ
     }
     return columns;
 }
+#endif

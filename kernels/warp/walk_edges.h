@@ -1,8 +1,10 @@
+#ifndef WARP_WALK_EDGES_H
+#define WARP_WALK_EDGES_H
 /* Along lines of the source from edge to edge of its triangles: exactly what the lines meet. Cells are what is counted. */
 #include "warp/interval.h"
 
 /* Returns the cells that were passed. */
-INLINED uint walk(Grid grid, Epipolars line, LineGroup group, PixelMap map, Answers *answers)
+INLINED uint walk(Grid grid, SweepLines line, LineGroup group, PixelMap map, Answers *answers)
 {
     const floatl from = pick(line.sign > 0.0f, line.from, line.to), minor = line.minor_0 + line.tilt * from;
     Lines lines;
@@ -18,33 +20,20 @@ INLINED uint walk(Grid grid, Epipolars line, LineGroup group, PixelMap map, Answ
     floatl at = 0.0f, x = 0.0f, y = 0.0f;
     intl active = lines.length > 0.0f, connected = 0;
     enter_cells(lines, at, active, &x, &y);
-    Place before = place_at(targets, at, (floatl)NO_SURFACE);
+    Projection before = project_at(targets, at, (floatl)NO_SURFACE);
     uint cells = 0;
     while (any_lane(active)) {
-#ifdef COUNT_SAMPLES
         COUNT(cells, active)
-#endif
         const Cell cell = pass_cells(grid, lines, way, x, y, at);
-        Place enters = place_at(targets, at, cell.q_in);
-        enters.p = pick(connected, before.p, enters.p);
-        enters.w = pick(connected, before.w, enters.w);
-        enters.q = pick(connected, before.q, enters.q);
-        const Place crosses = place_at(targets, cell.crossing, cell.q_crossing), leaves = place_at(targets, cell.out, cell.q_out);
+        const Projection enters = pick_projection(connected, before, project_at(targets, at, cell.q_in));
+        const Projection crosses = project_at(targets, cell.crossing, cell.q_crossing), leaves = project_at(targets, cell.out, cell.q_out);
         const intl has_both = cell.has_first & cell.has_second;
         for (int part = 0; part < 2; part++) {
             const intl there = active & (part ? cell.has_second : cell.has_first);
             if (!any_lane(there))
                 continue;
-            Place a = enters, b = leaves;
-            if (part) {
-                a.p = pick(has_both, crosses.p, enters.p);
-                a.w = pick(has_both, crosses.w, enters.w);
-                a.q = pick(has_both, crosses.q, enters.q);
-            } else {
-                b.p = pick(has_both, crosses.p, leaves.p);
-                b.w = pick(has_both, crosses.w, leaves.w);
-                b.q = pick(has_both, crosses.q, leaves.q);
-            }
+            const Projection a = part ? pick_projection(has_both, crosses, enters) : enters;
+            const Projection b = part ? leaves : pick_projection(has_both, crosses, leaves);
             const intl open = (part ? cell.second_open : cell.first_open) | IS_BEHIND(map, a) | IS_BEHIND(map, b);
             extend(&interval, answers, a, b, there, open, line, group, map);
         }
@@ -57,3 +46,4 @@ INLINED uint walk(Grid grid, Epipolars line, LineGroup group, PixelMap map, Answ
     }
     return cells;
 }
+#endif

@@ -1,10 +1,12 @@
+#ifndef WARP_WALK_SAMPLES_H
+#define WARP_WALK_SAMPLES_H
 /* Along rows or columns of the source's samples, from each to the next: exactly what such lines meet, which see the edges
  * between their samples alone.
  */
 #include "warp/interval.h"
 
 /* Returns the samples that were passed. */
-INLINED uint walk(Grid grid, Epipolars line, LineGroup group, PixelMap map, Answers *answers)
+INLINED uint walk(Grid grid, SweepLines line, LineGroup group, PixelMap map, Answers *answers)
 {
     const floatl first = ceil_lanes(line.from), last = floor_lanes(line.to);
     const intl steps = pick((line.low <= line.high) & (line.from <= line.to), to_intl(last - first), (intl)-1);
@@ -12,16 +14,14 @@ INLINED uint walk(Grid grid, Epipolars line, LineGroup group, PixelMap map, Answ
     const intl row = clamp(to_intl(line.minor_0), (intl)0, line.last_minor) * line.stride_minor; /* there may be none */
     Interval interval = nothing_settled(line);
     floatl major = pick(line.sign > 0.0f, first, last);
-    Place from = place_at(targets, major, (floatl)NO_SURFACE);
+    Projection from = project_at(targets, major, (floatl)NO_SURFACE);
     uint samples = 0;
     for (int count = 0; any_lane(count <= steps); count++, major += line.sign) {
         const intl active = count <= steps;
-#ifdef COUNT_SAMPLES
         COUNT(samples, active)
-#endif
         const intl at = row + clamp(to_intl(major), (intl)0, to_intl(line.last_major)) * line.stride_major;
         FORESEE_SAMPLES(grid, at, line)
-        const Place to = place_at(targets, major, (floatl)(gather(grid.nearness, at)));
+        const Projection to = project_at(targets, major, (floatl)(gather(grid.nearness, at)));
         const floatl high = greater(from.nearness, to.nearness), low = lesser(from.nearness, to.nearness);
         const intl open = IS_OPEN(grid.cut, high, low) | IS_BEHIND(map, from) | IS_BEHIND(map, to);
         extend(&interval, answers, from, to, active, open, line, group, map);
@@ -29,3 +29,4 @@ INLINED uint walk(Grid grid, Epipolars line, LineGroup group, PixelMap map, Answ
     }
     return samples;
 }
+#endif

@@ -1,0 +1,52 @@
+#ifndef LIB_TAPS_H
+#define LIB_TAPS_H
+/* The four texels around a place of a map, of which bilinear values are made. */
+#include "lib/lanes.h"
+
+typedef struct {
+    intl column, row; /* of the first */
+    intl at[4];       /* row by row */
+    floatl fx, fy;    /* how far the place is from the first to the last, 0 to 1 */
+} Taps;
+
+/* Around (x, y), counted from the first texel's centre; beyond the border it counts as on it. */
+INLINED Taps clamped_taps(int width, int height, floatl x, floatl y)
+{
+    const floatl cx = lesser(greater(x, (floatl)0.0f), (floatl)(width - 1));
+    const floatl cy = lesser(greater(y, (floatl)0.0f), (floatl)(height - 1));
+    const floatl x0 = lesser(truncated(cx), (floatl)max(width - 2, 0)), y0 = lesser(truncated(cy), (floatl)max(height - 2, 0));
+    const int right = min(width - 1, 1), down = min(height - 1, 1) * width;
+    const intl column = to_intl(x0), row = to_intl(y0), at = row * width + column;
+    const Taps taps = {column, row, {at, at + right, at + down, at + down + right}, cx - x0, cy - y0};
+    return taps;
+}
+
+/* Around (u, v) of a map that is tiled: its whole width is 1, and its height. */
+INLINED Taps tiled_taps(int width, int height, floatl u, floatl v)
+{
+    const floatl tx = (u - floor_lanes(u)) * width - 0.5f, ty = (v - floor_lanes(v)) * height - 0.5f;
+    const floatl x0 = floor_lanes(tx), y0 = floor_lanes(ty);
+    const intl left = pick(x0 < 0.0f, (intl)(width - 1), min(to_intl(x0), (intl)(width - 1)));
+    const intl up = pick(y0 < 0.0f, (intl)(height - 1), min(to_intl(y0), (intl)(height - 1)));
+    const intl right = pick(left + 1 < width, left + 1, (intl)0), down = pick(up + 1 < height, up + 1, (intl)0);
+    const intl upper = up * width, lower = down * width;
+    const Taps taps = {left, up, {upper + left, upper + right, lower + left, lower + right}, tx - x0, ty - y0};
+    return taps;
+}
+
+INLINED void tap_weights(Taps taps, floatl *weights)
+{
+    const floatl gx = 1.0f - taps.fx, gy = 1.0f - taps.fy;
+    weights[0] = gx * gy;
+    weights[1] = taps.fx * gy;
+    weights[2] = gx * taps.fy;
+    weights[3] = taps.fx * taps.fy;
+}
+
+/* The mean of the taps' values */
+INLINED floatl bilinear(Taps taps, floatl aa, floatl ab, floatl ba, floatl bb)
+{
+    const floatl top = (1.0f - taps.fx) * aa + taps.fx * ab, bottom = (1.0f - taps.fx) * ba + taps.fx * bb;
+    return (1.0f - taps.fy) * top + taps.fy * bottom;
+}
+#endif

@@ -1,0 +1,38 @@
+#ifndef LIB_VECTORS_H
+#define LIB_VECTORS_H
+/* Points and directions in space, one a lane. */
+#include "lib/lanes.h"
+
+typedef struct {
+    floatl x, y, z;
+} Vector;
+
+#define DOT(a, b) ((a).x * (b).x + (a).y * (b).y + (a).z * (b).z)
+
+/* Component `row` of the matrix m's image of a point */
+#define POINT_ROW(m, row, p)                                                                                   \
+    ((m)[4 * (row)] * (p).x + (m)[4 * (row) + 1] * (p).y + (m)[4 * (row) + 2] * (p).z + (m)[4 * (row) + 3])
+
+INLINED Vector minus(Vector a, Vector b)
+{
+    const Vector d = {a.x - b.x, a.y - b.y, a.z - b.z};
+    return d;
+}
+
+INLINED Vector scaled(Vector v, floatl by)
+{
+    const Vector s = {v.x * by, v.y * by, v.z * by};
+    return s;
+}
+
+INLINED Vector cross_of(Vector a, Vector b)
+{
+    const Vector c = {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+    return c;
+}
+
+INLINED Vector at_unit_length(Vector v)
+{
+    return scaled(v, 1.0f / sqrt(greater(DOT(v, v), (floatl)1e-30f)));
+}
+#endif

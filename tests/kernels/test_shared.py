@@ -1,0 +1,158 @@
+"""What several systems' kernels share, each with a small kernel around it, against NumPy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyopencl as cl
+import pytest
+from numpy.typing import NDArray
+
+from pyibr.opencl.device import current
+from pyibr.opencl.program import kernels_folder
+
+COUNT = 48  # numbers that are worked on: whole packets of 16 lanes
+
+DRIVER = """
+kernel void lanes(global const float *a, global const int *b, global float *out)
+{
+    const int i = get_global_id(0) * LANES;
+    const floatl x = load_lanes(a + i);
+    const intl n = load_lanes(b + i);
+    floatl halves;
+    intl negatives;
+    for (int lane = 0; lane < LANES; lane++) {
+        set_float_lane(halves, lane, 0.5f * float_lane(x, lane));
+        set_int_lane(negatives, lane, -int_lane(n, lane));
+    }
+    store_lanes(halves + to_floatl(negatives), out + i);
+}
+
+kernel void clamped(global const float *map, int width, int height, global const float *x, global const float *y,
+                    global float *out)
+{
+    const int i = get_global_id(0) * LANES;
+    const Taps taps = clamped_taps(width, height, load_lanes(x + i), load_lanes(y + i));
+    floatl weights[4], sum = 0.0f;
+    tap_weights(taps, weights);
+    for (int k = 0; k < 4; k++)
+        sum += weights[k] * (floatl)(gather(map, taps.at[k]));
+    store_lanes(sum, out + i);
+}
+
+kernel void tiled(global const float *map, int width, int height, global const float *u, global const float *v,
+                  global float *out)
+{
+    const int i = get_global_id(0) * LANES;
+    const Taps taps = tiled_taps(width, height, load_lanes(u + i), load_lanes(v + i));
+#define TAP(k) (floatl)(gather(map, taps.at[k]))
+    store_lanes(bilinear(taps, TAP(0), TAP(1), TAP(2), TAP(3)), out + i);
+}
+
+kernel void points(Screen screen, global const float *x, global const float *y, global const float *n,
+                   global float *out)
+{
+    const int i = get_global_id(0) * LANES, count = get_global_size(0) * LANES;
+    const Vector p = point_at(screen, load_lanes(x + i), load_lanes(y + i), load_lanes(n + i));
+    const Vector way = towards(screen, p);
+    store_lanes(p.x, out + i);
+    store_lanes(p.y, out + count + i);
+    store_lanes(p.z, out + 2 * count + i);
+    store_lanes(way.x, out + 3 * count + i);
+    store_lanes(way.y, out + 4 * count + i);
+    store_lanes(way.z, out + 5 * count + i);
+}
+"""
+
+
+@pytest.fixture(params=[1, 16])
+def driver(request: pytest.FixtureRequest):
+    """Runs a kernel of the driver with one width of lanes; arrays by value, the result last."""
+    session, lanes = current(), request.param
+    headers = "".join(f'#include "lib/{name}.h"\n' for name in ("lanes", "screen", "taps"))
+    program = cl.Program(session.context, headers + DRIVER)
+    program.build(["-I", str(kernels_folder()), f"-DLANES={lanes}", "-cl-std=CL1.2", "-Werror"])
+
+    def run(name: str, *arguments: NDArray[np.generic] | np.generic, rows: int = 1) -> NDArray[np.float32]:
+        flags = cl.mem_flags.READ_ONLY | cl.mem_flags.COPY_HOST_PTR
+        passed = [
+            cl.Buffer(session.context, flags, hostbuf=a) if isinstance(a, np.ndarray) and a.ndim else a
+            for a in arguments
+        ]
+        made = np.empty(rows * COUNT, np.float32)
+        out = cl.Buffer(session.context, cl.mem_flags.WRITE_ONLY, made.nbytes)
+        cl.Kernel(program, name)(session.queue, (COUNT // lanes,), None, *passed, out)
+        cl.enqueue_copy(session.queue, made, out)
+        return made.reshape(rows, COUNT)
+
+    return run
+
+
+def test_lanes_are_read_and_set(driver):
+    rng = np.random.default_rng(1)
+    a, b = rng.random(COUNT, np.float32), rng.integers(-9, 9, COUNT, np.int32)
+    np.testing.assert_array_equal(driver("lanes", a, b)[0], np.float32(0.5) * a - b.astype(np.float32))
+
+
+def bilinear(
+    map_: NDArray[np.float32], x: NDArray[np.float64], y: NDArray[np.float64], tiled: bool
+) -> NDArray[np.float64]:
+    """At places that are counted from the first texel's centre."""
+    height, width = map_.shape
+    if not tiled:
+        x, y = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
+    x0, y0 = np.floor(x).astype(int), np.floor(y).astype(int)
+    total = np.zeros(x.shape)
+    for dx, dy in ((0, 0), (1, 0), (0, 1), (1, 1)):
+        column, row = x0 + dx, y0 + dy
+        column, row = (
+            (column % width, row % height) if tiled else (column.clip(max=width - 1), row.clip(max=height - 1))
+        )
+        total += map_[row, column] * np.abs(1 - dx - (x - x0)) * np.abs(1 - dy - (y - y0))
+    return total
+
+
+@pytest.mark.parametrize("shape", [(5, 7), (1, 6), (6, 1), (1, 1)])
+def test_taps_at_a_border_count_as_on_it(driver, shape):
+    rng = np.random.default_rng(2)
+    map_ = rng.random(shape, np.float32)
+    x, y = ((rng.random((2, COUNT)) * 1.6 - 0.3) * np.array(shape[::-1])[:, None]).astype(np.float32)
+    made = driver("clamped", map_, np.int32(shape[1]), np.int32(shape[0]), x, y)[0]
+    np.testing.assert_allclose(made, bilinear(map_, x.astype(float), y.astype(float), False), atol=2e-6)
+
+
+@pytest.mark.parametrize("shape", [(5, 7), (1, 6), (6, 1), (1, 1)])
+def test_taps_of_tiles_go_round(driver, shape):
+    rng = np.random.default_rng(3)
+    map_ = rng.random(shape, np.float32)
+    u, v = (rng.random((2, COUNT)) * 6 - 3).astype(np.float32)
+    made = driver("tiled", map_, np.int32(shape[1]), np.int32(shape[0]), u, v)[0]
+    x, y = u.astype(float) * shape[1] - 0.5, v.astype(float) * shape[0] - 0.5
+    np.testing.assert_allclose(made, bilinear(map_, x, y, True), atol=2e-5)
+
+
+@pytest.mark.parametrize("perspective", [1, 0])
+def test_a_pixel_sees_a_point_and_a_direction(driver, perspective):
+    rng = np.random.default_rng(4)
+    rotation, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    pixels = np.array([[80, 0, 40.5], [0, 75, 30.2], [0, 0, 1]])
+    from_world = np.eye(4)  # to (U, V, W, Q)
+    rows = pixels @ np.hstack([rotation, [[0.1], [0.2], [4.0]]])
+    if perspective:
+        from_world[:3], from_world[3] = rows, (0, 0, 0, 1)
+    else:
+        from_world[:2] = rows[:2] - np.outer(pixels[:2, 2], rows[2]) + np.outer(pixels[:2, 2], (0, 0, 0, 1))
+        from_world[2], from_world[3] = (0, 0, 0, 1), -rows[2]
+    screen = np.zeros(1, "16f4, 16f4, i4, i4, i4, f4")
+    screen[0] = (from_world.ravel(), np.linalg.inv(from_world).ravel(), 81, 61, perspective, 1.0)
+    x, y = (rng.random((2, COUNT)) * [[80], [60]]).astype(np.float32)
+    depth = 2 + rng.random(COUNT)
+    nearness = (1 / depth if perspective else -depth).astype(np.float32)
+    made = driver("points", screen[0], x, y, nearness, rows=6)
+    points = np.vstack([made[:3], np.ones(COUNT)])
+    U, V, W, Q = from_world @ points
+    np.testing.assert_allclose([U / W, V / W, Q / W], [x, y, nearness], rtol=2e-4, atol=1e-4)
+    axis = rotation.T @ np.array([0, 0, 1.0])
+    expected = (
+        rotation.T @ (rotation @ made[:3] + [[0.1], [0.2], [4.0]]) if perspective else np.tile(axis[:, None], COUNT)
+    )
+    np.testing.assert_allclose(made[3:], expected / np.linalg.norm(expected, axis=0), atol=1e-4)

@@ -1,0 +1,90 @@
+"""Every kernel file stands on its own, says what its defines mean, and has no function that is too long to be read."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections import Counter
+from pathlib import Path
+
+import pyopencl as cl
+import pytest
+
+from pyibr.opencl.device import current
+from pyibr.opencl.program import kernels_folder
+
+FOLDER = kernels_folder()
+FILES = sorted(path.relative_to(FOLDER).as_posix() for path in FOLDER.glob("*/*"))
+LONGEST = 100
+DEFAULT = re.compile(r"^#ifndef (\w+)\n#define \1 \S+(.*)\n#endif", re.MULTILINE)
+GUARD = re.compile(r"\A#ifndef (\w+)\n#define \1\n")
+INCLUDE = re.compile(r'^#include "(.+)"$', re.MULTILINE)
+
+
+def text_of(file: str) -> str:
+    return (FOLDER / file).read_text()
+
+
+def included_by(file: str) -> set[str]:
+    """The file and all that it includes."""
+    found, open_ones = set(), [file]
+    while open_ones:
+        one = open_ones.pop()
+        if one not in found:
+            found.add(one)
+            open_ones += INCLUDE.findall(text_of(one))
+    return found
+
+
+def function_lengths(file: str) -> dict[str, int]:
+    """Lines of each function, from its first to its closing brace."""
+    lengths: dict[str, int] = {}
+    first = None
+    for number, line in enumerate(text_of(file).splitlines()):
+        if first is None and re.match(r"(?!typedef)\w[^;]*\(", line):
+            first = (line, number)
+        elif line == "}":
+            assert first is not None, f"{file}:{number + 1} closes nothing"
+            lengths[first[0]] = number - first[1] + 1
+            first = None
+    return lengths
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_a_file_compiles_alone_with_the_defaults(file):
+    for lanes in (1, 16):
+        options = ["-I", str(FOLDER), f"-DLANES={lanes}", "-cl-std=CL1.2", "-Werror"]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", cl.CompilerWarning)
+            cl.Program(current().context, f'#include "{file}"\n').build(options, cache_dir=False)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("file", [file for file in FILES if file.endswith(".h")])
+def test_a_header_is_guarded_by_its_name(file):
+    guard = GUARD.match(text_of(file))
+    assert guard is not None
+    assert guard.group(1) == re.sub(r"\W", "_", file).upper()
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_a_define_has_one_default_and_a_meaning(file):
+    texts = [text_of(one) for one in included_by(file)]
+    defaults = [match for text in texts for match in DEFAULT.finditer(text)]
+    twice = [name for name, count in Counter(match.group(1) for match in defaults).items() if count > 1]
+    assert not twice
+    assert [match.group(1) for match in defaults if "/*" not in match.group(2)] == []
+    assert not [text for text in texts if re.search(r"^#ifdef (?!__)", text, re.MULTILINE)]  # 0 or 1, never absent
+    known = {match.group(1) for match in defaults}
+    own = set(re.findall(r"^#define (\w+)", "\n".join(texts), re.MULTILINE))
+    conditions = " ".join(re.findall(r"^#(?:if|elif) (.*)$", text_of(file), re.MULTILINE))
+    asked = set(re.findall(r"\b[A-Z][A-Z_]*\b", conditions))
+    assert asked <= known | own | {"__ENDIAN_LITTLE__"}
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_no_function_is_too_long_to_be_read(file):
+    assert {name: length for name, length in function_lengths(file).items() if length > LONGEST} == {}
+
+
+def test_every_file_is_a_source():
+    assert {Path(file).suffix for file in FILES} == {".cl", ".h"}
