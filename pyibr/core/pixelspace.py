@@ -13,25 +13,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64
-
-PIXEL_MAP = np.dtype(
-    [
-        ("dst_from_src", np.float32, 16),
-        ("src_from_dst", np.float32, 16),
-        ("src_width", np.int32),
-        ("src_height", np.int32),
-        ("src_pitch", np.int32),
-        ("dst_width", np.int32),
-        ("dst_height", np.int32),
-        ("dst_pitch", np.int32),
-        ("dst_perspective", np.int32),
-    ]
-)
-"""The struct PixelMap of kernels/lib/pixelspace.h."""
 
 _GRID = [part.ravel() for part in np.meshgrid(np.linspace(0.1, 0.9, 5), np.linspace(0.1, 0.9, 5))]
 
@@ -123,16 +107,6 @@ class CameraPair:
         rows = self.src_from_dst[[source_axis, 2], :3] @ pixels
         across = rows[0] / rows[1]
         return bool((np.abs(across - np.rint(across)) < ON_SAMPLES).all())
-
-    @cached_property
-    def struct(self) -> NDArray[np.void]:
-        """A PIXEL_MAP record."""
-        values = np.zeros((), PIXEL_MAP)
-        values["dst_from_src"], values["src_from_dst"] = self.dst_from_src.ravel(), self.src_from_dst.ravel()
-        values["src_width"], values["src_height"], values["src_pitch"] = *self.src.size, pitch(self.src.width)
-        values["dst_width"], values["dst_height"], values["dst_pitch"] = *self.dst.size, pitch(self.dst.width)
-        values["dst_perspective"] = self.dst.projection == "perspective"
-        return values
 
     @cached_property
     def corners(self) -> list[list[float]]:

@@ -12,15 +12,12 @@ from numpy.typing import NDArray
 from pyibr.core.checks import describe, numbers, one_of
 from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
+from pyibr.opencl.headers import struct
 
 Test = Literal["orthogonality", "connectedness", "disparity", "none"]
 
 TESTS = {"orthogonality": 0, "connectedness": 1, "disparity": 2, "none": 3}
 """TEST of kernels/depthmesh/samples.cl."""
-
-_SEGMENTATION = np.dtype(
-    [("sine", np.float32), ("depth_range", np.float32), ("extent", np.float32), ("gap", np.float32)]
-)
 
 
 @dataclass(frozen=True)
@@ -69,8 +66,8 @@ class Segmentation:
                 raise ArgumentError(name, "a number > 0", describe(getattr(self, name)))
 
     def record(self, view: DepthImage, depth_span: float) -> NDArray[np.void]:
-        """The struct Segmentation of kernels/depthmesh/samples.cl; the view's depths differ by up to `depth_span`."""
-        values = np.zeros((), _SEGMENTATION)
+        """A record of the kernels' struct Segmentation; the view's depths differ by up to `depth_span`."""
+        values = np.zeros((), struct("depthmesh/samples.cl", "Segmentation"))
         values["sine"] = math.sin(math.radians(self.angle))
         values["depth_range"], values["gap"] = self.depth_range, self.gap
         if view.camera.projection == "orthographic":

@@ -13,24 +13,11 @@ from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import pitch
 from pyibr.depthmesh.segmentation import TESTS, Segmentation
 from pyibr.images import DepthImage
+from pyibr.opencl.headers import struct
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty
 from pyibr.opencl.program import kernel
 from pyibr.picture.samples import samples_of
-
-_LAYOUT = np.dtype(
-    [
-        ("ray", np.float32, 6),
-        ("footprint", np.float32),
-        ("perspective", np.int32),
-        ("width", np.int32),
-        ("height", np.int32),
-        ("pitch", np.int32),
-        ("side", np.int32),
-        ("row", np.int32),
-    ]
-)
-"""The struct Layout of kernels/depthmesh/tree.h."""
 
 _DEPTHS = (1e-4, 1e8)  # beyond, products of four distances leave the range of float32
 _COARSE = 8  # from this step on, all rows are one work-item's: they are too few to share
@@ -167,7 +154,7 @@ def _fine_to_coarse(file: str, of_step: str, of_coarse: str, side: int, height: 
 
 
 def _layout(camera: Camera, side: int, row: int) -> np.ndarray[Any, np.dtype[np.void]]:
-    values = np.zeros((), _LAYOUT)
+    values = np.zeros((), struct("depthmesh/tree.h", "Layout"))
     values["ray"] = np.linalg.inv(camera.K)[:2].ravel()
     values["footprint"] = 1.0 / min(camera.K[0, 0], camera.K[1, 1])
     values["perspective"] = camera.projection == "perspective"

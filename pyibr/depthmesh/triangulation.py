@@ -12,6 +12,7 @@ from pyibr.core.camera import Camera
 from pyibr.core.pixelspace import camera_pair, frustum
 from pyibr.depthmesh.tree import Tree
 from pyibr.images import DepthImage
+from pyibr.opencl.headers import struct
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, copy, empty, upload
 from pyibr.opencl.program import kernel
@@ -19,16 +20,6 @@ from pyibr.opencl.program import kernel
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-
-_VIEWER = np.dtype(
-    [
-        ("eye", np.float32, 3),
-        ("planes", np.float32, (5, 4)),
-        ("scale", np.float32),
-        ("tolerance", np.float32),
-        ("perspective", np.int32),
-    ]
-)
 _SHARES = 16  # along a tree's side, that simplification is shared out in
 _CHUNK = 64  # numbers of vertices that a work-item of kernels/depthmesh/simplify.cl takes memory for at once
 _POINTS = 1024  # points of a work-item, kernels/depthmesh/select.cl
@@ -52,7 +43,7 @@ def active_for(tree: Tree, camera: Camera, tolerance: float) -> DeviceArray:
 
 
 def _viewer(src: Camera, dst: Camera, tolerance: float) -> np.ndarray[Any, np.dtype[np.void]]:
-    values = np.zeros((), _VIEWER)
+    values = np.zeros((), struct("depthmesh/select.cl", "Viewer"))
     values["eye"] = (src.camera_from_world @ dst.world_from_camera)[:3, 3]
     values["planes"] = frustum(dst) @ src.world_from_camera
     values["scale"] = np.linalg.norm(dst.K[:2, :2], 2)

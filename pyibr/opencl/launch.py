@@ -9,19 +9,10 @@ from typing import Any
 import numpy as np
 
 from pyibr.core.errors import ArgumentError
+from pyibr.opencl.headers import difference
 from pyibr.opencl.memory import DeviceArray
 from pyibr.opencl.program import Argument, Kernel
 from pyibr.opencl.watch import watches
-
-_ELEMENTS: dict[str, np.dtype[Any]] = {
-    "float": np.dtype(np.float32),
-    "short": np.dtype(np.int16),
-    "ushort": np.dtype(np.uint16),
-    "int": np.dtype(np.int32),
-    "uint": np.dtype(np.uint32),
-    "uchar": np.dtype(np.uint8),
-    "ulong": np.dtype(np.uint64),
-}
 
 _LOCAL = {1: (1,), 2: (1, 1), 3: (1, 1, 1)}
 """Work-groups of a CPU, by the grid's dimensions: a work-item each."""
@@ -51,7 +42,7 @@ def launch(kernel: Kernel, grid: tuple[int, ...], **arguments: DeviceArray | Str
     Raises
     ------
     ArgumentError
-        If a name is missing or unknown, or a value's type is not what the source declares.
+        If a name is missing or unknown, or a value's type is not what the source declares; a struct's members included.
     """
     if watches:
         watches[-1].launch(kernel, grid, arguments, functools.partial(_enqueue, kernel, grid))
@@ -76,9 +67,9 @@ def _enqueue(kernel: Kernel, grid: tuple[int, ...], **arguments: DeviceArray | S
 
 
 def _pointer(kernel: Kernel, argument: Argument, value: DeviceArray | Struct | float) -> Any:
-    if isinstance(value, DeviceArray) and (value.dtype.fields or value.dtype == _ELEMENTS.get(argument.type[:-1])):
+    if isinstance(value, DeviceArray) and value.dtype == argument.dtype:
         return value.buffer
-    got = value.dtype.name if isinstance(value, DeviceArray) else type(value).__name__
+    got = difference(argument.dtype, value.dtype) if isinstance(value, DeviceArray) else type(value).__name__
     raise ArgumentError(f"{kernel.name}({argument.name})", f"a device array of {argument.type[:-1]}", got)
 
 
@@ -89,9 +80,12 @@ def _number(kernel: Kernel, argument: Argument, value: DeviceArray | Struct | fl
 
 
 def _struct(kernel: Kernel, argument: Argument, value: DeviceArray | Struct | float) -> Any:
-    if isinstance(value, Struct) and value.name == argument.type:
+    if isinstance(value, Struct) and value.name == argument.type and value.values.dtype == argument.dtype:
         return value.values[()]
-    raise ArgumentError(f"{kernel.name}({argument.name})", f"a {argument.type}", type(value).__name__)
+    got = type(value).__name__
+    if isinstance(value, Struct):
+        got = difference(argument.dtype, value.values.dtype) if value.name == argument.type else f"a {value.name}"
+    raise ArgumentError(f"{kernel.name}({argument.name})", f"a {argument.type}", got)
 
 
 _PACK = {"pointer": _pointer, "number": _number, "struct": _struct}

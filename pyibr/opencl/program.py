@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import re
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,18 +16,14 @@ import numpy as np
 from pyibr.core.errors import BuildError
 from pyibr.opencl.cache import cache_folder, read_cached, write_cached
 from pyibr.opencl.device import Session, current
+from pyibr.opencl.headers import SCALARS, expanded, structs
 from pyibr.opencl.watch import watches
 
 if TYPE_CHECKING:
     import pyopencl as cl
 
 
-SCALARS: dict[str, type[np.generic]] = {"int": np.int32, "uint": np.uint32, "float": np.float32, "ulong": np.uint64}
-"""Numbers that kernels take by value."""
-
 _Signatures = dict[str, list[tuple[str, str]]]
-
-_INCLUDE = re.compile(r'^\s*#include "([^"]+)"', re.MULTILINE)
 
 _NO_DENORMALS = "-cl-denorms-are-zero"
 """They mean nothing in any kernel, and CPUs take a hundred cycles for one. Binaries do not hold this option."""
@@ -40,6 +35,7 @@ class Argument:
 
     name: str
     type: str  # without address space and qualifiers: "float*", "int", "PixelMap"
+    dtype: np.dtype[Any]  # of its elements, as the source declares them; empty: nothing that the host knows
 
     @cached_property
     def kind(self) -> Literal["pointer", "number", "struct"]:
@@ -62,13 +58,6 @@ class Kernel:
     def names(self) -> frozenset[str]:
         """Of the arguments."""
         return frozenset(argument.name for argument in self.arguments)
-
-
-def kernels_folder() -> Path:
-    """The folder of the OpenCL sources: inside the installed package, beside it in a checkout."""
-    package = Path(__file__).parent.parent
-    installed = package / "kernels"
-    return installed if installed.is_dir() else package.parent / "kernels"
 
 
 def kernel(file: str, name: str, **defines: int) -> Kernel:
@@ -108,7 +97,7 @@ def _build(session: Session, file: str, name: str, defines: Mapping[str, int]) -
     options = ["-cl-std=CL1.2", _NO_DENORMALS, "-Werror", "-cl-kernel-arg-info"]
     named = {"LANES": session.lanes, **defines}
     options += [f"-D{define}={value}" for define, value in sorted(named.items())]
-    source = _expand(file)
+    source = expanded(file)
     device = session.device
     identity = "\0".join([source, *options, device.platform, device.name, device.version, device.driver])
     stem = cache_folder() / "programs" / f"{Path(file).stem}-{hashlib.sha256(identity.encode()).hexdigest()[:24]}"
@@ -124,29 +113,17 @@ def _build(session: Session, file: str, name: str, defines: Mapping[str, int]) -
         write_cached(stem.with_suffix(".bin"), binaries[0])
     else:
         program, signatures = loaded
-    arguments = tuple(Argument(*pair) for pair in signatures[name])
+    signature = signatures[name]
+    known = SCALARS | structs(file, source, {declared.rstrip("*") for _, declared in signature}, named)
+    arguments = tuple(Argument(*pair, known.get(pair[1].rstrip("*"), np.dtype(np.void))) for pair in signature)
     handle: Any = cl.Kernel(program, name)
-    handle.set_arg_types([_passed_as(argument.type) for argument in arguments])  # twenty times as fast as without
+    handle.set_arg_types([_passed_as(argument) for argument in arguments])  # twenty times as fast as without
     return Kernel(session, handle, name, arguments)
 
 
-def _passed_as(declared: str) -> type[np.generic] | np.dtype[np.void] | None:
+def _passed_as(argument: Argument) -> np.dtype[Any] | None:
     """How pyopencl is to pass an argument: buffers as such, the others' bytes."""
-    return None if declared.endswith("*") else SCALARS.get(declared, np.dtype("V1"))
-
-
-def _expand(file: str) -> str:
-    """The source with each ``#include "..."`` replaced by its text once, so that binaries know what they hold."""
-    root = kernels_folder()
-    seen: set[str] = set()
-
-    def text_of(name: str) -> str:
-        if name in seen:
-            return ""
-        seen.add(name)
-        return _INCLUDE.sub(lambda match: text_of(match.group(1)), (root / name).read_text())
-
-    return text_of(file)
+    return {"pointer": None, "number": argument.dtype, "struct": np.dtype("V1")}[argument.kind]
 
 
 def _quietly_built(program: cl.Program, options: list[str]) -> cl.Program:

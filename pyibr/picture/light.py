@@ -7,19 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pyibr.core.checks import Float64, describe, numbers, whole_from
 from pyibr.core.errors import ArgumentError
-
-_LIGHT = np.dtype(
-    [
-        ("vector", np.float32, 4),
-        ("axis", np.float32, 4),
-        ("cone_rise", np.float32),
-        ("color", np.float32, 3),
-        ("ambient", np.float32),
-        ("specular", np.float32),
-        ("shininess", np.float32),
-    ]
-)
-"""The struct Light of kernels/lib/light.h."""
+from pyibr.opencl.headers import struct
 
 _SHADOW_MOST = 16384
 _FADE = 0.02  # of a spot's angle, at its edge
@@ -100,7 +88,7 @@ class Light:
 
     def struct(self, origin: Float64) -> NDArray[np.void]:
         """A record of the kernels' struct Light, for points relative to an origin, (3,) in the world."""
-        values = np.zeros((), _LIGHT)
+        values = np.zeros((), struct("lib/light.h", "Light"))
         axis = np.zeros(3) if self.direction is None else self.direction / np.linalg.norm(self.direction)
         if self.position is None:
             values["vector"] = (*-axis, 0.0)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64
 from pyibr.opencl.device import current
+from pyibr.opencl.headers import struct
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, copy, duplicate, empty
 from pyibr.opencl.program import kernel
@@ -20,20 +21,6 @@ from pyibr.picture.light import Light
 from pyibr.picture.target import Target
 
 Bounds = tuple[NDArray[Any], NDArray[Any]]
-
-_MAPS_MOST = 6
-_SHADOW = np.dtype(
-    [
-        ("from_world", np.float32, 16 * _MAPS_MOST),
-        ("depth_row", np.float32, 4 * _MAPS_MOST),
-        ("maps", np.int32),
-        ("size", np.int32),
-        ("texel_x", np.float32),
-        ("texel_y", np.float32),
-        ("grain", np.float32),
-    ]
-)
-"""The struct Shadow of kernels/lib/light.h."""
 
 _WIDEST = 120.0  # degrees that one perspective map may cover, whose texels grow towards its edge; beyond, it takes six
 _MARGIN = 4  # texels left free around a map: points are moved by up to 2, and 1 more is read
@@ -82,7 +69,7 @@ class Lighting:
 
     def _shadow(self, grain: float, origin: Float64) -> NDArray[np.void]:
         """A record of the kernels' struct Shadow."""
-        values = np.zeros((), _SHADOW)
+        values = np.zeros((), struct("lib/light.h", "Shadow"))
         shift = np.eye(4)
         shift[:3, 3] = origin
         for i, camera in enumerate(self.cameras):

@@ -12,19 +12,8 @@ from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
 from pyibr.images import Frame
+from pyibr.opencl.headers import struct
 from pyibr.opencl.memory import DeviceArray, empty, output, to_host
-
-_SCREEN = np.dtype(
-    [
-        ("from_world", np.float32, 16),
-        ("to_world", np.float32, 16),
-        ("width", np.int32),
-        ("height", np.int32),
-        ("perspective", np.int32),
-        ("nearest", np.float32),
-    ]
-)
-"""The struct Screen of kernels/lib/screen.h."""
 
 _NEAR = 1e-5  # of the distance to the farthest point of a thing: what lies nearer than that is not drawn
 
@@ -111,13 +100,13 @@ class Target:
         return max(_NEAR * float(np.linalg.norm(middle - eye) + 0.5 * np.linalg.norm(high - low)), _NEAREST)
 
     def screen(self, near: float, origin: NDArray[Any] | None = None) -> NDArray[np.void]:
-        """A record of the struct Screen; with an `origin`, (3,) in the world, for points relative to it."""
+        """A record of the kernels' struct Screen; with an `origin`, (3,) in the world, for points relative to it."""
         from_world = self.from_world
         if origin is not None:
             shift = np.eye(4)
             shift[:3, 3] = origin
             from_world = from_world @ shift
-        values = np.zeros((), _SCREEN)
+        values = np.zeros((), struct("lib/screen.h", "Screen"))
         values["from_world"] = from_world.ravel()
         values["to_world"] = np.linalg.inv(from_world).ravel()
         values["width"], values["height"] = self.camera.size

@@ -17,6 +17,7 @@ from pyibr.images import DepthImage
 from pyibr.images.silhouette import Silhouette, is_opposite
 from pyibr.meshes.textures import rgba_words
 from pyibr.opencl.device import current
+from pyibr.opencl.headers import struct
 from pyibr.opencl.kept import kept
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, upload
@@ -34,9 +35,6 @@ TO_SCREEN = 3  # the axis of slices parallel to the screen, kernels/slicing/obje
 _SLICES_MOST = 65536
 _HALVINGS_MOST = 24  # float32 holds no more
 _BEFORE = 2.0  # slices and samples by which a view's surface may lie before a point that it still shows
-_BOX = np.dtype(
-    [("from_world", np.float32, 12), ("edges", np.float32, 3), ("spacing", np.float32), ("first", np.float32)]
-)
 
 
 class DepthObject(Fixed):
@@ -220,7 +218,7 @@ def draw_object(target: Target, thing: DepthObject | VisualHull, counts: DeviceA
         order = order[np.sort(closest)]
     spacing = spacing_of(thing)
     sample = max(pixel_size(view.camera, box.center) for view in thing.views)
-    record = np.zeros((), _BOX)
+    record = np.zeros((), struct("slicing/object.cl", "Box"))
     # In the kernel the world's origin is the box's middle: float32 holds what is near 0 best.
     record["from_world"] = (box.from_world @ _moved_by(box.center)).ravel()
     record["edges"], record["spacing"] = box.edges, spacing

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass, replace
 from typing import Any
@@ -11,8 +12,9 @@ from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64
-from pyibr.core.pixelspace import NO_PARALLAX, PixelMap, Rectangle, pitch
+from pyibr.core.pixelspace import NO_PARALLAX, CameraPair, PixelMap, Rectangle, pitch
 from pyibr.opencl.device import current
+from pyibr.opencl.headers import struct
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty, upload
 from pyibr.opencl.program import kernel
@@ -21,7 +23,6 @@ from pyibr.picture.target import Target
 from pyibr.warp.lines import line_groups
 
 _EMPTY = -3e38  # EMPTY of kernels/lib/pixelspace.h
-_CUT = np.dtype([("near_scale", np.float32), ("far_scale", np.float32), ("least", np.float32)])
 _OF_LINES, _OWN, _OF_ALL = 0, 1, 2  # ANSWERS_... of kernels/warp/resolve.cl
 _APART_MOST = 16
 _LOOK_TORN, _LOOK_CONNECTED = (1.0, 1.5), (0.5, 4.0)  # `rough` and `window` of kernels/warp/resolve.cl, measured
@@ -54,13 +55,27 @@ class Options:
 
     def cut(self, camera: Camera) -> NDArray[np.void]:
         """A record of the kernels' struct Cut: which neighbours of a camera's view are torn apart."""
+        values = np.zeros((), struct("lib/surface.h", "Cut"))
         if self.cut_ratio is None:
-            return np.array((0.0, 0.0, 0.0), _CUT)
+            return values
+        values["near_scale"] = 1.0
         if camera.projection == "perspective":
-            return np.array((1.0, self.cut_ratio, 0.0), _CUT)
-        # Depths of an orthographic view have no origin: what it sees gives the scale.
-        sides = camera.width / camera.K[0, 0], camera.height / camera.K[1, 1]
-        return np.array((1.0, 1.0, (self.cut_ratio - 1.0) * max(sides)), _CUT)
+            values["far_scale"] = self.cut_ratio
+        else:  # depths have no origin: what the camera sees gives the scale
+            sides = camera.width / camera.K[0, 0], camera.height / camera.K[1, 1]
+            values["far_scale"], values["least"] = 1.0, (self.cut_ratio - 1.0) * max(sides)
+        return values
+
+
+@functools.lru_cache(maxsize=256)
+def _map_of(pair: CameraPair) -> Struct:
+    """The kernels' struct PixelMap."""
+    values = np.zeros((), struct("lib/pixelspace.h", "PixelMap"))
+    values["dst_from_src"], values["src_from_dst"] = pair.dst_from_src.ravel(), pair.src_from_dst.ravel()
+    values["src_width"], values["src_height"], values["src_pitch"] = *pair.src.size, pitch(pair.src.width)
+    values["dst_width"], values["dst_height"], values["dst_pitch"] = *pair.dst.size, pitch(pair.dst.width)
+    values["dst_perspective"] = pair.dst.projection == "perspective"
+    return Struct("PixelMap", values)
 
 
 def look(samples: Samples, pixel_map: PixelMap, target: Target, options: Options, view: int = 0) -> None:
@@ -71,7 +86,7 @@ def look(samples: Samples, pixel_map: PixelMap, target: Target, options: Options
 
     shared: dict[str, Any] = {
         "nearness": samples.nearness,
-        "map": Struct("PixelMap", pixel_map.pair.struct),
+        "map": _map_of(pixel_map.pair),
         "cut": Struct("Cut", options.cut(pixel_map.pair.src)),
         "shown": options.shown,
     }
@@ -190,7 +205,7 @@ def splat(samples: Samples, pixel_map: PixelMap, target: Target, size: float) ->
     keys, indices = empty(shape, np.uint32), empty(shape, np.uint32)
     keys.fill(0)
     indices.fill(0xFFFFFFFF)
-    the_map = Struct("PixelMap", pixel_map.pair.struct)
+    the_map = _map_of(pixel_map.pair)
     for name, more in (("splat_nearness", {}), ("splat_index", {"indices": indices})):
         launch(
             kernel("warp/forward.cl", name, COLOR_BYTES=target.channel_bytes),
@@ -245,7 +260,7 @@ def classify(samples: Samples, pixel_map: PixelMap, target: Target, options: Opt
         nearness=samples.nearness,
         valid=target.valid,
         classes=target.classes,
-        map=Struct("PixelMap", pixel_map.pair.struct),
+        map=_map_of(pixel_map.pair),
         cut=Struct("Cut", options.cut(pixel_map.pair.src)),
         nearest=samples.high,
         farthest=samples.low,

@@ -19,27 +19,7 @@ from numpy.typing import NDArray
 
 from pyibr.core.checks import Float64
 from pyibr.core.pixelspace import Rectangle
-
-LINE_GROUP = np.dtype(
-    [
-        ("axis", np.int32),
-        ("side", np.int32),
-        ("first_packet", np.int32),
-        ("count", np.int32),
-        ("low", np.int32),
-        ("high", np.int32),
-        ("cross_low", np.int32),
-        ("cross_high", np.int32),
-        ("levels", np.int32),
-        ("reference", np.float32),
-        ("first", np.float32),
-        ("spacing", np.float32),
-        ("distance", np.float32),
-        ("distance_step", np.float32),
-        ("least", np.float32),
-    ]
-)
-"""The struct LineGroup of kernels/warp/epipolar.cl."""
+from pyibr.opencl.headers import struct
 
 _MOST_LEVELS = 4  # halvings of the distance to the epipole; what lies nearer is 1/16 of the fan's length
 _ROUNDING = 4e-7  # relative: on a diagonal, the kernel's float32 decides between two fans
@@ -123,7 +103,7 @@ def line_groups(
 
     Returns
     -------
-    groups : LINE_GROUP array
+    groups : array of the kernels' struct LineGroup
     packets : int
         Work-items needed for all groups.
     """
@@ -134,7 +114,7 @@ def line_groups(
 def _laid(
     epipole: tuple[float, float, float], area: Rectangle, lanes: int, through_pixels: bool
 ) -> tuple[NDArray[Any], int]:
-    groups: list[tuple[float, ...]] = []
+    groups: list[dict[str, float]] = []
     packets = 0
     ends = (area.low_x, area.high_x - 1), (area.low_y, area.high_y - 1)
     *e, w = epipole
@@ -158,11 +138,14 @@ def _laid(
                 start = first if goes_on else first + 2**level
                 count = int((high + beyond - start) // spacing) + 1
                 least = 0.0 if goes_on else 0.5 ** (level + 1)
-                along = fan.extent(least)
-                distance = -fan.e_along * side / farthest, w * side / farthest
-                line = fan.reference, start, spacing
-                groups.append((axis, side, packets, count, *along, *fan.across, levels, *line, *distance, least))
+                group: dict[str, float] = {"axis": axis, "side": side, "first_packet": packets, "count": count}
+                group["low"], group["high"] = fan.extent(least)
+                group["cross_low"], group["cross_high"] = fan.across
+                group |= {"levels": levels, "reference": fan.reference, "first": start, "spacing": spacing}
+                group |= {"distance": -fan.e_along * side / farthest, "distance_step": w * side / farthest}
+                groups.append({**group, "least": least})
                 packets += -(-count // lanes)
-    laid = np.array(groups, LINE_GROUP)
+    kind = struct("warp/lines.h", "LineGroup")
+    laid = np.array([tuple(group[name] for name in kind.names or ()) for group in groups], kind)
     laid.flags.writeable = False
     return laid, packets

@@ -2,13 +2,38 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+from pyibr.opencl import headers
+from pyibr.opencl.device import current
 
 
 @pytest.fixture
 def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.setenv("PYIBR_CACHE", str(tmp_path / "cache"))
     yield tmp_path / "cache"
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A copy of the kernels in a folder with a space, nothing built or read, an empty cache."""
+    copy = tmp_path / "a b" / "kernels"
+    shutil.copytree(headers.kernels_folder(), copy)
+    monkeypatch.setattr(headers, "kernels_folder", lambda: copy)
+    monkeypatch.setenv("PYIBR_CACHE", str(tmp_path / "cache"))
+    kept = dict(current().kernels)
+    current().kernels.clear()
+    _forget_headers()
+    yield copy
+    _forget_headers()
+    current().kernels.clear()
+    current().kernels.update(kept)
+
+
+def _forget_headers() -> None:
+    for read in (headers.struct, headers.constant, headers._source):
+        read.cache_clear()

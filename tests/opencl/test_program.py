@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
@@ -13,20 +10,6 @@ from pyibr.core.errors import ArgumentError, BuildError
 from pyibr.opencl import program
 from pyibr.opencl.device import current
 from pyibr.opencl.launch import launch
-
-
-@pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A copy of the kernels in a folder with a space, nothing built, an empty cache."""
-    copy = tmp_path / "a b" / "kernels"
-    shutil.copytree(program.kernels_folder(), copy)
-    monkeypatch.setattr(program, "kernels_folder", lambda: copy)
-    monkeypatch.setenv("PYIBR_CACHE", str(tmp_path / "cache"))
-    kept = dict(current().kernels)
-    current().kernels.clear()
-    yield copy
-    current().kernels.clear()
-    current().kernels.update(kept)
 
 
 def test_a_folder_with_a_space(folder):

@@ -1,0 +1,189 @@
+"""What the kernels' C text declares for the host, too: structs and named numbers are read from it, not copied."""
+
+from __future__ import annotations
+
+import functools
+import math
+import re
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pyibr.core.errors import BuildError
+
+SCALARS: dict[str, np.dtype[Any]] = {
+    "char": np.dtype(np.int8),
+    "uchar": np.dtype(np.uint8),
+    "short": np.dtype(np.int16),
+    "ushort": np.dtype(np.uint16),
+    "int": np.dtype(np.int32),
+    "uint": np.dtype(np.uint32),
+    "long": np.dtype(np.int64),
+    "ulong": np.dtype(np.uint64),
+    "float": np.dtype(np.float32),
+}
+"""Numbers as C names them."""
+
+_INCLUDE = re.compile(r'^\s*#include "([^"]+)"', re.MULTILINE)
+_COMMENT = re.compile(r"/\*.*?\*/|//[^\n]*", re.DOTALL)
+_DEFINE = re.compile(r"^[ \t]*#[ \t]*define[ \t]+(\w+)[ \t]+(\S.*?)[ \t]*$", re.MULTILINE)
+_STRUCT = re.compile(r"typedef\s+struct\b([^{;]*)\{([^{}]*)\}\s*(\w+)\s*;")
+_MEMBER = re.compile(r"(\w+)\s*((?:\[[^\]]*\]\s*)*)")
+_WHOLE = re.compile(r"([-+]?(?:0[xX][\da-fA-F]+|0|[1-9]\d*))[uUlL]*")
+_REAL = re.compile(r"([-+]?(?:\d+\.\d*|\.\d+|\d+(?=[eE]))(?:[eE][-+]?\d+)?)[fF]?")
+
+
+def kernels_folder() -> Path:
+    """The folder of the OpenCL sources: inside the installed package, beside it in a checkout."""
+    package = Path(__file__).parent.parent
+    installed = package / "kernels"
+    return installed if installed.is_dir() else package.parent / "kernels"
+
+
+def expanded(file: str) -> str:
+    """The source with each ``#include "..."`` replaced by its text once, so that binaries know what they hold."""
+    root = kernels_folder()
+    seen: set[str] = set()
+
+    def text_of(name: str) -> str:
+        if name in seen:
+            return ""
+        seen.add(name)
+        return _INCLUDE.sub(lambda match: text_of(match.group(1)), (root / name).read_text())
+
+    return text_of(file)
+
+
+@functools.cache
+def struct(file: str, name: str) -> np.dtype[np.void]:
+    """The C struct that ``kernels/<file>``, or what it includes, defines under this name.
+
+    Structs of the same members are one dtype object.
+
+    Raises
+    ------
+    BuildError
+        If there is none, or the host cannot lay it out: see `structs`.
+    """
+    found = structs(file, _source(file), [name])
+    if not found:
+        raise BuildError(f"kernels/{file}: no struct {name} is defined")
+    return found[name]
+
+
+@functools.cache
+def constant(file: str, name: str) -> int | float:
+    """The number that ``kernels/<file>``, or what it includes, ``#define``s under this name, as it is written there.
+
+    Raises
+    ------
+    BuildError
+        If there is none, it is no single number, or several are defined under that name.
+    """
+    try:
+        return _number_of(_COMMENT.sub(" ", _source(file)), name)
+    except ValueError as error:
+        raise BuildError(f"kernels/{file}: {error}") from None
+
+
+def structs(
+    file: str, source: str, names: Collection[str], defines: Mapping[str, int] | None = None
+) -> dict[str, np.dtype[np.void]]:
+    """How those of the `names` that are structs of ``kernels/<file>`` lie in memory; `source` is its expanded text.
+
+    Members are numbers of C, and arrays of them, whose sizes are numbers, defined numbers or products of those.
+
+    Raises
+    ------
+    BuildError
+        If a member is something else, C would pad it, or the source defines several structs of that name.
+    """
+    code = _COMMENT.sub(" ", source)
+    found: dict[str, np.dtype[np.void]] = {}
+    for head, body, name in _STRUCT.findall(code):
+        if name in names:
+            try:
+                made = _layout_of(head, body, code, defines or {})
+                if found.setdefault(name, made) != made:
+                    raise ValueError("it is defined twice, differently")
+            except ValueError as error:
+                raise BuildError(f"kernels/{file}: the host cannot lay out the struct {name}: {error}") from None
+    return found
+
+
+def difference(declared: np.dtype[Any], given: np.dtype[Any]) -> str:
+    """What is wrong with a dtype that is not the declared one."""
+    if declared.names is None or given.names is None:
+        return given.name
+    missing, unknown = sorted({*declared.names} - {*given.names}), sorted({*given.names} - {*declared.names})
+    if missing or unknown:
+        return f"members missing {missing}, unknown {unknown}"
+    for expected, name in zip(declared.names, given.names, strict=True):
+        if name != expected:
+            return f"the member {name} where {expected} belongs"
+        if given[name] != declared[name]:
+            return f"{_written(name, given[name])!r} instead of {_written(name, declared[name])!r}"
+    return f"{given.itemsize} bytes instead of {declared.itemsize}"
+
+
+def _written(name: str, kind: np.dtype[Any]) -> str:
+    """A member as C declares it."""
+    scalar = next((c for c, known in SCALARS.items() if known == kind.base), kind.base.name)
+    return f"{scalar} {name}" + "".join(f"[{size}]" for size in kind.shape)
+
+
+@functools.cache
+def _source(file: str) -> str:
+    return expanded(file)
+
+
+def _number_of(code: str, name: str) -> int | float:
+    values = {value for defined, value in _DEFINE.findall(code) if defined == name}
+    if len(values) != 1:
+        raise ValueError(f"{name} is defined {'as ' + ' and as '.join(sorted(values)) if values else 'nowhere'}")
+    (text,) = values
+    bare = text[1:-1].strip() if text[0] + text[-1] == "()" else text
+    if whole := _WHOLE.fullmatch(bare):
+        return int(whole[1], 0)
+    if real := _REAL.fullmatch(bare):
+        return float(real[1])
+    raise ValueError(f"{name} is defined as {text}, which is no number")
+
+
+def _layout_of(head: str, body: str, code: str, defines: Mapping[str, int]) -> np.dtype[np.void]:
+    if "__attribute__" in head:
+        raise ValueError("it has attributes")
+    members: list[tuple[str, np.dtype[Any], tuple[int, ...]]] = []
+    end = 0
+    for statement in filter(None, map(str.strip, body.split(";"))):
+        kind, *names = re.split(r"\s+", statement, maxsplit=1)
+        for declared in ",".join(names).split(","):
+            member = _MEMBER.fullmatch(declared.strip())
+            if kind not in SCALARS or member is None:
+                raise ValueError(f"it holds {' '.join(statement.split())!r}")
+            sizes = re.findall(r"\[([^\]]*)\]", member[2])
+            members.append((member[1], SCALARS[kind], tuple(_size_of(size, code, defines) for size in sizes)))
+            if end % SCALARS[kind].itemsize:
+                raise ValueError(f"it has padding before {member[1]}")
+            end += SCALARS[kind].itemsize * math.prod(members[-1][2])
+    if end % max((kind.itemsize for _, kind, _ in members), default=1):
+        raise ValueError("it has padding at its end")
+    return _dtype_of(tuple(members))
+
+
+def _size_of(text: str, code: str, defines: Mapping[str, int]) -> int:
+    """Of an array: a product of numbers; what a build defines counts before what the source does."""
+    size = 1
+    for factor in map(str.strip, text.split("*")):
+        number = int(factor) if factor.isdecimal() else defines.get(factor) or _number_of(code, factor)
+        if not isinstance(number, int) or number < 1:
+            raise ValueError(f"it has an array of {text}")
+        size *= number
+    return size
+
+
+@functools.cache
+def _dtype_of(members: tuple[tuple[str, np.dtype[Any], tuple[int, ...]], ...]) -> np.dtype[np.void]:
+    return np.dtype(list(members))
