@@ -15,6 +15,7 @@ from pyibr.core.pixelspace import camera_pair, pixel_size
 from pyibr.depthmesh.background import Background, ViewMesh, underlay_of
 from pyibr.depthmesh.levels import color_levels
 from pyibr.depthmesh.triangulation import active_for, list_triangles, project_points
+from pyibr.images.depth_image import DepthImage
 from pyibr.opencl.device import current
 from pyibr.opencl.kept import kept
 from pyibr.opencl.launch import Struct, launch
