@@ -93,7 +93,7 @@ class _Counts(Watch):
         target = arguments["map"].values
         shape = {
             "epipolar_sweep": lambda: (arguments["packet_count"], 2),
-            "search": lambda: (int(target["dst_height"]), -(-int(target["dst_width"]) // kernel.session.lanes)),
+            "search": lambda: (int(target["dst_height"]), -(-int(target["dst_width"]) // kernel.session.profile.lanes)),
             "resolve": lambda: (math.prod(grid), 2),
         }[kernel.name]()
         visited = empty(shape, np.uint32)

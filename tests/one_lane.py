@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from pyibr.opencl import device
+from pyibr.opencl.profile import GPU
 from pyibr.opencl.spare import Spare
 
 
@@ -22,12 +23,10 @@ def one_lane() -> Generator[None, None, None]:
     """Within it kernels have one lane, and memory is copied to and fro."""
     session = device.current()
     index = session.device.index
-    device._sessions[index] = dataclasses.replace(
-        session, lanes=1, is_cpu=False, kernels={}, spare=Spare(), in_flight=[]
-    )
+    device._sessions[index] = dataclasses.replace(session, profile=GPU, kernels={}, spare=Spare(), in_flight=[])
     device._default_session.cache_clear()
     try:
-        assert device.current().lanes == 1
+        assert device.current().profile.lanes == 1
         yield
     finally:
         device._sessions[index] = session

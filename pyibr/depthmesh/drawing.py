@@ -16,7 +16,6 @@ from pyibr.depthmesh.background import Background, ViewMesh, underlay_of
 from pyibr.depthmesh.levels import color_levels
 from pyibr.depthmesh.triangulation import active_for, list_triangles, project_points
 from pyibr.images.depth_image import DepthImage
-from pyibr.opencl.device import current
 from pyibr.opencl.kept import kept
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, upload
@@ -134,7 +133,7 @@ def draw_depth_meshes(
     bins = bin_primitives(target, triangles.corners, projected, near, culled)
     launch(
         kernel("depthmesh/blend.cl", "draw_meshes", BIN=BIN, **defines),
-        (bins.columns, bins.rows) if current().is_cpu else target.camera.size,
+        bins.grid,
         corners=triangles.corners,
         projected=projected,
         points=triangles.points,

@@ -21,6 +21,7 @@ from pyibr.opencl.cache import cache_folder
 from pyibr.opencl.choice import Device, choose, describe, explain_broken, select
 from pyibr.opencl.outcome import Outcome
 from pyibr.opencl.probe import forget, probe
+from pyibr.opencl.profile import DeviceProfile, profile_of
 from pyibr.opencl.runtimes import Found, found_devices
 from pyibr.opencl.spare import Spare
 
@@ -45,10 +46,8 @@ class Session:
         Its context, of this one device.
     queue : pyopencl.CommandQueue
         Its queue; commands run in order.
-    is_cpu : bool
-        Whether it is a CPU, so that arrays are used in place.
-    lanes : int
-        How many work-items' worth of work a kernel's lane loop holds: 16 on a CPU, 1 elsewhere.
+    profile : DeviceProfile
+        How it is used, since it is a CPU or a GPU.
     kernels : dict
         What `kernel` has built here.
     spare : Spare
@@ -62,8 +61,7 @@ class Session:
     device: Device
     context: cl.Context
     queue: cl.CommandQueue
-    is_cpu: bool
-    lanes: int
+    profile: DeviceProfile
     kernels: dict[Hashable, Any] = field(default_factory=dict["Hashable", Any], repr=False)
     spare: Spare = field(default_factory=Spare, repr=False)
     lock: threading.RLock = field(default_factory=threading.RLock, repr=False)
@@ -231,9 +229,7 @@ def _session(device: Device) -> Session:
             failed = _failed_here[device.index] = Outcome(False, f"it cannot be opened: {error}")
             broken = explain_broken([describe(found, failed)])
             raise DeviceError(f"the device does not work.\n{broken}") from error
-        is_cpu = device.kind == "cpu"
-        session = Session(device, context, queue, is_cpu, 16 if is_cpu else 1)
-        _sessions[device.index] = session
+        session = _sessions[device.index] = Session(device, context, queue, profile_of(device.kind))
         return session
 
 

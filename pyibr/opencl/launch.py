@@ -14,9 +14,6 @@ from pyibr.opencl.memory import DeviceArray
 from pyibr.opencl.program import Argument, Kernel
 from pyibr.opencl.watch import watches
 
-_LOCAL = {1: (1,), 2: (1, 1), 3: (1, 1, 1)}
-"""Work-groups of a CPU, by the grid's dimensions: a work-item each."""
-
 
 @dataclass(frozen=True)
 class Struct:
@@ -61,9 +58,9 @@ def _enqueue(kernel: Kernel, grid: tuple[int, ...], **arguments: DeviceArray | S
     values = [_PACK[argument.kind](kernel, argument, arguments[argument.name]) for argument in kernel.arguments]
     kernel.session.in_flight.append(arguments)
     kernel.handle.set_args(*values)
-    cl.enqueue_nd_range_kernel(
-        kernel.session.queue, kernel.handle, grid, _LOCAL[len(grid)] if kernel.session.is_cpu else None
-    )
+    size = kernel.session.profile.local_size
+    local = None if size is None else (size,) * len(grid)
+    cl.enqueue_nd_range_kernel(kernel.session.queue, kernel.handle, grid, local)
 
 
 def _pointer(kernel: Kernel, argument: Argument, value: DeviceArray | Struct | float) -> Any:

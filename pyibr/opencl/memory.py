@@ -57,7 +57,7 @@ def to_host(arrays: Sequence[DeviceArray]) -> list[NDArray[Any]]:
     for array in arrays:
         if 0 in array.shape:
             values.append(np.empty(array.shape, array.dtype))
-        elif array.host is None or not session.is_cpu:
+        elif array.host is None or not session.profile.in_place:
             host = np.empty(array.shape, array.dtype) if array.host is None else array.host
             cl.enqueue_copy(session.queue, host, array.buffer, is_blocking=False)
             values.append(host)
@@ -82,9 +82,9 @@ def upload(array: NDArray[Any]) -> DeviceArray:
     if not array.size:
         return empty(array.shape, array.dtype)
     flags = cl.mem_flags.READ_ONLY
-    flags |= cl.mem_flags.USE_HOST_PTR if session.is_cpu else cl.mem_flags.COPY_HOST_PTR
+    flags |= cl.mem_flags.USE_HOST_PTR if session.profile.in_place else cl.mem_flags.COPY_HOST_PTR
     buffer = cl.Buffer(session.context, flags, hostbuf=array)
-    return DeviceArray(buffer, array.shape, array.dtype, array if session.is_cpu else None, session)
+    return DeviceArray(buffer, array.shape, array.dtype, array if session.profile.in_place else None, session)
 
 
 def output(array: NDArray[Any]) -> DeviceArray:
@@ -92,7 +92,7 @@ def output(array: NDArray[Any]) -> DeviceArray:
     import pyopencl as cl
 
     session = current()
-    if session.is_cpu and array.size:
+    if session.profile.in_place and array.size:
         flags = cl.mem_flags.READ_WRITE | cl.mem_flags.USE_HOST_PTR
         return DeviceArray(cl.Buffer(session.context, flags, hostbuf=array), array.shape, array.dtype, array, session)
     return empty(array.shape, array.dtype, array)
@@ -146,7 +146,7 @@ def _take(session: Session, size: int) -> Block:
         return spare
     flags = cl.mem_flags.READ_WRITE
     try:
-        if not session.is_cpu:
+        if not session.profile.in_place:
             return Block(cl.Buffer(session.context, flags, size), size)
         pages = _pages(size)
         memory = np.frombuffer(pages, np.uint8)

@@ -95,7 +95,7 @@ def _build(session: Session, file: str, name: str, defines: Mapping[str, int]) -
     import pyopencl as cl
 
     options = ["-cl-std=CL1.2", _NO_DENORMALS, "-Werror", "-cl-kernel-arg-info"]
-    named = {"LANES": session.lanes, **defines}
+    named = {"LANES": session.profile.lanes, **defines}
     options += [f"-D{define}={value}" for define, value in sorted(named.items())]
     source = expanded(file)
     device = session.device

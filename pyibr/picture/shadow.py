@@ -184,11 +184,10 @@ def shadowed(
         return
     before = None if target.blank else duplicate(target.depth)
     yield
-    width, height = target.camera.size
     origin = target.camera.center  # float32 holds what is near 0 best
     launch(
         kernel("raster/shadow.cl", "darken", COLOR_BYTES=target.channel_bytes),
-        (-(-width // current().lanes), height),
+        current().profile.packets(*target.camera.size),
         before=target.depth if before is None else before,
         screen=Struct("Screen", target.screen(0.5, origin)),
         blank=before is None,

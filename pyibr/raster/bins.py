@@ -13,7 +13,6 @@ from pyibr.opencl.program import kernel
 from pyibr.picture.target import Target
 
 BIN = 32  # pixels; as in kernels/raster/
-_CHUNKS = {True: 32, False: 1024}  # parts that primitives are binned in, on a CPU and on a GPU
 
 
 @dataclass(frozen=True)
@@ -26,14 +25,16 @@ class Bins:
         Numbers of primitives, bin by bin.
     starts : DeviceArray (bins + 1,) int32
         Where each bin's part begins.
-    columns, rows : int
-        Bins across and down.
+    columns : int
+        Bins across.
+    grid : (int, int)
+        Work-items of kernels that draw the bins.
     """
 
     list: DeviceArray
     starts: DeviceArray
     columns: int
-    rows: int
+    grid: tuple[int, int]
 
 
 def project(target: Target, vertices: DeviceArray, near: float) -> DeviceArray:
@@ -67,10 +68,11 @@ def bin_primitives(
     Each bin's are in the order of their numbers or, with `sort`, from front to back.
     """
 
+    profile = current().profile
     count, sides = corners.shape
     columns, rows = (-(-size // BIN) for size in target.camera.size)
     bins = columns * rows
-    chunk = max(-(-count // _CHUNKS[current().is_cpu]), 1)
+    chunk = max(-(-count // profile.chunks), 1)
     chunks = max(-(-count // chunk), 1)
     boxes, counts, totals = empty((count, 4), np.int16), empty((chunks, bins), np.int32), empty((bins,), np.int32)
     shared = {"primitives": count, "chunk": chunk, "bins_x": columns, "bins_y": rows}
@@ -121,4 +123,4 @@ def bin_primitives(
             starts=uploaded,
             bins=bins,
         )
-    return Bins(found, uploaded, columns, rows)
+    return Bins(found, uploaded, columns, profile.grid((columns, rows), target.camera.size))

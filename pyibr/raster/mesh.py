@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from pyibr.meshes.mesh import Mesh
 from pyibr.meshes.textures import texture_pyramid
-from pyibr.opencl.device import current
 from pyibr.opencl.kept import kept
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, upload
@@ -54,10 +53,9 @@ def draw_mesh(target: Target, mesh: Mesh, lit: Lighting | None) -> None:
         more |= {**kept(mesh, "normals", lambda: _normals(mesh)), **lit.arguments()}
         if lit.maps is not None:
             more["vertices"] = buffers["vertices"]
-    whole = current().is_cpu
     launch(
         kernel("raster/mesh.cl", "draw_mesh", BIN=BIN, COLOR_BYTES=target.channel_bytes, **defines),
-        (bins.columns, bins.rows) if whole else target.camera.size,
+        bins.grid,
         faces=buffers["faces"],
         projected=projected,
         list=bins.list,

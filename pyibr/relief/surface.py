@@ -14,7 +14,7 @@ from pyibr.core.errors import ArgumentError
 from pyibr.meshes.heights import Float32, checked_height, checked_normal_map, checked_tiles
 from pyibr.meshes.mesh import Mesh
 from pyibr.meshes.textures import texture_pyramid
-from pyibr.opencl.device import current, one_call
+from pyibr.opencl.device import one_call
 from pyibr.opencl.kept import kept
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty, upload
@@ -219,7 +219,7 @@ def draw_relief(
     K = target.camera.K
     launch(
         kernel("relief/relief.cl", "draw_relief", BIN=BIN, COLOR_BYTES=target.channel_bytes, **defines),
-        (bins.columns, bins.rows) if current().is_cpu else target.camera.size,
+        bins.grid,
         **{name: buffers[name] for name in ("faces", "vertices", "texels", "bounds", "levels", "colors")},
         projected=projected,
         list=bins.list,

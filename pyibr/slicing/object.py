@@ -285,7 +285,7 @@ def _direction(camera: Camera, box: Box) -> Float64:
 def _blocks(target: Target, box: Box, near: float) -> tuple[int, int, int, int]:
     """First pixel and blocks across and down: all of a blank picture, else where the box may be seen."""
 
-    block = 4 if current().is_cpu else 1  # kernels/raster/region.h
+    block = current().profile.block
     width, height = target.camera.size
     low_x = low_y = 0
     if not target.blank:

@@ -21,7 +21,6 @@ from pyibr.core.errors import ArgumentError
 from pyibr.meshes.heights import Float32, checked_height, checked_normal_map, checked_tiles, height_pairs
 from pyibr.meshes.mesh import Mesh
 from pyibr.meshes.textures import texture_pyramid
-from pyibr.opencl.device import current
 from pyibr.opencl.kept import kept
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, upload
@@ -186,7 +185,7 @@ def draw_surface(
         more["counts"] = counts
     launch(
         kernel("slicing/surface.cl", "draw_surface", BIN=BIN, COLOR_BYTES=target.channel_bytes, **defines),
-        (bins.columns, bins.rows) if current().is_cpu else target.camera.size,
+        bins.grid,
         **{name: buffers[name] for name in ("corners", "points", "places", "frames", "gradients", "heights", "colors")},
         projected=projected,
         list=bins.list,

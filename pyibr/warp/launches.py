@@ -26,10 +26,8 @@ _EMPTY = -3e38  # EMPTY of kernels/lib/pixelspace.h
 _OF_LINES, _OWN, _OF_ALL = 0, 1, 2  # ANSWERS_... of kernels/warp/resolve.cl
 _APART_MOST = 16
 _LOOK_TORN, _LOOK_CONNECTED = (1.0, 1.5), (0.5, 4.0)  # `rough` and `window` of kernels/warp/resolve.cl, measured
-_STRIP = 16  # packets of a row that one work-item of a CPU takes: enough to hide what starting it costs
 _CHUNK = 1 << 14  # pixels that one work-item clears
 _BLOCK = 32  # BLOCK of kernels/warp/fill.cl
-_RUN = 64  # pixels of a row that one work-item of a CPU fills: starting one takes longer than most pixels
 
 
 @dataclass(frozen=True)
@@ -100,12 +98,12 @@ def _ask_lines(
 ) -> tuple[DeviceArray, int]:
     """What lines (or searches) see, and what it is of: ANSWERS_... of kernels/warp/resolve.cl."""
 
-    lanes, reach, epipole, aligned = current().lanes, pixel_map.reach, pixel_map.epipole, pixel_map.pair.aligned
+    profile, reach, epipole, aligned = current().profile, pixel_map.reach, pixel_map.epipole, pixel_map.pair.aligned
     area = _whole_lines(reach, epipole, target.camera) if aligned and not reach.empty else reach
-    groups, packets = line_groups(epipole, area, lanes, aligned)
+    groups, packets = line_groups(epipole, area, profile.lanes, aligned)
     # Lanes of the sweep with nothing to write need a place of their own to write it; packets at the end of the last
     # row read beyond it.
-    beyond = max(packets * lanes, lanes + _APART_MOST)
+    beyond = max(packets * profile.lanes, profile.lanes + _APART_MOST)
     seen = target.scratch(target.camera.height * pitch(target.camera.width) + beyond)
     if reach.empty or (packets and (options.search or not aligned)):  # aligned lines leave out no pixel
         clear(seen, _EMPTY)
@@ -117,7 +115,7 @@ def _ask_lines(
     if options.search:
         launch(
             kernel("warp/search.cl", "search"),
-            (-(-(reach.high_x - reach.low_x) // lanes), reach.high_y - reach.low_y),
+            profile.packets(reach.high_x - reach.low_x, reach.high_y - reach.low_y),
             seen=seen,
             low_x=reach.low_x,
             high_x=reach.high_x,
@@ -155,22 +153,21 @@ def _resolve(
 ) -> None:
     """Depth and colour of the pixels from what their lines saw."""
 
-    lanes = current().lanes
+    profile = current().profile
     low_x, high_x, low_y, high_y = 0, target.camera.width, 0, target.camera.height
     if not target.blank:
         reach = pixel_map.reach
         low_x, high_x, low_y, high_y = reach.low_x, reach.high_x, reach.low_y, reach.high_y
     rough, window = _LOOK_CONNECTED if options.cut_ratio is None else _LOOK_TORN
-    strip = 1 if lanes == 1 else _STRIP
     # Aligned lines leave nothing to look for beside their answers, and what only such a look needs takes a while.
     told = pixel_map.pair.aligned and shared["answers"] == _OWN
     density, typical = (1.0, 1.0) if told else (pixel_map.density, pixel_map.typical)
     apart = min(math.ceil(0.5 / density), _APART_MOST)
-    defines = {"COLOR_BYTES": target.channel_bytes, "STRIP": strip, "ZOOMED": int(apart > 1)}
+    defines = {"COLOR_BYTES": target.channel_bytes, "STRIP": profile.strip, "ZOOMED": int(apart > 1)}
     origins = {} if target.origin is None else {"origin": target.origin, "view": view}
     launch(
         kernel("warp/resolve.cl", "resolve", ORIGINS=len(origins) // 2, **defines),
-        (-(-(high_x - low_x) // (strip * lanes)), high_y - low_y),
+        profile.packets(high_x - low_x, high_y - low_y, profile.strip),
         src_color=samples.color,
         linear=options.linear,
         merge=not target.blank,
@@ -233,7 +230,7 @@ def fill_from_behind(target: Target, epipole: NDArray[np.float64]) -> None:
     """Holes get what lies behind them along the lines through the epipole, (3,) homogeneous; all 0: along rows."""
 
     width, height = target.camera.size
-    run = 1 if current().lanes == 1 else _RUN
+    run = current().profile.run
     grid = -(-width // run), height
     defines = {"COLOR_BYTES": target.channel_bytes}
     image: dict[str, Any] = {"valid": target.valid, "width": width, "height": height}
@@ -256,7 +253,7 @@ def classify(samples: Samples, pixel_map: PixelMap, target: Target, options: Opt
     assert target.classes is not None
     launch(
         kernel("warp/classify.cl", "classify"),
-        (-(-target.camera.width // current().lanes), target.camera.height),
+        current().profile.packets(*target.camera.size),
         nearness=samples.nearness,
         valid=target.valid,
         classes=target.classes,

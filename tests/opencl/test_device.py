@@ -21,6 +21,7 @@ from pyibr.opencl.choice import choose, select
 from pyibr.opencl.device import current, devices, explain, one_call, use_device
 from pyibr.opencl.outcome import Outcome, Speed
 from pyibr.opencl.probe import forget, probe
+from pyibr.opencl.profile import profile_of
 from pyibr.opencl.runtimes import Found, found_devices, remedy_for
 
 BROKEN = Outcome(False, "every build fails: unknown target CPU 'generic'")
@@ -202,8 +203,16 @@ def test_a_device_of_this_machine_works_and_is_opened_once():
     assert session.device in devices()
     assert session.device.works and not session.device.reason and not session.device.remedy
     assert session.context.devices == [found_devices()[session.device.index].handle]
-    assert session.is_cpu == (session.device.kind == "cpu")
-    assert session.lanes == (16 if session.is_cpu else 1)
+    assert session.profile is profile_of(session.device.kind)
+
+
+def test_a_cpu_works_in_wide_lanes_and_in_place_and_what_is_no_cpu_does_not():
+    for kind, lanes, in_place in (("cpu", 16, True), ("gpu", 1, False), ("accelerator", 1, False)):
+        profile = profile_of(kind)
+        assert (profile.lanes, profile.in_place) == (lanes, in_place)
+        assert profile.block**2 == lanes
+        assert profile.grid((4, 3), (101, 77)) == ((4, 3) if kind == "cpu" else (101, 77))
+        assert profile.packets(101, 77) == (7 if kind == "cpu" else 101, 77)
 
 
 def test_the_environment_variable_names_the_device(monkeypatch: pytest.MonkeyPatch):

@@ -66,7 +66,7 @@ def test_a_work_item_is_a_pixel_in_one_lane_and_a_bin_or_a_block_in_sixteen():
 
 
 def check_grids(surface, thing, camera, grids) -> None:
-    lanes = device.current().lanes
+    lanes = device.current().profile.lanes
     for made in (surface, thing):
         ibr.render(made, camera)
     if lanes == 16:

@@ -103,7 +103,7 @@ def wide(request: pytest.FixtureRequest) -> tuple[tuple[str, str], list[ibr.Fram
 
 def test_one_lane_is_as_good_as_sixteen(wide, in_one_lane):
     case, expected = wide
-    assert device.current().lanes == 1
+    assert device.current().profile.lanes == 1
     for number, (one, other) in enumerate(zip(frames(*case), expected, strict=True)):
         # Compilers contract other products in other forms: last bits differ, and with them a pixel at a
         # silhouette.
