@@ -85,14 +85,16 @@ typedef struct __attribute__((packed)) {
 #define set_float_lane(v, lane, value) (((float *)&(v))[lane] = (value))
 #define set_int_lane(v, lane, value) (((int *)&(v))[lane] = (value))
 
-/* A kernel's parameter, and adding how many lanes of a mask are true, where that is wanted */
+/* A kernel's parameter and its value, and adding how many lanes of a mask are true, where that is wanted */
 #if COUNTED
 #define COUNTS_PARAMETER(type) , global type *counts
+#define COUNTS(type) counts
 #define COUNT(counter, mask)                                                                                   \
     for (int lane = 0; lane < LANES; lane++)                                                                   \
         counter += int_lane(mask, lane) != 0;
 #else
 #define COUNTS_PARAMETER(type)
+#define COUNTS(type) (global type *)0
 #define COUNT(counter, mask)
 #endif
 

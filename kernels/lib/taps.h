@@ -26,8 +26,10 @@ INLINED Taps tiled_taps(int width, int height, floatl u, floatl v)
 {
     const floatl tx = (u - floor_lanes(u)) * width - 0.5f, ty = (v - floor_lanes(v)) * height - 0.5f;
     const floatl x0 = floor_lanes(tx), y0 = floor_lanes(ty);
-    const intl left = pick(x0 < 0.0f, (intl)(width - 1), min(to_intl(x0), (intl)(width - 1)));
-    const intl up = pick(y0 < 0.0f, (intl)(height - 1), min(to_intl(y0), (intl)(height - 1)));
+    const intl ix = to_intl(x0), iy = to_intl(y0);
+    /* Lanes that do not ask may hold anything: none may read beyond the map. */
+    const intl left = clamp(pick(ix < 0, ix + width, ix), (intl)0, (intl)(width - 1));
+    const intl up = clamp(pick(iy < 0, iy + height, iy), (intl)0, (intl)(height - 1));
     const intl right = pick(left + 1 < width, left + 1, (intl)0), down = pick(up + 1 < height, up + 1, (intl)0);
     const intl upper = up * width, lower = down * width;
     const Taps taps = {left, up, {upper + left, upper + right, lower + left, lower + right}, tx - x0, ty - y0};

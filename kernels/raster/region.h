@@ -51,6 +51,16 @@ long pixel_of(Screen screen, int x, int y, int lane)
     return px < screen.width && py < screen.height ? (long)py * screen.width + px : -1;
 }
 
+/* Adds to the counts of the pixels of the block at (x, y). */
+void add_counts(global int *counts, Screen screen, int x, int y, intl added)
+{
+    for (int lane = 0; lane < LANES; lane++) {
+        const long at = pixel_of(screen, x, y, lane);
+        if (at >= 0)
+            counts[at] += int_lane(added, lane);
+    }
+}
+
 /* Takes over the picture so far; x, y: the region's first pixel. */
 void begin_region(Region *region, Screen screen, global const float *depth, int blank, int x, int y)
 {

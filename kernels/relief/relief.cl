@@ -52,9 +52,7 @@ typedef struct {
     int quadric, search, steps, halvings;
     int x, y; /* the region's first pixel */
     Layers *layers;
-#if COUNTED
     global int *counts;
-#endif
 } Context;
 
 typedef Triangles Primitives;
@@ -305,12 +303,7 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
         return;
     Layers layers;
     const Context context = {faces, projected, vertices, texels, bounds, levels, level_count, screen, nearest_w, scale,
-                             pixel_size, quadric, search, steps, halvings, x, y, &layers
-#if COUNTED
-                             ,
-                             counts
-#endif
-    };
+                             pixel_size, quadric, search, steps, halvings, x, y, &layers, COUNTS(int)};
     const int bin = y / BIN * bins_x + x / BIN;
     Region region;
     begin_region(&region, screen, depth, blank, x, y);

@@ -2,6 +2,7 @@
 #define SLICING_HEIGHTS_H
 /* The alpha test of a height map (Kautz & Seidel 2001, sections 3.1 and 3.2). */
 #include "lib/heights.h"
+#include "lib/taps.h"
 
 #define AT_LEAST 0 /* alpha >= h: the inside is filled, the base drawn (Dietrich) */
 #define BAND 1     /* alpha within a band above h: one sees through between samples that differ by more (Schaufler) */
@@ -12,13 +13,8 @@
 floatl height_at(global const uint *heights, int width, int height, floatl u, floatl v)
 {
     const HeightMap map = {width, height, 0};
-    const floatl tx = (u - floor_lanes(u)) * width - 0.5f, ty = (v - floor_lanes(v)) * height - 0.5f;
-    const floatl x0 = floor_lanes(tx), y0 = floor_lanes(ty), fx = tx - x0, fy = ty - y0;
-    const intl ix = to_intl(x0), iy = to_intl(y0);
-    /* Lanes that do not ask may hold anything: none may read beyond the map. */
-    const intl x = clamp(pick(ix < 0, ix + width, ix), (intl)0, (intl)(width - 1));
-    const intl y = clamp(pick(iy < 0, iy + height, iy), (intl)0, (intl)(height - 1));
-    return height_of(read_patch(heights, map, x, y), fx, fy) * HEIGHT_UNIT;
+    const Taps taps = tiled_taps(width, height, u, v);
+    return height_of(read_patch(heights, map, taps.column, taps.row), taps.fx, taps.fy) * HEIGHT_UNIT;
 }
 
 /* Does a point of height h pass, where the map says alpha? */

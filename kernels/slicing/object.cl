@@ -263,13 +263,8 @@ kernel void draw_object(global const float *matrices, global const int *sizes, g
     const Part part = part_in(box, &ray, screen.perspective ? 1.0f / screen.nearest : 0.0f, slices_axis);
     floatl hit = 0.0f;
     intl tests = 0, found = meet_object(&views, &ray, part, hidden, halvings, &hit, &tests);
-#if COUNTED
-    for (int lane = 0; lane < LANES; lane++) {
-        const long at = pixel_of(screen, x, y, lane);
-        if (at >= 0)
-            counts[at] += int_lane(tests, lane);
-    }
-#endif
+    if (COUNTED)
+        add_counts(COUNTS(int), screen, x, y, tests);
     const floatl nearness = DEPTH_OF(screen.perspective, hit);
     found = found & (nearness > so_far); /* of what is equally far, the first stays */
     region.nearness[0] = pick(found, nearness, so_far);

@@ -52,13 +52,8 @@ void try_at(const Context *context, int block, Met *met, floatl z, intl tries, i
     const intl passed = tries & inside & passes(context->test, alpha, h, 1.0f / context->slices);
     met->z = pick(passed, z, met->z);
     met->found = met->found | passed;
-#if COUNTED
-    for (int lane = 0; lane < LANES; lane++) {
-        const long at = pixel_of(context->screen, context->x + FIRST_X(block), context->y + FIRST_Y(block), lane);
-        if (int_lane(tries, lane) && at >= 0)
-            context->counts[at]++;
-    }
-#endif
+    if (COUNTED)
+        add_counts(context->counts, context->screen, context->x + FIRST_X(block), context->y + FIRST_Y(block), tries & 1);
 }
 
 void cover(const Context *context, const Primitives *made, int lane, Region *region, int block, int first_x, int first_y)
@@ -230,12 +225,7 @@ kernel void draw_surface(global const int *corners, global const float *projecte
     if (x >= screen.width || y >= screen.height)
         return;
     const Context context = {corners, projected, points, places, frames, heights, screen, nearest_w, spacing,
-                             slices, slicing, test, map_width, map_height
-#if COUNTED
-                             ,
-                             counts, x, y
-#endif
-    };
+                             slices, slicing, test, map_width, map_height, COUNTS(int), x, y};
     const int bin = y / BIN * bins_x + x / BIN;
     Region region;
     begin_region(&region, screen, depth, blank, x, y);

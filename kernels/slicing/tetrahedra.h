@@ -21,10 +21,8 @@ typedef struct {
     Screen screen;
     float nearest_w, spacing;
     int slices, slicing, test, map_width, map_height;
-#if COUNTED
     global int *counts;
-    int x, y;
-#endif
+    int x, y; /* the region's first pixel */
 } Context;
 
 /* Along a ray, a quantity is `fixed` + `sloped` z; in a perspective picture fixed is the same for all pixels, in an

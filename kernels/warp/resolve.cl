@@ -266,37 +266,31 @@ INLINED Color read_there(Pixels *pixels, Grid grid, PixelMap map, global const c
 }
 
 #if ORIGINS
-INLINED void write_origin(Pixels pixels, int lane, global float *origin, int view)
+/* Where the pixels come from, for the lanes of a mask */
+INLINED void write_origins(Pixels pixels, intl written, int count, global float *origin, int view)
 {
-    const float3 from = (float3)(float_lane(pixels.u, lane), float_lane(pixels.v, lane), view);
-    vstore3(IS_HIT(float_lane(pixels.n, lane)) ? from : (float3)(NAN), lane, origin);
+    for (int lane = 0; lane < count; lane++) {
+        const float3 from = (float3)(float_lane(pixels.u, lane), float_lane(pixels.v, lane), view);
+        if (int_lane(written, lane))
+            vstore3(IS_HIT(float_lane(pixels.n, lane)) ? from : (float3)(NAN), lane, origin);
+    }
 }
 #endif
 
-/* The first `count` of LANES pixels; merge: only where they are nearer than what is there. */
-INLINED void write_pixels(Pixels pixels, Color c, PixelMap map, int merge, int count, global float *depth, global channel *color,
-                  global uchar *valid
-#if ORIGINS
-                  ,
-                  global float *origin, int view
-#endif
-)
+/* The first `count` of LANES pixels; merge: only where they are nearer than what is there. Returns which are written. */
+INLINED intl write_pixels(Pixels pixels, Color c, PixelMap map, int merge, int count, global float *depth, global channel *color,
+                          global uchar *valid)
 {
     const intl settled = IS_HIT(pixels.n);
     const floatl z = DEPTH_OF(map.dst_perspective, pixels.n);
     if (!merge && count == LANES) {
         store_lanes(pick(settled, z, (floatl)NAN), depth);
         store_bytes(to_ucharl(settled & 1), valid);
-        c.r = pick(settled, c.r, (floatl)0.0f);
-        c.g = pick(settled, c.g, (floatl)0.0f);
-        c.b = pick(settled, c.b, (floatl)0.0f);
-        write_color(color, c);
-#if ORIGINS
-        for (int lane = 0; lane < LANES; lane++)
-            write_origin(pixels, lane, origin, view);
-#endif
-        return;
+        const Color none = {0.0f, 0.0f, 0.0f};
+        write_color(color, pick_color(settled, c, none));
+        return (intl)-1;
     }
+    intl written = 0;
     for (int lane = 0; lane < count; lane++) {
         const int is_settled = int_lane(settled, lane) != 0;
         const float z_new = float_lane(z, lane), z_old = merge ? depth[lane] : NAN;
@@ -304,12 +298,10 @@ INLINED void write_pixels(Pixels pixels, Color c, PixelMap map, int merge, int c
             continue; /* what is there is nearer, or there is nothing to add */
         depth[lane] = is_settled ? z_new : NAN;
         valid[lane] = is_settled;
-#if ORIGINS
-        write_origin(pixels, lane, origin, view);
-#endif
-        const float3 one = (float3)(float_lane(c.r, lane), float_lane(c.g, lane), float_lane(c.b, lane));
-        write_pixel(color + 3 * lane, is_settled ? rounded(one) : (float3)(0.0f));
+        set_int_lane(written, lane, -1);
+        write_pixel(color + 3 * lane, is_settled ? rounded(color_lane(c, lane)) : (float3)(0.0f));
     }
+    return written;
 }
 
 kernel void resolve(global const float *nearness, global const float *seen, global const channel *src_color,
@@ -378,12 +370,11 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
         if (answers != ANSWERS_ARE_OWN)
             find_place(&pixels[p], map, x0, y);
         const Color c = read_there(&pixels[p], grid, map, src_color, linear);
-        write_pixels(pixels[p], c, map, merge, min(high_x - x0, LANES), depth + out, color + 3 * out, valid + out
-#if ORIGINS
-                     ,
-                     origin + 3 * out, view
+        const int in_packet = min(high_x - x0, LANES);
+        const intl written = write_pixels(pixels[p], c, map, merge, in_packet, depth + out, color + 3 * out, valid + out);
+#if ORIGINS /* else nothing asks what is written */
+        write_origins(pixels[p], written, in_packet, origin + 3 * out, view);
 #endif
-        );
     }
 #if COUNTED
     const int item = get_global_id(1) * get_global_size(0) + get_global_id(0);
