@@ -15,7 +15,10 @@ from pyibr.opencl.memory import copy, to_host, upload
 from pyibr.picture.drawable import Look, as_drawable
 from pyibr.picture.target import Target
 from tests import scenes
-from tests.one_lane import one_lane
+from tests.one_lane import check_bounds, one_lane
+from tests.test_docs import ROOT, blocks_of
+
+PAGE = ROOT / "docs/howto/own-system.md"
 
 
 def base() -> ibr.Mesh:
@@ -318,3 +321,25 @@ def test_what_is_made_up_hides_nothing_that_another_image_sees():
         np.testing.assert_array_equal(filled.valid, plain.valid)
         np.testing.assert_array_equal(filled.color[plain.valid], plain.color[plain.valid])
         np.testing.assert_array_equal(filled.valid, ibr.warp(views, eye, fill="background").valid)
+
+
+def test_the_pages_own_system_runs_in_the_form_for_gpus(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {"__name__": "__main__"}
+    with one_lane():
+        for line, source in blocks_of(PAGE):
+            exec(compile("\n" * line + source, str(PAGE), "exec"), names)
+
+
+def test_the_pages_own_system_stays_within_its_arrays(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (_, kernel), (_, splats) = blocks_of(PAGE)[:2]
+    use = """
+camera = ibr.Camera([[9, 0, 8], [0, 9, 6], [0, 0, 1]], (17, 13))
+things = [Splats([[0, 0, 2], [0.3, 0, 2]], [[0, 1, -1], [0, 0, 1]], [[255, 0, 0], [0, 255, 0]], radius=0.5)]
+things.append(ibr.Mesh([[-1, -1, 2], [1, -1, 2], [1, 1, 3]], [[0, 2, 1]]))
+for order in (things, things[::-1]):
+    frame = ibr.render(order, camera, ibr.Light(direction=(0, 0.2, 1), shadow_size=16))
+    assert 20 < frame.valid.sum() < 200
+"""
+    check_bounds("\n".join([kernel, splats, use]), tmp_path / "cache")
