@@ -58,6 +58,7 @@ def test_pages_with_python_are_found() -> None:
         "docs/conventions.md",
         "docs/howto/own-images.md",
         "docs/howto/objects.md",
+        "docs/howto/own-system.md",
     } <= with_python
 
 

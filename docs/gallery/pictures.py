@@ -20,6 +20,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle as Patch
 from matplotlib.ticker import NullLocator
 from objects import depth_object
+from splats import splats
 from terrain import height_field, source_view
 
 import pyibr as ibr
@@ -255,6 +256,7 @@ if __name__ == "__main__":
     save("slice-counts.png", slice_counts(), 70)
     save("donuts.jpg", donuts(), 80)
     save("depth-object.png", depth_object(), 90)
+    save("own-system.jpg", splats(), 100)
     save("relief-silhouettes.jpg", reliefs.silhouettes(), 80)
     save("relief-distances.jpg", reliefs.distances(), 80)
     save("relief-scenes.jpg", reliefs.scenes(), 80)

@@ -136,8 +136,10 @@ void write_block(const Region *region, int block, Screen screen, global float *d
         const int mine = int_lane(region->owner[block], lane) >= 0;
         if (at < 0 || !(mine || blank))
             continue;
-        const float n = float_lane(region->nearness[block], lane);
-        depth[at] = mine ? DEPTH_OF(screen.perspective, n) : NAN;
+        const float n = float_lane(region->nearness[block], lane), z = DEPTH_OF(screen.perspective, n);
+        if (!blank && z >= depth[at])
+            continue; /* equally far: there and back, nearness is rounded */
+        depth[at] = mine ? z : NAN;
         valid[at] = mine;
         const float3 one = rounded(clamp(color_lane(shade, lane), 0.0f, 1.0f) * CHANNEL_MOST);
         write_pixel(color + 3 * at, mine ? one : (float3)(0.0f));

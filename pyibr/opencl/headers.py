@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from pyibr.core.errors import BuildError
+from pyibr.core.checks import describe
+from pyibr.core.errors import ArgumentError, BuildError
 
 SCALARS: dict[str, np.dtype[Any]] = {
     "char": np.dtype(np.int8),
@@ -42,18 +43,48 @@ def kernels_folder() -> Path:
     return installed if installed.is_dir() else package.parent / "kernels"
 
 
-def expanded(file: str) -> str:
-    """The source with each ``#include "..."`` replaced by its text once, so that binaries know what they hold."""
-    root = kernels_folder()
-    seen: set[str] = set()
+def said(file: str | Path) -> str:
+    """A file as messages name it."""
+    return str(file) if isinstance(file, Path) else f"kernels/{file}"
 
-    def text_of(name: str) -> str:
-        if name in seen:
+
+def expanded(file: str | Path) -> str:
+    """The source with each ``#include "..."`` replaced by its text once, so that binaries know what they hold.
+
+    Parameters
+    ----------
+    file : str or Path
+        Below the kernels' folder, whose files include each other; or the absolute path of a user's own, which may
+        include what lies beside it, too.
+    """
+    kernels = kernels_folder()
+    seen: set[Path] = set()
+
+    def text_of(path: Path, folders: list[Path]) -> str:
+        if path in seen:
             return ""
-        seen.add(name)
-        return _INCLUDE.sub(lambda match: text_of(match.group(1)), (root / name).read_text())
+        seen.add(path)
+        text = path.read_text(encoding="utf-8")
 
-    return text_of(file)
+        def included(match: re.Match[str]) -> str:
+            name = match.group(1)
+            for number, folder in enumerate(folders):
+                if (folder / name).is_file():
+                    inside = text_of(folder / name, folders[number:])
+                    if not isinstance(file, Path):
+                        return inside
+                    line = text.count("\n", 0, match.end()) + 2  # for compilers, who name lines in their logs
+                    return f'\n#line 1 "{name}"\n{inside}\n#line {line} "{path.name}"'
+            places = " or ".join(map(str, folders))
+            raise BuildError(f'{path} includes "{name}", which is not in {places}')
+
+        return _INCLUDE.sub(included, text)
+
+    if isinstance(file, Path):
+        return f'#line 1 "{file.name}"\n{text_of(file, [file.parent, kernels])}'
+    if not (kernels / file).is_file():
+        raise ArgumentError("file", f"one below {kernels}, or the absolute path of one of your own", describe(file))
+    return text_of(kernels / file, [kernels])
 
 
 @functools.cache
@@ -89,9 +120,9 @@ def constant(file: str, name: str) -> int | float:
 
 
 def structs(
-    file: str, source: str, names: Collection[str], defines: Mapping[str, int] | None = None
+    file: str | Path, source: str, names: Collection[str], defines: Mapping[str, int] | None = None
 ) -> dict[str, np.dtype[np.void]]:
-    """How those of the `names` that are structs of ``kernels/<file>`` lie in memory; `source` is its expanded text.
+    """How those of the `names` that are structs of a file lie in memory; `source` is its expanded text.
 
     Members are numbers of C, and arrays of them, whose sizes are numbers, defined numbers or products of those.
 
@@ -109,7 +140,7 @@ def structs(
                 if found.setdefault(name, made) != made:
                     raise ValueError("it is defined twice, differently")
             except ValueError as error:
-                raise BuildError(f"kernels/{file}: the host cannot lay out the struct {name}: {error}") from None
+                raise BuildError(f"{said(file)}: the host cannot lay out the struct {name}: {error}") from None
     return found
 
 

@@ -112,6 +112,7 @@ def copy(source: DeviceArray, target: DeviceArray, at: int = 0) -> None:
     size = math.prod(map(int, source.shape)) * source.dtype.itemsize
     if size:
         start = at * target.dtype.itemsize
+        source.session.in_flight.append((source, target))
         cl.enqueue_copy(source.session.queue, target.buffer, source.buffer, byte_count=size, dst_offset=start)
 
 

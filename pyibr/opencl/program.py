@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import json
 import warnings
@@ -13,10 +14,10 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 
-from pyibr.core.errors import BuildError
+from pyibr.core.errors import ArgumentError, BuildError
 from pyibr.opencl.cache import cache_folder, read_cached, write_cached
 from pyibr.opencl.device import Session, current
-from pyibr.opencl.headers import SCALARS, expanded, structs
+from pyibr.opencl.headers import SCALARS, expanded, said, structs
 from pyibr.opencl.watch import watches
 
 if TYPE_CHECKING:
@@ -60,38 +61,63 @@ class Kernel:
         return frozenset(argument.name for argument in self.arguments)
 
 
-def kernel(file: str, name: str, **defines: int) -> Kernel:
-    """The kernel ``name`` of ``kernels/<file>``, built for the current device once per set of defines.
+def kernel(file: str | Path, name: str, **defines: int) -> Kernel:
+    """The kernel ``name`` of a file, built for the current device once per set of defines.
 
     Parameters
     ----------
-    file : str
-        Path below the kernels' folder, e.g. ``"warp/epipolar.cl"``.
+    file : str or Path
+        Of pyibr's: its path below the kernels' folder, e.g. ``"warp/epipolar.cl"``. Of your own: a `Path`, or an
+        absolute path. What such a file includes is looked for in its folder, then among pyibr's kernels, so that
+        ``#include "lib/screen.h"`` finds pyibr's. It is built anew once it has changed; its headers are not watched.
     name : str
         The kernel function.
     **defines : int
-        Becomes ``-D`` options; ``LANES`` is given by the device.
+        Becomes ``-D`` options; ``LANES`` is given by the device unless it is among them.
 
     Raises
     ------
+    ArgumentError
+        There is no such file, or it has no such kernel.
     BuildError
-        With file, options and the compiler's log.
+        With file, options and the compiler's log; or a file that it includes is not there.
     """
     if watches:
         return watches[-1].build(name, defines, lambda all_of_them: _found(file, name, all_of_them))
     return _found(file, name, defines)
 
 
-def _found(file: str, name: str, defines: Mapping[str, int]) -> Kernel:
+def _found(file: str | Path, name: str, defines: Mapping[str, int]) -> Kernel:
     session = current()
-    key = (file, name, tuple(sorted(defines.items())))
+    own = _own(file)
+    key = (file if own is None else (own, _time_of(own)), name, tuple(sorted(defines.items())))
     found = session.kernels.get(key)
     if found is None:
-        found = session.kernels[key] = _build(session, file, name, defines)
+        found = session.kernels[key] = _build(session, str(file) if own is None else own, name, defines)
     return found
 
 
-def _build(session: Session, file: str, name: str, defines: Mapping[str, int]) -> Kernel:
+def _own(file: str | Path) -> Path | None:
+    """Where a file lies that is not pyibr's."""
+    if isinstance(file, Path):
+        return file.absolute()
+    return Path(file) if _is_absolute(file) else None
+
+
+@functools.cache
+def _is_absolute(file: str) -> bool:
+    return Path(file).is_absolute()
+
+
+def _time_of(own: Path) -> int:
+    """When it was written last."""
+    try:
+        return own.stat().st_mtime_ns
+    except OSError as error:
+        raise ArgumentError("file", "a file of kernels", f"{own}: {error.strerror}") from None
+
+
+def _build(session: Session, file: str | Path, name: str, defines: Mapping[str, int]) -> Kernel:
     import pyopencl as cl
 
     options = ["-cl-std=CL1.2", _NO_DENORMALS, "-Werror", "-cl-kernel-arg-info"]
@@ -106,13 +132,15 @@ def _build(session: Session, file: str, name: str, defines: Mapping[str, int]) -
         try:
             program = _quietly_built(cl.Program(session.context, source), options)
         except cl.RuntimeError as error:
-            raise BuildError(f"kernels/{file} failed to build with {' '.join(options)}:\n{error}") from error
+            raise BuildError(f"{said(file)} failed to build with {' '.join(options)}:\n{error}") from error
         signatures = {str(handle.function_name): _signature(handle) for handle in program.all_kernels()}
         write_cached(stem.with_suffix(".json"), json.dumps(signatures).encode())
         binaries = cast("list[bytes]", program.get_info(cl.program_info.BINARIES))
         write_cached(stem.with_suffix(".bin"), binaries[0])
     else:
         program, signatures = loaded
+    if name not in signatures:
+        raise ArgumentError("name", f"a kernel of {said(file)}: {', '.join(sorted(signatures))}", repr(name))
     signature = signatures[name]
     known = SCALARS | structs(file, source, {declared.rstrip("*") for _, declared in signature}, named)
     arguments = tuple(Argument(*pair, known.get(pair[1].rstrip("*"), np.dtype(np.void))) for pair in signature)

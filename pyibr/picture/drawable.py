@@ -50,7 +50,8 @@ class Drawable(Protocol):
     """A thing that draws itself.
 
     Whatever has these two is drawn by `pyibr.render` beside all others, and casts shadows on them. What it keeps on
-    the device is its own affair; `pyibr.opencl.kept.kept` makes it once a device.
+    the device is its own affair; `pyibr.opencl.kept.kept` makes it once a device. A class of your own needs no more
+    than that: no base, no registration.
 
     Examples
     --------
@@ -61,7 +62,7 @@ class Drawable(Protocol):
 
     @property
     def bounds(self) -> tuple[NDArray[Any], NDArray[Any]]:
-        """(low, high), each (3,), in the world: a box around all that it draws, for lights to aim at."""
+        """(low, high), each (3,), finite, in the world: a box around all that it draws, for lights to aim at."""
         ...
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
@@ -70,9 +71,11 @@ class Drawable(Protocol):
         Parameters
         ----------
         target : Target
-            If it is `blank`, every pixel is written: where there is nothing, depth NaN, colour 0, valid 0. Else what
-            is drawn replaces what is farther. Of two that are equally far the one that was there stays. Afterwards
-            it is not blank. If it is `from_light`, its depths alone count: draw what hides light, from both its sides.
+            If it is `blank`, every pixel is written: where there is nothing, depth NaN, colour 0, valid 0; or
+            `Target.clear` does that first. Else what is drawn replaces what is farther. Of two that are equally far
+            the one that was there stays: compare depths, as nearness is rounded there and back. Afterwards it is not
+            blank, unless nothing was written at all. If it is `from_light`, its depths alone count: draw what hides
+            light, from both its sides.
         lighting : Lighting or None
             None: show the thing's own colours. Else shade it: kernels with normals of their own take
             `Lighting.arguments`; `pyibr.picture.shadow.shadowed` darkens what has none.
@@ -91,7 +94,7 @@ def as_drawable(thing: object, look: Look) -> Drawable:
     ArgumentError
         If nothing draws it.
     """
-    if isinstance(thing, Drawable):
+    if isinstance(thing, Drawable) and not isinstance(thing, type):  # a class has them, too
         return thing
     known = ", ".join(sorted(kind.__name__ for kind in as_drawable.registry if kind is not object))
     raise ArgumentError("things", f"things that draw themselves (`pyibr.Drawable`), or {known}", describe(thing))

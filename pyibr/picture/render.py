@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import describe, instance_of, numbers
+from pyibr.core.checks import Float64, describe, instance_of, numbers
 from pyibr.core.errors import ArgumentError
 from pyibr.images.depth_image import DepthImage
 from pyibr.images.frame import Frame
@@ -57,7 +58,9 @@ def render(
     side : {"front", "back", "both"}
     sample : {"linear", "nearest"}
     fill : {None, "background"}
-        Holes of the picture of the depth images are filled before things that come after them are drawn.
+        Holes are filled once the last depth image is drawn, before things that come after it: along its epipolar
+        lines, from the farther side of what is in the picture by then. `valid` stays False there, and `background` is
+        for what is not filled.
 
     Returns
     -------
@@ -84,7 +87,7 @@ def render(
     if not several:
         raise ArgumentError("things", "at least one thing", "an empty sequence")
     look = Look(sample, edges, cut_ratio, side, fill)
-    drawables = [as_drawable(thing, look) for thing in several]
+    drawables = _drawables(several, look)
     instance_of("camera", camera, Camera, "a pyibr.Camera")
     if light is not None and not isinstance(light, Light):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise ArgumentError("light", "a pyibr.Light or None", describe(light))
@@ -99,11 +102,26 @@ def render(
         def draw_all(target: Target, lit: Lighting | None = None) -> None:
             for drawable in drawables:
                 drawable.draw(target, lit)
+            target.clear()  # if none has written anything
 
-        lit = None if light is None else lighting(light, [one.bounds for one in drawables], draw_all, dtype)
+        lit = None if light is None else lighting(light, [_bounds_of(one) for one in drawables], draw_all, dtype)
         target = Target(camera, dtype)
         draw_all(target, lit)
         frame = target.frame()
     if around.any():
         frame.color[np.isnan(frame.depth)] = around.astype(dtype)
     return frame
+
+
+def _drawables(things: Sequence[Thing], look: Look) -> list[Drawable]:
+    """Only the last of the depth images fills holes: what is made up hides nothing that another one sees."""
+    last = max((number for number, thing in enumerate(things) if isinstance(thing, DepthImage)), default=-1)
+    no_fill = replace(look, fill=None)
+    return [as_drawable(thing, look if number == last else no_fill) for number, thing in enumerate(things)]
+
+
+def _bounds_of(drawable: Drawable) -> tuple[Float64, Float64]:
+    low, high = numbers(f"{type(drawable).__name__}.bounds", drawable.bounds, (2, 3))
+    if (low > high).any():
+        raise ArgumentError(f"{type(drawable).__name__}.bounds", "(low, high), low <= high", f"{low} and {high}")
+    return low, high

@@ -77,6 +77,14 @@ class Target:
             self._pool[count] = empty((count,), np.float32)
         return self._pool[count]
 
+    def clear(self) -> None:
+        """Write every pixel, if none is written yet: nothing there. For systems that then write only what they see."""
+        if self.blank:
+            self.color.fill(0)
+            self.depth.fill(np.nan)
+            self.valid.fill(0)
+            self.blank = False
+
     def outputs(self) -> dict[str, DeviceArray]:
         """The three buffers by their kernels' names."""
         return {"depth": self.depth, "color": self.color, "valid": self.valid}

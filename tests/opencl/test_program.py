@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 import json
+import os
+from pathlib import Path
 
+import numpy as np
 import pytest
 
+from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError, BuildError
 from pyibr.opencl import program
 from pyibr.opencl.device import current
-from pyibr.opencl.launch import launch
+from pyibr.opencl.launch import Struct, launch
+from pyibr.opencl.memory import empty
+from pyibr.picture.target import Target
+
+CAMERA = Camera([[9, 0, 3], [0, 9, 2], [0, 0, 1]], (7, 5))
 
 
 def test_a_folder_with_a_space(folder):
@@ -39,3 +47,78 @@ def test_launch_checks_names_and_types(folder):
     values: dict[str, float] = {argument.name: 1.0 for argument in kernel.arguments}
     with pytest.raises(ArgumentError, match=r"to_nearness\(depth\): expected a device array of float, got float"):
         launch(kernel, (1,), **values)
+
+
+OWN = """
+#include "lib/screen.h" /* pyibr's, which includes lib/lanes.h */
+
+#include "size.h" // its own
+kernel void write(global int *out, Screen screen) { out[0] = SIZE + VALUE; }
+"""
+
+
+@pytest.fixture
+def own(tmp_path: Path, own_cache: Path) -> Path:
+    """A user's kernel with a header beside it."""
+    file = tmp_path / "a b" / "own.cl"
+    file.parent.mkdir()
+    file.write_text(OWN)
+    (file.parent / "size.h").write_text("#define SIZE 7\n")
+    return file
+
+
+def written_by(file: Path | str, value: int = 0) -> int:
+    """What a kernel `write` writes."""
+    kernel, out = program.kernel(file, "write", VALUE=value), empty((1,), np.int32)
+    more = {} if len(kernel.arguments) == 1 else {"screen": Struct("Screen", Target(CAMERA, np.dtype("u1")).screen(1))}
+    launch(kernel, (1,), out=out, **more)
+    return int(out.to_host()[0])
+
+
+def test_a_users_file_includes_its_own_headers_and_pyibrs(own, monkeypatch):
+    assert written_by(own) == written_by(str(own)) == 7
+    assert written_by(own, value=3) == 10
+    assert program.kernel(own, "write", VALUE=0) is program.kernel(str(own), "write", VALUE=0)
+    monkeypatch.chdir(own.parent)
+    assert program.kernel(Path("own.cl"), "write", VALUE=0) is program.kernel(own, "write", VALUE=0)
+
+
+def test_a_users_headers_come_before_pyibrs_but_not_in_pyibrs_files(own):
+    (own.parent / "lib").mkdir()
+    (own.parent / "lib/lanes.h").write_text("#error this is not for lib/screen.h\n")
+    assert written_by(own) == 7
+    (own.parent / "lib/screen.h").write_text("#define SHADED 20\n")
+    own.write_text('#include "lib/screen.h"\nkernel void write(global int *out) { out[0] = SHADED + VALUE; }')
+    os.utime(own, ns=(1, 1))
+    assert written_by(own) == 20
+
+
+def test_a_users_file_that_changed_is_built_anew(own):
+    assert written_by(own) == 7
+    own.write_text("kernel void write(global int *out) { out[0] = 100; }")
+    os.utime(own, ns=(2, 2))
+    assert written_by(own) == 100
+
+
+def test_a_log_names_lines_of_the_users_file(own):
+    own.write_text(OWN.replace("SIZE +", "missing +"))
+    with pytest.raises(BuildError, match=f"^{own} failed to build with .*-DVALUE=1") as raised:
+        program.kernel(own, "write", VALUE=1)
+    assert "own.cl:5" in str(raised.value)
+    (own.parent / "size.h").write_text("\n#define SIZE 7\nint f() { return missing; }\n")
+    own.write_text(OWN)
+    with pytest.raises(BuildError) as raised:
+        program.kernel(own, "write", VALUE=1)
+    assert "size.h:3" in str(raised.value)
+
+
+def test_what_is_not_there_is_said_in_one_sentence(own):
+    with pytest.raises(ArgumentError, match=r"^file: expected a file of kernels, got .*none\.cl: No such file"):
+        program.kernel(own.with_name("none.cl"), "write")
+    with pytest.raises(ArgumentError, match=r"^file: expected one below .*kernels, or the absolute path .* 'own.cl'$"):
+        program.kernel("own.cl", "write")
+    with pytest.raises(ArgumentError, match=r"^name: expected a kernel of .*own\.cl: write, got 'wrote'$"):
+        program.kernel(own, "wrote", VALUE=0)
+    own.write_text('#include "lib/sreen.h"\nkernel void write(global int *out) {}')
+    with pytest.raises(BuildError, match=r'own\.cl includes "lib/sreen\.h", which is not in .*a b or .*kernels$'):
+        program.kernel(own, "write")

@@ -1,0 +1,38 @@
+"""The splats of docs/howto/own-system.md, drawn by the page's own code: made by pictures.py."""
+
+from __future__ import annotations
+
+import os
+import re
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import cv2
+import matplotlib.pyplot as plt
+from matplotlib.figure import Figure
+
+import pyibr as ibr
+
+PAGE = Path(__file__).resolve().parents[1] / "howto/own-system.md"
+LARGER, DOTS = 3, 100  # times the page's picture; dots per inch
+
+
+def splats() -> Figure:
+    """A ball of splats on a mesh, in the light, with its shadow."""
+    names: dict[str, Any] = {"__name__": "__main__"}
+    before = Path.cwd()
+    with tempfile.TemporaryDirectory() as folder:
+        os.chdir(folder)  # the page writes its kernel into the current folder
+        try:
+            for source in re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(), re.MULTILINE | re.DOTALL):
+                exec(source, names)
+            light, (width, height) = names["light"], (LARGER * side for side in names["camera"].size)
+            lamp = ibr.Light(position=light.position, ambient=light.ambient, shadow_size=4 * light.shadow_size)
+            fine = names["camera"].resized((2 * width, 2 * height))  # for smooth edges
+            image = ibr.render(names["scene"], fine, lamp, background=(255, 255, 255)).color
+        finally:
+            os.chdir(before)
+    figure = plt.figure(figsize=(width / DOTS, height / DOTS), dpi=DOTS)
+    figure.figimage(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA))
+    return figure
