@@ -9,7 +9,7 @@
  * v are not at right angles; the normal follows the quadric.
  *
  * faces: (triangles, 3) corners of each. projected: (vertices, 4), raster/project.cl. list, starts: raster/bins.cl.
- * vertices: (vertices, 16) u, v, normal, gradient of u, gradient of v (world, per scene unit), a, b, unused. texels, bounds,
+ * vertices: (vertices, VERTEX) u, v, normal, gradient of u, gradient of v (world, per scene unit), a, b, unused. texels, bounds,
  * levels: search.h. colors: lib/texture.h. normal_map: (normal_height, normal_width, 3), where > 0.
  * counts: (height, width, 2) searched entries and their steps, with COUNTED. places: (height, width, 2) u and v of what
  * is seen, in the tile, NaN where nothing is, with TOLD.
@@ -23,6 +23,7 @@
 #include "raster/triangle.h"
 #include "relief/search.h"
 
+#define VERTEX 16 /* floats of a vertex */
 #define LINEAR 0
 #define SAFE 1
 #define LEAST_COSINE 1e-3f /* of a ray that enters: at outlines interpolated normals may look away */
@@ -77,7 +78,7 @@ Entry entry_of(global const int *faces, global const float *projected, global co
                floatl x, floatl y)
 {
     const Place place = place_on(faces, projected, index, x, y);
-    floatl of_vertex[16];
+    floatl of_vertex[VERTEX];
     corner_means(vertices, &place, of_vertex);
     const floatl nx = of_vertex[2], ny = of_vertex[3], nz = of_vertex[4];
     const floatl unit = 1.0f / sqrt(greater(nx * nx + ny * ny + nz * nz, (floatl)1e-20f));

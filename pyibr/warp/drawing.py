@@ -16,7 +16,6 @@ from pyibr.picture.shadow import Lighting, shadowed
 from pyibr.picture.target import Target
 from pyibr.warp.launches import Options, fill_from_behind, look
 
-_SHOWN = {"front": 1, "back": 2, "both": 3}  # SHOWS_FRONT, SHOWS_BACK of kernels/lib/surface.h
 _APART_MOST = 64  # pixels between the depths that tell the normals of nearest samples
 
 
@@ -29,7 +28,7 @@ def options_of(how: Look, search: bool = False) -> Options:
         one_of("fill", how.fill, Fill, " or None")
     number_from("cut_ratio", how.cut_ratio, np.nextafter(1.0, 2.0), math.inf, "a ratio greater than 1")
     cut_ratio = float(how.cut_ratio) if how.edges == "cut" else None
-    return Options(search, how.sample == "linear", cut_ratio, _SHOWN[how.side])
+    return Options(search, how.sample == "linear", cut_ratio, how.side)
 
 
 @dataclass(frozen=True)
@@ -50,7 +49,7 @@ class WarpedImage:
         view = self.view.in_float if target.color.dtype == np.float32 else self.view
         options = self.options
         if target.from_light:
-            options = Options(cut_ratio=options.cut_ratio, shown=_SHOWN["both"])
+            options = Options(cut_ratio=options.cut_ratio, side="both")
         samples = samples_of(view)
         pixel_map = PixelMap(camera_pair(view.camera, target.camera), samples.low, samples.high)
         with shadowed(target, lighting, *self._grain(target)):
