@@ -174,7 +174,7 @@ def project_points(target: Camera, views: Sequence[DepthImage], triangles: Trian
     projected = empty(triangles.points.shape, np.float32)
     launch(
         kernel("depthmesh/select.cl", "project_points"),
-        (-(-triangles.point_firsts[-1] // int(constant("depthmesh/select.cl", "CHUNK"))),),
+        (-(-triangles.point_firsts[-1] // int(constant("depthmesh/select.cl", "POINTS"))),),
         points=triangles.points,
         firsts=upload(np.array(triangles.point_firsts, np.int32)),
         maps=upload(maps),
