@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pyibr.opencl.device import current
-from pyibr.opencl.program import kernels_folder
+from pyibr.opencl.headers import kernels_folder
 
 COUNT = 48  # numbers that are worked on: whole packets of 16 lanes
 

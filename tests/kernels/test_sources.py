@@ -11,7 +11,7 @@ import pyopencl as cl
 import pytest
 
 from pyibr.opencl.device import current
-from pyibr.opencl.program import kernels_folder
+from pyibr.opencl.headers import kernels_folder
 
 FOLDER = kernels_folder()
 FILES = sorted(path.relative_to(FOLDER).as_posix() for path in FOLDER.glob("*/*"))
