@@ -13,7 +13,7 @@ from pyibr.meshes.heights import Float32, checked_height, checked_normal_map, ch
 from pyibr.meshes.mesh import Mesh
 from pyibr.meshes.textures import texture_pyramid
 from pyibr.opencl.kept import kept
-from pyibr.opencl.launch import Struct, launch
+from pyibr.opencl.launch import launch
 from pyibr.opencl.memory import DeviceArray, upload
 from pyibr.opencl.program import kernel
 from pyibr.picture.shadow import Lighting
@@ -180,12 +180,6 @@ def draw_surface(
         kernel("slicing/surface.cl", "draw_surface", BIN=BIN, COLOR_BYTES=target.channel_bytes, **defines),
         bins.grid,
         **{name: buffers[name] for name in ("corners", "points", "places", "frames", "gradients", "heights", "colors")},
-        projected=projected,
-        list=bins.list,
-        starts=bins.starts,
-        bins_x=bins.columns,
-        screen=Struct("Screen", target.screen(near)),
-        nearest_w=near,
         spacing=surface.scale / surface.slices,
         slices=surface.slices,
         slicing=_SLICINGS[surface.slicing],
@@ -197,6 +191,7 @@ def draw_surface(
         color_levels=max(surface.color.shape[:2]).bit_length(),
         pixel_size=1 / float(max(target.camera.K[0, 0], target.camera.K[1, 1])),
         blank=target.blank,
+        **bins.arguments,
         **target.outputs(),
         **more,
     )
