@@ -18,7 +18,7 @@ from pyibr.depthmesh.triangulation import active_for, list_triangles, project_po
 from pyibr.images.depth_image import DepthImage
 from pyibr.opencl.headers import constant
 from pyibr.opencl.kept import kept
-from pyibr.opencl.launch import Struct, launch
+from pyibr.opencl.launch import launch
 from pyibr.opencl.memory import DeviceArray, upload
 from pyibr.opencl.program import kernel
 from pyibr.picture.target import Target
@@ -135,18 +135,13 @@ def draw_depth_meshes(
         kernel("depthmesh/blend.cl", "draw_meshes", BIN=bin_side(), **defines),
         bins.grid,
         corners=triangles.corners,
-        projected=projected,
         points=triangles.points,
-        list=bins.list,
-        starts=bins.starts,
-        bins_x=bins.columns,
         firsts=upload(np.array(triangles.firsts, np.int32)),
         weights=upload((closeness[shown] / closeness.max()).astype(np.float32)),
-        screen=Struct("Screen", target.screen(near)),
-        nearest_w=near,
         culled=culled(sides),
         epsilon=0.0 if blending is None else blending.epsilon,
         blank=target.blank,
+        **bins.arguments,
         **target.outputs(),
         **more,
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -23,20 +24,14 @@ class Bins:
 
     Attributes
     ----------
-    list : DeviceArray (L,) int32
-        Numbers of primitives, bin by bin.
-    starts : DeviceArray (bins + 1,) int32
-        Where each bin's part begins.
-    columns : int
-        Bins across.
     grid : (int, int)
         Work-items of kernels that draw the bins.
+    arguments : dict
+        What these take: `list`, numbers of primitives, bin by bin; `starts`, where each bin's part begins; the view.
     """
 
-    list: DeviceArray
-    starts: DeviceArray
-    columns: int
     grid: tuple[int, int]
+    arguments: dict[str, Any]
 
 
 def bin_side() -> int:
@@ -88,17 +83,16 @@ def bin_primitives(
     chunk = max(-(-count // profile.chunks), 1)
     chunks = max(-(-count // chunk), 1)
     boxes, counts, totals = empty((count, 4), np.int16), empty((chunks, bins), np.int32), empty((bins,), np.int32)
+    view: dict[str, Any] = {"projected": projected, "screen": Struct("Screen", target.screen(near)), "nearest_w": near}
     shared = {"primitives": count, "chunk": chunk, "bins_x": columns, "bins_y": rows}
     launch(
         kernel("raster/bins.cl", "count_bins", CORNERS=each, BIN=bin_side()),
         (chunks,),
         corners=corners,
-        projected=projected,
         boxes=boxes,
         counts=counts,
-        screen=Struct("Screen", target.screen(near)),
-        nearest_w=near,
         culled=culled(sides),
+        **view,
         **shared,
     )
     starts = np.zeros(bins + 1, np.int32)
@@ -136,4 +130,5 @@ def bin_primitives(
             starts=uploaded,
             bins=bins,
         )
-    return Bins(found, uploaded, columns, profile.grid((columns, rows), target.camera.size))
+    arguments = {"list": found, "starts": uploaded, "bins_x": columns, **view}
+    return Bins(profile.grid((columns, rows), target.camera.size), arguments)

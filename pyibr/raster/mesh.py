@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pyibr.meshes.mesh import Mesh
 from pyibr.meshes.textures import texture_pyramid
 from pyibr.opencl.kept import kept
-from pyibr.opencl.launch import Struct, launch
+from pyibr.opencl.launch import launch
 from pyibr.opencl.memory import DeviceArray, upload
 from pyibr.opencl.program import kernel
 from pyibr.picture.drawable import Look, as_drawable
@@ -56,17 +56,12 @@ def draw_mesh(target: Target, mesh: Mesh, lit: Lighting | None) -> None:
         kernel("raster/mesh.cl", "draw_mesh", BIN=bin_side(), COLOR_BYTES=target.channel_bytes, **defines),
         bins.grid,
         faces=buffers["faces"],
-        projected=projected,
-        list=bins.list,
-        starts=bins.starts,
-        bins_x=bins.columns,
-        screen=Struct("Screen", target.screen(near)),
-        nearest_w=near,
         culled=culled(mesh.sides),
         blank=target.blank,
         base_r=_GREY[0],
         base_g=_GREY[1],
         base_b=_GREY[2],
+        **bins.arguments,
         **target.outputs(),
         **more,
     )

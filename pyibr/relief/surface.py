@@ -17,7 +17,7 @@ from pyibr.meshes.textures import texture_pyramid
 from pyibr.opencl.device import one_call
 from pyibr.opencl.headers import constant
 from pyibr.opencl.kept import kept
-from pyibr.opencl.launch import Struct, launch
+from pyibr.opencl.launch import launch
 from pyibr.opencl.memory import DeviceArray, empty, upload
 from pyibr.opencl.program import kernel
 from pyibr.picture.shadow import Lighting
@@ -221,16 +221,10 @@ def draw_relief(
         kernel("relief/relief.cl", "draw_relief", BIN=bin_side(), COLOR_BYTES=target.channel_bytes, **defines),
         bins.grid,
         **{name: buffers[name] for name in ("faces", "vertices", "texels", "bounds", "levels", "colors")},
-        projected=projected,
-        list=bins.list,
-        starts=bins.starts,
-        bins_x=bins.columns,
         level_count=len(surface.levels.table),
         color_width=surface.color.shape[1],
         color_height=surface.color.shape[0],
         color_levels=max(surface.color.shape[:2]).bit_length(),
-        screen=Struct("Screen", target.screen(near)),
-        nearest_w=near,
         scale=surface.scale,
         pixel_size=1 / float(max(K[0, 0], K[1, 1])),
         quadric=surface.silhouette == "quadric",
@@ -238,6 +232,7 @@ def draw_relief(
         steps=surface.steps,
         halvings=surface.halvings,
         blank=target.blank,
+        **bins.arguments,
         **target.outputs(),
         **more,
     )

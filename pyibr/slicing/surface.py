@@ -23,7 +23,7 @@ from pyibr.meshes.mesh import Mesh
 from pyibr.meshes.textures import texture_pyramid
 from pyibr.opencl.headers import constant
 from pyibr.opencl.kept import kept
-from pyibr.opencl.launch import Struct, launch
+from pyibr.opencl.launch import launch
 from pyibr.opencl.memory import DeviceArray, upload
 from pyibr.opencl.program import kernel
 from pyibr.picture.shadow import Lighting
@@ -186,12 +186,6 @@ def draw_surface(
         kernel("slicing/surface.cl", "draw_surface", BIN=bin_side(), COLOR_BYTES=target.channel_bytes, **defines),
         bins.grid,
         **{name: buffers[name] for name in ("corners", "points", "places", "frames", "gradients", "heights", "colors")},
-        projected=projected,
-        list=bins.list,
-        starts=bins.starts,
-        bins_x=bins.columns,
-        screen=Struct("Screen", target.screen(near)),
-        nearest_w=near,
         spacing=surface.scale / surface.slices,
         slices=surface.slices,
         slicing=constant("slicing/tetrahedra.h", surface.slicing.upper()),
@@ -203,6 +197,7 @@ def draw_surface(
         color_levels=max(surface.color.shape[:2]).bit_length(),
         pixel_size=1 / float(max(target.camera.K[0, 0], target.camera.K[1, 1])),
         blank=target.blank,
+        **bins.arguments,
         **target.outputs(),
         **more,
     )
