@@ -4,7 +4,8 @@
  * behind the front one give their colours (the colour pass), weighted and normalised at once. Where segmentation leaves
  * a hole in all meshes, coarse ones without it (UNDERLAID) show through, but not where any view has seen that there is
  * nothing.
- * BLEND 0: weights of positions times quality, per pixel (the paper's); 1: of positions alone; 2: the front mesh's colour.
+ * BLEND_QUALITY: weights of positions times quality, per pixel (the paper's); BLEND_POSITION: of positions alone;
+ * BLEND_NEAREST: the front mesh's colour.
  *
  * Deviations from the paper: a mesh's own hidden surfaces are left out within epsilon, too; textures are projected, not
  * stretched over triangles, and read within the source's triangles, so that no colour leaks over a depth edge; what
@@ -15,7 +16,7 @@
  * and the last of that view's levels, and 1 for a perspective view. levels: (levels, 3) width, height and start in colors,
  * each half as large as the one before, rounded up. scales: (meshes,) samples of the view to pixels of the target that a
  * scene unit takes at depth 1 of both. colors: RGBA bytes, A = 255 times the part that has samples. weights: (meshes,)
- * positional, > 0. culled: 1 leaves out what is seen from behind. With UNDERLAID, of ALL views there are: limits, their
+ * positional, > 0. culled: raster/triangle.h. With UNDERLAID, of ALL views there are: limits, their
  * depths, INFINITY for background and 0 where nothing is known; limit_sizes: (ALL, 3) width, height and start;
  * from_target, (ALL, 16) from the target's pixel space to theirs; perspectives: 1 or 0. depth, color, valid: the picture,
  * which keeps what is nearer already. occupancy: (height, width) bit k is set where view k gave colour, with OCCUPIED.
@@ -31,8 +32,11 @@
 #ifndef UNDERLAID
 #define UNDERLAID 0 /* how many coarse meshes there are under the holes */
 #endif
+#define BLEND_QUALITY 0
+#define BLEND_POSITION 1
+#define BLEND_NEAREST 2
 #ifndef BLEND
-#define BLEND 0 /* what colours are weighted by, as the file's head says */
+#define BLEND BLEND_QUALITY /* what colours are weighted by, as the file's head says */
 #endif
 #ifndef OCCUPIED
 #define OCCUPIED 0 /* 1: which views gave colour is written, too */
@@ -159,7 +163,7 @@ INLINED floatl add_mesh(const Context *context, const Meshes *meshes, int mesh, 
         at_z += p.weight[k] * (floatl)(gather(meshes->points, row_z));
         quality += p.weight[k] * (floatl)(gather(meshes->points, row_q));
     }
-#if BLEND == 0
+#if BLEND == BLEND_QUALITY
     const floatl weight = pick(given, meshes->weights[mesh] * greater(quality, (floatl)LEAST_QUALITY), (floatl)0.0f);
 #else
     const floatl weight = pick(given, (floatl)meshes->weights[mesh], (floatl)0.0f);
@@ -239,7 +243,7 @@ kernel void draw_meshes(global const int *corners, global const float *projected
         for (int mesh = first_mesh; mesh < MESHES; mesh++) {
             const floatl n = seen[mesh].nearness[block];
             intl shares = (seen[mesh].owner[block] >= 0) & (mesh < UNDERLAID ? under : !under);
-            shares = shares & (BLEND == 2 ? (n == front) & !taken : n >= deepest);
+            shares = shares & (BLEND == BLEND_NEAREST ? (n == front) & !taken : n >= deepest);
             taken = taken | shares;
             const intl given = shares & mine;
             if (!any_lane(given))

@@ -1,10 +1,10 @@
 /* What a depth image's samples say of its surface: which triangles of the full grid are drawn, and the normals.
  *
- * `segment` finds the triangles that bridge two surfaces (rubber sheets). TEST 0 is the paper's: seen edge-on
+ * `segment` finds the triangles that bridge two surfaces (rubber sheets). TEST_ORTHOGONALITY is the paper's: seen edge-on
  * (equation 3) and long in depth (equation 4); for orthographic views, whose z has no fixed origin, the depth range is
- * taken relative to the view's extent. TEST 1, connectedness (Mark, McMillan & Bishop 1997): an edge is kept if it is
- * short, or either of its samples continues the line to the other's far side, in nearness, where planes are straight. TEST 2: nearness
- * within the triangle differs too much (disparity; Oliveira & Bishop 1998). TEST 3 keeps everything.
+ * taken relative to the view's extent. TEST_CONNECTEDNESS (Mark, McMillan & Bishop 1997): an edge is kept if it is
+ * short, or either of its samples continues the line to the other's far side, in nearness, where planes are straight. TEST_DISPARITY: nearness
+ * within the triangle differs too much (Oliveira & Bishop 1998). TEST_NONE keeps everything.
  *
  * nearness: (height, pitch), lib/nearness.cl. cells: (height, pitch) states of each cell's two triangles (tree.h).
  * normals: (3, height, pitch) in the view's frame, towards the camera, from the differences to those neighbours that
@@ -13,8 +13,12 @@
  */
 #include "depthmesh/tree.h"
 
+#define TEST_ORTHOGONALITY 0
+#define TEST_CONNECTEDNESS 1
+#define TEST_DISPARITY 2
+#define TEST_NONE 3
 #ifndef TEST
-#define TEST 0 /* which test finds rubber sheets, as the file's head says */
+#define TEST TEST_ORTHOGONALITY /* which test finds rubber sheets, as the file's head says */
 #endif
 
 typedef struct {
@@ -29,7 +33,7 @@ typedef struct {
 /* Is the triangle of the points p, q, r with nearness a, b, c a rubber sheet? */
 intl bridges(const Layout *layout, const Segmentation *rule, Vector p, Vector q, Vector r, floatl a, floatl b, floatl c)
 {
-#if TEST == 0
+#if TEST == TEST_ORTHOGONALITY
     const Vector normal = cross_of(minus(q, p), minus(r, p));
     Vector sight = {0.0f, 0.0f, 1.0f};
     floatl scale = rule->extent;
@@ -41,7 +45,7 @@ intl bridges(const Layout *layout, const Segmentation *rule, Vector p, Vector q,
     }
     const floatl along = DOT(sight, normal), sizes = DOT(sight, sight) * DOT(normal, normal);
     return (along * along < rule->sine * rule->sine * sizes) & (SPREAD(p.z, q.z, r.z) > rule->depth_range * scale);
-#elif TEST == 2
+#elif TEST == TEST_DISPARITY
     const floatl scale = layout->perspective ? fmax(a, fmax(b, c)) : (floatl)rule->extent;
     return SPREAD(a, b, c) > rule->gap * scale;
 #else
@@ -49,7 +53,7 @@ intl bridges(const Layout *layout, const Segmentation *rule, Vector p, Vector q,
 #endif
 }
 
-#if TEST == 1
+#if TEST == TEST_CONNECTEDNESS
 /* Do samples next to each other, with nearness a and b, belong together? before, after: the next ones on both sides. */
 intl connected(const Layout *layout, const Segmentation *rule, floatl before, floatl a, floatl b, floatl after)
 {
@@ -94,7 +98,7 @@ kernel void segment(global const float *nearness, global uchar *cells, Layout la
         intl lower_drawn = IS_SAMPLE(n[2]) & IS_SAMPLE(n[3]) & IS_SAMPLE(nb);
         upper_drawn = upper_drawn & !bridges(&layout, &rule, p[0], p[1], a, n[0], n[1], na);
         lower_drawn = lower_drawn & !bridges(&layout, &rule, p[2], p[3], b, n[2], n[3], nb);
-#if TEST == 1
+#if TEST == TEST_CONNECTEDNESS
         const intl row = (intl)y, left = is_connected(&layout, &rule, nearness, x, row, 0, 1);
         const intl right = is_connected(&layout, &rule, nearness, x + 1, row, 0, 1);
         upper_drawn = upper_drawn & is_connected(&layout, &rule, nearness, x, row, 1, 0) & pick(main, right, left);

@@ -26,8 +26,9 @@
  * byte and side B the next two; in a cell's byte the upper triangle is A, the lower one B. */
 #define UNDRAWN 1
 #define DRAWN 2
+#define SIDE_BITS 2
 #define STATE_A(byte) ((byte) & 3)
-#define STATE_B(byte) ((byte) >> 2 & 3)
+#define STATE_B(byte) ((byte) >> SIDE_BITS & 3)
 
 typedef struct {
     float ray[6];    /* the sample (x, y) lies on (ray[0] x + ray[1] y + ray[2], ray[3] x + ray[4] y + ray[5], 1) z, or, seen

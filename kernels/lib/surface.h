@@ -24,4 +24,5 @@ typedef struct {
 /* Which sides of a surface are shown, seen from the source camera. */
 #define SHOWS_FRONT 1
 #define SHOWS_BACK 2
+#define SHOWS_BOTH 3
 #endif

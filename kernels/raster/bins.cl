@@ -7,7 +7,7 @@
  *
  * corners: (primitives, CORNERS) vertices of each. projected: (vertices, 4), see project.cl. boxes: (primitives, 4)
  * first and last bin in x and y; empty (first > last) if it cannot be seen. counts: (chunks, bins). totals: (bins,).
- * starts: (bins + 1,) place of each bin's list in `list`. culled: 1 drops triangles seen from behind, -1 those seen from the front.
+ * starts: (bins + 1,) place of each bin's list in `list`. culled: triangle.h.
  * Work-item: a chunk (count, fill), a bin (start). Cost: O(primitives + list). Determinism: fixed order.
  */
 #include "lib/screen.h"

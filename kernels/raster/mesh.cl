@@ -7,8 +7,7 @@
  * valid: (height, width) the picture, which keeps what is nearer already; ties go to the first triangle.
  * TEXTURED: uv (vertices, 2); texels: RGBA bytes, level by level from the largest, each half the size of the one
  * before, rounded down. TINTED: tints (vertices, 3) in [0, 1]. LIT: normals (vertices, 3); fronts: (triangles,)
- * 1, or -1 where they point to the side that the corners run clockwise on. culled: 1 backs, -1 fronts are not drawn, 0
- * both are.
+ * 1, or -1 where they point to the side that the corners run clockwise on. culled: triangle.h.
  * Work-item: a region (region.h). Cost: O(list + pixels). Determinism: list order.
  */
 #include "lib/color.h"

@@ -10,6 +10,11 @@
 #include "lib/screen.h"
 #include "raster/region.h"
 
+/* `culled`: which triangles are not drawn, as the sign of what is positive for those seen from behind. */
+#define CULLS_NONE 0
+#define CULLS_BACKS 1
+#define CULLS_FRONTS -1
+
 #define SUBPIXELS 256
 #define FARTHEST_CORNER 16384.0f /* pixels from the region: beyond, whole numbers of 32 bits do not suffice */
 #define ROUNDING 0.01f           /* pixels by which a moved corner may leave the box of the triangle */

@@ -9,7 +9,7 @@
  * v are not at right angles; the normal follows the quadric.
  *
  * faces: (triangles, 3) corners of each. projected: (vertices, 4), raster/project.cl. list, starts: raster/bins.cl.
- * vertices: (vertices, 16) u, v, normal, gradient of u, gradient of v (world, per scene unit), a, b, unused. texels, bounds,
+ * vertices: (vertices, VERTEX) u, v, normal, gradient of u, gradient of v (world, per scene unit), a, b, unused. texels, bounds,
  * levels: search.h. colors: lib/texture.h. normal_map: (normal_height, normal_width, 3), where > 0.
  * counts: (height, width, 2) searched entries and their steps, with COUNTED. places: (height, width, 2) u and v of what
  * is seen, in the tile, NaN where nothing is, with TOLD.
@@ -26,6 +26,8 @@
 #ifndef TOLD
 #define TOLD 0 /* 1: where on the surface each pixel is, is written, too */
 #endif
+
+#define VERTEX 16 /* floats of a vertex */
 
 #define LINEAR 0
 #define SAFE 1
@@ -90,7 +92,7 @@ typedef struct {
 Entry entry_of(const Context *context, intl index, floatl x, floatl y)
 {
     const OnTriangle pixel = on_triangle(context->faces, context->projected, index, x, y);
-    floatl of_vertex[16];
+    floatl of_vertex[VERTEX];
     corner_means(context->vertices, &pixel, of_vertex);
     const Vector normal = {of_vertex[2], of_vertex[3], of_vertex[4]};
     const floatl unit = 1.0f / sqrt(greater(DOT(normal, normal), (floatl)1e-20f));

@@ -28,6 +28,7 @@
 #ifndef SILHOUETTES
 #define SILHOUETTES 0 /* 1: maps are masks */
 #endif
+#define TO_SCREEN 3 /* the axis of slices that are parallel to the screen; others are 0, 1, 2 */
 #define BLENDED 3 /* views that a colour is made of at most */
 
 typedef struct {
@@ -244,7 +245,7 @@ Color color_at(const Views *views, const WorldRay *ray, floatl hit, intl found)
 kernel void draw_object(global const float *matrices, global const int *sizes, global const float *maps,
                         global const uint *colors, global const int *order, global const float *closeness,
                         global float *depth, global channel *color, global uchar *valid, Screen screen, Box box,
-                        int slices_axis /* 0, 1, 2, or 3: parallel to the screen */,
+                        int slices_axis,
                         int halvings /* of the way back to the slice before, once one has passed */, int visible,
                         int unknown /* 1: images say nothing of what lies beside them */,
                         float tolerance /* scene units that a sample may lie before a point that it shows */,

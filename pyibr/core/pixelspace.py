@@ -19,9 +19,6 @@ from pyibr.core.checks import Float64
 
 _GRID = [part.ravel() for part in np.meshgrid(np.linspace(0.1, 0.9, 5), np.linspace(0.1, 0.9, 5))]
 
-ON_SAMPLES = 1e-3
-"""ON_SAMPLES of kernels/lib/surface.h."""
-
 _ROUNDING = 1e-10  # relative: of products of a few matrices in float64
 _ROUNDING_FAR = 1e-15  # of positions as far from the world's origin as 1
 
@@ -98,15 +95,15 @@ class CameraPair:
         return all(np.count_nonzero(end) == 1 and end[2] == 0.0 for end in ends)
 
     @cached_property
-    def on_samples(self) -> bool:
-        """Of aligned lines through the target's pixels: whether all of them run along the source's samples."""
+    def off_samples(self) -> float:
+        """Pixels by which aligned lines through the target's pixels run beside the source's samples, at most."""
         ends = self.dst_from_src[:2, 3], self.src_from_dst[:2, 3]
         target_axis, source_axis = (int(np.argmin(end != 0)) for end in ends)
         pixels = np.zeros((3, self.dst.size[target_axis]))
         pixels[target_axis], pixels[2] = np.arange(pixels.shape[1]), 1.0
         rows = self.src_from_dst[[source_axis, 2], :3] @ pixels
         across = rows[0] / rows[1]
-        return bool((np.abs(across - np.rint(across)) < ON_SAMPLES).all())
+        return float(np.abs(across - np.rint(across)).max())
 
     @cached_property
     def corners(self) -> list[list[float]]:

@@ -69,9 +69,9 @@ def background_of(meshes: Sequence[ViewMesh], extent: float) -> Background:
 def _over_holes(corners: NDArray[np.int32], points: NDArray[np.float32], mesh: ViewMesh) -> NDArray[np.int32]:
     """Those of a view's triangles whose boxes hold a cell that is not drawn in full."""
     width, height = mesh.view.camera.size
-    drawn = mesh.tree.cells.to_host()[: height - 1, : width - 1] == 0b1010
+    upper, lower = mesh.tree.drawn_cells()
     holes = np.zeros((height, width), np.int32)  # above and to the left of each sample
-    holes[1:, 1:] = np.cumsum(np.cumsum(~drawn, axis=0, dtype=np.int32), axis=1)
+    holes[1:, 1:] = np.cumsum(np.cumsum(~(upper & lower), axis=0, dtype=np.int32), axis=1)
     x, y = np.moveaxis(pixels_of(points[corners], mesh.view), -1, 0)
     low_x, low_y, high_x, high_y = x.min(axis=1), y.min(axis=1), x.max(axis=1), y.max(axis=1)
     within = holes[high_y, high_x] - holes[low_y, high_x] - holes[high_y, low_x] + holes[low_y, low_x]

@@ -16,16 +16,16 @@ from pyibr.depthmesh.background import Background, ViewMesh, underlay_of
 from pyibr.depthmesh.levels import color_levels
 from pyibr.depthmesh.triangulation import active_for, list_triangles, project_points
 from pyibr.images.depth_image import DepthImage
+from pyibr.opencl.headers import constant
 from pyibr.opencl.kept import kept
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, upload
 from pyibr.opencl.program import kernel
 from pyibr.picture.target import Target
-from pyibr.raster.bins import BIN, bin_primitives
+from pyibr.raster.bins import bin_primitives, bin_side, culled
 
 Bounds = tuple[Float64, Float64]
 
-_BLENDS = {"quality": 0, "position": 1, "nearest": 2}  # BLEND of kernels/depthmesh/blend.cl
 _UNDERLAID = 2  # times as many views are looked at under the holes as are blended
 
 
@@ -114,7 +114,7 @@ def draw_depth_meshes(
     defines = {"VIEWS": len(chosen), "COLOR_BYTES": target.channel_bytes}
     more: dict[str, Any] = {}
     if blending is not None:
-        defines["BLEND"] = _BLENDS[blending.by]
+        defines["BLEND"] = int(constant("depthmesh/blend.cl", f"BLEND_{blending.by.upper()}"))
     if blending is not None and blending.background is not None:
         others = sorted(order[len(chosen) : _UNDERLAID * len(chosen)])
         underlay = underlay_of(blending.background, chosen, others)
@@ -129,10 +129,10 @@ def draw_depth_meshes(
         defines["OCCUPIED"] = 1
         more["occupancy"] = occupancy
     near = target.near(bounds)
-    culled = 0 if target.from_light else 1  # backs have no colours, but cast shadows
-    bins = bin_primitives(target, triangles.corners, projected, near, culled)
+    sides = "both" if target.from_light else "front"  # backs have no colours, but cast shadows
+    bins = bin_primitives(target, triangles.corners, projected, near, sides)
     launch(
-        kernel("depthmesh/blend.cl", "draw_meshes", BIN=BIN, **defines),
+        kernel("depthmesh/blend.cl", "draw_meshes", BIN=bin_side(), **defines),
         bins.grid,
         corners=triangles.corners,
         projected=projected,
@@ -144,7 +144,7 @@ def draw_depth_meshes(
         weights=upload((closeness[shown] / closeness.max()).astype(np.float32)),
         screen=Struct("Screen", target.screen(near)),
         nearest_w=near,
-        culled=culled,
+        culled=culled(sides),
         epsilon=0.0 if blending is None else blending.epsilon,
         blank=target.blank,
         **target.outputs(),

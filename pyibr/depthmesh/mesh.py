@@ -99,7 +99,7 @@ class DepthMesh(Fixed):
 
     def _made_tree(self) -> Tree:
         made = build_tree(self.view, self.segmentation)
-        if not (_cells_of(made) & 0b1010).any():
+        if not any(part.any() for part in made.drawn_cells()):
             raise ArgumentError("view", "samples that make triangles", "only isolated ones, or rubber sheets")
         return made
 
@@ -221,17 +221,10 @@ class DepthMesh(Fixed):
         )
 
 
-def _cells_of(tree: Tree) -> NDArray[np.uint8]:
-    """(H - 1, W - 1) states of the cells, kernels/depthmesh/tree.h: drawn are those with 0b0010 and 0b1000."""
-    width, height = tree.view.camera.size
-    return tree.cells.to_host()[: height - 1, : width - 1]
-
-
 def _in_triangles(tree: Tree) -> NDArray[np.bool_]:
     """(H, W) which samples are corners of triangles that are drawn."""
     width, height = tree.view.camera.size
-    cells = _cells_of(tree)
-    upper, lower = (cells & 0b0010) > 0, (cells & 0b1000) > 0
+    upper, lower = tree.drawn_cells()
     y, x = np.ogrid[: height - 1, : width - 1]
     main = y % 2 == x % 2  # kernels/depthmesh/tree.h
     found = np.zeros((height, width), np.bool_)

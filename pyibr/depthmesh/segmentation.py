@@ -16,9 +16,6 @@ from pyibr.opencl.headers import struct
 
 Test = Literal["orthogonality", "connectedness", "disparity", "none"]
 
-TESTS = {"orthogonality": 0, "connectedness": 1, "disparity": 2, "none": 3}
-"""TEST of kernels/depthmesh/samples.cl."""
-
 
 @dataclass(frozen=True)
 class Segmentation:

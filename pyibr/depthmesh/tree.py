@@ -7,13 +7,14 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import pitch
-from pyibr.depthmesh.segmentation import TESTS, Segmentation
+from pyibr.depthmesh.segmentation import Segmentation
 from pyibr.images import DepthImage
-from pyibr.opencl.headers import struct
+from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty
 from pyibr.opencl.program import kernel
@@ -47,6 +48,13 @@ class Tree:
     nearness: DeviceArray
     cells: DeviceArray
     states: DeviceArray
+
+    def drawn_cells(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """(H - 1, W - 1) whether each cell's upper triangle is drawn, and whether its lower one is."""
+        width, height = self.view.camera.size
+        states = self.cells.to_host()[: height - 1, : width - 1]
+        drawn, bits = (int(constant("depthmesh/tree.h", name)) for name in ("DRAWN", "SIDE_BITS"))
+        return (states & drawn) > 0, (states & drawn << bits) > 0
 
     @cached_property
     def normals(self) -> DeviceArray:
@@ -91,8 +99,9 @@ def build_tree(view: DepthImage, segmentation: Segmentation) -> Tree:
     layout = Struct("Layout", _layout(view.camera, side, row))
     rule = Struct("Segmentation", segmentation.record(view, depths[1] - depths[0]))
     cells = empty((height, pitch(width)), np.uint8)
+    test = int(constant("depthmesh/samples.cl", f"TEST_{segmentation.test.upper()}"))
     launch(
-        kernel("depthmesh/samples.cl", "segment", TEST=TESTS[segmentation.test]),
+        kernel("depthmesh/samples.cl", "segment", TEST=test),
         (height - 1,),
         nearness=nearness,
         cells=cells,

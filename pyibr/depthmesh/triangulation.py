@@ -12,7 +12,7 @@ from pyibr.core.camera import Camera
 from pyibr.core.pixelspace import camera_pair, frustum
 from pyibr.depthmesh.tree import Tree
 from pyibr.images import DepthImage
-from pyibr.opencl.headers import struct
+from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, copy, empty, upload
 from pyibr.opencl.program import kernel
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 _SHARES = 16  # along a tree's side, that simplification is shared out in
 _CHUNK = 64  # numbers of vertices that a work-item of kernels/depthmesh/simplify.cl takes memory for at once
-_POINTS = 1024  # points of a work-item, kernels/depthmesh/select.cl
 
 
 def active_for(tree: Tree, camera: Camera, tolerance: float) -> DeviceArray:
@@ -175,7 +174,7 @@ def project_points(target: Camera, views: Sequence[DepthImage], triangles: Trian
     projected = empty(triangles.points.shape, np.float32)
     launch(
         kernel("depthmesh/select.cl", "project_points"),
-        (-(-triangles.point_firsts[-1] // _POINTS),),
+        (-(-triangles.point_firsts[-1] // int(constant("depthmesh/select.cl", "POINTS"))),),
         points=triangles.points,
         firsts=upload(np.array(triangles.point_firsts, np.int32)),
         maps=upload(maps),

@@ -14,17 +14,8 @@ import numpy as np
 from pyibr.core.checks import describe
 from pyibr.core.errors import ArgumentError, BuildError
 
-SCALARS: dict[str, np.dtype[Any]] = {
-    "char": np.dtype(np.int8),
-    "uchar": np.dtype(np.uint8),
-    "short": np.dtype(np.int16),
-    "ushort": np.dtype(np.uint16),
-    "int": np.dtype(np.int32),
-    "uint": np.dtype(np.uint32),
-    "long": np.dtype(np.int64),
-    "ulong": np.dtype(np.uint64),
-    "float": np.dtype(np.float32),
-}
+_CODES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "ulong": "u8"}
+SCALARS: dict[str, np.dtype[Any]] = {name: np.dtype(code) for name, code in [*_CODES.items(), ("float", "f4")]}
 """Numbers as C names them."""
 
 _INCLUDE = re.compile(r'^\s*#include "([^"]+)"', re.MULTILINE)
@@ -165,9 +156,7 @@ def _written(name: str, kind: np.dtype[Any]) -> str:
     return f"{scalar} {name}" + "".join(f"[{size}]" for size in kind.shape)
 
 
-@functools.cache
-def _source(file: str) -> str:
-    return expanded(file)
+_source = functools.cache(expanded)
 
 
 def _number_of(code: str, name: str) -> int | float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 from pyibr.opencl.runtimes import Kind
@@ -10,37 +9,22 @@ from pyibr.opencl.runtimes import Kind
 
 @dataclass(frozen=True)
 class DeviceProfile:
-    """What builds, launches and memory ask of a device.
-
-    Attributes
-    ----------
-    lanes : int
-        Neighbours that a work-item computes at once (``LANES``, 16 or 1): compilers for CPUs leave kernels that branch
-        scalar, while a GPU makes vectors of its work-items.
-    in_place : bool
-        Whether kernels use the host's memory: a CPU's is the same, and a GPU's own is much faster.
-    local_size : int or None
-        Work-items of a work-group along each axis: a CPU's are large enough to stand alone; None lets the runtime
-        choose, which knows its GPU.
-    chunks : int
-        Parts that primitives are binned in, a work-item each: a GPU needs many, and each takes a row of counts.
-    strip : int
-        Packets of a row that a work-item resolves: on a CPU, enough to hide what starting it costs.
-    run : int
-        Pixels of a row that a work-item fills: on a CPU, starting one takes longer than most pixels.
-    """
+    """What builds, launches and memory ask of a device."""
 
     lanes: int
+    """Neighbours that a work-item computes at once (``LANES``): compilers for CPUs leave scalar what branches."""
     in_place: bool
+    """Whether kernels use the host's memory: a CPU's is the same, a GPU's own is much faster."""
     local_size: int | None
+    """Work-items of a work-group along an axis: a CPU's are large enough to stand alone; None lets runtimes choose."""
     chunks: int
+    """Parts that primitives are binned in, a work-item each: a GPU needs many, and each takes a row of counts."""
     strip: int
+    """Packets of a row that a work-item resolves: on a CPU, enough to hide what starting it costs."""
     run: int
-
-    @property
-    def block(self) -> int:
-        """Side of the square of pixels that the rasteriser's lanes are: BLOCK of kernels/raster/region.h."""
-        return math.isqrt(self.lanes)
+    """Pixels of a row that a work-item fills: on a CPU, starting one takes longer than most pixels."""
+    block: int
+    """Side of the square of pixels that the lanes are in a bin: BLOCK of kernels/raster/region.h, told by LANES."""
 
     def packets(self, width: int, height: int, strip: int = 1) -> tuple[int, int]:
         """Work-items for all pixels, if each takes `strip` times `lanes` pixels of a row."""
@@ -51,8 +35,8 @@ class DeviceProfile:
         return pixels if self.lanes == 1 else bins
 
 
-CPU = DeviceProfile(lanes=16, in_place=True, local_size=1, chunks=32, strip=16, run=64)
-GPU = DeviceProfile(lanes=1, in_place=False, local_size=None, chunks=1024, strip=1, run=1)
+CPU = DeviceProfile(lanes=16, in_place=True, local_size=1, chunks=32, strip=16, run=64, block=4)
+GPU = DeviceProfile(lanes=1, in_place=False, local_size=None, chunks=1024, strip=1, run=1, block=1)
 
 
 def profile_of(kind: Kind) -> DeviceProfile:

@@ -1,9 +1,7 @@
 """Find the OpenCL runtimes of this machine, those that pip installed included.
 
-Intel's CPU runtime from PyPI (``intel-opencl-rt``) cannot be found as it is installed: its ``.icd`` file
-holds a path of the machine that packed it, and the libraries it needs lie where the dynamic linker does not
-look. Both are mended here while the loader reads its list, without a file left behind and without an
-environment variable that stays set. PoCL's threads are kept on processors of their own in the same way.
+What each of them needs stands in `RUNTIMES`. It is there while the loader reads its list, without a file left behind
+and without an environment variable that stays set.
 """
 
 from __future__ import annotations
@@ -11,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import functools
 import hashlib
+import itertools
 import json
 import os
 import platform
@@ -18,9 +17,9 @@ import site
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Generator
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from collections.abc import Callable, Generator
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -34,8 +33,6 @@ Kind = Literal["cpu", "gpu", "accelerator"]
 _SYSTEM_ICDS = Path("/etc/OpenCL/vendors")
 _LOADER_VARIABLES = ("OCL_ICD_VENDORS", "OPENCL_VENDOR_PATH", "OCL_ICD_FILENAMES")
 _THREAD_VARIABLES = ("POCL_AFFINITY", "POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT")
-_INTEL_NEEDS = ("libintlc.so.5", "libirng.so", "libimf.so", "libsvml.so")
-_INTEL_PIP = "pip install intel-opencl-rt intel-cmplr-lib-rt"
 
 
 @dataclass(frozen=True)
@@ -67,6 +64,38 @@ class Problem:
     remedy: str
 
 
+@dataclass(frozen=True)
+class Runtime:
+    """A CPU's runtime, and all that is particular to it."""
+
+    name: str
+    platform: str
+    """A part of its platform's name, in lower case."""
+    mend: Callable[[], str] = lambda: cpu_remedies()[-1]
+    """The command to run where it is listed but does not work; unless there is one, another runtime helps."""
+    install: Callable[[], str] = str
+    """The command that installs it here, or nothing."""
+    wheel: str = ""
+    """Its package on PyPI, if only the driver's version, which begins with that, tells it from others."""
+    environment: Callable[[], dict[str, str]] = dict
+    """Variables that it wants while devices are listed; none where the user has chosen."""
+    library: str = ""
+    """What its library's name begins with."""
+    needs: tuple[str, ...] = ()
+    """Libraries that lie beside its own, where the dynamic linker does not look: they are loaded first."""
+    needs_from: str = ""
+    """The command that installs them."""
+
+    def is_of(self, found: Found) -> bool:
+        """Whether a device is its own."""
+        version = _version(self.wheel) if self.wheel else ""
+        return self.platform in found.platform.lower() and version is not None and found.driver.startswith(version)
+
+    def needed_by(self, library: Path) -> list[Path]:
+        """What a library needs, if it is this runtime's."""
+        return [library.parent / name for name in self.needs if library.name.startswith(self.library)]
+
+
 @functools.cache
 def found_devices() -> tuple[Found, ...]:
     """All devices that the OpenCL loader lists, in its order. Nothing is built or run on them.
@@ -79,10 +108,11 @@ def found_devices() -> tuple[Found, ...]:
     try:
         import pyopencl as cl
     except ImportError as error:
-        raise DeviceError(f"pyopencl cannot be imported ({error}); to mend it: {loader_remedy()}") from error
+        remedy = "pip install --force-reinstall pyopencl"  # with the loader that it needs
+        raise DeviceError(f"pyopencl cannot be imported ({error}); to mend it: {remedy}") from error
 
     listed: list[tuple[cl.Platform, list[cl.Device]]] = []
-    with _mended_runtimes(), _pinned_threads(), suppress(cl.Error):  # the loader's way to say that there is none
+    with _mended_runtimes(), suppress(cl.Error):  # the loader's way to say that there is none
         for entry in cl.get_platforms():
             with suppress(cl.Error):
                 listed.append((entry, entry.get_devices()))
@@ -125,20 +155,15 @@ def problems() -> list[Problem]:
         if hidden or not found_devices():
             what = f"${variable} is set to {os.environ[variable]!r}, so the loader looks nowhere else{hidden}"
             found.append(Problem(what, f"unset {variable}"))
-    for _, library in mended:
-        if missing := [name for name in _INTEL_NEEDS if not (library.parent / name).exists()]:
-            what = f"Intel's CPU runtime ({library}) lacks {', '.join(missing)}"
-            found.append(Problem(what, "pip install intel-cmplr-lib-rt"))
+    for runtime, (_, library) in itertools.product(RUNTIMES, mended):
+        if missing := [path.name for path in runtime.needed_by(library) if not path.exists()]:
+            found.append(Problem(f"{runtime.name} ({library}) lacks {', '.join(missing)}", runtime.needs_from))
     return found
 
 
 def cpu_remedies() -> list[str]:
     """The commands that install an OpenCL runtime for the CPU here, best first."""
-    commands: list[str] = []
-    if command := _system_remedy():
-        commands.append(command)
-    if sys.platform == "linux" and platform.machine() in ("x86_64", "AMD64"):
-        commands.append(_INTEL_PIP)
+    commands = [command for runtime in RUNTIMES if (command := runtime.install())]
     return commands or ["conda install -c conda-forge pocl"]
 
 
@@ -146,46 +171,18 @@ def remedy_for(found: Found) -> str:
     """The command that mends a device that is listed but does not work."""
     if found.kind == "gpu":
         return f"update the OpenCL driver of {found.vendor or found.platform}"
-    if "intel" in found.platform.lower():
-        return _INTEL_PIP.replace("install", "install --upgrade")
-    wheel = _pip_pocl()
-    if not wheel or not found.driver.startswith(wheel):
-        return cpu_remedies()[-1]  # it is the distribution's: another runtime helps
-    # The wheel's compiler is older than many processors; the distribution's build is not.
-    if (_SYSTEM_ICDS / "pocl.icd").exists():
-        return "pip uninstall pocl-binary-distribution"
-    return cpu_remedies()[0]
+    mends = (runtime.mend() for runtime in RUNTIMES if runtime.is_of(found))
+    return next(mends, cpu_remedies()[-1])
 
 
-def loader_remedy() -> str:
-    """The command that installs pyopencl with the loader that it needs."""
-    return "pip install --force-reinstall pyopencl"
-
-
-def _system_remedy() -> str:
-    try:
-        lines = platform.freedesktop_os_release()
-    except OSError:
-        return ""
-    sudo = "" if os.geteuid() == 0 else "sudo "
-    family = {lines.get("ID", ""), *lines.get("ID_LIKE", "").split()}
-    if family & {"debian", "ubuntu"}:
-        return f"{sudo}apt install pocl-opencl-icd ocl-icd-libopencl1"
-    if family & {"fedora", "rhel", "centos"}:
-        return f"{sudo}dnf install pocl"
-    if "arch" in family:
-        return f"{sudo}pacman -S pocl"
-    return ""
-
-
-def _pip_pocl() -> str:
-    """The version of PoCL's wheel, if that is installed."""
+def _version(wheel: str) -> str | None:
+    """The version of a wheel, if that is installed."""
     from importlib import metadata
 
     try:
-        return metadata.version("pocl-binary-distribution")
+        return metadata.version(wheel)
     except metadata.PackageNotFoundError:
-        return ""
+        return None
 
 
 def _prefixes() -> list[Path]:
@@ -210,53 +207,29 @@ def _mended_icds() -> list[tuple[str, Path]]:
 
 @contextmanager
 def _mended_runtimes() -> Generator[None, None, None]:
-    """While it is open, the loader sees the system's runtimes and the mended ones.
+    """While it is open, the loader sees the system's runtimes and the mended ones, and they see what they want.
 
     A user who set the loader's own variables is left alone.
     """
-    mended = _mended_icds()
-    if not mended or any(os.environ.get(name) for name in _LOADER_VARIABLES):
-        yield
-        return
-    for _, library in mended:
-        _preload(library.parent)
-    with tempfile.TemporaryDirectory(prefix="pyibr-icd-") as folder:
-        for icd in _SYSTEM_ICDS.glob("*.icd"):
-            (Path(folder) / icd.name).symlink_to(icd)
-        for number, (name, library) in enumerate(mended):
-            (Path(folder) / f"pip{number}-{name}").write_text(f"{library}\n")
-        os.environ["OCL_ICD_VENDORS"] = folder
+    wanted = {name: value for runtime in RUNTIMES for name, value in runtime.environment().items()}
+    mended = [] if any(os.environ.get(name) for name in _LOADER_VARIABLES) else _mended_icds()
+    for needed in (path for _, library in mended for runtime in RUNTIMES for path in runtime.needed_by(library)):
+        with suppress(OSError):  # `problems` tells what is missing
+            ctypes.CDLL(str(needed))
+    with ExitStack() as stack:
+        if mended:
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="pyibr-icd-")))
+            for icd in _SYSTEM_ICDS.glob("*.icd"):
+                (folder / icd.name).symlink_to(icd)
+            for number, (name, library) in enumerate(mended):
+                (folder / f"pip{number}-{name}").write_text(f"{library}\n")
+            wanted["OCL_ICD_VENDORS"] = str(folder)
+        os.environ.update(wanted)
         try:
             yield
         finally:
-            del os.environ["OCL_ICD_VENDORS"]
-
-
-@contextmanager
-def _pinned_threads() -> Generator[None, None, None]:
-    """While it is open, PoCL keeps each thread that it starts on a processor of its own.
-
-    Linux wakes threads that have slept side by side on one processor, and spreads them after milliseconds: longer than
-    most frames take. A user who chose the processors, or set PoCL's own variables, is left alone.
-    """
-    everywhere = sys.platform == "linux" and os.sched_getaffinity(0) == set(range(os.cpu_count() or 0))
-    if not everywhere or any(name in os.environ for name in _THREAD_VARIABLES):
-        yield
-        return
-    os.environ["POCL_AFFINITY"] = "1"
-    try:
-        yield
-    finally:
-        del os.environ["POCL_AFFINITY"]
-
-
-def _preload(folder: Path) -> None:
-    """Load what Intel's runtime links to, so that the dynamic linker finds it already there."""
-    for name in _INTEL_NEEDS:
-        try:
-            ctypes.CDLL(str(folder / name))
-        except OSError:  # `problems` tells what is missing
-            continue
+            for name in wanted:
+                del os.environ[name]
 
 
 def _processor() -> str:
@@ -268,3 +241,54 @@ def _processor() -> str:
         return f"{platform.machine()} {platform.processor()}"
     wanted = ("model", "stepping", "flags", "CPU", "Features")
     return "\n".join(line for line in text.splitlines() if line.startswith(wanted))
+
+
+def _install_pocl() -> str:
+    try:
+        lines = platform.freedesktop_os_release()
+    except OSError:
+        return ""
+    sudo = "" if os.geteuid() == 0 else "sudo "
+    family = {lines.get("ID", ""), *lines.get("ID_LIKE", "").split()}
+    if family & {"debian", "ubuntu"}:
+        return f"{sudo}apt install pocl-opencl-icd ocl-icd-libopencl1"
+    if family & {"fedora", "rhel", "centos"}:
+        return f"{sudo}dnf install pocl"
+    return f"{sudo}pacman -S pocl" if "arch" in family else ""
+
+
+def _pinned_threads() -> dict[str, str]:
+    """PoCL keeps each thread that it starts on a processor of its own.
+
+    Linux wakes threads that have slept side by side on one processor, and spreads them after milliseconds: longer than
+    most frames take. A user who chose the processors, or set PoCL's own variables, is left alone.
+    """
+    everywhere = sys.platform == "linux" and os.sched_getaffinity(0) == set(range(os.cpu_count() or 0))
+    return {} if not everywhere or any(name in os.environ for name in _THREAD_VARIABLES) else {"POCL_AFFINITY": "1"}
+
+
+def _mend_pocl_wheel() -> str:
+    """Its compiler is older than many processors; the distribution's build is not."""
+    here = (_SYSTEM_ICDS / "pocl.icd").exists()
+    return "pip uninstall pocl-binary-distribution" if here else cpu_remedies()[0]
+
+
+def _install_intel() -> str:
+    fits = sys.platform == "linux" and platform.machine() in ("x86_64", "AMD64")
+    return "pip install intel-opencl-rt intel-cmplr-lib-rt" if fits else ""
+
+
+_POCL = Runtime("PoCL", "portable computing language", install=_install_pocl, environment=_pinned_threads)
+_POCL_WHEEL = replace(_POCL, name="PoCL's wheel", mend=_mend_pocl_wheel, install=str, wheel="pocl-binary-distribution")
+# Its wheel's ``.icd`` file holds a path of the machine that packed it, for which its library's is put in.
+_INTEL = Runtime(
+    "Intel's CPU runtime",
+    "intel",
+    mend=lambda: "pip install --upgrade intel-opencl-rt intel-cmplr-lib-rt",
+    install=_install_intel,
+    library="libintelocl",
+    needs=("libintlc.so.5", "libirng.so", "libimf.so", "libsvml.so"),
+    needs_from="pip install intel-cmplr-lib-rt",
+)
+RUNTIMES = (_POCL_WHEEL, _POCL, _INTEL)
+"""All that need anything: a device is of the first that says so, and the first that can be installed is best."""

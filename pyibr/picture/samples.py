@@ -10,12 +10,11 @@ import numpy as np
 from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import pitch
 from pyibr.images import DepthImage
+from pyibr.opencl.headers import constant
 from pyibr.opencl.kept import kept
 from pyibr.opencl.launch import launch
 from pyibr.opencl.memory import DeviceArray, empty, upload
 from pyibr.opencl.program import kernel
-
-_FARTHEST = 1e30  # depths beyond it are background, and below its inverse invalid
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,7 @@ def _made_of(view: DepthImage) -> Samples:
         src_height=height,
         src_pitch=pitch(width),
         src_perspective=view.camera.projection == "perspective",
-        far=min(view.far, _FARTHEST),
+        far=min(view.far, 1 / constant("lib/nearness.cl", "NEAREST")),  # beyond, nearness would be invalid
     )
     spread = ranges.to_host()
     low, high = float(spread[:, 0].min()), float(spread[:, 1].max())

@@ -6,13 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pyibr.meshes.mesh import Sides
 from pyibr.opencl.device import current
+from pyibr.opencl.headers import constant
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty, upload
 from pyibr.opencl.program import kernel
 from pyibr.picture.target import Target
 
-BIN = 32  # pixels; as in kernels/raster/
+_CULLED = {"both": "CULLS_NONE", "front": "CULLS_BACKS", "back": "CULLS_FRONTS"}
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,16 @@ class Bins:
     starts: DeviceArray
     columns: int
     grid: tuple[int, int]
+
+
+def bin_side() -> int:
+    """Pixels along the side of a bin."""
+    return int(constant("raster/region.h", "BIN"))
+
+
+def culled(sides: Sides) -> int:
+    """Which triangles kernels leave out so that these sides are drawn."""
+    return int(constant("raster/triangle.h", _CULLED[sides]))
 
 
 def project(target: Target, vertices: DeviceArray, near: float) -> DeviceArray:
@@ -61,23 +73,24 @@ def project(target: Target, vertices: DeviceArray, near: float) -> DeviceArray:
 
 
 def bin_primitives(
-    target: Target, corners: DeviceArray, projected: DeviceArray, near: float, culled: int = 0, sort: bool = False
+    target: Target, corners: DeviceArray, projected: DeviceArray, near: float, sides: Sides = "both", sort: bool = False
 ) -> Bins:
     """Sort primitives, (P, 3) or (P, 4) indices of projected vertices, into the target's bins.
 
-    Each bin's are in the order of their numbers or, with `sort`, from front to back.
+    Each bin's are in the order of their numbers or, with `sort`, from front to back. Of triangles, those that only show
+    another of their `sides` are left out.
     """
 
     profile = current().profile
-    count, sides = corners.shape
-    columns, rows = (-(-size // BIN) for size in target.camera.size)
+    count, each = corners.shape
+    columns, rows = (-(-size // bin_side()) for size in target.camera.size)
     bins = columns * rows
     chunk = max(-(-count // profile.chunks), 1)
     chunks = max(-(-count // chunk), 1)
     boxes, counts, totals = empty((count, 4), np.int16), empty((chunks, bins), np.int32), empty((bins,), np.int32)
     shared = {"primitives": count, "chunk": chunk, "bins_x": columns, "bins_y": rows}
     launch(
-        kernel("raster/bins.cl", "count_bins", CORNERS=sides, BIN=BIN),
+        kernel("raster/bins.cl", "count_bins", CORNERS=each, BIN=bin_side()),
         (chunks,),
         corners=corners,
         projected=projected,
@@ -85,14 +98,14 @@ def bin_primitives(
         counts=counts,
         screen=Struct("Screen", target.screen(near)),
         nearest_w=near,
-        culled=culled,
+        culled=culled(sides),
         **shared,
     )
     starts = np.zeros(bins + 1, np.int32)
     for summed in (False, True):
         uploaded = upload(starts)
         launch(
-            kernel("raster/bins.cl", "start_bins", CORNERS=sides, BIN=BIN),
+            kernel("raster/bins.cl", "start_bins", CORNERS=each, BIN=bin_side()),
             (bins,),
             counts=counts,
             totals=totals,
@@ -105,7 +118,7 @@ def bin_primitives(
             starts = np.concatenate([[0], np.cumsum(totals.to_host())]).astype(np.int32)
     found = empty((max(int(starts[-1]), 1),), np.int32)
     launch(
-        kernel("raster/bins.cl", "fill_bins", CORNERS=sides, BIN=BIN),
+        kernel("raster/bins.cl", "fill_bins", CORNERS=each, BIN=bin_side()),
         (chunks,),
         boxes=boxes,
         counts=counts,
@@ -114,7 +127,7 @@ def bin_primitives(
     )
     if sort:
         launch(
-            kernel("raster/bins.cl", "sort_bins", CORNERS=sides, BIN=BIN),
+            kernel("raster/bins.cl", "sort_bins", CORNERS=each, BIN=bin_side()),
             (bins,),
             corners=corners,
             projected=projected,

@@ -17,9 +17,8 @@ from pyibr.opencl.program import kernel
 from pyibr.picture.drawable import Look, as_drawable
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
-from pyibr.raster.bins import BIN, bin_primitives, project
+from pyibr.raster.bins import bin_primitives, bin_side, culled, project
 
-_CULLED = {"both": 0, "front": 1, "back": -1}  # kernels/raster/mesh.cl
 _GREY = (0.8, 0.8, 0.8)  # of a mesh without texture and colours
 
 
@@ -34,10 +33,10 @@ def draw_mesh(target: Target, mesh: Mesh, lit: Lighting | None) -> None:
         None shows the mesh's own colours as they are.
     """
 
-    near, cull = target.near(mesh.bounds), _CULLED[mesh.sides]
+    near = target.near(mesh.bounds)
     buffers = kept(mesh, "buffers", lambda: _buffers(mesh))
     projected = project(target, buffers["vertices"], near)
-    bins = bin_primitives(target, buffers["faces"], projected, near, cull)
+    bins = bin_primitives(target, buffers["faces"], projected, near, mesh.sides)
     defines: dict[str, int] = {}
     more: dict[str, Any] = {}
     if "texels" in buffers:
@@ -54,7 +53,7 @@ def draw_mesh(target: Target, mesh: Mesh, lit: Lighting | None) -> None:
         if lit.maps is not None:
             more["vertices"] = buffers["vertices"]
     launch(
-        kernel("raster/mesh.cl", "draw_mesh", BIN=BIN, COLOR_BYTES=target.channel_bytes, **defines),
+        kernel("raster/mesh.cl", "draw_mesh", BIN=bin_side(), COLOR_BYTES=target.channel_bytes, **defines),
         bins.grid,
         faces=buffers["faces"],
         projected=projected,
@@ -63,7 +62,7 @@ def draw_mesh(target: Target, mesh: Mesh, lit: Lighting | None) -> None:
         bins_x=bins.columns,
         screen=Struct("Screen", target.screen(near)),
         nearest_w=near,
-        culled=cull,
+        culled=culled(mesh.sides),
         blank=target.blank,
         base_r=_GREY[0],
         base_g=_GREY[1],

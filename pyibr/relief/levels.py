@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pyibr.opencl.headers import constant
+
 Float32 = NDArray[np.float32]
-LEVELS_MOST = 16  # kernels/relief/search.h
 
 
 @dataclass(frozen=True)
@@ -22,7 +23,7 @@ class HeightLevels:
         below; of others two of 16 bits: a texel and its right neighbour. All of them tiled.
     bounds : (m,) uint16
         Greatest height, in 65535ths, of the cells between 2x2 texels, then of 2x2 cells, and so on up to one.
-    table : (levels, 4 + LEVELS_MOST) int32
+    table : (levels, TABLE of kernels/relief/search.h) int32
         Of each level width, height, start in texels, number of its hierarchy's tiers, and their starts in bounds.
     height_bytes : int
         1 or 2: the kernels' HEIGHT_BYTES.
@@ -48,7 +49,7 @@ def height_levels(height: Float32, height_bytes: int) -> HeightLevels:
     words: list[NDArray[np.uint32]] = []
     bounds: list[NDArray[np.uint16]] = []
     rows: list[list[int]] = []
-    level, start, bound_start = height, 0, 0
+    level, start, bound_start, table = height, 0, 0, int(constant("relief/search.h", "TABLE"))
     while True:
         h, w = level.shape
         most = 255 if height_bytes == 1 else 65535
@@ -70,7 +71,7 @@ def height_levels(height: Float32, height_bytes: int) -> HeightLevels:
                 break
             padded = np.pad(cell, ((0, cell.shape[0] % 2), (0, cell.shape[1] % 2)))
             cell = padded.reshape(padded.shape[0] // 2, 2, -1, 2).max(axis=(1, 3))
-        rows.append(row + [0] * (4 + LEVELS_MOST - len(row)))
+        rows.append(row + [0] * (table - len(row)))
         start += fixed.size
         if w == h == 1:
             break

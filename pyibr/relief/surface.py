@@ -15,13 +15,14 @@ from pyibr.meshes.heights import Float32, checked_height, checked_normal_map, ch
 from pyibr.meshes.mesh import Mesh
 from pyibr.meshes.textures import texture_pyramid
 from pyibr.opencl.device import one_call
+from pyibr.opencl.headers import constant
 from pyibr.opencl.kept import kept
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty, upload
 from pyibr.opencl.program import kernel
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
-from pyibr.raster.bins import BIN, bin_primitives, project
+from pyibr.raster.bins import bin_primitives, bin_side, project
 from pyibr.relief.levels import HeightLevels, height_levels
 from pyibr.relief.quadrics import VertexFrames, split_at_mirrors, vertex_frames
 
@@ -30,8 +31,6 @@ Distance = Literal["approximate", "exact"]
 Search = Literal["safe", "linear"]
 
 _COUNT_MOST = 65536
-_DISTANCES = {"approximate": 0, "exact": 1}  # kernels/relief/search.h
-_SEARCHES = {"linear": 0, "safe": 1}  # kernels/relief/relief.cl
 
 
 class ReliefSurface(Fixed):
@@ -201,8 +200,9 @@ def draw_relief(
     buffers = kept(surface, "buffers", lambda: _buffers(surface))
     near = target.near(surface.base.bounds)
     projected = project(target, buffers["points"], near)
-    bins = bin_primitives(target, buffers["faces"], projected, near, culled=1)
-    defines: dict[str, int] = {"DISTANCE": _DISTANCES[surface.distance], "HEIGHT_BYTES": surface.levels.height_bytes}
+    bins = bin_primitives(target, buffers["faces"], projected, near, "front")
+    distance = int(constant("relief/search.h", surface.distance.upper()))
+    defines: dict[str, int] = {"DISTANCE": distance, "HEIGHT_BYTES": surface.levels.height_bytes}
     defines["POWERS_OF_TWO"] = int(all(n & (n - 1) == 0 for n in surface.height.shape))
     more: dict[str, Any] = {}
     if lit is not None:
@@ -218,7 +218,7 @@ def draw_relief(
         more["places"] = places
     K = target.camera.K
     launch(
-        kernel("relief/relief.cl", "draw_relief", BIN=BIN, COLOR_BYTES=target.channel_bytes, **defines),
+        kernel("relief/relief.cl", "draw_relief", BIN=bin_side(), COLOR_BYTES=target.channel_bytes, **defines),
         bins.grid,
         **{name: buffers[name] for name in ("faces", "vertices", "texels", "bounds", "levels", "colors")},
         projected=projected,
@@ -234,7 +234,7 @@ def draw_relief(
         scale=surface.scale,
         pixel_size=1 / float(max(K[0, 0], K[1, 1])),
         quadric=surface.silhouette == "quadric",
-        search=_SEARCHES[surface.search],
+        search=constant("relief/relief.cl", surface.search.upper()),
         steps=surface.steps,
         halvings=surface.halvings,
         blank=target.blank,
@@ -249,7 +249,7 @@ def _buffers(surface: ReliefSurface) -> dict[str, DeviceArray]:
     base, frames, levels = surface.drawn, surface.frames, surface.levels
     uv = np.asarray(base.uv, np.float64) * surface.tiles
     vertices = np.concatenate([uv, frames.normals, frames.gradients.reshape(-1, 6), frames.quadrics], axis=1)
-    rows = np.zeros((len(vertices), 16), np.float32)  # kernels/relief/relief.cl
+    rows = np.zeros((len(vertices), int(constant("relief/relief.cl", "VERTEX"))), np.float32)
     rows[:, : vertices.shape[1]] = vertices
     made = {
         "points": upload(base.vertices),

@@ -17,7 +17,7 @@ from pyibr.images import DepthImage
 from pyibr.images.silhouette import Silhouette, is_opposite
 from pyibr.meshes.textures import rgba_words
 from pyibr.opencl.device import current
-from pyibr.opencl.headers import struct
+from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.kept import kept
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, upload
@@ -31,7 +31,6 @@ Texture = Literal["visible", "naive"]
 Missing = Literal["background", "unknown"]
 Float32 = NDArray[np.float32]
 
-TO_SCREEN = 3  # the axis of slices parallel to the screen, kernels/slicing/object.cl
 _SLICES_MOST = 65536
 _HALVINGS_MOST = 24  # float32 holds no more
 _BEFORE = 2.0  # slices and samples by which a view's surface may lie before a point that it still shows
@@ -223,7 +222,7 @@ def draw_object(target: Target, thing: DepthObject | VisualHull, counts: DeviceA
     record["from_world"] = (box.from_world @ _moved_by(box.center)).ravel()
     record["edges"], record["spacing"] = box.edges, spacing
     depth = float(camera.camera_from_world[2, :3] @ box.center + camera.camera_from_world[2, 3])
-    record["first"] = np.rint(depth / spacing) if slices_axis(thing, camera) == TO_SCREEN else 0
+    record["first"] = np.rint(depth / spacing) if thing.slicing == "screen" else 0
     corners = np.asarray(box.corners, np.float32)
     near = target.near((corners.min(axis=0), corners.max(axis=0)))
     low_x, low_y, across, down = _blocks(target, box, near)
@@ -268,9 +267,9 @@ def _moved_by(offset: Float64) -> Float64:
 
 
 def slices_axis(thing: DepthObject | VisualHull, camera: Camera) -> int:
-    """Which edge of the box the slices stand across: the one that faces the camera most, or `TO_SCREEN`."""
+    """Which edge of the box the slices stand across: the one that faces the camera most, or the kernel's TO_SCREEN."""
     if thing.slicing == "screen":
-        return TO_SCREEN
+        return int(constant("slicing/object.cl", "TO_SCREEN"))
     return int(np.argmax(np.abs(thing.box.axes @ _direction(camera, thing.box))))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 from numpy.typing import NDArray
 
@@ -21,21 +21,20 @@ from pyibr.core.errors import ArgumentError
 from pyibr.meshes.heights import Float32, checked_height, checked_normal_map, checked_tiles, height_pairs
 from pyibr.meshes.mesh import Mesh
 from pyibr.meshes.textures import texture_pyramid
+from pyibr.opencl.headers import constant
 from pyibr.opencl.kept import kept
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, upload
 from pyibr.opencl.program import kernel
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
-from pyibr.raster.bins import BIN, bin_primitives, project
+from pyibr.raster.bins import bin_primitives, bin_side, project
 from pyibr.slicing.prisms import Volume, extruded
 
 Slicing = Literal["surface", "orthogonal", "screen"]
 AlphaTest = Literal["inside", "at_least", "band"]
 
 _SLICES_MOST = 65536
-_SLICINGS = {name: number for number, name in enumerate(get_args(Slicing))}  # SURFACE ... of kernels/slicing/
-_TESTS = {"at_least": 0, "band": 1, "inside": 2}  # kernels/slicing/heights.h
 
 
 class Heights(Fixed):
@@ -184,7 +183,7 @@ def draw_surface(
         defines["COUNTED"] = 1
         more["counts"] = counts
     launch(
-        kernel("slicing/surface.cl", "draw_surface", BIN=BIN, COLOR_BYTES=target.channel_bytes, **defines),
+        kernel("slicing/surface.cl", "draw_surface", BIN=bin_side(), COLOR_BYTES=target.channel_bytes, **defines),
         bins.grid,
         **{name: buffers[name] for name in ("corners", "points", "places", "frames", "gradients", "heights", "colors")},
         projected=projected,
@@ -195,8 +194,8 @@ def draw_surface(
         nearest_w=near,
         spacing=surface.scale / surface.slices,
         slices=surface.slices,
-        slicing=_SLICINGS[surface.slicing],
-        test=_TESTS[surface.test],
+        slicing=constant("slicing/tetrahedra.h", surface.slicing.upper()),
+        test=constant("slicing/heights.h", surface.test.upper()),
         map_width=surface.height.shape[1],
         map_height=surface.height.shape[0],
         color_width=surface.color.shape[1],

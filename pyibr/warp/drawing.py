@@ -16,14 +16,13 @@ from pyibr.picture.shadow import Lighting, shadowed
 from pyibr.picture.target import Target
 from pyibr.warp.launches import Options, fill_from_behind, look
 
-_SHOWN = {"front": 1, "back": 2, "both": 3}  # SHOWS_FRONT, SHOWS_BACK of kernels/lib/surface.h
 _APART_MOST = 64  # pixels between the depths that tell the normals of nearest samples
 
 
 def options_of(how: Look, search: bool = False) -> Options:
     """How views are to be looked at, in the kernels' terms."""
     cut_ratio = float(how.cut_ratio) if how.edges == "cut" else None
-    return Options(search, how.sample == "linear", cut_ratio, _SHOWN[how.side])
+    return Options(search, how.sample == "linear", cut_ratio, how.side)
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,7 @@ class WarpedImage:
         view = self.view.in_float if target.color.dtype == np.float32 else self.view
         options = self.options
         if target.from_light:
-            options = Options(cut_ratio=options.cut_ratio, shown=_SHOWN["both"])
+            options = Options(cut_ratio=options.cut_ratio, side="both")
         samples = samples_of(view)
         pixel_map = PixelMap(camera_pair(view.camera, target.camera), samples.low, samples.high)
         with shadowed(target, lighting, *self._grain(target)):

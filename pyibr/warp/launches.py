@@ -14,20 +14,18 @@ from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64
 from pyibr.core.pixelspace import NO_PARALLAX, CameraPair, PixelMap, Rectangle, pitch
 from pyibr.opencl.device import current
-from pyibr.opencl.headers import struct
+from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty, upload
 from pyibr.opencl.program import kernel
+from pyibr.picture.drawable import Side
 from pyibr.picture.samples import Samples
 from pyibr.picture.target import Target
 from pyibr.warp.lines import line_groups
 
-_EMPTY = -3e38  # EMPTY of kernels/lib/pixelspace.h
-_OF_LINES, _OWN, _OF_ALL = 0, 1, 2  # ANSWERS_... of kernels/warp/resolve.cl
 _APART_MOST = 16
 _LOOK_TORN, _LOOK_CONNECTED = (1.0, 1.5), (0.5, 4.0)  # `rough` and `window` of kernels/warp/resolve.cl, measured
 _CHUNK = 1 << 14  # pixels that one work-item clears
-_BLOCK = 32  # BLOCK of kernels/warp/fill.cl
 
 
 @dataclass(frozen=True)
@@ -42,14 +40,14 @@ class Options:
         Between the samples, or the nearest of them.
     cut_ratio : float or None
         Of depths that tear neighbours apart; None: all of them are connected.
-    shown : int
-        Sides of the surface: SHOWS_FRONT, SHOWS_BACK of kernels/lib/surface.h.
+    side : str
+        Of the surface, which is shown: one of `Side`.
     """
 
     search: bool = False
     linear: bool = True
     cut_ratio: float | None = None
-    shown: int = 1
+    side: Side = "front"
 
     def cut(self, camera: Camera) -> NDArray[np.void]:
         """A record of the kernels' struct Cut: which neighbours of a camera's view are torn apart."""
@@ -86,7 +84,7 @@ def look(samples: Samples, pixel_map: PixelMap, target: Target, options: Options
         "nearness": samples.nearness,
         "map": _map_of(pixel_map.pair),
         "cut": Struct("Cut", options.cut(pixel_map.pair.src)),
-        "shown": options.shown,
+        "shown": constant("lib/surface.h", f"SHOWS_{options.side.upper()}"),
     }
     seen, answers = _ask_lines(samples, pixel_map, target, options, shared)
     _resolve(samples, pixel_map, target, options, {**shared, "seen": seen, "answers": answers}, view)
@@ -95,7 +93,7 @@ def look(samples: Samples, pixel_map: PixelMap, target: Target, options: Options
 
 def _ask_lines(
     samples: Samples, pixel_map: PixelMap, target: Target, options: Options, shared: dict[str, Any]
-) -> tuple[DeviceArray, int]:
+) -> tuple[DeviceArray, float]:
     """What lines (or searches) see, and what it is of: ANSWERS_... of kernels/warp/resolve.cl."""
 
     profile, reach, epipole, aligned = current().profile, pixel_map.reach, pixel_map.epipole, pixel_map.pair.aligned
@@ -106,12 +104,12 @@ def _ask_lines(
     beyond = max(packets * profile.lanes, profile.lanes + _APART_MOST)
     seen = target.scratch(target.camera.height * pitch(target.camera.width) + beyond)
     if reach.empty or (packets and (options.search or not aligned)):  # aligned lines leave out no pixel
-        clear(seen, _EMPTY)
+        clear(seen, constant("lib/pixelspace.h", "EMPTY"))
     if reach.empty:
-        return seen, _OWN
+        return seen, _answers("ARE_OWN")
     if not packets:  # no epipole, or it is all there is: any nearness gives the source position
         clear(seen, pixel_map.typical)
-        return seen, _OF_ALL
+        return seen, _answers("OF_ALL")
     if options.search:
         launch(
             kernel("warp/search.cl", "search"),
@@ -123,10 +121,11 @@ def _ask_lines(
             high_y=reach.high_y,
             **shared,
         )
-        return seen, _OWN
+        return seen, _answers("ARE_OWN")
     # Lines that are the pixels' own must be exact, and connected surfaces have crests that no line may miss. Elsewhere
     # lines tell where to look.
-    exact = not (pixel_map.pair.on_samples if aligned else options.cut_ratio is not None)
+    on_samples = aligned and pixel_map.pair.off_samples < constant("lib/surface.h", "ON_SAMPLES")
+    exact = not (on_samples if aligned else options.cut_ratio is not None)
     launch(
         kernel("warp/epipolar.cl", "epipolar_sweep", ALIGNED=int(aligned), EDGES=int(exact)),
         (packets,),
@@ -138,7 +137,12 @@ def _ask_lines(
         farthest=samples.low,
         **shared,
     )
-    return seen, _OWN if aligned else _OF_LINES
+    return seen, _answers("ARE_OWN" if aligned else "OF_LINES")
+
+
+def _answers(name: str) -> float:
+    """What lines' answers are of."""
+    return constant("warp/resolve.cl", f"ANSWERS_{name}")
 
 
 def _whole_lines(reach: Rectangle, epipole: Float64, camera: Camera) -> Rectangle:
@@ -160,7 +164,7 @@ def _resolve(
         low_x, high_x, low_y, high_y = reach.low_x, reach.high_x, reach.low_y, reach.high_y
     rough, window = _LOOK_CONNECTED if options.cut_ratio is None else _LOOK_TORN
     # Aligned lines leave nothing to look for beside their answers, and what only such a look needs takes a while.
-    told = pixel_map.pair.aligned and shared["answers"] == _OWN
+    told = pixel_map.pair.aligned and shared["answers"] == _answers("ARE_OWN")
     density, typical = (1.0, 1.0) if told else (pixel_map.density, pixel_map.typical)
     apart = min(math.ceil(0.5 / density), _APART_MOST)
     defines = {"COLOR_BYTES": target.channel_bytes, "STRIP": profile.strip, "ZOOMED": int(apart > 1)}
@@ -241,7 +245,8 @@ def fill_from_behind(target: Target, epipole: NDArray[np.float64]) -> None:
         dx, dy = (-x, -y) if x or y else (1, 0)
         launch(kernel("warp/fill.cl", "fill_runs", **defines), grid, dx=dx, dy=dy, **shared)
         return
-    blocks = empty((-(-height // _BLOCK), -(-width // _BLOCK)), np.uint8)
+    block = int(constant("warp/fill.cl", "BLOCK"))
+    blocks = empty((-(-height // block), -(-width // block)), np.uint8)
     launch(kernel("warp/fill.cl", "fill_blocks", **defines), blocks.shape[::-1], blocks=blocks, **image)
     away = {"epipole_x": x, "epipole_y": y, "epipole_w": w}
     launch(kernel("warp/fill.cl", "fill_holes", **defines), grid, blocks=blocks, **away, **shared)

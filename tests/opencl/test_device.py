@@ -185,11 +185,11 @@ def test_remedies_fit_the_device(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
     debian(monkeypatch)
     monkeypatch.setattr(runtimes, "_SYSTEM_ICDS", tmp_path)
     pocl = found(0, "PoCL", "cpu")  # of version "driver 0"
-    monkeypatch.setattr(runtimes, "_pip_pocl", lambda: "driver")
+    monkeypatch.setattr(runtimes, "_version", {"pocl-binary-distribution": "driver"}.get)
     assert remedy_for(pocl) == "sudo apt install pocl-opencl-icd ocl-icd-libopencl1"
     (tmp_path / "pocl.icd").touch()
     assert remedy_for(pocl) == "pip uninstall pocl-binary-distribution"
-    monkeypatch.setattr(runtimes, "_pip_pocl", lambda: "")
+    monkeypatch.setattr(runtimes, "_version", lambda wheel: None)
     assert remedy_for(pocl) == "pip install intel-opencl-rt intel-cmplr-lib-rt"
     assert "The maker" in remedy_for(found(0, "card", "gpu"))
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from pyibr.core.errors import ArgumentError, BuildError
+from pyibr.images import PixelClass
 from pyibr.opencl.device import current
 from pyibr.opencl.headers import SCALARS, constant, kernels_folder, struct
 from pyibr.opencl.launch import Struct, launch
@@ -292,3 +293,8 @@ def test_scalars_are_as_wide_as_in_c(folder):
     found = empty((len(SCALARS),), np.int32)
     launch(kernel("sizes.cl", "sizes"), found.shape, x=found)
     assert found.to_host().tolist() == [kind.itemsize for kind in SCALARS.values()]
+
+
+def test_public_classes_are_the_kernels():
+    for one in PixelClass:
+        assert constant("warp/classify.cl", f"CLASS_{one.name}") == one

@@ -20,7 +20,7 @@ def intel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "etc/OpenCL/vendors/intel-cpu.icd").write_text("/opt/placeholder/lib/libintelocl.so\n")
     (tmp_path / "etc/OpenCL/vendors/emulator.icd").write_text("/opt/placeholder/lib/libnothere.so\n")
     (tmp_path / "lib").mkdir()
-    for name in ("libintelocl.so", *runtimes._INTEL_NEEDS):
+    for name in ("libintelocl.so", *runtimes._INTEL.needs):
         (tmp_path / "lib" / name).touch()
     monkeypatch.setattr(runtimes, "_prefixes", lambda: [tmp_path])
     for name in runtimes._LOADER_VARIABLES:
@@ -53,6 +53,25 @@ def test_what_intels_runtime_lacks_is_named(intel: Path):
     (intel.parent / "libsvml.so").unlink()
     (problem,) = runtimes.problems()
     assert "libsvml.so" in problem.what and problem.remedy == "pip install intel-cmplr-lib-rt"
+
+
+def test_what_a_further_runtime_needs_is_one_object(intel: Path, monkeypatch: pytest.MonkeyPatch):
+    other = runtimes.Runtime(
+        "Another",
+        "nobody's",
+        lambda: "mend it",
+        environment=lambda: {"PYIBR_NOBODYS": "1"},
+        library="libintel",
+        needs=("libmore.so",),
+        needs_from="install it",
+    )
+    monkeypatch.setattr(runtimes, "RUNTIMES", (*runtimes.RUNTIMES, other))
+    with runtimes._mended_runtimes():
+        assert os.environ["PYIBR_NOBODYS"] == "1"
+    assert "PYIBR_NOBODYS" not in os.environ
+    assert runtimes.problems() == [runtimes.Problem(f"Another ({intel}) lacks libmore.so", "install it")]
+    device = runtimes.Found(0, "Nobody's OpenCL", "it", "its maker", "OpenCL 3.0", "", "cpu", "key", None)  # pyright: ignore[reportArgumentType]
+    assert runtimes.remedy_for(device) == "mend it"
 
 
 POCLS = ("POCL_AFFINITY", "POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT")
