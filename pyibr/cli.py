@@ -19,7 +19,8 @@ from pyibr.core.errors import ArgumentError, Error
 from pyibr.depthmesh.segmentation import Segmentation, Test
 from pyibr.images import DepthImage
 from pyibr.opencl.doctor import print_report
-from pyibr.warp.warp import Edges, Method, Sample, Side
+from pyibr.picture.drawable import Edges, Fill, Sample, Side
+from pyibr.warp.warp import Method
 
 _OPTIONS = {
     "view": "DEPTH",
@@ -112,7 +113,7 @@ def warp(
     sample: Annotated[Sample, typer.Option(help="How depth and colour are read")] = "linear",
     edges: Annotated[Edges, typer.Option(help="Neighbours are cut apart at depth edges, or one surface")] = "cut",
     cut_ratio: Annotated[float, typer.Option(help="Cut where neighbours' depths differ by more")] = 1.05,
-    fill: Annotated[Literal["none", "background"], typer.Option(help="Fill holes from their farther side")] = "none",
+    fill: Annotated[Literal["none", Fill], typer.Option(help="Fill holes from their farther side")] = "none",
     side: Annotated[Side, typer.Option(help="Sides of the surface that are shown")] = "front",
     far: _Far = math.inf,
     depth_scale: _Scale = None,

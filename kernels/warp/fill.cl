@@ -17,6 +17,10 @@
 
 #define BLOCK 32
 #define BLOCK_EDGE 0.49f /* pixels from a block's outermost centres to its edge, less what rounding may move a step by */
+#define FILL_BACKGROUND 0
+#ifndef FILL
+#define FILL FILL_BACKGROUND /* which way of filling this is: so far there is but one */
+#endif
 #define SAME_DEPTH 1.02f /* ends whose depths differ by no more than this ratio are one background, */
 #define OTHER_DEPTH 1.1f /* and by more than this two; between them the one passes into the other */
 

@@ -14,7 +14,7 @@ from pyibr.picture.drawable import Look, as_drawable
 from pyibr.picture.samples import samples_of
 from pyibr.picture.shadow import Lighting, shadowed
 from pyibr.picture.target import Target
-from pyibr.warp.launches import Options, fill_from_behind, look
+from pyibr.warp.launches import Options, fill_holes, look
 
 _APART_MOST = 64  # pixels between the depths that tell the normals of nearest samples
 
@@ -22,7 +22,7 @@ _APART_MOST = 64  # pixels between the depths that tell the normals of nearest s
 def options_of(how: Look, search: bool = False) -> Options:
     """How views are to be looked at, in the kernels' terms."""
     cut_ratio = float(how.cut_ratio) if how.edges == "cut" else None
-    return Options(search, how.sample == "linear", cut_ratio, how.side)
+    return Options(search, how.sample == "linear", cut_ratio, how.side, how.fill)
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,6 @@ class WarpedImage:
 
     view: DepthImage
     options: Options
-    fills: bool
 
     @property
     def bounds(self) -> tuple[Float64, Float64]:
@@ -48,8 +47,8 @@ class WarpedImage:
         pixel_map = PixelMap(camera_pair(view.camera, target.camera), samples.low, samples.high)
         with shadowed(target, lighting, *self._grain(target)):
             look(samples, pixel_map, target, options)
-        if self.fills and not target.from_light:
-            fill_from_behind(target, pixel_map.epipole)
+        if options.fill is not None:
+            fill_holes(target, pixel_map.epipole, options.fill)
 
     def _grain(self, target: Target) -> tuple[float, int]:
         """Scene units by which nearest samples lie off the surface, and pixels over which its slope shows."""
@@ -62,4 +61,4 @@ class WarpedImage:
 
 @as_drawable.register
 def _(thing: DepthImage, look: Look) -> WarpedImage:
-    return WarpedImage(thing, options_of(look), look.fill is not None)
+    return WarpedImage(thing, options_of(look))

@@ -18,7 +18,7 @@ from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty, upload
 from pyibr.opencl.program import kernel
-from pyibr.picture.drawable import Side
+from pyibr.picture.drawable import Fill, Side
 from pyibr.picture.samples import Samples
 from pyibr.picture.target import Target
 from pyibr.warp.lines import line_groups
@@ -42,12 +42,15 @@ class Options:
         Of depths that tear neighbours apart; None: all of them are connected.
     side : str
         Of the surface, which is shown: one of `Side`.
+    fill : str or None
+        What is done with holes: one of `Fill`.
     """
 
     search: bool = False
     linear: bool = True
     cut_ratio: float | None = None
     side: Side = "front"
+    fill: Fill | None = None
 
     def cut(self, camera: Camera) -> NDArray[np.void]:
         """A record of the kernels' struct Cut: which neighbours of a camera's view are torn apart."""
@@ -230,13 +233,13 @@ def splat(samples: Samples, pixel_map: PixelMap, target: Target, size: float) ->
     target.blank = False
 
 
-def fill_from_behind(target: Target, epipole: NDArray[np.float64]) -> None:
-    """Holes get what lies behind them along the lines through the epipole, (3,) homogeneous; all 0: along rows."""
-
+def fill_holes(target: Target, epipole: NDArray[np.float64], how: Fill) -> None:
+    """Holes are filled along the lines through the epipole, (3,) homogeneous; all 0: along rows."""
     width, height = target.camera.size
     run = current().profile.run
     grid = -(-width // run), height
-    defines = {"COLOR_BYTES": target.channel_bytes}
+    way = int(constant("warp/fill.cl", f"FILL_{how.upper()}"))
+    defines = {"COLOR_BYTES": target.channel_bytes, "FILL": way}
     image: dict[str, Any] = {"valid": target.valid, "width": width, "height": height}
     shared: dict[str, Any] = {**image, "color": target.color, "depth": target.depth, "run": run}
     x, y, w = (epipole / max(float(np.abs(epipole).max()), 1e-30)).astype(np.float32).tolist()

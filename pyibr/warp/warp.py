@@ -19,7 +19,7 @@ from pyibr.picture.drawable import Edges, Fill, Look, Sample, Side
 from pyibr.picture.samples import Samples, samples_of
 from pyibr.picture.target import Target, frames
 from pyibr.warp.drawing import options_of
-from pyibr.warp.launches import Options, classify, fill_from_behind, look
+from pyibr.warp.launches import Options, classify, fill_holes, look
 from pyibr.warp.launches import splat as splat_samples
 
 Array = NDArray[Any]
@@ -162,7 +162,7 @@ def warp(
         targets: list[Target] = []
         for one, into in zip(cameras, outs, strict=True):
             target = Target(one, sources[0].color.dtype, out=into, classes=bool(classes), pool=pool)
-            _draw_views(target, sources, samples, method, options, float(splat), fill)
+            _draw_views(target, sources, samples, method, options, float(splat))
             targets.append(target)
         made = frames(targets)
     empty = [number for number, frame in enumerate(made) if not frame.valid.any()]
@@ -183,7 +183,6 @@ def _draw_views(
     method: Method,
     options: Options,
     size: float,
-    fill: Fill | None,
 ) -> None:
     """Draw all views into a target, then what is asked for of its holes."""
     maps = [
@@ -198,8 +197,8 @@ def _draw_views(
     if target.classes is not None:
         for number, (some, pixel_map) in enumerate(zip(samples, maps, strict=True)):
             classify(some, pixel_map, target, options, number == 0)
-    if fill is not None:
-        fill_from_behind(target, min(maps, key=lambda pixel_map: pixel_map.parallax).epipole)
+    if options.fill is not None:
+        fill_holes(target, min(maps, key=lambda pixel_map: pixel_map.parallax).epipole, options.fill)
 
 
 def _checked_views(views: DepthImage | Sequence[DepthImage]) -> list[DepthImage]:

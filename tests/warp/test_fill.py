@@ -13,7 +13,7 @@ from pyibr.core.camera import Camera
 from pyibr.opencl.device import current
 from pyibr.opencl.memory import copy, upload
 from pyibr.picture.target import Target
-from pyibr.warp.launches import fill_from_behind
+from pyibr.warp.launches import fill_holes
 from tests import scenes
 from tests.one_lane import one_lane
 from tests.reference.fill import fill_reference
@@ -79,7 +79,7 @@ def filled(color: np.ndarray, depth: np.ndarray, valid: np.ndarray, epipole: Epi
     given = color, depth, valid.astype(np.uint8)
     for array, into in zip(given, (target.color, target.depth, target.valid), strict=True):
         copy(upload(array), into)
-    fill_from_behind(target, np.array(epipole))
+    fill_holes(target, np.array(epipole), "background")
     frame = target.frame()
     np.testing.assert_array_equal(frame.valid, valid)
     return frame.color.copy(), frame.depth.copy()
