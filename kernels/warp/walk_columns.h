@@ -66,9 +66,9 @@ INLINED void extend_torn(Interval *interval, Answers *answers, Step step, Cut cu
                          SweepLines line, LineGroup group, PixelMap map)
 {
     const PassedTriangles triangles = triangles_of(step, cut);
-    Projection begin = step.from.place, enters = begin;
+    Projection begin = step.from.place, enters = begin, held_begin = begin, held_end = begin;
     floatl entered = step.begins;
-    intl inside = 0;
+    intl inside = 0, held = 0; /* held: a run has ended, and waits for those of the other lanes */
     for (int part = 0; part < 4; part++) {
         const floatl leaves = triangles.leaves[part];
         const intl there = active & (leaves > entered) & (entered < step.ends);
@@ -76,16 +76,25 @@ INLINED void extend_torn(Interval *interval, Answers *answers, Step step, Cut cu
         if (part < 3)
             left = pick_projection(leaves < step.ends, project_at(targets, major + line.sign * leaves, triangles.nearness[part]), left);
         const intl stops = there & (triangles.open[part] | IS_BEHIND(map, enters) | IS_BEHIND(map, left));
-        if (any_lane(inside & stops))
-            extend(interval, answers, begin, enters, inside & stops, (intl)0, line, group, map);
-        interval->anew = interval->anew | stops;
+        const intl ends = inside & stops, second = held & there & !stops;
+        if (any_lane(second)) {
+            extend(interval, answers, held_begin, held_end, second, (intl)0, line, group, map);
+            interval->anew = interval->anew | second;
+            held = held & !second;
+        }
+        held = held | ends;
+        held_begin = pick_projection(ends, begin, held_begin);
+        held_end = pick_projection(ends, enters, held_end);
+        interval->anew = interval->anew | (stops & !held);
         begin = pick_projection(inside, begin, enters);
         inside = (inside | there) & !stops;
         enters = pick_projection(there, left, enters);
         entered = pick(there, leaves, entered);
     }
-    if (any_lane(inside))
-        extend(interval, answers, begin, enters, inside, (intl)0, line, group, map);
+    if (any_lane(held | inside))
+        extend(interval, answers, pick_projection(held, held_begin, begin), pick_projection(held, held_end, enters), held | inside,
+               (intl)0, line, group, map);
+    interval->anew = interval->anew | held;
 }
 
 /* Returns the columns that were passed. */
