@@ -66,15 +66,27 @@ INLINED void extend_torn(Interval *interval, Answers *answers, Step step, Cut cu
                          SweepLines line, LineGroup group, PixelMap map)
 {
     const PassedTriangles triangles = triangles_of(step, cut);
-    Projection begin = step.from.place, enters = begin, held_begin = begin, held_end = begin;
-    floatl entered = step.begins;
+    const int is_clipped = any_lane((step.begins > 0.0f) | (step.ends < 1.0f));
+    Projection begin = step.from.place, enters = begin, held_begin = begin, held_end = begin, last = begin;
+    floatl entered = 0.0f;
     intl inside = 0, held = 0; /* held: a run has ended, and waits for those of the other lanes */
     for (int part = 0; part < 4; part++) {
         const floatl leaves = triangles.leaves[part];
-        const intl there = active & (leaves > entered) & (entered < step.ends);
         Projection left = step.to.place;
         if (part < 3)
-            left = pick_projection(leaves < step.ends, project_at(targets, major + line.sign * leaves, triangles.nearness[part]), left);
+            left = project_at(targets, major + line.sign * leaves, triangles.nearness[part]);
+        const Projection passed = left;
+        const intl is_passed = leaves > entered;
+        intl there = active & is_passed;
+        if (is_clipped) { /* of this triangle's part of the way, what is the lines' */
+            const floatl low = greater(entered, step.begins), high = lesser(leaves, step.ends);
+            const floatl change = (left.nearness - enters.nearness) / (leaves - entered);
+            const Projection at_low = project_at(targets, major + line.sign * low, enters.nearness + (low - entered) * change);
+            const Projection at_high = project_at(targets, major + line.sign * high, enters.nearness + (high - entered) * change);
+            left = pick_projection(is_passed & (high < leaves), at_high, left);
+            enters = pick_projection(is_passed & (low > entered), at_low, enters);
+            there = there & (high > low);
+        }
         const intl stops = there & (triangles.open[part] | IS_BEHIND(map, enters) | IS_BEHIND(map, left));
         const intl ends = inside & stops, second = held & there & !stops;
         if (any_lane(second)) {
@@ -84,15 +96,16 @@ INLINED void extend_torn(Interval *interval, Answers *answers, Step step, Cut cu
         }
         held = held | ends;
         held_begin = pick_projection(ends, begin, held_begin);
-        held_end = pick_projection(ends, enters, held_end);
+        held_end = pick_projection(ends, last, held_end);
         interval->anew = interval->anew | (stops & !held);
         begin = pick_projection(inside, begin, enters);
         inside = (inside | there) & !stops;
-        enters = pick_projection(there, left, enters);
-        entered = pick(there, leaves, entered);
+        last = pick_projection(there, left, last);
+        enters = pick_projection(is_passed, passed, enters);
+        entered = greater(entered, leaves);
     }
     if (any_lane(held | inside))
-        extend(interval, answers, pick_projection(held, held_begin, begin), pick_projection(held, held_end, enters), held | inside,
+        extend(interval, answers, pick_projection(held, held_begin, begin), pick_projection(held, held_end, last), held | inside,
                (intl)0, line, group, map);
     interval->anew = interval->anew | held;
 }
@@ -160,24 +173,24 @@ INLINED uint walk(Grid grid, SweepLines line, LineGroup group, PixelMap map, Ans
         }
         step.begins = 0.0f;
         step.ends = 1.0f;
-        if (count == 1 || any_lane(is_last)) {
-            const floatl nearness = from.place.nearness, change = to.place.nearness - nearness;
-            if (count == 1) {
-                step.begins = begins;
-                step.from.place = project_at(targets, major + line.sign * (begins - 1.0f), nearness + begins * change);
-            }
-            step.ends = pick(is_last, ends, step.ends);
-            to.place = pick_projection(is_last, project_at(targets, major + line.sign * (ends - 1.0f), nearness + ends * change), to.place);
-        }
+        if (count == 1)
+            step.begins = begins;
+        step.ends = pick(is_last, ends, step.ends);
         step.to = to;
 
         const floatl high = greater(greater(greater(from.a, from.b), greater(to.a, to.b)), greater(step.beyond_from, step.beyond_to));
         const floatl low = lesser(lesser(lesser(from.a, from.b), lesser(to.a, to.b)), lesser(step.beyond_from, step.beyond_to));
         const intl torn = IS_OPEN(grid.cut, high, low) | IS_BEHIND(map, step.from.place) | IS_BEHIND(map, to.place);
-        if (any_lane(active & torn))
+        if (any_lane(active & torn)) {
             extend_torn(&interval, answers, step, grid.cut, targets, major - line.sign, active, line, group, map);
-        else
-            extend(&interval, answers, step.from.place, to.place, active, (intl)0, line, group, map);
+        } else if (count == 1 || any_lane(is_last)) {
+            const floatl nearness = from.place.nearness, change = to.place.nearness - nearness;
+            const Projection begin = project_at(targets, major + line.sign * (step.begins - 1.0f), nearness + step.begins * change);
+            const Projection end = project_at(targets, major + line.sign * (step.ends - 1.0f), nearness + step.ends * change);
+            extend(&interval, answers, begin, end, active, (intl)0, line, group, map);
+        } else {
+            extend(&interval, answers, from.place, to.place, active, (intl)0, line, group, map);
+        }
         step.from = to;
     }
     return columns;
