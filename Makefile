@@ -2,7 +2,7 @@
 PYTHON ?= python3
 RUN := .venv/bin/python
 
-.PHONY: help setup demo test check bench docs clean
+.PHONY: help setup demo test fuzz check bench docs clean
 
 help:  ## this list
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /\1\t/' | expand -t 10
@@ -10,19 +10,21 @@ help:  ## this list
 .venv/.ready: pyproject.toml tools/setup.py
 	@$(PYTHON) tools/setup.py
 
-.venv/.docs: .venv/.ready
-	@$(RUN) -m pip install -q -e '.[docs]' && touch $@
-
-.venv/.bench: .venv/.ready
-	@$(RUN) -m pip install -q -e '.[bench]' && touch $@
+.venv/.docs .venv/.bench .venv/.cpu: .venv/.%: .venv/.ready
+	@$(RUN) -m pip install -q -e '.[$*]' && touch $@
 
 setup: .venv/.ready  ## system libraries, .venv and the Python packages
 
 demo: .venv/.ready  ## new views of a terrain: build/demo.png
 	@$(RUN) docs/gallery/demo.py
 
-test: .venv/.ready  ## the tests (ARGS="-k warp" for some of them)
-	@$(RUN) -m pytest -q $(ARGS)
+# A test on Intel's runtime wants it.
+test: .venv/.ready $(if $(findstring intel,$(PYIBR_DEVICE)),.venv/.cpu)  ## the tests (ARGS="-k warp" for some of them)
+	@$(RUN) -m pytest -q -n logical --dist loadfile $(ARGS)
+
+fuzz: .venv/.ready  ## 20,000 random warps and 10,000 random renders against the law of all calls
+	@$(RUN) -m tests.attack warp --first 100000 --count 20000
+	@$(RUN) -m tests.attack render --first 100000 --count 10000
 
 check: .venv/.ready  ## lint, format, types and who imports whom
 	@$(RUN) -m ruff check .

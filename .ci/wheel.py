@@ -1,23 +1,29 @@
-"""Tiny inputs for `pyibr warp` ("make"), and whether its picture is right ("check")."""
+"""What an installed wheel can do: tiny inputs for `pyibr warp` ("make"), whether its picture is right ("check"), and
+what else works in the environments of installs.py ("bare", "beside", "all")."""
 
 from __future__ import annotations
 
 import json
 import sys
+from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 import imageio.v3 as iio
 import numpy as np
 
+import pyibr as ibr
+
 WIDTH, HEIGHT = 40, 30
 SHIFT = 4  # pixels: the plane is at depth 2, the focal length 40 and the camera moves by 0.2
+K = [[40, 0, 19.5], [0, 40, 14.5], [0, 0, 1]]
 
 
 def make() -> None:
     color = np.random.default_rng(0).integers(0, 256, (HEIGHT, WIDTH, 3), dtype=np.uint8)
     iio.imwrite("color.png", color)
     np.save("depth.npy", np.full((HEIGHT, WIDTH), 2.0, np.float32))
-    camera = {"width": WIDTH, "height": HEIGHT, "K": [[40, 0, 19.5], [0, 40, 14.5], [0, 0, 1]]}
+    camera = {"width": WIDTH, "height": HEIGHT, "K": K}
     Path("camera.json").write_text(json.dumps(camera))
     pose = np.eye(4)
     pose[0, 3] = 0.2
@@ -31,7 +37,64 @@ def check() -> None:
     error = np.abs(out[1:-1, 1 : -SHIFT - 1].astype(int) - color[1:-1, SHIFT + 1 : -1])
     if error.max() > 2:
         sys.exit(f"out.png is not the picture moved by {SHIFT} pixels: it is off by up to {error.max()}")
+    text = str(metadata.metadata("pyibr-opencl").get_payload())
+    if "](docs/" in text or "](LICENSE" in text:
+        sys.exit("the description for package indexes has links that lead nowhere there")
+
+
+def bare() -> None:
+    """What is missing is named."""
+    for call, extra in ((undistort, "opencv"), (capture, "capture"), (exr, "exr")):
+        try:
+            call()
+        except ibr.MissingPackageError as error:
+            if f"pip install 'pyibr-opencl[{extra}]'" in str(error):
+                continue
+            sys.exit(f"the error does not name the extra {extra}: {error}")
+        sys.exit(f"{call.__name__} needs nothing of the extra {extra}")
+
+
+def beside() -> None:
+    """The OpenCV that was there before is used, and has its windows still."""
+    import cv2
+
+    undistort()
+    lines = [line.split(":", 1) for line in cv2.getBuildInformation().splitlines() if line.strip().startswith("GUI:")]
+    if not lines or lines[0][1].strip() in ("", "NONE"):
+        sys.exit(f"this OpenCV has lost its windows: {lines}")
+    owners = [d for d in metadata.distributions() if d.metadata["Name"].startswith("opencv-")]
+    if len(owners) != 1:
+        sys.exit(f"there are {len(owners)} OpenCV packages, expected one")
+
+
+def every() -> None:
+    """All extras do what they are for, and a CPU works without a driver of the system's."""
+    undistort()
+    capture()
+    exr()
+    if not any(device.works for device in ibr.devices() if "intel" in device.platform.lower()):
+        sys.exit(f"Intel's runtime does not work: {ibr.devices()}")
+
+
+def undistort() -> None:
+    color, depth = np.zeros((HEIGHT, WIDTH, 3), np.uint8), np.full((HEIGHT, WIDTH), 2, np.float32)
+    ibr.undistort(color, depth, K, [0.1, 0, 0, 0])
+
+
+def capture() -> None:
+    from pyibr.capture import MeshScene
+
+    scene = MeshScene([[-9, -9, 1], [9, -9, 1], [0, 9, 1]], [[0, 1, 2]])
+    if not scene.capture(ibr.Camera(K, (WIDTH, HEIGHT))).valid.any():
+        sys.exit("a captured view is empty")
+
+
+def exr() -> None:
+    ibr.write_depth("depth.exr", np.full((HEIGHT, WIDTH), 2, np.float32))
+    if (ibr.read_depth("depth.exr") != 2).any():
+        sys.exit("depth.exr does not hold what was written")
 
 
 if __name__ == "__main__":
-    {"make": make, "check": check}[sys.argv[1]]()
+    actions: dict[str, Any] = {"make": make, "check": check, "bare": bare, "beside": beside, "all": every}
+    actions[sys.argv[1]]()

@@ -49,6 +49,7 @@ class Plan:
     rgbd_stereo: Mapping[tuple[Size, float], int]  # size and noise
     rgbd_light_field: Mapping[tuple[int, int], int]  # side and number of views
     rgbd_small: Mapping[int, int]
+    rgbd_steady: Mapping[Size, int]  # frames
     startup_repeats: int
     startup_empty_cache: bool  # begin with nothing built, so that a first process shows what building costs
     memory: tuple[int, ...]
@@ -96,6 +97,7 @@ FULL = Plan(
     rgbd_stereo={((1280, 720), noise): 31 for noise in (0.0, 0.1, 0.3)},
     rgbd_light_field={(512, 48): 11},
     rgbd_small={64: 201},
+    rgbd_steady={(640, 480): 30},
     startup_repeats=5,
     startup_empty_cache=True,
     memory=(1024, 4096),
@@ -138,6 +140,7 @@ QUICK = Plan(
     rgbd_stereo={((96, 54), 0.0): 1},
     rgbd_light_field={(32, 3): 1},
     rgbd_small={16: 3},
+    rgbd_steady={(64, 48): 3},
     startup_repeats=1,
     startup_empty_cache=False,
     memory=(256,),

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 PACKAGES = {
-    "pyibr": ("pyibr",),
+    "pyibr": ("pyibr-opencl",),
     "numpy": ("numpy",),
     "pyopencl": ("pyopencl",),
     "opencv": (

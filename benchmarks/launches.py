@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from pyibr.opencl.memory import empty
-from pyibr.opencl.watch import Watch, watching
+from pyibr.opencl.watch import LaunchTimes, Watch, watching
 
 COUNTED = ("epipolar_sweep", "search", "resolve")
 
@@ -34,27 +33,14 @@ class Visited:
     pixels: int = 0
 
 
-class _Times(Watch):
-    def __init__(self) -> None:
-        self.of: dict[str, list[float]] = defaultdict(list)
-
-    def launch(
-        self, kernel: Any, grid: tuple[int, ...], arguments: Mapping[str, Any], enqueue: Callable[..., None]
-    ) -> None:
-        kernel.session.queue.finish()
-        start = time.perf_counter()
-        enqueue(**arguments)
-        kernel.session.queue.finish()
-        self.of[kernel.name].append(1e3 * (time.perf_counter() - start))
-
-
 @contextmanager
 def kernel_times() -> Iterator[dict[str, list[float]]]:
     """Yields milliseconds by kernel, one value a launch; the queue is awaited before and after each."""
-    times = _Times()
-    with watching(times):
-        yield times.of
-    _require(times.of, "no launch was seen")
+    times: dict[str, list[float]] = {}
+    with watching(LaunchTimes()) as seen:
+        yield times
+    times |= {name: [1e3 * seconds for seconds in each] for name, each in seen.of.items()}
+    _require(times, "no launch was seen")
 
 
 class _BuildTimes(Watch):

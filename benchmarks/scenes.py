@@ -182,12 +182,16 @@ def rgbd(scene: str, number: int, size: tuple[int, int], noise: float = 0.0) -> 
     except ibr.MissingPackageError as error:
         return Skip(scene, str(error))
     if noise > 0:
-        focal = float(camera.K[0, 0])
-        disparity = ibr.disparity_from_depth(depth, focal, _BASELINE)
-        disparity += np.random.default_rng(number).normal(0, noise, depth.shape)
-        disparity = np.round(disparity * _DISPARITY_STEPS) / _DISPARITY_STEPS
-        depth = ibr.depth_from_disparity(disparity, focal, _BASELINE)
+        depth = with_disparity_noise(depth, float(camera.K[0, 0]), noise, np.random.default_rng(number))
     return ibr.DepthImage(color, depth, camera)
+
+
+def with_disparity_noise(depth: Array, focal: float, noise: float, rng: np.random.Generator) -> Array:
+    """Depth as structured light with a baseline of 7.5 cm delivers it, see `rgbd`."""
+    disparity = ibr.disparity_from_depth(depth, focal, _BASELINE)
+    disparity += rng.normal(0, noise, depth.shape)
+    disparity = np.round(disparity * _DISPARITY_STEPS) / _DISPARITY_STEPS
+    return ibr.depth_from_disparity(disparity, focal, _BASELINE)
 
 
 def shown(size: tuple[int, int]) -> str:

@@ -47,11 +47,11 @@ def _prepare(model: str, n: int, repeats: int, mesh: str) -> Work | Skip:
     camera, side = models.view(views, (n, n)), SIDES[model]
 
     def warp(sample: Any) -> ibr.Frame:
-        return ibr.warp(views, camera, sample=sample, side=side, edges="connect")
+        return ibr.warp(views, camera, sample=sample, side=side, edges="connect", blend="nearest")
 
     def fresh() -> ibr.Frame:
         again = [ibr.DepthImage(view.color, view.depth, view.camera, view.far) for view in views]
-        return ibr.warp(again, camera, sample="nearest", side=side, edges="connect")
+        return ibr.warp(again, camera, sample="nearest", side=side, edges="connect", blend="nearest")
 
     def read() -> Iterator[Record]:
         parameters = {"model": model, "size": n}

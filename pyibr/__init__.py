@@ -1,9 +1,13 @@
 """New views from images with depth, on any OpenCL device.
 
-Importing this touches no device, and loads neither pyopencl nor OpenCV.
+Importing this touches no device, and loads neither pyopencl nor OpenCV. All systems but the warp, and what opens pages,
+are loaded when they are first used.
 """
 
 from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
 
 from pyibr.core.camera import Camera
 from pyibr.core.errors import (
@@ -14,11 +18,13 @@ from pyibr.core.errors import (
     FileFormatError,
     MissingPackageError,
 )
-from pyibr.depthmesh import DepthMesh, DepthMeshObject
+from pyibr.core.lens import Lens
 from pyibr.images import (
+    CleanedDepth,
     DepthImage,
     Frame,
     PixelClass,
+    clean_depth,
     depth_from_disparity,
     depth_from_euclidean,
     depth_from_mpeg,
@@ -36,16 +42,35 @@ from pyibr.opencl.device import Device, devices, use_device
 from pyibr.picture.drawable import Drawable
 from pyibr.picture.light import Light
 from pyibr.picture.render import render
-from pyibr.relief import ReliefSurface
-from pyibr.slicing import DepthObject, SlicedSurface, VisualHull
-from pyibr.warp import warp  # takes its package's place as an attribute
+from pyibr.picture.straighten import straightened
+from pyibr.warp import RegisteredColor, register, warp  # `warp` takes its package's place as an attribute
+
+import_module("pyibr.raster")  # it draws meshes, which know nothing of it
+
+if TYPE_CHECKING:
+    from pyibr.app.place import place
+    from pyibr.app.view import view
+    from pyibr.capture.sets import load
+    from pyibr.depthmesh import DepthMesh, DepthMeshObject
+    from pyibr.relief import ReliefSurface
+    from pyibr.slicing import DepthObject, SlicedSurface, VisualHull
 
 __version__ = "0.1.0"
+
+_LATER = {
+    "app.place": ("place",),
+    "app.view": ("view",),
+    "capture.sets": ("load",),
+    "depthmesh": ("DepthMesh", "DepthMeshObject"),
+    "relief": ("ReliefSurface",),
+    "slicing": ("DepthObject", "SlicedSurface", "VisualHull"),
+}
 
 __all__ = [
     "ArgumentError",
     "BuildError",
     "Camera",
+    "CleanedDepth",
     "DepthImage",
     "DepthMesh",
     "DepthMeshObject",
@@ -56,15 +81,18 @@ __all__ = [
     "Error",
     "FileFormatError",
     "Frame",
+    "Lens",
     "Light",
     "Mesh",
     "MissingPackageError",
     "PixelClass",
+    "RegisteredColor",
     "ReliefSurface",
     "Silhouette",
     "SlicedSurface",
     "VisualHull",
     "__version__",
+    "clean_depth",
     "depth_from_disparity",
     "depth_from_euclidean",
     "depth_from_mpeg",
@@ -72,15 +100,33 @@ __all__ = [
     "devices",
     "disparity_from_depth",
     "euclidean_from_depth",
+    "load",
     "mpeg_from_depth",
+    "place",
     "read_color",
     "read_depth",
+    "register",
     "render",
+    "straightened",
     "uint16_from_depth",
     "undistort",
     "use_device",
+    "view",
     "warp",
     "write_color",
     "write_depth",
     "write_mask",
 ]
+
+
+def __getattr__(name: str) -> object:
+    for room, names in _LATER.items():
+        if name == room or name in names:
+            module = import_module(f"{__name__}.{room}")
+            value = globals()[name] = module if name == room else getattr(module, name)
+            return value
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *(room for room in _LATER if "." not in room), *__all__})

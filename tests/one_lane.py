@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from pyibr.opencl import device
+from pyibr.opencl.flight import Flight
 from pyibr.opencl.profile import GPU
 from pyibr.opencl.spare import Spare
 
@@ -22,8 +23,10 @@ from pyibr.opencl.spare import Spare
 def one_lane() -> Generator[None, None, None]:
     """Within it kernels have one lane, and memory is copied to and fro."""
     session = device.current()
+    # Of the sizes of work-groups that it may choose, PoCL compiles each anew.
+    profile = dataclasses.replace(GPU, local_size=1)
     index = session.device.index
-    device._sessions[index] = dataclasses.replace(session, profile=GPU, kernels={}, spare=Spare(), in_flight=[])
+    device._sessions[index] = dataclasses.replace(session, profile=profile, kernels={}, spare=Spare(), flight=Flight())
     device._default_session.cache_clear()
     try:
         assert device.current().profile.lanes == 1

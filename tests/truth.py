@@ -192,7 +192,7 @@ def samples(view: DepthImage) -> Array:
     height, width = view.depth.shape
     y, x = np.mgrid[:height, :width].astype(np.float64)
     z = view.depth.astype(np.float64)
-    ray = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(view.camera.K).T
+    ray = straight(view.camera, np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(view.camera.K).T)
     if view.camera.projection == "perspective":
         return (ray * z[..., None]).reshape(-1, 3)
     return np.stack([ray[..., 0], ray[..., 1], z], axis=-1).reshape(-1, 3)
@@ -205,7 +205,7 @@ def rays(camera: Camera, frame: Camera, box: tuple[Array, Array], x: Array, y: A
     planar z. A perspective ray starts at the camera's centre, an orthographic one far enough back to have all
     of ``box`` (its two corners, in ``frame``) ahead.
     """
-    pixel = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(camera.K).T
+    pixel = straight(camera, np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(camera.K).T)
     frame_from_camera = frame.camera_from_world @ camera.world_from_camera
     rotation, center = frame_from_camera[:3, :3], frame_from_camera[:3, 3]
     if camera.projection == "perspective":
@@ -220,8 +220,36 @@ def rays(camera: Camera, frame: Camera, box: tuple[Array, Array], x: Array, y: A
 def project(camera: Camera, points: Array) -> Array:
     """(n, 2) pixels of points given in the camera's own frame."""
     scale = points[:, 2:] if camera.projection == "perspective" else 1.0
-    plane_points = points[:, :2] / scale
+    plane_points = bent(camera, points[:, :2] / scale)
     return plane_points @ camera.K[:2, :2].T + camera.K[:2, 2]
+
+
+def straight(camera: Camera, ray: Array) -> Array:
+    """Directions (..., 3), z = 1, without what the camera's lens does to them: OpenCV's answer."""
+    if camera.lens is None or not ray.size:
+        return ray
+    import cv2
+
+    seen, coefficients = ray[..., :2].copy().reshape(-1, 1, 2), np.array(camera.lens.coefficients)
+    if camera.lens.model == "kannala_brandt":
+        ideal = cv2.fisheye.undistortPoints(seen, np.eye(3), coefficients)
+    else:
+        done = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 500, 1e-13)
+        ideal = cv2.undistortPoints(seen, np.eye(3), coefficients, R=None, P=None, criteria=done)
+    return np.concatenate([ideal.reshape(*ray.shape[:-1], 2), ray[..., 2:]], axis=-1)
+
+
+def bent(camera: Camera, points: Array) -> Array:
+    """Where the camera's lens sees ideal positions (n, 2): OpenCV's answer."""
+    if camera.lens is None or not len(points):
+        return points
+    import cv2
+
+    coefficients = np.array(camera.lens.coefficients)
+    if camera.lens.model == "kannala_brandt":
+        return cv2.fisheye.distortPoints(points[None], np.eye(3), coefficients)[0]
+    ahead = np.column_stack([points, np.ones(len(points))])
+    return cv2.projectPoints(ahead, np.zeros(3), np.zeros(3), np.eye(3), coefficients)[0][:, 0]
 
 
 def barycentric(corner: Array, point: Array) -> Array:

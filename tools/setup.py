@@ -15,7 +15,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 VENV = ROOT / ".venv"
-EXTRAS = "mesh,exr,plot,dev"
+EXTRAS = "opencv,capture,exr,plot,view,dev"
 OLDEST, NEWEST = (3, 10), (3, 13)  # what Open3D, which the tests measure against, has wheels for
 
 LIBRARIES = {  # what `import open3d` loads, and the Debian or Ubuntu package that brings it

@@ -9,7 +9,6 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
-from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -25,6 +24,7 @@ from benchmarks.scenes import scanned
 from pyibr.capture import MeshScene, models, object_views
 from pyibr.core.camera import Projection
 from pyibr.core.errors import MissingPackageError
+from pyibr.core.optional import opencv
 from pyibr.depthmesh.object import Blend
 from pyibr.depthmesh.segmentation import Segmentation
 from pyibr.depthmesh.tree import build_tree
@@ -239,7 +239,7 @@ def _quality(parameters: dict[str, Parameter], count: int, plan: Plan) -> Work |
 
 def structural_similarity(a: NDArray[Any], b: NDArray[Any], valid: NDArray[np.bool_]) -> float:
     """Mean SSIM (uint8, Gaussian window of 11 pixels) over the valid pixels; the others are black in both."""
-    cv2: Any = import_module("cv2")
+    cv2 = opencv("SSIM", "quality")  # of its contributed modules
     _, every = cv2.quality.QualitySSIM_compute(*(np.where(valid[..., None], image, np.uint8(0)) for image in (a, b)))
     return float(every[valid].mean())
 

@@ -14,6 +14,7 @@ import pyibr as ibr
 from benchmarks.launches import kernel_times
 from benchmarks.results import Parameter, Record
 from benchmarks.runner import Subject
+from pyibr.core.optional import opencv
 
 Array = NDArray[Any]
 Options = Mapping[str, Any]  # of ibr.warp
@@ -59,8 +60,7 @@ class Task:
 
 def subjects(task: Task) -> dict[str, Subject]:
     """OpenCV's warps. cv2.remap is given finished maps: the least that a warp of colour and depth costs."""
-    import cv2
-
+    cv2 = opencv("the benchmark of the warp", "warpFrame", "registerDepth")
     K, Rt, undistorted = task.source.K, task.target_from_source, np.zeros(5)
     across, down = source_positions(task)
 
@@ -102,8 +102,7 @@ def kernels(task: Task, ours: Mapping[str, Options], parameters: dict[str, Param
 
 def sameness(task: Task, name: str, options: Options, parameters: dict[str, Parameter]) -> Iterator[Record]:
     """How much of the target one of ours and cv2.warpFrame cover, and that both mean the same warp."""
-    import cv2
-
+    cv2 = opencv("the benchmark of the warp", "warpFrame")
     depth, _, seen = cv2.warpFrame(task.depth, task.color, task.mask, task.target_from_source, task.source.K)
     frame = task.ours(**options)
     both = frame.valid & (seen > 0)

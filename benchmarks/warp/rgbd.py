@@ -18,7 +18,7 @@ from benchmarks import scenes
 from benchmarks.cases import Plan
 from benchmarks.results import Parameter, Record, Skip
 from benchmarks.runner import Case, Subject, Work
-from benchmarks.warp import opencv, rgbd_uses
+from benchmarks.warp import opencv, rgbd_uses, steady
 from benchmarks.warp.opencv import Task
 
 Array = NDArray[Any]
@@ -82,7 +82,7 @@ PUBLISHED = (
 
 
 def cases(plan: Plan) -> Iterator[Case]:
-    """One case a size, noise and motion; then the uses."""
+    """One case a size, noise and motion; then the uses, and what a camera at rest shows."""
     scene = plan.rgbd_scene
     if scene == scenes.LIVINGROOM and not (scenes.data_folder() / "rgbd_livingroom1").is_dir():
         skip = Skip(scene, f"rgbd_{scene} is not in $PYIBR_DATA; {scenes.ROOM}, ray cast, stands in for it")
@@ -103,6 +103,7 @@ def cases(plan: Plan) -> Iterator[Case]:
                     ours = [subject for subject in OURS if subject != CONNECTED or size in plan.rgbd_connected]
                     yield Case(parameters, functools.partial(_prepare, parameters, size, ours, repeats))
     yield from rgbd_uses.cases(plan, scene)
+    yield from steady.cases(plan, scene)
 
 
 def _prepare(parameters: dict[str, Parameter], size: Size, ours: list[str], repeats: int) -> Work | Skip:

@@ -8,7 +8,7 @@ from benchmarks import plots
 from benchmarks.results import Parameter, Record, Result
 from benchmarks.statistics import Quartiles, median, number
 from benchmarks.tables import only, table, verdict
-from benchmarks.warp import rgbd, rgbd_uses
+from benchmarks.warp import rgbd, rgbd_uses, steady
 from benchmarks.warp.opencv import BASE, REGISTER, REMAP
 from benchmarks.warp.rgbd import LINEAR, MOTIONS, OURS
 
@@ -64,16 +64,28 @@ SMALL = """### Small images
 Milliseconds of a warp whose kernels have next to nothing to do.
 """
 
+STEADY = """### Steady over time
+
+Standard deviations over {frames} frames of a camera at rest, means over the pixels that the noise-free view sees, and
+over its holes, which are filled: depth in millimetres, colour in levels of 255. Each frame has noise of its own:
+{noise:g} pixels of disparity, {lost:.0%} of the samples missing, {color:g} levels of colour. The bar: no more than the
+input's.
+"""
+
 PUBLISHED = """### Published figures of others
 
 **As published, on other machines, with other inputs: not measured here.** RVS merges its four views.
 """
 
 
+_KINDS = (steady.DEPTH, steady.COLOR)
+
+
 def rgbd_section(result: Result, folder: Path) -> list[str]:
     """Ratios with their bars, the worst of them, the uses, and each row."""
     rows = _Rows(result)
     uses = [*_threads(result), *_noise(result), *_stereo(result), *_light_field(result), *_small(result)]
+    uses += _steady(result)
     parts = [PUBLISHED, table(["program", "task", "time", "machine", "source"], [_cells(p) for p in rgbd.PUBLISHED])]
     if not rows.found:
         return [RGBD.split("\n", 1)[0] + "\n", *uses, *parts]
@@ -258,3 +270,30 @@ def _small(result: Result) -> list[str]:
         row = [str(record.parameters["size"]), record.subject, str(Quartiles.of(record.values))]
         lines.append([*row, *(judged if fresh else ["", ""])])
     return [SMALL, table(["size", "view", "ms", "bar", ""], lines)] if lines else []
+
+
+def _steady(result: Result) -> list[str]:
+    lines: list[list[str]] = []
+    frames = 0
+    for (size, motion), records in _by(result, "size", "motion", case="steady").items():
+        frames = int(records[0].parameters["frames"])
+        found = {(r.subject, r.parameters["fill"], r.parameters["where"], r.quantity): r.values[0] for r in records}
+        most = [found[steady.INPUT, "", steady.INPUT, quantity] for quantity in (steady.DEPTH, steady.COLOR)]
+        lines.append([str(size), str(motion), "", steady.INPUT, *_levels(most), "", "", ""])
+        for fill in steady.FILLS:
+            for subject in (steady.RAW, steady.SINGLE, steady.STEADY):
+                values = [
+                    [found[key] if (key := (subject, fill, where, quantity)) in found else 0.0 for quantity in _KINDS]
+                    for where in (steady.SEEN, steady.HOLES)
+                ]
+                met = all(value <= bar for part in values for value, bar in zip(part, most, strict=True))
+                judged = verdict(met) if subject == steady.STEADY else ""
+                lines.append(["", "", fill, subject, *_levels(values[0]), *_levels(values[1]), judged])
+    heads = ["size", "motion", "fill", "depth", "seen: mm", "levels", "holes: mm", "levels", "bar"]
+    noise = {"noise": steady.NOISE, "lost": steady.LOST, "color": steady.COLOR_NOISE}
+    return [STEADY.format(frames=frames, **noise), table(heads, lines)] if lines else []
+
+
+def _levels(deviations: list[float]) -> list[str]:
+    """Of depth in millimetres, of colour in levels."""
+    return [number(1000 * deviations[0]), number(255 * deviations[1])]

@@ -12,6 +12,11 @@ from pyibr.capture import MeshScene, object_views
 
 def knot() -> MeshScene:
     """A trefoil knot, striped along its length: an object with much that hides the rest."""
+    return MeshScene(*knot_surface())
+
+
+def knot_surface() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Its vertices, faces and the vertices' colours."""
     a, b = np.meshgrid(np.linspace(0, 2 * np.pi, 361)[:-1], np.linspace(0, 2 * np.pi, 49)[:-1], indexing="ij")
 
     def line(t: np.ndarray) -> np.ndarray:
@@ -37,7 +42,7 @@ def knot() -> MeshScene:
     hue = plt.get_cmap("twilight_shifted")(a / (2 * np.pi))[..., :3] * (0.6 + 0.4 * (np.floor(a * 14) % 2))[..., None]
     shade = 0.35 + 0.65 * np.clip(normal @ np.array([-0.4, -0.5, 0.77]), 0, 1)
     colors = np.clip(255 * (0.25 + 0.75 * hue) * shade[..., None], 0, 255).astype(np.uint8).reshape(-1, 3)
-    return MeshScene(vertices, faces, colors)
+    return vertices, faces, colors
 
 
 def depth_object() -> Figure:

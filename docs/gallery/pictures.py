@@ -9,6 +9,7 @@ import matplotlib as mpl
 mpl.use("Agg")
 
 import cv2
+import depthcameras
 import depthmeshes
 import matplotlib.pyplot as plt
 import numpy as np
@@ -256,6 +257,7 @@ if __name__ == "__main__":
     save("slice-counts.png", slice_counts(), 70)
     save("donuts.jpg", donuts(), 80)
     save("depth-object.png", depth_object(), 90)
+    save("depth-camera.jpg", depthcameras.steps(), 80)
     save("own-system.jpg", splats(), 100)
     save("relief-silhouettes.jpg", reliefs.silhouettes(), 80)
     save("relief-distances.jpg", reliefs.distances(), 80)

@@ -174,7 +174,7 @@ INLINED floatl add_mesh(const Context *context, const Meshes *meshes, int mesh, 
     /* One level for the block: that of the pixel that sees the view largest, which blurs nothing */
     const floatl away = context->screen.perspective ? 1.0f / n : (floatl)1.0f;
     const float samples = least_lane(pick(shares, meshes->scales[mesh] * away * inverse, (floatl)INFINITY));
-    const int level = clamp((int)floor(log2(fmax(samples, 1.0f)) + HALFWAY), 0, source[2] - source[1]);
+    const int level = (int)fmin(floor(log2(fmax(samples, 1.0f)) + HALFWAY), (float)(source[2] - source[1]));
     add_sample(meshes->colors, meshes->levels + 3 * (source[1] + level), level, sound_x, sound_y, weight, sum);
     return weight;
 }

@@ -148,7 +148,7 @@ void follow(const Layout *layout, Work *work, int at, int coarse)
 
 void follow_all(const Layout *layout, Work *work)
 {
-    for (;;) {
+    for (int most = (layout->side + 1) * (layout->side + 1); most > 0; most--) { /* each vertex is taken in once */
         if (work->height == 2) {
             work->chunk = work->pool[CHUNK * work->chunk];
             work->height = CHUNK;

@@ -4,6 +4,9 @@
 #ifndef COLOR_BYTES
 #define COLOR_BYTES 1 /* a channel: 1 (uchar) or 4 (float) */
 #endif
+#ifndef CHANNELS
+#define CHANNELS 3 /* of a colour; 0: images are of depth alone, and no colour is read or written */
+#endif
 #if COLOR_BYTES == 1
 #define channel uchar
 #define CHANNEL_MOST 255.0f

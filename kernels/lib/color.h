@@ -38,7 +38,26 @@ typedef struct __attribute__((packed)) {
     uint bytes;
 } Word;
 
-#if COLOR_BYTES == 1
+#if CHANNELS == 0
+inline Color read_color(global const channel *image, intl pixel, int pixels)
+{
+    const Color none = {0.0f, 0.0f, 0.0f};
+    return none;
+}
+
+inline float3 read_pixel(global const channel *image)
+{
+    return (float3)(0.0f);
+}
+
+inline void write_color(global channel *image, Color c)
+{
+}
+
+inline void write_pixel(global channel *image, float3 color)
+{
+}
+#elif COLOR_BYTES == 1
 /* Four bytes at once, one of them a neighbour's: the image has at least four, and the last pixel is read shifted. */
 #if LANES == 16
 #define WORD(l) ((global const Word *)(image + offset.s##l))->bytes
@@ -54,6 +73,11 @@ inline Color read_color(global const uchar *image, intl pixel, int pixels)
     const intl offset = min(3 * pixel, (intl)(3 * pixels - 4));
     const intl word = as_intl(WORDS >> as_uintl(8 * (3 * pixel - offset)));
     return color_of(word);
+}
+
+inline float3 read_pixel(global const uchar *image)
+{
+    return convert_float3(vload3(0, image));
 }
 
 /* Writes LANES pixels from `image` on; rounds to nearest. */
@@ -80,6 +104,11 @@ inline Color read_color(global const float *image, intl pixel, int pixels)
 {
     const Color c = {(floatl)(gather(image, 3 * pixel)), (floatl)(gather(image, 3 * pixel + 1)), (floatl)(gather(image, 3 * pixel + 2))};
     return c;
+}
+
+inline float3 read_pixel(global const float *image)
+{
+    return vload3(0, image);
 }
 
 inline void write_color(global float *image, Color c)

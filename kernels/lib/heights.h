@@ -28,7 +28,7 @@ typedef struct {
 #endif
 } HeightMap;
 
-/* FLOOR: the greatest whole number <= x, also as an int. TILED: that int, moved into the tile. */
+/* FLOOR: the greatest whole number <= x, also as an int. TILED: that int, moved into the tile, whatever x is. */
 #if POWERS_OF_TWO
 /* Added, it leaves no bits for fractions, and the last bits are those of the whole number: |x| < 2^22. A whole x may
  * yield x - 1, and a fraction of 1. */
@@ -42,7 +42,8 @@ typedef struct {
 #define FLOOR(x, whole, number)                                                                                \
     const floatl whole = floor_lanes(x);                                                                       \
     const intl number = to_intl(whole);
-#define TILED(whole, number, size, per_size) ((number) - (size) * to_intl(floor_lanes(((whole) + 0.5f) * (per_size))))
+#define TILED(whole, number, size, per_size)                                                                   \
+    clamp((number) - (size) * to_intl(floor_lanes(((whole) + 0.5f) * (per_size))), (intl)0, (size) - 1)
 #endif
 
 #if LANES == 16

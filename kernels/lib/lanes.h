@@ -20,6 +20,11 @@
 #define INLINED
 #endif
 
+/* Without AVX-512, compilers warn that vectors of 64 bytes are passed otherwise than with it: nobody else is called. */
+#ifdef __clang__
+#pragma clang diagnostic ignored "-Wpsabi"
+#endif
+
 #define EACH_LANE(F) F(0) F(1) F(2) F(3) F(4) F(5) F(6) F(7) F(8) F(9) F(a) F(b) F(c) F(d) F(e) F(f)
 
 #if LANES == 16
@@ -143,6 +148,9 @@ floatl floor_lanes(floatl x)
 /* One instruction each, where fmin and fmax take four: a NaN in a yields b. */
 #define lesser(a, b) pick((a) < (b), a, b)
 #define greater(a, b) pick((a) > (b), a, b)
+
+/* At least 0 and at most `most`, a NaN 0: what may become an index. Beyond an int's range conversions yield anything. */
+#define within(x, most) lesser(greater(x, (floatl)0.0f), most)
 
 /* isfinite() compiles to a call a lane. */
 #define isfinite_lanes(v) (fabs(v) < INFINITY)

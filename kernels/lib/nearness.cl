@@ -7,9 +7,7 @@
  * O(n^2), one pass.
  */
 #include "lib/lanes.h"
-#include "lib/pixelspace.h"
-
-#define NEAREST 1e-30f /* depths below it are invalid: their nearness would overflow in products */
+#include "lib/surface.h"
 
 kernel void to_nearness(global const float *depth, global float *nearness, global float *ranges, int src_width,
                         int src_height, int src_pitch, int src_perspective, float far)

@@ -23,8 +23,13 @@ typedef struct {
     int dst_perspective; /* how a nearness of the target becomes a depth */
 } PixelMap;
 
-/* Is a hit before the target's camera? Behind a perspective one, rays are beyond infinity. */
-#define IS_BEFORE(perspective, nearness) ((perspective) ? (nearness) > 0.0f : (nearness) < 0.0f)
+#define NEAREST_DEPTH 1e-37f
+#define FARTHEST_DEPTH 1e37f
+
+/* Is a hit before the target's camera, at a depth that float32 holds? Behind a perspective one, rays are beyond
+ * infinity. NEAREST_DEPTH is also the nearness of FARTHEST_DEPTH. */
+#define IS_BEFORE(perspective, nearness)                                                                       \
+    (((perspective) ? (nearness) > NEAREST_DEPTH : (nearness) < -NEAREST_DEPTH) & (fabs(nearness) < FARTHEST_DEPTH))
 
 /* Depth (planar z) from nearness, and nearness from depth */
 #define DEPTH_OF(perspective, nearness) ((perspective) ? 1.0f / (nearness) : -(nearness))

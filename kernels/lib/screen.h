@@ -23,6 +23,10 @@ float drawn_nearness(Screen screen, float depth)
     return isnan(depth) ? EMPTY : DEPTH_OF(screen.perspective, depth);
 }
 
+/* The depth of what is drawn: an orthographic camera may stand in it, at depth 0, which would say that nothing is there */
+#define DRAWN_DEPTH(screen, nearness)                                                                          \
+    fmin(fmax(DEPTH_OF((screen).perspective, nearness), NEAREST_DEPTH), FARTHEST_DEPTH)
+
 /* What the pixel (x, y) sees at nearness n, in the world, relative to the screen's origin */
 INLINED Vector point_at(Screen screen, floatl x, floatl y, floatl n)
 {

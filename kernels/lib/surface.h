@@ -17,6 +17,8 @@ typedef struct {
 
 #define IS_OPEN(cut, a, b) (((cut).near_scale * (a) - (cut).far_scale * (b) > (cut).least) | ((b) <= NO_SURFACE))
 
+#define NEAREST 1e-30f /* depths below it are invalid: their nearness would overflow in products */
+
 /* A ray that passes a sample, or runs along a row, a column or the diagonals of the cells, within this many pixels
  * of the source sees the sample, or the edges that it runs along, alone. */
 #define ON_SAMPLES 1e-3f

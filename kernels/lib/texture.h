@@ -21,8 +21,9 @@ void add_level(global const uint *texels, floatl u, floatl v, intl level, int wi
     const floatl across = to_floatl(w), down = to_floatl(h), tx = u * across - 0.5f, ty = v * down - 0.5f;
     const floatl x0 = floor_lanes(tx), y0 = floor_lanes(ty), fx = tx - x0, fy = ty - y0;
     const floatl right = weight * fx, left = weight - right;
-    const intl xa = to_intl(IN_TILE(x0, across, 1.0f / across)), xb = pick(xa + 1 < w, xa + 1, (intl)0);
-    const intl y_in = to_intl(IN_TILE(y0, down, 1.0f / down));
+    /* Lanes that do not ask may hold anything: none may read beyond the level. */
+    const intl xa = to_intl(within(IN_TILE(x0, across, 1.0f / across), across - 1.0f)), xb = pick(xa + 1 < w, xa + 1, (intl)0);
+    const intl y_in = to_intl(within(IN_TILE(y0, down, 1.0f / down), down - 1.0f));
     const intl ya = start + y_in * w, yb = start + pick(y_in + 1 < h, y_in + 1, (intl)0) * w;
     add_color(sum, left * (1.0f - fy), color_of(texels_at(texels, ya + xa)));
     add_color(sum, right * (1.0f - fy), color_of(texels_at(texels, ya + xb)));

@@ -106,7 +106,7 @@ void write_blank_block(const Region *region, int block, Screen screen, global fl
                        global uchar *valid, int x, int y, Color shade)
 {
     const int16 mine = region->owner[block] >= 0, seen = mine & 1;
-    const float16 n = region->nearness[block], z = pick(mine, DEPTH_OF(screen.perspective, n), (float16)NAN);
+    const float16 n = region->nearness[block], z = pick(mine, DRAWN_DEPTH(screen, n), (float16)NAN);
     const float16 red = pick(mine, clamp(shade.r, 0.0f, 1.0f), (float16)0.0f) * CHANNEL_MOST;
     const float16 green = pick(mine, clamp(shade.g, 0.0f, 1.0f), (float16)0.0f) * CHANNEL_MOST;
     const float16 blue = pick(mine, clamp(shade.b, 0.0f, 1.0f), (float16)0.0f) * CHANNEL_MOST;
@@ -136,7 +136,7 @@ void write_block(const Region *region, int block, Screen screen, global float *d
         const int mine = int_lane(region->owner[block], lane) >= 0;
         if (at < 0 || !(mine || blank))
             continue;
-        const float n = float_lane(region->nearness[block], lane), z = DEPTH_OF(screen.perspective, n);
+        const float n = float_lane(region->nearness[block], lane), z = DRAWN_DEPTH(screen, n);
         if (!blank && z >= depth[at])
             continue; /* equally far: there and back, nearness is rounded */
         depth[at] = mine ? z : NAN;

@@ -1,8 +1,7 @@
 /* Shadows on what shows its own colours: images and objects made of images.
  *
  * Such colours hold the light that they were taken in. Where the pixel's point is out of the light's sight they keep
- * the light's ambient part. Normals come from the picture's depths: along x and y, of the neighbours `apart` pixels
- * away the one whose nearness differs less. What turns away from the light is dark, and fades before that over `fade`
+ * the light's ambient part. Normals come from the picture's depths, `apart` pixels away. What turns away from the light is dark, and fades before that over `fade`
  * of the cosine; with 0 that is left to the map, in which a solid's front hides its back.
  *
  * before: (height, width) the depths before the thing was drawn, with `blank` 0; other pixels stay. depth, color: the
@@ -10,26 +9,7 @@
  */
 #define SHADOWED 1
 #include "lib/light.h"
-#include "lib/screen.h"
-
-/* Nearness of pixels; EMPTY beside the picture and where there is nothing */
-floatl nearness_at(global const float *depth, Screen screen, intl x, intl y)
-{
-    const intl inside = (x >= 0) & (x < screen.width) & (y >= 0) & (y < screen.height);
-    const intl at = pick(inside, y * screen.width + x, (intl)0);
-    const floatl z = (floatl)(gather(depth, at));
-    return pick(inside & (z == z), DEPTH_OF(screen.perspective, z), (floatl)EMPTY);
-}
-
-/* Along the surface, the way (dx, dy) from the point p of a pixel; a pixel alone is taken to be level. */
-Vector way_along(global const float *depth, Screen screen, intl x, intl y, int dx, int dy, floatl n, Vector p)
-{
-    const floatl next = nearness_at(depth, screen, x + dx, y + dy), last = nearness_at(depth, screen, x - dx, y - dy);
-    const intl forward = fabs(next - n) <= fabs(last - n);
-    const floatl near = pick(forward, next, last), way = pick(forward, (floatl)1.0f, (floatl)-1.0f);
-    const Vector to = point_at(screen, to_floatl(x) + way * dx, to_floatl(y) + way * dy, pick(near > EMPTY, near, n));
-    return scaled(minus(to, p), way);
-}
+#include "raster/facing.h"
 
 kernel void darken(global const float *before, global const float *depth, global channel *color, Screen screen,
                    int blank, int apart, float fade, Light light SHADOW_PARAMETERS)
@@ -44,12 +24,7 @@ kernel void darken(global const float *before, global const float *depth, global
         return;
     const floatl n = pick(drawn, DEPTH_OF(screen.perspective, z), (floatl)(screen.perspective ? 1.0f : -1.0f));
     const Vector p = point_at(screen, to_floatl(x), to_floatl(y), n);
-    const Vector across = way_along(depth, screen, x, y, apart, 0, n, p);
-    const Vector down = way_along(depth, screen, x, y, 0, apart, n, p);
-    const Vector normal = cross_of(across, down), ahead = towards(screen, p);
-    const floatl unit = pick(DOT(normal, ahead) > 0.0f, (floatl)-1.0f, (floatl)1.0f) /
-                        sqrt(greater(DOT(normal, normal), (floatl)1e-37f)); /* towards the viewer */
-    const Vector facing = scaled(normal, unit);
+    const Vector facing = facing_at(depth, screen, x, y, apart, n, p);
     const ToLight to = to_light(light, p);
     const floatl cosine = DOT(facing, to.way);
     const floatl faces = fade > 0.0f ? lesser(greater(cosine / fade, (floatl)0.0f), (floatl)1.0f) : (floatl)1.0f;

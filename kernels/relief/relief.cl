@@ -314,7 +314,8 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
         layers.beyond[block] = INFINITY;
         layers.beyond_index[block] = -1;
     }
-    for (int again = starts[bin] < starts[bin + 1]; again;) {
+    /* Of each triangle of the list, a pixel has one entry. */
+    for (int again = 1, most = starts[bin + 1] - starts[bin]; again && most > 0; most--) {
         for (int block = 0; block < BLOCKS; block++) {
             layers.first[block] = layers.second[block] = EMPTY;
             layers.entered[block] = -1;

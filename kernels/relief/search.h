@@ -21,7 +21,7 @@
 #ifndef DISTANCE
 #define DISTANCE APPROXIMATE /* or EXACT: how far below the quadric a ray is */
 #endif
-#define TABLE 20         /* ints of a level */
+#define TABLE 28         /* ints of a level: maps have up to 2^21 texels a side, and as many tiers */
 #define STEPS_MOST 4096  /* of a safe search */
 #if LANES == 16
 #define TWINS 2 /* rays that are searched in turns, so that one's arithmetic fills the other's waits */

@@ -35,7 +35,8 @@ typedef struct {
     float from_world[12]; /* row by row */
     float edges[3];       /* of the box, in scene units */
     float spacing;        /* of the slices, in scene units */
-    float first;          /* number of a slice parallel to the screen that is counted as 0: one near the box */
+    float first;          /* number of a slice parallel to the screen that is counted as 0: one through the middle */
+    int slices;           /* along the longest edge */
 } Box;
 
 typedef struct {
@@ -134,12 +135,15 @@ WorldRay world_ray(Screen screen, floatl x, floatl y)
 typedef struct {
     floatl front, back;
     Linear number;
+    int most; /* no number in the box is beyond that, nor below its opposite */
 } Part;
 
 /* from: where the picture begins; slices_axis: of the box, 3: the slices are parallel to the screen */
 Part part_in(Box box, const WorldRay *ray, floatl from, int slices_axis)
 {
-    Part part = {from, INFINITY, {-box.first, 1.0f / box.spacing}};
+    /* As many as lie along the longest edge, or fewer; and as many again for rounding: where it is off by more, no float
+     * tells depths in the box apart. */
+    Part part = {from, INFINITY, {-box.first, 1.0f / box.spacing}, 2 * (box.slices + 1)};
     for (int k = 0; k < 3; k++) {
         const float *r = box.from_world + 4 * k;
         const Linear side = {r[0] * ray->x.fixed + r[1] * ray->y.fixed + r[2] * ray->z.fixed + r[3],
@@ -167,10 +171,10 @@ intl meet_object(const Views *views, const WorldRay *ray, Part part, floatl hidd
         rays[i] = view_ray(views->matrices + 16 * views->order[i], ray);
     const intl rises = part.number.sloped > 0.0f;
     const floatl step = pick(rises, (floatl)1.0f, (floatl)-1.0f), per_slice = 1.0f / part.number.sloped;
-    /* Beyond, the next slice would be the same float. */
-    const floatl s_front = lesser(greater(AT(part.number, part.front), (floatl)-8388608.0f), (floatl)8388608.0f);
+    const floatl most = part.most, s_front = lesser(greater(AT(part.number, part.front), -most), most);
     const floatl back = lesser(hidden + fabs(per_slice), part.back); /* halvings bring a point forward by up to a slice */
-    for (floatl slice = pick(rises, ceil_lanes(s_front), floor_lanes(s_front));; slice += step) {
+    floatl slice = pick(rises, ceil_lanes(s_front), floor_lanes(s_front));
+    for (int left = 2 * part.most; left >= 0; left--, slice += step) {
         const floatl z = (slice - part.number.fixed) * per_slice;
         searches = searches & !found & (z <= back);
         if (!any_lane(searches))

@@ -102,9 +102,11 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
     const floatl s_front = lesser(greater(AT(number, front), (floatl)-NUMBER_MOST), (floatl)NUMBER_MOST);
     const floatl s_back = lesser(greater(AT(number, back), (floatl)-NUMBER_MOST), (floatl)NUMBER_MOST);
     const floatl last = pick(rises, floor_lanes(s_back + THIN), ceil_lanes(s_back - THIN));
-    for (floatl slice = pick(rises, ceil_lanes(s_front - THIN), floor_lanes(s_front + THIN));; slice += step) {
+    floatl slice = pick(rises, ceil_lanes(s_front - THIN), floor_lanes(s_front + THIN));
+    const intl slices = to_intl((last - slice) * step); /* after the first; < 0: none at all */
+    for (int count = 0;; count++, slice += step) {
         const floatl z = lesser(greater((slice - number.fixed) * per_slice, front), back);
-        const intl tries = meets & !met.found & ((last - slice) * step >= 0.0f) & (z < drawn);
+        const intl tries = meets & !met.found & (count <= slices) & (z < drawn);
         if (!any_lane(tries))
             break;
         try_at(context, block, &met, z, tries, inside & (z >= entry) & (z <= exit));
@@ -239,7 +241,7 @@ kernel void draw_surface(global const int *corners, global const float *projecte
         Color shade = {0.0f, 0.0f, 0.0f};
         if (any_lane(mine)) {
             const floatl u = pick(mine, region.u[block], (floatl)0.0f), v = pick(mine, region.v[block], (floatl)0.0f);
-            const intl triangle = to_intl((to_floatl(pick(mine, owner, (intl)0)) + 0.5f) * (1.0f / 3.0f));
+            const intl triangle = pick(mine, owner, (intl)0) / 3;
             const Vector along_u = vector_at(gradients, 2 * triangle), along_v = vector_at(gradients, 2 * triangle + 1);
             const floatl n = region.nearness[block], size = pixel_size * (screen.perspective ? 1.0f / n : (floatl)1.0f);
             const floatl texels_2 = greater(DOT(along_u, along_u) * ((float)color_width * color_width),

@@ -105,8 +105,8 @@ int4 set_up_one(const Context *context, int index, int x, int y, Tetrahedron *t)
             low = fmin(low, p[k].xy / p[k].z);
             high = fmax(high, p[k].xy / p[k].z);
         }
-        low = clamp(ceil(low - 1e-3f), 0.0f, (float)REGION);
-        high = clamp(floor(high + 1e-3f), -1.0f, REGION - 1.0f);
+        low = fmin(fmax(ceil(low - 1e-3f), 0.0f), (float)REGION);
+        high = fmin(fmax(floor(high + 1e-3f), -1.0f), REGION - 1.0f);
         box = (int4)((int)low.x, (int)high.x, (int)low.y, (int)high.y);
         if (box.x > box.y || box.z > box.w)
             return empty;

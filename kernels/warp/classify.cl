@@ -69,7 +69,8 @@ INLINED intl class_along(Grid grid, Rays rays, float nearest, float farthest, in
     const intl before = pick(falls, (intl)IS_FREE, (intl)CLASS_HIDDEN);
     intl class_ = pick(from > 0.0f, before, pick(enters, (intl)CLASS_OUTSIDE, (intl)IS_FREE)), was_closed = 0;
     intl active = wanted & (lines.length >= 0.0f);
-    for (floatl at = start; any_lane(active); at += 1.0f) {
+    floatl at = start;
+    for (int most = max(grid.width, grid.height) + 1; most > 0 && any_lane(active); most--, at += 1.0f) { /* of a line's pixels */
         const floatl here = lesser(at, end);
         const floatl u = lines.u + lines.du * here, v = lines.v + lines.dv * here;
         intl closed;

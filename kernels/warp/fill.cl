@@ -1,148 +1,424 @@
-/* Holes filled from the farther side: a disocclusion lies on an epipolar line between the edge of what hid it and the
- * background that it belongs to, so of the two valid pixels at its ends along that line the farther one's colour and
- * depth are taken; ends of about the same depth are blended by distance.
+/* Holes filled from around them by push and pull (Gortler, Grzeszczuk, Szeliski, Cohen: The Lumigraph, 1996, section
+ * 3.4): valid pixels beside holes are averaged into ever coarser cells (push), and each hole takes, from coarse cells to
+ * fine ones, what finer ones do not know (pull). So narrow holes are filled from close by and wide ones from all around.
  *
- * A line goes from a hole in steps of a pixel along its longer axis; each step is at the nearest pixel. Where it is the
- * same through all of its pixels, along rows, columns or diagonals, the holes between two ends are filled at once
- * (fill_runs). Elsewhere each hole looks for its own ends (fill_holes), and crosses what is hole alone in large steps.
+ * With TOLD, pixels count the less the nearer they are than what lies behind the holes beside them (behind.cl), so that a
+ * disocclusion is filled from what was hidden, not from what hid it. But none counts for nothing: where there is no
+ * background far and wide, the foreground is what there is.
  *
- * color, depth: (height, width), written where valid is 0, read where it is 1. blocks: BLOCK x BLOCK pixels each, whether
- * any of them is valid. epipole: the lines lead away from it; all 0: they are the rows. dx, dy: -1, 0 or 1, a step along
- * all lines. Work-item: one block (fill_blocks); else `run` pixels of a row, and in fill_runs the holes of all lines that
- * begin in them.
- * Cost: fill_runs O(pixels), fill_holes O(pixels + holes * hole's length), of which whole blocks count once.
- * Determinism: no pixel that is written is read.
+ * A tile is TILE x TILE pixels, and one cell of the next storey; that storey's tiles are the cells of the one above, until
+ * there is but one. Within a tile three levels halve the side: 8, 4 and 2 cells.
+ *
+ * A cell has PLANES numbers: colour and nearness (in which planes are linear), each times what it counts, and what it
+ * counts, 1 at most. color, depth, valid: (height, width). behind: behind.cl. base: (PLANES, height, width), a storey's
+ * cells; of the lowest storey the pixels are the base. cells: (PLANES, tiles down, tiles across), the base of the next
+ * one; pull replaces their colour and nearness by the filled ones. inner: PLANES * INNER a tile, its three levels, set
+ * where the tile counts; and one more, which is 0. Work-item: a row of `strip` tiles (pixels), or a tile (cells).
+ * Cost: O(pixels). Determinism: no pixel that is written is read, but by its own work-item; sums run in a fixed order.
  */
 #include "lib/channel.h"
+#include "lib/pixelspace.h"
+#include "warp/holes.h"
 
-#define BLOCK 32
-#define BLOCK_EDGE 0.49f /* pixels from a block's outermost centres to its edge, less what rounding may move a step by */
-#define FILL_BACKGROUND 0
-#ifndef FILL
-#define FILL FILL_BACKGROUND /* which way of filling this is: so far there is but one */
+#ifndef TOLD
+#define TOLD 1 /* 0: there is no `behind`, and all pixels count alike */
 #endif
-#define SAME_DEPTH 1.02f /* ends whose depths differ by no more than this ratio are one background, */
-#define OTHER_DEPTH 1.1f /* and by more than this two; between them the one passes into the other */
+#define PLANES 5
+#define COUNT_PLANE 4    /* the plane that tells what a cell counts */
+#define INNER 84    /* cells of a tile's levels: 8 x 8, 4 x 4, 2 x 2 */
+#define WINDOW 24   /* TILE + 2 * HALO */
+#define BESIDE 2    /* pixels from a hole within which valid ones count */
+#define LEAST 1e-6f /* what any pixel counts: more than nothing */
 
+#define MASKED(mask, values) as_float16(as_int16(values) & (mask))
+#define HALVED(a, b) (((a) + (b)).even + ((a) + (b)).odd)
+
+/* A row of 16 pixels or cells, plane by plane */
 typedef struct {
-    float4 a, b; /* colour and depth of the valid pixels at a line's ends */
-    float part;  /* of b, if the ends are two backgrounds */
-    float apart; /* whether they are: 0 to 1 */
-} Ends;
+    float16 plane[PLANES];
+} Row;
 
-/* Of the pixels a and b; -1: there is none on that side. */
-Ends ends_at(global const channel *color, global const float *depth, int a, int b)
+/* A tile's levels: row by row, plane by plane, as they lie in `inner` */
+typedef struct {
+    float8 eight[PLANES][8];
+    float4 four[PLANES][4];
+    float2 two[PLANES][2];
+    float one[PLANES];
+} Levels;
+
+#if CHANNELS == 3 && COLOR_BYTES == 1
+#define to_channel16 convert_uchar16_sat_rte
+#define channel16 uchar16
+typedef struct __attribute__((packed)) {
+    uchar16 bytes;
+} SixteenBytes;
+#define LOAD16(p) ((global const SixteenBytes *)(p))->bytes
+#elif CHANNELS == 3
+#define to_channel16(values) (values)
+#define channel16 float16
+#define LOAD16(p) vload16(0, p)
+#endif
+
+/* The colour of up to 16 pixels of a row; what is beyond them is whatever it is. */
+INLINED void read_row(Row *row, global const channel *color, size_t pixel, int count)
 {
-    const size_t ia = a < 0 ? b : a, ib = b < 0 ? a : b;
-    const float za = depth[ia], zb = depth[ib];
-    Ends ends = {(float4)(color[3 * ia], color[3 * ia + 1], color[3 * ia + 2], za),
-                 (float4)(color[3 * ib], color[3 * ib + 1], color[3 * ib + 2], zb), 0.0f, 1.0f};
-    if (a >= 0 && b >= 0) {
-        ends.part = za >= zb ? 0.0f : 1.0f;
-        ends.apart = smoothstep(SAME_DEPTH, OTHER_DEPTH, fmax(za, zb) / fmin(za, zb));
+    row->plane[0] = row->plane[1] = row->plane[2] = 0.0f;
+#if CHANNELS == 3
+    if (count == TILE) {
+        global const channel *from = color + 3 * pixel;
+        const channel16 a = LOAD16(from), b = LOAD16(from + 16), c = LOAD16(from + 32);
+        row->plane[0] = convert_float16((channel16)(a.s0369, a.scf, b.s258b, b.se, c.s147a, c.sd));
+        row->plane[1] = convert_float16((channel16)(a.s147a, a.sd, b.s0369, b.scf, c.s258b, c.se));
+        row->plane[2] = convert_float16((channel16)(a.s258b, a.se, b.s147a, b.sd, c.s0369, c.scf));
+        return;
     }
-    return ends;
+    float values[3][TILE];
+    for (int i = 0; i < TILE; i++)
+        for (int channel_ = 0; channel_ < 3; channel_++)
+            values[channel_][i] = i < count ? (float)color[3 * (pixel + i) + channel_] : 0.0f;
+    for (int channel_ = 0; channel_ < 3; channel_++)
+        row->plane[channel_] = vload16(0, values[channel_]);
+#endif
 }
 
-/* A hole so many steps from its ends */
-void fill_hole(global channel *color, global float *depth, int hole, Ends ends, int to_a, int to_b)
+INLINED float16 depths_of(global const float *depth, size_t pixel, int count)
 {
-    const float4 behind = mix(ends.a, ends.b, mix((float)to_a / (to_a + to_b), ends.part, ends.apart));
-    vstore3(to_channels(behind).xyz, (size_t)hole, color);
-    depth[hole] = behind.w;
+    if (count == TILE)
+        return vload16(0, depth + pixel);
+    float values[TILE];
+    for (int i = 0; i < TILE; i++)
+        values[i] = i < count ? depth[pixel + i] : 1.0f;
+    return vload16(0, values);
 }
 
-/* How many steps of dx lead from x to the border of `size` pixels. */
-int steps_to_border(int x, int dx, int size)
-{
-    return dx > 0 ? size - 1 - x : dx < 0 ? x : INT_MAX;
-}
+/* Two rows into one of half their length; no cell counts more than 1. */
+#define HALVE(type, made, pair)                                                                                \
+    {                                                                                                          \
+        const type counts = pair(COUNT_PLANE), scale = counts > 1.0f ? 1.0f / counts : (type)1.0f;                  \
+        for (int p = 0; p < PLANES; p++)                                                                       \
+            made(p) = scale * pair(p);                                                                         \
+    }
+#define PAIR_16(p) HALVED(rows[0].plane[p], rows[1].plane[p])
+#define PAIR_8(p) HALVED(levels->eight[p][2 * y], levels->eight[p][2 * y + 1])
+#define PAIR_4(p) HALVED(levels->four[p][2 * y], levels->four[p][2 * y + 1])
+#define PAIR_2(p) HALVED(levels->two[p][0], levels->two[p][1])
+#define EIGHT(p) levels->eight[p][y]
+#define FOUR(p) levels->four[p][y]
+#define TWO(p) levels->two[p][y]
+#define ONE(p) levels->one[p]
 
-kernel void fill_runs(global channel *color, global float *depth, global const uchar *valid, int width, int height, int run,
-                      int dx, int dy)
+/* A tile's levels from its first one on, which is there already, written down */
+INLINED void write_levels(Levels *levels, int tile, int tiles, global float *inner, global float *cells)
 {
-    const int first = get_global_id(0) * run, y = get_global_id(1);
-    if (first >= width || y >= height)
-        return;
-    const int beyond = min(first + run, width), step = dy * width + dx;
-    uchar all_valid = 1; /* Most work-items end after this loop, which compilers make wide. */
-    for (int x = first; x < beyond; x++)
-        all_valid &= valid[y * width + x];
-    if (all_valid)
-        return;
-    for (int x = first; x < beyond; x++) {
-        const int hole = y * width + x;
-        if (valid[hole])
-            continue;
-        const int is_inside = min(steps_to_border(x, dx, width), steps_to_border(y, dy, height)) > 0;
-        if (is_inside && !valid[hole + step])
-            continue; /* It is filled together with the first of these holes. */
-        const int most = 1 + min(steps_to_border(x, -dx, width), steps_to_border(y, -dy, height));
-        int length = 1;
-        while (length < most && !valid[hole - length * step])
-            length++;
-        const int a = is_inside ? hole + step : -1, b = length < most ? hole - length * step : -1;
-        if (a < 0 && b < 0)
-            continue;
-        const Ends ends = ends_at(color, depth, a, b);
-        for (int i = 0; i < length; i++)
-            fill_hole(color, depth, hole - i * step, ends, i + 1, length - i);
+    for (int y = 0; y < 4; y++)
+        HALVE(float4, FOUR, PAIR_8)
+    for (int y = 0; y < 2; y++)
+        HALVE(float2, TWO, PAIR_4)
+    HALVE(float, ONE, PAIR_2)
+    for (int p = 0; p < PLANES; p++) {
+        global float *to = inner + ((size_t)tile * PLANES + p) * INNER;
+        for (int y = 0; y < 8; y++)
+            vstore8(levels->eight[p][y], y, to);
+        for (int y = 0; y < 4; y++)
+            vstore4(levels->four[p][y], y, to + 64);
+        for (int y = 0; y < 2; y++)
+            vstore2(levels->two[p][y], y, to + 80);
+        cells[p * tiles + tile] = levels->one[p];
     }
 }
 
-kernel void fill_blocks(global const uchar *valid, global uchar *blocks, int width, int height)
+void write_nothing(int tile, int tiles, global float *cells)
 {
-    const int bx = get_global_id(0), by = get_global_id(1);
-    const int across = (width + BLOCK - 1) / BLOCK;
-    if (bx >= across || by * BLOCK >= height)
-        return;
-    uchar any_valid = 0;
-    for (int y = by * BLOCK; y < min((by + 1) * BLOCK, height); y++)
-        for (int x = bx * BLOCK; x < min((bx + 1) * BLOCK, width); x++)
-            any_valid |= valid[y * width + x];
-    blocks[by * across + bx] = any_valid;
+    for (int p = 0; p < PLANES; p++)
+        cells[p * tiles + tile] = 0.0f;
 }
 
-/* The first valid pixel from (x, y) along (dx, dy): its index and distance in steps, or index -1. */
-int2 first_valid(global const uchar *valid, global const uchar *blocks, int width, int height, int x, int y, float dx,
-                 float dy)
+/* The tile behind all others, which pull takes for those that count nothing and those outside of the picture */
+void clear_last(int tiles, global float *inner)
 {
-    const int across = (width + BLOCK - 1) / BLOCK;
-    const float edge_x = dx > 0.0f ? BLOCK - 1 + BLOCK_EDGE : -BLOCK_EDGE, steps_per_x = 1.0f / fabs(dx);
-    const float edge_y = dy > 0.0f ? BLOCK - 1 + BLOCK_EDGE : -BLOCK_EDGE, steps_per_y = 1.0f / fabs(dy);
-    int step = 1;
-    for (;;) {
-        const int px = convert_int_rte(x + step * dx), py = convert_int_rte(y + step * dy);
-        if (px < 0 || px >= width || py < 0 || py >= height)
-            return (int2)(-1, 0);
-        if (valid[py * width + px])
-            return (int2)(py * width + px, step);
-        step++;
-        if (!blocks[(py / BLOCK) * across + px / BLOCK]) { /* to the last step before the line leaves the block */
-            const float to_x = fabs(px / BLOCK * BLOCK + edge_x - x) * steps_per_x;
-            const float to_y = fabs(py / BLOCK * BLOCK + edge_y - y) * steps_per_y;
-            step = max(step, (int)fmin(to_x, to_y));
+    for (int i = 0; i < PLANES * INNER; i++)
+        inner[(size_t)tiles * PLANES * INNER + i] = 0.0f;
+}
+
+#if TOLD
+/* The farthest depth behind the holes in the 12 x 12 pixels around each 4 x 4 pixels of a tile, as four rows. Only holes
+ * beside what is none in the tile's window count: of others behind.cl may know nothing. */
+INLINED void read_behind(global const float *behind, int pitch, const uint *bits, float16 *around)
+{
+    uint known[WINDOW];
+    for (int v = 0; v < WINDOW; v++) {
+        const uint valid = ~bits[v] & 0xffffffu;
+        known[v] = valid | valid << 1 | valid >> 1;
+    }
+    float4 bands[WINDOW / 4];
+    for (int band = 0; band < WINDOW / 4; band++) {
+        float16 left = 0.0f, right = 0.0f; /* columns 0 to 15, and 8 to 23 */
+        for (int v = 4 * band; v < 4 * band + 4; v++) {
+            const uint edge = bits[v] & (known[max(v - 1, 0)] | known[v] | known[min(v + 1, WINDOW - 1)]);
+            if (!edge)
+                continue;
+            const float16 one = MASKED(AMONG(edge), vload16(0, behind + v * pitch));
+            const float16 other = MASKED(AMONG(edge >> 8), vload16(0, behind + v * pitch + 8));
+            left = left > one ? left : one;
+            right = right > other ? right : other;
         }
+        const float8 left_pairs = fmax(left.even, left.odd), right_pairs = fmax(right.even, right.odd);
+        const float4 low = fmax(left_pairs.even, left_pairs.odd), high = fmax(right_pairs.even, right_pairs.odd);
+        bands[band] = fmax(fmax(low, high), (float4)(low.yzw, high.z));
     }
+    for (int i = 0; i < 4; i++)
+        around[i] = fmax(fmax(bands[i], bands[i + 1]), bands[i + 2]).xxxxyyyyzzzzwwww;
 }
 
-kernel void fill_holes(global channel *color, global float *depth, global const uchar *valid, global const uchar *blocks,
-                       int width, int height, int run, float epipole_x, float epipole_y, float epipole_w)
+/* What pixels of depths z count. */
+INLINED float16 counts_of(float16 z, float16 around)
 {
-    const int first = get_global_id(0) * run, y = get_global_id(1);
-    if (first >= width || y >= height)
+    float16 ratio = around > z ? z / around : (float16)1.0f;
+    ratio *= ratio;
+    ratio *= ratio;
+    ratio *= ratio;
+    ratio *= ratio;
+    return ratio > LEAST ? ratio : (float16)LEAST;
+}
+#endif
+
+void push_tile(global const channel *color, global const float *depth, global const uchar *valid,
+               global const float *behind, int width, int height, int pitch, int perspective, int column, int row,
+               int tile, int tiles, global float *inner, global float *cells)
+{
+    const int tile_x = column * TILE, tile_y = row * TILE, count = min(TILE, width - tile_x);
+    uint bits[WINDOW], beside[TILE], any = 0;
+    for (int v = HALO - BESIDE; v < HALO + TILE + BESIDE; v++)
+        bits[v] = hole_bits(valid, width, height, tile_x - HALO, tile_y + v - HALO, WINDOW / 8);
+    for (int y = 0; y < TILE; y++) {
+        const uint *here = bits + y + HALO;
+        uint near = here[-2] | here[-1] | here[0] | here[1] | here[2];
+        near |= near << 1 | near >> 1 | near << 2 | near >> 2;
+        beside[y] = tile_y + y < height ? (near & ~here[0]) >> HALO & (0xffffu >> (TILE - count)) : 0u;
+        any |= beside[y];
+    }
+    if (!any) {
+        write_nothing(tile, tiles, cells);
         return;
-    for (int x = first; x < min(first + run, width); x++) {
-        const int hole = y * width + x;
-        if (valid[hole])
+    }
+#if TOLD
+    for (int v = 0; v < WINDOW; v++)
+        if (v < HALO - BESIDE || v >= HALO + TILE + BESIDE)
+            bits[v] = hole_bits(valid, width, height, tile_x - HALO, tile_y + v - HALO, WINDOW / 8);
+    float16 around[4];
+    read_behind(behind + (size_t)tile_y * pitch + tile_x, pitch, bits, around);
+#endif
+    Levels made, *levels = &made;
+    for (int y = 0; y < TILE / 2; y++) {
+        if (!(beside[2 * y] | beside[2 * y + 1])) {
+            for (int p = 0; p < PLANES; p++)
+                levels->eight[p][y] = 0.0f;
             continue;
-        float dx = x * epipole_w - epipole_x, dy = y * epipole_w - epipole_y;
-        const float longest = fmax(fabs(dx), fabs(dy));
-        dx = longest > 0.0f ? dx / longest : 1.0f;
-        dy = longest > 0.0f ? dy / longest : 0.0f;
-        const int2 a = first_valid(valid, blocks, width, height, x, y, dx, dy);
-        const int2 b = first_valid(valid, blocks, width, height, x, y, -dx, -dy);
-        if (a.x >= 0 || b.x >= 0)
-            fill_hole(color, depth, hole, ends_at(color, depth, a.x, b.x), a.y, b.y);
+        }
+        Row rows[2];
+        for (int i = 0; i < 2; i++) {
+            const int v = 2 * y + i;
+            const size_t pixel = (size_t)(tile_y + v) * width + tile_x;
+            if (!beside[v]) {
+                for (int p = 0; p < PLANES; p++)
+                    rows[i].plane[p] = 0.0f;
+                continue;
+            }
+            read_row(&rows[i], color, pixel, count);
+            const float16 z = depths_of(depth, pixel, count);
+            rows[i].plane[3] = DEPTH_OF(perspective, z);
+            float16 counts = 1.0f;
+#if TOLD
+            counts = counts_of(z, around[v / 4]);
+#endif
+            const int16 mask = AMONG(beside[v]);
+            for (int p = 0; p < COUNT_PLANE; p++)
+                rows[i].plane[p] = MASKED(mask, counts * rows[i].plane[p]);
+            rows[i].plane[COUNT_PLANE] = MASKED(mask, counts);
+        }
+        HALVE(float8, EIGHT, PAIR_16)
+    }
+    write_levels(levels, tile, tiles, inner, cells);
+}
+
+kernel void push_pixels(global const channel *color, global const float *depth, global const uchar *valid,
+                        global const float *behind, int width, int height, int pitch, int perspective, int strip,
+                        global float *inner, global float *cells)
+{
+    const int across = (width + TILE - 1) / TILE, down = (height + TILE - 1) / TILE;
+    const int first = get_global_id(0) * strip, row = get_global_id(1);
+    if (first >= across || row >= down)
+        return;
+    if (first == 0 && row == 0)
+        clear_last(across * down, inner);
+    for (int column = first; column < min(first + strip, across); column++)
+        push_tile(color, depth, valid, behind, width, height, pitch, perspective, column, row, row * across + column,
+                  across * down, inner, cells);
+}
+
+kernel void push_cells(global const float *base, int width, int height, global float *inner, global float *cells)
+{
+    const int across = (width + TILE - 1) / TILE, down = (height + TILE - 1) / TILE;
+    const int column = get_global_id(0), row = get_global_id(1);
+    if (column >= across || row >= down)
+        return;
+    if (column == 0 && row == 0)
+        clear_last(across * down, inner);
+    Levels made, *levels = &made;
+    for (int y = 0; y < TILE / 2; y++) {
+        Row rows[2];
+        for (int i = 0; i < 2; i++)
+            for (int p = 0; p < PLANES; p++)
+                for (int x = 0; x < TILE; x++) {
+                    const int u = column * TILE + x, v = row * TILE + 2 * y + i;
+                    const float value = u < width && v < height ? base[(p * height + v) * width + u] : 0.0f;
+                    ((float *)&rows[i].plane[p])[x] = value;
+                }
+        HALVE(float8, EIGHT, PAIR_16)
+    }
+    write_levels(levels, row * across + column, across * down, inner, cells);
+}
+
+#define PARTS_4 0.25f, 0.75f, 0.25f, 0.75f
+#define PARTS_8 PARTS_4, PARTS_4
+#define PARTS_16 PARTS_8, PARTS_8
+
+/* Row y of a level, a cell beyond the tile being its first, is between these of the level above, */
+#define ROW_BETWEEN(above, y) mix((above)[(y) / 2], (above)[(y) / 2 + 1], (y) & 1 ? 0.75f : 0.25f)
+/* and its cells between those on the `left` and the `right` of them. */
+#define CELLS_BETWEEN(type, row, left, right, ...) mix((row).left, (row).right, (type)(__VA_ARGS__))
+
+/* What a level's row holds itself, with a cell beyond the tile on either side, from plane p of three tiles beside each
+ * other. */
+#define PLANE_OF(tile, p) inner + ((size_t)(tile) * PLANES + (p)) * INNER
+INLINED float4 own_two(global const float *inner, const int *tiles, int p, int y)
+{
+    global const float *left = PLANE_OF(tiles[0], p) + 80, *here = PLANE_OF(tiles[1], p) + 80;
+    return (float4)(left[2 * y + 1], vload2(y, here), (PLANE_OF(tiles[2], p))[80 + 2 * y]);
+}
+INLINED float8 own_four(global const float *inner, const int *tiles, int p, int y)
+{
+    global const float *left = PLANE_OF(tiles[0], p) + 64, *here = PLANE_OF(tiles[1], p) + 64;
+    return (float8)(left[4 * y + 3], vload4(y, here), (PLANE_OF(tiles[2], p))[64 + 4 * y], 0.0f, 0.0f);
+}
+INLINED float16 own_eight(global const float *inner, const int *tiles, int p, int y)
+{
+    global const float *left = PLANE_OF(tiles[0], p), *here = PLANE_OF(tiles[1], p);
+    return (float16)(left[8 * y + 7], vload8(y, here), (PLANE_OF(tiles[2], p))[8 * y], (float4)0.0f, 0.0f, 0.0f);
+}
+
+/* The rows of a level that are around those of the level below which are needed. */
+uint rows_around(uint needed, int count)
+{
+    uint around = 0;
+    for (int y = 0; y < count; y++)
+        around |= (needed >> y & 1u) * 3u << y / 2;
+    return around;
+}
+
+/* A level of `side` cells, filled, with one more beyond each side, as far as its rows are needed */
+#define PULL_LEVEL(type, side, filled, own, above_type, above, left, right, ...)                               \
+    for (int y = 0; y < side + 2; y++) {                                                                       \
+        if (!(needed_##filled >> y & 1u))                                                                      \
+            continue;                                                                                          \
+        const int *three = tile + (y == 0 ? 0 : y <= side ? 3 : 6), at = (y - 1) & (side - 1);                 \
+        const int is_known = three[0] < tiles || three[1] < tiles || three[2] < tiles;                         \
+        const type open = is_known ? 1.0f - own(inner, three, COUNT_PLANE, at) : (type)1.0f;                        \
+        for (int p = 0; p < COUNT_PLANE; p++) {                                                                     \
+            const above_type row_ = ROW_BETWEEN(above[p], y);                                                  \
+            filled[p][y] = open * CELLS_BETWEEN(type, row_, left, right, __VA_ARGS__);                         \
+            if (is_known)                                                                                      \
+                filled[p][y] += own(inner, three, p, at);                                                      \
+        }                                                                                                      \
+    }
+
+/* A tile's first level, as far as needed for rows of its base, as bits, the first of them beyond the tile */
+INLINED void pull_tile(uint needed, int column, int row, int across, int down, global const float *inner, global const float *cells,
+                       float16 filled[COUNT_PLANE][10])
+{
+    const int tiles = across * down;
+    int tile[9], where[9];
+    for (int i = 0; i < 9; i++) {
+        const int u = column + i % 3 - 1, v = row + i / 3 - 1;
+        where[i] = clamp(v, 0, down - 1) * across + clamp(u, 0, across - 1);
+        const int is_there = u >= 0 && v >= 0 && u < across && v < down && cells[COUNT_PLANE * tiles + where[i]] > 0.0f;
+        tile[i] = is_there ? where[i] : tiles;
+    }
+    const float top = tiles == 1 ? 1.0f / cells[COUNT_PLANE] : 1.0f; /* a single cell is not filled from above */
+    float4 one[COUNT_PLANE][3], two[COUNT_PLANE][4];
+    for (int p = 0; p < COUNT_PLANE; p++)
+        for (int v = 0; v < 3; v++)
+            one[p][v] = top * (float4)(cells[p * tiles + where[3 * v]], cells[p * tiles + where[3 * v + 1]],
+                                       cells[p * tiles + where[3 * v + 2]], 0.0f);
+    float8 four[COUNT_PLANE][6];
+    const uint needed_filled = rows_around(needed, TILE + 2), needed_four = rows_around(needed_filled, 10);
+    const uint needed_two = rows_around(needed_four, 6);
+    PULL_LEVEL(float4, 2, two, own_two, float4, one, xxyy, yyzz, PARTS_4)
+    PULL_LEVEL(float8, 4, four, own_four, float4, two, s00112233, s11223333, PARTS_8)
+    PULL_LEVEL(float16, 8, filled, own_eight, float8, four, s0011223344556677, s1122334455667777, PARTS_16)
+}
+
+/* Row y of the base, filled */
+INLINED float16 pulled(float16 *filled, int y)
+{
+    const float16 row = ROW_BETWEEN(filled, y + 1);
+    return CELLS_BETWEEN(float16, row, s0112233445566778, s1223344556677889, 0.75f, PARTS_8, PARTS_4, 0.25f, 0.75f, 0.25f);
+}
+
+kernel void pull_cells(global float *base, int width, int height, global const float *inner, global const float *cells)
+{
+    const int across = (width + TILE - 1) / TILE, down = (height + TILE - 1) / TILE;
+    const int column = get_global_id(0), row = get_global_id(1);
+    if (column >= across || row >= down)
+        return;
+    float16 filled[COUNT_PLANE][10];
+    pull_tile(0x1fffe, column, row, across, down, inner, cells, filled);
+    for (int y = 0; y < min(TILE, height - row * TILE); y++)
+        for (int p = 0; p < COUNT_PLANE; p++) {
+            const float16 values = pulled(filled[p], y);
+            for (int x = 0; x < min(TILE, width - column * TILE); x++) {
+                const int cell = (row * TILE + y) * width + column * TILE + x;
+                base[p * height * width + cell] += (1.0f - base[COUNT_PLANE * height * width + cell]) * float_lane(values, x);
+            }
+        }
+}
+
+kernel void pull_pixels(global channel *color, global float *depth, global const uchar *valid, int width, int height,
+                        int perspective, int strip, global const float *inner, global const float *cells)
+{
+    const int across = (width + TILE - 1) / TILE, down = (height + TILE - 1) / TILE;
+    const int first = get_global_id(0) * strip, row = get_global_id(1);
+    if (first >= across || row >= down)
+        return;
+    for (int column = first; column < min(first + strip, across); column++) {
+        uint bits[TILE], needed = 0;
+        for (int y = 0; y < TILE; y++) {
+            bits[y] = hole_bits(valid, width, height, column * TILE, row * TILE + y, TILE / 8);
+            needed |= bits[y] ? 2u << y : 0u;
+        }
+        if (!needed)
+            continue;
+        float16 filled[COUNT_PLANE][10];
+        pull_tile(needed, column, row, across, down, inner, cells, filled);
+        for (int y = 0; y < TILE; y++) {
+            if (!bits[y])
+                continue;
+            const float16 nearness = pulled(filled[3], y), z = DEPTH_OF(perspective, nearness);
+#if CHANNELS == 3
+            const channel16 r = to_channel16(pulled(filled[0], y)), g = to_channel16(pulled(filled[1], y)), b = to_channel16(pulled(filled[2], y));
+#endif
+            for (uint left = bits[y]; left; left &= left - 1) {
+                const int x = LOWEST(left);
+                const size_t hole = (size_t)(row * TILE + y) * width + column * TILE + x;
+                if (isnan(float_lane(nearness, x))) /* nothing is known in the whole picture */
+                    return;
+#if CHANNELS == 3
+                color[3 * hole] = ((const channel *)&r)[x];
+                color[3 * hole + 1] = ((const channel *)&g)[x];
+                color[3 * hole + 2] = ((const channel *)&b)[x];
+#endif
+                depth[hole] = float_lane(z, x);
+            }
+        }
     }
 }

@@ -9,21 +9,10 @@
 #include "lib/pixelspace.h"
 
 #include "lib/channel.h"
+#include "warp/keys.h"
 
 /* Both launches must find the same nearness to the last bit. */
 #pragma OPENCL FP_CONTRACT OFF
-
-/* Order of floats as an order of uints, 0 below them all. */
-uint key_of(float nearness)
-{
-    const uint bits = as_uint(nearness);
-    return bits & 0x80000000u ? ~bits : bits | 0x80000000u;
-}
-
-float nearness_of(uint key)
-{
-    return as_float(key & 0x80000000u ? key & 0x7fffffffu : ~key);
-}
 
 typedef struct {
     float nearness;
@@ -87,6 +76,6 @@ kernel void splat_pixels(global const uint *keys, global const uint *indices, gl
         return; /* what is there is nearer, or there is nothing to add */
     depth[at] = z;
     valid[at] = landed;
-    for (int c = 0; c < 3; c++)
-        color[3 * at + c] = landed ? src_color[3 * (size_t)indices[at] + c] : 0;
+    for (int c = 0; c < CHANNELS; c++)
+        color[CHANNELS * at + c] = landed ? src_color[CHANNELS * (size_t)indices[at] + c] : 0;
 }

@@ -77,7 +77,7 @@ INLINED void extend(Interval *interval, Answers *answers, Projection a, Projecti
     }
     interval->anew = pick(there, open, interval->anew);
     const intl closed = there & !open;
-    for (;;) {
+    for (int most = group.high - group.low + 2; most > 0; most--) { /* a lane settles pixels of its line, or is done */
         const intl goes_up = closed & (b.p - interval->above * b.w >= -guard * b.w) & (interval->above <= line.high);
         const intl goes_down = closed & (b.p - interval->below * b.w <= guard * b.w) & (interval->below >= line.low);
         if (!any_lane(goes_up | goes_down))

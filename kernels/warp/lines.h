@@ -111,8 +111,10 @@ INLINED SweepLines sweep_lines(LineGroup group, PixelMap map, int packet, float 
     }
     from = pick(bounded, fmax(from, reach_low - 1.0f), from);
     to = pick(bounded, fmin(to, reach_high + 1.0f), to);
-    line.from = from;
-    line.to = to;
+    /* Rays in the plane of the source's centre that its pixels never show are a line nowhere, which no walk ends. */
+    const intl somewhere = isfinite_lanes(line.tilt) & isfinite_lanes(line.minor_0);
+    line.from = pick(somewhere, from, (floatl)0.0f);
+    line.to = pick(somewhere, to, (floatl)-1.0f);
     return line;
 }
 #endif

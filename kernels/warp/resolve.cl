@@ -228,7 +228,7 @@ INLINED Color read_there(Pixels *pixels, Grid grid, PixelMap map, global const c
 {
     const float *D = map.dst_from_src;
     const int step_x = min(map.src_width - 1, 1), step_y = min(map.src_height - 1, 1); /* 0 in an image of one column */
-    const int count = map.src_width * map.src_height;
+    const int count = max(map.src_width * map.src_height, 2); /* there is room for two: `read_color` reads four bytes */
     const floatl u = pixels->u, v = pixels->v;
     const floatl uc = truncated(lesser(greater(u, (floatl)0.0f), (floatl)max(map.src_width - 2, 0)));
     const floatl vc = truncated(lesser(greater(v, (floatl)0.0f), (floatl)max(map.src_height - 2, 0)));
@@ -299,7 +299,7 @@ INLINED intl write_pixels(Pixels pixels, Color c, PixelMap map, int merge, int c
         depth[lane] = is_settled ? z_new : NAN;
         valid[lane] = is_settled;
         set_int_lane(written, lane, -1);
-        write_pixel(color + 3 * lane, is_settled ? rounded(color_lane(c, lane)) : (float3)(0.0f));
+        write_pixel(color + CHANNELS * lane, is_settled ? rounded(color_lane(c, lane)) : (float3)(0.0f));
     }
     return written;
 }
@@ -331,8 +331,8 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
         const int u_f = clamp(convert_int(pixels[p].u.sf), 0, last_x), v_f = clamp(convert_int(pixels[p].v.sf), 0, last_y);
         foresee(nearness + v_0 * map.src_pitch + u_0);
         foresee(nearness + v_f * map.src_pitch + u_f);
-        foresee(src_color + 3 * (v_0 * map.src_width + u_0));
-        foresee(src_color + 3 * (v_f * map.src_width + u_f));
+        foresee(src_color + CHANNELS * (v_0 * map.src_width + u_0));
+        foresee(src_color + CHANNELS * (v_f * map.src_width + u_f));
 #endif
     }
     for (int p = 0; p < packets; p++) {
@@ -370,14 +370,16 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
         if (answers != ANSWERS_ARE_OWN)
             find_place(&pixels[p], map, x0, y);
         const Color c = read_there(&pixels[p], grid, map, src_color, linear);
+        pixels[p].n = pick(IS_BEFORE(map.dst_perspective, pixels[p].n), pixels[p].n, (floatl)EMPTY);
         const int in_packet = min(high_x - x0, LANES);
-        const intl written = write_pixels(pixels[p], c, map, merge, in_packet, depth + out, color + 3 * out, valid + out);
+        const intl written = write_pixels(pixels[p], c, map, merge, in_packet, depth + out, color + CHANNELS * out, valid + out);
 #if ORIGINS /* else nothing asks what is written */
         write_origins(pixels[p], written, in_packet, origin + 3 * out, view);
 #endif
     }
 #if COUNTED
-    const int item = get_global_id(1) * get_global_size(0) + get_global_id(0);
+    const int across = (high_x - low_x + STRIP * LANES - 1) / (STRIP * LANES);
+    const int item = get_global_id(1) * across + get_global_id(0);
     counts[2 * item] = cells * LANES;
     counts[2 * item + 1] = count;
 #endif

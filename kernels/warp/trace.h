@@ -135,7 +135,8 @@ INLINED floatl trace(Grid grid, Rays rays, Epipolar epipolar, Stretches stretche
     floatl result = EMPTY;
     Plane met_plane = {0.0f, 0.0f, 0.0f, 0.0f, 0.0f};
     intl is_met = 0;
-    for (;;) {
+    /* A line enters a cell by a column or a row, each of them once, and a stretch may begin in each cell anew. */
+    for (int most = grid.width + grid.height + 2 + 2 * STRETCHES; most > 0; most--) {
         /* At the end of a stretch, on to the next one. */
         const intl over = active & !begins & (at >= to);
         if (any_lane(over)) {

@@ -158,7 +158,8 @@ INLINED uint walk(Grid grid, SweepLines line, LineGroup group, PixelMap map, Ans
         to.a = (floatl)(gather(grid.nearness, to.at));
         to.b = (floatl)(gather(grid.nearness, at_b));
         const floatl part = lesser(greater(to.part, (floatl)0.0f), (floatl)1.0f);
-        to.place = project_at(targets, major, to.a + part * (to.b - to.a));
+        /* At the second sample the first one does not count: it may be no surface. */
+        to.place = project_at(targets, major, pick(part < 1.0f, to.a + part * (to.b - to.a), to.b));
 
         const Column from = step.from;
         step.passed = pick(along | (intl)(count ? 0 : -1), (floatl)0.0f, to.cell - from.cell);

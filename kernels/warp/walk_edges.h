@@ -22,7 +22,8 @@ INLINED uint walk(Grid grid, SweepLines line, LineGroup group, PixelMap map, Ans
     enter_cells(lines, at, active, &x, &y);
     Projection before = project_at(targets, at, (floatl)NO_SURFACE);
     uint cells = 0;
-    while (any_lane(active)) {
+    /* A line enters a cell by a column or a row, each of them once. */
+    for (int most = grid.width + grid.height + 2; most > 0 && any_lane(active); most--) {
         COUNT(cells, active)
         const Cell cell = pass_cells(grid, lines, way, x, y, at);
         const Projection enters = pick_projection(connected, before, project_at(targets, at, cell.q_in));

@@ -19,10 +19,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pyibr import io
-from pyibr.capture.raycast import MeshScene, cube_cameras
+from pyibr.capture.raycast import MeshScene, cube_cameras, spread_directions
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64, describe, numbers
-from pyibr.core.errors import ArgumentError, FileFormatError, MissingPackageError
+from pyibr.core.errors import ArgumentError, FileFormatError
+from pyibr.core.optional import open3d
 from pyibr.images import DepthImage
 from pyibr.meshes.mesh import Mesh
 
@@ -136,10 +137,7 @@ def dragon(mesh_path: str | PathLike[str], size: int, views: int = 16) -> list[D
     low, high = scene.vertices.min(axis=0), scene.vertices.max(axis=0)
     center = (low + high) / 2
     radius = float(np.linalg.norm(scene.vertices - center, axis=1).max())
-    number = np.arange(views) + 0.5
-    y = 1 - 2 * number / views
-    angle = number * np.pi * (3 - np.sqrt(5))
-    around = np.column_stack([np.cos(angle) * np.sqrt(1 - y * y), y, np.sin(angle) * np.sqrt(1 - y * y)])
+    around = spread_directions(views)
     return [scene.capture(_outside(center, radius, direction, (size, size))) for direction in around]
 
 
@@ -256,10 +254,7 @@ def load_earth(folder: str | PathLike[str]) -> tuple[Float32, Uint8]:
 def load_scene(mesh_path: str | PathLike[str]) -> MeshScene:
     """Read a mesh file, also with `.gz`, as a `MeshScene`; up in the file (+y) becomes up here (-y)."""
     path = Path(mesh_path)
-    try:
-        import open3d as o3d
-    except ImportError:
-        raise MissingPackageError("reading a mesh needs Open3D: pip install open3d") from None
+    o3d = open3d()
     if not path.is_file():
         raise FileFormatError(f"{path}: no such file")
     with tempfile.TemporaryDirectory() as folder:
@@ -270,8 +265,7 @@ def load_scene(mesh_path: str | PathLike[str]) -> MeshScene:
                 source.write_bytes(gzip.decompress(path.read_bytes()))
             except (OSError, EOFError) as error:
                 raise FileFormatError(f"{path}: not a whole gzip file ({error})") from None
-        library: Any = o3d
-        mesh = library.io.read_triangle_mesh(str(source))
+        mesh = o3d.io.read_triangle_mesh(str(source))
     if not len(mesh.triangles):
         raise FileFormatError(f"{path}: no triangles could be read")
     mesh.rotate(np.diag([1.0, -1.0, -1.0]), center=(0, 0, 0))

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pyibr.core.camera import Camera, Projection
-from pyibr.core.checks import Float64, describe, numbers, one_of, whole_from
+from pyibr.core.checks import Float64, checked_colors, describe, numbers, one_of, plain_array, whole_from
 from pyibr.core.errors import ArgumentError
 from pyibr.core.optional import open3d
 from pyibr.images import DepthImage
@@ -81,7 +81,7 @@ class MeshScene:
         self._uv = None if uv is None else _checked_uv(uv, self.faces, len(self.vertices))
         if (self._texture is None) != (self._uv is None):
             raise ArgumentError("uv", "uv and texture together, or neither", "only one of them")
-        self._base_color = np.asarray(base_color, np.float64)
+        self._base_color = numbers("base_color", base_color, (3,))
         self._normals: Float64 | None = None
 
         o3d = open3d()
@@ -195,10 +195,13 @@ class MeshScene:
         if far <= near:
             return np.full(len(pixel), _NOTHING)
         start, sense = (near, 1) if layer == "first" else (far, -1)
+        seen = np.isfinite(direction[:, 0])  # not where a lens sees nothing
         packed = np.concatenate([origin + start * direction, sense * direction], axis=1, dtype=np.float32)
-        answer = self._scene.cast_rays(packed)
-        triangle: Int64 = answer["primitive_ids"].numpy().astype(np.int64)
-        triangle[answer["t_hit"].numpy() > far - near] = _NOTHING
+        answer = self._scene.cast_rays(packed[seen])
+        met: Int64 = answer["primitive_ids"].numpy().astype(np.int64)
+        met[answer["t_hit"].numpy() > far - near] = _NOTHING
+        triangle = np.full(len(pixel), _NOTHING)
+        triangle[seen] = met
         return triangle
 
     def _color(self, triangle: Int64, weight: Float64) -> Float64:
@@ -275,6 +278,14 @@ def cube_cameras(center: ArrayLike, size: int) -> list[Camera]:
         pose[:3] = np.column_stack([right, down, forward, numbers("center", center, (3,))])
         cameras.append(Camera([[half, 0, half], [0, half, half], [0, 0, 1]], (size, size), pose))
     return cameras
+
+
+def spread_directions(count: int) -> Float64:
+    """(count, 3) unit vectors, spread evenly over the sphere."""
+    number = np.arange(count) + 0.5
+    y = 1 - 2 * number / count
+    angle = number * np.pi * (3 - np.sqrt(5))
+    return np.column_stack([np.cos(angle) * np.sqrt(1 - y * y), y, np.sin(angle) * np.sqrt(1 - y * y)])
 
 
 def object_views(
@@ -383,21 +394,19 @@ def _smooth_normals(vertices: Float64, faces: Int64) -> Float64:
 
 
 def _checked_texture(texture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    array = np.asarray(texture)
+    array = plain_array("texture", texture, "uint8 of shape (h, w, 3)")
     if array.dtype != np.uint8 or array.ndim != 3 or array.shape[2] != 3 or not array.size:
         raise ArgumentError("texture", "uint8 of shape (h, w, 3)", describe(array))
     return array
 
 
 def _checked_colors(colors: ArrayLike, count: int) -> Float64:
-    array = np.asarray(colors)
-    if array.shape != (count, 3):
-        raise ArgumentError("colors", f"shape ({count}, 3), one for each vertex", describe(array))
-    return numbers("colors", array, (None, 3)) * (1 if array.dtype == np.uint8 else 255)
+    array = checked_colors("colors", colors, (count, 3))
+    return array.astype(np.float64) * (1 if array.dtype == np.uint8 else 255)
 
 
 def _checked_uv(uv: ArrayLike, faces: Int64, count: int) -> Float64:
-    array = np.asarray(uv)
+    array = plain_array("uv", uv, f"numbers of shape ({count}, 2) or ({len(faces)}, 3, 2)")
     if array.shape == (count, 2):
         return numbers("uv", array, (None, 2))[faces]
     if array.shape == (len(faces), 3, 2):

@@ -7,8 +7,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from pyibr.capture.raycast import MeshScene
 from pyibr.core.camera import Camera
-from pyibr.core.checks import describe, numbers
+from pyibr.core.checks import describe, numbers, plain_array
 from pyibr.core.errors import ArgumentError
+from pyibr.core.optional import opencv
 from pyibr.images import DepthImage
 
 
@@ -39,11 +40,10 @@ def scan_view(
     ArgumentError
         If `points` is no grid, has no two neighbours that are joined, or is seen from its edge.
     MissingPackageError
-        If Open3D is not installed.
+        If Open3D or OpenCV is not installed.
     """
-    import cv2
-
-    points = np.asarray(points)
+    cv2 = opencv("scan_view", "connectedComponentsWithStats")
+    points = plain_array("points", points, "floats of shape (rows, columns, 3)", np.nan)
     if points.ndim != 3 or points.shape[2] != 3 or points.dtype.kind != "f":
         raise ArgumentError("points", "floats of shape (rows, columns, 3)", describe(points))
     between = np.linalg.norm(np.diff(points[..., :2], axis=1), axis=2)

@@ -1,23 +1,35 @@
-"""Camera files: JSON with width, height, K (or fx, fy, cx, cy), world_from_camera and projection."""
+"""Camera files: JSON with width, height, K (or fx, fy, cx, cy), world_from_camera, projection and lens."""
 
 from __future__ import annotations
 
 import json
+import math
 from os import PathLike
 from typing import Any, cast
 
 from pyibr.core.checks import Float64
-from pyibr.core.errors import FileFormatError
-from pyibr.core.files import atomic_path, reading
+from pyibr.core.errors import ArgumentError, FileFormatError
+from pyibr.core.files import reading, write_whole
+from pyibr.core.lens import Lens
 
 _PARTS = ("fx", "fy", "cx", "cy")
-_KEYS = ("width", "height", "K", *_PARTS, "world_from_camera", "projection")
+_LENS_KEYS = ("model", "coefficients", "radius")
+_KEYS = ("width", "height", "K", *_PARTS, "world_from_camera", "projection", "lens")
 
 
-def read_camera_json(path: str | PathLike[str]) -> dict[str, Any]:
-    """Return the arguments of `Camera` that a file holds, their values unchecked."""
-    with reading(path, "camera JSON") as source:
-        data: object = json.loads(source.read_text(encoding="utf-8"))
+def read_json(path: str | PathLike[str], kind: str) -> object:
+    """Return what a JSON file holds; FileFormatError if it is none. `kind` is what it should hold, for the message."""
+    with reading(path, kind) as source:
+        return json.loads(source.read_text(encoding="utf-8"))
+
+
+def write_json(path: str | PathLike[str], data: object) -> None:
+    """Write a JSON file, whole, or leave what is there."""
+    write_whole(path, (json.dumps(data, indent=1) + "\n").encode("utf-8"))
+
+
+def camera_arguments(data: object, path: str | PathLike[str]) -> dict[str, Any]:
+    """Return the arguments of `Camera` that a JSON object holds, their values unchecked; `path` is for messages."""
     if not isinstance(data, dict):
         raise FileFormatError(f"{path}: expected a JSON object, got {type(data).__name__}")
     entries = cast("dict[str, Any]", data)
@@ -40,23 +52,40 @@ def read_camera_json(path: str | PathLike[str]) -> dict[str, Any]:
         "size": (entries["width"], entries["height"]),
         "world_from_camera": entries.get("world_from_camera"),
         "projection": entries.get("projection", "perspective"),
+        "lens": _read_lens(path, entries.get("lens")),
     }
 
 
-def write_camera_json(
-    path: str | PathLike[str],
-    K: Float64,
-    size: tuple[int, int],
-    world_from_camera: Float64,
-    projection: str,
-) -> None:
-    """Write a camera; `read_camera_json` returns the same bits."""
-    data = {
+def _read_lens(path: str | PathLike[str], entry: object) -> Lens | None:
+    if entry is None:
+        return None
+    if not isinstance(entry, dict):
+        raise FileFormatError(f"{path}: expected a lens with {', '.join(_LENS_KEYS)}, got {type(entry).__name__}")
+    parts = cast("dict[str, Any]", entry)
+    unknown = sorted(parts.keys() - set(_LENS_KEYS))
+    if unknown:
+        raise FileFormatError(f"{path}: unknown key {unknown[0]!r} (a lens has {', '.join(_LENS_KEYS)})")
+    missing = [key for key in _LENS_KEYS[:2] if key not in parts]
+    if missing:
+        raise FileFormatError(f"{path}: its lens has no {', '.join(missing)}")
+    try:
+        return Lens(**parts)
+    except ArgumentError as error:
+        raise FileFormatError(f"{path}: {error}") from error
+
+
+def camera_entries(
+    K: Float64, size: tuple[int, int], world_from_camera: Float64, projection: str, lens: Lens | None
+) -> dict[str, Any]:
+    """Return a camera as a JSON object, of which `camera_arguments` makes the same bits."""
+    data: dict[str, Any] = {
         "width": size[0],
         "height": size[1],
         "K": K.tolist(),
         "world_from_camera": world_from_camera.tolist(),
         "projection": projection,
     }
-    with atomic_path(path) as temporary:
-        temporary.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+    if lens is not None:
+        radius = {"radius": lens.radius} if lens.radius < math.inf else {}
+        data["lens"] = {"model": lens.model, "coefficients": lens.coefficients, **radius}
+    return data

@@ -14,6 +14,10 @@ from numpy.typing import NDArray
 from pyibr.core.errors import ArgumentError
 
 Float64 = NDArray[np.float64]
+
+_FARTHEST = 1e18
+"""Scene units from the world's origin, and pixels: products of two are still within single precision."""
+
 _Kind = TypeVar("_Kind")
 ArrayT = TypeVar("ArrayT", bound=NDArray[np.generic])
 
@@ -23,7 +27,7 @@ def describe(value: object) -> str:
     if isinstance(value, np.ndarray):
         array = cast("NDArray[np.generic]", value)
         return f"an array of shape {array.shape} and dtype {array.dtype}"
-    text = repr(value)
+    text = " ".join(repr(value).split())
     return f"{type(value).__name__} {text if len(text) <= 80 else text[:77] + '...'}"
 
 
@@ -33,15 +37,58 @@ def shape_text(shape: tuple[int | None, ...]) -> str:
     return f"({inner},)" if len(shape) == 1 else f"({inner})"
 
 
-def numbers(argument: str, value: object, shape: tuple[int | None, ...], finite: bool = True) -> Float64:
-    """Return `value` as a float64 array of `shape` (None fits any length) or raise ArgumentError."""
-    expected = f"{'finite ' if finite else ''}numbers of shape {shape_text(shape)}"
+def plain_array(argument: str, value: object, expected: str, masked: float | None = None) -> NDArray[Any]:
+    """Return `value` as an array of NumPy's own class in this machine's byte order, itself if it is one.
+
+    Parameters
+    ----------
+    argument, value, expected
+        `expected` is for the error's message.
+    masked : float, optional
+        What a masked array's masked elements become; without it, or where its dtype cannot hold that, they are
+        refused: nobody knows what is meant there.
+
+    Raises
+    ------
+    ArgumentError
+        If it cannot be made an array, or elements are masked.
+    """
+    if _is_masked(value):
+        array = cast("np.ma.MaskedArray[Any, Any]", value)
+        if masked is None or not np.can_cast(np.min_scalar_type(masked), array.dtype, "same_kind"):
+            count = int(np.count_nonzero(np.ma.getmaskarray(array)))
+            raise ArgumentError(argument, expected, f"{describe(array)}, {count} of them masked")
+        value = array.filled(masked)
     try:
-        array: NDArray[np.generic] = np.asarray(value)
-    except (TypeError, ValueError):
+        made: NDArray[Any] = np.asarray(value)
+    except (TypeError, ValueError, RuntimeError):
         raise ArgumentError(argument, expected, describe(value)) from None
-    fits = array.ndim == len(shape) and all(n in (None, m) for n, m in zip(shape, array.shape, strict=True))
-    if array.dtype.kind not in "iuf" or not fits:
+    return made if made.dtype.isnative else made.astype(made.dtype.newbyteorder("="))
+
+
+def _is_masked(value: object) -> bool:
+    """Whether it is an array some of whose elements are masked."""
+    # NumPy imports masked arrays on first use: of a plain array it need not.
+    if type(value) is np.ndarray or not isinstance(value, np.ndarray):
+        return False
+    return bool(np.ma.is_masked(cast("NDArray[Any]", value)))
+
+
+def fits(array: NDArray[Any], shape: tuple[int | None, ...]) -> bool:
+    """Whether an array is of `shape`, in which None fits any length."""
+    return array.ndim == len(shape) and all(n in (None, m) for n, m in zip(shape, array.shape, strict=True))
+
+
+def numbers(argument: str, value: object, shape: tuple[int | None, ...] | None, finite: bool = True) -> Float64:
+    """Return `value` as a float64 array of `shape` (None fits any length, or any shape) or raise ArgumentError.
+
+    What is masked becomes NaN, unless numbers are to be `finite`: then it is refused.
+    """
+    expected = f"{'finite ' if finite else ''}numbers{f' of shape {shape_text(shape)}' if shape is not None else ''}"
+    if not finite and _is_masked(value) and cast("NDArray[Any]", value).dtype.kind in "iu":
+        value = cast("NDArray[Any]", value).astype(np.float64)  # integers hold no NaN
+    array = plain_array(argument, value, expected, None if finite else math.nan)
+    if array.dtype.kind not in "iuf" or not (shape is None or fits(array, shape)):
         raise ArgumentError(argument, expected, describe(array if array.dtype.kind != "O" else value))
     result = array.astype(np.float64)
     if finite and not np.isfinite(result).all():
@@ -51,9 +98,9 @@ def numbers(argument: str, value: object, shape: tuple[int | None, ...], finite:
 
 def positive(argument: str, value: object, expected: str = "a finite number > 0") -> float:
     """Return `value` as a float > 0 or raise ArgumentError."""
-    array: NDArray[np.generic] = np.asarray(value)
+    array = plain_array(argument, value, expected)
     if array.ndim == 0 and array.dtype.kind in "iuf":
-        number = float(cast("float", value))
+        number = float(array)
         if 0 < number < math.inf:
             return number
     raise ArgumentError(argument, expected, describe(value))
@@ -71,7 +118,7 @@ def number_from(argument: str, value: float, least: float, most: float, expected
     is_number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)  # pyright: ignore[reportUnnecessaryIsInstance]
     if is_number and least <= value <= most and math.isfinite(value):
         return float(value)
-    raise ArgumentError(argument, expected, repr(value))
+    raise ArgumentError(argument, expected, describe(value))
 
 
 def instance_of(argument: str, value: object, kind: type[_Kind], name: str) -> _Kind:
@@ -119,6 +166,8 @@ def checked_intrinsics(K: object) -> Float64:
         raise ArgumentError("K", form, str(matrix.tolist()))
     matrix[1, 0] = 0
     matrix[2] = 0, 0, 1
+    if np.abs(matrix).max() > _FARTHEST or min(matrix[0, 0], matrix[1, 1]) < 1 / _FARTHEST:
+        raise ArgumentError("K", f"numbers up to {_FARTHEST:g}, fx, fy from {1 / _FARTHEST:g} on", str(matrix.tolist()))
     return matrix
 
 
@@ -135,6 +184,8 @@ def checked_pose(world_from_camera: object) -> Float64:
     if np.linalg.det(rotation) < 0:
         raise ArgumentError(name, rigid, "det R = -1, a mirrored frame")
     pose[3] = 0, 0, 0, 1
+    if np.abs(pose).max() > _FARTHEST:
+        raise ArgumentError(name, f"positions up to {_FARTHEST:g}", str(pose[:3, 3].tolist()))
     return pose
 
 
@@ -142,17 +193,71 @@ def one_of(argument: str, value: object, choices: Any, also: str = "") -> None:
     """Raise ArgumentError unless `value` is one of a Literal's strings."""
     if not isinstance(value, str) or value not in get_args(choices):
         expected = ", ".join(f'"{choice}"' for choice in get_args(choices))
-        raise ArgumentError(argument, f"one of {expected}{also}", repr(value))
+        raise ArgumentError(argument, f"one of {expected}{also}", describe(value))
 
 
-def checked_image(argument: str, color: NDArray[Any]) -> NDArray[Any]:
-    """Return `color` if it is an image of three channels, or raise ArgumentError."""
-    expected = "uint8, or float32 in [0, 1], of shape (h, w, 3)"
-    if not isinstance(color, np.ndarray) or color.ndim != 3 or color.shape[2] != 3 or 0 in color.shape:  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise ArgumentError(argument, expected, describe(color))
-    if color.dtype.name not in ("uint8", "float32"):
-        raise ArgumentError(argument, expected, describe(color))
-    return color
+_COLOR_ROUNDING = 1e-3
+"""By which float colours may lie beyond [0, 1]: a quarter of a level of 8 bits."""
+
+_ONE = int(np.float32(1).view(np.uint32))
+
+
+def checked_colors(argument: str, colors: object, shape: tuple[int | None, ...]) -> NDArray[Any]:
+    """Return colours of `shape` (None fits any length) as uint8 or float32 in [0, 1], or raise ArgumentError.
+
+    Floats of another size become float32.
+    """
+    expected = f"uint8, or float32 in [0, 1], of shape {shape_text(shape)}"
+    array = plain_array(argument, colors, expected)
+    if not fits(array, shape) or 0 in array.shape or (array.dtype != np.uint8 and array.dtype.kind != "f"):
+        hint = ""
+        if fits(array, shape[:-1]):
+            hint = ", which is gray (repeat it: np.repeat(gray[..., None], 3, -1))"
+        elif fits(array, (*shape[:-1], 4)):
+            hint = ", which has alpha (drop it: color[..., :3])"
+        raise ArgumentError(argument, expected, describe(array if isinstance(colors, np.ndarray) else colors) + hint)
+    if array.dtype == np.uint8:
+        return array
+    with np.errstate(over="ignore"):
+        single = array.astype(np.float32, copy=False)
+    # In one pass: as whole numbers, floats in [0, 1] are the least; negative ones, infinity and NaN are beyond them.
+    if single.view(np.uint32).max() > _ONE:
+        _check_unit(argument, single, expected)
+    return single
+
+
+def _check_unit(argument: str, colors: NDArray[np.float32], expected: str) -> None:
+    """Raise ArgumentError unless floats are in [0, 1], within rounding."""
+    finite = np.isfinite(colors)
+    if not finite.all():
+        first = ", ".join(map(str, np.argwhere(~finite)[0].tolist()))
+        raise ArgumentError(
+            argument, expected, f"{np.count_nonzero(~finite)} values that are not finite, the first at [{first}]"
+        )
+    least, most = float(colors.min()), float(colors.max())
+    if least < -_COLOR_ROUNDING or most > 1 + _COLOR_ROUNDING:
+        hint = "divide them by 255" if least >= 0 and 2 < most <= 255 else "clip them: np.clip(color, 0, 1)"
+        raise ArgumentError(argument, expected, f"values from {least:g} to {most:g} ({hint})")
+
+
+_PIXELS_MOST = 1 << 29  # kernels number samples and colour bytes in 32 bits
+
+
+def check_pixels(argument: str, size: tuple[int, int]) -> None:
+    """Raise ArgumentError if an image, (width, height), has more pixels than kernels can number."""
+    if size[0] * size[1] > _PIXELS_MOST:
+        raise ArgumentError(argument, f"at most {_PIXELS_MOST} pixels", f"{size[0]} x {size[1]}")
+
+
+_LENGTHS = (1e-8, 1e9)
+
+
+def check_lengths(argument: str, least: float, most: float, what: str) -> None:
+    """Raise ArgumentError if all of some lengths are too small, or too large, for products of a few in float32."""
+    low, high = _LENGTHS
+    if most < 0.999 * low or least > high:  # the least may be rounded
+        expected = f"{what} of {low:g} to {high:g} scene units, which single precision can draw (scale the scene)"
+        raise ArgumentError(argument, expected, f"{least:g}" if least == most else f"{least:g} to {most:g}")
 
 
 _TEXELS_MOST = 1 << 21  # from 0 on: float32 tells their places within half a texel, as IN_TILE of the kernels needs
@@ -163,7 +268,8 @@ def check_tiled(uv: NDArray[Any], tiles: tuple[int, int], *maps: NDArray[Any] | 
     for image in maps:
         if image is None:
             continue
-        farthest = np.abs(uv).max(axis=0) * tiles * (image.shape[1], image.shape[0])
+        check_pixels("uv", (image.shape[1], image.shape[0]))
+        farthest = np.maximum(np.abs(uv).max(axis=0) * tiles, 1) * (image.shape[1], image.shape[0])
         if (farthest > _TEXELS_MOST).any():
             size = f"{image.shape[1]}x{image.shape[0]}"
             expected = f"uv * tiles * a map's size up to {_TEXELS_MOST} texels"

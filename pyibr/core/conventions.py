@@ -7,12 +7,13 @@ vectors. Each function here turns numbers of one other convention into these, or
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TypedDict
+from typing import Any, TypedDict, cast
 
 import numpy as np
 
 from pyibr.core.checks import Float64, describe, numbers
 from pyibr.core.errors import ArgumentError
+from pyibr.core.lens import Lens, LensModel
 
 # y up and z backward (OpenGL, NeRF) against y down and z forward; its own inverse.
 CV_FROM_GL = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -28,7 +29,56 @@ _COLMAP_MODELS: Mapping[str, tuple[int, int]] = {
     "RADIAL": (3, 2),
     "OPENCV": (4, 4),
     "FULL_OPENCV": (4, 8),
+    "SIMPLE_RADIAL_FISHEYE": (3, 1),
+    "RADIAL_FISHEYE": (3, 2),
+    "OPENCV_FISHEYE": (4, 4),
 }
+_COLMAP_FISHEYES = ("SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "OPENCV_FISHEYE")
+
+_ROS_MODELS = ("plumb_bob", "rational_polynomial", "equidistant")
+_KALIBR_MODELS = ("radtan", "equidistant", "none")
+# RealSense's names, in the order of its numbers; None: no lens of ours
+_REALSENSE_MODELS: Mapping[str, LensModel | None] = {
+    "none": "brown_conrady",  # its coefficients are zeros
+    "modified_brown_conrady": "modified_brown_conrady",
+    "inverse_brown_conrady": "inverse_brown_conrady",
+    "ftheta": None,
+    "brown_conrady": "brown_conrady",
+    "kannala_brandt4": "kannala_brandt",
+}
+
+
+class RealSenseIntrinsics(TypedDict):
+    """The attributes of `pyrealsense2.intrinsics`, `model` by its name."""
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    ppx: float
+    ppy: float
+    model: str
+    coeffs: list[float]
+
+
+class RosCameraInfo(TypedDict):
+    """The fields of ROS 2's `sensor_msgs/CameraInfo` that tell of the raw image."""
+
+    width: int
+    height: int
+    distortion_model: str
+    d: list[float]
+    k: list[float]
+
+
+class KalibrCamera(TypedDict):
+    """What Kalibr's `camchain.yaml` says of a camera."""
+
+    camera_model: str
+    intrinsics: list[float]
+    distortion_model: str
+    distortion_coeffs: list[float]
+    resolution: list[int]
 
 
 class PyTorch3DCamera(TypedDict):
@@ -59,10 +109,11 @@ def pose_from_extrinsics(rotation: Float64, translation: Float64) -> Float64:
 
 def rotation_from_quaternion(wxyz: Float64) -> Float64:
     """Return the (3, 3) rotation of a quaternion (w, x, y, z), which need not be of length 1."""
-    length = float(np.linalg.norm(wxyz))
-    if length == 0:
+    largest = float(np.abs(wxyz).max())
+    if largest == 0:
         raise ArgumentError("qvec", "a quaternion (w, x, y, z) of length 1", "zeros")
-    w, (x, y, z) = wxyz[0] / length, wxyz[1:] / length
+    scaled = wxyz / largest  # so that no square overflows
+    w, x, y, z = scaled / np.linalg.norm(scaled)
     return np.array(
         [
             [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -111,8 +162,8 @@ def rvec_from_rotation(rotation: Float64) -> Float64:
     return np.asarray(xyz) * (2 * np.arctan2(sine, w) / sine if sine > 0 else 2.0)
 
 
-def intrinsics_from_colmap(model: str, params: object) -> tuple[Float64, Float64]:
-    """Return K (pixel centres at integers) and OpenCV's distortion coefficients of a COLMAP camera."""
+def intrinsics_from_colmap(model: str, params: object) -> tuple[Float64, Float64, bool]:
+    """Return K (pixel centres at integers), OpenCV's coefficients of a COLMAP camera, and whether of a fisheye."""
     if model not in _COLMAP_MODELS:
         raise ArgumentError("model", f"one of {', '.join(_COLMAP_MODELS)}", describe(model))
     linear, distorted = _COLMAP_MODELS[model]
@@ -120,7 +171,135 @@ def intrinsics_from_colmap(model: str, params: object) -> tuple[Float64, Float64
     fx, fy, cx, cy = values[[0, 0, 1, 2]] if linear == 3 else values[:4]
     distortion = np.zeros(8 if distorted == 8 else 4)
     distortion[:distorted] = values[linear:]
-    return np.array([[fx, 0, cx - 0.5], [0, fy, cy - 0.5], [0, 0, 1]]), distortion
+    return _matrix(fx, fy, cx - 0.5, cy - 0.5), distortion, model in _COLMAP_FISHEYES
+
+
+def colmap_from_intrinsics(K: Float64, lens: Lens | None) -> tuple[str, Float64]:
+    """Return COLMAP's model and its params."""
+    linear = [K[0, 0], K[1, 1], K[0, 2] + 0.5, K[1, 2] + 0.5]
+    if lens is None:
+        return "PINHOLE", np.array(linear)
+    values = lens.to_opencv()
+    if lens.model == "kannala_brandt":
+        return "OPENCV_FISHEYE", np.array([*linear, *values])
+    if not values[4:].any():
+        return "OPENCV", np.array([*linear, *values[:4]])
+    return "FULL_OPENCV", np.array([*linear, *values, *[0.0] * (8 - len(values))])
+
+
+def camera_from_ros(info: object) -> tuple[Float64, tuple[int, int], Lens]:
+    """Return K, size and lens of the raw image of a ROS `CameraInfo` (message or mapping), or of a calibration file."""
+    for name in ("binning_x", "binning_y"):
+        if int(_part(info, "info", name, default=0)) > 1:
+            raise ArgumentError("info", "an image of full resolution", f"{name} = {_part(info, 'info', name)}")
+    region = _part(info, "info", "roi", default={})
+    if any(int(_part(region, "info", name, default=0)) for name in ("x_offset", "y_offset")):
+        raise ArgumentError("info", "an image that is not cropped", "a region of interest")
+    model = str(_part(info, "info", "distortion_model"))
+    if model not in _ROS_MODELS:
+        raise ArgumentError("info", f"a distortion_model of {', '.join(_ROS_MODELS)}", repr(model))
+    matrix = _part(info, "info", "k", "K", "camera_matrix")
+    values = _part(info, "info", "d", "D", "distortion_coefficients")
+    matrix, values = (_part(each, "info", "data", default=each) for each in (matrix, values))  # files wrap them
+    K = numbers("info", np.ravel(np.asarray(matrix)), (9,)).reshape(3, 3)
+    size = int(_part(info, "info", "width", "image_width")), int(_part(info, "info", "height", "image_height"))
+    coefficients = np.ravel(np.asarray(values))  # none stands for zeros
+    return K, size, Lens.from_opencv(coefficients if coefficients.size else np.zeros(4), model == "equidistant")
+
+
+def ros_from_camera(K: Float64, size: tuple[int, int], lens: Lens | None) -> RosCameraInfo:
+    """Return what a ROS `CameraInfo` says of the raw image."""
+    values = np.zeros(5) if lens is None else lens.to_opencv()
+    model = {4: "equidistant", 5: "plumb_bob", 8: "rational_polynomial"}[len(values)]
+    width, height = size
+    return {"width": width, "height": height, "distortion_model": model, "d": values.tolist(), "k": K.ravel().tolist()}
+
+
+def camera_from_realsense(intrinsics: object) -> tuple[Float64, tuple[int, int], Lens]:
+    """Return K, size and lens of `pyrealsense2.intrinsics`, or of a mapping of its attributes."""
+    name = "intrinsics"
+    fx, fy, cx, cy = (float(_part(intrinsics, name, each)) for each in ("fx", "fy", "ppx", "ppy"))
+    given = _part(intrinsics, name, "model", default="none")
+    if isinstance(given, int):
+        known = tuple(_REALSENSE_MODELS)
+        model = known[given] if 0 <= given < len(known) else str(given)
+    else:  # "distortion.brown_conrady", "Brown Conrady", "RS2_DISTORTION_BROWN_CONRADY"
+        model = str(given).lower().replace(" ", "_").removeprefix("distortion.").removeprefix("rs2_distortion_")
+    ours = _REALSENSE_MODELS.get(model)
+    if ours is None:
+        known = ", ".join(each for each, lens in _REALSENSE_MODELS.items() if lens)
+        raise ArgumentError(name, f"a model of {known}", str(given))
+    values = np.zeros(5) if model == "none" else np.asarray(_part(intrinsics, name, "coeffs", default=[0.0] * 5))
+    lens = Lens(ours, values[:4] if ours == "kannala_brandt" else values)
+    size = int(_part(intrinsics, name, "width")), int(_part(intrinsics, name, "height"))
+    return _matrix(fx, fy, cx, cy), size, lens
+
+
+def realsense_from_camera(K: Float64, size: tuple[int, int], lens: Lens | None) -> RealSenseIntrinsics:
+    """Return the attributes of `pyrealsense2.intrinsics`."""
+    model, values = "none", [0.0] * 5
+    if lens is not None:
+        names = {ours: name for name, ours in _REALSENSE_MODELS.items()}
+        if lens.model not in names:
+            raise ArgumentError("lens", f"one that RealSense has: {', '.join(map(str, names))}", lens.model)
+        model, values = names[lens.model], [*lens.coefficients, 0.0][:5]
+    made: RealSenseIntrinsics = {
+        "width": size[0],
+        "height": size[1],
+        "fx": float(K[0, 0]),
+        "fy": float(K[1, 1]),
+        "ppx": float(K[0, 2]),
+        "ppy": float(K[1, 2]),
+        "model": model,
+        "coeffs": values,
+    }
+    return made
+
+
+def camera_from_kalibr(camera: object) -> tuple[Float64, tuple[int, int], Lens]:
+    """Return K, size and lens of one camera of Kalibr's `camchain.yaml`."""
+    name = "camera"
+    kind, model = str(_part(camera, name, "camera_model")), str(_part(camera, name, "distortion_model"))
+    if kind != "pinhole":
+        raise ArgumentError(name, "a camera_model of pinhole", repr(kind))
+    if model not in _KALIBR_MODELS:
+        raise ArgumentError(name, f"a distortion_model of {', '.join(_KALIBR_MODELS)}", repr(model))
+    fx, fy, cx, cy = numbers("intrinsics", _part(camera, name, "intrinsics"), (4,)).tolist()
+    width, height = (int(side) for side in _part(camera, name, "resolution"))
+    values = np.zeros(4) if model == "none" else _part(camera, name, "distortion_coeffs")
+    return _matrix(fx, fy, cx, cy), (width, height), Lens.from_opencv(values, model == "equidistant")
+
+
+def kalibr_from_camera(K: Float64, size: tuple[int, int], lens: Lens | None) -> KalibrCamera:
+    """Return what Kalibr's `camchain.yaml` says of a camera."""
+    values = np.zeros(5) if lens is None else lens.to_opencv()
+    fisheye = len(values) == 4
+    if values[4:].any():
+        raise ArgumentError("lens", "one that Kalibr has: k1 k2 p1 p2, or a fisheye", str(lens))
+    return {
+        "camera_model": "pinhole",
+        "intrinsics": [float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])],
+        "distortion_model": "equidistant" if fisheye else "radtan",
+        "distortion_coeffs": values[:4].tolist(),
+        "resolution": list(size),
+    }
+
+
+def _matrix(fx: float, fy: float, cx: float, cy: float) -> Float64:
+    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+
+
+def _part(thing: object, argument: str, *names: str, default: Any = None) -> Any:
+    """The first key of these that a mapping has, or attribute that an object has."""
+    for name in names:
+        if isinstance(thing, Mapping):
+            if name in thing:
+                return cast("Mapping[str, Any]", thing)[name]
+        elif hasattr(thing, name):
+            return getattr(thing, name)
+    if default is None:
+        raise ArgumentError(argument, f"something with {' or '.join(names)}", describe(cast("object", thing)))
+    return default
 
 
 def pytorch3d_from_camera(K: Float64, size: tuple[int, int], camera_from_world: Float64) -> PyTorch3DCamera:

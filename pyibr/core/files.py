@@ -1,48 +1,117 @@
-"""What all file formats share: complete writes, and errors that name the file."""
+"""What all file formats share: complete writes, bounded reads, and errors that name the file."""
 
 from __future__ import annotations
 
+import errno
+import gzip
+import os
+import secrets
+import stat
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
-from os import PathLike, getpid
 from pathlib import Path
+from typing import Protocol, cast
 
 from pyibr.core.checks import describe
-from pyibr.core.errors import ArgumentError, FileFormatError
+from pyibr.core.errors import ArgumentError, FileFormatError, MissingPackageError
+
+UNPACKED_MOST = 1 << 30
+"""Bytes that the content of a packed file (gzip, NPZ, EXR, glTF's repeated parts) may take once it is unpacked."""
+
+_CHUNK = 1 << 20
 
 
-def checked_path(path: str | PathLike[str]) -> Path:
+class _Readable(Protocol):
+    def read(self, size: int, /) -> bytes: ...
+
+
+def checked_path(path: str | os.PathLike[str]) -> Path:
     """Return `path` as a Path, or raise ArgumentError."""
-    if not isinstance(path, (str, PathLike)):  # pyright: ignore[reportUnnecessaryIsInstance]
+    is_path = isinstance(path, (str, os.PathLike))  # pyright: ignore[reportUnnecessaryIsInstance]
+    name = cast("object", os.fspath(path) if is_path else path)
+    if not isinstance(name, str):
         raise ArgumentError("path", "a file's path, str or pathlib.Path", describe(path))
-    return Path(path)
-
-
-def folder_for(file: Path) -> None:
-    """Make the folder that a file is written into."""
     try:
-        file.parent.mkdir(parents=True, exist_ok=True)
+        if b"\0" not in os.fsencode(name):
+            return Path(name)
+    except UnicodeEncodeError:
+        pass
+    raise ArgumentError("path", "a file's path in characters that file names may have", describe(path))
+
+
+def write_whole(path: str | os.PathLike[str], data: bytes) -> None:
+    """Write a file of these bytes, or leave what is there.
+
+    A reader never sees half a file, and of several writers one wins. A missing parent folder is made. A link is
+    followed: what it names is replaced, and keeps its mode and, if the system lets it, its owner. What a killed
+    process leaves behind is named ``.pyibr-...`` and may be deleted.
+    """
+    named = checked_path(path)
+    try:
+        named.parent.mkdir(parents=True, exist_ok=True)
+        old = _replaceable(named)
+        final = Path(os.path.realpath(named))
+        temporary = final.with_name(f".pyibr-{secrets.token_hex(8)}")
+        # The name is new, or this fails: no link that waits there is followed. The umask has its say on new files,
+        # and while a private file is written again it stays private.
+        flags = os.O_CREAT | os.O_EXCL | os.O_WRONLY | getattr(os, "O_BINARY", 0)
+        descriptor = os.open(temporary, flags, 0o666 if old is None else 0o600)
+    except OSError as error:
+        raise _not_written(named, error) from error
+    try:
+        with os.fdopen(descriptor, "wb") as stream:
+            stream.write(data)
+            stream.flush()
+            os.fsync(descriptor)  # or a power failure might leave the new name without its content
+        if old is not None:
+            if hasattr(os, "chown"):
+                with suppress(OSError):
+                    os.chown(temporary, old.st_uid, old.st_gid)
+            temporary.chmod(stat.S_IMODE(old.st_mode))
+        temporary.replace(final)
+    except OSError as error:
+        raise _not_written(named, error) from error
+    finally:
+        with suppress(OSError):
+            temporary.unlink()
+
+
+def check_writable(path: str | os.PathLike[str]) -> None:
+    """Raise what `write_whole` would raise of what is there already; nothing is made or written."""
+    file = checked_path(path)
+    try:
+        folder = next(folder for folder in file.absolute().parents if os.path.lexists(folder))
+        if not folder.is_dir():
+            raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(folder))
+        if _replaceable(file) is None and not os.access(folder, os.W_OK | os.X_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
     except OSError as error:
         raise _not_written(file, error) from error
 
 
-@contextmanager
-def atomic_path(path: str | PathLike[str]) -> Generator[Path, None, None]:
-    """Yield a temporary path beside `path` that takes its place when the block ends without an error.
-
-    A reader never sees half a file. A missing parent folder is made.
-    """
-    final = checked_path(path)
-    temporary = final.with_name(f".{final.stem}.{getpid()}{final.suffix}")
+def identity(path: str | os.PathLike[str]) -> object:
+    """What is the same for all names of a file, links included, whether it is there or not."""
+    file = checked_path(path)
     try:
-        folder_for(final)
-        yield temporary
-        temporary.replace(final)
-    except OSError as error:
-        raise _not_written(final, error) from error
-    finally:
-        with suppress(OSError):
-            temporary.unlink()
+        found = file.stat()
+    except OSError:
+        return os.path.realpath(file)
+    return found.st_dev, found.st_ino
+
+
+def _replaceable(path: Path) -> os.stat_result | None:
+    """What is there, through links; OSError if it is nothing that a new file may replace."""
+    try:
+        old = path.stat()  # by the system's rules for links, which `realpath` alone would go round
+    except FileNotFoundError:
+        return None
+    if stat.S_ISDIR(old.st_mode):
+        raise IsADirectoryError(errno.EISDIR, "it is a folder")
+    if not stat.S_ISREG(old.st_mode):
+        raise OSError(errno.EINVAL, "it is no regular file")
+    if not os.access(path, os.W_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+    return old
 
 
 def _not_written(file: Path, error: OSError) -> FileFormatError:
@@ -52,20 +121,56 @@ def _not_written(file: Path, error: OSError) -> FileFormatError:
 
 
 @contextmanager
-def reading(path: str | PathLike[str], kind: str) -> Generator[Path, None, None]:
+def reading(path: str | os.PathLike[str], kind: str) -> Generator[Path, None, None]:
     """Yield `path` if it is a file with content; turn what a decoder raises into FileFormatError."""
     source = checked_path(path)
     try:
-        if not source.is_file():
-            raise FileFormatError(f"{source}: {'is a folder' if source.is_dir() else 'no such file'}")
-        if source.stat().st_size == 0:
-            raise FileFormatError(f"{source}: the file is empty")
+        found = source.stat()
+    except (FileNotFoundError, NotADirectoryError) as error:
+        raise FileFormatError(f"{source}: no such file") from error
+    except OSError as error:
+        raise FileFormatError(f"{source}: cannot be read: {error.strerror}") from error
+    if not stat.S_ISREG(found.st_mode):
+        raise FileFormatError(f"{source}: is {'a folder' if stat.S_ISDIR(found.st_mode) else 'no regular file'}")
+    if found.st_size == 0:
+        raise FileFormatError(f"{source}: the file is empty")
+    try:
         yield source
-    except (FileFormatError, ImportError, MemoryError):
+    except (FileFormatError, MissingPackageError):
         raise
     except PermissionError as error:
         raise FileFormatError(f"{source}: cannot be read: {error.strerror}") from error
+    except MemoryError as error:
+        raise FileFormatError(f"{source}: does not fit into the memory") from error
     except Exception as error:  # decoders raise anything from OSError to struct.error
         cause = error.__cause__ or error
         reason = next(iter(str(cause).strip().splitlines()), type(cause).__name__)[:200]
         raise FileFormatError(f"{source}: not a readable {kind} file, or truncated: {reason}") from error
+
+
+def check_unpacked(size: int) -> None:
+    """Raise ValueError if a packed file's content is larger than any that is read."""
+    if size > UNPACKED_MOST:
+        raise ValueError(f"its content takes {size} bytes; up to {UNPACKED_MOST} are read from a packed file")
+
+
+def read_bytes(source: Path) -> bytes:
+    """A file's bytes, unpacked if gzip packed them; ValueError if there are too many then."""
+    with source.open("rb") as stream:
+        if stream.read(2) == b"\x1f\x8b":
+            stream.seek(0)
+            with gzip.open(stream) as unpacked:
+                return read_at_most(unpacked)
+        stream.seek(0)
+        return stream.read()
+
+
+def read_at_most(stream: _Readable) -> bytes:
+    """All of what a packed stream holds; ValueError if that is too much."""
+    parts: list[bytes] = []
+    size = 0
+    while part := stream.read(_CHUNK):
+        size += len(part)
+        check_unpacked(size)
+        parts.append(part)
+    return b"".join(parts)

@@ -1,18 +1,48 @@
-"""Open3D, which is imported only where it is used."""
+"""Packages that only some things need: imported where they are used, and named with the extra that brings them."""
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import Any
 
 from pyibr.core.errors import MissingPackageError
 
 
 def open3d() -> Any:
-    """The module, or a MissingPackageError."""
-    try:
-        import open3d as o3d
-    except ImportError as error:
+    """Open3D, or a MissingPackageError."""
+    libraries = "on Debian and Ubuntu: apt install libegl1 libgl1 libgomp1 libusb-1.0-0 libx11-6"
+    return _imported("open3d", "captures and Open3D's meshes need Open3D", "capture", libraries)
+
+
+def opencv(user: str, *names: str) -> Any:
+    """OpenCV, whichever build is installed, or a MissingPackageError: `user`, a word, needs these names of it."""
+    libraries = "on Debian and Ubuntu: apt install libgl1 libglib2.0-0 (a headless build needs neither)"
+    cv2 = _imported("cv2", f"{user} needs OpenCV", "opencv", libraries)
+    lacking = [name for name in names if not hasattr(cv2, name)]
+    if lacking:
+        version = getattr(cv2, "__version__", "")
+        found = f"OpenCV {version} as installed lacks it" if version else "only a folder is left of the installed one"
         raise MissingPackageError(
-            f"meshes' files and captures need Open3D: pip install open3d (importing it failed: {error})"
-        ) from None
-    return o3d
+            f"{user} needs cv2.{' and cv2.'.join(lacking)}, and {found}; to mend it: "
+            "pip install --force-reinstall opencv-contrib-python (or the build that you had)"
+        )
+    return cv2
+
+
+def openexr() -> Any:
+    """OpenEXR, or a MissingPackageError."""
+    return _imported("OpenEXR", "EXR files need OpenEXR", "exr", "pip install --force-reinstall OpenEXR")
+
+
+def viser() -> Any:
+    """viser, which serves pages, or a MissingPackageError."""
+    return _imported("viser", "pages in the browser need viser", "view", "pip install --force-reinstall viser")
+
+
+def _imported(module: str, need: str, extra: str, remedy: str) -> Any:
+    try:
+        return import_module(module)
+    except Exception as error:  # what is installed by halves may raise anything
+        if isinstance(error, ModuleNotFoundError) and error.name == module:
+            raise MissingPackageError(f"{need}: pip install 'pyibr-opencl[{extra}]'") from None
+        raise MissingPackageError(f"{need}, which is installed but cannot be imported ({error}); {remedy}") from error

@@ -102,8 +102,10 @@ class CameraPair:
         pixels = np.zeros((3, self.dst.size[target_axis]))
         pixels[target_axis], pixels[2] = np.arange(pixels.shape[1]), 1.0
         rows = self.src_from_dst[[source_axis, 2], :3] @ pixels
-        across = rows[0] / rows[1]
-        return float(np.abs(across - np.rint(across)).max())
+        with np.errstate(divide="ignore", invalid="ignore"):
+            across = rows[0] / rows[1]
+            off = np.abs(across - np.rint(across))
+        return float(np.where(np.isfinite(off), off, 0.5).max())  # lines at infinity are on no samples
 
     @cached_property
     def corners(self) -> list[list[float]]:

@@ -111,7 +111,7 @@ def draw_depth_meshes(
     trees = [meshes[number].tree for number in chosen]
     active = [active_for(tree, target.camera, tolerance) for tree in trees]
     shown, underlay = chosen, None  # the view of each mesh that is drawn
-    defines = {"VIEWS": len(chosen), "COLOR_BYTES": target.channel_bytes}
+    defines = {"VIEWS": len(chosen), **target.color_defines}
     more: dict[str, Any] = {}
     if blending is not None:
         defines["BLEND"] = int(constant("depthmesh/blend.cl", f"BLEND_{blending.by.upper()}"))

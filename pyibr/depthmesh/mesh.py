@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Fixed, Float64, describe, instance_of, numbers
 from pyibr.core.errors import ArgumentError
+from pyibr.core.straight import covering_camera
 from pyibr.depthmesh.drawing import draw_depth_meshes, drawn_off
 from pyibr.depthmesh.segmentation import Segmentation
 from pyibr.depthmesh.strips import strips_of
@@ -21,6 +22,7 @@ from pyibr.opencl.device import current
 from pyibr.opencl.kept import kept
 from pyibr.opencl.memory import DeviceArray
 from pyibr.picture.shadow import Lighting, shadowed
+from pyibr.picture.straighten import straightened
 from pyibr.picture.target import Target
 
 Int32 = NDArray[np.int32]
@@ -35,7 +37,7 @@ class DepthMesh(Fixed):
     Parameters
     ----------
     view : DepthImage
-        Perspective or orthographic, of any size from 2x2 samples on.
+        Perspective or orthographic, of any size from 2x2 samples on. With a lens, it is straightened.
     tolerance : float
         Pixels of the target, >= 0, by which `render` lets the drawn surface lie off the full grid; 0 draws it all.
     segmentation : Segmentation, optional
@@ -69,7 +71,7 @@ class DepthMesh(Fixed):
         rule = Segmentation() if segmentation is None else segmentation
         if not isinstance(rule, Segmentation):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise ArgumentError("segmentation", "a pyibr.depthmesh.Segmentation or None", describe(rule))
-        self.view = view
+        self.view = straightened(view)
         self.tolerance = checked_tolerance("tolerance", tolerance)
         self.segmentation = rule
 
@@ -204,7 +206,7 @@ class DepthMesh(Fixed):
     def _triangles_for(self, camera: Camera, tolerance: float | None) -> tuple[Int32, Int32]:
         instance_of("camera", camera, Camera, "a pyibr.Camera")
         allowed = self.tolerance if tolerance is None else checked_tolerance("tolerance", tolerance)
-        return _triangles_of(self.tree, active_for(self.tree, camera, allowed))
+        return _triangles_of(self.tree, active_for(self.tree, covering_camera("camera", camera), allowed))
 
     def _mesh_of(self, samples: Int32, faces: Int32) -> Mesh:
         camera = self.view.camera
@@ -215,8 +217,8 @@ class DepthMesh(Fixed):
             faces,
             (pixels + 0.5) / camera.size,
             normals @ camera.world_from_camera[:3, :3].T,
-            texture=self.view.color,
-            colors=self.view.color[y, x],
+            texture=self.view.shown,
+            colors=self.view.shown[y, x],
             attributes={"quality": np.abs(normals[:, 2])},
         )
 

@@ -13,6 +13,7 @@ from pyibr.core.camera import Camera
 from pyibr.core.checks import Fixed, Float64, describe, instance_of, one_of, true_or_false, whole_from
 from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import frustum
+from pyibr.core.straight import check_no_lens, covering_camera
 from pyibr.depthmesh.background import background_of
 from pyibr.depthmesh.drawing import Blending, draw_depth_meshes, drawn_off
 from pyibr.depthmesh.mesh import DepthMesh, checked_tolerance
@@ -100,6 +101,11 @@ class DepthMeshObject(Fixed):
     def __repr__(self) -> str:
         return f"<DepthMeshObject {len(self.meshes)} view{'s' * (len(self.meshes) != 1)}>"
 
+    @property
+    def views(self) -> Sequence[DepthMesh]:
+        """The meshes of the views, of which the same object can be made."""
+        return self.meshes
+
     @cached_property
     def _boxes(self) -> Float64:
         """(views, 2, 3) low and high of each mesh's box in the world."""
@@ -172,7 +178,7 @@ class DepthMeshObject(Fixed):
 
     def _is_in(self, camera: Camera) -> NDArray[np.bool_]:
         """(views,) whether the view's box may be seen by a camera."""
-        planes = frustum(camera)
+        planes = frustum(covering_camera("camera", camera))
         low, high = self._boxes[:, None, 0], self._boxes[:, None, 1]
         farthest = np.where(planes[:, :3] > 0, high, low)  # (views, planes, 3) the corner furthest inside
         inside = np.asarray(np.einsum("vpc,pc->vp", farthest, planes[:, :3]) + planes[:, 3]) >= 0
@@ -191,8 +197,8 @@ class DepthMeshObject(Fixed):
         ArgumentError
             If there are more than 32 views: a bit each.
         """
-
         instance_of("camera", camera, Camera, "a pyibr.Camera")
+        check_no_lens("camera", camera)
         if len(self.meshes) > 32:
             raise ArgumentError("views", "at most 32, a bit each", f"{len(self.meshes)}")
         with one_call():

@@ -84,7 +84,6 @@ class Errors:
 
 def build_tree(view: DepthImage, segmentation: Segmentation) -> Tree:
     """Segment a view's grid, and find what its tree's triangles are made of."""
-
     width, height = view.camera.size
     samples = samples_of(view)
     perspective = view.camera.projection == "perspective"
@@ -150,7 +149,6 @@ def _find_errors(tree: Tree) -> Errors:
 
 def _fine_to_coarse(file: str, of_step: str, of_coarse: str, side: int, height: int, **shared: Any) -> None:
     """Launch kernels for the vertices of each step from 2 on: midpoints, then centres."""
-
     step = 2
     while step < min(side, _COARSE):
         rows = -(-(height - 1) // step) + 1

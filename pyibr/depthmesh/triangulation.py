@@ -26,7 +26,6 @@ _CHUNK = 64  # numbers of vertices that a work-item of kernels/depthmesh/simplif
 
 def active_for(tree: Tree, camera: Camera, tolerance: float) -> DeviceArray:
     """Mark the vertices that a camera needs for a tolerance in pixels (equation 5): (side + 1, row) uint8."""
-
     known, active = tree.errors, empty(tree.states.shape, np.uint8)
     launch(
         kernel("depthmesh/select.cl", "activate"),
@@ -53,7 +52,6 @@ def _viewer(src: Camera, dst: Camera, tolerance: float) -> np.ndarray[Any, np.dt
 
 def active_within(tree: Tree, max_error: float) -> DeviceArray:
     """Mark the vertices that a vertical error of at most `max_error`, in scene units, needs: (side + 1, row) uint8."""
-
     active = empty(tree.states.shape, np.uint8)
     active.fill(0)
     coarse = max(tree.side // _SHARES, 1)
@@ -103,7 +101,6 @@ def list_triangles(
 
     With `rated`, points hold their quality, which takes the normals.
     """
-
     found: list[tuple[DeviceArray, DeviceArray]] = []
     for tree, marks in zip(trees, active, strict=True):
         drawn, counts = empty(marks.shape, np.uint8), empty((tree.side + 1, 2), np.int32)
@@ -166,7 +163,6 @@ def pixels_of(points: NDArray[np.float32], view: DepthImage) -> NDArray[np.int64
 
 def project_points(target: Camera, views: Sequence[DepthImage], triangles: Triangles) -> DeviceArray:
     """(P, 4) the triangles' points in a target's pixel space; views: each mesh's."""
-
     maps = np.array([camera_pair(view.camera, target).dst_from_src for view in views], np.float32)
     for view, one in zip(views, maps, strict=True):
         if view.camera.projection == "orthographic":

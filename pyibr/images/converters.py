@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Float64, checked_intrinsics, describe, numbers, positive
-from pyibr.core.errors import ArgumentError, MissingPackageError
-from pyibr.images.depth_image import Color, Depth, checked_color, checked_depth
+from pyibr.core.checks import Float64, checked_colors, checked_intrinsics, describe, numbers, plain_array, positive
+from pyibr.core.errors import ArgumentError
+from pyibr.core.optional import opencv
+from pyibr.core.straight import rays_of
+from pyibr.images.depth_image import Color, Depth, checked_depth
 
 _ColorT = TypeVar("_ColorT", bound=Color)
 
@@ -41,7 +43,7 @@ def depth_from_disparity(disparity: ArrayLike, focal: float, baseline: float, of
     >>> ibr.depth_from_disparity([20, 0], focal=500, baseline=0.1).tolist()
     [2.5, nan]
     """
-    d = np.asarray(disparity, np.float64) + offset
+    d = numbers("disparity", disparity, None, finite=False) + numbers("offset", offset, ())
     depth = positive("focal", focal) * positive("baseline", baseline) / _positive_or_nan(d)
     return depth.astype(np.float32)
 
@@ -55,8 +57,9 @@ def disparity_from_depth(depth: ArrayLike, focal: float, baseline: float, offset
     >>> ibr.disparity_from_depth([2.5, 0], focal=500, baseline=0.1).tolist()
     [20.0, nan]
     """
-    z = _positive_or_nan(np.asarray(depth, np.float64))
-    return (positive("focal", focal) * positive("baseline", baseline) / z - offset).astype(np.float32)
+    z = _positive_or_nan(numbers("depth", depth, None, finite=False))
+    disparity = positive("focal", focal) * positive("baseline", baseline) / z
+    return (disparity - numbers("offset", offset, ())).astype(np.float32)
 
 
 def depth_from_euclidean(distance: ArrayLike, camera: Camera) -> Depth:
@@ -122,11 +125,10 @@ def depth_from_uint16(stored: NDArray[np.uint16], scale: float) -> Depth:
     >>> ibr.depth_from_uint16(np.array([1500, 0], np.uint16), scale=1000).tolist()
     [1.5, nan]
     """
-    if stored.dtype.kind not in "ui":
+    units = plain_array("stored", stored, "integers", 0)
+    if units.dtype.kind not in "ui":
         raise ArgumentError("stored", "integers", describe(stored))
-    depth = (stored / positive("scale", scale)).astype(np.float32)
-    depth[stored <= 0] = np.nan
-    return depth
+    return np.where(units > 0, units / positive("scale", scale), np.nan).astype(np.float32)
 
 
 def uint16_from_depth(depth: ArrayLike, scale: float) -> NDArray[np.uint16]:
@@ -143,7 +145,7 @@ def uint16_from_depth(depth: ArrayLike, scale: float) -> NDArray[np.uint16]:
     >>> ibr.uint16_from_depth([1.5, float("nan")], scale=1000).tolist()
     [1500, 0]
     """
-    units = np.rint(_positive_or_nan(np.asarray(depth, np.float64)) * positive("scale", scale))
+    units = np.rint(_positive_or_nan(numbers("depth", depth, None, finite=False)) * positive("scale", scale))
     _within("depth", units, 1, 65535, f"1 to 65535 units of 1/{scale:g}")
     return np.nan_to_num(units, nan=0).astype(np.uint16)
 
@@ -194,7 +196,7 @@ def mpeg_from_depth(depth: ArrayLike, near: float, far: float) -> Depth:
     [1.0, 0.0]
     """
     _check_range(near, far)
-    z = _positive_or_nan(np.asarray(depth, np.float64))
+    z = _positive_or_nan(numbers("depth", depth, None, finite=False))
     endless = far >= 1000
     # float32 depth at the very ends may lie beyond them by its rounding
     _within("depth", z, near * (1 - 1e-6), math.inf if endless else far * (1 + 1e-6), f"{near:g} to {far:g}")
@@ -238,21 +240,19 @@ def undistort(color: _ColorT, depth: Depth, K: ArrayLike, distortion: ArrayLike)
     >>> float(depth[30, 40])
     2.0
     """
-    try:
-        import cv2
-    except ImportError:
-        raise MissingPackageError("undistort needs OpenCV: pip install opencv-python-headless") from None
+    cv2 = opencv("undistort", "initUndistortRectifyMap", "remap")
     intrinsics = checked_intrinsics(K)
-    coefficients = numbers("distortion", np.ravel(np.asarray(distortion)), (None,))
+    coefficients = numbers("distortion", distortion, None).ravel()
     if len(coefficients) not in (4, 5, 8, 12, 14):
         raise ArgumentError("distortion", "4, 5, 8, 12 or 14 coefficients", f"{len(coefficients)}")
-    shape = np.shape(depth)[:2]
-    color, depth = checked_color(color, shape), checked_depth(depth, shape)
+    picture = checked_colors("color", color, (None, None, 3))
+    shape = picture.shape[:2]
+    z = checked_depth(depth, shape)
     map_x, map_y = cv2.initUndistortRectifyMap(
         intrinsics, coefficients, np.eye(3), intrinsics, shape[::-1], cv2.CV_32FC1
     )
-    straight = cv2.remap(color, map_x, map_y, cv2.INTER_LINEAR, borderValue=0)
-    z = cv2.remap(depth, map_x, map_y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=math.nan)
+    straight = cv2.remap(picture, map_x, map_y, cv2.INTER_LINEAR, borderValue=0)
+    z = cv2.remap(z, map_x, map_y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=math.nan)
     return cast("_ColorT", straight), cast("Depth", z), intrinsics
 
 
@@ -261,13 +261,11 @@ def _positive_or_nan(values: Float64) -> Float64:
 
 
 def _ray_lengths(camera: Camera) -> Float64:
-    """Length of K^-1 (x, y, 1) at each pixel, (H, W); 1 for an orthographic camera."""
+    """Length of each pixel's ray up to a depth of 1, (H, W); 1 for an orthographic camera."""
     if camera.projection == "orthographic":
         return np.ones((camera.height, camera.width))
-    y, x = np.mgrid[: camera.height, : camera.width].astype(np.float64)
-    inverse = np.linalg.inv(camera.K)
-    rays = inverse[:2, 0, None, None] * x + inverse[:2, 1, None, None] * y + inverse[:2, 2, None, None]
-    return np.sqrt(rays[0] ** 2 + rays[1] ** 2 + 1)
+    x, y = np.moveaxis(rays_of(camera), 2, 0)
+    return np.sqrt(x * x + y * y + 1)
 
 
 def _within(argument: str, values: Float64, low: float, high: float, expected: str) -> None:
@@ -277,8 +275,8 @@ def _within(argument: str, values: Float64, low: float, high: float, expected: s
 
 
 def _checked_levels(level: ArrayLike) -> Float64:
-    array = np.asarray(level)
     expected = "floats in [0, 1] (divide integers by 2^bits - 1)"
+    array = plain_array("level", level, expected, math.nan)
     if array.dtype.kind != "f":
         raise ArgumentError("level", expected, describe(array))
     levels = array.astype(np.float64)

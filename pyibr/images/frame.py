@@ -42,7 +42,8 @@ class Frame:
     Attributes
     ----------
     color : (H, W, 3)
-        In the dtype of the input's colour; black where not valid, unless holes were filled.
+        In the dtype of the input's colour; black where not valid, unless holes were filled. (H, W, 0) of views that
+        are depth alone.
     depth : (H, W) float32
         Planar z in `camera`'s frame; NaN where not valid.
     valid : (H, W) bool
@@ -76,4 +77,5 @@ class Frame:
     view: NDArray[np.int32] | None = None
 
     def __repr__(self) -> str:
-        return f"<Frame {self.camera.width}x{self.camera.height} {self.color.dtype}>"
+        color = self.color.dtype if self.color.shape[2] else "depth alone"
+        return f"<Frame {self.camera.width}x{self.camera.height} {color}>"

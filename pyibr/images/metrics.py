@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.core.checks import Float64, describe
+from pyibr.core.checks import Float64, describe, plain_array
 from pyibr.core.errors import ArgumentError
 
 Mask = NDArray[np.bool_]
@@ -45,6 +45,7 @@ def psnr(a: Image, b: Image, valid: Mask | None = None) -> float:
     >>> round(metrics.psnr(np.zeros((2, 2)), np.full((2, 2), 0.1)), 6)
     20.0
     """
+    a, b = _image("a", a), _image("b", b)
     if (a.dtype == np.uint8) != (b.dtype == np.uint8) or a.dtype.kind not in "uf" or b.dtype.kind not in "uf":
         raise ArgumentError("b", "uint8 as a, or floats as a", f"{b.dtype}, and a is {a.dtype}")
     peak = 255.0 if a.dtype == np.uint8 else 1.0
@@ -121,7 +122,7 @@ def hole_ratio(valid: Mask, expected: Mask | None = None) -> float:
     >>> metrics.hole_ratio(np.array([[True, True, True, False]]))
     0.25
     """
-    _check_mask("valid", valid, valid.shape)
+    valid = _checked_mask("valid", valid)
     counts = _counting("expected", expected, valid.shape)
     return float(np.mean(~valid[counts]))
 
@@ -141,8 +142,8 @@ def silhouette_iou(a: Mask, b: Mask) -> float:
     >>> metrics.silhouette_iou(np.array([[True, True, False]]), np.array([[True, False, False]]))
     0.5
     """
-    _check_mask("a", a, a.shape)
-    _check_mask("b", b, a.shape)
+    a = _checked_mask("a", a)
+    b = _checked_mask("b", b, a.shape)
     either = np.count_nonzero(a | b)
     if either == 0:
         raise ArgumentError("a", "a pixel inside of a or b", "none")
@@ -150,6 +151,7 @@ def silhouette_iou(a: Mask, b: Mask) -> float:
 
 
 def _differences(a: Image, b: Image, valid: Mask | None) -> Float64:
+    a, b = _image("a", a), _image("b", b)
     if a.shape != b.shape:
         raise ArgumentError("b", f"the shape of a, {a.shape}", describe(b))
     difference = a.astype(np.float64) - b.astype(np.float64)
@@ -157,25 +159,34 @@ def _differences(a: Image, b: Image, valid: Mask | None) -> Float64:
 
 
 def _depth_differences(depth: Image, truth: Image, valid: Mask | None) -> Float64:
+    depth, truth = _image("depth", depth), _image("truth", truth)
     if depth.shape != truth.shape:
         raise ArgumentError("truth", f"the shape of depth, {depth.shape}", describe(truth))
     known: Mask = np.isfinite(depth) & np.isfinite(truth) & (depth > 0) & (truth > 0)
     if valid is not None:
-        _check_mask("valid", valid, depth.shape)
-        known &= valid
+        known &= _checked_mask("valid", valid, depth.shape)
     return _differences(depth, truth, known)
 
 
 def _counting(argument: str, mask: Mask | None, shape: tuple[int, ...]) -> Mask:
     """The mask of pixels that count: all of them if it is None, and never none of them."""
-    if mask is None:
-        mask = np.ones(shape, np.bool_)
-    _check_mask(argument, mask, shape)
-    if not mask.any():
+    counts = np.ones(shape, np.bool_) if mask is None else _checked_mask(argument, mask, shape)
+    if not counts.any():
         raise ArgumentError(argument, "a pixel that counts", "none")
-    return mask
+    return counts
 
 
-def _check_mask(argument: str, mask: Mask, shape: tuple[int, ...]) -> None:
-    if mask.dtype != np.bool_ or mask.shape != shape:
-        raise ArgumentError(argument, f"bool of shape {shape}", describe(mask))
+def _checked_mask(argument: str, mask: object, shape: tuple[int, ...] | None = None) -> Mask:
+    expected = f"bool of shape {'(H, W)' if shape is None else shape}"
+    array = plain_array(argument, mask, expected)
+    if array.dtype != np.bool_ or (shape is not None and array.shape != shape):
+        raise ArgumentError(argument, expected, describe(mask))
+    return array
+
+
+def _image(argument: str, image: object) -> Image:
+    expected = "an image of numbers"
+    array = plain_array(argument, image, expected)
+    if array.dtype.kind not in "uif":
+        raise ArgumentError(argument, expected, describe(image))
+    return array

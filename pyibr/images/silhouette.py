@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import checked_image, describe, instance_of
+from pyibr.core.checks import checked_colors, describe, instance_of, locked, plain_array
 from pyibr.core.errors import ArgumentError
 from pyibr.images.depth_image import DepthImage
 
@@ -43,15 +43,19 @@ class Silhouette:
     def __init__(self, color: NDArray[Any], mask: NDArray[np.bool_], camera: Camera) -> None:
         instance_of("camera", camera, Camera, "a pyibr.Camera")
         shape = (camera.height, camera.width)
-        if not isinstance(mask, np.ndarray) or mask.shape != shape or mask.dtype != np.bool_:  # pyright: ignore[reportUnnecessaryIsInstance]
+        valid = plain_array("mask", mask, f"bool of shape {shape}")
+        if valid.shape != shape or valid.dtype != np.bool_:
             raise ArgumentError("mask", f"bool of shape {shape}", describe(mask))
-        if not mask.any():
+        if not valid.any():
             raise ArgumentError("mask", "a mask that is True somewhere", "none")
-        self.color = checked_image("color", color)
-        if self.color.shape[:2] != shape:
-            raise ArgumentError("color", f"shape {(*shape, 3)}", describe(color))
-        self.valid = mask
+        self.color = locked(checked_colors("color", color, (*shape, 3)))
+        self.valid: NDArray[np.bool_] = locked(valid)
         self.camera = camera
+
+    @property
+    def shown(self) -> NDArray[Any]:
+        """(H, W, 3) the colours, by the name that a depth image has them by."""
+        return self.color
 
 
 def is_opposite(a: Silhouette | DepthImage, b: Silhouette | DepthImage) -> bool:

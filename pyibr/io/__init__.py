@@ -6,33 +6,41 @@
 | .jpg, .tif, .bmp, .webp, .ppm | the same | |
 | .npy, .npz | yes | yes |
 | .pfm | yes | yes |
-| .exr (package OpenEXR) | R, G, B | Z, else Y, else R |
+| .exr (extra `exr`) | R, G, B | Z, else Y, else R |
 | .bin (COLMAP) | | yes |
 
 Scans on a grid, which are points and no images, are read by `read_range_grid`; pictures of normals and heights by
-`read_relief_map`.
+`read_relief_map`; cameras of several images by `read_cameras`, and where they were by `read_poses`.
 """
 
 from __future__ import annotations
 
+import math
+import os
 from importlib import import_module
 from os import PathLike
-from typing import Any, Protocol, cast
+from typing import Any, Literal, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.core.checks import describe, positive
+from pyibr.core.checks import describe, plain_array, positive
 from pyibr.core.errors import ArgumentError, FileFormatError
-from pyibr.core.files import checked_path
+from pyibr.core.files import check_writable, checked_path
 from pyibr.images import depth_from_uint16, uint16_from_depth
 from pyibr.io import image
+from pyibr.io.cameras import read_cameras
+from pyibr.io.poses import Poses, read_poses
 from pyibr.io.range_grid import read_range_grid
 from pyibr.io.relief_map import read_relief_map, write_relief_map
 
 __all__ = [
+    "Poses",
+    "check_output",
+    "read_cameras",
     "read_color",
     "read_depth",
+    "read_poses",
     "read_range_grid",
     "read_relief_map",
     "write_color",
@@ -53,6 +61,7 @@ class _Format(Protocol):
     def write_color(self, path: _PathLike, color: NDArray[Any]) -> None: ...
     def read_depth(self, path: _PathLike) -> NDArray[Any]: ...
     def write_depth(self, path: _PathLike, depth: NDArray[Any]) -> None: ...
+    def check_output(self, path: _PathLike) -> None: ...
 
 
 def read_color(path: _PathLike) -> NDArray[np.uint8] | NDArray[np.float32]:
@@ -109,9 +118,11 @@ def write_color(path: _PathLike, color: NDArray[np.uint8] | NDArray[np.float32])
     >>> int(ibr.read_color("gray.png").max())
     128
     """
-    if color.ndim != 3 or color.shape[2] != 3 or color.dtype.name not in ("uint8", "float32") or not color.size:
-        raise ArgumentError("color", "uint8 or float32 of shape (H, W, 3)", describe(color))
-    _module(path, _COLOR_MODULES, "image").write_color(path, color)
+    expected = "uint8 or float32 of shape (H, W, 3)"
+    array = plain_array("color", color, expected)
+    if array.ndim != 3 or array.shape[2] != 3 or array.dtype.name not in ("uint8", "float32") or not array.size:
+        raise ArgumentError("color", expected, describe(color))
+    _module(path, _COLOR_MODULES, "image").write_color(path, array)
 
 
 def write_mask(path: _PathLike, mask: NDArray[np.bool_]) -> None:
@@ -125,10 +136,28 @@ def write_mask(path: _PathLike, mask: NDArray[np.bool_]) -> None:
     >>> ibr.read_color("mask.png")[..., 0].tolist()
     [[255, 0, 0], [0, 255, 0], [0, 0, 255]]
     """
-    if mask.ndim != 2 or mask.dtype != np.bool_ or not mask.size:
+    array = plain_array("mask", mask, "bool of shape (H, W)")
+    if array.ndim != 2 or array.dtype != np.bool_ or not array.size:
         raise ArgumentError("mask", "bool of shape (H, W)", describe(mask))
+    image.write_color(path, array.astype(np.uint8) * np.uint8(255))
 
-    image.write_color(path, mask.astype(np.uint8) * np.uint8(255))
+
+def check_output(path: _PathLike, kind: Literal["color", "depth", "mask"]) -> None:
+    """Raise what writing there would raise before the first pixel: a suffix of no format, a missing package, a folder.
+
+    Examples
+    --------
+    >>> from pyibr.io import check_output
+    >>> check_output("new.png", "color")
+    """
+    if kind == "depth":
+        module = _module(path, _DEPTH_MODULES)
+    else:
+        module = _module(path, _COLOR_MODULES if kind == "color" else {}, "image")
+    check = getattr(module, "check_output", None)
+    if check is not None:
+        check(path)
+    check_writable(path)
 
 
 def read_depth(path: _PathLike, scale: float | None = None) -> NDArray[np.float32]:
@@ -161,7 +190,6 @@ def read_depth(path: _PathLike, scale: float | None = None) -> NDArray[np.float3
     >>> ibr.read_depth("depth.png", scale=1000).tolist()
     [[1.5, nan]]
     """
-
     stored = _module(path, _DEPTH_MODULES).read_depth(path)
     if stored.ndim != 2 or stored.dtype.kind not in "uif" or 0 in stored.shape:
         raise FileFormatError(f"{path}: expected depth of shape (H, W), got {describe(stored)}")
@@ -186,15 +214,15 @@ def write_depth(path: _PathLike, depth: NDArray[np.float32], scale: float | None
     >>> ibr.read_depth("depth.npy").tolist()
     [[1.5, nan]]
     """
-
-    if depth.ndim != 2 or depth.dtype.kind != "f" or not depth.size:
+    array = plain_array("depth", depth, "float32 of shape (H, W)", math.nan)
+    if array.ndim != 2 or array.dtype.kind != "f" or not array.size:
         raise ArgumentError("depth", "float32 of shape (H, W)", describe(depth))
     module = _module(path, _DEPTH_MODULES)
     if checked_path(path).suffix.lower() == ".png":
-        module.write_depth(path, uint16_from_depth(depth, _required(scale, path)))
+        module.write_depth(path, uint16_from_depth(array, _required(scale, path)))
     else:
         factor = 1.0 if scale is None else positive("scale", scale)
-        module.write_depth(path, (depth * factor).astype(np.float32))
+        module.write_depth(path, (array * factor).astype(np.float32))
 
 
 def _required(scale: float | None, path: _PathLike) -> float:
@@ -208,7 +236,7 @@ def _required(scale: float | None, path: _PathLike) -> float:
 
 
 def _module(path: _PathLike, modules: dict[str, str], default: str | None = None) -> _Format:
-    if checked_path(path).is_dir():
+    if os.path.isdir(checked_path(path)):  # noqa: PTH112 - a name that is too long is none
         raise FileFormatError(f"{path}: expected a file, got a folder")
     suffix = checked_path(path).suffix.lower()
     name = modules.get(suffix, default)

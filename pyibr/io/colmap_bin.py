@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.errors import FileFormatError
-from pyibr.core.files import atomic_path, reading
+from pyibr.core.files import reading, write_whole
 
-_HEADER = re.compile(rb"(\d+)&(\d+)&(\d+)&")
+_HEADER = re.compile(rb"(\d{1,9})&(\d{1,9})&(\d{1,9})&")
 
 
 def read_depth(path: str | PathLike[str]) -> NDArray[np.float32]:
@@ -34,5 +34,4 @@ def read_depth(path: str | PathLike[str]) -> NDArray[np.float32]:
 def write_depth(path: str | PathLike[str], depth: NDArray[Any]) -> None:
     """Write (H, W) float32."""
     header = f"{depth.shape[1]}&{depth.shape[0]}&1&".encode("ascii")
-    with atomic_path(path) as temporary:
-        temporary.write_bytes(header + depth.astype("<f4").tobytes())
+    write_whole(path, header + depth.astype("<f4").tobytes())

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+import io
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.core.errors import FileFormatError, MissingPackageError
-from pyibr.core.files import atomic_path, reading
-
-if TYPE_CHECKING:
-    from types import ModuleType
+from pyibr.core.errors import FileFormatError
+from pyibr.core.files import check_unpacked, reading, write_whole
+from pyibr.core.optional import openexr
 
 
 def read_color(path: str | PathLike[str]) -> NDArray[Any]:
@@ -39,18 +38,24 @@ def write_depth(path: str | PathLike[str], depth: NDArray[Any]) -> None:
     _write(path, {"Z": depth})
 
 
-def _openexr() -> ModuleType:
-    try:
-        import OpenEXR
-    except ImportError:
-        raise MissingPackageError("EXR files need the package OpenEXR: pip install OpenEXR") from None
-    return OpenEXR
+def check_output(path: str | PathLike[str]) -> None:
+    """Raise MissingPackageError without OpenEXR."""
+    openexr()
 
 
 def _read(path: str | PathLike[str]) -> dict[str, NDArray[Any]]:
-    exr: Any = _openexr()
-    with reading(path, "OpenEXR") as source, exr.File(str(source), separate_channels=True) as file:
-        return {name: channel.pixels for part in file.parts for name, channel in part.channels.items()}
+    exr = openexr()
+    with reading(path, "OpenEXR") as source:
+        with exr.File(str(source), header_only=True) as file:
+            check_unpacked(sum(_size(part.header) for part in file.parts))
+        with exr.File(str(source), separate_channels=True) as file:
+            return {name: channel.pixels for part in file.parts for name, channel in part.channels.items()}
+
+
+def _size(header: dict[str, Any]) -> int:
+    """Bytes that a part's pixels take, if all are float32."""
+    (left, top), (right, bottom) = (corner.tolist() for corner in header["dataWindow"])
+    return 4 * (right - left + 1) * (bottom - top + 1) * len(header["channels"])
 
 
 def _pick(path: str | PathLike[str], channels: dict[str, NDArray[Any]], *names: str) -> NDArray[Any]:
@@ -64,11 +69,8 @@ def _pick(path: str | PathLike[str], channels: dict[str, NDArray[Any]], *names: 
 
 
 def _write(path: str | PathLike[str], channels: dict[str, NDArray[Any]]) -> None:
-    exr: Any = _openexr()
+    exr = openexr()
     pixels = {name: np.ascontiguousarray(values, np.float32) for name, values in channels.items()}
-    with atomic_path(path) as temporary:
-        header = {"compression": exr.ZIP_COMPRESSION, "type": exr.scanlineimage}
-        try:
-            exr.File(header, pixels).write(str(temporary))
-        except RuntimeError as error:
-            raise OSError(str(error)) from error
+    stream = io.BytesIO()
+    exr.File({"compression": exr.ZIP_COMPRESSION, "type": exr.scanlineimage}, pixels).write(stream)
+    write_whole(path, stream.getvalue())

@@ -2,36 +2,64 @@
 
 from __future__ import annotations
 
+import io
 from os import PathLike
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.errors import FileFormatError
-from pyibr.core.files import atomic_path, checked_path, reading
+from pyibr.core.files import checked_path, reading, write_whole
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
 
 _WRITABLE = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".ppm")
 
 
 def read_color(path: str | PathLike[str]) -> NDArray[Any]:
     """Return the file's first image as stored: (H, W) or (H, W, C)."""
-    iio = _imageio()
     with reading(path, "image") as source:
-        return iio.imread(source, index=0, plugin="pillow")
+        return decoded(source.read_bytes())
+
+
+def decoded(data: bytes) -> NDArray[Any]:
+    """The first image of what a file holds, as stored; Pillow's errors, also for one too large for any good."""
+    opened(data).close()
+    return _imageio().imread(data, index=0, plugin="pillow")
+
+
+def opened(data: bytes) -> Image:
+    """The picture of Pillow's that these bytes are."""
+    from PIL import Image
+
+    with Image.open(io.BytesIO(data)) as picture:
+        if picture.format == "EPS":  # a program, which Pillow would run
+            raise ValueError("PostScript is no picture")
+        picture.verify()  # the sums of a PNG's chunks, which decoding passes over
+    return Image.open(io.BytesIO(data))
+
+
+def encoded(image: NDArray[Any], suffix: str) -> bytes:
+    """The bytes of a file. Libraries that write files themselves may not tell of a full disk."""
+    options = {"quality": 95} if suffix in (".jpg", ".jpeg", ".webp") else {}
+    return _imageio().imwrite("<bytes>", image, extension=suffix, plugin="pillow", **options)
+
+
+def check_output(path: str | PathLike[str]) -> None:
+    """Raise FileFormatError unless the suffix is that of a picture that can be written."""
+    suffix = checked_path(path).suffix.lower()
+    if suffix not in _WRITABLE:
+        raise FileFormatError(f"{path}: no image format {suffix or 'without a suffix'} to write")
 
 
 def write_color(path: str | PathLike[str], color: NDArray[Any]) -> None:
     """Write an (H, W) or (H, W, 3) image, float as 8 bit."""
-    iio = _imageio()
+    check_output(path)
     if color.dtype.kind == "f":
         color = np.rint(np.clip(np.nan_to_num(color), 0, 1) * 255).astype(np.uint8)
-    suffix = checked_path(path).suffix.lower()
-    if suffix not in _WRITABLE:
-        raise FileFormatError(f"{path}: no image format {suffix or 'without a suffix'} to write")
-    options = {"quality": 95} if suffix in (".jpg", ".jpeg", ".webp") else {}
-    with atomic_path(path) as temporary:
-        iio.imwrite(temporary, color, plugin="pillow", **options)
+    write_whole(path, encoded(color, checked_path(path).suffix.lower()))
 
 
 def _imageio() -> Any:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import io
+import math
 from os import PathLike
-from typing import Any, cast
+from typing import Any
+from zipfile import ZipFile
 
 import numpy as np
+from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from pyibr.core.errors import FileFormatError
-from pyibr.core.files import atomic_path, reading
+from pyibr.core.files import check_unpacked, checked_path, read_at_most, reading, write_whole
 
 
 def read_color(path: str | PathLike[str]) -> NDArray[Any]:
@@ -33,18 +37,38 @@ def write_depth(path: str | PathLike[str], depth: NDArray[Any]) -> None:
 
 
 def _read(path: str | PathLike[str], name: str) -> NDArray[Any]:
-    with reading(path, "NumPy") as source, source.open("rb") as stream:
-        content: Any = np.load(stream, allow_pickle=False)
-        if isinstance(content, np.ndarray):
-            return cast("NDArray[Any]", content)
-        if name not in content.files and len(content.files) != 1:
-            raise FileFormatError(f"{path}: no array {name!r} among {', '.join(content.files) or 'none'}")
-        return np.asarray(content[name if name in content.files else content.files[0]])
+    with reading(path, "NumPy") as source:
+        data = source.read_bytes()
+        if data[:2] != b"PK":
+            return _array(data)
+        with ZipFile(io.BytesIO(data)) as packed:
+            arrays = {member.filename.removesuffix(".npy"): member for member in packed.infolist()}
+            if name not in arrays and len(arrays) != 1:
+                raise FileFormatError(f"{path}: no array {name!r} among {', '.join(arrays) or 'none'}")
+            member = arrays.get(name) or next(iter(arrays.values()))
+            check_unpacked(member.file_size)
+            with packed.open(member) as stream:
+                return _array(read_at_most(stream))
+
+
+def _array(data: bytes) -> NDArray[Any]:
+    """The array of an NPY file. NumPy's own reader takes all the memory that a header asks for."""
+    stream = io.BytesIO(data)
+    header = npy.read_array_header_1_0 if npy.read_magic(stream) == (1, 0) else npy.read_array_header_2_0
+    shape, by_columns, dtype = header(stream)
+    if dtype.hasobject or min(shape, default=0) < 0:
+        raise ValueError(f"expected numbers, got {dtype} of shape {shape}")
+    expected, got = math.prod(shape) * dtype.itemsize, len(data) - stream.tell()
+    if got < expected:
+        raise ValueError(f"expected {expected} bytes after the header, got {got}")
+    values = np.frombuffer(data, dtype, math.prod(shape), stream.tell())
+    return values.reshape(shape, order="F" if by_columns else "C").copy()
 
 
 def _write(path: str | PathLike[str], name: str, array: NDArray[Any]) -> None:
-    with atomic_path(path) as temporary, temporary.open("wb") as stream:
-        if temporary.suffix.lower() == ".npz":
-            np.savez_compressed(stream, allow_pickle=False, **{name: array})
-        else:
-            np.save(stream, array, allow_pickle=False)
+    stream = io.BytesIO()
+    if checked_path(path).suffix.lower() == ".npz":
+        np.savez_compressed(stream, allow_pickle=False, **{name: array})
+    else:
+        np.save(stream, array, allow_pickle=False)
+    write_whole(path, stream.getvalue())

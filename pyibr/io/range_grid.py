@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import gzip
 from os import PathLike
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.core.files import reading
+from pyibr.core.files import read_bytes, reading
 
 
 def read_range_grid(path: str | PathLike[str]) -> NDArray[np.float32]:
@@ -41,8 +40,7 @@ def read_range_grid(path: str | PathLike[str]) -> NDArray[np.float32]:
     [[[1.0, 2.0, 3.0], [nan, nan, nan]]]
     """
     with reading(path, "range grid") as source:
-        data = source.read_bytes()
-        data = gzip.decompress(data) if data[:2] == b"\x1f\x8b" else data
+        data = read_bytes(source)
         head, separator, body = data.partition(b"end_header\n")
         lines = head.decode("ascii").splitlines()
         words = [line.split() for line in lines]

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import io
 from os import PathLike
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.core.checks import describe, one_of
+from pyibr.core.checks import describe, one_of, plain_array
 from pyibr.core.errors import ArgumentError, FileFormatError
-from pyibr.core.files import atomic_path, reading
+from pyibr.core.files import checked_path, reading, write_whole
+from pyibr.io import image
 
 Green = Literal["down", "up"]
 
@@ -51,11 +53,9 @@ def read_relief_map(
     >>> normals[0, 0].round(2).tolist(), int(height[0, 0])
     ([0.0, 0.0, 1.0], 200)
     """
-    from PIL import Image
-
     one_of("green", green, Green)
     one_of("alpha", alpha, Literal["height", "depth"])
-    with reading(path, "relief map") as source, Image.open(source) as picture:
+    with reading(path, "relief map") as source, image.opened(source.read_bytes()) as picture:
         if picture.mode not in ("RGBA", "LA", "PA") and "transparency" not in picture.info:
             raise FileFormatError(f"{source}: expected normals and heights as RGBA, got {picture.mode}")
         rgba = np.asarray(picture.convert("RGBA"))
@@ -97,17 +97,21 @@ def write_relief_map(
     from PIL import Image
 
     one_of("green", green, Green)
+    height = plain_array("height", height, "uint8 of shape (h, w)")
+    normal_map = plain_array("normal_map", normal_map, f"floats of shape {(*height.shape, 3)}")
     if height.ndim != 2 or height.dtype != np.uint8 or not height.size:
         raise ArgumentError("height", "uint8 of shape (h, w)", describe(height))
     if normal_map.shape != (*height.shape, 3) or normal_map.dtype.kind != "f" or not np.isfinite(normal_map).all():
         raise ArgumentError("normal_map", f"floats of shape {(*height.shape, 3)}", describe(normal_map))
     if (normal_map[..., 2] <= 0).any():
         raise ArgumentError("normal_map", "normals with z > 0", f"{np.count_nonzero(normal_map[..., 2] <= 0)} without")
+    suffix = checked_path(path).suffix.lower()
     unit = normal_map / np.linalg.norm(normal_map, axis=2, keepdims=True)
     unit = unit * np.array([1, 1 if green == "down" else -1, 1])
     rgb = np.rint((unit + 1) * 127.5).clip(0, 255).astype(np.uint8)
-    with atomic_path(path) as temporary:
-        try:
-            Image.fromarray(np.dstack([rgb, height])).save(temporary)
-        except (ValueError, KeyError) as error:
-            raise FileFormatError(f"{path}: cannot be written as a picture with alpha: {error}") from error
+    stream = io.BytesIO()
+    try:
+        Image.fromarray(np.dstack([rgb, height])).save(stream, Image.registered_extensions()[suffix])
+    except (OSError, ValueError, KeyError) as error:
+        raise FileFormatError(f"{path}: cannot be written as a picture with alpha: {error}") from error
+    write_whole(path, stream.getvalue())

@@ -7,7 +7,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pyibr.core.checks import describe, numbers
+from pyibr.core.checks import describe, numbers, plain_array
 from pyibr.core.errors import ArgumentError
 
 Float32 = NDArray[np.float32]
@@ -15,15 +15,16 @@ Float32 = NDArray[np.float32]
 
 def checked_height(height: NDArray[Any]) -> Float32:
     """Heights as float32 in [0, 1]; integers are divided by their greatest value."""
-    if not isinstance(height, np.ndarray) or height.ndim != 2 or 0 in height.shape:  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise ArgumentError("height", "heights in [0, 1] of shape (h, w), or uint8 or uint16", describe(height))
+    expected = "heights in [0, 1] of shape (h, w), float32, or uint8 or uint16"
+    given, height = height, plain_array("height", height, expected)
+    if height.ndim != 2 or 0 in height.shape:
+        raise ArgumentError("height", expected, describe(given))
     if height.dtype.name in ("uint8", "uint16"):
         return np.ascontiguousarray(height / np.float32(np.iinfo(height.dtype).max), np.float32)
     if height.dtype.kind != "f":
-        raise ArgumentError("height", "float32 in [0, 1], uint8 or uint16", describe(height))
+        raise ArgumentError("height", expected, describe(given))
     if not (np.isfinite(height).all() and height.min() >= 0 and height.max() <= 1):
-        with np.errstate(invalid="ignore"):
-            raise ArgumentError("height", "heights in [0, 1]", f"{np.min(height):g} to {np.max(height):g}")
+        raise ArgumentError("height", "heights in [0, 1]", f"{np.min(height):g} to {np.max(height):g}")
     return np.ascontiguousarray(height, np.float32)
 
 
@@ -36,12 +37,17 @@ def height_pairs(height: Float32) -> NDArray[np.uint32]:
 def checked_normal_map(normal_map: NDArray[Any]) -> Float32:
     """Unit normals in tangent space; bytes are decoded as x / 127.5 - 1."""
     expected = "normals in tangent space of shape (h, w, 3), floats or uint8 (0 is -1, 255 is 1), z > 0"
-    if not isinstance(normal_map, np.ndarray) or normal_map.ndim != 3 or normal_map.shape[2] != 3:  # pyright: ignore[reportUnnecessaryIsInstance]
+    array = plain_array("normal_map", normal_map, expected)
+    if (
+        array.ndim != 3
+        or array.shape[2] != 3
+        or 0 in array.shape
+        or not (array.dtype.kind == "f" or array.dtype == np.uint8)
+    ):
         raise ArgumentError("normal_map", expected, describe(normal_map))
-    if 0 in normal_map.shape or not (normal_map.dtype.kind == "f" or normal_map.dtype == np.uint8):
-        raise ArgumentError("normal_map", expected, describe(normal_map))
-    single = np.ascontiguousarray(normal_map, np.float32)
-    if normal_map.dtype == np.uint8:
+    with np.errstate(over="ignore"):
+        single = np.ascontiguousarray(array, np.float32)
+    if array.dtype == np.uint8:
         single = single / np.float32(127.5) - np.float32(1)
         single[..., 2][np.abs(single[..., 2]) < 0.004] = 1e-3  # 127 and 128 both mean 0
     if not np.isfinite(single).all():

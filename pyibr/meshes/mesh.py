@@ -1,32 +1,24 @@
-"""Triangle meshes, and their files through Open3D."""
+"""Triangle meshes, from arrays, files and Open3D."""
 
 from __future__ import annotations
 
-import gzip
-import tempfile
-from collections.abc import Generator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from functools import cached_property
 from os import PathLike
-from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pyibr.core.checks import Fixed, check_tiled, describe, locked, numbers, one_of
+from pyibr.core.checks import Fixed, check_tiled, checked_colors, describe, locked, numbers, one_of, plain_array
 from pyibr.core.errors import ArgumentError, FileFormatError
-from pyibr.core.files import checked_path, folder_for, reading
 from pyibr.core.optional import open3d
+from pyibr.io.mesh_arrays import MeshArrays
+from pyibr.meshes.files import Axes, read_mesh, write_mesh
 
 Float32 = NDArray[np.float32]
 Sides = Literal["both", "front", "back"]
 
-_READ = (".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
-_WRITTEN = (".glb", ".obj", ".off", ".ply", ".stl")
-_HEADER_MOST = 1 << 16  # bytes of a PLY file that its header ends in
-_TEXTURED = (".glb", ".obj")
-_COLORED = (".off", ".ply")
 _OWN_PLACES = ("positions", "normals", "colors")  # of Open3D's vertex attributes: not in `attributes`
 
 
@@ -89,7 +81,7 @@ class Mesh(Fixed):
         points = _in_float32("vertices", numbers("vertices", vertices, (None, 3)))
         corners = checked_faces(faces, len(points))
         along = None if normals is None else _checked_normals(normals, len(points))
-        tints = None if colors is None else _checked_colors("colors", colors, (len(points), 3))
+        tints = None if colors is None else checked_colors("colors", colors, (len(points), 3))
         places = None if uv is None else _checked_uv(uv, len(points), len(corners))
         others = {name: _checked_attribute(name, values, len(points)) for name, values in (attributes or {}).items()}
         if places is not None and places.ndim == 3:
@@ -106,7 +98,7 @@ class Mesh(Fixed):
         self.attributes: dict[str, Float32] = {name: locked(values) for name, values in others.items()}
         if texture is not None and self.uv is None:
             raise ArgumentError("uv", "uv for the texture", "none")
-        shown = None if texture is None else locked(_checked_colors("texture", texture, (None, None, 3)))
+        shown = None if texture is None else locked(checked_colors("texture", texture, (None, None, 3)))
         if self.uv is not None:
             check_tiled(self.uv, (1, 1), shown)
         self.texture: NDArray[Any] | None = shown
@@ -138,40 +130,64 @@ class Mesh(Fixed):
         return locked(unit[number].astype(np.float32))
 
     @classmethod
-    def load(cls, path: str | PathLike[str], texture: NDArray[Any] | None = None) -> Mesh:
+    def load(cls, path: str | PathLike[str], texture: NDArray[Any] | None = None, axes: Axes = "opencv") -> Mesh:
         """Read a mesh: PLY, OBJ, GLB, GLTF, STL or OFF, also packed by gzip (``.ply.gz``).
+
+        Of several textures only the first is used. Polygons become fans of triangles.
 
         Parameters
         ----------
         path : path
         texture : (h, w, 3) uint8 or float32, optional
             Instead of the file's own.
+        axes : {"opencv", "gltf"}
+            The axes that the mesh is to have. As in `save`: they matter to GLB and GLTF alone.
 
         Raises
         ------
         FileFormatError
             If the file cannot be read as its suffix says, or holds no triangles.
-        MissingPackageError
-            If Open3D is not installed.
-        """
-        file = checked_path(path)
-        packed = file.suffix.lower() == ".gz"
-        kind = Path(file.stem).suffix.lower() if packed else file.suffix.lower()
-        if kind not in _READ:
-            raise FileFormatError(f"{file}: a mesh file ends in one of {', '.join(_READ)} (or .gz after it)")
-        with reading(file, f"{kind[1:].upper()} mesh"), tempfile.TemporaryDirectory() as folder:
-            source = file
-            if packed:
-                source = Path(folder) / f"mesh{kind}"
-                source.write_bytes(gzip.decompress(file.read_bytes()))
-            with _silent():
-                found = _read(source)
-            if not _has_triangles(found):
-                raise FileFormatError(f"{file}: no triangles in it, or truncated")
-            return cls.from_open3d(found, texture)
 
-    def save(self, path: str | PathLike[str]) -> None:
-        """Write the mesh: OBJ and GLB with uv and texture, PLY, STL and OFF without. A missing folder is made.
+        Examples
+        --------
+        >>> import pyibr as ibr
+        >>> ibr.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]).save("triangle.glb")
+        >>> ibr.Mesh.load("triangle.glb").vertices.tolist()
+        [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+        >>> ibr.Mesh.load("triangle.glb", axes="gltf").vertices[2].tolist()  # what is down in OpenCV's world
+        [0.0, -1.0, 0.0]
+        """
+        found = read_mesh(path, axes)
+        own = found.texture if found.uv is not None else None
+        try:
+            return cls(
+                found.vertices,
+                found.faces,
+                found.uv,
+                found.normals,
+                own if texture is None else texture,
+                found.colors,
+            )
+        except ArgumentError as error:
+            if texture is not None and error.argument in ("texture", "uv"):
+                raise
+            raise FileFormatError(f"{path}: {error}") from error
+
+    def save(self, path: str | PathLike[str], axes: Axes = "opencv") -> None:
+        """Write the mesh, whole, or leave what is there. A missing folder is made.
+
+        GLB holds all but `attributes`, OBJ too, but no `sides`; PLY no uv, OFF no normals either, STL only triangles.
+        Where there is a texture, GLB and OBJ leave `colors` out. An OBJ file's texture and materials are two more
+        files, whose names begin with its own and tell the texture by a sum, so that no other OBJ's are changed.
+
+        Parameters
+        ----------
+        path : path
+        axes : {"opencv", "gltf"}
+            Whose axes the mesh has: "opencv" for x right, y down, z forward, as pyibr's cameras have and as
+            `DepthMesh` makes of them; "gltf" for a mesh in a world of y up and z towards the viewer. A GLB file
+            always has glTF's, so that what is up is up in other programs. The other formats fix none: they hold the
+            mesh's numbers as they are.
 
         Raises
         ------
@@ -180,23 +196,9 @@ class Mesh(Fixed):
         FileFormatError
             If the file cannot be written.
         """
-        file = checked_path(path)
-        kind = file.suffix.lower()
-        if kind not in _WRITTEN:
-            raise ArgumentError("path", f"a file that ends in one of {', '.join(_WRITTEN)}", str(file))
-        written_as = self
-        if self.texture is not None and kind not in _TEXTURED:
-            if self.colors is None or kind not in _COLORED:
-                raise ArgumentError("path", f"a file that can hold the texture: {' or '.join(_TEXTURED)}", str(file))
-            written_as = Mesh(self.vertices, self.faces, normals=self.normals, colors=self.colors)
-        mesh = written_as.to_open3d()
-        if kind == ".stl":
-            mesh.compute_triangle_normals()
-        folder_for(file)
-        with _silent():
-            written = open3d().t.io.write_triangle_mesh(str(file), mesh)
-        if not written:
-            raise FileFormatError(f"{file}: could not be written")
+        texture, colors = (None if image is None else _in_bytes(image) for image in (self.texture, self.colors))
+        arrays = MeshArrays(self.vertices, self.faces, self.uv, self.normals, colors, texture)
+        write_mesh(path, arrays, axes, double_sided=self.sides == "both")
 
     def to_open3d(self) -> Any:
         """Return it as an `open3d.t.geometry.TriangleMesh`, whose v runs up."""
@@ -214,10 +216,8 @@ class Mesh(Fixed):
         if self.texture is not None:
             mesh.material.set_default_properties()
             mesh.material.material_name = "defaultLit"
-            texture = self.texture
-            if texture.dtype != np.uint8:
-                texture = np.rint(texture * np.float32(255)).astype(np.uint8)
-            mesh.material.texture_maps["albedo"] = o3d.t.geometry.Image(o3d.core.Tensor(np.ascontiguousarray(texture)))
+            texture = np.ascontiguousarray(_in_bytes(self.texture))
+            mesh.material.texture_maps["albedo"] = o3d.t.geometry.Image(o3d.core.Tensor(texture))
         return mesh
 
     @classmethod
@@ -251,20 +251,6 @@ class Mesh(Fixed):
         return cls(points, faces, uv, normals, texture, colors, attributes=others)
 
 
-def _read(source: Path) -> Any:
-    o3d = open3d()
-    # Open3D dies of bytes 0 in OBJ files and of PLY files without the end of their header.
-    if source.suffix.lower() == ".obj" and b"\0" in source.read_bytes():
-        raise ValueError("not text")
-    if source.suffix.lower() == ".ply" and b"end_header" not in source.read_bytes()[:_HEADER_MOST]:
-        raise ValueError("no end of the header")
-    if source.suffix.lower() in _TEXTURED or source.suffix.lower() == ".gltf":
-        return o3d.t.io.read_triangle_mesh(str(source))
-    # The tensor reader takes bytes of colours for floats.
-    mesh = o3d.io.read_triangle_mesh(str(source))
-    return o3d.t.geometry.TriangleMesh.from_legacy(mesh) if mesh.has_triangles() else mesh
-
-
 def _has_triangles(mesh: Any) -> bool:
     if not hasattr(mesh, "to_legacy"):
         return bool(mesh.has_triangles())
@@ -293,12 +279,8 @@ def _usable_normals(normals: NDArray[Any]) -> NDArray[Any] | None:
     return normals if np.isfinite(normals).all() and (np.linalg.norm(normals, axis=1) > 0).all() else None
 
 
-@contextmanager
-def _silent() -> Generator[None, None, None]:
-    """Open3D prints what it thinks of files."""
-    utility = open3d().utility
-    with utility.VerbosityContextManager(utility.VerbosityLevel.Error):
-        yield
+def _in_bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
+    return image if image.dtype == np.uint8 else np.rint(image * np.float32(255)).astype(np.uint8)
 
 
 def _split(faces: NDArray[np.int32], uv: Float32) -> tuple[NDArray[np.int32], NDArray[np.intp], Float32]:
@@ -312,22 +294,23 @@ def _split(faces: NDArray[np.int32], uv: Float32) -> tuple[NDArray[np.int32], ND
 def checked_faces(faces: ArrayLike, count: int) -> NDArray[np.int32]:
     """Return `faces` as (M, 3) numbers of `count` vertices, or raise ArgumentError."""
     expected = "integers of shape (M, 3), M >= 1"
-    array = np.asarray(faces)
+    array = plain_array("faces", faces, expected)
     if array.ndim != 2 or array.shape[1:] != (3,) or not len(array) or array.dtype.kind not in "iu":
-        raise ArgumentError("faces", expected, describe(cast("object", array)))
+        raise ArgumentError("faces", expected, describe(array))
     if array.min() < 0 or array.max() >= count:
         raise ArgumentError("faces", f"numbers of vertices, 0 to {count - 1}", f"{array.min()} to {array.max()}")
     return array.astype(np.int32)
 
 
 def _checked_uv(uv: ArrayLike, vertices: int, faces: int) -> Float32:
-    array = np.asarray(uv)
+    array = plain_array("uv", uv, f"numbers of shape ({vertices}, 2) or ({faces}, 3, 2)")
     shape = (faces, 3, 2) if array.ndim == 3 else (vertices, 2)
     return _in_float32("uv", numbers("uv", array, shape))
 
 
 def _checked_attribute(name: str, values: ArrayLike, count: int) -> Float32:
-    argument, array = f"attributes[{name!r}]", np.asarray(values)
+    argument = f"attributes[{name!r}]"
+    array = plain_array(argument, values, f"numbers of shape ({count},) or ({count}, N)")
     return _in_float32(argument, numbers(argument, array, (count, None)[: max(array.ndim, 1)]))
 
 
@@ -344,16 +327,3 @@ def _checked_normals(normals: ArrayLike, count: int) -> Float32:
     if (length == 0).any():
         raise ArgumentError("normals", "normals that are not zero", f"{np.count_nonzero(length == 0)} that are")
     return (array / length).astype(np.float32)
-
-
-def _checked_colors(argument: str, colors: NDArray[Any], shape: tuple[int | None, ...]) -> NDArray[Any]:
-    expected = f"uint8, or float32 in [0, 1], of shape ({', '.join('n' if n is None else str(n) for n in shape)})"
-    array = np.asarray(colors)
-    if array.dtype == np.float64:
-        array = array.astype(np.float32)
-    fits = array.ndim == len(shape) and all(n in (None, m) for n, m in zip(shape, array.shape, strict=True))
-    if not fits or 0 in array.shape or array.dtype.name not in ("uint8", "float32"):
-        raise ArgumentError(argument, expected, describe(cast("object", array)))
-    if array.dtype == np.float32 and not (np.isfinite(array).all() and array.min() >= 0 and array.max() <= 1):
-        raise ArgumentError(argument, expected, "values beyond [0, 1]")
-    return array

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 def texture_pyramid(texture: NDArray[Any]) -> NDArray[np.uint32]:
     """All levels of a texture, largest first, as RGBA words: each half as large as the one before, rounded down."""
-    import cv2
-
     level = as_bytes(texture)
     words: list[NDArray[np.uint32]] = []
     while True:
@@ -19,16 +17,34 @@ def texture_pyramid(texture: NDArray[Any]) -> NDArray[np.uint32]:
         words.append(rgba_words(level))
         if width == height == 1:
             return np.concatenate(words)
-        level = cv2.resize(level, (max(width // 2, 1), max(height // 2, 1)), interpolation=cv2.INTER_AREA)
+        level = np.floor(halved(level) + np.float32(0.5)).astype(np.uint8)
+
+
+def halved(image: NDArray[Any]) -> NDArray[np.float32]:
+    """(h, w, ...) half as large, rounded down, but at least 1: means over the areas that its texels cover."""
+    return _halved_rows(_halved_rows(image).swapaxes(0, 1)).swapaxes(0, 1)
+
+
+def _halved_rows(image: NDArray[Any]) -> NDArray[np.float32]:
+    count = len(image) // 2
+    if count == 0:
+        return image.astype(np.float32)
+    first, second = image[0 : 2 * count : 2], image[1 : 2 * count : 2]
+    if len(image) == 2 * count:
+        return np.float32(0.5) * np.add(first, second, dtype=np.float32)
+    # A new row covers 2 + 1 / count old ones: the one in its middle, and parts of the two beside it.
+    part = (np.arange(1, count + 1) / len(image)).reshape((count,) + (1,) * (image.ndim - 1)).astype(np.float32)
+    whole, both = np.float32(count / len(image)), np.float32((count + 1) / len(image))
+    return np.asarray((both - part) * first + whole * second + part * image[2::2], np.float32)
 
 
 def rgba_words(color: NDArray[Any], valid: NDArray[np.bool_] | None = None) -> NDArray[np.uint32]:
     """An image's pixels as RGBA words in a row: a texel is one read. A is 255, or 0 where not valid."""
-    import cv2
-
-    rgba = np.asarray(cv2.cvtColor(as_bytes(color), cv2.COLOR_RGB2RGBA), np.uint8)
-    if valid is not None:
-        rgba[..., 3] = valid * np.uint8(255)
+    rgba = np.empty((*color.shape[:2], 4), np.uint8)
+    color = as_bytes(color)
+    for channel in range(3):  # in turn: a fifth of the time
+        rgba[..., channel] = color[..., channel]
+    rgba[..., 3] = 255 if valid is None else valid * np.uint8(255)
     return rgba.view(np.uint32).ravel()
 
 

@@ -7,9 +7,11 @@ is kept on disk, so a later process opens its device at once. Importing this mod
 
 from __future__ import annotations
 
+import atexit
 import functools
 import os
 import threading
+import time
 from collections.abc import Generator, Hashable
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -19,8 +21,9 @@ from typing import TYPE_CHECKING, Any
 from pyibr.core.errors import ArgumentError, DeviceError
 from pyibr.opencl.cache import cache_folder
 from pyibr.opencl.choice import Device, choose, describe, explain_broken, select
+from pyibr.opencl.flight import Flight
 from pyibr.opencl.outcome import Outcome
-from pyibr.opencl.probe import forget, probe
+from pyibr.opencl.probe import Doubted, forget, probe
 from pyibr.opencl.profile import DeviceProfile, profile_of
 from pyibr.opencl.runtimes import Found, found_devices
 from pyibr.opencl.spare import Spare
@@ -53,9 +56,9 @@ class Session:
     spare : Spare
         Memory that `empty` hands out again.
     lock : threading.RLock
-        Held by a call while its launches are made and awaited: one call at a time uses the session.
-    in_flight : list
-        Arguments of launches that may still run: their memory must stay until the queue is done.
+        Held by a call while its launches are made and awaited; a long one lets others in between its pieces.
+    flight : Flight
+        What the queue still has to do.
     """
 
     device: Device
@@ -65,7 +68,13 @@ class Session:
     kernels: dict[Hashable, Any] = field(default_factory=dict["Hashable", Any], repr=False)
     spare: Spare = field(default_factory=Spare, repr=False)
     lock: threading.RLock = field(default_factory=threading.RLock, repr=False)
-    in_flight: list[object] = field(default_factory=list["object"], repr=False)
+    flight: Flight = field(default_factory=Flight, repr=False)
+
+    def wait(self) -> None:
+        """Until the queue is done. Other threads run meanwhile; Ctrl-C counts afterwards."""
+        start = time.perf_counter()
+        self.queue.finish()
+        self.flight.land(time.perf_counter() - start)
 
 
 _chosen: ContextVar[Device | None] = ContextVar("pyibr_device", default=None)
@@ -73,15 +82,48 @@ _lock = threading.RLock()
 _sessions: dict[int, Session] = {}
 _failed_here: dict[int, Outcome] = {}
 _forked = False
+_at_fork: list[list[threading.RLock]] = []
+_FAREWELL = 30.0  # seconds that a call in another thread may still take when the process ends: it may be compiling
+
+
+def _take_locks() -> list[threading.RLock]:
+    """All that no call is made without, once other threads' calls are done, or after a while."""
+    end = time.monotonic() + _FAREWELL
+    taken = [_lock] if _lock.acquire(timeout=_FAREWELL) else []  # from here on no session is opened
+    for session in list(_sessions.values()):
+        if session.lock.acquire(timeout=max(0.0, end - time.monotonic())):
+            taken.append(session.lock)
+    return taken
+
+
+def _before_fork() -> None:
+    """Nothing is in flight when a process is forked: Intel's runtime in the child would wait for it for ever."""
+    _at_fork.append(_take_locks())
 
 
 def _after_fork() -> None:
+    for lock in _at_fork.pop():
+        lock.release()
+
+
+def _after_fork_in_child() -> None:
     global _forked
+    _after_fork()
     _forked = _forked or found_devices.cache_info().currsize > 0
 
 
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_after_fork)
+    os.register_at_fork(before=_before_fork, after_in_parent=_after_fork, after_in_child=_after_fork_in_child)
+
+
+@atexit.register
+def _at_exit() -> None:
+    """Wait for calls of daemon threads, and keep the locks: Python ends such threads amid their C++, which aborts.
+
+    This thread can still make calls. Another's next call waits for a lock, which is a safe place to be ended in.
+    """
+    if not _forked:  # other threads did not come along
+        _take_locks()
 
 
 def devices(fresh: bool = False) -> list[Device]:
@@ -104,8 +146,8 @@ def devices(fresh: bool = False) -> list[Device]:
     True
     """
     with _lock:
-        examine = _examine_afresh if fresh else _examine
-        return [describe(found, examine(found, fresh)) for found in found_devices()]
+        doubted: Doubted = "all" if fresh else "broken"
+        return [describe(found, _examine(found, fresh, doubted)) for found in found_devices()]
 
 
 @contextmanager
@@ -139,12 +181,19 @@ def use_device(device: Device | int | str) -> Generator[Device, None, None]:
     if isinstance(selector, bool) or not isinstance(selector, (int, str)):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise ArgumentError("device", "a Device, an index or a part of a name", type(device).__name__)
     with _lock:
-        picked = select(found_devices(), _examine, selector, "device")
-    token = _chosen.set(picked)
-    try:
+        picked = select(found_devices(), _examine_broken_again, selector, "device")
+    with _choosing(picked):
         yield picked
+
+
+@contextmanager
+def _choosing(device: Device) -> Generator[None, None, None]:
+    before = _chosen.get()
+    try:  # Ctrl-C may come once it is set, too, before anything else is done
+        _chosen.set(device)
+        yield
     finally:
-        _chosen.reset(token)
+        _chosen.set(before)
 
 
 def current() -> Session:
@@ -172,12 +221,8 @@ def current() -> Session:
 def one_call() -> Generator[Session, None, None]:
     """The session of the device in use, for one call alone: until it is done, its device stays the one in use."""
     session = current()
-    with session.lock:
-        token = _chosen.set(session.device)  # `current` need not look at the environment each time
-        try:
-            yield session
-        finally:
-            _chosen.reset(token)
+    with session.lock, _choosing(session.device):  # `current` need not look at the environment each time
+        yield session
 
 
 def explain() -> tuple[Device, str]:
@@ -198,13 +243,12 @@ def _default_session(selector: str) -> Session:
     with _lock:
         found = found_devices()
         if selector:
-            return _session(select(found, _examine, selector, f"${VARIABLE}"))
+            return _session(select(found, _examine_broken_again, selector, f"${VARIABLE}"))
         while True:
             try:
                 device = choose(found, _examine)
             except DeviceError:
-                # What the disk says of a broken device may be out of date: ask again before giving up.
-                device = choose(found, _examine_afresh)
+                device = choose(found, _examine_broken_again)
             try:
                 return _session(device)
             except DeviceError:
@@ -233,9 +277,10 @@ def _session(device: Device) -> Session:
         return session
 
 
-def _examine(found: Found, measure: bool) -> Outcome:
-    return _failed_here.get(found.index) or probe(found, measure)
+def _examine(found: Found, measure: bool, doubted: Doubted = "nothing") -> Outcome:
+    return _failed_here.get(found.index) or probe(found, measure, doubted)
 
 
-def _examine_afresh(found: Found, measure: bool) -> Outcome:
-    return _failed_here.get(found.index) or probe(found, measure, fresh=True)
+def _examine_broken_again(found: Found, measure: bool) -> Outcome:
+    """What the disk says of a broken device may be out of date: before it is given up, it is asked, once a process."""
+    return _examine(found, measure, "broken")

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import platform
 from dataclasses import dataclass
-from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pyibr.core.distributions import PYIBR, clashes, version_of
 from pyibr.core.errors import Error
-from pyibr.opencl.cache import cache_folder
+from pyibr.opencl.cache import cache_fault, cache_folder
 from pyibr.opencl.choice import Device
 from pyibr.opencl.device import devices, explain
 from pyibr.opencl.runtimes import Problem, problems
@@ -31,7 +31,8 @@ class Report:
     devices : list of Device
         All that were found, tested just now.
     problems : list of Problem
-        Runtimes that are installed but cannot be loaded.
+        Runtimes that are installed but cannot be loaded, packages that have overwritten each other, and a cache that
+        cannot be used.
     chosen : Device or None
         What a call would run on.
     why : str
@@ -61,7 +62,10 @@ def report() -> Report:
         chosen, why = explain()
     except Error as error:
         why = str(error)
-    return Report(_versions(), cache_folder(), found, problems(), chosen, why)
+    faults = [*problems(), *(Problem(what, remedy) for what, remedy in clashes())]
+    if fault := cache_fault():
+        faults.append(Problem(*fault))
+    return Report(_versions(), cache_folder(), found, faults, chosen, why)
 
 
 def print_report(console: Console | None = None) -> bool:
@@ -116,10 +120,5 @@ def _print_device(console: Console, device: Device, chosen: bool) -> None:
 
 
 def _versions() -> dict[str, str]:
-    found = {"pyibr": "", "Python": platform.python_version()}
-    for name in ("pyibr", "pyopencl", "numpy"):
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            found[name] = "(not installed)"
-    return found
+    found = {name: version_of(name) or "(not installed)" for name in (PYIBR, "pyopencl", "numpy")}
+    return {"Python": platform.python_version(), **found}

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import functools
+import math
+import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from pyibr.core.errors import ArgumentError
+from pyibr.opencl.flight import AHEAD, AT_ONCE, piece_of
 from pyibr.opencl.headers import difference
 from pyibr.opencl.memory import DeviceArray
 from pyibr.opencl.program import Argument, Kernel
+from pyibr.opencl.turns import offer
 from pyibr.opencl.watch import watches
 
 
@@ -24,7 +29,7 @@ class Struct:
 
 
 def launch(kernel: Kernel, grid: tuple[int, ...], **arguments: DeviceArray | Struct | float) -> None:
-    """Enqueues ``kernel`` over ``grid`` work-items.
+    """Enqueues ``kernel`` over ``grid`` work-items; in pieces, each of which is awaited, if that takes long.
 
     Parameters
     ----------
@@ -48,19 +53,55 @@ def launch(kernel: Kernel, grid: tuple[int, ...], **arguments: DeviceArray | Str
 
 
 def _enqueue(kernel: Kernel, grid: tuple[int, ...], **arguments: DeviceArray | Struct | float) -> None:
-    import pyopencl as cl
-
     if kernel.names != arguments.keys():
         missing, unknown = sorted(kernel.names - set(arguments)), sorted(set(arguments) - kernel.names)
         raise ArgumentError(
             f"{kernel.name}()", f"the arguments {sorted(kernel.names)}", f"missing {missing}, unknown {unknown}"
         )
-    values = [_PACK[argument.kind](kernel, argument, arguments[argument.name]) for argument in kernel.arguments]
-    kernel.session.in_flight.append(arguments)
-    kernel.handle.set_args(*values)
-    size = kernel.session.profile.local_size
-    local = None if size is None else (size,) * len(grid)
-    cl.enqueue_nd_range_kernel(kernel.session.queue, kernel.handle, grid, local)
+    session, expected = kernel.session, math.prod(map(int, grid)) * kernel.pace.item
+    if not expected <= AT_ONCE:
+        _in_pieces(kernel, grid, arguments)
+        return
+    if session.flight.seconds + expected > AHEAD:
+        session.wait()
+        offer(session.lock)
+    _start(kernel, (0,) * len(grid), grid, arguments, expected)
+
+
+def _in_pieces(kernel: Kernel, grid: tuple[int, ...], arguments: Mapping[str, Any]) -> None:
+    """Python sees Ctrl-C only between pieces, and so do drivers that end what keeps a display waiting."""
+    session, items, unknown = kernel.session, math.prod(map(int, grid)), math.isinf(kernel.pace.item)
+    session.wait()  # for what came before: times are to be the pieces' own
+    done = count = timed = 0
+    took = spent = 0.0
+    while done < items:
+        offset, size = piece_of(grid, done, kernel.pace.piece_after(count, took))
+        start = time.perf_counter()
+        _start(kernel, offset, size, arguments, 0.0)
+        session.wait()
+        count, took = math.prod(size), time.perf_counter() - start
+        done += count
+        if not unknown or done > count or done == items:  # runtimes may compile with the first piece ever
+            timed, spent = timed + count, spent + took
+        offer(session.lock)
+    kernel.pace.item = spent / max(timed, 1)
+
+
+def _start(
+    kernel: Kernel, offset: tuple[int, ...], size: tuple[int, ...], arguments: Mapping[str, Any], expected: float
+) -> None:
+    import pyopencl as cl
+
+    session, side, local = kernel.session, kernel.session.profile.local_size, None
+    if side is not None:
+        # Runtimes for CPUs compile a kernel anew for launches with an offset: all have one, if only in a direction that
+        # no kernel knows of.
+        offset, size = offset + (1,) * (3 - len(size)), size + (1,) * (3 - len(size))
+        local = (side,) * 3
+    # Another thread may have launched the kernel since the last piece.
+    kernel.handle.set_args(*(_PACK[one.kind](kernel, one, arguments[one.name]) for one in kernel.arguments))
+    session.flight.add(arguments, kernel.pace, expected)
+    cl.enqueue_nd_range_kernel(session.queue, kernel.handle, size, local, offset)
 
 
 def _pointer(kernel: Kernel, argument: Argument, value: DeviceArray | Struct | float) -> Any:

@@ -45,6 +45,7 @@ class DeviceArray:
         import pyopencl as cl
 
         size = math.prod(map(int, self.shape)) * self.dtype.itemsize
+        self.session.flight.used.append(self)
         cl.enqueue_fill_buffer(self.session.queue, self.buffer, self.dtype.type(value), 0, size)
 
 
@@ -59,7 +60,8 @@ def to_host(arrays: Sequence[DeviceArray]) -> list[NDArray[Any]]:
             values.append(np.empty(array.shape, array.dtype))
         elif array.host is None or not session.profile.in_place:
             host = np.empty(array.shape, array.dtype) if array.host is None else array.host
-            cl.enqueue_copy(session.queue, host, array.buffer, is_blocking=False)
+            # Who lets go of such an event waits for it, and all other threads with him.
+            session.flight.used.append(cl.enqueue_copy(session.queue, host, array.buffer, is_blocking=False))
             values.append(host)
         else:
             mapped, _ = cl.enqueue_map_buffer(
@@ -67,8 +69,7 @@ def to_host(arrays: Sequence[DeviceArray]) -> list[NDArray[Any]]:
             )
             mapped.base.release(session.queue)
             values.append(array.host)
-    session.queue.finish()
-    session.in_flight.clear()
+    session.wait()
     return values
 
 
@@ -112,7 +113,7 @@ def copy(source: DeviceArray, target: DeviceArray, at: int = 0) -> None:
     size = math.prod(map(int, source.shape)) * source.dtype.itemsize
     if size:
         start = at * target.dtype.itemsize
-        source.session.in_flight.append((source, target))
+        source.session.flight.used.append((source, target))
         cl.enqueue_copy(source.session.queue, target.buffer, source.buffer, byte_count=size, dst_offset=start)
 
 

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import functools
-import hashlib
 import json
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast
@@ -15,9 +14,11 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 import numpy as np
 
 from pyibr.core.errors import ArgumentError, BuildError
-from pyibr.opencl.cache import cache_folder, read_cached, write_cached
+from pyibr.opencl.cache import Entry
 from pyibr.opencl.device import Session, current
+from pyibr.opencl.flight import Pace
 from pyibr.opencl.headers import SCALARS, expanded, said, structs
+from pyibr.opencl.runtimes import found_devices
 from pyibr.opencl.watch import watches
 
 if TYPE_CHECKING:
@@ -54,6 +55,7 @@ class Kernel:
     handle: cl.Kernel
     name: str
     arguments: tuple[Argument, ...]
+    pace: Pace = field(default_factory=Pace, compare=False, repr=False)
 
     @cached_property
     def names(self) -> frozenset[str]:
@@ -113,8 +115,9 @@ def _time_of(own: Path) -> int:
     """When it was written last."""
     try:
         return own.stat().st_mtime_ns
-    except OSError as error:
-        raise ArgumentError("file", "a file of kernels", f"{own}: {error.strerror}") from None
+    except (OSError, ValueError) as error:  # the latter: a name with a NUL
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise ArgumentError("file", "a file of kernels", f"{own}: {reason}") from None
 
 
 def _build(session: Session, file: str | Path, name: str, defines: Mapping[str, int]) -> Kernel:
@@ -124,19 +127,18 @@ def _build(session: Session, file: str | Path, name: str, defines: Mapping[str, 
     named = {"LANES": session.profile.lanes, **defines}
     options += [f"-D{define}={value}" for define, value in sorted(named.items())]
     source = expanded(file)
-    device = session.device
-    identity = "\0".join([source, *options, device.platform, device.name, device.version, device.driver])
-    stem = cache_folder() / "programs" / f"{Path(file).stem}-{hashlib.sha256(identity.encode()).hexdigest()[:24]}"
-    loaded = _load(session, stem, name)
+    # A home may be shared by machines whose processors differ, and the names of their devices do not.
+    key = found_devices()[session.device.index].key
+    entry = Entry("programs", Path(file).stem, "\0".join([source, *options, key]))
+    loaded = _load(session, entry.read())
     if loaded is None:
         try:
             program = _quietly_built(cl.Program(session.context, source), options)
         except cl.RuntimeError as error:
             raise BuildError(f"{said(file)} failed to build with {' '.join(options)}:\n{error}") from error
         signatures = {str(handle.function_name): _signature(handle) for handle in program.all_kernels()}
-        write_cached(stem.with_suffix(".json"), json.dumps(signatures).encode())
-        binaries = cast("list[bytes]", program.get_info(cl.program_info.BINARIES))
-        write_cached(stem.with_suffix(".bin"), binaries[0])
+        if binary := cast("list[bytes]", program.get_info(cl.program_info.BINARIES))[0]:  # some runtimes have none
+            entry.write(json.dumps(signatures).encode() + b"\n" + binary)
     else:
         program, signatures = loaded
     if name not in signatures:
@@ -173,17 +175,15 @@ def _signature(handle: cl.Kernel) -> list[tuple[str, str]]:
     return [(str(name), str(declared).replace(" ", "")) for name, declared in pairs]
 
 
-def _load(session: Session, stem: Path, name: str) -> tuple[cl.Program, _Signatures] | None:
+def _load(session: Session, kept: bytes | None) -> tuple[cl.Program, _Signatures] | None:
+    """What an entry of the cache holds; None where there is none, or the runtime does not take it."""
     import pyopencl as cl
 
-    binary, described = read_cached(stem.with_suffix(".bin")), read_cached(stem.with_suffix(".json"))
-    if binary is None or described is None:
+    if kept is None:
         return None
+    described, binary = kept.split(b"\n", 1)
     try:
-        signatures = json.loads(described)
-        if name not in signatures:
-            return None
         program = cl.Program(session.context, [session.context.devices[0]], [binary])
-        return _quietly_built(program, [_NO_DENORMALS]), signatures
-    except (ValueError, TypeError, cl.Error):
-        return None  # damaged, or of another time: built anew
+        return _quietly_built(program, [_NO_DENORMALS]), json.loads(described)
+    except cl.Error:
+        return None  # built by another version of the runtime, which calls itself the same

@@ -6,6 +6,7 @@ and without an environment variable that stays set.
 
 from __future__ import annotations
 
+import atexit
 import ctypes
 import functools
 import hashlib
@@ -13,6 +14,7 @@ import itertools
 import json
 import os
 import platform
+import shutil
 import site
 import sys
 import tempfile
@@ -23,7 +25,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from pyibr.core.distributions import version_of
 from pyibr.core.errors import DeviceError
+from pyibr.opencl.cache import distrust
 
 if TYPE_CHECKING:
     import pyopencl as cl
@@ -31,8 +35,12 @@ if TYPE_CHECKING:
 Kind = Literal["cpu", "gpu", "accelerator"]
 
 _SYSTEM_ICDS = Path("/etc/OpenCL/vendors")
-_LOADER_VARIABLES = ("OCL_ICD_VENDORS", "OPENCL_VENDOR_PATH", "OCL_ICD_FILENAMES")
+LOADER_VARIABLES = ("OCL_ICD_VENDORS", "OPENCL_VENDOR_PATH", "OCL_ICD_FILENAMES")
+"""With which a user tells the OpenCL loader where to look."""
 _THREAD_VARIABLES = ("POCL_AFFINITY", "POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT")
+
+_until_exit = ExitStack()
+atexit.register(_until_exit.close)  # after calls have ended, whose module is imported after this one
 
 
 @dataclass(frozen=True)
@@ -79,21 +87,21 @@ class Runtime:
     """Its package on PyPI, if only the driver's version, which begins with that, tells it from others."""
     environment: Callable[[], dict[str, str]] = dict
     """Variables that it wants while devices are listed; none where the user has chosen."""
-    library: str = ""
-    """What its library's name begins with."""
+    stem: str = ""
+    """What the name of its library begins with."""
     needs: tuple[str, ...] = ()
-    """Libraries that lie beside its own, where the dynamic linker does not look: they are loaded first."""
+    """Libraries beside its own that the dynamic linker does not find, or finds elsewhere: they are loaded first."""
     needs_from: str = ""
     """The command that installs them."""
 
     def is_of(self, found: Found) -> bool:
         """Whether a device is its own."""
-        version = _version(self.wheel) if self.wheel else ""
+        version = version_of(self.wheel) if self.wheel else ""
         return self.platform in found.platform.lower() and version is not None and found.driver.startswith(version)
 
     def needed_by(self, library: Path) -> list[Path]:
         """What a library needs, if it is this runtime's."""
-        return [library.parent / name for name in self.needs if library.name.startswith(self.library)]
+        return [library.parent / name for name in self.needs if library.name.startswith(self.stem)]
 
 
 @functools.cache
@@ -106,7 +114,9 @@ def found_devices() -> tuple[Found, ...]:
         pyopencl or the OpenCL loader cannot be imported.
     """
     try:
-        import pyopencl as cl
+        # Its own cache holds code in a folder that need not be safe, or not even be there: then it cannot be imported.
+        with _environment({"PYOPENCL_NO_CACHE": "1"}):
+            import pyopencl as cl
     except ImportError as error:
         remedy = "pip install --force-reinstall pyopencl"  # with the loader that it needs
         raise DeviceError(f"pyopencl cannot be imported ({error}); to mend it: {remedy}") from error
@@ -150,7 +160,7 @@ def problems() -> list[Problem]:
     """Runtimes that are installed but cannot be loaded, each with the command that mends it."""
     found: list[Problem] = []
     mended = _mended_icds()
-    for variable in (name for name in _LOADER_VARIABLES if os.environ.get(name)):
+    for variable in (name for name in LOADER_VARIABLES if os.environ.get(name)):
         hidden = f" and hides {', '.join(str(library) for _, library in mended)}" if mended else ""
         if hidden or not found_devices():
             what = f"${variable} is set to {os.environ[variable]!r}, so the loader looks nowhere else{hidden}"
@@ -173,16 +183,6 @@ def remedy_for(found: Found) -> str:
         return f"update the OpenCL driver of {found.vendor or found.platform}"
     mends = (runtime.mend() for runtime in RUNTIMES if runtime.is_of(found))
     return next(mends, cpu_remedies()[-1])
-
-
-def _version(wheel: str) -> str | None:
-    """The version of a wheel, if that is installed."""
-    from importlib import metadata
-
-    try:
-        return metadata.version(wheel)
-    except metadata.PackageNotFoundError:
-        return None
 
 
 def _prefixes() -> list[Path]:
@@ -212,24 +212,59 @@ def _mended_runtimes() -> Generator[None, None, None]:
     A user who set the loader's own variables is left alone.
     """
     wanted = {name: value for runtime in RUNTIMES for name, value in runtime.environment().items()}
-    mended = [] if any(os.environ.get(name) for name in _LOADER_VARIABLES) else _mended_icds()
+    mended = [] if any(os.environ.get(name) for name in LOADER_VARIABLES) else _mended_icds()
     for needed in (path for _, library in mended for runtime in RUNTIMES for path in runtime.needed_by(library)):
         with suppress(OSError):  # `problems` tells what is missing
-            ctypes.CDLL(str(needed))
+            _load(needed)
     with ExitStack() as stack:
-        if mended:
-            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="pyibr-icd-")))
+        if mended and (folder := _temporary_folder(stack)):
             for icd in _SYSTEM_ICDS.glob("*.icd"):
                 (folder / icd.name).symlink_to(icd)
             for number, (name, library) in enumerate(mended):
                 (folder / f"pip{number}-{name}").write_text(f"{library}\n")
             wanted["OCL_ICD_VENDORS"] = str(folder)
-        os.environ.update(wanted)
-        try:
-            yield
-        finally:
-            for name in wanted:
+        stack.enter_context(_environment(wanted))
+        yield
+
+
+def _load(needed: Path) -> None:
+    """Load a library that a runtime needs, in its own version.
+
+    The linker would take a library of that name that another package has loaded, Open3D's older TBB for Intel's. What
+    all can see comes before that. Others have found what they need: Python has their names looked up as it loads them.
+    """
+    try:
+        ctypes.CDLL(needed.name, mode=getattr(os, "RTLD_NOLOAD", 0))
+    except OSError:
+        ctypes.CDLL(str(needed))
+    else:
+        ctypes.CDLL(str(needed), mode=ctypes.RTLD_GLOBAL)
+
+
+@contextmanager
+def _environment(variables: dict[str, str]) -> Generator[None, None, None]:
+    """While it is open, the environment has these, too."""
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
                 del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def _temporary_folder(stack: ExitStack) -> Path | None:
+    """A folder of this process alone, which goes when the stack is closed; None where nothing can be written."""
+    try:
+        folder = Path(tempfile.mkdtemp(prefix="pyibr-"))
+    except OSError:
+        return None
+    maker = os.getpid()
+    stack.callback(lambda: shutil.rmtree(folder, ignore_errors=True) if os.getpid() == maker else None)
+    return folder
 
 
 def _processor() -> str:
@@ -267,10 +302,39 @@ def _pinned_threads() -> dict[str, str]:
     return {} if not everywhere or any(name in os.environ for name in _THREAD_VARIABLES) else {"POCL_AFFINITY": "1"}
 
 
+def _kernels_of_pocl() -> Path | None:
+    """The folder that PoCL keeps kernels in; None where that is one that everybody may have made."""
+    for variable, below in (("POCL_CACHE_DIR", ""), ("XDG_CACHE_HOME", "pocl/kcache"), ("HOME", ".cache/pocl/kcache")):
+        if chosen := os.environ.get(variable):
+            return Path(chosen) / below
+    return None
+
+
+def _safe_kernels() -> dict[str, str]:
+    """PoCL lists no device where it cannot write its folder, and loads what lies there: then a private one serves."""
+    folder = _kernels_of_pocl()
+    if folder is not None and distrust(folder) is None:
+        nearest = next((place for place in (folder, *folder.parents) if os.access(place, os.F_OK)), folder)
+        with suppress(OSError):
+            Path(tempfile.mkdtemp(dir=nearest)).rmdir()
+            return {}
+    private = _temporary_folder(_until_exit)
+    return {} if private is None else {"POCL_CACHE_DIR": str(private)}
+
+
 def _mend_pocl_wheel() -> str:
     """Its compiler is older than many processors; the distribution's build is not."""
     here = (_SYSTEM_ICDS / "pocl.icd").exists()
     return "pip uninstall pocl-binary-distribution" if here else cpu_remedies()[0]
+
+
+def _items_apart() -> dict[str, str]:
+    """Intel's compiler puts work-items into lanes; of kernels that have lanes already it makes ten times as much code.
+
+    On CPUs without AVX-512 that takes it minutes, for code that never runs: a work-group is one work-item.
+    """
+    variable = "CL_CONFIG_CPU_VECTORIZER_MODE"
+    return {} if variable in os.environ else {variable: "1"}
 
 
 def _install_intel() -> str:
@@ -278,7 +342,12 @@ def _install_intel() -> str:
     return "pip install intel-opencl-rt intel-cmplr-lib-rt" if fits else ""
 
 
-_POCL = Runtime("PoCL", "portable computing language", install=_install_pocl, environment=_pinned_threads)
+_POCL = Runtime(
+    "PoCL",
+    "portable computing language",
+    install=_install_pocl,
+    environment=lambda: {**_pinned_threads(), **_safe_kernels()},
+)
 _POCL_WHEEL = replace(_POCL, name="PoCL's wheel", mend=_mend_pocl_wheel, install=str, wheel="pocl-binary-distribution")
 # Its wheel's ``.icd`` file holds a path of the machine that packed it, for which its library's is put in.
 _INTEL = Runtime(
@@ -286,9 +355,10 @@ _INTEL = Runtime(
     "intel",
     mend=lambda: "pip install --upgrade intel-opencl-rt intel-cmplr-lib-rt",
     install=_install_intel,
-    library="libintelocl",
-    needs=("libintlc.so.5", "libirng.so", "libimf.so", "libsvml.so"),
-    needs_from="pip install intel-cmplr-lib-rt",
+    environment=_items_apart,
+    stem="libintelocl",
+    needs=("libintlc.so.5", "libirng.so", "libimf.so", "libsvml.so", "libtbb.so.12"),
+    needs_from="pip install intel-cmplr-lib-rt tbb",
 )
 RUNTIMES = (_POCL_WHEEL, _POCL, _INTEL)
 """All that need anything: a device is of the first that says so, and the first that can be installed is best."""

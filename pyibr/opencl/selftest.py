@@ -1,7 +1,4 @@
-"""Build and run tiny kernels on one device: does it work, and how fast is it?
-
-``python -m pyibr.opencl.selftest KEY works|speed`` prints the outcome of the device with that key as JSON.
-"""
+"""Build and run tiny kernels on one device: does it work, and how fast is it?"""
 
 from __future__ import annotations
 
@@ -19,6 +16,9 @@ from pyibr.opencl.runtimes import found_devices
 
 if TYPE_CHECKING:
     import pyopencl as cl
+
+READY = "ready to test"
+"""What `main` prints first."""
 
 _SOURCE = """
 kernel void check(global const uint *in, global uint *out, uint n) {
@@ -138,13 +138,12 @@ def _readable(message: str) -> str:
     return lines[0] if lines else "no message"
 
 
-def _main(key: str, what: str) -> None:
-    for found in found_devices():
+def main(key: str, what: str) -> None:
+    """Print that this process could start, and the outcome for the device with that key as JSON (for `probe`)."""
+    everything = found_devices()
+    print("\n" + READY, flush=True)
+    for found in everything:
         if found.key == key:
             print("\n" + test(found.handle, measure=what == "speed").to_json())
             return
     sys.exit("another process does not find this device")
-
-
-if __name__ == "__main__":
-    _main(*sys.argv[1:])

@@ -55,9 +55,11 @@ class Spare:
     def give(self, block: Block, most: int) -> None:
         """Keep a block, and at most that many bytes: blocks of the size that was given longest ago go first."""
         with self._lock:
+            self.size += block.size  # first: where Ctrl-C comes between, it is too large, and counted anew
             self._blocks.setdefault(block.size, []).append(block)
             self._blocks.move_to_end(block.size)
-            self.size += block.size
+            if self.size > most:
+                self.size = sum(kept.size for kept in self)
             for blocks in [*self._blocks.values()] if self.size > most else ():
                 while blocks and self.size > most:
                     oldest = blocks.pop(0)

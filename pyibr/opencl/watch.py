@@ -1,7 +1,9 @@
-"""Seeing what is built, uploaded and launched: for benchmarks and tests."""
+"""Seeing what is built, uploaded and launched: for benchmarks, tests and pages that show where the time goes."""
 
 from __future__ import annotations
 
+import time
+from collections import defaultdict
 from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
 from typing import Any, TypeVar
@@ -22,6 +24,29 @@ class Watch:
 
     def upload(self, nbytes: int) -> None:
         """An array of so many bytes becomes an input of kernels."""
+
+
+class LaunchTimes(Watch):
+    """How long launches take; the queue is awaited before and after each.
+
+    Attributes
+    ----------
+    of : dict
+        Seconds by kernel, one value a launch.
+    """
+
+    def __init__(self) -> None:
+        self.of: dict[str, list[float]] = defaultdict(list)
+
+    def launch(
+        self, kernel: Any, grid: tuple[int, ...], arguments: Mapping[str, Any], enqueue: Callable[..., None]
+    ) -> None:
+        """Make the launch and time it."""
+        kernel.session.wait()
+        start = time.perf_counter()
+        enqueue(**arguments)
+        kernel.session.wait()
+        self.of[kernel.name].append(time.perf_counter() - start)
 
 
 _Watching = TypeVar("_Watching", bound=Watch)

@@ -17,7 +17,8 @@ from pyibr.picture.target import Target
 Sample = Literal["linear", "nearest"]
 Edges = Literal["connect", "cut"]
 Side = Literal["front", "back", "both"]
-Fill = Literal["background"]
+Fill = Literal["background", "smooth", "inpaint"]
+Blend = Literal["quality", "nearest"]
 
 
 @dataclass(frozen=True)

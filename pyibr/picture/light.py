@@ -11,6 +11,9 @@ from pyibr.opencl.headers import struct
 
 _SHADOW_MOST = 16384
 _FADE = 0.02  # of a spot's angle, at its edge
+_NARROWEST = 1e-3  # degrees: single precision knows no cosine of less
+_MOST = 1e6  # brightness; beyond, products leave the range of single precision
+_FARTHEST = 1e15  # scene units
 
 
 class Light:
@@ -24,15 +27,15 @@ class Light:
         Where it is, in the world. It does not fall off with distance. Alone, it shines everywhere; with a direction it
         is a spot.
     color : array_like (3,)
-        Of what it lights straight on, >= 0; 1 is white.
+        Of what it lights straight on, 0 to 1e6; 1 is white.
     ambient : float
         The part of the light that comes from everywhere, 0 to 1.
     angle : float
-        The opening of a spot's cone, degrees, more than 0 and less than 180. It fades over the last 2 % of that.
+        The opening of a spot's cone, degrees, from 0.001 on and less than 180. It fades over the last 2 % of that.
     specular : float
-        Strength of highlights, >= 0.
+        Strength of highlights, 0 to 1e6.
     shininess : float
-        How narrow they are: the power of the cosine between normal and halfway vector, > 0.
+        How narrow they are: the power of the cosine between normal and halfway vector, > 0, up to 1e6.
     shadow_size : int
         Texels a side of the shadow map; 0 for no shadows.
 
@@ -66,16 +69,20 @@ class Light:
         self.color = numbers("color", color, (3,))
         self.ambient = _in_range("ambient", ambient, 0, 1)
         self.angle = float(numbers("angle", angle, ()))
-        self.specular = _in_range("specular", specular, 0, np.inf)
+        self.specular = _in_range("specular", specular, 0, _MOST)
         self.shininess = float(numbers("shininess", shininess, ()))
         if self.direction is not None and not self.direction.any():
             raise ArgumentError("direction", "a direction that is not zero", "(0, 0, 0)")
-        if (self.color < 0).any():
-            raise ArgumentError("color", "numbers >= 0", str(self.color))
-        if not 0 < self.angle < 180:
-            raise ArgumentError("angle", "degrees > 0 and < 180", repr(angle))
-        if not self.shininess > 0:
-            raise ArgumentError("shininess", "a number > 0", repr(shininess))
+        if self.position is not None and np.abs(self.position).max() > _FARTHEST:
+            raise ArgumentError(
+                "position", f"numbers up to {_FARTHEST:g} (farther lights have a direction)", describe(position)
+            )
+        if (self.color < 0).any() or (self.color > _MOST).any():
+            raise ArgumentError("color", f"numbers from 0 to {_MOST:g}", describe(color))
+        if not _NARROWEST <= self.angle < 180:
+            raise ArgumentError("angle", f"degrees from {_NARROWEST:g} on and < 180", describe(angle))
+        if not 0 < self.shininess <= _MOST:
+            raise ArgumentError("shininess", f"a number > 0 and <= {_MOST:g}", describe(shininess))
         expected = f"0, or a whole number from 2 to {_SHADOW_MOST}"
         self.shadow_size = whole_from("shadow_size", shadow_size, 0, _SHADOW_MOST, expected)
         if self.shadow_size == 1:
@@ -89,7 +96,7 @@ class Light:
     def struct(self, origin: Float64) -> NDArray[np.void]:
         """A record of the kernels' struct Light, for points relative to an origin, (3,) in the world."""
         values = np.zeros((), struct("lib/light.h", "Light"))
-        axis = np.zeros(3) if self.direction is None else self.direction / np.linalg.norm(self.direction)
+        axis = np.zeros(3) if self.direction is None else _unit(self.direction)
         if self.position is None:
             values["vector"] = (*-axis, 0.0)
             values["axis"], values["cone_rise"] = (0, 0, 0, -2), 1
@@ -101,6 +108,12 @@ class Light:
         values["color"], values["ambient"] = self.color, self.ambient
         values["specular"], values["shininess"] = self.specular, self.shininess
         return values
+
+
+def _unit(direction: Float64) -> Float64:
+    """A direction at unit length; its square may leave the range of numbers."""
+    near_1 = direction / np.abs(direction).max()
+    return near_1 / np.linalg.norm(near_1)
 
 
 def _in_range(argument: str, value: float, low: float, high: float) -> float:

@@ -17,6 +17,7 @@ from pyibr.meshes.mesh import Mesh
 from pyibr.opencl.device import one_call
 from pyibr.picture.drawable import Drawable, Edges, Fill, Look, Sample, Side, as_drawable
 from pyibr.picture.light import Light
+from pyibr.picture.panes import joined, pane_cameras
 from pyibr.picture.shadow import Lighting, lighting
 from pyibr.picture.target import Target
 
@@ -44,7 +45,8 @@ def render(
         `DepthObject`, `VisualHull`, `DepthMesh`, `DepthMeshObject`, their subclasses, and whatever else is a
         `Drawable`. Where two are equally far, the first one stays.
     camera : Camera
-        Perspective or orthographic.
+        Perspective or orthographic. With a lens, the picture is drawn without it and then read where the pixels' rays
+        pass, with depth edges kept.
     light : Light, optional
         Shades what has normals; without it things show their own colours. Depth images, and what is made of images,
         are not shaded, since their colours hold the light that they were taken in; in shadow, and where a surface is
@@ -57,10 +59,9 @@ def render(
     cut_ratio : float
     side : {"front", "back", "both"}
     sample : {"linear", "nearest"}
-    fill : {None, "background"}
-        Holes are filled once the last depth image is drawn, before things that come after it: along its epipolar
-        lines, from the farther side of what is in the picture by then. `valid` stays False there, and `background` is
-        for what is not filled.
+    fill : {None, "background", "smooth", "inpaint"}
+        Holes are filled once the last depth image is drawn, before things that come after it, from what is in the
+        picture by then. `valid` stays False there, and `background` is for what is not filled.
 
     Returns
     -------
@@ -105,9 +106,10 @@ def render(
             target.clear()  # if none has written anything
 
         lit = None if light is None else lighting(light, [_bounds_of(one) for one in drawables], draw_all, dtype)
-        target = Target(camera, dtype)
-        draw_all(target, lit)
-        frame = target.frame()
+        targets = [Target(one, dtype) for one in pane_cameras(camera)]
+        for target in targets:
+            draw_all(target, lit)
+        frame = joined(targets, camera, sample == "linear").frame()
     if around.any():
         frame.color[np.isnan(frame.depth)] = around.astype(dtype)
     return frame

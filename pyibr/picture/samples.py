@@ -6,11 +6,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from pyibr.core.camera import Camera
+from pyibr.core.checks import check_lengths, check_pixels
 from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import pitch
 from pyibr.images import DepthImage
-from pyibr.opencl.headers import constant
+from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.kept import kept
 from pyibr.opencl.launch import launch
 from pyibr.opencl.memory import DeviceArray, empty, upload
@@ -36,12 +39,37 @@ class Samples:
     high: float
 
 
+def cut_of(camera: Camera, ratio: float | None, slack: tuple[float, float] = (0.0, 0.0)) -> NDArray[np.void]:
+    """A record of the kernels' struct Cut: which neighbours of a camera's depth image are torn apart.
+
+    Parameters
+    ----------
+    camera : Camera
+    ratio : float or None
+        Of depths, that tears; of an orthographic camera, 1 more than their difference by the longer side of what it
+        sees. None: all neighbours are one surface.
+    slack : (float, float)
+        What noise adds to it: a part of the nearness, and so much nearness.
+    """
+    values = np.zeros((), struct("lib/surface.h", "Cut"))
+    if ratio is None:
+        return values
+    far_scale, least = ratio + slack[0], slack[1]
+    if camera.projection == "orthographic":  # depths have no origin: what the camera sees gives the scale
+        sides = camera.width / camera.K[0, 0], camera.height / camera.K[1, 1]
+        far_scale, least = 1.0, least + (ratio - 1.0) * max(sides)
+    most = float(np.finfo(np.float32).max)
+    values["near_scale"], values["far_scale"], values["least"] = 1.0, min(far_scale, most), min(least, most)
+    return values
+
+
 def samples_of(view: DepthImage) -> Samples:
     """The view's nearness and colour on the current device, made once."""
     return kept(view, "samples", lambda: _made_of(view))
 
 
 def _made_of(view: DepthImage) -> Samples:
+    check_pixels("views", view.camera.size)
     width, height = view.camera.size
     nearness = empty((height, pitch(width)), np.float32)
     ranges = empty((height, 2), np.float32)
@@ -55,7 +83,7 @@ def _made_of(view: DepthImage) -> Samples:
         src_height=height,
         src_pitch=pitch(width),
         src_perspective=view.camera.projection == "perspective",
-        far=min(view.far, 1 / constant("lib/nearness.cl", "NEAREST")),  # beyond, nearness would be invalid
+        far=min(view.far, 1 / constant("lib/surface.h", "NEAREST")),  # beyond, nearness would be invalid
     )
     spread = ranges.to_host()
     low, high = float(spread[:, 0].min()), float(spread[:, 1].max())
@@ -63,9 +91,14 @@ def _made_of(view: DepthImage) -> Samples:
         raise ArgumentError(
             "depth", "a view with at least one sample that is finite, > 0 and nearer than `far`", "none"
         )
-    return Samples(nearness, upload(_at_least_a_word(view.color)), low, high)
+    nearest, farthest = (1 / high, 1 / low) if view.camera.projection == "perspective" else (-high, -low)
+    check_lengths("depth", nearest, farthest, "depths, at least some,")
+    return Samples(nearness, upload(at_least_a_word(view.color)), low, high)
 
 
-def _at_least_a_word(color: Any) -> Any:
-    """Kernels read a pixel's colour as four bytes: an image of one pixel has three."""
+def at_least_a_word(color: Any) -> Any:
+    """The colours as kernels may read them.
+
+    They read a pixel's as four bytes: an image of one pixel has three.
+    """
     return np.resize(color, (1, 2, 3)) if color.size == 3 else color

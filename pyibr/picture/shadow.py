@@ -60,7 +60,6 @@ class Lighting:
         origin : (3,), optional
             In the world: what the kernel's points are relative to.
         """
-
         start = np.zeros(3) if origin is None else origin
         made: dict[str, Any] = {"light": Struct("Light", self.light.struct(start))}
         if self.maps is not None:
@@ -95,7 +94,6 @@ def lighting(light: Light, bounds: Sequence[Bounds], draw: Callable[[Target], No
     dtype : dtype
         Of the picture's colours, which `draw` expects.
     """
-
     if not light.shadow_size:
         return Lighting(light)
     cameras = light_cameras(light, bounds)
@@ -130,7 +128,8 @@ def light_cameras(light: Light, bounds: Sequence[Bounds]) -> list[Camera]:
 
 
 def _pose(position: Float64, forward: Float64) -> Float64:
-    forward = forward / np.linalg.norm(forward)
+    forward = forward / np.abs(forward).max()  # its square may leave the range of numbers
+    forward /= np.linalg.norm(forward)
     right = np.cross(np.eye(3)[np.abs(forward).argmin()], forward)
     right /= np.linalg.norm(right)
     pose = np.eye(4)
@@ -186,7 +185,7 @@ def shadowed(
     yield
     origin = target.camera.center  # float32 holds what is near 0 best
     launch(
-        kernel("raster/shadow.cl", "darken", COLOR_BYTES=target.channel_bytes),
+        kernel("raster/shadow.cl", "darken", **target.color_defines),
         current().profile.packets(*target.camera.size),
         before=target.depth if before is None else before,
         screen=Struct("Screen", target.screen(0.5, origin)),

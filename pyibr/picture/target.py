@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
+from pyibr.core.checks import check_lengths, check_pixels
 from pyibr.images import Frame
 from pyibr.opencl.headers import struct
 from pyibr.opencl.memory import DeviceArray, empty, output, to_host
@@ -28,6 +29,8 @@ class Target:
     camera : Camera
     dtype : dtype
         Of the colour: uint8 or float32.
+    channels : int
+        Of the colour: 3, or 0 for depth alone.
     from_light : bool
         Only its depths count: they are a light's map of what casts shadows.
     out : Frame, optional
@@ -51,15 +54,16 @@ class Target:
         out: Frame | None = None,
         classes: bool = False,
         pool: dict[int, DeviceArray] | None = None,
+        channels: int = 3,
     ) -> None:
-
+        check_pixels("camera", camera.size)
         shape = (camera.height, camera.width)
         self.camera = camera
         self.out = out
         self._pool: dict[int, DeviceArray] = {} if pool is None else pool
         if out is None:
             self.color, self.depth, self.valid = (
-                empty((*shape, 3), dtype),
+                empty((*shape, channels), dtype),
                 empty(shape, np.float32),
                 empty(shape, np.uint8),
             )
@@ -70,9 +74,14 @@ class Target:
         self.blank = True
         self.from_light = from_light
 
+    def layer(self) -> Target:
+        """A target of the same kind, for a part of what is to be seen in this one."""
+        channels = self.color.shape[-1]
+        classes = self.classes is not None
+        return Target(self.camera, self.color.dtype, classes=classes, pool=self._pool, channels=channels)
+
     def scratch(self, count: int) -> DeviceArray:
         """(count,) float32 that launches may use until the next who asks does."""
-
         if count not in self._pool:
             self._pool[count] = empty((count,), np.float32)
         return self._pool[count]
@@ -90,9 +99,9 @@ class Target:
         return {"depth": self.depth, "color": self.color, "valid": self.valid}
 
     @property
-    def channel_bytes(self) -> int:
-        """Of the colour: the kernels' COLOR_BYTES."""
-        return self.color.dtype.itemsize
+    def color_defines(self) -> dict[str, int]:
+        """What the colour is, as kernels/lib/channel.h is to know it."""
+        return {"COLOR_BYTES": self.color.dtype.itemsize, "CHANNELS": self.color.shape[-1]}
 
     @cached_property
     def from_world(self) -> NDArray[np.float64]:
@@ -101,11 +110,14 @@ class Target:
 
     def near(self, bounds: tuple[NDArray[Any], NDArray[Any]]) -> float:
         """Least homogeneous W that a thing within a box, (low, high) in the world, is drawn at: its near plane."""
-        if self.camera.projection == "orthographic":
-            return 0.5  # W is 1 everywhere
         low, high = (np.asarray(corner, np.float64) for corner in bounds)
         middle, eye = 0.5 * (low + high), self.camera.world_from_camera[:3, 3]
-        return max(_NEAR * float(np.linalg.norm(middle - eye) + 0.5 * np.linalg.norm(high - low)), _NEAREST)
+        far = float(np.linalg.norm(middle - eye) + 0.5 * np.linalg.norm(high - low))
+        if far > 0:
+            check_lengths(
+                "light" if self.from_light else "things", far, far, "a distance to the farthest of a thing's points"
+            )
+        return 0.5 if self.camera.projection == "orthographic" else max(_NEAR * far, _NEAREST)  # W is 1, or z
 
     def screen(self, near: float, origin: NDArray[Any] | None = None) -> NDArray[np.void]:
         """A record of the kernels' struct Screen; with an `origin`, (3,) in the world, for points relative to it."""
@@ -130,7 +142,6 @@ class Target:
 
 def frames(targets: Sequence[Target]) -> list[Frame]:
     """The pictures on the host, once all launches are done."""
-
     arrays: list[DeviceArray] = []
     for target in targets:
         arrays += [target.color, target.depth, target.valid]

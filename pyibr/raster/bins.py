@@ -49,7 +49,6 @@ def project(target: Target, vertices: DeviceArray, near: float) -> DeviceArray:
 
     As exact as float32 vertices are, even far from the world's origin: they are taken relative to the camera.
     """
-
     count = vertices.shape[0]
     origin = target.camera.center.astype(np.float32)  # the same for all things: no cracks between neighbours
     projected = empty((count, 4), np.float32)
@@ -75,7 +74,6 @@ def bin_primitives(
     Each bin's are in the order of their numbers or, with `sort`, from front to back. Of triangles, those that only show
     another of their `sides` are left out.
     """
-
     profile = current().profile
     count, each = corners.shape
     columns, rows = (-(-size // bin_side()) for size in target.camera.size)

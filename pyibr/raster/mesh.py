@@ -32,7 +32,6 @@ def draw_mesh(target: Target, mesh: Mesh, lit: Lighting | None) -> None:
     lit : Lighting or None
         None shows the mesh's own colours as they are.
     """
-
     near = target.near(mesh.bounds)
     buffers = kept(mesh, "buffers", lambda: _buffers(mesh))
     projected = project(target, buffers["vertices"], near)
@@ -53,7 +52,7 @@ def draw_mesh(target: Target, mesh: Mesh, lit: Lighting | None) -> None:
         if lit.maps is not None:
             more["vertices"] = buffers["vertices"]
     launch(
-        kernel("raster/mesh.cl", "draw_mesh", BIN=bin_side(), COLOR_BYTES=target.channel_bytes, **defines),
+        kernel("raster/mesh.cl", "draw_mesh", BIN=bin_side(), **target.color_defines, **defines),
         bins.grid,
         faces=buffers["faces"],
         culled=culled(mesh.sides),

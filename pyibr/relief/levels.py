@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pyibr.meshes.textures import halved
 from pyibr.opencl.headers import constant
 
 Float32 = NDArray[np.float32]
@@ -44,8 +45,6 @@ def height_levels(height: Float32, height_bytes: int) -> HeightLevels:
     height_bytes : 1 or 2
         1 if the heights are multiples of 1/255: reading them takes half the time.
     """
-    import cv2
-
     words: list[NDArray[np.uint32]] = []
     bounds: list[NDArray[np.uint16]] = []
     rows: list[list[int]] = []
@@ -75,6 +74,5 @@ def height_levels(height: Float32, height_bytes: int) -> HeightLevels:
         start += fixed.size
         if w == h == 1:
             break
-        level = cv2.resize(level, (max(w // 2, 1), max(h // 2, 1)), interpolation=cv2.INTER_AREA)
-        level = level.reshape(max(h // 2, 1), max(w // 2, 1))
+        level = halved(level)
     return HeightLevels(np.concatenate(words), np.concatenate(bounds), np.array(rows, np.int32), height_bytes)

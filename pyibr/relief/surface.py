@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Fixed, check_tiled, checked_image, instance_of, one_of, positive, whole_from
+from pyibr.core.checks import Fixed, check_tiled, checked_colors, instance_of, locked, one_of, positive, whole_from
 from pyibr.core.errors import ArgumentError
+from pyibr.core.straight import check_no_lens
 from pyibr.meshes.heights import Float32, checked_height, checked_normal_map, checked_tiles
 from pyibr.meshes.mesh import Mesh
 from pyibr.meshes.textures import texture_pyramid
@@ -105,8 +106,8 @@ class ReliefSurface(Fixed):
             raise ArgumentError("base", "a mesh with uv", f"{base!r} without")
         self.base = base
         self.height = checked_height(height)
-        self._height_bytes = 1 if height.dtype == np.uint8 else 2
-        self.color = checked_image("color", color)
+        self._height_bytes = 1 if getattr(height, "dtype", None) == np.uint8 else 2
+        self.color = locked(checked_colors("color", color, (None, None, 3)))
         self.scale = positive("scale", scale)
         self.tiles = checked_tiles(tiles)
         one_of("silhouette", silhouette, Silhouette)
@@ -170,6 +171,7 @@ class ReliefSurface(Fixed):
             u and v in [0, 1], tiles included: of what `render` shows of this relief alone. NaN where there is nothing.
         """
         instance_of("camera", camera, Camera, "a pyibr.Camera")
+        check_no_lens("camera", camera)
 
         with one_call():
             places = empty((camera.height, camera.width, 2), np.float32)
@@ -196,7 +198,6 @@ def draw_relief(
     places : DeviceArray (H, W, 2) float32, optional
         Becomes u and v in the tile, for a target that is blank.
     """
-
     buffers = kept(surface, "buffers", lambda: _buffers(surface))
     near = target.near(surface.base.bounds)
     projected = project(target, buffers["points"], near)
@@ -218,7 +219,7 @@ def draw_relief(
         more["places"] = places
     K = target.camera.K
     launch(
-        kernel("relief/relief.cl", "draw_relief", BIN=bin_side(), COLOR_BYTES=target.channel_bytes, **defines),
+        kernel("relief/relief.cl", "draw_relief", BIN=bin_side(), **target.color_defines, **defines),
         bins.grid,
         **{name: buffers[name] for name in ("faces", "vertices", "texels", "bounds", "levels", "colors")},
         level_count=len(surface.levels.table),

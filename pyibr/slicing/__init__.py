@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pyibr.core.camera import Camera
 from pyibr.core.checks import describe, instance_of
 from pyibr.core.errors import ArgumentError
+from pyibr.core.straight import check_no_lens
 from pyibr.opencl.device import one_call
 from pyibr.opencl.memory import upload
 from pyibr.picture.target import Target
@@ -54,8 +55,8 @@ def alpha_tests(thing: SlicedSurface | DepthObject | VisualHull, camera: Camera)
     >>> int(alpha_tests(surface, camera)[1, 6])  # slices 20, 19, ... 9, the first below the height of 9.6
     12
     """
-
     instance_of("camera", camera, Camera, "a pyibr.Camera")
+    check_no_lens("camera", camera)
     with one_call():
         target = Target(camera, np.dtype(np.uint8))
         counts = upload(np.zeros((camera.height, camera.width), np.int32))

@@ -67,13 +67,12 @@ def is_background(view: DepthImage, missing_is_background: bool) -> NDArray[np.b
 
 def box_of_samples(views: list[DepthImage], missing_is_background: bool) -> Box:
     """The box of all samples along the first view's axes; an error if no sample lies in all views' volumes."""
-    import cv2
-
     axes = views[0].camera.world_from_camera[:3, :3].T
     samples = [view.points for view in views]
     along = np.concatenate(samples) @ axes.T
     low, high = along.min(axis=0), along.max(axis=0)
-    margin = 1e-3 * max(float((high - low).max()), 1e-12)  # a flat box has no inside
+    # A flat box has no inside; far from the world's origin, tiny margins are rounded away.
+    margin = max(1e-3 * float((high - low).max()), 1e-15, 8 * float(np.spacing(np.abs([low, high]).max())))
     box = Box(axes, low - margin, high + margin)
     some = np.concatenate([points[:: max(len(points) // 500, 1)] for points in samples])
     inside = np.ones(len(some), bool)
@@ -81,13 +80,19 @@ def box_of_samples(views: list[DepthImage], missing_is_background: bool) -> Box:
     for view in views:
         x, y, z, on_image = _seen_from(view.camera, some)
         depth = np.where(view.valid, view.depth, np.where(is_background(view, missing_is_background), 1e38, -1e38))
-        nearest = cv2.erode(depth.astype(np.float32), np.ones((3, 3)))  # samples may lie on others' outlines
-        inside &= (on_image & (nearest[y, x] <= z + reach)) | (~on_image & (not missing_is_background))
+        inside &= (on_image & (_nearest_around(depth, x, y) <= z + reach)) | (~on_image & (not missing_is_background))
     if not inside.any():
         raise ArgumentError(
             "views", "views around one object, whose volumes have something in common", "none in common"
         )
     return box
+
+
+def _nearest_around(depth: Float64, x: NDArray[np.intp], y: NDArray[np.intp]) -> Float64:
+    """The least depth of 3x3 pixels around x, y: samples may lie on others' outlines."""
+    down, across = np.divmod(np.arange(9)[:, None], 3)
+    height, width = depth.shape
+    return depth[np.clip(y + down - 1, 0, height - 1), np.clip(x + across - 1, 0, width - 1)].min(axis=0)
 
 
 def _seen_from(
@@ -129,8 +134,6 @@ def box_of_silhouettes(views: Sequence[Silhouette | DepthImage]) -> Box:
 
 def _near_silhouette(view: Silhouette | DepthImage, points: Float64, reach: float) -> NDArray[np.bool_]:
     """Whether balls of radius `reach` may touch the silhouette."""
-    import cv2
-
     camera = view.camera
     x, y, z, on_image = _seen_from(camera, points)
     if not on_image.any():
@@ -139,8 +142,11 @@ def _near_silhouette(view: Silhouette | DepthImage, points: Float64, reach: floa
     if camera.projection == "perspective":
         scale /= max(float(z[on_image].min()), 1e-12)
     pixels = min(int(np.ceil(scale * reach)) + 1, max(camera.size))
-    distance = cv2.distanceTransform(np.where(view.valid, 0, 255).astype(np.uint8), cv2.DIST_L2, 5)
-    return on_image & (distance[y, x] <= pixels)
+    # How many samples are in a square around each, from how many are above and left of the square's corners.
+    before = np.pad(np.cumsum(np.cumsum(view.valid, axis=0, dtype=np.int32), axis=1), ((1, 0), (1, 0)))
+    top, bottom = np.maximum(y - pixels, 0), np.minimum(y + pixels + 1, camera.height)
+    left, right = np.maximum(x - pixels, 0), np.minimum(x + pixels + 1, camera.width)
+    return on_image & (before[bottom, right] - before[top, right] - before[bottom, left] + before[top, left] > 0)
 
 
 def _where_they_look(views: Sequence[Silhouette | DepthImage]) -> tuple[Float64, float]:
@@ -171,4 +177,4 @@ def _where_they_look(views: Sequence[Silhouette | DepthImage]) -> tuple[Float64,
         z = float(view.camera.camera_from_world[2, :3] @ center + view.camera.camera_from_world[2, 3])
         scale = float(min(view.camera.K[0, 0], view.camera.K[1, 1]))
         radius = max(radius, pixels / scale * (abs(z) if view.camera.projection == "perspective" else 1.0))
-    return center, 1.5 * radius
+    return center, 1.5 * max(radius, 1e-15, 64 * _CARVED * float(np.spacing(np.abs(center).max())))

@@ -23,6 +23,7 @@ from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, upload
 from pyibr.opencl.program import kernel
 from pyibr.picture.shadow import Lighting, shadowed
+from pyibr.picture.straighten import straight_silhouette, straightened
 from pyibr.picture.target import Target
 from pyibr.slicing.boxes import Box, box_of_samples, box_of_silhouettes, nearness_map
 
@@ -33,6 +34,7 @@ Float32 = NDArray[np.float32]
 
 _SLICES_MOST = 65536
 _HALVINGS_MOST = 24  # float32 holds no more
+_APART_MOST = 8.0  # times a view's nearest depth, or the width of what it sees if it is orthographic
 _BEFORE = 2.0  # slices and samples by which a view's surface may lie before a point that it still shows
 
 
@@ -93,9 +95,6 @@ class DepthObject(Fixed):
     ) -> None:
         self.views = _checked_views(views, (DepthImage,))
         self.halvings = whole_from("halvings", halvings, 0, _HALVINGS_MOST)
-        for number, view in enumerate(self.views):
-            if not view.valid.any():
-                raise ArgumentError("views", "views with valid depth", f"none in view {number}")
         self.slices = whole_from("slices", slices, 1, _SLICES_MOST)
         one_of("slicing", slicing, ObjectSlicing)
         one_of("texture", texture, Texture)
@@ -104,6 +103,7 @@ class DepthObject(Fixed):
         self.texture: Texture = texture
         self.missing: Missing = missing
         self.box = box_of_samples(self.views, missing == "background")
+        _check_resolved(self)
 
     def __repr__(self) -> str:
         return f"<DepthObject {len(self.views)} views, {self.slices} slices>"
@@ -205,7 +205,6 @@ class VisualHull(Fixed):
 
 def draw_object(target: Target, thing: DepthObject | VisualHull, counts: DeviceArray | None = None) -> None:
     """Draw an object into the target; `counts`, (H, W) int32, gains the view tests of each pixel."""
-
     hull = isinstance(thing, VisualHull)
     buffers = kept(thing, "buffers", lambda: _object_buffers(thing))
     box, camera = thing.box, target.camera
@@ -220,13 +219,13 @@ def draw_object(target: Target, thing: DepthObject | VisualHull, counts: DeviceA
     record = np.zeros((), struct("slicing/object.cl", "Box"))
     # In the kernel the world's origin is the box's middle: float32 holds what is near 0 best.
     record["from_world"] = (box.from_world @ _moved_by(box.center)).ravel()
-    record["edges"], record["spacing"] = box.edges, spacing
+    record["edges"], record["spacing"], record["slices"] = box.edges, spacing, thing.slices
     depth = float(camera.camera_from_world[2, :3] @ box.center + camera.camera_from_world[2, 3])
     record["first"] = np.rint(depth / spacing) if thing.slicing == "screen" else 0
     corners = np.asarray(box.corners, np.float32)
     near = target.near((corners.min(axis=0), corners.max(axis=0)))
     low_x, low_y, across, down = _blocks(target, box, near)
-    defines = {"VIEWS": len(order), "SILHOUETTES": int(hull), "COLOR_BYTES": target.channel_bytes}
+    defines = {"VIEWS": len(order), "SILHOUETTES": int(hull), **target.color_defines}
     more: dict[str, Any] = {}
     if counts is not None:
         defines["COUNTED"] = 1
@@ -283,7 +282,6 @@ def _direction(camera: Camera, box: Box) -> Float64:
 
 def _blocks(target: Target, box: Box, near: float) -> tuple[int, int, int, int]:
     """First pixel and blocks across and down: all of a blank picture, else where the box may be seen."""
-
     block = current().profile.block
     width, height = target.camera.size
     low_x = low_y = 0
@@ -305,7 +303,7 @@ def _object_buffers(thing: DepthObject | VisualHull) -> dict[str, DeviceArray]:
     for view in thing.views:
         sizes.append((*view.camera.size, start))
         start += view.valid.size
-        words.append(rgba_words(view.color, view.valid))
+        words.append(rgba_words(view.shown, view.valid))
     move = _moved_by(thing.box.center)
     matrices = np.array([view.camera.pixel_matrix @ view.camera.camera_from_world @ move for view in thing.views])
     return {
@@ -316,6 +314,19 @@ def _object_buffers(thing: DepthObject | VisualHull) -> dict[str, DeviceArray]:
     }
 
 
+def _check_resolved(thing: DepthObject) -> None:
+    """Raise ArgumentError if slices are so far apart that they miss what a view saw: of background taken for depth."""
+    for number, view in enumerate(thing.views):
+        depth = view.depth[view.valid]
+        few = len(depth) // 100  # samples may be wrong
+        nearest, farthest = float(np.partition(depth, few)[few]), float(depth.max())
+        camera = view.camera
+        seen = nearest if camera.projection == "perspective" else max(camera.size) / float(camera.K[0, 0])
+        if spacing_of(thing) > _APART_MOST * seen:
+            expected = f"depths that {thing.slices} slices can tell apart (or `far`, if larger ones are background)"
+            raise ArgumentError("views", expected, f"{nearest:g} to {farthest:g} in view {number}")
+
+
 def _checked_views(views: object, kinds: Any) -> list[Any]:
     if not isinstance(views, Sequence) or not views:
         raise ArgumentError("views", "a sequence of at least one view", describe(cast("object", views)))
@@ -324,4 +335,11 @@ def _checked_views(views: object, kinds: Any) -> list[Any]:
         if not isinstance(view, kinds):
             names = " or ".join(f"pyibr.{kind.__name__}" for kind in kinds)
             raise ArgumentError("views", f"a sequence of {names}", f"{describe(view)} as view {number}")
-    return several
+    straight = [
+        straight_silhouette(view) if isinstance(view, Silhouette) else straightened(cast("DepthImage", view))
+        for view in several
+    ]
+    for number, view in enumerate(straight):
+        if not view.valid.any():
+            raise ArgumentError("views", "views with valid depth", f"none in view {number}")
+    return straight

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from pyibr.core.checks import (
     Fixed,
     check_tiled,
-    checked_image,
+    checked_colors,
     instance_of,
+    locked,
     one_of,
     positive,
     true_or_false,
@@ -114,7 +115,7 @@ class SlicedSurface(Fixed):
             raise ArgumentError("base", "a mesh with uv", f"{base!r} without")
         self.base = base
         self.heights = Heights(checked_height(height))
-        self.color = checked_image("color", color)
+        self.color = locked(checked_colors("color", color, (None, None, 3)))
         self.scale = positive("scale", scale)
         self.tiles = checked_tiles(tiles)
         self.slices = whole_from("slices", slices, 1, _SLICES_MOST)
@@ -135,6 +136,8 @@ class SlicedSurface(Fixed):
         """The same surface with other heights, for animations: everything else, on the device too, is shared."""
         made = object.__new__(SlicedSurface)
         other = Heights(checked_height(height))
+        assert self.base.uv is not None
+        check_tiled(self.base.uv, self.tiles, other.values)
         made.__dict__.update(self.__dict__, volume=self.volume, device_cache=self.device_cache, heights=other)
         return made
 
@@ -162,7 +165,6 @@ def draw_surface(
     target: Target, surface: SlicedSurface, lit: Lighting | None, counts: DeviceArray | None = None
 ) -> None:
     """Draw a sliced surface into the target; `counts`, (H, W) int32, gains the alpha tests of each pixel."""
-
     buffers = {
         **kept(surface, "volume", lambda: _volume_buffers(surface)),
         "heights": kept(surface.heights, "pairs", lambda: upload(height_pairs(surface.height))),
@@ -183,7 +185,7 @@ def draw_surface(
         defines["COUNTED"] = 1
         more["counts"] = counts
     launch(
-        kernel("slicing/surface.cl", "draw_surface", BIN=bin_side(), COLOR_BYTES=target.channel_bytes, **defines),
+        kernel("slicing/surface.cl", "draw_surface", BIN=bin_side(), **target.color_defines, **defines),
         bins.grid,
         **{name: buffers[name] for name in ("corners", "points", "places", "frames", "gradients", "heights", "colors")},
         spacing=surface.scale / surface.slices,

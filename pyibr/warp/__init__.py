@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pyibr.warp.register import RegisteredColor, register
 from pyibr.warp.warp import warp
 
-__all__ = ["warp"]
+__all__ = ["RegisteredColor", "register", "warp"]

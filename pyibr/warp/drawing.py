@@ -13,8 +13,10 @@ from pyibr.images.depth_image import DepthImage
 from pyibr.picture.drawable import Look, as_drawable
 from pyibr.picture.samples import samples_of
 from pyibr.picture.shadow import Lighting, shadowed
+from pyibr.picture.straighten import straightened
 from pyibr.picture.target import Target
-from pyibr.warp.launches import Options, fill_holes, look
+from pyibr.warp.filling import fill_holes
+from pyibr.warp.launches import Options, look
 
 _APART_MOST = 64  # pixels between the depths that tell the normals of nearest samples
 
@@ -39,7 +41,7 @@ class WarpedImage:
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
         """Draw the view by the epipolar warp; into a light's map the surface itself, from both its sides."""
-        view = self.view.in_float if target.color.dtype == np.float32 else self.view
+        view = self.view.in_float if target.color.dtype == np.float32 else self.view.in_color
         options = self.options
         if target.from_light:
             options = Options(cut_ratio=options.cut_ratio, side="both")
@@ -48,7 +50,7 @@ class WarpedImage:
         with shadowed(target, lighting, *self._grain(target)):
             look(samples, pixel_map, target, options)
         if options.fill is not None:
-            fill_holes(target, pixel_map.epipole, options.fill)
+            fill_holes(target, [(samples, pixel_map)], options.fill)
 
     def _grain(self, target: Target) -> tuple[float, int]:
         """Scene units by which nearest samples lie off the surface, and pixels over which its slope shows."""
@@ -61,4 +63,5 @@ class WarpedImage:
 
 @as_drawable.register
 def _(thing: DepthImage, look: Look) -> WarpedImage:
-    return WarpedImage(thing, options_of(look))
+    options = options_of(look)
+    return WarpedImage(straightened(thing, options.cut_ratio, options.linear), options)

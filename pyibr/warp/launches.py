@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64
-from pyibr.core.pixelspace import NO_PARALLAX, CameraPair, PixelMap, Rectangle, pitch
+from pyibr.core.pixelspace import NO_PARALLAX, CameraPair, PixelMap, Rectangle, camera_pair, pitch
 from pyibr.opencl.device import current
 from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty, upload
 from pyibr.opencl.program import kernel
 from pyibr.picture.drawable import Fill, Side
-from pyibr.picture.samples import Samples
+from pyibr.picture.samples import Samples, cut_of
 from pyibr.picture.target import Target
 from pyibr.warp.lines import line_groups
 
@@ -44,6 +44,8 @@ class Options:
         Of the surface, which is shown: one of `Side`.
     fill : str or None
         What is done with holes: one of `Fill`.
+    slack : (float, float)
+        What noise adds to the ratio that tears, as `cut_of` takes it.
     """
 
     search: bool = False
@@ -51,23 +53,15 @@ class Options:
     cut_ratio: float | None = None
     side: Side = "front"
     fill: Fill | None = None
+    slack: tuple[float, float] = (0.0, 0.0)
 
     def cut(self, camera: Camera) -> NDArray[np.void]:
         """A record of the kernels' struct Cut: which neighbours of a camera's view are torn apart."""
-        values = np.zeros((), struct("lib/surface.h", "Cut"))
-        if self.cut_ratio is None:
-            return values
-        values["near_scale"] = 1.0
-        if camera.projection == "perspective":
-            values["far_scale"] = self.cut_ratio
-        else:  # depths have no origin: what the camera sees gives the scale
-            sides = camera.width / camera.K[0, 0], camera.height / camera.K[1, 1]
-            values["far_scale"], values["least"] = 1.0, (self.cut_ratio - 1.0) * max(sides)
-        return values
+        return cut_of(camera, self.cut_ratio, self.slack)
 
 
 @functools.lru_cache(maxsize=256)
-def _map_of(pair: CameraPair) -> Struct:
+def map_of(pair: CameraPair) -> Struct:
     """The kernels' struct PixelMap."""
     values = np.zeros((), struct("lib/pixelspace.h", "PixelMap"))
     values["dst_from_src"], values["src_from_dst"] = pair.dst_from_src.ravel(), pair.src_from_dst.ravel()
@@ -85,7 +79,7 @@ def look(samples: Samples, pixel_map: PixelMap, target: Target, options: Options
 
     shared: dict[str, Any] = {
         "nearness": samples.nearness,
-        "map": _map_of(pixel_map.pair),
+        "map": map_of(pixel_map.pair),
         "cut": Struct("Cut", options.cut(pixel_map.pair.src)),
         "shown": constant("lib/surface.h", f"SHOWS_{options.side.upper()}"),
     }
@@ -98,7 +92,6 @@ def _ask_lines(
     samples: Samples, pixel_map: PixelMap, target: Target, options: Options, shared: dict[str, Any]
 ) -> tuple[DeviceArray, float]:
     """What lines (or searches) see, and what it is of: ANSWERS_... of kernels/warp/resolve.cl."""
-
     profile, reach, epipole, aligned = current().profile, pixel_map.reach, pixel_map.epipole, pixel_map.pair.aligned
     area = _whole_lines(reach, epipole, target.camera) if aligned and not reach.empty else reach
     groups, packets = line_groups(epipole, area, profile.lanes, aligned)
@@ -159,7 +152,6 @@ def _resolve(
     samples: Samples, pixel_map: PixelMap, target: Target, options: Options, shared: dict[str, Any], view: int
 ) -> None:
     """Depth and colour of the pixels from what their lines saw."""
-
     profile = current().profile
     low_x, high_x, low_y, high_y = 0, target.camera.width, 0, target.camera.height
     if not target.blank:
@@ -170,7 +162,7 @@ def _resolve(
     told = pixel_map.pair.aligned and shared["answers"] == _answers("ARE_OWN")
     density, typical = (1.0, 1.0) if told else (pixel_map.density, pixel_map.typical)
     apart = min(math.ceil(0.5 / density), _APART_MOST)
-    defines = {"COLOR_BYTES": target.channel_bytes, "STRIP": profile.strip, "ZOOMED": int(apart > 1)}
+    defines = {**target.color_defines, "STRIP": profile.strip, "ZOOMED": int(apart > 1)}
     origins = {} if target.origin is None else {"origin": target.origin, "view": view}
     launch(
         kernel("warp/resolve.cl", "resolve", ORIGINS=len(origins) // 2, **defines),
@@ -195,7 +187,6 @@ def _resolve(
 
 def clear(array: DeviceArray, value: float) -> None:
     """Sets all of a float32 array, on all processors."""
-
     count = array.shape[0]
     launch(
         kernel("lib/clear.cl", "clear"), (-(-count // _CHUNK),), values=array, count=count, chunk=_CHUNK, value=value
@@ -204,15 +195,14 @@ def clear(array: DeviceArray, value: float) -> None:
 
 def splat(samples: Samples, pixel_map: PixelMap, target: Target, size: float) -> None:
     """Each sample is carried over to a square of `size` pixels."""
-
     shape = (target.camera.height, target.camera.width)
     keys, indices = empty(shape, np.uint32), empty(shape, np.uint32)
     keys.fill(0)
     indices.fill(0xFFFFFFFF)
-    the_map = _map_of(pixel_map.pair)
+    the_map = map_of(pixel_map.pair)
     for name, more in (("splat_nearness", {}), ("splat_index", {"indices": indices})):
         launch(
-            kernel("warp/forward.cl", name, COLOR_BYTES=target.channel_bytes),
+            kernel("warp/forward.cl", name, **target.color_defines),
             pixel_map.pair.src.size,
             nearness=samples.nearness,
             keys=keys,
@@ -221,7 +211,7 @@ def splat(samples: Samples, pixel_map: PixelMap, target: Target, size: float) ->
             **more,
         )
     launch(
-        kernel("warp/forward.cl", "splat_pixels", COLOR_BYTES=target.channel_bytes),
+        kernel("warp/forward.cl", "splat_pixels", **target.color_defines),
         target.camera.size,
         keys=keys,
         indices=indices,
@@ -233,31 +223,57 @@ def splat(samples: Samples, pixel_map: PixelMap, target: Target, size: float) ->
     target.blank = False
 
 
-def fill_holes(target: Target, epipole: NDArray[np.float64], how: Fill) -> None:
-    """Holes are filled along the lines through the epipole, (3,) homogeneous; all 0: along rows."""
-    width, height = target.camera.size
-    run = current().profile.run
-    grid = -(-width // run), height
-    way = int(constant("warp/fill.cl", f"FILL_{how.upper()}"))
-    defines = {"COLOR_BYTES": target.channel_bytes, "FILL": way}
-    image: dict[str, Any] = {"valid": target.valid, "width": width, "height": height}
-    shared: dict[str, Any] = {**image, "color": target.color, "depth": target.depth, "run": run}
-    x, y, w = (epipole / max(float(np.abs(epipole).max()), 1e-30)).astype(np.float32).tolist()
-    # An epipole at infinity gives all pixels one direction: if it is exactly to a neighbour, they share lines, too.
-    if w == 0 and {x, y} <= {-1.0, 0.0, 1.0}:
-        dx, dy = (-x, -y) if x or y else (1, 0)
-        launch(kernel("warp/fill.cl", "fill_runs", **defines), grid, dx=dx, dy=dy, **shared)
-        return
-    block = int(constant("warp/fill.cl", "BLOCK"))
-    blocks = empty((-(-height // block), -(-width // block)), np.uint8)
-    launch(kernel("warp/fill.cl", "fill_blocks", **defines), blocks.shape[::-1], blocks=blocks, **image)
-    away = {"epipole_x": x, "epipole_y": y, "epipole_w": w}
-    launch(kernel("warp/fill.cl", "fill_holes", **defines), grid, blocks=blocks, **away, **shared)
+def bridged(samples: Samples, camera: Camera, cut: NDArray[np.void]) -> Samples:
+    """Samples of a camera in which single ones that are missing amid a surface are there, as their neighbours have it.
+
+    `cut` is a record of the kernels' struct Cut.
+    """
+    made, profile = empty(samples.nearness.shape, np.float32), current().profile
+    launch(
+        kernel("warp/rims.cl", "bridge", STRIP=profile.strip),
+        profile.packets(*camera.size, profile.strip),
+        nearness=samples.nearness,
+        bridged=made,
+        map=map_of(camera_pair(camera, camera)),
+        cut=Struct("Cut", cut),
+    )
+    return replace(samples, nearness=made)
+
+
+def draw_rims(
+    samples: Samples, pixel_map: PixelMap, target: Target, cut: NDArray[np.void], cut_there: NDArray[np.void]
+) -> None:
+    """The pixels next to openings, into a target of depth alone: where it shows nothing, or what is torn from them.
+
+    `cut` and `cut_there` are records of the kernels' struct Cut, of the view and of the target.
+    """
+    profile, (width, height) = current().profile, target.camera.size
+    keys = empty((height, width), np.uint32)
+    keys.fill(0)
+    pair = pixel_map.pair
+    launch(
+        kernel("warp/rims.cl", "rims", STRIP=profile.strip),
+        profile.packets(*pair.src.size, profile.strip),
+        nearness=samples.nearness,
+        keys=keys,
+        map=map_of(pair),
+        cut=Struct("Cut", cut),
+    )
+    launch(
+        kernel("warp/rims.cl", "add_rims", STRIP=profile.strip),
+        profile.packets(width, height, profile.strip),
+        keys=keys,
+        depth=target.depth,
+        valid=target.valid,
+        width=width,
+        height=height,
+        perspective=target.camera.projection == "perspective",
+        cut=Struct("Cut", cut_there),
+    )
 
 
 def classify(samples: Samples, pixel_map: PixelMap, target: Target, options: Options, first: bool) -> None:
     """Why the holes are holes, as far as this view tells; the `first` view begins, others add what they know."""
-
     assert target.classes is not None
     launch(
         kernel("warp/classify.cl", "classify"),
@@ -265,7 +281,7 @@ def classify(samples: Samples, pixel_map: PixelMap, target: Target, options: Opt
         nearness=samples.nearness,
         valid=target.valid,
         classes=target.classes,
-        map=_map_of(pixel_map.pair),
+        map=map_of(pixel_map.pair),
         cut=Struct("Cut", options.cut(pixel_map.pair.src)),
         nearest=samples.high,
         farthest=samples.low,

@@ -2,31 +2,36 @@
 
 from __future__ import annotations
 
+import itertools
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, Literal, cast, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import describe, number_from, one_of
+from pyibr.core.checks import check_pixels, describe, number_from, one_of
 from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import PixelMap, camera_pair
+from pyibr.core.straight import distorted_pixels
 from pyibr.images import DepthImage, Frame
 from pyibr.opencl.device import one_call
-from pyibr.picture.drawable import Edges, Fill, Look, Sample, Side
+from pyibr.picture.drawable import Blend, Edges, Fill, Look, Sample, Side
+from pyibr.picture.panes import joined, pane_cameras
 from pyibr.picture.samples import Samples, samples_of
+from pyibr.picture.straighten import straightened
 from pyibr.picture.target import Target, frames
+from pyibr.warp.blending import blend as blend_layers
 from pyibr.warp.drawing import options_of
-from pyibr.warp.launches import Options, classify, fill_holes, look
+from pyibr.warp.filling import fill_holes
+from pyibr.warp.launches import Options, classify, look
 from pyibr.warp.launches import splat as splat_samples
 
 Array = NDArray[Any]
 Method = Literal["epipolar", "search", "forward"]
 
 _SPLAT_MOST = 64.0
-_PIXELS_MOST = 1 << 29  # kernels number samples and colour bytes in 32 bits
 
 
 @overload
@@ -41,6 +46,7 @@ def warp(
     cut_ratio: float = ...,
     side: Side = ...,
     splat: float = ...,
+    blend: Blend = ...,
     classes: bool = ...,
     out: Frame | None = ...,
 ) -> Frame: ...
@@ -56,6 +62,7 @@ def warp(
     cut_ratio: float = ...,
     side: Side = ...,
     splat: float = ...,
+    blend: Blend = ...,
     classes: bool = ...,
     out: Sequence[Frame] | None = ...,
 ) -> list[Frame]: ...
@@ -70,19 +77,20 @@ def warp(
     cut_ratio: float = 1.05,
     side: Side = "front",
     splat: float = 1.0,
+    blend: Blend = "quality",
     classes: bool = False,
     out: Frame | Sequence[Frame] | None = None,
 ) -> Frame | list[Frame]:
     """Render depth images from a new camera.
 
     A depth image means a surface: the grid of its samples, each cell split from its upper right to its lower left
-    corner. Each pixel of the target sees what its ray meets first. Several views are merged by depth.
+    corner. Each pixel of the target sees what its ray meets first. Several views are blended (see `blend`).
 
     Parameters
     ----------
     views : DepthImage or sequence of DepthImage
-        The sources, perspective or orthographic, with colours of one dtype. Their buffers stay on the device, so
-        that warping the same object again is cheaper.
+        The sources, perspective or orthographic, with colours of one dtype, or all of depth alone. Their
+        buffers stay on the device, so that warping the same object again is cheaper.
     camera : Camera or sequence of Camera
         The target, perspective or orthographic; or several, which are drawn without a wait between them: each frame is
         the same as by a call of its own.
@@ -96,9 +104,10 @@ def warp(
     edges : {"cut", "connect"}
         "cut": the surface is open where neighbours' depths differ too much (see `cut_ratio`), as at the borders of
         objects in scenes. "connect": neighbouring samples are one surface, however far apart, as in displacement maps.
-    fill : {None, "background"}
-        "background" fills holes, along the epipolar line, from the farther of the two sides; `valid` stays False
-        there.
+    fill : {None, "background", "smooth", "inpaint"}
+        What is shown in holes; `valid` stays False there, and depth is filled, too. "background": what lies behind,
+        from all around each hole; and where a view has a colour but no depth, that colour (black is none). "smooth":
+        whatever is around, by distance. "inpaint": colours continued by OpenCV (Telea 2004), which is slower.
     cut_ratio : float
         Greater than 1: `edges="cut"` opens the surface where neighbours' depths have a greater ratio. Depths of an
         orthographic view have no origin that a ratio could refer to: it is cut where they differ by more than
@@ -108,13 +117,19 @@ def warp(
         a centre inside it and seen from outside), or either. A ray that meets the other side first sees a hole.
     splat : float
         With "forward": side of the square of target pixels that a sample covers, 1 to 64.
+    blend : {"quality", "nearest"}
+        How several views become one picture. "quality": where what they see is no farther apart than their noise
+        explains, all of them count: by resolution (up to the target's), by the angle between their ray and the
+        target's, and less near their holes and depth edges; their exposures are matched first, where they overlap, to
+        the one in the middle. Depths are blended, too. "nearest": each pixel is of the view that shows it nearest.
     classes : bool
         The frame tells, too, what each pixel is (`Frame.classes`: seen, hidden, never observed, outside of the view),
-        and where in which view it comes from (`Frame.source`, `Frame.view`). Not with "forward". Following the holes'
-        rays takes longer the larger the range of depth is.
+        and where in which view it comes from (`Frame.source`, `Frame.view`: of several, the one that counts most). Not
+        with "forward". Following the holes' rays takes longer the larger the range of depth is.
     out : Frame or sequence of Frame, optional
         Frames whose arrays are written instead of new ones: C-contiguous and writable, of the target's size and the
-        views' dtype, each of them once. What `classes` tells is new in any case.
+        views' dtype, each of them once. What `classes` tells is new in any case. A call that Ctrl-C ends leaves them
+        written in part.
 
     Returns
     -------
@@ -127,6 +142,8 @@ def warp(
         An argument has a wrong type or value, or a view has no valid depth at all.
     DeviceError
         No OpenCL device works.
+    MissingPackageError
+        OpenCV is not installed (`fill="inpaint"`).
 
     Warns
     -----
@@ -144,27 +161,37 @@ def warp(
     >>> int(frame.valid.sum(axis=1)[0])
     54
     """
-    sources = _checked_views(views)
+    given = _checked_views(views)
     cameras = _checked_cameras(camera)
-    for argument, size in [*(("camera", c.size) for c in cameras), *(("views", v.camera.size) for v in sources)]:
-        if size[0] * size[1] > _PIXELS_MOST:
-            raise ArgumentError(argument, f"at most {_PIXELS_MOST} pixels", f"{size[0]} x {size[1]}")
+    _check_sizes("camera", cameras)
+    _check_sizes("views", [view.camera for view in given])
     one_of("method", method, Method)
     options = options_of(Look(sample, edges, cut_ratio, side, fill), method == "search")
+    one_of("blend", blend, Blend)
     number_from("splat", splat, 1.0, _SPLAT_MOST, f"1 to {_SPLAT_MOST:g} pixels")
     if classes and method == "forward":
         raise ArgumentError("classes", 'False with method="forward", which asks no rays', "True")
-    outs = _checked_out(out, camera, cameras, sources[0])
+    outs = _checked_out(out, camera, cameras, given[0])
+    sources = [straightened(view, options.cut_ratio, options.linear) for view in given]
+    panes = [pane_cameras(one) for one in cameras]
+    _check_sizes("camera", itertools.chain(*panes))
+    _check_sizes("views", [view.camera for view in sources])
 
     with one_call():
         samples = [samples_of(view) for view in sources]
         pool: dict[int, Any] = {}
         targets: list[Target] = []
-        for one, into in zip(cameras, outs, strict=True):
-            target = Target(one, sources[0].color.dtype, out=into, classes=bool(classes), pool=pool)
-            _draw_views(target, sources, samples, method, options, float(splat))
-            targets.append(target)
+        like, asked = sources[0].color, bool(classes)
+        for one, parts, into in zip(cameras, panes, outs, strict=True):
+            drawn: list[Target] = []
+            for part in parts:
+                own = into if one.lens is None else None
+                drawn.append(Target(part, like.dtype, out=own, classes=asked, pool=pool, channels=like.shape[2]))
+                _draw_views(drawn[-1], sources, samples, method, options, float(splat), blend)
+            targets.append(joined(drawn, one, options.linear, into))
         made = frames(targets)
+    for frame in made:
+        _through_lenses(frame, given)
     empty = [number for number, frame in enumerate(made) if not frame.valid.any()]
     if isinstance(camera, Camera):
         if empty:
@@ -176,6 +203,16 @@ def warp(
     return made
 
 
+def _through_lenses(frame: Frame, views: Sequence[DepthImage]) -> None:
+    """What a frame says of places in straightened views becomes what it says of the views."""
+    if frame.source is None or frame.view is None:
+        return
+    for number, view in enumerate(views):
+        if view.camera.lens is not None:
+            own = frame.view == number
+            frame.source[own] = distorted_pixels(view.camera, frame.source[own].astype(np.float64))
+
+
 def _draw_views(
     target: Target,
     sources: Sequence[DepthImage],
@@ -183,22 +220,32 @@ def _draw_views(
     method: Method,
     options: Options,
     size: float,
+    how: Blend,
 ) -> None:
     """Draw all views into a target, then what is asked for of its holes."""
     maps = [
         PixelMap(camera_pair(view.camera, target.camera), some.low, some.high)
         for view, some in zip(sources, samples, strict=True)
     ]
-    for number, (some, pixel_map) in enumerate(zip(samples, maps, strict=True)):
+    several = len(sources) > 1 and how == "quality"
+    layers = [target.layer() for _ in sources] if several else [target] * len(sources)
+    for number, (some, pixel_map, layer) in enumerate(zip(samples, maps, layers, strict=True)):
         if method == "forward":
-            splat_samples(some, pixel_map, target, size)
+            splat_samples(some, pixel_map, layer, size)
         else:
-            look(some, pixel_map, target, options, number)
+            look(some, pixel_map, layer, options, number)
+    if several:
+        blend_layers(layers, sources, target)
     if target.classes is not None:
         for number, (some, pixel_map) in enumerate(zip(samples, maps, strict=True)):
             classify(some, pixel_map, target, options, number == 0)
     if options.fill is not None:
-        fill_holes(target, min(maps, key=lambda pixel_map: pixel_map.parallax).epipole, options.fill)
+        fill_holes(target, list(zip(samples, maps, strict=True)), options.fill)
+
+
+def _check_sizes(argument: str, cameras: Iterable[Camera]) -> None:
+    for camera in cameras:
+        check_pixels(argument, camera.size)
 
 
 def _checked_views(views: DepthImage | Sequence[DepthImage]) -> list[DepthImage]:
@@ -208,6 +255,8 @@ def _checked_views(views: DepthImage | Sequence[DepthImage]) -> list[DepthImage]
     for view in sources:
         if not isinstance(view, DepthImage):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise ArgumentError("views", "a DepthImage or a sequence of them", describe(view))
+        if view.has_color != sources[0].has_color:
+            raise ArgumentError("views", "views that all have colours, or none", "some of depth alone")
         if view.color.dtype != sources[0].color.dtype:
             raise ArgumentError("views", "colours of one dtype", f"{sources[0].color.dtype} and {view.color.dtype}")
     return sources
@@ -240,7 +289,11 @@ def _checked_out(
         if not isinstance(frame, Frame):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise ArgumentError("out", "a Frame", describe(frame))
         shape = one.height, one.width
-        kinds = (("color", (*shape, 3), view.color.dtype), ("depth", shape, np.float32), ("valid", shape, np.bool_))
+        kinds = (
+            ("color", (*shape, view.color.shape[2]), view.color.dtype),
+            ("depth", shape, np.float32),
+            ("valid", shape, np.bool_),
+        )
         for name, expected, dtype in kinds:
             given: object = getattr(frame, name)
             array = cast("Array", given)

@@ -18,6 +18,7 @@ from benchmarks.runner import in_turns
 from benchmarks.statistics import Quartiles, exponent, ratios
 from benchmarks.warp import opencv, peers
 from pyibr.capture import models, object_views
+from pyibr.opencl.device import current
 
 ENVIRONMENT = {
     "time": "2026-01-01T00:00:00+00:00",
@@ -234,7 +235,7 @@ def test_everything_runs_quickly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         "## The paper's table 2",
         "## Peers",
         "## Real RGB-D",
-        "### Threads",
+        *(["### Threads"] if "Portable" in current().device.platform else []),  # others hide how many they have
         "### White noise",
         "### Stereo",
         "### A light field",

@@ -11,7 +11,7 @@ import pytest
 from benchmarks import report, scenes
 from benchmarks.cases import FULL, QUICK
 from benchmarks.results import Record, Result, Skip
-from benchmarks.warp import opencv, rgbd, rgbd_uses
+from benchmarks.warp import opencv, rgbd, rgbd_uses, steady
 from benchmarks.warp.opencv import Task
 from pyibr.images import metrics
 from tests.benchmarks.test_report import ENVIRONMENT
@@ -145,6 +145,27 @@ def test_uses_are_judged_by_their_bars(tmp_path: Path) -> None:
     assert "| 0.50 | at most 0.6 | met |" in text
     assert "| fresh | 0.360 (0.360 to 0.360) | at most 0.35 | **not met** |" in text
     assert "| kept | 0.200 (0.200 to 0.200) |  |  |" in text
+
+
+def test_what_changes_over_time_is_judged_by_the_input(tmp_path: Path) -> None:
+    result = Result("rgbd", ENVIRONMENT)
+
+    def add(subject: str, where: str, fill: str, depth: float, color: float) -> None:
+        at = {"case": "steady", "size": "64 x 64", "motion": "0 to 4", "frames": 30, "where": where, "fill": fill}
+        result.records.append(Record(subject, steady.DEPTH, "scene units", at, [depth]))
+        result.records.append(Record(subject, steady.COLOR, "share", at, [color / 255]))
+
+    add(steady.INPUT, steady.INPUT, "", 0.020, 2.0)
+    for fill, color in zip(steady.FILLS, (1.9, 2.0, 2.1), strict=True):
+        for subject in (steady.RAW, steady.SINGLE, steady.STEADY):
+            add(subject, steady.SEEN, fill, 0.010, 1.5)
+            add(subject, steady.HOLES, fill, 0.015, color)
+    result.save(tmp_path / "rgbd.json")
+    text = report.write(tmp_path).read_text()
+    assert "Standard deviations over 30 frames" in text
+    assert f"| background | {steady.STEADY} | 10.0 | 1.50 | 15.0 | 1.90 | met |" in text
+    assert f"| inpaint | {steady.STEADY} | 10.0 | 1.50 | 15.0 | 2.10 | **not met** |" in text
+    assert f"| inpaint | {steady.RAW} | 10.0 | 1.50 | 15.0 | 2.10 |  |" in text
 
 
 def test_without_the_data_the_room_stands_in_and_the_report_says_so(

@@ -178,7 +178,7 @@ def test_a_camera_that_sees_nothing_is_an_error():
 
 def test_without_open3d_the_command_is_named(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "open3d", None)
-    with pytest.raises(MissingPackageError, match="pip install open3d"):
+    with pytest.raises(MissingPackageError, match=r"pip install 'pyibr-opencl\[capture\]'"):
         MeshScene([[0, 0, 1], [1, 0, 1], [0, 1, 1]], [[0, 1, 2]])
 
 

@@ -205,6 +205,8 @@ def test_a_pose_rounded_to_float32_is_accepted():
         ({"fov_y": np.nan}, "fov_y"),
         ({"height": 3}, "height"),
         ({"projection": "orthographic"}, "height"),
+        ({"projection": "fisheye"}, "projection"),
+        ({"projection": None, "height": 3}, "projection"),
         ({"size": (0, 1)}, "size"),
         ({"eye": (0, 0)}, "eye"),
     ],

@@ -1,8 +1,6 @@
-"""The depth meshes' kernels in their GPU form, and their bounds."""
+"""The depth meshes' kernels in their GPU form."""
 
 from __future__ import annotations
-
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +10,7 @@ from pyibr.depthmesh import Segmentation
 from pyibr.images import DepthImage
 from tests import scenes
 from tests.depthmesh.views import PROJECTIONS, rough
-from tests.one_lane import check_bounds, one_lane
+from tests.one_lane import one_lane
 
 TESTS = ("orthogonality", "connectedness", "disparity", "none")
 
@@ -72,34 +70,3 @@ def test_pictures_in_one_lane(blend, projection):
         assert np.isclose(a.depth, b.depth, rtol=1e-4)[both].mean() >= 0.995
         assert (np.abs(a.color.astype(int) - b.color)[both].max(axis=1) <= 1).mean() >= 0.99
     assert (wide[2] != one[2]).mean() <= 0.01
-
-
-BOUNDS = """
-import numpy as np, pyibr as ibr
-from pyibr.depthmesh import Segmentation
-rng = np.random.default_rng(0)
-def view(size, projection='perspective', holes=0.1):
-    w, h = size
-    f = 1.2 * w if projection == 'perspective' else w / 3
-    depth = (3 + 0.2 * rng.random((h, w))).astype(np.float32)
-    depth[rng.random((h, w)) < holes] = np.nan
-    camera = ibr.Camera([[f, 0, w / 2], [0, f, h / 2], [0, 0, 1]], size, projection=projection)
-    return ibr.DepthImage(np.full((h, w, 3), 9, np.uint8), depth, camera)
-target = ibr.Camera([[9, 0, 6], [0, 9, 3], [0, 0, 1]], (13, 7))
-for test, size in ('orthogonality', (2, 2)), ('connectedness', (7, 13)), ('disparity', (17, 9)), ('none', (35, 3)):
-    for projection in 'perspective', 'orthographic':
-        holes = 0 if size == (2, 2) else 0.1
-        thing = ibr.DepthMesh(view(size, projection, holes), 0.5, Segmentation(test, 60, 0.1, 0.1))
-        thing.simplify(0.05)
-        ibr.render(thing, target)
-for size in (13, 7), (1, 1), (35, 5):
-    camera = ibr.Camera([[9, 0, 6], [0, 9, 3], [0, 0, 1]], size)
-    for blend in 'quality', 'nearest':
-        thing = ibr.DepthMeshObject([view((9, 7)), view((5, 8), 'orthographic')], 0.5, blend)
-        ibr.render(thing, camera, ibr.Light(direction=(0, 0, 1), shadow_size=8))
-    thing.occupancy(camera)
-"""
-
-
-def test_no_kernel_leaves_its_arrays(tmp_path: Path):
-    check_bounds(BOUNDS, tmp_path)

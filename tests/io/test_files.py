@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.core.files import atomic_path
+from pyibr.core.files import write_whole
 
 SIZES = [(7, 13), (1, 1), (61, 37)]
 DEPTH_SUFFIXES = [".png", ".npy", ".npz", ".pfm", ".exr", ".bin"]
@@ -315,17 +315,16 @@ def test_a_folder_that_cannot_be_made(tmp_path: Path, suffix):
         ibr.write_color(tmp_path / "file" / f"c{suffix}", color_of((7, 13)))
 
 
-def test_an_error_while_writing_leaves_the_old_file(tmp_path: Path):
+def test_an_error_while_writing_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     file = tmp_path / "a.txt"
     file.write_text("old")
 
-    def write_half() -> None:
-        with atomic_path(file) as temporary:
-            temporary.write_text("half of the n")
-            raise RuntimeError("the power failed")
+    def fail(descriptor: int) -> None:
+        raise RuntimeError("the power failed")
 
+    monkeypatch.setattr("os.fsync", fail)
     with pytest.raises(RuntimeError, match="power"):
-        write_half()
+        write_whole(file, b"new")
     assert file.read_text() == "old"
     assert list(tmp_path.iterdir()) == [file]
 

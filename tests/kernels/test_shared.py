@@ -48,6 +48,14 @@ kernel void tiled(global const float *map, int width, int height, global const f
     store_lanes(bilinear(taps, TAP(0), TAP(1), TAP(2), TAP(3)), out + i);
 }
 
+kernel void moved_into_tile(global const float *x, int size, global float *out)
+{
+    const int i = get_global_id(0) * LANES;
+    const floatl at = load_lanes(x + i), per_size = 1.0f / size;
+    FLOOR(at, whole, number)
+    store_lanes(to_floatl(TILED(whole, number, (intl)size, per_size)), out + i);
+}
+
 kernel void points(Screen screen, global const float *x, global const float *y, global const float *n,
                    global float *out)
 {
@@ -68,7 +76,7 @@ kernel void points(Screen screen, global const float *x, global const float *y, 
 def driver(request: pytest.FixtureRequest):
     """Runs a kernel of the driver with one width of lanes; arrays by value, the result last."""
     session, lanes = current(), request.param
-    headers = "".join(f'#include "lib/{name}.h"\n' for name in ("lanes", "screen", "taps"))
+    headers = "".join(f'#include "lib/{name}.h"\n' for name in ("heights", "lanes", "screen", "taps"))
     program = cl.Program(session.context, headers + DRIVER)
     program.build(["-I", str(kernels_folder()), f"-DLANES={lanes}", "-cl-std=CL1.2", "-Werror"])
 
@@ -128,6 +136,19 @@ def test_taps_of_tiles_go_round(driver, shape):
     made = driver("tiled", map_, np.int32(shape[1]), np.int32(shape[0]), u, v)[0]
     x, y = u.astype(float) * shape[1] - 0.5, v.astype(float) * shape[0] - 0.5
     np.testing.assert_allclose(made, bilinear(map_, x, y, True), atol=2e-5)
+
+
+def test_no_texel_lies_beyond_a_tile(driver):
+    """Rays in a relief cross a thousand tiles, where float32 just tells texels apart; unused lanes hold anything."""
+    size = 10007
+    multiples = size * np.arange(1000 - COUNT // 2, 1000)
+    far = np.concatenate([multiples, multiples - 1]).astype(np.float32)
+    anything = np.resize(np.float32([np.nan, np.inf, -np.inf, 3e38, -3e38, 2**31, -(2**31), 0, -1]), COUNT)
+    for x in (far, anything):
+        made = driver("moved_into_tile", x, np.int32(size))[0]
+        assert ((made >= 0) & (made < size)).all()
+    near = np.random.default_rng(5).integers(-(2**20), 2**20, COUNT).astype(np.float32)
+    np.testing.assert_array_equal(driver("moved_into_tile", near, np.int32(size))[0], near % size)
 
 
 @pytest.mark.parametrize("perspective", [1, 0])

@@ -56,7 +56,7 @@ def test_a_file_compiles_alone_with_the_defaults(file):
         options = ["-I", str(FOLDER), f"-DLANES={lanes}", "-cl-std=CL1.2", "-Werror"]
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", cl.CompilerWarning)
-            cl.Program(current().context, f'#include "{file}"\n').build(options, cache_dir=False)  # type: ignore[arg-type]
+            cl.Program(current().context, f'#include "{file}"\n').build(options, cache_dir=False)
 
 
 @pytest.mark.parametrize("file", [file for file in FILES if file.endswith(".h")])
@@ -88,3 +88,11 @@ def test_no_function_is_too_long_to_be_read(file):
 
 def test_every_file_is_a_source():
     assert {Path(file).suffix for file in FILES} == {".cl", ".h"}
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_a_kernel_knows_nothing_of_the_launch_but_its_place(file):
+    """Long launches go in pieces, whose sizes and groups are others."""
+    assert not re.search(
+        r"\bget_(?:global_size|local|num_groups|group|work)|\bbarrier\(|^ *(?:__)?local ", text_of(file), re.M
+    )

@@ -8,14 +8,19 @@ from pathlib import Path
 
 import pytest
 
-from pyibr.opencl import headers
+from pyibr.opencl import cache, headers, probe
 from pyibr.opencl.device import current
 
 
 @pytest.fixture
-def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Path:
+    """An empty cache, and nothing told or tested by this process; its device is open, unless a test opens it."""
+    if "nothing_open" not in request.fixturenames:
+        current()
+    monkeypatch.setattr(probe, "_tested", {})
+    monkeypatch.setattr(cache, "_told", set())
     monkeypatch.setenv("PYIBR_CACHE", str(tmp_path / "cache"))
-    yield tmp_path / "cache"
+    return tmp_path / "cache"
 
 
 @pytest.fixture

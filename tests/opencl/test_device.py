@@ -16,7 +16,6 @@ from pyibr.core.errors import ArgumentError, DeviceError
 from pyibr.opencl import device as device_module
 from pyibr.opencl import probe as probe_module
 from pyibr.opencl import runtimes
-from pyibr.opencl.cache import cache_folder, read_cached, write_cached
 from pyibr.opencl.choice import choose, select
 from pyibr.opencl.device import current, devices, explain, one_call, use_device
 from pyibr.opencl.outcome import Outcome, Speed
@@ -61,9 +60,13 @@ def nothing_open(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     device_module._default_session.cache_clear()
 
 
-def run(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    variables = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)} | environment
-    return subprocess.run([sys.executable, "-c", code], env=variables, capture_output=True, text=True)
+def with_path() -> dict[str, str]:
+    """The environment, with this process's path."""
+    return os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+
+
+def run(code: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-c", code], env=with_path(), capture_output=True, text=True)
 
 
 # --- the rule -------------------------------------------------------------------------------------
@@ -185,11 +188,11 @@ def test_remedies_fit_the_device(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
     debian(monkeypatch)
     monkeypatch.setattr(runtimes, "_SYSTEM_ICDS", tmp_path)
     pocl = found(0, "PoCL", "cpu")  # of version "driver 0"
-    monkeypatch.setattr(runtimes, "_version", {"pocl-binary-distribution": "driver"}.get)
+    monkeypatch.setattr(runtimes, "version_of", {"pocl-binary-distribution": "driver"}.get)
     assert remedy_for(pocl) == "sudo apt install pocl-opencl-icd ocl-icd-libopencl1"
     (tmp_path / "pocl.icd").touch()
     assert remedy_for(pocl) == "pip uninstall pocl-binary-distribution"
-    monkeypatch.setattr(runtimes, "_version", lambda wheel: None)
+    monkeypatch.setattr(runtimes, "version_of", lambda wheel: None)
     assert remedy_for(pocl) == "pip install intel-opencl-rt intel-cmplr-lib-rt"
     assert "The maker" in remedy_for(found(0, "card", "gpu"))
 
@@ -300,7 +303,7 @@ def test_a_device_that_cannot_be_opened_is_named(nothing_open: None, own_cache: 
     monkeypatch.setattr(cl, "Context", refuse)
     with pytest.raises(DeviceError, match="it cannot be opened: no room on the device"):
         current()
-    assert not list(own_cache.glob("devices/*.json")), "the next process asks again"
+    assert not list(own_cache.glob("devices/*")), "the next process asks again"
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
@@ -333,33 +336,35 @@ def test_importing_the_device_module_imports_no_pyopencl():
 def test_a_probe_is_kept_and_forgotten(own_cache: Path, monkeypatch: pytest.MonkeyPatch):
     entry = found_devices()[current().device.index]
     assert probe(entry).works
-    assert len(list(own_cache.glob("devices/*.json"))) == 1
+    assert len(list(own_cache.glob("devices/*"))) == 1
 
     def never(*_: object) -> Outcome:
         raise AssertionError("asked the device again")
 
     with monkeypatch.context() as patch:
         patch.setattr(probe_module, "_test_apart", never)
-        assert probe(entry) == Outcome(True)
-        with pytest.raises(AssertionError):
-            probe(entry, measure=True)  # its speed is not known yet
-        with pytest.raises(AssertionError):
-            probe(entry, fresh=True)
+        for told in ({entry.key: Outcome(True)}, {}):  # by this process, and by the disk
+            patch.setattr(probe_module, "_tested", told)
+            assert probe(entry) == probe(entry, doubted="broken") == Outcome(True)
+            with pytest.raises(AssertionError):
+                probe(entry, measure=True)  # its speed is not known yet
+            with pytest.raises(AssertionError):
+                probe(entry, doubted="all")
     speed = probe(entry, measure=True).speed
     assert speed is not None and min(speed.copy, speed.mad, speed.search) > 0
+    probe_module._tested.clear()
     assert probe(entry).speed == speed
     forget(entry)
-    assert not list(own_cache.glob("devices/*.json"))
+    assert not list(own_cache.glob("devices/*"))
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "null", '{"works": true}', '{"works":1,"reason":"","speed":{"x":1}}'])
-def test_a_damaged_file_is_as_good_as_none(text: str, own_cache: Path):
+def test_what_another_version_wrote_is_as_good_as_nothing(text: str, own_cache: Path):
     entry = found_devices()[current().device.index]
-    probe(entry)
-    (file,) = own_cache.glob("devices/*.json")
-    file.write_text(text)
+    probe_module._entry(entry).write(text.encode())
     assert probe(entry) == Outcome(True)
-    assert Outcome.from_json(file.read_text()) == Outcome(True)
+    probe_module._tested.clear()
+    assert probe_module._kept(entry, "broken") == Outcome(True)
 
 
 def test_a_device_that_no_process_finds_is_broken_with_a_reason(own_cache: Path):
@@ -387,29 +392,193 @@ def test_a_runtime_that_hangs_is_broken_with_a_reason(own_cache: Path, monkeypat
     assert "did not end within" in probe(found(0, "bad", "cpu")).reason
 
 
-def test_a_broken_device_is_asked_again_before_giving_up(nothing_open: None, own_cache: Path):
-    """It may have been mended since."""
-    for entry in found_devices():
-        path = probe_module._file(entry)
-        write_cached(path, Outcome(False, "as it was yesterday").to_json().encode())
+def a_call() -> None:
     assert current().device.works
 
 
-def test_the_cache_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    monkeypatch.setenv("PYIBR_CACHE", str(tmp_path / "own"))
-    assert cache_folder() == tmp_path / "own"
-    monkeypatch.delenv("PYIBR_CACHE")
-    if sys.platform == "linux":
-        monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-        assert cache_folder() == tmp_path / "pyibr"
-        monkeypatch.setenv("XDG_CACHE_HOME", "not/absolute")
-        assert cache_folder() == Path.home() / ".cache/pyibr"
+def a_call_on_a_named_device(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PYIBR_DEVICE", found_devices()[0].platform)
+    a_call()
 
 
-def test_a_folder_that_cannot_be_written_is_no_error(tmp_path: Path):
-    (tmp_path / "file").write_text("in the way")
-    assert write_cached(tmp_path / "file/inside", b"x") is False
-    assert read_cached(tmp_path / "file/inside") is None
-    assert write_cached(tmp_path / "new/inside", b"x") is True
-    assert read_cached(tmp_path / "new/inside") == b"x"
-    assert [p.name for p in (tmp_path / "new").iterdir()] == ["inside"], "no part is left behind"
+def a_list() -> None:
+    assert all(device.works or "yesterday" not in device.reason for device in devices())
+
+
+def a_block() -> None:
+    with use_device(found_devices()[0].platform) as device:
+        assert device.works
+
+
+@pytest.mark.parametrize("ask", [a_call, a_call_on_a_named_device, a_list, a_block])
+@pytest.mark.parametrize("mended", [True, False])
+def test_a_device_that_was_broken_is_asked_again_but_once(
+    ask: Any, mended: bool, nothing_open: None, own_cache: Path, monkeypatch: pytest.MonkeyPatch
+):
+    asked: list[str] = []
+
+    def answer(entry: Found, measure: bool) -> Outcome:
+        asked.append(entry.key)
+        return fast(1.0) if mended else Outcome(False, "as it is today")
+
+    for entry in found_devices():
+        probe_module._entry(entry).write(Outcome(False, "as it was yesterday").to_json().encode())
+    monkeypatch.setattr(probe_module, "_test_apart", answer)
+    arguments = [monkeypatch] if ask is a_call_on_a_named_device else []
+    for _ in range(3):
+        if mended or ask is a_list:
+            ask(*arguments)
+        else:
+            with pytest.raises(DeviceError, match="as it is today"):
+                ask(*arguments)
+    assert asked and len(asked) == len(set(asked))
+
+
+def test_a_device_that_was_broken_is_left_alone_where_another_works(own_cache: Path):
+    """To ask it may take long."""
+    listed = [found(0, "bad", "gpu"), found_devices()[current().device.index]]
+    probe_module._entry(listed[0]).write(Outcome(False, "as it was yesterday").to_json().encode())
+    assert choose(listed, device_module._examine).works
+    assert listed[0].key not in probe_module._tested
+
+
+# --- tested apart ---------------------------------------------------------------------------------
+
+PLANTED = "open({!r}, 'a').write(__name__ + chr(10))\n"
+
+
+@pytest.fixture
+def planted(tmp_path: Path) -> Path:
+    """A folder with modules of names that Python, numpy and pyopencl import; each that runs writes itself down."""
+    folder = tmp_path / "downloads"
+    folder.mkdir()
+    for name in ("platform", "sitecustomize", "usercustomize", "json", "typing", "pytools", "attr", "encodings"):
+        (folder / f"{name}.py").write_text(PLANTED.format(str(tmp_path / "ran")))
+    for name in ("numpy", "pyopencl", "pyibr"):
+        (folder / name).mkdir()
+        (folder / name / "__init__.py").write_text(PLANTED.format(str(tmp_path / "ran")))
+    return folder
+
+
+def test_what_lies_in_the_working_directory_is_not_run(planted: Path, own_cache: Path):
+    """The parent's path begins with its script's folder, as that of the command `pyibr` does."""
+    script = planted.parent / "bin" / "script.py"
+    script.parent.mkdir()
+    script.write_text("import pyibr as ibr; print([device.works for device in ibr.devices(fresh=True)])")
+    done = subprocess.run([sys.executable, script], cwd=planted, env=with_path(), capture_output=True, text=True)
+    assert "True" in done.stdout, done.stdout + done.stderr
+    assert not (planted.parent / "ran").exists(), (planted.parent / "ran").read_text()
+
+
+@pytest.mark.parametrize("way", ["", "relative", "absolute"])
+def test_the_test_runs_nothing_that_this_process_has_not_imported(planted: Path, own_cache: Path, way: str):
+    """As in notebooks and with `python -c`, whose path begins with the working directory."""
+    code = f"""
+import os, sys
+import numpy, platform, pyibr as ibr
+from pyibr.opencl.runtimes import found_devices
+found_devices()
+os.chdir({str(planted)!r})
+sys.path.insert(0, {{"": "", "relative": "../downloads", "absolute": os.getcwd()}}[{way!r}])
+print([device.works for device in ibr.devices(fresh=True)])
+"""
+    done = subprocess.run([sys.executable, "-c", code], cwd="/", env=with_path(), capture_output=True, text=True)
+    assert "True" in done.stdout, done.stdout + done.stderr
+    assert not (planted.parent / "ran").exists(), (planted.parent / "ran").read_text()
+
+
+def test_the_test_finds_what_this_process_has_wherever_it_lies(tmp_path: Path, own_cache: Path):
+    """Packages in several folders, which the environment names or the program adds, some of them by a relative path."""
+    import numpy
+    import pyopencl
+
+    here = Path(__file__).parents[2]
+    places = {"one": here / "pyibr", "two": Path(numpy.__file__).parent, "three": Path(pyopencl.__file__).parent}
+    for name, package in places.items():
+        (tmp_path / name).mkdir()
+        (tmp_path / name / package.name).symlink_to(package)
+    for more in ("numpy.libs", "pyopencl.libs"):
+        if (there := places["two"].parent / more).exists():
+            (tmp_path / "two" / more).symlink_to(there)
+    (tmp_path / "kernels").symlink_to(here / "kernels")
+    code = """
+import sys
+sys.path[:0] = ["three", "one"]
+import pyibr.opencl.probe as probe, pyibr.opencl.selftest as selftest
+from pyibr.opencl.runtimes import found_devices
+selftest.test = None  # nothing is tested in this process
+for found in found_devices():
+    print(probe.probe(found))
+print(probe._folders())
+"""
+    environment = with_path() | {"PYTHONPATH": f"{tmp_path / 'two'}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"}
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert "works=True" in done.stdout, done.stdout + done.stderr
+    for name in places:
+        assert f"'{tmp_path / name}'" in done.stdout
+
+
+def test_where_no_python_can_be_started_the_device_is_tested_here(own_cache: Path, monkeypatch: pytest.MonkeyPatch):
+    """The executable of an application that embeds Python is no Python."""
+    entry = found_devices()[current().device.index]
+    for executable in ("/bin/false", "/no/such/python", ""):
+        monkeypatch.setattr(sys, "executable", executable)
+        assert probe(entry, doubted="all").works
+
+
+# --- the end of a process -------------------------------------------------------------------------
+
+ENDING = """
+import threading, time
+import numpy as np
+import pyibr as ibr
+size = 400
+camera = ibr.Camera([[300, 0, 200], [0, 300, 200], [0, 0, 1]], (size, size))
+views = [ibr.DepthImage(np.full((size, size, 3), 9, np.uint8), np.full((size, size), 2, np.float32), camera)
+         for _ in range(4)]
+begun = threading.Event()
+def work():
+    while True:
+        ibr.warp(views, camera.moved(0.1, 0.05, 0.2), fill="background")
+        begun.set()
+for _ in range({threads}):
+    threading.Thread(target=work, daemon=True).start()
+begun.wait({wait})
+time.sleep({more})
+"""
+
+
+@pytest.mark.parametrize("number", range(8))
+def test_a_process_ends_cleanly_while_daemon_threads_call(number: int):
+    """The first call may still open the device and build kernels, or one of many may be in flight."""
+    early = number < 3
+    code = ENDING.format(
+        threads=1 + number % 3, wait=0 if early else 60, more=0.1 * number if early else 0.003 * number
+    )
+    done = run(code)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_the_last_call_may_come_after_the_end_has_begun():
+    code = ENDING.format(threads=2, wait=60, more=0)
+    last = "import atexit\natexit.register(lambda: print(ibr.warp(views[0], camera).valid.all()))\n"
+    for whole in (last + code, code + last):
+        done = run(whole)
+        assert (done.returncode, done.stdout, done.stderr) == (0, "True\n", "")
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
+def test_a_forked_process_ends_without_waiting():
+    code = (
+        ENDING.format(threads=2, wait=60, more=0)
+        + """
+import os, sys
+start = time.monotonic()
+if os.fork() == 0:
+    sys.exit(7)
+print(os.waitstatus_to_exitcode(os.wait()[1]), time.monotonic() - start < 5)
+"""
+    )
+    done = run(code)
+    assert (done.returncode, done.stdout) == (0, "7 True\n"), done.stderr

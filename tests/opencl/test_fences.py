@@ -1,66 +1,66 @@
-"""Kernels in wide lanes between pages that nobody may read: one step too far ends the process."""
+"""Kernels between pages that nobody may touch, in both forms: one byte too far ends the process."""
 
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 
 import pytest
 
-FENCED = """
-import ctypes, mmap, warnings
+linux = pytest.mark.skipif(sys.platform != "linux", reason="pages are protected by Linux' mprotect")
+
+STEP = """
+import sys
 import numpy as np
 import pyopencl as cl
-from pyibr.opencl import memory
+from pyibr.opencl.device import current
+from pyibr.opencl.memory import empty, upload
+from tests.opencl.fences import raise_fences
 
-libc = ctypes.CDLL(None, use_errno=True)
-
-def fenced(session, size):
-    whole = -(-max(size, 1) // mmap.PAGESIZE) * mmap.PAGESIZE
-    pages = mmap.mmap(-1, whole + mmap.PAGESIZE)
-    held = np.frombuffer(pages, np.uint8)
-    assert libc.mprotect(ctypes.c_void_p(held.ctypes.data + whole), mmap.PAGESIZE, 0) == 0
-    start = (whole - max(size, 1)) // 64 * 64  # runtimes want that alignment
-    flags = cl.mem_flags.READ_WRITE | cl.mem_flags.USE_HOST_PTR
-    buffer = cl.Buffer(session.context, flags, hostbuf=held[start : start + max(size, 1)])
-    return memory.Block(buffer, size, pages, start)
-
-memory._take = fenced
-memory._give_back = lambda session, block: None
-
-import pyibr as ibr
-warnings.simplefilter("ignore")  # that some targets see nothing
-from pyibr.capture import models
-from pyibr.capture import object_views
-
-for projection in ("perspective", "orthographic"):
-    for size in (16, 33, 64, 128):
-        views = object_views(models.donut(20), size, projection)
-        camera = ibr.Camera.look_at((1, 2, 5), (0, 0, 0), (0, 1, 0), (size, size), fov_y=45)
-        light = ibr.Light(direction=(-1, -1, -1), shadow_size=64)
-        solid, mesh = ibr.DepthObject(views, slices=16), models.donut(20)
-        things = [ibr.DepthMesh(views[4]), ibr.DepthMeshObject(views), solid, mesh]
-        ibr.DepthMesh(views[4]).simplify(0.01)
-        for thing in things:
-            ibr.render(thing, camera, light)
-
-from tests import scenes
-
-for projection in ("perspective", "orthographic"):
-    for size in ((7, 13), (61, 37), (2, 2), (17, 2), (1, 1), (1, 9)):
-        view = scenes.smooth(size, projection)
-        for target_size in ((61, 37), size, (1, 60), (60, 1)):
-            for pose in scenes.special_cameras(view, target_size):
-                for way in ({}, {"edges": "connect", "classes": True}, {"method": "search"}, {"fill": "background"}):
-                    ibr.warp(view, pose.camera, **way)
-print("through")
+where, of, by = sys.argv[1], sys.argv[2], int(sys.argv[3])
+session = current()
+raise_fences(where)
+given, made = upload(np.arange(1, 8, dtype=np.uint8)), empty((7,), np.uint8)
+source = '''
+kernel void put(global const uchar *given, global uchar *made, int from, int to, int given_too)
+{
+    made[to] = given[from];
+    if (given_too)
+        ((global uchar *)given)[0] = 9;
+}'''
+put = cl.Kernel(cl.Program(session.context, source).build(), "put")
+off = (by if where == "end" else -by) + (6 if where == "end" else 0)
+steps = {"reads": (off, 3, 0), "writes": (3, off, 0), "changes": (3, 3, by)}[of]
+put(session.queue, (1,), None, given.buffer, made.buffer, *map(np.int32, steps))
+session.queue.finish()
+print("through", made.host[steps[1]])
 """
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="pages are protected by Linux' mprotect")
-def test_no_kernel_reads_beyond_its_arrays():
-    pytest.importorskip("open3d")
+def run(*command: str) -> subprocess.CompletedProcess[str]:
     variables = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
-    done = subprocess.run([sys.executable, "-c", FENCED], env=variables, capture_output=True, text=True, check=False)
-    assert done.returncode == 0 and "through" in done.stdout, done.stderr[-2000:]
+    return subprocess.run([sys.executable, *command], env=variables, capture_output=True, text=True, timeout=900)
+
+
+@linux
+@pytest.mark.parametrize("where", ["start", "end"])
+@pytest.mark.parametrize("of", ["reads", "writes", "changes"])
+def test_a_byte_too_far_ends_the_process(where, of):
+    """If not, the runtime does not use memory in place, and the test below proves nothing."""
+    within, beyond = run("-c", STEP, where, of, "0"), run("-c", STEP, where, of, "1")
+    assert within.returncode == 0 and within.stdout.startswith("through"), within.stderr
+    assert beyond.returncode == -signal.SIGSEGV
+
+
+@linux
+@pytest.mark.parametrize("where", ["start", "end"])
+@pytest.mark.parametrize("lanes", [16, 1])
+@pytest.mark.parametrize("seeds", [(), ("1", "2")], ids=["sound", "poisoned"])
+def test_no_kernel_leaves_its_arrays(where, lanes, seeds):
+    """Nor runs for ever, whatever the cameras' numbers are."""
+    done = run("-m", "tests.opencl.fences", where, str(lanes), *seeds)
+    last = done.stdout.splitlines()[-1:]
+    assert done.returncode == 0, f"{done.returncode} in {last}, {done.stderr[-2000:]}"
+    assert last == [f"through in lanes: {lanes}"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from pathlib import Path
 
@@ -31,11 +30,12 @@ def test_a_failed_build_names_file_options_and_log(folder):
     assert "missing" in str(raised.value)
 
 
-@pytest.mark.parametrize("content", ["{}", "[]", "null", "not json", json.dumps({"another": []})])
-def test_a_stale_description_is_built_anew(folder, tmp_path, content):
+@pytest.mark.parametrize("binary", [b"", b"not a program", b"\x7fELF"])
+def test_what_the_runtime_does_not_take_is_built_anew(folder, monkeypatch, binary):
     first = program.kernel("lib/nearness.cl", "to_nearness")
-    (described,) = (tmp_path / "cache" / "programs").glob("*.json")
-    described.write_text(content)
+    load = program._load
+    signatures = b'{"to_nearness": []}\n'
+    monkeypatch.setattr(program, "_load", lambda session, kept: load(session, signatures + binary))
     current().kernels.clear()
     assert program.kernel("lib/nearness.cl", "to_nearness").arguments == first.arguments
 
@@ -47,6 +47,20 @@ def test_launch_checks_names_and_types(folder):
     values: dict[str, float] = {argument.name: 1.0 for argument in kernel.arguments}
     with pytest.raises(ArgumentError, match=r"to_nearness\(depth\): expected a device array of float, got float"):
         launch(kernel, (1,), **values)
+
+
+def test_kernels_of_the_cache_compute_as_fresh_ones_do(folder):
+    """Denormals: how they are treated is an option that binaries do not hold."""
+    (folder / "lib/nearness.cl").write_text(
+        "kernel void halve(global float *a, float b) { a[0] = b * 0.5f; a[1] = a[0] * 4.0f; }"
+    )
+    found = []
+    for _ in ("fresh", "cached"):
+        current().kernels.clear()
+        made = empty((2,), np.float32)
+        launch(program.kernel("lib/nearness.cl", "halve"), (1,), a=made, b=float(np.finfo(np.float32).tiny))
+        found.append(made.to_host().tolist())
+    assert found[0] == found[1]
 
 
 OWN = """
@@ -119,6 +133,8 @@ def test_what_is_not_there_is_said_in_one_sentence(own):
         program.kernel("own.cl", "write")
     with pytest.raises(ArgumentError, match=r"^name: expected a kernel of .*own\.cl: write, got 'wrote'$"):
         program.kernel(own, "wrote", VALUE=0)
+    with pytest.raises(ArgumentError, match=r"^file: expected a file of kernels, got .*: embedded null byte$"):
+        program.kernel(own.with_name("a\0b.cl"), "write")
     own.write_text('#include "lib/sreen.h"\nkernel void write(global int *out) {}')
     with pytest.raises(BuildError, match=r'own\.cl includes "lib/sreen\.h", which is not in .*a b or .*kernels$'):
         program.kernel(own, "write")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -23,7 +24,7 @@ def intel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name in ("libintelocl.so", *runtimes._INTEL.needs):
         (tmp_path / "lib" / name).touch()
     monkeypatch.setattr(runtimes, "_prefixes", lambda: [tmp_path])
-    for name in runtimes._LOADER_VARIABLES:
+    for name in runtimes.LOADER_VARIABLES:
         monkeypatch.delenv(name, raising=False)
     return tmp_path / "lib/libintelocl.so"
 
@@ -52,7 +53,7 @@ def test_what_intels_runtime_lacks_is_named(intel: Path):
     assert runtimes.problems() == []
     (intel.parent / "libsvml.so").unlink()
     (problem,) = runtimes.problems()
-    assert "libsvml.so" in problem.what and problem.remedy == "pip install intel-cmplr-lib-rt"
+    assert "libsvml.so" in problem.what and problem.remedy == "pip install intel-cmplr-lib-rt tbb"
 
 
 def test_what_a_further_runtime_needs_is_one_object(intel: Path, monkeypatch: pytest.MonkeyPatch):
@@ -61,7 +62,7 @@ def test_what_a_further_runtime_needs_is_one_object(intel: Path, monkeypatch: py
         "nobody's",
         lambda: "mend it",
         environment=lambda: {"PYIBR_NOBODYS": "1"},
-        library="libintel",
+        stem="libintel",
         needs=("libmore.so",),
         needs_from="install it",
     )
@@ -72,6 +73,65 @@ def test_what_a_further_runtime_needs_is_one_object(intel: Path, monkeypatch: py
     assert runtimes.problems() == [runtimes.Problem(f"Another ({intel}) lacks libmore.so", "install it")]
     device = runtimes.Found(0, "Nobody's OpenCL", "it", "its maker", "OpenCL 3.0", "", "cpu", "key", None)  # pyright: ignore[reportArgumentType]
     assert runtimes.remedy_for(device) == "mend it"
+
+
+AFTER_ANOTHER_LIBRARY = """
+import ctypes, sys
+from pathlib import Path
+from pyibr.opencl import runtimes
+folder = Path(sys.argv[1])
+older = ctypes.CDLL(str(folder / "open3d/libtbb.so.12"))
+runtimes._prefixes = lambda: [folder]
+with runtimes._mended_runtimes():
+    print(ctypes.CDLL(str(folder / "lib/libintelocl.so")).answer(), older.version())
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="Intel's runtime from pip is Linux's")
+def test_intels_runtime_is_loaded_beside_an_older_library_of_the_same_name(intel: Path):
+    """As Open3D brings one: the linker takes what is loaded already, which lacks what Intel's needs."""
+    compiler = shutil.which("cc") or pytest.skip("there is no C compiler")
+    older = intel.parent.parent / "open3d"
+    older.mkdir()
+    for name in runtimes._INTEL.needs:
+        (intel.parent / name).unlink()
+    texts = {
+        older / "libtbb.so.12": "int version(void) { return 1; }",
+        intel.parent / "libtbb.so.12": "int version(void) { return 2; } int newer(void) { return 40; }",
+        intel: "int version(void); int newer(void); int answer(void) { return newer() + version(); }",
+    }
+    for library, text in texts.items():
+        needs = ["-L", library.parent, "-l:libtbb.so.12", "-Wl,-rpath,$ORIGIN"] if library == intel else []
+        named = [f"-Wl,-soname,{library.name}", "-x", "c", "-", "-x", "none"]
+        subprocess.run([compiler, "-shared", "-fPIC", *named, *needs, "-o", library], input=text, text=True, check=True)
+    command = [sys.executable, "-c", AFTER_ANOTHER_LIBRARY, intel.parent.parent]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.stdout.split() == ["42", "1"], done.stderr
+
+
+KERNEL = """
+import os
+from pyibr.opencl.program import kernel
+print(kernel("lib/clear.cl", "clear").name, os.environ.get("POCL_CACHE_DIR"))
+"""
+
+
+@pytest.mark.parametrize("variable", ["HOME", "XDG_CACHE_HOME", "POCL_CACHE_DIR", ""])
+def test_a_home_that_cannot_be_used_costs_no_device(tmp_path: Path, variable: str):
+    """As in containers that run with HOME=/ as a user of no name; PoCL and pyopencl keep things there, too."""
+    (tmp_path / "file").touch()
+    (tmp_path / "open").mkdir()
+    (tmp_path / "open").chmod(0o777)
+    (tmp_path / "temporary").mkdir()
+    paths = {"HOME": tmp_path / "file/home", "XDG_CACHE_HOME": Path("/proc"), "POCL_CACHE_DIR": tmp_path / "open"}
+    environment = {name: value for name, value in os.environ.items() if name not in {*paths, "PYIBR_CACHE"}}
+    environment |= {"TMPDIR": str(tmp_path / "temporary"), "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    environment |= {name: str(paths[name]) for name in ({"HOME", variable} if variable else ())}
+    command = [sys.executable, "-W", "ignore", "-c", KERNEL]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert (done.stdout, done.stderr) == (f"clear {environment.get('POCL_CACHE_DIR')}\n", "")
+    left = [*(tmp_path / "temporary").iterdir(), *(tmp_path / "open").iterdir()]
+    assert not left, "nothing private stays, and nothing is loaded from where everybody writes"
 
 
 POCLS = ("POCL_AFFINITY", "POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT")
@@ -108,3 +168,16 @@ def test_threads_have_a_processor_each_unless_the_user_chose(choice: str):
         assert sorted(allowed for allowed in threads if len(allowed) == 1) == [[number] for number in everywhere]
     else:
         assert threads and all(allowed == ([1] if choice == "taskset" else everywhere) for allowed in threads)
+
+
+def test_intels_compiler_is_told_not_to_fill_lanes_unless_the_user_chose(monkeypatch: pytest.MonkeyPatch):
+    """It would take minutes for one kernel on CPUs without AVX-512."""
+    name = "CL_CONFIG_CPU_VECTORIZER_MODE"
+    monkeypatch.delenv(name, raising=False)
+    with runtimes._mended_runtimes():
+        assert os.environ[name] == "1"
+    assert name not in os.environ
+    monkeypatch.setenv(name, "8")
+    with runtimes._mended_runtimes():
+        assert os.environ[name] == "8"
+    assert os.environ[name] == "8"

@@ -36,6 +36,41 @@ def test_repr():
     assert repr(ibr.Light(position=(1, -2.5, 0))) == "<Light position (1, -2.5, 0)>"
 
 
+@pytest.mark.parametrize("length", [1e-320, 1e-300, 1e200, 1e308])
+def test_directions_of_any_length(length):
+    """Their squares leave the range of numbers."""
+    one, other = (ibr.Light(direction=np.array([0, 0.6, 0.8]) * k, shadow_size=64) for k in (1.0, length))
+    axes = [light.struct(np.zeros(3))["vector"] for light in (one, other)]
+    np.testing.assert_allclose(axes[0], axes[1], atol=1e-3)
+    frames = [ibr.render(FLOOR, floor_seen()[0], ibr.Light(direction=d)) for d in ((0, 0, -1), (0, 0, -length))]
+    np.testing.assert_allclose(frames[0].color, frames[1].color, atol=1)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"color": (1e39, 0, 0)},
+        {"color": (255, 0, 1e7)},
+        {"color": (-1, 0, 0)},
+        {"specular": 1e39},
+        {"shininess": 1e39},
+        {"shininess": 0},
+        {"angle": 1e-9},
+        {"angle": 180},
+        {"position": (0, 0, 1e30)},
+    ],
+)
+def test_numbers_that_single_precision_does_not_hold_are_refused(changes):
+    argument = next(iter(changes))
+    with pytest.raises(ibr.ArgumentError, match=rf"^{argument}: "):
+        ibr.Light(**{"position": (0, 0, 1), "direction": (0, 0, -1), **changes})
+
+
+def test_the_brightest_light_is_white():
+    frame = ibr.render(FLOOR, floor_seen()[0], ibr.Light(direction=(0, 0, -1), color=(1e6, 1e6, 1e6), specular=1e6))
+    assert (frame.color == 255).all()
+
+
 FLOOR = ibr.Mesh([[-4, -4, 0], [4, -4, 0], [4, 4, 0], [-4, 4, 0]], [[0, 1, 2], [0, 2, 3]])
 
 
@@ -87,7 +122,7 @@ BAD = [
     ({}, "direction", "got none"),
     ({"position": (1, 0, 0), "direction": (0, 1, 0), "angle": 0}, "angle", "degrees"),
     ({"position": (1, 0, 0), "direction": (0, 1, 0), "angle": 180}, "angle", "degrees"),
-    ({"direction": (1, 0, 0), "specular": -1}, "specular", ">= 0"),
+    ({"direction": (1, 0, 0), "specular": -1}, "specular", "from 0 to 1e"),
     ({"direction": (1, 0, 0), "shininess": 0}, "shininess", "> 0"),
     ({"direction": (1, 0, 0), "shadow_size": 1}, "shadow_size", "from 2"),
     ({"direction": (1, 0, 0), "shadow_size": 0.5}, "shadow_size", "whole"),
@@ -96,7 +131,7 @@ BAD = [
     ({"direction": "down"}, "direction", "numbers"),
     ({"position": (np.nan, 0, 0)}, "position", "finite"),
     ({"position": [[0, 0, 0]]}, "position", r"shape \(3,\)"),
-    ({"direction": (1, 0, 0), "color": (-1, 0, 0)}, "color", ">= 0"),
+    ({"direction": (1, 0, 0), "color": (-1, 0, 0)}, "color", "from 0 to 1e"),
     ({"direction": (1, 0, 0), "color": 1.0}, "color", r"shape \(3,\)"),
     ({"direction": (1, 0, 0), "ambient": 1.5}, "ambient", "0 to 1"),
     ({"direction": (1, 0, 0), "ambient": -0.1}, "ambient", "0 to 1"),

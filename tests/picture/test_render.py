@@ -83,7 +83,7 @@ def test_options_are_of_depth_images_alone():
     views = [scenes.stepped((64, 48)), scenes.holed((64, 48))]
     target = views[0].camera.moved(0.5, 0.1, 0.1)
     options = {"edges": "connect", "side": "both", "sample": "nearest"}
-    a, b = ibr.render(views, target, **options), ibr.warp(views, target, **options)
+    a, b = ibr.render(views, target, **options), ibr.warp(views, target, blend="nearest", **options)
     np.testing.assert_array_equal(a.color, b.color)
     np.testing.assert_array_equal(a.depth, b.depth)
     for thing in (wall(3, 0.5, (255, 0, 0)), relief(), ibr.DepthMesh(views[0])):
@@ -257,6 +257,12 @@ BAD = [
     ("things", {"things": [wall(3, 1, (9, 9, 9)), None]}),
     ("camera", {"camera": None}),
     ("camera", {"camera": "front"}),
+    ("camera", {"camera": ibr.Camera(np.eye(3), (1 << 15, 1 << 15))}),
+    ("things", {"things": wall(1e11, 1e11, (9, 9, 9))}),
+    ("things", {"things": wall(1e-11, 1e-11, (9, 9, 9))}),
+    ("light", {"light": ibr.Light(position=(0, 0, -1e12))}),
+    ("depth", {"things": ibr.DepthImage(view(5).color, view(5).depth * np.float32(1e20), view(5).camera)}),
+    ("depth", {"things": ibr.DepthImage(view(5).color, view(5).depth * np.float32(1e-20), view(5).camera)}),
     ("light", {"light": (0, 0, 1)}),
     ("light", {"light": ibr.Light}),
     ("background", {"background": (0, 0)}),

@@ -1,15 +1,13 @@
-"""The rasteriser's kernels in their GPU form, and their bounds."""
+"""The rasteriser's kernels in their GPU form."""
 
 from __future__ import annotations
-
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import pyibr as ibr
 from pyibr.core.camera import Camera
-from tests.one_lane import check_bounds, one_lane
+from tests.one_lane import one_lane
 from tests.scenes import pose
 
 LIGHT = ibr.Light(position=(0, -2, 0))
@@ -62,22 +60,3 @@ def test_one_lane_draws_into_what_is_there():
     np.testing.assert_array_equal(one.color, other.color)
     np.testing.assert_array_equal(one.depth, other.depth)
     np.testing.assert_allclose(one.depth, wide.depth, rtol=1e-5)
-
-
-BOUNDS = """
-import numpy as np, pyibr as ibr
-from pyibr.core.camera import Camera
-square = [[-1, -1, 2], [1, -1, 4], [1, 1, 4], [-1, 1, -2]]
-faces, uv = [[0, 2, 1], [0, 3, 2], [1, 1, 2]], [[-1, 0], [1, 0], [1, 2], [0, 3]]
-light = ibr.Light(position=(0, 0, 0), shadow_size=8)
-for size in (13, 7), (1, 1), (35, 5):
-    camera = Camera([[20, 0, 6], [0, 20, 3], [0, 0, 1]], size)
-    for image in np.full((5, 3, 3), 9, np.uint8), np.full((1, 1, 3), 9, np.uint8):
-        first = ibr.Mesh(square, faces, uv=uv, texture=image)
-        second = ibr.Mesh(square, faces, colors=np.full((4, 3), 9, np.uint8))
-        ibr.render([first, second, ibr.Mesh(square, faces)], camera, light)
-"""
-
-
-def test_no_kernel_leaves_its_arrays(tmp_path: Path):
-    check_bounds(BOUNDS, tmp_path)

@@ -1,4 +1,4 @@
-"""Holes filled from the farther side, in NumPy float64: all holes of an image walk along their lines step by step."""
+"""Holes filled by push and pull, in NumPy float64: whole images at once, level by level."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from numpy.typing import NDArray
 
 Array = NDArray[Any]
 
-SAME_DEPTH, OTHER_DEPTH = 1.02, 1.1
+TILE, HALO, BESIDE = 16, 4, 2
+LEAST = 1e-6
 UNDECIDED = 1e-4  # pixels: rounding may take what lies that close to the middle between two pixels for either
 
 
 @dataclass
-class Filled:
-    """What an image is after filling."""
+class Behind:
+    """What lies behind holes."""
 
-    color: Array  #: (H, W, 3) float64
-    depth: Array  #: (H, W) float64
+    depth: Array  #: (H, W) float64, 0 where no line tells or there is no hole
     decided: Array  #: (H, W) bool: which pixels the line passes does not hang on rounding
 
 
-def fill_reference(color: Array, depth: Array, valid: Array, epipole: tuple[float, float, float]) -> Filled:
-    """A hole's line leads away from the epipole, and back to it, in steps of a pixel along its longer axis.
+def behind_reference(depth: Array, valid: Array, epipole: tuple[float, float, float]) -> Behind:
+    """The farther depth at the ends of each hole's line, which leads away from the epipole, and back to it, in steps of
+    a pixel along its longer axis.
 
     Parameters
     ----------
-    color : (H, W, 3)
     depth : (H, W)
     valid : (H, W) bool
     epipole : (x, y, w)
@@ -40,24 +40,11 @@ def fill_reference(color: Array, depth: Array, valid: Array, epipole: tuple[floa
     longest = np.abs(away).max(axis=-1, initial=0.0, keepdims=True)
     away = np.where(longest > 0, away / np.where(longest > 0, longest, 1.0), (1.0, 0.0))
     a, b = _End(valid, at, away), _End(valid, at, -away)
-
-    result = Filled(color.astype(float), depth.astype(float), np.ones(valid.shape, bool))
     at_epipole = (longest[:, 0] == 0) & any(epipole)  # there, rounding decides on the direction
-    result.decided[holes] = a.decided & b.decided & ~at_epipole
-    values = np.concatenate([result.color, result.depth[..., None]], axis=-1)
-    part = np.where(a.found, 0.0, 1.0)  # of b
-    both = a.found & b.found
-    za, zb = (end.values(result.depth)[both] for end in (a, b))
-    ratio = np.maximum(za, zb) / np.minimum(za, zb)
-    t = np.clip((ratio - SAME_DEPTH) / (OTHER_DEPTH - SAME_DEPTH), 0.0, 1.0)
-    apart = t * t * (3.0 - 2.0 * t)
-    by_distance = a.steps[both] / (a.steps + b.steps)[both]
-    part[both] = by_distance * (1.0 - apart) + (za < zb) * apart
-    between = (1.0 - part)[:, None] * a.values(values) + part[:, None] * b.values(values)
-    some = a.found | b.found
-    filled = y[some], x[some]
-    result.color[filled], result.depth[filled] = between[some, :3], between[some, 3]
-    return result
+    told = Behind(np.zeros(valid.shape), np.ones(valid.shape, bool))
+    told.depth[holes] = np.maximum(a.values(depth), b.values(depth))
+    told.decided[holes] = a.decided & b.decided & ~at_epipole
+    return told
 
 
 class _End:
@@ -67,7 +54,7 @@ class _End:
         height, width = valid.shape
         count = len(at)
         self.found, self.decided = np.zeros(count, bool), np.ones(count, bool)
-        self.steps, self.pixels = np.zeros(count, int), np.zeros((count, 2), int)
+        self.pixels = np.zeros((count, 2), int)
         walking = np.arange(count)
         for number in range(1, max(width, height) + 1):
             place = at[walking] + number * step[walking]
@@ -77,10 +64,84 @@ class _End:
             walking, pixel = walking[inside], pixel[inside]
             there = valid[pixel[:, 1], pixel[:, 0]]
             ends = walking[there]
-            self.found[ends], self.steps[ends], self.pixels[ends] = True, number, pixel[there]
+            self.found[ends], self.pixels[ends] = True, pixel[there]
             walking = walking[~there]
 
     def values(self, image: Array) -> Array:
         """What the image is there; 0 where there is no end."""
-        found = self.found.reshape(-1, *[1] * (image.ndim - 2))
-        return np.where(found, image[self.pixels[:, 1], self.pixels[:, 0]], 0.0)
+        return np.where(self.found, image[self.pixels[:, 1], self.pixels[:, 0]], 0.0)
+
+
+def fill_reference(color: Array, depth: Array, valid: Array, behind: Array | None, perspective: bool) -> Array:
+    """(H, W, 4): colour and depth with holes filled; `behind` (H, W) tells what pixels count, None: all alike."""
+    values = np.concatenate([color, depth[..., None]], axis=-1).astype(float)
+    counts = _around(~valid, BESIDE) & valid
+    weights = counts.astype(float)
+    if behind is not None:
+        farthest = _farthest(~valid, behind)[counts]
+        ratio = np.where(farthest > 0, np.minimum(depth[counts] / np.where(farthest > 0, farthest, 1), 1), 1)
+        weights[counts] = np.maximum(ratio**16, LEAST)
+    nearness = values.copy()
+    if perspective:
+        nearness[..., 3] = 1 / values[..., 3]
+    base = np.where(counts[..., None], nearness, 0.0) * weights[..., None]
+    filled = _pulled(np.concatenate([base, weights[..., None]], axis=-1))
+    if perspective:
+        filled[..., 3] = 1 / filled[..., 3]
+    return np.where(valid[..., None], values, filled)
+
+
+def edges_of(valid: Array) -> Array:
+    """(H, W) bool: holes beside valid pixels, or at the border."""
+    return ~valid & _around(np.pad(valid, 1, constant_values=True), 1)[1:-1, 1:-1]
+
+
+def _around(mask: Array, reach: int) -> Array:
+    """What lies within `reach` pixels of the mask, diagonally, too."""
+    height, width = mask.shape
+    padded, found = np.pad(mask, reach), np.zeros_like(mask)
+    for y in range(2 * reach + 1):
+        for x in range(2 * reach + 1):
+            found |= padded[y : y + height, x : x + width]
+    return found
+
+
+def _farthest(holes: Array, behind: Array) -> Array:
+    """(H, W): the farthest depth behind holes in the 12 x 12 pixels around each 4 x 4; of those beside what is no hole,
+    as far as a tile's window shows.
+    """
+    height, width = holes.shape
+    down, across = -(-height // TILE) * TILE, -(-width // TILE) * TILE
+    more = ((HALO, HALO + down - height), (HALO, HALO + across - width))
+    holes, behind = np.pad(holes, more), np.pad(behind, more)
+    found = np.zeros((down, across))
+    for y in range(0, down, TILE):
+        for x in range(0, across, TILE):
+            window = np.s_[y : y + TILE + 2 * HALO, x : x + TILE + 2 * HALO]
+            edges = holes[window] & _around(~holes[window], 1)
+            blocks = np.where(edges, behind[window], 0.0).reshape(6, 4, 6, 4).max(axis=(1, 3))
+            most = np.max([blocks[v : v + 4, u : u + 4] for v in range(3) for u in range(3)], axis=0)
+            found[y : y + TILE, x : x + TILE] = np.repeat(np.repeat(most, 4, axis=0), 4, axis=1)
+    return found[:height, :width]
+
+
+def _pulled(base: Array) -> Array:
+    """(H, W, 4): cells (H, W, 5), values times weights and weights, filled from storeys above."""
+    height, width = base.shape[:2]
+    levels = [np.pad(base, ((0, -height % TILE), (0, -width % TILE), (0, 0)))]
+    for _ in range(4):
+        one = levels[-1]
+        sums = one[::2, ::2] + one[::2, 1::2] + one[1::2, ::2] + one[1::2, 1::2]
+        levels.append(sums / np.maximum(sums[..., 4:], 1.0))
+    top = levels.pop()
+    filled = top[..., :4] / top[..., 4:] if top.shape[:2] == (1, 1) else _pulled(top)
+    above = np.pad(filled, ((1, 1), (1, 1), (0, 0)), mode="edge")
+    for level in reversed(levels):
+        own = np.pad(level, ((1, 1), (1, 1), (0, 0)))
+        for axis, size in enumerate(own.shape[:2]):
+            cell = np.arange(size)
+            part = np.where(cell % 2, 0.75, 0.25).reshape([-1 if i == axis else 1 for i in range(3)])
+            left, right = np.take(above, cell // 2, axis), np.take(above, cell // 2 + 1, axis)
+            above = left + part * (right - left)
+        above = own[..., :4] + (1 - own[..., 4:]) * above
+    return above[1 : height + 1, 1 : width + 1]

@@ -26,7 +26,7 @@ CAMERA = Camera.look_at((0.5, -0.6, 0.9), (0.5, 0.5, 0), (0, 0, 1), (61, 37), fo
         ("height", np.zeros((4, 4, 1), np.float32)),
         ("height", np.zeros((0, 4), np.float32)),
         ("color", np.zeros((4, 4), np.uint8)),
-        ("color", np.zeros((4, 4, 3))),
+        ("color", np.full((4, 4, 3), 200.0)),
         ("scale", 0),
         ("scale", -1.0),
         ("scale", np.inf),
@@ -59,6 +59,18 @@ def test_maps_of_any_size_and_kind(shape, dtype):
     plain = ibr.render(square(), CAMERA)
     np.testing.assert_array_equal(frame.valid, plain.valid)
     assert (frame.depth >= plain.depth - 1e-5)[frame.valid].all()
+
+
+@pytest.mark.parametrize("width", [32768, 40001, 1 << 21])
+def test_wide_maps(width):
+    height = np.linspace(0, 255, width).astype(np.uint8)[None]
+    surface = ibr.ReliefSurface(square(), height, WHITE, 0.1, normal_map=np.full((1, width, 3), 200, np.uint8))
+    assert ibr.render(surface, CAMERA).valid.any()
+
+
+def test_maps_that_are_too_wide():
+    with pytest.raises(ibr.ArgumentError, match=r"^uv: .* of a map of 2097153x1$"):
+        ibr.ReliefSurface(square(), np.zeros((1, (1 << 21) + 1), np.uint8), WHITE, 0.1)
 
 
 def test_bytes_and_floats_are_one_map():

@@ -231,6 +231,9 @@ def test_bad_input():
     for bad in ([], (), None, one, [3], [one, None], [one, away], [one], [one, one]):
         with pytest.raises(ibr.ArgumentError, match=r"^views: "):
             ibr.VisualHull(bad)
+    nothing = ibr.DepthImage(color, np.full((21, 21), np.nan, np.float32), camera)
+    with pytest.raises(ibr.ArgumentError, match=r"^views: expected views with valid depth, got none in view 1$"):
+        ibr.VisualHull([one, nothing])
     for changes, argument in (
         ({"slices": 0}, "slices"),
         ({"slicing": "surface"}, "slicing"),

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from itertools import permutations
 
 import cv2
@@ -294,6 +297,30 @@ def test_bad_views():
         ibr.DepthObject([*views, nothing])
 
 
+def views_with_background(depth: float, kind: str = "orthographic") -> list[ibr.DepthImage]:
+    """Of the torus, with that depth where they saw nothing."""
+    views = views_of_torus(kind)
+    return [ibr.DepthImage(v.color, np.where(v.valid, v.depth, np.float32(depth)), v.camera) for v in views]
+
+
+@pytest.mark.parametrize("kind", ["orthographic", "four"])
+@pytest.mark.parametrize("depth", [1e5, 1e10, 1e20, 3.4e38])
+def test_background_that_is_given_as_depth_is_refused(kind, depth):
+    with pytest.raises(ibr.ArgumentError, match=r"^views: .*`far`.* to .* in view 0$"):
+        ibr.DepthObject(views_with_background(depth, kind))
+    some = views_with_background(depth, kind)
+    for kept in (ibr.DepthObject([ibr.DepthImage(v.color, v.depth, v.camera, far=1e4) for v in some]),):
+        np.testing.assert_allclose(kept.box.edges, ibr.DepthObject(views_of_torus(kind)).box.edges)
+
+
+def test_a_sample_far_away_has_a_box():
+    for far in (0.0, 1e6, -1e12):
+        camera = ibr.Camera([[9, 0, 0], [0, 9, 0], [0, 0, 1]], (1, 1)).moved(far, far, far)
+        thing = ibr.DepthObject([ibr.DepthImage(np.zeros((1, 1, 3), np.uint8), np.ones((1, 1), np.float32), camera)])
+        assert (thing.box.edges > 0).all()
+        assert ibr.render(thing, camera.resized((5, 3))).depth.shape == (3, 5)
+
+
 BAD = [
     *[("slices", value) for value in (0, -3, 1.5, "64", True, None, 10**9)],
     *[("slicing", value) for value in ("surface", None, 1)],
@@ -342,3 +369,29 @@ def test_an_image_that_shows_a_part_alone():
     cut = ibr.render(ibr.DepthObject([*views[1:], part], 64), target).valid
     assert silhouette_iou(left, whole) >= 0.97
     assert cut.sum() < 0.8 * whole.sum()
+
+
+IN_A_BOX = """
+import sys, warnings
+import numpy as np, pyibr as ibr
+warnings.simplefilter("ignore")  # of numbers that float32 does not hold
+focal, slicing = float(sys.argv[1]), sys.argv[2]
+camera = ibr.Camera([[focal, 0, 2], [0, focal, 2], [0, 0, 1]], (5, 5))
+depth = np.full((5, 5), np.nan, np.float32)
+depth[2, 2] = 3
+thing = ibr.DepthObject([ibr.DepthImage(np.full((5, 5, 3), 9, np.uint8), depth, camera)], slices=7, slicing=slicing)
+print(thing.box.edges.max())
+try:
+    ibr.render(thing, ibr.Camera([[10, 0, 2], [0, 10, 2], [0, 0, 1]], (5, 5)))
+except ibr.ArgumentError:
+    pass  # in one sentence
+"""
+
+
+@pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
+@pytest.mark.parametrize(("focal", "edge"), [(10, 2e-15)])
+def test_rays_end_in_boxes_that_float32_does_not_hold(focal, edge, slicing):
+    command = [sys.executable, "-c", IN_A_BOX, str(focal), slicing]
+    variables = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    done = subprocess.run(command, env=variables, capture_output=True, text=True, timeout=300, check=True)
+    assert float(done.stdout) == pytest.approx(edge, rel=0.01)

@@ -1,8 +1,6 @@
-"""The slicing kernels in their GPU form, and their bounds."""
+"""The slicing kernels in their GPU form."""
 
 from __future__ import annotations
-
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +11,7 @@ from pyibr.core.camera import Camera
 from pyibr.images.metrics import silhouette_iou
 from pyibr.opencl import device
 from pyibr.opencl.watch import Watch, watching
-from tests.one_lane import check_bounds, one_lane
+from tests.one_lane import one_lane
 from tests.slicing.solids import looking, torus, views_of_torus
 
 
@@ -75,34 +73,3 @@ def check_grids(surface, thing, camera, grids) -> None:
         for made in (surface, thing):
             ibr.render(made, camera)
     assert grids["draw_surface"] == grids["draw_object"] == (101, 77)
-
-
-BOUNDS = """
-import numpy as np, pyibr as ibr
-corners, uv = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[-1, 0], [1, 0], [1, 3], [0, 1]]
-square = ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3], [1, 1, 2]], uv=uv)
-rng = np.random.default_rng(0)
-light = ibr.Light(direction=(0, 0, -1), shadow_size=8)
-cameras = [ibr.Camera.look_at(eye, (0.5, 0.5, 0), (0, 1, 0.1), size, fov_y=60)
-           for eye, size in (((0.5, 0.5, 0.6), (13, 7)), ((1, 2, 1), (1, 1)), ((0.5, 0.5, 0.05), (35, 5)))]
-for n in 1, 5:
-    height, color = rng.random((n, n + 1), np.float32), np.full((n + 1, n, 3), 9, np.uint8)
-    for slicing in "surface", "orthogonal", "screen":
-        for camera in cameras:
-            ibr.render(ibr.SlicedSurface(square, height, color, 0.3, (2, 1), 3, slicing), camera, light)
-views = []
-for eye in (3, 0, 0), (0, 3, 0), (0, 0, 3), (-2, -2, 2):
-    camera = ibr.Camera.look_at(eye, (0, 0, 0), (0.1, 0.2, 1), (9, 7), fov_y=40)
-    depth = np.full((7, 9), np.inf, np.float32)
-    depth[2:5, 3:7] = 2.5
-    views.append(ibr.DepthImage(np.full((7, 9, 3), 9, np.uint8), depth, camera))
-cameras = [ibr.Camera.look_at(eye, (0, 0, 0), (0, 1, 0.1), size, fov_y=40)
-           for eye, size in (((2, 1, 2), (13, 7)), ((2, 1, 0), (1, 1)), ((0.05, 0, 0), (35, 5)))]
-for slicing in "orthogonal", "screen":
-    for camera in cameras:
-        ibr.render([ibr.DepthObject(views, 5, slicing), ibr.VisualHull(views, 5, slicing)], camera)
-"""
-
-
-def test_no_kernel_leaves_its_arrays(tmp_path: Path):
-    check_bounds(BOUNDS, tmp_path)

@@ -197,6 +197,18 @@ def test_slices_beside_the_volume_change_the_cost_alone(elevation):
     assert alpha_tests(whole, cam).sum() > 1.5 * alpha_tests(clipped, cam).sum()
 
 
+def test_other_heights_are_checked_as_the_first_ones():
+    first = surface(32, "orthogonal")
+    for bad in (np.zeros((1, 3 << 20), np.uint8), np.full((4, 4), 2.0), np.zeros((4, 4), int), None):
+        messages: list[str] = []
+        takers = (first.with_height, lambda height: ibr.SlicedSurface(first.base, height, first.color, SCALE))
+        for take in takers:
+            with pytest.raises(ibr.ArgumentError) as caught:
+                take(bad)
+            messages.append(str(caught.value))
+        assert messages[0] == messages[1]
+
+
 def test_other_heights_without_rebuilding():
     first = surface(32, "orthogonal")
     cam = camera(50, 20)

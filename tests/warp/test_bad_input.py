@@ -13,7 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 import pyibr as ibr
-from pyibr.cli import app
+from pyibr.app.cli import app
 from pyibr.core.errors import ArgumentError
 
 K = [[50, 0, 20], [0, 50, 15], [0, 0, 1]]
@@ -50,8 +50,8 @@ CASES: dict[str, tuple[Call, str, str, str]] = {
     "method, unhashable": (lambda: warp(method=["search"]), "method", '"search"', "['search']"),
     "sample": (lambda: warp(sample="cubic"), "sample", '"linear", "nearest"', "'cubic'"),
     "edges": (lambda: warp(edges=None), "edges", '"connect", "cut"', "None"),
-    "fill": (lambda: warp(fill="foreground"), "fill", '"background" or None', "'foreground'"),
-    "fill, a bool": (lambda: warp(fill=True), "fill", '"background" or None', "True"),
+    "fill": (lambda: warp(fill="foreground"), "fill", '"background", "smooth", "inpaint" or None', "'foreground'"),
+    "fill, a bool": (lambda: warp(fill=True), "fill", '"background", "smooth", "inpaint" or None', "True"),
     "side": (lambda: warp(side="left"), "side", '"front", "back", "both"', "'left'"),
     "cut_ratio of 1": (lambda: warp(cut_ratio=1.0), "cut_ratio", "greater than 1", "1.0"),
     "cut_ratio, nan": (lambda: warp(cut_ratio=math.nan), "cut_ratio", "greater than 1", "nan"),
@@ -71,11 +71,10 @@ CASES: dict[str, tuple[Call, str, str, str]] = {
     ),
     "gray": (lambda: image(COLOR[..., 0]), "color", "(31, 41, 3)", "gray"),
     "alpha": (lambda: image(np.dstack([COLOR, DEPTH.astype(np.uint8)])), "color", "(31, 41, 3)", "alpha"),
-    "double colour": (lambda: image(COLOR / 255), "color", "float32", "float64"),
+    "floats to 255": (lambda: image(COLOR / 1.0), "color", "[0, 1]", "divide them by 255"),
     "16-bit colour": (lambda: image(COLOR.astype(np.uint16)), "color", "uint8", "uint16"),
     "a list as colour": (lambda: image(COLOR.tolist()), "color", "uint8", "list"),
     "colour turned": (lambda: image(COLOR.transpose(1, 0, 2)), "color", "(31, 41, 3)", "(41, 31, 3)"),
-    "double depth": (lambda: image(depth=DEPTH.astype(float)), "depth", "float32", "float64"),
     "integer depth": (lambda: image(depth=DEPTH.astype(np.uint16)), "depth", "float32", "depth_from_uint16"),
     "depth of other size": (lambda: image(depth=DEPTH[:-1]), "depth", "(31, 41)", "(30, 41)"),
     "depth with a channel": (lambda: image(depth=DEPTH[..., None]), "depth", "(31, 41)", "(31, 41, 1)"),
@@ -120,6 +119,18 @@ CASES: dict[str, tuple[Call, str, str, str]] = {
         "not finite",
     ),
     "pose, 3x4": (lambda: ibr.Camera(K, SIZE, np.eye(4)[:3]), "world_from_camera", "(4, 4)", "(3, 4)"),
+    "K, huge": (lambda: ibr.Camera([[50, 0, 1e30], [0, 50, 15], [0, 0, 1]], SIZE), "K", "up to 1e+18", "1e+30"),
+    "K, tiny": (lambda: ibr.Camera([[1e-30, 0, 20], [0, 50, 15], [0, 0, 1]], SIZE), "K", "from 1e-18 on", "1e-30"),
+    "pose, far": (lambda: CAMERA.moved(0, 1e30, 0), "world_from_camera", "up to 1e+18", "1e+30"),
+    "far, an array": (lambda: image(far=DEPTH), "far", "> 0", "(31, 41)"),
+    "a target of too many pixels": (
+        lambda: warp(VIEW, ibr.Camera(K, (1 << 15, 1 << 15))),
+        "camera",
+        "pixels",
+        "32768 x",
+    ),
+    "depths that are too large": (lambda: warp(image(depth=DEPTH * 1e20)), "depth", "1e+09", "2e+20"),
+    "depths that are too small": (lambda: warp(image(depth=DEPTH * 1e-20)), "depth", "1e-08", "2e-20"),
     "projection": (lambda: ibr.Camera(K, SIZE, None, "fisheye"), "projection", '"orthographic"', "fisheye"),
 }
 
@@ -144,7 +155,7 @@ def test_a_target_that_sees_nothing_gets_a_warning_and_holes(method, projection)
     away = ibr.Camera(K_here, (33, 25), np.diag([-1.0, 1, -1, 1]), projection).moved(0, 0, 1)
     aside = ibr.Camera(K_here, (33, 25), projection=projection).moved(100, 0, 0)
     for target in (away, aside):
-        for fill in (None, "background"):
+        for fill in (None, "background", "smooth"):
             with pytest.warns(UserWarning, match="sees nothing") as caught:
                 frame = ibr.warp(VIEW, target, method, fill=fill)
             assert caught[0].filename == __file__  # the caller's line, not pyibr's
@@ -172,14 +183,6 @@ def test_extreme_depths_do_no_harm(method, extreme):
         same = frame.valid & clean.valid & np.isclose(frame.depth, clean.depth, rtol=1e-3)
         # 60: one sample spoils six triangles, which cover some 5 x 5 pixels here at most, and their rims.
         assert np.count_nonzero(clean.valid & ~same) <= 60
-
-
-def test_color_that_is_not_finite_stays_where_it_is():
-    color = FLOATS.color.copy()
-    color[10, 10] = np.nan
-    frame = ibr.warp(ibr.DepthImage(color, DEPTH, CAMERA), CAMERA.moved(0.1, 0, 0))
-    assert np.count_nonzero(np.isnan(frame.color).any(axis=-1)) <= 9
-    assert np.isfinite(frame.depth[frame.valid]).all()
 
 
 def test_the_command_line_says_it_in_one_line(tmp_path):

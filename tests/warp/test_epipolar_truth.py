@@ -29,6 +29,7 @@ ROUNDING = 1e-5  # relative: depth is float32, and comes of a few dozen operatio
 RIGHT = 0.999  # share of the interior pixels that must be right: the rest is thinner than the band sees
 COVERAGE = 0.005  # share of the image whose coverage may differ: silhouettes, to within a pixel
 AGREEMENT = 0.995  # share of the image where epipolar and search must be the same: silhouettes again
+COLUMNS = 512  # more than any image has columns or rows
 TIE = 1 / 8  # source pixels: within that of the middle between two samples, either may be the nearest
 COLOR = 1.0  # of 255: half for rounding to bytes, half for a position that is right to 0.1 % of the depth
 
@@ -77,13 +78,13 @@ def check_nearest(seen: truth.Truth, frame: ibr.Frame, view: ibr.DepthImage, nam
     right = frame.valid & (np.abs(frame.depth - seen.depth) <= limit)
     assert right[interior].mean() >= RIGHT, name
     assert (frame.valid != seen.valid).mean() <= COVERAGE, name
-    off = np.abs(frame.color[..., :2] - seen.source).max(axis=-1)  # the colours are the samples' places
+    off = np.abs(frame.color[..., :2] * COLUMNS - seen.source).max(axis=-1)  # the colours are the samples' places
     assert (off[interior] <= 0.5 + TIE).mean() >= RIGHT, name
 
 
 def colored_by_place(view: ibr.DepthImage) -> ibr.DepthImage:
-    """The same depth; each sample's colour is its x and y."""
-    y, x = np.indices(view.depth.shape, np.float32)
+    """The same depth; each sample's colour is its x and y, as parts of `COLUMNS`."""
+    y, x = np.indices(view.depth.shape, np.float32) / np.float32(COLUMNS)
     return ibr.DepthImage(np.stack([x, y, 0 * x], axis=-1), view.depth, view.camera)
 
 

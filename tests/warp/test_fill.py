@@ -1,7 +1,8 @@
-"""Holes filled from behind, against the plain rule in float64, on masks of all kinds and lines of all directions."""
+"""Holes filled, against the plain rules in float64, on masks of all kinds and lines of all directions."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from contextlib import nullcontext
 from functools import cache
@@ -9,14 +10,16 @@ from functools import cache
 import numpy as np
 import pytest
 
+import pyibr as ibr
 from pyibr.core.camera import Camera
 from pyibr.opencl.device import current
 from pyibr.opencl.memory import copy, upload
 from pyibr.picture.target import Target
-from pyibr.warp.launches import fill_holes
+from pyibr.warp.filling import push_and_pull, tell_behind
+from pyibr.warp.inpaint import inpaint
 from tests import scenes
-from tests.one_lane import one_lane
-from tests.reference.fill import fill_reference
+from tests.one_lane import check_bounds, one_lane
+from tests.reference.fill import HALO, behind_reference, edges_of, fill_reference
 
 Epipole = tuple[float, float, float]
 
@@ -72,35 +75,64 @@ def images(size: scenes.Size, mask: str, dtype: type) -> tuple[np.ndarray, np.nd
     return (color * 255).astype(np.uint8) if dtype is np.uint8 else color.astype(np.float32), depth, valid
 
 
-def filled(color: np.ndarray, depth: np.ndarray, valid: np.ndarray, epipole: Epipole) -> tuple[np.ndarray, np.ndarray]:
-    """Colour and depth by the kernels."""
-    height, width = valid.shape
-    target = Target(Camera([[50, 0, 0], [0, 50, 0], [0, 0, 1]], (width, height)), color.dtype)
+def target_of(color: np.ndarray, depth: np.ndarray, valid: np.ndarray, projection: str = "perspective") -> Target:
+    """A picture with that in it."""
+    camera = Camera([[50, 0, 0], [0, 50, 0], [0, 0, 1]], valid.shape[::-1], projection=projection)
+    target = Target(camera, color.dtype, channels=color.shape[2])
     given = color, depth, valid.astype(np.uint8)
     for array, into in zip(given, (target.color, target.depth, target.valid), strict=True):
         copy(upload(array), into)
-    fill_holes(target, np.array(epipole), "background")
+    return target
+
+
+def told(target: Target, epipole: Epipole) -> np.ndarray:
+    """The depth behind the pixels; whatever it is where there is no hole."""
+    width, height = target.camera.size
+    return tell_behind(target, np.array(epipole)).to_host()[HALO : height + HALO, HALO : width + HALO].copy()
+
+
+def filled(target: Target, epipole: Epipole | None) -> tuple[np.ndarray, np.ndarray]:
+    """Colour and depth by the kernels."""
+    push_and_pull(target, None if epipole is None else tell_behind(target, np.array(epipole)))
     frame = target.frame()
-    np.testing.assert_array_equal(frame.valid, valid)
     return frame.color.copy(), frame.depth.copy()
 
 
 @pytest.mark.parametrize("place", [*STRAIGHT, *OTHER])
 @pytest.mark.parametrize("mask", MASKS)
-def test_the_farther_end_is_what_fills(place, mask, lanes):
+def test_the_farther_end_of_a_line_is_what_lies_behind(place, mask, lanes):
     epipole = (STRAIGHT | OTHER)[place]
     for size in SIZES:
+        given = images(size, mask, np.uint8)
+        expected = behind_reference(*given[1:], epipole)
+        assert expected.decided.mean() >= (0.6 if place in OTHER else 1.0)
+        sure = edges_of(given[2]) & expected.decided
+        np.testing.assert_array_equal(told(target_of(*given), epipole)[sure], expected.depth[sure])
+
+
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+@pytest.mark.parametrize("way", ["background", "smooth"])
+@pytest.mark.parametrize("mask", MASKS)
+def test_holes_are_filled_by_push_and_pull(way, mask, projection, lanes):
+    epipole = (1.0, 0.3717, 0.0) if way == "background" else None
+    for size in SIZES:
         for dtype in DTYPES:
-            given = images(size, mask, dtype)
-            expected = fill_reference(*given, epipole)
-            assert expected.decided.mean() >= (0.6 if place in OTHER else 1.0)
-            color, depth = filled(*given, epipole)
-            sure, valid = expected.decided, given[2]
-            np.testing.assert_allclose(depth[sure], expected.depth[sure], rtol=2e-6)
-            limit = 0.501 if dtype is np.uint8 else 2e-6
-            assert np.abs(color[sure] - expected.color[sure]).max(initial=0) <= limit, (size, dtype)
-            np.testing.assert_array_equal(color[valid], given[0][valid])
-            np.testing.assert_array_equal(depth[valid], given[1][valid])
+            color, depth, valid = given = images(size, mask, dtype)
+            target = target_of(*given, projection)
+            behind = None
+            if epipole is not None:
+                behind = np.where(edges_of(valid), told(target, epipole), 0.0)
+            with np.errstate(invalid="ignore", divide="ignore"):
+                expected = fill_reference(color, depth, valid, behind, projection == "perspective")
+            made_color, made_depth = filled(target, epipole)
+            np.testing.assert_array_equal(made_color[valid], color[valid])
+            np.testing.assert_array_equal(made_depth[valid], depth[valid])
+            np.testing.assert_allclose(made_depth, expected[..., 3], rtol=2e-5)
+            if valid.any():
+                limit = 0.502 if dtype is np.uint8 else 2e-5
+                assert np.abs(made_color - expected[..., :3]).max() <= limit, (size, dtype)
+            else:
+                assert not made_color.any()
 
 
 @pytest.mark.parametrize("place", STRAIGHT)
@@ -110,8 +142,138 @@ def test_shared_lines_give_what_each_hole_finds_for_itself(place, lanes):
     far = x, y, 1e-20
     for size in SIZES:
         for mask in MASKS:
-            for dtype in DTYPES:
-                given = images(size, mask, dtype)
-                shared, own = filled(*given, STRAIGHT[place]), filled(*given, far)
-                for one, other in zip(shared, own, strict=True):
-                    np.testing.assert_array_equal(one, other)
+            given = images(size, mask, np.uint8)
+            shared, own = filled(target_of(*given), STRAIGHT[place]), filled(target_of(*given), far)
+            for one, other in zip(shared, own, strict=True):
+                np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("way", ["background", "smooth"])
+def test_depth_is_filled_alike_without_colours(way, lanes):
+    epipole = (1.0, 0.3717, 0.0) if way == "background" else None
+    color, depth, valid = images((61, 37), "patches", np.uint8)
+    alone = filled(target_of(np.empty((37, 61, 0), np.uint8), depth, valid), epipole)[1]
+    np.testing.assert_array_equal(alone, filled(target_of(color, depth, valid), epipole)[1])
+
+
+def test_both_forms_of_the_kernels_fill_alike():
+    view = scenes.stepped((131, 101))
+    for pose in (view.camera.moved(0.4, 0, 0), view.camera.moved(0.3, 0.1, -0.2)):
+        for way in ("background", "smooth"):
+            wide = ibr.warp(view, pose, fill=way)
+            with one_lane():
+                narrow = ibr.warp(ibr.DepthImage(view.color, view.depth, view.camera), pose, fill=way)
+            both = wide.valid == narrow.valid
+            assert both.mean() > 0.999
+            assert (np.abs(wide.color.astype(int) - narrow.color)[both] <= 1).mean() > 0.999
+
+
+# --- what a source has without depth ------------------------------------------------------------------
+
+
+def window(color_there: np.ndarray | int, dtype: type = np.uint8) -> ibr.DepthImage:
+    """A wall with a window in it, which has colours but no depth."""
+    camera = Camera([[100, 0, 65], [0, 100, 50], [0, 0, 1]], (131, 101))
+    color = np.full((101, 131, 3), 90, np.uint8)
+    depth = np.full((101, 131), 2.0, np.float32)
+    inside = np.s_[30:70, 40:90]
+    color[inside], depth[inside] = color_there, np.nan
+    if dtype is np.float32:
+        color = color.astype(np.float32) / np.float32(255)
+    return ibr.DepthImage(color, depth, camera)
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_colours_without_depth_are_shown_where_the_depth_around_leads_to_them(dtype, lanes):
+    stripes = (np.arange(50)[None, :, None] * np.array([5, 3, 4]) + 10).astype(np.uint8)
+    view = window(stripes, dtype)
+    frame = ibr.warp(view, view.camera.moved(0.2, 0, 0), fill="background")  # by 10 pixels
+    assert not frame.valid[35:65, 35:75].any()
+    np.testing.assert_allclose(frame.depth[35:65, 35:75], 2.0, rtol=1e-5)
+    np.testing.assert_allclose(frame.color[35:65, 35:75], view.color[35:65, 45:85], atol=1e-5)
+
+
+def test_black_without_depth_is_no_colour(lanes):
+    view = window(0)
+    frame = ibr.warp(view, view.camera.moved(0.2, 0, 0), fill="background")
+    assert (frame.color[35:65, 35:75] == 90).all()
+
+
+def test_of_several_views_the_nearest_ones_colours_count(lanes):
+    near, other = window(40), window(200)
+    far = ibr.DepthImage(other.color, other.depth, other.camera.moved(0.02, 0, 0))
+    for views in ([near, far], [far, near]):
+        frame = ibr.warp(views, near.camera.moved(0.001, 0, 0), fill="background")
+        assert (frame.color[35:65, 48:84] == 40).all()
+
+
+def test_a_backdrop_leaves_no_hole_where_there_is_no_depth():
+    view = window(200)
+    backed = ibr.DepthImage(view.color, view.depth, view.camera, backdrop=4.0)
+    frame = ibr.warp(backed, view.camera.moved(0.2, 0, 0))
+    assert frame.valid[35:65, 40:75].all()
+    np.testing.assert_allclose(frame.depth[35:65, 40:75], 4.0, rtol=1e-5)
+    assert (frame.color[35:65, 40:75] == 200).all()
+
+
+# --- by OpenCV ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("mask", MASKS)
+def test_inpainting_continues_what_is_around(mask, dtype):
+    for size in SIZES:
+        color, depth, valid = given = images(size, mask, dtype)
+        target = target_of(*given)
+        inpaint(target)
+        frame = target.frame()
+        np.testing.assert_array_equal(frame.color[valid], color[valid])
+        np.testing.assert_array_equal(frame.depth[valid], depth[valid])
+        assert np.isfinite(frame.depth).all() == (valid.any())
+        if valid.any():
+            assert depth[valid].min() * 0.999 <= frame.depth.min()
+            assert frame.depth.max() <= depth[valid].max() * 1.001
+
+
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+def test_inpainting_asks_for_no_unit(projection):
+    """Metres or millimetres, bright or dark, floats or bytes: the same picture."""
+    color, depth, valid = images((131, 101), "patches", np.uint8)
+    bright = color.astype(np.float32) / np.float32(255)
+    colors, depths = [], []
+    for unit, given in ((1, bright), (1000, bright / 8), (1, color)):
+        target = target_of(given, depth * np.float32(unit), valid, projection)
+        inpaint(target)
+        colors.append(target.frame().color)
+        depths.append(target.frame().depth / unit)
+    # A step of 1/65535 of the range, added to pixels that are told from filled ones, and single precision's rounding
+    np.testing.assert_allclose(depths[0], depths[1], atol=1e-4)
+    np.testing.assert_allclose(colors[0], 8 * colors[1], atol=1e-4)
+    assert np.abs(255 * colors[0] - colors[2])[~valid].mean() < 2  # bytes: of such a step of 1/255, and rounded
+
+
+def test_a_missing_opencv_is_named(monkeypatch: pytest.MonkeyPatch):
+    view = scenes.stepped((61, 37))
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    with pytest.raises(ibr.Error, match='fill="inpaint" needs OpenCV'):
+        ibr.warp(view, view.camera.moved(0.4, 0, 0), fill="inpaint")
+
+
+def test_nothing_is_read_beyond_the_arrays(tmp_path):
+    check_bounds(
+        """
+import numpy as np
+import pyibr as ibr
+
+for size in ((1, 2), (33, 17), (7, 40)):
+    camera = ibr.Camera([[40, 0, size[0] / 2], [0, 40, size[1] / 2], [0, 0, 1]], size)
+    y, x = np.mgrid[: size[1], : size[0]]
+    depth = np.where(x < size[0] / 2, 2, 4).astype(np.float32)
+    depth[size[1] // 2 :, : size[0] // 3] = np.nan
+    view = ibr.DepthImage(np.full((*depth.shape, 3), 70, np.uint8), depth, camera)
+    for move in ((0.3, 0, 0), (0, 0.2, 0), (0.2, 0.1, 0.1)):
+        for way in ("background", "smooth"):
+            ibr.warp(view, camera.moved(*move), fill=way)
+""",
+        tmp_path,
+    )

@@ -216,7 +216,7 @@ def test_several_views_are_their_frames_merged_by_depth_in_any_order(method, sam
         color = np.take_along_axis(np.stack([f.color for f in alone]), nearest[None, ..., None], 0)[0]
         expected = ibr.Frame(color, np.where(valid, depths.min(axis=0), np.nan).astype(np.float32), valid, target)
         for order in permutations(views):
-            merged = ibr.warp(order, target, method, sample, edges)
+            merged = ibr.warp(order, target, method, sample, edges, blend="nearest")
             np.testing.assert_array_equal(merged.valid, expected.valid)
             np.testing.assert_array_equal(merged.depth, expected.depth)
             np.testing.assert_array_equal(merged.color, expected.color)
@@ -324,7 +324,7 @@ def test_orthographic_views_are_cut_by_the_longer_side_of_what_they_see(method, 
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_holes_are_filled_from_the_farther_side(sign):
+def test_holes_are_filled_from_behind(sign):
     view, target = two_walls()
     if sign < 0:  # mirrored: the far wall on the left, the camera moves to the left
         view = ibr.DepthImage(view.color[:, ::-1], view.depth[:, ::-1], view.camera)
@@ -335,47 +335,29 @@ def test_holes_are_filled_from_the_farther_side(sign):
     np.testing.assert_array_equal(filled.color[bare.valid], bare.color[bare.valid])
     np.testing.assert_array_equal(filled.depth[bare.valid], bare.depth[bare.valid])
     gap = filled.depth[flip][:, 28:38], filled.color[flip][:, 28:38]
-    np.testing.assert_allclose(gap[0], 4, rtol=1e-6)
+    # The near wall, at half the depth, counts 1 / 65536 of the far one.
+    np.testing.assert_allclose(gap[0], 4, rtol=3e-3)
     assert (gap[1] == (30, 30, 200)).all()
     # Beyond the far wall's end there is one side only.
-    np.testing.assert_allclose(filled.depth[flip][:, 86:], 4, rtol=1e-6)
+    np.testing.assert_allclose(filled.depth[flip][:, 86:], 4, rtol=1e-4)
 
 
+@pytest.mark.parametrize("fill", ["background", "smooth", "inpaint"])
 @pytest.mark.parametrize("place", [*scenes.REGIONS, "special"])
-@pytest.mark.parametrize("method", METHODS)
-def test_everything_is_filled_that_has_a_valid_pixel_on_its_line(place, method):
+def test_everything_is_filled_within_the_range_of_what_is_seen(place, fill):
     view = scenes.stepped((61, 37))
     poses = scenes.special_cameras(view) if place == "special" else scenes.target_cameras(view, place)
     for pose in poses:
-        if pose.region == "none":
-            continue  # without an epipole there are no lines
-        bare = ibr.warp(view, pose.camera, method, edges="cut")
-        filled = ibr.warp(view, pose.camera, method, edges="cut", fill="background")
-        np.testing.assert_array_equal(filled.valid, bare.valid)
-        reached = holes_with_an_end(bare.valid, scenes.epipole(pose.camera, view.camera))
-        # 1 %: whether a line passes through a pixel or just beside it hangs on rounding.
-        assert np.isnan(filled.depth[reached]).mean() <= 0.01, pose.name
-        low, high = np.nanmin(bare.depth), np.nanmax(bare.depth)
-        ends = filled.depth[np.isfinite(filled.depth)]
-        assert ends.min() >= low * (1 - 1e-6), pose.name
-        assert ends.max() <= high * (1 + 1e-6), pose.name
-
-
-def holes_with_an_end(valid: np.ndarray, epipole: np.ndarray) -> np.ndarray:
-    """(H, W) bool: holes on whose epipolar line, walked a pixel at a time either way, there is a valid
-    pixel.
-    """
-    height, width = valid.shape
-    found = np.zeros_like(valid)
-    for y, x in np.argwhere(~valid):
-        d = np.array([x * epipole[2] - epipole[0], y * epipole[2] - epipole[1]])
-        longest = np.abs(d).max()
-        d = d / longest if longest > 0 else np.array([1.0, 0.0])
-        steps = np.arange(-max(width, height), max(width, height) + 1)
-        px, py = np.rint(x + steps * d[0]).astype(int), np.rint(y + steps * d[1]).astype(int)
-        inside = (px >= 0) & (px < width) & (py >= 0) & (py < height)
-        found[y, x] = valid[py[inside], px[inside]].any()
-    return found
+        for method in METHODS:
+            bare = ibr.warp(view, pose.camera, method, edges="cut")
+            filled = ibr.warp(view, pose.camera, method, edges="cut", fill=fill)
+            np.testing.assert_array_equal(filled.valid, bare.valid)
+            if not bare.valid.any():
+                assert np.isnan(filled.depth).all()
+                continue
+            low, high = np.nanmin(bare.depth), np.nanmax(bare.depth)
+            assert filled.depth.min() >= low * (1 - 1e-5), pose.name
+            assert filled.depth.max() <= high * (1 + 1e-5), pose.name
 
 
 # --- colours -----------------------------------------------------------------------------------------
@@ -397,13 +379,6 @@ def test_bytes_and_floats_agree(method, sample, fill):
         # already.
         limit = 1.01 if fill else 0.501
         assert np.abs(one.color - other.color.astype(np.float64) * 255).max() <= limit, pose.name
-
-
-def test_float_colors_beyond_one_are_kept():
-    camera = pinhole((16, 12))
-    color = np.full((12, 16, 3), 7.5, np.float32)
-    frame = ibr.warp(ibr.DepthImage(color, np.full((12, 16), 2, np.float32), camera), camera.moved(0.1, 0, 0))
-    np.testing.assert_allclose(frame.color[frame.valid], 7.5, rtol=1e-6)
 
 
 @pytest.mark.parametrize("method", ["epipolar", "search", "forward"])

@@ -1,6 +1,4 @@
-"""How the warp uses OpenCL: what the second process finds in the cache, the kernels' GPU form, and their
-bounds.
-"""
+"""How the warp uses OpenCL: what the second process finds in the cache, the kernels' GPU form."""
 
 from __future__ import annotations
 
@@ -18,7 +16,7 @@ import pyibr as ibr
 from pyibr.core.camera import Projection
 from pyibr.opencl import device
 from tests import scenes
-from tests.one_lane import check_bounds, one_lane
+from tests.one_lane import one_lane
 
 FIRST_FRAME = """
 import numpy as np, pyibr as ibr
@@ -37,7 +35,7 @@ def run(*command: str, timeout: float = 120, **environment: str) -> subprocess.C
 def test_the_second_process_builds_nothing(tmp_path: Path):
     first = run(sys.executable, "-c", FIRST_FRAME, PYIBR_CACHE=str(tmp_path))
     assert first.returncode == 0, first.stderr
-    binaries = {path: path.stat().st_mtime_ns for path in (tmp_path / "programs").glob("*.bin")}
+    binaries = {path: path.stat().st_mtime_ns for path in (tmp_path / "programs").iterdir()}
     assert len(binaries) >= 4  # nearness, epipolar, resolve, fill
     # What would build anew has no compiler: a program made from source raises.
     forbid = "import pyopencl as cl; make = cl.Program.__init__\n" + (
@@ -49,13 +47,13 @@ def test_the_second_process_builds_nothing(tmp_path: Path):
     second = run(sys.executable, "-c", forbid + FIRST_FRAME, PYIBR_CACHE=str(tmp_path))
     assert second.returncode == 0, second.stderr
     assert second.stdout == first.stdout
-    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "programs").glob("*.bin")} == binaries
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "programs").iterdir()} == binaries
 
 
 def test_damaged_binaries_are_built_anew(tmp_path: Path):
     first = run(sys.executable, "-c", FIRST_FRAME, PYIBR_CACHE=str(tmp_path))
     assert first.returncode == 0, first.stderr
-    binaries = list((tmp_path / "programs").glob("*.bin"))
+    binaries = list((tmp_path / "programs").iterdir())
     for path in binaries:
         path.write_bytes(b"not a program")
     second = run(sys.executable, "-c", FIRST_FRAME, PYIBR_CACHE=str(tmp_path))
@@ -113,24 +111,3 @@ def test_one_lane_is_as_good_as_sixteen(wide, in_one_lane):
         assert same[both].mean() >= 0.999, number
         off = np.abs(one.color.astype(int) - other.color)[both & same]
         assert (off > 1).mean() <= 0.001, number
-
-
-BOUNDS = """
-from tests import scenes
-import pyibr as ibr
-ways = (
-    {"fill": "background"},
-    {"edges": "connect", "classes": True},
-    {"method": "search", "edges": "connect"},
-    {"method": "forward", "splat": 2},
-)
-view = scenes.scene(scenes.stepped_depth, (13, 7), far=4.8)
-line = scenes.scene(scenes.smooth_depth, (7, 1))
-for pose in scenes.target_cameras(view, "E", (9, 11))[:1] + scenes.special_cameras(view, (9, 11))[2:5:2]:
-    for way in ways:
-        ibr.warp([view, line], pose.camera, **way)
-"""
-
-
-def test_no_kernel_leaves_its_arrays(tmp_path: Path):
-    check_bounds(BOUNDS, tmp_path)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import imageio.v3 as iio
 import numpy as np
 import pytest
@@ -85,6 +86,25 @@ def test_filled_holes_hold_the_background(source, target):
     assert (filled.depth >= 0.9 * b.depth)[holes].mean() > 0.65
 
 
+def filled_error(view: ibr.DepthImage, camera: Camera, truth: np.ndarray) -> tuple[float, float]:
+    """Mean difference of colours in holes between surfaces: filled from behind, and by the better one of OpenCV's."""
+    bare, filled = ibr.warp(view, camera, classes=True), ibr.warp(view, camera, fill="background")
+    between = ~bare.valid & (bare.classes != ibr.PixelClass.OUTSIDE)
+    holes = (~bare.valid).astype(np.uint8)
+    painted = [cv2.inpaint(bare.color, holes, radius, cv2.INPAINT_TELEA) for radius in (3, 5)]
+    own, *others = (np.abs(made.astype(float) - truth)[between].mean() for made in (filled.color, *painted))
+    return own, min(others)
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "most"), [(50, 0, 21), (0, 50, 14), (4, 0, 20), (0, 4, 19)], ids=lambda value: str(value)
+)
+def test_filled_holes_of_the_room_look_like_what_was_hidden(source, target, most):
+    b = room(target)
+    error, inpainted = filled_error(room(source), b.camera, b.color)
+    assert error <= min(most, inpainted)
+
+
 # --- photographs with disparity ----------------------------------------------------------------------
 
 
@@ -144,3 +164,13 @@ def test_holes_of_a_stereo_pair_are_what_the_left_camera_did_not_see(name):
             seen &= (left[row, u + dx] > 0) & (np.abs(left[row, u + dx] - right) <= 0.5)
     assert seen.mean() > 0.5
     assert metrics.hole_ratio(frame.valid, seen) <= 1e-3
+
+
+@pytest.mark.parametrize(
+    ("load", "name", "most"),
+    [(pair, "cones", 24.5), (pair, "teddy", 18.5), (motorcycle, "", 23)],
+    ids=["cones", "teddy", "motorcycle"],
+)
+def test_filled_holes_of_photographs_look_like_what_was_hidden(load, name, most):
+    error, inpainted = filled_error(*(load(name) if name else load()))
+    assert error <= min(most, inpainted)

@@ -50,6 +50,7 @@ SCENES = (
     "noise of 6 %",
     "noise of 100 %",
 )
+COLUMNS = 1024  # more than any image has columns or rows
 
 
 @cache
@@ -83,12 +84,14 @@ def depth_of(scene: str, size: scenes.Size = SIZE) -> np.ndarray:
 
 @cache
 def view_of(scene: str, size: scenes.Size = SIZE, turned: bool = False) -> ibr.DepthImage:
-    """The scene, seen by a camera whose principal point is off the middle; colours are the samples' x and y."""
+    """The scene, seen by a camera whose principal point is off the middle; colours are the samples' x and y,
+    as parts of `COLUMNS`."""
     width, height = size
     K = [[FOCAL, 0, (width - 1) / 2 + 3.3], [0, FOCAL, (height - 1) / 2 - 1.7], [0, 0, 1]]
     pose = scenes.pose(yaw=33, pitch=-21, roll=48, center=(2.1, -3.4, 1.3)) if turned else np.eye(4)
     y, x = np.mgrid[:height, :width].astype(np.float32)
-    return ibr.DepthImage(np.dstack([x, y, 0 * x]), depth_of(scene, size), Camera(K, size, pose))
+    color = np.dstack([x, y, 0 * x]) / np.float32(COLUMNS)
+    return ibr.DepthImage(color, depth_of(scene, size), Camera(K, size, pose))
 
 
 @cache
@@ -118,10 +121,10 @@ def test_the_nearest_sample_is_the_one_next_to_where_the_ray_meets_the_surface(s
     view, seen = view_of(scene), seen_of(scene, step, edges)
     for method in METHODS:
         frame = ibr.warp(view, view.camera.moved(*step, 0), method, "nearest", edges)
-        away = np.abs(frame.color[..., :2] - seen.source).max(axis=-1)
+        away = np.abs(frame.color[..., :2] * COLUMNS - seen.source).max(axis=-1)
         wrong = (frame.valid != np.isfinite(seen.depth)) | (away > 0.5 + TIE)
         assert (wrong & ~seen.on_end).mean() <= limit_of(scene), (method, np.count_nonzero(wrong & ~seen.on_end))
-        x, y = np.nan_to_num(frame.color[..., :2]).astype(int).transpose(2, 0, 1)
+        x, y = np.nan_to_num(frame.color[..., :2] * COLUMNS).astype(int).transpose(2, 0, 1)
         # float32, a dozen operations; a step sideways leaves a sample's depth as it is
         np.testing.assert_allclose(frame.depth[frame.valid], view.depth[y, x][frame.valid], rtol=2e-6)
 

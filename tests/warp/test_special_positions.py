@@ -264,3 +264,22 @@ def test_a_turned_camera_sees_the_triangles_that_its_rays_pass(turn, edges):
         wrong = off(ibr.warp(view, target, method, edges=edges).depth, seen.depth)
         # Without motion nothing is seen from its side: what is off lies within 1/1000 of a pixel of an edge.
         assert wrong.sum() <= SHARE * wrong.size, (method, wrong.sum())
+
+
+# --- lines of the target that are lines nowhere in the source ----------------------------------------
+
+
+@pytest.mark.parametrize("edges", EDGES)
+@pytest.mark.parametrize("turn", [90, -90, 180])
+@pytest.mark.filterwarnings("ignore:warp. the target camera sees nothing")
+def test_turned_to_the_side_and_moved_along_the_turn(turn, edges):
+    """The rays of the middle column run in the plane that the source's pixels never show."""
+    source = Camera([[20, 0, 14], [0, 20, 11], [0, 0, 1]], SIZE)
+    target = Camera([[25, 0, 16], [0, 25, 9], [0, 0, 1]], (33, 19), scenes.pose(turn, center=(0, -0.25, 0)))
+    view = image(depth_around("smooth"), source)
+    wide = Camera([[5, 0, 16], [0, 5, 9], [0, 0, 1]], (33, 19), target.world_from_camera)
+    for camera in (target, wide):
+        swept, searched = (
+            ibr.warp(view, camera, method, edges=edges, side="both", fill="background") for method in METHODS
+        )
+        assert not off(swept.depth, searched.depth).sum() > SHARE * swept.depth.size

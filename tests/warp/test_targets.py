@@ -25,7 +25,7 @@ def targets(view: ibr.DepthImage) -> list[ibr.Camera]:
 
 
 @pytest.mark.parametrize("method", ["epipolar", "search", "forward"])
-@pytest.mark.parametrize("fill", [None, "background"])
+@pytest.mark.parametrize("fill", [None, "background", "smooth"])
 def test_each_frame_is_that_of_its_own_call(method, fill):
     views = [scenes.stepped(SIZE), scenes.holed(SIZE)]
     frames = ibr.warp(views, targets(views[0]), method, fill=fill)

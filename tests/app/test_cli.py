@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 import pyibr as ibr
-from pyibr.cli import app
+from pyibr.app.cli import app
 
 SIZE = (61, 37)
 runner = CliRunner()
@@ -54,6 +54,22 @@ def assert_one_line(result, *words: str) -> None:
 
 
 # ---- pictures
+
+
+def test_cameras_of_files_have_their_lenses(scene: Scene):
+    lens = ibr.Lens("brown_conrady", [-0.2, 0.05, 0, 0])
+    ibr.Camera(scene.camera.K, SIZE, lens=lens).save(scene.folder / "bent.json")
+    new, depth = scene.folder / "new.png", scene.folder / "depth_new.npy"
+    result = scene.run("--move", "0.2", "0", "0.1", "-o", new, "--depth-out", depth, camera="bent.json")
+    assert result.exit_code == 0, result.output
+    view = ibr.DepthImage(scene.color, scene.depth, ibr.Camera.load(scene.folder / "bent.json"))
+    frame = ibr.warp(view, view.camera.moved(0.2, 0, 0.1))
+    np.testing.assert_array_equal(ibr.read_color(new), frame.color)
+    np.testing.assert_allclose(ibr.read_depth(depth, 1000)[frame.valid], 1.9, rtol=1e-6)
+    result = scene.run("--to", scene.folder / "camera.json", "-o", new, camera="bent.json")
+    assert result.exit_code == 0, result.output
+    result = scene.run("--max-error", "0.01", "-o", scene.folder / "new.ply", camera="bent.json", command="mesh")
+    assert result.exit_code == 0, result.output
 
 
 def shifted_by_five(scene: Scene) -> None:
@@ -110,14 +126,15 @@ def test_an_empty_view_is_not_silent(scene: Scene):
 def test_every_choice_reaches_the_warp(scene: Scene, monkeypatch: pytest.MonkeyPatch):
     seen = {}
 
-    def fake(view, camera, method, sample, edges, fill, **options):
-        seen.update(options, far=view.far, method=method, sample=sample, edges=edges, fill=fill)
+    def fake(view, camera, **options):
+        seen.update(options, far=view.far)
         return ibr.Frame(view.color, view.depth, view.valid, camera)
 
     monkeypatch.setattr(ibr, "warp", fake)
     result = scene.run(
         "--orbit", "5", "-o", scene.folder / "new.png", "--method", "search", "--sample", "nearest",
         "--edges", "cut", "--cut-ratio", "1.5", "--fill", "background", "--side", "both", "--far", "9",
+        "--blend", "nearest",
     )  # fmt: skip
     assert result.exit_code == 0, result.output
     assert seen == {
@@ -127,8 +144,19 @@ def test_every_choice_reaches_the_warp(scene: Scene, monkeypatch: pytest.MonkeyP
         "cut_ratio": 1.5,
         "fill": "background",
         "side": "both",
+        "blend": "nearest",
         "far": 9.0,
     }
+
+
+def test_a_backdrop_is_a_number_or_the_farthest(scene: Scene):
+    asked = "--move", "0", "0", "0", "--far", "1", "--backdrop", "4", "--depth-out", scene.folder / "new.npy"
+    result = scene.run(*asked, "-o", scene.folder / "new.png")
+    assert result.exit_code == 0, result.output
+    np.testing.assert_allclose(np.load(scene.folder / "new.npy"), 4 * 1000, rtol=1e-5)
+    result = scene.run("--orbit", "5", "-o", scene.folder / "new.png", "--backdrop", "sky")
+    assert result.exit_code == 2
+    assert "pyibr: --backdrop: expected a depth > 0, farthest or none, got sky" in result.stderr
 
 
 def test_depth_edges_are_cut_unless_asked_otherwise(scene: Scene):
@@ -244,11 +272,11 @@ def test_version():
 
 @pytest.mark.parametrize(("works", "code"), [(True, 0), (False, 1)])
 def test_doctor_exits_with_1_if_no_device_works(monkeypatch: pytest.MonkeyPatch, works, code):
-    monkeypatch.setattr("pyibr.cli.print_report", lambda: works)
+    monkeypatch.setattr("pyibr.app.cli.print_report", lambda: works)
     assert runner.invoke(app, ["doctor"]).exit_code == code
 
 
-@pytest.mark.parametrize("module", ["pyibr", "pyibr.cli"])
+@pytest.mark.parametrize("module", ["pyibr", "pyibr.app.cli"])
 def test_importing_brings_nothing_heavy(module):
     heavy = "{'pyopencl', 'cv2', 'imageio', 'PIL', 'OpenEXR', 'open3d', 'matplotlib'}"
     code = f"import {module}, sys; print(sorted({heavy} & set(sys.modules)))"
@@ -274,3 +302,113 @@ def test_errors_name_options_and_come_before_any_output(scene: Scene):
     unwritable = scene.run(*move, "--depth-out", scene.folder / "z.png", depth="depth.npy", scale=None)
     assert_one_line(unwritable, "--depth-scale", "z.png")
     assert not new.exists()
+
+
+# ---- files that must not be lost
+
+
+def is_refused_before_the_work(scene: Scene, monkeypatch: pytest.MonkeyPatch, *arguments: object, **options) -> str:
+    """Run `warp` or `mesh`; return its one line. It must not have come to the work, nor have written anything."""
+
+    def work(*_: object, **__: object) -> None:
+        raise AssertionError("at work")
+
+    for name in ("warp", "DepthMesh", "read_color"):
+        monkeypatch.setattr(ibr, name, work)
+    before = {path: path.read_bytes() for path in scene.folder.rglob("*") if path.is_file()}
+    result = scene.run(*arguments, **options)
+    assert_one_line(result)
+    assert before == {path: path.read_bytes() for path in scene.folder.rglob("*") if path.is_file()}
+    return result.stderr.strip()
+
+
+@pytest.mark.parametrize("name", ["color.png", "depth.png", "link.png", "hard.png", "folder/../color.png"])
+@pytest.mark.parametrize("option", ["-o", "--depth-out", "--valid-out"])
+def test_no_output_is_an_input(scene: Scene, monkeypatch: pytest.MonkeyPatch, option, name):
+    (scene.folder / "folder").mkdir()
+    (scene.folder / "link.png").symlink_to("depth.png")
+    (scene.folder / "hard.png").hardlink_to(scene.folder / "color.png")
+    others = () if option == "-o" else ("-o", scene.folder / "new.png")
+    line = is_refused_before_the_work(scene, monkeypatch, "--orbit", 5, *others, option, scene.folder / name)
+    assert "expected a file of its own, got " in line
+    assert ("COLOR" in line) == (name in ("color.png", "hard.png", "folder/../color.png"))
+
+
+def test_no_numbered_output_and_no_mesh_is_an_input(scene: Scene, monkeypatch: pytest.MonkeyPatch):
+    (scene.folder / "color.png").rename(scene.folder / "f_0002.png")
+    (scene.folder / "color.png").symlink_to("f_0002.png")
+    path = ("--orbit", 5, "--frames", 4)
+    line = is_refused_before_the_work(scene, monkeypatch, *path, "-o", scene.folder / "f.png")
+    assert "f_0002.png, which is COLOR's too" in line
+    (scene.folder / "d_0001.npy").symlink_to("depth.npy")
+    arguments = ("-o", scene.folder / "g.png", "--depth-out", scene.folder / "d.npy")
+    assert "DEPTH" in is_refused_before_the_work(scene, monkeypatch, *path, *arguments, depth="depth.npy")
+    (scene.folder / "m.obj").symlink_to("camera.json")
+    arguments = ("--max-error", 1, "-o", scene.folder / "m.obj")
+    assert "--camera's too" in is_refused_before_the_work(scene, monkeypatch, *arguments, command="mesh")
+
+
+def test_no_two_outputs_are_one(scene: Scene, monkeypatch: pytest.MonkeyPatch):
+    (scene.folder / "other.png").symlink_to("new.png")  # which is not there yet
+    for second in ("new.png", "other.png", "folder/../new.png"):
+        arguments = ("--orbit", 5, "-o", scene.folder / "new.png", "--valid-out", scene.folder / second)
+        assert "--output's too" in is_refused_before_the_work(scene, monkeypatch, *arguments)
+        arguments = ("--orbit", 5, "--frames", 2, *arguments[2:])
+        if second != "other.png":
+            assert "--output's too" in is_refused_before_the_work(scene, monkeypatch, *arguments)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("-o", "a.xyz"), "no image format .xyz"),
+        (("-o", "a"), "without a suffix"),
+        (("-o", "a.png", "--depth-out", "b.jpg"), "no depth format .jpg"),
+        (("-o", "a.png", "--valid-out", "b.npy"), "no image format .npy"),
+        (("-o", "camera.json/a.png"), "camera.json is not a folder"),
+        (("-o", "folder.png"), "expected a file, got a folder"),
+        (("-o", "x" * 300 + ".png"), "File name too long"),
+        (("-o", "a.exr"), "pyibr-opencl[exr]"),
+    ],
+)
+def test_what_cannot_be_written_is_told_before_the_work(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch, arguments, words
+):
+    (scene.folder / "folder.png").mkdir()
+    monkeypatch.setitem(sys.modules, "OpenEXR", None)
+    places = [word if word.startswith("-") else scene.folder / word for word in arguments]
+    assert words in is_refused_before_the_work(scene, monkeypatch, "--orbit", 5, *places)
+
+
+@pytest.mark.parametrize("name", ["a.xyz", "a.stl", "folder.glb", "camera.json/a.glb"])
+def test_a_mesh_that_cannot_be_written_is_told_before_the_work(scene: Scene, monkeypatch: pytest.MonkeyPatch, name):
+    (scene.folder / "folder.glb").mkdir()
+    is_refused_before_the_work(scene, monkeypatch, "--max-error", 1, "-o", scene.folder / name, command="mesh")
+
+
+@pytest.mark.parametrize(
+    ("error", "line", "status"),
+    [
+        (KeyboardInterrupt(), "pyibr: interrupted", 130),
+        (OSError(28, "No space left on device"), "pyibr: [Errno 28] No space left on device", 2),
+        (MemoryError(), "pyibr: that does not fit into the memory", 2),
+    ],
+)
+def test_what_ends_the_work_is_one_line(scene: Scene, monkeypatch: pytest.MonkeyPatch, error, line, status):
+    def fail(*_: object, **__: object) -> None:
+        raise error
+
+    monkeypatch.setattr(ibr, "warp", fail)
+    result = scene.run("--orbit", 5, "-o", scene.folder / "new.png")
+    assert (result.exit_code, result.stderr.strip()) == (status, line)
+
+
+def test_names_that_are_no_text(scene: Scene):
+    name = scene.folder / "\udcff.png"
+    (scene.folder / "color.png").rename(scene.folder / "\udcfe.png")
+    words = [sys.executable, "-c", "from pyibr.app.cli import app; app()", "warp", scene.folder / "\udcfe.png"]
+    words += [scene.folder / "depth.npy", "--camera", scene.folder / "camera.json", "--orbit", "5", "-o", name]
+    done = subprocess.run(words, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "\ufffd.png: 61x37" in done.stdout
+    assert name.exists()

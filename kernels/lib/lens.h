@@ -1,0 +1,48 @@
+#ifndef LIB_LENS_H
+#define LIB_LENS_H
+/* Where a lens sees what a pinhole would: the models of `pyibr.Lens` (pyibr/core/lens.py), forwards. */
+#include "lib/lanes.h"
+
+#ifndef LENS
+#define LENS 0 /* 0: none; 1: Brown-Conrady and rational; 2: RealSense's modified one; 3: Kannala-Brandt's fisheye */
+#endif
+
+typedef struct {
+    float fx, skew, cx, fy, cy; /* of K */
+    float k[8];                 /* the coefficients in the models' order, 0 where a model has fewer */
+    float reach;                /* ideal distance from the axis up to which it sees */
+} Lens;
+
+/* From a pinhole's pixels to the lens's, in place. Are they in its sight? Elsewhere they are anything. */
+INLINED intl through_lens(Lens lens, floatl *u, floatl *v)
+{
+#if LENS == 0
+    return (intl)-1;
+#else
+    const floatl y = (*v - lens.cy) / lens.fy, x = (*u - lens.cx - lens.skew * y) / lens.fx;
+    const floatl square = x * x + y * y;
+    const intl seen = square < lens.reach * lens.reach;
+#if LENS == 3
+    const floatl radius = sqrt(square), angle = atan(radius), s = angle * angle;
+    const floatl series = 1.0f + s * (lens.k[0] + s * (lens.k[1] + s * (lens.k[2] + s * lens.k[3])));
+    const floatl factor = pick(radius > 1e-6f, angle * series / radius, (floatl)1.0f);
+    const floatl a = x * factor, b = y * factor;
+#else
+    const floatl top = 1.0f + square * (lens.k[0] + square * (lens.k[1] + square * lens.k[4]));
+    const floatl bottom = 1.0f + square * (lens.k[5] + square * (lens.k[6] + square * lens.k[7]));
+    const floatl factor = top / bottom, p1 = lens.k[2], p2 = lens.k[3];
+    floatl a = x * factor, b = y * factor;
+#if LENS == 1
+    const floatl c = x, d = y;
+#else
+    const floatl c = a, d = b;
+#endif
+    a += 2.0f * p1 * c * d + p2 * (square + 2.0f * c * c);
+    b += 2.0f * p2 * c * d + p1 * (square + 2.0f * d * d);
+#endif
+    *u = lens.fx * a + lens.skew * b + lens.cx;
+    *v = lens.fy * b + lens.cy;
+    return seen;
+#endif
+}
+#endif

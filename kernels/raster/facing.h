@@ -1,0 +1,36 @@
+#ifndef RASTER_FACING_H
+#define RASTER_FACING_H
+/* Normals of what a picture shows, from its depths: for what has no others. */
+#include "lib/screen.h"
+
+/* Nearness of pixels; EMPTY beside the picture and where there is nothing */
+floatl nearness_at(global const float *depth, Screen screen, intl x, intl y)
+{
+    const intl inside = (x >= 0) & (x < screen.width) & (y >= 0) & (y < screen.height);
+    const intl at = pick(inside, y * screen.width + x, (intl)0);
+    const floatl z = (floatl)(gather(depth, at));
+    return pick(inside & (z == z), DEPTH_OF(screen.perspective, z), (floatl)EMPTY);
+}
+
+/* Along the surface, the way (dx, dy) from the point p of a pixel; a pixel alone is taken to be level. */
+Vector way_along(global const float *depth, Screen screen, intl x, intl y, int dx, int dy, floatl n, Vector p)
+{
+    const floatl next = nearness_at(depth, screen, x + dx, y + dy), last = nearness_at(depth, screen, x - dx, y - dy);
+    const intl forward = fabs(next - n) <= fabs(last - n);
+    const floatl near = pick(forward, next, last), way = pick(forward, (floatl)1.0f, (floatl)-1.0f);
+    const Vector to = point_at(screen, to_floatl(x) + way * dx, to_floatl(y) + way * dy, pick(near > EMPTY, near, n));
+    return scaled(minus(to, p), way);
+}
+
+/* The unit normal of a pixel's surface, towards the viewer: along x and y, of the neighbours `apart` pixels away the one
+ * whose nearness differs less tells how it slopes. n, p: the pixel's nearness and point. */
+Vector facing_at(global const float *depth, Screen screen, intl x, intl y, int apart, floatl n, Vector p)
+{
+    const Vector across = way_along(depth, screen, x, y, apart, 0, n, p);
+    const Vector down = way_along(depth, screen, x, y, 0, apart, n, p);
+    const Vector normal = cross_of(across, down), ahead = towards(screen, p);
+    const floatl unit = pick(DOT(normal, ahead) > 0.0f, (floatl)-1.0f, (floatl)1.0f) /
+                        sqrt(greater(DOT(normal, normal), (floatl)1e-37f));
+    return scaled(normal, unit);
+}
+#endif

@@ -1,0 +1,70 @@
+/* Where a source has a colour but no depth, a filled hole shows that colour, if its filled depth leads there.
+ *
+ * Black without depth is no colour: that is how registered cameras, and frames with holes, tell that they have none.
+ *
+ * color, depth, valid: (dst_height, dst_width), the holes' colours are replaced. nearness: (src_height, src_pitch).
+ * src_color: (src_height, src_width). Work-item: `strip` times 16 pixels of a row. Cost: O(pixels).
+ */
+#include "lib/channel.h"
+#include "lib/pixelspace.h"
+#include "warp/holes.h"
+
+float4 sample_at(global const channel *color, size_t sample)
+{
+    return (float4)(color[3 * sample], color[3 * sample + 1], color[3 * sample + 2], 0.0f);
+}
+
+/* The colour between four samples */
+float4 color_between(global const channel *color, int width, int height, float u, float v)
+{
+    const float in_u = clamp(u, 0.0f, width - 1.0f), in_v = clamp(v, 0.0f, height - 1.0f);
+    const int left = in_u, upper = in_v, right = min(left + 1, width - 1), lower = min(upper + 1, height - 1);
+    const float4 above = mix(sample_at(color, upper * width + left), sample_at(color, upper * width + right), in_u - left);
+    const float4 below = mix(sample_at(color, lower * width + left), sample_at(color, lower * width + right), in_u - left);
+    return mix(above, below, in_v - upper);
+}
+
+/* Of 16 pixels from (x, y) on, those of which `bits` are holes */
+INLINED void show_row(global channel *color, global const float *depth, global const float *nearness,
+                      global const channel *src_color, const PixelMap *map, int x, int y, uint bits)
+{
+    const float *m = map->src_from_dst;
+    const size_t pixel = (size_t)y * map->dst_width + x;
+    float16 z = 1.0f;
+    if (x + TILE <= map->dst_width)
+        z = vload16(0, depth + pixel);
+    else
+        for (int i = 0; x + i < map->dst_width; i++)
+            set_float_lane(z, i, depth[pixel + i]);
+    const float16 n = DEPTH_OF(map->dst_perspective, z), px = convert_float16(x + COLUMNS);
+    const float16 w = MAP_ROW(m, 2, px, y, n);
+    const float16 u = MAP_ROW(m, 0, px, y, n) / w, v = MAP_ROW(m, 1, px, y, n) / w;
+    const int16 inside = AMONG(bits) & (w > 0.0f) & (u >= -0.5f) & (v >= -0.5f) & (u < map->src_width - 0.5f) &
+                         (v < map->src_height - 0.5f);
+    const int16 nearest_u = convert_int16(inside ? u + 0.5f : 0.0f), nearest_v = convert_int16(inside ? v + 0.5f : 0.0f);
+    const int16 sample = nearest_v * map->src_pitch + nearest_u;
+    for (uint left = bits; left; left &= left - 1) {
+        const int i = LOWEST(left);
+        if (!int_lane(inside, i) || nearness[int_lane(sample, i)] > NO_SURFACE)
+            continue;
+        const float4 nearest = sample_at(src_color, int_lane(nearest_v, i) * map->src_width + int_lane(nearest_u, i));
+        if (nearest.x == 0.0f && nearest.y == 0.0f && nearest.z == 0.0f)
+            continue;
+        const float4 found =
+            color_between(src_color, map->src_width, map->src_height, float_lane(u, i), float_lane(v, i));
+        vstore3(to_channels(found).xyz, pixel + i, color);
+    }
+}
+
+kernel void show_unobserved(global channel *color, global const float *depth, global const uchar *valid,
+                            global const float *nearness, global const channel *src_color, PixelMap map, int strip)
+{
+    const int first = get_global_id(0) * strip * TILE, y = get_global_id(1);
+    if (first >= map.dst_width || y >= map.dst_height)
+        return;
+    for (int x = first; x < min(first + strip * TILE, map.dst_width); x += TILE) {
+        const uint bits = hole_bits(valid, map.dst_width, map.dst_height, x, y, TILE / 8);
+        if (bits)
+            show_row(color, depth, nearness, src_color, &map, x, y, bits);
+    }
+}

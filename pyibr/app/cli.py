@@ -1,0 +1,112 @@
+"""The command line: `pyibr warp`, `register`, `mesh`, `view` and `doctor`."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Callable
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+import pyibr as ibr
+from pyibr.app import live_commands
+from pyibr.app.commands.mesh import mesh
+from pyibr.app.commands.register import register
+from pyibr.app.commands.warp import warp
+from pyibr.app.words import printable
+from pyibr.core.errors import ArgumentError, Error
+from pyibr.opencl.doctor import print_report
+
+_OPTIONS = {
+    "view": "DEPTH",
+    "camera": "--camera",
+    "scale": "--depth-scale",
+    "cut_ratio": "--cut-ratio",
+    "far": "--far",
+    "backdrop": "--backdrop",
+    "degrees": "--orbit",
+    "max_error": "--max-error",
+    "path": "--output",
+    "device": "--device",
+}
+"""What users of the command line call the library's arguments."""
+
+
+class _OneLineErrors(TyperGroup):
+    """Shows what goes wrong as one line, without a traceback."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except Error as error:
+            text = str(error)
+            if isinstance(error, ArgumentError) and error.argument in _OPTIONS:
+                text = _OPTIONS[error.argument] + text.removeprefix(error.argument)
+            raise _ended(text, 2) from error
+        except KeyboardInterrupt as error:
+            raise _ended("interrupted", 130) from error  # 128 + SIGINT, as shells count
+        except MemoryError as error:
+            raise _ended("that does not fit into the memory", 2) from error
+        except OSError as error:
+            if error.errno == errno.EPIPE:  # who read the output has gone, and needs no word of it
+                raise
+            raise _ended(str(error), 2) from error
+
+
+def _ended(text: str, status: int) -> typer.Exit:
+    typer.secho(f"pyibr: {printable(text)}", err=True, fg="red")
+    return typer.Exit(status)
+
+
+app = typer.Typer(
+    cls=_OneLineErrors,
+    help="New views from images with depth, on any OpenCL device.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"pyibr {ibr.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _main(  # pyright: ignore[reportUnusedFunction]
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+def doctor() -> None:
+    """Show the OpenCL devices, whether each works, and what mends those that do not."""
+    if not print_report():
+        raise typer.Exit(1)
+
+
+_MM = "--depth-scale 1000 --camera camera.json"
+_EXAMPLES: dict[Callable[..., None], tuple[str, ...]] = {
+    warp: (
+        f"color.png depth.png {_MM} --orbit 10 -o new.png",
+        "a.png a_depth.npy b.png b_depth.npy --camera a.json --camera b.json --to new.json -o new.png",
+        "rgbd_dataset_freiburg1_desk --depth-scale 5000 --camera camera.json --clean --move 0.05 0 0 -o new.mp4",
+        f"color.mp4 depth {_MM} --depth-camera depth.json --clean --fill background --orbit 5 -o new.mp4",
+    ),
+    register: ("depth.png --depth-scale 1000 --depth-camera depth.json --color-camera color.json -o registered.png",),
+    mesh: (f"color.png depth.png {_MM} --max-error 0.005 -o scene.glb",),
+    live_commands.view: ("dragon.ply",),
+    live_commands.place: ("dragon.ply --auto 16 -o dragon",),
+    doctor: ("",),
+}
+"""The commands, and how each is used."""
+
+for _command, _uses in _EXAMPLES.items():
+    _shown = [f"[bold]pyibr {_command.__name__} {_use}".rstrip() + "[/bold]" for _use in _uses]
+    app.command(epilog="\n\n".join([f"Example: {_shown[0]}", *_shown[1:]]))(_command)

@@ -1,0 +1,55 @@
+"""`pyibr mesh`: an image with depth as a triangle mesh."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+import pyibr as ibr
+from pyibr.app.commands.outputs import check_outputs
+from pyibr.app.words import (
+    BackdropText,
+    CameraFile,
+    Clean,
+    Color,
+    Depth,
+    DepthScale,
+    DeviceName,
+    FarDepth,
+    backdrop_of,
+    device_of,
+    printable,
+)
+from pyibr.core.camera import Camera
+from pyibr.depthmesh.segmentation import Segmentation, Test
+from pyibr.images import DepthImage
+from pyibr.meshes.files import check_mesh_file
+
+
+def mesh(
+    color: Color,
+    depth: Depth,
+    camera: CameraFile,
+    output: Annotated[Path, typer.Option("--output", "-o", help="The mesh: GLB, OBJ (with the image as texture), PLY")],
+    max_error: Annotated[float, typer.Option(help="Depths may be off by that, in scene units; 0: by nothing")],
+    segmentation: Annotated[Test, typer.Option(help="How triangles between two surfaces are told")] = "orthogonality",
+    clean: Clean = False,
+    far: FarDepth = math.inf,
+    backdrop: BackdropText = "none",
+    depth_scale: DepthScale = None,
+    device: DeviceName = None,
+) -> None:
+    """Turn an image with depth into a textured triangle mesh, simplified within an error."""
+    check_outputs({"COLOR": [color], "DEPTH": [depth], "--camera": [camera]}, {"--output": [output]})
+    check_mesh_file(output, textured=True, colored=True)
+    image, depths = ibr.read_color(color), ibr.read_depth(depth, depth_scale)
+    depths = ibr.clean_depth(depths, image).depth if clean else depths
+    view = DepthImage(image, depths, Camera.load(camera), far, backdrop_of(backdrop))
+    with device_of(device):
+        made = ibr.DepthMesh(view, segmentation=Segmentation(segmentation)).simplify(max_error)
+    made.save(output)
+    share = len(made.faces) / (2 * (view.camera.width - 1) * (view.camera.height - 1))
+    typer.echo(f"{printable(output)}: {len(made.faces)} triangles, {share:.1%} of the full grid's")

@@ -1,0 +1,171 @@
+"""What `warp` reads: which picture, which depth and which camera belong together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from numpy.typing import NDArray
+
+import pyibr as ibr
+from pyibr.app.words import printable, told
+from pyibr.core.camera import Camera
+from pyibr.core.errors import ArgumentError
+from pyibr.io.folders import files_in
+from pyibr.io.recordings import DEPTH_SUFFIXES, Recording, cameras_of, check_numbers, paired, posed, recording_in
+from pyibr.io.video import SUFFIXES, Video
+
+
+class Shot(NamedTuple):
+    """One frame: its files, the camera of its colours, and that of its depth if it is another."""
+
+    color: Path
+    depth: Path
+    camera: Camera
+    depth_camera: Camera | None
+
+
+@dataclass(frozen=True)
+class Source:
+    """Frames; of a video their numbers in it.
+
+    Attributes
+    ----------
+    shots : list of Shot
+    video : Video, or None
+    numbers : range
+    """
+
+    shots: list[Shot]
+    video: Video | None
+    numbers: range
+
+    @property
+    def fps(self) -> float | None:
+        """Frames a second, if that is known."""
+        return None if self.video is None else self.video.fps
+
+    def colors(self) -> Iterator[NDArray[Any]]:
+        """The pictures, one after the other."""
+        if self.video is not None:
+            yield from self.video.frames(self.numbers)
+        else:
+            for shot in self.shots:
+                yield ibr.read_color(shot.color)
+
+
+class Asked(NamedTuple):
+    """What was asked for: the paths that were given, and what says how they are read."""
+
+    inputs: list[Path]
+    cameras: list[Path]
+    depth_cameras: list[Path]
+    poses: list[Path]
+    take: str | None
+
+    def read(self, sources: Sequence[Source]) -> dict[str, list[Path]]:
+        """All files that are read, by what users call them."""
+        shots = [shot for source in sources for shot in source.shots]
+        files = {"COLOR": [shot.color for shot in shots], "DEPTH": [shot.depth for shot in shots]}
+        return {**files, "--camera": self.cameras, "--depth-camera": self.depth_cameras, "--poses": self.poses}
+
+
+def open_sources(asked: Asked) -> tuple[list[Source], bool]:
+    """The sources, and whether they are single pictures, which are one source then."""
+    recordings, are_stills = _recordings(asked.inputs)
+    part = _part(asked.take)
+    if are_stills and asked.take is not None:
+        raise ArgumentError("--take", "a recording to take frames of", "single pictures")
+    count = len(recordings)
+    cameras = [asked.cameras] if count == 1 else _each("--camera", asked.cameras, count)
+    depth_cameras = _each("--depth-camera", asked.depth_cameras, count)
+    poses = _each("--poses", asked.poses, count)
+    sources: list[Source] = []
+    for (recording, video), of_colors, of_depth, path in zip(recordings, cameras, depth_cameras, poses, strict=True):
+        shots = _shots(recording, are_stills, of_colors, of_depth, path)
+        numbers = range(len(shots))[part]
+        if not numbers:
+            raise ArgumentError("--take", f"some of the {len(shots)} frames", str(asked.take))
+        sources.append(Source([shots[number] for number in numbers], video, numbers))
+    for source in sources[1:]:
+        if len(source.shots) != len(sources[0].shots):
+            expected = f"sources of as many frames as the first, {len(sources[0].shots)}"
+            raise ArgumentError("sources", expected, f"{len(source.shots)} of {source.shots[0].color.parent}")
+    return sources, are_stills
+
+
+def _recordings(inputs: Sequence[Path]) -> tuple[list[tuple[Recording, Video | None]], bool]:
+    if len(inputs) == 1 and inputs[0].is_dir():
+        recording = recording_in(inputs[0])
+        _tell_left_out(recording.left_out, "no depth of its time", recording.colors)
+        return [(recording, None)], False
+    if len(inputs) % 2:
+        expected = "COLOR and DEPTH, for each source; or one folder with both"
+        raise ArgumentError("sources", expected, f"{len(inputs)} paths" if inputs[1:] else str(inputs[0]))
+    pairs = list(zip(inputs[::2], inputs[1::2], strict=True))
+    several = [color.is_dir() or color.suffix.lower() in SUFFIXES for color, _ in pairs]
+    for (color, depth), are_several in zip(pairs, several, strict=True):
+        if are_several != several[0]:
+            raise ArgumentError("sources", "all recordings, or all single pictures", f"{pairs[0][0]} and {color}")
+        if are_several and not depth.is_dir():
+            raise ArgumentError("DEPTH", f"a folder, for the frames of {color}", str(depth))
+    if several[0]:
+        return [_recorded(*pair) for pair in pairs], False
+    return [(Recording([color for color, _ in pairs], [depth for _, depth in pairs]), None)], True
+
+
+def _recorded(color: Path, depth: Path) -> tuple[Recording, Video | None]:
+    if color.is_dir():
+        recording = paired(color, depth)
+        _tell_left_out(recording.left_out, "no depth of its time", recording.colors)
+        return recording, None
+    video = Video(color)
+    depths = files_in(depth, DEPTH_SUFFIXES)
+    check_numbers(len(video), len(depths), str(depth))
+    return Recording([color] * len(video), depths), video
+
+
+def _tell_left_out(count: int, why: str, files: Sequence[Path]) -> None:
+    if count:
+        told(f"{count} {'pictures' if count > 1 else 'picture'} of {printable(files[0].parent)}: {why}; left out")
+
+
+def _each(option: str, given: Sequence[Path], count: int) -> list[list[Path]]:
+    """What each recording has: its own, or none."""
+    if given and len(given) != count:
+        raise ArgumentError(option, f"one for each of the {count} sources" if count > 1 else "one", str(len(given)))
+    return [[path] for path in given] if given else [[]] * count
+
+
+def _part(text: str | None) -> slice:
+    """What --take says."""
+    try:
+        numbers = [int(word) if word else None for word in (text or ":").split(":")]
+        if len(numbers) in (2, 3) and (len(numbers) < 3 or numbers[2] is None or numbers[2] > 0):
+            return slice(*numbers)
+    except ValueError:
+        pass
+    raise ArgumentError("--take", "START:STOP or START:STOP:STEP, as 10:90:2", str(text))
+
+
+def _shots(
+    recording: Recording,
+    are_stills: bool,
+    camera_files: Sequence[Path],
+    depth_camera_files: Sequence[Path],
+    pose_files: Sequence[Path],
+) -> list[Shot]:
+    """The frames with their cameras; those of which no pose of their time is known are left out."""
+    cameras = cameras_of(recording, camera_files, next(iter(pose_files), None), shared=not are_stills)
+    depth_camera = Camera.load(depth_camera_files[0]) if depth_camera_files else None
+    shots: list[Shot] = []
+    for color, depth, (camera, pose) in zip(recording.colors, recording.depths, cameras, strict=True):
+        if pose is not None:
+            of_depth = depth_camera
+            if depth_camera is not None and pose is not camera.world_from_camera:  # they are moved as one
+                of_depth = posed(depth_camera, pose @ camera.camera_from_world @ depth_camera.world_from_camera)
+            shots.append(Shot(color, depth, posed(camera, pose), of_depth))
+    _tell_left_out(len(recording.colors) - len(shots), "no pose of its time", recording.colors)
+    return shots

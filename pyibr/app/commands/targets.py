@@ -1,0 +1,76 @@
+"""Where `warp` looks from: --to, --move, --orbit and --frames."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from pyibr.core.camera import Camera
+from pyibr.core.errors import ArgumentError
+from pyibr.images import DepthImage
+from pyibr.io import read_cameras
+
+Move = tuple[float, float, float]
+Job = tuple[Sequence[DepthImage], Camera]
+
+
+class Targets:
+    """The new cameras, of which exactly one option tells.
+
+    Parameters
+    ----------
+    to : path, or None
+        A file or folder with cameras.
+    move, orbit
+        Steps and degrees from the (first) source's camera on.
+    frames : int
+        Views on the way there.
+    """
+
+    def __init__(self, to: Path | None, move: Move | None, orbit: float | None, frames: int) -> None:
+        options = (("--to", to), ("--move", move), ("--orbit", orbit))
+        given = [name for name, value in options if value is not None]
+        if len(given) != 1:
+            raise ArgumentError("new camera", "one of --to, --move, --orbit", " and ".join(given) or "none")
+        if frames > 1 and to is not None:
+            raise ArgumentError("--frames", "1 with --to (a path needs --move or --orbit)", str(frames))
+        self._to = None if to is None else list(read_cameras(to).values())
+        self._move, self._orbit, self._frames = move, orbit, frames
+        self._distance: float | None = None
+
+    def count(self, recorded: int | None) -> int | None:
+        """How many views there will be, of a recording of so many frames or of one scene (None); None: a single one."""
+        if recorded is None:
+            several = self._frames if self._to is None else len(self._to)
+            return several if several > 1 else None
+        if self._frames > 1:
+            expected = "1 for a recording, which gives a view for each of its frames (or --together)"
+            raise ArgumentError("--frames", expected, str(self._frames))
+        if self._to is not None and len(self._to) not in (1, recorded):
+            raise ArgumentError("--to", f"one camera, or one for each of the {recorded} frames", str(len(self._to)))
+        return recorded
+
+    def of_scene(self, views: Sequence[DepthImage], count: int | None) -> Iterator[Job]:
+        """All views for each target."""
+        for number, part in enumerate(np.linspace(0, 1, count) if count else [1.0]):
+            yield views, self._camera(views, number, float(part))
+
+    def of_frames(self, frames: Iterable[Sequence[DepthImage]]) -> Iterator[Job]:
+        """The views of each frame for its target."""
+        for number, views in enumerate(frames):
+            yield views, self._camera(views, number, 1.0)
+
+    def _camera(self, views: Sequence[DepthImage], number: int, part: float) -> Camera:
+        if self._to is not None:
+            return self._to[number % len(self._to)]
+        camera = views[0].camera
+        if self._move is not None:
+            return camera.moved(*(part * np.array(self._move)))
+        if self._distance is None:  # of the first frame: were it each frame's own, the view would tremble
+            depths = next((view.depth[view.valid] for view in views if view.valid.any()), None)
+            if depths is None:
+                return camera  # which sees nothing
+            self._distance = float(np.median(depths))
+        return camera.orbited(part * (self._orbit or 0.0), camera.center + camera.forward * self._distance)

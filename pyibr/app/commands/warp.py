@@ -1,0 +1,158 @@
+"""`pyibr warp`: new views of images with depth, and of recordings of depth cameras."""
+
+from __future__ import annotations
+
+import functools
+import math
+import warnings
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import typer
+
+import pyibr as ibr
+from pyibr.app.commands.outputs import Outputs
+from pyibr.app.commands.sources import Asked, open_sources
+from pyibr.app.commands.targets import Job, Move, Targets
+from pyibr.app.commands.views import Reading, views_of
+from pyibr.app.words import (
+    BackdropText,
+    Clean,
+    DepthScale,
+    DeviceName,
+    FarDepth,
+    backdrop_of,
+    device_of,
+    printable,
+    told,
+)
+from pyibr.core.camera import Camera
+from pyibr.images import DepthImage
+from pyibr.picture.drawable import Blend, Edges, Fill, Sample, Side
+from pyibr.warp.warp import Method
+
+_Draw = Callable[[Sequence[DepthImage], Camera], ibr.Frame]
+
+_Sources = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="COLOR DEPTH",
+        help="Image and planar depth; several such pairs; or recordings: a folder of images or a video, and a folder "
+        "of depth; or one folder with both (TUM RGB-D, 7-Scenes, Redwood, COLMAP's dense workspace)",
+    ),
+]
+_Cameras = Annotated[
+    list[Path] | None,
+    typer.Option(help="The camera, or one for each pair: JSON; a JSON list, a folder of such files, a COLMAP model"),
+]
+_DepthCameras = Annotated[
+    list[Path] | None, typer.Option(help="The depth's camera, if it is not registered to the colours: JSON")
+]
+_Poses = Annotated[
+    list[Path] | None, typer.Option(help="Where the camera was in each frame: TUM, KITTI, Redwood, 4 x 4 matrices")
+]
+_To = Annotated[Path | None, typer.Option(help="The new view's camera, or several: as --camera")]
+_MoveOption = Annotated[
+    Move | None, typer.Option(metavar="X Y Z", help="Move the camera right, down and forward, in scene units")
+]
+_Orbit = Annotated[
+    float | None,
+    typer.Option(metavar="DEGREES", help="Turn to the right about the point at the median depth on the optical axis"),
+]
+_Frames = Annotated[
+    int, typer.Option(min=1, help="Views along --move or --orbit, the source's first: OUT_0000, ... or a video")
+]
+
+
+def warp(
+    sources: _Sources,
+    output: Annotated[Path, typer.Option("--output", "-o", help="The new view; of several: OUT_0000, ... or a video")],
+    camera: _Cameras = None,
+    to: _To = None,
+    move: _MoveOption = None,
+    orbit: _Orbit = None,
+    frames: _Frames = 1,
+    together: Annotated[bool, typer.Option("--together", help="All frames of a recording show one scene")] = False,
+    take: Annotated[str | None, typer.Option(metavar="A:B:STEP", help="Frames of the recording, as 10:90:2")] = None,
+    poses: _Poses = None,
+    depth_camera: _DepthCameras = None,
+    clean: Clean = False,
+    method: Annotated[Method, typer.Option(help="How the surface is searched")] = "epipolar",
+    sample: Annotated[Sample, typer.Option(help="How depth and colour are read")] = "linear",
+    edges: Annotated[Edges, typer.Option(help="Neighbours are cut apart at depth edges, or one surface")] = "cut",
+    cut_ratio: Annotated[float, typer.Option(help="Cut where neighbours' depths differ by more")] = 1.05,
+    fill: Annotated[Literal["none", Fill], typer.Option(help="Fill holes: from behind, from all around")] = "none",
+    side: Annotated[Side, typer.Option(help="Sides of the surface that are shown")] = "front",
+    blend: Annotated[Blend, typer.Option(help="Several views: by how well each saw it; the nearest")] = "quality",
+    far: FarDepth = math.inf,
+    backdrop: BackdropText = "none",
+    depth_scale: DepthScale = None,
+    depth_out: Annotated[Path | None, typer.Option(help="Write the new view's depth too")] = None,
+    valid_out: Annotated[Path | None, typer.Option(help="Write the mask of what is no hole too")] = None,
+    fps: Annotated[float | None, typer.Option(help="Of a video: frames a second; default: the source's, or 30")] = None,
+    device: DeviceName = None,
+) -> None:
+    """Render a new view of an image with depth, of several, or of each frame of a recording.
+
+    Give the new camera by exactly one of --to, --move and --orbit.
+    """
+    targets = Targets(to, move, orbit, frames)
+    asked = Asked(sources, camera or [], depth_camera or [], poses or [], take)
+    opened, are_stills = open_sources(asked)
+    is_scene = are_stills or together
+    count = targets.count(None if is_scene else len(opened[0].shots))
+    outputs = Outputs(output, depth_out, valid_out, depth_scale, count, fps, opened[0].fps)
+    outputs.check({**asked.read(opened), "--to": [] if to is None else [to]})
+    reading = Reading(depth_scale, far, backdrop_of(backdrop), clean, steady=not is_scene, recorded=not are_stills)
+    each = [views_of(source, reading) for source in opened]
+    look = {"method": method, "sample": sample, "edges": edges, "fill": None if fill == "none" else fill}
+    draw = functools.partial(_drawn, **look, cut_ratio=cut_ratio, side=side, blend=blend)
+    with device_of(device), outputs:
+        if is_scene:
+            jobs = targets.of_scene([view for views in each for view in views], count)
+        else:
+            jobs = targets.of_frames(zip(*each, strict=True))
+        _write(jobs, draw, outputs, count, opened[0].shots[0].color)
+
+
+def _write(jobs: Iterable[Job], draw: _Draw, outputs: Outputs, count: int | None, source: Path) -> None:
+    """Draw and write the views, and tell of them."""
+    names: list[str] = []
+    shares: list[float] = []
+    size = ""
+    for number, (views, target) in enumerate(_with_progress(jobs, count or 1)):
+        frame = draw(views, target)
+        names.append(printable(outputs.write(frame, number)))
+        shares.append(float(frame.valid.mean()))
+        size = f"{target.width}x{target.height}"
+    if empty := [name for name, share in zip(names, shares, strict=True) if share == 0]:
+        many = f"{len(empty)} of {count} views are empty, as {empty[0]}" if count else f"{names[0]} is empty"
+        told(f"{many}: its camera sees nothing of {printable(source if count is None else source.parent)}")
+    covered = f"{size}, {np.mean(shares):.1%} covered"
+    if count:
+        typer.echo(f"{' to '.join(dict.fromkeys((names[0], names[-1])))}: {count} views, {covered}")
+    elif not empty:
+        typer.echo(f"{names[0]}: {covered}")
+
+
+def _drawn(views: Sequence[DepthImage], target: Camera, **look: Any) -> ibr.Frame:
+    """The new view; what is empty is told at the end, with the file's name."""
+    seen = [view for view in views if view.valid.any()]
+    if not seen:
+        shape = target.height, target.width
+        color: Any = np.zeros((*shape, 3), views[0].color.dtype)
+        return ibr.Frame(color, np.full(shape, np.nan, np.float32), np.zeros(shape, np.bool_), target)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        return ibr.warp(seen if len(seen) > 1 else seen[0], target, **look)
+
+
+def _with_progress(jobs: Iterable[Job], count: int) -> Iterable[Job]:
+    if count == 1:
+        return jobs
+    from rich.console import Console
+    from rich.progress import track
+
+    return track(jobs, "Warping", total=count, console=Console(stderr=True))

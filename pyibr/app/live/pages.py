@@ -1,0 +1,145 @@
+"""Pages of one kind, one for each browser that opens them."""
+
+from __future__ import annotations
+
+import contextvars
+import html
+import threading
+from collections.abc import Callable
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+
+from pyibr.app.live.place import PagePlace, fov_of
+from pyibr.app.live.server import start_server, stop_server, url_of
+from pyibr.app.live.stream import Picture, Shown, Stream, stream_renderer
+from pyibr.core.camera import Camera
+from pyibr.core.checks import Float64
+
+if TYPE_CHECKING:
+    from viser import ClientHandle
+
+_Made = TypeVar("_Made")
+
+_NEAR, _FAR = 0.005, 1000.0  # units of the page
+_HEIGHT = 640  # pixels in a notebook
+
+
+class Page(Protocol):
+    """What a browser shows."""
+
+    def leave(self) -> None:
+        """It is closed: nothing is to be drawn for it any more."""
+        ...
+
+
+class Pages:
+    """A server whose pages show live pictures, until it is closed.
+
+    `pyibr.view` makes it.
+
+    Attributes
+    ----------
+    url : str
+        Where the page is; only this machine can open it.
+    open : dict
+        The pages that browsers have open, by the server's numbers of them.
+    server : ViserServer
+        Of viser.
+    """
+
+    def __init__(
+        self,
+        make: Callable[[ClientHandle, Pages], Page],
+        place: PagePlace,
+        start: Camera,
+        pivot: Float64,
+        up: Float64,
+        port: int,
+        title: str,
+        set_up: Callable[[Pages], None] = lambda _: None,
+    ) -> None:
+        self.open: dict[int, Page] = {}
+        self._make = make
+        self._lock = threading.Lock()
+        self._closed = threading.Event()
+        self._context = contextvars.copy_context()  # `use_device` counts for the thread that it is called in
+        self.server = start_server(port, title)
+        self._renderer = stream_renderer()
+        self.url = url_of(self.server)
+        gui, first = self.server.gui, self.server.initial_camera
+        gui.configure_theme(show_logo=False, show_share_button=False)
+        gui.main_panel.dock_right()  # beside the picture, not over it
+        self.server.scene.set_up_direction(tuple(up))
+        first.near, first.far, first.fov = _NEAR, _FAR, fov_of(start)
+        first.position, first.look_at = tuple(place.point(start.center)), tuple(place.point(pivot))
+        set_up(self)
+        self.server.on_client_connect(self._opened)
+        self.server.on_client_disconnect(self._left)
+
+    def __repr__(self) -> str:
+        return f"<Pages {self.url}{', closed' if self._closed.is_set() else ''}>"
+
+    def _repr_html_(self) -> str:
+        if self._closed.is_set():
+            return html.escape(repr(self))
+        return f'<iframe src="{self.url}" width="100%" height="{_HEIGHT}" style="border: 0"></iframe>'
+
+    def __enter__(self) -> Pages:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    @property
+    def closed(self) -> bool:
+        """Whether it was closed."""
+        return self._closed.is_set()
+
+    def wait(self) -> None:
+        """Until it is closed, or Ctrl-C ends it."""
+        try:
+            while not self._closed.wait(0.5):
+                pass
+        finally:
+            self.close()
+
+    def close(self) -> None:
+        """End the server and all work for its pages."""
+        if not self._closed.is_set():
+            self._closed.set()
+            for page in list(self.open.values()):
+                page.leave()
+            stop_server(self.server)
+            self._renderer.close()
+
+    def call(self, function: Callable[[], _Made]) -> _Made:
+        """Call a function on the device that the pages' pictures are drawn on, from any thread."""
+        return self._context.copy().run(function)
+
+    def stream(
+        self,
+        client: ClientHandle,
+        place: PagePlace,
+        paint: Callable[[Camera], Picture],
+        shown: Callable[[Shown], None],
+        failed: Callable[[Exception], None],
+    ) -> Stream:
+        """The stream of a page's pictures."""
+        return Stream(client, self._renderer, place, paint, shown, failed)
+
+    def _opened(self, client: ClientHandle) -> None:
+        page = self._make(client, self)
+        with self._lock:
+            known: Any = self.server.get_clients()
+            if client.client_id in known and not self._closed.is_set():
+                self.open[client.client_id] = page
+                return
+        page.leave()  # it was closed before it was there
+
+    def _left(self, client: ClientHandle) -> None:
+        with self._lock:
+            page = self.open.pop(client.client_id, None)
+        if page is not None:
+            page.leave()

@@ -1,0 +1,71 @@
+"""Where a scene lies on a page, and which of pyibr's cameras the page's is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pyibr.core.camera import Camera
+from pyibr.core.checks import Float64
+from pyibr.core.conventions import quaternion_from_rotation, rotation_from_quaternion
+from pyibr.core.errors import ArgumentError
+
+_RADIUS = 3.0  # of the scene on the page: its near plane, its keys and its depths suit scenes of about that size
+
+
+@dataclass(frozen=True)
+class PagePlace:
+    """Where the scene lies on the page, whose numbers are in single precision and suit scenes of one size.
+
+    A point of the world is at (point - middle) / unit on the page; directions are the same.
+    """
+
+    middle: Float64
+    unit: float
+
+    def camera(self, wxyz: ArrayLike, position: ArrayLike, fov: float, size: tuple[int, int]) -> Camera:
+        """The camera of a page: OpenCV's axes, `fov` radians over the height, square pixels."""
+        pose = np.eye(4)
+        pose[:3, :3] = rotation_from_quaternion(np.asarray(wxyz, np.float64))
+        pose[:3, 3] = np.asarray(position, np.float64) * self.unit + self.middle
+        focal = size[1] / (2 * np.tan(fov / 2))
+        return Camera([[focal, 0, (size[0] - 1) / 2], [0, focal, (size[1] - 1) / 2], [0, 0, 1]], size, pose)
+
+    def pose(self, camera: Camera) -> tuple[Float64, Float64]:
+        """(w, x, y, z) and position of a camera on the page."""
+        return quaternion_from_rotation(camera.world_from_camera[:3, :3]), self.point(camera.center)
+
+    def point(self, point: Float64) -> Float64:
+        """Where a point of the world, (3,), is on the page."""
+        return (point - self.middle) / self.unit
+
+
+def fov_of(camera: Camera) -> float:
+    """Radians that a camera's height covers."""
+    return 2 * float(np.arctan(camera.height / (2 * camera.K[1, 1])))
+
+
+def place_around(low: Float64, high: Float64) -> PagePlace:
+    """The place of a scene in a box, (low, high) in the world.
+
+    Raises
+    ------
+    ArgumentError
+        If the box has no extent, or no end.
+    """
+    radius = 0.5 * float(np.linalg.norm(high - low))
+    if not (np.isfinite(radius) and radius > 0):
+        raise ArgumentError("things", "things of some extent", f"a box from {low} to {high}")
+    return PagePlace(0.5 * (low + high), radius / _RADIUS)
+
+
+def camera_before(low: Float64, high: Float64, up: Float64) -> Camera:
+    """A camera that sees all of a box, from above and aside; `up` is a direction of any length."""
+    up = up / np.linalg.norm(up)
+    side = np.cross(up, np.eye(3)[np.abs(up).argmin()])
+    side /= np.linalg.norm(side)
+    away = 0.45 * side + 0.35 * up + np.cross(side, up)
+    middle, away = 0.5 * (low + high), away * (2.7 * 0.5 * np.linalg.norm(high - low) / np.linalg.norm(away))
+    return Camera.look_at(middle + away, middle, up, (640, 480), fov_y=45.0)

@@ -1,0 +1,160 @@
+"""One thread that draws for several clients: of each its latest request, all others are dropped."""
+
+from __future__ import annotations
+
+import contextvars
+import threading
+import time
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+_Request = TypeVar("_Request")
+_Result = TypeVar("_Result")
+
+
+@dataclass
+class _Client(Generic[_Request]):
+    """What a client waits for.
+
+    Attributes
+    ----------
+    newest : request or None
+        To be drawn as soon as it is this client's turn.
+    rested : request or None
+        The last one, to be drawn in full once nothing newer has come for a while.
+    due : float
+        When that is, by `time.monotonic`.
+    used : float
+        Seconds of the device that it has had; the one with the least comes next.
+    """
+
+    newest: _Request | None = None
+    rested: _Request | None = None
+    due: float = 0.0
+    used: float = 0.0
+
+
+class Renderer(Generic[_Request, _Result]):
+    """Draws requests on a thread of its own and delivers what comes of them.
+
+    A client has one request, its latest: a newer one takes its place, however long drawing takes. Once a client's
+    last request has rested for a while it is drawn again, in full. Clients get equal shares of the time. The thread
+    keeps the device that is chosen where the renderer is made.
+
+    Parameters
+    ----------
+    draw : callable (request, full) -> result
+    deliver : callable (request, full, result)
+        Called on the same thread, in the order of drawing, unless the client has left, or the request was to be drawn
+        in full and is not the latest any more.
+    failed : callable (request, exception)
+        Drawing or delivering raised it.
+    rest : float
+        Seconds.
+    """
+
+    def __init__(
+        self,
+        draw: Callable[[_Request, bool], _Result],
+        deliver: Callable[[_Request, bool, _Result], None],
+        failed: Callable[[_Request, Exception], None],
+        rest: float = 0.2,
+    ) -> None:
+        self._draw, self._deliver, self._failed, self._rest = draw, deliver, failed, rest
+        self._clients: dict[Hashable, _Client[_Request]] = {}
+        self._changed = threading.Condition()
+        self._closed = False
+        self.dropped = 0
+        """Requests that were never drawn because a newer one came."""
+        context = contextvars.copy_context()  # `use_device` counts for the thread that it is called in
+        self._thread = threading.Thread(target=context.run, args=(self._run,), name="pyibr-renderer", daemon=True)
+        self._thread.start()
+
+    def ask(self, client: Hashable, request: _Request, at_once: bool = True) -> None:
+        """Let this be the client's latest request; without `at_once` it is drawn in full only, and without a rest."""
+        with self._changed:
+            if self._closed:
+                return
+            known = self._clients.setdefault(client, _Client())
+            if known.newest is None and known.rested is None:
+                # Who has had nothing to do, or is new, has saved up no time for now.
+                busy = [other.used for other in self._clients.values() if other is not known]
+                known.used = max(known.used, min(busy, default=0.0))
+            self.dropped += known.newest is not None
+            known.newest = request if at_once else None
+            known.rested = request
+            known.due = time.monotonic() + (self._rest if at_once else 0.0)
+            self._changed.notify()
+
+    def leave(self, client: Hashable) -> None:
+        """Forget a client: what it waits for is not drawn, what is being drawn is not delivered."""
+        with self._changed:
+            self._clients.pop(client, None)
+
+    @property
+    def clients(self) -> list[Hashable]:
+        """Those that have asked and not left."""
+        with self._changed:
+            return list(self._clients)
+
+    @property
+    def waiting(self) -> int:
+        """Requests that are to be drawn as soon as possible: at most one of each client."""
+        with self._changed:
+            return sum(known.newest is not None for known in self._clients.values())
+
+    def close(self, seconds: float = 10.0) -> None:
+        """Draw nothing any more; wait for what is being drawn, for a while."""
+        with self._changed:
+            self._closed = True
+            self._clients.clear()
+            self._changed.notify()
+        if threading.current_thread() is not self._thread:
+            self._thread.join(seconds)
+
+    def _run(self) -> None:
+        while (turn := self._next()) is not None:
+            client, request, full = turn
+            start = time.monotonic()
+            try:
+                result = self._draw(request, full)
+                if self._is_wanted(client, full):
+                    self._deliver(request, full, result)
+            except Exception as error:  # one page's mistake must not end the others'
+                self._failed(request, error)
+            self._charge(client, time.monotonic() - start)
+
+    def _next(self) -> tuple[Hashable, _Request, bool] | None:
+        """Whose turn it is, and with what; waits until there is something to draw. None once it is closed."""
+        with self._changed:
+            while not self._closed:
+                now = time.monotonic()
+                ready = [
+                    (known.used, number, client)
+                    for number, (client, known) in enumerate(self._clients.items())
+                    if known.newest is not None or (known.rested is not None and known.due <= now)
+                ]
+                if ready:
+                    client = min(ready)[2]
+                    known = self._clients[client]
+                    if known.newest is not None:
+                        request, known.newest = known.newest, None
+                        return client, request, False
+                    request, known.rested = known.rested, None
+                    assert request is not None
+                    return client, request, True
+                due = min((known.due for known in self._clients.values() if known.rested is not None), default=None)
+                self._changed.wait(None if due is None else max(due - now, 0.0))
+            return None
+
+    def _is_wanted(self, client: Hashable, full: bool) -> bool:
+        with self._changed:
+            known = self._clients.get(client)
+            # A request that is drawn in full while the next one waits would be old when it is seen.
+            return known is not None and not (full and known.rested is not None)
+
+    def _charge(self, client: Hashable, seconds: float) -> None:
+        with self._changed:
+            if client in self._clients:
+                self._clients[client].used += seconds

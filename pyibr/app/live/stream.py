@@ -1,0 +1,177 @@
+"""The picture behind a page, which follows the page's camera."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.app.live.place import PagePlace
+from pyibr.app.live.renderer import Renderer
+from pyibr.app.live.resolution import Resolution
+from pyibr.core.camera import Camera
+
+if TYPE_CHECKING:
+    from viser import ClientHandle
+
+MOVING = 1 / 30
+"""Seconds that a picture may take while the camera moves: its resolution falls for that."""
+
+_QUALITY = 85  # of JPEG, while the camera moves; what rests is PNG, which loses nothing
+_PIXELS_MOST = 1 << 23  # of a picture: more than any screen has
+_EMPTY = 167.0  # units of the page: where there is nothing, as far as its depths go
+
+
+@dataclass(frozen=True)
+class Picture:
+    """What a page shows.
+
+    Attributes
+    ----------
+    color : (H, W, 3) uint8
+    depth : (H, W) float32, or None
+        Planar z of the camera's, NaN where there is nothing; None if what the page draws itself is not to be hidden.
+    camera : Camera
+    stages : dict
+        Seconds by what they were spent on.
+    note : str
+        What else there is to say; it may be empty.
+    """
+
+    color: NDArray[np.uint8]
+    depth: NDArray[np.float32] | None
+    camera: Camera
+    stages: dict[str, float] = field(default_factory=dict[str, float])
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What has been sent to a page.
+
+    Attributes
+    ----------
+    picture : Picture
+    full : bool
+        At full resolution and without loss; else drawn for a camera that moves.
+    seconds : float
+        From the drawing's start until it was sent.
+    """
+
+    picture: Picture
+    full: bool
+    seconds: float
+
+
+class Stream:
+    """Draws what a client's camera sees behind all that the page shows.
+
+    Parameters
+    ----------
+    client : ClientHandle
+    renderer : Renderer
+        Made by `stream_renderer`.
+    place : PagePlace
+    paint : callable camera -> Picture
+        Called on the renderer's thread.
+    shown : callable (Shown)
+        Called after each picture, on that thread.
+    failed : callable (exception)
+        Called instead, if there is none.
+    """
+
+    def __init__(
+        self,
+        client: ClientHandle,
+        renderer: Renderer[Request, Picture],
+        place: PagePlace,
+        paint: Callable[[Camera], Picture],
+        shown: Callable[[Shown], None],
+        failed: Callable[[Exception], None],
+    ) -> None:
+        self.client, self.renderer, self.place, self.paint = client, renderer, place, paint
+        self.shown, self.failed = shown, failed
+        self.camera: Camera | None = None
+        """The page's camera at full resolution, once it is known."""
+        self.with_depth = False
+        """Whether what rests is sent with its depth, so that it hides what the page draws behind it."""
+        self.moved: Callable[[Camera], None] = lambda _: None
+        """Called with the camera whenever that has moved, on the server's own thread."""
+        self.resolution = Resolution(MOVING)
+        self._started = 0.0
+
+    def follow(self) -> None:
+        """Draw whenever the page's camera moves, from now on."""
+
+        async def moved(_: Any) -> None:  # on the server's own thread, so that cameras come in their order
+            self._moved()
+
+        self.client.camera.on_update(moved)
+        if self.client.camera._state.update_timestamp:  # pyright: ignore[reportPrivateUsage] - the first one came before
+            self._moved()
+
+    def refresh(self) -> None:
+        """Draw again, since something else than the camera has changed."""
+        if self.camera is not None:
+            self.resolution.reset()
+            self.renderer.ask(self.client.client_id, Request(self, self.camera))
+
+    def leave(self) -> None:
+        """The page is closed."""
+        self.renderer.leave(self.client.client_id)
+
+    def _moved(self) -> None:
+        camera = self.client.camera
+        width, height = camera.image_width, camera.image_height
+        if width < 1 or height < 1:  # a window without any room
+            return
+        full = self.place.camera(camera.wxyz, camera.position, camera.fov, (width, height))
+        if width * height > _PIXELS_MOST:
+            shrunk = (_PIXELS_MOST / (width * height)) ** 0.5
+            full = full.resized((max(int(width * shrunk), 1), max(int(height * shrunk), 1)))
+        if full != self.camera:
+            first, self.camera = self.camera is None, full
+            self.moved(full)
+            self.renderer.ask(self.client.client_id, Request(self, full), at_once=not first)
+
+    def draw(self, camera: Camera, full: bool) -> Picture:
+        """The picture of a camera; at a resolution that keeps up, unless it is wanted in full."""
+        self._started = time.perf_counter()
+        return self.paint(camera if full else camera.resized(self.resolution.size(camera.size)))
+
+    def deliver(self, full: bool, picture: Picture) -> None:
+        """Send what `draw` has just made."""
+        start = time.perf_counter()
+        depth = None
+        if full and self.with_depth and picture.depth is not None:
+            depth = np.where(np.isnan(picture.depth), np.float32(_EMPTY), picture.depth / np.float32(self.place.unit))
+        scene, kind = self.client.scene, "png" if full else "jpeg"
+        scene.set_background_image(picture.color, kind, jpeg_quality=_QUALITY, depth=depth)
+        self.client.flush()
+        end = time.perf_counter()
+        picture.stages["send"] = end - start
+        if not full:
+            self.resolution.took(end - self._started)
+        self.shown(Shown(picture, full, end - self._started))
+
+
+@dataclass(frozen=True)
+class Request:
+    """A camera whose picture a stream wants."""
+
+    stream: Stream
+    camera: Camera
+
+
+def stream_renderer(rest: float = 0.2) -> Renderer[Request, Picture]:
+    """A renderer for the streams of a server's pages; `rest` is the seconds until a camera counts as resting."""
+    return Renderer(
+        lambda request, full: request.stream.draw(request.camera, full),
+        lambda request, full, picture: request.stream.deliver(full, picture),
+        lambda request, error: request.stream.failed(error),
+        rest,
+    )

@@ -1,0 +1,179 @@
+"""The commands that open pages."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+import typer
+
+import pyibr as ibr
+from pyibr.app.live.pages import Pages
+from pyibr.app.place import place as place_page
+from pyibr.app.place.captures import Captures
+from pyibr.app.place.model import Placement
+from pyibr.app.words import BackdropText, DepthScale, DeviceName, FarDepth, backdrop_of, device_of, printable
+from pyibr.capture.coverage import surface_of
+from pyibr.capture.frusta import light_for
+from pyibr.capture.proposal import propose_frusta
+from pyibr.capture.sets import load
+from pyibr.core.camera import Camera
+from pyibr.core.checks import positive
+from pyibr.core.errors import ArgumentError
+from pyibr.images import DepthImage
+from pyibr.images.depth_image import Backdrop
+from pyibr.meshes.files import is_mesh_file
+from pyibr.meshes.mesh import Mesh
+from pyibr.relief import ReliefSurface
+from pyibr.slicing import SlicedSurface
+
+Up = Literal["x", "y", "z", "-x", "-y", "-z"]
+
+_Things = Annotated[
+    list[Path],
+    typer.Argument(metavar="THINGS...", help="Meshes; folders of depth images; or COLOR DEPTH, with --camera"),
+]
+_Port = Annotated[int, typer.Option(help="Of the page; the next free one is taken. 0: any")]
+_Open = Annotated[bool, typer.Option("--open", help="Open the page in the browser")]
+_Up = Annotated[Up | None, typer.Option(help="What is up in the world; of meshes but GLB and GLTF it is y by default")]
+
+
+def view(
+    things: _Things,
+    camera: Annotated[Path | None, typer.Option(help="The camera of COLOR and DEPTH: JSON")] = None,
+    depth_scale: DepthScale = None,
+    far: FarDepth = math.inf,
+    backdrop: BackdropText = "none",
+    height: Annotated[
+        Path | None, typer.Option(help="Displace the mesh, which has uv, by the heights of a map")
+    ] = None,
+    color: Annotated[Path | None, typer.Option(help="With --height: an image over the same uv")] = None,
+    scale: Annotated[float | None, typer.Option(help="With --height: of height 1, in scene units")] = None,
+    tiles: Annotated[tuple[int, int], typer.Option(metavar="U V", help="How often height and color repeat")] = (1, 1),
+    start: Annotated[Path | None, typer.Option(help="The camera to begin with: JSON")] = None,
+    up: _Up = None,
+    port: _Port = 8080,
+    open_page: _Open = False,
+    device: DeviceName = None,
+) -> None:
+    """Look around in a browser, drawn live. The page can only be opened on this machine."""
+    with device_of(device):
+        views = _Views(camera, depth_scale, far, backdrop)
+        shown, of_meshes = views.read(things)
+        meshes = [thing for thing in shown if isinstance(thing, Mesh)]
+        given: object = shown
+        if height is not None:
+            if len(meshes) != 1 or len(shown) != 1:
+                raise ArgumentError("--height", "one mesh to displace, and nothing else", f"{len(shown)} things")
+            given = _displaced(meshes[0], height, color, scale, tiles)
+        elif color is not None or scale is not None:
+            raise ArgumentError("--color" if color else "--scale", "--height with it", "none")
+        direction = _direction(up or ("y" if of_meshes else None))
+        first = None if start is None else Camera.load(start)
+        pages = ibr.view(given, first, direction, port)
+        _serve(pages, open_page)
+
+
+def place(
+    mesh: Annotated[Path, typer.Argument(metavar="MESH", help="The mesh to cover")],
+    frusta: Annotated[Path | None, typer.Option(help="A set to begin with: its folder, or a JSON file")] = None,
+    auto: Annotated[int, typer.Option(min=0, max=64, help="Frusta to propose, besides those")] = 0,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder of the set; with --no-page required")
+    ] = None,
+    size: Annotated[int, typer.Option(min=2, max=4096, help="Pixels a side of the frusta's images")] = 256,
+    page: Annotated[bool, typer.Option("--page/--no-page", help="Open a page, or save the set and end")] = True,
+    up: _Up = None,
+    port: _Port = 8080,
+    open_page: _Open = False,
+    device: DeviceName = None,
+) -> None:
+    """Place frusta on a mesh in a browser, until depth images from there cover it."""
+    if not page and output is None:
+        raise ArgumentError("--output", "a folder for the set, with --no-page", "none")
+    with device_of(device):
+        known = Mesh.load(mesh)
+        customary = None if mesh.name.lower().endswith((".glb", ".gltf")) else "y"
+        upward = _direction(up or customary) or (0.0, -1.0, 0.0)
+        placement = Placement(size)
+        if frusta is not None:
+            placement.load(frusta)
+        surface = surface_of(known)
+        if auto:
+            state = placement.state
+            placement.add(*propose_frusta(known, auto, size, state.frusta, state.side, surface, _tell_proposal))
+        state = placement.state
+        if page:
+            folder = output or Path(f"{mesh.name.split('.')[0]}-frusta")
+            _serve(place_page(known, state.frusta, size, folder, upward, port, state.side), open_page)
+            return
+        assert output is not None
+        captures = Captures(surface, light_for(known, upward))
+        placement.save(output, captures.views(state.frusta))
+        unseen = captures.unseen(state.frusta, state.side)
+        typer.echo(f"{printable(output)}: {len(state.frusta)} frusta, {unseen:.1%} of the surface unseen")
+
+
+def _tell_proposal(done: int, of: int, unseen: float) -> None:
+    typer.echo(f"{done} of {of}: {unseen:.1%} of the surface unseen", err=True)
+
+
+def _serve(pages: Pages, open_page: bool) -> None:
+    """Say where the page is, and keep it until Ctrl-C."""
+    typer.echo(f"{pages.url} is open to this machine alone; Ctrl-C ends it")
+    if open_page:
+        typer.launch(pages.url)
+    pages.wait()
+
+
+class _Views:
+    """Reads what is named on the command line."""
+
+    def __init__(self, camera: Path | None, depth_scale: float | None, far: float, backdrop: str) -> None:
+        self._camera, self._scale, self._far = camera, depth_scale, far
+        self._backdrop: float | Backdrop | None = backdrop_of(backdrop)
+
+    def read(self, names: Sequence[Path]) -> tuple[list[DepthImage | Mesh], bool]:
+        """The things, and whether they are meshes whose files say nothing of what is up, but for y by custom."""
+        things: list[DepthImage | Mesh] = []
+        customary = True
+        rest = list(names)
+        while rest:
+            name = rest.pop(0)
+            if name.is_dir():
+                things += load(name, self._scale)
+            elif is_mesh_file(name):
+                things.append(Mesh.load(name))
+            elif not rest or self._camera is None:
+                lacking = "no --camera for it" if rest else "none"
+                raise ArgumentError("THINGS", f"a depth after the color {printable(name)}, and its --camera", lacking)
+            else:
+                color, depth = ibr.read_color(name), ibr.read_depth(rest.pop(0), self._scale)
+                things.append(DepthImage(color, depth, Camera.load(self._camera), self._far, self._backdrop))
+            customary &= is_mesh_file(name) and not name.name.lower().endswith((".glb", ".gltf"))
+        return things, customary
+
+
+def _displaced(
+    mesh: Mesh, height: Path, color: Path | None, scale: float | None, tiles: tuple[int, int]
+) -> dict[str, object]:
+    """The mesh with a height map, by the two systems that draw such."""
+    if scale is None:
+        raise ArgumentError("--scale", "scene units that height 1 is displaced by, with --height", "none")
+    positive("--scale", scale)
+    heights = ibr.read_color(height)[..., 0]
+    texture = np.full((1, 1, 3), 200, np.uint8) if color is None else ibr.read_color(color)
+    return {
+        "relief": ReliefSurface(mesh, heights, texture, scale, tiles),
+        "slices": SlicedSurface(mesh, heights, texture, scale, tiles),
+    }
+
+
+def _direction(up: Up | None) -> tuple[float, ...] | None:
+    if up is None:
+        return None
+    sign = -1.0 if up.startswith("-") else 1.0
+    return tuple(sign * float(axis == up[-1]) for axis in "xyz")

@@ -1,0 +1,103 @@
+"""Placing frusta on a mesh, in a browser (Schaufler & Priglinger 1999, section 7.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pyibr.app.live.pages import Pages
+from pyibr.app.live.place import camera_before, place_around
+from pyibr.app.place.captures import Captures
+from pyibr.app.place.model import Placement
+from pyibr.app.place.page import PlacePage
+from pyibr.capture.coverage import surface_of
+from pyibr.capture.frusta import Frustum, light_for, load_frusta
+from pyibr.core.checks import instance_of, numbers, one_of
+from pyibr.core.errors import ArgumentError
+from pyibr.meshes.mesh import Mesh
+from pyibr.picture.drawable import Side
+
+__all__ = ["place"]
+
+
+def place(
+    mesh: Mesh,
+    frusta: Sequence[Frustum] | str | PathLike[str] = (),
+    size: int = 256,
+    folder: str | PathLike[str] = "frusta",
+    up: ArrayLike = (0, -1, 0),
+    port: int = 8080,
+    side: Side = "front",
+) -> Pages:
+    """Place frusta on a mesh in a browser, until depth images from there cover it.
+
+    Frusta are added, moved, turned, resized and deleted, by hand or as they are proposed. What no frustum sees is red,
+    and its share is told. The chosen one's own picture is in a corner, where parts that are not wanted are painted
+    over. All browsers that open the page work on one set. The page can only be opened on this machine.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    frusta : sequence of pyibr.capture.frusta.Frustum, or a path
+        To begin with: a set's folder, or a JSON file of frusta.
+    size : int
+        Pixels a side of the frusta's images.
+    folder : path
+        Where the page saves its sets unless another is named there; `load` reads them.
+    up : (3,)
+        What is up in the world.
+    port : int
+        The first one that is tried; 0 takes any that is free.
+    side : {"front", "back", "both"}
+        Of the surface, that the frusta's images show: "back" for frusta within a solid. A set's file knows its own.
+
+    Returns
+    -------
+    Pages
+        As by `view`.
+
+    Raises
+    ------
+    ArgumentError
+        An argument has a wrong type or value.
+    FileFormatError
+        A file of frusta cannot be read.
+    MissingPackageError
+        viser is not installed (the extra `view`).
+    DeviceError
+        No OpenCL device works.
+
+    Examples
+    --------
+    >>> import pyibr as ibr
+    >>> from pyibr.capture import models
+    >>> pages = ibr.place(models.donut(), size=64, port=0)
+    >>> pages.close()
+    """
+    instance_of("mesh", mesh, Mesh, "a pyibr.Mesh")
+    one_of("side", side, Side)
+    placement = Placement(size)
+    if isinstance(frusta, (str, PathLike)):
+        placement.take(*load_frusta(frusta))
+    elif frusta:
+        placement.take(frusta, {"side": side})
+    upward = numbers("up", up, (3,))
+    if not upward.any():
+        raise ArgumentError("up", "a direction", "zeros")
+    low, high = (corner.astype(np.float64) for corner in mesh.bounds)
+    around, captures = place_around(low, high), Captures(surface_of(mesh), light_for(mesh, upward))
+    shared: list[PlacePage] = []
+    return Pages(
+        lambda client, _: shared[0].page(client),
+        around,
+        camera_before(low, high, upward),
+        0.5 * (low + high),
+        upward / np.linalg.norm(upward),
+        port,
+        "pyibr place",
+        lambda pages: shared.append(PlacePage(pages, placement, captures, around, Path(folder))),
+    )

@@ -1,0 +1,67 @@
+"""The images of frusta that are being placed, made when they are asked for and kept as long as they are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pyibr.capture.coverage import Mask, Surface, unseen_share
+from pyibr.capture.frusta import Frustum
+from pyibr.core.camera import Camera
+from pyibr.images import DepthImage
+from pyibr.picture.drawable import Side
+from pyibr.picture.light import Light
+
+
+class Captures:
+    """What frusta see of a mesh.
+
+    Parameters
+    ----------
+    surface : Surface
+        Of the mesh.
+    light : Light or None
+        That is in the images' colours.
+    """
+
+    def __init__(self, surface: Surface, light: Light | None) -> None:
+        self.surface, self.light = surface, light
+        self._views: dict[Frustum, DepthImage] = {}
+        self._bare: dict[tuple[Camera, float], DepthImage] = {}
+        self._seen: dict[tuple[Frustum, Side], Mask] = {}
+
+    def views(self, frusta: Sequence[Frustum]) -> list[DepthImage]:
+        """The depth images of some frusta. What others saw is forgotten."""
+        cameras = {(one.camera, one.far) for one in frusta}
+        self._bare = {key: view for key, view in self._bare.items() if key in cameras}
+        self._views = {one: view for one, view in self._views.items() if one in frusta}
+        self._seen = {key: mask for key, mask in self._seen.items() if key[0] in frusta}
+        return [self.view(one) for one in frusta]
+
+    def view(self, frustum: Frustum) -> DepthImage:
+        """The depth image of a frustum."""
+        if frustum not in self._views:
+            key = frustum.camera, frustum.far
+            if key not in self._bare:  # a stroke more needs no new picture
+                bare = Frustum(frustum.camera, frustum.far)
+                self._bare[key] = bare.capture(self.surface.mesh, self.light)
+            bare_view = self._bare[key]
+            depth = np.where(frustum.mask, np.float32(np.inf), bare_view.depth)
+            self._views[frustum] = DepthImage(bare_view.color, depth, frustum.camera, frustum.far)
+        return self._views[frustum]
+
+    def nearest(self, frustum: Frustum) -> float | None:
+        """The least depth in a frustum's image; None if that is not known yet, or there is nothing in it."""
+        view = self._views.get(frustum)
+        return float(view.depth[view.valid].min()) if view is not None and view.valid.any() else None
+
+    def unseen(self, frusta: Sequence[Frustum], side: Side) -> float:
+        """The share of the surface, as far as it can be seen from outside, that no frustum sees."""
+        return unseen_share(self.surface, [self._mask(one, side) for one in frusta])
+
+    def _mask(self, frustum: Frustum, side: Side) -> Mask:
+        key = frustum, side
+        if key not in self._seen:
+            self._seen[key] = self.surface.seen(self.view(frustum), side)
+        return self._seen[key]

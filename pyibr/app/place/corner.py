@@ -1,0 +1,64 @@
+"""The chosen frustum's own picture in a corner of the page's, and where the page's brush is on it."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.images import DepthImage
+
+Kind = Literal["colors", "depth", "disparity"]
+Image = NDArray[np.uint8]
+
+_SHARE = 0.36  # of the page's height
+_MOST = 320  # pixels
+_FRAME = 2
+_PAINT = (200, 0, 200)
+_BACKGROUND = (70, 70, 80)
+
+
+def corner_box(size: tuple[int, int]) -> tuple[int, int, int]:
+    """Left, top and side of the picture on a page of (width, height) pixels: its lower left corner."""
+    width, height = size
+    side = max(min(round(_SHARE * height), round(0.45 * width), _MOST), 1)
+    gap = max(min(8, width - side, height - side), 0)
+    return min(gap, width - side), max(height - side - gap, 0), side
+
+
+def corner_place(size: tuple[int, int], at: tuple[float, float]) -> tuple[float, float] | None:
+    """Where a place of the page, in its widths and heights, is on the picture, in its own; None beside it."""
+    left, top, side = corner_box(size)
+    x, y = (at[0] * size[0] - left) / side, (at[1] * size[1] - top) / side
+    return (x, y) if 0 <= x <= 1 and 0 <= y <= 1 else None
+
+
+def own_picture(view: DepthImage, kind: Kind, mask: NDArray[np.bool_]) -> Image:
+    """(H, W, 3) what a frustum sees: its colours, its depth or its disparity, near is light; paint over it."""
+    made = np.empty((*view.depth.shape, 3), np.uint8)
+    made[:] = _BACKGROUND
+    seen = view.valid
+    if kind == "colors":
+        made[seen] = view.shown[seen] if view.shown.dtype == np.uint8 else np.rint(255 * view.shown[seen])
+    elif seen.any():
+        values = view.depth[seen].astype(np.float64)
+        values = -values if kind == "depth" else 1 / values
+        low, high = values.min(), values.max()
+        made[seen] = (20 + 235 * (values - low) / max(high - low, 1e-30)).astype(np.uint8)[:, None]
+    made[mask] = _PAINT
+    return made
+
+
+def put_into_corner(picture: Image, own: Image, full: tuple[int, int]) -> None:
+    """Write a frustum's picture into a page's, which is `full` pixels large, or drawn smaller while it moves."""
+    height, width = picture.shape[:2]
+    left, top, side = (round(value * width / full[0]) for value in corner_box(full))
+    side = min(side, width - left, height - top)
+    if side < 1:
+        return
+    frame = max(round(_FRAME * width / full[0]), 1)
+    picture[max(top - frame, 0) : top + side + frame, max(left - frame, 0) : left + side + frame] = 255
+    rows = [number * own.shape[0] // side for number in range(side)]
+    columns = [number * own.shape[1] // side for number in range(side)]
+    picture[top : top + side, left : left + side] = own[np.ix_(rows, columns)]

@@ -1,0 +1,431 @@
+"""The page for placing frusta: gizmos, controls, the corner's brush, and the pictures that they ask for."""
+
+from __future__ import annotations
+
+import json
+import math
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast, get_args
+
+import numpy as np
+
+from pyibr.app.live.pages import Pages
+from pyibr.app.live.place import PagePlace
+from pyibr.app.live.stream import Picture, Shown
+from pyibr.app.place.captures import Captures
+from pyibr.app.place.corner import Kind, corner_box, corner_place, own_picture, put_into_corner
+from pyibr.app.place.gizmos import Gizmos
+from pyibr.app.place.model import Placement
+from pyibr.app.view.painting import paint
+from pyibr.app.view.style import Layout, Style
+from pyibr.app.view.ways import Way
+from pyibr.capture.frusta import Frustum, frusta_of
+from pyibr.capture.proposal import propose_frusta
+from pyibr.capture.sets import parse_set
+from pyibr.core.camera import Camera
+from pyibr.core.errors import Error, FileFormatError
+from pyibr.images import Frame
+from pyibr.picture.drawable import Look, Side, as_drawable
+from pyibr.picture.render import render
+from pyibr.picture.seen import MarkedUnseen
+
+if TYPE_CHECKING:
+    from viser import ClientHandle, MeshHandle
+
+_SHOWN: dict[str, tuple[str, str | None, Layout]] = {
+    "mesh": ("mesh", None, "one"),
+    "set": ("set", None, "one"),
+    "mesh | set": ("mesh", "set", "swipe"),
+    "mesh, set, difference": ("plain", "set", "side by side"),
+    "difference": ("plain", "set", "difference"),
+}
+"""What the page shows by the words of its control."""
+
+_LAYER = 0.02  # units of the page: the brush's sheet before the camera
+_NEW = 40.0  # degrees of a new frustum
+_BEFORE = 0.6  # of the way from the camera to the surface: how far before it a new one stands
+_NONE = "none"
+
+
+class PlacePage:
+    """What all browsers share that place frusta on one mesh, and their pages.
+
+    Parameters
+    ----------
+    pages : Pages
+        Whose server is used.
+    placement : Placement
+    captures : Captures
+    folder : Path
+        Where sets are saved at first.
+    """
+
+    def __init__(self, pages: Pages, placement: Placement, captures: Captures, place: PagePlace, folder: Path) -> None:
+        self.pages, self.placement, self.captures, self.place = pages, placement, captures, place
+        self._folder_named = folder
+        self._proposing = threading.Event()
+        self._measured: tuple[object, float] | None = None
+        self._browsers: set[BrowserPage] = set()
+        self._quiet = False
+        mesh = captures.surface.mesh
+        self._ways: Mapping[str, Way] = {
+            "mesh": Way(lambda: [mesh], self._draw_marked),
+            "plain": Way(lambda: [mesh], self._draw_plain),
+            "set": Way(lambda: [mesh], self._draw_set),
+        }
+        gui = pages.server.gui
+        self._status = gui.add_markdown("", order=0)
+        self._add_frusta_controls()
+        self._add_cover_controls()
+        self._add_corner_controls()
+        self._add_picture_controls()
+        self._add_file_controls()
+        self.gizmos = Gizmos(pages.server.scene, placement, place, captures.nearest)
+        placement.listeners.append(self._changed)
+        self._changed()
+
+    # ---- pictures
+
+    def page(self, client: ClientHandle) -> BrowserPage:
+        """A browser has opened the page."""
+        return BrowserPage(self, client)
+
+    def join(self, browser: BrowserPage, joins: bool) -> None:
+        """Let a browser's page be told of changes, or no more."""
+        (self._browsers.add if joins else self._browsers.discard)(browser)
+
+    def picture(self, camera: Camera, full: tuple[int, int]) -> Picture:
+        """What a page with a canvas of `full` pixels shows from a camera."""
+        state = self.placement.state
+        way, other, layout = _SHOWN[self._shown.value]
+        style = Style(way, other, layout, self._swipe.value, self._gain.value, look=Look(side=state.side))
+        picture = paint(self._ways, camera, style)
+        color = picture.color if picture.color.flags.writeable else picture.color.copy()
+        if state.current is not None and self._corner.value != _NONE:
+            view = self.captures.view(state.current)
+            own = own_picture(view, cast("Kind", self._corner.value), state.current.mask)
+            put_into_corner(color, own, full)
+            if picture.depth is not None:
+                before = np.zeros((*picture.depth.shape, 1), np.uint8)
+                put_into_corner(before, np.full((1, 1, 1), 255, np.uint8), full)
+                picture.depth[before[..., 0] > 0] = _LAYER * self.place.unit  # nothing is drawn over it
+        return replace(picture, color=color)
+
+    def tell(self, shown: Shown) -> None:
+        """Say what the picture is, and how much is unseen."""
+        if not shown.full:
+            return
+        state, picture = self.placement.state, shown.picture
+        key = state.frusta, state.side
+        if self._measured is None or self._measured[0] != key:
+            self._measured = key, self.captures.unseen(state.frusta, state.side)
+            self.gizmos.follow()  # where the surface begins in each is known now
+        lines = [
+            f"**{len(state.frusta)} frusta**, {self._measured[1]:.1%} of the surface unseen",
+            f"{picture.camera.width}x{picture.camera.height}, {1e3 * shown.seconds:.0f} ms",
+        ]
+        self._status.content = "  \n".join([*lines, picture.note] if picture.note else lines)
+
+    def tell_error(self, error: Exception) -> None:
+        """Say what is wrong."""
+        text = str(error) if isinstance(error, Error) else f"{type(error).__name__}: {error}"
+        self._status.content = f"**Not done:** {text}"
+
+    def _draw_marked(self, things: Any, camera: Camera, style: Style) -> Frame:
+        state = self.placement.state
+        marked = MarkedUnseen(as_drawable(things[0], Look()), self.captures.views(state.frusta), state.side)
+        return render(marked, camera, self.captures.light)
+
+    def _draw_plain(self, things: Any, camera: Camera, style: Style) -> Frame:
+        return render(things[0], camera, self.captures.light)
+
+    def _draw_set(self, things: Any, camera: Camera, style: Style) -> Frame:
+        views = [view for view in self.captures.views(self.placement.state.frusta) if view.valid.any()]
+        if views:
+            return render(views, camera, edges=style.look.edges, side=style.look.side)
+        height, width = camera.height, camera.width
+        nothing = np.full((height, width), np.nan, np.float32)
+        return Frame(np.zeros((height, width, 3), np.uint8), nothing, np.zeros((height, width), np.bool_), camera)
+
+    def _changed(self) -> None:
+        state = self.placement.state
+        self._quiet = True  # what follows sets controls to what is, which asks for nothing
+        names = tuple(str(number + 1) for number in range(len(state.frusta))) or (_NONE,)
+        self._chosen.options = names
+        self._chosen.value = _NONE if state.chosen is None else str(state.chosen + 1)
+        if state.current is not None:
+            self._across.value, self._down.value = (round(angle, 2) for angle in state.current.fov)
+            self._far.value = state.current.far if math.isfinite(state.current.far) else 0.0
+        self._side.value = state.side
+        past, future = self.placement.steps
+        self._undo.disabled, self._redo.disabled = not past, not future
+        self._quiet = False
+        self.gizmos.follow()
+        self._redraw()
+
+    def _redraw(self) -> None:
+        for browser in list(self._browsers):
+            browser.refresh()
+
+    # ---- controls
+
+    def _add_frusta_controls(self) -> None:
+        gui = self.pages.server.gui
+        step = float(10.0 ** np.floor(np.log10(self.place.unit) - 1))
+        with gui.add_folder("Frusta", order=1):
+            self._chosen: Any = gui.add_dropdown("Chosen", (_NONE,))
+            add = gui.add_button("Add one where I look")
+            self._across = gui.add_number("Degrees across", 40.0, min=1.0, max=150.0, step=1.0)
+            self._down = gui.add_number("Degrees down", 40.0, min=1.0, max=150.0, step=1.0)
+            self._far = gui.add_number("Far plane (0: none)", 0.0, min=0.0, step=step)
+            delete = gui.add_button("Delete")
+            self._undo, self._redo = gui.add_button("Undo"), gui.add_button("Redo")
+
+        @self._chosen.on_update
+        def _(_: Any) -> None:
+            if not self._quiet and self._chosen.value != _NONE:
+                self.placement.choose(int(self._chosen.value) - 1)
+
+        for handle in (self._across, self._down, self._far):
+            handle.on_update(lambda _: self._open())
+        add.on_click(lambda event: self.add_at(event.client))
+        delete.on_click(lambda _: self.placement.delete())
+        self._undo.on_click(lambda _: self.placement.undo())
+        self._redo.on_click(lambda _: self.placement.redo())
+
+    def _open(self) -> None:
+        if not self._quiet:
+            far = self._far.value or math.inf
+            self._try(lambda: self.placement.open(self._across.value, self._down.value, far))
+
+    def add_at(self, client: ClientHandle | None) -> None:
+        """Add a frustum before what the middle of a browser's page shows."""
+        cameras = [one.stream.camera for one in self._browsers if client is not None and one.stream.client == client]
+        if cameras and cameras[0] is not None:
+            camera = cameras[0]
+            self._try(lambda: self.placement.add(self.pages.call(lambda: self._before(camera))))
+
+    def _before(self, camera: Camera) -> Frustum:
+        frame = render(self.captures.surface.mesh, camera.resized((65, 49)))
+        low, high = (corner.astype(np.float64) for corner in self.captures.surface.mesh.bounds)
+        around = float(np.linalg.norm(high - low))
+        middle = frame.depth[16:33, 24:41]
+        seen = middle[np.isfinite(middle)]
+        depth = (
+            float(np.median(seen)) if len(seen) else max(float(np.linalg.norm(camera.center - (low + high) / 2)), 1e-9)
+        )
+        back = min(_BEFORE * depth, around)
+        eye = camera.center + (depth - back) * camera.forward
+        up = -camera.world_from_camera[:3, 1]
+        size = self.placement.size
+        return Frustum.look_at(eye, eye + camera.forward, up, size, _NEW, back + 0.25 * around)
+
+    def _add_cover_controls(self) -> None:
+        gui = self.pages.server.gui
+        with gui.add_folder("Cover", order=2):
+            self._count = gui.add_number("Frusta to propose", 4, min=1, max=64, step=1)
+            propose = gui.add_button("Propose")
+            self._side: Any = gui.add_dropdown("Side", get_args(Side))
+
+        propose.on_click(lambda _: self._try(self.propose))
+
+        @self._side.on_update
+        def _(_: Any) -> None:
+            if not self._quiet:
+                self.placement.look_from(cast("Side", self._side.value))
+
+    def propose(self) -> None:
+        """Add frusta that see most of what is unseen; does nothing while that is being done already."""
+        if self._proposing.is_set():
+            return
+        self._proposing.set()
+        try:
+            state = self.placement.state
+            made = self.pages.call(
+                lambda: propose_frusta(
+                    self.captures.surface.mesh,
+                    int(self._count.value),
+                    self.placement.size,
+                    state.frusta,
+                    state.side,
+                    self.captures.surface,
+                    self._tell_progress,
+                )
+            )
+            self.placement.add(*made)
+        finally:
+            self._proposing.clear()
+
+    def _tell_progress(self, done: int, of: int, unseen: float) -> None:
+        self._status.content = f"**Proposing** {done} of {of}: {unseen:.1%} of the surface would be unseen"
+        if self.pages.closed:
+            raise Error("the page was closed")
+
+    def _add_corner_controls(self) -> None:
+        gui = self.pages.server.gui
+        with gui.add_folder("The chosen one's picture", order=3, expand_by_default=False):
+            self._corner: Any = gui.add_dropdown("In the corner", (*get_args(Kind), _NONE))
+            self._brush = gui.add_checkbox("Brush", True, hint="Drag over the corner: what is painted is background")
+            self._radius = gui.add_slider("Radius", 0.01, 0.3, 0.01, 0.06)
+            self._erases = gui.add_checkbox("Erase", False)
+            clean = gui.add_button("Clear paint")
+
+        @self._corner.on_update
+        def _(_: Any) -> None:
+            self._redraw()
+
+        @self._brush.on_update
+        def _(_: Any) -> None:
+            self._redraw()
+
+        clean.on_click(lambda _: self.placement.clean())
+
+    def paint_at(self, at: tuple[float, float], gesture: object) -> None:
+        """Paint where the brush is on a page, in its widths and heights, if that is on the corner's picture."""
+        self.placement.paint(at, self._radius.value, self._erases.value, gesture)
+
+    @property
+    def paints(self) -> bool:
+        """Whether a drag over the corner paints."""
+        return self._brush.value and self._corner.value != _NONE and self.placement.state.current is not None
+
+    def _add_picture_controls(self) -> None:
+        gui = self.pages.server.gui
+        with gui.add_folder("Picture", order=4):
+            self._shown: Any = gui.add_dropdown("Show", tuple(_SHOWN))
+            self._swipe: Any = gui.add_slider("Line", 0.0, 1.0, 0.01, 0.5, visible=False)
+            self._gain: Any = gui.add_slider("Difference times", 1.0, 32.0, 1.0, 4.0, visible=False)
+            dark = gui.add_checkbox("Dark", False)
+
+        @self._shown.on_update
+        @self._swipe.on_update
+        @self._gain.on_update
+        def _(_: Any) -> None:
+            layout = _SHOWN[self._shown.value][2]
+            self._swipe.visible, self._gain.visible = layout == "swipe", layout not in ("one", "swipe")
+            self.gizmos.show(layout != "side by side")
+            self._redraw()
+
+        @dark.on_update
+        def _(_: Any) -> None:
+            gui.configure_theme(dark_mode=dark.value, show_logo=False, show_share_button=False)
+
+    def _add_file_controls(self) -> None:
+        gui = self.pages.server.gui
+        with gui.add_folder("Files", order=5, expand_by_default=False):
+            self._folder = gui.add_text("Folder", str(self._folder_named))
+            save, load = gui.add_button("Save the set"), gui.add_button("Open the set")
+            send = gui.add_button("Download the frusta")
+            take = gui.add_upload_button("Upload frusta", mime_type="application/json")
+        save.on_click(lambda _: self._try(self.save))
+        load.on_click(lambda _: self._try(lambda: self.placement.load(self._folder.value)))
+        send.on_click(lambda event: self._send(event.client))
+        take.on_upload(lambda _: self._try(lambda: self._take(take.value.name, take.value.content)))
+
+    def save(self) -> None:
+        """Write the set into the folder that the page names."""
+        folder, state = self._folder.value, self.placement.state
+        self.placement.save(folder, self.pages.call(lambda: self.captures.views(state.frusta)))
+        self._status.content = f"**Saved** {len(state.frusta)} frusta to {folder}"
+
+    def _send(self, client: ClientHandle | None) -> None:
+        if client is not None:
+            data = {"side": self.placement.state.side, "views": [one.to_json() for one in self.placement.state.frusta]}
+            client.send_file_download(
+                "frusta.json", (json.dumps(data, indent=1) + "\n").encode(), save_immediately=True
+            )
+
+    def _take(self, name: str, content: bytes) -> None:
+        try:
+            data: object = json.loads(content.decode("utf-8"))
+        except ValueError:
+            raise FileFormatError(f"{name}: not a readable JSON file") from None
+        entries, about = parse_set(data, Path(name))
+        self.placement.take(frusta_of(entries, name), about)
+
+    def _try(self, act: Callable[[], object]) -> None:
+        """Do something, or say what is wrong with it."""
+        try:
+            act()
+        except (Error, OSError) as error:
+            self.tell_error(error)
+
+
+class BrowserPage:
+    """One browser's view of the page: its camera's picture, and its brush."""
+
+    def __init__(self, shared: PlacePage, client: ClientHandle) -> None:
+        self._shared, self._client = shared, client
+        self._sheet: MeshHandle | None = None
+        self._sheet_for: object = None
+        self._gesture: object = None
+        self.stream = shared.pages.stream(client, shared.place, self._paint, shared.tell, shared.tell_error)
+        self.stream.with_depth = True
+        self.stream.moved = self._move_sheet
+        shared.join(self, True)
+        self.stream.follow()
+
+    def refresh(self) -> None:
+        """Something has changed that the page shows."""
+        self._show_sheet()
+        self.stream.refresh()
+
+    def leave(self) -> None:
+        """The page is closed: nothing is drawn for it any more."""
+        self._shared.join(self, False)
+        self.stream.leave()
+
+    def _paint(self, camera: Camera) -> Picture:
+        full = self.stream.camera or camera
+        return self._shared.picture(camera, full.size)
+
+    # ---- the brush: an unseen sheet over the corner, before the camera, that is dragged over
+
+    def _move_sheet(self, camera: Camera) -> None:
+        key = camera.size, camera.K[0, 0]
+        if self._sheet is None or self._sheet_for != key:
+            self._add_sheet(camera)
+            self._sheet_for = key
+        assert self._sheet is not None
+        wxyz, position = self.stream.place.pose(camera)
+        with self._client.atomic():
+            self._sheet.wxyz, self._sheet.position = tuple(wxyz), tuple(position)
+        self._show_sheet()
+
+    def _show_sheet(self) -> None:
+        if self._sheet is not None and self._sheet.visible != self._shared.paints:
+            self._sheet.visible = self._shared.paints
+
+    def _add_sheet(self, camera: Camera) -> None:
+        left, top, side = corner_box(camera.size)
+        pixels = np.array([[left, top], [left + side, top], [left + side, top + side], [left, top + side]]) - 0.5
+        corners = np.column_stack([camera.ideal_positions(pixels), np.ones(4)]) * _LAYER
+        self._sheet = self._client.scene.add_mesh_simple(
+            "/brush",
+            corners.astype(np.float32),
+            np.array([[0, 1, 2], [0, 2, 3]], np.uint32),
+            opacity=0.0,
+            side="double",
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+
+        async def dragged(event: Any) -> None:  # on the server's own thread, so that places come in their order
+            if event.phase == "start":
+                self._gesture = object()
+            self._paint_at(event.end_screen_pos, self._gesture)
+
+        async def clicked(event: Any) -> None:
+            self._paint_at(event.screen_pos, object())
+
+        self._sheet.on_drag(dragged)
+        self._sheet.on_click(clicked)
+
+    def _paint_at(self, at: tuple[float, float], gesture: object) -> None:
+        camera = self.stream.camera
+        place = None if camera is None else corner_place(camera.size, at)
+        if place is not None and self._shared.paints:
+            self._shared.paint_at(place, gesture)

@@ -1,0 +1,207 @@
+"""The controls of a page for looking around, and the style that they ask for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, cast, get_args
+
+import numpy as np
+
+from pyibr.app.view.knobs import Knob, Value, knobs_of
+from pyibr.app.view.scene import Scene
+from pyibr.app.view.style import Layout, Show, Style
+from pyibr.core.checks import Float64
+from pyibr.core.errors import Error
+from pyibr.picture.drawable import Blend, Edges, Fill, Look, Sample, Side
+from pyibr.picture.light import Light
+
+if TYPE_CHECKING:
+    from viser import GuiApi, GuiInputHandle
+
+_NOTHING = "nothing"
+_SHOWN: dict[Show, str] = {
+    "color": "colors",
+    "depth": "depth",
+    "classes": "what pixels are",
+    "view": "which view they are of",
+}
+
+
+class Controls:
+    """A page's controls.
+
+    Parameters
+    ----------
+    gui : GuiApi
+    scene : Scene
+    changed : callable
+        Called when one of them has been changed.
+    """
+
+    def __init__(self, gui: GuiApi, scene: Scene, changed: Callable[[], None]) -> None:
+        self._gui, self._scene, self._changed = gui, scene, changed
+        self._knobs: dict[str, tuple[Knob, Any]] = {}
+        self._knob_folder: Any = None
+        self._add_picture()
+        if scene.sources:
+            self._add_depth_images()
+        self._add_knobs()
+        self._add_light()
+        self._add_page()
+
+    @property
+    def shows_frusta(self) -> bool:
+        """Whether the sources' frusta are to be seen."""
+        return bool(self._frusta.value)
+
+    @property
+    def times_kernels(self) -> bool:
+        """Whether kernels are to be timed."""
+        return bool(self._times.value)
+
+    def style(self) -> Style:
+        """What they ask for now."""
+        shows: dict[str, Show] = {text: name for name, text in _SHOWN.items()}
+        other = self._other.value
+        return Style(
+            self._way.value,
+            None if other == _NOTHING else other,
+            cast("Layout", self._layout.value),
+            self._swipe.value,
+            self._gain.value,
+            shows[self._show.value],
+            self._look(),
+            cast("Blend", self._blend.value) if self._scene.sources else "quality",
+            self._light(),
+            cast("tuple[int, int, int]", tuple(self._background.value)),
+            tuple((name, _value(knob, handle)) for name, (knob, handle) in self._knobs.items()),
+        )
+
+    # ---- what there is
+
+    def _add_picture(self) -> None:
+        gui, ways = self._gui, list(self._scene.ways)
+        explains = any(way.explains for way in self._scene.ways.values())
+        shown = [text for name, text in _SHOWN.items() if explains or name in ("color", "depth")]
+        with gui.add_folder("Picture", order=1):
+            self._way = self._watched(gui.add_dropdown("Method", ways))
+            self._show = self._watched(gui.add_dropdown("Show", shown))
+            self._other = self._watched(gui.add_dropdown("Compare with", [_NOTHING, *ways]))
+            layouts = [one for one in get_args(Layout) if one != "one"]
+            self._layout = self._watched(gui.add_dropdown("As", layouts, visible=False))
+            self._swipe = self._watched(gui.add_slider("Line", 0.0, 1.0, 0.01, 0.5, visible=False))
+            self._gain = self._watched(gui.add_slider("Difference times", 1.0, 32.0, 1.0, 4.0, visible=False))
+            self._background = self._watched(gui.add_rgb("Background", (0, 0, 0)))
+
+        @self._other.on_update
+        @self._layout.on_update
+        def _(_: Any) -> None:
+            compared = self._other.value != _NOTHING
+            self._layout.visible = compared
+            self._swipe.visible = compared and self._layout.value == "swipe"
+            self._gain.visible = compared and self._layout.value != "swipe"
+
+        @self._way.on_update
+        def _(_: Any) -> None:
+            self._add_knobs()
+
+    def _add_depth_images(self) -> None:
+        gui = self._gui
+        with gui.add_folder("Depth images", expand_by_default=False, order=2):
+            self._edges = self._choice("Edges", Edges, "cut")
+            self._cut_ratio = self._watched(gui.add_slider("Cut ratio", 1.005, 1.5, 0.005, 1.05))
+            self._sample = self._choice("Sample", Sample, "linear")
+            self._side = self._choice("Side", Side, "front")
+            self._fill = self._watched(gui.add_dropdown("Fill", [_NOTHING, *get_args(Fill)]))
+            self._blend = self._choice("Blend", Blend, "quality")
+
+    def _add_knobs(self) -> None:
+        """Those of the things that the chosen way draws."""
+        if self._knob_folder is not None:
+            self._knob_folder.remove()
+            self._knob_folder, self._knobs = None, {}
+        try:
+            knobs = knobs_of(self._scene.ways[self._way.value].things)
+        except Error:  # its things cannot be made, as the page says when it is to draw them
+            return
+        if not knobs:
+            return
+        self._knob_folder = self._gui.add_folder("Things", expand_by_default=False, order=3)
+        with self._knob_folder:
+            self._knobs = {name: (knob, self._watched(self._handle_of(knob))) for name, knob in knobs.items()}
+
+    def _handle_of(self, knob: Knob) -> Any:
+        label = knob.name.replace("_", " ").capitalize()
+        if knob.kind is str:
+            return self._gui.add_dropdown(label, knob.choices, initial_value=str(knob.value))
+        if knob.kind is bool:
+            return self._gui.add_checkbox(label, bool(knob.value))
+        if knob.kind is int:
+            return self._gui.add_number(label, int(knob.value), step=1)
+        return self._gui.add_number(label, float(knob.value), step=_step(float(knob.value)))
+
+    def _add_light(self) -> None:
+        gui = self._gui
+        with gui.add_folder("Light", expand_by_default=False, order=4):
+            self._lit = self._watched(gui.add_checkbox("On", self._scene.plain))
+            self._around = self._watched(gui.add_slider("Around", -180, 180, 1, 30))
+            self._above = self._watched(gui.add_slider("Above", -90, 90, 1, 45))
+            self._ambient = self._watched(gui.add_slider("Ambient", 0.0, 1.0, 0.05, 0.25))
+            self._shadows = self._watched(gui.add_checkbox("Shadows", True))
+
+    def _add_page(self) -> None:
+        gui = self._gui
+        with gui.add_folder("Page", expand_by_default=False, order=7):
+            self._frusta = self._watched(gui.add_checkbox("Sources", True, visible=bool(self._scene.sources)))
+            self._times = self._watched(gui.add_checkbox("Kernel times", False))
+            dark = gui.add_checkbox("Dark", False)
+
+        @dark.on_update
+        def _(_: Any) -> None:
+            gui.configure_theme(dark_mode=dark.value, show_logo=False, show_share_button=False)
+
+    # ---- what it means
+
+    def _look(self) -> Look:
+        if not self._scene.sources:
+            return Look()
+        fill = self._fill.value
+        return Look(
+            cast("Sample", self._sample.value),
+            cast("Edges", self._edges.value),
+            self._cut_ratio.value,
+            cast("Side", self._side.value),
+            None if fill == _NOTHING else cast("Fill", fill),
+        )
+
+    def _light(self) -> Light | None:
+        if not self._lit.value:
+            return None
+        direction = -_direction(self._scene.up, np.radians(self._around.value), np.radians(self._above.value))
+        size = 1024 if self._shadows.value else 0
+        return Light(direction, ambient=self._ambient.value, shadow_size=size)
+
+    def _choice(self, label: str, words: Any, first: str) -> Any:
+        return self._watched(self._gui.add_dropdown(label, get_args(words), initial_value=first))
+
+    def _watched(self, handle: GuiInputHandle[Any]) -> Any:
+        handle.on_update(lambda _: self._changed())
+        return handle
+
+
+def _value(knob: Knob, handle: Any) -> Value:
+    return knob.kind(handle.value)
+
+
+def _step(value: float) -> float:
+    """By which a number of this size is turned."""
+    return float(10.0 ** np.floor(np.log10(abs(value)) - 1)) if value else 0.01
+
+
+def _direction(up: Float64, around: float, above: float) -> Float64:
+    """Where a light comes from."""
+    side = np.cross(up, np.eye(3)[np.abs(up).argmin()])
+    side /= np.linalg.norm(side)
+    level = np.cos(around) * side + np.sin(around) * np.cross(up, side)
+    made: Float64 = np.cos(above) * level + np.sin(above) * up
+    return made

@@ -1,0 +1,108 @@
+"""What can be turned at a thing: the choices and numbers that its class is made with.
+
+Any class will do whose arguments are its attributes, as those of all of pyibr's things are: a thing of that class with
+one of them changed is made anew from the attributes. So a system of your own has controls, too.
+"""
+
+from __future__ import annotations
+
+import inspect
+import types
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+
+_Thing = TypeVar("_Thing")
+
+Value = bool | int | float | str
+
+
+@dataclass(frozen=True)
+class Knob:
+    """An argument of a thing's class that a page can offer.
+
+    Attributes
+    ----------
+    name : str
+        Of the argument, and of the attribute.
+    kind : type
+        bool, int, float, or str for one of `choices`.
+    value : bool, int, float or str
+        What the thing has.
+    choices : tuple of str
+    """
+
+    name: str
+    kind: type
+    value: Value
+    choices: tuple[str, ...] = ()
+
+
+def knobs_of(things: Sequence[object]) -> dict[str, Knob]:
+    """All knobs of some things by their names; where several have one of a name, the first one's value counts."""
+    found: dict[str, Knob] = {}
+    for thing in things:
+        for knob in _knobs_of_one(thing):
+            found.setdefault(knob.name, knob)
+    return found
+
+
+def turned(thing: _Thing, values: Mapping[str, Value]) -> _Thing:
+    """The thing with those of the values that its class knows; itself if they are what it has.
+
+    Raises
+    ------
+    ArgumentError
+        By the thing's class, if a value is out of its range.
+    """
+    own = {knob.name: knob for knob in _knobs_of_one(thing)}
+    changes = {name: value for name, value in values.items() if name in own and own[name].value != value}
+    if not changes:
+        return thing
+    return type(thing)(**(_arguments(thing) or {}) | changes)
+
+
+def _knobs_of_one(thing: object) -> list[Knob]:
+    arguments = _arguments(thing)
+    if arguments is None:
+        return []
+    try:
+        hints = get_type_hints(type(thing).__init__)
+    except Exception:  # a class may name in its hints what is not there at run time
+        return []
+    knobs: list[Knob] = []
+    for name, value in arguments.items():
+        hint = hints.get(name)
+        choices = _choices(hint)
+        if choices and value in choices:
+            knobs.append(Knob(name, str, value, choices))
+        elif hint in (bool, int, float) and isinstance(value, (bool, int, float)):
+            knobs.append(Knob(name, hint, hint(value)))
+    return knobs
+
+
+def _arguments(thing: object) -> dict[str, Any] | None:
+    """What a thing of the same class is made with to be the same; None if its attributes do not tell."""
+    try:
+        parameters = inspect.signature(type(thing)).parameters.values()
+    except (TypeError, ValueError):  # not all classes say how they are made
+        return None
+    found: dict[str, Any] = {}
+    for parameter in parameters:
+        if parameter.kind not in (parameter.POSITIONAL_OR_KEYWORD, parameter.KEYWORD_ONLY):
+            return None
+        if hasattr(thing, parameter.name):
+            found[parameter.name] = getattr(thing, parameter.name)
+        elif parameter.default is parameter.empty:
+            return None
+    return found
+
+
+def _choices(hint: object) -> tuple[str, ...]:
+    """The words of a `Literal`, also of one beside None."""
+    if get_origin(hint) is Literal:
+        return tuple(one for one in get_args(hint) if isinstance(one, str))
+    if get_origin(hint) in (Union, types.UnionType):
+        (first, *_) = get_args(hint)
+        return _choices(first)
+    return ()

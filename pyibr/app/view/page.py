@@ -1,0 +1,280 @@
+"""The page for looking around: its controls, and what they do to the picture."""
+
+from __future__ import annotations
+
+import json
+import math
+import threading
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pyibr.app.live.place import fov_of
+from pyibr.app.live.stream import Picture, Shown, Stream
+from pyibr.app.view.controls import Controls
+from pyibr.app.view.overlays import CLASS_COLORS, in_bytes, view_color
+from pyibr.app.view.painting import kernel_seconds, paint
+from pyibr.app.view.paths import CameraPath
+from pyibr.app.view.scene import Scene
+from pyibr.core.camera import Camera
+from pyibr.core.errors import Error, FileFormatError
+from pyibr.images import DepthImage
+from pyibr.io.image import encoded
+
+if TYPE_CHECKING:
+    from viser import CameraFrustumHandle, ClientHandle
+
+_TOLD = 0.3  # seconds between two words on how long frames take, while the camera moves
+_THUMB = 96  # pixels of the longer side of a picture in a frustum
+_FRUSTUM = 0.35  # of a source, in units of the page
+_PLAYED = 1 / 30  # seconds between two cameras of a path
+
+
+class ViewPage:
+    """One browser's page.
+
+    Parameters
+    ----------
+    client : ClientHandle
+    scene : Scene
+    stream_for : callable
+        Makes the page's `Stream` of (client, place, paint, shown, failed).
+    device : str
+        What draws, in words.
+    call : callable
+        Calls a function on the device that the page's pictures are drawn on, from any thread.
+    """
+
+    def __init__(
+        self,
+        client: ClientHandle,
+        scene: Scene,
+        stream_for: Callable[..., Stream],
+        device: str,
+        call: Callable[[Callable[[], Any]], Any],
+    ) -> None:
+        self.client, self.scene, self._device, self._call = client, scene, device, call
+        self._told = 0.0
+        self._playing = threading.Event()
+        self._stops = threading.Event()
+        self.path: list[Camera] = []
+        self._status = client.gui.add_markdown("", order=0)
+        self.controls = Controls(client.gui, scene, self._changed)
+        self._frusta = self._add_frusta()
+        self._add_camera_controls()
+        self._add_path_controls()
+        self.stream = stream_for(client, scene.place, self._paint, self._tell, self._tell_error)
+        self._show_frusta()
+        self.stream.follow()
+
+    def leave(self) -> None:
+        """The page is closed: nothing is drawn for it any more."""
+        self._stops.set()
+        self.stream.leave()
+
+    # ---- pictures
+
+    def _paint(self, camera: Camera) -> Picture:
+        self._hide_frusta_at(camera)
+        return paint(self.scene.ways, camera, self.controls.style())
+
+    def _changed(self) -> None:
+        self._show_frusta()
+        self.stream.refresh()
+
+    def _tell(self, shown: Shown) -> None:
+        now = time.monotonic()
+        if not shown.full and now - self._told < _TOLD:
+            return
+        self._told = now
+        picture, style = shown.picture, self.controls.style()
+        stages = ", ".join(f"{name} {1e3 * seconds:.1f}" for name, seconds in picture.stages.items())
+        moving = "" if shown.full else ", moving"
+        lines = [
+            f"**{style.way}** {picture.camera.width}x{picture.camera.height}{moving}",
+            f"{1e3 * shown.seconds:.1f} ms ({stages})",
+            self._device,
+        ]
+        if picture.note:
+            lines.append(picture.note)
+        if style.show == "classes":
+            lines.append(" ".join(_swatch(color, kind.name.lower()) for kind, color in CLASS_COLORS.items()))
+        if shown.full and self.controls.times_kernels:
+            times = kernel_seconds(self.scene.ways, picture.camera, style)
+            most = sorted(times.items(), key=lambda item: -item[1])[:8]
+            lines.append("Kernels: " + ", ".join(f"{name} {1e3 * seconds:.2f} ms" for name, seconds in most))
+        self._status.content = "  \n".join(lines)
+
+    def _tell_error(self, error: Exception) -> None:
+        text = str(error) if isinstance(error, Error) else f"{type(error).__name__}: {error}"
+        self._status.content = f"{_swatch((220, 60, 60), 'not drawn')}: {text}"
+
+    # ---- sources
+
+    def _add_frusta(self) -> list[CameraFrustumHandle]:
+        made: list[CameraFrustumHandle] = []
+        for number, source in enumerate(self.scene.sources):
+            if source.camera.projection != "perspective":
+                continue
+            wxyz, position = self.scene.place.pose(source.camera)
+            frustum = self.client.scene.add_camera_frustum(
+                f"/sources/{number}",
+                fov_of(source.camera),
+                source.camera.width / source.camera.height,
+                scale=_FRUSTUM,
+                thickness=2.0,
+                thickness_units="screen",
+                color=view_color(number),
+                image=_thumb(source),
+                wxyz=tuple(wxyz),
+                position=tuple(position),
+                cast_shadow=False,
+                receive_shadow=False,
+            )
+            frustum.on_click(lambda _, camera=source.camera: self.go_to(camera))
+            made.append(frustum)
+        return made
+
+    def _show_frusta(self) -> None:
+        style = self.controls.style()
+        shown = self.controls.shows_frusta and (style.other is None or style.layout != "side by side")
+        for frustum in self._frusta:
+            frustum.visible = shown
+        self.stream.with_depth = shown and bool(self._frusta)
+
+    def _hide_frusta_at(self, camera: Camera) -> None:
+        """A source's picture would hide everything from a camera that stands where it was taken."""
+        if not self.stream.with_depth:
+            return
+        at = self.scene.place.point(camera.center)
+        for frustum in self._frusta:
+            near = float(np.linalg.norm(frustum.position - at)) < 1.5 * _FRUSTUM
+            if frustum.visible == near:
+                frustum.visible = not near
+
+    # ---- cameras
+
+    def go_to(self, camera: Camera) -> None:
+        """Let the page look as a camera does, as far as pages can: with square pixels and the axis in the middle."""
+        place, page = self.scene.place, self.client.camera
+        wxyz, position = place.pose(camera)
+        ahead = max(float((self.scene.pivot - camera.center) @ camera.forward) / place.unit, 0.05)
+        with self.client.atomic():
+            page.position = tuple(position)
+            page.wxyz = tuple(wxyz)
+            page.look_at = tuple(position + ahead * camera.forward)
+            page.fov = fov_of(camera)
+
+    def _add_camera_controls(self) -> None:
+        gui = self.client.gui
+        with gui.add_folder("Camera", expand_by_default=False, order=5):
+            fov = gui.add_slider("Field of view", 5, 120, 1, round(math.degrees(fov_of(self.scene.start))))
+            home = gui.add_button("Back to the start")
+            shot = gui.add_button("Screenshot")
+            save = gui.add_button("Save camera")
+            load = gui.add_upload_button("Load camera", mime_type="application/json")
+
+        @fov.on_update
+        def _(_: Any) -> None:
+            self.client.camera.fov = math.radians(fov.value)
+
+        home.on_click(lambda _: self.go_to(self.scene.start))
+        shot.on_click(lambda _: self._send("pyibr.png", self.screenshot()))
+        save.on_click(lambda _: self._send("camera.json", _json(self._camera().to_json())))
+        load.on_upload(lambda _: self._read(load.value, lambda data, name: self.go_to(Camera.from_json(data, name))))
+
+    def _camera(self) -> Camera:
+        if self.stream.camera is None:
+            raise Error("the page has not said yet where its camera is")
+        return self.stream.camera
+
+    def screenshot(self) -> bytes:
+        """A PNG file of the picture as it rests."""
+        camera, style = self._camera(), self.controls.style()
+        return encoded(self._call(lambda: paint(self.scene.ways, camera, style)).color, ".png")
+
+    def _send(self, name: str, content: bytes) -> None:
+        self.client.send_file_download(name, content, save_immediately=True)
+
+    def _read(self, file: Any, use: Callable[[object, str], None]) -> None:
+        """Use what an uploaded file holds, or say what is wrong with it."""
+        try:
+            try:
+                data: object = json.loads(file.content.decode("utf-8"))
+            except ValueError:
+                raise FileFormatError(f"{file.name}: not a readable JSON file") from None
+            use(data, file.name)
+        except Error as error:
+            self._tell_error(error)
+
+    # ---- paths
+
+    def _add_path_controls(self) -> None:
+        gui = self.client.gui
+        with gui.add_folder("Path of cameras", expand_by_default=False, order=6):
+            self._count = gui.add_markdown("No cameras yet.")
+            add, clear = gui.add_button("Add this camera"), gui.add_button("Clear")
+            self._seconds = gui.add_number("Seconds", 5.0, min=0.5, max=600.0, step=0.5)
+            play = gui.add_button("Play")
+            save = gui.add_button("Save path")
+            load = gui.add_upload_button("Load path", mime_type="application/json")
+
+        add.on_click(lambda _: self._set_path([*self.path, self._camera()]))
+        clear.on_click(lambda _: self._set_path([]))
+        play.on_click(lambda _: self.play())
+        save.on_click(lambda _: self._with_path(lambda path: self._send("path.json", _json(path.to_json()))))
+        load.on_upload(lambda _: self._read(load.value, self._load_path))
+
+    def _set_path(self, cameras: list[Camera]) -> None:
+        self.path = cameras
+        count = len(cameras)
+        self._count.content = f"{count} camera{'s' * (count != 1)}." if count else "No cameras yet."
+
+    def _load_path(self, data: object, name: str) -> None:
+        path = CameraPath.from_json(data, name)
+        self._seconds.value = path.seconds
+        self._set_path(list(path.cameras))
+
+    def _with_path(self, use: Callable[[CameraPath], None]) -> None:
+        try:
+            use(CameraPath(self.path, self._seconds.value))
+        except Error as error:
+            self._tell_error(error)
+
+    def play(self) -> None:
+        """Move the page's camera along its path; a second call while it moves stops it."""
+        if self._playing.is_set():
+            self._playing.clear()
+            return
+        self._playing.set()
+        self._with_path(self._move_along)
+        self._playing.clear()
+
+    def _move_along(self, path: CameraPath) -> None:
+        start = time.monotonic()
+        while self._playing.is_set() and not self._stops.is_set():
+            passed = time.monotonic() - start
+            self.go_to(path.at(passed))
+            self.client.flush()
+            if passed >= path.seconds:
+                return
+            time.sleep(_PLAYED)
+
+
+def _swatch(color: tuple[int, int, int], text: str) -> str:
+    red, green, blue = color
+    return f'<span style="color: rgb({red},{green},{blue})">&#9632;</span> {text}'
+
+
+def _json(data: object) -> bytes:
+    return (json.dumps(data, indent=1) + "\n").encode("utf-8")
+
+
+def _thumb(source: DepthImage) -> np.ndarray[Any, Any]:
+    from PIL import Image
+
+    image = Image.fromarray(in_bytes(source.shown))
+    image.thumbnail((_THUMB, _THUMB))
+    return np.asarray(image)

@@ -1,0 +1,116 @@
+"""From a camera and a style to the picture that a page shows, and the time that each stage took."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from pyibr.app.live.stream import Picture
+from pyibr.app.view.overlays import Image, class_colors, depth_colors, difference, in_bytes, view_colors
+from pyibr.app.view.style import Style
+from pyibr.app.view.ways import Way
+from pyibr.core.camera import Camera
+from pyibr.core.errors import ArgumentError
+from pyibr.images.frame import Frame
+from pyibr.images.metrics import psnr
+from pyibr.opencl.watch import LaunchTimes, watching
+
+_LINE = (128, 128, 128)  # between panes
+
+
+@dataclass
+class _Stopwatch:
+    """Collects seconds by name."""
+
+    stages: dict[str, float] = field(default_factory=dict[str, float])
+
+    @contextmanager
+    def timing(self, name: str) -> Generator[None]:
+        start = time.perf_counter()
+        yield
+        self.stages[name] = self.stages.get(name, 0.0) + time.perf_counter() - start
+
+
+def paint(ways: Mapping[str, Way], camera: Camera, style: Style) -> Picture:
+    """Draw what the style asks for from a camera.
+
+    Raises
+    ------
+    ArgumentError
+        If the style names a way that there is not, or the things refuse what it asks for.
+    """
+    watch = _Stopwatch()
+    if style.other is None or style.layout == "one":
+        frame = _drawn(ways, camera, style, style.way, watch)
+        return Picture(_shown(frame, style, watch), frame.depth, camera, watch.stages)
+    if style.layout == "side by side":
+        return _beside(ways, camera, style, watch)
+    one, other = (_drawn(ways, camera, style, name, watch) for name in (style.way, style.other))
+    colors = [_shown(frame, style, watch) for frame in (one, other)]
+    note = _apart(one, other)
+    with watch.timing("compare"):
+        if style.layout == "difference":
+            return Picture(difference(colors[0], colors[1], style.gain), one.depth, camera, watch.stages, note)
+        border = min(max(round(style.swipe * camera.width), 0), camera.width)
+        color, depth = colors[0].copy(), one.depth.copy()
+        color[:, border:], depth[:, border:] = colors[1][:, border:], other.depth[:, border:]
+        if 0 < border < camera.width:
+            color[:, border] = _LINE
+    return Picture(color, depth, camera, watch.stages, note)
+
+
+def kernel_seconds(ways: Mapping[str, Way], camera: Camera, style: Style) -> dict[str, float]:
+    """Seconds that each kernel takes for such a picture; the queue is awaited after each."""
+    with watching(LaunchTimes()) as seen:
+        paint(ways, camera, style)
+    return {name: sum(values) for name, values in seen.of.items()}
+
+
+def _beside(ways: Mapping[str, Way], camera: Camera, style: Style, watch: _Stopwatch) -> Picture:
+    """Both ways and their difference, each the middle third of its picture."""
+    width = max((camera.width - 2) // 3, 1)
+    K = camera.K.copy()
+    K[0, 2] -= 0.5 * (camera.width - width)  # the middle stays in the middle
+    narrow = Camera(K, (width, camera.height), camera.world_from_camera)
+    one, other = (_drawn(ways, narrow, style, name, watch) for name in (style.way, style.other or style.way))
+    colors = [_shown(frame, style, watch) for frame in (one, other)]
+    note = _apart(one, other)
+    with watch.timing("compare"):
+        made = np.empty((camera.height, camera.width, 3), np.uint8)
+        made[:] = _LINE
+        for number, pane in enumerate([*colors, difference(colors[0], colors[1], style.gain)]):
+            first = number * (width + 1)
+            made[:, first : first + width] = pane[:, : max(camera.width - first, 0)]
+    return Picture(made, None, camera, watch.stages, note)
+
+
+def _drawn(ways: Mapping[str, Way], camera: Camera, style: Style, name: str, watch: _Stopwatch) -> Frame:
+    way = ways.get(name)
+    if way is None:
+        raise ArgumentError("way", f"one of {', '.join(ways)}", name)
+    asked = style if way.lit else replace(style, light=None)
+    with watch.timing("draw" if name == style.way else f"draw {name}"):
+        return way.draw(camera, asked)
+
+
+def _shown(frame: Frame, style: Style, watch: _Stopwatch) -> Image:
+    if style.show == "color":
+        return in_bytes(frame.color)
+    with watch.timing("overlay"):
+        if style.show == "depth":
+            return depth_colors(frame, style.background)
+        return class_colors(frame) if style.show == "classes" else view_colors(frame, style.background)
+
+
+def _apart(one: Frame, other: Frame) -> str:
+    """How far apart two frames are where both see something, and where only one does."""
+    both, either = one.valid & other.valid, one.valid | other.valid
+    only = np.count_nonzero(one.valid ^ other.valid) / max(np.count_nonzero(either), 1)
+    if not both.any():
+        return "they see nothing in common"
+    decibels = psnr(in_bytes(one.color), in_bytes(other.color), both)
+    return f"{decibels:.1f} dB where both see something; {only:.1%} is seen by one alone"

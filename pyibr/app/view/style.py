@@ -1,0 +1,57 @@
+"""How a page wants its pictures: all that its controls say but the camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from pyibr.app.view.knobs import Value
+from pyibr.picture.drawable import Blend, Look
+from pyibr.picture.light import Light
+
+Layout = Literal["one", "swipe", "side by side", "difference"]
+Show = Literal["color", "depth", "classes", "view"]
+
+
+@dataclass(frozen=True)
+class Style:
+    """How pictures are drawn and shown.
+
+    Attributes
+    ----------
+    way : str
+        Name of the way that draws; see `pyibr.app.view.ways`.
+    other : str or None
+        Of the way that it is compared with.
+    layout : {"one", "swipe", "side by side", "difference"}
+        How two ways are compared: the other one right of a line; both and their difference beside each other, each
+        the middle of its picture; or the difference alone.
+    swipe : float
+        Where that line is, 0 to 1.
+    gain : float
+        By which differences are multiplied.
+    show : {"color", "depth", "classes", "view"}
+        The colours; the depth; the colours, and what each hole is (`pyibr.PixelClass`); the number of the view that
+        each pixel comes from.
+    look : Look
+        How depth images are looked at.
+    blend : {"quality", "nearest"}
+        How the warp makes one picture of several views.
+    light : Light or None
+    background : (r, g, b)
+        0 to 255.
+    knobs : tuple of (name, value)
+        What is turned at the things; see `pyibr.app.view.knobs`.
+    """
+
+    way: str
+    other: str | None = None
+    layout: Layout = "one"
+    swipe: float = 0.5
+    gain: float = 4.0
+    show: Show = "color"
+    look: Look = field(default_factory=Look)
+    blend: Blend = "quality"
+    light: Light | None = None
+    background: tuple[int, int, int] = (0, 0, 0)
+    knobs: tuple[tuple[str, Value], ...] = ()

@@ -1,0 +1,54 @@
+"""Words that several commands share."""
+
+from __future__ import annotations
+
+import os
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+import pyibr as ibr
+from pyibr.core.errors import ArgumentError
+from pyibr.images.depth_image import Backdrop
+
+Color = Annotated[Path, typer.Argument(metavar="COLOR", help="Image: PNG, JPEG, TIFF, EXR, PFM, NPY ...")]
+Depth = Annotated[
+    Path, typer.Argument(metavar="DEPTH", help="Its planar depth: PNG16, NPY, NPZ, PFM, EXR, COLMAP .bin")
+]
+CameraFile = Annotated[Path, typer.Option(help="Its camera: JSON with width, height, K, world_from_camera")]
+Clean = Annotated[bool, typer.Option("--clean", help="Clean the depth: flying pixels, speckle, small holes, noise")]
+FarDepth = Annotated[float, typer.Option(help="Depth from which on there is no surface")]
+BackdropText = Annotated[
+    str, typer.Option(metavar="DEPTH", help="Depth of what has none, as sky; farthest: the farthest sample's; none")
+]
+DepthScale = Annotated[
+    float | None, typer.Option(help="Stored depth units per scene unit: 1000 for millimetres to metres")
+]
+DeviceName = Annotated[str | None, typer.Option(help="OpenCL device: part of its name, or its number")]
+
+
+def backdrop_of(text: str) -> float | Backdrop | None:
+    """What --backdrop says."""
+    if text in ("none", "farthest"):
+        return None if text == "none" else "farthest"
+    try:
+        return float(text)
+    except ValueError:
+        raise ArgumentError("--backdrop", "a depth > 0, farthest or none", text) from None
+
+
+def printable(text: object) -> str:
+    """Names of files as terminals can show them, also those that are no text."""
+    return os.fsencode(str(text)).decode("utf-8", "replace")
+
+
+def told(text: str) -> None:
+    """Tell what is no error, but should be known."""
+    typer.secho(text, err=True, fg="yellow")
+
+
+def device_of(name: str | None) -> AbstractContextManager[object]:
+    """A context in which --device is used."""
+    return ibr.use_device(name) if name else nullcontext()

@@ -1,0 +1,163 @@
+"""How much of a surface some depth images have seen, by samples spread evenly over it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.capture.raycast import spread_directions
+from pyibr.core.camera import Camera
+from pyibr.core.checks import Float64, whole_from
+from pyibr.images import DepthImage
+from pyibr.meshes.mesh import Mesh
+from pyibr.picture.drawable import Side
+from pyibr.picture.render import render
+
+Mask = NDArray[np.bool_]
+
+_SLACK = 1.0  # pixels by which a point may lie behind an image's depth: surfaces are no planes
+_ALONG = 0.05  # cosine below which either side is seen
+_DIRECTIONS = 128  # that tell what can be seen from outside
+_OUTSIDE = 320  # pixels of their pictures
+_TURNED = 2.0  # times as often as its front must a point's back be seen from outside to be what is meant by its front
+_CLOSED = 0.02  # of the surface: if less can be seen from outside, the things are around the viewer
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Points spread over a mesh, each of which stands for the same area.
+
+    Attributes
+    ----------
+    mesh : Mesh
+    points : (N, 3)
+        In the world.
+    corner_normals : (N, 3)
+        Of length 1, as the order of the triangles' corners tells them, which meshes do not always keep.
+    area : float
+        Of the whole mesh, in squared scene units.
+    """
+
+    mesh: Mesh
+    points: Float64
+    corner_normals: Float64
+    area: float
+
+    def seen(self, view: DepthImage, side: Side = "front") -> Mask:
+        """(N,) which points a depth image has seen, from that side: as `pyibr.picture.seen` marks them."""
+        return self.resolution(view, side) > 0
+
+    def resolution(self, view: DepthImage, side: Side = "front") -> NDArray[np.float32]:
+        """(N,) pixels per squared scene unit at which a depth image has seen the points; 0 where it has not."""
+        camera = view.camera
+        pixels, z = camera.project(self.points)
+        width, height = camera.size
+        with np.errstate(invalid="ignore"):
+            inside = (z > 0) & ((pixels >= -0.5) & (pixels <= np.array([width, height]) - 0.5)).all(axis=1)
+        to = camera.center - self.points[inside]
+        distance = np.linalg.norm(to, axis=1)
+        cosine = np.sum(to * self.normals[inside], axis=1) / np.maximum(distance, 1e-30)
+        counts = np.zeros(len(cosine), np.bool_)
+        if side != "back":
+            counts |= cosine > -_ALONG
+        if side != "front":
+            counts |= cosine < _ALONG
+        some = np.flatnonzero(inside)[counts]
+        depth = np.where(view.valid, view.depth, np.float32(0))
+        sample = max(1 / camera.K[0, 0], 1 / camera.K[1, 1])
+        near = z[some] * (1 - _SLACK * sample)
+        x, y = (
+            np.clip(np.floor(pixels[some, axis]), 0, max(camera.size[axis] - 2, 0)).astype(np.intp) for axis in (0, 1)
+        )
+        found = np.zeros(len(some), np.bool_)
+        for dx in range(min(width, 2)):
+            for dy in range(min(height, 2)):
+                found |= depth[y + dy, x + dx] >= near
+        found &= near > 0
+        hit = some[found]
+        made = np.zeros(len(self.points), np.float32)
+        # A patch fills a solid angle of area * facing / distance^2, and of the plane z = 1, on which pixels are even,
+        # 1 / cos^3 as much, by the angle from the axis.
+        ahead = -(to[counts][found] @ camera.forward) / distance[counts][found]
+        facing = np.maximum(np.abs(cosine[counts][found]), _ALONG)
+        made[hit] = (
+            camera.K[0, 0] * camera.K[1, 1] * facing / (distance[counts][found] ** 2 * np.maximum(ahead, 1e-3) ** 3)
+        )
+        return made
+
+    @property
+    def outer(self) -> Mask:
+        """(N,) which points can be seen from outside, from far away; all, if that is next to nothing."""
+        front, back = self._from_outside
+        found: Mask = (front + back) > 0
+        return found if found.mean() > _CLOSED else np.ones(len(self.points), np.bool_)
+
+    @cached_property
+    def normals(self) -> Float64:
+        """(N, 3) of length 1, on the side from which the surface is seen from outside: its front."""
+        front, back = self._from_outside
+        return np.where((back > _TURNED * front)[:, None], -self.corner_normals, self.corner_normals)
+
+    @cached_property
+    def _from_outside(self) -> NDArray[np.int32]:
+        """(2, N) from how many directions points are seen on the side of their corner normals, and on the other."""
+        low, high = (corner.astype(np.float64) for corner in self.mesh.bounds)
+        middle, radius = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
+        found = np.zeros((2, len(self.points)), np.int32)
+        for direction in cast("Sequence[Float64]", spread_directions(_DIRECTIONS)):
+            camera = Camera.look_at(
+                middle + 2 * radius * direction,
+                middle,
+                np.eye(3)[np.abs(direction).argmin()],
+                (_OUTSIDE, _OUTSIDE),
+                projection="orthographic",
+                height=2.02 * radius,
+            )
+            frame = render(self.mesh, camera)
+            pixels, z = camera.project(self.points)
+            x, y = np.clip(np.rint(pixels).astype(np.intp), 0, _OUTSIDE - 1).T
+            facing: Float64 = self.corner_normals @ direction
+            # Along a surface that slopes, neighbours' depths differ by the slope: up to three pixels deep.
+            steep = np.sqrt(1 - facing**2) / np.maximum(np.abs(facing), 0.1)
+            slack = 2.02 * radius / _OUTSIDE * (0.5 + np.minimum(steep, 3.0))
+            seen = frame.depth[y, x] >= z - slack
+            found += np.stack([(facing > _ALONG) & seen, (facing < -_ALONG) & seen])
+        return found
+
+
+def surface_of(mesh: Mesh, count: int = 40_000) -> Surface:
+    """Points on a mesh, the same each time.
+
+    Examples
+    --------
+    >>> from pyibr.capture import models
+    >>> from pyibr.capture.coverage import surface_of
+    >>> surface = surface_of(models.donut(60), 1000)
+    >>> len(surface.points), round(surface.area, 1)  # 4 pi^2 0.4 = 15.8
+    (1000, 15.8)
+    """
+    whole_from("count", count, 1, 1 << 24)
+    corner = mesh.vertices.astype(np.float64)[mesh.faces]
+    across = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    twice = np.linalg.norm(across, axis=1)
+    ends = np.cumsum(twice)
+    random = np.random.default_rng(1999)
+    places = (np.arange(count) + random.random(count)) * (ends[-1] / count)  # one in each part of the same area
+    found = cast("NDArray[np.intp]", np.searchsorted(ends, places, side="right"))
+    face = np.minimum(found, len(twice) - 1)
+    u, v = np.sqrt(random.random(count)), random.random(count)
+    weights = np.stack([1 - u, u * (1 - v), u * v], axis=1)
+    points = np.einsum("nk,nkc->nc", weights, corner[face])
+    return Surface(mesh, points, across[face] / np.maximum(twice[face], 1e-300)[:, None], float(ends[-1]) / 2)
+
+
+def unseen_share(surface: Surface, seen: Sequence[Mask]) -> float:
+    """The share of what can be seen from outside that is in none of the masks."""
+    outer = surface.outer
+    covered = np.any(seen, axis=0) if len(seen) else np.zeros(len(outer), np.bool_)
+    return float(np.count_nonzero(outer & ~covered) / max(np.count_nonzero(outer), 1))

@@ -1,0 +1,241 @@
+"""Frusta that cover a surface with depth images, and the depth images that they see.
+
+After Schaufler and Priglinger, "Efficient Displacement Mapping by Image Warping" (1999), sections 6 and 7.1: samples at
+a frustum's far plane are background, and far depth is painted over parts of its image that are not wanted.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from os import PathLike
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pyibr.capture.sets import SetEntry, entry_json, read_set, write_set
+from pyibr.core.camera import Camera
+from pyibr.core.camera_json import write_json
+from pyibr.core.checks import describe, number_from, numbers
+from pyibr.core.errors import ArgumentError, FileFormatError
+from pyibr.images import DepthImage
+from pyibr.meshes.mesh import Mesh
+from pyibr.picture.light import Light
+from pyibr.picture.render import Thing, render
+
+_NARROWEST, _WIDEST = 0.1, 170.0  # degrees
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """What a brush has painted over a frustum's image: discs along a line.
+
+    Attributes
+    ----------
+    points : tuple of (x, y)
+        In widths and heights of the image, 0 to 1 from its upper left corner on.
+    radius : float
+        In heights of the image.
+    erases : bool
+        It takes paint away.
+    """
+
+    points: tuple[tuple[float, float], ...]
+    radius: float
+    erases: bool = False
+
+    def mask(self, size: tuple[int, int]) -> NDArray[np.bool_]:
+        """(H, W) the pixels of an image of this size whose centres it covers."""
+        width, height = size
+        x, y = (np.arange(width) + 0.5)[None, :], (np.arange(height) + 0.5)[:, None]
+        places = np.array(self.points, np.float64).reshape(-1, 2) * size
+        covered, reach = np.zeros((height, width), np.bool_), self.radius * height
+        for start, end in zip(places, [*places[1:], places[-1]] if len(places) else places, strict=True):
+            along = end - start
+            part = ((x - start[0]) * along[0] + (y - start[1]) * along[1]) / max(float(along @ along), 1e-30)
+            part = np.clip(part, 0, 1)
+            covered |= (x - start[0] - part * along[0]) ** 2 + (y - start[1] - part * along[1]) ** 2 <= reach**2
+        return covered
+
+
+@dataclass(frozen=True)
+class Frustum:
+    """Where a depth image of a surface is taken from.
+
+    Parameters
+    ----------
+    camera : Camera
+        Perspective, without a lens, its axis in the middle of its image.
+    far : float
+        Depth of the far plane: what lies there or beyond is background.
+    strokes : tuple of Stroke
+        Where background is painted, in the order of painting.
+
+    Raises
+    ------
+    ArgumentError
+        If the camera is another, or `far` is not > 0.
+
+    Examples
+    --------
+    >>> from pyibr.capture import models
+    >>> from pyibr.capture.frusta import Frustum
+    >>> frustum = Frustum.look_at((0, 0, 3), (0, 0, 0), (0, 1, 0), 64, fov=60, far=4)
+    >>> view = frustum.capture(models.donut())
+    >>> view.camera.size, bool(view.valid[32, 50]), bool(view.valid[32, 32])  # the ring, and the hole in it
+    ((64, 64), True, False)
+    """
+
+    camera: Camera
+    far: float = math.inf
+    strokes: tuple[Stroke, ...] = ()
+
+    def __post_init__(self) -> None:
+        camera, (width, height) = self.camera, self.camera.size
+        centred = np.abs(camera.K[:2, 2] - ((width - 1) / 2, (height - 1) / 2)).max() <= 1e-6 * max(width, height)
+        if camera.projection != "perspective" or camera.lens is not None or camera.K[0, 1] != 0 or not centred:
+            raise ArgumentError("camera", "a perspective one without lens, its axis in the middle", describe(camera))
+        if not self.far > 0:
+            raise ArgumentError("far", "a depth > 0", describe(self.far))
+
+    @classmethod
+    def look_at(
+        cls, eye: ArrayLike, target: ArrayLike, up: ArrayLike, size: int, fov: float = 60.0, far: float = math.inf
+    ) -> Frustum:
+        """Make a frustum at `eye` around `target`; `up` may be any direction that is not along the line of sight."""
+        return cls(Camera.look_at(eye, target, up, (size, size), fov), far)
+
+    @property
+    def fov(self) -> tuple[float, float]:
+        """Degrees that it covers, across and down."""
+        (fx, fy), (width, height) = np.diag(self.camera.K)[:2], self.camera.size
+        return 2 * math.degrees(math.atan(width / (2 * fx))), 2 * math.degrees(math.atan(height / (2 * fy)))
+
+    def at(self, world_from_camera: ArrayLike) -> Frustum:
+        """The frustum at another place, turned another way."""
+        return Frustum(Camera(self.camera.K, self.camera.size, world_from_camera), self.far, self.strokes)
+
+    def opened(self, across: float, down: float, far: float) -> Frustum:
+        """The frustum with other angles, in degrees, and another far plane."""
+        (width, height), K = self.camera.size, np.eye(3)
+        for axis, (degrees, count) in enumerate(((across, width), (down, height))):
+            expected = f"degrees from {_NARROWEST:g} to {_WIDEST:g}"
+            angle = number_from("fov", degrees, _NARROWEST, _WIDEST, expected)
+            K[axis, axis], K[axis, 2] = count / (2 * math.tan(math.radians(angle) / 2)), (count - 1) / 2
+        return Frustum(Camera(K, (width, height), self.camera.world_from_camera), far, self.strokes)
+
+    def resized(self, size: int) -> Frustum:
+        """The same frustum with images of another size."""
+        return Frustum(self.camera.resized((size, size)), self.far, self.strokes)
+
+    def painted(self, *strokes: Stroke) -> Frustum:
+        """The frustum with more strokes."""
+        return Frustum(self.camera, self.far, (*self.strokes, *strokes))
+
+    @cached_property
+    def mask(self) -> NDArray[np.bool_]:
+        """(H, W) where background is painted."""
+        covered = np.zeros((self.camera.height, self.camera.width), np.bool_)
+        for stroke in self.strokes:
+            covered = (
+                covered & ~stroke.mask(self.camera.size) if stroke.erases else covered | stroke.mask(self.camera.size)
+            )
+        return covered
+
+    def capture(self, thing: Thing, light: Light | None = None) -> DepthImage:
+        """Take the depth image of a thing.
+
+        Parameters
+        ----------
+        thing : thing
+            As for `pyibr.render`, which draws it.
+        light : Light, optional
+            Of the picture, whose colours hold it; see `light_for`.
+
+        Returns
+        -------
+        DepthImage
+            With infinite depth where there is nothing, or where background is painted.
+        """
+        frame = render(thing, self.camera, light)
+        depth = np.where(frame.valid & ~self.mask, frame.depth, np.float32(np.inf))
+        return DepthImage(frame.color, depth, self.camera, self.far)
+
+    def to_json(self) -> dict[str, Any]:
+        """What files say of it."""
+        return entry_json(self.camera, self.far) | self._more
+
+    @property
+    def _more(self) -> dict[str, Any]:
+        """What files say of it beside what any view has."""
+        if not self.strokes:
+            return {}
+        kept = [
+            {"points": [list(point) for point in one.points], "radius": one.radius}
+            | ({"erases": True} if one.erases else {})
+            for one in self.strokes
+        ]
+        return {"strokes": kept}
+
+
+def light_for(thing: Thing, up: ArrayLike) -> Light | None:
+    """A light that shows the form of a mesh without colours, from above; None for what has its own."""
+    if not isinstance(thing, Mesh) or thing.colors is not None or thing.texture is not None:
+        return None
+    upward = numbers("up", up, (3,))
+    aside = np.cross(upward, np.eye(3)[np.abs(upward).argmin()])
+    return Light(-(upward + 0.6 * aside + 0.4 * np.cross(upward, aside)), ambient=0.3, shadow_size=0)
+
+
+def save_frusta(path: str | PathLike[str], frusta: Sequence[Frustum], **about: object) -> None:
+    """Write frusta alone, without their images, as a JSON file; `about` is what it says of the set."""
+    write_json(path, {**about, "views": [frustum.to_json() for frustum in frusta]})
+
+
+def save_set(
+    folder: str | PathLike[str], frusta: Sequence[Frustum], views: Sequence[DepthImage], **about: object
+) -> None:
+    """Write frusta with the images that they see into a folder, which `pyibr.load` reads; see `write_set`."""
+    write_set(folder, views, [frustum._more for frustum in frusta], **about)  # pyright: ignore[reportPrivateUsage]
+
+
+def load_frusta(path: str | PathLike[str]) -> tuple[list[Frustum], dict[str, Any]]:
+    """Read the frusta of a set's folder or JSON file, and what it says of the set.
+
+    Raises
+    ------
+    FileFormatError
+        If it is no such file.
+    """
+    entries, about = read_set(path)
+    return frusta_of(entries, path), about
+
+
+def frusta_of(entries: Sequence[SetEntry], path: str | PathLike[str]) -> list[Frustum]:
+    """The frusta that the views of a set have; `path` is for error messages."""
+    frusta: list[Frustum] = []
+    for entry in entries:
+        strokes = tuple(_stroke_of(one, path) for one in _listed(entry.more.get("strokes", []), path))
+        try:
+            frusta.append(Frustum(entry.camera, entry.far, strokes))
+        except ArgumentError as error:
+            raise FileFormatError(f"{path}: {error}") from error
+    return frusta
+
+
+def _stroke_of(data: object, path: str | PathLike[str]) -> Stroke:
+    try:
+        entry = cast("dict[str, Any]", data)
+        points = tuple((float(x), float(y)) for x, y in entry["points"])
+        return Stroke(points, float(entry["radius"]), bool(entry.get("erases", False)))
+    except (TypeError, ValueError, KeyError, AttributeError):
+        raise FileFormatError(f"{path}: expected a stroke with points and radius, got {describe(data)}") from None
+
+
+def _listed(data: object, path: str | PathLike[str]) -> list[object]:
+    if not isinstance(data, list):
+        raise FileFormatError(f"{path}: expected a list of strokes, got {describe(data)}")
+    return cast("list[object]", data)

@@ -1,0 +1,276 @@
+"""What lenses do to straight lines: from where a pinhole would see a point to where the lens does, and back.
+
+Positions are normalised, (X/Z, Y/Z) of a point in the camera's frame: ideal ones as a pinhole sees it, distorted ones
+as the lens does; K turns the latter into pixels.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.polynomial import Polynomial
+from numpy.typing import ArrayLike
+
+from pyibr.core.checks import Float64, numbers, one_of, positive
+from pyibr.core.errors import ArgumentError
+
+LensModel = Literal["brown_conrady", "rational", "inverse_brown_conrady", "modified_brown_conrady", "kannala_brandt"]
+
+_COUNTS: dict[str, tuple[int, ...]] = {
+    "brown_conrady": (4, 5),
+    "rational": (8,),
+    "inverse_brown_conrady": (4, 5),
+    "modified_brown_conrady": (4, 5),
+    "kannala_brandt": (4,),
+}
+_WIDEST = 0.4999 * math.pi  # radians from the axis: a pinhole sees no more than half of the world
+_ENTRIES = 4096  # of the table of radii that a search begins with
+_STEEPEST = 4.0  # of how fast a lens with a pole may see what is farther out farther out
+_STEPS = 20  # of Newton's; a handful but for the very border of what a lens sees
+_CLOSE = 1e-12  # of distances between positions
+_IN_CACHE = 1 << 14  # points at a time
+
+
+@dataclass(frozen=True, init=False, repr=False)
+class Lens:
+    """A lens that bends straight lines. Immutable.
+
+    Parameters
+    ----------
+    model : str
+        - "brown_conrady": k1 k2 p1 p2 [k3], as OpenCV (and ROS's `plumb_bob`, Kalibr's `radtan`) has them.
+        - "rational": k1 k2 p1 p2 k3 k4 k5 k6, as OpenCV (and ROS's `rational_polynomial`) has them.
+        - "modified_brown_conrady": k1 k2 p1 p2 [k3] of RealSense, the tangential part taken after the radial one.
+        - "inverse_brown_conrady": k1 k2 p1 p2 [k3] of RealSense. Its library computes the same as for the modified
+          model, in both directions, and so does this.
+        - "kannala_brandt": k1 k2 k3 k4 of a fisheye, as `cv2.fisheye` (and ROS's and Kalibr's `equidistant`) has them.
+    coefficients : array_like
+        As many as the model has.
+    radius : float
+        Ideal positions farther than that from the axis are not seen, > 0: how far the calibration holds, if that is
+        known (the metric radius of an Azure Kinect).
+
+    Raises
+    ------
+    ArgumentError
+        If the model is unknown, or the coefficients are not as many.
+
+    Examples
+    --------
+    >>> import pyibr as ibr
+    >>> lens = ibr.Lens("brown_conrady", [-0.2, 0, 0, 0])
+    >>> seen = lens.distort([[0.5, 0.0], [2.0, 0.0]])
+    >>> seen.tolist()  # from 1.29 on, what is farther out would be seen farther in
+    [[0.475, 0.0], [nan, nan]]
+    >>> lens.undistort(seen).round(12).tolist()
+    [[0.5, 0.0], [nan, nan]]
+    """
+
+    model: LensModel
+    coefficients: tuple[float, ...]
+    radius: float
+
+    def __init__(self, model: LensModel, coefficients: ArrayLike, radius: float = math.inf) -> None:
+        one_of("model", model, LensModel)
+        values, counts = numbers("coefficients", coefficients, (None,)), _COUNTS[model]
+        if len(values) not in counts:
+            expected = f"{' or '.join(map(str, counts))} of them for {model}"
+            raise ArgumentError("coefficients", expected, str(len(values)))
+        padded = np.zeros(counts[-1])
+        padded[: len(values)] = values
+        if radius != math.inf:
+            positive("radius", radius)
+        for name, value in (("model", model), ("coefficients", tuple(padded.tolist())), ("radius", float(radius))):
+            object.__setattr__(self, name, value)
+
+    def __repr__(self) -> str:
+        radius = "" if self.radius == math.inf else f" radius={self.radius:g}"
+        return f"<Lens {self.model} {' '.join(f'{value:g}' for value in self.coefficients)}{radius}>"
+
+    @property
+    def bends(self) -> bool:
+        """Whether it distorts anything at all; a fisheye does with any coefficients."""
+        return self.model == "kannala_brandt" or any(self.coefficients) or self.radius < math.inf
+
+    @classmethod
+    def from_opencv(cls, distortion: ArrayLike, fisheye: bool = False) -> Lens:
+        """Make a lens of OpenCV's `distCoeffs` (4, 5, 8, 12 or 14 numbers), or of the 4 of `cv2.fisheye`.
+
+        Raises
+        ------
+        ArgumentError
+            If they are not as many, or are of a thin prism or a tilted sensor (not 0 from the ninth on).
+        """
+        values = numbers("distortion", distortion, None).ravel()
+        if len(values) not in ((4,) if fisheye else (4, 5, 8, 12, 14)):
+            expected = "4 numbers of a fisheye" if fisheye else "4, 5, 8, 12 or 14 numbers"
+            raise ArgumentError("distortion", expected, str(len(values)))
+        if values[8:].any():
+            expected = "no thin prism and no tilted sensor (0 from the ninth number on)"
+            raise ArgumentError("distortion", expected, str(values[8:].tolist()))
+        if fisheye:
+            return cls("kannala_brandt", values)
+        return cls("rational", values[:8]) if values[5:].any() else cls("brown_conrady", values[:5])
+
+    def to_opencv(self) -> Float64:
+        """Return `distCoeffs` of OpenCV (5 or 8 numbers), or of `cv2.fisheye` (4) if it is a "kannala_brandt".
+
+        Raises
+        ------
+        ArgumentError
+            If it is a model of RealSense's own with a tangential part.
+        """
+        if self.model in ("inverse_brown_conrady", "modified_brown_conrady") and any(self.coefficients[2:4]):
+            raise ArgumentError("lens", "one that OpenCV has: without p1 and p2, or of another model", self.model)
+        return np.array(self.coefficients)
+
+    def distort(self, points: ArrayLike) -> Float64:
+        """Return where the lens sees ideal positions (N, 2).
+
+        NaN where it does not: from where on the model would see what is farther out farther in, and from `radius` on.
+        """
+        return _in_parts(self._distorted, numbers("points", points, (None, 2), finite=False))
+
+    def undistort(self, points: ArrayLike) -> Float64:
+        """Return the ideal positions of distorted ones (N, 2), NaN where the lens sees nothing. Inverts `distort`."""
+        return _in_parts(self._undistorted, numbers("points", points, (None, 2), finite=False))
+
+    @cached_property
+    def reach(self) -> float:
+        """Ideal distance from the axis up to which the lens sees: what is farther out, farther out."""
+        if self.model == "kannala_brandt":
+            k1, k2, k3, k4 = self.coefficients
+            angle = math.sqrt(_first_root(Polynomial([1, 3 * k1, 5 * k2, 7 * k3, 9 * k4])))
+            return min(math.tan(min(angle, _WIDEST)), self.radius)
+        top, bottom = (Polynomial(part) for part in self._fraction)
+        one = Polynomial([0, 1])
+        rises = (top + 2 * one * top.deriv()) * bottom - 2 * one * top * bottom.deriv()  # by bottom^2: the slope
+        square = _first_root(rises)
+        if _first_root(bottom) < math.inf:  # calibrations go wild before a pole, not only at it
+            square = min(square, _first_root(_STEEPEST * bottom * bottom - rises))
+        return min(math.sqrt(square), math.tan(_WIDEST), self.radius)
+
+    @property
+    def _fraction(self) -> tuple[Float64, Float64]:
+        """Coefficients of the radial factor's two polynomials in the squared distance from the axis."""
+        k1, k2, _, _, k3, *below = self.coefficients
+        return np.array([1.0, k1, k2, k3]), np.array([1.0, *below])
+
+    def _factor(self, square: Float64) -> tuple[Float64, Float64]:
+        """Distorted over ideal distance from the axis, at squared ideal ones, and its derivative by these."""
+        if self.model == "kannala_brandt":
+            return self._fisheye_factor(square)
+        (top, top_slope), (bottom, bottom_slope) = (_value_and_slope(part, square) for part in self._fraction)
+        return top / bottom, (top_slope * bottom - top * bottom_slope) / (bottom * bottom)
+
+    def _fisheye_factor(self, square: Float64) -> tuple[Float64, Float64]:
+        radius = np.sqrt(square)
+        angle = np.arctan(radius)
+        series, slope = _value_and_slope(np.array([1.0, *self.coefficients]), angle * angle)
+        distorted, steep = angle * series, (series + 2 * angle * angle * slope) / (1 + square)
+        near = radius < 1e-4  # where the quotients round too much, their beginnings do
+        by = np.where(near, 1.0, radius)
+        k1 = self.coefficients[0]
+        factor = np.where(near, 1 + (k1 - 1 / 3) * square, distorted / by)
+        return factor, np.where(near, k1 - 1 / 3, (steep - factor) / (2 * by * by))
+
+    def _map(self, points: Float64) -> tuple[Float64, Float64]:
+        """(n, 2) distorted positions, and (n, 2, 2) their derivatives by the ideal ones."""
+        x, y = points.T
+        square = x * x + y * y
+        factor, slope = self._factor(square)
+        (xx, xy), yy = 2 * slope * x * np.array([x, y]) + [factor, 0 * x], factor + 2 * slope * y * y
+        if self.model == "kannala_brandt":
+            return np.stack([x * factor, y * factor], 1), np.array([[xx, xy], [xy, yy]]).transpose(2, 0, 1)
+        p1, p2 = self.coefficients[2:4]
+        u, v = x * factor, y * factor
+        if self.model in ("brown_conrady", "rational"):  # the tangential part is of the ideal position
+            du = xx + 2 * p1 * y + 6 * p2 * x, xy + 2 * p1 * x + 2 * p2 * y
+            dv = xy + 2 * p2 * y + 2 * p1 * x, yy + 2 * p2 * x + 6 * p1 * y
+            a, b = x, y
+        else:  # of the position that the radial part has moved, but for the distance from the axis
+            along, across = 1 + 2 * p1 * v + 4 * p2 * u, 1 + 2 * p2 * u + 4 * p1 * v
+            du = xx * along + 2 * p1 * u * xy + 2 * p2 * x, xy * along + 2 * p1 * u * yy + 2 * p2 * y
+            dv = xy * across + 2 * p2 * v * xx + 2 * p1 * x, yy * across + 2 * p2 * v * xy + 2 * p1 * y
+            a, b = u, v
+        moved_x = u + 2 * p1 * a * b + p2 * (square + 2 * a * a)
+        moved_y = v + 2 * p2 * a * b + p1 * (square + 2 * b * b)
+        return np.stack([moved_x, moved_y], 1), np.array([du, dv]).transpose(2, 0, 1)
+
+    def _sees(self, points: Float64, slopes: Float64) -> Float64:
+        """(n, 1) whether ideal positions are where the lens sees each at a place of its own."""
+        inside = np.hypot(*points.T) < self.reach
+        return (inside & (_determinant(slopes) > 0))[:, None]
+
+    def _distorted(self, points: Float64) -> Float64:
+        distorted, slopes = self._map(points)
+        return np.where(self._sees(points, slopes), distorted, np.nan)
+
+    def _undistorted(self, points: Float64) -> Float64:
+        """By Newton's method, from where the radial part alone would have the points."""
+        away = np.hypot(*points.T)
+        ideal, distorted = self._radii
+        start = np.asarray(np.interp(away, distorted, ideal), np.float64)
+        found = points * np.where(away > 0, start / np.where(away > 0, away, 1), 1)[:, None]
+        left = np.flatnonzero(away <= distorted[-1] + self._aside)
+        done = np.zeros(len(points), np.bool_)
+        for _ in range(_STEPS):
+            here = found[left]
+            seen, slopes = self._map(here)
+            off = points[left] - seen
+            close = np.hypot(*off.T) <= _CLOSE * (1 + away[left])
+            done[left[close]] = self._sees(here[close], slopes[close])[:, 0]
+            left, off, slopes, here = left[~close], off[~close], slopes[~close], here[~close]
+            if not len(left):
+                break
+            (xx, xy), (yx, yy) = slopes.transpose(1, 2, 0)
+            step = np.stack([yy * off[:, 0] - xy * off[:, 1], xx * off[:, 1] - yx * off[:, 0]], 1)
+            found[left] = here + step / _determinant(slopes)[:, None]
+        return np.where(done[:, None], found, np.nan)
+
+    @cached_property
+    def _radii(self) -> tuple[Float64, Float64]:
+        """Ideal distances from the axis and the distorted ones that the radial part makes of them, both rising."""
+        ideal = np.tan(np.linspace(0, math.atan(self.reach), _ENTRIES))
+        return ideal, np.maximum.accumulate(ideal * self._factor(ideal * ideal)[0])
+
+    @property
+    def _aside(self) -> float:
+        """How far the tangential part may move a position, at most."""
+        if self.model == "kannala_brandt":
+            return 0.0
+        p1, p2 = self.coefficients[2:4]
+        return 3 * (abs(p1) + abs(p2)) * self.reach**2
+
+
+def _in_parts(function: Callable[[Float64], Float64], points: Float64) -> Float64:
+    made = np.empty_like(points)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        for first in range(0, len(points), _IN_CACHE):
+            made[first : first + _IN_CACHE] = function(points[first : first + _IN_CACHE])
+    return made
+
+
+def _value_and_slope(coefficients: Float64, at: Float64) -> tuple[Float64, Float64]:
+    """Of the polynomial with these coefficients, the constant one first."""
+    value, slope = np.full_like(at, coefficients[-1]), np.zeros_like(at)
+    for coefficient in coefficients[-2::-1]:
+        slope = slope * at + value
+        value = value * at + coefficient
+    return value, slope
+
+
+def _determinant(slopes: Float64) -> Float64:
+    return slopes[:, 0, 0] * slopes[:, 1, 1] - slopes[:, 0, 1] * slopes[:, 1, 0]
+
+
+def _first_root(polynomial: Polynomial) -> float:
+    """The least positive real root, or infinity."""
+    roots = np.asarray(polynomial.trim().roots(), np.complex128)
+    real = roots.real[(np.abs(roots.imag) <= 1e-9 * np.abs(roots)) & (roots.real > 0)]
+    return float(real.min()) if len(real) else math.inf

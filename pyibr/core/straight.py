@@ -1,0 +1,204 @@
+"""The pinhole images that a lens's image is made straight in, and where the pixels of one lie in the other.
+
+A straight image has the same or finer sampling than the lens's everywhere. It holds what lies up to `WIDEST` degrees
+from the axis; a target that sees farther is drawn as several, the faces of a cube.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.core.camera import Camera
+from pyibr.core.checks import Fixed, Float64, locked, read_only
+from pyibr.core.errors import ArgumentError
+
+WIDEST = 75.0
+"""Degrees from the axis that one straight image holds: beyond, pixels would be many, and each of little."""
+
+_MARGIN = 2  # pixels around what is seen: the neighbours that tell edges from slopes
+_BESIDE = 0.75  # pixels beside the image that still show its border: half a straight one, askew
+_FACES = (  # right, down and forward of a cube's faces in the camera's frame, the front first
+    ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    ((0, 0, -1), (0, 1, 0), (1, 0, 0)),
+    ((0, 0, 1), (0, 1, 0), (-1, 0, 0)),
+    ((1, 0, 0), (0, 0, -1), (0, 1, 0)),
+    ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
+)
+
+
+def rays_of(camera: Camera) -> Float64:
+    """(H, W, 2) where the pixels' rays pass the plane z = 1 of the camera's frame; NaN where its lens sees nothing."""
+    return _rays_through(_unposed(camera)) if camera.lens else _rays(camera)
+
+
+def straight_camera(camera: Camera) -> Camera:
+    """The pinhole camera of the image that holds what a lens sees, up to `WIDEST` degrees from the axis."""
+    if camera.lens is None:
+        return camera
+    unposed = _straight(_unposed(camera))
+    return Camera(unposed.K, unposed.size, camera.world_from_camera)
+
+
+def covering_camera(argument: str, camera: Camera) -> Camera:
+    """`straight_camera` of a lens that sees no farther than its image reaches, or raise ArgumentError."""
+    if camera.lens is not None and sees_too_far(camera).any():
+        raise ArgumentError(argument, f"one that sees up to {WIDEST:g} degrees from its axis", repr(camera))
+    return straight_camera(camera)
+
+
+def check_no_lens(argument: str, camera: Camera) -> None:
+    """Raise ArgumentError if what is asked for a camera's pixels is not known of a lens's."""
+    if camera.lens is not None:
+        raise ArgumentError(argument, "one without a lens", repr(camera))
+
+
+def distorted_pixels(camera: Camera, pixels: Float64) -> Float64:
+    """(N, 2) where a lens sees what lies at pixels (N, 2) of its straight image."""
+    unposed = _unposed(camera)
+    return unposed.project(_straight(unposed).unproject(pixels, np.ones(len(pixels))))[0]
+
+
+def sees_too_far(camera: Camera) -> NDArray[np.bool_]:
+    """(H, W) which pixels of a lens's image see what lies more than `WIDEST` degrees from the axis."""
+    return _sees_too_far(_unposed(camera))
+
+
+class Places(Fixed):
+    """Where the pixels of one image lie in another.
+
+    Attributes
+    ----------
+    places : (2, H, W) float32
+        u and v there; NaN: nowhere in it.
+    """
+
+    def __init__(self, places: NDArray[np.float32]) -> None:
+        self.places = places
+
+
+def places_in_lens(camera: Camera) -> Places:
+    """Of the pixels of the straight image, those half a pixel beside the lens's image on its border."""
+    return _places_in_lens(_unposed(camera))
+
+
+class Pane(Fixed):
+    """A straight image as a part of a lens's.
+
+    Attributes
+    ----------
+    camera : Camera
+        Of the straight image.
+    places : (3, H, W) float32
+        Where the lens's pixels lie in it, u and v, NaN for those that are not its own; and depths in the lens's frame
+        over depths in its.
+    """
+
+    def __init__(self, camera: Camera, places: NDArray[np.float32]) -> None:
+        self.camera = camera
+        self.places = places
+
+
+def straight_pane(camera: Camera) -> Pane:
+    """The straight image as a pane: where the samples of a lens's image lie in it, NaN beyond `WIDEST`."""
+    return _straight_pane(_unposed(camera))
+
+
+def panes_of(camera: Camera) -> tuple[Pane, ...]:
+    """The parts that a target with a lens is drawn as, with poses relative to it: one, or up to five of a wide one."""
+    return _panes(_unposed(camera))
+
+
+def _unposed(camera: Camera) -> Camera:
+    """Of all cameras with one lens, wherever they are."""
+    return Camera(camera.K, camera.size, lens=camera.lens)
+
+
+def _rays(camera: Camera) -> Float64:
+    pixels = np.stack(np.meshgrid(*map(np.arange, camera.size)), -1).reshape(-1, 2)
+    return camera.ideal_positions(pixels).reshape(camera.height, camera.width, 2)
+
+
+@functools.lru_cache(maxsize=4)
+def _rays_through(camera: Camera) -> Float64:
+    return read_only(_rays(camera))
+
+
+@functools.lru_cache(maxsize=4)
+def _sees_too_far(camera: Camera) -> NDArray[np.bool_]:
+    return locked(np.hypot(*np.moveaxis(rays_of(camera), 2, 0)) > math.tan(math.radians(WIDEST)))
+
+
+@functools.lru_cache(maxsize=32)
+def _straight(camera: Camera) -> Camera:
+    rays = rays_of(camera)
+    own = np.isfinite(rays[..., 0]) & ~sees_too_far(camera)
+    return _camera_around(camera, rays, own)
+
+
+def _camera_around(camera: Camera, rays: Float64, own: NDArray[np.bool_], turn: Float64 | None = None) -> Camera:
+    """Around the positions (H, W, 2) of some of a camera's pixels on the plane z = 1 of a frame turned from its own."""
+    at = np.where(own[..., None], rays * np.diag(camera.K)[:2], np.nan)
+    steps = [np.hypot(*np.moveaxis(np.diff(at, axis=axis), 2, 0)) for axis in (0, 1)]
+    least = min((float(np.nanmin(step)) for step in steps if np.isfinite(step).any()), default=1.0)
+    K = np.diag([camera.K[0, 0], camera.K[1, 1], least]) / least
+    low, high = (edge(at, axis=(0, 1)) / least if own.any() else np.zeros(2) for edge in (np.nanmin, np.nanmax))
+    K[:2, 2] = _MARGIN - low
+    size = np.ceil(high - low).astype(int) + 1 + 2 * _MARGIN
+    pose = np.eye(4)
+    pose[:3, :3] = np.eye(3) if turn is None else turn
+    return Camera(K, (int(size[0]), int(size[1])), pose)
+
+
+@functools.lru_cache(maxsize=8)
+def _places_in_lens(camera: Camera) -> Places:
+    straight = _straight(camera)
+    pixels = np.stack(np.meshgrid(*map(np.arange, straight.size)), -1).reshape(-1, 2)
+    at = distorted_pixels(camera, pixels.astype(np.float64)).reshape(straight.height, straight.width, 2)
+    last = np.array(camera.size) - 1
+    inside = np.asarray(((at >= -_BESIDE) & (at <= last + _BESIDE)).all(axis=2), np.bool_)
+    at = np.clip(np.where(inside[..., None], at, 0), 0, last)
+    unseen = np.isnan(rays_of(camera)[..., 0])
+    if unseen.any():  # what lies between samples of which some are out of sight is the nearest one's alone
+        x, y = np.moveaxis(at.astype(np.intp), 2, 0)
+        beside, below = np.minimum(x + 1, last[0]), np.minimum(y + 1, last[1])
+        some = unseen[y, x] | unseen[y, beside] | unseen[below, x] | unseen[below, beside]
+        at = np.where(some[..., None], np.floor(at + 0.5), at)
+        x, y = np.moveaxis(at.astype(np.intp), 2, 0)
+        inside &= ~(some & unseen[y, x])
+    return Places(np.where(inside, np.moveaxis(at, 2, 0), np.nan).astype(np.float32))
+
+
+@functools.lru_cache(maxsize=8)
+def _straight_pane(camera: Camera) -> Pane:
+    rays = rays_of(camera)
+    within = np.isfinite(rays[..., 0]) & ~sees_too_far(camera)
+    return _pane(_straight(camera), np.where(within[..., None], rays, np.nan), np.ones(within.shape))
+
+
+@functools.lru_cache(maxsize=8)
+def _panes(camera: Camera) -> tuple[Pane, ...]:
+    rays = rays_of(camera)
+    seen = np.isfinite(rays[..., 0])
+    if not (seen & sees_too_far(camera)).any():
+        return (_straight_pane(camera),)
+    directions = np.concatenate([rays, np.ones((*seen.shape, 1))], axis=2)
+    turned = [directions @ np.array(face, np.float64).T for face in _FACES]
+    nearest = np.where(seen, np.argmax([there[..., 2] for there in turned], axis=0), -1)
+    panes: list[Pane] = []
+    for number, there in enumerate(turned):
+        own = nearest == number
+        if own.any():
+            ahead = np.where(own, there[..., 2], np.nan)
+            onto = there[..., :2] / ahead[..., None]
+            panes.append(_pane(_camera_around(camera, onto, own, np.array(_FACES[number]).T), onto, 1 / ahead))
+    return tuple(panes)
+
+
+def _pane(straight: Camera, rays: Float64, depth: Float64) -> Pane:
+    """Of positions on the plane z = 1 of its frame, and depths in the lens's frame over depths there."""
+    at = rays * np.diag(straight.K)[:2] + straight.K[:2, 2]
+    return Pane(straight, np.stack([at[..., 0], at[..., 1], depth]).astype(np.float32))

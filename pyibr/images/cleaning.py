@@ -1,0 +1,348 @@
+"""Depth as cameras deliver it, made fit for new views: flying pixels, speckle, small holes and noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.core.checks import Float64, checked_colors, number_from, whole_from
+from pyibr.core.optional import opencv
+from pyibr.images.depth_image import Color, Depth, checked_depth
+from pyibr.images.noise import noise_by_nearness
+
+Mask = NDArray[np.bool_]
+Float32 = NDArray[np.float32]
+
+_RANGE = 3.3  # standard deviations of the noise, of the smoothing: what differs by ten is left apart
+_RADIUS, _SPREAD = 5, 3.0  # pixels, of the smoothing
+_REACH = 3  # pixels to either side over which a slope is found
+_LEAST_NOISE = 5e-4  # of the depth: what is less is none
+_APART, _LEAST_APART = 5.0, 0.02  # deviations, and a share of depth: two surfaces are at least that far apart
+_GAP = 2  # pixels: the next sample in a direction may be so far off
+_UNLIKE = (0.03, 0.1, 0.3, np.inf)  # colours, their channels' differences added: holes grow together in that order
+_ALIKE = 0.1  # colours of one surface, in the same measure
+_SPECKLE = 40  # pixels: a smaller island amid other depths is no surface
+_STEPS = 4096  # of the scale's table
+_KEPT = 0.9  # of what was known before, where it agrees
+
+
+class CleanedDepth(NamedTuple):
+    """What `clean_depth` returns.
+
+    Attributes
+    ----------
+    depth : (H, W) float32
+        Planar z in scene units; NaN where there is none.
+    invented : (H, W) bool
+        Where it was not measured: holes that were filled, flying pixels and speckle that were replaced.
+
+    Examples
+    --------
+    >>> import pyibr as ibr
+    >>> ibr.CleanedDepth._fields
+    ('depth', 'invented')
+    """
+
+    depth: Depth
+    invented: Mask
+
+
+def clean_depth(
+    depth: Depth,
+    color: Color | None = None,
+    *,
+    before: Depth | None = None,
+    holes: int = 8,
+    strength: float = 1.0,
+) -> CleanedDepth:
+    """Clean the depth that a camera delivers: flying pixels, speckle, small holes and noise.
+
+    How much noise there is at which depth is found from the samples themselves, so that structured light, stereo and
+    time of flight are treated alike. Samples between two surfaces go, which are half of each, and islands of a few
+    samples. Small holes are filled from their edges inwards, where colours are alike first, so that depth edges follow
+    those of the colour. Then a bilateral filter around each sample's own plane smooths what differs from it by no more
+    than noise does: edges stay as sharp as they are. It works on nearness (1 / depth), in which planes are linear.
+
+    Frame by frame, what is left of the noise flickers, and so does what is filled. With `before` the depth is steady:
+    where the last frame's and this one's agree within the noise, most of the last one's stays; where they do not,
+    something has moved, and this frame's counts alone. What moves slowly is behind by at most 0.55 of the noise's
+    standard deviation.
+
+    Parameters
+    ----------
+    depth : (H, W) float32
+        Planar z in scene units; NaN, infinite or <= 0 where there is none.
+    color : (H, W, 3) uint8, or float32 in [0, 1], optional
+        Registered to the depth: what it guides is which side of an edge a filled sample belongs to.
+    before : (H, W) float32, optional
+        In a sequence, the last frame's cleaned depth as this frame's camera sees it, NaN where unknown: as it was
+        returned, if the camera stands still; else carried over, see the example.
+    holes : int
+        0 to 1000 pixels: gaps up to twice as wide are filled, if there is depth around them.
+    strength : float
+        0 to 10: how much of the noise that was found is smoothed away. 0: samples that stay keep their depth.
+
+    Returns
+    -------
+    CleanedDepth
+        The depth, and which of it is invented. Nothing is invented outside of the hull that discs of radius `holes`
+        leave of the valid samples, and of those that are taken from `before` within 2 pixels of them.
+
+    Raises
+    ------
+    ArgumentError
+        If shapes, dtypes or ranges do not fit.
+    MissingPackageError
+        OpenCV is not installed.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pyibr as ibr
+    >>> depth = np.full((30, 40), 2, np.float32)
+    >>> depth[10:14, 20] = np.nan
+    >>> cleaned = ibr.clean_depth(depth)
+    >>> float(cleaned.depth[12, 20]), int(cleaned.invented.sum())
+    (2.0, 4)
+
+    The next frame, of a camera that has moved:
+
+    >>> camera = ibr.Camera([[50, 0, 20], [0, 50, 15], [0, 0, 1]], (40, 30))
+    >>> moved = camera.moved(0.01, 0, 0)
+    >>> before = ibr.warp(ibr.DepthImage(None, cleaned.depth, camera), moved).depth
+    >>> float(ibr.clean_depth(depth, before=before).depth[12, 20])
+    2.0
+    """
+    cv2 = opencv("clean_depth", "bilateralFilter", "filterSpeckles", "morphologyEx")
+    measured = checked_depth(depth, (None, None))
+    tint = None if color is None else _tint(checked_colors("color", color, (*measured.shape, 3)))
+    known = None if before is None else _without_invalid(checked_depth(before, measured.shape, "before"))
+    known = None if known is None or np.isnan(known).all() else known
+    reach = whole_from("holes", holes, 0, 1000)
+    share = number_from("strength", strength, 0.0, 10.0, "a number from 0 to 10")
+    measured = _without_invalid(measured)
+    valid = np.isfinite(measured)
+    if not valid.any():
+        return CleanedDepth(measured, valid)
+
+    at, noise = noise_by_nearness(measured)
+    seen = [measured] if known is None else [measured, known]
+    apart, alike = _Scale(seen, at, _APART * noise, _LEAST_APART), _Scale(seen, at, noise, _LEAST_NOISE)
+    kept = valid & ~_flies(apart.of(measured))
+    seeds, sown = kept, measured
+    if known is not None and reach > 0:
+        still = _still_there(np.where(kept, apart.of(measured), np.float32(np.nan)), apart.of(known), tint)
+        seeds, sown = kept | still, np.where(still, known, measured)
+    area = _filled_area(cv2, seeds, reach)
+    grown = _grown(cv2, sown, seeds, area, tint)
+    speckle = _speckle(cv2, apart.of(grown))
+    if (speckle & seeds).any():
+        kept, seeds = kept & ~speckle, seeds & ~speckle
+        area &= ~speckle | _filled_area(cv2, seeds, reach)
+        grown = _grown(cv2, sown, seeds, area, tint)
+    if share > 0:
+        values = _smoothed(cv2, alike.of(grown), share)
+        if known is not None:
+            values = _steadied(values, alike.of(known), share)
+        grown = alike.depth_of(values)
+    return CleanedDepth(grown, np.isfinite(grown) & ~kept)
+
+
+def _without_invalid(depth: Depth) -> Depth:
+    """Depth in which NaN alone is none."""
+    return np.where((depth > 0) & np.isfinite(depth), depth, np.float32(np.nan))
+
+
+class _Scale:
+    """Nearness (1 / depth), stretched so that 1 is the same multiple of the noise at every depth.
+
+    Parameters
+    ----------
+    depths : (H, W) float32
+        Images whose range it covers; NaN where there is none.
+    at, noise : (k,) float64
+        Nearness, and what is to be 1 there.
+    least : float
+        It is that share of the nearness at least.
+    """
+
+    def __init__(self, depths: Sequence[Depth], at: Float64, noise: Float64, least: float) -> None:
+        low, high = 1 / max(float(np.nanmax(d)) for d in depths), 1 / min(float(np.nanmin(d)) for d in depths)
+        self._nearness = np.geomspace(low, max(high, low * 1.001), _STEPS)
+        found = least * self._nearness
+        if len(at):  # Nearer than what was looked at it grows with nearness: a stray sample must not stretch the scale.
+            looked = np.interp(self._nearness, at, noise) * np.maximum(self._nearness / at[-1], 1)
+            found = np.maximum(found, looked)
+        self._values = np.append(0, np.cumsum(2 * np.diff(self._nearness) / (found[1:] + found[:-1])))
+
+    def of(self, depth: Depth) -> Float32:
+        """Depths on this scale."""
+        return np.interp(1 / depth.astype(np.float64), self._nearness, self._values).astype(np.float32)
+
+    def depth_of(self, values: Float32) -> Depth:
+        """The inverse of `of`."""
+        return (1 / np.interp(values, self._values, self._nearness)).astype(np.float32)
+
+
+def _flies(values: Float32) -> Mask:
+    """(H, W) samples between two surfaces, apart from both: an edge was seen there, half of each.
+
+    Looked at along rows, columns and diagonals; the line through the next two samples on a side may lead there, too.
+    """
+    flies = np.zeros(values.shape, np.bool_)
+    for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        first, first_line = _beside(values, dy, dx)
+        last, last_line = _beside(values, -dy, -dx)
+        low, high = np.fmin(first, last), np.fmax(first, last)
+        between = (values - low > 1) & (high - values > 1)
+        led_to = (np.abs(first_line - values) < 2) | (np.abs(last_line - values) < 2)
+        flies |= between & ~led_to
+    return flies
+
+
+def _beside(values: Float32, dy: int, dx: int) -> tuple[Float32, Float32]:
+    """(H, W) the next value in a direction, and what the next two, as a line, let expect here; NaN if unknown."""
+    next_one, next_at = _first_known(values, dy, dx, np.zeros(values.shape, np.float32))
+    after, after_at = _first_known(values, dy, dx, next_at)
+    expected = next_one + (next_one - after) * next_at / (after_at - next_at)
+    return next_one, expected.astype(np.float32, copy=False)
+
+
+def _first_known(values: Float32, dy: int, dx: int, beyond: Float32) -> tuple[Float32, Float32]:
+    """The first value within `_GAP` steps after `beyond` steps, and after how many; NaN if there is none."""
+    height, width = values.shape
+    most = 2 * _GAP
+    padded = np.pad(values, most, constant_values=np.nan)
+    found, at = np.full(values.shape, np.nan, np.float32), np.full(values.shape, np.nan, np.float32)
+    for step in range(most, 0, -1):
+        top, left = most + step * dy, most + step * dx
+        other = padded[top : top + height, left : left + width]
+        here = np.isfinite(other) & (step > beyond) & (step <= beyond + _GAP)
+        found, at = np.where(here, other, found), np.where(here, np.float32(step), at)
+    return found, at
+
+
+def _still_there(values: Float32, known: Float32, tint: Float32 | None) -> Mask:
+    """(H, W) where no value is, but known is one of a surface that is seen within `_GAP` pixels, of its colour."""
+    height, width = values.shape
+    y, x = np.nonzero(np.isnan(values) & np.isfinite(known))
+    there = np.zeros(values.shape, np.bool_)
+    for down, across in np.ndindex(2 * _GAP + 1, 2 * _GAP + 1):
+        row, column = np.clip(y + down - _GAP, 0, height - 1), np.clip(x + across - _GAP, 0, width - 1)
+        alike = np.abs(values[row, column] - known[y, x]) < 1
+        if tint is not None:
+            alike &= np.abs(tint[row, column] - tint[y, x]).sum(axis=1) < _ALIKE
+        there[y, x] |= alike
+    return there
+
+
+def _filled_area(cv2: Any, kept: Mask, reach: int) -> Mask:
+    """(H, W) where samples may be invented: what no disc of this radius without a sample covers."""
+    if reach == 0:
+        return kept
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+    closed: NDArray[np.uint8] = cv2.morphologyEx(kept.astype(np.uint8), cv2.MORPH_CLOSE, disc)
+    return closed.astype(np.bool_)
+
+
+def _tint(color: Color) -> Float32:
+    """Colours from 0 to 1."""
+    return color.astype(np.float32) * np.float32(1 / 255 if color.dtype == np.uint8 else 1)
+
+
+def _grown(cv2: Any, depth: Depth, kept: Mask, area: Mask, tint: Float32 | None) -> Depth:
+    """Depth all over the area, from the kept samples outwards; NaN elsewhere.
+
+    Where colours are alike first: fronts from two sides meet at an edge of the colour.
+    """
+    grown, there = np.where(kept, depth, np.float32(np.nan)), kept.copy()
+    if tint is None:
+        _grow(cv2, grown, there, area, np.zeros((*kept.shape, 1), np.float32), np.inf)
+        return grown
+    for most in _UNLIKE:
+        _grow(cv2, grown, there, area, tint, most)
+    return grown
+
+
+def _grow(cv2: Any, grown: Depth, there: Mask, area: Mask, tint: Float32, most: float) -> None:
+    """Samples get the depth of the neighbour that is most like them, as long as there are such pairs."""
+    height, width = there.shape
+    steps = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dy or dx]
+    steps.sort(key=lambda step: abs(step[0]) + abs(step[1]))  # of equal ones the first
+    changed = there
+    while True:
+        near: NDArray[np.uint8] = cv2.dilate(changed.astype(np.uint8), np.ones((3, 3), np.uint8))
+        y, x = np.nonzero((near > 0) & ~there & area)
+        least, best = np.full(len(y), np.inf), np.zeros(len(y), np.float32)
+        for dy, dx in steps:
+            row, column = np.clip(y + dy, 0, height - 1), np.clip(x + dx, 0, width - 1)
+            unlike = np.where(there[row, column], np.abs(tint[row, column] - tint[y, x]).sum(axis=1), np.inf)
+            better = unlike < least
+            least[better], best[better] = unlike[better], grown[row, column][better]
+        found = least <= most if most < np.inf else least < np.inf
+        if not found.any():
+            return
+        y, x = y[found], x[found]
+        grown[y, x], there[y, x] = best[found], True
+        changed = np.zeros_like(there)
+        changed[y, x] = True
+
+
+def _speckle(cv2: Any, values: Float32) -> Mask:
+    """(H, W) islands of so few samples, apart from what is around them, that no surface is known to be there."""
+    there = np.isfinite(values)
+    fine = min(16.0, (np.iinfo(np.int16).max - 2) / max(float(np.nanmax(values)), 1.0))
+    steps = np.where(there, np.rint(np.nan_to_num(values) * fine) + 1, 0).astype(np.int16)
+    cv2.filterSpeckles(steps, 0, min(_SPECKLE, np.count_nonzero(there) // 10), max(round(fine), 1))
+    return there & (steps == 0)
+
+
+def _smoothed(cv2: Any, values: Float32, strength: float) -> Float32:
+    """A bilateral filter around each sample's own plane, over what is there.
+
+    Without the planes, steep surfaces would differ from pixel to pixel by more than noise does, and keep theirs.
+    """
+    off = float(np.nanmax(values)) + 20 * _RANGE * strength  # so far that it does not count
+    rough: Float32 = cv2.bilateralFilter(
+        np.nan_to_num(values, nan=off), 2 * _RADIUS + 1, 2 * _RANGE * strength, _SPREAD
+    )
+    rough[np.isnan(values)] = np.nan
+    across, down = (_slope(rough, axis) for axis in (1, 0))
+    height, width = values.shape
+    padded = np.pad(values, _RADIUS, constant_values=np.nan)
+    total, weights = np.zeros(values.shape, np.float32), np.zeros(values.shape, np.float32)
+    for y in range(-_RADIUS, _RADIUS + 1):
+        for x in range(-_RADIUS, _RADIUS + 1):
+            if x * x + y * y <= _RADIUS * _RADIUS:
+                other = padded[_RADIUS + y : _RADIUS + y + height, _RADIUS + x : _RADIUS + x + width]
+                off_plane = other - (values + (x * across + y * down))
+                unlike = (off_plane / np.float32(_RANGE * strength)) ** 2 + np.float32((x * x + y * y) / _SPREAD**2)
+                weight = np.nan_to_num(np.exp(np.float32(-0.5) * unlike))
+                total += weight * np.nan_to_num(off_plane)
+                weights += weight
+    return (values + total / np.maximum(weights, np.float32(1e-6))).astype(np.float32, copy=False)
+
+
+def _slope(values: Float32, axis: int) -> Float32:
+    """(H, W) how much values change from pixel to pixel: the lesser change of the two sides', 0 where they disagree."""
+    along = values if axis == 1 else values.T
+    padded = np.pad(along, ((0, 0), (_REACH, _REACH)), constant_values=np.nan)
+    before = (along - padded[:, : along.shape[1]]) / _REACH
+    after = (padded[:, 2 * _REACH :] - along) / _REACH
+    lesser = np.where(np.abs(before) < np.abs(after), before, after)
+    slope = np.nan_to_num(np.where(before * after > 0, lesser, 0)).astype(np.float32)
+    return slope if axis == 1 else slope.T
+
+
+def _steadied(values: Float32, known: Float32, strength: float) -> Float32:
+    """Values drawn to what was known before; the less the farther they are from it: noise does, and no move.
+
+    A steady drift v is followed at a distance d with d = v + `_KEPT` exp(-d^2 / 2) d: behind by 0.55 at most.
+    """
+    off = known - values
+    with np.errstate(over="ignore"):
+        weight = np.float32(_KEPT) * np.exp(np.float32(-0.5) * (off / np.float32(strength)) ** 2)
+    return (values + np.nan_to_num(weight * off)).astype(np.float32, copy=False)

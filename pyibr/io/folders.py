@@ -1,0 +1,58 @@
+"""Files of a folder in the order of their numbers, and what belongs together at one time."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from pyibr.core.errors import FileFormatError
+
+_APART_MOST = 0.02
+"""Seconds: what was taken at one time may differ by that, as for the tools of the TUM data sets."""
+
+
+def files_in(folder: Path, suffixes: Sequence[str], word: str = "") -> list[Path]:
+    """Its files of these suffixes with a word in their names, in the order of the numbers in their names."""
+    try:
+        found = [file for file in folder.iterdir() if file.suffix.lower() in suffixes and file.is_file()]
+    except OSError as error:
+        raise FileFormatError(f"{folder}: cannot be read: {error.strerror}") from error
+    return sorted((f for f in found if word in f.name.lower() and not f.name.startswith(".")), key=in_order)
+
+
+def in_order(path: Path) -> list[tuple[int, str]]:
+    """A key to sort names by, in which 9 is before 10."""
+    return [(int(part) if part.isdecimal() else -1, part) for part in re.split(r"(\d+)", path.name)]
+
+
+def time_of(path: Path) -> float | None:
+    """The time in seconds that a name consists of, as 1305031232.593722.png; None if it is none."""
+    return float(path.stem) if re.fullmatch(r"\d+\.\d+", path.stem) else None
+
+
+def number_of(path: Path) -> int | None:
+    """The last whole number in a name without its suffix; None if there is none."""
+    numbers = re.findall(r"\d+", path.stem)
+    return int(numbers[-1]) if numbers else None
+
+
+def at_one_time(first: Sequence[float], second: Sequence[float]) -> list[tuple[int, int]]:
+    """Pairs of places in two lists of times that are each other's nearest, no more than 0.02 s apart."""
+    if not first or not second:
+        return []
+    to_second, to_first = _nearest(first, second), _nearest(second, first)
+    near = [abs(first[i] - second[j]) <= _APART_MOST for i, j in enumerate(to_second)]
+    return [(i, j) for i, j in enumerate(to_second) if near[i] and to_first[j] == i]
+
+
+def _nearest(times: Sequence[float], others: Sequence[float]) -> list[int]:
+    """For each time the place of the nearest other."""
+    order = np.argsort(others, kind="stable")
+    wanted, ordered = np.asarray(times, np.float64), np.asarray(others, np.float64)[order]
+    after = np.minimum(np.searchsorted(ordered, wanted), len(ordered) - 1)
+    before = np.maximum(after - 1, 0)
+    found = np.where(wanted - ordered[before] <= ordered[after] - wanted, before, after)
+    return order[found].tolist()

@@ -1,0 +1,103 @@
+"""What mesh files hold, as plain arrays, and what their formats share.
+
+A module of a format has `read_mesh(data, folder)`, of a file's bytes and the folder that it lies in, and `mesh_bytes`
+or `mesh_files`, which make the bytes to write. Readers raise anything for bytes that they cannot read.
+"""
+
+from __future__ import annotations
+
+import os
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.core.files import reading
+from pyibr.io import image
+
+
+@dataclass(frozen=True)
+class MeshArrays:
+    """Triangles and what is known at their corners, unchecked."""
+
+    vertices: NDArray[Any]
+    """(N, 3) floats."""
+    faces: NDArray[Any]
+    """(M, 3) integers."""
+    uv: NDArray[Any] | None = None
+    """(N, 2) floats; v runs down the texture's rows."""
+    normals: NDArray[Any] | None = None
+    """(N, 3) floats."""
+    colors: NDArray[np.uint8] | None = None
+    """(N, 3)."""
+    texture: NDArray[np.uint8] | None = None
+    """(h, w, 3)."""
+
+
+def fans(counts: NDArray[Any], corners: NDArray[Any]) -> NDArray[Any]:
+    """The triangles of polygons that have so many corners each: (M, 3) of what `corners` lists one after another."""
+    if (counts == 3).all():
+        return corners.reshape(-1, 3)
+    start, inner = np.cumsum(counts) - counts, np.maximum(counts - 2, 0)
+    first = np.repeat(start, inner)
+    step: NDArray[np.int64] = np.arange(int(inner.sum())) - np.repeat(np.cumsum(inner) - inner, inner)
+    return corners[np.column_stack([first, first + step + 1, first + step + 2])]
+
+
+def whole(values: NDArray[Any]) -> NDArray[np.int64]:
+    """Numbers that must be integers, as such."""
+    with np.errstate(invalid="ignore"):
+        integers = values.astype(np.int64)
+    if (integers != values).any():
+        raise ValueError("a count or a number of a vertex is no integer")
+    return integers
+
+
+def count_of(text: str, most: int) -> int:
+    """A count as a header tells it; ValueError beyond `most`, the content that there is."""
+    count = int(text) if len(text) <= 18 else most + 1
+    if not 0 <= count <= most:
+        raise ValueError(f"the header counts {text[:40]}, which is more than the file holds")
+    return count
+
+
+def color_bytes(values: NDArray[Any]) -> NDArray[np.uint8]:
+    """Colours in [0, 1], as bytes."""
+    return np.rint(np.clip(np.nan_to_num(values), 0, 1) * 255).astype(np.uint8)
+
+
+def texture_from(data: bytes) -> NDArray[np.uint8]:
+    """A picture's bytes as (h, w, 3) uint8."""
+    stored = image.decoded(data)
+    texture = stored[..., None] if stored.ndim == 2 else stored
+    texture = texture[..., :3] if texture.shape[2] >= 3 else np.repeat(texture[..., :1], 3, axis=2)
+    if texture.dtype == np.uint16:
+        return (texture >> 8).astype(np.uint8)
+    if texture.dtype == np.bool_:
+        return texture.astype(np.uint8) * np.uint8(255)
+    if texture.dtype != np.uint8:
+        raise ValueError(f"a texture of {texture.dtype}")
+    return np.ascontiguousarray(texture)
+
+
+def texture_beside(folder: Path, name: str) -> NDArray[np.uint8] | None:
+    """The texture that a mesh file names; None, and a warning, where there is none."""
+    data = beside(folder, name, "texture")
+    if data is None:
+        warnings.warn(
+            f"{name}, a mesh's texture, is not in {folder}: the mesh is without it", UserWarning, stacklevel=2
+        )
+        return None
+    return texture_from(data)
+
+
+def beside(folder: Path, name: str, kind: str) -> bytes | None:
+    """The bytes of another file that a mesh file names, or None where there is none."""
+    path = folder / name.replace("\\", "/")
+    if not os.path.isfile(path):  # noqa: PTH113 - names of any kind are no error here
+        return None
+    with reading(path, kind) as source:
+        return source.read_bytes()

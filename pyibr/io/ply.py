@@ -1,0 +1,208 @@
+"""PLY: a header that describes tables, then their rows as text or binary: vertices with normals and colours, faces."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.io.mesh_arrays import MeshArrays, color_bytes, count_of, fans, whole
+
+_KINDS = {
+    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",
+    "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4",
+    "int64": "i8", "uint64": "u8", "float32": "f4", "float64": "f8",
+}  # fmt: skip
+_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+_HEADER_MOST = 1 << 16  # bytes
+_LIST_MOST = 64  # entries of lists of one length that are read as a table
+_COLORS = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
+
+
+class _Property(NamedTuple):
+    name: str
+    kind: str
+    counted: str = ""
+    """The kind of the count that a list opens with; empty if it is no list."""
+
+
+class _Element(NamedTuple):
+    name: str
+    rows: int
+    properties: list[_Property]
+
+
+_List = tuple[NDArray[Any], NDArray[Any]]
+"""How many entries each row has, and all of them one after another."""
+
+
+class _Text:
+    """Rows as numbers in words."""
+
+    def __init__(self, body: bytes) -> None:
+        text = body.decode("ascii")
+        self._numbers: NDArray[np.float64] = np.fromstring(text, sep=" ") if text.strip() else np.empty(0)
+        self.at = 0
+
+    def take(self, kind: str, count: int) -> NDArray[Any]:
+        part = self._numbers[self.at : self.at + count]
+        if len(part) != count:
+            raise ValueError("fewer numbers than the header counts")
+        self.at += count
+        return part
+
+    def table(self, kinds: list[str], count: int) -> list[NDArray[Any]]:
+        return list(self.take("", count * len(kinds)).reshape(count, len(kinds)).T)
+
+    def left(self) -> int:
+        return len(self._numbers) - self.at
+
+
+class _Binary:
+    """Rows as bytes."""
+
+    def __init__(self, body: bytes, order: str) -> None:
+        self._body, self._order = body, order
+        self.at = 0
+
+    def take(self, kind: str, count: int) -> NDArray[Any]:
+        part = np.frombuffer(self._body, self._order + kind, count, self.at)
+        self.at += part.nbytes
+        return part
+
+    def table(self, kinds: list[str], count: int) -> list[NDArray[Any]]:
+        row = np.dtype([(str(number), self._order + kind) for number, kind in enumerate(kinds)])
+        if len(self._body) - self.at < row.itemsize * count:
+            raise ValueError("fewer bytes than the header counts")
+        rows = np.frombuffer(self._body, row, count, self.at)
+        self.at += rows.nbytes
+        return [rows[str(number)] for number in range(len(kinds))]
+
+    def left(self) -> int:
+        return len(self._body[self.at :].strip())
+
+
+def read_mesh(data: bytes, folder: Path) -> MeshArrays:
+    """Return the mesh that a file's bytes hold."""
+    elements, order, body = _header(data)
+    source = _Binary(body, order) if order else _Text(body)
+    found = {element.name: (element, _columns(element, source)) for element in elements}
+    if source.left():
+        raise ValueError("more content than the header counts")
+    element, vertex = found["vertex"]
+    _, face = found["face"]
+    counts, corners = face["vertex_indices"] if "vertex_indices" in face else face["vertex_index"]
+    normals = np.column_stack([vertex[name] for name in ("nx", "ny", "nz")]) if "nx" in vertex else None
+    colors = None
+    for names in _COLORS:
+        if names[0] in vertex:
+            kind = next(item.kind for item in element.properties if item.name == names[0])
+            stored = np.column_stack([vertex[name] for name in names])
+            most = 1.0 if kind[0] == "f" else float(np.iinfo(kind).max)
+            colors = color_bytes(stored / most)
+    points = np.column_stack([vertex[name] for name in "xyz"])
+    return MeshArrays(points, fans(whole(counts), whole(corners)), normals=normals, colors=colors)
+
+
+def mesh_bytes(mesh: MeshArrays) -> bytes:
+    """Return a binary file: vertices, normals and colours, but no uv and no texture."""
+    columns = [("float", name, mesh.vertices[:, axis]) for axis, name in enumerate("xyz")]
+    if mesh.normals is not None:
+        columns += [("float", f"n{name}", mesh.normals[:, axis]) for axis, name in enumerate("xyz")]
+    if mesh.colors is not None:
+        columns += [("uchar", name, mesh.colors[:, channel]) for channel, name in enumerate(_COLORS[0])]
+    vertices = np.empty(len(mesh.vertices), [(name, "<" + _KINDS[kind]) for kind, name, _ in columns])
+    for _, name, values in columns:
+        vertices[name] = values
+    faces = np.empty(len(mesh.faces), [("count", "u1"), ("corners", "<i4", 3)])
+    faces["count"], faces["corners"] = 3, mesh.faces
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
+    header += [f"property {kind} {name}" for kind, name, _ in columns]
+    header += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header", ""]
+    return "\n".join(header).encode("ascii") + vertices.tobytes() + faces.tobytes()
+
+
+def _header(data: bytes) -> tuple[list[_Element], str, bytes]:
+    """The tables, the byte order (empty for text), and what follows the header."""
+    end = data.find(b"end_header", 0, _HEADER_MOST)
+    lines = data[: max(end, 0)].decode("ascii", "replace").splitlines()
+    if end < 0 or lines[0].strip() != "ply":
+        raise ValueError("no header that opens with ply and ends with end_header")
+    length = len(b"end_header") + (2 if data[end:].startswith(b"end_header\r\n") else 1)
+    body, order, elements = data[end + length :], None, list[_Element]()
+    for words in (line.split() for line in lines[1:]):
+        if words[:1] == ["format"]:
+            order = _ORDERS[words[1]]
+        elif words[:1] == ["element"]:
+            elements.append(_Element(words[1], count_of(words[2], len(body)), []))
+        elif words[:2] == ["property", "list"]:
+            elements[-1].properties.append(_Property(words[4], _KINDS[words[3]], _KINDS[words[2]]))
+        elif words[:1] == ["property"]:
+            elements[-1].properties.append(_Property(words[2], _KINDS[words[1]]))
+        elif words and words[0] not in ("comment", "obj_info"):
+            raise ValueError(f"{words[0][:40]!r} in the header")
+    if order is None:
+        raise ValueError("no format in the header")
+    names = [(element.name, item.name) for element in elements for item in element.properties]
+    if len(set(names)) < len(names) or len({element.name for element in elements}) < len(elements):
+        raise ValueError("the header names something twice")
+    return elements, order, body
+
+
+def _columns(element: _Element, source: _Text | _Binary) -> dict[str, Any]:
+    """An element's columns by name; of a list, a `_List`."""
+    start = source.at
+    lengths = [int(counts[0]) for counts, _ in _rows(element, source, 1)[1].values()] if element.rows else []
+    source.at = start
+    if max(lengths, default=0) <= _LIST_MOST:
+        found = _table(element, source, lengths)
+        if found is not None:
+            return found
+    source.at = start
+    plain, lists = _rows(element, source, element.rows)
+    return plain | lists
+
+
+def _table(element: _Element, source: _Text | _Binary, lengths: list[int]) -> dict[str, Any] | None:
+    """The columns if all lists are as long as those of the first row, as mostly they are; else None."""
+    spans, kinds, waiting = list[tuple[_Property, int, int]](), list[str](), iter(lengths)
+    for item in element.properties:
+        if item.counted:
+            kinds.append(item.counted)
+        length = next(waiting, 0) if item.counted else 1
+        spans.append((item, len(kinds), length))
+        kinds += [item.kind] * length
+    try:
+        columns = source.table(kinds, element.rows)
+    except ValueError:
+        return None
+    found = dict[str, Any]()
+    for item, first, length in spans:
+        if not item.counted:
+            found[item.name] = columns[first]
+        elif (columns[first - 1] != length).any():
+            return None
+        else:
+            entries = np.column_stack(columns[first : first + length]).ravel() if length else np.empty(0)
+            found[item.name] = columns[first - 1], entries
+    return found
+
+
+def _rows(element: _Element, source: _Text | _Binary, count: int) -> tuple[dict[str, NDArray[Any]], dict[str, _List]]:
+    """Read row by row: what are no lists, and what are."""
+    values = {item.name: list[NDArray[Any]]() for item in element.properties}
+    counts = {item.name: list[int]() for item in element.properties if item.counted}
+    for _ in range(count):
+        for item in element.properties:
+            length = 1
+            if item.counted:
+                length = int(whole(source.take(item.counted, 1))[0])
+                counts[item.name].append(length)
+                if length < 0:
+                    raise ValueError("a list of a negative length")
+            values[item.name].append(source.take(item.kind, length))
+    joined = {name: np.concatenate(parts) if parts else np.empty(0) for name, parts in values.items()}
+    lists = {name: (np.array(lengths, np.int64), joined.pop(name)) for name, lengths in counts.items()}
+    return joined, lists

@@ -1,0 +1,104 @@
+"""Files of meshes: which there are, what each can hold, and whose axes they have."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from os import PathLike
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.core.checks import one_of
+from pyibr.core.errors import ArgumentError, FileFormatError
+from pyibr.core.files import check_writable, checked_path, read_bytes, reading, write_whole
+from pyibr.io import gltf, obj, off, ply, stl
+from pyibr.io.mesh_arrays import MeshArrays, texture_from
+
+Axes = Literal["opencv", "gltf"]
+
+_READERS = {".glb": gltf, ".gltf": gltf, ".obj": obj, ".off": off, ".ply": ply, ".stl": stl}
+_WRITTEN = (".glb", ".obj", ".off", ".ply", ".stl")
+_TEXTURED = (".glb", ".obj")
+_COLORED = (".glb", ".obj", ".off", ".ply")
+_OF_GLTF = (".glb", ".gltf")
+
+
+def is_mesh_file(path: str | PathLike[str]) -> bool:
+    """Whether a file's name says that it is a mesh."""
+    return _suffix(checked_path(path)) in _READERS
+
+
+def read_mesh(path: str | PathLike[str], axes: Axes) -> MeshArrays:
+    """Return what a mesh file holds, in a world with these axes; FileFormatError if it cannot be read."""
+    one_of("axes", axes, Axes)
+    file = checked_path(path)
+    kind = _suffix(file)
+    if kind not in _READERS:
+        raise FileFormatError(f"{file}: a mesh file ends in one of {', '.join(_READERS)} (or .gz after it)")
+    with reading(file, f"{kind[1:].upper()} mesh") as source:
+        found = _READERS[kind].read_mesh(read_bytes(source), file.parent)
+        if not len(found.faces):
+            raise FileFormatError(f"{file}: no triangles in it, or truncated")
+        normals = found.normals
+        if normals is not None and not (np.isfinite(normals).all() and normals.any(axis=1).all()):
+            found = replace(found, normals=None)
+        return _turned(found) if axes == "opencv" and kind in _OF_GLTF else found
+
+
+def write_mesh(path: str | PathLike[str], mesh: MeshArrays, axes: Axes, double_sided: bool) -> None:
+    """Write a mesh of a world with these axes: all of the file, and of those that belong to it, or none."""
+    check_mesh_file(path, mesh.texture is not None, mesh.colors is not None)
+    one_of("axes", axes, Axes)
+    file = checked_path(path)
+    kind = file.suffix.lower()
+    shown = replace(mesh, texture=None) if kind not in _TEXTURED else mesh
+    if shown.texture is not None:
+        shown = replace(shown, colors=None)  # others would multiply the two
+    if kind == ".glb":
+        write_whole(file, gltf.mesh_bytes(_turned(shown) if axes == "opencv" else shown, double_sided))
+    elif kind == ".obj":
+        content, others = obj.mesh_files(shown, file.stem)
+        for name, data in others.items():
+            _write_once(file.with_name(name), data)
+        write_whole(file, content)  # last: it is what names the others
+    else:
+        module = {".off": off, ".ply": ply, ".stl": stl}[kind]
+        write_whole(file, module.mesh_bytes(shown))
+
+
+def check_mesh_file(path: str | PathLike[str], textured: bool, colored: bool) -> None:
+    """Raise what `write_mesh` would raise of this name, for a mesh with a texture or colours; nothing is written."""
+    file = checked_path(path)
+    kind = file.suffix.lower()
+    if kind not in _WRITTEN:
+        raise ArgumentError("path", f"a file that ends in one of {', '.join(_WRITTEN)}", str(file))
+    if textured and kind not in _TEXTURED and not (colored and kind in _COLORED):
+        raise ArgumentError("path", f"a file that can hold the texture: {' or '.join(_TEXTURED)}", str(file))
+    check_writable(file)
+
+
+def _write_once(file: Path, data: bytes) -> None:
+    """Write a file that is named by its content, unless that is there, be it packed in another way."""
+    try:
+        old = file.read_bytes()
+        there = old == data or (file.suffix == ".png" and np.array_equal(texture_from(old), texture_from(data)))
+    except Exception:  # what cannot be read is not what it should be
+        there = False
+    if not there:
+        write_whole(file, data)
+
+
+def _suffix(file: Path) -> str:
+    packed = file.suffix.lower() == ".gz"
+    return (Path(file.stem) if packed else file).suffix.lower()
+
+
+def _turned(mesh: MeshArrays) -> MeshArrays:
+    """From OpenCV's axes to glTF's, and back: half a turn about x."""
+
+    def turned(rows: NDArray[Any]) -> NDArray[Any]:
+        return rows * np.array([1, -1, -1], rows.dtype) + 0  # no -0
+
+    return replace(mesh, vertices=turned(mesh.vertices), normals=None if mesh.normals is None else turned(mesh.normals))

@@ -1,0 +1,79 @@
+"""What a queue still has to do, and about how long that takes: nobody can stop what the device has been given."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+AT_ONCE = 0.005  # seconds that a launch may take, by what its kernel took before, to be one piece
+AHEAD = 0.04  # seconds of launches that may wait in the queue
+PIECE = 0.06  # seconds that a piece of a launch is meant to take
+_GROWTH = 4  # at most, from piece to piece: what comes next may take longer
+_LATE = 4  # times as long as expected: what was expected is wrong
+
+
+@dataclass(eq=False)
+class Pace:
+    """How fast a kernel has been.
+
+    Attributes
+    ----------
+    item : float
+        Seconds that a work-item took, on average; infinite as long as nobody knows.
+    """
+
+    item: float = math.inf
+
+    def piece_after(self, items: int, seconds: float) -> int:
+        """Work-items of the next piece, after one of so many that took so long; 0 before the first."""
+        if not items:
+            return max(int(AT_ONCE / self.item), 1)
+        slowest = max(seconds / items, self.item if math.isfinite(self.item) else 0.0)
+        return max(int(min(PIECE / slowest, _GROWTH * items)), 1)
+
+
+class Flight:
+    """What is in flight.
+
+    Attributes
+    ----------
+    used : list
+        What it reads and writes: that must stay until it is done.
+    seconds : float
+        How long it takes, as far as is known.
+    """
+
+    def __init__(self) -> None:
+        self.used: list[object] = []
+        self.seconds = 0.0
+        self._paces: list[Pace] = []
+
+    def add(self, used: object, pace: Pace, seconds: float) -> None:
+        """A launch joins."""
+        self.used.append(used)
+        self.seconds += seconds
+        self._paces.append(pace)
+
+    def land(self, waited: float) -> None:
+        """All of it is done; `waited` seconds for that. Whose launches took far longer than expected is slower."""
+        if waited > AHEAD and waited > _LATE * self.seconds > 0:
+            for pace in self._paces:
+                pace.item *= waited / self.seconds
+        self.used.clear()
+        self._paces.clear()
+        self.seconds = 0.0
+
+
+def piece_of(grid: Sequence[int], done: int, most: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Offset and size of the next piece of a grid of which so many work-items are done: whole rows, or within one.
+
+    A row is what `most` work-items make none of: of one axis, or of several.
+    """
+    *inner, last = grid
+    row = math.prod(inner)
+    at, inside = divmod(done, row)
+    if inside or most < row:
+        offset, size = piece_of(inner, inside, most)
+        return (*offset, at), (*size, 1)
+    return (0,) * len(inner) + (at,), (*inner, min(most // row, last - at))

@@ -1,0 +1,67 @@
+"""Pictures of cameras with lenses: drawn straight, in one pane or several, and read where each pixel's ray passes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from pyibr.core.camera import Camera
+from pyibr.core.pixelspace import pitch
+from pyibr.core.straight import panes_of
+from pyibr.images.frame import Frame, PixelClass
+from pyibr.opencl.device import current
+from pyibr.opencl.launch import launch
+from pyibr.opencl.program import kernel
+from pyibr.picture.straighten import places_on_device
+from pyibr.picture.target import Target
+
+
+def pane_cameras(camera: Camera) -> list[Camera]:
+    """The cameras without lenses whose targets `joined` takes: itself, if it has none."""
+    if camera.lens is None:
+        return [camera]
+    world = camera.world_from_camera
+    return [Camera(pane.camera.K, pane.camera.size, world @ pane.camera.world_from_camera) for pane in panes_of(camera)]
+
+
+def joined(targets: Sequence[Target], camera: Camera, linear: bool = True, out: Frame | None = None) -> Target:
+    """The picture of a camera from those of its `pane_cameras`.
+
+    Parameters
+    ----------
+    targets : sequence of Target
+    camera : Camera
+    linear : bool
+        Whether colours are mixed on surfaces; else each pixel is the nearest one.
+    out : Frame, optional
+        Its arrays are written.
+    """
+    if camera.lens is None:
+        return targets[0]
+    like = targets[0].color
+    classes = targets[0].classes is not None
+    whole = Target(camera, like.dtype, out=out, classes=classes, channels=like.shape[2])
+    for number, (pane, target) in enumerate(zip(panes_of(camera), targets, strict=True)):
+        origins: dict[str, Any] = {}
+        if whole.classes is not None:
+            origins = {"pane_origin": target.origin, "pane_classes": target.classes}
+            origins |= {"origin": whole.origin, "classes": whole.classes, "unseen": int(PixelClass.OUTSIDE)}
+        launch(
+            kernel("lib/pane.cl", "join", ORIGINS=int(bool(origins)), **target.color_defines),
+            current().profile.packets(*camera.size),
+            places=places_on_device(pane),
+            pane_depth=target.depth,
+            pane_color=target.color,
+            pane_valid=target.valid,
+            pane_width=target.camera.width,
+            pane_height=target.camera.height,
+            width=camera.width,
+            height=camera.height,
+            pitch=pitch(camera.width),
+            first=number == 0,
+            linear=linear,
+            **whole.outputs(),
+            **origins,
+        )
+    whole.blank = False
+    return whole

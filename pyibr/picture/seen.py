@@ -1,0 +1,131 @@
+"""What depth images have seen of a thing, and what not (kernels/raster/seen.cl)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.core.checks import Float64, one_of
+from pyibr.core.straight import check_no_lens
+from pyibr.images.depth_image import DepthImage
+from pyibr.opencl.device import current
+from pyibr.opencl.headers import constant
+from pyibr.opencl.kept import kept
+from pyibr.opencl.launch import Struct, launch
+from pyibr.opencl.memory import DeviceArray, copy, duplicate, empty, upload
+from pyibr.opencl.program import kernel
+from pyibr.picture.drawable import Drawable, Side
+from pyibr.picture.shadow import Lighting
+from pyibr.picture.target import Target
+
+_SHARE = 0.6  # of the mark, in a pixel's colour
+
+
+class MarkedUnseen:
+    """A thing as it is, but for what none of some depth images has seen: that is drawn in another colour.
+
+    Parameters
+    ----------
+    thing : Drawable
+    views : sequence of DepthImage
+        Without lenses.
+    side : {"front", "back", "both"}
+        Which side of the surface counts, as a picture shows it: seen by an image on the same side as the picture's
+        camera; or on the other, as from the middle of a globe.
+    color : (r, g, b)
+        Of the mark, 0 to 255.
+
+    Raises
+    ------
+    ArgumentError
+        If a view has a lens, or the side is none.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pyibr as ibr
+    >>> from pyibr.picture.drawable import Look, as_drawable
+    >>> from pyibr.picture.seen import MarkedUnseen
+    >>> wall = ibr.Mesh([[-9, -9, 3], [9, -9, 3], [0, 9, 3]], [[0, 1, 2]])
+    >>> camera = ibr.Camera([[20, 0, 5], [0, 20, 5], [0, 0, 1]], (11, 11))
+    >>> half = np.where(np.arange(11) < 5, np.float32(3), np.float32(np.inf)) * np.ones((11, 1), np.float32)
+    >>> marked = MarkedUnseen(as_drawable(wall, Look()), [ibr.DepthImage(None, half, camera)])
+    >>> ibr.render(marked, camera).color[5, [2, 8]].tolist()
+    [[204, 204, 204], [220, 106, 106]]
+    """
+
+    def __init__(
+        self,
+        thing: Drawable,
+        views: Sequence[DepthImage],
+        side: Side = "front",
+        color: tuple[int, int, int] = (230, 40, 40),
+    ) -> None:
+        one_of("side", side, Side)
+        for view in views:
+            check_no_lens("views", view.camera)
+        self.thing, self.views, self.side, self.color = thing, list(views), side, color
+
+    @property
+    def bounds(self) -> tuple[NDArray[Any], NDArray[Any]]:
+        """(low, high), each (3,), in the world: the thing's."""
+        return self.thing.bounds
+
+    def draw(self, target: Target, lighting: Lighting | None) -> None:
+        """Draw the thing, and mark it."""
+        if target.from_light:
+            self.thing.draw(target, lighting)
+            return
+        before = None if target.blank else duplicate(target.depth)
+        self.thing.draw(target, lighting)
+        origin = target.camera.center  # float32 holds what is near 0 best
+        maps, records, places = _on_device(self.views, origin)
+        scale = 1.0 if target.color.dtype == np.uint8 else 1 / 255
+        launch(
+            kernel("raster/seen.cl", "mark_unseen", **target.color_defines),
+            current().profile.packets(*target.camera.size),
+            before=target.depth if before is None else before,
+            depth=target.depth,
+            color=target.color,
+            screen=Struct("Screen", target.screen(0.5, origin)),
+            blank=before is None,
+            maps=maps,
+            views=records,
+            places=places,
+            count=len(self.views),
+            fronts=self.side in ("front", "both"),
+            backs=self.side in ("back", "both"),
+            red=scale * self.color[0],
+            green=scale * self.color[1],
+            blue=scale * self.color[2],
+            share=_SHARE,
+        )
+
+
+def _on_device(views: Sequence[DepthImage], origin: Float64) -> tuple[DeviceArray, DeviceArray, DeviceArray]:
+    """What the kernel calls `maps`, `views` and `places`, for points relative to an origin."""
+    floats, ints = (int(constant("raster/seen.cl", name)) for name in ("VIEW_FLOATS", "VIEW_INTS"))
+    records, places = np.zeros((max(len(views), 1), floats), np.float32), np.zeros((max(len(views), 1), ints), np.int32)
+    maps = empty((max(sum(view.depth.size for view in views), 1),), np.float32)
+    shift, start = np.eye(4), 0
+    shift[:3, 3] = origin
+    for number, view in enumerate(views):
+        camera = view.camera
+        from_origin = camera.camera_from_world @ shift
+        perspective = camera.projection == "perspective"
+        records[number, :16] = (camera.pixel_matrix @ from_origin).ravel()
+        records[number, 16:20] = from_origin[2]
+        records[number, 20:24] = [*(camera.center - origin), 1] if perspective else [*-camera.forward, 0]
+        records[number, 24] = max(1 / camera.K[0, 0], 1 / camera.K[1, 1])
+        places[number] = *camera.size, start
+        copy(kept(view, "seen", lambda view=view: upload(_depths(view))), maps, start)
+        start += view.depth.size
+    return maps, upload(records), upload(places)
+
+
+def _depths(view: DepthImage) -> NDArray[np.float32]:
+    """Depths, 0 where there are none."""
+    return np.ascontiguousarray(np.where(view.valid, view.depth, np.float32(0)))

@@ -1,0 +1,139 @@
+"""Images made straight on the device: what a pinhole would have seen from where a lens did, with depth edges kept."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.core.camera import Camera
+from pyibr.core.checks import check_pixels, instance_of
+from pyibr.core.errors import ArgumentError
+from pyibr.core.pixelspace import pitch
+from pyibr.core.straight import WIDEST, Pane, Places, places_in_lens, sees_too_far, straight_camera
+from pyibr.images import DepthImage
+from pyibr.images.silhouette import Silhouette
+from pyibr.opencl.device import current, one_call
+from pyibr.opencl.headers import constant
+from pyibr.opencl.kept import kept
+from pyibr.opencl.launch import Struct, launch
+from pyibr.opencl.memory import DeviceArray, empty, to_host, upload
+from pyibr.opencl.program import kernel
+from pyibr.picture.samples import at_least_a_word, cut_of
+
+
+def straightened(view: DepthImage, cut_ratio: float | None = 1.05, linear: bool = True) -> DepthImage:
+    """Return what a pinhole camera would have seen from where a view's lens did: the view itself, if it has no lens.
+
+    All that draws a view with a lens does this first. It has the same or finer sampling everywhere. Holes stay holes,
+    and what the lens did not see is one.
+
+    Parameters
+    ----------
+    view : DepthImage
+        It keeps the outcome, for the next time.
+    cut_ratio : float or None
+        Neighbours whose depths have a greater ratio are two surfaces: there, depth and colour are the nearest
+        sample's, elsewhere what lies between the samples. None: all neighbours are one surface.
+    linear : bool
+        Whether colours are mixed; else they are the nearest sample's everywhere.
+
+    Raises
+    ------
+    ArgumentError
+        If there is valid depth farther than 75 degrees from the axis: no pinhole image holds it.
+    DeviceError
+        No OpenCL device works.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pyibr as ibr
+    >>> lens = ibr.Lens("brown_conrady", [-0.3, 0, 0, 0])
+    >>> camera = ibr.Camera([[50, 0, 30], [0, 50, 18], [0, 0, 1]], (61, 37), lens=lens)
+    >>> view = ibr.DepthImage(np.zeros((37, 61, 3), np.uint8), np.full((37, 61), 2, np.float32), camera)
+    >>> ibr.straightened(view).camera.width > 61  # its corners were drawn in
+    True
+    """
+    instance_of("view", view, DepthImage, "a pyibr.DepthImage")
+    return straight_view(view, cut_of(view.camera, cut_ratio), linear)
+
+
+def straight_view(view: DepthImage, cut: NDArray[np.void], linear: bool = True) -> DepthImage:
+    """`straightened`, with the samples torn apart by a record of the kernels' struct Cut."""
+    if view.camera.lens is None:
+        return view
+    with one_call():
+        return kept(view, f"straight {cut.tobytes().hex()} {linear}", lambda: _straight_view(view, cut, linear))
+
+
+def straight_silhouette(view: Silhouette) -> Silhouette:
+    """The outline that a pinhole camera would have seen from there: the view itself, if its camera has no lens.
+
+    Raises
+    ------
+    ArgumentError
+        If the object is seen farther than 75 degrees from the axis: no pinhole image holds it.
+    """
+    if view.camera.lens is None:
+        return view
+    _check_within("mask", "an object", view.valid, view.camera)
+    outline = view.valid.astype(np.float32)
+    with one_call():
+        color, seen = _straight(view.color, outline, np.inf, view.camera, cut_of(view.camera, None), linear=True)
+    return Silhouette(color, seen > 0, straight_camera(view.camera))
+
+
+def places_on_device(thing: Pane | Places) -> DeviceArray:
+    """The places of a thing that `kernels/lib` reads, rows of `pitch` with NaN beyond their end, made once."""
+    return kept(thing, "places", lambda: _padded(thing.places))
+
+
+def _padded(places: NDArray[np.float32]) -> DeviceArray:
+    count, height, width = places.shape
+    padded = np.full((count, height, pitch(width)), np.nan, np.float32)
+    padded[..., :width] = places
+    return upload(padded)
+
+
+def _straight_view(view: DepthImage, cut: NDArray[np.void], linear: bool) -> DepthImage:
+    if sees_too_far(view.camera).any():
+        _check_within("depth", "samples", view.valid, view.camera)
+    color, depth = _straight(view.color, view.depth, view.far, view.camera, cut, linear)
+    return DepthImage(color if view.has_color else None, depth, straight_camera(view.camera), view.far)
+
+
+def _check_within(argument: str, what: str, valid: NDArray[np.bool_], camera: Camera) -> None:
+    beyond = int((valid & sees_too_far(camera)).sum())
+    if beyond:
+        expected = f"{what} of a lens up to {WIDEST:g} degrees from its axis"
+        raise ArgumentError(argument, expected, f"{beyond} pixels farther from it")
+
+
+def _straight(
+    color: NDArray[Any], depth: NDArray[np.float32], far: float, camera: Camera, cut: NDArray[np.void], linear: bool
+) -> tuple[NDArray[Any], NDArray[np.float32]]:
+    check_pixels("camera", camera.size)
+    places = places_in_lens(camera)
+    _, height, width = places.places.shape
+    made = empty((height, width, color.shape[2]), color.dtype), empty((height, width), np.float32)
+    launch(
+        kernel("lib/straight.cl", "straighten", COLOR_BYTES=color.dtype.itemsize, CHANNELS=color.shape[2]),
+        current().profile.packets(width, height),
+        places=places_on_device(places),
+        lens_depth=upload(depth),
+        color=upload(at_least_a_word(color)),
+        lens_width=camera.width,
+        lens_height=camera.height,
+        far=min(far, 1 / constant("lib/surface.h", "NEAREST")),
+        cut=Struct("Cut", cut),
+        linear=linear,
+        width=width,
+        height=height,
+        pitch=pitch(width),
+        straight_depth=made[1],
+        straight_color=made[0],
+    )
+    straight_color, straight_depth = to_host(made)
+    return straight_color, straight_depth

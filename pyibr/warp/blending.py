@@ -1,0 +1,113 @@
+"""Several views of one scene in one picture: each shows the more the better it saw what is there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from pyibr.core.checks import Float64
+from pyibr.images.depth_image import DepthImage
+from pyibr.opencl.device import current
+from pyibr.opencl.headers import constant, struct
+from pyibr.opencl.launch import Struct, launch
+from pyibr.opencl.memory import empty, to_host
+from pyibr.opencl.program import kernel
+from pyibr.picture.target import Target
+
+_STRIDE = 3  # pixels: every so manieth tells the exposures
+_FEWEST = 200  # pixels of an overlap that tell anything
+_SAME_DEPTH = 0.02  # of the depth
+_DARKEST, _BRIGHTEST = 0.08, 0.98  # of a channel's range: beyond, sensors do not tell
+_NOISE_MOST = 1e18  # scene units: its square is still within single precision
+
+
+def blend(layers: Sequence[Target], views: Sequence[DepthImage], target: Target) -> None:
+    """Write the picture that the views' layers, each drawn from one of them alone, make together."""
+    camera = target.camera
+    width, height = camera.size
+    lanes, margin = current().profile.lanes, int(constant("warp/blend.cl", "FEATHER"))
+    pitch = -(-width // lanes) * lanes + 2 * margin
+    best, sums = empty((2, height, width), np.float32), empty((6, height, width), np.float32)
+    edges, in_row = (empty((height + 2 * margin, pitch), np.float32) for _ in range(2))
+    grid = current().profile.packets(width, height)
+    size = {"width": width, "height": height}
+    defines = {**target.color_defines, "ORIGINS": int(target.origin is not None)}
+    seeing = [Struct("Seeing", _seeing(view, target)) for view in views]
+    for number, (layer, saw) in enumerate(zip(layers, seeing, strict=True)):
+        made = kernel("warp/blend.cl", "nearest_layer", **defines)
+        launch(made, grid, depth=layer.depth, best=best, first=number == 0, seeing=saw, **size)
+    for number, (layer, saw, gains) in enumerate(zip(layers, seeing, exposures(layers), strict=True)):
+        padded = current().profile.packets(width + 2 * margin, height + 2 * margin)
+        of_edges: dict[str, Any] = {**size, "pitch": pitch, "from_edge": edges}
+        launch(kernel("warp/blend.cl", "inside", **defines), padded, depth=layer.depth, seeing=saw, **of_edges)
+        rows = (grid[0], height + 2 * margin)
+        launch(kernel("warp/blend.cl", "along_rows", **defines), rows, in_row=in_row, **of_edges)
+        origins: dict[str, Any] = {}
+        if target.origin is not None:
+            origins = {"layer_origin": layer.origin, "origin": target.origin}
+        launch(
+            kernel("warp/blend.cl", "add_layer", **defines),
+            grid,
+            depth=layer.depth,
+            color=layer.color,
+            best=best,
+            in_row=in_row,
+            sums=sums,
+            screen=Struct("Screen", target.screen(0.5, camera.center)),
+            seeing=saw,
+            density=float(camera.K[0, 0] * camera.K[1, 1]),
+            pitch=pitch,
+            first=number == 0,
+            red=gains[0],
+            green=gains[1],
+            blue=gains[2],
+            **origins,
+        )
+    launch(kernel("warp/blend.cl", "shown", **defines), grid, sums=sums, **size, **target.outputs())
+    target.blank = False
+
+
+def exposures(layers: Sequence[Target]) -> Float64:
+    """(N, 3) what each layer's colours are to be multiplied by, so that they agree where layers show one surface.
+
+    Views that nothing is known of keep their colours, and so does the one in the middle: most cameras are right.
+    """
+    gains = np.zeros((len(layers), 3))
+    if layers[0].color.shape[2] == 0:
+        return np.exp(gains)
+    most = 255.0 if layers[0].color.dtype == np.uint8 else 1.0
+    hosts = to_host([array for layer in layers for array in (layer.color, layer.depth)])
+    colors = [host[::_STRIDE, ::_STRIDE] / np.float32(most) for host in hosts[::2]]
+    depths = [host[::_STRIDE, ::_STRIDE] for host in hosts[1::2]]
+    tells = [((c > _DARKEST) & (c < _BRIGHTEST)).all(axis=2) for c in colors]
+    logarithms = [np.log(np.maximum(c, np.float32(_DARKEST))) for c in colors]
+    rows: list[Float64] = []
+    ratios: list[Float64] = []
+    for a in range(len(layers)):
+        for b in range(a):
+            same = tells[a] & tells[b] & (np.abs(depths[a] - depths[b]) < _SAME_DEPTH * depths[a])
+            if (count := np.count_nonzero(same)) >= _FEWEST:
+                row = np.zeros(len(layers))
+                row[a], row[b] = np.sqrt(count), -np.sqrt(count)
+                rows.append(row)
+                ratios.append(-np.sqrt(count) * np.median((logarithms[a] - logarithms[b])[same], axis=0))
+    if rows:
+        gains = np.linalg.lstsq(np.array(rows), np.array(ratios), rcond=None)[0]
+        gains -= np.median(gains, axis=0)
+    return np.exp(gains)
+
+
+def _seeing(view: DepthImage, target: Target) -> np.ndarray[Any, np.dtype[np.void]]:
+    """A record of the kernels' struct Seeing."""
+    camera = view.camera
+    values = np.zeros((), struct("warp/blend.cl", "Seeing"))
+    values["forward"], values["centre"] = camera.forward, camera.center - target.camera.center
+    values["density"] = camera.K[0, 0] * camera.K[1, 1]
+    values["perspective"] = camera.projection == "perspective"
+    values["noise_2"], values["noise_1"], values["noise_0"] = np.minimum(view.noise, _NOISE_MOST)
+    if target.camera.projection == "orthographic":
+        K = target.camera.K
+        values["unit"] = max(target.camera.width / K[0, 0], target.camera.height / K[1, 1])
+    return values

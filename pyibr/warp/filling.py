@@ -1,0 +1,116 @@
+"""Holes filled: by kernels that run one after the other, or by OpenCV."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.core.pixelspace import PixelMap
+from pyibr.opencl.device import current
+from pyibr.opencl.headers import constant
+from pyibr.opencl.launch import launch
+from pyibr.opencl.memory import DeviceArray, empty
+from pyibr.opencl.program import kernel
+from pyibr.picture.drawable import Fill
+from pyibr.picture.samples import Samples
+from pyibr.picture.target import Target
+from pyibr.warp.inpaint import inpaint
+from pyibr.warp.launches import map_of
+
+_RUN = 64  # pixels whose holes' lines a work-item of behind_runs follows at a time
+
+
+def fill_holes(target: Target, views: Sequence[tuple[Samples, PixelMap]], how: Fill) -> None:
+    """Holes are filled, from the views and what is in the picture by now."""
+    if how == "inpaint":
+        inpaint(target)
+        return
+    if how == "smooth":
+        push_and_pull(target, None)
+        return
+    nearest_first = sorted(views, key=lambda view: view[1].parallax)
+    push_and_pull(target, tell_behind(target, nearest_first[0][1].epipole))
+    if target.color.shape[2]:
+        for samples, pixel_map in reversed(nearest_first):
+            _show_unobserved(target, samples, pixel_map)
+
+
+def tell_behind(target: Target, epipole: NDArray[np.float64]) -> DeviceArray:
+    """The depth behind holes, along the lines through the epipole, (3,) homogeneous; all 0: along rows.
+
+    Returns
+    -------
+    DeviceArray (rows, pitch) float32
+        `behind` of kernels/warp/behind.cl.
+    """
+    width, height = target.camera.size
+    tile, halo = _of_holes("TILE"), _of_holes("HALO")
+    behind = empty((-(-height // tile) * tile + 2 * halo, -(-width // tile) * tile + 2 * halo), np.float32)
+    image: dict[str, Any] = {"valid": target.valid, "width": width, "height": height}
+    shared = {**image, "depth": target.depth, "behind": behind, "pitch": behind.shape[1]}
+    profile = current().profile
+    x, y, w = (epipole / max(float(np.abs(epipole).max()), 1e-30)).astype(np.float32).tolist()
+    # An epipole at infinity gives all pixels one direction: if it is exactly to a neighbour, they share lines, too.
+    if w == 0 and {x, y} <= {-1.0, 0.0, 1.0}:
+        dx, dy = (x, y) if (y, x) > (0, 0) else (-x, -y) if x or y else (1, 0)
+        grid = -(-width // (profile.strip * _RUN)), height
+        launch(kernel("warp/behind.cl", "behind_runs"), grid, strip=profile.strip, dx=dx, dy=dy, **shared)
+        return behind
+    block = int(constant("warp/behind.cl", "BLOCK"))
+    blocks = empty((-(-height // block), -(-width // block)), np.uint8)
+    launch(kernel("warp/behind.cl", "behind_blocks"), blocks.shape[::-1], blocks=blocks, **image)
+    away = {"epipole_x": x, "epipole_y": y, "epipole_w": w}
+    grid = -(-width // profile.run), height
+    launch(kernel("warp/behind.cl", "behind_lines"), grid, blocks=blocks, run=profile.run, **away, **shared)
+    return behind
+
+
+def push_and_pull(target: Target, behind: DeviceArray | None) -> None:
+    """Storeys of cells up to a single one, and down again into the holes; None: all pixels beside them count alike."""
+    tile, planes, inner = _of_holes("TILE"), *(int(constant("warp/fill.cl", name)) for name in ("PLANES", "INNER"))
+    storeys: list[dict[str, Any]] = []
+    width, height = target.camera.size
+    while width > 1 or height > 1 or not storeys:
+        down, across = -(-height // tile), -(-width // tile)
+        cells, levels = empty((planes, down, across), np.float32), empty((down * across + 1, planes, inner), np.float32)
+        storeys.append({"width": width, "height": height, "inner": levels, "cells": cells})
+        width, height = across, down
+
+    strip = max(current().profile.run // tile, 1)
+    _, down, across = storeys[0]["cells"].shape
+    grid = -(-across // strip), down
+    defines = {**target.color_defines, "TOLD": int(behind is not None)}
+    image = {"perspective": int(target.camera.projection == "perspective"), "strip": strip, **target.outputs()}
+    told = empty((1, 1), np.float32) if behind is None else behind
+    push = kernel("warp/fill.cl", "push_pixels", **defines)
+    launch(push, grid, behind=told, pitch=told.shape[1], **image, **storeys[0])
+    pairs = list(itertools.pairwise(storeys))
+    for name, steps in (("push_cells", pairs), ("pull_cells", pairs[::-1])):
+        for lower, upper in steps:
+            tiles = upper["cells"].shape[:0:-1]
+            launch(kernel("warp/fill.cl", name, **defines), tiles, base=lower["cells"], **upper)
+    launch(kernel("warp/fill.cl", "pull_pixels", **defines), grid, **image, **storeys[0])
+
+
+def _show_unobserved(target: Target, samples: Samples, pixel_map: PixelMap) -> None:
+    """The colours that a view has without depth, where filled depths lead to them."""
+    width, height = target.camera.size
+    strip = current().profile.strip
+    launch(
+        kernel("warp/unobserved.cl", "show_unobserved", **target.color_defines),
+        (-(-width // (strip * _of_holes("TILE"))), height),
+        strip=strip,
+        nearness=samples.nearness,
+        src_color=samples.color,
+        map=map_of(pixel_map.pair),
+        **target.outputs(),
+    )
+
+
+def _of_holes(name: str) -> int:
+    """A number of kernels/warp/holes.h."""
+    return int(constant("warp/holes.h", name))

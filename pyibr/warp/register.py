@@ -1,0 +1,297 @@
+"""Registration: the depth of one camera in the image of another, and the colours of one for the depth of another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple, cast, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.core.camera import Camera, Projection
+from pyibr.core.checks import check_pixels, checked_colors, describe, instance_of, one_of, positive
+from pyibr.core.errors import ArgumentError
+from pyibr.core.pixelspace import PixelMap, camera_pair, pitch
+from pyibr.core.straight import straight_pane
+from pyibr.images import DepthImage, depth_from_uint16, uint16_from_depth
+from pyibr.images.depth_image import Color, checked_depth
+from pyibr.opencl.device import current, one_call
+from pyibr.opencl.headers import constant, struct
+from pyibr.opencl.launch import Struct, launch
+from pyibr.opencl.memory import empty, to_host, upload
+from pyibr.opencl.program import kernel
+from pyibr.picture.drawable import Look
+from pyibr.picture.panes import joined, pane_cameras
+from pyibr.picture.samples import Samples, at_least_a_word, cut_of, samples_of
+from pyibr.picture.straighten import places_on_device, straight_view
+from pyibr.picture.target import Target
+from pyibr.warp.launches import Options, bridged, draw_rims, look, map_of
+
+To = Literal["color", "depth"]
+AnyDepth = NDArray[np.float32] | NDArray[np.uint16]
+
+_APART = 3 * 2**0.5  # standard deviations of a sample: three of a difference of two, which noise alone seldom reaches
+_STRIDE, _RANGE = 7, (0.02, 0.98)  # every so manieth sample, and the part of them, that tells the range of depth
+_LENSES = {  # LENS of kernels/lib/lens.h
+    "brown_conrady": 1,
+    "rational": 1,
+    "inverse_brown_conrady": 2,
+    "modified_brown_conrady": 2,
+    "kannala_brandt": 3,
+}
+
+
+class RegisteredColor(NamedTuple):
+    """What `register` returns with ``to="depth"``.
+
+    Attributes
+    ----------
+    color : (H, W, 3)
+        For each depth sample, in the dtype of the colours; black where it is not seen.
+    seen : (H, W) bool
+        Where there is a sample and the colour camera sees it.
+
+    Examples
+    --------
+    >>> import pyibr as ibr
+    >>> ibr.RegisteredColor._fields
+    ('color', 'seen')
+    """
+
+    color: Color
+    seen: NDArray[np.bool_]
+
+
+@overload
+def register(
+    depth: NDArray[np.float32],
+    depth_camera: Camera,
+    color_camera: Camera,
+    color: None = None,
+    *,
+    to: Literal["color"] = ...,
+    scale: None = ...,
+    cut_ratio: float = ...,
+) -> NDArray[np.float32]: ...
+@overload
+def register(
+    depth: NDArray[np.uint16],
+    depth_camera: Camera,
+    color_camera: Camera,
+    color: None = None,
+    *,
+    to: Literal["color"] = ...,
+    scale: float,
+    cut_ratio: float = ...,
+) -> NDArray[np.uint16]: ...
+@overload
+def register(
+    depth: AnyDepth,
+    depth_camera: Camera,
+    color_camera: Camera,
+    color: Color,
+    *,
+    to: Literal["depth"],
+    scale: float | None = ...,
+    cut_ratio: float = ...,
+) -> RegisteredColor: ...
+def register(
+    depth: AnyDepth,
+    depth_camera: Camera,
+    color_camera: Camera,
+    color: Color | None = None,
+    *,
+    to: To = "color",
+    scale: float | None = None,
+    cut_ratio: float = 1.05,
+) -> AnyDepth | RegisteredColor:
+    """Bring depth to the camera that took the colours, or colours to the samples of depth.
+
+    The depth image means a surface, as in `warp`, and one as large as the pixels that measured it: at depth edges it
+    reaches half a pixel beyond the last samples, so that things one sample thin are there, and single samples that are
+    missing amid a surface are bridged. So depth in the colour camera has no gaps between samples, and of several
+    surfaces it is the nearest one's, wherever the colour camera looks past an edge that the depth camera saw.
+
+    Parameters
+    ----------
+    depth : (H, W) float32 or uint16
+        Planar z of `depth_camera`; NaN, infinite or <= 0 where there is none.
+    depth_camera, color_camera : Camera
+        Both with their poses in one world: ``world_from_camera`` is the identity for the one and the calibration's
+        transform for the other. Lenses are taken into account.
+    color : (h, w, 3) uint8, or float32 in [0, 1], optional
+        Of `color_camera`, for ``to="depth"``.
+    to : {"color", "depth"}
+        "color": depth as `color_camera` would have measured it. "depth": for each sample of depth its colour.
+    scale : float
+        For uint16: stored units per scene unit (the unit of the cameras' poses), 1000 for millimetres and metres.
+    cut_ratio : float
+        Neighbours whose depths have a greater ratio are two surfaces, as in `warp`; unless noise explains it, whose
+        size is found from the samples.
+
+    Returns
+    -------
+    (h, w) array of the depth's dtype, for ``to="color"``
+        Planar z of `color_camera` in the same units; NaN (0 for uint16) where the depth camera saw nothing.
+    RegisteredColor, for ``to="depth"``
+        Samples that something nearer hides from the colour camera, beyond what noise explains, or that lie outside of
+        its image, have no colour. The colours of other surfaces beside a sample's own are not mixed into it.
+
+    Raises
+    ------
+    ArgumentError
+        If shapes, dtypes and cameras do not fit, or there is no depth at all.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pyibr as ibr
+    >>> K = [[100, 0, 31.5], [0, 100, 23.5], [0, 0, 1]]
+    >>> depth_camera, color_camera = ibr.Camera(K, (64, 48)), ibr.Camera(K, (64, 48)).moved(0.025, 0, 0)
+    >>> registered = ibr.register(np.full((48, 64), 1500, np.uint16), depth_camera, color_camera, scale=1000)
+    >>> registered.dtype, int(registered[24, 32])
+    (dtype('uint16'), 1500)
+    """
+    one_of("to", to, To)
+    for name, camera in (("depth_camera", depth_camera), ("color_camera", color_camera)):
+        instance_of(name, camera, Camera, "a pyibr.Camera")
+    if (color is None) != (to == "color"):
+        wanted = 'the colours, with to="depth"' if color is None else 'none with to="color", which returns depth'
+        raise ArgumentError("color", wanted, "none" if color is None else describe(color))
+    in_units, in_scene = _scaled(depth, depth_camera, scale)
+    ratio = Look(cut_ratio=cut_ratio).cut_ratio
+    given = None if color is None else checked_colors("color", color, (color_camera.height, color_camera.width, 3))
+    view = DepthImage(None, in_scene, depth_camera)
+    for name, camera in (("depth_camera", depth_camera), ("color_camera", color_camera)):
+        check_pixels(name, camera.size)
+    with one_call():
+        drawn = _drawn(view, color_camera, ratio)
+        if given is not None:
+            return _colors_for(view, color_camera, given, drawn)
+        registered = drawn.picture.depth.to_host()
+    return uint16_from_depth(registered, in_units) if in_units else registered
+
+
+def _scaled(depth: AnyDepth, camera: Camera, scale: float | None) -> tuple[float, NDArray[np.float32]]:
+    """Stored units per scene unit, 0 of float32, and depth in scene units."""
+    shape = camera.height, camera.width
+    if not isinstance(depth, np.ndarray) or depth.dtype.name != "uint16":  # pyright: ignore[reportUnnecessaryIsInstance]
+        if scale is not None:
+            raise ArgumentError("scale", "none for float32 depth, which is in scene units", repr(scale))
+        return 0.0, checked_depth(cast("NDArray[np.float32]", depth), shape)
+    if depth.shape != shape:
+        raise ArgumentError("depth", f"float32 or uint16 of shape {shape}", describe(depth))
+    if scale is None:
+        raise ArgumentError(
+            "scale", "stored units per scene unit for uint16 depth (1000: millimetres to metres)", "none"
+        )
+    units = positive("scale", scale)
+    return units, depth_from_uint16(cast("NDArray[np.uint16]", depth), units)
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """A depth image in a picture of depth.
+
+    Attributes
+    ----------
+    source : DepthImage
+        The image, straight.
+    cut, cut_there : record
+        Of the kernels' struct Cut: what is torn apart in it, and in the picture.
+    samples : Samples
+        The image's, without single missing ones amid a surface.
+    picture : Target
+    """
+
+    source: DepthImage
+    cut: NDArray[np.void]
+    cut_there: NDArray[np.void]
+    samples: Samples
+    picture: Target
+
+
+def _drawn(view: DepthImage, camera: Camera, cut_ratio: float) -> _Drawn:
+    """The surface of an image as a camera sees it, with all of the pixels at its rims. The session is held."""
+    own, there = view.camera.projection, camera.projection
+    slack = _slack(view, own)
+    cut = cut_of(view.camera, cut_ratio, slack)
+    cut_there = cut_of(camera, cut_ratio, slack if own == there else _slack(view, there))
+    source = straight_view(view, cut)
+    samples = bridged(samples_of(source), source.camera, cut)
+    options = Options(cut_ratio=cut_ratio, slack=slack)
+    targets: list[Target] = []
+    pool: dict[int, Any] = {}
+    for part in pane_cameras(camera):
+        targets.append(Target(part, np.dtype(np.uint8), channels=0, pool=pool))
+        pixel_map = PixelMap(camera_pair(source.camera, part), samples.low, samples.high)
+        look(samples, pixel_map, targets[-1], options)
+        draw_rims(samples, pixel_map, targets[-1], cut, cut_there)
+    return _Drawn(source, cut, cut_there, samples, joined(targets, camera))
+
+
+def _slack(view: DepthImage, projection: Projection) -> tuple[float, float]:
+    """By how much noise alone sets neighbours apart in an image of such a camera, as `cut_of` takes it."""
+    if not any(view.noise):
+        return 0.0, 0.0
+    a, b, c = (_APART * each for each in view.noise)
+    some = view.depth[::_STRIDE, ::_STRIDE]
+    if not ((some > 0) & (some < view.far)).any():
+        some = view.depth
+    depths = np.sort(some[(some > 0) & (some < view.far)])
+    near, far = (float(depths[int(part * len(depths))]) for part in _RANGE)
+    return (b + c / near, a) if projection == "perspective" else (0.0, (a * far + b) * far + c)
+
+
+def _noise(view: DepthImage) -> Struct:
+    """Of nearness, as kernels/warp/sample_colors.cl takes it."""
+    values = np.zeros((), struct("warp/sample_colors.cl", "Noise"))
+    a, b, c = view.noise
+    values["a"], values["b"], values["c"] = (a, b, c) if view.camera.projection == "perspective" else (c, -b, a)
+    return Struct("Noise", values)
+
+
+def _lens(camera: Camera) -> tuple[int, Struct]:
+    """LENS of kernels/lib/lens.h and its struct."""
+    values = np.zeros((), struct("lib/lens.h", "Lens"))
+    (values["fx"], values["skew"], values["cx"]), (_, values["fy"], values["cy"]), _ = camera.K
+    if camera.lens is None:
+        return 0, Struct("Lens", values)
+    coefficients = camera.lens.coefficients
+    values["k"][: len(coefficients)] = coefficients
+    values["reach"] = camera.lens.reach
+    return _LENSES[camera.lens.model], Struct("Lens", values)
+
+
+def _colors_for(view: DepthImage, camera: Camera, color: Color, drawn: _Drawn) -> RegisteredColor:
+    """The colours of a view's samples in a camera's image. The session is held."""
+    width, height = view.camera.size
+    kind, lens = _lens(camera)
+    samples = drawn.samples
+    placed = view.camera.lens is not None
+    made = empty((height, width, 3), color.dtype), empty((height, width), np.uint8)
+    pinhole = Camera(camera.K, camera.size, camera.world_from_camera, camera.projection)
+    defines = {"LENS": kind, "PLACED": int(placed), "COLOR_BYTES": color.dtype.itemsize}
+    launch(
+        kernel("warp/sample_colors.cl", "color_samples", **defines),
+        current().profile.packets(width, height),
+        places=places_on_device(straight_pane(view.camera)) if placed else samples.nearness,
+        depth=upload(view.depth),
+        nearness=samples.nearness,
+        shown=drawn.picture.depth,
+        color=upload(at_least_a_word(color)),
+        width=width,
+        height=height,
+        pitch=pitch(width),
+        perspective=view.camera.projection == "perspective",
+        far=1 / constant("lib/surface.h", "NEAREST"),
+        map=map_of(camera_pair(drawn.source.camera, pinhole)),
+        cut=Struct("Cut", drawn.cut),
+        shown_cut=Struct("Cut", drawn.cut_there),
+        noise=_noise(view),
+        lens=lens,
+        sample_color=made[0],
+        seen=made[1],
+    )
+    colors, seen = to_host(made)
+    return RegisteredColor(cast("Color", colors), seen.view(np.bool_))

@@ -1,0 +1,141 @@
+"""Pages in a real Chromium without a window, and what they show."""
+
+from __future__ import annotations
+
+import base64
+import io
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+
+# In software, so that a machine without a GPU draws, and with nothing that a page of ours does not ask for.
+ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-sandbox"]
+
+PANEL = 324  # pixels beside the canvas
+HARMLESS = "Unable to preventDefault inside passive event listener invocation."  # viser's own, at each drag of a thing
+
+# Keeps what is loaded as the picture behind the page: the one that was asked for last is the one that is shown.
+WATCH = """
+window.shown = [];
+const make = URL.createObjectURL.bind(URL);
+URL.createObjectURL = (blob) => {
+    if (blob.type.startsWith('image/')) window.shown.push({blob: blob, kind: blob.type, at: performance.now()});
+    return make(blob);
+};
+"""
+
+READ = """
+async (number) => {
+    const bytes = new Uint8Array(await window.shown.at(number).blob.arrayBuffer());
+    let text = '';
+    for (const byte of bytes) text += String.fromCharCode(byte);
+    return btoa(text);
+}
+"""
+
+
+@contextmanager
+def chromium() -> Iterator[Any]:
+    """A browser; tests that ask for one are skipped where there is none."""
+    if CHROMIUM is None:
+        pytest.skip("needs Chromium: apt install chromium")
+    playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright, of the extra dev")
+    pytest.importorskip("viser", reason="needs viser, of the extra view")
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
+        yield browser
+        browser.close()
+
+
+@dataclass
+class Tab:
+    """A page that a browser has open.
+
+    Attributes
+    ----------
+    page : playwright.sync_api.Page
+    complaints : list of str
+        What the console holds that is an error.
+    """
+
+    page: Any
+    complaints: list[str] = field(default_factory=list)
+
+    def hear(self, message: Any) -> None:
+        """Keep what the console says, if it is an error."""
+        if message.type == "error" and message.text != HARMLESS:
+            self.complaints.append(message.text)
+
+    def canvas(self) -> NDArray[np.uint8]:
+        """(H, W, 3) what WebGL has drawn, without the panel."""
+        data = self.page.evaluate("document.querySelector('canvas[data-engine]').toDataURL('image/png')")
+        return decoded(data.split(",")[1])
+
+    def kinds(self) -> list[str]:
+        """Of all pictures that were shown, in their order: image/jpeg or image/png."""
+        return self.page.evaluate("window.shown.map((one) => one.kind)")
+
+    def picture(self, number: int = -1) -> NDArray[np.uint8]:
+        """One of the pictures that were shown, the last one by default."""
+        return decoded(self.page.evaluate(READ, number))
+
+    def drag(self, start: tuple[int, int], end: tuple[int, int], steps: int = 12, pause: float = 0.0) -> None:
+        """Move the mouse with its button down."""
+        mouse = self.page.mouse
+        mouse.move(*start)
+        mouse.down()
+        for part in np.linspace(0, 1, steps + 1)[1:]:
+            mouse.move(*(a + part * (b - a) for a, b in zip(start, end, strict=True)))
+            time.sleep(pause)
+        mouse.up()
+
+
+@contextmanager
+def opened(browser: Any, url: str, size: tuple[int, int] = (400, 300)) -> Iterator[Tab]:
+    """A page in a context of its own, with a canvas of some size, once its server shows a picture in it."""
+    context = browser.new_context(viewport={"width": size[0] + PANEL, "height": size[1]}, accept_downloads=True)
+    page = context.new_page()
+    page.add_init_script(WATCH)
+    tab = Tab(page)
+    page.on("console", tab.hear)
+    page.on("pageerror", lambda error: tab.complaints.append(str(error)))
+    page.goto(f"{url}/?fixedDpr=1")
+    page.add_style_tag(content=".mantine-Notifications-root { display: none }")  # that WebGL is slow, over the canvas
+    # The first picture may be of a canvas that has not made room for the panel yet.
+    until(lambda: "image/png" in tab.kinds() and tab.picture().shape[1::-1] == size, 30)
+    yield tab
+    context.close()
+
+
+def until(happened: Callable[[], Any], seconds: float = 30.0) -> None:
+    """Wait for something; fail if it does not happen."""
+    end = time.monotonic() + seconds
+    while not happened():
+        assert time.monotonic() < end, "it did not happen"
+        time.sleep(0.02)
+
+
+def rested(tab: Tab, seconds: float = 30.0) -> None:
+    """Wait until the page shows a picture without loss, and has shown no other for a while."""
+
+    def is_still() -> bool:
+        kinds = tab.kinds()
+        time.sleep(0.3)  # longer than a camera takes to count as resting
+        return kinds[-1] == "image/png" and tab.kinds() == kinds
+
+    until(is_still, seconds)
+
+
+def decoded(text: str) -> NDArray[np.uint8]:
+    """The picture that a base64 text holds."""
+    return np.asarray(Image.open(io.BytesIO(base64.b64decode(text))).convert("RGB"))

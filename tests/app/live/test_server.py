@@ -1,0 +1,99 @@
+"""Pages are for this machine alone, and a page of another site cannot press their buttons."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import threading
+
+import pytest
+
+import pyibr as ibr
+from pyibr.app.live.server import HOST, is_own_page, start_server, stop_server, url_of
+from tests.app.sockets import LOOPBACK, listeners
+
+viser = pytest.importorskip("viser")
+websockets = pytest.importorskip("websockets")
+
+PROTOCOL = f"viser-v{viser.__version__}"
+
+
+@pytest.mark.parametrize(
+    ("host", "origin", "own"),
+    [
+        ("127.0.0.1:8080", "http://127.0.0.1:8080", True),
+        ("localhost:9000", "http://localhost:9000", True),  # the end of a tunnel
+        ("127.0.0.1:8080", None, True),  # no browser
+        ("127.0.0.1:8080", "http://evil.example", False),
+        ("127.0.0.1:8080", "http://127.0.0.1:9999", False),  # another program's page on this machine
+        ("127.0.0.1:8080", "null", False),  # a file, or a page in a sandbox
+        ("evil.example:8080", "http://evil.example:8080", False),  # a name that was made to stand for this machine
+        ("evil.example:8080", None, False),
+        ("", None, False),
+    ],
+)
+def test_pages_of_other_sites_are_told_by_their_headers(host, origin, own):
+    headers = {"Host": host} | ({} if origin is None else {"Origin": origin})
+    assert is_own_page(headers) == own
+
+
+def test_it_listens_on_the_loopback_alone_and_prints_nothing(capfd: pytest.CaptureFixture[str]):
+    before = listeners()
+    server = start_server(0, "test")
+    assert listeners() - before <= LOOPBACK
+    assert listeners() >= LOOPBACK
+    assert url_of(server) == f"http://{HOST}:{server.get_port()}"
+    stop_server(server)
+    assert capfd.readouterr().out == ""
+
+
+def test_a_taken_port_is_passed_over():
+    with socket.socket() as taken:
+        taken.bind((HOST, 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        server = start_server(port, "test")
+        assert port < server.get_port() < port + 1000
+        stop_server(server)
+
+
+@pytest.mark.parametrize("port", [-1, 65536, "80", None])
+def test_what_is_no_port_is_refused(port):
+    with pytest.raises(ibr.ArgumentError, match="port: expected"):
+        start_server(port, "test")
+
+
+def test_a_foreign_page_is_turned_away_before_it_is_heard(caplog: pytest.LogCaptureFixture):
+    server = start_server(0, "test")
+    heard = threading.Event()
+    server.on_client_connect(lambda _: heard.set())
+    camera = {"type": "ViewerCameraMessage", "wxyz": (1, 0, 0, 0), "position": (0, 0, 0), "fov": 1.0, "near": 0.1}
+    camera |= {"far": 9.0, "image_height": 3, "image_width": 4, "look_at": (0, 0, 1), "up_direction": (0, 1, 0)}
+
+    async def connects(origin: str | None) -> bool:
+        import msgspec
+
+        try:
+            async with websockets.connect(
+                url_of(server).replace("http", "ws"), origin=origin, subprotocols=[PROTOCOL]
+            ) as own:
+                await own.send(msgspec.msgpack.encode(camera))
+                await asyncio.wait_for(own.recv(), 5)
+                await asyncio.sleep(0.2)
+                return True
+        except websockets.ConnectionClosed:
+            return False
+
+    assert not asyncio.run(connects("http://evil.example"))
+    assert not heard.is_set()
+    assert not caplog.records
+    assert asyncio.run(connects(url_of(server)))
+    assert heard.wait(5)
+    stop_server(server)
+
+
+def test_nothing_can_be_shared_over_the_internet():
+    server = start_server(0, "test")
+    shares = [kind.__name__ for kind in server._websock_server._incoming_handlers if "Share" in kind.__name__]
+    assert shares == []
+    stop_server(server)

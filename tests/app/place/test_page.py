@@ -1,0 +1,220 @@
+"""Placing frusta in a real Chromium: by buttons, gizmos and the brush; what is told, shown and saved is right."""
+
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.app.place.corner import corner_box
+from pyibr.capture import models
+from pyibr.capture.coverage import Surface, surface_of, unseen_share
+from pyibr.capture.frusta import light_for, load_frusta
+from pyibr.images.metrics import psnr
+from pyibr.picture.drawable import Look, as_drawable
+from pyibr.picture.seen import MarkedUnseen
+from tests.app.browser import Tab, chromium, opened, rested, until
+from tests.app.sockets import LOOPBACK, listeners
+
+SIZE = 64
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as made:
+        yield made
+
+
+@dataclass
+class Work:
+    """A server, what all its pages share, and the page of it that a browser has open."""
+
+    pages: Any
+    tab: Tab
+    shared: Any
+    page: Any
+
+    @property
+    def state(self) -> Any:
+        return self.shared.placement.state
+
+    def click(self, name: str) -> None:
+        self.tab.page.get_by_role("button", name=name, exact=True).click()
+
+    def on_page(self, point: np.ndarray) -> tuple[float, float]:
+        """Where the browser shows a point of the world."""
+        (pixel,), _ = self.page.stream.camera.project([point])
+        return float(pixel[0] + 0.5), float(pixel[1] + 0.5)
+
+
+@pytest.fixture(scope="module")
+def mesh() -> ibr.Mesh:
+    return models.donut(48)
+
+
+@cache
+def surface() -> Surface:
+    return surface_of(models.donut(48))
+
+
+@pytest.fixture(scope="module")
+def work(browser, mesh, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("placed") / "set"
+    before = listeners()
+    with ibr.place(mesh, size=SIZE, folder=folder, up=(0, 0, 1), port=0) as pages:
+        with opened(browser, pages.url, (500, 400)) as tab:
+            until(lambda: len(pages.open) == 1)
+            (page,) = pages.open.values()
+            assert listeners() - before <= LOOPBACK
+            yield Work(pages, tab, page._shared, page)
+            assert tab.complaints == []
+        until(lambda: not pages.open)
+        assert pages._renderer.clients == []
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("pyibr-")]
+
+
+def inside_corner(shape: tuple[int, ...], frame: int = 3) -> np.ndarray:
+    """(H, W) the pixels of the corner's picture and its frame."""
+    left, top, side = corner_box((shape[1], shape[0]))
+    made = np.zeros(shape[:2], bool)
+    made[max(top - frame, 0) : top + side + frame, max(left - frame, 0) : left + side + frame] = True
+    return made
+
+
+def marked(work: Work, mesh: ibr.Mesh) -> np.ndarray:
+    """What the page is to show: the mesh, and what its frusta have not seen."""
+    light = light_for(mesh, (0, 0, 1))
+    views = [one.capture(mesh, light) for one in work.state.frusta]
+    return ibr.render(MarkedUnseen(as_drawable(mesh, Look()), views), work.page.stream.camera, light).color
+
+
+def assert_shown(work: Work, mesh: ibr.Mesh) -> None:
+    """The page's picture is that, but for its corner; what it tells is the share that is unseen."""
+    rested(work.tab)
+    shown, truth = work.tab.picture(-2), marked(work, mesh)  # the last one is its depth
+    corner = inside_corner(truth.shape) & bool(work.state.frusta)
+    np.testing.assert_array_equal(shown[~corner], truth[~corner])
+    share = unseen_share(surface(), [surface().seen(one.capture(mesh)) for one in work.state.frusta])
+    until(
+        lambda: f"**{len(work.state.frusta)} frusta**, {share:.1%} of the surface unseen" in work.shared._status.content
+    )
+
+
+def test_a_frustum_is_added_moved_resized_painted_undone_saved_and_opened(work, mesh):
+    tab, placement = work.tab, work.shared.placement
+    assert_shown(work, mesh)  # all unseen
+    work.click("Add one where I look")
+    until(lambda: len(work.state.frusta) == 1)
+    assert_shown(work, mesh)
+    added = work.state.current
+    assert added.capture(mesh).valid.sum() > 500  # it looks at the donut
+
+    # The gizmo stands at the frustum's eye: its handles along the axes are dragged, and the frustum comes along.
+    start = work.on_page(added.camera.center)
+    axis = added.camera.world_from_camera[:3, 0]
+    unit = work.shared.place.unit
+    grip = work.on_page(added.camera.center + 0.3 * unit * axis)
+    goal = work.on_page(added.camera.center + 0.8 * unit * axis)
+    tab.drag(tuple(map(round, grip)), tuple(map(round, goal)), 8, 0.03)
+    until(lambda: work.state.current.camera != added.camera)
+    rested(tab)
+    moved = work.state.current
+    way = moved.camera.center - added.camera.center
+    assert np.linalg.norm(way) > 0.2 * unit
+    assert abs(way @ axis) > 0.99 * np.linalg.norm(way)  # along that axis alone
+    np.testing.assert_allclose(
+        moved.camera.world_from_camera[:3, :3], added.camera.world_from_camera[:3, :3], atol=1e-5
+    )
+    assert np.linalg.norm(np.subtract(start, work.on_page(moved.camera.center))) > 10
+    assert_shown(work, mesh)
+    placement.undo()
+    assert work.state.current == added  # all of the drag at once
+    placement.redo()
+    assert work.state.current == moved
+
+    # Numbers resize it.
+    work.shared._across.value = 55.0
+    until(lambda: abs(work.state.current.fov[0] - 55) < 1e-6)
+
+    # A drag over the corner paints background where it went, and an undo takes it away.
+    rested(tab)
+    sized = work.state.current
+    left, top, side = corner_box(work.page.stream.camera.size)
+    tab.drag((left + side // 4, top + side // 2), (left + 3 * side // 4, top + side // 2), 10, 0.06)
+    until(lambda: work.state.current.strokes)
+    rested(tab)
+    (stroke,) = work.state.current.strokes
+    xs, ys = np.array(stroke.points).T
+    assert xs.min() < 0.4 and xs.max() > 0.6
+    np.testing.assert_allclose(ys, 0.5, atol=0.05)
+    painted = work.state.current.capture(mesh)
+    assert not painted.valid[SIZE // 2, SIZE // 2]
+    corner = tab.picture(-2)[top : top + side, left : left + side]
+    assert (corner[side // 2, side // 2] == (200, 0, 200)).all()
+    assert_shown(work, mesh)
+    with_paint = work.state
+    placement.undo()
+    assert work.state.current == sized
+    placement.redo()
+
+    # Saved, opened again, and drawn by the warp: what it saw is there, and what was painted is not.
+    tab.page.get_by_text("Files").click()
+    work.click("Save the set")
+    folder = work.shared._folder.value
+    until(lambda: "**Saved** 1 frusta" in work.shared._status.content)
+    assert load_frusta(folder)[0] == list(with_paint.frusta)
+    (view,) = ibr.load(folder)
+    np.testing.assert_array_equal(view.depth, painted.depth)
+    frame = ibr.warp(view, view.camera)
+    assert (frame.valid[painted.valid]).mean() > 0.9
+    assert not frame.valid[SIZE // 2, SIZE // 2]
+    work.click("Delete")
+    until(lambda: not work.state.frusta)
+    work.click("Open the set")
+    until(lambda: work.state.frusta == with_paint.frusta)
+    assert_shown(work, mesh)
+
+
+def test_frusta_are_proposed_and_the_set_is_compared_with_the_mesh(work, mesh):
+    work.shared._count.value = 4
+    work.click("Propose")
+    until(lambda: len(work.state.frusta) >= 4, 60)
+    rested(work.tab, 30)
+    assert_shown(work, mesh)
+    seen = [surface().seen(one.capture(mesh)) for one in work.state.frusta]
+    assert unseen_share(surface(), seen) < 0.1
+    work.shared._shown.value = "set"
+    rested(work.tab)
+    light = light_for(mesh, (0, 0, 1))
+    views = [one.capture(mesh, light) for one in work.state.frusta]
+    truth = ibr.render(views, work.page.stream.camera)
+    shown, plain = work.tab.picture(-2), ibr.render(mesh, work.page.stream.camera, light)
+    beside = ~inside_corner(shown.shape)
+    np.testing.assert_array_equal(shown[beside], truth.color[beside])
+    both = truth.valid & plain.valid
+    assert both.sum() > 0.9 * plain.valid.sum()  # what they cover looks as the mesh does
+    assert psnr(truth.color, plain.color, both) > 25
+    work.shared._shown.value = "difference"
+    rested(work.tab)
+    assert "dB where both see something" in work.shared._status.content
+    work.shared._shown.value = "mesh"
+
+
+def test_two_pages_work_on_one_set(work, mesh, browser):
+    count = len(work.state.frusta)
+    with opened(browser, work.pages.url, (200, 300)) as other:
+        until(lambda: len(work.pages.open) == 2)
+        other.page.get_by_role("button", name="Undo", exact=True).click()
+        until(lambda: len(work.state.frusta) != count)
+        rested(work.tab)
+        assert_shown(work, mesh)
+        rested(other)
+        time.sleep(0.1)
+        assert other.complaints == []
+    until(lambda: len(work.pages.open) == 1)

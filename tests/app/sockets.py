@@ -1,0 +1,25 @@
+"""What a process listens at."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+LOOPBACK = {"0100007F"}
+"""127.0.0.1 as `listeners` writes it."""
+
+
+def listeners(pid: int | str = "self") -> set[str]:
+    """Addresses that a process listens at, as /proc writes them: hexadecimal, the last byte of IPv4 first."""
+    own: set[str] = set()
+    for link in Path(f"/proc/{pid}/fd").iterdir():
+        try:
+            own.add(str(link.readlink()))
+        except FileNotFoundError:  # that of the listing itself is gone by now
+            continue
+    found: set[str] = set()
+    for table in ("tcp", "tcp6"):
+        for line in Path(f"/proc/{pid}/net/{table}").read_text().splitlines()[1:]:
+            columns = line.split()
+            if columns[3] == "0A" and f"socket:[{columns[9]}]" in own:
+                found.add(columns[1].split(":")[0])
+    return found

@@ -1,0 +1,144 @@
+"""`pyibr view` and `pyibr place`: what they read, what they say is wrong, and sets without a page."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import pyibr as ibr
+from pyibr.app.cli import app
+from pyibr.app.live.pages import Pages
+from pyibr.capture import models
+from pyibr.capture.coverage import surface_of, unseen_share
+from pyibr.capture.frusta import load_frusta, save_frusta
+from tests.app.test_cli import assert_one_line
+
+runner = CliRunner()
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A mesh, one with uv, a height map, an image with depth, and a folder of frames."""
+    models.donut(24).save(tmp_path / "donut.glb")
+    bare = models.donut(24)
+    ibr.Mesh(bare.vertices, bare.faces).save(tmp_path / "donut.ply")
+    rng = np.random.default_rng(0)
+    ibr.write_color(tmp_path / "height.png", rng.integers(0, 255, (8, 8, 3)).astype(np.uint8))
+    camera = ibr.Camera([[50, 0, 30], [0, 50, 18], [0, 0, 1]], (61, 37))
+    camera.save(tmp_path / "camera.json")
+    camera.save(tmp_path / "room" / "camera.json")
+    color, depth = rng.integers(0, 255, (37, 61, 3)).astype(np.uint8), np.full((37, 61), 2, np.float32)
+    for name in ("color.png", "room/a.color.png", "room/b.color.png"):
+        ibr.write_color(tmp_path / name, color)
+    for name in ("depth.npy", "room/a.depth.npy", "room/b.depth.npy"):
+        ibr.write_depth(tmp_path / name, depth)
+    return tmp_path
+
+
+@pytest.fixture
+def seen(monkeypatch: pytest.MonkeyPatch) -> list:
+    """What `ibr.view` was asked to show; its page is closed at once."""
+    asked: list = []
+    whole = ibr.view
+
+    def once(*arguments):
+        asked.append(arguments)
+        return whole(*arguments)
+
+    monkeypatch.setattr(ibr, "view", once)
+    monkeypatch.setattr(Pages, "wait", Pages.close)
+    return asked
+
+
+def run(folder: Path, *words: object):
+    return runner.invoke(app, [str(folder / word) if (folder / str(word)).exists() else str(word) for word in words])
+
+
+def test_each_kind_of_thing_is_shown(folder, seen):
+    def shown(*words: object):
+        result = run(folder, "view", *words, "--port", 0)
+        assert result.exit_code == 0, result.output
+        assert result.stdout.startswith("http://127.0.0.1:")
+        return seen.pop()
+
+    things, start, up, _ = shown("donut.glb")
+    assert [type(thing) for thing in things] == [ibr.Mesh]
+    assert (start, up) == (None, None)  # whose axes are known: -y
+    assert shown("donut.ply")[2] == (0.0, 1.0, 0.0)
+    assert shown("donut.ply", "--up", "-z")[2] == (0.0, 0.0, -1.0)
+    things, start, up, _ = shown("room", "--start", "camera.json")
+    assert [type(thing) for thing in things] == [ibr.DepthImage] * 2
+    assert start == ibr.Camera.load(folder / "camera.json")
+    things = shown("color.png", "depth.npy", "--camera", "camera.json", "--far", "9", "donut.ply")[0]
+    assert [type(thing) for thing in things] == [ibr.DepthImage, ibr.Mesh]
+    assert things[0].far == 9
+    named = shown("donut.glb", "--height", "height.png", "--color", "color.png", "--scale", "0.1", "--tiles", "3", "2")[
+        0
+    ]
+    assert [type(named[name]) for name in ("relief", "slices")] == [ibr.ReliefSurface, ibr.SlicedSurface]
+    assert named["slices"].tiles == (3, 2)
+
+
+def test_what_is_wrong_is_said_in_one_line(folder):
+    for words, said in (
+        (("color.png", "depth.npy"), ("THINGS", "no --camera")),
+        (("color.png", "--camera", "camera.json"), ("THINGS", "a depth after")),
+        (("nowhere.ply",), ("nowhere.ply", "no such file")),
+        (("donut.glb", "--height", "height.png"), ("--scale",)),
+        (("donut.glb", "--height", "height.png", "--scale", "-1"), ("--scale", "> 0")),
+        (("donut.ply", "--height", "height.png", "--scale", "0.1"), ("base", "uv")),
+        (("room", "--height", "height.png", "--scale", "0.1"), ("--height", "one mesh")),
+        (("donut.glb", "--scale", "0.1"), ("--scale", "--height")),
+        (("donut.glb", "--port", "70000"), ("port", "65535")),
+    ):
+        assert_one_line(run(folder, "view", *words), *said)
+    assert_one_line(run(folder, "place", "donut.ply", "--no-page"), "--output")
+    assert_one_line(run(folder, "place", "donut.ply", "--frusta", "camera.json", "--port", "0"), "camera.json", "views")
+
+
+def test_without_viser_the_package_is_named(folder, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(sys.modules, "viser", None)
+    assert_one_line(run(folder, "view", "donut.ply"), "viser", "pip install 'pyibr-opencl[view]'")
+
+
+def test_a_set_is_proposed_and_saved_without_a_page(folder):
+    result = run(folder, "place", "donut.ply", "--auto", 4, "--size", 64, "--no-page", "-o", str(folder / "set"))
+    assert result.exit_code == 0, result.output
+    frusta, about = load_frusta(folder / "set")
+    assert about == {"side": "front"}
+    assert len(frusta) == len(ibr.load(folder / "set")) == 4
+    mesh = ibr.Mesh.load(folder / "donut.ply")
+    surface = surface_of(mesh)
+    share = unseen_share(surface, [surface.seen(one.capture(mesh)) for one in frusta])
+    assert f"set: 4 frusta, {share:.1%} of the surface unseen" in result.stdout
+    save_frusta(folder / "two.json", frusta[:2], side="both")
+    more = ("--frusta", "two.json", "--auto", 1, "--size", 32, "--no-page", "-o", str(folder / "more"))
+    result = run(folder, "place", "donut.ply", *more)
+    assert result.exit_code == 0, result.output
+    again, about = load_frusta(folder / "more")
+    assert about == {"side": "both"}
+    assert again[:2] == [one.resized(32) for one in frusta[:2]]
+    assert len(again) == 3
+
+
+def test_importing_the_library_loads_no_page():
+    code = "import pyibr, sys; print(sorted(name for name in sys.modules if name.startswith(('viser', 'pyibr.app'))))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
+    code = "import pyibr as ibr, pyibr.app.view.page; print(ibr.view, ibr.place, ibr.load)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert [word for word in done.stdout.split() if word in ("view", "place", "load")] == ["view", "place", "load"]
+
+
+def test_in_a_notebook_pages_show_themselves():
+    with ibr.view(models.donut(12), port=0) as pages:
+        assert f'<iframe src="{pages.url}"' in pages._repr_html_()
+        assert repr(pages) == f"<Pages {pages.url}>"
+    assert pages.closed
+    assert "iframe" not in pages._repr_html_()
+    pages.close()

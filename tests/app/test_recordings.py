@@ -1,0 +1,401 @@
+"""`pyibr warp` of several sources, recordings and videos: the same as the library's calls; mistakes in one line."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import pyibr as ibr
+from pyibr.app.cli import app
+from pyibr.io.video import Video, VideoWriter
+from tests.data import shared
+
+SIZE = (62, 38)
+COUNT = 4
+SCALE = 1000
+runner = CliRunner()
+
+
+class Recorded:
+    """A wall and a box before it, in files: a camera that goes to the right by 2 cm a frame."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.base = ibr.Camera([[50, 0, 30], [0, 50, 18], [0, 0, 1]], SIZE)
+        self.cameras = [self.base.moved(0.02 * number, 0, 0) for number in range(COUNT)]
+        rng = np.random.default_rng(0)
+        self.colors = [rng.integers(0, 256, (*SIZE[::-1], 3), dtype=np.uint8) for _ in range(COUNT)]
+        self.depths: list[np.ndarray] = []
+        for number in range(COUNT):
+            depth = np.full(SIZE[::-1], 2, np.float32) + rng.integers(-9, 10, SIZE[::-1]).astype(np.float32) / SCALE
+            depth[10:25, 20 - number : 40 - number] = 1
+            depth[rng.random(depth.shape) < 0.05] = np.nan
+            self.depths.append(depth)
+            ibr.write_color(folder / f"rgb/{number}.png", self.colors[number])
+            ibr.write_depth(folder / f"depth/{number}.png", depth, SCALE)
+            self.cameras[number].save(folder / f"cameras/{number}.json")
+        self.base.save(folder / "camera.json")
+        rows = [" ".join(map(str, camera.world_from_camera[:3].ravel())) for camera in self.cameras]
+        (folder / "poses.txt").write_text("\n".join(rows))
+
+    def views(self) -> list[ibr.DepthImage]:
+        read = [ibr.read_depth(self.folder / f"depth/{number}.png", SCALE) for number in range(COUNT)]
+        return [ibr.DepthImage(*frame) for frame in zip(self.colors, read, self.cameras, strict=True)]
+
+    def run(self, *words: object, camera: object = "camera.json", output: object = "new.png"):
+        """Words that name a file of the folder are its paths."""
+        places = [str(self.folder / str(word)) if (self.folder / str(word)).exists() else str(word) for word in words]
+        places += ["--camera", str(self.folder / str(camera))] if camera else []
+        return runner.invoke(app, ["warp", *places, "--depth-scale", str(SCALE), "-o", str(self.folder / str(output))])
+
+    def new(self, number: int) -> np.ndarray:
+        return ibr.read_color(self.folder / f"new_{number:04d}.png")
+
+
+@pytest.fixture
+def recorded(tmp_path: Path) -> Recorded:
+    return Recorded(tmp_path)
+
+
+def succeeded(result) -> str:
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+def assert_one_line(result, *words: str) -> None:
+    assert result.exit_code == 2, result.output
+    *progress, line = result.stderr.strip().splitlines()
+    assert line.startswith("pyibr: ") and all("Warping" in above for above in progress), result.stderr
+    for word in words:
+        assert word in line, result.stderr
+
+
+# ---- several sources of one scene
+
+
+@pytest.mark.parametrize("blend", ["quality", "nearest"])
+def test_pairs_become_one_view(recorded: Recorded, blend):
+    pairs = ("rgb/0.png", "depth/0.png", "rgb/3.png", "depth/3.png")
+    cameras = ("--camera", "cameras/0.json", "--camera", "cameras/3.json")
+    out = succeeded(recorded.run(*pairs, *cameras, "--to", "cameras/1.json", "--blend", blend, camera=None))
+    views = recorded.views()
+    expected = ibr.warp([views[0], views[3]], recorded.cameras[1], blend=blend)
+    np.testing.assert_array_equal(ibr.read_color(recorded.folder / "new.png"), expected.color)
+    assert f"new.png: 62x38, {expected.valid.mean():.1%} covered" in out
+
+
+@pytest.mark.parametrize("kind", ["list", "folder", "poses"])
+def test_cameras_of_pairs_in_other_forms(recorded: Recorded, kind):
+    listed = [json.loads((recorded.folder / f"cameras/{number}.json").read_text()) for number in (0, 3)]
+    (recorded.folder / "list.json").write_text(json.dumps(listed))
+    text = (recorded.folder / "poses.txt").read_text().splitlines()
+    (recorded.folder / "two.txt").write_text("\n".join([text[0], text[3]]))
+    asked = {"list": ("--camera", "list.json"), "folder": ("--camera", "cameras")}
+    asked["poses"] = ("--camera", "camera.json", "--poses", "two.txt")
+    pairs = ("rgb/0.png", "depth/0.png", "rgb/3.png", "depth/3.png")
+    succeeded(recorded.run(*pairs, *asked[kind], "--to", "cameras/1.json", camera=None))
+    views = recorded.views()
+    expected = ibr.warp([views[0], views[3]], recorded.cameras[1])
+    np.testing.assert_array_equal(ibr.read_color(recorded.folder / "new.png"), expected.color)
+
+
+def test_all_frames_of_a_recording_together(recorded: Recorded):
+    out = succeeded(recorded.run("rgb", "depth", "--together", "--poses", "poses.txt", "--move", 0.05, 0, 0))
+    expected = ibr.warp(recorded.views(), recorded.base.moved(0.05, 0, 0))
+    np.testing.assert_array_equal(ibr.read_color(recorded.folder / "new.png"), expected.color)
+    assert "new.png: 62x38" in out
+    taken = ("--take", "1::2", "--poses", "poses.txt")
+    out = succeeded(recorded.run("rgb", "depth", "--together", *taken, "--orbit", 5, "--frames", 3))
+    views = recorded.views()[1::2]
+    pivot = views[0].camera.center + views[0].camera.forward * np.median(views[0].depth[views[0].valid])
+    expected = ibr.warp(views, views[0].camera.orbited(2.5, pivot))
+    np.testing.assert_array_equal(recorded.new(1), expected.color)
+    assert "new_0002.png: 3 views" in out and not (recorded.folder / "new_0003.png").exists()
+
+
+# ---- frame by frame
+
+
+@pytest.mark.parametrize("cameras", [("--camera", "cameras"), ("--camera", "camera.json", "--poses", "poses.txt")])
+def test_a_recording_gives_a_view_for_each_frame(recorded: Recorded, cameras):
+    asked = (*cameras, "--move", 0.1, 0, 0.2, "--fill", "background", "--depth-out", recorded.folder / "z.npy")
+    out = succeeded(recorded.run("rgb", "depth", *asked, "--valid-out", recorded.folder / "v.png", camera=None))
+    for number, view in enumerate(recorded.views()):
+        expected = ibr.warp(view, view.camera.moved(0.1, 0, 0.2), fill="background")
+        np.testing.assert_array_equal(recorded.new(number), expected.color)
+        stored = ibr.read_depth(recorded.folder / f"z_{number:04d}.npy", SCALE)
+        np.testing.assert_allclose(stored, expected.depth, rtol=1e-6)
+        valid = ibr.read_color(recorded.folder / f"v_{number:04d}.png")[..., 0] == 255
+        np.testing.assert_array_equal(valid, expected.valid)
+    assert f"new_0000.png to {recorded.folder}/new_0003.png: 4 views, 62x38" in out.replace("\n", "")
+    assert not (recorded.folder / "new_0004.png").exists()
+
+
+@pytest.mark.parametrize("kind", ["camera.json", "intrinsics.K.txt", "frame by frame"])
+def test_a_folder_that_has_all(recorded: Recorded, kind):
+    """Its cameras and poses are found, by the library, too."""
+    if kind != "camera.json":
+        (recorded.folder / "camera.json").unlink()
+    if kind == "intrinsics.K.txt":
+        np.savetxt(recorded.folder / kind, recorded.base.K)
+    if kind == "frame by frame":
+        (recorded.folder / "cameras").rename(recorded.folder / "camera")
+        (recorded.folder / "poses.txt").unlink()
+    succeeded(recorded.run(recorded.folder, "--move", 0.1, 0, 0.2, camera=None))
+    loaded = ibr.load(recorded.folder, SCALE)
+    for number, (view, own) in enumerate(zip(recorded.views(), loaded, strict=True)):
+        np.testing.assert_array_equal(recorded.new(number), ibr.warp(view, view.camera.moved(0.1, 0, 0.2)).color)
+        np.testing.assert_array_equal(own.color, view.color)
+        np.testing.assert_array_equal(own.depth, view.depth)
+        assert own.camera == view.camera
+
+
+def test_frames_without_depth_or_pose_of_their_time_are_left_out_and_told(recorded: Recorded):
+    """As in the TUM data sets: lists with times, and a trajectory of its own times."""
+    listed = {"rgb": [f"{k}.00 rgb/{k}.png" for k in range(4)], "depth": [f"{k}.01 depth/{k}.png" for k in (0, 2, 3)]}
+    for name, lines in listed.items():
+        (recorded.folder / f"{name}.txt").write_text("# a list\n" + "\n".join(lines))
+    poses = [f"{k}.005 {0.02 * k} 0 0 0 0 0 1" for k in (1, 2, 3)]
+    (recorded.folder / "groundtruth.txt").write_text("\n".join(poses))
+    result = recorded.run(recorded.folder, "--move", 0.1, 0, 0)
+    assert "2 views" in succeeded(result)
+    assert re.search("1 picture of .*rgb: no depth of its time; left out", result.stderr)
+    assert re.search("1 picture of .*rgb: no pose of its time; left out", result.stderr)
+    for number, view in enumerate(recorded.views()[2:]):
+        np.testing.assert_array_equal(recorded.new(number), ibr.warp(view, view.camera.moved(0.1, 0, 0)).color)
+
+
+def test_the_pivot_of_a_recording_is_that_of_its_first_frame(recorded: Recorded):
+    succeeded(recorded.run("rgb", "depth", "--orbit", 10))
+    views = recorded.views()
+    distance = np.median(views[0].depth[views[0].valid])
+    for number, view in enumerate(views):
+        still = ibr.DepthImage(view.color, view.depth, recorded.base)
+        target = recorded.base.orbited(10, recorded.base.center + recorded.base.forward * distance)
+        np.testing.assert_array_equal(recorded.new(number), ibr.warp(still, target).color)
+
+
+@pytest.mark.parametrize("to", ["cameras/2.json", "cameras"])
+def test_a_recording_seen_from_given_cameras(recorded: Recorded, to):
+    succeeded(recorded.run("rgb", "depth", "--poses", "poses.txt", "--to", to))
+    for number, view in enumerate(recorded.views()):
+        target = recorded.cameras[number if to == "cameras" else 2]
+        np.testing.assert_array_equal(recorded.new(number), ibr.warp(view, target).color)
+
+
+def test_recordings_of_several_cameras_go_frame_by_frame(recorded: Recorded):
+    sources = ("rgb", "depth", "rgb", "depth", "--camera", "camera.json", "--camera", "cameras/3.json")
+    succeeded(recorded.run(*sources, "--take", "1:3", "--to", "cameras/1.json", camera=None))
+    for number in (1, 2):
+        view = recorded.views()[number]
+        pair = [ibr.DepthImage(view.color, view.depth, camera) for camera in (recorded.base, recorded.cameras[3])]
+        np.testing.assert_array_equal(recorded.new(number - 1), ibr.warp(pair, recorded.cameras[1]).color)
+
+
+def test_clean_is_steady_and_carried_along(recorded: Recorded):
+    asked = ("--poses", "poses.txt", "--clean", "--move", 0, 0, 0.1, "--depth-out", recorded.folder / "z.npy")
+    succeeded(recorded.run("rgb", "depth", *asked))
+    last = None
+    for number, view in enumerate(recorded.views()):
+        before = None if last is None else ibr.warp(last, view.camera).depth
+        depth = ibr.clean_depth(view.depth, view.color, before=before).depth
+        last = ibr.DepthImage(None, depth, view.camera)
+        frame = ibr.warp(ibr.DepthImage(view.color, depth, view.camera), view.camera.moved(0, 0, 0.1))
+        np.testing.assert_array_equal(recorded.new(number), frame.color)
+    succeeded(recorded.run("rgb/3.png", "depth/3.png", "--clean", "--move", 0, 0, 0.1))
+    view = recorded.views()[3]
+    alone = ibr.DepthImage(view.color, ibr.clean_depth(view.depth, view.color).depth, recorded.base)
+    frame = ibr.warp(alone, recorded.base.moved(0, 0, 0.1))
+    np.testing.assert_array_equal(ibr.read_color(recorded.folder / "new.png"), frame.color)
+
+
+def test_depth_of_another_camera_is_registered(recorded: Recorded):
+    beside = ibr.Camera([[45, 0, 29], [0, 45, 19], [0, 0, 1]], SIZE).moved(0.05, 0.01, 0)
+    beside.save(recorded.folder / "beside.json")
+    asked = ("--depth-camera", "beside.json", "--poses", "poses.txt", "--to", "cameras/2.json")
+    succeeded(recorded.run("rgb", "depth", *asked))
+    for number, view in enumerate(recorded.views()):
+        depth = ibr.register(view.depth, beside, recorded.base)
+        frame = ibr.warp(ibr.DepthImage(view.color, depth, view.camera), recorded.cameras[2])
+        # The rig is moved as a whole: to rounding, what the cameras see at one place they see at another.
+        assert np.abs(recorded.new(number).astype(int) - frame.color).mean() < 0.05
+    succeeded(recorded.run("rgb/1.png", "depth/1.png", "--depth-camera", "beside.json", "--move", 0, 0, 0))
+    view = recorded.views()[1]
+    depth = ibr.register(view.depth, beside, recorded.base)
+    frame = ibr.warp(ibr.DepthImage(view.color, depth, recorded.base), recorded.base)
+    np.testing.assert_array_equal(ibr.read_color(recorded.folder / "new.png"), frame.color)
+
+
+def test_frames_without_any_depth_are_black_and_told(recorded: Recorded):
+    for number in (0, 2):
+        ibr.write_depth(recorded.folder / f"depth/{number}.png", np.full(SIZE[::-1], np.nan, np.float32), SCALE)
+    asked = ("--clean", "--backdrop", "farthest", "--orbit", 3, "--fill", "background")
+    result = recorded.run("rgb", "depth", *asked)
+    succeeded(result)
+    assert "2 of 4 views are empty" in result.stderr
+    assert not recorded.new(0).any() and not recorded.new(2).any()
+    assert recorded.new(1).any() and recorded.new(3).any()
+
+
+# ---- videos
+
+
+def test_a_video_and_a_folder_of_depth_become_a_video(recorded: Recorded):
+    with VideoWriter(recorded.folder / "color.mkv", 12) as video:
+        for color in recorded.colors:
+            video.add(color)
+    out = succeeded(recorded.run("color.mkv", "depth", "--poses", "poses.txt", "--move", 0.1, 0, 0, output="n.mkv"))
+    made = Video(recorded.folder / "n.mkv")
+    assert "n.mkv: 4 views, 62x38" in out and made.fps == 12
+    for view, color in zip(recorded.views(), made.frames(range(COUNT)), strict=True):
+        np.testing.assert_array_equal(color, ibr.warp(view, view.camera.moved(0.1, 0, 0)).color)
+    asked = ("--take", "1:4:2", "--fps", 5, "--move", 0, 0, 0)
+    succeeded(recorded.run("color.mkv", "depth", *asked, output="few.mkv"))
+    made = Video(recorded.folder / "few.mkv")
+    assert len(made) == 2 and made.fps == 5
+    view = recorded.views()[3]
+    frame = ibr.warp(ibr.DepthImage(view.color, view.depth, recorded.base), recorded.base)
+    np.testing.assert_array_equal(next(made.frames([1])), frame.color)
+
+
+def test_a_path_becomes_a_video(recorded: Recorded):
+    succeeded(recorded.run("rgb/0.png", "depth/0.png", "--orbit", 10, "--frames", 5, output="path.mp4"))
+    made = Video(recorded.folder / "path.mp4")
+    assert len(made) == 5 and made.fps == 30
+
+
+# ---- mistakes
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("rgb", "--move", 0, 0, 0), ("rgb: neither frusta.json nor frames", "files with color and depth")),
+        (("rgb/0.png", "--move", 0, 0, 0), ("expected COLOR and DEPTH", "0.png")),
+        (("rgb/0.png", "depth/0.png", "rgb/1.png", "--move", 0, 0, 0), ("COLOR and DEPTH", "3 paths")),
+        (("rgb", "depth/0.png", "--move", 0, 0, 0), ("DEPTH: expected a folder",)),
+        (("rgb/0.png", "depth", "--move", 0, 0, 0), ("depth: expected a file, got a folder",)),
+        (("rgb", "depth", "rgb/0.png", "depth/0.png", "--move", 0, 0, 0), ("all recordings, or all single",)),
+        (("rgb/0.png", "depth/0.png") * 2 + ("--move", 0, 0, 0), ("camera.json: expected a camera for each",)),
+        (("rgb", "depth", "--move", 0, 0, 0, "--frames", 3), ("--frames: expected 1 for a recording",)),
+        (("rgb", "depth", "--move", 0, 0, 0, "--take", "7:9"), ("--take: expected some of the 4 frames",)),
+        (("rgb", "depth", "--move", 0, 0, 0, "--take", "x"), ("--take: expected START:STOP",)),
+        (("rgb", "depth", "--move", 0, 0, 0, "--take", "3:0:-1"), ("--take: expected START:STOP",)),
+        (("rgb/0.png", "depth/0.png", "--move", 0, 0, 0, "--take", "0:1"), ("--take", "single pictures")),
+        (("rgb", "depth", "--move", 0, 0, 0, "--fps", 20), ("--fps: expected a video",)),
+        (("rgb", "depth", "--move", 0, 0, 0, "--poses", "none.txt"), ("none.txt: no such file",)),
+        (("rgb", "depth", "--move", 0, 0, 0, "--poses", "three.txt"), ("three.txt: expected a pose for each",)),
+        (("rgb", "depth", "--to", "three.json"), ("--to: expected one camera, or one for each of the 4", "3")),
+        (("rgb", "depth", "--to", "camera.json", "--camera", "three.json"), ("three.json: expected a camera",)),
+        (("torn.mp4", "depth", "--move", 0, 0, 0), ("torn.mp4: not a readable video file",)),
+        (("rgb", "depth", "--move", 0, 0, 0, "--depth-camera", "none.json"), ("none.json: no such file",)),
+        (("none", "depth", "--move", 0, 0, 0), ("none: no such file",)),
+    ],
+)  # fmt: skip
+def test_mistakes_are_told_in_one_line(recorded: Recorded, words, said):
+    (recorded.folder / "torn.mp4").write_bytes(b"words " * 99)
+    listed = [json.loads((recorded.folder / f"cameras/{number}.json").read_text()) for number in range(3)]
+    (recorded.folder / "three.json").write_text(json.dumps(listed))
+    lines = (recorded.folder / "poses.txt").read_text().splitlines()
+    (recorded.folder / "three.txt").write_text("\n".join(lines[:3]))
+    camera = None if "--camera" in words else "camera.json"
+    assert_one_line(recorded.run(*words, camera=camera), *said)
+    assert not list(recorded.folder.glob("new*"))
+
+
+def test_frames_that_lack_a_file_are_named(recorded: Recorded):
+    move = ("--move", 0, 0, 0)
+    assert_one_line(recorded.run("rgb", "depth", *move, camera=None), "--camera: expected a file", "none for", "0.png")
+    (recorded.folder / "depth/2.png").unlink()
+    assert_one_line(recorded.run("rgb", "depth", *move), "2.png without depth")
+    (recorded.folder / "rgb/2.png").unlink()
+    (recorded.folder / "depth/1.png").write_bytes((recorded.folder / "depth/1.png").read_bytes()[:90])
+    assert_one_line(recorded.run("rgb", "depth", *move), "depth/1.png: not a readable image file, or truncated")
+
+
+def test_a_frame_of_another_size_is_named(recorded: Recorded):
+    ibr.write_color(recorded.folder / "rgb/2.png", recorded.colors[2][:20])
+    assert_one_line(recorded.run("rgb", "depth", "--move", 0, 0, 0), "rgb/2.png with", "color: expected", "(38, 62, 3)")
+    assert_one_line(recorded.run("rgb", "depth", "--move", 0, 0, 0, "--clean"), "rgb/2.png with", "color: expected")
+
+
+def test_a_video_of_another_length(recorded: Recorded):
+    with VideoWriter(recorded.folder / "color.mkv", 12) as video:
+        for color in recorded.colors[:3]:
+            video.add(color)
+    result = recorded.run("color.mkv", "depth", "--move", 0, 0, 0)
+    assert_one_line(result, "depth: expected a depth for each of the 3 frames of colour, got 4 of depth")
+
+
+def test_no_output_is_a_frame_that_is_read(recorded: Recorded):
+    for number in range(COUNT):
+        (recorded.folder / f"rgb/{number}.png").rename(recorded.folder / f"rgb/new_{number:04d}.png")
+    before = (recorded.folder / "rgb/new_0002.png").read_bytes()
+    assert_one_line(recorded.run("rgb", "depth", "--move", 0, 0, 0, output="rgb/new.png"), "which is COLOR's too")
+    assert (recorded.folder / "rgb/new_0002.png").read_bytes() == before
+
+
+def test_a_video_that_fails_leaves_nothing(recorded: Recorded):
+    (recorded.folder / "depth/3.png").write_bytes(b"torn")
+    assert_one_line(recorded.run("rgb", "depth", "--move", 0, 0, 0, output="n.mp4"), "depth/3.png")
+    assert not (recorded.folder / "n.mp4").exists()
+
+
+# ---- real ones
+
+
+@pytest.mark.parametrize(
+    ("name", "focal", "scale"),
+    [
+        ("formats/tum_rgbd_fr1_rpy", 525, 5000),
+        ("formats/7scenes_tsdf_fusion", 585, 1000),
+        ("formats/redwood_open3d", 525, 1000),
+    ],
+)
+def test_real_recordings(tmp_path: Path, name, focal, scale):
+    folder = shared(name)
+    camera = {"width": 640, "height": 480, "fx": focal, "fy": focal, "cx": 319.5, "cy": 239.5}
+    (tmp_path / "camera.json").write_text(json.dumps(camera))
+    shown = [
+        "warp",
+        folder,
+        "--camera",
+        tmp_path / "camera.json",
+        "--depth-scale",
+        scale,
+        "--together",
+        "--move",
+        0,
+        0,
+        0,
+    ]
+    out = succeeded(runner.invoke(app, [str(word) for word in (*shown, "-o", tmp_path / "new.png")]))
+    assert float(out.split("480, ")[1].split("%")[0]) > 60
+    # The first frame's camera sees the first frame's picture, and around its holes the others'.
+    color = next(iter(sorted([*folder.glob("**/*color*.jpg"), *folder.glob("rgb/*"), *folder.glob("color/*")])))
+    made = ibr.read_color(tmp_path / "new.png")
+    seen = made.any(axis=2)
+    off = np.abs(made.astype(int) - ibr.read_color(color))[seen]
+    assert np.median(off) <= 12
+
+
+def test_the_library_reads_real_recordings():
+    views = ibr.load(shared("formats/7scenes_tsdf_fusion"), 1000)
+    assert [view.camera.K[0, 0] for view in views] == 5 * [585]
+    assert len(ibr.load(shared("rgbd_realsense_shelf"), 1000)) == 9
+    views = ibr.load(shared("formats/colmap_dense_binary"))
+    assert [view.camera.size for view in views] == [view.color.shape[1::-1] for view in views]
+    with pytest.raises(ibr.FileFormatError, match=r"tum_rgbd_fr1_rpy: has neither \d+\.\d+\.json nor camera\.json"):
+        ibr.load(shared("formats/tum_rgbd_fr1_rpy"), 5000)
+
+
+def test_a_real_colmap_workspace_needs_no_camera_file(tmp_path: Path):
+    folder = shared("formats/colmap_dense_binary")
+    shown = ["warp", folder, "--together", "--clean", "--orbit", 5, "-o", tmp_path / "new.png"]
+    out = succeeded(runner.invoke(app, [str(word) for word in shown]))
+    assert "new.png: 200x148" in out

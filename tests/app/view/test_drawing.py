@@ -1,0 +1,253 @@
+"""What the page's styles draw: each way is the library's own call, and overlays and comparisons are what they say."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.app.view.knobs import knobs_of, turned
+from pyibr.app.view.overlays import CLASS_COLORS, class_colors, depth_colors, difference, view_color, view_colors
+from pyibr.app.view.painting import kernel_seconds, paint
+from pyibr.app.view.scene import scene_of
+from pyibr.app.view.style import Style
+from pyibr.app.view.ways import ways_of
+from pyibr.capture import models, object_views
+from pyibr.picture.drawable import Look
+
+CAMERA = ibr.Camera.look_at((1.5, -1.2, 3), (0, 0, 0), (0, -1, 0), (83, 61), fov_y=43)
+
+
+@cache
+def views() -> list[ibr.DepthImage]:
+    return object_views(models.donut(24), 96, "perspective")
+
+
+@cache
+def relief() -> ibr.ReliefSurface:
+    height = np.random.default_rng(0).random((17, 13)).astype(np.float32)
+    return ibr.ReliefSurface(models.donut(12), height, np.full((5, 7, 3), 200, np.uint8), 0.1)
+
+
+# ---- ways
+
+
+def test_each_way_is_the_call_that_its_name_says():
+    ways = ways_of(views())
+    style = Style("warp", look=Look(edges="cut", cut_ratio=1.1, fill="smooth"), blend="nearest")
+    for name, method in (("warp", "epipolar"), ("search", "search"), ("forward", "forward")):
+        look = {"cut_ratio": 1.1, "fill": "smooth", "blend": "nearest"}
+        np.testing.assert_array_equal(
+            ways[name].draw(CAMERA, style).color, ibr.warp(views(), CAMERA, method, **look).color
+        )
+    expected = ibr.render(views(), CAMERA, cut_ratio=1.1, fill="smooth")
+    np.testing.assert_array_equal(ways["render"].draw(CAMERA, style).color, expected.color)
+    for name, made in (
+        ("depth mesh", ibr.DepthMeshObject),
+        ("depth object", ibr.DepthObject),
+        ("visual hull", ibr.VisualHull),
+    ):
+        np.testing.assert_array_equal(ways[name].draw(CAMERA, style).color, ibr.render(made(views()), CAMERA).color)
+
+
+def test_whatever_draws_itself_is_drawn_also_of_a_class_of_ones_own():
+    class Own:
+        bounds = models.donut(12).bounds
+
+        def draw(self, target, lighting):
+            target.clear()
+            target.color.fill(77)
+            target.depth.fill(2.5)
+            target.valid.fill(1)
+
+    ways = ways_of([Own()])
+    assert list(ways) == ["render"]
+    assert (ways["render"].draw(CAMERA, Style("render")).color == 77).all()
+
+
+def test_named_things_are_ways_to_choose():
+    ways = ways_of({"fine": [relief()], "coarse": relief()})
+    assert list(ways) == ["fine", "coarse"]
+    for bad in ({}, {3: relief()}, [], [relief(), 3], "word"):
+        with pytest.raises(ibr.ArgumentError, match="things"):
+            ways_of(bad)
+
+
+def test_views_of_depth_alone_and_of_both_kinds_of_colours_are_drawn():
+    bare = [ibr.DepthImage(None, view.depth, view.camera) for view in views()]
+    assert ways_of(bare)["warp"].draw(CAMERA, Style("warp")).color.max() == 255
+    mixed = [views()[0].in_float, *views()[1:]]
+    frame = ways_of(mixed)["warp"].draw(CAMERA, Style("warp"))
+    np.testing.assert_allclose(frame.color, ibr.warp(views(), CAMERA).color / 255, atol=2 / 255)
+
+
+# ---- knobs
+
+
+def test_knobs_are_what_a_class_is_made_with():
+    knobs = knobs_of([ibr.DepthObject(views(), slices=32)])
+    assert list(knobs) == ["slices", "slicing", "texture", "halvings", "missing"]
+    assert (knobs["slices"].kind, knobs["slices"].value) == (int, 32)
+    assert knobs["slicing"].choices == ("orthogonal", "screen")
+    assert {"tolerance", "blend", "blended", "background"} <= set(knobs_of([ibr.DepthMeshObject(views())]))
+    assert {"scale", "silhouette", "distance"} <= set(knobs_of([relief()]))
+    sliced = ibr.SlicedSurface(relief().base, relief().height, relief().color, 0.1)
+    assert {"scale", "slices", "slicing", "test"} <= set(knobs_of([sliced]))
+    assert knobs_of([object(), 3, models.donut()]).keys() == {"sides"}
+
+
+def test_a_turned_knob_makes_the_thing_that_its_class_would_make():
+    for thing, values, expected in (
+        (
+            ibr.DepthObject(views(), 32),
+            {"slices": 16, "texture": "naive"},
+            ibr.DepthObject(views(), 16, texture="naive"),
+        ),
+        (ibr.DepthMeshObject(views()), {"tolerance": 8.0}, ibr.DepthMeshObject(views(), 8.0)),
+        (
+            relief(),
+            {"scale": 0.2, "unknown": 3},
+            ibr.ReliefSurface(relief().base, relief().height, relief().color, 0.2),
+        ),
+    ):
+        np.testing.assert_array_equal(
+            ibr.render(turned(thing, values), CAMERA).color, ibr.render(expected, CAMERA).color
+        )
+    assert turned(relief(), {"scale": relief().scale}) is relief()
+    with pytest.raises(ibr.ArgumentError, match="slices"):
+        turned(ibr.DepthObject(views(), 32), {"slices": 0})
+
+
+def test_a_way_draws_its_things_as_their_knobs_are_turned_and_keeps_a_few():
+    way = ways_of([ibr.DepthObject(views(), 32)])["render"]
+    for slices in (8, 16, 8, 4, 6, 7, 9):
+        frame = way.draw(CAMERA, Style("render", knobs=(("slices", slices),)))
+        np.testing.assert_array_equal(frame.color, ibr.render(ibr.DepthObject(views(), slices), CAMERA).color)
+    assert len(way._turned) <= 4
+
+
+# ---- overlays
+
+
+def test_classes_are_shown_in_their_colours():
+    wide = ibr.Camera.look_at((1.5, -1.2, 3), (0, 0, 0), (0, -1, 0), (83, 61), fov_y=100)
+    frame = ibr.warp(views()[5], wide, classes=True)
+    shown = class_colors(frame)
+    np.testing.assert_array_equal(shown[frame.valid], frame.color[frame.valid])
+    for kind, color in CLASS_COLORS.items():
+        holes = frame.classes == kind
+        assert holes.any(), kind
+        np.testing.assert_array_equal(shown[holes], np.tile(np.array(color) * 2 // 3, (holes.sum(), 1)))
+
+
+def test_depth_grows_darker_with_the_distance_for_both_kinds_of_cameras():
+    flat = ibr.Camera([[20, 0, 30], [0, 20, 20], [0, 0, 1]], (61, 37), projection="orthographic")
+    straight = ibr.Camera([[20, 0, 30], [0, 20, 20], [0, 0, 1]], (61, 37))
+    depth = np.full((37, 61), np.nan, np.float32)
+    depth[:, 5:] = np.linspace(1, 9, 56, dtype=np.float32)
+    for camera in (flat, straight):
+        frame = ibr.Frame(np.zeros((37, 61, 3), np.uint8), depth, np.isfinite(depth), camera)
+        shown = depth_colors(frame, (1, 2, 3))
+        assert (shown[:, :5] == (1, 2, 3)).all()
+        light = shown[3, 5:].astype(int).sum(axis=1)
+        assert (np.diff(light) <= 0).all()
+        assert light[0] > 600
+        assert light[-1] < 150
+
+
+def test_views_have_colours_that_are_told_apart():
+    frame = ibr.warp(views(), CAMERA, classes=True)
+    shown = view_colors(frame, (0, 0, 0))
+    assert (shown[frame.view < 0] == 0).all()
+    assert len(np.unique(frame.view)) > 2
+    for number in range(6):
+        own = shown[frame.view == number].astype(float)
+        if len(own):
+            cosines = own @ view_color(number) / (np.linalg.norm(own, axis=1) * np.linalg.norm(view_color(number)))
+            assert cosines.min() > 0.99
+    hues = np.array([view_color(number) for number in range(16)], float)
+    assert min(np.abs(a - b).max() for i, a in enumerate(hues) for b in hues[:i]) > 20
+
+
+def test_differences_are_absolute_and_multiplied():
+    one, other = np.full((2, 3, 3), 10, np.uint8), np.full((2, 3, 3), 14, np.uint8)
+    assert (difference(one, other, 4) == 16).all()
+    assert (difference(other, one, 100) == 255).all()
+
+
+# ---- comparisons
+
+
+def test_a_comparison_is_of_the_two_pictures():
+    ways = ways_of(views())
+    one, other = (ways[name].draw(CAMERA, Style(name)).color for name in ("warp", "forward"))
+    swiped = paint(ways, CAMERA, Style("warp", "forward", "swipe", swipe=0.4))
+    border = round(0.4 * 83)
+    np.testing.assert_array_equal(swiped.color[:, :border], one[:, :border])
+    np.testing.assert_array_equal(swiped.color[:, border + 1 :], other[:, border + 1 :])
+    apart = paint(ways, CAMERA, Style("warp", "forward", "difference", gain=3))
+    np.testing.assert_array_equal(apart.color, difference(one, other, 3))
+    assert "dB where both see something" in apart.note
+    beside = paint(ways, CAMERA, Style("warp", "forward", "side by side", gain=3))
+    width = (83 - 2) // 3
+    first = (83 - width) // 2
+    off = (beside.color[:, :width] != one[:, first : first + width]).any(axis=2)
+    assert off.mean() < 0.003  # rays that touch a silhouette, in another picture's rounding
+    assert beside.depth is None
+    assert beside.color.shape == (61, 83, 3)
+    same = paint(ways, CAMERA, Style("warp", "warp", "side by side", gain=30))
+    assert (same.color[:, -width - 1 :][:, 1:] == 0).all()
+
+
+@pytest.mark.parametrize("size", [(1, 1), (2, 1), (3, 5), (4, 4), (7, 13)])
+@pytest.mark.parametrize("layout", ["one", "swipe", "side by side", "difference"])
+def test_pictures_of_any_size_are_drawn(size, layout):
+    ways = ways_of(views())
+    for show in ("color", "depth", "classes", "view"):
+        picture = paint(ways, CAMERA.resized(size), Style("warp", "forward", layout, show=show))
+        assert picture.color.shape == (size[1], size[0], 3)
+
+
+def test_an_unknown_way_is_named():
+    with pytest.raises(ibr.ArgumentError, match="way: expected one of warp, render"):
+        paint(ways_of(views()), CAMERA, Style("wrap"))
+
+
+def test_kernels_are_timed():
+    times = kernel_seconds(ways_of(views()), CAMERA, Style("warp"))
+    assert {"epipolar_sweep", "resolve"} <= set(times)
+    assert all(seconds > 0 for seconds in times.values())
+
+
+# ---- scenes
+
+
+def test_a_scene_begins_where_its_first_view_was_taken_and_is_upright():
+    scene = scene_of(views())
+    assert scene.start == views()[0].camera
+    assert len(scene.sources) == 6
+    turned = [ibr.DepthImage(v.color, v.depth, v.camera.orbited(0, (0, 0, 0))) for v in views()[:1]]
+    np.testing.assert_allclose(scene_of(turned).up, -turned[0].camera.world_from_camera[:3, 1], atol=1e-12)
+
+
+def test_a_scene_of_meshes_is_seen_whole_from_its_start():
+    scene = scene_of(models.donut(), up=(0, 0, 2))
+    np.testing.assert_allclose(scene.up, (0, 0, 1))
+    pixels, depth = scene.start.project(models.donut().vertices)
+    assert (depth > 0).all()
+    assert (pixels > -0.5).all()
+    assert (pixels < np.array(scene.start.size) - 0.5).all()
+    assert scene.plain
+    np.testing.assert_allclose(scene.pivot, np.mean(models.donut().bounds, axis=0), atol=1e-6)
+
+
+def test_a_few_samples_far_out_do_not_tell_where_the_scene_is():
+    view = views()[0]
+    depth = view.depth.copy()
+    depth[0, 0] = 1e6
+    scene = scene_of(ibr.DepthImage(view.color, depth, view.camera))
+    assert scene.place.unit < 2
+    with pytest.raises(ibr.ArgumentError, match="up: expected a direction"):
+        scene_of(view, up=(0, 0, 0))

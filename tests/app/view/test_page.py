@@ -1,0 +1,296 @@
+"""Looking around in a real Chromium: the picture is right, follows the camera, and nothing old is left."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.app.view.painting import paint
+from pyibr.images.metrics import psnr
+from tests.app.browser import Tab, chromium, opened, rested, until
+from tests.app.sockets import LOOPBACK, listeners
+
+LEAST = 35.0  # dB; the browser draws the very pixels, but for its own rounding where it scales
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def views() -> list[ibr.DepthImage]:
+    """A bumpy wall with a ball before it, from two places."""
+    made = []
+    for x in (0.0, 0.4):
+        camera = ibr.Camera([[220, 0, 119.5], [0, 220, 89.5], [0, 0, 1]], (240, 180)).moved(x, 0, 0)
+        rays = camera.unproject(
+            np.stack(np.meshgrid(np.arange(240), np.arange(180)), -1).reshape(-1, 2), np.ones(43200)
+        )
+        rays = (rays - camera.center).reshape(180, 240, 3)
+        point = camera.center + 3 * rays
+        depth = 3 + 0.1 * np.sin(4 * point[..., 0]) * np.cos(5 * point[..., 1])
+        middle = np.array([0.2, 0.0, 2.0]) - camera.center
+        b, c = (rays @ middle), middle @ middle - 0.4**2
+        a = (rays * rays).sum(-1)
+        inside = b * b - a * c
+        ball = np.where(inside > 0, (b - np.sqrt(np.maximum(inside, 0))) / a, np.inf)
+        depth = np.minimum(depth, ball)
+        seen = camera.center + depth[..., None] * rays
+        color = np.stack([np.sin(9 * seen[..., 0]), np.sin(7 * seen[..., 1]), np.where(ball < 3, 1.0, -0.6)], -1)
+        made.append(ibr.DepthImage((127.5 + 110 * color).astype(np.uint8), depth.astype(np.float32), camera))
+    return made
+
+
+@dataclass
+class Look:
+    """A server, and the page of it that a browser has open."""
+
+    pages: Any
+    tab: Tab
+    page: Any
+
+
+@pytest.fixture(scope="module")
+def opened_look(browser, views):
+    with ibr.view(views, port=0) as pages:
+        with opened(browser, pages.url) as tab:
+            yield Look(pages, tab, page_of(pages))
+            assert tab.complaints == []
+        until(lambda: not pages.open)
+        assert pages._renderer.clients == []
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("pyibr-")]
+
+
+@pytest.fixture
+def look(opened_look):
+    """As a newly opened page is, but that the sources, which the browser draws, are not shown."""
+    page, controls = opened_look.page, opened_look.page.controls
+    for handle, value in ((controls._frusta, False), (controls._way, "warp"), (controls._fill, "nothing")):
+        handle.value = value
+    controls._blend.value = "quality"
+    page.go_to(page.scene.start)
+    rested(opened_look.tab)
+    return opened_look
+
+
+def page_of(pages):
+    """The one page that is open."""
+    until(lambda: len(pages.open) == 1)
+    (page,) = pages.open.values()
+    return page
+
+
+def expected(page) -> np.ndarray:
+    """What pyibr draws for the page's camera and controls, by the library's own calls."""
+    return paint(page.scene.ways, page.stream.camera, page.controls.style()).color
+
+
+def assert_right(tab: Tab, page, views) -> None:
+    """The page shows what `warp` draws at the same camera and size, to the bit, and so does its canvas nearly."""
+    camera = page.stream.camera
+    truth = ibr.warp(views, camera).color
+    np.testing.assert_array_equal(tab.picture(), truth)
+    canvas = tab.canvas()
+    assert canvas.shape == truth.shape == (camera.height, camera.width, 3)
+    assert psnr(canvas, truth) >= LEAST
+    assert truth.std() > 20  # it shows something
+
+
+def test_it_opens_follows_a_drag_and_rests_on_the_right_picture(look, views):
+    tab, page = look.tab, look.page
+    assert page.stream.camera.size == (400, 300)
+    assert_right(tab, page, views)
+    before, count, start = tab.canvas(), len(tab.kinds()), page.stream.camera
+    tab.drag((120, 200), (220, 150), 20, 0.02)
+    rested(tab)
+    moved = tab.kinds()[count:]
+    assert moved.count("image/jpeg") >= 2  # it was seen to move
+    assert moved[-1] == "image/png"
+    assert np.linalg.norm(page.stream.camera.center - start.center) > 0.1
+    assert psnr(before, tab.canvas()) < 25
+    assert_right(tab, page, views)
+    kinds = tab.kinds()
+    time.sleep(1.0)
+    assert tab.kinds() == kinds  # nothing old comes after the rest
+
+
+def test_two_pages_at_once_have_cameras_and_controls_of_their_own(browser, look, views):
+    pages, one, first = look.pages, look.tab, look.page
+    with opened(browser, pages.url, (300, 200)) as other:
+        until(lambda: len(pages.open) == 2)
+        (second,) = set(pages.open.values()) - {first}
+        second.controls._frusta.value = False
+        second.controls._show.value = "depth"
+        second.controls._other.value = "forward"
+        rested(one)
+        still = one.kinds()
+        other.drag((100, 120), (170, 90), 10, 0.02)
+        rested(other)
+        assert one.kinds() == still
+        assert_right(one, first, views)
+        assert second.stream.camera.size == (300, 200)
+        assert psnr(other.canvas(), expected(second)) >= LEAST
+        assert other.complaints == []
+    until(lambda: len(pages.open) == 1)
+    one.drag((120, 200), (180, 180), 6, 0.02)
+    rested(one)
+    assert_right(one, first, views)
+
+
+def test_a_slow_thing_keeps_one_request_and_shows_its_latest(browser):
+    class Slow:
+        """Takes 0.25 s whatever its size is, and shows which camera it was drawn for."""
+
+        bounds = np.zeros(3), np.ones(3)
+        drawn = 0
+
+        def draw(self, target, lighting):
+            target.clear()
+            time.sleep(0.25)
+            target.color.fill(int(abs(target.camera.center).sum() * 1e4) % 251)
+            target.depth.fill(2.0)
+            type(self).drawn += 1
+
+    with ibr.view(Slow(), port=0) as pages, opened(browser, pages.url, (320, 240)) as tab:
+        page = page_of(pages)
+        rested(tab)
+        most = 0
+        tab.page.mouse.move(100, 100)
+        tab.page.mouse.down()
+        for step in range(30):
+            tab.page.mouse.move(100 + 3 * step, 100 + step)
+            most = max(most, pages._renderer.waiting)
+            time.sleep(0.02)
+        tab.page.mouse.up()
+        assert most <= 1
+        drawn, shown = Slow.drawn, len(tab.kinds())
+        rested(tab)
+        assert Slow.drawn - drawn <= 4  # what was being drawn, the latest, and that in full; one more if it moved on
+        assert len(tab.kinds()) - shown <= 4
+        assert (tab.picture() == int(abs(page.stream.camera.center).sum() * 1e4) % 251).all()
+        assert tab.complaints == []
+
+
+def test_controls_change_the_picture_and_say_what_is_wrong(look, views):
+    tab, page = look.tab, look.page
+    tab.page.get_by_text("Depth images").click()
+    for label, choice in (("Fill", "background"), ("Blend", "nearest")):
+        tab.page.get_by_label(label).click()
+        tab.page.get_by_role("option", name=choice).click()
+    until(lambda: page.controls.style().look.fill == "background" and page.controls.style().blend == "nearest")
+    rested(tab)
+    truth = ibr.warp(views, page.stream.camera, fill="background", blend="nearest").color
+    np.testing.assert_array_equal(tab.picture(), truth)
+    page.controls._way.value = "depth object"
+    rested(tab)
+    assert "slices" in page.controls._knobs
+    page.controls._knobs["slices"][1].value = 0
+    until(lambda: "slices: expected a whole number" in page._status.content)
+    page.controls._knobs["slices"][1].value = 16
+    rested(tab)
+    np.testing.assert_array_equal(
+        tab.picture(), ibr.render(ibr.DepthObject(views, slices=16), page.stream.camera).color
+    )
+    assert "**depth object** 400x300" in page._status.content
+
+
+def test_cameras_screenshots_and_paths(look, views, tmp_path):
+    tab, page = look.tab, look.page
+    tab.page.get_by_text("Camera", exact=True).click()
+    with tab.page.expect_download() as download:
+        tab.page.get_by_role("button", name="Screenshot").click()
+    download.value.save_as(tmp_path / "shot.png")
+    np.testing.assert_array_equal(ibr.read_color(tmp_path / "shot.png"), ibr.warp(views, page.stream.camera).color)
+    with tab.page.expect_download() as download:
+        tab.page.get_by_role("button", name="Save camera").click()
+    download.value.save_as(tmp_path / "camera.json")
+    assert ibr.Camera.load(tmp_path / "camera.json") == page.stream.camera
+
+    # A camera from a file, and one that is none.
+    wanted = page.stream.camera.orbited(20, (0.2, 0, 2.5))
+    wanted.save(tmp_path / "wanted.json")
+    (tmp_path / "other.json").write_text("{}")
+    loads = tab.page.locator("input[type=file]")
+    loads.first.set_input_files(tmp_path / "wanted.json")
+    until(lambda: np.allclose(page.stream.camera.center, wanted.center, atol=1e-5))
+    rested(tab)
+    np.testing.assert_allclose(page.stream.camera.world_from_camera, wanted.world_from_camera, atol=1e-5)
+    loads.first.set_input_files(tmp_path / "other.json")
+    until(lambda: "other.json: has no width" in page._status.content)
+
+    # A path through two cameras ends at the second, and what the file holds are these.
+    tab.page.get_by_text("Path of cameras").click()
+    tab.page.get_by_role("button", name="Add this camera").click()
+    until(lambda: len(page.path) == 1)
+    page.go_to(views[0].camera)
+    rested(tab)
+    tab.page.get_by_role("button", name="Add this camera").click()
+    until(lambda: len(page.path) == 2)
+    page._seconds.value = 0.6
+    page.go_to(wanted)
+    rested(tab)
+    count = len(tab.kinds())
+    tab.page.get_by_role("button", name="Play").click()
+    until(lambda: np.allclose(page.stream.camera.center, views[0].camera.center, atol=1e-5))
+    rested(tab)
+    assert tab.kinds()[count:].count("image/jpeg") >= 2
+    with tab.page.expect_download() as download:
+        tab.page.get_by_role("button", name="Save path").click()
+    download.value.save_as(tmp_path / "path.json")
+    assert json.loads((tmp_path / "path.json").read_text()) == {
+        "seconds": 0.6,
+        "cameras": [camera.to_json() for camera in page.path],
+    }
+
+
+def test_the_sources_are_seen_and_lead_to_their_cameras(look, views):
+    tab, page = look.tab, look.page
+    page.controls._frusta.value = True
+    rested(tab)
+    assert page._frusta[0].visible is False  # one stands in it
+    page.go_to(views[0].camera.moved(-0.3, -0.2, -2.5))
+    rested(tab)
+    assert [frustum.visible for frustum in page._frusta] == [True, True]
+    plain = expected(page)
+    changed = np.abs(tab.canvas().astype(int) - plain).max(axis=2) > 40
+    assert 100 < changed.sum() < 0.3 * changed.size  # their lines and pictures are drawn over it, no more
+    page._frusta[1]._impl.click_cb[0].callback(None)
+    until(lambda: np.allclose(page.stream.camera.center, views[1].camera.center, atol=1e-5))
+
+
+def test_the_command_listens_to_this_machine_alone_and_leaves_nothing_behind(browser, views, tmp_path):
+    view = views[0]
+    view.camera.save(tmp_path / "camera.json")
+    ibr.write_color(tmp_path / "color.png", view.color)
+    ibr.write_depth(tmp_path / "depth.npy", view.depth)
+    words = ["view", "color.png", "depth.npy", "--camera", "camera.json", "--port", "0"]
+    code = "from pyibr.app.cli import app; app()"
+    command = subprocess.Popen([sys.executable, "-c", code, *words], cwd=tmp_path, stdout=subprocess.PIPE, text=True)
+    try:
+        line = command.stdout.readline()
+        assert line.startswith("http://127.0.0.1:")
+        assert "open to this machine alone" in line
+        assert listeners(command.pid) == LOOPBACK
+        with opened(browser, line.split()[0], (320, 240)) as tab:
+            rested(tab)
+            assert listeners(command.pid) == LOOPBACK
+            assert tab.picture().shape == (240, 320, 3)
+            tab.drag((100, 100), (150, 120), 5)
+            tab.page.context.close()  # amid the picture
+    finally:
+        command.send_signal(signal.SIGINT)
+        status = command.wait(20)
+    assert status == 130
+    assert command.stdout.read() == ""

@@ -1,0 +1,368 @@
+"""Random arguments: right, borderline and wrong. A seed is a call."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+import pyibr as ibr
+from tests import scenes
+
+SIZES = (1, 1, 2, 3, 7, 13, 16, 17, 31, 32, 33, 48, 64, 65, 70)
+WRONG: tuple[Any, ...] = (
+    None,
+    "wrong",
+    -1,
+    0,
+    1.5,
+    math.nan,
+    math.inf,
+    [],
+    [[1], [1, 2]],
+    {},
+    object,
+    np.zeros((2, 2)),
+    b"x",
+)
+SCALES = (1e-30, 1e-12, 1e-9, 1e-6, 1e-3, 1e3, 1e6, 1e9, 1e12, 1e30)
+STRANGE_DEPTHS = (math.nan, math.inf, -math.inf, 0.0, -0.0, -1.0, 1e-45, 1e-38, 1e-30, 1e-6, 1e6, 1e10, 1e30, 3.4e38)
+
+
+@dataclass
+class Call:
+    """One call of `warp` or `render`, not yet made."""
+
+    call: Callable[[], Any]
+    options: dict[str, Any] = field(default_factory=dict)
+    out: Any = None
+
+
+class Chance:
+    """A random generator with words for what is drawn here."""
+
+    def __init__(self, seed: int) -> None:
+        self.rng = np.random.default_rng(seed)
+
+    def __call__(self, share: float) -> bool:
+        return bool(self.rng.random() < share)
+
+    def one(self, choices: Any) -> Any:
+        return choices[int(self.rng.integers(len(choices)))]
+
+    def up_to(self, most: int, least: int = 1) -> int:
+        return int(self.rng.integers(least, most + 1))
+
+    def size(self) -> tuple[int, int]:
+        return self.one(SIZES), self.one(SIZES)
+
+    def scale(self) -> float:
+        """Of a scene: 1 in most."""
+        return self.one(SCALES) if self(0.15) else 1.0
+
+    def mostly(self, right: Any) -> Any:
+        """The right argument, or now and then a wrong one."""
+        return self.one(WRONG) if self(0.004) else right
+
+
+def random_camera(chance: Chance, scale: float = 1.0, size: tuple[int, int] | None = None) -> ibr.Camera:
+    """A camera near the origin that looks along z, or a strange one: inside, behind, far away, with any K."""
+    size = chance.size() if size is None else size
+    longer, rng = max(size), chance.rng
+    projection = "perspective" if chance(0.6) else "orthographic"
+    f = longer * rng.uniform(0.5, 1.5)
+    if projection == "orthographic":
+        f /= 4 * scale
+    K = np.array([[f, 0, (size[0] - 1) / 2], [0, f * rng.choice([1, 1, 0.9]), (size[1] - 1) / 2], [0, 0, 1]])
+    pose = scenes.pose(*rng.normal(0, 8, 3), center=tuple(rng.normal(0, 0.3, 3)))
+    if chance(0.2):  # special positions
+        pose = scenes.pose(center=chance.one([(0, 0, 0), (0.25, 0, 0), (0, -0.25, 0), (0, 0, 0.5), (0, 0, -1)]))
+    if chance(0.25):
+        strange = chance.up_to(8, 0)
+        if strange == 0:
+            K[0, 1] = rng.normal() * f
+        elif strange == 1:
+            K[0, 0] *= chance.one([1e-9, 1e-3, 1e3, 1e9])
+        elif strange == 2:
+            K[:2, 2] += rng.normal(0, chance.one([10, 1e3, 1e9]), 2)
+        elif strange == 3:
+            K[:2, :2] *= chance.one([1e-30, 1e-6, 1e-2, 1e2, 1e6, 1e30])
+        elif strange == 4:
+            pose = scenes.pose(*rng.uniform(-180, 180, 3), center=tuple(rng.normal(0, 3, 3)))
+        elif strange == 5:
+            pose[:3, 3] = rng.normal(0, chance.one([1e-30, 1e-6, 1e2, 1e6, 1e15, 1e30]), 3)
+        elif strange == 6:
+            pose[:3, 3] = 0, 0, chance.one([2, 3, 4, 10])  # inside and behind
+        elif strange == 7:
+            pose = scenes.pose(chance.one([90, 180, -90]), chance.one([0, 90]), center=(0, 0, chance.one([0, 3, 6])))
+    pose[:3, 3] *= scale
+    return ibr.Camera(K, size, pose, projection)
+
+
+def random_depth(chance: Chance, size: tuple[int, int], scale: float = 1.0) -> np.ndarray:
+    """(H, W) float32, of 2 to 4.5 in most."""
+    rng, (width, height) = chance.rng, size
+    y, x = np.mgrid[:height, :width]
+    depth = chance.one(
+        [
+            lambda: np.full((height, width), 3.0),
+            lambda: 3 + 0.5 * np.sin(x / 5) * np.cos(y / 7),
+            lambda: np.where((x // 5 + y // 7) % 2, 2.0, 4.0),
+            lambda: rng.uniform(2, 4.5, (height, width)),
+            lambda: np.where(np.hypot(x - width / 2, y - height / 2) < 0.3 * max(size), 3.0, np.nan),
+        ]
+    )()
+    depth = depth * scale
+    if chance(0.4):
+        some = rng.random((height, width)) < chance.one([0.01, 0.1, 0.5, 1.0])
+        depth[some] = rng.choice(STRANGE_DEPTHS, some.sum()) if chance(0.5) else chance.one(STRANGE_DEPTHS)
+    with np.errstate(over="ignore"):
+        return depth.astype(np.float32)
+
+
+def random_colors(chance: Chance, shape: tuple[int, ...], floats: bool) -> np.ndarray:
+    if floats:
+        return chance.rng.random((*shape, 3), np.float32)
+    return chance.rng.integers(0, 256, (*shape, 3), np.uint8)
+
+
+def random_view(chance: Chance, scale: float, floats: bool) -> ibr.DepthImage:
+    camera = random_camera(chance, scale)
+    depth = chance.mostly(random_depth(chance, camera.size, scale))
+    color = chance.mostly(random_colors(chance, camera.size[::-1], floats))
+    far = chance.one([math.inf, math.inf, math.inf, 3.5 * scale, 1e9])
+    return ibr.DepthImage(color, depth, camera, far)
+
+
+def random_look(chance: Chance) -> dict[str, Any]:
+    """The options that `warp` and `render` share."""
+    return {
+        "edges": chance.mostly(chance.one(["cut", "connect"])),
+        "sample": chance.mostly(chance.one(["linear", "nearest"])),
+        "side": chance.mostly(chance.one(["front", "front", "back", "both"])),
+        "fill": chance.mostly(chance.one([None, "background"])),
+        "cut_ratio": chance.mostly(chance.one([1.05, 1.05, 1.0000001, 1.5, 1e30])),
+    }
+
+
+def random_warp(seed: int) -> Call:
+    """Views, targets and options of `warp`."""
+    chance = Chance(seed)
+    scale, floats = chance.scale(), chance(0.3)
+    views = [random_view(chance, scale, floats) for _ in range(chance.one([1, 1, 1, 2, 3]))]
+    cameras = [random_camera(chance, scale) for _ in range(chance.one([1, 1, 1, 2]))]
+    if chance(0.1):
+        cameras[0] = views[0].camera
+    options = random_look(chance)
+    method = chance.one(["epipolar", "epipolar", "search", "forward"])
+    options["method"] = chance.mostly(method)
+    if method == "forward":
+        options["splat"] = chance.mostly(chance.one([1.0, 2, 3.5, 64]))
+    else:
+        options["classes"] = chance(0.3)
+    several = len(cameras) > 1 or chance(0.1)
+    out = None
+    if chance(0.2):
+        outs = [random_out(chance, camera, views[0].color.dtype) for camera in cameras]
+        out = options["out"] = chance.mostly(outs if several else outs[0])
+    given = chance.mostly(views if len(views) > 1 or chance(0.2) else views[0])
+    targets = chance.mostly(cameras if several else cameras[0])
+    return Call(lambda: ibr.warp(given, targets, **options), options, out)
+
+
+def random_out(chance: Chance, camera: ibr.Camera, dtype: Any) -> ibr.Frame:
+    """A frame to write into, with anything in it."""
+    shape = (camera.height, camera.width)
+    if chance(0.05):
+        shape, dtype = chance.one([(shape[1], shape[0] + 1), shape]), chance.one([dtype, np.int16, ">f4"])
+    color = np.full((*shape, 3), 7, dtype)
+    depth = np.full(shape, chance.one(STRANGE_DEPTHS), np.float32)
+    return ibr.Frame(color, depth, chance.rng.random(shape) < 0.5, camera)
+
+
+def random_mesh(chance: Chance, scale: float, uv: bool) -> ibr.Mesh:
+    """A wavy sheet at z = 3, or triangles anywhere."""
+    rng, n = chance.rng, chance.up_to(4, 2)
+    y, x = np.mgrid[:n, :n] / (n - 1)
+    points = np.column_stack([2 * x.ravel() - 1, 2 * y.ravel() - 1, 3 + 0.2 * np.sin(9 * x * y).ravel()])
+    corner = (np.mgrid[: n - 1, : n - 1] * [[[n]], [[1]]]).sum(axis=0).ravel()
+    faces = np.concatenate(
+        [np.stack([corner, corner + n, corner + 1], 1), np.stack([corner + 1, corner + n, corner + n + 1], 1)]
+    )
+    places = np.column_stack([x.ravel(), y.ravel()])
+    if chance(0.25):
+        points += rng.normal(0, chance.one([0, 1, 100]), points.shape)
+    if chance(0.1):
+        points[rng.random(len(points)) < 0.5] = points[0]  # degenerate
+    if chance(0.1):
+        faces = rng.integers(0, len(points), (5, 3))
+    if chance(0.15):
+        places = places * chance.one([0, 1e-30, -3, 100, 1e30]) + chance.one([0, 0.5, -1000])
+    normals = None
+    if chance(0.3):
+        normals = rng.normal(0, 1, points.shape) * chance.one([1e-30, 1, 1e30])
+    more: dict[str, Any] = {}
+    if not uv and chance(0.4):
+        more["colors"] = random_colors(chance, (len(points),), chance(0.5))
+    textured = not uv and chance(0.4)
+    if textured:
+        more["texture"] = random_colors(chance, chance.size(), chance(0.5))
+    return ibr.Mesh(
+        chance.mostly(points * scale),
+        chance.mostly(faces),
+        uv=places if uv or textured else None,
+        normals=normals,
+        sides=chance.mostly(chance.one(["both", "front", "back"])),
+        **more,
+    )
+
+
+def random_maps(chance: Chance, scale: float) -> dict[str, Any]:
+    """What `SlicedSurface` and `ReliefSurface` share."""
+    rng = chance.rng
+    # 8-bit maps have powers of two, others have not: kernels are built for either
+    if chance(0.5):
+        height: Any = rng.integers(0, 256, (chance.one([1, 2, 4, 16]), chance.one([1, 8, 32])), np.uint8)
+    else:
+        height = rng.random((chance.one([3, 7, 33]), chance.one([3, 5, 70])), np.float32)
+    if chance(0.2):
+        height = np.zeros_like(height)
+    normal_map = None
+    if chance(0.2):
+        normal_map = np.dstack([rng.normal(0, 1, (5, 6, 2)), rng.uniform(0.01, 1, (5, 6))]).astype(np.float32)
+    return {
+        "base": random_mesh(chance, scale, uv=True),
+        "height": chance.mostly(height),
+        "color": chance.mostly(random_colors(chance, chance.size(), chance(0.3))),
+        "scale": chance.mostly(scale * chance.one([0.2, 0.2, 1e-9, 1e-3, 5, 1e6])),
+        "tiles": chance.mostly(chance.one([(1, 1), (1, 1), (3, 2), (1000, 1)])),
+        "normal_map": normal_map,
+    }
+
+
+def random_sliced(chance: Chance, scale: float) -> Any:
+    maps = random_maps(chance, scale)
+    made = ibr.SlicedSurface(
+        **maps,
+        slices=chance.mostly(chance.one([1, 2, 16, 64, 300])),
+        slicing=chance.mostly(chance.one(["orthogonal", "surface", "screen"])),
+        test=chance.mostly(chance.one(["inside", "at_least", "band"])),
+    )
+    return made.with_height(random_maps(chance, scale)["height"]) if chance(0.2) else made
+
+
+def random_relief(chance: Chance, scale: float) -> Any:
+    return ibr.ReliefSurface(
+        **random_maps(chance, scale),
+        silhouette=chance.mostly(chance.one(["quadric", "none"])),
+        distance=chance.mostly(chance.one(["approximate", "exact"])),
+        search=chance.mostly(chance.one(["safe", "linear"])),
+        steps=chance.mostly(chance.one([1, 8, 32, 200])),
+        halvings=chance.mostly(chance.one([0, 6, 30])),
+    )
+
+
+def views_around(chance: Chance, scale: float, floats: bool, count: int) -> list[ibr.DepthImage]:
+    """Of a ball at z = 3, from all sides; now and then anything."""
+    if chance(0.2):
+        return [random_view(chance, scale, floats) for _ in range(count)]
+    views = []
+    for number in range(count):
+        size = chance.one([(9, 7), (16, 16), (33, 31)])
+        turn = scenes.pose(90 * number, chance.one([0, 0, 20]))
+        turn[:3, 3] = np.array([0, 0, 3]) - 2 * turn[:3, 2]
+        turn[:3, 3] *= scale
+        f = size[0] * chance.one([1.0, 0.8])
+        projection = "perspective"
+        if chance(0.3):
+            f, projection = f / (2.2 * scale), "orthographic"
+        camera = ibr.Camera([[f, 0, (size[0] - 1) / 2], [0, f, (size[1] - 1) / 2], [0, 0, 1]], size, turn, projection)
+        y, x = np.mgrid[: size[1], : size[0]]
+        off = ((x - camera.K[0, 2]) / (0.45 * size[0])) ** 2 + ((y - camera.K[1, 2]) / (0.45 * size[1])) ** 2
+        depth = np.where(off < 1, 2 - np.sqrt(np.maximum(1 - off, 0)), chance.one([np.nan, np.inf, 1e10, 100])) * scale
+        if chance(0.2):
+            depth[chance.rng.random(depth.shape) < 0.05] = chance.one(STRANGE_DEPTHS)
+        with np.errstate(over="ignore"):
+            views.append(ibr.DepthImage(random_colors(chance, size[::-1], floats), depth.astype(np.float32), camera))
+    return views
+
+
+def random_solid(chance: Chance, scale: float, floats: bool) -> Any:
+    views = views_around(chance, scale, floats, chance.one([1, 2, 4]))
+    more = {
+        "slices": chance.mostly(chance.one([1, 7, 64, 128])),
+        "slicing": chance.mostly(chance.one(["orthogonal", "screen"])),
+        "halvings": chance.mostly(chance.one([0, 2, 24])),
+    }
+    if chance(0.5):
+        texture, missing = chance.one(["visible", "naive"]), chance.one(["background", "unknown"])
+        return ibr.DepthObject(chance.mostly(views), texture=texture, missing=missing, **more)
+    given: list[Any] = [ibr.Silhouette(v.color, v.depth < 3 * scale, v.camera) if chance(0.5) else v for v in views]
+    return ibr.VisualHull(chance.mostly(given), **more)
+
+
+def random_depth_mesh(chance: Chance, scale: float, floats: bool) -> Any:
+    tolerance = chance.mostly(chance.one([0, 1.0, 20, 1e30]))
+    if chance(0.5):
+        return ibr.DepthMesh(chance.one(views_around(chance, scale, floats, 1)), tolerance)
+    return ibr.DepthMeshObject(
+        chance.mostly(views_around(chance, scale, floats, 2)),
+        tolerance,
+        blend=chance.mostly(chance.one(["quality", "position", "nearest"])),
+        blended=chance.mostly(2),
+        epsilon=chance.mostly(chance.one([None, 0.0, 0.1 * scale, 1e30])),
+        background=chance.mostly(chance(0.5)),
+    )
+
+
+def random_thing(chance: Chance, scale: float, floats: bool) -> Any:
+    kind = chance.up_to(6)
+    if kind == 1:
+        return random_view(chance, scale, floats)
+    if kind == 2:
+        return random_mesh(chance, scale, uv=False)
+    if kind == 3:
+        return random_sliced(chance, scale)
+    if kind == 4:
+        return random_relief(chance, scale) if not floats else random_mesh(chance, scale, uv=True)
+    return random_solid(chance, scale, floats) if kind == 5 else random_depth_mesh(chance, scale, floats)
+
+
+def random_light(chance: Chance, scale: float) -> ibr.Light | None:
+    if chance(0.5):
+        return None
+    kind = chance.up_to(3)
+    position, direction = chance.rng.normal(0, 1, 3) * scale, chance.rng.normal(0, 1, 3)
+    if chance(0.2):
+        position = position * chance.one([0, 1e-30, 1e6, 1e14, 1e30]) + np.array([0, 0, 3]) * scale
+        direction = direction * chance.one([1e-300, 1e-30, 1e30, 1e300])
+    return ibr.Light(
+        direction=chance.mostly(direction) if kind != 2 else None,
+        position=chance.mostly(position) if kind != 1 else None,
+        color=chance.mostly(chance.one([(1, 1, 1), (0, 0, 0), (1e6, 0, 1), (0.5, 2, 1e-30)])),
+        ambient=chance.mostly(chance.one([0, 0.25, 1])),
+        angle=chance.mostly(chance.one([90, 1e-3, 179.99, 125])),
+        specular=chance.mostly(chance.one([0, 0.5, 1e6])),
+        shininess=chance.mostly(chance.one([32, 1e-30, 1e6])),
+        shadow_size=chance.mostly(chance.one([0, 2, 3, 64, 100])),
+    )
+
+
+def random_render(seed: int) -> Call:
+    """Things, a camera, a light and options of `render`."""
+    chance = Chance(seed)
+    scale, floats = chance.scale(), chance(0.2)
+    things = [random_thing(chance, scale, floats) for _ in range(chance.one([1, 1, 2, 3]))]
+    camera = random_camera(chance, scale)
+    options = random_look(chance)
+    if chance(0.2):
+        options["background"] = chance.mostly(chance.one([(1, 0, 0.5), (0, 0, 0), (255, 255, 255)]))
+    light = random_light(chance, scale)
+    given = chance.mostly(things if len(things) > 1 or chance(0.5) else things[0])
+    return Call(lambda: ibr.render(given, camera, light, **options), options)
+
+
+MAKERS = {"warp": random_warp, "render": random_render}

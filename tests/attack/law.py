@@ -1,0 +1,112 @@
+"""The law of all calls: a frame that is sound, or an error of pyibr's own, and the same again the second time."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+import warnings
+from typing import Any
+
+import numpy as np
+
+import pyibr as ibr
+from tests.attack.arguments import MAKERS, Call
+
+HANGS = 120.0
+"""Seconds of processor time after which a call counts as one that never ends: its kernels' compiler takes a while."""
+
+
+class BrokenLawError(AssertionError):
+    """What is wrong with a call."""
+
+
+def judge(kind: str, seed: int) -> str:
+    """Make a call twice, with arguments made anew. Returns "frame" or the error's message, or raises BrokenLawError."""
+    done = threading.Event()
+    threading.Thread(target=_watch, args=(kind, seed, done), daemon=True).start()
+    try:
+        first, second = (_outcome(kind, seed) for _ in range(2))
+    finally:
+        done.set()
+    if first[0] != second[0]:
+        raise BrokenLawError(f"two outcomes: {first[0]} and {second[0]}")
+    for number, (a, b) in enumerate(zip(first[1], second[1], strict=True)):
+        if a.tobytes() != b.tobytes():
+            raise BrokenLawError(f"two results: array {number} of {len(first[1])}")
+    return first[0]
+
+
+def reproduced_by(kind: str, seed: int) -> str:
+    """The line that makes the call again."""
+    return f"python -m tests.attack {kind} --first {seed} --count 1"
+
+
+def _watch(kind: str, seed: int, done: threading.Event) -> None:
+    """End the process with a call that never ends: kernels cannot be interrupted."""
+    start = time.process_time()
+    while not done.wait(1.0):
+        if time.process_time() - start > HANGS:
+            print(f"{reproduced_by(kind, seed)}: not done after {HANGS:g} s", flush=True)
+            os._exit(3)
+
+
+def _outcome(kind: str, seed: int) -> tuple[str, list[np.ndarray]]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", "warp: (the )?target camera")  # that see nothing
+        try:
+            call = MAKERS[kind](seed)
+            made = call.call()
+        except ibr.ArgumentError as error:
+            if "\n" in str(error) or len(str(error)) > 500:
+                raise BrokenLawError(f"no sentence: {error}") from None
+            return str(error), []
+    frames = made if isinstance(made, list) else [made]
+    _check_out(call, made, frames)
+    return "frame", [array for frame in frames for array in checked(frame, call.options)]
+
+
+def _check_out(call: Call, made: Any, frames: list[ibr.Frame]) -> None:
+    if call.out is not None:
+        outs = call.out if isinstance(made, list) else [call.out]
+        for frame, out in zip(frames, outs, strict=True):
+            if frame.color is not out.color or frame.depth is not out.depth or frame.valid is not out.valid:
+                raise BrokenLawError("`out` is not what was written")
+
+
+def checked(frame: ibr.Frame, options: dict[str, Any]) -> list[np.ndarray]:
+    """The arrays of a frame that is sound."""
+
+    def must(so: bool, words: str) -> None:
+        if not so:
+            raise BrokenLawError(words)
+
+    must(isinstance(frame, ibr.Frame), f"a {type(frame).__name__} instead of a frame")
+    shape = (frame.camera.height, frame.camera.width)
+    color, depth, valid = frame.color, frame.depth, frame.valid
+    must(
+        color.shape[:2] == shape and color.shape[2] in (0, 3) and color.dtype in (np.uint8, np.float32), "color's form"
+    )
+    must(depth.shape == shape and depth.dtype == np.float32, "depth's form")
+    must(valid.shape == shape and valid.dtype == np.bool_, "valid's form")
+    must(set(np.unique(valid.view(np.uint8)).tolist()) <= {0, 1}, "valid is neither 0 nor 1")
+    must(bool(np.isfinite(color).all()), "color not finite")
+    told = ~np.isnan(depth)
+    some = depth[told]
+    must(bool((np.isfinite(some) & (some > 0)).all()), f"depths like {some[~(np.isfinite(some) & (some > 0))][:3]}")
+    must(bool(told[valid].all()), "valid pixels without depth")
+    if options.get("fill") is None:
+        must(bool((told == valid).all()), "depth where it is not valid")
+        if not np.any(options.get("background", 0)):
+            must(not color[~valid].any(), "colour where it is not valid")
+    made = [color, depth, valid]
+    if frame.classes is not None:
+        classes, source, view = frame.classes, frame.source, frame.view
+        must(classes.shape == shape and bool((classes <= 3).all()), "classes' values")
+        must(bool(((classes == ibr.PixelClass.SEEN) == valid).all()), "seen is not valid")
+        must(source.shape == (*shape, 2) and view.shape == shape, "source's form")
+        must(bool((np.isfinite(source).all(axis=2) == valid).all()), "source not finite, or where it is not valid")
+        must(bool(((view >= 0) == valid).all()), "view of what is not valid")
+        made += [classes, source, view]
+    return made

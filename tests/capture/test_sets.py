@@ -1,0 +1,131 @@
+"""Folders of depth images are read as what they are, and what is wrong with one is said by name."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.capture.sets import load, read_set, write_set
+from tests.data import shared
+
+SIZE = (7, 13)
+
+
+def camera(x: float = 0.0, lens: ibr.Lens | None = None) -> ibr.Camera:
+    return ibr.Camera([[50, 0, 3], [0, 50, 6], [0, 0, 1]], SIZE, lens=lens).moved(x, 0.1, 0).orbited(5, (0, 0, 2))
+
+
+def view(x: float = 0.0, **how) -> ibr.DepthImage:
+    rng = np.random.default_rng(int(10 * x))
+    depth = rng.uniform(1, 3, SIZE[::-1]).astype(np.float32)
+    depth[0, :3] = np.nan, np.inf, 0
+    return ibr.DepthImage(rng.integers(0, 255, (*SIZE[::-1], 3)).astype(np.uint8), depth, camera(x), **how)
+
+
+def assert_same(found: ibr.DepthImage, expected: ibr.DepthImage) -> None:
+    np.testing.assert_array_equal(found.color, expected.color)
+    np.testing.assert_array_equal(found.depth, expected.depth)
+    assert found.camera == expected.camera
+    assert found.far == expected.far
+
+
+def test_a_set_is_read_as_it_was_written(tmp_path):
+    views = [view(0.0), view(1.0, far=2.5), view(2.0).in_float]
+    write_set(tmp_path / "set", views, [{"strokes": []}, {}, {}], side="back")
+    for found, expected in zip(load(tmp_path / "set"), views, strict=True):
+        assert_same(found, expected)
+    entries, about = read_set(tmp_path / "set")
+    assert about == {"side": "back"}
+    assert entries[0].more == {"strokes": []}
+
+
+@pytest.mark.parametrize("layout", ["names", "folders", "rgb"])
+@pytest.mark.parametrize("cameras", ["own", "pose", "matrix"])
+def test_frames_are_read_in_the_order_of_their_names(tmp_path, layout, cameras):
+    views = {"b": view(1.0), "a": view(0.0), "c": view(2.0)}
+    for name, one in views.items():
+        color = f"{name}.color.png" if layout == "names" else f"{'rgb' if layout == 'rgb' else 'color'}/{name}.png"
+        ibr.write_color(tmp_path / color, one.color)
+        ibr.write_depth(tmp_path / (f"{name}.depth.npy" if layout == "names" else f"depth/{name}.npy"), one.depth)
+        if cameras == "own":
+            one.camera.save(tmp_path / (f"{name}.json" if layout == "names" else f"camera/{name}.json"))
+        else:
+            (tmp_path / "pose").mkdir(exist_ok=True)
+            np.savetxt(
+                tmp_path / (f"{name}.pose.txt" if layout == "names" else f"pose/{name}.txt"),
+                one.camera.world_from_camera,
+                fmt="%.17g",
+            )
+    if cameras == "pose":
+        camera().save(tmp_path / "camera.json")
+    elif cameras == "matrix":
+        np.savetxt(tmp_path / "camera-intrinsics.txt", camera().K)
+    for found, name in zip(load(tmp_path), "abc", strict=True):
+        assert_same(found, views[name])
+
+
+def test_the_camera_of_all_frames_keeps_its_lens(tmp_path):
+    lens = ibr.Lens("brown_conrady", [-0.2, 0.02, 0, 0])
+    camera(lens=lens).save(tmp_path / "camera.json")
+    ibr.write_color(tmp_path / "a.color.png", view().color)
+    ibr.write_depth(tmp_path / "a.depth.npy", view().depth)
+    np.savetxt(tmp_path / "a.pose.txt", np.eye(4))
+    assert load(tmp_path)[0].camera.lens == lens
+
+
+def write(folder, name: str, content: object) -> None:
+    (folder / name).write_text(content if isinstance(content, str) else json.dumps(content))
+
+
+def test_what_is_wrong_is_said_by_name(tmp_path):
+    with pytest.raises(ibr.FileFormatError, match=r"nowhere: no such folder"):
+        load(tmp_path / "nowhere")
+    with pytest.raises(ibr.FileFormatError, match=r"neither frusta\.json nor frames are in it"):
+        load(tmp_path)
+    one = {"camera": camera().to_json()}
+    for content, said in (
+        ("[", "not a readable frusta JSON file"),
+        ({"views": 3}, "expected a JSON object with a list of views"),
+        ({"views": [3]}, "expected views with a camera each, got int 3"),
+        ({"views": [{"camera": {}}]}, "has no width"),
+        ({"views": [one | {"far": -1}]}, "far: expected a depth > 0"),
+        ({"views": [one | {"color": "../x.png"}]}, "expected the name of a file beside it"),
+        ({"views": [one]}, "has cameras alone"),
+        ({"views": [one | {"color": "none.png", "depth": "none.npy"}]}, "none.png: no such file"),
+    ):
+        write(tmp_path, "frusta.json", content)
+        with pytest.raises(ibr.FileFormatError) as raised:
+            load(tmp_path)
+        assert said in str(raised.value), said
+    (tmp_path / "frusta.json").unlink()
+    ibr.write_color(tmp_path / "a.color.png", view().color)
+    ibr.write_depth(tmp_path / "a.depth.npy", view().depth)
+    with pytest.raises(ibr.FileFormatError, match=r"neither a\.json nor camera\.json"):
+        load(tmp_path)
+    camera().save(tmp_path / "camera.json")
+    for pose in ("1 2 3", "a b", "\n".join(["2 0 0 0"] * 4)):
+        write(tmp_path, "a.pose.txt", pose)
+        with pytest.raises(ibr.FileFormatError, match=r"a\.pose\.txt: "):
+            load(tmp_path)
+    (tmp_path / "a.pose.txt").unlink()
+    ibr.write_depth(tmp_path / "a.depth.npy", view().depth[:5])
+    with pytest.raises(ibr.FileFormatError, match=r"a\.depth\.npy: depth: expected"):
+        load(tmp_path)
+    ibr.write_depth(tmp_path / "a.depth.png", np.ones(SIZE[::-1], np.float32), 1000)
+    with pytest.raises(ibr.ArgumentError, match="scale"):
+        load(tmp_path)
+
+
+@pytest.mark.parametrize(("name", "count"), [("rgbd_realsense_shelf", 9), ("formats/7scenes_tsdf_fusion", 5)])
+def test_real_folders_are_read_as_they_are(name, count):
+    views = load(shared(name), 1000)
+    assert len(views) >= count
+    # Neighbouring frames see the same room: what one has seen lies where the next one sees it.
+    one, other = views[0], views[1]
+    frame = ibr.warp(one, other.camera)
+    both = frame.valid & other.valid
+    assert both.mean() > 0.02
+    assert np.median(np.abs(frame.depth - other.depth)[both]) < 0.01

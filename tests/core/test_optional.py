@@ -1,0 +1,101 @@
+"""What works without the optional packages, and what is said where one is missing or broken."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.core.errors import MissingPackageError
+from pyibr.core.optional import open3d, opencv
+
+EVERYTHING = """
+import sys
+for name in ("cv2", "open3d", "OpenEXR", "matplotlib"):
+    sys.modules[name] = None
+import numpy as np
+import pyibr as ibr
+
+rng = np.random.default_rng(0)
+camera = ibr.Camera([[30, 0, 18], [0, 30, 12], [0, 0, 1]], (37, 25))
+texture, height = rng.integers(0, 256, (13, 7, 3), dtype=np.uint8), rng.random((11, 9), np.float32)
+corners = [[-1, -1, 2], [1, -1, 2], [-1, 1, 2], [1, 1, 2]]
+base = ibr.Mesh(corners, [[0, 2, 1], [1, 2, 3]], uv=[[0, 0], [1, 0], [0, 1], [1, 1]], texture=texture)
+y, x = np.mgrid[:25, :37]
+away = np.hypot(x - 18, y - 12)
+depth = np.where(away < 8, 1.9 + 0.05 * away, np.inf).astype(np.float32)
+view = ibr.DepthImage(rng.integers(0, 256, (25, 37, 3), dtype=np.uint8), depth, camera)
+aside = camera.orbited(70, (0, 0, 2))
+outlines = [ibr.Silhouette(view.color, np.isfinite(depth), seen) for seen in (camera, aside)]
+things = [
+    view,
+    base,
+    ibr.SlicedSurface(base, height, texture, 0.1),
+    ibr.ReliefSurface(base, height, texture, 0.1),
+    ibr.DepthObject([view], missing="background"),
+    ibr.VisualHull(outlines),
+    ibr.DepthMesh(view),
+    ibr.DepthMeshObject([view]),
+]
+for thing in things:
+    assert ibr.render([thing], camera, ibr.Light(direction=(0, 0, 1))).valid.any(), thing
+assert ibr.warp(view, camera.moved(0.1, 0, 0), fill="background").valid.any()
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where `import cv2` looks first, and has not looked yet."""
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setitem(sys.modules, "cv2", None)  # so that what was there comes back
+    del sys.modules["cv2"]
+    return tmp_path
+
+
+def test_everything_is_rendered_without_optional_packages():
+    done = subprocess.run([sys.executable, "-c", EVERYTHING], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_missing_package_is_named_with_its_extra(monkeypatch: pytest.MonkeyPatch):
+    for module in ("cv2", "open3d", "OpenEXR"):
+        monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(MissingPackageError, match=r"captures .* need Open3D: pip install 'pyibr-opencl\[capture\]'$"):
+        open3d()
+    color, depth = np.zeros((3, 4, 3), np.uint8), np.ones((3, 4), np.float32)
+    with pytest.raises(MissingPackageError, match=r"undistort needs OpenCV: pip install 'pyibr-opencl\[opencv\]'$"):
+        ibr.undistort(color, depth, np.eye(3), [0.1, 0, 0, 0])
+    with pytest.raises(MissingPackageError, match=r"EXR files need OpenEXR: pip install 'pyibr-opencl\[exr\]'$"):
+        ibr.write_depth("depth.exr", depth)
+
+
+@pytest.mark.parametrize(
+    ("source", "reason"),
+    [
+        ("raise ImportError('libGL.so.1: cannot open shared object file: No such file or directory')", "libGL.so.1"),
+        ("import a_part_of_it_that_is_gone", "a_part_of_it_that_is_gone"),
+        ("raise AttributeError('_ARRAY_API not found')", "_ARRAY_API"),
+    ],
+)
+def test_a_broken_package_is_told_from_a_missing_one(source: str, reason: str, folder: Path):
+    (folder / "cv2.py").write_text(source)
+    with pytest.raises(MissingPackageError, match=rf"is installed but cannot be imported \(.*{reason}.*headless"):
+        opencv("undistort")
+
+
+def test_what_an_opencv_lacks_is_named(folder: Path):
+    (folder / "cv2.py").write_text("__version__ = '4.10.0'\ndef remap(): ...")
+    opencv("it", "remap")
+    with pytest.raises(MissingPackageError, match=r"it needs cv2\.quality, and OpenCV 4\.10\.0 .* lacks it; "):
+        opencv("it", "remap", "quality")
+
+
+def test_a_folder_that_an_uninstalled_opencv_left_is_no_opencv(folder: Path, monkeypatch: pytest.MonkeyPatch):
+    (folder / "cv2").mkdir()
+    monkeypatch.setattr(sys, "path", [str(folder)])
+    with pytest.raises(MissingPackageError, match=r"it needs cv2\.remap, and only a folder is left"):
+        opencv("it", "remap")

@@ -1,0 +1,161 @@
+"""Cameras of several images: lists and folders of JSON files, COLMAP's models."""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.capture.sets import write_set
+from pyibr.io import read_cameras
+from pyibr.io.recordings import recording_in
+from tests.data import shared
+
+LENS = ibr.Lens("brown_conrady", [-0.2, 0.05, 0.001, 0])
+CAMERAS = {
+    "image_9.jpg": ibr.Camera([[50, 0, 30], [0, 51, 18], [0, 0, 1]], (61, 37)).moved(1, 2, 3),
+    "image_10.jpg": ibr.Camera([[50, 0, 30], [0, 51, 18], [0, 0, 1]], (61, 37), lens=LENS).orbited(30, (0, 0, 2)),
+    "with space.png": ibr.Camera([[70, 0, 20], [0, 70, 30], [0, 0, 1]], (41, 61)).orbited(-170, (0, 1, 2), (1, 1, 0)),
+}
+
+
+def same(one: ibr.Camera, other: ibr.Camera) -> None:
+    assert one.size == other.size and (one.lens is None) == (other.lens is None)
+    np.testing.assert_allclose(one.K, other.K, rtol=1e-12)
+    np.testing.assert_allclose(one.world_from_camera, other.world_from_camera, atol=1e-12)
+
+
+def model(folder: Path, kind: str) -> None:
+    """A COLMAP model with a camera an image, as text or binary."""
+    folder.mkdir(parents=True)
+    numbers = {"PINHOLE": 1, "OPENCV": 4}
+    cameras, images = ["# cameras"], ["# images"]
+    packed = [struct.pack("<Q", len(CAMERAS)), struct.pack("<Q", len(CAMERAS))]
+    for number, (name, camera) in enumerate(CAMERAS.items(), 5):
+        form, params, qvec, tvec = camera.to_colmap()
+        cameras.append(f"{number} {form} {camera.width} {camera.height} " + " ".join(map(repr, params.tolist())))
+        images.append(f"{number + 7} " + " ".join(map(repr, [*qvec.tolist(), *tvec.tolist()])) + f" {number} {name}")
+        images.append("" if number == 5 else "1.5 2.5 -1 3.5 4.5 17")
+        packed[0] += struct.pack("<iiQQ", number, numbers[form], *camera.size) + params.tobytes()
+        points = b"" if number == 5 else bytes(48)
+        packed[1] += struct.pack("<i7di", number + 7, *qvec, *tvec, number) + name.encode() + b"\0"
+        packed[1] += struct.pack("<Q", len(points) // 24) + points
+    if kind == "text":
+        (folder / "cameras.txt").write_text("\n".join(cameras) + "\n")
+        (folder / "images.txt").write_text("\n".join(images) + "\n")
+    else:
+        (folder / "cameras.bin").write_bytes(packed[0])
+        (folder / "images.bin").write_bytes(packed[1])
+
+
+@pytest.mark.parametrize("kind", ["text", "binary"])
+@pytest.mark.parametrize("place", ["", "0"])
+def test_colmap(tmp_path: Path, kind, place):
+    model(tmp_path / "sparse" / place, kind)
+    found = read_cameras(tmp_path / "sparse")
+    assert list(found) == sorted(CAMERAS)
+    for name, camera in CAMERAS.items():
+        same(found[name], camera)
+
+
+def test_real_colmap_models_as_text_and_binary_are_one():
+    text, binary = (read_cameras(shared(f"formats/colmap_{name}")) for name in ("text", "dense_binary/sparse"))
+    assert len(text) == 3 and len(binary) == 28
+    for name, camera in text.items():
+        same(camera, binary[name])
+
+
+def test_json_of_one_and_of_a_list(tmp_path: Path):
+    for name, camera in CAMERAS.items():
+        camera.save(tmp_path / name.replace(".jpg", ".json").replace(".png", ".json"))
+    named = read_cameras(tmp_path)
+    assert list(named) == ["image_9", "image_10", "with space"]  # by number
+    for one, other in zip(named.values(), CAMERAS.values(), strict=True):
+        assert one == other
+    assert read_cameras(tmp_path / "image_9.json") == {"0": CAMERAS["image_9.jpg"]}
+    listed = [json.loads((tmp_path / f"{name}.json").read_text()) for name in named]
+    (tmp_path / "all.json").write_text(json.dumps(listed))
+    assert list(read_cameras(tmp_path / "all.json").values()) == list(named.values())
+
+
+def test_a_matrix_needs_the_size_of_the_images(tmp_path: Path):
+    camera = CAMERAS["image_9.jpg"]
+    np.savetxt(tmp_path / "K.txt", camera.K)
+    same(read_cameras(tmp_path / "K.txt", (61, 37))["0"], ibr.Camera(camera.K, (61, 37)))
+    with pytest.raises(ibr.FileFormatError, match="not a readable camera JSON file"):
+        read_cameras(tmp_path / "K.txt")
+    for text, message in (("1 2 3", "K.txt: K: expected"), ("words", "not a readable matrix file")):
+        (tmp_path / "K.txt").write_text(text)
+        with pytest.raises(ibr.FileFormatError, match=message):
+            read_cameras(tmp_path / "K.txt", (61, 37))
+
+
+def test_sets_have_cameras(tmp_path: Path):
+    depth = np.full((37, 61), 2, np.float32)
+    views = [ibr.DepthImage(np.zeros((37, 61, 3), np.uint8), depth, CAMERAS[f"image_{k}.jpg"]) for k in (9, 10)]
+    write_set(tmp_path, views)
+    found = read_cameras(tmp_path / "frusta.json")
+    assert list(found.values()) == [view.camera for view in views]
+    assert recording_in(tmp_path).cameras == (tmp_path / "frusta.json",)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[]", "expected cameras, got an empty list"),
+        ("[3]", "camera 0: expected a JSON object, got int"),
+        ('[{"width": 3}]', "camera 0: has no height, fx"),
+        ('[{"width": 3, "height": 2, "fx": -1, "fy": 1, "cx": 0, "cy": 0}]', "camera 0: K"),
+        ("7", "expected a JSON object, got int"),
+        ('{"views": 3}', "expected a JSON object, got int"),
+        ('{"views": [3]}', "camera 0: expected a JSON object, got int"),
+        ('{"views": [{}]}', "camera 0: expected a JSON object, got NoneType"),
+        ("[", "not a readable camera JSON file"),
+    ],
+)
+def test_what_is_no_list_of_cameras(tmp_path: Path, text, message):
+    (tmp_path / "c.json").write_text(text)
+    with pytest.raises(ibr.FileFormatError, match=f"c.json: {message}"):
+        read_cameras(tmp_path / "c.json")
+
+
+def test_folders_without_cameras(tmp_path: Path):
+    with pytest.raises(ibr.FileFormatError, match="no cameras in it"):
+        read_cameras(tmp_path)
+    with pytest.raises(ibr.FileFormatError, match="no such file"):
+        read_cameras(tmp_path / "none")
+    model(tmp_path / "a", "text")
+    (tmp_path / "a/images.txt").unlink()
+    with pytest.raises(ibr.FileFormatError, match=r"images.txt: no such file"):
+        read_cameras(tmp_path / "a")
+    (tmp_path / "a/images.txt").write_text("1 1 0 0 0 0 0 0 99 x.png\n\n")
+    with pytest.raises(ibr.FileFormatError, match=r"x.png is of camera 99, which .*cameras.txt lacks"):
+        read_cameras(tmp_path / "a")
+    (tmp_path / "a/images.txt").write_text("1 0 0 0 0 0 0 0 5 x.png\n\n")
+    with pytest.raises(ibr.FileFormatError, match=r"x.png: qvec"):
+        read_cameras(tmp_path / "a")
+    (tmp_path / "a/images.txt").write_text("# none\n")
+    with pytest.raises(ibr.FileFormatError, match=r"holds no image"):
+        read_cameras(tmp_path / "a")
+
+
+@pytest.mark.parametrize("name", ["cameras.bin", "images.bin"])
+def test_damaged_binary_models(tmp_path: Path, name):
+    model(tmp_path / "a", "binary")
+    whole = (tmp_path / "a" / name).read_bytes()
+    rng = np.random.default_rng(0)
+    for number in range(200):
+        data = bytearray(whole)
+        if number % 2:
+            data[rng.integers(len(data))] = rng.integers(256)
+        else:
+            del data[rng.integers(1, len(data)) :]
+        (tmp_path / "a" / name).write_bytes(data)
+        try:
+            read_cameras(tmp_path / "a")
+        except ibr.FileFormatError as error:
+            assert name in str(error) or "images.bin" in str(error)

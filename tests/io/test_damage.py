@@ -1,0 +1,128 @@
+"""Damaged files, and writes that fail: nothing crashes, hangs or raises what is not pyibr's; no file is lost."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import random
+import resource
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import pyibr as ibr
+from tests.io.damages import COUNT, quick_folder, wrongs
+from tests.io.specimens import DECODED_ELSEWHERE, OTHERS, WRITERS, reader
+
+ROOT = Path(__file__).parents[2]
+OWN = [name for name in (*WRITERS, *OTHERS) if name not in DECODED_ELSEWHERE]
+
+
+@pytest.fixture
+def folder() -> Iterator[Path]:
+    place = quick_folder()
+    yield place
+    shutil.rmtree(place)
+
+
+def needs_exr(*names: str) -> None:
+    if any(name.endswith(".exr") for name in names):
+        pytest.importorskip("OpenEXR")
+
+
+@pytest.mark.parametrize("name", OWN)
+def test_damaged_files(folder: Path, name):
+    assert wrongs(name, folder) == []
+
+
+def test_damaged_files_of_other_libraries(folder: Path):
+    needs_exr(*DECODED_ELSEWHERE)
+    words = [sys.executable, "-m", "tests.io.damages", str(folder), *DECODED_ELSEWHERE]
+    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert json.loads(done.stdout.splitlines()[-1]) == []
+
+
+# ---- writes that fail
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_writes_that_fail_leave_what_was_there(folder: Path, monkeypatch: pytest.MonkeyPatch, name):
+    needs_exr(name)
+    write, rng = WRITERS[name], random.Random(name)
+    write(folder / name)
+    size = (folder / name).stat().st_size
+    old = b"what was there"
+    (folder / name).write_bytes(old)
+    for path in set(folder.iterdir()) - {folder / name}:
+        path.unlink()  # materials and textures: as if another texture had been there
+    unlimited = resource.getrlimit(resource.RLIMIT_FSIZE)
+
+    def full(*arguments: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    for number in range(COUNT):
+        with monkeypatch.context() as patch:
+            kind = number % 20
+            if kind == 0:
+                patch.setattr(os, "fsync", full)
+            elif kind == 1:
+                patch.setattr(Path, "replace", full)
+            else:
+                resource.setrlimit(resource.RLIMIT_FSIZE, (rng.randrange(size), unlimited[1]))
+            try:
+                with pytest.raises(ibr.FileFormatError, match=rf"{name}|{Path(name).stem}-.*: cannot be written"):
+                    write(folder / name)
+            finally:
+                resource.setrlimit(resource.RLIMIT_FSIZE, unlimited)
+        left = contents(folder)
+        assert left.pop(name) == old
+        assert not [other for other in left if other.startswith(".")]
+    write(folder / name)
+    reader(name)(folder / name)
+
+
+KILLED = """
+import os, random, signal, sys, time
+from pathlib import Path
+import pyibr as ibr
+from tests.io.specimens import TEXTURED, VERTICES, FACES, COLOR, COLORED, same
+
+folder, rng = Path(sys.argv[1]), random.Random(0)
+other = ibr.Mesh(VERTICES + 1, FACES, TEXTURED.uv, TEXTURED.normals, 255 - COLOR)
+things = {"m.obj": (TEXTURED, other), "m.glb": (TEXTURED, other), "m.ply": (COLORED, ibr.Mesh(VERTICES, FACES))}
+for number in range(30):
+    name = list(things)[number % 3]
+    things[name][0].save(folder / name)
+    child = os.fork()
+    if not child:
+        while True:
+            for thing in things[name]:
+                thing.save(folder / name)
+    time.sleep(rng.uniform(0, 0.05))
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    read = ibr.Mesh.load(folder / name)
+    assert any(same(read, thing) for thing in things[name]), name
+print("done")
+"""
+
+
+def test_killed_writers_leave_whole_files(folder: Path):
+    done = subprocess.run(
+        [sys.executable, "-c", KILLED, str(folder)], cwd=ROOT, capture_output=True, text=True, timeout=60
+    )
+    assert done.stdout == "done\n", done.stderr
+    names = {path.name for path in folder.iterdir()}
+    remains = {name for name in names if name.startswith(".")}
+    assert all(name.startswith(".pyibr-") for name in remains)
+    assert len(names - remains) <= 3 + 4  # the two textures of the OBJ file, and the materials that name them

@@ -1,0 +1,98 @@
+"""Trajectories: every form gives the same poses, and what is none is told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.io import read_poses
+
+CAMERAS = [
+    ibr.Camera.look_at((0.1 * k, -0.2 * k, 0.3), (k, 1, 4), (0, -1, 0.1), (7, 5)).orbited(40 * k, (0, 0, 1))
+    for k in range(12)
+]
+MATRICES = np.array([camera.world_from_camera for camera in CAMERAS])
+TIMES = 1305031232.5 + 0.0333 * np.arange(len(CAMERAS))
+
+
+def words(numbers: object) -> str:
+    return " ".join(repr(float(number)) for number in np.ravel(numbers))
+
+
+def tum(number: int) -> str:
+    w, x, y, z = CAMERAS[number].to_colmap()[2] * [1, -1, -1, -1]  # of the world from the camera
+    return words([TIMES[number], *MATRICES[number, :3, 3], x, y, z, w])
+
+
+def rows(matrix: np.ndarray) -> str:
+    return "\n".join(words(row) for row in matrix)
+
+
+FORMS = {
+    "TUM": (lambda k: tum(k), True),
+    "KITTI": (lambda k: words(MATRICES[k, :3]), False),
+    "16": (lambda k: words(MATRICES[k]), False),
+    "time and 12": (lambda k: words([TIMES[k], *MATRICES[k, :3].ravel()]), True),
+    "time and 16": (lambda k: words([TIMES[k], *MATRICES[k].ravel()]), True),
+    "matrices": (lambda k: rows(MATRICES[k]), False),
+    "Redwood": (lambda k: f"{k} {k} {k + 1}\n{rows(MATRICES[k])}", None),
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_each_form_holds_the_poses(tmp_path: Path, form):
+    line, timed = FORMS[form]
+    text = "# a remark\n\n" + "\n".join(line(k) for k in range(len(CAMERAS))) + "\n"
+    (tmp_path / "poses.txt").write_text(text)
+    found = read_poses(tmp_path / "poses.txt")
+    np.testing.assert_allclose(found.world_from_camera, MATRICES, atol=1e-12)
+    if timed is False:
+        assert found.times is None
+    else:
+        np.testing.assert_allclose(found.times, TIMES if timed else np.arange(len(CAMERAS)))
+
+
+def test_a_folder_of_files_is_read_in_the_order_of_their_numbers(tmp_path: Path):
+    for number, matrix in enumerate(MATRICES):
+        (tmp_path / f"frame-{number}.pose.txt").write_text(rows(matrix))
+    (tmp_path / "intrinsics.txt").write_text("1 2 3")
+    np.testing.assert_allclose(read_poses(tmp_path).world_from_camera, MATRICES, atol=1e-12)
+
+
+def test_few_digits_are_enough(tmp_path: Path):
+    (tmp_path / "p.txt").write_text(" ".join(f"{number:.4f}" for number in MATRICES[5, :3].ravel()))
+    (pose,) = read_poses(tmp_path / "p.txt").world_from_camera
+    np.testing.assert_allclose(pose, MATRICES[5], atol=2e-4)
+    assert ibr.Camera(CAMERAS[5].K, (7, 5), pose)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "empty"),
+        ("# nothing\n", "got no"),
+        ("1 2 3\n4 5 6", "got 3"),
+        ("1 2 3 4 5 6 7", "expected 8, 12, 13, 16 or 17 numbers a line"),
+        ("1 2 3 4\n5 6 7 8\n", "4 lines of 4 numbers"),
+        ("0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n", "4 lines of 4 numbers"),
+        ("a b c d e f g h", "not a readable trajectory file"),
+        ("1 0 0 0 0 0 0 0", "pose 0: expected finite numbers"),
+        ("nan 0 0 0 0 0 0 1", "times in seconds"),
+        (f"{words(np.eye(4)[:3])}\n{words(2 * np.eye(4)[:3])}", "pose 1: expected a rigid motion"),
+        (words(np.diag([1, 1, -1, 1])), "mirrored"),
+        ("\udcff", "no such file"),
+    ],
+)
+def test_what_is_no_trajectory(tmp_path: Path, text, message):
+    if text != "\udcff":
+        (tmp_path / "p.txt").write_text(text)
+    with pytest.raises(ibr.FileFormatError, match=message):
+        read_poses(tmp_path / "p.txt")
+
+
+def test_a_folder_without_poses(tmp_path: Path):
+    with pytest.raises(ibr.FileFormatError, match="no text files with poses"):
+        read_poses(tmp_path)

@@ -1,0 +1,198 @@
+"""Recordings: which files belong together, in made folders and in those of real data sets."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.io import read_cameras, read_poses
+from pyibr.io.folders import at_one_time
+from pyibr.io.recordings import Recording, cameras_of, paired, recording_in
+from tests.data import shared
+
+
+def touch(folder: Path, *names: str) -> None:
+    for name in names:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).touch()
+
+
+def names(recording: Recording) -> list[tuple[str, str]]:
+    return [(a.name, b.name) for a, b in zip(recording.colors, recording.depths, strict=True)]
+
+
+def test_things_at_one_time_are_each_others_nearest():
+    assert at_one_time([0, 1, 2], [0.001, 0.99, 2.1]) == [(0, 0), (1, 1)]
+    assert at_one_time([0.0, 0.01], [0.008]) == [(1, 0)]
+    assert at_one_time([5.0], [7.0, 5.02, 4.99]) == [(0, 2)]
+    assert at_one_time([], [1.0]) == at_one_time([1.0], []) == []
+
+
+@pytest.mark.parametrize("places", [("rgb", "depth"), ("color", "depth"), ("images", "depths")])
+def test_two_folders(tmp_path: Path, places):
+    color, depth = places
+    touch(tmp_path, f"{color}/9.jpg", f"{color}/10.jpg", f"{depth}/9.png", f"{depth}/10.png")
+    touch(tmp_path, f"{color}/notes.txt", f"{depth}/.hidden.png", "trajectory.log")
+    found = recording_in(tmp_path)
+    assert names(found) == [("9.jpg", "9.png"), ("10.jpg", "10.png")]
+    assert found.poses == tmp_path / "trajectory.log" and found.left_out == 0
+    assert names(paired(tmp_path / color, tmp_path / depth)) == names(found)
+
+
+def test_cameras_of_a_folder(tmp_path: Path):
+    touch(tmp_path, "a.color.png", "a.depth.png", "b.color.png", "b.depth.png", "intrinsics.K.txt")
+    assert recording_in(tmp_path).cameras == (tmp_path / "intrinsics.K.txt",)
+    touch(tmp_path, "camera.json")
+    assert recording_in(tmp_path).cameras == (tmp_path / "camera.json",)
+    touch(tmp_path, "camera/a.json", "camera/b.json")
+    assert recording_in(tmp_path).cameras == (tmp_path / "camera/a.json", tmp_path / "camera/b.json")
+    touch(tmp_path, "a.json")  # but not b.json, which is missed when they are read
+    assert recording_in(tmp_path).cameras == (tmp_path / "a.json", tmp_path / "b.json")
+    (tmp_path / "pose").mkdir()
+    assert recording_in(tmp_path).poses is None
+    touch(tmp_path, "pose/a.txt")
+    assert recording_in(tmp_path).poses == tmp_path / "pose"
+
+
+def test_one_folder(tmp_path: Path):
+    for number in (0, 3):
+        stem = f"frame-{number:06d}"
+        touch(tmp_path, f"{stem}.color.png", f"{stem}.depth.png", f"{stem}.pose.txt")
+    found = recording_in(tmp_path)
+    assert names(found)[1] == ("frame-000003.color.png", "frame-000003.depth.png")
+    assert found.poses == tmp_path
+
+
+def test_tum_lists_go_by_time(tmp_path: Path):
+    (tmp_path / "rgb.txt").write_text("# color\n1.00 rgb/a.png\n1.10 rgb/b.png\n1.20 rgb/c.png\n")
+    (tmp_path / "depth.txt").write_text("# depth\n1.215 depth/z.png\n0.99 depth/x.png\n1.15 depth/y.png\n")
+    (tmp_path / "groundtruth.txt").write_text("")
+    found = recording_in(tmp_path)
+    assert names(found) == [("a.png", "x.png"), ("c.png", "z.png")] and found.left_out == 1
+    assert found.poses == tmp_path / "groundtruth.txt"
+
+
+def test_names_that_are_times_go_by_time(tmp_path: Path):
+    touch(tmp_path, "rgb/10.00.png", "rgb/10.03.png", "rgb/10.07.png", "depth/10.031.png", "depth/10.069.png")
+    found = paired(tmp_path / "rgb", tmp_path / "depth")
+    assert names(found) == [("10.03.png", "10.031.png"), ("10.07.png", "10.069.png")] and found.left_out == 1
+
+
+def test_what_has_no_partner_is_named(tmp_path: Path):
+    touch(tmp_path, *(f"rgb/{n}.png" for n in (1, 2, 3)), *(f"depth/{n}.png" for n in (1, 3)))
+    with pytest.raises(ibr.ArgumentError, match=r"colour and depth of the same numbers, got 2.png without depth"):
+        paired(tmp_path / "rgb", tmp_path / "depth")
+    touch(tmp_path, "depth/2.png", "depth/4.png")
+    with pytest.raises(ibr.ArgumentError, match=r"got 4.png without colour"):
+        paired(tmp_path / "rgb", tmp_path / "depth")
+
+
+def test_names_are_heeded_before_order(tmp_path: Path):
+    touch(tmp_path, "left.color.png", "right.color.png", "right_depth.npy", "left_depth.npy", "left_depth.png")
+    assert names(recording_in(tmp_path)) == [
+        ("left.color.png", "left_depth.png"),
+        ("right.color.png", "right_depth.npy"),
+    ]
+
+
+def test_without_common_numbers_there_must_be_as_many(tmp_path: Path):
+    touch(tmp_path, "rgb/a.png", "rgb/b.png", "depth/x.png", "depth/y.png")
+    assert names(paired(tmp_path / "rgb", tmp_path / "depth")) == [("a.png", "x.png"), ("b.png", "y.png")]
+    touch(tmp_path, "depth/z.png")
+    with pytest.raises(ibr.ArgumentError, match="a depth for each of the 2 frames of colour, got 3 of depth"):
+        paired(tmp_path / "rgb", tmp_path / "depth")
+
+
+def test_folders_without_a_recording(tmp_path: Path):
+    with pytest.raises(ibr.FileFormatError, match=r"neither frusta\.json nor frames are in it"):
+        recording_in(tmp_path)
+    touch(tmp_path, "rgb/1.png", "depth/notes.txt")
+    with pytest.raises(ibr.FileFormatError, match="depth: no file of depth in it"):
+        recording_in(tmp_path)
+    (tmp_path / "rgb.txt").write_text("1.0 rgb/1.png")
+    (tmp_path / "depth.txt").write_text("2.0 depth/1.png")
+    with pytest.raises(ibr.FileFormatError, match=r"no depth within 0.02 s of a colour image"):
+        recording_in(tmp_path)
+    (tmp_path / "depth.txt").write_text("words")
+    with pytest.raises(ibr.FileFormatError, match=r"depth.txt: not a readable list of images"):
+        recording_in(tmp_path)
+    touch(tmp_path, "dense/images/a.jpg", "dense/stereo/depth_maps/b.jpg.geometric.bin")
+    with pytest.raises(ibr.FileFormatError, match=r"no depth map of an image, as a.jpg.geometric.bin"):
+        recording_in(tmp_path / "dense")
+
+
+# ---- which pose is whose
+
+K = {"width": 4, "height": 3, "fx": 5, "fy": 5, "cx": 1.5, "cy": 1}
+
+
+@pytest.mark.parametrize(
+    ("names", "times", "expected"),
+    [
+        ((0, 2, 3), (0, 1, 2, 3, 4), (0, 2, 3)),  # by number
+        ((1, 2, 3), (0.0, 0.033, 0.067), (0, 1, 2)),  # in order: these are no numbers of frames
+        (("5.00", "5.03", "5.06"), (5.031, 5.0, 5.5), (1, 0, None)),  # by time
+        (("5.00", "5.03"), (0.0, 1.0), (0, 1)),  # of another clock
+        ((0, 1, 7), (0, 1, 2, 3), "got 4, and none for 7.png"),
+        ((4, 5), (0, 1, 2), "a pose for each of 2 frames, got 3"),
+    ],
+)
+def test_poses_go_by_time_or_number_or_in_order(tmp_path: Path, names, times, expected):
+    touch(tmp_path, *(f"rgb/{name}.png" for name in names), *(f"depth/{name}.png" for name in names))
+    (tmp_path / "camera.json").write_text(json.dumps(K))
+    (tmp_path / "poses.txt").write_text("\n".join(f"{time} {k} 0 0 0 0 0 1" for k, time in enumerate(times)))
+    recording = recording_in(tmp_path)
+    if isinstance(expected, str):
+        with pytest.raises(ibr.FileFormatError, match=expected):
+            cameras_of(recording)
+    else:
+        found = [pose if pose is None else int(pose[0, 3]) for _, pose in cameras_of(recording)]
+        assert found == list(expected)
+
+
+# ---- real ones: warped with its poses, the depth of one frame is that of another
+
+
+REAL = {
+    # folder: (focal length, scale, the least error that its README tells, in metres)
+    "formats/tum_rgbd_fr1_rpy": (525.0, 5000, 0.0046),
+    "formats/7scenes_tsdf_fusion": (585.0, 1000, 0.0051),
+    "formats/redwood_open3d": (525.0, 1000, 0.0053),
+    "rgbd_livingroom1": (525.0, 1000, 0.0006),
+}
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_poses_and_frames_of_real_recordings_belong_together(name):
+    folder = shared(name)
+    focal, scale, least = REAL[name]
+    recording = recording_in(folder)
+    poses, times = read_poses(recording.poses)
+    frames = [0, len(recording.depths) - 1]
+    places = frames if times is None else [_place(recording.colors[k], times) for k in frames]
+    K = [[focal, 0, 319.5], [0, focal, 239.5], [0, 0, 1]]
+    cameras = [ibr.Camera(K, (640, 480), poses[k]) for k in places]
+    depths = [ibr.read_depth(recording.depths[k], scale) for k in frames]
+    frame = ibr.warp(ibr.DepthImage(None, depths[0], cameras[0]), cameras[1])
+    both = frame.valid & np.isfinite(depths[1])
+    assert both.mean() > 0.3
+    assert np.median(np.abs(frame.depth - depths[1])[both]) < 1.3 * least + 0.0005  # which is told in whole millimetres
+
+
+def _place(color: Path, times: np.ndarray) -> int:
+    return int(np.abs(times - float(color.stem)).argmin())
+
+
+def test_a_real_colmap_workspace():
+    folder = shared("formats/colmap_dense_binary")
+    recording = recording_in(folder)
+    cameras = read_cameras(*recording.cameras)
+    assert names(recording) == [(f"image{k}.jpg", f"image{k}.jpg.geometric.bin") for k in ("07", "018", "019")]
+    assert recording.left_out == 0
+    for color, depth in zip(recording.colors, recording.depths, strict=True):
+        shapes = [ibr.read_color(color).shape[:2], ibr.read_depth(depth).shape]
+        assert shapes[0] == shapes[1] == cameras[color.name].size[::-1]

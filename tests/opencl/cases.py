@@ -1,0 +1,403 @@
+"""Calls that run every kernel on images, maps and pictures whose borders are near: for `fences` and for Oclgrind.
+
+Run as a program it prints each case before it begins, and in the end what ran.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import nullcontext, suppress
+from dataclasses import dataclass, field
+from functools import cache, partial
+from itertools import product
+from typing import Any, Literal, TypeVar
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+import pyibr as ibr
+from pyibr.core.camera import Projection
+from pyibr.depthmesh import Segmentation
+from pyibr.images import DepthImage
+from pyibr.opencl.device import current
+from pyibr.opencl.headers import kernels_folder
+from pyibr.opencl.launch import Struct
+from pyibr.opencl.watch import Watch, watching
+from pyibr.picture.drawable import Look, as_drawable
+from pyibr.picture.seen import MarkedUnseen
+from tests import scenes
+from tests.scenes import Size
+
+Kind = Literal["uint8", "float32", "depth alone"]
+KINDS: tuple[Kind, ...] = ("uint8", "float32", "depth alone")
+PROJECTIONS: tuple[Projection, ...] = ("perspective", "orthographic")
+
+POISONS = (np.nan, np.inf, -np.inf, 0.0, 1e-38, 1e-20, 1e9, -1e9, 1e38, -1e38)
+
+_T = TypeVar("_T")
+
+Ran = set[tuple[str, str]]
+"""Kernels' names with the kind of colours that they ran on; "" where they know none."""
+
+
+class Launches(Watch):
+    """Which kernels run, on which kinds of colour."""
+
+    def __init__(self) -> None:
+        self.ran: Ran = set()
+
+    def launch(self, kernel, grid, arguments, enqueue) -> None:
+        enqueue(**arguments)
+        color = arguments["color"] if knows_colors(kernel.name) else None
+        self.ran.add((kernel.name, "" if color is None or not color.shape[-1] else str(color.dtype)))
+
+
+class Poisoned(Launches):
+    """Half of the structs have some numbers that no camera or light ever gave; equal structs have equal ones."""
+
+    def __init__(self, seed: int) -> None:
+        super().__init__()
+        self.seed = seed
+
+    def launch(self, kernel, grid, arguments, enqueue) -> None:
+        super().launch(kernel, grid, {name: self.poisoned(value) for name, value in arguments.items()}, enqueue)
+
+    def poisoned(self, value: Any) -> Any:
+        if not isinstance(value, Struct):
+            return value
+        rng = np.random.default_rng((self.seed, zlib.crc32(value.values.tobytes())))
+        values, share = value.values.copy(), rng.choice((0.0, 0.25))
+        for name in values.dtype.names or ():
+            if values[name].dtype.kind == "f":
+                numbers = values[name]
+                values[name] = np.where(rng.random(numbers.shape) < share, rng.choice(POISONS, numbers.shape), numbers)
+        return Struct(value.name, values)
+
+
+@cache
+def signatures() -> dict[str, str]:
+    """What stands between the brackets of each kernel of `kernels/`, by its name."""
+    texts = [path.read_text() for path in sorted(kernels_folder().glob("*/*.cl"))]
+    found = [pair for text in texts for pair in re.findall(r"^kernel void (\w+)\((.*?)\)\n\{", text, re.M | re.S)]
+    return dict(found)
+
+
+def knows_colors(name: str) -> bool:
+    """Whether a kernel reads or writes colours, whose kind it is built for."""
+    return re.search(r"\bchannel \*", signatures()[name]) is not None
+
+
+def all_kernels() -> Ran:
+    """What has run if every kernel has, on both kinds of colour."""
+    return {(name, kind) for name in signatures() for kind in (KINDS[:2] if knows_colors(name) else ("",))}
+
+
+@dataclass(frozen=True)
+class Setting:
+    """How a case is run.
+
+    Attributes
+    ----------
+    kind : str
+        Of the colours.
+    thorough : bool
+        All sizes; else the least that runs everything, for Oclgrind, which is slow.
+    empty : callable
+        Makes arrays that a call writes `out` to.
+    """
+
+    kind: Kind
+    thorough: bool
+    empty: Callable[[tuple[int, ...], DTypeLike], NDArray[Any]] = field(default=np.empty)
+
+    def choose(self, least: _T, some: _T, everything: _T) -> _T:
+        """How many sizes and maps a case has: other kinds of colour are read and written in the same places."""
+        return (least, some, everything)[self.thorough + (self.kind == "uint8")]
+
+    def colors(self, image: NDArray[np.uint8]) -> NDArray[Any]:
+        """Bytes, or the same in [0, 1]."""
+        return image / np.float32(255) if self.kind == "float32" else image
+
+    def noise(self, width: int, height: int) -> NDArray[Any]:
+        """An image of no two equal pixels."""
+        return self.colors(np.random.default_rng(1).integers(0, 256, (height, width, 3)).astype(np.uint8))
+
+    def view(self, make: Callable[[Size, Projection], DepthImage], size: Size, projection: Projection) -> DepthImage:
+        """A depth image of `scenes` with its own buffers."""
+        kept = make(size, projection)
+        color = None if self.kind == "depth alone" else self.colors(kept.color)
+        return DepthImage(color, kept.depth, kept.camera, far=kept.far)
+
+    def frame(self, camera: ibr.Camera) -> ibr.Frame:
+        """The caller's own arrays."""
+        shape = camera.height, camera.width
+        channels, dtype = (0, "uint8") if self.kind == "depth alone" else (3, self.kind)
+        color, depth = self.empty((*shape, channels), dtype), self.empty(shape, "float32")
+        return ibr.Frame(color, depth, self.empty(shape, "bool"), camera)
+
+
+def cases(setting: Setting) -> Iterator[tuple[str, Callable[[], object]]]:
+    """All of them, named."""
+    colored = (_meshes, _surfaces, _reliefs, _objects, _depth_meshes)
+    for made in (_warps, _lenses, _registrations, *(colored if setting.kind != "depth alone" else ())):
+        for name, call in made(setting):
+            yield f"{setting.kind} {name}", call
+
+
+Cases = Iterator[tuple[str, Callable[[], object]]]
+
+WAYS: tuple[dict[str, Any], ...] = (
+    {},
+    {"edges": "connect", "classes": True},
+    {"method": "search", "side": "both"},
+    {"fill": "background", "sample": "nearest", "classes": True},
+    {"method": "forward", "splat": 2},
+    {"fill": "smooth", "edges": "connect"},
+)
+
+
+def _warps(setting: Setting) -> Cases:
+    all_sizes = (13, 7), (1, 1), (2, 2), (1, 7), (7, 1), (17, 33)
+    all_targets = (5, 7), (1, 1), (2, 3), (1, 37), (37, 1), (19, 17)
+    seen = list(product((scenes.smooth, scenes.holed), PROJECTIONS))
+    many, of_both = setting.choose(1, 2, 6), setting.choose(seen[:1], seen[::3], seen)
+    for (make, projection), size, target in product(of_both, all_sizes[:many], all_targets[:many]):
+        view, beside = setting.view(make, size, projection), setting.view(scenes.smooth, (2, 1), projection)
+        if not view.valid.any():
+            continue
+        for number, (pose, camera) in enumerate(_targets(view, target)):
+            name = f"warp {make.__name__} {projection} {size} to {camera.size} {pose}"
+            for way in (WAYS[0], WAYS[1 + number % (len(WAYS) - 1)]):
+                yield f"{name} {way}", partial(ibr.warp, view, camera, **way, out=setting.frame(camera))
+            if pose == "ahead":
+                yield f"{name} of two", partial(ibr.warp, [view, beside], camera, classes=True)
+
+
+def _lenses(setting: Setting) -> Cases:
+    lens = ibr.Lens("brown_conrady", [-0.2, 0.02, 0.01, 0.0])
+    for size, target in (((13, 7), (5, 7)), ((2, 2), (1, 1)), ((17, 33), (37, 5)))[: setting.choose(1, 2, 3)]:
+        view = setting.view(scenes.holed, size, "perspective")
+        color = view.color if view.has_color else None
+        here = ibr.Camera(view.camera.K, size, view.camera.world_from_camera, lens=lens)
+        yield f"lens {size} made straight", partial(ibr.straightened, DepthImage(color, view.depth, here, view.far))
+        for camera in (view.camera.moved(0.05, 0.02, 0.1).resized(target), view.camera.moved(0.2, 0, 0)):
+            bent = ibr.Camera(camera.K, camera.size, camera.world_from_camera, lens=lens)
+            for way in ({}, {"classes": True, "fill": "smooth"}, {"sample": "nearest", "fill": "background"}):
+                yield f"lens {size} to {camera.size} {way}", partial(ibr.warp, view, bent, **way)
+
+
+def _registrations(setting: Setting) -> Cases:
+    lenses: list[ibr.Lens | None] = [None, ibr.Lens("brown_conrady", [-0.2, 0.02, 0.01, 0.0])]
+    lenses += [ibr.Lens("kannala_brandt", [0.02, 0, 0, 0]), ibr.Lens("modified_brown_conrady", [-0.2, 0.02, 0, 0])]
+    sizes = ((13, 7), (5, 7)), ((1, 1), (1, 1)), ((17, 33), (37, 5)), ((2, 1), (1, 37))
+    for (size, target), lens in product(sizes[: setting.choose(2, 2, 4)], lenses[: setting.choose(2, 2, 4)]):
+        view = setting.view(scenes.holed, size, "perspective")
+        if not view.valid.any():
+            continue
+        here = ibr.Camera(view.camera.K, size, view.camera.world_from_camera, lens=lens)
+        for aside in (0.05, 2.5):
+            moved = here.moved(aside, 0.02, 0.1).resized(target)
+            there = ibr.Camera(moved.K, target, moved.world_from_camera, lens=lens)
+            name = f"register {size} to {target} {aside} {lens}"
+            if setting.kind == "depth alone":
+                yield name, partial(ibr.register, view.depth, here, there)
+            else:
+                yield name, partial(ibr.register, view.depth, here, there, setting.noise(*target), to="depth")
+
+
+def _targets(view: DepthImage, size: Size) -> Iterator[tuple[str, ibr.Camera]]:
+    """Cameras whose lines run in all ways; some see rows and columns that the view has not."""
+    for pose in scenes.special_cameras(view, size):
+        if pose.name not in ("left", "up"):
+            yield pose.name, pose.camera
+    yield "ahead", view.camera.moved(0.05, 0.02, 0.4).resized(size)
+    if size == (1, 1):  # of these targets it decides nothing
+        width, height = view.camera.size
+        larger = view.camera.K + np.array([[0, 0, 21], [0, 0, 23], [0, 0, 0]])
+        for name, step in (("beyond rows", (0.3, 0, 0)), ("beyond columns", (0, -0.3, 0))):
+            moved = view.camera.moved(*step)
+            yield name, ibr.Camera(larger, (width + 45, height + 47), moved.world_from_camera, moved.projection)
+
+
+def _draw(setting: Setting, things: list[Any], camera: ibr.Camera, light: ibr.Light | None = None) -> object:
+    """Renders things behind a depth image, whose colours decide which kind the picture's are of."""
+    return ibr.render([*things, setting.view(scenes.smooth, (2, 1), "perspective")], camera, light)
+
+
+def _square() -> tuple[list[list[float]], list[list[int]], list[list[float]]]:
+    """Corners, faces and uv: the first face, which lanes with nothing to draw look at, has no area; one crosses the
+    camera's plane."""
+    corners = [[-1.0, -1, 2], [1, -1, 4], [1, 1, 4], [-1, 1, -2]]
+    return corners, [[1, 1, 2], [0, 2, 1], [0, 3, 2]], [[-1.0, 0], [1, 0], [1, 2], [0, 3]]
+
+
+def _lights(setting: Setting) -> list[ibr.Light | None]:
+    lit = [ibr.Light(position=(0, 0, 0), shadow_size=7, specular=0.5)]
+    return lit if not setting.thorough else [None, ibr.Light(direction=(0.1, 0.2, 1), shadow_size=0), *lit]
+
+
+def _screens(setting: Setting) -> list[ibr.Camera]:
+    sizes = ((5, 7), (1, 1), (2, 2), (37, 5), (67, 33))[: setting.choose(1, 2, 5)]
+    return [ibr.Camera([[size[0], 0, size[0] / 2], [0, size[0], size[1] / 2], [0, 0, 1]], size) for size in sizes]
+
+
+def _meshes(setting: Setting) -> Cases:
+    corners, faces, uv = _square()
+    for texture_size in ((5, 3), (1, 1), (1, 5), (5, 1))[: setting.choose(1, 4, 4)]:
+        texture = setting.noise(*texture_size)
+        first = ibr.Mesh(corners, faces, uv=uv, texture=texture)
+        second = ibr.Mesh(corners, faces, colors=np.asarray(setting.noise(4, 1)[0]))
+        plain = ibr.Mesh([[-9, -9, 5], [9, -9, 5], [0, 9, 5]], [[0, 1, 2]])
+        for camera in _screens(setting):
+            for light in _lights(setting):
+                name = f"meshes, texture {texture_size}, {camera.size}, {light}"
+                yield name, partial(_draw, setting, [first, second, plain], camera, light)
+    for sizes in (((1, 1), (2, 2), (1, 5), (7, 1)), ((9, 7),) * 4)[: setting.choose(1, 2, 2)]:
+        views = _views_around(setting, sizes)
+        for side, camera in product(("front", "both"), _screens(setting)):
+            thing = MarkedUnseen(as_drawable(plain, Look()), views, side)
+            yield f"seen by {sizes} from {side}, {camera.size}", partial(_draw, setting, [first, thing], camera)
+
+
+def _height_maps(setting: Setting) -> Iterator[tuple[NDArray[Any], NDArray[Any], NDArray[Any] | None]]:
+    """Heights, colours and normals of all awkward shapes."""
+    rng = np.random.default_rng(0)
+    for size in ((5, 3), (1, 1), (1, 5), (5, 1), (4, 8))[: setting.choose(1, 2, 5)]:
+        height = rng.random(size[::-1], np.float32)
+        normals = np.dstack([rng.random((*size, 2), np.float32) - 0.5, np.ones(size, np.float32)])
+        yield height, setting.noise(*size), normals
+        yield (255 * height).astype(np.uint8), setting.noise(*size[::-1]), None
+
+
+def _tiled_square() -> ibr.Mesh:
+    uv = [[-1, 0], [1, 0], [1, 3], [0, 1]]
+    return ibr.Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0.1], [0, 1, 0]], [[1, 1, 2], [0, 1, 2], [0, 2, 3]], uv=uv)
+
+
+def _above(setting: Setting) -> list[ibr.Camera]:
+    """Cameras that see the square from above, from aside and from amid its relief."""
+    looks: tuple[tuple[tuple[float, ...], Size], ...] = (
+        ((0.5, 0.5, 0.6), (13, 7)),
+        ((1, 2, 1), (1, 1)),
+        ((0.5, 0.5, 0.05), (37, 5)),
+    )
+    return [
+        ibr.Camera.look_at(eye, (0.5, 0.5, 0), (0, 1, 0.1), size, fov_y=60)
+        for eye, size in looks[: setting.choose(1, 2, 3)]
+    ]
+
+
+def _surfaces(setting: Setting) -> Cases:
+    light = ibr.Light(direction=(0, 0, -1), shadow_size=7)
+    screen: dict[str, Any] = {"slicing": "screen", "clipped": False, "test": "band"}
+    ways: tuple[dict[str, Any], ...] = ({"slicing": "surface"}, {"test": "at_least"}, screen)
+    for height, color, normals in _height_maps(setting):
+        for way in ways:
+            made = ibr.SlicedSurface(_tiled_square(), height, color, 0.3, (2, 1), 3, normal_map=normals, **way)
+            for camera in _above(setting):
+                yield f"slices {height.shape} {way} {camera.size}", partial(_draw, setting, [made], camera, light)
+
+
+def _reliefs(setting: Setting) -> Cases:
+    light = ibr.Light(direction=(0, 0, -1), shadow_size=7)
+    ways: tuple[dict[str, Any], ...] = (
+        {},
+        {"search": "linear", "steps": 4},
+        {"distance": "exact"},
+        {"silhouette": "none"},
+    )
+    for height, color, normals in _height_maps(setting):
+        for way in ways:
+            made = ibr.ReliefSurface(_tiled_square(), height, color, 0.3, (2, 1), normals, **way)
+            for camera in _above(setting):
+                yield f"relief {height.shape} {way} {camera.size}", partial(_draw, setting, [made], camera, light)
+                if setting.thorough:
+                    yield f"places {height.shape} {way} {camera.size}", partial(made.tile_coordinates, camera)
+
+
+def _views_around(setting: Setting, sizes: tuple[Size, ...]) -> list[DepthImage]:
+    """Of a block of a third of the image's width; what lies beside it is background."""
+    views = []
+    for eye, size in zip(((3, 0, 0), (0, 3, 0), (0, 0, 3), (-2, -2, 2)), sizes, strict=True):
+        camera = ibr.Camera.look_at(eye, (0, 0, 0), (0.1, 0.2, 1), size, fov_y=40)
+        depth = np.full(size[::-1], np.inf, np.float32)
+        depth[size[1] // 3 : size[1] // 3 + 2, size[0] // 3 : size[0] // 2 + 2] = 2.5
+        views.append(DepthImage(setting.noise(*size), depth, camera))
+    return views
+
+
+def _objects(setting: Setting) -> Cases:
+    looks: tuple[tuple[tuple[float, ...], Size], ...] = (
+        ((2, 1, 2), (13, 7)),
+        ((2, 1, 0), (1, 1)),
+        ((0.05, 0, 0), (37, 5)),
+    )
+    cameras = [ibr.Camera.look_at(eye, (0, 0, 0), (0, 1, 0.1), size, fov_y=40) for eye, size in looks]
+    of_sizes: list[tuple[Size, ...]] = [((1, 1), (2, 2), (1, 5), (7, 1)), ((9, 7),) * 4]
+    for sizes in of_sizes:
+        views = _views_around(setting, sizes)
+        for slicing in ("orthogonal", "screen"):
+            things: list[Any] = [ibr.DepthObject(views, 5, slicing, missing="unknown")]
+            if sizes[0] != (1, 1):
+                things.append(ibr.VisualHull(views, 5, slicing))
+            for camera in cameras[: 3 if setting.thorough else 2]:
+                yield f"objects of {sizes} {slicing} {camera.size}", partial(_draw, setting, things, camera)
+
+
+def _rough(setting: Setting, size: Size, projection: Projection, holes: float) -> DepthImage:
+    rng = np.random.default_rng(0)
+    width, height = size
+    f = 1.2 * width if projection == "perspective" else width / 3
+    depth = (3 + 0.2 * rng.random((height, width))).astype(np.float32)
+    depth[rng.random((height, width)) < holes] = np.nan
+    camera = ibr.Camera([[f, 0, width / 2], [0, f, height / 2], [0, 0, 1]], size, projection=projection)
+    return DepthImage(setting.noise(*size), depth, camera)
+
+
+def _depth_meshes(setting: Setting) -> Cases:
+    target = ibr.Camera([[9, 0, 6], [0, 9, 3], [0, 0, 1]], (13, 7))
+    tests = (("orthogonality", (2, 2)), ("connectedness", (7, 13)), ("disparity", (17, 9)), ("none", (37, 3)))
+    sizes: tuple[Size, ...] = ((2, 2), (2, 17), (17, 2), (3, 2), (31, 33))[: setting.choose(0, 0, 5)]
+    for test, own in tests:
+        for size in (own, *sizes):
+            for projection in PROJECTIONS:
+                view = _rough(setting, size, projection, 0 if min(size) == 2 else 0.1)
+                thing = ibr.DepthMesh(view, 0.5, Segmentation(test, 60, 0.1, 0.1))
+                name = f"depth mesh {test} {size} {projection}"
+                yield f"{name}, simplified", partial(thing.simplify, 0.05)
+                yield name, partial(_draw, setting, [thing], target)
+    light = ibr.Light(direction=(0, 0, 1), shadow_size=7)
+    views = [_rough(setting, (9, 7), "perspective", 0.1), _rough(setting, (5, 8), "orthographic", 0.1)]
+    for size in ((13, 7), (1, 1), (2, 2), (37, 5))[: setting.choose(1, 2, 4)]:
+        camera = ibr.Camera([[9, 0, 6], [0, 9, 3], [0, 0, 1]], size)
+        for blend in ("quality", "position", "nearest"):
+            thing = ibr.DepthMeshObject(views, 0.5, blend)
+            yield f"depth meshes {blend} {size}", partial(_draw, setting, [thing], camera, light)
+            yield f"occupancy {blend} {size}", partial(thing.occupancy, camera)
+
+
+def run_all(setting: Setting, launches: Launches) -> Ran:
+    """Runs all cases, each of which is printed before; returns what ran."""
+    warnings.simplefilter("ignore")  # that some targets see nothing
+    # What poisoned launches made is refused by whatever takes it next.
+    refused = suppress(ibr.ArgumentError) if isinstance(launches, Poisoned) else nullcontext()
+    with watching(launches):
+        for name, call in cases(setting):
+            print(name, flush=True)
+            with refused:
+                call()
+    return launches.ran
+
+
+def check_all_ran(ran: Ran) -> None:
+    """Ends the process unless every kernel has run."""
+    missing = sorted(all_kernels() - ran)
+    assert not missing, f"never ran: {missing}"
+
+
+if __name__ == "__main__":
+    check_all_ran({one for kind in KINDS for one in run_all(Setting(kind, thorough=False), Launches())})
+    print("through on", current().device.platform)

@@ -1,0 +1,123 @@
+"""Calls of all systems, which launch every kernel: for what holds of launches as such."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import pyibr as ibr
+from pyibr.capture import models, object_views
+from pyibr.images import Frame
+from pyibr.picture.drawable import Look, as_drawable
+from pyibr.picture.seen import MarkedUnseen
+from tests import scenes
+
+Call = Callable[[], list[NDArray[Any]]]
+SIZE = (61, 37)
+LENS = ibr.Lens("brown_conrady", [-0.2, 0.02, 0.01, 0.0])
+
+
+def _arrays(frame: Frame) -> list[NDArray[Any]]:
+    more = (frame.source, frame.view, frame.classes)
+    return [frame.color, frame.depth, frame.valid, *(values for values in more if values is not None)]
+
+
+def _view(scene: Callable[[tuple[int, int]], ibr.DepthImage]) -> ibr.DepthImage:
+    """With nothing on the device."""
+    known = scene(SIZE)
+    return ibr.DepthImage(known.color, known.depth, known.camera)
+
+
+def _warped(**how: Any) -> Call:
+    def call() -> list[NDArray[Any]]:
+        view = _view(scenes.stepped)
+        return _arrays(ibr.warp(view, view.camera.moved(0.2, 0.1, 0.3), **how))
+
+    return call
+
+
+def _drawn(make: Callable[[], Any], lit: bool = True) -> Call:
+    def call() -> list[NDArray[Any]]:
+        camera = ibr.Camera.look_at((1, 2, 5), (0, 0, 0), (0, 1, 0), SIZE, fov_y=45)
+        return _arrays(ibr.render(make(), camera, ibr.Light(direction=(-1, -1, -1), shadow_size=64) if lit else None))
+
+    return call
+
+
+def _aside() -> list[NDArray[Any]]:
+    view = _view(scenes.stepped)
+    return _arrays(ibr.warp(view, view.camera.moved(0.2, 0, 0), fill="background"))
+
+
+def _blended() -> list[NDArray[Any]]:
+    view = _view(scenes.stepped)
+    aside = ibr.warp(view, view.camera.moved(0.2, 0, 0.1))
+    views = [view, ibr.DepthImage(aside.color, aside.depth, aside.camera)]
+    return _arrays(ibr.warp(views, view.camera.moved(0.1, 0.05, 0)))
+
+
+def _through_a_lens() -> list[NDArray[Any]]:
+    view = _view(scenes.holed)
+    aside = view.camera.moved(0.2, 0.1, 0.3)
+    camera = ibr.Camera(aside.K, aside.size, aside.world_from_camera, lens=LENS)
+    bent = ibr.DepthImage(view.color, view.depth, ibr.Camera(view.camera.K, SIZE, lens=LENS), view.far)
+    straight = ibr.straightened(bent)
+    return [
+        *_arrays(ibr.warp(view, camera)),
+        *_arrays(ibr.warp(view, aside, fill="background")),
+        straight.color,
+        straight.depth,
+    ]
+
+
+def _registered() -> list[NDArray[Any]]:
+    view = _view(scenes.holed)
+    there = ibr.Camera(view.camera.K, SIZE, view.camera.moved(0.2, 0.1, 0.1).world_from_camera, lens=LENS)
+    depth, color = np.where(view.valid, view.depth, np.float32(np.nan)), view.color
+    seen = ibr.register(depth, view.camera, there, color, to="depth")
+    return [ibr.register(depth, view.camera, there), seen.color, seen.seen]
+
+
+def _simplified() -> list[NDArray[Any]]:
+    mesh = ibr.DepthMesh(_view(scenes.smooth))
+    simple = mesh.simplify(0.01)
+    return [simple.vertices, simple.faces, mesh.normals]
+
+
+def calls() -> dict[str, Call]:
+    """By name; each makes its things anew and returns all that it has got."""
+    views, base = object_views(models.donut(20), 32), models.donut(12)
+    heights = np.random.default_rng(1).random((16, 16), dtype=np.float32)
+    colors = np.random.default_rng(2).integers(0, 255, (16, 16, 3)).astype(np.uint8)
+    warnings.simplefilter("ignore")
+    return {
+        "sweep": _warped(),
+        "connected": _warped(edges="connect", fill="background", classes=True),
+        "search": _warped(method="search"),
+        "forward": _warped(method="forward", splat=3.0),
+        "aside": _aside,
+        "blended": _blended,
+        "smooth": _warped(fill="smooth"),
+        "lens": _through_a_lens,
+        "seen": _drawn(lambda: MarkedUnseen(as_drawable(base, Look()), views)),
+        "registered": _registered,
+        "mesh": _drawn(lambda: ibr.Mesh(base.vertices, base.faces)),
+        "depth image": _drawn(lambda: [_view(scenes.stepped), ibr.Mesh(base.vertices, base.faces)]),
+        "sliced": _drawn(lambda: ibr.SlicedSurface(base, heights, colors, 0.2, slices=16)),
+        "relief": _drawn(lambda: ibr.ReliefSurface(base, heights, colors, 0.2)),
+        "object": _drawn(lambda: ibr.DepthObject(views, slices=16)),
+        "hull": _drawn(lambda: ibr.VisualHull(views, slices=16), lit=False),
+        "depth mesh": _drawn(lambda: ibr.DepthMesh(views[4])),
+        "depth mesh object": _drawn(lambda: ibr.DepthMeshObject(views)),
+        "simplified": _simplified,
+    }
+
+
+def same(found: list[NDArray[Any]], expected: list[NDArray[Any]]) -> bool:
+    """To the bit."""
+    pairs = zip(found, expected, strict=True)
+    return all(a.shape == b.shape and a.tobytes() == b.tobytes() for a, b in pairs)

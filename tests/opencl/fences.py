@@ -1,0 +1,99 @@
+"""Every array of a kernel between pages that nobody may touch: one byte too far ends the process.
+
+An array ends where the pages after it begin, or it begins where those before it end, to the byte: PoCL uses the host's
+memory in place, however it is aligned. What is uploaded may not even be written. Kernels in one lane, whose memory is
+else the device's own, get the same.
+
+Run as a program, with "start" or "end" and 16 or 1 lanes: `cases` within fences. With seeds, too: cameras' numbers are
+poisoned, and nothing is right but that kernels end and keep to their arrays.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import mmap
+import sys
+from contextlib import nullcontext
+from typing import Any, Literal
+
+import numpy as np
+import pyopencl as cl
+from numpy.typing import DTypeLike, NDArray
+
+from pyibr.opencl import memory
+from pyibr.opencl.device import Session, current
+from pyibr.opencl.spare import Block
+from tests.one_lane import one_lane
+from tests.opencl.cases import KINDS, Launches, Poisoned, Setting, check_all_ran, run_all
+
+Where = Literal["start", "end"]
+
+_GUARD = 1 << 20  # bytes to both sides: an index that is off may be far off
+
+_libc = ctypes.CDLL(None, use_errno=True)
+_make_buffer = cl.Buffer
+
+
+def _forbid(address: int, size: int, allowed: int = 0) -> None:
+    assert _libc.mprotect(ctypes.c_void_p(address), size, allowed) == 0, ctypes.get_errno()
+
+
+def _fenced_bytes(size: int, where: Where) -> tuple[mmap.mmap, int]:
+    """Pages, and where in them so many bytes begin that lie at a fence."""
+    whole = -(-max(size, 1) // mmap.PAGESIZE) * mmap.PAGESIZE
+    pages = mmap.mmap(-1, whole + 2 * _GUARD)
+    address = np.frombuffer(pages, np.uint8).ctypes.data
+    _forbid(address, _GUARD)
+    _forbid(address + _GUARD + whole, _GUARD)
+    return pages, _GUARD + (whole - max(size, 1) if where == "end" else 0)
+
+
+def fenced(shape: tuple[int, ...], dtype: DTypeLike, where: Where) -> NDArray[Any]:
+    """An array at a fence."""
+    size = math.prod(shape) * np.dtype(dtype).itemsize
+    pages, start = _fenced_bytes(size, where)
+    return np.frombuffer(pages, np.uint8)[start : start + size].view(dtype).reshape(shape)
+
+
+def raise_fences(where: Where) -> None:
+    """From now on, all buffers of this process lie at fences."""
+
+    def take(session: Session, size: int) -> Block:
+        if not session.profile.in_place:
+            return Block(cl.Buffer(session.context, cl.mem_flags.READ_WRITE, size), size)
+        pages, start = _fenced_bytes(size, where)
+        hostbuf = np.frombuffer(pages, np.uint8)[start : start + max(size, 1)]
+        flags = cl.mem_flags.READ_WRITE | cl.mem_flags.USE_HOST_PTR
+        return Block(_make_buffer(session.context, flags, hostbuf=hostbuf), size, pages, start)
+
+    def make_buffer(context: cl.Context, flags: int, size: int = 0, hostbuf: NDArray[Any] | None = None) -> cl.Buffer:
+        kinds = cl.mem_flags
+        if flags & kinds.USE_HOST_PTR and not flags & kinds.READ_ONLY:
+            return _make_buffer(context, flags, hostbuf=hostbuf)  # the caller's own memory
+        kept = flags & (kinds.READ_ONLY | kinds.WRITE_ONLY | kinds.READ_WRITE) | kinds.USE_HOST_PTR
+        if hostbuf is None:
+            return _make_buffer(context, kept, hostbuf=fenced((max(size, 1),), np.uint8, where))
+        copy = fenced((hostbuf.nbytes,), np.uint8, where)
+        copy[:] = hostbuf.reshape(-1).view(np.uint8)
+        if flags & kinds.READ_ONLY:
+            first = copy.ctypes.data // mmap.PAGESIZE * mmap.PAGESIZE
+            _forbid(first, copy.ctypes.data + copy.nbytes - first, mmap.PROT_READ)
+        return _make_buffer(context, kept, hostbuf=copy)
+
+    memory._take = take
+    memory._give_back = lambda session, block: None
+    cl.Buffer = make_buffer
+
+
+if __name__ == "__main__":
+    where: Where = "start" if sys.argv[1] == "start" else "end"
+    current()  # what chooses a device has buffers of its own
+    raise_fences(where)
+    with one_lane() if sys.argv[2] == "1" else nullcontext():
+        for seed in map(int, sys.argv[3:]):
+            run_all(Setting("uint8", thorough=False), Poisoned(seed))
+        if not sys.argv[3:]:
+            settings = [Setting(kind, True, lambda shape, dtype: fenced(shape, dtype, where)) for kind in KINDS]
+            check_all_ran({one for setting in settings for one in run_all(setting, Launches())})
+        print("through in lanes:", current().profile.lanes)

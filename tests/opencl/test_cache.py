@@ -1,0 +1,326 @@
+"""The cache on disk: where it lies, whom it trusts, and what damage does to it."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pyibr.core.errors import ArgumentError
+from pyibr.opencl import cache
+from pyibr.opencl.cache import Entry, cache_fault, cache_folder
+from pyibr.opencl.doctor import report
+
+ONE = Entry("programs", "one", "what it depends on")
+TWO = Entry("programs", "two", "something else")
+
+posix = pytest.mark.skipif(os.name != "posix", reason="files have no owners and modes here")
+
+
+def files(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.rglob("*") if not path.is_dir())
+
+
+# --- where it lies --------------------------------------------------------------------------------
+
+
+def test_the_cache_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    monkeypatch.setenv("PYIBR_CACHE", str(tmp_path / "own"))
+    assert cache_folder() == tmp_path / "own"
+    monkeypatch.delenv("PYIBR_CACHE")
+    if sys.platform == "linux":
+        monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+        assert cache_folder() == tmp_path / "pyibr"
+        monkeypatch.setenv("XDG_CACHE_HOME", "not/absolute")
+        assert cache_folder() == Path.home() / ".cache/pyibr"
+
+
+def test_a_folder_that_cannot_be_meant_is_an_error_of_one_sentence(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    monkeypatch.setenv("PYIBR_CACHE", "~nosuchuser/cache")
+    with pytest.raises(ArgumentError, match=r"^\$PYIBR_CACHE: expected a folder's path, got '~nosuchuser/cache': "):
+        ONE.read()
+    monkeypatch.setenv("PYIBR_CACHE", "relative")
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    with pytest.raises(ArgumentError, match=r"^\$PYIBR_CACHE: expected a folder's path, got 'relative': "):
+        ONE.write(b"x")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="a user always has a name here")
+def test_a_user_without_a_home(monkeypatch: pytest.MonkeyPatch):
+    import pwd
+
+    def nobody(user: int) -> None:
+        raise KeyError(user)
+
+    for name in ("PYIBR_CACHE", "XDG_CACHE_HOME", "HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(pwd, "getpwuid", nobody)
+    assert cache_folder() == Path(f"/tmp/pyibr-{os.geteuid()}")
+
+
+# --- entries --------------------------------------------------------------------------------------
+
+
+def test_an_entry_is_written_read_and_forgotten(own_cache: Path):
+    assert ONE.read() is None and not own_cache.exists()
+    for content in (b"", b"first", bytes(range(256)) * 1000):
+        ONE.write(content)
+        assert ONE.read() == content and TWO.read() is None
+    assert [path.parent.name for path in files(own_cache)] == ["programs"], "no part is left behind"
+    for folder in (own_cache, own_cache / "programs"):
+        assert os.name != "posix" or folder.stat().st_mode & 0o777 == 0o700
+    ONE.forget()
+    ONE.forget()
+    assert ONE.read() is None
+
+
+def test_names_may_be_anything(own_cache: Path):
+    for name in ("x" * 300, "a\nb", "\N{SNOWMAN}" * 60, ""):
+        entry = Entry("programs", name, name)
+        entry.write(name.encode())
+        assert entry.read() == name.encode()
+
+
+def test_an_entry_stands_for_nothing_else(own_cache: Path):
+    """Its checksum holds for its own identity alone."""
+    ONE.write(b"one")
+    TWO.write(b"two")
+    one, two = files(own_cache)
+    two.replace(one)
+    assert ONE.read() is None and TWO.read() is None
+    device = Entry("devices", ONE.name, ONE.identity)
+    device.write(b"x")
+    device._path(own_cache / "devices").replace(one)
+    assert ONE.read() is None
+
+
+def test_every_flipped_bit_and_every_length_is_noticed(own_cache: Path):
+    ONE.write(b"content")
+    (path,) = files(own_cache)
+    whole = path.read_bytes()
+    for bit in range(8 * len(whole)):
+        damaged = bytearray(whole)
+        damaged[bit // 8] ^= 1 << bit % 8
+        path.write_bytes(damaged)
+        assert ONE.read() is None
+    for length in range(len(whole)):
+        path.write_bytes(whole[:length])
+        assert ONE.read() is None
+    path.write_bytes(whole + b"\0")
+    assert ONE.read() is None
+    path.write_bytes(whole)
+    assert ONE.read() == b"content"
+
+
+def test_a_folder_that_cannot_be_written_is_no_error(own_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "file").write_text("in the way")
+    monkeypatch.setenv("PYIBR_CACHE", str(tmp_path / "file/inside"))
+    ONE.write(b"x")
+    assert ONE.read() is None
+    ONE.forget()
+    fault = cache_fault()
+    assert fault is not None and "cannot be written" in fault[0]
+    assert fault in [(problem.what, problem.remedy) for problem in report().problems]
+
+
+@pytest.mark.parametrize("step", ["fsync", "replace"])
+def test_a_full_disk_leaves_the_old_entry(own_cache: Path, monkeypatch: pytest.MonkeyPatch, step: str):
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    ONE.write(b"old")
+    before = files(own_cache)
+    with monkeypatch.context() as patch:
+        if step == "fsync":
+            patch.setattr(os, "fsync", full)
+        else:
+            patch.setattr(Path, "replace", full)
+        ONE.write(b"new")
+        TWO.write(b"new")
+    assert files(own_cache) == before and ONE.read() == b"old"
+
+
+def test_what_a_killed_process_leaves_is_pruned(own_cache: Path):
+    ONE.write(b"old")
+    code = "import os; from pyibr.opencl.cache import Entry; os.fsync = lambda file: os._exit(9)\n"
+    done = subprocess.run([sys.executable, "-c", f"{code}Entry('programs', 'one', {ONE.identity!r}).write(b'new')"])
+    assert done.returncode == 9 and ONE.read() == b"old"
+    (part,) = set(files(own_cache)) - {ONE._path(own_cache / "programs")}
+    TWO.write(b"two")
+    assert part.exists(), "another process may still write it"
+    os.utime(part, (time.time() - 1e5,) * 2)
+    TWO.write(b"two")
+    assert not part.exists() and ONE.read() == b"old"
+
+
+def test_entries_that_were_used_longest_ago_are_pruned(own_cache: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(cache, "_MOST_BYTES", 5000)
+    entries = [Entry("programs", str(number), str(number)) for number in range(6)]
+    for number, entry in enumerate(entries[:4]):
+        entry.write(bytes(1000))
+        os.utime(entry._path(own_cache / "programs"), (time.time() - 1e6 + number,) * 2)
+    (own_cache / "programs/old-0123.bin").write_bytes(bytes(500))  # of an earlier version
+    os.utime(own_cache / "programs/old-0123.bin", (1, 1))
+    assert entries[0].read() is not None  # used today
+    for entry in entries[4:]:
+        entry.write(bytes(1000))
+    assert [entry.read() is not None for entry in entries] == [True, False, False, True, True, True]
+    assert len(files(own_cache)) == 4
+
+
+# --- whom it trusts -------------------------------------------------------------------------------
+
+
+def opened(folder: Path) -> None:
+    folder.chmod(0o777)
+
+
+def opened_to_its_group(folder: Path) -> None:
+    folder.chmod(0o770)
+
+
+def anothers(folder: Path) -> None:
+    if os.geteuid():
+        pytest.skip("only root gives a folder away")
+    os.chown(folder, 12345, -1)
+
+
+def a_link_to_an_open_one(folder: Path) -> None:
+    elsewhere = folder.with_name("elsewhere")
+    folder.rename(elsewhere)
+    elsewhere.chmod(0o777)
+    folder.symlink_to(elsewhere)
+
+
+def anothers_link(folder: Path) -> None:
+    a_link_to_an_open_one(folder)
+    folder.resolve().chmod(0o700)
+    if os.geteuid():
+        pytest.skip("only root gives a link away")
+    os.chown(folder, 12345, -1, follow_symlinks=False)
+
+
+def a_file(folder: Path) -> None:
+    shutil.rmtree(folder)
+    folder.touch()
+
+
+UNSAFE = [opened, opened_to_its_group, anothers, a_link_to_an_open_one, anothers_link, a_file]
+
+
+@posix
+@pytest.mark.parametrize("room", ["", "programs"])
+@pytest.mark.parametrize("make_unsafe", UNSAFE)
+def test_a_folder_that_others_can_write_is_not_used(own_cache: Path, room: str, make_unsafe: Any):
+    ONE.write(b"one")
+    make_unsafe(own_cache / room)
+    before = files(own_cache.parent)
+    with pytest.warns(
+        RuntimeWarning, match=f"^the cache folder {own_cache / room} is not used, .*; to mend it: [^.]*$"
+    ):
+        assert ONE.read() is None
+    TWO.write(b"two")  # says nothing more
+    assert TWO.read() is None and files(own_cache.parent) == before
+    fault = cache_fault()
+    assert fault is not None and str(own_cache / room) in fault[0]
+    if fault[1].startswith(("chmod", "rm")):
+        subprocess.run(fault[1], shell=True, check=True)
+        ONE.write(b"one")
+        assert ONE.read() == b"one" and cache_fault() is None
+
+
+@posix
+def test_a_link_to_a_safe_folder_is_used(own_cache: Path):
+    elsewhere = own_cache.with_name("elsewhere")
+    elsewhere.mkdir(mode=0o700)
+    own_cache.symlink_to(elsewhere)
+    ONE.write(b"one")
+    assert ONE.read() == b"one" and len(files(elsewhere)) == 1
+
+
+@posix
+@pytest.mark.parametrize("change", [opened, anothers])
+def test_a_file_that_others_can_write_is_not_used(own_cache: Path, change: Any):
+    ONE.write(b"one")
+    change(ONE._path(own_cache / "programs"))
+    assert ONE.read() is None
+    ONE.write(b"one")
+    assert ONE.read() == b"one"
+
+
+# --- damage ---------------------------------------------------------------------------------------
+
+DAMAGED = """
+import json, random, shutil, sys, warnings
+from pathlib import Path
+import numpy as np
+import pyibr as ibr
+from pyibr.opencl import cache, probe
+from pyibr.opencl.device import _default_session, current
+from pyibr.opencl.runtimes import found_devices
+sys.path.insert(0, sys.argv[1])
+from damage import KINDS
+seed, first, last = map(int, sys.argv[2:])
+folder = cache.cache_folder()
+camera = ibr.Camera([[30, 0, 20], [0, 30, 15], [0, 0, 1]], (41, 31))
+y, x = np.mgrid[:31, :41]
+picture = np.dstack([x * 6, y * 8, x + y]).astype(np.uint8)
+view = ibr.DepthImage(picture, (2 + 0.01 * x + (y > 15)).astype(np.float32), camera)
+
+def render():
+    current().kernels.clear()
+    probe._tested.clear()
+    assert probe.probe(found_devices()[current().device.index]).works
+    frame = ibr.warp(view, camera.moved(0.1, 0.05, 0.2), fill="background")
+    return frame.color.tobytes() + frame.depth.tobytes() + frame.valid.tobytes()
+
+written = []
+write = cache.Entry.write
+cache.Entry.write = lambda entry, content: (written.append(entry), write(entry, content))
+expected = render()
+shutil.copytree(folder, folder.with_name("whole"), copy_function=shutil.copy2)
+for number in range(first, last):
+    kind = KINDS[number % len(KINDS)]
+    kind(folder, random.Random(seed + number))
+    results = []
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        for _ in range(2):
+            written.clear()
+            results.append(render())
+    print(json.dumps([kind.__name__, [result == expected for result in results], len(written), len(said)]), flush=True)
+    cache._told.clear()
+    for path in folder.parent.glob("*"):
+        if path.name != "whole":
+            path.chmod(0o700) if path.exists() else None
+            shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
+    shutil.copytree(folder.with_name("whole"), folder, copy_function=shutil.copy2)
+"""
+
+
+@pytest.mark.parametrize("first", range(0, 60, 15))
+def test_no_damage_does_harm(first: int, own_cache: Path):
+    """Each damage is followed by two frames; after the first, the cache is whole again where it can be used."""
+    import json
+
+    command = [sys.executable, "-c", DAMAGED, str(Path(__file__).parent), "7", str(first), str(first + 15)]
+    path = os.pathsep.join(p for p in sys.path if p)
+    own_cache.mkdir(mode=0o700)
+    done = subprocess.run(
+        command, env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True, timeout=600
+    )  # some compilers are slow
+    told = [json.loads(line) for line in done.stdout.splitlines()]
+    assert done.returncode == 0 and len(told) == 15, f"{told}\n{done.stderr}"
+    for kind, right, written, said in told:
+        assert right == [True, True], kind
+        assert said == kind.startswith("unsafe"), kind
+        assert (written == 0) == (not kind.startswith(("unsafe", "unwritable"))), kind

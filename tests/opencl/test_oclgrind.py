@@ -1,0 +1,23 @@
+"""Kernels under Oclgrind, which sees what they read and write beyond arrays, and what is unset."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+
+@pytest.mark.skipif(shutil.which("oclgrind") is None, reason="Oclgrind is not installed (apt-get install oclgrind)")
+def test_no_kernel_reads_or_writes_what_is_not_its_own(tmp_path: Path):
+    paths = {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p), "PYIBR_CACHE": str(tmp_path)}
+    command = ("oclgrind", "--check-api", sys.executable, "-m", "tests.opencl.cases")
+    variables = os.environ | paths | {"PYIBR_DEVICE": "oclgrind"}
+    done = subprocess.run(command, env=variables, capture_output=True, text=True, timeout=900)
+    said = done.stdout + done.stderr
+    assert done.stdout.endswith("through on Oclgrind\n"), said[-3000:]
+    for report in ("Invalid read", "Invalid write", "Uninitialized"):
+        assert report not in said, said[max(said.index(report) - 500, 0) :][:3000]

@@ -1,0 +1,186 @@
+"""What depth images have seen, against rays cast from their centres to the surface's true points."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.capture import MeshScene, capture, models
+from pyibr.picture.drawable import Look, as_drawable
+from pyibr.picture.seen import MarkedUnseen
+from tests.one_lane import one_lane
+
+MARK = (230, 40, 40)
+TARGET = ibr.Camera.look_at((1.6, -1.9, 2.3), (0, 0, 0), (0, 0, 1), (163, 121), fov_y=50)
+
+
+@cache
+def scene() -> ibr.Mesh:
+    """A donut, and a ball in its hole that hides some of it."""
+    ring, ball = models.donut(96), models.donut(48, 1e-3, 0.35)
+    corners = np.concatenate([ring.vertices, ball.vertices + np.array([0, 0, 0.3])])
+    colors = np.random.default_rng(0).integers(100, 200, (len(corners), 3)).astype(np.uint8)
+    return ibr.Mesh(corners, np.concatenate([ring.faces, ball.faces + len(ring.vertices)]), colors=colors)
+
+
+@cache
+def source(projection: str, eye: tuple[float, float, float], size: int = 255) -> ibr.DepthImage:
+    how = {"fov_y": 45} if projection == "perspective" else {"projection": projection, "height": 2.5}
+    camera = ibr.Camera.look_at(eye, (0, 0, 0), (0, 1, 0.2), (size, size + 14), **how)
+    return capture(scene(), camera)
+
+
+def marked(views: list[ibr.DepthImage], camera: ibr.Camera = TARGET, **how: Any) -> np.ndarray:
+    """(H, W) where the picture is marked."""
+    plain = ibr.render(scene(), camera)
+    frame = ibr.render(MarkedUnseen(as_drawable(scene(), Look()), views, **how), camera)
+    np.testing.assert_array_equal(frame.depth, plain.depth)
+    expected = np.rint(0.4 * plain.color.astype(float) + 0.6 * np.array(MARK))
+    is_marked = np.abs(frame.color - expected).max(axis=2) <= 1  # 0.6 and 0.4 are no float32
+    changed = (frame.color != plain.color).any(axis=2)
+    assert not (changed & ~is_marked).any()
+    assert not changed[~plain.valid].any()
+    return changed
+
+
+def unseen_by_rays(views: list[ibr.DepthImage], points: np.ndarray, margin: float = 0.0) -> np.ndarray:
+    """(n,) whether no view sees a point: it is out of its frame, or something is before it."""
+    rays = MeshScene.from_mesh(scene())._scene
+    unseen = np.ones(len(points), bool)
+    for view in views:
+        camera = view.camera
+        pixels, depth = camera.project(points)
+        away = points - (camera.center if camera.projection == "perspective" else points - 10 * camera.forward)
+        far = np.linalg.norm(away, axis=1)
+        packed = np.concatenate([points - away, away / far[:, None]], axis=1).astype(np.float32)
+        hit = rays.cast_rays(packed)["t_hit"].numpy()
+        inside = ((pixels >= -0.5 - margin) & (pixels <= np.array(camera.size) - 0.5 + margin)).all(axis=1) & (
+            depth > 0
+        )
+        unseen &= ~(inside & (hit > far - 2e-3))
+    return unseen
+
+
+CASES = {
+    "one": [("perspective", (0.0, 0.0, 4.0))],
+    "two": [("perspective", (2.5, 0.0, 3.0)), ("perspective", (-1.0, -2.0, 2.5))],
+    "orthographic": [("orthographic", (1.0, 0.5, 4.0))],
+    "near": [("perspective", (1.6, -0.3, 0.9))],
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_what_is_marked_is_what_no_ray_reaches(name):
+    views = [source(*case) for case in CASES[name]]
+    found = marked(views)
+    frame = ibr.render(scene(), TARGET)
+    y, x = np.nonzero(frame.valid)
+    points = TARGET.unproject(np.column_stack([x, y]), frame.depth[y, x])
+    truth = unseen_by_rays(views, points)
+    assert 0.04 < truth.mean() < 0.95
+    agree = found[y, x] == truth
+    # A view knows its silhouettes to a sample, and where it looks along the surface a sample covers much of it.
+    steep = np.all([np.abs(slopes(view, points)) > 0.3 for view in views], axis=0)
+    assert steep.sum() > 2000
+    assert agree[steep].mean() > 0.995
+    assert agree.mean() > 0.96
+
+
+def slopes(view: ibr.DepthImage, points: np.ndarray) -> np.ndarray:
+    """(n,) cosines between the surface's normals and the way to the view."""
+    camera, mesh = view.camera, MeshScene.from_mesh(scene())
+    ahead = points - TARGET.center
+    packed = np.concatenate([np.broadcast_to(TARGET.center, ahead.shape), ahead], axis=1).astype(np.float32)
+    normals = mesh._scene.cast_rays(packed)["primitive_normals"].numpy()
+    to = (
+        camera.center - points if camera.projection == "perspective" else np.broadcast_to(-camera.forward, points.shape)
+    )
+    return np.sum(normals * to, axis=1) / np.linalg.norm(normals, axis=1) / np.linalg.norm(to, axis=1)
+
+
+def test_what_the_camera_itself_has_seen_is_not_marked():
+    view = capture(scene(), TARGET)
+    assert marked([view])[view.valid].mean() < 0.01  # at silhouettes, a neighbour's depth
+    np.testing.assert_array_equal(marked([]), ibr.render(scene(), TARGET).valid)
+
+
+def test_the_side_that_counts_is_asked_for():
+    """From within a ball its inside is seen: the back of what is seen from outside."""
+    middle = [capture(scene(), camera) for camera in _cube((0, 0, 0.3))]
+    assert marked(middle).sum() > 0.99 * ibr.render(scene(), TARGET).valid.sum()
+    back = marked(middle, side="back")
+    frame = ibr.render(scene(), TARGET)
+    y, x = np.nonzero(frame.valid)
+    points = TARGET.unproject(np.column_stack([x, y]), frame.depth[y, x])
+    on_ball = np.abs(np.linalg.norm(points - (0, 0, 0.3), axis=1) - 0.35) < 0.02
+    assert back[y, x][on_ball].mean() < 0.03
+    np.testing.assert_array_equal(marked(middle, side="both") & marked(middle), marked(middle, side="both"))
+
+
+def _cube(center: tuple[float, float, float]) -> list[ibr.Camera]:
+    from pyibr.capture import cube_cameras
+
+    return cube_cameras(center, 128)
+
+
+def test_what_a_view_has_no_depth_for_it_has_not_seen():
+    view = capture(scene(), TARGET)
+    depth = np.array(view.depth)
+    depth[:, :80] = np.inf
+    holed = ibr.DepthImage(view.color, depth, TARGET)
+    found = marked([holed])
+    assert found[:, :79][view.valid[:, :79]].all()
+    assert found[:, 82:][view.valid[:, 82:]].mean() < 0.02
+    near = float(np.nanmedian(view.depth[view.valid]))
+    found = marked([ibr.DepthImage(view.color, view.depth, TARGET, far=near)])
+    beyond = ~view.valid | (view.depth > near)
+    around = np.all([np.roll(beyond, step, (0, 1)) for step in np.ndindex(3, 3)], axis=0)  # samples around are, too
+    seen = ibr.render(scene(), TARGET).valid & np.roll(around, (-1, -1), (0, 1))
+    assert seen.sum() > 1000
+    assert found[seen].all()
+
+
+def test_other_things_stay_as_they_are_and_pictures_in_floats_are_marked_alike():
+    view = source("perspective", (0.0, 0.0, 4.0))
+    wall = ibr.Mesh([[-9, -9, -1], [9, -9, -1], [0, 9, -1]], [[0, 1, 2]], colors=np.full((3, 3), 90, np.uint8))
+    thing = MarkedUnseen(as_drawable(scene(), Look()), [view])
+    alone, after = ibr.render(thing, TARGET), ibr.render([wall, thing], TARGET)
+    plain = ibr.render([wall, scene()], TARGET)
+    on_wall = (plain.color == 90).all(axis=2)
+    assert on_wall.sum() > 500
+    assert (after.color[on_wall] == 90).all()
+    seen = alone.valid & ~on_wall
+    edge = (after.color != alone.color).any(axis=2) & seen  # normals beside the silhouette come from the wall
+    assert edge.sum() < 0.03 * seen.sum()
+    dot = ibr.DepthImage(
+        np.zeros((1, 1, 3), np.float32), np.full((1, 1), 50, np.float32), ibr.Camera(np.eye(3), (1, 1))
+    )
+    in_floats = ibr.render([thing, dot], TARGET)
+    np.testing.assert_allclose(in_floats.color[seen], alone.color[seen] / 255, atol=1.01 / 255)
+
+
+def test_one_lane_marks_the_same():
+    views = [source(*case) for case in CASES["two"]]
+    found = marked(views)
+    with one_lane():
+        np.testing.assert_array_equal(marked(views), found)
+
+
+def test_lights_see_the_thing_itself():
+    light = ibr.Light(direction=(0.2, 0.3, -1))
+    lit = ibr.render(MarkedUnseen(as_drawable(scene(), Look()), [capture(scene(), TARGET)]), TARGET, light)
+    plain = ibr.render(scene(), TARGET, light)
+    assert (lit.color == plain.color).all(axis=2).mean() > 0.98
+
+
+def test_lenses_and_sides_are_checked():
+    thing = as_drawable(scene(), Look())
+    with pytest.raises(ibr.ArgumentError, match="side"):
+        MarkedUnseen(thing, [], side="left")
+    bent = ibr.Camera(TARGET.K, TARGET.size, lens=ibr.Lens("brown_conrady", [-0.1, 0, 0, 0]))
+    with pytest.raises(ibr.ArgumentError, match="views"):
+        MarkedUnseen(thing, [ibr.DepthImage(None, np.ones((121, 163), np.float32), bent)])

@@ -1,0 +1,95 @@
+"""Images made straight: as their slow twin makes them, in both forms of the kernel."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from tests.one_lane import one_lane
+from tests.reference import straight
+
+BARREL = ibr.Lens("brown_conrady", [-0.25, 0.06, 0.003, -0.002])
+LENSES = {
+    "barrel": BARREL,
+    "rational": ibr.Lens("rational", [0.548, -0.021, 2e-05, -7e-05, -0.0027, 0.89, 0.086, -0.0139]),
+    "fisheye": ibr.Lens("kannala_brandt", [0.02, -0.01, 0.002, 0]),
+}
+
+
+def noisy_view(size: tuple[int, int], lens: ibr.Lens, dtype: str = "uint8", far: float = np.inf) -> ibr.DepthImage:
+    """Two surfaces, noise that tears some of both, holes, and infinite samples."""
+    width, height = size
+    rng = np.random.default_rng(width)
+    y, x = np.mgrid[:height, :width]
+    depth = np.where(np.hypot(x - 0.4 * width, y - 0.5 * height) < 0.25 * min(size), 1.5, 2.5 + 0.01 * x)
+    depth = (depth * rng.normal(1, 0.02, depth.shape)).astype(np.float32)
+    depth[rng.random(depth.shape) < 0.05] = rng.choice([np.nan, 0, np.inf, -1])
+    color = rng.integers(0, 256, (height, width, 3)).astype(np.uint8)
+    picture = color if dtype == "uint8" else (color / 255).astype(np.float32)
+    f = 0.7 * max(size)
+    camera = ibr.Camera([[f, 0, 0.52 * width], [0, 1.03 * f, 0.47 * height], [0, 0, 1]], size, lens=lens)
+    return ibr.DepthImage(None if dtype == "none" else picture, depth, camera, far)
+
+
+def check(view: ibr.DepthImage, cut_ratio: float | None, linear: bool) -> None:
+    found = ibr.straightened(view, cut_ratio, linear)
+    color, depth, sure = straight.straightened(view, found.camera, cut_ratio, linear)
+    assert sure.mean() > 0.95
+    # Places are rounded to single precision, up to 1e-5 pixels: that moves colours by no more than 1 of 255.
+    np.testing.assert_allclose(found.depth[sure], depth[sure], rtol=1e-5, equal_nan=True)
+    if view.has_color:
+        most = 1.0 if view.color.dtype == np.uint8 else 1 / 255
+        np.testing.assert_allclose(found.color[sure], color[sure], atol=most)
+    assert np.isfinite(found.depth).mean() > 0.6
+
+
+@pytest.mark.parametrize("lanes", [16, 1])
+@pytest.mark.parametrize("dtype", ["uint8", "float32", "none"])
+@pytest.mark.parametrize("lens", LENSES)
+def test_as_the_slow_twin(lens, dtype, lanes):
+    with nullcontext() if lanes == 16 else one_lane():
+        for cut_ratio, linear in ((1.05, True), (1.02, False), (None, True)):
+            check(noisy_view((83, 61), LENSES[lens], dtype), cut_ratio, linear)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 9), (13, 1), (2, 2), (7, 13)])
+def test_small_images(size):
+    found = ibr.straightened(noisy_view(size, BARREL))
+    assert found.camera.lens is None
+    assert found.valid.any()
+
+
+def test_background_stays_background():
+    view = noisy_view((83, 61), BARREL, far=2.0)
+    found = ibr.straightened(view, 1.05)
+    assert found.far == 2.0
+    assert 0 < found.valid.mean() < 0.4
+    # What is as far as that is never mixed with what is before it.
+    assert not ((found.depth > 1.7) & (found.depth < 2.3)).any()
+
+
+def test_once_is_enough():
+    view = noisy_view((83, 61), BARREL)
+    assert ibr.straightened(view) is ibr.straightened(view)
+    assert ibr.straightened(view) is not ibr.straightened(view, 1.2)
+    pinhole = ibr.DepthImage(view.color, view.depth, ibr.Camera(view.camera.K, view.camera.size))
+    assert ibr.straightened(pinhole) is pinhole
+
+
+def test_what_is_out_of_a_lens_sight_is_not_made_up():
+    """Barrel distortion has an end, beyond which nothing is seen: depth that is stored there is no surface."""
+    lens = ibr.Lens("brown_conrady", [-0.45, 0, 0, 0])
+    camera = ibr.Camera([[40, 0, 41], [0, 40, 30], [0, 0, 1]], (83, 61), lens=lens)
+    depth = np.where(np.isnan(camera.ideal_positions(pixels_of(camera))[:, 0]), 9, 2).reshape(61, 83)
+    assert (depth == 9).any()
+    found = ibr.straightened(ibr.DepthImage(None, depth.astype(np.float32), camera))
+    np.testing.assert_allclose(found.depth[found.valid], 2, rtol=1e-6)
+    with pytest.raises(ibr.ArgumentError, match=r"view: expected a pyibr\.DepthImage"):
+        ibr.straightened(found.depth)  # pyright: ignore[reportArgumentType]
+
+
+def pixels_of(camera: ibr.Camera) -> np.ndarray:
+    return np.stack(np.meshgrid(*map(np.arange, camera.size)), -1).reshape(-1, 2)

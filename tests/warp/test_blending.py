@@ -1,0 +1,149 @@
+"""Several views in one picture: nearer to the truth than the nearest one's alone, wherever they overlap."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+from itertools import permutations
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from benchmarks import scenes as real
+from tests import scenes
+from tests.data import shared
+from tests.one_lane import one_lane
+
+SIZE = (61, 37)
+
+
+def plane(depth: float, color: int, camera: ibr.Camera) -> ibr.DepthImage:
+    shape = camera.height, camera.width
+    return ibr.DepthImage(np.full((*shape, 3), color, np.uint8), np.full(shape, depth, np.float32), camera)
+
+
+@pytest.fixture(params=[16, 1])
+def lanes(request):
+    with one_lane() if request.param == 1 else nullcontext():
+        yield
+
+
+@pytest.mark.parametrize("method", ["epipolar", "search", "forward"])
+@pytest.mark.usefixtures("lanes")
+def test_one_view_given_twice_is_the_view(method):
+    view = scenes.holed(SIZE)
+    for pose in scenes.special_cameras(view, (53, 30))[:3]:
+        once, twice = (ibr.warp(views, pose.camera, method) for views in (view, [view, view]))
+        np.testing.assert_array_equal(once.valid, twice.valid)
+        np.testing.assert_array_equal(once.color, twice.color)
+        np.testing.assert_allclose(once.depth, twice.depth, rtol=1e-6)
+
+
+@pytest.mark.usefixtures("lanes")
+def test_what_is_hidden_shows_nowhere():
+    camera = scenes.source_camera(SIZE)
+    behind, before = plane(4.0, 50, camera.moved(0.1, 0, 0)), plane(2.0, 200, camera)
+    depth = np.array(before.depth)
+    depth[:, 30:] = np.nan
+    before = ibr.DepthImage(before.color, depth, camera)
+    frame = ibr.warp([behind, before], camera)
+    left = np.s_[:, :29]
+    assert (frame.color[left] == 200).all()
+    np.testing.assert_allclose(frame.depth[left], 2.0, rtol=1e-5)
+    assert (frame.color[:, 31:] == 50).all()
+    told = ibr.warp([behind, before], camera, classes=True)
+    assert told.view is not None and (told.view[left] == 1).all() and (told.view[:, 31:] == 0).all()
+
+
+def test_the_order_of_views_changes_no_more_than_rounding():
+    camera = scenes.source_camera(SIZE)
+    views = [scenes.smooth(SIZE), scenes.holed(SIZE), plane(2.5, 90, camera.moved(0.05, 0.02, 0))]
+    first, *others = (ibr.warp(order, camera.moved(0.1, 0, 0.1)) for order in permutations(views))
+    for other in others:
+        np.testing.assert_array_equal(first.valid, other.valid)
+        assert np.abs(first.color.astype(int) - other.color).max() <= 1
+        np.testing.assert_allclose(first.depth, other.depth, rtol=1e-5)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.float32])
+def test_exposures_are_matched_to_the_one_in_the_middle(dtype):
+    view = scenes.smooth((97, 61))
+    color = view.color // 2 + 60
+    if dtype == np.float32:
+        color = (color / np.float32(255)).astype(np.float32)
+    gains = (0.75, 1.0, 1.02)
+    cameras = [view.camera, view.camera.moved(0.05, 0, 0), view.camera.moved(0, 0.05, 0)]
+    made = [ibr.warp(ibr.DepthImage(color, view.depth, view.camera), camera, edges="connect") for camera in cameras]
+    views = [
+        ibr.DepthImage((frame.color * gain).astype(dtype), frame.depth, camera)
+        for frame, camera, gain in zip(made, cameras, gains, strict=True)
+    ]
+    target = view.camera.moved(0.02, 0.02, 0)
+    right, frame = ibr.warp(made_view(made[1]), target), ibr.warp(views, target)
+    both = right.valid & frame.valid
+    most = 255 if dtype == np.uint8 else 1
+    off = np.abs(frame.color.astype(float) - right.color)[both] / most
+    assert np.median(off) < 0.01 and off.mean() < 0.02, "of the middle's exposure; texture is sampled three times"
+    unmatched = ibr.warp(views, target, blend="nearest")
+    assert np.abs(unmatched.color.astype(float) - right.color)[both].mean() / most > 2 * off.mean()
+
+
+def made_view(frame: ibr.Frame) -> ibr.DepthImage:
+    return ibr.DepthImage(frame.color, frame.depth, frame.camera)
+
+
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+@pytest.mark.usefixtures("lanes")
+def test_noise_becomes_less(projection):
+    rng = np.random.default_rng(1)
+    camera = scenes.source_camera((97, 61), projection)
+    views = []
+    for number in range(4):
+        own = camera.moved(0.02 * number, 0, 0)
+        depth = (3 + rng.normal(0, 0.01, (61, 97))).astype(np.float32)
+        views.append(ibr.DepthImage(np.full((61, 97, 3), 100, np.uint8), depth, own))
+    target = camera.moved(0.03, 0, 0)
+    inside = np.s_[10:-10, 20:-20]
+    off = {how: ibr.warp(views, target, blend=how).depth[inside] - 3 for how in ("quality", "nearest")}
+    # Of four, the nearest is a deviation too near; their mean has half of it.
+    assert abs(off["quality"].mean()) < 0.25 * abs(off["nearest"].mean())
+    assert off["quality"].std() < 0.75 * (ibr.warp(views[0], target).depth[inside] - 3).std()
+
+
+def test_depth_alone_is_blended():
+    view = scenes.holed(SIZE)
+    alone = ibr.DepthImage(None, view.depth, view.camera, view.far)
+    camera = view.camera.moved(0.1, 0, 0)
+    other = view.camera.moved(0.3, 0.1, 0)
+    second = ibr.warp(view, other)
+    pair = [ibr.DepthImage(color, second.depth, other) for color in (second.color, None)]
+    colored, plain = ibr.warp([view, pair[0]], camera), ibr.warp([alone, pair[1]], camera)
+    np.testing.assert_array_equal(colored.depth, plain.depth)
+
+
+def test_unknown_way_to_blend():
+    view = scenes.smooth(SIZE)
+    with pytest.raises(ibr.ArgumentError, match='blend: expected one of "quality", "nearest"'):
+        ibr.warp([view, view], view.camera, blend="best")  # type: ignore[call-overload]
+
+
+def psnr(frame: ibr.Frame, seen: ibr.DepthImage, where: np.ndarray) -> float:
+    return float(10 * np.log10(255**2 / ((frame.color.astype(float) - seen.color)[where] ** 2).mean()))
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.3])
+def test_a_view_that_is_left_out_is_seen_better(noise):
+    """Half a decibel at least over the nearest view's; a view 25 % darker costs no more than that."""
+    shared("rgbd_livingroom1")
+    size = (640, 480)
+    views = [real.rgbd(real.LIVINGROOM, number, size, noise) for number in (0, 50)]
+    seen = real.rgbd(real.LIVINGROOM, 4, size)
+    hard, blended = (ibr.warp(views, seen.camera, blend=how, classes=True) for how in ("nearest", "quality"))
+    where = hard.valid & blended.valid
+    np.testing.assert_array_equal(hard.valid, blended.valid)
+    assert psnr(blended, seen, where) > psnr(hard, seen, where) + 0.5
+    changes = [np.count_nonzero(np.diff(frame.view, axis=1)) for frame in (hard, blended)]
+    assert changes[1] < 0.7 * changes[0], "which view is shown changes less from pixel to pixel"
+    darker = ibr.DepthImage((views[1].color * 0.75).astype(np.uint8), views[1].depth, views[1].camera)
+    three = [views[0], real.rgbd(real.LIVINGROOM, 0, size, noise), darker]
+    assert psnr(ibr.warp(three, seen.camera), seen, where) > psnr(blended, seen, where) - 0.5

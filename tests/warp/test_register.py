@@ -1,0 +1,162 @@
+"""Registration against a scene whose every ray is known: a box before a slanted wall, seen by two cameras."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import pyibr as ibr
+from pyibr.app.cli import app
+
+LENS = ibr.Lens("brown_conrady", [-0.12, 0.03, 0.001, -0.0005, 0.0])
+TURNED = np.eye(4)
+TURNED[:3, :3] = cv2.Rodrigues(np.array([0.01, -0.02, 0.015]))[0]
+TURNED[:3, 3] = 0.16, 0.004, -0.01
+DEPTH = ibr.Camera([[210, 0, 96.2], [0, 211, 70.9], [0, 0, 1]], (193, 141))
+COLOR = ibr.Camera([[240, 0, 109.5], [0, 240, 81.3], [0, 0, 1]], (219, 163), TURNED)
+CAMERAS = {"pinholes": (DEPTH, COLOR)}
+CAMERAS["lenses"] = tuple(ibr.Camera(c.K, c.size, c.world_from_camera, lens=LENS) for c in (DEPTH, COLOR))
+
+WALL = np.array([0.1, 0.05, 1.0]), 2.6  # normal, and its product with every point
+LOW, HIGH, FRONT = (-0.35, -0.25), (0.3, 0.2), 1.4  # the box's front; its sides are not seen
+
+
+def seen_along(origin: np.ndarray, ways: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How far along rays (N, 3) the scene is, and whether it is the box."""
+    far = (WALL[1] - origin @ WALL[0]) / (ways @ WALL[0])
+    near = (FRONT - origin[2]) / ways[:, 2]
+    at = origin[:2] + near[:, None] * ways[:, :2]
+    box = ((at > LOW) & (at < HIGH)).all(axis=1) & (near > 1e-9)
+    return np.where(box, near, far), box
+
+
+def seen_by(camera: ibr.Camera) -> tuple[np.ndarray, np.ndarray]:
+    """(H, W) planar depth, and whether it is the box's."""
+    pixels = np.stack(np.meshgrid(*map(np.arange, camera.size)), -1).reshape(-1, 2).astype(float)
+    ways = camera.unproject(pixels, np.ones(len(pixels))) - camera.center  # of planar depth 1
+    far, box = seen_along(camera.center, ways)
+    return (part.reshape(camera.height, camera.width) for part in (far.astype(np.float32), box))
+
+
+def within(mask: np.ndarray, pixels: int) -> np.ndarray:
+    """Where the mask changes that near."""
+    kernel = np.ones((2 * pixels + 1, 2 * pixels + 1))
+    return cv2.dilate(mask.astype(np.uint8), kernel) != cv2.erode(mask.astype(np.uint8), kernel)
+
+
+@pytest.mark.parametrize("cameras", CAMERAS.values(), ids=list(CAMERAS))
+@pytest.mark.parametrize("dtype", [np.float32, np.uint16])
+def test_depth_in_the_colour_camera(cameras, dtype):
+    depth_camera, color_camera = cameras
+    given, _ = seen_by(depth_camera)
+    truth, box = seen_by(color_camera)
+    if dtype == np.uint16:
+        registered = ibr.register(np.rint(given * 10000).astype(dtype), *cameras, scale=10000)
+        assert registered.dtype == np.uint16
+        found = np.where(registered > 0, registered / 10000, np.nan)
+    else:
+        found = ibr.register(given, *cameras)
+        assert found.dtype == np.float32
+    # What the colour camera sees and the depth camera saw, too: two pixels from silhouettes and the image's border.
+    pixels = np.stack(np.meshgrid(*map(np.arange, color_camera.size)), -1).reshape(-1, 2).astype(float)
+    points = color_camera.unproject(pixels, truth.ravel())
+    back = depth_camera.project(points)[0]
+    first, _ = seen_along(depth_camera.center, points - depth_camera.center)
+    sees = (np.abs(first - 1) < 1e-6) & ((back > 1) & (back < np.array(depth_camera.size) - 2)).all(axis=1)
+    sees = sees.reshape(truth.shape)
+    sure = cv2.erode(sees.astype(np.uint8), np.ones((5, 5))).astype(bool) & ~within(box, 2)
+    assert sure.mean() > 0.6
+    assert np.isfinite(found[sure]).all(), "no gaps where a surface is seen"
+    # Half a unit of 1/10000 is added to a thousandth of the depth.
+    assert (np.abs(found - truth) < 1e-3 * truth + (5e-5 if dtype == np.uint16 else 0))[sure].all()
+
+
+@pytest.mark.parametrize("cameras", CAMERAS.values(), ids=list(CAMERAS))
+@pytest.mark.parametrize("dtype", [np.uint8, np.float32])
+def test_colours_for_the_depth_samples(cameras, dtype):
+    depth_camera, color_camera = cameras
+    given, own_box = seen_by(depth_camera)
+    _, box = seen_by(color_camera)
+    color = np.where(box[..., None], (200, 40, 40), (40, 40, 200)).astype(np.uint8)
+    if dtype == np.float32:
+        color = (color / np.float32(255)).astype(np.float32)
+    found = ibr.register(given, *cameras, color, to="depth")
+    assert found.color.dtype == dtype
+    y, x = np.mgrid[: given.shape[0], : given.shape[1]]
+    points = depth_camera.unproject(np.column_stack([x.ravel(), y.ravel()]), given.ravel())
+    pixels = color_camera.project(points)[0]
+    first, _ = seen_along(color_camera.center, points - color_camera.center)
+    inside = ((pixels >= -0.5) & (pixels <= np.array(color_camera.size) - 0.5)).all(axis=1)
+    truly = ((first > 1 - 1e-6) & inside).reshape(given.shape)
+    # Three pixels from silhouettes, of either camera, and from where the colour camera's image ends.
+    sure = ~(within(truly, 3) | within(own_box, 3))
+    assert (truly & sure).any() and (~truly & sure).any()
+    assert found.seen[sure & truly].all(), "none that is seen lacks a colour"
+    assert not found.seen[sure & ~truly].any(), "none that is hidden gets one"
+    most = 255 if dtype == np.uint8 else 1.0
+    red = found.color[..., 0] > 0.5 * most
+    np.testing.assert_array_equal(red[found.seen & sure], own_box[found.seen & sure])
+    assert not found.color[~found.seen].any()
+
+
+def test_noise_hides_nothing_and_shows_nothing_hidden():
+    """A tenth of a pixel of disparity, as structured light has."""
+    given, own_box = seen_by(DEPTH)
+    rng = np.random.default_rng(1)
+    noisy = (1 / (1 / given + rng.normal(0, 0.1 / (210 * 0.075), given.shape))).astype(np.float32)
+    _, box = seen_by(COLOR)
+    color = np.full((*box.shape, 3), 90, np.uint8)
+    clean, found = (ibr.register(depth, DEPTH, COLOR, color, to="depth").seen for depth in (given, noisy))
+    assert (clean != found)[~(within(clean, 3) | within(own_box, 3))].mean() < 1e-3
+
+
+def test_the_same_camera_gives_the_depth_back():
+    given, _ = seen_by(DEPTH)
+    given[20:30, 40:60] = np.nan
+    np.testing.assert_array_equal(ibr.register(given, DEPTH, DEPTH), given)
+    color = np.random.default_rng(2).integers(0, 256, (*given.shape, 3), dtype=np.uint8)
+    found = ibr.register(given, DEPTH, DEPTH, color, to="depth")
+    np.testing.assert_array_equal(found.seen, np.isfinite(given))
+    np.testing.assert_array_equal(found.color[found.seen], color[found.seen])
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"to": "colour"}, 'to: expected one of "color", "depth"'),
+        ({"color": np.zeros((163, 219, 3), np.uint8)}, 'color: expected none with to="color"'),
+        ({"to": "depth"}, "color: expected the colours"),
+        ({"to": "depth", "color": np.zeros((3, 4, 3), np.uint8)}, "color: expected uint8"),
+        ({"depth": np.ones((141, 193), np.uint16)}, "scale: expected stored units per scene unit"),
+        ({"depth": np.ones((3, 4), np.uint16), "scale": 1000}, "depth: expected float32 or uint16 of shape"),
+        ({"scale": 1000}, "scale: expected none for float32"),
+        ({"color_camera": None}, "color_camera: expected a pyibr.Camera"),
+    ],
+)
+def test_wrong_arguments(options, message):
+    arguments = {"depth": np.ones((141, 193), np.float32), "depth_camera": DEPTH, "color_camera": COLOR, **options}
+    with pytest.raises(ibr.ArgumentError, match=message):
+        ibr.register(**arguments)
+
+
+def test_command_line(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    given, _ = seen_by(DEPTH)
+    _, box = seen_by(COLOR)
+    DEPTH.save("depth.json")
+    COLOR.save("color.json")
+    ibr.write_depth("depth.png", given, 1000)
+    ibr.write_color("color.png", np.where(box[..., None], (200, 40, 40), (40, 40, 200)).astype(np.uint8))
+    run = CliRunner().invoke
+    cameras = ["--depth-camera", "depth.json", "--color-camera", "color.json", "--depth-scale", "1000"]
+    done = run(app, ["register", "depth.png", *cameras, "-o", "registered.png"])
+    assert done.exit_code == 0 and "219x163" in done.output
+    stored = ibr.read_depth("depth.png", 1000)
+    expected = ibr.uint16_from_depth(ibr.register(stored, DEPTH, COLOR), 1000)
+    np.testing.assert_array_equal(ibr.read_depth("registered.png", 1000), ibr.depth_from_uint16(expected, 1000))
+    done = run(app, ["register", "depth.png", *cameras, "--color", "color.png", "-o", "colors.png"])
+    assert done.exit_code == 0 and "193x141" in done.output
+    found = ibr.register(stored, DEPTH, COLOR, ibr.read_color("color.png"), to="depth")
+    np.testing.assert_array_equal(ibr.read_color("colors.png"), found.color)

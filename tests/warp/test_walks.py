@@ -1,0 +1,85 @@
+"""The sweep's walks against each other: on cut surfaces, from column to column and from edge to edge."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from benchmarks.launches import counted_samples
+from pyibr.core.pixelspace import camera_pair, pitch
+from pyibr.opencl.watch import Watch, watching
+from tests import scenes
+from tests.warp.test_generated import Case, make_case
+
+WITHIN_A_CELL = 0.05  # relative: within a cell what is connected differs by less, pieces by more
+
+
+class Answers(Watch):
+    """Takes what the sweep's lines see; they walk from edge to edge if they are told to."""
+
+    def __init__(self, edges: bool) -> None:
+        self.edges = edges
+        self.seen = None
+
+    def build(self, name, defines, make):
+        return make({**defines, "EDGES": 1} if self.edges and name == "epipolar_sweep" else defines)
+
+    def launch(self, kernel, grid, arguments, enqueue) -> None:
+        if kernel.name == "resolve":
+            self.seen = arguments["seen"].to_host().copy()
+        enqueue(**arguments)
+
+
+def nearness_seen(case: Case, edges: bool) -> np.ndarray:
+    """(H, W) nearness in the target of what the pixels' lines met, nan where they met nothing."""
+    width, height = case.target.size
+    with watching(Answers(edges)) as answers:
+        ibr.warp(case.view, case.target, edges="cut", side=case.side)
+    seen = answers.seen[: height * pitch(width)].reshape(height, pitch(width))[:, :width]
+    return np.where(seen > -1e37, seen, np.nan)
+
+
+def is_swept_by_columns(case: Case) -> bool:
+    return not camera_pair(case.view.camera, case.target).aligned and case.move != "turned alone"
+
+
+@pytest.mark.filterwarnings("ignore:warp. the target camera sees nothing")
+@pytest.mark.parametrize("first", range(1000, 1240, 40))
+def test_columns_and_edges_meet_the_same_pieces(first):
+    """But for lines that run through cells' corners, where rounding tells which triangles they pass."""
+    shares = []
+    for case in filter(is_swept_by_columns, map(make_case, range(first, first + 40))):
+        by_columns, by_edges = nearness_seen(case, edges=False), nearness_seen(case, edges=True)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            differ = np.abs(by_columns / by_edges - 1) > WITHIN_A_CELL
+        differ |= np.isfinite(by_columns) != np.isfinite(by_edges)
+        assert differ.sum() <= max(2, 0.002 * differ.size), f"{differ.sum()} of {differ.size} pixels, {case}"
+        shares.append(differ.mean())
+    assert len(shares) > 20
+    assert np.mean(shares) < 1e-4
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_both_pieces_of_a_step_are_met(seed):
+    """Noise as large as what tears neighbours apart: lines leave the surface and meet it again within a step."""
+    rng = np.random.default_rng(seed)
+    camera = ibr.Camera([[40, 0, 20], [0, 40, 15], [0, 0, 1]], (41, 31))
+    depth = (4 * (1 + rng.uniform(-0.035, 0.035, (31, 41)))).astype(np.float32)
+    view = ibr.DepthImage(None, depth, camera)
+    closer = camera.moved(0.3, 0.2, 0.4)
+    target = ibr.Camera([[200, 0, 100], [0, 200, 75], [0, 0, 1]], (205, 155), closer.world_from_camera)
+    case = Case(seed, "noise", "any", view, target, "cut", "front")
+    by_columns, by_edges = (np.isfinite(nearness_seen(case, edges)) for edges in (False, True))
+    assert by_edges.sum() > 15_000
+    assert (by_columns != by_edges).sum() <= 3
+
+
+@pytest.mark.filterwarnings("ignore:warp. the target camera sees nothing")
+def test_nothing_is_traced_amid_a_side_that_is_not_shown():
+    """It would be seen no otherwise, but a trace takes far longer than a line."""
+    view = scenes.smooth((96, 128))
+    with counted_samples() as visited:
+        frame = ibr.warp(view, view.camera.moved(0.3, 0.2, 0.4), edges="cut", side="back")
+    assert not frame.valid.any()
+    assert visited["resolve"].pixels < 0.05 * frame.valid.size
