@@ -7,7 +7,7 @@ import io
 import shutil
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -21,7 +21,7 @@ CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shuti
 # In software, so that a machine without a GPU draws, and with nothing that a page of ours does not ask for.
 ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-sandbox"]
 
-PANEL = 324  # pixels beside the canvas
+PANEL = 324  # pixels beside the canvas, where the window is at least 576 wide: in a narrower one it is a sheet over it
 HARMLESS = "Unable to preventDefault inside passive event listener invocation."  # viser's own, at each drag of a thing
 
 # Keeps what is loaded as the picture behind the page: the one that was asked for last is the one that is shown.
@@ -104,20 +104,23 @@ class Tab:
 def opened(browser: Any, url: str, size: tuple[int, int] = (400, 300)) -> Iterator[Tab]:
     """A page in a context of its own, with a canvas of some size, once its server shows a picture in it."""
     context = browser.new_context(viewport={"width": size[0] + PANEL, "height": size[1]}, accept_downloads=True)
-    page = context.new_page()
-    page.add_init_script(WATCH)
-    tab = Tab(page)
-    page.on("console", tab.hear)
-    page.on("pageerror", lambda error: tab.complaints.append(str(error)))
-    page.goto(f"{url}/?fixedDpr=1")
-    page.add_style_tag(content=".mantine-Notifications-root { display: none }")  # that WebGL is slow, over the canvas
-    # The first picture may be of a canvas that has not made room for the panel yet.
-    until(lambda: "image/png" in tab.kinds() and tab.picture().shape[1::-1] == size, 30)
-    yield tab
-    context.close()
+    try:
+        page = context.new_page()
+        page.add_init_script(WATCH)
+        tab = Tab(page)
+        page.on("console", tab.hear)
+        page.on("pageerror", lambda error: tab.complaints.append(str(error)))
+        page.goto(f"{url}/?fixedDpr=1")
+        # That WebGL is slow is said over the canvas.
+        page.add_style_tag(content=".mantine-Notifications-root { display: none }")
+        # The first picture may be of a canvas that has not made room for the panel yet.
+        until(lambda: "image/png" in tab.kinds() and tab.picture().shape[1::-1] == size)
+        yield tab
+    finally:
+        context.close()
 
 
-def until(happened: Callable[[], Any], seconds: float = 30.0) -> None:
+def until(happened: Callable[[], Any], seconds: float = 90.0) -> None:
     """Wait for something; fail if it does not happen."""
     end = time.monotonic() + seconds
     while not happened():
@@ -125,7 +128,20 @@ def until(happened: Callable[[], Any], seconds: float = 30.0) -> None:
         time.sleep(0.02)
 
 
-def rested(tab: Tab, seconds: float = 30.0) -> None:
+def stays(value: Callable[[], Any], seconds: float = 90.0) -> bool:
+    """Wait until something has not changed for a while."""
+    end = time.monotonic() + seconds
+    last, since = value(), time.monotonic()
+    while time.monotonic() < end:
+        time.sleep(0.02)
+        if (new := value()) != last:
+            last, since = new, time.monotonic()
+        if time.monotonic() - since > 0.5:
+            return True
+    return False
+
+
+def rested(tab: Tab, seconds: float = 90.0) -> None:
     """Wait until the page shows a picture without loss, and has shown no other for a while."""
 
     def is_still() -> bool:
@@ -134,6 +150,32 @@ def rested(tab: Tab, seconds: float = 30.0) -> None:
         return kinds[-1] == "image/png" and tab.kinds() == kinds
 
     until(is_still, seconds)
+
+
+def settles_on(
+    tab: Tab, truth: Callable[[], NDArray[np.uint8]], number: int = -1, left_out: NDArray[np.bool_] | None = None
+) -> None:
+    """Wait until the page shows a picture, and rests on it; fail with how it differs if it does not.
+
+    What a page is told to show comes through its server's threads, so that a page that rests may not have begun.
+    `truth` makes the picture of the page's camera at the time; `number` as in `Tab.picture`; `left_out` is (H, W).
+    """
+
+    def pictures() -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+        shown, wanted = tab.picture(number), truth()
+        if left_out is None or shown.shape != wanted.shape:
+            return shown, wanted
+        return shown[~left_out], wanted[~left_out]
+
+    def is_right() -> bool:
+        return np.array_equal(*pictures())
+
+    with suppress(AssertionError):
+        until(is_right)
+        rested(tab)
+        until(is_right, 0)
+        return
+    np.testing.assert_array_equal(*pictures())
 
 
 def decoded(text: str) -> NDArray[np.uint8]:

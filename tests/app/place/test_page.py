@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -19,10 +18,11 @@ from pyibr.capture.frusta import light_for, load_frusta
 from pyibr.images.metrics import psnr
 from pyibr.picture.drawable import Look, as_drawable
 from pyibr.picture.seen import MarkedUnseen
-from tests.app.browser import Tab, chromium, opened, rested, until
+from tests.app.browser import Tab, chromium, opened, rested, settles_on, stays, until
 from tests.app.sockets import LOOPBACK, listeners
 
 SIZE = 64
+PICTURE = -2  # of what a page has shown: the last one is its depth
 
 
 @pytest.fixture(scope="module")
@@ -87,6 +87,12 @@ def inside_corner(shape: tuple[int, ...], frame: int = 3) -> np.ndarray:
     return made
 
 
+def corner_of(work: Work) -> np.ndarray:
+    """(H, W) the pixels of the page that its corner covers."""
+    width, height = work.page.stream.camera.size
+    return inside_corner((height, width)) & bool(work.state.frusta)
+
+
 def marked(work: Work, mesh: ibr.Mesh) -> np.ndarray:
     """What the page is to show: the mesh, and what its frusta have not seen."""
     light = light_for(mesh, (0, 0, 1))
@@ -96,10 +102,7 @@ def marked(work: Work, mesh: ibr.Mesh) -> np.ndarray:
 
 def assert_shown(work: Work, mesh: ibr.Mesh) -> None:
     """The page's picture is that, but for its corner; what it tells is the share that is unseen."""
-    rested(work.tab)
-    shown, truth = work.tab.picture(-2), marked(work, mesh)  # the last one is its depth
-    corner = inside_corner(truth.shape) & bool(work.state.frusta)
-    np.testing.assert_array_equal(shown[~corner], truth[~corner])
+    settles_on(work.tab, lambda: marked(work, mesh), PICTURE, corner_of(work))
     share = unseen_share(surface(), [surface().seen(one.capture(mesh)) for one in work.state.frusta])
     until(
         lambda: f"**{len(work.state.frusta)} frusta**, {share:.1%} of the surface unseen" in work.shared._status.content
@@ -123,6 +126,7 @@ def test_a_frustum_is_added_moved_resized_painted_undone_saved_and_opened(work, 
     goal = work.on_page(added.camera.center + 0.8 * unit * axis)
     tab.drag(tuple(map(round, grip)), tuple(map(round, goal)), 8, 0.03)
     until(lambda: work.state.current.camera != added.camera)
+    assert stays(lambda: work.state)
     rested(tab)
     moved = work.state.current
     way = moved.camera.center - added.camera.center
@@ -148,15 +152,15 @@ def test_a_frustum_is_added_moved_resized_painted_undone_saved_and_opened(work, 
     left, top, side = corner_box(work.page.stream.camera.size)
     tab.drag((left + side // 4, top + side // 2), (left + 3 * side // 4, top + side // 2), 10, 0.06)
     until(lambda: work.state.current.strokes)
-    rested(tab)
+    assert stays(lambda: work.state)
     (stroke,) = work.state.current.strokes
     xs, ys = np.array(stroke.points).T
     assert xs.min() < 0.4 and xs.max() > 0.6
     np.testing.assert_allclose(ys, 0.5, atol=0.05)
     painted = work.state.current.capture(mesh)
     assert not painted.valid[SIZE // 2, SIZE // 2]
-    corner = tab.picture(-2)[top : top + side, left : left + side]
-    assert (corner[side // 2, side // 2] == (200, 0, 200)).all()
+    middle = top + side // 2, left + side // 2
+    until(lambda: (tab.picture(PICTURE)[middle] == (200, 0, 200)).all())
     assert_shown(work, mesh)
     with_paint = work.state
     placement.undo()
@@ -185,36 +189,29 @@ def test_frusta_are_proposed_and_the_set_is_compared_with_the_mesh(work, mesh):
     work.shared._count.value = 4
     work.click("Propose")
     until(lambda: len(work.state.frusta) >= 4, 60)
-    rested(work.tab, 30)
     assert_shown(work, mesh)
     seen = [surface().seen(one.capture(mesh)) for one in work.state.frusta]
     assert unseen_share(surface(), seen) < 0.1
     work.shared._shown.value = "set"
-    rested(work.tab)
     light = light_for(mesh, (0, 0, 1))
     views = [one.capture(mesh, light) for one in work.state.frusta]
-    truth = ibr.render(views, work.page.stream.camera)
-    shown, plain = work.tab.picture(-2), ibr.render(mesh, work.page.stream.camera, light)
-    beside = ~inside_corner(shown.shape)
-    np.testing.assert_array_equal(shown[beside], truth.color[beside])
+    settles_on(work.tab, lambda: ibr.render(views, work.page.stream.camera).color, PICTURE, corner_of(work))
+    truth, plain = (ibr.render(thing, work.page.stream.camera, light) for thing in (views, mesh))
     both = truth.valid & plain.valid
     assert both.sum() > 0.9 * plain.valid.sum()  # what they cover looks as the mesh does
     assert psnr(truth.color, plain.color, both) > 25
     work.shared._shown.value = "difference"
-    rested(work.tab)
-    assert "dB where both see something" in work.shared._status.content
+    until(lambda: "dB where both see something" in work.shared._status.content)
     work.shared._shown.value = "mesh"
 
 
 def test_two_pages_work_on_one_set(work, mesh, browser):
     count = len(work.state.frusta)
-    with opened(browser, work.pages.url, (200, 300)) as other:
+    with opened(browser, work.pages.url, (300, 300)) as other:
         until(lambda: len(work.pages.open) == 2)
         other.page.get_by_role("button", name="Undo", exact=True).click()
         until(lambda: len(work.state.frusta) != count)
-        rested(work.tab)
         assert_shown(work, mesh)
         rested(other)
-        time.sleep(0.1)
         assert other.complaints == []
     until(lambda: len(work.pages.open) == 1)
