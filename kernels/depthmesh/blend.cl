@@ -1,27 +1,26 @@
 /* Depth meshes of several views, blended per pixel (Pajarola, Sainz & Meng 2003, sections 4.3 to 4.5).
  *
  * A region's pixels see each mesh's nearest surface first (the depth pass), then those of them that lie within epsilon
- * behind the front one give their colours (the colour pass), weighted and normalised at once. Where segmentation leaves
- * a hole in all meshes, coarse ones without it (UNDERLAID) show through, but not where any view has seen that there is
- * nothing.
+ * behind the front one give their colours (the colour pass), weighted and normalised at once. Where these leave a hole,
+ * those of OTHERS do, coarser ones; where they do, too, what must be surface though no view saw it (closing.h).
  * BLEND_QUALITY: weights of positions times quality, per pixel (the paper's); BLEND_POSITION: of positions alone;
  * BLEND_NEAREST: the front mesh's colour.
  *
  * Deviations from the paper: a mesh's own hidden surfaces are left out within epsilon, too; textures are projected, not
  * stretched over triangles, and read within the source's triangles, so that no colour leaks over a depth edge; what
- * bridges surfaces in the coarse meshes is kept out of empty space.
+ * bridges surfaces in coarse meshes is not drawn, but tells of surface.
  *
- * corners, projected, points: select.cl, mesh by mesh: UNDERLAID coarse ones, then those of VIEWS views. list, starts:
- * raster/bins.cl. firsts: (meshes + 1,) each mesh's first triangle. sources: (meshes, 4) number of its view, of the first
+ * corners, projected, points: select.cl, mesh by mesh: SHEETS, BACKS, OTHERS, then those of VIEWS views. list, starts:
+ * raster/bins.cl. firsts: (meshes + 1,) each mesh's first triangle. Of OTHERS and VIEWS: sources: (meshes, 4) number of its view, of the first
  * and the last of that view's levels, and 1 for a perspective view. levels: (levels, 3) width, height and start in colors,
  * each half as large as the one before, rounded up. scales: (meshes,) samples of the view to pixels of the target that a
  * scene unit takes at depth 1 of both. colors: RGBA bytes, A = 255 times the part that has samples. weights: (meshes,)
- * positional, > 0. culled: raster/triangle.h. With UNDERLAID, of ALL views there are: limits, their
- * depths, INFINITY for background and 0 where nothing is known; limit_sizes: (ALL, 3) width, height and start;
- * from_target, (ALL, 16) from the target's pixel space to theirs; perspectives: 1 or 0. depth, color, valid: the picture,
+ * positional, > 0. culled: raster/triangle.h. If CLOSED, of ALL views there are: limits, limit_sizes,
+ * from_target, perspectives, first_levels, closeness and stride, closing.h. depth, color, valid: the picture,
  * which keeps what is nearer already. occupancy: (height, width) bit k is set where view k gave colour, with OCCUPIED.
  * Work-item: a region (raster/region.h). Cost: O(list + pixels * meshes). Determinism: list order, then the meshes'.
  */
+#include "depthmesh/closing.h"
 #include "lib/color.h"
 #include "lib/taps.h"
 #include "raster/nearest.h"
@@ -29,9 +28,16 @@
 #ifndef VIEWS
 #define VIEWS 1 /* that are drawn */
 #endif
-#ifndef UNDERLAID
-#define UNDERLAID 0 /* how many coarse meshes there are under the holes */
+#ifndef OTHERS
+#define OTHERS 0 /* meshes of further views, which show in holes of those */
 #endif
+#ifndef SHEETS
+#define SHEETS 0 /* meshes of what segmentation took out */
+#endif
+#ifndef BACKS
+#define BACKS 0 /* meshes turned round: their backs are drawn */
+#endif
+#define CLOSED (SHEETS + BACKS > 0) /* surface that no view saw is closed (closing.h) */
 #define BLEND_QUALITY 0
 #define BLEND_POSITION 1
 #define BLEND_NEAREST 2
@@ -41,10 +47,8 @@
 #ifndef OCCUPIED
 #define OCCUPIED 0 /* 1: which views gave colour is written, too */
 #endif
-#ifndef ALL
-#define ALL VIEWS /* views there are, drawn or not */
-#endif
-#define MESHES (VIEWS + UNDERLAID)
+#define UNSEEN (SHEETS + BACKS) /* meshes that are none of what is seen themselves */
+#define MESHES (OTHERS + VIEWS)
 #define HALFWAY 0.25f /* of a level, from which on the coarser one is read: rather a little grain than blur */
 #define LEAST_QUALITY 1e-3f /* so that what is seen edge-on by all views still has a colour */
 
@@ -61,40 +65,32 @@ int place_in(global const int *list, int first, int last, int number)
     return first;
 }
 
-#if UNDERLAID
-/* Has a view seen through the target's pixel (x, y) at nearness n, with all four samples around it? */
-intl is_empty(global const float *limits, global const int *sizes, global const float *from_target,
-              global const int *perspectives, floatl x, floatl y, floatl n, float epsilon)
-{
-    intl empty = (intl)0;
-    for (int view = 0; view < ALL; view++) {
-        global const float *m = from_target + 16 * view;
-        const int width = sizes[3 * view], height = sizes[3 * view + 1];
-        const floatl inverse = 1.0f / MAP_ROW(m, 2, x, y, n), near = MAP_ROW(m, 3, x, y, n) * inverse;
-        const floatl u = MAP_ROW(m, 0, x, y, n) * inverse, v = MAP_ROW(m, 1, x, y, n) * inverse;
-        const floatl z = DEPTH_OF(perspectives[view], near);
-        intl through = (inverse > 0.0f) & (z > 0.0f) & (u >= 0.0f) & (v >= 0.0f) & (u < width - 1.0f) & (v < height - 1.0f);
-        const intl first = sizes[3 * view + 2] + pick(through, to_intl(v) * width + to_intl(u), (intl)0);
-        for (int k = 0; k < 4; k++) {
-            const intl at = first + (k & 1) + (k >> 1) * width;
-            through = through & (z < (floatl)(gather(limits, at)) - epsilon);
-        }
-        empty = empty | through;
-    }
-    return empty;
-}
-
-/* Is there a pixel that no mesh covers? */
+#if CLOSED
+/* Is there a pixel that no view's mesh covers? */
 int has_holes(const Region *seen)
 {
     for (int block = 0; block < BLOCKS; block++) {
-        floatl front = seen[0].nearness[block];
-        for (int mesh = 1; mesh < VIEWS; mesh++)
+        floatl front = seen[OTHERS].nearness[block];
+        for (int mesh = OTHERS + 1; mesh < MESHES; mesh++)
             front = greater(seen[mesh].nearness[block], front);
         if (any_lane(front == EMPTY))
             return 1;
     }
     return 0;
+}
+
+/* Of the pixels (x, y) that asked, which show a surface that no view saw? backs, sheets: what their rays meet. */
+intl is_closed(const Seen *views, floatl x, floatl y, floatl backs, floatl sheets, intl asks, floatl *n)
+{
+    const intl meets = asks & (backs > EMPTY), through = asks & (sheets > EMPTY);
+    floatl depth = DEPTH_OF(views->perspective, pick(meets, backs, (floatl)1.0f)), entry = depth;
+    const intl within = has_entered(views, x, y, depth, meets, &entry);
+    depth = DEPTH_OF(views->perspective, pick(through, sheets, (floatl)1.0f)) + views->stride;
+    floatl behind = depth;
+    intl ends = stays_hidden(views, x, y, depth, through & !within);
+    ends = has_entered(views, x, y, depth, ends, &behind);
+    *n = DEPTH_OF(views->perspective, pick(within, entry, behind));
+    return within | ends;
 }
 #endif
 
@@ -127,15 +123,15 @@ void add_sample(global const uint *colors, global const int *size, int level, fl
     add_color(sum, weight / greater(opaque, (floatl)1e-6f), read);
 }
 
-/* Draws the meshes [first, last), each into a region of its own, from a bin's list. */
-void draw_each(const Context *context, Region *seen, global const int *list, global const int *starts, global const int *firsts,
-               int first, int last, global const float *depth, int x, int y)
+/* Draws the meshes [first, last) from a bin's list, into `regions` regions: each into one of its own, or all into one. */
+void draw_range(const Context *context, Region *seen, int regions, global const int *list, global const int *starts,
+                global const int *firsts, int first, int last, global const float *depth, int x, int y)
 {
     int next = place_in(list, starts[0], starts[1], firsts[first]);
-    for (int mesh = first; mesh < last; mesh++) {
-        const int end = place_in(list, next, starts[1], firsts[mesh + 1]);
-        begin_region(&seen[mesh], context->screen, depth, 1, x, y);
-        draw_list(context, &seen[mesh], list, next, end, x, y);
+    for (int region = 0; region < regions; region++) {
+        const int end = place_in(list, next, starts[1], firsts[last - regions + region + 1]);
+        begin_region(&seen[region], context->screen, depth, 1, x, y);
+        draw_list(context, &seen[region], list, next, end, x, y);
         next = end;
     }
 }
@@ -185,10 +181,11 @@ kernel void draw_meshes(global const int *corners, global const float *projected
                         global const uint *colors, global const float *weights,
                         global float *depth, global channel *color, global uchar *valid, Screen screen, float nearest_w,
                         int culled, float epsilon, int blank
-#if UNDERLAID
+#if CLOSED
                         ,
                         global const float *limits, global const int *limit_sizes, global const float *from_target,
-                        global const int *perspectives
+                        global const int *perspectives, global const int *first_levels, global const float *closeness,
+                        float stride
 #endif
 #if OCCUPIED
                         ,
@@ -200,15 +197,20 @@ kernel void draw_meshes(global const int *corners, global const float *projected
     if (x >= screen.width || y >= screen.height)
         return;
     const Context context = {corners, projected, screen, nearest_w, culled};
-    const Meshes meshes = {firsts, sources, levels, points, scales, weights, colors};
+    const Meshes meshes = {firsts + UNSEEN, sources, levels, points, scales, weights, colors};
     const int bin = y / BIN * bins_x + x / BIN;
+    global const int *here = starts + bin;
     Region seen[MESHES], shown;
-    int first_mesh = UNDERLAID;
-    draw_each(&context, seen, list, starts + bin, firsts, UNDERLAID, MESHES, depth, x, y);
-#if UNDERLAID
-    if (has_holes(seen + UNDERLAID)) {
+    int first_mesh = OTHERS;
+    draw_range(&context, seen + OTHERS, VIEWS, list, here, firsts, UNSEEN + OTHERS, UNSEEN + MESHES, depth, x, y);
+#if CLOSED
+    const Seen views_saw = {limits, limit_sizes, from_target, perspectives, first_levels, closeness, stride, screen.perspective};
+    Region sheets, backs;
+    if (has_holes(seen)) {
         first_mesh = 0;
-        draw_each(&context, seen, list, starts + bin, firsts, 0, UNDERLAID, depth, x, y);
+        draw_range(&context, seen, OTHERS, list, here, firsts, UNSEEN, UNSEEN + OTHERS, depth, x, y);
+        draw_range(&context, &sheets, 1, list, here, firsts, 0, SHEETS, depth, x, y);
+        draw_range(&context, &backs, 1, list, here, firsts, SHEETS, UNSEEN, depth, x, y);
     }
 #endif
     begin_region(&shown, screen, depth, blank, x, y);
@@ -216,20 +218,19 @@ kernel void draw_meshes(global const int *corners, global const float *projected
     for (int block = 0; block < BLOCKS; block++) {
         const int first_x = x + FIRST_X(block), first_y = y + FIRST_Y(block);
         floatl front = EMPTY;
-        intl under = (intl)0; /* nothing but coarse meshes */
-        for (int mesh = UNDERLAID; mesh < MESHES; mesh++)
+        for (int mesh = OTHERS; mesh < MESHES; mesh++)
             front = greater(seen[mesh].nearness[block], front);
-#if UNDERLAID
-        under = front == EMPTY;
-        for (int mesh = first_mesh; mesh < UNDERLAID; mesh++) {
-            const intl covered = under & (seen[mesh].owner[block] >= 0);
-            if (!any_lane(covered))
-                continue;
-            const floatl n = seen[mesh].nearness[block], px = to_floatl(first_x + block_x), py = to_floatl(first_y + block_y);
-            const intl kept = covered & !is_empty(limits, limit_sizes, from_target, perspectives, px, py,
-                                                  pick(covered, n, (floatl)1.0f), epsilon);
-            seen[mesh].owner[block] = pick(kept, seen[mesh].owner[block], (intl)-1);
-            front = pick(kept, greater(n, front), front);
+        const intl hole = front == EMPTY; /* in the meshes of the views that are drawn */
+        for (int mesh = first_mesh; mesh < OTHERS; mesh++)
+            front = pick(hole, greater(seen[mesh].nearness[block], front), front);
+        intl closed = (intl)0;
+#if CLOSED
+        if (first_mesh == 0 && any_lane(front == EMPTY)) {
+            const floatl px = to_floatl(first_x + block_x), py = to_floatl(first_y + block_y);
+            floatl n;
+            closed = is_closed(&views_saw, px, py, backs.nearness[block], sheets.nearness[block], front == EMPTY, &n);
+            closed = closed & (n <= screen.nearest);
+            front = pick(closed, n, front);
         }
 #endif
         const intl mine = front > shown.nearness[block];
@@ -242,7 +243,7 @@ kernel void draw_meshes(global const int *corners, global const float *projected
         const floatl deepest = screen.perspective ? front / (1.0f + epsilon * front) : front - epsilon;
         for (int mesh = first_mesh; mesh < MESHES; mesh++) {
             const floatl n = seen[mesh].nearness[block];
-            intl shares = (seen[mesh].owner[block] >= 0) & (mesh < UNDERLAID ? under : !under);
+            intl shares = (seen[mesh].owner[block] >= 0) & (mesh < OTHERS ? hole : !hole);
             shares = shares & (BLEND == BLEND_NEAREST ? (n == front) & !taken : n >= deepest);
             taken = taken | shares;
             const intl given = shares & mine;
@@ -251,6 +252,12 @@ kernel void draw_meshes(global const int *corners, global const float *projected
             total += add_mesh(&context, &meshes, mesh, &seen[mesh], block, first_x, first_y, shares, given, &sum);
             views |= pick(given, (intl)(1 << sources[4 * mesh]), (intl)0);
         }
+#if CLOSED
+        const intl given = closed & mine;
+        if (any_lane(given))
+            total += add_closest(&views_saw, colors, levels, to_floatl(first_x + block_x), to_floatl(first_y + block_y), front,
+                                 given, &sum, &views);
+#endif
         const floatl scale = 1.0f / (255.0f * pick(mine, total, (floatl)1.0f));
         const Color shade = {sum.r * scale, sum.g * scale, sum.b * scale};
         shown.nearness[block] = front;

@@ -15,7 +15,8 @@ from pyibr.depthmesh.triangulation import Triangles, active_within, list_triangl
 from pyibr.images.depth_image import DepthImage
 from pyibr.opencl.memory import DeviceArray, upload
 
-_COARSE_ERROR = 0.005  # of the largest extent: that of the coarse meshes
+_COARSE_ERROR = 0.001  # of the largest extent: that of the coarse meshes
+_STRIDE = 0.015  # of the largest extent: from point to point along rays that look for empty space
 
 
 class ViewMesh(Protocol):
@@ -32,63 +33,113 @@ class ViewMesh(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class Coarse:
+    """Triangles of a view that do not depend on the viewer: points and their numbers, as of `Triangles`."""
+
+    points: NDArray[np.float32]
+    corners: NDArray[np.int32]
+
+    @classmethod
+    def of(cls, tree: Tree, max_error: float) -> Coarse:
+        """Those of a tree within a vertical error."""
+        found = list_triangles([tree], [active_within(tree, max_error)], rated=True)
+        return cls(found.points.to_host(), found.corners.to_host())
+
+    @property
+    def turned(self) -> Coarse:
+        """The same with fronts and backs exchanged."""
+        return Coarse(self.points, self.corners[:, ::-1])
+
+
 @dataclass
 class Background:
     """What shows through holes, and up to where each view has seen that there is nothing.
 
-    `points` are each view's, of its coarse triangles `closed`, which segmentation took nothing from, and of those among
-    them over what it took, `bridges`. `latest` are those that were drawn last: for other views they differ.
+    Of each view: its `surfaces`, and the `sheets` over what segmentation took out. `stride` is how far apart points are
+    along rays that look for what no view saw to be empty. `latest` are the triangles that were drawn last: for other
+    views they differ.
     """
 
-    points: list[NDArray[np.float32]]
-    closed: list[NDArray[np.int32]]
-    bridges: list[NDArray[np.int32]]
+    surfaces: list[Coarse]
+    sheets: list[Coarse]
     limits: DeviceArray
     sizes: DeviceArray
+    stride: float
     latest: tuple[object, Triangles | None] = (None, None)
 
 
 def background_of(meshes: Sequence[ViewMesh], extent: float) -> Background:
     """What shows through the holes of meshes whose box has this largest edge."""
-    points, limits = list[NDArray[np.float32]](), list[NDArray[np.float32]]()
-    closed, bridges = list[NDArray[np.int32]](), list[NDArray[np.int32]]()
+    limits = list[NDArray[np.float32]]()
+    surfaces, sheets = list[Coarse](), list[Coarse]()
     for mesh in meshes:
-        tree = build_tree(mesh.view, Segmentation("none"))
-        coarse = list_triangles([tree], [active_within(tree, _COARSE_ERROR * extent)], rated=True)
-        points.append(coarse.points.to_host())
-        closed.append(coarse.corners.to_host())
-        bridges.append(_over_holes(closed[-1], points[-1], mesh))
+        surfaces.append(Coarse.of(mesh.tree, _COARSE_ERROR * extent))
+        stretched = Coarse.of(build_tree(mesh.view, Segmentation("none")), _COARSE_ERROR * extent)
+        sheets.append(Coarse(stretched.points, _over_holes(stretched, mesh)))
         view = mesh.view
         unseen = np.where(view.depth >= view.far, np.float32(np.inf), np.float32(0))
         limits.append(np.where(view.valid, view.depth, unseen).ravel())
     starts = np.cumsum([0, *(limit.size for limit in limits[:-1])])
-    sizes = [(*mesh.view.camera.size, start) for mesh, start in zip(meshes, starts, strict=True)]
-    return Background(points, closed, bridges, upload(np.concatenate(limits)), upload(np.array(sizes, np.int32)))
+    sizes = upload(np.array([(*m.view.camera.size, s) for m, s in zip(meshes, starts, strict=True)], np.int32))
+    return Background(surfaces, sheets, upload(np.concatenate(limits)), sizes, _STRIDE * extent)
 
 
-def _over_holes(corners: NDArray[np.int32], points: NDArray[np.float32], mesh: ViewMesh) -> NDArray[np.int32]:
-    """Those of a view's triangles whose boxes hold a cell that is not drawn in full."""
+def _over_holes(coarse: Coarse, mesh: ViewMesh) -> NDArray[np.int32]:
+    """Those of a view's triangles, (T, 3), whose boxes hold a cell that is not drawn in full."""
     width, height = mesh.view.camera.size
     upper, lower = mesh.tree.drawn_cells()
     holes = np.zeros((height, width), np.int32)  # above and to the left of each sample
     holes[1:, 1:] = np.cumsum(np.cumsum(~(upper & lower), axis=0, dtype=np.int32), axis=1)
-    x, y = np.moveaxis(pixels_of(points[corners], mesh.view), -1, 0)
+    x, y = np.moveaxis(pixels_of(coarse.points[coarse.corners], mesh.view), -1, 0)
     low_x, low_y, high_x, high_y = x.min(axis=1), y.min(axis=1), x.max(axis=1), y.max(axis=1)
     within = holes[high_y, high_x] - holes[low_y, high_x] - holes[high_y, low_x] + holes[low_y, low_x]
-    return corners[within > 0]
+    return coarse.corners[within > 0]
 
 
-def underlay_of(background: Background, chosen: list[int], others: list[int]) -> Triangles:
-    """What shows through the holes of the chosen views' meshes: their bridges, and the closed meshes of others."""
+@dataclass(frozen=True)
+class Shown:
+    """Numbers of the views whose meshes are drawn.
+
+    Attributes
+    ----------
+    chosen : list of int
+        The closest ones, which are blended.
+    others : list of int
+        Those that show in their holes: the next closest.
+    around : list of int
+        Those whose backs tell of surface that nobody saw: the others, and as many of the farthest, which see the thing
+        from behind.
+    """
+
+    chosen: list[int]
+    others: list[int]
+    around: list[int]
+
+    @classmethod
+    def of(cls, order: list[int], count: int) -> Shown:
+        """Of all views, the closest first, of which so many are blended."""
+        close, most = order[: 2 * count], 2 * count
+        return cls(sorted(order[:count]), sorted(order[count:most]), sorted({*close, *order[-most:]}))
+
+    @property
+    def views(self) -> list[int]:
+        """The view of each mesh that is drawn: sheets, backs, others' surfaces, then those of the chosen ones."""
+        return [*self.chosen, *self.others, *self.around, *self.others, *self.chosen]
+
+
+def underlay_of(background: Background, shown: Shown) -> Triangles:
+    """What lies under the chosen views' meshes: sheets, backs, and the others' surfaces, in the order of `shown`."""
     which, found = background.latest
-    if found is not None and which == (chosen, others):
+    if found is not None and which == shown:
         return found
-    parts = [(number, background.bridges[number]) for number in chosen]
-    parts += [(number, background.closed[number]) for number in others]
-    point_firsts = np.cumsum([0, *(len(background.points[number]) for number, _ in parts)]).tolist()
-    firsts = np.cumsum([0, *(len(corners) for _, corners in parts)]).tolist()
-    points = np.concatenate([background.points[number] for number, _ in parts])
-    corners = np.concatenate([part + first for (_, part), first in zip(parts, point_firsts[:-1], strict=True)])
+    parts = [background.sheets[number] for number in (*shown.chosen, *shown.others)]
+    parts += [background.surfaces[number].turned for number in shown.around]
+    parts += [background.surfaces[number] for number in shown.others]
+    point_firsts = np.cumsum([0, *(len(part.points) for part in parts)]).tolist()
+    firsts = np.cumsum([0, *(len(part.corners) for part in parts)]).tolist()
+    points = np.concatenate([part.points for part in parts])
+    corners = np.concatenate([part.corners + first for part, first in zip(parts, point_firsts[:-1], strict=True)])
     made = Triangles(upload(points), upload(corners.astype(np.int32)), point_firsts, firsts)
-    background.latest = (chosen, others), made
+    background.latest = shown, made
     return made

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Fixed, Float64
 from pyibr.core.pixelspace import camera_pair, pixel_size
-from pyibr.depthmesh.background import Background, ViewMesh, underlay_of
+from pyibr.depthmesh.background import Background, Shown, ViewMesh, underlay_of
 from pyibr.depthmesh.levels import color_levels
 from pyibr.depthmesh.triangulation import active_for, list_triangles, project_points
 from pyibr.images.depth_image import DepthImage
@@ -25,8 +25,6 @@ from pyibr.picture.target import Target
 from pyibr.raster.bins import bin_primitives, bin_side, culled
 
 Bounds = tuple[Float64, Float64]
-
-_UNDERLAID = 2  # times as many views are looked at under the holes as are blended
 
 
 @dataclass(frozen=True)
@@ -107,24 +105,23 @@ def draw_depth_meshes(
     """
     closeness = np.ones(1) if blending is None else blending.closeness
     order: list[int] = np.argsort(-closeness, kind="stable").tolist()
-    chosen = order if blending is None else sorted(order[: blending.count])
-    trees = [meshes[number].tree for number in chosen]
+    shown = Shown.of(order, 1 if blending is None else blending.count)
+    trees = [meshes[number].tree for number in shown.chosen]
     active = [active_for(tree, target.camera, tolerance) for tree in trees]
-    shown, underlay = chosen, None  # the view of each mesh that is drawn
-    defines = {"VIEWS": len(chosen), **target.color_defines}
+    colors = kept(thing, "colors", lambda: _colors_of(meshes))
+    underlay, drawn, colored = None, shown.chosen, shown.chosen  # views of all meshes, and of those with colours
+    defines = {"VIEWS": len(shown.chosen), **target.color_defines}
     more: dict[str, Any] = {}
     if blending is not None:
         defines["BLEND"] = int(constant("depthmesh/blend.cl", f"BLEND_{blending.by.upper()}"))
     if blending is not None and blending.background is not None:
-        others = sorted(order[len(chosen) : _UNDERLAID * len(chosen)])
-        underlay = underlay_of(blending.background, chosen, others)
-        shown = [*chosen, *others, *chosen]
-        defines |= {"UNDERLAID": len(shown) - len(chosen), "ALL": len(meshes)}
-        more = _seen_empty(target.camera, meshes, blending.background)
+        underlay, drawn, colored = underlay_of(blending.background, shown), shown.views, [*shown.others, *shown.chosen]
+        sheets = len(shown.chosen) + len(shown.others)
+        defines |= {"OTHERS": len(shown.others), "SHEETS": sheets, "BACKS": len(shown.around), "ALL": len(meshes)}
+        more = _seen_empty(target.camera, meshes, blending, blending.background, colors)
     triangles = list_triangles(trees, active, underlay, rated=True)
-    views = [meshes[number].view for number in shown]
-    projected = project_points(target.camera, views, triangles)
-    more |= _colored(target.camera, views, shown, kept(thing, "colors", lambda: _colors_of(meshes)))
+    projected = project_points(target.camera, [meshes[number].view for number in drawn], triangles)
+    more |= _colored(target.camera, [meshes[number].view for number in colored], colored, colors)
     if occupancy is not None:
         defines["OCCUPIED"] = 1
         more["occupancy"] = occupancy
@@ -137,7 +134,7 @@ def draw_depth_meshes(
         corners=triangles.corners,
         points=triangles.points,
         firsts=upload(np.array(triangles.firsts, np.int32)),
-        weights=upload((closeness[shown] / closeness.max()).astype(np.float32)),
+        weights=upload((closeness[colored] / closeness.max()).astype(np.float32)),
         culled=culled(sides),
         epsilon=0.0 if blending is None else blending.epsilon,
         blank=target.blank,
@@ -163,8 +160,10 @@ def _colored(camera: Camera, views: list[DepthImage], shown: list[int], colors: 
     }
 
 
-def _seen_empty(camera: Camera, meshes: Sequence[ViewMesh], background: Background) -> dict[str, DeviceArray]:
-    """What tells up to where each view has seen that there is nothing."""
+def _seen_empty(
+    camera: Camera, meshes: Sequence[ViewMesh], blending: Blending, background: Background, colors: _Colors
+) -> dict[str, Any]:
+    """What tells up to where each view has seen that there is nothing, and what it saw there."""
     maps = [camera_pair(camera, mesh.view.camera).dst_from_src for mesh in meshes]
     perspectives = [mesh.view.camera.projection == "perspective" for mesh in meshes]
     return {
@@ -172,6 +171,9 @@ def _seen_empty(camera: Camera, meshes: Sequence[ViewMesh], background: Backgrou
         "limit_sizes": background.sizes,
         "from_target": upload(np.array(maps, np.float32).reshape(-1, 16)),
         "perspectives": upload(np.array(perspectives, np.int32)),
+        "first_levels": upload(np.array([first for first, _ in colors.ends], np.int32)),
+        "closeness": upload((blending.closeness / blending.closeness.max()).astype(np.float32)),
+        "stride": background.stride,
     }
 
 

@@ -53,9 +53,9 @@ class DepthMeshObject(Fixed):
         Scene units, >= 0: surfaces that lie less behind the front one are the same. By default 1 % of the largest
         extent of the samples.
     background : bool
-        Whether coarse meshes show through holes: those of the other close views, and what segmentation took out, where
-        no view saw empty space. A view's infinite depths, and those from its `far` on, say that there is nothing; NaN
-        and 0 say nothing.
+        Whether holes are closed: by coarse meshes of the other close views, and where a ray must meet surface that no
+        view saw, since it meets the back of one, or goes behind an edge and comes to nothing more that a view saw to be
+        empty. A view's infinite depths, and those from its `far` on, say that there is nothing; NaN and 0 say nothing.
     segmentation : Segmentation, optional
         For views that are no `DepthMesh`.
 

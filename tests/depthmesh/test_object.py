@@ -12,8 +12,6 @@ import pyibr as ibr
 from pyibr.capture import MeshScene, models, object_views
 from pyibr.core.camera import Camera
 from pyibr.depthmesh import Segmentation
-from pyibr.depthmesh.background import background_of
-from pyibr.depthmesh.triangulation import pixels_of
 from pyibr.images import metrics
 from pyibr.images.metrics import silhouette_iou
 from tests import scenes
@@ -306,17 +304,6 @@ def test_the_background_shows_through_holes_only():
     own = ibr.render(with_it, view.camera), ibr.render(without, view.camera)
     assert own[0].valid.sum() >= own[1].valid.sum()
     assert own[0].valid[1:-1, 1:-1].mean() > 0.99
-
-
-def test_what_shows_through_holes_has_its_quality():
-    """Not that of what segmentation left: a rubber sheet is seen edge-on."""
-    views = six()
-    thing = ibr.DepthMeshObject(views)
-    background = background_of(thing.meshes, thing.extent)
-    for view, points in zip(views, background.points, strict=True):
-        x, y = pixels_of(points, view).T
-        closed = ibr.DepthMesh(view, segmentation=Segmentation("none"))
-        np.testing.assert_array_equal(points[:, 3], closed.quality[y, x])
 
 
 def test_empty_space_stays_empty():

@@ -1,0 +1,122 @@
+"""Holes: what is surface is closed though no view saw it, and nothing is drawn where there is none."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import cv2
+import numpy as np
+import pytest
+
+pytest.importorskip("open3d")
+
+import pyibr as ibr
+from pyibr.capture import MeshScene, models, object_views
+from pyibr.core.camera import Camera
+from pyibr.images import metrics
+from tests.depthmesh.views import PROJECTIONS
+from tests.one_lane import one_lane
+from tests.shadowed import box, joined
+
+SIZE = (240, 180)
+
+
+@cache
+def knot() -> MeshScene:
+    """A trefoil: a tube that hides much of itself from any six views, striped."""
+    a, b = np.meshgrid(np.linspace(0, 2 * np.pi, 241)[:-1], np.linspace(0, 2 * np.pi, 33)[:-1], indexing="ij")
+
+    def line(t: np.ndarray) -> np.ndarray:
+        return np.stack([np.sin(t) + 2 * np.sin(2 * t), np.cos(t) - 2 * np.cos(2 * t), -np.sin(3 * t)], axis=-1)
+
+    along = line(a + 1e-4) - line(a - 1e-4)
+    side = np.cross(along, (0, 0, 1.0))
+    side /= np.linalg.norm(side, axis=-1, keepdims=True)
+    up = np.cross(along, side)
+    up /= np.linalg.norm(up, axis=-1, keepdims=True)
+    vertices = line(a) + 0.55 * (np.cos(b)[..., None] * side + np.sin(b)[..., None] * up)
+    number = np.arange(a.size).reshape(a.shape)
+    right, down = np.roll(number, -1, axis=1), np.roll(number, -1, axis=0)
+    diagonal = np.roll(right, -1, axis=0)
+    faces = np.concatenate([np.stack([number, down, diagonal], -1), np.stack([number, diagonal, right], -1)])
+    gray = (60 + 140 * (np.floor(a * 14 / np.pi) % 2)).astype(np.uint8)
+    return MeshScene(vertices.reshape(-1, 3), faces.reshape(-1, 3), np.repeat(gray.reshape(-1, 1), 3, 1))
+
+
+@cache
+def donut() -> MeshScene:
+    """Its innermost faces are upright: orthographic views from above and below see them from their edges alone."""
+    return MeshScene.from_mesh(models.donut())
+
+
+def against(scene: MeshScene, thing: ibr.DepthMeshObject, camera: Camera) -> tuple[ibr.Frame, ibr.DepthImage]:
+    return ibr.render(thing, camera), scene.capture(camera)
+
+
+def missed_and_false(frame: ibr.Frame, truth: ibr.DepthImage) -> tuple[int, int]:
+    """Pixels of the surface that are not drawn; drawn ones more than one beside its outline."""
+    near = cv2.dilate(truth.valid.astype(np.uint8), np.ones((3, 3))) > 0
+    return int((truth.valid & ~frame.valid).sum()), int((frame.valid & ~near).sum())
+
+
+@pytest.mark.parametrize("projection", PROJECTIONS)
+@pytest.mark.parametrize("eye", [(2, -2, 2), (2.5, -1.5, 2), (-1, 0.4, -2.8)])
+@pytest.mark.parametrize("samples", [128, 256])
+def test_a_donut_is_whole(samples, eye, projection):
+    thing = ibr.DepthMeshObject(object_views(donut(), samples, projection))
+    frame, truth = against(donut(), thing, Camera.look_at(eye, (0, 0, 0), (0, 0, 1), SIZE, fov_y=45))
+    missed, false = missed_and_false(frame, truth)
+    assert truth.valid.sum() > 16_000
+    # Of the outline, 700 pixels long, up to half a sample is lost. One of 256 is 0.8 pixels: a tenth on average.
+    assert missed <= 60 * 256 / samples and false == 0
+    inside = cv2.erode(truth.valid.astype(np.uint8), np.ones((5, 5))) > 0
+    assert frame.valid[inside].all()
+    both = frame.valid & truth.valid
+    # A sample is 2 % of the donut's extent and the eye is closer than that: closed surface bulges by less.
+    assert (np.abs(frame.depth - truth.depth)[both] > 0.02 * truth.depth[both]).mean() < 0.005
+    assert metrics.psnr(frame.color, truth.color, both) > 45
+
+
+@pytest.mark.parametrize("eye", [(5.1, -4.7, 6.2), (7.5, -5.5, 4), (-6, -6, 6), (-3.5, 7.5, -5), (6, 6, 6)])
+def test_a_knot_gets_no_shards(eye):
+    views = object_views(knot(), 256, "perspective")
+    camera = Camera.look_at(eye, (0, 0, 0), (0, 0, 1), SIZE, fov_y=42)
+    frame, truth = against(knot(), ibr.DepthMeshObject(views), camera)
+    bare, _ = against(knot(), ibr.DepthMeshObject(views, background=False), camera)
+    missed, false = missed_and_false(frame, truth)
+    assert false == 0
+    assert missed <= 0.2 * missed_and_false(bare, truth)[0]
+    assert metrics.psnr(frame.color, truth.color) >= metrics.psnr(bare.color, truth.color) + 3
+
+
+def test_what_is_open_stays_open():
+    """Two plates, one before the other: nothing tells that they are joined, and their edges have been seen."""
+    plates = joined([box((0, 0, 0.5), (0.8, 0.8, 0.02)), box((0.1, 0.2, -0.5), (0.9, 0.7, 0.02))])
+    thing = ibr.DepthMeshObject(object_views(plates, 128))
+    for eye in ((4, 1, 1.4), (3, 3, 0.8), (1, 4, -1)):
+        frame, truth = against(plates, thing, Camera.look_at(eye, (0, 0, 0), (0, 0, 1), SIZE, fov_y=40))
+        assert missed_and_false(frame, truth)[1] == 0
+        assert truth.valid.sum() > 3000 and (frame.valid & truth.valid).sum() > 0.9 * truth.valid.sum()
+
+
+def test_closed_surface_names_the_views_of_its_colours():
+    views = object_views(donut(), 128)
+    thing, camera = ibr.DepthMeshObject(views), Camera.look_at((2, -2, 2), (0, 0, 0), (0, 0, 1), SIZE, fov_y=45)
+    named, frame = thing.occupancy(camera), ibr.render(thing, camera)
+    np.testing.assert_array_equal(named > 0, frame.valid)
+    closed = frame.valid & ~ibr.render(ibr.DepthMeshObject(views, blended=6, background=False), camera).valid
+    inside = closed & (cv2.erode(frame.valid.astype(np.uint8), np.ones((9, 9))) > 0)
+    assert inside.sum() > 200
+    assert (named[inside] & 0b110000 > 0).all()  # those from above and below saw what is next to the slit
+
+
+def test_the_same_in_one_lane():
+    views, camera = object_views(donut(), 96), Camera.look_at((2, -2, 2), (0, 0, 0), (0, 0, 1), (101, 77), fov_y=45)
+    wide = ibr.render(ibr.DepthMeshObject(views), camera)
+    with one_lane():
+        one = ibr.render(ibr.DepthMeshObject(views), camera)
+    # A pixel at an outline, or a point at a limit of what a view saw to be empty.
+    assert (wide.valid != one.valid).mean() <= 1e-3
+    both = wide.valid & one.valid
+    assert np.isclose(wide.depth, one.depth, rtol=1e-3)[both].mean() >= 0.995
+    assert (np.abs(wide.color.astype(int) - one.color)[both].max(axis=1) <= 2).mean() >= 0.99
