@@ -515,6 +515,39 @@ class Camera:
         return conventions.kalibr_from_camera(self.K, self.size, self.lens)
 
     @classmethod
+    def from_azure_kinect(
+        cls, calibration: object, mode: str, world_from_depth_camera: ArrayLike | None = None
+    ) -> Camera:
+        """Make the depth or the colour camera of an Azure Kinect from its raw calibration.
+
+        Parameters
+        ----------
+        calibration : mapping
+            The JSON of `k4a_device_get_raw_calibration`, or of the attachment `calibration.json` of a recording.
+        mode : str
+            Which images: NFOV_UNBINNED, NFOV_2X2BINNED, WFOV_UNBINNED, WFOV_2X2BINNED or PASSIVE_IR for those of the
+            depth camera (depth and infrared), 720P, 1080P, 1440P, 1536P, 2160P or 3072P for colours. The SDK's longer
+            names, as K4A_DEPTH_MODE_NFOV_UNBINNED, and a recording's, as MJPG_720P, will do.
+        world_from_depth_camera : array_like (4, 4), optional
+            In metres, as the calibration. Default: the world is the depth camera's frame.
+
+        Examples
+        --------
+        >>> import pyibr as ibr
+        >>> parameters = [0.51, 0.52, 0.49, 0.49, 0.55, -0.02, 0, 0.89, 0.09, -0.01, 0, 0, 0, 0]
+        >>> model = "CALIBRATION_LensDistortionModelBrownConrady"
+        >>> entry = {"Location": "CALIBRATION_CameraLocationD0", "SensorWidth": 1024, "SensorHeight": 1024}
+        >>> entry |= {"Intrinsics": {"ModelType": model, "ModelParameters": parameters}, "MetricRadius": 1.74}
+        >>> entry |= {"Rt": {"Rotation": [1, 0, 0, 0, 1, 0, 0, 0, 1], "Translation": [0, 0, 0]}}
+        >>> ibr.Camera.from_azure_kinect({"CalibrationInformation": {"Cameras": [entry]}}, "NFOV_UNBINNED")
+        <Camera perspective 640x576 fx=501.76 fy=501.76 cx=329.74 cy=351.98 rational at (0, 0, 0)>
+        """
+        K, size, lens, pose = conventions.camera_from_azure_kinect(calibration, mode)
+        if world_from_depth_camera is not None:
+            pose = checked_pose(world_from_depth_camera, "world_from_depth_camera") @ pose
+        return cls(K, size, pose, lens=lens)
+
+    @classmethod
     def from_pytorch3d(
         cls,
         R: ArrayLike,

@@ -171,10 +171,10 @@ def checked_intrinsics(K: object) -> Float64:
     return matrix
 
 
-def checked_pose(world_from_camera: object) -> Float64:
+def checked_pose(given: object, name: str = "world_from_camera") -> Float64:
     """Return a rigid motion as a new (4, 4) array or raise ArgumentError."""
-    name, rigid = "world_from_camera", "a rigid motion [[R, t], [0, 0, 0, 1]] with R^T R = 1 and det R = 1"
-    pose = numbers(name, world_from_camera, (4, 4))
+    rigid = "a rigid motion [[R, t], [0, 0, 0, 1]] with R^T R = 1 and det R = 1"
+    pose = numbers(name, given, (4, 4))
     if np.abs(pose[3] - (0, 0, 0, 1)).max() > 1e-9:
         raise ArgumentError(name, rigid, f"last row {pose[3].tolist()}")
     rotation = pose[:3, :3]

@@ -11,7 +11,7 @@ from typing import Any, TypedDict, cast
 
 import numpy as np
 
-from pyibr.core.checks import Float64, describe, numbers
+from pyibr.core.checks import Float64, describe, numbers, positive
 from pyibr.core.errors import ArgumentError
 from pyibr.core.lens import Lens, LensModel
 
@@ -46,6 +46,26 @@ _REALSENSE_MODELS: Mapping[str, LensModel | None] = {
     "brown_conrady": "brown_conrady",
     "kannala_brandt4": "kannala_brandt",
 }
+
+# Azure Kinect: the side of the square that a mode makes of the depth camera's sensor, and where in it its image lies
+_KINECT_DEPTH: Mapping[str, tuple[int, tuple[int, int], tuple[int, int]]] = {
+    "NFOV_UNBINNED": (1024, (192, 180), (640, 576)),
+    "NFOV_2X2BINNED": (512, (96, 90), (320, 288)),
+    "WFOV_UNBINNED": (1024, (0, 0), (1024, 1024)),
+    "WFOV_2X2BINNED": (512, (0, 0), (512, 512)),
+    "PASSIVE_IR": (1024, (0, 0), (1024, 1024)),
+}
+# The colour camera's images: as wide as its sensor, and from the middle of its height
+_KINECT_COLOR: Mapping[str, tuple[int, int]] = {
+    "720P": (1280, 720),
+    "1080P": (1920, 1080),
+    "1440P": (2560, 1440),
+    "1536P": (2048, 1536),
+    "2160P": (3840, 2160),
+    "3072P": (4096, 3072),
+}
+_KINECT_MODEL = "CALIBRATION_LensDistortionModelBrownConrady"  # which is OpenCV's rational one
+_KINECT_RADIUS = 1.7  # what its SDK takes where the calibration has found none
 
 
 class RealSenseIntrinsics(TypedDict):
@@ -283,6 +303,43 @@ def kalibr_from_camera(K: Float64, size: tuple[int, int], lens: Lens | None) -> 
         "distortion_coeffs": values[:4].tolist(),
         "resolution": list(size),
     }
+
+
+def camera_from_azure_kinect(calibration: object, mode: object) -> tuple[Float64, tuple[int, int], Lens, Float64]:
+    """Return K, size, lens and the pose in the depth camera's frame, in metres, of one camera of an Azure Kinect."""
+    name = "calibration"
+    word = str(mode).upper()  # "720P", "K4A_COLOR_RESOLUTION_720P", "MJPG_720P"
+    modes = (*_KINECT_DEPTH, *_KINECT_COLOR)
+    known = next((each for each in modes if f"_{word}".endswith(f"_{each}")), None)
+    if known is None:
+        raise ArgumentError("mode", f"one of {', '.join(modes)}", repr(mode))
+    location = f"CALIBRATION_CameraLocation{'D0' if known in _KINECT_DEPTH else 'PV0'}"
+    entries = _part(_part(calibration, name, "CalibrationInformation"), name, "Cameras")
+    if not isinstance(entries, list):
+        raise ArgumentError(name, "a list of Cameras", describe(entries))
+    found = [each for each in cast("list[object]", entries) if _part(each, name, "Location") == location]
+    if not found:
+        raise ArgumentError(name, f"a camera with the Location {location}", "none")
+    inside, motion = (_part(found[0], name, each) for each in ("Intrinsics", "Rt"))
+    values = numbers(name, _part(inside, name, "ModelParameters"), (14,))
+    cx, cy, fx, fy, k1, k2, k3, k4, k5, k6, *aside, p2, p1 = values.tolist()
+    if (model := _part(inside, name, "ModelType")) != _KINECT_MODEL or any(aside):
+        raise ArgumentError(name, f"a ModelType of {_KINECT_MODEL} about the principal point", f"{model} {aside}")
+    sensor = [positive(name, _part(found[0], name, side)) for side in ("SensorWidth", "SensorHeight")]
+    if known in _KINECT_DEPTH:
+        across, (left, top), size = _KINECT_DEPTH[known]
+        down = float(across)
+    else:
+        size = _KINECT_COLOR[known]
+        across, left = size[0], 0
+        down = across * sensor[1] / sensor[0]  # early calibrations are of 16:9 instead of 4:3
+        top = (down - size[1]) / 2
+    # Parts of the whole image's size, from its corner, which is half a pixel before the first one's centre
+    K = _matrix(fx * across, fy * down, cx * across - left - 0.5, cy * down - top - 0.5)
+    (radius,) = numbers(name, [_part(found[0], name, "MetricRadius")], (1,)).tolist()
+    rotation = numbers(name, np.ravel(_part(motion, name, "Rotation")), (9,)).reshape(3, 3)
+    pose = pose_from_extrinsics(rotation, numbers(name, _part(motion, name, "Translation"), (3,)))
+    return K, size, Lens("rational", [k1, k2, p1, p2, k3, k4, k5, k6], radius or _KINECT_RADIUS), pose
 
 
 def _matrix(fx: float, fy: float, cx: float, cy: float) -> Float64:

@@ -228,6 +228,87 @@ def test_kalibr_both_ways():
     assert ibr.Camera.from_kalibr(fisheye).to_kalibr() == fisheye
 
 
+def kinect(wide: float = 3 / 4, **changes) -> dict:
+    """A calibration as an Azure Kinect holds it; `wide`: the colour camera's height by its width."""
+    k = [0.55, -0.02, -0.003, 0.89, 0.09, -0.014]
+    depth = {
+        "Location": "CALIBRATION_CameraLocationD0",
+        "SensorWidth": 1024,
+        "SensorHeight": 1024,
+        "MetricRadius": 1.74,
+    }
+    depth |= {"Intrinsics": {"ModelType": "CALIBRATION_LensDistortionModelBrownConrady"}}
+    depth["Intrinsics"]["ModelParameters"] = [0.513, 0.517, 0.4928, 0.4929, *k, 0, 0, -7e-5, 2e-5]
+    depth["Rt"] = {"Rotation": [1, 0, 0, 0, 1, 0, 0, 0, 1], "Translation": [0, 0, 0]}
+    turn = cv2.Rodrigues(np.array([-0.09, 0.001, 0.002]))[0]
+    k = [0.33, -2.49, 1.45, 0.21, -2.3, 1.37]
+    middle, focal = 0.5 + (0.507 - 0.5) * 0.75 / wide, 0.6374 * 0.75 / wide  # parts of the height
+    color = {"Location": "CALIBRATION_CameraLocationPV0", "SensorWidth": 4096, "SensorHeight": int(4096 * wide)}
+    color |= {"Intrinsics": dict(depth["Intrinsics"]), "MetricRadius": 0}
+    color["Intrinsics"]["ModelParameters"] = [0.4998, middle, 0.478, focal, *k, 0, 0, -1e-4, -2e-4]
+    color["Rt"] = {"Rotation": turn.ravel().tolist(), "Translation": [-0.032, -0.002, 0.004]}
+    depth["Intrinsics"] |= changes
+    return {"CalibrationInformation": {"Cameras": [depth, color]}}
+
+
+def test_an_azure_kinects_cameras_are_opencvs():
+    depth, color = (ibr.Camera.from_azure_kinect(kinect(), mode) for mode in ("NFOV_UNBINNED", "720P"))
+    assert (depth.size, color.size) == ((640, 576), (1280, 720))
+    points = np.random.default_rng(3).uniform((-0.6, -0.5, 1), (0.6, 0.5, 2), (99, 3))
+    K = np.array([[0.4928 * 1024, 0, 0.513 * 1024 - 192.5], [0, 0.4929 * 1024, 0.517 * 1024 - 180.5], [0, 0, 1]])
+    lens = np.array([0.55, -0.02, 2e-5, -7e-5, -0.003, 0.89, 0.09, -0.014])
+    theirs = cv2.projectPoints(points, np.zeros(3), np.zeros(3), K, lens)[0][:, 0]
+    np.testing.assert_allclose(depth.project(points)[0], theirs, atol=1e-9)
+    K = np.array([[0.478 * 1280, 0, 0.4998 * 1280 - 0.5], [0, 0.6374 * 960, 0.507 * 960 - 120.5], [0, 0, 1]])
+    lens = np.array([0.33, -2.49, -2e-4, -1e-4, 1.45, 0.21, -2.3, 1.37])
+    moved = np.array([-0.032, -0.002, 0.004])  # from the depth camera's frame
+    theirs = cv2.projectPoints(points, np.array([-0.09, 0.001, 0.002]), moved, K, lens)[0][:, 0]
+    np.testing.assert_allclose(color.project(points)[0], theirs, atol=1e-9)
+    assert (depth.lens.radius, color.lens.radius) == (1.74, 1.7)  # that of the SDK where there is none
+
+
+@pytest.mark.parametrize(
+    ("mode", "other", "times", "shift"),
+    [
+        ("WFOV_UNBINNED", "NFOV_UNBINNED", 1, (-192, -180)),
+        ("WFOV_2X2BINNED", "WFOV_UNBINNED", 2, (0, 0)),
+        ("NFOV_2X2BINNED", "NFOV_UNBINNED", 2, (0, 0)),
+        ("PASSIVE_IR", "WFOV_UNBINNED", 1, (0, 0)),
+        ("720P", "1080P", 1.5, (0, 0)),
+        ("720P", "1440P", 2, (0, 0)),
+        ("720P", "2160P", 3, (0, 0)),
+        ("1536P", "3072P", 2, (0, 0)),
+        ("1536P", "720P", 1280 / 2048, (0, -120)),
+    ],
+)
+@pytest.mark.parametrize("wide", [3 / 4, 9 / 16])
+def test_an_azure_kinects_modes_see_along_the_same_rays(mode, other, times, shift, wide):
+    """Images' corners are at -0.5; 4:3 ones have 120 rows of 960 more on either side than those of 16:9."""
+    one, two = (ibr.Camera.from_azure_kinect(kinect(wide), each) for each in (mode, other))
+    pixels = np.random.default_rng(4).uniform(0.4, 0.6, (50, 2)) * one.size
+    np.testing.assert_allclose(
+        one.ideal_positions(pixels), two.ideal_positions((pixels + 0.5) * times - 0.5 + shift), atol=1e-9
+    )
+
+
+def test_an_azure_kinects_early_calibration_is_of_a_lower_image():
+    for mode in ("720P", "3072P"):
+        early, usual = (ibr.Camera.from_azure_kinect(kinect(wide), mode) for wide in (9 / 16, 3 / 4))
+        np.testing.assert_allclose(early.K, usual.K, atol=1e-9)
+
+
+def test_an_azure_kinects_modes_have_many_names():
+    pose = ibr.Camera.look_at((1, 2, 3), (0, 0, 0), (0, 1, 0), (61, 37)).world_from_camera
+    color = ibr.Camera.from_azure_kinect(kinect(), "720P")
+    for name in ("K4A_COLOR_RESOLUTION_720P", "MJPG_720P", "res_720p"):
+        assert ibr.Camera.from_azure_kinect(kinect(), name) == color
+    moved = ibr.Camera.from_azure_kinect(kinect(), "720P", pose)
+    np.testing.assert_allclose(moved.world_from_camera, pose @ color.world_from_camera)
+    for name in ("1720P", "UNBINNED", 2):
+        with pytest.raises(ibr.ArgumentError, match="one of NFOV_UNBINNED, NFOV_2X2BINNED"):
+            ibr.Camera.from_azure_kinect(kinect(), name)
+
+
 def test_real_files_of_other_libraries():
     folder = shared("formats")
     opened = cv2.FileStorage(str(folder / "opencv_samples_calib" / "left_intrinsics.yml"), cv2.FILE_STORAGE_READ)
@@ -280,6 +361,10 @@ FIELDS = {"width": 7, "height": 13, "distortion_model": "plumb_bob", "d": [0] * 
 ENTRY = {"camera_model": "pinhole", "intrinsics": [1, 1, 0, 0], "resolution": [7, 13], "distortion_model": "radtan"}
 
 
+def from_kinect(calibration, *pose):
+    return ibr.Camera.from_azure_kinect(calibration, "NFOV_UNBINNED", *pose)
+
+
 @pytest.mark.parametrize(
     ("call", "argument", "words"),
     [
@@ -305,6 +390,14 @@ ENTRY = {"camera_model": "pinhole", "intrinsics": [1, 1, 0, 0], "resolution": [7
         (lambda c: ibr.Camera.from_kalibr(ENTRY | {"camera_model": "omni"}), "camera", "pinhole"),
         (lambda c: ibr.Camera.from_kalibr(ENTRY | {"distortion_model": "fov"}), "camera", "radtan"),
         (lambda c: ibr.Camera.from_kalibr(ENTRY), "camera", "something with distortion_coeffs"),
+        (lambda c: from_kinect("no JSON"), "calibration", "something with CalibrationInformation"),
+        (lambda c: from_kinect({"CalibrationInformation": {"Cameras": []}}), "calibration", "with the Location"),
+        (lambda c: from_kinect({"CalibrationInformation": {"Cameras": 5}}), "calibration", "a list of Cameras"),
+        (lambda c: from_kinect(kinect(ModelType="Theta")), "calibration", "BrownConrady"),
+        (lambda c: from_kinect(kinect(ModelParameters=[0.5] * 14)), "calibration", "about the principal point"),
+        (lambda c: from_kinect(kinect(ModelParameters=[0.5] * 9)), "calibration", "14"),
+        (lambda c: from_kinect(kinect(ModelParameters=None)), "calibration", "14"),
+        (lambda c: from_kinect(kinect(), np.eye(3)), "world_from_depth_camera", "(4, 4)"),
     ],
 )
 def test_errors_are_named(call, argument, words):
