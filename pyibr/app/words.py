@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import typer
 
 import pyibr as ibr
 from pyibr.core.errors import ArgumentError
 from pyibr.images.depth_image import Backdrop
+
+ThingT = TypeVar("ThingT")
 
 Color = Annotated[Path, typer.Argument(metavar="COLOR", help="Image: PNG, JPEG, TIFF, EXR, PFM, NPY ...")]
 Depth = Annotated[
@@ -26,6 +29,7 @@ BackdropText = Annotated[
 DepthScale = Annotated[
     float | None, typer.Option(help="Stored depth units per scene unit: 1000 for millimetres to metres")
 ]
+Take = Annotated[str | None, typer.Option(metavar="A:B:STEP", help="Frames of the recording, as 10:90:2")]
 DeviceName = Annotated[str | None, typer.Option(help="OpenCL device: part of its name, or its number")]
 
 
@@ -52,3 +56,13 @@ def told(text: str) -> None:
 def device_of(name: str | None) -> AbstractContextManager[object]:
     """A context in which --device is used."""
     return ibr.use_device(name) if name else nullcontext()
+
+
+def with_progress(jobs: Iterable[ThingT], count: int, doing: str) -> Iterable[ThingT]:
+    """The jobs, told as they are done if there are several."""
+    if count == 1:
+        return jobs
+    from rich.console import Console
+    from rich.progress import track
+
+    return track(jobs, doing, total=count, console=Console(stderr=True))

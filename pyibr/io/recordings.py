@@ -50,6 +50,14 @@ class Recording(NamedTuple):
 
 def recording_in(folder: Path) -> Recording:
     """The recording that a folder holds, in the form of TUM RGB-D, 7-Scenes, Redwood, COLMAP's dense maps or alike."""
+    found = find_recording(folder)
+    if found is None:
+        raise FileFormatError(f"{folder}: neither frusta.json nor frames are in it, of colour and depth: {_FORMS}")
+    return found
+
+
+def find_recording(folder: Path) -> Recording | None:
+    """What `recording_in` gives, or None if the folder holds no frames of colour and depth."""
     if (folder / "rgb.txt").is_file() and (folder / "depth.txt").is_file():
         (color_times, colors), (depth_times, depths) = (_listed(folder / name) for name in ("rgb.txt", "depth.txt"))
         found = _at_one_time(colors, color_times, depths, depth_times)
@@ -66,7 +74,7 @@ def recording_in(folder: Path) -> Recording:
         depths = files_in(folder, DEPTH_SUFFIXES, "depth")
         colors = files_in(folder, COLOR_SUFFIXES, "color") or files_in(folder, COLOR_SUFFIXES, "rgb")
         if not depths or not colors:
-            raise FileFormatError(f"{folder}: neither frusta.json nor frames are in it, of colour and depth: {_FORMS}")
+            return None
         found = _paired(str(folder), colors, depths)
     poses = next((folder / name for name in _POSE_FILES if (folder / name).is_file()), None)
     if poses is None:

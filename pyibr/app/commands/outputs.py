@@ -5,66 +5,75 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import typer
+from numpy.typing import NDArray
 
 import pyibr as ibr
+from pyibr.app.words import printable, told
 from pyibr.core.checks import positive
 from pyibr.core.errors import ArgumentError
 from pyibr.core.files import check_writable, identity
 from pyibr.io import check_output
 from pyibr.io.video import CODECS, VideoWriter, check_video_output
 
+Kind = Literal["color", "depth", "mask"]
+
 _FPS = 30.0  # of videos, if nothing tells
 
 
 class Outputs:
-    """What `warp` writes: a view's picture, depth and mask; of several views numbered files, or a video and these.
+    """What a command writes of each frame: files, of several frames numbered; their pictures as a video, too.
 
     Parameters
     ----------
-    color, depth, valid : Path, or None
-        --output, --depth-out and --valid-out.
+    files : mapping
+        For each option, --output the first, its path (or None) and what it holds.
     scale : float, or None
         --depth-scale.
     count : int, or None
-        How many views there are; None for one, which has no number.
+        How many frames there are; None for one, which has no number.
     fps, source_fps : float, or None
         --fps, and what the source has.
     """
 
     def __init__(
         self,
-        color: Path,
-        depth: Path | None,
-        valid: Path | None,
+        files: Mapping[str, tuple[Path | None, Kind]],
         scale: float | None,
         count: int | None,
         fps: float | None,
         source_fps: float | None,
     ) -> None:
-        self._color, self._depth, self._valid = color, depth, valid
+        self._files: dict[str, tuple[Path, Kind]] = {
+            option: (path, kind) for option, (path, kind) in files.items() if path is not None
+        }
+        self._main, kind = next(iter(self._files.values()))
         self._scale, self._count = scale, count
-        self._is_video = count is not None and color.suffix.lower() in CODECS
+        self._is_video = count is not None and kind == "color" and self._main.suffix.lower() in CODECS
         if fps is not None and not self._is_video:
-            raise ArgumentError("--fps", f"a video of several views ({', '.join(CODECS)}) for --output", str(color))
+            expected = f"a video of several views ({', '.join(CODECS)}) for --output"
+            raise ArgumentError("--fps", expected, str(self._main))
         self._fps = source_fps or _FPS if fps is None else positive("--fps", fps, "frames a second > 0")
         self._stack = ExitStack()
         self._writer: VideoWriter | None = None
+        self._written: list[str] = []
+        self._shares: list[float] = []
 
     def check(self, inputs: Mapping[str, Sequence[Path]]) -> None:
         """Raise what writing them would raise, before anything is computed; inputs: files that are read, by option."""
-        if self._depth is not None and self._depth.suffix.lower() == ".png" and self._scale is None:
-            expected = f"stored units per scene unit, for the integers of {self._depth}"
-            raise ArgumentError("--depth-scale", expected, "none")
-        if self._is_video:
-            check_video_output(self._color)
-        else:
-            check_output(self._color, "color")
-        if self._depth is not None:
-            check_output(self._depth, "depth")
-        if self._valid is not None:
-            check_output(self._valid, "mask")
-        named = {"--depth-out": self._names(self._depth), "--valid-out": self._names(self._valid)}
-        check_outputs(inputs, {"--output": [self._color] if self._is_video else self._names(self._color), **named})
+        for path, kind in self._files.values():
+            if kind == "depth" and path.suffix.lower() == ".png" and self._scale is None:
+                expected = f"stored units per scene unit, for the integers of {path}"
+                raise ArgumentError("--depth-scale", expected, "none")
+        for path, kind in self._files.values():
+            if self._is_video and path == self._main:
+                check_video_output(path)
+            else:
+                check_output(path, kind)
+        check_outputs(inputs, {option: self._names(path) for option, (path, _) in self._files.items()})
 
     def __enter__(self) -> Outputs:
         return self
@@ -72,24 +81,39 @@ class Outputs:
     def __exit__(self, *error: object) -> None:
         self._stack.__exit__(*error)  # pyright: ignore[reportArgumentType]
 
-    def write(self, frame: ibr.Frame, number: int) -> Path:
-        """Write a frame; return the name of its picture."""
-        name = self._color
-        if self._is_video:
-            if self._writer is None:
-                self._writer = self._stack.enter_context(VideoWriter(name, self._fps))
-            self._writer.add(frame.color)
-        else:
-            name = self._name(name, number)
-            ibr.write_color(name, frame.color)
-        if self._depth is not None:
-            ibr.write_depth(self._name(self._depth, number), frame.depth, self._scale)
-        if self._valid is not None:
-            ibr.write_mask(self._name(self._valid, number), frame.valid)
-        return name
+    def write(self, images: Mapping[Kind, NDArray[Any]], number: int, covered: float) -> None:
+        """Write a frame, of which so much is covered."""
+        for path, kind in self._files.values():
+            name = self._name(path, number)
+            if self._is_video and path == self._main:
+                if self._writer is None:
+                    self._writer = self._stack.enter_context(VideoWriter(path, self._fps))
+                self._writer.add(images[kind])
+            elif kind == "color":
+                ibr.write_color(name, images[kind])
+            elif kind == "depth":
+                ibr.write_depth(name, images[kind], self._scale)
+            else:
+                ibr.write_mask(name, images[kind])
+        self._written.append(printable(self._main if self._is_video else self._name(self._main, number)))
+        self._shares.append(covered)
 
-    def _names(self, path: Path | None) -> list[Path]:
-        return [] if path is None else [self._name(path, number) for number in range(self._count or 1)]
+    def tell(self, size: tuple[int, int], several: str, lacking: str) -> None:
+        """Say what was written; `several`: what the frames are called; lacking: why some are empty."""
+        written, count = self._written, self._count
+        empty = [name for name, share in zip(written, self._shares, strict=True) if share == 0]
+        if empty:
+            many = f"{len(empty)} of {count} {several} are empty, as {empty[0]}" if count else f"{empty[0]} is empty"
+            told(f"{many}: {lacking}")
+        if count or not empty:
+            covered = f"{size[0]}x{size[1]}, {np.mean(self._shares):.1%} covered"
+            names = " to ".join(dict.fromkeys((written[0], written[-1])))
+            typer.echo(f"{names}: {f'{count} {several}, ' if count else ''}{covered}")
+
+    def _names(self, path: Path) -> list[Path]:
+        if self._is_video and path == self._main:
+            return [path]
+        return [self._name(path, number) for number in range(self._count or 1)]
 
     def _name(self, path: Path, number: int) -> Path:
         return path if self._count is None else path.with_name(f"{path.stem}_{number:04d}{path.suffix}")

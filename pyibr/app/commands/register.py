@@ -1,55 +1,86 @@
-"""`pyibr register`: depth and colour of two cameras."""
+"""`pyibr register`: depth and colour of two cameras, of single frames and of recordings."""
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
+from numpy.typing import NDArray
 
 import pyibr as ibr
-from pyibr.app.commands.outputs import check_outputs
-from pyibr.app.words import Clean, Depth, DepthScale, DeviceName, device_of, printable
-from pyibr.core.camera import Camera
+from pyibr.app.commands.outputs import Kind, Outputs
+from pyibr.app.commands.sources import Shot, open_depths
+from pyibr.app.commands.views import Depth, Depths, Reading
+from pyibr.app.words import Clean, DepthScale, DeviceName, Take, device_of, with_progress
 from pyibr.core.errors import ArgumentError
-from pyibr.io import check_output
+
+_DepthFiles = Annotated[
+    Path,
+    typer.Argument(
+        metavar="DEPTH",
+        help="Planar depth: PNG16, NPY, NPZ, PFM, EXR, COLMAP .bin; a folder of such files; or a recording's folder",
+    ),
+]
+_Pictures = Annotated[
+    Path | None,
+    typer.Option(
+        help="Its image, a folder of images or a video; a recording's folder again: write colours for the depth, "
+        "black if unseen"
+    ),
+]
 
 
 def register(
-    depth: Depth,
+    depth: _DepthFiles,
     depth_camera: Annotated[Path, typer.Option(help="The camera of the depth: JSON")],
     color_camera: Annotated[Path, typer.Option(help="The camera of the colours, in the same world: JSON")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="The registered depth; with --color, the colours")],
-    color: Annotated[Path | None, typer.Option(help="Its image: write colours for the depth, black if unseen")] = None,
+    output: Annotated[
+        Path,
+        typer.Option("--output", "-o", help="The registered depth; with --color, the colours; of several OUT_0000"),
+    ],
+    color: _Pictures = None,
+    take: Take = None,
     clean: Clean = False,
     depth_scale: DepthScale = None,
     seen_out: Annotated[Path | None, typer.Option(help="With --color: write the mask of what has one, too")] = None,
     device: DeviceName = None,
 ) -> None:
-    """Bring depth into a colour camera's image, or colours to the samples of depth."""
+    """Bring depth into a colour camera's image, or colours to the samples of depth; of each frame of a recording."""
     if seen_out is not None and color is None:
         raise ArgumentError("--seen-out", "--color with it", "none")
-    if color is None and output.suffix.lower() == ".png" and depth_scale is None:
-        raise ArgumentError("--depth-scale", f"stored units per scene unit, for the integers of {output}", "none")
-    check_output(output, "depth" if color is None else "color")
-    if seen_out is not None:
-        check_output(seen_out, "mask")
-    inputs = {"DEPTH": [depth], "--depth-camera": [depth_camera], "--color-camera": [color_camera]}
-    inputs["--color"] = [] if color is None else [color]
-    check_outputs(inputs, {"--output": [output], "--seen-out": [] if seen_out is None else [seen_out]})
-    given = ibr.read_depth(depth, depth_scale)
-    given = ibr.clean_depth(given).depth if clean else given
-    cameras = Camera.load(depth_camera), Camera.load(color_camera)
-    with device_of(device):
-        if color is None:
-            made = ibr.register(given, *cameras)
-            ibr.write_depth(output, made, depth_scale)
-            size, covered = cameras[1].size, np.isfinite(made)
-        else:
-            found = ibr.register(given, *cameras, ibr.read_color(color), to="depth")
-            ibr.write_color(output, found.color)
-            if seen_out is not None:
-                ibr.write_mask(seen_out, found.seen)
-            size, covered = cameras[0].size, found.seen
-    typer.echo(f"{printable(output)}: {size[0]}x{size[1]}, {covered.mean():.1%} covered")
+    source, is_still = open_depths(depth, color, (depth_camera, color_camera), take)
+    count = None if is_still else len(source.shots)
+    files: dict[str, tuple[Path | None, Kind]] = {"--output": (output, "depth" if color is None else "color")}
+    outputs = Outputs({**files, "--seen-out": (seen_out, "mask")}, depth_scale, count, None, source.fps)
+    read = source.files()
+    cameras = {"--depth-camera": [depth_camera], "--color-camera": [color_camera]}
+    outputs.check({"DEPTH": read["DEPTH"], "--color": [] if color is None else read["COLOR"], **cameras})
+    depths = Depths(Reading(depth_scale, math.inf, None, clean, steady=not is_still, recorded=not is_still))
+    pictures = [None] * len(source.shots) if color is None else source.colors()
+    frames = zip(source.shots, pictures, strict=True)
+    size = 0, 0
+    with device_of(device), outputs:
+        for number, (shot, picture) in enumerate(with_progress(frames, count or 1, "Registering")):
+            given = depths.read(shot)
+            with depths.naming(shot):
+                images, covered = _registered(depths, shot, given, picture)
+            outputs.write(images, number, float(covered.mean()))
+            size = covered.shape[1], covered.shape[0]
+    outputs.tell(size, "frames", "no depth is in view")
+
+
+def _registered(
+    depths: Depths, shot: Shot, depth: Depth, picture: NDArray[Any] | None
+) -> tuple[dict[Kind, NDArray[Any]], NDArray[np.bool_]]:
+    """What is written of a frame, and what is covered."""
+    if picture is None:
+        made = depths.registered(shot, depth)
+        return {"depth": made}, np.isfinite(made)
+    if depths.is_blank(depth):
+        seen = np.zeros(depth.shape, np.bool_)
+        return {"color": np.zeros((*depth.shape, 3), picture.dtype), "mask": seen}, seen
+    found = ibr.register(depth, shot.depth_camera or shot.camera, shot.camera, picture, to="depth")
+    return {"color": found.color, "mask": found.seen}, found.seen

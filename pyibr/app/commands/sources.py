@@ -1,4 +1,4 @@
-"""What `warp` reads: which picture, which depth and which camera belong together."""
+"""What `warp` and `register` read: which picture, which depth and which camera belong together."""
 
 from __future__ import annotations
 
@@ -12,16 +12,25 @@ from numpy.typing import NDArray
 import pyibr as ibr
 from pyibr.app.words import printable, told
 from pyibr.core.camera import Camera
-from pyibr.core.errors import ArgumentError
+from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.io.folders import files_in
-from pyibr.io.recordings import DEPTH_SUFFIXES, Recording, cameras_of, check_numbers, paired, posed, recording_in
+from pyibr.io.recordings import (
+    DEPTH_SUFFIXES,
+    Recording,
+    cameras_of,
+    check_numbers,
+    find_recording,
+    paired,
+    posed,
+    recording_in,
+)
 from pyibr.io.video import SUFFIXES, Video
 
 
 class Shot(NamedTuple):
-    """One frame: its files, the camera of its colours, and that of its depth if it is another."""
+    """One frame: its files (of depth alone no picture), the camera of its colours, and that of its depth if another."""
 
-    color: Path
+    color: Path | None
     depth: Path
     camera: Camera
     depth_camera: Camera | None
@@ -48,12 +57,18 @@ class Source:
         return None if self.video is None else self.video.fps
 
     def colors(self) -> Iterator[NDArray[Any]]:
-        """The pictures, one after the other."""
+        """The pictures, one after the other; of depth alone none."""
         if self.video is not None:
             yield from self.video.frames(self.numbers)
         else:
             for shot in self.shots:
-                yield ibr.read_color(shot.color)
+                if shot.color is not None:
+                    yield ibr.read_color(shot.color)
+
+    def files(self) -> dict[str, list[Path]]:
+        """What is read of it: colours and depth."""
+        colors = [shot.color for shot in self.shots if shot.color is not None]
+        return {"COLOR": colors, "DEPTH": [shot.depth for shot in self.shots]}
 
 
 class Asked(NamedTuple):
@@ -67,17 +82,14 @@ class Asked(NamedTuple):
 
     def read(self, sources: Sequence[Source]) -> dict[str, list[Path]]:
         """All files that are read, by what users call them."""
-        shots = [shot for source in sources for shot in source.shots]
-        files = {"COLOR": [shot.color for shot in shots], "DEPTH": [shot.depth for shot in shots]}
+        each = [source.files() for source in sources]
+        files = {name: [path for own in each for path in own[name]] for name in ("COLOR", "DEPTH")}
         return {**files, "--camera": self.cameras, "--depth-camera": self.depth_cameras, "--poses": self.poses}
 
 
 def open_sources(asked: Asked) -> tuple[list[Source], bool]:
     """The sources, and whether they are single pictures, which are one source then."""
     recordings, are_stills = _recordings(asked.inputs)
-    part = _part(asked.take)
-    if are_stills and asked.take is not None:
-        raise ArgumentError("--take", "a recording to take frames of", "single pictures")
     count = len(recordings)
     cameras = [asked.cameras] if count == 1 else _each("--camera", asked.cameras, count)
     depth_cameras = _each("--depth-camera", asked.depth_cameras, count)
@@ -85,15 +97,33 @@ def open_sources(asked: Asked) -> tuple[list[Source], bool]:
     sources: list[Source] = []
     for (recording, video), of_colors, of_depth, path in zip(recordings, cameras, depth_cameras, poses, strict=True):
         shots = _shots(recording, are_stills, of_colors, of_depth, path)
-        numbers = range(len(shots))[part]
-        if not numbers:
-            raise ArgumentError("--take", f"some of the {len(shots)} frames", str(asked.take))
+        numbers = _taken(asked.take, len(shots), are_stills)
         sources.append(Source([shots[number] for number in numbers], video, numbers))
     for source in sources[1:]:
         if len(source.shots) != len(sources[0].shots):
             expected = f"sources of as many frames as the first, {len(sources[0].shots)}"
-            raise ArgumentError("sources", expected, f"{len(source.shots)} of {source.shots[0].color.parent}")
+            raise ArgumentError("sources", expected, f"{len(source.shots)} of {source.shots[0].depth.parent}")
     return sources, are_stills
+
+
+def open_depths(depth: Path, color: Path | None, cameras: tuple[Path, Path], take: str | None) -> tuple[Source, bool]:
+    """Frames of depth, with pictures if `color` or a recording has them, and whether it is a single frame.
+
+    cameras: files of the depth's camera and of the colours'.
+    """
+    here, there = cameras
+    is_recording = depth.is_dir() and color in (None, depth) and find_recording(depth) is not None
+    if is_recording or color is not None:
+        inputs = [depth] if color is None or is_recording else [color, depth]
+        (source,), is_still = open_sources(Asked(inputs, [there], [here], [], take))
+        return source, is_still
+    files = files_in(depth, DEPTH_SUFFIXES) if depth.is_dir() else [depth]
+    if not files:
+        raise FileFormatError(f"{depth}: no file of depth in it")
+    numbers = _taken(take, len(files), not depth.is_dir())
+    of_colors, of_depth = Camera.load(there), Camera.load(here)
+    shots = [Shot(None, files[number], of_colors, of_depth) for number in numbers]
+    return Source(shots, None, numbers), not depth.is_dir()
 
 
 def _recordings(inputs: Sequence[Path]) -> tuple[list[tuple[Recording, Video | None]], bool]:
@@ -137,6 +167,17 @@ def _each(option: str, given: Sequence[Path], count: int) -> list[list[Path]]:
     if given and len(given) != count:
         raise ArgumentError(option, f"one for each of the {count} sources" if count > 1 else "one", str(len(given)))
     return [[path] for path in given] if given else [[]] * count
+
+
+def _taken(take: str | None, count: int, are_stills: bool) -> range:
+    """Numbers of the frames that --take asks for."""
+    part = _part(take)
+    if are_stills and take is not None:
+        raise ArgumentError("--take", "a recording to take frames of", "single pictures")
+    numbers = range(count)[part]
+    if not numbers:
+        raise ArgumentError("--take", f"some of the {count} frames", str(take))
+    return numbers
 
 
 def _part(text: str | None) -> slice:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Generator, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,33 +35,54 @@ class Reading(NamedTuple):
     recorded: bool
 
 
+class Depths:
+    """Depth of frames, one after the other: read and, if that is asked for, cleaned by what is known from the last."""
+
+    def __init__(self, reading: Reading) -> None:
+        self._reading = reading
+        self._last: DepthImage | None = None
+
+    def read(self, shot: Shot, color: NDArray[Any] | None = None) -> Depth:
+        """The frame's depth; `color` guides the cleaning, if it is of the depth's camera."""
+        depth = ibr.read_depth(shot.depth, self._reading.scale)
+        if not self._reading.clean:
+            return depth
+        camera = shot.depth_camera or shot.camera
+        before = _carried(self._last, camera) if self._last is not None and self._reading.steady else None
+        with self.naming(shot):
+            depth = ibr.clean_depth(depth, color if shot.depth_camera is None else None, before=before).depth
+            if np.isfinite(depth).any():
+                self._last = DepthImage(None, depth, camera)
+        return depth
+
+    def is_blank(self, depth: Depth) -> bool:
+        """Whether it is a frame of a recording without any depth."""
+        return self._reading.recorded and not (np.isfinite(depth) & (depth > 0)).any()
+
+    def registered(self, shot: Shot, depth: Depth) -> Depth:
+        """The frame's depth in the camera of its colours."""
+        if shot.depth_camera is None:
+            return depth
+        if self.is_blank(depth):
+            return np.full(shot.camera.size[::-1], np.nan, np.float32)
+        return ibr.register(depth, shot.depth_camera, shot.camera)
+
+    def naming(self, shot: Shot) -> AbstractContextManager[None]:
+        """Errors name the frame of a recording."""
+        return _naming(shot) if self._reading.recorded else nullcontext()
+
+
 def views_of(source: Source, reading: Reading) -> Iterator[DepthImage]:
     """The frames of a source, one after the other."""
-    last: DepthImage | None = None
+    depths = Depths(reading)
     for shot, color in zip(source.shots, source.colors(), strict=True):
-        depth = ibr.read_depth(shot.depth, reading.scale)
-        with _naming(shot) if reading.recorded else nullcontext():
-            if reading.clean:
-                camera = shot.depth_camera or shot.camera
-                before = _carried(last, camera) if last is not None and reading.steady else None
-                guide = color if shot.depth_camera is None else None
-                depth = ibr.clean_depth(depth, guide, before=before).depth
-                if np.isfinite(depth).any():
-                    last = DepthImage(None, depth, camera)
-            view = _view(shot, color, depth, reading)
+        depth = depths.read(shot, color)
+        with depths.naming(shot):
+            backdrop = None if depths.is_blank(depth) else reading.backdrop
+            view = DepthImage(color, depths.registered(shot, depth), shot.camera, reading.far, backdrop)
+            if not reading.recorded and not view.valid.any():
+                raise ArgumentError("depth", "at least one valid sample", f"none in {shot.depth}")
         yield view
-
-
-def _view(shot: Shot, color: NDArray[Any], depth: Depth, reading: Reading) -> DepthImage:
-    is_blank = reading.recorded and not (np.isfinite(depth) & (depth > 0)).any()
-    if shot.depth_camera is not None:
-        height, width = shot.camera.size[::-1]
-        nothing = np.full((height, width), np.nan, np.float32)
-        depth = nothing if is_blank else ibr.register(depth, shot.depth_camera, shot.camera)
-    view = DepthImage(color, depth, shot.camera, reading.far, None if is_blank else reading.backdrop)
-    if not reading.recorded and not view.valid.any():
-        raise ArgumentError("depth", "at least one valid sample", f"none in {shot.depth}")
-    return view
 
 
 def _carried(last: DepthImage, camera: Camera) -> Depth:
@@ -81,5 +102,6 @@ def _naming(shot: Shot) -> Generator[None, None, None]:
     except ArgumentError as error:
         if error.argument not in ("color", "depth"):
             raise
-        name = f"{shot.color} with {shot.depth}: {error.argument}"
+        files = " with ".join(str(file) for file in (shot.color, shot.depth) if file)
+        name = f"{files}: {error.argument}"
         raise ArgumentError(name, error.expected, error.got) from error

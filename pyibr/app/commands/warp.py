@@ -11,9 +11,10 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import typer
+from numpy.typing import NDArray
 
 import pyibr as ibr
-from pyibr.app.commands.outputs import Outputs
+from pyibr.app.commands.outputs import Kind, Outputs
 from pyibr.app.commands.sources import Asked, open_sources
 from pyibr.app.commands.targets import Job, Move, Targets
 from pyibr.app.commands.views import Reading, views_of
@@ -23,10 +24,11 @@ from pyibr.app.words import (
     DepthScale,
     DeviceName,
     FarDepth,
+    Take,
     backdrop_of,
     device_of,
     printable,
-    told,
+    with_progress,
 )
 from pyibr.core.camera import Camera
 from pyibr.images import DepthImage
@@ -75,7 +77,7 @@ def warp(
     orbit: _Orbit = None,
     frames: _Frames = 1,
     together: Annotated[bool, typer.Option("--together", help="All frames of a recording show one scene")] = False,
-    take: Annotated[str | None, typer.Option(metavar="A:B:STEP", help="Frames of the recording, as 10:90:2")] = None,
+    take: Take = None,
     poses: _Poses = None,
     depth_camera: _DepthCameras = None,
     clean: Clean = False,
@@ -103,7 +105,9 @@ def warp(
     opened, are_stills = open_sources(asked)
     is_scene = are_stills or together
     count = targets.count(None if is_scene else len(opened[0].shots))
-    outputs = Outputs(output, depth_out, valid_out, depth_scale, count, fps, opened[0].fps)
+    written: dict[str, tuple[Path | None, Kind]] = {"--output": (output, "color")}
+    written |= {"--depth-out": (depth_out, "depth"), "--valid-out": (valid_out, "mask")}
+    outputs = Outputs(written, depth_scale, count, fps, opened[0].fps)
     outputs.check({**asked.read(opened), "--to": [] if to is None else [to]})
     reading = Reading(depth_scale, far, backdrop_of(backdrop), clean, steady=not is_scene, recorded=not are_stills)
     each = [views_of(source, reading) for source in opened]
@@ -114,27 +118,18 @@ def warp(
             jobs = targets.of_scene([view for views in each for view in views], count)
         else:
             jobs = targets.of_frames(zip(*each, strict=True))
-        _write(jobs, draw, outputs, count, opened[0].shots[0].color)
+        _write(jobs, draw, outputs, count, sources[0])
 
 
 def _write(jobs: Iterable[Job], draw: _Draw, outputs: Outputs, count: int | None, source: Path) -> None:
     """Draw and write the views, and tell of them."""
-    names: list[str] = []
-    shares: list[float] = []
-    size = ""
-    for number, (views, target) in enumerate(_with_progress(jobs, count or 1)):
+    size = 0, 0
+    for number, (views, target) in enumerate(with_progress(jobs, count or 1, "Warping")):
         frame = draw(views, target)
-        names.append(printable(outputs.write(frame, number)))
-        shares.append(float(frame.valid.mean()))
-        size = f"{target.width}x{target.height}"
-    if empty := [name for name, share in zip(names, shares, strict=True) if share == 0]:
-        many = f"{len(empty)} of {count} views are empty, as {empty[0]}" if count else f"{names[0]} is empty"
-        told(f"{many}: its camera sees nothing of {printable(source if count is None else source.parent)}")
-    covered = f"{size}, {np.mean(shares):.1%} covered"
-    if count:
-        typer.echo(f"{' to '.join(dict.fromkeys((names[0], names[-1])))}: {count} views, {covered}")
-    elif not empty:
-        typer.echo(f"{names[0]}: {covered}")
+        images: dict[Kind, NDArray[Any]] = {"color": frame.color, "depth": frame.depth, "mask": frame.valid}
+        outputs.write(images, number, float(frame.valid.mean()))
+        size = target.size
+    outputs.tell(size, "views", f"its camera sees nothing of {printable(source)}")
 
 
 def _drawn(views: Sequence[DepthImage], target: Camera, **look: Any) -> ibr.Frame:
@@ -147,12 +142,3 @@ def _drawn(views: Sequence[DepthImage], target: Camera, **look: Any) -> ibr.Fram
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         return ibr.warp(seen if len(seen) > 1 else seen[0], target, **look)
-
-
-def _with_progress(jobs: Iterable[Job], count: int) -> Iterable[Job]:
-    if count == 1:
-        return jobs
-    from rich.console import Console
-    from rich.progress import track
-
-    return track(jobs, "Warping", total=count, console=Console(stderr=True))

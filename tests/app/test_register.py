@@ -1,0 +1,143 @@
+"""`pyibr register` of recordings: the same as the library's calls, frame by frame; mistakes in one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import pyibr as ibr
+from pyibr.app.cli import app
+from pyibr.io.video import Video, VideoWriter
+from tests.app.test_recordings import COUNT, SCALE, SIZE, Recorded, succeeded
+
+COLORS = ibr.Camera([[60, 0, 34], [0, 60, 22], [0, 0, 1]], (72, 44)).moved(0.05, 0.01, 0)
+runner = CliRunner()
+
+
+class Pair(Recorded):
+    """The depth of a recording, and pictures of another size beside it."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder)
+        (self.folder / "poses.txt").rename(self.folder / "path.txt")  # none of the recording's own
+        COLORS.save(folder / "colors.json")
+        rng = np.random.default_rng(1)
+        self.pictures = [rng.integers(0, 256, (44, 72, 3), dtype=np.uint8) for _ in range(COUNT)]
+        for number, picture in enumerate(self.pictures):
+            ibr.write_color(folder / f"rgb/{number}.png", picture)
+
+    def register(self, *words: object, output: str = "new.png", color_camera: str = "colors.json"):
+        places = [str(self.folder / str(word)) if (self.folder / str(word)).exists() else str(word) for word in words]
+        cameras = ["--depth-camera", f"{self.folder}/camera.json", "--color-camera", f"{self.folder}/{color_camera}"]
+        ends = ["--depth-scale", str(SCALE), "-o", str(self.folder / output)]
+        return runner.invoke(app, ["register", *places, *cameras, *ends])
+
+    def depth(self, number: int) -> np.ndarray:
+        return ibr.read_depth(self.folder / f"depth/{number}.png", SCALE)
+
+    def stored(self, depth: np.ndarray) -> np.ndarray:
+        return ibr.depth_from_uint16(ibr.uint16_from_depth(depth, SCALE), SCALE)
+
+
+@pytest.fixture
+def pair(tmp_path: Path) -> Pair:
+    return Pair(tmp_path)
+
+
+def assert_refused(result, *words: str) -> None:
+    assert result.exit_code == 2, result.output
+    *progress, line = result.stderr.strip().splitlines()
+    assert line.startswith("pyibr: ") and all("Registering" in above for above in progress), result.stderr
+    for word in words:
+        assert word in line, result.stderr
+
+
+@pytest.mark.parametrize("folder", ["depth", "."])
+def test_each_frame_of_depth_is_registered(pair: Pair, folder):
+    """A folder of depth, or one with both."""
+    out = succeeded(pair.register(pair.folder / folder))
+    expected = [ibr.register(pair.depth(number), pair.base, COLORS) for number in range(COUNT)]
+    for number, depth in enumerate(expected):
+        made = ibr.read_depth(pair.folder / f"new_{number:04d}.png", SCALE)
+        np.testing.assert_array_equal(made, pair.stored(depth))
+    share = np.mean([np.isfinite(depth).mean() for depth in expected])
+    assert f"new_0003.png: 4 frames, 72x44, {share:.1%} covered" in out
+    assert not (pair.folder / "new_0004.png").exists()
+
+
+@pytest.mark.parametrize("words", [("depth", "--color", "rgb"), (".", "--color", "."), ("depth", "--color", "c.mkv")])
+def test_each_frame_gets_its_colours(pair: Pair, words):
+    """Of a folder of pictures, of a folder with both, of a video."""
+    with VideoWriter(pair.folder / "c.mkv", 12) as video:
+        for picture in pair.pictures:
+            video.add(picture)
+    out = succeeded(pair.register(*words, "--seen-out", pair.folder / "seen.png", "--take", "1:"))
+    assert "3 frames, 62x38" in out
+    for number in range(1, COUNT):
+        found = ibr.register(pair.depth(number), pair.base, COLORS, pair.pictures[number], to="depth")
+        made = ibr.read_color(pair.folder / f"new_{number - 1:04d}.png")
+        np.testing.assert_array_equal(made, found.color)
+        seen = ibr.read_color(pair.folder / f"seen_{number - 1:04d}.png")[..., 0] == 255
+        np.testing.assert_array_equal(seen, found.seen)
+
+
+def test_colours_become_a_video(pair: Pair):
+    succeeded(pair.register("depth", "--color", "rgb", output="new.mkv"))
+    made = Video(pair.folder / "new.mkv")
+    for number, color in enumerate(made.frames(range(COUNT))):
+        found = ibr.register(pair.depth(number), pair.base, COLORS, pair.pictures[number], to="depth")
+        np.testing.assert_array_equal(color, found.color)
+
+
+def test_cleaning_knows_the_last_frame(pair: Pair):
+    succeeded(pair.register("depth", "--clean"))
+    last = None
+    for number in range(COUNT):
+        last = ibr.clean_depth(pair.depth(number), before=last).depth
+        made = ibr.read_depth(pair.folder / f"new_{number:04d}.png", SCALE)
+        np.testing.assert_array_equal(made, pair.stored(ibr.register(last, pair.base, COLORS)))
+
+
+def test_frames_without_any_depth_are_empty_and_told(pair: Pair):
+    for number in (0, 2):
+        ibr.write_depth(pair.folder / f"depth/{number}.png", np.full(SIZE[::-1], np.nan, np.float32), SCALE)
+    for words in ((), ("--color", "rgb")):
+        result = pair.register("depth", "--clean", *words)
+        succeeded(result)
+        assert "2 of 4 frames are empty, as" in result.stderr and "no depth is in view" in result.stderr
+        for number in range(COUNT):
+            assert ibr.read_color(pair.folder / f"new_{number:04d}.png").any() == (number in (1, 3))
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("rgb/0.png", "--color", "rgb"), ("DEPTH: expected a folder", "rgb")),
+        (("depth", "--color", "rgb/0.png"), ("depth: expected a file, got a folder",)),
+        (("depth/0.png", "--take", "0:1"), ("--take: expected a recording", "single pictures")),
+        (("depth", "--take", "9:"), ("--take: expected some of the 4 frames",)),
+        (("cameras",), ("cameras: no file of depth in it",)),
+        (("none.png",), ("none.png: no such file",)),
+        (("depth", "--seen-out", "s.png"), ("--seen-out: expected --color with it",)),
+        (("depth", "--color", "few"), ("depth: expected", "a depth for each of the 2 frames of colour")),
+    ],
+)  # fmt: skip
+def test_mistakes_are_told_in_one_line(pair: Pair, words, said):
+    for number in (0, 1):
+        ibr.write_color(pair.folder / f"few/a_{number}_{number}.png", pair.pictures[0])
+    assert_refused(pair.register(*words), *said)
+    assert not list(pair.folder.glob("new*"))
+
+
+def test_a_frame_of_another_size_is_named(pair: Pair):
+    ibr.write_depth(pair.folder / "depth/2.png", pair.depth(2)[:20], SCALE)
+    assert_refused(pair.register("depth"), "depth/2.png: depth: expected", "(38, 62)")
+
+
+def test_nothing_that_is_read_is_overwritten(pair: Pair):
+    for number in range(COUNT):
+        (pair.folder / f"depth/{number}.png").rename(pair.folder / f"depth/d_{number:04d}.png")
+    assert_refused(pair.register("depth", output="depth/d.png"), "--output: expected a file of its own", "DEPTH")
