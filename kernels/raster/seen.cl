@@ -6,8 +6,8 @@
  *
  * before: (height, width) the depths before the thing was drawn, with `blank` 0; other pixels stay. depth, color: the
  * picture. maps: the images' depths, one after the other, 0 where they have none. views, places: a record of each
- * image, VIEW_FLOATS and VIEW_INTS of them. fronts, backs: which sides count as seen. red, green, blue, and the share of
- * them: the mark. Work-item: LANES pixels of a row. Cost: O(pixels * images). Determinism: every pixel on its own.
+ * image, VIEW_FLOATS and VIEW_INTS of them. part: only what lies in it is marked. fronts, backs: which sides count as
+ * seen. red, green, blue, and the share of them: the mark. Work-item: LANES pixels of a row. Cost: O(pixels * images). Determinism: every pixel on its own.
  */
 #include "lib/color.h"
 #include "lib/taps.h"
@@ -17,6 +17,10 @@
 #define VIEW_INTS 3 /* width, height, first of `maps` */
 #define SLACK 1.0f /* samples, for surfaces that are no planes */
 #define ALONG 0.05f /* of the cosine: a surface that is seen along itself has either side */
+
+typedef struct {
+    float low[3], high[3]; /* the corners of a box, as points are */
+} Part;
 
 /* Does an image see a point? Its samples' depths alone count, not from which side. */
 INLINED intl sees(global const float *maps, global const float *view, global const int *place, Vector p)
@@ -42,7 +46,7 @@ INLINED intl sees(global const float *maps, global const float *view, global con
 
 kernel void mark_unseen(global const float *before, global const float *depth, global channel *color, Screen screen,
                         int blank, global const float *maps, global const float *views, global const int *places,
-                        int count, int fronts, int backs, float red, float green, float blue, float share)
+                        int count, Part part, int fronts, int backs, float red, float green, float blue, float share)
 {
     const int first = get_global_id(0) * LANES, row = get_global_id(1);
     if (first >= screen.width || row >= screen.height)
@@ -55,7 +59,8 @@ kernel void mark_unseen(global const float *before, global const float *depth, g
     const floatl n = pick(drawn, DEPTH_OF(screen.perspective, z), (floatl)(screen.perspective ? 1.0f : -1.0f));
     const Vector p = point_at(screen, to_floatl(x), to_floatl(y), n);
     const Vector facing = facing_at(depth, screen, x, y, 1, n, p);
-    intl unseen = drawn;
+    intl unseen = drawn & (p.x >= part.low[0]) & (p.y >= part.low[1]) & (p.z >= part.low[2]) & (p.x <= part.high[0]) &
+                  (p.y <= part.high[1]) & (p.z <= part.high[2]);
     for (int i = 0; i < count && any_lane(unseen); i++) {
         global const float *view = views + VIEW_FLOATS * i;
         global const int *place = places + VIEW_INTS * i;

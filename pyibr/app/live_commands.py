@@ -17,7 +17,7 @@ from pyibr.app.place.captures import Captures
 from pyibr.app.place.model import Placement
 from pyibr.app.words import BackdropText, DepthScale, DeviceName, FarDepth, backdrop_of, device_of, printable
 from pyibr.capture.coverage import surface_of
-from pyibr.capture.frusta import light_for
+from pyibr.capture.frusta import light_for, load_frusta, part_of
 from pyibr.capture.proposal import propose_frusta
 from pyibr.capture.sets import load
 from pyibr.core.camera import Camera
@@ -85,6 +85,10 @@ def place(
         Path | None, typer.Option("--output", "-o", help="Folder of the set; with --no-page required")
     ] = None,
     size: Annotated[int, typer.Option(min=2, max=4096, help="Pixels a side of the frusta's images")] = 256,
+    within: Annotated[
+        tuple[float, float, float, float, float, float] | None,
+        typer.Option(metavar="X Y Z X Y Z", help="Cover only what lies in a box, of which these are two corners"),
+    ] = None,
     page: Annotated[bool, typer.Option("--page/--no-page", help="Open a page, or save the set and end")] = True,
     up: _Up = None,
     port: _Port = 8080,
@@ -98,17 +102,18 @@ def place(
         known = Mesh.load(mesh)
         customary = None if mesh.name.lower().endswith((".glb", ".gltf")) else "y"
         upward = _direction(up or customary) or (0.0, -1.0, 0.0)
-        placement = Placement(size)
-        if frusta is not None:
-            placement.load(frusta)
-        surface = surface_of(known)
+        given, about = ([], {}) if frusta is None else load_frusta(frusta)
+        part = part_of(about, frusta or "") if within is None else np.sort(np.reshape(within, (2, 3)), axis=0)
+        surface = surface_of(known, within=part)
+        placement = Placement(size, part)
+        placement.take(given, about)
         if auto:
             state = placement.state
             placement.add(*propose_frusta(known, auto, size, state.frusta, state.side, surface, _tell_proposal))
         state = placement.state
         if page:
             folder = output or Path(f"{mesh.name.split('.')[0]}-frusta")
-            _serve(place_page(known, state.frusta, size, folder, upward, port, state.side), open_page)
+            _serve(place_page(known, state.frusta, size, folder, upward, port, state.side, part), open_page)
             return
         assert output is not None
         captures = Captures(surface, light_for(known, upward))

@@ -8,11 +8,12 @@ from functools import cached_property
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pyibr.capture.raycast import spread_directions
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Float64, whole_from
+from pyibr.core.checks import Float64, checked_box, describe, whole_from
+from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
 from pyibr.meshes.mesh import Mesh
 from pyibr.picture.drawable import Side
@@ -25,12 +26,13 @@ _ALONG = 0.05  # cosine below which either side is seen
 _DIRECTIONS = 128  # that tell what can be seen from outside
 _OUTSIDE = 320  # pixels of their pictures
 _TURNED = 2.0  # times as often as its front must a point's back be seen from outside to be what is meant by its front
+_DENSER_MOST = 64.0  # times as many points as asked for are spread, so that enough of them lie in a box
 _CLOSED = 0.02  # of the surface: if less can be seen from outside, the things are around the viewer
 
 
 @dataclass(frozen=True)
 class Surface:
-    """Points spread over a mesh, each of which stands for the same area.
+    """Points spread over a mesh, or over a part of it, each of which stands for the same area.
 
     Attributes
     ----------
@@ -40,13 +42,24 @@ class Surface:
     corner_normals : (N, 3)
         Of length 1, as the order of the triangles' corners tells them, which meshes do not always keep.
     area : float
-        Of the whole mesh, in squared scene units.
+        That the points are spread over, in squared scene units.
+    within : (2, 3), optional
+        The box, (low, high) in the world, that the part lies in. The rest of the mesh may hide it.
     """
 
     mesh: Mesh
     points: Float64
     corner_normals: Float64
     area: float
+    within: Float64 | None = None
+
+    @property
+    def bounds(self) -> tuple[Float64, Float64]:
+        """(low, high), each (3,), in the world: of the mesh, or of its part."""
+        low, high = (corner.astype(np.float64) for corner in self.mesh.bounds)
+        if self.within is None:
+            return low, high
+        return np.maximum(low, self.within[0]), np.minimum(high, self.within[1])
 
     def seen(self, view: DepthImage, side: Side = "front") -> Mask:
         """(N,) which points a depth image has seen, from that side: as `pyibr.picture.seen` marks them."""
@@ -106,12 +119,13 @@ class Surface:
     @cached_property
     def _from_outside(self) -> NDArray[np.int32]:
         """(2, N) from how many directions points are seen on the side of their corner normals, and on the other."""
-        low, high = (corner.astype(np.float64) for corner in self.mesh.bounds)
-        middle, radius = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
+        middle, radius = _ball(self.bounds)
+        whole, most = _ball(tuple(corner.astype(np.float64) for corner in self.mesh.bounds))
+        away = 2 * most + float(np.linalg.norm(middle - whole))  # beyond all of the mesh
         found = np.zeros((2, len(self.points)), np.int32)
         for direction in cast("Sequence[Float64]", spread_directions(_DIRECTIONS)):
             camera = Camera.look_at(
-                middle + 2 * radius * direction,
+                middle + away * direction,
                 middle,
                 np.eye(3)[np.abs(direction).argmin()],
                 (_OUTSIDE, _OUTSIDE),
@@ -130,8 +144,21 @@ class Surface:
         return found
 
 
-def surface_of(mesh: Mesh, count: int = 40_000) -> Surface:
+def surface_of(mesh: Mesh, count: int = 40_000, within: ArrayLike | None = None) -> Surface:
     """Points on a mesh, the same each time.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    count : int
+        Of the points; of a part there may be some fewer or more.
+    within : (2, 3), optional
+        A box, (low, high) in the world: only what lies in it counts.
+
+    Raises
+    ------
+    ArgumentError
+        If the box is none, or holds nothing of the mesh.
 
     Examples
     --------
@@ -142,18 +169,44 @@ def surface_of(mesh: Mesh, count: int = 40_000) -> Surface:
     (1000, 15.8)
     """
     whole_from("count", count, 1, 1 << 24)
+    box = None if within is None else checked_box("within", within)
     corner = mesh.vertices.astype(np.float64)[mesh.faces]
     across = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     twice = np.linalg.norm(across, axis=1)
-    ends = np.cumsum(twice)
+    normals = across / np.maximum(twice, 1e-300)[:, None]
+    if box is None:
+        points, face = _spread(corner, twice, count)
+        return Surface(mesh, points, normals[face], float(twice.sum()) / 2)
+    twice[((corner.max(axis=1) < box[0]) | (corner.min(axis=1) > box[1])).any(axis=1)] = 0
+    tried = _inside(_spread(corner, twice, count)[0], box).mean()
+    points, face = _spread(corner, twice, round(count * min(1 / max(tried, 1e-30), _DENSER_MOST)))
+    inside = _inside(points, box)
+    if not inside.any():
+        raise ArgumentError("within", "a box that holds some of the surface", describe(within))
+    return Surface(mesh, points[inside], normals[face[inside]], float(twice.sum() * inside.mean()) / 2, box)
+
+
+def _ball(bounds: tuple[Float64, ...]) -> tuple[Float64, float]:
+    """Middle and radius of the ball around a box."""
+    low, high = bounds
+    return 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
+
+
+def _inside(points: Float64, box: Float64) -> Mask:
+    found: Mask = ((points >= box[0]) & (points <= box[1])).all(axis=1)
+    return found
+
+
+def _spread(corner: Float64, weights: Float64, count: int) -> tuple[Float64, NDArray[np.intp]]:
+    """Points on triangles, (F, 3, 3), as many on each as its weight tells, and the triangles that they are of."""
+    ends = np.cumsum(weights)
     random = np.random.default_rng(1999)
     places = (np.arange(count) + random.random(count)) * (ends[-1] / count)  # one in each part of the same area
     found = cast("NDArray[np.intp]", np.searchsorted(ends, places, side="right"))
-    face = np.minimum(found, len(twice) - 1)
+    face = np.minimum(found, len(weights) - 1)
     u, v = np.sqrt(random.random(count)), random.random(count)
-    weights = np.stack([1 - u, u * (1 - v), u * v], axis=1)
-    points = np.einsum("nk,nkc->nc", weights, corner[face])
-    return Surface(mesh, points, across[face] / np.maximum(twice[face], 1e-300)[:, None], float(ends[-1]) / 2)
+    parts = np.stack([1 - u, u * (1 - v), u * v], axis=1)
+    return np.einsum("nk,nkc->nc", parts, corner[face]), face
 
 
 def unseen_share(surface: Surface, seen: Sequence[Mask]) -> float:

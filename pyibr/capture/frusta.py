@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from pyibr.capture.sets import SetEntry, entry_json, read_set, write_set
 from pyibr.core.camera import Camera
 from pyibr.core.camera_json import write_json
-from pyibr.core.checks import describe, number_from, numbers
+from pyibr.core.checks import Float64, checked_box, describe, number_from, numbers
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.images import DepthImage
 from pyibr.meshes.mesh import Mesh
@@ -212,6 +212,16 @@ def load_frusta(path: str | PathLike[str]) -> tuple[list[Frustum], dict[str, Any
     """
     entries, about = read_set(path)
     return frusta_of(entries, path), about
+
+
+def part_of(about: dict[str, Any], path: str | PathLike[str]) -> Float64 | None:
+    """The box of the part of a surface that a set is to cover, (2, 3), as its file says; None if that is all of it."""
+    if about.get("within") is None:
+        return None
+    try:
+        return checked_box("within", about["within"])
+    except ArgumentError as error:
+        raise FileFormatError(f"{path}: {error}") from error
 
 
 def frusta_of(entries: Sequence[SetEntry], path: str | PathLike[str]) -> list[Frustum]:

@@ -66,7 +66,7 @@ def propose_frusta(
     side : {"front", "back", "both"}
         Of the triangles, that counts as seen.
     surface : Surface, optional
-        `surface_of(mesh)`, if it is known.
+        `surface_of(mesh)`, if it is known; of a part of the mesh, if only that is to be seen.
     progress : callable, optional
         Called after each frustum; what it raises ends the search.
 
@@ -111,7 +111,7 @@ class _Search:
         self._best = np.where(self._outer, 0, 1).astype(np.float32)  # what the images so far are worth, by points
         self._candidates: list[_Candidate] = []
         self._random = np.random.default_rng(1999)
-        low, high = (corner.astype(np.float64) for corner in surface.mesh.bounds)
+        low, high = surface.bounds
         self._middle, self._radius = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
         # If each image were filled by its own part of the surface, its pixels would be so dense.
         self._goal = count * size**2 / surface.area

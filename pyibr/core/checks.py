@@ -96,6 +96,14 @@ def numbers(argument: str, value: object, shape: tuple[int | None, ...] | None, 
     return result
 
 
+def checked_box(argument: str, value: object) -> Float64:
+    """Return `value` as the low and the high corner of a box, (2, 3), or raise ArgumentError."""
+    box = numbers(argument, value, (2, 3))
+    if not (box[0] < box[1]).all():
+        raise ArgumentError(argument, "a box, its low corner before its high one", f"{box[0]} and {box[1]}")
+    return box
+
+
 def positive(argument: str, value: object, expected: str = "a finite number > 0") -> float:
     """Return `value` as a float > 0 or raise ArgumentError."""
     array = plain_array(argument, value, expected)

@@ -12,7 +12,7 @@ from pyibr.core.checks import Float64, one_of
 from pyibr.core.straight import check_no_lens
 from pyibr.images.depth_image import DepthImage
 from pyibr.opencl.device import current
-from pyibr.opencl.headers import constant
+from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.kept import kept
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, copy, duplicate, empty, upload
@@ -37,6 +37,8 @@ class MarkedUnseen:
         camera; or on the other, as from the middle of a globe.
     color : (r, g, b)
         Of the mark, 0 to 255.
+    within : (2, 3), optional
+        A box, (low, high) in the world: only what lies in it is marked.
 
     Raises
     ------
@@ -63,11 +65,13 @@ class MarkedUnseen:
         views: Sequence[DepthImage],
         side: Side = "front",
         color: tuple[int, int, int] = (230, 40, 40),
+        within: Float64 | None = None,
     ) -> None:
         one_of("side", side, Side)
         for view in views:
             check_no_lens("views", view.camera)
         self.thing, self.views, self.side, self.color = thing, list(views), side, color
+        self.within = np.array([[-np.inf] * 3, [np.inf] * 3]) if within is None else within
 
     @property
     def bounds(self) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -83,6 +87,8 @@ class MarkedUnseen:
         self.thing.draw(target, lighting)
         origin = target.camera.center  # float32 holds what is near 0 best
         maps, records, places = _on_device(self.views, origin)
+        part = np.zeros((), struct("raster/seen.cl", "Part"))
+        part["low"], part["high"] = self.within - origin
         scale = 1.0 if target.color.dtype == np.uint8 else 1 / 255
         launch(
             kernel("raster/seen.cl", "mark_unseen", **target.color_defines),
@@ -96,6 +102,7 @@ class MarkedUnseen:
             views=records,
             places=places,
             count=len(self.views),
+            part=Struct("Part", part),
             fronts=self.side in ("front", "both"),
             backs=self.side in ("back", "both"),
             red=scale * self.color[0],

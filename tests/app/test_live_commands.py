@@ -126,6 +126,26 @@ def test_a_set_is_proposed_and_saved_without_a_page(folder):
     assert len(again) == 3
 
 
+def test_a_part_is_covered_and_the_set_says_which(folder):
+    words = ("--auto", 2, "--size", 32, "--no-page", "-o")
+    box = (-2.0, -2.0, 2.0, 0.0, 2.0, -2.0)  # two corners, in any order
+    result = run(folder, "place", "donut.ply", *words, str(folder / "half"), "--within", *box)
+    assert result.exit_code == 0, result.output
+    frusta, about = load_frusta(folder / "half")
+    assert about == {"side": "front", "within": [[-2.0, -2.0, -2.0], [0.0, 2.0, 2.0]]}
+    mesh = ibr.Mesh.load(folder / "donut.ply")
+    surface = surface_of(mesh, within=about["within"])
+    share = unseen_share(surface, [surface.seen(one.capture(mesh)) for one in frusta])
+    assert f"half: 2 frusta, {share:.1%} of the surface unseen" in result.stdout
+    result = run(folder, "place", "donut.ply", "--frusta", str(folder / "half"), *words, str(folder / "more"))
+    assert result.exit_code == 0, result.output
+    assert load_frusta(folder / "more")[1] == about
+    result = run(folder, "place", "donut.ply", *words, str(folder / "no"), "--within", 5, 5, 5, 6, 6, 6)
+    assert_one_line(result, "within", "some of the surface")
+    with ibr.place(mesh, folder / "half", size=32, port=0) as pages:
+        assert pages.closed is False
+
+
 def test_importing_the_library_loads_no_page():
     code = "import pyibr, sys; print(sorted(name for name in sys.modules if name.startswith(('viser', 'pyibr.app'))))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -226,6 +226,48 @@ def test_the_unseen_share_is_of_what_can_be_seen_from_outside():
     assert unseen_share(surface, [half]) == pytest.approx(0.5, abs=0.03)
 
 
+def plates(*heights: float) -> ibr.Mesh:
+    """Squares of 2 x 2, one above the other."""
+    square = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    corners = np.concatenate([square + np.array([0, 0, z]) for z in heights])
+    faces = np.concatenate([np.array([[0, 1, 2], [0, 2, 3]]) + 4 * number for number in range(len(heights))])
+    return ibr.Mesh(corners, faces)
+
+
+def test_a_part_has_its_own_points_area_and_bounds():
+    box = [[-0.3, -2.0, -1.0], [0.2, 0.5, 1.0]]
+    surface = surface_of(plates(0.0), 4000, box)
+    assert abs(len(surface.points) - 4000) < 480  # 3 sigma: the share that tells how many to try is known to 3.3 %
+    assert ((surface.points >= box[0]) & (surface.points <= box[1])).all()
+    assert surface.area == pytest.approx(0.5 * 1.5, rel=0.05)  # 4000 points know a share of 0.19 to 0.006
+    np.testing.assert_array_equal(surface.bounds, [[-0.3, -1.0, 0.0], [0.2, 0.5, 0.0]])
+    np.testing.assert_allclose(surface.points.mean(axis=0), (-0.05, -0.25, 0), atol=0.03)
+    small = surface_of(plates(0.0), 4000, [[0.5, 0.5, -1], [0.51, 0.51, 1]])
+    assert 0 < len(small.points) < 100  # of 64 * 4000 on a share of 1 / 40000
+    np.testing.assert_array_equal(surface_of(plates(0.0), 4000, box).points, surface.points)
+
+
+def test_of_a_part_that_counts_which_the_rest_does_not_hide():
+    box = [[-9, -9, -0.01], [9, 9, 0.01]]
+    assert surface_of(plates(0.0, 2.0), 3000, box).outer.all()
+    between = surface_of(plates(-0.02, 0.0, 0.02), 3000, box)
+    inner = (np.abs(between.points[:, :2]) < 0.6).all(axis=1)  # rays get out below asin(0.05), where nothing counts
+    assert between.outer.mean() > 0.1 and not between.outer[inner].any()
+    far = surface_of(plates(0.0, 300.0), 3000, box)  # one is small beside the whole, and at its end
+    assert far.outer.all()
+
+
+def test_a_box_is_checked():
+    for bad, said in (
+        ([[0, 0, 0], [1, 1, 0]], "within: expected a box, its low corner"),
+        ([[0, 0, 0]], "within: expected finite numbers of shape"),
+        ([[5, 5, 5], [6, 6, 6]], "within: expected a box that holds some"),
+        ([[0.95, -0.95, -1], [1.0, -0.949, -0.5]], "within: expected a box that holds some"),
+    ):
+        with pytest.raises(ibr.ArgumentError, match=said):
+            surface_of(plates(0.0), 500, bad)
+
+
 # ---- proposals
 
 
@@ -261,6 +303,16 @@ def test_six_cover_the_inner_wall_of_the_torus():
     seen = seen_by_rays(surface, made)
     assert seen[inner].mean() > 0.99
     assert seen.mean() > 0.96
+
+
+def test_a_part_is_covered_and_no_more():
+    box = np.array([[0.2, -2.0, -2.0], [2.0, 2.0, 2.0]])
+    surface = surface_of(donut(), 8000, box)
+    made = propose_frusta(donut(), 4, 96, surface=surface)
+    assert seen_by_rays(surface, made).mean() > 0.97
+    whole = surface_of(donut(), 8000)
+    away = whole.points[:, 0] < -0.3
+    assert seen_by_rays(whole, made)[away].mean() < 0.5
 
 
 def test_sixteen_leave_little_of_the_dragon_unseen():

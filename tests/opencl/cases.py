@@ -258,7 +258,8 @@ def _meshes(setting: Setting) -> Cases:
     for sizes in (((1, 1), (2, 2), (1, 5), (7, 1)), ((9, 7),) * 4)[: setting.choose(1, 2, 2)]:
         views = _views_around(setting, sizes)
         for side, camera in product(("front", "both"), _screens(setting)):
-            thing = MarkedUnseen(as_drawable(plain, Look()), views, side)
+            part = np.array([[-1.0, -2.0, 4.0], [2.0, 1.0, 6.0]]) if side == "both" else None
+            thing = MarkedUnseen(as_drawable(plain, Look()), views, side, within=part)
             yield f"seen by {sizes} from {side}, {camera.size}", partial(_draw, setting, [first, thing], camera)
 
 

@@ -65,6 +65,20 @@ def unseen_by_rays(views: list[ibr.DepthImage], points: np.ndarray, margin: floa
     return unseen
 
 
+def test_only_the_part_in_a_box_is_marked():
+    views = [source("perspective", (0.0, 0.0, 4.0))]
+    box = np.array([[0.1, -2.0, -0.3], [2.0, 0.4, 0.25]])
+    whole, part = marked(views), marked(views, within=box)
+    depth = ibr.render(scene(), TARGET).depth
+    y, x = np.nonzero(whole)
+    points = TARGET.unproject(np.column_stack([x, y]), depth[y, x])
+    inside = ((points > box[0]) & (points < box[1])).all(axis=1)
+    near = (np.abs(points[:, None] - box) < 1e-4).any(axis=(1, 2))  # single precision: 3e-7 of the distance
+    assert 0.2 < inside.mean() < 0.8
+    np.testing.assert_array_equal(part[y, x][~near], inside[~near])
+    assert not part[~whole].any()
+
+
 CASES = {
     "one": [("perspective", (0.0, 0.0, 4.0))],
     "two": [("perspective", (2.5, 0.0, 3.0)), ("perspective", (-1.0, -2.0, 2.5))],

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,7 +16,7 @@ from pyibr.app.place.captures import Captures
 from pyibr.app.place.model import Placement
 from pyibr.app.place.page import PlacePage
 from pyibr.capture.coverage import surface_of
-from pyibr.capture.frusta import Frustum, light_for, load_frusta
+from pyibr.capture.frusta import Frustum, light_for, load_frusta, part_of
 from pyibr.core.checks import instance_of, numbers, one_of
 from pyibr.core.errors import ArgumentError
 from pyibr.meshes.mesh import Mesh
@@ -32,6 +33,7 @@ def place(
     up: ArrayLike = (0, -1, 0),
     port: int = 8080,
     side: Side = "front",
+    within: ArrayLike | None = None,
 ) -> Pages:
     """Place frusta on a mesh in a browser, until depth images from there cover it.
 
@@ -54,6 +56,9 @@ def place(
         The first one that is tried; 0 takes any that is free.
     side : {"front", "back", "both"}
         Of the surface, that the frusta's images show: "back" for frusta within a solid. A set's file knows its own.
+    within : (2, 3), optional
+        A box, (low, high) in the world: only the part of the mesh in it is to be covered. By default all of it, or
+        what a set's file says.
 
     Returns
     -------
@@ -80,16 +85,19 @@ def place(
     """
     instance_of("mesh", mesh, Mesh, "a pyibr.Mesh")
     one_of("side", side, Side)
-    placement = Placement(size)
+    about: dict[str, Any] = {"side": side}
     if isinstance(frusta, (str, PathLike)):
-        placement.take(*load_frusta(frusta))
-    elif frusta:
-        placement.take(frusta, {"side": side})
+        path = frusta
+        frusta, about = load_frusta(path)
+        within = part_of(about, path) if within is None else within
+    surface = surface_of(mesh, within=within)
+    placement = Placement(size, surface.within)
+    placement.take(frusta, about)
     upward = numbers("up", up, (3,))
     if not upward.any():
         raise ArgumentError("up", "a direction", "zeros")
-    low, high = (corner.astype(np.float64) for corner in mesh.bounds)
-    around, captures = place_around(low, high), Captures(surface_of(mesh), light_for(mesh, upward))
+    low, high = surface.bounds
+    around, captures = place_around(low, high), Captures(surface, light_for(mesh, upward))
     shared: list[PlacePage] = []
     return Pages(
         lambda client, _: shared[0].page(client),

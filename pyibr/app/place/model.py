@@ -11,7 +11,7 @@ from typing import Any, get_args
 from numpy.typing import ArrayLike
 
 from pyibr.capture.frusta import Frustum, Stroke, load_frusta, save_frusta, save_set
-from pyibr.core.checks import one_of, whole_from
+from pyibr.core.checks import Float64, one_of, whole_from
 from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
 from pyibr.picture.drawable import Side
@@ -53,6 +53,8 @@ class Placement:
     ----------
     size : int
         Pixels a side of the frusta's images.
+    within : (2, 3), optional
+        The box, (low, high) in the world, of the part of the surface that is to be covered, if it is not all of it.
 
     Examples
     --------
@@ -66,8 +68,8 @@ class Placement:
     (1, 0)
     """
 
-    def __init__(self, size: int) -> None:
-        self.size = whole_from("size", size, 2, 1 << 14)
+    def __init__(self, size: int, within: Float64 | None = None) -> None:
+        self.size, self.within = whole_from("size", size, 2, 1 << 14), within
         self.state = State()
         self.listeners: list[Callable[[], None]] = []
         self._past: list[State] = []
@@ -167,13 +169,19 @@ class Placement:
 
     # ---- files
 
+    @property
+    def about(self) -> dict[str, Any]:
+        """What files say of the set beside its frusta."""
+        part = {} if self.within is None else {"within": self.within.tolist()}
+        return {"side": self.state.side} | part
+
     def save(self, folder: str | PathLike[str], views: Sequence[DepthImage]) -> None:
         """Write the set with the images that its frusta see; `pyibr.load` and `load` read it."""
-        save_set(folder, self.state.frusta, views, side=self.state.side)
+        save_set(folder, self.state.frusta, views, **self.about)
 
     def save_frusta(self, path: str | PathLike[str]) -> None:
         """Write the frusta alone."""
-        save_frusta(path, self.state.frusta, side=self.state.side)
+        save_frusta(path, self.state.frusta, **self.about)
 
     def load(self, path: str | PathLike[str]) -> None:
         """Take the frusta of a set's folder or JSON file instead of those that there are; that can be undone.

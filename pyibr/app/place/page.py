@@ -136,7 +136,8 @@ class PlacePage:
 
     def _draw_marked(self, things: Any, camera: Camera, style: Style) -> Frame:
         state = self.placement.state
-        marked = MarkedUnseen(as_drawable(things[0], Look()), self.captures.views(state.frusta), state.side)
+        views, part = self.captures.views(state.frusta), self.captures.surface.within
+        marked = MarkedUnseen(as_drawable(things[0], Look()), views, state.side, within=part)
         return render(marked, camera, self.captures.light)
 
     def _draw_plain(self, things: Any, camera: Camera, style: Style) -> Frame:
@@ -210,7 +211,7 @@ class PlacePage:
 
     def _before(self, camera: Camera) -> Frustum:
         frame = render(self.captures.surface.mesh, camera.resized((65, 49)))
-        low, high = (corner.astype(np.float64) for corner in self.captures.surface.mesh.bounds)
+        low, high = self.captures.surface.bounds
         around = float(np.linalg.norm(high - low))
         middle = frame.depth[16:33, 24:41]
         seen = middle[np.isfinite(middle)]
@@ -333,7 +334,7 @@ class PlacePage:
 
     def _send(self, client: ClientHandle | None) -> None:
         if client is not None:
-            data = {"side": self.placement.state.side, "views": [one.to_json() for one in self.placement.state.frusta]}
+            data = self.placement.about | {"views": [one.to_json() for one in self.placement.state.frusta]}
             client.send_file_download(
                 "frusta.json", (json.dumps(data, indent=1) + "\n").encode(), save_immediately=True
             )

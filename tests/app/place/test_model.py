@@ -13,7 +13,7 @@ from pyibr.app.place.corner import corner_box, corner_place, own_picture, put_in
 from pyibr.app.place.model import Placement, State
 from pyibr.capture import models
 from pyibr.capture.coverage import surface_of, unseen_share
-from pyibr.capture.frusta import Frustum, Stroke
+from pyibr.capture.frusta import Frustum, Stroke, load_frusta, part_of
 
 SIZE = 64
 
@@ -171,6 +171,21 @@ def test_a_set_is_saved_and_opened_again(tmp_path):
         np.testing.assert_array_equal(found.depth, expected.depth)
     with pytest.raises(ibr.FileFormatError, match="none"):
         placement.load(tmp_path / "none")
+
+
+def test_a_set_says_which_part_it_covers(tmp_path):
+    box = np.array([[0.0, -2.0, -2.0], [2.0, 2.0, 2.0]])
+    placement = Placement(SIZE, box)
+    placement.add(frustum())
+    placement.save_frusta(tmp_path / "part.json")
+    frusta, about = load_frusta(tmp_path / "part.json")
+    assert frusta == [frustum()]
+    assert about == placement.about == {"side": "front", "within": box.tolist()}
+    np.testing.assert_array_equal(part_of(about, "part.json"), box)
+    assert part_of({"side": "front"}, "part.json") is None
+    for bad in (3, [[1, 0, 0], [0, 1, 1]], "all"):
+        with pytest.raises(ibr.FileFormatError, match=r"part\.json: within: expected"):
+            part_of({"within": bad}, "part.json")
 
 
 # ---- captures
