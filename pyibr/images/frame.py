@@ -57,6 +57,9 @@ class Frame:
         is carried over with it, by `cv2.remap` or by indexing.
     view : (H, W) int32, or None
         If they were asked for: the number of the view that it comes from, -1 where not valid.
+    alpha : (H, W) float32, or None
+        Of several samples a pixel: the share of them that show something, 0 to 1. The colour is the mean of all of
+        them; without a background, that is the things' own colour times alpha. Depth is of what is in front.
 
     Examples
     --------
@@ -75,6 +78,7 @@ class Frame:
     classes: NDArray[np.uint8] | None = None
     source: NDArray[np.float32] | None = None
     view: NDArray[np.int32] | None = None
+    alpha: NDArray[np.float32] | None = None
 
     def __repr__(self) -> str:
         color = self.color.dtype if self.color.shape[2] else "depth alone"

@@ -42,6 +42,8 @@ class Target:
 
     Attributes
     ----------
+    alpha : (H, W) float32 DeviceArray, or None
+        Of several samples a pixel: the share of them that show something.
     blank : bool
         Nothing has been written yet: who draws first writes every pixel, who draws later keeps what is nearer.
     """
@@ -71,6 +73,7 @@ class Target:
             self.color, self.depth, self.valid = output(out.color), output(out.depth), output(out.valid.view(np.uint8))
         self.origin = empty((*shape, 3), np.float32) if classes else None
         self.classes = empty(shape, np.uint8) if classes else None
+        self.alpha: DeviceArray | None = None
         self.blank = True
         self.from_light = from_light
 
@@ -147,15 +150,19 @@ def frames(targets: Sequence[Target]) -> list[Frame]:
         arrays += [target.color, target.depth, target.valid]
         if target.origin is not None and target.classes is not None:
             arrays += [target.origin, target.classes]
+        if target.alpha is not None:
+            arrays.append(target.alpha)
     values = iter(to_host(arrays))
     made: list[Frame] = []
     for target in targets:
         color, depth, valid = next(values), next(values), next(values).view(np.bool_)
-        more: dict[str, Any] = {"source": None, "view": None, "classes": None}
+        more: dict[str, Any] = {"source": None, "view": None, "classes": None, "alpha": None}
         if target.origin is not None:
             origin = next(values)
             view = np.where(valid, origin[..., 2], -1).astype(np.int32)
-            more = {"source": origin[..., :2], "view": view, "classes": next(values)}
+            more |= {"source": origin[..., :2], "view": view, "classes": next(values)}
+        if target.alpha is not None:
+            more["alpha"] = next(values)
         if target.out is None:
             made.append(Frame(color, depth, valid, target.camera, **more))
         else:

@@ -17,6 +17,7 @@ from pyibr.core.pixelspace import PixelMap, camera_pair
 from pyibr.core.straight import distorted_pixels
 from pyibr.images import DepthImage, Frame
 from pyibr.opencl.device import one_call
+from pyibr.picture.antialiasing import averaged, checked_side, finer
 from pyibr.picture.drawable import Blend, Edges, Fill, Look, Sample, Side
 from pyibr.picture.panes import joined, pane_cameras
 from pyibr.picture.samples import Samples, samples_of
@@ -48,6 +49,7 @@ def warp(
     splat: float = ...,
     blend: Blend = ...,
     classes: bool = ...,
+    samples: int = ...,
     out: Frame | None = ...,
 ) -> Frame: ...
 @overload
@@ -64,6 +66,7 @@ def warp(
     splat: float = ...,
     blend: Blend = ...,
     classes: bool = ...,
+    samples: int = ...,
     out: Sequence[Frame] | None = ...,
 ) -> list[Frame]: ...
 def warp(
@@ -79,6 +82,7 @@ def warp(
     splat: float = 1.0,
     blend: Blend = "quality",
     classes: bool = False,
+    samples: int = 1,
     out: Frame | Sequence[Frame] | None = None,
 ) -> Frame | list[Frame]:
     """Render depth images from a new camera.
@@ -126,6 +130,10 @@ def warp(
         The frame tells, too, what each pixel is (`Frame.classes`: seen, hidden, never observed, outside of the view),
         and where in which view it comes from (`Frame.source`, `Frame.view`: of several, the one that counts most). Not
         with "forward". Following the holes' rays takes longer the larger the range of depth is.
+    samples : int
+        A pixel, on a regular grid within it: 1, 4, 9, 16, 25, 36, 49 or 64. Several make silhouettes and depth edges
+        smooth, at up to as many times the cost; `Frame.alpha` tells how much of each pixel is covered. Only with one
+        there are `classes`.
     out : Frame or sequence of Frame, optional
         Frames whose arrays are written instead of new ones: C-contiguous and writable, of the target's size and the
         views' dtype, each of them once. What `classes` tells is new in any case. A call that Ctrl-C ends leaves them
@@ -171,36 +179,44 @@ def warp(
     number_from("splat", splat, 1.0, _SPLAT_MOST, f"1 to {_SPLAT_MOST:g} pixels")
     if classes and method == "forward":
         raise ArgumentError("classes", 'False with method="forward", which asks no rays', "True")
+    side_by_side = checked_side(samples)
+    if classes and side_by_side > 1:
+        raise ArgumentError("classes", "False with several samples a pixel, which may be of several classes", "True")
     outs = _checked_out(out, camera, cameras, given[0])
     sources = [straightened(view, options.cut_ratio, options.linear) for view in given]
-    panes = [pane_cameras(one) for one in cameras]
+    fine = [finer(one, side_by_side) for one in cameras]
+    panes = [pane_cameras(one) for one in fine]
     _check_sizes("camera", itertools.chain(*panes))
     _check_sizes("views", [view.camera for view in sources])
 
     with one_call():
-        samples = [samples_of(view) for view in sources]
+        prepared = [samples_of(view) for view in sources]
         pool: dict[int, Any] = {}
         targets: list[Target] = []
         like, asked = sources[0].color, bool(classes)
-        for one, parts, into in zip(cameras, panes, outs, strict=True):
+        for one, finer_one, parts, into in zip(cameras, fine, panes, outs, strict=True):
+            whole = into if side_by_side == 1 else None
             drawn: list[Target] = []
             for part in parts:
-                own = into if one.lens is None else None
+                own = whole if one.lens is None else None
                 drawn.append(Target(part, like.dtype, out=own, classes=asked, pool=pool, channels=like.shape[2]))
-                _draw_views(drawn[-1], sources, samples, method, options, float(splat), blend)
-            targets.append(joined(drawn, one, options.linear, into))
+                _draw_views(drawn[-1], sources, prepared, method, options, float(splat), blend)
+            targets.append(averaged(joined(drawn, finer_one, options.linear, whole), one, side_by_side, into))
         made = frames(targets)
     for frame in made:
         _through_lenses(frame, given)
+    _tell_empty(made, isinstance(camera, Camera))
+    return made[0] if isinstance(camera, Camera) else made
+
+
+def _tell_empty(made: Sequence[Frame], is_single: bool) -> None:
+    """Warn the caller of `warp` of frames without anything."""
     empty = [number for number, frame in enumerate(made) if not frame.valid.any()]
-    if isinstance(camera, Camera):
-        if empty:
-            warnings.warn("warp: the target camera sees nothing of the views; the frame is empty", stacklevel=2)
-        return made[0]
-    if empty:
+    if empty and is_single:
+        warnings.warn("warp: the target camera sees nothing of the views; the frame is empty", stacklevel=3)
+    elif empty:
         some = ", ".join(map(str, empty))
-        warnings.warn(f"warp: target cameras {some} see nothing of the views; their frames are empty", stacklevel=2)
-    return made
+        warnings.warn(f"warp: target cameras {some} see nothing of the views; their frames are empty", stacklevel=3)
 
 
 def _through_lenses(frame: Frame, views: Sequence[DepthImage]) -> None:

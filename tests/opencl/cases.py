@@ -156,6 +156,7 @@ WAYS: tuple[dict[str, Any], ...] = (
     {"fill": "background", "sample": "nearest", "classes": True},
     {"method": "forward", "splat": 2},
     {"fill": "smooth", "edges": "connect"},
+    {"samples": 9},
 )
 
 

@@ -22,7 +22,7 @@ LENS = ibr.Lens("brown_conrady", [-0.2, 0.02, 0.01, 0.0])
 
 
 def _arrays(frame: Frame) -> list[NDArray[Any]]:
-    more = (frame.source, frame.view, frame.classes)
+    more = (frame.source, frame.view, frame.classes, frame.alpha)
     return [frame.color, frame.depth, frame.valid, *(values for values in more if values is not None)]
 
 
@@ -103,6 +103,7 @@ def calls() -> dict[str, Call]:
         "blended": _blended,
         "smooth": _warped(fill="smooth"),
         "lens": _through_a_lens,
+        "samples": _warped(samples=4),
         "seen": _drawn(lambda: MarkedUnseen(as_drawable(base, Look()), views)),
         "registered": _registered,
         "mesh": _drawn(lambda: ibr.Mesh(base.vertices, base.faces)),

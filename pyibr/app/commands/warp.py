@@ -87,6 +87,7 @@ def warp(
     cut_ratio: Annotated[float, typer.Option(help="Cut where neighbours' depths differ by more")] = 1.05,
     fill: Annotated[Literal["none", Fill], typer.Option(help="Fill holes: from behind, from all around")] = "none",
     side: Annotated[Side, typer.Option(help="Sides of the surface that are shown")] = "front",
+    samples: Annotated[int, typer.Option(help="A pixel: 1, 4, 9, 16 ...; several make silhouettes smooth")] = 1,
     blend: Annotated[Blend, typer.Option(help="Several views: by how well each saw it; the nearest")] = "quality",
     far: FarDepth = math.inf,
     backdrop: BackdropText = "none",
@@ -112,7 +113,7 @@ def warp(
     reading = Reading(depth_scale, far, backdrop_of(backdrop), clean, steady=not is_scene, recorded=not are_stills)
     each = [views_of(source, reading) for source in opened]
     look = {"method": method, "sample": sample, "edges": edges, "fill": None if fill == "none" else fill}
-    draw = functools.partial(_drawn, **look, cut_ratio=cut_ratio, side=side, blend=blend)
+    draw = functools.partial(_drawn, **look, cut_ratio=cut_ratio, side=side, blend=blend, samples=samples)
     with device_of(device), outputs:
         if is_scene:
             jobs = targets.of_scene([view for views in each for view in views], count)

@@ -1,0 +1,69 @@
+"""Several samples a pixel: a picture is drawn finer and averaged, so that silhouettes and depth edges are smooth."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pyibr.core.camera import Camera
+from pyibr.core.checks import check_pixels, whole_from
+from pyibr.core.errors import ArgumentError
+from pyibr.images.frame import Frame
+from pyibr.opencl.launch import launch
+from pyibr.opencl.memory import empty
+from pyibr.opencl.program import kernel
+from pyibr.picture.target import Target
+
+_SIDES = {side * side: side for side in range(1, 9)}
+
+
+def checked_side(samples: int) -> int:
+    """How many of a pixel's samples lie side by side.
+
+    Raises
+    ------
+    ArgumentError
+        Unless `samples` is a square, 1 to 64.
+    """
+    expected = f"{', '.join(map(str, _SIDES))} samples a pixel"
+    count = whole_from("samples", samples, 1, max(_SIDES), expected)
+    if count not in _SIDES:
+        raise ArgumentError("samples", expected, str(count))
+    return _SIDES[count]
+
+
+def finer(camera: Camera, side: int) -> Camera:
+    """The camera whose pixels are the samples of a camera's: (side * width, side * height).
+
+    Raises
+    ------
+    ArgumentError
+        If there are more than pictures may have pixels.
+    """
+    if side == 1:
+        return camera
+    size = side * camera.width, side * camera.height
+    check_pixels("samples", size)
+    return camera.resized(size)
+
+
+def averaged(fine: Target, camera: Camera, side: int, out: Frame | None = None) -> Target:
+    """The picture of a camera from that of its `finer` one; `out`: a frame whose arrays are written."""
+    if side == 1:
+        return fine
+    target = Target(camera, fine.color.dtype, out=out, channels=fine.color.shape[-1])
+    target.alpha = empty((camera.height, camera.width), np.float32)
+    launch(
+        kernel("lib/average.cl", "average", **fine.color_defines),
+        camera.size,
+        sample_depth=fine.depth,
+        sample_color=fine.color,
+        sample_valid=fine.valid,
+        side=side,
+        width=camera.width,
+        height=camera.height,
+        perspective=camera.projection == "perspective",
+        **target.outputs(),
+        alpha=target.alpha,
+    )
+    target.blank = False
+    return target
