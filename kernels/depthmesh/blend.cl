@@ -2,7 +2,7 @@
  *
  * A region's pixels see each mesh's nearest surface first (the depth pass), then those of them that lie within epsilon
  * behind the front one give their colours (the colour pass), weighted and normalised at once. Where these leave a hole,
- * those of OTHERS do, coarser ones; where they do, too, what must be surface though no view saw it (closing.h).
+ * those of OTHERS do, coarser ones; and wherever a ray tells of surface that no view saw, that is closed (closing.h).
  * BLEND_QUALITY: weights of positions times quality, per pixel (the paper's); BLEND_POSITION: of positions alone;
  * BLEND_NEAREST: the front mesh's colour.
  *
@@ -79,18 +79,18 @@ int has_holes(const Region *seen)
     return 0;
 }
 
-/* Of the pixels (x, y) that asked, which show a surface that no view saw? backs, sheets: what their rays meet. */
-intl is_closed(const Seen *views, floatl x, floatl y, floatl backs, floatl sheets, intl asks, floatl *n)
+/* Of the pixels (x, y), which show a surface that no view saw? Some rays are `within` a solid up to nearness `back`, some
+ * go `through` a sheet. */
+intl is_closed(const Seen *views, floatl x, floatl y, floatl back, intl within, floatl sheet, intl through, floatl *n)
 {
-    const intl meets = asks & (backs > EMPTY), through = asks & (sheets > EMPTY);
-    floatl depth = DEPTH_OF(views->perspective, pick(meets, backs, (floatl)1.0f)), entry = depth;
-    const intl within = has_entered(views, x, y, depth, meets, &entry);
-    depth = DEPTH_OF(views->perspective, pick(through, sheets, (floatl)1.0f)) + views->stride;
+    floatl depth = DEPTH_OF(views->perspective, pick(within, back, (floatl)1.0f)), entry = depth;
+    const intl solid = has_entered(views, x, y, depth, within, &entry);
+    depth = DEPTH_OF(views->perspective, pick(through, sheet, (floatl)1.0f)) + views->stride;
     floatl behind = depth;
-    intl ends = stays_hidden(views, x, y, depth, through & !within);
+    intl ends = stays_hidden(views, x, y, depth, through & !solid);
     ends = has_entered(views, x, y, depth, ends, &behind);
-    *n = DEPTH_OF(views->perspective, pick(within, entry, behind));
-    return within | ends;
+    *n = DEPTH_OF(views->perspective, pick(solid, entry, behind));
+    return solid | ends;
 }
 #endif
 
@@ -206,11 +206,11 @@ kernel void draw_meshes(global const int *corners, global const float *projected
 #if CLOSED
     const Seen views_saw = {limits, limit_sizes, from_target, perspectives, first_levels, closeness, stride, screen.perspective};
     Region sheets, backs;
+    draw_range(&context, &backs, 1, list, here, firsts, SHEETS, UNSEEN, depth, x, y);
     if (has_holes(seen)) {
         first_mesh = 0;
         draw_range(&context, seen, OTHERS, list, here, firsts, UNSEEN, UNSEEN + OTHERS, depth, x, y);
         draw_range(&context, &sheets, 1, list, here, firsts, 0, SHEETS, depth, x, y);
-        draw_range(&context, &backs, 1, list, here, firsts, SHEETS, UNSEEN, depth, x, y);
     }
 #endif
     begin_region(&shown, screen, depth, blank, x, y);
@@ -225,10 +225,13 @@ kernel void draw_meshes(global const int *corners, global const float *projected
             front = pick(hole, greater(seen[mesh].nearness[block], front), front);
         intl closed = (intl)0;
 #if CLOSED
-        if (first_mesh == 0 && any_lane(front == EMPTY)) {
+        const floatl back = backs.nearness[block], sheet = first_mesh == 0 ? sheets.nearness[block] : (floatl)EMPTY;
+        const intl within = front < (screen.perspective ? back / (1.0f + epsilon * back) : back - epsilon);
+        const intl through = (front == EMPTY) & (sheet > EMPTY);
+        if (any_lane(within | through)) {
             const floatl px = to_floatl(first_x + block_x), py = to_floatl(first_y + block_y);
             floatl n;
-            closed = is_closed(&views_saw, px, py, backs.nearness[block], sheets.nearness[block], front == EMPTY, &n);
+            closed = is_closed(&views_saw, px, py, back, within, sheet, through, &n);
             closed = closed & (n <= screen.nearest);
             front = pick(closed, n, front);
         }

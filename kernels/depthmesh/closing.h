@@ -3,11 +3,11 @@
 /* Surface that no view saw, but that must be there (beside Pajarola, Sainz & Meng 2003, section 4.5).
  *
  * Each view knows that there is nothing before what it saw. What no view knows to be empty is solid or unknown. A pixel's
- * ray that meets no mesh's front, but the back of one, has gone into a solid unnoticed: it is inside there, and from there
+ * ray that meets the back of a mesh before any front has gone into a solid unnoticed: it is inside there, and from there
  * back to the eye up to the first empty point. A ray that goes through a rubber sheet and never comes to a point that is
  * known to be empty again has met something behind it. Both are closed where they leave the empty space; no other ray is.
  *
- * Cost: up to STEPS points a ray, each looked up in all views, for rays that meet backs or sheets in a hole alone.
+ * Cost: up to STEPS points a ray, each looked up in all views, for rays that meet backs or sheets first.
  */
 #include "depthmesh/tree.h"
 #include "lib/color.h"

@@ -119,8 +119,8 @@ class Shown:
     @classmethod
     def of(cls, order: list[int], count: int) -> Shown:
         """Of all views, the closest first, of which so many are blended."""
-        close, most = order[: 2 * count], 2 * count
-        return cls(sorted(order[:count]), sorted(order[count:most]), sorted({*close, *order[-most:]}))
+        others = order[count : 2 * count]
+        return cls(sorted(order[:count]), sorted(others), sorted({*others, *order[-count:]}))
 
     @property
     def views(self) -> list[int]:

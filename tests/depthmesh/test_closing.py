@@ -87,6 +87,15 @@ def test_a_knot_gets_no_shards(eye):
     assert false == 0
     assert missed <= 0.2 * missed_and_false(bare, truth)[0]
     assert metrics.psnr(frame.color, truth.color) >= metrics.psnr(bare.color, truth.color) + 3
+    # Nor does a farther strand show through a hole of a nearer one.
+    through, before = farther(frame, truth), farther(bare, truth)
+    assert through <= (0.3 * before if before > 50 else before)
+
+
+def farther(frame: ibr.Frame, truth: ibr.DepthImage) -> int:
+    """Pixels that show what lies behind the surface."""
+    both = frame.valid & truth.valid
+    return int((frame.depth - truth.depth > 0.05 * truth.depth)[both].sum())
 
 
 def test_what_is_open_stays_open():
