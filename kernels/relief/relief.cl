@@ -6,7 +6,8 @@
  * nearer than what has been found. All lanes of a block search at once, whichever triangles they entered.
  *
  * Deviations from the paper: safe steps (search.h); the tile sizes are gradients of u and v, which also hold where u and
- * v are not at right angles; the normal follows the quadric.
+ * v are not at right angles; the normal follows the quadric; the second search for shadows, which the paper gives up
+ * for the light's map on curved surfaces, goes by the quadric of the point's own entry.
  *
  * faces: (triangles, 3) corners of each. projected: (vertices, 4), raster/project.cl. list, starts: raster/bins.cl.
  * vertices: (vertices, VERTEX) u, v, normal, gradient of u, gradient of v (world, per scene unit), a, b, unused. texels, bounds,
@@ -31,6 +32,12 @@
 
 #define LINEAR 0
 #define SAFE 1
+#define MAPPED 0
+#define SEARCHED 1
+#ifndef SHADOWS
+#define SHADOWS MAPPED /* what hides the light: what its map says, or SEARCHED: what a second search finds, and the map beyond */
+#endif
+#define LIFTED 1e-3f /* of the relief's depth: how far above its surface a point is searched from, so that it is not in it */
 #define LEAST_COSINE 1e-3f /* of a ray that enters: at outlines interpolated normals may look away */
 
 /* Entries of a region's pixels */
@@ -281,6 +288,134 @@ int search_layer(const Context *context, Region *region)
     return again;
 }
 
+#if LIT
+/* What a point is seen by: its place on the maps, and the ray that has found it, t after its entry */
+typedef struct {
+    ReliefRay place; /* u, v, level */
+    Track track;
+    Vector ahead, point;
+    floatl t;
+} Seen;
+#endif
+
+#if SHADOWED
+/* From a point of the relief to the light, as far as the relief around the point reaches */
+typedef struct {
+    ReliefRay ray;       /* the other way round: from where it leaves the relief down to the point */
+    Vector exit, normal; /* where it leaves, and the base's normal there */
+    intl sound, leaves;
+    floatl way;   /* from the point to there, in scene units */
+    floatl apart; /* how far another ray may find what lies at the point from there */
+} LightRay;
+
+/* Depths are below the quadric of the point's own entry, by equation 7: the point is on its surface to the last bit,
+ * and the light's ray enters where that quadric's depth is 0. */
+LightRay light_ray(const Context *context, const Entry *e, const Seen *seen, Vector light)
+{
+    LightRay made;
+    ReliefRay *ray = &made.ray;
+    Vector x, y;
+    tangents_of(e, &x, &y);
+    const float scale = context->scale, per_scale = 1.0f / scale, bends = context->quadric ? 1.0f : 0.0f;
+    const floatl a = e->a * bends, b = e->b * bends, t = seen->t;
+    const floatl px = t * DOT(seen->ahead, x), py = t * DOT(seen->ahead, y), pz = t * DOT(seen->ahead, e->normal);
+    const floatl lx = DOT(light, x), ly = DOT(light, y), lz = DOT(light, e->normal);
+    const floatl found = (a * px * px + b * py * py - pz) * per_scale;
+    const floatl height = HEIGHT_UNIT * height_in(context->texels, seen->track.map, seen->track.x, seen->track.y);
+    const floatl depth = greater(1.0f - height - LIFTED, (floatl)0.0f);
+    /* Along it, depth is depth + slope s + K s^2. */
+    const floatl slope = (2.0f * (a * px * lx + b * py * ly) - lz) * per_scale, K = (a * lx * lx + b * ly * ly) * per_scale;
+    const floatl discriminant = slope * slope - 4.0f * K * depth, divisor = sqrt(greater(discriminant, (floatl)0.0f)) - slope;
+    made.leaves = (discriminant >= 0.0f) & (divisor > 0.0f);
+    const floatl way = pick(made.leaves, 2.0f * depth / divisor, (floatl)0.0f), lift = (found - depth) * scale;
+    made.way = way;
+    made.exit.x = seen->point.x + lift * e->normal.x + way * light.x;
+    made.exit.y = seen->point.y + lift * e->normal.y + way * light.y;
+    made.exit.z = seen->point.z + lift * e->normal.z + way * light.z;
+    const floatl across = -2.0f * a * (px + way * lx), down = -2.0f * b * (py + way * ly);
+    const Vector normal = {e->normal.x + across * x.x + down * y.x, e->normal.y + across * x.y + down * y.y,
+                           e->normal.z + across * x.z + down * y.z};
+    made.normal = at_unit_length(normal);
+    ray->du = -DOT(light, e->along_u);
+    ray->dv = -DOT(light, e->along_v);
+    const floatl u = seen->place.u - ray->du * way, v = seen->place.v - ray->dv * way;
+    ray->u = u - floor_lanes(u);
+    ray->v = v - floor_lanes(v);
+    ray->L = -slope - 2.0f * K * way;
+    ray->K = K;
+    ray->level = seen->place.level;
+#if DISTANCE == EXACT
+    ray->vz = (floatl)-0.5f; /* without curvatures its depth is that of equation 7 */
+    ray->a_xx = ray->b_yy = ray->aa_xx = ray->bb_yy = (floatl)0.0f;
+    ray->scale = scale;
+#endif
+    made.sound = (way > 0.0f) & (ray->L > 0.0f) & is_sound(ray);
+    /* Along the surface, before the point and after; another entry's quadric turns by the curvature times that. */
+    const floatl came_2 = t * t - pz * pz, goes_2 = way * way * (1.0f - lz * lz);
+    made.apart = 2.0f * greater(fabs(a), fabs(b)) * depth * scale * sqrt(greater(came_2, goes_2));
+    return made;
+}
+
+/* Does the relief around the point hide it from the light? The paper's second search (figure 4) */
+intl is_hidden(const Context *context, const LightRay *light, intl wanted)
+{
+    Search searches[TWINS], *s = searches;
+    s->ray = light->ray;
+    rest(&s->ray, light->sound & wanted);
+    set_end(&s->ray);
+    s->track = track_of(&s->ray, context->levels);
+    /* Up to the point, but for what the searches may err by */
+    const floatl per_texel = 1.0f / greater(greater(fabs(s->track.dx), fabs(s->track.dy)), (floatl)1e-20f);
+    const floatl end = light->way - 2.0f * NUDGE * per_texel;
+    s->ray.at_bottom = s->ray.at_bottom & (s->ray.end < end);
+    s->ray.end = lesser(s->ray.end, end);
+    s->searches = s->active = light->sound & wanted & (end > 0.0f);
+#if COUNTED
+    s->taken = 0;
+#endif
+    for (int k = 1; k < TWINS; k++) {
+        searches[k] = searches[0];
+        searches[k].active = 0;
+    }
+    if (context->search == SAFE)
+        safe_search(searches, context->texels, context->bounds, context->levels);
+    else
+        linear_search(searches, context->texels, context->steps, context->halvings);
+    return s->searches & s->found;
+}
+
+/* How far is a point of the relief in sight of the light, 0 to 1? own: the surface's normal there; faces: where it
+ * matters.
+ *
+ * The light's map has been drawn by its own rays, by the quadrics where these enter. Where the surface bends they find
+ * it elsewhere than the picture's rays, and would shade it by itself. So where what the map says depends on that, a
+ * search from the point decides what the relief around it hides, and the map what hides the place where it ends. A ray
+ * that by the quadric never leaves the relief, as along a saddle, is left to the map. */
+floatl in_sight(const Context *context, const Entry *e, const Seen *seen, Vector own, Light light, intl faces SHADOW_PARAMETERS)
+{
+    intl wanted = faces;
+    floatl mapped = 0.0f;
+#if SHADOWS == MAPPED
+    mapped = visibility(shadow_maps, shadow, seen->point, own);
+    wanted = wanted & (mapped < 1.0f);
+    if (!context->quadric || !any_lane(wanted))
+        return mapped;
+#endif
+    const LightRay ray = light_ray(context, e, seen, to_light(light, seen->point).way);
+    const floatl outside = visibility(shadow_maps, shadow, ray.exit, ray.normal);
+#if SHADOWS == MAPPED
+    wanted = wanted & ray.leaves & (outside > mapped) & (ray.apart > SHADOW_SLACK * texel_at(shadow, light, seen->point));
+#else
+    if (any_lane(wanted & !ray.leaves))
+        mapped = visibility(shadow_maps, shadow, seen->point, own);
+    wanted = wanted & ray.leaves;
+#endif
+    if (!any_lane(wanted))
+        return mapped;
+    return pick(wanted, pick(is_hidden(context, &ray, wanted), (floatl)0.0f, outside), mapped);
+}
+#endif
+
 kernel void draw_relief(global const int *faces, global const float *projected, global const int *list,
                         global const int *starts, int bins_x, global const float *vertices, global const uint *texels,
                         global const ushort *bounds, global const int *levels, int level_count,
@@ -338,20 +473,28 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
             add_level(colors, u, v, level_of(&e, color_width, color_height, color_levels, size, mine), color_width,
                       color_height, 1.0f / 255.0f, &shade);
 #if LIT
-            const Vector point = point_at(screen, px, py, n), ahead = towards(screen, point);
-            Vector normal = normal_at(&e, ahead, pick(mine, layers.t[block], (floatl)0.0f), quadric);
-            ReliefRay place;
-            place.u = u - floor_lanes(u);
-            place.v = v - floor_lanes(v);
-            place.du = place.dv = 0.0f;
-            place.level = level_of(&e, levels[0], levels[1], level_count, size, mine);
+            Seen seen;
+            seen.point = point_at(screen, px, py, n);
+            seen.ahead = towards(screen, seen.point);
+            seen.t = pick(mine, layers.t[block], (floatl)0.0f);
+            seen.place.u = u - floor_lanes(u);
+            seen.place.v = v - floor_lanes(v);
+            seen.place.du = seen.place.dv = 0.0f;
+            seen.place.level = level_of(&e, levels[0], levels[1], level_count, size, mine);
+            seen.track = track_of(&seen.place, levels);
+            Vector normal = normal_at(&e, seen.ahead, seen.t, quadric);
             /* Of the surface itself: no map decides what hides it from the light. */
-            const Vector own = tilted_by_slope(normal, &e, texels, track_of(&place, levels), scale);
+            const Vector own = tilted_by_slope(normal, &e, texels, seen.track, scale);
             if (normal_width > 0)
-                normal = tilted_by_map(normal, &e, normal_in(normal_map, normal_width, normal_height, place.u, place.v));
+                normal = tilted_by_map(normal, &e, normal_in(normal_map, normal_width, normal_height, seen.place.u, seen.place.v));
             else
                 normal = own;
-            shine(&shade, light, point, normal, ahead, VISIBILITY(point, own));
+            floatl visible = 1.0f;
+#if SHADOWED
+            const intl faces = mine & (DOT(normal, to_light(light, seen.point).way) > 0.0f);
+            visible = in_sight(&context, &e, &seen, own, light, faces, shadow_maps, shadow);
+#endif
+            shine(&shade, light, seen.point, normal, seen.ahead, visible);
 #endif
         }
 #if TOLD

@@ -30,8 +30,10 @@ from pyibr.relief.quadrics import VertexFrames, split_at_mirrors, vertex_frames
 Silhouette = Literal["quadric", "none"]
 Distance = Literal["approximate", "exact"]
 Search = Literal["safe", "linear"]
+Shadow = Literal["map", "search"]
 
 _COUNT_MOST = 65536
+_SHADOWS = {"map": "MAPPED", "search": "SEARCHED"}  # the kernel's names
 
 
 class ReliefSurface(Fixed):
@@ -63,6 +65,11 @@ class ReliefSurface(Fixed):
         "safe" steps over nothing, by bounds of the heights; "linear" is the paper's: even steps, then halvings.
     steps, halvings : int
         Of the linear search.
+    shadow : {"map", "search"}
+        What hides a light: "map", what its shadow map says, but for a search of the relief where the map's surface is
+        not the picture's, as on curved bases; "search", a second search from each point towards the light, the
+        paper's, and the map for what lies beyond this relief. It needs no texels, so small tiles get no moire, but a
+        search more a pixel; and what stands below the base, within the relief, casts no shadow on it.
 
     Attributes
     ----------
@@ -100,6 +107,7 @@ class ReliefSurface(Fixed):
         search: Search = "safe",
         steps: int = 32,
         halvings: int = 6,
+        shadow: Shadow = "map",
     ) -> None:
         instance_of("base", base, Mesh, "a pyibr.Mesh")
         if base.uv is None:
@@ -115,7 +123,9 @@ class ReliefSurface(Fixed):
         one_of("search", search, Search)
         self.silhouette: Silhouette = silhouette
         self.distance: Distance = distance
+        one_of("shadow", shadow, Shadow)
         self.search: Search = search
+        self.shadow: Shadow = shadow
         self.steps = whole_from("steps", steps, 1, _COUNT_MOST)
         self.halvings = whole_from("halvings", halvings, 0, _COUNT_MOST)
         self.normal_map = None if normal_map is None else checked_normal_map(normal_map)
@@ -211,6 +221,8 @@ def draw_relief(
         height, width = (0, 0) if surface.normal_map is None else surface.normal_map.shape[:2]
         more |= {"normal_width": width, "normal_height": height, **lit.arguments()}
         more |= {"normal_map": buffers.get("normal_map", buffers["vertices"])}
+        if lit.maps is not None:
+            defines["SHADOWS"] = int(constant("relief/relief.cl", _SHADOWS[surface.shadow]))
     if counts is not None:
         defines["COUNTED"] = 1
         more["counts"] = counts

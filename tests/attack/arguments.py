@@ -262,6 +262,7 @@ def random_relief(chance: Chance, scale: float) -> Any:
         search=chance.mostly(chance.one(["safe", "linear"])),
         steps=chance.mostly(chance.one([1, 8, 32, 200])),
         halvings=chance.mostly(chance.one([0, 6, 30])),
+        shadow=chance.mostly(chance.one(["map", "search"])),
     )
 
 

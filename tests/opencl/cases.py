@@ -310,6 +310,8 @@ def _reliefs(setting: Setting) -> Cases:
         {"search": "linear", "steps": 4},
         {"distance": "exact"},
         {"silhouette": "none"},
+        {"shadow": "search", "search": "linear", "steps": 4},
+        {"shadow": "search", "distance": "exact"},
     )
     for height, color, normals in _height_maps(setting):
         for way in ways:

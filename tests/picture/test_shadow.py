@@ -63,12 +63,13 @@ def test_sliced_surfaces_shadow_themselves_and_others(shape, slicing):
     assert share >= 0.99
 
 
+@pytest.mark.parametrize("shadow", ["map", "search"])
 @pytest.mark.parametrize("shape", SHAPES, ids=str)
-def test_reliefs_shadow_themselves_and_others(shape):
+def test_reliefs_shadow_themselves_and_others(shape, shadow):
     """The square's relief lies below it, so what it shows is the solid moved down by its scale."""
     height, color, floor = hilly(), np.full((1, 1, 3), 255, np.uint8), plane(3.0, -0.26)
     wide = ibr.Mesh(3 * square().vertices - (1, 1, 0), square().faces, uv=3 * square().uv)  # rays run on beyond it
-    surface = ibr.ReliefSurface(wide, height, color, 0.25)
+    surface = ibr.ReliefSurface(wide, height, color, 0.25, shadow=shadow)
     stone = box((0.5, 0.5, 0.17), (0.12, 0.07, 0.05))
     scene = caster(stone, floor)
     u, v = np.meshgrid(np.arange(769) / 256 - 1, np.arange(769) / 256 - 1)
@@ -82,12 +83,13 @@ def test_reliefs_shadow_themselves_and_others(shape):
     assert share >= 0.99
 
 
+@pytest.mark.parametrize("shadow", ["map", "search"])
 @pytest.mark.parametrize("distance", ["approximate", "exact"])
 @pytest.mark.parametrize("shape", [{"direction": (0.6, 0.5, -0.9)}, LIGHTS["spot"], LIGHTS["point"]], ids=str)
-def test_curved_reliefs_shadow_themselves_and_others(shape, distance):
+def test_curved_reliefs_shadow_themselves_and_others(shape, distance, shadow):
     """A torus with hills, whose outline casts the shadow's."""
     height, color, floor = hilly(), np.full((1, 1, 3), 255, np.uint8), plane(3.0, -0.45)
-    relief = ibr.ReliefSurface(grid(torus, 96, 48), height, color, 0.06, (10, 4), distance=distance)
+    relief = ibr.ReliefSurface(grid(torus, 96, 48), height, color, 0.06, (10, 4), distance=distance, shadow=shadow)
     scene = Carved(torus, height, 0.06, (10, 4)).scene
     scene.add_triangles(np.array(floor.vertices), floor.faces.astype(np.uint32))
     camera = Camera.look_at((1.9, -3.4, 2.6), (0, 0, -0.1), (0, 0, 1), (320, 240), 45)

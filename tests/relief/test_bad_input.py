@@ -38,6 +38,7 @@ CAMERA = Camera.look_at((0.5, -0.6, 0.9), (0.5, 0.5, 0), (0, 0, 1), (61, 37), fo
         ("silhouette", "true"),
         ("distance", "equation 6"),
         ("search", "cone"),
+        ("shadow", "soft"),
         ("steps", 0),
         ("steps", 2.5),
         ("halvings", -1),

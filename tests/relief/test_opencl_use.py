@@ -28,3 +28,16 @@ def test_one_lane_is_as_good_as_sixteen(projection, options):
     both = one.valid & wide.valid
     assert np.isclose(one.depth, wide.depth, rtol=1e-4)[both].mean() >= 0.99
     assert (np.abs(one.color.astype(int) - wide.color)[both].max(axis=1) <= 2).mean() >= 0.98
+
+
+@pytest.mark.parametrize("shadow", ["map", "search"])
+def test_shadows_in_one_lane(shadow):
+    height, color = np.kron(np.eye(4, dtype=np.float32), np.ones((4, 4))), np.full((1, 1, 3), 255, np.uint8)
+    thing = ibr.ReliefSurface(models.donut(24), height, color, 0.1, (6, 3), shadow=shadow)
+    camera = Camera.look_at((1.5, -2.4, 1.6), (0, 0, 0), (0, 0, 1), (101, 77), 45)
+    light = ibr.Light((1, 0.3, -0.5))
+    wide = ibr.render(thing, camera, light)
+    with one_lane():
+        one = ibr.render(thing, camera, light)
+    both = one.valid & wide.valid
+    assert (np.abs(one.color.astype(int) - wide.color)[both].max(axis=1) <= 2).mean() >= 0.98

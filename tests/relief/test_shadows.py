@@ -1,0 +1,98 @@
+"""Shadows of reliefs on themselves, against rays cast from the true surface: by the light's map, and by search."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.core.camera import Camera
+from tests.displaced import square
+from tests.relief.solids import Carved, cylinder, grid, sphere, torus
+from tests.relief.test_truth import bricks
+from tests.shadowed import AMBIENT, edges, first_hits, shares, true_shares
+
+SHADOWS: list[Any] = ["map", "search"]
+WHITE = np.full((2, 2, 3), 255, np.uint8)
+SOLIDS = {"torus": (torus, (96, 48)), "sphere": (sphere, (64, 32)), "cylinder": (cylinder, (64, 8))}
+
+
+@cache
+def blocks() -> np.ndarray:
+    """32 x 32, tiled: a block whose sides are two texels wide."""
+    y, x = np.mgrid[:32, :32]
+    inside = np.minimum(np.minimum(x, 31 - x), np.minimum(y, 31 - y))
+    return np.clip((inside - 4) / 2, 0, 1).astype(np.float32)
+
+
+@pytest.mark.parametrize("shadow", SHADOWS)
+@pytest.mark.parametrize("scale", [0.03, 0.06, 0.1, 0.12, 0.15])
+@pytest.mark.parametrize("name", SOLIDS)
+def test_a_deep_even_relief_does_not_shade_itself(name, scale, shadow):
+    """Its light's rays enter elsewhere than the picture's, by other quadrics: a map alone shades 11 % of the torus."""
+    surface, cells = SOLIDS[name]
+    light = ibr.Light((1, 0.2, -0.3), ambient=AMBIENT)
+    camera = Camera.look_at((2.2, -3, 1.9), (0, 0, 0), (0, 0, 1), (320, 240), 42)
+    scene = Carved(surface, np.zeros((32, 32)), scale, (6, 4)).scene
+    _, points, normals = first_hits(scene, camera)
+    truth = true_shares(scene, light, points, normals)
+    relief = ibr.ReliefSurface(grid(surface, *cells), np.zeros((4, 4)), WHITE, scale, (4, 4), shadow=shadow)
+    share, told = shares(relief, camera, light)
+    assert truth.sum() > 2000
+    assert (told & (share < 0.5) & truth).sum() <= 0.005 * ibr.render(relief, camera).valid.sum()
+
+
+@pytest.mark.parametrize("shadow", SHADOWS)
+@pytest.mark.parametrize("direction", [(-1, 0.2, -0.6), (-0.5, 1, -0.5), (-1, -0.8, -0.3)], ids=str)
+@pytest.mark.parametrize("scale", [0.05, 0.12])
+def test_blocks_on_a_tube(scale, direction, shadow):
+    """Three pixels off the edges of shadows and of blocks."""
+    light = ibr.Light(direction, ambient=AMBIENT)
+    camera = Camera.look_at((3.2, -1.2, 0.3), (0, 0, 0), (0, 0, 1), (320, 240), 42)
+    scene = Carved(cylinder, blocks(), scale, (12, 5)).scene
+    depth, points, normals = first_hits(scene, camera)
+    truth = true_shares(scene, light, points, normals)
+    relief = ibr.ReliefSurface(grid(cylinder, 64, 8), blocks(), WHITE, scale, (12, 5), shadow=shadow)
+    share, told = shares(relief, camera, light)
+    z = np.where(np.isfinite(depth), depth, 1e3)
+    jumps = cv2.dilate(z, np.ones((3, 3))) - cv2.erode(z, np.ones((3, 3))) > 0.06
+    counted = told & np.isfinite(depth) & ~edges(truth) & ~(cv2.dilate(jumps.astype(np.uint8), np.ones((5, 5))) > 0)
+    assert counted.sum() > 20000
+    agrees = ((share > 0.5) == truth)[counted].mean()
+    # Where the light comes low along the surface, its map and its quadrics are at their worst.
+    assert agrees >= (0.998 if direction[2] == -0.3 else 0.9997), agrees
+
+
+def test_small_tiles_far_away():
+    """Of 8 x 8 rays a pixel; where a texel of the map holds many of the relief's, it is moire."""
+    camera = Camera.look_at((0.5, -0.55, 0.5), (0.5, 0.45, 0), (0, 0, 1), (160, 120), 50)
+    finer = camera.resized((1280, 960))
+    light = ibr.Light((1, 0.3, -0.6), ambient=AMBIENT)
+
+    def picture(camera: Camera, shadow: Any) -> np.ndarray:
+        relief = ibr.ReliefSurface(square(), bricks(), WHITE, 0.008, (24, 24), shadow=shadow)
+        return ibr.render(relief, camera, light).color.astype(float)
+
+    truth = picture(finer, "search").reshape(120, 8, 160, 8, 3).mean(axis=(1, 3))
+    inside = cv2.erode(ibr.render(square(), camera).valid.astype(np.uint8), np.ones((5, 5))) > 0
+    off = {way: np.sqrt(np.square(picture(camera, way) - truth)[inside].mean()) for way in SHADOWS}
+    assert off["search"] <= 0.5 * off["map"], off
+
+
+@pytest.mark.parametrize("options", [{}, {"search": "linear"}, {"distance": "exact"}, {"silhouette": "none"}])
+def test_both_ways_agree_on_a_plane(options):
+    """Off the edges of shadows, of which the map's lie within two of its texels."""
+    camera = Camera.look_at((0.9, -1.0, 1.05), (0.5, 0.5, 0), (0, 0, 1), (320, 240), 42)
+    light = ibr.Light((0.7, 0.5, -0.6), ambient=AMBIENT, shadow_size=2048)
+    mapped, found = (
+        shares(ibr.ReliefSurface(square(), blocks(), WHITE, 0.1, (4, 4), shadow=way, **options), camera, light)
+        for way in SHADOWS
+    )
+    counted = mapped[1] & found[1] & ~edges(mapped[0] > 0.5) & ~edges(found[0] > 0.5)
+    assert counted.sum() > 5000
+    assert 0.1 < (found[0][counted] > 0.5).mean() < 0.9
+    assert ((mapped[0] > 0.5) == (found[0] > 0.5))[counted].mean() >= 0.999
