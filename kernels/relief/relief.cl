@@ -10,7 +10,7 @@
  * for the light's map on curved surfaces, goes by the quadric of the point's own entry.
  *
  * faces: (triangles, 3) corners of each. projected: (vertices, 4), raster/project.cl. list, starts: raster/bins.cl.
- * vertices: (vertices, VERTEX) u, v, normal, gradient of u, gradient of v (world, per scene unit), a, b, unused. texels, bounds,
+ * vertices: (vertices, VERTEX) u, v, normal, gradient of u, gradient of v (world, per scene unit), a, b, c, unused. texels, bounds,
  * levels: search.h. colors: lib/texture.h. normal_map: (normal_height, normal_width, 3), where > 0.
  * counts: (height, width, 2) searched entries and their steps, with COUNTED. places: (height, width, 2) u and v of what
  * is seen, in the tile, NaN where nothing is, with TOLD.
@@ -93,7 +93,7 @@ void cover(const Context *context, const Primitives *t, int lane, Region *region
 typedef struct {
     floatl u, v;
     Vector normal, along_u, along_v; /* the normal of unit length, and the gradients of u and v */
-    floatl a, b;
+    floatl a, b, c;
 } Entry;
 
 Entry entry_of(const Context *context, intl index, floatl x, floatl y)
@@ -104,8 +104,14 @@ Entry entry_of(const Context *context, intl index, floatl x, floatl y)
     const Vector normal = {of_vertex[2], of_vertex[3], of_vertex[4]};
     const floatl unit = 1.0f / sqrt(greater(DOT(normal, normal), (floatl)1e-20f));
     const Entry e = {of_vertex[0], of_vertex[1], scaled(normal, unit), {of_vertex[5], of_vertex[6], of_vertex[7]},
-                     {of_vertex[8], of_vertex[9], of_vertex[10]}, of_vertex[11], of_vertex[12]};
+                     {of_vertex[8], of_vertex[9], of_vertex[10]}, of_vertex[11], of_vertex[12], of_vertex[13]};
     return e;
+}
+
+/* a x^2 + b y^2 + c x y, of one direction, or between two */
+INLINED floatl bending(const Entry *e, floatl x, floatl y, floatl other_x, floatl other_y)
+{
+    return e->a * x * other_x + e->b * y * other_y + 0.5f * e->c * (x * other_y + y * other_x);
 }
 
 /* The ray in texture space (section 3.4), but for its level and end */
@@ -117,17 +123,17 @@ void set_ray(ReliefRay *ray, const Entry *e, Vector d, int quadric, float scale)
     ray->v = e->v - floor_lanes(e->v);
     ray->du = DOT(d, e->along_u);
     ray->dv = DOT(d, e->along_v);
-    const floatl u_2 = DOT(e->along_u, e->along_u);
-    const floatl x_2 = ray->du * ray->du / greater(u_2, (floatl)1e-30f); /* of the direction along x */
-    const floatl y_2 = greater(1.0f - cosine * cosine - x_2, (floatl)0.0f);
+    const Vector down = cross_of(e->normal, e->along_u);
+    const floatl per_u = 1.0f / sqrt(greater(DOT(e->along_u, e->along_u), (floatl)1e-30f));
+    const floatl x = ray->du * per_u, y = DOT(d, down) * per_u; /* of the direction */
     ray->L = greater(-cosine, (floatl)LEAST_COSINE) * per_scale;
-    ray->K = quadric ? (e->a * x_2 + e->b * y_2) * per_scale : (floatl)0.0f;
+    const floatl bend = quadric ? bending(e, x, y, x, y) : (floatl)0.0f;
+    ray->K = bend * per_scale;
 #if DISTANCE == EXACT
     ray->vz = lesser(cosine, (floatl)-LEAST_COSINE);
-    ray->a_xx = quadric ? e->a * x_2 : (floatl)0.0f;
-    ray->b_yy = quadric ? e->b * y_2 : (floatl)0.0f;
-    ray->aa_xx = e->a * ray->a_xx;
-    ray->bb_yy = e->b * ray->b_yy;
+    const floatl rise_x = bending(e, x, y, 1.0f, 0.0f), rise_y = bending(e, x, y, 0.0f, 1.0f);
+    ray->bend = bend;
+    ray->steep = quadric ? rise_x * rise_x + rise_y * rise_y : (floatl)0.0f;
     ray->scale = scale;
 #endif
 }
@@ -147,7 +153,7 @@ intl level_of(const Entry *e, int width, int height, int level_count, floatl siz
 }
 
 #if LIT
-/* x and y of the frame in which the quadric is z = a x^2 + b y^2 */
+/* x and y of the frame in which the quadric is z = a x^2 + b y^2 + c x y */
 INLINED void tangents_of(const Entry *e, Vector *x, Vector *y)
 {
     *x = at_unit_length(e->along_u);
@@ -161,7 +167,8 @@ INLINED Vector normal_at(const Entry *e, Vector d, floatl t, int quadric)
     if (!quadric)
         return normal;
     tangents_of(e, &x, &y);
-    const floatl along_x = -2.0f * e->a * t * DOT(d, x), along_y = -2.0f * e->b * t * DOT(d, y);
+    const floatl px = t * DOT(d, x), py = t * DOT(d, y);
+    const floatl along_x = -2.0f * bending(e, px, py, 1.0f, 0.0f), along_y = -2.0f * bending(e, px, py, 0.0f, 1.0f);
     normal.x += along_x * x.x + along_y * y.x;
     normal.y += along_x * x.y + along_y * y.y;
     normal.z += along_x * x.z + along_y * y.z;
@@ -317,14 +324,15 @@ LightRay light_ray(const Context *context, const Entry *e, const Seen *seen, Vec
     Vector x, y;
     tangents_of(e, &x, &y);
     const float scale = context->scale, per_scale = 1.0f / scale, bends = context->quadric ? 1.0f : 0.0f;
-    const floatl a = e->a * bends, b = e->b * bends, t = seen->t;
+    const floatl t = seen->t;
     const floatl px = t * DOT(seen->ahead, x), py = t * DOT(seen->ahead, y), pz = t * DOT(seen->ahead, e->normal);
     const floatl lx = DOT(light, x), ly = DOT(light, y), lz = DOT(light, e->normal);
-    const floatl found = (a * px * px + b * py * py - pz) * per_scale;
+    const floatl found = (bends * bending(e, px, py, px, py) - pz) * per_scale;
     const floatl height = HEIGHT_UNIT * height_in(context->texels, seen->track.map, seen->track.x, seen->track.y);
     const floatl depth = greater(1.0f - height - LIFTED, (floatl)0.0f);
     /* Along it, depth is depth + slope s + K s^2. */
-    const floatl slope = (2.0f * (a * px * lx + b * py * ly) - lz) * per_scale, K = (a * lx * lx + b * ly * ly) * per_scale;
+    const floatl slope = (2.0f * bends * bending(e, px, py, lx, ly) - lz) * per_scale;
+    const floatl K = bends * bending(e, lx, ly, lx, ly) * per_scale;
     const floatl discriminant = slope * slope - 4.0f * K * depth, divisor = sqrt(greater(discriminant, (floatl)0.0f)) - slope;
     made.leaves = (discriminant >= 0.0f) & (divisor > 0.0f);
     const floatl way = pick(made.leaves, 2.0f * depth / divisor, (floatl)0.0f), lift = (found - depth) * scale;
@@ -332,7 +340,8 @@ LightRay light_ray(const Context *context, const Entry *e, const Seen *seen, Vec
     made.exit.x = seen->point.x + lift * e->normal.x + way * light.x;
     made.exit.y = seen->point.y + lift * e->normal.y + way * light.y;
     made.exit.z = seen->point.z + lift * e->normal.z + way * light.z;
-    const floatl across = -2.0f * a * (px + way * lx), down = -2.0f * b * (py + way * ly);
+    const floatl qx = px + way * lx, qy = py + way * ly; /* of the exit */
+    const floatl across = -2.0f * bends * bending(e, qx, qy, 1.0f, 0.0f), down = -2.0f * bends * bending(e, qx, qy, 0.0f, 1.0f);
     const Vector normal = {e->normal.x + across * x.x + down * y.x, e->normal.y + across * x.y + down * y.y,
                            e->normal.z + across * x.z + down * y.z};
     made.normal = at_unit_length(normal);
@@ -346,13 +355,14 @@ LightRay light_ray(const Context *context, const Entry *e, const Seen *seen, Vec
     ray->level = seen->place.level;
 #if DISTANCE == EXACT
     ray->vz = (floatl)-0.5f; /* without curvatures its depth is that of equation 7 */
-    ray->a_xx = ray->b_yy = ray->aa_xx = ray->bb_yy = (floatl)0.0f;
+    ray->bend = ray->steep = (floatl)0.0f;
     ray->scale = scale;
 #endif
     made.sound = (way > 0.0f) & (ray->L > 0.0f) & is_sound(ray);
     /* Along the surface, before the point and after; another entry's quadric turns by the curvature times that. */
     const floatl came_2 = t * t - pz * pz, goes_2 = way * way * (1.0f - lz * lz);
-    made.apart = 2.0f * greater(fabs(a), fabs(b)) * depth * scale * sqrt(greater(came_2, goes_2));
+    const floatl curvature = bends * (fabs(e->a + e->b) + sqrt((e->a - e->b) * (e->a - e->b) + e->c * e->c)); /* the greater */
+    made.apart = curvature * depth * scale * sqrt(greater(came_2, goes_2));
     return made;
 }
 

@@ -7,7 +7,7 @@
  * where DISTANCE is APPROXIMATE. The surface lies at depth 1 - height. EXACT goes to R, on the quadric opposite P at
  * right angles to the ray (equation 6). The segment PR is not the way along the normal, and is without bound where the
  * ray runs along it; its part along the normal is. With the normal halfway between P and R that part is equation 7 over
- * the length of that normal, (-2 a x, -2 b y, 1), for the quadric is of degree two: never more than equation 7.
+ * the length of that normal, (-2 a x - c y, -2 b y - c x, 1), for the quadric is of degree two: never more than equation 7.
  *
  * levels: (levels, TABLE) ints: width, height, start in texels, tiers of bounds, and where each of them starts. texels:
  * lib/heights.h. bounds: tier 0 is the greatest height of each cell between 2x2 texels, in 65535ths; the next of 2x2
@@ -43,8 +43,8 @@ typedef struct {
     intl level;          /* of the map */
 #if DISTANCE == EXACT
     floatl vz;                 /* of the unit direction, along the normal: < 0 */
-    floatl a_xx, b_yy;         /* a (direction along x)^2, b (along y)^2 */
-    floatl aa_xx, bb_yy;       /* a^2 ..., b^2 ... */
+    floatl bend;               /* a x^2 + b y^2 + c x y of the direction */
+    floatl steep;              /* square of half the gradient of that */
     floatl scale;              /* of depth 1 */
 #endif
 } ReliefRay;
@@ -59,10 +59,10 @@ floatl depth_of(const ReliefRay *ray, floatl t)
     const floatl depth = PLAIN_DEPTH(ray, t), below = depth * ray->scale;
     const floatl uz = sqrt(greater(1.0f - ray->vz * ray->vz, (floatl)1e-6f)); /* U = (N - vz V) / uz */
     const floatl per = -ray->vz / uz;                                         /* U's tangential part over V's */
-    const floatl bend = ray->a_xx + ray->b_yy, A = per * per * bend, B = 2.0f * t * per * bend - uz;
+    const floatl A = per * per * ray->bend, B = 2.0f * t * per * ray->bend - uz;
     const floatl discriminant = B * B - 4.0f * A * below, root = sqrt(greater(discriminant, (floatl)0.0f));
     const floatl halfway = t + per * below / (root - B); /* tangential part over V's: s is 2 below / (root - B) */
-    const floatl steep = 4.0f * halfway * halfway * (ray->aa_xx + ray->bb_yy);
+    const floatl steep = 4.0f * halfway * halfway * ray->steep;
     const intl solved = (discriminant >= 0.0f) & (root > B);
     return pick(solved, depth / sqrt(1.0f + steep), depth);
 }
@@ -81,10 +81,8 @@ void rest(ReliefRay *ray, intl active)
     ray->K = pick(active, ray->K, (floatl)0.0f);
 #if DISTANCE == EXACT
     ray->vz = pick(active, ray->vz, (floatl)-0.5f);
-    ray->a_xx = pick(active, ray->a_xx, (floatl)0.0f);
-    ray->b_yy = pick(active, ray->b_yy, (floatl)0.0f);
-    ray->aa_xx = pick(active, ray->aa_xx, (floatl)0.0f);
-    ray->bb_yy = pick(active, ray->bb_yy, (floatl)0.0f);
+    ray->bend = pick(active, ray->bend, (floatl)0.0f);
+    ray->steep = pick(active, ray->steep, (floatl)0.0f);
 #endif
 }
 

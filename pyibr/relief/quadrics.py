@@ -1,7 +1,8 @@
 """What relief mapping knows of a mesh at its vertices: how uv runs, and how the surface bends (section 3).
 
-Around each vertex the mesh is approximated by z = a x^2 + b y^2 in the vertex's tangent frame: z along the normal, x
-along the direction in which u grows fastest, y at right angles to both.
+Around each vertex the mesh is approximated by z = a x^2 + b y^2 + c x y in the vertex's tangent frame: z along the
+normal, x along the direction in which u grows fastest, y at right angles to both. The paper has no c: there,
+uv has to run along the directions that bend most and least.
 """
 
 from __future__ import annotations
@@ -29,10 +30,10 @@ class VertexFrames:
     gradients : (N, 2, 3) float64
         Of u and v (tiled), in the tangent plane, per scene unit: 1 / length is a tile's size there. Zero where no
         triangle with usable uv meets the vertex.
-    quadrics : (N, 2) float64
-        a and b, per scene unit.
+    quadrics : (N, 3) float64
+        a, b and c, per scene unit.
     planar : (N,) bool
-        Where no quadric could be fitted: fewer than two neighbours, or neighbours that determine none. a = b = 0.
+        Where no quadric could be fitted: fewer than two neighbours, or neighbours that determine none. a = b = c = 0.
     """
 
     normals: Float64
@@ -104,7 +105,9 @@ def fitted_gradients(vertices: Float64, faces: NDArray[np.int32], normals: Float
 def fitted_quadrics(
     vertices: Float64, faces: NDArray[np.int32], normals: Float64, along_x: Float64
 ) -> tuple[Float64, NDArray[np.bool_]]:
-    """Least-squares fit of a and b to the neighbours of each vertex (equation 2), across seams of uv, too.
+    """Least-squares fit of a, b and c to the neighbours of each vertex (equation 2), across seams of uv, too.
+
+    Where they do not determine all three, c is 0, as in the paper.
 
     Parameters
     ----------
@@ -117,9 +120,9 @@ def fitted_quadrics(
 
     Returns
     -------
-    quadrics : (N, 2) float64
+    quadrics : (N, 3) float64
     planar : (N,) bool
-        Where the neighbours determine no quadric; a = b = 0.
+        Where the neighbours determine no quadric; a = b = c = 0.
     """
     place = np.unique(vertices, axis=0, return_inverse=True)[1].reshape(-1)
     count = int(place.max()) + 1
@@ -151,8 +154,16 @@ def fitted_quadrics(
     determinant = xx * yy - xy * xy
     solved = (neighbours >= 2) & (determinant > _SINGULAR * xx * yy) & (size > 0)
     divisor = np.where(solved, determinant * size, 1.0)
-    quadrics = np.stack([yy * xz - xy * yz, xx * yz - xy * xz], axis=1) / divisor[:, None]
-    return np.where(solved[:, None], quadrics, 0.0), ~solved
+    quadrics = np.stack([yy * xz - xy * yz, xx * yz - xy * xz, 0 * xz], axis=1) / divisor[:, None]
+    quadrics = np.where(solved[:, None], quadrics, 0.0)
+    # All three, where the neighbours tell them apart.
+    x_xy, y_xy = sums(x**3 * y), sums(x * y**3)
+    normal = np.stack([xx, xy, x_xy, xy, yy, y_xy, x_xy, y_xy, xy], axis=1).reshape(-1, 3, 3)
+    diagonal = np.prod(np.diagonal(normal, axis1=1, axis2=2), axis=1)
+    whole = solved & (neighbours >= 3) & (np.linalg.det(normal) > _SINGULAR * diagonal)
+    right = np.stack([xz, yz, sums(x * y * z)], axis=1)[whole] / size[whole, None]
+    quadrics[whole] = np.linalg.solve(normal[whole], right[..., None])[..., 0]
+    return quadrics, ~solved
 
 
 def _any_tangent(normals: Float64) -> Float64:

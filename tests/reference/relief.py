@@ -24,30 +24,37 @@ class Rays:
     uv: np.ndarray  # (n, 2) where they enter,
     duv: np.ndarray  # (n, 2) and its change per t
     V: np.ndarray  # (n, 3) unit directions: x along the gradient of u, y, z along the normal
-    a: np.ndarray  # (n,) the quadric z = a x^2 + b y^2
+    a: np.ndarray  # (n,) the quadric z = a x^2 + b y^2 + c x y
     b: np.ndarray
+    c: np.ndarray
     scale: float
 
     def approximate(self, t: np.ndarray) -> np.ndarray:
         """Equation 7: how far P lies below the quadric, along z; 1 is the bottom."""
         x, y, z = (self.V * t[:, None]).T
-        return -(z - (self.a * x**2 + self.b * y**2)) / self.scale
+        return -(z - (self.a * x**2 + self.b * y**2 + self.c * x * y)) / self.scale
 
     def exact(self, t: np.ndarray) -> np.ndarray:
         """Equation 6: P + s U = R on the quadric; and the part of PR along the normal halfway between them."""
         V, P = self.V, self.V * t[:, None]
         U = np.array([0.0, 0, 1]) - V[:, 2:] * V  # in the plane of V and the normal, at right angles to V
         U /= np.linalg.norm(U, axis=1, keepdims=True)
-        a, b = self.a, self.b
-        A = a * U[:, 0] ** 2 + b * U[:, 1] ** 2
-        B = 2 * a * P[:, 0] * U[:, 0] + 2 * b * P[:, 1] * U[:, 1] - U[:, 2]
-        C = a * P[:, 0] ** 2 + b * P[:, 1] ** 2 - P[:, 2]
+        a, b, c = self.a, self.b, self.c
+        A = a * U[:, 0] ** 2 + b * U[:, 1] ** 2 + c * U[:, 0] * U[:, 1]
+        B = (
+            2 * a * P[:, 0] * U[:, 0]
+            + 2 * b * P[:, 1] * U[:, 1]
+            + c * (P[:, 0] * U[:, 1] + P[:, 1] * U[:, 0])
+            - U[:, 2]
+        )
+        C = a * P[:, 0] ** 2 + b * P[:, 1] ** 2 + c * P[:, 0] * P[:, 1] - P[:, 2]
         discriminant = B**2 - 4 * A * C
         with np.errstate(invalid="ignore", divide="ignore"):
             s = 2 * C / (-B + np.sqrt(discriminant))  # the root next to P, also where A is 0
             R = P + s[:, None] * U
             halfway = 0.5 * (P + R)
-            normal = np.stack([-2 * a * halfway[:, 0], -2 * b * halfway[:, 1], np.ones(len(t))], axis=1)
+            across, down = halfway[:, 0], halfway[:, 1]
+            normal = np.stack([-2 * a * across - c * down, -2 * b * down - c * across, np.ones(len(t))], axis=1)
             normal /= np.linalg.norm(normal, axis=1, keepdims=True)
             along = ((R - P) * normal).sum(axis=1) / self.scale
         return np.where((discriminant >= 0) & (s >= 0), along, self.approximate(t))
@@ -55,7 +62,8 @@ class Rays:
     def ends(self, distance: str) -> tuple[np.ndarray, np.ndarray]:
         """t_max, and whether it is at the bottom (section 3.3)."""
         L = -self.V[:, 2] / self.scale
-        K = (self.a * self.V[:, 0] ** 2 + self.b * self.V[:, 1] ** 2) / self.scale
+        x, y = self.V[:, 0], self.V[:, 1]
+        K = (self.a * x**2 + self.b * y**2 + self.c * x * y) / self.scale
         with np.errstate(invalid="ignore", divide="ignore"):
             bottom, out = 2 / (L + np.sqrt(L**2 + 4 * K)), -L / K
         at_bottom = L**2 + 4 * K >= 0
@@ -142,9 +150,9 @@ def _entered(
     normal = weights @ frames.normals[face]
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     gradients = np.einsum("nk,kic->nic", weights, frames.gradients[face])
-    a, b = (weights @ frames.quadrics[face]).T
+    a, b, c = (weights @ frames.quadrics[face]).T
     duv = np.einsum("nic,nc->ni", gradients, d)
     cosine = (d * normal).sum(axis=1)
-    x = duv[:, 0] / np.linalg.norm(gradients[:, 0], axis=1)
-    y = np.sqrt(np.maximum(1 - cosine**2 - x**2, 0))  # only its square counts
-    return Rays(weights @ uv[face], duv, np.column_stack([x, y, np.minimum(cosine, -STEEPEST)]), a, b, scale)
+    x_axis = gradients[:, 0] / np.linalg.norm(gradients[:, 0], axis=1, keepdims=True)
+    x, y = ((d * axis).sum(axis=1) for axis in (x_axis, np.cross(normal, x_axis)))
+    return Rays(weights @ uv[face], duv, np.column_stack([x, y, np.minimum(cosine, -STEEPEST)]), a, b, c, scale)

@@ -57,8 +57,8 @@ def test_exact_distances_are_closer_to_the_quadric(a, b):
     V = rng.normal(size=(60, 3))
     V[:, 2] = -np.abs(V[:, 2]) - 0.1
     V /= np.linalg.norm(V, axis=1, keepdims=True)
-    rays = Rays(np.zeros((60, 2)), np.zeros((60, 2)), V, np.full(60, a), np.full(60, b), 1.0)
-    ends = Rays(rays.uv, rays.duv, V, rays.a, rays.b, 0.1).ends("approximate")[0]
+    rays = Rays(np.zeros((60, 2)), np.zeros((60, 2)), V, np.full(60, a), np.full(60, b), np.zeros(60), 1.0)
+    ends = Rays(rays.uv, rays.duv, V, rays.a, rays.b, rays.c, 0.1).ends("approximate")[0]
     t = np.minimum(ends, 1.0) * rng.uniform(0.2, 0.9, 60)
     y, x = np.mgrid[-1.2:1.2:1000j, -1.2:1.2:1000j]
     quadric = np.stack([x, y, a * x * x + b * y * y], axis=-1).reshape(-1, 3)
