@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pyibr import io
+from pyibr.capture.frusta import light_for, load_frusta
 from pyibr.capture.raycast import MeshScene, cube_cameras, spread_directions
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64, describe, numbers
@@ -29,6 +30,9 @@ from pyibr.meshes.mesh import Mesh
 
 Float32 = NDArray[np.float32]
 Uint8 = NDArray[np.uint8]
+
+DRAGON_HEAD = Path(__file__).with_name("dragon-head.json")
+"""The frusta of `dragon_head`, in the axes of the scan: +y is up."""
 
 _UP = np.array([0.0, -1.0, 0.0])
 
@@ -139,6 +143,31 @@ def dragon(mesh_path: str | PathLike[str], size: int, views: int = 16) -> list[D
     radius = float(np.linalg.norm(scene.vertices - center, axis=1).max())
     around = spread_directions(views)
     return [scene.capture(_outside(center, radius, direction, (size, size))) for direction in around]
+
+
+def dragon_head(mesh_path: str | PathLike[str], size: int) -> list[DepthImage]:
+    """Make the sixteen depth images that cover the scanned dragon's head, as in the paper's figures 11 to 13.
+
+    Their frusta were proposed by `pyibr place --auto 16 --within ...`, and background was painted by hand over what
+    else was in their images. They are in `dragon-head.json` beside this file, which `pyibr place --frusta` opens, too.
+
+    Parameters
+    ----------
+    mesh_path : path
+        The Stanford dragon as it was scanned (`dragon_vrip.ply`, or one of fewer triangles), also with `.gz`.
+    size : int
+        Of each image in pixels.
+
+    Returns
+    -------
+    list of DepthImage
+        Lit from above. Draw them with `edges="cut"`, as those of `dragon`.
+    """
+    scanned = Mesh.load(mesh_path)
+    light, turned = light_for(scanned, (0, 1, 0)), np.diag([1.0, -1.0, -1.0, 1.0])
+    images = [frustum.resized(size).capture(scanned, light) for frustum in load_frusta(DRAGON_HEAD)[0]]
+    cameras = [Camera(one.camera.K, one.camera.size, turned @ one.camera.world_from_camera) for one in images]
+    return [DepthImage(one.color, one.depth, at, one.far) for one, at in zip(images, cameras, strict=True)]
 
 
 def donut(sides: int = 25, radius: float = 1.0, tube: float = 0.4) -> Mesh:

@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 from pyibr.capture import models
+from pyibr.capture.coverage import surface_of, unseen_share
+from pyibr.capture.frusta import load_frusta
+from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError, FileFormatError
+from pyibr.meshes.mesh import Mesh
+from pyibr.warp.warp import warp
 from tests import truth
 from tests.data import shared
 
@@ -120,6 +125,35 @@ def test_errors_name_what_is_wrong(tmp_path):
     (tmp_path / "empty.ply").write_text("ply\nformat ascii 1.0\nend_header\n")
     with pytest.raises(FileFormatError, match="no triangles"):
         models.dragon(tmp_path / "empty.ply", 16)
+
+
+def test_sixteen_frusta_cover_the_dragons_head():
+    """By rays: they see it, and what is warped from them is it."""
+    frusta, about = load_frusta(models.DRAGON_HEAD)
+    assert len(frusta) == 16
+    assert models.DRAGON_HEAD.stat().st_size < 8000
+    box = np.array(about["within"])
+    path = shared("meshes/dragon_vrip_res3.ply.gz")
+    mesh = Mesh.load(path)
+    surface = surface_of(mesh, 8000, box)
+    seen = [surface.seen(one.resized(256).capture(mesh)) for one in frusta]
+    assert unseen_share(surface, seen) < 0.02
+    views = models.dragon_head(path, 256)
+    box = np.sort(box * (1, -1, -1), axis=0)  # as the views are turned
+    for direction in ((-0.3, -0.2, -1), (-1, -0.1, -0.3), (0.5, -0.6, 1), (-0.2, 0.6, -1)):
+        camera = Camera.look_at(
+            box.mean(axis=0) + 0.15 * np.array(direction), box.mean(axis=0), (0, -1, 0), (181, 163), 45
+        )
+        expected = models.load_scene(path).capture(camera)
+        frame = warp(views, camera)
+        y, x = np.nonzero(expected.valid)
+        points = camera.unproject(np.column_stack([x, y]), expected.depth[y, x])
+        y, x = (one[((points > box[0]) & (points < box[1])).all(axis=1)] for one in (y, x))
+        assert frame.valid[y, x].mean() > 0.97
+        y, x = (one[frame.valid[y, x]] for one in (y, x))
+        apart = np.abs(frame.depth[y, x] / expected.depth[y, x] - 1)
+        assert (apart < 2e-3).mean() > 0.93  # but for silhouettes, which images know to a sample
+    assert models.view(views, (32, 32)).center[2] < 0
 
 
 def test_the_real_earth_and_dragon():
