@@ -5,7 +5,7 @@ from __future__ import annotations
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
-from objects import knot
+from objects import by_rays, knot
 from reliefs import show, wires
 
 import pyibr as ibr
@@ -28,8 +28,8 @@ def segmentation() -> Figure:
     stretched = ibr.DepthMesh(view, tolerance=2, segmentation=Segmentation("none"))
     figure, row = plt.subplots(1, 4, figsize=(14, 3.6), layout="constrained")
     show(row[0], np.where(view.valid[..., None], view.color, 255), "the view, with depth")
-    show(row[1], ibr.render(stretched, camera, background=WHITE).color, "rubber sheets")
-    frame = ibr.render(mesh, camera, background=WHITE)
+    show(row[1], ibr.render(stretched, camera, background=WHITE, samples=4).color, "rubber sheets")
+    frame = ibr.render(mesh, camera, background=WHITE, samples=4)
     show(row[2], frame.color, "segmented")
     triangles = mesh.triangulate(camera)
     show(row[3], (255 - (255 - frame.color) * 0.35).astype(np.uint8), f"{len(triangles.faces):,} triangles, 2 px")
@@ -47,11 +47,10 @@ def blending() -> Figure:
     camera = seen_from(5.1, -4.7, 6.2)
     meshes = [ibr.DepthMesh(view) for view in views]
     figure, row = plt.subplots(1, 5, figsize=(17.2, 3.6), layout="constrained")
-    truth = scene.capture(camera, background=WHITE)
-    show(row[0], truth.color, "the mesh")
+    show(row[0], by_rays(scene, camera), "the mesh")
     for axes, blend in zip(row[1:4], ("nearest", "position", "quality"), strict=True):
         thing = ibr.DepthMeshObject(meshes, blend=blend)
-        show(axes, ibr.render(thing, camera, background=WHITE).color, f'blend="{blend}"')
+        show(axes, ibr.render(thing, camera, background=WHITE, samples=4).color, f'blend="{blend}"')
     thing = ibr.DepthMeshObject(meshes)
     occupancy = thing.occupancy(camera)
     picture = np.full((*occupancy.shape, 3), 255, np.uint8)
@@ -69,5 +68,5 @@ def unseen() -> Figure:
     for axes, eye in zip(row, eyes, strict=True):
         camera = seen_from(*eye)
         count = sum(len(mesh.triangulate(camera, thing.tolerance / 2).faces) for mesh in thing.meshes)
-        show(axes, ibr.render(thing, camera, background=WHITE).color, f"{count:,} triangles of six views")
+        show(axes, ibr.render(thing, camera, background=WHITE, samples=4).color, f"{count:,} triangles of six views")
     return figure

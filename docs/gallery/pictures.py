@@ -164,7 +164,7 @@ def slicing_directions() -> Figure:
         )
         for axes, slicing in zip(grid[row], ("surface", "orthogonal", "screen"), strict=True):
             thing = ibr.SlicedSurface(square, height, color, 0.22, slices=slices, slicing=slicing)
-            bare(axes).imshow(ibr.render(thing, camera, light, background=(255, 255, 255)).color)
+            bare(axes).imshow(ibr.render(thing, camera, light, background=(255, 255, 255), samples=4).color)
             axes.set_title(f'slicing="{slicing}", {slices} slices', loc="left", fontsize=12, color=INK)
     return figure
 
@@ -187,7 +187,7 @@ def three_directions() -> Figure:
         middle = np.array([0.5, 0.5, 0.1])
         eye = middle + 3 * np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
         camera = ibr.Camera.look_at(eye, middle, (0, 0, 1), (640, 330), 27 if elevation > 45 else 15)
-        bare(axes).imshow(ibr.render(thing, camera, light, background=(255, 255, 255)).color)
+        bare(axes).imshow(ibr.render(thing, camera, light, background=(255, 255, 255), samples=4).color)
         axes.set_title(f"direction {name}", loc="left", fontsize=12, color=INK)
     return figure
 
@@ -207,7 +207,7 @@ def slice_counts() -> Figure:
     for row, slicing in zip(grid, ("surface", "orthogonal", "screen"), strict=True):
         for axes, slices in zip(row, (6, 12, 48), strict=True):
             thing = ibr.SlicedSurface(square, height, color, 0.2, slices=slices, slicing=slicing)
-            bare(axes).imshow(ibr.render(thing, camera, light, background=(255, 255, 255)).color)
+            bare(axes).imshow(ibr.render(thing, camera, light, background=(255, 255, 255), samples=4).color)
             axes.set_title(f'slicing="{slicing}", {slices} slices', loc="left", fontsize=12, color=INK)
     return figure
 
@@ -232,7 +232,7 @@ def donuts() -> Figure:
         "bricks, 15 slices": ibr.SlicedSurface(models.donut(), brick, red, 0.06, tiles=(10, 4), slices=15),
     }
     for axes, (name, surface) in zip(row, surfaces.items(), strict=True):
-        bare(axes).imshow(ibr.render(surface, camera, light, background=(255, 255, 255)).color)
+        bare(axes).imshow(ibr.render(surface, camera, light, background=(255, 255, 255), samples=4).color)
         axes.set_title(name, loc="left", fontsize=12, color=INK)
     return figure
 

@@ -99,7 +99,7 @@ def silhouettes() -> Figure:
     figure, grid = plt.subplots(2, 3, figsize=(13.5, 6.6), layout="constrained")
     for row, (mesh, tiles, scale, camera) in zip(grid, things, strict=True):
         made = {s: ibr.ReliefSurface(mesh, height, color, scale, tiles, silhouette=s) for s in ("none", "quadric")}
-        frames = {s: ibr.render(thing, camera, light, background=WHITE).color for s, thing in made.items()}
+        frames = {s: ibr.render(thing, camera, light, background=WHITE, samples=4).color for s, thing in made.items()}
         show(row[0], frames["none"], 'silhouette="none"')
         show(row[1], frames["quadric"], 'silhouette="quadric"')
         show(row[2], frames["quadric"], "the mesh over it")
@@ -115,7 +115,7 @@ def distances() -> Figure:
     frames: list[ibr.Frame] = []
     for distance in ("exact", "approximate"):
         relief = ibr.ReliefSurface(tube(24), height, color, 0.15, (7, 3), distance=distance)
-        frames.append(ibr.render(relief, camera, light, background=WHITE))
+        frames.append(ibr.render(relief, camera, light, background=WHITE, samples=4))
     off = np.abs(frames[0].color.astype(int) - frames[1].color).max(axis=2)
     figure, row = plt.subplots(1, 3, figsize=(13.5, 3.6), layout="constrained")
     show(row[0], frames[0].color, 'distance="exact"')
@@ -131,16 +131,16 @@ def scenes() -> Figure:
     figure, grid = plt.subplots(2, 2, figsize=(13, 9.6), layout="constrained")
     camera = ibr.Camera.look_at((1.6, -3.2, 0.8), (0, 0, 0), (0, 0, 1), (620, 440), 42)
     both = [ibr.ReliefSurface(tube(32), *brick, 0.13, (6, 3)), ibr.ReliefSurface(tube(32), *stone, 0.13, (5, 2))]
-    frame = ibr.render(both, camera, light, background=WHITE)
+    frame = ibr.render(both, camera, light, background=WHITE, samples=4)
     show(grid[0, 0], frame.color, "two coincident cylinders of different materials")
     camera = ibr.Camera.look_at((0.75, -1.1, 0.75), (0.25, -0.55, 0.12), (0, 0, 1), (620, 440), 44)
     saddle = ibr.ReliefSurface(models.donut(48), *stone, 0.07, (8, 3))
-    show(grid[0, 1], ibr.render(saddle, camera, light, background=WHITE).color, "the saddle inside a torus")
+    show(grid[0, 1], ibr.render(saddle, camera, light, background=WHITE, samples=4).color, "the saddle inside a torus")
     row = []
     for tiles in ((4, 2), (8, 3), (16, 6)):
         torus = ibr.ReliefSurface(models.donut(48), *stone, 0.28 / tiles[1], tiles)
         view = ibr.Camera.look_at((0.7, -2.3, 2.6), (0, 0, 0), (0, 0, 1), (300, 440), 62)
-        row.append(ibr.render(torus, view, light, background=WHITE).color)
+        row.append(ibr.render(torus, view, light, background=WHITE, samples=4).color)
     show(grid[1, 0], np.hstack(row), "one torus with more and more tiles")
     show(grid[1, 1], room((620, 440)), "walls, floor, columns and a torus, with shadows")
     return figure
@@ -165,4 +165,4 @@ def room(size: tuple[int, int]) -> np.ndarray:
     light = ibr.Light(
         position=(2.6, -3.6, 4.4), direction=(-2.6, 3.9, -3.9), angle=75, color=(1.5, 1.4, 1.25), shadow_size=2048
     )
-    return ibr.render(things, camera, light).color
+    return ibr.render(things, camera, light, samples=4).color

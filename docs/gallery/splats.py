@@ -8,7 +8,6 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-import cv2
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
@@ -29,10 +28,10 @@ def splats() -> Figure:
                 exec(source, names)
             light, (width, height) = names["light"], (LARGER * side for side in names["camera"].size)
             lamp = ibr.Light(position=light.position, ambient=light.ambient, shadow_size=4 * light.shadow_size)
-            fine = names["camera"].resized((2 * width, 2 * height))  # for smooth edges
-            image = ibr.render(names["scene"], fine, lamp, background=(255, 255, 255)).color
+            larger = names["camera"].resized((width, height))
+            image = ibr.render(names["scene"], larger, lamp, background=(255, 255, 255), samples=4).color
         finally:
             os.chdir(before)
     figure = plt.figure(figsize=(width / DOTS, height / DOTS), dpi=DOTS)
-    figure.figimage(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA))
+    figure.figimage(image)
     return figure
