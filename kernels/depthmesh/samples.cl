@@ -4,7 +4,8 @@
  * (equation 3) and long in depth (equation 4); for orthographic views, whose z has no fixed origin, the depth range is
  * taken relative to the view's extent. TEST_CONNECTEDNESS (Mark, McMillan & Bishop 1997): an edge is kept if it is
  * short, or either of its samples continues the line to the other's far side, in nearness, where planes are straight. TEST_DISPARITY: nearness
- * within the triangle differs too much (Oliveira & Bishop 1998). TEST_NONE keeps everything.
+ * within the triangle differs too much (Oliveira & Bishop 1998). TEST_NONE keeps everything. Beyond the papers: in all tests,
+ * what the sensor's noise explains is no step (`noise`).
  *
  * nearness: (height, pitch), lib/nearness.cl. cells: (height, pitch) states of each cell's two triangles (tree.h).
  * normals: (3, height, pitch) in the view's frame, towards the camera, from the differences to those neighbours that
@@ -26,7 +27,17 @@ typedef struct {
     float depth_range; /* of what is one surface, relative to z or to the extent */
     float extent;      /* of an orthographic view's samples, in scene units */
     float gap;         /* relative difference of nearness between samples of one surface */
+    float noise[3];    /* by a z z + b z + c the depths of one surface may differ at depth z */
 } Segmentation;
+
+/* How far apart depths z of one surface may be by their noise, and nearness there */
+#define NOISE_AT(rule, z) (((rule)->noise[0] * (z) + (rule)->noise[1]) * (z) + (rule)->noise[2])
+INLINED floatl noise_of_nearness(const Layout *layout, const Segmentation *rule, floatl n)
+{
+    if (!layout->perspective)
+        return NOISE_AT(rule, -n);
+    return rule->noise[0] + (rule->noise[1] + rule->noise[2] * n) * n; /* that of the depth, times n n */
+}
 
 #define SPREAD(a, b, c) (fmax(a, fmax(b, c)) - fmin(a, fmin(b, c)))
 
@@ -43,11 +54,12 @@ intl bridges(const Layout *layout, const Segmentation *rule, Vector p, Vector q,
         sight.z = p.z + q.z + r.z;
         scale = sight.z * (1.0f / 3.0f);
     }
+    const floatl noise = NOISE_AT(rule, (p.z + q.z + r.z) * (1.0f / 3.0f)), allowed = fmax(rule->depth_range * scale, noise);
     const floatl along = DOT(sight, normal), sizes = DOT(sight, sight) * DOT(normal, normal);
-    return (along * along < rule->sine * rule->sine * sizes) & (SPREAD(p.z, q.z, r.z) > rule->depth_range * scale);
+    return (along * along < rule->sine * rule->sine * sizes) & (SPREAD(p.z, q.z, r.z) > allowed);
 #elif TEST == TEST_DISPARITY
-    const floatl scale = layout->perspective ? fmax(a, fmax(b, c)) : (floatl)rule->extent;
-    return SPREAD(a, b, c) > rule->gap * scale;
+    const floatl nearest = fmax(a, fmax(b, c)), scale = layout->perspective ? nearest : (floatl)rule->extent;
+    return SPREAD(a, b, c) > fmax(rule->gap * scale, noise_of_nearness(layout, rule, nearest));
 #else
     return (intl)(p.z < -INFINITY);
 #endif
@@ -60,7 +72,8 @@ intl connected(const Layout *layout, const Segmentation *rule, floatl before, fl
     const floatl step = b - a, scale = layout->perspective ? fmax(fabs(a), fabs(b)) : (floatl)rule->extent;
     const floatl on = pick(IS_SAMPLE(before), fabs(step - (a - before)), fabs(step));
     const floatl back = pick(IS_SAMPLE(after), fabs(step - (after - b)), fabs(step));
-    return fmin(fmin(on, back), fabs(step)) <= rule->gap * scale;
+    const floatl allowed = fmax(rule->gap * scale, noise_of_nearness(layout, rule, fmax(a, b)));
+    return fmin(fmin(on, back), fabs(step)) <= allowed;
 }
 
 /* The same for the sample at (x, y) and the next along x or y */

@@ -14,6 +14,8 @@ from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
 from pyibr.opencl.headers import struct
 
+_NOISE_MOST = 1e18  # scene units: its products with depths are still within single precision
+
 Test = Literal["orthogonality", "connectedness", "disparity", "none"]
 
 
@@ -36,6 +38,9 @@ class Segmentation:
     gap : float
         > 0: for the other tests, the largest relative difference of disparities (1 / z); in orthographic views of
         depths, by the samples' largest extent.
+    deviations : float
+        >= 0: for all tests, differences of depth up to so many standard deviations of the view's noise (which is found
+        from its samples: `DepthImage.noise`) are no step. 0: as if there were none.
 
     Raises
     ------
@@ -46,13 +51,14 @@ class Segmentation:
     --------
     >>> from pyibr.depthmesh import Segmentation
     >>> Segmentation(angle=3)
-    Segmentation(test='orthogonality', angle=3, depth_range=0.02, gap=0.02)
+    Segmentation(test='orthogonality', angle=3, depth_range=0.02, gap=0.02, deviations=4.0)
     """
 
     test: Test = "orthogonality"
     angle: float = 5.0
     depth_range: float = 0.02
     gap: float = 0.02
+    deviations: float = 4.0
 
     def __post_init__(self) -> None:
         one_of("test", self.test, Test)
@@ -61,12 +67,16 @@ class Segmentation:
         for name in ("depth_range", "gap"):
             if not float(numbers(name, getattr(self, name), ())) > 0:
                 raise ArgumentError(name, "a number > 0", describe(getattr(self, name)))
+        if not float(numbers("deviations", self.deviations, ())) >= 0:
+            raise ArgumentError("deviations", "a number >= 0", describe(self.deviations))
 
     def record(self, view: DepthImage, depth_span: float) -> NDArray[np.void]:
         """A record of the kernels' struct Segmentation; the view's depths differ by up to `depth_span`."""
         values = np.zeros((), struct("depthmesh/samples.cl", "Segmentation"))
         values["sine"] = math.sin(math.radians(self.angle))
         values["depth_range"], values["gap"] = self.depth_range, self.gap
+        if self.deviations > 0 and self.test != "none":
+            values["noise"] = np.minimum(self.deviations * np.array(view.noise), _NOISE_MOST)
         if view.camera.projection == "orthographic":
             values["extent"] = max(*_sides(view), depth_span)
         return values

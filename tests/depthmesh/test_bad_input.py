@@ -92,6 +92,7 @@ def test_options_of_objects(argument, value):
         *[("test", value) for value in ("best", None, 0)],
         *[("angle", value) for value in (0, -5, 90, np.nan, "5", None, [5])],
         *[(name, value) for name in ("depth_range", "gap") for value in (0, -1, np.nan, np.inf, "1", None)],
+        *[("deviations", value) for value in (-1, np.nan, np.inf, "1", None)],
     ],
 )
 def test_segmentations(argument, value):

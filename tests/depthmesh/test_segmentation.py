@@ -98,10 +98,32 @@ def test_stricter_thresholds_take_out_more(test):
     view = rough(np.random.default_rng(0), (61, 37), "perspective", 0.3)
     kept = []
     for k in (1, 2, 4):
-        rule = Segmentation(test, angle=8 * k, depth_range=0.08 / k, gap=0.08 / k)
+        rule = Segmentation(test, angle=8 * k, depth_range=0.08 / k, gap=0.08 / k, deviations=0)
         kept.append(cells_of(ibr.DepthMesh(view, segmentation=rule)))
     assert kept[0].sum() > kept[1].sum() > kept[2].sum() > 0
     assert not (kept[1] & ~kept[0]).any() and not (kept[2] & ~kept[1]).any()
+
+
+@pytest.mark.parametrize("test", TESTS)
+@pytest.mark.parametrize("projection", PROJECTIONS)
+@pytest.mark.parametrize("name", ["tilted", "curved"])
+def test_noise_is_no_step(name, projection, test):
+    """What the sensor's noise explains stays, though it is rougher than the thresholds; steps are still found."""
+    clean, plate = layered(name, SIZE, projection)
+    noise = np.random.default_rng(4).normal(0, 0.06, clean.depth.shape).astype(np.float32)
+    view, rubber = ibr.DepthImage(clean.color, clean.depth + noise, clean.camera), bridging(plate)
+    rules = [Segmentation(test, deviations=0), Segmentation(test)]
+    unaware, aware = (cells_of(ibr.DepthMesh(view, segmentation=rule)) for rule in rules)
+    # Three samples span more than 4 deviations once in 75 times.
+    assert (~aware)[~rubber].mean() < min(0.02, 0.7 * (~unaware)[~rubber].mean())
+    assert (~aware)[rubber].mean() >= 0.99  # steps of 20 deviations and more
+
+
+def test_clean_depth_is_segmented_as_if_there_were_no_noise():
+    view = room(0)
+    np.testing.assert_array_equal(
+        *(cells_of(ibr.DepthMesh(view, segmentation=Segmentation(deviations=d))) for d in (0, 4))
+    )
 
 
 # --- a room --------------------------------------------------------------------------------------------

@@ -250,6 +250,14 @@ def segmented(view: DepthImage, rule: Segmentation) -> np.ndarray:
     perspective = view.camera.projection == "perspective"
     extent = np.ptp([tree.place((x, y)) for y, x in np.argwhere(view.valid)], axis=0).max()
 
+    def explained(z: float) -> float:
+        """By how much noise may set depths of one surface apart."""
+        a, b, c = view.noise if rule.deviations else (0.0, 0.0, 0.0)
+        return rule.deviations * (a * z * z + b * z + c)
+
+    def explained_nearness(n: float) -> float:
+        return explained(1 / n) * n * n if perspective else explained(-n)
+
     def orthogonality(corners: list[Corner]) -> bool:
         p, q, r = (tree.place(corner) for corner in corners)
         normal = np.cross(q - p, r - p)
@@ -257,7 +265,9 @@ def segmented(view: DepthImage, rule: Segmentation) -> np.ndarray:
         sine = abs(normal @ sight) / np.linalg.norm(normal) / np.linalg.norm(sight)
         z = [p[2], q[2], r[2]]
         scale = np.mean(z) if perspective else extent
-        return sine < np.sin(np.radians(rule.angle)) and np.ptp(z) > rule.depth_range * scale
+        return sine < np.sin(np.radians(rule.angle)) and np.ptp(z) > max(
+            rule.depth_range * scale, explained(np.mean(z))
+        )
 
     def nearness(corner: Corner) -> float:
         z = depth[corner[::-1]]
@@ -265,7 +275,7 @@ def segmented(view: DepthImage, rule: Segmentation) -> np.ndarray:
 
     def disparity(corners: list[Corner]) -> bool:
         n = [nearness(corner) for corner in corners]
-        return np.ptp(n) > rule.gap * (max(n) if perspective else extent)
+        return np.ptp(n) > max(rule.gap * (max(n) if perspective else extent), explained_nearness(max(n)))
 
     def connected(a: Corner, b: Corner) -> bool:
         """Whether the step from a to b is small, or like the one before it or after it on their line."""
@@ -277,7 +287,7 @@ def segmented(view: DepthImage, rule: Segmentation) -> np.ndarray:
                 other = nearness(a) - nearness(end) if sign > 0 else nearness(end) - nearness(b)
                 off.append(abs(change - other))
         scale = max(abs(nearness(a)), abs(nearness(b))) if perspective else extent
-        return min(off) <= rule.gap * scale
+        return min(off) <= max(rule.gap * scale, explained_nearness(max(nearness(a), nearness(b))))
 
     def connectedness(corners: list[Corner]) -> bool:
         sides = [(a, b) for a in corners for b in corners if a < b and (a[0] == b[0] or a[1] == b[1])]
