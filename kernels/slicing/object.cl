@@ -7,8 +7,9 @@
  * FARTHEST.
  *
  * Deviations from the paper: the slices are met per pixel instead of drawn as polygons, so the stencil passes become
- * one loop; `halvings` brings the point that passes closer to the surface than its slice; `visible` weighs only images
- * that saw the point.
+ * one loop; `halvings` brings the point that passes closer to the surface than its slice; `visible` weighs images by how
+ * much of what they saw around the point is as far away as it. So images say little of surfaces along their view, between
+ * samples before and behind, unless no other sees them; for the colours of such the surface is met more closely.
  *
  * matrices: (VIEWS, 16) from the world to each view's pixel space. sizes: (VIEWS, 3) width, height and start in maps
  * and colors. maps: nearness, or 0 and 1. colors: RGBA bytes, A = 255 where the view has a sample. order: (VIEWS,)
@@ -30,6 +31,8 @@
 #endif
 #define TO_SCREEN 3 /* the axis of slices that are parallel to the screen; others are 0, 1, 2 */
 #define BLENDED 3 /* views that a colour is made of at most */
+#define DOUBTED 0.1f /* of a view: where all together see less, the surface is met more closely for its colour */
+#define CLOSER 6     /* further halvings there: along a view a surface moves by its whole length within a sample */
 
 typedef struct {
     float from_world[12]; /* row by row */
@@ -160,6 +163,18 @@ Part part_in(Box box, const WorldRay *ray, floatl from, int slices_axis)
     return part;
 }
 
+/* Brings what passed back towards what did not, `way` before it, halving by halving. */
+void halve(const Views *views, const ViewRay *rays, Part part, floatl way, int halvings, intl found, floatl *hit, intl *tests)
+{
+    floatl before = greater(*hit - way, part.front);
+    for (int i = 0; i < halvings && any_lane(found); i++) {
+        const floatl middle = 0.5f * (before + *hit);
+        const intl inside = inside_all(views, rays, middle, found, tests);
+        *hit = pick(inside, middle, *hit);
+        before = pick(inside, before, middle);
+    }
+}
+
 /* Where do rays meet the object before what is drawn, which hides it from `hidden` on? Sets hit there. */
 intl meet_object(const Views *views, const WorldRay *ray, Part part, floatl hidden, int halvings, floatl *hit, intl *tests)
 {
@@ -183,13 +198,7 @@ intl meet_object(const Views *views, const WorldRay *ray, Part part, floatl hidd
         *hit = pick(inside, z, *hit);
         found = found | inside;
     }
-    floatl before = greater(*hit - fabs(per_slice), part.front);
-    for (int i = 0; i < halvings && any_lane(found); i++) {
-        const floatl middle = 0.5f * (before + *hit);
-        const intl inside = inside_all(views, rays, middle, found, tests);
-        *hit = pick(inside, middle, *hit);
-        before = pick(inside, before, middle);
-    }
+    halve(views, rays, part, fabs(per_slice), halvings, found, hit, tests);
     return found;
 }
 
@@ -197,23 +206,51 @@ intl meet_object(const Views *views, const WorldRay *ray, Part part, floatl hidd
 typedef struct {
     Color color;
     floatl weight;
-    intl views;
+    floatl views; /* which a part of counts as that part */
 } Blend;
 
-void blend_in(Blend *blend, intl mask, Color read, floatl scale, float closeness)
+INLINED Color color_times(Color c, floatl by)
 {
-    const Color none = {0.0f, 0.0f, 0.0f}, more = {scale * read.r, scale * read.g, scale * read.b};
-    add_color(&blend->color, 1.0f, pick_color(mask, more, none));
-    blend->weight += pick(mask, (floatl)closeness, (floatl)0.0f);
-    blend->views += mask & 1;
+    const Color made = {by * c.r, by * c.g, by * c.b};
+    return made;
 }
 
-/* Of the rays' points at `hit`: of views that see them, if there are, else of any */
-Color color_at(const Views *views, const WorldRay *ray, floatl hit, intl found)
+/* What a view's samples around a place say of points there: the colours of all, or of those about as far away. */
+typedef struct {
+    Color color; /* times their weights */
+    floatl weight;
+    intl sees;
+} Told;
+
+INLINED Told told_by(const Views *views, int number, const ViewRay *view, Samples samples, floatl hit, int trusting)
 {
-    Blend seen = {{0.0f, 0.0f, 0.0f}, 0.0f, 0}, any = seen;
+    Told told = {{0.0f, 0.0f, 0.0f}, 0.0f, samples.on_image};
+    global const int *size = views->sizes + 3 * number;
+    const floatl w = AT(view->w, hit), mine = AT(view->q, hit) / w;
+    const intl flat = fabs(w - 1.0f) + fabs(view->w.sloped) == 0.0f; /* orthographic: nearness is -z */
+    const floatl by = 1.0f / (views->tolerance * pick(flat, (floatl)1.0f, mine * mine));
+    floatl last = INFINITY; /* how much nearer than the point the farthest sample is, by the tolerance */
+    for (int k = 0; k < 4; k++) {
+        const intl word = texels_at(views->colors + size[2], samples.taps.at[k]);
+        floatl weight = samples.weights[k] * to_floatl((word >> 24) & 1);
+        if (trusting) {
+            const floatl off = ((floatl)(gather(views->maps + size[2], samples.taps.at[k])) - mine) * by;
+            last = lesser(last, off);
+            weight = weight / (1.0f + off * off);
+        }
+        add_color(&told.color, weight, color_of(word));
+        told.weight += weight;
+    }
+    told.sees = told.sees & (trusting ? (last <= 1.0f) & (told.weight > 0.0f) : told.weight > 1e-3f);
+    return told;
+}
+
+/* Blends colours of the rays' points at `hit`: trusting, of views that see them, else of the closest. */
+Blend blend_views(const Views *views, const WorldRay *ray, floatl hit, intl asked, int trusting)
+{
+    Blend blend = {{0.0f, 0.0f, 0.0f}, 0.0f, 0.0f};
     for (int i = 0; i < VIEWS; i++) { /* `order` is from the closest on */
-        const intl wanted = found & (seen.views < BLENDED);
+        const intl wanted = asked & (blend.views < BLENDED - 0.5f);
         if (!any_lane(wanted))
             break;
         const int number = views->order[i];
@@ -221,29 +258,42 @@ Color color_at(const Views *views, const WorldRay *ray, floatl hit, intl found)
         const ViewRay view = view_ray(views->matrices + 16 * number, ray);
         const floatl inverse = 1.0f / AT(view.w, hit);
         const Samples samples = samples_at(size, AT(view.u, hit) * inverse, AT(view.v, hit) * inverse);
-        Color read = {0.0f, 0.0f, 0.0f};
-        floatl opaque = 0.0f;
-        for (int k = 0; k < 4; k++) {
-            const intl word = texels_at(views->colors + size[2], samples.taps.at[k]);
-            const floatl weight = samples.weights[k] * to_floatl((word >> 24) & 1);
-            add_color(&read, weight, color_of(word));
-            opaque += weight;
-        }
-        const intl has_color = samples.on_image & (opaque > 1e-3f);
-        intl sees = has_color;
-#if !SILHOUETTES
-        const floatl mine = AT(view.q, hit) * inverse, theirs = read_map(views->maps + size[2], samples);
-        const intl flat = fabs(AT(view.w, hit) - 1.0f) + fabs(view.w.sloped) == 0.0f; /* orthographic: nearness is -z */
-        sees = sees & (pick(flat, theirs - mine, (theirs - mine) / (theirs * mine)) <= views->tolerance);
-#endif
-        const floatl scale = views->closeness[number] / (255.0f * opaque);
-        blend_in(&any, has_color & (any.views < BLENDED), read, scale, views->closeness[number]);
-        blend_in(&seen, sees & wanted, read, scale, views->closeness[number]);
+        const Told told = told_by(views, number, &view, samples, hit, trusting);
+        const floatl part = trusting ? told.weight : (floatl)1.0f; /* samples without colours take nothing from others */
+        const floatl share = pick(wanted & told.sees, views->closeness[number] * part / told.weight, (floatl)0.0f);
+        const Color none = {0.0f, 0.0f, 0.0f};
+        add_color(&blend.color, share, pick_color(told.sees, told.color, none));
+        blend.weight += share * pick(told.sees, told.weight, (floatl)0.0f);
+        blend.views += pick(wanted & told.sees, part, (floatl)0.0f);
     }
-    const intl trusts = (seen.weight > 0.0f) & (views->visible ? (intl)-1 : (intl)0);
-    const floatl scale = 1.0f / fmax(pick(trusts, seen.weight, any.weight), (floatl)1e-20f);
-    const Color color = pick_color(trusts, seen.color, any.color), shade = {scale * color.r, scale * color.g, scale * color.b};
-    return shade;
+    return blend;
+}
+
+/* Of the rays' points at `hit`: of views that see them, if there are, else of any */
+Color color_at(const Views *views, const WorldRay *ray, Part part, floatl hit, int halvings, intl found, intl *tests)
+{
+    Blend blend = {{0.0f, 0.0f, 0.0f}, 0.0f, 0.0f};
+    if (!SILHOUETTES && views->visible) {
+        blend = blend_views(views, ray, hit, found, 1);
+        const intl doubted = found & (blend.views < DOUBTED);
+        if (any_lane(doubted)) {
+            ViewRay rays[VIEWS];
+            for (int i = 0; i < VIEWS; i++)
+                rays[i] = view_ray(views->matrices + 16 * views->order[i], ray);
+            const floatl way = fabs(1.0f / part.number.sloped) / (float)(1 << halvings);
+            halve(views, rays, part, way, CLOSER, doubted, &hit, tests);
+            const Blend closer = blend_views(views, ray, hit, doubted, 1);
+            blend.color = pick_color(doubted, closer.color, blend.color);
+            blend.weight = pick(doubted, closer.weight, blend.weight);
+        }
+    }
+    const intl unseen = found & !(blend.weight > 0.0f);
+    if (any_lane(unseen)) {
+        const Blend any = blend_views(views, ray, hit, unseen, 0);
+        blend.color = pick_color(unseen, any.color, blend.color);
+        blend.weight = pick(unseen, any.weight, blend.weight);
+    }
+    return color_times(blend.color, 1.0f / (255.0f * fmax(blend.weight, (floatl)1e-20f)));
 }
 
 kernel void draw_object(global const float *matrices, global const int *sizes, global const float *maps,
@@ -268,14 +318,14 @@ kernel void draw_object(global const float *matrices, global const int *sizes, g
     const Part part = part_in(box, &ray, screen.perspective ? 1.0f / screen.nearest : 0.0f, slices_axis);
     floatl hit = 0.0f;
     intl tests = 0, found = meet_object(&views, &ray, part, hidden, halvings, &hit, &tests);
-    if (COUNTED)
-        add_counts(COUNTS(int), screen, x, y, tests);
     const floatl nearness = DEPTH_OF(screen.perspective, hit);
     found = found & (nearness > so_far); /* of what is equally far, the first stays */
     region.nearness[0] = pick(found, nearness, so_far);
     region.owner[0] = pick(found, (intl)0, (intl)-1);
     Color shade = {0.0f, 0.0f, 0.0f};
     if (any_lane(found))
-        shade = color_at(&views, &ray, hit, found);
+        shade = color_at(&views, &ray, part, hit, halvings, found, &tests);
+    if (COUNTED)
+        add_counts(COUNTS(int), screen, x, y, tests);
     write_block(&region, 0, screen, depth, color, valid, blank, x, y, shade);
 }

@@ -156,6 +156,23 @@ def test_a_cups_cavity_is_in_the_object_and_not_in_the_hull():
     assert (truth.depth[middle] - hull.depth[middle]).min() > 1.0  # 1.8 deep, and closed
 
 
+@pytest.mark.parametrize("kind", ["orthographic", "perspective"])
+def test_walls_along_views_have_the_colours_of_those_that_see_them(kind):
+    """A cup's: to two orthographic views they are less than a sample wide, to no other the inner ones are seen."""
+    scene = cup()
+    thing = ibr.DepthObject(object_views(scene, 256, kind), 256)
+    for direction in ((0.5, 0.9, 1), (0.4, 1.2, 0.8)):
+        camera = looking(scene, direction, (180, 140))
+        truth, frame = scene.capture(camera), ibr.render(thing, camera)
+        both = frame.valid & truth.valid
+        off = (np.abs(frame.color.astype(int) - truth.color) > 40).any(axis=-1)
+        assert (off & both).sum() <= 0.005 * both.sum()  # the rim, which is a sample off
+        depth = np.where(truth.valid, truth.depth, 9).astype(np.float32)
+        jumps = cv2.dilate(depth, np.ones((3, 3))) > 1.03 * cv2.erode(depth, np.ones((3, 3)))
+        inside = both & (cv2.dilate(jumps.astype(np.uint8), np.ones((3, 3))) == 0)
+        assert (off & inside).sum() <= 1e-4 * inside.sum()
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_hull_contains_the_object(kind):
     views, camera = views_of_torus(kind), looking(torus(), FRONT, (110, 90))
