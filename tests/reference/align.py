@@ -1,0 +1,34 @@
+"""Depth aligned to colour in the way of librealsense's `align`, in NumPy.
+
+The two corners of each depth pixel are projected into the colour camera's image, without distortion; the rectangle
+between them, from the pixel that one lies in up to the pixel before the other's, gets the pixel's value as it was
+stored, and keeps the least. So all is half a pixel too far left and up on average; what is seen aslant has gaps where
+rectangles do not meet, and farther surfaces show through.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.core.camera import Camera
+
+
+def aligned(depth: NDArray[np.uint16], scale: float, depth_camera: Camera, color_camera: Camera) -> NDArray[np.uint16]:
+    """(h, w) of the colour camera; 0 where no rectangle lies. scale: stored units per scene unit."""
+    here, there = (Camera(c.K, c.size, c.world_from_camera) for c in (depth_camera, color_camera))
+    rows, columns = np.nonzero(depth)
+    stored = depth[rows, columns]
+    corners = [
+        there.project(here.unproject(np.column_stack([columns + aside, rows + aside]), stored / scale))[0]
+        for aside in (-0.5, 0.5)
+    ]
+    (left, top), (right, bottom) = (np.floor(corner + 0.5).astype(int).T for corner in corners)
+    width, height = there.size
+    found = np.full((height, width), 2**16, np.int64)
+    for down in range(int((bottom - top).max(initial=0))):
+        for across in range(int((right - left).max(initial=0))):
+            x, y = left + across, top + down
+            inside = (x < right) & (y < bottom) & (x >= 0) & (y >= 0) & (x < width) & (y < height)
+            np.minimum.at(found, (y[inside], x[inside]), stored[inside])
+    return np.where(found < 2**16, found, 0).astype(np.uint16)
