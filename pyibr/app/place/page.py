@@ -404,10 +404,11 @@ class BrowserPage:
         left, top, side = corner_box(camera.size)
         pixels = np.array([[left, top], [left + side, top], [left + side, top + side], [left, top + side]]) - 0.5
         corners = np.column_stack([camera.ideal_positions(pixels), np.ones(4)]) * _LAYER
+        faces = np.array([[0, 2, 1], [0, 3, 2]], np.uint32)  # backs away: viser colours those of what is pointed at
         self._sheet = self._client.scene.add_mesh_simple(
             "/brush",
             corners.astype(np.float32),
-            np.array([[0, 1, 2], [0, 2, 3]], np.uint32),
+            faces,
             opacity=0.0,
             side="double",
             cast_shadow=False,
