@@ -1,0 +1,37 @@
+"""A Chromium without a window, for scripts that show or time pages."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+
+# In software, so that a machine without a GPU draws.
+ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-sandbox"]
+
+PANEL = 324
+"""Pixels of a wide page's controls, beside its picture."""
+
+
+@contextmanager
+def chromium() -> Iterator[Any]:
+    """A browser of playwright's.
+
+    Raises
+    ------
+    RuntimeError
+        If there is no Chromium.
+    """
+    from playwright.sync_api import sync_playwright
+
+    if CHROMIUM is None:
+        raise RuntimeError("needs Chromium: apt install chromium")
+    with sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
+        try:
+            yield browser
+        finally:
+            browser.close()
