@@ -19,12 +19,13 @@ if TYPE_CHECKING:
     from viser import GuiApi, GuiInputHandle
 
 _NOTHING = "nothing"
-_SHOWN: dict[Show, str] = {
+WORDS: dict[Show, str] = {
     "color": "colors",
     "depth": "depth",
     "classes": "what pixels are",
     "view": "which view they are of",
 }
+"""What is shown, in the words of its control."""
 
 
 class Controls:
@@ -61,7 +62,7 @@ class Controls:
 
     def style(self) -> Style:
         """What they ask for now."""
-        shows: dict[str, Show] = {text: name for name, text in _SHOWN.items()}
+        shows: dict[str, Show] = {text: name for name, text in WORDS.items()}
         other = self._other.value
         return Style(
             self._way.value,
@@ -82,7 +83,7 @@ class Controls:
     def _add_picture(self) -> None:
         gui, ways = self._gui, list(self._scene.ways)
         explains = any(way.explains for way in self._scene.ways.values())
-        shown = [text for name, text in _SHOWN.items() if explains or name in ("color", "depth")]
+        shown = [text for name, text in WORDS.items() if explains or name in ("color", "depth")]
         with gui.add_folder("Picture", order=1):
             self._way = self._watched(gui.add_dropdown("Method", ways))
             self._show = self._watched(gui.add_dropdown("Show", shown))

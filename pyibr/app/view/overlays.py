@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pyibr.app.view.style import Show
 from pyibr.images.frame import Frame, PixelClass
 
 Image = NDArray[np.uint8]
@@ -30,6 +31,8 @@ _RAMP = np.column_stack(
 ).astype(np.uint8)
 """(256, 3) colours from far to near."""
 
+_NAMED = 16  # views in a legend
+_MORE = (128, 128, 128)
 _GOLDEN = 0.618033988749895  # turns of the hue that never come near one another early
 _ENDS = (1.0, 99.0)  # per cent of the pixels between which the ramp lies: what is far out does not count
 
@@ -70,15 +73,16 @@ def class_colors(frame: Frame) -> Image:
 
 
 def view_colors(frame: Frame, background: tuple[int, int, int]) -> Image:
-    """A colour for each view that pixels come from; darker and lighter as the picture is."""
+    """A colour for each view that pixels come from, as dark and light as the picture; its own ones if none is told."""
+    if frame.view is None:
+        return in_bytes(frame.color)
     made = np.empty((*frame.depth.shape, 3), np.uint8)
     made[:] = background
-    if frame.view is not None:
-        seen = frame.view >= 0
-        number = frame.view[seen]
-        colors = np.array([view_color(one) for one in range(int(number.max(initial=0)) + 1)])
-        grey = in_bytes(frame.color)[seen].mean(axis=1, keepdims=True) / 255
-        made[seen] = (colors[number] * (0.45 + 0.55 * grey)).astype(np.uint8)
+    seen = frame.view >= 0
+    number = frame.view[seen]
+    colors = np.array([view_color(one) for one in range(int(number.max(initial=0)) + 1)])
+    grey = in_bytes(frame.color)[seen].mean(axis=1, keepdims=True) / 255
+    made[seen] = (colors[number] * (0.45 + 0.55 * grey)).astype(np.uint8)
     return made
 
 
@@ -86,6 +90,16 @@ def view_color(number: int) -> tuple[int, int, int]:
     """The colour that stands for the view of a number."""
     red, green, blue = colorsys.hsv_to_rgb(number * _GOLDEN % 1, 0.65, 1.0)
     return round(255 * red), round(255 * green), round(255 * blue)
+
+
+def legend(show: Show, views: int) -> list[tuple[tuple[int, int, int], str]]:
+    """What the colours of an overlay mean: of classes their names, of views their numbers from 0, the first of many."""
+    if show == "classes":
+        return [(color, kind.name.lower()) for kind, color in CLASS_COLORS.items()]
+    if show != "view":
+        return []
+    named = [(view_color(number), str(number)) for number in range(min(views, _NAMED))]
+    return named + ([(_MORE, f"to {views - 1}")] if views > _NAMED else [])
 
 
 def difference(one: Image, other: Image, gain: float) -> Image:

@@ -13,8 +13,8 @@ import numpy as np
 
 from pyibr.app.live.place import fov_of
 from pyibr.app.live.stream import Picture, Shown, Stream
-from pyibr.app.view.controls import Controls
-from pyibr.app.view.overlays import CLASS_COLORS, in_bytes, view_color
+from pyibr.app.view.controls import WORDS, Controls
+from pyibr.app.view.overlays import in_bytes, legend, view_color
 from pyibr.app.view.painting import kernel_seconds, paint
 from pyibr.app.view.paths import CameraPath
 from pyibr.app.view.scene import Scene
@@ -99,8 +99,10 @@ class ViewPage:
         ]
         if picture.note:
             lines.append(picture.note)
-        if style.show == "classes":
-            lines.append(" ".join(_swatch(color, kind.name.lower()) for kind, color in CLASS_COLORS.items()))
+        if meanings := legend(style.show, len(self.scene.sources)):
+            told = any(self.scene.ways[name].explains for name in (style.way, style.other) if name is not None)
+            swatches = " ".join(_swatch(color, text) for color, text in meanings)
+            lines.append(swatches if told else f"{style.way} does not tell {WORDS[style.show]}")
         if shown.full and self.controls.times_kernels:
             times = kernel_seconds(self.scene.ways, picture.camera, style)
             most = sorted(times.items(), key=lambda item: -item[1])[:8]

@@ -9,7 +9,15 @@ import pytest
 
 import pyibr as ibr
 from pyibr.app.view.knobs import knobs_of, turned
-from pyibr.app.view.overlays import CLASS_COLORS, class_colors, depth_colors, difference, view_color, view_colors
+from pyibr.app.view.overlays import (
+    CLASS_COLORS,
+    class_colors,
+    depth_colors,
+    difference,
+    legend,
+    view_color,
+    view_colors,
+)
 from pyibr.app.view.painting import kernel_seconds, paint
 from pyibr.app.view.scene import scene_of
 from pyibr.app.view.style import Style
@@ -169,6 +177,21 @@ def test_views_have_colours_that_are_told_apart():
             assert cosines.min() > 0.99
     hues = np.array([view_color(number) for number in range(16)], float)
     assert min(np.abs(a - b).max() for i, a in enumerate(hues) for b in hues[:i]) > 20
+
+
+def test_what_overlays_mean_is_told():
+    assert legend("color", 3) == legend("depth", 3) == []
+    assert dict((text, color) for color, text in legend("classes", 3)) == {
+        kind.name.lower(): color for kind, color in CLASS_COLORS.items()
+    }
+    assert legend("view", 3) == [(view_color(number), str(number)) for number in range(3)]
+    many = legend("view", 100)
+    assert [text for _, text in many] == [*map(str, range(16)), "to 99"]
+
+
+def test_who_does_not_know_of_views_is_seen_as_it_is():
+    frame = ibr.render(views(), CAMERA)
+    np.testing.assert_array_equal(view_colors(frame, (1, 2, 3)), frame.color)
 
 
 def test_differences_are_absolute_and_multiplied():
