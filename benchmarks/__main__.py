@@ -22,6 +22,7 @@ MODULES = {
     "slicing": "slicing.slicing",
     "relief": "relief.relief",
     "depthmesh": "depthmesh.depthmesh",
+    "pages": "app.pages",
     "startup": "startup",
 }
 

@@ -50,6 +50,10 @@ class Plan:
     rgbd_light_field: Mapping[tuple[int, int], int]  # side and number of views
     rgbd_small: Mapping[int, int]
     rgbd_steady: Mapping[Size, int]  # frames
+    pages_size: Size
+    pages_rounds: int
+    pages_seconds: float  # that the camera moves in each
+    pages_chromium: bool
     startup_repeats: int
     startup_empty_cache: bool  # begin with nothing built, so that a first process shows what building costs
     memory: tuple[int, ...]
@@ -98,6 +102,10 @@ FULL = Plan(
     rgbd_light_field={(512, 48): 11},
     rgbd_small={64: 201},
     rgbd_steady={(640, 480): 30},
+    pages_size=(640, 480),
+    pages_rounds=5,
+    pages_seconds=4.0,
+    pages_chromium=True,
     startup_repeats=5,
     startup_empty_cache=True,
     memory=(1024, 4096),
@@ -141,6 +149,10 @@ QUICK = Plan(
     rgbd_light_field={(32, 3): 1},
     rgbd_small={16: 3},
     rgbd_steady={(64, 48): 3},
+    pages_size=(320, 240),
+    pages_rounds=1,
+    pages_seconds=0.5,
+    pages_chromium=False,
     startup_repeats=1,
     startup_empty_cache=False,
     memory=(256,),

@@ -22,6 +22,7 @@ PACKAGES = {
         "opencv-python",
     ),
     "open3d": ("open3d", "open3d-cpu"),
+    "viser": ("viser",),
     "pymartini": ("pymartini",),
     "pydelatin": ("pydelatin",),
 }

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from benchmarks import plots, startup, table2
+from benchmarks.app.pages_section import pages_section
 from benchmarks.depthmesh.depthmesh_section import depthmesh_section
 from benchmarks.relief.relief_section import relief_section
 from benchmarks.results import Result
@@ -228,5 +229,6 @@ SECTIONS = {
     "slicing": slicing_section,
     "relief": relief_section,
     "depthmesh": depthmesh_section,
+    "pages": pages_section,
     "startup": startup_section,
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -252,6 +253,7 @@ def test_everything_runs_quickly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         "### Beside the epipolar warp",
         "### Simplification",
         "### Beside quadric decimation",
+        *(["## Pages in the browser"] if find_spec("viser") else []),
         "## Start and memory",
     ):
         assert heading in text

@@ -97,6 +97,11 @@ class Pages:
         """Whether it was closed."""
         return self._closed.is_set()
 
+    @property
+    def waiting(self) -> int:
+        """Pictures that are to be drawn as soon as possible: at most one for each page."""
+        return self._renderer.waiting
+
     def wait(self) -> None:
         """Until it is closed, or Ctrl-C ends it."""
         try:

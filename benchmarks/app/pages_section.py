@@ -1,0 +1,61 @@
+"""The report's section on pages in the browser."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from benchmarks.app import pages
+from benchmarks.results import Result
+from benchmarks.statistics import Quartiles, number
+from benchmarks.tables import only, table, verdict
+
+PAGES = """## Pages in the browser
+
+`pyibr view` at {width} x {height}, rendered, encoded and sent while the camera moves: to a client in a process of its
+own that sends sixty cameras a second and only receives pictures, and to Chromium without a window, which draws them on
+the same processor. *Width* is the pictures' while it moves, as a part of the full one. *Until full* counts from the
+last camera to the picture at full resolution and without loss, of which 200 ms are the rest that is waited for. *Waits*
+is the most requests that waited at once, *late* the pictures for moving cameras that came after the last one.
+"""
+
+
+def pages_section(result: Result, folder: Path) -> list[str]:
+    """Rates, and the time until full resolution, with their bars."""
+    rows: list[list[str]] = []
+    found = {(record.subject, str(record.parameters["client"])) for record in result.records}
+    order = [(name, client) for client in pages.RESTS for name in (*pages.RATES, pages.SLOW)]
+    for name, client in (key for key in order if key in found):
+
+        def values(quantity: str, name: str = name, client: str = client) -> list[float]:
+            records = list(result.select(subject=name, client=client, quantity=quantity))
+            return only(records) if records else []
+
+        gaps, shares, rests = values("between pictures"), values("width"), values("until full")
+        bar = (pages.DRAWN_RATE if client == pages.DRAWS else pages.RATES.get(name)) if name != pages.SLOW else None
+        rate = 1e3 * len(gaps) / sum(gaps) if gaps else 0.0
+        judged = [f"at least {bar:g}", verdict(rate >= bar)] if bar else ["", ""]
+        rest = Quartiles.of(rests) if rests else None
+        limit = pages.RESTS[client]
+        rested = (
+            [str(rest), f"at most {limit:g}", verdict(rest.median <= limit)]
+            if rest and bar
+            else [str(rest or ""), "", ""]
+        )
+        late = values("pictures after the last camera")
+        rows.append(
+            [
+                name,
+                client,
+                number(rate),
+                *judged,
+                str(Quartiles.of(shares)) if shares else "",
+                *rested,
+                number(max(values("requests that wait"))),
+                number(max(late)) if late else "",
+            ]
+        )
+    if not rows:
+        return []
+    size = result.records[0].parameters
+    heads = ["", "client", "pictures a second", "bar", "", "width", "until full (ms)", "bar", "", "waits", "late"]
+    return [PAGES.format(width=size["width"], height=size["height"]), table(heads, rows)]
