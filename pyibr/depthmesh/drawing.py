@@ -55,6 +55,8 @@ class Blending:
         Scene units by which surfaces that are the same may lie behind the front one.
     background : Background, optional
         What shows through holes.
+    gains : (views, 3) float64, optional
+        What the views' colours are multiplied by.
     """
 
     by: str
@@ -62,14 +64,15 @@ class Blending:
     count: int
     epsilon: float
     background: Background | None
+    gains: Float64 | None
 
 
-def _colors_of(meshes: Sequence[ViewMesh]) -> _Colors:
+def _colors_of(meshes: Sequence[ViewMesh], gains: Float64 | None) -> _Colors:
     words, sizes = list[NDArray[np.uint32]](), list[tuple[int, int, int]]()
     ends, start = list[tuple[int, int]](), 0
-    for mesh in meshes:
+    for number, mesh in enumerate(meshes):
         first = len(sizes)
-        for level in color_levels(mesh.view):
+        for level in color_levels(mesh.view, None if gains is None else gains[number]):
             sizes.append((*level.shape[::-1], start))
             words.append(level.ravel())
             start += level.size
@@ -108,7 +111,7 @@ def draw_depth_meshes(
     shown = Shown.of(order, 1 if blending is None else blending.count)
     trees = [meshes[number].tree for number in shown.chosen]
     active = [active_for(tree, target.camera, tolerance) for tree in trees]
-    colors = kept(thing, "colors", lambda: _colors_of(meshes))
+    colors = kept(thing, "colors", lambda: _colors_of(meshes, None if blending is None else blending.gains))
     underlay, drawn, colored = None, shown.chosen, shown.chosen  # views of all meshes, and of those with colours
     defines = {"VIEWS": len(shown.chosen), **target.color_defines}
     more: dict[str, Any] = {}

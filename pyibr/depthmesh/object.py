@@ -16,6 +16,7 @@ from pyibr.core.pixelspace import frustum
 from pyibr.core.straight import check_no_lens, covering_camera
 from pyibr.depthmesh.background import background_of
 from pyibr.depthmesh.drawing import Blending, draw_depth_meshes, drawn_off
+from pyibr.depthmesh.exposure import gains_of
 from pyibr.depthmesh.mesh import DepthMesh, checked_tolerance
 from pyibr.depthmesh.segmentation import Segmentation
 from pyibr.images import DepthImage
@@ -58,6 +59,9 @@ class DepthMeshObject(Fixed):
         empty. A view's infinite depths, and those from its `far` on, say that there is nothing; NaN and 0 say nothing.
     segmentation : Segmentation, optional
         For views that are no `DepthMesh`.
+    match_exposures : bool
+        Whether views that have been exposed differently are matched: each one's channels are multiplied so that views
+        agree where they saw the same surface. For frames of cameras that set their exposure themselves.
 
     Raises
     ------
@@ -88,6 +92,7 @@ class DepthMeshObject(Fixed):
         epsilon: float | None = None,
         background: bool = True,
         segmentation: Segmentation | None = None,
+        match_exposures: bool = False,
     ) -> None:
         self.meshes = _checked_meshes(views, segmentation)
         self.tolerance = checked_tolerance("tolerance", tolerance)
@@ -97,6 +102,8 @@ class DepthMeshObject(Fixed):
         self._epsilon = None if epsilon is None else checked_tolerance("epsilon", epsilon)
         true_or_false("background", background)
         self.background = background
+        true_or_false("match_exposures", match_exposures)
+        self.match_exposures = match_exposures
 
     def __repr__(self) -> str:
         return f"<DepthMeshObject {len(self.meshes)} view{'s' * (len(self.meshes) != 1)}>"
@@ -131,8 +138,13 @@ class DepthMeshObject(Fixed):
         behind = None
         if self.background:
             behind = kept(self, "background", lambda: background_of(self.meshes, self.extent))
-        blending = Blending(self.blend, self.closeness(target.camera), self.blended, self.epsilon, behind)
+        blending = Blending(self.blend, self.closeness(target.camera), self.blended, self.epsilon, behind, self._gains)
         draw_depth_meshes(target, self, self.meshes, 0.5 * self.tolerance, self.bounds, blending, occupancy)
+
+    @cached_property
+    def _gains(self) -> Float64 | None:
+        """(views, 3) what the views' colours are multiplied by."""
+        return gains_of([mesh.view for mesh in self.meshes], self.extent) if self.match_exposures else None
 
     @property
     def extent(self) -> float:

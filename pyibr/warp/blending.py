@@ -9,6 +9,7 @@ import numpy as np
 
 from pyibr.core.checks import Float64
 from pyibr.images.depth_image import DepthImage
+from pyibr.images.exposure import Overlap, matching_gains
 from pyibr.opencl.device import current
 from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
@@ -17,9 +18,7 @@ from pyibr.opencl.program import kernel
 from pyibr.picture.target import Target
 
 _STRIDE = 3  # pixels: every so manieth tells the exposures
-_FEWEST = 200  # pixels of an overlap that tell anything
 _SAME_DEPTH = 0.02  # of the depth
-_DARKEST, _BRIGHTEST = 0.08, 0.98  # of a channel's range: beyond, sensors do not tell
 _NOISE_MOST = 1e18  # scene units: its square is still within single precision
 
 
@@ -70,33 +69,19 @@ def blend(layers: Sequence[Target], views: Sequence[DepthImage], target: Target)
 
 
 def exposures(layers: Sequence[Target]) -> Float64:
-    """(N, 3) what each layer's colours are to be multiplied by, so that they agree where layers show one surface.
-
-    Views that nothing is known of keep their colours, and so does the one in the middle: most cameras are right.
-    """
-    gains = np.zeros((len(layers), 3))
+    """(N, 3) what each layer's colours are to be multiplied by, so that they agree where layers show one surface."""
     if layers[0].color.shape[2] == 0:
-        return np.exp(gains)
+        return np.ones((len(layers), 3))
     most = 255.0 if layers[0].color.dtype == np.uint8 else 1.0
     hosts = to_host([array for layer in layers for array in (layer.color, layer.depth)])
     colors = [host[::_STRIDE, ::_STRIDE] / np.float32(most) for host in hosts[::2]]
     depths = [host[::_STRIDE, ::_STRIDE] for host in hosts[1::2]]
-    tells = [((c > _DARKEST) & (c < _BRIGHTEST)).all(axis=2) for c in colors]
-    logarithms = [np.log(np.maximum(c, np.float32(_DARKEST))) for c in colors]
-    rows: list[Float64] = []
-    ratios: list[Float64] = []
+    overlaps: list[Overlap] = []
     for a in range(len(layers)):
         for b in range(a):
-            same = tells[a] & tells[b] & (np.abs(depths[a] - depths[b]) < _SAME_DEPTH * depths[a])
-            if (count := np.count_nonzero(same)) >= _FEWEST:
-                row = np.zeros(len(layers))
-                row[a], row[b] = np.sqrt(count), -np.sqrt(count)
-                rows.append(row)
-                ratios.append(-np.sqrt(count) * np.median((logarithms[a] - logarithms[b])[same], axis=0))
-    if rows:
-        gains = np.linalg.lstsq(np.array(rows), np.array(ratios), rcond=None)[0]
-        gains -= np.median(gains, axis=0)
-    return np.exp(gains)
+            same = np.abs(depths[a] - depths[b]) < _SAME_DEPTH * depths[a]
+            overlaps.append(Overlap(a, b, colors[a][same], colors[b][same]))
+    return matching_gains(len(layers), overlaps)
 
 
 def _seeing(view: DepthImage, target: Target) -> np.ndarray[Any, np.dtype[np.void]]:

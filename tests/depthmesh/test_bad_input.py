@@ -79,7 +79,7 @@ def test_cameras(camera):
         *[("epsilon", value) for value in (-0.1, np.nan, "1", [1])],
         *[("blend", value) for value in ("best", None, 0)],
         *[("segmentation", value) for value in ("orthogonality", 5)],
-        *[("background", value) for value in ("yes", None, 2)],
+        *[(name, value) for name in ("background", "match_exposures") for value in ("yes", None, 2)],
     ],
 )
 def test_options_of_objects(argument, value):
