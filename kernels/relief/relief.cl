@@ -129,12 +129,21 @@ void set_ray(ReliefRay *ray, const Entry *e, Vector d, int quadric, float scale)
     ray->L = greater(-cosine, (floatl)LEAST_COSINE) * per_scale;
     const floatl bend = quadric ? bending(e, x, y, x, y) : (floatl)0.0f;
     ray->K = bend * per_scale;
-#if DISTANCE == EXACT
+#if DISTANCE != APPROXIMATE
     ray->vz = lesser(cosine, (floatl)-LEAST_COSINE);
-    const floatl rise_x = bending(e, x, y, 1.0f, 0.0f), rise_y = bending(e, x, y, 0.0f, 1.0f);
-    ray->bend = bend;
-    ray->steep = quadric ? rise_x * rise_x + rise_y * rise_y : (floatl)0.0f;
     ray->scale = scale;
+#endif
+#if DISTANCE == EXACT
+    /* The quadric is l1 p^2 + l2 q^2 along its principal directions, l1 >= l2. */
+    const floatl bends = quadric ? (floatl)1.0f : (floatl)0.0f, sum = bends * (e->a + e->b), s_2 = x * x + y * y;
+    const floatl apart = bends * sqrt((e->a - e->b) * (e->a - e->b) + e->c * e->c); /* l1 - l2 */
+    ray->k1 = -sum - apart;
+    ray->k2 = apart - sum;
+    const floatl first = (bend - 0.5f * (sum - apart) * s_2) / greater(apart, (floatl)1e-20f);
+    ray->w1 = lesser(greater(first, (floatl)0.0f), s_2);
+    ray->w2 = s_2 - ray->w1;
+#elif DISTANCE == PERPENDICULAR
+    ray->bend = bend;
 #endif
 }
 
@@ -353,10 +362,14 @@ LightRay light_ray(const Context *context, const Entry *e, const Seen *seen, Vec
     ray->L = -slope - 2.0f * K * way;
     ray->K = K;
     ray->level = seen->place.level;
-#if DISTANCE == EXACT
-    ray->vz = (floatl)-0.5f; /* without curvatures its depth is that of equation 7 */
-    ray->bend = ray->steep = (floatl)0.0f;
+#if DISTANCE != APPROXIMATE
+    ray->vz = (floatl)0.0f; /* without curvatures its depth is that of equation 7 */
     ray->scale = scale;
+#endif
+#if DISTANCE == EXACT
+    ray->k1 = ray->k2 = ray->w1 = ray->w2 = (floatl)0.0f;
+#elif DISTANCE == PERPENDICULAR
+    ray->bend = (floatl)0.0f;
 #endif
     made.sound = (way > 0.0f) & (ray->L > 0.0f) & is_sound(ray);
     /* Along the surface, before the point and after; another entry's quadric turns by the curvature times that. */

@@ -2,12 +2,13 @@
 #define RELIEF_SEARCH_H
 /* Where a ray first meets a height field that follows a quadric (Oliveira & Policarpo 2005, sections 3.1 to 3.4).
  *
- * A ray enters at t = 0, at depth 0, and runs straight: u + du t, v + dv t. Below the quadric its depth, 1 at the
- * bottom, is L t + K t^2 by equation 7: how far the point P lies below the quadric, along z; that is the whole of it
- * where DISTANCE is APPROXIMATE. The surface lies at depth 1 - height. EXACT goes to R, on the quadric opposite P at
- * right angles to the ray (equation 6). The segment PR is not the way along the normal, and is without bound where the
- * ray runs along it; its part along the normal is. With the normal halfway between P and R that part is equation 7 over
- * the length of that normal, (-2 a x - c y, -2 b y - c x, 1), for the quadric is of degree two: never more than equation 7.
+ * A ray enters at t = 0, at depth 0, and runs straight: u + du t, v + dv t. The surface lies at depth 1 - height. DISTANCE
+ * is how a ray's depth is measured, 1 at the bottom:
+ * APPROXIMATE: L t + K t^2, how far its point P lies below the quadric, along z (equation 7).
+ * EXACT: how far P lies below circles of the quadric's principal curvatures, the one that bends outwards least first: the
+ * true distance to planes, tubes, spheres and tori, and never more than equation 7.
+ * PERPENDICULAR: the paper's equation 6, from P to R, on the quadric, at right angles to the ray in the plane of ray and
+ * normal; where it has no solution, equation 7. On a plane it is longer than the depth by 1 / sine of the ray and normal.
  *
  * levels: (levels, TABLE) ints: width, height, start in texels, tiers of bounds, and where each of them starts. texels:
  * lib/heights.h. bounds: tier 0 is the greatest height of each cell between 2x2 texels, in 65535ths; the next of 2x2
@@ -18,8 +19,9 @@
 
 #define APPROXIMATE 0
 #define EXACT 1
+#define PERPENDICULAR 2
 #ifndef DISTANCE
-#define DISTANCE APPROXIMATE /* or EXACT: how far below the quadric a ray is */
+#define DISTANCE APPROXIMATE /* or EXACT, or PERPENDICULAR: how far below the surface a ray is */
 #endif
 #define TABLE 28         /* ints of a level: maps have up to 2^21 texels a side, and as many tiers */
 #define STEPS_MOST 4096  /* of a safe search */
@@ -34,6 +36,7 @@
 #define NEVER 1e20f       /* scene units */
 #define TILES_MOST 1e3f  /* that a ray crosses, so that numbers stay small */
 #define CELL_PARTS 4     /* of a cell, in a search by EXACT */
+#define BOTTOM_SLACK 1e-3f /* of the depth: what a ray that grazes the bottom may lack */
 
 typedef struct {
     floatl u, v, du, dv; /* du, dv per scene unit */
@@ -41,11 +44,15 @@ typedef struct {
     floatl end;          /* least t > 0 at which the ray is back at depth 0, or at the bottom */
     intl at_bottom;      /* which of the two */
     intl level;          /* of the map */
+#if DISTANCE != APPROXIMATE
+    floatl vz;    /* of the unit direction, along the normal: < 0 */
+    floatl scale; /* of depth 1 */
+#endif
 #if DISTANCE == EXACT
-    floatl vz;                 /* of the unit direction, along the normal: < 0 */
-    floatl bend;               /* a x^2 + b y^2 + c x y of the direction */
-    floatl steep;              /* square of half the gradient of that */
-    floatl scale;              /* of depth 1 */
+    floatl k1, k2; /* curvatures, > 0 outwards; k1 <= k2 */
+    floatl w1, w2; /* squares of the direction's parts along them */
+#elif DISTANCE == PERPENDICULAR
+    floatl bend; /* a x^2 + b y^2 + c x y of the direction */
 #endif
 } ReliefRay;
 
@@ -53,7 +60,23 @@ typedef struct {
 #define PLAIN_DEPTH(ray, t) ((t) * ((ray)->L + (ray)->K * (t)))
 
 #if DISTANCE == EXACT
-/* Depth at t: P = V t; R = P + s U, U at right angles to V in the plane of V and the normal. */
+/* How far a circle of curvature k lies before (x, z), along z; x_2: x squared */
+INLINED floatl before_circle(floatl k, floatl x_2, floatl z)
+{
+    const floatl up = 1.0f + k * z;
+    return k * x_2 / greater(up + sqrt(up * up + k * k * x_2), (floatl)1e-3f);
+}
+
+/* A circle along the first direction is carried around one along the second, as in a torus. */
+floatl depth_of(const ReliefRay *ray, floatl t)
+{
+    const floatl z = ray->vz * t, t_2 = t * t;
+    const floatl first = before_circle(ray->k1, ray->w1 * t_2, z), second = before_circle(ray->k2, ray->w2 * t_2, z + first);
+    const floatl of_quadric = 0.5f * t_2 * (ray->k1 * ray->w1 + ray->k2 * ray->w2);
+    return PLAIN_DEPTH(ray, t) - (first + second - of_quadric) / ray->scale;
+}
+#elif DISTANCE == PERPENDICULAR
+/* P = V t; R = P + s U, U at right angles to V in the plane of V and the normal. */
 floatl depth_of(const ReliefRay *ray, floatl t)
 {
     const floatl depth = PLAIN_DEPTH(ray, t), below = depth * ray->scale;
@@ -61,10 +84,7 @@ floatl depth_of(const ReliefRay *ray, floatl t)
     const floatl per = -ray->vz / uz;                                         /* U's tangential part over V's */
     const floatl A = per * per * ray->bend, B = 2.0f * t * per * ray->bend - uz;
     const floatl discriminant = B * B - 4.0f * A * below, root = sqrt(greater(discriminant, (floatl)0.0f));
-    const floatl halfway = t + per * below / (root - B); /* tangential part over V's: s is 2 below / (root - B) */
-    const floatl steep = 4.0f * halfway * halfway * ray->steep;
-    const intl solved = (discriminant >= 0.0f) & (root > B);
-    return pick(solved, depth / sqrt(1.0f + steep), depth);
+    return pick((discriminant >= 0.0f) & (root > B), 2.0f * depth / (root - B), depth);
 }
 #else
 #define depth_of PLAIN_DEPTH
@@ -79,10 +99,16 @@ void rest(ReliefRay *ray, intl active)
     ray->dv = pick(active, ray->dv, (floatl)0.0f);
     ray->L = pick(active, ray->L, (floatl)1.0f);
     ray->K = pick(active, ray->K, (floatl)0.0f);
-#if DISTANCE == EXACT
+#if DISTANCE != APPROXIMATE
     ray->vz = pick(active, ray->vz, (floatl)-0.5f);
+#endif
+#if DISTANCE == EXACT
+    ray->k1 = pick(active, ray->k1, (floatl)0.0f);
+    ray->k2 = pick(active, ray->k2, (floatl)0.0f);
+    ray->w1 = pick(active, ray->w1, (floatl)0.0f);
+    ray->w2 = pick(active, ray->w2, (floatl)0.0f);
+#elif DISTANCE == PERPENDICULAR
     ray->bend = pick(active, ray->bend, (floatl)0.0f);
-    ray->steep = pick(active, ray->steep, (floatl)0.0f);
 #endif
 }
 
@@ -93,11 +119,30 @@ void set_end(ReliefRay *ray)
     ray->at_bottom = discriminant >= 0.0f;
     ray->end = pick(ray->at_bottom, 2.0f / (ray->L + sqrt(fmax(discriminant, (floatl)0.0f))), -ray->L / ray->K);
 #if DISTANCE == EXACT
-    /* Depths are less than by equation 7, so the bottom is reached later: before the ray is deepest, or never. */
-    floatl before = pick(ray->at_bottom, ray->end, (floatl)0.0f);
-    floatl after = pick(ray->K < 0.0f, -0.5f * ray->L / ray->K, 4.0f * before);
-    const intl reaches = ray->at_bottom & (depth_of(ray, after) >= 1.0f);
-    for (int i = 0; i < 16; i++) {
+    /* Depths are less than by equation 7, so the bottom is reached later, or never. Newton's method, along a chord */
+    floatl t = pick(ray->at_bottom, ray->end, (floatl)0.0f);
+    intl reaches = ray->at_bottom;
+    for (int i = 0; i < 8; i++) {
+        const floatl step = 1e-3f * t, depth = depth_of(ray, t), rise = depth_of(ray, t + step) - depth;
+        reaches = reaches & ((rise > 0.0f) | (depth >= 1.0f));
+        t = pick(reaches & (rise > 0.0f), t + greater(1.0f - depth, (floatl)0.0f) * step / rise, t);
+    }
+    reaches = reaches & (depth_of(ray, t) >= 1.0f - BOTTOM_SLACK);
+    /* And it is out again earlier. */
+    floatl inside = 0.0f, beyond = pick(ray->K < 0.0f, -ray->L / ray->K, ray->end);
+    for (int i = 0; i < 20; i++) {
+        const floatl middle = 0.5f * (inside + beyond);
+        const intl in = depth_of(ray, middle) > 0.0f;
+        inside = pick(in, middle, inside);
+        beyond = pick(in, beyond, middle);
+    }
+    ray->end = pick(reaches, t, pick(ray->K < 0.0f, beyond, ray->end));
+    ray->at_bottom = reaches | (ray->at_bottom & (ray->K >= 0.0f));
+#elif DISTANCE == PERPENDICULAR
+    /* Before the ray is deepest, if at all */
+    floatl before = 0.0f, after = pick(ray->K < 0.0f, -0.5f * ray->L / ray->K, 4.0f * ray->end);
+    const intl reaches = depth_of(ray, after) >= 1.0f;
+    for (int i = 0; i < 20; i++) {
         const floatl middle = 0.5f * (before + after);
         const intl below = depth_of(ray, middle) >= 1.0f;
         after = pick(below, middle, after);
@@ -214,7 +259,7 @@ intl solve_cell(Search *s, Patch p, floatl fx, floatl fy, floatl leaves, intl tr
     const floatl t = s->t, dx = s->track.dx, dy = s->track.dy;
     const floatl corner = p.aa * HEIGHT_UNIT, slope_x = (p.ab - p.aa) * HEIGHT_UNIT;
     const floatl slope_y = (p.ba - p.aa) * HEIGHT_UNIT, twist = (p.aa - p.ab - p.ba + p.bb) * HEIGHT_UNIT;
-#if DISTANCE == EXACT
+#if DISTANCE != APPROXIMATE
     floatl before = t, after = t;
     intl within = 0;
     for (int part = 0; part <= CELL_PARTS; part++) {

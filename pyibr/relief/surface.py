@@ -28,7 +28,7 @@ from pyibr.relief.levels import HeightLevels, height_levels
 from pyibr.relief.quadrics import VertexFrames, split_at_mirrors, vertex_frames
 
 Silhouette = Literal["quadric", "none"]
-Distance = Literal["approximate", "exact"]
+Distance = Literal["approximate", "exact", "perpendicular"]
 Search = Literal["safe", "linear"]
 Shadow = Literal["map", "search"]
 
@@ -58,9 +58,12 @@ class ReliefSurface(Fixed):
     silhouette : {"quadric", "none"}
         "quadric": the relief follows a quadric fitted to each vertex' neighbours, so that rays beside it come out
         again; "none": it is flat at each pixel, as in earlier relief mapping, and all of the mesh is covered.
-    distance : {"approximate", "exact"}
-        A ray's depth below the quadric: along the normal where it entered (equation 7), or along the normal halfway
-        to the quadric's point opposite the ray (equation 6), which bends with it.
+    distance : {"approximate", "exact", "perpendicular"}
+        How deep a ray is. "approximate": below the quadric, along the normal where it entered (equation 7); "exact":
+        below circles of the quadric's curvatures, which is the true distance on planes, tubes, spheres and tori, and
+        tells on deep reliefs and at outlines, at twice the time or more; "perpendicular": to the quadric, at right
+        angles to the ray (equation 6), which is longer than the depth the straighter one looks on; of the linear
+        search alone, as no bounds hold for it.
     search : {"safe", "linear"}
         "safe" steps over nothing, by bounds of the heights; "linear" is the paper's: even steps, then halvings.
     steps, halvings : int
@@ -123,6 +126,8 @@ class ReliefSurface(Fixed):
         one_of("search", search, Search)
         self.silhouette: Silhouette = silhouette
         self.distance: Distance = distance
+        if distance == "perpendicular" and search == "safe":
+            raise ArgumentError("search", '"linear" with distance="perpendicular", for which no bounds hold', '"safe"')
         one_of("shadow", shadow, Shadow)
         self.search: Search = search
         self.shadow: Shadow = shadow

@@ -312,6 +312,7 @@ def _reliefs(setting: Setting) -> Cases:
         {"silhouette": "none"},
         {"shadow": "search", "search": "linear", "steps": 4},
         {"shadow": "search", "distance": "exact"},
+        {"shadow": "search", "distance": "perpendicular", "search": "linear", "steps": 4},
     )
     for height, color, normals in _height_maps(setting):
         for way in ways:

@@ -6,6 +6,7 @@ One ray a pixel enters at each triangle that it meets from the front; of what it
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -34,8 +35,25 @@ class Rays:
         x, y, z = (self.V * t[:, None]).T
         return -(z - (self.a * x**2 + self.b * y**2 + self.c * x * y)) / self.scale
 
+    @cached_property
+    def principal(self) -> tuple[np.ndarray, np.ndarray]:
+        """(n, 2) the quadric along its principal directions, ascending, and the rays' parts along these."""
+        forms = np.moveaxis(np.array([[self.a, self.c / 2], [self.c / 2, self.b]]), -1, 0)
+        values, axes = np.linalg.eigh(forms)
+        return values, np.einsum("nk,nki->ni", self.V[:, :2], axes)
+
     def exact(self, t: np.ndarray) -> np.ndarray:
-        """Equation 6: P + s U = R on the quadric; and the part of PR along the normal halfway between them."""
+        """Below circles of the principal curvatures: one, and around it the one that bends outwards more."""
+        values, parts = self.principal
+        along, z = parts * t[:, None], self.V[:, 2] * t
+        for i in (1, 0):
+            k = -2 * values[:, i]
+            with np.errstate(invalid="ignore", divide="ignore"):
+                z = np.where(np.abs(k) > 1e-9, np.sqrt((1 / k + z) ** 2 + along[:, i] ** 2) * np.sign(k) - 1 / k, z)
+        return -z / self.scale
+
+    def perpendicular(self, t: np.ndarray) -> np.ndarray:
+        """Equation 6: s of P + s U = R on the quadric; where it has no solution, equation 7."""
         V, P = self.V, self.V * t[:, None]
         U = np.array([0.0, 0, 1]) - V[:, 2:] * V  # in the plane of V and the normal, at right angles to V
         U /= np.linalg.norm(U, axis=1, keepdims=True)
@@ -51,39 +69,44 @@ class Rays:
         discriminant = B**2 - 4 * A * C
         with np.errstate(invalid="ignore", divide="ignore"):
             s = 2 * C / (-B + np.sqrt(discriminant))  # the root next to P, also where A is 0
-            R = P + s[:, None] * U
-            halfway = 0.5 * (P + R)
-            across, down = halfway[:, 0], halfway[:, 1]
-            normal = np.stack([-2 * a * across - c * down, -2 * b * down - c * across, np.ones(len(t))], axis=1)
-            normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-            along = ((R - P) * normal).sum(axis=1) / self.scale
-        return np.where((discriminant >= 0) & (s >= 0), along, self.approximate(t))
+        return np.where((discriminant >= 0) & (s >= 0), s / self.scale, self.approximate(t))
 
     def ends(self, distance: str) -> tuple[np.ndarray, np.ndarray]:
         """t_max, and whether it is at the bottom (section 3.3)."""
         L = -self.V[:, 2] / self.scale
-        x, y = self.V[:, 0], self.V[:, 1]
-        K = (self.a * x**2 + self.b * y**2 + self.c * x * y) / self.scale
+        K = (
+            self.a * self.V[:, 0] ** 2 + self.b * self.V[:, 1] ** 2 + self.c * self.V[:, 0] * self.V[:, 1]
+        ) / self.scale
         with np.errstate(invalid="ignore", divide="ignore"):
             bottom, out = 2 / (L + np.sqrt(L**2 + 4 * K)), -L / K
         at_bottom = L**2 + 4 * K >= 0
         if distance == "approximate":
             return np.where(at_bottom, bottom, out), at_bottom
-        # Depths are a little less: the bottom comes later, but before the ray is deepest, if at all.
-        before = np.where(at_bottom, bottom, 0)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            after = np.where(K < 0, -0.5 * L / K, 4 * before)
-        reaches = at_bottom & (self.exact(after) >= 1)
-        for _ in range(60):
+        depth = getattr(self, distance)
+        if distance == "exact":  # less than equation 7: out again earlier
+            inside, beyond = np.zeros(len(out)), np.where(K < 0, out, 0)
+            for _ in range(60):
+                middle = 0.5 * (inside + beyond)
+                within = depth(middle) > 0
+                inside, beyond = np.where(within, middle, inside), np.where(within, beyond, middle)
+            out = beyond
+        # The first of many steps that is at the bottom, up to where equation 7 is out again; then halvings.
+        far = np.where(K < 0, out, 4 * np.where(at_bottom, bottom, 0))
+        after, reaches = far.copy(), np.zeros(len(far), bool)
+        for i in range(1, 65):
+            now = ~reaches & (depth(far * i / 64) >= 1)
+            after, reaches = np.where(now, far * i / 64, after), reaches | now
+        before = after - far / 64
+        for _ in range(30):
             middle = 0.5 * (before + after)
-            below = self.exact(middle) >= 1
+            below = depth(middle) >= 1
             before, after = np.where(below, before, middle), np.where(below, middle, after)
         return np.where(reaches, after, np.where(K < 0, out, bottom)), reaches | (at_bottom & (K >= 0))
 
 
 def searched(rays: Rays, height: np.ndarray, distance: str, steps: int, halvings: int) -> np.ndarray:
     """(n,) t at which the rays meet the relief; infinite where they pass it."""
-    depth = rays.exact if distance == "exact" else rays.approximate
+    depth = getattr(rays, distance)
     end, at_bottom = rays.ends(distance)
 
     def below(t: np.ndarray) -> np.ndarray:
