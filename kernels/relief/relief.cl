@@ -131,9 +131,9 @@ void set_ray(ReliefRay *ray, const Entry *e, Vector d, int quadric, float scale)
     ray->K = bend * per_scale;
 #if DISTANCE != APPROXIMATE
     ray->vz = lesser(cosine, (floatl)-LEAST_COSINE);
-    ray->scale = scale;
 #endif
 #if DISTANCE == EXACT
+    ray->per_scale = per_scale;
     /* The quadric is l1 p^2 + l2 q^2 along its principal directions, l1 >= l2. */
     const floatl bends = quadric ? (floatl)1.0f : (floatl)0.0f, sum = bends * (e->a + e->b), s_2 = x * x + y * y;
     const floatl apart = bends * sqrt((e->a - e->b) * (e->a - e->b) + e->c * e->c); /* l1 - l2 */
@@ -144,6 +144,7 @@ void set_ray(ReliefRay *ray, const Entry *e, Vector d, int quadric, float scale)
     ray->w2 = s_2 - ray->w1;
 #elif DISTANCE == PERPENDICULAR
     ray->bend = bend;
+    ray->scale = scale;
 #endif
 }
 
@@ -364,12 +365,13 @@ LightRay light_ray(const Context *context, const Entry *e, const Seen *seen, Vec
     ray->level = seen->place.level;
 #if DISTANCE != APPROXIMATE
     ray->vz = (floatl)0.0f; /* without curvatures its depth is that of equation 7 */
-    ray->scale = scale;
 #endif
 #if DISTANCE == EXACT
+    ray->per_scale = per_scale;
     ray->k1 = ray->k2 = ray->w1 = ray->w2 = (floatl)0.0f;
 #elif DISTANCE == PERPENDICULAR
     ray->bend = (floatl)0.0f;
+    ray->scale = scale;
 #endif
     made.sound = (way > 0.0f) & (ray->L > 0.0f) & is_sound(ray);
     /* Along the surface, before the point and after; another entry's quadric turns by the curvature times that. */

@@ -36,6 +36,7 @@
 #define NEVER 1e20f       /* scene units */
 #define TILES_MOST 1e3f  /* that a ray crosses, so that numbers stay small */
 #define CELL_PARTS 4     /* of a cell, in a search by EXACT */
+#define BOTTOM_NEAR 1e-5f  /* of the depth: how near the bottom is sought */
 #define BOTTOM_SLACK 1e-3f /* of the depth: what a ray that grazes the bottom may lack */
 
 typedef struct {
@@ -45,14 +46,15 @@ typedef struct {
     intl at_bottom;      /* which of the two */
     intl level;          /* of the map */
 #if DISTANCE != APPROXIMATE
-    floatl vz;    /* of the unit direction, along the normal: < 0 */
-    floatl scale; /* of depth 1 */
+    floatl vz; /* of the unit direction, along the normal: < 0 */
 #endif
 #if DISTANCE == EXACT
+    floatl per_scale; /* depths per scene unit */
     floatl k1, k2; /* curvatures, > 0 outwards; k1 <= k2 */
     floatl w1, w2; /* squares of the direction's parts along them */
 #elif DISTANCE == PERPENDICULAR
-    floatl bend; /* a x^2 + b y^2 + c x y of the direction */
+    floatl scale; /* of depth 1 */
+    floatl bend;  /* a x^2 + b y^2 + c x y of the direction */
 #endif
 } ReliefRay;
 
@@ -73,7 +75,7 @@ floatl depth_of(const ReliefRay *ray, floatl t)
     const floatl z = ray->vz * t, t_2 = t * t;
     const floatl first = before_circle(ray->k1, ray->w1 * t_2, z), second = before_circle(ray->k2, ray->w2 * t_2, z + first);
     const floatl of_quadric = 0.5f * t_2 * (ray->k1 * ray->w1 + ray->k2 * ray->w2);
-    return PLAIN_DEPTH(ray, t) - (first + second - of_quadric) / ray->scale;
+    return PLAIN_DEPTH(ray, t) - (first + second - of_quadric) * ray->per_scale;
 }
 #elif DISTANCE == PERPENDICULAR
 /* P = V t; R = P + s U, U at right angles to V in the plane of V and the normal. */
@@ -122,7 +124,7 @@ void set_end(ReliefRay *ray)
     /* Depths are less than by equation 7, so the bottom is reached later, or never. Newton's method, along a chord */
     floatl t = pick(ray->at_bottom, ray->end, (floatl)0.0f);
     intl reaches = ray->at_bottom;
-    for (int i = 0; i < 8; i++) {
+    for (int i = 0; i < 8 && any_lane(reaches & (depth_of(ray, t) < 1.0f - BOTTOM_NEAR)); i++) {
         const floatl step = 1e-3f * t, depth = depth_of(ray, t), rise = depth_of(ray, t + step) - depth;
         reaches = reaches & ((rise > 0.0f) | (depth >= 1.0f));
         t = pick(reaches & (rise > 0.0f), t + greater(1.0f - depth, (floatl)0.0f) * step / rise, t);
@@ -130,7 +132,7 @@ void set_end(ReliefRay *ray)
     reaches = reaches & (depth_of(ray, t) >= 1.0f - BOTTOM_SLACK);
     /* And it is out again earlier. */
     floatl inside = 0.0f, beyond = pick(ray->K < 0.0f, -ray->L / ray->K, ray->end);
-    for (int i = 0; i < 20; i++) {
+    for (int i = 0; i < 20 && any_lane(!reaches); i++) {
         const floatl middle = 0.5f * (inside + beyond);
         const intl in = depth_of(ray, middle) > 0.0f;
         inside = pick(in, middle, inside);
