@@ -134,7 +134,7 @@ def test_every_choice_reaches_the_warp(scene: Scene, monkeypatch: pytest.MonkeyP
     result = scene.run(
         "--orbit", "5", "-o", scene.folder / "new.png", "--method", "search", "--sample", "nearest",
         "--edges", "cut", "--cut-ratio", "1.5", "--fill", "background", "--side", "both", "--far", "9",
-        "--blend", "nearest",
+        "--blend", "nearest", "--samples", "9",
     )  # fmt: skip
     assert result.exit_code == 0, result.output
     assert seen == {
@@ -145,6 +145,7 @@ def test_every_choice_reaches_the_warp(scene: Scene, monkeypatch: pytest.MonkeyP
         "fill": "background",
         "side": "both",
         "blend": "nearest",
+        "samples": 9,
         "far": 9.0,
     }
 

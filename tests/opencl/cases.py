@@ -308,10 +308,8 @@ def _reliefs(setting: Setting) -> Cases:
     ways: tuple[dict[str, Any], ...] = (
         {},
         {"search": "linear", "steps": 4},
-        {"distance": "exact"},
-        {"silhouette": "none"},
-        {"shadow": "search", "search": "linear", "steps": 4},
         {"shadow": "search", "distance": "exact"},
+        {"silhouette": "none"},
         {"shadow": "search", "distance": "perpendicular", "search": "linear", "steps": 4},
     )
     for height, color, normals in _height_maps(setting):
