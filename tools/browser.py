@@ -1,4 +1,4 @@
-"""A Chromium without a window, for scripts that show or time pages."""
+"""A Chromium without a window, for what shows, times or tests pages."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shuti
 ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-sandbox"]
 
 PANEL = 324
-"""Pixels of a wide page's controls, beside its picture."""
+"""Pixels of the controls beside a page's picture, in a window at least 576 wide; in a narrower one they lie over it."""
 
 
 @contextmanager

@@ -1,7 +1,15 @@
 #ifndef RASTER_FACING_H
 #define RASTER_FACING_H
-/* Normals of what a picture shows, from its depths: for what has no others. */
+/* What a thing has drawn into a picture, and its normals from the picture's depths: for what has no others. */
 #include "lib/screen.h"
+
+/* LANES pixels of a row */
+typedef struct {
+    intl x, y;
+    intl drawn; /* which of them show the thing */
+    floatl n;   /* their nearness */
+    Vector p;   /* what they show, in the world */
+} Drawn;
 
 /* Nearness of pixels; EMPTY beside the picture and where there is nothing */
 floatl nearness_at(global const float *depth, Screen screen, intl x, intl y)
@@ -32,5 +40,16 @@ Vector facing_at(global const float *depth, Screen screen, intl x, intl y, int a
     const floatl unit = pick(DOT(normal, ahead) > 0.0f, (floatl)-1.0f, (floatl)1.0f) /
                         sqrt(greater(DOT(normal, normal), (floatl)1e-37f));
     return scaled(normal, unit);
+}
+
+/* The pixels from `first` on: those that show something that they did not before, or, of a blank picture, anything. */
+Drawn drawn_at(global const float *before, global const float *depth, Screen screen, int blank, int first, int row)
+{
+    const intl x = min(first + lane_index, (intl)(screen.width - 1)), y = (intl)row, at = y * screen.width + x;
+    const floatl z = (floatl)(gather(depth, at)), z_before = (floatl)(gather(before, at));
+    Drawn made = {x, y, (first + lane_index < screen.width) & (z == z) & (blank ? (intl)(z == z) : !(z == z_before))};
+    made.n = pick(made.drawn, DEPTH_OF(screen.perspective, z), (floatl)(screen.perspective ? 1.0f : -1.0f));
+    made.p = point_at(screen, to_floatl(x), to_floatl(y), made.n);
+    return made;
 }
 #endif

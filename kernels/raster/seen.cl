@@ -51,15 +51,11 @@ kernel void mark_unseen(global const float *before, global const float *depth, g
     const int first = get_global_id(0) * LANES, row = get_global_id(1);
     if (first >= screen.width || row >= screen.height)
         return;
-    const intl x = min(first + lane_index, (intl)(screen.width - 1)), y = (intl)row, at = y * screen.width + x;
-    const floatl z = (floatl)(gather(depth, at)), z_before = (floatl)(gather(before, at));
-    const intl drawn = (first + lane_index < screen.width) & (z == z) & (blank ? (intl)(z == z) : !(z == z_before));
-    if (!any_lane(drawn))
+    const Drawn shown = drawn_at(before, depth, screen, blank, first, row);
+    if (!any_lane(shown.drawn))
         return;
-    const floatl n = pick(drawn, DEPTH_OF(screen.perspective, z), (floatl)(screen.perspective ? 1.0f : -1.0f));
-    const Vector p = point_at(screen, to_floatl(x), to_floatl(y), n);
-    const Vector facing = facing_at(depth, screen, x, y, 1, n, p);
-    intl unseen = drawn & (p.x >= part.low[0]) & (p.y >= part.low[1]) & (p.z >= part.low[2]) & (p.x <= part.high[0]) &
+    const Vector p = shown.p, facing = facing_at(depth, screen, shown.x, shown.y, 1, shown.n, p);
+    intl unseen = shown.drawn & (p.x >= part.low[0]) & (p.y >= part.low[1]) & (p.z >= part.low[2]) & (p.x <= part.high[0]) &
                   (p.y <= part.high[1]) & (p.z <= part.high[2]);
     for (int i = 0; i < count && any_lane(unseen); i++) {
         global const float *view = views + VIEW_FLOATS * i;

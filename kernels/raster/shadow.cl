@@ -17,14 +17,10 @@ kernel void darken(global const float *before, global const float *depth, global
     const int first = get_global_id(0) * LANES, row = get_global_id(1);
     if (first >= screen.width || row >= screen.height)
         return;
-    const intl x = min(first + lane_index, (intl)(screen.width - 1)), y = (intl)row, at = y * screen.width + x;
-    const floatl z = (floatl)(gather(depth, at)), z_before = (floatl)(gather(before, at));
-    const intl drawn = (first + lane_index < screen.width) & (z == z) & (blank ? (intl)(z == z) : !(z == z_before));
-    if (!any_lane(drawn))
+    const Drawn shown = drawn_at(before, depth, screen, blank, first, row);
+    if (!any_lane(shown.drawn))
         return;
-    const floatl n = pick(drawn, DEPTH_OF(screen.perspective, z), (floatl)(screen.perspective ? 1.0f : -1.0f));
-    const Vector p = point_at(screen, to_floatl(x), to_floatl(y), n);
-    const Vector facing = facing_at(depth, screen, x, y, apart, n, p);
+    const Vector p = shown.p, facing = facing_at(depth, screen, shown.x, shown.y, apart, shown.n, p);
     const ToLight to = to_light(light, p);
     const floatl cosine = DOT(facing, to.way);
     const floatl faces = fade > 0.0f ? lesser(greater(cosine / fade, (floatl)0.0f), (floatl)1.0f) : (floatl)1.0f;
@@ -32,7 +28,7 @@ kernel void darken(global const float *before, global const float *depth, global
     const floatl left = light.ambient + (1.0f - light.ambient) * visible;
     for (int lane = 0; lane < LANES; lane++) {
         const float share = float_lane(left, lane);
-        if (!int_lane(drawn, lane) || !(share < 1.0f))
+        if (!int_lane(shown.drawn, lane) || !(share < 1.0f))
             continue;
         const size_t pixel = 3 * ((size_t)row * screen.width + first + lane);
         for (int k = 0; k < 3; k++)

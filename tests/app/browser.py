@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import io
-import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -16,12 +15,9 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+from tools import browser
+from tools.browser import CHROMIUM, PANEL
 
-# In software, so that a machine without a GPU draws, and with nothing that a page of ours does not ask for.
-ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-sandbox"]
-
-PANEL = 324  # pixels beside the canvas, where the window is at least 576 wide: in a narrower one it is a sheet over it
 HARMLESS = "Unable to preventDefault inside passive event listener invocation."  # viser's own, at each drag of a thing
 
 # Keeps what is loaded as the picture behind the page: the one that was asked for last is the one that is shown.
@@ -49,12 +45,10 @@ def chromium() -> Iterator[Any]:
     """A browser; tests that ask for one are skipped where there is none."""
     if CHROMIUM is None:
         pytest.skip("needs Chromium: apt install chromium")
-    playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright, of the extra dev")
+    pytest.importorskip("playwright.sync_api", reason="needs playwright, of the extra dev")
     pytest.importorskip("viser", reason="needs viser, of the extra view")
-    with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
-        yield browser
-        browser.close()
+    with browser.chromium() as made:
+        yield made
 
 
 @dataclass
@@ -101,9 +95,9 @@ class Tab:
 
 
 @contextmanager
-def opened(browser: Any, url: str, size: tuple[int, int] = (400, 300)) -> Iterator[Tab]:
+def opened(chrome: Any, url: str, size: tuple[int, int] = (400, 300)) -> Iterator[Tab]:
     """A page in a context of its own, with a canvas of some size, once its server shows a picture in it."""
-    context = browser.new_context(viewport={"width": size[0] + PANEL, "height": size[1]}, accept_downloads=True)
+    context = chrome.new_context(viewport={"width": size[0] + PANEL, "height": size[1]}, accept_downloads=True)
     try:
         page = context.new_page()
         page.add_init_script(WATCH)

@@ -145,6 +145,7 @@ def random_look(chance: Chance) -> dict[str, Any]:
         "side": chance.mostly(chance.one(["front", "front", "back", "both"])),
         "fill": chance.mostly(chance.one([None, "background"])),
         "cut_ratio": chance.mostly(chance.one([1.05, 1.05, 1.0000001, 1.5, 1e30])),
+        "samples": chance.mostly(chance.one([1, 1, 1, 4, 9])),
     }
 
 

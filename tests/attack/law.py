@@ -101,6 +101,12 @@ def checked(frame: ibr.Frame, options: dict[str, Any]) -> list[np.ndarray]:
         if not np.any(options.get("background", 0)):
             must(not color[~valid].any(), "colour where it is not valid")
     made = [color, depth, valid]
+    if frame.alpha is not None:
+        alpha = frame.alpha
+        must(alpha.shape == shape and bool(((alpha >= 0) & (alpha <= 1)).all()), "alpha's values")
+        must(bool((alpha[valid] > 0).all()), "valid pixels that nothing covers")
+        must(bool(((alpha > 0) == told).all()), "covered pixels without depth")
+        made.append(alpha)
     if frame.classes is not None:
         classes, source, view = frame.classes, frame.source, frame.view
         must(classes.shape == shape and bool((classes <= 3).all()), "classes' values")
