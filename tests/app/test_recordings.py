@@ -67,10 +67,10 @@ def succeeded(result) -> str:
     return result.stdout
 
 
-def assert_one_line(result, *words: str) -> None:
+def assert_one_line(result, *words: str, progress: str = "Warping") -> None:
     assert result.exit_code == 2, result.output
-    *progress, line = result.stderr.strip().splitlines()
-    assert line.startswith("pyibr: ") and all("Warping" in above for above in progress), result.stderr
+    *above, line = result.stderr.strip().splitlines()
+    assert line.startswith("pyibr: ") and all(progress in one for one in above), result.stderr
     for word in words:
         assert word in line, result.stderr
 

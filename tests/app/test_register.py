@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from typer.testing import CliRunner
 import pyibr as ibr
 from pyibr.app.cli import app
 from pyibr.io.video import Video, VideoWriter
-from tests.app.test_recordings import COUNT, SCALE, SIZE, Recorded, succeeded
+from tests.app.test_recordings import COUNT, SCALE, SIZE, Recorded, assert_one_line, succeeded
 
 COLORS = ibr.Camera([[60, 0, 34], [0, 60, 22], [0, 0, 1]], (72, 44)).moved(0.05, 0.01, 0)
 runner = CliRunner()
@@ -47,12 +48,7 @@ def pair(tmp_path: Path) -> Pair:
     return Pair(tmp_path)
 
 
-def assert_refused(result, *words: str) -> None:
-    assert result.exit_code == 2, result.output
-    *progress, line = result.stderr.strip().splitlines()
-    assert line.startswith("pyibr: ") and all("Registering" in above for above in progress), result.stderr
-    for word in words:
-        assert word in line, result.stderr
+assert_refused = partial(assert_one_line, progress="Registering")
 
 
 @pytest.mark.parametrize("folder", ["depth", "."])
