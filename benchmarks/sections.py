@@ -190,7 +190,7 @@ def startup_section(result: Result, folder: Path) -> list[str]:
     """Import, first frame, and memory, with their bars."""
     limits = {
         ("import pyibr", "import"): startup.BARS["import"],
-        ("second process", "whole process"): startup.BARS["first frame"],
+        ("second process", "import to frame"): startup.BARS["first frame"],
     }
     times: list[list[str]] = []
     kernels: list[list[str]] = []
