@@ -15,31 +15,17 @@ import matplotlib.pyplot as plt
 import numpy as np
 import reliefs
 from demo import FAINT, HOLE, INK, PATH, views_of
-from matplotlib.axes import Axes
+from epipolar import bare, cameras, epipolar_lines, epipolar_plane, orders
 from matplotlib.colors import Normalize, to_rgb, to_rgba
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle as Patch
-from matplotlib.ticker import NullLocator
 from objects import depth_object
 from splats import splats
 from terrain import height_field, source_view
 
 import pyibr as ibr
 from pyibr.capture import models
-from pyibr.core.pixelspace import Rectangle
-from pyibr.warp.lines import line_groups
 
 IMAGES = Path(__file__).resolve().parents[1] / "images"
-BLUE, ORANGE = "#1f6fb4", "#e08a00"
-
-
-def bare(axes: Axes) -> Axes:
-    """Axes without ticks and frame."""
-    axes.xaxis.set_major_locator(NullLocator())
-    axes.yaxis.set_major_locator(NullLocator())
-    for spine in axes.spines.values():
-        spine.set_visible(False)
-    return axes
 
 
 def terrain() -> Figure:
@@ -59,89 +45,6 @@ def terrain() -> Figure:
     for axes, (name, image) in zip(row, panels.items(), strict=True):
         bare(axes).imshow(image)
         axes.set_title(name, loc="left", fontsize=12, color=INK)
-    return figure
-
-
-def epipolar_lines() -> Figure:
-    """How the sweep's lines cover an image: the epipole inside, beside, and at infinity."""
-    width, height = 48, 32
-    cases = {
-        "epipole inside": (30.0, 12.0, 1.0),
-        "epipole beside": (-9.0, 26.0, 1.0),
-        "epipole at infinity": (-1.0, 0.35, 0.0),
-    }
-    figure, row = plt.subplots(1, 3, figsize=(13, 3.4), layout="constrained")
-    for axes, (name, epipole) in zip(row, cases.items(), strict=True):
-        groups, _ = line_groups(np.array(epipole), Rectangle(0, width, 0, height), 1)
-        for group in groups:
-            for ends in lines_of(group, epipole):
-                color = BLUE if group["axis"] == 0 else ORANGE
-                axes.plot(*ends, color=color, linewidth=0.7, alpha=0.9)
-        axes.add_patch(Patch((-0.5, -0.5), width, height, fill=False, edgecolor=INK, linewidth=1.5))
-        if epipole[2]:
-            axes.plot(*epipole[:2], "o", color=HOLE, markersize=8, zorder=5)
-        axes.set_title(name, loc="left", fontsize=12, color=INK)
-        axes.set(xlim=(-11, width + 1), ylim=(height + 1, -2), aspect="equal")
-        bare(axes)
-    return figure
-
-
-def lines_of(group: np.void, epipole: tuple[float, float, float]) -> list[np.ndarray]:
-    """(2, 2) x and y of the ends of each line of a group, as the kernel lays it."""
-    axis = int(group["axis"])
-    e_along, e_across, w = epipole[axis], epipole[1 - axis], epipole[2]
-    lines: list[np.ndarray] = []
-    for index in range(group["count"]):
-        at = group["first"] + group["spacing"] * index
-        slope = (at * w - e_across) / (group["reference"] * w - e_along)
-        along = np.linspace(group["low"], group["high"], 400)
-        across = at + slope * (along - group["reference"])
-        inside = (across >= group["cross_low"] - 0.5) & (across <= group["cross_high"] + 0.5)
-        if inside.any():
-            ends = np.array([along[inside][[0, -1]], across[inside][[0, -1]]])
-            lines.append(ends if axis == 0 else ends[::-1])
-    return lines
-
-
-def epipolar_plane() -> Figure:
-    """One epipolar line of the source: its surface, the target's rays, and what each of them meets first."""
-    s = np.linspace(0, 40, 2001)
-    surface = 0.34 + 0.1 * np.sin(s / 3.4 + 0.4) + 0.36 * np.exp(-(((s - 17) / 2.6) ** 2)) + 0.002 * s
-    center = -6.0, 1.25
-    figure, axes = plt.subplots(figsize=(10, 4.4), layout="constrained")
-    axes.fill_between(s, surface, -0.05, color="#dfe7ee")
-    hits: list[int] = []
-    for end in np.linspace(4, 74, 22):  # where the ray reaches nearness 0
-        ray = center[1] * (end - s) / (end - center[0])
-        crossing = np.flatnonzero((surface[:-1] < ray[:-1]) & (surface[1:] >= ray[1:]))
-        if not crossing.size:
-            continue
-        hit = int(crossing[0])
-        hits.append(hit)
-        axes.plot((center[0], s[hit]), (center[1], surface[hit]), color=BLUE, linewidth=0.9)
-        on = s[s >= s[hit]]
-        axes.plot(on, ray[s >= s[hit]], color=BLUE, linewidth=0.5, linestyle=":", alpha=0.6)
-    axes.plot(s, surface, color=INK, linewidth=1.8)
-    steepness = (surface - center[1]) / (s - center[0])
-    hidden = steepness < np.maximum.accumulate(steepness)
-    axes.plot(s, np.where(hidden, surface, np.nan), color=HOLE, linewidth=3)
-    axes.plot(s[hits], surface[hits], "o", color=INK, markersize=5)
-    axes.plot(*center, "o", color=ORANGE, markersize=10)
-    axes.annotate("the target's centre,\nat the epipole", center, (-4.6, 1.26), fontsize=11, color=INK)
-    middle = int(np.flatnonzero(hidden & (s > 17)).min()) + 120
-    axes.annotate(
-        "hidden: no ray meets it first",
-        (s[middle], surface[middle]),
-        (s[middle] + 4, surface[middle] + 0.42),
-        fontsize=11,
-        color=HOLE,
-        arrowprops={"arrowstyle": "-", "color": HOLE},
-    )
-    axes.annotate("", (12, 0.08), (1, 0.08), arrowprops={"arrowstyle": "->", "color": INK, "lw": 1.5})
-    axes.text(1, 0.1, "the walk", fontsize=11, color=INK, va="bottom")
-    axes.set(xlim=(-8, 40), ylim=(0, 1.4), xlabel="s: pixels along the source's epipolar line")
-    axes.set_ylabel("nearness (1/z)")
-    axes.spines[["top", "right"]].set_visible(False)
     return figure
 
 
@@ -252,6 +155,8 @@ if __name__ == "__main__":
     save("terrain.jpg", terrain(), 110)
     save("epipolar-lines.png", epipolar_lines(), 80)
     save("epipolar-plane.png", epipolar_plane(), 100)
+    save("paper-warp-cameras.png", cameras(), 80)
+    save("paper-warp-orders.png", orders(), 80)
     save("slicing-directions.png", slicing_directions(), 80)
     save("three-directions.jpg", three_directions(), 80)
     save("slice-counts.png", slice_counts(), 70)

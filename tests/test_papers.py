@@ -1,0 +1,134 @@
+"""What the manual says of the four papers: each row names something that exists, and no figure is left out."""
+
+from __future__ import annotations
+
+import importlib
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = {p.stem: p for p in sorted(ROOT.glob("docs/papers/*.md"))}
+FIGURES = {"warp": (13, 2), "slicing": (18, 0), "relief": (18, 0), "depthmesh": (13, 2)}
+"""How many figures and tables each paper has."""
+NONE = "-"
+ROW = re.compile(r"^\|(.+)\|$", re.MULTILINE)
+CODE = re.compile(r"`([^`]+)`")
+LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
+PATHS = ("kernels/", "pyibr/", "tests/", "benchmarks/", "docs/")
+
+Row = dict[str, str]
+
+
+def tables_of(page: Path) -> list[list[Row]]:
+    """The rows of each table of a page, by their headings."""
+    tables: list[list[Row]] = []
+    for section in page.read_text(encoding="utf-8").split("\n## ")[1:]:
+        cells = [[cell.strip() for cell in row.split("|")] for row in ROW.findall(section)]
+        head, _, *rows = cells
+        assert all(len(row) == len(head) for row in rows), f"{page.name}: a row has other columns than its table"
+        tables.append([dict(zip(head, row, strict=True)) for row in rows])
+    return tables
+
+
+def techniques(name: str) -> list[Row]:
+    return tables_of(PAGES[name])[0]
+
+
+def figures(name: str) -> list[Row]:
+    return tables_of(PAGES[name])[1]
+
+
+def anchors_of(page: Path) -> set[str]:
+    """Its headings as links name them."""
+    headings = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def missing_of(cell: str) -> list[str]:
+    """What a cell names and is not there."""
+    missing: list[str] = []
+    for link in LINK.findall(cell):
+        path, _, anchor = link.partition("#")
+        target = (ROOT / "docs/papers" / path).resolve()
+        if not target.exists() or (anchor and anchor not in anchors_of(target)):
+            missing.append(link)
+    for code in CODE.findall(cell):
+        if code.startswith(PATHS):
+            path, _, function = code.partition("::")
+            there = (ROOT / path).exists()
+            if not there or (function and f"def {function}(" not in (ROOT / path).read_text(encoding="utf-8")):
+                missing.append(code)
+        elif re.fullmatch(r"pyibr(\.\w+)+", code) and not is_there(code):
+            missing.append(code)
+    return missing
+
+
+def is_there(name: str) -> bool:
+    """Whether a dotted name is a module, or something in one."""
+    parts = name.split(".")
+    for split in range(len(parts), 0, -1):
+        try:
+            found: object = importlib.import_module(".".join(parts[:split]))
+        except ModuleNotFoundError:
+            continue
+        for part in parts[split:]:
+            if not hasattr(found, part):
+                return part in getattr(found, "__annotations__", {}) or part in getattr(found, "__slots__", ())
+            found = getattr(found, part)
+        return True
+    return False
+
+
+def names_something(cell: str) -> bool:
+    codes = CODE.findall(cell)
+    return bool(LINK.findall(cell)) or any(c.startswith(PATHS) or re.fullmatch(r"pyibr(\.\w+)+", c) for c in codes)
+
+
+def test_there_is_a_page_for_each_paper() -> None:
+    assert set(PAGES) == set(FIGURES)
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_rows_name_what_exists(name: str) -> None:
+    rows = [*techniques(name), *figures(name)]
+    assert [missing for row in rows for cell in row.values() for missing in missing_of(cell)] == []
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_techniques_are_somewhere_and_held_by_something(name: str) -> None:
+    for row in techniques(name):
+        if row["here"] == NONE:
+            assert row["where it differs, and why"] != NONE, f"{row['in the paper']}: missing without a reason"
+        else:
+            assert names_something(row["here"]), f"{row['in the paper']}: nothing is named that it would be"
+            assert names_something(row["held by"]), f"{row['in the paper']}: nothing holds it"
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_every_figure_has_a_row_and_a_picture(name: str) -> None:
+    count, tables = FIGURES[name]
+    rows = figures(name)
+    numbers = [number.strip() for row in rows for number in row["figure"].split(",")]
+    expected = [str(i) for i in range(1, count + 1)] + [f"table {i}" for i in range(1, tables + 1)]
+    assert sorted(numbers) == sorted(expected)
+    for row in rows:
+        if row["picture"] == NONE:
+            assert row["where it differs, and why"] != NONE, f"figure {row['figure']}: no picture, and no reason"
+        else:
+            assert names_something(row["picture"])
+
+
+def test_pictures_are_made_by_scripts() -> None:
+    scripts = "".join(p.read_text(encoding="utf-8") for p in ROOT.glob("docs/gallery/*.py"))
+    pictures = {link for p in PAGES.values() for link in re.findall(r"images/([\w.-]+)", p.read_text(encoding="utf-8"))}
+    assert sorted(picture for picture in pictures if f'"{picture}"' not in scripts) == []
+
+
+def test_what_is_missing_is_found() -> None:
+    wrong = (
+        "`kernels/warp/nothing.cl` `pyibr.nothing` `tests/test_papers.py::test_nothing` [page](../theory/warp.md#no)"
+    )
+    assert len(missing_of(wrong)) == 4
+    assert missing_of("`kernels/warp/search.cl` `pyibr.DepthImage.valid` [page](../theory/warp.md#holes)") == []
