@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 import re
+from enum import Enum
 from pathlib import Path
 
 import pytest
+
+import pyibr
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = {p.stem: p for p in sorted(ROOT.glob("docs/papers/*.md"))}
@@ -16,6 +20,8 @@ NONE = "-"
 ROW = re.compile(r"^\|(.+)\|$", re.MULTILINE)
 CODE = re.compile(r"`([^`]+)`")
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
+NAME = re.compile(r"pyibr(\.\w+)+")
+OPTION = re.compile(r'(\w+)="(\w+)"')
 PATHS = ("kernels/", "pyibr/", "tests/", "benchmarks/", "docs/")
 
 Row = dict[str, str]
@@ -60,7 +66,7 @@ def missing_of(cell: str) -> list[str]:
             there = (ROOT / path).exists()
             if not there or (function and f"def {function}(" not in (ROOT / path).read_text(encoding="utf-8")):
                 missing.append(code)
-        elif re.fullmatch(r"pyibr(\.\w+)+", code) and not is_there(code):
+        elif (NAME.fullmatch(code) and not is_there(code)) or (OPTION.fullmatch(code) and not is_option(code)):
             missing.append(code)
     return missing
 
@@ -81,9 +87,26 @@ def is_there(name: str) -> bool:
     return False
 
 
+def is_option(code: str) -> bool:
+    """Whether something public takes an option, and tells of the value."""
+    match = OPTION.fullmatch(code)
+    assert match
+    public = (getattr(pyibr, name) for name in pyibr.__all__)
+    return any(
+        match[1] in inspect.signature(thing).parameters and f'"{match[2]}"' in inspect.getdoc(thing)
+        for thing in public
+        if callable(thing) and not is_enum_or_error(thing)
+    )
+
+
+def is_enum_or_error(thing: object) -> bool:
+    return inspect.isclass(thing) and issubclass(thing, Enum | Exception)
+
+
 def names_something(cell: str) -> bool:
     codes = CODE.findall(cell)
-    return bool(LINK.findall(cell)) or any(c.startswith(PATHS) or re.fullmatch(r"pyibr(\.\w+)+", c) for c in codes)
+    named = any(c.startswith(PATHS) or NAME.fullmatch(c) or OPTION.fullmatch(c) for c in codes)
+    return named or bool(LINK.findall(cell))
 
 
 def test_there_is_a_page_for_each_paper() -> None:
@@ -128,7 +151,9 @@ def test_pictures_are_made_by_scripts() -> None:
 
 def test_what_is_missing_is_found() -> None:
     wrong = (
-        "`kernels/warp/nothing.cl` `pyibr.nothing` `tests/test_papers.py::test_nothing` [page](../theory/warp.md#no)"
+        "`kernels/warp/nothing.cl` `pyibr.nothing` `tests/test_papers.py::test_nothing` [page](../theory/warp.md#no)",
+        '`method="nothing"` `nothing="search"`',
     )
-    assert len(missing_of(wrong)) == 4
-    assert missing_of("`kernels/warp/search.cl` `pyibr.DepthImage.valid` [page](../theory/warp.md#holes)") == []
+    assert [len(missing_of(cell)) for cell in wrong] == [4, 2]
+    assert missing_of('`kernels/warp/search.cl` `pyibr.DepthImage.valid` `fill="smooth"`') == []
+    assert missing_of("[page](../theory/warp.md#holes)") == []

@@ -208,10 +208,10 @@ def _walked(column: np.ndarray, source: ibr.Camera, target: ibr.Camera) -> None:
     epipole, seen_epipole = to_target[:3, 3], to_source[:3, 3]
     groups, _ = line_groups(epipole, Rectangle(0, width, 0, height), 1)
     for group in groups:
-        for ends in lines_of(group, tuple(epipole))[::2]:
-            line = np.linspace(ends[:, 0], ends[:, 1], 60)
+        for ends in lines_of(group, tuple(epipole))[::3]:
+            line = np.linspace(ends[:, 0], ends[:, 1], 40)
             # The target's pixels meet the front of the surface against D = w p - (u, v).
-            _shaded(column[0], line, -(epipole[2] * line[30] - epipole[:2]), BLUE)
+            _shaded(column[0], line, -(epipole[2] * line[20] - epipole[:2]), BLUE)
             nearness = np.concatenate([[0], np.geomspace(0.02, 50, 160)])
             places = np.ones((len(line), len(nearness), 4))
             places[..., :2], places[..., 3] = line[:, None], nearness
@@ -226,7 +226,7 @@ def _walked(column: np.ndarray, source: ibr.Camera, target: ibr.Camera) -> None:
             # From the epipole outwards; from an antipode inwards.
             outwards = seen_epipole[2] * pixels[len(pixels) // 2] - seen_epipole[:2]
             along = pixels @ outwards
-            _shaded(column[1], np.linspace(pixels[along.argmin()], pixels[along.argmax()], 60), outwards, ORANGE)
+            _shaded(column[1], np.linspace(pixels[along.argmin()], pixels[along.argmax()], 40), outwards, ORANGE)
     for axes, place in zip(column, (epipole, seen_epipole), strict=True):
         axes.add_patch(Patch((-0.5, -0.5), width, height, fill=False, edgecolor=INK, linewidth=1.5))
         if abs(place[2]) > 1e-9:

@@ -13,6 +13,7 @@ import depthcameras
 import depthmeshes
 import matplotlib.pyplot as plt
 import numpy as np
+import reliefrays
 import reliefs
 from demo import FAINT, HOLE, INK, PATH, views_of
 from epipolar import bare, cameras, epipolar_lines, epipolar_plane, orders
@@ -156,7 +157,7 @@ if __name__ == "__main__":
     save("epipolar-lines.png", epipolar_lines(), 80)
     save("epipolar-plane.png", epipolar_plane(), 100)
     save("paper-warp-cameras.png", cameras(), 80)
-    save("paper-warp-orders.png", orders(), 80)
+    save("paper-warp-orders.png", orders(), 70)
     save("slicing-directions.png", slicing_directions(), 80)
     save("three-directions.jpg", three_directions(), 80)
     save("slice-counts.png", slice_counts(), 70)
@@ -167,6 +168,11 @@ if __name__ == "__main__":
     save("relief-silhouettes.jpg", reliefs.silhouettes(), 80)
     save("relief-distances.jpg", reliefs.distances(), 80)
     save("relief-scenes.jpg", reliefs.scenes(), 80)
+    save("paper-relief-texture.jpg", reliefs.texture(), 80)
+    save("paper-relief-rays.png", reliefrays.rays(), 80)
+    save("paper-relief-distances.png", reliefrays.measures(), 80)
+    save("paper-relief-quadrics.png", reliefrays.quadrics(), 70)
+    save("paper-relief-shadows.jpg", reliefs.shadows(), 80)
     save("depth-mesh.jpg", depthmeshes.segmentation(), 80)
     save("depth-mesh-blending.jpg", depthmeshes.blending(), 80)
     save("depth-mesh-object.jpg", depthmeshes.unseen(), 80)

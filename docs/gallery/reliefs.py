@@ -107,6 +107,59 @@ def silhouettes() -> Figure:
     return figure
 
 
+def texture() -> Figure:
+    """What a relief is made of: heights, the normals that follow from them, and colours; and the relief."""
+    height, color = stones()
+    rise = 0.09 * height.astype(float) / 255  # scene units, of a tile one unit wide
+    across, down = (np.roll(rise, -1, axis) - np.roll(rise, 1, axis) for axis in (1, 0))
+    normals = np.dstack([-across, down, np.full_like(rise, 2 / 256)])
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    thing = ibr.ReliefSurface(quad((-1, -1, 0), (2, 0, 0), (0, 2, 0)), height, color, 0.18, shadow="search")
+    camera = ibr.Camera.look_at((0.5, -2.2, 1.6), (0, -0.08, -0.1), (0, 0, 1), (420, 300), 38)
+    light = ibr.Light(direction=(0.8, 0.3, -0.7), color=(2.4, 2.3, 2.1))
+    figure, row = plt.subplots(1, 4, figsize=(13, 3.1), layout="constrained", width_ratios=(1, 1, 1, 1.4))
+    show(row[0], np.repeat(height[..., None], 3, axis=2), "heights")
+    show(row[1], (127.5 * (normals + 1)).astype(np.uint8), "normals, from the heights")
+    show(row[2], color, "colours")
+    show(row[3], ibr.render(thing, camera, light, background=WHITE, samples=4).color, "the relief")
+    return figure
+
+
+def shadows() -> Figure:
+    """A relief's shadows on itself by both ways; and reliefs and other things that shade one another."""
+    (height, color), stone = bricks(), stones()
+    floor = quad((-2, -2, 0), (4, 0, 0), (0, 4, 0))
+    view = ibr.Camera.look_at((0.6, -1.6, 1.5), (0, -0.2, 0), (0, 0, 1), (430, 330), 40)
+    figure, row = plt.subplots(1, 4, figsize=(13, 2.8), layout="constrained")
+    kinds = {
+        "without shadows": ("map", 0),
+        "by the light's map": ("map", 1024),
+        "each point's own ray": ("search", 1024),
+    }
+    for axes, (name, (shadow, texels)) in zip(row[:3], kinds.items(), strict=True):
+        light = ibr.Light(direction=(0.85, 0.3, -0.5), color=(1.6, 1.5, 1.4), shadow_size=texels)
+        relief = ibr.ReliefSurface(floor, height, color, 0.12, (2, 3), shadow=shadow)
+        show(axes, ibr.render(relief, view, light, background=WHITE, samples=4).color, name)
+    ring = models.donut(48, 0.5, 0.18)
+    upright = ring.vertices[:, [0, 2, 1]] * (1, -1, 1) + np.array([-0.25, -0.1, 0.66])
+    things = [
+        ibr.ReliefSurface(floor, *stone, 0.14, (3, 3)),
+        ibr.Mesh(upright, ring.faces, colors=np.full((len(upright), 3), (196, 150, 60), np.uint8)),
+        ibr.ReliefSurface(_post((0.75, 0.5, 0.7)), height, color, 0.05, (3, 4)),
+    ]
+    light = ibr.Light(direction=(0.7, 0.55, -0.75), color=(1.8, 1.7, 1.6), shadow_size=2048)
+    view = ibr.Camera.look_at((0.9, -2.6, 1.9), (0.05, 0.1, 0.35), (0, 0, 1), (430, 330), 44)
+    show(
+        row[3], ibr.render(things, view, light, background=WHITE, samples=4).color, "mesh and reliefs shade one another"
+    )
+    return figure
+
+
+def _post(middle: tuple[float, float, float]) -> ibr.Mesh:
+    column = tube(32, 1.4, 0.24)
+    return ibr.Mesh(column.vertices + np.array(middle), column.faces, column.uv, column.normals)
+
+
 def distances() -> Figure:
     """The two distances to the quadric, side by side, and where they differ."""
     height, color = bricks()
