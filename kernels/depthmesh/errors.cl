@@ -5,9 +5,9 @@
  * of all children, the finest the triangles that they split. So parents have the larger ones, and one test of each vertex
  * on its own yields a triangulation without cracks (Lindstrom & Pascucci 2001).
  *
- * Deviations from the paper: a child's error is added to the own one instead of the larger of them being taken, since a
- * surface that leaves both out may be off by both: so errors bound what they are errors of. A triangle of which only a
- * part is drawn has LOSS times its own length as an error, since all of it is lost unless it is split: edges and
+ * Deviations from the paper: a child's error is added to the own one instead of the larger of them being taken (which
+ * LARGEST does), since a surface that leaves both out may be off by both: so errors bound what they are errors of. A
+ * triangle of which only a part is drawn has LOSS times its own length as an error, since all of it is lost unless it is split: edges and
  * segmentation stay at any tolerance that is of use.
  *
  * nearness: (height, pitch). Of each vertex, (side + 1, row): states, states.cl; errors in scene units, -1 where nothing is
@@ -19,6 +19,9 @@
  */
 #include "depthmesh/tree.h"
 
+#ifndef LARGEST
+#define LARGEST 0 /* 1: of a vertex's own error and its children's the largest counts, as in the paper; 0: their sum */
+#endif
 #define LOSS 4.0f
 #define MARGIN 0.01f /* samples by which spheres reach beyond children's: more than what rounding may turn round */
 
@@ -95,14 +98,15 @@ floatl bisection_error(const Layout *layout, Vector p, floatl n, intl ax, intl a
     return pick(known, area / pick(known, length, (floatl)1.0f), (floatl)0.0f);
 }
 
-/* Adds the vertices' own errors to their children's, unless nothing is drawn. */
+/* Joins the vertices' own errors with their children's, unless nothing is drawn. */
 void add_error(const Layout *layout, floatl own, intl states, int s, int centers, Vertices *v)
 {
     const intl a = STATE_A(states), b = STATE_B(states);
     const intl partly = (a == (UNDRAWN | DRAWN)) | (b == (UNDRAWN | DRAWN)), drawn = ((a | b) & DRAWN) != 0;
     const float samples = LOSS * 2.0f * s * (centers ? M_SQRT2_F : 1.0f);
     const floatl length = samples * sample_size(layout, v->depth);
-    v->error = pick(drawn, fmax(own + fmax(v->error, (floatl)0.0f), pick(partly, length, (floatl)0.0f)), v->error);
+    const floatl below = fmax(v->error, (floatl)0.0f), joined = LARGEST ? fmax(own, below) : own + below;
+    v->error = pick(drawn, fmax(joined, pick(partly, length, (floatl)0.0f)), v->error);
 }
 
 /* The row y of vertices of step s > 1 */

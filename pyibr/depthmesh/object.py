@@ -42,7 +42,7 @@ class DepthMeshObject(Fixed):
     ----------
     views : sequence of DepthImage or DepthMesh
         At any poses: six from the sides of a box around an object in the paper (`pyibr.capture.object_views`), or
-        frames of a scene. Of a `DepthMesh` the segmentation is its own.
+        frames of a scene. A `DepthMesh` has its own segmentation and errors.
     tolerance : float
         Pixels of the target, >= 0, by which surfaces that are one may lie apart: each mesh gets half of it.
     blend : {"quality", "position", "nearest"}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,10 @@ from pyibr.images import DepthImage
 from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty
-from pyibr.opencl.program import kernel
+from pyibr.opencl.program import Kernel, kernel
 from pyibr.picture.samples import samples_of
+
+ErrorsBy = Literal["sum", "largest"]
 
 _DEPTHS = (1e-4, 1e8)  # beyond, products of four distances leave the range of float32
 _COARSE = 8  # from this step on, all rows are one work-item's: they are too few to share
@@ -40,6 +42,8 @@ class Tree:
         Whether each cell's two triangles are drawn.
     states : DeviceArray (side + 1, row) uint8
         Which of the two triangles that a vertex splits are drawn.
+    joined : str
+        Of `ErrorsBy`: how a vertex's error is joined with its children's.
     """
 
     view: DepthImage
@@ -48,6 +52,7 @@ class Tree:
     nearness: DeviceArray
     cells: DeviceArray
     states: DeviceArray
+    joined: ErrorsBy
 
     def drawn_cells(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """(H - 1, W - 1) whether each cell's upper triangle is drawn, and whether its lower one is."""
@@ -82,7 +87,7 @@ class Errors:
     depths: DeviceArray
 
 
-def build_tree(view: DepthImage, segmentation: Segmentation) -> Tree:
+def build_tree(view: DepthImage, segmentation: Segmentation, joined: ErrorsBy = "sum") -> Tree:
     """Segment a view's grid, and find what its tree's triangles are made of."""
     width, height = view.camera.size
     samples = samples_of(view)
@@ -109,8 +114,9 @@ def build_tree(view: DepthImage, segmentation: Segmentation) -> Tree:
     )
     file, states = "depthmesh/states.cl", empty((side + 1, row), np.uint8)
     launch(kernel(file, "find_finest_states"), (side + 1,), cells=cells, states=states, layout=layout)
-    _fine_to_coarse(file, "find_states", "find_coarse_states", side, height, states=states, layout=layout)
-    return Tree(view, layout, side, nearness, cells, states)
+    of_step, of_coarse = (kernel(file, name) for name in ("find_states", "find_coarse_states"))
+    _fine_to_coarse(of_step, of_coarse, side, height, states=states, layout=layout)
+    return Tree(view, layout, side, nearness, cells, states, joined)
 
 
 def _find_normals(tree: Tree) -> DeviceArray:
@@ -131,6 +137,7 @@ def _find_normals(tree: Tree) -> DeviceArray:
 def _find_errors(tree: Tree) -> Errors:
 
     file, side = "depthmesh/errors.cl", tree.side
+    defines = {"LARGEST": 1} if tree.joined == "largest" else {}
     errors, radii, depths = (empty(tree.states.shape, np.float32) for _ in range(3))
     shared: dict[str, Any] = {
         "nearness": tree.nearness,
@@ -140,24 +147,24 @@ def _find_errors(tree: Tree) -> Errors:
         "depths": depths,
         "layout": tree.layout,
     }
-    launch(kernel(file, "find_finest_midpoints"), (side + 1,), **shared)
+    launch(kernel(file, "find_finest_midpoints", **defines), (side + 1,), **shared)
     if side > 1:
-        launch(kernel(file, "find_finest_centers"), (side // 2,), **shared)
-    _fine_to_coarse(file, "find_errors", "find_coarse_errors", side, tree.view.camera.height, **shared)
+        launch(kernel(file, "find_finest_centers", **defines), (side // 2,), **shared)
+    names = "find_errors", "find_coarse_errors"
+    _fine_to_coarse(*(kernel(file, name, **defines) for name in names), side, tree.view.camera.height, **shared)
     return Errors(errors, radii, depths)
 
 
-def _fine_to_coarse(file: str, of_step: str, of_coarse: str, side: int, height: int, **shared: Any) -> None:
+def _fine_to_coarse(of_step: Kernel, of_coarse: Kernel, side: int, height: int, **shared: Any) -> None:
     """Launch kernels for the vertices of each step from 2 on: midpoints, then centres."""
     step = 2
     while step < min(side, _COARSE):
         rows = -(-(height - 1) // step) + 1
-        one = kernel(file, of_step)
-        launch(one, (min(side // step + 1, rows),), **shared, s=step, centers=False)
-        launch(one, (min(side // (2 * step), -(-rows // 2)),), **shared, s=step, centers=True)
+        launch(of_step, (min(side // step + 1, rows),), **shared, s=step, centers=False)
+        launch(of_step, (min(side // (2 * step), -(-rows // 2)),), **shared, s=step, centers=True)
         step *= 2
     if step < side:
-        launch(kernel(file, of_coarse), (1,), **shared, finest=step)
+        launch(of_coarse, (1,), **shared, finest=step)
 
 
 def _layout(camera: Camera, side: int, row: int) -> np.ndarray[Any, np.dtype[np.void]]:

@@ -309,7 +309,8 @@ def random_solid(chance: Chance, scale: float, floats: bool) -> Any:
 def random_depth_mesh(chance: Chance, scale: float, floats: bool) -> Any:
     tolerance = chance.mostly(chance.one([0, 1.0, 20, 1e30]))
     if chance(0.5):
-        return ibr.DepthMesh(chance.one(views_around(chance, scale, floats, 1)), tolerance)
+        view, errors = chance.one(views_around(chance, scale, floats, 1)), chance.mostly(chance.one(["sum", "largest"]))
+        return ibr.DepthMesh(view, tolerance, errors=errors)
     return ibr.DepthMeshObject(
         chance.mostly(views_around(chance, scale, floats, 2)),
         tolerance,

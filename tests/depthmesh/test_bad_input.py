@@ -99,6 +99,11 @@ def test_segmentations(argument, value):
     refused(argument, Segmentation, **{argument: value})
 
 
+@pytest.mark.parametrize("errors", ["max", None, 0])
+def test_errors(errors):
+    refused("errors", ibr.DepthMesh, VIEW, errors=errors)
+
+
 def test_views_of_objects():
     apart = [ibr.DepthImage(VIEW.color, VIEW.depth, VIEW.camera.moved(100.0 * k, 0, 0)) for k in range(3)]
     pair_and_one = [VIEW, VIEW, apart[2]]

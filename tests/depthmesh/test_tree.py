@@ -11,12 +11,14 @@ import pytest
 import pyibr as ibr
 from pyibr.core.camera import Camera
 from pyibr.depthmesh import Segmentation
+from pyibr.depthmesh.tree import ErrorsBy
 from pyibr.depthmesh.triangulation import active_for, list_triangles, pixels_of
 from tests import scenes
 from tests.depthmesh.views import PROJECTIONS, cells_of, rough, samples_for, samples_within
 from tests.reference import depthmesh as reference
 
 SIZES = [(2, 2), (7, 13), (61, 37), (33, 33), (65, 40)]
+ERRORS: tuple[ErrorsBy, ...] = ("sum", "largest")
 TESTS = ["orthogonality", "connectedness", "disparity", "none"]
 
 # Depths are about 4 and kept as their inverses: two roundings of 2^-24 of it each way, a few more in differences of
@@ -31,12 +33,14 @@ def all_kinds() -> list[tuple[str, ibr.DepthMesh, reference.Tree]]:
         holes = 0.03 * (number % 2)
         views[f"{size} {projection} {holes}"] = rough(np.random.default_rng(number), size, projection, 0.02, holes)
     views["holed"], views["stepped"] = scenes.holed((61, 37)), scenes.stepped((33, 33), "orthographic")
-    things = {name: ibr.DepthMesh(view) for name, view in views.items()}
+    things = {
+        f"{name} {errors}": ibr.DepthMesh(view, errors=errors) for name, view in views.items() for errors in ERRORS
+    }
     return [(name, thing, twin(thing)) for name, thing in things.items()]
 
 
 def twin(thing: ibr.DepthMesh) -> reference.Tree:
-    return reference.Tree(thing.view, thing.tree.cells.to_host())
+    return reference.Tree(thing.view, thing.tree.cells.to_host(), thing.errors == "largest")
 
 
 def fields(tree: reference.Tree, side: int) -> tuple[np.ndarray, ...]:

@@ -251,6 +251,23 @@ def test_errors_in_pixels(name, tolerance):
     assert np.mean(left) < {1: 0.95, 2: 0.8, 4: 0.6}[tolerance]
 
 
+@pytest.mark.parametrize("name", ["torus", "rough"])
+def test_the_largest_errors_take_fewer_triangles(name):
+    """A sum is at least its largest part: the paper's rule never takes a triangle more, and is seldom off by more."""
+    for tolerance in (1, 2, 4):
+        counts, off = [], []
+        for thing, camera in seen(name):
+            paper = ibr.DepthMesh(thing.view, errors="largest")
+            counts.append([len(one.triangulate(camera, tolerance).faces) for one in (thing, paper)])
+            errors = errors_in_pixels(paper.triangulate(camera, 0), paper.triangulate(camera, tolerance), camera)
+            off.append(errors)
+        assert all(sums >= largest for sums, largest in counts)
+        assert sum(largest for _, largest in counts) < sum(sums for sums, _ in counts)
+        # Bends fall to a quarter from level to level: of one sign, they add up to 4/3 of the largest.
+        assert (np.concatenate(off) <= 4 / 3 * tolerance).mean() >= 0.9995
+    np.testing.assert_array_equal(paper.triangulate(camera, 0).faces, thing.triangulate(camera, 0).faces)
+
+
 def test_far_away_and_out_of_view_it_is_coarse():
     view = scenes.smooth((129, 129))
     thing, own = ibr.DepthMesh(view), view.camera.world_from_camera

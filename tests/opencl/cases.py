@@ -366,9 +366,9 @@ def _depth_meshes(setting: Setting) -> Cases:
     sizes: tuple[Size, ...] = ((2, 2), (2, 17), (17, 2), (3, 2), (31, 33))[: setting.choose(0, 0, 5)]
     for test, own in tests:
         for size in (own, *sizes):
-            for projection in PROJECTIONS:
+            for projection, errors in zip(PROJECTIONS, ("sum", "largest"), strict=True):
                 view = _rough(setting, size, projection, 0 if min(size) == 2 else 0.1)
-                thing = ibr.DepthMesh(view, 0.5, Segmentation(test, 60, 0.1, 0.1))
+                thing = ibr.DepthMesh(view, 0.5, Segmentation(test, 60, 0.1, 0.1), errors)
                 name = f"depth mesh {test} {size} {projection}"
                 yield f"{name}, simplified", partial(thing.simplify, 0.05)
                 yield name, partial(_draw, setting, [thing], target)

@@ -72,10 +72,13 @@ class Vertex:
 
 
 class Tree:
-    """The tree over the view's samples; cells: (H, W) states of each cell's two triangles, A in the lower two bits."""
+    """The tree over the view's samples; cells: (H, W) states of each cell's two triangles, A in the lower two bits.
 
-    def __init__(self, view: DepthImage, cells: np.ndarray) -> None:
-        self.view, self.cells = view, cells
+    Of a vertex's own error and its children's the sum counts, or the `largest` (the paper's).
+    """
+
+    def __init__(self, view: DepthImage, cells: np.ndarray, largest: bool = False) -> None:
+        self.view, self.cells, self.largest = view, cells, largest
         self.ray_from_pixel = np.linalg.inv(view.camera.K)
         side = 1
         while side < max(view.camera.size) - 1:
@@ -128,7 +131,8 @@ class Tree:
         vertex.depth = float(self.view.depth[corner[::-1]]) if self.is_sample(corner) else next(iter(known), 0.0)
         vertex.error = below
         if any(state & DRAWN for state in vertex.states.values()):
-            vertex.error = self.own_error(corner) + max(below, 0.0)
+            errors = self.own_error(corner), max(below, 0.0)
+            vertex.error = max(errors) if self.largest else sum(errors)
             if UNDRAWN | DRAWN in vertex.states.values():
                 vertex.error = max(vertex.error, LOSS * self.length(corner))
         if not vertex.children and self.is_sample(corner):
