@@ -118,7 +118,7 @@ QUICK = Plan(
         "epipolar, white noise": {32: 1, 64: 1},
         "search": {32: 1, 64: 1},
     },
-    table2={32: 1},
+    table2={96: 1},
     dragon_mesh="dragon_vrip_res3.ply.gz",
     peers_positions=(("A", "forward"), ("E", "backward")),
     peers={64: 3, 128: 3},

@@ -1,9 +1,8 @@
 """The papers' models: a globe, a torus and a scanned dragon as depth images; a donut as a base for displacement.
 
 After Schaufler and Priglinger, "Efficient Displacement Mapping by Image Warping" (1999), section 7: globe and
-torus are displaced from depth images at one centre, the dragon is covered by sixteen of them. Their world axes are
-as a camera's: x right, y down, z forward; up is -y. The scanned meshes' own up, +y, is turned over on
-loading.
+torus are displaced from depth images at one centre, the dragon's head is covered by sixteen of them. Their world axes
+are as a camera's: x right, y down, z forward; up is -y. The scanned meshes' own up, +y, is turned over on loading.
 """
 
 from __future__ import annotations
@@ -33,6 +32,9 @@ Uint8 = NDArray[np.uint8]
 
 DRAGON_HEAD = Path(__file__).with_name("dragon-head.json")
 """The frusta of `dragon_head`, in the axes of the scan: +y is up."""
+
+TORUS = Path(__file__).with_name("torus.json")
+"""The frusta of `torus_from_outside`."""
 
 _UP = np.array([0.0, -1.0, 0.0])
 
@@ -105,13 +107,68 @@ def torus(size: int, layers: Sequence[str] = ("first", "last")) -> list[DepthIma
         raise ArgumentError("size", "at least 8 pixels", describe(size))
     if not layers or any(layer not in ("first", "last") for layer in layers):
         raise ArgumentError("layers", '"first", "last" or both', describe(layers))
-    scene = _torus_scene()
+    scene = MeshScene.from_mesh(torus_mesh())
     images: dict[str, list[DepthImage]] = {"first": [], "last": []}
     for camera in cube_cameras((0, 0, 0), size):
         first, last = scene.capture(camera, "first"), scene.capture(camera, "last")
         for layer, image in zip(("first", "last"), _joined_at_rim(first, last), strict=True):
             images[layer].append(image)
     return [image for layer in layers for image in images[layer]]
+
+
+def torus_from_outside(size: int) -> list[DepthImage]:
+    """Make the same torus from six frusta around it, which see its inner wall, too.
+
+    They are those that `propose_frusta(torus_mesh(), 6)` proposes, and lie in `torus.json` beside this file.
+
+    Parameters
+    ----------
+    size : int
+        Of each image in pixels.
+
+    Returns
+    -------
+    list of 6 DepthImage
+        Draw them with `edges="cut"`.
+
+    Examples
+    --------
+    >>> from pyibr.capture import models
+    >>> len(models.torus_from_outside(32))
+    6
+    """
+    mesh = torus_mesh()
+    return [frustum.resized(size).capture(mesh) for frustum in load_frusta(TORUS)[0]]
+
+
+def torus_mesh() -> Mesh:
+    """Make the surface of `torus`: radii 1 and about 0.42 across the diagonal (1, 1, 1), bumpy and striped.
+
+    Returns
+    -------
+    Mesh
+        Of 589,824 triangles, with colours.
+
+    Examples
+    --------
+    >>> from pyibr.capture import models
+    >>> models.torus_mesh()
+    <Mesh 294912 vertices, 589824 triangles>
+    """
+    a, b = np.meshgrid(np.linspace(0, 2 * np.pi, 768, False), np.linspace(0, 2 * np.pi, 384, False))
+    tube = 0.42 + 0.03 * np.sin(9 * a) * np.sin(5 * b) + 0.012 * np.cos(30 * a + 6 * b)
+    ring = 1 + tube * np.cos(b)
+    local = np.stack([ring * np.cos(a), tube * np.sin(b), ring * np.sin(a)], axis=-1).reshape(-1, 3)
+    axis, across = np.ones(3) / np.sqrt(3), np.array([1, -1, 0]) / np.sqrt(2)
+    vertices = local @ np.stack([across, axis, np.cross(across, axis)])
+    stripe = 0.5 + 0.5 * np.tanh(4 * np.sin(6 * a + 3 * b))
+    dent = ((tube - tube.min()) / np.ptp(tube))[..., None]
+    colors = stripe[..., None] * np.array([215, 120, 60]) + (1 - stripe[..., None]) * np.array([50, 110, 160])
+    number = np.arange(a.size).reshape(a.shape)
+    right, down = np.roll(number, -1, axis=1), np.roll(number, -1, axis=0)
+    diagonal = np.roll(right, -1, axis=0)
+    faces = np.stack([np.stack([number, down, right], -1), np.stack([diagonal, right, down], -1)], axis=2)
+    return Mesh(vertices, faces.reshape(-1, 3), colors=_uint8(colors * (0.45 + 0.55 * dent)).reshape(-1, 3))
 
 
 def dragon(mesh_path: str | PathLike[str], size: int, views: int = 16) -> list[DepthImage]:
@@ -352,24 +409,6 @@ def _hypsometric(height: Float64) -> Float64:
     stops = [0.0, 0.004, 0.03, 0.2, 0.45, 0.7]
     colors = np.array([[22, 60, 120], [205, 190, 130], [70, 130, 60], [110, 120, 60], [130, 105, 85], [245, 245, 250]])
     return np.stack([np.interp(height, stops, colors[:, channel]) for channel in range(3)], axis=1)
-
-
-def _torus_scene() -> MeshScene:
-    """A torus of radii 1 and about 0.42 across the diagonal (1, 1, 1), bumpy and striped."""
-    a, b = np.meshgrid(np.linspace(0, 2 * np.pi, 768, False), np.linspace(0, 2 * np.pi, 384, False))
-    tube = 0.42 + 0.03 * np.sin(9 * a) * np.sin(5 * b) + 0.012 * np.cos(30 * a + 6 * b)
-    ring = 1 + tube * np.cos(b)
-    local = np.stack([ring * np.cos(a), tube * np.sin(b), ring * np.sin(a)], axis=-1).reshape(-1, 3)
-    axis, across = np.ones(3) / np.sqrt(3), np.array([1, -1, 0]) / np.sqrt(2)
-    vertices = local @ np.stack([across, axis, np.cross(across, axis)])
-    stripe = 0.5 + 0.5 * np.tanh(4 * np.sin(6 * a + 3 * b))
-    dent = ((tube - tube.min()) / np.ptp(tube))[..., None]
-    colors = stripe[..., None] * np.array([215, 120, 60]) + (1 - stripe[..., None]) * np.array([50, 110, 160])
-    number = np.arange(a.size).reshape(a.shape)
-    right, down = np.roll(number, -1, axis=1), np.roll(number, -1, axis=0)
-    diagonal = np.roll(right, -1, axis=0)
-    faces = np.stack([np.stack([number, down, right], -1), np.stack([diagonal, right, down], -1)], axis=2)
-    return MeshScene(vertices, faces.reshape(-1, 3), _uint8(colors * (0.45 + 0.55 * dent)).reshape(-1, 3))
 
 
 def _joined_at_rim(first: DepthImage, last: DepthImage) -> tuple[DepthImage, DepthImage]:

@@ -19,7 +19,7 @@ from tests.data import shared
 @cache
 def torus() -> ibr.Mesh:
     """The paper's, of a sixteenth of its triangles."""
-    corners = models._torus_scene().vertices.reshape(384, 768, 3)[::4, ::4]
+    corners = models.torus_mesh().vertices.reshape(384, 768, 3)[::4, ::4]
     rows, columns = corners.shape[:2]
     y, x = np.mgrid[:rows, :columns]
     numbers = [((y + dy) % rows * columns + (x + dx) % columns).ravel() for dy, dx in ((0, 0), (0, 1), (1, 1), (1, 0))]

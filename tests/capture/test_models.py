@@ -5,7 +5,7 @@ import gzip
 import numpy as np
 import pytest
 
-from pyibr.capture import models
+from pyibr.capture import capture, models
 from pyibr.capture.coverage import surface_of, unseen_share
 from pyibr.capture.frusta import load_frusta
 from pyibr.core.camera import Camera
@@ -69,7 +69,7 @@ def test_the_whole_torus_is_seen(direction):
     assert len(images) == 12
     camera = models.view(images, (90, 70), direction)
     seen = truth.raycast(images, camera, side="both")
-    expected = models._torus_scene().capture(camera)
+    expected = capture(models.torus_mesh(), camera)
     inside = ~truth.dilate(~expected.valid, 2)
     outside = ~truth.dilate(expected.valid, 2)
     assert inside.sum() > 800
@@ -77,6 +77,20 @@ def test_the_whole_torus_is_seen(direction):
     assert not seen.valid[outside].any()
     # Not exact: the images have 48 samples a side, and the rim is a pixel off.
     assert np.median(np.abs(seen.depth - expected.depth)[inside & seen.valid]) < 0.01
+
+
+def test_six_frusta_around_it_see_the_torus_and_its_inner_wall():
+    """By rays, from where the wall is seen through the hole."""
+    views = models.torus_from_outside(160)
+    assert len(views) == 6
+    for direction in ((0.45, -0.4, -1), (1, 1, 1), (-1, -1.2, -0.3)):
+        camera = models.view(views, (131, 117), direction)
+        expected = capture(models.torus_mesh(), camera)
+        frame = warp(views, camera)
+        # But for outlines, which images know to a sample
+        assert frame.valid[expected.valid].mean() > 0.97
+        both = frame.valid & expected.valid
+        assert (np.abs(frame.depth / expected.depth - 1)[both] < 0.01).mean() > 0.99
 
 
 def test_the_torus_layers_can_be_had_alone():
