@@ -15,6 +15,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import reliefrays
 import reliefs
+import warpfigures
 from demo import FAINT, HOLE, INK, PATH, views_of
 from epipolar import bare, cameras, epipolar_lines, epipolar_plane, orders
 from matplotlib.colors import Normalize, to_rgb, to_rgba
@@ -158,6 +159,9 @@ if __name__ == "__main__":
     save("epipolar-plane.png", epipolar_plane(), 100)
     save("paper-warp-cameras.png", cameras(), 80)
     save("paper-warp-orders.png", orders(), 70)
+    save("globe-of-six.jpg", warpfigures.globe_of_six(), 80)
+    save("torus-of-six.jpg", warpfigures.torus_of_six(), 80)
+    save("beside-the-original.jpg", warpfigures.beside_the_original(), 80)
     save("slicing-directions.png", slicing_directions(), 80)
     save("three-directions.jpg", three_directions(), 80)
     save("slice-counts.png", slice_counts(), 70)

@@ -1,0 +1,131 @@
+"""The warping paper's figures 10 to 13 with its torus and a globe: made by pictures.py."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import matplotlib.pyplot as plt
+import numpy as np
+from demo import HOLE
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from reliefs import show
+
+import pyibr as ibr
+from pyibr.capture import MeshScene, models
+
+COLORS = [plt.get_cmap("tab10")(number) for number in (0, 1, 2, 3, 4, 6)]
+CROSS = {(1, 0): 1, (1, 1): 4, (1, 2): 0, (1, 3): 5, (0, 1): 3, (2, 1): 2}
+"""Where the six images of `cube_cameras` lie in a cross: row, column and number."""
+
+
+def globe_of_six() -> Figure:
+    """Frusta and rays in an opened globe, and the six images as a cross: colours, and displacements of the surface."""
+    images = models.globe(257)
+    camera = ibr.Camera.look_at((-3.9, -1.9, 3.0), (0, 0, 0), (0, -1, 0), (440, 440), fov_y=43)
+    away = [image for image in images if image.camera.forward @ camera.center < 0]
+    frame = ibr.warp(away, camera, side="both", edges="connect", blend="nearest")
+    paper = np.where(frame.valid[..., None], (frame.color + 255.0) / 2, 255).astype(np.uint8)
+    figure, row = plt.subplots(1, 4, figsize=(17, 4.1), width_ratios=(1, 1, 1.28, 1.28), layout="constrained")
+    show(row[0], paper, "the frusta of six images at the centre")
+    show(row[1], paper, "rays of the images, to their samples")
+    for image, tone in zip(images, COLORS, strict=True):
+        corners = image.camera.unproject([[0, 0], [256, 0], [256, 256], [0, 256]], np.full(4, 1.15))
+        edges = [np.stack([image.camera.center, corner]) for corner in corners]
+        edges += [np.stack(pair) for pair in pairwise([*corners, corners[0]])]
+        draw_lines(row[0], edges, camera, frame, tone)
+    for image, tone in zip(away, (COLORS[images.index(one)] for one in away), strict=True):
+        y, x = (32 * one.ravel() for one in np.mgrid[:9, :9])
+        ends = image.camera.unproject(np.column_stack([x, y]), image.depth[y, x])
+        rays = [np.stack([image.camera.center, end]) for end in ends]
+        draw_lines(row[1], rays, camera, frame, tone, 0.6)
+    away_from_sphere = [np.linalg.norm(world_of(image), axis=-1) - 1 for image in images]
+    tones = [plt.get_cmap("viridis")(away / 0.08)[..., :3] for away in away_from_sphere]
+    show(row[2], cross([image.color / 255 for image in images]), "their colours")
+    show(row[3], cross(tones), "their displacements")
+    return figure
+
+
+def torus_of_six() -> Figure:
+    """The torus with the frusta around it, the images of three of them, and the image planes that are displaced."""
+    views = models.torus_from_outside(256)
+    camera, close = (
+        ibr.Camera.look_at((9.4, -2.6, 3.4), (0, 0.2, 0), (0, -1, 0), (560, 560), degrees) for degrees in (56, 24)
+    )
+    frame = ibr.warp(views, camera, blend="nearest")
+    figure = plt.figure(figsize=(15, 4.9), layout="constrained")
+    grid = figure.add_gridspec(2, 6)
+    whole, planes = figure.add_subplot(grid[:, :2]), figure.add_subplot(grid[:, 4:])
+    show(whole, np.where(frame.valid[..., None], frame.color, 255), "six frusta, proposed")
+    show(planes, np.full_like(frame.color, 255), "the polygons that are displaced")
+    for view, tone in zip(views, COLORS, strict=True):
+        far = np.quantile(view.depth[view.valid], 0.5)
+        corners = view.camera.unproject([[0, 0], [255, 0], [255, 255], [0, 255]], np.full(4, far))
+        outline = [np.stack(pair) for pair in pairwise([*corners, corners[0]])]
+        draw_lines(whole, [np.stack([view.camera.center, one]) for one in corners] + outline, camera, frame, tone)
+        planes.add_patch(plt.Polygon(close.project(corners)[0], facecolor=(*tone[:3], 0.35), edgecolor=tone))
+    for row, number in enumerate((0, 2)):
+        view = views[number]
+        near = (view.depth - np.nanmin(view.depth)) / np.ptp(view.depth[view.valid])
+        depth = np.where(view.valid[..., None], plt.get_cmap("viridis")(1 - np.where(view.valid, near, 0))[..., :3], 1)
+        show(figure.add_subplot(grid[row, 2]), np.where(view.valid[..., None], view.color, 255), f"image {number + 1}")
+        show(figure.add_subplot(grid[row, 3]), depth, "depth")
+    return figure
+
+
+def beside_the_original() -> Figure:
+    """The torus itself, the warp of its six images, and where they differ: cut at depth edges, and connected."""
+    views = models.torus_from_outside(256)
+    camera = models.view(views, (400, 400), (-1, -1.2, -0.3), 2.6)
+    truth = MeshScene.from_mesh(models.torus_mesh()).capture(camera, background=(255, 255, 255))
+    figure, row = plt.subplots(1, 5, figsize=(17.5, 3.8), layout="constrained")
+    show(row[0], truth.color, "original geometry, by rays")
+    for place, edges, name in ((1, "cut", 'warp, edges="cut"'), (3, "connect", 'warp, edges="connect"')):
+        frame = ibr.warp(views, camera, edges=edges, blend="nearest")  # pyright: ignore[reportArgumentType]
+        picture = np.where(frame.valid[..., None], frame.color, 255)
+        apart = np.abs(picture.astype(np.float64) - truth.color).max(axis=2)
+        shown = np.repeat(1 - np.clip(apart / 64, 0, 1)[..., None], 3, axis=2)
+        shown[truth.valid & ~frame.valid] = np.array([int(HOLE[i : i + 2], 16) for i in (1, 3, 5)]) / 255
+        show(row[place], picture, name)
+        show(row[place + 1], shown, "difference, and what no image saw")
+    return figure
+
+
+def world_of(image: ibr.DepthImage) -> np.ndarray:
+    """(H, W, 3) the samples of an image without holes in the world."""
+    y, x = np.mgrid[: image.camera.height, : image.camera.width]
+    points = image.camera.unproject(np.stack([x, y], -1).reshape(-1, 2), image.depth.ravel())
+    return points.reshape(*image.depth.shape, 3)
+
+
+def cross(faces: Sequence[np.ndarray]) -> np.ndarray:
+    """A cube's images, unfolded, on white."""
+    side = faces[0].shape[0]
+    sheet = np.ones((3 * side, 4 * side, 3))
+    for (row, column), number in CROSS.items():
+        sheet[row * side : (row + 1) * side, column * side : (column + 1) * side] = faces[number]
+    return sheet
+
+
+def draw_lines(
+    axes: Axes,
+    lines: Sequence[np.ndarray],
+    camera: ibr.Camera,
+    frame: ibr.Frame,
+    tone: tuple[float, ...],
+    width: float = 1.2,
+) -> None:
+    """Lines in the world, (2, 3) each, over a picture: faint where the picture is before them."""
+    part = np.linspace(0, 1, 121)[:, None]
+    limits = axes.get_xlim(), axes.get_ylim()
+    for line in lines:
+        pixels, depth = camera.project(line[0] + part * (line[1] - line[0]))
+        x, y = np.clip(np.rint(pixels), 0, np.array(camera.size) - 1).astype(int).T
+        with np.errstate(invalid="ignore"):
+            hidden = (frame.depth[y, x] < 0.99 * depth)[:-1]
+        pieces = np.stack([pixels[:-1], pixels[1:]], axis=1)
+        for some, alpha in ((~hidden, 1.0), (hidden, 0.22)):
+            axes.add_collection(LineCollection(list(pieces[some]), colors=[tone], linewidths=width, alpha=alpha))
+    axes.set(xlim=limits[0], ylim=limits[1])
