@@ -70,3 +70,48 @@ def unseen() -> Figure:
         count = sum(len(mesh.triangulate(camera, thing.tolerance / 2).faces) for mesh in thing.meshes)
         show(axes, ibr.render(thing, camera, background=WHITE, samples=4).color, f"{count:,} triangles of six views")
     return figure
+
+
+def stages() -> Figure:
+    """What is known of a view before it is drawn; and three views' pictures, by which a new one is blended."""
+    views = object_views(knot(), 257)
+    camera = seen_from(5.1, -4.7, 6.2)
+    thing = ibr.DepthMeshObject(views)
+    weights = thing.weights(camera)
+    chosen = np.argsort(-weights)[:3]
+    figure, grid = plt.subplots(2, 5, figsize=(13, 5.4), layout="constrained")
+    _prepared(grid[0], thing.meshes[chosen[0]], camera)
+    for axes, number in zip(grid[1], chosen, strict=False):
+        mesh = ibr.DepthMesh(views[number], thing.tolerance / 2)
+        picture = ibr.render(mesh, camera, background=WHITE, samples=4).color
+        show(axes, picture, f"view {number}, weight {weights[number]:.2f}")
+    frame = ibr.render(thing, camera, background=WHITE, samples=4)
+    show(grid[1, 3], _gray(frame.depth), "the nearest depth")
+    show(grid[1, 4], frame.color, "blended")
+    return figure
+
+
+def _prepared(row: np.ndarray, mesh: ibr.DepthMesh, camera: ibr.Camera) -> None:
+    """A view's depth, its vertices' errors, its rubber sheets, its quality, and its triangles for a camera."""
+    view, tree = mesh.view, mesh.tree
+    height, width = view.valid.shape
+    show(row[0], _gray(view.depth), "a view's depth")
+    errors = tree.errors.errors.to_host()[:height, :width]
+    show(row[1], plt.get_cmap("magma_r")(np.log10(np.maximum(errors, 1e-4) / 1e-4) / 5), "error of each vertex")
+    upper, lower = tree.drawn_cells()
+    drawn = upper & lower & view.valid[1:, 1:]
+    sheet = view.valid[1:, 1:] & view.valid[:-1, :-1] & view.valid[1:, :-1] & view.valid[:-1, 1:] & ~(upper & lower)
+    picture = np.where(drawn[..., None], (223, 231, 238), 255)
+    picture[sheet] = (230, 0, 126)
+    show(row[2], picture, "rubber sheets")
+    show(row[3], np.where(view.valid, mesh.quality, np.nan), "quality")
+    triangles = mesh.triangulate(camera)
+    show(row[4], np.full((camera.height, camera.width, 3), 255, np.uint8), f"{len(triangles.faces):,} triangles")
+    wires(row[4], triangles, camera)
+
+
+def _gray(depth: np.ndarray) -> np.ndarray:
+    """Depths as gray, the nearest light, on white."""
+    known = np.isfinite(depth)
+    low, high = depth[known].min(), depth[known].max()
+    return np.where(known, 235 - 190 * (depth - low) / (high - low), 255)[..., None].repeat(3, axis=2).astype(np.uint8)

@@ -12,6 +12,7 @@ import depthcameras
 import depthmeshes
 import matplotlib.pyplot as plt
 import numpy as np
+import quadtrees
 import reliefrays
 import reliefs
 import slices
@@ -89,3 +90,8 @@ if __name__ == "__main__":
     save("depth-mesh.jpg", depthmeshes.segmentation(), 80)
     save("depth-mesh-blending.jpg", depthmeshes.blending(), 80)
     save("depth-mesh-object.jpg", depthmeshes.unseen(), 80)
+    save("paper-depthmesh-tree.jpg", quadtrees.refinement(), 62)
+    save("paper-depthmesh-sections.png", quadtrees.sections(), 80)
+    save("paper-depthmesh-segments.png", quadtrees.segments(), 80)
+    save("paper-depthmesh-strips.jpg", quadtrees.strips(), 66)
+    save("paper-depthmesh-stages.jpg", depthmeshes.stages(), 80)
