@@ -202,7 +202,8 @@ def _directions(axes: Axes) -> None:
         start = box.mean(axis=0) + 0.5 * np.ptp(along) * direction
         ends = drawn(np.stack([start, start + 0.4 * direction]))
         axes.annotate("", ends[1], ends[0], arrowprops={"arrowstyle": "-|>", "color": INK, "lw": 1.4})
-        axes.text(*(ends[1] + 0.28 * (ends[1] - ends[0])), name, fontsize=13, color=INK, ha="center", va="center")
+        x, y = ends[1] + 0.28 * (ends[1] - ends[0])
+        axes.text(x, y, name, fontsize=13, color=INK, ha="center", va="center")
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.03)
     axes.set_title("slicing directions of a polygon", loc="left", fontsize=12, color=INK)
