@@ -11,6 +11,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle as Patch
 from matplotlib.ticker import NullLocator
+from mpl_toolkits.mplot3d import Axes3D
 
 import pyibr as ibr
 from pyibr.core.pixelspace import Rectangle
@@ -114,12 +115,14 @@ def epipolar_plane() -> Figure:
 def cameras() -> Figure:
     """Two cameras and the plane through a point and both centres; and what that plane shows of a surface."""
     figure = plt.figure(figsize=(13, 5.2), layout="constrained")
-    _in_space(figure.add_subplot(1, 2, 1, projection="3d"))
+    space = figure.add_subplot(1, 2, 1, projection="3d")
+    assert isinstance(space, Axes3D)
+    _in_space(space)
     _in_the_plane(figure.add_subplot(1, 2, 2))
     return figure
 
 
-def _in_space(axes: Axes) -> None:
+def _in_space(axes: Axes3D) -> None:
     """Both cameras, the images they take, and a point that both see."""
     up, point = (0, 0, 1), np.array([0.5, 3.6, 0.7])
     pair = [
@@ -136,7 +139,8 @@ def _in_space(axes: Axes) -> None:
         seen = camera.unproject(pixel, [1.3])[0]
         axes.plot(*np.stack([camera.center, point]).T, color=INK, linewidth=1.2)
         axes.plot(*seen[:, None], "o", color=color, markersize=6)
-        axes.text(*(camera.center - (0, 0, 0.25)), f"{name}'s centre", fontsize=11, color=color, ha="center")
+        x, y, z = camera.center
+        axes.text(x, y, z - 0.25, f"{name}'s centre", fontsize=11, color=color, ha="center")
     axes.plot(*np.stack([pair[0].center, pair[1].center]).T, color=HOLE, linewidth=1.2)
     axes.plot(*point[:, None], "o", color=INK, markersize=8)
     plane = np.stack([pair[0].center, pair[1].center, point])
@@ -246,4 +250,4 @@ def _shaded(axes: Axes, line: np.ndarray, forwards: np.ndarray, color: str) -> N
         line = line[::-1]
     shades = np.linspace(0.08, 1, len(line) - 1)
     colors = [(*to_rgb(color), shade) for shade in shades]
-    axes.add_collection(LineCollection(np.stack([line[:-1], line[1:]], axis=1), colors=colors, linewidths=0.9))
+    axes.add_collection(LineCollection(list(np.stack([line[:-1], line[1:]], axis=1)), colors=colors, linewidths=0.9))

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 import pyibr as ibr
 from pyibr.capture import models
+from pyibr.relief.surface import Shadow
 
 WHITE = (255, 255, 255)
 
@@ -131,7 +132,7 @@ def shadows() -> Figure:
     floor = quad((-2, -2, 0), (4, 0, 0), (0, 4, 0))
     view = ibr.Camera.look_at((0.6, -1.6, 1.5), (0, -0.2, 0), (0, 0, 1), (430, 330), 40)
     figure, row = plt.subplots(1, 4, figsize=(13, 2.8), layout="constrained")
-    kinds = {
+    kinds: dict[str, tuple[Shadow, int]] = {
         "without shadows": ("map", 0),
         "by the light's map": ("map", 1024),
         "each point's own ray": ("search", 1024),

@@ -11,10 +11,12 @@ from demo import HOLE
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
 from reliefs import show
 
 import pyibr as ibr
 from pyibr.capture import MeshScene, models
+from pyibr.picture.drawable import Edges
 
 COLORS = [plt.get_cmap("tab10")(number) for number in (0, 1, 2, 3, 4, 6)]
 CROSS = {(1, 0): 1, (1, 1): 4, (1, 2): 0, (1, 3): 5, (0, 1): 3, (2, 1): 2}
@@ -65,7 +67,7 @@ def torus_of_six() -> Figure:
         corners = view.camera.unproject([[0, 0], [255, 0], [255, 255], [0, 255]], np.full(4, far))
         outline = [np.stack(pair) for pair in pairwise([*corners, corners[0]])]
         draw_lines(whole, [np.stack([view.camera.center, one]) for one in corners] + outline, camera, frame, tone)
-        planes.add_patch(plt.Polygon(close.project(corners)[0], facecolor=(*tone[:3], 0.35), edgecolor=tone))
+        planes.add_patch(Polygon(close.project(corners)[0], facecolor=(*tone[:3], 0.35), edgecolor=tone))
     for row, number in enumerate((0, 2)):
         view = views[number]
         near = (view.depth - np.nanmin(view.depth)) / np.ptp(view.depth[view.valid])
@@ -82,13 +84,14 @@ def beside_the_original() -> Figure:
     truth = MeshScene.from_mesh(models.torus_mesh()).capture(camera, background=(255, 255, 255))
     figure, row = plt.subplots(1, 5, figsize=(17.5, 3.8), layout="constrained")
     show(row[0], truth.color, "original geometry, by rays")
-    for place, edges, name in ((1, "cut", 'warp, edges="cut"'), (3, "connect", 'warp, edges="connect"')):
-        frame = ibr.warp(views, camera, edges=edges, blend="nearest")  # pyright: ignore[reportArgumentType]
+    kinds: tuple[Edges, ...] = ("cut", "connect")
+    for place, edges in zip((1, 3), kinds, strict=True):
+        frame = ibr.warp(views, camera, edges=edges, blend="nearest")
         picture = np.where(frame.valid[..., None], frame.color, 255)
         apart = np.abs(picture.astype(np.float64) - truth.color).max(axis=2)
         shown = np.repeat(1 - np.clip(apart / 64, 0, 1)[..., None], 3, axis=2)
         shown[truth.valid & ~frame.valid] = np.array([int(HOLE[i : i + 2], 16) for i in (1, 3, 5)]) / 255
-        show(row[place], picture, name)
+        show(row[place], picture, f'warp, edges="{edges}"')
         show(row[place + 1], shown, "difference, and what no image saw")
     return figure
 

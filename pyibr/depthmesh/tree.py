@@ -135,7 +135,6 @@ def _find_normals(tree: Tree) -> DeviceArray:
 
 
 def _find_errors(tree: Tree) -> Errors:
-
     file, side = "depthmesh/errors.cl", tree.side
     defines = {"LARGEST": 1} if tree.joined == "largest" else {}
     errors, radii, depths = (empty(tree.states.shape, np.float32) for _ in range(3))
@@ -150,8 +149,8 @@ def _find_errors(tree: Tree) -> Errors:
     launch(kernel(file, "find_finest_midpoints", **defines), (side + 1,), **shared)
     if side > 1:
         launch(kernel(file, "find_finest_centers", **defines), (side // 2,), **shared)
-    names = "find_errors", "find_coarse_errors"
-    _fine_to_coarse(*(kernel(file, name, **defines) for name in names), side, tree.view.camera.height, **shared)
+    of_step, of_coarse = (kernel(file, name, **defines) for name in ("find_errors", "find_coarse_errors"))
+    _fine_to_coarse(of_step, of_coarse, side, tree.view.camera.height, **shared)
     return Errors(errors, radii, depths)
 
 
