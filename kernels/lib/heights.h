@@ -1,11 +1,13 @@
 #ifndef LIB_HEIGHTS_H
 #define LIB_HEIGHTS_H
-/* Height maps, tiled: texel centres are at (i + 0.5) / size, so (x, y) = uv * size - 0.5 counts from the first centre.
+/* Height maps, tiled or clamped (lib/wrap.h): texel centres are at (i + 0.5) / size, so (x, y) = uv * size - 0.5 counts from the first centre.
  *
  * HEIGHT_BYTES 1: a word holds four heights of 8 bits: a texel, its right neighbour, and the two below.
  * HEIGHT_BYTES 2: a word holds two of 16 bits: a texel and its right neighbour.
+ * The last texels' neighbours are the first ones; clamped, the last ones themselves.
  */
 #include "lib/lanes.h"
+#include "lib/wrap.h"
 
 #ifndef HEIGHT_BYTES
 #define HEIGHT_BYTES 2 /* of a height, as above */
@@ -17,7 +19,7 @@
 #endif
 
 #ifndef POWERS_OF_TWO
-#define POWERS_OF_TWO 0 /* 1: the map's width and height are powers of two, so tiles need a mask alone */
+#define POWERS_OF_TWO 0 /* 1: the map repeats, and its width and height are powers of two: tiles need a mask alone */
 #endif
 
 /* One level of a map; lanes may be on different ones. */
@@ -28,7 +30,8 @@ typedef struct {
 #endif
 } HeightMap;
 
-/* FLOOR: the greatest whole number <= x, also as an int. TILED: that int, moved into the tile, whatever x is. */
+/* FLOOR: the greatest whole number <= x, also as an int. ON_MAP: that int, moved into the tile, or to the map's border,
+ * whatever x is. */
 #if POWERS_OF_TWO
 /* Added, it leaves no bits for fractions, and the last bits are those of the whole number: |x| < 2^22. A whole x may
  * yield x - 1, and a fraction of 1. */
@@ -37,12 +40,17 @@ typedef struct {
     const floatl number##_bits = ((x) - 0.5f) + WHOLE_BITS;                                                    \
     const floatl whole = number##_bits - WHOLE_BITS;                                                           \
     const intl number = as_intl(number##_bits);
-#define TILED(whole, number, size, per_size) ((number) & ((size) - 1))
 #else
 #define FLOOR(x, whole, number)                                                                                \
     const floatl whole = floor_lanes(x);                                                                       \
     const intl number = to_intl(whole);
-#define TILED(whole, number, size, per_size)                                                                   \
+#endif
+#if CLAMPED
+#define ON_MAP(whole, number, size, per_size) clamp(number, (intl)0, (size) - 1)
+#elif POWERS_OF_TWO
+#define ON_MAP(whole, number, size, per_size) ((number) & ((size) - 1))
+#else
+#define ON_MAP(whole, number, size, per_size)                                                                  \
     clamp((number) - (size) * to_intl(floor_lanes(((whole) + 0.5f) * (per_size))), (intl)0, (size) - 1)
 #endif
 
@@ -57,7 +65,7 @@ typedef struct {
     floatl aa, ab, ba, bb;
 } Patch;
 
-/* The cell right of and below the texel (x, y) of the tile */
+/* The cell right of and below the texel (x, y) of the map */
 INLINE Patch read_patch(global const uint *texels, HeightMap map, intl x, intl y)
 {
     Patch patch;
@@ -69,12 +77,27 @@ INLINE Patch read_patch(global const uint *texels, HeightMap map, intl x, intl y
     patch.ba = to_floatl((a >> 16) & 255);
     patch.bb = to_floatl((a >> 24) & 255);
 #else
-    const intl lower = map.start + pick(y + 1 < map.height, y + 1, (intl)0) * map.width + x;
+    const intl lower = map.start + pick(y + 1 < map.height, y + 1, CLAMPED ? y : (intl)0) * map.width + x;
     const intl b = as_intl((uintl)(gather(texels, lower)));
     patch.aa = to_floatl(a & 0xffff);
     patch.ab = to_floatl((a >> 16) & 0xffff);
     patch.ba = to_floatl(b & 0xffff);
     patch.bb = to_floatl((b >> 16) & 0xffff);
+#endif
+    return patch;
+}
+
+/* The same where (x, y) is the texel (ix, iy) moved onto the map: before the first texels of a clamped one nothing
+ * changes, as behind the last ones. */
+INLINE Patch read_cell(global const uint *texels, HeightMap map, intl ix, intl iy, intl x, intl y)
+{
+    Patch patch = read_patch(texels, map, x, y);
+#if CLAMPED
+    const intl left = ix < 0, above = iy < 0;
+    patch.ab = pick(left, patch.aa, patch.ab);
+    patch.bb = pick(left, patch.ba, patch.bb);
+    patch.ba = pick(above, patch.aa, patch.ba);
+    patch.bb = pick(above, patch.ab, patch.bb);
 #endif
     return patch;
 }
@@ -91,7 +114,7 @@ floatl height_in(global const uint *texels, HeightMap map, floatl x, floatl y)
 {
     FLOOR(x, x0, ix)
     FLOOR(y, y0, iy)
-    const intl tx = TILED(x0, ix, map.width, map.per_width), ty = TILED(y0, iy, map.height, map.per_height);
-    return height_of(read_patch(texels, map, tx, ty), x - x0, y - y0);
+    const intl tx = ON_MAP(x0, ix, map.width, map.per_width), ty = ON_MAP(y0, iy, map.height, map.per_height);
+    return height_of(read_cell(texels, map, ix, iy, tx, ty), x - x0, y - y0);
 }
 #endif

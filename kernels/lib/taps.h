@@ -2,6 +2,7 @@
 #define LIB_TAPS_H
 /* The four texels around a place of a map, of which bilinear values are made. */
 #include "lib/lanes.h"
+#include "lib/wrap.h"
 
 typedef struct {
     intl column, row; /* of the first */
@@ -34,6 +35,16 @@ INLINED Taps tiled_taps(int width, int height, floatl u, floatl v)
     const intl upper = up * width, lower = down * width;
     const Taps taps = {left, up, {upper + left, upper + right, lower + left, lower + right}, tx - x0, ty - y0};
     return taps;
+}
+
+/* Around (u, v) of a map whose whole width is 1, and its height */
+INLINED Taps map_taps(int width, int height, floatl u, floatl v)
+{
+#if CLAMPED
+    return clamped_taps(width, height, u * width - 0.5f, v * height - 0.5f);
+#else
+    return tiled_taps(width, height, u, v);
+#endif
 }
 
 INLINED void tap_weights(Taps taps, floatl *weights)

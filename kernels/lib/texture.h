@@ -1,9 +1,10 @@
 #ifndef LIB_TEXTURE_H
 #define LIB_TEXTURE_H
-/* Textures with their pyramids, tiled: RGBA bytes, level by level from the largest, each half the size of the one
+/* Textures with their pyramids, tiled or clamped (lib/wrap.h): RGBA bytes, level by level from the largest, each half the size of the one
  * before, rounded down (Williams 1983).
  */
 #include "lib/color.h"
+#include "lib/wrap.h"
 
 #define LEVELS_MOST 16
 
@@ -18,7 +19,8 @@ void add_level(global const uint *texels, floatl u, floatl v, intl level, int wi
         w = pick(finer, max(w >> 1, (intl)1), w);
         h = pick(finer, max(h >> 1, (intl)1), h);
     }
-    const floatl across = to_floatl(w), down = to_floatl(h), tx = u * across - 0.5f, ty = v * down - 0.5f;
+    const floatl across = to_floatl(w), down = to_floatl(h);
+    const floatl tx = FROM_FIRST(u * across - 0.5f, across), ty = FROM_FIRST(v * down - 0.5f, down);
     const floatl x0 = floor_lanes(tx), y0 = floor_lanes(ty), fx = tx - x0, fy = ty - y0;
     const floatl right = weight * fx, left = weight - right;
     /* Lanes that do not ask may hold anything: none may read beyond the level. */

@@ -13,7 +13,7 @@
  * vertices: (vertices, VERTEX) u, v, normal, gradient of u, gradient of v (world, per scene unit), a, b, c, unused. texels, bounds,
  * levels: search.h. colors: lib/texture.h. normal_map: (normal_height, normal_width, 3), where > 0.
  * counts: (height, width, 2) searched entries and their steps, with COUNTED. places: (height, width, 2) u and v of what
- * is seen, in the tile, NaN where nothing is, with TOLD.
+ * is seen, in 0 to 1, NaN where nothing is, with TOLD.
  * Work-item: a region (raster/region.h). Cost: O(list + pixels * layers * steps). Determinism: list order.
  */
 #define PLACED 1
@@ -119,8 +119,8 @@ void set_ray(ReliefRay *ray, const Entry *e, Vector d, int quadric, float scale)
 {
     const float per_scale = 1.0f / scale;
     const floatl cosine = DOT(d, e->normal); /* < 0: it enters */
-    ray->u = e->u - floor_lanes(e->u);
-    ray->v = e->v - floor_lanes(e->v);
+    ray->u = IN_FIRST_TILE(e->u);
+    ray->v = IN_FIRST_TILE(e->v);
     ray->du = DOT(d, e->along_u);
     ray->dv = DOT(d, e->along_v);
     const Vector down = cross_of(e->normal, e->along_u);
@@ -358,8 +358,8 @@ LightRay light_ray(const Context *context, const Entry *e, const Seen *seen, Vec
     ray->du = -DOT(light, e->along_u);
     ray->dv = -DOT(light, e->along_v);
     const floatl u = seen->place.u - ray->du * way, v = seen->place.v - ray->dv * way;
-    ray->u = u - floor_lanes(u);
-    ray->v = v - floor_lanes(v);
+    ray->u = IN_FIRST_TILE(u);
+    ray->v = IN_FIRST_TILE(v);
     ray->L = -slope - 2.0f * K * way;
     ray->K = K;
     ray->level = seen->place.level;
@@ -502,8 +502,8 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
             seen.point = point_at(screen, px, py, n);
             seen.ahead = towards(screen, seen.point);
             seen.t = pick(mine, layers.t[block], (floatl)0.0f);
-            seen.place.u = u - floor_lanes(u);
-            seen.place.v = v - floor_lanes(v);
+            seen.place.u = IN_FIRST_TILE(u);
+            seen.place.v = IN_FIRST_TILE(v);
             seen.place.du = seen.place.dv = 0.0f;
             seen.place.level = level_of(&e, levels[0], levels[1], level_count, size, mine);
             seen.track = track_of(&seen.place, levels);
@@ -526,8 +526,9 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
         for (int lane = 0; lane < LANES; lane++) {
             const long at = pixel_of(screen, first_x, first_y, lane);
             const float2 uv = {float_lane(region.u[block], lane), float_lane(region.v[block], lane)};
+            const float2 in_map = CLAMPED ? clamp(uv, 0.0f, 1.0f) : uv - floor(uv);
             if (at >= 0)
-                vstore2(int_lane(owner, lane) >= 0 ? uv - floor(uv) : (float2)(NAN), at, places);
+                vstore2(int_lane(owner, lane) >= 0 ? in_map : (float2)(NAN), at, places);
         }
 #endif
         write_block(&region, block, screen, depth, color, valid, blank, first_x, first_y, shade);

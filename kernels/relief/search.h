@@ -293,25 +293,41 @@ intl solve_cell(Search *s, Patch p, floatl fx, floatl fy, floatl leaves, intl tr
     return met;
 }
 
+#if CLAMPED
+/* When a ray leaves a cell whose far side is `side`. The bounds of cells at a map's border hold beyond it, too, where
+ * nothing changes: there is no side behind the last texel, and before the first one only that towards the map. */
+INLINED floatl time_to_side(intl number, intl side, intl count, floatl d, floatl from, floatl per)
+{
+    const intl before = number < 0, forward = d >= 0.0f;
+    const floatl t = (to_floatl(pick(before, (intl)0, side)) - from) * per;
+    return pick(pick(forward, side == count, before), (floatl)NEVER, t);
+}
+#endif
+
 /* One step of a safe search: across a cell that the ray stays above, or down to its quarters. */
 void safe_step(Search *s, global const uint *texels, global const ushort *bounds, global const int *levels)
 {
     const ReliefRay *ray = &s->ray;
     const intl width = s->track.map.width, height = s->track.map.height, tier = s->tier;
     const floatl x0 = s->track.x, y0 = s->track.y, dx = s->track.dx, dy = s->track.dy, t = s->t;
-    /* The cell just after t, in the tile */
+    /* The cell just after t, on the map */
     const floatl inside = t + s->nudge, at_x = x0 + dx * inside, at_y = y0 + dy * inside;
     FLOOR(at_x, cx, ix)
     FLOOR(at_y, cy, iy)
-    const intl tx = TILED(cx, ix, width, s->track.map.per_width), ty = TILED(cy, iy, height, s->track.map.per_height);
+    const intl tx = ON_MAP(cx, ix, width, s->track.map.per_width), ty = ON_MAP(cy, iy, height, s->track.map.per_height);
     const intl column = tx >> tier, row = ty >> tier, row_length = ((width - 1) >> tier) + 1;
     const intl bound_at = TABLE_AT(levels, ray->level, 4 + tier) + row * row_length + column;
     const floatl highest = to_floatl((intl)(gather(bounds, bound_at))) * (1.0f / 65535.0f);
     const intl first_x = column << tier, first_y = row << tier, one = (intl)1 << tier;
     const intl side_x = pick(dx >= 0.0f, min(first_x + one, width), first_x);
     const intl side_y = pick(dy >= 0.0f, min(first_y + one, height), first_y);
+#if CLAMPED
+    const floatl t_x = time_to_side(ix, side_x, width, dx, s->from_x, s->per_x);
+    const floatl t_y = time_to_side(iy, side_y, height, dy, s->from_y, s->per_y);
+#else
     const floatl t_x = (cx + to_floatl(side_x - tx) - s->from_x) * s->per_x;
     const floatl t_y = (cy + to_floatl(side_y - ty) - s->from_y) * s->per_y;
+#endif
     const floatl leaves = lesser(greater(lesser(t_x, t_y), inside), ray->end);
     const floatl turn = lesser(greater(s->peak, t), leaves);
     /* By equation 7, than which nothing is deeper */
@@ -325,7 +341,7 @@ void safe_step(Search *s, global const uint *texels, global const ushort *bounds
     intl met = 0;
     COUNT_STEP(s, s->active)
     if (any_lane(solves))
-        met = solve_cell(s, read_patch(texels, s->track.map, tx, ty), x0 + dx * t - cx, y0 + dy * t - cy, leaves, solves);
+        met = solve_cell(s, read_cell(texels, s->track.map, ix, iy, tx, ty), x0 + dx * t - cx, y0 + dy * t - cy, leaves, solves);
     s->found = s->found | met;
     s->active = s->active & !met;
     const intl passes = s->active & (is_free | at_leaf);

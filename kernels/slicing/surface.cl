@@ -10,10 +10,10 @@
  * Deviations from the paper: slices are met per pixel instead of drawn as polygons; where a ray enters or leaves
  * through the base, the base is tested as a slice is, so that no view sees through flat parts between two slices.
  *
- * corners: (tetrahedra, 4) of projected, three in a row for each triangle. places: (vertices, 3) u, v (tiled) and
+ * corners: (tetrahedra, 4) of projected, three in a row for each triangle. places: (vertices, 3) u, v (times tiles) and
  * height. points: (vertices, 3) world. frames: (triangles, 3, 3) the slicing directions a (normal), b, c: unit length.
  * heights: (map_height, map_width), lib/heights.h. colors: lib/texture.h. gradients:
- * (triangles, 2, 3) of u and v in the world, tiled. normals: (vertices of the base, 3). spacing: of the slices,
+ * (triangles, 2, 3) of u and v in the world, times tiles. normals: (vertices of the base, 3). spacing: of the slices,
  * in the world. slices: of direction a. counts: (height, width) alpha tests, with COUNTED.
  * Work-item: a region (raster/region.h): with LANES 16 a bin, in blocks of 4 x 4 pixels, one to a lane; with LANES 1 a
  * pixel, which sets up all tetrahedra of its bin's list by itself and walks the slices of those that it meets.

@@ -26,6 +26,7 @@ from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
 from pyibr.images.depth_image import Backdrop
 from pyibr.meshes.files import is_mesh_file
+from pyibr.meshes.heights import Wrap
 from pyibr.meshes.mesh import Mesh
 from pyibr.relief import ReliefSurface
 from pyibr.slicing import SlicedSurface
@@ -53,6 +54,7 @@ def view(
     color: Annotated[Path | None, typer.Option(help="With --height: an image over the same uv")] = None,
     scale: Annotated[float | None, typer.Option(help="With --height: of height 1, in scene units")] = None,
     tiles: Annotated[tuple[int, int], typer.Option(metavar="U V", help="How often height and color repeat")] = (1, 1),
+    wrap: Annotated[Wrap, typer.Option(help="What height and color are beyond uv of 0 to 1")] = "repeat",
     start: Annotated[Path | None, typer.Option(help="The camera to begin with: JSON")] = None,
     up: _Up = None,
     port: _Port = 8080,
@@ -68,7 +70,7 @@ def view(
         if height is not None:
             if len(meshes) != 1 or len(shown) != 1:
                 raise ArgumentError("--height", "one mesh to displace, and nothing else", f"{len(shown)} things")
-            given = _displaced(meshes[0], height, color, scale, tiles)
+            given = _displaced(meshes[0], height, color, scale, tiles, wrap)
         elif color is not None or scale is not None:
             raise ArgumentError("--color" if color else "--scale", "--height with it", "none")
         direction = _direction(up or ("y" if of_meshes else None))
@@ -163,7 +165,7 @@ class _Views:
 
 
 def _displaced(
-    mesh: Mesh, height: Path, color: Path | None, scale: float | None, tiles: tuple[int, int]
+    mesh: Mesh, height: Path, color: Path | None, scale: float | None, tiles: tuple[int, int], wrap: Wrap
 ) -> dict[str, object]:
     """The mesh with a height map, by the two systems that draw such."""
     if scale is None:
@@ -172,8 +174,8 @@ def _displaced(
     heights = ibr.read_color(height)[..., 0]
     texture = np.full((1, 1, 3), 200, np.uint8) if color is None else ibr.read_color(color)
     return {
-        "relief": ReliefSurface(mesh, heights, texture, scale, tiles),
-        "slices": SlicedSurface(mesh, heights, texture, scale, tiles),
+        "relief": ReliefSurface(mesh, heights, texture, scale, tiles, wrap=wrap),
+        "slices": SlicedSurface(mesh, heights, texture, scale, tiles, wrap=wrap),
     }
 
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pyibr.core.checks import describe, numbers, plain_array
+from pyibr.core.checks import describe, numbers, one_of, plain_array
 from pyibr.core.errors import ArgumentError
 
 Float32 = NDArray[np.float32]
+Wrap = Literal["repeat", "clamp"]
 
 
 def checked_height(height: NDArray[Any]) -> Float32:
@@ -28,10 +29,18 @@ def checked_height(height: NDArray[Any]) -> Float32:
     return np.ascontiguousarray(height, np.float32)
 
 
-def height_pairs(height: Float32) -> NDArray[np.uint32]:
-    """(h, w) words of two heights, 16 bits each: a texel's, and above it its right neighbour's, repeated."""
+def height_pairs(height: Float32, wrap: Wrap) -> NDArray[np.uint32]:
+    """(h, w) words of two heights, 16 bits each: a texel's, and above it its right neighbour's."""
     fixed = np.rint(height * np.float32(65535)).astype(np.uint32)
-    return fixed | np.roll(fixed, -1, axis=1) << np.uint32(16)
+    return fixed | following(fixed, 1, wrap) << np.uint32(16)
+
+
+def following(values: NDArray[Any], axis: int, wrap: Wrap) -> NDArray[Any]:
+    """Each texel's next one along an axis: of the last ones the first, or, clamped, the last themselves."""
+    count: int = values.shape[axis]
+    order = np.arange(1, count + 1)
+    order[-1] = 0 if wrap == "repeat" else count - 1
+    return values.take(order, axis=axis)
 
 
 def checked_normal_map(normal_map: NDArray[Any]) -> Float32:
@@ -58,9 +67,12 @@ def checked_normal_map(normal_map: NDArray[Any]) -> Float32:
     return single
 
 
-def checked_tiles(tiles: tuple[int, int]) -> tuple[int, int]:
-    """How often a map repeats along u and v."""
+def checked_tiles(tiles: tuple[int, int], wrap: Wrap) -> tuple[int, int]:
+    """How often a map repeats along u and v; a clamped one does not."""
+    one_of("wrap", wrap, Wrap)
     pair = numbers("tiles", cast("ArrayLike", tiles), (2,))
     if (pair < 1).any() or (pair != np.rint(pair)).any():
         raise ArgumentError("tiles", "two whole numbers >= 1", describe(tiles))
+    if wrap == "clamp" and (pair != 1).any():
+        raise ArgumentError("tiles", '(1, 1) with wrap="clamp", which does not repeat', describe(tiles))
     return int(pair[0]), int(pair[1])

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pyibr.meshes.heights import Wrap, following
 from pyibr.meshes.textures import halved
 from pyibr.opencl.headers import constant
 
@@ -21,7 +22,7 @@ class HeightLevels:
     ----------
     texels : (n,) uint32
         Level by level, largest first. Of 8-bit heights a word holds four: a texel, its right neighbour, and the two
-        below; of others two of 16 bits: a texel and its right neighbour. All of them tiled.
+        below; of others two of 16 bits: a texel and its right neighbour.
     bounds : (m,) uint16
         Greatest height, in 65535ths, of the cells between 2x2 texels, then of 2x2 cells, and so on up to one.
     table : (levels, TABLE of kernels/relief/search.h) int32
@@ -36,7 +37,7 @@ class HeightLevels:
     height_bytes: int
 
 
-def height_levels(height: Float32, height_bytes: int) -> HeightLevels:
+def height_levels(height: Float32, height_bytes: int, wrap: Wrap) -> HeightLevels:
     """Levels of heights (h, w) in [0, 1], each half as large as the one before, rounded down.
 
     Parameters
@@ -44,6 +45,8 @@ def height_levels(height: Float32, height_bytes: int) -> HeightLevels:
     height : (h, w) float32
     height_bytes : 1 or 2
         1 if the heights are multiples of 1/255: reading them takes half the time.
+    wrap : {"repeat", "clamp"}
+        What neighbours the last texels have: the first ones, or themselves.
     """
     words: list[NDArray[np.uint32]] = []
     bounds: list[NDArray[np.uint16]] = []
@@ -53,8 +56,8 @@ def height_levels(height: Float32, height_bytes: int) -> HeightLevels:
         h, w = level.shape
         most = 255 if height_bytes == 1 else 65535
         fixed = np.rint(level * np.float32(most)).astype(np.uint32)
-        right, down = np.roll(fixed, -1, axis=1), np.roll(fixed, -1, axis=0)
-        across = np.roll(right, -1, axis=0)
+        right, down = following(fixed, 1, wrap), following(fixed, 0, wrap)
+        across = following(right, 0, wrap)
         if height_bytes == 1:
             words.append((fixed | right << 8 | down << 16 | across << 24).astype(np.uint32).ravel())
         else:

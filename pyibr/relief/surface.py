@@ -12,7 +12,7 @@ from pyibr.core.camera import Camera
 from pyibr.core.checks import Fixed, check_tiled, checked_colors, instance_of, locked, one_of, positive, whole_from
 from pyibr.core.errors import ArgumentError
 from pyibr.core.straight import check_no_lens
-from pyibr.meshes.heights import Float32, checked_height, checked_normal_map, checked_tiles
+from pyibr.meshes.heights import Float32, Wrap, checked_height, checked_normal_map, checked_tiles
 from pyibr.meshes.mesh import Mesh
 from pyibr.meshes.textures import texture_pyramid
 from pyibr.opencl.device import one_call
@@ -44,8 +44,7 @@ class ReliefSurface(Fixed):
     base : Mesh
         With uv. The relief lies below its triangles' fronts.
     height : (h, w) float32 in [0, 1], or uint8, uint16
-        1 is the base, 0 is `scale` below it. Bilinear between texel centres, repeated beyond 0 to 1; uint8 is kept in
-        8 bits, all else in 16.
+        1 is the base, 0 is `scale` below it. Bilinear between texel centres; uint8 is kept in 8 bits, all else in 16.
     color : (h', w', 3) uint8, or float32 in [0, 1]
         Over the same uv.
     scale : float
@@ -73,6 +72,10 @@ class ReliefSurface(Fixed):
         not the picture's, as on curved bases; "search", a second search from each point towards the light, the
         paper's, and the map for what lies beyond this relief. It needs no texels, so small tiles get no moire, but a
         search more a pixel; and what stands below the base, within the relief, casts no shadow on it.
+    wrap : {"repeat", "clamp"}
+        What heights, colours and normals are where uv are beyond 0 to 1, and from the outermost texels' centres on:
+        "repeat" goes over to the other side of the map, "clamp" goes on with the values of its border, for maps that
+        do not tile. `tiles` are (1, 1) with it.
 
     Attributes
     ----------
@@ -111,6 +114,7 @@ class ReliefSurface(Fixed):
         steps: int = 32,
         halvings: int = 6,
         shadow: Shadow = "map",
+        wrap: Wrap = "repeat",
     ) -> None:
         instance_of("base", base, Mesh, "a pyibr.Mesh")
         if base.uv is None:
@@ -120,7 +124,8 @@ class ReliefSurface(Fixed):
         self._height_bytes = 1 if getattr(height, "dtype", None) == np.uint8 else 2
         self.color = locked(checked_colors("color", color, (None, None, 3)))
         self.scale = positive("scale", scale)
-        self.tiles = checked_tiles(tiles)
+        self.tiles = checked_tiles(tiles, wrap)
+        self.wrap: Wrap = wrap
         one_of("silhouette", silhouette, Silhouette)
         one_of("distance", distance, Distance)
         one_of("search", search, Search)
@@ -171,7 +176,7 @@ class ReliefSurface(Fixed):
     @cached_property
     def levels(self) -> HeightLevels:
         """Levels and bounds of the heights."""
-        return height_levels(self.height, self._height_bytes)
+        return height_levels(self.height, self._height_bytes, self.wrap)
 
     def tile_coordinates(self, camera: Camera) -> Float32:
         """Where in the tile each pixel of a picture sees the relief.
@@ -184,6 +189,7 @@ class ReliefSurface(Fixed):
         -------
         (H, W, 2) float32
             u and v in [0, 1], tiles included: of what `render` shows of this relief alone. NaN where there is nothing.
+            Beyond a clamped map it is its border.
         """
         instance_of("camera", camera, Camera, "a pyibr.Camera")
         check_no_lens("camera", camera)
@@ -219,7 +225,10 @@ def draw_relief(
     bins = bin_primitives(target, buffers["faces"], projected, near, "front")
     distance = int(constant("relief/search.h", surface.distance.upper()))
     defines: dict[str, int] = {"DISTANCE": distance, "HEIGHT_BYTES": surface.levels.height_bytes}
-    defines["POWERS_OF_TWO"] = int(all(n & (n - 1) == 0 for n in surface.height.shape))
+    if surface.wrap == "clamp":
+        defines["CLAMPED"] = 1
+    else:
+        defines["POWERS_OF_TWO"] = int(all(n & (n - 1) == 0 for n in surface.height.shape))
     more: dict[str, Any] = {}
     if lit is not None:
         defines |= lit.defines

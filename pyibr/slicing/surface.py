@@ -19,7 +19,7 @@ from pyibr.core.checks import (
     whole_from,
 )
 from pyibr.core.errors import ArgumentError
-from pyibr.meshes.heights import Float32, checked_height, checked_normal_map, checked_tiles, height_pairs
+from pyibr.meshes.heights import Float32, Wrap, checked_height, checked_normal_map, checked_tiles, height_pairs
 from pyibr.meshes.mesh import Mesh
 from pyibr.meshes.textures import texture_pyramid
 from pyibr.opencl.headers import constant
@@ -53,7 +53,7 @@ class SlicedSurface(Fixed):
     base : Mesh
         With uv; a single polygon or any surface. It is displaced along its normals, or its smooth ones.
     height : (h, w) float32 in [0, 1], or uint8, uint16
-        0 is the base, 1 is `scale` above it. Bilinear between texel centres, repeated beyond 0 to 1; kept in 16 bits.
+        0 is the base, 1 is `scale` above it. Bilinear between texel centres; kept in 16 bits.
     color : (h', w', 3) uint8, or float32 in [0, 1]
         Over the same uv.
     scale : float
@@ -78,6 +78,10 @@ class SlicedSurface(Fixed):
     clipped : bool
         False lets slices parallel to the screen test the points beside the displacement volume, too, as the paper's
         simplest variant does (section 3.3): the same picture with more alpha tests, to compare.
+    wrap : {"repeat", "clamp"}
+        What heights, colours and normals are where uv are beyond 0 to 1, and from the outermost texels' centres on:
+        "repeat" goes over to the other side of the map, "clamp" goes on with the values of its border, for maps that
+        do not tile. `tiles` are (1, 1) with it.
 
     Raises
     ------
@@ -109,6 +113,7 @@ class SlicedSurface(Fixed):
         test: AlphaTest = "inside",
         normal_map: NDArray[Any] | None = None,
         clipped: bool = True,
+        wrap: Wrap = "repeat",
     ) -> None:
         instance_of("base", base, Mesh, "a pyibr.Mesh")
         if base.uv is None:
@@ -117,7 +122,8 @@ class SlicedSurface(Fixed):
         self.heights = Heights(checked_height(height))
         self.color = locked(checked_colors("color", color, (None, None, 3)))
         self.scale = positive("scale", scale)
-        self.tiles = checked_tiles(tiles)
+        self.tiles = checked_tiles(tiles, wrap)
+        self.wrap: Wrap = wrap
         self.slices = whole_from("slices", slices, 1, _SLICES_MOST)
         one_of("slicing", slicing, Slicing)
         one_of("test", test, AlphaTest)
@@ -167,12 +173,12 @@ def draw_surface(
     """Draw a sliced surface into the target; `counts`, (H, W) int32, gains the alpha tests of each pixel."""
     buffers = {
         **kept(surface, "volume", lambda: _volume_buffers(surface)),
-        "heights": kept(surface.heights, "pairs", lambda: upload(height_pairs(surface.height))),
+        "heights": kept(surface.heights, "pairs", lambda: upload(height_pairs(surface.height, surface.wrap))),
     }
     near = target.near(surface.volume.bounds)
     projected = project(target, buffers["points"], near)
     bins = bin_primitives(target, buffers["corners"], projected, near, sort=True)
-    defines: dict[str, int] = {}
+    defines: dict[str, int] = {"CLAMPED": 1} if surface.wrap == "clamp" else {}
     more: dict[str, Any] = {}
     if lit is not None:
         defines |= lit.defines

@@ -82,6 +82,8 @@ def test_each_kind_of_thing_is_shown(folder, seen):
     ]
     assert [type(named[name]) for name in ("relief", "slices")] == [ibr.ReliefSurface, ibr.SlicedSurface]
     assert named["slices"].tiles == (3, 2)
+    named = shown("donut.glb", "--height", "height.png", "--scale", "0.1", "--wrap", "clamp")[0]
+    assert [thing.wrap for thing in named.values()] == ["clamp", "clamp"]
 
 
 def test_what_is_wrong_is_said_in_one_line(folder):

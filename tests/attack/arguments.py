@@ -234,13 +234,15 @@ def random_maps(chance: Chance, scale: float) -> dict[str, Any]:
     normal_map = None
     if chance(0.2):
         normal_map = np.dstack([rng.normal(0, 1, (5, 6, 2)), rng.uniform(0.01, 1, (5, 6))]).astype(np.float32)
+    wrap = chance.one(["repeat", "clamp"])
     return {
         "base": random_mesh(chance, scale, uv=True),
         "height": chance.mostly(height),
         "color": chance.mostly(random_colors(chance, chance.size(), chance(0.3))),
         "scale": chance.mostly(scale * chance.one([0.2, 0.2, 1e-9, 1e-3, 5, 1e6])),
-        "tiles": chance.mostly(chance.one([(1, 1), (1, 1), (3, 2), (1000, 1)])),
+        "tiles": chance.mostly(chance.one([(1, 1), (1, 1), (3, 2), (1000, 1)]) if wrap == "repeat" else (1, 1)),
         "normal_map": normal_map,
+        "wrap": chance.mostly(wrap),
     }
 
 

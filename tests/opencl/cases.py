@@ -295,10 +295,14 @@ def _above(setting: Setting) -> list[ibr.Camera]:
 def _surfaces(setting: Setting) -> Cases:
     light = ibr.Light(direction=(0, 0, -1), shadow_size=7)
     screen: dict[str, Any] = {"slicing": "screen", "clipped": False, "test": "band"}
-    ways: tuple[dict[str, Any], ...] = ({"slicing": "surface"}, {"test": "at_least"}, screen)
+    ways: tuple[dict[str, Any], ...] = (
+        {"slicing": "surface", "tiles": (2, 1)},
+        {"test": "at_least", "wrap": "clamp"},
+        {**screen, "tiles": (2, 1)},
+    )
     for height, color, normals in _height_maps(setting):
         for way in ways:
-            made = ibr.SlicedSurface(_tiled_square(), height, color, 0.3, (2, 1), 3, normal_map=normals, **way)
+            made = ibr.SlicedSurface(_tiled_square(), height, color, 0.3, slices=3, normal_map=normals, **way)
             for camera in _above(setting):
                 yield f"slices {height.shape} {way} {camera.size}", partial(_draw, setting, [made], camera, light)
 
@@ -306,15 +310,16 @@ def _surfaces(setting: Setting) -> Cases:
 def _reliefs(setting: Setting) -> Cases:
     light = ibr.Light(direction=(0, 0, -1), shadow_size=7)
     ways: tuple[dict[str, Any], ...] = (
-        {},
+        {"tiles": (2, 1)},
+        {"wrap": "clamp"},
         {"search": "linear", "steps": 4},
-        {"shadow": "search", "distance": "exact"},
+        {"shadow": "search", "distance": "exact", "wrap": "clamp"},
         {"silhouette": "none"},
         {"shadow": "search", "distance": "perpendicular", "search": "linear", "steps": 4},
     )
     for height, color, normals in _height_maps(setting):
         for way in ways:
-            made = ibr.ReliefSurface(_tiled_square(), height, color, 0.3, (2, 1), normals, **way)
+            made = ibr.ReliefSurface(_tiled_square(), height, color, 0.3, normal_map=normals, **way)
             for camera in _above(setting):
                 yield f"relief {height.shape} {way} {camera.size}", partial(_draw, setting, [made], camera, light)
                 if setting.thorough:

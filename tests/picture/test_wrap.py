@@ -1,0 +1,246 @@
+"""Height maps that do not tile: heights, colours, normals and shadows at the border of a map, and beyond it."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.core.camera import Camera
+from pyibr.meshes.textures import halved
+from tests.displaced import o3d
+from tests.one_lane import one_lane
+from tests.reference.heights import bilinear_height
+from tests.relief.test_truth import away_from_edges
+from tests.shadowed import AMBIENT, edges, first_hits, shares, true_shares
+
+SCALE = 0.15
+SIZE = (160, 120)
+WHITE = np.full((1, 1, 3), 255, np.uint8)
+ON_MAP = (0.0, 0.0), (1.0, 1.0)
+BEYOND = (-0.4, -0.6), (1.6, 1.2)  # uv where the square's corners are
+SLICES = 256
+SYSTEMS: dict[str, dict[str, Any]] = {
+    "slices": {"slices": SLICES},
+    "slices along the screen": {"slices": SLICES, "slicing": "screen"},
+    "relief": {},
+    "relief, even steps": {"search": "linear", "steps": 256},
+    "relief, exact": {"distance": "exact"},
+}
+
+
+def square(span: tuple[tuple[float, float], tuple[float, float]]) -> ibr.Mesh:
+    """z = 0, x and y from 0 to 1, and uv from the first to the second of `span`."""
+    (u0, v0), (u1, v1) = span
+    corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+    return ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]], uv=[[u0, v0], [u1, v0], [u1, v1], [u0, v1]])
+
+
+def ramp(columns: int, rows: int, seed: int = 0) -> np.ndarray:
+    """It rises from corner to corner, with noise: opposite borders differ by up to 0.9."""
+    rng = np.random.default_rng(seed)
+    x, y = np.meshgrid((np.arange(columns) + 0.5) / columns, (np.arange(rows) + 0.5) / rows)
+    return np.clip(0.45 * x + 0.45 * y + rng.uniform(0, 0.1, x.shape), 0, 1).astype(np.float32)
+
+
+@cache
+def in_bytes(columns: int, rows: int) -> np.ndarray:
+    """The same in 8 bits."""
+    return np.rint(255 * ramp(columns, rows)).astype(np.uint8)
+
+
+def thing(system: str, span: Any, height: np.ndarray, color: np.ndarray = WHITE, **more: Any) -> Any:
+    kind = ibr.ReliefSurface if system.startswith("relief") else ibr.SlicedSurface
+    return kind(square(span), height, color, SCALE, **{"wrap": "clamp", **SYSTEMS[system], **more})
+
+
+def scene(system: str, span: Any, height: np.ndarray, wrap: str = "clamp") -> Any:
+    """The surface over the square and 0.3 around it, triangulated."""
+    heights = height / 255 if height.dtype == np.uint8 else height.astype(float)
+    ticks = np.linspace(-0.3, 1.3, 481)
+    x, y = (values.ravel() for values in np.meshgrid(ticks, ticks))
+    (u0, v0), (u1, v1) = span
+    rise = bilinear_height(heights, u0 + (u1 - u0) * x, v0 + (v1 - v0) * y, wrap)
+    z = SCALE * (rise - 1 if system.startswith("relief") else rise)
+    n = len(ticks)
+    i = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
+    faces = np.concatenate([np.stack([i, i + 1, i + n + 1], 1), np.stack([i, i + n + 1, i + n], 1)])
+    made = o3d.t.geometry.RaycastingScene()
+    made.add_triangles(np.column_stack([x, y, z]).astype(np.float32), faces.astype(np.uint32))
+    return made
+
+
+def above(elevation: float, projection: Any = "perspective", size: Any = SIZE, away: float = 1.9) -> Camera:
+    e = np.radians(elevation)
+    eye = np.array([0.5, 0.5, 0]) + away * np.array([0.5 * np.cos(e), -0.87 * np.cos(e), np.sin(e)])
+    tall = {"height": 1.4} if projection == "orthographic" else {}
+    return Camera.look_at(eye, (0.5, 0.5, 0), (0, 0.2, 1), size, 40, projection, **tall)
+
+
+def known(system: str, span: Any, camera: Camera, points: np.ndarray) -> np.ndarray:
+    """Where the surface goes on beyond its base as the truth does: above the base, or where rays enter by it."""
+    if system.startswith("relief"):
+        return ibr.render(square(span), camera).valid
+    return ((points[..., :2] > 0.005) & (points[..., :2] < 0.995)).all(axis=-1)
+
+
+def share_right(system: str, span: Any, height: np.ndarray, camera: Camera, **more: Any) -> float:
+    """Of the pixels off edges that are known, those whose depth is right, to a slice or a half of a texel."""
+    truth, points, _ = first_hits(scene(system, span, height), camera)
+    frame = ibr.render(thing(system, span, height, **more), camera)
+    counted = known(system, span, camera, points) & away_from_edges(truth, 0.06)
+    assert counted.sum() > 2000
+    off = np.abs(frame.depth - truth)
+    # A slice is met at a slope of 30 degrees or more; a relief's rays meet its surface within 0.001 of its depth.
+    return float((off <= 2 * SCALE / SLICES)[counted].mean())
+
+
+MAPS = {"bytes, powers of two": in_bytes(32, 16), "odd": ramp(33, 15), "a row": ramp(9, 1), "a column": in_bytes(1, 8)}
+MAPS["one texel"] = np.full((1, 1), 0.3, np.float32)
+
+
+@pytest.mark.parametrize("system", SYSTEMS)
+@pytest.mark.parametrize("span", [ON_MAP, BEYOND], ids=["on the map", "beyond it"])
+@pytest.mark.parametrize("name", MAPS)
+def test_clamped_heights(name, span, system):
+    for camera in (above(70), above(35, "orthographic")):
+        assert share_right(system, span, MAPS[name], camera) >= 0.995
+
+
+@pytest.mark.parametrize("system", ["slices", "relief"])
+def test_a_repeated_map_jumps_at_its_border(system):
+    """What the tests of this file are to see: with the other side of the map at the border they fail."""
+    assert share_right(system, ON_MAP, MAPS["odd"], above(70), wrap="repeat") < 0.97
+    assert share_right(system, BEYOND, MAPS["odd"], above(70), wrap="repeat") < 0.5
+
+
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_one_lane_sees_the_same(system):
+    camera, made = above(35), thing(system, BEYOND, MAPS["odd"])
+    frame = ibr.render(made, camera)
+    with one_lane():
+        alone = ibr.render(made, camera)
+    assert (frame.valid != alone.valid).mean() <= 1e-3  # roundings at outlines
+    both = frame.valid & alone.valid
+    assert (np.abs(frame.depth - alone.depth)[both] <= 1e-4).mean() >= 0.998
+
+
+def test_no_clamped_map_changes_what_lies_off_its_border():
+    """Rays that stay half a texel away from the border see the same, whether the map repeats or not."""
+    height, camera = ramp(24, 24), above(80)
+    for system in ("slices", "relief"):
+        found = [ibr.render(thing(system, ON_MAP, height, wrap=wrap), camera) for wrap in ("repeat", "clamp")]
+        _, points, _ = first_hits(scene(system, ON_MAP, height), camera)
+        # Below 80 degrees a ray goes 0.18 of the relief's depth aside.
+        inner = (np.abs(points[..., :2] - 0.5) < 0.5 - 0.5 / 24 - 0.18 * SCALE).all(axis=-1)
+        assert inner.sum() > 2000
+        np.testing.assert_allclose(found[0].depth[inner], found[1].depth[inner], atol=1e-6)
+
+
+def straight_above(texels: float, of: int, projection: Any = "orthographic") -> Camera:
+    """A pixel is so many texels wide, of `of` over the square's width."""
+    return Camera.look_at((0.5, 0.5, 3), (0.5, 0.5, 0), (0, 1, 0.1), (29, 23), 1, projection, 23 * texels / of)
+
+
+@pytest.mark.parametrize("size", [(64, 64), (90, 70)])
+@pytest.mark.parametrize("search", ["safe", "linear"])
+def test_levels_seen_from_afar(search, size):
+    """Pixels are 5.6 texels wide: the third level is seen, of which a texel is 4 x 4 of the map's."""
+    height, camera = ramp(*size), straight_above(5.6, 2 * size[0])
+    truth, _, _ = first_hits(scene("relief", BEYOND, halved(halved(height))), camera)
+    frame = ibr.render(thing("relief", BEYOND, height, search=search, steps=256), camera)
+    assert frame.valid.sum() > 300
+    assert np.abs(frame.depth - truth)[frame.valid].max() <= 1e-3 + SCALE / 256
+
+
+def uv_from_above(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """Where an orthographic camera straight above the square sees its plane, by BEYOND."""
+    y, x = np.mgrid[: camera.height, : camera.width]
+    places = camera.unproject(np.column_stack([x.ravel(), y.ravel()]), np.ones(x.size))[:, :2].reshape(*x.shape, 2)
+    (u0, v0), (u1, v1) = BEYOND
+    return u0 + (u1 - u0) * places[..., 0], v0 + (v1 - v0) * places[..., 1]
+
+
+@pytest.mark.parametrize("level", [0, 1])
+@pytest.mark.parametrize("size", [(20, 14), (33, 1), (1, 1)])
+@pytest.mark.parametrize("system", ["slices", "relief"])
+def test_clamped_colours(system, size, level):
+    """Of a level surface, by the level whose texels are as large as a pixel."""
+    color = np.rint(255 * np.dstack([ramp(*size, seed) for seed in (1, 2, 3)])).astype(np.uint8)
+    seen = np.floor(halved(color) + 0.5) if level else color.astype(float)
+    camera = straight_above(0.7 if level == 0 else 2.8, max(2 * size[0], 1.8 * size[1], 40))
+    full = np.ones((2, 2), np.float32)
+    frame = ibr.render(
+        thing(system, BEYOND, full, color, **({"test": "at_least"} if system == "slices" else {})), camera
+    )
+    u, v = uv_from_above(camera)
+    expected = np.dstack([bilinear_height(seen[..., c], u, v, "clamp") for c in range(3)])
+    assert frame.valid.sum() >= 100
+    assert np.abs(frame.color - expected)[frame.valid].max() <= 0.52  # to a byte
+
+
+@pytest.mark.parametrize("size", [(20, 14), (1, 9)])
+@pytest.mark.parametrize("system", ["slices", "relief"])
+def test_clamped_normals(system, size):
+    rng = np.random.default_rng(5)
+    normals = np.dstack([rng.uniform(-0.5, 0.5, (*size[::-1], 2)), np.ones(size[::-1])]).astype(np.float32)
+    camera, light = straight_above(0.7, 40), ibr.Light(direction=(-0.5, -0.3, -1), ambient=0.0, shadow_size=0)
+    full = np.ones((2, 2), np.float32)
+    way = {"test": "at_least"} if system == "slices" else {}
+    frame = ibr.render(thing(system, BEYOND, full, normal_map=normals, **way), camera, light)
+    u, v = uv_from_above(camera)
+    told = np.dstack([bilinear_height(normals[..., c].astype(float), u, v, "clamp") for c in range(3)])
+    told /= np.linalg.norm(told, axis=-1, keepdims=True)
+    towards = np.array([0.5, 0.3, 1]) / np.linalg.norm([0.5, 0.3, 1])
+    assert frame.valid.sum() >= 100
+    assert np.abs(frame.color[..., 0] - 255 * (told @ towards))[frame.valid].max() <= 1
+
+
+@pytest.mark.parametrize("system", ["slices", "relief", "relief, exact"])
+def test_slopes_shade_and_cast_shadows_as_far_as_the_map_reaches(system):
+    """A disk on a slope that ends at the border: no cliff stands there, and beyond it is level."""
+    y, x = np.mgrid[:24, :32] / 24
+    height = (0.3 * (1.33 - x) + 0.55 * (np.hypot(x - 0.65, y - 0.45) < 0.25)).astype(np.float32)
+    light, camera = ibr.Light((0.8, 0.5, -0.5), ambient=AMBIENT, shadow_size=2048), above(65, size=(320, 240))
+    solid = scene(system, BEYOND, height)
+    depth, points, normals = first_hits(solid, camera)
+    truth = true_shares(solid, light, points, normals)
+    share, told = shares(thing(system, BEYOND, height), camera, light)
+    inner = (np.abs(points[..., :2] - 0.5) < 0.48).all(axis=-1)
+    counted = told & inner & known(system, BEYOND, camera, points) & ~edges(truth) & np.isfinite(depth)
+    assert counted.sum() > 8000
+    assert 0.02 < 1 - truth[counted].mean() < 0.5
+    assert ((share > 0.5) == truth)[counted].mean() >= 0.995
+    # Off kinks, shades are those of the truth's own normals.
+    plain = ibr.Light(light.direction, ambient=AMBIENT, shadow_size=0)
+    shade = ibr.render(thing(system, BEYOND, height), camera, plain).color[..., 0].astype(float)
+    towards = -np.asarray(light.direction) / np.linalg.norm(light.direction)
+    expected = 255 * (AMBIENT + (1 - AMBIENT) * np.maximum(normals @ towards, 0))
+    assert np.median(np.abs(shade - expected)[counted]) <= 1
+    assert (np.abs(shade - expected)[counted] <= 4).mean() >= 0.94  # kinks are as wide as two texels of 64
+
+
+@pytest.mark.parametrize("kind", [ibr.SlicedSurface, ibr.ReliefSurface])
+def test_what_does_not_fit_is_said(kind):
+    with pytest.raises(ibr.ArgumentError, match=r"^wrap: "):
+        kind(square(ON_MAP), ramp(4, 4), WHITE, 0.1, wrap="mirror")
+    with pytest.raises(ibr.ArgumentError, match=r"^tiles: expected \(1, 1\) with wrap=\"clamp\""):
+        kind(square(ON_MAP), ramp(4, 4), WHITE, 0.1, tiles=(2, 1), wrap="clamp")
+
+
+def test_other_heights_are_clamped_too():
+    first = thing("slices", BEYOND, MAPS["odd"])
+    again, fresh = first.with_height(ramp(7, 9, 3)), thing("slices", BEYOND, ramp(7, 9, 3))
+    np.testing.assert_array_equal(ibr.render(again, above(50)).depth, ibr.render(fresh, above(50)).depth)
+
+
+def test_places_beyond_a_clamped_map_are_its_border():
+    camera = above(60)
+    places = thing("relief", BEYOND, MAPS["odd"]).tile_coordinates(camera)
+    seen = np.isfinite(places[..., 0])
+    assert seen.any()
+    assert places[seen].min() == 0
+    assert places[seen].max() == 1
