@@ -47,10 +47,12 @@ class Blending:
     ----------
     by : str
         Of the names of `Blend`.
+    order : list of int
+        The views, those first that are to be drawn.
     closeness : (views,) float64
-        Of the views to the target's, in 1 / scene units.
+        Of the views to the target's, in 1 / scene units: their weights.
     count : int
-        The closest views that are blended.
+        How many of the first views are blended.
     epsilon : float
         Scene units by which surfaces that are the same may lie behind the front one.
     background : Background, optional
@@ -60,6 +62,7 @@ class Blending:
     """
 
     by: str
+    order: list[int]
     closeness: Float64
     count: int
     epsilon: float
@@ -107,8 +110,7 @@ def draw_depth_meshes(
         Gets bit k set where view k gave colour.
     """
     closeness = np.ones(1) if blending is None else blending.closeness
-    order: list[int] = np.argsort(-closeness, kind="stable").tolist()
-    shown = Shown.of(order, 1 if blending is None else blending.count)
+    shown = Shown.of([0], 1) if blending is None else Shown.of(blending.order, blending.count)
     trees = [meshes[number].tree for number in shown.chosen]
     active = [active_for(tree, target.camera, tolerance) for tree in trees]
     colors = kept(thing, "colors", lambda: _colors_of(meshes, None if blending is None else blending.gains))

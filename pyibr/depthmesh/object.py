@@ -27,9 +27,11 @@ from pyibr.picture.shadow import Lighting, shadowed
 from pyibr.picture.target import Target
 
 Blend = Literal["quality", "position", "nearest"]
+Choice = Literal["closest", "facing"]
 
 _EPSILON = 0.01  # of the largest extent
 _MOST = 32  # views that are blended
+_AWAY = 1e-3  # that views which look the opposite way still count for
 
 
 class DepthMeshObject(Fixed):
@@ -62,6 +64,10 @@ class DepthMeshObject(Fixed):
     match_exposures : bool
         Whether views that have been exposed differently are matched: each one's channels are multiplied so that views
         agree where they saw the same surface. For frames of cameras that set their exposure themselves.
+    choose : {"closest", "facing"}
+        Which views are drawn: those whose viewpoints are the "closest" to the target's, or, of views that stand at
+        various distances around a thing, the close ones that see it from the same side ("facing": section 4.2 of the
+        paper). Weights are those of closeness in either case.
 
     Raises
     ------
@@ -93,6 +99,7 @@ class DepthMeshObject(Fixed):
         background: bool = True,
         segmentation: Segmentation | None = None,
         match_exposures: bool = False,
+        choose: Choice = "closest",
     ) -> None:
         self.meshes = _checked_meshes(views, segmentation)
         self.tolerance = checked_tolerance("tolerance", tolerance)
@@ -104,6 +111,8 @@ class DepthMeshObject(Fixed):
         self.background = background
         true_or_false("match_exposures", match_exposures)
         self.match_exposures = match_exposures
+        one_of("choose", choose, Choice)
+        self.choose: Choice = choose
 
     def __repr__(self) -> str:
         return f"<DepthMeshObject {len(self.meshes)} view{'s' * (len(self.meshes) != 1)}>"
@@ -138,7 +147,8 @@ class DepthMeshObject(Fixed):
         behind = None
         if self.background:
             behind = kept(self, "background", lambda: background_of(self.meshes, self.extent))
-        blending = Blending(self.blend, self.closeness(target.camera), self.blended, self.epsilon, behind, self._gains)
+        order, closeness = self._order(target.camera), self.closeness(target.camera)
+        blending = Blending(self.blend, order, closeness, self.blended, self.epsilon, behind, self._gains)
         draw_depth_meshes(target, self, self.meshes, 0.5 * self.tolerance, self.bounds, blending, occupancy)
 
     @cached_property
@@ -162,14 +172,22 @@ class DepthMeshObject(Fixed):
         Returns
         -------
         (views,) float64
-            Inverse to the distances of the viewpoints from the camera's; the `blended` largest ones, normalised, and 0
-            for the others. Of viewpoints that are one, those that look the same way come first; views of what the
-            camera does not see have next to none. The viewpoints of orthographic cameras lie before the object's
-            middle, as far from it as the perspective views' do on average, or twice its extent.
+            Inverse to the distances of the viewpoints from the camera's, of the `blended` views that are chosen,
+            normalised, and 0 for the others. Of viewpoints that are one, those that look the same way come first; views
+            of what the camera does not see have next to none. The viewpoints of orthographic cameras lie before the
+            object's middle, as far from it as the perspective views' do on average, or twice its extent.
         """
         found = self.closeness(camera)
-        found[np.argsort(-found, kind="stable")[self.blended :]] = 0.0
+        found[self._order(camera)[self.blended :]] = 0.0
         return found / found.sum()
+
+    def _order(self, camera: Camera) -> list[int]:
+        """The views' numbers, those first that are to be drawn."""
+        worth = self.closeness(camera)
+        if self.choose == "facing":
+            cosines = np.array([mesh.view.camera.forward @ camera.forward for mesh in self.meshes])
+            worth = worth * (1 + _AWAY + cosines)
+        return np.argsort(-worth, kind="stable").tolist()
 
     def closeness(self, camera: Camera) -> Float64:
         """(views,) inverse distances of the viewpoints from a camera's, in 1 / scene units; see `weights`."""

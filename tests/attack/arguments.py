@@ -320,6 +320,7 @@ def random_depth_mesh(chance: Chance, scale: float, floats: bool) -> Any:
         blended=chance.mostly(2),
         epsilon=chance.mostly(chance.one([None, 0.0, 0.1 * scale, 1e30])),
         background=chance.mostly(chance(0.5)),
+        choose=chance.mostly(chance.one(["closest", "facing"])),
     )
 
 

@@ -250,6 +250,31 @@ def test_occupancy_names_views_by_their_own_numbers():
 
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
+def test_facing_views_come_before_closer_ones(projection):
+    """A ring from above: a far view of the same side shows it whole, a closer one of its rim the half next to it."""
+    scene, up = MeshScene.from_mesh(models.donut(48)), (0, 1, 0)
+    camera = Camera.look_at((0, 0.1, 4), (0, 0, 0), up, (121, 121), fov_y=45)
+    views = []
+    for eye in ((0, 0, 9), (3.6, 0, 1.5)):
+        own = Camera.look_at(eye, (0, 0, 0), up, (160, 160), fov_y=35)
+        if projection == "orthographic":
+            own = Camera.look_at(eye, (0, 0, 0), up, (160, 160), projection=projection, height=3.5)
+        views.append(scene.capture(own))
+    truth, found = scene.capture(camera), {}
+    for choose in ("closest", "facing"):
+        thing = ibr.DepthMeshObject(views, blended=1, background=False, choose=choose)
+        found[choose] = silhouette_iou(ibr.render(thing, camera).valid, truth.valid)
+        # Orthographic views have no place along their axis: there the one that looks the same way is the closest, too.
+        expected = 1 if choose == "closest" and projection == "perspective" else 0
+        assert thing.weights(camera)[expected] == 1
+    assert found["facing"] >= 0.95
+    assert projection == "orthographic" or found["closest"] <= 0.8
+    # With all views drawn there is nothing to choose.
+    same = [ibr.render(ibr.DepthMeshObject(views, choose=c), camera) for c in ("closest", "facing")]
+    same_bits(*same)
+
+
+@pytest.mark.parametrize("projection", PROJECTIONS)
 def test_exposures_are_matched(projection):
     views = object_views(models.donut(), 128, projection)
     exposures = (1.0, 0.75, 1.0, 1.0, 0.85, 1.0)  # the middle one counts
