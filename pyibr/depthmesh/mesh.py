@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Literal, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Fixed, Float64, describe, instance_of, numbers, one_of
+from pyibr.core.checks import Fixed, Float64, describe, instance_of, numbers, one_of, true_or_false
 from pyibr.core.errors import ArgumentError
 from pyibr.core.straight import covering_camera
 from pyibr.depthmesh.drawing import draw_depth_meshes, drawn_off
 from pyibr.depthmesh.segmentation import Segmentation
-from pyibr.depthmesh.strips import strips_of
+from pyibr.depthmesh.strips import strips_of, with_normals
 from pyibr.depthmesh.tree import ErrorsBy, Tree, build_tree
 from pyibr.depthmesh.triangulation import active_for, active_within, list_triangles, pixels_of
 from pyibr.images import DepthImage
@@ -186,28 +187,57 @@ class DepthMesh(Fixed):
         with tree.states.session.lock:
             return self._mesh_of(*_triangles_of(tree, active_within(tree, bound)))
 
-    def strips(self, camera: Camera, tolerance: float | None = None) -> list[NDArray[np.int32]]:
+    @overload
+    def strips(
+        self, camera: Camera, tolerance: float | None = None, normals: Literal[False] = False
+    ) -> list[NDArray[np.int32]]: ...
+
+    @overload
+    def strips(
+        self, camera: Camera, tolerance: float | None = None, *, normals: Literal[True]
+    ) -> list[NDArray[np.void]]: ...
+
+    def strips(
+        self, camera: Camera, tolerance: float | None = None, normals: bool = False
+    ) -> list[NDArray[np.int32]] | list[NDArray[np.void]]:
         """Triangle strips of what `triangulate` yields, as it numbers the vertices (figure 6 of the paper).
 
         Parameters
         ----------
         camera, tolerance
             As for `triangulate`.
+        normals : bool
+            Whether the strips carry what they show, normals with it, instead of numbers alone.
 
         Returns
         -------
         list of (n,) int32 arrays
             Each three numbers in a row are a triangle, every other one wound the other way; a number that comes twice
-            turns the strip and makes a triangle without area. Strips end where a triangle is not drawn.
+            turns the strip and makes a triangle without area. Strips end where a triangle is not drawn. With `normals`
+            arrays of records, as vertex buffers hold them, one after the other: "number" int32, "position" and "normal"
+            (3,) float32, in the world, the latter of unit length and towards the view, and "color" (3,) as the view's.
 
         Raises
         ------
         ArgumentError
             As by `triangulate`.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import pyibr as ibr
+        >>> camera = ibr.Camera([[30, 0, 16], [0, 30, 16], [0, 0, 1]], (33, 33))
+        >>> plane = ibr.DepthImage(np.zeros((33, 33, 3), np.uint8), np.full((33, 33), 2, np.float32), camera)
+        >>> (strip,) = ibr.DepthMesh(plane).strips(camera, normals=True)
+        >>> strip.dtype.names, strip["normal"][0] + 0.0
+        (('number', 'position', 'normal', 'color'), array([ 0.,  0., -1.], dtype=float32))
         """
+        true_or_false("normals", normals)
         with self.tree.states.session.lock:
             samples, faces = self._some_triangles_for(camera, tolerance)
-        return strips_of(samples[faces], faces, self.view.camera.width, self.tree.side)
+            made = self._mesh_of(samples, faces) if normals else None
+        strips = strips_of(samples[faces], faces, self.view.camera.width, self.tree.side)
+        return strips if made is None else with_normals(strips, made, self.view.shown.dtype)
 
     def _some_triangles_for(self, camera: Camera, tolerance: float | None) -> tuple[Int32, Int32]:
         samples, faces = self._triangles_for(camera, tolerance)

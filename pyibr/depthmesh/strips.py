@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
+
+from pyibr.meshes.mesh import Mesh
 
 Int32 = NDArray[np.int32]
 
@@ -38,6 +42,15 @@ def strips_of(samples: Int32, faces: Int32, width: int, side: int) -> list[Int32
     if run:
         strips.append(_strip(run))
     return strips
+
+
+def with_normals(strips: list[Int32], mesh: Mesh, color: np.dtype[Any]) -> list[NDArray[np.void]]:
+    """Records instead of numbers of a mesh's vertices: number, position, normal and color, without gaps."""
+    fields = [("number", np.int32), ("position", np.float32, 3), ("normal", np.float32, 3), ("color", color, 3)]
+    records = np.empty(len(mesh.vertices), fields)
+    records["number"] = np.arange(len(records))
+    records["position"], records["normal"], records["color"] = mesh.vertices, mesh.normals, mesh.colors
+    return [records[strip] for strip in strips]
 
 
 def _along_curve(samples: Int32, width: int, side: int) -> NDArray[np.int64]:

@@ -63,6 +63,7 @@ def test_tolerances(tolerance):
     for call, arguments in calls:
         refused("tolerance", call, *arguments)
     refused("max_error", thing.simplify, tolerance)
+    refused("normals", thing.strips, CAMERA, normals="yes")
 
 
 @pytest.mark.parametrize("camera", [None, 3, VIEW])
@@ -78,6 +79,7 @@ def test_cameras(camera):
         *[("blended", value) for value in (0, -1, 33, 1.5, "3", None, True)],
         *[("epsilon", value) for value in (-0.1, np.nan, "1", [1])],
         *[("blend", value) for value in ("best", None, 0)],
+        *[("choose", value) for value in ("best", None, 0)],
         *[("segmentation", value) for value in ("orthogonality", 5)],
         *[(name, value) for name in ("background", "match_exposures") for value in ("yes", None, 2)],
     ],

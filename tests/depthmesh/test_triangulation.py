@@ -403,3 +403,28 @@ def test_strips_are_long_where_nothing_is_cut():
         assert len(strips) == 1  # one curve through all of them
         # As triangles they would take 3 numbers each; a strip 1, and 1 more at a turn.
         assert sum(map(len, strips)) < 2 * len(faces)
+
+
+@pytest.mark.parametrize("floats", [False, True])
+@pytest.mark.parametrize("projection", PROJECTIONS)
+def test_strips_carry_normals(projection, floats):
+    """Those of the mesh they are strips of; of a plane its own, wherever the camera is turned to."""
+    view = plane((40, 31), projection)
+    color = np.random.default_rng(0).integers(0, 256, view.color.shape, np.uint8)
+    turned = Camera(view.camera.K, view.camera.size, scenes.pose(30, 10, center=(1, 2, 3)), projection)
+    view = ibr.DepthImage((color / 255).astype(np.float32) if floats else color, view.depth, turned)
+    thing, camera = ibr.DepthMesh(view, segmentation=Segmentation("none")), turned.moved(0.3, 0.1, 0)
+    a, b, c = (view.points[k] for k in (0, 39, 40 * 30))
+    expected = np.cross(c - a, b - a)
+    expected /= np.linalg.norm(expected)
+    for tolerance in (0, 1):
+        mesh, numbers = thing.triangulate(camera, tolerance), thing.strips(camera, tolerance)
+        records = thing.strips(camera, tolerance, normals=True)
+        for strip, record in zip(numbers, records, strict=True):
+            np.testing.assert_array_equal(record["number"], strip)
+            np.testing.assert_array_equal(record["position"], mesh.vertices[strip])
+            np.testing.assert_array_equal(record["color"], mesh.colors[strip])
+            np.testing.assert_array_equal(record["normal"], mesh.normals[strip])
+            assert record["color"].dtype == view.color.dtype and record.dtype.itemsize == (40 if floats else 31)
+            # Places of 5 units are rounded to 2^-22 of them, neighbours lie 0.05 apart and more.
+            np.testing.assert_allclose(record["normal"], np.broadcast_to(expected, (len(strip), 3)), atol=2e-4)
