@@ -147,7 +147,7 @@ def _in_space(axes: Axes3D) -> None:
     axes.plot_trisurf(*plane.T, triangles=[[0, 1, 2]], color=HOLE, alpha=0.16)
     axes.text(point[0] + 0.15, point[1], point[2] + 0.1, "a point of the surface", fontsize=11, color=INK)
     axes.view_init(elev=34, azim=-68)
-    axes.set_box_aspect((3.4, 3.8, 1.6), zoom=1.15)
+    axes.set_box_aspect((3.4, 3.8, 1.6), zoom=1)
     axes.set_axis_off()
 
 
