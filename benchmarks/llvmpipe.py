@@ -228,7 +228,7 @@ def slices(camera: ibr.Camera, thing: ibr.DepthObject | ibr.VisualHull, near: fl
     program["maps"].value = list(range(len(views)))
     program["colors"].value = list(range(_VIEWS_MOST, _VIEWS_MOST + len(views)))
     box = thing.box
-    count = round(float(box.edges[axis] / box.edges.max()) * thing.slices)
+    count = round(float(box.edges[axis] / box.edges.max()) * int(thing.slices))
     others = [k for k in range(3) if k != axis]
     quads = np.zeros((count, 6, 3))
     quads[:, :, axis] = (np.arange(count)[:, None] + 0.5) / count

@@ -1,12 +1,16 @@
 #ifndef SLICING_RAYS_H
 #define SLICING_RAYS_H
-/* Quantities that are linear along a pixel's ray. */
+/* Quantities that are linear along a pixel's ray, and how closely the slices on it may lie. */
 #include "lib/lanes.h"
 
 /* At the ray's z: fixed + sloped z */
 typedef struct {
     floatl fixed, sloped;
 } Linear;
+
+#define CLOSEST 4096     /* slices over a thing: the most that a picture takes by itself */
+#define HALVINGS_MOST 24 /* of the way between two slices: float32 holds no more */
+#define NEAR_ENOUGH 8    /* parts of a pixel within which a picture's points are brought to the surface by themselves */
 
 #define AT(linear, z) ((linear).fixed + (linear).sloped * (z))
 #endif

@@ -8,13 +8,15 @@
  * UNCLIPPED: slices parallel to the screen are tested all over the box of each tetrahedron, not only inside.
  *
  * Deviations from the paper: slices are met per pixel instead of drawn as polygons; where a ray enters or leaves
- * through the base, the base is tested as a slice is, so that no view sees through flat parts between two slices.
+ * through the base, the base is tested as a slice is, so that no view sees through flat parts between two slices;
+ * `halvings` bring the point that passes closer to the surface than its slice; `by_view` chooses how many
+ * there are, for each tetrahedron (space_slices).
  *
  * corners: (tetrahedra, 4) of projected, three in a row for each triangle. places: (vertices, 3) u, v (times tiles) and
  * height. points: (vertices, 3) world. frames: (triangles, 3, 3) the slicing directions a (normal), b, c: unit length.
  * heights: (map_height, map_width), lib/heights.h. colors: lib/texture.h. gradients:
  * (triangles, 2, 3) of u and v in the world, times tiles. normals: (vertices of the base, 3). spacing: of the slices,
- * in the world. slices: of direction a. counts: (height, width) alpha tests, with COUNTED.
+ * in the world. slices: of direction a, over the displacement; by_view: as in the volume's middle. counts: (height, width) alpha tests, with COUNTED.
  * Work-item: a region (raster/region.h): with LANES 16 a bin, in blocks of 4 x 4 pixels, one to a lane; with LANES 1 a
  * pixel, which sets up all tetrahedra of its bin's list by itself and walks the slices of those that it meets.
  * Cost: O(list + pixels * slices met), with LANES 1 O(pixels * list + ...). Determinism: list order.
@@ -43,17 +45,27 @@ typedef struct {
 } Met;
 
 /* The alpha test at z, where `tries`; it cannot pass where not `inside` */
-void try_at(const Context *context, int block, Met *met, floatl z, intl tries, intl inside)
+void try_at(const Context *context, const Tetrahedron *t, int block, Met *met, floatl z, intl tries, intl inside)
 {
     if (!any_lane(tries))
         return;
     const floatl alpha = height_at(context->heights, context->map_width, context->map_height, AT(met->u, z), AT(met->v, z));
     const floatl above = AT(met->h, z), h = pick(above > ROUNDED, above, (floatl)0.0f);
-    const intl passed = tries & inside & passes(context->test, alpha, h, 1.0f / context->slices);
+    const intl passed = tries & inside & passes(context->test, alpha, h, t->band);
     met->z = pick(passed, z, met->z);
     met->found = met->found | passed;
     if (COUNTED)
         add_counts(context->counts, context->screen, context->x + FIRST_X(block), context->y + FIRST_Y(block), tries & 1);
+}
+
+/* Brings what passed at a slice back towards `before`, which did not, halving by halving. */
+void halve(const Context *context, const Tetrahedron *t, int block, Met *met, floatl before, intl passed)
+{
+    for (int i = 0; i < t->halvings && any_lane(passed); i++) {
+        const floatl middle = 0.5f * (before + met->z);
+        try_at(context, t, block, met, middle, passed, passed);
+        before = pick(met->z == middle, before, middle);
+    }
 }
 
 void cover(const Context *context, const Primitives *made, int lane, Region *region, int block, int first_x, int first_y)
@@ -90,15 +102,19 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
 #endif
     if (!any_lane(meets))
         return;
-    const floatl drawn = pick(so_far <= EMPTY, (floatl)INFINITY, DEPTH_OF(t->perspective, so_far));
+    floatl drawn = pick(so_far <= EMPTY, (floatl)INFINITY, DEPTH_OF(t->perspective, so_far));
     Met met = {along_ray(t, t->u, x, y), along_ray(t, t->v, x, y), along_ray(t, t->h, x, y), 0, 0.0f};
     const Linear number = along_ray(t, t->slice, x, y);
     const int bases = context->slicing != SURFACE; /* there, slice 0 is the base */
     if (bases)
-        try_at(context, block, &met, entry, inside & (met.h.sloped > 0.0f) & (AT(met.h, entry) < THIN), inside);
+        try_at(context, t, block, &met, entry, inside & (met.h.sloped > 0.0f) & (AT(met.h, entry) < THIN), inside);
 
     const intl rises = number.sloped > 0.0f;
     const floatl step = pick(rises, (floatl)1.0f, (floatl)-1.0f), per_slice = 1.0f / number.sloped;
+    if (t->halvings > 0)
+        drawn += fabs(per_slice); /* halvings bring a point forward by up to a slice */
+    const intl at_once = met.found;
+    floatl before = entry;
     const floatl s_front = lesser(greater(AT(number, front), (floatl)-NUMBER_MOST), (floatl)NUMBER_MOST);
     const floatl s_back = lesser(greater(AT(number, back), (floatl)-NUMBER_MOST), (floatl)NUMBER_MOST);
     const floatl last = pick(rises, floor_lanes(s_back + THIN), ceil_lanes(s_back - THIN));
@@ -109,14 +125,16 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
         const intl tries = meets & !met.found & (count <= slices) & (z < drawn);
         if (!any_lane(tries))
             break;
-        try_at(context, block, &met, z, tries, inside & (z >= entry) & (z <= exit));
+        try_at(context, t, block, &met, z, tries, inside & (z >= entry) & (z <= exit));
+        before = pick(tries & !met.found & (z >= entry), z, before);
     }
-    if (bases)
-        try_at(context, block, &met, exit,
-               inside & !met.found & (met.h.sloped < 0.0f) & (AT(met.h, exit) < THIN) & (exit < drawn),
-               inside);
+    if (bases) { /* with halvings the side that a ray leaves by, too: the next tetrahedron's slices lie beyond */
+        const intl leaves = t->halvings > 0 ? inside : (met.h.sloped < 0.0f) & (AT(met.h, exit) < THIN);
+        try_at(context, t, block, &met, exit, inside & !met.found & leaves & (exit < drawn), inside);
+    }
+    halve(context, t, block, &met, before, met.found & !at_once);
 
-    const intl found = met.found;
+    const intl found = met.found & ((intl)(t->halvings > 0 ? 0 : -1) | (DEPTH_OF(t->perspective, met.z) > so_far));
     if (!any_lane(found))
         return;
     region->nearness[block] = pick(found, DEPTH_OF(t->perspective, met.z), so_far);
@@ -212,7 +230,10 @@ kernel void draw_surface(global const int *corners, global const float *projecte
                          global const float *places, global const float *frames, global const uint *heights,
                          global const uint *colors, global const int *list, global const int *starts, int bins_x,
                          global float *depth, global channel *color, global uchar *valid, Screen screen,
-                         float nearest_w, float spacing, int slices, int slicing, int test, int map_width,
+                         float nearest_w, float spacing, int slices,
+                         int by_view /* 1: each tetrahedron has as many as the picture needs there */,
+                         int halvings /* of the way back to the slice before, once one has passed */, int slicing,
+                         int test, float band /* of heights that BAND takes; 0: that of a slice */, int map_width,
                          int map_height, int color_width, int color_height,
                          int color_levels, float pixel_size, global const float *gradients, int blank
 #if LIT
@@ -226,8 +247,8 @@ kernel void draw_surface(global const int *corners, global const float *projecte
     const int x = get_global_id(0) * REGION, y = get_global_id(1) * REGION;
     if (x >= screen.width || y >= screen.height)
         return;
-    const Context context = {corners, projected, points, places, frames, heights, screen, nearest_w, spacing,
-                             slices, slicing, test, map_width, map_height, COUNTS(int), x, y};
+    const Context context = {corners, projected, points, places, frames, heights, gradients, screen, nearest_w, spacing,
+                             by_view ? pixel_size : 0.0f, band, slices, slicing, test, halvings, map_width, map_height, COUNTS(int), x, y};
     const int bin = y / BIN * bins_x + x / BIN;
     Region region;
     begin_region(&region, screen, depth, blank, x, y);

@@ -18,9 +18,11 @@ typedef struct {
     global const int *corners;
     global const float *projected, *points, *places, *frames;
     global const uint *heights;
+    global const float *gradients;
     Screen screen;
     float nearest_w, spacing;
-    int slices, slicing, test, map_width, map_height;
+    float pixel, band; /* of the picture at depth 1, and of heights; 0: slices are where they are in all pictures, one */
+    int slices, slicing, test, halvings, map_width, map_height;
     global int *counts;
     int x, y; /* the region's first pixel */
 } Context;
@@ -41,6 +43,8 @@ typedef struct {
     float nearest, front, rear; /* nearness: of the screen, of the corners */
     float first, last;          /* a little farther and nearer than the corners */
     int index, perspective, crosses; /* the near plane */
+    float spacing, band; /* of its slices, and of heights that the test BAND takes */
+    int halvings; /* of the way between two slices */
 } Tetrahedron;
 
 typedef struct {
@@ -87,6 +91,28 @@ Quantity from_corners(const Quantity *rows, float4 values)
     return made;
 }
 
+/* Slices that lie a pixel apart along the ray, at the tetrahedron's nearest place: `facing` is the cosine there. No
+ * closer than half a texel, within which heights bring nothing new. Where that is more than a pixel, the way between
+ * two is halved more often. */
+void space_slices(const Context *context, Tetrahedron *t, float facing)
+{
+    t->spacing = context->spacing;
+    t->halvings = context->halvings;
+    t->band = context->band > 0.0f ? context->band : 1.0f / context->slices;
+    if (context->pixel == 0.0f)
+        return;
+    const float pixel = context->pixel * (t->perspective ? 1.0f / t->front : 1.0f);
+    const float scale = context->spacing * context->slices;
+    global const float *g = context->gradients + t->index / 3 * 6;
+    const float texels = fmax(fast_length(vload3(0, g)) * context->map_width, fast_length(vload3(1, g)) * context->map_height);
+    const float least = fmax(fmin(0.5f / fmax(texels, 1e-30f), scale), scale / CLOSEST);
+    t->spacing = fmax(pixel * facing, least);
+    if (context->band == 0.0f)
+        t->band = t->spacing / scale;
+    const float parts = NEAR_ENOUGH * t->spacing / pixel;
+    t->halvings = max(context->halvings, min((int)ceil(log2(fmax(parts, 1.0f))), HALVINGS_MOST));
+}
+
 /* Its box in the region: (low_x, high_x, low_y, high_y); empty if it cannot be seen */
 int4 set_up_one(const Context *context, int index, int x, int y, Tetrahedron *t)
 {
@@ -124,14 +150,20 @@ int4 set_up_one(const Context *context, int index, int x, int y, Tetrahedron *t)
     t->h = from_corners(t->rows, (float4)(place[0].z, place[1].z, place[2].z, place[3].z));
     t->perspective = context->screen.perspective;
 
+    t->index = index;
+    t->crosses = crosses;
+    t->nearest = t->front = context->screen.nearest;
+    if (!crosses)
+        t->front = fmax(fmax(p[0].w / p[0].z, p[1].w / p[1].z), fmax(p[2].w / p[2].z, p[3].w / p[3].z));
+
     int direction = 0; /* a */
+    const float *m = context->screen.to_world;
+    const float3 eye = (float3)(m[3], m[7], m[11]);
+    const float3 view = t->perspective ? middle - eye / m[15] : eye;
     const float3 a = vload3(index / 3 * 3, context->frames);
     float3 d = a;
+    float most = fabs(dot(a, view));
     if (context->slicing == ORTHOGONAL) { /* the direction that faces the viewer most */
-        const float *m = context->screen.to_world;
-        const float3 eye = (float3)(m[3], m[7], m[11]);
-        const float3 view = t->perspective ? middle - eye / m[15] : eye;
-        float most = fabs(dot(a, view));
         for (int k = 1; k < 3; k++) {
             const float3 other = vload3(index / 3 * 3 + k, context->frames);
             if (fabs(dot(other, view)) > most) {
@@ -141,18 +173,20 @@ int4 set_up_one(const Context *context, int index, int x, int y, Tetrahedron *t)
             }
         }
     }
+    space_slices(context, t, context->slicing == SCREEN ? 1.0f : most / length(view));
     /* Across the normal a whole number is taken off, as large as that of the first corner: what remains is exact. */
     if (context->slicing == SCREEN) {
-        const float along = 1.0f / context->spacing, off = rint((t->perspective ? p[0].z : -p[0].w) * along);
+        const float along = 1.0f / t->spacing, off = rint((t->perspective ? p[0].z : -p[0].w) * along);
         t->slice = t->perspective ? (Quantity){0.0f, 0.0f, along, -off} : (Quantity){0.0f, 0.0f, -off, -along};
     } else if (direction == 0) {
+        const float count = context->pixel == 0.0f ? context->slices : context->slices * (context->spacing / t->spacing);
         t->slice = t->h;
-        t->slice.x *= context->slices;
-        t->slice.y *= context->slices;
-        t->slice.one *= context->slices;
-        t->slice.n *= context->slices;
+        t->slice.x *= count;
+        t->slice.y *= count;
+        t->slice.one *= count;
+        t->slice.n *= count;
     } else {
-        const float along = 1.0f / context->spacing, first = dot(point[0], d) * along;
+        const float along = 1.0f / t->spacing, first = dot(point[0], d) * along;
         const float4 beside = (float4)(0.0f, dot(point[1] - point[0], d), dot(point[2] - point[0], d), dot(point[3] - point[0], d));
         t->slice = from_corners(t->rows, (first - rint(first)) + beside * along);
     }
@@ -172,17 +206,12 @@ int4 set_up_one(const Context *context, int index, int x, int y, Tetrahedron *t)
                 o.one += (fmax(o.x, 0.0f) + fmax(o.y, 0.0f)) * (BLOCK - 1);
                 t->outline[t->outlines++] = o;
             }
-    t->nearest = t->front = context->screen.nearest;
-    if (!crosses)
-        t->front = fmax(fmax(p[0].w / p[0].z, p[1].w / p[1].z), fmax(p[2].w / p[2].z, p[3].w / p[3].z));
     t->rear = t->perspective ? 0.0f : -INFINITY;
     if (!crosses)
         t->rear = fmin(fmin(p[0].w / p[0].z, p[1].w / p[1].z), fmin(p[2].w / p[2].z, p[3].w / p[3].z));
-    t->crosses = crosses;
     const float slack = 1e-4f * (t->front - t->rear) + 2e-6f * fmax(fabs(t->front), fabs(t->rear));
     t->first = crosses ? t->rear : t->rear - slack;
     t->last = crosses ? t->nearest : fmin(t->front + slack, t->nearest);
-    t->index = index;
     return box;
 }
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Fixed, Float64, describe, one_of, whole_from
+from pyibr.core.checks import Fixed, Float64, describe, one_of
 from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import pixel_size
 from pyibr.images import DepthImage
@@ -26,15 +26,24 @@ from pyibr.picture.shadow import Lighting, shadowed
 from pyibr.picture.straighten import straight_silhouette, straightened
 from pyibr.picture.target import Target
 from pyibr.slicing.boxes import Box, box_of_samples, box_of_silhouettes, nearness_map
+from pyibr.slicing.spacing import (
+    SLICES_USUAL,
+    Slices,
+    checked_halvings,
+    checked_slices,
+    closest,
+    halvings_between,
+    nearest_pixel,
+    slices_text,
+)
 
 ObjectSlicing = Literal["orthogonal", "screen"]
 Texture = Literal["visible", "naive"]
 Missing = Literal["background", "unknown"]
 Float32 = NDArray[np.float32]
 
-_SLICES_MOST = 65536
-_HALVINGS_MOST = 24  # float32 holds no more
 _APART_MOST = 8.0  # times a view's nearest depth, or the width of what it sees if it is orthographic
+_FEWEST = 32  # slices of what is seen small
 _BEFORE = 2.0  # slices and samples by which a view's surface may lie before a point that it still shows
 
 
@@ -49,8 +58,10 @@ class DepthObject(Fixed):
     views : sequence of DepthImage
         Orthographic or perspective, at any poses: six arranged as a cube in the paper
         (`pyibr.capture.object_views`).
-    slices : int
-        Along the longest edge of the object's box; other directions have the same spacing.
+    slices : int or "view"
+        Along the longest edge of the object's box; other directions have the same spacing. "view": as many as the
+        picture needs, with slices a pixel apart (section 3.4; but no closer than half a sample of the views), and
+        more `halvings`, so that points are within an eighth of a pixel of the surface.
     slicing : {"orthogonal", "screen"}
         Along the edge of the box (its axes are the first view's) that faces the viewer most, or parallel to the view
         plane.
@@ -87,15 +98,15 @@ class DepthObject(Fixed):
     def __init__(
         self,
         views: Sequence[DepthImage],
-        slices: int = 128,
+        slices: Slices = 128,
         slicing: ObjectSlicing = "orthogonal",
         texture: Texture = "visible",
         halvings: int = 2,
         missing: Missing = "background",
     ) -> None:
         self.views = _checked_views(views, (DepthImage,))
-        self.halvings = whole_from("halvings", halvings, 0, _HALVINGS_MOST)
-        self.slices = whole_from("slices", slices, 1, _SLICES_MOST)
+        self.halvings = checked_halvings(halvings)
+        self.slices: Slices = checked_slices(slices)
         one_of("slicing", slicing, ObjectSlicing)
         one_of("texture", texture, Texture)
         one_of("missing", missing, Missing)
@@ -106,7 +117,7 @@ class DepthObject(Fixed):
         _check_resolved(self)
 
     def __repr__(self) -> str:
-        return f"<DepthObject {len(self.views)} views, {self.slices} slices>"
+        return f"<DepthObject {len(self.views)} views, {slices_text(self.slices)}>"
 
     @property
     def bounds(self) -> tuple[Float64, Float64]:
@@ -115,8 +126,7 @@ class DepthObject(Fixed):
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
         """Draw the object in its views' colours, which hold their light."""
-        with shadowed(target, lighting, grain=spacing_of(self), apart=4, fade=0):
-            draw_object(target, self)
+        _draw_in_light(target, self, lighting)
 
     @cached_property
     def maps(self) -> list[Float32]:
@@ -132,8 +142,8 @@ class VisualHull(Fixed):
     views : sequence of Silhouette or DepthImage
         Any number, at any calibrated poses; of depth images only `valid` and the colours are used. Each must show all
         of the object: what lies out of its frame is cut off.
-    slices : int
-        Along the longest edge of the hull's box; other directions have the same spacing.
+    slices : int or "view"
+        Along the longest edge of the hull's box; other directions have the same spacing. "view": as for `DepthObject`.
     slicing : {"orthogonal", "screen"}
         As for `DepthObject`; the box's axes are the world's.
     halvings : int
@@ -159,19 +169,19 @@ class VisualHull(Fixed):
     def __init__(
         self,
         views: Sequence[Silhouette | DepthImage],
-        slices: int = 128,
+        slices: Slices = 128,
         slicing: ObjectSlicing = "orthogonal",
         halvings: int = 2,
     ) -> None:
         self.views = _checked_views(views, (Silhouette, DepthImage))
-        self.halvings = whole_from("halvings", halvings, 0, _HALVINGS_MOST)
-        self.slices = whole_from("slices", slices, 1, _SLICES_MOST)
+        self.halvings = checked_halvings(halvings)
+        self.slices: Slices = checked_slices(slices)
         one_of("slicing", slicing, ObjectSlicing)
         self.slicing: ObjectSlicing = slicing
         self.box = box_of_silhouettes(self.views)
 
     def __repr__(self) -> str:
-        return f"<VisualHull {len(self.views)} views, {self.slices} slices>"
+        return f"<VisualHull {len(self.views)} views, {slices_text(self.slices)}>"
 
     @property
     def bounds(self) -> tuple[Float64, Float64]:
@@ -180,8 +190,7 @@ class VisualHull(Fixed):
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
         """Draw the object in its views' colours, which hold their light."""
-        with shadowed(target, lighting, grain=spacing_of(self), apart=4, fade=0):
-            draw_object(target, self)
+        _draw_in_light(target, self, lighting)
 
     @cached_property
     def outlines(self) -> list[int]:
@@ -214,12 +223,12 @@ def draw_object(target: Target, thing: DepthObject | VisualHull, counts: DeviceA
     if hull:  # of the views with one silhouette, the closest to the target's is tested, and colours
         _, closest = np.unique(np.array(thing.outlines)[order], return_index=True)
         order = order[np.sort(closest)]
-    spacing = spacing_of(thing)
+    spacing, halvings = spacing_in(thing, camera)
     sample = max(pixel_size(view.camera, box.center) for view in thing.views)
     record = np.zeros((), struct("slicing/object.cl", "Box"))
     # In the kernel the world's origin is the box's middle: float32 holds what is near 0 best.
     record["from_world"] = (box.from_world @ _moved_by(box.center)).ravel()
-    record["edges"], record["spacing"], record["slices"] = box.edges, spacing, thing.slices
+    record["edges"], record["spacing"], record["slices"] = box.edges, spacing, np.ceil(box.edges.max() / spacing - 1e-6)
     depth = float(camera.camera_from_world[2, :3] @ box.center + camera.camera_from_world[2, 3])
     record["first"] = np.rint(depth / spacing) if thing.slicing == "screen" else 0
     corners = np.asarray(box.corners, np.float32)
@@ -240,7 +249,7 @@ def draw_object(target: Target, thing: DepthObject | VisualHull, counts: DeviceA
             screen=Struct("Screen", target.screen(near, box.center)),
             box=Struct("Box", record),
             slices_axis=slices_axis(thing, camera),
-            halvings=thing.halvings,
+            halvings=halvings,
             visible=thing.texture == "visible",
             unknown=isinstance(thing, DepthObject) and thing.missing == "unknown",
             tolerance=_BEFORE * (spacing + sample),
@@ -253,9 +262,31 @@ def draw_object(target: Target, thing: DepthObject | VisualHull, counts: DeviceA
         target.blank = False
 
 
-def spacing_of(thing: DepthObject | VisualHull) -> float:
-    """Scene units from slice to slice."""
-    return float(thing.box.edges.max()) / thing.slices
+def spacing_in(thing: DepthObject | VisualHull, camera: Camera) -> tuple[float, int]:
+    """Scene units from slice to slice in a picture, and how often the way between two is halved."""
+    box = thing.box
+    if thing.slices != "view":
+        return float(box.edges.max()) / thing.slices, thing.halvings
+    pixel = nearest_pixel(camera, box.corners)
+    # Along the ray through the middle slices lie a pixel apart.
+    if thing.slicing == "screen":
+        spacing, extent = pixel, np.abs(box.axes @ camera.forward) @ box.edges
+    else:
+        axis = slices_axis(thing, camera)
+        spacing, extent = pixel * abs(float(box.axes[axis] @ _direction(camera, box))), box.edges[axis]
+    # No closer than half a sample: what is thinner there no view tells.
+    sample = min(pixel_size(view.camera, box.center) for view in thing.views)
+    least = max(0.5 * sample, closest(float(box.edges.max())))
+    spacing = min(max(spacing, least), extent / _FEWEST)
+    return float(spacing), max(thing.halvings, halvings_between(float(spacing), pixel))
+
+
+def _draw_in_light(target: Target, thing: DepthObject | VisualHull, lighting: Lighting | None) -> None:
+    """Draw an object in its views' colours, which hold their light, and others' shadows on it."""
+    cameras = [target.camera, *(() if lighting is None else lighting.cameras)]
+    grain = max(spacing_in(thing, camera)[0] for camera in cameras)
+    with shadowed(target, lighting, grain=grain, apart=4, fade=0):
+        draw_object(target, thing)
 
 
 def _moved_by(offset: Float64) -> Float64:
@@ -322,8 +353,9 @@ def _check_resolved(thing: DepthObject) -> None:
         nearest, farthest = float(np.partition(depth, few)[few]), float(depth.max())
         camera = view.camera
         seen = nearest if camera.projection == "perspective" else max(camera.size) / float(camera.K[0, 0])
-        if spacing_of(thing) > _APART_MOST * seen:
-            expected = f"depths that {thing.slices} slices can tell apart (or `far`, if larger ones are background)"
+        slices = SLICES_USUAL if thing.slices == "view" else thing.slices
+        if float(thing.box.edges.max()) > slices * _APART_MOST * seen:
+            expected = f"depths that {slices} slices can tell apart (or `far`, if larger ones are background)"
             raise ArgumentError("views", expected, f"{nearest:g} to {farthest:g} in view {number}")
 
 

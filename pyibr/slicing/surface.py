@@ -5,8 +5,10 @@ from __future__ import annotations
 from functools import cached_property
 from typing import Any, Literal
 
+import numpy as np
 from numpy.typing import NDArray
 
+from pyibr.core.camera import Camera
 from pyibr.core.checks import (
     Fixed,
     check_tiled,
@@ -16,10 +18,14 @@ from pyibr.core.checks import (
     one_of,
     positive,
     true_or_false,
-    whole_from,
 )
 from pyibr.core.errors import ArgumentError
+<<<<<<< HEAD
 from pyibr.meshes.heights import Float32, Wrap, checked_height, checked_normal_map, checked_tiles, height_pairs
+=======
+from pyibr.core.pixelspace import pixel_size
+from pyibr.meshes.heights import Float32, checked_height, checked_normal_map, checked_tiles, height_pairs
+>>>>>>> 667c2b0 (Slicing: slices="view" takes as many as each picture needs; surfaces have halvings, too)
 from pyibr.meshes.mesh import Mesh
 from pyibr.meshes.textures import texture_pyramid
 from pyibr.opencl.headers import constant
@@ -31,11 +37,10 @@ from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
 from pyibr.raster.bins import bin_primitives, bin_side, project
 from pyibr.slicing.prisms import Volume, extruded
+from pyibr.slicing.spacing import SLICES_MOST, Slices, checked_halvings, checked_slices, slices_text
 
 Slicing = Literal["surface", "orthogonal", "screen"]
 AlphaTest = Literal["inside", "at_least", "band"]
-
-_SLICES_MOST = 65536
 
 
 class Heights(Fixed):
@@ -60,9 +65,11 @@ class SlicedSurface(Fixed):
         The displacement of height 1, in scene units.
     tiles : (int, int)
         How often height and colour repeat along u and v.
-    slices : int
+    slices : int or "view"
         Over the displacement volume's height. Slices across the surface and parallel to the screen have the same
-        spacing, `scale / slices` (section 3.4).
+        spacing, `scale / slices` (section 3.4). "view": as many as the picture needs over each triangle, with slices a
+        pixel apart (but no closer than half a texel), and as many `halvings` as bring points within an eighth of a
+        pixel of the surface.
     slicing : {"orthogonal", "surface", "screen"}
         "surface": parallel to the base only (section 3.1), which one sees through from the side; "orthogonal":
         along the normal or one of two directions in the surface, whichever faces the viewer most (section 3.2), for
@@ -78,10 +85,16 @@ class SlicedSurface(Fixed):
     clipped : bool
         False lets slices parallel to the screen test the points beside the displacement volume, too, as the paper's
         simplest variant does (section 3.3): the same picture with more alpha tests, to compare.
+<<<<<<< HEAD
     wrap : {"repeat", "clamp"}
         What heights, colours and normals are where uv are beyond 0 to 1, and from the outermost texels' centres on:
         "repeat" goes over to the other side of the map, "clamp" goes on with the values of its border, for maps that
         do not tile. `tiles` are (1, 1) with it.
+=======
+    halvings : int
+        How often the way from a slice that passes back to the one before is halved to meet the surface; 0 leaves the
+        slices as they are, as in the paper.
+>>>>>>> 667c2b0 (Slicing: slices="view" takes as many as each picture needs; surfaces have halvings, too)
 
     Raises
     ------
@@ -108,12 +121,16 @@ class SlicedSurface(Fixed):
         color: NDArray[Any],
         scale: float,
         tiles: tuple[int, int] = (1, 1),
-        slices: int = 64,
+        slices: Slices = 64,
         slicing: Slicing = "orthogonal",
         test: AlphaTest = "inside",
         normal_map: NDArray[Any] | None = None,
         clipped: bool = True,
+<<<<<<< HEAD
         wrap: Wrap = "repeat",
+=======
+        halvings: int = 0,
+>>>>>>> 667c2b0 (Slicing: slices="view" takes as many as each picture needs; surfaces have halvings, too)
     ) -> None:
         instance_of("base", base, Mesh, "a pyibr.Mesh")
         if base.uv is None:
@@ -122,9 +139,14 @@ class SlicedSurface(Fixed):
         self.heights = Heights(checked_height(height))
         self.color = locked(checked_colors("color", color, (None, None, 3)))
         self.scale = positive("scale", scale)
+<<<<<<< HEAD
         self.tiles = checked_tiles(tiles, wrap)
         self.wrap: Wrap = wrap
         self.slices = whole_from("slices", slices, 1, _SLICES_MOST)
+=======
+        self.tiles = checked_tiles(tiles)
+        self.slices: Slices = checked_slices(slices)
+>>>>>>> 667c2b0 (Slicing: slices="view" takes as many as each picture needs; surfaces have halvings, too)
         one_of("slicing", slicing, Slicing)
         one_of("test", test, AlphaTest)
         self.slicing: Slicing = slicing
@@ -133,10 +155,11 @@ class SlicedSurface(Fixed):
         check_tiled(base.uv, self.tiles, self.height, self.color, self.normal_map)
         true_or_false("clipped", clipped)
         self.clipped = clipped
+        self.halvings = checked_halvings(halvings)
 
     def __repr__(self) -> str:
         h, w = self.height.shape
-        return f"<SlicedSurface {len(self.base.faces)} triangles, heights {w}x{h}, {self.slices} slices>"
+        return f"<SlicedSurface {len(self.base.faces)} triangles, heights {w}x{h}, {slices_text(self.slices)}>"
 
     def with_height(self, height: NDArray[Any]) -> SlicedSurface:
         """The same surface with other heights, for animations: everything else, on the device too, is shared."""
@@ -178,12 +201,17 @@ def draw_surface(
     near = target.near(surface.volume.bounds)
     projected = project(target, buffers["points"], near)
     bins = bin_primitives(target, buffers["corners"], projected, near, sort=True)
+<<<<<<< HEAD
     defines: dict[str, int] = {"CLAMPED": 1} if surface.wrap == "clamp" else {}
+=======
+    slices = _slices_in(surface, target.camera)
+    defines: dict[str, int] = {}
+>>>>>>> 667c2b0 (Slicing: slices="view" takes as many as each picture needs; surfaces have halvings, too)
     more: dict[str, Any] = {}
     if lit is not None:
         defines |= lit.defines
         height, width = (0, 0) if surface.normal_map is None else surface.normal_map.shape[:2]
-        more |= {"normal_width": width, "normal_height": height, **lit.arguments(1.5 * surface.scale / surface.slices)}
+        more |= {"normal_width": width, "normal_height": height, **lit.arguments(1.5 * surface.scale / slices)}
         more |= {"normals": buffers["normals"], "normal_map": buffers.get("normal_map", buffers["gradients"])}
     if not surface.clipped and surface.slicing == "screen":
         defines["UNCLIPPED"] = 1
@@ -194,10 +222,13 @@ def draw_surface(
         kernel("slicing/surface.cl", "draw_surface", BIN=bin_side(), **target.color_defines, **defines),
         bins.grid,
         **{name: buffers[name] for name in ("corners", "points", "places", "frames", "gradients", "heights", "colors")},
-        spacing=surface.scale / surface.slices,
-        slices=surface.slices,
+        spacing=surface.scale / slices,
+        slices=slices,
+        by_view=surface.slices == "view",
+        halvings=surface.halvings,
         slicing=constant("slicing/tetrahedra.h", surface.slicing.upper()),
         test=constant("slicing/heights.h", surface.test.upper()),
+        band=0.0,
         map_width=surface.height.shape[1],
         map_height=surface.height.shape[0],
         color_width=surface.color.shape[1],
@@ -210,6 +241,15 @@ def draw_surface(
         **more,
     )
     target.blank = False
+
+
+def _slices_in(surface: SlicedSurface, camera: Camera) -> int:
+    """How many there are over the displacement; in a picture that chooses, in the volume's middle."""
+    if surface.slices != "view":
+        return surface.slices
+    low, high = surface.volume.bounds
+    pixel = pixel_size(camera, 0.5 * (low.astype(np.float64) + high))
+    return int(np.clip(surface.scale / max(pixel, 1e-30), 1, SLICES_MOST))
 
 
 def _volume_buffers(surface: SlicedSurface) -> dict[str, DeviceArray]:

@@ -250,9 +250,11 @@ def random_sliced(chance: Chance, scale: float) -> Any:
     maps = random_maps(chance, scale)
     made = ibr.SlicedSurface(
         **maps,
-        slices=chance.mostly(chance.one([1, 2, 16, 64, 300])),
+        slices=chance.mostly(chance.one([1, 2, 16, 64, 300, "view", "view"])),
         slicing=chance.mostly(chance.one(["orthogonal", "surface", "screen"])),
         test=chance.mostly(chance.one(["inside", "at_least", "band"])),
+        clipped=chance.mostly(not chance(0.2)),
+        halvings=chance.mostly(chance.one([0, 0, 2, 24])),
     )
     return made.with_height(random_maps(chance, scale)["height"]) if chance(0.2) else made
 
@@ -297,7 +299,7 @@ def views_around(chance: Chance, scale: float, floats: bool, count: int) -> list
 def random_solid(chance: Chance, scale: float, floats: bool) -> Any:
     views = views_around(chance, scale, floats, chance.one([1, 2, 4]))
     more = {
-        "slices": chance.mostly(chance.one([1, 7, 64, 128])),
+        "slices": chance.mostly(chance.one([1, 7, 64, 128, "view", "view"])),
         "slicing": chance.mostly(chance.one(["orthogonal", "screen"])),
         "halvings": chance.mostly(chance.one([0, 2, 24])),
     }

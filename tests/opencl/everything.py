@@ -109,6 +109,7 @@ def calls() -> dict[str, Call]:
         "mesh": _drawn(lambda: ibr.Mesh(base.vertices, base.faces)),
         "depth image": _drawn(lambda: [_view(scenes.stepped), ibr.Mesh(base.vertices, base.faces)]),
         "sliced": _drawn(lambda: ibr.SlicedSurface(base, heights, colors, 0.2, slices=16)),
+        "sliced by view": _drawn(lambda: ibr.SlicedSurface(base, heights, colors, 0.2, slices="view")),
         "relief": _drawn(lambda: ibr.ReliefSurface(base, heights, colors, 0.2)),
         "object": _drawn(lambda: ibr.DepthObject(views, slices=16)),
         "hull": _drawn(lambda: ibr.VisualHull(views, slices=16), lit=False),

@@ -76,8 +76,8 @@ def _knobs_of_one(thing: object) -> list[Knob]:
         choices = _choices(hint)
         if choices and value in choices:
             knobs.append(Knob(name, str, value, choices))
-        elif hint in (bool, int, float) and isinstance(value, (bool, int, float)):
-            knobs.append(Knob(name, hint, hint(value)))
+        elif (kind := _number(hint)) and isinstance(value, (bool, int, float)):
+            knobs.append(Knob(name, kind, kind(value)))
     return knobs
 
 
@@ -96,6 +96,12 @@ def _arguments(thing: object) -> dict[str, Any] | None:
         elif parameter.default is parameter.empty:
             return None
     return found
+
+
+def _number(hint: object) -> type | None:
+    """bool, int or float, also one beside None or words; None if the hint is none of them."""
+    hints = get_args(hint) if get_origin(hint) in (Union, types.UnionType) else (hint,)
+    return next((kind for kind in (bool, int, float) if kind in hints), None)
 
 
 def _choices(hint: object) -> tuple[str, ...]:

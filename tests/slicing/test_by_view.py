@@ -1,0 +1,206 @@
+"""As many slices as a picture needs: against rays cast at the surface, many slices, and 256 fixed ones on an orbit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+pytest.importorskip("open3d")
+
+import pyibr as ibr
+from pyibr.capture import MeshScene, object_views
+from pyibr.core.camera import Camera
+from pyibr.core.pixelspace import pixel_size
+from pyibr.images.metrics import silhouette_iou
+from pyibr.slicing import alpha_tests
+from pyibr.slicing.object import spacing_in
+from tests.data import shared
+from tests.displaced import interior, square
+from tests.slicing.solids import looking, torus, views_of_torus
+from tests.slicing.test_surfaces import SCALE, camera, heights, solid
+
+MIDDLE = np.array([0.5, 0.5, 0.5 * SCALE])
+FRONT = (0.5, 0.4, 1)
+
+
+def noisy_surface(slices: Any, slicing: str, texels: int = 32, **more: Any) -> ibr.SlicedSurface:
+    """With a fine texture, which tells a shift of a part of a pixel."""
+    noise = np.random.default_rng(1).normal(0, 1, (256, 256, 3))
+    noise = cv2.GaussianBlur(noise, (0, 0), 1.5)
+    color = np.clip(127.5 + 60 * noise / noise.std(), 0, 255).astype(np.uint8)
+    return ibr.SlicedSurface(square(), heights(texels), color, SCALE, slices=slices, slicing=slicing, **more)
+
+
+def flicker(frames: Sequence[ibr.Frame], truth: Sequence[ibr.Frame]) -> float:
+    """How much errors of colour change from frame to frame, per pixel of the thing: what moves rightly does not."""
+    off = [a.color.astype(float) - b.color for a, b in zip(frames, truth, strict=True)]
+    return float(np.abs(np.diff(off, axis=0)).mean() / np.mean([b.valid for b in truth]))
+
+
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+@pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
+def test_surfaces_show_no_slice_at_any_size(slicing, projection):
+    for size in ((61, 47), (200, 150), (640, 480)):
+        for elevation, direction in ((70, 10), (35, 100), (8, 190)):
+            cam = camera(elevation, direction, size, projection)
+            truth = solid().depth(cam)
+            seen = np.isfinite(truth)
+            frame = ibr.render(noisy_surface("view", slicing), cam)
+            assert frame.valid[interior(truth)].all()
+            # Points are brought within an eighth of a pixel, or, across slices, sqrt(3) times that; pixels' sizes
+            # differ by a third from there to the middle. At outlines in the picture a rounding decides what is hit.
+            off = np.abs(frame.depth - truth)[seen & frame.valid] / pixel_size(cam, MIDDLE)
+            assert np.quantile(off, 0.9) < 0.3
+            off = np.abs(frame.depth - truth)[interior(truth) & frame.valid] / pixel_size(cam, MIDDLE)
+            assert off.size == 0 or off.mean() < 0.15
+            assert silhouette_iou(frame.valid, seen) >= 1 - 8 / size[0]
+
+
+@pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
+def test_surfaces_take_as_many_as_the_picture_needs(slicing):
+    """Twice as many for a picture twice as large, until slices lie half a texel apart."""
+    means = []
+    for size in ((80, 60), (160, 120), (320, 240), (1920, 1440)):
+        cam = camera(40, 20, size)
+        thing = noisy_surface("view", slicing, 256)
+        means.append(alpha_tests(thing, cam).sum() / ibr.render(thing, cam).valid.sum())
+    # Halvings, and sides that rays leave by, are the same few for all.
+    first, second = means[1] - means[0], means[2] - means[1]
+    assert 1.5 * first < second < 2.6 * first
+    # At 1920 x 1440 a pixel is 1/1000 of the square, and half a texel 1/512: half as many as pixels would ask for.
+    assert means[3] < means[2] + 0.6 * 10 * second
+
+
+@pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
+def test_surfaces_flicker_less_than_with_256_slices(slicing):
+    cams = [camera(30, angle, (200, 150)) for angle in np.arange(24) * 3]
+    truth = [ibr.render(noisy_surface(4096, slicing), cam) for cam in cams]
+    by_view, fixed = (
+        flicker([ibr.render(noisy_surface(n, slicing), cam) for cam in cams], truth) for n in ("view", 256)
+    )
+    assert by_view <= fixed
+
+
+@pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
+def test_objects_flicker_no_more_than_with_256_slices(slicing):
+    scene = MeshScene.from_mesh(ibr.Mesh.load(shared("meshes/dragon_vrip.ply.gz")))
+    views = object_views(scene, 512)
+    turns = np.arange(12) * 2 * np.pi / 120
+    cams = [looking(scene, (np.cos(turn), 0.3, np.sin(turn)), (320, 240)) for turn in turns]
+    truth = [ibr.render(ibr.DepthObject(views, 2048, slicing, halvings=8), cam) for cam in cams]
+    thing = ibr.DepthObject(views, "view", slicing)
+    frames = [ibr.render(thing, cam) for cam in cams]
+    fixed = ibr.DepthObject(views, 256, slicing)
+    assert flicker(frames, truth) <= flicker([ibr.render(fixed, cam) for cam in cams], truth)
+    for frame, true in zip(frames, truth, strict=True):
+        both = frame.valid & true.valid
+        off = np.abs(frame.depth - true.depth)[both] / pixel_size(frame.camera, thing.box.center)
+        assert off.mean() < 0.25  # an eighth of a pixel, and where slices miss what the truth's meet, more
+        assert silhouette_iou(frame.valid, true.valid) >= 0.99
+
+
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+@pytest.mark.parametrize("kind", [ibr.DepthObject, ibr.VisualHull])
+@pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
+def test_objects_show_no_slice_at_any_size(kind, slicing, projection):
+    views = views_of_torus("orthographic")
+    for size in ((24, 18), (110, 90), (500, 400)):
+        cam = looking(torus(), FRONT, size, projection)
+        many = ibr.render(kind(views, 2048, slicing, halvings=8), cam)
+        frame = ibr.render(kind(views, "view", slicing), cam)
+        both = frame.valid & many.valid
+        off = np.abs(frame.depth - many.depth)[both] / pixel_size(cam, kind(views).box.center)
+        assert np.quantile(off, 0.95) < 0.25
+        assert off.mean() < 0.5
+        # Of a hull's edges, which are thin as wedges, 32 slices miss some in the smallest picture, and so do these.
+        few = ibr.render(kind(views, 32, slicing), cam).valid
+        missed = (frame.valid != many.valid).sum()
+        assert missed <= max((few != many.valid).sum() + 1, 0.02 * many.valid.sum())
+
+
+def test_spacing_changes_as_slowly_as_the_camera_moves():
+    """No jump, and no memory of other pictures."""
+    thing = ibr.DepthObject(views_of_torus("orthographic"), "view")
+    turns = np.linspace(0, 2 * np.pi, 481)
+    cams = [looking(torus(), (np.cos(turn), 0.6 * np.sin(2 * turn), np.sin(turn)), (160, 120)) for turn in turns]
+    spacings = np.array([spacing_in(thing, cam)[0] for cam in cams])
+    assert spacings.max() > 1.3 * spacings.min()
+    # A step is 0.75 degrees: a cosine of 1 / sqrt(3) and more, and the nearest corner's distance, change by little.
+    assert np.abs(np.diff(np.log(spacings))).max() < 0.04
+    again = np.array([spacing_in(thing, cam)[0] for cam in cams[::-1]])
+    np.testing.assert_array_equal(again[::-1], spacings)
+
+
+@pytest.mark.parametrize("slicing", ["orthogonal", "screen", "surface"])
+def test_from_within_and_from_afar(slicing):
+    thing = noisy_surface("view", slicing, test="at_least")
+    for eye in (MIDDLE, MIDDLE + 1e-6, (0.5, 0.5, SCALE), (0.1, 0.2, 0.3 * SCALE)):
+        frame = ibr.render(thing, Camera.look_at(eye, (2, 0.6, 0.1), (0, 0, 1), (41, 33), fov_y=80))
+        np.testing.assert_array_equal(np.isfinite(frame.depth), frame.valid)
+    # Of 9 pixels' height, and of less than one
+    for away in (40, 500):
+        cam = Camera.look_at(MIDDLE + away * np.array([0.4, 0.3, 1]), MIDDLE, (0, 0, 1), (41, 33), fov_y=20)
+        many, frame = ibr.render(noisy_surface(256, slicing, test="at_least"), cam), ibr.render(thing, cam)
+        assert many.valid.any()
+        assert (many.valid != frame.valid).sum() <= 0.1 * many.valid.sum()
+
+
+@pytest.mark.parametrize("kind", [ibr.DepthObject, ibr.VisualHull])
+@pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
+def test_objects_from_within_and_from_afar(kind, slicing):
+    thing = kind(views_of_torus("orthographic"), "view", slicing)
+    middle = thing.box.center
+    for eye in (middle, middle + 1e-6, middle + 0.9):
+        frame = ibr.render(thing, Camera.look_at(eye, middle + np.array([0.3, 2, 0.1]), (0, 0, 1), (41, 33), fov_y=80))
+        np.testing.assert_array_equal(np.isfinite(frame.depth), frame.valid)
+    far = Camera.look_at(middle + np.array([120, 0, 90]), middle, (0, 0, 1), (41, 33), fov_y=5)
+    many = ibr.render(kind(views_of_torus("orthographic"), 512, slicing), far)
+    assert 10 < many.valid.sum() < 100
+    assert (ibr.render(thing, far).valid != many.valid).sum() <= 0.1 * many.valid.sum()
+
+
+def test_shadows_on_surfaces_and_objects_are_those_of_many_slices():
+    light = ibr.Light(direction=(-0.6, -0.3, -1), shadow_size=512)
+    cam = camera(50, 30)
+    frames = [ibr.render(noisy_surface(n, "orthogonal"), cam, light) for n in ("view", 512)]
+    off = np.abs(frames[0].color.astype(int) - frames[1].color).max(axis=-1)
+    assert (off[frames[1].valid] > 40).mean() < 0.03  # at shadows' edges and the outline
+    cam = looking(torus(), FRONT, (160, 120))
+    frames = [ibr.render(ibr.DepthObject(views_of_torus("orthographic"), n), cam, light) for n in ("view", 512)]
+    off = np.abs(frames[0].color.astype(int) - frames[1].color).max(axis=-1)
+    assert (off[frames[1].valid] > 40).mean() < 0.03
+
+
+def test_surfaces_halvings_bring_points_closer():
+    cam = camera(35, 100)
+    truth = solid().depth(cam)
+    off = []
+    for halvings in (0, 1, 2, 3):
+        frame = ibr.render(noisy_surface(64, "orthogonal", halvings=halvings), cam)
+        off.append(np.abs(frame.depth - truth)[interior(truth) & frame.valid].mean())
+    ratios = np.divide(off[:-1], off[1:])
+    assert ((ratios > 1.85) & (ratios < 2.15)).all(), off
+
+
+@pytest.mark.parametrize("halvings", [0, 3])
+def test_halved_surfaces_in_one_depth_buffer_with_other_things(halvings):
+    cam = camera(35, 100)
+    color = np.zeros((4, 3), np.uint8)
+    wall = ibr.Mesh([[-1, 0.3, -1], [2, 0.5, -1], [2, 0.6, 1], [-1, 0.4, 1]], [[0, 1, 2], [0, 2, 3]], colors=color)
+    things = [noisy_surface(16, "orthogonal", halvings=halvings), wall, noisy_surface("view", "screen")]
+    alone = [ibr.render(one, cam) for one in things]
+    nearest = np.min([np.where(one.valid, one.depth, np.inf) for one in alone], axis=0)
+    for order in (things, things[::-1]):
+        frame = ibr.render(order, cam)
+        np.testing.assert_array_equal(np.where(frame.valid, frame.depth, np.inf), nearest)
+
+
+@pytest.mark.parametrize("slices", ["many", "64", None, 0, 1.5])
+def test_wrong_numbers(slices):
+    for make in (lambda n: noisy_surface(n, "screen"), lambda n: ibr.DepthObject(views_of_torus("four"), n)):
+        with pytest.raises(ibr.ArgumentError, match=r'^slices: expected .*"view"'):
+            make(slices)
