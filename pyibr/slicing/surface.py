@@ -20,12 +20,8 @@ from pyibr.core.checks import (
     true_or_false,
 )
 from pyibr.core.errors import ArgumentError
-<<<<<<< HEAD
-from pyibr.meshes.heights import Float32, Wrap, checked_height, checked_normal_map, checked_tiles, height_pairs
-=======
 from pyibr.core.pixelspace import pixel_size
-from pyibr.meshes.heights import Float32, checked_height, checked_normal_map, checked_tiles, height_pairs
->>>>>>> 667c2b0 (Slicing: slices="view" takes as many as each picture needs; surfaces have halvings, too)
+from pyibr.meshes.heights import Float32, Wrap, checked_height, checked_normal_map, checked_tiles, height_pairs
 from pyibr.meshes.mesh import Mesh
 from pyibr.meshes.textures import texture_pyramid
 from pyibr.opencl.headers import constant
@@ -85,16 +81,13 @@ class SlicedSurface(Fixed):
     clipped : bool
         False lets slices parallel to the screen test the points beside the displacement volume, too, as the paper's
         simplest variant does (section 3.3): the same picture with more alpha tests, to compare.
-<<<<<<< HEAD
+    halvings : int
+        How often the way from a slice that passes back to the one before is halved to meet the surface; 0 leaves the
+        slices as they are, as in the paper.
     wrap : {"repeat", "clamp"}
         What heights, colours and normals are where uv are beyond 0 to 1, and from the outermost texels' centres on:
         "repeat" goes over to the other side of the map, "clamp" goes on with the values of its border, for maps that
         do not tile. `tiles` are (1, 1) with it.
-=======
-    halvings : int
-        How often the way from a slice that passes back to the one before is halved to meet the surface; 0 leaves the
-        slices as they are, as in the paper.
->>>>>>> 667c2b0 (Slicing: slices="view" takes as many as each picture needs; surfaces have halvings, too)
 
     Raises
     ------
@@ -126,11 +119,8 @@ class SlicedSurface(Fixed):
         test: AlphaTest = "inside",
         normal_map: NDArray[Any] | None = None,
         clipped: bool = True,
-<<<<<<< HEAD
-        wrap: Wrap = "repeat",
-=======
         halvings: int = 0,
->>>>>>> 667c2b0 (Slicing: slices="view" takes as many as each picture needs; surfaces have halvings, too)
+        wrap: Wrap = "repeat",
     ) -> None:
         instance_of("base", base, Mesh, "a pyibr.Mesh")
         if base.uv is None:
@@ -139,14 +129,9 @@ class SlicedSurface(Fixed):
         self.heights = Heights(checked_height(height))
         self.color = locked(checked_colors("color", color, (None, None, 3)))
         self.scale = positive("scale", scale)
-<<<<<<< HEAD
         self.tiles = checked_tiles(tiles, wrap)
         self.wrap: Wrap = wrap
-        self.slices = whole_from("slices", slices, 1, _SLICES_MOST)
-=======
-        self.tiles = checked_tiles(tiles)
         self.slices: Slices = checked_slices(slices)
->>>>>>> 667c2b0 (Slicing: slices="view" takes as many as each picture needs; surfaces have halvings, too)
         one_of("slicing", slicing, Slicing)
         one_of("test", test, AlphaTest)
         self.slicing: Slicing = slicing
@@ -201,12 +186,8 @@ def draw_surface(
     near = target.near(surface.volume.bounds)
     projected = project(target, buffers["points"], near)
     bins = bin_primitives(target, buffers["corners"], projected, near, sort=True)
-<<<<<<< HEAD
-    defines: dict[str, int] = {"CLAMPED": 1} if surface.wrap == "clamp" else {}
-=======
     slices = _slices_in(surface, target.camera)
-    defines: dict[str, int] = {}
->>>>>>> 667c2b0 (Slicing: slices="view" takes as many as each picture needs; surfaces have halvings, too)
+    defines: dict[str, int] = {"CLAMPED": 1} if surface.wrap == "clamp" else {}
     more: dict[str, Any] = {}
     if lit is not None:
         defines |= lit.defines

@@ -295,23 +295,16 @@ def _above(setting: Setting) -> list[ibr.Camera]:
 def _surfaces(setting: Setting) -> Cases:
     light = ibr.Light(direction=(0, 0, -1), shadow_size=7)
     screen: dict[str, Any] = {"slicing": "screen", "clipped": False, "test": "band"}
-<<<<<<< HEAD
     ways: tuple[dict[str, Any], ...] = (
         {"slicing": "surface", "tiles": (2, 1)},
-        {"test": "at_least", "wrap": "clamp"},
+        {"test": "at_least", "wrap": "clamp", "halvings": 2},
         {**screen, "tiles": (2, 1)},
+        {"slices": "view", "test": "band", "tiles": (2, 1)},
     )
     for height, color, normals in _height_maps(setting):
         for way in ways:
-            made = ibr.SlicedSurface(_tiled_square(), height, color, 0.3, slices=3, normal_map=normals, **way)
-=======
-    by_view: dict[str, Any] = {"slices": "view", "test": "band"}
-    ways: tuple[dict[str, Any], ...] = ({"slicing": "surface"}, {"test": "at_least", "halvings": 2}, screen, by_view)
-    for height, color, normals in _height_maps(setting):
-        for way in ways:
             given = {"slices": 3} | way
-            made = ibr.SlicedSurface(_tiled_square(), height, color, 0.3, (2, 1), normal_map=normals, **given)
->>>>>>> 667c2b0 (Slicing: slices="view" takes as many as each picture needs; surfaces have halvings, too)
+            made = ibr.SlicedSurface(_tiled_square(), height, color, 0.3, normal_map=normals, **given)
             for camera in _above(setting):
                 yield f"slices {height.shape} {way} {camera.size}", partial(_draw, setting, [made], camera, light)
 
