@@ -23,14 +23,14 @@ INLINED Taps clamped_taps(int width, int height, floatl x, floatl y)
 }
 
 /* Around (u, v) of a map that is tiled: its whole width is 1, and its height. */
-INLINED Taps tiled_taps(int width, int height, floatl u, floatl v)
+INLINED Taps tiled_taps(intl width, intl height, floatl u, floatl v)
 {
-    const floatl tx = (u - floor_lanes(u)) * width - 0.5f, ty = (v - floor_lanes(v)) * height - 0.5f;
+    const floatl tx = (u - floor_lanes(u)) * to_floatl(width) - 0.5f, ty = (v - floor_lanes(v)) * to_floatl(height) - 0.5f;
     const floatl x0 = floor_lanes(tx), y0 = floor_lanes(ty);
     const intl ix = to_intl(x0), iy = to_intl(y0);
     /* Lanes that do not ask may hold anything: none may read beyond the map. */
-    const intl left = clamp(pick(ix < 0, ix + width, ix), (intl)0, (intl)(width - 1));
-    const intl up = clamp(pick(iy < 0, iy + height, iy), (intl)0, (intl)(height - 1));
+    const intl left = clamp(pick(ix < 0, ix + width, ix), (intl)0, width - 1);
+    const intl up = clamp(pick(iy < 0, iy + height, iy), (intl)0, height - 1);
     const intl right = pick(left + 1 < width, left + 1, (intl)0), down = pick(up + 1 < height, up + 1, (intl)0);
     const intl upper = up * width, lower = down * width;
     const Taps taps = {left, up, {upper + left, upper + right, lower + left, lower + right}, tx - x0, ty - y0};
@@ -38,10 +38,16 @@ INLINED Taps tiled_taps(int width, int height, floatl u, floatl v)
 }
 
 /* Around (u, v) of a map whose whole width is 1, and its height */
-INLINED Taps map_taps(int width, int height, floatl u, floatl v)
+INLINED Taps map_taps(intl width, intl height, floatl u, floatl v)
 {
 #if CLAMPED
-    return clamped_taps(width, height, u * width - 0.5f, v * height - 0.5f);
+    const floatl across = to_floatl(width), down = to_floatl(height);
+    const floatl tx = FROM_FIRST(u * across - 0.5f, across), ty = FROM_FIRST(v * down - 0.5f, down);
+    const floatl x0 = truncated(tx), y0 = truncated(ty);
+    const intl left = clamp(to_intl(x0), (intl)0, width - 1), right = min(left + 1, width - 1);
+    const intl up = clamp(to_intl(y0), (intl)0, height - 1), upper = up * width, lower = min(up + 1, height - 1) * width;
+    const Taps taps = {left, up, {upper + left, upper + right, lower + left, lower + right}, tx - x0, ty - y0};
+    return taps;
 #else
     return tiled_taps(width, height, u, v);
 #endif

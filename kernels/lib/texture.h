@@ -1,24 +1,31 @@
 #ifndef LIB_TEXTURE_H
 #define LIB_TEXTURE_H
-/* Textures with their pyramids, tiled or clamped (lib/wrap.h): RGBA bytes, level by level from the largest, each half the size of the one
- * before, rounded down (Williams 1983).
+/* Textures with their pyramids, tiled or clamped (lib/wrap.h): RGBA bytes, level by level from the largest, each half the
+ * size of the one before, rounded down (Williams 1983).
  */
 #include "lib/color.h"
 #include "lib/wrap.h"
 
 #define LEVELS_MOST 16
 
-void add_level(global const uint *texels, floatl u, floatl v, intl level, int width, int height, floatl weight, Color *sum)
+/* Where a level begins, in texels; width and height: the first's, which become the level's */
+INLINED intl start_of_level(intl level, intl *width, intl *height)
 {
-    intl start = 0, w = width, h = height;
+    intl start = 0;
     for (int l = 0; l < LEVELS_MOST; l++) {
         const intl finer = level > l;
         if (!any_lane(finer))
             break;
-        start = pick(finer, start + w * h, start);
-        w = pick(finer, max(w >> 1, (intl)1), w);
-        h = pick(finer, max(h >> 1, (intl)1), h);
+        start = pick(finer, start + *width * *height, start);
+        *width = pick(finer, max(*width >> 1, (intl)1), *width);
+        *height = pick(finer, max(*height >> 1, (intl)1), *height);
     }
+    return start;
+}
+
+/* Adds a texture's level, which begins at `start`, at (u, v), by a weight. */
+void add_texels(global const uint *texels, floatl u, floatl v, intl start, intl w, intl h, floatl weight, Color *sum)
+{
     const floatl across = to_floatl(w), down = to_floatl(h);
     const floatl tx = FROM_FIRST(u * across - 0.5f, across), ty = FROM_FIRST(v * down - 0.5f, down);
     const floatl x0 = floor_lanes(tx), y0 = floor_lanes(ty), fx = tx - x0, fy = ty - y0;

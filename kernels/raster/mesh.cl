@@ -1,7 +1,8 @@
 /* Triangle meshes: texture, vertex colours, light.
  *
  * Perspective-correct: a corner's weight at a pixel is its opposite edge's function over the sum of all three. The
- * texture is read bilinearly in the two levels of its pyramid around the pixel's footprint (Williams 1983).
+ * texture is read bilinearly in the two levels of its pyramid around the pixel's footprint (Williams 1983), along its longer
+ * side by lib/footprint.h.
  *
  * faces: (triangles, 3) corners of each. projected: (vertices, 4), project.cl. list, starts: bins.cl. depth, color,
  * valid: (height, width) the picture, which keeps what is nearer already; ties go to the first triangle.
@@ -11,8 +12,8 @@
  * Work-item: a region (region.h). Cost: O(list + pixels). Determinism: list order.
  */
 #include "lib/color.h"
+#include "lib/footprint.h"
 #include "lib/light.h"
-#include "lib/texture.h"
 #include "raster/nearest.h"
 
 #ifndef TEXTURED
@@ -38,7 +39,8 @@ INLINED Vector mean_vector(const OnTriangle *p, global const float *values)
 
 #if TEXTURED
 /* The texture where the pixels are, for footprints one pixel wide */
-INLINED Color read_texture(const OnTriangle *p, global const float *uv, global const uint *texels, int width, int height, int levels)
+INLINED Color read_texture(const OnTriangle *p, global const float *uv, global const uint *texels, int width, int height, int levels
+                           ANISOTROPY_PARAMETER)
 {
     const floatl u = mean_on(p, uv, 2, 0), v = mean_on(p, uv, 2, 1);
     /* One pixel on, weights change by the edges' a or b, and the total by their sums. */
@@ -54,17 +56,23 @@ INLINED Color read_texture(const OnTriangle *p, global const float *uv, global c
         a_sum += a;
         b_sum += b;
     }
+#if ANISOTROPIC
+    const UvSteps over = {(du_x - u * a_sum) / p->area, (dv_x - v * a_sum) / p->area, (du_y - u * b_sum) / p->area,
+                          (dv_y - v * b_sum) / p->area, anisotropy};
+    const Footprint f = footprint_of(over, width, height, lane_index >= 0);
+#else
     du_x = (du_x - u * a_sum) / p->area * width;
     dv_x = (dv_x - v * a_sum) / p->area * height;
     du_y = (du_y - u * b_sum) / p->area * width;
     dv_y = (dv_y - v * b_sum) / p->area * height;
-    const floatl texels_2 = greater(du_x * du_x + dv_x * dv_x, du_y * du_y + dv_y * dv_y);
-    const floatl lod = fmin(fmax(0.5f * log2(texels_2), (floatl)0.0f), (floatl)(levels - 1));
+    const Footprint f = even_footprint(greater(du_x * du_x + dv_x * dv_x, du_y * du_y + dv_y * dv_y));
+#endif
+    const floatl lod = fmin(fmax(0.5f * log2(f.texels_2), (floatl)0.0f), (floatl)(levels - 1));
     const floatl below = truncated(lod), between = lod - below;
     Color read = {0.0f, 0.0f, 0.0f};
-    add_level(texels, u, v, to_intl(below), width, height, (1.0f - between) / 255.0f, &read);
+    add_footprint(texels, u, v, f, to_intl(below), width, height, (1.0f - between) / 255.0f, &read);
     if (any_lane(between > 0.0f))
-        add_level(texels, u, v, min(to_intl(below) + 1, (intl)(levels - 1)), width, height, between / 255.0f, &read);
+        add_footprint(texels, u, v, f, min(to_intl(below) + 1, (intl)(levels - 1)), width, height, between / 255.0f, &read);
     return read;
 }
 #endif
@@ -91,7 +99,7 @@ kernel void draw_mesh(global const int *faces, global const float *projected, gl
 #if TEXTURED
                       ,
                       global const float *uv, global const uint *texels, int texture_width, int texture_height,
-                      int levels
+                      int levels ANISOTROPY_PARAMETER
 #endif
 #if TINTED
                       ,
@@ -131,7 +139,7 @@ kernel void draw_mesh(global const int *faces, global const float *projected, gl
             shade.r = tint.x, shade.g = tint.y, shade.b = tint.z;
 #endif
 #if TEXTURED
-            shade = read_texture(&p, uv, texels, texture_width, texture_height, levels);
+            shade = read_texture(&p, uv, texels, texture_width, texture_height, levels ANISOTROPY);
 #endif
 #if LIT
             const floatl flip = pick(p.area > 0.0f, (floatl)-1.0f, (floatl)1.0f), front = (floatl)(gather(fronts, face));

@@ -11,15 +11,15 @@
  *
  * faces: (triangles, 3) corners of each. projected: (vertices, 4), raster/project.cl. list, starts: raster/bins.cl.
  * vertices: (vertices, VERTEX) u, v, normal, gradient of u, gradient of v (world, per scene unit), a, b, c, unused. texels, bounds,
- * levels: search.h. colors: lib/texture.h. normal_map: (normal_height, normal_width, 3), where > 0.
+ * levels: search.h. colors: lib/texture.h. normal_map: (normal_height, normal_width, 3), where > 0, with its pyramid. How
+ * often both are read: lib/footprint.h.
  * counts: (height, width, 2) searched entries and their steps, with COUNTED. places: (height, width, 2) u and v of what
  * is seen, in 0 to 1, NaN where nothing is, with TOLD.
  * Work-item: a region (raster/region.h). Cost: O(list + pixels * layers * steps). Determinism: list order.
  */
 #define PLACED 1
+#include "lib/footprint.h"
 #include "lib/light.h"
-#include "lib/normals.h"
-#include "lib/texture.h"
 #include "raster/region.h"
 #include "raster/triangle.h"
 #include "relief/search.h"
@@ -153,16 +153,35 @@ intl is_sound(const ReliefRay *ray)
     return isfinite_lanes(ray->u + ray->v + ray->du + ray->dv + ray->K);
 }
 
-/* The level of a map whose texels are as large as a pixel that sees the surface straight on, `size` scene units */
-intl level_of(const Entry *e, int width, int height, int level_count, floatl size, intl enters)
+/* The square of the texels that a pixel covers along a side where it sees the surface straight on, `size` scene units */
+floatl texels_of(const Entry *e, int width, int height, floatl size, intl enters)
 {
     const floatl u_2 = DOT(e->along_u, e->along_u);
     const floatl v_2 = DOT(e->along_v, e->along_v);
     const floatl texels_2 = greater(u_2 * ((float)width * width), v_2 * ((float)height * height)) * size * size;
-    return level_of_texels(pick(enters, texels_2, (floatl)1.0f), level_count);
+    return pick(enters, texels_2, (floatl)1.0f);
 }
 
-#if LIT
+/* The level of the heights whose texels are as large as such a pixel */
+intl level_of(const Context *context, const Entry *e, floatl size, intl enters)
+{
+    return level_of_texels(texels_of(e, context->levels[0], context->levels[1], size, enters), context->level_count);
+}
+
+/* The scene units that a pixel takes at nearness n */
+#define PIXEL_SIZE(context, n)                                                                                 \
+    (((context)->screen.perspective ? 1.0f / (n) : (floatl)1.0f) * (context)->pixel_size)
+
+#if LIT || ANISOTROPIC
+/* What a point is seen by: its place on the maps, and the ray that has found it, t after its entry */
+typedef struct {
+    ReliefRay place; /* u, v, level */
+    Track track;
+    Vector ahead, point;
+    Vector normal; /* of the quadric */
+    floatl t;
+} Seen;
+
 /* x and y of the frame in which the quadric is z = a x^2 + b y^2 + c x y */
 INLINED void tangents_of(const Entry *e, Vector *x, Vector *y)
 {
@@ -185,16 +204,65 @@ INLINED Vector normal_at(const Entry *e, Vector d, floatl t, int quadric)
     return at_unit_length(normal);
 }
 
+/* A normal tilted by how much the height rises over a texel, along u and along v, in HEIGHT_UNITs; not of unit length */
+INLINED Vector tilted_by_rises(Vector normal, const Entry *e, HeightMap map, floatl across, floatl down, float scale)
+{
+    const float rise = scale * HEIGHT_UNIT;
+    const floatl du = across * to_floatl(map.width) * rise, dv = down * to_floatl(map.height) * rise;
+    const Vector tilted = {normal.x - du * e->along_u.x - dv * e->along_v.x, normal.y - du * e->along_u.y - dv * e->along_v.y,
+                           normal.z - du * e->along_u.z - dv * e->along_v.z};
+    return tilted;
+}
+
+/* Of a block's pixels, (px, py) in the picture */
+INLINED Seen seen_at(const Context *context, const Region *region, const Entry *e, int block, floatl px, floatl py)
+{
+    const intl mine = region->owner[block] >= 0;
+    const floatl n = region->nearness[block];
+    const floatl u = pick(mine, region->u[block], (floatl)0.0f), v = pick(mine, region->v[block], (floatl)0.0f);
+    Seen seen;
+    seen.point = point_at(context->screen, px, py, n);
+    seen.ahead = towards(context->screen, seen.point);
+    seen.t = pick(mine, context->layers->t[block], (floatl)0.0f);
+    seen.place.u = IN_FIRST_TILE(u);
+    seen.place.v = IN_FIRST_TILE(v);
+    seen.place.du = seen.place.dv = 0.0f;
+    seen.place.level = level_of(context, e, PIXEL_SIZE(context, n), mine);
+    seen.track = track_of(&seen.place, context->levels);
+    seen.normal = normal_at(e, seen.ahead, seen.t, context->quadric);
+    return seen;
+}
+
+#if ANISOTROPIC
+/* The rises of the bilinear surface at (x, y) */
+INLINED void rises_at(global const uint *texels, HeightMap map, floatl x, floatl y, floatl *across, floatl *down)
+{
+    FLOOR(x, x0, ix)
+    FLOOR(y, y0, iy)
+    const intl tx = ON_MAP(x0, ix, map.width, map.per_width), ty = ON_MAP(y0, iy, map.height, map.per_height);
+    const Patch p = read_cell(texels, map, ix, iy, tx, ty);
+    const floatl twist = p.aa - p.ab - p.ba + p.bb;
+    *across = p.ab - p.aa + (y - y0) * twist;
+    *down = p.ba - p.aa + (x - x0) * twist;
+}
+
+/* By how much u and v change over a pixel: on the plane that touches the relief where the pixel sees it */
+INLINED UvSteps steps_on(const Context *context, const Entry *e, const Seen *seen, floatl n, int anisotropy)
+{
+    floatl across, down;
+    rises_at(context->texels, seen->track.map, seen->track.x, seen->track.y, &across, &down);
+    const Vector tilted = tilted_by_rises(seen->normal, e, seen->track.map, across, down, context->scale);
+    return uv_steps(context->screen, n, seen->ahead, tilted, e->along_u, e->along_v, anisotropy);
+}
+#endif
+
+#if LIT
 /* A normal tilted by the heights' slopes, over two texels of the level */
 INLINED Vector tilted_by_slope(Vector normal, const Entry *e, global const uint *texels, Track k, float scale)
 {
-    const float rise = 0.5f * scale * HEIGHT_UNIT;
     const floatl across = height_in(texels, k.map, k.x + 1.0f, k.y) - height_in(texels, k.map, k.x - 1.0f, k.y);
     const floatl down = height_in(texels, k.map, k.x, k.y + 1.0f) - height_in(texels, k.map, k.x, k.y - 1.0f);
-    const floatl du = across * to_floatl(k.map.width) * rise, dv = down * to_floatl(k.map.height) * rise;
-    const Vector tilted = {normal.x - du * e->along_u.x - dv * e->along_v.x, normal.y - du * e->along_u.y - dv * e->along_v.y,
-                           normal.z - du * e->along_u.z - dv * e->along_v.z};
-    return at_unit_length(tilted);
+    return at_unit_length(tilted_by_rises(normal, e, k.map, 0.5f * across, 0.5f * down, scale));
 }
 
 /* A normal tilted by one of a map, x along u, y along v */
@@ -208,10 +276,7 @@ INLINED Vector tilted_by_map(Vector normal, const Entry *e, Vector part)
     return at_unit_length(tilted);
 }
 #endif
-
-/* The scene units that a pixel takes at nearness n */
-#define PIXEL_SIZE(context, n)                                                                                 \
-    (((context)->screen.perspective ? 1.0f / (n) : (floatl)1.0f) * (context)->pixel_size)
+#endif
 
 /* Where a block's rays enter, in the world, and in which direction */
 typedef struct {
@@ -229,7 +294,7 @@ Entrance set_out(const Context *context, int block, Search *s)
     const intl entered = context->layers->entered[block], enters = entered >= 0;
     const Entry e = entry_of(context, pick(enters, entered, (intl)0), x, y);
     set_ray(&s->ray, &e, entrance.way, context->quadric, context->scale);
-    s->ray.level = level_of(&e, context->levels[0], context->levels[1], context->level_count, PIXEL_SIZE(context, n), enters);
+    s->ray.level = level_of(context, &e, PIXEL_SIZE(context, n), enters);
 #if COUNTED
     s->taken = 0;
 #endif
@@ -304,16 +369,6 @@ int search_layer(const Context *context, Region *region)
     }
     return again;
 }
-
-#if LIT
-/* What a point is seen by: its place on the maps, and the ray that has found it, t after its entry */
-typedef struct {
-    ReliefRay place; /* u, v, level */
-    Track track;
-    Vector ahead, point;
-    floatl t;
-} Seen;
-#endif
 
 #if SHADOWED
 /* From a point of the relief to the light, as far as the relief around the point reaches */
@@ -441,13 +496,27 @@ floatl in_sight(const Context *context, const Entry *e, const Seen *seen, Vector
 }
 #endif
 
+#if TOLD
+/* Writes where on the map a block's pixels see the relief; x, y: its first pixel. */
+void tell_places(const Region *region, int block, Screen screen, int x, int y, global float *places)
+{
+    for (int lane = 0; lane < LANES; lane++) {
+        const long at = pixel_of(screen, x, y, lane);
+        const float2 uv = {float_lane(region->u[block], lane), float_lane(region->v[block], lane)};
+        const float2 in_map = CLAMPED ? clamp(uv, 0.0f, 1.0f) : uv - floor(uv);
+        if (at >= 0)
+            vstore2(int_lane(region->owner[block], lane) >= 0 ? in_map : (float2)(NAN), at, places);
+    }
+}
+#endif
+
 kernel void draw_relief(global const int *faces, global const float *projected, global const int *list,
                         global const int *starts, int bins_x, global const float *vertices, global const uint *texels,
                         global const ushort *bounds, global const int *levels, int level_count,
                         global const uint *colors, int color_width, int color_height, int color_levels,
                         global float *depth, global channel *color, global uchar *valid, Screen screen,
                         float nearest_w, float scale, float pixel_size, int quadric, int search, int steps,
-                        int halvings, int blank
+                        int halvings, int blank ANISOTROPY_PARAMETER
 #if LIT
                         ,
                         global const float *normal_map, int normal_width, int normal_height,
@@ -495,25 +564,29 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
             const floatl px = to_floatl(first_x + block_x), py = to_floatl(first_y + block_y), n = region.nearness[block];
             const Entry e = entry_of(&context, pick(mine, owner, (intl)0), px, py);
             const floatl size = PIXEL_SIZE(&context, n);
-            add_level(colors, u, v, level_of(&e, color_width, color_height, color_levels, size, mine), color_width,
-                      color_height, 1.0f / 255.0f, &shade);
+#if LIT || ANISOTROPIC
+            const Seen seen = seen_at(&context, &region, &e, block, px, py);
+#endif
+#if ANISOTROPIC
+            const UvSteps over = steps_on(&context, &e, &seen, n, anisotropy);
+            const Footprint f = footprint_of(over, color_width, color_height, mine);
+#else
+            const Footprint f = even_footprint(texels_of(&e, color_width, color_height, size, mine));
+#endif
+            add_footprint(colors, u, v, f, level_of_texels(f.texels_2, color_levels), color_width, color_height, 1.0f / 255.0f,
+                          &shade);
 #if LIT
-            Seen seen;
-            seen.point = point_at(screen, px, py, n);
-            seen.ahead = towards(screen, seen.point);
-            seen.t = pick(mine, layers.t[block], (floatl)0.0f);
-            seen.place.u = IN_FIRST_TILE(u);
-            seen.place.v = IN_FIRST_TILE(v);
-            seen.place.du = seen.place.dv = 0.0f;
-            seen.place.level = level_of(&e, levels[0], levels[1], level_count, size, mine);
-            seen.track = track_of(&seen.place, levels);
-            Vector normal = normal_at(&e, seen.ahead, seen.t, quadric);
             /* Of the surface itself: no map decides what hides it from the light. */
-            const Vector own = tilted_by_slope(normal, &e, texels, seen.track, scale);
-            if (normal_width > 0)
-                normal = tilted_by_map(normal, &e, normal_in(normal_map, normal_width, normal_height, seen.place.u, seen.place.v));
-            else
-                normal = own;
+            const Vector own = tilted_by_slope(seen.normal, &e, texels, seen.track, scale);
+            Vector normal = own;
+            if (normal_width > 0) {
+#if ANISOTROPIC
+                const Vector mapped = mean_normal(normal_map, normal_width, normal_height, seen.place.u, seen.place.v, over, mine);
+#else
+                const Vector mapped = normal_in(normal_map, normal_width, normal_height, 0, seen.place.u, seen.place.v);
+#endif
+                normal = tilted_by_map(seen.normal, &e, mapped);
+            }
             floatl visible = 1.0f;
 #if SHADOWED
             const intl faces = mine & (DOT(normal, to_light(light, seen.point).way) > 0.0f);
@@ -523,13 +596,7 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
 #endif
         }
 #if TOLD
-        for (int lane = 0; lane < LANES; lane++) {
-            const long at = pixel_of(screen, first_x, first_y, lane);
-            const float2 uv = {float_lane(region.u[block], lane), float_lane(region.v[block], lane)};
-            const float2 in_map = CLAMPED ? clamp(uv, 0.0f, 1.0f) : uv - floor(uv);
-            if (at >= 0)
-                vstore2(int_lane(owner, lane) >= 0 ? in_map : (float2)(NAN), at, places);
-        }
+        tell_places(&region, block, screen, first_x, first_y, places);
 #endif
         write_block(&region, block, screen, depth, color, valid, blank, first_x, first_y, shade);
     }

@@ -14,7 +14,7 @@
  *
  * corners: (tetrahedra, 4) of projected, three in a row for each triangle. places: (vertices, 3) u, v (times tiles) and
  * height. points: (vertices, 3) world. frames: (triangles, 3, 3) the slicing directions a (normal), b, c: unit length.
- * heights: (map_height, map_width), lib/heights.h. colors: lib/texture.h. gradients:
+ * heights: (map_height, map_width), lib/heights.h. colors: lib/texture.h, read by lib/footprint.h, as normal_map. gradients:
  * (triangles, 2, 3) of u and v in the world, times tiles. normals: (vertices of the base, 3). spacing: of the slices,
  * in the world. slices: of direction a, over the displacement; by_view: as in the volume's middle. counts: (height, width) alpha tests, with COUNTED.
  * Work-item: a region (raster/region.h): with LANES 16 a bin, in blocks of 4 x 4 pixels, one to a lane; with LANES 1 a
@@ -22,9 +22,8 @@
  * Cost: O(list + pixels * slices met), with LANES 1 O(pixels * list + ...). Determinism: list order.
  */
 #define PLACED 1
+#include "lib/footprint.h"
 #include "lib/light.h"
-#include "lib/normals.h"
-#include "lib/texture.h"
 #include "raster/region.h"
 #include "slicing/heights.h"
 #include "slicing/tetrahedra.h"
@@ -155,6 +154,34 @@ INLINED Vector vector_at(global const float *vectors, intl number)
     return v;
 }
 
+#if LIT || ANISOTROPIC
+#define HEIGHT(u, v) height_at(context->heights, context->map_width, context->map_height, u, v)
+
+/* The base's normal, tilted by the heights' gradient; along_u, along_v: of u and v in the world */
+INLINED Vector tilted_by_heights(const Context *context, Vector base, floatl u, floatl v, Vector along_u, Vector along_v)
+{
+    const float du = 1.0f / context->map_width, dv = 1.0f / context->map_height;
+    const float rise = 0.5f * context->spacing * context->slices;
+    const floatl by_u = (HEIGHT(u + du, v) - HEIGHT(u - du, v)) * (rise * context->map_width);
+    const floatl by_v = (HEIGHT(u, v + dv) - HEIGHT(u, v - dv)) * (rise * context->map_height);
+    const Vector tilted = {base.x - (by_u * along_u.x + by_v * along_v.x), base.y - (by_u * along_u.y + by_v * along_v.y),
+                           base.z - (by_u * along_u.z + by_v * along_v.z)};
+    return at_unit_length(tilted);
+}
+#endif
+
+#if ANISOTROPIC
+/* By how much u and v change over a pixel: on the plane that touches the heights where it sees them, above the triangle */
+INLINED UvSteps steps_on(const Context *context, Vector ahead, floatl n, floatl u, floatl v, Vector along_u, Vector along_v,
+                         int anisotropy)
+{
+    const Vector across = at_unit_length(cross_of(along_u, along_v));
+    const Vector base = scaled(across, pick(DOT(across, ahead) > 0.0f, (floatl)-1.0f, (floatl)1.0f));
+    const Vector tilted = tilted_by_heights(context, base, u, v, along_u, along_v);
+    return uv_steps(context->screen, n, ahead, tilted, along_u, along_v, anisotropy);
+}
+#endif
+
 #if LIT
 /* The base's normal below a point: interpolated at its foot on the triangle. rise: above the triangle's plane */
 INLINED Vector normal_below(const Context *context, global const float *normals, intl triangle, Vector point, floatl *rise)
@@ -194,20 +221,6 @@ INLINED Vector tilted_by_map(const Context *context, Vector base, intl triangle,
     return at_unit_length(tilted);
 }
 
-#define HEIGHT(u, v) height_at(context->heights, context->map_width, context->map_height, u, v)
-
-/* The same by the heights' gradient; along_u, along_v: of u and v in the world */
-INLINED Vector tilted_by_heights(const Context *context, Vector base, floatl u, floatl v, Vector along_u, Vector along_v)
-{
-    const float du = 1.0f / context->map_width, dv = 1.0f / context->map_height;
-    const float rise = 0.5f * context->spacing * context->slices;
-    const floatl by_u = (HEIGHT(u + du, v) - HEIGHT(u - du, v)) * (rise * context->map_width);
-    const floatl by_v = (HEIGHT(u, v + dv) - HEIGHT(u, v - dv)) * (rise * context->map_height);
-    const Vector tilted = {base.x - (by_u * along_u.x + by_v * along_v.x), base.y - (by_u * along_u.y + by_v * along_v.y),
-                           base.z - (by_u * along_u.z + by_v * along_v.z)};
-    return at_unit_length(tilted);
-}
-
 #if SHADOWED
 /* Is a point farther than a slice below the heights? Then it may lie on a side of the volume. */
 INLINED intl is_on_side(const Context *context, floatl u, floatl v, floatl above)
@@ -235,7 +248,7 @@ kernel void draw_surface(global const int *corners, global const float *projecte
                          int halvings /* of the way back to the slice before, once one has passed */, int slicing,
                          int test, float band /* of heights that BAND takes; 0: that of a slice */, int map_width,
                          int map_height, int color_width, int color_height,
-                         int color_levels, float pixel_size, global const float *gradients, int blank
+                         int color_levels, float pixel_size, global const float *gradients, int blank ANISOTROPY_PARAMETER
 #if LIT
                          ,
                          global const float *normals, global const float *normal_map, int normal_width,
@@ -267,17 +280,30 @@ kernel void draw_surface(global const int *corners, global const float *projecte
             const floatl n = region.nearness[block], size = pixel_size * (screen.perspective ? 1.0f / n : (floatl)1.0f);
             const floatl texels_2 = greater(DOT(along_u, along_u) * ((float)color_width * color_width),
                                             DOT(along_v, along_v) * ((float)color_height * color_height));
-            add_level(colors, u, v, level_of_texels(pick(mine, texels_2 * size * size, (floatl)1.0f), color_levels),
-                      color_width, color_height, 1.0f / 255.0f, &shade);
-#if LIT
+#if LIT || ANISOTROPIC
             const Vector point = point_at(screen, to_floatl(first_x + block_x), to_floatl(first_y + block_y), n);
             const Vector ahead = towards(screen, point);
+#endif
+#if ANISOTROPIC
+            const UvSteps over = steps_on(&context, ahead, n, u, v, along_u, along_v, anisotropy);
+            const Footprint f = footprint_of(over, color_width, color_height, mine);
+#else
+            const Footprint f = even_footprint(pick(mine, texels_2 * size * size, (floatl)1.0f));
+#endif
+            add_footprint(colors, u, v, f, level_of_texels(f.texels_2, color_levels), color_width, color_height, 1.0f / 255.0f,
+                          &shade);
+#if LIT
             floatl above;
             const Vector base = normal_below(&context, normals, triangle, point, &above);
             Vector normal;
-            if (normal_width > 0)
-                normal = tilted_by_map(&context, base, triangle, normal_in(normal_map, normal_width, normal_height, u, v));
-            else
+            if (normal_width > 0) {
+#if ANISOTROPIC
+                const Vector mapped = mean_normal(normal_map, normal_width, normal_height, u, v, over, mine);
+#else
+                const Vector mapped = normal_in(normal_map, normal_width, normal_height, 0, u, v);
+#endif
+                normal = tilted_by_map(&context, base, triangle, mapped);
+            } else
                 normal = tilted_by_heights(&context, base, u, v, along_u, along_v);
             floatl visible = VISIBILITY(point, normal);
 #if SHADOWED

@@ -20,6 +20,14 @@ def texture_pyramid(texture: NDArray[Any]) -> NDArray[np.uint32]:
         level = np.floor(halved(level) + np.float32(0.5)).astype(np.uint8)
 
 
+def normal_pyramid(normal_map: NDArray[np.float32]) -> NDArray[np.float32]:
+    """All levels of a map of normals (h, w, 3), largest first: means, which are shorter where normals differ."""
+    levels = [normal_map]
+    while max(levels[-1].shape[:2]) > 1:
+        levels.append(halved(levels[-1]))
+    return np.concatenate([level.ravel() for level in levels])
+
+
 def halved(image: NDArray[Any]) -> NDArray[np.float32]:
     """(h, w, ...) half as large, rounded down, but at least 1: means over the areas that its texels cover."""
     return _halved_rows(_halved_rows(image).swapaxes(0, 1)).swapaxes(0, 1)

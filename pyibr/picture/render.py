@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Float64, describe, instance_of, numbers
+from pyibr.core.checks import Float64, describe, instance_of, numbers, whole_from
 from pyibr.core.errors import ArgumentError
 from pyibr.images.depth_image import DepthImage
 from pyibr.images.frame import Frame
@@ -37,6 +37,7 @@ def render(
     sample: Sample = "linear",
     fill: Fill | None = None,
     samples: int = 1,
+    anisotropy: int = 1,
 ) -> Frame:
     """Draw things of any kind into one picture with one depth buffer.
 
@@ -67,6 +68,10 @@ def render(
     samples : int
         A pixel, on a regular grid within it: 1, 4, 9, 16, 25, 36, 49 or 64. Several make silhouettes and depth edges
         smooth, at as many times the cost; `Frame.alpha` tells how much of each pixel the things cover.
+    anisotropy : int
+        1 to 64: how often the colours and normal maps of meshes, sliced surfaces and reliefs are read for a pixel at
+        most, along what it covers of them. 1 reads once; 8 shows surfaces that are seen at 7 degrees or more without
+        blur and moire, at 1.1 to 1.7 times the cost.
 
     Returns
     -------
@@ -100,6 +105,7 @@ def render(
     around = numbers("background", background, (3,))
     side_by_side = checked_side(samples)
     fine = finer(camera, side_by_side)
+    readings = whole_from("anisotropy", anisotropy, 1, 64)
 
     in_float = any(isinstance(thing, DepthImage) and thing.color.dtype == np.float32 for thing in several)
     dtype = np.dtype(np.float32 if in_float else np.uint8)
@@ -113,7 +119,7 @@ def render(
             target.clear()  # if none has written anything
 
         lit = None if light is None else lighting(light, [_bounds_of(one) for one in drawables], draw_all, dtype)
-        targets = [Target(one, dtype) for one in pane_cameras(fine)]
+        targets = [Target(one, dtype, anisotropy=readings) for one in pane_cameras(fine)]
         for target in targets:
             draw_all(target, lit)
         frame = averaged(joined(targets, fine, sample == "linear"), camera, side_by_side).frame()

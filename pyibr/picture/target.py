@@ -37,6 +37,8 @@ class Target:
         Its arrays are written, instead of new ones.
     classes : bool
         What each pixel is, and where it comes from, is written, too.
+    anisotropy : int
+        How often a map is read along a pixel's footprint at most; 1: once, as if that were as long as wide.
     pool : dict, optional
         Scratch memory by size, for targets that are drawn one after the other.
 
@@ -57,6 +59,7 @@ class Target:
         classes: bool = False,
         pool: dict[int, DeviceArray] | None = None,
         channels: int = 3,
+        anisotropy: int = 1,
     ) -> None:
         check_pixels("camera", camera.size)
         shape = (camera.height, camera.width)
@@ -76,6 +79,7 @@ class Target:
         self.alpha: DeviceArray | None = None
         self.blank = True
         self.from_light = from_light
+        self.anisotropy = anisotropy
 
     def layer(self) -> Target:
         """A target of the same kind, for a part of what is to be seen in this one."""
@@ -105,6 +109,16 @@ class Target:
     def color_defines(self) -> dict[str, int]:
         """What the colour is, as kernels/lib/channel.h is to know it."""
         return {"COLOR_BYTES": self.color.dtype.itemsize, "CHANNELS": self.color.shape[-1]}
+
+    @property
+    def filter_defines(self) -> dict[str, int]:
+        """How maps are read, as kernels/lib/footprint.h is to know it."""
+        return {"ANISOTROPIC": 1} if self.anisotropy > 1 else {}
+
+    @property
+    def filter_arguments(self) -> dict[str, int]:
+        """Of kernels that are built with `filter_defines`."""
+        return {"anisotropy": self.anisotropy} if self.anisotropy > 1 else {}
 
     @cached_property
     def from_world(self) -> NDArray[np.float64]:

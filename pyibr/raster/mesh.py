@@ -43,6 +43,8 @@ def draw_mesh(target: Target, mesh: Mesh, lit: Lighting | None) -> None:
         height, width = _checked(mesh.texture).shape[:2]
         more = {"uv": buffers["uv"], "texels": buffers["texels"], "texture_width": width, "texture_height": height}
         more["levels"] = max(width, height).bit_length()
+        defines |= target.filter_defines
+        more |= target.filter_arguments
     elif "tints" in buffers:
         defines["TINTED"] = 1
         more = {"tints": buffers["tints"]}

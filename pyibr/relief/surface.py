@@ -14,7 +14,7 @@ from pyibr.core.errors import ArgumentError
 from pyibr.core.straight import check_no_lens
 from pyibr.meshes.heights import Float32, Wrap, checked_height, checked_normal_map, checked_tiles
 from pyibr.meshes.mesh import Mesh
-from pyibr.meshes.textures import texture_pyramid
+from pyibr.meshes.textures import normal_pyramid, texture_pyramid
 from pyibr.opencl.device import one_call
 from pyibr.opencl.headers import constant
 from pyibr.opencl.kept import kept
@@ -229,7 +229,8 @@ def draw_relief(
         defines["CLAMPED"] = 1
     else:
         defines["POWERS_OF_TWO"] = int(all(n & (n - 1) == 0 for n in surface.height.shape))
-    more: dict[str, Any] = {}
+    defines |= target.filter_defines
+    more: dict[str, Any] = dict(target.filter_arguments)
     if lit is not None:
         defines |= lit.defines
         height, width = (0, 0) if surface.normal_map is None else surface.normal_map.shape[:2]
@@ -283,5 +284,5 @@ def _buffers(surface: ReliefSurface) -> dict[str, DeviceArray]:
         "colors": upload(texture_pyramid(surface.color)),
     }
     if surface.normal_map is not None:
-        made["normal_map"] = upload(surface.normal_map)
+        made["normal_map"] = upload(normal_pyramid(surface.normal_map))
     return made

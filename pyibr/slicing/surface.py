@@ -23,7 +23,7 @@ from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import pixel_size
 from pyibr.meshes.heights import Float32, Wrap, checked_height, checked_normal_map, checked_tiles, height_pairs
 from pyibr.meshes.mesh import Mesh
-from pyibr.meshes.textures import texture_pyramid
+from pyibr.meshes.textures import normal_pyramid, texture_pyramid
 from pyibr.opencl.headers import constant
 from pyibr.opencl.kept import kept
 from pyibr.opencl.launch import launch
@@ -187,8 +187,10 @@ def draw_surface(
     projected = project(target, buffers["points"], near)
     bins = bin_primitives(target, buffers["corners"], projected, near, sort=True)
     slices = _slices_in(surface, target.camera)
-    defines: dict[str, int] = {"CLAMPED": 1} if surface.wrap == "clamp" else {}
-    more: dict[str, Any] = {}
+    defines = dict(target.filter_defines)
+    if surface.wrap == "clamp":
+        defines["CLAMPED"] = 1
+    more: dict[str, Any] = dict(target.filter_arguments)
     if lit is not None:
         defines |= lit.defines
         height, width = (0, 0) if surface.normal_map is None else surface.normal_map.shape[:2]
@@ -239,5 +241,5 @@ def _volume_buffers(surface: SlicedSurface) -> dict[str, DeviceArray]:
     made = {name: upload(getattr(surface.volume, name)) for name in names}
     made["colors"] = upload(texture_pyramid(surface.color))
     if surface.normal_map is not None:
-        made["normal_map"] = upload(surface.normal_map)
+        made["normal_map"] = upload(normal_pyramid(surface.normal_map))
     return made

@@ -368,6 +368,8 @@ def random_render(seed: int) -> Call:
     options = random_look(chance)
     if chance(0.2):
         options["background"] = chance.mostly(chance.one([(1, 0, 0.5), (0, 0, 0), (255, 255, 255)]))
+    if chance(0.4):
+        options["anisotropy"] = chance.mostly(chance.one([2, 8, 64]))
     light = random_light(chance, scale)
     given = chance.mostly(things if len(things) > 1 or chance(0.5) else things[0])
     return Call(lambda: ibr.render(given, camera, light, **options), options)

@@ -223,9 +223,12 @@ def _targets(view: DepthImage, size: Size) -> Iterator[tuple[str, ibr.Camera]]:
             yield name, ibr.Camera(larger, (width + 45, height + 47), moved.world_from_camera, moved.projection)
 
 
-def _draw(setting: Setting, things: list[Any], camera: ibr.Camera, light: ibr.Light | None = None) -> object:
+def _draw(
+    setting: Setting, things: list[Any], camera: ibr.Camera, light: ibr.Light | None = None, anisotropy: int = 1
+) -> object:
     """Renders things behind a depth image, whose colours decide which kind the picture's are of."""
-    return ibr.render([*things, setting.view(scenes.smooth, (2, 1), "perspective")], camera, light)
+    view = setting.view(scenes.smooth, (2, 1), "perspective")
+    return ibr.render([*things, view], camera, light, anisotropy=anisotropy)
 
 
 def _square() -> tuple[list[list[float]], list[list[int]], list[list[float]]]:
@@ -256,6 +259,7 @@ def _meshes(setting: Setting) -> Cases:
             for light in _lights(setting):
                 name = f"meshes, texture {texture_size}, {camera.size}, {light}"
                 yield name, partial(_draw, setting, [first, second, plain], camera, light)
+                yield f"{name}, filtered", partial(_draw, setting, [first], camera, light, 3)
     for sizes in (((1, 1), (2, 2), (1, 5), (7, 1)), ((9, 7),) * 4)[: setting.choose(1, 2, 2)]:
         views = _views_around(setting, sizes)
         for side, camera in product(("front", "both"), _screens(setting)):
@@ -306,7 +310,10 @@ def _surfaces(setting: Setting) -> Cases:
             given = {"slices": 3} | way
             made = ibr.SlicedSurface(_tiled_square(), height, color, 0.3, normal_map=normals, **given)
             for camera in _above(setting):
-                yield f"slices {height.shape} {way} {camera.size}", partial(_draw, setting, [made], camera, light)
+                name = f"slices {height.shape} {way} {camera.size}"
+                yield name, partial(_draw, setting, [made], camera, light)
+                if way == ways[0]:
+                    yield f"{name}, filtered", partial(_draw, setting, [made], camera, light, 3)
 
 
 def _reliefs(setting: Setting) -> Cases:
@@ -323,7 +330,10 @@ def _reliefs(setting: Setting) -> Cases:
         for way in ways:
             made = ibr.ReliefSurface(_tiled_square(), height, color, 0.3, normal_map=normals, **way)
             for camera in _above(setting):
-                yield f"relief {height.shape} {way} {camera.size}", partial(_draw, setting, [made], camera, light)
+                name = f"relief {height.shape} {way} {camera.size}"
+                yield name, partial(_draw, setting, [made], camera, light)
+                if way == ways[0]:
+                    yield f"{name}, filtered", partial(_draw, setting, [made], camera, light, 3)
                 if setting.thorough:
                     yield f"places {height.shape} {way} {camera.size}", partial(made.tile_coordinates, camera)
 

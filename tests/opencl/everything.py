@@ -40,10 +40,11 @@ def _warped(**how: Any) -> Call:
     return call
 
 
-def _drawn(make: Callable[[], Any], lit: bool = True) -> Call:
+def _drawn(make: Callable[[], Any], lit: bool = True, anisotropy: int = 1) -> Call:
     def call() -> list[NDArray[Any]]:
         camera = ibr.Camera.look_at((1, 2, 5), (0, 0, 0), (0, 1, 0), SIZE, fov_y=45)
-        return _arrays(ibr.render(make(), camera, ibr.Light(direction=(-1, -1, -1), shadow_size=64) if lit else None))
+        light = ibr.Light(direction=(-1, -1, -1), shadow_size=64) if lit else None
+        return _arrays(ibr.render(make(), camera, light, anisotropy=anisotropy))
 
     return call
 
@@ -111,6 +112,7 @@ def calls() -> dict[str, Call]:
         "sliced": _drawn(lambda: ibr.SlicedSurface(base, heights, colors, 0.2, slices=16)),
         "sliced by view": _drawn(lambda: ibr.SlicedSurface(base, heights, colors, 0.2, slices="view")),
         "relief": _drawn(lambda: ibr.ReliefSurface(base, heights, colors, 0.2)),
+        "filtered": _drawn(lambda: ibr.ReliefSurface(base, heights, colors, 0.2), anisotropy=8),
         "object": _drawn(lambda: ibr.DepthObject(views, slices=16)),
         "hull": _drawn(lambda: ibr.VisualHull(views, slices=16), lit=False),
         "depth mesh": _drawn(lambda: ibr.DepthMesh(views[4])),

@@ -1,0 +1,134 @@
+#ifndef LIB_FOOTPRINT_H
+#define LIB_FOOTPRINT_H
+/* What part of a tiled map a pixel covers. Seen aslant, it is longer than wide: with ANISOTROPIC the map is read several
+ * times along the longer side, from the level whose texels are as large as the shorter one (McCormack et al. 1999, by the
+ * footprint's exact ellipse), at most `anisotropy` times. Without, it is read once.
+ *
+ * Cost: a reading a ratio of the sides, to the nearest whole number: surfaces that are seen straight on are read once.
+ */
+#include "lib/normals.h"
+#include "lib/screen.h"
+#include "lib/texture.h"
+
+#ifndef ANISOTROPIC
+#define ANISOTROPIC 0 /* 1: the kernel has `int anisotropy`, and reads maps as above */
+#endif
+
+#if ANISOTROPIC
+#define ANISOTROPY_PARAMETER , int anisotropy
+#define ANISOTROPY , anisotropy
+#else
+#define ANISOTROPY
+#define ANISOTROPY_PARAMETER
+#endif
+
+typedef struct {
+    floatl texels_2; /* square of a reading's side, in texels of the first level */
+    floatl count;    /* readings, */
+    floatl u, v;     /* from the first to the one after the last, around the middle */
+} Footprint;
+
+/* Read once */
+INLINED Footprint even_footprint(floatl texels_2)
+{
+    const Footprint f = {texels_2, (floatl)1.0f, (floatl)0.0f, (floatl)0.0f};
+    return f;
+}
+
+#if ANISOTROPIC
+#define MORE_READINGS 0.75f /* added to the ratio of the sides, whose whole part are the readings */
+
+/* By how much u and v change from a pixel to the next along x, and along y */
+typedef struct {
+    floatl u_x, v_x, u_y, v_y;
+    int anisotropy; /* the most readings along a footprint */
+} UvSteps;
+
+/* Of what is seen at nearness n in the unit direction `ahead`, on a plane across `normal` (of any length); along_u, along_v:
+ * gradients in the world. A plane that is seen so much aslant that footprints were longer than `anisotropy` times their
+ * width is taken to be less so: their width stays, so that slopes at outlines are not smeared. */
+INLINED UvSteps uv_steps(Screen screen, floatl n, Vector ahead, Vector normal, Vector along_u, Vector along_v, int anisotropy)
+{
+    const float *m = screen.to_world;
+    const float least = 1.0f / anisotropy;
+    const floatl depth = screen.perspective ? 1.0f / (m[15] * n) : (floatl)(1.0f / m[14]);
+    const floatl steepest = -least * sqrt(DOT(normal, normal)), facing = lesser(DOT(normal, ahead), steepest);
+    const floatl per_facing = 1.0f / lesser(facing, (floatl)-1e-30f);
+    floatl steps[2][2];
+    for (int axis = 0; axis < 2; axis++) {
+        const Vector level = {m[axis] * depth, m[4 + axis] * depth, m[8 + axis] * depth}; /* at the same depth */
+        const floatl slide = DOT(normal, level) * per_facing;
+        steps[axis][0] = DOT(along_u, level) - slide * DOT(along_u, ahead);
+        steps[axis][1] = DOT(along_v, level) - slide * DOT(along_v, ahead);
+    }
+    const UvSteps made = {steps[0][0], steps[0][1], steps[1][0], steps[1][1], anisotropy};
+    return made;
+}
+
+/* A round pixel is an ellipse on the map, whose axes are the singular values of the steps in texels. */
+INLINED Footprint footprint_of(UvSteps s, int width, int height, intl wanted)
+{
+    const floatl a = s.u_x * width, b = s.u_y * width, c = s.v_x * height, d = s.v_y * height;
+    const floatl uu = a * a + b * b, uv = a * c + b * d, vv = c * c + d * d, half_ = 0.5f * (uu - vv), area = a * d - b * c;
+    const floatl given = 0.5f * (uu + vv) + sqrt(half_ * half_ + uv * uv);
+    const intl sound = wanted & isfinite_lanes(given) & (given > 1.0f); /* what is magnified is read once */
+    const floatl long_2 = pick(sound, given, (floatl)1.0f), short_2 = greater(area * area / long_2, (floatl)1.0f);
+    Footprint f = even_footprint(long_2);
+    f.count = pick(sound, truncated(sqrt(long_2 / short_2) + MORE_READINGS), (floatl)1.0f);
+    f.count = lesser(greater(f.count, (floatl)1.0f), (floatl)s.anisotropy);
+    if (!any_lane(f.count > 1.0f))
+        return f;
+    f.texels_2 = greater(long_2 / (f.count * f.count), short_2);
+    /* The longer axis: of the rows of the steps' square less the other axis, the longer one */
+    const floatl x = pick(half_ >= 0.0f, long_2 - vv, uv), y = pick(half_ >= 0.0f, uv, long_2 - uu);
+    const floatl unit = pick(f.count > 1.0f, sqrt(long_2 / greater(x * x + y * y, (floatl)1e-30f)), (floatl)0.0f);
+    f.u = x * unit * (1.0f / width);
+    f.v = y * unit * (1.0f / height);
+    return f;
+}
+#endif
+
+/* The readings of a footprint: number i, which of the lanes have one, how much it weighs, where it is along the footprint */
+#if ANISOTROPIC
+#define EACH_READING(f, i) for (int i = 0; any_lane((f).count > (float)i); i++)
+#define HAS_READING(f, i) ((f).count > (float)(i))
+#define ALONG(f, i) pick(HAS_READING(f, i), ((i) + 0.5f) / (f).count - 0.5f, (floatl)0.0f)
+#define WEIGHT(f, i) pick(HAS_READING(f, i), 1.0f / (f).count, (floatl)0.0f)
+#endif
+
+/* Adds the mean of a texture's level over a footprint around (u, v), by a weight. */
+INLINED void add_footprint(global const uint *texels, floatl u, floatl v, Footprint f, intl level, int width, int height,
+                           floatl weight, Color *sum)
+{
+    intl w = width, h = height;
+    const intl start = start_of_level(level, &w, &h);
+#if ANISOTROPIC
+    EACH_READING(f, i)
+    {
+        const floatl along = ALONG(f, i);
+        add_texels(texels, u + f.u * along, v + f.v * along, start, w, h, weight * WEIGHT(f, i), sum);
+    }
+#else
+    add_texels(texels, u, v, start, w, h, weight, sum);
+#endif
+}
+
+#if ANISOTROPIC
+/* The mean of a map of normals over a pixel around (u, v) */
+INLINED Vector mean_normal(global const float *map, int width, int height, floatl u, floatl v, UvSteps steps, intl wanted)
+{
+    const Footprint f = footprint_of(steps, width, height, wanted);
+    const intl level = level_of_texels(f.texels_2, 32 - clz(max(width, height)));
+    Vector mean = {0.0f, 0.0f, 0.0f};
+    EACH_READING(f, i)
+    {
+        const floatl along = ALONG(f, i), weight = WEIGHT(f, i);
+        const Vector one = normal_in(map, width, height, level, u + f.u * along, v + f.v * along);
+        mean.x += weight * one.x;
+        mean.y += weight * one.y;
+        mean.z += weight * one.z;
+    }
+    return mean;
+}
+#endif
+#endif
