@@ -15,8 +15,8 @@ def knot() -> MeshScene:
     return MeshScene(*knot_surface())
 
 
-def knot_surface() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Its vertices, faces and the vertices' colours."""
+def knot_surface(lit: bool = True) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Its vertices, faces and the vertices' colours, with a light in them or without."""
     a, b = np.meshgrid(np.linspace(0, 2 * np.pi, 361)[:-1], np.linspace(0, 2 * np.pi, 49)[:-1], indexing="ij")
 
     def line(t: np.ndarray) -> np.ndarray:
@@ -40,7 +40,7 @@ def knot_surface() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         ]
     )
     hue = plt.get_cmap("twilight_shifted")(a / (2 * np.pi))[..., :3] * (0.6 + 0.4 * (np.floor(a * 14) % 2))[..., None]
-    shade = 0.35 + 0.65 * np.clip(normal @ np.array([-0.4, -0.5, 0.77]), 0, 1)
+    shade = 0.35 + 0.65 * np.clip(normal @ np.array([-0.4, -0.5, 0.77]), 0, 1) if lit else np.ones(a.shape)
     colors = np.clip(255 * (0.25 + 0.75 * hue) * shade[..., None], 0, 255).astype(np.uint8).reshape(-1, 3)
     return vertices, faces, colors
 
@@ -66,6 +66,34 @@ def depth_object() -> Figure:
         "visual hull": ibr.render(ibr.VisualHull(views, 256), camera, background=(255, 255, 255), samples=4).color,
     }
     figure, row = plt.subplots(1, 4, figsize=(14, 3.6), layout="constrained")
+    for axes, (name, image) in zip(row, panels.items(), strict=True):
+        axes.imshow(image)
+        axes.set_title(name, loc="left", fontsize=12)
+        axes.set_axis_off()
+    return figure
+
+
+def relight() -> Figure:
+    """A knot without light in its colours, as a depth object in three lights, and the mesh in the last of them."""
+    vertices, faces, colors = knot_surface(lit=False)
+    thing = ibr.DepthObject(object_views(MeshScene(vertices, faces, colors), 512, normals=True), 256)
+    camera = ibr.Camera.look_at((4.5, -5.5, 6.5), (0, 0, 0), (0, 0, 1), (420, 400), fov_y=42)
+    shiny = {"ambient": 0.12, "specular": 0.45, "shininess": 40, "relight": True}
+    lights = [
+        ibr.Light(direction=(-1, 0.35, -0.6), **shiny),
+        ibr.Light(direction=(0.6, 1, -1.2), color=(1, 0.85, 0.6), **shiny),
+        ibr.Light(position=(0, 0, 2.6), color=(0.75, 0.85, 1.15), **shiny),
+    ]
+    mesh = ibr.Mesh(vertices, faces, colors=colors)
+    how = {"background": (255, 255, 255), "samples": 4}
+    panels = {
+        "the images' own colours": ibr.render(thing, camera, **how).color,
+        "relit from the right": ibr.render(thing, camera, lights[0], **how).color,
+        "by a warm one from the left": ibr.render(thing, camera, lights[1], **how).color,
+        "by a lamp in its middle": ibr.render(thing, camera, lights[2], **how).color,
+        "the mesh by that lamp": ibr.render(mesh, camera, lights[2], **how).color,
+    }
+    figure, row = plt.subplots(1, 5, figsize=(17.2, 3.6), layout="constrained")
     for axes, (name, image) in zip(row, panels.items(), strict=True):
         axes.imshow(image)
         axes.set_title(name, loc="left", fontsize=12)

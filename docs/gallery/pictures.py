@@ -21,7 +21,7 @@ from demo import FAINT, HOLE, INK, PATH, views_of
 from epipolar import bare, cameras, epipolar_lines, epipolar_plane, orders
 from matplotlib.colors import Normalize, to_rgb, to_rgba
 from matplotlib.figure import Figure
-from objects import depth_object
+from objects import depth_object, relight
 from splats import splats
 from terrain import height_field, source_view
 
@@ -77,6 +77,7 @@ if __name__ == "__main__":
     save("paper-slicing-intersection.png", slices.intersection(), 80)
     save("paper-slicing-inputs.jpg", slices.inputs(), 80)
     save("depth-object.png", depth_object(), 90)
+    save("relight.jpg", relight(), 80)
     save("depth-camera.jpg", depthcameras.steps(), 80)
     save("own-system.jpg", splats(), 100)
     save("relief-silhouettes.jpg", reliefs.silhouettes(), 80)

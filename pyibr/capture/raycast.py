@@ -7,13 +7,14 @@ depth images are as exact as their float32 samples can be. Open3D is imported wh
 from __future__ import annotations
 
 import itertools
+from functools import cached_property
 from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pyibr.core.camera import Camera, Projection
-from pyibr.core.checks import Float64, checked_colors, describe, numbers, one_of, plain_array, whole_from
+from pyibr.core.checks import Float64, checked_colors, describe, numbers, one_of, plain_array, true_or_false, whole_from
 from pyibr.core.errors import ArgumentError
 from pyibr.core.optional import open3d
 from pyibr.images import DepthImage
@@ -46,6 +47,8 @@ class MeshScene:
         Read bilinearly. Without texture and colors the surface is shaded by its smooth normals.
     base_color : (r, g, b), 0 to 255
         Of a shaded surface.
+    normals : array_like (N, 3), optional
+        Of the vertices, for images of them; smooth ones by default.
 
     Raises
     ------
@@ -73,6 +76,7 @@ class MeshScene:
         uv: ArrayLike | None = None,
         texture: NDArray[np.uint8] | None = None,
         base_color: tuple[float, float, float] = (235, 190, 130),
+        normals: ArrayLike | None = None,
     ) -> None:
         self.vertices: Float64 = numbers("vertices", vertices, (None, 3))
         self.faces: Int64 = checked_faces(faces, len(self.vertices)).astype(np.int64)
@@ -82,7 +86,7 @@ class MeshScene:
         if (self._texture is None) != (self._uv is None):
             raise ArgumentError("uv", "uv and texture together, or neither", "only one of them")
         self._base_color = numbers("base_color", base_color, (3,))
-        self._normals: Float64 | None = None
+        self._own_normals = None if normals is None else numbers("normals", normals, (len(self.vertices), 3))
 
         o3d = open3d()
         self._scene: Any = o3d.t.geometry.RaycastingScene()
@@ -122,10 +126,18 @@ class MeshScene:
         if texture is not None and texture.dtype != np.uint8:
             texture = np.rint(texture * np.float32(255)).astype(np.uint8)
         uv = mesh.uv if texture is not None else None
-        return cls(mesh.vertices, mesh.faces, mesh.colors, uv, texture, base_color)
+        return cls(mesh.vertices, mesh.faces, mesh.colors, uv, texture, base_color, mesh.normals)
+
+    @cached_property
+    def _smooth(self) -> Float64:
+        return _smooth_normals(self.vertices, self.faces)
 
     def capture(
-        self, camera: Camera, layer: Layer = "first", background: tuple[int, int, int] = (0, 0, 0)
+        self,
+        camera: Camera,
+        layer: Layer = "first",
+        background: tuple[int, int, int] = (0, 0, 0),
+        normals: bool = False,
     ) -> DepthImage:
         """Take a depth image.
 
@@ -138,6 +150,8 @@ class MeshScene:
             is seen from outside.
         background : (r, g, b), 0 to 255
             Colour where nothing is hit; the depth is infinite there.
+        normals : bool
+            Whether the image has normals, too: of the side that is seen.
 
         Returns
         -------
@@ -149,6 +163,7 @@ class MeshScene:
         ArgumentError
             If no ray meets the mesh.
         """
+        true_or_false("normals", normals)
         if layer not in ("first", "last"):
             raise ArgumentError("layer", '"first" or "last"', describe(layer))
         pixel = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), -1).reshape(-1, 2)
@@ -184,7 +199,18 @@ class MeshScene:
         color[:] = background
         depth.reshape(-1)[hit] = z
         color.reshape(-1, 3)[hit] = np.clip(np.floor(self._color(triangle, weight) + 0.5), 0, 255)
-        return DepthImage(color, depth, camera)
+        if not normals:
+            return DepthImage(color, depth, camera)
+        facing = np.full((*shape, 3), np.nan, np.float32)
+        towards = -np.sign(np.sum(direction[seen] * normal[seen], 1, keepdims=True)) * normal[seen]
+        facing.reshape(-1, 3)[hit] = self._normal(triangle, weight, towards) @ camera.world_from_camera[:3, :3]
+        return DepthImage(color, depth, camera, normals=facing)
+
+    def _normal(self, triangle: Int64, weight: Float64, towards: Float64) -> Float64:
+        """Return the normals (n, 3) at weights (n, 3) in triangles (n,), on that side of them that `towards` tells."""
+        corner = (self._smooth if self._own_normals is None else self._own_normals)[self.faces[triangle]]
+        side = np.where(np.sum(corner.sum(axis=1) * towards, 1, keepdims=True) < 0, -1.0, 1.0)
+        return side * np.einsum("nk,nkc->nc", weight, corner)
 
     def _cast(self, camera: Camera, pixel: NDArray[Any], layer: Layer) -> Int64:
         """Return the triangle that the rays through pixels (n, 2) meet first or last, or `_NOTHING`."""
@@ -211,9 +237,7 @@ class MeshScene:
             return _bilinear(self._texture, np.einsum("nk,nkc->nc", weight, self._uv[triangle]))
         if self._colors is not None:
             return np.einsum("nk,nkc->nc", weight, self._colors[corner])
-        if self._normals is None:
-            self._normals = _smooth_normals(self.vertices, self.faces)
-        normal = np.einsum("nk,nkc->nc", weight, self._normals[corner])
+        normal = np.einsum("nk,nkc->nc", weight, self._smooth[corner])
         normal /= np.maximum(np.sqrt(np.einsum("nc,nc->n", normal, normal)), 1e-12)[:, None]
         lambert = normal @ _LIGHT
         light = 0.15 + 0.85 * np.maximum(lambert, 0) + 0.15 * np.minimum(lambert, 0)
@@ -221,7 +245,11 @@ class MeshScene:
 
 
 def capture(
-    mesh: Any, camera: Camera, layer: Layer = "first", background: tuple[int, int, int] = (0, 0, 0)
+    mesh: Any,
+    camera: Camera,
+    layer: Layer = "first",
+    background: tuple[int, int, int] = (0, 0, 0),
+    normals: bool = False,
 ) -> DepthImage:
     """Take one depth image of a `Mesh`, a `MeshScene` or an Open3D triangle mesh; see `MeshScene.capture`.
 
@@ -236,7 +264,7 @@ def capture(
     >>> bool(view.valid[20, 32]), bool(view.valid[20, 20])  # the ring, and the hole in it
     (True, False)
     """
-    return _as_scene(mesh).capture(camera, layer, background)
+    return _as_scene(mesh).capture(camera, layer, background, normals)
 
 
 def _as_scene(mesh: Any) -> MeshScene:
@@ -289,7 +317,7 @@ def spread_directions(count: int) -> Float64:
 
 
 def object_views(
-    mesh: Any, size: int, projection: Projection = "orthographic", margin: float = 0.02
+    mesh: Any, size: int, projection: Projection = "orthographic", margin: float = 0.02, normals: bool = False
 ) -> list[DepthImage]:
     """Six depth images of an object from all round, as if on the faces of a cube that looks inwards.
 
@@ -302,6 +330,8 @@ def object_views(
         Perspective cameras stand 2.5 cube edges from the middle.
     margin : float
         Part of the mesh's largest extent that is left free on all sides, >= 0.
+    normals : bool
+        Whether the images have normals, too.
 
     Returns
     -------
@@ -344,7 +374,7 @@ def object_views(
         pose[:3, 3] = middle - away * forward
         camera = Camera(K, (size, size), pose, projection)
         try:
-            views.append(scene.capture(camera))
+            views.append(scene.capture(camera, normals=normals))
         except ArgumentError as error:
             if error.argument != "camera":
                 raise

@@ -21,6 +21,7 @@ from pyibr.opencl.kept import kept
 from pyibr.opencl.launch import launch
 from pyibr.opencl.memory import DeviceArray, upload
 from pyibr.opencl.program import kernel
+from pyibr.picture.normals import showing_normals
 from pyibr.picture.target import Target
 from pyibr.raster.bins import bin_primitives, bin_side, culled
 
@@ -70,17 +71,24 @@ class Blending:
     gains: Float64 | None
 
 
-def _colors_of(meshes: Sequence[ViewMesh], gains: Float64 | None) -> _Colors:
+def _colors_of(views: Sequence[DepthImage], gains: Float64 | None) -> _Colors:
     words, sizes = list[NDArray[np.uint32]](), list[tuple[int, int, int]]()
     ends, start = list[tuple[int, int]](), 0
-    for number, mesh in enumerate(meshes):
+    for number, view in enumerate(views):
         first = len(sizes)
-        for level in color_levels(mesh.view, None if gains is None else gains[number]):
+        for level in color_levels(view, None if gains is None else gains[number]):
             sizes.append((*level.shape[::-1], start))
             words.append(level.ravel())
             start += level.size
         ends.append((first, len(sizes) - 1))
     return _Colors(upload(np.concatenate(words)), upload(np.array(sizes, np.int32)), ends)
+
+
+def _shown(target: Target, thing: Fixed, views: Sequence[DepthImage], gains: Float64 | None) -> _Colors:
+    """What a target shows of the views: their colours, or their normals for them."""
+    if target.of_normals:
+        return kept(thing, "normals", lambda: _colors_of([showing_normals(view) for view in views], None))
+    return kept(thing, "colors", lambda: _colors_of(views, gains))
 
 
 def draw_depth_meshes(
@@ -113,7 +121,7 @@ def draw_depth_meshes(
     shown = Shown.of([0], 1) if blending is None else Shown.of(blending.order, blending.count)
     trees = [meshes[number].tree for number in shown.chosen]
     active = [active_for(tree, target.camera, tolerance) for tree in trees]
-    colors = kept(thing, "colors", lambda: _colors_of(meshes, None if blending is None else blending.gains))
+    colors = _shown(target, thing, [mesh.view for mesh in meshes], None if blending is None else blending.gains)
     underlay, drawn, colored = None, shown.chosen, shown.chosen  # views of all meshes, and of those with colours
     defines = {"VIEWS": len(shown.chosen), **target.color_defines}
     more: dict[str, Any] = {}

@@ -102,9 +102,13 @@ class DepthMesh(Fixed):
             return self.view.bounds_of(_in_triangles(self.tree))
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
-        """Draw the triangles in the view's colours, which hold their light."""
-        with shadowed(target, lighting, grain=drawn_off(target, self.tolerance, self.bounds)):
-            draw_depth_meshes(target, self, [self], self.tolerance, self.bounds)
+        """Draw the triangles in the view's colours, which hold their light, unless a light relights them."""
+        off = drawn_off(target, self.tolerance, self.bounds)
+        with shadowed(target, lighting, grain=off, draw_normals=self._draw):
+            self._draw(target)
+
+    def _draw(self, target: Target) -> None:
+        draw_depth_meshes(target, self, [self], self.tolerance, self.bounds)
 
     @property
     def tree(self) -> Tree:

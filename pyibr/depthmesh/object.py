@@ -139,8 +139,9 @@ class DepthMeshObject(Fixed):
         return self._boxes[:, 0].min(axis=0), self._boxes[:, 1].max(axis=0)
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
-        """Draw the blended meshes in their views' colours, which hold their light."""
-        with shadowed(target, lighting, grain=drawn_off(target, self.tolerance, self.bounds)):
+        """Draw the blended meshes in their views' colours, which hold their light, unless a light relights them."""
+        off = drawn_off(target, self.tolerance, self.bounds)
+        with shadowed(target, lighting, grain=off, draw_normals=self._blend):
             self._blend(target)
 
     def _blend(self, target: Target, occupancy: DeviceArray | None = None) -> None:

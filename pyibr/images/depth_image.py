@@ -35,6 +35,7 @@ Color = NDArray[np.uint8] | NDArray[np.float32]
 Depth = NDArray[np.float32]
 Backdrop = Literal["farthest"]
 
+_UNIT = 1e-3  # squares of lengths may be off by that: they are normals in float32, or rounded ones
 _IN_CACHE = 1 << 15  # samples at a time: of more, float64 values take several times longer
 
 
@@ -55,18 +56,21 @@ class DepthImage(Fixed):
     backdrop : float or "farthest", optional
         A depth for what is no surface, as sky and windows, so that new views show its colours instead of holes; or
         "farthest": that of the farthest sample. `depth` is copied with it, and no `far` is left.
+    normals : (H, W, 3) float32, optional
+        Of the surface, in the camera's frame (x right, y down, z forward) and towards it, of any length; NaN or 0 where
+        they are not known. A `Light` with `relight` shades by them; where there are none, the depths tell them.
 
     Attributes
     ----------
-    color, depth, camera, far
-        As given, but for `backdrop`; `color` of shape (H, W, 0) if there is none. The arrays are kept without a copy
-        if they are C-contiguous, and locked against writing through this object. Change neither them nor their
-        originals afterwards: buffers on the device are kept as well.
+    color, depth, camera, far, normals
+        As given, but for `backdrop`; `color` of shape (H, W, 0) if there is none; `normals` of length 1, NaN where
+        unknown, or None. The arrays are kept without a copy if they are C-contiguous, and locked against writing
+        through this object. Change neither them nor their originals afterwards: buffers on the device are kept as well.
 
     Raises
     ------
     ArgumentError
-        If shapes, dtypes and camera do not fit together.
+        If shapes, dtypes and camera do not fit together, or most normals point away from the camera.
 
     Examples
     --------
@@ -82,6 +86,7 @@ class DepthImage(Fixed):
     depth: Depth
     camera: Camera
     far: float
+    normals: NDArray[np.float32] | None
 
     def __init__(
         self,
@@ -90,6 +95,7 @@ class DepthImage(Fixed):
         camera: Camera,
         far: float = math.inf,
         backdrop: float | Backdrop | None = None,
+        normals: NDArray[np.float32] | None = None,
     ) -> None:
         instance_of("camera", camera, Camera, "a pyibr.Camera")
         shape = camera.height, camera.width
@@ -101,9 +107,15 @@ class DepthImage(Fixed):
         given = checked_depth(depth, shape)
         self.depth = locked(given if backdrop is None else _backed(given, limit, backdrop))
         self.far = limit if backdrop is None else math.inf
+        self.normals = None if normals is None else locked(_checked_normals(normals, camera))
 
-    def __reduce__(self) -> tuple[type[DepthImage], tuple[Color | None, Depth, Camera, float]]:
-        return DepthImage, (self.color if self.has_color else None, self.depth, self.camera, self.far)
+    def __reduce__(self) -> tuple[type[DepthImage], tuple[object, ...]]:
+        color = self.color if self.has_color else None
+        return DepthImage, (color, self.depth, self.camera, self.far, None, self.normals)
+
+    def _with_color(self, color: Color | None) -> DepthImage:
+        """The same image in other colours."""
+        return DepthImage(color, self.depth, self.camera, self.far, normals=self.normals)
 
     def __repr__(self) -> str:
         color = self.color.dtype if self.has_color else "depth alone"
@@ -122,7 +134,7 @@ class DepthImage(Fixed):
     @cached_property
     def in_color(self) -> DepthImage:
         """The same image with the colours it is shown in; itself if it has any. Made on first use."""
-        return self if self.has_color else DepthImage(self.shown, self.depth, self.camera, self.far)
+        return self if self.has_color else self._with_color(self.shown)
 
     @cached_property
     def valid(self) -> NDArray[np.bool_]:
@@ -137,8 +149,7 @@ class DepthImage(Fixed):
         """The same image with float32 colours, itself if they are. Made on first use, so that it keeps its buffers."""
         if self.color.dtype == np.float32:
             return self
-        color = (self.shown * np.float32(1 / 255)).astype(np.float32)
-        return DepthImage(color, self.depth, self.camera, self.far)
+        return self._with_color((self.shown * np.float32(1 / 255)).astype(np.float32))
 
     @cached_property
     def noise(self) -> tuple[float, float, float]:
@@ -196,6 +207,31 @@ def _backed(depth: Depth, far: float, backdrop: float | Backdrop) -> Depth:
     else:
         behind = np.float32(positive("backdrop", backdrop, 'a depth > 0 or "farthest"'))
     return np.where(valid, depth, behind)
+
+
+def _checked_normals(normals: object, camera: Camera) -> NDArray[np.float32]:
+    """Normals at unit length, NaN where they are not known."""
+    shape = camera.height, camera.width, 3
+    expected = f"float32 of shape {shape_text(shape)}, normals in the camera's frame"
+    array = plain_array("normals", normals, expected, math.nan)
+    if not fits(array, shape) or array.dtype.kind != "f":
+        raise ArgumentError("normals", expected, describe(array))
+    made = array.astype(np.float32, copy=False)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        squares = np.einsum("yxc,yxc->yx", made, made)[..., None]
+        if not (abs(squares - 1) < _UNIT).all():  # else they are kept as they are
+            largest = abs(made).max(axis=-1, keepdims=True)  # squares may leave the range of float32
+            near_1 = made / largest
+            known = np.isfinite(largest) & (largest > 0)
+            made = np.where(known, near_1 / np.linalg.norm(near_1, axis=-1, keepdims=True), np.float32(np.nan))
+        along = made[..., 2]
+        if camera.projection == "perspective":
+            along = along + np.einsum("yxc,yxc->yx", made[..., :2], rays_of(camera).astype(np.float32))
+        away, towards = np.count_nonzero(along > 0), np.count_nonzero(along < 0)
+    if away > towards:
+        expected = "normals towards the camera: in its frame (x right, y down, z forward) most have z < 0"
+        raise ArgumentError("normals", expected, f"{away} of {away + towards} that point away from it")
+    return made
 
 
 def checked_depth(depth: object, shape: tuple[int | None, ...], argument: str = "depth") -> Depth:

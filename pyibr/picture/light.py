@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pyibr.core.checks import Float64, describe, numbers, whole_from
+from pyibr.core.checks import Float64, describe, numbers, true_or_false, whole_from
 from pyibr.core.errors import ArgumentError
 from pyibr.opencl.headers import struct
 
@@ -38,6 +38,10 @@ class Light:
         How narrow they are: the power of the cosine between normal and halfway vector, > 0, up to 1e6.
     shadow_size : int
         Texels a side of the shadow map; 0 for no shadows.
+    relight : bool
+        Whether depth images, and what is made of images, are shaded as meshes are, by the normals that they were given
+        or that their depths tell. Their colours are then to be the surface's own, without light, as photographs'
+        are not: those would be lit twice.
 
     Raises
     ------
@@ -61,6 +65,7 @@ class Light:
         specular: float = 0.0,
         shininess: float = 32.0,
         shadow_size: int = 1024,
+        relight: bool = False,
     ) -> None:
         if direction is None and position is None:
             raise ArgumentError("direction", "a direction, a position, or both for a spot", "none")
@@ -87,6 +92,7 @@ class Light:
         self.shadow_size = whole_from("shadow_size", shadow_size, 0, _SHADOW_MOST, expected)
         if self.shadow_size == 1:
             raise ArgumentError("shadow_size", expected, describe(shadow_size))
+        self.relight = true_or_false("relight", relight)
 
     def __repr__(self) -> str:
         known = {"position": self.position, "direction": self.direction}

@@ -53,8 +53,8 @@ def render(
     light : Light, optional
         Shades what has normals; without it things show their own colours. Depth images, and what is made of images,
         are not shaded, since their colours hold the light that they were taken in; in shadow, and where a surface is
-        turned away from it, they keep its ambient part. All things cast shadows (`shadow_size=0`: none), a depth image
-        from both its sides, with the `edges` that it is drawn with.
+        turned away from it, they keep its ambient part. A light with `relight` shades them, too. All things cast
+        shadows (`shadow_size=0`: none), a depth image from both its sides, with the `edges` that it is drawn with.
     background : (r, g, b)
         Colour where there is nothing, in the range of the frame's dtype.
     edges : {"cut", "connect"}

@@ -161,38 +161,58 @@ def _far_camera(direction: Float64, corners: Float64, n: int) -> Camera:
 
 @contextmanager
 def shadowed(
-    target: Target, lighting: Lighting | None, grain: float = 0.0, apart: int = 1, fade: float = 0.1
+    target: Target,
+    lighting: Lighting | None,
+    grain: float = 0.0,
+    apart: int = 1,
+    fade: float = 0.1,
+    draw_normals: Callable[[Target], object] | None = None,
 ) -> Generator[None, None, None]:
-    """Shadows on what is drawn into the target within the ``with`` block, which has no normals of its own.
+    """Light on what is drawn into the target within the ``with`` block, in colours of its own, without normals.
+
+    Its shadows; or, by a light with `Light.relight`, all of it.
 
     Parameters
     ----------
     target : Target
     lighting : Lighting, optional
-        Without one, or without its shadows, nothing happens.
+        Without one, or without its shadows if it does not relight, nothing happens.
     grain : float
         Scene units by which it may lie before its surface.
     apart : int
         Pixels between the depths that tell its normals.
     fade : float
         Cosine between light and normal from which it fades as it turns away; 0 for solids, whose fronts hide their
-        backs.
+        backs. Relit, it fades by Lambert's law.
+    draw_normals : callable, optional
+        Draws the same into a target that is `of_normals`, for a light that relights; else the picture's depths tell
+        them.
     """
-    if lighting is None or lighting.maps is None:
+    if lighting is None or not (lighting.light.relight or lighting.maps is not None):
         yield
         return
     before = None if target.blank else duplicate(target.depth)
     yield
     origin = target.camera.center  # float32 holds what is near 0 best
+    more: dict[str, Any] = {"fade": fade}
+    program = kernel("raster/shadow.cl", "darken", **target.color_defines)
+    if lighting.light.relight:
+        more, defines = {}, {**lighting.defines, **target.color_defines}
+        if draw_normals is not None:
+            layer = target.normals_layer()
+            draw_normals(layer)
+            layer.clear()  # if it has written nothing
+            more, defines["NORMALS"] = {"normals": layer.color}, 1
+        program = kernel("raster/relight.cl", "relight", **defines)
     launch(
-        kernel("raster/shadow.cl", "darken", **target.color_defines),
+        program,
         current().profile.packets(*target.camera.size),
         before=target.depth if before is None else before,
         screen=Struct("Screen", target.screen(0.5, origin)),
         blank=before is None,
         apart=apart,
-        fade=fade,
         depth=target.depth,
         color=target.color,
         **lighting.arguments(grain, origin),
+        **more,
     )

@@ -101,7 +101,11 @@ def _straight_view(view: DepthImage, cut: NDArray[np.void], linear: bool) -> Dep
     if sees_too_far(view.camera).any():
         _check_within("depth", "samples", view.valid, view.camera)
     color, depth = _straight(view.color, view.depth, view.far, view.camera, cut, linear)
-    return DepthImage(color if view.has_color else None, depth, straight_camera(view.camera), view.far)
+    normals = None
+    if view.normals is not None:
+        normals, _ = _straight(view.normals, view.depth, view.far, view.camera, cut, linear)
+    camera = straight_camera(view.camera)
+    return DepthImage(color if view.has_color else None, depth, camera, view.far, normals=normals)
 
 
 def _check_within(argument: str, what: str, valid: NDArray[np.bool_], camera: Camera) -> None:

@@ -48,6 +48,8 @@ class Target:
         Of several samples a pixel: the share of them that show something.
     blank : bool
         Nothing has been written yet: who draws first writes every pixel, who draws later keeps what is nearer.
+    of_normals : bool
+        Its colours are to be normals (`pyibr.picture.normals.showing_normals`).
     """
 
     def __init__(
@@ -80,12 +82,19 @@ class Target:
         self.blank = True
         self.from_light = from_light
         self.anisotropy = anisotropy
+        self.of_normals = False
 
     def layer(self) -> Target:
         """A target of the same kind, for a part of what is to be seen in this one."""
         channels = self.color.shape[-1]
         classes = self.classes is not None
         return Target(self.camera, self.color.dtype, classes=classes, pool=self._pool, channels=channels)
+
+    def normals_layer(self) -> Target:
+        """A target for the normals of what is drawn in this one."""
+        made = Target(self.camera, np.dtype(np.float32), pool=self._pool)
+        made.of_normals = True
+        return made
 
     def scratch(self, count: int) -> DeviceArray:
         """(count,) float32 that launches may use until the next who asks does."""

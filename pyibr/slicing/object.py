@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import cached_property
+from collections.abc import Iterable, Sequence
+from functools import cached_property, partial
 from typing import Any, Literal, cast
 
 import numpy as np
@@ -22,6 +22,7 @@ from pyibr.opencl.kept import kept
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, upload
 from pyibr.opencl.program import kernel
+from pyibr.picture.normals import showing_normals
 from pyibr.picture.shadow import Lighting, shadowed
 from pyibr.picture.straighten import straight_silhouette, straightened
 from pyibr.picture.target import Target
@@ -44,6 +45,7 @@ Float32 = NDArray[np.float32]
 
 _APART_MOST = 8.0  # times a view's nearest depth, or the width of what it sees if it is orthographic
 _FEWEST = 32  # slices of what is seen small
+_APART = 4  # pixels between the depths that tell normals: slices are steps
 _BEFORE = 2.0  # slices and samples by which a view's surface may lie before a point that it still shows
 
 
@@ -125,8 +127,8 @@ class DepthObject(Fixed):
         return self.box.bounds
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
-        """Draw the object in its views' colours, which hold their light."""
-        _draw_in_light(target, self, lighting)
+        """Draw the object in its views' colours, which hold their light, unless a light relights them."""
+        _draw_in_light(target, self, lighting, normals=True)
 
     @cached_property
     def maps(self) -> list[Float32]:
@@ -189,8 +191,9 @@ class VisualHull(Fixed):
         return self.box.bounds
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
-        """Draw the object in its views' colours, which hold their light."""
-        _draw_in_light(target, self, lighting)
+        """Draw the object in its views' colours, which hold their light, unless a light relights them."""
+        given = all(isinstance(view, DepthImage) and view.normals is not None for view in self.views)
+        _draw_in_light(target, self, lighting, normals=given)  # depths are none of its surface's
 
     @cached_property
     def outlines(self) -> list[int]:
@@ -216,6 +219,8 @@ def draw_object(target: Target, thing: DepthObject | VisualHull, counts: DeviceA
     """Draw an object into the target; `counts`, (H, W) int32, gains the view tests of each pixel."""
     hull = isinstance(thing, VisualHull)
     buffers = kept(thing, "buffers", lambda: _object_buffers(thing))
+    if target.of_normals:
+        buffers = buffers | {"colors": kept(thing, "normals", lambda: _words_of(map(showing_normals, thing.views)))}
     box, camera = thing.box, target.camera
     directions = np.array([_direction(view.camera, box) for view in thing.views])
     cosines = directions @ _direction(camera, box)
@@ -281,11 +286,12 @@ def spacing_in(thing: DepthObject | VisualHull, camera: Camera) -> tuple[float, 
     return float(spacing), max(thing.halvings, halvings_between(float(spacing), pixel))
 
 
-def _draw_in_light(target: Target, thing: DepthObject | VisualHull, lighting: Lighting | None) -> None:
-    """Draw an object in its views' colours, which hold their light, and others' shadows on it."""
+def _draw_in_light(target: Target, thing: DepthObject | VisualHull, lighting: Lighting | None, normals: bool) -> None:
+    """Draw an object in its views' colours, and light on it; `normals`: those that its views tell relight it."""
     cameras = [target.camera, *(() if lighting is None else lighting.cameras)]
     grain = max(spacing_in(thing, camera)[0] for camera in cameras)
-    with shadowed(target, lighting, grain=grain, apart=4, fade=0):
+    draw_normals = partial(draw_object, thing=thing) if normals else None
+    with shadowed(target, lighting, grain=grain, apart=_APART, fade=0, draw_normals=draw_normals):
         draw_object(target, thing)
 
 
@@ -330,19 +336,22 @@ def _object_buffers(thing: DepthObject | VisualHull) -> dict[str, DeviceArray]:
     """The object for the current device."""
     sizes: list[tuple[int, int, int]] = []
     start = 0
-    words: list[NDArray[np.uint32]] = []
     for view in thing.views:
         sizes.append((*view.camera.size, start))
         start += view.valid.size
-        words.append(rgba_words(view.shown, view.valid))
     move = _moved_by(thing.box.center)
     matrices = np.array([view.camera.pixel_matrix @ view.camera.camera_from_world @ move for view in thing.views])
     return {
         "matrices": upload(matrices.reshape(-1, 16).astype(np.float32)),
         "sizes": upload(np.array(sizes, np.int32)),
         "maps": upload(np.concatenate([values.ravel() for values in thing.maps])),
-        "colors": upload(np.concatenate(words)),
+        "colors": _words_of(thing.views),
     }
+
+
+def _words_of(views: Iterable[Silhouette | DepthImage]) -> DeviceArray:
+    """RGBA of all views, one after the other."""
+    return upload(np.concatenate([rgba_words(view.shown, view.valid) for view in views]))
 
 
 def _check_resolved(thing: DepthObject) -> None:

@@ -11,7 +11,8 @@ from pyibr.core.checks import Float64
 from pyibr.core.pixelspace import PixelMap, camera_pair, pixel_size
 from pyibr.images.depth_image import DepthImage
 from pyibr.picture.drawable import Look, as_drawable
-from pyibr.picture.samples import samples_of
+from pyibr.picture.normals import showing_normals
+from pyibr.picture.samples import Samples, samples_of
 from pyibr.picture.shadow import Lighting, shadowed
 from pyibr.picture.straighten import straightened
 from pyibr.picture.target import Target
@@ -41,16 +42,20 @@ class WarpedImage:
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
         """Draw the view by the epipolar warp; into a light's map the surface itself, from both its sides."""
-        view = self.view.in_float if target.color.dtype == np.float32 else self.view.in_color
         options = self.options
         if target.from_light:
             options = Options(cut_ratio=options.cut_ratio, side="both")
-        samples = samples_of(view)
-        pixel_map = PixelMap(camera_pair(view.camera, target.camera), samples.low, samples.high)
-        with shadowed(target, lighting, *self._grain(target)):
-            look(samples, pixel_map, target, options)
+        with shadowed(target, lighting, *self._grain(target), draw_normals=lambda layer: self._look(layer, options)):
+            seen = self._look(target, options)
         if options.fill is not None:
-            fill_holes(target, [(samples, pixel_map)], options.fill)
+            fill_holes(target, [seen], options.fill)
+
+    def _look(self, target: Target, options: Options) -> tuple[Samples, PixelMap]:
+        view = self.view.in_float if target.color.dtype == np.float32 else self.view.in_color
+        samples = samples_of(showing_normals(self.view) if target.of_normals else view)
+        pixel_map = PixelMap(camera_pair(view.camera, target.camera), samples.low, samples.high)
+        look(samples, pixel_map, target, options)
+        return samples, pixel_map
 
     def _grain(self, target: Target) -> tuple[float, int]:
         """Scene units by which nearest samples lie off the surface, and pixels over which its slope shows."""

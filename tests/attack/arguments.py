@@ -134,7 +134,16 @@ def random_view(chance: Chance, scale: float, floats: bool) -> ibr.DepthImage:
     depth = chance.mostly(random_depth(chance, camera.size, scale))
     color = chance.mostly(random_colors(chance, camera.size[::-1], floats))
     far = chance.one([math.inf, math.inf, math.inf, 3.5 * scale, 1e9])
-    return ibr.DepthImage(color, depth, camera, far)
+    normals = random_normals(chance, camera.size) if chance(0.2) else None
+    return ibr.DepthImage(color, depth, camera, far, normals=normals)
+
+
+def random_normals(chance: Chance, size: tuple[int, int]) -> Any:
+    """Towards the camera, mostly; of any length, and some that are none."""
+    normals = chance.rng.normal(0, 1, (size[1], size[0], 3)) * (0.5, 0.5, 0) + (0, 0, -1)
+    normals[chance.rng.random(normals.shape[:2]) < 0.2] *= chance.one([0, np.nan, np.inf, 1e-30, 1e30])
+    with np.errstate(over="ignore"):
+        return chance.mostly(normals.astype(np.float32))
 
 
 def random_look(chance: Chance) -> dict[str, Any]:
@@ -356,6 +365,7 @@ def random_light(chance: Chance, scale: float) -> ibr.Light | None:
         specular=chance.mostly(chance.one([0, 0.5, 1e6])),
         shininess=chance.mostly(chance.one([32, 1e-30, 1e6])),
         shadow_size=chance.mostly(chance.one([0, 2, 3, 64, 100])),
+        relight=chance.mostly(chance(0.5)),
     )
 
 

@@ -240,6 +240,7 @@ def _square() -> tuple[list[list[float]], list[list[int]], list[list[float]]]:
 
 def _lights(setting: Setting) -> list[ibr.Light | None]:
     lit = [ibr.Light(position=(0, 0, 0), shadow_size=7, specular=0.5)]
+    lit.append(ibr.Light(direction=(0.1, 0.2, 1), shadow_size=0, relight=True))  # the depth image behind
     return lit if not setting.thorough else [None, ibr.Light(direction=(0.1, 0.2, 1), shadow_size=0), *lit]
 
 
@@ -365,6 +366,9 @@ def _objects(setting: Setting) -> Cases:
                 things.append(ibr.VisualHull(views, "view", slicing))
             for camera in cameras[: 3 if setting.thorough else 2]:
                 yield f"objects of {sizes} {slicing} {camera.size}", partial(_draw, setting, things, camera)
+                light = ibr.Light(direction=(-1, -1, -2), shadow_size=7, relight=True)
+                name = f"objects of {sizes} {slicing} {camera.size}, relit"
+                yield name, partial(_draw, setting, things, camera, light)
 
 
 def _rough(setting: Setting, size: Size, projection: Projection, holes: float) -> DepthImage:
@@ -389,13 +393,14 @@ def _depth_meshes(setting: Setting) -> Cases:
                 name = f"depth mesh {test} {size} {projection}"
                 yield f"{name}, simplified", partial(thing.simplify, 0.05)
                 yield name, partial(_draw, setting, [thing], target)
-    light = ibr.Light(direction=(0, 0, 1), shadow_size=7)
+    light, relit = (ibr.Light(direction=(0, 0, 1), shadow_size=7, relight=on) for on in (False, True))
     views = [_rough(setting, (9, 7), "perspective", 0.1), _rough(setting, (5, 8), "orthographic", 0.1)]
     for size in ((13, 7), (1, 1), (2, 2), (37, 5))[: setting.choose(1, 2, 4)]:
         camera = ibr.Camera([[9, 0, 6], [0, 9, 3], [0, 0, 1]], size)
         for blend in ("quality", "position", "nearest"):
             thing = ibr.DepthMeshObject(views, 0.5, blend)
             yield f"depth meshes {blend} {size}", partial(_draw, setting, [thing], camera, light)
+            yield f"depth meshes {blend} {size}, relit", partial(_draw, setting, [thing], camera, relit)
             yield f"occupancy {blend} {size}", partial(thing.occupancy, camera)
 
 

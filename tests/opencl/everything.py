@@ -40,10 +40,10 @@ def _warped(**how: Any) -> Call:
     return call
 
 
-def _drawn(make: Callable[[], Any], lit: bool = True, anisotropy: int = 1) -> Call:
+def _drawn(make: Callable[[], Any], lit: bool = True, relight: bool = False, anisotropy: int = 1) -> Call:
     def call() -> list[NDArray[Any]]:
         camera = ibr.Camera.look_at((1, 2, 5), (0, 0, 0), (0, 1, 0), SIZE, fov_y=45)
-        light = ibr.Light(direction=(-1, -1, -1), shadow_size=64) if lit else None
+        light = ibr.Light(direction=(-1, -1, -1), shadow_size=64, relight=relight) if lit else None
         return _arrays(ibr.render(make(), camera, light, anisotropy=anisotropy))
 
     return call
@@ -115,6 +115,9 @@ def calls() -> dict[str, Call]:
         "filtered": _drawn(lambda: ibr.ReliefSurface(base, heights, colors, 0.2), anisotropy=8),
         "object": _drawn(lambda: ibr.DepthObject(views, slices=16)),
         "hull": _drawn(lambda: ibr.VisualHull(views, slices=16), lit=False),
+        "relit": _drawn(lambda: [_view(scenes.stepped), ibr.DepthObject(views, slices=16)], relight=True),
+        "relit hull": _drawn(lambda: ibr.VisualHull(views, slices=16), relight=True),
+        "relit depth mesh object": _drawn(lambda: ibr.DepthMeshObject(views), relight=True),
         "depth mesh": _drawn(lambda: ibr.DepthMesh(views[4])),
         "depth mesh object": _drawn(lambda: ibr.DepthMeshObject(views)),
         "simplified": _simplified,

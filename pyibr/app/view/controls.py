@@ -149,6 +149,7 @@ class Controls:
             self._above = self._watched(gui.add_slider("Above", -90, 90, 1, 45))
             self._ambient = self._watched(gui.add_slider("Ambient", 0.0, 1.0, 0.05, 0.25))
             self._shadows = self._watched(gui.add_checkbox("Shadows", True))
+            self._relights = self._watched(gui.add_checkbox("Relight images", False))
 
     def _add_page(self) -> None:
         gui = self._gui
@@ -180,7 +181,7 @@ class Controls:
             return None
         direction = -_direction(self._scene.up, np.radians(self._around.value), np.radians(self._above.value))
         size = 1024 if self._shadows.value else 0
-        return Light(direction, ambient=self._ambient.value, shadow_size=size)
+        return Light(direction, ambient=self._ambient.value, shadow_size=size, relight=self._relights.value)
 
     def _choice(self, label: str, words: Any, first: str) -> Any:
         return self._watched(self._gui.add_dropdown(label, get_args(words), initial_value=first))

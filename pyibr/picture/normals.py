@@ -1,0 +1,108 @@
+"""Which way the surface of a depth image faces: by images of its normals, or by its depths (kernels/lib/normals.cl)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.core.pixelspace import pitch
+from pyibr.images import DepthImage
+from pyibr.opencl.device import current, one_call
+from pyibr.opencl.headers import constant
+from pyibr.opencl.kept import kept
+from pyibr.opencl.launch import Struct, launch
+from pyibr.opencl.memory import empty
+from pyibr.opencl.program import kernel
+from pyibr.picture.samples import cut_of, samples_of
+
+_CUT_RATIO = 1.05  # as by default in pictures
+_SURE = 0.1  # the standard deviation of slopes that noise may make: 6 degrees of a surface that faces the camera
+
+
+def normals_of(view: DepthImage) -> NDArray[np.float32]:
+    """The normals of a view's samples: those that it was given, and where it has none, those that its depths tell.
+
+    Each is that of the plane that fits best to the samples around it on the same surface: one to each side, or up to
+    eight of depths that are so noisy that fewer would not tell how it slopes (`DepthImage.noise`).
+
+    Parameters
+    ----------
+    view : DepthImage
+        Without a lens.
+
+    Returns
+    -------
+    (H, W, 3) float32
+        Unit vectors in the camera's frame, from depths towards the camera. Where there is no sample, anything.
+
+    Raises
+    ------
+    ArgumentError
+        If no sample is valid.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pyibr as ibr
+    >>> from pyibr.picture.normals import normals_of
+    >>> camera = ibr.Camera([[10, 0, 3], [0, 10, 4], [0, 0, 1]], (7, 9), projection="orthographic")
+    >>> rising = np.tile(3 + np.arange(7, dtype=np.float32) / 40, (9, 1))  # by a quarter a unit to the right
+    >>> [round(float(n), 2) + 0.0 for n in normals_of(ibr.DepthImage(None, rising, camera))[4, 3]]
+    [0.24, 0.0, -0.97]
+    """
+    if view.normals is None:
+        return _found(view)
+    known = ~np.isnan(view.normals[..., :1])
+    return view.normals if known[view.valid].all() else np.where(known, view.normals, _found(view))
+
+
+def showing_normals(view: DepthImage) -> DepthImage:
+    """The view with its normals for colours: x, y, z in the world as 0.5 + 0.5 x, made once.
+
+    So whatever mixes and blends colours of views makes pictures of normals, which kernels/raster/relight.cl reads.
+    """
+
+    def made() -> DepthImage:
+        turn = view.camera.world_from_camera[:3, :3].astype(np.float32)
+        shown = np.clip(0.5 + 0.5 * (np.nan_to_num(normals_of(view)) @ turn.T), 0, 1)
+        return DepthImage(shown, view.depth, view.camera, view.far)
+
+    return kept(view, "normals for colours", made)
+
+
+def _found(view: DepthImage) -> NDArray[np.float32]:
+    width, height = view.camera.size
+    with one_call():
+        normals, K = empty((height, width, 3), np.float32), view.camera.K
+        launch(
+            kernel("lib/normals.cl", "fit_normals"),
+            current().profile.packets(width, height),
+            nearness=samples_of(view).nearness,
+            normals=normals,
+            width=width,
+            height=height,
+            pitch=pitch(width),
+            perspective=view.camera.projection == "perspective",
+            cut=Struct("Cut", cut_of(view.camera, _CUT_RATIO)),
+            radius=_radius(view),
+            fx=K[0, 0],
+            skew=K[0, 1],
+            fy=K[1, 1],
+            cx=K[0, 2],
+            cy=K[1, 2],
+        )
+        return np.array(normals.to_host())
+
+
+def _radius(view: DepthImage) -> int:
+    """Samples to each side of one that tell its normal: as few as its noise allows."""
+    a, b, c = view.noise
+    z, camera = float(np.median(view.depth[view.valid])), view.camera
+    pixels = float(np.sqrt(camera.K[0, 0] * camera.K[1, 1]))  # of a scene unit, at depth 1 or everywhere
+    noise = ((a * z + b) * z + c) * pixels / (z if camera.projection == "perspective" else 1.0)
+    most = int(constant("lib/normals.cl", "RADIUS_MOST"))
+    for radius in range(1, most):
+        squares = (2 * radius + 1) ** 2 * radius * (radius + 1) / 3  # the sum of x^2 over them: of a slope's variance
+        if noise <= _SURE * np.sqrt(squares):
+            return radius
+    return most

@@ -1,0 +1,280 @@
+"""Relit images against meshes that are ray cast and shaded in float64."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.capture import MeshScene, models, object_views
+from pyibr.core.camera import Camera
+from tests.data import shared
+from tests.one_lane import check_bounds, one_lane
+from tests.shadowed import caster, edges, first_hits, plane, true_shares
+
+LIGHTS: dict[str, dict[str, Any]] = {
+    "far": {"direction": (1, 0.6, -1.2)},
+    "lamp": {"position": (-2, -3, 2.0), "ambient": 0.1, "specular": 0.4, "color": (1, 0.9, 0.8)},
+    "spot": {"position": (1.5, -2.5, 2.5), "direction": (-1.5, 2.5, -2.4), "angle": 70, "ambient": 0.2},
+}
+PERSPECTIVE = Camera.look_at((1.5, -2.2, 2), (0, 0, 0), (0, 0, 1), (320, 240), 40)
+ORTHOGRAPHIC = Camera.look_at((1.5, -2.2, 2), (0, 0, 0), (0, 0, 1), (320, 240), projection="orthographic", height=2.6)
+
+MAKERS: dict[str, Callable[[list[ibr.DepthImage]], Any]] = {
+    "depth object": lambda views: ibr.DepthObject(views, 256),
+    "depth meshes": ibr.DepthMeshObject,
+    "depth mesh": lambda views: ibr.DepthMesh(views[3]),
+    "warp": lambda views: views,
+    "hull": lambda views: ibr.VisualHull(views, 128),
+}
+
+
+def colored(vertices: np.ndarray, faces: np.ndarray) -> ibr.Mesh:
+    """In waves of colour, which are no shading."""
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    waves = np.sin(18 * (vertices - low) / (high - low).max())
+    return ibr.Mesh(vertices, faces, colors=np.rint(150 + 60 * waves).astype(np.uint8))
+
+
+def donut() -> ibr.Mesh:
+    made = models.donut(96)
+    return colored(0.7 * made.vertices[:, [0, 2, 1]], made.faces[:, ::-1])
+
+
+def bunny() -> ibr.Mesh:
+    made = ibr.Mesh.load(shared("meshes/bun_zipper.ply.gz"))
+    low, high = made.vertices.min(axis=0), made.vertices.max(axis=0)
+    points = (made.vertices - 0.5 * (low + high)) * (1.8 / (high - low).max())
+    return colored(points[:, [0, 2, 1]] * (1, -1, 1), made.faces)
+
+
+def shaded(color: Any, normals: Any, points: Any, camera: Camera, light: ibr.Light, reached: Any = 1.0) -> np.ndarray:
+    """(H, W, 3) 0 to 255: Lambert's law with Blinn's highlights, of what the light reaches, in float64."""
+    way = light.position - points if light.position is not None else np.broadcast_to(-light.direction, points.shape)
+    way = way / np.linalg.norm(way, axis=-1, keepdims=True)
+    share = np.ones(points.shape[:2]) * reached
+    if light.position is not None and light.direction is not None:
+        cosine = -way @ light.direction / np.linalg.norm(light.direction)
+        half = np.radians(light.angle / 2)
+        share = share * np.clip((cosine - np.cos(half)) / (np.cos(0.98 * half) - np.cos(half)), 0, 1)
+    ahead = points - camera.center if camera.projection == "perspective" else np.broadcast_to(camera.forward, way.shape)
+    between = way - ahead / np.linalg.norm(ahead, axis=-1, keepdims=True)
+    between = between / np.linalg.norm(between, axis=-1, keepdims=True)
+    lambert = np.maximum((normals * way).sum(axis=-1), 0)
+    along = np.maximum((normals * between).sum(axis=-1), 1e-6)
+    direct = (1 - light.ambient) * share
+    bright = np.where(lambert > 0, direct * light.specular * along**light.shininess, 0)[..., None] * light.color
+    return np.clip(color * (light.ambient + light.color * (direct * lambert)[..., None]) + 255 * bright, 0, 255)
+
+
+class Truth:
+    """A mesh as its ray-cast depth, colours and interpolated normals, which are turned to the camera."""
+
+    def __init__(self, mesh: ibr.Mesh, camera: Camera) -> None:
+        found = caster(mesh)
+        self.depth, points, own = first_hits(found, camera)
+        self.points = np.where(np.isfinite(points), points, 0)
+        self.camera, self.scene, self.own = camera, found, own
+        rays = np.concatenate([self.points + 1e-2 * own, -own], axis=-1).astype(np.float32)
+        answer = found.cast_rays(rays)
+        hit = np.isfinite(self.depth)
+        face = np.where(hit, answer["primitive_ids"].numpy(), 0).astype(np.int64)
+        uv = answer["primitive_uvs"].numpy().astype(float)
+        weight = np.stack([1 - uv.sum(axis=-1), uv[..., 0], uv[..., 1]], axis=-1)
+        corner = np.array(mesh.faces)[face]
+        normals = np.einsum("yxk,yxkc->yxc", weight, mesh.smooth_normals[corner].astype(float))
+        normals *= np.where((normals * own).sum(axis=-1, keepdims=True) < 0, -1, 1)
+        self.normals = normals / np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-9)
+        assert mesh.colors is not None
+        self.color = np.einsum("yxk,yxkc->yxc", weight, mesh.colors[corner].astype(float))
+
+    def lit(self, light: ibr.Light, reached: Any = 1.0) -> np.ndarray:
+        return shaded(self.color, self.normals, self.points, self.camera, light, reached)
+
+    def seen(self, frame: ibr.Frame) -> np.ndarray:
+        """(H, W) where the frame shows the same surface."""
+        with np.errstate(invalid="ignore"):
+            return frame.valid & (abs(frame.depth - self.depth) < 0.01 * self.depth)
+
+
+def psnr(one: np.ndarray, other: np.ndarray, which: np.ndarray) -> float:
+    return float(10 * np.log10(255**2 / np.mean((one.astype(float) - other)[which] ** 2)))
+
+
+@pytest.mark.parametrize("camera", [PERSPECTIVE, ORTHOGRAPHIC], ids=["perspective", "orthographic"])
+@pytest.mark.parametrize("projection", ["orthographic", "perspective"])
+@pytest.mark.parametrize("given", [True, False], ids=["given", "from depths"])
+def test_a_donut_is_relit(given, projection, camera):
+    mesh = donut()
+    truth, views = Truth(mesh, camera), object_views(mesh, 192, projection, normals=given)
+    for name, least in {"depth object": 31, "depth meshes": 40, "depth mesh": 33, "warp": 40}.items():
+        thing = MAKERS[name](views)
+        for light in LIGHTS.values():
+            frame = ibr.render(thing, camera, ibr.Light(**light, shadow_size=0, relight=True))
+            seen = truth.seen(frame)
+            assert seen.sum() > 500
+            assert psnr(frame.color, truth.lit(ibr.Light(**light)), seen) >= least, name
+
+
+@pytest.mark.parametrize("given", [True, False], ids=["given", "from depths"])
+def test_a_scanned_bunny_is_relit(given):
+    mesh = bunny()
+    truth, views = Truth(mesh, PERSPECTIVE), object_views(mesh, 256, normals=given)
+    for name, least in {"depth object": 33, "depth meshes": 37, "warp": 32}.items():
+        thing = MAKERS[name](views)
+        for light in LIGHTS.values():
+            frame = ibr.render(thing, PERSPECTIVE, ibr.Light(**light, shadow_size=0, relight=True))
+            seen = truth.seen(frame)
+            assert seen.sum() > 19000
+            assert psnr(frame.color, truth.lit(ibr.Light(**light)), seen) >= least, name
+
+
+@pytest.mark.parametrize("name", ["depth object", "depth meshes", "warp"])
+def test_in_shadow_too(name):
+    """A floor, and a card above the donut. Beside edges of shadows a map's texels count, and normals do not."""
+    mesh, card = donut(), plane(0.45, 1.1)
+    floor = ibr.Mesh(0.5 * plane(4.0, -1.9).vertices, plane().faces, colors=np.full((4, 3), 200, np.uint8))
+    scene, truth = caster(mesh, floor, card), Truth(mesh, PERSPECTIVE)
+    depth, points, own = first_hits(scene, PERSPECTIVE)
+    made = MAKERS[name](object_views(mesh, 192, normals=True))
+    things = [*(made if isinstance(made, list) else [made]), floor, card]
+    for light in LIGHTS.values():
+        lamp = ibr.Light(**light)
+        frame, plain = (ibr.render(things, PERSPECTIVE, ibr.Light(**light, relight=on)) for on in (True, False))
+        reached = true_shares(scene, lamp, np.where(np.isfinite(points), points, 0), own)
+        mine = truth.seen(frame) & (depth == truth.depth)
+        away = mine & ~edges(reached)
+        assert 0.1 < reached[mine].mean() < 0.99
+        assert away.sum() > 0.7 * mine.sum()
+        assert psnr(frame.color, truth.lit(lamp, reached), away) >= 35
+        flat = np.isin(np.round(points[..., 2], 4), (-0.95, 1.1)) & (abs(frame.depth - depth) < 1e-3)
+        others = flat & ~edges(depth)
+        assert others.sum() > 10000
+        np.testing.assert_array_equal(frame.color[others], plain.color[others])  # the floor and the card
+
+
+LENS = ibr.Lens("brown_conrady", [-0.15, 0.02, 0, 0])
+
+
+@pytest.mark.parametrize("name", ["depth object", "depth meshes", "warp"])
+@pytest.mark.parametrize("dtype", [np.uint8, np.float32])
+def test_through_a_lens_and_by_several_samples(name, dtype):
+    """Silhouettes are mixed with what lies behind them: they are left out."""
+    mesh = donut()
+    views = object_views(mesh, 192, normals=True)
+    if dtype == np.float32:
+        views = [view.in_float for view in views]
+    bent = Camera(PERSPECTIVE.K, PERSPECTIVE.size, PERSPECTIVE.world_from_camera, lens=LENS)
+    for camera, samples in ((bent, 1), (PERSPECTIVE, 4), (bent, 4)):
+        truth, light = Truth(mesh, camera), LIGHTS["lamp"]
+        frame = ibr.render(
+            MAKERS[name](views), camera, ibr.Light(**light, shadow_size=0, relight=True), samples=samples
+        )
+        whole = np.ones(frame.valid.shape) if frame.alpha is None else frame.alpha
+        inner = truth.seen(frame) & ~edges(truth.depth) & (whole == 1)  # not where images end
+        color = frame.color if frame.color.dtype == np.uint8 else 255 * frame.color
+        assert inner.sum() > 10000
+        assert psnr(color, truth.lit(ibr.Light(**light)), inner) >= 36
+
+
+@pytest.mark.parametrize("name", MAKERS)
+@pytest.mark.parametrize("shadow_size", [0, 256])
+def test_who_does_not_ask_gets_the_same_bits(name, shadow_size):
+    """Whether views have normals or not, and without a light with `relight` too."""
+    bare, told = (object_views(donut(), 48, normals=given) for given in (False, True))
+    for light in (None, ibr.Light(direction=(1, 0.6, -1.2), shadow_size=shadow_size)):
+        one, other = (ibr.render(MAKERS[name](views), PERSPECTIVE.resized((81, 61)), light) for views in (bare, told))
+        assert one.color.tobytes() == other.color.tobytes()
+        assert one.depth.tobytes() == other.depth.tobytes()
+
+
+@pytest.mark.parametrize("side", ["front", "back"])
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+def test_a_slanted_wall_by_lamberts_law(side, projection):
+    """From both of its sides, by a light on either; what it is shaded by is the plane's normal, or a given one."""
+    f = 60 if projection == "perspective" else 15
+    camera = Camera([[f, 0, 40], [0, f, 30], [0, 0, 1]], (81, 61), projection=projection)
+    normal, bent = np.array([0.48, 0, -0.8]) / np.hypot(0.48, 0.8), np.array([0, 0.6, -0.8])
+    y, x = np.mgrid[:61, :81]
+    ray = np.stack([(x - 40) / f, (y - 30) / f, np.ones((61, 81))], axis=-1)
+    depth = -4 * 0.8 / (ray @ normal) if projection == "perspective" else (-3.2 - ray[..., 0] * normal[0]) / normal[2]
+    color, depth = np.full((61, 81, 3), 200, np.uint8), depth.astype(np.float32)
+    turned = np.eye(4)
+    turned[:3, :3], turned[:3, 3] = np.diag([-1.0, 1, -1]), (0, 0, 9)  # from behind
+    eye = camera if side == "front" else Camera(camera.K, camera.size, turned, projection)
+    for normals, expected in ((None, normal), (np.broadcast_to(np.float32(bent), (61, 81, 3)), bent)):
+        view = ibr.DepthImage(color, depth, camera, normals=normals)
+        shown = expected if side == "front" else -expected
+        for way in ((0.2, -0.3, 1), (0.3, 0.1, -1), (1, 0, 0.2)):
+            light = ibr.Light(direction=way, shadow_size=0, relight=True)
+            frame = ibr.render(view, eye, light, side=side)
+            lambert = max(-shown @ np.array(way) / np.linalg.norm(way), 0)
+            found = frame.color[frame.valid].astype(float)
+            assert len(found) > 1000
+            assert abs(found - 200 * (0.25 + 0.75 * lambert)).max() < 0.6  # bytes, and 1e-4 of slopes
+
+
+def test_of_what_has_no_normals_the_picture_tells_them():
+    """A hull of silhouettes alone, of a box: its faces are flat."""
+    corners = np.array([[x, y, z] for x in (-0.6, 0.6) for y in (-0.5, 0.5) for z in (-0.4, 0.4)])
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = [face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))]
+    views = object_views(MeshScene(corners, faces, np.full((8, 3), 200, np.uint8)), 96)
+    outlines = [ibr.Silhouette(np.where(v.valid[..., None], v.color, np.uint8(200)), v.valid, v.camera) for v in views]
+    light = ibr.Light(**LIGHTS["far"], shadow_size=0)
+    frame = ibr.render(
+        ibr.VisualHull(outlines, 256), PERSPECTIVE, ibr.Light(**LIGHTS["far"], shadow_size=0, relight=True)
+    )
+    depth, points, own = first_hits(caster(ibr.Mesh(corners, faces)), PERSPECTIVE)
+    expected = shaded(np.full(3, 200.0), own, np.where(np.isfinite(points), points, 0), PERSPECTIVE, light)
+    inner = frame.valid & np.isfinite(depth) & ~edges(own[..., 0] > 0.5) & ~edges(own[..., 2] > 0.5) & ~edges(depth)
+    assert inner.sum() > 5000
+    assert psnr(frame.color, expected, inner) >= 30
+
+
+def test_in_one_lane_and_again():
+    def every_thing() -> list[Any]:
+        bare, told = (object_views(donut(), 32, normals=given) for given in (False, True))
+        return [told[4], ibr.DepthObject(bare, 32), ibr.VisualHull(bare, 32)]
+
+    light, camera = ibr.Light(**LIGHTS["lamp"], shadow_size=128, relight=True), PERSPECTIVE.resized((103, 71))
+    for thing, other in zip(every_thing(), every_thing(), strict=True):
+        wide, again = (ibr.render(thing, camera, light) for _ in range(2))
+        assert wide.color.tobytes() == again.color.tobytes()
+        with one_lane():
+            one = ibr.render(other, camera, light)
+        assert (one.valid != wide.valid).mean() <= 2e-3
+        # Where slices and depth edges are met otherwise by one rounding, normals of the picture are others, too.
+        assert (np.abs(one.color.astype(int) - wide.color).max(axis=2) <= 2).mean() >= 0.985
+
+
+BOUNDS = """
+import numpy as np, pyibr as ibr
+from pyibr.core.camera import Camera
+from pyibr.core.lens import Lens
+views = []
+for number, eye in enumerate(((3, 0, 0), (0, 3, 0), (0, 0, 3), (-2, -2, 2))):
+    camera = Camera.look_at(eye, (0, 0, 0), (0.1, 0.2, 1), (9, 7), fov_y=40)
+    depth = np.full((7, 9), np.inf, np.float32)
+    depth[2:5, 3:7] = 2.5
+    normals = np.broadcast_to(np.float32([0.3, 0, -1]), (7, 9, 3)) if number % 2 else None
+    views.append(ibr.DepthImage(np.full((7, 9, 3), 9, np.uint8), depth, camera, normals=normals))
+things = [ibr.DepthMeshObject(views), ibr.VisualHull(views, 5), views[2], ibr.DepthObject(views, 5)]
+for number, size in enumerate(((13, 7), (1, 1), (2, 3))):
+    camera = Camera.look_at((2, 1, 2), (0, 0, 0), (0, 1, 0.1), size, fov_y=40)
+    light = ibr.Light(direction=(1, 0.3, -1), shadow_size=8 * (number % 2), specular=0.5, relight=True)
+    ibr.render(things[number:], camera, light)
+"""
+
+
+def test_no_kernel_leaves_its_arrays(tmp_path: Path):
+    check_bounds(BOUNDS, tmp_path)
+
+
+def test_relight_is_true_or_false():
+    with pytest.raises(ibr.ArgumentError, match="relight"):
+        ibr.Light(direction=(0, 0, 1), relight=1)  # pyright: ignore[reportArgumentType]
