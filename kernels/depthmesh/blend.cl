@@ -15,8 +15,8 @@
  * and the last of that view's levels, and 1 for a perspective view. levels: (levels, 3) width, height and start in colors,
  * each half as large as the one before, rounded up. scales: (meshes,) samples of the view to pixels of the target that a
  * scene unit takes at depth 1 of both. colors: RGBA bytes, A = 255 times the part that has samples. weights: (meshes,)
- * positional, > 0. culled: raster/triangle.h. If CLOSED, of ALL views there are: limits, limit_sizes,
- * from_target, perspectives, first_levels, closeness and stride, closing.h. depth, color, valid: the picture,
+ * positional, > 0. culled: raster/triangle.h. If CLOSED, of ALL views there are: limits, behind, far_colors,
+ * limit_sizes, from_target, perspectives, first_levels, closeness and stride, closing.h. depth, color, valid: the picture,
  * which keeps what is nearer already. occupancy: (height, width) bit k is set where view k gave colour, with OCCUPIED.
  * Work-item: a region (raster/region.h). Cost: O(list + pixels * meshes). Determinism: list order, then the meshes'.
  */
@@ -86,9 +86,10 @@ intl is_closed(const Seen *views, floatl x, floatl y, floatl back, intl within, 
     floatl depth = DEPTH_OF(views->perspective, pick(within, back, (floatl)1.0f)), entry = depth;
     const intl solid = has_entered(views, x, y, depth, within, &entry);
     depth = DEPTH_OF(views->perspective, pick(through, sheet, (floatl)1.0f)) + views->stride;
-    floatl behind = depth;
-    intl ends = stays_hidden(views, x, y, depth, through & !solid);
-    ends = has_entered(views, x, y, depth, ends, &behind);
+    floatl last;
+    intl ends = ends_hidden(views, x, y, depth, through & !solid, &last);
+    floatl behind;
+    ends = meets_far_side(views, x, y, last, ends, &behind);
     *n = DEPTH_OF(views->perspective, pick(solid, entry, behind));
     return solid | ends;
 }
@@ -183,7 +184,8 @@ kernel void draw_meshes(global const int *corners, global const float *projected
                         int culled, float epsilon, int blank
 #if CLOSED
                         ,
-                        global const float *limits, global const int *limit_sizes, global const float *from_target,
+                        global const float *limits, global const float *behind, global const uint *far_colors,
+                        global const int *limit_sizes, global const float *from_target,
                         global const int *perspectives, global const int *first_levels, global const float *closeness,
                         float stride
 #endif
@@ -204,7 +206,7 @@ kernel void draw_meshes(global const int *corners, global const float *projected
     int first_mesh = OTHERS;
     draw_range(&context, seen + OTHERS, VIEWS, list, here, firsts, UNSEEN + OTHERS, UNSEEN + MESHES, depth, x, y);
 #if CLOSED
-    const Seen views_saw = {limits, limit_sizes, from_target, perspectives, first_levels, closeness, stride, screen.perspective};
+    const Seen views_saw = {limits, behind, far_colors, limit_sizes, from_target, perspectives, first_levels, closeness, stride, screen.perspective};
     Region sheets, backs;
     draw_range(&context, &backs, 1, list, here, firsts, SHEETS, UNSEEN, depth, x, y);
     if (has_holes(seen)) {

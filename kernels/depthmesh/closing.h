@@ -4,10 +4,15 @@
  *
  * Each view knows that there is nothing before what it saw. What no view knows to be empty is solid or unknown. A pixel's
  * ray that meets the back of a mesh before any front has gone into a solid unnoticed: it is inside there, and from there
- * back to the eye up to the first empty point. A ray that goes through a rubber sheet and never comes to a point that is
- * known to be empty again has met something behind it. Both are closed where they leave the empty space; no other ray is.
+ * back to the eye up to the first empty point, where it is closed.
  *
- * Cost: up to STEPS points a ray, each looked up in all views, for rays that meet backs or sheets first.
+ * A ray that goes through a rubber sheet, and comes to points known to be empty no more, has met something behind it: what
+ * that is nobody knows, but surfaces on the far sides of depth edges are likely to go on behind the near ones. Each view
+ * is taken to be empty up to those (`behind`), and the ray is closed at the first point that no view takes to be so; a ray
+ * that comes to none ends in nothing. Rays that come out of hidden space behind a sheet and go into some again are closed
+ * only if ENCLOSED: beside an object they may go on for ever.
+ *
+ * Cost: up to 3 STEPS points a ray, each looked up in all views, for rays that meet backs or sheets first.
  */
 #include "depthmesh/tree.h"
 #include "lib/color.h"
@@ -16,14 +21,19 @@
 #ifndef ALL
 #define ALL 1 /* views there are, drawn or not */
 #endif
+#ifndef ENCLOSED
+#define ENCLOSED 0 /* 1: no view saw background, as in a room, so that every ray meets something */
+#endif
 #define STEPS 128  /* points along a ray */
 #define HALVINGS 7 /* of a step: where a ray leaves the empty space is known to 1/128 of one */
 
-/* What the views saw: limits, their depths, INFINITY for background and 0 where nothing is known; sizes: (ALL, 3) width,
+/* What the views saw: limits, their depths, INFINITY for background and 0 where nothing is known; behind: the depths that
+ * the far sides of edges go on at, not less; far_colors: RGBA bytes there; sizes: (ALL, 3) width,
  * height and start; from_target: (ALL, 16) from the target's pixel space to theirs; perspectives: 1 or 0; first_levels:
  * (ALL,) their finest levels; closeness: (ALL,) weights of their positions. */
 typedef struct {
-    global const float *limits;
+    global const float *limits, *behind;
+    global const uint *far_colors;
     global const int *sizes;
     global const float *from_target;
     global const int *perspectives, *first_levels;
@@ -44,8 +54,8 @@ INLINED intl seen_by(const Seen *seen, int view, floatl x, floatl y, floatl n, f
     return (inverse > 0.0f) & (*z > 0.0f) & (*u >= 0.0f) & (*v >= 0.0f) & (*u < right) & (*v < bottom);
 }
 
-/* Has a view seen through the pixel (x, y) at the target's depth, with all four samples around it? */
-intl is_empty(const Seen *seen, floatl x, floatl y, floatl depth)
+/* Has a view seen through the pixel (x, y) at the target's depth, with all four samples around it, up to its limits? */
+intl is_empty(const Seen *seen, global const float *limits, floatl x, floatl y, floatl depth)
 {
     const floatl n = DEPTH_OF(seen->perspective, depth);
     intl empty = (intl)0;
@@ -56,19 +66,11 @@ intl is_empty(const Seen *seen, floatl x, floatl y, floatl depth)
         const intl first = seen->sizes[3 * view + 2] + pick(through, to_intl(v) * width + to_intl(u), (intl)0);
         for (int k = 0; k < 4; k++) {
             const intl at = first + (k & 1) + (k >> 1) * width;
-            through = through & (z < (floatl)(gather(seen->limits, at)));
+            through = through & (z < (floatl)(gather(limits, at)));
         }
         empty = empty | through;
     }
     return empty;
-}
-
-/* Of those that ask, which rays come to nothing that is known to be empty, from a depth on? */
-intl stays_hidden(const Seen *seen, floatl x, floatl y, floatl depth, intl asks)
-{
-    for (int k = 0; k < STEPS && any_lane(asks); k++)
-        asks = asks & !is_empty(seen, x, y, depth + k * seen->stride);
-    return asks;
 }
 
 /* Of those that ask, which rays have come out of empty space before they were at a depth, by a step at least? Where they
@@ -81,7 +83,7 @@ intl has_entered(const Seen *seen, floatl x, floatl y, floatl depth, intl asks, 
         const floatl next = inside - seen->stride;
         if (seen->perspective)
             walking = walking & (next > 0.0f);
-        const intl empty = is_empty(seen, x, y, next);
+        const intl empty = is_empty(seen, seen->limits, x, y, next);
         outside = pick(walking & empty, next, outside);
         inside = pick(walking & !empty, next, inside);
         entered = entered | (walking & empty & (inside < depth));
@@ -89,7 +91,7 @@ intl has_entered(const Seen *seen, floatl x, floatl y, floatl depth, intl asks, 
     }
     for (int k = 0; k < HALVINGS && any_lane(entered); k++) {
         const floatl middle = 0.5f * (inside + outside);
-        const intl empty = is_empty(seen, x, y, middle);
+        const intl empty = is_empty(seen, seen->limits, x, y, middle);
         outside = pick(entered & empty, middle, outside);
         inside = pick(entered & !empty, middle, inside);
     }
@@ -97,9 +99,65 @@ intl has_entered(const Seen *seen, floatl x, floatl y, floatl depth, intl asks, 
     return entered;
 }
 
+/* Does any view look at the pixel (x, y) at the target's depth, hidden or not? */
+intl is_looked_at(const Seen *seen, floatl x, floatl y, floatl depth)
+{
+    const floatl n = DEPTH_OF(seen->perspective, depth);
+    intl looked = (intl)0;
+    for (int view = 0; view < ALL; view++) {
+        floatl u, v, z;
+        looked = looked | seen_by(seen, view, x, y, n, &u, &v, &z);
+    }
+    return looked;
+}
+
+/* Of those that ask, which rays end behind something that a view saw? From a depth on they come to places known to be
+ * empty no more, after the last of which they are before a view still, or they have come out of one there already. That
+ * last one. */
+intl ends_hidden(const Seen *seen, floatl x, floatl y, floatl depth, intl asks, floatl *last)
+{
+    floatl from = depth;
+    intl comes_out = (intl)0;
+    for (int k = 0; k < STEPS && any_lane(asks); k++) {
+        const floatl next = depth + k * seen->stride;
+        const intl empty = asks & is_empty(seen, seen->limits, x, y, next);
+        from = pick(empty, next, from);
+        comes_out = comes_out | empty;
+    }
+    floatl entry;
+    const intl entered = has_entered(seen, x, y, depth + seen->stride, asks & !comes_out, &entry);
+    *last = pick(comes_out, from, entry);
+    const intl ends = ENCLOSED ? comes_out | entered : entered;
+    return ends & is_looked_at(seen, x, y, *last + seen->stride);
+}
+
+/* Of those that ask, which rays come behind a depth to what the far sides of depth edges go on as? There. */
+intl meets_far_side(const Seen *seen, floatl x, floatl y, floatl depth, intl asks, floatl *there)
+{
+    floatl before = depth, beyond = depth;
+    intl walking = asks, met = (intl)0;
+    for (int k = 1; k <= STEPS && any_lane(walking); k++) {
+        const floatl next = depth + k * seen->stride;
+        const intl open = is_empty(seen, seen->behind, x, y, next);
+        before = pick(walking & open, next, before);
+        beyond = pick(walking & !open, next, beyond);
+        met = met | (walking & !open);
+        walking = walking & open;
+    }
+    for (int k = 0; k < HALVINGS && any_lane(met); k++) {
+        const floatl middle = 0.5f * (before + beyond);
+        const intl open = is_empty(seen, seen->behind, x, y, middle);
+        before = pick(met & open, middle, before);
+        beyond = pick(met & !open, middle, beyond);
+    }
+    *there = beyond;
+    return met;
+}
+
 /* Of a view's four samples around where it sees the pixel (x, y) at nearness n, how far each is off in depth, INFINITY
- * where there is none; shares: how close they are beside it, at its places. */
-INLINED void samples_around(const Seen *seen, int view, floatl x, floatl y, floatl n, floatl off[4], floatl share[4], intl at[4])
+ * where there is none; shares: how close they are beside it, at its places; own: whether it is the sample itself that is so
+ * close, and not what is taken to be behind it. */
+INLINED void samples_around(const Seen *seen, int view, floatl x, floatl y, floatl n, floatl off[4], floatl share[4], intl at[4], intl own[4])
 {
     floatl u, v, z;
     const intl sees = seen_by(seen, view, x, y, n, &u, &v, &z);
@@ -109,7 +167,9 @@ INLINED void samples_around(const Seen *seen, int view, floatl x, floatl y, floa
     for (int k = 0; k < 4; k++) {
         const intl place = seen->sizes[3 * view + 2] + taps.at[k];
         const floatl limit = (floatl)(gather(seen->limits, place));
-        off[k] = pick(sees & (limit > 0.0f), fabs(limit - z), (floatl)INFINITY);
+        const floatl behind = (floatl)(gather(seen->behind, place));
+        own[k] = !(fabs(behind - z) < fabs(limit - z));
+        off[k] = pick(sees & (limit > 0.0f), pick(own[k], fabs(limit - z), fabs(behind - z)), (floatl)INFINITY);
         at[k] = taps.at[k];
     }
 }
@@ -120,21 +180,22 @@ floatl add_closest(const Seen *seen, global const uint *colors, global const int
                    intl given, Color *sum, intl *views)
 {
     floatl least = INFINITY, total = 0.0f, off[4], share[4];
-    intl at[4];
+    intl at[4], own[4];
     for (int view = 0; view < ALL; view++) {
-        samples_around(seen, view, x, y, n, off, share, at);
+        samples_around(seen, view, x, y, n, off, share, at, own);
         for (int k = 0; k < 4; k++)
             least = lesser(off[k], least);
     }
     given = given & (least < INFINITY);
     for (int view = 0; view < ALL && any_lane(given); view++) {
-        samples_around(seen, view, x, y, n, off, share, at);
+        samples_around(seen, view, x, y, n, off, share, at, own);
         const int start = levels[3 * seen->first_levels[view] + 2];
         for (int k = 0; k < 4; k++) {
             const intl close = given & (off[k] <= least + seen->stride);
             const floatl weight = pick(close, seen->closeness[view] * (share[k] + 1e-3f), (floatl)0.0f);
             const intl place = start + at[k];
-            add_color(sum, weight, color_of(texels_at(colors, place)));
+            const intl beyond = seen->sizes[3 * view + 2] + at[k];
+            add_color(sum, weight, color_of(pick(own[k], texels_at(colors, place), texels_at(seen->far_colors, beyond))));
             total += weight;
             *views |= pick(close, (intl)(1 << (view & 31)), (intl)0);
         }

@@ -4,33 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pyibr.core.checks import Float64
+from pyibr.depthmesh.behind import ViewMesh, behind_of
+from pyibr.depthmesh.levels import color_levels
 from pyibr.depthmesh.segmentation import Segmentation
 from pyibr.depthmesh.tree import Tree, build_tree
 from pyibr.depthmesh.triangulation import Triangles, active_within, list_triangles, pixels_of
-from pyibr.images.depth_image import DepthImage
 from pyibr.opencl.memory import DeviceArray, upload
 
 _COARSE_ERROR = 0.001  # of the largest extent: that of the coarse meshes
 _STRIDE = 0.015  # of the largest extent: from point to point along rays that look for empty space
-
-
-class ViewMesh(Protocol):
-    """The mesh of a view."""
-
-    @property
-    def view(self) -> DepthImage:
-        """What it is a mesh of."""
-        ...
-
-    @property
-    def tree(self) -> Tree:
-        """Its quadtree on the current device."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -56,21 +43,25 @@ class Coarse:
 class Background:
     """What shows through holes, and up to where each view has seen that there is nothing.
 
-    Of each view: its `surfaces`, and the `sheets` over what segmentation took out. `stride` is how far apart points are
-    along rays that look for what no view saw to be empty. `latest` are the triangles that were drawn last: for other
-    views they differ.
+    Of each view: its `surfaces`, and the `sheets` over what segmentation took out; its `limits`, and how far it is
+    taken to be empty `behind` them, with the `colors` there (kernels/depthmesh/closing.h). `stride` is how far apart
+    points are along rays that look for what no view saw to be empty. `enclosed`: no view saw background. `latest` are
+    the triangles that were drawn last: for other views they differ.
     """
 
     surfaces: list[Coarse]
     sheets: list[Coarse]
     limits: DeviceArray
+    behind: DeviceArray
+    colors: DeviceArray
     sizes: DeviceArray
     stride: float
+    enclosed: bool
     latest: tuple[object, Triangles | None] = (None, None)
 
 
-def background_of(meshes: Sequence[ViewMesh], extent: float) -> Background:
-    """What shows through the holes of meshes whose box has this largest edge."""
+def background_of(meshes: Sequence[ViewMesh], extent: float, gains: Float64 | None = None) -> Background:
+    """What shows through the holes of meshes whose box has this largest edge; gains: (views, 3) of their colours."""
     limits = list[NDArray[np.float32]]()
     surfaces, sheets = list[Coarse](), list[Coarse]()
     for mesh in meshes:
@@ -79,10 +70,16 @@ def background_of(meshes: Sequence[ViewMesh], extent: float) -> Background:
         sheets.append(Coarse(stretched.points, _over_holes(stretched, mesh)))
         view = mesh.view
         unseen = np.where(view.depth >= view.far, np.float32(np.inf), np.float32(0))
-        limits.append(np.where(view.valid, view.depth, unseen).ravel())
+        limits.append(np.where(view.valid, view.depth, unseen))
     starts = np.cumsum([0, *(limit.size for limit in limits[:-1])])
     sizes = upload(np.array([(*m.view.camera.size, s) for m, s in zip(meshes, starts, strict=True)], np.int32))
-    return Background(surfaces, sheets, upload(np.concatenate(limits)), sizes, _STRIDE * extent)
+    words = [next(color_levels(mesh.view, None if gains is None else gains[k])) for k, mesh in enumerate(meshes)]
+    depths, colors = zip(*map(behind_of, meshes, limits, words), strict=True)
+    limit, behind, color = (
+        upload(np.concatenate([part.ravel() for part in each])) for each in (limits, depths, colors)
+    )
+    enclosed = all(bool(np.isfinite(one).all()) for one in limits)
+    return Background(surfaces, sheets, limit, behind, color, sizes, _STRIDE * extent, enclosed)
 
 
 def _over_holes(coarse: Coarse, mesh: ViewMesh) -> NDArray[np.int32]:

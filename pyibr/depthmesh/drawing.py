@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Fixed, Float64
 from pyibr.core.pixelspace import camera_pair, pixel_size
-from pyibr.depthmesh.background import Background, Shown, ViewMesh, underlay_of
+from pyibr.depthmesh.background import Background, Shown, underlay_of
+from pyibr.depthmesh.behind import ViewMesh
 from pyibr.depthmesh.levels import color_levels
 from pyibr.depthmesh.triangulation import active_for, list_triangles, project_points
 from pyibr.images.depth_image import DepthImage
@@ -130,7 +131,13 @@ def draw_depth_meshes(
     if blending is not None and blending.background is not None:
         underlay, drawn, colored = underlay_of(blending.background, shown), shown.views, [*shown.others, *shown.chosen]
         sheets = len(shown.chosen) + len(shown.others)
-        defines |= {"OTHERS": len(shown.others), "SHEETS": sheets, "BACKS": len(shown.around), "ALL": len(meshes)}
+        defines |= {
+            "OTHERS": len(shown.others),
+            "SHEETS": sheets,
+            "BACKS": len(shown.around),
+            "ALL": len(meshes),
+            "ENCLOSED": int(blending.background.enclosed),
+        }
         more = _seen_empty(target.camera, meshes, blending, blending.background, colors)
     triangles = list_triangles(trees, active, underlay, rated=True)
     projected = project_points(target.camera, [meshes[number].view for number in drawn], triangles)
@@ -181,6 +188,8 @@ def _seen_empty(
     perspectives = [mesh.view.camera.projection == "perspective" for mesh in meshes]
     return {
         "limits": background.limits,
+        "behind": background.behind,
+        "far_colors": background.colors,
         "limit_sizes": background.sizes,
         "from_target": upload(np.array(maps, np.float32).reshape(-1, 16)),
         "perspectives": upload(np.array(perspectives, np.int32)),

@@ -127,8 +127,7 @@ class DepthMesh(Fixed):
         """(H, W, 3) unit normals of the samples in the view's camera's frame, towards the camera."""
         tree = self.tree
         with tree.cells.session.lock:
-            found = tree.normals.to_host()[..., : self.view.camera.width]
-        return np.ascontiguousarray(np.moveaxis(found, 0, -1))
+            return tree.sample_normals()
 
     @property
     def quality(self) -> NDArray[np.float32]:

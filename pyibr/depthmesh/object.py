@@ -58,7 +58,8 @@ class DepthMeshObject(Fixed):
     background : bool
         Whether holes are closed: by coarse meshes of the other close views, and where a ray must meet surface that no
         view saw, since it meets the back of one, or goes behind an edge and comes to nothing more that a view saw to be
-        empty. A view's infinite depths, and those from its `far` on, say that there is nothing; NaN and 0 say nothing.
+        empty: there the surface on the edge's far side goes on, which is a guess. A view's infinite depths, and those
+        from its `far` on, say that there is nothing; NaN and 0 say nothing.
     segmentation : Segmentation, optional
         For views that are no `DepthMesh`.
     match_exposures : bool
@@ -147,7 +148,7 @@ class DepthMeshObject(Fixed):
     def _blend(self, target: Target, occupancy: DeviceArray | None = None) -> None:
         behind = None
         if self.background:
-            behind = kept(self, "background", lambda: background_of(self.meshes, self.extent))
+            behind = kept(self, "background", lambda: background_of(self.meshes, self.extent, self._gains))
         order, closeness = self._order(target.camera), self.closeness(target.camera)
         blending = Blending(self.blend, order, closeness, self.blended, self.epsilon, behind, self._gains)
         draw_depth_meshes(target, self, self.meshes, 0.5 * self.tolerance, self.bounds, blending, occupancy)

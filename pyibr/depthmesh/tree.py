@@ -61,6 +61,11 @@ class Tree:
         drawn, bits = (int(constant("depthmesh/tree.h", name)) for name in ("DRAWN", "SIDE_BITS"))
         return (states & drawn) > 0, (states & drawn << bits) > 0
 
+    def sample_normals(self) -> NDArray[np.float32]:
+        """(H, W, 3) of `normals`."""
+        found = self.normals.to_host()[..., : self.view.camera.width]
+        return np.ascontiguousarray(np.moveaxis(found, 0, -1))
+
     @cached_property
     def normals(self) -> DeviceArray:
         """(3, H, pitch) normals of the samples in the view's frame."""

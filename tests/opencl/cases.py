@@ -395,10 +395,12 @@ def _depth_meshes(setting: Setting) -> Cases:
                 yield name, partial(_draw, setting, [thing], target)
     light, relit = (ibr.Light(direction=(0, 0, 1), shadow_size=7, relight=on) for on in (False, True))
     views = [_rough(setting, (9, 7), "perspective", 0.1), _rough(setting, (5, 8), "orthographic", 0.1)]
+    background = np.where(views[1].valid, views[1].depth, np.float32(np.inf))
+    open_views = [views[0], DepthImage(views[1].color, background, views[1].camera)]
     for size in ((13, 7), (1, 1), (2, 2), (37, 5))[: setting.choose(1, 2, 4)]:
         camera = ibr.Camera([[9, 0, 6], [0, 9, 3], [0, 0, 1]], size)
         for blend in ("quality", "position", "nearest"):
-            thing = ibr.DepthMeshObject(views, 0.5, blend)
+            thing = ibr.DepthMeshObject(open_views if blend == "nearest" else views, 0.5, blend)
             yield f"depth meshes {blend} {size}", partial(_draw, setting, [thing], camera, light)
             yield f"depth meshes {blend} {size}, relit", partial(_draw, setting, [thing], camera, relit)
             yield f"occupancy {blend} {size}", partial(thing.occupancy, camera)
