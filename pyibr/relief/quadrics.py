@@ -107,7 +107,8 @@ def fitted_quadrics(
 ) -> tuple[Float64, NDArray[np.bool_]]:
     """Least-squares fit of a, b and c to the neighbours of each vertex (equation 2), across seams of uv, too.
 
-    Where they do not determine all three, c is 0, as in the paper.
+    Not across hard edges, where vertices at one place have other normals: either side bends as it does by itself. Where
+    the neighbours do not determine all three, c is 0, as in the paper.
 
     Parameters
     ----------
@@ -124,7 +125,8 @@ def fitted_quadrics(
     planar : (N,) bool
         Where the neighbours determine no quadric; a = b = c = 0.
     """
-    place = np.unique(vertices, axis=0, return_inverse=True)[1].reshape(-1)
+    kinds = np.column_stack([vertices, normals.round(3)])
+    place = np.unique(kinds, axis=0, return_inverse=True)[1].reshape(-1)
     count = int(place.max()) + 1
     first = np.zeros(count, np.int64)
     first[place] = np.arange(len(vertices))  # any vertex at the place

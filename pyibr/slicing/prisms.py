@@ -15,6 +15,7 @@ from pyibr.meshes.tangents import unit, uv_gradients
 Float32 = NDArray[np.float32]
 
 
+_AGAINST = 1e-3  # of the length that normals of one direction would have: what is shorter points nowhere
 _FLAT = 1e-6  # of its longest side: the height of a triangle that float32 takes for a line
 
 
@@ -53,13 +54,13 @@ class Volume:
 
 
 def extruded(base: Mesh, scale: float, tiles: tuple[int, int]) -> Volume:
-    """The volume between a mesh with uv and the same `scale` farther along its normals."""
+    """The volume between a mesh with uv and the same `scale` farther along its normals, one at each place."""
     vertices = base.vertices.astype(np.float64)
     faces = _with_area(vertices, base.faces)
     normals = np.asarray(base.normals if base.normals is not None else base.smooth_normals, np.float64)
     uv = np.asarray(base.uv, np.float64) * tiles
     count = len(vertices)
-    points = np.concatenate([vertices, vertices + scale * normals])
+    points = np.concatenate([vertices, vertices + scale * _one_at_each_place(base, normals)])
     places = np.column_stack([np.concatenate([uv, uv]), np.repeat([0.0, 1.0], count)])
 
     # The diagonal of a wall goes from the corner of lower rank up: neighbours agree, across seams of uv, too.
@@ -72,6 +73,22 @@ def extruded(base: Mesh, scale: float, tiles: tuple[int, int]) -> Volume:
     frames, gradients = _frames(vertices[faces], normals[faces], uv[faces])
     single = [np.ascontiguousarray(values, np.float32) for values in (points, places, frames, gradients, normals)]
     return Volume(single[0], single[1], np.ascontiguousarray(corners, np.int32), single[2], single[3], single[4])
+
+
+def _one_at_each_place(base: Mesh, normals: Float64) -> Float64:
+    """Normals along which vertices at one place stay together: where several differ, their mean.
+
+    Where they cancel out, as on two sheets back to back, each keeps its own.
+    """
+    place = np.unique(base.vertices, axis=0, return_inverse=True)[1].reshape(-1)
+    kinds = np.unique(np.column_stack([place, normals]), axis=0)
+    of_kind = kinds[:, 0].astype(np.int64)
+    count = np.bincount(of_kind)
+    sums = np.stack([np.bincount(of_kind, kinds[:, axis]) for axis in (1, 2, 3)], axis=1)
+    length = np.linalg.norm(sums, axis=1)
+    mean = sums / np.where(length > 0, length, 1)[:, None]
+    several = (count > 1) & (length > _AGAINST * count)
+    return np.where(several[place, None], mean[place], normals)
 
 
 def _with_area(vertices: Float64, faces: NDArray[np.int32]) -> NDArray[np.int32]:
