@@ -173,14 +173,19 @@ class DepthImage(Fixed):
         """(low, high), each (3,), in the world: the box around the valid samples. Computed on first use."""
         return self.bounds_of(self.valid)
 
-    def bounds_of(self, which: NDArray[np.bool_]) -> tuple[Float64, Float64]:
-        """(low, high), each (3,), in the world: the box around those of the valid samples, (H, W) bool."""
+    def bounds_of(self, which: NDArray[np.bool_], axes: Float64 | None = None) -> tuple[Float64, Float64]:
+        """(low, high), each (3,): the box around those of the valid samples, (H, W) bool, along the world's axes.
+
+        With `axes`, (3, 3), along its rows.
+        """
+        rows_of = np.eye(3) if axes is None else axes
+        center = rows_of @ self.camera.center
         if not which.any():
-            return self.camera.center, self.camera.center
+            return center, center
         if self.camera.lens is not None:
-            points = self._points_of(which)
+            points = self._points_of(which) @ rows_of.T
             return np.nanmin(points, axis=0), np.nanmax(points, axis=0)
-        turn, x = self.camera.world_from_camera[:3, :3], np.arange(self.camera.width)
+        turn, x = rows_of @ self.camera.world_from_camera[:3, :3], np.arange(self.camera.width)
         across, perspective = turn[:, :2] @ np.linalg.inv(self.camera.K)[:2], self.camera.projection == "perspective"
         low, high = np.full(3, np.inf), np.full(3, -np.inf)
         rows = max(_IN_CACHE // self.camera.width, 1)
@@ -193,7 +198,7 @@ class DepthImage(Fixed):
                 values = (aside + along) * z if perspective else aside + along * z
                 low[axis] = np.fmin(low[axis], np.fmin.reduce(values, axis=None))
                 high[axis] = np.fmax(high[axis], np.fmax.reduce(values, axis=None))
-        return low + self.camera.center, high + self.camera.center
+        return low + center, high + center
 
 
 def _backed(depth: Depth, far: float, backdrop: float | Backdrop) -> Depth:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary, ref
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,34 +66,76 @@ def is_background(view: DepthImage, missing_is_background: bool) -> NDArray[np.b
     return ~view.valid & (missing_is_background | (view.depth >= view.far))
 
 
+class Samples:
+    """What a depth image says of where an object lies.
+
+    Attributes
+    ----------
+    some : (N, 3) float64
+        Of its samples, some 500 to 1000 in the world.
+    nearest, farthest : float
+        Depths; the nearest but for a hundredth, which may be wrong.
+    """
+
+    def __init__(self, view: DepthImage) -> None:
+        self._view = ref(view)
+        self._extents: dict[bytes, tuple[Float64, Float64]] = {}
+        some = np.flatnonzero(view.valid)
+        few = len(some) // 100
+        depth = view.depth[view.valid]
+        self.nearest, self.farthest = float(np.partition(depth, few)[few]), float(depth.max())
+        some = some[:: max(len(some) // 500, 1)]
+        y, x = np.divmod(some, view.camera.width)
+        self.some = view.camera.unproject(np.column_stack([x, y]), view.depth.ravel()[some])
+
+    def extent(self, axes: Float64) -> tuple[Float64, Float64]:
+        """(low, high), each (3,): of all samples along some axes, (3, 3) in rows."""
+        view, key = self._view(), axes.tobytes()
+        if key not in self._extents:
+            assert view is not None
+            self._extents = {key: view.bounds_of(view.valid, axes)}
+        return self._extents[key]
+
+
+_SAMPLES: WeakKeyDictionary[DepthImage, Samples] = WeakKeyDictionary()
+
+
+def samples_of(view: DepthImage) -> Samples:
+    """What an image says; found once, for all objects that are made with it."""
+    if view not in _SAMPLES:
+        _SAMPLES[view] = Samples(view)
+    return _SAMPLES[view]
+
+
 def box_of_samples(views: list[DepthImage], missing_is_background: bool) -> Box:
     """The box of all samples along the first view's axes; an error if no sample lies in all views' volumes."""
     axes = views[0].camera.world_from_camera[:3, :3].T
-    samples = [view.points for view in views]
-    along = np.concatenate(samples) @ axes.T
-    low, high = along.min(axis=0), along.max(axis=0)
+    extents = [samples_of(view).extent(axes) for view in views]
+    low, high = np.min([low for low, _ in extents], axis=0), np.max([high for _, high in extents], axis=0)
     # A flat box has no inside; far from the world's origin, tiny margins are rounded away.
     margin = max(1e-3 * float((high - low).max()), 1e-15, 8 * float(np.spacing(np.abs([low, high]).max())))
     box = Box(axes, low - margin, high + margin)
-    some = np.concatenate([points[:: max(len(points) // 500, 1)] for points in samples])
-    inside = np.ones(len(some), bool)
+    some = np.concatenate([samples_of(view).some for view in views])
     reach = 0.05 * float(box.edges.max())  # samples lie on the surface, and a little off others'
-    for view in views:
-        x, y, z, on_image = _seen_from(view.camera, some)
-        depth = np.where(view.valid, view.depth, np.where(is_background(view, missing_is_background), 1e38, -1e38))
-        inside &= (on_image & (_nearest_around(depth, x, y) <= z + reach)) | (~on_image & (not missing_is_background))
-    if not inside.any():
-        raise ArgumentError(
-            "views", "views around one object, whose volumes have something in common", "none in common"
-        )
-    return box
+    for few in (some[::16], some):  # of most objects few tell
+        inside = np.ones(len(few), bool)
+        for view in views:
+            x, y, z, on_image = _seen_from(view.camera, few)
+            nearest = _nearest_around(view, missing_is_background, x, y)
+            inside &= (on_image & (nearest <= z + reach)) | (~on_image & (not missing_is_background))
+        if inside.any():
+            return box
+    raise ArgumentError("views", "views around one object, whose volumes have something in common", "none in common")
 
 
-def _nearest_around(depth: Float64, x: NDArray[np.intp], y: NDArray[np.intp]) -> Float64:
-    """The least depth of 3x3 pixels around x, y: samples may lie on others' outlines."""
+def _nearest_around(view: DepthImage, missing_is_background: bool, x: NDArray[np.intp], y: NDArray[np.intp]) -> Float64:
+    """The least depth of 3x3 pixels around x, y: samples may lie on others' outlines; background is very far."""
     down, across = np.divmod(np.arange(9)[:, None], 3)
-    height, width = depth.shape
-    return depth[np.clip(y + down - 1, 0, height - 1), np.clip(x + across - 1, 0, width - 1)].min(axis=0)
+    height, width = view.depth.shape
+    at = np.clip(y + down - 1, 0, height - 1), np.clip(x + across - 1, 0, width - 1)
+    depth = view.depth[at].astype(np.float64)
+    background = missing_is_background | (depth >= view.far)
+    return np.where(view.valid[at], depth, np.where(background, 1e38, -1e38)).min(axis=0)
 
 
 def _seen_from(

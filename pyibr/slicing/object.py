@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import astuple
 from functools import cached_property, partial
-from typing import Any, Literal, cast
+from typing import Any, Literal, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +27,7 @@ from pyibr.picture.normals import showing_normals
 from pyibr.picture.shadow import Lighting, shadowed
 from pyibr.picture.straighten import straight_silhouette, straightened
 from pyibr.picture.target import Target
-from pyibr.slicing.boxes import Box, box_of_samples, box_of_silhouettes, nearness_map
+from pyibr.slicing.boxes import Box, box_of_samples, box_of_silhouettes, nearness_map, samples_of
 from pyibr.slicing.spacing import (
     SLICES_USUAL,
     Slices,
@@ -42,6 +43,8 @@ ObjectSlicing = Literal["orthogonal", "screen"]
 Texture = Literal["visible", "naive"]
 Missing = Literal["background", "unknown"]
 Float32 = NDArray[np.float32]
+
+_Kept = TypeVar("_Kept")
 
 _APART_MOST = 8.0  # times a view's nearest depth, or the width of what it sees if it is orthographic
 _FEWEST = 32  # slices of what is seen small
@@ -130,10 +133,54 @@ class DepthObject(Fixed):
         """Draw the object in its views' colours, which hold their light, unless a light relights them."""
         _draw_in_light(target, self, lighting, normals=True)
 
+    def with_views(self, views: Sequence[DepthImage]) -> DepthObject:
+        """The same of other views, for animations; what is known of those that it keeps is shared.
+
+        Parameters
+        ----------
+        views : sequence of DepthImage
+            As many as there are to be, at any poses; those of `views` that have not changed are given again.
+
+        Returns
+        -------
+        DepthObject
+            As if it were made anew.
+
+        Raises
+        ------
+        ArgumentError
+            As for a new one.
+
+        Examples
+        --------
+        >>> import pyibr as ibr
+        >>> from pyibr.capture import models
+        >>> from pyibr.capture.raycast import object_views
+        >>> views = object_views(models.donut(), 64)
+        >>> first = ibr.DepthObject(views, slices=64)
+        >>> red = ibr.DepthImage(views[0].color // (1, 2, 2), views[0].depth, views[0].camera)
+        >>> first.with_views([red, *first.views[1:]])
+        <DepthObject 6 views, 64 slices>
+        """
+        made = DepthObject(views, self.slices, self.slicing, self.texture, self.halvings, self.missing)
+        made.__dict__["words"] = _with_known(self, self.words, made.views, _words_of)
+        if all(map(np.array_equal, astuple(self.box), astuple(made.box))):  # what is background lies at its end
+            made.__dict__["maps"] = _with_known(self, self.maps, made.views, made.map_of)
+        return made
+
     @cached_property
     def maps(self) -> list[Float32]:
         """Nearness images of the views, see `nearness_map`."""
-        return [nearness_map(view, self.box, self.missing == "background") for view in self.views]
+        return [self.map_of(view) for view in self.views]
+
+    def map_of(self, view: DepthImage) -> Float32:
+        """The nearness image of one view."""
+        return nearness_map(view, self.box, self.missing == "background")
+
+    @cached_property
+    def words(self) -> list[NDArray[np.uint32]]:
+        """Colours of the views, with A 255 where there is a sample."""
+        return [_words_of(view) for view in self.views]
 
 
 class VisualHull(Fixed):
@@ -212,7 +259,56 @@ class VisualHull(Fixed):
     @cached_property
     def maps(self) -> list[Float32]:
         """Masks of the views, 0 or 1."""
-        return [np.ascontiguousarray(view.valid, np.float32) for view in self.views]
+        return [_mask_of(view) for view in self.views]
+
+    @cached_property
+    def words(self) -> list[NDArray[np.uint32]]:
+        """Colours of the views, with A 255 on the object."""
+        return [_words_of(view) for view in self.views]
+
+    def with_views(self, views: Sequence[Silhouette | DepthImage]) -> VisualHull:
+        """The same of other views, for animations; see `DepthObject.with_views`.
+
+        Where an outline changes, all are asked again where the hull lies; while only colours change, it stays.
+
+        Examples
+        --------
+        >>> import pyibr as ibr
+        >>> from pyibr.capture import models
+        >>> from pyibr.capture.raycast import object_views
+        >>> first = ibr.VisualHull(object_views(models.donut(), 64), slices=64)
+        >>> first.with_views(first.views[:4])
+        <VisualHull 4 views, 64 slices>
+        """
+        given = _checked_views(views, (Silhouette, DepthImage))
+        if len(given) == len(self.views) and all(map(_same_outline, given, self.views)):
+            made = object.__new__(VisualHull)
+            made.__dict__.update(self.__getstate__(), views=given)
+        else:
+            made = VisualHull(given, self.slices, self.slicing, self.halvings)
+        made.__dict__["words"] = _with_known(self, self.words, given, _words_of)
+        made.__dict__["maps"] = _with_known(self, self.maps, given, _mask_of)
+        return made
+
+
+def _words_of(view: DepthImage | Silhouette) -> NDArray[np.uint32]:
+    return rgba_words(view.shown, view.valid)
+
+
+def _mask_of(view: DepthImage | Silhouette) -> Float32:
+    return np.ascontiguousarray(view.valid, np.float32)
+
+
+def _same_outline(a: DepthImage | Silhouette, b: DepthImage | Silhouette) -> bool:
+    return a is b or (a.camera == b.camera and np.array_equal(a.valid, b.valid))
+
+
+def _with_known(
+    thing: DepthObject | VisualHull, values: list[_Kept], views: Sequence[Any], make: Callable[[Any], _Kept]
+) -> list[_Kept]:
+    """What is made of each view; of those of a thing it is there already."""
+    known = {id(view): value for view, value in zip(thing.views, values, strict=True)}
+    return [known[id(view)] if id(view) in known else make(view) for view in views]
 
 
 def draw_object(target: Target, thing: DepthObject | VisualHull, counts: DeviceArray | None = None) -> None:
@@ -220,7 +316,7 @@ def draw_object(target: Target, thing: DepthObject | VisualHull, counts: DeviceA
     hull = isinstance(thing, VisualHull)
     buffers = kept(thing, "buffers", lambda: _object_buffers(thing))
     if target.of_normals:
-        buffers = buffers | {"colors": kept(thing, "normals", lambda: _words_of(map(showing_normals, thing.views)))}
+        buffers = buffers | {"colors": kept(thing, "normals", lambda: _normals_of(thing))}
     box, camera = thing.box, target.camera
     directions = np.array([_direction(view.camera, box) for view in thing.views])
     cosines = directions @ _direction(camera, box)
@@ -345,21 +441,23 @@ def _object_buffers(thing: DepthObject | VisualHull) -> dict[str, DeviceArray]:
         "matrices": upload(matrices.reshape(-1, 16).astype(np.float32)),
         "sizes": upload(np.array(sizes, np.int32)),
         "maps": upload(np.concatenate([values.ravel() for values in thing.maps])),
-        "colors": _words_of(thing.views),
+        "colors": _uploaded(thing.words),
     }
 
 
-def _words_of(views: Iterable[Silhouette | DepthImage]) -> DeviceArray:
+def _normals_of(thing: DepthObject | VisualHull) -> DeviceArray:
+    return _uploaded([_words_of(showing_normals(view)) for view in thing.views])
+
+
+def _uploaded(words: Sequence[NDArray[np.uint32]]) -> DeviceArray:
     """RGBA of all views, one after the other."""
-    return upload(np.concatenate([rgba_words(view.shown, view.valid) for view in views]))
+    return upload(np.concatenate(words))
 
 
 def _check_resolved(thing: DepthObject) -> None:
     """Raise ArgumentError if slices are so far apart that they miss what a view saw: of background taken for depth."""
     for number, view in enumerate(thing.views):
-        depth = view.depth[view.valid]
-        few = len(depth) // 100  # samples may be wrong
-        nearest, farthest = float(np.partition(depth, few)[few]), float(depth.max())
+        nearest, farthest = samples_of(view).nearest, samples_of(view).farthest
         camera = view.camera
         seen = nearest if camera.projection == "perspective" else max(camera.size) / float(camera.K[0, 0])
         slices = SLICES_USUAL if thing.slices == "view" else thing.slices

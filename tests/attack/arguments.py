@@ -314,9 +314,12 @@ def random_solid(chance: Chance, scale: float, floats: bool) -> Any:
     }
     if chance(0.5):
         texture, missing = chance.one(["visible", "naive"]), chance.one(["background", "unknown"])
-        return ibr.DepthObject(chance.mostly(views), texture=texture, missing=missing, **more)
+        made = ibr.DepthObject(chance.mostly(views), texture=texture, missing=missing, **more)
+        others = [*views[:-1], *views_around(chance, scale, floats, 1)]
+        return made.with_views(chance.mostly(others)) if chance(0.2) else made
     given: list[Any] = [ibr.Silhouette(v.color, v.depth < 3 * scale, v.camera) if chance(0.5) else v for v in views]
-    return ibr.VisualHull(chance.mostly(given), **more)
+    made = ibr.VisualHull(chance.mostly(given), **more)
+    return made.with_views(chance.mostly(given[::-1])) if chance(0.2) else made
 
 
 def random_depth_mesh(chance: Chance, scale: float, floats: bool) -> Any:

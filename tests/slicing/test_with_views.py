@@ -1,0 +1,112 @@
+"""Objects and hulls with other views: the same bits as new ones, and nothing made again that is there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+pytest.importorskip("open3d")
+
+import pyibr as ibr
+from pyibr.slicing import boxes
+from pyibr.slicing import object as objects
+from tests.slicing.solids import looking, torus, views_of_torus
+from tests.slicing.test_objects import KINDS
+
+CAMERA = looking(torus(), (0.5, 0.4, 1), (90, 70))
+
+
+def nearer(view: ibr.DepthImage, by: float) -> ibr.DepthImage:
+    """What the view would see of a solid that is thinner there, in other colours; its holes stay holes."""
+    return ibr.DepthImage(255 - view.color, view.depth + np.float32(by), view.camera)
+
+
+def turned(view: ibr.DepthImage) -> ibr.DepthImage:
+    """Its upper half alone, from elsewhere."""
+    depth = view.depth.copy()
+    depth[len(depth) // 2 :] = np.nan
+    return ibr.DepthImage(view.color, depth, view.camera.moved(0.02, -0.01, 0.03))
+
+
+def changes(views: Sequence[ibr.DepthImage]) -> list[list[ibr.DepthImage]]:
+    """Sets of views in which something, or everything, is another."""
+    return [
+        list(views),
+        [nearer(views[0], 0.01), *views[1:]],
+        [nearer(views[0], -0.3), *views[1:]],  # a larger box
+        [*views[:-1], ibr.DepthImage(255 - views[-1].color, views[-1].depth, views[-1].camera)],  # colours alone
+        [views[0], turned(views[1]), *views[2:]],
+        [nearer(view, 0.02) for view in views],
+        [*views[1:], views[0]],  # another first view: other axes
+        list(views[:3]),
+        [*views, turned(views[2]), views[0]],
+    ]
+
+
+def same(one: ibr.DepthObject | ibr.VisualHull, two: ibr.DepthObject | ibr.VisualHull) -> None:
+    light = ibr.Light(direction=(0.3, -0.4, -1), shadow_size=128)
+    for lit in (None, light):
+        a, b = ibr.render(one, CAMERA, lit), ibr.render(two, CAMERA, lit)
+        np.testing.assert_array_equal(a.depth, b.depth)
+        np.testing.assert_array_equal(a.color, b.color)
+    for name in ("low", "high", "axes"):
+        np.testing.assert_array_equal(getattr(one.box, name), getattr(two.box, name))
+
+
+@pytest.mark.parametrize("missing", ["background", "unknown"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_object_is_as_a_new_one(kind, missing):
+    views = views_of_torus(kind)
+    how = {"slices": 48, "slicing": "screen", "texture": "naive", "halvings": 3, "missing": missing}
+    first = thing = ibr.DepthObject(views, **how)
+    ibr.render(first, CAMERA)
+    before = ibr.render(first, CAMERA)
+    for others in changes(views):
+        same(first.with_views(others), ibr.DepthObject(others, **how))
+        thing = thing.with_views(others)  # one after the other, as in an animation
+        same(thing, ibr.DepthObject(others, **how))
+    np.testing.assert_array_equal(ibr.render(first, CAMERA).color, before.color)
+
+
+@pytest.mark.parametrize("kind", ["orthographic", "nine, anywhere"])
+def test_a_hull_is_as_a_new_one(kind):
+    views = views_of_torus(kind)
+    first = thing = ibr.VisualHull(views, "view")
+    ibr.render(first, CAMERA)
+    for others in changes(views):
+        thing = thing.with_views(others)
+        same(thing, ibr.VisualHull(others, "view"))
+        assert thing.tested == ibr.VisualHull(others).tested
+    outlines: list[ibr.Silhouette | ibr.DepthImage] = [ibr.Silhouette(v.color, v.valid, v.camera) for v in views]
+    same(first.with_views(outlines), ibr.VisualHull(outlines, "view"))
+
+
+def test_what_stays_is_not_made_again(monkeypatch):
+    views = views_of_torus("orthographic")
+    thing = ibr.DepthObject(views, 48)
+    ibr.render(thing, CAMERA)
+    made: list[object] = []
+    for room, name in ((objects, "nearness_map"), (objects, "rgba_words"), (boxes, "Samples")):
+        real = getattr(room, name)
+        monkeypatch.setattr(room, name, lambda *given, real=real, name=name: made.append(name) or real(*given))
+    depth = views[0].depth.copy()
+    seen = np.where(views[0].valid, depth, np.nan)
+    middle = np.unravel_index(np.nanargmin(np.abs(seen - np.nanmedian(seen))), depth.shape)
+    depth[middle] += np.float32(0.01)  # far from the box's sides, so that it stays
+    ibr.render(thing.with_views([ibr.DepthImage(views[0].color, depth, views[0].camera), *views[1:]]), CAMERA)
+    assert sorted(made) == ["Samples", "nearness_map", "rgba_words"]
+
+
+def test_other_views_are_checked_as_the_first_ones():
+    views = views_of_torus("orthographic")
+    nothing = ibr.DepthImage(views[0].color, np.full_like(views[0].depth, np.nan), views[0].camera)
+    for thing in (ibr.DepthObject(views), ibr.VisualHull(views)):
+        for bad in ([], None, views[0], [*views, 3], [*views, nothing]):
+            messages: list[str] = []
+            for take in (thing.with_views, type(thing)):
+                with pytest.raises(ibr.ArgumentError, match=r"^views: ") as caught:
+                    take(bad)
+                messages.append(str(caught.value))
+            assert messages[0] == messages[1]
