@@ -71,6 +71,7 @@ if __name__ == "__main__":
     save("slicing-directions.png", slices.slicing_directions(), 80)
     save("three-directions.jpg", slices.three_directions(), 80)
     save("slice-counts.png", slices.slice_counts(), 70)
+    save("bands.png", slices.bands(), 70)
     save("donuts.jpg", slices.donuts(), 80)
     save("paper-slicing-volume.png", slices.volume(), 80)
     save("paper-slicing-planes.jpg", slices.planes(), 80)

@@ -91,6 +91,26 @@ def slice_counts() -> Figure:
     return figure
 
 
+def bands() -> Figure:
+    """A slope and blocks of three heights by the test "band", too thin, a slice thick, and thicker."""
+    y, x = np.mgrid[:96, :96] / 96
+    height = (0.04 + 0.1 * x).astype(np.float32)
+    for left, rise in ((0.1, 0.15), (0.4, 0.4), (0.7, 0.75)):
+        height[(x > left) & (x < left + 0.2) & (y > 0.3) & (y < 0.7)] += rise
+    color = (np.array([60, 110, 150]) + height[..., None] * np.array([190, 110, 20])).clip(0, 255).astype(np.uint8)
+    corners, uv = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 0], [1, 0], [1, 1], [0, 1]]
+    square, light = ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]], uv=uv), ibr.Light(direction=(0.6, 0.3, -1))
+    camera = ibr.Camera.look_at((0.2, -1.5, 1.1), (0.5, 0.48, 0.05), (0, 0, 1), (420, 250), fov_y=25)
+    figure, row = plt.subplots(1, 4, figsize=(13, 2.6), layout="constrained")
+    for axes, (band, name) in zip(
+        row, ((0.3 / 48, "0.3 / slices: gaps"), (None, "1 / slices"), (0.25, "0.25"), (1.0, "1")), strict=True
+    ):
+        thing = ibr.SlicedSurface(square, height, color, 0.3, slices=48, test="band", band=band)
+        bare(axes).imshow(ibr.render(thing, camera, light, background=(255, 255, 255), samples=4).color)
+        axes.set_title(f"band {name}", loc="left", fontsize=12, color=INK)
+    return figure
+
+
 def donuts() -> Figure:
     """Height maps on a donut of 625 quadrilaterals: fur, and bricks."""
     rng = np.random.default_rng(1)

@@ -73,8 +73,8 @@ class SlicedSurface(Fixed):
         each of the three tetrahedra over a triangle; "screen": parallel to the view plane (section 3.3).
     test : {"inside", "at_least", "band"}
         A slice at height h is drawn where the map's height is more than h, so that 0 masks the surface out; at least
-        h (Dietrich), which draws the base, too; or at most a slice spacing more than h (Schaufler), so that one may
-        see through between neighbours of very different heights.
+        h (Dietrich), which draws the base, too; or at least h and less than h + `band` (Schaufler), so that one may see
+        through between neighbours of very different heights.
     normal_map : (h'', w'', 3) float32 or uint8, optional
         Unit normals in tangent space, for lights: x along u, y along v (down the image), z along the normal. Bytes
         are decoded as x / 127.5 - 1; of a map whose green grows upwards give 255 - green (`pyibr.io.read_relief_map`
@@ -85,6 +85,9 @@ class SlicedSurface(Fixed):
     halvings : int
         How often the way from a slice that passes back to the one before is halved to meet the surface; 0 leaves the
         slices as they are, as in the paper.
+    band : float, optional
+        Of heights, how thick the band is that the test "band" takes: neighbours that differ by more are apart. A slice
+        spacing without it, with which nothing is missed of what lies flat; less leaves gaps.
     wrap : {"repeat", "clamp"}
         What heights, colours and normals are where uv are beyond 0 to 1, and from the outermost texels' centres on:
         "repeat" goes over to the other side of the map, "clamp" goes on with the values of its border, for maps that
@@ -121,6 +124,7 @@ class SlicedSurface(Fixed):
         normal_map: NDArray[Any] | None = None,
         clipped: bool = True,
         halvings: int = 0,
+        band: float | None = None,
         wrap: Wrap = "repeat",
     ) -> None:
         instance_of("base", base, Mesh, "a pyibr.Mesh")
@@ -142,6 +146,7 @@ class SlicedSurface(Fixed):
         true_or_false("clipped", clipped)
         self.clipped = clipped
         self.halvings = checked_halvings(halvings)
+        self.band = None if band is None else positive("band", band)
 
     def __repr__(self) -> str:
         h, w = self.height.shape
@@ -212,7 +217,7 @@ def draw_surface(
         halvings=surface.halvings,
         slicing=constant("slicing/tetrahedra.h", surface.slicing.upper()),
         test=constant("slicing/heights.h", surface.test.upper()),
-        band=0.0,
+        band=surface.band or 0.0,
         map_width=surface.height.shape[1],
         map_height=surface.height.shape[0],
         color_width=surface.color.shape[1],

@@ -264,6 +264,7 @@ def random_sliced(chance: Chance, scale: float) -> Any:
         test=chance.mostly(chance.one(["inside", "at_least", "band"])),
         clipped=chance.mostly(not chance(0.2)),
         halvings=chance.mostly(chance.one([0, 0, 2, 24])),
+        band=chance.mostly(chance.one([None, None, 0.1, 1e-30, 1e30])),
     )
     return made.with_height(random_maps(chance, scale)["height"]) if chance(0.2) else made
 

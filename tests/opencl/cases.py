@@ -304,7 +304,7 @@ def _surfaces(setting: Setting) -> Cases:
         {"slicing": "surface", "tiles": (2, 1)},
         {"test": "at_least", "wrap": "clamp", "halvings": 2},
         {**screen, "tiles": (2, 1)},
-        {"slices": "view", "test": "band", "tiles": (2, 1)},
+        {"slices": "view", "test": "band", "band": 0.3, "tiles": (2, 1)},
     )
     for height, color, normals in _height_maps(setting):
         for way in ways:

@@ -166,6 +166,51 @@ def test_a_band_opens_steps_between_neighbours():
     assert not (band.valid & ~whole.valid).any()
 
 
+def cliffs() -> np.ndarray:
+    """A slope with a cliff of 0.3 and one of 0.6, none of them at the border."""
+    height = np.tile(np.linspace(0.02, 0.09, 128), (128, 1)).astype(np.float32)
+    height[:, 41:87] += 0.3
+    height[:, 87:] += 0.9
+    return height
+
+
+@pytest.mark.parametrize("slicing", ["surface", "orthogonal", "screen"])
+def test_a_bands_thickness_decides_what_is_apart(slicing):
+    """From above nothing of the surface is missed; from the side cliffs are open that are higher than the band.
+
+    Slices are several texels apart, so that hardly one meets the ramps that cliffs are between two texels.
+    """
+    above, aside = camera(90, 90, projection="orthographic"), camera(20, 180)
+    color = np.full((1, 1, 3), 9, np.uint8)
+    whole = {cam: ibr.render(surface(16, slicing, "inside", cliffs()), cam).valid for cam in (above, aside)}
+    open_at = {}
+    for band in (None, 1 / 16, 0.15, 0.45, 0.75, 5.0):
+        thing = ibr.SlicedSurface(square(), cliffs(), color, SCALE, slices=16, slicing=slicing, test="band", band=band)
+        missed = {cam: (seen & ~ibr.render(thing, cam).valid).sum() / seen.sum() for cam, seen in whole.items()}
+        assert missed[above] <= 0.03  # the cliffs themselves: a texel of 128, and a pixel of 100, each
+        open_at[band] = missed[aside]
+    assert open_at[None] == open_at[1 / 16]
+    # Of a cliff what lies lower than a band below its top is open.
+    assert open_at[0.15] > 1.2 * open_at[0.45] > 1.2 * open_at[0.75]
+    assert open_at[0.45] > 0.02
+    assert open_at[0.75] < 0.01
+    assert open_at[5.0] == 0
+
+
+def test_a_band_thinner_than_a_slice_leaves_gaps():
+    """Of a slope seen from above each slice shows the part that lies in its band: a half, a quarter."""
+    slope = np.tile((np.arange(64) + 0.5) / 64, (64, 1)).astype(np.float32)
+    cam = Camera.look_at((0.5, 0.5, 40), (0.5, 0.5, 0), (0, 1, 0), (301, 301), fov_y=1.3)
+    inner = (np.abs(ground(cam)[..., :2] - 0.5) < 0.4).all(axis=-1)
+    color = np.full((1, 1, 3), 9, np.uint8)
+    for part in (1, 0.5, 0.25):
+        thing = ibr.SlicedSurface(
+            square(), slope, color, 0.01, slices=20, slicing="surface", test="band", band=part / 20
+        )
+        # 16 slices' edges among 265 pixels across: a pixel each
+        assert abs(ibr.render(thing, cam).valid[inner].mean() - part) <= 16 / 265
+
+
 def test_tests_are_counted():
     cam = camera(60, 30)
     counts = {}
@@ -307,6 +352,9 @@ BAD = [
     ("slices 2.5", {"slices": 2.5}, "slices"),
     ("slicing", {"slicing": "sideways"}, "slicing"),
     ("test", {"test": "maybe"}, "test"),
+    ("band 0", {"band": 0}, "band"),
+    ("band NaN", {"band": float("nan")}, "band"),
+    ("band of words", {"band": "thick"}, "band"),
     ("normal map", {"normal_map": np.zeros((4, 4, 3), np.float32)}, "normal_map"),
     ("black normal map", {"normal_map": np.zeros((4, 4, 3), np.uint8)}, "normal_map"),
     ("normal map of int", {"normal_map": np.full((4, 4, 3), 200, np.int32)}, "normal_map"),

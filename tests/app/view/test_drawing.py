@@ -103,6 +103,8 @@ def test_knobs_are_what_a_class_is_made_with():
     assert {"scale", "silhouette", "distance"} <= set(knobs_of([relief()]))
     sliced = ibr.SlicedSurface(relief().base, relief().height, relief().color, 0.1)
     assert {"scale", "slices", "slicing", "test", "halvings"} <= set(knobs_of([sliced]))
+    banded = ibr.SlicedSurface(relief().base, relief().height, relief().color, 0.1, test="band", band=0.1)
+    assert knobs_of([banded])["band"].value == 0.1
     assert "slices" not in knobs_of([ibr.DepthObject(views(), "view")])  # no number that could be turned
     assert knobs_of([object(), 3, models.donut()]).keys() == {"sides"}
 
