@@ -262,7 +262,6 @@ def random_sliced(chance: Chance, scale: float) -> Any:
         slices=chance.mostly(chance.one([1, 2, 16, 64, 300, "view", "view"])),
         slicing=chance.mostly(chance.one(["orthogonal", "surface", "screen"])),
         test=chance.mostly(chance.one(["inside", "at_least", "band"])),
-        clipped=chance.mostly(not chance(0.2)),
         halvings=chance.mostly(chance.one([0, 0, 2, 24])),
         band=chance.mostly(chance.one([None, None, 0.1, 1e-30, 1e30])),
     )
