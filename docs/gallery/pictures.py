@@ -68,6 +68,7 @@ if __name__ == "__main__":
     save("globe-of-six.jpg", warpfigures.globe_of_six(), 80)
     save("torus-of-six.jpg", warpfigures.torus_of_six(), 80)
     save("beside-the-original.jpg", warpfigures.beside_the_original(), 80)
+    save("thin-things.jpg", warpfigures.thin_things(), 80)
     save("slicing-directions.png", slices.slicing_directions(), 80)
     save("three-directions.jpg", slices.three_directions(), 80)
     save("slice-counts.png", slices.slice_counts(), 70)

@@ -1,4 +1,4 @@
-"""The warping paper's figures 10 to 13 with its torus and a globe: made by pictures.py."""
+"""The warping paper's figures 10 to 13 with its torus and a globe, and thin things: made by pictures.py."""
 
 from __future__ import annotations
 
@@ -132,3 +132,50 @@ def draw_lines(
         for some, alpha in ((~hidden, 1.0), (hidden, 0.22)):
             axes.add_collection(LineCollection(list(pieces[some]), colors=[tone], linewidths=width, alpha=alpha))
     axes.set(xlim=limits[0], ylim=limits[1])
+
+
+def thin_things() -> Figure:
+    """A fence and a plant of one sample's width, five times as large: by rays, without `thin`, and with it."""
+    view, truth, camera = fence()
+    figure, row = plt.subplots(1, 4, figsize=(17, 3.7), layout="constrained")
+    show(row[0], view.color, f"{view.camera.width} x {view.camera.height} samples")
+    show(row[1], truth.color, "by rays, five times as fine")
+    for axes, thin in zip(row[2:], (False, True), strict=True):
+        show(axes, ibr.warp(view, camera, thin=thin, fill="background").color, f"warp, thin={thin}")
+    return figure
+
+
+def fence() -> tuple[ibr.DepthImage, ibr.DepthImage, ibr.Camera]:
+    """Wires and bars before a striped wall as a depth image, then seen from aside by rays, and by which camera."""
+    size, focal, sample = (96, 72), 100.0, 2 / 100.0
+    camera = ibr.Camera([[focal, 0, 47.5], [0, focal, 35.5], [0, 0, 1]], size)
+    aside = ibr.Camera(
+        [[5 * focal, 0, 239.5], [0, 5 * focal, 179.5], [0, 0, 1]],
+        (480, 360),
+        camera.moved(0.06, -0.03, 0.0).world_from_camera,
+    )
+    lines = [((x, -0.6), (x, 0.6)) for x in (-0.69, -0.33, 0.03, 0.39)]  # amid samples
+    lines += [
+        ((-0.9, 0.3), (0.9, 0.2)),
+        ((-0.9, -0.2), (0.9, -0.42)),
+        ((-0.7, 0.25), (0.02, -0.3)),
+        ((0.42, 0.5), (0.85, -0.35)),
+    ]
+    lines += [((0.62, 0.1), (0.5, -0.15)), ((0.68, 0), (0.9, -0.1)), ((0.75, -0.16), (0.66, -0.45))]
+    vertices: list[np.ndarray] = []
+    colors: list[tuple[int, int, int]] = []
+    for number, (start, end) in enumerate(np.array(lines, float)):
+        along = (end - start) / np.linalg.norm(end - start)
+        across = 0.5 * sample * np.array([-along[1], along[0]])
+        vertices += [np.append(corner, 2.0) for corner in (start - across, start + across, end + across, end - across)]
+        colors += 4 * [(70, 130, 60) if number > 6 else (60, 60, 70) if number < 4 else (170, 90, 40)]
+    for stripe in range(24):
+        left, right = (-3 + 0.25 * (stripe + k) for k in (0, 1))
+        vertices += [
+            np.array(corner) for corner in ((left, -3, 3.0), (left, 3, 3.0), (right, 3, 3.0), (right, -3, 3.0))
+        ]
+        colors += 4 * [(236, 228, 210) if stripe % 2 else (214, 205, 190)]
+    first = 4 * np.arange(len(vertices) // 4)
+    faces = np.concatenate([np.stack([first, first + 1, first + 2], 1), np.stack([first, first + 2, first + 3], 1)])
+    scene = MeshScene(np.array(vertices), faces, np.array(colors, np.uint8))
+    return scene.capture(camera), scene.capture(aside), aside

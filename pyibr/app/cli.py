@@ -23,6 +23,7 @@ _OPTIONS = {
     "camera": "--camera",
     "scale": "--depth-scale",
     "cut_ratio": "--cut-ratio",
+    "thin": "--thin",
     "far": "--far",
     "backdrop": "--backdrop",
     "degrees": "--orbit",

@@ -9,7 +9,7 @@ from typing import Any, Literal, Protocol, runtime_checkable
 
 from numpy.typing import NDArray
 
-from pyibr.core.checks import describe, number_from, one_of
+from pyibr.core.checks import describe, number_from, one_of, true_or_false
 from pyibr.core.errors import ArgumentError
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
@@ -36,6 +36,7 @@ class Look:
     cut_ratio: float = 1.05
     side: Side = "front"
     fill: Fill | None = None
+    thin: bool = False
 
     def __post_init__(self) -> None:
         one_of("sample", self.sample, Sample)
@@ -43,6 +44,7 @@ class Look:
         one_of("side", self.side, Side)
         if self.fill is not None:
             one_of("fill", self.fill, Fill, " or None")
+        true_or_false("thin", self.thin)
         number_from("cut_ratio", self.cut_ratio, math.nextafter(1.0, 2.0), math.inf, "a ratio greater than 1")
 
 

@@ -36,6 +36,7 @@ def render(
     side: Side = "front",
     sample: Sample = "linear",
     fill: Fill | None = None,
+    thin: bool = False,
     samples: int = 1,
     anisotropy: int = 1,
 ) -> Frame:
@@ -65,6 +66,8 @@ def render(
     fill : {None, "background", "smooth", "inpaint"}
         Holes are filled once the last depth image is drawn, before things that come after it, from what is in the
         picture by then. `valid` stays False there, and `background` is for what is not filled.
+    thin : bool
+        As in `warp`; thin things cast shadows as wide as they are drawn, too.
     samples : int
         A pixel, on a regular grid within it: 1, 4, 9, 16, 25, 36, 49 or 64. Several make silhouettes and depth edges
         smooth, at as many times the cost; `Frame.alpha` tells how much of each pixel the things cover.
@@ -97,7 +100,7 @@ def render(
     several = list(things) if isinstance(things, Sequence) else [things]
     if not several:
         raise ArgumentError("things", "at least one thing", "an empty sequence")
-    look = Look(sample, edges, cut_ratio, side, fill)
+    look = Look(sample, edges, cut_ratio, side, fill, thin)
     drawables = _drawables(several, look)
     instance_of("camera", camera, Camera, "a pyibr.Camera")
     if light is not None and not isinstance(light, Light):  # pyright: ignore[reportUnnecessaryIsInstance]

@@ -25,7 +25,7 @@ _APART_MOST = 64  # pixels between the depths that tell the normals of nearest s
 def options_of(how: Look, search: bool = False) -> Options:
     """How views are to be looked at, in the kernels' terms."""
     cut_ratio = float(how.cut_ratio) if how.edges == "cut" else None
-    return Options(search, how.sample == "linear", cut_ratio, how.side, how.fill)
+    return Options(search, how.sample == "linear", cut_ratio, how.side, how.fill, thin=how.thin)
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class WarpedImage:
         """Draw the view by the epipolar warp; into a light's map the surface itself, from both its sides."""
         options = self.options
         if target.from_light:
-            options = Options(cut_ratio=options.cut_ratio, side="both")
+            options = Options(cut_ratio=options.cut_ratio, side="both", thin=options.thin)
         with shadowed(target, lighting, *self._grain(target), draw_normals=lambda layer: self._look(layer, options)):
             seen = self._look(target, options)
         if options.fill is not None:

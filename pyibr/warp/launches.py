@@ -46,6 +46,8 @@ class Options:
         What is done with holes: one of `Fill`.
     slack : (float, float)
         What noise adds to the ratio that tears, as `cut_of` takes it.
+    thin : bool
+        Things one sample thin are drawn as wide as their samples.
     """
 
     search: bool = False
@@ -54,6 +56,7 @@ class Options:
     side: Side = "front"
     fill: Fill | None = None
     slack: tuple[float, float] = (0.0, 0.0)
+    thin: bool = False
 
     def cut(self, camera: Camera) -> NDArray[np.void]:
         """A record of the kernels' struct Cut: which neighbours of a camera's view are torn apart."""
@@ -86,6 +89,8 @@ def look(samples: Samples, pixel_map: PixelMap, target: Target, options: Options
     seen, answers = _ask_lines(samples, pixel_map, target, options, shared)
     _resolve(samples, pixel_map, target, options, {**shared, "seen": seen, "answers": answers}, view)
     target.blank = False
+    if options.thin:
+        _draw_thin(samples, target, options, shared, view)
 
 
 def _ask_lines(
@@ -179,6 +184,31 @@ def _resolve(
         apart=apart,
         rough=rough,
         window=window,
+        **shared,
+        **target.outputs(),
+        **origins,
+    )
+
+
+def _draw_thin(samples: Samples, target: Target, options: Options, shared: dict[str, Any], view: int) -> None:
+    """Things one sample thin, where they are nearer than what is there."""
+    profile, (width, height) = current().profile, target.camera.size
+    keys, indices = empty((height, width), np.uint32), empty((height, width), np.uint32)
+    keys.fill(0)
+    indices.fill(0xFFFFFFFF)
+    origins = {} if target.origin is None else {"origin": target.origin, "view": view}
+    defines = {**target.color_defines, "STRIP": profile.strip, "ORIGINS": len(origins) // 2}
+    src_height, src_width = samples.nearness.shape[0], shared["map"].values["src_width"]
+    for name, more in (("thin_nearness", {}), ("thin_index", {"indices": indices})):
+        grid = profile.packets(int(src_width), src_height, profile.strip)
+        launch(kernel("warp/thin.cl", name, **defines), grid, keys=keys, **shared, **more)
+    launch(
+        kernel("warp/thin.cl", "thin_pixels", **defines),
+        profile.packets(width, height, profile.strip),
+        keys=keys,
+        indices=indices,
+        src_color=samples.color,
+        linear=options.linear,
         **shared,
         **target.outputs(),
         **origins,

@@ -46,6 +46,7 @@ def warp(
     *,
     cut_ratio: float = ...,
     side: Side = ...,
+    thin: bool = ...,
     splat: float = ...,
     blend: Blend = ...,
     classes: bool = ...,
@@ -63,6 +64,7 @@ def warp(
     *,
     cut_ratio: float = ...,
     side: Side = ...,
+    thin: bool = ...,
     splat: float = ...,
     blend: Blend = ...,
     classes: bool = ...,
@@ -79,6 +81,7 @@ def warp(
     *,
     cut_ratio: float = 1.05,
     side: Side = "front",
+    thin: bool = False,
     splat: float = 1.0,
     blend: Blend = "quality",
     classes: bool = False,
@@ -119,6 +122,11 @@ def warp(
     side : {"front", "back", "both"}
         Which side of the surface is shown: the one that faces the source's camera, the other (a solid displaced from
         a centre inside it and seen from outside), or either. A ray that meets the other side first sees a hole.
+    thin : bool
+        Things one sample thin (wires, leaves, bars), of which the surface between samples has nothing or little, are
+        drawn as wide as their samples: each sample that makes a whole cell with its neighbours on no side as a square
+        of its own size, swept to the neighbours that it is connected with. Not with "forward", whose samples are
+        squares (see `splat`). Sensors' flying pixels become visible, too: see `clean_depth`.
     splat : float
         With "forward": side of the square of target pixels that a sample covers, 1 to 64.
     blend : {"quality", "nearest"}
@@ -174,11 +182,13 @@ def warp(
     _check_sizes("camera", cameras)
     _check_sizes("views", [view.camera for view in given])
     one_of("method", method, Method)
-    options = options_of(Look(sample, edges, cut_ratio, side, fill), method == "search")
+    options = options_of(Look(sample, edges, cut_ratio, side, fill, thin), method == "search")
     one_of("blend", blend, Blend)
     number_from("splat", splat, 1.0, _SPLAT_MOST, f"1 to {_SPLAT_MOST:g} pixels")
     if classes and method == "forward":
         raise ArgumentError("classes", 'False with method="forward", which asks no rays', "True")
+    if options.thin and method == "forward":
+        raise ArgumentError("thin", 'False with method="forward", which draws each sample as a square', "True")
     side_by_side = checked_side(samples)
     if classes and side_by_side > 1:
         raise ArgumentError("classes", "False with several samples a pixel, which may be of several classes", "True")

@@ -134,7 +134,7 @@ def test_every_choice_reaches_the_warp(scene: Scene, monkeypatch: pytest.MonkeyP
     result = scene.run(
         "--orbit", "5", "-o", scene.folder / "new.png", "--method", "search", "--sample", "nearest",
         "--edges", "cut", "--cut-ratio", "1.5", "--fill", "background", "--side", "both", "--far", "9",
-        "--blend", "nearest", "--samples", "9",
+        "--blend", "nearest", "--samples", "9", "--thin",
     )  # fmt: skip
     assert result.exit_code == 0, result.output
     assert seen == {
@@ -146,6 +146,7 @@ def test_every_choice_reaches_the_warp(scene: Scene, monkeypatch: pytest.MonkeyP
         "side": "both",
         "blend": "nearest",
         "samples": 9,
+        "thin": True,
         "far": 9.0,
     }
 

@@ -155,6 +155,7 @@ def random_look(chance: Chance) -> dict[str, Any]:
         "fill": chance.mostly(chance.one([None, "background"])),
         "cut_ratio": chance.mostly(chance.one([1.05, 1.05, 1.0000001, 1.5, 1e30])),
         "samples": chance.mostly(chance.one([1, 1, 1, 4, 9])),
+        "thin": chance.mostly(chance.one([False, False, True])),
     }
 
 
@@ -171,6 +172,7 @@ def random_warp(seed: int) -> Call:
     options["method"] = chance.mostly(method)
     if method == "forward":
         options["splat"] = chance.mostly(chance.one([1.0, 2, 3.5, 64]))
+        options["thin"] = chance.mostly(False)
     else:
         options["classes"] = chance(0.3)
     several = len(cameras) > 1 or chance(0.1)

@@ -157,6 +157,8 @@ WAYS: tuple[dict[str, Any], ...] = (
     {"method": "forward", "splat": 2},
     {"fill": "smooth", "edges": "connect"},
     {"samples": 9},
+    {"thin": True, "classes": True},
+    {"thin": True, "edges": "connect", "side": "both", "sample": "nearest"},
 )
 
 

@@ -103,6 +103,7 @@ def calls() -> dict[str, Call]:
         "aside": _aside,
         "blended": _blended,
         "smooth": _warped(fill="smooth"),
+        "thin": _warped(thin=True, cut_ratio=1.001, classes=True),
         "lens": _through_a_lens,
         "samples": _warped(samples=4),
         "seen": _drawn(lambda: MarkedUnseen(as_drawable(base, Look()), views)),

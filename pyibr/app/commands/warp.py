@@ -85,6 +85,7 @@ def warp(
     sample: Annotated[Sample, typer.Option(help="How depth and colour are read")] = "linear",
     edges: Annotated[Edges, typer.Option(help="Neighbours are cut apart at depth edges, or one surface")] = "cut",
     cut_ratio: Annotated[float, typer.Option(help="Cut where neighbours' depths differ by more")] = 1.05,
+    thin: Annotated[bool, typer.Option("--thin", help="Things one sample thin as wide as their samples")] = False,
     fill: Annotated[Literal["none", Fill], typer.Option(help="Fill holes: from behind, from all around")] = "none",
     side: Annotated[Side, typer.Option(help="Sides of the surface that are shown")] = "front",
     samples: Annotated[int, typer.Option(help="A pixel: 1, 4, 9, 16 ...; several make silhouettes smooth")] = 1,
@@ -112,7 +113,7 @@ def warp(
     outputs.check({**asked.read(opened), "--to": [] if to is None else [to]})
     reading = Reading(depth_scale, far, backdrop_of(backdrop), clean, steady=not is_scene, recorded=not are_stills)
     each = [views_of(source, reading) for source in opened]
-    look = {"method": method, "sample": sample, "edges": edges, "fill": None if fill == "none" else fill}
+    look = {"method": method, "sample": sample, "edges": edges, "fill": None if fill == "none" else fill, "thin": thin}
     draw = functools.partial(_drawn, **look, cut_ratio=cut_ratio, side=side, blend=blend, samples=samples)
     with device_of(device), outputs:
         if is_scene:
