@@ -28,6 +28,10 @@
 #define TOLD 0 /* 1: where on the surface each pixel is, is written, too */
 #endif
 
+#ifndef DEPTH_ALONE
+#define DEPTH_ALONE 0 /* 1: colours do not count, as of a light's map */
+#endif
+
 #define VERTEX 16 /* floats of a vertex */
 
 #define LINEAR 0
@@ -38,6 +42,7 @@
 #define SHADOWS MAPPED /* what hides the light: what its map says, or SEARCHED: what a second search finds, and the map beyond */
 #endif
 #define LIFTED 1e-3f /* of the relief's depth: how far above its surface a point is searched from, so that it is not in it */
+#define FLAT 1e-5f /* curvature times depth: what bends less is a plane, but for rounding */
 #define LEAST_COSINE 1e-3f /* of a ray that enters: at outlines interpolated normals may look away */
 
 /* Entries of a region's pixels */
@@ -162,10 +167,17 @@ floatl texels_of(const Entry *e, int width, int height, floatl size, intl enters
     return pick(enters, texels_2, (floatl)1.0f);
 }
 
-/* The level of the heights whose texels are as large as such a pixel */
+/* The level of the heights whose texels are as large as such a pixel. Where the surface bends, so that rays may come out
+ * again, no level that loses more than a pixel of the relief's height: outlines stay. */
 intl level_of(const Context *context, const Entry *e, floatl size, intl enters)
 {
-    return level_of_texels(texels_of(e, context->levels[0], context->levels[1], size, enters), context->level_count);
+    intl level = level_of_texels(texels_of(e, context->levels[0], context->levels[1], size, enters), context->level_count);
+    const intl bends = (fabs(e->a) + fabs(e->b) + fabs(e->c)) * (context->quadric * context->scale) > FLAT;
+    for (int l = 1; l < context->level_count && any_lane(level >= l); l++) {
+        const float lost = context->scale * (1.0f / 65535.0f) * context->levels[l * TABLE + LOST];
+        level = pick(bends & (size < lost), min(level, (intl)(l - 1)), level);
+    }
+    return level;
 }
 
 /* The scene units that a pixel takes at nearness n */
@@ -559,7 +571,7 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
             continue;
         const int first_x = x + FIRST_X(block), first_y = y + FIRST_Y(block);
         Color shade = {0.0f, 0.0f, 0.0f};
-        if (any_lane(mine)) {
+        if (!DEPTH_ALONE && any_lane(mine)) {
             const floatl u = pick(mine, region.u[block], (floatl)0.0f), v = pick(mine, region.v[block], (floatl)0.0f);
             const floatl px = to_floatl(first_x + block_x), py = to_floatl(first_y + block_y), n = region.nearness[block];
             const Entry e = entry_of(&context, pick(mine, owner, (intl)0), px, py);

@@ -10,8 +10,8 @@
  * PERPENDICULAR: the paper's equation 6, from P to R, on the quadric, at right angles to the ray in the plane of ray and
  * normal; where it has no solution, equation 7. On a plane it is longer than the depth by 1 / sine of the ray and normal.
  *
- * levels: (levels, TABLE) ints: width, height, start in texels, tiers of bounds, and where each of them starts. texels:
- * lib/heights.h. bounds: tier 0 is the greatest height of each cell between 2x2 texels, in 65535ths; the next of 2x2
+ * levels: (levels, TABLE) ints: width, height, start in texels, tiers of bounds, and where each of them starts; the last is
+ * how far at most the level's heights are from the first's, in 65535ths. texels: lib/heights.h. bounds: tier 0 is the greatest height of each cell between 2x2 texels, in 65535ths; the next of 2x2
  * cells, and so on.
  */
 #include "lib/heights.h"
@@ -24,6 +24,7 @@
 #define DISTANCE APPROXIMATE /* or EXACT, or PERPENDICULAR: how far below the surface a ray is */
 #endif
 #define TABLE 28         /* ints of a level: maps have up to 2^21 texels a side, and as many tiers */
+#define LOST (TABLE - 1) /* of them, where the last one is */
 #define STEPS_MOST 4096  /* of a safe search */
 #if LANES == 16
 #define TWINS 2 /* rays that are searched in turns, so that one's arithmetic fills the other's waits */

@@ -26,7 +26,8 @@ class HeightLevels:
     bounds : (m,) uint16
         Greatest height, in 65535ths, of the cells between 2x2 texels, then of 2x2 cells, and so on up to one.
     table : (levels, TABLE of kernels/relief/search.h) int32
-        Of each level width, height, start in texels, number of its hierarchy's tiers, and their starts in bounds.
+        Of each level width, height, start in texels, number of its hierarchy's tiers, and their starts in bounds; last,
+        how far its heights are at most from the first level's, in 65535ths.
     height_bytes : int
         1 or 2: the kernels' HEIGHT_BYTES.
     """
@@ -52,6 +53,7 @@ def height_levels(height: Float32, height_bytes: int, wrap: Wrap) -> HeightLevel
     bounds: list[NDArray[np.uint16]] = []
     rows: list[list[int]] = []
     level, start, bound_start, table = height, 0, 0, int(constant("relief/search.h", "TABLE"))
+    lost = 0.0
     while True:
         h, w = level.shape
         most = 255 if height_bytes == 1 else 65535
@@ -73,9 +75,19 @@ def height_levels(height: Float32, height_bytes: int, wrap: Wrap) -> HeightLevel
                 break
             padded = np.pad(cell, ((0, cell.shape[0] % 2), (0, cell.shape[1] % 2)))
             cell = padded.reshape(padded.shape[0] // 2, 2, -1, 2).max(axis=(1, 3))
-        rows.append(row + [0] * (table - len(row)))
+        rows.append(row + [0] * (table - len(row) - 1) + [int(np.ceil(65535 * min(lost, 1.0)))])
         start += fixed.size
         if w == h == 1:
             break
-        level = halved(level)
+        finer, level = level, halved(level)
+        lost += float(np.abs(finer - _stretched(_stretched(level, w).T, h).T).max())
     return HeightLevels(np.concatenate(words), np.concatenate(bounds), np.array(rows, np.int32), height_bytes)
+
+
+def _stretched(level: Float32, columns: int) -> Float32:
+    """A tiled map's rows read at as many places, bilinear."""
+    n = level.shape[1]
+    x = (np.arange(columns) + 0.5) * (n / columns) - 0.5
+    left = np.floor(x).astype(int)
+    part = (x - left).astype(np.float32)
+    return np.asarray((1 - part) * level[:, left % n] + part * level[:, (left + 1) % n], np.float32)

@@ -238,6 +238,8 @@ def draw_relief(
         more |= {"normal_map": buffers.get("normal_map", buffers["vertices"])}
         if lit.maps is not None:
             defines["SHADOWS"] = int(constant("relief/relief.cl", _SHADOWS[surface.shadow]))
+    if target.from_light:
+        defines["DEPTH_ALONE"] = 1
     if counts is not None:
         defines["COUNTED"] = 1
         more["counts"] = counts
