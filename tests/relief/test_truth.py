@@ -208,8 +208,7 @@ def test_scaling_everything_changes_nothing():
 
 
 def test_from_afar_means_are_read_and_bounds_hold():
-    """From 20 times as far a pixel covers many texels, and the relief is less than two pixels deep; the picture is that of
-    the mesh at the mean height."""
+    """From 20 times as far a pixel covers many texels; a relief of less than two pixels is that of its mean height."""
     height = (np.indices((64, 64)).sum(axis=0) % 2).astype(np.float32)
     base = grid(torus, 48, 24)
     camera = Camera.look_at((22, -30, 19), (0, 0, 0), (0, 0, 1), (120, 90), fov_y=3.4)
