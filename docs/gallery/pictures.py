@@ -78,6 +78,7 @@ if __name__ == "__main__":
     save("paper-slicing-planes.jpg", slices.planes(), 80)
     save("paper-slicing-intersection.png", slices.intersection(), 80)
     save("paper-slicing-inputs.jpg", slices.inputs(), 80)
+    save("paper-slicing-one.jpg", slices.one_slice(), 80)
     save("depth-object.png", depth_object(), 90)
     save("relight.jpg", relight(), 80)
     save("depth-camera.jpg", depthcameras.steps(), 80)

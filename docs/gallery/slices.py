@@ -313,6 +313,37 @@ def intersection() -> Figure:
     return figure
 
 
+def one_slice() -> Figure:
+    """A slice of the knot's object: which views' tests each of its points passes, and what is drawn of it."""
+    views = object_views(knot(), 512)
+    whole = ibr.DepthObject(views, 128)
+    camera = ibr.Camera.look_at((0, 0, 12), (0, 0, 0), (0, 1, 0), (400, 400), projection="orthographic", height=7.6)
+    axis, spacing = int(np.abs(whole.box.axes[:, 2]).argmax()), whole.box.edges.max() / 128
+    number = int(0.62 * whole.box.edges[axis] / spacing)
+    y, x = np.mgrid[:400, :400]
+    height = (whole.box.low[axis] + number * spacing) * whole.box.axes[axis, 2]
+    pixels = np.stack([x.ravel(), y.ravel()], axis=-1)
+    points = camera.unproject(pixels, np.full(len(pixels), 12 - height))
+    passed = np.stack([_left_by(view, points) for view in views], axis=-1).reshape(400, 400, 6)
+    tints = np.array([(230, 60, 60), (60, 190, 80), (70, 110, 230), (230, 190, 40), (180, 70, 200), (40, 190, 200)])
+    mixed = (passed[..., None] * tints).sum(axis=2) / np.maximum(passed.sum(axis=2), 1)[..., None]
+    mixed = np.where(passed.all(axis=-1)[..., None], 255, np.where(passed.any(axis=-1)[..., None], 0.8 * mixed, 30))
+    alone = ibr.DepthObject(views, 128, only=number)
+    oblique = ibr.Camera.look_at((4.5, -5.5, 6.5), (0, 0, 0), (0, 0, 1), (420, 400), fov_y=42)
+    light = {"background": (255, 255, 255), "samples": 4}
+    panels = {
+        "the object": ibr.render(whole, oblique, **light).color,
+        "tests of one slice: white passes all six": mixed.astype(np.uint8),
+        f"drawn: only={number}": ibr.render(alone, camera, **light).color,
+        "the same from aside": ibr.render(alone, oblique, **light).color,
+    }
+    figure, row = plt.subplots(1, 4, figsize=(13, 3.5), layout="constrained")
+    for axes, (name, image) in zip(row, panels.items(), strict=True):
+        bare(axes).imshow(image)
+        axes.set_title(name, loc="left", fontsize=12, color=INK)
+    return figure
+
+
 def _left_by(view: ibr.DepthImage, points: np.ndarray) -> np.ndarray:
     """Whether each point lies behind what a view saw."""
     pixels, z = view.camera.project(points)

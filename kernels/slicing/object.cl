@@ -40,6 +40,8 @@ typedef struct {
     float spacing;        /* of the slices, in scene units */
     float first;          /* number of a slice parallel to the screen that is counted as 0: one through the middle */
     int slices;           /* along the longest edge */
+    int alone;            /* 1: slice number `only` is drawn, and no other */
+    int only;
 } Box;
 
 typedef struct {
@@ -139,6 +141,7 @@ typedef struct {
     floatl front, back;
     Linear number;
     int most; /* no number in the box is beyond that, nor below its opposite */
+    int alone, only; /* of Box */
 } Part;
 
 /* from: where the picture begins; slices_axis: of the box, 3: the slices are parallel to the screen */
@@ -146,7 +149,7 @@ Part part_in(Box box, const WorldRay *ray, floatl from, int slices_axis)
 {
     /* As many as lie along the longest edge, or fewer; and as many again for rounding: where it is off by more, no float
      * tells depths in the box apart. */
-    Part part = {from, INFINITY, {-box.first, 1.0f / box.spacing}, 2 * (box.slices + 1)};
+    Part part = {from, INFINITY, {-box.first, 1.0f / box.spacing}, 2 * (box.slices + 1), box.alone, box.only};
     for (int k = 0; k < 3; k++) {
         const float *r = box.from_world + 4 * k;
         const Linear side = {r[0] * ray->x.fixed + r[1] * ray->y.fixed + r[2] * ray->z.fixed + r[3],
@@ -188,8 +191,8 @@ intl meet_object(const Views *views, const WorldRay *ray, Part part, floatl hidd
     const floatl step = pick(rises, (floatl)1.0f, (floatl)-1.0f), per_slice = 1.0f / part.number.sloped;
     const floatl most = part.most, s_front = lesser(greater(AT(part.number, part.front), -most), most);
     const floatl back = lesser(hidden + fabs(per_slice), part.back); /* halvings bring a point forward by up to a slice */
-    floatl slice = pick(rises, ceil_lanes(s_front), floor_lanes(s_front));
-    for (int left = 2 * part.most; left >= 0; left--, slice += step) {
+    floatl slice = part.alone ? (floatl)(float)part.only : pick(rises, ceil_lanes(s_front), floor_lanes(s_front));
+    for (int left = part.alone ? 0 : 2 * part.most; left >= 0; left--, slice += step) {
         const floatl z = (slice - part.number.fixed) * per_slice;
         searches = searches & !found & (z <= back);
         if (!any_lane(searches))

@@ -32,6 +32,7 @@ from pyibr.slicing.spacing import (
     SLICES_USUAL,
     Slices,
     checked_halvings,
+    checked_only,
     checked_slices,
     closest,
     halvings_between,
@@ -80,6 +81,10 @@ class DepthObject(Fixed):
         What a sample without depth says: that there is nothing, or nothing at all, as in the scans of sensors that
         do not see everything. Infinite depth, and depth from the image's `far` on, is always background. Beside an
         image it is the same: what lies out of its frame is cut off, or left to the other images.
+    only : int, optional
+        The number of the slice that alone is drawn, to look at what the tests leave of it (figure 16): from 0 at one
+        side of the box to `slices` at the other, or fewer where it is shorter; of slices parallel to the screen from
+        the middle on, farther ones above 0. Points are on the slice, without `halvings`.
 
     Raises
     ------
@@ -108,10 +113,12 @@ class DepthObject(Fixed):
         texture: Texture = "visible",
         halvings: int = 2,
         missing: Missing = "background",
+        only: int | None = None,
     ) -> None:
         self.views = _checked_views(views, (DepthImage,))
         self.halvings = checked_halvings(halvings)
         self.slices: Slices = checked_slices(slices)
+        self.only = checked_only(only, self.slices)
         one_of("slicing", slicing, ObjectSlicing)
         one_of("texture", texture, Texture)
         one_of("missing", missing, Missing)
@@ -162,7 +169,7 @@ class DepthObject(Fixed):
         >>> first.with_views([red, *first.views[1:]])
         <DepthObject 6 views, 64 slices>
         """
-        made = DepthObject(views, self.slices, self.slicing, self.texture, self.halvings, self.missing)
+        made = DepthObject(views, self.slices, self.slicing, self.texture, self.halvings, self.missing, self.only)
         made.__dict__["words"] = _with_known(self, self.words, made.views, _words_of)
         if all(map(np.array_equal, astuple(self.box), astuple(made.box))):  # what is background lies at its end
             made.__dict__["maps"] = _with_known(self, self.maps, made.views, made.map_of)
@@ -195,7 +202,7 @@ class VisualHull(Fixed):
         Along the longest edge of the hull's box; other directions have the same spacing. "view": as for `DepthObject`.
     slicing : {"orthogonal", "screen"}
         As for `DepthObject`; the box's axes are the world's.
-    halvings : int
+    halvings, only : int
         As for `DepthObject`.
 
     Raises
@@ -221,10 +228,12 @@ class VisualHull(Fixed):
         slices: Slices = 128,
         slicing: ObjectSlicing = "orthogonal",
         halvings: int = 2,
+        only: int | None = None,
     ) -> None:
         self.views = _checked_views(views, (Silhouette, DepthImage))
         self.halvings = checked_halvings(halvings)
         self.slices: Slices = checked_slices(slices)
+        self.only = checked_only(only, self.slices)
         one_of("slicing", slicing, ObjectSlicing)
         self.slicing: ObjectSlicing = slicing
         self.box = box_of_silhouettes(self.views)
@@ -285,7 +294,7 @@ class VisualHull(Fixed):
             made = object.__new__(VisualHull)
             made.__dict__.update(self.__getstate__(), views=given)
         else:
-            made = VisualHull(given, self.slices, self.slicing, self.halvings)
+            made = VisualHull(given, self.slices, self.slicing, self.halvings, self.only)
         made.__dict__["words"] = _with_known(self, self.words, given, _words_of)
         made.__dict__["maps"] = _with_known(self, self.maps, given, _mask_of)
         return made
@@ -331,6 +340,7 @@ def draw_object(target: Target, thing: DepthObject | VisualHull, counts: DeviceA
     record["from_world"] = (box.from_world @ _moved_by(box.center)).ravel()
     record["edges"], record["spacing"], record["slices"] = box.edges, spacing, np.ceil(box.edges.max() / spacing - 1e-6)
     depth = float(camera.camera_from_world[2, :3] @ box.center + camera.camera_from_world[2, 3])
+    record["alone"], record["only"] = thing.only is not None, thing.only or 0
     record["first"] = np.rint(depth / spacing) if thing.slicing == "screen" else 0
     corners = np.asarray(box.corners, np.float32)
     near = target.near((corners.min(axis=0), corners.max(axis=0)))
@@ -367,7 +377,7 @@ def spacing_in(thing: DepthObject | VisualHull, camera: Camera) -> tuple[float, 
     """Scene units from slice to slice in a picture, and how often the way between two is halved."""
     box = thing.box
     if thing.slices != "view":
-        return float(box.edges.max()) / thing.slices, thing.halvings
+        return float(box.edges.max()) / thing.slices, 0 if thing.only is not None else thing.halvings
     pixel = nearest_pixel(camera, box.corners)
     # Along the ray through the middle slices lie a pixel apart.
     if thing.slicing == "screen":

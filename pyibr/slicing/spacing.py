@@ -6,7 +6,8 @@ import math
 from typing import Literal
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Float64, one_of, whole_from
+from pyibr.core.checks import Float64, describe, one_of, whole_from
+from pyibr.core.errors import ArgumentError
 from pyibr.opencl.headers import constant
 
 Slices = int | Literal["view"]
@@ -33,6 +34,15 @@ def slices_text(slices: Slices) -> str:
 def checked_halvings(halvings: int) -> int:
     """Return how often the way between two slices is halved or raise ArgumentError."""
     return whole_from("halvings", halvings, 0, int(constant(_RAYS, "HALVINGS_MOST")))
+
+
+def checked_only(only: int | None, slices: Slices) -> int | None:
+    """Return the number of the only slice, or None for all, or raise ArgumentError."""
+    if only is None:
+        return None
+    if slices == "view":
+        raise ArgumentError("only", 'None with slices="view", which has no numbers', describe(only))
+    return whole_from("only", only, -SLICES_MOST, SLICES_MOST)
 
 
 def closest(extent: float) -> float:

@@ -314,6 +314,8 @@ def random_solid(chance: Chance, scale: float, floats: bool) -> Any:
         "slicing": chance.mostly(chance.one(["orthogonal", "screen"])),
         "halvings": chance.mostly(chance.one([0, 2, 24])),
     }
+    if chance(0.2):
+        more["only"] = chance.mostly(chance.one([0, 3, -2, 65536]))
     if chance(0.5):
         texture, missing = chance.one(["visible", "naive"]), chance.one(["background", "unknown"])
         made = ibr.DepthObject(chance.mostly(views), texture=texture, missing=missing, **more)

@@ -363,7 +363,8 @@ def _objects(setting: Setting) -> Cases:
     for sizes in of_sizes:
         views = _views_around(setting, sizes)
         for slicing in ("orthogonal", "screen"):
-            things: list[Any] = [ibr.DepthObject(views, 5, slicing, missing="unknown")]
+            whole = ibr.DepthObject(views, 5, slicing, missing="unknown")
+            things: list[Any] = [whole, ibr.DepthObject(views, 5, slicing, only=2)]
             if sizes[0] != (1, 1):
                 things.append(ibr.VisualHull(views, "view", slicing))
             for camera in cameras[: 3 if setting.thorough else 2]:
