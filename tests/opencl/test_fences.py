@@ -41,7 +41,7 @@ print("through", made.host[steps[1]])
 
 def run(*command: str) -> subprocess.CompletedProcess[str]:
     variables = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
-    return subprocess.run([sys.executable, *command], env=variables, capture_output=True, text=True, timeout=900)
+    return subprocess.run([sys.executable, *command], env=variables, capture_output=True, text=True, timeout=1800)
 
 
 @linux

@@ -16,7 +16,7 @@ def test_no_kernel_reads_or_writes_what_is_not_its_own(tmp_path: Path):
     paths = {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p), "PYIBR_CACHE": str(tmp_path)}
     command = ("oclgrind", "--check-api", sys.executable, "-m", "tests.opencl.cases")
     variables = os.environ | paths | {"PYIBR_DEVICE": "oclgrind"}
-    done = subprocess.run(command, env=variables, capture_output=True, text=True, timeout=900)
+    done = subprocess.run(command, env=variables, capture_output=True, text=True, timeout=1800)
     said = done.stdout + done.stderr
     assert done.stdout.endswith("through on Oclgrind\n"), said[-3000:]
     for report in ("Invalid read", "Invalid write", "Uninitialized"):
