@@ -29,8 +29,9 @@ SIZE = (800, 600)
 PLANE, PLANE_SAFE = "linear, 32 + 6 steps", "safe"
 PEER, PEER_FLOAT = "llvmpipe, heights in 8 bits", "llvmpipe, heights in float"
 PAPER_RATE = 85.0  # frames per second, GeForce 6800 GT: the refresh rate of its monitor
-BARS = {"plane": 0.4, "same picture": 45.0, "scene": PAPER_RATE}
-BARRED_SCENES = ("torus", "teapot")
+BARS = {"plane": 0.3, "same picture": 45.0}
+SCENE_BARS = {"torus": ("linear", PAPER_RATE), "teapot": ("linear", PAPER_RATE), "room": ("safe", 25.0)}
+"""Frames per second, by scene, and of which way."""
 WAYS: dict[str, dict[str, Any]] = {
     "linear": {"search": "linear"},
     "safe": {"search": "safe"},
