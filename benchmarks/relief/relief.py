@@ -32,6 +32,7 @@ PAPER_RATE = 85.0  # frames per second, GeForce 6800 GT: the refresh rate of its
 BARS = {"plane": 0.3, "same picture": 45.0}
 SCENE_BARS = {"torus": ("linear", PAPER_RATE), "teapot": ("linear", PAPER_RATE), "room": ("safe", 25.0)}
 """Frames per second, by scene, and of which way."""
+ROOMS = ("room", "room, the light moves")
 WAYS: dict[str, dict[str, Any]] = {
     "linear": {"search": "linear"},
     "safe": {"search": "safe"},
@@ -48,8 +49,10 @@ def cases(plan: Plan) -> Iterator[Case]:
     """The plane, the paper's kinds of scenes, steps, and ray casting."""
     yield Case({"case": "plane"}, functools.partial(_plane, plan.relief_plane))
     for name, repeats in plan.relief_scenes.items():
-        make = _room if name == "room" else functools.partial(_scene, name)
-        yield Case({"case": "scene", "scene": name}, functools.partial(make, repeats))
+        scenes = ROOMS if name == "room" else (name,)
+        for scene in scenes:
+            make = _room if name == "room" else _scene
+            yield Case({"case": "scene", "scene": scene}, functools.partial(make, scene, repeats))
     for name in MAPS:
         yield Case({"case": "steps", "map": name}, functools.partial(_steps, name, plan.relief_steps))
     yield Case({"case": "embree"}, functools.partial(_embree, plan.relief_embree))
@@ -120,8 +123,11 @@ def _scene(name: str, repeats: int) -> Work | Skip:
     return Work(subjects, repeats, read)
 
 
-def _room(repeats: int) -> Work:
-    """Walls, floor, columns and a torus, all of them reliefs, with a spot's shadows: the paper's figure 1."""
+def _room(name: str, repeats: int) -> Work:
+    """Walls, floor, columns and a torus, all of them reliefs, with a spot's shadows: the paper's figure 1.
+
+    The light keeps its map while the scene stays; one that moves is made anew, with its map.
+    """
     height, color = bricks()
     quads = [
         ((-3, 2.2, 0), (6, 0, 0), (0, 0, 3)),
@@ -138,17 +144,20 @@ def _room(repeats: int) -> Work:
     ring = models.donut(40, 0.62, 0.26)
     bases.append((ibr.Mesh(np.add(ring.vertices, (0.5, -0.9, 0.24)), ring.faces, ring.uv, ring.normals), (7, 3), 0.06))
     camera = ibr.Camera.look_at((2.7, -4.4, 2.1), (-0.2, 0.2, 0.9), (0, 0, 1), SIZE, 48)
-    light = ibr.Light(position=(2.6, -3.6, 4.4), direction=(-2.6, 3.9, -3.9), angle=75)
+    spot = functools.partial(ibr.Light, position=(2.6, -3.6, 4.4), direction=(-2.6, 3.9, -3.9), angle=75)
     things = {way: [ibr.ReliefSurface(m, height, color, s, t, **o) for m, t, s in bases] for way, o in WAYS.items()}
-    parameters: dict[str, Parameter] = {"case": "scene", "scene": "room"}
+    parameters: dict[str, Parameter] = {"case": "scene", "scene": name}
 
     def read() -> Iterator[Record]:
-        frame = ibr.render(things["safe"], camera, light)
+        frame = ibr.render(things["safe"], camera, spot())
         yield Record("safe", "coverage", "share", parameters, [float(frame.valid.mean())])
         yield Record("safe", "triangles", "count", parameters, [sum(len(mesh.faces) for mesh, _, _ in bases)])
 
+    def drawn(all_: list[ibr.ReliefSurface], light: ibr.Light | None) -> ibr.Frame:
+        return ibr.render(all_, camera, light or spot())
+
     subjects: dict[str, Subject] = {
-        way: functools.partial(ibr.render, all_, camera, light) for way, all_ in things.items()
+        way: functools.partial(drawn, all_, spot() if name == "room" else None) for way, all_ in things.items()
     }
     return Work(subjects, repeats, read)
 

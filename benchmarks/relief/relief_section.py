@@ -26,7 +26,8 @@ RELIEF_SCENES = """### Scenes
 
 Milliseconds, and frames per second in brackets. *Exact* measures to circles, the others along the normal (equation 7).
 The factors are those of exact over approximate distances; the paper reports two for its equation 6. The room is several
-reliefs with a light and its shadows, so that all of them are drawn twice; the other scenes have neither.
+reliefs with a light and its shadows, whose map is kept while the camera alone moves; where the light moves, all of them
+are drawn twice. The other scenes have no light.
 """
 
 RELIEF_STEPS = """### Steps

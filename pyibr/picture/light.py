@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pyibr.core.checks import Float64, describe, numbers, true_or_false, whole_from
+from pyibr.core.checks import Fixed, Float64, describe, numbers, read_only, true_or_false, whole_from
 from pyibr.core.errors import ArgumentError
 from pyibr.opencl.headers import struct
 
@@ -16,8 +16,10 @@ _MOST = 1e6  # brightness; beyond, products leave the range of single precision
 _FARTHEST = 1e15  # scene units
 
 
-class Light:
+class Light(Fixed):
     """A light: far away, at a point, or a spot. Surfaces follow Lambert's law, with highlights, and cast shadows.
+
+    It cannot be changed once it is made, and keeps its shadow maps for further pictures of the same things.
 
     Parameters
     ----------
@@ -69,9 +71,9 @@ class Light:
     ) -> None:
         if direction is None and position is None:
             raise ArgumentError("direction", "a direction, a position, or both for a spot", "none")
-        self.direction = None if direction is None else numbers("direction", direction, (3,))
-        self.position = None if position is None else numbers("position", position, (3,))
-        self.color = numbers("color", color, (3,))
+        self.direction = None if direction is None else read_only(numbers("direction", direction, (3,)))
+        self.position = None if position is None else read_only(numbers("position", position, (3,)))
+        self.color = read_only(numbers("color", color, (3,)))
         self.ambient = _in_range("ambient", ambient, 0, 1)
         self.angle = float(numbers("angle", angle, ()))
         self.specular = _in_range("specular", specular, 0, _MOST)

@@ -121,7 +121,8 @@ def render(
                 drawable.draw(target, lit)
             target.clear()  # if none has written anything
 
-        lit = None if light is None else lighting(light, [_bounds_of(one) for one in drawables], draw_all, dtype)
+        bounds = [_bounds_of(one) for one in drawables]
+        lit = None if light is None else lighting(light, several, look, bounds, draw_all, dtype)
         targets = [Target(one, dtype, anisotropy=readings) for one in pane_cameras(fine)]
         for target in targets:
             draw_all(target, lit)

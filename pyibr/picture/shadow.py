@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -11,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Float64
+from pyibr.core.checks import Fixed, Float64
 from pyibr.opencl.device import current
 from pyibr.opencl.headers import struct
+from pyibr.opencl.kept import kept
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, copy, duplicate, empty
 from pyibr.opencl.program import kernel
@@ -81,12 +83,38 @@ class Lighting:
         return values
 
 
-def lighting(light: Light, bounds: Sequence[Bounds], draw: Callable[[Target], None], dtype: np.dtype[Any]) -> Lighting:
+@dataclass(frozen=True)
+class _Seen:
+    """The last that a light has looked at."""
+
+    things: Sequence[weakref.ref[Fixed]]
+    look: object
+    lighting: Lighting
+
+    def is_of(self, things: Sequence[object], look: object) -> bool:
+        same = len(things) == len(self.things) and all(a() is b for a, b in zip(self.things, things, strict=True))
+        return same and self.look == look
+
+
+def lighting(
+    light: Light,
+    things: Sequence[object],
+    look: object,
+    bounds: Sequence[Bounds],
+    draw: Callable[[Target], None],
+    dtype: np.dtype[Any],
+) -> Lighting:
     """Let the light look at the scene, if it casts shadows.
+
+    A light keeps the maps of its last scene: as long as no thing changes, pictures from other cameras find them there.
 
     Parameters
     ----------
     light : Light
+    things : sequence
+        The scene. Of those that are no `Fixed`, nobody knows whether they have changed.
+    look : Look
+        How depth images are looked at, of `pyibr.picture.drawable`.
     bounds : sequence of (low, high)
         Of each thing, in the world.
     draw : callable
@@ -96,6 +124,10 @@ def lighting(light: Light, bounds: Sequence[Bounds], draw: Callable[[Target], No
     """
     if not light.shadow_size:
         return Lighting(light)
+    last = kept(light, "seen", lambda: list[_Seen]())
+    if last and last[0].is_of(things, look):
+        return last[0].lighting
+    last.clear()
     cameras = light_cameras(light, bounds)
     size = light.shadow_size
     maps = empty((len(cameras) * size, size), np.float32)
@@ -103,7 +135,11 @@ def lighting(light: Light, bounds: Sequence[Bounds], draw: Callable[[Target], No
         target = Target(camera, dtype, from_light=True)
         draw(target)
         copy(target.depth, maps, number * size * size)
-    return Lighting(light, maps, cameras)
+    made = Lighting(light, maps, cameras)
+    fixed = [thing for thing in things if isinstance(thing, Fixed)]
+    if len(fixed) == len(things):
+        last.append(_Seen([weakref.ref(thing) for thing in fixed], look, made))
+    return made
 
 
 def light_cameras(light: Light, bounds: Sequence[Bounds]) -> list[Camera]:

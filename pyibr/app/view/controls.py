@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, cast, get_args
 
 import numpy as np
@@ -181,7 +182,7 @@ class Controls:
             return None
         direction = -_direction(self._scene.up, np.radians(self._around.value), np.radians(self._above.value))
         size = 1024 if self._shadows.value else 0
-        return Light(direction, ambient=self._ambient.value, shadow_size=size, relight=self._relights.value)
+        return _light_from(tuple(direction), self._ambient.value, size, self._relights.value)
 
     def _choice(self, label: str, words: Any, first: str) -> Any:
         return self._watched(self._gui.add_dropdown(label, get_args(words), initial_value=first))
@@ -198,6 +199,12 @@ def _value(knob: Knob, handle: Any) -> Value:
 def _step(value: float) -> float:
     """By which a number of this size is turned."""
     return float(10.0 ** np.floor(np.log10(abs(value)) - 1)) if value else 0.01
+
+
+@lru_cache(maxsize=8)
+def _light_from(direction: tuple[float, ...], ambient: float, shadow_size: int, relight: bool) -> Light:
+    """The same light for the same settings: it keeps its shadow maps."""
+    return Light(direction, ambient=ambient, shadow_size=shadow_size, relight=relight)
 
 
 def _direction(up: Float64, around: float, above: float) -> Float64:
