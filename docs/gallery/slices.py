@@ -326,8 +326,9 @@ def one_slice() -> Figure:
     points = camera.unproject(pixels, np.full(len(pixels), 12 - height))
     passed = np.stack([_left_by(view, points) for view in views], axis=-1).reshape(400, 400, 6)
     tints = np.array([(230, 60, 60), (60, 190, 80), (70, 110, 230), (230, 190, 40), (180, 70, 200), (40, 190, 200)])
-    mixed = (passed[..., None] * tints).sum(axis=2) / np.maximum(passed.sum(axis=2), 1)[..., None]
-    mixed = np.where(passed.all(axis=-1)[..., None], 255, np.where(passed.any(axis=-1)[..., None], 0.8 * mixed, 30))
+    count = passed.sum(axis=2)[..., None]
+    mixed = 0.8 * (passed[..., None] * tints).sum(axis=2) / np.maximum(count, 1)
+    mixed = np.where(count == 6, 255, np.where(count > 0, mixed, 30))
     alone = ibr.DepthObject(views, 128, only=number)
     oblique = ibr.Camera.look_at((4.5, -5.5, 6.5), (0, 0, 0), (0, 0, 1), (420, 400), fov_y=42)
     light = {"background": (255, 255, 255), "samples": 4}
