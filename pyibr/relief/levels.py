@@ -80,14 +80,15 @@ def height_levels(height: Float32, height_bytes: int, wrap: Wrap) -> HeightLevel
         if w == h == 1:
             break
         finer, level = level, halved(level)
-        lost += float(np.abs(finer - _stretched(_stretched(level, w).T, h).T).max())
+        lost += float(np.abs(finer - _stretched(_stretched(level, w, wrap).T, h, wrap).T).max())
     return HeightLevels(np.concatenate(words), np.concatenate(bounds), np.array(rows, np.int32), height_bytes)
 
 
-def _stretched(level: Float32, columns: int) -> Float32:
-    """A tiled map's rows read at as many places, bilinear."""
+def _stretched(level: Float32, columns: int, wrap: Wrap) -> Float32:
+    """A map's rows read at as many places, bilinear."""
     n = level.shape[1]
     x = (np.arange(columns) + 0.5) * (n / columns) - 0.5
     left = np.floor(x).astype(int)
     part = (x - left).astype(np.float32)
-    return np.asarray((1 - part) * level[:, left % n] + part * level[:, (left + 1) % n], np.float32)
+    there = [k % n if wrap == "repeat" else k.clip(0, n - 1) for k in (left, left + 1)]
+    return np.asarray((1 - part) * level[:, there[0]] + part * level[:, there[1]], np.float32)
