@@ -176,6 +176,18 @@ INLINED floatl add_mesh(const Context *context, const Meshes *meshes, int mesh, 
     return weight;
 }
 
+#if OCCUPIED
+/* Writes which views gave a block's pixels their colours; x, y: its first pixel. */
+void tell_views(intl views, Screen screen, int x, int y, global uint *occupancy)
+{
+    for (int lane = 0; lane < LANES; lane++) {
+        const long at = pixel_of(screen, x, y, lane);
+        if (at >= 0)
+            occupancy[at] = int_lane(views, lane);
+    }
+}
+#endif
+
 kernel void draw_meshes(global const int *corners, global const float *projected, global const float *points,
                         global const int *list, global const int *starts, int bins_x, global const int *firsts,
                         global const int *sources, global const int *levels, global const float *scales,
@@ -269,11 +281,7 @@ kernel void draw_meshes(global const int *corners, global const float *projected
         shown.owner[block] = pick(mine, (intl)0, (intl)-1);
         write_block(&shown, block, screen, depth, color, valid, blank, first_x, first_y, shade);
 #if OCCUPIED
-        for (int lane = 0; lane < LANES; lane++) {
-            const long at = pixel_of(screen, first_x, first_y, lane);
-            if (at >= 0)
-                occupancy[at] = int_lane(views, lane);
-        }
+        tell_views(views, screen, first_x, first_y, occupancy);
 #endif
     }
 }

@@ -165,8 +165,8 @@ class DepthObject(Fixed):
         >>> from pyibr.capture.raycast import object_views
         >>> views = object_views(models.donut(), 64)
         >>> first = ibr.DepthObject(views, slices=64)
-        >>> red = ibr.DepthImage(views[0].color // (1, 2, 2), views[0].depth, views[0].camera)
-        >>> first.with_views([red, *first.views[1:]])
+        >>> darker = ibr.DepthImage(views[0].color // 2, views[0].depth, views[0].camera)
+        >>> first.with_views([darker, *first.views[1:]])
         <DepthObject 6 views, 64 slices>
         """
         made = DepthObject(views, self.slices, self.slicing, self.texture, self.halvings, self.missing, self.only)

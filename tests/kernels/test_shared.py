@@ -53,7 +53,7 @@ kernel void moved_into_tile(global const float *x, int size, global float *out)
     const int i = get_global_id(0) * LANES;
     const floatl at = load_lanes(x + i), per_size = 1.0f / size;
     FLOOR(at, whole, number)
-    store_lanes(to_floatl(TILED(whole, number, (intl)size, per_size)), out + i);
+    store_lanes(to_floatl(ON_MAP(whole, number, (intl)size, per_size)), out + i);
 }
 
 kernel void points(Screen screen, global const float *x, global const float *y, global const float *n,
