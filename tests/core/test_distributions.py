@@ -19,6 +19,8 @@ def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         folder.mkdir()
         (folder / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.2\n")
         (folder / "RECORD").write_text(f"{file},,\n{folder.name}/METADATA,,\n")
+        (tmp_path / file).parent.mkdir(exist_ok=True)  # Python 3.12 and later tell only of files that exist
+        (tmp_path / file).touch()
 
     return install
 
