@@ -237,7 +237,7 @@ def draw_relief(
         more |= {"normal_width": width, "normal_height": height, **lit.arguments()}
         more |= {"normal_map": buffers.get("normal_map", buffers["vertices"])}
         if lit.maps is not None:
-            defines["SHADOWS"] = int(constant("relief/relief.cl", _SHADOWS[surface.shadow]))
+            defines["SHADOWS"] = int(constant("relief/sight.h", _SHADOWS[surface.shadow]))
     if target.from_light:
         defines["DEPTH_ALONE"] = 1
     if counts is not None:
@@ -258,7 +258,7 @@ def draw_relief(
         scale=surface.scale,
         pixel_size=1 / float(max(K[0, 0], K[1, 1])),
         quadric=surface.silhouette == "quadric",
-        search=constant("relief/relief.cl", surface.search.upper()),
+        search=constant("relief/entry.h", surface.search.upper()),
         steps=surface.steps,
         halvings=surface.halvings,
         blank=target.blank,
@@ -274,7 +274,7 @@ def _buffers(surface: ReliefSurface) -> dict[str, DeviceArray]:
     base, frames, levels = surface.drawn, surface.frames, surface.levels
     uv = np.asarray(base.uv, np.float64) * surface.tiles
     vertices = np.concatenate([uv, frames.normals, frames.gradients.reshape(-1, 6), frames.quadrics], axis=1)
-    rows = np.zeros((len(vertices), int(constant("relief/relief.cl", "VERTEX"))), np.float32)
+    rows = np.zeros((len(vertices), int(constant("relief/entry.h", "VERTEX"))), np.float32)
     rows[:, : vertices.shape[1]] = vertices
     made = {
         "points": upload(base.vertices),

@@ -1,0 +1,130 @@
+#ifndef RELIEF_ENTRY_H
+#define RELIEF_ENTRY_H
+/* What a relief is, and where a pixel's ray enters it: the vertices' frames and quadrics there, and the ray in texture
+ * space (Oliveira & Policarpo 2005, sections 3.3 and 3.4).
+ *
+ * faces: (triangles, 3) corners of each. projected: (vertices, 4), raster/project.cl. vertices: (vertices, VERTEX) u, v,
+ * normal, gradient of u, gradient of v (world, per scene unit), a, b, c, unused. texels, bounds, levels: search.h.
+ */
+#include "lib/texture.h"
+#include "lib/vectors.h"
+#include "raster/triangle.h"
+#include "relief/search.h"
+
+#define VERTEX 16 /* floats of a vertex */
+
+#define LINEAR 0
+#define SAFE 1
+#define FLAT 1e-5f /* curvature times depth: what bends less is a plane, but for rounding */
+#define LEAST_COSINE 1e-3f /* of a ray that enters: at outlines interpolated normals may look away */
+
+typedef struct {
+    global const int *faces;
+    global const float *projected, *vertices;
+    global const uint *texels;
+    global const ushort *bounds;
+    global const int *levels;
+    int level_count;
+    Screen screen;
+    float scale, pixel_size; /* scene units of depth 1, and of a pixel at distance 1 */
+    int quadric, search, steps, halvings;
+} Relief;
+
+/* What the vertices say where a pixel's ray enters */
+typedef struct {
+    floatl u, v;
+    Vector normal, along_u, along_v; /* the normal of unit length, and the gradients of u and v */
+    floatl a, b, c;
+} Entry;
+
+Entry entry_of(const Relief *relief, intl index, floatl x, floatl y)
+{
+    const OnTriangle pixel = on_triangle(relief->faces, relief->projected, index, x, y);
+    floatl of_vertex[VERTEX];
+    corner_means(relief->vertices, &pixel, of_vertex);
+    const Vector normal = {of_vertex[2], of_vertex[3], of_vertex[4]};
+    const floatl unit = 1.0f / sqrt(greater(DOT(normal, normal), (floatl)1e-20f));
+    const Entry e = {of_vertex[0], of_vertex[1], scaled(normal, unit), {of_vertex[5], of_vertex[6], of_vertex[7]},
+                     {of_vertex[8], of_vertex[9], of_vertex[10]}, of_vertex[11], of_vertex[12], of_vertex[13]};
+    return e;
+}
+
+/* a x^2 + b y^2 + c x y, of one direction, or between two */
+INLINED floatl bending(const Entry *e, floatl x, floatl y, floatl other_x, floatl other_y)
+{
+    return e->a * x * other_x + e->b * y * other_y + 0.5f * e->c * (x * other_y + y * other_x);
+}
+
+/* The ray in texture space (section 3.4), but for its level and end */
+void set_ray(ReliefRay *ray, const Entry *e, Vector d, int quadric, float scale)
+{
+    const float per_scale = 1.0f / scale;
+    const floatl cosine = DOT(d, e->normal); /* < 0: it enters */
+    ray->u = IN_FIRST_TILE(e->u);
+    ray->v = IN_FIRST_TILE(e->v);
+    ray->du = DOT(d, e->along_u);
+    ray->dv = DOT(d, e->along_v);
+    const Vector down = cross_of(e->normal, e->along_u);
+    const floatl per_u = 1.0f / sqrt(greater(DOT(e->along_u, e->along_u), (floatl)1e-30f));
+    const floatl x = ray->du * per_u, y = DOT(d, down) * per_u; /* of the direction */
+    ray->L = greater(-cosine, (floatl)LEAST_COSINE) * per_scale;
+    const floatl bend = quadric ? bending(e, x, y, x, y) : (floatl)0.0f;
+    ray->K = bend * per_scale;
+#if DISTANCE != APPROXIMATE
+    ray->vz = lesser(cosine, (floatl)-LEAST_COSINE);
+#endif
+#if DISTANCE == EXACT
+    ray->per_scale = per_scale;
+    /* The quadric is l1 p^2 + l2 q^2 along its principal directions, l1 >= l2. */
+    const floatl bends = quadric ? (floatl)1.0f : (floatl)0.0f, sum = bends * (e->a + e->b), s_2 = x * x + y * y;
+    const floatl apart = bends * sqrt((e->a - e->b) * (e->a - e->b) + e->c * e->c); /* l1 - l2 */
+    ray->k1 = -sum - apart;
+    ray->k2 = apart - sum;
+    const floatl first = (bend - 0.5f * (sum - apart) * s_2) / greater(apart, (floatl)1e-20f);
+    ray->w1 = lesser(greater(first, (floatl)0.0f), s_2);
+    ray->w2 = s_2 - ray->w1;
+#elif DISTANCE == PERPENDICULAR
+    ray->bend = bend;
+    ray->scale = scale;
+#endif
+}
+
+intl is_sound(const ReliefRay *ray)
+{
+    return isfinite_lanes(ray->u + ray->v + ray->du + ray->dv + ray->K);
+}
+
+/* The square of the texels that a pixel covers along a side where it sees the surface straight on, `size` scene units */
+floatl texels_of(const Entry *e, int width, int height, floatl size, intl enters)
+{
+    const floatl u_2 = DOT(e->along_u, e->along_u);
+    const floatl v_2 = DOT(e->along_v, e->along_v);
+    const floatl texels_2 = greater(u_2 * ((float)width * width), v_2 * ((float)height * height)) * size * size;
+    return pick(enters, texels_2, (floatl)1.0f);
+}
+
+/* The level of the heights whose texels are as large as such a pixel. Where the surface bends, so that rays may come out
+ * again, no level that loses more than a pixel of the relief's height: outlines stay. */
+intl level_of(const Relief *relief, const Entry *e, floatl size, intl enters)
+{
+    intl level = level_of_texels(texels_of(e, relief->levels[0], relief->levels[1], size, enters), relief->level_count);
+    const intl bends = (fabs(e->a) + fabs(e->b) + fabs(e->c)) * (relief->quadric * relief->scale) > FLAT;
+    for (int l = 1; l < relief->level_count && any_lane(level >= l); l++) {
+        const float lost = relief->scale * (1.0f / 65535.0f) * relief->levels[l * TABLE + LOST];
+        level = pick(bends & (size < lost), min(level, (intl)(l - 1)), level);
+    }
+    return level;
+}
+
+/* The scene units that a pixel takes at nearness n */
+#define PIXEL_SIZE(relief, n)                                                                                 \
+    (((relief)->screen.perspective ? 1.0f / (n) : (floatl)1.0f) * (relief)->pixel_size)
+
+void search_relief(const Relief *relief, Search *searches)
+{
+    if (relief->search == SAFE)
+        safe_search(searches, relief->texels, relief->bounds, relief->levels);
+    else
+        linear_search(searches, relief->texels, relief->steps, relief->halvings);
+}
+#endif

@@ -1,0 +1,136 @@
+#ifndef RELIEF_SIGHT_H
+#define RELIEF_SIGHT_H
+/* Is a point of a relief in sight of the light? What the relief around the point hides is found by a second search,
+ * from the point towards the light (Oliveira & Policarpo 2005, figure 4); what lies beyond it is in the light's maps. */
+#include "relief/seen.h"
+
+#define MAPPED 0
+#define SEARCHED 1
+#ifndef SHADOWS
+#define SHADOWS MAPPED /* what hides the light: what its map says, or SEARCHED: what a second search finds, and the map beyond */
+#endif
+#define LIFTED 1e-3f /* of the relief's depth: how far above its surface a point is searched from, so that it is not in it */
+
+#if SHADOWED
+/* From a point of the relief to the light, as far as the relief around the point reaches */
+typedef struct {
+    ReliefRay ray;       /* the other way round: from where it leaves the relief down to the point */
+    Vector exit, normal; /* where it leaves, and the base's normal there */
+    intl sound, leaves;
+    floatl way;   /* from the point to there, in scene units */
+    floatl apart; /* how far another ray may find what lies at the point from there */
+} LightRay;
+
+/* Depths are below the quadric of the point's own entry, by equation 7: the point is on its surface to the last bit,
+ * and the light's ray enters where that quadric's depth is 0. */
+LightRay light_ray(const Relief *relief, const Entry *e, const Seen *seen, Vector light)
+{
+    LightRay made;
+    ReliefRay *ray = &made.ray;
+    Vector x, y;
+    tangents_of(e, &x, &y);
+    const float scale = relief->scale, per_scale = 1.0f / scale, bends = relief->quadric ? 1.0f : 0.0f;
+    const floatl t = seen->t;
+    const floatl px = t * DOT(seen->ahead, x), py = t * DOT(seen->ahead, y), pz = t * DOT(seen->ahead, e->normal);
+    const floatl lx = DOT(light, x), ly = DOT(light, y), lz = DOT(light, e->normal);
+    const floatl found = (bends * bending(e, px, py, px, py) - pz) * per_scale;
+    const floatl height = HEIGHT_UNIT * height_in(relief->texels, seen->track.map, seen->track.x, seen->track.y);
+    const floatl depth = greater(1.0f - height - LIFTED, (floatl)0.0f);
+    /* Along it, depth is depth + slope s + K s^2. */
+    const floatl slope = (2.0f * bends * bending(e, px, py, lx, ly) - lz) * per_scale;
+    const floatl K = bends * bending(e, lx, ly, lx, ly) * per_scale;
+    const floatl discriminant = slope * slope - 4.0f * K * depth, divisor = sqrt(greater(discriminant, (floatl)0.0f)) - slope;
+    made.leaves = (discriminant >= 0.0f) & (divisor > 0.0f);
+    const floatl way = pick(made.leaves, 2.0f * depth / divisor, (floatl)0.0f), lift = (found - depth) * scale;
+    made.way = way;
+    made.exit.x = seen->point.x + lift * e->normal.x + way * light.x;
+    made.exit.y = seen->point.y + lift * e->normal.y + way * light.y;
+    made.exit.z = seen->point.z + lift * e->normal.z + way * light.z;
+    const floatl qx = px + way * lx, qy = py + way * ly; /* of the exit */
+    const floatl across = -2.0f * bends * bending(e, qx, qy, 1.0f, 0.0f), down = -2.0f * bends * bending(e, qx, qy, 0.0f, 1.0f);
+    const Vector normal = {e->normal.x + across * x.x + down * y.x, e->normal.y + across * x.y + down * y.y,
+                           e->normal.z + across * x.z + down * y.z};
+    made.normal = at_unit_length(normal);
+    ray->du = -DOT(light, e->along_u);
+    ray->dv = -DOT(light, e->along_v);
+    const floatl u = seen->place.u - ray->du * way, v = seen->place.v - ray->dv * way;
+    ray->u = IN_FIRST_TILE(u);
+    ray->v = IN_FIRST_TILE(v);
+    ray->L = -slope - 2.0f * K * way;
+    ray->K = K;
+    ray->level = seen->place.level;
+#if DISTANCE != APPROXIMATE
+    ray->vz = (floatl)0.0f; /* without curvatures its depth is that of equation 7 */
+#endif
+#if DISTANCE == EXACT
+    ray->per_scale = per_scale;
+    ray->k1 = ray->k2 = ray->w1 = ray->w2 = (floatl)0.0f;
+#elif DISTANCE == PERPENDICULAR
+    ray->bend = (floatl)0.0f;
+    ray->scale = scale;
+#endif
+    made.sound = (way > 0.0f) & (ray->L > 0.0f) & is_sound(ray);
+    /* Along the surface, before the point and after; another entry's quadric turns by the curvature times that. */
+    const floatl came_2 = t * t - pz * pz, goes_2 = way * way * (1.0f - lz * lz);
+    const floatl curvature = bends * (fabs(e->a + e->b) + sqrt((e->a - e->b) * (e->a - e->b) + e->c * e->c)); /* the greater */
+    made.apart = curvature * depth * scale * sqrt(greater(came_2, goes_2));
+    return made;
+}
+
+/* Does the relief around the point hide it from the light? The paper's second search (figure 4) */
+intl is_hidden(const Relief *relief, const LightRay *light, intl wanted)
+{
+    Search searches[TWINS], *s = searches;
+    s->ray = light->ray;
+    rest(&s->ray, light->sound & wanted);
+    set_end(&s->ray);
+    s->track = track_of(&s->ray, relief->levels);
+    /* Up to the point, but for what the searches may err by */
+    const floatl per_texel = 1.0f / greater(greater(fabs(s->track.dx), fabs(s->track.dy)), (floatl)1e-20f);
+    const floatl end = light->way - 2.0f * NUDGE * per_texel;
+    s->ray.at_bottom = s->ray.at_bottom & (s->ray.end < end);
+    s->ray.end = lesser(s->ray.end, end);
+    s->searches = s->active = light->sound & wanted & (end > 0.0f);
+#if COUNTED
+    s->taken = 0;
+#endif
+    for (int k = 1; k < TWINS; k++) {
+        searches[k] = searches[0];
+        searches[k].active = 0;
+    }
+    search_relief(relief, searches);
+    return s->searches & s->found;
+}
+
+/* How far is a point of the relief in sight of the light, 0 to 1? own: the surface's normal there; faces: where it
+ * matters.
+ *
+ * The light's map has been drawn by its own rays, by the quadrics where these enter. Where the surface bends they find
+ * it elsewhere than the picture's rays, and would shade it by itself. So where what the map says depends on that, a
+ * search from the point decides what the relief around it hides, and the map what hides the place where it ends. A ray
+ * that by the quadric never leaves the relief, as along a saddle, is left to the map. */
+floatl in_sight(const Relief *relief, const Entry *e, const Seen *seen, Vector own, Light light, intl faces SHADOW_PARAMETERS)
+{
+    intl wanted = faces;
+    floatl mapped = 0.0f;
+#if SHADOWS == MAPPED
+    mapped = visibility(shadow_maps, shadow, seen->point, own);
+    wanted = wanted & (mapped < 1.0f);
+    if (!relief->quadric || !any_lane(wanted))
+        return mapped;
+#endif
+    const LightRay ray = light_ray(relief, e, seen, to_light(light, seen->point).way);
+    const floatl outside = visibility(shadow_maps, shadow, ray.exit, ray.normal);
+#if SHADOWS == MAPPED
+    wanted = wanted & ray.leaves & (outside > mapped) & (ray.apart > SHADOW_SLACK * texel_at(shadow, light, seen->point));
+#else
+    if (any_lane(wanted & !ray.leaves))
+        mapped = visibility(shadow_maps, shadow, seen->point, own);
+    wanted = wanted & ray.leaves;
+#endif
+    if (!any_lane(wanted))
+        return mapped;
+    return pick(wanted, pick(is_hidden(relief, &ray, wanted), (floatl)0.0f, outside), mapped);
+}
+#endif
+#endif
