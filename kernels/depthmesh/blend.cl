@@ -16,7 +16,7 @@
  * each half as large as the one before, rounded up. scales: (meshes,) samples of the view to pixels of the target that a
  * scene unit takes at depth 1 of both. colors: RGBA bytes, A = 255 times the part that has samples. weights: (meshes,)
  * positional, > 0. culled: raster/triangle.h. If CLOSED, of ALL views there are: limits, behind, far_colors,
- * limit_sizes, from_target, perspectives, first_levels, closeness and stride, closing.h. depth, color, valid: the picture,
+ * clear, open, limit_sizes, from_target, perspectives, first_levels, closeness and stride, closing.h. depth, color, valid: the picture,
  * which keeps what is nearer already. occupancy: (height, width) bit k is set where view k gave colour, with OCCUPIED.
  * Work-item: a region (raster/region.h). Cost: O(list + pixels * meshes). Determinism: list order, then the meshes'.
  */
@@ -197,7 +197,7 @@ kernel void draw_meshes(global const int *corners, global const float *projected
 #if CLOSED
                         ,
                         global const float *limits, global const float *behind, global const uint *far_colors,
-                        global const int *limit_sizes, global const float *from_target,
+                        global const float *clear, global const float *open, global const int *limit_sizes, global const float *from_target,
                         global const int *perspectives, global const int *first_levels, global const float *closeness,
                         float stride
 #endif
@@ -218,7 +218,8 @@ kernel void draw_meshes(global const int *corners, global const float *projected
     int first_mesh = OTHERS;
     draw_range(&context, seen + OTHERS, VIEWS, list, here, firsts, UNSEEN + OTHERS, UNSEEN + MESHES, depth, x, y);
 #if CLOSED
-    const Seen views_saw = {limits, behind, far_colors, limit_sizes, from_target, perspectives, first_levels, closeness, stride, screen.perspective};
+    const Seen views_saw = {limits, behind, far_colors, clear, open, limit_sizes, from_target,
+                           perspectives, first_levels, closeness, stride, screen.perspective};
     Region sheets, backs;
     draw_range(&context, &backs, 1, list, here, firsts, SHEETS, UNSEEN, depth, x, y);
     if (has_holes(seen)) {

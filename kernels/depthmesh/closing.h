@@ -12,7 +12,8 @@
  * that comes to none ends in nothing. Rays that come out of hidden space behind a sheet and go into some again are closed
  * only if ENCLOSED: beside an object they may go on for ever.
  *
- * Cost: up to 3 STEPS points a ray, each looked up in all views, for rays that meet backs or sheets first.
+ * Cost: up to 3 STEPS points a ray, each looked up in views until one has seen it to be empty, for rays that meet backs
+ * or sheets first.
  */
 #include "depthmesh/tree.h"
 #include "lib/color.h"
@@ -28,12 +29,13 @@
 #define HALVINGS 7 /* of a step: where a ray leaves the empty space is known to 1/128 of one */
 
 /* What the views saw: limits, their depths, INFINITY for background and 0 where nothing is known; behind: the depths that
- * the far sides of edges go on at, not less; far_colors: RGBA bytes there; sizes: (ALL, 3) width,
- * height and start; from_target: (ALL, 16) from the target's pixel space to theirs; perspectives: 1 or 0; first_levels:
+ * the far sides of edges go on at, not less; far_colors: RGBA bytes there; clear, open: the least of limits, and of
+ * behind, at a cell's four samples, at its upper left one's place; sizes: (ALL, 3) width, height and start; from_target: (ALL, 16) from the target's pixel space to theirs; perspectives: 1 or 0; first_levels:
  * (ALL,) their finest levels; closeness: (ALL,) weights of their positions. */
 typedef struct {
     global const float *limits, *behind;
     global const uint *far_colors;
+    global const float *clear, *open;
     global const int *sizes;
     global const float *from_target;
     global const int *perspectives, *first_levels;
@@ -54,21 +56,21 @@ INLINED intl seen_by(const Seen *seen, int view, floatl x, floatl y, floatl n, f
     return (inverse > 0.0f) & (*z > 0.0f) & (*u >= 0.0f) & (*v >= 0.0f) & (*u < right) & (*v < bottom);
 }
 
-/* Has a view seen through the pixel (x, y) at the target's depth, with all four samples around it, up to its limits? */
-intl is_empty(const Seen *seen, global const float *limits, floatl x, floatl y, floatl depth)
+/* Which of the pixels (x, y) that ask has a view seen through at the target's depth, with all four samples around it? up_to:
+ * the least depths of cells, clear or open. */
+intl is_empty(const Seen *seen, global const float *up_to, floatl x, floatl y, floatl depth, intl asks)
 {
     const floatl n = DEPTH_OF(seen->perspective, depth);
     intl empty = (intl)0;
-    for (int view = 0; view < ALL; view++) {
+    for (int view = 0; view < ALL && any_lane(asks); view++) {
         floatl u, v, z;
-        const int width = seen->sizes[3 * view];
-        intl through = seen_by(seen, view, x, y, n, &u, &v, &z);
-        const intl first = seen->sizes[3 * view + 2] + pick(through, to_intl(v) * width + to_intl(u), (intl)0);
-        for (int k = 0; k < 4; k++) {
-            const intl at = first + (k & 1) + (k >> 1) * width;
-            through = through & (z < (floatl)(gather(limits, at)));
-        }
+        const intl sees = asks & seen_by(seen, view, x, y, n, &u, &v, &z);
+        if (!any_lane(sees))
+            continue;
+        const intl cell = pick(sees, to_intl(v) * seen->sizes[3 * view] + to_intl(u), (intl)0) + seen->sizes[3 * view + 2];
+        const intl through = sees & (z < (floatl)(gather(up_to, cell)));
         empty = empty | through;
+        asks = asks & !through;
     }
     return empty;
 }
@@ -83,7 +85,7 @@ intl has_entered(const Seen *seen, floatl x, floatl y, floatl depth, intl asks, 
         const floatl next = inside - seen->stride;
         if (seen->perspective)
             walking = walking & (next > 0.0f);
-        const intl empty = is_empty(seen, seen->limits, x, y, next);
+        const intl empty = is_empty(seen, seen->clear, x, y, next, walking);
         outside = pick(walking & empty, next, outside);
         inside = pick(walking & !empty, next, inside);
         entered = entered | (walking & empty & (inside < depth));
@@ -91,7 +93,7 @@ intl has_entered(const Seen *seen, floatl x, floatl y, floatl depth, intl asks, 
     }
     for (int k = 0; k < HALVINGS && any_lane(entered); k++) {
         const floatl middle = 0.5f * (inside + outside);
-        const intl empty = is_empty(seen, seen->limits, x, y, middle);
+        const intl empty = is_empty(seen, seen->clear, x, y, middle, entered);
         outside = pick(entered & empty, middle, outside);
         inside = pick(entered & !empty, middle, inside);
     }
@@ -117,12 +119,13 @@ intl is_looked_at(const Seen *seen, floatl x, floatl y, floatl depth)
 intl ends_hidden(const Seen *seen, floatl x, floatl y, floatl depth, intl asks, floatl *last)
 {
     floatl from = depth;
-    intl comes_out = (intl)0;
-    for (int k = 0; k < STEPS && any_lane(asks); k++) {
+    intl walking = asks, comes_out = (intl)0;
+    for (int k = STEPS - 1; k >= 0 && any_lane(walking); k--) {
         const floatl next = depth + k * seen->stride;
-        const intl empty = asks & is_empty(seen, seen->limits, x, y, next);
+        const intl empty = walking & is_empty(seen, seen->clear, x, y, next, walking);
         from = pick(empty, next, from);
         comes_out = comes_out | empty;
+        walking = walking & !empty;
     }
     floatl entry;
     const intl entered = has_entered(seen, x, y, depth + seen->stride, asks & !comes_out, &entry);
@@ -138,7 +141,7 @@ intl meets_far_side(const Seen *seen, floatl x, floatl y, floatl depth, intl ask
     intl walking = asks, met = (intl)0;
     for (int k = 1; k <= STEPS && any_lane(walking); k++) {
         const floatl next = depth + k * seen->stride;
-        const intl open = is_empty(seen, seen->behind, x, y, next);
+        const intl open = is_empty(seen, seen->open, x, y, next, walking);
         before = pick(walking & open, next, before);
         beyond = pick(walking & !open, next, beyond);
         met = met | (walking & !open);
@@ -146,7 +149,7 @@ intl meets_far_side(const Seen *seen, floatl x, floatl y, floatl depth, intl ask
     }
     for (int k = 0; k < HALVINGS && any_lane(met); k++) {
         const floatl middle = 0.5f * (before + beyond);
-        const intl open = is_empty(seen, seen->behind, x, y, middle);
+        const intl open = is_empty(seen, seen->open, x, y, middle, met);
         before = pick(met & open, middle, before);
         beyond = pick(met & !open, middle, beyond);
     }

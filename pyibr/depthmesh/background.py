@@ -44,7 +44,8 @@ class Background:
     """What shows through holes, and up to where each view has seen that there is nothing.
 
     Of each view: its `surfaces`, and the `sheets` over what segmentation took out; its `limits`, and how far it is
-    taken to be empty `behind` them, with the `colors` there (kernels/depthmesh/closing.h). `stride` is how far apart
+    taken to be empty `behind` them, with the `colors` there, and the least of both in each cell: `clear`, `open`
+    (kernels/depthmesh/closing.h). `stride` is how far apart
     points are along rays that look for what no view saw to be empty. `enclosed`: no view saw background. `latest` are
     the triangles that were drawn last: for other views they differ.
     """
@@ -54,6 +55,8 @@ class Background:
     limits: DeviceArray
     behind: DeviceArray
     colors: DeviceArray
+    clear: DeviceArray
+    open: DeviceArray
     sizes: DeviceArray
     stride: float
     enclosed: bool
@@ -75,11 +78,19 @@ def background_of(meshes: Sequence[ViewMesh], extent: float, gains: Float64 | No
     sizes = upload(np.array([(*m.view.camera.size, s) for m, s in zip(meshes, starts, strict=True)], np.int32))
     words = [next(color_levels(mesh.view, None if gains is None else gains[k])) for k, mesh in enumerate(meshes)]
     depths, colors = zip(*map(behind_of, meshes, limits, words), strict=True)
-    limit, behind, color = (
-        upload(np.concatenate([part.ravel() for part in each])) for each in (limits, depths, colors)
-    )
+    clear, opened = ([_least_in_cells(part) for part in each] for each in (limits, depths))
+    parts = (limits, depths, colors, clear, opened)
+    arrays = [upload(np.concatenate([part.ravel() for part in each])) for each in parts]
     enclosed = all(bool(np.isfinite(one).all()) for one in limits)
-    return Background(surfaces, sheets, limit, behind, color, sizes, _STRIDE * extent, enclosed)
+    return Background(surfaces, sheets, *arrays, sizes, _STRIDE * extent, enclosed)
+
+
+def _least_in_cells(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The least of each cell's four samples, at its upper left one; 0 in the last row and column."""
+    least = np.zeros_like(values)
+    rows = np.minimum(values[1:], values[:-1])
+    least[:-1, :-1] = np.minimum(rows[:, 1:], rows[:, :-1])
+    return least
 
 
 def _over_holes(coarse: Coarse, mesh: ViewMesh) -> NDArray[np.int32]:

@@ -190,6 +190,8 @@ def _seen_empty(
         "limits": background.limits,
         "behind": background.behind,
         "far_colors": background.colors,
+        "clear": background.clear,
+        "open": background.open,
         "limit_sizes": background.sizes,
         "from_target": upload(np.array(maps, np.float32).reshape(-1, 16)),
         "perspectives": upload(np.array(perspectives, np.int32)),
