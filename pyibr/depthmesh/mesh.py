@@ -98,7 +98,7 @@ class DepthMesh(Fixed):
 
     @cached_property
     def _box(self) -> tuple[Float64, Float64]:
-        with self.tree.cells.session.lock:
+        with self.tree.cells.session.turn():
             return self.view.bounds_of(_in_triangles(self.tree))
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
@@ -113,7 +113,7 @@ class DepthMesh(Fixed):
     @property
     def tree(self) -> Tree:
         """The quadtree on the current device, made once."""
-        with current().lock:
+        with current().turn():
             return kept(self, "tree", self._made_tree)
 
     def _made_tree(self) -> Tree:
@@ -126,7 +126,7 @@ class DepthMesh(Fixed):
     def normals(self) -> NDArray[np.float32]:
         """(H, W, 3) unit normals of the samples in the view's camera's frame, towards the camera."""
         tree = self.tree
-        with tree.cells.session.lock:
+        with tree.cells.session.turn():
             return tree.sample_normals()
 
     @property
@@ -156,7 +156,7 @@ class DepthMesh(Fixed):
         ArgumentError
             If an argument is out of its range.
         """
-        with self.tree.states.session.lock:
+        with self.tree.states.session.turn():
             return self._mesh_of(*self._some_triangles_for(camera, tolerance))
 
     def simplify(self, max_error: float) -> Mesh:
@@ -187,7 +187,7 @@ class DepthMesh(Fixed):
         2
         """
         tree, bound = self.tree, checked_tolerance("max_error", max_error)
-        with tree.states.session.lock:
+        with tree.states.session.turn():
             return self._mesh_of(*_triangles_of(tree, active_within(tree, bound)))
 
     @overload
@@ -236,7 +236,7 @@ class DepthMesh(Fixed):
         (('number', 'position', 'normal', 'color'), array([ 0.,  0., -1.], dtype=float32))
         """
         true_or_false("normals", normals)
-        with self.tree.states.session.lock:
+        with self.tree.states.session.turn():
             samples, faces = self._some_triangles_for(camera, tolerance)
             made = self._mesh_of(samples, faces) if normals else None
         strips = strips_of(samples[faces], faces, self.view.camera.width, self.tree.side)

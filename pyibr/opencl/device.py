@@ -27,6 +27,7 @@ from pyibr.opencl.probe import Doubted, forget, probe
 from pyibr.opencl.profile import DeviceProfile, profile_of
 from pyibr.opencl.runtimes import Found, found_devices
 from pyibr.opencl.spare import Spare
+from pyibr.opencl.turns import offer
 
 if TYPE_CHECKING:
     import pyopencl as cl
@@ -57,6 +58,8 @@ class Session:
         Memory that `empty` hands out again.
     lock : threading.RLock
         Held by a call while its launches are made and awaited; a long one lets others in between its pieces.
+    waiting : set of int
+        Threads that wait for the lock.
     flight : Flight
         What the queue still has to do.
     """
@@ -68,7 +71,25 @@ class Session:
     kernels: dict[Hashable, Any] = field(default_factory=dict["Hashable", Any], repr=False)
     spare: Spare = field(default_factory=Spare, repr=False)
     lock: threading.RLock = field(default_factory=threading.RLock, repr=False)
+    waiting: set[int] = field(default_factory=set["int"], repr=False)
     flight: Flight = field(default_factory=Flight, repr=False)
+
+    @contextmanager
+    def turn(self) -> Generator[None, None, None]:
+        """Hold the lock, and let whoever has it know that somebody waits."""
+        me = threading.get_ident()
+        try:
+            self.waiting.add(me)
+            with self.lock:
+                self.waiting.discard(me)
+                yield
+        finally:
+            self.waiting.discard(me)
+
+    def offer(self) -> None:
+        """Let whoever waits have his turn; Ctrl-C counts once it is over."""
+        if self.waiting:
+            offer(self.lock)
 
     def wait(self) -> None:
         """Until the queue is done. Other threads run meanwhile; Ctrl-C counts afterwards."""
@@ -91,7 +112,9 @@ def _take_locks() -> list[threading.RLock]:
     end = time.monotonic() + _FAREWELL
     taken = [_lock] if _lock.acquire(timeout=_FAREWELL) else []  # from here on no session is opened
     for session in list(_sessions.values()):
+        session.waiting.add(threading.get_ident())
         if session.lock.acquire(timeout=max(0.0, end - time.monotonic())):
+            session.waiting.discard(threading.get_ident())
             taken.append(session.lock)
     return taken
 
@@ -221,7 +244,7 @@ def current() -> Session:
 def one_call() -> Generator[Session, None, None]:
     """The session of the device in use, for one call alone: until it is done, its device stays the one in use."""
     session = current()
-    with session.lock, _choosing(session.device):  # `current` need not look at the environment each time
+    with session.turn(), _choosing(session.device):  # `current` need not look at the environment each time
         yield session
 
 

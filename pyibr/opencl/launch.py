@@ -16,7 +16,6 @@ from pyibr.opencl.flight import AHEAD, AT_ONCE, piece_of
 from pyibr.opencl.headers import difference
 from pyibr.opencl.memory import DeviceArray
 from pyibr.opencl.program import Argument, Kernel
-from pyibr.opencl.turns import offer
 from pyibr.opencl.watch import watches
 
 
@@ -64,7 +63,7 @@ def _enqueue(kernel: Kernel, grid: tuple[int, ...], **arguments: DeviceArray | S
         return
     if session.flight.seconds + expected > AHEAD:
         session.wait()
-        offer(session.lock)
+        session.offer()
     _start(kernel, (0,) * len(grid), grid, arguments, expected)
 
 
@@ -83,7 +82,7 @@ def _in_pieces(kernel: Kernel, grid: tuple[int, ...], arguments: Mapping[str, An
         done += count
         if not unknown or done > count or done == items:  # runtimes may compile with the first piece ever
             timed, spent = timed + count, spent + took
-        offer(session.lock)
+        session.offer()
     kernel.pace.item = spent / max(timed, 1)
 
 
