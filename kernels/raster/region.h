@@ -61,17 +61,42 @@ void add_counts(global int *counts, Screen screen, int x, int y, intl added)
     }
 }
 
+#if LANES == 16
+/* Is all of the block at (x, y) in the picture? */
+#define IS_WHOLE(screen, x, y) ((x) + BLOCK <= (screen).width && (y) + BLOCK <= (screen).height)
+
+/* The depths of a whole block of the picture */
+float16 depths_of(Screen screen, global const float *depth, int x, int y)
+{
+    global const float *at = depth + (size_t)y * screen.width + x;
+    return (float16)(vload4(0, at), vload4(0, at + screen.width), vload4(0, at + 2 * (size_t)screen.width),
+                     vload4(0, at + 3 * (size_t)screen.width));
+}
+#endif
+
+/* Nearness of the block at (x, y) in the picture so far; EMPTY beside the picture */
+floatl nearness_of_block(Screen screen, global const float *depth, int x, int y)
+{
+    floatl so_far = EMPTY;
+#if LANES == 16
+    if (IS_WHOLE(screen, x, y)) {
+        const floatl z = depths_of(screen, depth, x, y);
+        return pick(z == z, DEPTH_OF(screen.perspective, z), so_far);
+    }
+#endif
+    for (int lane = 0; lane < LANES; lane++) {
+        const long at = pixel_of(screen, x, y, lane);
+        if (at >= 0)
+            set_float_lane(so_far, lane, drawn_nearness(screen, depth[at]));
+    }
+    return so_far;
+}
+
 /* Takes over the picture so far; x, y: the region's first pixel. */
 void begin_region(Region *region, Screen screen, global const float *depth, int blank, int x, int y)
 {
     for (int block = 0; block < BLOCKS; block++) {
-        floatl so_far = EMPTY;
-        if (!blank)
-            for (int lane = 0; lane < LANES; lane++) {
-                const long at = pixel_of(screen, x + FIRST_X(block), y + FIRST_Y(block), lane);
-                if (at >= 0)
-                    set_float_lane(so_far, lane, drawn_nearness(screen, depth[at]));
-            }
+        const floatl so_far = blank ? (floatl)EMPTY : nearness_of_block(screen, depth, x + FIRST_X(block), y + FIRST_Y(block));
         region->nearness[block] = so_far;
         region->owner[block] = -1;
         region->farthest[block] = least_lane(so_far);
@@ -79,7 +104,7 @@ void begin_region(Region *region, Screen screen, global const float *depth, int 
 }
 
 #if LANES == 16
-/* A row of a blank picture's block, 4 pixels at once: vstores of bytes go one by one. */
+/* A row of a block, 4 pixels at once: vstores of bytes go one by one. */
 #define WRITE_ROW(at, l, a, b, c, d)                                                                           \
     {                                                                                                          \
         vstore4(z.l, 0, depth + (at));                                                                         \
@@ -102,11 +127,11 @@ void begin_region(Region *region, Screen screen, global const float *depth, int 
     vstore3((float3)(red.d, green.d, blue.d), 0, color + 3 * (at) + 9);
 #endif
 
-void write_blank_block(const Region *region, int block, Screen screen, global float *depth, global channel *color,
-                       global uchar *valid, int x, int y, Color shade)
+/* Writes all pixels of a block; z: their depths, NaN where nothing is. */
+void write_whole_block(floatl z, Screen screen, global float *depth, global channel *color, global uchar *valid, int x,
+                       int y, Color shade)
 {
-    const int16 mine = region->owner[block] >= 0, seen = mine & 1;
-    const float16 n = region->nearness[block], z = pick(mine, DRAWN_DEPTH(screen, n), (float16)NAN);
+    const int16 mine = z == z, seen = mine & 1;
     const float16 red = pick(mine, clamp(shade.r, 0.0f, 1.0f), (float16)0.0f) * CHANNEL_MOST;
     const float16 green = pick(mine, clamp(shade.g, 0.0f, 1.0f), (float16)0.0f) * CHANNEL_MOST;
     const float16 blue = pick(mine, clamp(shade.b, 0.0f, 1.0f), (float16)0.0f) * CHANNEL_MOST;
@@ -125,24 +150,25 @@ void write_blank_block(const Region *region, int block, Screen screen, global fl
 void write_block(const Region *region, int block, Screen screen, global float *depth, global channel *color,
                  global uchar *valid, int blank, int x, int y, Color shade)
 {
+    const intl mine = region->owner[block] >= 0;
+    const floatl n = region->nearness[block], z = pick(mine, DRAWN_DEPTH(screen, n), (floatl)NAN);
 #if LANES == 16
-    if (blank && x + BLOCK <= screen.width && y + BLOCK <= screen.height) {
-        write_blank_block(region, block, screen, depth, color, valid, x, y, shade);
+    if (IS_WHOLE(screen, x, y) && (blank || !any_lane(!mine | (z >= depths_of(screen, depth, x, y))))) {
+        write_whole_block(z, screen, depth, color, valid, x, y, shade);
         return;
     }
 #endif
     for (int lane = 0; lane < LANES; lane++) {
         const long at = pixel_of(screen, x, y, lane);
-        const int mine = int_lane(region->owner[block], lane) >= 0;
-        if (at < 0 || !(mine || blank))
+        const int is_mine = int_lane(mine, lane) != 0;
+        if (at < 0 || !(is_mine || blank))
             continue;
-        const float n = float_lane(region->nearness[block], lane), z = DRAWN_DEPTH(screen, n);
-        if (!blank && z >= depth[at])
+        if (!blank && float_lane(z, lane) >= depth[at])
             continue; /* equally far: there and back, nearness is rounded */
-        depth[at] = mine ? z : NAN;
-        valid[at] = mine;
+        depth[at] = float_lane(z, lane);
+        valid[at] = is_mine;
         const float3 one = rounded(clamp(color_lane(shade, lane), 0.0f, 1.0f) * CHANNEL_MOST);
-        write_pixel(color + 3 * at, mine ? one : (float3)(0.0f));
+        write_pixel(color + 3 * at, is_mine ? one : (float3)(0.0f));
     }
 }
 #endif

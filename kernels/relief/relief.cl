@@ -202,6 +202,8 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
                            quadric, search, steps, halvings};
     const Context context = {relief, nearest_w, x, y, &layers, COUNTS(int)};
     const int bin = y / BIN * bins_x + x / BIN;
+    if (!blank && starts[bin] == starts[bin + 1])
+        return;
     Region region;
     begin_region(&region, screen, depth, blank, x, y);
     for (int block = 0; block < BLOCKS; block++) {

@@ -109,7 +109,7 @@ intl is_hidden(const Relief *relief, const LightRay *light, intl wanted)
  * it elsewhere than the picture's rays, and would shade it by itself. So where what the map says depends on that, a
  * search from the point decides what the relief around it hides, and the map what hides the place where it ends. A ray
  * that by the quadric never leaves the relief, as along a saddle, is left to the map. */
-floatl in_sight(const Relief *relief, const Entry *e, const Seen *seen, Vector own, Light light, intl faces SHADOW_PARAMETERS)
+INLINED floatl in_sight(const Relief *relief, const Entry *e, const Seen *seen, Vector own, Light light, intl faces SHADOW_PARAMETERS)
 {
     intl wanted = faces;
     floatl mapped = 0.0f;
@@ -120,16 +120,21 @@ floatl in_sight(const Relief *relief, const Entry *e, const Seen *seen, Vector o
         return mapped;
 #endif
     const LightRay ray = light_ray(relief, e, seen, to_light(light, seen->point).way);
-    const floatl outside = visibility(shadow_maps, shadow, ray.exit, ray.normal);
 #if SHADOWS == MAPPED
-    wanted = wanted & ray.leaves & (outside > mapped) & (ray.apart > SHADOW_SLACK * texel_at(shadow, light, seen->point));
+    wanted = wanted & (ray.apart > SHADOW_SLACK * texel_at(shadow, light, seen->point));
 #else
     if (any_lane(wanted & !ray.leaves))
         mapped = visibility(shadow_maps, shadow, seen->point, own);
-    wanted = wanted & ray.leaves;
 #endif
+    wanted = wanted & ray.leaves;
     if (!any_lane(wanted))
         return mapped;
+    const floatl outside = visibility(shadow_maps, shadow, ray.exit, ray.normal);
+#if SHADOWS == MAPPED
+    wanted = wanted & (outside > mapped);
+    if (!any_lane(wanted))
+        return mapped;
+#endif
     return pick(wanted, pick(is_hidden(relief, &ray, wanted), (floatl)0.0f, outside), mapped);
 }
 #endif

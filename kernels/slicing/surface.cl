@@ -263,6 +263,8 @@ kernel void draw_surface(global const int *corners, global const float *projecte
     const Context context = {corners, projected, points, places, frames, heights, gradients, screen, nearest_w, spacing,
                              by_view ? pixel_size : 0.0f, band, slices, slicing, test, halvings, map_width, map_height, COUNTS(int), x, y};
     const int bin = y / BIN * bins_x + x / BIN;
+    if (!blank && starts[bin] == starts[bin + 1])
+        return;
     Region region;
     begin_region(&region, screen, depth, blank, x, y);
     draw_list(&context, &region, list, starts[bin], starts[bin + 1], x, y);

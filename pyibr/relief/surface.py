@@ -257,7 +257,7 @@ def draw_relief(
         color_levels=max(surface.color.shape[:2]).bit_length(),
         scale=surface.scale,
         pixel_size=1 / float(max(K[0, 0], K[1, 1])),
-        quadric=surface.silhouette == "quadric",
+        quadric=surface.silhouette == "quadric" and bool(surface.frames.quadrics.any()),
         search=constant("relief/entry.h", surface.search.upper()),
         steps=surface.steps,
         halvings=surface.halvings,
