@@ -67,12 +67,15 @@ def is_opposite(a: Silhouette | DepthImage, b: Silhouette | DepthImage) -> bool:
         return False
     from_a = a.camera.world_from_camera @ np.linalg.inv(a.camera.pixel_matrix)
     to_b = b.camera.pixel_matrix @ b.camera.camera_from_world @ from_a
-    y, x = np.indices(a.valid.shape)
-    u = to_b[0, 0] * x + to_b[0, 1] * y + to_b[0, 2]  # at any nearness: they look along one line
-    v = to_b[1, 0] * x + to_b[1, 1] * y + to_b[1, 2]
-    ui, vi = np.rint(u).astype(int), np.rint(v).astype(int)
-    if np.abs(u - ui).max() > 1e-3 or np.abs(v - vi).max() > 1e-3:
+    width, height = a.camera.size
+    # At any nearness, as they look along one line: whole steps along b's rows or columns for those along a's
+    exact, whole = to_b[:2, :3], np.rint(to_b[:2, :3]).astype(int)
+    corners = np.array([[0, width - 1, 0, width - 1], [0, 0, height - 1, height - 1], [1, 1, 1, 1]])
+    if np.abs((exact - whole) @ corners).max() > 1e-3:
         return False
-    if ui.min() < 0 or vi.min() < 0 or ui.max() >= b.camera.width or vi.max() >= b.camera.height:
+    reached = whole @ corners
+    if reached.min() < 0 or (reached.max(axis=1) >= b.camera.size).any():
         return False
-    return bool((b.valid[vi, ui] == a.valid).all())
+    x, y = np.arange(width), np.arange(height)[:, None]
+    u, v = (step_x * x + step_y * y + first for step_x, step_y, first in whole)
+    return bool((b.valid[v, u] == a.valid).all())

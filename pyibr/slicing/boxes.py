@@ -15,7 +15,8 @@ from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
 from pyibr.images.silhouette import Silhouette
 
-_CARVED = 64  # cells a side of the grid that finds a hull's box
+_FIRST = 8  # cells a side of the grid that begins to look for a hull's box
+_CARVED = 64  # cells along the longest edge of the box, at least, when it is found
 
 
 @dataclass(frozen=True)
@@ -159,50 +160,109 @@ def nearness_map(view: DepthImage, box: Box, missing_is_background: bool) -> NDA
     return (1 / depth if view.camera.projection == "perspective" else -depth).astype(np.float32)
 
 
+class Outline:
+    """What a silhouette says of where an object lies.
+
+    Attributes
+    ----------
+    camera : Camera
+    middle : (2,) float64
+        Of the silhouette's samples, x and y.
+    across : float
+        Samples from corner to corner of what it takes up.
+    """
+
+    def __init__(self, view: Silhouette | DepthImage) -> None:
+        self.camera = view.camera
+        x, y = (np.flatnonzero(view.valid.any(axis=axis))[[0, -1]].astype(np.float64) for axis in (0, 1))
+        self.middle = 0.5 * np.array([x.sum(), y.sum()])
+        self.across = float(np.hypot(np.ptp(x) + 1, np.ptp(y) + 1))
+        # How many samples are in a rectangle follows from how many are above and left of its corners.
+        self._before = np.pad(np.cumsum(np.cumsum(view.valid, axis=0, dtype=np.int32), axis=1), ((1, 0), (1, 0)))
+
+    def holds(self, points: Float64) -> NDArray[np.bool_]:
+        """Which of (N, 3) points are surely within the outline: in the midst of the object's samples."""
+        u, v, w = self._seen(points)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return (w > 0) & (self._count(u / w, v / w, 1.0) == 9)
+
+    def touches(self, points: Float64, reach: float) -> NDArray[np.bool_]:
+        """Whether balls of radius `reach` around (N, 3) points may have a part within the outline."""
+        u, v, w = self._seen(points)
+        K = self.camera.K
+        pixels = np.float64(max(abs(K[0, 0]) + abs(K[0, 1]), K[1, 1]))  # that a scene unit takes at depth 1 at most
+        with np.errstate(divide="ignore", invalid="ignore"):
+            u, v = u / w, v / w
+            around = pixels * reach
+            if self.camera.projection == "perspective":  # w is z, and how near parts of the ball are moves them, too
+                slope = np.hypot(u - K[0, 2], v - K[1, 2]) / pixels
+                around = np.where(w > reach, around * (1 + slope) / (w - reach), np.inf)
+        # A mask is bilinear between samples: those that it is made of lie up to one, and a half by rounding, away.
+        return (w > -reach) & (self._count(u, v, np.floor(around + 1.5)) > 0)
+
+    def _seen(self, points: Float64) -> Float64:
+        """(3, N) homogeneous pixels of world points."""
+        to_pixels = (self.camera.pixel_matrix @ self.camera.camera_from_world)[:3]
+        return to_pixels[:, :3] @ points.T + to_pixels[:, 3:]
+
+    def _count(self, u: Float64, v: Float64, around: Float64 | float) -> NDArray[np.int32]:
+        """How many of the samples up to `around` away from the one nearest to (u, v) are the object's; inf: all."""
+        width, height = self.camera.size
+        x, y = np.nan_to_num(np.rint(u)), np.nan_to_num(np.rint(v))
+        ends = (x - around, width), (x + around + 1, width), (y - around, height), (y + around + 1, height)
+        left, right, top, bottom = (np.clip(at, 0, most).astype(np.intp) for at, most in ends)
+        before = self._before
+        return before[bottom, right] - before[top, right] - before[bottom, left] + before[top, left]
+
+
+_OUTLINES: WeakKeyDictionary[Silhouette | DepthImage, Outline] = WeakKeyDictionary()
+
+
+def outline_of(view: Silhouette | DepthImage) -> Outline:
+    """What a silhouette says; found once, for all hulls that are made with it."""
+    if view not in _OUTLINES:
+        _OUTLINES[view] = Outline(view)
+    return _OUTLINES[view]
+
+
 def box_of_silhouettes(views: Sequence[Silhouette | DepthImage]) -> Box:
-    """The box of what a coarse grid finds within all silhouettes, found twice, along the world's axes."""
-    center, radius = _where_they_look(views)
-    low, high = center - radius, center + radius
-    for _ in range(3):
-        cell = (high - low) / _CARVED
-        ticks = [first + step * (np.arange(_CARVED) + 0.5) for first, step in zip(low, cell, strict=True)]
-        points = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, 3)
-        for view in views:
-            points = points[_near_silhouette(view, points, 0.5 * float(np.linalg.norm(cell)))]
-        if not len(points):
+    """The box, along the world's axes, of the cells of a grid that may have something within all silhouettes.
+
+    Cells are halved until the longest edge has `_CARVED` of them; only those that may still lie at one of the box's
+    sides, beyond points that surely lie within.
+    """
+    outlines = [outline_of(view) for view in views]
+    center, radius = _where_they_look(outlines)
+    low, cell = center - radius, 2 * radius / _FIRST
+    cells = np.indices((_FIRST, _FIRST, _FIRST)).reshape(3, -1).T
+    while True:
+        for outline in outlines:
+            cells = cells[outline.touches(low + (cells + 0.5) * cell, 0.5 * float(np.sqrt(3)) * cell)]
+        if not len(cells):
             raise ArgumentError("views", "silhouettes of one object, with something within all of them", "nothing")
-        low, high = points.min(axis=0) - cell, points.max(axis=0) + cell
-    return Box(np.eye(3), low, high)
+        first, last = cells.min(axis=0), cells.max(axis=0) + 1
+        if (last - first).max() >= _CARVED:
+            return Box(np.eye(3), low + first * cell, low + last * cell)
+        held = cells
+        for outline in outlines:
+            held = held[outline.holds(low + (held + 0.5) * cell)]
+        if len(held):
+            cells = cells[((cells <= held.min(axis=0)) | (cells >= held.max(axis=0))).any(axis=1)]
+        cells = (2 * cells[:, None] + np.indices((2, 2, 2)).reshape(3, -1).T).reshape(-1, 3)
+        cell *= 0.5
 
 
-def _near_silhouette(view: Silhouette | DepthImage, points: Float64, reach: float) -> NDArray[np.bool_]:
-    """Whether balls of radius `reach` may touch the silhouette."""
-    camera = view.camera
-    x, y, z, on_image = _seen_from(camera, points)
-    if not on_image.any():
-        return on_image
-    scale = float(max(camera.K[0, 0], camera.K[1, 1]))
-    if camera.projection == "perspective":
-        scale /= max(float(z[on_image].min()), 1e-12)
-    pixels = min(int(np.ceil(scale * reach)) + 1, max(camera.size))
-    # How many samples are in a square around each, from how many are above and left of the square's corners.
-    before = np.pad(np.cumsum(np.cumsum(view.valid, axis=0, dtype=np.int32), axis=1), ((1, 0), (1, 0)))
-    top, bottom = np.maximum(y - pixels, 0), np.minimum(y + pixels + 1, camera.height)
-    left, right = np.maximum(x - pixels, 0), np.minimum(x + pixels + 1, camera.width)
-    return on_image & (before[bottom, right] - before[top, right] - before[bottom, left] + before[top, left] > 0)
-
-
-def _where_they_look(views: Sequence[Silhouette | DepthImage]) -> tuple[Float64, float]:
+def _where_they_look(outlines: Sequence[Outline]) -> tuple[Float64, float]:
     """The point closest to the rays through the silhouettes' middles, and how far the object reaches around it."""
-    origins, directions = np.zeros((len(views), 3)), np.zeros((len(views), 3))
-    for number, view in enumerate(views):
-        y, x = np.nonzero(view.valid)
-        to_world = view.camera.world_from_camera @ np.linalg.inv(view.camera.pixel_matrix)
-        middle = to_world[:3, :3] @ (0.5 * (x.min() + x.max()), 0.5 * (y.min() + y.max()), 1.0)
-        if view.camera.projection == "perspective":
-            origins[number], directions[number] = view.camera.world_from_camera[:3, 3], middle
+    origins, directions = np.zeros((len(outlines), 3)), np.zeros((len(outlines), 3))
+    for number, outline in enumerate(outlines):
+        camera = outline.camera
+        to_world = camera.world_from_camera @ np.linalg.inv(camera.pixel_matrix)
+        middle = to_world[:3, :3] @ (*outline.middle, 1.0)
+        if camera.projection == "perspective":
+            origins[number], directions[number] = camera.world_from_camera[:3, 3], middle
         else:
-            origins[number], directions[number] = middle, view.camera.world_from_camera[:3, 2]
+            origins[number], directions[number] = middle, camera.world_from_camera[:3, 2]
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
     # From the origins' mean: rays that are all parallel leave one direction open, and the middle is as good as any.
@@ -210,14 +270,14 @@ def _where_they_look(views: Sequence[Silhouette | DepthImage]) -> tuple[Float64,
     right: Float64 = np.einsum("nij,nj->i", across, origins - mean)
     system: Float64 = across.sum(axis=0)
     offset: Float64 = np.linalg.lstsq(system, right, rcond=1e-9)[0].astype(np.float64)
-    perspective = any(view.camera.projection == "perspective" for view in views)
+    perspective = any(outline.camera.projection == "perspective" for outline in outlines)
     if perspective and (directions @ directions[0] > 1 - 1e-9).all():
         raise ArgumentError("views", "silhouettes from more than one direction", "all from one side")
     center, radius = mean + offset, 0.0
-    for view in views:
-        y, x = np.nonzero(view.valid)
-        pixels = 0.5 * float(np.hypot(x.max() - x.min() + 1, y.max() - y.min() + 1))
-        z = float(view.camera.camera_from_world[2, :3] @ center + view.camera.camera_from_world[2, 3])
-        scale = float(min(view.camera.K[0, 0], view.camera.K[1, 1]))
-        radius = max(radius, pixels / scale * (abs(z) if view.camera.projection == "perspective" else 1.0))
+    for outline in outlines:
+        camera = outline.camera
+        z = float(camera.camera_from_world[2, :3] @ center + camera.camera_from_world[2, 3])
+        scale = float(min(camera.K[0, 0], camera.K[1, 1]))
+        far = abs(z) if camera.projection == "perspective" else 1.0
+        radius = max(radius, 0.5 * outline.across / scale * far)
     return center, 1.5 * max(radius, 1e-15, 64 * _CARVED * float(np.spacing(np.abs(center).max())))

@@ -236,7 +236,7 @@ class VisualHull(Fixed):
         self.only = checked_only(only, self.slices)
         one_of("slicing", slicing, ObjectSlicing)
         self.slicing: ObjectSlicing = slicing
-        self.box = box_of_silhouettes(self.views)
+        self.box = box_of_silhouettes([self.views[number] for number in self.tested])
 
     def __repr__(self) -> str:
         return f"<VisualHull {len(self.views)} views, {slices_text(self.slices)}>"
@@ -278,7 +278,7 @@ class VisualHull(Fixed):
     def with_views(self, views: Sequence[Silhouette | DepthImage]) -> VisualHull:
         """The same of other views, for animations; see `DepthObject.with_views`.
 
-        Where an outline changes, all are asked again where the hull lies; while only colours change, it stays.
+        Where an outline changes, all are asked again where the hull's sides lie; while only colours change, they stay.
 
         Examples
         --------

@@ -99,6 +99,27 @@ def test_what_stays_is_not_made_again(monkeypatch):
     assert sorted(made) == ["Samples", "nearness_map", "rgba_words"]
 
 
+def test_a_hull_asks_the_new_outline_alone_for_what_it_says(monkeypatch):
+    views = views_of_torus("orthographic")
+    thing = ibr.VisualHull(views, 48)
+    ibr.render(thing, CAMERA)
+    made: list[object] = []
+    asked: list[int] = []
+    for name in ("touches", "holds"):
+        real = getattr(boxes.Outline, name)
+        monkeypatch.setattr(boxes.Outline, name, lambda *given, real=real: asked.append(len(given[1])) or real(*given))
+    for room, name in ((objects, "_mask_of"), (objects, "rgba_words"), (boxes, "Outline")):
+        real = getattr(room, name)
+        monkeypatch.setattr(room, name, lambda *given, real=real, name=name: made.append(name) or real(*given))
+    mask = views[0].valid.copy()
+    mask[np.unravel_index(np.flatnonzero(mask)[:40], mask.shape)] = False
+    bitten = ibr.Silhouette(views[0].color, mask, views[0].camera)
+    ibr.render(thing.with_views([bitten, *views[1:]]), CAMERA)
+    assert sorted(made) == ["Outline", "_mask_of", "rgba_words"]
+    # Cells at the box's sides alone: a grid of 64 along each edge would ask every view for all of its 260,000.
+    assert 1000 < sum(asked) < len(views) * 64**3 / 10
+
+
 def test_other_views_are_checked_as_the_first_ones():
     views = views_of_torus("orthographic")
     nothing = ibr.DepthImage(views[0].color, np.full_like(views[0].depth, np.nan), views[0].camera)
