@@ -160,8 +160,8 @@ def test_a_frustum_is_added_moved_resized_painted_undone_saved_and_opened(work, 
     painted = work.state.current.capture(mesh)
     assert not painted.valid[SIZE // 2, SIZE // 2]
     middle = top + side // 2, left + side // 2
-    until(lambda: (tab.picture(PICTURE)[middle] == (200, 0, 200)).all())
     assert_shown(work, mesh)
+    assert (tab.picture(PICTURE)[middle] == (200, 0, 200)).all()
     with_paint = work.state
     placement.undo()
     assert work.state.current == sized
