@@ -11,7 +11,7 @@ from pyibr.app.place.corner import corner_box
 from pyibr.capture import models
 from pyibr.capture.frusta import Frustum
 from pyibr.images.metrics import psnr
-from tests.app.browser import chromium, opened, rested
+from tests.app.browser import chromium, opened, rested, until
 
 
 def test_the_corner_is_not_coloured_while_the_brush_is_over_it():
@@ -28,6 +28,6 @@ def test_the_corner_is_not_coloured_while_the_brush_is_over_it():
         for step in range(4):
             tab.page.mouse.move(left + side // 2 + step, top + side // 2)
             time.sleep(0.5)  # for the browser to find what is there, and to draw what it colours
-        truth, shown = tab.picture(-2)[inside], tab.canvas()[inside]  # the last one is its depth
-        assert psnr(truth, shown) >= 35
-        assert truth.std() > 20
+        # A slow browser may be behind; colour would stay. The last picture is the depth of the one before.
+        until(lambda: psnr(tab.picture(-2)[inside], tab.canvas()[inside]) >= 35)
+        assert tab.picture(-2)[inside].std() > 20
