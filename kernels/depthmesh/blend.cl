@@ -88,10 +88,11 @@ intl is_closed(const Seen *views, floatl x, floatl y, floatl back, intl within, 
     depth = DEPTH_OF(views->perspective, pick(through, sheet, (floatl)1.0f)) + views->stride;
     floatl last;
     intl ends = ends_hidden(views, x, y, depth, through & !solid, &last);
-    floatl behind;
-    ends = meets_far_side(views, x, y, last, ends, &behind);
-    *n = DEPTH_OF(views->perspective, pick(solid, entry, behind));
-    return solid | ends;
+    floatl rim, behind;
+    const intl on_rim = meets_rim(views, x, y, last, ends, &rim);
+    const intl on_far = comes_to(views, views->open, 0, x, y, last, ends & !on_rim, &behind);
+    *n = DEPTH_OF(views->perspective, pick(solid, entry, pick(on_rim, rim, behind)));
+    return solid | on_rim | on_far;
 }
 #endif
 

@@ -6,13 +6,14 @@
  * ray that meets the back of a mesh before any front has gone into a solid unnoticed: it is inside there, and from there
  * back to the eye up to the first empty point, where it is closed.
  *
- * A ray that goes through a rubber sheet, and comes to points known to be empty no more, has met something behind it: what
- * that is nobody knows, but surfaces on the far sides of depth edges are likely to go on behind the near ones. Each view
- * is taken to be empty up to those (`behind`), and the ray is closed at the first point that no view takes to be so; a ray
- * that comes to none ends in nothing. Rays that come out of hidden space behind a sheet and go into some again are closed
- * only if ENCLOSED: beside an object they may go on for ever.
+ * A ray that goes through a rubber sheet, and comes to points known to be empty no more, has met something. Surfaces reach
+ * half a sample beyond their last samples, into the sheet: rays that come there from before end there. What others meet
+ * nobody knows, but surfaces on the far sides of depth edges are likely to go on behind the near ones. Each view is taken
+ * to be empty up to those (`behind`), and the ray is closed at the first point that no view takes to be so; a ray that comes
+ * to none ends in nothing. Rays that come out of hidden space behind a sheet and go into some again are closed only if
+ * ENCLOSED: beside an object they may go on for ever.
  *
- * Cost: up to 3 STEPS points a ray, each looked up in views until one has seen it to be empty, for rays that meet backs
+ * Cost: up to 5 STEPS points a ray, each looked up in views until one has seen it to be empty, for rays that meet backs
  * or sheets first.
  */
 #include "depthmesh/tree.h"
@@ -25,13 +26,14 @@
 #ifndef ENCLOSED
 #define ENCLOSED 0 /* 1: no view saw background, as in a room, so that every ray meets something */
 #endif
-#define STEPS 128  /* points along a ray */
-#define HALVINGS 7 /* of a step: where a ray leaves the empty space is known to 1/128 of one */
+#define STEPS 128   /* points along a ray */
+#define CLOSE 0.25f /* of a step: what lies so close to a sample is at it */
+#define HALVINGS 7  /* of a step: where a ray leaves the empty space is known to 1/128 of one */
 
 /* What the views saw: limits, their depths, INFINITY for background and 0 where nothing is known; behind: the depths that
  * the far sides of edges go on at, not less; far_colors: RGBA bytes there; clear, open: the least of limits, and of
- * behind, at a cell's four samples, at its upper left one's place; sizes: (ALL, 3) width, height and start; from_target: (ALL, 16) from the target's pixel space to theirs; perspectives: 1 or 0; first_levels:
- * (ALL,) their finest levels; closeness: (ALL,) weights of their positions. */
+ * behind, at a cell's four samples, at its upper left one's place; sizes: (ALL, 3) width, height and start; from_target: (ALL, 16)
+ * from the target's pixel space to theirs; perspectives: 1 or 0; first_levels: (ALL,) their finest levels; closeness: (ALL,) weights of their positions. */
 typedef struct {
     global const float *limits, *behind;
     global const uint *far_colors;
@@ -56,19 +58,21 @@ INLINED intl seen_by(const Seen *seen, int view, floatl x, floatl y, floatl n, f
     return (inverse > 0.0f) & (*z > 0.0f) & (*u >= 0.0f) & (*v >= 0.0f) & (*u < right) & (*v < bottom);
 }
 
-/* Which of the pixels (x, y) that ask has a view seen through at the target's depth, with all four samples around it? up_to:
- * the least depths of cells, clear or open. */
-intl is_empty(const Seen *seen, global const float *up_to, floatl x, floatl y, floatl depth, intl asks)
+/* Which of the pixels (x, y) that ask has a view seen through at the target's depth? By all four samples around it, where
+ * up_to is the least depths of cells (clear, open), or by the `nearest` of them alone, within whose pixel that is, where
+ * it is the samples' own. */
+intl is_empty(const Seen *seen, global const float *up_to, int nearest, floatl x, floatl y, floatl depth, intl asks)
 {
-    const floatl n = DEPTH_OF(seen->perspective, depth);
+    const floatl n = DEPTH_OF(seen->perspective, depth), rounded = nearest ? 0.5f : 0.0f;
     intl empty = (intl)0;
     for (int view = 0; view < ALL && any_lane(asks); view++) {
         floatl u, v, z;
         const intl sees = asks & seen_by(seen, view, x, y, n, &u, &v, &z);
         if (!any_lane(sees))
             continue;
-        const intl cell = pick(sees, to_intl(v) * seen->sizes[3 * view] + to_intl(u), (intl)0) + seen->sizes[3 * view + 2];
-        const intl through = sees & (z < (floatl)(gather(up_to, cell)));
+        const intl place = to_intl(v + rounded) * seen->sizes[3 * view] + to_intl(u + rounded);
+        const intl at = pick(sees, place, (intl)0) + seen->sizes[3 * view + 2];
+        const intl through = sees & (z < (floatl)(gather(up_to, at)));
         empty = empty | through;
         asks = asks & !through;
     }
@@ -85,7 +89,7 @@ intl has_entered(const Seen *seen, floatl x, floatl y, floatl depth, intl asks, 
         const floatl next = inside - seen->stride;
         if (seen->perspective)
             walking = walking & (next > 0.0f);
-        const intl empty = is_empty(seen, seen->clear, x, y, next, walking);
+        const intl empty = is_empty(seen, seen->clear, 0, x, y, next, walking);
         outside = pick(walking & empty, next, outside);
         inside = pick(walking & !empty, next, inside);
         entered = entered | (walking & empty & (inside < depth));
@@ -93,7 +97,7 @@ intl has_entered(const Seen *seen, floatl x, floatl y, floatl depth, intl asks, 
     }
     for (int k = 0; k < HALVINGS && any_lane(entered); k++) {
         const floatl middle = 0.5f * (inside + outside);
-        const intl empty = is_empty(seen, seen->clear, x, y, middle, entered);
+        const intl empty = is_empty(seen, seen->clear, 0, x, y, middle, entered);
         outside = pick(entered & empty, middle, outside);
         inside = pick(entered & !empty, middle, inside);
     }
@@ -122,7 +126,7 @@ intl ends_hidden(const Seen *seen, floatl x, floatl y, floatl depth, intl asks, 
     intl walking = asks, comes_out = (intl)0;
     for (int k = STEPS - 1; k >= 0 && any_lane(walking); k--) {
         const floatl next = depth + k * seen->stride;
-        const intl empty = walking & is_empty(seen, seen->clear, x, y, next, walking);
+        const intl empty = walking & is_empty(seen, seen->clear, 0, x, y, next, walking);
         from = pick(empty, next, from);
         comes_out = comes_out | empty;
         walking = walking & !empty;
@@ -134,14 +138,15 @@ intl ends_hidden(const Seen *seen, floatl x, floatl y, floatl depth, intl asks, 
     return ends & is_looked_at(seen, x, y, *last + seen->stride);
 }
 
-/* Of those that ask, which rays come behind a depth to what the far sides of depth edges go on as? There. */
-intl meets_far_side(const Seen *seen, floatl x, floatl y, floatl depth, intl asks, floatl *there)
+/* Of those that ask, which rays leave behind a depth what is empty? There; up_to, nearest: of `is_empty`. */
+intl comes_to(const Seen *seen, global const float *up_to, int nearest, floatl x, floatl y, floatl depth, intl asks,
+              floatl *there)
 {
     floatl before = depth, beyond = depth;
     intl walking = asks, met = (intl)0;
     for (int k = 1; k <= STEPS && any_lane(walking); k++) {
         const floatl next = depth + k * seen->stride;
-        const intl open = is_empty(seen, seen->open, x, y, next, walking);
+        const intl open = is_empty(seen, up_to, nearest, x, y, next, walking);
         before = pick(walking & open, next, before);
         beyond = pick(walking & !open, next, beyond);
         met = met | (walking & !open);
@@ -149,12 +154,41 @@ intl meets_far_side(const Seen *seen, floatl x, floatl y, floatl depth, intl ask
     }
     for (int k = 0; k < HALVINGS && any_lane(met); k++) {
         const floatl middle = 0.5f * (before + beyond);
-        const intl open = is_empty(seen, seen->open, x, y, middle, met);
+        const intl open = is_empty(seen, up_to, nearest, x, y, middle, met);
         before = pick(met & open, middle, before);
         beyond = pick(met & !open, middle, beyond);
     }
     *there = beyond;
     return met;
+}
+
+/* Of those that ask, which rays are at a depth where a sample is, within its pixel? */
+intl is_at_sample(const Seen *seen, floatl x, floatl y, floatl depth, intl asks)
+{
+    const floatl n = DEPTH_OF(seen->perspective, pick(asks, depth, (floatl)1.0f));
+    intl found = (intl)0;
+    for (int view = 0; view < ALL && any_lane(asks); view++) {
+        floatl u, v, z;
+        const intl sees = asks & seen_by(seen, view, x, y, n, &u, &v, &z);
+        const intl at = pick(sees, to_intl(v + 0.5f) * seen->sizes[3 * view] + to_intl(u + 0.5f), (intl)0);
+        const intl sample = seen->sizes[3 * view + 2] + at;
+        found = found | (sees & (fabs((floatl)(gather(seen->limits, sample)) - z) <= CLOSE * seen->stride));
+    }
+    return found;
+}
+
+/* Of those that ask, which rays come behind a depth to the rim of what a view saw? Where they leave what all samples around
+ * tell to be empty, or else what the nearest ones do, they are at a sample: they have come from before it. Those that come
+ * from the side go on behind it. */
+intl meets_rim(const Seen *seen, floatl x, floatl y, floatl depth, intl asks, floatl *there)
+{
+    const floatl start = depth - seen->stride / (1 << (HALVINGS - 1)); /* known to be empty, not nearly so alone */
+    floatl first, later;
+    intl leaves = comes_to(seen, seen->clear, 0, x, y, start, asks, &first);
+    const intl at_once = is_at_sample(seen, x, y, first, leaves);
+    leaves = comes_to(seen, seen->limits, 1, x, y, start, asks & !at_once, &later);
+    *there = pick(at_once, first, later);
+    return at_once | is_at_sample(seen, x, y, later, leaves);
 }
 
 /* Of a view's four samples around where it sees the pixel (x, y) at nearness n, how far each is off in depth, INFINITY

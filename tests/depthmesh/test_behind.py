@@ -63,6 +63,28 @@ def test_the_wall_goes_on_behind_a_box(projection, kind, slope):
     np.testing.assert_array_equal(frame.color[same], bare.color[same])
 
 
+@pytest.mark.parametrize("projection", PROJECTIONS)
+def test_surfaces_end_half_a_sample_beyond_their_last_ones(projection):
+    """From where the view was taken, more finely: between the box and the wall the nearest sample tells which it is."""
+    times = 3  # more pixels than samples: none lies halfway between two
+    view = room(0.0).capture(camera_at(0.0, projection))
+    camera = view.camera
+    K = np.diag([times, times, 1]) @ camera.K
+    size = (times * (SIZE[0] - 1) + 1, times * (SIZE[1] - 1) + 1)
+    finer = Camera(K, size, camera.world_from_camera, camera.projection)
+    bare, frame = (ibr.render(ibr.DepthMeshObject([view], background=b), finer) for b in (False, True))
+    rows, columns = (np.rint(np.arange(n) / times).astype(int) for n in size[::-1])
+    nearest = view.depth[np.ix_(rows, columns)]
+    closed = frame.valid & ~bare.valid
+    assert closed.sum() > 500 and np.array_equal(frame.valid, bare.valid | closed)
+    for near in (True, False):
+        part = closed & ((nearest < 3) == near)
+        assert part.sum() > 0.3 * closed.sum()
+        # Points along rays are found to a 128th of 1.5 % of the extent.
+        assert (np.abs(frame.depth - nearest) <= 1e-3 * nearest)[part].mean() >= 0.98
+        assert (np.abs(frame.color[..., 0].astype(int) - (220 if near else 60)) <= 2)[part].mean() >= 0.98
+
+
 def test_several_views_close_what_one_sees_past():
     """From either side of a box: a hole that is left is behind the sheets of both."""
     scene = room(0.0)
