@@ -22,7 +22,7 @@ typedef struct {
     global const int *faces;
     global const float *projected, *vertices;
     global const uint *texels;
-    global const ushort *bounds;
+    global const uint *bounds;
     global const int *levels;
     int level_count;
     Screen screen;

@@ -177,7 +177,7 @@ void tell_places(const Region *region, int block, Screen screen, int x, int y, g
 
 kernel void draw_relief(global const int *faces, global const float *projected, global const int *list,
                         global const int *starts, int bins_x, global const float *vertices, global const uint *texels,
-                        global const ushort *bounds, global const int *levels, int level_count,
+                        global const uint *bounds, global const int *levels, int level_count,
                         global const uint *colors, int color_width, int color_height, int color_levels,
                         global float *depth, global channel *color, global uchar *valid, Screen screen,
                         float nearest_w, float scale, float pixel_size, int quadric, int search, int steps,

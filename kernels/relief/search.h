@@ -10,9 +10,10 @@
  * PERPENDICULAR: the paper's equation 6, from P to R, on the quadric, at right angles to the ray in the plane of ray and
  * normal; where it has no solution, equation 7. On a plane it is longer than the depth by 1 / sine of the ray and normal.
  *
- * levels: (levels, TABLE) ints: width, height, start in texels, tiers of bounds, and where each of them starts; the last is
- * how far at most the level's heights are from the first's, in 65535ths. texels: lib/heights.h. bounds: tier 0 is the greatest height of each cell between 2x2 texels, in 65535ths; the next of 2x2
- * cells, and so on.
+ * texels: lib/heights.h. bounds: 65535ths, two a word. Tier 0 is the greatest height of each cell between 2x2 texels, the
+ * next that of 2x2 cells, and so on; BOUND_AT says where each is. levels: (levels, TABLE) ints: width, height, start in
+ * texels; of the bounds number of tiers, start, log2 of the rows' length, and span; last, how far at most the level's
+ * heights are from the first's, in 65535ths.
  */
 #include "lib/heights.h"
 #include "lib/lanes.h"
@@ -23,7 +24,7 @@
 #ifndef DISTANCE
 #define DISTANCE APPROXIMATE /* or EXACT, or PERPENDICULAR: how far below the surface a ray is */
 #endif
-#define TABLE 28         /* ints of a level: maps have up to 2^21 texels a side, and as many tiers */
+#define TABLE 8          /* ints of a level */
 #define LOST (TABLE - 1) /* of them, where the last one is */
 #define STEPS_MOST 4096  /* of a safe search */
 #if LANES == 16
@@ -183,6 +184,9 @@ Track track_of(const ReliefRay *ray, global const int *levels)
     return k;
 }
 
+/* Where the bound of a tier's cell is: computed, as looking it up would take as long as reading the bound itself. */
+#define BOUND_AT(s, tier, column, row) ((s)->start + (s)->span - ((s)->span >> (tier)) + ((row) << (s)->pitch) + (column))
+
 /* A search on its way */
 typedef struct {
     ReliefRay ray;
@@ -192,7 +196,7 @@ typedef struct {
     intl found;
     floatl t;      /* so far; in the end, where it is found */
     floatl before; /* linear: the last point above the surface */
-    intl tier;     /* safe: of the bounds */
+    intl tier, tiers, start, pitch, span; /* safe: of the bounds */
     floatl per_x, per_y, nudge, peak;
     floatl from_x, from_y; /* where the ray starts; a texel before it where it stays on a column, or row */
 #if COUNTED
@@ -306,7 +310,7 @@ INLINED floatl time_to_side(intl number, intl side, intl count, floatl d, floatl
 #endif
 
 /* One step of a safe search: across a cell that the ray stays above, or down to its quarters. */
-void safe_step(Search *s, global const uint *texels, global const ushort *bounds, global const int *levels)
+void safe_step(Search *s, global const uint *texels, global const uint *bounds)
 {
     const ReliefRay *ray = &s->ray;
     const intl width = s->track.map.width, height = s->track.map.height, tier = s->tier;
@@ -316,9 +320,9 @@ void safe_step(Search *s, global const uint *texels, global const ushort *bounds
     FLOOR(at_x, cx, ix)
     FLOOR(at_y, cy, iy)
     const intl tx = ON_MAP(cx, ix, width, s->track.map.per_width), ty = ON_MAP(cy, iy, height, s->track.map.per_height);
-    const intl column = tx >> tier, row = ty >> tier, row_length = ((width - 1) >> tier) + 1;
-    const intl bound_at = TABLE_AT(levels, ray->level, 4 + tier) + row * row_length + column;
-    const floatl highest = to_floatl((intl)(gather(bounds, bound_at))) * (1.0f / 65535.0f);
+    const intl column = tx >> tier, row = ty >> tier, bound_at = BOUND_AT(s, tier, column, row), pair_at = bound_at >> 1;
+    const intl pair = as_intl((uintl)(gather(bounds, pair_at))), bound = (pair >> ((bound_at & 1) << 4)) & 0xffff;
+    const floatl highest = to_floatl(bound) * (1.0f / 65535.0f);
     const intl first_x = column << tier, first_y = row << tier, one = (intl)1 << tier;
     const intl side_x = pick(dx >= 0.0f, min(first_x + one, width), first_x);
     const intl side_y = pick(dy >= 0.0f, min(first_y + one, height), first_y);
@@ -348,13 +352,13 @@ void safe_step(Search *s, global const uint *texels, global const ushort *bounds
     const intl passes = s->active & (is_free | at_leaf);
     s->t = pick(passes, leaves, s->t);
     s->tier = pick(passes, tier + pick(up, (intl)1, (intl)0), pick(s->active, tier - 1, tier));
-    s->tier = min(s->tier, TABLE_AT(levels, ray->level, 3) - 1);
+    s->tier = min(s->tier, s->tiers - 1);
     s->active = s->active & (s->t < ray->end);
 }
 
 /* No step is longer than the bounds allow, so nothing is stepped over: cells whose greatest height stays below the ray
  * are crossed at once, and a cell between 2x2 texels is solved. */
-void safe_search(Search *searches, global const uint *texels, global const ushort *bounds, global const int *levels)
+void safe_search(Search *searches, global const uint *texels, global const uint *bounds, global const int *levels)
 {
     for (int k = 0; k < TWINS; k++) {
         Search *s = searches + k;
@@ -369,7 +373,11 @@ void safe_search(Search *searches, global const uint *texels, global const ushor
         s->from_y = pick(still_y, s->track.y - 1.0f, s->track.y);
         s->nudge = NUDGE * lesser(fabs(s->per_x), fabs(s->per_y));
         s->peak = pick(K < 0.0f, -0.5f * s->ray.L / K, (floatl)INFINITY); /* deepest there */
-        s->tier = min(TABLE_AT(levels, s->ray.level, 3) - 1, (intl)FIRST_TIER);
+        s->tiers = TABLE_AT(levels, s->ray.level, 3);
+        s->start = TABLE_AT(levels, s->ray.level, 4);
+        s->pitch = TABLE_AT(levels, s->ray.level, 5);
+        s->span = TABLE_AT(levels, s->ray.level, 6);
+        s->tier = min(s->tiers - 1, (intl)FIRST_TIER);
         s->t = 0.0f;
         s->found = 0;
         s->active = s->active & (s->ray.end > 0.0f);
@@ -378,7 +386,7 @@ void safe_search(Search *searches, global const uint *texels, global const ushor
         int going = 0;
         for (int k = 0; k < TWINS; k++)
             if (any_lane(searches[k].active)) {
-                safe_step(searches + k, texels, bounds, levels);
+                safe_step(searches + k, texels, bounds);
                 going = 1;
             }
         if (!going)

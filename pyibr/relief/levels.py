@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from pyibr.meshes.heights import Wrap, following
 from pyibr.meshes.textures import halved
-from pyibr.opencl.headers import constant
 
 Float32 = NDArray[np.float32]
 
@@ -24,10 +23,11 @@ class HeightLevels:
         Level by level, largest first. Of 8-bit heights a word holds four: a texel, its right neighbour, and the two
         below; of others two of 16 bits: a texel and its right neighbour.
     bounds : (m,) uint16
-        Greatest height, in 65535ths, of the cells between 2x2 texels, then of 2x2 cells, and so on up to one.
+        Greatest height, in 65535ths, of the cells between 2x2 texels, then of 2x2 cells, and so on up to one; an even
+        number, as kernels read two at once.
     table : (levels, TABLE of kernels/relief/search.h) int32
-        Of each level width, height, start in texels, number of its hierarchy's tiers, and their starts in bounds; last,
-        how far its heights are at most from the first level's, in 65535ths.
+        Of each level width, height, start in texels; of its bounds number of tiers, start, log2 of the rows' length
+        and span; last, how far its heights are at most from the first level's, in 65535ths.
     height_bytes : int
         1 or 2: the kernels' HEIGHT_BYTES.
     """
@@ -52,7 +52,7 @@ def height_levels(height: Float32, height_bytes: int, wrap: Wrap) -> HeightLevel
     words: list[NDArray[np.uint32]] = []
     bounds: list[NDArray[np.uint16]] = []
     rows: list[list[int]] = []
-    level, start, bound_start, table = height, 0, 0, int(constant("relief/search.h", "TABLE"))
+    level, start, bound_start = height, 0, 0
     lost = 0.0
     while True:
         h, w = level.shape
@@ -65,23 +65,40 @@ def height_levels(height: Float32, height_bytes: int, wrap: Wrap) -> HeightLevel
         else:
             words.append((fixed | right << 16).astype(np.uint32).ravel())
         cell = np.maximum(np.maximum(fixed, right), np.maximum(down, across)) * (65535 // most)
-        row = [w, h, start, 0]
-        while True:
-            bounds.append(cell.astype(np.uint16).ravel())
-            row.append(bound_start)
-            row[3] += 1
-            bound_start += cell.size
-            if cell.size == 1:
-                break
-            padded = np.pad(cell, ((0, cell.shape[0] % 2), (0, cell.shape[1] % 2)))
-            cell = padded.reshape(padded.shape[0] // 2, 2, -1, 2).max(axis=(1, 3))
-        rows.append(row + [0] * (table - len(row) - 1) + [int(np.ceil(65535 * min(lost, 1.0)))])
+        (count, pitch, span), tiers = _tiers_of(cell)
+        bounds.append(tiers)
+        rows.append([w, h, start, count, bound_start, pitch, span, int(np.ceil(65535 * min(lost, 1.0)))])
+        bound_start += tiers.size
         start += fixed.size
         if w == h == 1:
             break
         finer, level = level, halved(level)
         lost += float(np.abs(finer - _stretched(_stretched(level, w, wrap).T, h, wrap).T).max())
     return HeightLevels(np.concatenate(words), np.concatenate(bounds), np.array(rows, np.int32), height_bytes)
+
+
+def _tiers_of(cell: NDArray[np.uint32]) -> tuple[list[int], NDArray[np.uint16]]:
+    """The bounds of cells, of 2x2 cells, and so on up to one: BOUND_AT of kernels/relief/search.h says where each is.
+
+    They lie side by side, of a map that is taller than wide one below the other, in rows of a power of two.
+
+    Returns
+    -------
+    shape : list of int
+        The number of tiers, log2 of the rows' length, and the span, which each tier halves.
+    tiers : (m,) uint16
+    """
+    h, w = cell.shape
+    count = (max(w, h) - 1).bit_length() + 1
+    pitch, rows = (count, h) if w >= h else ((w - 1).bit_length(), 1 << count)
+    span = 1 << (count if w >= h else count + pitch)
+    tiers = np.zeros((rows, 1 << pitch), np.uint16)
+    for tier in range(count):
+        top, left = divmod(span - (span >> tier), 1 << pitch)
+        tiers[top : top + cell.shape[0], left : left + cell.shape[1]] = cell
+        padded = np.pad(cell, ((0, cell.shape[0] % 2), (0, cell.shape[1] % 2)))
+        cell = padded.reshape(padded.shape[0] // 2, 2, -1, 2).max(axis=(1, 3))
+    return [count, pitch, span], tiers.ravel()
 
 
 def _stretched(level: Float32, columns: int, wrap: Wrap) -> Float32:

@@ -281,7 +281,7 @@ def _buffers(surface: ReliefSurface) -> dict[str, DeviceArray]:
         "faces": upload(base.faces),
         "vertices": upload(rows),
         "texels": upload(levels.texels),
-        "bounds": upload(levels.bounds),
+        "bounds": upload(levels.bounds.view(np.uint32)),
         "levels": upload(levels.table),
         "colors": upload(texture_pyramid(surface.color)),
     }

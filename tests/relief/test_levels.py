@@ -50,8 +50,29 @@ def test_no_height_is_above_its_bound(shape, height_bytes):
     rows, columns = shape
     x, y = rng.uniform(0, columns, 2000), rng.uniform(0, rows, 2000)  # texels from the first centre
     truth = bilinear_height(height.astype(float), (x + 0.5) / columns, (y + 0.5) / rows)
-    for tier in range(made.table[0, 3]):
-        across = -(-columns // 2**tier)
-        at = made.table[0, 4 + tier] + (y.astype(int) >> tier) * across + (x.astype(int) >> tier)
-        assert (made.bounds[at] / 65535 >= truth - 1e-6).all()
-    assert made.bounds[made.table[0, 4 + made.table[0, 3] - 1]] == np.rint(height.max() * 65535)
+    (tiers, start, pitch, span), bounds = made.table[0, 3:7], made.bounds
+    for tier in range(tiers):
+        corner = start + span - (span >> tier)
+        bounds = made.bounds[corner + ((y.astype(int) >> tier) << pitch) + (x.astype(int) >> tier)]
+        assert (bounds / 65535 >= truth - 1e-6).all()
+    assert (bounds == np.rint(height.max() * 65535)).all()  # the last is one cell
+    assert len(made.bounds) % 2 == 0
+
+
+@pytest.mark.parametrize("shape", [*SHAPES, (1, 64), (64, 1), (65, 3), (3, 65)])
+def test_no_bound_is_overwritten(shape):
+    """Of all levels and tiers each cell has a place of its own, and its bound is the greatest of its texels."""
+    height = random(shape)
+    made = height_levels(height, 2, "clamp")
+    places: list[int] = []
+    for width, tall, first, tiers, start, pitch, span, _ in made.table.tolist():
+        heights = made.texels[first : first + width * tall].reshape(tall, width) & 65535
+        corners = np.stack([np.pad(heights, 1, "edge")[y : y + tall, x : x + width] for y in (1, 2) for x in (1, 2)])
+        for tier in range(tiers):
+            side = 2**tier
+            for y in range(-(-tall // side)):
+                for x in range(-(-width // side)):
+                    places.append(start + span - (span >> tier) + (y << pitch) + x)
+                    most = corners[:, y * side : (y + 1) * side, x * side : (x + 1) * side].max()
+                    assert made.bounds[places[-1]] == most
+    assert len(set(places)) == len(places) and max(places) < len(made.bounds)
