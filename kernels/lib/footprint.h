@@ -55,6 +55,7 @@ INLINED UvSteps uv_steps(Screen screen, floatl n, Vector ahead, Vector normal, V
     const floatl steepest = -least * sqrt(DOT(normal, normal)), facing = lesser(DOT(normal, ahead), steepest);
     const floatl per_facing = 1.0f / lesser(facing, (floatl)-1e-30f);
     floatl steps[2][2];
+    UNROLLED
     for (int axis = 0; axis < 2; axis++) {
         const Vector level = {m[axis] * depth, m[4 + axis] * depth, m[8 + axis] * depth}; /* at the same depth */
         const floatl slide = DOT(normal, level) * per_facing;
@@ -95,6 +96,14 @@ INLINED Footprint footprint_of(UvSteps s, int width, int height, intl wanted)
 #define ALONG(f, i) pick(HAS_READING(f, i), ((i) + 0.5f) / (f).count - 0.5f, (floatl)0.0f)
 #define WEIGHT(f, i) pick(HAS_READING(f, i), 1.0f / (f).count, (floatl)0.0f)
 #endif
+
+/* The same footprint in a level whose texels are twice as large: half of the readings are as close together there. */
+INLINED Footprint on_coarser(Footprint f)
+{
+    f.texels_2 *= 4.0f;
+    f.count = truncated(0.5f * f.count + 0.5f);
+    return f;
+}
 
 /* Adds the mean of a texture's level over a footprint around (u, v), by a weight. */
 INLINED void add_footprint(global const uint *texels, floatl u, floatl v, Footprint f, intl level, int width, int height,

@@ -20,6 +20,13 @@
 #define INLINED
 #endif
 
+/* Before a loop of few steps whose number is known: CPU compilers leave it a loop, whose vectors go through memory. */
+#if LANES == 16 && defined(__clang__)
+#define UNROLLED _Pragma("unroll")
+#else
+#define UNROLLED
+#endif
+
 /* Without AVX-512, compilers warn that vectors of 64 bytes are passed otherwise than with it: nobody else is called. */
 #ifdef __clang__
 #pragma clang diagnostic ignored "-Wpsabi"
@@ -141,9 +148,6 @@ floatl floor_lanes(floatl x)
 #define floor_lanes floor
 #endif
 #define ceil_lanes(x) (-floor_lanes(-(x)))
-
-/* A whole number of texels, moved into a tile */
-#define IN_TILE(i, size, per_size) ((i) - (size) * floor_lanes(((i) + 0.5f) * (per_size)))
 
 /* One instruction each, where fmin and fmax take four: a NaN in a yields b. */
 #define lesser(a, b) pick((a) < (b), a, b)

@@ -89,6 +89,7 @@ INLINED floatl visibility(global const float *shadow_maps, Shadow shadow, Vector
     for (int i = 0; i < shadow.maps; i++) {
         const float *m = shadow.from_world + 16 * i, *r = shadow.depth_row + 4 * i;
         float right[3], down[3]; /* as long as SHADOW_REACH texels, where W is 1 */
+        UNROLLED
         for (int axis = 0; axis < 3; axis++) {
             right[axis] = SHADOW_REACH * shadow.texel_x * shadow.texel_x * (m[axis] - middle * m[8 + axis]);
             down[axis] = SHADOW_REACH * shadow.texel_y * shadow.texel_y * (m[4 + axis] - middle * m[8 + axis]);

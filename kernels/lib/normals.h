@@ -13,6 +13,7 @@ INLINED Vector normal_in(global const float *map, int width, int height, intl le
     const intl start = start_of_level(level, &across, &down);
     const Taps taps = map_taps(across, down, u, v);
     floatl part[3];
+    UNROLLED
     for (int axis = 0; axis < 3; axis++) {
 #define NORMAL_TAP(k) (floatl)(gather(map, 3 * (start + taps.at[k]) + axis))
         part[axis] = bilinear(taps, NORMAL_TAP(0), NORMAL_TAP(1), NORMAL_TAP(2), NORMAL_TAP(3));

@@ -42,7 +42,8 @@ INLINED Taps map_taps(intl width, intl height, floatl u, floatl v)
 {
 #if CLAMPED
     const floatl across = to_floatl(width), down = to_floatl(height);
-    const floatl tx = FROM_FIRST(u * across - 0.5f, across), ty = FROM_FIRST(v * down - 0.5f, down);
+    const floatl tx = lesser(greater(u * across - 0.5f, (floatl)0.0f), across - 1.0f);
+    const floatl ty = lesser(greater(v * down - 0.5f, (floatl)0.0f), down - 1.0f);
     const floatl x0 = truncated(tx), y0 = truncated(ty);
     const intl left = clamp(to_intl(x0), (intl)0, width - 1), right = min(left + 1, width - 1);
     const intl up = clamp(to_intl(y0), (intl)0, height - 1), upper = up * width, lower = min(up + 1, height - 1) * width;

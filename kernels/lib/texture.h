@@ -4,7 +4,7 @@
  * size of the one before, rounded down (Williams 1983).
  */
 #include "lib/color.h"
-#include "lib/wrap.h"
+#include "lib/taps.h"
 
 #define LEVELS_MOST 16
 
@@ -24,20 +24,16 @@ INLINED intl start_of_level(intl level, intl *width, intl *height)
 }
 
 /* Adds a texture's level, which begins at `start`, at (u, v), by a weight. */
-void add_texels(global const uint *texels, floatl u, floatl v, intl start, intl w, intl h, floatl weight, Color *sum)
+INLINED void add_texels(global const uint *texels, floatl u, floatl v, intl start, intl w, intl h, floatl weight, Color *sum)
 {
-    const floatl across = to_floatl(w), down = to_floatl(h);
-    const floatl tx = FROM_FIRST(u * across - 0.5f, across), ty = FROM_FIRST(v * down - 0.5f, down);
-    const floatl x0 = floor_lanes(tx), y0 = floor_lanes(ty), fx = tx - x0, fy = ty - y0;
-    const floatl right = weight * fx, left = weight - right;
-    /* Lanes that do not ask may hold anything: none may read beyond the level. */
-    const intl xa = to_intl(within(IN_TILE(x0, across, 1.0f / across), across - 1.0f)), xb = pick(xa + 1 < w, xa + 1, (intl)0);
-    const intl y_in = to_intl(within(IN_TILE(y0, down, 1.0f / down), down - 1.0f));
-    const intl ya = start + y_in * w, yb = start + pick(y_in + 1 < h, y_in + 1, (intl)0) * w;
-    add_color(sum, left * (1.0f - fy), color_of(texels_at(texels, ya + xa)));
-    add_color(sum, right * (1.0f - fy), color_of(texels_at(texels, ya + xb)));
-    add_color(sum, left * fy, color_of(texels_at(texels, yb + xa)));
-    add_color(sum, right * fy, color_of(texels_at(texels, yb + xb)));
+    const Taps taps = map_taps(w, h, u, v);
+    floatl weights[4];
+    tap_weights(taps, weights);
+    UNROLLED
+    for (int k = 0; k < 4; k++) {
+        const intl at = start + taps.at[k];
+        add_color(sum, weight * weights[k], color_of(texels_at(texels, at)));
+    }
 }
 
 /* The level whose texels are as large as a pixel, from the square of how many of the first's it covers along a side */

@@ -45,6 +45,7 @@ INLINED Color read_texture(const OnTriangle *p, global const float *uv, global c
     const floatl u = mean_on(p, uv, 2, 0), v = mean_on(p, uv, 2, 1);
     /* One pixel on, weights change by the edges' a or b, and the total by their sums. */
     floatl du_x = 0.0f, dv_x = 0.0f, du_y = 0.0f, dv_y = 0.0f, a_sum = 0.0f, b_sum = 0.0f;
+    UNROLLED
     for (int k = 0; k < 3; k++) {
         const int i = (k + 1) % 3, j = (k + 2) % 3;
         const floatl a = p->V[i] * p->W[j] - p->W[i] * p->V[j], b = p->W[i] * p->U[j] - p->U[i] * p->W[j];
@@ -72,7 +73,8 @@ INLINED Color read_texture(const OnTriangle *p, global const float *uv, global c
     Color read = {0.0f, 0.0f, 0.0f};
     add_footprint(texels, u, v, f, to_intl(below), width, height, (1.0f - between) / 255.0f, &read);
     if (any_lane(between > 0.0f))
-        add_footprint(texels, u, v, f, min(to_intl(below) + 1, (intl)(levels - 1)), width, height, between / 255.0f, &read);
+        add_footprint(texels, u, v, on_coarser(f), min(to_intl(below) + 1, (intl)(levels - 1)), width, height, between / 255.0f,
+                      &read);
     return read;
 }
 #endif
@@ -82,6 +84,7 @@ INLINED Color read_texture(const OnTriangle *p, global const float *uv, global c
 INLINED Vector own_normal(const OnTriangle *p, global const float *vertices)
 {
     Vector at[3];
+    UNROLLED
     for (int k = 0; k < 3; k++) {
         const intl corner = 3 * p->corner[k];
         at[k].x = (floatl)(gather(vertices, corner));

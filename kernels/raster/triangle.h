@@ -68,6 +68,7 @@ intl set_up_triangles(global const int *corners, global const float *projected, 
     floatl U[3], V[3], W[3], Q[3], at_x[3], at_y[3];
     intl px[3], py[3], close[3]; /* corner k is before the camera and not far off */
     intl crosses = 0;
+    UNROLLED
     for (int k = 0; k < 3; k++) {
         const intl face = 3 * index + k, at = 4 * (intl)(gather(corners, face));
         const intl at_v = at + 1, at_w = at + 2, at_q = at + 3;
@@ -94,6 +95,7 @@ intl set_up_triangles(global const int *corners, global const float *projected, 
     if (!any_lane(seen))
         return seen;
 
+    UNROLLED
     for (int k = 0; k < 3; k++)
         t->edges[k] = edges_of(U, V, W, (k + 1) % 3, (k + 2) % 3);
     const floatl determinant = t->edges[0].a * U[0] + t->edges[0].b * V[0] + t->edges[0].c * W[0];
@@ -104,6 +106,7 @@ intl set_up_triangles(global const int *corners, global const float *projected, 
     seen = seen & (determinant != 0.0f) & isfinite_lanes(determinant) & (turns != 0.0f) & (turns * culled <= 0.0f);
     const intl turned = pick(turns > 0.0f, (intl)1, (intl)-1);
     t->exact = 0;
+    UNROLLED
     for (int k = 0; k < 3; k++) {
         const int i = (k + 1) % 3, j = (k + 2) % 3;
         t->exact |= pick(close[i] & close[j], (intl)(1 << k), (intl)0);
@@ -115,6 +118,7 @@ intl set_up_triangles(global const int *corners, global const float *projected, 
     t->n_x = t->n_y = t->n_0 = 0.0f;
     t->n_low = pick(crosses, (floatl)-INFINITY, (floatl)INFINITY);
     t->n_high = -t->n_low;
+    UNROLLED
     for (int k = 0; k < 3; k++) {
         const floatl differs = Q[k] - middle * W[k], n = Q[k] / W[k];
         t->edges[k].a *= sign;
@@ -141,6 +145,7 @@ intl covered_by(const Triangles *t, int lane, int first_x, int first_y, floatl *
     const floatl x = to_floatl(xi), y = to_floatl(yi);
     const int exact = int_lane(t->exact, lane);
     intl covered = lane_index >= 0;
+    UNROLLED
     for (int k = 0; k < 3; k++) {
         if (exact >> k & 1) {
             const ExactEdges *e = &t->exact_edges[k];
@@ -168,12 +173,13 @@ typedef struct {
 } OnTriangle;
 
 /* At the pixel (x, y) of the picture */
-OnTriangle on_triangle(global const int *corners, global const float *projected, intl index, floatl x, floatl y)
+INLINED OnTriangle on_triangle(global const int *corners, global const float *projected, intl index, floatl x, floatl y)
 {
     OnTriangle p;
     floatl sum = 0.0f;
     const int one = int_lane(index, 0);
     p.uniform = !any_lane(index != one);
+    UNROLLED
     for (int k = 0; k < 3; k++) { /* relative to the pixel an edge's function is its c alone */
         if (p.uniform) {
             const int corner = corners[3 * one + k];
@@ -192,40 +198,46 @@ OnTriangle on_triangle(global const int *corners, global const float *projected,
         }
     }
     p.area = 0.0f;
+    UNROLLED
     for (int k = 0; k < 3; k++) {
         const int i = (k + 1) % 3, j = (k + 2) % 3;
         p.weight[k] = p.U[i] * p.V[j] - p.V[i] * p.U[j];
         p.area += p.weight[k];
     }
     const floatl sign = pick(p.area < 0.0f, (floatl)-1.0f, (floatl)1.0f);
+    UNROLLED
     for (int k = 0; k < 3; k++) { /* none from beyond the triangle, as in `covered_by` */
         p.weight[k] = greater(p.weight[k] * sign, (floatl)0.0f);
         sum += p.weight[k];
     }
     const floatl inverse = 1.0f / sum;
+    UNROLLED
     for (int k = 0; k < 3; k++)
         p.weight[k] *= inverse;
     return p;
 }
 
 /* The means of the corners' values, by weights: `rows` of 16 floats a vertex, a mean each */
-void corner_means(global const float *rows, const OnTriangle *p, floatl *means)
+INLINED void corner_means(global const float *rows, const OnTriangle *p, floatl *means)
 {
 #if LANES == 16
     if (p->uniform) {
         const float16 a = vload16(int_lane(p->corner[0], 0), rows), b = vload16(int_lane(p->corner[1], 0), rows),
                       c = vload16(int_lane(p->corner[2], 0), rows);
-        for (int part = 0; part < 16; part++)
+    UNROLLED
+    for (int part = 0; part < 16; part++)
             means[part] = p->weight[0] * float_lane(a, part) + p->weight[1] * float_lane(b, part) +
                           p->weight[2] * float_lane(c, part);
         return;
     }
+    UNROLLED
     for (int lane = 0; lane < LANES; lane++)
         means[lane] = float_lane(p->weight[0], lane) * vload16(int_lane(p->corner[0], lane), rows) +
                       float_lane(p->weight[1], lane) * vload16(int_lane(p->corner[1], lane), rows) +
                       float_lane(p->weight[2], lane) * vload16(int_lane(p->corner[2], lane), rows);
     transpose(means);
 #else
+    UNROLLED
     for (int part = 0; part < 16; part++)
         means[part] = p->weight[0] * rows[16 * p->corner[0] + part] + p->weight[1] * rows[16 * p->corner[1] + part] +
                       p->weight[2] * rows[16 * p->corner[2] + part];

@@ -37,7 +37,7 @@ typedef struct {
     floatl a, b, c;
 } Entry;
 
-Entry entry_of(const Relief *relief, intl index, floatl x, floatl y)
+INLINED Entry entry_of(const Relief *relief, intl index, floatl x, floatl y)
 {
     const OnTriangle pixel = on_triangle(relief->faces, relief->projected, index, x, y);
     floatl of_vertex[VERTEX];

@@ -221,6 +221,7 @@ intl is_below(const Search *s, global const uint *texels, floatl t)
 void linear_search(Search *searches, global const uint *texels, int steps, int halvings)
 {
     floatl step[TWINS];
+    UNROLLED
     for (int k = 0; k < TWINS; k++) {
         Search *s = searches + k;
         step[k] = s->ray.end * (1.0f / steps);
@@ -229,6 +230,7 @@ void linear_search(Search *searches, global const uint *texels, int steps, int h
     }
     for (int i = 1; i <= steps; i++) {
         int going = 0;
+        UNROLLED
         for (int k = 0; k < TWINS; k++) {
             Search *s = searches + k;
             if (!any_lane(s->active))
@@ -243,9 +245,11 @@ void linear_search(Search *searches, global const uint *texels, int steps, int h
         if (!going)
             break;
     }
+    UNROLLED
     for (int k = 0; k < TWINS; k++)
         searches[k].before = searches[k].t - step[k];
     for (int i = 0; i < halvings; i++)
+        UNROLLED
         for (int k = 0; k < TWINS; k++) {
             Search *s = searches + k;
             const floatl t = 0.5f * (s->before + s->t);
@@ -254,6 +258,7 @@ void linear_search(Search *searches, global const uint *texels, int steps, int h
             s->t = pick(below & !s->active, t, s->t);
             s->before = pick(below, s->before, t);
         }
+    UNROLLED
     for (int k = 0; k < TWINS; k++)
         searches[k].found = searches[k].found & (!searches[k].active | searches[k].ray.at_bottom);
 }
@@ -360,6 +365,7 @@ void safe_step(Search *s, global const uint *texels, global const uint *bounds)
  * are crossed at once, and a cell between 2x2 texels is solved. */
 void safe_search(Search *searches, global const uint *texels, global const uint *bounds, global const int *levels)
 {
+    UNROLLED
     for (int k = 0; k < TWINS; k++) {
         Search *s = searches + k;
         const floatl K = s->ray.K;
@@ -384,6 +390,7 @@ void safe_search(Search *searches, global const uint *texels, global const uint 
     }
     for (int i = 0; i < STEPS_MOST; i++) {
         int going = 0;
+        UNROLLED
         for (int k = 0; k < TWINS; k++)
             if (any_lane(searches[k].active)) {
                 safe_step(searches + k, texels, bounds);
@@ -392,6 +399,7 @@ void safe_search(Search *searches, global const uint *texels, global const uint 
         if (!going)
             break;
     }
+    UNROLLED
     for (int k = 0; k < TWINS; k++) { /* what has met nothing has come to the end */
         searches[k].t = pick(searches[k].found, searches[k].t, searches[k].ray.end);
         searches[k].found = searches[k].found | searches[k].ray.at_bottom;
