@@ -96,7 +96,9 @@ floatl nearness_of_block(Screen screen, global const float *depth, int x, int y)
 void begin_region(Region *region, Screen screen, global const float *depth, int blank, int x, int y)
 {
     for (int block = 0; block < BLOCKS; block++) {
-        const floatl so_far = blank ? (floatl)EMPTY : nearness_of_block(screen, depth, x + FIRST_X(block), y + FIRST_Y(block));
+        floatl so_far = EMPTY;
+        if (!blank)
+            so_far = nearness_of_block(screen, depth, x + FIRST_X(block), y + FIRST_Y(block));
         region->nearness[block] = so_far;
         region->owner[block] = -1;
         region->farthest[block] = least_lane(so_far);
