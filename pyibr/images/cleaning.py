@@ -67,9 +67,9 @@ def clean_depth(
     than noise does: edges stay as sharp as they are. It works on nearness (1 / depth), in which planes are linear.
 
     Frame by frame, what is left of the noise flickers, and so does what is filled. With `before` the depth is steady:
-    where the last frame's and this one's agree within the noise, most of the last one's stays; where they do not,
-    something has moved, and this frame's counts alone. What moves slowly is behind by at most 0.55 of the noise's
-    standard deviation.
+    where the last frame's and this one's agree within the noise, most of the last one's stays, and so do wires that
+    break into pieces; where they do not, something has moved, and this frame's counts alone. What moves slowly is
+    behind by at most 0.55 of the noise's standard deviation.
 
     Parameters
     ----------
@@ -139,6 +139,8 @@ def clean_depth(
     area = _filled_area(cv2, seeds, reach)
     grown = _grown(cv2, sown, seeds, area, tint)
     speckle = _speckle(cv2, apart.of(grown))
+    if known is not None:
+        speckle &= ~_islands_with(cv2, speckle, kept & (np.abs(apart.of(measured) - apart.of(known)) < 1))
     if (speckle & seeds).any():
         kept, seeds = kept & ~speckle, seeds & ~speckle
         area &= ~speckle | _filled_area(cv2, seeds, reach)
@@ -298,6 +300,12 @@ def _speckle(cv2: Any, values: Float32) -> Mask:
     steps = np.where(there, np.rint(np.nan_to_num(values) * fine) + 1, 0).astype(np.int16)
     cv2.filterSpeckles(steps, 0, min(_SPECKLE, np.count_nonzero(there) // 10), max(round(fine), 1))
     return there & (steps == 0)
+
+
+def _islands_with(cv2: Any, islands: Mask, some: Mask) -> Mask:
+    """(H, W) the islands that have some of these samples: a wire that broke is a surface if it was one before."""
+    labels: NDArray[np.int32] = cv2.connectedComponents(islands.astype(np.uint8))[1]
+    return islands & np.isin(labels, labels[islands & some])
 
 
 def _smoothed(cv2: Any, values: Float32, strength: float) -> Float32:

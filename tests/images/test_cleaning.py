@@ -163,6 +163,18 @@ def test_what_is_at_rest_is_steady_and_nearer_to_the_truth(kind):
     assert errors[0] < 0.8 * errors[1]
 
 
+@pytest.mark.parametrize("kind", ["disparity", "flight"])
+def test_at_rest_next_to_no_sample_changes_more_than_it_was_measured_to(kind):
+    """A wire, too, whose lost samples leave pieces that a single frame takes for speckle."""
+    truth = room(np.random.default_rng(6))
+    measured = np.stack([with_noise(truth, np.random.default_rng(number), kind) for number in range(30)])
+    steady, single = (np.stack(sequence(30 * [truth], kind, steady)) for steady in (True, False))
+    assert (steady.std(axis=0) <= measured.std(axis=0)).mean() >= 0.99
+    wall = 1.5  # the wire is at 1.2
+    torn = [(frames[1:, :, 110] > wall).any(axis=1).sum() for frames in (steady, single)]  # the first one has no before
+    assert torn[0] == 0 and torn[1] >= 3
+
+
 def test_what_moves_leaves_nothing_behind():
     """A box comes by in steps of 3 pixels, one fifth nearer than the wall."""
     truths: list[np.ndarray] = []
