@@ -7,9 +7,10 @@
  * FARTHEST.
  *
  * Deviations from the paper: the slices are met per pixel instead of drawn as polygons, so the stencil passes become
- * one loop; `halvings` brings the point that passes closer to the surface than its slice; `visible` weighs images by how
- * much of what they saw around the point is as far away as it. So images say little of surfaces along their view, between
- * samples before and behind, unless no other sees them; for the colours of such the surface is met more closely.
+ * one loop; `halvings` brings the point that passes closer to the surface than its slice; `visible` asks each image what it
+ * shows where the ray met its own surface, a little before the object's, and weighs images by how squarely they saw it. So
+ * images say little of surfaces along their view, between samples before and behind, unless no other sees them; for the
+ * colours of such the surface is met more closely.
  *
  * matrices: (VIEWS, 16) from the world to each view's pixel space. sizes: (VIEWS, 3) width, height and start in maps
  * and colors. maps: nearness, or 0 and 1. colors: RGBA bytes, A = 255 where the view has a sample. order: (VIEWS,)
@@ -31,8 +32,12 @@
 #endif
 #define TO_SCREEN 3 /* the axis of slices that are parallel to the screen; others are 0, 1, 2 */
 #define BLENDED 3 /* views that a colour is made of at most */
-#define DOUBTED 0.1f /* of a view: where all together see less, the surface is met more closely for its colour */
+#define LEVEL 0.5f /* samples by which one of a view lies off a point for it to count half of how well the view sees it, */
+#define TORN 4.0f  /* and of the view's colour there */
+#define HIDDEN 4.0f /* samples by which all those around a point may lie before it */
+#define DOUBTED 0.002f /* of a view: where all together see less, the surface is met more closely for its colour */
 #define CLOSER 6     /* further halvings there: along a view a surface moves by its whole length within a sample */
+#define STRIDES 4    /* of the way back from the object's surface to a view's own, each as long as those before it */
 
 typedef struct {
     float from_world[12]; /* row by row */
@@ -100,7 +105,7 @@ typedef struct {
     global const int *order;
     global const float *closeness;
     int visible, unknown;
-    float tolerance;
+    float sample, stride;
 } Views;
 
 /* Which of the points at z pass the test of every view? */
@@ -218,34 +223,77 @@ INLINED Color color_times(Color c, floatl by)
     return made;
 }
 
+/* How many samples of a view a difference of its nearness is long, where that is `mine` */
+INLINED floatl samples_per_nearness(const Views *views, const ViewRay *view, floatl mine)
+{
+    const intl flat = fabs(view->w.fixed - 1.0f) + fabs(view->w.sloped) == 0.0f; /* orthographic: nearness is -z */
+    return 1.0f / (views->sample * pick(flat, (floatl)1.0f, mine * mine));
+}
+
 /* What a view's samples around a place say of points there: the colours of all, or of those about as far away. */
 typedef struct {
     Color color; /* times their weights */
     floatl weight;
+    floatl part; /* of them that are as far away as the point: of a surface that is seen aslant few are */
     intl sees;
 } Told;
 
-INLINED Told told_by(const Views *views, int number, const ViewRay *view, Samples samples, floatl hit, int trusting)
+INLINED Told told_by(const Views *views, int number, const ViewRay *view, Samples samples, floatl at, int trusting)
 {
-    Told told = {{0.0f, 0.0f, 0.0f}, 0.0f, samples.on_image};
+    Told told = {{0.0f, 0.0f, 0.0f}, 0.0f, 0.0f, samples.on_image};
     global const int *size = views->sizes + 3 * number;
-    const floatl w = AT(view->w, hit), mine = AT(view->q, hit) / w;
-    const intl flat = fabs(w - 1.0f) + fabs(view->w.sloped) == 0.0f; /* orthographic: nearness is -z */
-    const floatl by = 1.0f / (views->tolerance * pick(flat, (floatl)1.0f, mine * mine));
-    floatl last = INFINITY; /* how much nearer than the point the farthest sample is, by the tolerance */
+    const floatl mine = AT(view->q, at) / AT(view->w, at), by = samples_per_nearness(views, view, mine);
     for (int k = 0; k < 4; k++) {
         const intl word = texels_at(views->colors + size[2], samples.taps.at[k]);
         floatl weight = samples.weights[k] * to_floatl((word >> 24) & 1);
         if (trusting) {
-            const floatl off = ((floatl)(gather(views->maps + size[2], samples.taps.at[k])) - mine) * by;
-            last = lesser(last, off);
-            weight = weight / (1.0f + off * off);
+            const floatl off = ((floatl)(gather(views->maps + size[2], samples.taps.at[k])) - mine) * by, squared = off * off;
+            told.part += weight / (1.0f + squared * (1.0f / (LEVEL * LEVEL)));
+            weight = weight / (1.0f + squared * (1.0f / (TORN * TORN)));
         }
         add_color(&told.color, weight, color_of(word));
         told.weight += weight;
     }
-    told.sees = told.sees & (trusting ? (last <= 1.0f) & (told.weight > 0.0f) : told.weight > 1e-3f);
+    told.sees = told.sees & (told.weight > (trusting ? 0.0f : 1e-3f));
     return told;
+}
+
+/* How much nearer than the rays' points at z a view's surface is, in samples; farthest: the farthest of those around */
+INLINED floatl before_at(const Views *views, int number, const ViewRay *view, floatl z, floatl *farthest)
+{
+    global const int *size = views->sizes + 3 * number;
+    const floatl inverse = 1.0f / AT(view->w, z), mine = AT(view->q, z) * inverse;
+    const Samples samples = samples_at(size, AT(view->u, z) * inverse, AT(view->v, z) * inverse);
+    floatl sum = 0.0f, least = INFINITY;
+    for (int k = 0; k < 4; k++) {
+        const floatl there = (floatl)(gather(views->maps + size[2], samples.taps.at[k]));
+        sum += samples.weights[k] * there;
+        least = lesser(least, there);
+    }
+    const floatl per_sample = samples_per_nearness(views, view, mine);
+    *farthest = (least - mine) * per_sample;
+    return (sum - mine) * per_sample;
+}
+
+/* Where the rays met a view's own surface, up to STRIDES strides before the object's: that begins where the last of all
+ * views' volumes does, and each loses up to a sample at its edges. Rays that did not meet it are left out of `asked`, and
+ * points that lie far behind all of the view's samples around them. */
+INLINED floatl met_before(const Views *views, int number, const ViewRay *view, floatl hit, intl *asked)
+{
+    floatl farthest, z = hit, from = hit, last = before_at(views, number, view, hit, &farthest);
+    *asked = *asked & (farthest <= HIDDEN);
+    intl open = *asked & (last > 0.0f);
+    float back = views->stride;
+    for (int i = 0; i < STRIDES && any_lane(open); i++, back *= 2.0f) {
+        const floatl to = hit - back, before = before_at(views, number, view, to, &farthest);
+        const intl met = open & (before <= 0.0f);
+        z = pick(met, to + (to - from) * before / (last - before), z);
+        open = open & !met;
+        from = to;
+        last = before;
+    }
+    *asked = *asked & !open;
+    return z;
 }
 
 /* Blends colours of the rays' points at `hit`: trusting, of views that see them, else of the closest. */
@@ -253,16 +301,16 @@ Blend blend_views(const Views *views, const WorldRay *ray, floatl hit, intl aske
 {
     Blend blend = {{0.0f, 0.0f, 0.0f}, 0.0f, 0.0f};
     for (int i = 0; i < VIEWS; i++) { /* `order` is from the closest on */
-        const intl wanted = asked & (blend.views < BLENDED - 0.5f);
+        intl wanted = asked & (blend.views < BLENDED - 0.5f);
         if (!any_lane(wanted))
             break;
         const int number = views->order[i];
         global const int *size = views->sizes + 3 * number;
         const ViewRay view = view_ray(views->matrices + 16 * number, ray);
-        const floatl inverse = 1.0f / AT(view.w, hit);
-        const Samples samples = samples_at(size, AT(view.u, hit) * inverse, AT(view.v, hit) * inverse);
-        const Told told = told_by(views, number, &view, samples, hit, trusting);
-        const floatl part = trusting ? told.weight : (floatl)1.0f; /* samples without colours take nothing from others */
+        const floatl at = trusting ? met_before(views, number, &view, hit, &wanted) : hit, inverse = 1.0f / AT(view.w, at);
+        const Samples samples = samples_at(size, AT(view.u, at) * inverse, AT(view.v, at) * inverse);
+        const Told told = told_by(views, number, &view, samples, at, trusting);
+        const floatl part = trusting ? told.part : (floatl)1.0f; /* samples without colours take nothing from others */
         const floatl share = pick(wanted & told.sees, views->closeness[number] * part / told.weight, (floatl)0.0f);
         const Color none = {0.0f, 0.0f, 0.0f};
         add_color(&blend.color, share, pick_color(told.sees, told.color, none));
@@ -305,7 +353,8 @@ kernel void draw_object(global const float *matrices, global const int *sizes, g
                         int slices_axis,
                         int halvings /* of the way back to the slice before, once one has passed */, int visible,
                         int unknown /* 1: images say nothing of what lies beside them */,
-                        float tolerance /* scene units that a sample may lie before a point that it shows */,
+                        float sample /* scene units from one sample of a view to the next */,
+                        float stride /* of the ray, from the object's surface back to a view's own */,
                         int low_x, int low_y, int blank COUNTS_PARAMETER(int))
 {
     const int x = low_x + get_global_id(0) * BLOCK, y = low_y + get_global_id(1) * BLOCK;
@@ -314,7 +363,7 @@ kernel void draw_object(global const float *matrices, global const int *sizes, g
     Region region;
     begin_region(&region, screen, depth, blank, x, y);
 
-    const Views views = {matrices, sizes, maps, colors, order, closeness, visible, unknown, tolerance};
+    const Views views = {matrices, sizes, maps, colors, order, closeness, visible, unknown, sample, stride};
     const WorldRay ray = world_ray(screen, to_floatl(x + block_x), to_floatl(y + block_y));
     const floatl so_far = region.nearness[0];
     const floatl hidden = pick(so_far <= EMPTY, (floatl)INFINITY, DEPTH_OF(screen.perspective, so_far));

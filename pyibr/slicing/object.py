@@ -50,7 +50,7 @@ _Kept = TypeVar("_Kept")
 _APART_MOST = 8.0  # times a view's nearest depth, or the width of what it sees if it is orthographic
 _FEWEST = 32  # slices of what is seen small
 _APART = 4  # pixels between the depths that tell normals: slices are steps
-_BEFORE = 2.0  # slices and samples by which a view's surface may lie before a point that it still shows
+_BEHIND = 8.0  # samples by which an object's surface may lie behind a view's own
 
 
 class DepthObject(Fixed):
@@ -363,7 +363,8 @@ def draw_object(target: Target, thing: DepthObject | VisualHull, counts: DeviceA
             halvings=halvings,
             visible=thing.texture == "visible",
             unknown=isinstance(thing, DepthObject) and thing.missing == "unknown",
-            tolerance=_BEFORE * (spacing + sample),
+            sample=sample,
+            stride=(_BEHIND * sample + spacing / 2**halvings) / 2 ** (constant("slicing/object.cl", "STRIDES") - 1),
             low_x=low_x,
             low_y=low_y,
             blank=target.blank,
