@@ -17,6 +17,13 @@ typedef struct {
 
 #define IS_OPEN(cut, a, b) (((cut).near_scale * (a) - (cut).far_scale * (b) > (cut).least) | ((b) <= NO_SURFACE))
 
+/* A depth image's samples, row by row */
+typedef struct {
+    global const float *nearness;
+    int width, height, pitch;
+    Cut cut;
+} Grid;
+
 #define NEAREST 1e-30f /* depths below it are invalid: their nearness would overflow in products */
 
 /* A ray that passes a sample, or runs along a row, a column or the diagonals of the cells, within this many pixels

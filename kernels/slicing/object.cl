@@ -23,12 +23,16 @@
 #include "lib/taps.h"
 #include "raster/region.h"
 #include "slicing/rays.h"
+#include "slicing/ribbon.h"
 
 #ifndef VIEWS
 #define VIEWS 6 /* of the object */
 #endif
 #ifndef SILHOUETTES
 #define SILHOUETTES 0 /* 1: maps are masks */
+#endif
+#ifndef THIN
+#define THIN 0 /* 1: what is one sample thin in a view is as wide there as its ribbons (slicing/ribbons.cl) */
 #endif
 #define TO_SCREEN 3 /* the axis of slices that are parallel to the screen; others are 0, 1, 2 */
 #define BLENDED 3 /* views that a colour is made of at most */
@@ -106,7 +110,44 @@ typedef struct {
     global const float *closeness;
     int visible, unknown;
     float sample, stride;
+#if THIN
+    global const int *firsts;
+    global const float *ribbons;
+#endif
 } Views;
+
+#if THIN
+/* The map's value at (x, y) of a view, or that of the nearest of its ribbons there, if it is nearer */
+INLINED floatl over_ribbons(const Views *views, global const int *size, floatl x, floatl y, intl asked, floatl value)
+{
+    const floatl column = lesser(greater(floor_lanes(x + 0.5f), (floatl)0.0f), (floatl)(size[0] - 1));
+    const floatl row = lesser(greater(floor_lanes(y + 0.5f), (floatl)0.0f), (floatl)(size[1] - 1));
+    const intl at = size[2] + to_intl(row) * size[0] + to_intl(column), next = at + 1;
+    intl number = (intl)(gather(views->firsts, at));
+    const intl last = (intl)(gather(views->firsts, next));
+    for (; any_lane(asked & (number < last)); number++) {
+        const intl there = asked & (number < last), first = RIBBON * pick(there, number, (intl)0);
+        floatl part[RIBBON];
+        for (int k = 0; k < RIBBON; k++) {
+            const intl here = first + k;
+            part[k] = (floatl)(gather(views->ribbons, here));
+        }
+        floatl low = 0.0f, high = 1.0f;
+        const floatl across[2] = {x - part[0], y - part[1]};
+        for (int axis = 0; axis < 2; axis++) { /* of the way, where the square holds the point */
+            const floatl way = part[2 + axis], per_way = 1.0f / pick(fabs(way) > 1e-6f, way, (floatl)1e-6f);
+            const floatl a = (across[axis] - 0.5f) * per_way, b = (across[axis] + 0.5f) * per_way;
+            low = greater(low, lesser(a, b));
+            high = lesser(high, greater(a, b));
+        }
+        const floatl along = across[0] * part[2] + across[1] * part[3];
+        const intl beyond = (part[7] > 0.5f) & (along > part[2] * part[2] + part[3] * part[3]);
+        const floatl near = part[4] + part[5] * across[0] + part[6] * across[1];
+        value = pick(there & (low <= high) & !beyond, greater(value, near), value);
+    }
+    return value;
+}
+#endif
 
 /* Which of the points at z pass the test of every view? */
 intl inside_all(const Views *views, const ViewRay *rays, floatl z, intl inside, intl *tests)
@@ -115,8 +156,12 @@ intl inside_all(const Views *views, const ViewRay *rays, floatl z, intl inside, 
         *tests += inside & 1;
         const floatl w = AT(rays[i].w, z), inverse = 1.0f / w;
         global const int *size = views->sizes + 3 * views->order[i];
-        const Samples samples = samples_at(size, AT(rays[i].u, z) * inverse, AT(rays[i].v, z) * inverse);
-        const floatl value = read_map(views->maps + size[2], samples);
+        const floatl u = AT(rays[i].u, z) * inverse, v = AT(rays[i].v, z) * inverse;
+        const Samples samples = samples_at(size, u, v);
+        floatl value = read_map(views->maps + size[2], samples);
+#if THIN
+        value = over_ribbons(views, size, u, v, inside & samples.on_image, value);
+#endif
 #if SILHOUETTES
         inside = inside & samples.on_image & (w > 0.0f) & (value >= 0.5f);
 #else
@@ -355,7 +400,13 @@ kernel void draw_object(global const float *matrices, global const int *sizes, g
                         int unknown /* 1: images say nothing of what lies beside them */,
                         float sample /* scene units from one sample of a view to the next */,
                         float stride /* of the ray, from the object's surface back to a view's own */,
-                        int low_x, int low_y, int blank COUNTS_PARAMETER(int))
+                        int low_x, int low_y, int blank COUNTS_PARAMETER(int)
+#if THIN
+                        ,
+                        global const int *firsts /* of the ribbons of each view's samples, and the end of all */,
+                        global const float *ribbons
+#endif
+)
 {
     const int x = low_x + get_global_id(0) * BLOCK, y = low_y + get_global_id(1) * BLOCK;
     if (x >= screen.width || y >= screen.height)
@@ -363,7 +414,11 @@ kernel void draw_object(global const float *matrices, global const int *sizes, g
     Region region;
     begin_region(&region, screen, depth, blank, x, y);
 
-    const Views views = {matrices, sizes, maps, colors, order, closeness, visible, unknown, sample, stride};
+    const Views views = {matrices, sizes, maps, colors, order, closeness, visible, unknown, sample, stride,
+#if THIN
+                         firsts, ribbons,
+#endif
+    };
     const WorldRay ray = world_ray(screen, to_floatl(x + block_x), to_floatl(y + block_y));
     const floatl so_far = region.nearness[0];
     const floatl hidden = pick(so_far <= EMPTY, (floatl)INFINITY, DEPTH_OF(screen.perspective, so_far));

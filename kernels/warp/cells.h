@@ -8,12 +8,6 @@
 #include "lib/lanes.h"
 #include "lib/surface.h"
 
-typedef struct {
-    global const float *nearness;
-    int width, height, pitch;
-    Cut cut;
-} Grid;
-
 /* Lines of the source, one a lane, by the distance walked along their major axis. */
 typedef struct {
     floatl u, v, du, dv; /* position at distance 0, and its change */

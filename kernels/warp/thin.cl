@@ -1,29 +1,18 @@
-/* Things one sample thin, as wide as the samples that saw them: wires, leaves, bars.
- *
- * The surface of lib/surface.h ends at its last samples: what is one sample wide has no triangles, or single ones. A
- * sample is thin if no cell around it is whole. It is drawn as a square of one sample's side that is swept, straight, to
- * each neighbour that it is not torn from (a ribbon), or that stays where it is if there is none (a dot); to a neighbour
- * that is not thin, up to the middle of that one. A ribbon is a plane: its nearness changes along it alone. Wires that run
- * aslant are seen as runs along rows (or columns) with steps of one sample between them; the middles of the squares lie
- * half a sample towards the next run where a run ends, and less the nearer to its middle: on the straight line, if the
- * wire is one.
+/* Things one sample thin, as wide as the samples that saw them: wires, leaves, bars, by their ribbons (lib/ribbons.h).
  *
  * Three launches, as of forward.cl: the nearest ribbon of each pixel by nearness, of equally near ones the first by its
  * number, and then the pixels, where a ribbon is nearer than what is there or there is nothing. Where a ray meets a hidden
  * side first, a ribbon behind that shows.
- * keys: (dst_height, dst_width) nearness as warp/keys.h orders it, 0 where no ribbon is; indices: the same shape, 9 times
+ * keys: (dst_height, dst_width) nearness as warp/keys.h orders it, 0 where no ribbon is; indices: the same shape, WAYS times
  * the number of the ribbon's thin sample and its way, 0 to 8 by rows to a neighbour, 4 to itself.
- * Work-item: STRIP * LANES samples, or pixels, of a row. Cost: O(samples + pixels of ribbons); a middle reads up to
- * 4 LONGEST samples. Determinism: maximum and minimum do not depend on the order of work-items.
+ * Work-item: STRIP * LANES samples, or pixels, of a row. Cost: O(samples + pixels of ribbons). Determinism: maximum and
+ * minimum do not depend on the order of work-items.
  * Not in the paper, whose samples are all connected.
  */
-#include "warp/cells.h"
-
 #include "lib/channel.h"
+#include "lib/lanes.h"
+#include "lib/ribbons.h"
 #include "warp/keys.h"
-
-/* Two launches must find the same nearness to the last bit. */
-#pragma OPENCL FP_CONTRACT OFF
 
 #ifndef STRIP
 #define STRIP 1 /* packets of LANES samples, or pixels, that a work-item goes through: starting one takes longer than most */
@@ -31,107 +20,10 @@
 #ifndef ORIGINS
 #define ORIGINS 0 /* 1: where pixels come from is written, too */
 #endif
-#define LONGEST 32 /* samples of a run to either side that are looked at: it is straight to a sixtieth if it is longer */
 #define WIDEST 256 /* target pixels: a ribbon's box is drawn no wider, as of one right before the target */
 #define NONE 0xFFFFFFFFu
 #define HELD_BACK 1024u /* of the least differences of nearness: the half squares beyond a ribbon's middles are behind what
                            goes on there in the same plane, whose colours run on */
-
-/* A ribbon from the middle of one sample to that of another. */
-typedef struct {
-    float x, y;        /* the first middle */
-    float dx, dy;      /* to the second one; 0 of a dot */
-    float n, gu, gv;   /* nearness at the first middle, and its change */
-    int ends;          /* at the second middle, without half a square beyond */
-    int from, to;      /* the samples' numbers, y * width + x */
-} Ribbon;
-
-float sample_at(Grid grid, int x, int y)
-{
-    const int is_inside = x >= 0 && y >= 0 && x < grid.width && y < grid.height;
-    return is_inside ? grid.nearness[(size_t)y * grid.pitch + x] : NO_SURFACE;
-}
-
-int joined(Grid grid, int ax, int ay, int bx, int by)
-{
-    const float a = sample_at(grid, ax, ay), b = sample_at(grid, bx, by);
-    return !IS_OPEN(grid.cut, fmax(a, b), fmin(a, b));
-}
-
-int is_thin(Grid grid, int x, int y)
-{
-    for (int cell = 0; cell < 4; cell++) {
-        const int dx = cell & 1 ? 1 : -1, dy = cell & 2 ? 1 : -1;
-        const float n = sample_at(grid, x, y), a = sample_at(grid, x + dx, y), b = sample_at(grid, x, y + dy),
-                    c = sample_at(grid, x + dx, y + dy);
-        if (!IS_OPEN(grid.cut, fmax(fmax(n, a), fmax(b, c)), fmin(fmin(n, a), fmin(b, c))))
-            return 0;
-    }
-    return 1;
-}
-
-/* The end of the run through (x, y) along (dx, dy): x: how far it is; y: 1 or -1, if the run goes on one sample aside. */
-float2 run_end(Grid grid, int x, int y, int dx, int dy)
-{
-    const int aside_x = abs(dy), aside_y = abs(dx);
-    for (int i = 0; i < LONGEST; i++, x += dx, y += dy) {
-        if (joined(grid, x, y, x + dx, y + dy))
-            continue;
-        float step = 0.0f, reach = i + 0.5f;
-        for (int side = -1; side <= 1; side += 2) {
-            const int bx = x + side * aside_x, by = y + side * aside_y; /* beside the last sample, */
-            if (!joined(grid, x, y, bx + dx, by + dy))                  /* and where the next run goes on */
-                continue;
-            step += side;
-            if (joined(grid, x, y, bx, by) && joined(grid, bx, by, bx + dx, by + dy))
-                reach = i; /* the runs overlap by a sample */
-        }
-        return (float2)(reach, step);
-    }
-    return (float2)(LONGEST, 0.0f);
-}
-
-/* Where the middle of the wire lies at sample (x, y). */
-float2 middle_of(Grid grid, int x, int y)
-{
-    const float2 left = run_end(grid, x, y, -1, 0), right = run_end(grid, x, y, 1, 0);
-    const float2 up = run_end(grid, x, y, 0, -1), down = run_end(grid, x, y, 0, 1);
-    const int along_x = left.x + right.x >= up.x + down.x;
-    const float2 a = along_x ? left : up, b = along_x ? right : down;
-    const float per_half = 2.0f / fmax(a.x + b.x, 0.5f);
-    const float aside = 0.5f * (a.y * fmax(1.0f - a.x * per_half, 0.0f) + b.y * fmax(1.0f - b.x * per_half, 0.0f));
-    return along_x ? (float2)(x, y + aside) : (float2)(x + aside, y);
-}
-
-/* Is there a ribbon from thin sample (x, y) that way? Not if a corner of others leads there. */
-int leads(Grid grid, int x, int y, int dx, int dy)
-{
-    if (!joined(grid, x, y, x + dx, y + dy))
-        return 0;
-    if (dx == 0 || dy == 0)
-        return 1;
-    return !(joined(grid, x, y, x + dx, y) && joined(grid, x + dx, y, x + dx, y + dy)) &&
-           !(joined(grid, x, y, x, y + dy) && joined(grid, x, y + dy, x + dx, y + dy));
-}
-
-Ribbon ribbon_of(Grid grid, int x, int y, int way)
-{
-    const int there_x = x + way % 3 - 1, there_y = y + way / 3 - 1;
-    const float2 middle = middle_of(grid, x, y);
-    Ribbon ribbon = {middle.x, middle.y, 0.0f, 0.0f, sample_at(grid, x, y), 0.0f, 0.0f, 0, y * grid.width + x, 0};
-    ribbon.to = there_y * grid.width + there_x;
-    if (way == 4)
-        return ribbon;
-    ribbon.ends = !is_thin(grid, there_x, there_y);
-    const float2 there = ribbon.ends ? (float2)(there_x, there_y) : middle_of(grid, there_x, there_y);
-    ribbon.dx = there.x - middle.x;
-    ribbon.dy = there.y - middle.y;
-    const float squared = ribbon.dx * ribbon.dx + ribbon.dy * ribbon.dy;
-    const float slope = squared > 1e-6f ? (sample_at(grid, there_x, there_y) - ribbon.n) / squared : 0.0f;
-    ribbon.gu = slope * ribbon.dx;
-    ribbon.gv = slope * ribbon.dy;
-    return ribbon;
-}
 
 /* Narrows [*low, *high], the parts of the way at which the square holds a point p away from where it began, by an axis. */
 void narrow(float p, float d, float *low, float *high)
@@ -200,21 +92,12 @@ void draw_ribbon(Ribbon ribbon, PixelMap map, int shown, uint number, global uin
         }
 }
 
-/* Draws what a thin sample begins: its ribbons to others, each of two thin ones by the first of them. */
+/* Draws the ribbons that a thin sample begins. */
 void draw_sample(Grid grid, PixelMap map, int shown, int x, int y, global uint *keys, global uint *indices)
 {
-    int alone = 1;
-    const uint first = 9u * (y * map.src_width + x);
-    for (int way = 0; way < 9; way++) {
-        const int dx = way % 3 - 1, dy = way / 3 - 1;
-        if (way == 4 || !leads(grid, x, y, dx, dy))
-            continue;
-        alone = 0;
-        if (way > 4 || !is_thin(grid, x + dx, y + dy))
-            draw_ribbon(ribbon_of(grid, x, y, way), map, shown, first + way, keys, indices);
-    }
-    if (alone)
-        draw_ribbon(ribbon_of(grid, x, y, 4), map, shown, first + 4, keys, indices);
+    for (int way = 0; way < WAYS; way++)
+        if (begins(grid, x, y, way))
+            draw_ribbon(ribbon_of(grid, x, y, way), map, shown, WAYS * (y * map.src_width + x) + way, keys, indices);
 }
 
 /* A row's LANES samples from x0 on, and their neighbours to the left and to the right; no surface beyond the image. */
@@ -280,8 +163,8 @@ void write_ribbon(Grid grid, uint number, PixelMap map, int shown, int linear, i
                   global float *depth, global channel *color, global uchar *valid, global float *origin, int view)
 {
     const float *D = map.dst_from_src;
-    const int sample = number / 9;
-    const Ribbon ribbon = ribbon_of(grid, sample % grid.width, sample / grid.width, number % 9);
+    const int sample = number / WAYS;
+    const Ribbon ribbon = ribbon_of(grid, sample % grid.width, sample / grid.width, number % WAYS);
     float part, met = meet_ribbon(ribbon, map, shown, x, y, &part);
     const int nearest = part > 0.5f ? ribbon.to : ribbon.from, sx = nearest % grid.width, sy = nearest / grid.width;
     part = clamp(part, 0.0f, 1.0f);

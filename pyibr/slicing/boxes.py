@@ -56,6 +56,10 @@ class Box:
         """(3,) in the world."""
         return 0.5 * (self.low + self.high) @ self.axes
 
+    def grown(self, by: float) -> Box:
+        """With all of its sides as far out."""
+        return Box(self.axes, self.low - by, self.high + by)
+
     @property
     def from_world(self) -> Float64:
         """(3, 4): the box becomes the unit cube."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Fixed, Float64, describe, one_of
+from pyibr.core.checks import Fixed, Float64, describe, one_of, true_or_false
 from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import pixel_size
 from pyibr.images import DepthImage
@@ -28,6 +28,7 @@ from pyibr.picture.shadow import Lighting, shadowed
 from pyibr.picture.straighten import straight_silhouette, straightened
 from pyibr.picture.target import Target
 from pyibr.slicing.boxes import Box, box_of_samples, box_of_silhouettes, nearness_map, samples_of
+from pyibr.slicing.ribbons import ribbons_of
 from pyibr.slicing.spacing import (
     SLICES_USUAL,
     Slices,
@@ -85,6 +86,9 @@ class DepthObject(Fixed):
         The number of the slice that alone is drawn, to look at what the tests leave of it (figure 16): from 0 at one
         side of the box to `slices` at the other, or fewer where it is shorter; of slices parallel to the screen from
         the middle on, farther ones above 0. Points are on the slice, without `halvings`.
+    thin : bool
+        Things one sample thin in an image (wires, leaves, bars), of which the surface between samples leaves little or
+        nothing, are as wide in it as the samples that saw them; see `warp`.
 
     Raises
     ------
@@ -114,6 +118,7 @@ class DepthObject(Fixed):
         halvings: int = 2,
         missing: Missing = "background",
         only: int | None = None,
+        thin: bool = False,
     ) -> None:
         self.views = _checked_views(views, (DepthImage,))
         self.halvings = checked_halvings(halvings)
@@ -125,7 +130,9 @@ class DepthObject(Fixed):
         self.slicing: ObjectSlicing = slicing
         self.texture: Texture = texture
         self.missing: Missing = missing
-        self.box = box_of_samples(self.views, missing == "background")
+        self.thin = true_or_false("thin", thin)
+        box = box_of_samples(self.views, missing == "background")
+        self.box = box.grown(_sample_in(self.views, box)) if thin else box  # ribbons reach beyond samples
         _check_resolved(self)
 
     def __repr__(self) -> str:
@@ -169,7 +176,8 @@ class DepthObject(Fixed):
         >>> first.with_views([darker, *first.views[1:]])
         <DepthObject 6 views, 64 slices>
         """
-        made = DepthObject(views, self.slices, self.slicing, self.texture, self.halvings, self.missing, self.only)
+        how = self.slices, self.slicing, self.texture, self.halvings, self.missing, self.only, self.thin
+        made = DepthObject(views, *how)
         made.__dict__["words"] = _with_known(self, self.words, made.views, _words_of)
         if all(map(np.array_equal, astuple(self.box), astuple(made.box))):  # what is background lies at its end
             made.__dict__["maps"] = _with_known(self, self.maps, made.views, made.map_of)
@@ -334,7 +342,7 @@ def draw_object(target: Target, thing: DepthObject | VisualHull, counts: DeviceA
         _, closest = np.unique(np.array(thing.outlines)[order], return_index=True)
         order = order[np.sort(closest)]
     spacing, halvings = spacing_in(thing, camera)
-    sample = max(pixel_size(view.camera, box.center) for view in thing.views)
+    sample = _sample_in(thing.views, box)
     record = np.zeros((), struct("slicing/object.cl", "Box"))
     # In the kernel the world's origin is the box's middle: float32 holds what is near 0 best.
     record["from_world"] = (box.from_world @ _moved_by(box.center)).ravel()
@@ -350,6 +358,9 @@ def draw_object(target: Target, thing: DepthObject | VisualHull, counts: DeviceA
     if counts is not None:
         defines["COUNTED"] = 1
         more["counts"] = counts
+    if isinstance(thing, DepthObject) and thing.thin:
+        defines["THIN"] = 1
+        buffers = buffers | kept(thing, "ribbons", lambda: _ribbons_of(thing))
     if across > 0 and down > 0:
         launch(
             kernel("slicing/object.cl", "draw_object", **defines),
@@ -372,6 +383,11 @@ def draw_object(target: Target, thing: DepthObject | VisualHull, counts: DeviceA
             **more,
         )
         target.blank = False
+
+
+def _sample_in(views: Sequence[DepthImage | Silhouette], box: Box) -> float:
+    """Scene units from one sample to the next in a box's middle, of the view whose are the largest."""
+    return max(pixel_size(view.camera, box.center) for view in views)
 
 
 def spacing_in(thing: DepthObject | VisualHull, camera: Camera) -> tuple[float, int]:
@@ -454,6 +470,14 @@ def _object_buffers(thing: DepthObject | VisualHull) -> dict[str, DeviceArray]:
         "maps": upload(np.concatenate([values.ravel() for values in thing.maps])),
         "colors": _uploaded(thing.words),
     }
+
+
+def _ribbons_of(thing: DepthObject) -> dict[str, DeviceArray]:
+    """What is one sample thin in the views; of each sample the number of its first ribbon, and at last that of all."""
+    found = [ribbons_of(view) for view in thing.views]
+    records = np.concatenate([one.records for one in found])
+    firsts = np.cumsum(np.concatenate([np.zeros(1, np.int32), *(one.counts.ravel() for one in found)]), dtype=np.int32)
+    return {"firsts": upload(firsts), "ribbons": upload(records if len(records) else np.zeros((1, 8), np.float32))}
 
 
 def _normals_of(thing: DepthObject | VisualHull) -> DeviceArray:

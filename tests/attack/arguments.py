@@ -318,6 +318,7 @@ def random_solid(chance: Chance, scale: float, floats: bool) -> Any:
         more["only"] = chance.mostly(chance.one([0, 3, -2, 65536]))
     if chance(0.5):
         texture, missing = chance.one(["visible", "naive"]), chance.one(["background", "unknown"])
+        more["thin"] = chance.mostly(chance.one([False, True]))
         made = ibr.DepthObject(chance.mostly(views), texture=texture, missing=missing, **more)
         others = [*views[:-1], *views_around(chance, scale, floats, 1)]
         return made.with_views(chance.mostly(others)) if chance(0.2) else made

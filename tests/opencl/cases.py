@@ -365,6 +365,7 @@ def _objects(setting: Setting) -> Cases:
         for slicing in ("orthogonal", "screen"):
             whole = ibr.DepthObject(views, 5, slicing, missing="unknown")
             things: list[Any] = [whole, ibr.DepthObject(views, 5, slicing, only=2)]
+            things.append(ibr.DepthObject(views, 9, slicing, thin=True))
             if sizes[0] != (1, 1):
                 things.append(ibr.VisualHull(views, "view", slicing))
             for camera in cameras[: 3 if setting.thorough else 2]:

@@ -1,0 +1,34 @@
+/* Which samples of a depth image are of things one sample thin, and their ribbons (lib/ribbons.h), which objects are made
+ * of (slicing/object.cl).
+ *
+ * nearness: (height, pitch), lib/nearness.cl. thin: (height, width) 1 where a sample is. samples: (count,) the thin ones'
+ * numbers, y * width + x. ribbons: (count, WAYS, RIBBON) of each and each way; its nearness is NO_SURFACE where none begins.
+ * Work-item: a row; a thin sample. Cost: O(samples), and O(LONGEST) for each ribbon. Determinism: every one on its own.
+ */
+#include "lib/ribbons.h"
+#include "slicing/ribbon.h"
+
+kernel void mark_thin(global const float *nearness, global uchar *thin, int width, int height, int pitch, Cut cut)
+{
+    const int y = get_global_id(0);
+    const Grid grid = {nearness, width, height, pitch, cut};
+    if (y >= height)
+        return;
+    for (int x = 0; x < width; x++)
+        thin[(size_t)y * width + x] = sample_at(grid, x, y) > NO_SURFACE && is_thin(grid, x, y);
+}
+
+kernel void find_ribbons(global const float *nearness, global const int *samples, global float *ribbons, int count, int width,
+                         int height, int pitch, Cut cut)
+{
+    const int number = get_global_id(0);
+    const Grid grid = {nearness, width, height, pitch, cut};
+    if (number >= count)
+        return;
+    const int x = samples[number] % width, y = samples[number] / width;
+    for (int way = 0; way < WAYS; way++) {
+        global float *to = ribbons + RIBBON * ((size_t)number * WAYS + way);
+        const Ribbon one = ribbon_of(grid, x, y, way);
+        vstore8((float8)(one.x, one.y, one.dx, one.dy, begins(grid, x, y, way) ? one.n : NO_SURFACE, one.gu, one.gv, one.ends), 0, to);
+    }
+}

@@ -1,0 +1,135 @@
+"""Things one sample thin in depth objects, beside rays at their models."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.capture import MeshScene, object_views
+from pyibr.core.camera import Camera
+from tests.one_lane import one_lane
+from tests.slicing.solids import revolved
+
+pytest.importorskip("open3d")
+cv2 = pytest.importorskip("cv2")
+
+SIZE = 96
+SAMPLE = 2.08 / SIZE  # of views of what is 2 large
+ON = 0.5 * SAMPLE  # the middle of samples beside the views' axes
+
+
+def rod(start, end, width: float = SAMPLE) -> tuple[np.ndarray, np.ndarray]:
+    """A round rod between two points."""
+    start, end = np.asarray(start, float), np.asarray(end, float)
+    length = np.linalg.norm(end - start)
+    vertices, faces = revolved([(0, 0), (width / 2, 0), (width / 2, length), (0, length)], closed=False, sides=24)
+    along = (end - start) / length
+    across = np.cross(along, np.eye(3)[np.abs(along).argmin()])
+    across /= np.linalg.norm(across)
+    return start + vertices @ np.stack([across, along, np.cross(across, along)]), faces
+
+
+def block(low, high, turn: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * np.subtract(high, low) + low
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = [face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))]
+    return corners if turn is None else corners @ turn.T, np.array(faces)
+
+
+def scene_of(part: tuple[np.ndarray, np.ndarray]) -> MeshScene:
+    """A part in orange, and grey blocks that make all scenes 2 large."""
+    parts = (part, block((-1, -1, -1), (-0.8, -0.8, -0.8)), block((0.8, 0.8, 0.8), (1, 1, 1)))
+    vertices, faces, count = [], [], 0
+    for points, triangles in parts:
+        vertices.append(points)
+        faces.append(triangles + count)
+        count += len(points)
+    colors = np.full((count, 3), 120, np.uint8)
+    colors[: count - 16] = 230, 120, 20
+    return MeshScene(np.concatenate(vertices), np.concatenate(faces), colors)
+
+
+ASKEW, _ = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))
+CASES = {  # and how much of it is covered at least, with `thin` and without
+    "along x": (rod((-0.7, ON, ON), (0.7, ON, ON)), 0.98, 0.02),
+    "along y": (rod((ON, -0.7, 5 * ON), (ON, 0.7, 5 * ON)), 0.98, 0.02),
+    "diagonal": (rod((-0.5, -0.5, ON), (0.5, 0.5, ON)), 0.98, 0.02),
+    # Of samples that each image knows to half of one, what all agree on is narrower than each.
+    "slanted": (rod((-0.6, -0.2, 0.1), (0.6, 0.25, -0.12)), 0.85, 0.02),
+    "slanted more": (rod((-0.5, 0.3, 0.45), (0.5, -0.35, -0.4)), 0.9, 0.02),
+    # What is seen flat ends at its last samples, half a sample of 46 and 37 too early on each side.
+    "a leaf": (block((-0.5, -0.4, 0), (0.5, 0.4, SAMPLE)), 0.9, 0.8),
+    "a leaf askew": (block((-0.5, -0.4, 0), (0.5, 0.4, SAMPLE), ASKEW), 0.88, 0.95),
+}
+DIRECTIONS = ((1, 0.3, 0.2), (0.3, 1, 0.4), (0.5, 0.6, 1))
+
+
+def near(direction, zoom: float) -> Camera:
+    """A camera whose pixels are so many times as fine as samples in the middle."""
+    eye = 2.2 * np.array(direction, float) / np.linalg.norm(direction)
+    fov = 2 * np.degrees(np.arctan(0.5 * 120 * SAMPLE / zoom / 2.2))
+    return Camera.look_at(eye, (0, 0, 0), (0.1, 0.2, 1), (160, 120), fov_y=fov)
+
+
+def compared(frame: ibr.Frame, truth: ibr.DepthImage, zoom: float) -> tuple[float, float]:
+    """The share of the thing that is covered, to two samples of depth, and how many samples others lie beyond."""
+    thing = truth.color[..., 0] > 180
+    right = frame.valid & (np.abs(np.where(frame.valid, frame.depth, 0) - np.where(thing, truth.depth, 9)) < 2 * SAMPLE)
+    away = cv2.distanceTransform((~(truth.depth < 1e9)).astype(np.uint8), cv2.DIST_L2, 5)
+    return right[thing].mean(), max((away[frame.valid].max(initial=0) - 1) / zoom, 0)
+
+
+@pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
+@pytest.mark.parametrize("name", CASES)
+def test_wires_and_leaves_are_covered_and_little_more(name, slicing):
+    part, least, plain_most = CASES[name]
+    scene = scene_of(part)
+    views = object_views(scene, SIZE)
+    thick, plain = (ibr.DepthObject(views, 512, slicing, thin=thin) for thin in (True, False))
+    for zoom in (2, 6):
+        covered = []
+        for direction in DIRECTIONS:
+            camera = near(direction, zoom)
+            truth = scene.capture(camera)
+            share, beyond = compared(ibr.render(thick, camera), truth, zoom)
+            assert beyond <= 0.5, (zoom, direction)
+            covered.append((share, compared(ibr.render(plain, camera), truth, zoom)[0]))
+        assert np.mean(covered, axis=0)[0] >= least, covered
+        assert np.mean(covered, axis=0)[1] <= plain_most, covered
+
+
+def test_images_of_perspective_cameras():
+    """A rod as wide as a sample of theirs is in its middle, where their samples are 5/4 as large."""
+    scene = scene_of(rod((-0.5, 0.3, 0.45), (0.5, -0.35, -0.4), 1.25 * SAMPLE))
+    thing = ibr.DepthObject(object_views(scene, SIZE, "perspective"), 512, thin=True)
+    for direction in DIRECTIONS:
+        camera = near(direction, 4)
+        share, beyond = compared(ibr.render(thing, camera), scene.capture(camera), 3.2)
+        assert share >= 0.88
+        assert beyond <= 0.5
+
+
+def test_other_views_and_one_lane_draw_the_same():
+    first, second = (object_views(scene_of(CASES[name][0]), SIZE) for name in ("slanted", "diagonal"))
+    camera = near(DIRECTIONS[0], 4)
+    new = ibr.render(ibr.DepthObject(second, 256, thin=True), camera)
+    old = ibr.DepthObject(first, 256, thin=True)
+    ibr.render(old, camera)
+    other = ibr.render(old.with_views(second), camera)
+    np.testing.assert_array_equal(new.depth, other.depth)
+    np.testing.assert_array_equal(new.color, other.color)
+    with one_lane():
+        again = [ibr.DepthImage(view.color, view.depth, view.camera) for view in second]
+        one = ibr.render(ibr.DepthObject(again, 256, thin=True), camera)
+    assert new.valid.sum() > 500
+    assert (one.valid != new.valid).mean() <= 2e-3  # by rounding, at borders
+    both = one.valid & new.valid
+    assert (np.abs(one.depth - new.depth)[both] < 0.1 * SAMPLE).mean() > 0.99
+
+
+@pytest.mark.parametrize("wrong", [1, "yes", None])
+def test_thin_is_true_or_false(wrong):
+    views = object_views(scene_of(CASES["along x"][0]), SIZE)
+    with pytest.raises(ibr.ArgumentError, match="thin: expected True or False"):
+        ibr.DepthObject(views, thin=wrong)
