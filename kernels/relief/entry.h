@@ -89,6 +89,35 @@ void set_ray(ReliefRay *ray, const Entry *e, Vector d, int quadric, float scale)
 #endif
 }
 
+/* By its quadric a ray has come out, but it is below the mesh until it leaves that, `way` after its entry, `slope` steep
+ * (depth per scene unit). The cubic with both places and both slopes is (L + slope) way / 8 deep halfway. Where that is
+ * deeper than by the quadric, the mesh bends less: depth is then that of the parabola with L and with this depth halfway.
+ * Which rays are these? share: of the quadric's bending that this is. */
+intl follow_mesh(ReliefRay *ray, floatl way, floatl slope, floatl *share)
+{
+    const floatl leaves = greater(slope, (floatl)0.0f);
+    const intl deeper = depth_of(ray, 0.5f * way) < 0.125f * (ray->L + leaves) * way;
+    const floatl K = 0.5f * (leaves - 3.0f * ray->L) / way;
+    *share = pick(deeper & (ray->K < K), greater(K / ray->K, (floatl)0.0f), (floatl)1.0f);
+    ray->K = pick(deeper, K, ray->K);
+#if DISTANCE == EXACT
+    ray->k1 = pick(deeper, (floatl)0.0f, ray->k1); /* without curvatures its depth is that of equation 7 */
+    ray->k2 = pick(deeper, (floatl)0.0f, ray->k2);
+#elif DISTANCE == PERPENDICULAR
+    ray->bend = pick(deeper, K * ray->scale, ray->bend);
+#endif
+    return deeper;
+}
+
+/* An entry whose quadric bends less */
+INLINED Entry flattened(Entry e, floatl share)
+{
+    e.a *= share;
+    e.b *= share;
+    e.c *= share;
+    return e;
+}
+
 intl is_sound(const ReliefRay *ray)
 {
     return isfinite_lanes(ray->u + ray->v + ray->du + ray->dv + ray->K);

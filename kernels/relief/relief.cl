@@ -5,7 +5,8 @@
  * enter elsewhere: a region's pixels are searched layer by layer, nearest entry first, for as long as an entry lies
  * nearer than what has been found. All lanes of a block search at once, whichever triangles they entered.
  *
- * Deviations from the paper: safe steps (search.h); the tile sizes are gradients of u and v, which also hold where u and
+ * Deviations from the paper: safe steps (search.h); a ray that comes out of its quadric before it leaves the mesh is
+ * searched once more, by what the mesh itself says (entry.h, follow_mesh); the tile sizes are gradients of u and v, which also hold where u and
  * v are not at right angles; the normal follows the quadric; the second search for shadows, which the paper gives up
  * for the light's map on curved surfaces, goes by the quadric of the point's own entry.
  *
@@ -37,12 +38,17 @@ typedef struct {
     floatl beyond[BLOCKS];                /* entries up to this one have been searched */
     intl beyond_index[BLOCKS];
     floatl t[BLOCKS];                     /* from the entry to what is seen, in scene units */
+    floatl share[BLOCKS];                 /* of the quadric's bending that what is seen was found by */
+    intl lost[BLOCKS];                    /* by its quadric the ray from the first entry came out */
+    floatl leaves[BLOCKS];                /* nearness of the next back, where a lost ray leaves the mesh; EMPTY: nowhere */
+    intl left_by[BLOCKS];                 /* its triangle */
 } Layers;
 
 typedef struct {
     Relief relief;
     float nearest_w;
-    int x, y; /* the region's first pixel */
+    int x, y;   /* the region's first pixel */
+    int culled; /* CULLS_BACKS: fronts are listed, where rays enter; CULLS_FRONTS: backs, where lost rays leave */
     Layers *layers;
     global int *counts;
 } Context;
@@ -51,7 +57,19 @@ typedef Triangles Primitives;
 
 intl set_up(const Context *context, intl index, int x, int y, Primitives *t)
 {
-    return set_up_triangles(context->relief.faces, context->relief.projected, index, context->nearest_w, 1, x, y, t);
+    return set_up_triangles(context->relief.faces, context->relief.projected, index, context->nearest_w, context->culled, x, y, t);
+}
+
+/* Where a block's lost rays leave by a triangle's back */
+void cover_back(Layers *layers, const Primitives *t, int lane, int block, int first_x, int first_y)
+{
+    floatl n;
+    if (!any_lane(layers->lost[block]))
+        return;
+    const intl covered = covered_by(t, lane, first_x, first_y, &n);
+    const intl next = covered & layers->lost[block] & (n < layers->first[block]) & (n > layers->leaves[block]);
+    layers->leaves[block] = pick(next, n, layers->leaves[block]);
+    layers->left_by[block] = pick(next, (intl)int_lane(t->index, lane), layers->left_by[block]);
 }
 
 void cover(const Context *context, const Primitives *t, int lane, Region *region, int block, int first_x, int first_y)
@@ -59,6 +77,10 @@ void cover(const Context *context, const Primitives *t, int lane, Region *region
     floatl n;
     Layers *layers = context->layers;
     const int index = int_lane(t->index, lane);
+    if (context->culled == CULLS_FRONTS) {
+        cover_back(layers, t, lane, block, first_x, first_y);
+        return;
+    }
     const floatl first = layers->first[block], second = layers->second[block], beyond = layers->beyond[block];
     const intl covered = covered_by(t, lane, first_x, first_y, &n);
     const intl seen = covered & (n <= context->relief.screen.nearest) & (n > region->nearness[block]) &
@@ -75,27 +97,43 @@ void cover(const Context *context, const Primitives *t, int lane, Region *region
 /* Where a block's rays enter, in the world, and in which direction */
 typedef struct {
     Vector from, way;
+    floatl share; /* of the quadric's bending that they follow */
 } Entrance;
 
-/* Sets up a search by the rays of a block's pixels that enter a triangle. */
-Entrance set_out(const Context *context, int block, Search *s)
+/* Sets up a search by the rays of a block's pixels that enter a triangle; `again`: by those that were lost and are still
+ * below the mesh, up to where they leave it. */
+Entrance set_out(const Context *context, int block, int again, Search *s)
 {
+    const Relief *relief = &context->relief;
+    const Layers *layers = context->layers;
     const floatl x = to_floatl(context->x + FIRST_X(block) + block_x), y = to_floatl(context->y + FIRST_Y(block) + block_y);
-    const floatl n = context->layers->first[block];
+    const floatl n = layers->first[block];
     Entrance entrance;
-    entrance.from = point_at(context->relief.screen, x, y, n);
-    entrance.way = towards(context->relief.screen, entrance.from);
-    const intl entered = context->layers->entered[block], enters = entered >= 0;
-    const Entry e = entry_of(&context->relief, pick(enters, entered, (intl)0), x, y);
-    set_ray(&s->ray, &e, entrance.way, context->relief.quadric, context->relief.scale);
-    s->ray.level = level_of(&context->relief, &e, PIXEL_SIZE(&context->relief, n), enters);
+    entrance.from = point_at(relief->screen, x, y, n);
+    entrance.way = towards(relief->screen, entrance.from);
+    entrance.share = 1.0f;
+    const intl entered = layers->entered[block], enters = entered >= 0;
+    const Entry e = entry_of(relief, pick(enters, entered, (intl)0), x, y);
+    set_ray(&s->ray, &e, entrance.way, relief->quadric, relief->scale);
+    s->ray.level = level_of(relief, &e, PIXEL_SIZE(relief, n), enters);
+    intl searches = enters;
+    floatl longest = INFINITY;
+    if (again) {
+        const intl leaves = layers->lost[block] & (layers->leaves[block] > EMPTY);
+        const Vector through = minus(point_at(relief->screen, x, y, pick(leaves, layers->leaves[block], n)), entrance.from);
+        const Entry exit = entry_of(relief, pick(leaves, layers->left_by[block], (intl)0), x, y);
+        longest = sqrt(DOT(through, through));
+        searches = leaves & follow_mesh(&s->ray, longest, DOT(entrance.way, exit.normal) / relief->scale, &entrance.share);
+    }
 #if COUNTED
     s->taken = 0;
 #endif
-    s->searches = s->active = enters & is_sound(&s->ray);
+    s->searches = s->active = searches & is_sound(&s->ray);
     rest(&s->ray, s->active);
     set_end(&s->ray);
-    s->track = track_of(&s->ray, context->relief.levels);
+    s->ray.at_bottom = s->ray.at_bottom & (s->ray.end <= longest);
+    s->ray.end = lesser(s->ray.end, longest);
+    s->track = track_of(&s->ray, relief->levels);
     return entrance;
 }
 
@@ -104,7 +142,7 @@ void count_steps(const Context *context, int block, const Search *s)
 {
     for (int lane = 0; lane < LANES; lane++) {
         const long at = pixel_of(context->relief.screen, context->x + FIRST_X(block), context->y + FIRST_Y(block), lane);
-        if (at >= 0 && int_lane(context->layers->entered[block], lane) >= 0) {
+        if (at >= 0 && int_lane(s->searches, lane)) {
             context->counts[2 * at]++;
             context->counts[2 * at + 1] += int_lane(s->taken, lane);
         }
@@ -124,6 +162,8 @@ intl take_over(const Context *context, int block, const Search *s, Entrance entr
     region->nearness[block] = pick(nearer, nearness, so_far);
     region->owner[block] = pick(nearer, entered, region->owner[block]);
     layers->t[block] = pick(nearer, t, layers->t[block]);
+    layers->share[block] = pick(nearer, entrance.share, layers->share[block]);
+    layers->lost[block] = s->searches & !s->found;
     region->u[block] = pick(nearer, s->ray.u + s->ray.du * t, region->u[block]);
     region->v[block] = pick(nearer, s->ray.v + s->ray.dv * t, region->v[block]);
     const intl more = (entered >= 0) & (layers->second[block] > region->nearness[block]);
@@ -132,33 +172,60 @@ intl take_over(const Context *context, int block, const Search *s, Entrance entr
     return more;
 }
 
-/* Searches from the nearest entries that have not been searched. Are there more? */
-int search_layer(const Context *context, Region *region)
+/* Searches from the first entries of TWINS blocks; `again`: see set_out. Are there more? */
+int search_blocks(const Context *context, int block, int again, Region *region)
+{
+    Search searches[TWINS];
+    Entrance entrances[TWINS];
+    int any = 0, more = 0;
+    for (int k = 0; k < TWINS; k++) {
+        entrances[k] = set_out(context, block + k, again, &searches[k]);
+        any |= any_lane(searches[k].active);
+    }
+    if (again && !any)
+        return 0;
+    search_relief(&context->relief, searches);
+    for (int k = 0; k < TWINS; k++) {
+        more |= any_lane(take_over(context, block + k, &searches[k], entrances[k], region));
+#if COUNTED
+        count_steps(context, block + k, &searches[k]);
+#endif
+    }
+    return more;
+}
+
+/* Searches from the nearest entries that have not been searched, by their quadrics; then, of the rays that were lost, by
+ * the mesh. first, last: of the list. Are there more? */
+int search_layer(const Context *context, Region *region, global const int *list, int first, int last)
 {
     Layers *layers = context->layers;
-    int again = 0;
+    int more = 0, lost = 0;
+    for (int block = 0; block < BLOCKS; block += TWINS) {
+        int any = 0;
+        for (int k = 0; k < TWINS; k++) {
+            any |= any_lane(layers->entered[block + k] >= 0);
+            layers->beyond[block + k] = -INFINITY;
+            layers->lost[block + k] = 0;
+            layers->leaves[block + k] = EMPTY;
+        }
+        if (any)
+            more |= search_blocks(context, block, 0, region);
+        for (int k = 0; k < TWINS; k++)
+            lost |= any_lane(layers->lost[block + k]);
+    }
+    if (!lost)
+        return more;
+    Context backs = *context;
+    backs.culled = CULLS_FRONTS;
+    draw_list(&backs, region, list, first, last, context->x, context->y);
     for (int block = 0; block < BLOCKS; block += TWINS) {
         int any = 0;
         for (int k = 0; k < TWINS; k++)
-            any |= any_lane(layers->entered[block + k] >= 0);
-        if (!any) {
-            for (int k = 0; k < TWINS; k++)
-                layers->beyond[block + k] = -INFINITY;
-            continue;
-        }
-        Search searches[TWINS];
-        Entrance entrances[TWINS];
-        for (int k = 0; k < TWINS; k++)
-            entrances[k] = set_out(context, block + k, &searches[k]);
-        search_relief(&context->relief, searches);
-        for (int k = 0; k < TWINS; k++) {
-            again |= any_lane(take_over(context, block + k, &searches[k], entrances[k], region));
-#if COUNTED
-            count_steps(context, block + k, &searches[k]);
-#endif
-        }
+            any |= any_lane(layers->lost[block + k] & (layers->leaves[block + k] > EMPTY));
+        if (any)
+            more |= search_blocks(context, block, 1, region);
     }
-    return again;
+    return more;
 }
 
 #if TOLD
@@ -200,7 +267,7 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
     Layers layers;
     const Relief relief = {faces, projected, vertices, texels, bounds, levels, level_count, screen, scale, pixel_size,
                            quadric, search, steps, halvings};
-    const Context context = {relief, nearest_w, x, y, &layers, COUNTS(int)};
+    const Context context = {relief, nearest_w, x, y, CULLS_BACKS, &layers, COUNTS(int)};
     const int bin = y / BIN * bins_x + x / BIN;
     if (!blank && starts[bin] == starts[bin + 1])
         return;
@@ -208,6 +275,7 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
     begin_region(&region, screen, depth, blank, x, y);
     for (int block = 0; block < BLOCKS; block++) {
         layers.t[block] = 0.0f;
+        layers.share[block] = 1.0f;
         layers.beyond[block] = INFINITY;
         layers.beyond_index[block] = -1;
     }
@@ -218,7 +286,7 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
             layers.entered[block] = -1;
         }
         draw_list(&context, &region, list, starts[bin], starts[bin + 1], x, y);
-        again = search_layer(&context, &region);
+        again = search_layer(&context, &region, list, starts[bin], starts[bin + 1]);
     }
 
     for (int block = 0; block < BLOCKS; block++) {
@@ -230,7 +298,7 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
         if (!DEPTH_ALONE && any_lane(mine)) {
             const floatl u = pick(mine, region.u[block], (floatl)0.0f), v = pick(mine, region.v[block], (floatl)0.0f);
             const floatl px = to_floatl(first_x + block_x), py = to_floatl(first_y + block_y), n = region.nearness[block];
-            const Entry e = entry_of(&relief, pick(mine, owner, (intl)0), px, py);
+            const Entry e = flattened(entry_of(&relief, pick(mine, owner, (intl)0), px, py), layers.share[block]);
             const floatl size = PIXEL_SIZE(&relief, n);
 #if LIT || ANISOTROPIC
             const floatl t = pick(mine, layers.t[block], (floatl)0.0f);

@@ -222,7 +222,8 @@ def draw_relief(
     buffers = kept(surface, "buffers", lambda: _buffers(surface))
     near = target.near(surface.base.bounds)
     projected = project(target, buffers["points"], near)
-    bins = bin_primitives(target, buffers["faces"], projected, near, "front")
+    bends = surface.silhouette == "quadric" and surface.frames.quadrics.any()
+    bins = bin_primitives(target, buffers["faces"], projected, near, "both" if bends else "front")  # out by the backs
     distance = int(constant("relief/search.h", surface.distance.upper()))
     defines: dict[str, int] = {"DISTANCE": distance, "HEIGHT_BYTES": surface.levels.height_bytes}
     if surface.wrap == "clamp":

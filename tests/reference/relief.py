@@ -1,11 +1,12 @@
 """Relief mapping in float64, for reading: entries at triangles, distances to the quadric, linear and binary search.
 
 One ray a pixel enters at each triangle that it meets from the front; of what it finds below them the nearest is seen.
+A ray that comes out of its quadric before it leaves the mesh, at the next triangle met from behind, is searched again.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -29,6 +30,11 @@ class Rays:
     b: np.ndarray
     c: np.ndarray
     scale: float
+
+    def some(self, which: np.ndarray) -> Rays:
+        """These of them alone."""
+        a, b, c = self.a[which], self.b[which], self.c[which]
+        return Rays(self.uv[which], self.duv[which], self.V[which], a, b, c, self.scale)
 
     def approximate(self, t: np.ndarray) -> np.ndarray:
         """Equation 7: how far P lies below the quadric, along z; 1 is the bottom."""
@@ -103,11 +109,25 @@ class Rays:
             before, after = np.where(below, before, middle), np.where(below, middle, after)
         return np.where(reaches, after, np.where(K < 0, out, bottom)), reaches | (at_bottom & (K >= 0))
 
+    def following_mesh(self, way: np.ndarray, slope: np.ndarray) -> Rays:
+        """The same rays by equation 7 of another bending: as deep halfway to where they leave the mesh as the cubic is
+        that is 0 at both ends and has both slopes there."""
+        leaves = np.maximum(slope, 0) / self.scale
+        L = -self.V[:, 2] / self.scale
+        halfway = (L + leaves) * way / 8
+        bend = (halfway - L * way / 2) / (way / 2) ** 2 * self.scale
+        even = bend / np.maximum(self.V[:, 0] ** 2 + self.V[:, 1] ** 2, 1e-300)
+        return replace(self, a=even, b=even, c=0 * even)
 
-def searched(rays: Rays, height: np.ndarray, distance: str, steps: int, halvings: int) -> np.ndarray:
+
+def searched(
+    rays: Rays, height: np.ndarray, distance: str, steps: int, halvings: int, longest: np.ndarray | float = np.inf
+) -> np.ndarray:
     """(n,) t at which the rays meet the relief; infinite where they pass it."""
     depth = getattr(rays, distance)
     end, at_bottom = rays.ends(distance)
+    at_bottom = at_bottom & (end <= longest)
+    end = np.minimum(end, longest)
 
     def below(t: np.ndarray) -> np.ndarray:
         u, v = (rays.uv + rays.duv * t[:, None]).T
@@ -147,23 +167,61 @@ def relief_depth(
     unit = ray / length[:, None]
     found = np.full(len(x), np.inf)
     uv = np.asarray(base.uv, float) * tiles
-    for face in base.faces:
-        corners = np.asarray(base.vertices[face], float)
-        side, other = corners[1] - corners[0], corners[2] - corners[0]
-        normal = np.cross(side, other)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            depth = ((corners[0] - origin) @ normal) / (ray @ normal)
-            point = origin + depth[:, None] * ray - corners[0]
-            second = np.cross(point, other) @ normal / (normal @ normal)
-            third = np.cross(side, point) @ normal / (normal @ normal)
-        weights = np.column_stack([1 - second - third, second, third])
-        enters = np.flatnonzero((weights >= 0).all(axis=1) & (ray @ normal < 0) & (depth > 0))
+    places = [_crossing(np.asarray(base.vertices[face], float), origin, ray) for face in base.faces]
+    leaves, left_by, weights_there = _exits(places, len(x))
+    for face, (met, fronts, depth, weights) in zip(base.faces, places, strict=True):
+        enters = met[fronts]
         if not len(enters):
             continue
-        rays = _entered(weights[enters], face, uv, frames, unit[enters], scale)
+        rays = _entered(weights[fronts], face, uv, frames, unit[enters], scale)
         t = searched(rays, height, distance, steps, halvings)
-        found[enters] = np.minimum(found[enters], depth[enters] + t / length[enters])
+        found[enters] = np.minimum(found[enters], depth[fronts] + t / length[enters])
+        leaving = np.array([(leaves[p] > d).any() for p, d in zip(enters, depth[fronts], strict=True)])
+        lost = np.flatnonzero(~np.isfinite(t) & leaving)
+        if not len(lost):
+            continue
+        pixel, at = enters[lost], depth[fronts][lost]
+        following = [np.searchsorted(leaves[p], d, side="right") for p, d in zip(pixel, at, strict=True)]
+        corners = base.faces[[left_by[p][i] for p, i in zip(pixel, following, strict=True)]]
+        shares = np.array([weights_there[p][i] for p, i in zip(pixel, following, strict=True)])
+        normals = np.einsum("nk,nkc->nc", shares, frames.normals[corners])
+        slope = (unit[pixel] * normals).sum(axis=1) / np.linalg.norm(normals, axis=1)
+        way = (np.array([leaves[p][i] for p, i in zip(pixel, following, strict=True)]) - at) * length[pixel]
+        quadric = rays.some(lost)
+        mesh = quadric.following_mesh(way, slope)
+        deeper = getattr(quadric, distance)(way / 2) < mesh.approximate(way / 2)
+        by = "perpendicular" if distance == "perpendicular" else "approximate"
+        t = np.where(deeper, searched(mesh, height, by, steps, halvings, way), np.inf)
+        found[pixel] = np.minimum(found[pixel], at + t / length[pixel])
     return found.reshape(camera.height, camera.width)
+
+
+def _crossing(
+    corners: np.ndarray, origin: np.ndarray, ray: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Which rays meet a triangle, which of these from the front, and at what depth and weights of the corners."""
+    side, other = corners[1] - corners[0], corners[2] - corners[0]
+    normal = np.cross(side, other)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depth = ((corners[0] - origin) @ normal) / (ray @ normal)
+        point = origin + depth[:, None] * ray - corners[0]
+        second = np.cross(point, other) @ normal / (normal @ normal)
+        third = np.cross(side, point) @ normal / (normal @ normal)
+    weights = np.column_stack([1 - second - third, second, third])
+    met = np.flatnonzero((weights >= 0).all(axis=1) & (ray @ normal != 0) & (depth > 0))
+    return met, (ray @ normal)[met] < 0, depth[met], weights[met]
+
+
+def _exits(places: list[tuple[np.ndarray, ...]], count: int) -> tuple[list[np.ndarray], ...]:
+    """Of each ray the depths at which it leaves the mesh, in order, the triangles there, and the weights."""
+    backs = [~fronts for _, fronts, _, _ in places]
+    pixel = np.concatenate([met[back] for (met, _, _, _), back in zip(places, backs, strict=True)])
+    depth = np.concatenate([at[back] for (_, _, at, _), back in zip(places, backs, strict=True)])
+    weights = np.concatenate([w[back] for (_, _, _, w), back in zip(places, backs, strict=True)])
+    triangle = np.repeat(np.arange(len(places)), [back.sum() for back in backs])
+    order = np.lexsort([depth, pixel])
+    starts = np.searchsorted(pixel[order], np.arange(1, count))
+    return tuple(np.split(values[order], starts) for values in (depth, triangle, weights))
 
 
 def _entered(

@@ -1,0 +1,62 @@
+"""Rays that come out of a quadric while they are below the mesh, against rays cast at the displaced mesh: no cracks."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.core.camera import Camera
+from tests.data import shared
+from tests.relief.solids import Carved, grid
+
+WHITE, EVEN = np.full((2, 2, 3), 200, np.uint8), np.full((4, 4), 0.5, np.float32)
+o3d = pytest.importorskip("open3d")
+
+
+def beads(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Bulges about the z axis, with necks between them; the ends are beyond the picture."""
+    a, z = 2 * np.pi * u, 5 * v - 2.5
+    radius, slope = 0.6 + 0.2 * np.cos(5 * z), -np.sin(5 * z)
+    normals = np.stack([np.cos(a), np.sin(a), -slope + 0 * a], axis=-1) / np.sqrt(1 + slope**2)[..., None]
+    return np.stack([radius * np.cos(a), radius * np.sin(a), z + 0 * a], axis=-1), normals
+
+
+def check_outline_and_inside(frame: ibr.Frame, truth: np.ndarray) -> None:
+    """No background two pixels inside of the true outline, nothing two pixels outside of it."""
+    solid = np.isfinite(truth).astype(np.uint8)
+    inside = cv2.erode(solid, np.ones((5, 5)), borderValue=0) > 0
+    around = cv2.dilate(solid, np.ones((5, 5))) > 0
+    assert inside.sum() > 5000
+    assert (inside & ~frame.valid).sum() == 0
+    assert (frame.valid & ~around).sum() == 0
+
+
+@pytest.mark.parametrize("distance", ["approximate", "exact"])
+@pytest.mark.parametrize("height", [0.2, 1.6])
+def test_bulges_with_necks_between_them(height, distance):
+    camera = Camera.look_at((0.6, -3.6, height), (0, 0, 0), (0, 0, 1), (241, 237), 28)
+    truth = Carved(beads, np.full((32, 32), 0.5), 0.05, (8, 8)).depth(camera)
+    relief = ibr.ReliefSurface(grid(beads, 64, 96), EVEN, WHITE, 0.05, (8, 8), distance=distance)
+    check_outline_and_inside(ibr.render(relief, camera), truth)
+
+
+@pytest.mark.parametrize("distance", ["approximate", "exact"])
+@pytest.mark.parametrize("turn", [0, 45, 135, 180, 270])
+def test_a_head_on_a_neck(turn, distance):
+    """Spot, the cow, of 5,856 triangles, with an even relief that is half of 0.004 of its size deep."""
+    mesh = ibr.Mesh.load(next(shared("meshes/spot").glob("*.obj*")))
+    low, high = (np.asarray(corner, float) for corner in mesh.bounds)
+    size, middle, angle = float(np.linalg.norm(high - low)), (low + high) / 2, np.radians(turn)
+    scale, away = 0.004 * size, np.array([np.sin(angle), 0.35, np.cos(angle)])
+    camera = Camera.look_at(middle + 1.15 * size * away, middle, (0, 1, 0), (317, 323), 42)
+    relief = ibr.ReliefSurface(mesh, EVEN, WHITE, scale, (24, 24), distance=distance)
+    scene = o3d.t.geometry.RaycastingScene()
+    carved = mesh.vertices - 0.5 * scale * relief.frames.normals[: len(mesh.vertices)]
+    scene.add_triangles(carved.astype(np.float32), mesh.faces.astype(np.uint32))
+    y, x = np.mgrid[: camera.height, : camera.width].reshape(2, -1)
+    ahead = camera.unproject(np.column_stack([x, y]), np.ones(x.size)) - camera.center
+    rays = np.concatenate([np.broadcast_to(camera.center, ahead.shape), ahead], axis=1)
+    truth = scene.cast_rays(rays.astype(np.float32))["t_hit"].numpy().reshape(camera.height, camera.width)
+    check_outline_and_inside(ibr.render(relief, camera), truth)
