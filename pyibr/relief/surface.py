@@ -222,7 +222,7 @@ def draw_relief(
     buffers = kept(surface, "buffers", lambda: _buffers(surface))
     near = target.near(surface.base.bounds)
     projected = project(target, buffers["points"], near)
-    bends = surface.silhouette == "quadric" and surface.frames.quadrics.any()
+    bends = surface.silhouette == "quadric" and bool(surface.frames.quadrics.any())
     bins = bin_primitives(target, buffers["faces"], projected, near, "both" if bends else "front")  # out by the backs
     distance = int(constant("relief/search.h", surface.distance.upper()))
     defines: dict[str, int] = {"DISTANCE": distance, "HEIGHT_BYTES": surface.levels.height_bytes}
@@ -258,7 +258,7 @@ def draw_relief(
         color_levels=max(surface.color.shape[:2]).bit_length(),
         scale=surface.scale,
         pixel_size=1 / float(max(K[0, 0], K[1, 1])),
-        quadric=surface.silhouette == "quadric" and bool(surface.frames.quadrics.any()),
+        quadric=bends,
         search=constant("relief/entry.h", surface.search.upper()),
         steps=surface.steps,
         halvings=surface.halvings,
