@@ -16,6 +16,7 @@
 #define LINEAR 0
 #define SAFE 1
 #define FLAT 1e-5f /* curvature times depth: what bends less is a plane, but for rounding */
+#define ARC_PARTS 16 /* of a ray's way below the mesh, among which its deepest point is sought */
 #define LEAST_COSINE 1e-3f /* of a ray that enters: at outlines interpolated normals may look away */
 
 typedef struct {
@@ -90,21 +91,36 @@ void set_ray(ReliefRay *ray, const Entry *e, Vector d, int quadric, float scale)
 }
 
 /* By its quadric a ray has come out, but it is below the mesh until it leaves that, `way` after its entry, `slope` steep
- * (depth per scene unit). The cubic with both places and both slopes is (L + slope) way / 8 deep halfway. Where that is
- * deeper than by the quadric, the mesh bends less: depth is then that of the parabola with L and with this depth halfway.
- * Which rays are these? share: of the quadric's bending that this is. */
+ * (depth per scene unit). The cubic with both places and both slopes tells how deep it is between. Where that is at the
+ * bottom, or deepest, it may be deeper than by the quadric: then the mesh bends less, and the ray is searched by the
+ * parabola that rises to there, no steeper than it entered. Which rays are these? share: of the quadric's bending. */
 intl follow_mesh(ReliefRay *ray, floatl way, floatl slope, floatl *share)
 {
-    const floatl leaves = greater(slope, (floatl)0.0f);
-    const intl deeper = depth_of(ray, 0.5f * way) < 0.125f * (ray->L + leaves) * way;
-    const floatl K = 0.5f * (leaves - 3.0f * ray->L) / way;
+    const floatl L = ray->L, leaves = greater(slope, (floatl)0.0f);
+    floatl t = 0.0f, depth = 0.0f, before = 0.0f;
+    for (int i = 1; i <= ARC_PARTS; i++) {
+        const float part = (float)i / ARC_PARTS, rest = 1.0f - part;
+        const floatl now = way * (part * rest) * (L * rest + leaves * part);
+        const intl rises = (depth < 1.0f) & (now > depth);
+        const floatl reached = pick(now > 1.0f, (1.0f - before) / (now - before), (floatl)1.0f);
+        t = pick(rises, way * (i - 1 + reached) * (1.0f / ARC_PARTS), t);
+        depth = pick(rises, lesser(now, (floatl)1.0f), depth);
+        before = now;
+    }
+    const intl deeper = (t > 0.0f) & (depth > depth_of(ray, t));
+    depth *= 1.0f + BOTTOM_SLACK;
+    const floatl rise = lesser(L, 2.0f * depth / t), K = (depth / t - rise) / t;
     *share = pick(deeper & (ray->K < K), greater(K / ray->K, (floatl)0.0f), (floatl)1.0f);
+    ray->L = pick(deeper, rise, L);
     ray->K = pick(deeper, K, ray->K);
+#if DISTANCE != APPROXIMATE
+    ray->vz = pick(deeper, (floatl)0.0f, ray->vz); /* without curvatures its depth is that of equation 7 */
+#endif
 #if DISTANCE == EXACT
-    ray->k1 = pick(deeper, (floatl)0.0f, ray->k1); /* without curvatures its depth is that of equation 7 */
+    ray->k1 = pick(deeper, (floatl)0.0f, ray->k1);
     ray->k2 = pick(deeper, (floatl)0.0f, ray->k2);
 #elif DISTANCE == PERPENDICULAR
-    ray->bend = pick(deeper, K * ray->scale, ray->bend);
+    ray->bend = pick(deeper, (floatl)0.0f, ray->bend);
 #endif
     return deeper;
 }

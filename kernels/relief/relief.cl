@@ -6,8 +6,8 @@
  * nearer than what has been found. All lanes of a block search at once, whichever triangles they entered.
  *
  * Deviations from the paper: safe steps (search.h); a ray that comes out of its quadric before it leaves the mesh is
- * searched once more, by what the mesh itself says (entry.h, follow_mesh); the tile sizes are gradients of u and v, which also hold where u and
- * v are not at right angles; the normal follows the quadric; the second search for shadows, which the paper gives up
+ * searched once more, by what the mesh itself says (entry.h, follow_mesh); the tile sizes are gradients of u and v,
+ * which also hold where u and v are not at right angles; the normal follows the quadric; the second search for shadows, which the paper gives up
  * for the light's map on curved surfaces, goes by the quadric of the point's own entry.
  *
  * faces, projected, vertices: entry.h. list, starts: raster/bins.cl. texels, bounds, levels: search.h. colors:
@@ -195,7 +195,8 @@ int search_blocks(const Context *context, int block, int again, Region *region)
 }
 
 /* Searches from the nearest entries that have not been searched, by their quadrics; then, of the rays that were lost, by
- * the mesh. first, last: of the list. Are there more? */
+ * the mesh, but not for a light: what is guessed too near would shade what is lit. first, last: of the list. Are there
+ * more? */
 int search_layer(const Context *context, Region *region, global const int *list, int first, int last)
 {
     Layers *layers = context->layers;
@@ -213,7 +214,7 @@ int search_layer(const Context *context, Region *region, global const int *list,
         for (int k = 0; k < TWINS; k++)
             lost |= any_lane(layers->lost[block + k]);
     }
-    if (!lost)
+    if (!lost || DEPTH_ALONE)
         return more;
     Context backs = *context;
     backs.culled = CULLS_FRONTS;

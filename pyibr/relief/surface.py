@@ -223,7 +223,8 @@ def draw_relief(
     near = target.near(surface.base.bounds)
     projected = project(target, buffers["points"], near)
     bends = surface.silhouette == "quadric" and bool(surface.frames.quadrics.any())
-    bins = bin_primitives(target, buffers["faces"], projected, near, "both" if bends else "front")  # out by the backs
+    comes_out = bends and not target.from_light  # by the mesh's backs
+    bins = bin_primitives(target, buffers["faces"], projected, near, "both" if comes_out else "front")
     distance = int(constant("relief/search.h", surface.distance.upper()))
     defines: dict[str, int] = {"DISTANCE": distance, "HEIGHT_BYTES": surface.levels.height_bytes}
     if surface.wrap == "clamp":

@@ -109,15 +109,25 @@ class Rays:
             before, after = np.where(below, before, middle), np.where(below, middle, after)
         return np.where(reaches, after, np.where(K < 0, out, bottom)), reaches | (at_bottom & (K >= 0))
 
-    def following_mesh(self, way: np.ndarray, slope: np.ndarray) -> Rays:
-        """The same rays by equation 7 of another bending: as deep halfway to where they leave the mesh as the cubic is
-        that is 0 at both ends and has both slopes there."""
-        leaves = np.maximum(slope, 0) / self.scale
-        L = -self.V[:, 2] / self.scale
-        halfway = (L + leaves) * way / 8
-        bend = (halfway - L * way / 2) / (way / 2) ** 2 * self.scale
-        even = bend / np.maximum(self.V[:, 0] ** 2 + self.V[:, 1] ** 2, 1e-300)
-        return replace(self, a=even, b=even, c=0 * even)
+    def following_mesh(self, way: np.ndarray, slope: np.ndarray) -> tuple[Rays, np.ndarray, np.ndarray]:
+        """The same rays by equation 7 of a parabola, where this ends, and its depth there.
+
+        It rises, no steeper than they enter, to where the cubic that is 0 where they enter and leave the mesh, with
+        both slopes, is at the bottom or deepest.
+        """
+        leaves, L = np.maximum(slope, 0) / self.scale, -self.V[:, 2] / self.scale
+        part = np.arange(17)[:, None] / 16
+        arc = way * part * (1 - part) * (L * (1 - part) + leaves * part)
+        reaches = (arc >= 1).any(axis=0)
+        i, n = np.where(reaches, (arc >= 1).argmax(axis=0), arc.argmax(axis=0)), np.arange(len(way))
+        last, now = arc[np.maximum(i - 1, 0), n], arc[i, n]
+        t = way / 16 * np.where(reaches, i - 1 + (1 - last) / np.where(reaches, now - last, 1), i)
+        depth = np.minimum(now, 1)
+        safe = np.maximum(t, 1e-300)
+        rise = np.minimum(L, 2 * 1.001 * depth / safe)
+        even = (1.001 * depth / safe - rise) / safe * self.scale / np.maximum(1 - self.V[:, 2] ** 2, 1e-300)
+        V = np.column_stack([self.V[:, :2], -rise * self.scale])
+        return replace(self, V=V, a=even, b=even, c=0 * even), t, depth
 
 
 def searched(
@@ -188,10 +198,9 @@ def relief_depth(
         slope = (unit[pixel] * normals).sum(axis=1) / np.linalg.norm(normals, axis=1)
         way = (np.array([leaves[p][i] for p, i in zip(pixel, following, strict=True)]) - at) * length[pixel]
         quadric = rays.some(lost)
-        mesh = quadric.following_mesh(way, slope)
-        deeper = getattr(quadric, distance)(way / 2) < mesh.approximate(way / 2)
-        by = "perpendicular" if distance == "perpendicular" else "approximate"
-        t = np.where(deeper, searched(mesh, height, by, steps, halvings, way), np.inf)
+        mesh, deepest, depth_there = quadric.following_mesh(way, slope)
+        deeper = (deepest > 0) & (depth_there > getattr(quadric, distance)(deepest))
+        t = np.where(deeper, searched(mesh, height, "approximate", steps, halvings, way), np.inf)
         found[pixel] = np.minimum(found[pixel], at + t / length[pixel])
     return found.reshape(camera.height, camera.width)
 
