@@ -7,12 +7,12 @@
  *
  * Deviations from the paper: safe steps (search.h); a ray that comes out of its quadric before it leaves the mesh is
  * searched once more, by what the mesh itself says (entry.h, follow_mesh); the tile sizes are gradients of u and v,
- * which also hold where u and v are not at right angles; the normal follows the quadric; the second search for shadows, which the paper gives up
- * for the light's map on curved surfaces, goes by the quadric of the point's own entry.
+ * which also hold where u and v are not at right angles; the normal follows the quadric; the second search for shadows,
+ * which the paper gives up for the light's map on curved surfaces, goes by the quadric of the point's own entry.
  *
- * faces, projected, vertices: entry.h. list, starts: raster/bins.cl. texels, bounds, levels: search.h. colors:
- * lib/texture.h. normal_map: (normal_height, normal_width, 3), where > 0, with its pyramid. How often both are read:
- * lib/footprint.h. What a light does: sight.h.
+ * faces, projected, vertices: entry.h. list, starts: raster/bins.cl, of fronts and backs where quadrics bend. texels,
+ * bounds, levels: search.h. colors: lib/texture.h. normal_map: (normal_height, normal_width, 3), where > 0, with its
+ * pyramid. How often both are read: lib/footprint.h. What a light does: sight.h.
  * counts: (height, width, 2) searched entries and their steps, with COUNTED. places: (height, width, 2) u and v of what
  * is seen, in 0 to 1, NaN where nothing is, with TOLD.
  * Work-item: a region (raster/region.h). Cost: O(list + pixels * layers * steps). Determinism: list order.
