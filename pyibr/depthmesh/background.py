@@ -78,11 +78,12 @@ def background_of(meshes: Sequence[ViewMesh], extent: float, gains: Float64 | No
     sizes = upload(np.array([(*m.view.camera.size, s) for m, s in zip(meshes, starts, strict=True)], np.int32))
     words = [next(color_levels(mesh.view, None if gains is None else gains[k])) for k, mesh in enumerate(meshes)]
     depths, colors = zip(*map(behind_of, meshes, limits, words), strict=True)
-    clear, opened = ([_least_in_cells(part) for part in each] for each in (limits, depths))
-    parts = (limits, depths, colors, clear, opened)
-    arrays = [upload(np.concatenate([part.ravel() for part in each])) for each in parts]
+    cells = ([_least_in_cells(part) for part in each] for each in (limits, depths))
+    limit, behind, color, clear, opened = (
+        upload(np.concatenate([part.ravel() for part in each])) for each in (limits, depths, colors, *cells)
+    )
     enclosed = all(bool(np.isfinite(one).all()) for one in limits)
-    return Background(surfaces, sheets, *arrays, sizes, _STRIDE * extent, enclosed)
+    return Background(surfaces, sheets, limit, behind, color, clear, opened, sizes, _STRIDE * extent, enclosed)
 
 
 def _least_in_cells(values: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -96,7 +96,7 @@ def test_views_of_depth_alone_and_of_both_kinds_of_colours_are_drawn():
 
 def test_knobs_are_what_a_class_is_made_with():
     knobs = knobs_of([ibr.DepthObject(views(), slices=32)])
-    assert list(knobs) == ["slices", "slicing", "texture", "halvings", "missing"]
+    assert list(knobs) == ["slices", "slicing", "texture", "halvings", "missing", "thin"]
     assert (knobs["slices"].kind, knobs["slices"].value) == (int, 32)
     assert knobs["slicing"].choices == ("orthogonal", "screen")
     assert {"tolerance", "blend", "blended", "background"} <= set(knobs_of([ibr.DepthMeshObject(views())]))
