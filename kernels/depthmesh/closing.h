@@ -13,7 +13,7 @@
  * to none ends in nothing. Rays that come out of hidden space behind a sheet and go into some again are closed only if
  * ENCLOSED: beside an object they may go on for ever.
  *
- * Cost: up to 5 STEPS points a ray, each looked up in views until one has seen it to be empty, for rays that meet backs
+ * Cost: up to 6 STEPS points a ray, each looked up in views until one has seen it to be empty, for rays that meet backs
  * or sheets first.
  */
 #include "depthmesh/tree.h"
@@ -172,7 +172,8 @@ intl is_at_sample(const Seen *seen, floatl x, floatl y, floatl depth, intl asks)
         const intl sees = asks & seen_by(seen, view, x, y, n, &u, &v, &z);
         const intl at = pick(sees, to_intl(v + 0.5f) * seen->sizes[3 * view] + to_intl(u + 0.5f), (intl)0);
         const intl sample = seen->sizes[3 * view + 2] + at;
-        found = found | (sees & (fabs((floatl)(gather(seen->limits, sample)) - z) <= CLOSE * seen->stride));
+        const floatl limit = (floatl)(gather(seen->limits, sample));
+        found = found | (sees & (limit > 0.0f) & (fabs(limit - z) <= CLOSE * seen->stride));
     }
     return found;
 }

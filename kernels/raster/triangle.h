@@ -224,8 +224,8 @@ INLINED void corner_means(global const float *rows, const OnTriangle *p, floatl 
     if (p->uniform) {
         const float16 a = vload16(int_lane(p->corner[0], 0), rows), b = vload16(int_lane(p->corner[1], 0), rows),
                       c = vload16(int_lane(p->corner[2], 0), rows);
-    UNROLLED
-    for (int part = 0; part < 16; part++)
+        UNROLLED
+        for (int part = 0; part < 16; part++)
             means[part] = p->weight[0] * float_lane(a, part) + p->weight[1] * float_lane(b, part) +
                           p->weight[2] * float_lane(c, part);
         return;

@@ -13,7 +13,7 @@
  * faces, projected, vertices: entry.h. list, starts: raster/bins.cl, of fronts and backs where quadrics bend. texels,
  * bounds, levels: search.h. colors: lib/texture.h. normal_map: (normal_height, normal_width, 3), where > 0, with its
  * pyramid. How often both are read: lib/footprint.h. What a light does: sight.h.
- * counts: (height, width, 2) searched entries and their steps, with COUNTED. places: (height, width, 2) u and v of what
+ * counts: (height, width, 2) searches and their steps, with COUNTED. places: (height, width, 2) u and v of what
  * is seen, in 0 to 1, NaN where nothing is, with TOLD.
  * Work-item: a region (raster/region.h). Cost: O(list + pixels * layers * steps). Determinism: list order.
  */

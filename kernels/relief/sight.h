@@ -21,8 +21,8 @@ typedef struct {
     floatl apart; /* how far another ray may find what lies at the point from there */
 } LightRay;
 
-/* Depths are below the quadric of the point's own entry, by equation 7: the point is on its surface to the last bit,
- * and the light's ray enters where that quadric's depth is 0. */
+/* Depths are below the quadric of the point's own entry, by equation 7: the point is on its surface to the last bit (about
+ * there, if it was found by the mesh: entry.h, follow_mesh), and the light's ray enters where that quadric's depth is 0. */
 LightRay light_ray(const Relief *relief, const Entry *e, const Seen *seen, Vector light)
 {
     LightRay made;

@@ -15,8 +15,11 @@
  * matrices: (VIEWS, 16) from the world to each view's pixel space. sizes: (VIEWS, 3) width, height and start in maps
  * and colors. maps: nearness, or 0 and 1. colors: RGBA bytes, A = 255 where the view has a sample. order: (VIEWS,)
  * views in the order of testing. closeness: (VIEWS,) of each view's direction to the target's, > 0. world: its origin
- * is the box's middle. box: world to the box's frame, where it is the unit cube. edges: of the box. counts: (height, width) view tests, with COUNTED.
- * Work-item: with LANES 16 a block of 4 x 4 pixels, one to a lane; with LANES 1 a pixel. Cost: O(pixels * slices * views tested). Determinism: fixed order.
+ * is the box's middle. box: world to the box's frame, where it is the unit cube. edges: of the box. counts: (height,
+ * width) view tests, with COUNTED. With THIN, firsts: the number of the first ribbon of each sample of each view, and at
+ * last that of all; ribbons: (N, RIBBON), ribbon.h.
+ * Work-item: with LANES 16 a block of 4 x 4 pixels, one to a lane; with LANES 1 a pixel. Cost: O(pixels * slices * views
+ * tested). Determinism: fixed order.
  */
 #define BIN BLOCK
 #include "lib/color.h"
@@ -268,7 +271,7 @@ INLINED Color color_times(Color c, floatl by)
     return made;
 }
 
-/* How many samples of a view a difference of its nearness is long, where that is `mine` */
+/* How many samples (of the coarsest view) a difference of a view's nearness is long, where that is `mine` */
 INLINED floatl samples_per_nearness(const Views *views, const ViewRay *view, floatl mine)
 {
     const intl flat = fabs(view->w.fixed - 1.0f) + fabs(view->w.sloped) == 0.0f; /* orthographic: nearness is -z */
@@ -398,7 +401,7 @@ kernel void draw_object(global const float *matrices, global const int *sizes, g
                         int slices_axis,
                         int halvings /* of the way back to the slice before, once one has passed */, int visible,
                         int unknown /* 1: images say nothing of what lies beside them */,
-                        float sample /* scene units from one sample of a view to the next */,
+                        float sample /* scene units between samples in the middle of the box, of the coarsest view */,
                         float stride /* of the ray, from the object's surface back to a view's own */,
                         int low_x, int low_y, int blank COUNTS_PARAMETER(int)
 #if THIN

@@ -18,8 +18,8 @@ kernel void mark_thin(global const float *nearness, global uchar *thin, int widt
         thin[(size_t)y * width + x] = sample_at(grid, x, y) > NO_SURFACE && is_thin(grid, x, y);
 }
 
-kernel void find_ribbons(global const float *nearness, global const int *samples, global float *ribbons, int count, int width,
-                         int height, int pitch, Cut cut)
+kernel void find_ribbons(global const float *nearness, global const int *samples, global float *ribbons, int count,
+                         int width, int height, int pitch, Cut cut)
 {
     const int number = get_global_id(0);
     const Grid grid = {nearness, width, height, pitch, cut};
@@ -28,7 +28,11 @@ kernel void find_ribbons(global const float *nearness, global const int *samples
     const int x = samples[number] % width, y = samples[number] / width;
     for (int way = 0; way < WAYS; way++) {
         global float *to = ribbons + RIBBON * ((size_t)number * WAYS + way);
+        if (!begins(grid, x, y, way)) {
+            vstore8((float8)NO_SURFACE, 0, to);
+            continue;
+        }
         const Ribbon one = ribbon_of(grid, x, y, way);
-        vstore8((float8)(one.x, one.y, one.dx, one.dy, begins(grid, x, y, way) ? one.n : NO_SURFACE, one.gu, one.gv, one.ends), 0, to);
+        vstore8((float8)(one.x, one.y, one.dx, one.dy, one.n, one.gu, one.gv, one.ends), 0, to);
     }
 }

@@ -97,7 +97,7 @@ void draw_sample(Grid grid, PixelMap map, int shown, int x, int y, global uint *
 {
     for (int way = 0; way < WAYS; way++)
         if (begins(grid, x, y, way))
-            draw_ribbon(ribbon_of(grid, x, y, way), map, shown, WAYS * (y * map.src_width + x) + way, keys, indices);
+            draw_ribbon(ribbon_of(grid, x, y, way), map, shown, (uint)WAYS * (y * map.src_width + x) + way, keys, indices);
 }
 
 /* A row's LANES samples from x0 on, and their neighbours to the left and to the right; no surface beyond the image. */

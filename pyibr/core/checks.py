@@ -268,7 +268,7 @@ def check_lengths(argument: str, least: float, most: float, what: str) -> None:
         raise ArgumentError(argument, expected, f"{least:g}" if least == most else f"{least:g} to {most:g}")
 
 
-_TEXELS_MOST = 1 << 21  # from 0 on: float32 tells their places within half a texel, as IN_TILE of the kernels needs
+_TEXELS_MOST = 1 << 21  # from 0 on: float32 tells their places within half a texel, as the kernels need
 
 
 def check_tiled(uv: NDArray[Any], tiles: tuple[int, int], *maps: NDArray[Any] | None) -> None:

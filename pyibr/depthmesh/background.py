@@ -45,9 +45,9 @@ class Background:
 
     Of each view: its `surfaces`, and the `sheets` over what segmentation took out; its `limits`, and how far it is
     taken to be empty `behind` them, with the `colors` there, and the least of both in each cell: `clear`, `open`
-    (kernels/depthmesh/closing.h). `stride` is how far apart
-    points are along rays that look for what no view saw to be empty. `enclosed`: no view saw background. `latest` are
-    the triangles that were drawn last: for other views they differ.
+    (kernels/depthmesh/closing.h). `stride` is how far apart points are along rays that look for what no view saw to be
+    empty. `enclosed`: no view saw background. `latest` are the triangles that were drawn last: for other views they
+    differ.
     """
 
     surfaces: list[Coarse]

@@ -113,9 +113,11 @@ def _take_locks() -> list[threading.RLock]:
     taken = [_lock] if _lock.acquire(timeout=_FAREWELL) else []  # from here on no session is opened
     for session in list(_sessions.values()):
         session.waiting.add(threading.get_ident())
-        if session.lock.acquire(timeout=max(0.0, end - time.monotonic())):
+        try:
+            if session.lock.acquire(timeout=max(0.0, end - time.monotonic())):
+                taken.append(session.lock)
+        finally:
             session.waiting.discard(threading.get_ident())
-            taken.append(session.lock)
     return taken
 
 

@@ -18,6 +18,7 @@ from pyibr.picture.samples import cut_of, samples_of
 
 _KERNELS = "slicing/ribbons.cl"
 _CUT_RATIO = 1.05  # as by default in pictures
+_AT_ONCE = 1 << 16  # samples: most of their ways begin no ribbon, but take memory
 _TOUCHING = 1e-4  # samples: what covers no more of a sample than that does not
 
 
@@ -57,19 +58,21 @@ def _found(view: DepthImage) -> Ribbons:
         thin = empty((height, width), np.uint8)
         launch(kernel(_KERNELS, "mark_thin"), (height,), thin=thin, **image)
         samples = np.flatnonzero(thin.to_host()).astype(np.int32)
-        found = np.empty((0, floats), np.float32)
-        if len(samples):
-            ribbons, count = empty((len(samples), ways, floats), np.float32), len(samples)
+        found = [np.empty((0, floats), np.float32)]
+        for first in range(0, len(samples), _AT_ONCE):
+            some = samples[first : first + _AT_ONCE]
+            ribbons = empty((len(some), ways, floats), np.float32)
             launch(
                 kernel(_KERNELS, "find_ribbons"),
-                (count,),
-                samples=upload(samples),
+                (len(some),),
+                samples=upload(some),
                 ribbons=ribbons,
-                count=count,
+                count=len(some),
                 **image,
             )
-            found = np.array(ribbons.to_host()).reshape(-1, floats)
-    return _by_sample(found[found[:, 4] > constant("lib/pixelspace.h", "NO_SURFACE")], width, height)
+            records = ribbons.to_host().reshape(-1, floats)
+            found.append(records[records[:, 4] > constant("lib/pixelspace.h", "NO_SURFACE")])
+    return _by_sample(np.concatenate(found), width, height)
 
 
 def _by_sample(records: NDArray[np.float32], width: int, height: int) -> Ribbons:

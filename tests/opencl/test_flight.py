@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.opencl import flight, launch, program, turns
+from pyibr.opencl import device, flight, launch, program
 from pyibr.opencl.device import current
 from pyibr.opencl.flight import Pace, piece_of
 from pyibr.opencl.headers import kernels_folder
@@ -397,8 +397,8 @@ def test_short_calls_go_between_the_pieces_of_a_long_one():
 
 
 def test_who_is_alone_makes_no_gaps_between_pieces(monkeypatch: pytest.MonkeyPatch):
-    view, gaps = scenes.smooth((31, 23)), list[float]()
-    monkeypatch.setattr(turns.time, "sleep", gaps.append)
+    view, gaps = scenes.smooth((31, 23)), list[object]()
+    monkeypatch.setattr(device, "offer", gaps.append)
     with pieces(3) as started:
         ibr.warp(view, view.camera.moved(0.1, 0, 0), method="search")
     assert started["search"] > 3 and not gaps

@@ -50,7 +50,7 @@ def test_no_height_is_above_its_bound(shape, height_bytes):
     rows, columns = shape
     x, y = rng.uniform(0, columns, 2000), rng.uniform(0, rows, 2000)  # texels from the first centre
     truth = bilinear_height(height.astype(float), (x + 0.5) / columns, (y + 0.5) / rows)
-    (tiers, start, pitch, span), bounds = made.table[0, 3:7], made.bounds
+    tiers, start, pitch, span = made.table[0, 3:7]
     for tier in range(tiers):
         corner = start + span - (span >> tier)
         bounds = made.bounds[corner + ((y.astype(int) >> tier) << pitch) + (x.astype(int) >> tier)]
