@@ -115,7 +115,7 @@ def calls() -> dict[str, Call]:
         "relief": _drawn(lambda: ibr.ReliefSurface(base, heights, colors, 0.2)),
         "filtered": _drawn(lambda: ibr.ReliefSurface(base, heights, colors, 0.2), anisotropy=8),
         "object": _drawn(lambda: ibr.DepthObject(views, slices=16)),
-        "thin object": _drawn(lambda: ibr.DepthObject(views, slices=16, thin=True)),
+        "thin object": _drawn(lambda: ibr.DepthObject(object_views(models.donut(20), 32), slices=16, thin=True)),
         "hull": _drawn(lambda: ibr.VisualHull(views, slices=16), lit=False),
         "relit": _drawn(lambda: [_view(scenes.stepped), ibr.DepthObject(views, slices=16)], relight=True),
         "relit hull": _drawn(lambda: ibr.VisualHull(views, slices=16), relight=True),
