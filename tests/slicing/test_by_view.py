@@ -116,7 +116,7 @@ def test_objects_show_no_slice_at_any_size(kind, slicing, projection):
         off = np.abs(frame.depth - many.depth)[both] / pixel_size(cam, kind(views).box.center)
         assert np.quantile(off, 0.95) < 0.25
         assert off.mean() < 0.5
-        # Of a hull's edges, thin as wedges, slices miss some in the smallest picture: which ones depends on their places.
+        # Of a hull's edges, thin as wedges, slices miss some in the smallest picture, and which ones is chance.
         few = [ibr.render(kind(views, n, slicing), cam).valid for n in (24, 32, 40)]
         missed = (frame.valid != many.valid).sum()
         assert missed <= max(max((one != many.valid).sum() for one in few) + 1, 0.02 * many.valid.sum())
