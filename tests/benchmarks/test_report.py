@@ -77,8 +77,9 @@ def test_result_survives_json(tmp_path: Path) -> None:
     assert list(result.select(subject="a", region="A")) == records[:1]
 
 
-def test_the_published_report_is_that_of_its_results(tmp_path: Path) -> None:
-    published = Path(report.__file__).parent / "results" / ibr.__version__
+@pytest.mark.parametrize("machine", [".", "avx2"])
+def test_the_published_report_is_that_of_its_results(tmp_path: Path, machine: str) -> None:
+    published = Path(report.__file__).parent / "results" / ibr.__version__ / machine
     if not published.is_dir():  # of a version that has just begun
         pytest.skip("no results of this version are here")
     for path in published.glob("*.json"):
