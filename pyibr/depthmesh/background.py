@@ -8,9 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.core.checks import Float64
-from pyibr.depthmesh.behind import ViewMesh, behind_of
-from pyibr.depthmesh.levels import color_levels
+from pyibr.depthmesh.behind import Behind, ViewMesh, behind_of
 from pyibr.depthmesh.segmentation import Segmentation
 from pyibr.depthmesh.tree import Tree, build_tree
 from pyibr.depthmesh.triangulation import Triangles, active_within, list_triangles, pixels_of
@@ -44,17 +42,17 @@ class Background:
     """What shows through holes, and up to where each view has seen that there is nothing.
 
     Of each view: its `surfaces`, and the `sheets` over what segmentation took out; its `limits`, and how far it is
-    taken to be empty `behind` them, with the `colors` there, and the least of both in each cell: `clear`, `open`
-    (kernels/depthmesh/closing.h). `stride` is how far apart points are along rays that look for what no view saw to be
-    empty. `enclosed`: no view saw background. `latest` are the triangles that were drawn last: for other views they
-    differ.
+    taken to be empty `behind` them, and the least of both in each cell: `clear`, `open` (kernels/depthmesh/closing.h);
+    `continued` tells the colours there. `stride` is how far apart points are along rays that look for what no view saw
+    to be empty. `enclosed`: no view saw background. `latest` are the triangles that were drawn last: for other views
+    they differ.
     """
 
     surfaces: list[Coarse]
     sheets: list[Coarse]
     limits: DeviceArray
     behind: DeviceArray
-    colors: DeviceArray
+    continued: list[Behind]
     clear: DeviceArray
     open: DeviceArray
     sizes: DeviceArray
@@ -63,8 +61,8 @@ class Background:
     latest: tuple[object, Triangles | None] = (None, None)
 
 
-def background_of(meshes: Sequence[ViewMesh], extent: float, gains: Float64 | None = None) -> Background:
-    """What shows through the holes of meshes whose box has this largest edge; gains: (views, 3) of their colours."""
+def background_of(meshes: Sequence[ViewMesh], extent: float) -> Background:
+    """What shows through the holes of meshes whose box has this largest edge."""
     limits = list[NDArray[np.float32]]()
     surfaces, sheets = list[Coarse](), list[Coarse]()
     for mesh in meshes:
@@ -76,14 +74,14 @@ def background_of(meshes: Sequence[ViewMesh], extent: float, gains: Float64 | No
         limits.append(np.where(view.valid, view.depth, unseen))
     starts = np.cumsum([0, *(limit.size for limit in limits[:-1])])
     sizes = upload(np.array([(*m.view.camera.size, s) for m, s in zip(meshes, starts, strict=True)], np.int32))
-    words = [next(color_levels(mesh.view, None if gains is None else gains[k])) for k, mesh in enumerate(meshes)]
-    depths, colors = zip(*map(behind_of, meshes, limits, words), strict=True)
+    continued = list(map(behind_of, meshes, limits))
+    depths = [one.depth for one in continued]
     cells = ([_least_in_cells(part) for part in each] for each in (limits, depths))
-    limit, behind, color, clear, opened = (
-        upload(np.concatenate([part.ravel() for part in each])) for each in (limits, depths, colors, *cells)
+    limit, behind, clear, opened = (
+        upload(np.concatenate([part.ravel() for part in each])) for each in (limits, depths, *cells)
     )
     enclosed = all(bool(np.isfinite(one).all()) for one in limits)
-    return Background(surfaces, sheets, limit, behind, color, clear, opened, sizes, _STRIDE * extent, enclosed)
+    return Background(surfaces, sheets, limit, behind, continued, clear, opened, sizes, _STRIDE * extent, enclosed)
 
 
 def _least_in_cells(values: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,8 +32,35 @@ class ViewMesh(Protocol):
         ...
 
 
-def behind_of(mesh: ViewMesh, limit: Float32, words: NDArray[np.uint32]) -> tuple[Float32, NDArray[np.uint32]]:
+@dataclass(frozen=True)
+class Behind:
     """How far a view may look behind its surface until it comes to what the far sides of its depth edges go on as.
+
+    Attributes
+    ----------
+    depth : (H, W) float32
+        Not less than the view's own.
+    hidden : (H, W) bool
+        Where it looks behind its surface.
+    far : (H, W) bool
+        Which samples are on the far sides of edges.
+    """
+
+    depth: Float32
+    hidden: NDArray[np.bool_]
+    far: NDArray[np.bool_]
+
+    def colored(self, words: NDArray[np.uint32]) -> NDArray[np.uint32]:
+        """(H, W) RGBA words there, spread from the edges; those of the view, (H, W), where it does not look behind."""
+        if not self.hidden.any():
+            return words
+        shown = words.view(np.uint8).reshape(*words.shape, 4).astype(np.float32)
+        spread = np.rint(_spread(self.far, shown)).astype(np.uint8).view(np.uint32)[..., 0]
+        return np.where(self.hidden, spread, words)
+
+
+def behind_of(mesh: ViewMesh, limit: Float32) -> Behind:
+    """What goes on behind the edges of a view.
 
     Each sample continues the edge that is nearest to it in the picture: in the plane of the surface on that edge's far
     side, or with nothing where that is background.
@@ -42,26 +70,14 @@ def behind_of(mesh: ViewMesh, limit: Float32, words: NDArray[np.uint32]) -> tupl
     mesh : ViewMesh
     limit : (H, W) float32
         The view's depths, infinite for background and 0 where nothing is known.
-    words : (H, W) uint32
-        Its colours.
-
-    Returns
-    -------
-    depth : (H, W) float32
-        Not less than `limit`.
-    words : (H, W) uint32
-        The colours there, spread from the edges: the view's own where it does not look behind its surface.
     """
     far = _far_sides(mesh, limit)
     if not far.any():
-        return limit, words
+        return Behind(limit, far, far)
     number = np.arange(far.size).reshape(far.shape)
-    shown = words.view(np.uint8).reshape(*words.shape, 4).astype(np.float32)
-    origin, color = _spread(np.where(far, number, -1), shown, far.shape[1])
-    depth = _continued(mesh, limit, origin)
+    depth = _continued(mesh, limit, _nearest(np.where(far, number, -1), far.shape[1]))
     hidden = (depth > limit) & (limit > 0)
-    spread = np.rint(color).astype(np.uint8).view(np.uint32)[..., 0]
-    return np.where(hidden, depth, limit), np.where(hidden, spread, words)
+    return Behind(np.where(hidden, depth, limit), hidden, far)
 
 
 def _far_sides(mesh: ViewMesh, limit: Float32) -> NDArray[np.bool_]:
@@ -82,43 +98,62 @@ def _far_sides(mesh: ViewMesh, limit: Float32) -> NDArray[np.bool_]:
     return far & ~near & (surface | np.isinf(limit))
 
 
-def _spread(origin: Whole, color: Float32, width: int, step: int = 1) -> tuple[Whole, Float32]:
-    """Fill up what has no origin: with that of the nearest, nearly, and with a blend of colours from around.
+_AROUND = ((0, 0, 9), (0, 1, 3), (1, 0, 3), (1, 1, 1))  # rows, columns and sixteenths of bilinear interpolation
+
+
+def _nearest(origin: Whole, width: int, step: int = 1) -> Whole:
+    """Fill up what has no origin with that of the nearest, nearly.
 
     Parameters
     ----------
     origin : (h, w) int64
         Numbers of samples, y * width + x, or -1.
-    color : (h, w, k) float32
-        Theirs.
     width : int
         Samples in a row of the view.
     step : int
         Samples along the side of what an element stands for: levels are halved until all of one is known.
     """
-    height, across = origin.shape
-    known = origin >= 0
-    if known.all():
-        return origin, color
-    padded = np.pad(origin, ((0, height % 2), (0, across % 2)), constant_values=-1)
-    colors = np.pad(color, ((0, height % 2), (0, across % 2), (0, 0)))
-    four = [np.s_[dy::2, dx::2] for dy in (0, 1) for dx in (0, 1)]
-    have = np.stack([padded[part] >= 0 for part in four]).astype(np.float32)[..., None]
-    mean = (np.stack([colors[part] for part in four]) * have).sum(axis=0) / np.maximum(have.sum(axis=0), 1)
-    coarse, mean = _spread(np.max([padded[part] for part in four], axis=0), mean, width, 2 * step)
-    y, x = np.nonzero(~known)
+    if (origin >= 0).all():
+        return origin
+    coarse = _nearest(np.max(_quarters(origin, -1), axis=0), width, 2 * step)
+    y, x = np.nonzero(origin < 0)
     best, least = np.full(len(y), -1), np.full(len(y), np.inf)
-    blend = np.zeros((len(y), color.shape[2]), np.float32)
-    for up, left, share in ((0, 0, 9), (0, 1, 3), (1, 0, 3), (1, 1, 1)):  # of bilinear interpolation, in sixteenths
-        row = np.clip(y // 2 + up * (2 * (y % 2) - 1), 0, coarse.shape[0] - 1)
-        column = np.clip(x // 2 + left * (2 * (x % 2) - 1), 0, coarse.shape[1] - 1)
-        there = coarse[row, column]
+    for up, left, _ in _AROUND:
+        there = coarse[_coarser(y, up, coarse.shape[0]), _coarser(x, left, coarse.shape[1])]
         off = np.hypot(there % width - step * (x + 0.5), there // width - step * (y + 0.5))
         best, least = np.where(off < least, there, best), np.minimum(off, least)
-        blend += np.float32(share / 16) * mean[row, column]
-    origin, color = origin.copy(), color.copy()
-    origin[y, x], color[y, x] = best, blend
-    return origin, color
+    found = origin.copy()
+    found[y, x] = best
+    return found
+
+
+def _spread(known: NDArray[np.bool_], color: Float32) -> Float32:
+    """Fill up the colours (h, w, k) of what is not known with a blend from around: pull and push."""
+    if known.all():
+        return color
+    have = _quarters(known, False).astype(np.float32)[..., None]
+    count = have.sum(axis=0)
+    coarse = _spread(count[..., 0] > 0, (_quarters(color, 0) * have).sum(axis=0) / np.maximum(count, 1))
+    y, x = np.nonzero(~known)
+    blend = np.zeros((len(y), color.shape[2]), np.float32)
+    for up, left, share in _AROUND:
+        there = coarse[_coarser(y, up, coarse.shape[0]), _coarser(x, left, coarse.shape[1])]
+        blend += np.float32(share / 16) * there
+    found = color.copy()
+    found[y, x] = blend
+    return found
+
+
+def _quarters(values: NDArray[Any], beyond: float) -> NDArray[Any]:
+    """(4, h / 2, w / 2, ...) the four that each element of the next coarser level stands for."""
+    pad = [(0, values.shape[0] % 2), (0, values.shape[1] % 2), *[(0, 0)] * (values.ndim - 2)]
+    padded = np.pad(values, pad, constant_values=beyond)
+    return np.stack([padded[dy::2, dx::2] for dy in (0, 1) for dx in (0, 1)])
+
+
+def _coarser(index: Whole, beside: int, count: int) -> Whole:
+    """Which of `count` elements of the next coarser level is the one around an element's middle, or `beside` that."""
+    return np.clip(index // 2 + beside * (2 * (index % 2) - 1), 0, count - 1)
 
 
 def _continued(mesh: ViewMesh, limit: Float32, origin: Whole) -> Float32:

@@ -34,11 +34,13 @@ class _Colors:
     """The views' colours on the device: of each all levels, half as large as the one before, one after the other.
 
     `sizes` holds width, height and start of each level, `ends` numbers of the first and last level of each view.
+    `behind`, if holes are closed: of each view those that its depth edges' far sides go on with.
     """
 
     words: DeviceArray
     sizes: DeviceArray
     ends: list[tuple[int, int]]
+    behind: DeviceArray | None
 
 
 @dataclass(frozen=True)
@@ -72,24 +74,32 @@ class Blending:
     gains: Float64 | None
 
 
-def _colors_of(views: Sequence[DepthImage], gains: Float64 | None) -> _Colors:
+def _colors_of(views: Sequence[DepthImage], gains: Float64 | None, background: Background | None) -> _Colors:
     words, sizes = list[NDArray[np.uint32]](), list[tuple[int, int, int]]()
     ends, start = list[tuple[int, int]](), 0
     for number, view in enumerate(views):
         first = len(sizes)
         for level in color_levels(view, None if gains is None else gains[number]):
             sizes.append((*level.shape[::-1], start))
-            words.append(level.ravel())
+            words.append(level)
             start += level.size
         ends.append((first, len(sizes) - 1))
-    return _Colors(upload(np.concatenate(words)), upload(np.array(sizes, np.int32)), ends)
+    behind = None
+    if background is not None:
+        behind = [one.colored(words[first]) for one, (first, _) in zip(background.continued, ends, strict=True)]
+    return _Colors(_joined(words), upload(np.array(sizes, np.int32)), ends, None if behind is None else _joined(behind))
 
 
-def _shown(target: Target, thing: Fixed, views: Sequence[DepthImage], gains: Float64 | None) -> _Colors:
+def _joined(images: Sequence[NDArray[np.uint32]]) -> DeviceArray:
+    return upload(np.concatenate([image.ravel() for image in images]))
+
+
+def _shown(target: Target, thing: Fixed, views: Sequence[DepthImage], blending: Blending | None) -> _Colors:
     """What a target shows of the views: their colours, or their normals for them."""
+    background, gains = (None, None) if blending is None else (blending.background, blending.gains)
     if target.of_normals:
-        return kept(thing, "normals", lambda: _colors_of([showing_normals(view) for view in views], None))
-    return kept(thing, "colors", lambda: _colors_of(views, gains))
+        return kept(thing, "normals", lambda: _colors_of(list(map(showing_normals, views)), None, background))
+    return kept(thing, "colors", lambda: _colors_of(views, gains, background))
 
 
 def draw_depth_meshes(
@@ -122,7 +132,7 @@ def draw_depth_meshes(
     shown = Shown.of([0], 1) if blending is None else Shown.of(blending.order, blending.count)
     trees = [meshes[number].tree for number in shown.chosen]
     active = [active_for(tree, target.camera, tolerance) for tree in trees]
-    colors = _shown(target, thing, [mesh.view for mesh in meshes], None if blending is None else blending.gains)
+    colors = _shown(target, thing, [mesh.view for mesh in meshes], blending)
     underlay, drawn, colored = None, shown.chosen, shown.chosen  # views of all meshes, and of those with colours
     defines = {"VIEWS": len(shown.chosen), **target.color_defines}
     more: dict[str, Any] = {}
@@ -189,7 +199,7 @@ def _seen_empty(
     return {
         "limits": background.limits,
         "behind": background.behind,
-        "far_colors": background.colors,
+        "far_colors": colors.behind,
         "clear": background.clear,
         "open": background.open,
         "limit_sizes": background.sizes,

@@ -149,7 +149,7 @@ class DepthMeshObject(Fixed):
     def _blend(self, target: Target, occupancy: DeviceArray | None = None) -> None:
         behind = None
         if self.background:
-            behind = kept(self, "background", lambda: background_of(self.meshes, self.extent, self._gains))
+            behind = kept(self, "background", lambda: background_of(self.meshes, self.extent))
         order, closeness = self._order(target.camera), self.closeness(target.camera)
         blending = Blending(self.blend, order, closeness, self.blended, self.epsilon, behind, self._gains)
         draw_depth_meshes(target, self, self.meshes, 0.5 * self.tolerance, self.bounds, blending, occupancy)

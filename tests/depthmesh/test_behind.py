@@ -63,6 +63,25 @@ def test_the_wall_goes_on_behind_a_box(projection, kind, slope):
     np.testing.assert_array_equal(frame.color[same], bare.color[same])
 
 
+@pytest.mark.parametrize("given", [True, False])
+def test_what_goes_on_behind_a_box_is_relit_by_its_own_normals(given):
+    """Whatever the colours are."""
+    slope, way = 0.3, np.array([0.5, 0.4, 1.0])
+    view, camera = room(slope).capture(camera_at(0.0, "perspective")), camera_at(1.0, "perspective", 25)
+    truth, light = room(slope).capture(camera), ibr.Light(direction=way, shadow_size=0, relight=True)
+    normal = np.array([slope, 0, -1]) / np.hypot(slope, 1)
+    if given:  # of the wall; of the box, too, which is not looked at
+        own = (normal @ view.camera.world_from_camera[:3, :3]).astype(np.float32)
+        view = DepthImage(view.color, view.depth, view.camera, normals=np.broadcast_to(own, (*SIZE[::-1], 3)))
+    bare, frame = (ibr.render(ibr.DepthMeshObject([view], background=b), camera, light) for b in (False, True))
+    closed = frame.valid & ~bare.valid & truth.valid & (truth.color[..., 0] < 100)
+    assert closed.sum() > 200
+    lambert = -normal @ way / np.linalg.norm(way)
+    expected = np.array([60, 120, 30]) * (light.ambient + (1 - light.ambient) * lambert)
+    # Normals have 8 bits a channel: 0.004 of colours up to 120.
+    assert (np.abs(frame.color - expected)[closed].max(axis=1) <= 1.5).mean() >= 0.97
+
+
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_surfaces_end_half_a_sample_beyond_their_last_ones(projection):
     """From where the view was taken, more finely: between the box and the wall the nearest sample tells which it is."""
@@ -123,7 +142,8 @@ def test_what_goes_on_behind_a_step(size, projection):
     view = stepped(size, projection)
     words = np.where(view.depth > STEP, np.uint32(0xFF323232), np.uint32(0xFFC8C8C8))
     mesh = ibr.DepthMesh(view, segmentation=Segmentation("disparity", gap=0.1))  # cuts at any sampling
-    depth, color = behind_of(mesh, view.depth, words)
+    found = behind_of(mesh, view.depth)
+    depth, color = found.depth, found.colored(words)
     assert depth.dtype == np.float32 and color.dtype == np.uint32
     np.testing.assert_allclose(depth, 4, rtol=1e-6)  # a plane that faces the view goes on at its depth
     np.testing.assert_array_equal(color, 0xFF323232)
@@ -137,13 +157,11 @@ def test_nothing_goes_on_where_there_is_no_edge(projection):
     holed[3:5, 4:9] = 0  # of holes nothing is known: they have no far side
     for limit in (flat.depth, holed):
         view = DepthImage(flat.color, limit, flat.camera)
-        depth, color = behind_of(ibr.DepthMesh(view), limit, words)
-        np.testing.assert_array_equal(depth, limit)
-        np.testing.assert_array_equal(color, words)
+        found = behind_of(ibr.DepthMesh(view), limit)
+        np.testing.assert_array_equal(found.depth, limit)
+        np.testing.assert_array_equal(found.colored(words), words)
 
 
 def test_background_goes_on_as_background():
     view = stepped((31, 17), "perspective", np.inf)
-    words = np.zeros((17, 31), np.uint32)
-    depth, _ = behind_of(ibr.DepthMesh(view), view.depth, words)
-    assert np.isinf(depth).all()
+    assert np.isinf(behind_of(ibr.DepthMesh(view), view.depth).depth).all()
