@@ -72,7 +72,15 @@ CAPTURE, HIERARCHY, FRESH = "capture", "hierarchy", "fresh view and hierarchy"
 FRAME, SELECTION = "frame", "selection"
 STAGES = {
     "selection": ("activate", "find_triangles", "list_points", "list_triangles"),
-    "projection and bins": ("project_points", "count_bins", "start_bins", "fill_bins", "sort_bins"),
+    "projection and bins": (
+        "project_points",
+        "count_bins",
+        "total_bins",
+        "total_rows",
+        "start_bins",
+        "fill_bins",
+        "sort_bins",
+    ),
     "depth, colour and blend": ("draw_meshes",),
 }
 """Kernels of a frame."""

@@ -1,14 +1,15 @@
 /* Binning: which primitives may touch which bins of BIN x BIN pixels, in the order of the primitives.
  *
- * `count_bins` bounds each primitive and counts, per chunk of primitives and bin; `start_bins` turns the counts of a
- * bin into places, once the host has summed up the bins; `fill_bins` writes the primitives' numbers. A bin's list is
- * in the order of the primitives, since each chunk fills its own part: no atomics, reproducible. `sort_bins` puts each
- * list from front to back, for fragment programs that cost more than that.
+ * `count_bins` bounds each primitive and counts, per chunk of primitives and bin; `total_bins` and `total_rows` sum up each
+ * bin and each row of bins; `start_bins` turns the counts of a bin into places; `fill_bins` writes the primitives' numbers.
+ * A bin's list is in the order of the primitives, since each chunk fills its own part: no atomics, reproducible.
+ * `sort_bins` puts each list from front to back, for fragment programs that cost more than that.
  *
  * corners: (primitives, CORNERS) vertices of each. projected: (vertices, 4), see project.cl. boxes: (primitives, 4)
  * first and last bin in x and y; empty (first > last) if it cannot be seen. counts: (chunks, bins). totals: (bins,).
- * starts: (bins + 1,) place of each bin's list in `list`. culled: triangle.h.
- * Work-item: a chunk (count, fill), a bin (start). Cost: O(primitives + list). Determinism: fixed order.
+ * row_totals: (bins_y,). starts: (bins + 1,) place of each bin's list in `list`. culled: triangle.h.
+ * Work-item: a chunk (count, fill), a bin (total, start), a row of bins. Cost: O(primitives + list + chunks * bins).
+ * Determinism: fixed order.
  */
 #include "lib/screen.h"
 
@@ -91,20 +92,48 @@ kernel void count_bins(global const int *corners, global const float *projected,
     }
 }
 
-kernel void start_bins(global int *counts, global int *totals, global const int *starts, int chunks, int bins,
-                       int summed)
+kernel void total_bins(global const int *counts, global int *totals, int chunks, int bins)
 {
     const int b = get_global_id(0);
     if (b >= bins)
         return;
-    int place = summed ? starts[b] : 0;
+    int total = 0;
+    for (int c = 0; c < chunks; c++)
+        total += counts[(size_t)c * bins + b];
+    totals[b] = total;
+}
+
+kernel void total_rows(global const int *totals, global int *row_totals, int bins_x, int bins_y)
+{
+    const int row = get_global_id(0);
+    if (row >= bins_y)
+        return;
+    int total = 0;
+    for (int x = 0; x < bins_x; x++)
+        total += totals[row * bins_x + x];
+    row_totals[row] = total;
+}
+
+kernel void start_bins(global int *counts, global const int *totals, global const int *row_totals, global int *starts,
+                       int chunks, int bins_x, int bins_y)
+{
+    const int x = get_global_id(0), row = get_global_id(1), b = row * bins_x + x;
+    if (x >= bins_x || row >= bins_y)
+        return;
+    int place = 0;
+    for (int above = 0; above < row; above++)
+        place += row_totals[above];
+    for (int before = row * bins_x; before < b; before++)
+        place += totals[before];
+    starts[b] = place;
+    if (b == bins_x * bins_y - 1)
+        starts[b + 1] = place + totals[b];
     for (int c = 0; c < chunks; c++) {
-        const int more = counts[(size_t)c * bins + b];
-        if (summed)
-            counts[(size_t)c * bins + b] = place;
-        place += more;
+        const size_t at = (size_t)c * bins_x * bins_y + b;
+        const int count = counts[at];
+        counts[at] = place;
+        place += count;
     }
-    totals[b] = place;
 }
 
 kernel void fill_bins(global const short *boxes, global int *counts, global int *list, int primitives, int chunk,

@@ -11,10 +11,11 @@ from pyibr.meshes.mesh import Sides
 from pyibr.opencl.device import current
 from pyibr.opencl.headers import constant
 from pyibr.opencl.launch import Struct, launch
-from pyibr.opencl.memory import DeviceArray, empty, upload
+from pyibr.opencl.memory import DeviceArray, empty
 from pyibr.opencl.program import kernel
 from pyibr.picture.target import Target
 
+_UNASKED = 1 << 22  # numbers that a list may have room for unasked, though few of them may be written
 _CULLED = {"both": "CULLS_NONE", "front": "CULLS_BACKS", "back": "CULLS_FRONTS"}
 
 
@@ -80,53 +81,27 @@ def bin_primitives(
     bins = columns * rows
     chunk = max(-(-count // profile.chunks), 1)
     chunks = max(-(-count // chunk), 1)
-    boxes, counts, totals = empty((count, 4), np.int16), empty((chunks, bins), np.int32), empty((bins,), np.int32)
+    boxes, counts, starts = empty((count, 4), np.int16), empty((chunks, bins), np.int32), empty((bins + 1,), np.int32)
+    totals, row_totals = empty((bins,), np.int32), empty((rows,), np.int32)
     view: dict[str, Any] = {"projected": projected, "screen": Struct("Screen", target.screen(near)), "nearest_w": near}
-    shared = {"primitives": count, "chunk": chunk, "bins_x": columns, "bins_y": rows}
-    launch(
-        kernel("raster/bins.cl", "count_bins", CORNERS=each, BIN=bin_side()),
-        (chunks,),
-        corners=corners,
-        boxes=boxes,
-        counts=counts,
-        culled=culled(sides),
-        **view,
-        **shared,
-    )
-    starts = np.zeros(bins + 1, np.int32)
-    for summed in (False, True):
-        uploaded = upload(starts)
-        launch(
-            kernel("raster/bins.cl", "start_bins", CORNERS=each, BIN=bin_side()),
-            (bins,),
-            counts=counts,
-            totals=totals,
-            starts=uploaded,
-            chunks=chunks,
-            bins=bins,
-            summed=summed,
-        )
-        if not summed:
-            starts = np.concatenate([[0], np.cumsum(totals.to_host())]).astype(np.int32)
-    found = empty((max(int(starts[-1]), 1),), np.int32)
-    launch(
-        kernel("raster/bins.cl", "fill_bins", CORNERS=each, BIN=bin_side()),
-        (chunks,),
-        boxes=boxes,
-        counts=counts,
-        list=found,
-        **shared,
-    )
+    grid = {"bins_x": columns, "bins_y": rows}
+    shared = {"primitives": count, "chunk": chunk, **grid}
+    sums = {"counts": counts, "totals": totals, "chunks": chunks}
+
+    def run(name: str, *items: int, **arguments: Any) -> None:
+        launch(kernel("raster/bins.cl", name, CORNERS=each, BIN=bin_side()), items, **arguments)
+
+    run("count_bins", chunks, corners=corners, boxes=boxes, counts=counts, culled=culled(sides), **view, **shared)
+    run("total_bins", bins, **sums, bins=bins)
+    run("total_rows", rows, totals=totals, row_totals=row_totals, **grid)
+    run("start_bins", columns, rows, **sums, row_totals=row_totals, starts=starts, **grid)
+    # Whoever asks how long the list is waits for all that is drawn before.
+    longest = count * bins
+    length = longest if longest <= _UNASKED else int(starts.to_host()[-1])
+    found = empty((max(length, 1),), np.int32)
+    run("fill_bins", chunks, boxes=boxes, counts=counts, list=found, **shared)
     if sort:
-        launch(
-            kernel("raster/bins.cl", "sort_bins", CORNERS=each, BIN=bin_side()),
-            (bins,),
-            corners=corners,
-            projected=projected,
-            keys=empty(found.shape, np.float32),
-            list=found,
-            starts=uploaded,
-            bins=bins,
-        )
-    arguments = {"list": found, "starts": uploaded, "bins_x": columns, **view}
+        keys = empty(found.shape, np.float32)
+        run("sort_bins", bins, corners=corners, projected=projected, keys=keys, list=found, starts=starts, bins=bins)
+    arguments = {"list": found, "starts": starts, "bins_x": columns, **view}
     return Bins(profile.grid((columns, rows), target.camera.size), arguments)

@@ -1,4 +1,4 @@
-"""The rasteriser's kernels in their GPU form."""
+"""The rasteriser's kernels in their GPU form, and when the host waits for them."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ import pytest
 
 import pyibr as ibr
 from pyibr.core.camera import Camera
+from pyibr.opencl import memory
+from pyibr.raster import bins
 from tests.one_lane import one_lane
 from tests.scenes import pose
 
@@ -60,3 +62,18 @@ def test_one_lane_draws_into_what_is_there():
     np.testing.assert_array_equal(one.color, other.color)
     np.testing.assert_array_equal(one.depth, other.depth)
     np.testing.assert_allclose(one.depth, wide.depth, rtol=1e-5)
+
+
+def test_nobody_asks_how_long_lists_are_that_there_is_room_for(monkeypatch):
+    """Asked or not, the picture is the same, of what fills its bins and of what is on no bin at all."""
+    (first, camera), (second, _) = globe("perspective"), soup("perspective")
+    behind = ibr.Mesh(first.vertices - (0, 0, 9), first.faces)
+    frames, asked, read = [], [], memory.to_host
+    monkeypatch.setattr(memory, "to_host", lambda arrays: asked.append(arrays) or read(arrays))
+    for longest in (bins._UNASKED, 0):
+        monkeypatch.setattr(bins, "_UNASKED", longest)
+        frames.append(ibr.render([first, behind, second], camera, ibr.Light(position=(0, -2, 0), shadow_size=0)))
+        assert len(asked) == (0 if longest else 3)
+    assert frames[0].color.tobytes() == frames[1].color.tobytes()
+    assert frames[0].depth.tobytes() == frames[1].depth.tobytes()
+    assert frames[0].valid.sum() > 5000
