@@ -15,6 +15,7 @@ import numpy as np
 import quadtrees
 import reliefrays
 import reliefs
+import reliefwalk
 import slices
 import warpfigures
 from demo import FAINT, HOLE, INK, PATH, views_of
@@ -86,6 +87,7 @@ if __name__ == "__main__":
     save("relief-silhouettes.jpg", reliefs.silhouettes(), 80)
     save("relief-distances.jpg", reliefs.distances(), 80)
     save("relief-scenes.jpg", reliefs.scenes(), 80)
+    save("relief-walk.jpg", reliefwalk.walk(), 80)
     save("paper-relief-texture.jpg", reliefs.texture(), 80)
     save("paper-relief-rays.png", reliefrays.rays(), 80)
     save("paper-relief-distances.png", reliefrays.measures(), 80)

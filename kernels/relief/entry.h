@@ -4,7 +4,10 @@
  * space (Oliveira & Policarpo 2005, sections 3.3 and 3.4).
  *
  * faces: (triangles, 3) corners of each. projected: (vertices, 4), raster/project.cl. vertices: (vertices, VERTEX) u, v,
- * normal, gradient of u, gradient of v (world, per scene unit), a, b, c, unused. texels, bounds, levels: search.h.
+ * normal, gradient of u, gradient of v (world, per scene unit), a, b, c, depth, unused. texels, bounds, levels: search.h.
+ *
+ * With WITHIN the last triangle is a window right before the eye, which is below the mesh: it covers the whole picture, and
+ * rays that enter there start at its vertices' depth, which is 0 at all others.
  */
 #include "lib/texture.h"
 #include "lib/vectors.h"
@@ -36,7 +39,16 @@ typedef struct {
     floatl u, v;
     Vector normal, along_u, along_v; /* the normal of unit length, and the gradients of u and v */
     floatl a, b, c;
+#if WITHIN
+    floatl depth;
+#endif
 } Entry;
+
+#if WITHIN
+#define ENTRY_DEPTH(e) ((e)->depth)
+#else
+#define ENTRY_DEPTH(e) 0.0f
+#endif
 
 INLINED Entry entry_of(const Relief *relief, intl index, floatl x, floatl y)
 {
@@ -45,8 +57,11 @@ INLINED Entry entry_of(const Relief *relief, intl index, floatl x, floatl y)
     corner_means(relief->vertices, &pixel, of_vertex);
     const Vector normal = {of_vertex[2], of_vertex[3], of_vertex[4]};
     const floatl unit = 1.0f / sqrt(greater(DOT(normal, normal), (floatl)1e-20f));
-    const Entry e = {of_vertex[0], of_vertex[1], scaled(normal, unit), {of_vertex[5], of_vertex[6], of_vertex[7]},
-                     {of_vertex[8], of_vertex[9], of_vertex[10]}, of_vertex[11], of_vertex[12], of_vertex[13]};
+    Entry e = {of_vertex[0], of_vertex[1], scaled(normal, unit), {of_vertex[5], of_vertex[6], of_vertex[7]},
+               {of_vertex[8], of_vertex[9], of_vertex[10]}, of_vertex[11], of_vertex[12], of_vertex[13]};
+#if WITHIN
+    e.depth = of_vertex[14];
+#endif
     return e;
 }
 
@@ -88,6 +103,12 @@ void set_ray(ReliefRay *ray, const Entry *e, Vector d, int quadric, float scale)
     ray->bend = bend;
     ray->scale = scale;
 #endif
+#if WITHIN
+    const intl starts_below = e->depth > 0.0f;
+    ray->depth = e->depth;
+    ray->L = pick(starts_below, -cosine * per_scale, ray->L);
+    measure_plainly(ray, starts_below);
+#endif
 }
 
 /* By its quadric a ray has come out, but it is below the mesh until it leaves that, `way` after its entry, `slope` steep
@@ -96,11 +117,12 @@ void set_ray(ReliefRay *ray, const Entry *e, Vector d, int quadric, float scale)
  * parabola that rises to there, no steeper than it entered. Which rays are these? share: of the quadric's bending. */
 intl follow_mesh(ReliefRay *ray, floatl way, floatl slope, floatl *share)
 {
-    const floatl L = ray->L, leaves = greater(slope, (floatl)0.0f);
-    floatl t = 0.0f, depth = 0.0f, before = 0.0f;
+    const floatl L = ray->L, leaves = greater(slope, (floatl)0.0f), start = START_DEPTH(ray);
+    floatl t = 0.0f, depth = start, before = start;
     for (int i = 1; i <= ARC_PARTS; i++) {
         const float part = (float)i / ARC_PARTS, rest = 1.0f - part;
-        const floatl now = way * (part * rest) * (L * rest + leaves * part);
+        const float started = rest * rest * (1.0f + 2.0f * part); /* what is left of the depth at the start */
+        const floatl now = way * (part * rest) * (L * rest + leaves * part) + start * started;
         const intl rises = (depth < 1.0f) & (now > depth);
         const floatl reached = pick(now > 1.0f, (1.0f - before) / (now - before), (floatl)1.0f);
         t = pick(rises, way * (i - 1 + reached) * (1.0f / ARC_PARTS), t);
@@ -109,19 +131,11 @@ intl follow_mesh(ReliefRay *ray, floatl way, floatl slope, floatl *share)
     }
     const intl deeper = (t > 0.0f) & (depth > depth_of(ray, t));
     depth *= 1.0f + BOTTOM_SLACK;
-    const floatl rise = lesser(L, 2.0f * depth / t), K = (depth / t - rise) / t;
+    const floatl mean = (depth - start) / t, rise = lesser(L, 2.0f * mean), K = (mean - rise) / t;
     *share = pick(deeper & (ray->K < K), greater(K / ray->K, (floatl)0.0f), (floatl)1.0f);
     ray->L = pick(deeper, rise, L);
     ray->K = pick(deeper, K, ray->K);
-#if DISTANCE != APPROXIMATE
-    ray->vz = pick(deeper, (floatl)0.0f, ray->vz); /* without curvatures its depth is that of equation 7 */
-#endif
-#if DISTANCE == EXACT
-    ray->k1 = pick(deeper, (floatl)0.0f, ray->k1);
-    ray->k2 = pick(deeper, (floatl)0.0f, ray->k2);
-#elif DISTANCE == PERPENDICULAR
-    ray->bend = pick(deeper, (floatl)0.0f, ray->bend);
-#endif
+    measure_plainly(ray, deeper);
     return deeper;
 }
 

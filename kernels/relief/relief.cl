@@ -5,6 +5,9 @@
  * enter elsewhere: a region's pixels are searched layer by layer, nearest entry first, for as long as an entry lies
  * nearer than what has been found. All lanes of a block search at once, whichever triangles they entered.
  *
+ * An eye below the mesh, within the relief, has no entries around it. Then a window right before it is one, WITHIN: its rays
+ * start there, at the eye's depth, and are searched as far as they are below the mesh.
+ *
  * Deviations from the paper: safe steps (search.h); a ray that comes out of its quadric before it leaves the mesh is
  * searched once more, by what the mesh itself says (entry.h, follow_mesh); the tile sizes are gradients of u and v,
  * which also hold where u and v are not at right angles; the normal follows the quadric; the second search for shadows,
@@ -110,7 +113,11 @@ Entrance set_out(const Context *context, int block, int again, Search *s)
     const floatl n = layers->first[block];
     Entrance entrance;
     entrance.from = point_at(relief->screen, x, y, n);
+#if WITHIN
+    entrance.way = direction_of(relief->screen, x, y); /* the window is too near to tell it */
+#else
     entrance.way = towards(relief->screen, entrance.from);
+#endif
     entrance.share = 1.0f;
     const intl entered = layers->entered[block], enters = entered >= 0;
     const Entry e = entry_of(relief, pick(enters, entered, (intl)0), x, y);
@@ -118,12 +125,17 @@ Entrance set_out(const Context *context, int block, int again, Search *s)
     s->ray.level = level_of(relief, &e, PIXEL_SIZE(relief, n), enters);
     intl searches = enters;
     floatl longest = INFINITY;
-    if (again) {
+    if (again || WITHIN) {
         const intl leaves = layers->lost[block] & (layers->leaves[block] > EMPTY);
         const Vector through = minus(point_at(relief->screen, x, y, pick(leaves, layers->leaves[block], n)), entrance.from);
-        const Entry exit = entry_of(relief, pick(leaves, layers->left_by[block], (intl)0), x, y);
-        longest = sqrt(DOT(through, through));
-        searches = leaves & follow_mesh(&s->ray, longest, DOT(entrance.way, exit.normal) / relief->scale, &entrance.share);
+        const floatl way = sqrt(DOT(through, through));
+        if (again) {
+            const Entry exit = entry_of(relief, pick(leaves, layers->left_by[block], (intl)0), x, y);
+            longest = way;
+            searches = leaves & follow_mesh(&s->ray, way, DOT(entrance.way, exit.normal) / relief->scale, &entrance.share);
+        } else {
+            longest = pick(leaves & (ENTRY_DEPTH(&e) > 0.0f), way, longest);
+        }
     }
 #if COUNTED
     s->taken = 0;
@@ -194,21 +206,32 @@ int search_blocks(const Context *context, int block, int again, Region *region)
     return more;
 }
 
+/* Where the lost rays of all blocks leave the mesh; first, last: of the list */
+void find_backs(const Context *context, Region *region, global const int *list, int first, int last)
+{
+    Context backs = *context;
+    backs.culled = CULLS_FRONTS;
+    draw_list(&backs, region, list, first, last, context->x, context->y);
+}
+
 /* Searches from the nearest entries that have not been searched, by their quadrics; then, of the rays that were lost, by
- * the mesh, but not for a light: what is guessed too near would shade what is lit. first, last: of the list. Are there
- * more? */
+ * the mesh, but not for a light: what is guessed too near would shade what is lit. Rays that start within the relief are
+ * searched as far as they are below the mesh. first, last: of the list. Are there more? */
 int search_layer(const Context *context, Region *region, global const int *list, int first, int last)
 {
     Layers *layers = context->layers;
     int more = 0, lost = 0;
+    for (int block = 0; block < BLOCKS; block++) {
+        layers->beyond[block] = -INFINITY;
+        layers->lost[block] = WITHIN ? layers->entered[block] >= 0 : (intl)0;
+        layers->leaves[block] = EMPTY;
+    }
+    if (WITHIN)
+        find_backs(context, region, list, first, last);
     for (int block = 0; block < BLOCKS; block += TWINS) {
         int any = 0;
-        for (int k = 0; k < TWINS; k++) {
+        for (int k = 0; k < TWINS; k++)
             any |= any_lane(layers->entered[block + k] >= 0);
-            layers->beyond[block + k] = -INFINITY;
-            layers->lost[block + k] = 0;
-            layers->leaves[block + k] = EMPTY;
-        }
         if (any)
             more |= search_blocks(context, block, 0, region);
         for (int k = 0; k < TWINS; k++)
@@ -216,9 +239,8 @@ int search_layer(const Context *context, Region *region, global const int *list,
     }
     if (!lost || DEPTH_ALONE)
         return more;
-    Context backs = *context;
-    backs.culled = CULLS_FRONTS;
-    draw_list(&backs, region, list, first, last, context->x, context->y);
+    if (!WITHIN)
+        find_backs(context, region, list, first, last);
     for (int block = 0; block < BLOCKS; block += TWINS) {
         int any = 0;
         for (int k = 0; k < TWINS; k++)

@@ -9,6 +9,7 @@
  * true distance to planes, tubes, spheres and tori, and never more than equation 7.
  * PERPENDICULAR: the paper's equation 6, from P to R, on the quadric, at right angles to the ray in the plane of ray and
  * normal; where it has no solution, equation 7. On a plane it is longer than the depth by 1 / sine of the ray and normal.
+ * With WITHIN a ray may also start below the mesh, and rise: depth + L t + K t^2, by equation 7 alone.
  *
  * texels: lib/heights.h. bounds: 65535ths, two a word. Tier 0 is the greatest height of each cell between 2x2 texels, the
  * next that of 2x2 cells, and so on; BOUND_AT says where each is. levels: (levels, TABLE) ints: width, height, start in
@@ -23,6 +24,9 @@
 #define PERPENDICULAR 2
 #ifndef DISTANCE
 #define DISTANCE APPROXIMATE /* or EXACT, or PERPENDICULAR: how far below the surface a ray is */
+#endif
+#ifndef WITHIN
+#define WITHIN 0 /* 1: the eye is below the mesh, and its rays start there */
 #endif
 #define TABLE 8          /* ints of a level */
 #define LOST (TABLE - 1) /* of them, where the last one is */
@@ -47,6 +51,9 @@ typedef struct {
     floatl end;          /* least t > 0 at which the ray is back at depth 0, or at the bottom */
     intl at_bottom;      /* which of the two */
     intl level;          /* of the map */
+#if WITHIN
+    floatl depth; /* where the ray starts; > 0: below the mesh */
+#endif
 #if DISTANCE != APPROXIMATE
     floatl vz; /* of the unit direction, along the normal: < 0 */
 #endif
@@ -61,7 +68,13 @@ typedef struct {
 } ReliefRay;
 
 /* Equation 7 */
+#if WITHIN
+#define START_DEPTH(ray) ((ray)->depth)
+#define PLAIN_DEPTH(ray, t) ((ray)->depth + (t) * ((ray)->L + (ray)->K * (t)))
+#else
+#define START_DEPTH(ray) 0.0f
 #define PLAIN_DEPTH(ray, t) ((t) * ((ray)->L + (ray)->K * (t)))
+#endif
 
 #if DISTANCE == EXACT
 /* How far a circle of curvature k lies before (x, z), along z; x_2: x squared */
@@ -94,6 +107,20 @@ floatl depth_of(const ReliefRay *ray, floatl t)
 #define depth_of PLAIN_DEPTH
 #endif
 
+/* The depths of some rays become those of equation 7: without curvatures there is no other. */
+INLINED void measure_plainly(ReliefRay *ray, intl which)
+{
+#if DISTANCE != APPROXIMATE
+    ray->vz = pick(which, (floatl)0.0f, ray->vz);
+#endif
+#if DISTANCE == EXACT
+    ray->k1 = pick(which, (floatl)0.0f, ray->k1);
+    ray->k2 = pick(which, (floatl)0.0f, ray->k2);
+#elif DISTANCE == PERPENDICULAR
+    ray->bend = pick(which, (floatl)0.0f, ray->bend);
+#endif
+}
+
 /* Lanes that do not search get a ray that harms nobody. */
 void rest(ReliefRay *ray, intl active)
 {
@@ -103,6 +130,9 @@ void rest(ReliefRay *ray, intl active)
     ray->dv = pick(active, ray->dv, (floatl)0.0f);
     ray->L = pick(active, ray->L, (floatl)1.0f);
     ray->K = pick(active, ray->K, (floatl)0.0f);
+#if WITHIN
+    ray->depth = pick(active, ray->depth, (floatl)0.0f);
+#endif
 #if DISTANCE != APPROXIMATE
     ray->vz = pick(active, ray->vz, (floatl)-0.5f);
 #endif
@@ -115,6 +145,24 @@ void rest(ReliefRay *ray, intl active)
     ray->bend = pick(active, ray->bend, (floatl)0.0f);
 #endif
 }
+
+#if WITHIN
+/* Where rays leave that start below the mesh, and may rise: by the first of the two ways. What comes out of a hollow by
+ * less than the relief's depth and sinks again does not leave: the mesh may be above it all the way. */
+void set_end_within(ReliefRay *ray)
+{
+    const floatl L = ray->L, K = ray->K, depth = ray->depth, below = 1.0f - depth;
+    const floatl sinks = L * L + 4.0f * K * below, rises = L * L - 4.0f * K * depth; /* discriminants */
+    const floatl to_sink = sqrt(greater(sinks, (floatl)0.0f)) + L, root = sqrt(greater(rises, (floatl)0.0f));
+    const floatl out_at = pick(L > 0.0f, -0.5f * (L + root) / K, 2.0f * depth / (root - L));
+    const intl comes_out = (rises >= greater(4.0f * K, (floatl)0.0f)) & ((L <= 0.0f) | (K < 0.0f)), hits = (sinks >= 0.0f) & (to_sink > 0.0f);
+    const floatl out = lesser(pick(comes_out, out_at, (floatl)NEVER), (floatl)NEVER);
+    const floatl bottom = lesser(pick(hits, 2.0f * below / to_sink, (floatl)NEVER), (floatl)NEVER);
+    const intl within = depth > 0.0f;
+    ray->end = pick(within, lesser(out, bottom), ray->end);
+    ray->at_bottom = pick(within, bottom < out, ray->at_bottom);
+}
+#endif
 
 /* Where the ray leaves (section 3.3). */
 void set_end(ReliefRay *ray)
@@ -154,6 +202,9 @@ void set_end(ReliefRay *ray)
     }
     ray->end = pick(reaches, after, pick(ray->K < 0.0f, -ray->L / ray->K, ray->end));
     ray->at_bottom = reaches | (ray->at_bottom & (ray->K >= 0.0f));
+#endif
+#if WITHIN
+    set_end_within(ray);
 #endif
     ray->end = fmin(ray->end, TILES_MOST / fmax(fabs(ray->du) + fabs(ray->dv), (floatl)1e-20f));
 }

@@ -33,7 +33,7 @@ LightRay light_ray(const Relief *relief, const Entry *e, const Seen *seen, Vecto
     const floatl t = seen->t;
     const floatl px = t * DOT(seen->ahead, x), py = t * DOT(seen->ahead, y), pz = t * DOT(seen->ahead, e->normal);
     const floatl lx = DOT(light, x), ly = DOT(light, y), lz = DOT(light, e->normal);
-    const floatl found = (bends * bending(e, px, py, px, py) - pz) * per_scale;
+    const floatl found = ENTRY_DEPTH(e) + (bends * bending(e, px, py, px, py) - pz) * per_scale;
     const floatl height = HEIGHT_UNIT * height_in(relief->texels, seen->track.map, seen->track.x, seen->track.y);
     const floatl depth = greater(1.0f - height - LIFTED, (floatl)0.0f);
     /* Along it, depth is depth + slope s + K s^2. */
@@ -59,6 +59,9 @@ LightRay light_ray(const Relief *relief, const Entry *e, const Seen *seen, Vecto
     ray->L = -slope - 2.0f * K * way;
     ray->K = K;
     ray->level = seen->place.level;
+#if WITHIN
+    ray->depth = (floatl)0.0f;
+#endif
 #if DISTANCE != APPROXIMATE
     ray->vz = (floatl)0.0f; /* without curvatures its depth is that of equation 7 */
 #endif

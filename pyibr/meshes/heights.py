@@ -43,6 +43,18 @@ def following(values: NDArray[Any], axis: int, wrap: Wrap) -> NDArray[Any]:
     return values.take(order, axis=axis)
 
 
+def height_at(height: Float32, uv: NDArray[np.float64], wrap: Wrap) -> float:
+    """The bilinear height at one place, (2,) u and v."""
+    rows, columns = height.shape
+    (x, fx), (y, fy) = (divmod(float(at) * n - 0.5, 1) for at, n in zip(uv, (columns, rows), strict=True))
+    across, down = (
+        [int(k % n if wrap == "repeat" else min(max(k, 0), n - 1)) for k in (first, first + 1)]
+        for first, n in ((x, columns), (y, rows))
+    )
+    (aa, ab), (ba, bb) = height[np.ix_(down, across)].tolist()
+    return (1 - fy) * ((1 - fx) * aa + fx * ab) + fy * ((1 - fx) * ba + fx * bb)
+
+
 def checked_normal_map(normal_map: NDArray[Any]) -> Float32:
     """Unit normals in tangent space; bytes are decoded as x / 127.5 - 1."""
     expected = "normals in tangent space of shape (h, w, 3), floats or uint8 (0 is -1, 255 is 1), z > 0"

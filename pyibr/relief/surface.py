@@ -12,20 +12,21 @@ from pyibr.core.camera import Camera
 from pyibr.core.checks import Fixed, check_tiled, checked_colors, instance_of, locked, one_of, positive, whole_from
 from pyibr.core.errors import ArgumentError
 from pyibr.core.straight import check_no_lens
-from pyibr.meshes.heights import Float32, Wrap, checked_height, checked_normal_map, checked_tiles
+from pyibr.meshes.heights import Float32, Wrap, checked_height, checked_normal_map, checked_tiles, height_at
 from pyibr.meshes.mesh import Mesh
 from pyibr.meshes.textures import normal_pyramid, texture_pyramid
 from pyibr.opencl.device import one_call
 from pyibr.opencl.headers import constant
 from pyibr.opencl.kept import kept
 from pyibr.opencl.launch import launch
-from pyibr.opencl.memory import DeviceArray, empty, upload
+from pyibr.opencl.memory import DeviceArray, copy, empty, upload
 from pyibr.opencl.program import kernel
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
 from pyibr.raster.bins import bin_primitives, bin_side, project
 from pyibr.relief.levels import HeightLevels, height_levels
 from pyibr.relief.quadrics import VertexFrames, split_at_mirrors, vertex_frames
+from pyibr.relief.within import Place, Underside, window
 
 Silhouette = Literal["quadric", "none"]
 Distance = Literal["approximate", "exact", "perpendicular"]
@@ -33,6 +34,7 @@ Search = Literal["safe", "linear"]
 Shadow = Literal["map", "search"]
 
 _COUNT_MOST = 65536
+_WINDOW = 2.0  # times the near plane's distance: where rays start of an eye below the base
 _SHADOWS = {"map": "MAPPED", "search": "SEARCHED"}  # the kernel's names
 
 
@@ -42,7 +44,7 @@ class ReliefSurface(Fixed):
     Parameters
     ----------
     base : Mesh
-        With uv. The relief lies below its triangles' fronts.
+        With uv. The relief lies below its triangles' fronts; a perspective camera may go down into it.
     height : (h, w) float32 in [0, 1], or uint8, uint16
         1 is the base, 0 is `scale` below it. Bilinear between texel centres; uint8 is kept in 8 bits, all else in 16.
     color : (h', w', 3) uint8, or float32 in [0, 1]
@@ -169,6 +171,44 @@ class ReliefSurface(Fixed):
         return vertex_frames(self.drawn, self.tiles)
 
     @property
+    def bends(self) -> bool:
+        """Do its rays follow quadrics that are no planes?"""
+        return self.silhouette == "quadric" and bool(self.frames.quadrics.any())
+
+    @cached_property
+    def vertex_rows(self) -> NDArray[np.float32]:
+        """(N, VERTEX) what kernels know of each drawn vertex (kernels/relief/entry.h)."""
+        uv, frames = np.asarray(self.drawn.uv, np.float64) * self.tiles, self.frames
+        rows = np.zeros((len(uv), int(constant("relief/entry.h", "VERTEX"))), np.float32)
+        parts = [uv, frames.normals, frames.gradients.reshape(-1, 6), frames.quadrics]
+        told = np.concatenate(parts, axis=1)
+        rows[:, : told.shape[1]] = told
+        return rows
+
+    @cached_property
+    def underside(self) -> Underside:
+        """What finds the base above a point within the relief."""
+        return Underside(self.drawn.vertices, self.drawn.faces, self.vertex_rows, self.scale, self.bends)
+
+    def place_of(self, camera: Camera) -> Place | None:
+        """Where within the relief, below the base and above what is carved into it, a camera's eye is.
+
+        Parameters
+        ----------
+        camera : Camera
+
+        Returns
+        -------
+        Place or None
+            None if it is not, or the camera is orthographic.
+        """
+        eye, (low, high) = camera.center, self.bounds
+        if camera.projection == "orthographic" or (eye < low).any() or (eye > high).any():
+            return None
+        place = self.underside.place_of(eye)
+        return place if place and place.depth < 1 - height_at(self.height, place.uv, self.wrap) else None
+
+    @property
     def planar_vertices(self) -> int:
         """How many vertices have neighbours that determine no quadric."""
         return int(self.frames.planar[: len(self.base.vertices)].sum())
@@ -221,17 +261,12 @@ def draw_relief(
     """
     buffers = kept(surface, "buffers", lambda: _buffers(surface))
     near = target.near(surface.base.bounds)
-    projected = project(target, buffers["points"], near)
-    bends = surface.silhouette == "quadric" and bool(surface.frames.quadrics.any())
-    comes_out = bends and not target.from_light  # by the mesh's backs
-    bins = bin_primitives(target, buffers["faces"], projected, near, "both" if comes_out else "front")
-    distance = int(constant("relief/search.h", surface.distance.upper()))
-    defines: dict[str, int] = {"DISTANCE": distance, "HEIGHT_BYTES": surface.levels.height_bytes}
-    if surface.wrap == "clamp":
-        defines["CLAMPED"] = 1
-    else:
-        defines["POWERS_OF_TWO"] = int(all(n & (n - 1) == 0 for n in surface.height.shape))
-    defines |= target.filter_defines
+    place = None if target.from_light else surface.place_of(target.camera)
+    seen = _seen(target, surface, near, place)
+    bends = surface.bends
+    comes_out = place is not None or (bends and not target.from_light)  # by the mesh's backs
+    bins = bin_primitives(target, seen["faces"], seen["projected"], near, "both" if comes_out else "front")
+    defines = _defines_of(surface) | target.filter_defines
     more: dict[str, Any] = dict(target.filter_arguments)
     if lit is not None:
         defines |= lit.defines
@@ -242,6 +277,8 @@ def draw_relief(
             defines["SHADOWS"] = int(constant("relief/sight.h", _SHADOWS[surface.shadow]))
     if target.from_light:
         defines["DEPTH_ALONE"] = 1
+    if place is not None:
+        defines["WITHIN"] = 1
     if counts is not None:
         defines["COUNTED"] = 1
         more["counts"] = counts
@@ -252,7 +289,9 @@ def draw_relief(
     launch(
         kernel("relief/relief.cl", "draw_relief", BIN=bin_side(), **target.color_defines, **defines),
         bins.grid,
-        **{name: buffers[name] for name in ("faces", "vertices", "texels", "bounds", "levels", "colors")},
+        faces=seen["faces"],
+        vertices=seen["vertices"],
+        **{name: buffers[name] for name in ("texels", "bounds", "levels", "colors")},
         level_count=len(surface.levels.table),
         color_width=surface.color.shape[1],
         color_height=surface.color.shape[0],
@@ -271,17 +310,44 @@ def draw_relief(
     target.blank = False
 
 
+def _defines_of(surface: ReliefSurface) -> dict[str, int]:
+    """What kernels are built for: how depths are measured, and what the heights are."""
+    distance = int(constant("relief/search.h", surface.distance.upper()))
+    defines = {"DISTANCE": distance, "HEIGHT_BYTES": surface.levels.height_bytes}
+    if surface.wrap == "clamp":
+        return defines | {"CLAMPED": 1}
+    return defines | {"POWERS_OF_TWO": int(all(n & (n - 1) == 0 for n in surface.height.shape))}
+
+
+def _seen(target: Target, surface: ReliefSurface, near: float, place: Place | None) -> dict[str, DeviceArray]:
+    """The triangles that rays may enter or leave by: the base's, and the window of an eye below it."""
+    buffers = kept(surface, "buffers", lambda: _buffers(surface))
+    seen = {"faces": buffers["faces"], "vertices": buffers["vertices"]}
+    seen["projected"] = project(target, buffers["points"], near)
+    if place is None:
+        return seen
+    count = len(surface.drawn.vertices)
+    projected, rows = window(place, target.camera, _WINDOW * near, surface.scale)
+    corners = np.arange(count, count + 3, dtype=np.int32)[None]
+    added = {"faces": corners, "vertices": rows, "projected": projected}
+    return {name: _joined(seen[name], more) for name, more in added.items()}
+
+
+def _joined(first: DeviceArray, rows: NDArray[Any]) -> DeviceArray:
+    """An array with more rows, in the order of launches."""
+    made = empty((first.shape[0] + len(rows), first.shape[1]), first.dtype)
+    copy(first, made)
+    copy(upload(rows), made, at=first.shape[0] * first.shape[1])
+    return made
+
+
 def _buffers(surface: ReliefSurface) -> dict[str, DeviceArray]:
     """The surface for the current device."""
-    base, frames, levels = surface.drawn, surface.frames, surface.levels
-    uv = np.asarray(base.uv, np.float64) * surface.tiles
-    vertices = np.concatenate([uv, frames.normals, frames.gradients.reshape(-1, 6), frames.quadrics], axis=1)
-    rows = np.zeros((len(vertices), int(constant("relief/entry.h", "VERTEX"))), np.float32)
-    rows[:, : vertices.shape[1]] = vertices
+    base, levels = surface.drawn, surface.levels
     made = {
         "points": upload(base.vertices),
         "faces": upload(base.faces),
-        "vertices": upload(rows),
+        "vertices": upload(surface.vertex_rows),
         "texels": upload(levels.texels),
         "bounds": upload(levels.bounds.view(np.uint32)),
         "levels": upload(levels.table),

@@ -299,6 +299,11 @@ def _above(setting: Setting) -> list[ibr.Camera]:
     ]
 
 
+def _within() -> ibr.Camera:
+    """One from a little below the square, within its relief."""
+    return ibr.Camera.look_at((0.5, 0.3, 0.02), (1, 0.5, 0), (0, 0, 1), (13, 7), fov_y=60)
+
+
 def _surfaces(setting: Setting) -> Cases:
     light = ibr.Light(direction=(0, 0, -1), shadow_size=7)
     screen: dict[str, Any] = {"slicing": "screen", "clipped": False, "test": "band"}
@@ -332,7 +337,8 @@ def _reliefs(setting: Setting) -> Cases:
     for height, color, normals in _height_maps(setting):
         for way in ways:
             made = ibr.ReliefSurface(_tiled_square(), height, color, 0.3, normal_map=normals, **way)
-            for camera in _above(setting):
+            within = [_within()] if setting.thorough or way == ways[0] else []
+            for camera in [*_above(setting), *within]:
                 name = f"relief {height.shape} {way} {camera.size}"
                 yield name, partial(_draw, setting, [made], camera, light)
                 if way == ways[0]:

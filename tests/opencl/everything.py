@@ -83,6 +83,17 @@ def _registered() -> list[NDArray[Any]]:
     return [ibr.register(depth, view.camera, there), seen.color, seen.seen]
 
 
+def _from_within() -> list[NDArray[Any]]:
+    base, even = models.donut(12), np.full((4, 4), 0.5, np.float32)
+    corner = base.vertices[base.faces[0]].astype(np.float64)
+    across = np.cross(corner[1] - corner[0], corner[2] - corner[0])
+    eye = corner.mean(axis=0) - 0.02 * across / np.linalg.norm(across)
+    camera = ibr.Camera.look_at(eye, eye + corner[1] - corner[0], across, SIZE, fov_y=60)
+    relief = ibr.ReliefSurface(base, even, np.full((2, 2, 3), 200, np.uint8), 0.1)
+    assert relief.place_of(camera) is not None
+    return _arrays(ibr.render(relief, camera))
+
+
 def _simplified() -> list[NDArray[Any]]:
     mesh = ibr.DepthMesh(_view(scenes.smooth))
     simple = mesh.simplify(0.01)
@@ -113,6 +124,7 @@ def calls() -> dict[str, Call]:
         "sliced": _drawn(lambda: ibr.SlicedSurface(base, heights, colors, 0.2, slices=16)),
         "sliced by view": _drawn(lambda: ibr.SlicedSurface(base, heights, colors, 0.2, slices="view")),
         "relief": _drawn(lambda: ibr.ReliefSurface(base, heights, colors, 0.2)),
+        "relief from within": _from_within,
         "filtered": _drawn(lambda: ibr.ReliefSurface(base, heights, colors, 0.2), anisotropy=8),
         "object": _drawn(lambda: ibr.DepthObject(views, slices=16)),
         "thin object": _drawn(lambda: ibr.DepthObject(object_views(models.donut(20), 32), slices=16, thin=True)),

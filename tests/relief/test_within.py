@@ -1,0 +1,248 @@
+"""Eyes below the base of a relief, within its layer, against rays cast at the finely displaced mesh."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.core.camera import Camera
+from pyibr.relief.within import nearest_weights
+from tests.displaced import square
+from tests.one_lane import one_lane
+from tests.relief.solids import Carved, Surface, cylinder, grid, plane, sphere, torus
+from tests.relief.test_shadows import blocks
+from tests.relief.test_truth import away_from_edges, distance, tiled_noise
+from tests.shadowed import AMBIENT, edges, first_hits, shares, true_shares
+
+WHITE = np.full((2, 2, 3), 200, np.uint8)
+SIZE = (161, 117)
+RADII = {"plane": np.inf, "tube": 1.0, "sphere": 1.0, "torus, outside": 0.4, "torus, inside": 0.4}
+BASES: dict[str, tuple[Surface, tuple[int, int], tuple[int, int], float, tuple[float, float]]] = {
+    # surface, cells, tiles, scale, and u and v of a place where two lanes between blocks cross
+    "plane": (plane, (1, 1), (9, 9), 0.1, (4 / 9, 4 / 9)),
+    "tube": (cylinder, (64, 8), (12, 5), 0.12, (0.0, 0.6)),
+    "sphere": (sphere, (64, 32), (12, 4), 0.12, (0.0, 0.5)),
+    "torus, outside": (torus, (96, 48), (16, 6), 0.06, (0.0, 0.0)),
+    "torus, inside": (torus, (96, 48), (16, 6), 0.06, (0.0, 0.5)),
+}
+CELL = 1.3e-3  # an eighth of a texel: the truth's triangles cut off the corners of what is bilinear
+LOOKS = {  # along u, along v and up
+    "along u": (1, 0, 0),
+    "along v, down": (0, 1, -0.4),
+    "up": (1, 0.5, 0.8),
+    "back, nearly level": (-1, -0.6, 0.02),
+}
+
+
+def below(surface: Surface, u: float, v: float, depth: float) -> tuple[np.ndarray, np.ndarray]:
+    """The point `depth` scene units below the surface; and axes there, as rows: along u, along v, up."""
+    points, normals = surface(np.array([u, u + 1e-4]), np.array([v, v]))
+    up, (eye, aside) = normals[0], points - depth * normals
+    along = (aside - eye) / np.linalg.norm(aside - eye)
+    return eye, np.stack([along, np.cross(up, along), up])
+
+
+def looking(surface: Surface, u: float, v: float, depth: float, way: tuple[float, ...], size=SIZE) -> Camera:
+    eye, axes = below(surface, u, v, depth)
+    return Camera.look_at(eye, eye + np.array(way) @ axes, axes[2] + 0.01 * axes[0], size, 70)
+
+
+@cache
+def carved(name: str, smooth: bool) -> Carved:
+    surface, _, tiles, scale, _ = BASES[name]
+    return Carved(surface, hills() if smooth else blocks(), scale, tiles, fine=2)
+
+
+@cache
+def hills() -> np.ndarray:
+    """Every other sample of smooth noise: 32 x 32, tiled."""
+    return np.ascontiguousarray(tiled_noise(3, 5)[::2, ::2])
+
+
+def relief(name: str, smooth: bool = False, **options: Any) -> ibr.ReliefSurface:
+    surface, cells, tiles, scale, _ = BASES[name]
+    return ibr.ReliefSurface(grid(surface, *cells), hills() if smooth else blocks(), WHITE, scale, tiles, **options)
+
+
+def seen_aside(name: str) -> float:
+    """By what part of its distance an eye that is half as deep as the relief may see things aside.
+
+    u and v run evenly along a ray: what lies deeper is seen aside by that over the radius of curvature there; and by
+    half as much again at most, since a parabola is no circle.
+    """
+    deeper = 0.5 * BASES[name][3]
+    return 1.5 * deeper / (RADII[name] - deeper)
+
+
+def check(frame: ibr.Frame, truth: np.ndarray, camera: Camera, part: float) -> None:
+    """All is seen that is away from edges, and off by no more than a part of its distance."""
+    inside = away_from_edges(truth, 0.02)
+    assert inside.sum() > 100
+    assert frame.valid[inside].all()
+    assert (frame.valid != np.isfinite(truth)).mean() <= 0.02
+    off, most = distance(frame, truth, camera)[inside], part * truth[inside] + CELL
+    assert (off <= most).mean() >= 0.97
+    assert (off <= 0.5 * most).mean() >= 0.5
+
+
+@pytest.mark.parametrize("search", ["safe", "linear"])
+@pytest.mark.parametrize("look", LOOKS)
+@pytest.mark.parametrize("name", BASES)
+def test_between_blocks(name, look, search):
+    surface, _, _, scale, (u, v) = BASES[name]
+    camera = looking(surface, u, v, 0.5 * scale, LOOKS[look])
+    frame = ibr.render(relief(name, search=search, steps=2048), camera)
+    check(frame, carved(name, False).depth(camera), camera, seen_aside(name))
+
+
+@pytest.mark.parametrize("distance_", ["approximate", "exact"])
+@pytest.mark.parametrize("look", LOOKS)
+@pytest.mark.parametrize("name", ["plane", "torus, inside"])
+def test_over_the_lowest_place_of_hills(name, look, distance_):
+    surface, _, tiles, scale, (u, v) = BASES[name]
+    row, column = np.unravel_index(hills().argmin(), hills().shape)
+    u, v = u + (column + 0.5) / 32 / tiles[0], v + (row + 0.5) / 32 / tiles[1]
+    camera = looking(surface, u, v, 0.6 * scale, LOOKS[look])
+    frame = ibr.render(relief(name, True, distance=distance_), camera)
+    check(frame, carved(name, True).depth(camera), camera, seen_aside(name))
+
+
+@pytest.mark.parametrize("name", ["plane", "sphere"])
+def test_nothing_jumps_where_the_eye_passes_through_the_base(name):
+    """From a thousandth of the relief's depth above it and below."""
+    surface, _, _, scale, (u, v) = BASES[name]
+    frames = []
+    for depth in (-1e-3, 1e-3):
+        camera = looking(surface, u, v, depth * scale, (1, 0.2, -0.8))
+        assert (relief(name).place_of(camera) is not None) == (depth > 0)
+        frames.append(ibr.render(relief(name), camera))
+    above, under = frames
+    assert above.valid.mean() > 0.7
+    assert (above.valid != under.valid).mean() <= 0.01
+    both = above.valid & under.valid
+    # The eye has moved by 0.002 of the depth; from afar the rays of curved bases enter elsewhere.
+    off = np.abs(above.depth - under.depth)[both] / scale
+    assert np.median(off) <= 0.01
+    assert np.quantile(off, 0.9) <= 0.1
+
+
+@pytest.mark.parametrize(
+    "eye", [(0.5, 0.5, -0.05), (0.5, 0.5, -0.11), (-0.02, 1 / 3, -0.05), (2 / 3, 1 / 3, 0.05)], ids=str
+)
+def test_no_place_within(eye):
+    """In matter, below the bottom, beyond the border, above the base."""
+    thing = ibr.ReliefSurface(square(), blocks(), WHITE, 0.1, (3, 3))
+    assert thing.place_of(Camera.look_at(eye, (2, 0.4, 0.3), (0, 0, 1), SIZE, 70)) is None
+    if eye[2] < 0 < eye[0]:
+        frame = ibr.render(thing, Camera.look_at(eye, (0.6, 0.5, 0.3), (0, 0, 1), SIZE, 70))
+        assert not frame.valid.any()
+
+
+def test_an_orthographic_camera_is_nowhere():
+    camera = Camera.look_at((1 / 3, 1 / 3, -0.05), (1, 0.4, 0), (0, 0, 1), SIZE, projection="orthographic", height=1)
+    assert ibr.ReliefSurface(square(), blocks(), WHITE, 0.1, (3, 3)).place_of(camera) is None
+
+
+@pytest.mark.parametrize("name", ["tube", "torus, outside", "torus, inside"])
+def test_places_are_on_parallel_surfaces(name):
+    """Tubes have other radii there, so that u runs faster or slower along the same way."""
+    surface, cells, tiles, scale, _ = BASES[name]
+    thing = ibr.ReliefSurface(grid(surface, 3 * cells[0], 3 * cells[1]), np.zeros((4, 4)), WHITE, scale, tiles)
+    rng = np.random.default_rng(4)
+    low = np.array([0.1, 0.3 if name == "torus, inside" else 0.1])
+    for u, v in rng.uniform(low, low + 0.3, (8, 2)):
+        depth = rng.uniform(0.1, 0.9)
+        eye, axes = below(surface, u, v, depth * scale)
+        place = thing.place_of(Camera.look_at(eye, eye + axes[0], axes[2], SIZE, 70))
+        assert place is not None
+        assert abs(place.depth - depth) <= 0.02
+        np.testing.assert_allclose(place.uv, np.array([u, v]) * tiles, atol=2e-3)
+        step = 1e-4
+        aside = surface(np.array([u + step]), np.array([v]))
+        way = aside[0][0] - depth * scale * aside[1][0] - eye
+        assert place.gradients[0] @ way == pytest.approx(step * tiles[0], rel=0.01)
+        np.testing.assert_allclose(place.normal, axes[2], atol=0.01)
+        bend = (aside[1][0] - axes[2]) @ way / (way @ way)
+        assert way @ place.bending @ way / (way @ way) == pytest.approx(-bend, abs=0.02)
+
+
+def test_nearest_points_of_triangles():
+    """Of many points on each triangle none is nearer."""
+    rng = np.random.default_rng(5)
+    corners, point = rng.normal(size=(50, 3, 3)), rng.normal(size=3)
+    weights = nearest_weights(corners, np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), point)
+    assert (weights >= 0).all()
+    np.testing.assert_allclose(weights.sum(axis=1), 1)
+    found = np.linalg.norm(np.einsum("tk,tkc->tc", weights, corners) - point, axis=1)
+    tried = rng.dirichlet((0.5, 0.5, 0.5), 4000)
+    tried[:3000, 0], tried[:3000] = 0, np.roll(tried[:3000], 1, axis=1)
+    tried /= tried.sum(axis=1, keepdims=True)
+    least = np.linalg.norm(np.einsum("nk,tkc->tnc", tried, corners) - point, axis=2).min(axis=1)
+    assert (found <= least + 1e-12).all()
+    assert (found >= least - 0.1).all()
+
+
+def cube() -> ibr.Mesh:
+    """Two units wide, each side with corners, normals and uv of its own."""
+    points, faces = [], []
+    for axis in range(3):
+        for sign in (-1, 1):
+            side = np.array([[-1, -1, sign], [1, -1, sign], [1, 1, sign], [-1, 1, sign]], float)
+            points.append(np.roll(side, axis + 1, axis=1)[::sign])
+            faces += [[4 * len(points) - 4 + k for k in corner] for corner in ((0, 1, 2), (0, 2, 3))]
+    normals = np.repeat([np.roll([0, 0, sign], axis + 1) for axis in range(3) for sign in (-1, 1)], 4, axis=0)
+    return ibr.Mesh(np.concatenate(points), faces, np.tile([[0, 0], [1, 0], [1, 1], [0, 1]], (6, 1)), normals)
+
+
+def test_a_lane_is_open_where_the_mesh_ends():
+    """In a cube's upper side: through its end the wall beyond is seen, and not more of the side's own blocks."""
+    wall = ibr.Mesh([[3, -9, -9], [3, 9, -9], [3, 9, 9], [3, -9, 9]], [[0, 1, 2], [0, 2, 3]], sides="both")
+    camera = Camera.look_at((0.5, 0, 0.9), (3, 0, 0.9), (0, 0, 1), SIZE, 30)
+    frame = ibr.render([ibr.ReliefSurface(cube(), blocks(), WHITE, 0.2, (2, 2)), wall], camera)
+    assert frame.depth[58, 80] == pytest.approx(2.5, abs=1e-4)
+    # The lane is 8 to 12 of 32 texels wide, so its sides begin at most 6/32 to either side.
+    x = (np.arange(161) - camera.K[0, 2]) / camera.K[0, 0] * 0.5
+    assert frame.depth[58, np.abs(x) < 3 / 32] == pytest.approx(2.5, abs=1e-4)
+    assert (frame.depth[58, np.abs(x) > 7 / 32] < 0.5).all()
+
+
+def test_maps_of_bytes_that_do_not_tile():
+    camera = looking(plane, 4 / 9, 4 / 9, 0.05, LOOKS["back, nearly level"])
+    bytes_ = np.rint(255 * np.tile(blocks(), (9, 9))).astype(np.uint8)
+    base = grid(plane, 1, 1)
+    clamped = ibr.render(ibr.ReliefSurface(base, bytes_, WHITE, 0.1, wrap="clamp"), camera)
+    check(clamped, carved("plane", False).depth(camera), camera, 0.0)
+
+
+@pytest.mark.parametrize("shadow", ["map", "search"])
+@pytest.mark.parametrize("name", ["plane", "tube"])
+def test_light_falls_between_blocks(name, shadow):
+    """Three pixels off the edges of shadows and of blocks. On the tube these are seen aside (`seen_aside`)."""
+    surface, _, _, scale, (u, v) = BASES[name]
+    camera = looking(surface, u, v, 0.5 * scale, LOOKS["along u"], (240, 180))
+    light = ibr.Light((-0.5, 1, -0.5), ambient=AMBIENT)
+    scene = carved(name, False).scene
+    depth, points, normals = first_hits(scene, camera)
+    truth = true_shares(scene, light, points, normals)
+    share, told = shares(relief(name, shadow=shadow), camera, light)
+    counted = told & np.isfinite(depth) & ~edges(truth) & away_from_edges(depth, 0.02)
+    assert counted.sum() > 3000
+    assert 0.1 < truth[counted].mean() < 0.9
+    assert ((share > 0.5) == truth)[counted].mean() >= (0.99 if name == "plane" else 0.95)
+
+
+@pytest.mark.parametrize("look", ["along u", "up"])
+@pytest.mark.parametrize("name", ["plane", "torus, inside"])
+def test_one_lane_is_as_good_as_sixteen(name, look):
+    surface, _, _, scale, (u, v) = BASES[name]
+    camera = looking(surface, u, v, 0.5 * scale, LOOKS[look])
+    wide = ibr.render(relief(name), camera)
+    with one_lane():
+        one = ibr.render(relief(name), camera)
+    assert (one.valid != wide.valid).mean() <= 2e-3
+    both = one.valid & wide.valid
+    assert np.isclose(one.depth, wide.depth, rtol=1e-4)[both].mean() >= 0.99
