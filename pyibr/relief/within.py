@@ -80,7 +80,8 @@ class Underside:
     def _boxes(self) -> tuple[Float64, Float64]:
         """Low and high corners, (3, M) each, of what is within the relief's depth of each triangle."""
         corners = self._vertices.astype(np.float64)[self._faces]
-        return corners.min(axis=1).T - self._scale, corners.max(axis=1).T + self._scale
+        low, high = corners.min(axis=1) - self._scale, corners.max(axis=1) + self._scale
+        return np.ascontiguousarray(low.T), np.ascontiguousarray(high.T)
 
     @cached_property
     def _on_border(self) -> NDArray[np.bool_]:
@@ -100,7 +101,9 @@ class Underside:
         The base's nearest point tells. Where that is on an open border, the point is beside the relief.
         """
         low, high = self._boxes
-        near = np.flatnonzero(((low <= eye[:, None]) & (eye[:, None] <= high)).all(axis=0))
+        near = np.flatnonzero((low[0] <= eye[0]) & (eye[0] <= high[0]))
+        for axis in (1, 2):
+            near = near[(low[axis, near] <= eye[axis]) & (eye[axis] <= high[axis, near])]
         if not len(near):
             return None
         corners = self._vertices.astype(np.float64)[self._faces[near]]
