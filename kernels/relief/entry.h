@@ -4,10 +4,11 @@
  * space (Oliveira & Policarpo 2005, sections 3.3 and 3.4).
  *
  * faces: (triangles, 3) corners of each. projected: (vertices, 4), raster/project.cl. vertices: (vertices, VERTEX) u, v,
- * normal, gradient of u, gradient of v (world, per scene unit), a, b, c, depth, unused. texels, bounds, levels: search.h.
+ * normal, gradient of u, gradient of v (world, per scene unit), a, b, c, depth, unused. texels, bounds, levels:
+ * search.h.
  *
- * With WITHIN the last triangle is a window right before the eye, which is below the mesh: it covers the whole picture, and
- * rays that enter there start at its vertices' depth, which is 0 at all others.
+ * With WITHIN the last triangle is a window right before the eye, which is below the mesh: it covers the whole picture,
+ * and rays that enter there start at its vertices' depth, which is 0 at all others.
  */
 #include "lib/texture.h"
 #include "lib/vectors.h"

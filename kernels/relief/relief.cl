@@ -5,8 +5,8 @@
  * enter elsewhere: a region's pixels are searched layer by layer, nearest entry first, for as long as an entry lies
  * nearer than what has been found. All lanes of a block search at once, whichever triangles they entered.
  *
- * An eye below the mesh, within the relief, has no entries around it. Then a window right before it is one, WITHIN: its rays
- * start there, at the eye's depth, and are searched as far as they are below the mesh.
+ * An eye below the mesh, within the relief, has no entries around it. Then a window right before it is one, WITHIN: its
+ * rays start there, at the eye's depth, and are searched as far as they are below the mesh.
  *
  * Deviations from the paper: safe steps (search.h); a ray that comes out of its quadric before it leaves the mesh is
  * searched once more, by what the mesh itself says (entry.h, follow_mesh); the tile sizes are gradients of u and v,
@@ -132,7 +132,8 @@ Entrance set_out(const Context *context, int block, int again, Search *s)
         if (again) {
             const Entry exit = entry_of(relief, pick(leaves, layers->left_by[block], (intl)0), x, y);
             longest = way;
-            searches = leaves & follow_mesh(&s->ray, way, DOT(entrance.way, exit.normal) / relief->scale, &entrance.share);
+            const floatl slope = DOT(entrance.way, exit.normal) / relief->scale;
+            searches = leaves & follow_mesh(&s->ray, way, slope, &entrance.share);
         } else {
             longest = pick(leaves & (ENTRY_DEPTH(&e) > 0.0f), way, longest);
         }

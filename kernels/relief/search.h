@@ -155,7 +155,8 @@ void set_end_within(ReliefRay *ray)
     const floatl sinks = L * L + 4.0f * K * below, rises = L * L - 4.0f * K * depth; /* discriminants */
     const floatl to_sink = sqrt(greater(sinks, (floatl)0.0f)) + L, root = sqrt(greater(rises, (floatl)0.0f));
     const floatl out_at = pick(L > 0.0f, -0.5f * (L + root) / K, 2.0f * depth / (root - L));
-    const intl comes_out = (rises >= greater(4.0f * K, (floatl)0.0f)) & ((L <= 0.0f) | (K < 0.0f)), hits = (sinks >= 0.0f) & (to_sink > 0.0f);
+    const intl comes_out = (rises >= greater(4.0f * K, (floatl)0.0f)) & ((L <= 0.0f) | (K < 0.0f));
+    const intl hits = (sinks >= 0.0f) & (to_sink > 0.0f);
     const floatl out = lesser(pick(comes_out, out_at, (floatl)NEVER), (floatl)NEVER);
     const floatl bottom = lesser(pick(hits, 2.0f * below / to_sink, (floatl)NEVER), (floatl)NEVER);
     const intl within = depth > 0.0f;
