@@ -218,6 +218,32 @@ def test_maps_of_bytes_that_do_not_tile():
     check(clamped, carved("plane", False).depth(camera), camera, 0.0)
 
 
+def test_equation_7_is_all_there_is_within():
+    """On a plane nothing is entered from outside, so distances differ nowhere; nor do filters change what is met."""
+    camera = looking(plane, 4 / 9, 4 / 9, 0.05, LOOKS["along u"])
+    plain = ibr.render(relief("plane", search="linear", steps=256), camera)
+    other = ibr.render(relief("plane", search="linear", steps=256, distance="perpendicular"), camera)
+    filtered = ibr.render(relief("plane", search="linear", steps=256), camera, anisotropy=8)
+    assert plain.valid.mean() > 0.5
+    for frame in (other, filtered):
+        np.testing.assert_array_equal(frame.valid, plain.valid)
+        np.testing.assert_allclose(frame.depth, plain.depth, rtol=1e-5)  # other builds may round otherwise
+
+
+def test_normals_of_a_map_light_walls_within():
+    """A map that says what the base says lights all alike; the heights' slopes do not."""
+    camera, light = (
+        looking(plane, 4 / 9, 4 / 9, 0.05, LOOKS["along u"]),
+        ibr.Light((0, 0, -1), ambient=0, shadow_size=0),
+    )
+    upright = np.tile(np.float32([0, 0, 1]), (2, 2, 1))
+    flat = ibr.render(relief("plane", normal_map=upright), camera, light)
+    sloping = ibr.render(relief("plane"), camera, light)
+    np.testing.assert_array_equal(flat.valid, sloping.valid)
+    assert np.abs(flat.color[flat.valid].astype(int) - 200).max() <= 1  # a rounding
+    assert sloping.color[sloping.valid].min() < 100
+
+
 @pytest.mark.parametrize("shadow", ["map", "search"])
 @pytest.mark.parametrize("name", ["plane", "tube"])
 def test_light_falls_between_blocks(name, shadow):
