@@ -1,11 +1,12 @@
 """Calls that run every kernel on images, maps and pictures whose borders are near: for `fences` and for Oclgrind.
 
-Run as a program it prints each case before it begins, and in the end what ran.
+Run as a program, with a folder of kernels, it prints each case before it begins, and in the end where all ran.
 """
 
 from __future__ import annotations
 
 import re
+import sys
 import warnings
 import zlib
 from collections.abc import Callable, Iterator
@@ -78,9 +79,9 @@ class Poisoned(Launches):
 
 
 @cache
-def signatures() -> dict[str, str]:
-    """What stands between the brackets of each kernel of `kernels/`, by its name."""
-    texts = [path.read_text() for path in sorted(kernels_folder().glob("*/*.cl"))]
+def signatures(folder: str = "*") -> dict[str, str]:
+    """What stands between the brackets of each kernel of `kernels/`, or of a folder there, by its name."""
+    texts = [path.read_text() for path in sorted(kernels_folder().glob(f"{folder}/*.cl"))]
     found = [pair for text in texts for pair in re.findall(r"^kernel void (\w+)\((.*?)\)\n\{", text, re.M | re.S)]
     return dict(found)
 
@@ -90,9 +91,9 @@ def knows_colors(name: str) -> bool:
     return re.search(r"\bchannel \*", signatures()[name]) is not None
 
 
-def all_kernels() -> Ran:
-    """What has run if every kernel has, on both kinds of colour."""
-    return {(name, kind) for name in signatures() for kind in (KINDS[:2] if knows_colors(name) else ("",))}
+def kernels_of(folder: str) -> Ran:
+    """What has run if every kernel of a folder has, on both kinds of colour."""
+    return {(name, kind) for name in signatures(folder) for kind in (KINDS[:2] if knows_colors(name) else ("",))}
 
 
 @dataclass(frozen=True)
@@ -139,14 +140,6 @@ class Setting:
         return ibr.Frame(color, depth, self.empty(shape, "bool"), camera)
 
 
-def cases(setting: Setting) -> Iterator[tuple[str, Callable[[], object]]]:
-    """All of them, named."""
-    colored = (_meshes, _surfaces, _reliefs, _objects, _depth_meshes)
-    for made in (_warps, _lenses, _registrations, *(colored if setting.kind != "depth alone" else ())):
-        for name, call in made(setting):
-            yield f"{setting.kind} {name}", call
-
-
 Cases = Iterator[tuple[str, Callable[[], object]]]
 
 WAYS: tuple[dict[str, Any], ...] = (
@@ -188,7 +181,8 @@ def _lenses(setting: Setting) -> Cases:
         yield f"lens {size} made straight", partial(ibr.straightened, DepthImage(color, view.depth, here, view.far))
         for camera in (view.camera.moved(0.05, 0.02, 0.1).resized(target), view.camera.moved(0.2, 0, 0)):
             bent = ibr.Camera(camera.K, camera.size, camera.world_from_camera, lens=lens)
-            for way in ({}, {"classes": True, "fill": "smooth"}, {"sample": "nearest", "fill": "background"}):
+            ways: tuple[dict[str, Any], ...] = ({}, {"classes": True, "fill": "smooth"}, {"samples": 4})
+            for way in (*ways, {"sample": "nearest", "fill": "background"}):
                 yield f"lens {size} to {camera.size} {way}", partial(ibr.warp, view, bent, **way)
 
 
@@ -416,25 +410,46 @@ def _depth_meshes(setting: Setting) -> Cases:
             yield f"occupancy {blend} {size}", partial(thing.occupancy, camera)
 
 
-def run_all(setting: Setting, launches: Launches) -> Ran:
-    """Runs all cases, each of which is printed before; returns what ran."""
+def _relit(setting: Setting) -> Cases:
+    for camera, light in product(_screens(setting), _lights(setting)):
+        yield f"relit {camera.size}, {light}", partial(_draw, setting, [], camera, light)
+
+
+FOLDERS: dict[str, tuple[Callable[[Setting], Cases], ...]] = {
+    "lib": (_lenses, _relit),
+    "warp": (_warps, _registrations),
+    "raster": (_meshes,),
+    "slicing": (_surfaces, _objects),
+    "relief": (_reliefs,),
+    "depthmesh": (_depth_meshes,),
+}
+"""What runs every kernel of each folder of `kernels/`, among others."""
+
+_WITHOUT_COLORS = (_lenses, _warps, _registrations)
+
+
+def run_all(setting: Setting, launches: Launches, folder: str) -> Ran:
+    """Runs all cases of a folder, each of which is printed before; returns what ran."""
     warnings.simplefilter("ignore")  # that some targets see nothing
     # What poisoned launches made is refused by whatever takes it next.
     refused = suppress(ibr.ArgumentError) if isinstance(launches, Poisoned) else nullcontext()
     with watching(launches):
-        for name, call in cases(setting):
-            print(name, flush=True)
-            with refused:
-                call()
+        for cases in FOLDERS[folder]:
+            if setting.kind != "depth alone" or cases in _WITHOUT_COLORS:
+                for name, call in cases(setting):
+                    print(setting.kind, name, flush=True)
+                    with refused:
+                        call()
     return launches.ran
 
 
-def check_all_ran(ran: Ran) -> None:
-    """Ends the process unless every kernel has run."""
-    missing = sorted(all_kernels() - ran)
+def check_all_ran(ran: Ran, folder: str) -> None:
+    """Ends the process unless every kernel of the folder has run."""
+    missing = sorted(kernels_of(folder) - ran)
     assert not missing, f"never ran: {missing}"
 
 
 if __name__ == "__main__":
-    check_all_ran({one for kind in KINDS for one in run_all(Setting(kind, thorough=False), Launches())})
+    folder = sys.argv[1]
+    check_all_ran({one for kind in KINDS for one in run_all(Setting(kind, thorough=False), Launches(), folder)}, folder)
     print("through on", current().device.platform)

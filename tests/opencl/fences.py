@@ -4,8 +4,8 @@ An array ends where the pages after it begin, or it begins where those before it
 memory in place, however it is aligned. What is uploaded may not even be written. Kernels in one lane, whose memory is
 else the device's own, get the same.
 
-Run as a program, with "start" or "end" and 16 or 1 lanes: `cases` within fences. With seeds, too: cameras' numbers are
-poisoned, and nothing is right but that kernels end and keep to their arrays.
+Run as a program, with a folder of kernels, "start" or "end" and 16 or 1 lanes: `cases` within fences. With seeds, too:
+cameras' numbers are poisoned, and nothing is right but that kernels end and keep to their arrays.
 """
 
 from __future__ import annotations
@@ -89,13 +89,14 @@ def raise_fences(where: Where) -> None:
 
 
 if __name__ == "__main__":
-    where: Where = "start" if sys.argv[1] == "start" else "end"
+    folder, lanes, *seeds = sys.argv[1], *sys.argv[3:]
+    where: Where = "start" if sys.argv[2] == "start" else "end"
     current()  # what chooses a device has buffers of its own
     raise_fences(where)
-    with one_lane() if sys.argv[2] == "1" else nullcontext():
-        for seed in map(int, sys.argv[3:]):
-            run_all(Setting("uint8", thorough=False), Poisoned(seed))
-        if not sys.argv[3:]:
+    with one_lane() if lanes == "1" else nullcontext():
+        for seed in map(int, seeds):
+            run_all(Setting("uint8", thorough=False), Poisoned(seed), folder)
+        if not seeds:
             settings = [Setting(kind, True, lambda shape, dtype: fenced(shape, dtype, where)) for kind in KINDS]
-            check_all_ran({one for setting in settings for one in run_all(setting, Launches())})
+            check_all_ran({one for setting in settings for one in run_all(setting, Launches(), folder)}, folder)
         print("through in lanes:", current().profile.lanes)

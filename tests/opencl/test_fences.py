@@ -9,6 +9,9 @@ import sys
 
 import pytest
 
+from pyibr.opencl.headers import kernels_folder
+from tests.opencl.cases import FOLDERS
+
 linux = pytest.mark.skipif(sys.platform != "linux", reason="pages are protected by Linux' mprotect")
 
 STEP = """
@@ -58,9 +61,14 @@ def test_a_byte_too_far_ends_the_process(where, of):
 @pytest.mark.parametrize("where", ["start", "end"])
 @pytest.mark.parametrize("lanes", [16, 1])
 @pytest.mark.parametrize("seeds", [(), ("1", "2")], ids=["sound", "poisoned"])
-def test_no_kernel_leaves_its_arrays(where, lanes, seeds):
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_no_kernel_leaves_its_arrays(folder, where, lanes, seeds):
     """Nor runs for ever, whatever the cameras' numbers are."""
-    done = run("-m", "tests.opencl.fences", where, str(lanes), *seeds)
+    done = run("-m", "tests.opencl.fences", folder, where, str(lanes), *seeds)
     last = done.stdout.splitlines()[-1:]
     assert done.returncode == 0, f"{done.returncode} in {last}, {done.stderr[-2000:]}"
     assert last == [f"through in lanes: {lanes}"]
+
+
+def test_every_folder_of_kernels_has_cases():
+    assert set(FOLDERS) == {path.parent.name for path in kernels_folder().glob("*/*.cl")}

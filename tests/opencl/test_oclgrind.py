@@ -10,11 +10,14 @@ from pathlib import Path
 
 import pytest
 
+from tests.opencl.cases import FOLDERS
+
 
 @pytest.mark.skipif(shutil.which("oclgrind") is None, reason="Oclgrind is not installed (apt-get install oclgrind)")
-def test_no_kernel_reads_or_writes_what_is_not_its_own(tmp_path: Path):
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_no_kernel_reads_or_writes_what_is_not_its_own(folder: str, tmp_path: Path):
     paths = {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p), "PYIBR_CACHE": str(tmp_path)}
-    command = ("oclgrind", "--check-api", sys.executable, "-m", "tests.opencl.cases")
+    command = ("oclgrind", "--check-api", sys.executable, "-m", "tests.opencl.cases", folder)
     variables = os.environ | paths | {"PYIBR_DEVICE": "oclgrind"}
     done = subprocess.run(command, env=variables, capture_output=True, text=True, timeout=1800)
     said = done.stdout + done.stderr
