@@ -99,6 +99,15 @@ def test_between_blocks(name, look, search):
     check(frame, carved(name, False).depth(camera), camera, seen_aside(name))
 
 
+@pytest.mark.parametrize(("name", "look"), [("plane", LOOKS["up"]), ("tube", (1, 0.5, 0.3))])
+def test_few_steps_are_enough_for_rays_that_leave(name, look):
+    """They end where they come out; steps that went on to where the mesh ends would pass over the blocks' edges."""
+    surface, _, _, scale, (u, v) = BASES[name]
+    camera = looking(surface, u, v, 0.5 * scale, look)
+    frame = ibr.render(relief(name, search="linear", steps=64), camera)
+    check(frame, carved(name, False).depth(camera), camera, seen_aside(name))
+
+
 @pytest.mark.parametrize("distance_", ["approximate", "exact"])
 @pytest.mark.parametrize("look", LOOKS)
 @pytest.mark.parametrize("name", ["plane", "torus, inside"])
