@@ -25,7 +25,7 @@ from pyibr.opencl.flight import Flight
 from pyibr.opencl.outcome import Outcome
 from pyibr.opencl.probe import Doubted, forget, probe
 from pyibr.opencl.profile import DeviceProfile, profile_of
-from pyibr.opencl.runtimes import Found, found_devices
+from pyibr.opencl.runtimes import Found, found_devices, new_context
 from pyibr.opencl.spare import Spare
 from pyibr.opencl.turns import offer
 
@@ -291,7 +291,7 @@ def _session(device: Device) -> Session:
             return _sessions[device.index]
         found = found_devices()[device.index]
         try:
-            context = cl.Context([found.handle])
+            context = new_context(found.handle)
             queue = cl.CommandQueue(context)
         except cl.Error as error:
             forget(found)

@@ -86,7 +86,9 @@ class Runtime:
     wheel: str = ""
     """Its package on PyPI, if only the driver's version, which begins with that, tells it from others."""
     environment: Callable[[], dict[str, str]] = dict
-    """Variables that it wants while devices are listed; none where the user has chosen."""
+    """Variables that it reads as devices are listed; none where the user has chosen."""
+    compiling: Callable[[], dict[str, str]] = dict
+    """Those that its compiler reads as a context is made."""
     stem: str = ""
     """What the name of its library begins with."""
     needs: tuple[str, ...] = ()
@@ -203,6 +205,14 @@ def _mended_icds() -> list[tuple[str, Path]]:
             if library.is_absolute() and not library.exists() and here.is_file():
                 mended.append((icd.name, here))
     return mended
+
+
+def new_context(device: cl.Device) -> cl.Context:
+    """A context of a device, whose compiler sees what it wants."""
+    import pyopencl as cl
+
+    with _environment({name: value for runtime in RUNTIMES for name, value in runtime.compiling().items()}):
+        return cl.Context([device])
 
 
 @contextmanager
@@ -355,7 +365,7 @@ _INTEL = Runtime(
     "intel",
     mend=lambda: "pip install --upgrade intel-opencl-rt intel-cmplr-lib-rt",
     install=_install_intel,
-    environment=_items_apart,
+    compiling=_items_apart,
     stem="libintelocl",
     needs=("libintlc.so.5", "libirng.so", "libimf.so", "libsvml.so", "libtbb.so.12"),
     needs_from="pip install intel-cmplr-lib-rt tbb",

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from pyibr.opencl.outcome import Outcome, Speed
-from pyibr.opencl.runtimes import found_devices
+from pyibr.opencl.runtimes import found_devices, new_context
 
 if TYPE_CHECKING:
     import pyopencl as cl
@@ -68,7 +68,7 @@ def test(device: cl.Device, measure: bool) -> Outcome:
     import pyopencl as cl
 
     try:
-        context = cl.Context([device])
+        context = new_context(device)
         queue = cl.CommandQueue(context)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # a compiler's remarks
