@@ -9,27 +9,22 @@
 #include "warp/lines.h"
 
 #define AHEAD 8 /* steps between a prefetch and the use */
-/* Walks across rows touch a new page each step, which hardware does not foresee. Lines next to each other share
- * cache lines: the first and the last are enough. */
-#define FORESEE_LANE(l) foresee(base + fetched.s##l);
-#define FORESEE(array, index, by, last)                                                                        \
-    {                                                                                                          \
-        global const float *base = array;                                                                      \
-        const intl fetched = clamp(index + by, (intl)0, (intl)(last));                                         \
-        FORESEE_LANE(0) FORESEE_LANE(f)                                                                        \
-        if (group.spacing > 1.0f) {                                                                            \
-            FORESEE_LANE(8)                                                                                    \
-            if (group.spacing > 2.0f) {                                                                        \
-                FORESEE_LANE(4) FORESEE_LANE(c)                                                                \
-            }                                                                                                  \
-        }                                                                                                      \
-    }
+
+/* Lines across rows touch new pages each step, but neighbours share cache lines: the first and the last are enough, or
+ * some between them. */
+INLINED void foresee_across_rows(global const float *array, intl index, LineGroup group)
+{
 #if LANES == 16
-#define FORESEE_SAMPLES(grid, at, line)                                                                        \
-    FORESEE((grid).nearness, at, AHEAD * to_intl((line).sign) * (line).stride_major, (grid).height * (grid).pitch - 1)
-#else
-#define FORESEE_SAMPLES(grid, at, line)
+    foresee(array + index.s0);
+    foresee(array + index.sf);
+    if (group.spacing > 1.0f)
+        foresee(array + index.s8);
+    if (group.spacing > 2.0f) {
+        foresee(array + index.s4);
+        foresee(array + index.sc);
+    }
 #endif
+}
 
 /* The pixels [below + 1, above - 1] of a line. */
 typedef struct {
@@ -111,12 +106,11 @@ INLINED void extend(Interval *interval, Answers *answers, Projection a, Projecti
         const intl address = pick(settles & owns, line.along ? pa * map.dst_pitch + pc : pc * map.dst_pitch + pa,
                                   answers->spare + lane_index);
 #endif
-#if LANES == 16
         if (line.along) {
             const int ahead = AHEAD * map.dst_pitch;
-            FORESEE(seen, address, pick(goes_up, (intl)ahead, (intl)-ahead), map.dst_height * map.dst_pitch - 1)
+            const intl soon = address + pick(goes_up, (intl)ahead, (intl)-ahead);
+            foresee_across_rows(seen, clamp(soon, (intl)0, (intl)(map.dst_height * map.dst_pitch - 1)), group);
         }
-#endif
         const floatl met = (a.q + f * (b.q - a.q)) / w;
         const intl hides = pick(goes_up, (intl)answers->up_hides, (intl)answers->down_hides);
         const floatl value = ANSWER(met, hides);

@@ -304,6 +304,24 @@ INLINED intl write_pixels(Pixels pixels, Color c, PixelMap map, int merge, int c
     return written;
 }
 
+/* Where the pixels lie in the source, hardware does not foresee. */
+void foresee_place(Grid grid, global const channel *color, floatl u, floatl v)
+{
+#if LANES == 16
+    const intl x = clamp(to_intl(u), (intl)0, (intl)(grid.width - 1)), y = clamp(to_intl(v), (intl)0, (intl)(grid.height - 1));
+    const intl below = min(y + 1, grid.height - 1), samples = y * grid.pitch + x, samples_below = below * grid.pitch + x;
+    const intl texels = CHANNELS * (y * grid.width + x), texels_below = CHANNELS * (below * grid.width + x);
+    foresee(grid.nearness + samples.s0);
+    foresee(grid.nearness + samples.sf);
+    foresee(grid.nearness + samples_below.s0);
+    foresee(grid.nearness + samples_below.sf);
+    foresee(color + texels.s0);
+    foresee(color + texels.sf);
+    foresee(color + texels_below.s0);
+    foresee(color + texels_below.sf);
+#endif
+}
+
 kernel void resolve(global const float *nearness, global const float *seen, global const channel *src_color,
                     global float *depth, global channel *color, global uchar *valid, PixelMap map, Cut cut, int shown,
                     int linear, int merge, int low_x, int high_x, int low_y, int high_y, int answers, float density,
@@ -325,15 +343,7 @@ kernel void resolve(global const float *nearness, global const float *seen, glob
     for (int p = 0; p < packets; p++) {
         const int x0 = strip_x + p * LANES;
         pixels[p] = look_around(seen, map, x0, y, x0 + lane_index < high_x, answers, apart, density, typical, rough);
-#if LANES == 16
-        const int last_x = map.src_width - 1, last_y = map.src_height - 1;
-        const int u_0 = clamp(convert_int(pixels[p].u.s0), 0, last_x), v_0 = clamp(convert_int(pixels[p].v.s0), 0, last_y);
-        const int u_f = clamp(convert_int(pixels[p].u.sf), 0, last_x), v_f = clamp(convert_int(pixels[p].v.sf), 0, last_y);
-        foresee(nearness + v_0 * map.src_pitch + u_0);
-        foresee(nearness + v_f * map.src_pitch + u_f);
-        foresee(src_color + CHANNELS * (v_0 * map.src_width + u_0));
-        foresee(src_color + CHANNELS * (v_f * map.src_width + u_f));
-#endif
+        foresee_place(grid, src_color, pixels[p].u, pixels[p].v);
     }
     for (int p = 0; p < packets; p++) {
         if (any_lane(pixels[p].smooth))

@@ -141,6 +141,7 @@ INLINED uint walk(Grid grid, SweepLines line, LineGroup group, PixelMap map, Ans
     step.from.at = 0;
     step.from.a = step.from.b = NO_SURFACE;
     step.from.place = project_at(targets, major, (floatl)NO_SURFACE);
+    const intl ahead = AHEAD * to_intl(line.sign) * line.stride_major, last_sample = grid.height * grid.pitch - 1;
     uint columns = 0;
     for (int count = 0; any_lane(count <= steps); count++, major += line.sign) {
         const intl active = count <= steps, is_last = count == steps;
@@ -153,7 +154,7 @@ INLINED uint walk(Grid grid, SweepLines line, LineGroup group, PixelMap map, Ans
             to.cell = lesser(greater(to.cell, step.from.cell - 1.0f), step.from.cell + 1.0f);
         to.part = pick(along, (floatl)0.0f, minor - to.cell);
         to.at = at_0 + column * line.stride_major + to_intl(to.cell) * stride;
-        FORESEE_SAMPLES(grid, to.at, line)
+        foresee_across_rows(grid.nearness, clamp(to.at + ahead, (intl)0, last_sample), group);
         const intl at_b = to.at + to_b;
         to.a = (floatl)(gather(grid.nearness, to.at));
         to.b = (floatl)(gather(grid.nearness, at_b));
