@@ -318,6 +318,13 @@ def _surfaces(setting: Setting) -> Cases:
                     yield f"{name}, filtered", partial(_draw, setting, [made], camera, light, 3)
 
 
+def _sorted(setting: Setting) -> Cases:
+    """What asks for triangles from front to back."""
+    made = ibr.SlicedSurface(_tiled_square(), np.eye(4, dtype=np.float32), setting.noise(2, 2), 0.3, slices=3)
+    for camera in _above(setting):
+        yield f"sorted {camera.size}", partial(_draw, setting, [made], camera)
+
+
 def _reliefs(setting: Setting) -> Cases:
     light = ibr.Light(direction=(0, 0, -1), shadow_size=7)
     ways: tuple[dict[str, Any], ...] = (
@@ -417,8 +424,8 @@ def _relit(setting: Setting) -> Cases:
 
 FOLDERS: dict[str, tuple[Callable[[Setting], Cases], ...]] = {
     "lib": (_lenses, _relit),
-    "warp": (_warps, _registrations),
-    "raster": (_meshes,),
+    "warp": (_warps, _lenses, _registrations),
+    "raster": (_meshes, _sorted),
     "slicing": (_surfaces, _objects),
     "relief": (_reliefs,),
     "depthmesh": (_depth_meshes,),
