@@ -117,6 +117,10 @@ def _folders() -> list[str]:
     for name in ("numpy", "pyopencl", "pytools"):
         if file := getattr(sys.modules.get(name), "__file__", None):
             roots.append(Path(file).parents[1])
-    folders = dict.fromkeys(str(root.absolute()) for root in roots)
-    order = {str(Path(folder).absolute()): place for place, folder in reversed([*enumerate(sys.path)])}
+    try:
+        here = Path.cwd()
+    except OSError:  # it has been removed, so that nothing comes from there
+        here = Path(Path(sys.executable).anchor)
+    folders = dict.fromkeys(str(here / root) for root in roots)
+    order = {str(here / folder): place for place, folder in reversed([*enumerate(sys.path)])}
     return sorted(folders, key=lambda folder: order.get(folder, len(order)))

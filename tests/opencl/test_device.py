@@ -487,6 +487,16 @@ print([device.works for device in ibr.devices(fresh=True)])
     assert not (planted.parent / "ran").exists(), (planted.parent / "ran").read_text()
 
 
+@pytest.mark.skipif(os.name != "posix", reason="a folder that is in use cannot be removed here")
+def test_the_working_directory_may_be_gone(tmp_path: Path, own_cache: Path):
+    """As in a shell whose folder was removed and made anew; the path begins with that folder."""
+    (tmp_path / "gone").mkdir()
+    code = "import os; os.rmdir('../gone')\nimport pyibr as ibr; print([d.works for d in ibr.devices(fresh=True)])"
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, cwd=tmp_path / "gone", env=with_path(), capture_output=True, text=True)
+    assert "True" in done.stdout and not done.stderr, done.stdout + done.stderr
+
+
 def test_the_test_finds_what_this_process_has_wherever_it_lies(tmp_path: Path, own_cache: Path):
     """Packages in several folders, which the environment names or the program adds, some of them by a relative path."""
     import numpy
