@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shlex
 import shutil
 import stat
 import sys
@@ -184,12 +185,14 @@ def distrust(folder: Path) -> tuple[str, str] | None:
         link, status = folder.lstat(), folder.stat()
     except OSError:
         return None  # it is not there, and if it cannot be made, nothing is kept
+    elsewhere = f"set {_VARIABLE} to a folder of your own"
     if not stat.S_ISDIR(status.st_mode):
-        return "it is not a folder", f"rm {folder}"
+        return "it is not a folder", elsewhere
     writers = _writers(status) or ("" if link.st_uid == status.st_uid else "another user, who made the link,")
     if not writers:
         return None
-    remedy = f"chmod go-w {folder}" if writers == _OTHERS else f"set {_VARIABLE} to a folder of your own"
+    is_for_all = writers != _OTHERS or status.st_mode & stat.S_ISVTX  # as /tmp, which must stay so
+    remedy = elsewhere if is_for_all else f"chmod go-w {shlex.quote(str(folder))}"
     return f"{writers} can change what lies there", remedy
 
 

@@ -232,10 +232,28 @@ def test_a_folder_that_others_can_write_is_not_used(own_cache: Path, room: str, 
     assert TWO.read() is None and files(own_cache.parent) == before
     fault = cache_fault()
     assert fault is not None and str(own_cache / room) in fault[0]
-    if fault[1].startswith(("chmod", "rm")):
+    if fault[1].startswith("chmod"):
         subprocess.run(fault[1], shell=True, check=True)
         ONE.write(b"one")
         assert ONE.read() == b"one" and cache_fault() is None
+
+
+@posix
+def test_what_is_said_to_mend_a_folder_does_no_harm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    folder = tmp_path / "it's; touch x"
+    monkeypatch.setenv("PYIBR_CACHE", str(folder))
+    elsewhere = "set PYIBR_CACHE to a folder of your own"
+    for mode, remedy in ((0o777, None), (0o1777, elsewhere)):  # of one's own; as /tmp
+        folder.mkdir(exist_ok=True)
+        folder.chmod(mode)
+        fault = cache_fault()
+        assert fault is not None and remedy in (None, fault[1])
+        if remedy is None:
+            subprocess.run(fault[1], shell=True, check=True, cwd=tmp_path)
+            assert cache_fault() is None and [path.name for path in tmp_path.iterdir()] == [folder.name]
+    shutil.rmtree(folder)
+    folder.write_text("somebody's notes")
+    assert cache_fault() == (f"the cache folder {folder} is not used, because it is not a folder", elsewhere)
 
 
 @posix
