@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -338,6 +339,38 @@ def test_no_output_is_a_frame_that_is_read(recorded: Recorded):
     before = (recorded.folder / "rgb/new_0002.png").read_bytes()
     assert_one_line(recorded.run("rgb", "depth", "--move", 0, 0, 0, output="rgb/new.png"), "which is COLOR's too")
     assert (recorded.folder / "rgb/new_0002.png").read_bytes() == before
+
+
+def write_model(folder: Path, names: list[str]) -> None:
+    """A COLMAP model in the binary form: images from the origin, by one camera."""
+    folder.mkdir(parents=True)
+    (folder / "cameras.bin").write_bytes(struct.pack("<QiiQQ4d", 1, 1, 1, *SIZE, 50, 50, 30.5, 18.5))
+    head = struct.pack("<i7di", 1, 1, 0, 0, 0, 0, 0, 0, 1)
+    images = [head + name.encode() + struct.pack("<xQ", 0) for name in names]
+    (folder / "images.bin").write_bytes(struct.pack("<Q", len(names)) + b"".join(images))
+
+
+@pytest.mark.parametrize("name", ["cameras.bin", "images.bin"])
+def test_no_output_is_a_file_of_a_model_that_is_read(recorded: Recorded, name: str):
+    """A COLMAP model is named by its folder, or found in a recording; its files have the suffix of COLMAP's depth."""
+    write_model(recorded.folder / "one", ["0.png"])
+    write_model(recorded.folder / "work/sparse/0", [f"{number}.png" for number in range(COUNT)])
+    for number in range(COUNT):
+        ibr.write_color(recorded.folder / f"work/images/{number}.png", recorded.colors[number])
+        ibr.write_depth(recorded.folder / f"work/stereo/depth_maps/{number}.png.geometric.bin", recorded.depths[number])
+    cases = [
+        ("one", ("rgb/0.png", "depth/0.png", "--to", "one"), "camera.json", "--to's too"),
+        ("one", ("rgb/0.png", "depth/0.png", "--orbit", 5), "one", "--camera's too"),
+        ("work/sparse/0", ("work", "--together", "--orbit", 5), None, "the recording's too"),
+    ]
+    for model, words, camera, said in cases:
+        file = recorded.folder / model / name
+        before = file.read_bytes()
+        for place in (file, recorded.folder / "rgb" / ".." / model / name):
+            result = recorded.run(*words, "--depth-out", place, camera=camera)
+            assert_one_line(result, "--depth-out: expected a file of its own, got", said)
+        assert file.read_bytes() == before
+        succeeded(recorded.run(*words, "--depth-out", file.with_name("new.bin"), camera=camera))
 
 
 def test_a_video_that_fails_leaves_nothing(recorded: Recorded):

@@ -121,7 +121,7 @@ class Outputs:
 
 def check_outputs(inputs: Mapping[str, Sequence[Path]], outputs: Mapping[str, Sequence[Path]]) -> None:
     """Raise ArgumentError if a file that is written would be one that is read, or be written twice."""
-    taken = {identity(path): option for option, paths in inputs.items() for path in paths}
+    taken = {identity(file): option for option, paths in inputs.items() for path in paths for file in _files_of(path)}
     for option, paths in outputs.items():
         for path in paths:
             other = taken.get(identity(path))
@@ -129,3 +129,8 @@ def check_outputs(inputs: Mapping[str, Sequence[Path]], outputs: Mapping[str, Se
                 raise ArgumentError(option, "a file of its own", f"{path}, which is {other}'s too")
             taken[identity(path)] = option
             check_writable(path)
+
+
+def _files_of(path: Path) -> list[Path]:
+    """The path, and what of a COLMAP model may lie below: its files have the suffix of COLMAP's depth."""
+    return [path, *(path / place / name for place in ("", "0") for name in ("cameras.bin", "images.bin"))]

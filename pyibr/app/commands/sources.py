@@ -45,11 +45,14 @@ class Source:
     shots : list of Shot
     video : Video, or None
     numbers : range
+    cameras : sequence of Path
+        The recording's own, where it is a recording.
     """
 
     shots: list[Shot]
     video: Video | None
     numbers: range
+    cameras: Sequence[Path] = ()
 
     @property
     def fps(self) -> float | None:
@@ -84,7 +87,8 @@ class Asked(NamedTuple):
         """All files that are read, by what users call them."""
         each = [source.files() for source in sources]
         files = {name: [path for own in each for path in own[name]] for name in ("COLOR", "DEPTH")}
-        return {**files, "--camera": self.cameras, "--depth-camera": self.depth_cameras, "--poses": self.poses}
+        options = {"--camera": self.cameras, "--depth-camera": self.depth_cameras, "--poses": self.poses}
+        return {**files, **options, "the recording": [path for source in sources for path in source.cameras]}
 
 
 def open_sources(asked: Asked) -> tuple[list[Source], bool]:
@@ -98,7 +102,7 @@ def open_sources(asked: Asked) -> tuple[list[Source], bool]:
     for (recording, video), of_colors, of_depth, path in zip(recordings, cameras, depth_cameras, poses, strict=True):
         shots = _shots(recording, are_stills, of_colors, of_depth, path)
         numbers = _taken(asked.take, len(shots), are_stills)
-        sources.append(Source([shots[number] for number in numbers], video, numbers))
+        sources.append(Source([shots[number] for number in numbers], video, numbers, recording.cameras))
     for source in sources[1:]:
         if len(source.shots) != len(sources[0].shots):
             expected = f"sources of as many frames as the first, {len(sources[0].shots)}"
