@@ -46,9 +46,10 @@ def check_output(path: str | PathLike[str]) -> None:
 def _read(path: str | PathLike[str]) -> dict[str, NDArray[Any]]:
     exr = openexr()
     with reading(path, "OpenEXR") as source:
-        with exr.File(str(source), header_only=True) as file:
+        data = source.read_bytes()  # OpenEXR opens no file whose name is no text
+        with exr.File(io.BytesIO(data), header_only=True) as file:
             check_unpacked(sum(_size(part.header) for part in file.parts))
-        with exr.File(str(source), separate_channels=True) as file:
+        with exr.File(io.BytesIO(data), separate_channels=True) as file:
             return {name: channel.pixels for part in file.parts for name, channel in part.channels.items()}
 
 

@@ -200,6 +200,13 @@ def test_exr_depth_channel(tmp_path: Path, names, read, dtype):
     np.testing.assert_array_equal(depth, channels[read])
 
 
+@pytest.mark.parametrize("suffix", DEPTH_SUFFIXES)
+def test_names_that_are_no_text_are_names(tmp_path: Path, suffix: str):
+    file = tmp_path / f"\udcff\n{suffix}"
+    ibr.write_depth(file, np.ones((13, 7), np.float32), 1000)
+    assert (ibr.read_depth(file, 1000) == 1).all()
+
+
 def test_exr_without_a_depth_channel(tmp_path: Path):
     exr = pytest.importorskip("OpenEXR")
     exr.File({}, {"A": np.ones((13, 7), np.float32)}).write(str(tmp_path / "d.exr"))
