@@ -22,6 +22,8 @@ SUFFIXES = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".ts", ".we
 CODECS = {".mp4": "mp4v", ".mov": "mp4v", ".avi": "MJPG", ".mkv": "FFV1"}
 """Of what can be written, by suffix: those that all builds of OpenCV have; FFV1 loses nothing."""
 
+_ROOM = 1 << 16  # bytes: more than FFmpeg holds back, so that there is room for them only if all before were written
+
 _QUIET = {"OPENCV_FFMPEG_LOGLEVEL": "-8", "OPENCV_LOG_LEVEL": "SILENT"}  # what is wrong is told by the errors here
 
 
@@ -77,7 +79,7 @@ class Video:
     def _opened(self) -> Generator[tuple[Any, Any], None, None]:
         with reading(self.path, "video") as source:
             with _quietly() as cv2:
-                capture = cv2.VideoCapture(str(source), cv2.CAP_FFMPEG)
+                capture = cv2.VideoCapture(_name(source), cv2.CAP_FFMPEG)
             try:
                 if not capture.isOpened():
                     raise FileFormatError(f"{self.path}: not a readable video file, or truncated")
@@ -102,15 +104,18 @@ class VideoWriter:
         self._folder = tempfile.TemporaryDirectory(prefix="pyibr-")
         self._file = Path(self._folder.name) / f"video{path.suffix.lower()}"
         self._writer: Any = None
+        self._count = 0
 
     def __enter__(self) -> VideoWriter:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if self._writer is not None:
-            self._writer.release()
+            with _quietly():
+                self._writer.release()
         try:
             if kind is None and self._writer is not None:
+                self._check()
                 write_whole(self._path, self._file.read_bytes())
         finally:
             self._folder.cleanup()
@@ -123,10 +128,23 @@ class VideoWriter:
             size = color.shape[1], color.shape[0]
             with _quietly() as cv2:
                 code = cv2.VideoWriter_fourcc(*CODECS[self._path.suffix.lower()])
-                self._writer = cv2.VideoWriter(str(self._file), cv2.CAP_FFMPEG, code, self._fps, size)
+                self._writer = cv2.VideoWriter(_name(self._file), cv2.CAP_FFMPEG, code, self._fps, size)
             if not self._writer.isOpened():
                 raise FileFormatError(f"{self._path}: OpenCV cannot write a video of {size[0]}x{size[1]}")
-        self._writer.write(np.ascontiguousarray(color[..., ::-1]))  # OpenCV's are blue first
+        with _quietly():
+            self._writer.write(np.ascontiguousarray(color[..., ::-1]))  # OpenCV's are blue first
+        self._count += 1
+
+    def _check(self) -> None:
+        """Raise FileFormatError if frames got lost: OpenCV tells nobody of a full disk."""
+        try:
+            write_whole(self._file.with_name("room"), bytes(_ROOM))
+            is_whole = len(Video(self._file)) == self._count
+        except FileFormatError:
+            is_whole = False
+        if not is_whole:
+            place = Path(self._folder.name).parent
+            raise FileFormatError(f"{self._path}: cannot be written: frames got lost in {place}, which may be full")
 
 
 def check_video_output(path: Path) -> None:
@@ -135,6 +153,16 @@ def check_video_output(path: Path) -> None:
         raise FileFormatError(f"{path}: no video format {path.suffix} to write; known are {', '.join(sorted(CODECS))}")
     opencv("a video", "VideoWriter", "VideoCapture")
     check_writable(path)
+
+
+def _name(file: Path) -> str:
+    """How OpenCV opens a file: it takes what is before a colon for a protocol, and crashes where a name is no text."""
+    name = str(file.absolute())
+    try:
+        name.encode("utf-8")
+    except UnicodeEncodeError:
+        raise FileFormatError(f"{file}: OpenCV opens no file whose name is no text in UTF-8") from None
+    return name
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
+from pyibr.io import video
 from pyibr.io.video import CODECS, Video, VideoWriter, check_video_output
 
 FRAMES = [np.full((36, 62, 3), (200, 20 * number, 90), np.uint8) for number in range(7)]
@@ -52,6 +54,41 @@ def test_an_error_leaves_what_was_there(tmp_path: Path):
         raise KeyError
     assert path.read_bytes() == b"what was there"
     assert [file.name for file in tmp_path.iterdir()] == ["v.mp4"]
+
+
+@pytest.mark.parametrize("room", [0, video._ROOM])
+@pytest.mark.parametrize("suffix", CODECS)
+def test_frames_that_a_full_disk_swallows_are_missed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix, room):
+    """OpenCV goes on as if nothing had happened."""
+    noise = [np.random.default_rng(number).integers(0, 256, (36, 62, 3), dtype=np.uint8) for number in range(20)]
+    path = written(tmp_path / f"v{suffix}", noise)
+    size = path.stat().st_size
+    path.write_bytes(b"what was there")
+    monkeypatch.setattr(video, "_ROOM", room)
+    unlimited = resource.getrlimit(resource.RLIMIT_FSIZE)
+    for share in (0.1, 0.5, 0.9, *([0.99] if room else [])):
+        resource.setrlimit(resource.RLIMIT_FSIZE, (int(share * size), unlimited[1]))
+        try:
+            with pytest.raises(ibr.FileFormatError, match=rf"v{suffix}: cannot be written: frames got lost in "):
+                written(path, noise)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, unlimited)
+        assert path.read_bytes() == b"what was there"
+    assert [file.name for file in tmp_path.iterdir()] == [path.name]
+
+
+def test_names_of_any_kind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("10:30.mp4", "file:v.mp4", "a b%03d.mp4", "new\nline.mp4", "\N{SNOWMAN}.mp4", "-v.mp4"):
+        assert len(Video(written(Path(name), FRAMES))) == len(FRAMES)
+    name = written(tmp_path / "\udcff.mp4", FRAMES)
+    code = "from pathlib import Path; from pyibr.io.video import Video; Video(Path('\\udcff.mp4'))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 1 and "FileFormatError" in done.stderr.splitlines()[-1], done.stderr
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "\udcfe"))
+    (tmp_path / "\udcfe").mkdir()
+    with pytest.raises(ibr.FileFormatError, match="no text in UTF-8"):
+        written(name, FRAMES)
 
 
 def test_what_is_no_video_is_told_in_one_sentence_alone(tmp_path: Path):

@@ -120,18 +120,19 @@ def warp(
             jobs = targets.of_scene([view for views in each for view in views], count)
         else:
             jobs = targets.of_frames(zip(*each, strict=True))
-        _write(jobs, draw, outputs, count, sources[0])
+        size = _write(jobs, draw, outputs, count)
+    outputs.tell(size, "views", f"its camera sees nothing of {printable(sources[0])}")
 
 
-def _write(jobs: Iterable[Job], draw: _Draw, outputs: Outputs, count: int | None, source: Path) -> None:
-    """Draw and write the views, and tell of them."""
+def _write(jobs: Iterable[Job], draw: _Draw, outputs: Outputs, count: int | None) -> tuple[int, int]:
+    """Draw and write the views; returns the last one's size."""
     size = 0, 0
     for number, (views, target) in enumerate(with_progress(jobs, count or 1, "Warping")):
         frame = draw(views, target)
         images: dict[Kind, NDArray[Any]] = {"color": frame.color, "depth": frame.depth, "mask": frame.valid}
         outputs.write(images, number, float(frame.valid.mean()))
         size = target.size
-    outputs.tell(size, "views", f"its camera sees nothing of {printable(source)}")
+    return size
 
 
 def _drawn(views: Sequence[DepthImage], target: Camera, **look: Any) -> ibr.Frame:
