@@ -210,7 +210,10 @@ def _backed(depth: Depth, far: float, backdrop: float | Backdrop) -> Depth:
             raise ArgumentError("backdrop", "a depth > 0 for a view without any", describe(backdrop))
         behind = depth[valid].max()
     else:
-        behind = np.float32(positive("backdrop", backdrop, 'a depth > 0 or "farthest"'))
+        with np.errstate(over="ignore"):
+            behind = np.float32(positive("backdrop", backdrop, 'a depth > 0 or "farthest"'))
+        if not 0 < behind < np.inf:
+            raise ArgumentError("backdrop", "a depth that float32 holds", describe(backdrop))
     return np.where(valid, depth, behind)
 
 

@@ -127,6 +127,8 @@ COLOR, DEPTH = image_of((61, 37))
         ({"camera": camera_of((37, 61))}, "color", r"\(61, 37, 3\)"),
         ({"far": 0}, "far", "> 0"),
         ({"backdrop": 0}, "backdrop", 'a depth > 0 or "farthest", got '),
+        ({"backdrop": 1e39}, "backdrop", "a depth that float32 holds, got float 1e"),
+        ({"backdrop": 1e-50}, "backdrop", "a depth that float32 holds, got float 1e-50"),
         ({"backdrop": "near"}, "backdrop", "one of \"farthest\" or a depth > 0, got str 'near'"),
         ({"backdrop": "farthest", "far": 1e-6}, "backdrop", "a depth > 0 for a view without any"),
         ({"far": math.nan}, "far", "> 0"),
