@@ -15,7 +15,7 @@ from pyibr.app.commands.mesh import mesh
 from pyibr.app.commands.register import register
 from pyibr.app.commands.warp import warp
 from pyibr.app.words import printable
-from pyibr.core.errors import ArgumentError, Error
+from pyibr.core.errors import ArgumentError, DeviceError, Error
 from pyibr.opencl.doctor import print_report
 
 _OPTIONS = {
@@ -44,7 +44,7 @@ class _OneLineErrors(TyperGroup):
             text = str(error)
             if isinstance(error, ArgumentError) and error.argument in _OPTIONS:
                 text = _OPTIONS[error.argument] + text.removeprefix(error.argument)
-            raise _ended(text, 2) from error
+            raise _ended(text, 2, lines=isinstance(error, DeviceError)) from error
         except KeyboardInterrupt as error:
             raise _ended("interrupted", 130) from error  # 128 + SIGINT, as shells count
         except MemoryError as error:
@@ -55,8 +55,8 @@ class _OneLineErrors(TyperGroup):
             raise _ended(str(error), 2) from error
 
 
-def _ended(text: str, status: int) -> typer.Exit:
-    typer.secho(f"pyibr: {printable(text)}", err=True, fg="red")
+def _ended(text: str, status: int, lines: bool = False) -> typer.Exit:
+    typer.secho(f"pyibr: {printable(text, lines)}", err=True, fg="red")
     return typer.Exit(status)
 
 

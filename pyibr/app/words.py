@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterable
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
@@ -43,9 +44,14 @@ def backdrop_of(text: str) -> float | Backdrop | None:
         raise ArgumentError("--backdrop", "a depth > 0, farthest or none", text) from None
 
 
-def printable(text: object) -> str:
-    """Names of files as terminals can show them, also those that are no text."""
-    return os.fsencode(str(text)).decode("utf-8", "replace")
+def printable(text: object, lines: bool = False) -> str:
+    """Names of files as terminals can show them: those that are no text, too, and what would steer the terminal.
+
+    lines: whether the text has several.
+    """
+    shown = os.fsencode(str(text)).decode("utf-8", "replace")
+    steers = r"[\x00-\x09\x0b-\x1f\x7f-\x9f]" if lines else r"[\x00-\x1f\x7f-\x9f]"
+    return re.sub(steers, lambda found: found[0].encode("unicode_escape").decode("ascii"), shown)
 
 
 def told(text: str) -> None:

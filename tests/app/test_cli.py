@@ -414,3 +414,22 @@ def test_names_that_are_no_text(scene: Scene):
     assert (done.returncode, done.stderr) == (0, "")
     assert "\ufffd.png: 61x37" in done.stdout
     assert name.exists()
+
+
+def test_names_do_not_steer_the_terminal(scene: Scene):
+    """Whoever makes a file may choose its name; a line is a line."""
+    name = scene.folder / "a\n\x1b[2J\x9b\u00e9.png"
+    result = scene.run("--orbit", 5, "-o", name)
+    assert result.exit_code == 0 and name.exists()
+    assert f"{scene.folder}/a\\n\\x1b[2J\\x9b\u00e9.png: 61x37" in result.stdout
+    name.rename(scene.folder / "color.png")
+    assert_one_line(scene.run("--orbit", 5, "-o", f"{name}.xyz"), "a\\n\\x1b[2J\\x9b\u00e9.png.xyz: no image format")
+
+
+def test_what_devices_lack_is_told_in_lines(scene: Scene, monkeypatch: pytest.MonkeyPatch):
+    def fail(*_: object, **__: object) -> None:
+        raise ibr.DeviceError("no OpenCL device works.\n  to get one\x1b")
+
+    monkeypatch.setattr(ibr, "warp", fail)
+    result = scene.run("--orbit", 5, "-o", scene.folder / "new.png")
+    assert (result.exit_code, result.stderr) == (2, "pyibr: no OpenCL device works.\n  to get one\\x1b\n")
