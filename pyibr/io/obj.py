@@ -91,13 +91,15 @@ def mesh_files(mesh: MeshArrays, stem: str) -> tuple[bytes, dict[str, bytes]]:
     """Return an OBJ file, and by their names those that belong beside it: its materials and its texture.
 
     Their names hold a sum of the texture. So what another OBJ file names is never changed: neither the one that this
-    one takes the place of, should it not come to that, nor one that was written at the same time.
+    one takes the place of, should it not come to that, nor one that was written at the same time. Of its own name they
+    have what can stand in a line: a line's end, a backslash or a space before it would lose the texture.
     """
     head = f"# pyibr: {len(mesh.vertices)} vertices, {len(mesh.faces)} triangles\n"
     others = dict[str, bytes]()
     if mesh.texture is not None:
         texture = np.ascontiguousarray(mesh.texture)
-        name = f"{stem}-{hashlib.sha256(repr(texture.shape).encode() + texture.tobytes()).hexdigest()[:12]}"
+        readable = re.sub(r"[^\w.() -]|^[ -]", "_", stem)
+        name = f"{readable}-{hashlib.sha256(repr(texture.shape).encode() + texture.tobytes()).hexdigest()[:12]}"
         others[f"{name}.png"] = image.encoded(texture, ".png")
         others[f"{name}.mtl"] = f"newmtl texture\nKd 1 1 1\nmap_Kd {name}.png\n".encode("utf-8", "surrogateescape")
         head += f"mtllib {name}.mtl\nusemtl texture\n"

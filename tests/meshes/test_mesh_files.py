@@ -227,6 +227,14 @@ def test_a_texture_is_not_written_over_another_picture_of_it(tmp_path: Path):
     assert texture.read_bytes() == packed
 
 
+@pytest.mark.parametrize(
+    "stem", ["a b", "  a ", "new\nline", "\rv 1 2 3", "a\\b", "-s 1", "#a", "\x85a", "\u2028", "\N{SNOWMAN}", "\udcff"]
+)
+def test_obj_files_of_any_name_have_their_texture(tmp_path: Path, stem):
+    TEXTURED.save(tmp_path / f"{stem}.obj")
+    assert_equal(ibr.Mesh.load(tmp_path / f"{stem}.obj"), TEXTURED, "normals")
+
+
 # ---- glTF
 
 
