@@ -75,7 +75,7 @@ def cache_fault() -> tuple[str, str] | None:
         if fault := distrust(used):
             why, remedy = fault
             return f"the cache folder {used} is not used, because {why}", remedy
-    trial = Entry("programs", "trial", "")
+    trial = Entry("programs", "trial", os.urandom(8).hex())  # of this call alone: others may remove theirs meanwhile
     trial.write(b"")
     if trial.read() is None:
         what = f"the cache folder {folder} cannot be written, so that each process compiles its kernels"

@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -130,6 +131,12 @@ def test_a_folder_that_cannot_be_written_is_no_error(own_cache: Path, tmp_path: 
     fault = cache_fault()
     assert fault is not None and "cannot be written" in fault[0]
     assert fault in [(problem.what, problem.remedy) for problem in report().problems]
+
+
+def test_two_that_ask_for_faults_at_once_find_none(own_cache: Path):
+    with ThreadPoolExecutor(2) as both:
+        assert [*both.map(lambda _: cache_fault(), range(200))] == [None] * 200
+    assert not files(own_cache)
 
 
 @pytest.mark.parametrize("step", ["fsync", "replace"])
