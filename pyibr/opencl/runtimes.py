@@ -1,7 +1,7 @@
 """Find the OpenCL runtimes of this machine, those that pip installed included.
 
 What each of them needs stands in `RUNTIMES`. It is there while the loader reads its list, without a file left behind
-and without an environment variable that stays set.
+and without an environment variable that stays set, but for a missing ``PATH``.
 """
 
 from __future__ import annotations
@@ -115,6 +115,9 @@ def found_devices() -> tuple[Found, ...]:
     DeviceError
         pyopencl or the OpenCL loader cannot be imported.
     """
+    if os.name == "posix" and not os.environ.get("PATH"):
+        # Where programs are found without it, too; but PoCL's compiler finds no linker then, and ends the process.
+        os.environ["PATH"] = os.defpath
     try:
         # Its own cache holds code in a folder that need not be safe, or not even be there: then it cannot be imported.
         with _environment({"PYOPENCL_NO_CACHE": "1"}):

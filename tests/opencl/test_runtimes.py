@@ -135,6 +135,18 @@ def test_a_home_that_cannot_be_used_costs_no_device(tmp_path: Path, variable: st
     assert not left, "nothing private stays, and nothing is loaded from where everybody writes"
 
 
+@pytest.mark.skipif(os.name != "posix", reason="processes have a path there")
+@pytest.mark.parametrize("path", [{}, {"PATH": ""}])
+def test_an_environment_without_a_path_costs_no_device(tmp_path: Path, path: dict[str, str]):
+    """As of services; PoCL's compiler needs one to find a linker."""
+    kept = {name: value for name, value in os.environ.items() if name.startswith(("PYIBR", "LD_"))}
+    kept |= {"PYIBR_CACHE": str(tmp_path / "cache"), "HOME": str(tmp_path)}  # where PoCL keeps no kernel yet
+    kept |= {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    command = [sys.executable, "-c", "import pyibr as ibr; print([device.works for device in ibr.devices()])"]
+    done = subprocess.run(command, env=kept | path, capture_output=True, text=True)
+    assert "True" in done.stdout, done.stdout + done.stderr
+
+
 POCLS = ("POCL_AFFINITY", "POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT")
 THREADS = """
 import json, os
