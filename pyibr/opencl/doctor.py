@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import platform
+import sys
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 from pyibr.core.distributions import PYIBR, clashes, version_of
 from pyibr.core.errors import Error
@@ -84,7 +86,10 @@ def print_report(console: Console | None = None) -> bool:
     from rich.console import Console
     from rich.text import Text
 
-    console = console or Console(highlight=False)
+    if console is None:
+        console = Console(highlight=False)
+        with suppress(AttributeError):  # files and terminals may have an encoding that lacks the marks
+            cast("Any", sys.stdout).reconfigure(errors="replace")
     with console.status("testing the OpenCL devices"):
         result = report()
     console.print(", ".join(f"{name} {version}" for name, version in result.versions.items()), style="dim")

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -27,3 +30,12 @@ def test_the_report_where_nothing_is_found(capsys: pytest.CaptureFixture[str], m
     assert result.chosen is None and "$PYIBR_DEVICE" in result.why
     assert print_report() is False
     assert "no such device" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252"])
+def test_the_report_may_go_where_not_all_characters_can(encoding: str):
+    """As into a file on Windows, or over a line to an old terminal."""
+    variables = os.environ | {"PYTHONIOENCODING": encoding, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    command = [sys.executable, "-c", "from pyibr.opencl.doctor import print_report; print_report()"]
+    done = subprocess.run(command, env=variables, capture_output=True)
+    assert done.returncode == 0 and b"pyibr uses" in done.stdout, done.stderr.decode()
