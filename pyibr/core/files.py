@@ -18,6 +18,10 @@ from pyibr.core.errors import ArgumentError, FileFormatError, MissingPackageErro
 UNPACKED_MOST = 1 << 30
 """Bytes that the content of a packed file (gzip, NPZ, EXR, glTF's repeated parts) may take once it is unpacked."""
 
+_TIMES, _LITTLE = 50, 1 << 24
+"""Of packed text: so often its size, or so many bytes, may be unpacked. Once it is parsed it takes up to 60 times that;
+real meshes and scans become a tenth or more of their size by packing."""
+
 _CHUNK = 1 << 20
 
 
@@ -158,19 +162,22 @@ def read_bytes(source: Path) -> bytes:
     """A file's bytes, unpacked if gzip packed them; ValueError if there are too many then."""
     with source.open("rb") as stream:
         if stream.read(2) == b"\x1f\x8b":
+            size = stream.seek(0, os.SEEK_END)
             stream.seek(0)
             with gzip.open(stream) as unpacked:
-                return read_at_most(unpacked)
+                return read_at_most(unpacked, max(_TIMES * size, _LITTLE))
         stream.seek(0)
         return stream.read()
 
 
-def read_at_most(stream: _Readable) -> bytes:
+def read_at_most(stream: _Readable, most: int = UNPACKED_MOST) -> bytes:
     """All of what a packed stream holds; ValueError if that is too much."""
     parts: list[bytes] = []
     size = 0
     while part := stream.read(_CHUNK):
         size += len(part)
         check_unpacked(size)
+        if size > most:
+            raise ValueError(f"it unpacks to more than {most} bytes, more than {_TIMES} times its size")
         parts.append(part)
     return b"".join(parts)

@@ -150,6 +150,15 @@ def test_what_promises_more_than_it_holds_is_refused(tmp_path: Path, name):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("name", ["m.off.gz", "m.obj.gz", "m.ply.gz", "m.stl.gz"])
+def test_packed_text_takes_no_more_memory_than_its_file_allows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name):
+    """Parsed, it takes many times the memory of the text."""
+    monkeypatch.setattr(files, "UNPACKED_MOST", 1 << 30)
+    (tmp_path / name).write_bytes(gzip.compress(b"v 0 0 0\n" * 5_000_000, 1))
+    with pytest.raises(ibr.FileFormatError, match="unpacks to more than 16777216 bytes, more than 50 times"):
+        ibr.Mesh.load(tmp_path / name)
+
+
 def test_exr_larger_than_any_that_is_read(tmp_path: Path):
     pytest.importorskip("OpenEXR")
     ibr.write_depth(tmp_path / "d.exr", np.ones((600, 600), np.float32))
