@@ -21,6 +21,7 @@
 #define SAFE 1
 #define FLAT 1e-5f /* curvature times depth: what bends less is a plane, but for rounding */
 #define ARC_PARTS 16 /* of a ray's way below the mesh, among which its deepest point is sought */
+#define DEEPEST_HALVINGS 8 /* of the way on which a light's ray is deepest */
 #define LEAST_COSINE 1e-3f /* of a ray that enters: at outlines interpolated normals may look away */
 
 typedef struct {
@@ -66,10 +67,30 @@ INLINED Entry entry_of(const Relief *relief, intl index, floatl x, floatl y)
     return e;
 }
 
+/* x and y of the frame in which the quadric is z = a x^2 + b y^2 + c x y */
+INLINED void tangents_of(const Entry *e, Vector *x, Vector *y)
+{
+    *x = at_unit_length(e->along_u);
+    *y = cross_of(e->normal, *x);
+}
+
 /* a x^2 + b y^2 + c x y, of one direction, or between two */
 INLINED floatl bending(const Entry *e, floatl x, floatl y, floatl other_x, floatl other_y)
 {
     return e->a * x * other_x + e->b * y * other_y + 0.5f * e->c * (x * other_y + y * other_x);
+}
+
+/* Of a ray that runs along x and y; share: of the quadric's bending */
+INLINED Circles circles_of(const Entry *e, floatl x, floatl y, float share)
+{
+    /* The quadric is l1 p^2 + l2 q^2 along its principal directions, l1 >= l2. */
+    const floatl sum = share * (e->a + e->b), s_2 = x * x + y * y;
+    const floatl apart = share * sqrt((e->a - e->b) * (e->a - e->b) + e->c * e->c); /* l1 - l2 */
+    const floatl bend = share * bending(e, x, y, x, y);
+    const floatl first = (bend - 0.5f * (sum - apart) * s_2) / greater(apart, (floatl)1e-20f);
+    const floatl w1 = lesser(greater(first, (floatl)0.0f), s_2);
+    const Circles made = {-sum - apart, apart - sum, w1, s_2 - w1};
+    return made;
 }
 
 /* The ray in texture space (section 3.4), but for its level and end */
@@ -92,14 +113,7 @@ void set_ray(ReliefRay *ray, const Entry *e, Vector d, int quadric, float scale)
 #endif
 #if DISTANCE == EXACT
     ray->per_scale = per_scale;
-    /* The quadric is l1 p^2 + l2 q^2 along its principal directions, l1 >= l2. */
-    const floatl bends = quadric ? (floatl)1.0f : (floatl)0.0f, sum = bends * (e->a + e->b), s_2 = x * x + y * y;
-    const floatl apart = bends * sqrt((e->a - e->b) * (e->a - e->b) + e->c * e->c); /* l1 - l2 */
-    ray->k1 = -sum - apart;
-    ray->k2 = apart - sum;
-    const floatl first = (bend - 0.5f * (sum - apart) * s_2) / greater(apart, (floatl)1e-20f);
-    ray->w1 = lesser(greater(first, (floatl)0.0f), s_2);
-    ray->w2 = s_2 - ray->w1;
+    ray->circles = circles_of(e, x, y, quadric ? 1.0f : 0.0f);
 #elif DISTANCE == PERPENDICULAR
     ray->bend = bend;
     ray->scale = scale;
@@ -110,6 +124,40 @@ void set_ray(ReliefRay *ray, const Entry *e, Vector d, int quadric, float scale)
     ray->L = pick(starts_below, -cosine * per_scale, ray->L);
     measure_plainly(ray, starts_below);
 #endif
+}
+
+/* Far below a surface that bends, rays are less deep than equation 7 says, so that outlines come out too wide, and the
+ * shadows that they cast. A light's ray that reaches the bottom by that, but not by the circles of EXACT (search.h),
+ * follows the parabola that gets as deep as the ray does by circles, and at the same place. A sphere of the greater
+ * curvature has it no deeper, so rays that reach the bottom by that stay as they are. enters: which rays matter. */
+void follow_circles(ReliefRay *ray, const Entry *e, Vector d, float scale, intl enters)
+{
+    const floatl cosine = ray->L * scale, bend = -2.0f * ray->K * scale;
+    const floatl most = fabs(e->a - e->b) + fabs(e->c) - (e->a + e->b); /* no less than the greater curvature */
+    const floatl part = lesser(scale * most, (floatl)1.0f), steep = part * (2.0f - part); /* by the sphere */
+    const intl reaches = ray->L * ray->L + 4.0f * ray->K >= 0.0f;
+    const intl grazes = enters & reaches & (bend * scale > FLAT) & (cosine * cosine < steep);
+    if (!any_lane(grazes))
+        return;
+    Vector x_axis, y_axis;
+    tangents_of(e, &x_axis, &y_axis);
+    const Circles c = circles_of(e, DOT(d, x_axis), DOT(d, y_axis), 1.0f);
+    /* Where its depth's derivative is 0: not before it is deepest in that sphere, nor after it is by equation 7. up and
+     * far: 1 + k1 z before the first circle's part is added to z, and after; left: 1 + k2 z of that. */
+    floatl before = cosine / c.k2, after = cosine / bend;
+    for (int i = 0; i < DEEPEST_HALVINGS; i++) {
+        const floatl t = 0.5f * (before + after);
+        const floatl up = 1.0f - c.k1 * cosine * t, x_2 = c.w1 * t * t, far = sqrt(up * up + c.k1 * c.k1 * x_2);
+        const floatl left = 1.0f + c.k2 * (c.k1 * x_2 / (up + far) - cosine * t);
+        const intl dives = left * (cosine * up - c.k1 * c.w1 * t) > c.k2 * c.w2 * t * far;
+        before = pick(dives, t, before);
+        after = pick(dives, after, t);
+    }
+    const floatl t = 0.5f * (before + after);
+    const floatl depth = (t * (cosine - 0.5f * bend * t) - beyond_quadric(&c, -cosine * t, t)) / scale;
+    const intl comes_out = grazes & (depth > 0.0f) & (depth < 1.0f);
+    ray->L = pick(comes_out, 2.0f * depth / t, ray->L);
+    ray->K = pick(comes_out, -depth / (t * t), ray->K);
 }
 
 /* By its quadric a ray has come out, but it is below the mesh until it leaves that, `way` after its entry, `slope` steep

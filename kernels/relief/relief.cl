@@ -122,6 +122,10 @@ Entrance set_out(const Context *context, int block, int again, Search *s)
     const intl entered = layers->entered[block], enters = entered >= 0;
     const Entry e = entry_of(relief, pick(enters, entered, (intl)0), x, y);
     set_ray(&s->ray, &e, entrance.way, relief->quadric, relief->scale);
+#if DEPTH_ALONE && DISTANCE == APPROXIMATE
+    if (relief->quadric)
+        follow_circles(&s->ray, &e, entrance.way, relief->scale, enters);
+#endif
     s->ray.level = level_of(relief, &e, PIXEL_SIZE(relief, n), enters);
     intl searches = enters;
     floatl longest = INFINITY;

@@ -45,6 +45,12 @@
 #define BOTTOM_NEAR 1e-5f  /* of the depth: how near the bottom is sought */
 #define BOTTOM_SLACK 1e-3f /* of the depth: what a ray that grazes the bottom may lack */
 
+/* What a quadric's principal curvatures are, and how a ray runs along them */
+typedef struct {
+    floatl k1, k2; /* curvatures, > 0 outwards; k1 <= k2 */
+    floatl w1, w2; /* squares of the direction's parts along them */
+} Circles;
+
 typedef struct {
     floatl u, v, du, dv; /* du, dv per scene unit */
     floatl L, K;         /* depth by equation 7: L t + K t^2 */
@@ -59,8 +65,7 @@ typedef struct {
 #endif
 #if DISTANCE == EXACT
     floatl per_scale; /* depths per scene unit */
-    floatl k1, k2; /* curvatures, > 0 outwards; k1 <= k2 */
-    floatl w1, w2; /* squares of the direction's parts along them */
+    Circles circles;
 #elif DISTANCE == PERPENDICULAR
     floatl scale; /* of depth 1 */
     floatl bend;  /* a x^2 + b y^2 + c x y of the direction */
@@ -76,7 +81,6 @@ typedef struct {
 #define PLAIN_DEPTH(ray, t) ((t) * ((ray)->L + (ray)->K * (t)))
 #endif
 
-#if DISTANCE == EXACT
 /* How far a circle of curvature k lies before (x, z), along z; x_2: x squared */
 INLINED floatl before_circle(floatl k, floatl x_2, floatl z)
 {
@@ -84,13 +88,19 @@ INLINED floatl before_circle(floatl k, floatl x_2, floatl z)
     return k * x_2 / greater(up + sqrt(up * up + k * k * x_2), (floatl)1e-3f);
 }
 
-/* A circle along the first direction is carried around one along the second, as in a torus. */
+/* By how much less than by equation 7, in scene units, a point z along the normal lies below circles: one along the
+ * first direction is carried around one along the second, as in a torus. */
+INLINED floatl beyond_quadric(const Circles *c, floatl z, floatl t)
+{
+    const floatl t_2 = t * t;
+    const floatl first = before_circle(c->k1, c->w1 * t_2, z), second = before_circle(c->k2, c->w2 * t_2, z + first);
+    return first + second - 0.5f * t_2 * (c->k1 * c->w1 + c->k2 * c->w2);
+}
+
+#if DISTANCE == EXACT
 floatl depth_of(const ReliefRay *ray, floatl t)
 {
-    const floatl z = ray->vz * t, t_2 = t * t;
-    const floatl first = before_circle(ray->k1, ray->w1 * t_2, z), second = before_circle(ray->k2, ray->w2 * t_2, z + first);
-    const floatl of_quadric = 0.5f * t_2 * (ray->k1 * ray->w1 + ray->k2 * ray->w2);
-    return PLAIN_DEPTH(ray, t) - (first + second - of_quadric) * ray->per_scale;
+    return PLAIN_DEPTH(ray, t) - beyond_quadric(&ray->circles, ray->vz * t, t) * ray->per_scale;
 }
 #elif DISTANCE == PERPENDICULAR
 /* P = V t; R = P + s U, U at right angles to V in the plane of V and the normal. */
@@ -114,8 +124,8 @@ INLINED void measure_plainly(ReliefRay *ray, intl which)
     ray->vz = pick(which, (floatl)0.0f, ray->vz);
 #endif
 #if DISTANCE == EXACT
-    ray->k1 = pick(which, (floatl)0.0f, ray->k1);
-    ray->k2 = pick(which, (floatl)0.0f, ray->k2);
+    ray->circles.k1 = pick(which, (floatl)0.0f, ray->circles.k1);
+    ray->circles.k2 = pick(which, (floatl)0.0f, ray->circles.k2);
 #elif DISTANCE == PERPENDICULAR
     ray->bend = pick(which, (floatl)0.0f, ray->bend);
 #endif
@@ -137,10 +147,11 @@ void rest(ReliefRay *ray, intl active)
     ray->vz = pick(active, ray->vz, (floatl)-0.5f);
 #endif
 #if DISTANCE == EXACT
-    ray->k1 = pick(active, ray->k1, (floatl)0.0f);
-    ray->k2 = pick(active, ray->k2, (floatl)0.0f);
-    ray->w1 = pick(active, ray->w1, (floatl)0.0f);
-    ray->w2 = pick(active, ray->w2, (floatl)0.0f);
+    Circles *c = &ray->circles;
+    c->k1 = pick(active, c->k1, (floatl)0.0f);
+    c->k2 = pick(active, c->k2, (floatl)0.0f);
+    c->w1 = pick(active, c->w1, (floatl)0.0f);
+    c->w2 = pick(active, c->w2, (floatl)0.0f);
 #elif DISTANCE == PERPENDICULAR
     ray->bend = pick(active, ray->bend, (floatl)0.0f);
 #endif

@@ -14,13 +14,6 @@ typedef struct {
     floatl t;
 } Seen;
 
-/* x and y of the frame in which the quadric is z = a x^2 + b y^2 + c x y */
-INLINED void tangents_of(const Entry *e, Vector *x, Vector *y)
-{
-    *x = at_unit_length(e->along_u);
-    *y = cross_of(e->normal, *x);
-}
-
 /* The quadric's normal where a ray in direction d is after t */
 INLINED Vector normal_at(const Entry *e, Vector d, floatl t, int quadric)
 {

@@ -67,7 +67,8 @@ LightRay light_ray(const Relief *relief, const Entry *e, const Seen *seen, Vecto
 #endif
 #if DISTANCE == EXACT
     ray->per_scale = per_scale;
-    ray->k1 = ray->k2 = ray->w1 = ray->w2 = (floatl)0.0f;
+    const Circles none = {(floatl)0.0f, (floatl)0.0f, (floatl)0.0f, (floatl)0.0f};
+    ray->circles = none;
 #elif DISTANCE == PERPENDICULAR
     ray->bend = (floatl)0.0f;
     ray->scale = scale;

@@ -46,6 +46,47 @@ def test_a_deep_even_relief_does_not_shade_itself(name, scale, shadow):
     assert (told & (share < 0.5) & truth).sum() <= 0.005 * ibr.render(relief, camera).valid.sum()
 
 
+LIGHTS = {
+    "along the ring": {"direction": (0.2, 1, -0.1)},
+    "from below": {"direction": (-0.68, 0.71, 0.21)},
+    "near": {"position": (1.92, 2.18, -0.75)},
+}
+
+
+@pytest.mark.parametrize("shadow", SHADOWS)
+@pytest.mark.parametrize("name", LIGHTS)
+def test_a_deep_torus_is_no_wider_in_its_shadow(name, shadow):
+    """The other side's outline lies across the torus: by equation 7 it is too wide, and 2 % and more are in it."""
+    light = ibr.Light(**LIGHTS[name], ambient=AMBIENT)
+    camera = Camera.look_at((2.2, -3, 1.9), (0, 0, 0), (0, 0, 1), (320, 240), 42)
+    scene = Carved(torus, np.zeros((32, 32)), 0.15, (6, 4)).scene
+    _, points, normals = first_hits(scene, camera)
+    truth = true_shares(scene, light, points, normals)
+    relief = ibr.ReliefSurface(grid(torus, 96, 48), np.zeros((4, 4)), WHITE, 0.15, (4, 4), shadow=shadow)
+    share, told = shares(relief, camera, light)
+    assert truth.sum() > 500
+    assert (told & (share < 0.5) & truth).sum() <= 0.005 * ibr.render(relief, camera).valid.sum()
+
+
+@pytest.mark.parametrize("light", [{"direction": (0.2, 0.5, -1)}, {"position": (-1.0, 1, 3)}], ids=["far", "near"])
+def test_the_shadow_on_the_ground_is_no_wider(light):
+    """By equation 7 a quarter more than the torus' shadow is dark. 3 % are a fifth of a pixel along its outline."""
+    ground = ibr.Mesh([[-4, -4, -1.2], [4, -4, -1.2], [4, 4, -1.2], [-4, 4, -1.2]], [[0, 1, 2], [0, 2, 3]])
+    camera = Camera.look_at((2, -4, 5), (0, 0, -1), (0, 0, 1), (320, 240), 60)
+    scene = Carved(torus, np.zeros((32, 32)), 0.15, (6, 4)).scene
+    scene.add_triangles(ground.vertices.astype(np.float32), ground.faces.astype(np.uint32))
+    depth, points, normals = first_hits(scene, camera)
+    lamp = ibr.Light(**light, ambient=AMBIENT)
+    truth = true_shares(scene, lamp, points, normals)
+    relief = ibr.ReliefSurface(grid(torus, 96, 48), np.zeros((4, 4)), WHITE, 0.15, (4, 4))
+    share, told = shares([ground, relief], camera, lamp)
+    counted = told & (np.abs(points[..., 2] + 1.2) < 1e-3) & ~edges(depth)
+    dark, true = (share < 0.5)[counted], ~truth[counted]
+    assert true.sum() > 700
+    assert (dark & ~true).sum() <= 0.03 * true.sum()
+    assert (~dark & true).sum() <= 0.03 * true.sum()
+
+
 @pytest.mark.parametrize("shadow", SHADOWS)
 @pytest.mark.parametrize("direction", [(-1, 0.2, -0.6), (-0.5, 1, -0.5), (-1, -0.8, -0.3)], ids=str)
 @pytest.mark.parametrize("scale", [0.05, 0.12])
