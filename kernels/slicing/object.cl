@@ -152,8 +152,8 @@ INLINED floatl over_ribbons(const Views *views, global const int *size, floatl x
 }
 #endif
 
-/* Which of the points at z pass the test of every view? */
-intl inside_all(const Views *views, const ViewRay *rays, floatl z, intl inside, intl *tests)
+/* Which of the points at z pass the test of every view? passed: gains how many views let them, until one does not */
+intl inside_all(const Views *views, const ViewRay *rays, floatl z, intl inside, intl *passed, intl *tests)
 {
     for (int i = 0; i < VIEWS && any_lane(inside); i++) {
         *tests += inside & 1;
@@ -171,6 +171,7 @@ intl inside_all(const Views *views, const ViewRay *rays, floatl z, intl inside, 
         const intl seen = samples.on_image & (w > 0.0f);
         inside = inside & (seen | (intl)(views->unknown ? -1 : 0)) & (!seen | (AT(rays[i].q, z) * inverse <= value));
 #endif
+        *passed -= inside;
     }
     return inside;
 }
@@ -225,16 +226,38 @@ void halve(const Views *views, const ViewRay *rays, Part part, floatl way, int h
     floatl before = greater(*hit - way, part.front);
     for (int i = 0; i < halvings && any_lane(found); i++) {
         const floatl middle = 0.5f * (before + *hit);
-        const intl inside = inside_all(views, rays, middle, found, tests);
+        intl passed = 0;
+        const intl inside = inside_all(views, rays, middle, found, &passed, tests);
         *hit = pick(inside, middle, *hit);
         before = pick(inside, before, middle);
     }
 }
 
-/* Where do rays meet the object before what is drawn, which hides it from `hidden` on? Sets hit there. */
-intl meet_object(const Views *views, const WorldRay *ray, Part part, floatl hidden, int halvings, floatl *hit, intl *tests)
+/* Rays are kept out of the object by one view at the slice before z, and by another at z, where `passed` let them. Are
+ * they in it where the one gives way to the other? Then a part of it is thinner than slices lie apart. Sets hit. */
+intl meet_between(const Views *views, const ViewRay *rays, Part part, floatl z, floatl way, int halvings, intl crossed,
+                  intl passed, floatl *hit, intl *tests)
 {
-    intl searches = part.front <= part.back, found = 0;
+    floatl before = greater(z - way, part.front), after = z;
+    intl found = 0;
+    for (int i = 0; i < halvings && any_lane(crossed & !found); i++) {
+        const floatl middle = 0.5f * (before + after);
+        intl here = 0;
+        const intl inside = inside_all(views, rays, middle, crossed & !found, &here, tests);
+        const intl behind = here == passed;
+        *hit = pick(inside, middle, *hit);
+        found = found | inside;
+        after = pick(behind, middle, after);
+        before = pick(behind, before, middle);
+    }
+    return found;
+}
+
+/* Where do rays meet the object before what is drawn, which hides it from `hidden` on? Sets hit there. */
+intl meet_object(const Views *views, const WorldRay *ray, Part part, floatl hidden, int halvings, int seeks,
+                 floatl *hit, intl *tests)
+{
+    intl searches = part.front <= part.back, found = 0, last = -1;
     if (!any_lane(searches))
         return found;
     ViewRay rays[VIEWS];
@@ -250,9 +273,14 @@ intl meet_object(const Views *views, const WorldRay *ray, Part part, floatl hidd
         searches = searches & !found & (z <= back);
         if (!any_lane(searches))
             break;
-        const intl inside = inside_all(views, rays, z, searches & (z >= part.front), tests);
+        intl passed = 0;
+        const intl asked = searches & (z >= part.front), inside = inside_all(views, rays, z, asked, &passed, tests);
         *hit = pick(inside, z, *hit);
         found = found | inside;
+        const intl crossed = asked & !inside & (passed != last);
+        if (seeks && any_lane(crossed))
+            found = found | meet_between(views, rays, part, z, fabs(per_slice), halvings, crossed, passed, hit, tests);
+        last = pick(asked, passed, last);
     }
     halve(views, rays, part, fabs(per_slice), halvings, found, hit, tests);
     return found;
@@ -399,7 +427,8 @@ kernel void draw_object(global const float *matrices, global const int *sizes, g
                         global const uint *colors, global const int *order, global const float *closeness,
                         global float *depth, global channel *color, global uchar *valid, Screen screen, Box box,
                         int slices_axis,
-                        int halvings /* of the way back to the slice before, once one has passed */, int visible,
+                        int halvings /* of the way back to the slice before, once one has passed */,
+                        int seeks /* 1: what is thinner than slices lie apart, too */, int visible,
                         int unknown /* 1: images say nothing of what lies beside them */,
                         float sample /* scene units between samples in the middle of the box, of the coarsest view */,
                         float stride /* of the ray, from the object's surface back to a view's own */,
@@ -427,7 +456,7 @@ kernel void draw_object(global const float *matrices, global const int *sizes, g
     const floatl hidden = pick(so_far <= EMPTY, (floatl)INFINITY, DEPTH_OF(screen.perspective, so_far));
     const Part part = part_in(box, &ray, screen.perspective ? 1.0f / screen.nearest : 0.0f, slices_axis);
     floatl hit = 0.0f;
-    intl tests = 0, found = meet_object(&views, &ray, part, hidden, halvings, &hit, &tests);
+    intl tests = 0, found = meet_object(&views, &ray, part, hidden, halvings, seeks, &hit, &tests);
     const floatl nearness = DEPTH_OF(screen.perspective, hit);
     found = found & (nearness > so_far); /* of what is equally far, the first stays */
     region.nearness[0] = pick(found, nearness, so_far);

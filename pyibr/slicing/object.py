@@ -375,6 +375,7 @@ def draw_object(target: Target, thing: DepthObject | VisualHull, counts: DeviceA
             box=Struct("Box", record),
             slices_axis=slices_axis(thing, camera),
             halvings=halvings,
+            seeks=thing.slices == "view",
             visible=thing.texture == "visible",
             unknown=isinstance(thing, DepthObject) and thing.missing == "unknown",
             sample=sample,

@@ -85,12 +85,14 @@ def test_surfaces_flicker_less_than_with_256_slices(slicing):
     assert by_view <= fixed
 
 
+@pytest.mark.parametrize("size", [(240, 180), (320, 240)])
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
-def test_objects_flicker_no_more_than_with_256_slices(slicing):
+def test_objects_flicker_no_more_than_with_256_slices(slicing, size):
+    """Nor where a pixel is wider than 256 slices lie apart, so that fewer are taken."""
     scene = MeshScene.from_mesh(ibr.Mesh.load(shared("meshes/dragon_vrip.ply.gz")))
     views = object_views(scene, 512)
     turns = np.arange(12) * 2 * np.pi / 120
-    cams = [looking(scene, (np.cos(turn), 0.3, np.sin(turn)), (320, 240)) for turn in turns]
+    cams = [looking(scene, (np.cos(turn), 0.3, np.sin(turn)), size) for turn in turns]
     truth = [ibr.render(ibr.DepthObject(views, 2048, slicing, halvings=8), cam) for cam in cams]
     thing = ibr.DepthObject(views, "view", slicing)
     frames = [ibr.render(thing, cam) for cam in cams]
