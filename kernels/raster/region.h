@@ -130,8 +130,8 @@ void begin_region(Region *region, Screen screen, global const float *depth, int 
 #endif
 
 /* Writes all pixels of a block; z: their depths, NaN where nothing is. */
-void write_whole_block(floatl z, Screen screen, global float *depth, global channel *color, global uchar *valid, int x,
-                       int y, Color shade)
+INLINED void write_whole_block(floatl z, Screen screen, global float *depth, global channel *color, global uchar *valid,
+                               int x, int y, Color shade)
 {
     const int16 mine = z == z, seen = mine & 1;
     const float16 red = pick(mine, clamp(shade.r, 0.0f, 1.0f), (float16)0.0f) * CHANNEL_MOST;
@@ -149,8 +149,8 @@ void write_whole_block(floatl z, Screen screen, global float *depth, global chan
 #endif
 
 /* Writes a block of the region to the picture; shade in [0, 1]; x, y: the block's first pixel. */
-void write_block(const Region *region, int block, Screen screen, global float *depth, global channel *color,
-                 global uchar *valid, int blank, int x, int y, Color shade)
+INLINED void write_block(const Region *region, int block, Screen screen, global float *depth, global channel *color,
+                         global uchar *valid, int blank, int x, int y, Color shade)
 {
     const intl mine = region->owner[block] >= 0;
     const floatl n = region->nearness[block], z = pick(mine, DRAWN_DEPTH(screen, n), (floatl)NAN);
