@@ -62,6 +62,12 @@ typedef WIDE(long) longl;
     (p)[(i).s0], (p)[(i).s1], (p)[(i).s2], (p)[(i).s3], (p)[(i).s4], (p)[(i).s5], (p)[(i).s6], (p)[(i).s7],   \
         (p)[(i).s8], (p)[(i).s9], (p)[(i).sa], (p)[(i).sb], (p)[(i).sc], (p)[(i).sd], (p)[(i).se], (p)[(i).sf]
 /* any() compiles to a branch a lane. */
+#ifdef __has_builtin
+#if __has_builtin(__builtin_reduce_or)
+#define any_lane(mask) (__builtin_reduce_or((mask) != 0) != 0) /* a mask of AVX-512 is tested as it is */
+#endif
+#endif
+#ifndef any_lane
 int any_lane(int16 mask)
 {
     const int8 half_ = mask.lo | mask.hi;
@@ -69,6 +75,7 @@ int any_lane(int16 mask)
     const int2 eighth = quarter.lo | quarter.hi;
     return (eighth.x | eighth.y) != 0;
 }
+#endif
 float least_lane(float16 v)
 {
     const float8 half_ = fmin(v.lo, v.hi);
