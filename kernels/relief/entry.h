@@ -228,11 +228,12 @@ intl level_of(const Relief *relief, const Entry *e, floatl size, intl enters)
 #define PIXEL_SIZE(relief, n)                                                                                 \
     (((relief)->screen.perspective ? 1.0f / (n) : (floatl)1.0f) * (relief)->pixel_size)
 
-void search_relief(const Relief *relief, Search *searches)
+/* count: of searches, a constant, so that loops over them are unrolled */
+INLINED void search_relief(const Relief *relief, Search *searches, int count)
 {
     if (relief->search == SAFE)
-        safe_search(searches, relief->texels, relief->bounds, relief->levels);
+        safe_search(searches, count, relief->texels, relief->bounds, relief->levels);
     else
-        linear_search(searches, relief->texels, relief->steps, relief->halvings);
+        linear_search(searches, count, relief->texels, relief->steps, relief->halvings);
 }
 #endif

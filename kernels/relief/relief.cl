@@ -201,7 +201,7 @@ int search_blocks(const Context *context, int block, int again, Region *region)
     }
     if (again && !any)
         return 0;
-    search_relief(&context->relief, searches);
+    search_relief(&context->relief, searches, TWINS);
     for (int k = 0; k < TWINS; k++) {
         more |= any_lane(take_over(context, block + k, &searches[k], entrances[k], region));
 #if COUNTED

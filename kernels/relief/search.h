@@ -32,7 +32,7 @@
 #define LOST (TABLE - 1) /* of them, where the last one is */
 #define STEPS_MOST 4096  /* of a safe search */
 #if LANES == 16
-#define TWINS 2 /* rays that are searched in turns, so that one's arithmetic fills the other's waits */
+#define TWINS 4 /* packets of rays that are searched in turns: one's arithmetic fills the others' waits */
 #else
 #define TWINS 1
 #endif
@@ -227,14 +227,22 @@ typedef struct {
     floatl x, y, dx, dy;
 } Track;
 
-#define TABLE_AT(levels, level, i) (intl)(gather(levels, ((level) * TABLE + (i))))
+/* A number of the table; most often all lanes are on one level. */
+INLINED intl table_at(global const int *levels, intl level, int i)
+{
+    const int first = int_lane(level, 0);
+    if (!any_lane(level != first))
+        return levels[first * TABLE + i];
+    const intl at = level * TABLE + i;
+    return (intl)(gather(levels, at));
+}
 
-Track track_of(const ReliefRay *ray, global const int *levels)
+INLINED Track track_of(const ReliefRay *ray, global const int *levels)
 {
     Track k;
-    k.map.width = TABLE_AT(levels, ray->level, 0);
-    k.map.height = TABLE_AT(levels, ray->level, 1);
-    k.map.start = TABLE_AT(levels, ray->level, 2);
+    k.map.width = table_at(levels, ray->level, 0);
+    k.map.height = table_at(levels, ray->level, 1);
+    k.map.start = table_at(levels, ray->level, 2);
     const floatl width = to_floatl(k.map.width), height = to_floatl(k.map.height);
 #if !POWERS_OF_TWO
     k.map.per_width = 1.0f / width;
@@ -257,8 +265,7 @@ typedef struct {
     intl searches; /* from the start, */
     intl active;   /* and still */
     intl found;
-    floatl t;      /* so far; in the end, where it is found */
-    floatl before; /* linear: the last point above the surface */
+    floatl t; /* so far; in the end, where it is found */
     intl tier, tiers, start, pitch, span; /* safe: of the bounds */
     floatl per_x, per_y, nudge, peak;
     floatl from_x, from_y; /* where the ray starts; a texel before it where it stays on a column, or row */
@@ -280,50 +287,56 @@ intl is_below(const Search *s, global const uint *texels, floatl t)
     return depth_of(&s->ray, t) >= 1.0f - HEIGHT_UNIT * height_in(texels, k->map, k->x + k->dx * t, k->y + k->dy * t);
 }
 
-/* The paper's search: `steps` even ones, then `halvings` of the last. */
-void linear_search(Search *searches, global const uint *texels, int steps, int halvings)
+/* The paper's search: `steps` even ones, then `halvings` of the last. What changes is kept in registers, beside the
+ * searches; count: how many these are, a constant. */
+INLINED void linear_search(Search *searches, int count, global const uint *texels, int steps, int halvings)
 {
-    floatl step[TWINS];
+    floatl step[TWINS], before[TWINS], after[TWINS]; /* after: -INFINITY: of no ray; INFINITY: nothing met yet */
+    int any_meets[TWINS];
     UNROLLED
-    for (int k = 0; k < TWINS; k++) {
-        Search *s = searches + k;
-        step[k] = s->ray.end * (1.0f / steps);
-        s->t = s->ray.end;
-        s->found = s->active;
+    for (int k = 0; k < count; k++) {
+        step[k] = searches[k].ray.end * (1.0f / steps);
+        after[k] = pick(searches[k].active, (floatl)INFINITY, (floatl)-INFINITY);
     }
     for (int i = 1; i <= steps; i++) {
         int going = 0;
         UNROLLED
-        for (int k = 0; k < TWINS; k++) {
-            Search *s = searches + k;
-            if (!any_lane(s->active))
-                continue;
+        for (int k = 0; k < count; k++) {
             const floatl t = step[k] * i;
-            COUNT_STEP(s, s->active)
-            const intl below = is_below(s, texels, t);
-            s->t = pick(s->active & below, t, s->t);
-            s->active = s->active & !below;
+            const intl above = after[k] > t;
+            if (!any_lane(above))
+                continue;
+            COUNT_STEP(searches + k, above)
+            const floatl now = pick(is_below(searches + k, texels, t), t, (floatl)INFINITY);
+            after[k] = lesser(now, after[k]);
             going = 1;
         }
         if (!going)
             break;
     }
     UNROLLED
-    for (int k = 0; k < TWINS; k++)
-        searches[k].before = searches[k].t - step[k];
+    for (int k = 0; k < count; k++) {
+        Search *s = searches + k;
+        const intl meets = isfinite_lanes(after[k]);
+        s->found = s->active & (meets | s->ray.at_bottom);
+        after[k] = pick(meets, after[k], s->ray.end);
+        before[k] = pick(meets, after[k] - step[k], after[k]); /* others stay */
+        any_meets[k] = any_lane(meets);
+    }
     for (int i = 0; i < halvings; i++)
         UNROLLED
-        for (int k = 0; k < TWINS; k++) {
-            Search *s = searches + k;
-            const floatl t = 0.5f * (s->before + s->t);
-            COUNT_STEP(s, !s->active & s->found)
-            const intl below = is_below(s, texels, t);
-            s->t = pick(below & !s->active, t, s->t);
-            s->before = pick(below, s->before, t);
+        for (int k = 0; k < count; k++) {
+            if (!any_meets[k])
+                continue;
+            const floatl t = 0.5f * (before[k] + after[k]);
+            COUNT_STEP(searches + k, searches[k].active & (before[k] < after[k]))
+            const intl below = is_below(searches + k, texels, t);
+            after[k] = pick(below, t, after[k]);
+            before[k] = pick(below, before[k], t);
         }
     UNROLLED
-    for (int k = 0; k < TWINS; k++)
-        searches[k].found = searches[k].found & (!searches[k].active | searches[k].ray.at_bottom);
+    for (int k = 0; k < count; k++)
+        searches[k].t = after[k];
 }
 
 /* Where in the cell of a patch, which the ray crosses from t to `leaves`, does it meet the surface? (fx, fy): at t, in
@@ -426,10 +439,11 @@ void safe_step(Search *s, global const uint *texels, global const uint *bounds)
 
 /* No step is longer than the bounds allow, so nothing is stepped over: cells whose greatest height stays below the ray
  * are crossed at once, and a cell between 2x2 texels is solved. */
-void safe_search(Search *searches, global const uint *texels, global const uint *bounds, global const int *levels)
+INLINED void safe_search(Search *searches, int count, global const uint *texels, global const uint *bounds,
+                         global const int *levels)
 {
     UNROLLED
-    for (int k = 0; k < TWINS; k++) {
+    for (int k = 0; k < count; k++) {
         Search *s = searches + k;
         const floatl K = s->ray.K;
         const intl still_x = !(fabs(s->track.dx) * s->ray.end >= STILL);
@@ -442,10 +456,10 @@ void safe_search(Search *searches, global const uint *texels, global const uint 
         s->from_y = pick(still_y, s->track.y - 1.0f, s->track.y);
         s->nudge = NUDGE * lesser(fabs(s->per_x), fabs(s->per_y));
         s->peak = pick(K < 0.0f, -0.5f * s->ray.L / K, (floatl)INFINITY); /* deepest there */
-        s->tiers = TABLE_AT(levels, s->ray.level, 3);
-        s->start = TABLE_AT(levels, s->ray.level, 4);
-        s->pitch = TABLE_AT(levels, s->ray.level, 5);
-        s->span = TABLE_AT(levels, s->ray.level, 6);
+        s->tiers = table_at(levels, s->ray.level, 3);
+        s->start = table_at(levels, s->ray.level, 4);
+        s->pitch = table_at(levels, s->ray.level, 5);
+        s->span = table_at(levels, s->ray.level, 6);
         s->tier = min(s->tiers - 1, (intl)FIRST_TIER);
         s->t = 0.0f;
         s->found = 0;
@@ -454,7 +468,7 @@ void safe_search(Search *searches, global const uint *texels, global const uint 
     for (int i = 0; i < STEPS_MOST; i++) {
         int going = 0;
         UNROLLED
-        for (int k = 0; k < TWINS; k++)
+        for (int k = 0; k < count; k++)
             if (any_lane(searches[k].active)) {
                 safe_step(searches + k, texels, bounds);
                 going = 1;
@@ -463,7 +477,7 @@ void safe_search(Search *searches, global const uint *texels, global const uint 
             break;
     }
     UNROLLED
-    for (int k = 0; k < TWINS; k++) { /* what has met nothing has come to the end */
+    for (int k = 0; k < count; k++) { /* what has met nothing has come to the end */
         searches[k].t = pick(searches[k].found, searches[k].t, searches[k].ray.end);
         searches[k].found = searches[k].found | searches[k].ray.at_bottom;
     }

@@ -84,7 +84,7 @@ LightRay light_ray(const Relief *relief, const Entry *e, const Seen *seen, Vecto
 /* Does the relief around the point hide it from the light? The paper's second search (figure 4) */
 intl is_hidden(const Relief *relief, const LightRay *light, intl wanted)
 {
-    Search searches[TWINS], *s = searches;
+    Search search, *s = &search;
     s->ray = light->ray;
     rest(&s->ray, light->sound & wanted);
     set_end(&s->ray);
@@ -98,11 +98,7 @@ intl is_hidden(const Relief *relief, const LightRay *light, intl wanted)
 #if COUNTED
     s->taken = 0;
 #endif
-    for (int k = 1; k < TWINS; k++) {
-        searches[k] = searches[0];
-        searches[k].active = 0;
-    }
-    search_relief(relief, searches);
+    search_relief(relief, s, 1);
     return s->searches & s->found;
 }
 
