@@ -154,12 +154,14 @@ INLINED floatl add_mesh(const Context *context, const Meshes *meshes, int mesh, 
     const intl triangle = pick(shares, seen->owner[block], meshes->firsts[mesh] + (intl)0);
     const OnTriangle p = on_triangle(context->corners, context->projected, triangle, px, py);
     floatl at_x = 0.0f, at_y = 0.0f, at_z = 0.0f, quality = 0.0f;
+    UNROLLED
     for (int k = 0; k < 3; k++) {
-        const intl row = 4 * p.corner[k], row_y = row + 1, row_z = row + 2, row_q = row + 3;
-        at_x += p.weight[k] * (floatl)(gather(meshes->points, row));
-        at_y += p.weight[k] * (floatl)(gather(meshes->points, row_y));
-        at_z += p.weight[k] * (floatl)(gather(meshes->points, row_z));
-        quality += p.weight[k] * (floatl)(gather(meshes->points, row_q));
+        floatl at[4];
+        gather_rows(meshes->points, p.corner[k], at);
+        at_x += p.weight[k] * at[0];
+        at_y += p.weight[k] * at[1];
+        at_z += p.weight[k] * at[2];
+        quality += p.weight[k] * at[3];
     }
 #if BLEND == BLEND_QUALITY
     const floatl weight = pick(given, meshes->weights[mesh] * greater(quality, (floatl)LEAST_QUALITY), (floatl)0.0f);

@@ -142,6 +142,36 @@ void transpose(float16 *rows)
 }
 #endif
 
+/* A row of 4 floats a lane, as 4 columns: whole rows are read and zipped, which is faster than 4 gathers. */
+#if LANES == 16
+#define FOUR_ROWS(rows, i, a, b, c, d)                                                                         \
+    (float16)(vload4((i).a, rows), vload4((i).b, rows), vload4((i).c, rows), vload4((i).d, rows))
+#define ZIP_FIRST(a, b)                                                                                        \
+    (float16)(a.s0, b.s0, a.s1, b.s1, a.s4, b.s4, a.s5, b.s5, a.s8, b.s8, a.s9, b.s9, a.sc, b.sc, a.sd, b.sd)
+#define ZIP_LAST(a, b)                                                                                         \
+    (float16)(a.s2, b.s2, a.s3, b.s3, a.s6, b.s6, a.s7, b.s7, a.sa, b.sa, a.sb, b.sb, a.se, b.se, a.sf, b.sf)
+INLINED void gather_rows(global const float *rows, intl i, floatl *columns)
+{
+    const floatl a = FOUR_ROWS(rows, i, s0, s4, s8, sc), b = FOUR_ROWS(rows, i, s1, s5, s9, sd);
+    const floatl c = FOUR_ROWS(rows, i, s2, s6, sa, se), d = FOUR_ROWS(rows, i, s3, s7, sb, sf);
+    const floatl ac_first = ZIP_FIRST(a, c), bd_first = ZIP_FIRST(b, d);
+    const floatl ac_last = ZIP_LAST(a, c), bd_last = ZIP_LAST(b, d);
+    columns[0] = ZIP_FIRST(ac_first, bd_first);
+    columns[1] = ZIP_LAST(ac_first, bd_first);
+    columns[2] = ZIP_FIRST(ac_last, bd_last);
+    columns[3] = ZIP_LAST(ac_last, bd_last);
+}
+#else
+void gather_rows(global const float *rows, intl i, floatl *columns)
+{
+    const float4 row = vload4(i, rows);
+    columns[0] = row.x;
+    columns[1] = row.y;
+    columns[2] = row.z;
+    columns[3] = row.w;
+}
+#endif
+
 /* For |x| < 2^31: floor() and ceil() of vectors are 14 instructions, these 4; of x >= 0 truncated() is 2. */
 #if LANES == 16
 #define truncated(x) to_floatl(to_intl(x))

@@ -28,11 +28,14 @@ Boxes boxes_of(global const int *corners, global const float *projected, intl in
     floatl U[CORNERS], V[CORNERS], W[CORNERS], x[CORNERS], y[CORNERS];
     intl before[CORNERS], some = (intl)0, all = (intl)(LANES == 1 ? 1 : -1);
     floatl low_x = INFINITY, high_x = -INFINITY, low_y = INFINITY, high_y = -INFINITY;
+    UNROLLED
     for (int k = 0; k < CORNERS; k++) {
-        const intl corner = CORNERS * index + k, at = 4 * (intl)(gather(corners, corner)), at_v = at + 1, at_w = at + 2;
-        U[k] = (floatl)(gather(projected, at));
-        V[k] = (floatl)(gather(projected, at_v));
-        W[k] = (floatl)(gather(projected, at_w));
+        const intl at = CORNERS * index + k, corner = (intl)(gather(corners, at));
+        floatl row[4];
+        gather_rows(projected, corner, row);
+        U[k] = row[0];
+        V[k] = row[1];
+        W[k] = row[2];
         x[k] = U[k] / W[k];
         y[k] = V[k] / W[k];
         before[k] = W[k] >= nearest_w;
@@ -54,9 +57,12 @@ Boxes boxes_of(global const int *corners, global const float *projected, intl in
                 low_y = pick(leaves, lesser(at_y, low_y), low_y);
                 high_y = pick(leaves, greater(at_y, high_y), high_y);
             }
-    const floatl none = 0.0f, right = screen.width - 1.0f, bottom = screen.height - 1.0f;
-    const floatl x0 = greater(ceil(low_x - SLACK), none), x1 = lesser(floor(high_x + SLACK), right);
-    const floatl y0 = greater(ceil(low_y - SLACK), none), y1 = lesser(floor(high_y + SLACK), bottom);
+    const floatl beside = -1.0f, right = screen.width - 1.0f, bottom = screen.height - 1.0f;
+    /* Within the picture, but for a pixel beside it: whole numbers are small. */
+    const floatl x0 = ceil_lanes(within(low_x - SLACK, right + 1.0f));
+    const floatl y0 = ceil_lanes(within(low_y - SLACK, bottom + 1.0f));
+    const floatl x1 = floor_lanes(greater(lesser(high_x + SLACK, right), beside));
+    const floatl y1 = floor_lanes(greater(lesser(high_y + SLACK, bottom), beside));
     intl seen = some & (x0 <= x1) & (y0 <= y1);
 #if CORNERS == 3
     if (culled) { /* triangle.h decides, on moved corners: that turns slivers round, the longer the larger their area */

@@ -70,12 +70,13 @@ intl set_up_triangles(global const int *corners, global const float *projected, 
     intl crosses = 0;
     UNROLLED
     for (int k = 0; k < 3; k++) {
-        const intl face = 3 * index + k, at = 4 * (intl)(gather(corners, face));
-        const intl at_v = at + 1, at_w = at + 2, at_q = at + 3;
-        W[k] = (floatl)(gather(projected, at_w));
-        Q[k] = (floatl)(gather(projected, at_q));
-        U[k] = (floatl)(gather(projected, at)) - x * W[k]; /* relative to the region */
-        V[k] = (floatl)(gather(projected, at_v)) - y * W[k];
+        const intl face = 3 * index + k, corner = (intl)(gather(corners, face));
+        floatl at[4];
+        gather_rows(projected, corner, at);
+        W[k] = at[2];
+        Q[k] = at[3];
+        U[k] = at[0] - x * W[k]; /* relative to the region */
+        V[k] = at[1] - y * W[k];
         at_x[k] = U[k] / W[k];
         at_y[k] = V[k] / W[k];
         const intl is_before = W[k] >= nearest_w;
@@ -139,7 +140,7 @@ intl set_up_triangles(global const int *corners, global const float *projected, 
 }
 
 /* Which pixels of the block at (first_x, first_y) does the triangle of a lane cover, and how near is it there? */
-intl covered_by(const Triangles *t, int lane, int first_x, int first_y, floatl *nearness)
+INLINED intl covered_by(const Triangles *t, int lane, int first_x, int first_y, floatl *nearness)
 {
     const intl xi = first_x + block_x, yi = first_y + block_y;
     const floatl x = to_floatl(xi), y = to_floatl(yi);
@@ -191,10 +192,11 @@ INLINED OnTriangle on_triangle(global const int *corners, global const float *pr
         } else {
             const intl face = 3 * index + k;
             p.corner[k] = (intl)(gather(corners, face));
-            const intl at = 4 * p.corner[k], at_v = at + 1, at_w = at + 2;
-            p.W[k] = (floatl)(gather(projected, at_w));
-            p.U[k] = (floatl)(gather(projected, at)) - p.W[k] * x;
-            p.V[k] = (floatl)(gather(projected, at_v)) - p.W[k] * y;
+            floatl at[4];
+            gather_rows(projected, p.corner[k], at);
+            p.W[k] = at[2];
+            p.U[k] = at[0] - p.W[k] * x;
+            p.V[k] = at[1] - p.W[k] * y;
         }
     }
     p.area = 0.0f;
