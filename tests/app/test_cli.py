@@ -253,6 +253,14 @@ def test_frames_need_a_path(scene: Scene):
     assert_one_line(result, "--frames")
 
 
+@pytest.mark.parametrize("frames", [0, 10**9])
+def test_frames_out_of_range(scene: Scene, frames: int):
+    """Before any work: names of so many files alone would take minutes."""
+    result = scene.run("--orbit", "5", "--frames", frames, "-o", scene.folder / "new.png")
+    assert result.exit_code == 2
+    assert "--frames" in result.output
+
+
 def test_unknown_device(scene: Scene):
     result = scene.run("--orbit", "5", "-o", scene.folder / "new.png", "--device", "abacus")
     assert_one_line(result, "abacus")

@@ -64,7 +64,10 @@ _Orbit = Annotated[
     typer.Option(metavar="DEGREES", help="Turn to the right about the point at the median depth on the optical axis"),
 ]
 _Frames = Annotated[
-    int, typer.Option(min=1, help="Views along --move or --orbit, the source's first: OUT_0000, ... or a video")
+    int,
+    typer.Option(
+        min=1, max=100_000, help="Views along --move or --orbit, the source's first: OUT_0000, ... or a video"
+    ),
 ]
 
 
