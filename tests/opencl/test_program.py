@@ -133,7 +133,7 @@ def test_what_is_not_there_is_said_in_one_sentence(own):
         program.kernel("own.cl", "write")
     with pytest.raises(ArgumentError, match=r"^name: expected a kernel of .*own\.cl: write, got 'wrote'$"):
         program.kernel(own, "wrote", VALUE=0)
-    with pytest.raises(ArgumentError, match=r"^file: expected a file of kernels, got .*: embedded null (byte|character in path)$"):
+    with pytest.raises(ArgumentError, match=r"^file: expected a file of kernels, got .*: embedded null "):
         program.kernel(own.with_name("a\0b.cl"), "write")
     own.write_text('#include "lib/sreen.h"\nkernel void write(global int *out) {}')
     with pytest.raises(BuildError, match=r'own\.cl includes "lib/sreen\.h", which is not in .*a b or .*kernels$'):
