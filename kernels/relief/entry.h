@@ -127,7 +127,7 @@ void set_ray(ReliefRay *ray, const Entry *e, Vector d, int quadric, float scale)
 }
 
 /* Far below a surface that bends, rays are less deep than equation 7 says, so that outlines come out too wide, and the
- * shadows that they cast. A light's ray that reaches the bottom by that, but not by the circles of EXACT (search.h),
+ * shadows that they cast. A light's ray that reaches the bottom by that, but not by the circles of EXACT (ray.h),
  * follows the parabola that gets as deep as the ray does by circles, and at the same place. A sphere of the greater
  * curvature has it no deeper, so rays that reach the bottom by that stay as they are. enters: which rays matter. */
 void follow_circles(ReliefRay *ray, const Entry *e, Vector d, float scale, intl enters)

@@ -312,7 +312,7 @@ def draw_relief(
 
 def _defines_of(surface: ReliefSurface) -> dict[str, int]:
     """What kernels are built for: how depths are measured, and what the heights are."""
-    distance = int(constant("relief/search.h", surface.distance.upper()))
+    distance = int(constant("relief/ray.h", surface.distance.upper()))
     defines = {"DISTANCE": distance, "HEIGHT_BYTES": surface.levels.height_bytes}
     if surface.wrap == "clamp":
         return defines | {"CLAMPED": 1}

@@ -1,0 +1,205 @@
+#ifndef RELIEF_RAY_H
+#define RELIEF_RAY_H
+/* A ray in a relief: how deep below the mesh it is, and where it leaves (Oliveira & Policarpo 2005, sections 3.2 and 3.3).
+ *
+ * A ray enters at t = 0, at depth 0, and runs straight: u + du t, v + dv t. DISTANCE is how its depth is measured, 1 at the
+ * bottom:
+ * APPROXIMATE: L t + K t^2, how far its point P lies below the quadric, along z (equation 7).
+ * EXACT: how far P lies below circles of the quadric's principal curvatures, the one that bends outwards least first: the
+ * true distance to planes, tubes, spheres and tori, and never more than equation 7.
+ * PERPENDICULAR: the paper's equation 6, from P to R, on the quadric, at right angles to the ray in the plane of ray and
+ * normal; where it has no solution, equation 7. On a plane it is longer than the depth by 1 / sine of the ray and normal.
+ * With WITHIN a ray may also start below the mesh, and rise: depth + L t + K t^2, by equation 7 alone.
+ */
+#include "lib/lanes.h"
+
+#define APPROXIMATE 0
+#define EXACT 1
+#define PERPENDICULAR 2
+#ifndef DISTANCE
+#define DISTANCE APPROXIMATE /* or EXACT, or PERPENDICULAR: how far below the surface a ray is */
+#endif
+#ifndef WITHIN
+#define WITHIN 0 /* 1: the eye is below the mesh, and its rays start there */
+#endif
+#define NEVER 1e20f        /* scene units */
+#define TILES_MOST 1e3f    /* that a ray crosses, so that numbers stay small */
+#define BOTTOM_NEAR 1e-5f  /* of the depth: how near the bottom is sought */
+#define BOTTOM_SLACK 1e-3f /* of the depth: what a ray that grazes the bottom may lack */
+
+/* What a quadric's principal curvatures are, and how a ray runs along them */
+typedef struct {
+    floatl k1, k2; /* curvatures, > 0 outwards; k1 <= k2 */
+    floatl w1, w2; /* squares of the direction's parts along them */
+} Circles;
+
+typedef struct {
+    floatl u, v, du, dv; /* du, dv per scene unit */
+    floatl L, K;         /* depth by equation 7: L t + K t^2 */
+    floatl end;          /* least t > 0 at which the ray is back at depth 0, or at the bottom */
+    intl at_bottom;      /* which of the two */
+    intl level;          /* of the map */
+#if WITHIN
+    floatl depth; /* where the ray starts; > 0: below the mesh */
+#endif
+#if DISTANCE != APPROXIMATE
+    floatl vz; /* of the unit direction, along the normal: < 0 */
+#endif
+#if DISTANCE == EXACT
+    floatl per_scale; /* depths per scene unit */
+    Circles circles;
+#elif DISTANCE == PERPENDICULAR
+    floatl scale; /* of depth 1 */
+    floatl bend;  /* a x^2 + b y^2 + c x y of the direction */
+#endif
+} ReliefRay;
+
+/* Equation 7 */
+#if WITHIN
+#define START_DEPTH(ray) ((ray)->depth)
+#define PLAIN_DEPTH(ray, t) ((ray)->depth + (t) * ((ray)->L + (ray)->K * (t)))
+#else
+#define START_DEPTH(ray) 0.0f
+#define PLAIN_DEPTH(ray, t) ((t) * ((ray)->L + (ray)->K * (t)))
+#endif
+
+/* How far a circle of curvature k lies before (x, z), along z; x_2: x squared */
+INLINED floatl before_circle(floatl k, floatl x_2, floatl z)
+{
+    const floatl up = 1.0f + k * z;
+    return k * x_2 / greater(up + sqrt(up * up + k * k * x_2), (floatl)1e-3f);
+}
+
+/* By how much less than by equation 7, in scene units, a point z along the normal lies below circles: one along the
+ * first direction is carried around one along the second, as in a torus. */
+INLINED floatl beyond_quadric(const Circles *c, floatl z, floatl t)
+{
+    const floatl t_2 = t * t;
+    const floatl first = before_circle(c->k1, c->w1 * t_2, z), second = before_circle(c->k2, c->w2 * t_2, z + first);
+    return first + second - 0.5f * t_2 * (c->k1 * c->w1 + c->k2 * c->w2);
+}
+
+#if DISTANCE == EXACT
+floatl depth_of(const ReliefRay *ray, floatl t)
+{
+    return PLAIN_DEPTH(ray, t) - beyond_quadric(&ray->circles, ray->vz * t, t) * ray->per_scale;
+}
+#elif DISTANCE == PERPENDICULAR
+/* P = V t; R = P + s U, U at right angles to V in the plane of V and the normal. */
+floatl depth_of(const ReliefRay *ray, floatl t)
+{
+    const floatl depth = PLAIN_DEPTH(ray, t), below = depth * ray->scale;
+    const floatl uz = sqrt(greater(1.0f - ray->vz * ray->vz, (floatl)1e-6f)); /* U = (N - vz V) / uz */
+    const floatl per = -ray->vz / uz;                                         /* U's tangential part over V's */
+    const floatl A = per * per * ray->bend, B = 2.0f * t * per * ray->bend - uz;
+    const floatl discriminant = B * B - 4.0f * A * below, root = sqrt(greater(discriminant, (floatl)0.0f));
+    return pick((discriminant >= 0.0f) & (root > B), 2.0f * depth / (root - B), depth);
+}
+#else
+#define depth_of PLAIN_DEPTH
+#endif
+
+/* The depths of some rays become those of equation 7: without curvatures there is no other. */
+INLINED void measure_plainly(ReliefRay *ray, intl which)
+{
+#if DISTANCE != APPROXIMATE
+    ray->vz = pick(which, (floatl)0.0f, ray->vz);
+#endif
+#if DISTANCE == EXACT
+    ray->circles.k1 = pick(which, (floatl)0.0f, ray->circles.k1);
+    ray->circles.k2 = pick(which, (floatl)0.0f, ray->circles.k2);
+#elif DISTANCE == PERPENDICULAR
+    ray->bend = pick(which, (floatl)0.0f, ray->bend);
+#endif
+}
+
+/* Lanes that do not search get a ray that harms nobody. */
+void rest(ReliefRay *ray, intl active)
+{
+    ray->u = pick(active, ray->u, (floatl)0.0f);
+    ray->v = pick(active, ray->v, (floatl)0.0f);
+    ray->du = pick(active, ray->du, (floatl)0.0f);
+    ray->dv = pick(active, ray->dv, (floatl)0.0f);
+    ray->L = pick(active, ray->L, (floatl)1.0f);
+    ray->K = pick(active, ray->K, (floatl)0.0f);
+#if WITHIN
+    ray->depth = pick(active, ray->depth, (floatl)0.0f);
+#endif
+#if DISTANCE != APPROXIMATE
+    ray->vz = pick(active, ray->vz, (floatl)-0.5f);
+#endif
+#if DISTANCE == EXACT
+    Circles *c = &ray->circles;
+    c->k1 = pick(active, c->k1, (floatl)0.0f);
+    c->k2 = pick(active, c->k2, (floatl)0.0f);
+    c->w1 = pick(active, c->w1, (floatl)0.0f);
+    c->w2 = pick(active, c->w2, (floatl)0.0f);
+#elif DISTANCE == PERPENDICULAR
+    ray->bend = pick(active, ray->bend, (floatl)0.0f);
+#endif
+}
+
+#if WITHIN
+/* Where rays leave that start below the mesh, and may rise: by the first of the two ways. What comes out of a hollow by
+ * less than the relief's depth and sinks again does not leave: the mesh may be above it all the way. */
+void set_end_within(ReliefRay *ray)
+{
+    const floatl L = ray->L, K = ray->K, depth = ray->depth, below = 1.0f - depth;
+    const floatl sinks = L * L + 4.0f * K * below, rises = L * L - 4.0f * K * depth; /* discriminants */
+    const floatl to_sink = sqrt(greater(sinks, (floatl)0.0f)) + L, root = sqrt(greater(rises, (floatl)0.0f));
+    const floatl out_at = pick(L > 0.0f, -0.5f * (L + root) / K, 2.0f * depth / (root - L));
+    const intl comes_out = (rises >= greater(4.0f * K, (floatl)0.0f)) & ((L <= 0.0f) | (K < 0.0f));
+    const intl hits = (sinks >= 0.0f) & (to_sink > 0.0f);
+    const floatl out = lesser(pick(comes_out, out_at, (floatl)NEVER), (floatl)NEVER);
+    const floatl bottom = lesser(pick(hits, 2.0f * below / to_sink, (floatl)NEVER), (floatl)NEVER);
+    const intl within = depth > 0.0f;
+    ray->end = pick(within, lesser(out, bottom), ray->end);
+    ray->at_bottom = pick(within, bottom < out, ray->at_bottom);
+}
+#endif
+
+/* Where the ray leaves (section 3.3). */
+void set_end(ReliefRay *ray)
+{
+    const floatl discriminant = ray->L * ray->L + 4.0f * ray->K;
+    ray->at_bottom = discriminant >= 0.0f;
+    ray->end = pick(ray->at_bottom, 2.0f / (ray->L + sqrt(fmax(discriminant, (floatl)0.0f))), -ray->L / ray->K);
+#if DISTANCE == EXACT
+    /* Depths are less than by equation 7, so the bottom is reached later, or never. Newton's method, along a chord */
+    floatl t = pick(ray->at_bottom, ray->end, (floatl)0.0f);
+    intl reaches = ray->at_bottom;
+    for (int i = 0; i < 8 && any_lane(reaches & (depth_of(ray, t) < 1.0f - BOTTOM_NEAR)); i++) {
+        const floatl step = 1e-3f * t, depth = depth_of(ray, t), rise = depth_of(ray, t + step) - depth;
+        reaches = reaches & ((rise > 0.0f) | (depth >= 1.0f));
+        t = pick(reaches & (rise > 0.0f), t + greater(1.0f - depth, (floatl)0.0f) * step / rise, t);
+    }
+    reaches = reaches & (depth_of(ray, t) >= 1.0f - BOTTOM_SLACK);
+    /* And it is out again earlier. */
+    floatl inside = 0.0f, beyond = pick(ray->K < 0.0f, -ray->L / ray->K, ray->end);
+    for (int i = 0; i < 20 && any_lane(!reaches); i++) {
+        const floatl middle = 0.5f * (inside + beyond);
+        const intl in = depth_of(ray, middle) > 0.0f;
+        inside = pick(in, middle, inside);
+        beyond = pick(in, beyond, middle);
+    }
+    ray->end = pick(reaches, t, pick(ray->K < 0.0f, beyond, ray->end));
+    ray->at_bottom = reaches | (ray->at_bottom & (ray->K >= 0.0f));
+#elif DISTANCE == PERPENDICULAR
+    /* Before the ray is deepest, if at all */
+    floatl before = 0.0f, after = pick(ray->K < 0.0f, -0.5f * ray->L / ray->K, 4.0f * ray->end);
+    const intl reaches = depth_of(ray, after) >= 1.0f;
+    for (int i = 0; i < 20; i++) {
+        const floatl middle = 0.5f * (before + after);
+        const intl below = depth_of(ray, middle) >= 1.0f;
+        after = pick(below, middle, after);
+        before = pick(below, before, middle);
+    }
+    ray->end = pick(reaches, after, pick(ray->K < 0.0f, -ray->L / ray->K, ray->end));
+    ray->at_bottom = reaches | (ray->at_bottom & (ray->K >= 0.0f));
+#endif
+#if WITHIN
+    set_end_within(ray);
+#endif
+    ray->end = fmin(ray->end, TILES_MOST / fmax(fabs(ray->du) + fabs(ray->dv), (floatl)1e-20f));
+}
+#endif
