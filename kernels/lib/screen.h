@@ -36,6 +36,13 @@ INLINED Vector point_at(Screen screen, floatl x, floatl y, floatl n)
     return p;
 }
 
+/* The nearness of a point in the world; of a perspective picture's, negative behind the eye */
+INLINED floatl nearness_of(Screen screen, Vector p)
+{
+    const float *m = screen.from_world;
+    return POINT_ROW(m, 3, p) / POINT_ROW(m, 2, p);
+}
+
 /* The unit direction in which the picture sees a point */
 INLINED Vector towards(Screen screen, Vector p)
 {

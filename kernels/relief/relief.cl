@@ -8,6 +8,8 @@
  * An eye below the mesh, within the relief, has no entries around it. Then a window right before it is one, WITHIN: its
  * rays start there, at the eye's depth, and are searched as far as they are below the mesh.
  *
+ * For a light, rays that come by a back before any front are stopped at the bottom of the relief (stop_from_below).
+ *
  * Deviations from the paper: safe steps (search.h); a ray that comes out of its quadric before it leaves the mesh is
  * searched once more, by what the mesh itself says (entry.h, follow_mesh); the tile sizes are gradients of u and v,
  * which also hold where u and v are not at right angles; the normal follows the quadric; the second search for shadows,
@@ -43,7 +45,7 @@ typedef struct {
     floatl t[BLOCKS];                     /* from the entry to what is seen, in scene units */
     floatl share[BLOCKS];                 /* of the quadric's bending that what is seen was found by */
     intl lost[BLOCKS];                    /* by its quadric the ray from the first entry came out */
-    floatl leaves[BLOCKS];                /* nearness of the next back, where a lost ray leaves the mesh; EMPTY: nowhere */
+    floatl leaves[BLOCKS];                /* nearness of the back by which a ray leaves the mesh; EMPTY: nowhere */
     intl left_by[BLOCKS];                 /* its triangle */
 } Layers;
 
@@ -63,14 +65,15 @@ intl set_up(const Context *context, intl index, int x, int y, Primitives *t)
     return set_up_triangles(context->relief.faces, context->relief.projected, index, context->nearest_w, context->culled, x, y, t);
 }
 
-/* Where a block's lost rays leave by a triangle's back */
+/* Where a block's lost rays leave by a triangle's back; of a light's, where they come by one before any front. */
 void cover_back(Layers *layers, const Primitives *t, int lane, int block, int first_x, int first_y)
 {
     floatl n;
-    if (!any_lane(layers->lost[block]))
+    if (!DEPTH_ALONE && !any_lane(layers->lost[block]))
         return;
     const intl covered = covered_by(t, lane, first_x, first_y, &n);
-    const intl next = covered & layers->lost[block] & (n < layers->first[block]) & (n > layers->leaves[block]);
+    const intl asked = DEPTH_ALONE ? n > layers->first[block] : layers->lost[block] & (n < layers->first[block]);
+    const intl next = covered & asked & (n > layers->leaves[block]);
     layers->leaves[block] = pick(next, n, layers->leaves[block]);
     layers->left_by[block] = pick(next, (intl)int_lane(t->index, lane), layers->left_by[block]);
 }
@@ -171,10 +174,9 @@ void count_steps(const Context *context, int block, const Search *s)
 intl take_over(const Context *context, int block, const Search *s, Entrance entrance, Region *region)
 {
     Layers *layers = context->layers;
-    const float *m = context->relief.screen.from_world;
     const floatl t = s->t, so_far = region->nearness[block];
     const Vector hit = {entrance.from.x + t * entrance.way.x, entrance.from.y + t * entrance.way.y, entrance.from.z + t * entrance.way.z};
-    const floatl hit_w = POINT_ROW(m, 2, hit), hit_q = POINT_ROW(m, 3, hit), nearness = hit_q / hit_w;
+    const floatl nearness = nearness_of(context->relief.screen, hit);
     const intl entered = layers->entered[block], nearer = s->searches & s->found & (nearness > so_far);
     region->nearness[block] = pick(nearer, nearness, so_far);
     region->owner[block] = pick(nearer, entered, region->owner[block]);
@@ -211,13 +213,50 @@ int search_blocks(const Context *context, int block, int again, Region *region)
     return more;
 }
 
-/* Where the lost rays of all blocks leave the mesh; first, last: of the list */
+/* Where the rays of all blocks leave the mesh, as cover_back asks; first, last: of the list */
 void find_backs(const Context *context, Region *region, global const int *list, int first, int last)
 {
     Context backs = *context;
     backs.culled = CULLS_FRONTS;
     draw_list(&backs, region, list, first, last, context->x, context->y);
 }
+
+#if DEPTH_ALONE
+/* A light's rays that come by a back before any front come from below, as from behind a wall, or from within a tube that
+ * is open: the relief stops them at its bottom, before all that it carries. first, last: of the list */
+void stop_from_below(const Context *context, Region *region, global const int *list, int first, int last)
+{
+    const Relief *relief = &context->relief;
+    Layers *layers = context->layers;
+    for (int block = 0; block < BLOCKS; block++)
+        layers->leaves[block] = EMPTY;
+    find_backs(context, region, list, first, last);
+    for (int block = 0; block < BLOCKS; block++) {
+        const intl leaves = layers->leaves[block] > EMPTY;
+        if (!any_lane(leaves))
+            continue;
+        const floatl x = to_floatl(context->x + FIRST_X(block) + block_x), y = to_floatl(context->y + FIRST_Y(block) + block_y);
+        const intl left_by = pick(leaves, layers->left_by[block], (intl)0);
+        const Vector from = point_at(relief->screen, x, y, pick(leaves, layers->leaves[block], (floatl)1.0f));
+        const Vector back = scaled(towards(relief->screen, from), (floatl)-1.0f); /* the other way round, it enters there */
+        const Entry e = entry_of(relief, left_by, x, y);
+        ReliefRay ray;
+        set_ray(&ray, &e, back, relief->quadric, relief->scale);
+#if DISTANCE == APPROXIMATE
+        if (relief->quadric)
+            follow_circles(&ray, &e, back, relief->scale, leaves);
+#endif
+        rest(&ray, leaves & is_sound(&ray));
+        set_end(&ray);
+        const Vector bottom = {from.x + ray.end * back.x, from.y + ray.end * back.y, from.z + ray.end * back.z};
+        const floatl nearness = nearness_of(relief->screen, bottom);
+        const intl before = relief->screen.perspective ? (nearness > 0.0f) & (nearness <= relief->screen.nearest) : leaves;
+        const intl stops = leaves & ray.at_bottom & before & (nearness > region->nearness[block]);
+        region->nearness[block] = pick(stops, nearness, region->nearness[block]);
+        region->owner[block] = pick(stops, left_by, region->owner[block]);
+    }
+}
+#endif
 
 /* Searches from the nearest entries that have not been searched, by their quadrics; then, of the rays that were lost, by
  * the mesh, but not for a light: what is guessed too near would shade what is lit. Rays that start within the relief are
@@ -297,7 +336,8 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
                            quadric, search, steps, halvings};
     const Context context = {relief, nearest_w, x, y, CULLS_BACKS, &layers, COUNTS(int)};
     const int bin = y / BIN * bins_x + x / BIN;
-    if (!blank && starts[bin] == starts[bin + 1])
+    const int first = starts[bin], last = starts[bin + 1];
+    if (!blank && first == last)
         return;
     Region region;
     begin_region(&region, screen, depth, blank, x, y);
@@ -308,13 +348,17 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
         layers.beyond_index[block] = -1;
     }
     /* Of each triangle of the list, a pixel has one entry. */
-    for (int again = 1, most = starts[bin + 1] - starts[bin]; again && most > 0; most--) {
+    for (int again = 1, most = last - first; again && most > 0; most--) {
         for (int block = 0; block < BLOCKS; block++) {
             layers.first[block] = layers.second[block] = EMPTY;
             layers.entered[block] = -1;
         }
-        draw_list(&context, &region, list, starts[bin], starts[bin + 1], x, y);
-        again = search_layer(&context, &region, list, starts[bin], starts[bin + 1]);
+        draw_list(&context, &region, list, first, last, x, y);
+#if DEPTH_ALONE
+        if (most == last - first)
+            stop_from_below(&context, &region, list, first, last);
+#endif
+        again = search_layer(&context, &region, list, first, last);
     }
 
     for (int block = 0; block < BLOCKS; block++) {

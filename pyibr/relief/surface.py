@@ -264,8 +264,8 @@ def draw_relief(
     place = None if target.from_light else surface.place_of(target.camera)
     seen = _seen(target, surface, near, place)
     bends = surface.bends
-    comes_out = place is not None or (bends and not target.from_light)  # by the mesh's backs
-    bins = bin_primitives(target, seen["faces"], seen["projected"], near, "both" if comes_out else "front")
+    backs = place is not None or bends or target.from_light  # where rays come out
+    bins = bin_primitives(target, seen["faces"], seen["projected"], near, "both" if backs else "front")
     defines = _defines_of(surface) | target.filter_defines
     more: dict[str, Any] = dict(target.filter_arguments)
     if lit is not None:

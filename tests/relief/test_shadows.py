@@ -87,6 +87,13 @@ def test_the_shadow_on_the_ground_is_no_wider(light):
     assert (~dark & true).sum() <= 0.03 * true.sum()
 
 
+def at_jumps(depth: np.ndarray) -> np.ndarray:
+    """Pixels within 3 of an edge of a block."""
+    z = np.where(np.isfinite(depth), depth, 1e3)
+    jumps = cv2.dilate(z, np.ones((3, 3))) - cv2.erode(z, np.ones((3, 3))) > 0.06
+    return cv2.dilate(jumps.astype(np.uint8), np.ones((5, 5))) > 0
+
+
 @pytest.mark.parametrize("shadow", SHADOWS)
 @pytest.mark.parametrize("direction", [(-1, 0.2, -0.6), (-0.5, 1, -0.5), (-1, -0.8, -0.3)], ids=str)
 @pytest.mark.parametrize("scale", [0.05, 0.12])
@@ -99,13 +106,53 @@ def test_blocks_on_a_tube(scale, direction, shadow):
     truth = true_shares(scene, light, points, normals)
     relief = ibr.ReliefSurface(grid(cylinder, 64, 8), blocks(), WHITE, scale, (12, 5), shadow=shadow)
     share, told = shares(relief, camera, light)
-    z = np.where(np.isfinite(depth), depth, 1e3)
-    jumps = cv2.dilate(z, np.ones((3, 3))) - cv2.erode(z, np.ones((3, 3))) > 0.06
-    counted = told & np.isfinite(depth) & ~edges(truth) & ~(cv2.dilate(jumps.astype(np.uint8), np.ones((5, 5))) > 0)
+    counted = told & np.isfinite(depth) & ~edges(truth) & ~at_jumps(depth)
     assert counted.sum() > 20000
     agrees = ((share > 0.5) == truth)[counted].mean()
     # Where the light comes low along the surface, its map and its quadrics are at their worst.
     assert agrees >= (0.998 if direction[2] == -0.3 else 0.9997), agrees
+
+
+FROM_WITHIN = {
+    "middle": ("cylinder", {"position": (0.05, 0.1, 0.02)}),
+    "wall": ("cylinder", {"position": (0.3, -0.2, 0.4)}),
+    "far, sphere": ("sphere", {"direction": (0.5, -0.6, 1)}),
+    "wall, sphere": ("sphere", {"position": (0.3, -0.2, 0.4)}),
+}
+
+
+@pytest.mark.parametrize("name", FROM_WITHIN)
+def test_no_light_comes_through_from_within(name):
+    """Blocks' sides face lights within what they stand on, or beyond it; either solid is open at both ends."""
+    solid, light = FROM_WITHIN[name]
+    (surface, cells), tiles = SOLIDS[solid], (12, 5)
+    lamp = ibr.Light(**light, ambient=AMBIENT)
+    camera = Camera.look_at((3.2, -1.2, 0.3), (0, 0, 0), (0, 0, 1), (320, 240), 42)
+    scene = Carved(surface, blocks(), 0.12, tiles).scene
+    depth, points, normals = first_hits(scene, camera)
+    truth = true_shares(scene, lamp, points, normals)
+    relief = ibr.ReliefSurface(grid(surface, *cells), blocks(), WHITE, 0.12, tiles)
+    share, told = shares(relief, camera, lamp)
+    counted = told & np.isfinite(depth) & ~truth & ~edges(truth) & ~at_jumps(depth)
+    assert counted.sum() > 200
+    assert (share < 0.5)[counted].mean() >= 0.99  # blocks' lowest texels are at the bottom themselves
+
+
+@pytest.mark.parametrize("direction", [(0.5, -1, -1), (0.3, -1, -0.4)], ids=str)
+@pytest.mark.parametrize("options", [{}, {"distance": "exact"}, {"silhouette": "none"}])
+def test_a_wall_lit_from_behind_casts_its_shadow(direction, options):
+    """As the bare mesh does, three pixels off the shadow's edge."""
+    corners = [[-1, 0, 0.5], [1, 0, 0.5], [1, 0, 2.5], [-1, 0, 2.5]]
+    wall = ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]], uv=[[0, 1], [1, 1], [1, 0], [0, 0]])
+    corners = [[-9, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0]]
+    ground = ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]], colors=np.full((4, 3), 255, np.uint8))
+    camera = Camera.look_at((7, -1.5, 6), (0.5, -2, 0), (0, 0, 1), (320, 240), 40)
+    light = ibr.Light(direction, ambient=AMBIENT)
+    relief = ibr.ReliefSurface(wall, blocks(), WHITE, 0.15, (3, 3), **options)
+    (carved, told), (bare, _) = (shares([ground, thing], camera, light) for thing in (relief, wall))
+    counted = told & ~ibr.render(wall, camera).valid & ~edges(bare < 0.5)
+    assert (counted & (bare < 0.5)).sum() > 500
+    assert ((carved < 0.5) == (bare < 0.5))[counted].all()
 
 
 def test_small_tiles_far_away():
