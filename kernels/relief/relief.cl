@@ -295,6 +295,31 @@ int search_layer(const Context *context, Region *region, global const int *list,
     return more;
 }
 
+/* What the pixels see, layer by layer; first, last: of the list */
+void search_layers(const Context *context, Region *region, global const int *list, int first, int last)
+{
+    Layers *layers = context->layers;
+    for (int block = 0; block < BLOCKS; block++) {
+        layers->t[block] = 0.0f;
+        layers->share[block] = 1.0f;
+        layers->beyond[block] = INFINITY;
+        layers->beyond_index[block] = -1;
+    }
+    /* Of each triangle of the list, a pixel has one entry. */
+    for (int again = 1, most = last - first; again && most > 0; most--) {
+        for (int block = 0; block < BLOCKS; block++) {
+            layers->first[block] = layers->second[block] = EMPTY;
+            layers->entered[block] = -1;
+        }
+        draw_list(context, region, list, first, last, context->x, context->y);
+#if DEPTH_ALONE
+        if (most == last - first)
+            stop_from_below(context, region, list, first, last);
+#endif
+        again = search_layer(context, region, list, first, last);
+    }
+}
+
 #if TOLD
 /* Writes where on the map a block's pixels see the relief; x, y: its first pixel. */
 void tell_places(const Region *region, int block, Screen screen, int x, int y, global float *places)
@@ -341,25 +366,7 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
         return;
     Region region;
     begin_region(&region, screen, depth, blank, x, y);
-    for (int block = 0; block < BLOCKS; block++) {
-        layers.t[block] = 0.0f;
-        layers.share[block] = 1.0f;
-        layers.beyond[block] = INFINITY;
-        layers.beyond_index[block] = -1;
-    }
-    /* Of each triangle of the list, a pixel has one entry. */
-    for (int again = 1, most = last - first; again && most > 0; most--) {
-        for (int block = 0; block < BLOCKS; block++) {
-            layers.first[block] = layers.second[block] = EMPTY;
-            layers.entered[block] = -1;
-        }
-        draw_list(&context, &region, list, first, last, x, y);
-#if DEPTH_ALONE
-        if (most == last - first)
-            stop_from_below(&context, &region, list, first, last);
-#endif
-        again = search_layer(&context, &region, list, first, last);
-    }
+    search_layers(&context, &region, list, first, last);
 
     for (int block = 0; block < BLOCKS; block++) {
         const intl owner = region.owner[block], mine = owner >= 0;
