@@ -1,0 +1,76 @@
+"""What a package says of the project: where it lies, and a README whose links lead there."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("hatchling")
+ROOT = Path(__file__).resolve().parents[1]
+REMOTES = {
+    "https://git.example.org/group/name.git": "https://git.example.org/group/name",
+    "https://me:secret@git.example.org/name/": "https://git.example.org/name",
+    "git@git.example.org:group/name.git": "https://git.example.org/group/name",
+    "ssh://git@git.example.org:2222/group/name": "https://git.example.org/group/name",
+    "": None,
+    "/home/me/name": None,
+    "../name.git": None,
+    "file:///home/me/name": None,
+    "https://localhost/name": None,
+    "http://127.0.0.1:8000/name.git": None,
+    "me@nas:name": None,
+}
+
+
+def test_only_public_hosts_are_addresses():
+    from tools.metadata import web_address
+
+    assert {remote: web_address(remote) for remote in REMOTES} == REMOTES
+
+
+@pytest.fixture
+def clone(tmp_path: Path) -> Path:
+    """What a package is made of, with a git of its own."""
+    made = tmp_path / "clone"
+    shutil.copytree(ROOT / "pyibr", made / "pyibr", ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("kernels", "tools"):
+        shutil.copytree(ROOT / name, made / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, made)
+    subprocess.run(["git", "init", "-q", str(made)], check=True)
+    return made
+
+
+def hatchling(folder: Path, *arguments: str) -> str:
+    done = subprocess.run([sys.executable, "-m", "hatchling", *arguments], cwd=folder, capture_output=True, text=True)
+    assert not done.returncode, done.stderr
+    return done.stdout
+
+
+def test_without_an_address_links_are_words(clone):
+    told = json.loads(hatchling(clone, "metadata"))
+    text = told["readme"]["text"]
+    assert "urls" not in told
+    assert "](" not in text and "![" not in text
+    assert "- docs: installing, conventions" in text
+
+
+def test_where_the_clone_came_from_is_told_by_source_packages_too(clone, tmp_path):
+    address = "https://git.example.org/group/name"
+    subprocess.run(["git", "-C", str(clone), "remote", "add", "origin", f"{address}.git"], check=True)
+    told = json.loads(hatchling(clone, "metadata"))
+    assert told["urls"]["Source"] == address
+    assert f"[docs]({address}/blob/HEAD/docs/index.md)" in told["readme"]["text"]
+    assert f"({address}/raw/HEAD/docs/images/terrain.jpg)" in told["readme"]["text"]
+
+    hatchling(clone, "build", "-t", "sdist", "-d", str(tmp_path / "dist"))
+    packed = next((tmp_path / "dist").glob("*.tar.gz"))
+    subprocess.run(["tar", "-xzf", str(packed), "-C", str(tmp_path / "dist")], check=True)
+    again = json.loads(hatchling(tmp_path / "dist" / packed.name.removesuffix(".tar.gz"), "metadata"))
+    assert again["urls"] == told["urls"]
+    assert again["readme"]["text"].strip() == told["readme"]["text"].strip()
