@@ -15,13 +15,15 @@ project_copyright = f"2026, {author}"
 release = version = pyibr.__version__
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
-myst_enable_extensions = ["colon_fence", "dollarmath", "deflist"]
+myst_enable_extensions = ["colon_fence", "deflist"]
 myst_heading_anchors = 3
 exclude_patterns = ["gallery", "build"]
 suppress_warnings = ["config.cache"]
 
 html_theme = "furo"
 html_title = f"pyibr {release}"
+html_static_path = ["_static"]
+html_css_files = ["tables.css"]
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # the docstrings name types with their shapes
