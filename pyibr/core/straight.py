@@ -21,6 +21,7 @@ WIDEST = 75.0
 
 _MARGIN = 2  # pixels around what is seen: the neighbours that tell edges from slopes
 _BESIDE = 0.75  # pixels beside the image that still show its border: half a straight one, askew
+_LARGEST = 100  # times the pixels of the lens's image; those of cameras take up to 15
 _FACES = (  # right, down and forward of a cube's faces in the camera's frame, the front first
     ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
     ((0, 0, -1), (0, 1, 0), (1, 0, 0)),
@@ -147,7 +148,11 @@ def _camera_around(camera: Camera, rays: Float64, own: NDArray[np.bool_], turn: 
     K = np.diag([camera.K[0, 0], camera.K[1, 1], least]) / least
     low, high = (edge(at, axis=(0, 1)) / least if own.any() else np.zeros(2) for edge in (np.nanmin, np.nanmax))
     K[:2, 2] = _MARGIN - low
-    size = np.ceil(high - low).astype(int) + 1 + 2 * _MARGIN
+    extent = np.ceil(high - low) + 1
+    if not extent.prod() <= _LARGEST * camera.width * camera.height:
+        came = f"{extent[0]:g} x {extent[1]:g} for {camera.width} x {camera.height}"
+        raise ArgumentError("lens", f"one whose image has at most {_LARGEST} times its pixels when made straight", came)
+    size = extent.astype(int) + 2 * _MARGIN
     pose = np.eye(4)
     pose[:3, :3] = np.eye(3) if turn is None else turn
     return Camera(K, (int(size[0]), int(size[1])), pose)

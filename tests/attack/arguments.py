@@ -99,7 +99,24 @@ def random_camera(chance: Chance, scale: float = 1.0, size: tuple[int, int] | No
         elif strange == 7:
             pose = scenes.pose(chance.one([90, 180, -90]), chance.one([0, 90]), center=(0, 0, chance.one([0, 3, 6])))
     pose[:3, 3] *= scale
-    return ibr.Camera(K, size, pose, projection)
+    bent = chance(0.15 if projection == "perspective" else 0.01)
+    return ibr.Camera(K, size, pose, projection, lens=random_lens(chance) if bent else None)
+
+
+def random_lens(chance: Chance) -> Any:
+    """Of any model; mostly one that bends about as much as lenses do."""
+    model, count = chance.one(
+        [
+            ("brown_conrady", 5),
+            ("rational", 8),
+            ("modified_brown_conrady", 5),
+            ("inverse_brown_conrady", 4),
+            ("kannala_brandt", 4),
+        ]
+    )
+    coefficients = chance.rng.normal(0, chance.one([0, 0.01, 0.01, 0.1, 0.1, 1, 1e30]), count)
+    radius = chance.one([math.inf, math.inf, 1.0, 0.1, 1e-9])
+    return chance.mostly(ibr.Lens(model, chance.mostly(coefficients), chance.mostly(radius)))
 
 
 def random_depth(chance: Chance, size: tuple[int, int], scale: float = 1.0) -> np.ndarray:
@@ -129,13 +146,14 @@ def random_colors(chance: Chance, shape: tuple[int, ...], floats: bool) -> np.nd
     return chance.rng.integers(0, 256, (*shape, 3), np.uint8)
 
 
-def random_view(chance: Chance, scale: float, floats: bool) -> ibr.DepthImage:
+def random_view(chance: Chance, scale: float, floats: bool, colored: bool = True) -> ibr.DepthImage:
     camera = random_camera(chance, scale)
     depth = chance.mostly(random_depth(chance, camera.size, scale))
-    color = chance.mostly(random_colors(chance, camera.size[::-1], floats))
+    color = chance.mostly(random_colors(chance, camera.size[::-1], floats) if colored else None)
     far = chance.one([math.inf, math.inf, math.inf, 3.5 * scale, 1e9])
+    backdrop = chance.one(["farthest", 5.0 * scale, 1e30, 1e-30]) if chance(0.1) else None
     normals = random_normals(chance, camera.size) if chance(0.2) else None
-    return ibr.DepthImage(color, depth, camera, far, normals=normals)
+    return ibr.DepthImage(color, depth, camera, far, normals=normals, backdrop=chance.mostly(backdrop))
 
 
 def random_normals(chance: Chance, size: tuple[int, int]) -> Any:
@@ -152,7 +170,7 @@ def random_look(chance: Chance) -> dict[str, Any]:
         "edges": chance.mostly(chance.one(["cut", "connect"])),
         "sample": chance.mostly(chance.one(["linear", "nearest"])),
         "side": chance.mostly(chance.one(["front", "front", "back", "both"])),
-        "fill": chance.mostly(chance.one([None, "background"])),
+        "fill": chance.mostly(chance.one([None, None, None, "background", "background", "smooth", "inpaint"])),
         "cut_ratio": chance.mostly(chance.one([1.05, 1.05, 1.0000001, 1.5, 1e30])),
         "samples": chance.mostly(chance.one([1, 1, 1, 4, 9])),
         "thin": chance.mostly(chance.one([False, False, True])),
@@ -163,7 +181,8 @@ def random_warp(seed: int) -> Call:
     """Views, targets and options of `warp`."""
     chance = Chance(seed)
     scale, floats = chance.scale(), chance(0.3)
-    views = [random_view(chance, scale, floats) for _ in range(chance.one([1, 1, 1, 2, 3]))]
+    colored = chance(0.95)
+    views = [random_view(chance, scale, floats, colored) for _ in range(chance.one([1, 1, 1, 2, 3]))]
     cameras = [random_camera(chance, scale) for _ in range(chance.one([1, 1, 1, 2]))]
     if chance(0.1):
         cameras[0] = views[0].camera
@@ -175,6 +194,7 @@ def random_warp(seed: int) -> Call:
         options["thin"] = chance.mostly(False)
     else:
         options["classes"] = chance(0.3)
+        options["blend"] = chance.mostly(chance.one(["quality", "nearest"]))
     several = len(cameras) > 1 or chance(0.1)
     out = None
     if chance(0.2):
@@ -271,11 +291,12 @@ def random_sliced(chance: Chance, scale: float) -> Any:
 
 
 def random_relief(chance: Chance, scale: float) -> Any:
+    distance = chance.one(["approximate", "approximate", "exact", "exact", "perpendicular"])
     return ibr.ReliefSurface(
         **random_maps(chance, scale),
         silhouette=chance.mostly(chance.one(["quadric", "none"])),
-        distance=chance.mostly(chance.one(["approximate", "exact"])),
-        search=chance.mostly(chance.one(["safe", "linear"])),
+        distance=chance.mostly(distance),
+        search=chance.mostly("linear" if distance == "perpendicular" else chance.one(["safe", "linear"])),
         steps=chance.mostly(chance.one([1, 8, 32, 200])),
         halvings=chance.mostly(chance.one([0, 6, 30])),
         shadow=chance.mostly(chance.one(["map", "search"])),

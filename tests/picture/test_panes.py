@@ -155,6 +155,18 @@ def test_what_refuses_lenses_says_so():
     assert blended.weights(camera).tolist() == [1.0]
 
 
+@pytest.mark.parametrize("draw", [ibr.warp, ibr.render])
+def test_images_that_a_lens_tears_apart_are_refused(draw):
+    """A tangential part that moves pixels by millions: it took 40 million of them to draw 96 x 14."""
+    lens = ibr.Lens("brown_conrady", [0, 0, 0.03, 0.01, 0])
+    camera = ibr.Camera([[3.5e10, 0, 23.5], [0, 32, 3], [0, 0, 1]], (48, 7), lens=lens)
+    view = ibr.DepthImage(
+        None, np.full((9, 13), 2.0, np.float32), ibr.Camera([[9, 0, 6], [0, 9, 4], [0, 0, 1]], (13, 9))
+    )
+    with pytest.raises(ibr.ArgumentError, match="lens: expected one whose image has at most 100 times its pixels"):
+        draw(view, camera)
+
+
 def test_distances_along_the_rays_of_a_lens():
     camera = ibr.Camera([[60, 0, 60], [0, 60, 48], [0, 0, 1]], SIZE, lens=BARREL)
     wall = np.full(SIZE[::-1], 2, np.float32)
