@@ -22,9 +22,11 @@ demo: .venv/.ready  ## new views of a terrain: build/demo.png
 test: .venv/.ready $(if $(findstring intel,$(PYIBR_DEVICE)),.venv/.cpu)  ## the tests (ARGS="-k warp" for some of them)
 	@$(RUN) -m pytest -q -n logical --dist loadfile --no-loadscope-reorder $(ARGS)
 
-fuzz: .venv/.ready  ## 20,000 random warps and 10,000 random renders against the law of all calls
+fuzz: .venv/.ready  ## 20,000 random warps, 10,000 renders and 7,000 other calls against the law of all calls
 	@$(RUN) -m tests.attack warp --first 100000 --count 20000
 	@$(RUN) -m tests.attack render --first 100000 --count 10000
+	@$(RUN) -m tests.attack register --first 100000 --count 5000
+	@$(RUN) -m tests.attack clean --first 100000 --count 2000
 
 check: .venv/.ready  ## lint, format, types and who imports whom
 	@$(RUN) -m ruff check .

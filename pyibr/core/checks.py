@@ -114,6 +114,12 @@ def positive(argument: str, value: object, expected: str = "a finite number > 0"
     raise ArgumentError(argument, expected, describe(value))
 
 
+def positive_or_endless(argument: str, value: object, expected: str) -> float:
+    """Return `value` as a float > 0, infinity included, or raise ArgumentError."""
+    is_endless = isinstance(value, (float, np.float32, np.float16)) and value == math.inf  # a float64 is a float
+    return math.inf if is_endless else positive(argument, value, expected)
+
+
 def locked(array: ArrayT) -> ArrayT:
     """Return a C-contiguous, unwritable view of `array`, copied only if it must be."""
     view = np.ascontiguousarray(array).view()

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike
 
-from pyibr.core.checks import Float64, numbers, one_of, positive
+from pyibr.core.checks import Float64, numbers, one_of, positive_or_endless
 from pyibr.core.errors import ArgumentError
 
 LensModel = Literal["brown_conrady", "rational", "inverse_brown_conrady", "modified_brown_conrady", "kannala_brandt"]
@@ -83,9 +83,8 @@ class Lens:
             raise ArgumentError("coefficients", expected, str(len(values)))
         padded = np.zeros(counts[-1])
         padded[: len(values)] = values
-        if radius != math.inf:
-            positive("radius", radius)
-        for name, value in (("model", model), ("coefficients", tuple(padded.tolist())), ("radius", float(radius))):
+        reach = positive_or_endless("radius", radius, "a distance > 0")
+        for name, value in (("model", model), ("coefficients", tuple(padded.tolist())), ("radius", reach)):
             object.__setattr__(self, name, value)
 
     def __repr__(self) -> str:

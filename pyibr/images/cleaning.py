@@ -145,7 +145,7 @@ def clean_depth(
         kept, seeds = kept & ~speckle, seeds & ~speckle
         area &= ~speckle | _filled_area(cv2, seeds, reach)
         grown = _grown(cv2, sown, seeds, area, tint)
-    if share > 0:
+    if share > 0 and np.isfinite(grown).any():
         values = _smoothed(cv2, alike.of(grown), share)
         if known is not None:
             values = _steadied(values, alike.of(known), share)
@@ -327,7 +327,9 @@ def _smoothed(cv2: Any, values: Float32, strength: float) -> Float32:
             if x * x + y * y <= _RADIUS * _RADIUS:
                 other = padded[_RADIUS + y : _RADIUS + y + height, _RADIUS + x : _RADIUS + x + width]
                 off_plane = other - (values + (x * across + y * down))
-                unlike = (off_plane / np.float32(_RANGE * strength)) ** 2 + np.float32((x * x + y * y) / _SPREAD**2)
+                with np.errstate(over="ignore"):  # what is so unlike counts nothing
+                    unlike = (off_plane / np.float32(_RANGE * strength)) ** 2
+                unlike += np.float32((x * x + y * y) / _SPREAD**2)
                 weight = np.nan_to_num(np.exp(np.float32(-0.5) * unlike))
                 total += weight * np.nan_to_num(off_plane)
                 weights += weight

@@ -25,6 +25,7 @@ from pyibr.core.checks import (
     one_of,
     plain_array,
     positive,
+    positive_or_endless,
     shape_text,
 )
 from pyibr.core.errors import ArgumentError
@@ -100,8 +101,7 @@ class DepthImage(Fixed):
         instance_of("camera", camera, Camera, "a pyibr.Camera")
         shape = camera.height, camera.width
         self.camera = camera
-        endless = isinstance(far, (float, np.floating)) and far == math.inf
-        limit = math.inf if endless else positive("far", far, "a depth > 0")
+        limit = positive_or_endless("far", far, "a depth > 0")
         none = np.empty((*shape, 0), np.uint8)
         self.color = locked(none if color is None else checked_colors("color", color, (*shape, 3)))
         given = checked_depth(depth, shape)

@@ -16,6 +16,7 @@ _MOST = 40_000  # samples of a direction that are looked at: medians of more are
 _LEVELS, _OF_LEVEL = 5, 10  # so many values in a range of depth, each so many times on average, are a scale's steps
 _STEP_MOST = 0.02  # of the nearness: farther apart are surfaces
 _ENOUGH = 4_000  # for the three figures of all depths together
+_NOISE_MOST = 1e18  # scene units: its square is still within single precision
 _ROWS = 5  # times as many lie in the rows that they are taken from
 
 
@@ -89,5 +90,5 @@ def noise_by_depth(depth: Depth, far: float = np.inf) -> tuple[float, float, flo
         off = float(np.abs(terms @ found - 1).sum())
         if (found >= 0).all() and off < least:
             best, least = found, off
-    a, b, c = best.tolist()
+    a, b, c = np.minimum(best, _NOISE_MOST).tolist()
     return a, b, c

@@ -19,7 +19,6 @@ from pyibr.picture.target import Target
 
 _STRIDE = 3  # pixels: every so manieth tells the exposures
 _SAME_DEPTH = 0.02  # of the depth
-_NOISE_MOST = 1e18  # scene units: its square is still within single precision
 
 
 def blend(layers: Sequence[Target], views: Sequence[DepthImage], target: Target) -> None:
@@ -91,7 +90,7 @@ def _seeing(view: DepthImage, target: Target) -> np.ndarray[Any, np.dtype[np.voi
     values["forward"], values["centre"] = camera.forward, camera.center - target.camera.center
     values["density"] = camera.K[0, 0] * camera.K[1, 1]
     values["perspective"] = camera.projection == "perspective"
-    values["noise_2"], values["noise_1"], values["noise_0"] = np.minimum(view.noise, _NOISE_MOST)
+    values["noise_2"], values["noise_1"], values["noise_0"] = view.noise
     if target.camera.projection == "orthographic":
         K = target.camera.K
         values["unit"] = max(target.camera.width / K[0, 0], target.camera.height / K[1, 1])

@@ -17,7 +17,7 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=0, help="the first seed")
     parser.add_argument("--count", type=int, default=1000, help="how many seeds")
     given = parser.parse_args()
-    broken, frames, start = 0, 0, time.monotonic()
+    broken, sound, start = 0, 0, time.monotonic()
     for seed in range(given.first, given.first + given.count):
         print(f"seed {seed}", end="\r", file=sys.stderr, flush=True)
         try:
@@ -28,11 +28,11 @@ def main() -> int:
             words = " ".join(f"{type(error).__name__} {error}".split())[:200]
             print(f"{reproduced_by(given.kind, seed)}: {words} ({where.filename}:{where.lineno})", flush=True)
             continue
-        frames += told == "frame"
+        sound += told == "sound"
         if given.count == 1:
             print(f"{reproduced_by(given.kind, seed)}: {told}")
     took = time.monotonic() - start
-    print(f"{given.count} calls of {given.kind}: {frames} frames, {broken} broken, {took:.0f} s")
+    print(f"{given.count} calls of {given.kind}: {sound} sound, {broken} broken, {took:.0f} s")
     return 1 if broken else 0
 
 

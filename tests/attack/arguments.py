@@ -34,7 +34,7 @@ STRANGE_DEPTHS = (math.nan, math.inf, -math.inf, 0.0, -0.0, -1.0, 1e-45, 1e-38, 
 
 @dataclass
 class Call:
-    """One call of `warp` or `render`, not yet made."""
+    """One call, not yet made; of `warp` and `render` with its options and `out`."""
 
     call: Callable[[], Any]
     options: dict[str, Any] = field(default_factory=dict)
@@ -414,4 +414,42 @@ def random_render(seed: int) -> Call:
     return Call(lambda: ibr.render(given, camera, light, **options), options)
 
 
-MAKERS = {"warp": random_warp, "render": random_render}
+def random_register(seed: int) -> Call:
+    """A depth image, its camera, another's, and its colours."""
+    chance = Chance(seed)
+    scale = chance.scale()
+    depth_camera, color_camera = (random_camera(chance, scale) for _ in range(2))
+    depth: Any = random_depth(chance, depth_camera.size, scale)
+    whole = chance(0.4)
+    if whole:
+        depth = np.clip(np.nan_to_num(1000 * depth.astype(float)), 0, 65535).astype(np.uint16)
+    to = chance.one(["color", "depth"])
+    more = {"to": chance.mostly(to)}
+    if to == "depth" or chance(0.1):
+        more["color"] = chance.mostly(random_colors(chance, color_camera.size[::-1], chance(0.3)))
+    if whole or chance(0.05):
+        more["scale"] = chance.mostly(chance.one([1000, 1000, 1, 1e-30, 1e30]))
+    if chance(0.3):
+        more["cut_ratio"] = chance.mostly(chance.one([1.05, 1.0000001, 1e30]))
+    given = [chance.mostly(each) for each in (depth, depth_camera, color_camera)]
+    return Call(lambda: ibr.register(*given, **more))
+
+
+def random_clean(seed: int) -> Call:
+    """Depth, and the options of `clean_depth`."""
+    chance = Chance(seed)
+    scale, size = chance.scale(), chance.size()
+    depth, more = random_depth(chance, size, scale), dict[str, Any]()
+    if chance(0.5):
+        more["color"] = chance.mostly(random_colors(chance, size[::-1], chance(0.4)))
+    if chance(0.3):
+        more["before"] = chance.mostly(random_depth(chance, size, scale))
+    if chance(0.3):
+        more["holes"] = chance.mostly(chance.one([0, 1, 8, 1000]))
+    if chance(0.3):
+        more["strength"] = chance.mostly(chance.one([0, 0.5, 1, 3, 1e-30]))
+    given = chance.mostly(depth)
+    return Call(lambda: ibr.clean_depth(given, **more))
+
+
+MAKERS = {"warp": random_warp, "render": random_render, "register": random_register, "clean": random_clean}

@@ -1,4 +1,4 @@
-"""The law of all calls: a frame that is sound, or an error of pyibr's own, and the same again the second time."""
+"""The law of all calls: a sound result, or an error of pyibr's own, and the same again the second time."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class BrokenLawError(AssertionError):
 
 
 def judge(kind: str, seed: int) -> str:
-    """Make a call twice, with arguments made anew. Returns "frame" or the error's message, or raises BrokenLawError."""
+    """Make a call twice, with arguments made anew. Returns "sound" or the error's message, or raises BrokenLawError."""
     done = threading.Event()
     threading.Thread(target=_watch, args=(kind, seed, done), daemon=True).start()
     try:
@@ -62,9 +62,11 @@ def _outcome(kind: str, seed: int) -> tuple[str, list[np.ndarray]]:
             if "\n" in str(error) or len(str(error)) > 500:
                 raise BrokenLawError(f"no sentence: {error}") from None
             return str(error), []
+    if kind in ("register", "clean"):
+        return "sound", checked_arrays([made] if isinstance(made, np.ndarray) else list(made))
     frames = made if isinstance(made, list) else [made]
     _check_out(call, made, frames)
-    return "frame", [array for frame in frames for array in checked(frame, call.options)]
+    return "sound", [array for frame in frames for array in checked(frame, call.options)]
 
 
 def _check_out(call: Call, made: Any, frames: list[ibr.Frame]) -> None:
@@ -73,6 +75,17 @@ def _check_out(call: Call, made: Any, frames: list[ibr.Frame]) -> None:
         for frame, out in zip(frames, outs, strict=True):
             if frame.color is not out.color or frame.depth is not out.depth or frame.valid is not out.valid:
                 raise BrokenLawError("`out` is not what was written")
+
+
+def checked_arrays(made: list[np.ndarray]) -> list[np.ndarray]:
+    """Images of one size: masks, colours or whole numbers, and depth, which is none, or finite and above 0."""
+    for array in made:
+        if array.shape[:2] != made[0].shape[:2] or array.dtype not in (np.bool_, np.uint8, np.uint16, np.float32):
+            raise BrokenLawError(f"{array.dtype} of shape {array.shape}")
+        some = array[~np.isnan(array)] if array.dtype == np.float32 and array.ndim == 2 else array
+        if not np.isfinite(some).all() or (some is not array and (some <= 0).any()):
+            raise BrokenLawError("values not finite, or depths not above 0")
+    return made
 
 
 def checked(frame: ibr.Frame, options: dict[str, Any]) -> list[np.ndarray]:

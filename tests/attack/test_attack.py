@@ -24,6 +24,8 @@ ROOT = Path(__file__).parents[2]
     [
         *(("warp", first, 500) for first in range(0, 2000, 500)),
         *(("render", first, 250) for first in range(0, 1000, 250)),
+        ("register", 0, 500),
+        ("clean", 0, 200),
     ],
 )
 def test_random_calls_obey_the_law(kind, first, count):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import pickle
 from pathlib import Path
 
@@ -110,6 +111,12 @@ def test_a_radius_ends_what_a_lens_sees():
     lens = ibr.Lens("brown_conrady", [0.1, 0, 0, 0], radius=0.5)
     assert np.isnan(lens.distort([[0.3, 0.41], [0.3, 0.39]])[:, 0]).tolist() == [True, False]
     assert np.isnan(lens.undistort([[0.6, 0], [0.5, 0]])[:, 0]).tolist() == [True, False]
+
+
+@pytest.mark.parametrize("radius", [0, -1.0, math.nan, None, "1", np.ones((2, 2))], ids=str)
+def test_a_radius_is_a_distance(radius):
+    with pytest.raises(ibr.ArgumentError, match="radius: expected a distance > 0, got"):
+        ibr.Lens("brown_conrady", [0.1, 0, 0, 0], radius=radius)
 
 
 @pytest.mark.parametrize("model", ["brown_conrady", "modified_brown_conrady", "rational", "kannala_brandt"])
