@@ -117,7 +117,7 @@ def positive(argument: str, value: object, expected: str = "a finite number > 0"
 def positive_or_endless(argument: str, value: object, expected: str) -> float:
     """Return `value` as a float > 0, infinity included, or raise ArgumentError."""
     is_endless = isinstance(value, (float, np.float32, np.float16)) and value == math.inf  # a float64 is a float
-    return math.inf if is_endless else positive(argument, value, expected)
+    return math.inf if is_endless else positive(argument, cast("object", value), expected)
 
 
 def locked(array: ArrayT) -> ArrayT:
