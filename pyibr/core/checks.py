@@ -114,10 +114,10 @@ def positive(argument: str, value: object, expected: str = "a finite number > 0"
     raise ArgumentError(argument, expected, describe(value))
 
 
-def positive_or_endless(argument: str, value: object, expected: str) -> float:
+def positive_or_endless(argument: str, value: float, expected: str) -> float:
     """Return `value` as a float > 0, infinity included, or raise ArgumentError."""
-    is_endless = isinstance(value, (float, np.float32, np.float16)) and value == math.inf  # a float64 is a float
-    return math.inf if is_endless else positive(argument, cast("object", value), expected)
+    is_endless = isinstance(value, (float, np.floating)) and value == math.inf
+    return math.inf if is_endless else positive(argument, value, expected)
 
 
 def locked(array: ArrayT) -> ArrayT:
