@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ _KINDS = {
     "int64": "i8", "uint64": "u8", "float32": "f4", "float64": "f8",
 }  # fmt: skip
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+_NAMES: dict[str, Literal["little", "big"]] = {"<": "little", ">": "big"}
 _HEADER_MOST = 1 << 16  # bytes
 _LIST_MOST = 64  # entries of lists of one length that are read as a table
 _COLORS = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
@@ -46,15 +47,25 @@ class _Text:
         self._numbers: NDArray[np.float64] = np.fromstring(text, sep=" ") if text.strip() else np.empty(0)
         self.at = 0
 
-    def take(self, kind: str, count: int) -> NDArray[Any]:
-        part = self._numbers[self.at : self.at + count]
-        if len(part) != count:
-            raise ValueError("fewer numbers than the header counts")
-        self.at += count
-        return part
-
     def table(self, kinds: list[str], count: int) -> list[NDArray[Any]]:
-        return list(self.take("", count * len(kinds)).reshape(count, len(kinds)).T)
+        part = self._numbers[self.at : self.at + count * len(kinds)]
+        self.skip("", count * len(kinds))
+        return list(part.reshape(count, len(kinds)).T)
+
+    def count(self, kind: str) -> int:
+        self.skip(kind, 1)
+        count = self._numbers.item(self.at - 1)
+        if not float(count).is_integer():
+            raise ValueError("a list whose length is no whole number")
+        return int(count)
+
+    def skip(self, kind: str, count: int) -> None:
+        self.at += count
+        if self.at > len(self._numbers):
+            raise ValueError("fewer numbers than the header counts")
+
+    def entries(self, kind: str, starts: NDArray[np.int64], counts: NDArray[np.int64]) -> NDArray[Any]:
+        return self._numbers[_places(starts, counts, 1)]
 
     def left(self) -> int:
         return len(self._numbers) - self.at
@@ -67,11 +78,6 @@ class _Binary:
         self._body, self._order = body, order
         self.at = 0
 
-    def take(self, kind: str, count: int) -> NDArray[Any]:
-        part = np.frombuffer(self._body, self._order + kind, count, self.at)
-        self.at += part.nbytes
-        return part
-
     def table(self, kinds: list[str], count: int) -> list[NDArray[Any]]:
         row = np.dtype([(str(number), self._order + kind) for number, kind in enumerate(kinds)])
         if len(self._body) - self.at < row.itemsize * count:
@@ -79,6 +85,24 @@ class _Binary:
         rows = np.frombuffer(self._body, row, count, self.at)
         self.at += rows.nbytes
         return [rows[str(number)] for number in range(len(kinds))]
+
+    def count(self, kind: str) -> int:
+        first = self.at
+        self.skip(kind, 1)
+        if kind[0] == "f":
+            return int(whole(np.frombuffer(self._body, self._order + kind, 1, first))[0])
+        return int.from_bytes(self._body[first : self.at], _NAMES[self._order], signed=kind[0] == "i")
+
+    def skip(self, kind: str, count: int) -> None:
+        self.at += count * int(kind[1])
+        if self.at > len(self._body):
+            raise ValueError("fewer bytes than the header counts")
+
+    def entries(self, kind: str, starts: NDArray[np.int64], counts: NDArray[np.int64]) -> NDArray[Any]:
+        body, size = np.frombuffer(self._body, np.uint8), int(kind[1])
+        places = _places(starts, counts, size)
+        found = np.stack([body[places + byte] for byte in range(size)], axis=1)
+        return found.view(self._order + kind).ravel()
 
     def left(self) -> int:
         return len(self._body[self.at :].strip())
@@ -192,17 +216,30 @@ def _table(element: _Element, source: _Text | _Binary, lengths: list[int]) -> di
 
 def _rows(element: _Element, source: _Text | _Binary, count: int) -> tuple[dict[str, NDArray[Any]], dict[str, _List]]:
     """Read row by row: what are no lists, and what are."""
-    values = {item.name: list[NDArray[Any]]() for item in element.properties}
-    counts = {item.name: list[int]() for item in element.properties if item.counted}
+    starts = [list[int]() for _ in element.properties]
+    lengths = [list[int]() for _ in element.properties]
+    columns = list(zip(element.properties, starts, lengths, strict=True))
     for _ in range(count):
-        for item in element.properties:
-            length = 1
-            if item.counted:
-                length = int(whole(source.take(item.counted, 1))[0])
-                counts[item.name].append(length)
-                if length < 0:
-                    raise ValueError("a list of a negative length")
-            values[item.name].append(source.take(item.kind, length))
-    joined = {name: np.concatenate(parts) if parts else np.empty(0) for name, parts in values.items()}
-    lists = {name: (np.array(lengths, np.int64), joined.pop(name)) for name, lengths in counts.items()}
-    return joined, lists
+        for item, start, length in columns:
+            entries = source.count(item.counted) if item.counted else 1
+            if entries < 0:
+                raise ValueError("a list of a negative length")
+            start.append(source.at)
+            length.append(entries)
+            source.skip(item.kind, entries)
+    plain, lists = dict[str, NDArray[Any]](), dict[str, _List]()
+    for item, start, length in columns:
+        counts = np.array(length, np.int64)
+        entries = source.entries(item.kind, np.array(start, np.int64), counts)
+        if item.counted:
+            lists[item.name] = counts, entries
+        else:
+            plain[item.name] = entries
+    return plain, lists
+
+
+def _places(starts: NDArray[np.int64], counts: NDArray[np.int64], step: int) -> NDArray[np.int64]:
+    """Where the entries of lists are that begin at `starts`, each `step` after the last."""
+    before = np.cumsum(counts) - counts
+    places: NDArray[np.int64] = np.repeat(starts - step * before, counts)
+    return places + step * np.arange(len(places))
