@@ -14,7 +14,7 @@ from pyibr.core.camera import Camera
 from pyibr.core.camera_json import read_json, write_json
 from pyibr.core.checks import describe
 from pyibr.core.errors import ArgumentError, FileFormatError
-from pyibr.core.files import checked_path
+from pyibr.core.files import checked_path, written_together
 from pyibr.images import DepthImage
 from pyibr.io import read_color, read_depth, write_color, write_depth
 from pyibr.io.recordings import cameras_of, posed, recording_in
@@ -158,13 +158,14 @@ def write_set(
     """
     place = checked_path(folder)
     listed: list[dict[str, Any]] = []
-    for number, view in enumerate(views):
-        kind = "png" if view.shown.dtype == np.uint8 else "npy"
-        names = {"color": f"color_{number:02d}.{kind}", "depth": f"depth_{number:02d}.npy"}
-        write_color(place / names["color"], view.shown)
-        write_depth(place / names["depth"], view.depth)
-        listed.append(entry_json(view.camera, view.far) | names | (more[number] if more else {}))
-    write_json(place / SET_FILE, {**about, "views": listed})  # last: it is what names the others
+    with written_together():
+        for number, view in enumerate(views):
+            kind = "png" if view.shown.dtype == np.uint8 else "npy"
+            names = {"color": f"color_{number:02d}.{kind}", "depth": f"depth_{number:02d}.npy"}
+            write_color(place / names["color"], view.shown)
+            write_depth(place / names["depth"], view.depth)
+            listed.append(entry_json(view.camera, view.far) | names | (more[number] if more else {}))
+        write_json(place / SET_FILE, {**about, "views": listed})  # last: it is what names the others
 
 
 def entry_json(camera: Camera, far: float) -> dict[str, Any]:

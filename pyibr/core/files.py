@@ -9,8 +9,9 @@ import secrets
 import stat
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from pathlib import Path
-from typing import Protocol, cast
+from typing import NamedTuple, Protocol, cast
 
 from pyibr.core.checks import describe
 from pyibr.core.errors import ArgumentError, FileFormatError, MissingPackageError
@@ -50,7 +51,46 @@ def write_whole(path: str | os.PathLike[str], data: bytes) -> None:
     followed: what it names is replaced, and keeps its mode and, if the system lets it, its owner. What a killed
     process leaves behind is named ``.pyibr-...`` and may be deleted.
     """
-    named = checked_path(path)
+    named, waiting = checked_path(path), _waiting.get()
+    if waiting is not None:
+        _stage(named, data, waiting)
+        return
+    with written_together() as alone:
+        _stage(named, data, alone)
+
+
+@contextmanager
+def written_together() -> Generator[list[_Staged], None, None]:
+    """Files that are written within this block get their names at its end, in their order; if one fails, none does."""
+    files: list[_Staged] = []
+    token = _waiting.set(files)
+    try:
+        yield files
+        for file in files:
+            try:
+                file.temporary.replace(file.final)
+            except OSError as error:
+                raise _not_written(file.named, error) from error
+    finally:
+        _waiting.reset(token)
+        for file in files:
+            with suppress(OSError):
+                file.temporary.unlink()
+
+
+class _Staged(NamedTuple):
+    """A complete file that waits for its name."""
+
+    temporary: Path
+    final: Path
+    named: Path
+
+
+_waiting: ContextVar[list[_Staged] | None] = ContextVar("waiting", default=None)
+
+
+def _stage(named: Path, data: bytes, files: list[_Staged]) -> None:
+    """Write a file of these bytes under a name of its own, and put it to those that wait for theirs."""
     try:
         named.parent.mkdir(parents=True, exist_ok=True)
         old = _replaceable(named)
@@ -60,9 +100,7 @@ def write_whole(path: str | os.PathLike[str], data: bytes) -> None:
         # and while a private file is written again it stays private.
         flags = os.O_CREAT | os.O_EXCL | os.O_WRONLY | getattr(os, "O_BINARY", 0)
         descriptor = os.open(temporary, flags, 0o666 if old is None else 0o600)
-    except OSError as error:
-        raise _not_written(named, error) from error
-    try:
+        files.append(_Staged(temporary, final, named))
         with os.fdopen(descriptor, "wb") as stream:
             stream.write(data)
             stream.flush()
@@ -72,12 +110,8 @@ def write_whole(path: str | os.PathLike[str], data: bytes) -> None:
                 with suppress(OSError):
                     os.chown(temporary, old.st_uid, old.st_gid)
             temporary.chmod(stat.S_IMODE(old.st_mode))
-        temporary.replace(final)
     except OSError as error:
         raise _not_written(named, error) from error
-    finally:
-        with suppress(OSError):
-            temporary.unlink()
 
 
 def check_writable(path: str | os.PathLike[str]) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pyibr.core.checks import one_of
 from pyibr.core.errors import ArgumentError, FileFormatError
-from pyibr.core.files import check_writable, checked_path, read_bytes, reading, write_whole
+from pyibr.core.files import check_writable, checked_path, read_bytes, reading, write_whole, written_together
 from pyibr.io import gltf, obj, off, ply, stl
 from pyibr.io.mesh_arrays import MeshArrays, texture_from
 
@@ -60,9 +60,10 @@ def write_mesh(path: str | PathLike[str], mesh: MeshArrays, axes: Axes, double_s
         write_whole(file, gltf.mesh_bytes(_turned(shown) if axes == "opencv" else shown, double_sided))
     elif kind == ".obj":
         content, others = obj.mesh_files(shown, file.stem)
-        for name, data in others.items():
-            _write_once(file.with_name(name), data)
-        write_whole(file, content)  # last: it is what names the others
+        with written_together():
+            for name, data in others.items():
+                _write_once(file.with_name(name), data)
+            write_whole(file, content)  # last: it is what names the others
     else:
         module = {".off": off, ".ply": ply, ".stl": stl}[kind]
         write_whole(file, module.mesh_bytes(shown))

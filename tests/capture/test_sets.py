@@ -42,6 +42,16 @@ def test_a_set_is_read_as_it_was_written(tmp_path):
     assert entries[0].more == {"strokes": []}
 
 
+def test_a_set_that_cannot_be_written_leaves_the_former_one(tmp_path):
+    """Else the former one's list would name the pictures of the other."""
+    views = [view(0.0), view(1.0)]
+    write_set(tmp_path, views)
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    with pytest.raises(TypeError, match="not JSON serializable"):
+        write_set(tmp_path, [view(2.0), view(3.0)], side=object())
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
 @pytest.mark.parametrize("layout", ["names", "folders", "rgb"])
 @pytest.mark.parametrize("cameras", ["own", "pose", "matrix"])
 def test_frames_are_read_in_the_order_of_their_names(tmp_path, layout, cameras):

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.core.files import write_whole
+from pyibr.core.files import write_whole, written_together
 from pyibr.io import read_range_grid, read_relief_map, write_relief_map
 
 DEPTH = np.ones((4, 5), np.float32)
@@ -140,3 +140,29 @@ def test_names_that_no_file_has(tmp_path: Path, use):
     if "write" in use or "save" in use:
         USES[use](tmp_path / "last\udcff" / f"x\udcff{suffix}")
         assert len(list((tmp_path / "last\udcff").iterdir())) == 1
+
+
+def test_files_that_are_written_together_are_all_there_or_none(tmp_path: Path):
+    first, second = tmp_path / "first", tmp_path / "second"
+    write_whole(first, b"old")
+    with pytest.raises(ZeroDivisionError), written_together():
+        write_whole(first, b"new")
+        write_whole(second, b"new")
+        raise ZeroDivisionError
+    assert [path.name for path in tmp_path.iterdir()] == ["first"]
+    assert first.read_bytes() == b"old"
+    with written_together():
+        write_whole(second, b"new")
+        write_whole(first, b"new")
+        assert first.read_bytes() == b"old"
+        assert not second.exists()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["first", "second"]
+    assert first.read_bytes() == second.read_bytes() == b"new"
+
+
+def test_a_failed_file_takes_those_before_it_along(tmp_path: Path):
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(ibr.FileFormatError, match="folder: cannot be written: it is a folder"), written_together():
+        write_whole(tmp_path / "before", b"new")
+        write_whole(tmp_path / "folder", b"new")
+    assert [path.name for path in tmp_path.iterdir()] == ["folder"]
