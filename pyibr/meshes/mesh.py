@@ -15,6 +15,7 @@ from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.optional import open3d
 from pyibr.io.mesh_arrays import MeshArrays
 from pyibr.meshes.files import Axes, read_mesh, write_mesh
+from pyibr.meshes.normals import areas, place_of, summed_at_places, unit_or_up
 
 Float32 = NDArray[np.float32]
 Sides = Literal["both", "front", "back"]
@@ -36,7 +37,9 @@ class Mesh(Fixed):
         (i + 0.5) / n, and beyond 0 to 1 the texture repeats.
     normals : array_like (N, 3), optional
         Of the vertices, not zero; kept at unit length. The side they point to is lit as they say, the other as if
-        they were turned round, whichever way the corners run.
+        they were turned round, whichever way the corners run. Without them triangles that share a vertex are smooth
+        there, and so are vertices at one place, unless they face more than 60 degrees apart: so a box whose sides have
+        corners of their own has edges, and one of eight vertices is shaded round.
     texture : (h, w, 3) uint8, or float32 in [0, 1], optional
         Drawn with 8 bits a channel. Needs uv.
     colors : (N, 3) uint8, or float32 in [0, 1], optional
@@ -116,18 +119,18 @@ class Mesh(Fixed):
 
     @cached_property
     def smooth_normals(self) -> Float32:
-        """(N, 3) unit normals: means of the triangles' by area, over all vertices at one place; (0, 0, 1) if none."""
-        places, number = np.unique(self.vertices, axis=0, return_inverse=True)
-        number = number.reshape(-1)
-        corner = self.vertices.astype(np.float64)[self.faces]
-        across = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-        sums = np.zeros((len(places), 3))
-        for axis in range(3):
-            weights = np.repeat(across[:, axis], 3)
-            sums[:, axis] = np.bincount(number[self.faces].ravel(), weights, len(places))
-        length = np.linalg.norm(sums, axis=1, keepdims=True)
-        unit = np.where(length > 0, sums / np.where(length > 0, length, 1), (0.0, 0.0, 1.0))
-        return locked(unit[number].astype(np.float32))
+        """(N, 3) unit normals: means of the triangles' by area; (0, 0, 1) if there are none.
+
+        Over all vertices at one place, as along seams of uv; but where theirs are more than 60 degrees apart, as along
+        the edges of a box whose sides have corners of their own, each side has its own.
+        """
+        own = areas(self.vertices, self.faces)
+        corners = self.faces.ravel()
+        weights = np.repeat(own, 3, axis=0)
+        count = len(self.vertices)
+        of_vertices = np.stack([np.bincount(corners, weights[:, axis], count) for axis in range(3)], axis=1)
+        sums, _ = summed_at_places(place_of(self.vertices), of_vertices)
+        return locked(unit_or_up(sums).astype(np.float32))
 
     @classmethod
     def load(cls, path: str | PathLike[str], texture: NDArray[Any] | None = None, axes: Axes = "opencv") -> Mesh:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from pyibr.core.checks import Float64
 from pyibr.meshes.mesh import Mesh
+from pyibr.meshes.normals import areas, place_of, summed_at_places, unit_or_up
 from pyibr.meshes.tangents import unit, uv_gradients
 
 _SINGULAR = 1e-6  # of the normal equations' diagonal: less determinant than that is rounding
@@ -63,6 +64,32 @@ def split_at_mirrors(mesh: Mesh) -> Mesh:
     kept = np.concatenate([np.arange(len(uv)), doubled])
     normals = mesh.normals if mesh.normals is not None else mesh.smooth_normals
     return Mesh(mesh.vertices[kept], faces, uv[kept], normals[kept])
+
+
+def split_at_edges(mesh: Mesh) -> Mesh:
+    """Double the vertices of a mesh without normals where its triangles are more than 60 degrees apart.
+
+    A surface that bends so much between neighbours is no quadric's: either side has its own normal. Copies follow the
+    vertices that there were; a mesh without such vertices, or with normals, is returned as it is.
+    """
+    if mesh.normals is not None:
+        return mesh
+    corners = mesh.faces.ravel()
+    own = np.repeat(areas(mesh.vertices, mesh.faces), 3, axis=0)
+    sums, at_edges = summed_at_places(place_of(mesh.vertices)[corners], own)
+    if not at_edges.any():
+        return mesh
+    kinds = np.column_stack([corners, unit_or_up(sums).round(6)])
+    _, first, kind = np.unique(kinds, axis=0, return_index=True, return_inverse=True)
+    owner = corners[first]  # in the order of vertices
+    is_copy = np.diff(owner, prepend=-1) == 0
+    number = owner.copy()
+    number[is_copy] = len(mesh.vertices) + np.arange(is_copy.sum(), dtype=np.int32)
+    normals = np.concatenate([mesh.smooth_normals, np.zeros((is_copy.sum(), 3), np.float32)])
+    normals[number] = unit_or_up(sums)[first]
+    kept = np.concatenate([np.arange(len(mesh.vertices)), owner[is_copy]])
+    uv = np.asarray(mesh.uv)[kept]
+    return Mesh(mesh.vertices[kept], number[kind.reshape(-1)].reshape(-1, 3), uv, normals)
 
 
 def vertex_frames(mesh: Mesh, tiles: tuple[int, int]) -> VertexFrames:

@@ -25,7 +25,7 @@ from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
 from pyibr.raster.bins import bin_primitives, bin_side, project
 from pyibr.relief.levels import HeightLevels, height_levels
-from pyibr.relief.quadrics import VertexFrames, split_at_mirrors, vertex_frames
+from pyibr.relief.quadrics import VertexFrames, split_at_edges, split_at_mirrors, vertex_frames
 from pyibr.relief.within import Place, Underside, window
 
 Silhouette = Literal["quadric", "none"]
@@ -162,8 +162,8 @@ class ReliefSurface(Fixed):
 
     @cached_property
     def drawn(self) -> Mesh:
-        """The base, with vertices doubled where mirrored uv meet: its own vertices come first."""
-        return split_at_mirrors(self.base)
+        """The base, with vertices doubled at hard edges and where mirrored uv meet: its own vertices come first."""
+        return split_at_mirrors(split_at_edges(self.base))
 
     @cached_property
     def frames(self) -> VertexFrames:

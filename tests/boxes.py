@@ -1,0 +1,33 @@
+"""A box without normals, with shared corners, and with corners for each triangle."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import pyibr as ibr
+
+
+def box(size: tuple[float, float, float] = (2, 1.6, 1.2), inside: bool = False) -> ibr.Mesh:
+    """About the origin, seen from outside, or from inside as a room; uv go once round its sides, and over each end."""
+    corner = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    ring, round_ = corner[[0, 1, 2, 3, 0]], np.arange(5)
+    points, uv, faces = [], [], []
+    for z in (-1, 1):
+        points.append(np.column_stack([ring, np.full(5, z)]))
+        uv.append(np.column_stack([round_, np.full(5, (1 - z) / 2)]))
+    faces += [face for i in range(4) for face in ([i, i + 1, i + 6], [i, i + 6, i + 5])]
+    for z in (-1, 1):
+        points.append(np.column_stack([corner, np.full(4, z)]))
+        uv.append((corner + 1) / 2)
+    faces += [[10, 12, 11], [10, 13, 12], [14, 15, 16], [14, 16, 17]]
+    turned = np.array(faces)[:, ::-1] if inside else np.array(faces)
+    return ibr.Mesh(np.concatenate(points) * np.array(size) / 2, turned, uv=np.concatenate(uv))
+
+
+def facets(mesh: ibr.Mesh, with_normals: bool = False) -> ibr.Mesh:
+    """The same with corners of its own for each triangle, as files without sharing have; with normals, those of it."""
+    corners = mesh.faces.ravel()
+    vertices = mesh.vertices[corners]
+    across = np.cross(vertices[1::3] - vertices[::3], vertices[2::3] - vertices[::3]).repeat(3, axis=0)
+    faces = np.arange(len(corners)).reshape(-1, 3)
+    return ibr.Mesh(vertices, faces, uv=mesh.uv[corners], normals=across if with_normals else None)

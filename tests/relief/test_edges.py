@@ -1,0 +1,57 @@
+"""Reliefs on boxes whose meshes bring no normals: their sides are flat, and no side shades another one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.relief.quadrics import split_at_edges
+from tests.boxes import box, facets
+from tests.displaced import square
+from tests.relief.solids import cylinder, grid
+from tests.relief.test_truth import bricks
+
+WHITE = np.full((2, 2, 3), 255, np.uint8)
+OUTSIDE = ibr.Camera.look_at((3, -2.4, 2.1), (0, 0, 0), (0, 0, 1), (160, 120), 45)
+
+
+@pytest.mark.parametrize("light", [None, ibr.Light(direction=(-0.6, 0.5, -0.7), ambient=0.2)])
+@pytest.mark.parametrize("make", [box, lambda: facets(box())], ids=["shared corners", "corners of their own"])
+def test_a_box_without_normals_is_one_with_its_sides_normals(make, light):
+    """Bent to a bubble, as normals that are shared over its edges say, it would crumble."""
+    frames = [
+        ibr.render(ibr.ReliefSurface(base, bricks(), WHITE, 0.1), OUTSIDE, light)
+        for base in (make(), facets(box(), with_normals=True))
+    ]
+    assert frames[0].valid.sum() > 4000
+    np.testing.assert_array_equal(*(frame.valid for frame in frames))
+    np.testing.assert_array_equal(*(frame.color for frame in frames))
+    np.testing.assert_array_equal(*(frame.depth for frame in frames))
+
+
+@pytest.mark.parametrize("eye", [(0, 0, 0), (0.5, -0.4, 0.3)])
+def test_no_wall_of_a_room_shades_another(eye):
+    """An even relief carved into a box seen from within is a larger box, all of it lit by a lamp in it."""
+    room = ibr.ReliefSurface(box(inside=True), np.full((4, 4), 0.5, np.float32), WHITE, 0.04)
+    camera = ibr.Camera.look_at((-0.7, -0.5, -0.2), (1, 0.5, 0), (0, 0, 1), (160, 120), 80)
+    lamp = ibr.Light(position=eye, ambient=0.2)
+    plain = ibr.Light(position=eye, ambient=0.2, shadow_size=0)
+    dark = (ibr.render(room, camera, lamp).color < ibr.render(room, camera, plain).color).any(axis=2)
+    # Corners may be dark for the two rows of pixels beside them, as shadow maps have texels: 5 edges of 160 at most.
+    assert dark.sum() <= 2 * 5 * 160
+    assert dark.mean() <= 0.02
+
+
+def test_only_vertices_at_edges_are_doubled():
+    mesh = box()
+    split = split_at_edges(mesh)
+    # Three sides meet at each of eight corners; the two ends have corners of their own, and so have the seam's sides.
+    assert len(split.vertices) == len(mesh.vertices) + 6
+    np.testing.assert_array_equal(split.vertices[: len(mesh.vertices)], mesh.vertices)
+    np.testing.assert_array_equal(split.vertices[split.faces], mesh.vertices[mesh.faces])
+    np.testing.assert_array_equal(split.uv[split.faces], mesh.uv[mesh.faces])
+    smooth = grid(cylinder, 8, 2)
+    bare = ibr.Mesh(smooth.vertices, smooth.faces, uv=smooth.uv)
+    for whole in (square(), smooth, bare, facets(box(), with_normals=True)):
+        assert split_at_edges(whole) is whole
