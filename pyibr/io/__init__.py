@@ -3,10 +3,11 @@
 | suffix | colour | depth |
 |---|---|---|
 | .png | 8 bit, 16-bit gray | 16 bit, with a scale |
-| .jpg, .tif, .bmp, .webp, .ppm | the same | |
+| .tif | the same | floats, or 16 bit with a scale |
+| .jpg, .bmp, .webp, .ppm | the same | |
 | .npy, .npz | yes | yes |
 | .pfm | yes | yes |
-| .exr (extra `exr`) | R, G, B | Z, else Y, else R |
+| .exr (extra `exr`) | R, G, B | Z, else V, else Y, else R |
 | .bin (COLMAP) | | yes |
 
 Scans on a grid, which are points and no images, are read by `read_range_grid`; pictures of normals and heights by
@@ -51,7 +52,7 @@ __all__ = [
 
 _PathLike = str | PathLike[str]
 _COLOR_MODULES = {".npy": "npy", ".npz": "npy", ".pfm": "pfm", ".exr": "exr"}
-_DEPTH_MODULES = _COLOR_MODULES | {".png": "png16", ".bin": "colmap_bin"}
+_DEPTH_MODULES = _COLOR_MODULES | {".png": "png16", ".tif": "tiff", ".tiff": "tiff", ".bin": "colmap_bin"}
 
 
 class _Format(Protocol):
@@ -166,7 +167,7 @@ def read_depth(path: _PathLike, scale: float | None = None) -> NDArray[np.float3
     Parameters
     ----------
     path : path
-        Of a PNG16, NPY, NPZ, PFM, EXR or COLMAP file.
+        Of a PNG16, TIFF, NPY, NPZ, PFM, EXR or COLMAP file. Of arrays, axes of length 1 are dropped.
     scale : float
         Stored units per scene unit: 1000 for millimetres to metres, 5000 for the TUM data sets. Required for
         integers, where 0 means no depth; 1 for floats if not given.
@@ -191,6 +192,8 @@ def read_depth(path: _PathLike, scale: float | None = None) -> NDArray[np.float3
     [[1.5, nan]]
     """
     stored = _module(path, _DEPTH_MODULES).read_depth(path)
+    if stored.ndim > 2:  # (1, H, W) and the like, as networks have them
+        stored = stored.reshape([length for length in stored.shape if length != 1] or stored.shape)
     if stored.ndim != 2 or stored.dtype.kind not in "uif" or 0 in stored.shape:
         raise FileFormatError(f"{path}: expected depth of shape (H, W), got {describe(stored)}")
     if stored.dtype.kind in "ui":

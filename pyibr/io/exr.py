@@ -1,4 +1,4 @@
-"""OpenEXR images: half or float channels. Depth is channel Z, else Y, else R."""
+"""OpenEXR images: half or float channels. Depth is channel Z, else V (Blender's values), else Y, else R."""
 
 from __future__ import annotations
 
@@ -15,16 +15,23 @@ from pyibr.core.optional import openexr
 
 
 def read_color(path: str | PathLike[str]) -> NDArray[Any]:
-    """Return (H, W, 3) of channels R, G, B, or (H, W) of Y."""
+    """Return (H, W, 3) of channels R, G, B, which may belong to a layer (`name.R`), or (H, W) of Y."""
     channels = _read(path)
-    if channels.keys() >= {"R", "G", "B"}:
-        return np.stack([channels[name] for name in "RGB"], axis=-1)
+    layers = [""] if {"R", "G", "B"} <= channels.keys() else []
+    layers = layers or [key[:-1] for key in channels if key.endswith(".R")]
+    layers = [layer for layer in layers if {layer + name for name in "RGB"} <= channels.keys()]
+    if len(layers) > 1:
+        raise FileFormatError(f"{path}: several layers with R, G, B: {', '.join(layer[:-1] for layer in layers)}")
+    if layers:
+        return np.stack([channels[layers[0] + name] for name in "RGB"], axis=-1)
+    if not any(key.rpartition(".")[2] == "Y" for key in channels):
+        raise FileFormatError(f"{path}: no channels R, G, B, nor Y, among {', '.join(channels) or 'none'}")
     return _pick(path, channels, "Y")
 
 
 def read_depth(path: str | PathLike[str]) -> NDArray[Any]:
     """Return (H, W) of the depth channel, which may belong to a layer (`name.Z`)."""
-    return _pick(path, _read(path), "Z", "Y", "R")
+    return _pick(path, _read(path), "Z", "V", "Y", "R")
 
 
 def write_color(path: str | PathLike[str], color: NDArray[Any]) -> None:

@@ -15,6 +15,7 @@ from pyibr.core.files import checked_path, reading, write_whole
 if TYPE_CHECKING:
     from PIL.Image import Image
 
+_OTHER_COLORS = ("CMYK", "YCbCr", "LAB", "HSV")
 _WRITABLE = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".ppm")
 
 
@@ -25,9 +26,13 @@ def read_color(path: str | PathLike[str]) -> NDArray[Any]:
 
 
 def decoded(data: bytes) -> NDArray[Any]:
-    """The first image of what a file holds, as stored; Pillow's errors, also for one too large for any good."""
-    opened(data).close()
-    return _imageio().imread(data, index=0, plugin="pillow")
+    """The first image of what a file holds, as stored; Pillow's errors, also for one too large for any good.
+
+    Colours are as in the file; those of printers (CMYK), of L*a*b* and the like become RGB.
+    """
+    with opened(data) as picture:
+        mode = "RGB" if picture.mode in _OTHER_COLORS else None
+    return _imageio().imread(data, index=0, plugin="pillow", mode=mode)
 
 
 def opened(data: bytes) -> Image:

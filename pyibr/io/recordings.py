@@ -15,7 +15,7 @@ from pyibr.io import read_cameras, read_color, read_poses
 from pyibr.io.folders import at_one_time, files_in, number_of, time_of
 
 COLOR_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".ppm", ".npy", ".npz", ".pfm", ".exr")
-DEPTH_SUFFIXES = (".png", ".npy", ".npz", ".pfm", ".exr", ".bin")
+DEPTH_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".npz", ".pfm", ".exr", ".bin")
 
 _COLOR_FOLDERS, _DEPTH_FOLDERS = ("rgb", "color", "colour", "image", "images"), ("depth", "depths")
 _POSE_FILES = ("groundtruth.txt", "trajectory.log", "trajectory.txt", "poses.txt")

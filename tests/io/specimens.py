@@ -83,7 +83,7 @@ def _read_depth(path: Path) -> Any:
 
 WRITERS: dict[str, Write] = {
     **{f"color{suffix}": _color for suffix in (".png", ".jpg", ".tif", ".bmp", ".webp", ".ppm", ".exr", ".npz")},
-    **{f"depth{suffix}": _depth for suffix in (".png", ".npy", ".npz", ".pfm", ".exr", ".bin")},
+    **{f"depth{suffix}": _depth for suffix in (".png", ".tif", ".npy", ".npz", ".pfm", ".exr", ".bin")},
     "relief.png": _relief_map,
     "camera.json": CAMERA.save,
     **{f"textured{suffix}": TEXTURED.save for suffix in (".glb", ".obj")},
@@ -99,9 +99,8 @@ OTHERS: dict[str, Write] = {  # what is read, but not written
 }
 CHECKED = ("color.png", "depth.png", "relief.png", "color.npz", "depth.npz", "packed.ply.gz")
 """Formats with sums of all that matters: a damage is seen, or does no harm."""
-DECODED_ELSEWHERE = [
-    name for name in WRITERS if name.startswith(("color.", "relief.")) or name in ("depth.png", "depth.exr")
-]
+DECODED_ELSEWHERE = ["depth.png", "depth.tif", "depth.exr"]
+DECODED_ELSEWHERE += [name for name in WRITERS if name.startswith(("color.", "relief."))]
 """What libraries in C decode, whose faults might kill the interpreter."""
 
 

@@ -9,12 +9,13 @@ import cv2
 import imageio.v3 as iio
 import numpy as np
 import pytest
+from PIL import Image
 
 import pyibr as ibr
 from pyibr.core.files import write_whole
 
 SIZES = [(7, 13), (1, 1), (61, 37)]
-DEPTH_SUFFIXES = [".png", ".npy", ".npz", ".pfm", ".exr", ".bin"]
+DEPTH_SUFFIXES = [".png", ".tiff", ".npy", ".npz", ".pfm", ".exr", ".bin"]
 EXACT_SUFFIXES = [".png", ".tif", ".bmp", ".npy", ".npz", ".ppm"]
 FLOAT_SUFFIXES = [".npy", ".npz", ".pfm", ".exr"]
 
@@ -187,7 +188,10 @@ def test_bad_pfm(tmp_path: Path, content, words):
 
 @pytest.mark.parametrize(
     ("names", "read"),
-    [("Z", "Z"), ("YZ", "Z"), ("RY", "Y"), ("RGB", "R"), (["View.Depth.Z", "R"], "View.Depth.Z")],
+    [
+        *[("Z", "Z"), ("YZ", "Z"), ("RY", "Y"), ("RGB", "R")],
+        *[(["View.Depth.Z", "R"], "View.Depth.Z"), (["Depth.V", "Y"], "Depth.V")],
+    ],
 )
 @pytest.mark.parametrize("dtype", [np.float32, np.float16])
 def test_exr_depth_channel(tmp_path: Path, names, read, dtype):
@@ -210,8 +214,81 @@ def test_names_that_are_no_text_are_names(tmp_path: Path, suffix: str):
 def test_exr_without_a_depth_channel(tmp_path: Path):
     exr = pytest.importorskip("OpenEXR")
     exr.File({}, {"A": np.ones((13, 7), np.float32)}).write(str(tmp_path / "d.exr"))
-    with pytest.raises(ibr.FileFormatError, match="no channel Z or Y or R among A"):
+    with pytest.raises(ibr.FileFormatError, match="no channel Z or V or Y or R among A"):
         ibr.read_depth(tmp_path / "d.exr")
+
+
+@pytest.mark.parametrize("layers", [["Combined."], ["", "Other."], ["A.B."]])
+def test_exr_colors_of_a_layer(tmp_path: Path, layers):
+    exr = pytest.importorskip("OpenEXR")
+    color = color_of((7, 13)).astype(np.float32)
+    channels = {f"{layers[0]}{name}": np.ascontiguousarray(color[..., k]) for k, name in enumerate("RGB")}
+    channels |= {f"{layer}{name}": np.zeros((13, 7), np.float32) for layer in layers[1:] for name in "RGB"}
+    channels["Depth.Z"] = np.ones((13, 7), np.float32)
+    exr.File({"compression": exr.ZIP_COMPRESSION}, channels).write(str(tmp_path / "c.exr"))
+    np.testing.assert_array_equal(ibr.read_color(tmp_path / "c.exr"), color)
+
+
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        (["A.R", "A.G", "A.B", "B.R", "B.G", "B.B"], "several layers with R, G, B: A, B"),
+        (["A.R", "A.G", "Z"], "no channels R, G, B, nor Y, among A.G, A.R, Z"),
+    ],
+)
+def test_exr_without_colors_to_choose(tmp_path: Path, names, words):
+    exr = pytest.importorskip("OpenEXR")
+    exr.File({}, {name: np.ones((13, 7), np.float32) for name in names}).write(str(tmp_path / "c.exr"))
+    with pytest.raises(ibr.FileFormatError, match=words):
+        ibr.read_color(tmp_path / "c.exr")
+
+
+# ---- pictures as other programs write them
+
+
+@pytest.mark.parametrize("mode", ["RGB", "RGBA", "P", "CMYK", "YCbCr", "LAB"])
+def test_colors_are_those_of_the_picture_however_they_are_stored(tmp_path: Path, mode):
+    """Printers' inks, taken for red, green and blue, are a negative."""
+    color = np.zeros((13, 7, 3), np.uint8)
+    color[:6], color[6:, :3], color[6:, 3:] = (255, 128, 0), (255, 255, 255), (30, 60, 200)
+    name = "c.png" if mode in ("RGB", "RGBA", "P") else "c.tif"
+    if mode == "LAB":
+        cms = pytest.importorskip("PIL.ImageCms")
+        lab = cms.buildTransformFromOpenProfiles(cms.createProfile("sRGB"), cms.createProfile("LAB"), "RGB", "LAB")
+        cms.applyTransform(Image.fromarray(color), lab).save(tmp_path / name)
+    else:
+        picture = Image.fromarray(color)
+        (picture.quantize(8) if mode == "P" else picture.convert(mode)).save(tmp_path / name)
+    # Files round YCbCr and L*a*b*, too: the first to 2 levels of a channel, a unit of a* and b* is up to 8 of orange.
+    read = ibr.read_color(tmp_path / name).astype(int)
+    assert np.abs(read - color).max() <= {"YCbCr": 3, "LAB": 8}.get(mode, 0)
+
+
+def test_a_printers_jpeg_is_no_negative(tmp_path: Path):
+    color = np.full((16, 16, 3), (250, 200, 40), np.uint8)
+    Image.fromarray(color).convert("CMYK").save(tmp_path / "c.jpg", quality=95)
+    assert np.abs(ibr.read_color(tmp_path / "c.jpg").astype(int) - color).max() <= 4  # levels, as of any JPEG
+
+
+def test_tiff_depth_of_other_programs(tmp_path: Path):
+    depth = depth_of((61, 37))
+    cv2.imwrite(str(tmp_path / "cv.tif"), depth)
+    np.testing.assert_array_equal(ibr.read_depth(tmp_path / "cv.tif"), depth)
+    units = np.nan_to_num(depth * 1000).astype(np.uint16)
+    cv2.imwrite(str(tmp_path / "mm.tif"), units)
+    np.testing.assert_array_equal(ibr.read_depth(tmp_path / "mm.tif", 1000), ibr.depth_from_uint16(units, 1000))
+    ibr.write_color(tmp_path / "c.tif", color_of((7, 13)))
+    ibr.write_mask(tmp_path / "m.tif", np.ones((13, 7), bool))
+    for name in ("c.tif", "m.tif"):
+        with pytest.raises(ibr.FileFormatError, match="expected a TIFF of floats or 16-bit gray for depth"):
+            ibr.read_depth(tmp_path / name, 1000)
+
+
+@pytest.mark.parametrize("shape", [(1, 13, 7), (13, 7, 1), (1, 1, 13, 7), (1, 13, 7, 1)])
+def test_axes_of_length_1_are_dropped(tmp_path: Path, shape):
+    depth = depth_of((7, 13))
+    np.save(tmp_path / "d.npy", depth.reshape(shape))
+    np.testing.assert_array_equal(ibr.read_depth(tmp_path / "d.npy"), depth)
 
 
 # ---- COLMAP by hand
@@ -291,7 +368,7 @@ def test_color_is_no_depth_and_8_bit_is_no_16_bit(tmp_path: Path):
 def test_unknown_suffixes(tmp_path: Path):
     (tmp_path / "d.xyz").write_bytes(b"1")
     for name, read in (("d.xyz", ibr.read_depth), ("d", ibr.read_depth)):
-        with pytest.raises(ibr.FileFormatError, match=r"known are .bin, .exr, .npy, .npz, .pfm, .png"):
+        with pytest.raises(ibr.FileFormatError, match=r"known are .bin, .exr, .npy, .npz, .pfm, .png, .tif, .tiff"):
             read(tmp_path / name)
     with pytest.raises(ibr.FileFormatError, match=r"no image format \.xyz"):
         ibr.write_color(tmp_path / "c.xyz", color_of((7, 13)))
