@@ -35,9 +35,12 @@ class Recording(NamedTuple):
     poses : Path or None
         What `read_poses` reads, if there is something.
     left_out : int
-        Colour images that have no depth of their time.
+        Colour images that have no depth of their time; where numbers tell what belongs together, also depths without
+        colours.
     times : list of float, or None
         Of the colours, in seconds, if they are known.
+    kept : list of bool, or None
+        Of all colour images that there were, which are among these.
     """
 
     colors: list[Path]
@@ -46,6 +49,7 @@ class Recording(NamedTuple):
     poses: Path | None = None
     left_out: int = 0
     times: list[float] | None = None
+    kept: list[bool] | None = None
 
 
 def recording_in(folder: Path) -> Recording:
@@ -140,13 +144,27 @@ def _paired(name: str, colors: list[Path], depths: list[Path]) -> Recording:
         return Recording(colors, [by_name[_name(path)] for path in colors])
     numbers, others = ([_numbers(path) for path in paths] for paths in (colors, depths))
     if len(set(numbers)) == len(colors) and len(set(others)) == len(depths):
-        lacking = [path for path, own in zip(colors, numbers, strict=True) if own not in others]
-        lacking += [path for path, own in zip(depths, others, strict=True) if own not in numbers]
-        if lacking and len(lacking) < len(colors) + len(depths):
-            missing = "depth" if lacking[0] in colors else "colour"
-            raise ArgumentError(name, "colour and depth of the same numbers", f"{lacking[0].name} without {missing}")
+        found = _of_same_numbers(name, dict(zip(numbers, colors, strict=True)), dict(zip(others, depths, strict=True)))
+        if found is not None:
+            return found
     check_numbers(len(colors), len(depths), name)
     return Recording(colors, depths)
+
+
+def _of_same_numbers(
+    name: str, colors: dict[tuple[int, ...], Path], depths: dict[tuple[int, ...], Path]
+) -> Recording | None:
+    """What has a partner, if frames are lost here and there; None if no number is in both."""
+    both = [own for own in colors if own in depths]
+    lacking = [own for own in [*colors, *depths] if own not in colors or own not in depths]
+    shifts = {a[-1] - b[-1] for a, b in zip(colors, depths, strict=False)}  # counted from 0 and from 1, say
+    if not both:
+        return None
+    if lacking and (2 * len(both) < max(len(colors), len(depths)) or (len(colors) == len(depths) and len(shifts) == 1)):
+        file, missing = (colors, "depth") if lacking[0] in colors else (depths, "colour")
+        raise ArgumentError(name, "colour and depth of the same numbers", f"{file[lacking[0]].name} without {missing}")
+    kept = [own in depths for own in colors]
+    return Recording([colors[own] for own in both], [depths[own] for own in both], left_out=len(lacking), kept=kept)
 
 
 def _name(path: Path) -> str:
@@ -165,7 +183,13 @@ def _at_one_time(
     if not pairs:
         raise FileFormatError(f"{depths[0].parent}: no depth within 0.02 s of a colour image")
     chosen = [colors[i] for i, _ in pairs], [depths[j] for _, j in pairs]
-    return Recording(*chosen, left_out=len(colors) - len(pairs), times=[color_times[i] for i, _ in pairs])
+    kept = {i for i, _ in pairs}
+    return Recording(
+        *chosen,
+        left_out=len(colors) - len(pairs),
+        times=[color_times[i] for i, _ in pairs],
+        kept=[i in kept for i in range(len(colors))],
+    )
 
 
 def _listed(path: Path) -> tuple[list[float], list[Path]]:
@@ -233,6 +257,8 @@ def _poses(recording: Recording, path: Path) -> list[Float64 | None]:
         pairs = dict(at_one_time(at, times.tolist()))
     if pairs and (recording.times or len(pairs) == count):
         return [matrices[pairs[place]] if place in pairs else None for place in range(count)]
+    if not pairs and recording.kept is not None and len(matrices) == len(recording.kept):  # one of each that there was
+        return [pose for pose, is_kept in zip(matrices, recording.kept, strict=True) if is_kept]
     if len(matrices) != count:
         lacking = next(color for place, color in enumerate(colors) if place not in pairs)
         named = f", and none for {lacking.name}" if pairs else ""

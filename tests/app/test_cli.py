@@ -56,6 +56,21 @@ def assert_one_line(result, *words: str) -> None:
 # ---- pictures
 
 
+@pytest.mark.parametrize("clean", [(), ("--clean",)])
+def test_depth_of_another_size_wants_its_own_camera(scene: Scene, clean: tuple[str, ...]):
+    """As phones deliver it: depth of fewer samples than the picture has pixels, of the same view."""
+    ibr.write_depth(scene.folder / "small.npy", np.full((19, 31), 2, np.float32))
+    words = ("--move", "0.2", "0", "0", "-o", scene.folder / "new.png", *clean)
+    result = scene.run(*words, depth="small.npy", scale=None)
+    assert_one_line(result, "depth: expected 61x37 samples", "--depth-camera with its own camera", "got 31x19")
+    scene.camera.resized((31, 19)).save(scene.folder / "small.json")
+    result = scene.run(*words, "--depth-camera", scene.folder / "small.json", depth="small.npy", scale=None)
+    assert result.exit_code == 0, result.output
+    new = ibr.read_color(scene.folder / "new.png").astype(int)
+    # The plane is known 30 and 18 of the small depth's pixels wide and high: of its picture, all but the margins.
+    assert (np.abs(new[2:-2, 2:-8] - scene.color[2:-2, 7:-3]) <= 1).all()
+
+
 def test_cameras_of_files_have_their_lenses(scene: Scene):
     lens = ibr.Lens("brown_conrady", [-0.2, 0.05, 0, 0])
     ibr.Camera(scene.camera.K, SIZE, lens=lens).save(scene.folder / "bent.json")
@@ -372,6 +387,7 @@ def test_no_two_outputs_are_one(scene: Scene, monkeypatch: pytest.MonkeyPatch):
     ("arguments", "words"),
     [
         (("-o", "a.xyz"), "no image format .xyz"),
+        (("-o", "a.mp4"), "--output: expected several views for a video, by --frames or of a recording, got one"),
         (("-o", "a"), "without a suffix"),
         (("-o", "a.png", "--depth-out", "b.jpg"), "no depth format .jpg"),
         (("-o", "a.png", "--valid-out", "b.npy"), "no image format .npy"),

@@ -171,6 +171,18 @@ def test_frames_without_depth_or_pose_of_their_time_are_left_out_and_told(record
         np.testing.assert_array_equal(recorded.new(number), ibr.warp(view, view.camera.moved(0.1, 0, 0)).color)
 
 
+@pytest.mark.parametrize("words", [["--camera", "cameras"], ["--camera", "camera.json", "--poses", "poses.txt"]])
+def test_lost_frames_are_left_out_and_told(recorded: Recorded, words):
+    """Cameras by the pictures' names, or poses in the order of all frames that there were."""
+    views = recorded.views()
+    (recorded.folder / "depth/1.png").unlink()
+    result = recorded.run("rgb", "depth", "--move", 0.1, 0, 0, *words, camera=None)
+    assert "3 views" in succeeded(result)
+    assert re.search("1 file of .*rgb and .*depth: no partner by name or number; left out", result.stderr)
+    for number, view in enumerate([views[0], *views[2:]]):
+        np.testing.assert_array_equal(recorded.new(number), ibr.warp(view, view.camera.moved(0.1, 0, 0)).color)
+
+
 def test_the_pivot_of_a_recording_is_that_of_its_first_frame(recorded: Recorded):
     succeeded(recorded.run("rgb", "depth", "--orbit", 10))
     views = recorded.views()
@@ -312,9 +324,11 @@ def test_mistakes_are_told_in_one_line(recorded: Recorded, words, said):
 def test_frames_that_lack_a_file_are_named(recorded: Recorded):
     move = ("--move", 0, 0, 0)
     assert_one_line(recorded.run("rgb", "depth", *move, camera=None), "--camera: expected a file", "none for", "0.png")
-    (recorded.folder / "depth/2.png").unlink()
-    assert_one_line(recorded.run("rgb", "depth", *move), "2.png without depth")
-    (recorded.folder / "rgb/2.png").unlink()
+    for number in (1, 2, 3):
+        (recorded.folder / f"depth/{number}.png").rename(recorded.folder / f"depth/{number + 3}.png")
+    assert_one_line(recorded.run("rgb", "depth", *move), "1.png without depth")
+    for number in (1, 2, 3):
+        (recorded.folder / f"depth/{number + 3}.png").rename(recorded.folder / f"depth/{number}.png")
     (recorded.folder / "depth/1.png").write_bytes((recorded.folder / "depth/1.png").read_bytes()[:90])
     assert_one_line(recorded.run("rgb", "depth", *move), "depth/1.png: not a readable image file, or truncated")
 

@@ -82,13 +82,20 @@ def test_names_that_are_times_go_by_time(tmp_path: Path):
     assert names(found) == [("10.03.png", "10.031.png"), ("10.07.png", "10.069.png")] and found.left_out == 1
 
 
-def test_what_has_no_partner_is_named(tmp_path: Path):
-    touch(tmp_path, *(f"rgb/{n}.png" for n in (1, 2, 3)), *(f"depth/{n}.png" for n in (1, 3)))
-    with pytest.raises(ibr.ArgumentError, match=r"colour and depth of the same numbers, got 2.png without depth"):
+def test_frames_that_are_lost_are_left_out(tmp_path: Path):
+    touch(tmp_path, *(f"rgb/c{n}.png" for n in (1, 2, 3, 10)), *(f"depth/{n}_raw.png" for n in (1, 3, 4, 10, 11)))
+    found = paired(tmp_path / "rgb", tmp_path / "depth")
+    assert names(found) == [("c1.png", "1_raw.png"), ("c3.png", "3_raw.png"), ("c10.png", "10_raw.png")]
+    assert found.left_out == 3 and found.times is None
+
+
+def test_other_numbers_are_a_mistake(tmp_path: Path):
+    touch(tmp_path, *(f"rgb/{n}.png" for n in (1, 2, 3)), *(f"depth/{n}.png" for n in (3, 4, 5, 6)))
+    with pytest.raises(ibr.ArgumentError, match=r"colour and depth of the same numbers, got 1.png without depth"):
         paired(tmp_path / "rgb", tmp_path / "depth")
-    touch(tmp_path, "depth/2.png", "depth/4.png")
-    with pytest.raises(ibr.ArgumentError, match=r"got 4.png without colour"):
-        paired(tmp_path / "rgb", tmp_path / "depth")
+    touch(tmp_path, *(f"rgb2/{n}.png" for n in (0, 1, 2, 3)), *(f"depth2/{n}.png" for n in (1, 2, 3, 4)))
+    with pytest.raises(ibr.ArgumentError, match=r"got 0.png without depth"):  # counted from 0 and from 1
+        paired(tmp_path / "rgb2", tmp_path / "depth2")
 
 
 def test_names_are_heeded_before_order(tmp_path: Path):

@@ -68,9 +68,13 @@ class Outputs:
             if kind == "depth" and path.suffix.lower() == ".png" and self._scale is None:
                 expected = f"stored units per scene unit, for the integers of {path}"
                 raise ArgumentError("--depth-scale", expected, "none")
-        for path, kind in self._files.values():
+        for option, (path, kind) in self._files.items():
             if self._is_video and path == self._main:
                 check_video_output(path)
+            elif kind == "color" and self._count is None and path.suffix.lower() in CODECS:
+                raise ArgumentError(
+                    option, "several views for a video, by --frames or of a recording", f"one for {path}"
+                )
             else:
                 check_output(path, kind)
         check_outputs(inputs, {option: self._names(path) for option, (path, _) in self._files.items()})

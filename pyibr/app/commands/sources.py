@@ -133,7 +133,7 @@ def open_depths(depth: Path, color: Path | None, cameras: tuple[Path, Path], tak
 def _recordings(inputs: Sequence[Path]) -> tuple[list[tuple[Recording, Video | None]], bool]:
     if len(inputs) == 1 and inputs[0].is_dir():
         recording = recording_in(inputs[0])
-        _tell_left_out(recording.left_out, "no depth of its time", recording.colors)
+        _tell_without_partner(recording)
         return [(recording, None)], False
     if len(inputs) % 2:
         expected = "COLOR and DEPTH, for each source; or one folder with both"
@@ -153,12 +153,21 @@ def _recordings(inputs: Sequence[Path]) -> tuple[list[tuple[Recording, Video | N
 def _recorded(color: Path, depth: Path) -> tuple[Recording, Video | None]:
     if color.is_dir():
         recording = paired(color, depth)
-        _tell_left_out(recording.left_out, "no depth of its time", recording.colors)
+        _tell_without_partner(recording)
         return recording, None
     video = Video(color)
     depths = files_in(depth, DEPTH_SUFFIXES)
     check_numbers(len(video), len(depths), str(depth))
     return Recording([color] * len(video), depths), video
+
+
+def _tell_without_partner(recording: Recording) -> None:
+    if recording.times is not None:
+        _tell_left_out(recording.left_out, "no depth of its time", recording.colors)
+    elif recording.left_out:
+        folders = " and ".join(dict.fromkeys(printable(files[0].parent) for files in recording[:2]))
+        what = "1 file" if recording.left_out == 1 else f"{recording.left_out} files"
+        told(f"{what} of {folders}: no partner by name or number; left out")
 
 
 def _tell_left_out(count: int, why: str, files: Sequence[Path]) -> None:

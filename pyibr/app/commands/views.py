@@ -45,6 +45,9 @@ class Depths:
     def read(self, shot: Shot, color: NDArray[Any] | None = None) -> Depth:
         """The frame's depth; `color` guides the cleaning, if it is of the depth's camera."""
         depth = ibr.read_depth(shot.depth, self._reading.scale)
+        if color is not None and shot.depth_camera is None:
+            with self.naming(shot):
+                _check_size(depth, color, shot.camera)
         if not self._reading.clean:
             return depth
         camera = shot.depth_camera or shot.camera
@@ -83,6 +86,14 @@ def views_of(source: Source, reading: Reading) -> Iterator[DepthImage]:
             if not reading.recorded and not view.valid.any():
                 raise ArgumentError("depth", "at least one valid sample", f"none in {shot.depth}")
         yield view
+
+
+def _check_size(depth: Depth, color: NDArray[Any], camera: Camera) -> None:
+    """Raise ArgumentError if the depth alone is of another size, and say what helps."""
+    size = camera.width, camera.height
+    if depth.shape[::-1] != size and color.shape[1::-1] == size:
+        expected = f"{size[0]}x{size[1]} samples, as its picture has pixels (else --depth-camera with its own camera)"
+        raise ArgumentError("depth", expected, f"{depth.shape[1]}x{depth.shape[0]}")
 
 
 def _carried(last: DepthImage, camera: Camera) -> Depth:
