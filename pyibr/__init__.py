@@ -29,11 +29,13 @@ from pyibr.images import (
     depth_from_euclidean,
     depth_from_mpeg,
     depth_from_uint16,
+    depth_from_zbuffer,
     disparity_from_depth,
     euclidean_from_depth,
     mpeg_from_depth,
     uint16_from_depth,
     undistort,
+    zbuffer_from_depth,
 )
 from pyibr.images.silhouette import Silhouette
 from pyibr.io import read_color, read_depth, write_color, write_depth, write_mask
@@ -97,6 +99,7 @@ __all__ = [
     "depth_from_euclidean",
     "depth_from_mpeg",
     "depth_from_uint16",
+    "depth_from_zbuffer",
     "devices",
     "disparity_from_depth",
     "euclidean_from_depth",
@@ -116,6 +119,7 @@ __all__ = [
     "write_color",
     "write_depth",
     "write_mask",
+    "zbuffer_from_depth",
 ]
 
 

@@ -8,11 +8,13 @@ from pyibr.images.converters import (
     depth_from_euclidean,
     depth_from_mpeg,
     depth_from_uint16,
+    depth_from_zbuffer,
     disparity_from_depth,
     euclidean_from_depth,
     mpeg_from_depth,
     uint16_from_depth,
     undistort,
+    zbuffer_from_depth,
 )
 from pyibr.images.depth_image import DepthImage
 from pyibr.images.frame import Frame, PixelClass
@@ -27,9 +29,11 @@ __all__ = [
     "depth_from_euclidean",
     "depth_from_mpeg",
     "depth_from_uint16",
+    "depth_from_zbuffer",
     "disparity_from_depth",
     "euclidean_from_depth",
     "mpeg_from_depth",
     "uint16_from_depth",
     "undistort",
+    "zbuffer_from_depth",
 ]

@@ -204,6 +204,55 @@ def mpeg_from_depth(depth: ArrayLike, near: float, far: float) -> Depth:
     return np.nan_to_num(np.clip(level, 0, 1), nan=0).astype(np.float32)
 
 
+def depth_from_zbuffer(value: ArrayLike, near: float, far: float, reverse: bool = False) -> Depth:
+    """Return the depth of a perspective z-buffer, as OpenGL, Direct3D and Vulkan have it.
+
+    Parameters
+    ----------
+    value : array_like of floats in [0, 1]
+        0 at `near`, 1 at `far`, where nothing was drawn. NaN is invalid. OpenGL's rows run upward: turn them first.
+    near, far : float
+        Depths of the clip planes in scene units, 0 < near < far; `far` may be infinite.
+    reverse : bool
+        1 at `near`, 0 at `far`, as Unity and Unreal have it.
+
+    Returns
+    -------
+    float32, NaN where invalid and where nothing was drawn.
+
+    Examples
+    --------
+    >>> import pyibr as ibr
+    >>> ibr.depth_from_zbuffer([0.0, 0.625, 1.0], near=2, far=10).tolist()
+    [2.0, 4.0, nan]
+    """
+    n, ends = _checked_levels(value, "value"), _nearness_of_planes(near, far)
+    b = 1 - n if reverse else n
+    drawn = np.where(b < 1, b, np.nan)
+    return (1 / (ends[0] + drawn * (ends[1] - ends[0]))).astype(np.float32)
+
+
+def zbuffer_from_depth(depth: ArrayLike, near: float, far: float, reverse: bool = False) -> Depth:
+    """Invert `depth_from_zbuffer`: float32 values in [0, 1], those of nothing drawn where the depth is invalid.
+
+    Raises
+    ------
+    ArgumentError
+        If a valid depth lies outside `near` ... `far`.
+
+    Examples
+    --------
+    >>> import pyibr as ibr
+    >>> ibr.zbuffer_from_depth([2.0, 4.0, float("nan")], near=2, far=10).tolist()
+    [0.0, 0.625, 1.0]
+    """
+    ends = _nearness_of_planes(near, far)
+    z = _positive_or_nan(numbers("depth", depth, None, finite=False))
+    _within("depth", z, near * (1 - 1e-6), far * (1 + 1e-6), f"{near:g} to {far:g}")  # by float32's rounding
+    b = np.nan_to_num(np.clip((ends[0] - 1 / z) / (ends[0] - ends[1]), 0, 1), nan=1)
+    return (1 - b if reverse else b).astype(np.float32)
+
+
 def undistort(color: _ColorT, depth: Depth, K: ArrayLike, distortion: ArrayLike) -> tuple[_ColorT, Depth, Float64]:
     """Remove a lens's distortion from an image and its depth, with OpenCV.
 
@@ -274,14 +323,21 @@ def _within(argument: str, values: Float64, low: float, high: float, expected: s
         raise ArgumentError(argument, expected, f"{outside.size} values from {outside.min():g} to {outside.max():g}")
 
 
-def _checked_levels(level: ArrayLike) -> Float64:
+def _checked_levels(level: ArrayLike, argument: str = "level") -> Float64:
     expected = "floats in [0, 1] (divide integers by 2^bits - 1)"
-    array = plain_array("level", level, expected, math.nan)
+    array = plain_array(argument, level, expected, math.nan)
     if array.dtype.kind != "f":
-        raise ArgumentError("level", expected, describe(array))
+        raise ArgumentError(argument, expected, describe(array))
     levels = array.astype(np.float64)
-    _within("level", levels, 0, 1, expected)
+    _within(argument, levels, 0, 1, expected)
     return levels
+
+
+def _nearness_of_planes(near: float, far: float) -> tuple[float, float]:
+    if far == math.inf:
+        return 1 / positive("near", near), 0.0
+    _check_range(near, far)
+    return 1 / near, 1 / far
 
 
 def _check_range(near: float, far: float) -> None:

@@ -215,9 +215,33 @@ def test_mpeg_levels(near, far):
     assert ibr.mpeg_from_depth([np.nan], near, far)[0] == 0
 
 
+@pytest.mark.parametrize(("near", "far"), [(0.5, 25.0), (0.1, 1000.0), (0.3, np.inf)])
+def test_z_buffers_are_those_of_the_projection(near, far):
+    """What OpenGL's matrix makes of points ahead: its window coordinate, and Direct3D's with the planes exchanged."""
+    z = np.geomspace(near, min(0.99 * far, 500), 50)
+    a, b = (-1, -2 * near) if far == np.inf else ((far + near) / (near - far), 2 * far * near / (near - far))
+    window = ((a * -z + b) / z + 1) / 2  # the camera looks along -z, w = z
+    np.testing.assert_allclose(ibr.depth_from_zbuffer(window, near, far), z, rtol=1e-5)
+    np.testing.assert_allclose(ibr.depth_from_zbuffer(1 - window, near, far, reverse=True), z, rtol=1e-5)
+    depth = z.astype(np.float32)
+    np.testing.assert_allclose(ibr.zbuffer_from_depth(depth, near, far), window, atol=1e-6)
+    for reverse, cleared in ((False, 1), (True, 0)):
+        values = ibr.zbuffer_from_depth([*depth, np.nan, 0, np.inf], near, far, reverse)
+        assert values[-3:].tolist() == [cleared] * 3
+        # Next to 1 a float32 has steps of 6e-8, next to 0 none that tell: at a depth z that is 6e-8 z / near of it.
+        again = ibr.depth_from_zbuffer(values, near, far, reverse)
+        np.testing.assert_allclose(again[:-3], depth, rtol=1e-6 + (0 if reverse else 6e-8) * 500 / near)
+        assert np.isnan(again[-3:]).all()
+
+
 @pytest.mark.parametrize(
     ("call", "argument"),
     [
+        (lambda: ibr.depth_from_zbuffer([2.0], 1, 2), "value"),
+        (lambda: ibr.depth_from_zbuffer(DEPTH.astype(np.uint16), 1, 2), "value"),
+        (lambda: ibr.depth_from_zbuffer([0.5], 0, np.inf), "near"),
+        (lambda: ibr.depth_from_zbuffer([0.5], 2, 1), "far"),
+        (lambda: ibr.zbuffer_from_depth([0.5], 1, 2), "depth"),
         (lambda: ibr.depth_from_disparity([1.0], 0, 1), "focal"),
         (lambda: ibr.depth_from_disparity([1.0], 1, np.nan), "baseline"),
         (lambda: ibr.disparity_from_depth([1.0], 1, -1), "baseline"),
