@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import typer
+from numpy.typing import NDArray
 
 import pyibr as ibr
 from pyibr.app.live.pages import Pages
@@ -22,9 +23,10 @@ from pyibr.capture.proposal import propose_frusta
 from pyibr.capture.sets import load
 from pyibr.core.camera import Camera
 from pyibr.core.checks import positive
-from pyibr.core.errors import ArgumentError
+from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.images import DepthImage
 from pyibr.images.depth_image import Backdrop
+from pyibr.io import read_relief_map
 from pyibr.meshes.files import is_mesh_file
 from pyibr.meshes.heights import Wrap
 from pyibr.meshes.mesh import Mesh
@@ -49,9 +51,11 @@ def view(
     far: FarDepth = math.inf,
     backdrop: BackdropText = "none",
     height: Annotated[
-        Path | None, typer.Option(help="Displace the mesh, which has uv, by the heights of a map")
+        Path | None, typer.Option(help="Displace the mesh, which has uv, by a height map, or a relief map's alpha")
     ] = None,
-    color: Annotated[Path | None, typer.Option(help="With --height: an image over the same uv")] = None,
+    color: Annotated[
+        Path | None, typer.Option(help="With --height: an image over the same uv; else the mesh's own")
+    ] = None,
     scale: Annotated[float | None, typer.Option(help="With --height: of height 1, in scene units")] = None,
     tiles: Annotated[tuple[int, int], typer.Option(metavar="U V", help="How often height and color repeat")] = (1, 1),
     wrap: Annotated[Wrap, typer.Option(help="What height and color are beyond uv of 0 to 1")] = "repeat",
@@ -171,12 +175,25 @@ def _displaced(
     if scale is None:
         raise ArgumentError("--scale", "scene units that height 1 is displaced by, with --height", "none")
     positive("--scale", scale)
-    heights = ibr.read_color(height)[..., 0]
-    texture = np.full((1, 1, 3), 200, np.uint8) if color is None else ibr.read_color(color)
+    heights, normals = _heights(height)
+    own = np.full((1, 1, 3), 200, np.uint8) if mesh.texture is None else mesh.texture
+    texture = own if color is None else ibr.read_color(color)
     return {
-        "relief": ReliefSurface(mesh, heights, texture, scale, tiles, wrap=wrap),
-        "slices": SlicedSurface(mesh, heights, texture, scale, tiles, wrap=wrap),
+        "relief": ReliefSurface(mesh, heights, texture, scale, tiles, normals, wrap=wrap),
+        "slices": SlicedSurface(mesh, heights, texture, scale, tiles, normal_map=normals, wrap=wrap),
     }
+
+
+def _heights(path: Path) -> tuple[NDArray[Any], NDArray[np.float32] | None]:
+    """The heights of a gray picture, or of a relief map: those in its alpha, and its colours' normals."""
+    stored = ibr.read_color(path)
+    if (stored == stored[..., :1]).all():
+        return stored[..., 0], None
+    try:
+        normals, heights = read_relief_map(path)
+    except FileFormatError:  # it has no alpha
+        return stored[..., 0], None
+    return (heights, normals) if np.ptp(heights) else (stored[..., 0], None)
 
 
 def _direction(up: Up | None) -> tuple[float, ...] | None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 from typer.testing import CliRunner
 
 import pyibr as ibr
@@ -16,6 +17,7 @@ from pyibr.app.live.pages import Pages
 from pyibr.capture import models
 from pyibr.capture.coverage import surface_of, unseen_share
 from pyibr.capture.frusta import load_frusta, save_frusta
+from pyibr.io import write_relief_map
 from tests.app.test_cli import assert_one_line
 
 runner = CliRunner()
@@ -84,6 +86,30 @@ def test_each_kind_of_thing_is_shown(folder, seen):
     assert named["slices"].tiles == (3, 2)
     named = shown("donut.glb", "--height", "height.png", "--scale", "0.1", "--wrap", "clamp")[0]
     assert [thing.wrap for thing in named.values()] == ["clamp", "clamp"]
+
+
+def test_heights_of_a_relief_map_are_its_alpha(folder, seen):
+    """Its red is a normal's x, no height. Alpha that tells nothing is none, and colours are the mesh's own."""
+    rng = np.random.default_rng(1)
+    normals, heights = rng.normal(0, 0.2, (8, 8, 3)) + np.array([0, 0, 1]), rng.integers(0, 256, (8, 8), dtype=np.uint8)
+    own = rng.integers(0, 256, (4, 4, 3), dtype=np.uint8)
+    mesh = models.donut(24)
+    ibr.Mesh(mesh.vertices, mesh.faces, mesh.uv, texture=own).save(folder / "painted.glb")
+    write_relief_map(folder / "relief.png", normals, heights)
+    write_relief_map(folder / "opaque.png", normals, np.full((8, 8), 255, np.uint8))
+    Image.fromarray(np.dstack([heights] * 3 + [255 - heights])).save(folder / "gray.png")
+    red = ibr.read_color(folder / "opaque.png")[..., 0]
+    for name, expected, is_relief_map in (
+        ("relief.png", heights, True),
+        ("opaque.png", red, False),
+        ("gray.png", heights, False),
+    ):
+        result = run(folder, "view", "painted.glb", "--height", name, "--scale", "0.1", "--port", 0)
+        assert result.exit_code == 0, result.output
+        for thing in seen.pop()[0].values():
+            np.testing.assert_allclose(thing.height, expected / 255, atol=1e-6)
+            np.testing.assert_array_equal(thing.color, own)
+            assert (thing.normal_map is not None) == is_relief_map
 
 
 def test_what_is_wrong_is_said_in_one_line(folder):

@@ -46,7 +46,9 @@ def paint(ways: Mapping[str, Way], camera: Camera, style: Style) -> Picture:
     watch = _Stopwatch()
     if style.other is None or style.layout == "one":
         frame = _drawn(ways, camera, style, style.way, watch)
-        return Picture(_shown(frame, style, watch), frame.depth, camera, watch.stages)
+        is_unlit = style.light is not None and not ways[style.way].lit
+        note = f"{style.way} shows images as they are, without the light" if is_unlit else ""
+        return Picture(_shown(frame, style, watch), frame.depth, camera, watch.stages, note)
     if style.layout == "side by side":
         return _beside(ways, camera, style, watch)
     one, other = (_drawn(ways, camera, style, name, watch) for name in (style.way, style.other))

@@ -60,6 +60,13 @@ def test_each_way_is_the_call_that_its_name_says():
         np.testing.assert_array_equal(ways[name].draw(CAMERA, style).color, ibr.render(made(views()), CAMERA).color)
 
 
+def test_a_light_that_does_not_shine_is_told():
+    light = ibr.Light(direction=(0, 1, 1))
+    for name, said in (("warp", "warp shows images as they are, without the light"), ("render", "")):
+        assert paint(ways_of(views()), CAMERA, Style(name, light=light)).note == said
+        assert paint(ways_of(views()), CAMERA, Style(name)).note == ""
+
+
 def test_whatever_draws_itself_is_drawn_also_of_a_class_of_ones_own():
     class Own:
         bounds = models.donut(12).bounds
