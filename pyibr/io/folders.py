@@ -14,6 +14,10 @@ _APART_MOST = 0.02
 """Seconds: what was taken at one time may differ by that, as for the tools of the TUM data sets."""
 
 
+_A_SECOND = {13: 1_000, 16: 1_000_000, 19: 1_000_000_000}
+"""By the digits of a number since 1970, from 2001 to 2286."""
+
+
 def files_in(folder: Path, suffixes: Sequence[str], word: str = "") -> list[Path]:
     """Its files of these suffixes with a word in their names, in the order of the numbers in their names."""
     try:
@@ -29,8 +33,21 @@ def in_order(path: Path) -> list[tuple[int, str]]:
 
 
 def time_of(path: Path) -> float | None:
-    """The time in seconds that a name consists of, as 1305031232.593722.png; None if it is none."""
-    return float(path.stem) if re.fullmatch(r"\d+\.\d+", path.stem) else None
+    """The time in seconds that a name tells; None if it tells none.
+
+    Either it is one, as 1305031232.593722.png; or its only number counts milli-, micro- or nanoseconds since 1970, as
+    those of robots' recordings do.
+    """
+    if re.fullmatch(r"\d+\.\d+", path.stem):
+        return float(path.stem)
+    numbers = re.findall(r"\d+", path.stem)
+    units = units_of(int(numbers[0])) if len(numbers) == 1 else None
+    return None if units is None else int(numbers[0]) / units
+
+
+def units_of(time: float) -> int | None:
+    """How many units a second has of a whole number of milli-, micro- or nanoseconds since 1970; None if it is none."""
+    return _A_SECOND.get(len(str(int(time)))) if time == int(time) else None
 
 
 def number_of(path: Path) -> int | None:

@@ -12,7 +12,7 @@ from pyibr.core.checks import Float64, checked_pose
 from pyibr.core.conventions import rotation_from_quaternion
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.files import checked_path, reading
-from pyibr.io.folders import files_in
+from pyibr.io.folders import files_in, units_of
 
 _TUM = 8  # numbers a line: time tx ty tz qx qy qz qw
 _EXACT, _ROUNDED = 1e-9, 1e-2  # what poses that are written with all and with few digits are off a rotation by
@@ -25,7 +25,8 @@ class Poses(NamedTuple):
     ----------
     world_from_camera : (N, 4, 4) float64
     times : (N,) float64, or None
-        In seconds, or the frames' numbers, if the file has them.
+        In seconds, or the frames' numbers, if the file has them. Milli-, micro- and nanoseconds since 1970 become
+        seconds.
 
     Examples
     --------
@@ -108,6 +109,8 @@ def _read_file(path: Path) -> Poses:
             raise FileFormatError(f"{path}: pose {number}: expected {error.expected}, got {error.got}") from error
     if times is not None and not np.isfinite(times).all():
         raise FileFormatError(f"{path}: expected times in seconds, got some that are not finite")
+    if times is not None and (units := units_of(times[0])):
+        times = times / units
     return Poses(np.array(checked), times)
 
 

@@ -96,3 +96,11 @@ def test_what_is_no_trajectory(tmp_path: Path, text, message):
 def test_a_folder_without_poses(tmp_path: Path):
     with pytest.raises(ibr.FileFormatError, match="no text files with poses"):
         read_poses(tmp_path)
+
+
+@pytest.mark.parametrize("units", [1, 1_000, 1_000_000, 1_000_000_000])
+def test_parts_of_a_second_since_1970_become_seconds(tmp_path: Path, units):
+    start = 1_700_000_000
+    lines = [f"{(start + k) * units} 1 2 3 0 0 0 1\n" for k in range(3)]
+    (tmp_path / "poses.txt").write_text("".join(lines))
+    assert read_poses(tmp_path / "poses.txt").times.tolist() == [start, start + 1, start + 2]

@@ -82,6 +82,26 @@ def test_names_that_are_times_go_by_time(tmp_path: Path):
     assert names(found) == [("10.03.png", "10.031.png"), ("10.07.png", "10.069.png")] and found.left_out == 1
 
 
+@pytest.mark.parametrize(("digits", "form"), [(3, "{}"), (6, "rgb_{}"), (9, "frame{}_a")])
+def test_names_that_count_parts_of_a_second_go_by_time(tmp_path: Path, digits, form):
+    """As ROS stamps them: as many of each, but not of the same moments."""
+    start = 1_700_000_000
+
+    def name(milliseconds: int) -> str:
+        return form.format((start * 1000 + milliseconds) * 10 ** (digits - 3))
+
+    touch(tmp_path, *(f"rgb/{name(ms)}.png" for ms in (0, 33, 100)), *(f"depth/{name(ms)}.png" for ms in (30, 66, 99)))
+    found = paired(tmp_path / "rgb", tmp_path / "depth")
+    assert names(found) == [(f"{name(33)}.png", f"{name(30)}.png"), (f"{name(100)}.png", f"{name(99)}.png")]
+    assert found.left_out == 1
+    np.testing.assert_allclose(found.times, [start + 0.033, start + 0.1], rtol=0, atol=1e-6)
+
+
+def test_long_numbers_that_are_no_times(tmp_path: Path):
+    touch(tmp_path, *(f"{kind}/{number:016d}.png" for kind in ("rgb", "depth") for number in (1, 2)))
+    assert paired(tmp_path / "rgb", tmp_path / "depth").times is None
+
+
 def test_frames_that_are_lost_are_left_out(tmp_path: Path):
     touch(tmp_path, *(f"rgb/c{n}.png" for n in (1, 2, 3, 10)), *(f"depth/{n}_raw.png" for n in (1, 3, 4, 10, 11)))
     found = paired(tmp_path / "rgb", tmp_path / "depth")
