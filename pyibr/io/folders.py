@@ -65,6 +65,11 @@ def at_one_time(first: Sequence[float], second: Sequence[float]) -> list[tuple[i
     return [(i, j) for i, j in enumerate(to_second) if near[i] and to_first[j] == i]
 
 
+def least_apart(first: Sequence[float], second: Sequence[float]) -> float:
+    """How far the nearest two of two lists of times are apart."""
+    return min(abs(time - second[place]) for time, place in zip(first, _nearest(first, second), strict=True))
+
+
 def _nearest(times: Sequence[float], others: Sequence[float]) -> list[int]:
     """For each time the place of the nearest other."""
     order = np.argsort(others, kind="stable")

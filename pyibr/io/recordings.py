@@ -12,7 +12,7 @@ from pyibr.core.checks import Float64
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.files import reading
 from pyibr.io import read_cameras, read_color, read_poses
-from pyibr.io.folders import at_one_time, files_in, number_of, time_of
+from pyibr.io.folders import at_one_time, files_in, least_apart, number_of, time_of
 
 COLOR_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".ppm", ".npy", ".npz", ".pfm", ".exr")
 DEPTH_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".npz", ".pfm", ".exr", ".bin")
@@ -67,13 +67,8 @@ def find_recording(folder: Path) -> Recording | None:
         found = _at_one_time(colors, color_times, depths, depth_times)
     elif (maps := folder / "stereo" / "depth_maps").is_dir() and (folder / "images").is_dir():
         return _dense_maps(folder, maps)
-    elif within := [
-        (folder / color, folder / depth)
-        for color in _COLOR_FOLDERS
-        for depth in _DEPTH_FOLDERS
-        if (folder / color).is_dir() and (folder / depth).is_dir()
-    ]:
-        found = paired(*within[0])
+    elif (color := _folder_in(folder, _COLOR_FOLDERS)) and (depth := _folder_in(folder, _DEPTH_FOLDERS)):
+        found = paired(color, depth)
     else:
         depths = files_in(folder, DEPTH_SUFFIXES, "depth")
         colors = files_in(folder, COLOR_SUFFIXES, "color") or files_in(folder, COLOR_SUFFIXES, "rgb")
@@ -151,6 +146,12 @@ def _paired(name: str, colors: list[Path], depths: list[Path]) -> Recording:
     return Recording(colors, depths)
 
 
+def _folder_in(folder: Path, names: Sequence[str]) -> Path | None:
+    """The first folder in it of one of these names, in whatever case."""
+    there = {entry.name.lower(): entry for entry in sorted(folder.iterdir(), reverse=True) if entry.is_dir()}
+    return next((there[name] for name in names if name in there), None)
+
+
 def _of_same_numbers(
     name: str, colors: dict[tuple[int, ...], Path], depths: dict[tuple[int, ...], Path]
 ) -> Recording | None:
@@ -181,7 +182,10 @@ def _at_one_time(
 ) -> Recording:
     pairs = at_one_time(color_times, depth_times)
     if not pairs:
-        raise FileFormatError(f"{depths[0].parent}: no depth within 0.02 s of a colour image")
+        gap = least_apart(color_times, depth_times)
+        raise FileFormatError(
+            f"{depths[0].parent}: no depth within 0.02 s of a colour image; the nearest is {gap:.3g} s away"
+        )
     chosen = [colors[i] for i, _ in pairs], [depths[j] for _, j in pairs]
     kept = {i for i, _ in pairs}
     return Recording(

@@ -58,6 +58,13 @@ def test_cameras_of_a_folder(tmp_path: Path):
     assert recording_in(tmp_path).poses == tmp_path / "pose"
 
 
+@pytest.mark.parametrize(("color", "depth"), [("RGB", "Depth"), ("Color", "depth"), ("images", "DEPTHS")])
+def test_names_of_folders_in_whatever_case(tmp_path: Path, color, depth):
+    touch(tmp_path, f"{color}/0.png", f"{depth}/0.png")
+    found = recording_in(tmp_path)
+    assert (found.colors, found.depths) == ([tmp_path / color / "0.png"], [tmp_path / depth / "0.png"])
+
+
 def test_one_folder(tmp_path: Path):
     for number in (0, 3):
         stem = f"frame-{number:06d}"
@@ -142,7 +149,7 @@ def test_folders_without_a_recording(tmp_path: Path):
         recording_in(tmp_path)
     (tmp_path / "rgb.txt").write_text("1.0 rgb/1.png")
     (tmp_path / "depth.txt").write_text("2.0 depth/1.png")
-    with pytest.raises(ibr.FileFormatError, match=r"no depth within 0.02 s of a colour image"):
+    with pytest.raises(ibr.FileFormatError, match=r"no depth within 0.02 s of a colour image; the nearest is 1 s away"):
         recording_in(tmp_path)
     (tmp_path / "depth.txt").write_text("words")
     with pytest.raises(ibr.FileFormatError, match=r"depth.txt: not a readable list of images"):
