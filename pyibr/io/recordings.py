@@ -148,7 +148,11 @@ def _paired(name: str, colors: list[Path], depths: list[Path]) -> Recording:
 
 def _folder_in(folder: Path, names: Sequence[str]) -> Path | None:
     """The first folder in it of one of these names, in whatever case."""
-    there = {entry.name.lower(): entry for entry in sorted(folder.iterdir(), reverse=True) if entry.is_dir()}
+    try:
+        entries = sorted(folder.iterdir(), reverse=True)
+    except OSError as error:
+        raise FileFormatError(f"{folder}: cannot be read: {error.strerror}") from error
+    there = {entry.name.lower(): entry for entry in entries if entry.is_dir()}
     return next((there[name] for name in names if name in there), None)
 
 
@@ -182,10 +186,8 @@ def _at_one_time(
 ) -> Recording:
     pairs = at_one_time(color_times, depth_times)
     if not pairs:
-        gap = least_apart(color_times, depth_times)
-        raise FileFormatError(
-            f"{depths[0].parent}: no depth within 0.02 s of a colour image; the nearest is {gap:.3g} s away"
-        )
+        gap = f"the nearest is {least_apart(color_times, depth_times):.6g} s away"
+        raise FileFormatError(f"{depths[0].parent}: no depth within 0.02 s of a colour image; {gap}")
     chosen = [colors[i] for i, _ in pairs], [depths[j] for _, j in pairs]
     kept = {i for i, _ in pairs}
     return Recording(
