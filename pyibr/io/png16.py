@@ -17,7 +17,8 @@ def read_depth(path: str | PathLike[str]) -> NDArray[Any]:
     """Return the stored (H, W) uint16."""
     stored = image.read_color(path)
     if stored.ndim != 2 or stored.dtype != np.uint16:
-        raise FileFormatError(f"{path}: expected a 16-bit gray PNG for depth, got {describe(stored)}")
+        hint = " (inverse depth of networks: depth_from_mpeg)" if stored.dtype == np.uint8 else ""
+        raise FileFormatError(f"{path}: expected a 16-bit gray PNG for depth, got {describe(stored)}{hint}")
     return stored
 
 
