@@ -157,13 +157,12 @@ INLINED Vector vector_at(global const float *vectors, intl number)
 #if LIT || ANISOTROPIC
 #define HEIGHT(u, v) height_at(context->heights, context->map_width, context->map_height, u, v)
 
-/* The base's normal, tilted by the heights' gradient; along_u, along_v: of u and v in the world */
-INLINED Vector tilted_by_heights(const Context *context, Vector base, floatl u, floatl v, Vector along_u, Vector along_v)
+/* The base's normal, tilted by how much heights (0 to 1) rise over a unit of u, and of v; along_u, along_v: of u and v in
+ * the world */
+INLINED Vector tilted_by_rises(const Context *context, Vector base, floatl over_u, floatl over_v, Vector along_u, Vector along_v)
 {
-    const float du = 1.0f / context->map_width, dv = 1.0f / context->map_height;
-    const float rise = 0.5f * context->spacing * context->slices;
-    const floatl by_u = (HEIGHT(u + du, v) - HEIGHT(u - du, v)) * (rise * context->map_width);
-    const floatl by_v = (HEIGHT(u, v + dv) - HEIGHT(u, v - dv)) * (rise * context->map_height);
+    const float rise = context->spacing * context->slices;
+    const floatl by_u = over_u * rise, by_v = over_v * rise;
     const Vector tilted = {base.x - (by_u * along_u.x + by_v * along_v.x), base.y - (by_u * along_u.y + by_v * along_v.y),
                            base.z - (by_u * along_u.z + by_v * along_v.z)};
     return at_unit_length(tilted);
@@ -177,12 +176,27 @@ INLINED UvSteps steps_on(const Context *context, Vector ahead, floatl n, floatl 
 {
     const Vector across = at_unit_length(cross_of(along_u, along_v));
     const Vector base = scaled(across, pick(DOT(across, ahead) > 0.0f, (floatl)-1.0f, (floatl)1.0f));
-    const Vector tilted = tilted_by_heights(context, base, u, v, along_u, along_v);
+    /* Heights are linear along either from a texel's centre to the next: slopes there, and not the lights', which are
+     * means of two, say what the surface shows of its map. */
+    const float width = context->map_width, height = context->map_height;
+    const floatl left = (floor_lanes(u * width - 0.5f) + 0.5f) / width, upper = (floor_lanes(v * height - 0.5f) + 0.5f) / height;
+    const floatl by_u = (HEIGHT(left + 1.0f / width, v) - HEIGHT(left, v)) * width;
+    const floatl by_v = (HEIGHT(u, upper + 1.0f / height) - HEIGHT(u, upper)) * height;
+    const Vector tilted = tilted_by_rises(context, base, by_u, by_v, along_u, along_v);
     return uv_steps(context->screen, n, ahead, tilted, along_u, along_v, anisotropy);
 }
 #endif
 
 #if LIT
+/* The base's normal, tilted by the heights' gradient over two texels */
+INLINED Vector tilted_by_heights(const Context *context, Vector base, floatl u, floatl v, Vector along_u, Vector along_v)
+{
+    const float du = 1.0f / context->map_width, dv = 1.0f / context->map_height;
+    const floatl by_u = (HEIGHT(u + du, v) - HEIGHT(u - du, v)) * (0.5f * context->map_width);
+    const floatl by_v = (HEIGHT(u, v + dv) - HEIGHT(u, v - dv)) * (0.5f * context->map_height);
+    return tilted_by_rises(context, base, by_u, by_v, along_u, along_v);
+}
+
 /* The base's normal below a point: interpolated at its foot on the triangle. rise: above the triangle's plane */
 INLINED Vector normal_below(const Context *context, global const float *normals, intl triangle, Vector point, floatl *rise)
 {

@@ -105,6 +105,14 @@ def test_a_relief_with_heights():
     assert gain(thing, over(30)) >= 3
 
 
+def test_slices_with_heights():
+    """By slopes over two texels, as lights take them, it is 2.6 and 2.4 dB."""
+    height = (bumps()[..., 0] - bumps()[..., 0].min()) / np.ptp(bumps()[..., 0])
+    thing = ibr.SlicedSurface(square(), height[::8, ::8].copy(), noise(), 0.01, TILES, halvings=3)
+    assert gain(thing, over(20)) >= 3
+    assert gain(thing, over(30)) >= 3
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_seen_straight_on_it_is_read_once(kind):
     """The same texels of the same level: a mesh's level is no whole number, and may be rounded otherwise."""
