@@ -17,7 +17,7 @@ from pyibr.meshes.mesh import Mesh
 from pyibr.meshes.normals import areas, place_of, summed_at_places, unit_or_up
 from pyibr.meshes.tangents import unit, uv_gradients
 
-_SINGULAR = 1e-6  # of the normal equations' diagonal: less determinant than that is rounding
+_SINGULAR = 1e-6  # of the largest: less than that is rounding
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class VertexFrames:
     quadrics : (N, 3) float64
         a, b and c, per scene unit.
     planar : (N,) bool
-        Where no quadric could be fitted: fewer than two neighbours, or neighbours that determine none. a = b = c = 0.
+        Where no quadric could be fitted: the neighbours lie on a line through the vertex. a = b = c = 0.
     """
 
     normals: Float64
@@ -135,7 +135,8 @@ def fitted_quadrics(
     """Least-squares fit of a, b and c to the neighbours of each vertex (equation 2), across seams of uv, too.
 
     Not across hard edges, where vertices at one place have other normals: either side bends as it does by itself. Where
-    the neighbours do not determine all three, c is 0, as in the paper.
+    the neighbours do not determine all three, as at corners, the least quadric of those that fit is taken, in
+    coordinates in which the neighbours lie evenly all round: whichever way uv is turned.
 
     Parameters
     ----------
@@ -150,7 +151,7 @@ def fitted_quadrics(
     -------
     quadrics : (N, 3) float64
     planar : (N,) bool
-        Where the neighbours determine no quadric; a = b = c = 0.
+        Where the neighbours determine no quadric, as they lie on a line through the vertex; a = b = c = 0.
     """
     kinds = np.column_stack([vertices, normals.round(3)])
     place = np.unique(kinds, axis=0, return_inverse=True)[1].reshape(-1)
@@ -175,24 +176,33 @@ def fitted_quadrics(
     away /= np.maximum(size, 1e-300)[owner, None]
     x, y, z = (np.einsum("nc,nc->n", away, axes[owner]) for axes in (x_axis, y_axis, normals))
 
-    def sums(values: Float64) -> Float64:
-        return np.bincount(owner, values, len(vertices)).astype(np.float64)
+    # In coordinates in which the neighbours lie evenly all round, so that long triangles tell as much as round ones.
+    xx, xy, yy = (np.bincount(owner, terms, len(vertices)) for terms in (x * x, x * y, y * y))
+    solved = 4 * (xx * yy - xy * xy) > _SINGULAR * (xx + yy) ** 2
+    xx, xy, yy = np.where(solved, xx, 1.0), np.where(solved, xy, 0.0), np.where(solved, yy, 1.0)
+    along, skew = 1 / np.sqrt(xx), xy / xx
+    across = 1 / np.sqrt(yy - xy * skew)
+    forms = _least_forms(owner, along[owner] * x, across[owner] * (y - skew[owner] * x), z, len(vertices))
+    whiten = np.zeros((len(vertices), 2, 2))
+    whiten[:, 0, 0], whiten[:, 1, 0], whiten[:, 1, 1] = along, -across * skew, across
+    forms = whiten.transpose(0, 2, 1) @ forms @ whiten / np.where(solved, size, 1.0)[:, None, None]
+    quadrics = np.stack([forms[:, 0, 0], forms[:, 1, 1], 2 * forms[:, 0, 1]], axis=1)
+    return np.where(solved[:, None], quadrics, 0.0), ~solved
 
-    xx, xy, yy = sums(x**4), sums(x * x * y * y), sums(y**4)
-    xz, yz = sums(x * x * z), sums(y * y * z)
-    determinant = xx * yy - xy * xy
-    solved = (neighbours >= 2) & (determinant > _SINGULAR * xx * yy) & (size > 0)
-    divisor = np.where(solved, determinant * size, 1.0)
-    quadrics = np.stack([yy * xz - xy * yz, xx * yz - xy * xz, 0 * xz], axis=1) / divisor[:, None]
-    quadrics = np.where(solved[:, None], quadrics, 0.0)
-    # All three, where the neighbours tell them apart.
-    x_xy, y_xy = sums(x**3 * y), sums(x * y**3)
-    normal = np.stack([xx, xy, x_xy, xy, yy, y_xy, x_xy, y_xy, xy], axis=1).reshape(-1, 3, 3)
-    diagonal = np.prod(np.diagonal(normal, axis1=1, axis2=2), axis=1)
-    whole = solved & (neighbours >= 3) & (np.linalg.det(normal) > _SINGULAR * diagonal)
-    right = np.stack([xz, yz, sums(x * y * z)], axis=1)[whole] / size[whole, None]
-    quadrics[whole] = np.linalg.solve(normal[whole], right[..., None])[..., 0]
-    return quadrics, ~solved
+
+def _least_forms(owner: NDArray[np.int64], x: Float64, y: Float64, z: Float64, count: int) -> Float64:
+    """(count, 2, 2) quadratic forms of (x, y) that come closest to z for each owner; the least of several such."""
+    basis = np.stack([x * x, y * y, np.sqrt(2) * x * y], axis=1)  # so that the length of its factors is the form's norm
+    normal, right = np.zeros((count, 3, 3)), np.zeros((count, 3))
+    for i in range(3):
+        right[:, i] = np.bincount(owner, basis[:, i] * z, count)
+        for j in range(3):
+            normal[:, i, j] = np.bincount(owner, basis[:, i] * basis[:, j], count)
+    values, axes = np.linalg.eigh(normal)
+    told = values > _SINGULAR * np.maximum(values[:, 2:], 1e-300)
+    parts = np.einsum("nij,ni->nj", axes, right) * told / np.where(told, values, 1.0)
+    a, b, c = np.einsum("nij,nj->in", axes, parts)
+    return np.stack([a, c / np.sqrt(2), c / np.sqrt(2), b], axis=1).reshape(-1, 2, 2)
 
 
 def _any_tangent(normals: Float64) -> Float64:
