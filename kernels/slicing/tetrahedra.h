@@ -109,7 +109,7 @@ void space_slices(const Context *context, Tetrahedron *t, float facing)
     t->spacing = fmax(pixel * facing, least);
     if (context->band == 0.0f)
         t->band = t->spacing / scale;
-    const float parts = NEAR_ENOUGH * t->spacing / pixel;
+    const float parts = t->spacing * fmax(NEAR_ENOUGH / pixel, FINE / scale);
     t->halvings = max(context->halvings, min((int)ceil(log2(fmax(parts, 1.0f))), HALVINGS_MOST));
 }
 
