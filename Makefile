@@ -18,6 +18,9 @@ setup: .venv/.ready  ## system libraries, .venv and the Python packages
 demo: .venv/.ready  ## new views of a terrain: build/demo.png
 	@$(RUN) docs/gallery/demo.py
 
+# PoCL compiles each kernel once, not a second time for its work-groups' size: a third of the time, and a test holds that
+# pictures are the same.
+test: export POCL_WORK_GROUP_SPECIALIZATION ?= 0
 # A test on Intel's runtime wants it. In their own order, files of few long tests are not left for the end.
 test: .venv/.ready $(if $(findstring intel,$(PYIBR_DEVICE)),.venv/.cpu)  ## the tests (ARGS="-k warp" for some of them)
 	@$(RUN) -m pytest -q -n logical --dist loadfile --no-loadscope-reorder $(ARGS)

@@ -147,6 +147,36 @@ def test_an_environment_without_a_path_costs_no_device(tmp_path: Path, path: dic
     assert "True" in done.stdout, done.stdout + done.stderr
 
 
+PICTURES = """
+import hashlib
+import numpy as np
+import pyibr as ibr
+from tests.relief.solids import grid, torus
+rng = np.random.default_rng(1)
+camera = ibr.Camera([[80, 0, 47.5], [0, 80, 47.5], [0, 0, 1]], (96, 96))
+colors, heights = rng.integers(0, 256, (96, 96, 3), np.uint8), rng.random((32, 32), np.float32)
+view = ibr.DepthImage(colors, 3 + rng.random((96, 96), np.float32), camera)
+mesh, eye = grid(torus, 24, 12), ibr.Camera.look_at((4, 0, 2), (0, 0, 0), (0, 0, 1), (120, 90), 40)
+frames = [ibr.warp(view, camera.moved(0.2, 0.05, 0.1), edges="cut")]
+look = mesh, heights, colors, 0.1, (6, 3)
+things = [mesh, ibr.ReliefSurface(*look), ibr.SlicedSurface(*look)]
+frames += [ibr.render(thing, eye, light=ibr.Light((-1, 0.3, -1))) for thing in things]
+print([hashlib.sha256(frame.color.tobytes() + frame.depth.tobytes()).hexdigest() for frame in frames])
+"""
+
+
+def test_kernels_for_one_size_of_work_groups_draw_the_same():
+    """PoCL compiles those unless it is told not to, as the whole suite is by `make test`."""
+    variable = "POCL_WORK_GROUP_SPECIALIZATION"
+    environment = {name: value for name, value in os.environ.items() if name != variable}
+    environment["PYTHONPATH"] = os.pathsep.join(p for p in sys.path if p)
+    pictures = [
+        subprocess.run([sys.executable, "-c", PICTURES], env=environment | told, capture_output=True, check=True).stdout
+        for told in ({}, {variable: "0"})
+    ]
+    assert pictures[0] == pictures[1] != b""
+
+
 POCLS = ("POCL_AFFINITY", "POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT")
 THREADS = """
 import json, os

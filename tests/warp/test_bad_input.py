@@ -210,7 +210,7 @@ def test_the_command_line_says_it_in_one_line(tmp_path):
         return line
 
     assert "depth: expected" in told(depth="none.npy")
-    assert "(31, 41)" in told(depth="small.npy")
+    assert "expected 41x31 samples" in told(depth="small.npy")
     assert "torn.png" in told(color="torn.png")
     assert "skew.json: K: expected" in told(camera="skew.json")
     assert "missing.npy" in told(depth="missing.npy")
