@@ -5,7 +5,8 @@ memory in place, however it is aligned. What is uploaded may not even be written
 else the device's own, get the same.
 
 Run as a program, with a folder of kernels, "start" or "end" and 16 or 1 lanes: `cases` within fences. With seeds, too:
-cameras' numbers are poisoned, and nothing is right but that kernels end and keep to their arrays.
+after them, in the same process, whose programs are built, cameras' numbers are poisoned, and nothing is right but that
+kernels end and keep to their arrays.
 """
 
 from __future__ import annotations
@@ -94,9 +95,9 @@ if __name__ == "__main__":
     current()  # what chooses a device has buffers of its own
     raise_fences(where)
     with one_lane() if lanes == "1" else nullcontext():
+        settings = [Setting(kind, True, lambda shape, dtype: fenced(shape, dtype, where)) for kind in KINDS]
+        check_all_ran({one for setting in settings for one in run_all(setting, Launches(), folder)}, folder)
         for seed in map(int, seeds):
+            print("poisoned", seed)
             run_all(Setting("uint8", thorough=False), Poisoned(seed), folder)
-        if not seeds:
-            settings = [Setting(kind, True, lambda shape, dtype: fenced(shape, dtype, where)) for kind in KINDS]
-            check_all_ran({one for setting in settings for one in run_all(setting, Launches(), folder)}, folder)
         print("through in lanes:", current().profile.lanes)
