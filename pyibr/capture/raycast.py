@@ -19,6 +19,7 @@ from pyibr.core.errors import ArgumentError
 from pyibr.core.optional import open3d
 from pyibr.images import DepthImage
 from pyibr.meshes.mesh import Mesh, checked_faces
+from pyibr.meshes.normals import areas, summed
 
 Layer = Literal["first", "last"]
 Int64 = NDArray[np.int64]
@@ -414,12 +415,7 @@ def _bilinear(image: NDArray[np.uint8], uv: Float64) -> Float64:
 
 def _smooth_normals(vertices: Float64, faces: Int64) -> Float64:
     """Unit normals (N, 3) of vertices: their faces' normals, weighted by area."""
-    corner = vertices[faces]
-    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    total = np.stack(
-        [np.bincount(faces.ravel(), np.repeat(normal[:, axis], 3), len(vertices)) for axis in range(3)],
-        axis=1,
-    )
+    total = summed(faces.ravel(), np.repeat(areas(vertices, faces), 3, axis=0), len(vertices))
     return total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), np.finfo(np.float64).tiny)
 
 

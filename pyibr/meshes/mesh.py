@@ -15,7 +15,7 @@ from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.optional import open3d
 from pyibr.io.mesh_arrays import MeshArrays
 from pyibr.meshes.files import Axes, read_mesh, write_mesh
-from pyibr.meshes.normals import areas, place_of, summed_at_places, unit_or_up
+from pyibr.meshes.normals import areas, place_of, summed, summed_at_places, unit_or_up
 
 Float32 = NDArray[np.float32]
 Sides = Literal["both", "front", "back"]
@@ -124,11 +124,8 @@ class Mesh(Fixed):
         Over all vertices at one place, as along seams of uv; but where theirs are more than 60 degrees apart, as along
         the edges of a box whose sides have corners of their own, each side has its own.
         """
-        own = areas(self.vertices, self.faces)
-        corners = self.faces.ravel()
-        weights = np.repeat(own, 3, axis=0)
-        count = len(self.vertices)
-        of_vertices = np.stack([np.bincount(corners, weights[:, axis], count) for axis in range(3)], axis=1)
+        own = np.repeat(areas(self.vertices, self.faces), 3, axis=0)
+        of_vertices = summed(self.faces.ravel(), own, len(self.vertices))
         sums, _ = summed_at_places(place_of(self.vertices), of_vertices)
         return locked(unit_or_up(sums).astype(np.float32))
 

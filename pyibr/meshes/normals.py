@@ -13,7 +13,7 @@ _CROWD = 64  # at one place: more are not compared in pairs, and share their mea
 _AT_ONCE = 1 << 20  # pairs in memory
 
 
-def areas(vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> Float64:
+def areas(vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> Float64:
     """(M, 3) the triangles' normals, twice as long as their areas."""
     corner = vertices.astype(np.float64)[faces]
     return np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
@@ -22,6 +22,11 @@ def areas(vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> Float64:
 def place_of(vertices: NDArray[np.float32]) -> NDArray[np.int64]:
     """(N,) equal numbers for vertices at one place."""
     return np.unique(vertices, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
+
+
+def summed(owner: NDArray[np.integer], vectors: Float64, count: int) -> Float64:
+    """(count, 3) what the (N, 3) vectors of each owner sum up to."""
+    return np.stack([np.bincount(owner, vectors[:, axis], count) for axis in range(3)], axis=1).astype(np.float64)
 
 
 def summed_at_places(place: NDArray[np.int64], own: Float64) -> tuple[Float64, NDArray[np.bool_]]:
@@ -40,7 +45,7 @@ def summed_at_places(place: NDArray[np.int64], own: Float64) -> tuple[Float64, N
         Whether some at the place face another way.
     """
     count = int(place.max(initial=-1)) + 1
-    means = np.stack([np.bincount(place, own[:, axis], count) for axis in range(3)], axis=1)
+    means = summed(place, own, count)
     sums, at_edges = means[place], np.zeros(len(place), np.bool_)
     ways = _unit(own)
     aslant = ((ways * _unit(means)[place]).sum(axis=1) < _NEAR) & ways.any(axis=1)
@@ -57,8 +62,7 @@ def summed_at_places(place: NDArray[np.int64], own: Float64) -> tuple[Float64, N
         here = members[rows][owner]
         cosine = (ways[here] * ways[other]).sum(axis=1)
         apart = (cosine <= _APART) & ways[here].any(axis=1) & ways[other].any(axis=1)
-        found = [np.bincount(owner[~apart], own[other[~apart], axis], len(rows)) for axis in range(3)]
-        sums[members[rows]] = np.stack(found, axis=1)
+        sums[members[rows]] = summed(owner[~apart], own[other[~apart]], len(rows))
         at_edges[members[rows]] = np.bincount(owner[apart], minlength=len(rows)) > 0
     return sums, at_edges
 
