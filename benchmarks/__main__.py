@@ -18,6 +18,7 @@ MODULES = {
     "table2": "table2",
     "peers": "warp.peers",
     "rgbd": "warp.rgbd",
+    "registration": "warp.registration",
     "raster": "raster.raster",
     "slicing": "slicing.slicing",
     "relief": "relief.relief",

@@ -186,6 +186,13 @@ def rgbd(scene: str, number: int, size: tuple[int, int], noise: float = 0.0) -> 
     return ibr.DepthImage(color, depth, camera)
 
 
+def standing_in(scene: str) -> tuple[str, Skip | None]:
+    """The scene, or the ray-cast `ROOM` with the reason why, where its frames are missing."""
+    if scene != LIVINGROOM or (data_folder() / "rgbd_livingroom1").is_dir():
+        return scene, None
+    return ROOM, Skip(scene, f"rgbd_{scene} is not in $PYIBR_DATA; {ROOM}, ray cast, stands in for it")
+
+
 def with_disparity_noise(depth: Array, focal: float, noise: float, rng: np.random.Generator) -> Array:
     """Depth as structured light with a baseline of 7.5 cm delivers it, see `rgbd`."""
     disparity = ibr.disparity_from_depth(depth, focal, _BASELINE)

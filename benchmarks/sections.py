@@ -14,6 +14,7 @@ from benchmarks.statistics import Quartiles, exponent, median, number, ratios
 from benchmarks.tables import only, position, sizes_of, table, totals, verdict
 from benchmarks.warp import complexity, peers
 from benchmarks.warp.opencv import BASE, REMAP
+from benchmarks.warp.registration_section import registration_section
 from benchmarks.warp.rgbd_section import rgbd_section
 
 COMPLEXITY = """## Complexity
@@ -238,6 +239,7 @@ SECTIONS = {
     "table2": table2_section,
     "peers": peers_section,
     "rgbd": rgbd_section,
+    "registration": registration_section,
     "raster": raster_section,
     "slicing": slicing_section,
     "relief": relief_section,

@@ -83,11 +83,9 @@ PUBLISHED = (
 
 def cases(plan: Plan) -> Iterator[Case]:
     """One case a size, noise and motion; then the uses, and what a camera at rest shows."""
-    scene = plan.rgbd_scene
-    if scene == scenes.LIVINGROOM and not (scenes.data_folder() / "rgbd_livingroom1").is_dir():
-        skip = Skip(scene, f"rgbd_{scene} is not in $PYIBR_DATA; {scenes.ROOM}, ray cast, stands in for it")
-        yield Case({"case": "warp"}, lambda: skip)
-        scene = scenes.ROOM
+    scene, missing = scenes.standing_in(plan.rgbd_scene)
+    if missing is not None:
+        yield Case({"case": "warp"}, lambda: missing)
     for size, repeats in plan.rgbd.items():
         for noise in plan.rgbd_noise:
             for kind, motions in MOTIONS.items():

@@ -11,7 +11,7 @@ import pytest
 from benchmarks import report, scenes
 from benchmarks.cases import FULL, QUICK
 from benchmarks.results import Record, Result, Skip
-from benchmarks.warp import opencv, rgbd, rgbd_uses, steady
+from benchmarks.warp import opencv, registration, rgbd, rgbd_uses, steady
 from benchmarks.warp.opencv import Task
 from pyibr.images import metrics
 from tests.benchmarks.test_report import ENVIRONMENT
@@ -166,6 +166,23 @@ def test_what_changes_over_time_is_judged_by_the_input(tmp_path: Path) -> None:
     assert f"| background | {steady.STEADY} | 10.0 | 1.50 | 15.0 | 1.90 | met |" in text
     assert f"| inpaint | {steady.STEADY} | 10.0 | 1.50 | 15.0 | 2.10 | **not met** |" in text
     assert f"| inpaint | {steady.RAW} | 10.0 | 1.50 | 15.0 | 2.10 |  |" in text
+
+
+def test_registration_is_judged_by_its_bars(tmp_path: Path) -> None:
+    result = Result("registration", ENVIRONMENT)
+    for size in ("640 x 480", "1280 x 720", "1920 x 1080"):
+        at = {"scene": scenes.ROOM, "size": size, "noise": 0.0}
+        for subject in (registration.REGISTERED, registration.MILLIMETRES, registration.COLORS):
+            result.records.append(Record(subject, "end to end", "ms", at, [7.0]))
+        for subject in (opencv.REGISTER, registration.DILATED):
+            result.records.append(Record(subject, "end to end", "ms", at, [10.0]))
+        for subject in (registration.REGISTERED, opencv.REGISTER, registration.DILATED):
+            result.records.append(Record(subject, "coverage", "share", at, [0.9]))
+    result.save(tmp_path / "registration.json")
+    text = report.write(tmp_path).read_text()
+    assert "| 0.70 | at most 1 | met | 90.0% |" in text
+    assert "| 0.70 | at most 0.6 | **not met** | 90.0% |" in text
+    assert "| 0.70 |  |  | 90.0% |" in text
 
 
 def test_without_the_data_the_room_stands_in_and_the_report_says_so(

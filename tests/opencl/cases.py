@@ -336,17 +336,19 @@ def _reliefs(setting: Setting) -> Cases:
         {"shadow": "search", "distance": "perpendicular", "search": "linear", "steps": 4},
     )
     for number, (height, color, normals) in enumerate(_height_maps(setting)):
-        # All on the first maps, floats and bytes. Others, and float colours, see two: each is a program, of seconds.
-        is_full = number < 2 and setting.kind == "uint8"
-        for way in ways if is_full else (ways[0], ways[1 + number % (len(ways) - 1)]):
+        # Each is a program, of seconds: all ways meet floats and bytes, two the other maps, and one float colours.
+        first, second = (setting.kind == "uint8" and number == n for n in (0, 1))
+        others = (ways[0], ways[1 + number % (len(ways) - 1)]) if setting.kind == "uint8" else ways[:1]
+        for way in ways if first or second else others:
             made = ibr.ReliefSurface(_tiled_square(), height, color, 0.3, normal_map=normals, **way)
-            within = [_within()] if setting.thorough or way == ways[0] else []
-            for camera in [*_above(setting), *within]:
+            is_plain = way == ways[0] and (first or second)
+            is_close = is_plain or (first and setting.thorough)
+            for camera in [*_above(setting), *([_within()] if is_close else [])]:
                 name = f"relief {height.shape} {way} {camera.size}"
                 yield name, partial(_draw, setting, [made], camera, light)
-                if way == ways[0]:
+                if is_plain:
                     yield f"{name}, filtered", partial(_draw, setting, [made], camera, light, 3)
-                if setting.thorough:
+                if is_close and setting.thorough:
                     yield f"places {height.shape} {way} {camera.size}", partial(made.tile_coordinates, camera)
 
 
