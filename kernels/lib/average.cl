@@ -5,51 +5,84 @@
  * lie closer to the nearest one than to the farthest.
  * sample_depth, sample_color, sample_valid: (side * height, side * width), depth NaN where nothing shows. depth, color:
  * (height, width); valid: whether any sample is; alpha: the share of the samples that show something.
- * Work-item: a pixel. Cost: O(samples). Determinism: every pixel on its own.
+ * Work-item: STRIP times LANES pixels of a row. Cost: O(samples). Determinism: every pixel on its own.
  */
 #include "lib/color.h"
 
+#ifndef STRIP
+#define STRIP 1 /* packets of LANES pixels that a work-item averages */
+#endif
 #define SMALL 0.01f /* of the nearness: within it samples show one surface, as in lib/pane.cl */
+
+/* Nearness of samples, as good a measure of depth in orthographic pictures; NaN: nothing */
+INLINED floatl nearness_of_samples(global const float *sample_depth, intl at, int perspective)
+{
+    const floatl z = (floatl)(gather(sample_depth, at));
+    return perspective ? 1.0f / z : -z;
+}
+
+INLINED void average_packet(global const float *sample_depth, global const channel *sample_color,
+                            global const uchar *sample_valid, int side, int width, int height, int perspective,
+                            global float *depth, global channel *color, global uchar *valid, global float *alpha, int x0, int y)
+{
+    const intl first = side * min(x0 + lane_index, (intl)(width - 1)) + y * side * side * width;
+    Color sum = {0.0f, 0.0f, 0.0f};
+    floatl low = INFINITY, high = -INFINITY, nearness = 0.0f;
+    intl count = 0, any = 0;
+    for (int j = 0; j < side; j++)
+        for (int i = 0; i < side; i++) {
+            const intl at = first + (j * side * width + i);
+            const floatl n = nearness_of_samples(sample_depth, at, perspective);
+            const intl shows = n == n;
+            low = lesser(n, low);
+            high = greater(n, high);
+            nearness += pick(shows, n, (floatl)0.0f);
+            count += pick(shows, (intl)1, (intl)0);
+            any |= to_intl((WIDE(uchar))(gather(sample_valid, at)));
+            add_color(&sum, 1.0f, read_color(sample_color, at, side * width * side * height));
+        }
+    intl front = count;
+    const intl several = high - low > SMALL * fabs(high);
+    if (any_lane(several)) {
+        const floatl least = pick(several, 0.5f * (low + high), low);
+        nearness = 0.0f;
+        front = 0;
+        for (int j = 0; j < side; j++)
+            for (int i = 0; i < side; i++) {
+                const floatl n = nearness_of_samples(sample_depth, first + (j * side * width + i), perspective);
+                const intl in_front = n >= least; /* not of NaN */
+                nearness += pick(in_front, n, (floatl)0.0f);
+                front += pick(in_front, (intl)1, (intl)0);
+            }
+    }
+    const floatl mean = nearness / to_floatl(front);
+    const floatl z = pick(count == 0, (floatl)NAN, perspective ? 1.0f / mean : -mean);
+    const floatl share = to_floatl(count) / (float)(side * side);
+    const float each = 1.0f / (side * side);
+    const Color c = {sum.r * each, sum.g * each, sum.b * each};
+    const size_t out = (size_t)y * width + x0;
+    if (x0 + LANES <= width) {
+        store_lanes(z, depth + out);
+        store_lanes(share, alpha + out);
+        store_bytes(to_ucharl(any), valid + out);
+        write_color(color + CHANNELS * out, c);
+        return;
+    }
+    for (int lane = 0; lane < width - x0; lane++) {
+        depth[out + lane] = float_lane(z, lane);
+        alpha[out + lane] = float_lane(share, lane);
+        valid[out + lane] = int_lane(any, lane);
+        write_pixel(color + CHANNELS * (out + lane), rounded(color_lane(c, lane)));
+    }
+}
 
 kernel void average(global const float *sample_depth, global const channel *sample_color, global const uchar *sample_valid,
                     int side, int width, int height, int perspective, global float *depth, global channel *color,
                     global uchar *valid, global float *alpha)
 {
-    const int x = get_global_id(0), y = get_global_id(1);
-    if (x >= width || y >= height)
+    const int from = get_global_id(0) * (STRIP * LANES), y = get_global_id(1);
+    if (y >= height)
         return;
-    float3 sum = 0.0f;
-    float low = INFINITY, high = -INFINITY;
-    int count = 0, any = 0;
-    for (int j = 0; j < side; j++) {
-        const size_t row = ((size_t)y * side + j) * width * side + (size_t)x * side;
-        for (int i = 0; i < side; i++) {
-            const float z = sample_depth[row + i], n = perspective ? 1.0f / z : -z;
-            if (z == z) {
-                low = fmin(low, n);
-                high = fmax(high, n);
-                count++;
-            }
-            any |= sample_valid[row + i];
-            sum += read_pixel(sample_color + CHANNELS * (row + i));
-        }
-    }
-    const float least = high - low <= SMALL * fabs(high) ? low : 0.5f * (low + high);
-    float nearness = 0.0f;
-    int front = 0;
-    for (int j = 0; j < side; j++) {
-        const size_t row = ((size_t)y * side + j) * width * side + (size_t)x * side;
-        for (int i = 0; i < side; i++) {
-            const float z = sample_depth[row + i], n = perspective ? 1.0f / z : -z;
-            const int in_front = n >= least; /* not of NaN */
-            nearness += in_front ? n : 0.0f;
-            front += in_front;
-        }
-    }
-    const size_t at = (size_t)y * width + x;
-    const float mean = nearness / front;
-    depth[at] = count == 0 ? NAN : perspective ? 1.0f / mean : -mean;
-    valid[at] = any;
-    alpha[at] = (float)count / (side * side);
-    write_pixel(color + CHANNELS * at, sum / (side * side));
+    for (int x0 = from; x0 < min(from + STRIP * LANES, width); x0 += LANES)
+        average_packet(sample_depth, sample_color, sample_valid, side, width, height, perspective, depth, color, valid, alpha, x0, y);
 }

@@ -8,6 +8,7 @@ from pyibr.core.camera import Camera
 from pyibr.core.checks import check_pixels, whole_from
 from pyibr.core.errors import ArgumentError
 from pyibr.images.frame import Frame
+from pyibr.opencl.device import current
 from pyibr.opencl.launch import launch
 from pyibr.opencl.memory import empty
 from pyibr.opencl.program import kernel
@@ -52,9 +53,10 @@ def averaged(fine: Target, camera: Camera, side: int, out: Frame | None = None) 
         return fine
     target = Target(camera, fine.color.dtype, out=out, channels=fine.color.shape[-1])
     target.alpha = empty((camera.height, camera.width), np.float32)
+    profile = current().profile
     launch(
-        kernel("lib/average.cl", "average", **fine.color_defines),
-        camera.size,
+        kernel("lib/average.cl", "average", STRIP=profile.strip, **fine.color_defines),
+        profile.packets(*camera.size, profile.strip),
         sample_depth=fine.depth,
         sample_color=fine.color,
         sample_valid=fine.valid,
