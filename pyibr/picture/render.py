@@ -74,7 +74,7 @@ def render(
     anisotropy : int
         1 to 64: how often the colours and normal maps of meshes, sliced surfaces and reliefs are read for a pixel at
         most, along what it covers of them. 1 reads once; 8 shows surfaces that are seen at 7 degrees or more without
-        blur and moire, at 1.1 to 1.5 times the cost.
+        blur and moire, at 1.1 to 1.9 times the cost.
 
     Returns
     -------
