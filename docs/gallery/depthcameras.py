@@ -78,9 +78,9 @@ def steps() -> Figure:
         "the colour camera's image": color,
         "depth, cleaned": _shades(cleaned),
         "and registered": _shades(registered[""]),
-        "a new view, not cleaned": _shown(ibr.warp(raw, new)),
-        "cleaned": _shown(ibr.warp(clean, new)),
-        'and fill="background"': ibr.warp(clean, new, fill="background").color,
+        "a new view, not cleaned": _shown(ibr.warp(raw, new, samples=4)),
+        "cleaned": _shown(ibr.warp(clean, new, samples=4)),
+        'and fill="background"': ibr.warp(clean, new, fill="background", samples=4).color,
         "what is there": scene.capture(new).color,
     }
     figure, grid = plt.subplots(2, 4, figsize=(14, 5.8), layout="constrained")
@@ -99,6 +99,7 @@ def _shades(depth: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def _shown(frame: ibr.Frame) -> NDArray[Any]:
-    made = frame.color.copy()
-    made[~frame.valid] = _HOLE
-    return made
+    """Over the colour of holes."""
+    assert frame.alpha is not None
+    bare = 1 - frame.alpha[..., None]
+    return np.rint(frame.color + bare * np.array(_HOLE)).clip(0, 255).astype(np.uint8)

@@ -28,8 +28,8 @@ def globe_of_six() -> Figure:
     images = models.globe(257)
     camera = ibr.Camera.look_at((-3.9, -1.9, 3.0), (0, 0, 0), (0, -1, 0), (440, 440), fov_y=43)
     away = [image for image in images if image.camera.forward @ camera.center < 0]
-    frame = ibr.warp(away, camera, side="both", edges="connect", blend="nearest")
-    paper = np.where(frame.valid[..., None], (frame.color + 255.0) / 2, 255).astype(np.uint8)
+    frame = ibr.warp(away, camera, side="both", edges="connect", blend="nearest", samples=4)
+    paper = ((over_white(frame) + 255.0) / 2).astype(np.uint8)
     figure, row = plt.subplots(1, 4, figsize=(17, 4.1), width_ratios=(1, 1, 1.28, 1.28), layout="constrained")
     show(row[0], paper, "the frusta of six images at the centre")
     show(row[1], paper, "rays of the images, to their samples")
@@ -56,11 +56,11 @@ def torus_of_six() -> Figure:
     camera, close = (
         ibr.Camera.look_at((9.4, -2.6, 3.4), (0, 0.2, 0), (0, -1, 0), (560, 560), degrees) for degrees in (56, 24)
     )
-    frame = ibr.warp(views, camera, blend="nearest")
+    frame = ibr.warp(views, camera, blend="nearest", samples=4)
     figure = plt.figure(figsize=(15, 4.9), layout="constrained")
     grid = figure.add_gridspec(2, 6)
     whole, planes = figure.add_subplot(grid[:, :2]), figure.add_subplot(grid[:, 4:])
-    show(whole, np.where(frame.valid[..., None], frame.color, 255), "six frusta, proposed")
+    show(whole, over_white(frame), "six frusta, proposed")
     show(planes, np.full_like(frame.color, 255), "the polygons that are displaced")
     for view, tone in zip(views, COLORS, strict=True):
         far = np.quantile(view.depth[view.valid], 0.5)
@@ -94,6 +94,12 @@ def beside_the_original() -> Figure:
         show(row[place], picture, f'warp, edges="{edges}"')
         show(row[place + 1], shown, "difference, and what no image saw")
     return figure
+
+
+def over_white(frame: ibr.Frame) -> np.ndarray:
+    """A picture of several samples a pixel, (H, W, 3) uint8."""
+    assert frame.alpha is not None
+    return np.rint(frame.color + 255 * (1 - frame.alpha[..., None])).clip(0, 255).astype(np.uint8)
 
 
 def world_of(image: ibr.DepthImage) -> np.ndarray:
