@@ -63,7 +63,7 @@ def _prepare(parameters: dict[str, Parameter], scene: str, size: Size, noise: fl
         return view
     here, there, depth = view.camera, color_camera(view.camera), view.depth
     counts = ibr.uint16_from_depth(depth, SCALE)
-    color = np.ascontiguousarray(view.color[:, ::-1])  # any picture is as good
+    color: Any = view.color  # any picture is as good
     Rt, undistorted = there.camera_from_world @ here.world_from_camera, np.zeros(5)
 
     def peer(dilation: bool = False) -> NDArray[Any]:

@@ -128,7 +128,10 @@ def depth_from_uint16(stored: NDArray[np.uint16], scale: float) -> Depth:
     units = plain_array("stored", stored, "integers", 0)
     if units.dtype.kind not in "ui":
         raise ArgumentError("stored", "integers", describe(stored))
-    return np.where(units > 0, units / positive("scale", scale), np.nan).astype(np.float32)
+    depth = np.empty(units.shape, np.float32)
+    np.divide(units, positive("scale", scale), out=depth, casting="same_kind")
+    depth[units <= 0] = np.nan
+    return depth
 
 
 def uint16_from_depth(depth: ArrayLike, scale: float) -> NDArray[np.uint16]:
@@ -145,9 +148,14 @@ def uint16_from_depth(depth: ArrayLike, scale: float) -> NDArray[np.uint16]:
     >>> ibr.uint16_from_depth([1.5, float("nan")], scale=1000).tolist()
     [1500, 0]
     """
-    units = np.rint(_positive_or_nan(numbers("depth", depth, None, finite=False)) * positive("scale", scale))
-    _within("depth", units, 1, 65535, f"1 to 65535 units of 1/{scale:g}")
-    return np.nan_to_num(units, nan=0).astype(np.uint16)
+    z = numbers("depth", depth, None, finite=False)
+    known = (z > 0) & (z < np.inf)
+    units = np.where(known, z, 0.0)
+    np.rint(np.multiply(units, positive("scale", scale), out=units), out=units)
+    low, high = units.min(initial=np.inf, where=known), units.max(initial=0.0)
+    if low < 1 or high > 65535:
+        _within("depth", units[known], 1, 65535, f"1 to 65535 units of 1/{scale:g}")
+    return units.astype(np.uint16)
 
 
 def depth_from_mpeg(level: ArrayLike, near: float, far: float, zero_is_invalid: bool = False) -> Depth:

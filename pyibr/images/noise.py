@@ -64,8 +64,8 @@ def _median(values: Float64) -> float:
 
 
 def _step(nearness: Float64) -> float:
-    """How far apart the values are that nearness has; 0 if it has any value."""
-    levels = np.unique(nearness)
+    """How far apart the values are that nearness, which grows, has; 0 if it has any value."""
+    levels = nearness[np.diff(nearness, prepend=-np.inf) > 0]
     if len(levels) < _LEVELS or len(nearness) < _OF_LEVEL * len(levels):
         return 0.0
     step = _median(np.diff(levels))
