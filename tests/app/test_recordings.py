@@ -48,6 +48,12 @@ class Recorded:
         read = [ibr.read_depth(self.folder / f"depth/{number}.png", SCALE) for number in range(COUNT)]
         return [ibr.DepthImage(*frame) for frame in zip(self.colors, read, self.cameras, strict=True)]
 
+    def views_but(self, lost: int) -> list[ibr.DepthImage]:
+        """The views of the frames that can be read."""
+        read = [number for number in range(COUNT) if number != lost]
+        depths = [ibr.read_depth(self.folder / f"depth/{number}.png", SCALE) for number in read]
+        return [ibr.DepthImage(self.colors[k], z, self.cameras[k]) for k, z in zip(read, depths, strict=True)]
+
     def run(self, *words: object, camera: object = "camera.json", output: object = "new.png"):
         """Words that name a file of the folder are its paths."""
         places = [str(self.folder / str(word)) if (self.folder / str(word)).exists() else str(word) for word in words]
@@ -329,8 +335,48 @@ def test_frames_that_lack_a_file_are_named(recorded: Recorded):
     assert_one_line(recorded.run("rgb", "depth", *move), "1.png without depth")
     for number in (1, 2, 3):
         (recorded.folder / f"depth/{number + 3}.png").rename(recorded.folder / f"depth/{number}.png")
-    (recorded.folder / "depth/1.png").write_bytes((recorded.folder / "depth/1.png").read_bytes()[:90])
-    assert_one_line(recorded.run("rgb", "depth", *move), "depth/1.png: not a readable image file, or truncated")
+
+
+@pytest.mark.parametrize("words", [("rgb", "depth"), ("rgb", "depth", "--together"), ("rgb", "depth", "--clean")])
+def test_frames_that_cannot_be_read_are_left_out_and_told(recorded: Recorded, words):
+    whole = (recorded.folder / "depth/1.png").read_bytes()
+    (recorded.folder / "depth/1.png").write_bytes(whole[:90])
+    result = recorded.run(*words, "--poses", "poses.txt", "--to", "cameras")
+    succeeded(result)
+    assert re.search("1 file cannot be read; left out: .*depth/1.png: not a readable image file", result.stderr)
+    if words == ("rgb", "depth"):
+        assert "3 views" in result.stdout and not (recorded.folder / "new_0003.png").exists()
+        views = recorded.views_but(1)
+        for number, view in enumerate(views):
+            np.testing.assert_array_equal(recorded.new(number), ibr.warp(view, view.camera).color)
+    (recorded.folder / "rgb/3.png").write_bytes(b"torn")
+    result = recorded.run(*words, "--poses", "poses.txt", "--move", 0, 0, 0)
+    succeeded(result)
+    assert "2 files cannot be read; left out: " in result.stderr
+
+
+def test_of_several_recordings_those_that_can_be_read_are_shown(recorded: Recorded):
+    ibr.write_depth(recorded.folder / "other/1.png", recorded.depths[1], SCALE)
+    for number in (0, 2, 3):
+        (recorded.folder / f"other/{number}.png").write_bytes(b"torn")
+    sources = ("rgb", "depth", "rgb", "other", "--camera", "cameras/0.json", "--camera", "cameras/3.json")
+    succeeded(recorded.run(*sources, "--to", "cameras", camera=None))
+    for number, view in enumerate(recorded.views()):
+        views = [ibr.DepthImage(view.color, view.depth, recorded.cameras[0])]
+        if number == 1:
+            views.append(ibr.DepthImage(view.color, view.depth, recorded.cameras[3]))
+        expected = ibr.warp(views if number == 1 else views[0], recorded.cameras[number])
+        np.testing.assert_array_equal(recorded.new(number), expected.color)
+
+
+def test_a_recording_of_which_nothing_can_be_read(recorded: Recorded):
+    for number in range(COUNT):
+        (recorded.folder / f"depth/{number}.png").write_bytes(b"torn")
+    for words in (("--move", 0, 0, 0), ("--together", "--orbit", 5)):
+        for output in ("n.mp4", "new.png"):
+            if output == "new.png" or "--together" not in words:
+                assert_one_line(recorded.run("rgb", "depth", *words, output=output), "depth/0.png: not a readable")
+                assert not (recorded.folder / output).exists()
 
 
 def test_a_frame_of_another_size_is_named(recorded: Recorded):
@@ -388,8 +434,8 @@ def test_no_output_is_a_file_of_a_model_that_is_read(recorded: Recorded, name: s
 
 
 def test_a_video_that_fails_leaves_nothing(recorded: Recorded):
-    (recorded.folder / "depth/3.png").write_bytes(b"torn")
-    assert_one_line(recorded.run("rgb", "depth", "--move", 0, 0, 0, output="n.mp4"), "depth/3.png")
+    ibr.write_depth(recorded.folder / "depth/3.png", recorded.depths[3][:20], SCALE)
+    assert_one_line(recorded.run("rgb", "depth", "--move", 0, 0, 0, output="n.mp4"), "depth")
     assert not (recorded.folder / "n.mp4").exists()
 
 

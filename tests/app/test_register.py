@@ -137,3 +137,14 @@ def test_nothing_that_is_read_is_overwritten(pair: Pair):
     for number in range(COUNT):
         (pair.folder / f"depth/{number}.png").rename(pair.folder / f"depth/d_{number:04d}.png")
     assert_refused(pair.register("depth", output="depth/d.png"), "--output: expected a file of its own", "DEPTH")
+
+
+@pytest.mark.parametrize("torn", ["depth", "rgb"])
+def test_frames_that_cannot_be_read_are_left_out_and_told(pair: Pair, torn: str):
+    (pair.folder / f"{torn}/1.png").write_bytes(b"torn")
+    result = pair.register("depth", "--color", "rgb")
+    assert "3 frames" in succeeded(result)
+    assert "1 file cannot be read; left out: " in result.stderr
+    for place, number in enumerate((0, 2, 3)):
+        found = ibr.register(pair.depth(number), pair.base, COLORS, pair.pictures[number], to="depth")
+        np.testing.assert_array_equal(ibr.read_color(pair.folder / f"new_{place:04d}.png"), found.color)

@@ -104,7 +104,7 @@ class Outputs:
 
     def tell(self, size: tuple[int, int], several: str, lacking: str) -> None:
         """Say what was written; `several`: what the frames are called; lacking: why some are empty."""
-        written, count = self._written, self._count
+        written, count = self._written, None if self._count is None else len(self._written)
         empty = [name for name, share in zip(written, self._shares, strict=True) if share == 0]
         if empty:
             many = f"{len(empty)} of {count} {several} are empty, as {empty[0]}" if count else f"{empty[0]} is empty"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,10 +13,13 @@ from numpy.typing import NDArray
 
 import pyibr as ibr
 from pyibr.app.commands.outputs import Kind, Outputs
-from pyibr.app.commands.sources import Shot, open_depths
+from pyibr.app.commands.sources import Lost, Shot, Source, open_depths
 from pyibr.app.commands.views import Depth, Depths, Reading
 from pyibr.app.words import Clean, DepthScale, DeviceName, Take, device_of, with_progress
 from pyibr.core.errors import ArgumentError
+
+Color = NDArray[Any]
+_Given = tuple[Shot, Depth, Color | None]
 
 _DepthFiles = Annotated[
     Path,
@@ -58,22 +62,31 @@ def register(
     read = source.files()
     cameras = {"--depth-camera": [depth_camera], "--color-camera": [color_camera]}
     outputs.check({"DEPTH": read["DEPTH"], "--color": [] if color is None else read["COLOR"], **cameras})
-    depths = Depths(Reading(depth_scale, math.inf, None, clean, steady=not is_still, recorded=not is_still))
-    pictures = [None] * len(source.shots) if color is None else source.colors()
-    frames = zip(source.shots, pictures, strict=True)
+    lost = Lost(recorded=not is_still)
+    depths = Depths(Reading(depth_scale, math.inf, None, clean, steady=not is_still, recorded=not is_still), lost)
+    frames = _read(source, depths, None if color is None else source.colors(lost))
     size = 0, 0
     with device_of(device), outputs:
-        for number, (shot, picture) in enumerate(with_progress(frames, count or 1, "Registering")):
-            given = depths.read(shot)
+        for number, (shot, given, picture) in enumerate(with_progress(frames, count or 1, "Registering")):
             with depths.naming(shot):
                 images, covered = _registered(depths, shot, given, picture)
             outputs.write(images, number, float(covered.mean()))
             size = covered.shape[1], covered.shape[0]
+        lost.tell(some=size != (0, 0))
     outputs.tell(size, "frames", "no depth is in view")
 
 
+def _read(source: Source, depths: Depths, pictures: Iterator[Color | None] | None) -> Iterator[_Given]:
+    """Frames with their depth and, if there are pictures, theirs; without those that are lost."""
+    for shot in source.shots:
+        picture = None if pictures is None else next(pictures)
+        depth = depths.read(shot)
+        if depth is not None and (pictures is None or picture is not None):
+            yield shot, depth, picture
+
+
 def _registered(
-    depths: Depths, shot: Shot, depth: Depth, picture: NDArray[Any] | None
+    depths: Depths, shot: Shot, depth: Depth, picture: Color | None
 ) -> tuple[dict[Kind, NDArray[Any]], NDArray[np.bool_]]:
     """What is written of a frame, and what is covered."""
     if picture is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -36,6 +36,35 @@ class Shot(NamedTuple):
     depth_camera: Camera | None
 
 
+class Lost:
+    """Files of recordings that cannot be read: their frames are left out, and told. Of single pictures it is a mistake.
+
+    recorded: whether frames are of a recording.
+    """
+
+    def __init__(self, recorded: bool) -> None:
+        self._recorded = recorded
+        self._errors: list[FileFormatError] = []
+
+    def or_read(self, read: Callable[[Path], NDArray[Any]], path: Path) -> NDArray[Any] | None:
+        """What is read; None if it is lost."""
+        try:
+            return read(path)
+        except FileFormatError as error:
+            if not self._recorded:
+                raise
+            self._errors.append(error)
+            return None
+
+    def tell(self, some: bool) -> None:
+        """Say which are lost; if there are no other frames, raise the first one's error."""
+        if self._errors and not some:
+            raise self._errors[0]
+        if self._errors:
+            files = "1 file" if len(self._errors) == 1 else f"{len(self._errors)} files"
+            told(f"{files} cannot be read; left out: {printable(self._errors[0])}")
+
+
 @dataclass(frozen=True)
 class Source:
     """Frames; of a video their numbers in it.
@@ -59,14 +88,14 @@ class Source:
         """Frames a second, if that is known."""
         return None if self.video is None else self.video.fps
 
-    def colors(self) -> Iterator[NDArray[Any]]:
-        """The pictures, one after the other; of depth alone none."""
+    def colors(self, lost: Lost) -> Iterator[NDArray[Any] | None]:
+        """The pictures, one after the other, None where one is lost; of depth alone none."""
         if self.video is not None:
             yield from self.video.frames(self.numbers)
         else:
             for shot in self.shots:
                 if shot.color is not None:
-                    yield ibr.read_color(shot.color)
+                    yield lost.or_read(ibr.read_color, shot.color)
 
     def files(self) -> dict[str, list[Path]]:
         """What is read of it: colours and depth."""

@@ -57,10 +57,12 @@ class Targets:
         for number, part in enumerate(np.linspace(0, 1, count) if count else [1.0]):
             yield views, self._camera(views, number, float(part))
 
-    def of_frames(self, frames: Iterable[Sequence[DepthImage]]) -> Iterator[Job]:
-        """The views of each frame for its target."""
-        for number, views in enumerate(frames):
-            yield views, self._camera(views, number, 1.0)
+    def of_frames(self, frames: Iterable[Sequence[DepthImage | None]]) -> Iterator[Job]:
+        """The views of each frame for its target; frames without any are left out."""
+        for number, each in enumerate(frames):
+            views = [view for view in each if view is not None]
+            if views:
+                yield views, self._camera(views, number, 1.0)
 
     def _camera(self, views: Sequence[DepthImage], number: int, part: float) -> Camera:
         if self._to is not None:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pyibr as ibr
-from pyibr.app.commands.sources import Shot, Source
+from pyibr.app.commands.sources import Lost, Shot, Source
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
@@ -38,13 +38,15 @@ class Reading(NamedTuple):
 class Depths:
     """Depth of frames, one after the other: read and, if that is asked for, cleaned by what is known from the last."""
 
-    def __init__(self, reading: Reading) -> None:
-        self._reading = reading
+    def __init__(self, reading: Reading, lost: Lost) -> None:
+        self._reading, self._lost = reading, lost
         self._last: DepthImage | None = None
 
-    def read(self, shot: Shot, color: NDArray[Any] | None = None) -> Depth:
-        """The frame's depth; `color` guides the cleaning, if it is of the depth's camera."""
-        depth = ibr.read_depth(shot.depth, self._reading.scale)
+    def read(self, shot: Shot, color: NDArray[Any] | None = None) -> Depth | None:
+        """The frame's depth, None if it is lost; `color` guides the cleaning, if it is of the depth's camera."""
+        depth = self._lost.or_read(lambda path: ibr.read_depth(path, self._reading.scale), shot.depth)
+        if depth is None:
+            return None
         if color is not None and shot.depth_camera is None:
             with self.naming(shot):
                 _check_size(depth, color, shot.camera)
@@ -75,11 +77,14 @@ class Depths:
         return _naming(shot) if self._reading.recorded else nullcontext()
 
 
-def views_of(source: Source, reading: Reading) -> Iterator[DepthImage]:
-    """The frames of a source, one after the other."""
-    depths = Depths(reading)
-    for shot, color in zip(source.shots, source.colors(), strict=True):
-        depth = depths.read(shot, color)
+def views_of(source: Source, reading: Reading, lost: Lost) -> Iterator[DepthImage | None]:
+    """The frames of a source, one after the other; None where one is lost."""
+    depths = Depths(reading, lost)
+    for shot, color in zip(source.shots, source.colors(lost), strict=True):
+        depth = None if color is None else depths.read(shot, color)
+        if color is None or depth is None:
+            yield None
+            continue
         with depths.naming(shot):
             backdrop = None if depths.is_blank(depth) else reading.backdrop
             view = DepthImage(color, depths.registered(shot, depth), shot.camera, reading.far, backdrop)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 import pyibr as ibr
 from pyibr.app.commands.outputs import Kind, Outputs
-from pyibr.app.commands.sources import Asked, open_sources
+from pyibr.app.commands.sources import Asked, Lost, open_sources
 from pyibr.app.commands.targets import Job, Move, Targets
 from pyibr.app.commands.views import Reading, views_of
 from pyibr.app.words import (
@@ -115,15 +115,18 @@ def warp(
     outputs = Outputs(written, depth_scale, count, fps, opened[0].fps)
     outputs.check({**asked.read(opened), "--to": [] if to is None else [to]})
     reading = Reading(depth_scale, far, backdrop_of(backdrop), clean, steady=not is_scene, recorded=not are_stills)
-    each = [views_of(source, reading) for source in opened]
+    lost = Lost(recorded=not are_stills)
+    each = [views_of(source, reading, lost) for source in opened]
     look = {"method": method, "sample": sample, "edges": edges, "fill": None if fill == "none" else fill, "thin": thin}
     draw = functools.partial(_drawn, **look, cut_ratio=cut_ratio, side=side, blend=blend, samples=samples)
     with device_of(device), outputs:
         if is_scene:
-            jobs = targets.of_scene([view for views in each for view in views], count)
+            known = [view for views in each for view in views if view is not None]
+            jobs = targets.of_scene(known, count) if known else ()
         else:
             jobs = targets.of_frames(zip(*each, strict=True))
         size = _write(jobs, draw, outputs, count)
+        lost.tell(some=size != (0, 0))
     outputs.tell(size, "views", f"its camera sees nothing of {printable(sources[0])}")
 
 
