@@ -16,7 +16,7 @@ from pyibr.app.live.pages import Pages
 from pyibr.app.place import place as place_page
 from pyibr.app.place.captures import Captures
 from pyibr.app.place.model import Placement
-from pyibr.app.words import BackdropText, DepthScale, DeviceName, FarDepth, backdrop_of, device_of, printable
+from pyibr.app.words import BackdropText, DepthIs, DepthScale, DeviceName, FarDepth, backdrop_of, device_of, printable
 from pyibr.capture.coverage import surface_of
 from pyibr.capture.frusta import light_for, load_frusta, part_of
 from pyibr.capture.proposal import propose_frusta
@@ -26,7 +26,7 @@ from pyibr.core.checks import positive
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.images import DepthImage
 from pyibr.images.depth_image import Backdrop
-from pyibr.io import read_relief_map
+from pyibr.io import DepthKind, read_relief_map
 from pyibr.meshes.files import is_mesh_file
 from pyibr.meshes.heights import Wrap
 from pyibr.meshes.mesh import Mesh
@@ -48,6 +48,7 @@ def view(
     things: _Things,
     camera: Annotated[Path | None, typer.Option(help="The camera of COLOR and DEPTH: JSON")] = None,
     depth_scale: DepthScale = None,
+    depth_is: DepthIs = "z",
     far: FarDepth = math.inf,
     backdrop: BackdropText = "none",
     height: Annotated[
@@ -67,7 +68,7 @@ def view(
 ) -> None:
     """Look around in a browser, drawn live. The page can only be opened on this machine."""
     with device_of(device):
-        views = _Views(camera, depth_scale, far, backdrop)
+        views = _Views(camera, (depth_scale, depth_is), far, backdrop)
         shown, of_meshes = views.read(things)
         meshes = [thing for thing in shown if isinstance(thing, Mesh)]
         given: object = shown
@@ -143,8 +144,8 @@ def _serve(pages: Pages, open_page: bool) -> None:
 class _Views:
     """Reads what is named on the command line."""
 
-    def __init__(self, camera: Path | None, depth_scale: float | None, far: float, backdrop: str) -> None:
-        self._camera, self._scale, self._far = camera, depth_scale, far
+    def __init__(self, camera: Path | None, stored: tuple[float | None, DepthKind], far: float, backdrop: str) -> None:
+        self._camera, self._stored, self._far = camera, stored, far
         self._backdrop: float | Backdrop | None = backdrop_of(backdrop)
 
     def read(self, names: Sequence[Path]) -> tuple[list[DepthImage | Mesh], bool]:
@@ -155,15 +156,16 @@ class _Views:
         while rest:
             name = rest.pop(0)
             if name.is_dir():
-                things += load(name, self._scale)
+                things += load(name, *self._stored)
             elif is_mesh_file(name):
                 things.append(Mesh.load(name))
             elif not rest or self._camera is None:
                 lacking = "no --camera for it" if rest else "none"
                 raise ArgumentError("THINGS", f"a depth after the color {printable(name)}, and its --camera", lacking)
             else:
-                color, depth = ibr.read_color(name), ibr.read_depth(rest.pop(0), self._scale)
-                things.append(DepthImage(color, depth, Camera.load(self._camera), self._far, self._backdrop))
+                color, own = ibr.read_color(name), Camera.load(self._camera)
+                depth = ibr.read_depth(rest.pop(0), *self._stored, own)
+                things.append(DepthImage(color, depth, own, self._far, self._backdrop))
             customary &= is_mesh_file(name) and not name.name.lower().endswith((".glb", ".gltf"))
         return things, customary
 

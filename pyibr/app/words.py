@@ -14,6 +14,7 @@ import typer
 import pyibr as ibr
 from pyibr.core.errors import ArgumentError
 from pyibr.images.depth_image import Backdrop
+from pyibr.io import DepthKind
 
 ThingT = TypeVar("ThingT")
 
@@ -29,6 +30,10 @@ BackdropText = Annotated[
 ]
 DepthScale = Annotated[
     float | None, typer.Option(help="Stored depth units per scene unit: 1000 for millimetres to metres")
+]
+DepthIs = Annotated[
+    DepthKind,
+    typer.Option(help="What depth is stored as: z, distance along the rays, inverse (1/z; disparity by its scale)"),
 ]
 Take = Annotated[str | None, typer.Option(metavar="A:B:STEP", help="Frames of the recording, as 10:90:2")]
 DeviceName = Annotated[str | None, typer.Option(help="OpenCL device: part of its name, or its number")]

@@ -16,14 +16,14 @@ from pyibr.core.checks import describe
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.files import checked_path, written_together
 from pyibr.images import DepthImage
-from pyibr.io import read_color, read_depth, write_color, write_depth
+from pyibr.io import DepthKind, read_color, read_depth, write_color, write_depth
 from pyibr.io.recordings import cameras_of, posed, recording_in
 
 SET_FILE = "frusta.json"
 """What lists the views of a set, in its folder."""
 
 
-def load(folder: str | PathLike[str], depth_scale: float | None = None) -> list[DepthImage]:
+def load(folder: str | PathLike[str], depth_scale: float | None = None, depth_is: DepthKind = "z") -> list[DepthImage]:
     """Read a folder of depth images.
 
     A set that `pyibr place` has saved (with a `frusta.json`), or a recording of colour and depth: files
@@ -40,6 +40,8 @@ def load(folder: str | PathLike[str], depth_scale: float | None = None) -> list[
     folder : path
     depth_scale : float, optional
         Stored units per scene unit, for integer depth: see `read_depth`.
+    depth_is : {"z", "distance", "inverse"}
+        What a recording's depth is stored as: see `read_depth`.
 
     Returns
     -------
@@ -79,11 +81,13 @@ def load(folder: str | PathLike[str], depth_scale: float | None = None) -> list[
         raise FileFormatError(f"{place}: has neither {own} nor camera.json for {first.name}")
     cameras = cameras_of(recording)
     frames = zip(recording.colors, recording.depths, cameras, strict=True)
-    return [_view(c, d, posed(camera, pose), depth_scale) for c, d, (camera, pose) in frames if pose is not None]
+    return [
+        _view(c, d, posed(camera, pose), (depth_scale, depth_is)) for c, d, (camera, pose) in frames if pose is not None
+    ]
 
 
-def _view(color: Path, depth: Path, camera: Camera, depth_scale: float | None) -> DepthImage:
-    image, depths = read_color(color), read_depth(depth, depth_scale)
+def _view(color: Path, depth: Path, camera: Camera, stored: tuple[float | None, DepthKind]) -> DepthImage:
+    image, depths = read_color(color), read_depth(depth, *stored, camera)
     try:
         return DepthImage(image, depths, camera)
     except ArgumentError as error:

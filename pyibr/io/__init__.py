@@ -25,17 +25,20 @@ from typing import Any, Literal, Protocol, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.core.checks import describe, plain_array, positive
+from pyibr.core.camera import Camera
+from pyibr.core.checks import describe, one_of, plain_array, positive
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.files import check_writable, checked_path
 from pyibr.images import depth_from_uint16, uint16_from_depth
-from pyibr.io import image
+from pyibr.io import depth_kinds, image
 from pyibr.io.cameras import read_cameras
+from pyibr.io.depth_kinds import DepthKind
 from pyibr.io.poses import Poses, read_poses
 from pyibr.io.range_grid import read_range_grid
 from pyibr.io.relief_map import read_relief_map, write_relief_map
 
 __all__ = [
+    "DepthKind",
     "Poses",
     "check_output",
     "read_cameras",
@@ -161,7 +164,9 @@ def check_output(path: _PathLike, kind: Literal["color", "depth", "mask"]) -> No
     check_writable(path)
 
 
-def read_depth(path: _PathLike, scale: float | None = None) -> NDArray[np.float32]:
+def read_depth(
+    path: _PathLike, scale: float | None = None, kind: DepthKind = "z", camera: Camera | None = None
+) -> NDArray[np.float32]:
     """Read planar depth.
 
     Parameters
@@ -171,17 +176,23 @@ def read_depth(path: _PathLike, scale: float | None = None) -> NDArray[np.float3
     scale : float
         Stored units per scene unit: 1000 for millimetres to metres, 5000 for the TUM data sets. Required for
         integers, where 0 means no depth; 1 for floats if not given.
+    kind : {"z", "distance", "inverse"}
+        What the file holds: planar z; distances from the camera's centre along its rays; or 1 / z, which disparity is
+        with a scale of focal length times baseline (times the units that are stored a pixel).
+    camera : Camera, optional
+        Of the depth, for distances.
 
     Returns
     -------
-    (H, W) float32 in scene units, the top row first.
+    (H, W) float32
+        Planar z in scene units, the top row first.
 
     Raises
     ------
     FileFormatError
         If the file is missing, truncated, or does not hold depth.
     ArgumentError
-        If the file holds integers and there is no scale.
+        If the file holds integers and there is no scale, or distances and no camera of their size is given.
 
     Examples
     --------
@@ -191,20 +202,29 @@ def read_depth(path: _PathLike, scale: float | None = None) -> NDArray[np.float3
     >>> ibr.read_depth("depth.png", scale=1000).tolist()
     [[1.5, nan]]
     """
+    one_of("kind", kind, DepthKind)
     stored = _module(path, _DEPTH_MODULES).read_depth(path)
     if stored.ndim > 2:  # (1, H, W) and the like, as networks have them
         stored = stored.reshape([length for length in stored.shape if length != 1] or stored.shape)
     if stored.ndim != 2 or stored.dtype.kind not in "uif" or 0 in stored.shape:
         raise FileFormatError(f"{path}: expected depth of shape (H, W), got {describe(stored)}")
     if stored.dtype.kind in "ui":
-        return depth_from_uint16(stored, _required(scale, path))
-    if scale is not None:
-        return (stored / positive("scale", scale)).astype(np.float32)
-    return np.ascontiguousarray(stored, np.float32)
+        values = depth_from_uint16(stored, _required(scale, path))
+    elif scale is not None:
+        values = (stored / positive("scale", scale)).astype(np.float32)
+    else:
+        values = np.ascontiguousarray(stored, np.float32)
+    return depth_kinds.planar(values, kind, camera, path)
 
 
-def write_depth(path: _PathLike, depth: NDArray[np.float32], scale: float | None = None) -> None:
-    """Write (H, W) float32 depth so that `read_depth` with the same `scale` returns it.
+def write_depth(
+    path: _PathLike,
+    depth: NDArray[np.float32],
+    scale: float | None = None,
+    kind: DepthKind = "z",
+    camera: Camera | None = None,
+) -> None:
+    """Write (H, W) float32 depth so that `read_depth` with the same arguments returns it.
 
     PNG needs a scale, stores the nearest integer and 0 for invalid depth; ArgumentError if a depth does not
     fit in 16 bits. The other formats store floats, invalid ones as they are.
@@ -220,6 +240,8 @@ def write_depth(path: _PathLike, depth: NDArray[np.float32], scale: float | None
     array = plain_array("depth", depth, "float32 of shape (H, W)", math.nan)
     if array.ndim != 2 or array.dtype.kind != "f" or not array.size:
         raise ArgumentError("depth", "float32 of shape (H, W)", describe(depth))
+    one_of("kind", kind, DepthKind)
+    array = depth_kinds.stored(array, kind, camera, path)
     module = _module(path, _DEPTH_MODULES)
     if checked_path(path).suffix.lower() == ".png":
         module.write_depth(path, uint16_from_depth(array, _required(scale, path)))

@@ -71,6 +71,28 @@ def test_depth_of_another_size_wants_its_own_camera(scene: Scene, clean: tuple[s
     assert (np.abs(new[2:-2, 2:-8] - scene.color[2:-2, 7:-3]) <= 1).all()
 
 
+@pytest.mark.parametrize("kind", ["distance", "inverse"])
+def test_depth_may_be_stored_in_other_kinds(scene: Scene, kind: str):
+    """The same picture, and depth out as it came in."""
+    move, new, out = ("--move", "0.2", "0", "0.1"), scene.folder / "new.png", scene.folder / "out.npy"
+    assert scene.run(*move, "-o", new, "--depth-out", out).exit_code == 0
+    expected, depth = ibr.read_color(new), ibr.read_depth(out, 1000)
+    target = scene.camera.moved(0.2, 0, 0.1)
+    ibr.write_depth(scene.folder / "other.npy", scene.depth, 1000, kind, scene.camera)
+    result = scene.run(*move, "-o", new, "--depth-out", out, "--depth-is", kind, depth="other.npy")
+    assert result.exit_code == 0, result.output
+    assert (np.abs(ibr.read_color(new).astype(int) - expected) <= 1).all()
+    np.testing.assert_allclose(ibr.read_depth(out, 1000, kind, target), depth, rtol=1e-5)
+    mesh = scene.folder / "new.ply"
+    words = ("--max-error", "0.001", "-o", mesh, "--depth-is", kind)
+    assert scene.run(*words, depth="other.npy", command="mesh").exit_code == 0
+    np.testing.assert_allclose(ibr.Mesh.load(mesh).vertices[:, 2], 2, rtol=1e-5)
+    words = ("--depth-camera", scene.folder / "camera.json", "--color-camera", scene.folder / "camera.json", "-o", out)
+    words = ("register", scene.folder / "other.npy", "--depth-scale", 1000, "--depth-is", kind, *words)
+    assert runner.invoke(app, [str(word) for word in words]).exit_code == 0
+    np.testing.assert_allclose(ibr.read_depth(out), ibr.read_depth(scene.folder / "other.npy"), rtol=1e-5)
+
+
 def test_cameras_of_files_have_their_lenses(scene: Scene):
     lens = ibr.Lens("brown_conrady", [-0.2, 0.05, 0, 0])
     ibr.Camera(scene.camera.K, SIZE, lens=lens).save(scene.folder / "bent.json")

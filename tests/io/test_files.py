@@ -59,6 +59,34 @@ def test_scale_means_stored_units_per_scene_unit(tmp_path: Path, suffix):
     np.testing.assert_allclose(ibr.read_depth(file, 500), 3)
 
 
+@pytest.mark.parametrize("kind", ["z", "distance", "inverse"])
+@pytest.mark.parametrize("suffix", [".png", ".npy"])
+def test_other_kinds_of_depth_are_what_their_converters_make(tmp_path: Path, kind, suffix):
+    depth, file = np.clip(depth_of((61, 37)), 0.5, 9), tmp_path / f"depth{suffix}"
+    camera = ibr.Camera([[50, 0, 30], [0, 50, 18], [0, 0, 1]], (61, 37), lens=ibr.Lens("brown_conrady", [0.1] * 4))
+    scale = 10_000.0 if kind == "inverse" else 5000.0
+    ibr.write_depth(file, depth, scale, kind, camera)
+    disparity = ibr.disparity_from_depth(depth, 1, 1)  # of a focal length times a baseline of 1
+    held = {"z": depth, "distance": ibr.euclidean_from_depth(depth, camera), "inverse": disparity}[kind]
+    step = 0.5 / scale if suffix == ".png" else 0
+    np.testing.assert_allclose(ibr.read_depth(file, scale), held, rtol=1e-6, atol=1.01 * step)
+    again = ibr.read_depth(file, scale, kind, camera)
+    slope = 9**2 if kind == "inverse" else 1  # how much depth changes with what is stored
+    np.testing.assert_allclose(again, depth, rtol=1e-6, atol=1.01 * step * slope)
+
+
+def test_distances_need_their_camera(tmp_path: Path):
+    camera = ibr.Camera([[50, 0, 30], [0, 50, 18], [0, 0, 1]], (61, 37))
+    ibr.write_depth(tmp_path / "d.npy", depth_of((7, 13)))
+    for given, got in ((None, "none"), (camera, "61x37")):
+        with pytest.raises(
+            ibr.ArgumentError, match=f"camera: expected the one whose 7x13 distances .*d.npy, got {got}"
+        ):
+            ibr.read_depth(tmp_path / "d.npy", None, "distance", given)
+    with pytest.raises(ibr.ArgumentError, match='kind: expected one of "z", "distance", "inverse"'):
+        ibr.read_depth(tmp_path / "d.npy", kind="disparity")  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("suffix", EXACT_SUFFIXES)
 def test_color_round_trip(tmp_path: Path, suffix, size):

@@ -16,6 +16,7 @@ from pyibr.app.words import (
     Clean,
     Color,
     Depth,
+    DepthIs,
     DepthScale,
     DeviceName,
     FarDepth,
@@ -40,14 +41,16 @@ def mesh(
     far: FarDepth = math.inf,
     backdrop: BackdropText = "none",
     depth_scale: DepthScale = None,
+    depth_is: DepthIs = "z",
     device: DeviceName = None,
 ) -> None:
     """Turn an image with depth into a textured triangle mesh, simplified within an error."""
     check_outputs({"COLOR": [color], "DEPTH": [depth], "--camera": [camera]}, {"--output": [output]})
     check_mesh_file(output, textured=True, colored=True)
-    image, depths = ibr.read_color(color), ibr.read_depth(depth, depth_scale)
+    image, own = ibr.read_color(color), Camera.load(camera)
+    depths = ibr.read_depth(depth, depth_scale, depth_is, own)
     depths = ibr.clean_depth(depths, image).depth if clean else depths
-    view = DepthImage(image, depths, Camera.load(camera), far, backdrop_of(backdrop))
+    view = DepthImage(image, depths, own, far, backdrop_of(backdrop))
     with device_of(device):
         made = ibr.DepthMesh(view, segmentation=Segmentation(segmentation)).simplify(max_error)
     made.save(output)

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 import pyibr as ibr
 from pyibr.app.words import printable, told
+from pyibr.core.camera import Camera
 from pyibr.core.checks import positive
 from pyibr.core.errors import ArgumentError
 from pyibr.core.files import check_writable, identity
-from pyibr.io import check_output
+from pyibr.io import DepthKind, check_output
 from pyibr.io.video import CODECS, VideoWriter, check_video_output
 
 Kind = Literal["color", "depth", "mask"]
@@ -31,8 +32,8 @@ class Outputs:
     ----------
     files : mapping
         For each option, --output the first, its path (or None) and what it holds.
-    scale : float, or None
-        --depth-scale.
+    stored : (float or None, DepthKind)
+        --depth-scale and --depth-is.
     count : int, or None
         How many frames there are; None for one, which has no number.
     fps, source_fps : float, or None
@@ -42,7 +43,7 @@ class Outputs:
     def __init__(
         self,
         files: Mapping[str, tuple[Path | None, Kind]],
-        scale: float | None,
+        stored: tuple[float | None, DepthKind],
         count: int | None,
         fps: float | None,
         source_fps: float | None,
@@ -51,7 +52,7 @@ class Outputs:
             option: (path, kind) for option, (path, kind) in files.items() if path is not None
         }
         self._main, kind = next(iter(self._files.values()))
-        self._scale, self._count = scale, count
+        self._stored, self._count = stored, count
         self._is_video = count is not None and kind == "color" and self._main.suffix.lower() in CODECS
         if fps is not None and not self._is_video:
             expected = f"a video of several views ({', '.join(CODECS)}) for --output"
@@ -65,7 +66,7 @@ class Outputs:
     def check(self, inputs: Mapping[str, Sequence[Path]]) -> None:
         """Raise what writing them would raise, before anything is computed; inputs: files that are read, by option."""
         for path, kind in self._files.values():
-            if kind == "depth" and path.suffix.lower() == ".png" and self._scale is None:
+            if kind == "depth" and path.suffix.lower() == ".png" and self._stored[0] is None:
                 expected = f"stored units per scene unit, for the integers of {path}"
                 raise ArgumentError("--depth-scale", expected, "none")
         for option, (path, kind) in self._files.items():
@@ -85,8 +86,8 @@ class Outputs:
     def __exit__(self, *error: object) -> None:
         self._stack.__exit__(*error)  # pyright: ignore[reportArgumentType]
 
-    def write(self, images: Mapping[Kind, NDArray[Any]], number: int, covered: float) -> None:
-        """Write a frame, of which so much is covered."""
+    def write(self, images: Mapping[Kind, NDArray[Any]], number: int, covered: float, camera: Camera) -> None:
+        """Write a frame, of which so much is covered; camera: of the depth."""
         for path, kind in self._files.values():
             name = self._name(path, number)
             if self._is_video and path == self._main:
@@ -96,7 +97,7 @@ class Outputs:
             elif kind == "color":
                 ibr.write_color(name, images[kind])
             elif kind == "depth":
-                ibr.write_depth(name, images[kind], self._scale)
+                ibr.write_depth(name, images[kind], *self._stored, camera)
             else:
                 ibr.write_mask(name, images[kind])
         self._written.append(printable(self._main if self._is_video else self._name(self._main, number)))

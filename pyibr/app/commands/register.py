@@ -15,7 +15,7 @@ import pyibr as ibr
 from pyibr.app.commands.outputs import Kind, Outputs
 from pyibr.app.commands.sources import Lost, Shot, Source, open_depths
 from pyibr.app.commands.views import Depth, Depths, Reading
-from pyibr.app.words import Clean, DepthScale, DeviceName, Take, device_of, with_progress
+from pyibr.app.words import Clean, DepthIs, DepthScale, DeviceName, Take, device_of, with_progress
 from pyibr.core.errors import ArgumentError
 
 Color = NDArray[Any]
@@ -49,6 +49,7 @@ def register(
     take: Take = None,
     clean: Clean = False,
     depth_scale: DepthScale = None,
+    depth_is: DepthIs = "z",
     seen_out: Annotated[Path | None, typer.Option(help="With --color: write the mask of what has one, too")] = None,
     device: DeviceName = None,
 ) -> None:
@@ -58,19 +59,20 @@ def register(
     source, is_still = open_depths(depth, color, (depth_camera, color_camera), take)
     count = None if is_still else len(source.shots)
     files: dict[str, tuple[Path | None, Kind]] = {"--output": (output, "depth" if color is None else "color")}
-    outputs = Outputs({**files, "--seen-out": (seen_out, "mask")}, depth_scale, count, None, source.fps)
+    outputs = Outputs({**files, "--seen-out": (seen_out, "mask")}, (depth_scale, depth_is), count, None, source.fps)
     read = source.files()
     cameras = {"--depth-camera": [depth_camera], "--color-camera": [color_camera]}
     outputs.check({"DEPTH": read["DEPTH"], "--color": [] if color is None else read["COLOR"], **cameras})
     lost = Lost(recorded=not is_still)
-    depths = Depths(Reading(depth_scale, math.inf, None, clean, steady=not is_still, recorded=not is_still), lost)
+    reading = Reading(depth_scale, depth_is, math.inf, None, clean, steady=not is_still, recorded=not is_still)
+    depths = Depths(reading, lost)
     frames = _read(source, depths, None if color is None else source.colors(lost))
     size = 0, 0
     with device_of(device), outputs:
         for number, (shot, given, picture) in enumerate(with_progress(frames, count or 1, "Registering")):
             with depths.naming(shot):
                 images, covered = _registered(depths, shot, given, picture)
-            outputs.write(images, number, float(covered.mean()))
+            outputs.write(images, number, float(covered.mean()), shot.camera)
             size = covered.shape[1], covered.shape[0]
         lost.tell(some=size != (0, 0))
     outputs.tell(size, "frames", "no depth is in view")

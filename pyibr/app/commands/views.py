@@ -16,18 +16,20 @@ from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
 from pyibr.images.depth_image import Backdrop
+from pyibr.io import DepthKind
 
 Depth = NDArray[np.float32]
 
 
 class Reading(NamedTuple):
-    """How frames are read: --depth-scale, --far, --backdrop, --clean.
+    """How frames are read: --depth-scale, --depth-is, --far, --backdrop, --clean.
 
     `steady`: they come one after the other, and each is cleaned by what is known from the last; else they are all of
     one scene. `recorded`: a frame may lack depth altogether, and errors name the frame.
     """
 
     scale: float | None
+    kind: DepthKind
     far: float
     backdrop: float | Backdrop | None
     clean: bool
@@ -44,7 +46,8 @@ class Depths:
 
     def read(self, shot: Shot, color: NDArray[Any] | None = None) -> Depth | None:
         """The frame's depth, None if it is lost; `color` guides the cleaning, if it is of the depth's camera."""
-        depth = self._lost.or_read(lambda path: ibr.read_depth(path, self._reading.scale), shot.depth)
+        camera, (scale, kind, *_) = shot.depth_camera or shot.camera, self._reading
+        depth = self._lost.or_read(lambda path: ibr.read_depth(path, scale, kind, camera), shot.depth)
         if depth is None:
             return None
         if color is not None and shot.depth_camera is None:
@@ -52,7 +55,6 @@ class Depths:
                 _check_size(depth, color, shot.camera)
         if not self._reading.clean:
             return depth
-        camera = shot.depth_camera or shot.camera
         before = _carried(self._last, camera) if self._last is not None and self._reading.steady else None
         with self.naming(shot):
             depth = ibr.clean_depth(depth, color if shot.depth_camera is None else None, before=before).depth

@@ -21,6 +21,7 @@ from pyibr.app.commands.views import Reading, views_of
 from pyibr.app.words import (
     BackdropText,
     Clean,
+    DepthIs,
     DepthScale,
     DeviceName,
     FarDepth,
@@ -96,6 +97,7 @@ def warp(
     far: FarDepth = math.inf,
     backdrop: BackdropText = "none",
     depth_scale: DepthScale = None,
+    depth_is: DepthIs = "z",
     depth_out: Annotated[Path | None, typer.Option(help="Write the new view's depth too")] = None,
     valid_out: Annotated[Path | None, typer.Option(help="Write the mask of what is no hole too")] = None,
     fps: Annotated[float | None, typer.Option(help="Of a video: frames a second; default: the source's, or 30")] = None,
@@ -112,9 +114,11 @@ def warp(
     count = targets.count(None if is_scene else len(opened[0].shots))
     written: dict[str, tuple[Path | None, Kind]] = {"--output": (output, "color")}
     written |= {"--depth-out": (depth_out, "depth"), "--valid-out": (valid_out, "mask")}
-    outputs = Outputs(written, depth_scale, count, fps, opened[0].fps)
+    outputs = Outputs(written, (depth_scale, depth_is), count, fps, opened[0].fps)
     outputs.check({**asked.read(opened), "--to": [] if to is None else [to]})
-    reading = Reading(depth_scale, far, backdrop_of(backdrop), clean, steady=not is_scene, recorded=not are_stills)
+    reading = Reading(
+        depth_scale, depth_is, far, backdrop_of(backdrop), clean, steady=not is_scene, recorded=not are_stills
+    )
     lost = Lost(recorded=not are_stills)
     each = [views_of(source, reading, lost) for source in opened]
     look = {"method": method, "sample": sample, "edges": edges, "fill": None if fill == "none" else fill, "thin": thin}
@@ -136,7 +140,7 @@ def _write(jobs: Iterable[Job], draw: _Draw, outputs: Outputs, count: int | None
     for number, (views, target) in enumerate(with_progress(jobs, count or 1, "Warping")):
         frame = draw(views, target)
         images: dict[Kind, NDArray[Any]] = {"color": frame.color, "depth": frame.depth, "mask": frame.valid}
-        outputs.write(images, number, float(frame.valid.mean()))
+        outputs.write(images, number, float(frame.valid.mean()), target)
         size = target.size
     return size
 

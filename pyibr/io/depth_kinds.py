@@ -1,0 +1,46 @@
+"""What files of depth hold: planar z, distances along the rays, or what grows as things come nearer."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.core.camera import Camera
+from pyibr.core.errors import ArgumentError
+from pyibr.images import depth_from_euclidean, euclidean_from_depth
+
+DepthKind = Literal["z", "distance", "inverse"]
+
+_Values = NDArray[np.float32]
+
+
+def planar(values: _Values, kind: DepthKind, camera: Camera | None, name: object) -> _Values:
+    """(H, W) planar z, NaN where there is none, of what the file `name` holds."""
+    if kind == "z":
+        return values
+    return _inverse(values) if kind == "inverse" else depth_from_euclidean(values, _fitting(camera, values, name))
+
+
+def stored(depth: _Values, kind: DepthKind, camera: Camera | None, name: object) -> _Values:
+    """What the file `name` shall hold of (H, W) planar z."""
+    if kind == "z":
+        return depth
+    return _inverse(depth) if kind == "inverse" else euclidean_from_depth(depth, _fitting(camera, depth, name))
+
+
+def _inverse(values: _Values) -> _Values:
+    found = np.full(values.shape, np.nan, np.float32)
+    with np.errstate(over="ignore"):  # what float32 does not hold is infinite
+        np.divide(1, values, out=found, where=(values > 0) & np.isfinite(values))
+    return found
+
+
+def _fitting(camera: Camera | None, values: NDArray[Any], name: object) -> Camera:
+    """The camera whose distances they are."""
+    height, width = values.shape
+    if camera is None or camera.size != (width, height):
+        got = "none" if camera is None else "{}x{}".format(*camera.size)
+        raise ArgumentError("camera", f"the one whose {width}x{height} distances are in {name}", got)
+    return camera
