@@ -15,7 +15,7 @@ REGISTRATION = """## Registration
 Depth of a depth camera in the image of a colour camera 2.5 cm beside it, which sees {wider:.0%} farther to each side:
 frame 0 of the scene of *Real RGB-D*, without noise and with so many pixels of disparity. Milliseconds from NumPy arrays
 to NumPy arrays, in turns in one process. *Covers*: the share of the colour image that gets depth. {register} moves
-samples to whole pixels and leaves gaps between them; dilated, it writes each to four.
+samples to whole pixels and leaves gaps where they spread; dilated, it writes each to four.
 """
 
 _SUBJECTS = (REGISTERED, MILLIMETRES, COLORS, REGISTER, DILATED)
