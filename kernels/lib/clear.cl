@@ -1,12 +1,23 @@
-/* Sets floats. Work-item: `chunk` of them, a multiple of LANES. O(n). */
+/* Sets floats or uints. Work-item: `chunk` of them, a multiple of LANES. O(n). */
 #include "lib/lanes.h"
 
-kernel void clear(global float *values, int count, int chunk, float value)
+#ifndef UINTS
+#define UINTS 0 /* 1: the values are uints */
+#endif
+#if UINTS
+#define word uint
+#define words uintl
+#else
+#define word float
+#define words floatl
+#endif
+
+kernel void clear(global word *values, int count, int chunk, word value)
 {
     const int first = get_global_id(0) * chunk, end = min(first + chunk, count);
     int i = first;
     for (; i + LANES <= end; i += LANES)
-        store_lanes((floatl)value, values + i);
+        store_lanes((words)value, values + i);
     for (; i < end; i++)
         values[i] = value;
 }

@@ -19,38 +19,45 @@
 #endif
 #define WIDEST 64 /* target pixels: a sample's own is drawn no wider, as one right before the target would be */
 
-/* Draws the pixel around sample (x, y) of nearness n. */
-void draw_pixel(PixelMap map, int x, int y, float n, global uint *keys)
+/* Draws the pixels around samples x of row y, one a lane, of nearness n. */
+INLINED void draw_pixels(PixelMap map, floatl x, float y, floatl n, intl wanted, global uint *keys)
 {
     const float *D = map.dst_from_src, *S = map.src_from_dst;
-    float u[4], v[4], low_u = INFINITY, low_v = INFINITY, high_u = -INFINITY, high_v = -INFINITY;
+    floatl u[4], v[4], low_u = INFINITY, low_v = INFINITY, high_u = -INFINITY, high_v = -INFINITY;
+    intl drawn = wanted;
+    UNROLLED
     for (int i = 0; i < 4; i++) { /* round the square */
-        const float cx = x + (i == 1 || i == 2 ? 0.5f : -0.5f), cy = y + (i >= 2 ? 0.5f : -0.5f);
-        const float w = MAP_ROW(D, 2, cx, cy, n);
-        if (!(w > 0.0f))
-            return;
+        const floatl cx = x + (i == 1 || i == 2 ? 0.5f : -0.5f);
+        const float cy = y + (i >= 2 ? 0.5f : -0.5f);
+        const floatl w = MAP_ROW(D, 2, cx, cy, n);
+        drawn = drawn & (w > 0.0f);
         u[i] = MAP_ROW(D, 0, cx, cy, n) / w;
         v[i] = MAP_ROW(D, 1, cx, cy, n) / w;
-        low_u = fmin(low_u, u[i]);
-        high_u = fmax(high_u, u[i]);
-        low_v = fmin(low_v, v[i]);
-        high_v = fmax(high_v, v[i]);
+        low_u = lesser(u[i], low_u);
+        high_u = greater(u[i], high_u);
+        low_v = lesser(v[i], low_v);
+        high_v = greater(v[i], high_v);
     }
-    if (!((u[2] - u[0]) * (v[3] - v[1]) - (u[3] - u[1]) * (v[2] - v[0]) > 0.0f))
-        return; /* seen from behind */
-    const int left = convert_int_sat(ceil(clamp(low_u, 0.0f, (float)map.dst_width)));
-    const int top = convert_int_sat(ceil(clamp(low_v, 0.0f, (float)map.dst_height)));
-    const int right = min(convert_int_sat(floor(clamp(high_u, -1.0f, map.dst_width - 1.0f))), left + WIDEST);
-    const int bottom = min(convert_int_sat(floor(clamp(high_v, -1.0f, map.dst_height - 1.0f))), top + WIDEST);
-    for (int row = top; row <= bottom; row++)
-        for (int column = left; column <= right; column++) {
+    drawn = drawn & ((u[2] - u[0]) * (v[3] - v[1]) - (u[3] - u[1]) * (v[2] - v[0]) > 0.0f); /* not seen from behind */
+    const intl left = to_intl(ceil_lanes(within(low_u, (floatl)map.dst_width)));
+    const intl top = to_intl(ceil_lanes(within(low_v, (floatl)map.dst_height)));
+    /* Shifted by 1, so that what lies to the left of the target is no pixel */
+    const intl right = min(to_intl(floor_lanes(within(high_u + 1.0f, (floatl)map.dst_width))) - 1, left + WIDEST);
+    const intl bottom = min(to_intl(floor_lanes(within(high_v + 1.0f, (floatl)map.dst_height))) - 1, top + WIDEST);
+    for (intl row = top; any_lane(drawn & (row <= bottom)); row += 1)
+        for (intl column = left; any_lane(drawn & (row <= bottom) & (column <= right)); column += 1) {
             /* Where the pixel's ray meets the plane of this nearness, and whether that is within the square */
-            const float w0 = PIXEL_ROW(S, 2, column, row), q0 = PIXEL_ROW(S, 3, column, row);
-            const float there = (n * w0 - q0) / (S[15] - n * S[11]), w = w0 + there * S[11];
-            const float px = (PIXEL_ROW(S, 0, column, row) + there * S[3]) / w;
-            const float py = (PIXEL_ROW(S, 1, column, row) + there * S[7]) / w;
-            if (fabs(px - x) <= 0.5f && fabs(py - y) <= 0.5f && IS_BEFORE(map.dst_perspective, there))
-                atomic_max(keys + row * map.dst_width + column, key_of(there));
+            const floatl c = to_floatl(column), r = to_floatl(row);
+            const floatl w0 = PIXEL_ROW(S, 2, c, r), q0 = PIXEL_ROW(S, 3, c, r);
+            const floatl there = (n * w0 - q0) / (S[15] - n * S[11]), w = w0 + there * S[11];
+            const floatl px = (PIXEL_ROW(S, 0, c, r) + there * S[3]) / w;
+            const floatl py = (PIXEL_ROW(S, 1, c, r) + there * S[7]) / w;
+            const intl within_it = (fabs(px - x) <= 0.5f) & (fabs(py - y) <= 0.5f) & IS_BEFORE(map.dst_perspective, there);
+            const intl hit = drawn & (row <= bottom) & (column <= right) & within_it;
+            const intl at = row * map.dst_width + column;
+            for (int lane = 0; lane < LANES; lane++)
+                if (int_lane(hit, lane))
+                    atomic_max(keys + int_lane(at, lane), key_of(float_lane(there, lane)));
         }
 }
 
@@ -58,8 +65,7 @@ void draw_pixel(PixelMap map, int x, int y, float n, global uint *keys)
 INLINED void load_beside(global const float *own, floatl n, int x0, int y, PixelMap map, floatl *beside)
 {
     const intl x = x0 + lane_index;
-    beside[0] = shifted_lanes(n);
-    set_float_lane(beside[0], 0, x0 > 0 ? own[-1] : NO_SURFACE);
+    beside[0] = x0 > 0 ? load_lanes(own - 1) : pick(x == 0, (floatl)NO_SURFACE, shifted_lanes(n));
     beside[1] = pick(x + 1 < map.src_width, load_lanes(own + 1), (floatl)NO_SURFACE); /* rows have room to look beyond */
     beside[2] = y > 0 ? load_lanes(own - map.src_pitch) : (floatl)NO_SURFACE;
     beside[3] = y + 1 < map.src_height ? load_lanes(own + map.src_pitch) : (floatl)NO_SURFACE;
@@ -91,6 +97,9 @@ kernel void rims(global const float *nearness, global uint *keys, PixelMap map, 
     const int y = get_global_id(1);
     if (y >= map.src_height)
         return;
+    /* Rims are few in most packets: they are gathered to full ones first. */
+    float rim_x[(STRIP + 1) * LANES], rim_n[(STRIP + 1) * LANES];
+    int count = 0;
     for (int x0 = get_global_id(0) * STRIP * LANES, packet = 0; packet < STRIP && x0 < map.src_width; x0 += LANES, packet++) {
         global const float *own = nearness + (size_t)y * map.src_pitch + x0;
         const floatl n = load_lanes(own);
@@ -107,20 +116,24 @@ kernel void rims(global const float *nearness, global uint *keys, PixelMap map, 
         for (int i = 0; i < 4; i++)
             open = open | IS_OPEN(cut, greater(beside[i], n), lesser(beside[i], n));
         const intl rim = open & (n > NO_SURFACE) & (x < map.src_width);
-        for (int lane = 0; lane < LANES; lane++)
-            if (int_lane(rim, lane))
-                draw_pixel(map, x0 + lane, y, float_lane(n, lane), keys);
+        for (int lane = 0; lane < LANES; lane++) {
+            rim_x[count] = x0 + lane;
+            rim_n[count] = float_lane(n, lane);
+            count += int_lane(rim, lane) != 0;
+        }
     }
+    for (int first = 0; first < count; first += LANES)
+        draw_pixels(map, load_lanes(rim_x + first), y, load_lanes(rim_n + first), first + lane_index < count, keys);
 }
 
-/* One pixel: a rim, if there is one, where nothing shows, or what it is torn apart from */
-void add_rim(uint key, global float *depth, global uchar *valid, int perspective, Cut cut)
+/* Depths z of a target with rims, where there are any and nothing shows, or what they are torn apart from */
+INLINED floatl with_rims(floatl z, uintl key, int perspective, Cut cut)
 {
-    const float rim = nearness_of(key), shown = perspective ? 1.0f / *depth : -*depth;
-    if (key && (!*valid || (rim > shown && IS_OPEN(cut, rim, shown)))) {
-        *depth = DEPTH_OF(perspective, rim);
-        *valid = 1;
-    }
+    const intl bits = as_intl(key);
+    const floatl rim = as_floatl(pick(bits < 0, bits & 0x7fffffff, ~bits)); /* nearness_of() in lanes */
+    const floatl shown = perspective ? 1.0f / z : -z;
+    const intl torn_from = (rim > shown) & IS_OPEN(cut, rim, shown);
+    return pick((bits != 0) & ((z != z) | torn_from), DEPTH_OF(perspective, rim), z);
 }
 
 kernel void add_rims(global const uint *keys, global float *depth, global uchar *valid, int width, int height, int perspective,
@@ -131,9 +144,21 @@ kernel void add_rims(global const uint *keys, global float *depth, global uchar 
         return;
     for (int x0 = get_global_id(0) * STRIP * LANES, packet = 0; packet < STRIP && x0 < width; x0 += LANES, packet++) {
         const size_t at = (size_t)y * width + x0;
-        if (x0 + LANES <= width && !any_lane(as_intl(load_lanes(keys + at)) != 0))
-            continue; /* as most */
-        for (int lane = 0; lane < min(LANES, width - x0); lane++)
-            add_rim(keys[at + lane], depth + at + lane, valid + at + lane, perspective, cut);
+        if (x0 + LANES <= width) {
+            const uintl key = load_lanes(keys + at);
+            if (!any_lane(as_intl(key) != 0))
+                continue; /* as most */
+            const floatl z = with_rims(load_lanes(depth + at), key, perspective, cut);
+            store_lanes(z, depth + at);
+            store_bytes(to_ucharl((z == z) & 1), valid + at);
+            continue;
+        }
+        for (int i = 0; i < width - x0; i++) {
+            floatl z = depth[at + i];
+            uintl key = keys[at + i];
+            z = with_rims(z, key, perspective, cut);
+            depth[at + i] = float_lane(z, 0);
+            valid[at + i] = float_lane(z, 0) == float_lane(z, 0);
+        }
     }
 }

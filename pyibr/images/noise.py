@@ -33,43 +33,45 @@ def noise_by_nearness(depth: Depth, far: float = np.inf, most: int = _MOST) -> t
     (k,) float64, (k,) float64
         Nearness (1 / depth), growing, and the standard deviation of the nearness there; k = 0 if too little is known.
     """
-    places: list[Float64] = []
-    changes: list[Float64] = []
+    places: list[NDArray[np.float32]] = []
+    changes: list[NDArray[np.float32]] = []
     for step in (1, 2):
         for values in (depth, depth.T):
             if values.shape[1] > 2 * step:
-                some = values[:: max(values.size // min(_ROWS * most, _MOST), 1)].astype(np.float64)
-                rows = np.full(some.shape, np.nan)
-                np.divide(1, some, out=rows, where=(some > 0) & (some < far))
-                here = rows[:, step:-step]
-                change = np.abs(rows[:, : -2 * step] - 2 * here + rows[:, 2 * step :])
-                known = np.isfinite(change)
-                part = slice(None, None, max(np.count_nonzero(known) // most, 1))
-                places.append(here[known][part])
-                changes.append(change[known][part])
+                some = np.ascontiguousarray(values[:: max(values.size // min(_ROWS * most, _MOST), 1)])
+                place, change = _changes(some, step, far, most)
+                places.append(place)
+                changes.append(change)
         if sum(map(len, places)) >= 10 * _RANGES * _FEWEST:
             break
-    if sum(map(len, places)) < _FEWEST:
+    count = sum(map(len, places))
+    if count < _FEWEST:
         return np.empty(0), np.empty(0)
-    place, change = np.concatenate(places), np.concatenate(changes)
-    parts = np.array_split(np.argsort(place, kind="stable"), min(_RANGES, len(place) // _FEWEST))
+    ranges = min(_RANGES, count // _FEWEST)
+    each = count // ranges  # few are left over: the nearest ones
+    all_places = np.concatenate(places)
+    order = np.argsort(all_places, kind="stable")[: ranges * each].reshape(ranges, each)
+    place, change = all_places[order], np.concatenate(changes)[order]
     # 1.4826 and 6: of 1, -2, 1 times normal noise
-    deviations = [max(1.4826 * _median(change[p]) / np.sqrt(6), 0.5 * _step(place[p])) for p in parts]
-    return np.array([place[part[len(part) // 2]] for part in parts]), np.array(deviations)
+    middles = np.partition(change, each // 2, axis=1)[:, each // 2].astype(np.float64) * (1.4826 / np.sqrt(6))
+    steps = np.diff(place, axis=1)
+    levels = 1 + np.count_nonzero(steps, axis=1)
+    for part in np.flatnonzero((levels >= _LEVELS) & (each >= _OF_LEVEL * levels)):
+        step = float(np.sort(steps[part])[-(levels[part] // 2)])  # the middle one of those that are any
+        middles[part] = max(middles[part], 0.5 * step if step < _STEP_MOST * place[part, 0] else 0.0)
+    return place[:, each // 2].astype(np.float64), middles
 
 
-def _median(values: Float64) -> float:
-    """The upper one; NumPy's own takes ten times longer for so few."""
-    return float(np.partition(values, len(values) // 2)[len(values) // 2])
-
-
-def _step(nearness: Float64) -> float:
-    """How far apart the values are that nearness, which grows, has; 0 if it has any value."""
-    levels = nearness[np.diff(nearness, prepend=-np.inf) > 0]
-    if len(levels) < _LEVELS or len(nearness) < _OF_LEVEL * len(levels):
-        return 0.0
-    step = _median(np.diff(levels))
-    return step if step < _STEP_MOST * levels[0] else 0.0
+def _changes(depth: Depth, step: int, far: float, most: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """The nearness, and its second difference along rows; of some `most` samples."""
+    nearness = np.full(depth.shape, np.nan, np.float32)
+    with np.errstate(over="ignore", invalid="ignore"):  # of depths so near that float32 does not hold their nearness
+        np.divide(np.float32(1), depth, out=nearness, where=(depth > 0) & (depth < far))
+        here = nearness[:, step:-step]
+        change = np.abs(nearness[:, : -2 * step] - 2 * here + nearness[:, 2 * step :])
+    known = np.flatnonzero(np.isfinite(change))
+    known = known[:: max(len(known) // most, 1)]
+    return here.ravel()[known], change.ravel()[known]
 
 
 def noise_by_depth(depth: Depth, far: float = np.inf) -> tuple[float, float, float]:

@@ -35,6 +35,7 @@ class DeviceArray:
     dtype: np.dtype[Any]
     host: NDArray[Any] | None  # the memory itself, where the device works in place; elsewhere where its values go
     session: Session
+    is_own: bool = True  # the memory is of whole pages, which runtimes for CPUs work in (`pyibr.opencl.selftest`)
 
     def to_host(self) -> NDArray[Any]:
         """The values, once all launches are done."""
@@ -63,6 +64,8 @@ def to_host(arrays: Sequence[DeviceArray]) -> list[NDArray[Any]]:
             # Who lets go of such an event waits for it, and all other threads with him.
             session.flight.used.append(cl.enqueue_copy(session.queue, host, array.buffer, is_blocking=False))
             values.append(host)
+        elif array.is_own:
+            values.append(array.host)
         else:
             mapped, _ = cl.enqueue_map_buffer(
                 session.queue, array.buffer, cl.map_flags.READ, 0, array.shape, array.dtype, is_blocking=False
@@ -95,7 +98,8 @@ def output(array: NDArray[Any]) -> DeviceArray:
     session = current()
     if session.profile.in_place and array.size:
         flags = cl.mem_flags.READ_WRITE | cl.mem_flags.USE_HOST_PTR
-        return DeviceArray(cl.Buffer(session.context, flags, hostbuf=array), array.shape, array.dtype, array, session)
+        buffer = cl.Buffer(session.context, flags, hostbuf=array)
+        return DeviceArray(buffer, array.shape, array.dtype, array, session, is_own=False)
     return empty(array.shape, array.dtype, array)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mmap
 import re
 import sys
 import time
@@ -90,6 +91,8 @@ def test(device: cl.Device, measure: bool) -> Outcome:
             program = cl.Program(context, _SOURCE).build(options, cache_dir=uncached)
         if not _is_right(queue, program):
             return Outcome(False, "a tiny kernel runs but its results are wrong")
+        if device.type & cl.device_type.CPU and not _is_in_place(queue, program):
+            return Outcome(False, "its kernels do not work in the host's own memory")
         return Outcome(True, speed=_speed(queue, program) if measure else None)
     except (cl.Error, RuntimeError) as error:
         return Outcome(False, _readable(str(error)))
@@ -107,6 +110,20 @@ def _is_right(queue: cl.CommandQueue, program: cl.Program) -> bool:
     got = np.empty_like(given)
     cl.enqueue_copy(queue, got, target)
     return np.array_equal(got, given * 3 + np.arange(n, dtype=np.uint32))
+
+
+def _is_in_place(queue: cl.CommandQueue, program: cl.Program) -> bool:
+    """Whether kernels read what the host wrote into whole pages, and the host what they wrote, with no copy between."""
+    import pyopencl as cl
+
+    n = mmap.PAGESIZE // 4
+    given, made = (np.frombuffer(mmap.mmap(-1, mmap.PAGESIZE), np.uint32) for _ in range(2))
+    flags = cl.mem_flags.READ_WRITE | cl.mem_flags.USE_HOST_PTR
+    source, target = (cl.Buffer(queue.context, flags, hostbuf=memory) for memory in (given, made))
+    given[:] = np.arange(n)[::-1]
+    cl.Kernel(program, "check")(queue, (n,), None, source, target, np.uint32(n))
+    queue.finish()
+    return np.array_equal(made, given * 3 + np.arange(n, dtype=np.uint32))
 
 
 def _speed(queue: cl.CommandQueue, program: cl.Program) -> Speed:

@@ -194,8 +194,8 @@ def _draw_thin(samples: Samples, target: Target, options: Options, shared: dict[
     """Things one sample thin, where they are nearer than what is there."""
     profile, (width, height) = current().profile, target.camera.size
     keys, indices = empty((height, width), np.uint32), empty((height, width), np.uint32)
-    keys.fill(0)
-    indices.fill(0xFFFFFFFF)
+    clear(keys, 0)
+    clear(indices, 0xFFFFFFFF)
     origins = {} if target.origin is None else {"origin": target.origin, "view": view}
     defines = {**target.color_defines, "STRIP": profile.strip, "ORIGINS": len(origins) // 2}
     src_height, src_width = samples.nearness.shape[0], shared["map"].values["src_width"]
@@ -216,10 +216,15 @@ def _draw_thin(samples: Samples, target: Target, options: Options, shared: dict[
 
 
 def clear(array: DeviceArray, value: float) -> None:
-    """Sets all of a float32 array, on all processors."""
-    count = array.shape[0]
+    """Sets all of a float32 or uint32 array, on all processors."""
+    count = math.prod(array.shape)
     launch(
-        kernel("lib/clear.cl", "clear"), (-(-count // _CHUNK),), values=array, count=count, chunk=_CHUNK, value=value
+        kernel("lib/clear.cl", "clear", UINTS=int(array.dtype == np.uint32)),
+        (-(-count // _CHUNK),),
+        values=array,
+        count=count,
+        chunk=_CHUNK,
+        value=value,
     )
 
 
@@ -227,8 +232,8 @@ def splat(samples: Samples, pixel_map: PixelMap, target: Target, size: float) ->
     """Each sample is carried over to a square of `size` pixels."""
     shape = (target.camera.height, target.camera.width)
     keys, indices = empty(shape, np.uint32), empty(shape, np.uint32)
-    keys.fill(0)
-    indices.fill(0xFFFFFFFF)
+    clear(keys, 0)
+    clear(indices, 0xFFFFFFFF)
     the_map = map_of(pixel_map.pair)
     for name, more in (("splat_nearness", {}), ("splat_index", {"indices": indices})):
         launch(
@@ -279,7 +284,7 @@ def draw_rims(
     """
     profile, (width, height) = current().profile, target.camera.size
     keys = empty((height, width), np.uint32)
-    keys.fill(0)
+    clear(keys, 0)
     pair = pixel_map.pair
     launch(
         kernel("warp/rims.cl", "rims", STRIP=profile.strip),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, cast, overload
 
@@ -9,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera, Projection
-from pyibr.core.checks import check_pixels, checked_colors, describe, instance_of, one_of, positive
+from pyibr.core.checks import check_pixels, checked_colors, describe, instance_of, one_of, plain_array, positive
 from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import PixelMap, camera_pair, pitch
 from pyibr.core.straight import straight_pane
-from pyibr.images import DepthImage, depth_from_uint16, uint16_from_depth
+from pyibr.images import DepthImage
 from pyibr.images.depth_image import Color, checked_depth
 from pyibr.opencl.device import current, one_call
 from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
-from pyibr.opencl.memory import empty, to_host, upload
+from pyibr.opencl.memory import DeviceArray, empty, to_host, upload
 from pyibr.opencl.program import kernel
 from pyibr.picture.drawable import Look
 from pyibr.picture.panes import joined, pane_cameras
@@ -32,6 +33,7 @@ AnyDepth = NDArray[np.float32] | NDArray[np.uint16]
 
 _APART = 3 * 2**0.5  # standard deviations of a sample: three of a difference of two, which noise alone seldom reaches
 _STRIDE, _RANGE = 7, (0.02, 0.98)  # every so manieth sample, and the part of them, that tells the range of depth
+_CHUNK = 1 << 14  # samples that one work-item converts
 _LENSES = {  # LENS of kernels/lib/lens.h
     "brown_conrady": 1,
     "rational": 1,
@@ -132,7 +134,8 @@ def register(
     Returns
     -------
     (h, w) array of the depth's dtype, for ``to="color"``
-        Planar z of `color_camera` in the same units; NaN (0 for uint16) where the depth camera saw nothing.
+        Planar z of `color_camera` in the same units; NaN (0 for uint16) where the depth camera saw nothing. 0, too,
+        where uint16 does not hold the depth.
     RegisteredColor, for ``to="depth"``
         Samples that something nearer hides from the colour camera, beyond what noise explains, or that lie outside of
         its image, have no colour. The colours of other surfaces beside a sample's own are not mixed into it.
@@ -158,35 +161,54 @@ def register(
     if (color is None) != (to == "color"):
         wanted = 'the colours, with to="depth"' if color is None else 'none with to="color", which returns depth'
         raise ArgumentError("color", wanted, "none" if color is None else describe(color))
-    in_units, in_scene = _scaled(depth, depth_camera, scale)
+    stored, units = _checked(depth, depth_camera, scale)
     ratio = Look(cut_ratio=cut_ratio).cut_ratio
     given = None if color is None else checked_colors("color", color, (color_camera.height, color_camera.width, 3))
-    view = DepthImage(None, in_scene, depth_camera)
     for name, camera in (("depth_camera", depth_camera), ("color_camera", color_camera)):
         check_pixels(name, camera.size)
     with one_call():
+        view = DepthImage(None, _in_scene_units(stored, units) if units else stored, depth_camera)
         drawn = _drawn(view, color_camera, ratio)
         if given is not None:
             return _colors_for(view, color_camera, given, drawn)
-        registered = drawn.picture.depth.to_host()
-    return uint16_from_depth(registered, in_units) if in_units else registered
+        registered = drawn.picture.depth
+        return (_in_counts(registered, units) if units else registered).to_host()
 
 
-def _scaled(depth: AnyDepth, camera: Camera, scale: float | None) -> tuple[float, NDArray[np.float32]]:
-    """Stored units per scene unit, 0 of float32, and depth in scene units."""
+def _checked(depth: AnyDepth, camera: Camera, scale: float | None) -> tuple[Any, float]:
+    """The depth, and its stored units per scene unit; 0 of float32."""
     shape = camera.height, camera.width
     if not isinstance(depth, np.ndarray) or depth.dtype.name != "uint16":  # pyright: ignore[reportUnnecessaryIsInstance]
         if scale is not None:
             raise ArgumentError("scale", "none for float32 depth, which is in scene units", repr(scale))
-        return 0.0, checked_depth(cast("NDArray[np.float32]", depth), shape)
+        return checked_depth(cast("NDArray[np.float32]", depth), shape), 0.0
     if depth.shape != shape:
         raise ArgumentError("depth", f"float32 or uint16 of shape {shape}", describe(depth))
     if scale is None:
         raise ArgumentError(
             "scale", "stored units per scene unit for uint16 depth (1000: millimetres to metres)", "none"
         )
-    units = positive("scale", scale)
-    return units, depth_from_uint16(cast("NDArray[np.uint16]", depth), units)
+    counts = np.ascontiguousarray(plain_array("depth", depth, "integers", 0), np.uint16)  # none where it is masked
+    return counts, positive("scale", scale)
+
+
+def _in_scene_units(counts: NDArray[np.uint16], scale: float) -> NDArray[np.float32]:
+    """Depth of counts. The session is held."""
+    depth = empty(counts.shape, np.float32)
+    _convert("to_depth", depth, counts=upload(counts), depth=depth, scale=scale)
+    return depth.to_host()
+
+
+def _in_counts(depth: DeviceArray, scale: float) -> DeviceArray:
+    """Counts of depth. The session is held."""
+    counts = empty(depth.shape, np.uint16)
+    _convert("to_counts", counts, counts=counts, depth=depth, scale=scale)
+    return counts
+
+
+def _convert(name: str, made: DeviceArray, **arguments: Any) -> None:
+    count = math.prod(made.shape)
+    launch(kernel("warp/counts.cl", name), (-(-count // _CHUNK),), count=count, chunk=_CHUNK, **arguments)
 
 
 @dataclass(frozen=True)

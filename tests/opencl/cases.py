@@ -201,6 +201,9 @@ def _registrations(setting: Setting) -> Cases:
             name = f"register {size} to {target} {aside} {lens}"
             if setting.kind == "depth alone":
                 yield name, partial(ibr.register, view.depth, here, there)
+                if view.valid.all() or lens is None:  # the counts' kernels know of neither
+                    counts = ibr.uint16_from_depth(np.where(view.valid, view.depth, np.float32(np.nan)), 1000)
+                    yield f"{name} counts", partial(ibr.register, counts, here, there, scale=1000)
             else:
                 yield name, partial(ibr.register, view.depth, here, there, setting.noise(*target), to="depth")
 

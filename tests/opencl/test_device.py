@@ -10,12 +10,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pyopencl as cl
 import pytest
 
 from pyibr.core.errors import ArgumentError, DeviceError
 from pyibr.opencl import device as device_module
 from pyibr.opencl import probe as probe_module
-from pyibr.opencl import runtimes
+from pyibr.opencl import runtimes, selftest
 from pyibr.opencl.choice import choose, select
 from pyibr.opencl.device import current, devices, explain, one_call, use_device
 from pyibr.opencl.outcome import Outcome, Speed
@@ -207,6 +209,21 @@ def test_a_device_of_this_machine_works_and_is_opened_once():
     assert session.device.works and not session.device.reason and not session.device.remedy
     assert session.context.devices == [found_devices()[session.device.index].handle]
     assert session.profile is profile_of(session.device.kind)
+
+
+def test_a_cpu_whose_kernels_work_in_copies_is_told(monkeypatch: pytest.MonkeyPatch):
+    handle = found_devices()[current().device.index].handle
+    assert selftest.test(handle, measure=False).works
+    buffer = cl.Buffer
+
+    def copied(context: cl.Context, flags: int, size: int = 0, hostbuf: np.ndarray | None = None) -> cl.Buffer:
+        if flags & cl.mem_flags.USE_HOST_PTR:
+            flags = flags & ~cl.mem_flags.USE_HOST_PTR | cl.mem_flags.COPY_HOST_PTR
+        return buffer(context, flags, size, hostbuf)
+
+    monkeypatch.setattr(cl, "Buffer", copied)
+    told = selftest.test(handle, measure=False)
+    assert not told.works and "the host's own memory" in told.reason
 
 
 def test_a_cpu_works_in_wide_lanes_and_in_place_and_what_is_no_cpu_does_not():

@@ -122,6 +122,31 @@ def test_the_same_camera_gives_the_depth_back():
     np.testing.assert_array_equal(found.color[found.seen], color[found.seen])
 
 
+def test_counts_are_those_of_the_same_depth():
+    """All that 16 bits hold: a count is 2^-16 of the largest, and single precision rounds by 2^-24."""
+    camera = ibr.Camera([[300, 0, 127.5], [0, 300, 127.5], [0, 0, 1]], (257, 255))  # no whole packets
+    counts = np.arange(257 * 255, dtype=np.uint16).reshape(255, 257)
+    for scale in (1000, 5000.0, 0.25, 123.4):
+        np.testing.assert_array_equal(ibr.register(counts, camera, camera, scale=scale), counts)
+    turned = counts.astype(counts.dtype.newbyteorder())  # as some files have them
+    np.testing.assert_array_equal(ibr.register(turned, camera, camera, scale=1000), counts)
+    hidden = np.zeros(counts.shape, bool)
+    hidden[30:50, 101:190] = True
+    masked = np.ma.MaskedArray(counts, hidden)
+    np.testing.assert_array_equal(ibr.register(masked, camera, camera, scale=1000), np.where(hidden, 0, counts))
+    strided = np.repeat(counts, 2, axis=1)[:, ::2]
+    np.testing.assert_array_equal(ibr.register(strided, camera, camera, scale=1000), counts)
+
+
+def test_counts_beyond_16_bits_are_none():
+    """A wall at 65 m, from half a metre and from a whole one farther back"""
+    camera = ibr.Camera([[100, 0, 15.5], [0, 100, 15.5], [0, 0, 1]], (32, 32))
+    wall = np.full((32, 32), 65000, np.uint16)
+    for back, expected in ((0.5, 65500), (1.0, 0)):
+        registered = ibr.register(wall, camera, camera.moved(0, 0, -back), scale=1000)
+        assert set(np.unique(registered[4:-4, 4:-4]).tolist()) == {expected}
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
