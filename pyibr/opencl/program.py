@@ -30,6 +30,9 @@ _Signatures = dict[str, list[tuple[str, str]]]
 _NO_DENORMALS = "-cl-denorms-are-zero"
 """They mean nothing in any kernel, and CPUs take a hundred cycles for one. Binaries do not hold this option."""
 
+_OPTIONS = ["-cl-std=CL1.2", _NO_DENORMALS, "-Werror", "-cl-kernel-arg-info"]
+"""Those that every program is built with."""
+
 
 @dataclass(frozen=True)
 class Argument:
@@ -123,9 +126,8 @@ def _time_of(own: Path) -> int:
 def _build(session: Session, file: str | Path, name: str, defines: Mapping[str, int]) -> Kernel:
     import pyopencl as cl
 
-    options = ["-cl-std=CL1.2", _NO_DENORMALS, "-Werror", "-cl-kernel-arg-info"]
     named = {"LANES": session.profile.lanes, **defines}
-    options += [f"-D{define}={value}" for define, value in sorted(named.items())]
+    options = [*_OPTIONS, *(f"-D{define}={value}" for define, value in sorted(named.items()))]
     source = expanded(file)
     # A home may be shared by machines whose processors differ, and the names of their devices do not.
     key = found_devices()[session.device.index].key
