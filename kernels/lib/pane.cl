@@ -7,29 +7,155 @@
  * lens's frame over depth in the picture's. pane_depth, pane_color, pane_valid: (pane_height, pane_width), depth NaN
  * where there is nothing. depth, color, valid: (height, width); what is no pixel of this picture stays, or is emptied.
  * ORIGINS: where pixels come from, (..., 3), and what they are, are carried over, too; pixels without a ray are `unseen`.
- * Work-item: LANES pixels of a row. Cost: O(pixels). Determinism: every pixel on its own.
+ * Work-item: STRIP * LANES pixels of a row. Cost: O(pixels). Determinism: every pixel on its own.
  */
 #include "lib/color.h"
 
 #ifndef ORIGINS
 #define ORIGINS 0 /* 1: where pixels come from, and what they are, is carried over, too */
 #endif
+#ifndef STRIP
+#define STRIP 1 /* packets of LANES pixels that a work-item goes through: starting one takes longer than most */
+#endif
 #define SMALL 0.01f /* of the nearness: steps that are no edge */
 
+/* The straight picture */
+typedef struct {
+    global const float *depth;
+    global const channel *color;
+    global const uchar *valid;
+    int width, height;
+} Straight;
+
+/* What a packet's pixels read from it */
+typedef struct {
+    intl own;          /* they have a place in it */
+    intl x, up, whole; /* the first of the four pixels around, and whether these are one surface */
+    intl nearest;      /* the index of the nearest one */
+    floatl weights[4], z;
+    Color color;
+} Reading;
+
 /* Nearness at columns and rows that may lie beyond the border; NaN: nothing. */
-INLINED floatl nearness_at(global const float *depth, int width, int height, intl column, intl row)
+INLINED floatl nearness_at(Straight straight, intl column, intl row)
 {
-    const intl inside = (column >= 0) & (column < width) & (row >= 0) & (row < height);
-    const floatl z = (floatl)(gather(depth, pick(inside, row * width + column, (intl)0)));
+    const intl inside = (column >= 0) & (column < straight.width) & (row >= 0) & (row < straight.height);
+    const floatl z = (floatl)(gather(straight.depth, pick(inside, row * straight.width + column, (intl)0)));
     return pick(inside, 1.0f / z, (floatl)NAN);
 }
 
 /* Is the step from b to c small, or does it go on from a to b, or from c to d? NaN does not go on. */
 INLINED intl goes_on(floatl a, floatl b, floatl c, floatl d)
 {
-    const floatl step = c - b, small = SMALL * fmin(b, c);
+    const floatl step = c - b, small = SMALL * lesser(b, c);
     return (fabs(step) <= small) | (fabs(b - a - step) <= small) | (fabs(d - c - step) <= small);
 }
+
+INLINED Reading read_there(Straight straight, floatl u_own, floatl v_own, floatl deeper, int linear)
+{
+    Reading read;
+    read.own = u_own == u_own;
+    const floatl u = pick(read.own, u_own, (floatl)0.0f), v = pick(read.own, v_own, (floatl)0.0f);
+    const floatl left = lesser(floor_lanes(u), (floatl)max(straight.width - 2, 0));
+    const floatl upper = lesser(floor_lanes(v), (floatl)max(straight.height - 2, 0));
+    const floatl fx = u - left, fy = v - upper;
+    const intl x = to_intl(left), up = to_intl(upper);
+    floatl n[4];
+    for (int i = 0; i < 4; i++)
+        n[i] = nearness_at(straight, x + (i & 1), up + (i >> 1));
+    const floatl low = lesser(lesser(n[0], n[1]), lesser(n[2], n[3])), high = greater(greater(n[0], n[1]), greater(n[2], n[3]));
+    const intl all_there = read.own & isfinite_lanes(n[0] + n[1] + n[2] + n[3]) & (intl)(linear ? -1 : 0);
+    read.whole = all_there & (high - low <= SMALL * low);
+    if (any_lane(all_there & !read.whole)) {
+        intl on = all_there;
+        for (int i = 0; i < 2; i++) {
+            const floatl before = nearness_at(straight, x - 1, up + i), after = nearness_at(straight, x + 2, up + i);
+            on = on & goes_on(before, n[2 * i], n[2 * i + 1], after);
+            const floatl above = nearness_at(straight, x + i, up - 1), under = nearness_at(straight, x + i, up + 2);
+            on = on & goes_on(above, n[i], n[2 + i], under);
+        }
+        read.whole = read.whole | on;
+    }
+    const floatl gx = 1.0f - fx, gy = 1.0f - fy;
+    read.weights[0] = gx * gy;
+    read.weights[1] = fx * gy;
+    read.weights[2] = gx * fy;
+    read.weights[3] = fx * fy;
+    const intl near_right = fx >= 0.5f, near_below = fy >= 0.5f;
+    read.nearest = (up + pick(near_below, (intl)1, (intl)0)) * straight.width + x + pick(near_right, (intl)1, (intl)0);
+    const floatl n_nearest = pick(near_below, pick(near_right, n[3], n[2]), pick(near_right, n[1], n[0]));
+    floatl between = 0.0f;
+    for (int i = 0; i < 4; i++)
+        between += read.weights[i] * pick(read.whole, n[i], (floatl)0.0f);
+    read.z = deeper / pick(read.whole, between, n_nearest);
+    read.x = x;
+    read.up = up;
+    const int count = straight.width * straight.height;
+    read.color = read_color(straight.color, read.nearest, count);
+    if (CHANNELS && any_lane(read.whole)) {
+        Color mixed = {0.0f, 0.0f, 0.0f};
+        for (int i = 0; i < 4; i++)
+            add_color(&mixed, read.weights[i], read_color(straight.color, (up + (i >> 1)) * straight.width + x + (i & 1), count));
+        read.color = pick_color(read.whole, mixed, read.color);
+    }
+    return read;
+}
+
+/* The first `count` of a packet's pixels; what has no place in the straight picture is emptied, or stays. */
+INLINED void write_packet(const Reading *read, Straight straight, int count, int empties, global float *depth,
+                          global channel *color, global uchar *valid)
+{
+    const intl own = read->own;
+    if (count == LANES && (empties || !any_lane(!own))) {
+        const Color none = {0.0f, 0.0f, 0.0f};
+        const WIDE(uchar) shows = (WIDE(uchar))(gather(straight.valid, read->nearest));
+        store_lanes(pick(own, read->z, (floatl)NAN), depth);
+        store_bytes(to_ucharl(pick(own, to_intl(shows), (intl)0)), valid);
+        write_color(color, pick_color(own, read->color, none));
+        return;
+    }
+    for (int lane = 0; lane < count; lane++) {
+        const int is_own = int_lane(own, lane) != 0;
+        if (!is_own && !empties)
+            continue;
+        depth[lane] = is_own ? float_lane(read->z, lane) : NAN;
+        valid[lane] = is_own ? straight.valid[int_lane(read->nearest, lane)] : 0;
+        write_pixel(color + CHANNELS * lane, is_own ? rounded(color_lane(read->color, lane)) : (float3)(0.0f));
+    }
+}
+
+#if ORIGINS
+/* Where they come from, and what they are */
+INLINED void write_origins(const Reading *read, Straight straight, int count, int empties, global const float *pane_origin,
+                           global const uchar *pane_classes, global float *origin, global uchar *classes, int unseen)
+{
+    for (int lane = 0; lane < count; lane++) {
+        if (!int_lane(read->own, lane)) {
+            if (empties) {
+                vstore3((float3)(NAN), lane, origin);
+                classes[lane] = unseen;
+            }
+            continue;
+        }
+        const int from = int_lane(read->nearest, lane);
+        classes[lane] = pane_classes[from];
+        const float3 one = vload3(from, pane_origin);
+        float3 place_there = one;
+        if (int_lane(read->whole, lane)) {
+            const int corner = int_lane(read->up, lane) * straight.width + int_lane(read->x, lane);
+            float3 sum = 0.0f;
+            int same = 1;
+            for (int i = 0; i < 4; i++) {
+                const float3 each = vload3(corner + (i >> 1) * straight.width + (i & 1), pane_origin);
+                same = same && each.z == one.z;
+                sum += float_lane(read->weights[i], lane) * each;
+            }
+            place_there = same ? (float3)(sum.xy, one.z) : one;
+        }
+        vstore3(place_there, lane, origin);
+    }
+}
+#endif
 
 kernel void join(global const float *places, global const float *pane_depth, global const channel *pane_color,
                  global const uchar *pane_valid, int pane_width, int pane_height, int width, int height, int pitch, int first,
@@ -40,88 +166,19 @@ kernel void join(global const float *places, global const float *pane_depth, glo
 #endif
 )
 {
-    const int x0 = get_global_id(0) * LANES, y = get_global_id(1);
-    if (x0 >= width || y >= height)
+    const int y = get_global_id(1);
+    if (y >= height)
         return;
-    global const float *place = places + (size_t)y * pitch + x0;
+    const Straight straight = {pane_depth, pane_color, pane_valid, pane_width, pane_height};
     const size_t plane = (size_t)height * pitch;
-    const floatl u_own = load_lanes(place), v_own = load_lanes(place + plane), deeper = load_lanes(place + 2 * plane);
-    const intl own = u_own == u_own;
-    const floatl u = pick(own, u_own, (floatl)0.0f), v = pick(own, v_own, (floatl)0.0f);
-    const floatl left = lesser(floor_lanes(u), (floatl)max(pane_width - 2, 0)), upper = lesser(floor_lanes(v), (floatl)max(pane_height - 2, 0));
-    const floatl fx = u - left, fy = v - upper;
-    const intl x = to_intl(left), up = to_intl(upper);
-    floatl n[4];
-    for (int i = 0; i < 4; i++)
-        n[i] = nearness_at(pane_depth, pane_width, pane_height, x + (i & 1), up + (i >> 1));
-    const floatl low = fmin(fmin(n[0], n[1]), fmin(n[2], n[3])), high = fmax(fmax(n[0], n[1]), fmax(n[2], n[3]));
-    const intl all_there = own & isfinite_lanes(n[0] + n[1] + n[2] + n[3]) & (intl)(linear ? -1 : 0);
-    intl whole = all_there & (high - low <= SMALL * low);
-    if (any_lane(all_there & !whole)) {
-        intl on = all_there;
-        for (int i = 0; i < 2; i++) {
-            const floatl before = nearness_at(pane_depth, pane_width, pane_height, x - 1, up + i);
-            const floatl after = nearness_at(pane_depth, pane_width, pane_height, x + 2, up + i);
-            on = on & goes_on(before, n[2 * i], n[2 * i + 1], after);
-            const floatl above = nearness_at(pane_depth, pane_width, pane_height, x + i, up - 1);
-            const floatl under = nearness_at(pane_depth, pane_width, pane_height, x + i, up + 2);
-            on = on & goes_on(above, n[i], n[2 + i], under);
-        }
-        whole = whole | on;
-    }
-    const floatl gx = 1.0f - fx, gy = 1.0f - fy;
-    const floatl weights[4] = {gx * gy, fx * gy, gx * fy, fx * fy};
-    const intl near_right = fx >= 0.5f, near_below = fy >= 0.5f;
-    const intl nearest = (up + pick(near_below, (intl)1, (intl)0)) * pane_width + x + pick(near_right, (intl)1, (intl)0);
-    const floatl n_nearest = pick(near_below, pick(near_right, n[3], n[2]), pick(near_right, n[1], n[0]));
-    floatl between = 0.0f;
-    for (int i = 0; i < 4; i++)
-        between += weights[i] * pick(whole, n[i], (floatl)0.0f);
-    const floatl z = deeper / pick(whole, between, n_nearest);
-
-    const int count = pane_width * pane_height;
-    Color c = read_color(pane_color, nearest, count);
-    if (any_lane(whole)) {
-        Color mixed = {0.0f, 0.0f, 0.0f};
-        for (int i = 0; i < 4; i++)
-            add_color(&mixed, weights[i], read_color(pane_color, (up + (i >> 1)) * pane_width + x + (i & 1), count));
-        c = pick_color(whole, mixed, c);
-    }
-    const int lanes = min(LANES, width - x0);
-    for (int lane = 0; lane < lanes; lane++) {
-        const size_t at = (size_t)y * width + x0 + lane;
-        const int from = int_lane(nearest, lane);
-        if (!int_lane(own, lane)) {
-            if (!first)
-                continue;
-            depth[at] = NAN;
-            valid[at] = 0;
-            write_pixel(color + CHANNELS * at, (float3)(0.0f));
+    for (int x0 = get_global_id(0) * STRIP * LANES, packet = 0; packet < STRIP && x0 < width; x0 += LANES, packet++) {
+        global const float *place = places + (size_t)y * pitch + x0;
+        const Reading read = read_there(straight, load_lanes(place), load_lanes(place + plane), load_lanes(place + 2 * plane), linear);
+        const size_t at = (size_t)y * width + x0;
+        const int count = min(LANES, width - x0);
+        write_packet(&read, straight, count, first, depth + at, color + CHANNELS * at, valid + at);
 #if ORIGINS
-            vstore3((float3)(NAN), at, origin);
-            classes[at] = unseen;
-#endif
-            continue;
-        }
-        depth[at] = float_lane(z, lane);
-        valid[at] = pane_valid[from];
-        write_pixel(color + CHANNELS * at, color_lane(c, lane));
-#if ORIGINS
-        classes[at] = pane_classes[from];
-        const float3 one = vload3(from, pane_origin);
-        float3 place_there = one;
-        if (int_lane(whole, lane)) {
-            const int corner = int_lane(up, lane) * pane_width + int_lane(x, lane);
-            float3 sum = 0.0f;
-            int same = 1;
-            for (int i = 0; i < 4; i++) {
-                const float3 each = vload3(corner + (i >> 1) * pane_width + (i & 1), pane_origin);
-                same = same && each.z == one.z;
-                sum += float_lane(weights[i], lane) * each;
-            }
-            place_there = same ? (float3)(sum.xy, one.z) : one;
-        }
-        vstore3(place_there, at, origin);
+        write_origins(&read, straight, count, first, pane_origin, pane_classes, origin + 3 * at, classes + at, unseen);
 #endif
     }
 }

@@ -40,6 +40,7 @@ def joined(targets: Sequence[Target], camera: Camera, linear: bool = True, out: 
         return targets[0]
     like = targets[0].color
     classes = targets[0].classes is not None
+    profile = current().profile
     whole = Target(camera, like.dtype, out=out, classes=classes, channels=like.shape[2])
     for number, (pane, target) in enumerate(zip(panes_of(camera), targets, strict=True)):
         origins: dict[str, Any] = {}
@@ -47,8 +48,8 @@ def joined(targets: Sequence[Target], camera: Camera, linear: bool = True, out: 
             origins = {"pane_origin": target.origin, "pane_classes": target.classes}
             origins |= {"origin": whole.origin, "classes": whole.classes, "unseen": int(PixelClass.OUTSIDE)}
         launch(
-            kernel("lib/pane.cl", "join", ORIGINS=int(bool(origins)), **target.color_defines),
-            current().profile.packets(*camera.size),
+            kernel("lib/pane.cl", "join", ORIGINS=int(bool(origins)), STRIP=profile.strip, **target.color_defines),
+            profile.packets(*camera.size, profile.strip),
             places=places_on_device(pane),
             pane_depth=target.depth,
             pane_color=target.color,
