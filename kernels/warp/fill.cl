@@ -106,8 +106,8 @@ INLINED float16 depths_of(global const float *depth, size_t pixel, int count)
             a = DEPTHS(row, 0), b = DEPTHS(row, 1);                                                            \
             const half_row farthest = fmax(fmax(a, b).even, fmax(a, b).odd);                                   \
             long_row beside;                                                                                   \
-            beside.even = beside.odd = farthest > 0.0f ? farthest : (half_row)1.0f;                            \
-            a /= beside, b /= beside;                                                                          \
+            beside.even = beside.odd = farthest > 0.0f ? 1.0f / farthest : (half_row)0.0f;                     \
+            a *= beside, b *= beside;                                                                          \
             for (int squared = 0; squared < 4 + min(level, STEEPEST); squared++)                               \
                 a *= a, b *= b;                                                                                \
             a = fmax(a, FAINTEST), b = fmax(b, FAINTEST);                                                      \
