@@ -18,6 +18,7 @@ MODULES = {
     "table2": "table2",
     "peers": "warp.peers",
     "rgbd": "warp.rgbd",
+    "filling": "warp.filling",
     "registration": "warp.registration",
     "raster": "raster.raster",
     "slicing": "slicing.slicing",

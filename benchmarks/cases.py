@@ -50,6 +50,7 @@ class Plan:
     rgbd_light_field: Mapping[tuple[int, int], int]  # side and number of views
     rgbd_small: Mapping[int, int]
     rgbd_steady: Mapping[Size, int]  # frames
+    filling: Size
     registration: Mapping[Size, int]
     pages_size: Size
     pages_rounds: int
@@ -103,6 +104,7 @@ FULL = Plan(
     rgbd_light_field={(512, 48): 11},
     rgbd_small={64: 201},
     rgbd_steady={(640, 480): 30},
+    filling=(640, 480),
     registration={(640, 480): 31, (1280, 720): 21, (1920, 1080): 11},
     pages_size=(640, 480),
     pages_rounds=5,
@@ -151,6 +153,7 @@ QUICK = Plan(
     rgbd_light_field={(32, 3): 1},
     rgbd_small={16: 3},
     rgbd_steady={(64, 48): 3},
+    filling=(64, 48),
     registration={(64, 48): 1},
     pages_size=(320, 240),
     pages_rounds=1,

@@ -35,6 +35,15 @@ _POSES = {
     50: ((-0.36, -0.53, 0.24), (0.49, 0.26, 0.83)),
 }
 """Where the synthetic room is seen from and in which direction, about as the frames of `LIVINGROOM`: metres, y down."""
+STEREO = {
+    "cones": ("im2.png", "im6.png", "disp2.png"),
+    "teddy": ("im2.png", "im6.png", "disp2.png"),
+    "motorcycle": ("motorcycle_left.png", "motorcycle_right.png", "motorcycle_disp.npz"),
+}
+"""Of Middlebury (Scharstein & Szeliski 2003, Scharstein et al. 2014): both photographs and the left one's disparity."""
+_STORED_DISPARITY = 4.0  # units a pixel
+_CALIBRATED = {"motorcycle": (994.978, 0.193001, 311.193, 254.877, 31.086)}
+"""Focal length, baseline in metres, principal point, and how far apart the principal points are."""
 _CHUNK = 256  # rows made at once, so that making a large picture needs little memory
 
 
@@ -199,6 +208,29 @@ def with_disparity_noise(depth: Array, focal: float, noise: float, rng: np.rando
     disparity += rng.normal(0, noise, depth.shape)
     disparity = np.round(disparity * _DISPARITY_STEPS) / _DISPARITY_STEPS
     return ibr.depth_from_disparity(disparity, focal, _BASELINE)
+
+
+def stereo(name: str) -> tuple[ibr.DepthImage, ibr.Camera, Array] | Skip:
+    """The left photograph of a Middlebury pair with its depth; the right one's camera, and itself, (H, W, 3) uint8.
+
+    Of pairs whose calibration is not known, any focal length and baseline gives the same picture.
+    """
+    import cv2
+
+    folder = data_folder() / "stereo_middlebury" / name
+    if not folder.is_dir():
+        return Skip(name, f"stereo_middlebury/{name} is not in $PYIBR_DATA")
+    left, right, stored = (folder / file for file in STEREO[name])
+    pictures = [np.ascontiguousarray(np.asarray(cv2.imread(str(path)))[..., ::-1]) for path in (left, right)]
+    if stored.suffix == ".npz":
+        disparity = np.load(stored)["arr_0"].astype(np.float32)
+    else:
+        disparity = np.asarray(cv2.imread(str(stored), cv2.IMREAD_GRAYSCALE), np.float32) / _STORED_DISPARITY
+    height, width = disparity.shape
+    focal, baseline, cx, cy, apart = _CALIBRATED.get(name, (500.0, 0.1, (width - 1) / 2, (height - 1) / 2, 0.0))
+    depth = ibr.depth_from_disparity(disparity, focal, baseline, apart)
+    cameras = [ibr.Camera([[focal, 0, x], [0, focal, cy], [0, 0, 1]], (width, height)) for x in (cx, cx + apart)]
+    return ibr.DepthImage(pictures[0], depth, cameras[0]), cameras[1].moved(baseline, 0, 0), pictures[1]
 
 
 def shown(size: tuple[int, int]) -> str:

@@ -13,6 +13,7 @@ from benchmarks.slicing.slicing_section import raster_section, slicing_section
 from benchmarks.statistics import Quartiles, exponent, median, number, ratios
 from benchmarks.tables import only, position, sizes_of, table, totals, verdict
 from benchmarks.warp import complexity, peers
+from benchmarks.warp.filling_section import filling_section
 from benchmarks.warp.opencv import BASE, REMAP
 from benchmarks.warp.registration_section import registration_section
 from benchmarks.warp.rgbd_section import rgbd_section
@@ -239,6 +240,7 @@ SECTIONS = {
     "table2": table2_section,
     "peers": peers_section,
     "rgbd": rgbd_section,
+    "filling": filling_section,
     "registration": registration_section,
     "raster": raster_section,
     "slicing": slicing_section,

@@ -4,7 +4,11 @@
  *
  * With TOLD, pixels count the less the nearer they are than what lies behind the holes beside them (behind.cl), so that a
  * disocclusion is filled from what was hidden, not from what hid it. But none counts for nothing: where there is no
- * background far and wide, the foreground is what there is.
+ * background far and wide, the foreground is what there is. And of four cells that become one, each counts the less the
+ * nearer it is than the farthest of them, by their depths' ratio to a power of 16 times the cells' side, up to 64: large
+ * cells fill what is deep in wide holes, and a hole is the wider the farther its surface lies behind what hid it. So the
+ * middle of such a hole shows the wall, not the floor before it. But it counts 0.3 at least, so that few samples that are
+ * far by noise do not decide alone: wide holes would flicker.
  *
  * A tile is TILE x TILE pixels, and one cell of the next storey; that storey's tiles are the cells of the one above, until
  * there is but one. Within a tile three levels halve the side: 8, 4 and 2 cells.
@@ -27,8 +31,11 @@
 #define COUNT_PLANE 4    /* the plane that tells what a cell counts */
 #define INNER 84    /* cells of a tile's levels: 8 x 8, 4 x 4, 2 x 2 */
 #define WINDOW 24   /* TILE + 2 * HALO */
-#define BESIDE 2    /* pixels from a hole within which valid ones count */
+#define BESIDE 1    /* pixels from a hole within which valid ones count */
+#define STEEPEST 2  /* the level from which on depths' ratio counts to one power */
+#define FAINTEST 0.3f /* what a cell counts at least beside the farthest of four */
 #define LEAST 1e-6f /* what any pixel counts: more than nothing */
+#define FAINT 1e-3f /* what ratios count nothing up to, so that half the depth of what lies behind leaves no trace */
 
 #define MASKED(mask, values) as_float16(as_int16(values) & (mask))
 #define HALVED(a, b) (((a) + (b)).even + ((a) + (b)).odd)
@@ -91,30 +98,49 @@ INLINED float16 depths_of(global const float *depth, size_t pixel, int count)
     return vload16(0, values);
 }
 
-/* Two rows into one of half their length; no cell counts more than 1. */
-#define HALVE(type, made, pair)                                                                                \
+/* Two rows of cells of a level into one of half their length, of which no cell counts more than 1 */
+#define HALVE(long_row, half_row, made, row, level)                                                            \
     {                                                                                                          \
-        const type counts = pair(COUNT_PLANE), scale = counts > 1.0f ? 1.0f / counts : (type)1.0f;                  \
-        for (int p = 0; p < PLANES; p++)                                                                       \
-            made(p) = scale * pair(p);                                                                         \
+        long_row a = 1.0f, b = 1.0f; /* what the cells count beside the farthest of four */                    \
+        if (TOLD) {                                                                                            \
+            a = DEPTHS(row, 0), b = DEPTHS(row, 1);                                                            \
+            const half_row farthest = fmax(fmax(a, b).even, fmax(a, b).odd);                                   \
+            long_row beside;                                                                                   \
+            beside.even = beside.odd = farthest > 0.0f ? 1.0f / farthest : (half_row)0.0f;                     \
+            a *= beside, b *= beside;                                                                          \
+            for (int squared = 0; squared < 4 + min(level, STEEPEST); squared++)                               \
+                a *= a, b *= b;                                                                                \
+            a = fmax(a, FAINTEST), b = fmax(b, FAINTEST);                                                      \
+        }                                                                                                      \
+        const half_row counts = HALVED(a * row(COUNT_PLANE, 0), b * row(COUNT_PLANE, 1));                      \
+        const half_row scale = counts > 1.0f ? 1.0f / counts : (half_row)1.0f;                                 \
+        for (int p = 0; p < COUNT_PLANE; p++)                                                                  \
+            made(p) = scale * HALVED(a * row(p, 0), b * row(p, 1));                                            \
+        made(COUNT_PLANE) = scale * counts;                                                                    \
     }
-#define PAIR_16(p) HALVED(rows[0].plane[p], rows[1].plane[p])
-#define PAIR_8(p) HALVED(levels->eight[p][2 * y], levels->eight[p][2 * y + 1])
-#define PAIR_4(p) HALVED(levels->four[p][2 * y], levels->four[p][2 * y + 1])
-#define PAIR_2(p) HALVED(levels->two[p][0], levels->two[p][1])
+/* Depths of a row's cells, 0 of those that count nothing */
+#define DEPTHS(row, i)                                                                                         \
+    (row(COUNT_PLANE, i) == 0.0f ? 0.0f                                                                        \
+     : perspective               ? row(COUNT_PLANE, i) / row(3, i)                                             \
+                                 : -row(3, i) / row(COUNT_PLANE, i))
+#define ROW_16(p, i) rows[i].plane[p]
+#define ROW_8(p, i) levels->eight[p][2 * y + (i)]
+#define ROW_4(p, i) levels->four[p][2 * y + (i)]
+#define ROW_2(p, i) levels->two[p][i]
 #define EIGHT(p) levels->eight[p][y]
 #define FOUR(p) levels->four[p][y]
 #define TWO(p) levels->two[p][y]
 #define ONE(p) levels->one[p]
 
 /* A tile's levels from its first one on, which is there already, written down */
-INLINED void write_levels(Levels *levels, int tile, int tiles, global float *inner, global float *cells)
+INLINED void write_levels(Levels *levels, int level, int perspective, int tile, int tiles, global float *inner,
+                          global float *cells)
 {
     for (int y = 0; y < 4; y++)
-        HALVE(float4, FOUR, PAIR_8)
+        HALVE(float8, float4, FOUR, ROW_8, level)
     for (int y = 0; y < 2; y++)
-        HALVE(float2, TWO, PAIR_4)
-    HALVE(float, ONE, PAIR_2)
+        HALVE(float4, float2, TWO, ROW_4, level + 1)
+    HALVE(float2, float, ONE, ROW_2, level + 2)
     for (int p = 0; p < PLANES; p++) {
         global float *to = inner + ((size_t)tile * PLANES + p) * INNER;
         for (int y = 0; y < 8; y++)
@@ -176,8 +202,8 @@ INLINED float16 counts_of(float16 z, float16 around)
     float16 ratio = around > z ? z / around : (float16)1.0f;
     ratio *= ratio;
     ratio *= ratio;
-    ratio *= ratio;
-    ratio *= ratio;
+    ratio *= ratio * ratio; /* to the 12th power */
+    ratio += FAINT * (ratio - 1.0f);
     return ratio > LEAST ? ratio : (float16)LEAST;
 }
 #endif
@@ -192,8 +218,8 @@ void push_tile(global const channel *color, global const float *depth, global co
         bits[v] = hole_bits(valid, width, height, tile_x - HALO, tile_y + v - HALO, WINDOW / 8);
     for (int y = 0; y < TILE; y++) {
         const uint *here = bits + y + HALO;
-        uint near = here[-2] | here[-1] | here[0] | here[1] | here[2];
-        near |= near << 1 | near >> 1 | near << 2 | near >> 2;
+        uint near = here[-1] | here[0] | here[1];
+        near |= near << 1 | near >> 1;
         beside[y] = tile_y + y < height ? (near & ~here[0]) >> HALO & (0xffffu >> (TILE - count)) : 0u;
         any |= beside[y];
     }
@@ -236,9 +262,9 @@ void push_tile(global const channel *color, global const float *depth, global co
                 rows[i].plane[p] = MASKED(mask, counts * rows[i].plane[p]);
             rows[i].plane[COUNT_PLANE] = MASKED(mask, counts);
         }
-        HALVE(float8, EIGHT, PAIR_16)
+        HALVE(float16, float8, EIGHT, ROW_16, 0)
     }
-    write_levels(levels, tile, tiles, inner, cells);
+    write_levels(levels, 1, perspective, tile, tiles, inner, cells);
 }
 
 kernel void push_pixels(global const channel *color, global const float *depth, global const uchar *valid,
@@ -256,7 +282,8 @@ kernel void push_pixels(global const channel *color, global const float *depth, 
                   across * down, inner, cells);
 }
 
-kernel void push_cells(global const float *base, int width, int height, global float *inner, global float *cells)
+kernel void push_cells(global const float *base, int width, int height, int perspective, int level, global float *inner,
+                       global float *cells)
 {
     const int across = (width + TILE - 1) / TILE, down = (height + TILE - 1) / TILE;
     const int column = get_global_id(0), row = get_global_id(1);
@@ -274,9 +301,9 @@ kernel void push_cells(global const float *base, int width, int height, global f
                     const float value = u < width && v < height ? base[(p * height + v) * width + u] : 0.0f;
                     ((float *)&rows[i].plane[p])[x] = value;
                 }
-        HALVE(float8, EIGHT, PAIR_16)
+        HALVE(float16, float8, EIGHT, ROW_16, level)
     }
-    write_levels(levels, row * across + column, across * down, inner, cells);
+    write_levels(levels, level + 1, perspective, row * across + column, across * down, inner, cells);
 }
 
 #define PARTS_4 0.25f, 0.75f, 0.25f, 0.75f

@@ -22,7 +22,7 @@ Color = Annotated[Path, typer.Argument(metavar="COLOR", help="Image: PNG, JPEG, 
 Depth = Annotated[
     Path, typer.Argument(metavar="DEPTH", help="Its planar depth: PNG16, NPY, NPZ, PFM, EXR, COLMAP .bin")
 ]
-CameraFile = Annotated[Path, typer.Option(help="Its camera: JSON with width, height, K, world_from_camera")]
+CameraFile = Annotated[Path, typer.Option(help="Its camera: JSON of width, height, K, world_from_camera, or Open3D's")]
 Clean = Annotated[bool, typer.Option("--clean", help="Clean the depth: flying pixels, speckle, small holes, noise")]
 FarDepth = Annotated[float, typer.Option(help="Depth from which on there is no surface")]
 BackdropText = Annotated[

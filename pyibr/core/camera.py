@@ -571,8 +571,9 @@ class Camera:
         """Read a camera from a JSON file.
 
         Keys: `width`, `height`, `K` (or `fx`, `fy`, `cx`, `cy`), and optionally `world_from_camera` (4, 4),
-        `projection` and `lens` (with `model`, `coefficients` and, if it has one, `radius`). Raises
-        FileFormatError, which names the file, for anything else.
+        `projection` and `lens` (with `model`, `coefficients` and, if it has one, `radius`). Or those of Open3D's
+        PinholeCameraIntrinsic or PinholeCameraParameters. Raises FileFormatError, which names the file, for anything
+        else.
         """
         return cls.from_json(read_json(path, "camera JSON"), path)
 

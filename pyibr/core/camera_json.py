@@ -1,4 +1,4 @@
-"""Camera files: JSON with width, height, K (or fx, fy, cx, cy), world_from_camera, projection and lens."""
+"""Camera files: JSON with width, height, K (or fx, fy, cx, cy), world_from_camera, projection and lens; or Open3D's."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from pyibr.core.checks import Float64
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.files import reading, write_whole
 from pyibr.core.lens import Lens
+from pyibr.core.open3d_json import is_open3d, open3d_arguments
 
 _PARTS = ("fx", "fy", "cx", "cy")
 _LENS_KEYS = ("model", "coefficients", "radius")
@@ -33,6 +34,11 @@ def camera_arguments(data: object, path: str | PathLike[str]) -> dict[str, Any]:
     if not isinstance(data, dict):
         raise FileFormatError(f"{path}: expected a JSON object, got {type(data).__name__}")
     entries = cast("dict[str, Any]", data)
+    if is_open3d(entries):
+        mixed = sorted(entries.keys() & set(_KEYS[2:]))
+        if mixed:
+            raise FileFormatError(f"{path}: has {mixed[0]!r}, which Open3D's cameras have not")
+        return open3d_arguments(entries, path)
     unknown = sorted(entries.keys() - set(_KEYS))
     if unknown:
         raise FileFormatError(f"{path}: unknown key {unknown[0]!r} (a camera has {', '.join(_KEYS)})")

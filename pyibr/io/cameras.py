@@ -11,6 +11,7 @@ from pyibr.core.camera import Camera
 from pyibr.core.camera_json import read_json
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.files import checked_path, reading
+from pyibr.core.open3d_json import open3d_cameras
 from pyibr.io.colmap_model import read_model
 from pyibr.io.folders import files_in
 
@@ -21,9 +22,10 @@ def read_cameras(path: str | PathLike[str], size: tuple[int, int] | None = None)
     Parameters
     ----------
     path : path
-        A JSON file as of `Camera.save`, one with a list of such cameras, or a set's `frusta.json`; a text file with the
-        3 x 3 numbers of K; a folder of JSON files of one camera each, in the order of the numbers in their names; or
-        the folder of a COLMAP model (``cameras.bin`` and ``images.bin``, or ``.txt``), be it in a folder ``0`` there.
+        A JSON file as `Camera.load` reads it, one with a list of such cameras, Open3D's PinholeCameraTrajectory, or a
+        set's `frusta.json`; a text file with the 3 x 3 numbers of K; a folder of JSON files of one camera each, in the
+        order of the numbers in their names; or the folder of a COLMAP model (``cameras.bin`` and ``images.bin``, or
+        ``.txt``), be it in a folder ``0`` there.
     size : (width, height), optional
         Of the images, for a file with K alone.
 
@@ -73,10 +75,14 @@ def read_cameras(path: str | PathLike[str], size: tuple[int, int] | None = None)
 
 
 def _listed(data: object) -> object:
-    """The cameras of a set's views; anything else as it is."""
-    if not isinstance(data, dict) or "views" not in data:
-        return cast("object", data)
-    views = cast("dict[str, object]", data)["views"]
+    """The cameras of a set's views, or of Open3D's trajectory; anything else as it is."""
+    if not isinstance(data, dict):
+        return data
+    known = cast("dict[str, object]", data)
+    if "views" not in known:
+        several = open3d_cameras(known)
+        return known if several is None else several
+    views = known["views"]
     if not isinstance(views, list):
         return views
     entries = cast("list[object]", views)

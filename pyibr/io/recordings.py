@@ -19,7 +19,8 @@ DEPTH_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".npz", ".pfm", ".exr", ".bin
 
 _COLOR_FOLDERS, _DEPTH_FOLDERS = ("rgb", "color", "colour", "image", "images"), ("depth", "depths")
 _POSE_FILES = ("groundtruth.txt", "trajectory.log", "trajectory.txt", "poses.txt")
-_CAMERA_FILES = ("frusta.json", "camera.json", "camera-intrinsics.txt", "intrinsics.K.txt")
+_OPEN3D = ("intrinsic.json", "camera_intrinsic.json", "camera_primesense.json")  # as its recorders and samples name it
+_CAMERA_FILES = ("frusta.json", "camera.json", *_OPEN3D, "camera-intrinsics.txt", "intrinsics.K.txt")
 _FORMS = "rgb.txt and depth.txt; color (or rgb) and depth folders; or files with color and depth in their names"
 
 

@@ -84,15 +84,18 @@ def push_and_pull(target: Target, behind: DeviceArray | None) -> None:
     _, down, across = storeys[0]["cells"].shape
     grid = -(-across // strip), down
     defines = {**target.color_defines, "TOLD": int(behind is not None)}
-    image = {"perspective": int(target.camera.projection == "perspective"), "strip": strip, **target.outputs()}
+    perspective = int(target.camera.projection == "perspective")
+    image = {"perspective": perspective, "strip": strip, **target.outputs()}
     told = empty((1, 1), np.float32) if behind is None else behind
     push = kernel("warp/fill.cl", "push_pixels", **defines)
     launch(push, grid, behind=told, pitch=told.shape[1], **image, **storeys[0])
     pairs = list(itertools.pairwise(storeys))
-    for name, steps in (("push_cells", pairs), ("pull_cells", pairs[::-1])):
-        for lower, upper in steps:
-            tiles = upper["cells"].shape[:0:-1]
-            launch(kernel("warp/fill.cl", name, **defines), tiles, base=lower["cells"], **upper)
+    push, pull = (kernel("warp/fill.cl", name, **defines) for name in ("push_cells", "pull_cells"))
+    for level, (lower, upper) in enumerate(pairs, 1):
+        of_depths = {"perspective": perspective, "level": level * (tile.bit_length() - 1)}
+        launch(push, upper["cells"].shape[:0:-1], base=lower["cells"], **of_depths, **upper)
+    for lower, upper in reversed(pairs):
+        launch(pull, upper["cells"].shape[:0:-1], base=lower["cells"], **upper)
     launch(kernel("warp/fill.cl", "pull_pixels", **defines), grid, **image, **storeys[0])
 
 

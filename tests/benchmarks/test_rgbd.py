@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import pyibr as ibr
 from benchmarks import report, scenes
 from benchmarks.cases import FULL, QUICK
 from benchmarks.results import Record, Result, Skip
-from benchmarks.warp import opencv, registration, rgbd, rgbd_uses, steady
+from benchmarks.warp import filling, opencv, registration, rgbd, rgbd_uses, steady
 from benchmarks.warp.opencv import Task
 from pyibr.images import metrics
 from tests.benchmarks.test_report import ENVIRONMENT
@@ -166,6 +167,31 @@ def test_what_changes_over_time_is_judged_by_the_input(tmp_path: Path) -> None:
     assert f"| background | {steady.STEADY} | 10.0 | 1.50 | 15.0 | 1.90 | met |" in text
     assert f"| inpaint | {steady.STEADY} | 10.0 | 1.50 | 15.0 | 2.10 | **not met** |" in text
     assert f"| inpaint | {steady.RAW} | 10.0 | 1.50 | 15.0 | 2.10 |  |" in text
+
+
+def test_filling_is_judged_by_opencvs(tmp_path: Path) -> None:
+    result = Result("filling", ENVIRONMENT)
+    for motion, off in (("0 to 4", 17.0), ("4 to 0", 18.5)):
+        at = {"scene": scenes.ROOM, "motion": motion}
+        for subject, error in zip((*filling.FILLS, filling.TELEA), (off, 20.0, 19.0, 18.0), strict=True):
+            result.records.append(Record(subject, filling.BETWEEN, "share", at, [error / 255]))
+    result.save(tmp_path / "filling.json")
+    text = report.write(tmp_path).read_text()
+    assert "| 0 to 4 | 17.0 | 20.0 | 19.0 | 18.0 | below cv2.inpaint | met |" in text
+    assert "| 4 to 0 | 18.5 | 20.0 | 19.0 | 18.0 | below cv2.inpaint | **not met** |" in text
+
+
+@pytest.mark.parametrize("name", scenes.STEREO)
+def test_photographs_with_disparity_are_of_one_world(name: str) -> None:
+    """As far as the photographs themselves differ: backward warps with the disparity are 3.0 to 5.3 levels off."""
+    if not (scenes.data_folder() / "stereo_middlebury").is_dir():
+        pytest.skip("needs the photographs")
+    found = scenes.stereo(name)
+    assert not isinstance(found, Skip)
+    view, camera, right = found
+    frame = ibr.warp(view, camera)
+    assert frame.valid.mean() > 0.75
+    assert metrics.median_color_error(frame.color, right, frame.valid) <= 5.8
 
 
 def test_registration_is_judged_by_its_bars(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -69,6 +70,19 @@ def _cameras(path: Path) -> None:
     path.write_text(f"[{one}, {one}]")
 
 
+def _open3d() -> dict[str, Any]:
+    intrinsic = {"width": SIZE[0], "height": SIZE[1], "intrinsic_matrix": CAMERA.K.T.ravel().tolist()}
+    return {"intrinsic": intrinsic, "extrinsic": CAMERA.camera_from_world.T.ravel().tolist()}
+
+
+def _open3d_camera(path: Path) -> None:
+    path.write_text(json.dumps(_open3d()))
+
+
+def _open3d_trajectory(path: Path) -> None:
+    path.write_text(json.dumps({"class_name": "PinholeCameraTrajectory", "parameters": [_open3d(), _open3d()]}))
+
+
 def _color(path: Path) -> None:
     ibr.write_color(path, COLOR)
 
@@ -96,6 +110,8 @@ OTHERS: dict[str, Write] = {  # what is read, but not written
     "grid.ply": _range_grid,
     "poses.txt": _poses,
     "cameras.json": _cameras,
+    "camera.open3d.json": _open3d_camera,
+    "cameras.open3d.json": _open3d_trajectory,
 }
 CHECKED = ("color.png", "depth.png", "relief.png", "color.npz", "depth.npz", "packed.ply.gz")
 """Formats with sums of all that matters: a damage is seen, or does no harm."""

@@ -46,8 +46,9 @@ def test_two_folders(tmp_path: Path, places):
 def test_cameras_of_a_folder(tmp_path: Path):
     touch(tmp_path, "a.color.png", "a.depth.png", "b.color.png", "b.depth.png", "intrinsics.K.txt")
     assert recording_in(tmp_path).cameras == (tmp_path / "intrinsics.K.txt",)
-    touch(tmp_path, "camera.json")
-    assert recording_in(tmp_path).cameras == (tmp_path / "camera.json",)
+    for name in ("camera_primesense.json", "camera_intrinsic.json", "intrinsic.json", "camera.json"):
+        touch(tmp_path, name)
+        assert recording_in(tmp_path).cameras == (tmp_path / name,)
     touch(tmp_path, "camera/a.json", "camera/b.json")
     assert recording_in(tmp_path).cameras == (tmp_path / "camera/a.json", tmp_path / "camera/b.json")
     touch(tmp_path, "a.json")  # but not b.json, which is missed when they are read

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[Any]
 
-TILE, HALO, BESIDE = 16, 4, 2
-LEAST = 1e-6
+TILE, HALO, BESIDE = 16, 4, 1
+LEAST, FAINT = 1e-6, 1e-3
+STEEPEST, FAINTEST = 64, 0.3
 UNDECIDED = 1e-4  # pixels: rounding may take what lies that close to the middle between two pixels for either
 
 
@@ -80,12 +81,13 @@ def fill_reference(color: Array, depth: Array, valid: Array, behind: Array | Non
     if behind is not None:
         farthest = _farthest(~valid, behind)[counts]
         ratio = np.where(farthest > 0, np.minimum(depth[counts] / np.where(farthest > 0, farthest, 1), 1), 1)
-        weights[counts] = np.maximum(ratio**16, LEAST)
+        weights[counts] = np.maximum((1 + FAINT) * ratio**12 - FAINT, LEAST)
     nearness = values.copy()
     if perspective:
         nearness[..., 3] = 1 / values[..., 3]
     base = np.where(counts[..., None], nearness, 0.0) * weights[..., None]
-    filled = _pulled(np.concatenate([base, weights[..., None]], axis=-1))
+    told = None if behind is None else perspective
+    filled = _pulled(np.concatenate([base, weights[..., None]], axis=-1), told, 1)
     if perspective:
         filled[..., 3] = 1 / filled[..., 3]
     return np.where(valid[..., None], values, filled)
@@ -125,16 +127,31 @@ def _farthest(holes: Array, behind: Array) -> Array:
     return found[:height, :width]
 
 
-def _pulled(base: Array) -> Array:
-    """(H, W, 4): cells (H, W, 5), values times weights and weights, filled from storeys above."""
+def _pushed(cells: Array, told: bool | None, side: int) -> Array:
+    """(H / 2, W / 2, 5): of four cells each counts by how much nearer it is than the farthest.
+
+    told: whether the picture is a perspective one; None: all count alike.
+    """
+    four = np.stack([cells[y::2, x::2] for y in (0, 1) for x in (0, 1)])
+    if told is not None:
+        nearness, weights = four[..., 3], four[..., 4]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            depth = np.where(weights > 0, weights / nearness if told else nearness / weights, 0.0)
+        farthest = depth.max(axis=0)
+        ratio = depth / np.where(farthest > 0, farthest, 1.0)
+        four = four * np.maximum(ratio[..., None] ** min(16 * side, STEEPEST), FAINTEST)
+    sums = four.sum(axis=0)
+    return sums / np.maximum(sums[..., 4:], 1.0)
+
+
+def _pulled(base: Array, told: bool | None, side: int) -> Array:
+    """(H, W, 4): cells (H, W, 5), `side` pixels wide, values times weights and weights, filled from storeys above."""
     height, width = base.shape[:2]
     levels = [np.pad(base, ((0, -height % TILE), (0, -width % TILE), (0, 0)))]
-    for _ in range(4):
-        one = levels[-1]
-        sums = one[::2, ::2] + one[::2, 1::2] + one[1::2, ::2] + one[1::2, 1::2]
-        levels.append(sums / np.maximum(sums[..., 4:], 1.0))
+    for number in range(4):
+        levels.append(_pushed(levels[-1], told, side * 2**number))
     top = levels.pop()
-    filled = top[..., :4] / top[..., 4:] if top.shape[:2] == (1, 1) else _pulled(top)
+    filled = top[..., :4] / top[..., 4:] if top.shape[:2] == (1, 1) else _pulled(top, told, side * TILE)
     above = np.pad(filled, ((1, 1), (1, 1), (0, 0)), mode="edge")
     for level in reversed(levels):
         own = np.pad(level, ((1, 1), (1, 1), (0, 0)))

@@ -335,7 +335,7 @@ def test_holes_are_filled_from_behind(sign):
     np.testing.assert_array_equal(filled.color[bare.valid], bare.color[bare.valid])
     np.testing.assert_array_equal(filled.depth[bare.valid], bare.depth[bare.valid])
     gap = filled.depth[flip][:, 28:38], filled.color[flip][:, 28:38]
-    # The near wall, at half the depth, counts 1 / 65536 of the far one.
+    # The near wall, at half the depth, counts a millionth of the far one.
     np.testing.assert_allclose(gap[0], 4, rtol=3e-3)
     assert (gap[1] == (30, 30, 200)).all()
     # Beyond the far wall's end there is one side only.

@@ -5,6 +5,7 @@ The data is not part of the project: the folder is named by ``$PYIBR_DATA``, or 
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import cv2
@@ -96,13 +97,16 @@ def filled_error(view: ibr.DepthImage, camera: Camera, truth: np.ndarray) -> tup
     return own, min(others)
 
 
-@pytest.mark.parametrize(
-    ("source", "target", "most"), [(50, 0, 21), (0, 50, 14), (4, 0, 20), (0, 4, 19)], ids=lambda value: str(value)
-)
-def test_filled_holes_of_the_room_look_like_what_was_hidden(source, target, most):
+FRAMES = (0, 1, 2, 3, 4, 50)
+
+
+@pytest.mark.parametrize(("source", "target"), list(itertools.permutations(FRAMES, 2)))
+def test_filled_holes_of_the_room_look_like_what_was_hidden(source, target):
     b = room(target)
     error, inpainted = filled_error(room(source), b.camera, b.color)
-    assert error <= min(most, inpainted)
+    # Between neighbouring frames, half of the holes is a window, whose colours the source has. From or to frame 50 the
+    # camera turns by 34 degrees: holes are wide and show objects' own far sides, and any guess is better by little.
+    assert error < (0.6 if 50 not in (source, target) else 1.0) * inpainted
 
 
 # --- photographs with disparity ----------------------------------------------------------------------
@@ -168,7 +172,7 @@ def test_holes_of_a_stereo_pair_are_what_the_left_camera_did_not_see(name):
 
 @pytest.mark.parametrize(
     ("load", "name", "most"),
-    [(pair, "cones", 24.5), (pair, "teddy", 18.5), (motorcycle, "", 23)],
+    [(pair, "cones", 24.5), (pair, "teddy", 18.5), (motorcycle, "", 22.5)],
     ids=["cones", "teddy", "motorcycle"],
 )
 def test_filled_holes_of_photographs_look_like_what_was_hidden(load, name, most):

@@ -48,7 +48,9 @@ _Sources = Annotated[
 ]
 _Cameras = Annotated[
     list[Path] | None,
-    typer.Option(help="The camera, or one for each pair: JSON; a JSON list, a folder of such files, a COLMAP model"),
+    typer.Option(
+        help="The camera, or one for each pair: JSON, Open3D's, too; a list, a folder of such, a COLMAP model"
+    ),
 ]
 _DepthCameras = Annotated[
     list[Path] | None, typer.Option(help="The depth's camera, if it is not registered to the colours: JSON")
