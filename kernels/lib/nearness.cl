@@ -4,37 +4,61 @@
  * depth: (src_height, src_width) planar z; not finite, <= NEAREST or >= far is no surface.
  * nearness: (src_height, src_pitch), a pitch that is no power of two, because columns are read too.
  * ranges: (src_height, 2) least and greatest nearness of the row, (inf, -inf) where it has no surface.
- * O(n^2), one pass.
+ * BRIDGED: through a single sample that is missing amid a surface, what is behind would show; it becomes what lies between
+ * its neighbours to either side, or above and below, where these are one surface.
+ * O(n^2), one pass. Determinism: every sample from depths alone.
  */
 #include "lib/lanes.h"
 #include "lib/surface.h"
 
+#ifndef BRIDGED
+#define BRIDGED 0 /* 1: single missing samples are bridged */
+#endif
+
+/* Nearness of samples x to x + LANES - 1 of a row; NO_SURFACE beside the image */
+INLINED floatl nearness_from(global const float *row, int x, int width, int perspective, float far)
+{
+    floatl d = 0.0f;
+    if (x >= 0 && x + LANES <= width)
+        d = load_lanes(row + x);
+    else
+        for (int lane = max(-x, 0); lane < min(LANES, width - x); lane++)
+            set_float_lane(d, lane, row[x + lane]);
+    return pick((d > NEAREST) & (d < far), perspective ? 1.0f / d : -d, (floatl)NO_SURFACE);
+}
+
 kernel void to_nearness(global const float *depth, global float *nearness, global float *ranges, int src_width,
-                        int src_height, int src_pitch, int src_perspective, float far)
+                        int src_height, int src_pitch, int src_perspective, float far
+#if BRIDGED
+                        ,
+                        Cut cut
+#endif
+)
 {
     const int y = get_global_id(0);
     if (y >= src_height)
         return;
-    global const float *z = depth + (size_t)y * src_width;
-    global float *q = nearness + (size_t)y * src_pitch;
+    global const float *row = depth + (size_t)y * src_width;
     floatl low = INFINITY, high = -INFINITY;
-    int x = 0;
-    for (; x + LANES <= src_width; x += LANES) {
-        const floatl d = load_lanes(z + x);
-        const floatl near = src_perspective ? 1.0f / d : -d;
-        const intl solid = (d > NEAREST) & (d < far);
-        store_lanes(pick(solid, near, (floatl)NO_SURFACE), q + x);
-        low = fmin(low, pick(solid, near, (floatl)INFINITY));
-        high = fmax(high, pick(solid, near, (floatl)-INFINITY));
+    for (int x = 0; x < src_width; x += LANES) {
+        floatl n = nearness_from(row, x, src_width, src_perspective, far);
+        const intl solid = n > NO_SURFACE;
+        low = lesser(pick(solid, n, low), low);
+        high = greater(pick(solid, n, high), high);
+#if BRIDGED
+        if (any_lane(!solid)) {
+            const floatl none = NO_SURFACE;
+            const floatl left = nearness_from(row, x - 1, src_width, src_perspective, far);
+            const floatl right = nearness_from(row, x + 1, src_width, src_perspective, far);
+            const floatl above = y > 0 ? nearness_from(row - src_width, x, src_width, src_perspective, far) : none;
+            const floatl under = y + 1 < src_height ? nearness_from(row + src_width, x, src_width, src_perspective, far) : none;
+            const intl across = !IS_OPEN(cut, greater(left, right), lesser(left, right));
+            const intl down = !IS_OPEN(cut, greater(above, under), lesser(above, under));
+            n = pick(!solid & (across | down), 0.5f * pick(across, left + right, above + under), n);
+        }
+#endif
+        store_lanes(n, nearness + (size_t)y * src_pitch + x); /* rows have room for whole packets */
     }
-    float least = least_lane(low), greatest = -least_lane(-high);
-    for (; x < src_width; x++) {
-        const float near = src_perspective ? 1.0f / z[x] : -z[x];
-        const int solid = z[x] > NEAREST && z[x] < far;
-        q[x] = solid ? near : NO_SURFACE;
-        least = solid ? fmin(least, near) : least;
-        greatest = solid ? fmax(greatest, near) : greatest;
-    }
-    ranges[2 * y] = least;
-    ranges[2 * y + 1] = greatest;
+    ranges[2 * y] = least_lane(low);
+    ranges[2 * y + 1] = -least_lane(-high);
 }

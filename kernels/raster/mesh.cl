@@ -123,8 +123,11 @@ kernel void draw_mesh(global const int *faces, global const float *projected, gl
         return;
     const Context context = {faces, projected, screen, nearest_w, culled};
     const int bin = y / BIN * bins_x + x / BIN;
-    if (!blank && starts[bin] == starts[bin + 1])
+    if (starts[bin] == starts[bin + 1]) {
+        if (blank)
+            write_nothing(screen, depth, color, valid, x, y);
         return;
+    }
     Region region;
     begin_region(&region, screen, depth, blank, x, y);
     draw_list(&context, &region, list, starts[bin], starts[bin + 1], x, y);

@@ -173,4 +173,26 @@ INLINED void write_block(const Region *region, int block, Screen screen, global 
         write_pixel(color + 3 * at, is_mine ? one : (float3)(0.0f));
     }
 }
+
+/* Writes all pixels of a region where nothing is; x, y: its first pixel. */
+INLINED void write_nothing(Screen screen, global float *depth, global channel *color, global uchar *valid, int x, int y)
+{
+    const Color black = {0.0f, 0.0f, 0.0f};
+    const int end = min(x + REGION, screen.width);
+    for (int row = y; row < min(y + REGION, screen.height); row++)
+        for (int column = x; column < end; column += LANES) {
+            const size_t at = (size_t)row * screen.width + column;
+            if (column + LANES <= end) {
+                store_lanes((floatl)NAN, depth + at);
+                store_bytes((WIDE(uchar))0, valid + at);
+                write_color(color + 3 * at, black);
+                continue;
+            }
+            for (int i = 0; i < end - column; i++) {
+                depth[at + i] = NAN;
+                valid[at + i] = 0;
+                write_pixel(color + 3 * (at + i), (float3)(0.0f));
+            }
+        }
+}
 #endif

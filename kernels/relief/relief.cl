@@ -362,8 +362,11 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
     const Context context = {relief, nearest_w, x, y, CULLS_BACKS, &layers, COUNTS(int)};
     const int bin = y / BIN * bins_x + x / BIN;
     const int first = starts[bin], last = starts[bin + 1];
-    if (!blank && first == last)
+    if (!TOLD && first == last) {
+        if (blank)
+            write_nothing(screen, depth, color, valid, x, y);
         return;
+    }
     Region region;
     begin_region(&region, screen, depth, blank, x, y);
     search_layers(&context, &region, list, first, last);

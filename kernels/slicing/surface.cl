@@ -277,8 +277,11 @@ kernel void draw_surface(global const int *corners, global const float *projecte
     const Context context = {corners, projected, points, places, frames, heights, gradients, screen, nearest_w, spacing,
                              by_view ? pixel_size : 0.0f, band, slices, slicing, test, halvings, map_width, map_height, COUNTS(int), x, y};
     const int bin = y / BIN * bins_x + x / BIN;
-    if (!blank && starts[bin] == starts[bin + 1])
+    if (starts[bin] == starts[bin + 1]) {
+        if (blank)
+            write_nothing(screen, depth, color, valid, x, y);
         return;
+    }
     Region region;
     begin_region(&region, screen, depth, blank, x, y);
     draw_list(&context, &region, list, starts[bin], starts[bin + 1], x, y);

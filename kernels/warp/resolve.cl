@@ -310,11 +310,13 @@ void foresee_place(Grid grid, global const channel *color, floatl u, floatl v)
 #if LANES == 16
     const intl x = clamp(to_intl(u), (intl)0, (intl)(grid.width - 1)), y = clamp(to_intl(v), (intl)0, (intl)(grid.height - 1));
     const intl below = min(y + 1, grid.height - 1), samples = y * grid.pitch + x, samples_below = below * grid.pitch + x;
-    const intl texels = CHANNELS * (y * grid.width + x), texels_below = CHANNELS * (below * grid.width + x);
     foresee(grid.nearness + samples.s0);
     foresee(grid.nearness + samples.sf);
     foresee(grid.nearness + samples_below.s0);
     foresee(grid.nearness + samples_below.sf);
+    if (!CHANNELS)
+        return;
+    const intl texels = CHANNELS * (y * grid.width + x), texels_below = CHANNELS * (below * grid.width + x);
     foresee(color + texels.s0);
     foresee(color + texels.sf);
     foresee(color + texels_below.s0);

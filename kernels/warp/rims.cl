@@ -1,11 +1,10 @@
-/* Surfaces as large as the pixels that measured them: single missing samples are bridged, and rims are drawn.
+/* Surfaces as large as the pixels that measured them: their rims are drawn.
  *
  * The surface of lib/surface.h ends at the last samples, half a pixel before what they measured does: things one sample
  * thin are not there at all, and what is behind them shows. `rims` carries the pixels of all samples next to an opening,
  * or to the image's border, over to the target, as squares at their own depth; the nearest one stays. `add_rims` writes
- * them where the target shows nothing, or what they are torn apart from. Through a single missing sample, what is behind
- * would show, too: `bridge` closes it.
- * nearness, bridged: (src_height, src_pitch). keys: (dst_height, dst_width) nearness as warp/keys.h orders it, 0 where there is
+ * them where the target shows nothing, or what they are torn apart from.
+ * nearness: (src_height, src_pitch). keys: (dst_height, dst_width) nearness as warp/keys.h orders it, 0 where there is
  * no rim. depth, valid: (dst_height, dst_width).
  * Work-item: STRIP * LANES samples, or pixels, of a row. Cost: O(samples + pixels of rims). Determinism: a maximum does not
  * depend on the order of work-items.
@@ -69,27 +68,6 @@ INLINED void load_beside(global const float *own, floatl n, int x0, int y, Pixel
     beside[1] = pick(x + 1 < map.src_width, load_lanes(own + 1), (floatl)NO_SURFACE); /* rows have room to look beyond */
     beside[2] = y > 0 ? load_lanes(own - map.src_pitch) : (floatl)NO_SURFACE;
     beside[3] = y + 1 < map.src_height ? load_lanes(own + map.src_pitch) : (floatl)NO_SURFACE;
-}
-
-/* Single samples that are missing between two of one surface become what lies between these. */
-kernel void bridge(global const float *nearness, global float *bridged, PixelMap map, Cut cut)
-{
-    const int y = get_global_id(1);
-    if (y >= map.src_height)
-        return;
-    for (int x0 = get_global_id(0) * STRIP * LANES, packet = 0; packet < STRIP && x0 < map.src_width; x0 += LANES, packet++) {
-        const size_t at = (size_t)y * map.src_pitch + x0;
-        floatl n = load_lanes(nearness + at), beside[4];
-        const intl none = n <= NO_SURFACE;
-        if (any_lane(none)) {
-            load_beside(nearness + at, n, x0, y, map, beside);
-            const intl across = !IS_OPEN(cut, greater(beside[0], beside[1]), lesser(beside[0], beside[1]));
-            const intl down = !IS_OPEN(cut, greater(beside[2], beside[3]), lesser(beside[2], beside[3]));
-            const floatl between = 0.5f * pick(across, beside[0] + beside[1], beside[2] + beside[3]);
-            n = pick(none & (across | down), between, n);
-        }
-        store_lanes(n, bridged + at);
-    }
 }
 
 kernel void rims(global const float *nearness, global uint *keys, PixelMap map, Cut cut)

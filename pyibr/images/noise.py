@@ -15,9 +15,13 @@ _RANGES, _FEWEST = 12, 50  # noise is looked up for as many ranges of depth, eac
 _MOST = 40_000  # samples of a direction that are looked at: medians of more are no surer
 _LEVELS, _OF_LEVEL = 5, 10  # so many values in a range of depth, each so many times on average, are a scale's steps
 _STEP_MOST = 0.02  # of the nearness: farther apart are surfaces
-_ENOUGH = 4_000  # for the three figures of all depths together
+_ENOUGH = 2_000  # for the three figures of all depths together
 _NOISE_MOST = 1e18  # scene units: its square is still within single precision
 _ROWS = 5  # times as many lie in the rows that they are taken from
+_CHOICES = np.array(
+    [[kind in kinds for kind in range(3)] for count in (1, 2, 3) for kinds in itertools.combinations(range(3), count)]
+)
+"""Which of the three kinds of noise there are: (7, 3) bool, the fewest first."""
 
 
 def noise_by_nearness(depth: Depth, far: float = np.inf, most: int = _MOST) -> tuple[Float64, Float64]:
@@ -42,7 +46,7 @@ def noise_by_nearness(depth: Depth, far: float = np.inf, most: int = _MOST) -> t
                 place, change = _changes(some, step, far, most)
                 places.append(place)
                 changes.append(change)
-        if sum(map(len, places)) >= 10 * _RANGES * _FEWEST:
+        if sum(map(len, places)) >= min(10 * _RANGES * _FEWEST, most):
             break
     count = sum(map(len, places))
     if count < _FEWEST:
@@ -57,7 +61,8 @@ def noise_by_nearness(depth: Depth, far: float = np.inf, most: int = _MOST) -> t
     steps = np.diff(place, axis=1)
     levels = 1 + np.count_nonzero(steps, axis=1)
     for part in np.flatnonzero((levels >= _LEVELS) & (each >= _OF_LEVEL * levels)):
-        step = float(np.sort(steps[part])[-(levels[part] // 2)])  # the middle one of those that are any
+        some = np.sort(steps[part][steps[part] > 0])
+        step = float(some[-(levels[part] // 2)])  # the middle one
         middles[part] = max(middles[part], 0.5 * step if step < _STEP_MOST * place[part, 0] else 0.0)
     return place[:, each // 2].astype(np.float64), middles
 
@@ -85,12 +90,14 @@ def noise_by_depth(depth: Depth, far: float = np.inf) -> tuple[float, float, flo
     z = 1 / at[deviations > 0]
     in_depth = deviations[deviations > 0] * z * z
     terms = np.column_stack([z * z, z, np.ones_like(z)]) / in_depth[:, None]
-    best, least = np.zeros(3), np.inf
-    for kept in itertools.chain.from_iterable(itertools.combinations(range(3), count) for count in (1, 2, 3)):
-        found = np.zeros(3)
-        found[list(kept)] = np.linalg.lstsq(terms[:, kept], np.ones(len(z)), rcond=None)[0]
-        off = float(np.abs(terms @ found - 1).sum())
-        if (found >= 0).all() and off < least:
-            best, least = found, off
+    # Least squares of each choice of terms, by normal equations in which the others' are the identity's
+    sizes = np.sqrt((terms * terms).sum(axis=0))
+    products = (terms.T @ terms) / np.outer(sizes, sizes)
+    systems = np.where(_CHOICES[:, :, None] & _CHOICES[:, None, :], products, 0.0)
+    systems[:, range(3), range(3)] = 1.0
+    sums = np.where(_CHOICES, terms.sum(axis=0) / sizes, 0.0)
+    found = (np.linalg.pinv(systems, hermitian=True) @ sums[:, :, None])[:, :, 0] / sizes
+    off = np.abs(found @ terms.T - 1).sum(axis=1)
+    best = found[np.argmin(np.where((found >= 0).all(axis=1), off, np.inf))]
     a, b, c = np.minimum(best, _NOISE_MOST).tolist()
     return a, b, c

@@ -35,7 +35,7 @@ class DeviceProfile:
         return pixels if self.lanes == 1 else bins
 
 
-CPU = DeviceProfile(lanes=16, in_place=True, local_size=1, chunks=32, strip=16, run=64, block=4)
+CPU = DeviceProfile(lanes=16, in_place=True, local_size=1, chunks=32, strip=32, run=64, block=4)
 GPU = DeviceProfile(lanes=1, in_place=False, local_size=None, chunks=1024, strip=1, run=1, block=1)
 
 

@@ -15,7 +15,7 @@ from pyibr.core.pixelspace import pitch
 from pyibr.images import DepthImage
 from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.kept import kept
-from pyibr.opencl.launch import launch
+from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty, upload
 from pyibr.opencl.program import kernel
 
@@ -68,13 +68,21 @@ def samples_of(view: DepthImage) -> Samples:
     return kept(view, "samples", lambda: _made_of(view))
 
 
-def _made_of(view: DepthImage) -> Samples:
+def bridged_samples(view: DepthImage, cut: NDArray[np.void]) -> Samples:
+    """The same, with single samples that are missing amid a surface as their neighbours have it; each time anew.
+
+    `cut` is a record of the kernels' struct Cut.
+    """
+    return _made_of(view, cut)
+
+
+def _made_of(view: DepthImage, cut: NDArray[np.void] | None = None) -> Samples:
     check_pixels("views", view.camera.size)
     width, height = view.camera.size
     nearness = empty((height, pitch(width)), np.float32)
     ranges = empty((height, 2), np.float32)
     launch(
-        kernel("lib/nearness.cl", "to_nearness"),
+        kernel("lib/nearness.cl", "to_nearness", **({} if cut is None else {"BRIDGED": 1})),
         (height,),
         depth=upload(view.depth),
         nearness=nearness,
@@ -84,6 +92,7 @@ def _made_of(view: DepthImage) -> Samples:
         src_pitch=pitch(width),
         src_perspective=view.camera.projection == "perspective",
         far=min(view.far, 1 / constant("lib/surface.h", "NEAREST")),  # beyond, nearness would be invalid
+        **({} if cut is None else {"cut": Struct("Cut", cut)}),
     )
     spread = ranges.to_host()
     low, high = float(spread[:, 0].min()), float(spread[:, 1].max())

@@ -258,23 +258,6 @@ def splat(samples: Samples, pixel_map: PixelMap, target: Target, size: float) ->
     target.blank = False
 
 
-def bridged(samples: Samples, camera: Camera, cut: NDArray[np.void]) -> Samples:
-    """Samples of a camera in which single ones that are missing amid a surface are there, as their neighbours have it.
-
-    `cut` is a record of the kernels' struct Cut.
-    """
-    made, profile = empty(samples.nearness.shape, np.float32), current().profile
-    launch(
-        kernel("warp/rims.cl", "bridge", STRIP=profile.strip),
-        profile.packets(*camera.size, profile.strip),
-        nearness=samples.nearness,
-        bridged=made,
-        map=map_of(camera_pair(camera, camera)),
-        cut=Struct("Cut", cut),
-    )
-    return replace(samples, nearness=made)
-
-
 def draw_rims(
     samples: Samples, pixel_map: PixelMap, target: Target, cut: NDArray[np.void], cut_there: NDArray[np.void]
 ) -> None:

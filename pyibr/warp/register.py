@@ -23,10 +23,10 @@ from pyibr.opencl.memory import DeviceArray, empty, to_host, upload
 from pyibr.opencl.program import kernel
 from pyibr.picture.drawable import Look
 from pyibr.picture.panes import joined, pane_cameras
-from pyibr.picture.samples import Samples, at_least_a_word, cut_of, samples_of
+from pyibr.picture.samples import Samples, at_least_a_word, bridged_samples, cut_of
 from pyibr.picture.straighten import places_on_device, straight_view
 from pyibr.picture.target import Target
-from pyibr.warp.launches import Options, bridged, draw_rims, look, map_of
+from pyibr.warp.launches import Options, draw_rims, look, map_of
 
 To = Literal["color", "depth"]
 AnyDepth = NDArray[np.float32] | NDArray[np.uint16]
@@ -240,7 +240,7 @@ def _drawn(view: DepthImage, camera: Camera, cut_ratio: float) -> _Drawn:
     cut = cut_of(view.camera, cut_ratio, slack)
     cut_there = cut_of(camera, cut_ratio, slack if own == there else _slack(view, there))
     source = straight_view(view, cut)
-    samples = bridged(samples_of(source), source.camera, cut)
+    samples = bridged_samples(source, cut)
     options = Options(cut_ratio=cut_ratio, slack=slack)
     targets: list[Target] = []
     pool: dict[int, Any] = {}
@@ -260,8 +260,9 @@ def _slack(view: DepthImage, projection: Projection) -> tuple[float, float]:
     some = view.depth[::_STRIDE, ::_STRIDE]
     if not ((some > 0) & (some < view.far)).any():
         some = view.depth
-    depths = np.sort(some[(some > 0) & (some < view.far)])
-    near, far = (float(depths[int(part * len(depths))]) for part in _RANGE)
+    depths = some[(some > 0) & (some < view.far)]
+    places = [int(part * len(depths)) for part in _RANGE]
+    near, far = np.partition(depths, places)[places].tolist()
     return (b + c / near, a) if projection == "perspective" else (0.0, (a * far + b) * far + c)
 
 
