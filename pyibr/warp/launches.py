@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64
-from pyibr.core.pixelspace import NO_PARALLAX, CameraPair, PixelMap, Rectangle, camera_pair, pitch
+from pyibr.core.pixelspace import NO_PARALLAX, CameraPair, PixelMap, Rectangle, pitch
 from pyibr.opencl.device import current
 from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
