@@ -61,6 +61,16 @@ typedef WIDE(long) longl;
 #define gather(p, i)                                                                                          \
     (p)[(i).s0], (p)[(i).s1], (p)[(i).s2], (p)[(i).s3], (p)[(i).s4], (p)[(i).s5], (p)[(i).s6], (p)[(i).s7],   \
         (p)[(i).s8], (p)[(i).s9], (p)[(i).sa], (p)[(i).sb], (p)[(i).sc], (p)[(i).sd], (p)[(i).se], (p)[(i).sf]
+#define PAIR(l) vload2(0, values + at.s##l)
+/* For each lane a value and the one after it: a load for both, and no gather instruction, which some CPUs make many
+ * times as many steps of */
+INLINED void gather_pairs(global const float *values, int16 at, float16 *first, float16 *second)
+{
+    const float16 low = (float16)(PAIR(0), PAIR(1), PAIR(2), PAIR(3), PAIR(4), PAIR(5), PAIR(6), PAIR(7));
+    const float16 high = (float16)(PAIR(8), PAIR(9), PAIR(a), PAIR(b), PAIR(c), PAIR(d), PAIR(e), PAIR(f));
+    *first = (float16)(low.even, high.even);
+    *second = (float16)(low.odd, high.odd);
+}
 /* any() compiles to a branch a lane. */
 #ifdef __has_builtin
 #if __has_builtin(__builtin_reduce_or)
@@ -96,6 +106,11 @@ typedef struct __attribute__((packed)) {
 #define any_lane(mask) ((mask) != 0)
 #define least_lane(v) (v)
 #define gather(p, i) (p)[i]
+INLINED void gather_pairs(global const float *values, int at, float *first, float *second)
+{
+    *first = values[at];
+    *second = values[at + 1];
+}
 #endif
 
 /* One lane of a variable, to be read, and to be set */

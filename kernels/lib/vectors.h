@@ -13,6 +13,15 @@ typedef struct {
 #define POINT_ROW(m, row, p)                                                                                   \
     ((m)[4 * (row)] * (p).x + (m)[4 * (row) + 1] * (p).y + (m)[4 * (row) + 2] * (p).z + (m)[4 * (row) + 3])
 
+/* Of an array of vectors, those of the given numbers */
+INLINED Vector vector_at(global const float *vectors, intl number)
+{
+    Vector v;
+    gather_pairs(vectors, 3 * number, &v.x, &v.y);
+    v.z = (floatl)(gather(vectors, 3 * number + 2));
+    return v;
+}
+
 INLINED Vector minus(Vector a, Vector b)
 {
     const Vector d = {a.x - b.x, a.y - b.y, a.z - b.z};

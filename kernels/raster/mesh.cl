@@ -23,17 +23,16 @@
 #define TINTED 0 /* 1: or colours of its vertices */
 #endif
 
-/* The mean of the corners' values: one of `stride` numbers a vertex */
-floatl mean_on(const OnTriangle *p, global const float *values, int stride, int part)
+/* The mean of the corners' values */
+INLINED floatl mean_of(const OnTriangle *p, floatl first, floatl second, floatl third)
 {
-    return p->weight[0] * (floatl)(gather(values, p->corner[0] * stride + part)) +
-           p->weight[1] * (floatl)(gather(values, p->corner[1] * stride + part)) +
-           p->weight[2] * (floatl)(gather(values, p->corner[2] * stride + part));
+    return p->weight[0] * first + p->weight[1] * second + p->weight[2] * third;
 }
 
-INLINED Vector mean_vector(const OnTriangle *p, global const float *values)
+INLINED Vector mean_vector(const OnTriangle *p, global const float *vectors)
 {
-    const Vector mean = {mean_on(p, values, 3, 0), mean_on(p, values, 3, 1), mean_on(p, values, 3, 2)};
+    const Vector a = vector_at(vectors, p->corner[0]), b = vector_at(vectors, p->corner[1]), c = vector_at(vectors, p->corner[2]);
+    const Vector mean = {mean_of(p, a.x, b.x, c.x), mean_of(p, a.y, b.y, c.y), mean_of(p, a.z, b.z, c.z)};
     return mean;
 }
 
@@ -42,18 +41,21 @@ INLINED Vector mean_vector(const OnTriangle *p, global const float *values)
 INLINED Color read_texture(const OnTriangle *p, global const float *uv, global const uint *texels, int width, int height, int levels
                            ANISOTROPY_PARAMETER)
 {
-    const floatl u = mean_on(p, uv, 2, 0), v = mean_on(p, uv, 2, 1);
+    floatl cu[3], cv[3];
+    UNROLLED
+    for (int k = 0; k < 3; k++)
+        gather_pairs(uv, 2 * p->corner[k], &cu[k], &cv[k]);
+    const floatl u = mean_of(p, cu[0], cu[1], cu[2]), v = mean_of(p, cv[0], cv[1], cv[2]);
     /* One pixel on, weights change by the edges' a or b, and the total by their sums. */
     floatl du_x = 0.0f, dv_x = 0.0f, du_y = 0.0f, dv_y = 0.0f, a_sum = 0.0f, b_sum = 0.0f;
     UNROLLED
     for (int k = 0; k < 3; k++) {
         const int i = (k + 1) % 3, j = (k + 2) % 3;
         const floatl a = p->V[i] * p->W[j] - p->W[i] * p->V[j], b = p->W[i] * p->U[j] - p->U[i] * p->W[j];
-        const floatl cu = (floatl)(gather(uv, 2 * p->corner[k])), cv = (floatl)(gather(uv, 2 * p->corner[k] + 1));
-        du_x += a * cu;
-        dv_x += a * cv;
-        du_y += b * cu;
-        dv_y += b * cv;
+        du_x += a * cu[k];
+        dv_x += a * cv[k];
+        du_y += b * cu[k];
+        dv_y += b * cv[k];
         a_sum += a;
         b_sum += b;
     }
@@ -85,12 +87,8 @@ INLINED Vector own_normal(const OnTriangle *p, global const float *vertices)
 {
     Vector at[3];
     UNROLLED
-    for (int k = 0; k < 3; k++) {
-        const intl corner = 3 * p->corner[k];
-        at[k].x = (floatl)(gather(vertices, corner));
-        at[k].y = (floatl)(gather(vertices, corner + 1));
-        at[k].z = (floatl)(gather(vertices, corner + 2));
-    }
+    for (int k = 0; k < 3; k++)
+        at[k] = vector_at(vertices, p->corner[k]);
     return at_unit_length(cross_of(minus(at[1], at[0]), minus(at[2], at[0])));
 }
 #endif

@@ -146,14 +146,6 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
 #define FRAGMENTS 1
 #include "raster/list.h"
 
-/* One vector a lane, of an array of them */
-INLINED Vector vector_at(global const float *vectors, intl number)
-{
-    const intl at = 3 * number;
-    const Vector v = {(floatl)(gather(vectors, at)), (floatl)(gather(vectors, at + 1)), (floatl)(gather(vectors, at + 2))};
-    return v;
-}
-
 #if LIT || ANISOTROPIC
 #define HEIGHT(u, v) height_at(context->heights, context->map_width, context->map_height, u, v)
 

@@ -23,6 +23,7 @@ typedef struct {
     floatl last_x, last_y;
     intl right, down; /* from a sample to its neighbours, 0 where cells are folded onto the edge that a line runs along */
     intl lower_first;
+    int folded; /* some of the cells are */
 } Way;
 
 typedef struct {
@@ -69,6 +70,7 @@ INLINED Way way_of(Lines lines, Grid grid)
     way.last_y = pick(lines.along_row, (floatl)(grid.height - 1), (floatl)max(grid.height - 2, 0));
     way.right = pick(lines.along_column, (intl)0, (intl)min(grid.width - 1, 1));
     way.down = pick(lines.along_row, (intl)0, (intl)(grid.height > 1 ? grid.pitch : 0));
+    way.folded = any_lane((way.right == 0) | lines.along_diagonal);
     return way;
 }
 
@@ -87,10 +89,15 @@ INLINED Cell pass_cells(Grid grid, Lines lines, Way way, floatl x, floatl y, flo
     Cell cell;
     const floatl xc = lesser(greater(x, (floatl)0.0f), way.last_x), yc = lesser(greater(y, (floatl)0.0f), way.last_y);
     const intl base = to_intl(yc) * grid.pitch + to_intl(xc);
-    const intl i10 = base + way.right, i01 = base + way.down;
-    const intl i00 = pick(lines.along_diagonal, i10, base), i11 = pick(lines.along_diagonal, i10, i01 + way.right);
-    const floatl q00 = (floatl)(gather(grid.nearness, i00)), q10 = (floatl)(gather(grid.nearness, i10)),
-                 q01 = (floatl)(gather(grid.nearness, i01)), q11 = (floatl)(gather(grid.nearness, i11));
+    floatl q00, q10, q01, q11;
+    gather_pairs(grid.nearness, base, &q00, &q10);
+    gather_pairs(grid.nearness, base + way.down, &q01, &q11);
+    if (way.folded) {
+        q10 = pick(way.right == 0, q00, q10);
+        q11 = pick(way.right == 0, q01, q11);
+        q00 = pick(lines.along_diagonal, q10, q00);
+        q11 = pick(lines.along_diagonal, q10, q11);
+    }
 
     const floatl out_u = (x + way.ahead_u - lines.u) * way.per_u + way.never_u;
     const floatl out_v = (y + way.ahead_v - lines.v) * way.per_v + way.never_v;

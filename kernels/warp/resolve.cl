@@ -129,9 +129,14 @@ INLINED void meet_there(Pixels *pixels, Grid grid, PixelMap map, int x0, int y, 
     }
     const intl upper = (u - uc) + (v - vc) > 1.0f;
     const intl base = to_intl(vc) * grid.pitch + to_intl(uc);
-    const intl i10 = base + right, i01 = base + down, ic = pick(upper, i01 + right, base);
-    const floatl q10 = (floatl)(gather(grid.nearness, i10)), q01 = (floatl)(gather(grid.nearness, i01)),
-                 qc = (floatl)(gather(grid.nearness, ic));
+    floatl q00, q10, q01, q11;
+    gather_pairs(grid.nearness, base, &q00, &q10);
+    gather_pairs(grid.nearness, base + down, &q01, &q11);
+    if (any_lane(right == 0)) {
+        q10 = pick(right == 0, q00, q10);
+        q11 = pick(right == 0, q01, q11);
+    }
+    const floatl qc = pick(upper, q11, q00);
     const intl open = IS_OPEN(grid.cut, greater(qc, greater(q10, q01)), lesser(qc, lesser(q10, q01)));
     Plane plane;
     plane.q = qc;

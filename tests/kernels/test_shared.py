@@ -27,6 +27,15 @@ kernel void lanes(global const float *a, global const int *b, global float *out)
     store_lanes(halves + to_floatl(negatives), out + i);
 }
 
+kernel void pairs(global const float *values, global const int *at, global float *out)
+{
+    const int i = get_global_id(0) * LANES;
+    floatl first, second;
+    gather_pairs(values, load_lanes(at + i), &first, &second);
+    store_lanes(first, out + i);
+    store_lanes(second, out + get_global_size(0) * LANES + i);
+}
+
 kernel void clamped(global const float *map, int width, int height, global const float *x, global const float *y,
                     global float *out)
 {
@@ -99,6 +108,12 @@ def test_lanes_are_read_and_set(driver):
     rng = np.random.default_rng(1)
     a, b = rng.random(COUNT, np.float32), rng.integers(-9, 9, COUNT, np.int32)
     np.testing.assert_array_equal(driver("lanes", a, b)[0], np.float32(0.5) * a - b.astype(np.float32))
+
+
+def test_pairs_are_neighbours(driver):
+    rng = np.random.default_rng(2)
+    values, at = rng.random(100, np.float32), rng.integers(0, 99, COUNT, np.int32)
+    np.testing.assert_array_equal(driver("pairs", values, at, rows=2), [values[at], values[at + 1]])
 
 
 def bilinear(
