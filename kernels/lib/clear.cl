@@ -1,4 +1,4 @@
-/* Sets floats or uints. Work-item: `chunk` of them, a multiple of LANES. O(n). */
+/* Sets floats or uints. Work-item: `share` of them, a multiple of LANES. O(n). */
 #include "lib/lanes.h"
 
 #ifndef UINTS
@@ -12,9 +12,9 @@
 #define words floatl
 #endif
 
-kernel void clear(global word *values, int count, int chunk, word value)
+kernel void clear(global word *values, int count, int share, word value)
 {
-    const int first = get_global_id(0) * chunk, end = min(first + chunk, count);
+    const int first = get_global_id(0) * share, end = min(first + share, count);
     int i = first;
     for (; i + LANES <= end; i += LANES)
         store_lanes((words)value, values + i);

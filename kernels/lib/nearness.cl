@@ -54,7 +54,7 @@ kernel void to_nearness(global const float *depth, global float *nearness, globa
             const floatl under = y + 1 < src_height ? nearness_from(row + src_width, x, src_width, src_perspective, far) : none;
             const intl across = !IS_OPEN(cut, greater(left, right), lesser(left, right));
             const intl down = !IS_OPEN(cut, greater(above, under), lesser(above, under));
-            n = pick(!solid & (across | down), 0.5f * pick(across, left + right, above + under), n);
+            n = pick((!solid) & (across | down), 0.5f * pick(across, left + right, above + under), n);
         }
 #endif
         store_lanes(n, nearness + (size_t)y * src_pitch + x); /* rows have room for whole packets */

@@ -2,7 +2,7 @@
  *
  * counts: 0 where there is no depth. depth: NaN where there is none. scale: counts a scene unit. Back they are rounded to
  * the nearest count, and are 0, too, where a depth is more than they hold.
- * Work-item: `chunk` samples, a multiple of LANES. Cost: O(samples), one pass. Determinism: every sample on its own.
+ * Work-item: `share` samples, a multiple of LANES. Cost: O(samples), one pass. Determinism: every sample on its own.
  */
 #include "lib/lanes.h"
 
@@ -17,9 +17,9 @@ typedef struct __attribute__((packed)) {
 #define ROUNDED_COUNT(type, depth, scale)                                                                      \
     select((type)0.0f, (depth) * (scale) + 0.5f, ((depth) > 0.0f) & ((depth) * (scale) < MOST + 0.5f)) /* not of NaN */
 
-kernel void to_depth(global const ushort *counts, global float *depth, int count, int chunk, float scale)
+kernel void to_depth(global const ushort *counts, global float *depth, int count, int share, float scale)
 {
-    const int first = get_global_id(0) * chunk, end = min(first + chunk, count);
+    const int first = get_global_id(0) * share, end = min(first + share, count);
     int i = first;
     for (; i + LANES <= end; i += LANES) {
         const floatl stored = to_floatl(((global const UnalignedCounts *)(counts + i))->counts);
@@ -29,9 +29,9 @@ kernel void to_depth(global const ushort *counts, global float *depth, int count
         depth[i] = DEPTH_OF_COUNT(float, (float)counts[i], scale);
 }
 
-kernel void to_counts(global const float *depth, global ushort *counts, int count, int chunk, float scale)
+kernel void to_counts(global const float *depth, global ushort *counts, int count, int share, float scale)
 {
-    const int first = get_global_id(0) * chunk, end = min(first + chunk, count);
+    const int first = get_global_id(0) * share, end = min(first + share, count);
     int i = first;
     for (; i + LANES <= end; i += LANES) {
         const floatl z = load_lanes(depth + i);

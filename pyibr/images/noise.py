@@ -15,7 +15,7 @@ _RANGES, _FEWEST = 12, 50  # noise is looked up for as many ranges of depth, eac
 _MOST = 40_000  # samples of a direction that are looked at: medians of more are no surer
 _LEVELS, _OF_LEVEL = 5, 10  # so many values in a range of depth, each so many times on average, are a scale's steps
 _STEP_MOST = 0.02  # of the nearness: farther apart are surfaces
-_ENOUGH = 2_000  # for the three figures of all depths together
+_ENOUGH = 4_000  # for the three figures of all depths together
 _NOISE_MOST = 1e18  # scene units: its square is still within single precision
 _ROWS = 5  # times as many lie in the rows that they are taken from
 _CHOICES = np.array(
@@ -46,7 +46,7 @@ def noise_by_nearness(depth: Depth, far: float = np.inf, most: int = _MOST) -> t
                 place, change = _changes(some, step, far, most)
                 places.append(place)
                 changes.append(change)
-        if sum(map(len, places)) >= min(10 * _RANGES * _FEWEST, most):
+        if sum(map(len, places)) >= 10 * _RANGES * _FEWEST:
             break
     count = sum(map(len, places))
     if count < _FEWEST:

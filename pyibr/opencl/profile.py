@@ -23,6 +23,8 @@ class DeviceProfile:
     """Packets of a row that a work-item resolves: on a CPU, enough to hide what starting it costs."""
     run: int
     """Pixels of a row that a work-item fills: on a CPU, starting one takes longer than most pixels."""
+    share: int
+    """Elements of an array that a work-item sets or converts, for the same reason."""
     block: int
     """Side of the square of pixels that the lanes are in a bin: BLOCK of kernels/raster/region.h, told by LANES."""
 
@@ -30,13 +32,17 @@ class DeviceProfile:
         """Work-items for all pixels, if each takes `strip` times `lanes` pixels of a row."""
         return -(-width // (strip * self.lanes)), height
 
+    def shares(self, count: int) -> tuple[int]:
+        """Work-items for so many elements, `share` each."""
+        return (-(-count // self.share),)
+
     def grid(self, bins: tuple[int, int], pixels: tuple[int, int]) -> tuple[int, int]:
         """Work-items that draw a picture's bins: one goes through a whole bin in its lanes, or through a pixel."""
         return pixels if self.lanes == 1 else bins
 
 
-CPU = DeviceProfile(lanes=16, in_place=True, local_size=1, chunks=32, strip=32, run=64, block=4)
-GPU = DeviceProfile(lanes=1, in_place=False, local_size=None, chunks=1024, strip=1, run=1, block=1)
+CPU = DeviceProfile(lanes=16, in_place=True, local_size=1, chunks=32, strip=32, run=64, share=1 << 11, block=4)
+GPU = DeviceProfile(lanes=1, in_place=False, local_size=None, chunks=1024, strip=1, run=1, share=1, block=1)
 
 
 def profile_of(kind: Kind) -> DeviceProfile:

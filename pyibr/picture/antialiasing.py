@@ -59,6 +59,7 @@ def averaged(fine: Target, camera: Camera, side: int, out: Frame | None = None) 
         profile.packets(*camera.size, profile.strip),
         sample_depth=fine.depth,
         sample_color=fine.color,
+        sample_valid=fine.valid,
         side=side,
         width=camera.width,
         height=camera.height,

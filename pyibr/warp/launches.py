@@ -25,7 +25,6 @@ from pyibr.warp.lines import line_groups
 
 _APART_MOST = 16
 _LOOK_TORN, _LOOK_CONNECTED = (1.0, 1.5), (0.5, 4.0)  # `rough` and `window` of kernels/warp/resolve.cl, measured
-_CHUNK = 1 << 14  # pixels that one work-item clears
 
 
 @dataclass(frozen=True)
@@ -217,13 +216,13 @@ def _draw_thin(samples: Samples, target: Target, options: Options, shared: dict[
 
 def clear(array: DeviceArray, value: float) -> None:
     """Sets all of a float32 or uint32 array, on all processors."""
-    count = math.prod(array.shape)
+    count, profile = math.prod(array.shape), current().profile
     launch(
         kernel("lib/clear.cl", "clear", UINTS=int(array.dtype == np.uint32)),
-        (-(-count // _CHUNK),),
+        profile.shares(count),
         values=array,
         count=count,
-        chunk=_CHUNK,
+        share=profile.share,
         value=value,
     )
 

@@ -33,7 +33,6 @@ AnyDepth = NDArray[np.float32] | NDArray[np.uint16]
 
 _APART = 3 * 2**0.5  # standard deviations of a sample: three of a difference of two, which noise alone seldom reaches
 _STRIDE, _RANGE = 7, (0.02, 0.98)  # every so manieth sample, and the part of them, that tells the range of depth
-_CHUNK = 1 << 14  # samples that one work-item converts
 _LENSES = {  # LENS of kernels/lib/lens.h
     "brown_conrady": 1,
     "rational": 1,
@@ -207,8 +206,8 @@ def _in_counts(depth: DeviceArray, scale: float) -> DeviceArray:
 
 
 def _convert(name: str, made: DeviceArray, **arguments: Any) -> None:
-    count = math.prod(made.shape)
-    launch(kernel("warp/counts.cl", name), (-(-count // _CHUNK),), count=count, chunk=_CHUNK, **arguments)
+    count, profile = math.prod(made.shape), current().profile
+    launch(kernel("warp/counts.cl", name), profile.shares(count), count=count, share=profile.share, **arguments)
 
 
 @dataclass(frozen=True)

@@ -345,7 +345,7 @@ def test_launches_go_in_pieces_outside_of_a_call_too():
     def cleared() -> list[Any]:
         values = empty((100,), np.float32)
         clear = program.kernel("lib/clear.cl", "clear")
-        launch.launch(clear, (10,), values=values, count=100, chunk=10, value=2.5)
+        launch.launch(clear, (10,), values=values, count=100, share=10, value=2.5)
         return [values.to_host()]
 
     with pieces(3) as started:
