@@ -96,7 +96,7 @@ def noise_by_depth(depth: Depth, far: float = np.inf) -> tuple[float, float, flo
     systems = np.where(_CHOICES[:, :, None] & _CHOICES[:, None, :], products, 0.0)
     systems[:, range(3), range(3)] = 1.0
     sums = np.where(_CHOICES, terms.sum(axis=0) / sizes, 0.0)
-    found = (np.linalg.pinv(systems, hermitian=True) @ sums[:, :, None])[:, :, 0] / sizes
+    found = np.where(_CHOICES, (np.linalg.pinv(systems, hermitian=True) @ sums[:, :, None])[:, :, 0] / sizes, 0.0)
     off = np.abs(found @ terms.T - 1).sum(axis=1)
     best = found[np.argmin(np.where((found >= 0).all(axis=1), off, np.inf))]
     a, b, c = np.minimum(best, _NOISE_MOST).tolist()
