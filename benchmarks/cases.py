@@ -38,6 +38,7 @@ class Plan:
     depthmesh_tolerances: tuple[float, ...]  # pixels
     depthmesh_quality: tuple[str, int]  # model and number of unseen cameras
     depthmesh_warp: int  # turns
+    depthmesh_moving: int  # turns
     simplification: Mapping[str, int]  # turns by surface
     decimation: Mapping[str, int]
     rgbd_scene: str
@@ -92,6 +93,7 @@ FULL = Plan(
     depthmesh_tolerances=(1, 4, 16),
     depthmesh_quality=("dragon", 20),
     depthmesh_warp=21,
+    depthmesh_moving=5,
     simplification={"fuji": 41, "dragon, filled": 21},
     decimation={"fuji": 1, "dragon": 3},
     rgbd_scene=LIVINGROOM,
@@ -141,6 +143,7 @@ QUICK = Plan(
     depthmesh_tolerances=(1, 4),
     depthmesh_quality=("donut", 2),
     depthmesh_warp=1,
+    depthmesh_moving=1,
     simplification={"relief": 1},
     decimation={"relief": 1},
     rgbd_scene=ROOM,

@@ -27,8 +27,9 @@ from pyibr.core.errors import MissingPackageError
 from pyibr.core.optional import opencv
 from pyibr.depthmesh.object import Blend
 from pyibr.depthmesh.segmentation import Segmentation
+from pyibr.depthmesh.selection import select_for
 from pyibr.depthmesh.tree import build_tree
-from pyibr.depthmesh.triangulation import Triangles, active_for, list_triangles
+from pyibr.depthmesh.triangulation import Triangles, list_triangles
 from pyibr.images import metrics
 
 
@@ -87,6 +88,14 @@ STAGES = {
 
 BLENDS: tuple[Blend, ...] = ("quality", "position", "nearest")
 FULL_GRID = "quality, full grid"
+ANEW = "chosen for each frame"
+MOVING = {
+    ANEW: 0.0,
+    "reuse 0.05": 0.05,
+    "reuse 0.1": 0.1,
+    "reuse 0.2": 0.2,
+}
+"""Shares of the tolerance that triangles are finer by, to be drawn again."""
 MESH, MESH_FULL, WARP = "depth mesh, 1 px", "depth mesh, full grid", "epipolar warp"
 FRESH_MESH, FRESH_WARP = f"{MESH}, fresh view", f"{WARP}, fresh view"
 
@@ -98,6 +107,8 @@ _FILES = {
 }
 _FRONT = (0.4, 0.3, 1.0)  # where frames are seen from
 _KERNEL_RUNS = 5
+_ORBIT = 30  # frames
+_STEPS = (0.1, 0.5, 2.0)  # degrees from frame to frame
 _TURN = 15.0  # degrees between a warped view and its target
 
 
@@ -116,6 +127,10 @@ def cases(plan: Plan) -> Iterator[Case]:
         yield Case(parameters, functools.partial(_quality, parameters, cameras, plan))
     parameters = {"case": "warp", "model": name}
     yield Case(parameters, functools.partial(_warp, parameters, plan))
+    for thing in ("DepthMesh", "DepthMeshObject"):
+        for step in _STEPS:
+            parameters = {"case": "moving", "model": name, "thing": thing, "degrees": step, "frames": _ORBIT}
+            yield Case(parameters, functools.partial(_moving, parameters, plan))
     yield from simplification.cases(plan)
 
 
@@ -174,7 +189,7 @@ def _frames(parameters: dict[str, Parameter], repeats: int, plan: Plan) -> Work 
     trees = [thing.meshes[number].tree for number in np.flatnonzero(thing.weights(camera))]
 
     def select() -> Triangles:
-        found = list_triangles(trees, [active_for(tree, camera, 0.5 * tolerance) for tree in trees])
+        found = list_triangles(trees, [select_for(tree, camera, 0.5 * tolerance).active for tree in trees])
         found.corners.to_host()  # by then all are there
         return found
 
@@ -193,6 +208,35 @@ def _frames(parameters: dict[str, Parameter], repeats: int, plan: Plan) -> Work 
         yield Record(FRAME, "coverage", "share", parameters, [covered])
 
     return Work({FRAME: functools.partial(ibr.render, thing, camera), SELECTION: select}, repeats, read)
+
+
+def _moving(parameters: dict[str, Parameter], plan: Plan) -> Work | Skip:
+    """An orbit, with triangles chosen for each frame and drawn again."""
+    meshes = _meshes(str(parameters["model"]), plan.dragon_mesh, plan.depthmesh_side, "perspective")
+    if isinstance(meshes, Skip):
+        return meshes
+    whole = ibr.DepthMeshObject(meshes)
+    camera = _filled(whole, plan.depthmesh_side)
+    middle = 0.5 * (whole.bounds[0] + whole.bounds[1])
+    orbit = [_turned(camera, middle, number * float(parameters["degrees"])) for number in range(_ORBIT)]
+
+    def moving(reuse: float) -> Subject:
+        if parameters["thing"] == "DepthMesh":
+            thing = ibr.DepthMesh(again(meshes[5].view), reuse=reuse)
+        else:
+            thing = ibr.DepthMeshObject(meshes, reuse=reuse)
+        return lambda: [ibr.render(thing, one) for one in orbit]
+
+    subjects = {name: moving(reuse) for name, reuse in MOVING.items()}
+
+    def read() -> Iterator[Record]:
+        for name, frames in subjects.items():
+            with kernel_times() as times:
+                frames()
+            once = 1 if parameters["thing"] == "DepthMesh" else whole.blended
+            yield Record(name, "chosen", "count", parameters, [len(times.get("activate", ())) / once])
+
+    return Work(subjects, plan.depthmesh_moving, read)
 
 
 def _filled(thing: ibr.DepthMeshObject, side: int) -> ibr.Camera:
@@ -292,8 +336,13 @@ def _warp(parameters: dict[str, Parameter], plan: Plan) -> Work | Skip:
 
 def _aside(view: ibr.DepthImage, middle: NDArray[Any]) -> ibr.Camera:
     """The view's camera turned about the object's middle."""
-    angle = np.radians(_TURN)
+    return _turned(view.camera, middle, _TURN)
+
+
+def _turned(camera: ibr.Camera, middle: NDArray[Any], degrees: float) -> ibr.Camera:
+    """The camera turned about an upright axis through a point."""
+    angle = np.radians(degrees)
     turn = np.eye(4)
     turn[:3, :3] = [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
     turn[:3, 3] = middle - turn[:3, :3] @ middle
-    return ibr.Camera(view.camera.K, view.camera.size, turn @ view.camera.world_from_camera)
+    return ibr.Camera(camera.K, camera.size, turn @ camera.world_from_camera)

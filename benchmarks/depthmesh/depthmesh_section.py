@@ -39,6 +39,12 @@ One depth image of the {model} from 15 degrees aside, against rays. Colour and d
 errors of the largest extent; *covered* and *beside it* of the pixels that see the {model}.
 """
 
+MOVING = """### While the camera moves
+
+{frames} frames around the {model}, some degrees apart: milliseconds a frame, all frames on average, and for how many of
+them triangles were chosen. Those of `reuse` are finer than the tolerance asks, and are drawn for as long as it holds.
+"""
+
 SIMPLIFICATION = """### Simplification
 
 Triangles over the largest vertical error at the samples, measured by rays. pymartini's own error is that of its
@@ -67,6 +73,7 @@ def depthmesh_section(result: Result, folder: Path) -> list[str]:
         *_frames(result),
         *_quality(result),
         *_warp(result),
+        *_moving(result),
         *_simplification(result, folder),
         *_decimation(result),
     ]
@@ -174,6 +181,22 @@ def _warp(result: Result) -> list[str]:
     heads = ["", "ms", "PSNR", "median depth error", "off by over 1 %", "covered", "beside it"]
     models = _names(result, "warp", "model")
     return [WARP.format(model=models[0]), table(heads, rows)] if models else []
+
+
+def _moving(result: Result) -> list[str]:
+    rows: list[list[str]] = []
+    records = list(result.select(case="moving", quantity="end to end"))
+    for record in records:
+        here, frames = record.parameters, float(record.parameters["frames"])
+        each = median(only(result.select(subject=depthmesh.ANEW, quantity="end to end", **here)))
+        chosen = only(result.select(subject=record.subject, quantity="chosen", **here))[0]
+        ratio = median(record.values) / each
+        time = str(Quartiles.of([value / frames for value in record.values]))
+        rows.append([str(here["thing"]), f"{here['degrees']:g}", record.subject, f"{chosen:.0f}", time, f"{ratio:.2f}"])
+    if not rows:
+        return []
+    heads = ["", "degrees", "triangles", "chosen", "ms a frame", "ratio"]
+    return [MOVING.format(**records[0].parameters), table(heads, rows)]
 
 
 def _point(result: Result, record: Record) -> tuple[float, float, float]:

@@ -23,8 +23,9 @@ from benchmarks.scenes import relief, scanned, terrain
 from pyibr.capture import MeshScene, object_views
 from pyibr.core.errors import MissingPackageError
 from pyibr.depthmesh.segmentation import Segmentation
+from pyibr.depthmesh.selection import active_within
 from pyibr.depthmesh.tree import Tree
-from pyibr.depthmesh.triangulation import active_within, list_triangles
+from pyibr.depthmesh.triangulation import list_triangles
 
 OURS, MARTINI, DELATIN, OPEN3D = "pyibr", "pymartini", "pydelatin", "Open3D"
 SAME = "pyibr, at pymartini's measured error"

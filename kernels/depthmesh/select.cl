@@ -6,12 +6,16 @@
  * its vertex at the right angle is active and the one that would split it is not; it is drawn if all of it is.
  * `find_triangles` finds them, `list_points` and `list_triangles` write them down.
  *
- * Deviation from the paper: the distance is that of the sphere, not of the vertex, as the above demands.
+ * Deviations from the paper: the distance is that of the sphere, not of the vertex, as the above demands. A viewer that
+ * will move may ask for more than it needs, a finer tolerance and a wider view: `rooms` tell how far it may move before
+ * it needs a vertex that it did not get.
  *
  * Of each vertex, (side + 1, row): active, tree.h; drawn: bit k where the k-th triangle with its right angle there is
  * drawn; numbers of those that are listed. counts, firsts: (side + 1, 2) how many points and triangles each row has, and
  * the numbers of its first ones. points: (points, 4) where in the view, tree.h, and quality |n z| if RATED. corners:
  * (triangles, 3) numbers of points, counter-clockwise as the view sees them, the one at the right angle second.
+ * rooms: (side + 1, 2) scene units; of each row's vertices that are not active, the least that the eye may move until one
+ * of too small an error is seen larger than allowed, and the least distance of one that is out of view.
  * Work-item: a row of vertices. Cost: O(vertices). Determinism: rows' and columns' order.
  */
 #include "depthmesh/tree.h"
@@ -27,33 +31,43 @@ typedef struct {
     float planes[5][4]; /* of what the target sees: a x + b y + c z + d >= 0 inside, unit normals */
     float scale;       /* pixels per scene unit: at distance 1 (perspective), everywhere (orthographic) */
     float tolerance;   /* pixels */
+    float allowed;     /* pixels, at least the tolerance: what `rooms` hold for */
+    float widening;    /* of the view: scene units beyond its planes at distance 1 */
     int perspective;
 } Viewer;
 
 kernel void activate(global const float *errors, global const float *radii, global const float *depths,
-                     global uchar *active, Layout layout, Viewer viewer)
+                     global uchar *active, global float *rooms, Layout layout, Viewer viewer)
 {
     const int y = get_global_id(0);
     if (y > layout.side)
         return;
     const size_t start = (size_t)y * layout.row;
+    floatl room = INFINITY, nearest_out = INFINITY;
     for (int first = 0; first <= layout.side; first += LANES) {
         const size_t at = start + first;
         const floatl error = load_lanes(errors + at), radius = load_lanes(radii + at);
-        const intl x = first + lane_index;
-        intl needed = (error >= 0.0f) & (first + lane_index <= layout.side);
-        if (any_lane(needed)) {
+        const intl x = first + lane_index, known = (error >= 0.0f) & (x <= layout.side);
+        intl needed = known;
+        if (any_lane(known)) {
             const Vector p = point_of(&layout, to_floatl(x), (floatl)y, load_lanes(depths + at));
             const Vector away = {p.x - viewer.eye[0], p.y - viewer.eye[1], p.z - viewer.eye[2]};
-            const floatl distance = viewer.perspective ? fmax(sqrt(DOT(away, away)) - radius, (floatl)0.0f) : (floatl)1.0f;
-            needed = needed & (error * viewer.scale >= viewer.tolerance * distance);
+            const floatl from_eye = sqrt(DOT(away, away));
+            const floatl distance = viewer.perspective ? fmax(from_eye - radius, (floatl)0.0f) : (floatl)1.0f;
+            const intl large = known & (error * viewer.scale >= viewer.tolerance * distance);
+            needed = large;
+            /* Children's spheres are within their parent's: so are they with this margin. */
+            const floatl margin = radius + viewer.widening * (from_eye + radius);
             for (int k = 0; k < 5; k++) {
                 const float *plane = viewer.planes[k];
-                needed = needed & (plane[0] * p.x + plane[1] * p.y + plane[2] * p.z + plane[3] >= -radius);
+                needed = needed & (plane[0] * p.x + plane[1] * p.y + plane[2] * p.z + plane[3] >= -margin);
             }
+            room = fmin(room, pick(known & (!large), distance - error * (viewer.scale / viewer.allowed), (floatl)INFINITY));
+            nearest_out = fmin(nearest_out, pick(large & (!needed), from_eye, (floatl)INFINITY));
         }
         store_bytes(to_ucharl(pick(needed, (intl)ACTIVE, (intl)0)), active + at);
     }
+    vstore2((float2)(least_lane(room), least_lane(nearest_out)), y, rooms);
     mark_corners(&layout, active, y);
 }
 

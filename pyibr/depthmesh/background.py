@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from pyibr.depthmesh.behind import Behind, ViewMesh, behind_of
 from pyibr.depthmesh.segmentation import Segmentation
+from pyibr.depthmesh.selection import active_within
 from pyibr.depthmesh.tree import Tree, build_tree
-from pyibr.depthmesh.triangulation import Triangles, active_within, list_triangles, pixels_of
+from pyibr.depthmesh.triangulation import Triangles, list_triangles, pixels_of
 from pyibr.opencl.memory import DeviceArray, upload
 
 _COARSE_ERROR = 0.001  # of the largest extent: that of the coarse meshes

@@ -15,7 +15,9 @@ from pyibr.core.pixelspace import camera_pair, pixel_size
 from pyibr.depthmesh.background import Background, Shown, underlay_of
 from pyibr.depthmesh.behind import ViewMesh
 from pyibr.depthmesh.levels import color_levels
-from pyibr.depthmesh.triangulation import active_for, list_triangles, project_points
+from pyibr.depthmesh.selection import Selection, select_for
+from pyibr.depthmesh.tree import Tree
+from pyibr.depthmesh.triangulation import Triangles, list_triangles, project_points
 from pyibr.images.depth_image import DepthImage
 from pyibr.opencl.headers import constant
 from pyibr.opencl.kept import kept
@@ -110,6 +112,7 @@ def draw_depth_meshes(
     bounds: Bounds,
     blending: Blending | None = None,
     occupancy: DeviceArray | None = None,
+    reuse: float = 0.0,
 ) -> None:
     """Draw the mesh of a view, or those of several, blended, into the target.
 
@@ -127,11 +130,12 @@ def draw_depth_meshes(
         Of several meshes.
     occupancy : DeviceArray (H, W) uint32, optional
         Gets bit k set where view k gave colour.
+    reuse : float
+        Of `pyibr.depthmesh.selection.Selection`.
     """
     closeness = np.ones(1) if blending is None else blending.closeness
     shown = Shown.of([0], 1) if blending is None else Shown.of(blending.order, blending.count)
     trees = [meshes[number].tree for number in shown.chosen]
-    active = [active_for(tree, target.camera, tolerance) for tree in trees]
     colors = _shown(target, thing, [mesh.view for mesh in meshes], blending)
     underlay, drawn, colored = None, shown.chosen, shown.chosen  # views of all meshes, and of those with colours
     defines = {"VIEWS": len(shown.chosen), **target.color_defines}
@@ -149,7 +153,7 @@ def draw_depth_meshes(
             "ENCLOSED": int(blending.background.enclosed),
         }
         more = _seen_empty(target.camera, meshes, blending, blending.background, colors)
-    triangles = list_triangles(trees, active, underlay, rated=True)
+    triangles = _triangles_for(target, thing, trees, underlay, tolerance, reuse)
     projected = project_points(target.camera, [meshes[number].view for number in drawn], triangles)
     more |= _colored(target.camera, [meshes[number].view for number in colored], colored, colors)
     if occupancy is not None:
@@ -173,6 +177,34 @@ def draw_depth_meshes(
         **more,
     )
     target.blank = False
+
+
+@dataclass
+class _Latest:
+    """What was drawn last of a thing, to be drawn again while it holds."""
+
+    trees: list[Tree]
+    underlay: Triangles | None
+    selections: list[Selection]
+    triangles: Triangles | None = None
+
+
+def _triangles_for(
+    target: Target, thing: Fixed, trees: list[Tree], underlay: Triangles | None, tolerance: float, reuse: float
+) -> Triangles:
+    """The triangles for a target, after those of the underlay: those drawn last, if they hold for it."""
+    if not reuse or target.from_light:
+        selections = [select_for(tree, target.camera, tolerance) for tree in trees]
+        return list_triangles(trees, [one.active for one in selections], underlay, rated=True)
+    latest = kept(thing, "latest triangles", lambda: _Latest([], None, []))
+    same = len(trees) == len(latest.trees) and all(a is b for a, b in zip(trees, latest.trees, strict=True))
+    holds = same and underlay is latest.underlay and all(one.holds_for(target.camera) for one in latest.selections)
+    if latest.triangles is None or not holds:
+        latest.trees, latest.underlay = trees, underlay
+        latest.selections = [select_for(tree, target.camera, tolerance, reuse) for tree in trees]
+        marks = [one.active for one in latest.selections]
+        latest.triangles = list_triangles(trees, marks, underlay, rated=True)
+    return latest.triangles
 
 
 def _colored(camera: Camera, views: list[DepthImage], shown: list[int], colors: _Colors) -> dict[str, DeviceArray]:

@@ -9,14 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Fixed, Float64, describe, instance_of, numbers, one_of, true_or_false
+from pyibr.core.checks import Fixed, Float64, describe, instance_of, number_from, numbers, one_of, true_or_false
 from pyibr.core.errors import ArgumentError
 from pyibr.core.straight import covering_camera
 from pyibr.depthmesh.drawing import draw_depth_meshes, drawn_off
 from pyibr.depthmesh.segmentation import Segmentation
+from pyibr.depthmesh.selection import MOST_REUSE, active_within, select_for
 from pyibr.depthmesh.strips import strips_of, with_normals
 from pyibr.depthmesh.tree import ErrorsBy, Tree, build_tree
-from pyibr.depthmesh.triangulation import active_for, active_within, list_triangles, pixels_of
+from pyibr.depthmesh.triangulation import list_triangles, pixels_of
 from pyibr.images import DepthImage
 from pyibr.meshes.mesh import Mesh
 from pyibr.opencl.device import current
@@ -47,6 +48,10 @@ class DepthMesh(Fixed):
         How far off a surface is taken to be where a vertex and its children are left out: by the "sum" of their errors,
         which bounds it, or by the "largest" of them, as in the paper (section 3.2), which is seldom exceeded and has
         fewer triangles at the same tolerance.
+    reuse : float
+        What `render` draws again while the camera moves by little: 0 to 0.5, 0 for nothing. With 0.1, triangles are
+        chosen by a tolerance finer by a tenth, and for a view wider by a tenth, and drawn for as long as the tolerance
+        holds with them; so they depend on the targets that came before.
 
     Raises
     ------
@@ -73,6 +78,7 @@ class DepthMesh(Fixed):
         tolerance: float = 1.0,
         segmentation: Segmentation | None = None,
         errors: ErrorsBy = "sum",
+        reuse: float = 0.0,
     ) -> None:
         instance_of("view", view, DepthImage, "a pyibr.DepthImage")
         if min(view.camera.size) < 2:
@@ -87,6 +93,7 @@ class DepthMesh(Fixed):
         self.segmentation = rule
         one_of("errors", errors, ErrorsBy)
         self.errors: ErrorsBy = errors
+        self.reuse = number_from("reuse", reuse, 0.0, MOST_REUSE, "a number from 0 to 0.5")
 
     def __repr__(self) -> str:
         return f"<DepthMesh {self.view.camera.width}x{self.view.camera.height}>"
@@ -108,7 +115,7 @@ class DepthMesh(Fixed):
             self._draw(target)
 
     def _draw(self, target: Target) -> None:
-        draw_depth_meshes(target, self, [self], self.tolerance, self.bounds)
+        draw_depth_meshes(target, self, [self], self.tolerance, self.bounds, reuse=self.reuse)
 
     @property
     def tree(self) -> Tree:
@@ -251,7 +258,7 @@ class DepthMesh(Fixed):
     def _triangles_for(self, camera: Camera, tolerance: float | None) -> tuple[Int32, Int32]:
         instance_of("camera", camera, Camera, "a pyibr.Camera")
         allowed = self.tolerance if tolerance is None else checked_tolerance("tolerance", tolerance)
-        return _triangles_of(self.tree, active_for(self.tree, covering_camera("camera", camera), allowed))
+        return _triangles_of(self.tree, select_for(self.tree, covering_camera("camera", camera), allowed).active)
 
     def _mesh_of(self, samples: Int32, faces: Int32) -> Mesh:
         camera = self.view.camera

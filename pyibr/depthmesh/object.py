@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Fixed, Float64, describe, instance_of, one_of, true_or_false, whole_from
+from pyibr.core.checks import Fixed, Float64, describe, instance_of, number_from, one_of, true_or_false, whole_from
 from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import frustum
 from pyibr.core.straight import check_no_lens, covering_camera
@@ -19,6 +19,7 @@ from pyibr.depthmesh.drawing import Blending, draw_depth_meshes, drawn_off
 from pyibr.depthmesh.exposure import gains_of
 from pyibr.depthmesh.mesh import DepthMesh, checked_tolerance
 from pyibr.depthmesh.segmentation import Segmentation
+from pyibr.depthmesh.selection import MOST_REUSE
 from pyibr.images import DepthImage
 from pyibr.opencl.device import one_call
 from pyibr.opencl.kept import kept
@@ -70,6 +71,8 @@ class DepthMeshObject(Fixed):
         Which views are drawn: those whose viewpoints are the "closest" to the target's, or, of views that stand at
         various distances around a thing, the close ones that see it from the same side ("facing": section 4.2 of the
         paper). Weights are those of closeness in either case.
+    reuse : float
+        What `render` draws again while the camera moves by little, as of a `DepthMesh`: 0 to 0.5.
 
     Raises
     ------
@@ -102,6 +105,7 @@ class DepthMeshObject(Fixed):
         segmentation: Segmentation | None = None,
         match_exposures: bool = False,
         choose: Choice = "closest",
+        reuse: float = 0.0,
     ) -> None:
         self.meshes = _checked_meshes(views, segmentation)
         self.tolerance = checked_tolerance("tolerance", tolerance)
@@ -115,6 +119,7 @@ class DepthMeshObject(Fixed):
         self.match_exposures = match_exposures
         one_of("choose", choose, Choice)
         self.choose: Choice = choose
+        self.reuse = number_from("reuse", reuse, 0.0, MOST_REUSE, "a number from 0 to 0.5")
 
     def __repr__(self) -> str:
         return f"<DepthMeshObject {len(self.meshes)} view{'s' * (len(self.meshes) != 1)}>"
@@ -152,7 +157,8 @@ class DepthMeshObject(Fixed):
             behind = kept(self, "background", lambda: background_of(self.meshes, self.extent))
         order, closeness = self._order(target.camera), self.closeness(target.camera)
         blending = Blending(self.blend, order, closeness, self.blended, self.epsilon, behind, self._gains)
-        draw_depth_meshes(target, self, self.meshes, 0.5 * self.tolerance, self.bounds, blending, occupancy)
+        tolerance = 0.5 * self.tolerance
+        draw_depth_meshes(target, self, self.meshes, tolerance, self.bounds, blending, occupancy, self.reuse)
 
     @cached_property
     def _gains(self) -> Float64 | None:

@@ -1,77 +1,24 @@
-"""Triangulations of quadtrees: which vertices they need, and their triangles (kernels/depthmesh/)."""
+"""The triangles of quadtrees' active vertices (kernels/depthmesh/)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.pixelspace import camera_pair, frustum
+from pyibr.core.pixelspace import camera_pair
 from pyibr.depthmesh.tree import Tree
 from pyibr.images import DepthImage
-from pyibr.opencl.headers import constant, struct
-from pyibr.opencl.launch import Struct, launch
+from pyibr.opencl.headers import constant
+from pyibr.opencl.launch import launch
 from pyibr.opencl.memory import DeviceArray, copy, empty, upload
 from pyibr.opencl.program import kernel
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-_SHARES = 16  # along a tree's side, that simplification is shared out in
-_CHUNK = 64  # numbers of vertices that a work-item of kernels/depthmesh/simplify.cl takes memory for at once
-
-
-def active_for(tree: Tree, camera: Camera, tolerance: float) -> DeviceArray:
-    """Mark the vertices that a camera needs for a tolerance in pixels (equation 5): (side + 1, row) uint8."""
-    known, active = tree.errors, empty(tree.states.shape, np.uint8)
-    launch(
-        kernel("depthmesh/select.cl", "activate"),
-        (tree.side + 1,),
-        errors=known.errors,
-        radii=known.radii,
-        depths=known.depths,
-        active=active,
-        layout=tree.layout,
-        viewer=Struct("Viewer", _viewer(tree.view.camera, camera, tolerance)),
-    )
-    return active
-
-
-def _viewer(src: Camera, dst: Camera, tolerance: float) -> np.ndarray[Any, np.dtype[np.void]]:
-    values = np.zeros((), struct("depthmesh/select.cl", "Viewer"))
-    values["eye"] = (src.camera_from_world @ dst.world_from_camera)[:3, 3]
-    values["planes"] = frustum(dst) @ src.world_from_camera
-    values["scale"] = np.linalg.norm(dst.K[:2, :2], 2)
-    values["tolerance"] = tolerance
-    values["perspective"] = dst.projection == "perspective"
-    return values
-
-
-def active_within(tree: Tree, max_error: float) -> DeviceArray:
-    """Mark the vertices that a vertical error of at most `max_error`, in scene units, needs: (side + 1, row) uint8."""
-    active = empty(tree.states.shape, np.uint8)
-    active.fill(0)
-    coarse = max(tree.side // _SHARES, 1)
-    grid = (tree.side // coarse + 1,) * 2
-    # Enough for all vertices at once and a chunk that is not full for each work-item.
-    chunks = int(np.prod(active.shape)) // (_CHUNK - 2) + int(np.prod(grid)) + 1
-    shared: dict[str, Any] = {
-        "nearness": tree.nearness,
-        "states": tree.states,
-        "active": active,
-        "pool": empty((chunks, _CHUNK), np.int32),
-        "used": empty((1,), np.int32),
-        "layout": tree.layout,
-        "max_error": max_error,
-        "coarse": coarse,
-    }
-    launch(kernel("depthmesh/simplify.cl", "refine_coarse", CHUNK=_CHUNK), (1,), **shared)
-    if coarse > 1:
-        launch(kernel("depthmesh/simplify.cl", "refine", CHUNK=_CHUNK), grid, **shared)
-    return active
 
 
 @dataclass(frozen=True)

@@ -352,7 +352,7 @@ def random_depth_mesh(chance: Chance, scale: float, floats: bool) -> Any:
     tolerance = chance.mostly(chance.one([0, 1.0, 20, 1e30]))
     if chance(0.5):
         view, errors = chance.one(views_around(chance, scale, floats, 1)), chance.mostly(chance.one(["sum", "largest"]))
-        return ibr.DepthMesh(view, tolerance, errors=errors)
+        return ibr.DepthMesh(view, tolerance, errors=errors, reuse=chance.mostly(chance.one([0, 0.1, 0.5])))
     return ibr.DepthMeshObject(
         chance.mostly(views_around(chance, scale, floats, 2)),
         tolerance,
@@ -361,6 +361,7 @@ def random_depth_mesh(chance: Chance, scale: float, floats: bool) -> Any:
         epsilon=chance.mostly(chance.one([None, 0.0, 0.1 * scale, 1e30])),
         background=chance.mostly(chance(0.5)),
         choose=chance.mostly(chance.one(["closest", "facing"])),
+        reuse=chance.mostly(chance.one([0, 0.2])),
     )
 
 

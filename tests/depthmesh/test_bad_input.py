@@ -106,6 +106,12 @@ def test_errors(errors):
     refused("errors", ibr.DepthMesh, VIEW, errors=errors)
 
 
+@pytest.mark.parametrize("reuse", [-0.1, 0.51, np.nan, None, "some", True], ids=repr)
+def test_reuse(reuse):
+    refused("reuse", ibr.DepthMesh, VIEW, reuse=reuse)
+    refused("reuse", ibr.DepthMeshObject, [VIEW], reuse=reuse)
+
+
 def test_views_of_objects():
     apart = [ibr.DepthImage(VIEW.color, VIEW.depth, VIEW.camera.moved(100.0 * k, 0, 0)) for k in range(3)]
     pair_and_one = [VIEW, VIEW, apart[2]]

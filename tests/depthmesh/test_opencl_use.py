@@ -9,10 +9,8 @@ import pyibr as ibr
 from pyibr.depthmesh import Segmentation
 from pyibr.images import DepthImage
 from tests import scenes
-from tests.depthmesh.views import PROJECTIONS, rough
+from tests.depthmesh.views import PROJECTIONS, TESTS, rough
 from tests.one_lane import one_lane
-
-TESTS = ("orthogonality", "connectedness", "disparity", "none")
 
 
 @pytest.mark.parametrize("projection", PROJECTIONS)

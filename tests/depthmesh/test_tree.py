@@ -11,15 +11,15 @@ import pytest
 import pyibr as ibr
 from pyibr.core.camera import Camera
 from pyibr.depthmesh import Segmentation
+from pyibr.depthmesh.selection import select_for
 from pyibr.depthmesh.tree import ErrorsBy
-from pyibr.depthmesh.triangulation import active_for, list_triangles, pixels_of
+from pyibr.depthmesh.triangulation import list_triangles, pixels_of
 from tests import scenes
-from tests.depthmesh.views import PROJECTIONS, cells_of, rough, samples_for, samples_within
+from tests.depthmesh.views import PROJECTIONS, TESTS, cells_of, rough, samples_for, samples_within
 from tests.reference import depthmesh as reference
 
 SIZES = [(2, 2), (7, 13), (61, 37), (33, 33), (65, 40)]
 ERRORS: tuple[ErrorsBy, ...] = ("sum", "largest")
-TESTS = ["orthogonality", "connectedness", "disparity", "none"]
 
 # Depths are about 4 and kept as their inverses: two roundings of 2^-24 of it each way, a few more in differences of
 # places, and as many again for each of at most 12 levels that are added up.
@@ -122,11 +122,14 @@ def test_selection_and_triangles(projection):
         for name, camera in cameras(thing.view).items():
             for tolerance in (0, 0.7, 3):
                 expected = structure.needed(camera, tolerance)
-                active = active_for(thing.tree, camera, tolerance).to_host()[:, : thing.tree.side + 1]
+                marks = select_for(thing.tree, camera, tolerance).active
+                active = marks.to_host()[:, : thing.tree.side + 1]
                 found = {(x, y) for y, x in np.argwhere(active).tolist() if (x, y) in structure.vertices}
                 # One on the very edge of the sphere's test may be rounded to either side.
                 assert len(found ^ expected) <= 2e-3 * len(structure.vertices), (name, tolerance)
-                points = list_triangles([thing.tree], [active_for(thing.tree, camera, tolerance)]).points.to_host()
+                points = list_triangles(
+                    [thing.tree], [select_for(thing.tree, camera, tolerance).active]
+                ).points.to_host()
                 pixels = pixels_of(points, thing.view)
                 assert (pixels >= 0).all() and (pixels < size).all()
                 assert len(np.unique(pixels, axis=0)) == len(pixels)

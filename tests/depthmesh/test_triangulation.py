@@ -21,34 +21,15 @@ from tests.depthmesh.views import (
     rough,
     samples_for,
     samples_within,
+    some_camera,
+    some_mesh,
     weights_in,
 )
 from tests.slicing.solids import views_of_torus
 
 o3d = pytest.importorskip("open3d")
 
-TESTS = ("orthogonality", "connectedness", "disparity", "none")
 TOLERANCES = (0, 0.3, 1, 4, 20, 1e9)
-
-
-def some_mesh(rng: np.random.Generator, number: int) -> ibr.DepthMesh:
-    """A random field of random size, every third one with holes, segmented by all tests in turn."""
-    size = tuple(int(n) for n in rng.integers(2, 90, 2))
-    noise, holes = rng.choice([0, 0.02, 0.3]), 0.01 * (number % 3 == 0)
-    view = rough(rng, size, PROJECTIONS[number % 2], noise, holes)
-    return ibr.DepthMesh(view, segmentation=Segmentation(TESTS[number // 2 % 4], gap=0.05))
-
-
-def some_camera(rng: np.random.Generator, view: ibr.DepthImage) -> Camera:
-    """Anywhere within, around and behind the surface, looking anywhere near it."""
-    low, high = view.bounds
-    extent = np.maximum(high - low, 0.5)
-    eye, at = rng.uniform(low - extent, high + extent), rng.uniform(low, high)
-    if rng.random() < 0.25:  # on the surface
-        eye = view.points[rng.integers(len(view.points))]
-    if rng.random() < 0.25:
-        return Camera.look_at(eye, at, (0, -1, 0.1), (200, 150), projection="orthographic", height=rng.uniform(0.5, 9))
-    return Camera.look_at(eye, at, (0, -1, 0.1), (200, 150), fov_y=rng.uniform(10, 110))
 
 
 def test_no_triangulation_has_cracks():

@@ -8,11 +8,13 @@ import numpy as np
 
 import pyibr as ibr
 from pyibr.core.camera import Camera
+from pyibr.depthmesh import Segmentation
 from pyibr.images import DepthImage
 from tests import scenes
 from tests.slicing.solids import looking, torus, views_of_torus
 
 PROJECTIONS = ("perspective", "orthographic")
+TESTS = ("orthogonality", "connectedness", "disparity", "none")  # of segmentation
 SIZE = (180, 150)
 DIRECTIONS = ((0.5, 0.4, 1), (-1, 0.3, 0.2), (0.2, -1, -0.5))
 
@@ -132,3 +134,23 @@ def check_crack_free(corners: np.ndarray, size: scenes.Size) -> np.ndarray:
     lower = np.where((x + y) % 2 == 0, fy > fx, fx + fy > 1)
     assert not covered[y, x, lower.astype(int)].any()
     return covered.astype(bool)
+
+
+def some_mesh(rng: np.random.Generator, number: int) -> ibr.DepthMesh:
+    """A random field of random size, every third one with holes, segmented by all tests in turn."""
+    size = tuple(int(n) for n in rng.integers(2, 90, 2))
+    noise, holes = rng.choice([0, 0.02, 0.3]), 0.01 * (number % 3 == 0)
+    view = rough(rng, size, PROJECTIONS[number % 2], noise, holes)
+    return ibr.DepthMesh(view, segmentation=Segmentation(TESTS[number // 2 % 4], gap=0.05))
+
+
+def some_camera(rng: np.random.Generator, view: ibr.DepthImage) -> Camera:
+    """Anywhere within, around and behind the surface, looking anywhere near it."""
+    low, high = view.bounds
+    extent = np.maximum(high - low, 0.5)
+    eye, at = rng.uniform(low - extent, high + extent), rng.uniform(low, high)
+    if rng.random() < 0.25:  # on the surface
+        eye = view.points[rng.integers(len(view.points))]
+    if rng.random() < 0.25:
+        return Camera.look_at(eye, at, (0, -1, 0.1), (200, 150), projection="orthographic", height=rng.uniform(0.5, 9))
+    return Camera.look_at(eye, at, (0, -1, 0.1), (200, 150), fov_y=rng.uniform(10, 110))

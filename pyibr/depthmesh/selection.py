@@ -1,0 +1,124 @@
+"""Which vertices of quadtrees triangulations need, and for how long (kernels/depthmesh/)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from pyibr.core.camera import Camera
+from pyibr.core.checks import Float64
+from pyibr.core.pixelspace import frustum
+from pyibr.depthmesh.tree import Tree
+from pyibr.opencl.headers import struct
+from pyibr.opencl.launch import Struct, launch
+from pyibr.opencl.memory import DeviceArray, empty
+from pyibr.opencl.program import kernel
+
+MOST_REUSE = 0.5
+
+_SHARES = 16  # along a tree's side, that simplification is shared out in
+_CHUNK = 64  # numbers of vertices that a work-item of kernels/depthmesh/simplify.cl takes memory for at once
+_ROUNDING = 0.999  # of the room that single precision leaves
+
+
+@dataclass(frozen=True)
+class Selection:
+    """The vertices of a tree that a camera needs, and perhaps those that it will need soon.
+
+    Attributes
+    ----------
+    active : DeviceArray (side + 1, row) uint8
+        Marks of kernels/depthmesh/tree.h.
+    camera : Camera
+    tolerance : float
+        Pixels of the camera, which the vertices keep.
+    reuse : float
+        By what share of the tolerance they are finer than that; and how far beyond the camera's view, as a share of
+        the distance, they go.
+    rooms : DeviceArray (side + 1, 2)
+        How far the camera may move, kernels/depthmesh/select.cl.
+    """
+
+    active: DeviceArray
+    camera: Camera
+    tolerance: float
+    reuse: float
+    rooms: DeviceArray
+
+    @cached_property
+    def _room(self) -> Float64:
+        """(2,) the least of all rows."""
+        return self.rooms.to_host().min(axis=0).astype(np.float64)
+
+    def holds_for(self, camera: Camera) -> bool:
+        """Whether a camera that has moved needs no other vertices for the tolerance."""
+        own = self.camera
+        if camera.projection != own.projection or camera.size != own.size or not np.array_equal(camera.K, own.K):
+            return False
+        if camera.projection == "orthographic":  # its errors are the same everywhere, and none is out of its view
+            return True
+        moved = float(np.linalg.norm(camera.center - own.center))
+        turned = float(np.linalg.norm((frustum(camera) - frustum(own))[:, :3], axis=1).max())
+        room, nearest_out = self._room
+        # What is out of view by `reuse` of its distance stays so while the view's planes come no closer than that.
+        stays_out = not np.isfinite(nearest_out) or turned + moved / nearest_out <= _ROUNDING * self.reuse
+        return moved <= _ROUNDING * room and stays_out
+
+
+def select_for(tree: Tree, camera: Camera, tolerance: float, reuse: float = 0.0) -> Selection:
+    """Find the vertices that a camera needs for a tolerance in pixels (equation 5)."""
+    known, active, rooms = tree.errors, empty(tree.states.shape, np.uint8), empty((tree.side + 1, 2), np.float32)
+    launch(
+        kernel("depthmesh/select.cl", "activate"),
+        (tree.side + 1,),
+        errors=known.errors,
+        radii=known.radii,
+        depths=known.depths,
+        active=active,
+        rooms=rooms,
+        layout=tree.layout,
+        viewer=Struct("Viewer", _viewer(tree.view.camera, camera, tolerance, reuse)),
+    )
+    return Selection(active, camera, tolerance, reuse, rooms)
+
+
+def _viewer(src: Camera, dst: Camera, tolerance: float, reuse: float) -> np.ndarray[Any, np.dtype[np.void]]:
+    values = np.zeros((), struct("depthmesh/select.cl", "Viewer"))
+    values["eye"] = (src.camera_from_world @ dst.world_from_camera)[:3, 3]
+    values["planes"] = frustum(dst) @ src.world_from_camera
+    values["scale"] = np.linalg.norm(dst.K[:2, :2], 2)
+    values["allowed"] = tolerance
+    values["tolerance"] = (1.0 - reuse) * tolerance
+    values["perspective"] = dst.projection == "perspective"
+    if dst.projection == "perspective":
+        values["widening"] = reuse
+    elif reuse:
+        values["planes"] = 0.0
+    return values
+
+
+def active_within(tree: Tree, max_error: float) -> DeviceArray:
+    """Mark the vertices that a vertical error of at most `max_error`, in scene units, needs: (side + 1, row) uint8."""
+    active = empty(tree.states.shape, np.uint8)
+    active.fill(0)
+    coarse = max(tree.side // _SHARES, 1)
+    grid = (tree.side // coarse + 1,) * 2
+    # Enough for all vertices at once and a chunk that is not full for each work-item.
+    chunks = int(np.prod(active.shape)) // (_CHUNK - 2) + int(np.prod(grid)) + 1
+    shared: dict[str, Any] = {
+        "nearness": tree.nearness,
+        "states": tree.states,
+        "active": active,
+        "pool": empty((chunks, _CHUNK), np.int32),
+        "used": empty((1,), np.int32),
+        "layout": tree.layout,
+        "max_error": max_error,
+        "coarse": coarse,
+    }
+    launch(kernel("depthmesh/simplify.cl", "refine_coarse", CHUNK=_CHUNK), (1,), **shared)
+    if coarse > 1:
+        launch(kernel("depthmesh/simplify.cl", "refine", CHUNK=_CHUNK), grid, **shared)
+    return active

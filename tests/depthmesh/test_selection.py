@@ -1,0 +1,145 @@
+"""Vertices and triangles that are drawn again while the camera moves: enough for it, and only for so long."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.core.camera import Camera
+from pyibr.depthmesh.selection import Selection, select_for
+from pyibr.opencl.watch import LaunchTimes, watching
+from tests import scenes
+from tests.depthmesh.views import rough, some_camera, some_mesh
+from tests.one_lane import one_lane
+
+
+def nudged(rng: np.random.Generator, camera: Camera, by: float) -> Camera:
+    """The camera, moved and turned at random by up to so many scene units and as many radians."""
+    aside, turn = rng.uniform(-by, by, 3), rng.uniform(-by, by, 2)
+    way = scenes.pose(yaw=np.degrees(turn[0]), pitch=np.degrees(turn[1]), center=tuple(aside))
+    return Camera(camera.K, camera.size, camera.world_from_camera @ way, camera.projection)
+
+
+def moved_by(camera: Camera, way: np.ndarray) -> Camera:
+    """The camera elsewhere in the world, looking the same way."""
+    there = camera.world_from_camera.copy()
+    there[:3, 3] += way
+    return Camera(camera.K, camera.size, there, camera.projection)
+
+
+def needs_more(thing: ibr.DepthMesh, kept: Selection, camera: Camera) -> bool:
+    needed = select_for(thing.tree, camera, kept.tolerance).active.to_host()
+    width = thing.tree.side + 1
+    return bool(((needed > 0) & (kept.active.to_host() == 0))[:, :width].any())
+
+
+def check_held_selections(rounds: int) -> None:
+    """What holds for another camera has each vertex that it needs; what has moved by little holds, by much does not."""
+    rng = np.random.default_rng(5)
+    held = {by: [] for by in (0.0, 0.01, 0.1, 1.0)}
+    for number in range(rounds):
+        thing = some_mesh(rng, number)
+        camera = some_camera(rng, thing.view)
+        for tolerance, reuse in ((1.0, 0.1), (4.0, 0.4)):
+            kept = select_for(thing.tree, camera, tolerance, reuse)
+            for by, held_there in held.items():
+                other = nudged(rng, camera, by)
+                held_there.append(kept.holds_for(other))
+                assert not (held_there[-1] and needs_more(thing, kept, other)), (number, by, tolerance)
+    assert all(held[0.0])
+    assert np.mean(held[0.01]) > 0.3 and np.mean(held[1.0]) < np.mean(held[0.1]) < np.mean(held[0.01])
+
+
+def test_held_selections_are_enough():
+    check_held_selections(40)
+
+
+def test_held_selections_are_enough_in_one_lane():
+    with one_lane():
+        check_held_selections(8)
+
+
+def test_they_hold_no_longer_than_they_are_enough():
+    """At 0.95 of the room they do, whatever the way; at 1.3 they would lack something on one of the ways."""
+    view = rough(np.random.default_rng(6), (90, 70), "perspective")
+    thing, wide = ibr.DepthMesh(view), view.camera.moved(0, 0, -4.0)
+    kept = select_for(thing.tree, wide, 1.0, 0.1)  # all of it is in view
+    room = float(kept.rooms.to_host()[:, 0].min())
+    assert 0.1 < room < 2 and np.isinf(kept.rooms.to_host()[:, 1]).all()
+    ways = view.points[:: len(view.points) // 40] - wide.center
+    for share, enough in ((0.95, True), (1.3, False)):
+        moved = [moved_by(wide, share * room * way / np.linalg.norm(way)) for way in ways]
+        assert all(kept.holds_for(camera) == enough for camera in moved)
+        assert any(needs_more(thing, kept, camera) for camera in moved) != enough
+
+    narrow = Camera(wide.K * [[4, 1, 1], [1, 4, 1], [1, 1, 1]], wide.size, wide.world_from_camera)
+    kept = select_for(thing.tree, narrow, 0.0, 0.05)  # all that is in view is active
+    for share, enough in ((0.95, True), (1.3, False)):
+        angle = np.degrees(2 * np.arcsin(share * kept.reuse / 2))
+        turns = [scenes.pose(yaw=yaw * angle, pitch=pitch * angle) for yaw, pitch in ((-1, 0), (1, 0), (0, -1), (0, 1))]
+        turned = [Camera(narrow.K, narrow.size, narrow.world_from_camera @ turn) for turn in turns]
+        assert all(kept.holds_for(camera) == enough for camera in turned)
+        assert any(needs_more(thing, kept, camera) for camera in turned) != enough
+
+
+def test_other_pictures_and_other_lenses_are_chosen_for_anew():
+    view = scenes.smooth((65, 65))
+    thing, camera = ibr.DepthMesh(view), view.camera
+    kept = select_for(thing.tree, camera, 1.0, 0.2)
+    assert kept.holds_for(camera)
+    closer = Camera(camera.K * [[1.01], [1.01], [1]], camera.size, camera.world_from_camera)
+    flat = Camera(camera.K, camera.size, camera.world_from_camera, "orthographic")
+    assert not any(kept.holds_for(other) for other in (closer, flat, camera.resized((130, 130))))
+
+
+def chosen_anew(draw: Callable[[], object]) -> bool:
+    with watching(LaunchTimes()) as times:
+        draw()
+    return "activate" in times.of
+
+
+def same(a: ibr.Frame, b: ibr.Frame) -> bool:
+    fields = (a.color, b.color), (a.depth, b.depth), (a.valid, b.valid)
+    return all(np.array_equal(one, other, equal_nan=one.dtype.kind == "f") for one, other in fields)
+
+
+@pytest.mark.parametrize("blended", [False, True])
+def test_triangles_are_drawn_again_while_the_tolerance_holds(blended):
+    """They are those of the finer tolerance for the camera that they were chosen for, bit for bit."""
+    view = rough(np.random.default_rng(4), (90, 70), "perspective")
+    views = [view, ibr.DepthImage(view.color, view.depth, view.camera.moved(0.1, 0, 0))]
+    camera = view.camera.moved(0, 0, -4.0)  # all of it is in view
+
+    def made(tolerance: float, reuse: float = 0.0) -> ibr.DepthMesh | ibr.DepthMeshObject:
+        if blended:
+            return ibr.DepthMeshObject(views, 2 * tolerance, reuse=reuse)
+        return ibr.DepthMesh(view, tolerance, reuse=reuse)
+
+    kept, finer = made(1.0, 0.25), made(0.75)
+    assert chosen_anew(lambda: ibr.render(kept, camera))
+    assert same(ibr.render(kept, camera), ibr.render(finer, camera))
+    near, far = camera.moved(0.2, 0.1, 0.1), camera.moved(0, 0, 3.5)
+    assert not chosen_anew(lambda: ibr.render(kept, near))
+    there = ibr.render(kept, near)
+    full = ibr.render(made(0.0), near)
+    both = there.valid & full.valid
+    assert both.mean() > 0.1 and (there.valid ^ full.valid).mean() < 0.01
+    # A pixel at 8 units is 0.1 units wide, and slopes are below 3.
+    assert (np.abs(there.depth - full.depth)[both] < 0.3).mean() > 0.99
+    assert chosen_anew(lambda: ibr.render(kept, far))
+    assert same(ibr.render(kept, near.moved(0, 0, -0.02)), ibr.render(finer, near.moved(0, 0, -0.02)))
+
+
+def test_lights_do_not_choose_for_viewers():
+    """A light sees other triangles: what is kept stays the viewer's."""
+    view = rough(np.random.default_rng(4), (90, 70), "perspective")
+    kept = ibr.DepthMesh(view, reuse=0.25)
+    camera = view.camera.moved(0, 0, -4.0)
+    light = ibr.Light(direction=camera.forward + 2 * camera.world_from_camera[:3, 0])
+    lit = ibr.render(kept, camera, light=light)
+    assert not chosen_anew(lambda: ibr.render(kept, camera))
+    assert same(lit, ibr.render(kept, camera, light=light))
+    assert not same(lit, ibr.render(kept, camera))
