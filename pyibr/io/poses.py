@@ -12,6 +12,7 @@ from pyibr.core.checks import Float64, checked_pose
 from pyibr.core.conventions import rotation_from_quaternion
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.files import checked_path, reading
+from pyibr.io.cameras import read_cameras
 from pyibr.io.folders import files_in, units_of
 
 _TUM = 8  # numbers a line: time tx ty tz qx qy qz qw
@@ -47,9 +48,9 @@ def read_poses(path: str | PathLike[str]) -> Poses:
     path : path
         A text file: lines ``time tx ty tz qx qy qz qw`` (TUM RGB-D), lines of 12 (KITTI) or 16 numbers, or of one more
         with the time before them; or 4 x 4 matrices of a row a line (7-Scenes), also with a line of 3 numbers before
-        each, the first of which is the frame's (Redwood, Open3D). What follows a # is a remark. Or a folder of such
-        files, as ``frame-000000.pose.txt``, in the order of their numbers: of those with "pose" in their names, if
-        there are any.
+        each, the first of which is the frame's (Redwood, Open3D). What follows a # is a remark. A JSON file of
+        cameras, as `read_cameras` reads it: Open3D's trajectory. Or a folder of such text files, as
+        ``frame-000000.pose.txt``, in the order of their numbers: of those with "pose" in their names, if there are any.
 
     Returns
     -------
@@ -70,6 +71,8 @@ def read_poses(path: str | PathLike[str]) -> Poses:
     ([12.5], [1.0, 2.0, 3.0])
     """
     source = checked_path(path)
+    if source.suffix.lower() == ".json":
+        return Poses(np.array([camera.world_from_camera for camera in read_cameras(source).values()]), None)
     if not source.is_dir():
         return _read_file(source)
     files = files_in(source, (".txt",), "pose") or files_in(source, (".txt",))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -60,6 +61,21 @@ def test_a_folder_of_files_is_read_in_the_order_of_their_numbers(tmp_path: Path)
         (tmp_path / f"frame-{number}.pose.txt").write_text(rows(matrix))
     (tmp_path / "intrinsics.txt").write_text("1 2 3")
     np.testing.assert_allclose(read_poses(tmp_path).world_from_camera, MATRICES, atol=1e-12)
+
+
+def test_the_cameras_of_a_json_file_have_poses(tmp_path: Path):
+    """A trajectory as Open3D's view control writes it, column by column, and a list of cameras."""
+    intrinsic = {"width": 7, "height": 5, "intrinsic_matrix": CAMERAS[0].K.T.ravel().tolist()}
+    several = [{"extrinsic": one.camera_from_world.T.ravel().tolist(), "intrinsic": intrinsic} for one in CAMERAS]
+    (tmp_path / "trajectory.json").write_text(
+        json.dumps({"class_name": "PinholeCameraTrajectory", "parameters": several})
+    )
+    listed = [{"width": 7, "height": 5, "K": CAMERAS[0].K.tolist(), "world_from_camera": m.tolist()} for m in MATRICES]
+    (tmp_path / "cameras.JSON").write_text(json.dumps(listed))
+    for name in ("trajectory.json", "cameras.JSON"):
+        found = read_poses(tmp_path / name)
+        assert found.times is None
+        np.testing.assert_allclose(found.world_from_camera, MATRICES, atol=1e-12)
 
 
 def test_few_digits_are_enough(tmp_path: Path):

@@ -56,7 +56,8 @@ _DepthCameras = Annotated[
     list[Path] | None, typer.Option(help="The depth's camera, if it is not registered to the colours: JSON")
 ]
 _Poses = Annotated[
-    list[Path] | None, typer.Option(help="Where the camera was in each frame: TUM, KITTI, Redwood, 4 x 4 matrices")
+    list[Path] | None,
+    typer.Option(help="Where the camera was in each frame: TUM, KITTI, Redwood, 4 x 4 matrices, cameras as JSON"),
 ]
 _To = Annotated[Path | None, typer.Option(help="The new view's camera, or several: as --camera")]
 _MoveOption = Annotated[
