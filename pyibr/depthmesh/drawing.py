@@ -179,14 +179,26 @@ def draw_depth_meshes(
     target.blank = False
 
 
-@dataclass
-class _Latest:
-    """What was drawn last of a thing, to be drawn again while it holds."""
+@dataclass(frozen=True)
+class _Chosen:
+    """Triangles, what they follow, and for how long they hold."""
 
     trees: list[Tree]
     underlay: Triangles | None
     selections: list[Selection]
-    triangles: Triangles | None = None
+    triangles: Triangles
+
+    def holds_for(self, camera: Camera, trees: list[Tree], underlay: Triangles | None) -> bool:
+        same = len(trees) == len(self.trees) and all(a is b for a, b in zip(trees, self.trees, strict=True))
+        return same and underlay is self.underlay and all(one.holds_for(camera) for one in self.selections)
+
+
+def _chosen_for(
+    camera: Camera, trees: list[Tree], underlay: Triangles | None, tolerance: float, reuse: float
+) -> _Chosen:
+    selections = [select_for(tree, camera, tolerance, reuse) for tree in trees]
+    marks = [selection.active for selection in selections]
+    return _Chosen(trees, underlay, selections, list_triangles(trees, marks, underlay, rated=True))
 
 
 def _triangles_for(
@@ -194,17 +206,14 @@ def _triangles_for(
 ) -> Triangles:
     """The triangles for a target, after those of the underlay: those drawn last, if they hold for it."""
     if not reuse or target.from_light:
-        selections = [select_for(tree, target.camera, tolerance) for tree in trees]
-        return list_triangles(trees, [one.active for one in selections], underlay, rated=True)
-    latest = kept(thing, "latest triangles", lambda: _Latest([], None, []))
-    same = len(trees) == len(latest.trees) and all(a is b for a, b in zip(trees, latest.trees, strict=True))
-    holds = same and underlay is latest.underlay and all(one.holds_for(target.camera) for one in latest.selections)
-    if latest.triangles is None or not holds:
-        latest.trees, latest.underlay = trees, underlay
-        latest.selections = [select_for(tree, target.camera, tolerance, reuse) for tree in trees]
-        marks = [one.active for one in latest.selections]
-        latest.triangles = list_triangles(trees, marks, underlay, rated=True)
-    return latest.triangles
+        return _chosen_for(target.camera, trees, underlay, tolerance, 0.0).triangles
+    latest = kept(thing, "latest triangles", list[_Chosen])
+    # At each launch another thread may have its turn: what is found is put there whole.
+    found = latest[0] if latest else None
+    if found is None or not found.holds_for(target.camera, trees, underlay):
+        found = _chosen_for(target.camera, trees, underlay, tolerance, reuse)
+        latest[:] = [found]
+    return found.triangles
 
 
 def _colored(camera: Camera, views: list[DepthImage], shown: list[int], colors: _Colors) -> dict[str, DeviceArray]:

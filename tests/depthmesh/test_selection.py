@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
 
 import pyibr as ibr
 from pyibr.core.camera import Camera
+from pyibr.depthmesh import drawing
 from pyibr.depthmesh.selection import Selection, select_for
 from pyibr.opencl.watch import LaunchTimes, watching
 from tests import scenes
@@ -143,3 +145,22 @@ def test_lights_do_not_choose_for_viewers():
     assert not chosen_anew(lambda: ibr.render(kept, camera))
     assert same(lit, ibr.render(kept, camera, light=light))
     assert not same(lit, ibr.render(kept, camera))
+
+
+def test_another_threads_turn_amid_a_choice_does_no_harm(monkeypatch):
+    """Long launches let other threads draw the same thing: what is kept is one thread's choice as a whole."""
+    view = rough(np.random.default_rng(4), (90, 70), "perspective")
+    here, there = view.camera.moved(0, 0, -4.0), view.camera.moved(1.5, 0, 1.0)
+    kept = ibr.DepthMesh(view, reuse=0.1)
+    expected = {camera: ibr.render(ibr.DepthMesh(view, reuse=0.1), camera) for camera in (here, there)}
+    assert not same(*(expected[camera] for camera in (here, there)))
+    list_triangles, others = drawing.list_triangles, [there]
+
+    def interrupted(*arguments: Any, **more: Any) -> Any:
+        if others:
+            assert same(ibr.render(kept, others.pop()), expected[there])
+        return list_triangles(*arguments, **more)
+
+    monkeypatch.setattr(drawing, "list_triangles", interrupted)
+    for camera in (here, there, here):
+        assert same(ibr.render(kept, camera), expected[camera])
