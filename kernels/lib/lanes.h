@@ -32,10 +32,13 @@
 #pragma clang diagnostic ignored "-Wpsabi"
 #endif
 
-/* A vector that a compiler shall have as it is: of several shuffles in turn it makes one for each lane. */
+/* A vector that a compiler shall have as it is: of several shuffles in turn it makes one for each lane, and of loads a
+ * gather instruction. */
 #if defined(__clang__) && defined(__AVX512F__)
+#define HOLDS 1
 #define HOLD(v) __asm__("" : "+v"(v))
 #else
+#define HOLDS 0
 #define HOLD(v)
 #endif
 
@@ -68,16 +71,6 @@ typedef WIDE(long) longl;
 #define gather(p, i)                                                                                          \
     (p)[(i).s0], (p)[(i).s1], (p)[(i).s2], (p)[(i).s3], (p)[(i).s4], (p)[(i).s5], (p)[(i).s6], (p)[(i).s7],   \
         (p)[(i).s8], (p)[(i).s9], (p)[(i).sa], (p)[(i).sb], (p)[(i).sc], (p)[(i).sd], (p)[(i).se], (p)[(i).sf]
-#define PAIR(l) vload2(0, values + at.s##l)
-/* For each lane a value and the one after it: a load for both, and no gather instruction, which some CPUs make many
- * times as many steps of */
-INLINED void gather_pairs(global const float *values, int16 at, float16 *first, float16 *second)
-{
-    const float16 low = (float16)(PAIR(0), PAIR(1), PAIR(2), PAIR(3), PAIR(4), PAIR(5), PAIR(6), PAIR(7));
-    const float16 high = (float16)(PAIR(8), PAIR(9), PAIR(a), PAIR(b), PAIR(c), PAIR(d), PAIR(e), PAIR(f));
-    *first = (float16)(low.even, high.even);
-    *second = (float16)(low.odd, high.odd);
-}
 /* any() compiles to a branch a lane. */
 #ifdef __has_builtin
 #if __has_builtin(__builtin_reduce_or)
@@ -113,11 +106,6 @@ typedef struct __attribute__((packed)) {
 #define any_lane(mask) ((mask) != 0)
 #define least_lane(v) (v)
 #define gather(p, i) (p)[i]
-INLINED void gather_pairs(global const float *values, int at, float *first, float *second)
-{
-    *first = values[at];
-    *second = values[at + 1];
-}
 #endif
 
 /* One lane of a variable, to be read, and to be set */
@@ -164,26 +152,28 @@ void transpose(float16 *rows)
 }
 #endif
 
-/* A row of 4 floats a lane, as 4 columns: whole rows are read and zipped, which is faster than 4 gathers. */
 #if LANES == 16
+/* Unaligned, in one instruction: vload2 and vload4 load parts. */
 typedef struct __attribute__((packed)) {
-    float4 row;
-} Row; /* in one instruction: vload4 loads halves */
-#define FOUR_ROWS(rows, i, a, b, c, d) (float16)((rows)[(i).a].row, (rows)[(i).b].row, (rows)[(i).c].row, (rows)[(i).d].row)
+    float2 values;
+} Pair;
+typedef struct __attribute__((packed)) {
+    float4 values;
+} Row;
+#define PAIR_AT(array, l) (((global const Pair *)((array) + at.s##l))->values)
+
 #define ZIP_FIRST(a, b)                                                                                        \
     (float16)(a.s0, b.s0, a.s1, b.s1, a.s4, b.s4, a.s5, b.s5, a.s8, b.s8, a.s9, b.s9, a.sc, b.sc, a.sd, b.sd)
 #define ZIP_LAST(a, b)                                                                                         \
     (float16)(a.s2, b.s2, a.s3, b.s3, a.s6, b.s6, a.s7, b.s7, a.sa, b.sa, a.sb, b.sb, a.se, b.se, a.sf, b.sf)
-INLINED void gather_rows(global const float *rows, intl i, floatl *columns)
+/* 16 rows of 4 as 4 columns; a: rows 0, 4, 8 and 12, b: rows 1, 5, 9 and 13, and so on */
+INLINED void columns_of(float16 a, float16 b, float16 c, float16 d, float16 *columns)
 {
-    global const Row *all = (global const Row *)rows;
-    floatl a = FOUR_ROWS(all, i, s0, s4, s8, sc), b = FOUR_ROWS(all, i, s1, s5, s9, sd);
-    floatl c = FOUR_ROWS(all, i, s2, s6, sa, se), d = FOUR_ROWS(all, i, s3, s7, sb, sf);
     HOLD(a);
     HOLD(b);
     HOLD(c);
     HOLD(d);
-    floatl ac_first = ZIP_FIRST(a, c), bd_first = ZIP_FIRST(b, d), ac_last = ZIP_LAST(a, c), bd_last = ZIP_LAST(b, d);
+    float16 ac_first = ZIP_FIRST(a, c), bd_first = ZIP_FIRST(b, d), ac_last = ZIP_LAST(a, c), bd_last = ZIP_LAST(b, d);
     HOLD(ac_first);
     HOLD(bd_first);
     HOLD(ac_last);
@@ -193,14 +183,62 @@ INLINED void gather_rows(global const float *rows, intl i, floatl *columns)
     columns[2] = ZIP_FIRST(ac_last, bd_last);
     columns[3] = ZIP_LAST(ac_last, bd_last);
 }
-#else
-void gather_rows(global const float *rows, intl i, floatl *columns)
+
+/* A row of 4 floats a lane, as 4 columns: whole rows are read and zipped, which is faster than 4 gathers. */
+INLINED void gather_rows(global const float *rows, int16 at, float16 *columns)
 {
-    const float4 row = vload4(i, rows);
+    global const Row *all = (global const Row *)rows;
+#define FOUR_ROWS(a, b, c, d) (float16)(all[at.a].values, all[at.b].values, all[at.c].values, all[at.d].values)
+    columns_of(FOUR_ROWS(s0, s4, s8, sc), FOUR_ROWS(s1, s5, s9, sd), FOUR_ROWS(s2, s6, sa, se), FOUR_ROWS(s3, s7, sb, sf), columns);
+}
+
+/* For each lane a value and the one after it: a load for both */
+INLINED void gather_pairs(global const float *values, int16 at, float16 *first, float16 *second)
+{
+    const float16 low = (float16)(PAIR_AT(values, 0), PAIR_AT(values, 1), PAIR_AT(values, 2), PAIR_AT(values, 3),
+                                  PAIR_AT(values, 4), PAIR_AT(values, 5), PAIR_AT(values, 6), PAIR_AT(values, 7));
+    const float16 high = (float16)(PAIR_AT(values, 8), PAIR_AT(values, 9), PAIR_AT(values, a), PAIR_AT(values, b),
+                                   PAIR_AT(values, c), PAIR_AT(values, d), PAIR_AT(values, e), PAIR_AT(values, f));
+    *first = (float16)(low.even, high.even);
+    *second = (float16)(low.odd, high.odd);
+}
+
+/* For each lane a value, the one after it, and the same two of the row that lies `below` values farther on */
+INLINED void gather_cells(global const float *values, int below, int16 at, float16 *corners)
+{
+    global const float *next = values + below;
+#if HOLDS
+#define CELL(l)                                                                                                \
+    float4 cell_##l = (float4)(PAIR_AT(values, l), PAIR_AT(next, l));                                          \
+    HOLD(cell_##l);
+    EACH_LANE(CELL)
+    columns_of((float16)(cell_0, cell_4, cell_8, cell_c), (float16)(cell_1, cell_5, cell_9, cell_d),
+               (float16)(cell_2, cell_6, cell_a, cell_e), (float16)(cell_3, cell_7, cell_b, cell_f), corners);
+#else
+    gather_pairs(values, at, &corners[0], &corners[1]);
+    gather_pairs(next, at, &corners[2], &corners[3]);
+#endif
+}
+#else
+INLINED void gather_rows(global const float *rows, int at, float *columns)
+{
+    const float4 row = vload4(at, rows);
     columns[0] = row.x;
     columns[1] = row.y;
     columns[2] = row.z;
     columns[3] = row.w;
+}
+
+INLINED void gather_pairs(global const float *values, int at, float *first, float *second)
+{
+    *first = values[at];
+    *second = values[at + 1];
+}
+
+INLINED void gather_cells(global const float *values, int below, int at, float *corners)
+{
+    gather_pairs(values, at, &corners[0], &corners[1]);
+    gather_pairs(values, at + below, &corners[2], &corners[3]);
 }
 #endif
 

@@ -21,7 +21,9 @@ typedef struct {
     floatl ahead_u, ahead_v; /* from a cell to the column and the row that the line leaves it by */
     floatl per_u, per_v, per_d, never_u, never_v; /* distance from column to column, row to row, diagonal to diagonal */
     floatl last_x, last_y;
-    intl right, down; /* from a sample to its neighbours, 0 where cells are folded onto the edge that a line runs along */
+    intl on_column;          /* cells are folded onto a column, which the line runs along, or which is all there is */
+    int below;               /* from a sample to that of the next row, */
+    float lowest;            /* the last row that has a next one */
     intl lower_first;
     int folded; /* some of the cells are */
 } Way;
@@ -68,10 +70,23 @@ INLINED Way way_of(Lines lines, Grid grid)
     way.lower_first = du + dv >= 0.0f;
     way.last_x = pick(lines.along_column, (floatl)(grid.width - 1), (floatl)max(grid.width - 2, 0));
     way.last_y = pick(lines.along_row, (floatl)(grid.height - 1), (floatl)max(grid.height - 2, 0));
-    way.right = pick(lines.along_column, (intl)0, (intl)min(grid.width - 1, 1));
-    way.down = pick(lines.along_row, (intl)0, (intl)(grid.height > 1 ? grid.pitch : 0));
-    way.folded = any_lane((way.right == 0) | lines.along_diagonal);
+    way.on_column = lines.along_column | (intl)(grid.width == 1 ? -1 : 0);
+    way.below = grid.height > 1 ? grid.pitch : 0;
+    way.lowest = max(grid.height - 2, 0);
+    way.folded = any_lane(way.on_column | lines.along_row | lines.along_diagonal);
     return way;
+}
+
+/* Corners of cells (`gather_cells`) are folded onto a row or a column: of its samples alone. lower: the row is the cells'
+ * second, as only the last one of an image is. */
+INLINED void fold(floatl *corners, intl on_row, intl lower, intl on_column)
+{
+    corners[0] = pick(on_row & lower, corners[2], corners[0]);
+    corners[1] = pick(on_row & lower, corners[3], corners[1]);
+    corners[2] = pick(on_row, corners[0], corners[2]);
+    corners[3] = pick(on_row, corners[1], corners[3]);
+    corners[1] = pick(on_column, corners[0], corners[1]);
+    corners[3] = pick(on_column, corners[2], corners[3]);
 }
 
 /* The cells (x, y) that lines enter at a distance. */
@@ -88,16 +103,15 @@ INLINED Cell pass_cells(Grid grid, Lines lines, Way way, floatl x, floatl y, flo
 {
     Cell cell;
     const floatl xc = lesser(greater(x, (floatl)0.0f), way.last_x), yc = lesser(greater(y, (floatl)0.0f), way.last_y);
-    const intl base = to_intl(yc) * grid.pitch + to_intl(xc);
-    floatl q00, q10, q01, q11;
-    gather_pairs(grid.nearness, base, &q00, &q10);
-    gather_pairs(grid.nearness, base + way.down, &q01, &q11);
+    const intl base = to_intl(way.folded ? lesser(yc, (floatl)way.lowest) : yc) * grid.pitch + to_intl(xc);
+    floatl corners[4];
+    gather_cells(grid.nearness, way.below, base, corners);
     if (way.folded) {
-        q10 = pick(way.right == 0, q00, q10);
-        q11 = pick(way.right == 0, q01, q11);
-        q00 = pick(lines.along_diagonal, q10, q00);
-        q11 = pick(lines.along_diagonal, q10, q11);
+        fold(corners, lines.along_row, yc > way.lowest, way.on_column);
+        corners[0] = pick(lines.along_diagonal, corners[1], corners[0]);
+        corners[3] = pick(lines.along_diagonal, corners[1], corners[3]);
     }
+    const floatl q00 = corners[0], q10 = corners[1], q01 = corners[2], q11 = corners[3];
 
     const floatl out_u = (x + way.ahead_u - lines.u) * way.per_u + way.never_u;
     const floatl out_v = (y + way.ahead_v - lines.v) * way.per_v + way.never_v;

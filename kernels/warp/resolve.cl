@@ -118,24 +118,22 @@ INLINED void meet_there(Pixels *pixels, Grid grid, PixelMap map, int x0, int y, 
     const floatl u = pixels->u, v = pixels->v;
     floatl uc = truncated(lesser(greater(u, (floatl)0.0f), (floatl)max(grid.width - 2, 0)));
     floatl vc = truncated(lesser(greater(v, (floatl)0.0f), (floatl)max(grid.height - 2, 0)));
-    intl right = min(grid.width - 1, 1), down = grid.height > 1 ? grid.pitch : 0;
+    const float lowest = max(grid.height - 2, 0); /* the last row that has a next one */
+    intl on_column = (intl)(grid.width == 1 ? -1 : 0), on_row = 0;
     if (answers == ANSWERS_OF_ALL) { /* on a sample or an edge: of those alone */
         const floatl column = floor_lanes(u + 0.5f), row = floor_lanes(v + 0.5f);
-        const intl on_column = fabs(u - column) < ON_SAMPLES, on_row = fabs(v - row) < ON_SAMPLES;
+        on_column = on_column | (fabs(u - column) < ON_SAMPLES);
+        on_row = fabs(v - row) < ON_SAMPLES;
         uc = pick(on_column, lesser(greater(column, (floatl)0.0f), (floatl)(grid.width - 1)), uc);
         vc = pick(on_row, lesser(greater(row, (floatl)0.0f), (floatl)(grid.height - 1)), vc);
-        right = pick(on_column, (intl)0, right);
-        down = pick(on_row, (intl)0, down);
     }
     const intl upper = (u - uc) + (v - vc) > 1.0f;
-    const intl base = to_intl(vc) * grid.pitch + to_intl(uc);
-    floatl q00, q10, q01, q11;
-    gather_pairs(grid.nearness, base, &q00, &q10);
-    gather_pairs(grid.nearness, base + down, &q01, &q11);
-    if (any_lane(right == 0)) {
-        q10 = pick(right == 0, q00, q10);
-        q11 = pick(right == 0, q01, q11);
-    }
+    const intl base = to_intl(lesser(vc, (floatl)lowest)) * grid.pitch + to_intl(uc);
+    floatl corners[4];
+    gather_cells(grid.nearness, grid.height > 1 ? grid.pitch : 0, base, corners);
+    if (any_lane(on_column | on_row))
+        fold(corners, on_row, vc > lowest, on_column);
+    const floatl q00 = corners[0], q10 = corners[1], q01 = corners[2], q11 = corners[3];
     const floatl qc = pick(upper, q11, q00);
     const intl open = IS_OPEN(grid.cut, greater(qc, greater(q10, q01)), lesser(qc, lesser(q10, q01)));
     Plane plane;
