@@ -156,11 +156,11 @@ void transpose(float16 *rows)
 /* Unaligned, in one instruction: vload2 and vload4 load parts. */
 typedef struct __attribute__((packed)) {
     float2 values;
-} Pair;
+} UnalignedPair;
 typedef struct __attribute__((packed)) {
     float4 values;
-} Row;
-#define PAIR_AT(array, l) (((global const Pair *)((array) + at.s##l))->values)
+} UnalignedFour;
+#define PAIR_AT(array, l) (((global const UnalignedPair *)((array) + at.s##l))->values)
 
 #define ZIP_FIRST(a, b)                                                                                        \
     (float16)(a.s0, b.s0, a.s1, b.s1, a.s4, b.s4, a.s5, b.s5, a.s8, b.s8, a.s9, b.s9, a.sc, b.sc, a.sd, b.sd)
@@ -187,7 +187,7 @@ INLINED void columns_of(float16 a, float16 b, float16 c, float16 d, float16 *col
 /* A row of 4 floats a lane, as 4 columns: whole rows are read and zipped, which is faster than 4 gathers. */
 INLINED void gather_rows(global const float *rows, int16 at, float16 *columns)
 {
-    global const Row *all = (global const Row *)rows;
+    global const UnalignedFour *all = (global const UnalignedFour *)rows;
 #define FOUR_ROWS(a, b, c, d) (float16)(all[at.a].values, all[at.b].values, all[at.c].values, all[at.d].values)
     columns_of(FOUR_ROWS(s0, s4, s8, sc), FOUR_ROWS(s1, s5, s9, sd), FOUR_ROWS(s2, s6, sa, se), FOUR_ROWS(s3, s7, sb, sf), columns);
 }
@@ -208,10 +208,10 @@ INLINED void gather_cells(global const float *values, int below, int16 at, float
 {
     global const float *next = values + below;
 #if HOLDS
-#define CELL(l)                                                                                                \
+#define CELL_CORNERS(l)                                                                                        \
     float4 cell_##l = (float4)(PAIR_AT(values, l), PAIR_AT(next, l));                                          \
     HOLD(cell_##l);
-    EACH_LANE(CELL)
+    EACH_LANE(CELL_CORNERS)
     columns_of((float16)(cell_0, cell_4, cell_8, cell_c), (float16)(cell_1, cell_5, cell_9, cell_d),
                (float16)(cell_2, cell_6, cell_a, cell_e), (float16)(cell_3, cell_7, cell_b, cell_f), corners);
 #else
