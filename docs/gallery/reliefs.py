@@ -162,19 +162,21 @@ def _post(middle: tuple[float, float, float]) -> ibr.Mesh:
 
 
 def distances() -> Figure:
-    """The two distances to the quadric, side by side, and where they differ."""
+    """The paper's two distances to the quadric, side by side, and where they differ; and the distance to circles."""
     height, color = bricks()
     camera = ibr.Camera.look_at((1.6, -3.2, 0.5), (0, 0, 0), (0, 0, 1), (520, 400), 44)
     light = ibr.Light(direction=(0.5, 0.8, -0.9), color=(1.4, 1.35, 1.25))
-    frames: list[ibr.Frame] = []
-    for distance in ("exact", "approximate"):
-        relief = ibr.ReliefSurface(tube(24), height, color, 0.15, (7, 3), distance=distance)
-        frames.append(ibr.render(relief, camera, light, background=WHITE, samples=4))
-    off = np.abs(frames[0].color.astype(int) - frames[1].color).max(axis=2)
-    figure, row = plt.subplots(1, 3, figsize=(13.5, 3.6), layout="constrained")
-    show(row[0], frames[0].color, 'distance="exact"')
-    show(row[1], frames[1].color, 'distance="approximate"')
+    pictures: dict[str, np.ndarray] = {}
+    for distance in ("perpendicular", "approximate", "exact"):
+        search = "linear" if distance == "perpendicular" else "safe"
+        relief = ibr.ReliefSurface(tube(24), height, color, 0.15, (7, 3), distance=distance, search=search)
+        pictures[distance] = ibr.render(relief, camera, light, background=WHITE, samples=4).color
+    off = np.abs(pictures["perpendicular"].astype(int) - pictures["approximate"]).max(axis=2)
+    figure, row = plt.subplots(1, 4, figsize=(17.5, 3.6), layout="constrained")
+    show(row[0], pictures["perpendicular"], 'distance="perpendicular"')
+    show(row[1], pictures["approximate"], 'distance="approximate"')
     show(row[2], 255 - np.repeat(off[..., None], 3, axis=2).astype(np.uint8), "their difference")
+    show(row[3], pictures["exact"], 'distance="exact"')
     return figure
 
 

@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
+from objects import by_rays
 from reliefs import show
 
 import pyibr as ibr
@@ -81,14 +82,15 @@ def beside_the_original() -> Figure:
     """The torus itself, the warp of its six images, and where they differ: cut at depth edges, and connected."""
     views = models.torus_from_outside(256)
     camera = models.view(views, (400, 400), (-1, -1.2, -0.3), 2.6)
-    truth = MeshScene.from_mesh(models.torus_mesh()).capture(camera, background=(255, 255, 255))
+    scene = MeshScene.from_mesh(models.torus_mesh())
+    truth, original = scene.capture(camera), by_rays(scene, camera)
     figure, row = plt.subplots(1, 5, figsize=(17.5, 3.8), layout="constrained")
-    show(row[0], truth.color, "original geometry, by rays")
+    show(row[0], original, "original geometry, by rays")
     kinds: tuple[Edges, ...] = ("cut", "connect")
     for place, edges in zip((1, 3), kinds, strict=True):
-        frame = ibr.warp(views, camera, edges=edges, blend="nearest")
-        picture = np.where(frame.valid[..., None], frame.color, 255)
-        apart = np.abs(picture.astype(np.float64) - truth.color).max(axis=2)
+        frame = ibr.warp(views, camera, edges=edges, blend="nearest", samples=4)
+        picture = over_white(frame)
+        apart = np.abs(picture.astype(np.float64) - original).max(axis=2)
         shown = np.repeat(1 - np.clip(apart / 64, 0, 1)[..., None], 3, axis=2)
         shown[truth.valid & ~frame.valid] = np.array([int(HOLE[i : i + 2], 16) for i in (1, 3, 5)]) / 255
         show(row[place], picture, f'warp, edges="{edges}"')
@@ -145,13 +147,14 @@ def thin_things() -> Figure:
     view, truth, camera = fence()
     figure, row = plt.subplots(1, 4, figsize=(17, 3.7), layout="constrained")
     show(row[0], view.color, f"{view.camera.width} x {view.camera.height} samples")
-    show(row[1], truth.color, "by rays, five times as fine")
+    show(row[1], truth, "by rays, five times as fine")
     for axes, thin in zip(row[2:], (False, True), strict=True):
-        show(axes, ibr.warp(view, camera, thin=thin, fill="background").color, f"warp, thin={thin}")
+        frame = ibr.warp(view, camera, thin=thin, fill="background", samples=4)
+        show(axes, frame.color, f"warp, thin={thin}")
     return figure
 
 
-def fence() -> tuple[ibr.DepthImage, ibr.DepthImage, ibr.Camera]:
+def fence() -> tuple[ibr.DepthImage, np.ndarray, ibr.Camera]:
     """Wires and bars before a striped wall as a depth image, then seen from aside by rays, and by which camera."""
     size, focal, sample = (96, 72), 100.0, 2 / 100.0
     camera = ibr.Camera([[focal, 0, 47.5], [0, focal, 35.5], [0, 0, 1]], size)
@@ -184,4 +187,4 @@ def fence() -> tuple[ibr.DepthImage, ibr.DepthImage, ibr.Camera]:
     first = 4 * np.arange(len(vertices) // 4)
     faces = np.concatenate([np.stack([first, first + 1, first + 2], 1), np.stack([first, first + 2, first + 3], 1)])
     scene = MeshScene(np.array(vertices), faces, np.array(colors, np.uint8))
-    return scene.capture(camera), scene.capture(aside), aside
+    return scene.capture(camera), by_rays(scene, aside), aside

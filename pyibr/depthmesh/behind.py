@@ -43,7 +43,7 @@ class Behind:
     hidden : (H, W) bool
         Where it looks behind its surface.
     far : (H, W) bool
-        Which samples are on the far sides of edges.
+        Which samples of surfaces are on the far sides of edges: those of background have no colours to go on.
     """
 
     depth: Float32
@@ -52,7 +52,7 @@ class Behind:
 
     def colored(self, words: NDArray[np.uint32]) -> NDArray[np.uint32]:
         """(H, W) RGBA words there, spread from the edges; those of the view, (H, W), where it does not look behind."""
-        if not self.hidden.any():
+        if not self.far.any():
             return words
         shown = words.view(np.uint8).reshape(*words.shape, 4).astype(np.float32)
         spread = np.rint(_spread(self.far, shown)).astype(np.uint8).view(np.uint32)[..., 0]
@@ -77,7 +77,7 @@ def behind_of(mesh: ViewMesh, limit: Float32) -> Behind:
     number = np.arange(far.size).reshape(far.shape)
     depth = _continued(mesh, limit, _nearest(np.where(far, number, -1), far.shape[1]))
     hidden = (depth > limit) & (limit > 0)
-    return Behind(np.where(hidden, depth, limit), hidden, far)
+    return Behind(np.where(hidden, depth, limit), hidden, far & np.isfinite(limit))
 
 
 def _far_sides(mesh: ViewMesh, limit: Float32) -> NDArray[np.bool_]:

@@ -24,7 +24,8 @@ from pyibr.opencl.kept import kept
 from pyibr.opencl.launch import launch
 from pyibr.opencl.memory import DeviceArray, upload
 from pyibr.opencl.program import kernel
-from pyibr.picture.normals import showing_normals
+from pyibr.picture.normals import grain_of_noise, showing_normals
+from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
 from pyibr.raster.bins import bin_primitives, bin_side, culled
 
@@ -252,10 +253,19 @@ def _seen_empty(
     }
 
 
-def drawn_off(target: Target, tolerance: float, bounds: Bounds) -> float:
-    """Scene units by which what is drawn may lie off the surface: lights see other triangles."""
+def drawn_off(
+    target: Target, lighting: Lighting | None, views: Sequence[DepthImage], tolerance: float, bounds: Bounds
+) -> tuple[float, int]:
+    """Scene units by which what is drawn may lie off the surface, and pixels over which its slope shows; for a light.
+
+    It sees other triangles, and the views' noise.
+    """
+    if lighting is None:
+        return 0.0, 1
     low, high = bounds
-    return tolerance * pixel_size(target.camera, 0.5 * (low + high))
+    middle = 0.5 * (low + high)
+    noise, apart = grain_of_noise(views, target.camera, middle)
+    return tolerance * pixel_size(target.camera, middle) + noise, apart
 
 
 def _focal(camera: Camera) -> float:

@@ -110,8 +110,8 @@ class DepthMesh(Fixed):
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
         """Draw the triangles in the view's colours, which hold their light, unless a light relights them."""
-        off = drawn_off(target, self.tolerance, self.bounds)
-        with shadowed(target, lighting, grain=off, draw_normals=self._draw):
+        off, apart = drawn_off(target, lighting, [self.view], self.tolerance, self.bounds)
+        with shadowed(target, lighting, grain=off, apart=apart, draw_normals=self._draw):
             self._draw(target)
 
     def _draw(self, target: Target) -> None:

@@ -147,8 +147,8 @@ class DepthMeshObject(Fixed):
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
         """Draw the blended meshes in their views' colours, which hold their light, unless a light relights them."""
-        off = drawn_off(target, self.tolerance, self.bounds)
-        with shadowed(target, lighting, grain=off, draw_normals=self._blend):
+        off, apart = drawn_off(target, lighting, [mesh.view for mesh in self.meshes], self.tolerance, self.bounds)
+        with shadowed(target, lighting, grain=off, apart=apart, draw_normals=self._blend):
             self._blend(target)
 
     def _blend(self, target: Target, occupancy: DeviceArray | None = None) -> None:

@@ -128,18 +128,18 @@ def empty(shape: tuple[int, ...], dtype: DTypeLike, into: NDArray[Any] | None = 
     longer to give a process fresh pages than a kernel to fill them.
     """
     session = current()
-    kind = np.dtype(dtype)
-    size = math.prod(map(int, shape)) * kind.itemsize
+    kind, whole = np.dtype(dtype), tuple(map(int, shape))  # NumPy's integers would overflow in who counts with them
+    size = math.prod(whole) * kind.itemsize
     block = _take(session, size)
     if block.pages is None:
-        array = DeviceArray(block.buffer, shape, kind, into, session)
+        array = DeviceArray(block.buffer, whole, kind, into, session)
         weakref.finalize(array, _give_back, session, block).atexit = False
         return array
     # Views of an array keep alive the one that is made of the pages themselves.
     pages = np.frombuffer(block.pages, np.uint8)
     weakref.finalize(pages, _give_back, session, block).atexit = False
-    host = pages[block.start : block.start + size].view(kind).reshape(shape)
-    return DeviceArray(block.buffer, shape, kind, host, session)
+    host = pages[block.start : block.start + size].view(kind).reshape(whole)
+    return DeviceArray(block.buffer, whole, kind, host, session)
 
 
 def _take(session: Session, size: int) -> Block:

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.core.pixelspace import pitch
+from pyibr.core.camera import Camera
+from pyibr.core.checks import Float64
+from pyibr.core.pixelspace import pitch, pixel_size
 from pyibr.images import DepthImage
 from pyibr.opencl.device import current, one_call
 from pyibr.opencl.headers import constant
@@ -16,6 +21,9 @@ from pyibr.opencl.program import kernel
 from pyibr.picture.samples import cut_of, samples_of
 
 _CUT_RATIO = 1.05  # as by default in pictures
+APART_MOST = 64  # pixels between depths that tell normals
+_DEVIATIONS = 3.0  # of its noise: as far a surface may lie before itself
+_MOST_OF = 0.9  # of a view's samples are nearer than the depth whose noise counts
 _SURE = 0.1  # the standard deviation of slopes that noise may make: 6 degrees of a surface that faces the camera
 
 
@@ -94,12 +102,51 @@ def _found(view: DepthImage) -> NDArray[np.float32]:
         return np.array(normals.to_host())
 
 
+def grain_of_noise(views: Sequence[DepthImage], camera: Camera, middle: Float64) -> tuple[float, int]:
+    """How far noise lets surfaces of images lie before themselves, so that they are not in shadow of it.
+
+    Parameters
+    ----------
+    views : sequence of DepthImage
+        What is drawn is made of them.
+    camera : Camera
+        Of the picture.
+    middle : (3,) float64
+        A point amid what is drawn, in the world.
+
+    Returns
+    -------
+    float, int
+        `grain` and `apart` of `pyibr.picture.shadow.shadowed`: scene units, and the picture's pixels between depths
+        that tell how it slopes. 1 pixel without noise.
+    """
+    pixel, grain, apart = pixel_size(camera, middle), 0.0, 1
+    for view in views:
+        radius, off = kept(view, "grain of noise", lambda view=view: (_radius(view), _DEVIATIONS * _far_noise(view)))
+        grain = max(grain, off)
+        if radius > 1:
+            samples = radius * pixel_size(view.camera, middle)
+            apart = max(apart, math.ceil(min(samples / max(pixel, 1e-30), APART_MOST)))
+    return grain, apart
+
+
+def _noise_at(view: DepthImage, z: float) -> float:
+    a, b, c = view.noise
+    return (a * z + b) * z + c
+
+
+def _far_noise(view: DepthImage) -> float:
+    """Noise, in scene units, where the view's samples are far away."""
+    return _noise_at(view, float(np.quantile(view.depth[view.valid], _MOST_OF))) if view.valid.any() else 0.0
+
+
 def _radius(view: DepthImage) -> int:
     """Samples to each side of one that tell its normal: as few as its noise allows."""
-    a, b, c = view.noise
+    if not view.valid.any():
+        return 1
     z, camera = float(np.median(view.depth[view.valid])), view.camera
     pixels = float(np.sqrt(camera.K[0, 0] * camera.K[1, 1]))  # of a scene unit, at depth 1 or everywhere
-    noise = ((a * z + b) * z + c) * pixels / (z if camera.projection == "perspective" else 1.0)
+    noise = _noise_at(view, z) * pixels / (z if camera.projection == "perspective" else 1.0)
     most = int(constant("lib/normals.cl", "RADIUS_MOST"))
     for radius in range(1, most):
         squares = (2 * radius + 1) ** 2 * radius * (radius + 1) / 3  # the sum of x^2 over them: of a slope's variance

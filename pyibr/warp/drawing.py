@@ -11,15 +11,13 @@ from pyibr.core.checks import Float64
 from pyibr.core.pixelspace import PixelMap, camera_pair, pixel_size
 from pyibr.images.depth_image import DepthImage
 from pyibr.picture.drawable import Look, as_drawable
-from pyibr.picture.normals import showing_normals
+from pyibr.picture.normals import APART_MOST, grain_of_noise, showing_normals
 from pyibr.picture.samples import Samples, samples_of
 from pyibr.picture.shadow import Lighting, shadowed
 from pyibr.picture.straighten import straightened
 from pyibr.picture.target import Target
 from pyibr.warp.filling import fill_holes
 from pyibr.warp.launches import Options, look
-
-_APART_MOST = 64  # pixels between the depths that tell the normals of nearest samples
 
 
 def options_of(how: Look, search: bool = False) -> Options:
@@ -45,7 +43,8 @@ class WarpedImage:
         options = self.options
         if target.from_light:
             options = Options(cut_ratio=options.cut_ratio, side="both", thin=options.thin)
-        with shadowed(target, lighting, *self._grain(target), draw_normals=lambda layer: self._look(layer, options)):
+        off, apart = self._grain(target, lighting)
+        with shadowed(target, lighting, off, apart, draw_normals=lambda layer: self._look(layer, options)):
             seen = self._look(target, options)
         if options.fill is not None:
             fill_holes(target, [seen], options.fill)
@@ -57,13 +56,18 @@ class WarpedImage:
         look(samples, pixel_map, target, options)
         return samples, pixel_map
 
-    def _grain(self, target: Target) -> tuple[float, int]:
-        """Scene units by which nearest samples lie off the surface, and pixels over which its slope shows."""
-        if self.options.linear:
+    def _grain(self, target: Target, lighting: Lighting | None) -> tuple[float, int]:
+        """Scene units by which samples lie off the surface, and pixels over which its slope shows; for a light."""
+        if lighting is None:
             return 0.0, 1
         low, high = self.view.bounds
-        grain, pixel = (pixel_size(camera, 0.5 * (low + high)) for camera in (self.view.camera, target.camera))
-        return grain, math.ceil(min(4 * max(grain / pixel, 1), _APART_MOST)) if pixel > 0 else _APART_MOST
+        middle = 0.5 * (low + high)
+        noise, apart = grain_of_noise([self.view], target.camera, middle)
+        if self.options.linear:
+            return noise, apart
+        grain, pixel = (pixel_size(camera, middle) for camera in (self.view.camera, target.camera))
+        steps = math.ceil(min(4 * max(grain / pixel, 1), APART_MOST)) if pixel > 0 else APART_MOST
+        return grain + noise, max(apart, steps)
 
 
 @as_drawable.register

@@ -165,3 +165,17 @@ def test_nothing_goes_on_where_there_is_no_edge(projection):
 def test_background_goes_on_as_background():
     view = stepped((31, 17), "perspective", np.inf)
     assert np.isinf(behind_of(ibr.DepthMesh(view), view.depth).depth).all()
+
+
+@pytest.mark.parametrize("projection", PROJECTIONS)
+def test_background_lends_no_colour_to_what_goes_on_beside_it(projection):
+    """A near part between a farther surface and background, which is black."""
+    x = np.broadcast_to(np.arange(31), (17, 31))
+    depth = np.select([x < 6, x < 20], [np.float32(4), np.float32(STEP)], np.float32(np.inf))
+    color = np.select([x < 6, x < 20], [np.uint8(50), np.uint8(200)], np.uint8(0))
+    view = DepthImage(np.repeat(color[..., None], 3, axis=2), depth, scenes.source_camera((31, 17), projection))
+    words = np.select([x < 6, x < 20], [np.uint32(0xFF323232), np.uint32(0xFFC8C8C8)], np.uint32(0))
+    found = behind_of(ibr.DepthMesh(view, segmentation=Segmentation("disparity", gap=0.1)), view.depth)
+    surface = found.hidden & np.isfinite(found.depth)
+    assert surface.sum() > 60
+    np.testing.assert_array_equal(found.colored(words)[surface], 0xFF323232)

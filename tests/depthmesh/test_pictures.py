@@ -155,3 +155,16 @@ def test_from_within_and_from_behind():
     away = ibr.render(thing, Camera.look_at((0, 0, 9), (0, 0, 18), (0, 1, 0), (41, 33)))
     assert not away.valid.any() and (away.color == 0).all()
     assert not thing.occupancy(Camera.look_at((0, 0, 9), (0, 0, 18), (0, 1, 0), (41, 33))).any()
+
+
+def test_many_triangles_in_a_large_picture():
+    """400,000 of them, 6,656 bins of pixels: their product is more than 32 bits hold."""
+    n = 450
+    depth = (2 + 0.02 * np.random.default_rng(1).normal(size=(n, n))).astype(np.float32)
+    view = ibr.DepthImage(
+        np.full((n, n, 3), 99, np.uint8), depth, Camera([[n, 0, 224], [0, n, 224], [0, 0, 1]], (n, n))
+    )
+    wide = Camera([[9000, 0, 8192], [0, 400, 205], [0, 0, 1]], (16384, 411))
+    frame = ibr.render(ibr.DepthMesh(view, tolerance=0, segmentation=Segmentation("none")), wide)
+    assert 0.45 < frame.valid.mean() < 0.55
+    assert abs(frame.depth[frame.valid] - 2).max() < 0.2

@@ -92,3 +92,9 @@ def test_a_forked_child_does_not_write_into_its_parents_arrays(shape):
         os._exit(0)
     os.waitpid(child, 0)
     assert (host == 2.0).all()
+
+
+def test_sizes_are_pythons_own_integers():
+    """They are multiplied by whoever counts with them: those of NumPy would overflow."""
+    made = memory.empty((np.int32(70_000), np.int64(2)), np.uint8)
+    assert [type(size) for size in made.shape] == [int, int]

@@ -13,6 +13,7 @@ from tests.displaced import square
 from tests.shadowed import (
     box,
     caster,
+    edges,
     first_hits,
     plane,
     shares,
@@ -149,3 +150,39 @@ def test_what_is_ten_texels_high_has_a_shadow():
     beside = (points[..., 2] < 1e-6) & (points[..., 0] > 2 * texel * np.sqrt(2)) & (points[..., 0] < 0.02)
     assert beside.sum() > 5000
     assert share[beside].max() <= 0.01
+
+
+def room_with_a_card(noise: float, projection: str) -> tuple[ibr.DepthImage, Camera]:
+    """A wall aslant and a card before it, seen by a depth camera whose noise grows with the square of depth."""
+    f, size = (300, (321, 241)) if projection == "perspective" else (75, (321, 241))
+    camera = Camera([[f, 0, 160], [0, f, 120], [0, 0, 1]], size, projection=projection)
+    y, x = np.mgrid[:241, :321]
+    card = (abs(x - 150) < 40) & (abs(y - 110) < 35)
+    wall = 4 / (1 + 0.15 * (x - 160) / f) if projection == "perspective" else 4 - 0.15 * (x - 160) / f
+    depth = np.where(card, 3, wall)
+    depth += noise * (depth / 4) ** 2 * np.random.default_rng(7).normal(size=depth.shape)
+    return ibr.DepthImage(np.full((241, 321, 3), 200, np.uint8), depth.astype(np.float32), camera), camera
+
+
+@pytest.mark.parametrize("relight", [True, False])
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+@pytest.mark.parametrize("noise", [0.004, 0.012])
+def test_noise_of_depth_casts_no_shadow(noise, projection, relight):
+    """The card's shadow is there all the same: as where there is no noise, but for a few pixels beside its edges."""
+    lamp = {"position": (1.2, -0.8, 0.2)} if projection == "perspective" else {"direction": (-0.3, 0.2, 1)}
+    clean, camera = room_with_a_card(0, projection)
+    rough, _ = room_with_a_card(noise, projection)
+    for thing in (lambda view: view, ibr.DepthMesh, lambda view: ibr.DepthMeshObject([view])):
+        dark = []
+        for view in (clean, rough):
+            bare, shaded = (
+                ibr.render(thing(view), camera, ibr.Light(**lamp, shadow_size=size, relight=relight))
+                for size in (0, 1024)
+            )
+            dark.append((bare.color.astype(int) - shaded.color).max(axis=2) > 25)
+            shown = bare.valid
+        shadow = dark[0] & shown & ~edges(dark[0])
+        lit = ~dark[0] & shown & ~edges(dark[0]) & ~edges(clean.depth)
+        assert shadow.sum() > 1500 and lit.sum() > 40_000
+        assert dark[1][lit].mean() <= 0.02
+        assert dark[1][shadow].mean() >= 0.98
