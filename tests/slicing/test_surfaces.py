@@ -153,7 +153,7 @@ def test_at_least_draws_all_of_the_base_from_any_side(slicing, projection):
 @pytest.mark.parametrize("slicing", ["surface", "orthogonal", "screen"])
 @pytest.mark.parametrize("scale", [0.001, 0.01])
 def test_at_least_draws_all_of_the_base_however_shallow_it_is(scale, slicing, projection):
-    """A displacement of a 3000th of the distance: heights err by more than a 100,000th of it where rays meet the base."""
+    """Of a 3000th of the distance: heights err by more than a 100,000th of it where rays meet the base."""
     base, flat, white = grid(ring, 96, 48), np.zeros((4, 4), np.float32), np.full((2, 2, 3), 255, np.uint8)
     how = {"fov_y": 42.0} if projection == "perspective" else {"projection": projection, "height": 2.9}
     cam = Camera.look_at((2, -2.5, 1.7), (0, 0, 0), (0, 0, 1), (317, 243), **how)
