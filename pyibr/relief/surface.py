@@ -61,10 +61,10 @@ class ReliefSurface(Fixed):
         again; "none": it is flat at each pixel, as in earlier relief mapping, and all of the mesh is covered.
     distance : {"approximate", "exact", "perpendicular"}
         How deep a ray is. "approximate": below the quadric, along the normal where it entered (equation 7); "exact":
-        below circles of the quadric's curvatures, which is the true distance on planes, tubes, spheres and tori, and
-        tells on deep reliefs and at outlines, at twice the time or more; "perpendicular": to the quadric, at right
-        angles to the ray (equation 6), which is longer than the depth the straighter one looks on; of the linear
-        search alone, as no bounds hold for it.
+        below circles of the quadric's curvatures, which is the true distance on planes, tubes and spheres, nearer to it
+        on all that bends, and tells on deep reliefs and at outlines, at twice the time or more; "perpendicular": to the
+        quadric, at right angles to the ray (equation 6), which is longer than the depth the straighter one looks on; of
+        the linear search alone, as no bounds hold for it.
     search : {"safe", "linear"}
         "safe" steps over nothing, by bounds of the heights; "linear" is the paper's: even steps, then halvings.
     steps, halvings : int
