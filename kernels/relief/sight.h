@@ -9,6 +9,9 @@
 #ifndef SHADOWS
 #define SHADOWS MAPPED /* what hides the light: what its map says, or SEARCHED: what a second search finds, and the map beyond */
 #endif
+#ifndef JUTS
+#define JUTS 0 /* 1: the base has hard edges that jut out, beyond which its sides' reliefs run on */
+#endif
 #define LIFTED 1e-3f /* of the relief's depth: how far above its surface a point is searched from, so that it is not in it */
 
 #if SHADOWED
@@ -107,7 +110,8 @@ intl is_hidden(const Relief *relief, const LightRay *light, intl wanted)
  *
  * The light's map has been drawn by its own rays, by the quadrics where these enter. Where the surface bends they find
  * it elsewhere than the picture's rays, and would shade it by itself. So where what the map says depends on that, a
- * search from the point decides what the relief around it hides, and the map what hides the place where it ends. A ray
+ * search from the point decides what the relief around it hides, and the map what hides the place where it ends. So it is
+ * below an edge that juts out (JUTS), where a light's ray enters by one side what the picture shows by the other. A ray
  * that by the quadric never leaves the relief, as along a saddle, is left to the map. */
 INLINED floatl in_sight(const Relief *relief, const Entry *e, const Seen *seen, Vector own, Light light, intl faces SHADOW_PARAMETERS)
 {
@@ -116,13 +120,13 @@ INLINED floatl in_sight(const Relief *relief, const Entry *e, const Seen *seen, 
 #if SHADOWS == MAPPED
     mapped = visibility(shadow_maps, shadow, seen->point, own);
     wanted = wanted & (mapped < 1.0f);
-    if (!relief->quadric || !any_lane(wanted))
+    if (!(relief->quadric || JUTS) || !any_lane(wanted))
         return mapped;
 #endif
     const LightRay ray = light_ray(relief, e, seen, to_light(light, seen->point).way);
-#if SHADOWS == MAPPED
+#if SHADOWS == MAPPED && !JUTS
     wanted = wanted & (ray.apart > SHADOW_SLACK * texel_at(shadow, light, seen->point));
-#else
+#elif SHADOWS == SEARCHED
     if (any_lane(wanted & !ray.leaves))
         mapped = visibility(shadow_maps, shadow, seen->point, own);
 #endif

@@ -33,8 +33,6 @@
 #endif
 
 #define NUMBER_MOST 8388608.0f /* slices: beyond, the next one would be the same float */
-#define ROUNDED 1e-5f /* of the displacement: what lies no higher is on the base */
-#define THIN 1e-4f /* slices: rounding of where a ray enters and leaves a tetrahedron */
 
 /* A block's rays, and what they have met */
 typedef struct {
@@ -49,7 +47,7 @@ void try_at(const Context *context, const Tetrahedron *t, int block, Met *met, f
     if (!any_lane(tries))
         return;
     const floatl alpha = height_at(context->heights, context->map_width, context->map_height, AT(met->u, z), AT(met->v, z));
-    const floatl above = AT(met->h, z), h = pick(above > ROUNDED, above, (floatl)0.0f);
+    const floatl above = AT(met->h, z), h = pick(above > t->rounded, above, (floatl)0.0f);
     const intl passed = tries & inside & passes(context->test, alpha, h, t->band);
     met->z = pick(passed, z, met->z);
     met->found = met->found | passed;
@@ -106,7 +104,7 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
     const Linear number = along_ray(t, t->slice, x, y);
     const int bases = context->slicing != SURFACE; /* there, slice 0 is the base */
     if (bases)
-        try_at(context, t, block, &met, entry, inside & (met.h.sloped > 0.0f) & (AT(met.h, entry) < THIN), inside);
+        try_at(context, t, block, &met, entry, inside & (met.h.sloped > 0.0f) & (AT(met.h, entry) < fmax(THIN, t->rounded)), inside);
 
     const intl rises = number.sloped > 0.0f;
     const floatl step = pick(rises, (floatl)1.0f, (floatl)-1.0f), per_slice = 1.0f / number.sloped;
@@ -116,8 +114,8 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
     floatl before = entry;
     const floatl s_front = lesser(greater(AT(number, front), (floatl)-NUMBER_MOST), (floatl)NUMBER_MOST);
     const floatl s_back = lesser(greater(AT(number, back), (floatl)-NUMBER_MOST), (floatl)NUMBER_MOST);
-    const floatl last = pick(rises, floor_lanes(s_back + THIN), ceil_lanes(s_back - THIN));
-    floatl slice = pick(rises, ceil_lanes(s_front - THIN), floor_lanes(s_front + THIN));
+    const floatl last = pick(rises, floor_lanes(s_back + t->thin), ceil_lanes(s_back - t->thin));
+    floatl slice = pick(rises, ceil_lanes(s_front - t->thin), floor_lanes(s_front + t->thin));
     const intl slices = to_intl((last - slice) * step); /* after the first; < 0: none at all */
     for (int count = 0;; count++, slice += step) {
         const floatl z = lesser(greater((slice - number.fixed) * per_slice, front), back);
@@ -128,7 +126,7 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
         before = pick(tries & !met.found & (z >= entry), z, before);
     }
     if (bases) { /* with halvings the side that a ray leaves by, too: the next tetrahedron's slices lie beyond */
-        const intl leaves = t->halvings > 0 ? inside : (met.h.sloped < 0.0f) & (AT(met.h, exit) < THIN);
+        const intl leaves = t->halvings > 0 ? inside : (met.h.sloped < 0.0f) & (AT(met.h, exit) < fmax(THIN, t->rounded));
         try_at(context, t, block, &met, exit, inside & !met.found & leaves & (exit < drawn), inside);
     }
     halve(context, t, block, &met, before, met.found & !at_once);

@@ -13,6 +13,9 @@
 #define ORTHOGONAL 1
 #define SCREEN 2
 #define GROWN 1e-5f /* of a tetrahedron, by which its sides are moved outwards */
+#define ROUNDED 1e-5f /* of the displacement: what lies no higher is on the base */
+#define ROUNDINGS 8.0f /* the least parts of a float that heights err by, where a displacement is next to nothing */
+#define THIN 1e-4f /* slices: rounding of where a ray enters and leaves a tetrahedron */
 
 typedef struct {
     global const int *corners;
@@ -44,6 +47,7 @@ typedef struct {
     float first, last;          /* a little farther and nearer than the corners */
     int index, perspective, crosses; /* the near plane */
     float spacing, band; /* of its slices, and of heights that the test BAND takes */
+    float rounded, thin; /* ROUNDED and THIN, or what rounding takes where the displacement is shallow */
     int halvings; /* of the way between two slices */
 } Tetrahedron;
 
@@ -113,6 +117,16 @@ void space_slices(const Context *context, Tetrahedron *t, float facing)
     t->halvings = max(context->halvings, min((int)ceil(log2(fmax(parts, 1.0f))), HALVINGS_MOST));
 }
 
+/* How far heights err by rounding: a ray's is the difference of two that are as large as its way is long in displacements,
+ * at a pixel that is told as closely as its place in the picture can be. */
+float rounding_of(const Context *context, const Tetrahedron *t)
+{
+    const float x = fabs(t->h.x) * (context->x + REGION), y = fabs(t->h.y) * (context->y + REGION);
+    const float along = fabs(t->h.n) * (t->perspective ? 1.0f : fmax(fabs(t->front), fabs(t->rear)));
+    const float across = (x + y) * (t->perspective ? 1.0f / fmax(t->rear, 1e-30f) : 1.0f);
+    return fmin(fmax(ROUNDINGS * FLT_EPSILON * (along + across), ROUNDED), 1.0f);
+}
+
 /* Its box in the region: (low_x, high_x, low_y, high_y); empty if it cannot be seen */
 int4 set_up_one(const Context *context, int index, int x, int y, Tetrahedron *t)
 {
@@ -174,6 +188,11 @@ int4 set_up_one(const Context *context, int index, int x, int y, Tetrahedron *t)
         }
     }
     space_slices(context, t, context->slicing == SCREEN ? 1.0f : most / length(view));
+    t->rear = t->perspective ? 0.0f : -INFINITY;
+    if (!crosses)
+        t->rear = fmin(fmin(p[0].w / p[0].z, p[1].w / p[1].z), fmin(p[2].w / p[2].z, p[3].w / p[3].z));
+    t->rounded = crosses ? ROUNDED : rounding_of(context, t);
+    t->thin = THIN;
     /* Across the normal a whole number is taken off, as large as that of the first corner: what remains is exact. */
     if (context->slicing == SCREEN) {
         const float along = 1.0f / t->spacing, off = rint((t->perspective ? p[0].z : -p[0].w) * along);
@@ -185,6 +204,7 @@ int4 set_up_one(const Context *context, int index, int x, int y, Tetrahedron *t)
         t->slice.y *= count;
         t->slice.one *= count;
         t->slice.n *= count;
+        t->thin = fmax(THIN, fmin(t->rounded * count, 0.5f));
     } else {
         const float along = 1.0f / t->spacing, first = dot(point[0], d) * along;
         const float4 beside = (float4)(0.0f, dot(point[1] - point[0], d), dot(point[2] - point[0], d), dot(point[3] - point[0], d));
@@ -206,9 +226,6 @@ int4 set_up_one(const Context *context, int index, int x, int y, Tetrahedron *t)
                 o.one += (fmax(o.x, 0.0f) + fmax(o.y, 0.0f)) * (BLOCK - 1);
                 t->outline[t->outlines++] = o;
             }
-    t->rear = t->perspective ? 0.0f : -INFINITY;
-    if (!crosses)
-        t->rear = fmin(fmin(p[0].w / p[0].z, p[1].w / p[1].z), fmin(p[2].w / p[2].z, p[3].w / p[3].z));
     const float slack = 1e-4f * (t->front - t->rear) + 2e-6f * fmax(fabs(t->front), fabs(t->rear));
     t->first = crosses ? t->rear : t->rear - slack;
     t->last = crosses ? t->nearest : fmin(t->front + slack, t->nearest);

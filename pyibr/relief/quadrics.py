@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 
 from pyibr.core.checks import Float64
 from pyibr.meshes.mesh import Mesh
-from pyibr.meshes.normals import areas, place_of, summed_at_places, unit_or_up
+from pyibr.meshes.normals import areas, place_of, summed, summed_at_places, unit_or_up
 from pyibr.meshes.tangents import unit, uv_gradients
 
 _SINGULAR = 1e-6  # of the largest: less than that is rounding
+_HARD = 0.97  # cosine: of normals at one place some are 14 degrees and more from their mean
+_BELOW = -0.1  # cosine of the way into a vertex's triangles with that mean: they fall away from it
 
 
 @dataclass(frozen=True)
@@ -90,6 +92,17 @@ def split_at_edges(mesh: Mesh) -> Mesh:
     kept = np.concatenate([np.arange(len(mesh.vertices)), owner[is_copy]])
     uv = np.asarray(mesh.uv)[kept]
     return Mesh(mesh.vertices[kept], number[kind.reshape(-1)].reshape(-1, 3), uv, normals)
+
+
+def juts_out(mesh: Mesh, normals: Float64) -> bool:
+    """Has a mesh hard edges that jut out: several normals at one place, whose triangles fall away from their mean?"""
+    place, count = place_of(mesh.vertices), len(mesh.vertices)
+    means = unit_or_up(summed(place, normals, count))[place]
+    corner = mesh.vertices.astype(np.float64)[mesh.faces]
+    into = np.repeat(corner.mean(axis=1, keepdims=True), 3, axis=1) - corner
+    ways = unit_or_up(summed(mesh.faces.ravel(), unit_or_up(into.reshape(-1, 3)), count))
+    turned = (normals * means).sum(axis=1) < _HARD
+    return bool((turned & ((ways * means).sum(axis=1) < _BELOW)).any())
 
 
 def vertex_frames(mesh: Mesh, tiles: tuple[int, int]) -> VertexFrames:

@@ -25,7 +25,7 @@ from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
 from pyibr.raster.bins import bin_primitives, bin_side, project
 from pyibr.relief.levels import HeightLevels, height_levels
-from pyibr.relief.quadrics import VertexFrames, split_at_edges, split_at_mirrors, vertex_frames
+from pyibr.relief.quadrics import VertexFrames, juts_out, split_at_edges, split_at_mirrors, vertex_frames
 from pyibr.relief.within import Place, Underside, window
 
 Silhouette = Literal["quadric", "none"]
@@ -61,19 +61,20 @@ class ReliefSurface(Fixed):
         again; "none": it is flat at each pixel, as in earlier relief mapping, and all of the mesh is covered.
     distance : {"approximate", "exact", "perpendicular"}
         How deep a ray is. "approximate": below the quadric, along the normal where it entered (equation 7); "exact":
-        below circles of the quadric's curvatures, which is the true distance on planes, tubes, spheres and tori, and
-        tells on deep reliefs and at outlines, at twice the time or more; "perpendicular": to the quadric, at right
-        angles to the ray (equation 6), which is longer than the depth the straighter one looks on; of the linear
-        search alone, as no bounds hold for it.
+        below circles of the quadric's curvatures, which is the true distance on planes, tubes and spheres, nearer to it
+        on all that bends, and tells on deep reliefs and at outlines, at twice the time or more; "perpendicular": to the
+        quadric, at right angles to the ray (equation 6), which is longer than the depth the straighter one looks on; of
+        the linear search alone, as no bounds hold for it.
     search : {"safe", "linear"}
         "safe" steps over nothing, by bounds of the heights; "linear" is the paper's: even steps, then halvings.
     steps, halvings : int
         Of the linear search.
     shadow : {"map", "search"}
         What hides a light: "map", what its shadow map says, but for a search of the relief where the map's surface is
-        not the picture's, as on curved bases; "search", a second search from each point towards the light, the
-        paper's, and the map for what lies beyond this relief. It needs no texels, so small tiles get no moire, but a
-        search more a pixel; and what stands below the base, within the relief, casts no shadow on it.
+        not the picture's, as on curved bases and beside a box's edges; "search", a second search from each point
+        towards the light, the paper's, and the map for what lies beyond this relief. It needs no texels, so small tiles
+        get no moire, but a search more a pixel; and what stands below the base, within the relief, casts no shadow on
+        it.
     wrap : {"repeat", "clamp"}
         What heights, colours and normals are where uv are beyond 0 to 1, and from the outermost texels' centres on:
         "repeat" goes over to the other side of the map, "clamp" goes on with the values of its border, for maps that
@@ -176,6 +177,11 @@ class ReliefSurface(Fixed):
         return self.silhouette == "quadric" and bool(self.frames.quadrics.any())
 
     @cached_property
+    def juts(self) -> bool:
+        """Has the base hard edges that jut out, as a box has?"""
+        return juts_out(self.drawn, self.frames.normals)
+
+    @cached_property
     def vertex_rows(self) -> NDArray[np.float32]:
         """(N, VERTEX) what kernels know of each drawn vertex (kernels/relief/entry.h)."""
         uv, frames = np.asarray(self.drawn.uv, np.float64) * self.tiles, self.frames
@@ -275,6 +281,7 @@ def draw_relief(
         more |= {"normal_map": buffers.get("normal_map", buffers["vertices"])}
         if lit.maps is not None:
             defines["SHADOWS"] = int(constant("relief/sight.h", _SHADOWS[surface.shadow]))
+            defines["JUTS"] = int(surface.juts)
     if target.from_light:
         defines["DEPTH_ALONE"] = 1
     if place is not None:

@@ -30,6 +30,35 @@ def test_a_box_without_normals_is_one_with_its_sides_normals(make, light):
     np.testing.assert_array_equal(*(frame.depth for frame in frames))
 
 
+@pytest.mark.parametrize("light", [{"direction": (-0.3, 0.6, -1)}, {"position": (3, -1, 4)}], ids=["far", "near"])
+@pytest.mark.parametrize("silhouette", ["quadric", "none"])
+@pytest.mark.parametrize("scale", [0.05, 0.2])
+@pytest.mark.parametrize("normals", [False, True])
+def test_no_side_of_a_box_shades_another(normals, scale, silhouette, light):
+    """An even relief carved into a box is a smaller box. Light that comes in by one side passes what lies below
+    another's edge: by its map alone, which knows the one side there, up to 15 % of the box are in shadow."""
+    base = facets(box(), with_normals=True) if normals else box()
+    relief = ibr.ReliefSurface(base, np.zeros((4, 4), np.float32), WHITE, scale, silhouette=silhouette)
+    lit, plain = (
+        ibr.render(relief, OUTSIDE, ibr.Light(**light, ambient=0.2, shadow_size=size)).color.astype(int)
+        for size in (1024, 0)
+    )
+    own = ibr.render(relief, OUTSIDE).color.astype(int)
+    told = (plain - 0.2 * own > 8).any(axis=2)
+    assert told.sum() > 2000
+    assert ((lit < plain).any(axis=2) & told).sum() == 0
+
+
+def test_edges_that_jut_out():
+    """A box has them, also where smooth surfaces end; a room seen from within and smooth surfaces have none."""
+    flat = np.zeros((4, 4), np.float32)
+    juts = [
+        ibr.ReliefSurface(base, flat, WHITE, 0.1).juts
+        for base in (box(), facets(box(), with_normals=True), box(inside=True), grid(cylinder, 8, 2), square())
+    ]
+    assert juts == [True, True, False, False, False]
+
+
 @pytest.mark.parametrize("eye", [(0, 0, 0), (0.5, -0.4, 0.3)])
 def test_no_wall_of_a_room_shades_another(eye):
     """An even relief carved into a box seen from within is a larger box, all of it lit by a lamp in it."""

@@ -14,7 +14,7 @@ from pyibr.relief import draw_relief
 from tests.displaced import square
 from tests.reference.heights import bilinear_height
 from tests.reference.relief import Rays, relief_depth
-from tests.relief.solids import cylinder, grid, sphere, torus
+from tests.relief.solids import Carved, cylinder, grid, sphere, torus
 
 WHITE = np.full((2, 2, 3), 200, np.uint8)
 SCALE, TILES = 0.1, (6, 3)
@@ -101,6 +101,21 @@ def test_exact_distances_hold_on_deep_reliefs(surface):
     assert abs(wide["exact"] - 2 * 0.7 * 43.9) <= 1 < wide["approximate"] - 2 * 0.7 * 43.9
     # A chord of 1/64 of the circle lies 0.0012 within it, and its quadric is fitted to points 0.1 away.
     assert np.quantile(off["exact"], 0.95) <= 0.005 < np.quantile(off["approximate"], 0.95)
+
+
+def test_exact_distances_are_nearer_on_a_deep_torus():
+    """Half of its tube deep. Along its axis its equators are the outline, and true; aslant curvatures change."""
+    truth, flat = Carved(torus, np.zeros((32, 32)), 0.2, (6, 4)), np.zeros((4, 4), np.float32)
+    too_many: dict[tuple[str, bool], float] = {}
+    for along in (True, False):
+        eye = (0.3, 0, 5) if along else (2.2, -3.0, 1.9)
+        camera = Camera.look_at(eye, (0, 0, 0), (0, 1, 0) if along else (0, 0, 1), (321, 239), 42)
+        covered = np.isfinite(truth.depth(camera)).sum()
+        for distance in ("approximate", "exact"):
+            relief = ibr.ReliefSurface(grid(torus, 96, 48), flat, WHITE, 0.2, (4, 4), distance=distance)
+            too_many[distance, along] = ibr.render(relief, camera).valid.sum() / covered - 1
+    assert abs(too_many["exact", True]) <= 0.005 < 0.3 < too_many["approximate", True]
+    assert too_many["exact", False] <= 0.15 < 0.35 < too_many["approximate", False]
 
 
 @pytest.mark.parametrize("distance", ["approximate", "exact"])

@@ -13,6 +13,8 @@ from pyibr.capture import models
 from pyibr.core.camera import Camera
 from pyibr.slicing import alpha_tests
 from tests.displaced import Solid, interior, looking, square
+from tests.relief.solids import grid
+from tests.relief.solids import torus as ring
 
 SCALE = 0.25
 SIZE = (200, 150)
@@ -145,6 +147,22 @@ def test_at_least_draws_all_of_the_base_from_any_side(slicing, projection):
         assert frame.valid[inner].all()
         # float32 depths of 2.2; a ray that is taken for one on the base is a 100,000th of the displacement above
         assert np.abs(frame.depth - truth.depth)[inner].max() <= 1e-5
+
+
+@pytest.mark.parametrize("projection", PROJECTIONS)
+@pytest.mark.parametrize("slicing", ["surface", "orthogonal", "screen"])
+@pytest.mark.parametrize("scale", [0.001, 0.01])
+def test_at_least_draws_all_of_the_base_however_shallow_it_is(scale, slicing, projection):
+    """Of a 3000th of the distance: heights err by more than a 100,000th of it where rays meet the base."""
+    base, flat, white = grid(ring, 96, 48), np.zeros((4, 4), np.float32), np.full((2, 2, 3), 255, np.uint8)
+    how = {"fov_y": 42.0} if projection == "perspective" else {"projection": projection, "height": 2.9}
+    cam = Camera.look_at((2, -2.5, 1.7), (0, 0, 0), (0, 0, 1), (317, 243), **how)
+    inner = cv2.erode(ibr.render(base, cam).valid.astype(np.uint8), np.ones((5, 5))).astype(bool)
+    assert inner.sum() > 15000
+    for slices in (16, 64):
+        shown = ibr.SlicedSurface(base, flat, white, scale, slices=slices, slicing=slicing, test="at_least")
+        assert ibr.render(shown, cam).valid[inner].all()
+    assert not ibr.render(ibr.SlicedSurface(base, flat, white, scale, slicing=slicing), cam).valid.any()
 
 
 def ground(cam: Camera) -> np.ndarray:
