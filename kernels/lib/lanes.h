@@ -32,14 +32,18 @@
 #pragma clang diagnostic ignored "-Wpsabi"
 #endif
 
-/* A vector that a compiler shall have as it is: of several shuffles in turn it makes one for each lane, and of loads a
- * gather instruction. */
-#if defined(__clang__) && defined(__AVX512F__)
-#define HOLDS 1
-#define HOLD(v) __asm__("" : "+v"(v))
-#else
-#define HOLDS 0
-#define HOLD(v)
+/* A vector that a compiler shall have as it is: of several shuffles in turn it makes one for each lane. Clang heeds a
+ * fence only where arithmetic may be reordered. It is no `asm`, which PoCL 6 takes for a call of one of its own functions. */
+#if defined(__AVX512F__) && defined(__has_builtin)
+#if __has_builtin(__arithmetic_fence)
+#define HOLD(vector)                                                                                           \
+    {                                                                                                          \
+        _Pragma("clang fp reassociate(on)") vector = __arithmetic_fence(vector);                               \
+    }
+#endif
+#endif
+#ifndef HOLD
+#define HOLD(vector)
 #endif
 
 #define EACH_LANE(F) F(0) F(1) F(2) F(3) F(4) F(5) F(6) F(7) F(8) F(9) F(a) F(b) F(c) F(d) F(e) F(f)
@@ -166,30 +170,27 @@ typedef struct __attribute__((packed)) {
     (float16)(a.s0, b.s0, a.s1, b.s1, a.s4, b.s4, a.s5, b.s5, a.s8, b.s8, a.s9, b.s9, a.sc, b.sc, a.sd, b.sd)
 #define ZIP_LAST(a, b)                                                                                         \
     (float16)(a.s2, b.s2, a.s3, b.s3, a.s6, b.s6, a.s7, b.s7, a.sa, b.sa, a.sb, b.sb, a.se, b.se, a.sf, b.sf)
-/* 16 rows of 4 as 4 columns; a: rows 0, 4, 8 and 12, b: rows 1, 5, 9 and 13, and so on */
-INLINED void columns_of(float16 a, float16 b, float16 c, float16 d, float16 *columns)
-{
-    HOLD(a);
-    HOLD(b);
-    HOLD(c);
-    HOLD(d);
-    float16 ac_first = ZIP_FIRST(a, c), bd_first = ZIP_FIRST(b, d), ac_last = ZIP_LAST(a, c), bd_last = ZIP_LAST(b, d);
-    HOLD(ac_first);
-    HOLD(bd_first);
-    HOLD(ac_last);
-    HOLD(bd_last);
-    columns[0] = ZIP_FIRST(ac_first, bd_first);
-    columns[1] = ZIP_LAST(ac_first, bd_first);
-    columns[2] = ZIP_FIRST(ac_last, bd_last);
-    columns[3] = ZIP_LAST(ac_last, bd_last);
-}
 
 /* A row of 4 floats a lane, as 4 columns: whole rows are read and zipped, which is faster than 4 gathers. */
 INLINED void gather_rows(global const float *rows, int16 at, float16 *columns)
 {
     global const UnalignedFour *all = (global const UnalignedFour *)rows;
 #define FOUR_ROWS(a, b, c, d) (float16)(all[at.a].values, all[at.b].values, all[at.c].values, all[at.d].values)
-    columns_of(FOUR_ROWS(s0, s4, s8, sc), FOUR_ROWS(s1, s5, s9, sd), FOUR_ROWS(s2, s6, sa, se), FOUR_ROWS(s3, s7, sb, sf), columns);
+    float16 a = FOUR_ROWS(s0, s4, s8, sc), b = FOUR_ROWS(s1, s5, s9, sd);
+    float16 c = FOUR_ROWS(s2, s6, sa, se), d = FOUR_ROWS(s3, s7, sb, sf);
+    HOLD(a)
+    HOLD(b)
+    HOLD(c)
+    HOLD(d)
+    float16 ac_first = ZIP_FIRST(a, c), bd_first = ZIP_FIRST(b, d), ac_last = ZIP_LAST(a, c), bd_last = ZIP_LAST(b, d);
+    HOLD(ac_first)
+    HOLD(bd_first)
+    HOLD(ac_last)
+    HOLD(bd_last)
+    columns[0] = ZIP_FIRST(ac_first, bd_first);
+    columns[1] = ZIP_LAST(ac_first, bd_first);
+    columns[2] = ZIP_FIRST(ac_last, bd_last);
+    columns[3] = ZIP_LAST(ac_last, bd_last);
 }
 
 /* For each lane a value and the one after it: a load for both */
@@ -203,22 +204,6 @@ INLINED void gather_pairs(global const float *values, int16 at, float16 *first, 
     *second = (float16)(low.odd, high.odd);
 }
 
-/* For each lane a value, the one after it, and the same two of the row that lies `below` values farther on */
-INLINED void gather_cells(global const float *values, int below, int16 at, float16 *corners)
-{
-    global const float *next = values + below;
-#if HOLDS
-#define CELL_CORNERS(l)                                                                                        \
-    float4 cell_##l = (float4)(PAIR_AT(values, l), PAIR_AT(next, l));                                          \
-    HOLD(cell_##l);
-    EACH_LANE(CELL_CORNERS)
-    columns_of((float16)(cell_0, cell_4, cell_8, cell_c), (float16)(cell_1, cell_5, cell_9, cell_d),
-               (float16)(cell_2, cell_6, cell_a, cell_e), (float16)(cell_3, cell_7, cell_b, cell_f), corners);
-#else
-    gather_pairs(values, at, &corners[0], &corners[1]);
-    gather_pairs(next, at, &corners[2], &corners[3]);
-#endif
-}
 #else
 INLINED void gather_rows(global const float *rows, int at, float *columns)
 {
@@ -234,13 +219,14 @@ INLINED void gather_pairs(global const float *values, int at, float *first, floa
     *first = values[at];
     *second = values[at + 1];
 }
+#endif
 
-INLINED void gather_cells(global const float *values, int below, int at, float *corners)
+/* For each lane a value, the one after it, and the same two of the row that lies `below` values farther on */
+INLINED void gather_cells(global const float *values, int below, intl at, floatl *corners)
 {
     gather_pairs(values, at, &corners[0], &corners[1]);
-    gather_pairs(values, at + below, &corners[2], &corners[3]);
+    gather_pairs(values + below, at, &corners[2], &corners[3]);
 }
-#endif
 
 /* For |x| < 2^31: floor() and ceil() of vectors are 14 instructions, these 4; of x >= 0 truncated() is 2. */
 #if LANES == 16

@@ -4,7 +4,8 @@
  *
  * With TOLD, pixels count the less the nearer they are than what lies behind the holes beside them (behind.cl), so that a
  * disocclusion is filled from what was hidden, not from what hid it. But none counts for nothing: where there is no
- * background far and wide, the foreground is what there is. And of four cells that become one, each counts the less the
+ * background far and wide, the foreground is what there is. What counts little does not add up to much along an edge, be
+ * it ever so many pixels long: so pictures of all resolutions are filled alike. And of four cells that become one, each counts the less the
  * nearer it is than the farthest of them, by their depths' ratio to a power of 16 times the cells' side, up to 64: large
  * cells fill what is deep in wide holes, and a hole is the wider the farther its surface lies behind what hid it. So the
  * middle of such a hole shows the wall, not the floor before it. But it counts 0.3 at least, so that few samples that are
@@ -35,6 +36,7 @@
 #define STEEPEST 2  /* the level from which on depths' ratio counts to one power */
 #define FAINTEST 0.3f /* what a cell counts at least beside the farthest of four */
 #define LEAST 1e-6f /* what any pixel counts: more than nothing */
+#define ADDING 32.0f /* what counts less than 1/32 does not count more where there is much of it */
 #define FAINT 1e-3f /* what ratios count nothing up to, so that half the depth of what lies behind leaves no trace */
 
 #define MASKED(mask, values) as_float16(as_int16(values) & (mask))
@@ -98,7 +100,8 @@ INLINED float16 depths_of(global const float *depth, size_t pixel, int count)
     return vload16(0, values);
 }
 
-/* Two rows of cells of a level into one of half their length, of which no cell counts more than 1 */
+/* Two rows of cells of a level into one of half their length. No cell counts more than 1, or than what is most among its
+ * four times ADDING times that: the faint ones stay faint. */
 #define HALVE(long_row, half_row, made, row, level)                                                            \
     {                                                                                                          \
         long_row a = 1.0f, b = 1.0f; /* what the cells count beside the farthest of four */                    \
@@ -113,7 +116,10 @@ INLINED float16 depths_of(global const float *depth, size_t pixel, int count)
             a = fmax(a, FAINTEST), b = fmax(b, FAINTEST);                                                      \
         }                                                                                                      \
         const half_row counts = HALVED(a * row(COUNT_PLANE, 0), b * row(COUNT_PLANE, 1));                      \
-        const half_row scale = counts > 1.0f ? 1.0f / counts : (half_row)1.0f;                                 \
+        const long_row more = fmax(row(COUNT_PLANE, 0), row(COUNT_PLANE, 1));                                  \
+        const half_row most = fmax(more.even, more.odd);                                                       \
+        const half_row limit = fmin(fmax(most, ADDING * most * most), 1.0f);                                   \
+        const half_row scale = counts > limit ? limit / counts : (half_row)1.0f;                               \
         for (int p = 0; p < COUNT_PLANE; p++)                                                                  \
             made(p) = scale * HALVED(a * row(p, 0), b * row(p, 1));                                            \
         made(COUNT_PLANE) = scale * counts;                                                                    \

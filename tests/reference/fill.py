@@ -12,7 +12,7 @@ Array = NDArray[Any]
 
 TILE, HALO, BESIDE = 16, 4, 1
 LEAST, FAINT = 1e-6, 1e-3
-STEEPEST, FAINTEST = 64, 0.3
+STEEPEST, FAINTEST, ADDING = 64, 0.3, 32
 UNDECIDED = 1e-4  # pixels: rounding may take what lies that close to the middle between two pixels for either
 
 
@@ -133,15 +133,17 @@ def _pushed(cells: Array, told: bool | None, side: int) -> Array:
     told: whether the picture is a perspective one; None: all count alike.
     """
     four = np.stack([cells[y::2, x::2] for y in (0, 1) for x in (0, 1)])
+    weights = four[..., 4]
     if told is not None:
-        nearness, weights = four[..., 3], four[..., 4]
+        nearness = four[..., 3]
         with np.errstate(invalid="ignore", divide="ignore"):
             depth = np.where(weights > 0, weights / nearness if told else nearness / weights, 0.0)
         farthest = depth.max(axis=0)
         ratio = depth / np.where(farthest > 0, farthest, 1.0)
         four = four * np.maximum(ratio[..., None] ** min(16 * side, STEEPEST), FAINTEST)
-    sums = four.sum(axis=0)
-    return sums / np.maximum(sums[..., 4:], 1.0)
+    sums, most = four.sum(axis=0), weights.max(axis=0)
+    limit = np.minimum(np.maximum(most, ADDING * most**2), 1.0)
+    return sums * np.where(sums[..., 4] > limit, limit / np.maximum(sums[..., 4], limit), 1.0)[..., None]
 
 
 def _pulled(base: Array, told: bool | None, side: int) -> Array:
