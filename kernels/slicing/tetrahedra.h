@@ -127,6 +127,27 @@ float rounding_of(const Context *context, const Tetrahedron *t)
     return fmin(fmax(ROUNDINGS * FLT_EPSILON * (along + across), ROUNDED), 1.0f);
 }
 
+/* Where rays enter and leave through each of the four sides, and the lines of the outline, where they turn from one
+ * that enters to one that leaves; sides are moved out by `grown`. */
+void bound_sides(Tetrahedron *t, float grown)
+{
+    for (int k = 0; k < 4; k++) {
+        const Quantity row = t->rows[k];
+        const float n = fabs(row.n) > 1e-30f ? row.n : 1e-30f; /* seen edge-on */
+        t->sides[k] = (Quantity){-row.x / n, -row.y / n, -(row.one + grown) / n, 0.0f};
+        t->leaves[k] = n < 0.0f;
+    }
+    t->outlines = 0;
+    for (int k = 0; k < 4; k++)
+        for (int l = 0; l < 4; l++)
+            if (t->leaves[k] && !t->leaves[l]) {
+                Quantity o = {t->sides[k].x - t->sides[l].x, t->sides[k].y - t->sides[l].y,
+                              t->sides[k].one - t->sides[l].one, 0.0f};
+                o.one += (fmax(o.x, 0.0f) + fmax(o.y, 0.0f)) * (BLOCK - 1);
+                t->outline[t->outlines++] = o;
+            }
+}
+
 /* Its box in the region: (low_x, high_x, low_y, high_y); empty if it cannot be seen */
 int4 set_up_one(const Context *context, int index, int x, int y, Tetrahedron *t)
 {
@@ -210,22 +231,7 @@ int4 set_up_one(const Context *context, int index, int x, int y, Tetrahedron *t)
         const float4 beside = (float4)(0.0f, dot(point[1] - point[0], d), dot(point[2] - point[0], d), dot(point[3] - point[0], d));
         t->slice = from_corners(t->rows, (first - rint(first)) + beside * along);
     }
-    const float grown = crosses ? 0.0f : GROWN / p[0].z; /* no gap between neighbours by rounding */
-    for (int k = 0; k < 4; k++) {
-        const Quantity row = t->rows[k];
-        const float n = fabs(row.n) > 1e-30f ? row.n : 1e-30f; /* seen edge-on */
-        t->sides[k] = (Quantity){-row.x / n, -row.y / n, -(row.one + grown) / n, 0.0f};
-        t->leaves[k] = n < 0.0f;
-    }
-    t->outlines = 0;
-    for (int k = 0; k < 4; k++)
-        for (int l = 0; l < 4; l++)
-            if (t->leaves[k] && !t->leaves[l]) {
-                Quantity o = {t->sides[k].x - t->sides[l].x, t->sides[k].y - t->sides[l].y,
-                              t->sides[k].one - t->sides[l].one, 0.0f};
-                o.one += (fmax(o.x, 0.0f) + fmax(o.y, 0.0f)) * (BLOCK - 1);
-                t->outline[t->outlines++] = o;
-            }
+    bound_sides(t, crosses ? 0.0f : GROWN / p[0].z); /* no gap between neighbours by rounding */
     const float slack = 1e-4f * (t->front - t->rear) + 2e-6f * fmax(fabs(t->front), fabs(t->rear));
     t->first = crosses ? t->rear : t->rear - slack;
     t->last = crosses ? t->nearest : fmin(t->front + slack, t->nearest);
