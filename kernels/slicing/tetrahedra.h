@@ -95,9 +95,10 @@ Quantity from_corners(const Quantity *rows, float4 values)
     return made;
 }
 
-/* Slices that lie a pixel apart along the ray, at the tetrahedron's nearest place: `facing` is the cosine there. No
- * closer than half a texel, within which heights bring nothing new. Where that is more than a pixel, the way between
- * two is halved more often. */
+/* Slices that lie a pixel apart along the ray, at the tetrahedron's nearest place: `facing` is the cosine there. Where that
+ * would be fewer than STEADY, as many, lest thin things flicker, but no closer than that part of a pixel which points are
+ * brought to; nor than half a texel, within which heights bring nothing new. Where that is more than a pixel, the way
+ * between two is halved more often. */
 void space_slices(const Context *context, Tetrahedron *t, float facing)
 {
     t->spacing = context->spacing;
@@ -110,7 +111,8 @@ void space_slices(const Context *context, Tetrahedron *t, float facing)
     global const float *g = context->gradients + t->index / 3 * 6;
     const float texels = fmax(fast_length(vload3(0, g)) * context->map_width, fast_length(vload3(1, g)) * context->map_height);
     const float least = fmax(fmin(0.5f / fmax(texels, 1e-30f), scale), scale / CLOSEST);
-    t->spacing = fmax(pixel * facing, least);
+    const float apart = pixel * facing;
+    t->spacing = fmax(fmin(apart, fmax(apart / NEAR_ENOUGH, scale / STEADY)), least);
     if (context->band == 0.0f)
         t->band = t->spacing / scale;
     const float parts = t->spacing * fmax(NEAR_ENOUGH / pixel, FINE / scale);

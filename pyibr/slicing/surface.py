@@ -65,8 +65,8 @@ class SlicedSurface(Fixed):
     slices : int or "view"
         Over the displacement volume's height. Slices across the surface and parallel to the screen have the same
         spacing, `scale / slices` (section 3.4). "view": as many as the picture needs over each triangle, with slices a
-        pixel apart (but no closer than half a texel), and as many `halvings` as bring points within an eighth of a
-        pixel of the surface, and 1/512 of `scale`.
+        pixel apart (closer where 256 slices are, down to an eighth, but no closer than half a texel), and as many
+        `halvings` as bring points within an eighth of a pixel of the surface, and 1/512 of `scale`.
     slicing : {"orthogonal", "surface", "screen"}
         "surface": parallel to the base only (section 3.1), which one sees through from the side; "orthogonal":
         along the normal or one of two directions in the surface, whichever faces the viewer most (section 3.2), for

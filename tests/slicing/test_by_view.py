@@ -29,12 +29,27 @@ MIDDLE = np.array([0.5, 0.5, 0.5 * SCALE])
 FRONT = (0.5, 0.4, 1)
 
 
+def noise() -> Any:
+    """A fine texture, which tells a shift of a part of a pixel."""
+    values = np.random.default_rng(1).normal(0, 1, (256, 256, 3))
+    values = cv2.GaussianBlur(values, (0, 0), 1.5)
+    return np.clip(127.5 + 60 * values / values.std(), 0, 255).astype(np.uint8)
+
+
 def noisy_surface(slices: Any, slicing: str, texels: int = 32, **more: Any) -> ibr.SlicedSurface:
-    """With a fine texture, which tells a shift of a part of a pixel."""
-    noise = np.random.default_rng(1).normal(0, 1, (256, 256, 3))
-    noise = cv2.GaussianBlur(noise, (0, 0), 1.5)
-    color = np.clip(127.5 + 60 * noise / noise.std(), 0, 255).astype(np.uint8)
-    return ibr.SlicedSurface(square(), heights(texels), color, SCALE, slices=slices, slicing=slicing, **more)
+    return ibr.SlicedSurface(square(), heights(texels), noise(), SCALE, slices=slices, slicing=slicing, **more)
+
+
+def textured_ring(height: Any, slices: Any, slicing: str, halvings: int) -> ibr.SlicedSurface:
+    return ibr.SlicedSurface(
+        grid(ring, 48, 24), height, noise(), 0.12, (6, 3), slices=slices, slicing=slicing, halvings=halvings
+    )
+
+
+def orbiting(turn: int, size: tuple[int, int]) -> Camera:
+    """The ring from the side, `turn` of 120 steps around it."""
+    angle = turn * 2 * np.pi / 120
+    return Camera.look_at((4 * np.cos(angle), 4 * np.sin(angle), 1.8), (0, 0, 0), (0, 0, 1), size, 40)
 
 
 def flicker(frames: Sequence[ibr.Frame], truth: Sequence[ibr.Frame]) -> float:
@@ -64,17 +79,19 @@ def test_surfaces_show_no_slice_at_any_size(slicing, projection):
 
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 def test_surfaces_take_as_many_as_the_picture_needs(slicing):
-    """Twice as many for a picture twice as large, until slices lie half a texel apart."""
-    means = []
-    for size in ((80, 60), (160, 120), (320, 240), (1920, 1440)):
-        cam = camera(40, 20, size)
-        thing = noisy_surface("view", slicing, 256)
-        means.append(alpha_tests(thing, cam).sum() / ibr.render(thing, cam).valid.sum())
-    # Halvings, and sides that rays leave by, are the same few for all.
-    first, second = means[1] - means[0], means[2] - means[1]
-    assert 1.5 * first < second < 2.6 * first
-    # At 1920 x 1440 a pixel is 1/1000 of the square, and half a texel 1/512: half as many as pixels would ask for.
-    assert means[3] < means[2] + 0.6 * 10 * second
+    """Eight a pixel up to 256, then one a pixel, until slices lie half a texel apart."""
+
+    def tests(width: int, slices: Any, texels: int = 1024) -> float:
+        cam, thing = camera(40, 20, (width, width * 3 // 4)), noisy_surface(slices, slicing, texels)
+        return float(alpha_tests(thing, cam).sum() / ibr.render(thing, cam).valid.sum())
+
+    assert 1.5 * tests(40, "view") < tests(80, "view") < 2.2 * tests(40, "view")
+    assert 1.5 * tests(80, "view") < tests(160, "view") < 2.2 * tests(80, "view")
+    most = tests(320, 256) + 10  # halvings, and sides that rays leave by
+    assert 0.9 * most < tests(320, "view") < tests(640, "view") < most
+    assert tests(2560, "view") > 1.5 * most
+    # Half of 256 texels are 1/512 of the square, and the displacement is a quarter of it: 128 slices.
+    assert tests(320, "view", 256) < tests(2560, "view", 256) < 0.5 * most + 10
 
 
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
@@ -90,17 +107,27 @@ def test_surfaces_flicker_less_than_with_256_slices(slicing):
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 def test_curved_surfaces_flicker_no_more_where_pixels_are_wide(slicing):
     """A pixel is 45 of 256 slices wide: within an eighth of it alone, textures flicker four times as much."""
-    base, noise = grid(ring, 48, 24), np.random.default_rng(1).normal(0, 1, (256, 256, 3))
-    noise = cv2.GaussianBlur(noise, (0, 0), 1.5)
-    color = np.clip(127.5 + 60 * noise / noise.std(), 0, 255).astype(np.uint8)
-    turns = np.arange(6) * 2 * np.pi / 120
-    eyes = [(4 * np.cos(turn), 4 * np.sin(turn), 1.8) for turn in turns]
-    cams = [Camera.look_at(eye, (0, 0, 0), (0, 0, 1), (160, 120), 40) for eye in eyes]
+    cams = [orbiting(turn, (160, 120)) for turn in range(6)]
 
     def frames(slices: Any, halvings: int = 0) -> list[ibr.Frame]:
-        thing = ibr.SlicedSurface(
-            base, heights(32), color, 0.12, (6, 3), slices=slices, slicing=slicing, halvings=halvings
-        )
+        thing = textured_ring(heights(32), slices, slicing, halvings)
+        return [ibr.render(thing, cam) for cam in cams]
+
+    truth = frames(4096, 2)
+    assert flicker(frames("view"), truth) <= flicker(frames(256), truth)
+
+
+@pytest.mark.parametrize("size", [(241, 181), (121, 91)])
+@pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
+def test_cliffs_flicker_no_more_than_with_256_slices(slicing, size):
+    """Along some rays, the edge of a terrace is thinner than a pixel."""
+    y, x = np.mgrid[:128, :128] * (2 * np.pi / 128)
+    terraces = 0.5 + 0.25 * np.sin(2 * x) * np.cos(y) + 0.25 * np.sin(x + 2 * y)
+    terraces = (np.rint(5 * terraces) / 5).astype(np.float32)
+    cams = [orbiting(turn, size) for turn in range(12)]
+
+    def frames(slices: Any, halvings: int = 0) -> list[ibr.Frame]:
+        thing = textured_ring(terraces, slices, slicing, halvings)
         return [ibr.render(thing, cam) for cam in cams]
 
     truth = frames(4096, 2)
