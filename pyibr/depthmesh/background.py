@@ -116,8 +116,8 @@ class Shown:
     others : list of int
         Those that show in their holes: the next closest.
     around : list of int
-        Those whose backs tell of surface that nobody saw: the others, and as many of the farthest, which see the thing
-        from behind.
+        Those whose backs tell of surface that nobody saw: all of these, since an eye within a cup is close to views of
+        the wall before it, and as many of the farthest, which see the thing from behind.
     """
 
     chosen: list[int]
@@ -128,7 +128,7 @@ class Shown:
     def of(cls, order: list[int], count: int) -> Shown:
         """Of all views, the closest first, of which so many are blended."""
         others = order[count : 2 * count]
-        return cls(sorted(order[:count]), sorted(others), sorted({*others, *order[-count:]}))
+        return cls(sorted(order[:count]), sorted(others), sorted({*order[: 2 * count], *order[-count:]}))
 
     @property
     def views(self) -> list[int]:
