@@ -79,7 +79,7 @@ class Lighting:
             values["depth_row"][4 * i : 4 * i + 4] = from_origin[2]
         values["maps"], values["size"] = len(self.cameras), self.light.shadow_size
         values["texel_x"], values["texel_y"] = 1 / self.cameras[0].K[0, 0], 1 / self.cameras[0].K[1, 1]
-        values["grain"] = grain
+        values["grain"] = min(grain, float(np.finfo(np.float32).max))  # noise of absurd depths, squared, is more
         return values
 
 

@@ -80,7 +80,7 @@ def test_a_donut_is_whole(samples, eye, projection):
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_a_cup_is_whole_for_an_eye_close_above(projection):
-    """Its inner wall was seen by orthographic views from its edge alone; what is outside of it, by the closest views."""
+    """Its inner wall was seen by orthographic views from its edge alone; its outside, by the closest views."""
     camera = looking(cup(), (0.2, 1.5, 0.2), SIZE, near=0.75)
     frame, truth = against(cup(), ibr.DepthMeshObject(object_views(cup(), 256, projection)), camera)
     missed, false = missed_and_false(frame, truth)
