@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pyibr.core.camera import Camera
+from pyibr.core.checks import Float64
 from pyibr.depthmesh.behind import Behind, ViewMesh, behind_of
 from pyibr.depthmesh.segmentation import Segmentation
 from pyibr.depthmesh.selection import active_within
@@ -116,8 +118,8 @@ class Shown:
     others : list of int
         Those that show in their holes: the next closest.
     around : list of int
-        Those whose backs tell of surface that nobody saw: all of these, since an eye within a cup is close to views of
-        the wall before it, and as many of the farthest, which see the thing from behind.
+        Those whose backs tell of surface that nobody saw: the others, as many of the farthest, which see the thing from
+        behind, and of the closest those that the camera may see the backs of, as of the wall of a cup that it is in.
     """
 
     chosen: list[int]
@@ -125,15 +127,23 @@ class Shown:
     around: list[int]
 
     @classmethod
-    def of(cls, order: list[int], count: int) -> Shown:
-        """Of all views, the closest first, of which so many are blended."""
+    def of(cls, order: list[int], count: int, backs: Iterable[int] = ()) -> Shown:
+        """Of all views, the closest first, of which so many are blended; `backs`: those of them that may show theirs."""
         others = order[count : 2 * count]
-        return cls(sorted(order[:count]), sorted(others), sorted({*order[: 2 * count], *order[-count:]}))
+        return cls(sorted(order[:count]), sorted(others), sorted({*others, *order[-count:], *backs}))
 
     @property
     def views(self) -> list[int]:
         """The view of each mesh that is drawn: sheets, backs, others' surfaces, then those of the chosen ones."""
         return [*self.chosen, *self.others, *self.around, *self.others, *self.chosen]
+
+
+def may_show_its_back(view: Camera, camera: Camera, bounds: tuple[Float64, Float64]) -> bool:
+    """Whether a camera is not before all that is in a box, as a view has it, and so may see behind the view's mesh."""
+    towards = -view.forward
+    if camera.projection == "orthographic":
+        return bool(camera.forward @ towards >= 0)
+    return bool(camera.center @ towards <= np.maximum(bounds[0] * towards, bounds[1] * towards).sum())
 
 
 def underlay_of(background: Background, shown: Shown) -> Triangles:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Fixed, Float64
 from pyibr.core.pixelspace import camera_pair, pixel_size
-from pyibr.depthmesh.background import Background, Shown, underlay_of
+from pyibr.depthmesh.background import Background, Shown, may_show_its_back, underlay_of
 from pyibr.depthmesh.behind import ViewMesh
 from pyibr.depthmesh.levels import color_levels
 from pyibr.depthmesh.selection import Selection, select_for
@@ -135,7 +135,9 @@ def draw_depth_meshes(
         Of `pyibr.depthmesh.selection.Selection`.
     """
     closeness = np.ones(1) if blending is None else blending.closeness
-    shown = Shown.of([0], 1) if blending is None else Shown.of(blending.order, blending.count)
+    order, count = ([0], 1) if blending is None else (blending.order, blending.count)
+    backs = [n for n in order[:count] if may_show_its_back(meshes[n].view.camera, target.camera, bounds)]
+    shown = Shown.of(order, count, backs)
     trees = [meshes[number].tree for number in shown.chosen]
     colors = _shown(target, thing, [mesh.view for mesh in meshes], blending)
     underlay, drawn, colored = None, shown.chosen, shown.chosen  # views of all meshes, and of those with colours
