@@ -128,7 +128,7 @@ class Shown:
 
     @classmethod
     def of(cls, order: list[int], count: int, backs: Iterable[int] = ()) -> Shown:
-        """Of all views, the closest first, of which so many are blended; `backs`: those of them that may show theirs."""
+        """Of all views, the closest first, of which so many are blended. `backs`: of these, those that may show."""
         others = order[count : 2 * count]
         return cls(sorted(order[:count]), sorted(others), sorted({*others, *order[-count:], *backs}))
 
