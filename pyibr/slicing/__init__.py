@@ -14,7 +14,7 @@ from pyibr.core.checks import describe, instance_of
 from pyibr.core.errors import ArgumentError
 from pyibr.core.straight import check_no_lens
 from pyibr.opencl.device import one_call
-from pyibr.opencl.memory import upload
+from pyibr.opencl.memory import empty
 from pyibr.picture.target import Target
 from pyibr.slicing.object import DepthObject, VisualHull, draw_object
 from pyibr.slicing.surface import SlicedSurface, draw_surface
@@ -59,7 +59,8 @@ def alpha_tests(thing: SlicedSurface | DepthObject | VisualHull, camera: Camera)
     check_no_lens("camera", camera)
     with one_call():
         target = Target(camera, np.dtype(np.uint8))
-        counts = upload(np.zeros((camera.height, camera.width), np.int32))
+        counts = empty((camera.height, camera.width), np.int32)
+        counts.fill(0)
         if isinstance(thing, SlicedSurface):
             draw_surface(target, thing, None, counts)
         elif isinstance(thing, (DepthObject, VisualHull)):  # pyright: ignore[reportUnnecessaryIsInstance]
