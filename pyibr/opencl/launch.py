@@ -105,6 +105,10 @@ def _start(
 
 def _pointer(kernel: Kernel, argument: Argument, value: DeviceArray | Struct | float) -> Any:
     if isinstance(value, DeviceArray) and value.dtype == argument.dtype:
+        if value.is_input and not argument.constant:
+            raise ArgumentError(
+                f"{kernel.name}({argument.name})", "a device array to be written", "one that was uploaded"
+            )
         return value.buffer
     got = difference(argument.dtype, value.dtype) if isinstance(value, DeviceArray) else type(value).__name__
     raise ArgumentError(f"{kernel.name}({argument.name})", f"a device array of {argument.type[:-1]}", got)

@@ -36,6 +36,7 @@ class DeviceArray:
     host: NDArray[Any] | None  # the memory itself, where the device works in place; elsewhere where its values go
     session: Session
     is_own: bool = True  # the memory is of whole pages, which runtimes for CPUs work in (`pyibr.opencl.selftest`)
+    is_input: bool = False  # kernels only read it: what they wrote might be seen on the host, or not
 
     def to_host(self) -> NDArray[Any]:
         """The values, once all launches are done."""
@@ -88,7 +89,8 @@ def upload(array: NDArray[Any]) -> DeviceArray:
     flags = cl.mem_flags.READ_ONLY
     flags |= cl.mem_flags.USE_HOST_PTR if session.profile.in_place else cl.mem_flags.COPY_HOST_PTR
     buffer = cl.Buffer(session.context, flags, hostbuf=array)
-    return DeviceArray(buffer, array.shape, array.dtype, array if session.profile.in_place else None, session)
+    host = array if session.profile.in_place else None
+    return DeviceArray(buffer, array.shape, array.dtype, host, session, is_input=True)
 
 
 def output(array: NDArray[Any]) -> DeviceArray:

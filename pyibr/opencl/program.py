@@ -25,11 +25,12 @@ if TYPE_CHECKING:
     import pyopencl as cl
 
 
-_Signatures = dict[str, list[tuple[str, str]]]
+_Signatures = dict[str, list[tuple[str, str, bool]]]  # name, type and constant of each argument
 
 _NO_DENORMALS = "-cl-denorms-are-zero"
 """They mean nothing in any kernel, and CPUs take a hundred cycles for one. Binaries do not hold this option."""
 
+_TOLD = "constant"  # part of entries' names: what they tell of arguments beyond names and types
 _OPTIONS = ["-cl-std=CL1.2", _NO_DENORMALS, "-Werror", "-cl-kernel-arg-info"]
 """Those that every program is built with."""
 
@@ -40,6 +41,7 @@ class Argument:
 
     name: str
     type: str  # without address space and qualifiers: "float*", "int", "PixelMap"
+    constant: bool  # what it points to is not written
     dtype: np.dtype[Any]  # of its elements, as the source declares them; empty: nothing that the host knows
 
     @cached_property
@@ -131,7 +133,7 @@ def _build(session: Session, file: str | Path, name: str, defines: Mapping[str, 
     source = expanded(file)
     # A home may be shared by machines whose processors differ, and the names of their devices do not.
     key = found_devices()[session.device.index].key
-    entry = Entry("programs", Path(file).stem, "\0".join([source, *options, key]))
+    entry = Entry("programs", Path(file).stem, "\0".join([source, *options, key, _TOLD]))
     loaded = _load(session, entry.read())
     if loaded is None:
         try:
@@ -146,8 +148,8 @@ def _build(session: Session, file: str | Path, name: str, defines: Mapping[str, 
     if name not in signatures:
         raise ArgumentError("name", f"a kernel of {said(file)}: {', '.join(sorted(signatures))}", repr(name))
     signature = signatures[name]
-    known = SCALARS | structs(file, source, {declared.rstrip("*") for _, declared in signature}, named)
-    arguments = tuple(Argument(*pair, known.get(pair[1].rstrip("*"), np.dtype(np.void))) for pair in signature)
+    known = SCALARS | structs(file, source, {declared.rstrip("*") for _, declared, _ in signature}, named)
+    arguments = tuple(Argument(*one, known.get(one[1].rstrip("*"), np.dtype(np.void))) for one in signature)
     handle: Any = cl.Kernel(program, name)
     handle.set_arg_types([_passed_as(argument) for argument in arguments])  # twenty times as fast as without
     return Kernel(session, handle, name, arguments)
@@ -167,14 +169,15 @@ def _quietly_built(program: cl.Program, options: list[str]) -> cl.Program:
         return program.build(options=options, cache_dir=cast("str", False))  # its stubs forget False
 
 
-def _signature(handle: cl.Kernel) -> list[tuple[str, str]]:
+def _signature(handle: cl.Kernel) -> list[tuple[str, str, bool]]:
     import pyopencl as cl
 
-    info = cl.kernel_arg_info
-    pairs = [
-        (handle.get_arg_info(i, info.NAME), handle.get_arg_info(i, info.TYPE_NAME)) for i in range(handle.num_args)
-    ]
-    return [(str(name), str(declared).replace(" ", "")) for name, declared in pairs]
+    info, arguments = cl.kernel_arg_info, list[tuple[str, str, bool]]()
+    for i in range(handle.num_args):
+        name, declared = (str(handle.get_arg_info(i, wanted)) for wanted in (info.NAME, info.TYPE_NAME))
+        qualifiers = cast("int", handle.get_arg_info(i, info.TYPE_QUALIFIER))
+        arguments.append((name, declared.replace(" ", ""), bool(qualifiers & cl.kernel_arg_type_qualifier.CONST)))
+    return arguments
 
 
 def _load(session: Session, kept: bytes | None) -> tuple[cl.Program, _Signatures] | None:
