@@ -33,7 +33,7 @@
 #endif
 
 /* A vector that a compiler shall have as it is: of several shuffles in turn it makes one for each lane. Clang heeds a
- * fence only where arithmetic may be reordered. It is no `asm`, which PoCL 6 takes for a call of one of its own functions. */
+ * fence only where arithmetic may be reordered. It is no `asm`, which PoCL 6 takes for a call of its own. */
 #if defined(__AVX512F__) && defined(__has_builtin)
 #if __has_builtin(__arithmetic_fence)
 #define HOLD(vector)                                                                                           \

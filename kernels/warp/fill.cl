@@ -2,14 +2,14 @@
  * 3.4): valid pixels beside holes are averaged into ever coarser cells (push), and each hole takes, from coarse cells to
  * fine ones, what finer ones do not know (pull). So narrow holes are filled from close by and wide ones from all around.
  *
- * With TOLD, pixels count the less the nearer they are than what lies behind the holes beside them (behind.cl), so that a
- * disocclusion is filled from what was hidden, not from what hid it. But none counts for nothing: where there is no
- * background far and wide, the foreground is what there is. What counts little does not add up to much along an edge, be
- * it ever so many pixels long: so pictures of all resolutions are filled alike. And of four cells that become one, each counts the less the
- * nearer it is than the farthest of them, by their depths' ratio to a power of 16 times the cells' side, up to 64: large
- * cells fill what is deep in wide holes, and a hole is the wider the farther its surface lies behind what hid it. So the
- * middle of such a hole shows the wall, not the floor before it. But it counts 0.3 at least, so that few samples that are
- * far by noise do not decide alone: wide holes would flicker.
+ * With TOLD, pixels count the less the nearer they are than what lies behind the holes beside them (behind.cl), so that
+ * a disocclusion is filled from what was hidden, not from what hid it. But none counts for nothing: where there is no
+ * background far and wide, the foreground is what there is. What counts little does not add up to much along a long
+ * edge: or else the foreground would leak the more, the finer the picture. And of four cells that become one, each
+ * counts the less the nearer it is than the farthest of them, by their depths' ratio to a power of 16 times the cells'
+ * side, up to 64: large cells fill what is deep in wide holes, and a hole is the wider the farther its surface lies
+ * behind what hid it. So the middle of such a hole shows the wall, not the floor before it. But it counts 0.3 at least,
+ * so that few samples that are far by noise do not decide alone: wide holes would flicker.
  *
  * A tile is TILE x TILE pixels, and one cell of the next storey; that storey's tiles are the cells of the one above, until
  * there is but one. Within a tile three levels halve the side: 8, 4 and 2 cells.
@@ -100,8 +100,8 @@ INLINED float16 depths_of(global const float *depth, size_t pixel, int count)
     return vload16(0, values);
 }
 
-/* Two rows of cells of a level into one of half their length. No cell counts more than 1, or than what is most among its
- * four times ADDING times that: the faint ones stay faint. */
+/* Two rows of cells of a level into one of half their length. No cell counts more than 1; nor than w, what counts most
+ * among its four, or ADDING w^2 if that is more: what is faint stays so. */
 #define HALVE(long_row, half_row, made, row, level)                                                            \
     {                                                                                                          \
         long_row a = 1.0f, b = 1.0f; /* what the cells count beside the farthest of four */                    \

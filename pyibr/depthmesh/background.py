@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -127,7 +127,7 @@ class Shown:
     around: list[int]
 
     @classmethod
-    def of(cls, order: list[int], count: int, backs: Iterable[int] = ()) -> Shown:
+    def of(cls, order: list[int], count: int, backs: list[int]) -> Shown:
         """Of all views, the closest first, of which so many are blended. `backs`: of these, those that may show."""
         others = order[count : 2 * count]
         return cls(sorted(order[:count]), sorted(others), sorted({*others, *order[-count:], *backs}))
@@ -139,7 +139,7 @@ class Shown:
 
 
 def may_show_its_back(view: Camera, camera: Camera, bounds: tuple[Float64, Float64]) -> bool:
-    """Whether a camera is not before all that is in a box, as a view has it, and so may see behind the view's mesh."""
+    """Whether a camera is, along a view's direction, not before all of a box: it may see behind the view's mesh."""
     towards = -view.forward
     if camera.projection == "orthographic":
         return bool(camera.forward @ towards >= 0)
