@@ -1,7 +1,7 @@
 """New views from images with depth, on any OpenCL device.
 
-Importing this touches no device, and loads neither pyopencl nor OpenCV. All systems but the warp, and what opens pages,
-are loaded when they are first used.
+Importing this touches no device, and loads neither pyopencl nor OpenCV. `slicing`, `relief`, `depthmesh` and what opens
+pages are loaded when they are first used.
 """
 
 from __future__ import annotations

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import pkgutil
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -15,7 +16,9 @@ from pyibr.opencl.headers import kernels_folder
 
 PACKAGE = Path(pyibr.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
-COMMANDS = ("pyibr.app.cli", "pyibr.app.commands", "pyibr.app.live_commands", "pyibr.app.words")  # they import typer
+COMMANDS = tuple(  # they import typer
+    f"pyibr.{name}" for name in ("__main__", "app.cli", "app.commands", "app.live_commands", "app.words")
+)
 HEAVY = ("pyopencl", "cv2", "open3d", "OpenEXR", "matplotlib", "imageio", "PIL", "rich", "typer", "viser")
 
 
@@ -62,8 +65,15 @@ def test_functions_are_short(path):
             assert lines <= 60, f"{node.name}: {lines} lines without its docstring"
 
 
+def test_rooms_use_kernels_of_their_own_and_of_all():
+    used = re.compile(r'(?:kernel|constant|struct)\(\s*"(\w+)/')
+    for path in MODULES:
+        room = path.relative_to(PACKAGE).parts[0]
+        assert set(used.findall(path.read_text())) <= {room, "lib"}, path
+
+
 def test_few_things_lie_at_the_top_beside_the_systems():
     systems = {folder.name for folder in kernels_folder().iterdir() if folder.is_dir()}
-    entries = {entry.name for entry in PACKAGE.iterdir()} - {"__pycache__", "kernels"}
+    entries = {entry.name for entry in PACKAGE.iterdir()} - {"__pycache__", "kernels", "py.typed"}
     assert len(entries - systems) <= 10, sorted(entries - systems)
     assert systems - {"lib"} <= entries  # each has its room here, too

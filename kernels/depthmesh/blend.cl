@@ -106,7 +106,7 @@ void add_sample(global const uint *colors, global const int *size, int level, fl
     const Taps taps = clamped_taps(width, height, u, v);
     const floatl fx = taps.fx, fy = taps.fy, gx = 1.0f - fx, gy = 1.0f - fy;
     floatl share[4];
-    tap_weights(taps, share);
+    tap_weights(taps.fx, taps.fy, share);
     if (level == 0) {
         const intl main = ((taps.column ^ taps.row) & 1) == 0; /* the diagonal runs to the lower right (depthmesh/tree.h) */
         share[0] = pick(main, lesser(gx, gy), greater(gx - fy, none));

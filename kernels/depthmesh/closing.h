@@ -201,7 +201,7 @@ INLINED void samples_around(const Seen *seen, int view, floatl x, floatl y, floa
     const intl sees = seen_by(seen, view, x, y, n, &u, &v, &z);
     const int width = seen->sizes[3 * view], height = seen->sizes[3 * view + 1];
     const Taps taps = clamped_taps(width, height, pick(sees, u, (floatl)0.0f), pick(sees, v, (floatl)0.0f));
-    tap_weights(taps, share);
+    tap_weights(taps.fx, taps.fy, share);
     for (int k = 0; k < 4; k++) {
         const intl place = seen->sizes[3 * view + 2] + taps.at[k];
         const floatl limit = (floatl)(gather(seen->limits, place));

@@ -8,17 +8,17 @@
  * Work-item: STRIP times LANES pixels of a row. Cost: O(samples). Determinism: every pixel on its own.
  */
 #include "lib/color.h"
+#include "lib/surface.h"
 
 #ifndef STRIP
 #define STRIP 1 /* packets of LANES pixels that a work-item averages */
 #endif
-#define SMALL 0.01f /* of the nearness: within it samples show one surface, as in lib/pane.cl */
 
 /* Nearness of samples, as good a measure of depth in orthographic pictures; NaN: nothing */
 INLINED floatl nearness_of_samples(global const float *sample_depth, intl at, int perspective)
 {
     const floatl z = (floatl)(gather(sample_depth, at));
-    return perspective ? 1.0f / z : -z;
+    return DEPTH_OF(perspective, z);
 }
 
 INLINED void average_packet(global const float *sample_depth, global const channel *sample_color,
@@ -46,7 +46,7 @@ INLINED void average_packet(global const float *sample_depth, global const chann
                 add_color(&sum, 1.0f, read_color(sample_color, at, side * width * side * height));
             }
     intl front = count;
-    const intl several = high - low > SMALL * fabs(high);
+    const intl several = high - low > ONE_SURFACE * fabs(high);
     if (any_lane(several)) {
         const floatl least = pick(several, 0.5f * (low + high), low);
         nearness = 0.0f;

@@ -19,7 +19,7 @@
 #endif
 
 #ifndef POWERS_OF_TWO
-#define POWERS_OF_TWO 0 /* 1: the map repeats, and its width and height are powers of two: tiles need a mask alone */
+#define POWERS_OF_TWO 0 /* 1: the map repeats both ways, and its sides are powers of two: tiles need a mask alone */
 #endif
 
 /* One level of a map; lanes may be on different ones. */
@@ -45,13 +45,12 @@ typedef struct {
     const floatl whole = floor_lanes(x);                                                                       \
     const intl number = to_intl(whole);
 #endif
-#if CLAMPED
-#define ON_MAP(whole, number, size, per_size) clamp(number, (intl)0, (size) - 1)
-#elif POWERS_OF_TWO
-#define ON_MAP(whole, number, size, per_size) ((number) & ((size) - 1))
+#if POWERS_OF_TWO
+#define ON_MAP(clamped, whole, number, size, per_size) ((number) & ((size) - 1))
 #else
-#define ON_MAP(whole, number, size, per_size)                                                                  \
-    clamp((number) - (size) * to_intl(floor_lanes(((whole) + 0.5f) * (per_size))), (intl)0, (size) - 1)
+#define ON_MAP(clamped, whole, number, size, per_size)                                                         \
+    clamp((clamped) ? (number) : (number) - (size) * to_intl(floor_lanes(((whole) + 0.5f) * (per_size))),      \
+          (intl)0, (size) - 1)
 #endif
 
 #if LANES == 16
@@ -77,7 +76,7 @@ INLINE Patch read_patch(global const uint *texels, HeightMap map, intl x, intl y
     patch.ba = to_floatl((a >> 16) & 255);
     patch.bb = to_floatl((a >> 24) & 255);
 #else
-    const intl lower = map.start + pick(y + 1 < map.height, y + 1, CLAMPED ? y : (intl)0) * map.width + x;
+    const intl lower = map.start + pick(y + 1 < map.height, y + 1, CLAMPED_V ? y : (intl)0) * map.width + x;
     const intl b = as_intl((uintl)(gather(texels, lower)));
     patch.aa = to_floatl(a & 0xffff);
     patch.ab = to_floatl((a >> 16) & 0xffff);
@@ -92,10 +91,13 @@ INLINE Patch read_patch(global const uint *texels, HeightMap map, intl x, intl y
 INLINE Patch read_cell(global const uint *texels, HeightMap map, intl ix, intl iy, intl x, intl y)
 {
     Patch patch = read_patch(texels, map, x, y);
-#if CLAMPED
-    const intl left = ix < 0, above = iy < 0;
+#if CLAMPED_U
+    const intl left = ix < 0;
     patch.ab = pick(left, patch.aa, patch.ab);
     patch.bb = pick(left, patch.ba, patch.bb);
+#endif
+#if CLAMPED_V
+    const intl above = iy < 0;
     patch.ba = pick(above, patch.aa, patch.ba);
     patch.bb = pick(above, patch.ab, patch.bb);
 #endif
@@ -114,7 +116,7 @@ floatl height_in(global const uint *texels, HeightMap map, floatl x, floatl y)
 {
     FLOOR(x, x0, ix)
     FLOOR(y, y0, iy)
-    const intl tx = ON_MAP(x0, ix, map.width, map.per_width), ty = ON_MAP(y0, iy, map.height, map.per_height);
+    const intl tx = ON_MAP(CLAMPED_U, x0, ix, map.width, map.per_width), ty = ON_MAP(CLAMPED_V, y0, iy, map.height, map.per_height);
     return height_of(read_cell(texels, map, ix, iy, tx, ty), x - x0, y - y0);
 }
 #endif

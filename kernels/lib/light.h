@@ -66,13 +66,6 @@ INLINED ToLight to_light(Light light, Vector p)
 #define SHADOW_REACH 1.0f /* texels, along both axes: from a point to those that it is compared with */
 #define SHADOW_SLACK 0.5f /* texels */
 
-/* The side of a map's texel at a point, in the world; away from a map's middle it is less. */
-INLINED floatl texel_at(Shadow shadow, Light light, Vector p)
-{
-    const Vector to = {light.vector[0] - p.x, light.vector[1] - p.y, light.vector[2] - p.z};
-    return fmax(shadow.texel_x, shadow.texel_y) * (light.vector[3] > 0.0f ? sqrt(DOT(to, to)) : (floatl)1.0f);
-}
-
 /* How far is the point in sight of the light, 0 to 1? normal: the surface's own there, unit length.
  *
  * Four texels around the point are compared and weighed (percentage-closer filtering, Reeves et al. 1987). On a map a

@@ -24,7 +24,7 @@ INLINED floatl nearness_from(global const float *row, int x, int width, int pers
     else
         for (int lane = max(-x, 0); lane < min(LANES, width - x); lane++)
             set_float_lane(d, lane, row[x + lane]);
-    return pick((d > NEAREST) & (d < far), perspective ? 1.0f / d : -d, (floatl)NO_SURFACE);
+    return pick((d > NEAREST) & (d < far), DEPTH_OF(perspective, d), (floatl)NO_SURFACE);
 }
 
 kernel void to_nearness(global const float *depth, global float *nearness, global float *ranges, int src_width,

@@ -10,6 +10,8 @@
  * Work-item: STRIP * LANES pixels of a row. Cost: O(pixels). Determinism: every pixel on its own.
  */
 #include "lib/color.h"
+#include "lib/surface.h"
+#include "lib/taps.h"
 
 #ifndef ORIGINS
 #define ORIGINS 0 /* 1: where pixels come from, and what they are, is carried over, too */
@@ -17,7 +19,6 @@
 #ifndef STRIP
 #define STRIP 1 /* packets of LANES pixels that a work-item goes through: starting one takes longer than most */
 #endif
-#define SMALL 0.01f /* of the nearness: steps that are no edge */
 
 /* The straight picture */
 typedef struct {
@@ -47,7 +48,7 @@ INLINED floatl nearness_at(Straight straight, intl column, intl row)
 /* Is the step from b to c small, or does it go on from a to b, or from c to d? NaN does not go on. */
 INLINED intl goes_on(floatl a, floatl b, floatl c, floatl d)
 {
-    const floatl step = c - b, small = SMALL * lesser(b, c);
+    const floatl step = c - b, small = ONE_SURFACE * lesser(b, c);
     return (fabs(step) <= small) | (fabs(b - a - step) <= small) | (fabs(d - c - step) <= small);
 }
 
@@ -65,7 +66,7 @@ INLINED Reading read_there(Straight straight, floatl u_own, floatl v_own, floatl
         n[i] = nearness_at(straight, x + (i & 1), up + (i >> 1));
     const floatl low = lesser(lesser(n[0], n[1]), lesser(n[2], n[3])), high = greater(greater(n[0], n[1]), greater(n[2], n[3]));
     const intl all_there = read.own & isfinite_lanes(n[0] + n[1] + n[2] + n[3]) & (intl)(linear ? -1 : 0);
-    read.whole = all_there & (high - low <= SMALL * low);
+    read.whole = all_there & (high - low <= ONE_SURFACE * low);
     if (any_lane(all_there & !read.whole)) {
         intl on = all_there;
         for (int i = 0; i < 2; i++) {
@@ -76,11 +77,7 @@ INLINED Reading read_there(Straight straight, floatl u_own, floatl v_own, floatl
         }
         read.whole = read.whole | on;
     }
-    const floatl gx = 1.0f - fx, gy = 1.0f - fy;
-    read.weights[0] = gx * gy;
-    read.weights[1] = fx * gy;
-    read.weights[2] = gx * fy;
-    read.weights[3] = fx * fy;
+    tap_weights(fx, fy, read.weights);
     const intl near_right = fx >= 0.5f, near_below = fy >= 0.5f;
     read.nearest = (up + pick(near_below, (intl)1, (intl)0)) * straight.width + x + pick(near_right, (intl)1, (intl)0);
     const floatl n_nearest = pick(near_below, pick(near_right, n[3], n[2]), pick(near_right, n[1], n[0]));

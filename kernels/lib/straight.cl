@@ -63,6 +63,6 @@ kernel void straighten(global const float *places, global const float *lens_dept
     }
     for (int lane = 0; lane < width - x0; lane++) {
         straight_depth[at + lane] = float_lane(z, lane);
-        write_pixel(straight_color + CHANNELS * (at + lane), color_lane(c, lane));
+        write_pixel(straight_color + CHANNELS * (at + lane), rounded(color_lane(c, lane)));
     }
 }

@@ -24,6 +24,9 @@ typedef struct {
     Cut cut;
 } Grid;
 
+/* Of the nearness: within it samples show one surface, whatever tears neighbours. */
+#define ONE_SURFACE 0.01f
+
 #define NEAREST 1e-30f /* depths below it are invalid: their nearness would overflow in products */
 
 /* A ray that passes a sample, or runs along a row, a column or the diagonals of the cells, within this many pixels

@@ -22,45 +22,43 @@ INLINED Taps clamped_taps(int width, int height, floatl x, floatl y)
     return taps;
 }
 
-/* Around (u, v) of a map that is tiled: its whole width is 1, and its height. */
-INLINED Taps tiled_taps(intl width, intl height, floatl u, floatl v)
+/* The two texels around a place of one axis of a map, whose whole length is 1. Returns how far it is from the first to the
+ * second. */
+INLINED floatl taps_along(int clamped, intl size, floatl place, intl *first, intl *second)
 {
-    const floatl tx = (u - floor_lanes(u)) * to_floatl(width) - 0.5f, ty = (v - floor_lanes(v)) * to_floatl(height) - 0.5f;
-    const floatl x0 = floor_lanes(tx), y0 = floor_lanes(ty);
-    const intl ix = to_intl(x0), iy = to_intl(y0);
     /* Lanes that do not ask may hold anything: none may read beyond the map. */
-    const intl left = clamp(pick(ix < 0, ix + width, ix), (intl)0, width - 1);
-    const intl up = clamp(pick(iy < 0, iy + height, iy), (intl)0, height - 1);
-    const intl right = pick(left + 1 < width, left + 1, (intl)0), down = pick(up + 1 < height, up + 1, (intl)0);
-    const intl upper = up * width, lower = down * width;
-    const Taps taps = {left, up, {upper + left, upper + right, lower + left, lower + right}, tx - x0, ty - y0};
-    return taps;
+    const floatl length = to_floatl(size);
+    if (clamped) {
+        const floatl t = lesser(greater(place * length - 0.5f, (floatl)0.0f), length - 1.0f), whole = truncated(t);
+        *first = clamp(to_intl(whole), (intl)0, size - 1);
+        *second = min(*first + 1, size - 1);
+        return t - whole;
+    }
+    const floatl t = (place - floor_lanes(place)) * length - 0.5f, whole = floor_lanes(t);
+    const intl number = to_intl(whole);
+    *first = clamp(pick(number < 0, number + size, number), (intl)0, size - 1);
+    *second = pick(*first + 1 < size, *first + 1, (intl)0);
+    return t - whole;
 }
 
 /* Around (u, v) of a map whose whole width is 1, and its height */
 INLINED Taps map_taps(intl width, intl height, floatl u, floatl v)
 {
-#if CLAMPED
-    const floatl across = to_floatl(width), down = to_floatl(height);
-    const floatl tx = lesser(greater(u * across - 0.5f, (floatl)0.0f), across - 1.0f);
-    const floatl ty = lesser(greater(v * down - 0.5f, (floatl)0.0f), down - 1.0f);
-    const floatl x0 = truncated(tx), y0 = truncated(ty);
-    const intl left = clamp(to_intl(x0), (intl)0, width - 1), right = min(left + 1, width - 1);
-    const intl up = clamp(to_intl(y0), (intl)0, height - 1), upper = up * width, lower = min(up + 1, height - 1) * width;
-    const Taps taps = {left, up, {upper + left, upper + right, lower + left, lower + right}, tx - x0, ty - y0};
+    intl left, right, up, down;
+    const floatl fx = taps_along(CLAMPED_U, width, u, &left, &right), fy = taps_along(CLAMPED_V, height, v, &up, &down);
+    const intl upper = up * width, lower = down * width;
+    const Taps taps = {left, up, {upper + left, upper + right, lower + left, lower + right}, fx, fy};
     return taps;
-#else
-    return tiled_taps(width, height, u, v);
-#endif
 }
 
-INLINED void tap_weights(Taps taps, floatl *weights)
+/* Of the four texels, row by row, at a place so far from the first to the last */
+INLINED void tap_weights(floatl fx, floatl fy, floatl *weights)
 {
-    const floatl gx = 1.0f - taps.fx, gy = 1.0f - taps.fy;
+    const floatl gx = 1.0f - fx, gy = 1.0f - fy;
     weights[0] = gx * gy;
-    weights[1] = taps.fx * gy;
-    weights[2] = gx * taps.fy;
-    weights[3] = taps.fx * taps.fy;
+    weights[1] = fx * gy;
+    weights[2] = gx * fy;
+    weights[3] = fx * fy;
 }
 
 /* The mean of the taps' values */

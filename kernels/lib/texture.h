@@ -28,7 +28,7 @@ INLINED void add_texels(global const uint *texels, floatl u, floatl v, intl star
 {
     const Taps taps = map_taps(w, h, u, v);
     floatl weights[4];
-    tap_weights(taps, weights);
+    tap_weights(taps.fx, taps.fy, weights);
     UNROLLED
     for (int k = 0; k < 4; k++) {
         const intl at = start + taps.at[k];

@@ -1,16 +1,15 @@
 #ifndef LIB_WRAP_H
 #define LIB_WRAP_H
-/* What maps are beyond u and v from 0 to 1. */
+/* What maps are beyond u from 0 to 1, and beyond v. */
 #include "lib/lanes.h"
 
-#ifndef CLAMPED
-#define CLAMPED 0 /* 1: beyond 0 to 1 maps go on with the values of their border; 0: they repeat */
+#ifndef CLAMPED_U
+#define CLAMPED_U 0 /* 1: beyond 0 to 1 maps go on with the values of their border; 0: they repeat */
+#endif
+#ifndef CLAMPED_V
+#define CLAMPED_V 0
 #endif
 
 /* Where u, or v, is on the map, in numbers that stay small */
-#if CLAMPED
-#define IN_FIRST_TILE(u) (u)
-#else
-#define IN_FIRST_TILE(u) ((u) - floor_lanes(u))
-#endif
+#define IN_FIRST_TILE(clamped, u) ((clamped) ? (u) : (u) - floor_lanes(u))
 #endif

@@ -98,8 +98,8 @@ void set_ray(ReliefRay *ray, const Entry *e, Vector d, int quadric, float scale)
 {
     const float per_scale = 1.0f / scale;
     const floatl cosine = DOT(d, e->normal); /* < 0: it enters */
-    ray->u = IN_FIRST_TILE(e->u);
-    ray->v = IN_FIRST_TILE(e->v);
+    ray->u = IN_FIRST_TILE(CLAMPED_U, e->u);
+    ray->v = IN_FIRST_TILE(CLAMPED_V, e->v);
     ray->du = DOT(d, e->along_u);
     ray->dv = DOT(d, e->along_v);
     const Vector down = cross_of(e->normal, e->along_u);

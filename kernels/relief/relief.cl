@@ -327,7 +327,8 @@ void tell_places(const Region *region, int block, Screen screen, int x, int y, g
     for (int lane = 0; lane < LANES; lane++) {
         const long at = pixel_of(screen, x, y, lane);
         const float2 uv = {float_lane(region->u[block], lane), float_lane(region->v[block], lane)};
-        const float2 in_map = CLAMPED ? clamp(uv, 0.0f, 1.0f) : uv - floor(uv);
+        const float2 in_map = {CLAMPED_U ? clamp(uv.x, 0.0f, 1.0f) : uv.x - floor(uv.x),
+                               CLAMPED_V ? clamp(uv.y, 0.0f, 1.0f) : uv.y - floor(uv.y)};
         if (at >= 0)
             vstore2(int_lane(region->owner[block], lane) >= 0 ? in_map : (float2)(NAN), at, places);
     }

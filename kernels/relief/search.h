@@ -182,7 +182,7 @@ intl solve_cell(Search *s, Patch p, floatl fx, floatl fy, floatl leaves, intl tr
     return met;
 }
 
-#if CLAMPED
+#if CLAMPED_U || CLAMPED_V
 /* When a ray leaves a cell whose far side is `side`. The bounds of cells at a map's border hold beyond it, too, where
  * nothing changes: there is no side behind the last texel, and before the first one only that towards the map. */
 INLINED floatl time_to_side(intl number, intl side, intl count, floatl d, floatl from, floatl per)
@@ -203,18 +203,21 @@ void safe_step(Search *s, global const uint *texels, global const uint *bounds)
     const floatl inside = t + s->nudge, at_x = x0 + dx * inside, at_y = y0 + dy * inside;
     FLOOR(at_x, cx, ix)
     FLOOR(at_y, cy, iy)
-    const intl tx = ON_MAP(cx, ix, width, s->track.map.per_width), ty = ON_MAP(cy, iy, height, s->track.map.per_height);
+    const intl tx = ON_MAP(CLAMPED_U, cx, ix, width, s->track.map.per_width), ty = ON_MAP(CLAMPED_V, cy, iy, height, s->track.map.per_height);
     const intl column = tx >> tier, row = ty >> tier, bound_at = BOUND_AT(s, tier, column, row), pair_at = bound_at >> 1;
     const intl pair = as_intl((uintl)(gather(bounds, pair_at))), bound = (pair >> ((bound_at & 1) << 4)) & 0xffff;
     const floatl highest = to_floatl(bound) * (1.0f / 65535.0f);
     const intl first_x = column << tier, first_y = row << tier, one = (intl)1 << tier;
     const intl side_x = pick(dx >= 0.0f, min(first_x + one, width), first_x);
     const intl side_y = pick(dy >= 0.0f, min(first_y + one, height), first_y);
-#if CLAMPED
+#if CLAMPED_U
     const floatl t_x = time_to_side(ix, side_x, width, dx, s->from_x, s->per_x);
-    const floatl t_y = time_to_side(iy, side_y, height, dy, s->from_y, s->per_y);
 #else
     const floatl t_x = (cx + to_floatl(side_x - tx) - s->from_x) * s->per_x;
+#endif
+#if CLAMPED_V
+    const floatl t_y = time_to_side(iy, side_y, height, dy, s->from_y, s->per_y);
+#else
     const floatl t_y = (cy + to_floatl(side_y - ty) - s->from_y) * s->per_y;
 #endif
     const floatl leaves = lesser(greater(lesser(t_x, t_y), inside), ray->end);

@@ -46,8 +46,8 @@ INLINED Seen seen_at(const Relief *relief, const Entry *e, floatl px, floatl py,
     seen.point = point_at(relief->screen, px, py, n);
     seen.ahead = towards(relief->screen, seen.point);
     seen.t = t;
-    seen.place.u = IN_FIRST_TILE(u);
-    seen.place.v = IN_FIRST_TILE(v);
+    seen.place.u = IN_FIRST_TILE(CLAMPED_U, u);
+    seen.place.v = IN_FIRST_TILE(CLAMPED_V, v);
     seen.place.du = seen.place.dv = 0.0f;
     seen.place.level = level_of(relief, e, PIXEL_SIZE(relief, n), mine);
     seen.track = track_of(&seen.place, relief->levels);
@@ -61,7 +61,7 @@ INLINED void rises_at(global const uint *texels, HeightMap map, floatl x, floatl
 {
     FLOOR(x, x0, ix)
     FLOOR(y, y0, iy)
-    const intl tx = ON_MAP(x0, ix, map.width, map.per_width), ty = ON_MAP(y0, iy, map.height, map.per_height);
+    const intl tx = ON_MAP(CLAMPED_U, x0, ix, map.width, map.per_width), ty = ON_MAP(CLAMPED_V, y0, iy, map.height, map.per_height);
     const Patch p = read_cell(texels, map, ix, iy, tx, ty);
     const floatl twist = p.aa - p.ab - p.ba + p.bb;
     *across = p.ab - p.aa + (y - y0) * twist;

@@ -9,8 +9,8 @@
 #ifndef SHADOWS
 #define SHADOWS MAPPED /* what hides the light: what its map says, or SEARCHED: what a second search finds, and the map beyond */
 #endif
-#ifndef JUTS
-#define JUTS 0 /* 1: the base has hard edges that jut out, beyond which its sides' reliefs run on */
+#ifndef FLAT_BASE
+#define FLAT_BASE 0 /* 1: all rays find the relief in one place: the base bends nowhere, and no hard edge of it juts out */
 #endif
 #define LIFTED 1e-3f /* of the relief's depth: how far above its surface a point is searched from, so that it is not in it */
 
@@ -21,7 +21,6 @@ typedef struct {
     Vector exit, normal; /* where it leaves, and the base's normal there */
     intl sound, leaves;
     floatl way;   /* from the point to there, in scene units */
-    floatl apart; /* how far another ray may find what lies at the point from there */
 } LightRay;
 
 /* Depths are below the quadric of the point's own entry, by equation 7: the point is on its surface to the last bit (about
@@ -57,8 +56,8 @@ LightRay light_ray(const Relief *relief, const Entry *e, const Seen *seen, Vecto
     ray->du = -DOT(light, e->along_u);
     ray->dv = -DOT(light, e->along_v);
     const floatl u = seen->place.u - ray->du * way, v = seen->place.v - ray->dv * way;
-    ray->u = IN_FIRST_TILE(u);
-    ray->v = IN_FIRST_TILE(v);
+    ray->u = IN_FIRST_TILE(CLAMPED_U, u);
+    ray->v = IN_FIRST_TILE(CLAMPED_V, v);
     ray->L = -slope - 2.0f * K * way;
     ray->K = K;
     ray->level = seen->place.level;
@@ -77,10 +76,6 @@ LightRay light_ray(const Relief *relief, const Entry *e, const Seen *seen, Vecto
     ray->scale = scale;
 #endif
     made.sound = (way > 0.0f) & (ray->L > 0.0f) & is_sound(ray);
-    /* Along the surface, before the point and after; another entry's quadric turns by the curvature times that. */
-    const floatl came_2 = t * t - pz * pz, goes_2 = way * way * (1.0f - lz * lz);
-    const floatl curvature = bends * (fabs(e->a + e->b) + sqrt((e->a - e->b) * (e->a - e->b) + e->c * e->c)); /* the greater */
-    made.apart = curvature * depth * scale * sqrt(greater(came_2, goes_2));
     return made;
 }
 
@@ -108,10 +103,10 @@ intl is_hidden(const Relief *relief, const LightRay *light, intl wanted)
 /* How far is a point of the relief in sight of the light, 0 to 1? own: the surface's normal there; faces: where it
  * matters.
  *
- * The light's map has been drawn by its own rays, by the quadrics where these enter. Where the surface bends they find
- * it elsewhere than the picture's rays, and would shade it by itself. So where what the map says depends on that, a
- * search from the point decides what the relief around it hides, and the map what hides the place where it ends. So it is
- * below an edge that juts out (JUTS), where a light's ray enters by one side what the picture shows by the other. A ray
+ * The light's map has been drawn by its own rays, by the normals and quadrics where these enter. Where the base bends, even
+ * from facet to facet, they find the relief elsewhere than the picture's rays, and would shade it by itself; so they do
+ * below an edge that juts out, where a light's ray enters by one side what the picture shows by the other. So a search
+ * from the point decides what the relief around it hides, and the map what hides the place where the search ends. A ray
  * that by the quadric never leaves the relief, as along a saddle, is left to the map. */
 INLINED floatl in_sight(const Relief *relief, const Entry *e, const Seen *seen, Vector own, Light light, intl faces SHADOW_PARAMETERS)
 {
@@ -120,13 +115,11 @@ INLINED floatl in_sight(const Relief *relief, const Entry *e, const Seen *seen, 
 #if SHADOWS == MAPPED
     mapped = visibility(shadow_maps, shadow, seen->point, own);
     wanted = wanted & (mapped < 1.0f);
-    if (!(relief->quadric || JUTS) || !any_lane(wanted))
+    if (FLAT_BASE || !any_lane(wanted))
         return mapped;
 #endif
     const LightRay ray = light_ray(relief, e, seen, to_light(light, seen->point).way);
-#if SHADOWS == MAPPED && !JUTS
-    wanted = wanted & (ray.apart > SHADOW_SLACK * texel_at(shadow, light, seen->point));
-#elif SHADOWS == SEARCHED
+#if SHADOWS == SEARCHED
     if (any_lane(wanted & !ray.leaves))
         mapped = visibility(shadow_maps, shadow, seen->point, own);
 #endif

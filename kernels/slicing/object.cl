@@ -80,7 +80,7 @@ INLINED Samples samples_at(global const int *size, floatl x, floatl y)
 {
     Samples samples;
     samples.taps = clamped_taps(size[0], size[1], x, y);
-    tap_weights(samples.taps, samples.weights);
+    tap_weights(samples.taps.fx, samples.taps.fy, samples.weights);
     samples.on_image = (x >= -0.5f) & (x <= size[0] - 0.5f) & (y >= -0.5f) & (y <= size[1] - 0.5f);
     return samples;
 }

@@ -47,6 +47,30 @@ typedef struct {
     uint pixels;
 } Answers;
 
+INLINED Projection pick_projection(intl mask, Projection yes, Projection no)
+{
+    Projection place;
+    place.nearness = pick(mask, yes.nearness, no.nearness);
+    place.p = pick(mask, yes.p, no.p);
+    place.w = pick(mask, yes.w, no.w);
+    place.q = pick(mask, yes.q, no.q);
+    return place;
+}
+
+/* Of a segment, what lies before an orthographic target's image plane. Returns whether its ends did not. Behind a
+ * perspective target's centre, W tells. */
+INLINED void clip_at_plane(Projection *a, Projection *b, intl *a_behind, intl *b_behind)
+{
+    *a_behind = a->q >= 0.0f;
+    *b_behind = b->q >= 0.0f;
+    const floatl f = a->q / (a->q - b->q);
+    const Projection at = {a->nearness + f * (b->nearness - a->nearness), a->p + f * (b->p - a->p), a->w + f * (b->w - a->w),
+                           (floatl)0.0f};
+    const Projection from = pick_projection(*a_behind & !*b_behind, at, *a);
+    *b = pick_projection(*b_behind & !*a_behind, at, *b);
+    *a = from;
+}
+
 #define STORE_LANE(l) seen[address.s##l] = stored.s##l;
 
 /* Settles the pixels between the ends of a segment of the surface that its interval does not hold yet. there: lanes
@@ -56,9 +80,14 @@ INLINED void extend(Interval *interval, Answers *answers, Projection a, Projecti
     const float guard = 5e-7f * (map.dst_width + map.dst_height); /* rounding: no pixel may have two owners, */
     global float *seen = answers->seen;
 
+    intl a_behind = 0, b_behind = 0;
+    if (!map.dst_perspective) {
+        clip_at_plane(&a, &b, &a_behind, &b_behind);
+        open = open | (a_behind & b_behind);
+    }
     const floatl crosses = b.p * a.w - a.p * b.w; /* the sign of the target's move from a to b, if both are before it */
     const intl emerges = (a.w <= 0.0f) & (b.w > 0.0f); /* out of the plane of the target's centre */
-    const intl begins = there & (!open) & (interval->anew | emerges);
+    const intl begins = there & (!open) & (interval->anew | emerges | a_behind);
     if (any_lane(begins)) {
         const floatl from_infinity = pick(crosses > 0.0f, (floatl)-1e9f, (floatl)1e9f);
         const floatl t = lesser(greater(pick(emerges, from_infinity, a.p / a.w), line.low - 1.0f), line.high + 1.0f);
@@ -70,7 +99,7 @@ INLINED void extend(Interval *interval, Answers *answers, Projection a, Projecti
         answers->begun_anew |= any_lane(begins & interval->begun);
         interval->begun = interval->begun | begins;
     }
-    interval->anew = pick(there, open, interval->anew);
+    interval->anew = pick(there, open | b_behind, interval->anew);
     const intl closed = there & !open;
     for (int most = group.high - group.low + 2; most > 0; most--) { /* a lane settles pixels of its line, or is done */
         const intl goes_up = closed & (b.p - interval->above * b.w >= -guard * b.w) & (interval->above <= line.high);
@@ -165,19 +194,6 @@ INLINED Projection project_at(Targets targets, floatl distance, floatl nearness)
     place.q = targets.q_0 + targets.q_1 * distance + nearness * targets.b_q;
     return place;
 }
-
-INLINED Projection pick_projection(intl mask, Projection yes, Projection no)
-{
-    Projection place;
-    place.nearness = pick(mask, yes.nearness, no.nearness);
-    place.p = pick(mask, yes.p, no.p);
-    place.w = pick(mask, yes.w, no.w);
-    place.q = pick(mask, yes.q, no.q);
-    return place;
-}
-
-/* Behind an orthographic target's image plane? Behind a perspective one, W tells. */
-#define IS_BEHIND(map, place) ((map).dst_perspective ? (intl)0 : ((place).q >= 0.0f))
 
 INLINED Interval nothing_settled(SweepLines line)
 {

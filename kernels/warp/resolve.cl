@@ -119,13 +119,15 @@ INLINED void meet_there(Pixels *pixels, Grid grid, PixelMap map, int x0, int y, 
     floatl uc = truncated(lesser(greater(u, (floatl)0.0f), (floatl)max(grid.width - 2, 0)));
     floatl vc = truncated(lesser(greater(v, (floatl)0.0f), (floatl)max(grid.height - 2, 0)));
     const float lowest = max(grid.height - 2, 0); /* the last row that has a next one */
-    intl on_column = (intl)(grid.width == 1 ? -1 : 0), on_row = 0;
+    intl on_column = (intl)(grid.width == 1 ? -1 : 0), on_row = 0, beside = 0;
     if (answers == ANSWERS_OF_ALL) { /* on a sample or an edge: of those alone */
         const floatl column = floor_lanes(u + 0.5f), row = floor_lanes(v + 0.5f);
-        on_column = on_column | (fabs(u - column) < ON_SAMPLES);
-        on_row = fabs(v - row) < ON_SAMPLES;
-        uc = pick(on_column, lesser(greater(column, (floatl)0.0f), (floatl)(grid.width - 1)), uc);
-        vc = pick(on_row, lesser(greater(row, (floatl)0.0f), (floatl)(grid.height - 1)), vc);
+        on_column = (fabs(u - column) < ON_SAMPLES) & (column >= 0.0f) & (column <= (float)(grid.width - 1));
+        on_row = (fabs(v - row) < ON_SAMPLES) & (row >= 0.0f) & (row <= (float)(grid.height - 1));
+        uc = pick(on_column, column, uc);
+        vc = pick(on_row, row, vc);
+        /* What has no other column, or row, is seen on it alone. */
+        beside = (!on_column & (intl)(grid.width == 1 ? -1 : 0)) | (!on_row & (intl)(grid.height == 1 ? -1 : 0));
     }
     const intl upper = (u - uc) + (v - vc) > 1.0f;
     const intl base = to_intl(lesser(vc, (floatl)lowest)) * grid.pitch + to_intl(uc);
@@ -155,7 +157,7 @@ INLINED void meet_there(Pixels *pixels, Grid grid, PixelMap map, int x0, int y, 
     const int shows_back = answers == ANSWERS_OF_ALL ? shown & SHOWS_BACK : shown == SHOWS_BACK;
     const intl shows = ((per_unit > 0.0f) & (intl)(shown & SHOWS_FRONT ? -1 : 0)) | ((per_unit < 0.0f) & (intl)(shows_back ? -1 : 0));
     const intl before = IS_BEFORE(map.dst_perspective, met);
-    const intl settles = pixels->smooth & in_triangle & shows & !open & (w_met > 0.0f) & before;
+    const intl settles = pixels->smooth & in_triangle & shows & !beside & !open & (w_met > 0.0f) & before;
     const intl own = answers == ANSWERS_ARE_OWN ? !pixels->smooth : (intl)0;
     pixels->n = pick(settles, met, pick(own, pixels->n, (floatl)EMPTY));
     pixels->traced = pixels->traced & !settles;

@@ -151,7 +151,7 @@ kernel void color_samples(global const float *places, global const float *depth,
     const floatl own_z = DEPTH_OF(map.dst_perspective, n);
     floatl around[4], weights[4], total = 0.0f, farthest = -INFINITY;
     intl torn[4];
-    tap_weights(taps, weights);
+    tap_weights(taps.fx, taps.fy, weights);
     for (int i = 0; i < 4; i++) {
         around[i] = (floatl)(gather(shown, taps.at[i]));
         torn[i] = ARE_TORN(map.dst_perspective, shown_cut, lesser(around[i], own_z), greater(around[i], own_z));
@@ -194,7 +194,7 @@ kernel void color_samples(global const float *places, global const float *depth,
         return;
     }
     for (int lane = 0; lane < width - x0; lane++) {
-        write_pixel(sample_color + CHANNELS * (at + lane), color_lane(c, lane));
+        write_pixel(sample_color + CHANNELS * (at + lane), rounded(color_lane(c, lane)));
         seen[at + lane] = int_lane(is_seen, lane) & 1;
     }
 }

@@ -87,7 +87,7 @@ INLINED void extend_torn(Interval *interval, Answers *answers, Step step, Cut cu
             enters = pick_projection(is_passed & (low > entered), at_low, enters);
             there = there & (high > low);
         }
-        const intl stops = there & (triangles.open[part] | IS_BEHIND(map, enters) | IS_BEHIND(map, left));
+        const intl stops = there & triangles.open[part];
         const intl ends = inside & stops, second = held & there & !stops;
         if (any_lane(second)) {
             extend(interval, answers, held_begin, held_end, second, (intl)0, line, group, map);
@@ -182,7 +182,7 @@ INLINED uint walk(Grid grid, SweepLines line, LineGroup group, PixelMap map, Ans
 
         const floatl high = greater(greater(greater(from.a, from.b), greater(to.a, to.b)), greater(step.beyond_from, step.beyond_to));
         const floatl low = lesser(lesser(lesser(from.a, from.b), lesser(to.a, to.b)), lesser(step.beyond_from, step.beyond_to));
-        const intl torn = IS_OPEN(grid.cut, high, low) | IS_BEHIND(map, step.from.place) | IS_BEHIND(map, to.place);
+        const intl torn = IS_OPEN(grid.cut, high, low);
         if (any_lane(active & torn)) {
             extend_torn(&interval, answers, step, grid.cut, targets, major - line.sign, active, line, group, map);
         } else if (count == 1 || any_lane(is_last)) {

@@ -51,7 +51,7 @@ INLINED uint walk(Grid grid, SweepLines line, LineGroup group, PixelMap map, Ans
                 continue;
             const Projection a = part ? pick_projection(has_both, crosses, enters) : enters;
             const Projection b = part ? leaves : pick_projection(has_both, crosses, leaves);
-            const intl open = (part ? cell.second_open : cell.first_open) | IS_BEHIND(map, a) | IS_BEHIND(map, b);
+            const intl open = part ? cell.second_open : cell.first_open;
             extend(&interval, answers, a, b, there, open, line, group, map);
         }
         connected = pick(cell.has_second, !cell.second_open, pick(cell.has_first, !cell.first_open, connected));

@@ -24,7 +24,7 @@ INLINED uint walk(Grid grid, SweepLines line, LineGroup group, PixelMap map, Ans
         foresee_across_rows(grid.nearness, clamp(at + ahead, (intl)0, last_sample), group);
         const Projection to = project_at(targets, major, (floatl)(gather(grid.nearness, at)));
         const floatl high = greater(from.nearness, to.nearness), low = lesser(from.nearness, to.nearness);
-        const intl open = IS_OPEN(grid.cut, high, low) | IS_BEHIND(map, from) | IS_BEHIND(map, to);
+        const intl open = IS_OPEN(grid.cut, high, low);
         extend(&interval, answers, from, to, active, open, line, group, map);
         from = to;
     }

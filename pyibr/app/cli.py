@@ -22,6 +22,7 @@ _OPTIONS = {
     "view": "DEPTH",
     "camera": "--camera",
     "scale": "--depth-scale",
+    "depth_scale": "--depth-scale",
     "cut_ratio": "--cut-ratio",
     "thin": "--thin",
     "far": "--far",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, cast
 
 import numpy as np
 import typer
@@ -16,7 +16,17 @@ from pyibr.app.live.pages import Pages
 from pyibr.app.place import place as place_page
 from pyibr.app.place.captures import Captures
 from pyibr.app.place.model import Placement
-from pyibr.app.words import BackdropText, DepthIs, DepthScale, DeviceName, FarDepth, backdrop_of, device_of, printable
+from pyibr.app.words import (
+    BackdropText,
+    Clean,
+    DepthIs,
+    DepthScale,
+    DeviceName,
+    FarDepth,
+    backdrop_of,
+    device_of,
+    printable,
+)
 from pyibr.capture.coverage import surface_of
 from pyibr.capture.frusta import light_for, load_frusta, part_of
 from pyibr.capture.proposal import propose_frusta
@@ -24,11 +34,12 @@ from pyibr.capture.sets import load
 from pyibr.core.camera import Camera
 from pyibr.core.checks import positive
 from pyibr.core.errors import ArgumentError, FileFormatError
+from pyibr.core.files import check_there
 from pyibr.images import DepthImage
 from pyibr.images.depth_image import Backdrop
 from pyibr.io import DepthKind, read_relief_map
 from pyibr.meshes.files import is_mesh_file
-from pyibr.meshes.heights import Wrap
+from pyibr.meshes.heights import Wrap, Wraps, checked_wrap
 from pyibr.meshes.mesh import Mesh
 from pyibr.relief import ReliefSurface
 from pyibr.slicing import SlicedSurface
@@ -51,6 +62,7 @@ def view(
     depth_is: DepthIs = "z",
     far: FarDepth = math.inf,
     backdrop: BackdropText = "none",
+    clean: Clean = False,
     height: Annotated[
         Path | None, typer.Option(help="Displace the mesh, which has uv, by a height map, or a relief map's alpha")
     ] = None,
@@ -59,7 +71,9 @@ def view(
     ] = None,
     scale: Annotated[float | None, typer.Option(help="With --height: of height 1, in scene units")] = None,
     tiles: Annotated[tuple[int, int], typer.Option(metavar="U V", help="How often height and color repeat")] = (1, 1),
-    wrap: Annotated[Wrap, typer.Option(help="What height and color are beyond uv of 0 to 1")] = "repeat",
+    wrap: Annotated[
+        str, typer.Option(metavar="HOW", help="Height and color beyond uv of 0 to 1: repeat, clamp; repeat,clamp: u, v")
+    ] = "repeat",
     start: Annotated[Path | None, typer.Option(help="The camera to begin with: JSON")] = None,
     up: _Up = None,
     port: _Port = 8080,
@@ -68,14 +82,14 @@ def view(
 ) -> None:
     """Look around in a browser, drawn live. The page can only be opened on this machine."""
     with device_of(device):
-        views = _Views(camera, (depth_scale, depth_is), far, backdrop)
+        views = _Views(camera, (depth_scale, depth_is), far, backdrop, clean)
         shown, of_meshes = views.read(things)
         meshes = [thing for thing in shown if isinstance(thing, Mesh)]
         given: object = shown
         if height is not None:
             if len(meshes) != 1 or len(shown) != 1:
                 raise ArgumentError("--height", "one mesh to displace, and nothing else", f"{len(shown)} things")
-            given = _displaced(meshes[0], height, color, scale, tiles, wrap)
+            given = _displaced(meshes[0], height, color, scale, tiles, _wraps(wrap))
         elif color is not None or scale is not None:
             raise ArgumentError("--color" if color else "--scale", "--height with it", "none")
         direction = _direction(up or ("y" if of_meshes else None))
@@ -144,8 +158,10 @@ def _serve(pages: Pages, open_page: bool) -> None:
 class _Views:
     """Reads what is named on the command line."""
 
-    def __init__(self, camera: Path | None, stored: tuple[float | None, DepthKind], far: float, backdrop: str) -> None:
-        self._camera, self._stored, self._far = camera, stored, far
+    def __init__(
+        self, camera: Path | None, stored: tuple[float | None, DepthKind], far: float, backdrop: str, clean: bool
+    ) -> None:
+        self._camera, self._stored, self._far, self._clean = camera, stored, far, clean
         self._backdrop: float | Backdrop | None = backdrop_of(backdrop)
 
     def read(self, names: Sequence[Path]) -> tuple[list[DepthImage | Mesh], bool]:
@@ -155,8 +171,11 @@ class _Views:
         rest = list(names)
         while rest:
             name = rest.pop(0)
+            check_there(name)
             if name.is_dir():
-                things += load(name, *self._stored)
+                for view in load(name, *self._stored):
+                    depth = self._cleaned(view.color, view.depth)
+                    things.append(DepthImage(view.color, depth, view.camera, view.far, normals=view.normals))
             elif is_mesh_file(name):
                 things.append(Mesh.load(name))
             elif not rest or self._camera is None:
@@ -165,13 +184,23 @@ class _Views:
             else:
                 color, own = ibr.read_color(name), Camera.load(self._camera)
                 depth = ibr.read_depth(rest.pop(0), *self._stored, own)
-                things.append(DepthImage(color, depth, own, self._far, self._backdrop))
+                cleaned = self._cleaned(color, depth)
+                things.append(DepthImage(color, cleaned, own, self._far, self._backdrop))
             customary &= is_mesh_file(name) and not name.name.lower().endswith((".glb", ".gltf"))
         return things, customary
 
+    def _cleaned(self, color: NDArray[Any], depth: NDArray[np.float32]) -> NDArray[np.float32]:
+        return ibr.clean_depth(depth, color).depth if self._clean else depth
+
+
+def _wraps(text: str) -> Wraps:
+    """What --wrap says."""
+    first, *second = text.split(",", 1)
+    return checked_wrap((cast("Wrap", first), cast("Wrap", second[0] if second else first)))
+
 
 def _displaced(
-    mesh: Mesh, height: Path, color: Path | None, scale: float | None, tiles: tuple[int, int], wrap: Wrap
+    mesh: Mesh, height: Path, color: Path | None, scale: float | None, tiles: tuple[int, int], wrap: Wraps
 ) -> dict[str, object]:
     """The mesh with a height map, by the two systems that draw such."""
     if scale is None:

@@ -20,7 +20,7 @@ ThingT = TypeVar("ThingT")
 
 Color = Annotated[Path, typer.Argument(metavar="COLOR", help="Image: PNG, JPEG, TIFF, EXR, PFM, NPY ...")]
 Depth = Annotated[
-    Path, typer.Argument(metavar="DEPTH", help="Its planar depth: PNG16, NPY, NPZ, PFM, EXR, COLMAP .bin")
+    Path, typer.Argument(metavar="DEPTH", help="Its planar depth: PNG, TIFF, NPY, NPZ, PFM, EXR, COLMAP .bin")
 ]
 CameraFile = Annotated[Path, typer.Option(help="Its camera: JSON of width, height, K, world_from_camera, or Open3D's")]
 Clean = Annotated[bool, typer.Option("--clean", help="Clean the depth: flying pixels, speckle, small holes, noise")]

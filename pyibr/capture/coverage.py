@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pyibr.capture.raycast import spread_directions
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Float64, checked_box, describe, whole_from
+from pyibr.core.checks import Float64, checked_box, describe, instance_of, whole_from
 from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
 from pyibr.meshes.mesh import Mesh
@@ -168,6 +168,7 @@ def surface_of(mesh: Mesh, count: int = 40_000, within: ArrayLike | None = None)
     >>> len(surface.points), round(surface.area, 1)  # 4 pi^2 0.4 = 15.8
     (1000, 15.8)
     """
+    instance_of("mesh", mesh, Mesh, "a pyibr.Mesh")
     whole_from("count", count, 1, 1 << 24)
     box = None if within is None else checked_box("within", within)
     corner = mesh.vertices.astype(np.float64)[mesh.faces]

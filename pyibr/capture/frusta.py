@@ -19,7 +19,15 @@ from numpy.typing import ArrayLike, NDArray
 from pyibr.capture.sets import SetEntry, entry_json, read_set, write_set
 from pyibr.core.camera import Camera
 from pyibr.core.camera_json import write_json
-from pyibr.core.checks import Float64, checked_box, describe, number_from, numbers
+from pyibr.core.checks import (
+    Float64,
+    checked_box,
+    describe,
+    instance_of,
+    number_from,
+    numbers,
+    positive_or_endless,
+)
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.images import DepthImage
 from pyibr.meshes.mesh import Mesh
@@ -94,12 +102,12 @@ class Frustum:
     strokes: tuple[Stroke, ...] = ()
 
     def __post_init__(self) -> None:
-        camera, (width, height) = self.camera, self.camera.size
+        camera = instance_of("camera", self.camera, Camera, "a pyibr.Camera")
+        width, height = camera.size
         centred = np.abs(camera.K[:2, 2] - ((width - 1) / 2, (height - 1) / 2)).max() <= 1e-6 * max(width, height)
         if camera.projection != "perspective" or camera.lens is not None or camera.K[0, 1] != 0 or not centred:
             raise ArgumentError("camera", "a perspective one without lens, its axis in the middle", describe(camera))
-        if not self.far > 0:
-            raise ArgumentError("far", "a depth > 0", describe(self.far))
+        positive_or_endless("far", self.far, "a depth > 0, or infinity")
 
     @classmethod
     def look_at(

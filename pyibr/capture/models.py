@@ -21,7 +21,7 @@ from pyibr import io
 from pyibr.capture.frusta import light_for, load_frusta
 from pyibr.capture.raycast import MeshScene, cube_cameras, spread_directions
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Float64, describe, numbers
+from pyibr.core.checks import Float64, describe, instance_of, numbers, positive, whole_from
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.optional import open3d
 from pyibr.images import DepthImage
@@ -66,6 +66,7 @@ def globe(
     >>> len(globe(16)), globe(16)[0].depth.shape
     (6, (16, 16))
     """
+    raised = float(numbers("relief", relief, ()))
     if elevation is not None and (np.ndim(elevation) != 2 or not np.isfinite(elevation).all()):
         raise ArgumentError("elevation", "finite numbers of shape (h, w)", describe(elevation))
     if color is not None and (np.ndim(color) != 3 or color.shape[2] != 3 or color.dtype != np.uint8):
@@ -77,7 +78,7 @@ def globe(
         direction = ray / length[:, None]
         height = _noise(direction) if elevation is None else _on_sphere(elevation[..., None], direction)[:, 0]
         painted = _hypsometric(height) if color is None else _on_sphere(color, direction)
-        depth = ((1 + relief * height) / length).astype(np.float32)
+        depth = ((1 + raised * height) / length).astype(np.float32)
         views.append(DepthImage(_uint8(painted).reshape(size, size, 3), depth.reshape(size, size), camera))
     return views
 
@@ -248,8 +249,9 @@ def donut(sides: int = 25, radius: float = 1.0, tube: float = 0.4) -> Mesh:
     >>> models.donut()
     <Mesh 676 vertices, 1250 triangles>
     """
-    if sides < 3:
-        raise ArgumentError("sides", "at least 3", describe(sides))
+    whole_from("sides", sides, 3, 1 << 14)
+    positive("radius", radius)
+    positive("tube", tube)
     a, b = np.meshgrid(*[np.arange(sides + 1) * (2 * np.pi / sides)] * 2)
     outwards = np.stack([np.cos(b) * np.cos(a), np.cos(b) * np.sin(a), np.sin(b)], axis=-1)
     middle = np.stack([np.cos(a), np.sin(a), 0 * a], axis=-1)
@@ -285,8 +287,8 @@ def with_cylindrical_uv(mesh: Mesh, axis: int = 1) -> Mesh:
     >>> tube.uv.shape == (len(tube.vertices), 2)
     True
     """
-    if axis not in (0, 1, 2):
-        raise ArgumentError("axis", "0, 1 or 2", describe(axis))
+    instance_of("mesh", mesh, Mesh, "a pyibr.Mesh")
+    whole_from("axis", axis, 0, 2, "0, 1 or 2")
     low, high = (corner.astype(np.float64) for corner in mesh.bounds)
     away = mesh.vertices - 0.5 * (low + high)
     angle = np.arctan2(away[:, (axis + 1) % 3], away[:, (axis + 2) % 3]) / (2 * np.pi)

@@ -14,7 +14,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pyibr.core.camera import Camera, Projection
-from pyibr.core.checks import Float64, checked_colors, describe, numbers, one_of, plain_array, true_or_false, whole_from
+from pyibr.core.checks import (
+    Float64,
+    checked_colors,
+    describe,
+    instance_of,
+    numbers,
+    one_of,
+    plain_array,
+    true_or_false,
+    whole_from,
+)
 from pyibr.core.errors import ArgumentError
 from pyibr.core.optional import open3d
 from pyibr.images import DepthImage
@@ -43,7 +53,7 @@ class MeshScene:
         Of the vertices: uint8, or floats in [0, 1].
     uv : array_like (N, 2) or (M, 3, 2), optional
         Of the vertices, or of each face's corners. u runs along the texture's rows, v down its columns, texel
-        centres are at (i + 0.5) / n; beyond 0 to 1 the border is repeated.
+        centres are at (i + 0.5) / n; beyond 0 to 1 the texture repeats.
     texture : (h, w, 3) uint8, optional
         Read bilinearly. Without texture and colors the surface is shaded by its smooth normals.
     base_color : (r, g, b), 0 to 255
@@ -164,9 +174,12 @@ class MeshScene:
         ArgumentError
             If no ray meets the mesh.
         """
+        instance_of("camera", camera, Camera, "a pyibr.Camera")
+        one_of("layer", layer, Layer)
         true_or_false("normals", normals)
-        if layer not in ("first", "last"):
-            raise ArgumentError("layer", '"first" or "last"', describe(layer))
+        around = numbers("background", background, (3,))
+        if (around < 0).any() or (around > 255).any():
+            raise ArgumentError("background", "(r, g, b), 0 to 255", describe(background))
         pixel = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), -1).reshape(-1, 2)
         triangle = self._cast(camera, pixel, layer)
         for dx, dy in (
@@ -197,7 +210,7 @@ class MeshScene:
         shape = camera.height, camera.width
         depth = np.full(shape, np.inf, np.float32)
         color = np.empty((*shape, 3), np.uint8)
-        color[:] = background
+        color[:] = np.rint(around)
         depth.reshape(-1)[hit] = z
         color.reshape(-1, 3)[hit] = np.clip(np.floor(self._color(triangle, weight) + 0.5), 0, 255)
         if not normals:
@@ -311,6 +324,7 @@ def cube_cameras(center: ArrayLike, size: int) -> list[Camera]:
 
 def spread_directions(count: int) -> Float64:
     """(count, 3) unit vectors, spread evenly over the sphere."""
+    whole_from("count", count, 1, 1 << 24)
     number = np.arange(count) + 0.5
     y = 1 - 2 * number / count
     angle = number * np.pi * (3 - np.sqrt(5))
@@ -404,11 +418,12 @@ def _barycentric(corner: Float64, normal: Float64, point: Float64) -> Float64:
 
 
 def _bilinear(image: NDArray[np.uint8], uv: Float64) -> Float64:
+    """Colours (n, 3) at uv (n, 2) of an image that repeats."""
     size = np.array([image.shape[1], image.shape[0]])
-    at = np.clip(uv * size - 0.5, 0, size - 1)
-    low = np.minimum(at.astype(np.int64), np.maximum(size - 2, 0))
-    (fx, fy), (x, y) = (at - low).T[..., None], low.T
-    right, down = np.minimum(x + 1, size[0] - 1), np.minimum(y + 1, size[1] - 1)
+    at = (uv - np.floor(uv)) * size - 0.5
+    low = np.floor(at)
+    (fx, fy), (x, y) = (at - low).T[..., None], low.astype(np.int64).T % size[:, None]
+    right, down = (x + 1) % size[0], (y + 1) % size[1]
     top = (1 - fx) * image[y, x] + fx * image[y, right]
     return (1 - fy) * top + fy * ((1 - fx) * image[down, x] + fx * image[down, right])
 

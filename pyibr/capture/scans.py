@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pyibr.capture.raycast import MeshScene
 from pyibr.core.camera import Camera
-from pyibr.core.checks import describe, numbers, plain_array
+from pyibr.core.checks import describe, numbers, plain_array, positive
 from pyibr.core.errors import ArgumentError
 from pyibr.core.optional import opencv
 from pyibr.images import DepthImage
@@ -53,6 +53,7 @@ def scan_view(
         pixel = float(np.nanmedian(between))
     if not float(numbers("pixel", pixel, (), finite=False)) > 0:
         raise ArgumentError("pixel", "a size > 0; neighbours of a row that lie apart, if none is given", f"{pixel:g}")
+    farthest = positive("step", step) * pixel
     rows, columns = points.shape[:2]
     y, x = np.mgrid[: rows - 1, : columns - 1]
     first: NDArray[np.int64] = (y * columns + x).ravel()
@@ -60,7 +61,7 @@ def scan_view(
     faces = np.concatenate([np.stack([first, down, right], 1), np.stack([right, down, across], 1)])
     corner = points.reshape(-1, 3).astype(np.float64)[faces]
     longest = np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).max(axis=1)
-    faces = faces[longest <= step * pixel]  # not where a corner is NaN
+    faces = faces[longest <= farthest]  # not where a corner is NaN
     if not len(faces):
         raise ArgumentError("points", "neighbours that are joined", "none")
     used, numbered = np.unique(faces, return_inverse=True)

@@ -87,7 +87,12 @@ def load(folder: str | PathLike[str], depth_scale: float | None = None, depth_is
 
 
 def _view(color: Path, depth: Path, camera: Camera, stored: tuple[float | None, DepthKind]) -> DepthImage:
-    image, depths = read_color(color), read_depth(depth, *stored, camera)
+    image = read_color(color)
+    try:
+        depths = read_depth(depth, *stored, camera)
+    except ArgumentError as error:
+        name = "depth_scale" if error.argument == "scale" else error.argument
+        raise ArgumentError(name, error.expected, error.got) from error
     try:
         return DepthImage(image, depths, camera)
     except ArgumentError as error:

@@ -27,6 +27,7 @@ from pyibr.core.checks import (
     one_of,
     positive,
     read_only,
+    true_or_false,
 )
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.lens import Lens
@@ -332,6 +333,7 @@ class Camera:
         """
         R = conventions.rotation_from_opencv(rotation)
         t = numbers("translation", np.asarray(translation).reshape(-1), (3,))
+        true_or_false("fisheye", fisheye)
         lens = None if distortion is None else Lens.from_opencv(distortion, fisheye)
         return cls(K, size, conventions.pose_from_extrinsics(R, t), lens=lens)
 
@@ -359,12 +361,13 @@ class Camera:
             and nerfstudio (cx = width / 2 is the middle), 0 if `K` comes from OpenCV.
         """
         pose = numbers("camera_to_world", camera_to_world, (4, 4)) @ conventions.CV_FROM_GL
-        return cls(conventions.with_principal_point_moved(numbers("K", K, (3, 3)), -pixel_center), size, pose)
+        by = float(numbers("pixel_center", pixel_center, ()))
+        return cls(conventions.with_principal_point_moved(numbers("K", K, (3, 3)), -by), size, pose)
 
     def to_opengl(self, pixel_center: float = 0.5) -> tuple[Float64, Float64]:
         """Return (camera_to_world (4, 4), K (3, 3)) as `from_opengl` takes them."""
         self._require_perspective("OpenGL", lens=False)
-        K = conventions.with_principal_point_moved(self.K, pixel_center)
+        K = conventions.with_principal_point_moved(self.K, float(numbers("pixel_center", pixel_center, ())))
         return self.world_from_camera @ conventions.CV_FROM_GL, K
 
     @overload
@@ -424,7 +427,7 @@ class Camera:
         K, distortion, fisheye = conventions.intrinsics_from_colmap(model, params)
         rotation = conventions.rotation_from_quaternion(numbers("qvec", qvec, (4,)))
         pose = conventions.pose_from_extrinsics(rotation, numbers("tvec", tvec, (3,)))
-        if lens:
+        if true_or_false("lens", lens):
             return cls(K, size, pose, lens=Lens.from_opencv(distortion, fisheye))
         if fisheye:
             raise ArgumentError("model", "one that `undistort` knows (or lens=True)", model)

@@ -143,7 +143,9 @@ def instance_of(argument: str, value: object, kind: type[_Kind], name: str) -> _
 
 
 def true_or_false(argument: str, value: object) -> bool:
-    """Return `value` if it is a bool or raise ArgumentError."""
+    """Return `value` as a bool if it is one, or NumPy's, or raise ArgumentError."""
+    if isinstance(value, np.bool_):
+        return bool(cast("Any", value))
     return instance_of(argument, value, bool, "True or False")
 
 
@@ -201,6 +203,11 @@ def checked_pose(given: object, name: str = "world_from_camera") -> Float64:
     if np.abs(pose).max() > _FARTHEST:
         raise ArgumentError(name, f"positions up to {_FARTHEST:g}", str(pose[:3, 3].tolist()))
     return pose
+
+
+def cut_ratio_from(value: float) -> float:
+    """Return the ratio of depths that tears neighbours apart, greater than 1, or raise ArgumentError."""
+    return number_from("cut_ratio", value, math.nextafter(1.0, 2.0), math.inf, "a ratio greater than 1")
 
 
 def one_of(argument: str, value: object, choices: Any, also: str = "") -> None:
@@ -263,6 +270,16 @@ def check_pixels(argument: str, size: tuple[int, int]) -> None:
         raise ArgumentError(argument, f"at most {_PIXELS_MOST} pixels", f"{size[0]} x {size[1]}")
 
 
+_SIDE_MOST = 1 << 20  # float32 tells places to a sixteenth of a pixel, and the rasteriser's bins have 16 bits
+
+
+def check_picture(argument: str, size: tuple[int, int]) -> None:
+    """Raise ArgumentError if a picture, (width, height), has too many pixels, or a longer side than can be drawn."""
+    check_pixels(argument, size)
+    if max(size) > _SIDE_MOST:
+        raise ArgumentError(argument, f"at most {_SIDE_MOST} pixels a side", f"{size[0]} x {size[1]}")
+
+
 _LENGTHS = (1e-8, 1e9)
 
 
@@ -306,8 +323,10 @@ class Fixed:
 
     def __setstate__(self, state: dict[str, object]) -> None:
         for name, value in state.items():
-            if isinstance(value, np.ndarray):
-                value.flags.writeable = False
+            several = cast("dict[str, object]", value) if isinstance(value, dict) else {name: value}
+            for array in several.values():
+                if isinstance(array, np.ndarray):
+                    array.flags.writeable = False
             self.__dict__[name] = value
 
     def __setattr__(self, name: str, value: object) -> None:

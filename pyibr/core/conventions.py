@@ -184,7 +184,7 @@ def rvec_from_rotation(rotation: Float64) -> Float64:
 
 def intrinsics_from_colmap(model: str, params: object) -> tuple[Float64, Float64, bool]:
     """Return K (pixel centres at integers), OpenCV's coefficients of a COLMAP camera, and whether of a fisheye."""
-    if model not in _COLMAP_MODELS:
+    if not isinstance(model, str) or model not in _COLMAP_MODELS:  # pyright: ignore[reportUnnecessaryIsInstance]
         raise ArgumentError("model", f"one of {', '.join(_COLMAP_MODELS)}", describe(model))
     linear, distorted = _COLMAP_MODELS[model]
     values = numbers(f"params of {model}", params, (linear + distorted,))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import gzip
 import os
+import re
 import secrets
 import stat
 from collections.abc import Generator
@@ -158,6 +159,12 @@ def _not_written(file: Path, error: OSError) -> FileFormatError:
     return FileFormatError(f"{file}: cannot be written: {error.strerror or error}")
 
 
+def check_there(path: str | os.PathLike[str]) -> None:
+    """Raise FileFormatError if there is neither a file nor a folder of this name."""
+    if not checked_path(path).exists():
+        raise FileFormatError(f"{path}: no such file or folder")
+
+
 @contextmanager
 def reading(path: str | os.PathLike[str], kind: str) -> Generator[Path, None, None]:
     """Yield `path` if it is a file with content; turn what a decoder raises into FileFormatError."""
@@ -182,7 +189,8 @@ def reading(path: str | os.PathLike[str], kind: str) -> Generator[Path, None, No
         raise FileFormatError(f"{source}: does not fit into the memory") from error
     except Exception as error:  # decoders raise anything from OSError to struct.error
         cause = error.__cause__ or error
-        reason = next(iter(str(cause).strip().splitlines()), type(cause).__name__)[:200]
+        words = re.sub(r" ?<[^<>]* object at 0x[0-9a-f]+>", "", str(cause))  # which tell users nothing
+        reason = next(iter(words.strip().splitlines()), type(cause).__name__)[:200]
         raise FileFormatError(f"{source}: not a readable {kind} file, or truncated: {reason}") from error
 
 

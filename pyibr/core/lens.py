@@ -16,7 +16,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike
 
-from pyibr.core.checks import Float64, numbers, one_of, positive_or_endless
+from pyibr.core.checks import Float64, numbers, one_of, positive_or_endless, true_or_false
 from pyibr.core.errors import ArgumentError
 
 LensModel = Literal["brown_conrady", "rational", "inverse_brown_conrady", "modified_brown_conrady", "kannala_brandt"]
@@ -112,7 +112,7 @@ class Lens:
         if values[8:].any():
             expected = "no thin prism and no tilted sensor (0 from the ninth number on)"
             raise ArgumentError("distortion", expected, str(values[8:].tolist()))
-        if fisheye:
+        if true_or_false("fisheye", fisheye):
             return cls("kannala_brandt", values)
         return cls("rational", values[:8]) if values[5:].any() else cls("brown_conrady", values[:5])
 

@@ -50,6 +50,11 @@ def pitch(width: int) -> int:
     return padded + 16 if padded % 256 == 0 else padded
 
 
+def longer_side(camera: Camera) -> float:
+    """How wide or high a part of its plane an orthographic camera sees, in scene units: the scale of its depths."""
+    return float(max(camera.width / camera.K[0, 0], camera.height / camera.K[1, 1]))
+
+
 def frustum(camera: Camera) -> Float64:
     """(5, 4) planes of what a camera sees, in the world: a x + b y + c z + d >= 0 inside, unit normals."""
     u, v, w, q = camera.pixel_matrix @ camera.camera_from_world
@@ -155,11 +160,11 @@ class PixelMap:
         """How far the source's corners move in the target, in pixels, between depths that are far apart.
 
         The depths are infinity and the nearest sample's in a perspective source; in an orthographic one the
-        farthest sample's and one as far before it as the image is wide.
+        farthest sample's and one as far before it as its camera sees wide, or high.
         """
         src = self.pair.src
         perspective = src.projection == "perspective"
-        ends = (0.0, self.high) if perspective else (self.low, self.high + src.width / float(src.K[0, 0]))
+        ends = (0.0, self.high) if perspective else (self.low, self.high + longer_side(src))
         most = 0.0
         for (u0, v0, w0), (u1, v1, w1) in zip(*map(self._corners, ends), strict=True):
             if w0 <= 0 or w1 <= 0:

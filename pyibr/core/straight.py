@@ -22,6 +22,7 @@ WIDEST = 75.0
 _MARGIN = 2  # pixels around what is seen: the neighbours that tell edges from slopes
 _BESIDE = 0.75  # pixels beside the image that still show its border: half a straight one, askew
 _LARGEST = 100  # times the pixels of the lens's image; those of cameras take up to 15
+_WITHIN = 1 - 1e-9  # of the reach of a lens: as far as it surely sees
 _FACES = (  # right, down and forward of a cube's faces in the camera's frame, the front first
     ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
     ((0, 0, -1), (0, 1, 0), (1, 0, 0)),
@@ -61,6 +62,16 @@ def distorted_pixels(camera: Camera, pixels: Float64) -> Float64:
     """(N, 2) where a lens sees what lies at pixels (N, 2) of its straight image."""
     unposed = _unposed(camera)
     return unposed.project(_straight(unposed).unproject(pixels, np.ones(len(pixels))))[0]
+
+
+def origins_in_lens(camera: Camera, pixels: Float64) -> Float64:
+    """`distorted_pixels` of what the lens sees: pixels that rounding moved out of its reach are moved back into it."""
+    unposed = _unposed(camera)
+    points = _straight(unposed).unproject(pixels, np.ones(len(pixels)))
+    if camera.lens is not None:
+        away = np.hypot(points[:, 0], points[:, 1])
+        points[:, :2] *= np.minimum(_WITHIN * camera.lens.reach / np.maximum(away, 1e-300), 1.0)[:, None]
+    return unposed.project(points)[0]
 
 
 def sees_too_far(camera: Camera) -> NDArray[np.bool_]:

@@ -89,7 +89,9 @@ def _far_sides(mesh: ViewMesh, limit: Float32) -> NDArray[np.bool_]:
     drawn = upper & lower
     low, high = corners.min(axis=0), corners.max(axis=0)
     cut = ~drawn & (low > 0) & np.isfinite(low)
-    middle = np.asarray(np.where(np.isinf(high), 2 * low, 0.5 * (low + high)), np.float32)
+    half = np.float32(0.5)  # of each: their sum may overflow
+    twice = 2 * np.minimum(low, half * np.finfo(np.float32).max)
+    middle = np.asarray(np.where(np.isinf(high), twice, half * low + half * high), np.float32)
     far, near, surface = (np.zeros(limit.shape, np.bool_) for _ in range(3))
     for part, corner in zip(parts, corners, strict=True):
         far[part] |= cut & (corner > middle)

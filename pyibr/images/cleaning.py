@@ -69,7 +69,7 @@ def clean_depth(
     Frame by frame, what is left of the noise flickers, and so does what is filled. With `before` the depth is steady:
     where the last frame's and this one's agree within the noise, most of the last one's stays, and so do wires that
     break into pieces; where they do not, something has moved, and this frame's counts alone. What moves slowly is
-    behind by at most 0.55 of the noise's standard deviation.
+    behind by at most 0.55 `strength` of the noise's standard deviation.
 
     Parameters
     ----------
@@ -350,7 +350,8 @@ def _slope(values: Float32, axis: int) -> Float32:
 def _steadied(values: Float32, known: Float32, strength: float) -> Float32:
     """Values drawn to what was known before; the less the farther they are from it: noise does, and no move.
 
-    A steady drift v is followed at a distance d with d = v + `_KEPT` exp(-d^2 / 2) d: behind by 0.55 at most.
+    A steady drift v is followed at a distance d, both over `strength`, with d = v + `_KEPT` exp(-d^2 / 2) d: behind by
+    0.55 at most.
     """
     off = known - values
     with np.errstate(over="ignore"):

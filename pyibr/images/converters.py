@@ -9,7 +9,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Float64, checked_colors, checked_intrinsics, describe, numbers, plain_array, positive
+from pyibr.core.checks import (
+    Float64,
+    checked_colors,
+    checked_intrinsics,
+    describe,
+    instance_of,
+    numbers,
+    plain_array,
+    positive,
+    positive_or_endless,
+    true_or_false,
+)
 from pyibr.core.errors import ArgumentError
 from pyibr.core.optional import opencv
 from pyibr.core.straight import rays_of
@@ -85,6 +96,7 @@ def depth_from_euclidean(distance: ArrayLike, camera: Camera) -> Depth:
     >>> ibr.depth_from_euclidean(np.array([[3, 2 * np.sqrt(2)]]), camera).tolist()  # ahead, and 45 degrees to the right
     [[3.0, 2.0]]
     """
+    instance_of("camera", camera, Camera, "a pyibr.Camera")
     d = numbers("distance", distance, (camera.height, camera.width), finite=False)
     return (_positive_or_nan(d) / _ray_lengths(camera)).astype(np.float32)
 
@@ -100,6 +112,7 @@ def euclidean_from_depth(depth: ArrayLike, camera: Camera) -> Depth:
     >>> [round(distance, 3) for distance in ibr.euclidean_from_depth(np.array([[3.0, 2.0]]), camera)[0].tolist()]
     [3.0, 2.828]
     """
+    instance_of("camera", camera, Camera, "a pyibr.Camera")
     z = numbers("depth", depth, (camera.height, camera.width), finite=False)
     return (_positive_or_nan(z) * _ray_lengths(camera)).astype(np.float32)
 
@@ -183,7 +196,7 @@ def depth_from_mpeg(level: ArrayLike, near: float, far: float, zero_is_invalid: 
     """
     n = _checked_levels(level)
     _check_range(near, far)
-    if zero_is_invalid:
+    if true_or_false("zero_is_invalid", zero_is_invalid):
         n = np.where(n == 0, np.nan, n)
     z = near / _positive_or_nan(n) if far >= 1000 else far * near / (near + n * (far - near))
     return z.astype(np.float32)
@@ -235,7 +248,7 @@ def depth_from_zbuffer(value: ArrayLike, near: float, far: float, reverse: bool 
     [2.0, 4.0, nan]
     """
     n, ends = _checked_levels(value, "value"), _nearness_of_planes(near, far)
-    b = 1 - n if reverse else n
+    b = 1 - n if true_or_false("reverse", reverse) else n
     drawn = np.where(b < 1, b, np.nan)
     return (1 / (ends[0] + drawn * (ends[1] - ends[0]))).astype(np.float32)
 
@@ -342,7 +355,7 @@ def _checked_levels(level: ArrayLike, argument: str = "level") -> Float64:
 
 
 def _nearness_of_planes(near: float, far: float) -> tuple[float, float]:
-    if far == math.inf:
+    if positive_or_endless("far", far, "a depth > 0, or infinity") == math.inf:
         return 1 / positive("near", near), 0.0
     _check_range(near, far)
     return 1 / near, 1 / far

@@ -46,7 +46,7 @@ def psnr(a: Image, b: Image, valid: Mask | None = None) -> float:
     20.0
     """
     a, b = _image("a", a), _image("b", b)
-    if (a.dtype == np.uint8) != (b.dtype == np.uint8) or a.dtype.kind not in "uf" or b.dtype.kind not in "uf":
+    if not a.dtype == b.dtype == np.uint8 and {a.dtype.kind, b.dtype.kind} != {"f"}:
         raise ArgumentError("b", "uint8 as a, or floats as a", f"{b.dtype}, and a is {a.dtype}")
     peak = 255.0 if a.dtype == np.uint8 else 1.0
     error = float(np.mean(np.square(_differences(a, b, valid))))

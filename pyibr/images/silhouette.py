@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import checked_colors, describe, instance_of, locked, plain_array
+from pyibr.core.checks import Fixed, checked_colors, describe, instance_of, locked, plain_array
 from pyibr.core.errors import ArgumentError
 from pyibr.images.depth_image import DepthImage
 
 
-class Silhouette:
+class Silhouette(Fixed):
     """An image of which only the object's outline is known, and the camera that took it.
 
     Parameters
@@ -28,6 +28,13 @@ class Silhouette:
     ------
     ArgumentError
         If shapes, dtypes and camera do not fit together, or the mask is empty.
+
+    Attributes
+    ----------
+    color, camera
+        As given, read-only.
+    valid : (H, W) bool
+        The mask, by the name that a depth image has it by.
 
     Examples
     --------

@@ -2,7 +2,7 @@
 
 | suffix | colour | depth |
 |---|---|---|
-| .png | 8 bit, 16-bit gray | 16 bit, with a scale |
+| .png | 8 bit, 16-bit gray | 16 or 8 bit, with a scale |
 | .tif | the same | floats, or 16 bit with a scale |
 | .jpg, .bmp, .webp, .ppm | the same | |
 | .npy, .npz | yes | yes |
@@ -55,7 +55,7 @@ __all__ = [
 
 _PathLike = str | PathLike[str]
 _COLOR_MODULES = {".npy": "npy", ".npz": "npy", ".pfm": "pfm", ".exr": "exr"}
-_DEPTH_MODULES = _COLOR_MODULES | {".png": "png16", ".tif": "tiff", ".tiff": "tiff", ".bin": "colmap_bin"}
+_DEPTH_MODULES = _COLOR_MODULES | {".png": "png", ".tif": "tiff", ".tiff": "tiff", ".bin": "colmap_bin"}
 
 
 class _Format(Protocol):
@@ -122,11 +122,17 @@ def write_color(path: _PathLike, color: NDArray[np.uint8] | NDArray[np.float32])
     >>> int(ibr.read_color("gray.png").max())
     128
     """
-    expected = "uint8 or float32 of shape (H, W, 3)"
+    expected = "uint8 or floats of shape (H, W, 3)"
     array = plain_array("color", color, expected)
-    if array.ndim != 3 or array.shape[2] != 3 or array.dtype.name not in ("uint8", "float32") or not array.size:
+    if (
+        array.ndim != 3
+        or array.shape[2] != 3
+        or not (array.dtype == np.uint8 or array.dtype.kind == "f")
+        or not array.size
+    ):
         raise ArgumentError("color", expected, describe(color))
-    _module(path, _COLOR_MODULES, "image").write_color(path, array)
+    image = array if array.dtype == np.uint8 else array.astype(np.float32)
+    _module(path, _COLOR_MODULES, "image").write_color(path, image)
 
 
 def write_mask(path: _PathLike, mask: NDArray[np.bool_]) -> None:
@@ -172,7 +178,7 @@ def read_depth(
     Parameters
     ----------
     path : path
-        Of a PNG16, TIFF, NPY, NPZ, PFM, EXR or COLMAP file. Of arrays, axes of length 1 are dropped.
+        Of a gray PNG, a TIFF, NPY, NPZ, PFM, EXR or COLMAP file. Of arrays, axes of length 1 are dropped.
     scale : float
         Stored units per scene unit: 1000 for millimetres to metres, 5000 for the TUM data sets. Required for
         integers, where 0 means no depth; 1 for floats if not given.
@@ -206,6 +212,9 @@ def read_depth(
     stored = _module(path, _DEPTH_MODULES).read_depth(path)
     if stored.ndim > 2:  # (1, H, W) and the like, as networks have them
         stored = stored.reshape([length for length in stored.shape if length != 1] or stored.shape)
+    if stored.dtype == np.uint8 and scale is None:
+        expected = "stored units per scene unit (--depth-scale; inverse depth of networks: depth_from_mpeg)"
+        raise ArgumentError("scale", f"{expected} for the 8 bits of {path}", "none")
     if stored.ndim != 2 or stored.dtype.kind not in "uif" or 0 in stored.shape:
         raise FileFormatError(f"{path}: expected depth of shape (H, W), got {describe(stored)}")
     if stored.dtype.kind in "ui":
@@ -219,12 +228,12 @@ def read_depth(
 
 def write_depth(
     path: _PathLike,
-    depth: NDArray[np.float32],
+    depth: NDArray[np.float32] | NDArray[np.uint16],
     scale: float | None = None,
     kind: DepthKind = "z",
     camera: Camera | None = None,
 ) -> None:
-    """Write (H, W) float32 depth so that `read_depth` with the same arguments returns it.
+    """Write (H, W) float32 depth so that `read_depth` with the same arguments returns it; or uint16 with its scale.
 
     PNG needs a scale, stores the nearest integer and 0 for invalid depth; ArgumentError if a depth does not
     fit in 16 bits. The other formats store floats, invalid ones as they are.
@@ -237,9 +246,12 @@ def write_depth(
     >>> ibr.read_depth("depth.npy").tolist()
     [[1.5, nan]]
     """
-    array = plain_array("depth", depth, "float32 of shape (H, W)", math.nan)
-    if array.ndim != 2 or array.dtype.kind != "f" or not array.size:
-        raise ArgumentError("depth", "float32 of shape (H, W)", describe(depth))
+    expected = "float32, or uint16 with its scale, of shape (H, W)"
+    array = plain_array("depth", depth, expected, math.nan)
+    if array.ndim != 2 or (array.dtype.kind != "f" and array.dtype != np.uint16) or not array.size:
+        raise ArgumentError("depth", expected, describe(depth))
+    if array.dtype == np.uint16:
+        array = depth_from_uint16(array, _required(scale, path))
     one_of("kind", kind, DepthKind)
     array = depth_kinds.stored(array, kind, camera, path)
     module = _module(path, _DEPTH_MODULES)

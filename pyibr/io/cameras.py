@@ -65,6 +65,8 @@ def read_cameras(path: str | PathLike[str], size: tuple[int, int] | None = None)
             return {"0": Camera(numbers, size)}
         except ArgumentError as error:
             raise FileFormatError(f"{source}: {error}") from error
+    if source.suffix.lower() == ".txt":
+        raise ArgumentError("size", f"the (width, height) of the images whose K is in {source}", "none")
     data = _listed(read_json(source, "camera JSON"))
     if not isinstance(data, list):
         return {"0": Camera.from_json(data, source)}

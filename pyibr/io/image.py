@@ -56,7 +56,9 @@ def check_output(path: str | PathLike[str]) -> None:
     """Raise FileFormatError unless the suffix is that of a picture that can be written."""
     suffix = checked_path(path).suffix.lower()
     if suffix not in _WRITABLE:
-        raise FileFormatError(f"{path}: no image format {suffix or 'without a suffix'} to write")
+        raise FileFormatError(
+            f"{path}: no image format {suffix or 'without a suffix'}; known are {', '.join(_WRITABLE)}"
+        )
 
 
 def write_color(path: str | PathLike[str], color: NDArray[Any]) -> None:

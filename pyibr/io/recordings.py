@@ -35,7 +35,7 @@ class Recording(NamedTuple):
         What `read_cameras` reads: one file or folder, or a file for each frame; or nothing.
     poses : Path or None
         What `read_poses` reads, if there is something.
-    left_out : int
+    left_out : sequence of Path
         Colour images that have no depth of their time; where numbers tell what belongs together, also depths without
         colours.
     times : list of float, or None
@@ -48,7 +48,7 @@ class Recording(NamedTuple):
     depths: list[Path]
     cameras: tuple[Path, ...] = ()
     poses: Path | None = None
-    left_out: int = 0
+    left_out: Sequence[Path] = ()
     times: list[float] | None = None
     kept: list[bool] | None = None
 
@@ -170,7 +170,8 @@ def _of_same_numbers(
         file, missing = (colors, "depth") if lacking[0] in colors else (depths, "colour")
         raise ArgumentError(name, "colour and depth of the same numbers", f"{file[lacking[0]].name} without {missing}")
     kept = [own in depths for own in colors]
-    return Recording([colors[own] for own in both], [depths[own] for own in both], left_out=len(lacking), kept=kept)
+    left_out = [(colors if own in colors else depths)[own] for own in lacking]
+    return Recording([colors[own] for own in both], [depths[own] for own in both], left_out=left_out, kept=kept)
 
 
 def _name(path: Path) -> str:
@@ -193,7 +194,7 @@ def _at_one_time(
     kept = {i for i, _ in pairs}
     return Recording(
         *chosen,
-        left_out=len(colors) - len(pairs),
+        left_out=[color for i, color in enumerate(colors) if i not in kept],
         times=[color_times[i] for i, _ in pairs],
         kept=[i in kept for i in range(len(colors))],
     )
@@ -217,7 +218,8 @@ def _dense_maps(folder: Path, maps: Path) -> Recording:
     if not there:
         raise FileFormatError(f"{maps}: no depth map of an image, as {next(iter(of_image.values()), maps).name}")
     cameras = (folder / "sparse",) if (folder / "sparse").is_dir() else ()
-    return Recording(list(there), list(there.values()), cameras, None, len(images) - len(there))
+    left_out = [image for image in images if image not in there]
+    return Recording(list(there), list(there.values()), cameras, None, left_out)
 
 
 def _camera_files(folder: Path, colors: Sequence[Path]) -> tuple[Path, ...]:

@@ -76,7 +76,8 @@ def check_mesh_file(path: str | PathLike[str], textured: bool, colored: bool) ->
     if kind not in _WRITTEN:
         raise ArgumentError("path", f"a file that ends in one of {', '.join(_WRITTEN)}", str(file))
     if textured and kind not in _TEXTURED and not (colored and kind in _COLORED):
-        raise ArgumentError("path", f"a file that can hold the texture: {' or '.join(_TEXTURED)}", str(file))
+        kinds = _TEXTURED if not colored else [one for one in _WRITTEN if one in _TEXTURED or one in _COLORED]
+        raise ArgumentError("path", f"a file that can hold the texture: {' or '.join(kinds)}", str(file))
     check_writable(file)
 
 

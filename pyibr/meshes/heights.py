@@ -12,6 +12,7 @@ from pyibr.core.errors import ArgumentError
 
 Float32 = NDArray[np.float32]
 Wrap = Literal["repeat", "clamp"]
+Wraps = tuple[Wrap, Wrap]  # along u and along v
 
 
 def checked_height(height: NDArray[Any]) -> Float32:
@@ -29,27 +30,27 @@ def checked_height(height: NDArray[Any]) -> Float32:
     return np.ascontiguousarray(height, np.float32)
 
 
-def height_pairs(height: Float32, wrap: Wrap) -> NDArray[np.uint32]:
+def height_pairs(height: Float32, wrap: Wraps) -> NDArray[np.uint32]:
     """(h, w) words of two heights, 16 bits each: a texel's, and above it its right neighbour's."""
     fixed = np.rint(height * np.float32(65535)).astype(np.uint32)
     return fixed | following(fixed, 1, wrap) << np.uint32(16)
 
 
-def following(values: NDArray[Any], axis: int, wrap: Wrap) -> NDArray[Any]:
-    """Each texel's next one along an axis: of the last ones the first, or, clamped, the last themselves."""
+def following(values: NDArray[Any], axis: int, wrap: Wraps) -> NDArray[Any]:
+    """Each texel's next one along an axis, 0 down (v) or 1 across (u): of the last the first, or, clamped, the last."""
     count: int = values.shape[axis]
     order = np.arange(1, count + 1)
-    order[-1] = 0 if wrap == "repeat" else count - 1
+    order[-1] = 0 if wrap[1 - axis] == "repeat" else count - 1
     return values.take(order, axis=axis)
 
 
-def height_at(height: Float32, uv: NDArray[np.float64], wrap: Wrap) -> float:
+def height_at(height: Float32, uv: NDArray[np.float64], wrap: Wraps) -> float:
     """The bilinear height at one place, (2,) u and v."""
     rows, columns = height.shape
     (x, fx), (y, fy) = (divmod(float(at) * n - 0.5, 1) for at, n in zip(uv, (columns, rows), strict=True))
     across, down = (
-        [int(k % n if wrap == "repeat" else min(max(k, 0), n - 1)) for k in (first, first + 1)]
-        for first, n in ((x, columns), (y, rows))
+        [int(k % n if how == "repeat" else min(max(k, 0), n - 1)) for k in (first, first + 1)]
+        for first, n, how in ((x, columns, wrap[0]), (y, rows, wrap[1]))
     )
     (aa, ab), (ba, bb) = height[np.ix_(down, across)].tolist()
     return (1 - fy) * ((1 - fx) * aa + fx * ab) + fy * ((1 - fx) * ba + fx * bb)
@@ -79,12 +80,21 @@ def checked_normal_map(normal_map: NDArray[Any]) -> Float32:
     return single
 
 
-def checked_tiles(tiles: tuple[int, int], wrap: Wrap) -> tuple[int, int]:
+def checked_wrap(wrap: Wrap | Wraps) -> Wraps:
+    """What a map is beyond uv of 0 to 1, along u and along v."""
+    both = (wrap, wrap) if isinstance(wrap, str) else wrap
+    if not isinstance(both, tuple) or len(both) != 2:  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise ArgumentError("wrap", '"repeat" or "clamp", or a pair of these', describe(wrap))
+    for one in both:
+        one_of("wrap", one, Wrap, ", or a pair of these")
+    return both
+
+
+def checked_tiles(tiles: tuple[int, int], wrap: Wraps) -> tuple[int, int]:
     """How often a map repeats along u and v; a clamped one does not."""
-    one_of("wrap", wrap, Wrap)
     pair = numbers("tiles", cast("ArrayLike", tiles), (2,))
     if (pair < 1).any() or (pair != np.rint(pair)).any():
         raise ArgumentError("tiles", "two whole numbers >= 1", describe(tiles))
-    if wrap == "clamp" and (pair != 1).any():
-        raise ArgumentError("tiles", '(1, 1) with wrap="clamp", which does not repeat', describe(tiles))
+    if any(how == "clamp" and count != 1 for how, count in zip(wrap, pair, strict=True)):
+        raise ArgumentError("tiles", '1 along what has wrap="clamp", which does not repeat', describe(tiles))
     return int(pair[0]), int(pair[1])

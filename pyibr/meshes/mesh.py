@@ -10,7 +10,17 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pyibr.core.checks import Fixed, check_tiled, checked_colors, describe, locked, numbers, one_of, plain_array
+from pyibr.core.checks import (
+    Fixed,
+    check_tiled,
+    checked_colors,
+    describe,
+    instance_of,
+    locked,
+    numbers,
+    one_of,
+    plain_array,
+)
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.optional import open3d
 from pyibr.io.mesh_arrays import MeshArrays
@@ -86,7 +96,9 @@ class Mesh(Fixed):
         along = None if normals is None else _checked_normals(normals, len(points))
         tints = None if colors is None else checked_colors("colors", colors, (len(points), 3))
         places = None if uv is None else _checked_uv(uv, len(points), len(corners))
-        others = {name: _checked_attribute(name, values, len(points)) for name, values in (attributes or {}).items()}
+        named: Mapping[str, ArrayLike] = {} if attributes is None else attributes
+        instance_of("attributes", named, Mapping, "arrays by name")
+        others = {name: _checked_attribute(name, values, len(points)) for name, values in named.items()}
         if places is not None and places.ndim == 3:
             corners, kept, places = _split(corners, places)
             others = {name: values[kept] for name, values in others.items()}

@@ -20,8 +20,13 @@ def areas(vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> Float64
 
 
 def place_of(vertices: NDArray[np.float32]) -> NDArray[np.int64]:
-    """(N,) equal numbers for vertices at one place."""
-    return np.unique(vertices, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
+    """(N,) equal numbers for vertices at one place, in the order of places.
+
+    A coordinate that is tiny beside the others is 0: the sine of half a turn is not, for computers.
+    """
+    tiny = np.abs(vertices).max(initial=0.0) * np.finfo(np.float32).eps
+    flushed = np.where(np.abs(vertices) < tiny, np.float32(0), vertices)
+    return np.unique(flushed, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
 
 
 def summed(owner: NDArray[np.integer], vectors: Float64, count: int) -> Float64:

@@ -18,6 +18,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from pyibr.core.checks import true_or_false
 from pyibr.core.errors import ArgumentError, DeviceError
 from pyibr.opencl.cache import cache_folder
 from pyibr.opencl.choice import Device, choose, describe, explain_broken, select
@@ -170,6 +171,7 @@ def devices(fresh: bool = False) -> list[Device]:
     >>> any(device.works for device in ibr.devices())
     True
     """
+    true_or_false("fresh", fresh)
     with _lock:
         doubted: Doubted = "all" if fresh else "broken"
         return [describe(found, _examine(found, fresh, doubted)) for found in found_devices()]

@@ -55,7 +55,10 @@ def expanded(file: str | Path) -> str:
         if path in seen:
             return ""
         seen.add(path)
-        text = path.read_text(encoding="utf-8")
+        try:
+            text = path.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError):
+            raise ArgumentError("file", "a file of text in UTF-8 that can be read", str(path)) from None
 
         def included(match: re.Match[str]) -> str:
             name = match.group(1)

@@ -57,7 +57,10 @@ def _enqueue(kernel: Kernel, grid: tuple[int, ...], **arguments: DeviceArray | S
         raise ArgumentError(
             f"{kernel.name}()", f"the arguments {sorted(kernel.names)}", f"missing {missing}, unknown {unknown}"
         )
-    session, expected = kernel.session, math.prod(map(int, grid)) * kernel.pace.item
+    items = math.prod(map(int, grid))
+    if items == 0:
+        return
+    session, expected = kernel.session, items * kernel.pace.item
     if not expected <= AT_ONCE:
         _in_pieces(kernel, grid, arguments)
         return

@@ -62,7 +62,7 @@ def to_host(arrays: Sequence[DeviceArray]) -> list[NDArray[Any]]:
             values.append(np.empty(array.shape, array.dtype))
         elif array.host is None or not session.profile.in_place:
             host = np.empty(array.shape, array.dtype) if array.host is None else array.host
-            # Who lets go of such an event waits for it, and all other threads with him.
+            # Letting go of such an event waits for it, while no other thread of Python runs.
             session.flight.used.append(cl.enqueue_copy(session.queue, host, array.buffer, is_blocking=False))
             values.append(host)
         elif array.is_own:

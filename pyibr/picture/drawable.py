@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import functools
-import math
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol, runtime_checkable
 
 from numpy.typing import NDArray
 
-from pyibr.core.checks import describe, number_from, one_of, true_or_false
+from pyibr.core.checks import cut_ratio_from, describe, one_of, true_or_false
 from pyibr.core.errors import ArgumentError
+from pyibr.core.optional import opencv
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
 
@@ -29,6 +29,8 @@ class Look:
     ------
     ArgumentError
         If one of them is none of its choices.
+    MissingPackageError
+        If OpenCV fills holes, and is not installed.
     """
 
     sample: Sample = "linear"
@@ -44,8 +46,10 @@ class Look:
         one_of("side", self.side, Side)
         if self.fill is not None:
             one_of("fill", self.fill, Fill, " or None")
+        if self.fill == "inpaint":
+            opencv('fill="inpaint"', "inpaint")  # before anything is drawn
         true_or_false("thin", self.thin)
-        number_from("cut_ratio", self.cut_ratio, math.nextafter(1.0, 2.0), math.inf, "a ratio greater than 1")
+        cut_ratio_from(self.cut_ratio)
 
 
 @runtime_checkable

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Float64
+from pyibr.core.checks import Float64, instance_of
 from pyibr.core.pixelspace import pitch, pixel_size
+from pyibr.core.straight import check_no_lens
 from pyibr.images import DepthImage
 from pyibr.opencl.device import current, one_call
 from pyibr.opencl.headers import constant
@@ -46,7 +47,7 @@ def normals_of(view: DepthImage) -> NDArray[np.float32]:
     Raises
     ------
     ArgumentError
-        If no sample is valid.
+        If no sample is valid, or the view has a lens.
 
     Examples
     --------
@@ -58,6 +59,8 @@ def normals_of(view: DepthImage) -> NDArray[np.float32]:
     >>> [round(float(n), 2) + 0.0 for n in normals_of(ibr.DepthImage(None, rising, camera))[4, 3]]
     [0.24, 0.0, -0.97]
     """
+    instance_of("view", view, DepthImage, "a pyibr.DepthImage")
+    check_no_lens("view", view.camera)
     if view.normals is None:
         return _found(view)
     known = ~np.isnan(view.normals[..., :1])
@@ -67,7 +70,7 @@ def normals_of(view: DepthImage) -> NDArray[np.float32]:
 def showing_normals(view: DepthImage) -> DepthImage:
     """The view with its normals for colours: x, y, z in the world as 0.5 + 0.5 x, made once.
 
-    So whatever mixes and blends colours of views makes pictures of normals, which kernels/raster/relight.cl reads.
+    So whatever mixes and blends colours of views makes pictures of normals, which kernels/lib/relight.cl reads.
     """
 
     def made() -> DepthImage:
@@ -144,7 +147,7 @@ def _radius(view: DepthImage) -> int:
     """Samples to each side of one that tell its normal: as few as its noise allows."""
     if not view.valid.any():
         return 1
-    z, camera = float(np.median(view.depth[view.valid])), view.camera
+    z, camera = float(np.median(view.depth[view.valid].astype(np.float64))), view.camera
     pixels = float(np.sqrt(camera.K[0, 0] * camera.K[1, 1]))  # of a scene unit, at depth 1 or everywhere
     noise = _noise_at(view, z) * pixels / (z if camera.projection == "perspective" else 1.0)
     most = int(constant("lib/normals.cl", "RADIUS_MOST"))

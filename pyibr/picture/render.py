@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64, describe, instance_of, numbers, whole_from
@@ -114,6 +115,8 @@ def render(
     dtype = np.dtype(np.float32 if in_float else np.uint8)
     if (around < 0).any() or (around > (1 if in_float else 255)).any():
         raise ArgumentError("background", f"a colour in the range of {dtype}", describe(background))
+    if not in_float and around.max() <= 1 and (around % 1).any():
+        raise ArgumentError("background", "a colour from 0 to 255, as of the things", describe(background))
     with one_call():
 
         def draw_all(target: Target, lit: Lighting | None = None) -> None:
@@ -135,11 +138,14 @@ def render(
 def _put_over(frame: Frame, background: Float64) -> None:
     """Let a colour show where there is nothing."""
     color, dtype = frame.color, frame.color.dtype
-    color[np.isnan(frame.depth)] = background.astype(dtype)
+
+    def stored(values: Float64) -> NDArray[Any]:
+        return values.astype(dtype) if dtype == np.float32 else np.rint(values).clip(0, 255).astype(dtype)
+
+    color[np.isnan(frame.depth)] = stored(background)
     if frame.alpha is not None:
         partly = (frame.alpha > 0) & (frame.alpha < 1)
-        mixed = color[partly] + (1 - frame.alpha[partly, None]) * background
-        color[partly] = mixed if dtype == np.float32 else np.rint(mixed).clip(0, 255).astype(dtype)
+        color[partly] = stored(color[partly] + (1 - frame.alpha[partly, None]) * background)
 
 
 def _drawables(things: Sequence[Thing], look: Look) -> list[Drawable]:

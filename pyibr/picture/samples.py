@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pyibr.core.camera import Camera
 from pyibr.core.checks import check_lengths, check_pixels
 from pyibr.core.errors import ArgumentError
-from pyibr.core.pixelspace import pitch
+from pyibr.core.pixelspace import longer_side, pitch
 from pyibr.images import DepthImage
 from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.kept import kept
@@ -56,8 +56,7 @@ def cut_of(camera: Camera, ratio: float | None, slack: tuple[float, float] = (0.
         return values
     far_scale, least = ratio + slack[0], slack[1]
     if camera.projection == "orthographic":  # depths have no origin: what the camera sees gives the scale
-        sides = camera.width / camera.K[0, 0], camera.height / camera.K[1, 1]
-        far_scale, least = 1.0, least + (ratio - 1.0) * max(sides)
+        far_scale, least = 1.0, least + (ratio - 1.0) * longer_side(camera)
     most = float(np.finfo(np.float32).max)
     values["near_scale"], values["far_scale"], values["least"] = 1.0, min(far_scale, most), min(least, most)
     return values

@@ -231,7 +231,7 @@ def shadowed(
     yield
     origin = target.camera.center  # float32 holds what is near 0 best
     more: dict[str, Any] = {"fade": fade}
-    program = kernel("raster/shadow.cl", "darken", **target.color_defines)
+    program = kernel("lib/shadow.cl", "darken", **target.color_defines)
     if lighting.light.relight:
         more, defines = {}, {**lighting.defines, **target.color_defines}
         if draw_normals is not None:
@@ -239,7 +239,7 @@ def shadowed(
             draw_normals(layer)
             layer.clear()  # if it has written nothing
             more, defines["NORMALS"] = {"normals": layer.color}, 1
-        program = kernel("raster/relight.cl", "relight", **defines)
+        program = kernel("lib/relight.cl", "relight", **defines)
     launch(
         program,
         current().profile.packets(*target.camera.size),

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import check_pixels, instance_of
+from pyibr.core.checks import check_pixels, cut_ratio_from, instance_of, true_or_false
 from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import pitch
 from pyibr.core.straight import WIDEST, Pane, Places, places_in_lens, sees_too_far, straight_camera
@@ -21,6 +21,8 @@ from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty, to_host, upload
 from pyibr.opencl.program import kernel
 from pyibr.picture.samples import at_least_a_word, cut_of
+
+_KEPT = 4  # straightened copies of a view, by where it is cut
 
 
 def straightened(view: DepthImage, cut_ratio: float | None = 1.05, linear: bool = True) -> DepthImage:
@@ -57,7 +59,9 @@ def straightened(view: DepthImage, cut_ratio: float | None = 1.05, linear: bool 
     True
     """
     instance_of("view", view, DepthImage, "a pyibr.DepthImage")
-    return straight_view(view, cut_of(view.camera, cut_ratio), linear)
+    if cut_ratio is not None:
+        cut_ratio_from(cut_ratio)
+    return straight_view(view, cut_of(view.camera, cut_ratio), true_or_false("linear", linear))
 
 
 def straight_view(view: DepthImage, cut: NDArray[np.void], linear: bool = True) -> DepthImage:
@@ -65,7 +69,13 @@ def straight_view(view: DepthImage, cut: NDArray[np.void], linear: bool = True) 
     if view.camera.lens is None:
         return view
     with one_call():
-        return kept(view, f"straight {cut.tobytes().hex()} {linear}", lambda: _straight_view(view, cut, linear))
+        made: dict[tuple[bytes, bool], DepthImage] = kept(view, "straight", lambda: {})
+        key = cut.tobytes(), linear
+        if key not in made:
+            while len(made) >= _KEPT:
+                del made[next(iter(made))]
+            made[key] = _straight_view(view, cut, linear)
+        return made[key]
 
 
 def straight_silhouette(view: Silhouette) -> Silhouette:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import check_lengths, check_pixels
+from pyibr.core.checks import check_lengths, check_picture
 from pyibr.images import Frame
 from pyibr.opencl.headers import struct
 from pyibr.opencl.memory import DeviceArray, empty, output, to_host
@@ -63,7 +63,7 @@ class Target:
         channels: int = 3,
         anisotropy: int = 1,
     ) -> None:
-        check_pixels("camera", camera.size)
+        check_picture("camera", camera.size)
         shape = (camera.height, camera.width)
         self.camera = camera
         self.out = out

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.meshes.heights import Wrap, following
+from pyibr.meshes.heights import Wrap, Wraps, following
 from pyibr.meshes.textures import halved
 
 Float32 = NDArray[np.float32]
@@ -38,7 +38,7 @@ class HeightLevels:
     height_bytes: int
 
 
-def height_levels(height: Float32, height_bytes: int, wrap: Wrap) -> HeightLevels:
+def height_levels(height: Float32, height_bytes: int, wrap: Wraps) -> HeightLevels:
     """Levels of heights (h, w) in [0, 1], each half as large as the one before, rounded down.
 
     Parameters
@@ -46,8 +46,8 @@ def height_levels(height: Float32, height_bytes: int, wrap: Wrap) -> HeightLevel
     height : (h, w) float32
     height_bytes : 1 or 2
         1 if the heights are multiples of 1/255: reading them takes half the time.
-    wrap : {"repeat", "clamp"}
-        What neighbours the last texels have: the first ones, or themselves.
+    wrap : (Wrap, Wrap)
+        Along u and v, what neighbours the last texels have: "repeat" the first ones, "clamp" themselves.
     """
     words: list[NDArray[np.uint32]] = []
     bounds: list[NDArray[np.uint16]] = []
@@ -73,7 +73,7 @@ def height_levels(height: Float32, height_bytes: int, wrap: Wrap) -> HeightLevel
         if w == h == 1:
             break
         finer, level = level, halved(level)
-        lost += float(np.abs(finer - _stretched(_stretched(level, w, wrap).T, h, wrap).T).max())
+        lost += float(np.abs(finer - _stretched(_stretched(level, w, wrap[0]).T, h, wrap[1]).T).max())
     return HeightLevels(np.concatenate(words), np.concatenate(bounds), np.array(rows, np.int32), height_bytes)
 
 

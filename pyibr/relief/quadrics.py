@@ -19,6 +19,7 @@ from pyibr.meshes.tangents import unit, uv_gradients
 
 _SINGULAR = 1e-6  # of the largest: less than that is rounding
 _HARD = 0.97  # cosine: of normals at one place some are 14 degrees and more from their mean
+_BENT = 1e-3  # of normals of length 1: by what those of a flat triangle differ at most, by rounding
 _BELOW = -0.1  # cosine of the way into a vertex's triangles with that mean: they fall away from it
 
 
@@ -92,6 +93,11 @@ def split_at_edges(mesh: Mesh) -> Mesh:
     kept = np.concatenate([np.arange(len(mesh.vertices)), owner[is_copy]])
     uv = np.asarray(mesh.uv)[kept]
     return Mesh(mesh.vertices[kept], number[kind.reshape(-1)].reshape(-1, 3), uv, normals)
+
+
+def is_flat(mesh: Mesh, normals: Float64) -> bool:
+    """Does a mesh bend nowhere: has each triangle one normal at all of its corners?"""
+    return bool(np.ptp(normals[mesh.faces], axis=1).max() < _BENT)
 
 
 def juts_out(mesh: Mesh, normals: Float64) -> bool:

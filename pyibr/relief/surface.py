@@ -12,7 +12,16 @@ from pyibr.core.camera import Camera
 from pyibr.core.checks import Fixed, check_tiled, checked_colors, instance_of, locked, one_of, positive, whole_from
 from pyibr.core.errors import ArgumentError
 from pyibr.core.straight import check_no_lens
-from pyibr.meshes.heights import Float32, Wrap, checked_height, checked_normal_map, checked_tiles, height_at
+from pyibr.meshes.heights import (
+    Float32,
+    Wrap,
+    Wraps,
+    checked_height,
+    checked_normal_map,
+    checked_tiles,
+    checked_wrap,
+    height_at,
+)
 from pyibr.meshes.mesh import Mesh
 from pyibr.meshes.textures import normal_pyramid, texture_pyramid
 from pyibr.opencl.device import one_call
@@ -23,9 +32,10 @@ from pyibr.opencl.memory import DeviceArray, copy, empty, upload
 from pyibr.opencl.program import kernel
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
+from pyibr.picture.wrap import wrap_defines
 from pyibr.raster.bins import bin_primitives, bin_side, project
 from pyibr.relief.levels import HeightLevels, height_levels
-from pyibr.relief.quadrics import VertexFrames, juts_out, split_at_edges, split_at_mirrors, vertex_frames
+from pyibr.relief.quadrics import VertexFrames, is_flat, juts_out, split_at_edges, split_at_mirrors, vertex_frames
 from pyibr.relief.within import Place, Underside, window
 
 Silhouette = Literal["quadric", "none"]
@@ -57,14 +67,14 @@ class ReliefSurface(Fixed):
         Unit normals in tangent space, for lights: x along u, y along v (down the image), z along the normal. Bytes
         are decoded as x / 127.5 - 1. Without a map the heights' slopes give normals.
     silhouette : {"quadric", "none"}
-        "quadric": the relief follows a quadric fitted to each vertex' neighbours, so that rays beside it come out
+        "quadric": the relief follows a quadric fitted to each vertex's neighbours, so that rays beside it come out
         again; "none": it is flat at each pixel, as in earlier relief mapping, and all of the mesh is covered.
     distance : {"approximate", "exact", "perpendicular"}
         How deep a ray is. "approximate": below the quadric, along the normal where it entered (equation 7); "exact":
         below circles of the quadric's curvatures, which is the true distance on planes, tubes and spheres, nearer to it
         on all that bends, and tells on deep reliefs and at outlines, at twice the time or more; "perpendicular": to the
-        quadric, at right angles to the ray (equation 6), which is longer than the depth the straighter one looks on; of
-        the linear search alone, as no bounds hold for it.
+        quadric, at right angles to the ray (equation 6), which is more than the depth where a ray runs into the
+        surface; of the linear search alone, as no bounds hold for it.
     search : {"safe", "linear"}
         "safe" steps over nothing, by bounds of the heights; "linear" is the paper's: even steps, then halvings.
     steps, halvings : int
@@ -75,10 +85,10 @@ class ReliefSurface(Fixed):
         towards the light, the paper's, and the map for what lies beyond this relief. It needs no texels, so small tiles
         get no moire, but a search more a pixel; and what stands below the base, within the relief, casts no shadow on
         it.
-    wrap : {"repeat", "clamp"}
+    wrap : {"repeat", "clamp"}, or a pair of these
         What heights, colours and normals are where uv are beyond 0 to 1, and from the outermost texels' centres on:
         "repeat" goes over to the other side of the map, "clamp" goes on with the values of its border, for maps that
-        do not tile. `tiles` are (1, 1) with it.
+        do not tile: `tiles` are 1 with it. A pair is along u and along v: ("repeat", "clamp") for maps of a globe.
 
     Attributes
     ----------
@@ -117,7 +127,7 @@ class ReliefSurface(Fixed):
         steps: int = 32,
         halvings: int = 6,
         shadow: Shadow = "map",
-        wrap: Wrap = "repeat",
+        wrap: Wrap | Wraps = "repeat",
     ) -> None:
         instance_of("base", base, Mesh, "a pyibr.Mesh")
         if base.uv is None:
@@ -127,8 +137,8 @@ class ReliefSurface(Fixed):
         self._height_bytes = 1 if getattr(height, "dtype", None) == np.uint8 else 2
         self.color = locked(checked_colors("color", color, (None, None, 3)))
         self.scale = positive("scale", scale)
-        self.tiles = checked_tiles(tiles, wrap)
-        self.wrap: Wrap = wrap
+        self.wrap = checked_wrap(wrap)
+        self.tiles = checked_tiles(tiles, self.wrap)
         one_of("silhouette", silhouette, Silhouette)
         one_of("distance", distance, Distance)
         one_of("search", search, Search)
@@ -177,9 +187,10 @@ class ReliefSurface(Fixed):
         return self.silhouette == "quadric" and bool(self.frames.quadrics.any())
 
     @cached_property
-    def juts(self) -> bool:
-        """Has the base hard edges that jut out, as a box has?"""
-        return juts_out(self.drawn, self.frames.normals)
+    def is_flat(self) -> bool:
+        """Do all rays find the relief in one place? Not if the base bends, or has hard edges that jut out, as a box."""
+        normals = self.frames.normals
+        return is_flat(self.drawn, normals) and not juts_out(self.drawn, normals)
 
     @cached_property
     def vertex_rows(self) -> NDArray[np.float32]:
@@ -281,7 +292,7 @@ def draw_relief(
         more |= {"normal_map": buffers.get("normal_map", buffers["vertices"])}
         if lit.maps is not None:
             defines["SHADOWS"] = int(constant("relief/sight.h", _SHADOWS[surface.shadow]))
-            defines["JUTS"] = int(surface.juts)
+            defines["FLAT_BASE"] = int(surface.is_flat)
     if target.from_light:
         defines["DEPTH_ALONE"] = 1
     if place is not None:
@@ -321,8 +332,8 @@ def _defines_of(surface: ReliefSurface) -> dict[str, int]:
     """What kernels are built for: how depths are measured, and what the heights are."""
     distance = int(constant("relief/ray.h", surface.distance.upper()))
     defines = {"DISTANCE": distance, "HEIGHT_BYTES": surface.levels.height_bytes}
-    if surface.wrap == "clamp":
-        return defines | {"CLAMPED": 1}
+    if "clamp" in surface.wrap:
+        return defines | wrap_defines(surface.wrap)
     return defines | {"POWERS_OF_TWO": int(all(n & (n - 1) == 0 for n in surface.height.shape))}
 
 

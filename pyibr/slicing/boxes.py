@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from weakref import WeakKeyDictionary, ref
@@ -16,6 +17,7 @@ from pyibr.images import DepthImage
 from pyibr.images.silhouette import Silhouette
 
 _FIRST = 8  # cells a side of the grid that begins to look for a hull's box
+_LONGEST = 64  # times as long as it is wide by its silhouettes: where an object is looked for
 _CARVED = 64  # cells along the longest edge of the box, at least, when it is found
 
 
@@ -71,7 +73,7 @@ def is_background(view: DepthImage, missing_is_background: bool) -> NDArray[np.b
     return ~view.valid & (missing_is_background | (view.depth >= view.far))
 
 
-class Samples:
+class Whereabouts:
     """What a depth image says of where an object lies.
 
     Attributes
@@ -102,25 +104,25 @@ class Samples:
         return self._extents[key]
 
 
-_SAMPLES: WeakKeyDictionary[DepthImage, Samples] = WeakKeyDictionary()
+_WHEREABOUTS: WeakKeyDictionary[DepthImage, Whereabouts] = WeakKeyDictionary()
 
 
-def samples_of(view: DepthImage) -> Samples:
+def whereabouts_of(view: DepthImage) -> Whereabouts:
     """What an image says; found once, for all objects that are made with it."""
-    if view not in _SAMPLES:
-        _SAMPLES[view] = Samples(view)
-    return _SAMPLES[view]
+    if view not in _WHEREABOUTS:
+        _WHEREABOUTS[view] = Whereabouts(view)
+    return _WHEREABOUTS[view]
 
 
 def box_of_samples(views: list[DepthImage], missing_is_background: bool) -> Box:
     """The box of all samples along the first view's axes; an error if no sample lies in all views' volumes."""
     axes = views[0].camera.world_from_camera[:3, :3].T
-    extents = [samples_of(view).extent(axes) for view in views]
+    extents = [whereabouts_of(view).extent(axes) for view in views]
     low, high = np.min([low for low, _ in extents], axis=0), np.max([high for _, high in extents], axis=0)
     # A flat box has no inside; far from the world's origin, tiny margins are rounded away.
     margin = max(1e-3 * float((high - low).max()), 1e-15, 8 * float(np.spacing(np.abs([low, high]).max())))
     box = Box(axes, low - margin, high + margin)
-    some = np.concatenate([samples_of(view).some for view in views])
+    some = np.concatenate([whereabouts_of(view).some for view in views])
     reach = 0.05 * float(box.edges.max())  # samples lie on the surface, and a little off others'
     for few in (some[::16], some):  # of most objects few tell
         inside = np.ones(len(few), bool)
@@ -230,20 +232,37 @@ def outline_of(view: Silhouette | DepthImage) -> Outline:
 
 
 def box_of_silhouettes(views: Sequence[Silhouette | DepthImage]) -> Box:
-    """The box, along the world's axes, of the cells of a grid that may have something within all silhouettes.
+    """The box, along the world's axes, around all that lies within all silhouettes.
+
+    Along the lines of sight it may be longer than any silhouette is wide: it is looked for in larger and larger cubes,
+    until one holds it, or the next one would hold a camera. Of views along one line it is as long as wide.
+    """
+    outlines = [outline_of(view) for view in views]
+    center, radius, most = _where_they_look(outlines)
+    while True:
+        box = _carved(outlines, center, radius)
+        holds = box is not None and (np.abs([box.low - center, box.high - center]) < 0.999 * radius).all()
+        if holds or 2 * radius > most:
+            break
+        radius *= 2
+    if box is None:
+        raise ArgumentError("views", "silhouettes of one object, with something within all of them", "nothing")
+    return box
+
+
+def _carved(outlines: Sequence[Outline], center: Float64, radius: float) -> Box | None:
+    """The box of the cells of a grid in a cube that may have something within all silhouettes, if there is one.
 
     Cells are halved until the longest edge has `_CARVED` of them; only those that may still lie at one of the box's
     sides, beyond points that surely lie within.
     """
-    outlines = [outline_of(view) for view in views]
-    center, radius = _where_they_look(outlines)
     low, cell = center - radius, 2 * radius / _FIRST
     cells = np.indices((_FIRST, _FIRST, _FIRST)).reshape(3, -1).T
     while True:
         for outline in outlines:
             cells = cells[outline.touches(low + (cells + 0.5) * cell, 0.5 * float(np.sqrt(3)) * cell)]
         if not len(cells):
-            raise ArgumentError("views", "silhouettes of one object, with something within all of them", "nothing")
+            return None
         first, last = cells.min(axis=0), cells.max(axis=0) + 1
         if (last - first).max() >= _CARVED:
             return Box(np.eye(3), low + first * cell, low + last * cell)
@@ -256,8 +275,11 @@ def box_of_silhouettes(views: Sequence[Silhouette | DepthImage]) -> Box:
         cell *= 0.5
 
 
-def _where_they_look(outlines: Sequence[Outline]) -> tuple[Float64, float]:
-    """The point closest to the rays through the silhouettes' middles, and how far the object reaches around it."""
+def _where_they_look(outlines: Sequence[Outline]) -> tuple[Float64, float, float]:
+    """The point closest to the rays through the silhouettes' middles, and how far the object reaches around it.
+
+    As far as it should be by what the silhouettes are wide; and as far as it may, before cameras.
+    """
     origins, directions = np.zeros((len(outlines), 3)), np.zeros((len(outlines), 3))
     for number, outline in enumerate(outlines):
         camera = outline.camera
@@ -275,13 +297,18 @@ def _where_they_look(outlines: Sequence[Outline]) -> tuple[Float64, float]:
     system: Float64 = across.sum(axis=0)
     offset: Float64 = np.linalg.lstsq(system, right, rcond=1e-9)[0].astype(np.float64)
     perspective = any(outline.camera.projection == "perspective" for outline in outlines)
-    if perspective and (directions @ directions[0] > 1 - 1e-9).all():
+    turned = directions @ directions[0]
+    if perspective and (turned > 1 - 1e-9).all():
         raise ArgumentError("views", "silhouettes from more than one direction", "all from one side")
     center, radius = mean + offset, 0.0
+    most = math.inf if (np.abs(turned) < 1 - 1e-9).any() else 0.0
     for outline in outlines:
         camera = outline.camera
         z = float(camera.camera_from_world[2, :3] @ center + camera.camera_from_world[2, 3])
         scale = float(min(camera.K[0, 0], camera.K[1, 1]))
         far = abs(z) if camera.projection == "perspective" else 1.0
         radius = max(radius, 0.5 * outline.across / scale * far)
-    return center, 1.5 * max(radius, 1e-15, 64 * _CARVED * float(np.spacing(np.abs(center).max())))
+        if camera.projection == "perspective":
+            most = min(most, float(np.abs(camera.center - center).max()))
+    radius = 1.5 * max(radius, 1e-15, 64 * _CARVED * float(np.spacing(np.abs(center).max())))
+    return center, radius, min(most, _LONGEST * radius)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Fixed, Float64, describe, one_of, true_or_false
 from pyibr.core.errors import ArgumentError
-from pyibr.core.pixelspace import pixel_size
+from pyibr.core.pixelspace import longer_side, pixel_size
 from pyibr.images import DepthImage
 from pyibr.images.silhouette import Silhouette, is_opposite
 from pyibr.meshes.textures import rgba_words
@@ -27,7 +27,7 @@ from pyibr.picture.normals import showing_normals
 from pyibr.picture.shadow import Lighting, shadowed
 from pyibr.picture.straighten import straight_silhouette, straightened
 from pyibr.picture.target import Target
-from pyibr.slicing.boxes import Box, box_of_samples, box_of_silhouettes, nearness_map, samples_of
+from pyibr.slicing.boxes import Box, box_of_samples, box_of_silhouettes, nearness_map, whereabouts_of
 from pyibr.slicing.ribbons import ribbons_of
 from pyibr.slicing.spacing import (
     SLICES_USUAL,
@@ -497,9 +497,9 @@ def _uploaded(words: Sequence[NDArray[np.uint32]]) -> DeviceArray:
 def _check_resolved(thing: DepthObject) -> None:
     """Raise ArgumentError if slices are so far apart that they miss what a view saw: of background taken for depth."""
     for number, view in enumerate(thing.views):
-        nearest, farthest = samples_of(view).nearest, samples_of(view).farthest
+        nearest, farthest = whereabouts_of(view).nearest, whereabouts_of(view).farthest
         camera = view.camera
-        seen = nearest if camera.projection == "perspective" else max(camera.size) / float(camera.K[0, 0])
+        seen = nearest if camera.projection == "perspective" else longer_side(camera)
         slices = SLICES_USUAL if thing.slices == "view" else thing.slices
         if float(thing.box.edges.max()) > slices * _APART_MOST * seen:
             expected = f"depths that {slices} slices can tell apart (or `far`, if larger ones are background)"

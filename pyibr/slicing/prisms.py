@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pyibr.core.checks import Float64
 from pyibr.meshes.mesh import Mesh
+from pyibr.meshes.normals import place_of
 from pyibr.meshes.tangents import unit, uv_gradients
 
 Float32 = NDArray[np.float32]
@@ -49,8 +50,9 @@ class Volume:
 
     @cached_property
     def bounds(self) -> tuple[Float32, Float32]:
-        """Of the points."""
-        return self.points.min(axis=0), self.points.max(axis=0)
+        """Of the points that tetrahedra use."""
+        used = self.points[self.corners.ravel()] if len(self.corners) else self.points
+        return used.min(axis=0), used.max(axis=0)
 
 
 def extruded(base: Mesh, scale: float, tiles: tuple[int, int]) -> Volume:
@@ -60,11 +62,11 @@ def extruded(base: Mesh, scale: float, tiles: tuple[int, int]) -> Volume:
     normals = np.asarray(base.normals if base.normals is not None else base.smooth_normals, np.float64)
     uv = np.asarray(base.uv, np.float64) * tiles
     count = len(vertices)
-    points = np.concatenate([vertices, vertices + scale * _one_at_each_place(base, normals)])
+    points = np.concatenate([vertices, vertices + scale * _one_at_each_place(base, normals, faces)])
     places = np.column_stack([np.concatenate([uv, uv]), np.repeat([0.0, 1.0], count)])
 
     # The diagonal of a wall goes from the corner of lower rank up: neighbours agree, across seams of uv, too.
-    rank = np.unique(base.vertices, axis=0, return_inverse=True)[1].ravel()
+    rank = place_of(base.vertices)
     order = np.argsort(rank[faces], axis=1, kind="stable")
     i, j, k = np.take_along_axis(faces, order, axis=1).T
     top_i, top_j, top_k = i + count, j + count, k + count
@@ -75,16 +77,17 @@ def extruded(base: Mesh, scale: float, tiles: tuple[int, int]) -> Volume:
     return Volume(single[0], single[1], np.ascontiguousarray(corners, np.int32), single[2], single[3], single[4])
 
 
-def _one_at_each_place(base: Mesh, normals: Float64) -> Float64:
-    """Normals along which vertices at one place stay together: where several differ, their mean.
+def _one_at_each_place(base: Mesh, normals: Float64, faces: NDArray[np.int32]) -> Float64:
+    """Normals along which vertices of faces at one place stay together: where several differ, their mean.
 
     Where they cancel out, as on two sheets back to back, each keeps its own.
     """
-    place = np.unique(base.vertices, axis=0, return_inverse=True)[1].reshape(-1)
-    kinds = np.unique(np.column_stack([place, normals]), axis=0)
+    place = place_of(base.vertices)
+    places, used = len(place), np.unique(faces)
+    kinds = np.unique(np.column_stack([place, normals])[used], axis=0)
     of_kind = kinds[:, 0].astype(np.int64)
-    count = np.bincount(of_kind)
-    sums = np.stack([np.bincount(of_kind, kinds[:, axis]) for axis in (1, 2, 3)], axis=1)
+    count = np.bincount(of_kind, minlength=places)
+    sums = np.stack([np.bincount(of_kind, kinds[:, axis], places) for axis in (1, 2, 3)], axis=1)
     length = np.linalg.norm(sums, axis=1)
     mean = sums / np.where(length > 0, length, 1)[:, None]
     several = (count > 1) & (length > _AGAINST * count)

@@ -21,7 +21,16 @@ from pyibr.core.checks import (
 )
 from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import pixel_size
-from pyibr.meshes.heights import Float32, Wrap, checked_height, checked_normal_map, checked_tiles, height_pairs
+from pyibr.meshes.heights import (
+    Float32,
+    Wrap,
+    Wraps,
+    checked_height,
+    checked_normal_map,
+    checked_tiles,
+    checked_wrap,
+    height_pairs,
+)
 from pyibr.meshes.mesh import Mesh
 from pyibr.meshes.textures import normal_pyramid, texture_pyramid
 from pyibr.opencl.headers import constant
@@ -31,6 +40,7 @@ from pyibr.opencl.memory import DeviceArray, upload
 from pyibr.opencl.program import kernel
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
+from pyibr.picture.wrap import wrap_defines
 from pyibr.raster.bins import bin_primitives, bin_side, project
 from pyibr.slicing.prisms import Volume, extruded
 from pyibr.slicing.spacing import SLICES_MOST, Slices, checked_halvings, checked_slices, slices_text
@@ -55,7 +65,8 @@ class SlicedSurface(Fixed):
         With uv; a single polygon or any surface. It is displaced along its normals, or its smooth ones; where vertices
         at one place have several, as at hard edges, along their mean, so that it stays closed. It is lit by its own.
     height : (h, w) float32 in [0, 1], or uint8, uint16
-        0 is the base, 1 is `scale` above it. Bilinear between texel centres; kept in 16 bits.
+        0 is the base, which only `test="at_least"` draws, 1 is `scale` above it. Bilinear between texel centres; kept in
+        16 bits.
     color : (h', w', 3) uint8, or float32 in [0, 1]
         Over the same uv.
     scale : float
@@ -88,10 +99,10 @@ class SlicedSurface(Fixed):
     band : float, optional
         Of heights, how thick the band is that the test "band" takes: neighbours that differ by more are apart. A slice
         spacing without it, with which nothing is missed of what lies flat; less leaves gaps.
-    wrap : {"repeat", "clamp"}
+    wrap : {"repeat", "clamp"}, or a pair of these
         What heights, colours and normals are where uv are beyond 0 to 1, and from the outermost texels' centres on:
         "repeat" goes over to the other side of the map, "clamp" goes on with the values of its border, for maps that
-        do not tile. `tiles` are (1, 1) with it.
+        do not tile: `tiles` are 1 with it. A pair is along u and along v: ("repeat", "clamp") for maps of a globe.
 
     Raises
     ------
@@ -125,7 +136,7 @@ class SlicedSurface(Fixed):
         clipped: bool = True,
         halvings: int = 0,
         band: float | None = None,
-        wrap: Wrap = "repeat",
+        wrap: Wrap | Wraps = "repeat",
     ) -> None:
         instance_of("base", base, Mesh, "a pyibr.Mesh")
         if base.uv is None:
@@ -134,8 +145,8 @@ class SlicedSurface(Fixed):
         self.heights = Heights(checked_height(height))
         self.color = locked(checked_colors("color", color, (None, None, 3)))
         self.scale = positive("scale", scale)
-        self.tiles = checked_tiles(tiles, wrap)
-        self.wrap: Wrap = wrap
+        self.wrap = checked_wrap(wrap)
+        self.tiles = checked_tiles(tiles, self.wrap)
         self.slices: Slices = checked_slices(slices)
         one_of("slicing", slicing, Slicing)
         one_of("test", test, AlphaTest)
@@ -193,9 +204,7 @@ def draw_surface(
     projected = project(target, buffers["points"], near)
     bins = bin_primitives(target, buffers["corners"], projected, near, sort=True)
     slices = _slices_in(surface, target.camera)
-    defines = dict(target.filter_defines)
-    if surface.wrap == "clamp":
-        defines["CLAMPED"] = 1
+    defines = target.filter_defines | wrap_defines(surface.wrap)
     more: dict[str, Any] = dict(target.filter_arguments)
     if lit is not None:
         defines |= lit.defines

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from pyibr.core.checks import Float64
+from pyibr.core.pixelspace import longer_side
 from pyibr.images.depth_image import DepthImage
 from pyibr.images.exposure import Overlap, matching_gains
 from pyibr.opencl.device import current
@@ -17,8 +18,8 @@ from pyibr.opencl.memory import empty, to_host
 from pyibr.opencl.program import kernel
 from pyibr.picture.target import Target
 
-_STRIDE = 3  # pixels: every so manieth tells the exposures
-_SAME_DEPTH = 0.02  # of the depth
+_STRIDE = 3  # pixels: every third one of each third row tells the exposures
+_SAME_DEPTH = 0.02  # of the depth, or of what an orthographic camera sees
 
 
 def blend(layers: Sequence[Target], views: Sequence[DepthImage], target: Target) -> None:
@@ -76,9 +77,11 @@ def exposures(layers: Sequence[Target]) -> Float64:
     colors = [host[::_STRIDE, ::_STRIDE] / np.float32(most) for host in hosts[::2]]
     depths = [host[::_STRIDE, ::_STRIDE] for host in hosts[1::2]]
     overlaps: list[Overlap] = []
+    camera = layers[0].camera
     for a in range(len(layers)):
+        unit = longer_side(camera) if camera.projection == "orthographic" else depths[a]
         for b in range(a):
-            same = np.abs(depths[a] - depths[b]) < _SAME_DEPTH * depths[a]
+            same = np.abs(depths[a] - depths[b]) < _SAME_DEPTH * unit
             overlaps.append(Overlap(a, b, colors[a][same], colors[b][same]))
     return matching_gains(len(layers), overlaps)
 
@@ -92,6 +95,5 @@ def _seeing(view: DepthImage, target: Target) -> np.ndarray[Any, np.dtype[np.voi
     values["perspective"] = camera.projection == "perspective"
     values["noise_2"], values["noise_1"], values["noise_0"] = view.noise
     if target.camera.projection == "orthographic":
-        K = target.camera.K
-        values["unit"] = max(target.camera.width / K[0, 0], target.camera.height / K[1, 1])
+        values["unit"] = longer_side(target.camera)
     return values

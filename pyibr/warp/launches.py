@@ -103,14 +103,16 @@ def _ask_lines(
     # row read beyond it.
     beyond = max(packets * profile.lanes, profile.lanes + _APART_MOST)
     seen = target.scratch(target.camera.height * pitch(target.camera.width) + beyond)
-    if reach.empty or (packets and (options.search or not aligned)):  # aligned lines leave out no pixel
+    # What is one sample high or wide is only seen by lines along it, which no line beside the pixels' centres is.
+    by_pixel = options.search or 1 in pixel_map.pair.src.size
+    if reach.empty or (packets and (by_pixel or not aligned)):  # aligned lines leave out no pixel
         clear(seen, constant("lib/pixelspace.h", "EMPTY"))
     if reach.empty:
         return seen, _answers("ARE_OWN")
     if not packets:  # no epipole, or it is all there is: any nearness gives the source position
         clear(seen, pixel_map.typical)
         return seen, _answers("OF_ALL")
-    if options.search:
+    if by_pixel:
         launch(
             kernel("warp/search.cl", "search"),
             profile.packets(reach.high_x - reach.low_x, reach.high_y - reach.low_y),

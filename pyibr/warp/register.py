@@ -32,7 +32,7 @@ To = Literal["color", "depth"]
 AnyDepth = NDArray[np.float32] | NDArray[np.uint16]
 
 _APART = 3 * 2**0.5  # standard deviations of a sample: three of a difference of two, which noise alone seldom reaches
-_STRIDE, _RANGE = 7, (0.02, 0.98)  # every so manieth sample, and the part of them, that tells the range of depth
+_STRIDE, _RANGE = 7, (0.02, 0.98)  # every seventh sample of each seventh row, and their part, that tells depth's range
 _LENSES = {  # LENS of kernels/lib/lens.h
     "brown_conrady": 1,
     "rational": 1,

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import check_pixels, describe, number_from, one_of
+from pyibr.core.checks import check_pixels, describe, number_from, one_of, true_or_false
 from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import PixelMap, camera_pair
-from pyibr.core.straight import distorted_pixels
+from pyibr.core.straight import origins_in_lens
 from pyibr.images import DepthImage, Frame
 from pyibr.opencl.device import one_call
 from pyibr.picture.antialiasing import averaged, checked_side, finer
@@ -185,14 +185,15 @@ def warp(
     options = options_of(Look(sample, edges, cut_ratio, side, fill, thin), method == "search")
     one_of("blend", blend, Blend)
     number_from("splat", splat, 1.0, _SPLAT_MOST, f"1 to {_SPLAT_MOST:g} pixels")
-    if classes and method == "forward":
+    asked = true_or_false("classes", classes)
+    if asked and method == "forward":
         raise ArgumentError("classes", 'False with method="forward", which asks no rays', "True")
     if options.thin and method == "forward":
         raise ArgumentError("thin", 'False with method="forward", which draws each sample as a square', "True")
     side_by_side = checked_side(samples)
-    if classes and side_by_side > 1:
+    if asked and side_by_side > 1:
         raise ArgumentError("classes", "False with several samples a pixel, which may be of several classes", "True")
-    outs = _checked_out(out, camera, cameras, given[0])
+    outs = _checked_out(out, camera, cameras, given)
     sources = [straightened(view, options.cut_ratio, options.linear) for view in given]
     fine = [finer(one, side_by_side) for one in cameras]
     panes = [pane_cameras(one) for one in fine]
@@ -203,7 +204,7 @@ def warp(
         prepared = [samples_of(view) for view in sources]
         pool: dict[int, Any] = {}
         targets: list[Target] = []
-        like, asked = sources[0].color, bool(classes)
+        like = sources[0].color
         for one, finer_one, parts, into in zip(cameras, fine, panes, outs, strict=True):
             whole = into if side_by_side == 1 else None
             drawn: list[Target] = []
@@ -236,7 +237,7 @@ def _through_lenses(frame: Frame, views: Sequence[DepthImage]) -> None:
     for number, view in enumerate(views):
         if view.camera.lens is not None:
             own = frame.view == number
-            frame.source[own] = distorted_pixels(view.camera, frame.source[own].astype(np.float64))
+            frame.source[own] = origins_in_lens(view.camera, frame.source[own].astype(np.float64))
 
 
 def _draw_views(
@@ -300,7 +301,10 @@ def _checked_cameras(camera: Camera | Sequence[Camera]) -> list[Camera]:
 
 
 def _checked_out(
-    out: Frame | Sequence[Frame] | None, camera: Camera | Sequence[Camera], cameras: Sequence[Camera], view: DepthImage
+    out: Frame | Sequence[Frame] | None,
+    camera: Camera | Sequence[Camera],
+    cameras: Sequence[Camera],
+    views: Sequence[DepthImage],
 ) -> Sequence[Frame | None]:
     """A frame to write into for each camera, or None."""
     if out is None:
@@ -310,13 +314,14 @@ def _checked_out(
     if several != isinstance(out, Sequence) or len(outs) != len(cameras):
         expected = f"a sequence of {len(cameras)} frames" if several else "a Frame"
         raise ArgumentError("out", expected, f"{len(outs)} frames" if isinstance(out, Sequence) else describe(out))
-    taken: list[Array] = []
+    taken: list[Array] = [array for view in views for array in (view.color, view.depth)]
+    like = views[0].color
     for one, frame in zip(cameras, outs, strict=True):
         if not isinstance(frame, Frame):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise ArgumentError("out", "a Frame", describe(frame))
         shape = one.height, one.width
         kinds = (
-            ("color", (*shape, view.color.shape[2]), view.color.dtype),
+            ("color", (*shape, like.shape[2]), like.dtype),
             ("depth", shape, np.float32),
             ("valid", shape, np.bool_),
         )
@@ -327,7 +332,7 @@ def _checked_out(
                 raise ArgumentError(f"out.{name}", f"{np.dtype(dtype)} of shape {expected}", describe(array))
             if not (array.flags.c_contiguous and array.flags.writeable):
                 raise ArgumentError(f"out.{name}", "a C-contiguous array that may be written", "one that is not")
-            if any(np.may_share_memory(array, other) for other in [*taken, view.color, view.depth]):
+            if any(np.may_share_memory(array, other) for other in taken):
                 raise ArgumentError(f"out.{name}", "memory of its own", "memory that another array has, too")
             taken.append(array)
     return outs

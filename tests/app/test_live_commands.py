@@ -89,7 +89,9 @@ def test_each_kind_of_thing_is_shown(folder, seen):
     assert [type(named[name]) for name in ("relief", "slices")] == [ibr.ReliefSurface, ibr.SlicedSurface]
     assert named["slices"].tiles == (3, 2)
     named = shown("donut.glb", "--height", "height.png", "--scale", "0.1", "--wrap", "clamp")[0]
-    assert [thing.wrap for thing in named.values()] == ["clamp", "clamp"]
+    assert [thing.wrap for thing in named.values()] == [("clamp", "clamp")] * 2
+    named = shown("donut.glb", "--height", "height.png", "--scale", "0.1", "--wrap", "repeat,clamp")[0]
+    assert [thing.wrap for thing in named.values()] == [("repeat", "clamp")] * 2
 
 
 def test_heights_of_a_relief_map_are_its_alpha(folder, seen):

@@ -42,7 +42,7 @@ kernel void clamped(global const float *map, int width, int height, global const
     const int i = get_global_id(0) * LANES;
     const Taps taps = clamped_taps(width, height, load_lanes(x + i), load_lanes(y + i));
     floatl weights[4], sum = 0.0f;
-    tap_weights(taps, weights);
+    tap_weights(taps.fx, taps.fy, weights);
     for (int k = 0; k < 4; k++)
         sum += weights[k] * (floatl)(gather(map, taps.at[k]));
     store_lanes(sum, out + i);
@@ -52,7 +52,7 @@ kernel void tiled(global const float *map, int width, int height, global const f
                   global float *out)
 {
     const int i = get_global_id(0) * LANES;
-    const Taps taps = tiled_taps(width, height, load_lanes(u + i), load_lanes(v + i));
+    const Taps taps = map_taps(width, height, load_lanes(u + i), load_lanes(v + i));
 #define TAP(k) (floatl)(gather(map, taps.at[k]))
     store_lanes(bilinear(taps, TAP(0), TAP(1), TAP(2), TAP(3)), out + i);
 }
@@ -62,7 +62,7 @@ kernel void moved_into_tile(global const float *x, int size, global float *out)
     const int i = get_global_id(0) * LANES;
     const floatl at = load_lanes(x + i), per_size = 1.0f / size;
     FLOOR(at, whole, number)
-    store_lanes(to_floatl(ON_MAP(whole, number, (intl)size, per_size)), out + i);
+    store_lanes(to_floatl(ON_MAP(0, whole, number, (intl)size, per_size)), out + i);
 }
 
 kernel void points(Screen screen, global const float *x, global const float *y, global const float *n,

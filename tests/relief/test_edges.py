@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.relief.quadrics import split_at_edges
+from pyibr.relief.quadrics import juts_out, split_at_edges
 from tests.boxes import box, facets
 from tests.displaced import square
 from tests.relief.solids import cylinder, grid
@@ -52,11 +52,10 @@ def test_no_side_of_a_box_shades_another(normals, scale, silhouette, light):
 def test_edges_that_jut_out():
     """A box has them, also where smooth surfaces end; a room seen from within and smooth surfaces have none."""
     flat = np.zeros((4, 4), np.float32)
-    juts = [
-        ibr.ReliefSurface(base, flat, WHITE, 0.1).juts
-        for base in (box(), facets(box(), with_normals=True), box(inside=True), grid(cylinder, 8, 2), square())
-    ]
-    assert juts == [True, True, False, False, False]
+    bases = box(), facets(box(), with_normals=True), box(inside=True), grid(cylinder, 8, 2), square()
+    reliefs = [ibr.ReliefSurface(base, flat, WHITE, 0.1) for base in bases]
+    assert [juts_out(relief.drawn, relief.frames.normals) for relief in reliefs] == [True, True, False, False, False]
+    assert [relief.is_flat for relief in reliefs] == [False, False, True, False, True]
 
 
 @pytest.mark.parametrize("eye", [(0, 0, 0), (0.5, -0.4, 0.3)])

@@ -19,7 +19,7 @@ def random(shape: tuple[int, int]) -> np.ndarray:
 @pytest.mark.parametrize("shape", SHAPES)
 def test_words_hold_a_texel_and_its_neighbours(shape, height_bytes):
     height = random(shape)
-    made = height_levels(height, height_bytes, "repeat")
+    made = height_levels(height, height_bytes, ("repeat", "repeat"))
     most = 255 if height_bytes == 1 else 65535
     words = made.texels[: height.size].reshape(shape)
     np.testing.assert_array_equal(words & most, np.rint(height * most))
@@ -32,7 +32,7 @@ def test_words_hold_a_texel_and_its_neighbours(shape, height_bytes):
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_levels_halve_down_to_one_texel_and_keep_the_mean(shape):
-    made = height_levels(random(shape), 2, "repeat")
+    made = height_levels(random(shape), 2, ("repeat", "repeat"))
     sizes = made.table[:, :2]
     assert tuple(sizes[0]) == shape[::-1]
     np.testing.assert_array_equal(sizes[1:], np.maximum(sizes[:-1] // 2, 1))
@@ -45,7 +45,7 @@ def test_levels_halve_down_to_one_texel_and_keep_the_mean(shape):
 @pytest.mark.parametrize("shape", SHAPES)
 def test_no_height_is_above_its_bound(shape, height_bytes):
     height = random(shape)
-    made = height_levels(height, height_bytes, "repeat")
+    made = height_levels(height, height_bytes, ("repeat", "repeat"))
     rng = np.random.default_rng(1)
     rows, columns = shape
     x, y = rng.uniform(0, columns, 2000), rng.uniform(0, rows, 2000)  # texels from the first centre
@@ -63,7 +63,7 @@ def test_no_height_is_above_its_bound(shape, height_bytes):
 def test_no_bound_is_overwritten(shape):
     """Of all levels and tiers each cell has a place of its own, and its bound is the greatest of its texels."""
     height = random(shape)
-    made = height_levels(height, 2, "clamp")
+    made = height_levels(height, 2, ("clamp", "clamp"))
     places: list[int] = []
     for width, tall, first, tiers, start, pitch, span, _ in made.table.tolist():
         heights = made.texels[first : first + width * tall].reshape(tall, width) & 65535

@@ -56,7 +56,7 @@ def test_outlines_stay_where_coarser_levels_would_do(name, level):
 @pytest.mark.parametrize("shape", [(1, 1), (1, 6), (16, 16), (21, 34)])
 def test_a_level_tells_how_much_it_has_lost(shape):
     height = np.random.default_rng(3).random(shape, np.float32)
-    made = height_levels(height, 2, "repeat")
+    made = height_levels(height, 2, ("repeat", "repeat"))
     v, u = ((np.indices(shape) + 0.5).T / shape).T
     for width, tall, start, lost in made.table[:, [0, 1, 2, -1]]:
         level = (made.texels[start : start + width * tall] & 65535).reshape(tall, width) / 65535

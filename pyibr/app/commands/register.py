@@ -25,7 +25,7 @@ _DepthFiles = Annotated[
     Path,
     typer.Argument(
         metavar="DEPTH",
-        help="Planar depth: PNG16, NPY, NPZ, PFM, EXR, COLMAP .bin; a folder of such files; or a recording's folder",
+        help="Planar depth: PNG, TIFF, NPY, NPZ, PFM, EXR, COLMAP .bin; a folder of such files; or of a recording",
     ),
 ]
 _Pictures = Annotated[

@@ -13,6 +13,7 @@ import pyibr as ibr
 from pyibr.app.words import printable, told
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError, FileFormatError
+from pyibr.core.files import check_there
 from pyibr.io.folders import files_in
 from pyibr.io.recordings import (
     DEPTH_SUFFIXES,
@@ -160,6 +161,8 @@ def open_depths(depth: Path, color: Path | None, cameras: tuple[Path, Path], tak
 
 
 def _recordings(inputs: Sequence[Path]) -> tuple[list[tuple[Recording, Video | None]], bool]:
+    for path in inputs:
+        check_there(path)
     if len(inputs) == 1 and inputs[0].is_dir():
         recording = recording_in(inputs[0])
         _tell_without_partner(recording)
@@ -192,11 +195,12 @@ def _recorded(color: Path, depth: Path) -> tuple[Recording, Video | None]:
 
 def _tell_without_partner(recording: Recording) -> None:
     if recording.times is not None:
-        _tell_left_out(recording.left_out, "no depth of its time", recording.colors)
+        _tell_left_out(len(recording.left_out), "no depth of its time", recording.colors)
     elif recording.left_out:
         folders = " and ".join(dict.fromkeys(printable(files[0].parent) for files in recording[:2]))
-        what = "1 file" if recording.left_out == 1 else f"{recording.left_out} files"
-        told(f"{what} of {folders}: no partner by name or number; left out")
+        count, first = len(recording.left_out), printable(recording.left_out[0].name)
+        what = f"1 file of {folders}, {first}:" if count == 1 else f"{count} files of {folders}, as {first}:"
+        told(f"{what} no partner by name or number; left out")
 
 
 def _tell_left_out(count: int, why: str, files: Sequence[Path]) -> None:

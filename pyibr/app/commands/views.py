@@ -96,8 +96,11 @@ def views_of(source: Source, reading: Reading, lost: Lost) -> Iterator[DepthImag
 
 
 def _check_size(depth: Depth, color: NDArray[Any], camera: Camera) -> None:
-    """Raise ArgumentError if the depth alone is of another size, and say what helps."""
+    """Raise ArgumentError if the camera or the depth alone is of another size, and say what helps."""
     size = camera.width, camera.height
+    if depth.shape == color.shape[:2] and color.shape[1::-1] != size:
+        expected = f"that of {color.shape[1]}x{color.shape[0]} pixels, as the picture and its depth have"
+        raise ArgumentError("camera", expected, f"one of {size[0]}x{size[1]}")
     if depth.shape[::-1] != size and color.shape[1::-1] == size:
         expected = f"{size[0]}x{size[1]} samples, as its picture has pixels (else --depth-camera with its own camera)"
         raise ArgumentError("depth", expected, f"{depth.shape[1]}x{depth.shape[0]}")

@@ -11,7 +11,7 @@
  */
 #include "lib/color.h"
 #include "lib/light.h"
-#include "raster/facing.h"
+#include "lib/facing.h"
 
 #ifndef NORMALS
 #define NORMALS 0 /* 1: there is a picture of the thing's normals */

@@ -2,7 +2,7 @@
  *
  * A point was seen where one of the four samples around it has a depth that is not nearer: of a surface that slopes, one
  * of them is farther. So images know their silhouettes to a sample. Normals come from the picture's depths
- * (raster/facing.h): an image on the other side of the surface has seen its back.
+ * (lib/facing.h): an image on the other side of the surface has seen its back.
  *
  * before: (height, width) the depths before the thing was drawn, with `blank` 0; other pixels stay. depth, color: the
  * picture. maps: the images' depths, one after the other, 0 where they have none. views, places: a record of each
@@ -11,7 +11,7 @@
  */
 #include "lib/color.h"
 #include "lib/taps.h"
-#include "raster/facing.h"
+#include "lib/facing.h"
 
 #define VIEW_FLOATS 28 /* 16: pixel space over points; 4: planar depth; 4: its centre, or (w = 0) where it comes from; a sample at depth 1 */
 #define VIEW_INTS 3 /* width, height, first of `maps` */

@@ -9,7 +9,7 @@
  */
 #define SHADOWED 1
 #include "lib/light.h"
-#include "raster/facing.h"
+#include "lib/facing.h"
 
 kernel void darken(global const float *before, global const float *depth, global channel *color, Screen screen,
                    int blank, int apart, float fade, Light light SHADOW_PARAMETERS)

@@ -1,4 +1,4 @@
-"""Depth as 16-bit gray PNG: integers of an unknown unit, 0 where there is none."""
+"""Depth as gray PNG of 16 or 8 bit: integers of an unknown unit, 0 where there is none."""
 
 from __future__ import annotations
 
@@ -14,11 +14,10 @@ from pyibr.io import image
 
 
 def read_depth(path: str | PathLike[str]) -> NDArray[Any]:
-    """Return the stored (H, W) uint16."""
+    """Return the stored (H, W) uint16 or uint8."""
     stored = image.read_color(path)
-    if stored.ndim != 2 or stored.dtype != np.uint16:
-        hint = " (inverse depth of networks: depth_from_mpeg)" if stored.dtype == np.uint8 else ""
-        raise FileFormatError(f"{path}: expected a 16-bit gray PNG for depth, got {describe(stored)}{hint}")
+    if stored.ndim != 2 or stored.dtype.name not in ("uint16", "uint8"):
+        raise FileFormatError(f"{path}: expected a gray PNG of 16 or 8 bit for depth, got {describe(stored)}")
     return stored
 
 

@@ -1,5 +1,5 @@
-#ifndef RASTER_FACING_H
-#define RASTER_FACING_H
+#ifndef LIB_FACING_H
+#define LIB_FACING_H
 /* What a thing has drawn into a picture, and its normals from the picture's depths: for what has no others. */
 #include "lib/screen.h"
 
