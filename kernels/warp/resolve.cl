@@ -127,7 +127,7 @@ INLINED void meet_there(Pixels *pixels, Grid grid, PixelMap map, int x0, int y, 
         uc = pick(on_column, column, uc);
         vc = pick(on_row, row, vc);
         /* What has no other column, or row, is seen on it alone. */
-        beside = (!on_column & (intl)(grid.width == 1 ? -1 : 0)) | (!on_row & (intl)(grid.height == 1 ? -1 : 0));
+        beside = ((intl)(grid.width == 1 ? -1 : 0) & !on_column) | ((intl)(grid.height == 1 ? -1 : 0) & !on_row);
     }
     const intl upper = (u - uc) + (v - vc) > 1.0f;
     const intl base = to_intl(lesser(vc, (floatl)lowest)) * grid.pitch + to_intl(uc);

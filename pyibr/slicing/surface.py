@@ -65,8 +65,8 @@ class SlicedSurface(Fixed):
         With uv; a single polygon or any surface. It is displaced along its normals, or its smooth ones; where vertices
         at one place have several, as at hard edges, along their mean, so that it stays closed. It is lit by its own.
     height : (h, w) float32 in [0, 1], or uint8, uint16
-        0 is the base, which only `test="at_least"` draws, 1 is `scale` above it. Bilinear between texel centres; kept in
-        16 bits.
+        0 is the base, which only `test="at_least"` draws, 1 is `scale` above it. Bilinear between texel centres; kept
+        in 16 bits.
     color : (h', w', 3) uint8, or float32 in [0, 1]
         Over the same uv.
     scale : float

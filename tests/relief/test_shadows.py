@@ -184,3 +184,19 @@ def test_both_ways_agree_on_a_plane(options):
     assert counted.sum() > 5000
     assert 0.1 < (found[0][counted] > 0.5).mean() < 0.9
     assert ((mapped[0] > 0.5) == (found[0] > 0.5))[counted].mean() >= 0.999
+
+
+@pytest.mark.parametrize("silhouette", ["quadric", "none"])
+@pytest.mark.parametrize("scale", [0.02, 0.05, 0.1])
+@pytest.mark.parametrize("cells", [(12, 8), (16, 10), (32, 20), (64, 48)])
+def test_an_even_relief_on_a_coarse_ball_does_not_shade_itself(cells, scale, silhouette):
+    """From facet to facet rays enter by other normals and quadrics: a map alone shades up to a quarter of it."""
+    ball = ibr.ReliefSurface(grid(sphere, *cells), np.full((8, 8), 0.5), WHITE, scale, silhouette=silhouette)
+    camera = Camera.look_at((1.5, -3, 1.2), (0, 0, 0), (0, 0, 1), (240, 200), 45)
+    lit, plain = (
+        ibr.render(ball, camera, ibr.Light((0.5, 1, -0.6), ambient=0.2, shadow_size=size)).color[..., 0].astype(int)
+        for size in (1024, 0)
+    )
+    told = plain > 75
+    assert told.sum() > 5000
+    assert (told & (plain - lit > 15)).sum() <= 0.005 * told.sum()

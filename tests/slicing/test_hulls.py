@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
+from pyibr.capture import models
+from pyibr.capture.raycast import MeshScene
 from pyibr.core.camera import Camera
 from pyibr.images.metrics import silhouette_iou
 from tests.data import shared
@@ -241,3 +243,25 @@ def test_bad_input():
     ):
         with pytest.raises(ibr.ArgumentError, match=f"^{argument}: "):
             ibr.VisualHull(disk_views(20), **changes)
+
+
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+@pytest.mark.parametrize("degrees", [4, 12, 30, 60])
+def test_an_object_seen_from_a_narrow_arc_is_whole(degrees, projection):
+    """A rod along the lines of sight is ten times as long as its outlines are wide: none of them is cut off."""
+    ring = models.donut(24, 0.2, 0.1)
+    rod = MeshScene(ring.vertices * np.float32([1, 1, 30]), ring.faces)
+    views = []
+    for x, y in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+        eye = 12 * np.array(
+            [np.sin(np.radians(degrees)) * x, np.sin(np.radians(degrees)) * y, -np.cos(np.radians(degrees))]
+        )
+        tall = {"height": 7.0} if projection == "orthographic" else {}
+        camera = Camera.look_at(eye, (0, 0, 0), (0, -1, 0), (100, 100), 40, projection, **tall)
+        seen = rod.capture(camera)
+        views.append(ibr.Silhouette(seen.color, seen.valid, camera))
+    hull = ibr.VisualHull(views, halvings=6)
+    assert hull.bounds[0][2] < -3 and hull.bounds[1][2] > 3
+    for view in views:
+        lost = view.valid & ~ibr.render(hull, view.camera).valid
+        assert lost.sum() <= 0.01 * view.valid.sum()

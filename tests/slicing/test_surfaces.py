@@ -12,6 +12,7 @@ import pyibr as ibr
 from pyibr.capture import models
 from pyibr.core.camera import Camera
 from pyibr.slicing import alpha_tests
+from tests.boxes import box, facets
 from tests.displaced import Solid, interior, looking, square
 from tests.relief.solids import grid
 from tests.relief.solids import torus as ring
@@ -455,3 +456,54 @@ def test_colours_far_away_are_means():
     inner = frame.color[frame.valid][:, 0].astype(float)
     assert inner.std() <= 2
     assert abs(inner.mean() - 127.5) <= 2
+
+
+@pytest.mark.parametrize("kind", [ibr.SlicedSurface, ibr.ReliefSurface])
+def test_vertices_that_nothing_uses_change_nothing(kind):
+    """At the corners of a box, in a triangle without area, and far away."""
+    base, height = facets(box()), np.full((4, 4), 0.5, np.float32)
+    camera, light = Camera.look_at((2.5, -2.1, 3.4), (0, 0, 0), (0, 0, 1), (96, 80), 42), ibr.Light((-0.4, 0.5, -1))
+    corners, uv, faces = base.vertices, np.asarray(base.uv), base.faces
+    middle = np.array([corners[0], corners[1], 0.5 * (corners[0] + corners[1])])
+    flat = np.concatenate([faces, len(corners) + np.arange(3)[None]])
+
+    def drawn(more: np.ndarray, faces: np.ndarray) -> tuple[ibr.Frame, np.ndarray]:
+        there = np.concatenate([uv, np.zeros((len(more), 2))])
+        mesh = ibr.Mesh(np.concatenate([corners, more]), faces, uv=there)
+        made = kind(mesh, height, np.full((1, 1, 3), 255, np.uint8), 0.1)
+        return ibr.render(made, camera, light), np.array(made.bounds)
+
+    expected, bounds = drawn(np.empty((0, 3)), faces)
+    assert expected.valid.sum() > 1000
+    for more, those in ((corners[:8], faces), (middle, flat), (np.array([[2000.0, 0, 0]]), faces)):
+        found, around = drawn(more, those)
+        np.testing.assert_array_equal(found.valid, expected.valid)
+        np.testing.assert_allclose(found.depth, expected.depth, rtol=1e-5)
+        np.testing.assert_allclose(found.color.astype(int), expected.color.astype(int), atol=1)
+        np.testing.assert_allclose(around, bounds, rtol=1e-6)
+
+
+def test_seams_by_rounded_sines_are_closed():
+    """A textbook's sphere ends at the sine of two pi, which is not 0 for computers: displaced, it stays whole."""
+    v, u = np.mgrid[:11, :17]
+    polar, around = np.pi * v / 10, 2 * np.pi * u / 16
+    points = [np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)]
+    first = (v * 17 + u)[:-1, :-1].ravel()
+    faces = np.concatenate(
+        [np.stack([first, first + 17, first + 1], 1), np.stack([first + 1, first + 17, first + 18], 1)]
+    )
+    exact = [np.where(np.abs(part) < 1e-12, 0, part) for part in points]
+    camera = Camera.look_at((3, 0.3, 0.4), (0, 0, 0), (0, 0, 1), (96, 80), 42)  # towards the seam
+    depths = [
+        ibr.render(
+            ibr.SlicedSurface(
+                ibr.Mesh(np.stack(form, -1).reshape(-1, 3), faces, uv=np.stack([u / 16, v / 10], -1).reshape(-1, 2)),
+                np.full((4, 4), 0.5, np.float32),
+                np.full((1, 1, 3), 255, np.uint8),
+                0.2,
+            ),
+            camera,
+        ).depth
+        for form in (points, exact)
+    ]
+    np.testing.assert_allclose(depths[0], depths[1], atol=1e-4)

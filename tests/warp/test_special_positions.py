@@ -283,3 +283,60 @@ def test_turned_to_the_side_and_moved_along_the_turn(turn, edges):
             ibr.warp(view, camera, method, edges=edges, side="both", fill="background") for method in METHODS
         )
         assert not off(swept.depth, searched.depth).sum() > SHARE * swept.depth.size
+
+
+# --- targets at the source's own centre: nothing moves with its depth --------------------------------
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("projection", PROJECTIONS)
+@pytest.mark.parametrize("size", [(36, 28), (36, 1), (1, 28), (1, 1), (2, 2)])
+def test_a_frame_around_the_picture_is_empty(size, projection, method):
+    """Padded, and drawn twice as large: surfaces end with their last samples, also where rays meet rows beside them."""
+    w, h = size
+    K, border = np.array([[40, 0, 17.5], [0, 40, 13.5], [0, 0, 1]]), 4
+    view = image(np.full((h, w), 2.0), Camera(K, size, projection=projection))
+    for zoom in (1, 2):
+        larger = np.diag([zoom, zoom, 1.0]) @ K
+        larger[:2, 2] += border
+        target = Camera(larger, (zoom * w + 2 * border, zoom * h + 2 * border), projection=projection)
+        frame = ibr.warp(view, target, method, classes=True)
+        expected = np.zeros(frame.valid.shape, bool)
+        expected[border : border + zoom * (h - 1) + 1, border : border + zoom * (w - 1) + 1] = True
+        np.testing.assert_array_equal(frame.valid, expected)
+        assert (frame.source[frame.valid] <= (w - 1, h - 1)).all()
+        if projection == "perspective" and zoom == 1:
+            registered = ibr.register(view.depth, view.camera, target)
+            np.testing.assert_array_equal(np.isfinite(registered), expected)
+
+
+@pytest.mark.parametrize("across", [0, 1])
+def test_a_row_of_samples_moved_in_its_plane(across):
+    """What a scanner that turns about one axis sees: lines beside the row meet nothing."""
+    K = np.array([[40, 0, 19.5 * (1 - across)], [0, 40, 19.5 * across], [0, 0, 1]])
+    size = (1, 40) if across else (40, 1)
+    view = image(np.full(size[::-1], 2.0), Camera(K, size))
+    for along, ahead in ((0.2, 0.0), (0.0, 0.5), (0.1, -0.3)):
+        step = (0, along, ahead) if across else (along, 0, ahead)
+        found = [ibr.warp(view, view.camera.moved(*step), method) for method in METHODS]
+        assert found[0].valid.sum() >= 34
+        np.testing.assert_array_equal(found[0].valid, found[1].valid)
+        np.testing.assert_allclose(found[0].depth, found[1].depth, rtol=1e-4)
+
+
+@pytest.mark.parametrize("degrees", [-60, -25, 40, 80])
+@pytest.mark.parametrize("shape", ["step", "slope"])
+def test_an_orthographic_plane_that_cuts_the_surface(shape, degrees):
+    """Of what crosses the plane of the target's camera, the part before it is seen."""
+    x = np.mgrid[:28, :36][1]
+    depth = np.where(x < 18, 2.5, 4.5) if shape == "step" else 2.5 + x / 12
+    view = image(depth, Camera([[40, 0, 17.5], [0, 40, 13.5], [0, 0, 1]], (36, 28)))
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    pose = np.array([[c, 0, s, 0.1], [0, 1, 0, 0.1], [-s, 0, c, 3.5], [0, 0, 0, 1]])
+    target = Camera([[20, 0, 31.5], [0, 20, 23.5], [0, 0, 1]], (64, 48), pose, "orthographic")
+    for edges in EDGES:
+        found = [ibr.warp(view, target, method, edges=edges, side="both") for method in METHODS]
+        assert found[1].valid.sum() > 300
+        assert off(found[0].depth, found[1].depth).mean() <= SHARE
+        if edges == "connect":  # lines are exact there
+            np.testing.assert_array_equal(found[0].valid, found[1].valid)

@@ -89,6 +89,14 @@ def test_out_fits_the_cameras():
             ibr.warp(view, cameras, out=out)
     with pytest.raises(ibr.ArgumentError, match="memory of its own"):
         ibr.warp(view, [camera, camera], out=[frame, frame])
+    other = scenes.stepped(SIZE)
+    for given in (view, other):  # of several views, no one's memory
+        shared = replace(frame, depth=np.array(given.depth))
+        views = [
+            ibr.DepthImage(one.color, shared.depth if one is given else one.depth, camera) for one in (view, other)
+        ]
+        with pytest.raises(ibr.ArgumentError, match=r"^out\.depth: .*memory of its own"):
+            ibr.warp(views, camera, out=shared)
     with pytest.raises(ibr.ArgumentError, match="camera"):
         ibr.warp(view, [])
     with pytest.raises(ibr.ArgumentError, match="camera"):
