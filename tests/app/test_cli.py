@@ -265,6 +265,12 @@ def test_integer_depth_asks_for_its_scale(scene: Scene):
 def test_bad_files(scene: Scene):
     out = ("--orbit", "5", "-o", scene.folder / "new.png")
     assert_one_line(scene.run(*out, depth="none.png"), "none.png", "no such file")
+    for words in (["nowhere"], ["nowhere", scene.folder], [scene.folder / "color.png", "nowhere"]):
+        made = runner.invoke(
+            app, ["warp", *map(str, words), *map(str, out), "--camera", str(scene.folder / "camera.json")]
+        )
+        assert_one_line(made, "nowhere: no such file or folder")
+    assert_one_line(runner.invoke(app, ["view", "nowhere", "--port", "0"]), "nowhere: no such file or folder")
     assert_one_line(scene.run(*out, camera="color.png"), "color.png", "camera JSON")
     (scene.folder / "half.png").write_bytes((scene.folder / "depth.png").read_bytes()[:60])
     assert_one_line(scene.run(*out, depth="half.png"), "half.png", "truncated")
@@ -276,7 +282,7 @@ def test_bad_files(scene: Scene):
 def test_sizes_that_do_not_match(scene: Scene):
     scene.camera.resized((37, 61)).save(scene.folder / "other.json")
     result = scene.run("--orbit", "5", "-o", scene.folder / "new.png", camera="other.json")
-    assert_one_line(result, "color: expected", "(61, 37, 3)", "(37, 61, 3)")
+    assert_one_line(result, "--camera: expected that of 61x37 pixels", "got one of 37x61")
 
 
 def test_no_valid_depth(scene: Scene):
@@ -479,3 +485,8 @@ def test_what_devices_lack_is_told_in_lines(scene: Scene, monkeypatch: pytest.Mo
     monkeypatch.setattr(ibr, "warp", fail)
     result = scene.run("--orbit", 5, "-o", scene.folder / "new.png")
     assert (result.exit_code, result.stderr) == (2, "pyibr: no OpenCL device works.\n  to get one\\x1b\n")
+
+
+def test_the_package_runs_as_a_command():
+    done = subprocess.run([sys.executable, "-m", "pyibr", "--version"], capture_output=True, text=True)
+    assert done.stdout == f"pyibr {ibr.__version__}\n", done.stderr

@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import pyibr as ibr
 from pyibr.capture import MeshScene, capture, cube_cameras, object_views
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError, MissingPackageError
@@ -170,6 +171,13 @@ def test_a_camera_that_sees_nothing_is_an_error():
         scene.capture(behind)
     with pytest.raises(ArgumentError, match="layer"):
         scene.capture(behind, "middle")  # pyright: ignore[reportArgumentType]
+    with pytest.raises(ArgumentError, match="layer"):
+        scene.capture(behind, np.zeros(2))  # pyright: ignore[reportArgumentType]
+    for color in ((300, 0, 0), (-1, 0, 0), (0, 0)):
+        with pytest.raises(ArgumentError, match="background"):
+            scene.capture(behind, background=color)  # pyright: ignore[reportArgumentType]
+    with pytest.raises(ArgumentError, match="camera"):
+        scene.capture(behind.K)  # pyright: ignore[reportArgumentType]
     with pytest.raises(ArgumentError, match="mesh"):
         capture("mesh.ply", behind)
     with pytest.raises(ArgumentError, match="size"):
@@ -243,3 +251,17 @@ def test_an_object_too_thin_for_six_views(projection, thickness):
         object_views(plate, 64, projection)
     if thickness:
         assert len(object_views(plate, 256, projection)) == 6
+
+
+def test_a_texture_repeats_as_it_does_when_the_mesh_is_drawn():
+    texture = np.random.default_rng(0).integers(0, 256, (8, 8, 3), dtype=np.uint8)
+    corners, uv = (
+        [[-1, -1, 2], [1, -1, 2], [1, 1, 2], [-1, 1, 2]],
+        np.array([[-0.7, 0.2], [1.6, 0.2], [1.6, 2.4], [-0.7, 2.4]]),
+    )
+    mesh = Mesh(corners, [[0, 1, 2], [0, 2, 3]], uv=uv, texture=texture)
+    camera = Camera([[100, 0, 60], [0, 100, 60], [0, 0, 1]], (121, 121))
+    taken, drawn = capture(mesh, camera), ibr.render(mesh, camera)
+    both = taken.valid & drawn.valid
+    assert both.mean() > 0.6
+    assert np.abs(taken.color.astype(int) - drawn.color)[both].max() <= 1

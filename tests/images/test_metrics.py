@@ -73,6 +73,7 @@ PLANE: Any = np.ones((2, 3))
     [
         (lambda: metrics.psnr(DARK, DARK[:1]), "b"),
         (lambda: metrics.psnr(DARK, DARK / 255.0), "b"),
+        (lambda: metrics.psnr(DARK.astype(np.uint16), DARK.astype(np.uint16)), "b"),
         (lambda: metrics.psnr(DARK, DARK, NO), "valid"),
         (lambda: metrics.psnr(DARK, DARK, YES[:1]), "valid"),
         (lambda: metrics.median_color_error(DARK, DARK, (PLANE > 0).astype(np.uint8)), "valid"),

@@ -388,9 +388,38 @@ def test_pickles_are_not_opened(tmp_path: Path):
 def test_color_is_no_depth_and_8_bit_is_no_16_bit(tmp_path: Path):
     ibr.write_color(tmp_path / "c.png", color_of((7, 13)))
     ibr.write_mask(tmp_path / "m.png", np.ones((13, 7), bool))
-    for name in ("c.png", "m.png"):
-        with pytest.raises(ibr.FileFormatError, match=r"16-bit gray PNG .* \(inverse depth of networks"):
-            ibr.read_depth(tmp_path / name, 1000)
+    with pytest.raises(ibr.FileFormatError, match=r"expected a gray PNG of 16 or 8 bit for depth, got "):
+        ibr.read_depth(tmp_path / "c.png", 1000)
+    with pytest.raises(
+        ibr.ArgumentError, match=r"^scale: .*inverse depth of networks: depth_from_mpeg\) for the 8 bits of "
+    ):
+        ibr.read_depth(tmp_path / "m.png")
+
+
+def test_depth_of_8_bits_has_a_scale_too(tmp_path: Path):
+    """Disparity of older stereo sets: four units a pixel, 0 where there is none."""
+    iio.imwrite(tmp_path / "d.png", np.array([[0, 4, 255]], np.uint8))
+    np.testing.assert_allclose(ibr.read_depth(tmp_path / "d.png", 4), [[np.nan, 1, 63.75]])
+    np.testing.assert_allclose(
+        ibr.read_depth(tmp_path / "d.png", 400, "inverse"), [[np.nan, 100, 400 / 255]], rtol=1e-6
+    )
+
+
+@pytest.mark.parametrize("suffix", [".png", ".npy", ".tif"])
+def test_depth_of_16_bits_is_written_by_its_scale(tmp_path: Path, suffix):
+    """As `register` keeps it: what is read with the same scale is the same depth."""
+    stored = np.arange(0, 65536, 719, dtype=np.uint16).reshape(-1, 4)[:20]
+    ibr.write_depth(tmp_path / f"d{suffix}", stored, 1000)
+    np.testing.assert_array_equal(ibr.read_depth(tmp_path / f"d{suffix}", 1000), ibr.depth_from_uint16(stored, 1000))
+    with pytest.raises(ibr.ArgumentError, match=r"^scale: "):
+        ibr.write_depth(tmp_path / f"d{suffix}", stored)
+
+
+def test_floats_of_any_size_are_written(tmp_path: Path):
+    color = np.full((3, 4, 3), 0.5)
+    for dtype in (np.float16, np.float32, np.float64):
+        ibr.write_color(tmp_path / "c.png", color.astype(dtype))
+        assert (ibr.read_color(tmp_path / "c.png") == 128).all()
 
 
 def test_unknown_suffixes(tmp_path: Path):
@@ -445,7 +474,7 @@ def test_an_error_while_writing_leaves_the_old_file(tmp_path: Path, monkeypatch:
     ("call", "argument"),
     [
         (lambda p: ibr.write_color(p / "c.png", depth_of((7, 13))), "color"),
-        (lambda p: ibr.write_color(p / "c.png", color_of((7, 13)).astype(float)), "color"),
+        (lambda p: ibr.write_color(p / "c.png", color_of((7, 13)).astype(int)), "color"),
         (lambda p: ibr.write_color(p / "c.png", np.zeros((0, 7, 3), np.uint8)), "color"),
         (lambda p: ibr.write_depth(p / "d.npy", color_of((7, 13))), "depth"),
         (lambda p: ibr.write_mask(p / "m.png", color_of((7, 13))[..., 0]), "mask"),

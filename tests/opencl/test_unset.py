@@ -50,6 +50,7 @@ def built_by(
     """All kernels are built by this function, without optimisation: in half the time, and what is unset stays so."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYIBR_CACHE", str(cache))  # no other process takes these programs for its own
+        patch.setenv("PYIBR_DEVICE", str(session.device.index))  # whichever a new cache finds to be faster
         patch.setattr(program, "_OPTIONS", [*program._OPTIONS, "-cl-opt-disable"])
         patch.setattr(program, "_quietly_built", build)
         fresh = dataclasses.replace(session, kernels={}, spare=Spare(), flight=Flight())

@@ -221,6 +221,12 @@ def test_copies_and_pickles_look_the_same():
     assert not mesh.vertices.flags.writeable
 
 
+def test_backgrounds_are_rounded():
+    """Where there is nothing as where they mix with what covers a part of a pixel."""
+    away = ibr.Camera(CAMERA.K, CAMERA.size, np.diag([-1.0, 1, -1, 1]))
+    assert (ibr.render(wall(3, 0.5, (9, 9, 9)), away, background=(127.9, 0.9, 254.6)).color == (128, 1, 255)).all()
+
+
 def test_background():
     frame = ibr.render(wall(3, 0.5, (255, 0, 0)), CAMERA, background=(10, 20, 30))
     assert (frame.color[~frame.valid] == (10, 20, 30)).all()
@@ -269,6 +275,7 @@ BAD = [
     ("background", {"background": 0}),
     ("background", {"background": "black"}),
     ("background", {"background": (0, 0, 300)}),
+    ("background", {"background": (0.5, 0.5, 1)}),
     ("background", {"background": (0, 0, -1)}),
     ("background", {"background": (0, 0, np.nan)}),
     ("background", {"things": view(5, np.float32), "background": (0, 0, 2)}),

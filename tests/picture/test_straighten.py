@@ -93,3 +93,19 @@ def test_what_is_out_of_a_lens_sight_is_not_made_up():
 
 def pixels_of(camera: ibr.Camera) -> np.ndarray:
     return np.stack(np.meshgrid(*map(np.arange, camera.size)), -1).reshape(-1, 2)
+
+
+def test_few_copies_of_a_view_are_kept():
+    view = noisy_view((24, 18), BARREL)
+    made = [ibr.straightened(view, 1.02 + 0.01 * k) for k in range(9)]
+    kept_ones = [one for cache in view.device_cache.values() for one in cache["straight"].values()]
+    assert len(kept_ones) <= 4
+    assert ibr.straightened(view, 1.10) is made[-1]
+
+
+@pytest.mark.parametrize(
+    ("argument", "value"), [("cut_ratio", "x"), ("cut_ratio", 1.0), ("linear", "no"), ("view", None)]
+)
+def test_wrong_arguments_are_named(argument, value):
+    with pytest.raises(ibr.ArgumentError, match=f"^{argument}: "):
+        ibr.straightened(**{"view": noisy_view((24, 18), BARREL), argument: value})

@@ -10,6 +10,7 @@ import pytest
 
 import pyibr as ibr
 from benchmarks import scenes as real
+from pyibr.images.exposure import Overlap, matching_gains
 from tests import scenes
 from tests.data import shared
 from tests.one_lane import one_lane
@@ -147,3 +148,40 @@ def test_a_view_that_is_left_out_is_seen_better(noise):
     darker = ibr.DepthImage((views[1].color * 0.75).astype(np.uint8), views[1].depth, views[1].camera)
     three = [views[0], real.rgbd(real.LIVINGROOM, 0, size, noise), darker]
     assert psnr(ibr.warp(three, seen.camera), seen, where) > psnr(blended, seen, where) - 0.5
+
+
+def test_exposures_by_orthographic_depths_are_the_same_however_far_the_camera_is():
+    """Depths there have no origin: two surfaces are two also for a camera that stands far back."""
+    cameras = [scenes.source_camera((97, 61), "orthographic").moved(0.1 * k, 0, 0) for k in range(2)]
+    texture = scenes.texture(*scenes.image_coordinates((97, 61))) // 2 + 60
+    views = [
+        ibr.DepthImage((texture * gain).astype(np.uint8), np.full((61, 97), depth, np.float32), camera)
+        for camera, gain, depth in zip(cameras, (1.0, 0.6), (2.0, 2.6), strict=True)
+    ]
+    near, far = (ibr.warp(views, cameras[0].moved(0, 0, -back)).color.astype(int) for back in (0, 1000))
+    assert np.abs(near - far).max() <= 1
+
+
+def test_how_many_pixels_tell_exposures():
+    """Some 200 of an overlap do, of which none is nearly black or white in either view: sensors do not tell there."""
+    rng = np.random.default_rng(0)
+
+    def gain(count: int, dark: int = 0) -> float:
+        colors = rng.uniform(0.2, 0.7, (count, 3))
+        colors[:dark] = 0.01
+        other = colors * 0.7
+        other[:dark] = 0.9
+        first, second = matching_gains(2, [Overlap(0, 1, colors, other)])
+        return float((second / first).mean())
+
+    assert abs(gain(100) - 1) < 1e-9
+    assert abs(gain(400) - 1 / 0.7) < 1e-6
+    assert abs(gain(400, 250) - 1) < 1e-9
+    assert abs(gain(900, 500) - 1 / 0.7) < 1e-6
+
+
+def test_layers_closer_than_noise_explains_are_one_surface():
+    camera = scenes.source_camera(SIZE)
+    for apart, is_one in ((1.01, True), (1.1, False)):
+        frame = ibr.warp([plane(3.0, 100, camera), plane(3.0 * apart, 100, camera)], camera)
+        assert (np.median(frame.depth) > 3.001) == is_one
