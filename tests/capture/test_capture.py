@@ -265,3 +265,18 @@ def test_a_texture_repeats_as_it_does_when_the_mesh_is_drawn():
     both = taken.valid & drawn.valid
     assert both.mean() > 0.6
     assert np.abs(taken.color.astype(int) - drawn.color)[both].max() <= 1
+
+
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+def test_the_border_of_a_mesh_is_seen(projection):
+    """Rays that meet the outermost edges exactly: the ray caster lets some of them slip through."""
+    y, x = np.mgrid[:5, :5]
+    first = (y[:-1, :-1] * 5 + x[:-1, :-1]).ravel()
+    faces = np.concatenate([np.stack([first, first + 1, first + 5], 1), np.stack([first + 1, first + 6, first + 5], 1)])
+    square = MeshScene(np.stack([x / 2 - 1, y / 2 - 1, 0 * x + 2.0], -1).reshape(-1, 3), faces)
+    for size in (17, 33, 30):
+        focal = (size - 5) / 2 * (2 if projection == "perspective" else 1)
+        camera = Camera(
+            [[focal, 0, (size - 1) / 2], [0, focal, (size - 1) / 2], [0, 0, 1]], (size, size), None, projection
+        )
+        assert square.capture(camera).valid.sum() == (size - 4) ** 2

@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip("open3d")
 
 import pyibr as ibr
-from pyibr.capture import MeshScene, models, object_views
+from pyibr.capture import MeshScene, cube_cameras, models, object_views
 from pyibr.core.camera import Camera
 from pyibr.depthmesh import Segmentation
 from pyibr.images import metrics
@@ -362,3 +362,24 @@ def test_empty_space_stays_empty():
         frame, seen = ibr.render(thing, camera), truth.capture(camera)
         nothing = cv2.erode((~seen.valid).astype(np.uint8), np.ones((7, 7))) > 0
         assert not frame.valid[nothing].any()
+
+
+def test_of_one_viewpoint_the_view_that_looks_the_same_way_comes_first():
+    views = [ibr.DepthImage(None, np.full((9, 9), 2, np.float32), camera) for camera in cube_cameras((0, 0, 0), 9)]
+    thing = ibr.DepthMeshObject(views, blended=1)
+    for number, view in enumerate(views):
+        assert thing.weights(view.camera).argmax() == number
+
+
+def test_views_that_look_the_opposite_way_are_chosen_last():
+    """However close they are: a view from behind counts a two-thousandth of what one that looks the same way does."""
+    camera = ibr.Camera([[20, 0, 4], [0, 20, 4], [0, 0, 1]], (9, 9))
+    turned = np.diag([-1.0, 1, -1, 1])
+    turned[2, 3] = 4.5
+    behind = ibr.Camera(camera.K, camera.size, turned)  # from the other side of the wall at 2, half a unit farther off
+    far = ibr.Camera(camera.K, camera.size, camera.world_from_camera).moved(0, 0, -20)
+    views = [
+        ibr.DepthImage(None, np.full((9, 9), depth, np.float32), one) for one, depth in ((behind, 2.5), (far, 22.0))
+    ]
+    thing = ibr.DepthMeshObject(views, blended=1, choose="facing", background=False)
+    assert thing.weights(camera.moved(0, 0, 4.4)).argmax() == 1

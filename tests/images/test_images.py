@@ -331,3 +331,11 @@ def test_public_names_are_all_there():
     assert callable(ibr.warp)
     with pytest.raises(AttributeError, match="no attribute 'wrap'"):
         _ = ibr.wrap
+
+
+def test_normals_are_brought_to_length_one():
+    camera = ibr.Camera([[10, 0, 3], [0, 10, 4], [0, 0, 1]], (7, 9))
+    depth, normals = np.full((9, 7), 2, np.float32), np.tile(np.float32([0.3, 0, -0.4]), (9, 7, 1))
+    for scale in (1.0, 2.0, 2.2, 1e-25, 1e25):
+        found = ibr.DepthImage(None, depth, camera, normals=normals * np.float32(scale)).normals
+        np.testing.assert_allclose(found, np.broadcast_to([0.6, 0, -0.8], (9, 7, 3)), atol=1e-6)
