@@ -13,7 +13,7 @@ SIZE = (97, 131)
 FOCAL, BASELINE = 525.0, 0.075
 
 
-def room(rng: np.random.Generator) -> np.ndarray:
+def room() -> np.ndarray:
     """A slanted floor, a box before it, a wire before both."""
     y, x = np.mgrid[: SIZE[0], : SIZE[1]]
     depth = 1 / (0.25 + 0.002 * y + 0.0004 * x)
@@ -32,7 +32,7 @@ def with_noise(depth: np.ndarray, rng: np.random.Generator, kind: str) -> np.nda
 @pytest.mark.parametrize("kind", ["disparity", "flight"])
 def test_noise_is_smoothed_and_edges_stay(kind):
     rng = np.random.default_rng(1)
-    truth = room(rng)
+    truth = room()
     noisy = with_noise(truth, rng, kind)
     noisy[rng.random(SIZE) < 0.05] = np.nan
     cleaned = ibr.clean_depth(noisy)
@@ -52,7 +52,7 @@ def test_noise_is_smoothed_and_edges_stay(kind):
 
 
 def test_what_has_no_noise_stays():
-    truth = room(np.random.default_rng(2))
+    truth = room()
     cleaned = ibr.clean_depth(truth)
     # 0.05 % of depth is the least noise: about planes, 3.3 of it on either side are smoothed over.
     np.testing.assert_allclose(cleaned.depth, truth, rtol=3.3 * 5e-4)
@@ -62,7 +62,7 @@ def test_what_has_no_noise_stays():
 
 def test_coarse_steps_are_smoothed():
     """Cameras that tell depth in steps of disparity, with next to no noise besides, see stairs in every slope."""
-    truth = room(np.random.default_rng(8))
+    truth = room()
     steps = FOCAL * BASELINE / truth + np.random.default_rng(8).normal(0, 0.01, SIZE)
     coarse = (FOCAL * BASELINE / (np.round(steps * 8) / 8)).astype(np.float32)
     cleaned = ibr.clean_depth(coarse).depth
@@ -84,7 +84,7 @@ def test_planes_at_few_depths_are_no_steps_of_a_scale():
 
 
 def test_flying_pixels_and_speckle_are_replaced():
-    truth = room(np.random.default_rng(3))
+    truth = room()
     depth = truth.copy()
     depth[30:70, 40] = 0.5 * (truth[30:70, 39] + truth[30:70, 41])  # half of the box, half of the floor
     depth[10:12, 10:13] = 0.3
@@ -127,7 +127,7 @@ def test_small_images(size):
 
 def test_the_input_stays_as_it_is_and_the_answer_is_the_same_again():
     rng = np.random.default_rng(4)
-    depth = with_noise(room(rng), rng, "disparity")
+    depth = with_noise(room(), rng, "disparity")
     depth[::3] = 0
     copy = depth.copy()
     first, second = ibr.clean_depth(depth), ibr.clean_depth(depth)
@@ -151,7 +151,7 @@ def sequence(truths: list[np.ndarray], kind: str = "disparity", steady: bool = T
 
 @pytest.mark.parametrize("kind", ["disparity", "flight"])
 def test_what_is_at_rest_is_steady_and_nearer_to_the_truth(kind):
-    truth = room(np.random.default_rng(6))
+    truth = room()
     changes, errors = [], []
     for steady in (True, False):
         later = np.stack(sequence(16 * [truth], kind, steady)[8:])
@@ -166,7 +166,7 @@ def test_what_is_at_rest_is_steady_and_nearer_to_the_truth(kind):
 @pytest.mark.parametrize("kind", ["disparity", "flight"])
 def test_at_rest_next_to_no_sample_changes_more_than_it_was_measured_to(kind):
     """A wire, too, whose lost samples leave pieces that a single frame takes for speckle."""
-    truth = room(np.random.default_rng(6))
+    truth = room()
     measured = np.stack([with_noise(truth, np.random.default_rng(number), kind) for number in range(30)])
     steady, single = (np.stack(sequence(30 * [truth], kind, steady)) for steady in (True, False))
     assert (steady.std(axis=0) <= measured.std(axis=0)).mean() >= 0.99
@@ -239,7 +239,7 @@ def test_missing_samples_are_those_of_before_if_their_surface_is_still_beside():
 
 @pytest.mark.parametrize("choices", [{"holes": 0}, {"strength": 0}])
 def test_before_does_not_do_what_is_switched_off(choices):
-    truth = room(np.random.default_rng(7))
+    truth = room()
     noisy = with_noise(truth, np.random.default_rng(7), "disparity")
     noisy[10:20, 10:20] = np.nan
     alone, after = (ibr.clean_depth(noisy, before=before, **choices) for before in (None, truth))
@@ -332,3 +332,17 @@ def test_most_of_what_noise_costs_a_new_view_comes_back(motion):
     middle = 0.5 * (lowest + highest)
     true, found = (known & (d < middle) for d in (clean.depth, cleaned))
     assert (true & found).sum() >= 0.99 * (true | found).sum()
+
+
+def test_strength_tells_how_much_is_smoothed_and_kept():
+    """Of noise, and of the last frame: the stronger, the more of a step of two standard deviations stays."""
+    rng = np.random.default_rng(5)
+    wall = np.full((80, 100), 2.0)
+    noisy = (wall + rng.normal(0, 0.01, wall.shape)).astype(np.float32)
+    before = np.full(wall.shape, 2.02, np.float32)
+    spreads, steps = [], []
+    for strength in (0.3, 1.0, 3.0):
+        spreads.append(ibr.clean_depth(noisy, strength=strength).depth.std())
+        steps.append(float(np.mean(ibr.clean_depth(noisy, strength=strength, before=before).depth)) - 2.0)
+    assert spreads[0] > 1.2 * spreads[1] and spreads[1] >= spreads[2]
+    assert steps[0] < 0.5 * steps[1] and steps[1] < 0.8 * steps[2] < 0.8 * 0.02
