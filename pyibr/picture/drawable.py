@@ -18,7 +18,6 @@ Sample = Literal["linear", "nearest"]
 Edges = Literal["connect", "cut"]
 Side = Literal["front", "back", "both"]
 Fill = Literal["background", "smooth", "inpaint"]
-Blend = Literal["quality", "nearest"]
 
 
 @dataclass(frozen=True)

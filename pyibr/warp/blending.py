@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -17,6 +17,8 @@ from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import empty, to_host
 from pyibr.opencl.program import kernel
 from pyibr.picture.target import Target
+
+Blend = Literal["quality", "nearest"]
 
 _STRIDE = 3  # pixels: every third one of each third row tells the exposures
 _SAME_DEPTH = 0.02  # of the depth, or of what an orthographic camera sees

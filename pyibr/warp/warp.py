@@ -18,11 +18,12 @@ from pyibr.core.straight import origins_in_lens
 from pyibr.images import DepthImage, Frame
 from pyibr.opencl.device import one_call
 from pyibr.picture.antialiasing import averaged, checked_side, finer
-from pyibr.picture.drawable import Blend, Edges, Fill, Look, Sample, Side
+from pyibr.picture.drawable import Edges, Fill, Look, Sample, Side
 from pyibr.picture.panes import joined, pane_cameras
 from pyibr.picture.samples import Samples, samples_of
 from pyibr.picture.straighten import straightened
 from pyibr.picture.target import Target, frames
+from pyibr.warp.blending import Blend
 from pyibr.warp.blending import blend as blend_layers
 from pyibr.warp.drawing import options_of
 from pyibr.warp.filling import fill_holes

@@ -33,7 +33,8 @@ from pyibr.app.words import (
 )
 from pyibr.core.camera import Camera
 from pyibr.images import DepthImage
-from pyibr.picture.drawable import Blend, Edges, Fill, Sample, Side
+from pyibr.picture.drawable import Edges, Fill, Sample, Side
+from pyibr.warp.blending import Blend
 from pyibr.warp.warp import Method
 
 _Draw = Callable[[Sequence[DepthImage], Camera], ibr.Frame]

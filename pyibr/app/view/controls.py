@@ -13,8 +13,9 @@ from pyibr.app.view.scene import Scene
 from pyibr.app.view.style import Layout, Show, Style
 from pyibr.core.checks import Float64
 from pyibr.core.errors import Error
-from pyibr.picture.drawable import Blend, Edges, Fill, Look, Sample, Side
+from pyibr.picture.drawable import Edges, Fill, Look, Sample, Side
 from pyibr.picture.light import Light
+from pyibr.warp.blending import Blend
 
 if TYPE_CHECKING:
     from viser import GuiApi, GuiInputHandle

@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from pyibr.app.view.knobs import Value
-from pyibr.picture.drawable import Blend, Look
+from pyibr.picture.drawable import Look
 from pyibr.picture.light import Light
+from pyibr.warp.blending import Blend
 
 Layout = Literal["one", "swipe", "side by side", "difference"]
 Show = Literal["color", "depth", "classes", "view"]
