@@ -7,7 +7,7 @@
 #define CLAMPED_U 0 /* 1: beyond 0 to 1 maps go on with the values of their border; 0: they repeat */
 #endif
 #ifndef CLAMPED_V
-#define CLAMPED_V 0
+#define CLAMPED_V 0 /* 1: the same along v */
 #endif
 
 /* Where u, or v, is on the map, in numbers that stay small */

@@ -184,7 +184,7 @@ def test_lost_frames_are_left_out_and_told(recorded: Recorded, words):
     (recorded.folder / "depth/1.png").unlink()
     result = recorded.run("rgb", "depth", "--move", 0.1, 0, 0, *words, camera=None)
     assert "3 views" in succeeded(result)
-    assert re.search("1 file of .*rgb and .*depth: no partner by name or number; left out", result.stderr)
+    assert re.search("1 file of .*rgb and .*depth, 1.png: no partner by name or number; left out", result.stderr)
     for number, view in enumerate([views[0], *views[2:]]):
         np.testing.assert_array_equal(recorded.new(number), ibr.warp(view, view.camera.moved(0.1, 0, 0)).color)
 

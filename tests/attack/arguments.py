@@ -265,7 +265,7 @@ def random_maps(chance: Chance, scale: float) -> dict[str, Any]:
     normal_map = None
     if chance(0.2):
         normal_map = np.dstack([rng.normal(0, 1, (5, 6, 2)), rng.uniform(0.01, 1, (5, 6))]).astype(np.float32)
-    wrap = chance.one(["repeat", "clamp"])
+    wrap = chance.one(["repeat", "clamp", ("repeat", "clamp")])
     return {
         "base": random_mesh(chance, scale, uv=True),
         "height": chance.mostly(height),

@@ -86,7 +86,9 @@ def test_a_matrix_needs_the_size_of_the_images(tmp_path: Path):
     camera = CAMERAS["image_9.jpg"]
     np.savetxt(tmp_path / "K.txt", camera.K)
     same(read_cameras(tmp_path / "K.txt", (61, 37))["0"], ibr.Camera(camera.K, (61, 37)))
-    with pytest.raises(ibr.FileFormatError, match="not a readable camera JSON file"):
+    with pytest.raises(
+        ibr.ArgumentError, match=r"^size: expected the \(width, height\) of the images whose K is in .*K\.txt"
+    ):
         read_cameras(tmp_path / "K.txt")
     for text, message in (("1 2 3", "K.txt: K: expected"), ("words", "not a readable matrix file")):
         (tmp_path / "K.txt").write_text(text)

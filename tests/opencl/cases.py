@@ -260,12 +260,17 @@ def _meshes(setting: Setting) -> Cases:
                 name = f"meshes, texture {texture_size}, {camera.size}, {light}"
                 yield name, partial(_draw, setting, [first, second, plain], camera, light)
                 yield f"{name}, filtered", partial(_draw, setting, [first], camera, light, 3)
+
+
+def _marked(setting: Setting) -> Cases:
+    """What images have seen of a triangle before another one."""
+    near, plain = (ibr.Mesh([[-s, -s, z], [s, -s, z], [0, s, z]], [[0, 1, 2]]) for s, z in ((1, 4), (9, 5)))
     for sizes in (((1, 1), (2, 2), (1, 5), (7, 1)), ((9, 7),) * 4)[: setting.choose(1, 2, 2)]:
         views = _views_around(setting, sizes)
         for side, camera in product(("front", "both"), _screens(setting)):
             part = np.array([[-1.0, -2.0, 4.0], [2.0, 1.0, 6.0]]) if side == "both" else None
             thing = MarkedUnseen(as_drawable(plain, Look()), views, side, within=part)
-            yield f"seen by {sizes} from {side}, {camera.size}", partial(_draw, setting, [first, thing], camera)
+            yield f"seen by {sizes} from {side}, {camera.size}", partial(_draw, setting, [near, thing], camera)
 
 
 def _height_maps(setting: Setting) -> Iterator[tuple[NDArray[Any], NDArray[Any], NDArray[Any] | None]]:
@@ -334,7 +339,7 @@ def _reliefs(setting: Setting) -> Cases:
         {"tiles": (2, 1)},
         {"wrap": "clamp"},
         {"search": "linear", "steps": 4},
-        {"shadow": "search", "distance": "exact", "wrap": "clamp"},
+        {"shadow": "search", "distance": "exact", "wrap": ("repeat", "clamp")},
         {"silhouette": "none"},
         {"shadow": "search", "distance": "perpendicular", "search": "linear", "steps": 4},
     )
@@ -430,7 +435,7 @@ def _relit(setting: Setting) -> Cases:
 
 
 FOLDERS: dict[str, tuple[Callable[[Setting], Cases], ...]] = {
-    "lib": (_lenses, _relit),
+    "lib": (_lenses, _relit, _marked),
     "warp": (_warps, _lenses, _registrations),
     "raster": (_meshes, _sorted),
     "slicing": (_surfaces, _objects),
