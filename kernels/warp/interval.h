@@ -57,18 +57,19 @@ INLINED Projection pick_projection(intl mask, Projection yes, Projection no)
     return place;
 }
 
-/* Of a segment, what lies before an orthographic target's image plane. Returns whether its ends did not. Behind a
- * perspective target's centre, W tells. */
-INLINED void clip_at_plane(Projection *a, Projection *b, intl *a_behind, intl *b_behind)
+/* Of a segment, what lies before an orthographic target's image plane; open: all of it is behind. Returns whether it begins
+ * behind. Behind a perspective target's centre, W tells. */
+INLINED intl clip_at_plane(Projection *a, Projection *b, intl *open)
 {
-    *a_behind = a->q >= 0.0f;
-    *b_behind = b->q >= 0.0f;
+    const intl a_behind = a->q >= 0.0f, b_behind = b->q >= 0.0f;
     const floatl f = a->q / (a->q - b->q);
     const Projection at = {a->nearness + f * (b->nearness - a->nearness), a->p + f * (b->p - a->p), a->w + f * (b->w - a->w),
                            (floatl)0.0f};
-    const Projection from = pick_projection(*a_behind & !*b_behind, at, *a);
-    *b = pick_projection(*b_behind & !*a_behind, at, *b);
+    const Projection from = pick_projection(a_behind & !b_behind, at, *a);
+    *b = pick_projection(b_behind & !a_behind, at, *b);
     *a = from;
+    *open = *open | (a_behind & b_behind);
+    return a_behind;
 }
 
 #define STORE_LANE(l) seen[address.s##l] = stored.s##l;
@@ -80,14 +81,12 @@ INLINED void extend(Interval *interval, Answers *answers, Projection a, Projecti
     const float guard = 5e-7f * (map.dst_width + map.dst_height); /* rounding: no pixel may have two owners, */
     global float *seen = answers->seen;
 
-    intl a_behind = 0, b_behind = 0;
-    if (!map.dst_perspective) {
-        clip_at_plane(&a, &b, &a_behind, &b_behind);
-        open = open | (a_behind & b_behind);
-    }
+    intl from_behind = 0;
+    if (!map.dst_perspective)
+        from_behind = clip_at_plane(&a, &b, &open);
     const floatl crosses = b.p * a.w - a.p * b.w; /* the sign of the target's move from a to b, if both are before it */
     const intl emerges = (a.w <= 0.0f) & (b.w > 0.0f); /* out of the plane of the target's centre */
-    const intl begins = there & (!open) & (interval->anew | emerges | a_behind);
+    const intl begins = there & (!open) & (interval->anew | emerges | from_behind);
     if (any_lane(begins)) {
         const floatl from_infinity = pick(crosses > 0.0f, (floatl)-1e9f, (floatl)1e9f);
         const floatl t = lesser(greater(pick(emerges, from_infinity, a.p / a.w), line.low - 1.0f), line.high + 1.0f);
@@ -99,7 +98,7 @@ INLINED void extend(Interval *interval, Answers *answers, Projection a, Projecti
         answers->begun_anew |= any_lane(begins & interval->begun);
         interval->begun = interval->begun | begins;
     }
-    interval->anew = pick(there, open | b_behind, interval->anew);
+    interval->anew = pick(there, open, interval->anew);
     const intl closed = there & !open;
     for (int most = group.high - group.low + 2; most > 0; most--) { /* a lane settles pixels of its line, or is done */
         const intl goes_up = closed & (b.p - interval->above * b.w >= -guard * b.w) & (interval->above <= line.high);

@@ -110,6 +110,14 @@ class _Counted(Watch):
         enqueue(**arguments)
 
 
+def test_a_launch_of_nothing_tells_no_pace():
+    made = empty((4,), np.float32)
+    clear = program.kernel("lib/clear.cl", "clear", UINTS=0)
+    before = clear.pace.item
+    launch.launch(clear, (0,), values=made, count=0, share=1, value=0.0)
+    assert clear.pace.item == before > 0
+
+
 def test_what_takes_longer_than_expected_is_slower_from_then_on():
     held, quick, pace = object(), Pace(1e-6), Pace(2e-6)
     flying = flight.Flight()

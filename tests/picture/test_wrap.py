@@ -122,7 +122,9 @@ def test_clamped_heights(name, span, system):
 def test_heights_clamped_along_one_axis(wrap, system):
     for name in ("bytes, powers of two", "odd"):
         # Cliffs where the map repeats are half a texel wide, of 33 or 15 texels: more of the picture is near them.
-        assert share_right(system, BEYOND, MAPS[name], above(70), wrap, wrap=wrap) >= 0.99
+        # Aslant, cliffs from left to right are ridges that hide a part of the picture, and sharper in the truth.
+        for elevation in (70, 35) if wrap[0] == "clamp" else (70,):
+            assert share_right(system, BEYOND, MAPS[name], above(elevation), wrap, wrap=wrap) >= 0.99
         assert share_right(system, BEYOND, MAPS[name], above(70), wrap, wrap="clamp") < 0.9
 
 
@@ -180,20 +182,21 @@ def uv_from_above(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     return u0 + (u1 - u0) * places[..., 0], v0 + (v1 - v0) * places[..., 1]
 
 
+@pytest.mark.parametrize("wrap", [("clamp", "clamp"), ("repeat", "clamp"), ("clamp", "repeat")])
 @pytest.mark.parametrize("level", [0, 1])
 @pytest.mark.parametrize("size", [(20, 14), (33, 1), (1, 1)])
 @pytest.mark.parametrize("system", ["slices", "relief"])
-def test_clamped_colours(system, size, level):
+def test_clamped_colours(system, size, level, wrap):
     """Of a level surface, by the level whose texels are as large as a pixel."""
     color = np.rint(255 * np.dstack([ramp(*size, seed) for seed in (1, 2, 3)])).astype(np.uint8)
     seen = np.floor(halved(color) + 0.5) if level else color.astype(float)
     camera = straight_above(0.7 if level == 0 else 2.8, max(2 * size[0], 1.8 * size[1], 40))
     full = np.ones((2, 2), np.float32)
     frame = ibr.render(
-        thing(system, BEYOND, full, color, **({"test": "at_least"} if system == "slices" else {})), camera
+        thing(system, BEYOND, full, color, wrap=wrap, **({"test": "at_least"} if system == "slices" else {})), camera
     )
     u, v = uv_from_above(camera)
-    expected = np.dstack([bilinear_height(seen[..., c], u, v, ("clamp", "clamp")) for c in range(3)])
+    expected = np.dstack([bilinear_height(seen[..., c], u, v, wrap) for c in range(3)])
     assert frame.valid.sum() >= 100
     assert np.abs(frame.color - expected)[frame.valid].max() <= 0.52  # to a byte
 

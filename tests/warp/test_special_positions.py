@@ -325,18 +325,19 @@ def test_a_row_of_samples_moved_in_its_plane(across):
 
 
 @pytest.mark.parametrize("degrees", [-60, -25, 40, 80])
-@pytest.mark.parametrize("shape", ["step", "slope"])
+@pytest.mark.parametrize("shape", ["step", "slope", "teeth"])
 def test_an_orthographic_plane_that_cuts_the_surface(shape, degrees):
     """Of what crosses the plane of the target's camera, the part before it is seen."""
     x = np.mgrid[:28, :36][1]
-    depth = np.where(x < 18, 2.5, 4.5) if shape == "step" else 2.5 + x / 12
+    shapes = {"step": np.where(x < 18, 2.5, 4.5), "slope": 2.5 + x / 12, "teeth": np.where(x % 2, 2.5, 4.5)}
+    depth = shapes[shape]
     view = image(depth, Camera([[40, 0, 17.5], [0, 40, 13.5], [0, 0, 1]], (36, 28)))
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     pose = np.array([[c, 0, s, 0.1], [0, 1, 0, 0.1], [-s, 0, c, 3.5], [0, 0, 0, 1]])
     target = Camera([[20, 0, 31.5], [0, 20, 23.5], [0, 0, 1]], (64, 48), pose, "orthographic")
     for edges in EDGES:
         found = [ibr.warp(view, target, method, edges=edges, side="both") for method in METHODS]
-        assert found[1].valid.sum() > 300
+        assert found[1].valid.sum() > 300 or (shape, edges) == ("teeth", "cut")  # all of which are apart
         assert off(found[0].depth, found[1].depth).mean() <= SHARE
         if edges == "connect":  # lines are exact there
             np.testing.assert_array_equal(found[0].valid, found[1].valid)

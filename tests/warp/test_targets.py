@@ -89,7 +89,7 @@ def test_out_fits_the_cameras():
             ibr.warp(view, cameras, out=out)
     with pytest.raises(ibr.ArgumentError, match="memory of its own"):
         ibr.warp(view, [camera, camera], out=[frame, frame])
-    other = scenes.stepped(SIZE)
+    other = ibr.DepthImage(view.color, view.depth, camera)
     for given in (view, other):  # of several views, no one's memory
         shared = replace(frame, depth=np.array(given.depth))
         views = [
