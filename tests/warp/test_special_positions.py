@@ -326,18 +326,23 @@ def test_a_row_of_samples_moved_in_its_plane(across):
 
 @pytest.mark.parametrize("degrees", [-60, -25, 40, 80])
 @pytest.mark.parametrize("shape", ["step", "slope", "teeth"])
-def test_an_orthographic_plane_that_cuts_the_surface(shape, degrees):
-    """Of what crosses the plane of the target's camera, the part before it is seen."""
+@pytest.mark.parametrize("projection", PROJECTIONS)
+def test_an_orthographic_plane_that_cuts_the_surface(projection, shape, degrees):
+    """Of what crosses the plane of the target's camera, the part before it is seen, and others through the gaps.
+
+    From an orthographic view to another that is turned, lines run along rows, and what they see is the pixels' own.
+    """
     x = np.mgrid[:28, :36][1]
     shapes = {"step": np.where(x < 18, 2.5, 4.5), "slope": 2.5 + x / 12, "teeth": np.where(x % 2, 2.5, 4.5)}
     depth = shapes[shape]
-    view = image(depth, Camera([[40, 0, 17.5], [0, 40, 13.5], [0, 0, 1]], (36, 28)))
+    f = 40 if projection == "perspective" else 12
+    view = image(depth, Camera([[f, 0, 17.5], [0, f, 13.5], [0, 0, 1]], (36, 28), projection=projection))
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     pose = np.array([[c, 0, s, 0.1], [0, 1, 0, 0.1], [-s, 0, c, 3.5], [0, 0, 0, 1]])
     target = Camera([[20, 0, 31.5], [0, 20, 23.5], [0, 0, 1]], (64, 48), pose, "orthographic")
-    for edges in EDGES:
+    for edges in EDGES if shape != "teeth" else ("connect",):  # cut, all teeth are apart
         found = [ibr.warp(view, target, method, edges=edges, side="both") for method in METHODS]
-        assert found[1].valid.sum() > 300 or (shape, edges) == ("teeth", "cut")  # all of which are apart
+        assert found[1].valid.sum() > 150
         assert off(found[0].depth, found[1].depth).mean() <= SHARE
         if edges == "connect":  # lines are exact there
             np.testing.assert_array_equal(found[0].valid, found[1].valid)
