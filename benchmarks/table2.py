@@ -23,7 +23,8 @@ from benchmarks.runner import Case, Subject, Work
 from benchmarks.scenes import data_folder
 from pyibr.capture import MeshScene, models
 from pyibr.capture.frusta import load_frusta, part_of
-from pyibr.picture.drawable import Edges, Side
+from pyibr.images.depth_image import Side
+from pyibr.warp.view import Edges
 
 Mask = NDArray[np.bool_]
 
@@ -77,7 +78,7 @@ class Model:
         views = self.views
         if fresh:
             views = [ibr.DepthImage(view.color, view.depth, view.camera, view.far) for view in views]
-        return ibr.warp(views, self.camera, sample=sample, side=self.side, edges=self.edges, blend="nearest")
+        return ibr.warp(views, self.camera, interpolation=sample, side=self.side, edges=self.edges, blend="nearest")
 
 
 def cases(plan: Plan) -> Iterator[Case]:

@@ -45,7 +45,7 @@ from pyibr.picture.drawable import Drawable
 from pyibr.picture.light import Light
 from pyibr.picture.render import render
 from pyibr.picture.straighten import straightened
-from pyibr.warp import RegisteredColor, register, warp  # `warp` takes its package's place as an attribute
+from pyibr.warp import RegisteredColor, WarpedView, register, warp  # `warp` takes its package's place as an attribute
 
 import_module("pyibr.raster")  # it draws meshes, which know nothing of it
 
@@ -93,6 +93,7 @@ __all__ = [
     "Silhouette",
     "SlicedSurface",
     "VisualHull",
+    "WarpedView",
     "__version__",
     "clean_depth",
     "depth_from_disparity",

@@ -25,7 +25,7 @@ Array = NDArray[Any]
 
 CUT_RATIO = 1.05  # of neighbours' depths: beyond it they are no one surface
 NEAREST, LINEAR = "pyibr nearest", "pyibr linear"
-OURS: dict[str, opencv.Options] = {NEAREST: {"sample": "nearest"}, LINEAR: {"sample": "linear"}}
+OURS: dict[str, opencv.Options] = {NEAREST: {"interpolation": "nearest"}, LINEAR: {"interpolation": "linear"}}
 OPEN3D_BUILD, OPEN3D_CAST = "Open3D build", "Open3D cast"
 
 BARS = {

@@ -27,7 +27,7 @@ Size = tuple[int, int]
 LINEAR, NEAREST, CONNECTED = "pyibr linear", "pyibr nearest", "pyibr linear, connected"
 OURS: dict[str, opencv.Options] = {
     LINEAR: {"edges": "cut"},
-    NEAREST: {"edges": "cut", "sample": "nearest"},
+    NEAREST: {"edges": "cut", "interpolation": "nearest"},
     CONNECTED: {"edges": "connect"},
 }
 

@@ -17,7 +17,7 @@ from reliefs import show
 
 import pyibr as ibr
 from pyibr.capture import MeshScene, models
-from pyibr.picture.drawable import Edges
+from pyibr.warp.view import Edges
 
 COLORS = [plt.get_cmap("tab10")(number) for number in (0, 1, 2, 3, 4, 6)]
 CROSS = {(1, 0): 1, (1, 1): 4, (1, 2): 0, (1, 3): 5, (0, 1): 3, (2, 1): 2}

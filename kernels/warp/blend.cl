@@ -156,8 +156,9 @@ kernel void add_layer(global const float *depth, global const channel *color, gl
     }
 }
 
+/* Into a picture that shows something already (`merge`), where it is nearer. */
 kernel void shown(global const float *sums, global float *depth, global channel *color, global uchar *valid, int width,
-                  int height)
+                  int height, int merge)
 {
     const int x0 = get_global_id(0) * LANES, y = get_global_id(1);
     if (x0 >= width || y >= height)
@@ -166,7 +167,10 @@ kernel void shown(global const float *sums, global float *depth, global channel 
     for (int x = x0; x < min(x0 + LANES, width); x++) {
         const size_t at = (size_t)y * width + x;
         const int any = sums[at] > 0.0f;
-        depth[at] = any ? sums[4 * plane + at] : NAN;
+        const float z = any ? sums[4 * plane + at] : NAN;
+        if (merge && (!any || z >= depth[at]))
+            continue;
+        depth[at] = z;
         valid[at] = any;
         const float3 mean = (float3)(sums[plane + at], sums[2 * plane + at], sums[3 * plane + at]);
         write_pixel(color + CHANNELS * at, any ? clamp(rounded(mean), 0.0f, CHANNEL_MOST) : (float3)(0.0f));

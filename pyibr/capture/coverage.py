@@ -15,8 +15,8 @@ from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64, checked_box, describe, instance_of, whole_from
 from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
+from pyibr.images.depth_image import Side
 from pyibr.meshes.mesh import Mesh
-from pyibr.picture.drawable import Side
 from pyibr.picture.render import render
 
 Mask = NDArray[np.bool_]

@@ -18,8 +18,8 @@ from pyibr.capture.frusta import Frustum
 from pyibr.capture.raycast import spread_directions
 from pyibr.core.checks import Float64, whole_from
 from pyibr.core.errors import ArgumentError
+from pyibr.images.depth_image import Side
 from pyibr.meshes.mesh import Mesh
-from pyibr.picture.drawable import Side
 
 _AROUND = 64  # candidates that see the whole from outside
 _WORST = 0.1  # of the points, before which candidates stand once all are seen

@@ -34,6 +34,8 @@ from pyibr.images.noise import noise_by_depth
 
 Color = NDArray[np.uint8] | NDArray[np.float32]
 Depth = NDArray[np.float32]
+Side = Literal["front", "back", "both"]
+"""Which side of a depth image's surface: the one that faces its camera, the other, or either."""
 Backdrop = Literal["farthest"]
 
 _UNIT = 1e-3  # squares of lengths may be off by that: they are normals in float32, or rounded ones

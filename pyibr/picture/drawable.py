@@ -3,52 +3,16 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
-from typing import Any, Literal, Protocol, runtime_checkable
+from collections.abc import Iterable
+from typing import Any, Protocol, runtime_checkable
 
+import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.core.checks import cut_ratio_from, describe, one_of, true_or_false
+from pyibr.core.checks import describe
 from pyibr.core.errors import ArgumentError
-from pyibr.core.optional import opencv
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
-
-Sample = Literal["linear", "nearest"]
-Edges = Literal["connect", "cut"]
-Side = Literal["front", "back", "both"]
-Fill = Literal["background", "smooth", "inpaint"]
-
-
-@dataclass(frozen=True)
-class Look:
-    """How depth images are looked at; what the words mean `pyibr.warp` says.
-
-    Raises
-    ------
-    ArgumentError
-        If one of them is none of its choices.
-    MissingPackageError
-        If OpenCV fills holes, and is not installed.
-    """
-
-    sample: Sample = "linear"
-    edges: Edges = "cut"
-    cut_ratio: float = 1.05
-    side: Side = "front"
-    fill: Fill | None = None
-    thin: bool = False
-
-    def __post_init__(self) -> None:
-        one_of("sample", self.sample, Sample)
-        one_of("edges", self.edges, Edges)
-        one_of("side", self.side, Side)
-        if self.fill is not None:
-            one_of("fill", self.fill, Fill, " or None")
-        if self.fill == "inpaint":
-            opencv('fill="inpaint"', "inpaint")  # before anything is drawn
-        true_or_false("thin", self.thin)
-        cut_ratio_from(self.cut_ratio)
 
 
 @runtime_checkable
@@ -57,7 +21,8 @@ class Drawable(Protocol):
 
     Whatever has these two is drawn by `pyibr.render` beside all others, and casts shadows on them. What it keeps on
     the device is its own affair; `pyibr.opencl.kept.kept` makes it once a device. A class of your own needs no more
-    than that: no base, no registration.
+    than that: no base, no registration. It may have two more: `Finishing.finish`, and a `color_dtype`, the dtype of
+    its colours: where that is float32, the picture is in floats.
 
     Examples
     --------
@@ -89,8 +54,23 @@ class Drawable(Protocol):
         ...
 
 
+@runtime_checkable
+class Finishing(Protocol):
+    """A thing with a second step, once all things have drawn."""
+
+    def finish(self, target: Target) -> None:
+        """Add what depends on all things, as colours for holes: in their order, never over what was seen."""
+        ...
+
+
+def color_dtype_of(drawables: Iterable[Drawable]) -> np.dtype[Any]:
+    """The dtype of a picture's colours: float32 if those of a thing are (`color_dtype`), else uint8."""
+    found = (getattr(drawable, "color_dtype", np.uint8) for drawable in drawables)
+    return np.dtype(np.float32 if any(dtype == np.float32 for dtype in found) else np.uint8)
+
+
 @functools.singledispatch
-def as_drawable(thing: object, look: Look) -> Drawable:
+def as_drawable(thing: object) -> Drawable:
     """The `Drawable` that stands for a thing: itself if it is one.
 
     Systems register what draws a class that knows no OpenCL (`as_drawable.register`), as images and meshes.

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from pyibr.core.checks import Float64, one_of
 from pyibr.core.straight import check_no_lens
-from pyibr.images.depth_image import DepthImage
+from pyibr.images.depth_image import DepthImage, Side
 from pyibr.opencl.device import current
 from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.kept import kept
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, copy, duplicate, empty, upload
 from pyibr.opencl.program import kernel
-from pyibr.picture.drawable import Drawable, Side
+from pyibr.picture.drawable import Drawable
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
 
@@ -49,12 +49,12 @@ class MarkedUnseen:
     --------
     >>> import numpy as np
     >>> import pyibr as ibr
-    >>> from pyibr.picture.drawable import Look, as_drawable
+    >>> from pyibr.picture.drawable import as_drawable
     >>> from pyibr.picture.seen import MarkedUnseen
     >>> wall = ibr.Mesh([[-9, -9, 3], [9, -9, 3], [0, 9, 3]], [[0, 1, 2]])
     >>> camera = ibr.Camera([[20, 0, 5], [0, 20, 5], [0, 0, 1]], (11, 11))
     >>> half = np.where(np.arange(11) < 5, np.float32(3), np.float32(np.inf)) * np.ones((11, 1), np.float32)
-    >>> marked = MarkedUnseen(as_drawable(wall, Look()), [ibr.DepthImage(None, half, camera)])
+    >>> marked = MarkedUnseen(as_drawable(wall), [ibr.DepthImage(None, half, camera)])
     >>> ibr.render(marked, camera).color[5, [2, 8]].tolist()
     [[204, 204, 204], [220, 106, 106]]
     """

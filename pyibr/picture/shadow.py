@@ -88,18 +88,15 @@ class _Seen:
     """The last that a light has looked at."""
 
     things: Sequence[weakref.ref[Fixed]]
-    look: object
     lighting: Lighting
 
-    def is_of(self, things: Sequence[object], look: object) -> bool:
-        same = len(things) == len(self.things) and all(a() is b for a, b in zip(self.things, things, strict=True))
-        return same and self.look == look
+    def is_of(self, things: Sequence[object]) -> bool:
+        return len(things) == len(self.things) and all(a() is b for a, b in zip(self.things, things, strict=True))
 
 
 def lighting(
     light: Light,
     things: Sequence[object],
-    look: object,
     bounds: Sequence[Bounds],
     draw: Callable[[Target], None],
     dtype: np.dtype[Any],
@@ -113,8 +110,6 @@ def lighting(
     light : Light
     things : sequence
         The scene. Of those that are no `Fixed`, nobody knows whether they have changed.
-    look : Look
-        How depth images are looked at, of `pyibr.picture.drawable`.
     bounds : sequence of (low, high)
         Of each thing, in the world.
     draw : callable
@@ -125,7 +120,7 @@ def lighting(
     if not light.shadow_size:
         return Lighting(light)
     last = kept(light, "seen", lambda: list[_Seen]())
-    if last and last[0].is_of(things, look):
+    if last and last[0].is_of(things):
         return last[0].lighting
     last.clear()
     cameras = light_cameras(light, bounds)
@@ -138,7 +133,7 @@ def lighting(
     made = Lighting(light, maps, cameras)
     fixed = [thing for thing in things if isinstance(thing, Fixed)]
     if len(fixed) == len(things):
-        last.append(_Seen([weakref.ref(thing) for thing in fixed], look, made))
+        last.append(_Seen([weakref.ref(thing) for thing in fixed], made))
     return made
 
 

@@ -14,7 +14,7 @@ from pyibr.opencl.kept import kept
 from pyibr.opencl.launch import launch
 from pyibr.opencl.memory import DeviceArray, upload
 from pyibr.opencl.program import kernel
-from pyibr.picture.drawable import Look, as_drawable
+from pyibr.picture.drawable import as_drawable
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
 from pyibr.raster.bins import bin_primitives, bin_side, culled, project
@@ -86,7 +86,7 @@ class DrawnMesh:
 
 
 @as_drawable.register
-def _(thing: Mesh, look: Look) -> DrawnMesh:
+def _(thing: Mesh) -> DrawnMesh:
     return DrawnMesh(thing)
 
 

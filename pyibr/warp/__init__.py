@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pyibr.warp.register import RegisteredColor, register
+from pyibr.warp.view import WarpedView
 from pyibr.warp.warp import warp
 
-__all__ = ["RegisteredColor", "register", "warp"]
+__all__ = ["RegisteredColor", "WarpedView", "register", "warp"]

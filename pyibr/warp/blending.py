@@ -25,7 +25,7 @@ _SAME_DEPTH = 0.02  # of the depth, or of what an orthographic camera sees
 
 
 def blend(layers: Sequence[Target], views: Sequence[DepthImage], target: Target) -> None:
-    """Write the picture that the views' layers, each drawn from one of them alone, make together."""
+    """Draw the picture that the views' layers, each drawn from one of them alone, make together."""
     camera = target.camera
     width, height = camera.size
     lanes, margin = current().profile.lanes, int(constant("warp/blend.cl", "FEATHER"))
@@ -35,11 +35,12 @@ def blend(layers: Sequence[Target], views: Sequence[DepthImage], target: Target)
     grid = current().profile.packets(width, height)
     size = {"width": width, "height": height}
     defines = {**target.color_defines, "ORIGINS": int(target.origin is not None)}
+    gains_of = np.ones((len(layers), 3)) if target.of_normals else exposures(layers)
     seeing = [Struct("Seeing", _seeing(view, target)) for view in views]
     for number, (layer, saw) in enumerate(zip(layers, seeing, strict=True)):
         made = kernel("warp/blend.cl", "nearest_layer", **defines)
         launch(made, grid, depth=layer.depth, best=best, first=number == 0, seeing=saw, **size)
-    for number, (layer, saw, gains) in enumerate(zip(layers, seeing, exposures(layers), strict=True)):
+    for number, (layer, saw, gains) in enumerate(zip(layers, seeing, gains_of, strict=True)):
         padded = current().profile.packets(width + 2 * margin, height + 2 * margin)
         of_edges: dict[str, Any] = {**size, "pitch": pitch, "from_edge": edges}
         launch(kernel("warp/blend.cl", "inside", **defines), padded, depth=layer.depth, seeing=saw, **of_edges)
@@ -66,7 +67,9 @@ def blend(layers: Sequence[Target], views: Sequence[DepthImage], target: Target)
             blue=gains[2],
             **origins,
         )
-    launch(kernel("warp/blend.cl", "shown", **defines), grid, sums=sums, **size, **target.outputs())
+    launch(
+        kernel("warp/blend.cl", "shown", **defines), grid, sums=sums, merge=not target.blank, **size, **target.outputs()
+    )
     target.blank = False
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +15,12 @@ from pyibr.opencl.headers import constant
 from pyibr.opencl.launch import launch
 from pyibr.opencl.memory import DeviceArray, empty
 from pyibr.opencl.program import kernel
-from pyibr.picture.drawable import Fill
 from pyibr.picture.samples import Samples
 from pyibr.picture.target import Target
 from pyibr.warp.inpaint import inpaint
 from pyibr.warp.launches import map_of
+
+Fill = Literal["background", "smooth", "inpaint"]
 
 _RUN = 64  # pixels whose holes' lines a work-item of behind_runs follows at a time
 

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64
 from pyibr.core.pixelspace import NO_PARALLAX, CameraPair, PixelMap, Rectangle, pitch
+from pyibr.images.depth_image import Side
 from pyibr.opencl.device import current
 from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty, upload
 from pyibr.opencl.program import kernel
-from pyibr.picture.drawable import Fill, Side
 from pyibr.picture.samples import Samples, cut_of
 from pyibr.picture.target import Target
 from pyibr.warp.lines import line_groups
@@ -41,21 +41,19 @@ class Options:
         Of depths that tear neighbours apart; None: all of them are connected.
     side : str
         Of the surface, which is shown: one of `Side`.
-    fill : str or None
-        What is done with holes: one of `Fill`.
     slack : (float, float)
         What noise adds to the ratio that tears, as `cut_of` takes it.
-    thin : bool
-        Things one sample thin are drawn as wide as their samples.
     """
 
     search: bool = False
     linear: bool = True
     cut_ratio: float | None = None
     side: Side = "front"
-    fill: Fill | None = None
     slack: tuple[float, float] = (0.0, 0.0)
-    thin: bool = False
+
+    def from_both_sides(self) -> Options:
+        """Those for a light's map: the surface itself, exactly, whichever side the light is on."""
+        return Options(cut_ratio=self.cut_ratio, side="both", slack=self.slack)
 
     def cut(self, camera: Camera) -> NDArray[np.void]:
         """A record of the kernels' struct Cut: which neighbours of a camera's view are torn apart."""
@@ -78,18 +76,20 @@ def look(samples: Samples, pixel_map: PixelMap, target: Target, options: Options
     reach = pixel_map.reach
     if reach.empty and not target.blank:
         return
+    shared = _shared(samples, pixel_map, options)
+    seen, answers = _ask_lines(samples, pixel_map, target, options, shared)
+    _resolve(samples, pixel_map, target, options, {**shared, "seen": seen, "answers": answers}, view)
+    target.blank = False
 
-    shared: dict[str, Any] = {
+
+def _shared(samples: Samples, pixel_map: PixelMap, options: Options) -> dict[str, Any]:
+    """The arguments of all kernels that look for a view's surface."""
+    return {
         "nearness": samples.nearness,
         "map": map_of(pixel_map.pair),
         "cut": Struct("Cut", options.cut(pixel_map.pair.src)),
         "shown": constant("lib/surface.h", f"SHOWS_{options.side.upper()}"),
     }
-    seen, answers = _ask_lines(samples, pixel_map, target, options, shared)
-    _resolve(samples, pixel_map, target, options, {**shared, "seen": seen, "answers": answers}, view)
-    target.blank = False
-    if options.thin:
-        _draw_thin(samples, target, options, shared, view)
 
 
 def _ask_lines(
@@ -191,17 +191,17 @@ def _resolve(
     )
 
 
-def _draw_thin(samples: Samples, target: Target, options: Options, shared: dict[str, Any], view: int) -> None:
-    """Things one sample thin, where they are nearer than what is there."""
+def draw_thin(samples: Samples, pixel_map: PixelMap, target: Target, options: Options, view: int = 0) -> None:
+    """Draw things one sample thin, where they are nearer than what is there. `view` is its number."""
     profile, (width, height) = current().profile, target.camera.size
+    shared = _shared(samples, pixel_map, options)
     keys, indices = empty((height, width), np.uint32), empty((height, width), np.uint32)
     clear(keys, 0)
     clear(indices, 0xFFFFFFFF)
     origins = {} if target.origin is None else {"origin": target.origin, "view": view}
     defines = {**target.color_defines, "STRIP": profile.strip, "ORIGINS": len(origins) // 2}
-    src_height, src_width = samples.nearness.shape[0], shared["map"].values["src_width"]
+    grid = profile.packets(*pixel_map.pair.src.size, profile.strip)
     for name, more in (("thin_nearness", {}), ("thin_index", {"indices": indices})):
-        grid = profile.packets(int(src_width), src_height, profile.strip)
         launch(kernel("warp/thin.cl", name, **defines), grid, keys=keys, **shared, **more)
     launch(
         kernel("warp/thin.cl", "thin_pixels", **defines),

@@ -10,7 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera, Projection
-from pyibr.core.checks import check_pixels, checked_colors, describe, instance_of, one_of, plain_array, positive
+from pyibr.core.checks import (
+    check_pixels,
+    checked_colors,
+    cut_ratio_from,
+    describe,
+    instance_of,
+    one_of,
+    plain_array,
+    positive,
+)
 from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import PixelMap, camera_pair, pitch
 from pyibr.core.straight import straight_pane
@@ -21,7 +30,6 @@ from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty, to_host, upload
 from pyibr.opencl.program import kernel
-from pyibr.picture.drawable import Look
 from pyibr.picture.panes import joined, pane_cameras
 from pyibr.picture.samples import Samples, at_least_a_word, bridged_samples, cut_of
 from pyibr.picture.straighten import places_on_device, straight_view
@@ -161,7 +169,7 @@ def register(
         wanted = 'the colours, with to="depth"' if color is None else 'none with to="color", which returns depth'
         raise ArgumentError("color", wanted, "none" if color is None else describe(color))
     stored, units = _checked(depth, depth_camera, scale)
-    ratio = Look(cut_ratio=cut_ratio).cut_ratio
+    ratio = cut_ratio_from(cut_ratio)
     given = None if color is None else checked_colors("color", color, (color_camera.height, color_camera.width, 3))
     for name, camera in (("depth_camera", depth_camera), ("color_camera", color_camera)):
         check_pixels(name, camera.size)

@@ -169,14 +169,14 @@ def test_every_choice_reaches_the_warp(scene: Scene, monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr(ibr, "warp", fake)
     result = scene.run(
-        "--orbit", "5", "-o", scene.folder / "new.png", "--method", "search", "--sample", "nearest",
+        "--orbit", "5", "-o", scene.folder / "new.png", "--method", "search", "--interpolation", "nearest",
         "--edges", "cut", "--cut-ratio", "1.5", "--fill", "background", "--side", "both", "--far", "9",
         "--blend", "nearest", "--samples", "9", "--thin",
     )  # fmt: skip
     assert result.exit_code == 0, result.output
     assert seen == {
         "method": "search",
-        "sample": "nearest",
+        "interpolation": "nearest",
         "edges": "cut",
         "cut_ratio": 1.5,
         "fill": "background",

@@ -165,14 +165,13 @@ def random_normals(chance: Chance, size: tuple[int, int]) -> Any:
 
 
 def random_look(chance: Chance) -> dict[str, Any]:
-    """The options that `warp` and `render` share."""
+    """The options of depth images."""
     return {
         "edges": chance.mostly(chance.one(["cut", "connect"])),
-        "sample": chance.mostly(chance.one(["linear", "nearest"])),
+        "interpolation": chance.mostly(chance.one(["linear", "nearest"])),
         "side": chance.mostly(chance.one(["front", "front", "back", "both"])),
         "fill": chance.mostly(chance.one([None, None, None, "background", "background", "smooth", "inpaint"])),
         "cut_ratio": chance.mostly(chance.one([1.05, 1.05, 1.0000001, 1.5, 1e30])),
-        "samples": chance.mostly(chance.one([1, 1, 1, 4, 9])),
         "thin": chance.mostly(chance.one([False, False, True])),
     }
 
@@ -187,6 +186,7 @@ def random_warp(seed: int) -> Call:
     if chance(0.1):
         cameras[0] = views[0].camera
     options = random_look(chance)
+    options["samples"] = chance.mostly(chance.one([1, 1, 1, 4, 9]))
     method = chance.one(["epipolar", "epipolar", "search", "forward"])
     options["method"] = chance.mostly(method)
     if method == "forward":
@@ -368,7 +368,11 @@ def random_depth_mesh(chance: Chance, scale: float, floats: bool) -> Any:
 def random_thing(chance: Chance, scale: float, floats: bool) -> Any:
     kind = chance.up_to(6)
     if kind == 1:
-        return random_view(chance, scale, floats)
+        view = random_view(chance, scale, floats)
+        if chance(0.4):
+            return view
+        views = [view, random_view(chance, scale, floats)] if chance(0.3) else view
+        return ibr.WarpedView(views, **random_look(chance))
     if kind == 2:
         return random_mesh(chance, scale, uv=False)
     if kind == 3:
@@ -405,7 +409,7 @@ def random_render(seed: int) -> Call:
     scale, floats = chance.scale(), chance(0.2)
     things = [random_thing(chance, scale, floats) for _ in range(chance.one([1, 1, 2, 3]))]
     camera = random_camera(chance, scale)
-    options = random_look(chance)
+    options = {"samples": chance.mostly(chance.one([1, 1, 1, 4, 9]))}
     if chance(0.2):
         options["background"] = chance.mostly(chance.one([(1, 0, 0.5), (0, 0, 0), (255, 255, 255)]))
     if chance(0.4):

@@ -27,7 +27,7 @@ from pyibr.opencl.device import current
 from pyibr.opencl.headers import kernels_folder
 from pyibr.opencl.launch import Struct
 from pyibr.opencl.watch import Watch, watching
-from pyibr.picture.drawable import Look, as_drawable
+from pyibr.picture.drawable import as_drawable
 from pyibr.picture.seen import MarkedUnseen
 from tests import scenes
 from tests.scenes import Size
@@ -146,12 +146,12 @@ WAYS: tuple[dict[str, Any], ...] = (
     {},
     {"edges": "connect", "classes": True},
     {"method": "search", "side": "both"},
-    {"fill": "background", "sample": "nearest", "classes": True},
+    {"fill": "background", "interpolation": "nearest", "classes": True},
     {"method": "forward", "splat": 2},
     {"fill": "smooth", "edges": "connect"},
     {"samples": 9},
     {"thin": True, "classes": True},
-    {"thin": True, "edges": "connect", "side": "both", "sample": "nearest"},
+    {"thin": True, "edges": "connect", "side": "both", "interpolation": "nearest"},
 )
 
 
@@ -182,7 +182,7 @@ def _lenses(setting: Setting) -> Cases:
         for camera in (view.camera.moved(0.05, 0.02, 0.1).resized(target), view.camera.moved(0.2, 0, 0)):
             bent = ibr.Camera(camera.K, camera.size, camera.world_from_camera, lens=lens)
             ways: tuple[dict[str, Any], ...] = ({}, {"classes": True, "fill": "smooth"}, {"samples": 4})
-            for way in (*ways, {"sample": "nearest", "fill": "background"}):
+            for way in (*ways, {"interpolation": "nearest", "fill": "background"}):
                 yield f"lens {size} to {camera.size} {way}", partial(ibr.warp, view, bent, **way)
 
 
@@ -269,7 +269,7 @@ def _marked(setting: Setting) -> Cases:
         views = _views_around(setting, sizes)
         for side, camera in product(("front", "both"), _screens(setting)):
             part = np.array([[-1.0, -2.0, 4.0], [2.0, 1.0, 6.0]]) if side == "both" else None
-            thing = MarkedUnseen(as_drawable(plain, Look()), views, side, within=part)
+            thing = MarkedUnseen(as_drawable(plain), views, side, within=part)
             yield f"seen by {sizes} from {side}, {camera.size}", partial(_draw, setting, [near, thing], camera)
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 import pyibr as ibr
 from pyibr.capture import models, object_views
 from pyibr.images import Frame
-from pyibr.picture.drawable import Look, as_drawable
+from pyibr.picture.drawable import as_drawable
 from pyibr.picture.seen import MarkedUnseen
 from tests import scenes
 
@@ -120,7 +120,7 @@ def calls() -> dict[str, Call]:
         "thin": _warped(thin=True, cut_ratio=1.001, classes=True),
         "lens": _through_a_lens,
         "samples": _warped(samples=4),
-        "seen": _drawn(lambda: MarkedUnseen(as_drawable(base, Look()), views)),
+        "seen": _drawn(lambda: MarkedUnseen(as_drawable(base), views)),
         "registered": _registered,
         "mesh": _drawn(lambda: ibr.Mesh(base.vertices, base.faces)),
         "depth image": _drawn(lambda: [_view(scenes.stepped), ibr.Mesh(base.vertices, base.faces)]),

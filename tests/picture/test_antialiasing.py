@@ -89,14 +89,14 @@ def test_silhouettes_are_smoother_by_more_than_their_samples_ask_for():
 def test_warps_have_samples_too(method):
     view = scenes.stepped(SIZE)
     camera = view.camera.moved(0.2, 0.05, 0.1)
-    fine = ibr.warp(view, camera.resized((2 * SIZE[0], 2 * SIZE[1])), method)
-    frame, own = ibr.warp([view], [camera, view.camera], method, samples=4)
+    fine = ibr.warp(view, camera.resized((2 * SIZE[0], 2 * SIZE[1])), method=method)
+    frame, own = ibr.warp([view], [camera, view.camera], method=method, samples=4)
     assert frame.alpha is not None
     assert own.color.shape == frame.color.shape == view.color.shape
     np.testing.assert_array_equal(frame.alpha, blocks(fine.valid, 2).mean(axis=2))
     assert np.abs(frame.color - blocks(fine.color.astype(float), 2).mean(axis=2)).max() <= 0.51
     into = ibr.Frame(np.empty_like(frame.color), np.empty_like(frame.depth), np.empty_like(frame.valid), camera)
-    out = ibr.warp(view, camera, method, samples=4, out=into)
+    out = ibr.warp(view, camera, method=method, samples=4, out=into)
     np.testing.assert_array_equal(into.color, frame.color)
     np.testing.assert_array_equal(into.depth, frame.depth)
     np.testing.assert_array_equal(out.alpha, frame.alpha)

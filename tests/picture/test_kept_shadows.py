@@ -63,10 +63,10 @@ def test_things_of_ones_own_may_change(looks):
             return RING.bounds[0] + self.offset, RING.bounds[1] + self.offset
 
         def draw(self, target, lighting):
-            from pyibr.picture.drawable import Look, as_drawable
+            from pyibr.picture.drawable import as_drawable
 
             moved = ibr.Mesh(RING.vertices + np.float32(self.offset), RING.faces)
-            as_drawable(moved, Look()).draw(target, lighting)
+            as_drawable(moved).draw(target, lighting)
 
     light, thing = sun(), Moving()
     before = ibr.render([GROUND, thing], CAMERAS[0], light).color

@@ -248,7 +248,7 @@ def test_a_slanted_wall_by_lamberts_law(side, projection):
         shown = expected if side == "front" else -expected
         for way in ((0.2, -0.3, 1), (0.3, 0.1, -1), (1, 0, 0.2)):
             light = ibr.Light(direction=way, shadow_size=0, relight=True)
-            frame = ibr.render(view, eye, light, side=side)
+            frame = ibr.render(ibr.WarpedView(view, side=side), eye, light)
             lambert = max(-shown @ np.array(way) / np.linalg.norm(way), 0)
             found = frame.color[frame.valid].astype(float)
             assert len(found) > 1000

@@ -55,7 +55,7 @@ def test_one_depth_buffer_for_all_in_any_order():
         {"edges": "cut"},
         {"edges": "connect"},
         {"cut_ratio": 1.3},
-        {"sample": "nearest"},
+        {"interpolation": "nearest"},
         {"side": "both", "edges": "connect"},
         {"side": "back", "edges": "connect"},
     ],
@@ -69,7 +69,7 @@ def test_a_depth_image_alone_is_the_warp(options, projection):
         target = source.camera.orbited(30, source.camera.center + 4 * source.camera.forward)
     if "side" in options:
         target = source.camera.orbited(160, source.camera.center + 4 * source.camera.forward)
-    a, b = ibr.render(source, target, **options), ibr.warp(source, target, **options)
+    a, b = ibr.render(ibr.WarpedView(source, **options), target), ibr.warp(source, target, **options)
     np.testing.assert_array_equal(a.color, b.color)
     np.testing.assert_array_equal(a.depth, b.depth)
     assert a.valid.mean() > 0.3
@@ -78,18 +78,39 @@ def test_a_depth_image_alone_is_the_warp(options, projection):
     assert same == (options in ({}, {"edges": "cut"}))  # each of the others is another picture
 
 
-def test_options_are_of_depth_images_alone():
-    """Of several, and of no other thing."""
+def test_options_are_a_things_own():
+    """Two depth images in one picture are drawn each with its own options."""
     views = [scenes.stepped((64, 48)), scenes.holed((64, 48))]
     target = views[0].camera.moved(0.5, 0.1, 0.1)
-    options = {"edges": "connect", "side": "both", "sample": "nearest"}
-    a, b = ibr.render(views, target, **options), ibr.warp(views, target, blend="nearest", **options)
+    options = {"edges": "connect", "side": "both", "interpolation": "nearest"}
+    things = [ibr.WarpedView(view, **options) for view in views]
+    a, b = ibr.render(things, target), ibr.warp(views, target, blend="nearest", **options)
     np.testing.assert_array_equal(a.color, b.color)
     np.testing.assert_array_equal(a.depth, b.depth)
-    for thing in (wall(3, 0.5, (255, 0, 0)), relief(), ibr.DepthMesh(views[0])):
-        one, other = ibr.render(thing, CAMERA), ibr.render(thing, CAMERA, **options)
-        np.testing.assert_array_equal(one.color, other.color)
-        np.testing.assert_array_equal(one.depth, other.depth)
+    both = ibr.render([things[0], views[1]], target)
+    one, other = ibr.warp(views[0], target, **options), ibr.warp(views[1], target)
+    first = one.valid & ~(other.depth < one.depth)
+    assert 500 < first.sum() < 0.95 * both.valid.sum()
+    np.testing.assert_array_equal(both.color[first], one.color[first])
+    np.testing.assert_array_equal(both.color[~first], other.color[~first])
+    np.testing.assert_array_equal(both.depth, np.fmin(one.depth, other.depth))
+
+
+def test_blended_views_stand_beside_a_mesh():
+    a = scenes.stepped((64, 48))
+    views = [a, ibr.DepthImage(a.color[:, ::-1], a.depth, a.camera.moved(0.1, 0, 0))]
+    target = a.camera.moved(0.05, 0.02, 0.1)
+    middle = float(np.median(a.depth[a.valid]))
+    sheet = ibr.Mesh([[-9, -9, middle], [0, -9, middle], [0, 9, middle], [-9, 9, middle]], [[0, 2, 1], [0, 3, 2]])
+    blended, mesh = ibr.warp(views, target), ibr.render(sheet, target)
+    assert (blended.color != ibr.warp(views, target, blend="nearest").color).any()
+    nearer = blended.valid & ~(mesh.depth <= blended.depth)
+    for things in ([ibr.WarpedView(views), sheet], [sheet, ibr.WarpedView(views)]):
+        frame = ibr.render(things, target)
+        np.testing.assert_array_equal(frame.color[nearer], blended.color[nearer])
+        np.testing.assert_array_equal(frame.color[mesh.valid & ~nearer], mesh.color[mesh.valid & ~nearer])
+        np.testing.assert_array_equal(frame.depth, np.fmin(blended.depth, mesh.depth))
+    assert min(nearer.sum(), (mesh.valid & ~nearer).sum()) > 100
 
 
 def test_the_dtype_is_float_if_a_depth_images_is():
@@ -279,17 +300,6 @@ BAD = [
     ("background", {"background": (0, 0, -1)}),
     ("background", {"background": (0, 0, np.nan)}),
     ("background", {"things": view(5, np.float32), "background": (0, 0, 2)}),
-    ("edges", {"things": view(5), "edges": "torn"}),
-    ("edges", {"edges": None}),
-    ("edges", {"edges": ["cut"]}),
-    ("cut_ratio", {"things": view(5), "cut_ratio": 1.0}),
-    ("cut_ratio", {"cut_ratio": np.nan}),
-    ("cut_ratio", {"cut_ratio": np.inf}),
-    ("cut_ratio", {"cut_ratio": "1.1"}),
-    ("side", {"things": view(5), "side": "left"}),
-    ("side", {"side": True}),
-    ("sample", {"things": view(5), "sample": "cubic"}),
-    ("sample", {"sample": None}),
 ]
 
 
@@ -297,3 +307,37 @@ BAD = [
 def test_bad_input(argument, changes):
     with pytest.raises(ibr.ArgumentError, match=f"^{argument}: expected .*, got .*$"):
         ibr.render(**{"things": wall(3, 1, (9, 9, 9)), "camera": CAMERA, **changes})
+
+
+WRONG = [
+    ("method", "backward"),
+    ("edges", "torn"),
+    ("edges", None),
+    ("edges", ["cut"]),
+    ("cut_ratio", 1.0),
+    ("cut_ratio", np.nan),
+    ("cut_ratio", np.inf),
+    ("cut_ratio", "1.1"),
+    ("side", "left"),
+    ("side", True),
+    ("interpolation", "cubic"),
+    ("interpolation", None),
+    ("fill", "black"),
+    ("splat", 0.5),
+    ("blend", "mean"),
+]
+
+
+@pytest.mark.parametrize(("argument", "value"), WRONG)
+def test_bad_options_of_depth_images(argument, value):
+    with pytest.raises(ibr.ArgumentError, match=f"^{argument}: expected .*, got .*$"):
+        ibr.WarpedView(view(5), **{argument: value})
+    with pytest.raises(ibr.ArgumentError, match=f"^{argument}: expected .*, got .*$"):
+        ibr.warp(view(5), CAMERA, **{argument: value})
+
+
+def test_a_view_that_is_made_already_has_options_of_its_own():
+    made = ibr.WarpedView(view(5), edges="connect")
+    np.testing.assert_array_equal(ibr.warp(made, CAMERA).depth, ibr.warp(view(5), CAMERA, edges="connect").depth)
+    with pytest.raises(ibr.ArgumentError, match=r"^edges: expected none: a WarpedView has options of its own"):
+        ibr.warp(made, CAMERA, edges="cut")

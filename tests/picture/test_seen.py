@@ -10,7 +10,7 @@ import pytest
 
 import pyibr as ibr
 from pyibr.capture import MeshScene, capture, models
-from pyibr.picture.drawable import Look, as_drawable
+from pyibr.picture.drawable import as_drawable
 from pyibr.picture.seen import MarkedUnseen
 from tests.one_lane import one_lane
 
@@ -37,7 +37,7 @@ def source(projection: str, eye: tuple[float, float, float], size: int = 255) ->
 def marked(views: list[ibr.DepthImage], camera: ibr.Camera = TARGET, **how: Any) -> np.ndarray:
     """(H, W) where the picture is marked."""
     plain = ibr.render(scene(), camera)
-    frame = ibr.render(MarkedUnseen(as_drawable(scene(), Look()), views, **how), camera)
+    frame = ibr.render(MarkedUnseen(as_drawable(scene()), views, **how), camera)
     np.testing.assert_array_equal(frame.depth, plain.depth)
     expected = np.rint(0.4 * plain.color.astype(float) + 0.6 * np.array(MARK))
     is_marked = np.abs(frame.color - expected).max(axis=2) <= 1  # 0.6 and 0.4 are no float32
@@ -161,7 +161,7 @@ def test_what_a_view_has_no_depth_for_it_has_not_seen():
 def test_other_things_stay_as_they_are_and_pictures_in_floats_are_marked_alike():
     view = source("perspective", (0.0, 0.0, 4.0))
     wall = ibr.Mesh([[-9, -9, -1], [9, -9, -1], [0, 9, -1]], [[0, 1, 2]], colors=np.full((3, 3), 90, np.uint8))
-    thing = MarkedUnseen(as_drawable(scene(), Look()), [view])
+    thing = MarkedUnseen(as_drawable(scene()), [view])
     alone, after = ibr.render(thing, TARGET), ibr.render([wall, thing], TARGET)
     plain = ibr.render([wall, scene()], TARGET)
     on_wall = (plain.color == 90).all(axis=2)
@@ -186,13 +186,13 @@ def test_one_lane_marks_the_same():
 
 def test_lights_see_the_thing_itself():
     light = ibr.Light(direction=(0.2, 0.3, -1))
-    lit = ibr.render(MarkedUnseen(as_drawable(scene(), Look()), [capture(scene(), TARGET)]), TARGET, light)
+    lit = ibr.render(MarkedUnseen(as_drawable(scene()), [capture(scene(), TARGET)]), TARGET, light)
     plain = ibr.render(scene(), TARGET, light)
     assert (lit.color == plain.color).all(axis=2).mean() > 0.98
 
 
 def test_lenses_and_sides_are_checked():
-    thing = as_drawable(scene(), Look())
+    thing = as_drawable(scene())
     with pytest.raises(ibr.ArgumentError, match="side"):
         MarkedUnseen(thing, [], side="left")
     bent = ibr.Camera(TARGET.K, TARGET.size, lens=ibr.Lens("brown_conrady", [-0.1, 0, 0, 0]))

@@ -118,19 +118,23 @@ def test_a_warped_depth_image_casts_and_receives(shape, dtype, edges):
         triangulate(view, edges, 1.05).astype(np.uint32),
     )
     camera = source.moved(0.3, -0.1, 0.2).resized((320, 240))
-    things, light = [view, beam, shelf], ibr.Light(**shape, ambient=AMBIENT)
+    light = ibr.Light(**shape, ambient=AMBIENT)
     if dtype == np.float32:
         byte = ibr.render(
-            [ibr.DepthImage(np.full_like(color, 255, np.uint8), view.depth, source), beam, shelf],
+            [
+                ibr.WarpedView(ibr.DepthImage(np.full_like(color, 255, np.uint8), view.depth, source), edges=edges),
+                beam,
+                shelf,
+            ],
             camera,
             light,
-            edges=edges,
         )
-        picture = ibr.render(things, camera, light, edges=edges)
+        picture = ibr.render([ibr.WarpedView(view, edges=edges), beam, shelf], camera, light)
         assert np.abs(255 * picture.color - byte.color).max() <= 0.51 + 1e-3
         return
     for sample in ("linear", "nearest"):
-        assert agreement(things, scene, camera, light, edges=edges, sample=sample) >= 0.97, sample
+        things = [ibr.WarpedView(view, edges=edges, interpolation=sample), beam, shelf]
+        assert agreement(things, scene, camera, light) >= 0.97, sample
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.float32])

@@ -48,7 +48,7 @@ CASES: dict[str, tuple[Call, str, str, str]] = {
     "None as camera": (lambda: warp(VIEW, None), "camera", "pyibr.Camera", "None"),
     "method": (lambda: warp(method="sweep"), "method", '"search"', "'sweep'"),
     "method, unhashable": (lambda: warp(method=["search"]), "method", '"search"', "['search']"),
-    "sample": (lambda: warp(sample="cubic"), "sample", '"linear", "nearest"', "'cubic'"),
+    "interpolation": (lambda: warp(interpolation="cubic"), "interpolation", '"linear", "nearest"', "'cubic'"),
     "edges": (lambda: warp(edges=None), "edges", '"connect", "cut"', "None"),
     "fill": (lambda: warp(fill="foreground"), "fill", '"background", "smooth", "inpaint" or None', "'foreground'"),
     "fill, a bool": (lambda: warp(fill=True), "fill", '"background", "smooth", "inpaint" or None', "True"),
@@ -157,7 +157,7 @@ def test_a_target_that_sees_nothing_gets_a_warning_and_holes(method, projection)
     for target in (away, aside):
         for fill in (None, "background", "smooth"):
             with pytest.warns(UserWarning, match="sees nothing") as caught:
-                frame = ibr.warp(VIEW, target, method, fill=fill)
+                frame = ibr.warp(VIEW, target, method=method, fill=fill)
             assert caught[0].filename == __file__  # the caller's line, not pyibr's
             assert not frame.valid.any()
             assert np.isnan(frame.depth).all()
@@ -177,8 +177,8 @@ def test_extreme_depths_do_no_harm(method, extreme):
     depth = DEPTH.copy()
     depth[15, 20] = extreme
     for target in (CAMERA.moved(0.2, 0.1, 0), CAMERA.moved(0, 0, 1.0), CAMERA.orbited(20, (0, 0, 2))):
-        frame = ibr.warp(ibr.DepthImage(COLOR, depth, CAMERA), target, method, edges="cut")
-        clean = ibr.warp(VIEW, target, method, edges="cut")
+        frame = ibr.warp(ibr.DepthImage(COLOR, depth, CAMERA), target, method=method, edges="cut")
+        clean = ibr.warp(VIEW, target, method=method, edges="cut")
         np.testing.assert_array_equal(np.isfinite(frame.depth), frame.valid)
         same = frame.valid & clean.valid & np.isclose(frame.depth, clean.depth, rtol=1e-3)
         # 60: one sample spoils six triangles, which cover some 5 x 5 pixels here at most, and their rims.

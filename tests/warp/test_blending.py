@@ -34,7 +34,7 @@ def lanes(request):
 def test_one_view_given_twice_is_the_view(method):
     view = scenes.holed(SIZE)
     for pose in scenes.special_cameras(view, (53, 30))[:3]:
-        once, twice = (ibr.warp(views, pose.camera, method) for views in (view, [view, view]))
+        once, twice = (ibr.warp(views, pose.camera, method=method) for views in (view, [view, view]))
         np.testing.assert_array_equal(once.valid, twice.valid)
         np.testing.assert_array_equal(once.color, twice.color)
         np.testing.assert_allclose(once.depth, twice.depth, rtol=1e-6)

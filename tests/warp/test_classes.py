@@ -129,8 +129,8 @@ def test_without_asking_there_are_none():
 def test_the_frame_is_the_same_with_classes(method, sample):
     view = source("perspective")
     target = view.camera.moved(0.3, 0.1, 0.2)
-    plain = ibr.warp(view, target, method, sample, "cut")
-    frame = ibr.warp(view, target, method, sample, "cut", classes=True)
+    plain = ibr.warp(view, target, method=method, interpolation=sample, edges="cut")
+    frame = ibr.warp(view, target, method=method, interpolation=sample, edges="cut", classes=True)
     np.testing.assert_array_equal(frame.color, plain.color)
     np.testing.assert_array_equal(frame.depth, plain.depth)
     np.testing.assert_array_equal(frame.classes == ibr.PixelClass.SEEN, plain.valid)
@@ -165,7 +165,7 @@ def test_of_several_views_the_one_that_shows_is_told_and_holes_are_what_knows_mo
 def test_forward_asks_no_rays():
     view = source("perspective")
     with pytest.raises(ibr.ArgumentError, match="classes"):
-        ibr.warp(view, view.camera, "forward", classes=True)
+        ibr.warp(view, view.camera, method="forward", classes=True)
 
 
 def test_frames_that_are_given_forget_classes_that_are_not_asked_for():

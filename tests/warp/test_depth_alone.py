@@ -33,7 +33,7 @@ def test_depth_is_the_same_with_and_without_colours(colored, alone, method, fill
         warnings.simplefilter("ignore")  # that some targets see nothing
         for pose in scenes.special_cameras(colored, (53, 30))[::3]:
             views = [([view] * (1 + several)) for view in (colored, alone)]
-            with_color, without = (ibr.warp(some, pose.camera, method, fill=fill) for some in views)
+            with_color, without = (ibr.warp(some, pose.camera, method=method, fill=fill) for some in views)
             np.testing.assert_array_equal(with_color.depth, without.depth)
             np.testing.assert_array_equal(with_color.valid, without.valid)
             assert without.color.shape == (30, 53, 0)

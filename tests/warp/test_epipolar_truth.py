@@ -96,7 +96,7 @@ def test_depth_color_and_coverage_are_the_truths(scene, source, target, place, e
     for pose in poses(here.view, target, place):
         seen = here.cast(pose.camera)
         check_linear(seen, ibr.warp(here.view, pose.camera, edges=edges), pose.name)
-        nearest = ibr.warp(places, pose.camera, edges=edges, sample="nearest")
+        nearest = ibr.warp(places, pose.camera, edges=edges, interpolation="nearest")
         check_nearest(seen, nearest, here.view, pose.name)
 
 
@@ -106,8 +106,8 @@ def test_epipolar_is_search(scene, source, target, place):
     for number, pose in enumerate(poses(view, target, place)):
         edges: Edges = "cut" if number % 2 else "connect"
         sample: Sample = "nearest" if number // 2 % 2 else "linear"
-        swept = ibr.warp(view, pose.camera, edges=edges, sample=sample)
-        searched = ibr.warp(view, pose.camera, "search", edges=edges, sample=sample)
+        swept = ibr.warp(view, pose.camera, edges=edges, interpolation=sample)
+        searched = ibr.warp(view, pose.camera, method="search", edges=edges, interpolation=sample)
         limit: np.ndarray | float = 0.0
         if sample == "nearest":  # near a tie between two samples, both are right
             seen = surface(scene, source, edges).cast(pose.camera)
@@ -137,7 +137,7 @@ def test_sideways_motion_of_turned_cameras():
         view = ibr.DepthImage(scene.color, scene.depth, camera)
         dx, dy = rng.uniform(-0.5, 0.5, 2) * ((1, 0), (0, 1), (1, 1))[number % 3]
         target = camera.moved(dx, dy, 0)
-        assert agreement(ibr.warp(view, target), ibr.warp(view, target, "search")) >= AGREEMENT, (
+        assert agreement(ibr.warp(view, target), ibr.warp(view, target, method="search")) >= AGREEMENT, (
             number,
             dx,
             dy,
@@ -215,7 +215,7 @@ def test_the_pixel_at_the_epipole_is_no_hole(source, method, forward):
     camera = Camera([[f, 0, 32], [0, f, 24], [0, 0, 1]], (65, 49), projection=source)
     view = ibr.DepthImage(np.zeros((49, 65, 3), np.uint8), depth, camera)
     target = Camera([[50, 0, 32], [0, 50, 24], [0, 0, 1]], (65, 49)).moved(0, 0, forward)
-    frame = ibr.warp(view, target, method)
+    frame = ibr.warp(view, target, method=method)
     assert frame.valid[24, 32]
     np.testing.assert_allclose(frame.depth[24, 32], depth[24, 32] - forward, rtol=1e-6)
 
@@ -230,7 +230,7 @@ def test_images_of_one_row_or_column_do_no_harm(size, source, target, method):
     middle = float(view.depth.mean())
     for target_size in ((61, 37), size):
         for pose in scenes.special_cameras(view, target_size, target):
-            frame = ibr.warp(view, pose.camera, method)
+            frame = ibr.warp(view, pose.camera, method=method)
             assert frame.color.shape == (target_size[1], target_size[0], 3)
             np.testing.assert_array_equal(np.isfinite(frame.depth), frame.valid)
             # A line of samples is no surface; what is drawn of it must be of it: depth is 3 to 5, and
@@ -250,7 +250,7 @@ def test_targets_of_one_row_or_column(target_size, source, target):
         seen = here.cast(camera)
         assert seen.valid.any(), pose.name
         for sample in ("linear", "nearest"):
-            frame = ibr.warp(here.view, camera, sample=sample, edges="connect")
+            frame = ibr.warp(here.view, camera, interpolation=sample, edges="connect")
             # 1: a ray may pass just beside a silhouette that another one meets.
             assert np.count_nonzero(frame.valid != seen.valid) <= (1 if seen.valid.size > 1 else 0), pose.name
             both = frame.valid & seen.valid

@@ -35,7 +35,7 @@ def test_forward_is_its_reference(scene, source, target, splat):
     view = scene(SIZE, source)
     drawn = 0
     for pose in poses_of(scene, source, target)[splat - 1 :: 4]:
-        found = ibr.warp(view, pose.camera, "forward", splat=splat)
+        found = ibr.warp(view, pose.camera, method="forward", splat=splat)
         expected = forward_reference(view, pose.camera, splat)
         # A sample on the border between two pixels, or two samples of about one depth, may be rounded
         # either way.
@@ -61,7 +61,7 @@ def test_ties_go_to_the_earlier_sample(scale, splat):
     color[..., 0] = np.arange(256).reshape(16, 16)
     view = ibr.DepthImage(color, np.full((16, 16), 2, np.float32), camera)
     small = Camera([[16 * scale, 0, 3.8125], [0, 16 * scale, 3.9375], [0, 0, 1]], (8, 8))
-    found = ibr.warp(view, small, "forward", splat=splat)
+    found = ibr.warp(view, small, method="forward", splat=splat)
     expected = forward_reference(view, small, splat)
     np.testing.assert_array_equal(found.valid, expected.valid)
     np.testing.assert_array_equal(found.color, expected.color)
@@ -71,7 +71,7 @@ def test_ties_go_to_the_earlier_sample(scale, splat):
 def test_a_larger_splat_closes_gaps():
     view = scenes.smooth((64, 48))
     camera = view.camera.resized((160, 120)).moved(0.1, 0, 0)
-    cover = [ibr.warp(view, camera, "forward", splat=splat).valid for splat in (1, 2, 3)]
+    cover = [ibr.warp(view, camera, method="forward", splat=splat).valid for splat in (1, 2, 3)]
     assert cover[0].mean() < 0.3
     # 2.5 pixels from sample to sample, and less than 3: no gap within the surface
     middle = np.s_[10:-10, 20:-20]
@@ -95,7 +95,7 @@ def test_search_is_its_reference(scene, source, target, sample):
         expected = search_reference(view, pose.camera, sample=sample, **options)
         if not expected.valid.any():
             continue
-        found = ibr.warp(view, pose.camera, "search", sample, **options)
+        found = ibr.warp(view, pose.camera, method="search", interpolation=sample, **options)
         # A ray that just touches a silhouette, or passes just between two samples, may be rounded either way.
         assert np.count_nonzero(found.valid != expected.valid) <= 3, (pose.name, options)
         both = found.valid & expected.valid

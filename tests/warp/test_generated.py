@@ -124,7 +124,7 @@ def random_pose(rng: np.random.Generator, move: str) -> np.ndarray:
 
 def searched(case: Case, target: Camera) -> np.ndarray:
     """(H, W) depth that the search sees for a target, nan in holes."""
-    return ibr.warp(case.view, target, "search", edges=case.edges, side=case.side).depth
+    return ibr.warp(case.view, target, method="search", edges=case.edges, side=case.side).depth
 
 
 def without_ties(case: Case, wrong: np.ndarray) -> np.ndarray:

@@ -47,7 +47,7 @@ def test_the_same_camera_copies(size, projection, sample, dtype):
     view = scenes.stepped(size, projection)
     color = view.color if dtype == np.uint8 else (view.color / np.float32(255)).astype(np.float32)
     view = ibr.DepthImage(color, view.depth, view.camera)
-    frame = ibr.warp(view, view.camera, sample=sample)
+    frame = ibr.warp(view, view.camera, interpolation=sample)
     assert frame.valid.all()
     # 1 ulp: depth is kept as its inverse. Float colours pass through sums of weights, 4 roundings.
     np.testing.assert_array_max_ulp(frame.depth, view.depth, 1)
@@ -58,7 +58,7 @@ def test_the_same_camera_copies(size, projection, sample, dtype):
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_holes_stay_where_they_are(method, projection):
     view = scenes.holed((61, 37), projection)
-    frame = ibr.warp(view, view.camera, method)
+    frame = ibr.warp(view, view.camera, method=method)
     # A sample is a vertex of triangles, which are gone where one of their corners is: never more than the
     # valid ones.
     assert not frame.valid[~view.valid].any()
@@ -105,7 +105,7 @@ def test_a_wall_shifts_by_focal_times_baseline_over_depth(method, pixels):
     camera, z = pinhole(SIZE), 3.0
     view = image(np.full(SIZE[::-1], z), camera)
     dx, dy = pixels
-    frame = ibr.warp(view, camera.moved(dx * z / 60, dy * z / 60, 0), method)
+    frame = ibr.warp(view, camera.moved(dx * z / 60, dy * z / 60, 0), method=method)
     expected = np.zeros_like(view.color)
     there = np.zeros(SIZE[::-1], bool)
     source = np.s_[max(dy, 0) : SIZE[1] + min(dy, 0), max(dx, 0) : SIZE[0] + min(dx, 0)]
@@ -170,7 +170,10 @@ def test_scaling_depth_and_baseline_together_changes_nothing(method, scale):
     larger = ibr.DepthImage(view.color, view.depth * np.float32(scale), scaled(view.camera))
     for region in "AEF":
         for pose in scenes.target_cameras(view, region):
-            one, other = ibr.warp(view, pose.camera, method), ibr.warp(larger, scaled(pose.camera), method)
+            one, other = (
+                ibr.warp(view, pose.camera, method=method),
+                ibr.warp(larger, scaled(pose.camera), method=method),
+            )
             same_bits(one, ibr.Frame(other.color, other.depth / np.float32(scale), other.valid, pose.camera))
 
 
@@ -179,11 +182,11 @@ def test_scaling_depth_and_baseline_together_changes_nothing(method, scale):
 def test_the_same_bits_every_time(method, sample):
     view = scenes.stepped(SIZE)
     for pose in scenes.target_cameras(view, "E") + scenes.special_cameras(view):
-        first = ibr.warp(view, pose.camera, method, sample, fill="background")
+        first = ibr.warp(view, pose.camera, method=method, interpolation=sample, fill="background")
         for _ in range(3):
-            same_bits(first, ibr.warp(view, pose.camera, method, sample, fill="background"))
+            same_bits(first, ibr.warp(view, pose.camera, method=method, interpolation=sample, fill="background"))
         fresh = ibr.DepthImage(view.color, view.depth, view.camera)  # nothing kept on the device
-        same_bits(first, ibr.warp(fresh, pose.camera, method, sample, fill="background"))
+        same_bits(first, ibr.warp(fresh, pose.camera, method=method, interpolation=sample, fill="background"))
 
 
 def three_views() -> list[ibr.DepthImage]:
@@ -209,14 +212,14 @@ def test_several_views_are_their_frames_merged_by_depth_in_any_order(method, sam
     views = three_views()
     targets = [p.camera for place in "AE" for p in scenes.target_cameras(views[0], place)]
     for target in [*targets, views[0].camera, views[2].camera]:
-        alone = [ibr.warp(view, target, method, sample, edges) for view in views]
+        alone = [ibr.warp(view, target, method=method, interpolation=sample, edges=edges) for view in views]
         depths = np.stack([np.where(frame.valid, frame.depth, np.inf) for frame in alone])
         nearest = depths.argmin(axis=0)
         valid = np.isfinite(depths.min(axis=0))
         color = np.take_along_axis(np.stack([f.color for f in alone]), nearest[None, ..., None], 0)[0]
         expected = ibr.Frame(color, np.where(valid, depths.min(axis=0), np.nan).astype(np.float32), valid, target)
         for order in permutations(views):
-            merged = ibr.warp(order, target, method, sample, edges, blend="nearest")
+            merged = ibr.warp(order, target, method=method, interpolation=sample, edges=edges, blend="nearest")
             np.testing.assert_array_equal(merged.valid, expected.valid)
             np.testing.assert_array_equal(merged.depth, expected.depth)
             np.testing.assert_array_equal(merged.color, expected.color)
@@ -228,9 +231,9 @@ def test_a_view_that_sees_nothing_changes_nothing(method):
     away = Camera(view.camera.K, SIZE, view.camera.world_from_camera @ scenes.pose(yaw=180, center=(0, 0, -20)))
     elsewhere = ibr.DepthImage(view.color, view.depth, away)
     target = view.camera.moved(0.2, 0.1, 0)
-    alone = ibr.warp(view, target, method)
-    same_bits(alone, ibr.warp([view, elsewhere], target, method))
-    same_bits(alone, ibr.warp([elsewhere, view], target, method))
+    alone = ibr.warp(view, target, method=method)
+    same_bits(alone, ibr.warp([view, elsewhere], target, method=method))
+    same_bits(alone, ibr.warp([elsewhere, view], target, method=method))
 
 
 # --- there and back ----------------------------------------------------------------------------------
@@ -240,8 +243,8 @@ def test_a_view_that_sees_nothing_changes_nothing(method):
 @pytest.mark.parametrize("move", [(0.4, 0.1, 0.0), (0.1, 0.0, 0.5), (-0.2, 0.3, -0.4)], ids=str)
 def test_there_and_back_is_where_it_was(method, move):
     view = scenes.smooth((128, 96))
-    there = ibr.warp(view, view.camera.moved(*move), method)
-    back = ibr.warp(ibr.DepthImage(there.color, there.depth, there.camera), view.camera, method)
+    there = ibr.warp(view, view.camera.moved(*move), method=method)
+    back = ibr.warp(ibr.DepthImage(there.color, there.depth, there.camera), view.camera, method=method)
     inner = cv2.erode(back.valid.astype(np.uint8), np.ones((7, 7))).astype(bool)
     assert inner.mean() > 0.6
     # A curved surface, sampled twice: to second order in a pixel, h^2 / 8 of the curvature. That is 0.1 %
@@ -269,7 +272,7 @@ def two_walls() -> tuple[ibr.DepthImage, Camera]:
 @pytest.mark.parametrize("method", ["epipolar", "search"])
 def test_cut_opens_what_connect_stretches(method):
     view, target = two_walls()
-    connected, cut = (ibr.warp(view, target, method, edges=edges) for edges in ("connect", "cut"))
+    connected, cut = (ibr.warp(view, target, method=method, edges=edges) for edges in ("connect", "cut"))
     # The near wall ends at 47 - 20 = 27, the far one begins at 48 - 10 = 38: just there a ray may pass by
     # or not.
     gap = np.s_[:, 28:38]
@@ -296,8 +299,8 @@ def test_the_cut_ratio_is_the_ratio_that_is_cut():
 @pytest.mark.parametrize("method", METHODS)
 def test_edges_are_cut_unless_they_are_to_be_connected(method):
     view, target = two_walls()
-    same_bits(ibr.warp(view, target, method), ibr.warp(view, target, method, edges="cut", cut_ratio=1.05))
-    assert not ibr.warp(view, target, method).valid[:, 28:38].any()
+    same_bits(ibr.warp(view, target, method=method), ibr.warp(view, target, method=method, edges="cut", cut_ratio=1.05))
+    assert not ibr.warp(view, target, method=method).valid[:, 28:38].any()
 
 
 @pytest.mark.parametrize("method", ["epipolar", "search"])
@@ -315,7 +318,7 @@ def test_orthographic_views_are_cut_by_the_longer_side_of_what_they_see(method, 
     # From the near half's side, so that the step's slope is seen from its front: all of the source is before it.
     aside = np.array([0.0, 3.0, 0.0] if turned else [3.0, 0.0, 0.0])
     target = Camera.look_at(aside, (0, 0, 3), (0, -1, 0), (96, 96), projection="orthographic", height=8)
-    cut, connected = (ibr.warp(view, target, method, edges=edges).valid for edges in ("cut", "connect"))
+    cut, connected = (ibr.warp(view, target, method=method, edges=edges).valid for edges in ("cut", "connect"))
     assert (cut <= connected).all()
     assert (connected & ~cut).any() == torn
 
@@ -349,8 +352,8 @@ def test_everything_is_filled_within_the_range_of_what_is_seen(place, fill):
     poses = scenes.special_cameras(view) if place == "special" else scenes.target_cameras(view, place)
     for pose in poses:
         for method in METHODS:
-            bare = ibr.warp(view, pose.camera, method, edges="cut")
-            filled = ibr.warp(view, pose.camera, method, edges="cut", fill=fill)
+            bare = ibr.warp(view, pose.camera, method=method, edges="cut")
+            filled = ibr.warp(view, pose.camera, method=method, edges="cut", fill=fill)
             np.testing.assert_array_equal(filled.valid, bare.valid)
             if not bare.valid.any():
                 assert np.isnan(filled.depth).all()
@@ -370,8 +373,8 @@ def test_bytes_and_floats_agree(method, sample, fill):
     view = scenes.stepped(SIZE)
     floats = ibr.DepthImage(view.color.astype(np.float32) / np.float32(255), view.depth, view.camera)
     for pose in scenes.target_cameras(view, "E") + scenes.special_cameras(view)[2:5]:
-        one = ibr.warp(view, pose.camera, method, sample, "cut", fill)
-        other = ibr.warp(floats, pose.camera, method, sample, "cut", fill)
+        one = ibr.warp(view, pose.camera, method=method, interpolation=sample, edges="cut", fill=fill)
+        other = ibr.warp(floats, pose.camera, method=method, interpolation=sample, edges="cut", fill=fill)
         np.testing.assert_array_equal(one.depth, other.depth)
         np.testing.assert_array_equal(one.valid, other.valid)
         assert other.color.dtype == np.float32
@@ -388,5 +391,5 @@ def test_only_what_is_before_the_camera_is_seen(method, source, target):
     view = scenes.stepped(SIZE, source)
     for forward in (0.0, 2.0, 4.5, 6.0):  # into the scene
         camera = Camera(scenes.target_intrinsics(SIZE, target), SIZE, projection=target).moved(0.1, 0.2, forward)
-        frame = ibr.warp(view, camera, method, side="both")
+        frame = ibr.warp(view, camera, method=method, side="both")
         assert (frame.depth[frame.valid] > 0).all()

@@ -159,7 +159,10 @@ def test_nearest_samples_are_never_mixed():
     labels = (np.indices(view.depth.shape).sum(axis=0) % 5 * 50).astype(np.uint8)
     marked = ibr.DepthImage(np.repeat(labels[..., None], 3, 2), view.depth, view.camera)
     for camera in (view.camera.moved(0.2, 0, 0), target(view, "none", POSES["turned"])):
-        for frame in (ibr.warp(marked, camera, sample="nearest"), ibr.render(marked, camera, sample="nearest")):
+        for frame in (
+            ibr.warp(marked, camera, interpolation="nearest"),
+            ibr.render(ibr.WarpedView(marked, interpolation="nearest"), camera),
+        ):
             assert set(np.unique(frame.color[frame.valid])) <= set(range(0, 201, 50))
     assert len(np.unique(ibr.warp(marked, view.camera).color)) > 50
 

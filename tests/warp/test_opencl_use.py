@@ -81,7 +81,7 @@ def frames(place: str, source: Projection) -> list[ibr.Frame]:
     options: tuple[dict[str, Any], ...] = (
         {},
         {"edges": "connect"},
-        {"sample": "nearest", "side": "both", "edges": "connect"},
+        {"interpolation": "nearest", "side": "both", "edges": "connect"},
         {"method": "search"},
         {"method": "forward"},
     )

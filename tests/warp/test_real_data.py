@@ -51,7 +51,7 @@ def seen_by(source: ibr.DepthImage, target: ibr.DepthImage, tolerance: float) ->
 @pytest.mark.parametrize("sample", ["linear", "nearest"])
 def test_a_frame_is_the_other_one_where_both_see(source, target, sample):
     a, b = room(source), room(target)
-    frame = ibr.warp(a, b.camera, sample=sample, edges="cut")
+    frame = ibr.warp(a, b.camera, interpolation=sample, edges="cut")
     # 2 %: far above the millimetre that is asked for, far below the steps between objects.
     both = frame.valid & b.valid & (np.abs(frame.depth - b.depth) <= 0.02 * b.depth)
     # 90.1 % of frame 50, which is a closer look, lie in frame 0, and 98.3 % of frame 0 in frame 4.

@@ -109,7 +109,7 @@ def limit_of(scene: str) -> float:
 def test_depth_and_coverage_are_the_polylines(step, scene, edges):
     view, seen = view_of(scene), seen_of(scene, step, edges)
     for method in METHODS:
-        frame = ibr.warp(view, view.camera.moved(*step, 0), method, edges=edges)
+        frame = ibr.warp(view, view.camera.moved(*step, 0), method=method, edges=edges)
         wrong = off(frame.depth, seen.depth) & ~seen.on_end
         assert wrong.mean() <= limit_of(scene), (method, wrong.sum())
 
@@ -120,7 +120,7 @@ def test_depth_and_coverage_are_the_polylines(step, scene, edges):
 def test_the_nearest_sample_is_the_one_next_to_where_the_ray_meets_the_surface(step, scene, edges):
     view, seen = view_of(scene), seen_of(scene, step, edges)
     for method in METHODS:
-        frame = ibr.warp(view, view.camera.moved(*step, 0), method, "nearest", edges)
+        frame = ibr.warp(view, view.camera.moved(*step, 0), method=method, interpolation="nearest", edges=edges)
         away = np.abs(frame.color[..., :2] * COLUMNS - seen.source).max(axis=-1)
         wrong = (frame.valid != np.isfinite(seen.depth)) | (away > 0.5 + TIE)
         assert (wrong & ~seen.on_end).mean() <= limit_of(scene), (method, np.count_nonzero(wrong & ~seen.on_end))
@@ -138,7 +138,7 @@ def test_cameras_that_are_turned_in_the_world_step_as_exactly(step, scene, edges
     along_axis = 0.0 in STEPS[step]
     assert camera_pair(view.camera, target).aligned == along_axis  # rounding of the poses is no slope
     for method in METHODS:
-        wrong = off(ibr.warp(view, target, method, edges=edges).depth, seen.depth) & ~seen.on_end
+        wrong = off(ibr.warp(view, target, method=method, edges=edges).depth, seen.depth) & ~seen.on_end
         assert wrong.mean() <= limit_of(scene), (method, wrong.sum())
 
 
@@ -151,7 +151,7 @@ def test_rows_between_the_sources_rows(step, scene, edges, target):
     view = view_of(scene)
     camera = between(view.camera, target).moved(*step, 0)
     assert camera_pair(view.camera, camera).aligned
-    swept, searched = (ibr.warp(view, camera, method, edges=edges) for method in METHODS)
+    swept, searched = (ibr.warp(view, camera, method=method, edges=edges) for method in METHODS)
     wrong = off(swept.depth, searched.depth)
     wrong &= ~passes_ends(view, camera, edges)
     assert wrong.mean() <= limit_of(scene), wrong.sum()
@@ -166,7 +166,7 @@ def test_rows_between_the_sources_rows_are_the_references(scene, edges, target):
         camera = between(view.camera, target).moved(*step, 0)
         seen = search_reference(view, camera, edges=edges, cut_ratio=CUT_RATIO)
         for method in METHODS:
-            wrong = off(ibr.warp(view, camera, method, edges=edges).depth, seen.depth)
+            wrong = off(ibr.warp(view, camera, method=method, edges=edges).depth, seen.depth)
             wrong &= ~passes_ends(view, camera, edges)
             assert wrong.mean() <= limit_of(scene), (method, step, wrong.sum())
 
@@ -183,7 +183,7 @@ def between(camera: Camera, target: str) -> Camera:
 
 def passes_ends(view: ibr.DepthImage, camera: Camera, edges: Edges) -> np.ndarray:
     """(H, W) bool: pixels whose rays pass an end of the surface within a hair."""
-    return ties(lambda target: ibr.warp(view, target, "search", edges=edges).depth, camera)
+    return ties(lambda target: ibr.warp(view, target, method="search", edges=edges).depth, camera)
 
 
 def test_nothing_is_nearer_than_the_nearest_sample():

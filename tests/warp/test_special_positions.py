@@ -88,7 +88,7 @@ def test_moves_towards_a_sample_are_the_references(surroundings, projection, edg
     on_samples = (y == 0) | (x == 0) | (x == -y) if by < 0.01 else np.zeros_like(seen.valid)
     open_to_the_reference = on_samples & ~seen.valid
     for method in METHODS:
-        wrong = off(ibr.warp(view, target, method, edges=edges).depth, seen.depth)
+        wrong = off(ibr.warp(view, target, method=method, edges=edges).depth, seen.depth)
         wrong &= ~open_to_the_reference & ~at_epipole()
         assert wrong.mean() <= SHARE, (method, wrong.sum())
 
@@ -102,7 +102,7 @@ def test_a_hair_beside_a_sample_as_much_is_seen(surroundings, projection, edges,
         frames = []
         for by in (0.0, 0.001, -0.001):
             source, target = forward_pair(projection, move, by)
-            frames.append(ibr.warp(image(depth_around(surroundings), source), target, method, edges=edges))
+            frames.append(ibr.warp(image(depth_around(surroundings), source), target, method=method, edges=edges))
         for beside in frames[1:]:
             differs = (frames[0].valid != beside.valid) & ~at_epipole()
             assert not (differs & ~beside_border(frames[0].valid)).any(), (method, np.argwhere(differs).tolist())
@@ -119,7 +119,7 @@ def test_the_pixel_at_the_epipole_sees_its_sample(surroundings, projection, edge
     source, target = forward_pair(projection, move, by)
     depth = depth_around(surroundings)
     for method in METHODS:
-        seen = ibr.warp(image(depth, source), target, method, edges=edges).depth[AT[::-1]]
+        seen = ibr.warp(image(depth, source), target, method=method, edges=edges).depth[AT[::-1]]
         # 0.3 pixels beside the sample the surface is 0.1 % farther or nearer, at most.
         np.testing.assert_allclose(seen, depth[AT[::-1]] - move, rtol=1e-5 if by < 0.01 else 0.01, err_msg=method)
 
@@ -145,7 +145,7 @@ def test_what_is_torn_does_not_depend_on_how_far_back_an_orthographic_camera_sta
         Camera([[60, 0, 36.2], [0, 60, 29.1], [0, 0, 1]], size, scenes.pose(pitch=8, center=(0.2, -1.1, 0.4))),
         Camera(camera.K, size, scenes.pose(yaw=14, pitch=22), "orthographic"),
     ):
-        one, other = (ibr.warp(view, target, method, edges="cut") for view in (near, far))
+        one, other = (ibr.warp(view, target, method=method, edges="cut") for view in (near, far))
         assert 0.3 < one.valid.mean() < 0.95
         # Depths of 106 in float32 are right to 4e-6, a ten-thousandth of a pixel: rays at silhouettes alone see it.
         assert (one.valid != other.valid).mean() <= 0.002
@@ -190,7 +190,9 @@ def test_the_nearest_sample_reaches_no_farther_than_the_surface_itself(method, e
     zoomed = [[40 * zoom, 0, 151 / 2], [0, 40 * zoom, 133 / 2], [0, 0, 1]]
     for center in ((0, 0, 0), (0.11, 0, 0), (0.07, -0.05, 0.2)):
         target = Camera(zoomed, (152, 134), scenes.pose(center=center))
-        nearest, linear = (ibr.warp(view, target, method, sample, edges) for sample in ("nearest", "linear"))
+        nearest, linear = (
+            ibr.warp(view, target, method=method, interpolation=sample, edges=edges) for sample in ("nearest", "linear")
+        )
         assert linear.valid.mean() > 0.02
         np.testing.assert_array_equal(nearest.valid, linear.valid)
 
@@ -219,7 +221,7 @@ def test_lines_of_samples_step_along_themselves(scene, length, edges):
             if not np.isfinite(seen.depth).any():
                 continue
             for method in METHODS:
-                frame = ibr.warp(view, camera.moved(*move, 0), method, edges=edges)
+                frame = ibr.warp(view, camera.moved(*move, 0), method=method, edges=edges)
                 wrong = off(frame.depth, seen.depth) & ~seen.on_end
                 assert not wrong.any(), (axis, step, method, np.argwhere(wrong).tolist())
 
@@ -246,7 +248,7 @@ def rough_view(projection: Projection) -> ibr.DepthImage:
 @pytest.mark.parametrize("method", METHODS)
 def test_the_same_camera_sees_every_sample(method, projection, edges, sample):
     view = rough_view(projection)
-    frame = ibr.warp(view, view.camera, method, sample, edges)
+    frame = ibr.warp(view, view.camera, method=method, interpolation=sample, edges=edges)
     np.testing.assert_array_equal(frame.valid, view.valid)
     np.testing.assert_array_max_ulp(frame.depth[view.valid], view.depth[view.valid], 1)  # kept as its inverse
     np.testing.assert_array_equal(frame.color[view.valid], view.color[view.valid])
@@ -261,7 +263,7 @@ def test_a_turned_camera_sees_the_triangles_that_its_rays_pass(turn, edges):
     seen = search_reference(view, target, edges=edges, cut_ratio=CUT_RATIO)
     assert seen.valid.mean() > 0.1
     for method in METHODS:
-        wrong = off(ibr.warp(view, target, method, edges=edges).depth, seen.depth)
+        wrong = off(ibr.warp(view, target, method=method, edges=edges).depth, seen.depth)
         # Without motion nothing is seen from its side: what is off lies within 1/1000 of a pixel of an edge.
         assert wrong.sum() <= SHARE * wrong.size, (method, wrong.sum())
 
@@ -280,7 +282,7 @@ def test_turned_to_the_side_and_moved_along_the_turn(turn, edges):
     wide = Camera([[5, 0, 16], [0, 5, 9], [0, 0, 1]], (33, 19), target.world_from_camera)
     for camera in (target, wide):
         swept, searched = (
-            ibr.warp(view, camera, method, edges=edges, side="both", fill="background") for method in METHODS
+            ibr.warp(view, camera, method=method, edges=edges, side="both", fill="background") for method in METHODS
         )
         assert not off(swept.depth, searched.depth).sum() > SHARE * swept.depth.size
 
@@ -300,7 +302,7 @@ def test_a_frame_around_the_picture_is_empty(size, projection, method):
         larger = np.diag([zoom, zoom, 1.0]) @ K
         larger[:2, 2] += border
         target = Camera(larger, (zoom * w + 2 * border, zoom * h + 2 * border), projection=projection)
-        frame = ibr.warp(view, target, method, classes=True)
+        frame = ibr.warp(view, target, method=method, classes=True)
         expected = np.zeros(frame.valid.shape, bool)
         expected[border : border + zoom * (h - 1) + 1, border : border + zoom * (w - 1) + 1] = True
         np.testing.assert_array_equal(frame.valid, expected)
@@ -318,7 +320,7 @@ def test_a_row_of_samples_moved_in_its_plane(across):
     view = image(np.full(size[::-1], 2.0), Camera(K, size))
     for along, ahead in ((0.2, 0.0), (0.0, 0.5), (0.1, -0.3)):
         step = (0, along, ahead) if across else (along, 0, ahead)
-        found = [ibr.warp(view, view.camera.moved(*step), method) for method in METHODS]
+        found = [ibr.warp(view, view.camera.moved(*step), method=method) for method in METHODS]
         assert found[0].valid.sum() >= 34
         np.testing.assert_array_equal(found[0].valid, found[1].valid)
         np.testing.assert_allclose(found[0].depth, found[1].depth, rtol=1e-4)
@@ -341,7 +343,7 @@ def test_an_orthographic_plane_that_cuts_the_surface(projection, shape, degrees)
     pose = np.array([[c, 0, s, 0.1], [0, 1, 0, 0.1], [-s, 0, c, 3.5], [0, 0, 0, 1]])
     target = Camera([[20, 0, 31.5], [0, 20, 23.5], [0, 0, 1]], (64, 48), pose, "orthographic")
     for edges in EDGES if shape != "teeth" else ("connect",):  # cut, all teeth are apart
-        found = [ibr.warp(view, target, method, edges=edges, side="both") for method in METHODS]
+        found = [ibr.warp(view, target, method=method, edges=edges, side="both") for method in METHODS]
         assert found[1].valid.sum() > 150
         assert off(found[0].depth, found[1].depth).mean() <= SHARE
         if edges == "connect":  # lines are exact there

@@ -28,10 +28,10 @@ def targets(view: ibr.DepthImage) -> list[ibr.Camera]:
 @pytest.mark.parametrize("fill", [None, "background", "smooth"])
 def test_each_frame_is_that_of_its_own_call(method, fill):
     views = [scenes.stepped(SIZE), scenes.holed(SIZE)]
-    frames = ibr.warp(views, targets(views[0]), method, fill=fill)
+    frames = ibr.warp(views, targets(views[0]), method=method, fill=fill)
     assert len(frames) == 6
     for frame, camera in zip(frames, targets(views[0]), strict=True):
-        same_bits(frame, ibr.warp(views, camera, method, fill=fill))
+        same_bits(frame, ibr.warp(views, camera, method=method, fill=fill))
         assert frame.camera == camera
 
 

@@ -197,7 +197,7 @@ def test_colours_and_depths_run_along_wires(sample):
     color[4, 2:10, 0] = np.arange(8) * 30
     camera = ibr.Camera([[20, 0, 5.5], [0, 20, 4], [0, 0, 1]], (12, 9))
     fine = ibr.Camera([[200, 0, 59.5], [0, 200, 44.5], [0, 0, 1]], (120, 90))
-    frame = ibr.warp(ibr.DepthImage(color, depth, camera), fine, thin=True, sample=sample)
+    frame = ibr.warp(ibr.DepthImage(color, depth, camera), fine, thin=True, interpolation=sample)
     assert (frame.valid.sum(axis=1) == np.repeat([0, 80, 0], [40, 10, 40])).all()
     x = (np.arange(20, 100) + 0.5) / 10 - 0.5 - 2  # in samples, from the first on
     at = np.clip(x if sample == "linear" else np.rint(x), 0, 7)
@@ -234,7 +234,7 @@ def test_one_lane_draws_the_same(name):
 def test_thin_things_in_pictures_of_anything_and_in_their_shadows():
     view = strips(*CASES["slanted by 20"]).capture(CAMERA)
     camera = magnified(4, MOVES[4])
-    drawn, warped = ibr.render(view, camera, thin=True), ibr.warp(view, camera, thin=True)
+    drawn, warped = ibr.render(ibr.WarpedView(view, thin=True), camera), ibr.warp(view, camera, thin=True)
     np.testing.assert_array_equal(drawn.depth, warped.depth)
     np.testing.assert_array_equal(drawn.color, warped.color)
     alone = strips(*CASES["slanted by 20"], wall=False).capture(CAMERA)
@@ -243,7 +243,7 @@ def test_thin_things_in_pictures_of_anything_and_in_their_shadows():
     lit = ibr.render(floor, CAMERA, light).color.astype(int)
     shaded = []
     for thin in (False, True):
-        frame = ibr.render([floor, alone], CAMERA, light, thin=thin)
+        frame = ibr.render([floor, ibr.WarpedView(alone, thin=thin)], CAMERA, light)
         shaded.append(((frame.depth > 3) & (frame.color.sum(axis=2) < lit.sum(axis=2) - 30)).sum())
     assert shaded[0] == 0
     assert shaded[1] > 8
@@ -255,7 +255,7 @@ def test_thin_is_true_or_false(wrong):
     with pytest.raises(ibr.ArgumentError, match="thin: expected True or False"):
         ibr.warp(view, CAMERA, thin=wrong)
     with pytest.raises(ibr.ArgumentError, match="thin: expected True or False"):
-        ibr.render(view, CAMERA, thin=wrong)
+        ibr.WarpedView(view, thin=wrong)
 
 
 def test_the_forward_warp_has_squares_of_its_own():

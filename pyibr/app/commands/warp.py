@@ -33,9 +33,10 @@ from pyibr.app.words import (
 )
 from pyibr.core.camera import Camera
 from pyibr.images import DepthImage
-from pyibr.picture.drawable import Edges, Fill, Sample, Side
+from pyibr.images.depth_image import Side
 from pyibr.warp.blending import Blend
-from pyibr.warp.warp import Method
+from pyibr.warp.filling import Fill
+from pyibr.warp.view import Edges, Interpolation, Method, WarpOptions
 
 _Draw = Callable[[Sequence[DepthImage], Camera], ibr.Frame]
 
@@ -90,7 +91,7 @@ def warp(
     depth_camera: _DepthCameras = None,
     clean: Clean = False,
     method: Annotated[Method, typer.Option(help="How the surface is searched")] = "epipolar",
-    sample: Annotated[Sample, typer.Option(help="How depth and colour are read")] = "linear",
+    interpolation: Annotated[Interpolation, typer.Option(help="How depth and colour are read")] = "linear",
     edges: Annotated[Edges, typer.Option(help="Neighbours are cut apart at depth edges, or one surface")] = "cut",
     cut_ratio: Annotated[float, typer.Option(help="Cut where neighbours' depths differ by more")] = 1.05,
     thin: Annotated[bool, typer.Option("--thin", help="Things one sample thin as wide as their samples")] = False,
@@ -125,8 +126,9 @@ def warp(
     )
     lost = Lost(recorded=not are_stills)
     each = [views_of(source, reading, lost) for source in opened]
-    look = {"method": method, "sample": sample, "edges": edges, "fill": None if fill == "none" else fill, "thin": thin}
-    draw = functools.partial(_drawn, **look, cut_ratio=cut_ratio, side=side, blend=blend, samples=samples)
+    how: WarpOptions = {"method": method, "interpolation": interpolation, "edges": edges, "cut_ratio": cut_ratio}
+    how |= {"side": side, "fill": None if fill == "none" else fill, "thin": thin, "blend": blend}
+    draw = functools.partial(_drawn, samples=samples, how=how)
     with device_of(device), outputs:
         if is_scene:
             known = [view for views in each for view in views if view is not None]
@@ -149,7 +151,7 @@ def _write(jobs: Iterable[Job], draw: _Draw, outputs: Outputs, count: int | None
     return size
 
 
-def _drawn(views: Sequence[DepthImage], target: Camera, **look: Any) -> ibr.Frame:
+def _drawn(views: Sequence[DepthImage], target: Camera, samples: int, how: WarpOptions) -> ibr.Frame:
     """The new view; what is empty is told at the end, with the file's name."""
     seen = [view for view in views if view.valid.any()]
     if not seen:
@@ -158,4 +160,4 @@ def _drawn(views: Sequence[DepthImage], target: Camera, **look: Any) -> ibr.Fram
         return ibr.Frame(color, np.full(shape, np.nan, np.float32), np.zeros(shape, np.bool_), target)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
-        return ibr.warp(seen if len(seen) > 1 else seen[0], target, **look)
+        return ibr.warp(seen, target, samples=samples, **how)

@@ -19,8 +19,8 @@ from pyibr.capture.coverage import surface_of
 from pyibr.capture.frusta import Frustum, light_for, load_frusta, part_of
 from pyibr.core.checks import instance_of, numbers, one_of
 from pyibr.core.errors import ArgumentError
+from pyibr.images.depth_image import Side
 from pyibr.meshes.mesh import Mesh
-from pyibr.picture.drawable import Side
 
 __all__ = ["place"]
 

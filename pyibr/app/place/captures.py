@@ -10,7 +10,7 @@ from pyibr.capture.coverage import Mask, Surface, unseen_share
 from pyibr.capture.frusta import Frustum
 from pyibr.core.camera import Camera
 from pyibr.images import DepthImage
-from pyibr.picture.drawable import Side
+from pyibr.images.depth_image import Side
 from pyibr.picture.light import Light
 
 

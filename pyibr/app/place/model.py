@@ -14,7 +14,7 @@ from pyibr.capture.frusta import Frustum, Stroke, load_frusta, save_frusta, save
 from pyibr.core.checks import Float64, one_of, whole_from
 from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
-from pyibr.picture.drawable import Side
+from pyibr.images.depth_image import Side
 
 _STEPS = 200  # that can be undone
 _COUNT_MOST = 256  # frusta

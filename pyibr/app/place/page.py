@@ -28,9 +28,11 @@ from pyibr.capture.sets import parse_set
 from pyibr.core.camera import Camera
 from pyibr.core.errors import Error, FileFormatError
 from pyibr.images import Frame
-from pyibr.picture.drawable import Look, Side, as_drawable
+from pyibr.images.depth_image import Side
+from pyibr.picture.drawable import as_drawable
 from pyibr.picture.render import render
 from pyibr.picture.seen import MarkedUnseen
+from pyibr.warp.view import WarpedView
 
 if TYPE_CHECKING:
     from viser import ClientHandle, MeshHandle
@@ -101,7 +103,7 @@ class PlacePage:
         """What a page with a canvas of `full` pixels shows from a camera."""
         state = self.placement.state
         way, other, layout = _SHOWN[self._shown.value]
-        style = Style(way, other, layout, self._swipe.value, self._gain.value, look=Look(side=state.side))
+        style = Style(way, other, layout, self._swipe.value, self._gain.value)
         picture = paint(self._ways, camera, style)
         color = picture.color if picture.color.flags.writeable else picture.color.copy()
         if state.current is not None and self._corner.value != _NONE:
@@ -137,7 +139,7 @@ class PlacePage:
     def _draw_marked(self, things: Any, camera: Camera, style: Style) -> Frame:
         state = self.placement.state
         views, part = self.captures.views(state.frusta), self.captures.surface.within
-        marked = MarkedUnseen(as_drawable(things[0], Look()), views, state.side, within=part)
+        marked = MarkedUnseen(as_drawable(things[0]), views, state.side, within=part)
         return render(marked, camera, self.captures.light)
 
     def _draw_plain(self, things: Any, camera: Camera, style: Style) -> Frame:
@@ -146,7 +148,8 @@ class PlacePage:
     def _draw_set(self, things: Any, camera: Camera, style: Style) -> Frame:
         views = [view for view in self.captures.views(self.placement.state.frusta) if view.valid.any()]
         if views:
-            return render(views, camera, edges=style.look.edges, side=style.look.side)
+            side = self.placement.state.side
+            return render([WarpedView(view, side=side) for view in views], camera)
         height, width = camera.height, camera.width
         nothing = np.full((height, width), np.nan, np.float32)
         return Frame(np.zeros((height, width, 3), np.uint8), nothing, np.zeros((height, width), np.bool_), camera)

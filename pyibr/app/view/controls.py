@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from decimal import Decimal
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, cast, get_args
 
 import numpy as np
 
-from pyibr.app.view.knobs import Knob, Value, knobs_of
+from pyibr.app.view.knobs import Knob, Value
 from pyibr.app.view.scene import Scene
 from pyibr.app.view.style import Layout, Show, Style
 from pyibr.core.checks import Float64
 from pyibr.core.errors import Error
-from pyibr.picture.drawable import Edges, Fill, Look, Sample, Side
 from pyibr.picture.light import Light
-from pyibr.warp.blending import Blend
 
 if TYPE_CHECKING:
     from viser import GuiApi, GuiInputHandle
@@ -46,8 +45,6 @@ class Controls:
         self._knobs: dict[str, tuple[Knob, Any]] = {}
         self._knob_folder: Any = None
         self._add_picture()
-        if scene.sources:
-            self._add_depth_images()
         self._add_knobs()
         self._add_light()
         self._add_page()
@@ -73,8 +70,6 @@ class Controls:
             self._swipe.value,
             self._gain.value,
             shows[self._show.value],
-            self._look(),
-            cast("Blend", self._blend.value) if self._scene.sources else "quality",
             self._light(),
             cast("tuple[int, int, int]", tuple(self._background.value)),
             tuple((name, _value(knob, handle)) for name, (knob, handle) in self._knobs.items()),
@@ -108,23 +103,13 @@ class Controls:
         def _(_: Any) -> None:
             self._add_knobs()
 
-    def _add_depth_images(self) -> None:
-        gui = self._gui
-        with gui.add_folder("Depth images", expand_by_default=False, order=2):
-            self._edges = self._choice("Edges", Edges, "cut")
-            self._cut_ratio = self._watched(gui.add_slider("Cut ratio", 1.005, 1.5, 0.005, 1.05))
-            self._sample = self._choice("Sample", Sample, "linear")
-            self._side = self._choice("Side", Side, "front")
-            self._fill = self._watched(gui.add_dropdown("Fill", [_NOTHING, *get_args(Fill)]))
-            self._blend = self._choice("Blend", Blend, "quality")
-
     def _add_knobs(self) -> None:
         """Those of the things that the chosen way draws."""
         if self._knob_folder is not None:
             self._knob_folder.remove()
             self._knob_folder, self._knobs = None, {}
         try:
-            knobs = knobs_of(self._scene.ways[self._way.value].things)
+            knobs = self._scene.ways[self._way.value].knobs
         except Error:  # its things cannot be made, as the page says when it is to draw them
             return
         if not knobs:
@@ -136,12 +121,15 @@ class Controls:
     def _handle_of(self, knob: Knob) -> Any:
         label = knob.name.replace("_", " ").capitalize()
         if knob.kind is str:
-            return self._gui.add_dropdown(label, knob.choices, initial_value=str(knob.value))
+            words = [_NOTHING if choice is None else choice for choice in knob.choices]
+            return self._gui.add_dropdown(
+                label, words, initial_value=_NOTHING if knob.value is None else str(knob.value)
+            )
         if knob.kind is bool:
             return self._gui.add_checkbox(label, bool(knob.value))
         if knob.kind is int:
-            return self._gui.add_number(label, int(knob.value), step=1)
-        return self._gui.add_number(label, float(knob.value), step=_step(float(knob.value)))
+            return self._gui.add_number(label, int(knob.value or 0), step=1)
+        return self._gui.add_number(label, float(knob.value or 0), step=_step(float(knob.value or 0)))
 
     def _add_light(self) -> None:
         gui = self._gui
@@ -166,18 +154,6 @@ class Controls:
 
     # ---- what it means
 
-    def _look(self) -> Look:
-        if not self._scene.sources:
-            return Look()
-        fill = self._fill.value
-        return Look(
-            cast("Sample", self._sample.value),
-            cast("Edges", self._edges.value),
-            self._cut_ratio.value,
-            cast("Side", self._side.value),
-            None if fill == _NOTHING else cast("Fill", fill),
-        )
-
     def _light(self) -> Light | None:
         if not self._lit.value:
             return None
@@ -185,21 +161,21 @@ class Controls:
         size = 1024 if self._shadows.value else 0
         return _light_from(tuple(direction), self._ambient.value, size, self._relights.value)
 
-    def _choice(self, label: str, words: Any, first: str) -> Any:
-        return self._watched(self._gui.add_dropdown(label, get_args(words), initial_value=first))
-
     def _watched(self, handle: GuiInputHandle[Any]) -> Any:
         handle.on_update(lambda _: self._changed())
         return handle
 
 
 def _value(knob: Knob, handle: Any) -> Value:
-    return knob.kind(handle.value)
+    return None if None in knob.choices and handle.value == _NOTHING else knob.kind(handle.value)
 
 
 def _step(value: float) -> float:
-    """By which a number of this size is turned."""
-    return float(10.0 ** np.floor(np.log10(abs(value)) - 1)) if value else 0.01
+    """By which a number of this size is turned: a tenth of it, or its last digit."""
+    if not value:
+        return 0.01
+    exponent = cast("int", Decimal(repr(value)).normalize().as_tuple().exponent)
+    return float(10.0 ** min(np.floor(np.log10(abs(value)) - 1), max(exponent, -3)))
 
 
 @lru_cache(maxsize=8)

@@ -14,7 +14,7 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_
 
 _Thing = TypeVar("_Thing")
 
-Value = bool | int | float | str
+Value = bool | int | float | str | None
 
 
 @dataclass(frozen=True)
@@ -27,15 +27,16 @@ class Knob:
         Of the argument, and of the attribute.
     kind : type
         bool, int, float, or str for one of `choices`.
-    value : bool, int, float or str
+    value : bool, int, float, str or None
         What the thing has.
-    choices : tuple of str
+    choices : tuple of str or None
+        None among them: the argument may be None, too.
     """
 
     name: str
     kind: type
     value: Value
-    choices: tuple[str, ...] = ()
+    choices: tuple[str | None, ...] = ()
 
 
 def knobs_of(things: Sequence[object]) -> dict[str, Knob]:
@@ -104,11 +105,12 @@ def _number(hint: object) -> type | None:
     return next((kind for kind in (bool, int, float) if kind in hints), None)
 
 
-def _choices(hint: object) -> tuple[str, ...]:
-    """The words of a `Literal`, also of one beside None."""
+def _choices(hint: object) -> tuple[str | None, ...]:
+    """The words of a `Literal`; and None, if that may stand beside them."""
     if get_origin(hint) is Literal:
         return tuple(one for one in get_args(hint) if isinstance(one, str))
     if get_origin(hint) in (Union, types.UnionType):
-        (first, *_) = get_args(hint)
-        return _choices(first)
+        first, *others = get_args(hint)
+        words = _choices(first)
+        return (None, *words) if words and type(None) in others else words
     return ()

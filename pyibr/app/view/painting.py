@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -46,9 +46,7 @@ def paint(ways: Mapping[str, Way], camera: Camera, style: Style) -> Picture:
     watch = _Stopwatch()
     if style.other is None or style.layout == "one":
         frame = _drawn(ways, camera, style, style.way, watch)
-        is_unlit = style.light is not None and not ways[style.way].lit
-        note = f"{style.way} shows images as they are, without the light" if is_unlit else ""
-        return Picture(_shown(frame, style, watch), frame.depth, camera, watch.stages, note)
+        return Picture(_shown(frame, style, watch), frame.depth, camera, watch.stages)
     if style.layout == "side by side":
         return _beside(ways, camera, style, watch)
     one, other = (_drawn(ways, camera, style, name, watch) for name in (style.way, style.other))
@@ -94,9 +92,8 @@ def _drawn(ways: Mapping[str, Way], camera: Camera, style: Style, name: str, wat
     way = ways.get(name)
     if way is None:
         raise ArgumentError("way", f"one of {', '.join(ways)}", name)
-    asked = style if way.lit else replace(style, light=None)
     with watch.timing("draw" if name == style.way else f"draw {name}"):
-        return way.draw(camera, asked)
+        return way.draw(camera, style)
 
 
 def _shown(frame: Frame, style: Style, watch: _Stopwatch) -> Image:

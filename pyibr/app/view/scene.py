@@ -16,7 +16,7 @@ from pyibr.core.checks import Float64, numbers
 from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
 from pyibr.meshes.mesh import Mesh
-from pyibr.picture.drawable import Look, as_drawable
+from pyibr.picture.drawable import as_drawable
 
 _DOWN = np.array([0.0, -1.0, 0.0])  # up, where nothing else is known: pyibr's y runs down
 _SAMPLES = 4096  # of a view that tell where its scene is
@@ -95,7 +95,7 @@ def _bounds_of(things: Sequence[Any]) -> tuple[Float64, Float64]:
             inner = np.percentile(points[:: max(len(points) // _SAMPLES, 1)], _INNER, axis=0)
             low, high = inner[0], inner[1]
         else:
-            low, high = (np.asarray(corner, np.float64) for corner in as_drawable(thing, Look()).bounds)
+            low, high = (np.asarray(corner, np.float64) for corner in as_drawable(thing).bounds)
         lows.append(low)
         highs.append(high)
     return np.min(lows, axis=0), np.max(highs, axis=0)

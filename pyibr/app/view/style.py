@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 from pyibr.app.view.knobs import Value
-from pyibr.picture.drawable import Look
 from pyibr.picture.light import Light
-from pyibr.warp.blending import Blend
 
 Layout = Literal["one", "swipe", "side by side", "difference"]
 Show = Literal["color", "depth", "classes", "view"]
@@ -34,10 +32,6 @@ class Style:
     show : {"color", "depth", "classes", "view"}
         The colours; the depth; the colours, and what each hole is (`pyibr.PixelClass`); the number of the view that
         each pixel comes from.
-    look : Look
-        How depth images are looked at.
-    blend : {"quality", "nearest"}
-        How the warp makes one picture of several views.
     light : Light or None
     background : (r, g, b)
         0 to 255.
@@ -51,8 +45,6 @@ class Style:
     swipe: float = 0.5
     gain: float = 4.0
     show: Show = "color"
-    look: Look = field(default_factory=Look)
-    blend: Blend = "quality"
     light: Light | None = None
     background: tuple[int, int, int] = (0, 0, 0)
     knobs: tuple[tuple[str, Value], ...] = ()

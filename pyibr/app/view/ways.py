@@ -14,17 +14,18 @@ from typing import Any, cast
 
 import numpy as np
 
-from pyibr.app.view.knobs import turned
+from pyibr.app.view.knobs import Knob, knobs_of, turned
 from pyibr.app.view.style import Style
 from pyibr.core.camera import Camera
 from pyibr.core.checks import describe
 from pyibr.core.errors import ArgumentError
 from pyibr.depthmesh import DepthMeshObject
 from pyibr.images import DepthImage, Frame
-from pyibr.picture.drawable import Look, as_drawable
+from pyibr.picture.drawable import as_drawable, color_dtype_of
 from pyibr.picture.render import Thing, render
 from pyibr.slicing import DepthObject, VisualHull
-from pyibr.warp.warp import Method, warp
+from pyibr.warp.view import Method, WarpedView
+from pyibr.warp.warp import warp
 
 Draw = Callable[[Sequence[Any], Camera, Style], Frame]
 
@@ -42,25 +43,31 @@ class Way:
     how : callable (things, camera, style) -> Frame
     explains : bool
         Its frames tell what each pixel is and which view it comes from.
-    lit : bool
-        A light shines.
+    fixed : tuple of str
+        Options of the things that make this the way that it is: no knobs.
     """
 
     make: Callable[[], Sequence[Any]]
     how: Draw
     explains: bool = False
-    lit: bool = True
+    fixed: tuple[str, ...] = ()
 
     @cached_property
     def things(self) -> Sequence[Any]:
         """What is drawn, with all knobs as they were given."""
         return self.make()
 
+    @property
+    def knobs(self) -> dict[str, Knob]:
+        """What can be turned at the things, by name."""
+        return {name: knob for name, knob in knobs_of(self.things).items() if name not in self.fixed}
+
     def draw(self, camera: Camera, style: Style) -> Frame:
         """A frame of the things, with the knobs turned as the style says."""
         things = self._turned.get(style.knobs)
         if things is None:
-            things = [turned(thing, dict(style.knobs)) for thing in self.things]
+            values = {name: value for name, value in style.knobs if name not in self.fixed}
+            things = [turned(thing, values) for thing in self.things]
             while len(self._turned) >= _KEPT:
                 del self._turned[next(iter(self._turned))]
             self._turned[style.knobs] = things
@@ -91,7 +98,8 @@ def ways_of(things: object) -> dict[str, Way]:
 
 
 def _ways_of_views(views: Sequence[DepthImage]) -> dict[str, Way]:
-    ways = {"warp": _warped(views, "epipolar"), "render": _rendered(views)}
+    ways = {"warp": _warped(views, "epipolar")}
+    ways["render"] = Way(lambda: [WarpedView(view) for view in views], _render, fixed=("blend",))
     ways |= {"search": _warped(views, "search"), "forward": _warped(views, "forward")}
     ways["depth mesh"] = Way(lambda: [DepthMeshObject(views)], _render)
     ways["depth object"] = Way(lambda: [DepthObject(views)], _render)
@@ -104,45 +112,25 @@ def _rendered(things: Sequence[Thing]) -> Way:
 
 
 def _warped(views: Sequence[DepthImage], method: Method) -> Way:
-    def draw(things: Sequence[DepthImage], camera: Camera, style: Style) -> Frame:
-        look, classes = style.look, style.show in ("classes", "view") and method != "forward"
+    def draw(things: Sequence[WarpedView], camera: Camera, style: Style) -> Frame:
+        if style.show not in ("classes", "view") or method == "forward":
+            return _render(things, camera, style)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # an empty picture is seen to be empty
-            frame = warp(
-                list(things),
-                camera,
-                method,
-                look.sample,
-                look.edges,
-                look.fill,
-                cut_ratio=look.cut_ratio,
-                side=look.side,
-                blend=style.blend,
-                classes=classes,
-            )
-        frame.color[np.isnan(frame.depth)] = _background(style, frame)
+            frame = warp(things[0], camera, classes=True)
+        frame.color[np.isnan(frame.depth)] = _background(style, frame.color.dtype)
         return frame
 
-    return Way(lambda: views, draw, explains=method != "forward", lit=False)
+    return Way(lambda: [WarpedView(views, method=method)], draw, method != "forward", fixed=("method",))
 
 
 def _render(things: Sequence[Thing], camera: Camera, style: Style) -> Frame:
-    look, in_float = style.look, any(isinstance(one, DepthImage) and one.color.dtype == np.float32 for one in things)
-    return render(
-        things,
-        camera,
-        style.light,
-        np.array(style.background) / (255 if in_float else 1),
-        edges=look.edges,
-        cut_ratio=look.cut_ratio,
-        side=look.side,
-        sample=look.sample,
-        fill=look.fill,
-    )
+    dtype = color_dtype_of(map(as_drawable, things))
+    return render(things, camera, style.light, _background(style, dtype))
 
 
-def _background(style: Style, frame: Frame) -> Any:
-    return np.array(style.background) / (255 if frame.color.dtype == np.float32 else 1)
+def _background(style: Style, dtype: np.dtype[Any]) -> Any:
+    return np.array(style.background) / (255 if dtype == np.float32 else 1)
 
 
 def _checked(things: object) -> list[Any]:
@@ -150,7 +138,7 @@ def _checked(things: object) -> list[Any]:
     if not several:
         raise ArgumentError("things", "at least one thing", "an empty sequence")
     for thing in several:
-        as_drawable(thing, Look())
+        as_drawable(thing)
     return several
 
 

@@ -16,7 +16,7 @@ from pyibr.capture import models
 from pyibr.capture.coverage import Surface, surface_of, unseen_share
 from pyibr.capture.frusta import light_for, load_frusta
 from pyibr.images.metrics import psnr
-from pyibr.picture.drawable import Look, as_drawable
+from pyibr.picture.drawable import as_drawable
 from pyibr.picture.seen import MarkedUnseen
 from tests.app.browser import Tab, chromium, opened, rested, settles_on, stays, until
 from tests.app.sockets import LOOPBACK, listeners
@@ -97,7 +97,7 @@ def marked(work: Work, mesh: ibr.Mesh) -> np.ndarray:
     """What the page is to show: the mesh, and what its frusta have not seen."""
     light = light_for(mesh, (0, 0, 1))
     views = [one.capture(mesh, light) for one in work.state.frusta]
-    return ibr.render(MarkedUnseen(as_drawable(mesh, Look()), views), work.page.stream.camera, light).color
+    return ibr.render(MarkedUnseen(as_drawable(mesh), views), work.page.stream.camera, light).color
 
 
 def assert_shown(work: Work, mesh: ibr.Mesh) -> None:

@@ -23,7 +23,7 @@ from pyibr.app.view.scene import scene_of
 from pyibr.app.view.style import Style
 from pyibr.app.view.ways import ways_of
 from pyibr.capture import models, object_views
-from pyibr.picture.drawable import Look
+from pyibr.warp.view import OPTIONS
 
 CAMERA = ibr.Camera.look_at((1.5, -1.2, 3), (0, 0, 0), (0, -1, 0), (83, 61), fov_y=43)
 
@@ -44,14 +44,13 @@ def relief() -> ibr.ReliefSurface:
 
 def test_each_way_is_the_call_that_its_name_says():
     ways = ways_of(views())
-    style = Style("warp", look=Look(edges="cut", cut_ratio=1.1, fill="smooth"), blend="nearest")
+    how = {"cut_ratio": 1.1, "fill": "smooth", "blend": "nearest"}
+    style = Style("warp", knobs=tuple(how.items()))
     for name, method in (("warp", "epipolar"), ("search", "search"), ("forward", "forward")):
-        look = {"cut_ratio": 1.1, "fill": "smooth", "blend": "nearest"}
-        np.testing.assert_array_equal(
-            ways[name].draw(CAMERA, style).color, ibr.warp(views(), CAMERA, method, **look).color
-        )
-    expected = ibr.render(views(), CAMERA, cut_ratio=1.1, fill="smooth")
-    np.testing.assert_array_equal(ways["render"].draw(CAMERA, style).color, expected.color)
+        expected = ibr.warp(views(), CAMERA, method=method, **how)
+        np.testing.assert_array_equal(ways[name].draw(CAMERA, style).color, expected.color)
+    things = [ibr.WarpedView(view, cut_ratio=1.1, fill="smooth") for view in views()]
+    np.testing.assert_array_equal(ways["render"].draw(CAMERA, style).color, ibr.render(things, CAMERA).color)
     for name, made in (
         ("depth mesh", ibr.DepthMeshObject),
         ("depth object", ibr.DepthObject),
@@ -60,11 +59,25 @@ def test_each_way_is_the_call_that_its_name_says():
         np.testing.assert_array_equal(ways[name].draw(CAMERA, style).color, ibr.render(made(views()), CAMERA).color)
 
 
-def test_a_light_that_does_not_shine_is_told():
-    light = ibr.Light(direction=(0, 1, 1))
-    for name, said in (("warp", "warp shows images as they are, without the light"), ("render", "")):
-        assert paint(ways_of(views()), CAMERA, Style(name, light=light)).note == said
-        assert paint(ways_of(views()), CAMERA, Style(name)).note == ""
+def test_a_light_shines_in_every_way():
+    light = ibr.Light(direction=(0, 1, 1), relight=True)
+    for name, way in ways_of(views()).items():
+        lit, plain = way.draw(CAMERA, Style(name, light=light)), way.draw(CAMERA, Style(name))
+        assert (lit.color != plain.color).any(), name
+
+
+@pytest.mark.parametrize("name", ["warp", "render", "search"])
+def test_every_option_of_the_warp_is_a_control(name):
+    """A wire one sample thin, from close by: as wide as its samples by call and by control."""
+    depth = np.full((48, 64), 4.0, np.float32)
+    depth[20, 10:50] = 2.0
+    wire = ibr.DepthImage(None, depth, ibr.Camera([[100, 0, 31.5], [0, 100, 23.5], [0, 0, 1]], (64, 48)))
+    closer = ibr.Camera([[400, 0, 127.5], [0, 400, 95.5], [0, 0, 1]], (256, 192))
+    way = ways_of(wire)[name]
+    assert set(way.knobs) | set(way.fixed) == {option.name for option in OPTIONS}
+    assert way.knobs["fill"].choices == (None, "background", "smooth", "inpaint")
+    found = way.draw(closer, Style(name, knobs=(("thin", True),)))
+    assert (found.depth < 3).sum() == (ibr.warp(wire, closer, thin=True).depth < 3).sum() > 600
 
 
 def test_whatever_draws_itself_is_drawn_also_of_a_class_of_ones_own():

@@ -183,11 +183,12 @@ def test_a_slow_thing_keeps_one_request_and_shows_its_latest(browser):
 
 def test_controls_change_the_picture_and_say_what_is_wrong(look, views):
     tab, page = look.tab, look.page
-    tab.page.get_by_text("Depth images").click()
+    tab.page.get_by_text("Things").click()
     for label, choice in (("Fill", "background"), ("Blend", "nearest")):
         tab.page.get_by_label(label).click()
         tab.page.get_by_role("option", name=choice).click()
-    until(lambda: page.controls.style().look.fill == "background" and page.controls.style().blend == "nearest")
+    chosen = {("fill", "background"), ("blend", "nearest")}
+    until(lambda: chosen <= set(page.controls.style().knobs))
     settles_on(tab, lambda: ibr.warp(views, page.stream.camera, fill="background", blend="nearest").color)
     page.controls._way.value = "depth object"
     until(lambda: "slices" in page.controls._knobs)

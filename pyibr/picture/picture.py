@@ -1,0 +1,78 @@
+"""A camera's picture as its parts: drawn straight and with several samples a pixel, then joined and averaged.
+
+What draws knows of neither: it gets targets of cameras without lenses, whose pixels are samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from pyibr.core.camera import Camera
+from pyibr.core.checks import check_pixels
+from pyibr.images.frame import Frame
+from pyibr.opencl.memory import DeviceArray
+from pyibr.picture.antialiasing import averaged, checked_side, finer
+from pyibr.picture.panes import joined, pane_cameras
+from pyibr.picture.target import Target
+
+
+class PictureParts:
+    """The straight pictures that a camera's is made of.
+
+    Parameters
+    ----------
+    camera : Camera
+        With or without a lens.
+    samples : int
+        A pixel.
+
+    Raises
+    ------
+    ArgumentError
+        If `samples` is none of its choices, or a part has more pixels than pictures may have.
+    """
+
+    def __init__(self, camera: Camera, samples: int) -> None:
+        self._camera, self._side = camera, checked_side(samples)
+        check_pixels("camera", camera.size)
+        self._fine = finer(camera, self._side)
+        self._cameras = pane_cameras(self._fine)
+        for part in self._cameras:
+            check_pixels("camera", part.size)
+
+    def drawn(
+        self,
+        draw: Callable[[Target], None],
+        dtype: np.dtype[Any],
+        *,
+        channels: int = 3,
+        classes: bool = False,
+        anisotropy: int = 1,
+        linear: bool = True,
+        out: Frame | None = None,
+        pool: dict[int, DeviceArray] | None = None,
+    ) -> Target:
+        """Draw each part, and make the camera's picture of them.
+
+        Parameters
+        ----------
+        draw : callable
+            Draws all that is to be seen into a target.
+        dtype, channels, classes, anisotropy, pool
+            Of the targets.
+        linear : bool
+            Whether colours are mixed where parts are joined; else each pixel is the nearest one.
+        out : Frame, optional
+            Its arrays are written, instead of new ones.
+        """
+        whole = out if self._side == 1 else None
+        own = whole if self._fine.lens is None else None
+        parts: list[Target] = []
+        for camera in self._cameras:
+            part = Target(camera, dtype, out=own, classes=classes, pool=pool, channels=channels, anisotropy=anisotropy)
+            draw(part)
+            parts.append(part)
+        return averaged(joined(parts, self._fine, linear, whole), self._camera, self._side, out)

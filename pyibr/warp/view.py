@@ -1,0 +1,277 @@
+"""Depth images as things that `render` draws, by the warp of Schaufler & Priglinger (1999)."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, cast
+
+import numpy as np
+
+from pyibr.core.checks import Fixed, Float64, cut_ratio_from, describe, number_from, one_of, true_or_false
+from pyibr.core.errors import ArgumentError
+from pyibr.core.optional import opencv
+from pyibr.core.pixelspace import PixelMap, camera_pair, pixel_size
+from pyibr.images.depth_image import DepthImage, Side
+from pyibr.picture.drawable import as_drawable
+from pyibr.picture.normals import APART_MOST, grain_of_noise, showing_normals
+from pyibr.picture.samples import Samples, samples_of
+from pyibr.picture.shadow import Lighting, shadowed
+from pyibr.picture.straighten import straightened
+from pyibr.picture.target import Target
+from pyibr.warp.blending import Blend, blend
+from pyibr.warp.filling import Fill, fill_holes
+from pyibr.warp.launches import Options, classify, draw_thin, look, splat
+
+if TYPE_CHECKING:
+    pass
+
+Method = Literal["epipolar", "search", "forward"]
+Interpolation = Literal["linear", "nearest"]
+Edges = Literal["connect", "cut"]
+
+_SPLAT_MOST = 64.0
+
+
+class WarpOptions(TypedDict, total=False):
+    """The options of a `WarpedView`, as `pyibr.warp` takes them, too."""
+
+    method: Method
+    interpolation: Interpolation
+    edges: Edges
+    cut_ratio: float
+    side: Side
+    fill: Fill | None
+    thin: bool
+    splat: float
+    blend: Blend
+
+
+class WarpedView(Fixed):
+    """One or several depth images, drawn by the warp.
+
+    A depth image means a surface: the grid of its samples, each cell split from its upper right to its lower left
+    corner. Each pixel of the target sees what its ray meets first. `pyibr.warp` draws one of these alone;
+    `pyibr.render` draws it among other things, where a bare `DepthImage` is one with the defaults.
+
+    Parameters
+    ----------
+    views : DepthImage or sequence of DepthImage
+        The sources, perspective or orthographic, with colours of one dtype, or all of depth alone. Their buffers stay
+        on the device, so that drawing the same object again is cheaper.
+    method : {"epipolar", "search", "forward"}
+        "epipolar" sweeps whole epipolar lines, O(n^2) (section 4 of the paper); "search" lets each pixel search its
+        own epipolar segment, O(n^3); "forward" carries each sample over as a point, which leaves gaps where the
+        target sees the surface larger than the source did, and to which `interpolation`, `edges` and `side` do not
+        apply.
+    interpolation : {"linear", "nearest"}
+        Read the surface between the samples, or the sample nearest to where the ray meets the surface; for depth and
+        colour alike.
+    edges : {"cut", "connect"}
+        "cut": the surface is open where neighbours' depths differ too much (see `cut_ratio`), as at the borders of
+        objects in scenes. "connect": neighbouring samples are one surface, however far apart, as in displacement maps.
+    cut_ratio : float
+        Greater than 1: `edges="cut"` opens the surface where neighbours' depths have a greater ratio. Depths of an
+        orthographic view have no origin that a ratio could refer to: it is cut where they differ by more than
+        (`cut_ratio` - 1) times the longer side of what its camera sees.
+    side : {"front", "back", "both"}
+        Which side of the surface is shown: the one that faces the source's camera, the other (a solid displaced from
+        a centre inside it and seen from outside), or either. A ray that meets the other side first sees a hole.
+    fill : {None, "background", "smooth", "inpaint"}
+        What is shown in holes; `valid` stays False there, and depth is filled, too. Among other things, holes are
+        filled when all things have been drawn, so that invented colour hides nothing that was seen. "background":
+        what lies behind, from all around each hole; and where a view has a colour but no depth, that colour (black is
+        none). "smooth": whatever is around, by distance. "inpaint": colours continued by OpenCV (Telea 2004), which is
+        slower.
+    thin : bool
+        Things one sample thin (wires, leaves, bars), of which the surface between samples has nothing or little, are
+        drawn as wide as their samples: each sample that makes a whole cell with its neighbours on no side as a square
+        of its own size, swept to the neighbours that it is connected with. They cast shadows as wide. Not with
+        "forward", whose samples are squares (see `splat`). Sensors' flying pixels become visible, too: see
+        `clean_depth`.
+    splat : float
+        With "forward": side of the square of target pixels that a sample covers, 1 to 64.
+    blend : {"quality", "nearest"}
+        How several views become one picture. "quality": where what they see is no farther apart than their noise
+        explains, all of them count: by resolution (up to the target's), by the angle between their ray and the
+        target's, and less near their holes and depth edges; their exposures are matched first, where they overlap, to
+        the one in the middle. Depths are blended, too. "nearest": each pixel is of the view that shows it nearest.
+
+    Attributes
+    ----------
+    views : tuple of DepthImage
+    method, interpolation, edges, cut_ratio, side, fill, thin, splat, blend
+        As given.
+
+    Raises
+    ------
+    ArgumentError
+        An argument has a wrong type or value.
+    MissingPackageError
+        OpenCV is not installed (`fill="inpaint"`).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pyibr as ibr
+    >>> camera = ibr.Camera([[100, 0, 31.5], [0, 100, 31.5], [0, 0, 1]], (64, 64))
+    >>> view = ibr.DepthImage(np.full((64, 64, 3), 200, np.uint8), np.full((64, 64), 2.0, np.float32), camera)
+    >>> floor = ibr.Mesh([[-9, 0.2, 0], [9, 0.2, 0], [0, 0.2, 9]], [[0, 2, 1]])
+    >>> frame = ibr.render([ibr.WarpedView(view, edges="connect"), floor], camera.moved(0.2, 0, 0))
+    >>> frame.valid.shape
+    (64, 64)
+    """
+
+    def __init__(
+        self,
+        views: DepthImage | Sequence[DepthImage],
+        *,
+        method: Method = "epipolar",
+        interpolation: Interpolation = "linear",
+        edges: Edges = "cut",
+        cut_ratio: float = 1.05,
+        side: Side = "front",
+        fill: Fill | None = None,
+        thin: bool = False,
+        splat: float = 1.0,
+        blend: Blend = "quality",
+    ) -> None:
+        self.views = _checked_views(views)
+        one_of("method", method, Method)
+        self.method: Method = method
+        one_of("interpolation", interpolation, Interpolation)
+        self.interpolation: Interpolation = interpolation
+        one_of("edges", edges, Edges)
+        self.edges: Edges = edges
+        self.cut_ratio = cut_ratio_from(cut_ratio)
+        one_of("side", side, Side)
+        self.side: Side = side
+        if fill is not None:
+            one_of("fill", fill, Fill, " or None")
+        if fill == "inpaint":
+            opencv('fill="inpaint"', "inpaint")  # before anything is drawn
+        self.fill: Fill | None = fill
+        self.thin = true_or_false("thin", thin)
+        if thin and method == "forward":
+            raise ArgumentError("thin", 'False with method="forward", which draws each sample as a square', "True")
+        self.splat = number_from("splat", splat, 1.0, _SPLAT_MOST, f"1 to {_SPLAT_MOST:g} pixels")
+        one_of("blend", blend, Blend)
+        self.blend: Blend = blend
+
+    def __repr__(self) -> str:
+        return f"<WarpedView {len(self.views)} view{'s' * (len(self.views) != 1)}, {self.method}>"
+
+    @property
+    def bounds(self) -> tuple[Float64, Float64]:
+        """(low, high), each (3,), in the world: the box around the valid samples."""
+        boxes = np.array([view.bounds for view in self.sources])
+        return boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
+
+    @property
+    def color_dtype(self) -> np.dtype[Any]:
+        """The dtype of the views' colours."""
+        return self.views[0].color.dtype
+
+    @cached_property
+    def sources(self) -> list[DepthImage]:
+        """The views without their lenses."""
+        cut_ratio = self._options.cut_ratio
+        return [straightened(view, cut_ratio, self.interpolation == "linear") for view in self.views]
+
+    def draw(self, target: Target, lighting: Lighting | None) -> None:
+        """Draw the views; into a light's map their surfaces themselves, from both sides."""
+        if target.from_light:
+            self._draw_surfaces(target, self._options.from_both_sides())
+            return
+        bias, apart = self._bias(target, lighting)
+        with shadowed(target, lighting, bias, apart, draw_normals=self._draw_views):
+            self._draw_views(target)
+        if target.classes is not None:
+            for number, (samples, pixel_map) in enumerate(self._on_device(target)):
+                classify(samples, pixel_map, target, self._options, number == 0)
+
+    def finish(self, target: Target) -> None:
+        """Fill holes, if that is asked for, from the views and what all things have drawn."""
+        if self.fill is not None:
+            fill_holes(target, self._on_device(target), self.fill)
+
+    @cached_property
+    def _options(self) -> Options:
+        """The options in the kernels' terms."""
+        cut_ratio = self.cut_ratio if self.edges == "cut" else None
+        return Options(self.method == "search", self.interpolation == "linear", cut_ratio, self.side)
+
+    def _on_device(self, target: Target) -> list[tuple[Samples, PixelMap]]:
+        """Each view's samples, in what the target shows of them, and its map into the target."""
+        made: list[tuple[Samples, PixelMap]] = []
+        for view in self.sources:
+            samples = samples_of(_shown(view, target))
+            made.append((samples, PixelMap(camera_pair(view.camera, target.camera), samples.low, samples.high)))
+        return made
+
+    def _draw_views(self, target: Target) -> None:
+        if len(self.sources) == 1 or self.blend == "nearest":
+            self._draw_surfaces(target, self._options)
+            return
+        layers = [target.layer() for _ in self.sources]
+        self._draw_surfaces(target, self._options, layers)
+        blend(layers, self.sources, target)
+
+    def _draw_surfaces(self, target: Target, options: Options, layers: Sequence[Target] = ()) -> None:
+        """Draw each view into a layer of its own, or all into the target, where the nearest stays."""
+        for number, (samples, pixel_map) in enumerate(self._on_device(target)):
+            into = layers[number] if layers else target
+            if self.method == "forward" and not target.from_light:
+                splat(samples, pixel_map, into, self.splat)
+                continue
+            look(samples, pixel_map, into, options, number)
+            if self.thin:
+                draw_thin(samples, pixel_map, into, options, number)
+
+    def _bias(self, target: Target, lighting: Lighting | None) -> tuple[float, int]:
+        """Scene units by which samples lie off the surface, and pixels over which its slope shows; for a light."""
+        if lighting is None:
+            return 0.0, 1
+        low, high = self.bounds
+        middle = 0.5 * (low + high)
+        noise, apart = grain_of_noise(self.sources, target.camera, middle)
+        if self.interpolation == "linear":
+            return noise, apart
+        pixel = pixel_size(target.camera, middle)
+        sample = max(pixel_size(view.camera, middle) for view in self.sources)
+        steps = math.ceil(min(4 * max(sample / pixel, 1), APART_MOST)) if pixel > 0 else APART_MOST
+        return sample + noise, max(apart, steps)
+
+
+OPTIONS = [one for one in inspect.signature(WarpedView).parameters.values() if one.kind is one.KEYWORD_ONLY]
+"""The options as parameters, in their order: for what shows or passes on all of them."""
+
+
+@as_drawable.register
+def _(thing: DepthImage) -> WarpedView:
+    return WarpedView(thing)
+
+
+def _shown(view: DepthImage, target: Target) -> DepthImage:
+    """The view in the colours that a target holds."""
+    if target.of_normals:
+        return showing_normals(view)
+    if target.color.shape[2] == 0:
+        return view
+    return view.in_float if target.color.dtype == np.float32 else view.in_color
+
+
+def _checked_views(views: DepthImage | Sequence[DepthImage]) -> tuple[DepthImage, ...]:
+    several = tuple(cast("Sequence[DepthImage]", views if isinstance(views, Sequence) else [views]))
+    if not several:
+        raise ArgumentError("views", "at least one DepthImage", "an empty sequence")
+    for view in several:
+        if not isinstance(view, DepthImage):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise ArgumentError("views", "a DepthImage or a sequence of them", describe(view))
+        if view.has_color != several[0].has_color:
+            raise ArgumentError("views", "views that all have colours, or none", "some of depth alone")
+        if view.color.dtype != several[0].color.dtype:
+            raise ArgumentError("views", "colours of one dtype", f"{several[0].color.dtype} and {view.color.dtype}")
+    return several
