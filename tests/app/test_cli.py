@@ -163,7 +163,8 @@ def test_an_empty_view_is_not_silent(scene: Scene):
 def test_every_choice_reaches_the_warp(scene: Scene, monkeypatch: pytest.MonkeyPatch):
     seen = {}
 
-    def fake(view, camera, **options):
+    def fake(views, camera, **options):
+        (view,) = views
         seen.update(options, far=view.far)
         return ibr.Frame(view.color, view.depth, view.valid, camera)
 

@@ -38,6 +38,10 @@ class Knob:
     value: Value
     choices: tuple[str | None, ...] = ()
 
+    def may_be(self, value: Value) -> bool:
+        """Whether a value is one of the choices, if there are any."""
+        return not self.choices or value in self.choices
+
 
 def knobs_of(things: Sequence[object]) -> dict[str, Knob]:
     """All knobs of some things by their names; where several have one of a name, the first one's value counts."""
@@ -51,13 +55,16 @@ def knobs_of(things: Sequence[object]) -> dict[str, Knob]:
 def turned(thing: _Thing, values: Mapping[str, Value]) -> _Thing:
     """The thing with those of the values that its class knows; itself if they are what it has.
 
+    A word that is another class's choice alone is none of them.
+
     Raises
     ------
     ArgumentError
         By the thing's class, if a value is out of its range.
     """
     own = {knob.name: knob for knob in _knobs_of_one(thing)}
-    changes = {name: value for name, value in values.items() if name in own and own[name].value != value}
+    known = {name: value for name, value in values.items() if name in own and own[name].may_be(value)}
+    changes = {name: value for name, value in known.items() if own[name].value != value}
     if not changes:
         return thing
     return type(thing)(**(_arguments(thing) or {}) | changes)

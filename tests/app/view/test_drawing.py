@@ -56,7 +56,13 @@ def test_each_way_is_the_call_that_its_name_says():
         ("depth object", ibr.DepthObject),
         ("visual hull", ibr.VisualHull),
     ):
-        np.testing.assert_array_equal(ways[name].draw(CAMERA, style).color, ibr.render(made(views()), CAMERA).color)
+        plain = Style(name)
+        np.testing.assert_array_equal(ways[name].draw(CAMERA, plain).color, ibr.render(made(views()), CAMERA).color)
+
+
+def test_a_word_of_another_ways_choices_is_left_aside():
+    frame = ways_of(views())["warp"].draw(CAMERA, Style("warp", knobs=(("blend", "position"),)))
+    np.testing.assert_array_equal(frame.color, ibr.warp(views(), CAMERA).color)
 
 
 def test_a_light_shines_in_every_way():
