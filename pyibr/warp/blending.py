@@ -67,9 +67,8 @@ def blend(layers: Sequence[Target], views: Sequence[DepthImage], target: Target)
             blue=gains[2],
             **origins,
         )
-    launch(
-        kernel("warp/blend.cl", "write_blend", **defines), grid, sums=sums, merge=not target.blank, **size, **target.outputs()
-    )
+    into: dict[str, Any] = {"merge": not target.blank, **size, **target.outputs()}
+    launch(kernel("warp/blend.cl", "write_blend", **defines), grid, sums=sums, **into)
     target.blank = False
 
 
