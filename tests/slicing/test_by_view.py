@@ -153,14 +153,14 @@ def test_objects_show_no_slice_at_any_size(kind, slicing, projection):
     views = views_of_torus("orthographic")
     for size in ((24, 18), (110, 90), (500, 400)):
         cam = looking(torus(), FRONT, size, projection)
-        many = ibr.render(kind(views, 2048, slicing, halvings=8), cam)
-        frame = ibr.render(kind(views, "view", slicing), cam)
+        many = ibr.render(kind(views, slices=2048, slicing=slicing, halvings=8), cam)
+        frame = ibr.render(kind(views, slices="view", slicing=slicing), cam)
         both = frame.valid & many.valid
         off = np.abs(frame.depth - many.depth)[both] / pixel_size(cam, kind(views).box.center)
         assert np.quantile(off, 0.95) < 0.25
         assert off.mean() < 0.5
         # Of a hull's edges, thin as wedges, slices miss some in the smallest picture, and which ones is chance.
-        few = [ibr.render(kind(views, n, slicing), cam).valid for n in (24, 32, 40)]
+        few = [ibr.render(kind(views, slices=n, slicing=slicing), cam).valid for n in (24, 32, 40)]
         missed = (frame.valid != many.valid).sum()
         assert missed <= max(max((one != many.valid).sum() for one in few) + 1, 0.02 * many.valid.sum())
 
@@ -195,13 +195,13 @@ def test_from_within_and_from_afar(slicing):
 @pytest.mark.parametrize("kind", [ibr.DepthObject, ibr.VisualHull])
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 def test_objects_from_within_and_from_afar(kind, slicing):
-    thing = kind(views_of_torus("orthographic"), "view", slicing)
+    thing = kind(views_of_torus("orthographic"), slices="view", slicing=slicing)
     middle = thing.box.center
     for eye in (middle, middle + 1e-6, middle + 0.9):
         frame = ibr.render(thing, Camera.look_at(eye, middle + np.array([0.3, 2, 0.1]), (0, 0, 1), (41, 33), fov_y=80))
         np.testing.assert_array_equal(np.isfinite(frame.depth), frame.valid)
     far = Camera.look_at(middle + np.array([120, 0, 90]), middle, (0, 0, 1), (41, 33), fov_y=5)
-    many = ibr.render(kind(views_of_torus("orthographic"), 512, slicing), far)
+    many = ibr.render(kind(views_of_torus("orthographic"), slices=512, slicing=slicing), far)
     assert 10 < many.valid.sum() < 100
     assert (ibr.render(thing, far).valid != many.valid).sum() <= 0.1 * many.valid.sum()
 

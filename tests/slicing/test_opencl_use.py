@@ -38,10 +38,10 @@ def test_a_surface_in_one_lane(slicing, projection):
 @pytest.mark.parametrize("kind", ["orthographic", "perspective"])
 @pytest.mark.parametrize("make", [ibr.DepthObject, ibr.VisualHull])
 def test_an_object_in_one_lane(make, kind):
-    thing, camera = make(views_of_torus(kind), 64), looking(torus(), (0.5, 0.4, 1), (101, 77))
+    thing, camera = make(views_of_torus(kind), slices=64), looking(torus(), (0.5, 0.4, 1), (101, 77))
     wide = ibr.render(thing, camera)
     with one_lane():
-        one = ibr.render(make(thing.views, 64), camera)
+        one = ibr.render(make(thing.views, slices=64), camera)
     assert silhouette_iou(one.valid, wide.valid) >= 0.999
     both = one.valid & wide.valid
     assert np.isclose(one.depth, wide.depth, rtol=1e-4)[both].mean() >= 0.995
