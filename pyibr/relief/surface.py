@@ -292,8 +292,7 @@ def draw_relief(
         more |= {"normal_width": width, "normal_height": height, **lit.arguments()}
         more |= {"normal_map": buffers.get("normal_map", buffers["vertices"])}
         if lit.maps is not None:
-            defines["SHADOWS"] = int(constant("relief/shadows.h", _SHADOWS[surface.shadow]))
-            defines["FLAT_BASE"] = int(surface.is_flat)
+            more |= {"hidden_by": constant("relief/shadows.h", _SHADOWS[surface.shadow]), "flat_base": surface.is_flat}
     if target.from_light:
         defines["DEPTH_ALONE"] = 1
     if place is not None:
