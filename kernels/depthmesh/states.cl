@@ -1,5 +1,5 @@
-/* What the quadtree's triangles are made of, fine to coarse: whether all, some or none of the cells within each are drawn
- * (Pajarola, Sainz & Meng 2003, section 3.3: segmentation carried up by boolean rules).
+/* What the quadtree's triangles are made of, fine to coarse: whether all, some or none of the cells within each are
+ * drawn (Pajarola, Sainz & Meng 2003, section 3.3: segmentation carried up by boolean rules).
  *
  * A triangle's state is what its two halves' states say together; those are sides of the vertex's children.
  *

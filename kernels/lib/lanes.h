@@ -36,7 +36,7 @@
  * fence only where arithmetic may be reordered. It is no `asm`, which PoCL 6 takes for a call of its own. */
 #if defined(__AVX512F__) && defined(__has_builtin)
 #if __has_builtin(__arithmetic_fence)
-#define ARITHMETIC_FENCE(vector)                                                                                           \
+#define ARITHMETIC_FENCE(vector)                                                                               \
     {                                                                                                          \
         _Pragma("clang fp reassociate(on)") vector = __arithmetic_fence(vector);                               \
     }
@@ -72,8 +72,8 @@ typedef WIDE(long) longl;
 #define store_lanes(v, p) vstore16(v, 0, p)
 #define shifted_lanes(v) (v).s00123456789abcde /* each lane's left neighbour; the first its own */
 #define lane_index ((int16)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15))
-#define gather(p, i)                                                                                          \
-    (p)[(i).s0], (p)[(i).s1], (p)[(i).s2], (p)[(i).s3], (p)[(i).s4], (p)[(i).s5], (p)[(i).s6], (p)[(i).s7],   \
+#define gather(p, i)                                                                                           \
+    (p)[(i).s0], (p)[(i).s1], (p)[(i).s2], (p)[(i).s3], (p)[(i).s4], (p)[(i).s5], (p)[(i).s6], (p)[(i).s7],    \
         (p)[(i).s8], (p)[(i).s9], (p)[(i).sa], (p)[(i).sb], (p)[(i).sc], (p)[(i).sd], (p)[(i).se], (p)[(i).sf]
 /* any() compiles to a branch a lane. */
 #ifdef __has_builtin
@@ -246,7 +246,8 @@ floatl floor_lanes(floatl x)
 #define min_lanes(a, b) pick((a) < (b), a, b)
 #define max_lanes(a, b) pick((a) > (b), a, b)
 
-/* At least 0 and at most `most`, a NaN 0: what may become an index. Beyond an int's range conversions yield anything. */
+/* At least 0 and at most `most`, a NaN 0: what may become an index. Beyond an int's range conversions yield
+ * anything. */
 #define clamp_lanes(x, low, high) min_lanes(max_lanes(x, low), high)
 
 /* isfinite() compiles to a call a lane. */

@@ -3,12 +3,12 @@
 /* Things one sample thin, as ribbons: wires, leaves, bars, as wide as the samples that saw them.
  *
  * The surface of lib/surface.h ends at its last samples: what is one sample wide has no triangles, or single ones. A
- * sample is thin if no cell around it is whole. It is a square of one sample's side that is swept, straight, to
- * each neighbour that it is not torn from (a ribbon), or that stays where it is if there is none (a dot); to a neighbour
- * that is not thin, up to the middle of that one. A ribbon is a plane: its nearness changes along it alone. Wires that run
- * aslant are seen as runs along rows (or columns) with steps of one sample between them; the middles of the squares lie
- * half a sample towards the next run where a run ends, and less the nearer to its middle: on the straight line, if the
- * wire is one. A middle reads up to 4 RUN_MAX samples.
+ * sample is thin if no cell around it is whole. It is a square of one sample's side that is swept, straight, to each
+ * neighbour that it is not torn from (a ribbon), or that stays where it is if there is none (a dot); to a neighbour
+ * that is not thin, up to the middle of that one. A ribbon is a plane: its nearness changes along it alone. Wires that
+ * run aslant are seen as runs along rows (or columns) with steps of one sample between them; the middles of the squares
+ * lie half a sample towards the next run where a run ends, and less the nearer to its middle: on the straight line, if
+ * the wire is one. A middle reads up to 4 RUN_MAX samples.
  */
 #include "lib/surface.h"
 
@@ -52,7 +52,8 @@ int is_thin(Grid grid, int x, int y)
     return 1;
 }
 
-/* The end of the run through (x, y) along (dx, dy): x: how far it is; y: 1 or -1, if the run goes on one sample aside. */
+/* The end of the run through (x, y) along (dx, dy): x: how far it is; y: 1 or -1, if the run goes on one sample
+ * aside. */
 float2 run_end(Grid grid, int x, int y, int dx, int dy)
 {
     const int aside_x = abs(dy), aside_y = abs(dx);

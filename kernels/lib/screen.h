@@ -23,7 +23,8 @@ float drawn_nearness(Screen screen, float depth)
     return isnan(depth) ? EMPTY : DEPTH_OF(screen.perspective, depth);
 }
 
-/* The depth of what is drawn: an orthographic camera may stand in it, at depth 0, which would say that nothing is there */
+/* The depth of what is drawn: an orthographic camera may stand in it, at depth 0, which would say that nothing is
+ * there */
 #define DRAWN_DEPTH(screen, nearness)                                                                          \
     fmin(fmax(DEPTH_OF((screen).perspective, nearness), NEAREST_DEPTH), FARTHEST_DEPTH)
 

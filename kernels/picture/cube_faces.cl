@@ -6,8 +6,8 @@
  * places: (3, height, pitch) u and v in the straight picture, NaN for pixels that are none of its own, and depth in the
  * lens's frame over depth in the picture's. face_depth, face_color, face_valid: (face_height, face_width), depth NaN
  * where there is nothing. depth, color, valid: (height, width); what is no pixel of this picture stays, or is emptied.
- * ORIGINS: where pixels come from, (..., 3), and what they are, are carried over, too; pixels without a ray are `unseen`.
- * Work-item: STRIP * LANES pixels of a row. Cost: O(pixels). Determinism: every pixel on its own.
+ * ORIGINS: where pixels come from, (..., 3), and what they are, are carried over, too; pixels without a ray are
+ * `unseen`. Work-item: STRIP * LANES pixels of a row. Cost: O(pixels). Determinism: every pixel on its own.
  */
 #include "lib/color.h"
 #include "lib/surface.h"

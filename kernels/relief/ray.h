@@ -1,15 +1,15 @@
 #ifndef RELIEF_RAY_H
 #define RELIEF_RAY_H
-/* A ray in a relief: how deep below the mesh it is, and where it leaves (Oliveira & Policarpo 2005, sections 3.2 and 3.3).
+/* A ray in a relief: how deep below the mesh it is, and where it leaves (Oliveira & Policarpo 2005, sections 3.2 and
+ * 3.3).
  *
- * A ray enters at t = 0, at depth 0, and runs straight: u + du t, v + dv t. DISTANCE is how its depth is measured, 1 at the
- * bottom:
- * APPROXIMATE: L t + K t^2, how far its point P lies below the quadric, along z (equation 7).
- * EXACT: how far P lies below circles of the quadric's principal curvatures, the one that bends outwards least first: the
- * true distance to planes, tubes and spheres, to tori at their equators, and never more than equation 7.
- * PERPENDICULAR: the paper's equation 6, from P to R, on the quadric, at right angles to the ray in the plane of ray and
- * normal; where it has no solution, equation 7. On a plane it is longer than the depth by 1 / sine of the ray and normal.
- * With WITHIN a ray may also start below the mesh, and rise: depth + L t + K t^2, by equation 7 alone.
+ * A ray enters at t = 0, at depth 0, and runs straight: u + du t, v + dv t. DISTANCE is how its depth is measured, 1 at
+ * the bottom: APPROXIMATE: L t + K t^2, how far its point P lies below the quadric, along z (equation 7). EXACT: how
+ * far P lies below circles of the quadric's principal curvatures, the one that bends outwards least first: the true
+ * distance to planes, tubes and spheres, to tori at their equators, and never more than equation 7. PERPENDICULAR: the
+ * paper's equation 6, from P to R, on the quadric, at right angles to the ray in the plane of ray and normal; where it
+ * has no solution, equation 7. On a plane it is longer than the depth by 1 / sine of the ray and normal. With WITHIN a
+ * ray may also start below the mesh, and rise: depth + L t + K t^2, by equation 7 alone.
  */
 #include "lib/lanes.h"
 

@@ -29,7 +29,8 @@ INLINED Vector normal_at(const Entry *e, Vector d, floatl t, int quadric)
     return normalized(normal);
 }
 
-/* A normal tilted by how much the height rises over a texel, along u and along v, in HEIGHT_UNITs; not of unit length */
+/* A normal tilted by how much the height rises over a texel, along u and along v, in HEIGHT_UNITs; not of unit
+ * length */
 INLINED Vector relief_normal_by_rises(Vector normal, const Entry *e, HeightMap map, floatl across, floatl down, float scale)
 {
     const float rise = scale * HEIGHT_UNIT;

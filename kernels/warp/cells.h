@@ -77,8 +77,8 @@ INLINED Traversal traversal_of(Lines lines, Grid grid)
     return traversal;
 }
 
-/* Corners of cells (`gather_cells`) are folded onto a row or a column: of its samples alone. lower: the row is the cells'
- * second, as only the last one of an image is. */
+/* Corners of cells (`gather_cells`) are folded onto a row or a column: of its samples alone. lower: the row is the
+ * cells' second, as only the last one of an image is. */
 INLINED void collapse_cells(floatl *corners, intl on_row, intl lower, intl on_column)
 {
     corners[0] = pick(on_row & lower, corners[2], corners[0]);

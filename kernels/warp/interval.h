@@ -57,8 +57,8 @@ INLINED Projection pick_projection(intl mask, Projection yes, Projection no)
     return place;
 }
 
-/* Of a segment, what lies before an orthographic target's image plane; open: all of it is behind. Returns whether it begins
- * behind. Behind a perspective target's centre, W tells. */
+/* Of a segment, what lies before an orthographic target's image plane; open: all of it is behind. Returns whether it
+ * begins behind. Behind a perspective target's centre, W tells. */
 INLINED intl clip_at_plane(Projection *a, Projection *b, intl *open)
 {
     const intl a_behind = a->q >= 0.0f, b_behind = b->q >= 0.0f;

@@ -3,15 +3,14 @@
  * A sample is hidden if what shows at its pixel is nearer, and another surface. Whether it is one, the way from the one
  * to the other in the depth image tells: along it, the ray that both lie on passes an opening of the surface, or runs
  * behind the surface by more than noise explains. A ray that grazes a noisy or slanted surface does neither. A sample
- * where nothing shows is hidden if its surface turns its back there. Colour is what lies between the four pixels around,
- * without those that show another surface.
- * The target is a pinhole's image whose pixels a lens may move (lib/lens.h): `map` leads to the pinhole's.
- * places: (2, height, pitch) where the samples lie in the source that `nearness` is of, NaN: nowhere, if HAS_PLACES. depth:
- * (height, width) of the samples, planar z; not finite, <= NEAREST or >= far is none. nearness: (src_height, src_pitch).
- * shown, color: (dst_height, dst_width) depth that the target shows, NaN: none, and its picture. sample_color, seen:
- * (height, width); colour is black where a sample is not seen.
- * Work-item: LANES samples of a row. Cost: O(samples), and a walk of at most WALK_STEPS samples for those with something nearer
- * in front. Determinism: every sample on its own.
+ * where nothing shows is hidden if its surface turns its back there. Colour is what lies between the four pixels
+ * around, without those that show another surface. The target is a pinhole's image whose pixels a lens may move
+ * (lib/lens.h): `map` leads to the pinhole's. places: (2, height, pitch) where the samples lie in the source that
+ * `nearness` is of, NaN: nowhere, if HAS_PLACES. depth: (height, width) of the samples, planar z; not finite, <=
+ * NEAREST or >= far is none. nearness: (src_height, src_pitch). shown, color: (dst_height, dst_width) depth that the
+ * target shows, NaN: none, and its picture. sample_color, seen: (height, width); colour is black where a sample is not
+ * seen. Work-item: LANES samples of a row. Cost: O(samples), and a walk of at most WALK_STEPS samples for those with
+ * something nearer in front. Determinism: every sample on its own.
  */
 #include "lib/color.h"
 #include "lib/lens.h"
@@ -29,7 +28,7 @@
 #define SLOPE_DEVIATIONS 3.0f      /* standard deviations of the noise by which these may differ more than they do */
 
 /* Are the depths a <= b torn apart? As IS_OPEN, without divisions; NaN is not. */
-#define ARE_TORN(perspective, cut, a, b)                                                                        \
+#define ARE_TORN(perspective, cut, a, b)                                                                       \
     ((cut).near_scale * (b) - (cut).far_scale * (a) > (cut).least * ((perspective) ? (a) * (b) : (floatl)1.0f))
 
 /* Of the source's nearness q: a + b q + c q^2 */
@@ -81,8 +80,8 @@ INLINED intl is_occluded(global const float *nearness, PixelMap map, Cut cut, No
 }
 
 /* The determinant of a point and two columns of the map m */
-#define ORIENTATION(m, p, i, j)                                                                                  \
-    ((p)[0] * ((m)[4 + (i)] * (m)[8 + (j)] - (m)[8 + (i)] * (m)[4 + (j)]) -                                      \
+#define ORIENTATION(m, p, i, j)                                                                                \
+    ((p)[0] * ((m)[4 + (i)] * (m)[8 + (j)] - (m)[8 + (i)] * (m)[4 + (j)]) -                                    \
      (p)[1] * ((m)[i] * (m)[8 + (j)] - (m)[8 + (i)] * (m)[j]) + (p)[2] * ((m)[i] * (m)[4 + (j)] - (m)[4 + (i)] * (m)[j]))
 
 /* Does the surface around the sample turn its back on the target, more than noise explains? */
