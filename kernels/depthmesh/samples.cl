@@ -1,4 +1,4 @@
-/* What a depth image's samples say of its surface: which triangles of the full grid are drawn, and the normals.
+/* Segmentation of a depth image: which triangles of the full grid are drawn; and the samples' normals.
  *
  * `segment` finds the triangles that bridge two surfaces (rubber sheets). TEST_ORTHOGONALITY is the paper's: seen
  * edge-on (equation 3) and long in depth (equation 4); for orthographic views, whose z has no fixed origin, the depth
@@ -30,7 +30,7 @@ typedef struct {
     float noise[3];    /* by a z z + b z + c the depths of one surface may differ at depth z */
 } Segmentation;
 
-/* How far apart depths z of one surface may be by their noise, and nearness there */
+/* By how much depths z of one surface may differ by their noise; and nearness */
 #define NOISE_AT(rule, z) (((rule)->noise[0] * (z) + (rule)->noise[1]) * (z) + (rule)->noise[2])
 INLINED floatl noise_of_nearness(const Layout *layout, const Segmentation *rule, floatl n)
 {
@@ -164,7 +164,7 @@ kernel void find_normals(global const float *nearness, global const uchar *cells
         add_step(p, to_right, (after & DRAWN) != 0, &across);
         add_step(to_up, p, (above & DRAWN) != 0, &along);
         add_step(p, to_down, (beneath & DRAWN) != 0, &along);
-        /* Where no triangle tells how the surface runs, it is taken to face the camera. */
+        /* Where there is no triangle, the surface is taken to face the camera. */
         across.x = pick(((before | after) & DRAWN) != 0, across.x, (floatl)1.0f);
         along.y = pick(((above | beneath) & DRAWN) != 0, along.y, (floatl)1.0f);
         const Vector normal = cross_product(along, across); /* towards the camera */

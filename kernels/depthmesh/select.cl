@@ -4,11 +4,11 @@
  * from the nearest point of their bounding sphere, which is within the target's view. Errors and spheres hold those of
  * all children, so every vertex can decide on its own, and no cracks arise. A triangle is part of the triangulation if
  * its vertex at the right angle is active and the one that would split it is not; it is drawn if all of it is.
- * `find_triangles` finds them, `list_points` and `list_triangles` write them down.
+ * `find_triangles` finds them, `list_points` and `list_triangles` list them.
  *
  * Deviations from the paper: the distance is that of the sphere, not of the vertex, as the above demands. A viewer that
- * will move may ask for more than it needs, a finer tolerance and a wider view: `motion_limits` tell how far it may
- * move before it needs a vertex that it did not get.
+ * will move may select more than it needs, by a finer tolerance and a wider view: `motion_limits` bound how far it may
+ * move before it needs a vertex that was not selected.
  *
  * Of each vertex, (side + 1, row): active, tree.h; drawn: bit k where the k-th triangle with its right angle there is
  * drawn; numbers of those that are listed. counts, firsts: (side + 1, 2) how many points and triangles each row has,

@@ -46,7 +46,7 @@ int must_split(const Layout *layout, const Work *work, int x, int y, int s, int 
     const int2 to_a = centers ? (int2)(rises ? -s : s, -s) : across ? (int2)(0, -s) : (int2)(-s, 0);
     const int2 start = p - along, end = p + along, q = b ? p - to_a : p + to_a; /* q: the right angle */
     const float n_start = NEARNESS_AT(start), n_end = NEARNESS_AT(end), n_q = NEARNESS_AT(q);
-    /* The vertex itself and the middles of the two legs tell most. */
+    /* The vertex itself and the middles of the two legs are off most often. */
     if (IS_OFF(0.5f * (n_start + n_end), NEARNESS_AT(p)))
         return 1;
     if (s == 1 && !centers)
@@ -99,7 +99,7 @@ void add_chunk(Work *work)
     work->height = 2;
 }
 
-/* Takes a vertex in, unless it is one of the tree's corners, beyond, or another work-item's. */
+/* Activates a vertex, unless it is one of the tree's corners, beyond, or another work-item's. */
 void activate_vertex(const Layout *layout, Work *work, int x, int y)
 {
     const int side = layout->side, at = y * layout->row + x, shift = BYTE_IN_WORD(at);

@@ -31,8 +31,8 @@ typedef struct {
 #endif
 } HeightMap;
 
-/* FLOOR: the greatest whole number <= x, also as an int. WRAPPED: that int, moved into the tile, or to the map's
- * border, whatever x is. */
+/* FLOOR: the greatest whole number <= x, also as an int. WRAPPED: that int, repeated or clamped onto the map,
+ * whatever x is. */
 #if POWERS_OF_TWO
 /* Added, it leaves no bits for fractions, and the last bits are those of the whole number: |x| < 2^22. A whole x may
  * yield x - 1, and a fraction of 1. */

@@ -1,4 +1,4 @@
-/* Normals from a depth image: of each sample, that of the plane that fits best to those around it.
+/* Normals from a depth image: of each sample, that of the least-squares plane through those around it.
  *
  * On a plane nearness is affine, so the fit is linear: least squares over the samples up to `radius` away along x and y
  * that are one surface with the middle one (lib/surface.h). Beside edges they all lie on one side. A sample alone faces

@@ -1,7 +1,6 @@
 #ifndef RELIEF_RAY_H
 #define RELIEF_RAY_H
-/* A ray in a relief: how deep below the mesh it is, and where it leaves (Oliveira & Policarpo 2005, sections 3.2 and
- * 3.3).
+/* A ray in a relief: its depth below the mesh, and where it leaves (Oliveira & Policarpo 2005, sections 3.2 and 3.3).
  *
  * A ray enters at t = 0, at depth 0, and runs straight: u + du t, v + dv t. DISTANCE is how its depth is measured, 1 at
  * the bottom: APPROXIMATE: L t + K t^2, how far its point P lies below the quadric, along z (equation 7). EXACT: how
@@ -27,7 +26,7 @@
 #define BOTTOM_NEAR 1e-5f  /* of the depth: how near the bottom is sought */
 #define BOTTOM_SLACK 1e-3f /* of the depth: what a ray that grazes the bottom may lack */
 
-/* What a quadric's principal curvatures are, and how a ray runs along them */
+/* A quadric's principal curvatures, and a ray's direction along them */
 typedef struct {
     floatl k1, k2; /* curvatures, > 0 outwards; k1 <= k2 */
     floatl w1, w2; /* squares of the direction's parts along them */
@@ -113,7 +112,7 @@ INLINED void use_quadric_depth(ReliefRay *ray, intl which)
 #endif
 }
 
-/* Lanes that do not search get a ray that harms nobody. */
+/* Inactive lanes get a ray that is finite. */
 void mask_inactive(ReliefRay *ray, intl active)
 {
     ray->u = pick(active, ray->u, (floatl)0.0f);

@@ -1,11 +1,11 @@
 #ifndef RELIEF_SHADING_POINT_H
 #define RELIEF_SHADING_POINT_H
-/* What a pixel sees of a relief: its place on the maps, its normal, and how much of the maps the pixel covers. */
+/* The shading point of a pixel on a relief: its place on the maps, its normal, and the pixel's footprint. */
 #include "lib/footprint.h"
 #include "lib/light.h"
 #include "relief/entry.h"
 
-/* What a point is seen by: its place on the maps, and the ray that has found it, t after its entry */
+/* A point on the relief: its place on the maps, and the ray that met it, t after its entry */
 typedef struct {
     ReliefRay place; /* u, v, level */
     Track track;

@@ -1,13 +1,13 @@
 #ifndef RELIEF_SHADOWS_H
 #define RELIEF_SHADOWS_H
-/* Is a point of a relief in sight of the light? What the relief around the point hides is found by a second search,
- * from the point towards the light (Oliveira & Policarpo 2005, figure 4); what lies beyond it is in the light's maps. */
+/* Shadows on a relief. What the relief around a point hides from the light is found by a second search, from the
+ * point towards the light (Oliveira & Policarpo 2005, figure 4); what lies beyond it is in the light's maps. */
 #include "relief/shading_point.h"
 
 #define MAPPED 0
 #define SEARCHED 1
 #ifndef SHADOWS
-#define SHADOWS MAPPED /* what hides the light: what its map says, or SEARCHED: what a second search finds, and the map beyond */
+#define SHADOWS MAPPED /* MAPPED: shadows by the light's map alone; SEARCHED: by a second search, and the map beyond */
 #endif
 #ifndef FLAT_BASE
 #define FLAT_BASE 0 /* 1: all rays find the relief in one place: the base bends nowhere, and no hard edge of it juts out */

@@ -16,10 +16,11 @@
  * height. points: (vertices, 3) world. frames: (triangles, 3, 3) the slicing directions a (normal), b, c: unit length.
  * heights: (map_height, map_width), lib/heights.h. colors: lib/texture.h, read by lib/footprint.h, as normal_map.
  * gradients: (triangles, 2, 3) of u and v in the world, times tiles. normals: (vertices of the base, 3). spacing: of
- * the slices, in the world. slices: of direction a, over the displacement; by_view: as in the volume's middle. counts:
- * (height, width) alpha tests, with COUNTERS. Work-item: a region (raster/region.h): with LANES 16 a bin, in blocks of
- * 4 x 4 pixels, one to a lane; with LANES 1 a pixel, which sets up all tetrahedra of its bin's list by itself and walks
- * the slices of those that it meets. Cost: O(list + pixels * slices met), with LANES 1 O(pixels * list + ...).
+ * the slices, in the world. slices: of direction a, over the displacement; by_view: as in the volume's middle.
+ * counters: (height, width) alpha tests, with COUNTERS. Work-item: a region (raster/region.h): with LANES 16 a bin, in
+ * blocks of 4 x 4 pixels, one to a lane; with LANES 1 a pixel, which sets up all tetrahedra of its bin's list by itself
+ * and walks the slices of those that it meets. Cost: O(list + pixels * slices met), with LANES 1 O(pixels * list +
+ * ...).
  * Determinism: list order.
  */
 #define KEEPS_UV 1
@@ -30,7 +31,7 @@
 #include "slicing/tetrahedra.h"
 
 #ifndef UNCLIPPED
-#define UNCLIPPED 0 /* 1: slices are tested beside the tetrahedra, too, as the file's head says */
+#define UNCLIPPED 0 /* 1: slices are tested beside the tetrahedra, too, as described at the top */
 #endif
 
 #define SLICE_NUMBER_MAX 8388608.0f /* slices: beyond, the next one would be the same float */
@@ -168,8 +169,8 @@ INLINED UvSteps slice_uv_steps(const Context *context, Vector ahead, floatl n, f
 {
     const Vector across = normalized(cross_product(along_u, along_v));
     const Vector base = scaled(across, pick(DOT(across, ahead) > 0.0f, (floatl)-1.0f, (floatl)1.0f));
-    /* Heights are linear along either from a texel's centre to the next: slopes there, and not the lights', which are
-     * means of two, say what the surface shows of its map. */
+    /* Heights are linear along either from a texel's centre to the next: slopes there, and not the lights', which
+     * are means of two, decide what the surface shows of its map. */
     const float width = context->map_width, height = context->map_height;
     const floatl left = (floor_lanes(u * width - 0.5f) + 0.5f) / width, upper = (floor_lanes(v * height - 0.5f) + 0.5f) / height;
     const floatl by_u = (HEIGHT(left + 1.0f / width, v) - HEIGHT(left, v)) * width;

@@ -120,7 +120,7 @@ void space_slices(const Context *context, Tetrahedron *t, float facing)
 }
 
 /* How far heights err by rounding: a ray's is the difference of two that are as large as its way is long in
- * displacements, at a pixel that is told as closely as its place in the picture can be. */
+ * displacements, at a pixel whose place in the picture is rounded, too. */
 float rounding_of(const Context *context, const Tetrahedron *t)
 {
     const float x = fabs(t->h.x) * (context->x + REGION), y = fabs(t->h.y) * (context->y + REGION);

@@ -1,4 +1,4 @@
-/* Surfaces as large as the pixels that measured them: their rims are drawn.
+/* Surfaces as large as the pixels that measured them: the squares of their border samples are drawn.
  *
  * The surface of lib/surface.h ends at the last samples, half a pixel before what they measured does: things one sample
  * thin are not there at all, and what is behind them shows. `rims` carries the pixels of all samples next to an
