@@ -166,10 +166,11 @@ def _strips(values: Float64, count: int) -> tuple[Float64, Int64]:
 def _ranges(first: Int64, end: Int64) -> Iterator[tuple[Int64, Int64]]:
     """Numbers from `first` to `end`, exclusive, and whose they are: some at once."""
     counts = np.maximum(end - first, 0)
-    total = np.concatenate([[0], np.cumsum(counts)])
+    total: Int64 = np.concatenate([[0], np.cumsum(counts)])
     begin = 0
     while begin < len(counts):
-        stop = max(int(total.searchsorted(total[begin] + _AT_ONCE, side="right")) - 1, begin + 1)
+        enough = cast("int", np.searchsorted(total, total[begin] + _AT_ONCE, side="right"))
+        stop = max(enough - 1, begin + 1)
         owner = np.repeat(np.arange(begin, stop), counts[begin:stop])
         yield owner, first[owner] + np.arange(total[begin], total[stop]) - total[owner]
         begin = stop
@@ -180,14 +181,14 @@ def _across(corners: Float64, low: Float64, high: Float64) -> tuple[Float64, Flo
     left, right = np.full(len(corners), np.inf), np.full(len(corners), -np.inf)
     for k in range(3):
         (x, y), (to_x, to_y) = corners[:, k].T, corners[:, (k + 1) % 3].T
-        down = np.where(to_y == y, 1e-300, to_y - y)
+        down = np.where(to_y == y, 1e-30, to_y - y)
         with np.errstate(over="ignore"):
             one, other = (low - y) / down, (high - y) / down
         enters, leaves = np.maximum(np.minimum(one, other), 0), np.minimum(np.maximum(one, other), 1)
+        within = enters <= leaves
         for part in (enters, leaves):
-            at = x + part * (to_x - x)
-            left = np.where(enters <= leaves, np.minimum(left, at), left)
-            right = np.where(enters <= leaves, np.maximum(right, at), right)
+            at = np.where(within, x + np.clip(part, 0, 1) * (to_x - x), np.nan)
+            left, right = np.fmin(left, at), np.fmax(right, at)
     return left, right
 
 

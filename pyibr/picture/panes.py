@@ -48,7 +48,13 @@ def joined(targets: Sequence[Target], camera: Camera, linear: bool = True, out: 
             origins = {"face_origin": target.origin, "face_classes": target.classes}
             origins |= {"origin": whole.origin, "classes": whole.classes, "unseen": int(PixelClass.OUTSIDE)}
         launch(
-            kernel("picture/cube_faces.cl", "join_faces", ORIGINS=int(bool(origins)), STRIP=profile.strip, **target.color_defines),
+            kernel(
+                "picture/cube_faces.cl",
+                "join_faces",
+                ORIGINS=int(bool(origins)),
+                STRIP=profile.strip,
+                **target.color_defines,
+            ),
             profile.packets(*camera.size, profile.strip),
             places=places_on_device(pane),
             face_depth=target.depth,

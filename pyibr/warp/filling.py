@@ -71,7 +71,10 @@ def tell_behind(target: Target, epipole: NDArray[np.float64]) -> DeviceArray:
 
 def push_and_pull(target: Target, behind: DeviceArray | None) -> None:
     """Storeys of cells up to a single one, and down again into the holes; None: all pixels beside them count alike."""
-    tile, planes, inner = _of_holes("TILE"), *(int(constant("warp/fill.cl", name)) for name in ("PLANES", "INNER_CELLS"))
+    tile, planes, inner = (
+        _of_holes("TILE"),
+        *(int(constant("warp/fill.cl", name)) for name in ("PLANES", "INNER_CELLS")),
+    )
     storeys: list[dict[str, Any]] = []
     width, height = target.camera.size
     while width > 1 or height > 1 or not storeys:
