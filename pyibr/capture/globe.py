@@ -21,7 +21,7 @@ Uint8 = NDArray[np.uint8]
 
 
 def globe(
-    size: int, elevation: Float32 | None = None, color: Uint8 | None = None, relief: float = 0.08
+    size: int, elevation: Float32 | None = None, color: Uint8 | None = None, *, relief: float = 0.08
 ) -> list[DepthImage]:
     """Make a globe of radius 1 about the origin, displaced outwards from its centre, as six depth images.
 

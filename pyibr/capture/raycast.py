@@ -75,6 +75,7 @@ class MeshScene:
         self,
         vertices: ArrayLike,
         faces: ArrayLike,
+        *,
         colors: ArrayLike | None = None,
         uv: ArrayLike | None = None,
         texture: NDArray[np.uint8] | None = None,
@@ -92,21 +93,29 @@ class MeshScene:
         self._own_normals = None if normals is None else numbers("normals", normals, (len(self.vertices), 3))
 
     @classmethod
-    def from_open3d(cls, mesh: Any, base_color: tuple[float, float, float] = (235, 190, 130)) -> MeshScene:
+    def from_open3d(cls, mesh: Any, *, base_color: tuple[float, float, float] = (235, 190, 130)) -> MeshScene:
         """Take over an `open3d.geometry.TriangleMesh` or `open3d.t.geometry.TriangleMesh`.
 
         Of several textures only the first is used.
         """
-        return cls.from_mesh(Mesh.from_open3d(mesh), base_color)
+        return cls.from_mesh(Mesh.from_open3d(mesh), base_color=base_color)
 
     @classmethod
-    def from_mesh(cls, mesh: Mesh, base_color: tuple[float, float, float] = (235, 190, 130)) -> MeshScene:
+    def from_mesh(cls, mesh: Mesh, *, base_color: tuple[float, float, float] = (235, 190, 130)) -> MeshScene:
         """Take over a `pyibr.Mesh`, with its texture or its colours."""
         texture = mesh.texture
         if texture is not None and texture.dtype != np.uint8:
             texture = np.rint(texture * np.float32(255)).astype(np.uint8)
         uv = mesh.uv if texture is not None else None
-        return cls(mesh.vertices, mesh.faces, mesh.colors, uv, texture, base_color, mesh.normals)
+        return cls(
+            mesh.vertices,
+            mesh.faces,
+            colors=mesh.colors,
+            uv=uv,
+            texture=texture,
+            base_color=base_color,
+            normals=mesh.normals,
+        )
 
     @cached_property
     def _smooth(self) -> Float64:
@@ -115,6 +124,7 @@ class MeshScene:
     def capture(
         self,
         camera: Camera,
+        *,
         layer: Layer = "first",
         background: tuple[int, int, int] = (0, 0, 0),
         normals: bool = False,
@@ -200,6 +210,7 @@ class MeshScene:
 def capture(
     mesh: Any,
     camera: Camera,
+    *,
     layer: Layer = "first",
     background: tuple[int, int, int] = (0, 0, 0),
     normals: bool = False,
@@ -217,7 +228,7 @@ def capture(
     >>> bool(view.valid[20, 32]), bool(view.valid[20, 20])  # the ring, and the hole in it
     (True, False)
     """
-    return _as_scene(mesh).capture(camera, layer, background, normals)
+    return _as_scene(mesh).capture(camera, layer=layer, background=background, normals=normals)
 
 
 def _as_scene(mesh: Any) -> MeshScene:
@@ -275,7 +286,7 @@ def spread_directions(count: int) -> Float64:
 
 
 def object_views(
-    mesh: Any, size: int, projection: Projection = "orthographic", margin: float = 0.02, normals: bool = False
+    mesh: Any, size: int, *, projection: Projection = "orthographic", margin: float = 0.02, normals: bool = False
 ) -> list[DepthImage]:
     """Six depth images of an object from all round, as if on the faces of a cube that looks inwards.
 
@@ -328,7 +339,7 @@ def object_views(
         pose = np.eye(4)
         pose[:3, :3] = np.column_stack([np.cross(down, forward), down, forward])
         pose[:3, 3] = middle - away * forward
-        camera = Camera(K, (size, size), pose, projection)
+        camera = Camera(K, (size, size), pose, projection=projection)
         try:
             views.append(scene.capture(camera, normals=normals))
         except ArgumentError as error:

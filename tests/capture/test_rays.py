@@ -47,7 +47,7 @@ def differing(view: ibr.DepthImage, expected: np.ndarray) -> tuple[int, int]:
 @pytest.mark.parametrize("name", ["torus", "bun_zipper.ply.gz", "dragon_vrip_res3.ply.gz"])
 def test_object_views_are_those_of_a_ray_caster(name, projection):
     mesh = mesh_of(name)
-    counts = [differing(view, cast(mesh, view.camera)) for view in object_views(mesh, 199, projection)]
+    counts = [differing(view, cast(mesh, view.camera)) for view in object_views(mesh, 199, projection=projection)]
     off, covered = np.sum(counts, axis=0)
     assert covered > 30_000
     assert off <= 15e-5 * covered
@@ -102,5 +102,5 @@ def test_of_equally_far_triangles_the_first_is_seen():
     colors = np.repeat(np.array([[200, 0, 0], [0, 200, 0]], np.uint8), 4, axis=0)
     camera = ibr.Camera([[20, 0, 5], [0, 20, 5], [0, 0, 1]], (11, 11))
     for layer in ("first", "last"):
-        scene = MeshScene(vertices, [[0, 1, 2], [3, 2, 1], [4, 5, 6], [7, 6, 5]], colors)
-        assert (scene.capture(camera, layer).color == (200, 0, 0)).all()
+        scene = MeshScene(vertices, [[0, 1, 2], [3, 2, 1], [4, 5, 6], [7, 6, 5]], colors=colors)
+        assert (scene.capture(camera, layer=layer).color == (200, 0, 0)).all()
