@@ -315,6 +315,7 @@ def test_a_part_is_covered_and_no_more():
     assert seen_by_rays(whole, made)[away].mean() < 0.5
 
 
+@pytest.mark.thorough
 def test_sixteen_leave_little_of_the_dragon_unseen():
     mesh = ibr.Mesh.load(shared("meshes/dragon_vrip_res3.ply.gz"))
     made = propose_frusta(mesh, 16)

@@ -132,6 +132,7 @@ def test_a_donut_is_relit(given, projection, camera):
             assert psnr(frame.color, truth.lit(ibr.Light(**light)), seen) >= least, name
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("given", [True, False], ids=["given", "from depths"])
 def test_a_scanned_bunny_is_relit(given):
     mesh = scanned("bun_zipper.ply.gz")
@@ -152,6 +153,7 @@ def dragon() -> tuple[ibr.Mesh, Truth]:
     return mesh, Truth(mesh, PERSPECTIVE)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("given", "least"), [(True, (30, 30, 30)), (False, (30, 27, 30))], ids=["given", "from depths"]
 )
