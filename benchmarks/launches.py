@@ -68,7 +68,7 @@ class _Counts(Watch):
         self.of: dict[str, Visited] = {}
 
     def build(self, name: str, defines: Mapping[str, int], make: Callable[[Mapping[str, int]], Any]) -> Any:
-        return make({**defines, "COUNTED": 1} if name in COUNTED else defines)
+        return make({**defines, "COUNTERS": 1} if name in COUNTED else defines)
 
     def launch(
         self, kernel: Any, grid: tuple[int, ...], arguments: Mapping[str, Any], enqueue: Callable[..., None]
@@ -84,7 +84,7 @@ class _Counts(Watch):
         }[kernel.name]()
         visited = empty(shape, np.uint32)
         visited.fill(0)
-        enqueue(**arguments, counts=visited)
+        enqueue(**arguments, counters=visited)
         host = visited.to_host().astype(np.uint64)
         samples, pixels = (host.sum(), 0) if kernel.name == "search" else host.sum(axis=0)
         before = self.of.get(kernel.name, Visited())

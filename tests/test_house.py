@@ -72,6 +72,18 @@ def test_rooms_use_kernels_of_their_own_and_of_all():
         assert set(used.findall(path.read_text())) <= {room, "lib"}, path
 
 
+def test_kernels_include_their_own_rooms_headers_and_all_systems():
+    for path in kernels_folder().glob("*/*.*"):
+        included = set(re.findall(r'#include "(\w+)/', path.read_text()))
+        room = path.parent.name
+        system = room not in ("lib", "picture")
+        assert included <= {room, "lib"} | ({"raster"} if system else set()), path
+
+
+def test_the_shared_room_holds_headers():
+    assert [path.name for path in sorted(kernels_folder().glob("lib/*")) if path.suffix != ".h"] == ["clear.cl"]
+
+
 def test_few_things_lie_at_the_top_beside_the_systems():
     systems = {folder.name for folder in kernels_folder().iterdir() if folder.is_dir()}
     entries = {entry.name for entry in PACKAGE.iterdir()} - {"__pycache__", "kernels", "py.typed"}

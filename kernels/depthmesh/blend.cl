@@ -47,10 +47,10 @@
 #ifndef OCCUPIED
 #define OCCUPIED 0 /* 1: which views gave colour is written, too */
 #endif
-#define UNSEEN (SHEETS + BACKS) /* meshes that are none of what is seen themselves */
+#define UNSEEN_MESHES (SHEETS + BACKS) /* meshes that are none of what is seen themselves */
 #define MESHES (OTHERS + VIEWS)
-#define HALFWAY 0.25f /* of a level, from which on the coarser one is read: rather a little grain than blur */
-#define LEAST_QUALITY 1e-3f /* so that what is seen edge-on by all views still has a colour */
+#define LEVEL_BIAS 0.25f /* of a level, from which on the coarser one is read: rather a little grain than blur */
+#define QUALITY_MIN 1e-3f /* so that what is seen edge-on by all views still has a colour */
 
 /* Where in list[first, last), in ascending order, are the numbers from `number` on? */
 int place_in(global const int *list, int first, int last, int number)
@@ -72,7 +72,7 @@ int has_holes(const Region *seen)
     for (int block = 0; block < BLOCKS; block++) {
         floatl front = seen[OTHERS].nearness[block];
         for (int mesh = OTHERS + 1; mesh < MESHES; mesh++)
-            front = greater(seen[mesh].nearness[block], front);
+            front = max_lanes(seen[mesh].nearness[block], front);
         if (any_lane(front == EMPTY))
             return 1;
     }
@@ -81,17 +81,17 @@ int has_holes(const Region *seen)
 
 /* Of the pixels (x, y), which show a surface that no view saw? Some rays are `within` a solid up to nearness `back`, some
  * go `through` a sheet. */
-intl is_closed(const Seen *views, floatl x, floatl y, floatl back, intl within, floatl sheet, intl through, floatl *n)
+intl is_closed(const FreeSpace *space, floatl x, floatl y, floatl back, intl within, floatl sheet, intl through, floatl *n)
 {
-    floatl depth = DEPTH_OF(views->perspective, pick(within, back, (floatl)1.0f)), entry = depth;
-    const intl solid = has_entered(views, x, y, depth, within, &entry);
-    depth = DEPTH_OF(views->perspective, pick(through, sheet, (floatl)1.0f)) + views->stride;
+    floatl depth = DEPTH_OF(space->perspective, pick(within, back, (floatl)1.0f)), entry = depth;
+    const intl solid = has_entered(space, x, y, depth, within, &entry);
+    depth = DEPTH_OF(space->perspective, pick(through, sheet, (floatl)1.0f)) + space->stride;
     floatl last;
-    intl ends = ends_hidden(views, x, y, depth, through & !solid, &last);
+    intl ends = ends_hidden(space, x, y, depth, through & !solid, &last);
     floatl rim, behind;
-    const intl on_rim = meets_rim(views, x, y, last, ends, &rim);
-    const intl on_far = comes_to(views, views->open, 0, x, y, last, ends & !on_rim, &behind);
-    *n = DEPTH_OF(views->perspective, pick(solid, entry, pick(on_rim, rim, behind)));
+    const intl on_rim = meets_boundary(space, x, y, last, ends, &rim);
+    const intl on_far = leaves_free_space(space, space->open, 0, x, y, last, ends & !on_rim, &behind);
+    *n = DEPTH_OF(space->perspective, pick(solid, entry, pick(on_rim, rim, behind)));
     return solid | on_rim | on_far;
 }
 #endif
@@ -109,10 +109,10 @@ void add_sample(global const uint *colors, global const int *size, int level, fl
     tap_weights(taps.fx, taps.fy, share);
     if (level == 0) {
         const intl main = ((taps.column ^ taps.row) & 1) == 0; /* the diagonal runs to the lower right (depthmesh/tree.h) */
-        share[0] = pick(main, lesser(gx, gy), greater(gx - fy, none));
-        share[1] = pick(main, greater(fx - fy, none), lesser(fx, gy));
-        share[2] = pick(main, greater(fy - fx, none), lesser(gx, fy));
-        share[3] = pick(main, lesser(fx, fy), greater(fx - gy, none));
+        share[0] = pick(main, min_lanes(gx, gy), max_lanes(gx - fy, none));
+        share[1] = pick(main, max_lanes(fx - fy, none), min_lanes(fx, gy));
+        share[2] = pick(main, max_lanes(fy - fx, none), min_lanes(gx, fy));
+        share[3] = pick(main, min_lanes(fx, fy), max_lanes(fx - gy, none));
     }
     Color read = {0.0f, 0.0f, 0.0f};
     floatl opaque = 0.0f;
@@ -122,7 +122,7 @@ void add_sample(global const uint *colors, global const int *size, int level, fl
         add_color(&read, part, color_of(word));
         opaque += part;
     }
-    add_color(sum, weight / greater(opaque, (floatl)1e-6f), read);
+    add_color(sum, weight / max_lanes(opaque, (floatl)1e-6f), read);
 }
 
 /* Draws the meshes [first, last) from a bin's list, into `regions` regions: each into one of its own, or all into one. */
@@ -164,7 +164,7 @@ INLINED floatl add_mesh(const Context *context, const Meshes *meshes, int mesh, 
         quality += p.weight[k] * at[3];
     }
 #if BLEND == BLEND_QUALITY
-    const floatl weight = pick(given, meshes->weights[mesh] * greater(quality, (floatl)LEAST_QUALITY), (floatl)0.0f);
+    const floatl weight = pick(given, meshes->weights[mesh] * max_lanes(quality, (floatl)QUALITY_MIN), (floatl)0.0f);
 #else
     const floatl weight = pick(given, (floatl)meshes->weights[mesh], (floatl)0.0f);
 #endif
@@ -174,14 +174,14 @@ INLINED floatl add_mesh(const Context *context, const Meshes *meshes, int mesh, 
     /* One level for the block: that of the pixel that sees the view largest, which blurs nothing */
     const floatl away = context->screen.perspective ? 1.0f / n : (floatl)1.0f;
     const float samples = least_lane(pick(shares, meshes->scales[mesh] * away * inverse, (floatl)INFINITY));
-    const int level = (int)fmin(floor(log2(fmax(samples, 1.0f)) + HALFWAY), (float)(source[2] - source[1]));
+    const int level = (int)fmin(floor(log2(fmax(samples, 1.0f)) + LEVEL_BIAS), (float)(source[2] - source[1]));
     add_sample(meshes->colors, meshes->levels + 3 * (source[1] + level), level, sound_x, sound_y, weight, sum);
     return weight;
 }
 
 #if OCCUPIED
 /* Writes which views gave a block's pixels their colours; x, y: its first pixel. */
-void tell_views(intl views, Screen screen, int x, int y, global uint *occupancy)
+void write_occupancy(intl views, Screen screen, int x, int y, global uint *occupancy)
 {
     for (int lane = 0; lane < LANES; lane++) {
         const long at = pixel_of(screen, x, y, lane);
@@ -214,20 +214,20 @@ kernel void draw_meshes(global const int *corners, global const float *projected
     if (x >= screen.width || y >= screen.height)
         return;
     const Context context = {corners, projected, screen, nearest_w, culled};
-    const Meshes meshes = {firsts + UNSEEN, sources, levels, points, scales, weights, colors};
+    const Meshes meshes = {firsts + UNSEEN_MESHES, sources, levels, points, scales, weights, colors};
     const int bin = y / BIN * bins_x + x / BIN;
     global const int *here = starts + bin;
     Region seen[MESHES], shown;
     int first_mesh = OTHERS;
-    draw_range(&context, seen + OTHERS, VIEWS, list, here, firsts, UNSEEN + OTHERS, UNSEEN + MESHES, depth, x, y);
+    draw_range(&context, seen + OTHERS, VIEWS, list, here, firsts, UNSEEN_MESHES + OTHERS, UNSEEN_MESHES + MESHES, depth, x, y);
 #if CLOSED
-    const Seen views_saw = {limits, behind, far_colors, clear, open, limit_sizes, from_target,
+    const FreeSpace space = {limits, behind, far_colors, clear, open, limit_sizes, from_target,
                            perspectives, first_levels, closeness, stride, screen.perspective};
     Region sheets, backs;
-    draw_range(&context, &backs, 1, list, here, firsts, SHEETS, UNSEEN, depth, x, y);
+    draw_range(&context, &backs, 1, list, here, firsts, SHEETS, UNSEEN_MESHES, depth, x, y);
     if (has_holes(seen)) {
         first_mesh = 0;
-        draw_range(&context, seen, OTHERS, list, here, firsts, UNSEEN, UNSEEN + OTHERS, depth, x, y);
+        draw_range(&context, seen, OTHERS, list, here, firsts, UNSEEN_MESHES, UNSEEN_MESHES + OTHERS, depth, x, y);
         draw_range(&context, &sheets, 1, list, here, firsts, 0, SHEETS, depth, x, y);
     }
 #endif
@@ -237,10 +237,10 @@ kernel void draw_meshes(global const int *corners, global const float *projected
         const int first_x = x + FIRST_X(block), first_y = y + FIRST_Y(block);
         floatl front = EMPTY;
         for (int mesh = OTHERS; mesh < MESHES; mesh++)
-            front = greater(seen[mesh].nearness[block], front);
+            front = max_lanes(seen[mesh].nearness[block], front);
         const intl hole = front == EMPTY; /* in the meshes of the views that are drawn */
         for (int mesh = first_mesh; mesh < OTHERS; mesh++)
-            front = pick(hole, greater(seen[mesh].nearness[block], front), front);
+            front = pick(hole, max_lanes(seen[mesh].nearness[block], front), front);
         intl closed = (intl)0;
 #if CLOSED
         const floatl back = backs.nearness[block], sheet = first_mesh == 0 ? sheets.nearness[block] : (floatl)EMPTY;
@@ -249,7 +249,7 @@ kernel void draw_meshes(global const int *corners, global const float *projected
         if (any_lane(within | through)) {
             const floatl px = to_floatl(first_x + block_x), py = to_floatl(first_y + block_y);
             floatl n;
-            closed = is_closed(&views_saw, px, py, back, within, sheet, through, &n);
+            closed = is_closed(&space, px, py, back, within, sheet, through, &n);
             closed = closed & (n <= screen.nearest);
             front = pick(closed, n, front);
         }
@@ -276,7 +276,7 @@ kernel void draw_meshes(global const int *corners, global const float *projected
 #if CLOSED
         const intl given = closed & mine;
         if (any_lane(given))
-            total += add_closest(&views_saw, colors, levels, to_floatl(first_x + block_x), to_floatl(first_y + block_y), front,
+            total += add_closest(&space, colors, levels, to_floatl(first_x + block_x), to_floatl(first_y + block_y), front,
                                  given, &sum, &views);
 #endif
         const floatl scale = 1.0f / (255.0f * pick(mine, total, (floatl)1.0f));
@@ -285,7 +285,7 @@ kernel void draw_meshes(global const int *corners, global const float *projected
         shown.owner[block] = pick(mine, (intl)0, (intl)-1);
         write_block(&shown, block, screen, depth, color, valid, blank, first_x, first_y, shade);
 #if OCCUPIED
-        tell_views(views, screen, first_x, first_y, occupancy);
+        write_occupancy(views, screen, first_x, first_y, occupancy);
 #endif
     }
 }

@@ -7,7 +7,7 @@
  *
  * Deviations from the paper: a child's error is added to the own one instead of the larger of them being taken (which
  * LARGEST does), since a surface that leaves both out may be off by both: so errors bound what they are errors of. A
- * triangle of which only a part is drawn has LOSS times its own length as an error, since all of it is lost unless it is split: edges and
+ * triangle of which only a part is drawn has CUT_ERROR times its own length as an error, since all of it is lost unless it is split: edges and
  * segmentation stay at any tolerance that is of use.
  *
  * nearness: (height, pitch). Of each vertex, (side + 1, row): states, states.cl; errors in scene units, -1 where nothing is
@@ -22,7 +22,7 @@
 #ifndef LARGEST
 #define LARGEST 0 /* 1: of a vertex's own error and its children's the largest counts, as in the paper; 0: their sum */
 #endif
-#define LOSS 4.0f
+#define CUT_ERROR 4.0f
 #define MARGIN 0.01f /* samples by which spheres reach beyond children's: more than what rounding may turn round */
 
 typedef struct {
@@ -37,7 +37,7 @@ typedef struct {
     floatl error, radius, depth;
 } Vertices;
 
-floatl nearness_at(const Layout *layout, const Tree *tree, intl x, intl y)
+floatl vertex_nearness(const Layout *layout, const Tree *tree, intl x, intl y)
 {
     const intl in = (x < layout->width) & (y < layout->height), at = pick(in, y * layout->pitch + x, (intl)0);
     return pick(in, (floatl)(gather(tree->nearness, at)), (floatl)NO_SURFACE);
@@ -58,7 +58,7 @@ Children add_children(const Layout *layout, const Tree *tree, intl x, intl y, in
     c.y = to_floatl(y);
     c.error = pick(there, (floatl)(gather(tree->errors, c.at)), (floatl)-1.0f);
     c.depth = (floatl)(gather(tree->depths, c.at));
-    v->error = greater(c.error, v->error);
+    v->error = max_lanes(c.error, v->error);
     v->depth = pick((v->depth == 0.0f) & (c.error >= 0.0f), c.depth, v->depth);
     return c;
 }
@@ -86,7 +86,7 @@ floatl bisection_error(const Layout *layout, Vector p, floatl n, intl ax, intl a
     const Vector ab = minus(b, a), ap = minus(p, a);
     floatl area, length;
     if (centers) {
-        const Vector normal = cross_of(ab, ap);
+        const Vector normal = cross_product(ab, ap);
         area = sqrt(DOT(normal, normal));
         length = sqrt(DOT(ab, ab));
     } else {
@@ -103,20 +103,20 @@ void add_error(const Layout *layout, floatl own, intl states, int s, int centers
 {
     const intl a = STATE_A(states), b = STATE_B(states);
     const intl partly = (a == (UNDRAWN | DRAWN)) | (b == (UNDRAWN | DRAWN)), drawn = ((a | b) & DRAWN) != 0;
-    const float samples = LOSS * 2.0f * s * (centers ? M_SQRT2_F : 1.0f);
+    const float samples = CUT_ERROR * 2.0f * s * (centers ? M_SQRT2_F : 1.0f);
     const floatl length = samples * sample_size(layout, v->depth);
     const floatl below = fmax(v->error, (floatl)0.0f), joined = LARGEST ? fmax(own, below) : own + below;
     v->error = pick(drawn, fmax(joined, pick(partly, length, (floatl)0.0f)), v->error);
 }
 
 /* The row y of vertices of step s > 1 */
-void find_row(const Layout *layout, const Tree *tree, int s, int y, int centers)
+void find_error_row(const Layout *layout, const Tree *tree, int s, int y, int centers)
 {
     const int across = !(y / s & 1); /* midpoints of this row lie on edges along x */
     for (int start = centers || across ? s : 0; start <= layout->side && start - s < layout->width - 1; start += 2 * s * LANES) {
         const intl x = start + 2 * s * lane_index, mine = (x <= layout->side) & (x - s < layout->width - 1);
         const intl row = (intl)y, main = IS_MAIN(x, row, s), at = pick(mine, row * layout->row + x, (intl)0);
-        const floatl n = nearness_at(layout, tree, x, row);
+        const floatl n = vertex_nearness(layout, tree, x, row);
         Vertices v = {{0.0f, 0.0f, 0.0f}, -1.0f, 0.0f, pick(IS_SAMPLE(n), DEPTH_OF(layout->perspective, n), (floatl)0.0f)};
         Children children[4]; /* of a centre above, to the right, below and to the left, of a midpoint all around */
         for (int k = 0; k < 4; k++) {
@@ -132,7 +132,7 @@ void find_row(const Layout *layout, const Tree *tree, int s, int y, int centers)
         const intl ay = centers ? pick(main, row - s, row + s) : row - before_y;
         const intl by = centers ? pick(main, row + s, row - s) : row + before_y;
         const intl ax = x - before_x, bx = x + before_x, states = (intl)(gather(tree->states, at));
-        const floatl na = nearness_at(layout, tree, ax, ay), nb = nearness_at(layout, tree, bx, by);
+        const floatl na = vertex_nearness(layout, tree, ax, ay), nb = vertex_nearness(layout, tree, bx, by);
         const floatl own = bisection_error(layout, v.center, n, ax, ay, na, bx, by, nb, centers, across);
         add_error(layout, own, states, s, centers, &v);
         for (int lane = 0; lane < LANES; lane++) {
@@ -187,7 +187,7 @@ kernel void find_finest_midpoints(global const float *nearness, global const uch
                 const floatl next = nearness_next_to(&layout, &tree, x, first, y, dx, dy);
                 const Vector p = point_of(&layout, to_floatl(x + dx), (floatl)(y + dy), DEPTH_OF(layout.perspective, next));
                 const Vector away = minus(p, v.center);
-                v.radius = pick(IS_SAMPLE(next), greater(sqrt(DOT(away, away)), v.radius), v.radius);
+                v.radius = pick(IS_SAMPLE(next), max_lanes(sqrt(DOT(away, away)), v.radius), v.radius);
             }
             const intl odd = (x & 1) == 1, mine = layout.side == 1 ? (intl)0 : across ? odd : !odd;
             add_error(&layout, own, pick(mine, load_bytes(states + at), (intl)0), 1, 0, &v);
@@ -215,14 +215,14 @@ kernel void find_finest_centers(global const float *nearness, global const uchar
             error[k] = NEXT_TO(load_lanes, errors + start, first, dx[k]);
             depth[k] = NEXT_TO(load_lanes, depths + start, first, dx[k]);
             radius[k] = NEXT_TO(load_lanes, radii + start, first, dx[k]);
-            v.error = greater(error[k], v.error);
+            v.error = max_lanes(error[k], v.error);
             v.depth = pick((v.depth == 0.0f) & (error[k] >= 0.0f), depth[k], v.depth);
         }
         v.center = point_of(&layout, to_floatl(x), (floatl)y, v.depth);
         for (int k = 0; k < 4; k++) {
             const Vector away = minus(point_of(&layout, to_floatl(x + dx[k]), (floatl)(y + dy[k]), depth[k]), v.center);
             const floatl reach = sqrt(DOT(away, away)) + radius[k] + MARGIN * sample_size(&layout, v.depth);
-            v.radius = pick(error[k] >= 0.0f, greater(reach, v.radius), v.radius);
+            v.radius = pick(error[k] >= 0.0f, max_lanes(reach, v.radius), v.radius);
         }
         floatl corner[2][2]; /* nearness */
         for (int below = 0; below < 2; below++)
@@ -246,7 +246,7 @@ kernel void find_errors(global const float *nearness, global const uchar *states
     if (y > layout.side || y - s >= layout.height - 1)
         return;
     const Tree tree = {nearness, states, errors, radii, depths};
-    find_row(&layout, &tree, s, y, centers);
+    find_error_row(&layout, &tree, s, y, centers);
 }
 
 kernel void find_coarse_errors(global const float *nearness, global const uchar *states, global float *errors,
@@ -257,8 +257,8 @@ kernel void find_coarse_errors(global const float *nearness, global const uchar 
     const Tree tree = {nearness, states, errors, radii, depths};
     for (int s = finest; s < layout.side; s *= 2) {
         for (int y = 0; y <= layout.side && y - s < layout.height - 1; y += s)
-            find_row(&layout, &tree, s, y, 0);
+            find_error_row(&layout, &tree, s, y, 0);
         for (int y = s; y <= layout.side && y - s < layout.height - 1; y += 2 * s)
-            find_row(&layout, &tree, s, y, 1);
+            find_error_row(&layout, &tree, s, y, 1);
     }
 }

@@ -7,7 +7,7 @@
  * within the triangle differs too much (Oliveira & Bishop 1998). TEST_NONE keeps everything. Beyond the papers: in all tests,
  * what the sensor's noise explains is no step (`noise`).
  *
- * nearness: (height, pitch), lib/nearness.cl. cells: (height, pitch) states of each cell's two triangles (tree.h).
+ * nearness: (height, pitch), picture/nearness.cl. cells: (height, pitch) states of each cell's two triangles (tree.h).
  * normals: (3, height, pitch) in the view's frame, towards the camera, from the differences to those neighbours that
  * triangles join; (0, 0, -1) where there are none.
  * Work-item: a row. Cost: O(samples). Determinism: every sample on its own.
@@ -45,7 +45,7 @@ INLINED floatl noise_of_nearness(const Layout *layout, const Segmentation *rule,
 intl bridges(const Layout *layout, const Segmentation *rule, Vector p, Vector q, Vector r, floatl a, floatl b, floatl c)
 {
 #if TEST == TEST_ORTHOGONALITY
-    const Vector normal = cross_of(minus(q, p), minus(r, p));
+    const Vector normal = cross_product(minus(q, p), minus(r, p));
     Vector sight = {0.0f, 0.0f, 1.0f};
     floatl scale = rule->extent;
     if (layout->perspective) {
@@ -166,7 +166,7 @@ kernel void find_normals(global const float *nearness, global const uchar *cells
         /* Where no triangle tells how the surface runs, it is taken to face the camera. */
         across.x = pick(((before | after) & DRAWN) != 0, across.x, (floatl)1.0f);
         along.y = pick(((above | beneath) & DRAWN) != 0, along.y, (floatl)1.0f);
-        const Vector normal = cross_of(along, across); /* towards the camera */
+        const Vector normal = cross_product(along, across); /* towards the camera */
         const floatl length = sqrt(DOT(normal, normal));
         const intl sound = length > 0.0f;
         const floatl scale = 1.0f / pick(sound, length, (floatl)1.0f);

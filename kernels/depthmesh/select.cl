@@ -7,14 +7,14 @@
  * `find_triangles` finds them, `list_points` and `list_triangles` write them down.
  *
  * Deviations from the paper: the distance is that of the sphere, not of the vertex, as the above demands. A viewer that
- * will move may ask for more than it needs, a finer tolerance and a wider view: `rooms` tell how far it may move before
+ * will move may ask for more than it needs, a finer tolerance and a wider view: `motion_limits` tell how far it may move before
  * it needs a vertex that it did not get.
  *
  * Of each vertex, (side + 1, row): active, tree.h; drawn: bit k where the k-th triangle with its right angle there is
  * drawn; numbers of those that are listed. counts, firsts: (side + 1, 2) how many points and triangles each row has, and
  * the numbers of its first ones. points: (points, 4) where in the view, tree.h, and quality |n z| if RATED. corners:
  * (triangles, 3) numbers of points, counter-clockwise as the view sees them, the one at the right angle second.
- * rooms: (side + 1, 2) scene units; of each row's vertices that are not active, the least that the eye may move until one
+ * motion_limits: (side + 1, 2) scene units; of each row's vertices that are not active, the least that the eye may move until one
  * of too small an error is seen larger than allowed, and the least distance of one that is out of view.
  * Work-item: a row of vertices. Cost: O(vertices). Determinism: rows' and columns' order.
  */
@@ -31,19 +31,19 @@ typedef struct {
     float planes[5][4]; /* of what the target sees: a x + b y + c z + d >= 0 inside, unit normals */
     float scale;       /* pixels per scene unit: at distance 1 (perspective), everywhere (orthographic) */
     float tolerance;   /* pixels */
-    float allowed;     /* pixels, at least the tolerance: what `rooms` hold for */
+    float allowed;     /* pixels, at least the tolerance: what `motion_limits` hold for */
     float widening;    /* of the view: scene units beyond its planes at distance 1 */
     int perspective;
 } Viewer;
 
 kernel void activate(global const float *errors, global const float *radii, global const float *depths,
-                     global uchar *active, global float *rooms, Layout layout, Viewer viewer)
+                     global uchar *active, global float *motion_limits, Layout layout, Viewer viewer)
 {
     const int y = get_global_id(0);
     if (y > layout.side)
         return;
     const size_t start = (size_t)y * layout.row;
-    floatl room = INFINITY, nearest_out = INFINITY;
+    floatl motion_limit = INFINITY, nearest_out = INFINITY;
     for (int first = 0; first <= layout.side; first += LANES) {
         const size_t at = start + first;
         const floatl error = load_lanes(errors + at), radius = load_lanes(radii + at);
@@ -62,12 +62,12 @@ kernel void activate(global const float *errors, global const float *radii, glob
                 const float *plane = viewer.planes[k];
                 needed = needed & (plane[0] * p.x + plane[1] * p.y + plane[2] * p.z + plane[3] >= -margin);
             }
-            room = fmin(room, pick(known & (!large), distance - error * (viewer.scale / viewer.allowed), (floatl)INFINITY));
+            motion_limit = fmin(motion_limit, pick(known & (!large), distance - error * (viewer.scale / viewer.allowed), (floatl)INFINITY));
             nearest_out = fmin(nearest_out, pick(large & (!needed), from_eye, (floatl)INFINITY));
         }
         store_bytes(to_ucharl(pick(needed, (intl)ACTIVE, (intl)0)), active + at);
     }
-    vstore2((float2)(least_lane(room), least_lane(nearest_out)), y, rooms);
+    vstore2((float2)(least_lane(motion_limit), least_lane(nearest_out)), y, motion_limits);
     mark_corners(&layout, active, y);
 }
 

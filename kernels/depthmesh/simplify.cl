@@ -20,7 +20,7 @@
 #define CHUNK 64 /* ints in a chunk of the pool */
 #endif
 
-#define NONE -1
+#define NO_CHUNK -1
 
 typedef struct {
     global const float *nearness;
@@ -88,12 +88,12 @@ int must_split(const Layout *layout, const Work *work, int x, int y, int s, int 
 void add_chunk(Work *work)
 {
     const int below = work->chunk;
-    int above = below == NONE ? NONE : work->pool[CHUNK * below + 1];
-    if (above == NONE) {
+    int above = below == NO_CHUNK ? NO_CHUNK : work->pool[CHUNK * below + 1];
+    if (above == NO_CHUNK) {
         above = atomic_inc(work->used);
         work->pool[CHUNK * above] = below;
-        work->pool[CHUNK * above + 1] = NONE;
-        if (below != NONE)
+        work->pool[CHUNK * above + 1] = NO_CHUNK;
+        if (below != NO_CHUNK)
             work->pool[CHUNK * below + 1] = above;
     }
     work->chunk = above;
@@ -101,7 +101,7 @@ void add_chunk(Work *work)
 }
 
 /* Takes a vertex in, unless it is one of the tree's corners, beyond, or another work-item's. */
-void activate(const Layout *layout, Work *work, int x, int y)
+void activate_vertex(const Layout *layout, Work *work, int x, int y)
 {
     const int side = layout->side, at = y * layout->row + x, shift = BYTE_IN_WORD(at);
     if (x < 0 || x > side || y < 0 || y > side || ((x == 0 || x == side) && (y == 0 || y == side)) || work->active[at])
@@ -114,48 +114,48 @@ void activate(const Layout *layout, Work *work, int x, int y)
 }
 
 /* The child (x, y) of step s of a vertex that is active: its side b is a triangle that there is. */
-void look_at(const Layout *layout, Work *work, int x, int y, int s, int b)
+void visit_child(const Layout *layout, Work *work, int x, int y, int s, int b)
 {
     const int in = x >= 0 && x <= layout->side && y >= 0 && y <= layout->side;
     if (in && !work->active[y * layout->row + x] && must_split(layout, work, x, y, s, b))
-        activate(layout, work, x, y);
+        activate_vertex(layout, work, x, y);
 }
 
 /* What follows from the active vertex `at`, of its children those of steps below `coarse` */
-void follow(const Layout *layout, Work *work, int at, int coarse)
+void propagate(const Layout *layout, Work *work, int at, int coarse)
 {
     const int y = at / layout->row, x = at - y * layout->row, s = step_of(x, y);
     if (IS_CENTER(x, y, s)) {
         const int turn = IS_MAIN(x, y, s) ? s : -s;
-        activate(layout, work, x + turn, y - s); /* its parents, at its right angles */
-        activate(layout, work, x - turn, y + s);
+        activate_vertex(layout, work, x + turn, y - s); /* its parents, at its right angles */
+        activate_vertex(layout, work, x - turn, y + s);
         if (s < work->finest || s >= coarse)
             return;
-        look_at(layout, work, x, y - s, s, 1);
-        look_at(layout, work, x + s, y, s, 0);
-        look_at(layout, work, x, y + s, s, 0);
-        look_at(layout, work, x - s, y, s, 1);
+        visit_child(layout, work, x, y - s, s, 1);
+        visit_child(layout, work, x + s, y, s, 0);
+        visit_child(layout, work, x, y + s, s, 0);
+        visit_child(layout, work, x - s, y, s, 1);
     } else {
         const int2 to_b = x & s ? (int2)(0, s) : (int2)(s, 0);
-        activate(layout, work, x - to_b.x, y - to_b.y);
-        activate(layout, work, x + to_b.x, y + to_b.y);
+        activate_vertex(layout, work, x - to_b.x, y - to_b.y);
+        activate_vertex(layout, work, x + to_b.x, y + to_b.y);
         if (s / 2 < work->finest || s / 2 >= coarse)
             return;
         for (int k = 0; k < 4; k++)
-            look_at(layout, work, x + (k & 1 ? s / 2 : -s / 2), y + (k >> 1 ? s / 2 : -s / 2), s / 2, !(k >> 1));
+            visit_child(layout, work, x + (k & 1 ? s / 2 : -s / 2), y + (k >> 1 ? s / 2 : -s / 2), s / 2, !(k >> 1));
     }
 }
 
-void follow_all(const Layout *layout, Work *work)
+void propagate_all(const Layout *layout, Work *work)
 {
     for (int most = (layout->side + 1) * (layout->side + 1); most > 0; most--) { /* each vertex is taken in once */
         if (work->height == 2) {
             work->chunk = work->pool[CHUNK * work->chunk];
             work->height = CHUNK;
-            if (work->chunk == NONE)
+            if (work->chunk == NO_CHUNK)
                 return;
         }
-        follow(layout, work, work->pool[CHUNK * work->chunk + --work->height], layout->side);
+        propagate(layout, work, work->pool[CHUNK * work->chunk + --work->height], layout->side);
     }
 }
 
@@ -166,15 +166,15 @@ kernel void refine_coarse(global const float *nearness, global const uchar *stat
         return;
     const int root = layout.side / 2;
     *used = 0;
-    Work work = {nearness, states, active, max_error, coarse, pool, used, NONE};
+    Work work = {nearness, states, active, max_error, coarse, pool, used, NO_CHUNK};
     add_chunk(&work);
     mark_corners(&layout, active, 0);
     mark_corners(&layout, active, layout.side);
     if (layout.side > 1) {
-        look_at(&layout, &work, root, root, root, 0);
-        look_at(&layout, &work, root, root, root, 1);
+        visit_child(&layout, &work, root, root, root, 0);
+        visit_child(&layout, &work, root, root, root, 1);
     }
-    follow_all(&layout, &work);
+    propagate_all(&layout, &work);
 }
 
 kernel void refine(global const float *nearness, global const uchar *states, global uchar *active, global int *pool,
@@ -184,8 +184,8 @@ kernel void refine(global const float *nearness, global const uchar *states, glo
     const int corner = (x == 0 || x == layout.side) && (y == 0 || y == layout.side);
     if (x > layout.side || y > layout.side || corner || !active[at])
         return;
-    Work work = {nearness, states, active, max_error, 1, pool, used, NONE};
+    Work work = {nearness, states, active, max_error, 1, pool, used, NO_CHUNK};
     add_chunk(&work);
-    follow(&layout, &work, at, coarse);
-    follow_all(&layout, &work);
+    propagate(&layout, &work, at, coarse);
+    propagate_all(&layout, &work);
 }

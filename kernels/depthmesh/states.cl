@@ -37,7 +37,7 @@ kernel void find_finest_states(global const uchar *cells, global uchar *states, 
 }
 
 /* The row y of vertices of step s > 1 */
-void find_row(const Layout *layout, global uchar *states, int s, int y, int centers)
+void find_state_row(const Layout *layout, global uchar *states, int s, int y, int centers)
 {
     const int side = layout->side, row = layout->row, half_step = s / 2;
     const int across = !(y / s & 1); /* midpoints of this row lie on edges along x */
@@ -63,7 +63,7 @@ kernel void find_states(global uchar *states, Layout layout, int s, int centers)
 {
     const int y = centers ? s + 2 * s * (int)get_global_id(0) : s * (int)get_global_id(0);
     if (y <= layout.side && y - s < layout.height - 1)
-        find_row(&layout, states, s, y, centers);
+        find_state_row(&layout, states, s, y, centers);
 }
 
 kernel void find_coarse_states(global uchar *states, Layout layout, int finest)
@@ -72,8 +72,8 @@ kernel void find_coarse_states(global uchar *states, Layout layout, int finest)
         return;
     for (int s = finest; s < layout.side; s *= 2) {
         for (int y = 0; y <= layout.side && y - s < layout.height - 1; y += s)
-            find_row(&layout, states, s, y, 0);
+            find_state_row(&layout, states, s, y, 0);
         for (int y = s; y <= layout.side && y - s < layout.height - 1; y += 2 * s)
-            find_row(&layout, states, s, y, 1);
+            find_state_row(&layout, states, s, y, 1);
     }
 }

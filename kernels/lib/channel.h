@@ -9,15 +9,15 @@
 #endif
 #if COLOR_BYTES == 1
 #define channel uchar
-#define CHANNEL_MOST 255.0f
+#define CHANNEL_MAX 255.0f
 #define to_channel(value) convert_uchar_sat_rte(value)
 #define to_channels(values) convert_uchar4_sat_rte(values) /* of a float4, at the cost of one */
-#define rounded(value) floor((value) + 0.5f) /* halves up, as vectors of pixels are */
+#define rounded_channel(value) floor((value) + 0.5f) /* halves up, as vectors of pixels are */
 #else
 #define channel float
-#define CHANNEL_MOST 1.0f
+#define CHANNEL_MAX 1.0f
 #define to_channel(value) (value)
 #define to_channels(values) (values)
-#define rounded(value) (value)
+#define rounded_channel(value) (value)
 #endif
 #endif

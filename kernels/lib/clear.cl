@@ -5,19 +5,19 @@
 #define UINTS 0 /* 1: the values are uints */
 #endif
 #if UINTS
-#define word uint
-#define words uintl
+#define element uint
+#define elements uintl
 #else
-#define word float
-#define words floatl
+#define element float
+#define elements floatl
 #endif
 
-kernel void clear(global word *values, int count, int share, word value)
+kernel void clear(global element *values, int count, int share, element value)
 {
     const int first = get_global_id(0) * share, end = min(first + share, count);
     int i = first;
     for (; i + LANES <= end; i += LANES)
-        store_lanes((words)value, values + i);
+        store_lanes((elements)value, values + i);
     for (; i < end; i++)
         values[i] = value;
 }

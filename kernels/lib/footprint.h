@@ -52,8 +52,8 @@ INLINED UvSteps uv_steps(Screen screen, floatl n, Vector ahead, Vector normal, V
     const float *m = screen.to_world;
     const float least = 1.0f / anisotropy;
     const floatl depth = screen.perspective ? 1.0f / (m[15] * n) : (floatl)(1.0f / m[14]);
-    const floatl steepest = -least * sqrt(DOT(normal, normal)), facing = lesser(DOT(normal, ahead), steepest);
-    const floatl per_facing = 1.0f / lesser(facing, (floatl)-1e-30f);
+    const floatl steepest = -least * sqrt(DOT(normal, normal)), facing = min_lanes(DOT(normal, ahead), steepest);
+    const floatl per_facing = 1.0f / min_lanes(facing, (floatl)-1e-30f);
     floatl steps[2][2];
     UNROLLED
     for (int axis = 0; axis < 2; axis++) {
@@ -73,16 +73,16 @@ INLINED Footprint footprint_of(UvSteps s, int width, int height, intl wanted)
     const floatl uu = a * a + b * b, uv = a * c + b * d, vv = c * c + d * d, half_ = 0.5f * (uu - vv), area = a * d - b * c;
     const floatl given = 0.5f * (uu + vv) + sqrt(half_ * half_ + uv * uv);
     const intl sound = wanted & isfinite_lanes(given) & (given > 1.0f); /* what is magnified is read once */
-    const floatl long_2 = pick(sound, given, (floatl)1.0f), short_2 = greater(area * area / long_2, (floatl)1.0f);
+    const floatl long_2 = pick(sound, given, (floatl)1.0f), short_2 = max_lanes(area * area / long_2, (floatl)1.0f);
     Footprint f = even_footprint(long_2);
     f.count = pick(sound, truncated(sqrt(long_2 / short_2) + MORE_READINGS), (floatl)1.0f);
-    f.count = lesser(greater(f.count, (floatl)1.0f), (floatl)s.anisotropy);
+    f.count = clamp_lanes(f.count, (floatl)1.0f, (floatl)s.anisotropy);
     if (!any_lane(f.count > 1.0f))
         return f;
-    f.texels_2 = greater(long_2 / (f.count * f.count), short_2);
+    f.texels_2 = max_lanes(long_2 / (f.count * f.count), short_2);
     /* The longer axis: of the rows of the steps' square less the other axis, the longer one */
     const floatl x = pick(half_ >= 0.0f, long_2 - vv, uv), y = pick(half_ >= 0.0f, uv, long_2 - uu);
-    const floatl unit = pick(f.count > 1.0f, sqrt(long_2 / greater(x * x + y * y, (floatl)1e-30f)), (floatl)0.0f);
+    const floatl unit = pick(f.count > 1.0f, sqrt(long_2 / max_lanes(x * x + y * y, (floatl)1e-30f)), (floatl)0.0f);
     f.u = x * unit * (1.0f / width);
     f.v = y * unit * (1.0f / height);
     return f;
@@ -93,8 +93,8 @@ INLINED Footprint footprint_of(UvSteps s, int width, int height, intl wanted)
 #if ANISOTROPIC
 #define EACH_READING(f, i) for (int i = 0; any_lane((f).count > (float)i); i++)
 #define HAS_READING(f, i) ((f).count > (float)(i))
-#define ALONG(f, i) pick(HAS_READING(f, i), ((i) + 0.5f) / (f).count - 0.5f, (floatl)0.0f)
-#define WEIGHT(f, i) pick(HAS_READING(f, i), 1.0f / (f).count, (floatl)0.0f)
+#define READING_OFFSET(f, i) pick(HAS_READING(f, i), ((i) + 0.5f) / (f).count - 0.5f, (floatl)0.0f)
+#define READING_WEIGHT(f, i) pick(HAS_READING(f, i), 1.0f / (f).count, (floatl)0.0f)
 #endif
 
 /* The same footprint in a level whose texels are twice as large: half of the readings are as close together there. */
@@ -114,8 +114,8 @@ INLINED void add_footprint(global const uint *texels, floatl u, floatl v, Footpr
 #if ANISOTROPIC
     EACH_READING(f, i)
     {
-        const floatl along = ALONG(f, i);
-        add_texels(texels, u + f.u * along, v + f.v * along, start, w, h, weight * WEIGHT(f, i), sum);
+        const floatl along = READING_OFFSET(f, i);
+        add_texels(texels, u + f.u * along, v + f.v * along, start, w, h, weight * READING_WEIGHT(f, i), sum);
     }
 #else
     add_texels(texels, u, v, start, w, h, weight, sum);
@@ -131,7 +131,7 @@ INLINED Vector mean_normal(global const float *map, int width, int height, float
     Vector mean = {0.0f, 0.0f, 0.0f};
     EACH_READING(f, i)
     {
-        const floatl along = ALONG(f, i), weight = WEIGHT(f, i);
+        const floatl along = READING_OFFSET(f, i), weight = READING_WEIGHT(f, i);
         const Vector one = normal_in(map, width, height, level, u + f.u * along, v + f.v * along);
         mean.x += weight * one.x;
         mean.y += weight * one.y;

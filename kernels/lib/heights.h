@@ -30,7 +30,7 @@ typedef struct {
 #endif
 } HeightMap;
 
-/* FLOOR: the greatest whole number <= x, also as an int. ON_MAP: that int, moved into the tile, or to the map's border,
+/* FLOOR: the greatest whole number <= x, also as an int. WRAPPED: that int, moved into the tile, or to the map's border,
  * whatever x is. */
 #if POWERS_OF_TWO
 /* Added, it leaves no bits for fractions, and the last bits are those of the whole number: |x| < 2^22. A whole x may
@@ -46,9 +46,9 @@ typedef struct {
     const intl number = to_intl(whole);
 #endif
 #if POWERS_OF_TWO
-#define ON_MAP(clamped, whole, number, size, per_size) ((number) & ((size) - 1))
+#define WRAPPED(clamped, whole, number, size, per_size) ((number) & ((size) - 1))
 #else
-#define ON_MAP(clamped, whole, number, size, per_size)                                                         \
+#define WRAPPED(clamped, whole, number, size, per_size)                                                         \
     clamp((clamped) ? (number) : (number) - (size) * to_intl(floor_lanes(((whole) + 0.5f) * (per_size))),      \
           (intl)0, (size) - 1)
 #endif
@@ -116,7 +116,7 @@ floatl height_in(global const uint *texels, HeightMap map, floatl x, floatl y)
 {
     FLOOR(x, x0, ix)
     FLOOR(y, y0, iy)
-    const intl tx = ON_MAP(CLAMPED_U, x0, ix, map.width, map.per_width), ty = ON_MAP(CLAMPED_V, y0, iy, map.height, map.per_height);
+    const intl tx = WRAPPED(CLAMPED_U, x0, ix, map.width, map.per_width), ty = WRAPPED(CLAMPED_V, y0, iy, map.height, map.per_height);
     return height_of(read_cell(texels, map, ix, iy, tx, ty), x - x0, y - y0);
 }
 #endif

@@ -9,8 +9,8 @@
 #ifndef LANES
 #define LANES 1 /* work-item width: 1 or 16 */
 #endif
-#ifndef COUNTED
-#define COUNTED 0 /* 1: kernels have `counts`, of what they did */
+#ifndef COUNTERS
+#define COUNTERS 0 /* 1: kernels have `counts`, of what they did */
 #endif
 
 /* A function whose arguments and results shall stay in registers, where vectors are else passed through memory. */
@@ -36,14 +36,14 @@
  * fence only where arithmetic may be reordered. It is no `asm`, which PoCL 6 takes for a call of its own. */
 #if defined(__AVX512F__) && defined(__has_builtin)
 #if __has_builtin(__arithmetic_fence)
-#define HOLD(vector)                                                                                           \
+#define ARITHMETIC_FENCE(vector)                                                                                           \
     {                                                                                                          \
         _Pragma("clang fp reassociate(on)") vector = __arithmetic_fence(vector);                               \
     }
 #endif
 #endif
-#ifndef HOLD
-#define HOLD(vector)
+#ifndef ARITHMETIC_FENCE
+#define ARITHMETIC_FENCE(vector)
 #endif
 
 #define EACH_LANE(F) F(0) F(1) F(2) F(3) F(4) F(5) F(6) F(7) F(8) F(9) F(a) F(b) F(c) F(d) F(e) F(f)
@@ -119,15 +119,15 @@ typedef struct __attribute__((packed)) {
 #define set_int_lane(v, lane, value) (((int *)&(v))[lane] = (value))
 
 /* A kernel's parameter and its value, and adding how many lanes of a mask are true, where that is wanted */
-#if COUNTED
-#define COUNTS_PARAMETER(type) , global type *counts
-#define COUNTS(type) counts
+#if COUNTERS
+#define COUNTERS_PARAMETER(type) , global type *counters
+#define COUNTERS_ARGUMENT(type) counters
 #define COUNT(counter, mask)                                                                                   \
     for (int lane = 0; lane < LANES; lane++)                                                                   \
         counter += int_lane(mask, lane) != 0;
 #else
-#define COUNTS_PARAMETER(type)
-#define COUNTS(type) (global type *)0
+#define COUNTERS_PARAMETER(type)
+#define COUNTERS_ARGUMENT(type) (global type *)0
 #define COUNT(counter, mask)
 #endif
 
@@ -178,15 +178,15 @@ INLINED void gather_rows(global const float *rows, int16 at, float16 *columns)
 #define FOUR_ROWS(a, b, c, d) (float16)(all[at.a].values, all[at.b].values, all[at.c].values, all[at.d].values)
     float16 a = FOUR_ROWS(s0, s4, s8, sc), b = FOUR_ROWS(s1, s5, s9, sd);
     float16 c = FOUR_ROWS(s2, s6, sa, se), d = FOUR_ROWS(s3, s7, sb, sf);
-    HOLD(a)
-    HOLD(b)
-    HOLD(c)
-    HOLD(d)
+    ARITHMETIC_FENCE(a)
+    ARITHMETIC_FENCE(b)
+    ARITHMETIC_FENCE(c)
+    ARITHMETIC_FENCE(d)
     float16 ac_first = ZIP_FIRST(a, c), bd_first = ZIP_FIRST(b, d), ac_last = ZIP_LAST(a, c), bd_last = ZIP_LAST(b, d);
-    HOLD(ac_first)
-    HOLD(bd_first)
-    HOLD(ac_last)
-    HOLD(bd_last)
+    ARITHMETIC_FENCE(ac_first)
+    ARITHMETIC_FENCE(bd_first)
+    ARITHMETIC_FENCE(ac_last)
+    ARITHMETIC_FENCE(bd_last)
     columns[0] = ZIP_FIRST(ac_first, bd_first);
     columns[1] = ZIP_LAST(ac_first, bd_first);
     columns[2] = ZIP_FIRST(ac_last, bd_last);
@@ -243,11 +243,11 @@ floatl floor_lanes(floatl x)
 #define ceil_lanes(x) (-floor_lanes(-(x)))
 
 /* One instruction each, where fmin and fmax take four: a NaN in a yields b. */
-#define lesser(a, b) pick((a) < (b), a, b)
-#define greater(a, b) pick((a) > (b), a, b)
+#define min_lanes(a, b) pick((a) < (b), a, b)
+#define max_lanes(a, b) pick((a) > (b), a, b)
 
 /* At least 0 and at most `most`, a NaN 0: what may become an index. Beyond an int's range conversions yield anything. */
-#define within(x, most) lesser(greater(x, (floatl)0.0f), most)
+#define clamp_lanes(x, low, high) min_lanes(max_lanes(x, low), high)
 
 /* isfinite() compiles to a call a lane. */
 #define isfinite_lanes(v) (fabs(v) < INFINITY)
@@ -255,10 +255,10 @@ floatl floor_lanes(floatl x)
 /* foresee(p): p will be read or written soon. */
 #if LANES == 16 && defined(__has_builtin)
 #if __has_builtin(__builtin_prefetch)
-#define foresee(p) __builtin_prefetch((const void *)(uintptr_t)(p))
+#define prefetch_at(p) __builtin_prefetch((const void *)(uintptr_t)(p))
 #endif
 #endif
-#ifndef foresee
-#define foresee(p)
+#ifndef prefetch_at
+#define prefetch_at(p)
 #endif
 #endif

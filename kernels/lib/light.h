@@ -27,14 +27,14 @@ typedef struct {
     float shininess;  /* and how narrow it is */
 } Light;
 
-#define MAPS_MOST 6
+#define SHADOW_MAPS_MAX 6
 
 typedef struct {
-    float from_world[16 * MAPS_MOST]; /* pixel space of each map, row by row */
-    float depth_row[4 * MAPS_MOST];   /* planar depth in it */
+    float from_world[16 * SHADOW_MAPS_MAX]; /* pixel space of each map, row by row */
+    float depth_row[4 * SHADOW_MAPS_MAX];   /* planar depth in it */
     int maps, size;
     float texel_x, texel_y; /* sides of a texel: in the world, or (perspective) at depth 1 */
-    float grain; /* scene units by which the thing itself may lie before its true surface in a map */
+    float bias; /* scene units by which the thing itself may lie before its true surface in a map */
 } Shadow;
 
 #if SHADOWED
@@ -47,50 +47,50 @@ typedef struct {
 
 /* From a point towards the light: unit vector, and the share of the light that goes there: less than 1 beside a cone */
 typedef struct {
-    Vector way;
-    floatl share;
+    Vector direction;
+    floatl falloff;
 } ToLight;
 
 INLINED ToLight to_light(Light light, Vector p)
 {
     const float *source = light.vector, *axis = light.axis;
-    const Vector way = {source[0] - source[3] * p.x, source[1] - source[3] * p.y, source[2] - source[3] * p.z};
+    const Vector direction = {source[0] - source[3] * p.x, source[1] - source[3] * p.y, source[2] - source[3] * p.z};
     ToLight to;
-    to.way = at_unit_length(way);
-    const floatl cosine = -(to.way.x * axis[0] + to.way.y * axis[1] + to.way.z * axis[2]);
-    to.share = lesser(greater((cosine - axis[3]) * light.cone_rise, (floatl)0.0f), (floatl)1.0f);
+    to.direction = normalized(direction);
+    const floatl cosine = -(to.direction.x * axis[0] + to.direction.y * axis[1] + to.direction.z * axis[2]);
+    to.falloff = clamp_lanes((cosine - axis[3]) * light.cone_rise, (floatl)0.0f, (floatl)1.0f);
     return to;
 }
 
 #if SHADOWED
-#define SHADOW_REACH 1.0f /* texels, along both axes: from a point to those that it is compared with */
-#define SHADOW_SLACK 0.5f /* texels */
+#define SHADOW_FILTER_RADIUS 1.0f /* texels, along both axes: from a point to those that it is compared with */
+#define SHADOW_BIAS 0.5f /* texels */
 
 /* How far is the point in sight of the light, 0 to 1? normal: the surface's own there, unit length.
  *
  * Four texels around the point are compared and weighed (percentage-closer filtering, Reeves et al. 1987). On a map a
  * plane's nearness is linear: from one texel to the next it changes as if the plane were lifted by a texel's side, in
  * the world, times the cosine between that side and the plane's normal. A point that is moved by as much along the
- * normal lies before all of its own plane's texels (docs/theory/shadows.md). SHADOW_SLACK is for surfaces that are no
+ * normal lies before all of its own plane's texels (docs/theory/shadows.md). SHADOW_BIAS is for surfaces that are no
  * planes, and for rounding; the grain for slices.
  */
 INLINED floatl visibility(global const float *shadow_maps, Shadow shadow, Vector p, Vector normal)
 {
-    const float middle = 0.5f * (shadow.size - 1), safe = SHADOW_SLACK * fmax(shadow.texel_x, shadow.texel_y);
+    const float middle = 0.5f * (shadow.size - 1), safe = SHADOW_BIAS * fmax(shadow.texel_x, shadow.texel_y);
     floatl visible = 1.0f;
     intl open = lane_index >= 0; /* not seen in a map yet */
     for (int i = 0; i < shadow.maps; i++) {
         const float *m = shadow.from_world + 16 * i, *r = shadow.depth_row + 4 * i;
-        float right[3], down[3]; /* as long as SHADOW_REACH texels, where W is 1 */
+        float right[3], down[3]; /* as long as SHADOW_FILTER_RADIUS texels, where W is 1 */
         UNROLLED
         for (int axis = 0; axis < 3; axis++) {
-            right[axis] = SHADOW_REACH * shadow.texel_x * shadow.texel_x * (m[axis] - middle * m[8 + axis]);
-            down[axis] = SHADOW_REACH * shadow.texel_y * shadow.texel_y * (m[4 + axis] - middle * m[8 + axis]);
+            right[axis] = SHADOW_FILTER_RADIUS * shadow.texel_x * shadow.texel_x * (m[axis] - middle * m[8 + axis]);
+            down[axis] = SHADOW_FILTER_RADIUS * shadow.texel_y * shadow.texel_y * (m[4 + axis] - middle * m[8 + axis]);
         }
         const floatl here = POINT_ROW(m, 2, p);
         const floatl tilt = fabs(right[0] * normal.x + right[1] * normal.y + right[2] * normal.z) +
                             fabs(down[0] * normal.x + down[1] * normal.y + down[2] * normal.z);
-        const floatl off = here * (tilt + safe) + shadow.grain;
+        const floatl off = here * (tilt + safe) + shadow.bias;
         const Vector moved = {p.x + off * normal.x, p.y + off * normal.y, p.z + off * normal.z};
         const floatl depth = POINT_ROW(r, 0, moved), w = POINT_ROW(m, 2, moved), inverse = 1.0f / w;
         const floatl u = POINT_ROW(m, 0, moved) * inverse, v = POINT_ROW(m, 1, moved) * inverse;
@@ -109,16 +109,16 @@ INLINED floatl visibility(global const float *shadow_maps, Shadow shadow, Vector
 #endif
 
 /* Lights a colour of the point p; normal: of unit length; ahead: the unit direction in which it is seen; visible: 0 to 1 */
-INLINED void shine(Color *shade, Light light, Vector p, Vector normal, Vector ahead, floatl visible)
+INLINED void apply_light(Color *shade, Light light, Vector p, Vector normal, Vector ahead, floatl visible)
 {
     const ToLight to = to_light(light, p);
-    const floatl cosine = greater(DOT(normal, to.way), (floatl)0.0f);
-    const floatl direct = (1.0f - light.ambient) * visible * to.share, diffuse = direct * cosine;
+    const floatl cosine = max_lanes(DOT(normal, to.direction), (floatl)0.0f);
+    const floatl direct = (1.0f - light.ambient) * visible * to.falloff, diffuse = direct * cosine;
     floatl highlight = 0.0f;
     if (light.specular > 0.0f) {
-        const Vector halfway = minus(to.way, ahead);
-        const floatl unit = 1.0f / sqrt(greater(DOT(halfway, halfway), (floatl)1e-30f));
-        const floatl along = greater(DOT(normal, halfway) * unit, (floatl)1e-6f);
+        const Vector halfway = minus(to.direction, ahead);
+        const floatl unit = 1.0f / sqrt(max_lanes(DOT(halfway, halfway), (floatl)1e-30f));
+        const floatl along = max_lanes(DOT(normal, halfway) * unit, (floatl)1e-6f);
         highlight = pick(cosine > 0.0f, direct * light.specular * exp2(light.shininess * log2(along)), (floatl)0.0f);
     }
     shade->r = shade->r * (light.ambient + light.color[0] * diffuse) + light.color[0] * highlight;

@@ -8,16 +8,16 @@
  * that is not thin, up to the middle of that one. A ribbon is a plane: its nearness changes along it alone. Wires that run
  * aslant are seen as runs along rows (or columns) with steps of one sample between them; the middles of the squares lie
  * half a sample towards the next run where a run ends, and less the nearer to its middle: on the straight line, if the
- * wire is one. A middle reads up to 4 LONGEST samples.
+ * wire is one. A middle reads up to 4 RUN_MAX samples.
  */
 #include "lib/surface.h"
 
 /* Who asks twice must find the same to the last bit. */
 #pragma OPENCL FP_CONTRACT OFF
 
-#define LONGEST 32 /* samples of a run to either side that are looked at: it is straight to a sixtieth if it is longer */
-#define WAYS 9     /* from a sample, by rows to each neighbour, */
-#define NO_WAY 4   /* and to itself */
+#define RUN_MAX 32 /* samples of a run to either side that are looked at: it is straight to a sixtieth if it is longer */
+#define NEIGHBOURS 9     /* from a sample, by rows to each neighbour, */
+#define SELF 4   /* and to itself */
 
 /* A ribbon from the middle of one sample to that of another. */
 typedef struct {
@@ -56,7 +56,7 @@ int is_thin(Grid grid, int x, int y)
 float2 run_end(Grid grid, int x, int y, int dx, int dy)
 {
     const int aside_x = abs(dy), aside_y = abs(dx);
-    for (int i = 0; i < LONGEST; i++, x += dx, y += dy) {
+    for (int i = 0; i < RUN_MAX; i++, x += dx, y += dy) {
         if (joined(grid, x, y, x + dx, y + dy))
             continue;
         float step = 0.0f, reach = i + 0.5f;
@@ -70,7 +70,7 @@ float2 run_end(Grid grid, int x, int y, int dx, int dy)
         }
         return (float2)(reach, step);
     }
-    return (float2)(LONGEST, 0.0f);
+    return (float2)(RUN_MAX, 0.0f);
 }
 
 /* Where the middle of the wire lies at sample (x, y). */
@@ -86,7 +86,7 @@ float2 middle_of(Grid grid, int x, int y)
 }
 
 /* Is there a ribbon from thin sample (x, y) that way? Not if a corner of others leads there. */
-int leads(Grid grid, int x, int y, int dx, int dy)
+int is_linked(Grid grid, int x, int y, int dx, int dy)
 {
     if (!joined(grid, x, y, x + dx, y + dy))
         return 0;
@@ -96,13 +96,13 @@ int leads(Grid grid, int x, int y, int dx, int dy)
            !(joined(grid, x, y, x, y + dy) && joined(grid, x, y + dy, x + dx, y + dy));
 }
 
-Ribbon ribbon_of(Grid grid, int x, int y, int way)
+Ribbon ribbon_of(Grid grid, int x, int y, int neighbour)
 {
-    const int there_x = x + way % 3 - 1, there_y = y + way / 3 - 1;
+    const int there_x = x + neighbour % 3 - 1, there_y = y + neighbour / 3 - 1;
     const float2 middle = middle_of(grid, x, y);
     Ribbon ribbon = {middle.x, middle.y, 0.0f, 0.0f, sample_at(grid, x, y), 0.0f, 0.0f, 0, y * grid.width + x, 0};
     ribbon.to = there_y * grid.width + there_x;
-    if (way == NO_WAY)
+    if (neighbour == SELF)
         return ribbon;
     ribbon.ends = !is_thin(grid, there_x, there_y);
     const float2 there = ribbon.ends ? (float2)(there_x, there_y) : middle_of(grid, there_x, there_y);
@@ -116,15 +116,15 @@ Ribbon ribbon_of(Grid grid, int x, int y, int way)
 }
 
 /* Is there a ribbon of thin sample (x, y) that way? Of two thin samples' by the first of them alone. */
-int begins(Grid grid, int x, int y, int way)
+int is_first_of(Grid grid, int x, int y, int neighbour)
 {
-    if (way == NO_WAY) {
-        for (int other = 0; other < WAYS; other++)
-            if (other != NO_WAY && leads(grid, x, y, other % 3 - 1, other / 3 - 1))
+    if (neighbour == SELF) {
+        for (int other = 0; other < NEIGHBOURS; other++)
+            if (other != SELF && is_linked(grid, x, y, other % 3 - 1, other / 3 - 1))
                 return 0;
         return 1;
     }
-    const int dx = way % 3 - 1, dy = way / 3 - 1;
-    return leads(grid, x, y, dx, dy) && (way > NO_WAY || !is_thin(grid, x + dx, y + dy));
+    const int dx = neighbour % 3 - 1, dy = neighbour / 3 - 1;
+    return is_linked(grid, x, y, dx, dy) && (neighbour > SELF || !is_thin(grid, x + dx, y + dy));
 }
 #endif

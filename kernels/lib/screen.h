@@ -44,18 +44,18 @@ INLINED floatl nearness_of(Screen screen, Vector p)
 }
 
 /* The unit direction in which the picture sees a point */
-INLINED Vector towards(Screen screen, Vector p)
+INLINED Vector view_direction(Screen screen, Vector p)
 {
     const float *m = screen.to_world;
     const Vector centre = {m[3] / m[15], m[7] / m[15], m[11] / m[15]}, along = {-m[3], -m[7], -m[11]};
-    return at_unit_length(screen.perspective ? minus(p, centre) : along);
+    return normalized(screen.perspective ? minus(p, centre) : along);
 }
 
 /* The unit direction of a perspective picture's ray, however near to its eye that is */
-INLINED Vector direction_of(Screen screen, floatl x, floatl y)
+INLINED Vector ray_direction(Screen screen, floatl x, floatl y)
 {
     const float *m = screen.to_world;
     const Vector d = {PIXEL_ROW(m, 0, x, y), PIXEL_ROW(m, 1, x, y), PIXEL_ROW(m, 2, x, y)};
-    return at_unit_length(d);
+    return normalized(d);
 }
 #endif

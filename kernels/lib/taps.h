@@ -13,9 +13,9 @@ typedef struct {
 /* Around (x, y), counted from the first texel's centre; beyond the border it counts as on it. */
 INLINED Taps clamped_taps(int width, int height, floatl x, floatl y)
 {
-    const floatl cx = lesser(greater(x, (floatl)0.0f), (floatl)(width - 1));
-    const floatl cy = lesser(greater(y, (floatl)0.0f), (floatl)(height - 1));
-    const floatl x0 = lesser(truncated(cx), (floatl)max(width - 2, 0)), y0 = lesser(truncated(cy), (floatl)max(height - 2, 0));
+    const floatl cx = clamp_lanes(x, (floatl)0.0f, (floatl)(width - 1));
+    const floatl cy = clamp_lanes(y, (floatl)0.0f, (floatl)(height - 1));
+    const floatl x0 = min_lanes(truncated(cx), (floatl)max(width - 2, 0)), y0 = min_lanes(truncated(cy), (floatl)max(height - 2, 0));
     const int right = min(width - 1, 1), down = min(height - 1, 1) * width;
     const intl column = to_intl(x0), row = to_intl(y0), at = row * width + column;
     const Taps taps = {column, row, {at, at + right, at + down, at + down + right}, cx - x0, cy - y0};
@@ -29,7 +29,7 @@ INLINED floatl taps_along(int clamped, intl size, floatl place, intl *first, int
     /* Lanes that do not ask may hold anything: none may read beyond the map. */
     const floatl length = to_floatl(size);
     if (clamped) {
-        const floatl t = lesser(greater(place * length - 0.5f, (floatl)0.0f), length - 1.0f), whole = truncated(t);
+        const floatl t = clamp_lanes(place * length - 0.5f, (floatl)0.0f, length - 1.0f), whole = truncated(t);
         *first = clamp(to_intl(whole), (intl)0, size - 1);
         *second = min(*first + 1, size - 1);
         return t - whole;

@@ -6,13 +6,13 @@
 #include "lib/color.h"
 #include "lib/taps.h"
 
-#define LEVELS_MOST 16
+#define LEVELS_MAX 16
 
 /* Where a level begins, in texels; width and height: the first's, which become the level's */
 INLINED intl start_of_level(intl level, intl *width, intl *height)
 {
     intl start = 0;
-    for (int l = 0; l < LEVELS_MOST; l++) {
+    for (int l = 0; l < LEVELS_MAX; l++) {
         const intl finer = level > l;
         if (!any_lane(finer))
             break;
@@ -39,7 +39,7 @@ INLINED void add_texels(global const uint *texels, floatl u, floatl v, intl star
 /* The level whose texels are as large as a pixel, from the square of how many of the first's it covers along a side */
 intl level_of_texels(floatl texels_2, int level_count)
 {
-    const floatl sound = pick(isfinite_lanes(texels_2), greater(texels_2, (floatl)1.0f), (floatl)1.0f);
+    const floatl sound = pick(isfinite_lanes(texels_2), max_lanes(texels_2, (floatl)1.0f), (floatl)1.0f);
     const intl doublings = (as_intl(sound) >> 23) - 127; /* its log2, rounded down */
     return min(doublings >> 1, (intl)(level_count - 1));
 }

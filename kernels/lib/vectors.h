@@ -34,14 +34,14 @@ INLINED Vector scaled(Vector v, floatl by)
     return s;
 }
 
-INLINED Vector cross_of(Vector a, Vector b)
+INLINED Vector cross_product(Vector a, Vector b)
 {
     const Vector c = {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
     return c;
 }
 
-INLINED Vector at_unit_length(Vector v)
+INLINED Vector normalized(Vector v)
 {
-    return scaled(v, 1.0f / sqrt(greater(DOT(v, v), (floatl)1e-30f)));
+    return scaled(v, 1.0f / sqrt(max_lanes(DOT(v, v), (floatl)1e-30f)));
 }
 #endif

@@ -11,5 +11,5 @@
 #endif
 
 /* Where u, or v, is on the map, in numbers that stay small */
-#define IN_FIRST_TILE(clamped, u) ((clamped) ? (u) : (u) - floor_lanes(u))
+#define WRAPPED_UV(clamped, u) ((clamped) ? (u) : (u) - floor_lanes(u))
 #endif

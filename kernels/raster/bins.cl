@@ -16,7 +16,7 @@
 #ifndef CORNERS
 #define CORNERS 3 /* vertices of a primitive: 3 triangles, 4 tetrahedra */
 #endif
-#define SLACK 0.01f /* pixels: rounding of the projected corners, to 1/256 in triangle.h */
+#define BIN_MARGIN 0.01f /* pixels: rounding of the projected corners, to 1/256 in triangle.h */
 
 /* The first and last bins that each of LANES primitives may touch; none: low_x > high_x */
 typedef struct {
@@ -41,10 +41,10 @@ Boxes boxes_of(global const int *corners, global const float *projected, intl in
         before[k] = W[k] >= nearest_w;
         some = some | before[k];
         all = all & before[k];
-        low_x = pick(before[k], lesser(x[k], low_x), low_x);
-        high_x = pick(before[k], greater(x[k], high_x), high_x);
-        low_y = pick(before[k], lesser(y[k], low_y), low_y);
-        high_y = pick(before[k], greater(y[k], high_y), high_y);
+        low_x = pick(before[k], min_lanes(x[k], low_x), low_x);
+        high_x = pick(before[k], max_lanes(x[k], high_x), high_x);
+        low_y = pick(before[k], min_lanes(y[k], low_y), low_y);
+        high_y = pick(before[k], max_lanes(y[k], high_y), high_y);
     }
     if (any_lane(some & !all)) /* where edges cross the near plane */
         for (int k = 0; k < CORNERS; k++)
@@ -52,22 +52,22 @@ Boxes boxes_of(global const int *corners, global const float *projected, intl in
                 const intl leaves = before[k] & !before[l];
                 const floatl part = (W[k] - nearest_w) / (W[k] - W[l]);
                 const floatl at_x = (U[k] + (U[l] - U[k]) * part) / nearest_w, at_y = (V[k] + (V[l] - V[k]) * part) / nearest_w;
-                low_x = pick(leaves, lesser(at_x, low_x), low_x);
-                high_x = pick(leaves, greater(at_x, high_x), high_x);
-                low_y = pick(leaves, lesser(at_y, low_y), low_y);
-                high_y = pick(leaves, greater(at_y, high_y), high_y);
+                low_x = pick(leaves, min_lanes(at_x, low_x), low_x);
+                high_x = pick(leaves, max_lanes(at_x, high_x), high_x);
+                low_y = pick(leaves, min_lanes(at_y, low_y), low_y);
+                high_y = pick(leaves, max_lanes(at_y, high_y), high_y);
             }
     const floatl beside = -1.0f, right = screen.width - 1.0f, bottom = screen.height - 1.0f;
     /* Within the picture, but for a pixel beside it: whole numbers are small. */
-    const floatl x0 = ceil_lanes(within(low_x - SLACK, right + 1.0f));
-    const floatl y0 = ceil_lanes(within(low_y - SLACK, bottom + 1.0f));
-    const floatl x1 = floor_lanes(greater(lesser(high_x + SLACK, right), beside));
-    const floatl y1 = floor_lanes(greater(lesser(high_y + SLACK, bottom), beside));
+    const floatl x0 = ceil_lanes(clamp_lanes(low_x - BIN_MARGIN, (floatl)0.0f, right + 1.0f));
+    const floatl y0 = ceil_lanes(clamp_lanes(low_y - BIN_MARGIN, (floatl)0.0f, bottom + 1.0f));
+    const floatl x1 = floor_lanes(max_lanes(min_lanes(high_x + BIN_MARGIN, right), beside));
+    const floatl y1 = floor_lanes(max_lanes(min_lanes(high_y + BIN_MARGIN, bottom), beside));
     intl seen = some & (x0 <= x1) & (y0 <= y1);
 #if CORNERS == 3
     if (culled) { /* triangle.h decides, on moved corners: that turns slivers round, the longer the larger their area */
         const floatl ax = x[1] - x[0], ay = y[1] - y[0], bx = x[2] - x[0], by = y[2] - y[0];
-        const floatl moved = SLACK * (1.0f + fabs(ax) + fabs(ay) + fabs(bx) + fabs(by));
+        const floatl moved = BIN_MARGIN * (1.0f + fabs(ax) + fabs(ay) + fabs(bx) + fabs(by));
         seen = seen & (!all | ((ax * by - ay * bx) * culled <= moved));
     }
 #endif

@@ -68,7 +68,7 @@ INLINED Color read_texture(const OnTriangle *p, global const float *uv, global c
     dv_x = (dv_x - v * a_sum) / p->area * height;
     du_y = (du_y - u * b_sum) / p->area * width;
     dv_y = (dv_y - v * b_sum) / p->area * height;
-    const Footprint f = even_footprint(greater(du_x * du_x + dv_x * dv_x, du_y * du_y + dv_y * dv_y));
+    const Footprint f = even_footprint(max_lanes(du_x * du_x + dv_x * dv_x, du_y * du_y + dv_y * dv_y));
 #endif
     const floatl lod = fmin(fmax(0.5f * log2(f.texels_2), (floatl)0.0f), (floatl)(levels - 1));
     const floatl below = truncated(lod), between = lod - below;
@@ -89,7 +89,7 @@ INLINED Vector own_normal(const OnTriangle *p, global const float *vertices)
     UNROLLED
     for (int k = 0; k < 3; k++)
         at[k] = vector_at(vertices, p->corner[k]);
-    return at_unit_length(cross_of(minus(at[1], at[0]), minus(at[2], at[0])));
+    return normalized(cross_product(minus(at[1], at[0]), minus(at[2], at[0])));
 }
 #endif
 
@@ -123,7 +123,7 @@ kernel void draw_mesh(global const int *faces, global const float *projected, gl
     const int bin = y / BIN * bins_x + x / BIN;
     if (starts[bin] == starts[bin + 1]) {
         if (blank)
-            write_nothing(screen, depth, color, valid, x, y);
+            clear_region(screen, depth, color, valid, x, y);
         return;
     }
     Region region;
@@ -154,7 +154,7 @@ kernel void draw_mesh(global const int *faces, global const float *projected, gl
 #if SHADOWED
             visible = VISIBILITY(point, scaled(own_normal(&p, vertices), flip));
 #endif
-            shine(&shade, light, point, scaled(normal, flip * front / sqrt(DOT(normal, normal))), towards(screen, point), visible);
+            apply_light(&shade, light, point, scaled(normal, flip * front / sqrt(DOT(normal, normal))), view_direction(screen, point), visible);
 #endif
         }
         write_block(&region, block, screen, depth, color, valid, blank, first_x, first_y, shade);

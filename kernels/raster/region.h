@@ -15,8 +15,8 @@
 #include "lib/color.h"
 #include "lib/screen.h"
 
-#ifndef PLACED
-#define PLACED 0 /* 1: a region also holds where on its owner a pixel is */
+#ifndef KEEPS_UV
+#define KEEPS_UV 0 /* 1: a region also holds where on its owner a pixel is */
 #endif
 
 #if LANES == 16
@@ -39,7 +39,7 @@ typedef struct {
     floatl nearness[BLOCKS]; /* of the picture so far */
     intl owner[BLOCKS];      /* primitive that is seen, -1: none of these */
     float farthest[BLOCKS];  /* no pixel of the block shows what is farther than that */
-#if PLACED
+#if KEEPS_UV
     floatl u[BLOCKS], v[BLOCKS]; /* where on the owner */
 #endif
 } Region;
@@ -52,12 +52,12 @@ long pixel_of(Screen screen, int x, int y, int lane)
 }
 
 /* Adds to the counts of the pixels of the block at (x, y). */
-void add_counts(global int *counts, Screen screen, int x, int y, intl added)
+void add_to_counters(global int *counters, Screen screen, int x, int y, intl added)
 {
     for (int lane = 0; lane < LANES; lane++) {
         const long at = pixel_of(screen, x, y, lane);
         if (at >= 0)
-            counts[at] += int_lane(added, lane);
+            counters[at] += int_lane(added, lane);
     }
 }
 
@@ -66,7 +66,7 @@ void add_counts(global int *counts, Screen screen, int x, int y, intl added)
 #define IS_WHOLE(screen, x, y) ((x) + BLOCK <= (screen).width && (y) + BLOCK <= (screen).height)
 
 /* The depths of a whole block of the picture */
-float16 depths_of(Screen screen, global const float *depth, int x, int y)
+float16 block_depths(Screen screen, global const float *depth, int x, int y)
 {
     global const float *at = depth + (size_t)y * screen.width + x;
     return (float16)(vload4(0, at), vload4(0, at + screen.width), vload4(0, at + 2 * (size_t)screen.width),
@@ -80,7 +80,7 @@ floatl nearness_of_block(Screen screen, global const float *depth, int x, int y)
     floatl so_far = EMPTY;
 #if LANES == 16
     if (IS_WHOLE(screen, x, y)) {
-        const floatl z = depths_of(screen, depth, x, y);
+        const floatl z = block_depths(screen, depth, x, y);
         return pick(z == z, DEPTH_OF(screen.perspective, z), so_far);
     }
 #endif
@@ -134,9 +134,9 @@ INLINED void write_whole_block(floatl z, Screen screen, global float *depth, glo
                                int x, int y, Color shade)
 {
     const int16 mine = z == z, seen = mine & 1;
-    const float16 red = pick(mine, clamp(shade.r, 0.0f, 1.0f), (float16)0.0f) * CHANNEL_MOST;
-    const float16 green = pick(mine, clamp(shade.g, 0.0f, 1.0f), (float16)0.0f) * CHANNEL_MOST;
-    const float16 blue = pick(mine, clamp(shade.b, 0.0f, 1.0f), (float16)0.0f) * CHANNEL_MOST;
+    const float16 red = pick(mine, clamp(shade.r, 0.0f, 1.0f), (float16)0.0f) * CHANNEL_MAX;
+    const float16 green = pick(mine, clamp(shade.g, 0.0f, 1.0f), (float16)0.0f) * CHANNEL_MAX;
+    const float16 blue = pick(mine, clamp(shade.b, 0.0f, 1.0f), (float16)0.0f) * CHANNEL_MAX;
 #if COLOR_BYTES == 1
     const uint16 word = as_uint16(to_intl(red + 0.5f) | to_intl(green + 0.5f) << 8 | to_intl(blue + 0.5f) << 16);
 #endif
@@ -155,7 +155,7 @@ INLINED void write_block(const Region *region, int block, Screen screen, global 
     const intl mine = region->owner[block] >= 0;
     const floatl n = region->nearness[block], z = pick(mine, DRAWN_DEPTH(screen, n), (floatl)NAN);
 #if LANES == 16
-    if (IS_WHOLE(screen, x, y) && (blank || !any_lane(!mine | (z >= depths_of(screen, depth, x, y))))) {
+    if (IS_WHOLE(screen, x, y) && (blank || !any_lane(!mine | (z >= block_depths(screen, depth, x, y))))) {
         write_whole_block(z, screen, depth, color, valid, x, y, shade);
         return;
     }
@@ -169,13 +169,13 @@ INLINED void write_block(const Region *region, int block, Screen screen, global 
             continue; /* equally far: there and back, nearness is rounded */
         depth[at] = float_lane(z, lane);
         valid[at] = is_mine;
-        const float3 one = rounded(clamp(color_lane(shade, lane), 0.0f, 1.0f) * CHANNEL_MOST);
+        const float3 one = rounded_channel(clamp(color_lane(shade, lane), 0.0f, 1.0f) * CHANNEL_MAX);
         write_pixel(color + 3 * at, is_mine ? one : (float3)(0.0f));
     }
 }
 
 /* Writes all pixels of a region where nothing is; x, y: its first pixel. */
-INLINED void write_nothing(Screen screen, global float *depth, global channel *color, global uchar *valid, int x, int y)
+INLINED void clear_region(Screen screen, global float *depth, global channel *color, global uchar *valid, int x, int y)
 {
     const Color black = {0.0f, 0.0f, 0.0f};
     const int end = min(x + REGION, screen.width);

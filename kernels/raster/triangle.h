@@ -17,7 +17,7 @@
 
 #define SUBPIXELS 256
 #define FARTHEST_CORNER 16384.0f /* pixels from the region: beyond, whole numbers of 32 bits do not suffice */
-#define ROUNDING 0.01f           /* pixels by which a moved corner may leave the box of the triangle */
+#define CORNER_ROUNDING 0.01f           /* pixels by which a moved corner may leave the box of the triangle */
 
 /* a x + b y + c, positive inside */
 typedef struct {
@@ -86,12 +86,12 @@ intl set_up_triangles(global const int *corners, global const float *projected, 
         crosses = crosses | !is_before;
     }
     const float end = REGION - 1;
-    const floatl low_x = lesser(at_x[0], lesser(at_x[1], at_x[2])), high_x = greater(at_x[0], greater(at_x[1], at_x[2]));
-    const floatl low_y = lesser(at_y[0], lesser(at_y[1], at_y[2])), high_y = greater(at_y[0], greater(at_y[1], at_y[2]));
-    t->low_x = to_intl(ceil_lanes(pick(crosses, (floatl)0.0f, lesser(greater(low_x - ROUNDING, (floatl)0.0f), (floatl)REGION))));
-    t->low_y = to_intl(ceil_lanes(pick(crosses, (floatl)0.0f, lesser(greater(low_y - ROUNDING, (floatl)0.0f), (floatl)REGION))));
-    t->high_x = to_intl(floor_lanes(pick(crosses, (floatl)end, greater(lesser(high_x + ROUNDING, (floatl)end), (floatl)-1.0f))));
-    t->high_y = to_intl(floor_lanes(pick(crosses, (floatl)end, greater(lesser(high_y + ROUNDING, (floatl)end), (floatl)-1.0f))));
+    const floatl low_x = min_lanes(at_x[0], min_lanes(at_x[1], at_x[2])), high_x = max_lanes(at_x[0], max_lanes(at_x[1], at_x[2]));
+    const floatl low_y = min_lanes(at_y[0], min_lanes(at_y[1], at_y[2])), high_y = max_lanes(at_y[0], max_lanes(at_y[1], at_y[2]));
+    t->low_x = to_intl(ceil_lanes(pick(crosses, (floatl)0.0f, clamp_lanes(low_x - CORNER_ROUNDING, (floatl)0.0f, (floatl)REGION))));
+    t->low_y = to_intl(ceil_lanes(pick(crosses, (floatl)0.0f, clamp_lanes(low_y - CORNER_ROUNDING, (floatl)0.0f, (floatl)REGION))));
+    t->high_x = to_intl(floor_lanes(pick(crosses, (floatl)end, max_lanes(min_lanes(high_x + CORNER_ROUNDING, (floatl)end), (floatl)-1.0f))));
+    t->high_y = to_intl(floor_lanes(pick(crosses, (floatl)end, max_lanes(min_lanes(high_y + CORNER_ROUNDING, (floatl)end), (floatl)-1.0f))));
     intl seen = (t->low_x <= t->high_x) & (t->low_y <= t->high_y);
     if (!any_lane(seen))
         return seen;
@@ -160,7 +160,7 @@ INLINED intl covered_by(const Triangles *t, int lane, int first_x, int first_y, 
     }
     /* A pixel that moved corners cover may lie beyond them, where a steep plane leaves their range. */
     const floatl plane = float_lane(t->n_x, lane) * x + (float_lane(t->n_y, lane) * y + float_lane(t->n_0, lane));
-    *nearness = lesser(greater(plane, (floatl)float_lane(t->n_low, lane)), (floatl)float_lane(t->n_high, lane));
+    *nearness = clamp_lanes(plane, (floatl)float_lane(t->n_low, lane), (floatl)float_lane(t->n_high, lane));
     return covered;
 }
 
@@ -209,7 +209,7 @@ INLINED OnTriangle on_triangle(global const int *corners, global const float *pr
     const floatl sign = pick(p.area < 0.0f, (floatl)-1.0f, (floatl)1.0f);
     UNROLLED
     for (int k = 0; k < 3; k++) { /* none from beyond the triangle, as in `covered_by` */
-        p.weight[k] = greater(p.weight[k] * sign, (floatl)0.0f);
+        p.weight[k] = max_lanes(p.weight[k] * sign, (floatl)0.0f);
         sum += p.weight[k];
     }
     const floatl inverse = 1.0f / sum;

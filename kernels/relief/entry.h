@@ -3,7 +3,7 @@
 /* What a relief is, and where a pixel's ray enters it: the vertices' frames and quadrics there, and the ray in texture
  * space (Oliveira & Policarpo 2005, sections 3.3 and 3.4).
  *
- * faces: (triangles, 3) corners of each. projected: (vertices, 4), raster/project.cl. vertices: (vertices, VERTEX) u, v,
+ * faces: (triangles, 3) corners of each. projected: (vertices, 4), raster/project.cl. vertices: (vertices, VERTEX_FLOATS) u, v,
  * normal, gradient of u, gradient of v (world, per scene unit), a, b, c, depth, unused. texels, bounds, levels:
  * search.h.
  *
@@ -15,14 +15,14 @@
 #include "raster/triangle.h"
 #include "relief/search.h"
 
-#define VERTEX 16 /* floats of a vertex */
+#define VERTEX_FLOATS 16 /* floats of a vertex */
 
 #define LINEAR 0
 #define SAFE 1
-#define FLAT 1e-5f /* curvature times depth: what bends less is a plane, but for rounding */
+#define FLAT_MAX 1e-5f /* curvature times depth: what bends less is a plane, but for rounding */
 #define ARC_PARTS 16 /* of a ray's way below the mesh, among which its deepest point is sought */
 #define DEEPEST_HALVINGS 8 /* of the way on which a light's ray is deepest */
-#define LEAST_COSINE 1e-3f /* of a ray that enters: at outlines interpolated normals may look away */
+#define COSINE_MIN 1e-3f /* of a ray that enters: at outlines interpolated normals may look away */
 
 typedef struct {
     global const int *faces;
@@ -55,10 +55,10 @@ typedef struct {
 INLINED Entry entry_of(const Relief *relief, intl index, floatl x, floatl y)
 {
     const OnTriangle pixel = on_triangle(relief->faces, relief->projected, index, x, y);
-    floatl of_vertex[VERTEX];
+    floatl of_vertex[VERTEX_FLOATS];
     corner_means(relief->vertices, &pixel, of_vertex);
     const Vector normal = {of_vertex[2], of_vertex[3], of_vertex[4]};
-    const floatl unit = 1.0f / sqrt(greater(DOT(normal, normal), (floatl)1e-20f));
+    const floatl unit = 1.0f / sqrt(max_lanes(DOT(normal, normal), (floatl)1e-20f));
     Entry e = {of_vertex[0], of_vertex[1], scaled(normal, unit), {of_vertex[5], of_vertex[6], of_vertex[7]},
                {of_vertex[8], of_vertex[9], of_vertex[10]}, of_vertex[11], of_vertex[12], of_vertex[13]};
 #if WITHIN
@@ -70,26 +70,26 @@ INLINED Entry entry_of(const Relief *relief, intl index, floatl x, floatl y)
 /* x and y of the frame in which the quadric is z = a x^2 + b y^2 + c x y */
 INLINED void tangents_of(const Entry *e, Vector *x, Vector *y)
 {
-    *x = at_unit_length(e->along_u);
-    *y = cross_of(e->normal, *x);
+    *x = normalized(e->along_u);
+    *y = cross_product(e->normal, *x);
 }
 
 /* a x^2 + b y^2 + c x y, of one direction, or between two */
-INLINED floatl bending(const Entry *e, floatl x, floatl y, floatl other_x, floatl other_y)
+INLINED floatl quadric_form(const Entry *e, floatl x, floatl y, floatl other_x, floatl other_y)
 {
     return e->a * x * other_x + e->b * y * other_y + 0.5f * e->c * (x * other_y + y * other_x);
 }
 
 /* Of a ray that runs along x and y; share: of the quadric's bending */
-INLINED Circles circles_of(const Entry *e, floatl x, floatl y, float share)
+INLINED PrincipalCurvatures curvatures_of(const Entry *e, floatl x, floatl y, float share)
 {
     /* The quadric is l1 p^2 + l2 q^2 along its principal directions, l1 >= l2. */
     const floatl sum = share * (e->a + e->b), s_2 = x * x + y * y;
-    const floatl apart = share * sqrt((e->a - e->b) * (e->a - e->b) + e->c * e->c); /* l1 - l2 */
-    const floatl bend = share * bending(e, x, y, x, y);
-    const floatl first = (bend - 0.5f * (sum - apart) * s_2) / greater(apart, (floatl)1e-20f);
-    const floatl w1 = lesser(greater(first, (floatl)0.0f), s_2);
-    const Circles made = {-sum - apart, apart - sum, w1, s_2 - w1};
+    const floatl curvature_difference = share * sqrt((e->a - e->b) * (e->a - e->b) + e->c * e->c); /* l1 - l2 */
+    const floatl bend = share * quadric_form(e, x, y, x, y);
+    const floatl first = (bend - 0.5f * (sum - curvature_difference) * s_2) / max_lanes(curvature_difference, (floatl)1e-20f);
+    const floatl w1 = clamp_lanes(first, (floatl)0.0f, s_2);
+    const PrincipalCurvatures made = {-sum - curvature_difference, curvature_difference - sum, w1, s_2 - w1};
     return made;
 }
 
@@ -98,22 +98,22 @@ void set_ray(ReliefRay *ray, const Entry *e, Vector d, int quadric, float scale)
 {
     const float per_scale = 1.0f / scale;
     const floatl cosine = DOT(d, e->normal); /* < 0: it enters */
-    ray->u = IN_FIRST_TILE(CLAMPED_U, e->u);
-    ray->v = IN_FIRST_TILE(CLAMPED_V, e->v);
+    ray->u = WRAPPED_UV(CLAMPED_U, e->u);
+    ray->v = WRAPPED_UV(CLAMPED_V, e->v);
     ray->du = DOT(d, e->along_u);
     ray->dv = DOT(d, e->along_v);
-    const Vector down = cross_of(e->normal, e->along_u);
-    const floatl per_u = 1.0f / sqrt(greater(DOT(e->along_u, e->along_u), (floatl)1e-30f));
+    const Vector down = cross_product(e->normal, e->along_u);
+    const floatl per_u = 1.0f / sqrt(max_lanes(DOT(e->along_u, e->along_u), (floatl)1e-30f));
     const floatl x = ray->du * per_u, y = DOT(d, down) * per_u; /* of the direction */
-    ray->L = greater(-cosine, (floatl)LEAST_COSINE) * per_scale;
-    const floatl bend = quadric ? bending(e, x, y, x, y) : (floatl)0.0f;
+    ray->L = max_lanes(-cosine, (floatl)COSINE_MIN) * per_scale;
+    const floatl bend = quadric ? quadric_form(e, x, y, x, y) : (floatl)0.0f;
     ray->K = bend * per_scale;
 #if DISTANCE != APPROXIMATE
-    ray->vz = lesser(cosine, (floatl)-LEAST_COSINE);
+    ray->vz = min_lanes(cosine, (floatl)-COSINE_MIN);
 #endif
 #if DISTANCE == EXACT
     ray->per_scale = per_scale;
-    ray->circles = circles_of(e, x, y, quadric ? 1.0f : 0.0f);
+    ray->curvatures = curvatures_of(e, x, y, quadric ? 1.0f : 0.0f);
 #elif DISTANCE == PERPENDICULAR
     ray->bend = bend;
     ray->scale = scale;
@@ -122,7 +122,7 @@ void set_ray(ReliefRay *ray, const Entry *e, Vector d, int quadric, float scale)
     const intl starts_below = e->depth > 0.0f;
     ray->depth = e->depth;
     ray->L = pick(starts_below, -cosine * per_scale, ray->L);
-    measure_plainly(ray, starts_below);
+    use_quadric_depth(ray, starts_below);
 #endif
 }
 
@@ -134,14 +134,14 @@ void follow_circles(ReliefRay *ray, const Entry *e, Vector d, float scale, intl 
 {
     const floatl cosine = ray->L * scale, bend = -2.0f * ray->K * scale;
     const floatl most = fabs(e->a - e->b) + fabs(e->c) - (e->a + e->b); /* no less than the greater curvature */
-    const floatl part = lesser(scale * most, (floatl)1.0f), steep = part * (2.0f - part); /* by the sphere */
+    const floatl part = min_lanes(scale * most, (floatl)1.0f), steep = part * (2.0f - part); /* by the sphere */
     const intl reaches = ray->L * ray->L + 4.0f * ray->K >= 0.0f;
-    const intl grazes = enters & reaches & (bend * scale > FLAT) & (cosine * cosine < steep);
+    const intl grazes = enters & reaches & (bend * scale > FLAT_MAX) & (cosine * cosine < steep);
     if (!any_lane(grazes))
         return;
     Vector x_axis, y_axis;
     tangents_of(e, &x_axis, &y_axis);
-    const Circles c = circles_of(e, DOT(d, x_axis), DOT(d, y_axis), 1.0f);
+    const PrincipalCurvatures c = curvatures_of(e, DOT(d, x_axis), DOT(d, y_axis), 1.0f);
     /* Where its depth's derivative is 0: not before it is deepest in that sphere, nor after it is by equation 7. up and
      * far: 1 + k1 z before the first circle's part is added to z, and after; left: 1 + k2 z of that. */
     floatl before = cosine / c.k2, after = cosine / bend;
@@ -164,27 +164,27 @@ void follow_circles(ReliefRay *ray, const Entry *e, Vector d, float scale, intl 
  * (depth per scene unit). The cubic with both places and both slopes tells how deep it is between. Where that is at the
  * bottom, or deepest, it may be deeper than by the quadric: then the mesh bends less, and the ray is searched by the
  * parabola that rises to there, no steeper than it entered. Which rays are these? share: of the quadric's bending. */
-intl follow_mesh(ReliefRay *ray, floatl way, floatl slope, floatl *share)
+intl follow_mesh(ReliefRay *ray, floatl distance, floatl slope, floatl *share)
 {
-    const floatl L = ray->L, leaves = greater(slope, (floatl)0.0f), start = START_DEPTH(ray);
+    const floatl L = ray->L, leaves = max_lanes(slope, (floatl)0.0f), start = START_DEPTH(ray);
     floatl t = 0.0f, depth = start, before = start;
     for (int i = 1; i <= ARC_PARTS; i++) {
         const float part = (float)i / ARC_PARTS, rest = 1.0f - part;
         const float started = rest * rest * (1.0f + 2.0f * part); /* what is left of the depth at the start */
-        const floatl now = way * (part * rest) * (L * rest + leaves * part) + start * started;
+        const floatl now = distance * (part * rest) * (L * rest + leaves * part) + start * started;
         const intl rises = (depth < 1.0f) & (now > depth);
         const floatl reached = pick(now > 1.0f, (1.0f - before) / (now - before), (floatl)1.0f);
-        t = pick(rises, way * (i - 1 + reached) * (1.0f / ARC_PARTS), t);
-        depth = pick(rises, lesser(now, (floatl)1.0f), depth);
+        t = pick(rises, distance * (i - 1 + reached) * (1.0f / ARC_PARTS), t);
+        depth = pick(rises, min_lanes(now, (floatl)1.0f), depth);
         before = now;
     }
     const intl deeper = (t > 0.0f) & (depth > depth_of(ray, t));
     depth *= 1.0f + BOTTOM_SLACK;
-    const floatl mean = (depth - start) / t, rise = lesser(L, 2.0f * mean), K = (mean - rise) / t;
-    *share = pick(deeper & (ray->K < K), greater(K / ray->K, (floatl)0.0f), (floatl)1.0f);
+    const floatl mean = (depth - start) / t, rise = min_lanes(L, 2.0f * mean), K = (mean - rise) / t;
+    *share = pick(deeper & (ray->K < K), max_lanes(K / ray->K, (floatl)0.0f), (floatl)1.0f);
     ray->L = pick(deeper, rise, L);
     ray->K = pick(deeper, K, ray->K);
-    measure_plainly(ray, deeper);
+    use_quadric_depth(ray, deeper);
     return deeper;
 }
 
@@ -197,7 +197,7 @@ INLINED Entry flattened(Entry e, floatl share)
     return e;
 }
 
-intl is_sound(const ReliefRay *ray)
+intl is_finite_ray(const ReliefRay *ray)
 {
     return isfinite_lanes(ray->u + ray->v + ray->du + ray->dv + ray->K);
 }
@@ -207,7 +207,7 @@ floatl texels_of(const Entry *e, int width, int height, floatl size, intl enters
 {
     const floatl u_2 = DOT(e->along_u, e->along_u);
     const floatl v_2 = DOT(e->along_v, e->along_v);
-    const floatl texels_2 = greater(u_2 * ((float)width * width), v_2 * ((float)height * height)) * size * size;
+    const floatl texels_2 = max_lanes(u_2 * ((float)width * width), v_2 * ((float)height * height)) * size * size;
     return pick(enters, texels_2, (floatl)1.0f);
 }
 
@@ -216,9 +216,9 @@ floatl texels_of(const Entry *e, int width, int height, floatl size, intl enters
 intl level_of(const Relief *relief, const Entry *e, floatl size, intl enters)
 {
     intl level = level_of_texels(texels_of(e, relief->levels[0], relief->levels[1], size, enters), relief->level_count);
-    const intl bends = (fabs(e->a) + fabs(e->b) + fabs(e->c)) * (relief->quadric * relief->scale) > FLAT;
+    const intl bends = (fabs(e->a) + fabs(e->b) + fabs(e->c)) * (relief->quadric * relief->scale) > FLAT_MAX;
     for (int l = 1; l < relief->level_count && any_lane(level >= l); l++) {
-        const float lost = relief->scale * (1.0f / 65535.0f) * relief->levels[l * TABLE + LOST];
+        const float lost = relief->scale * (1.0f / 65535.0f) * relief->levels[l * LEVEL_INTS + HEIGHT_ERROR];
         level = pick(bends & (size < lost), min(level, (intl)(l - 1)), level);
     }
     return level;

@@ -23,7 +23,7 @@
 #define WITHIN 0 /* 1: the eye is below the mesh, and its rays start there */
 #endif
 #define NEVER 1e20f        /* scene units */
-#define TILES_MOST 1e3f    /* that a ray crosses, so that numbers stay small */
+#define TILES_MAX 1e3f    /* that a ray crosses, so that numbers stay small */
 #define BOTTOM_NEAR 1e-5f  /* of the depth: how near the bottom is sought */
 #define BOTTOM_SLACK 1e-3f /* of the depth: what a ray that grazes the bottom may lack */
 
@@ -31,7 +31,7 @@
 typedef struct {
     floatl k1, k2; /* curvatures, > 0 outwards; k1 <= k2 */
     floatl w1, w2; /* squares of the direction's parts along them */
-} Circles;
+} PrincipalCurvatures;
 
 typedef struct {
     floatl u, v, du, dv; /* du, dv per scene unit */
@@ -47,7 +47,7 @@ typedef struct {
 #endif
 #if DISTANCE == EXACT
     floatl per_scale; /* depths per scene unit */
-    Circles circles;
+    PrincipalCurvatures curvatures;
 #elif DISTANCE == PERPENDICULAR
     floatl scale; /* of depth 1 */
     floatl bend;  /* a x^2 + b y^2 + c x y of the direction */
@@ -57,22 +57,22 @@ typedef struct {
 /* Equation 7 */
 #if WITHIN
 #define START_DEPTH(ray) ((ray)->depth)
-#define PLAIN_DEPTH(ray, t) ((ray)->depth + (t) * ((ray)->L + (ray)->K * (t)))
+#define QUADRIC_DEPTH(ray, t) ((ray)->depth + (t) * ((ray)->L + (ray)->K * (t)))
 #else
 #define START_DEPTH(ray) 0.0f
-#define PLAIN_DEPTH(ray, t) ((t) * ((ray)->L + (ray)->K * (t)))
+#define QUADRIC_DEPTH(ray, t) ((t) * ((ray)->L + (ray)->K * (t)))
 #endif
 
 /* How far a circle of curvature k lies before (x, z), along z; x_2: x squared */
 INLINED floatl before_circle(floatl k, floatl x_2, floatl z)
 {
     const floatl up = 1.0f + k * z;
-    return k * x_2 / greater(up + sqrt(up * up + k * k * x_2), (floatl)1e-3f);
+    return k * x_2 / max_lanes(up + sqrt(up * up + k * k * x_2), (floatl)1e-3f);
 }
 
 /* By how much less than by equation 7, in scene units, a point z along the normal lies below circles: one along the
  * first direction is carried around one along the second, as in a torus. */
-INLINED floatl beyond_quadric(const Circles *c, floatl z, floatl t)
+INLINED floatl beyond_quadric(const PrincipalCurvatures *c, floatl z, floatl t)
 {
     const floatl t_2 = t * t;
     const floatl first = before_circle(c->k1, c->w1 * t_2, z), second = before_circle(c->k2, c->w2 * t_2, z + first);
@@ -82,39 +82,39 @@ INLINED floatl beyond_quadric(const Circles *c, floatl z, floatl t)
 #if DISTANCE == EXACT
 floatl depth_of(const ReliefRay *ray, floatl t)
 {
-    return PLAIN_DEPTH(ray, t) - beyond_quadric(&ray->circles, ray->vz * t, t) * ray->per_scale;
+    return QUADRIC_DEPTH(ray, t) - beyond_quadric(&ray->curvatures, ray->vz * t, t) * ray->per_scale;
 }
 #elif DISTANCE == PERPENDICULAR
 /* P = V t; R = P + s U, U at right angles to V in the plane of V and the normal. */
 floatl depth_of(const ReliefRay *ray, floatl t)
 {
-    const floatl depth = PLAIN_DEPTH(ray, t), below = depth * ray->scale;
-    const floatl uz = sqrt(greater(1.0f - ray->vz * ray->vz, (floatl)1e-6f)); /* U = (N - vz V) / uz */
+    const floatl depth = QUADRIC_DEPTH(ray, t), below = depth * ray->scale;
+    const floatl uz = sqrt(max_lanes(1.0f - ray->vz * ray->vz, (floatl)1e-6f)); /* U = (N - vz V) / uz */
     const floatl per = -ray->vz / uz;                                         /* U's tangential part over V's */
     const floatl A = per * per * ray->bend, B = 2.0f * t * per * ray->bend - uz;
-    const floatl discriminant = B * B - 4.0f * A * below, root = sqrt(greater(discriminant, (floatl)0.0f));
+    const floatl discriminant = B * B - 4.0f * A * below, root = sqrt(max_lanes(discriminant, (floatl)0.0f));
     return pick((discriminant >= 0.0f) & (root > B), 2.0f * depth / (root - B), depth);
 }
 #else
-#define depth_of PLAIN_DEPTH
+#define depth_of QUADRIC_DEPTH
 #endif
 
 /* The depths of some rays become those of equation 7: without curvatures there is no other. */
-INLINED void measure_plainly(ReliefRay *ray, intl which)
+INLINED void use_quadric_depth(ReliefRay *ray, intl which)
 {
 #if DISTANCE != APPROXIMATE
     ray->vz = pick(which, (floatl)0.0f, ray->vz);
 #endif
 #if DISTANCE == EXACT
-    ray->circles.k1 = pick(which, (floatl)0.0f, ray->circles.k1);
-    ray->circles.k2 = pick(which, (floatl)0.0f, ray->circles.k2);
+    ray->curvatures.k1 = pick(which, (floatl)0.0f, ray->curvatures.k1);
+    ray->curvatures.k2 = pick(which, (floatl)0.0f, ray->curvatures.k2);
 #elif DISTANCE == PERPENDICULAR
     ray->bend = pick(which, (floatl)0.0f, ray->bend);
 #endif
 }
 
 /* Lanes that do not search get a ray that harms nobody. */
-void rest(ReliefRay *ray, intl active)
+void mask_inactive(ReliefRay *ray, intl active)
 {
     ray->u = pick(active, ray->u, (floatl)0.0f);
     ray->v = pick(active, ray->v, (floatl)0.0f);
@@ -129,7 +129,7 @@ void rest(ReliefRay *ray, intl active)
     ray->vz = pick(active, ray->vz, (floatl)-0.5f);
 #endif
 #if DISTANCE == EXACT
-    Circles *c = &ray->circles;
+    PrincipalCurvatures *c = &ray->curvatures;
     c->k1 = pick(active, c->k1, (floatl)0.0f);
     c->k2 = pick(active, c->k2, (floatl)0.0f);
     c->w1 = pick(active, c->w1, (floatl)0.0f);
@@ -146,14 +146,14 @@ void set_end_within(ReliefRay *ray)
 {
     const floatl L = ray->L, K = ray->K, depth = ray->depth, below = 1.0f - depth;
     const floatl sinks = L * L + 4.0f * K * below, rises = L * L - 4.0f * K * depth; /* discriminants */
-    const floatl to_sink = sqrt(greater(sinks, (floatl)0.0f)) + L, root = sqrt(greater(rises, (floatl)0.0f));
+    const floatl to_sink = sqrt(max_lanes(sinks, (floatl)0.0f)) + L, root = sqrt(max_lanes(rises, (floatl)0.0f));
     const floatl out_at = pick(L > 0.0f, -0.5f * (L + root) / K, 2.0f * depth / (root - L));
-    const intl comes_out = (rises >= greater(4.0f * K, (floatl)0.0f)) & ((L <= 0.0f) | (K < 0.0f));
+    const intl comes_out = (rises >= max_lanes(4.0f * K, (floatl)0.0f)) & ((L <= 0.0f) | (K < 0.0f));
     const intl hits = (sinks >= 0.0f) & (to_sink > 0.0f);
-    const floatl out = lesser(pick(comes_out, out_at, (floatl)NEVER), (floatl)NEVER);
-    const floatl bottom = lesser(pick(hits, 2.0f * below / to_sink, (floatl)NEVER), (floatl)NEVER);
+    const floatl out = min_lanes(pick(comes_out, out_at, (floatl)NEVER), (floatl)NEVER);
+    const floatl bottom = min_lanes(pick(hits, 2.0f * below / to_sink, (floatl)NEVER), (floatl)NEVER);
     const intl within = depth > 0.0f;
-    ray->end = pick(within, lesser(out, bottom), ray->end);
+    ray->end = pick(within, min_lanes(out, bottom), ray->end);
     ray->at_bottom = pick(within, bottom < out, ray->at_bottom);
 }
 #endif
@@ -171,7 +171,7 @@ void set_end(ReliefRay *ray)
     for (int i = 0; i < 8 && any_lane(reaches & (depth_of(ray, t) < 1.0f - BOTTOM_NEAR)); i++) {
         const floatl step = 1e-3f * t, depth = depth_of(ray, t), rise = depth_of(ray, t + step) - depth;
         reaches = reaches & ((rise > 0.0f) | (depth >= 1.0f));
-        t = pick(reaches & (rise > 0.0f), t + greater(1.0f - depth, (floatl)0.0f) * step / rise, t);
+        t = pick(reaches & (rise > 0.0f), t + max_lanes(1.0f - depth, (floatl)0.0f) * step / rise, t);
     }
     reaches = reaches & (depth_of(ray, t) >= 1.0f - BOTTOM_SLACK);
     /* And it is out again earlier. */
@@ -200,6 +200,6 @@ void set_end(ReliefRay *ray)
 #if WITHIN
     set_end_within(ray);
 #endif
-    ray->end = fmin(ray->end, TILES_MOST / fmax(fabs(ray->du) + fabs(ray->dv), (floatl)1e-20f));
+    ray->end = fmin(ray->end, TILES_MAX / fmax(fabs(ray->du) + fabs(ray->dv), (floatl)1e-20f));
 }
 #endif

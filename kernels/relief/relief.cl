@@ -18,18 +18,18 @@
  * faces, projected, vertices: entry.h. list, starts: raster/bins.cl, of fronts and backs where quadrics bend. texels,
  * bounds, levels: search.h. colors: lib/texture.h. normal_map: (normal_height, normal_width, 3), where > 0, with its
  * pyramid. How often both are read: lib/footprint.h. What a light does: sight.h.
- * counts: (height, width, 2) searches and their steps, with COUNTED. places: (height, width, 2) u and v of what
- * is seen, in 0 to 1, NaN where nothing is, with TOLD.
+ * counts: (height, width, 2) searches and their steps, with COUNTERS. places: (height, width, 2) u and v of what
+ * is seen, in 0 to 1, NaN where nothing is, with UV_WRITTEN.
  * Work-item: a region (raster/region.h). Cost: O(list + pixels * layers * steps). Determinism: list order.
  */
-#define PLACED 1
+#define KEEPS_UV 1
 #include "raster/region.h"
 #include "relief/entry.h"
-#include "relief/seen.h"
-#include "relief/sight.h"
+#include "relief/shading_point.h"
+#include "relief/shadows.h"
 
-#ifndef TOLD
-#define TOLD 0 /* 1: where on the surface each pixel is, is written, too */
+#ifndef UV_WRITTEN
+#define UV_WRITTEN 0 /* 1: where on the surface each pixel is, is written, too */
 #endif
 
 #ifndef DEPTH_ALONE
@@ -44,7 +44,7 @@ typedef struct {
     intl beyond_index[BLOCKS];
     floatl t[BLOCKS];                     /* from the entry to what is seen, in scene units */
     floatl share[BLOCKS];                 /* of the quadric's bending that what is seen was found by */
-    intl lost[BLOCKS];                    /* by its quadric the ray from the first entry came out */
+    intl escaped[BLOCKS];                    /* by its quadric the ray from the first entry came out */
     floatl leaves[BLOCKS];                /* nearness of the back by which a ray leaves the mesh; EMPTY: nowhere */
     intl left_by[BLOCKS];                 /* its triangle */
 } Layers;
@@ -55,7 +55,7 @@ typedef struct {
     int x, y;   /* the region's first pixel */
     int culled; /* CULLS_BACKS: fronts are listed, where rays enter; CULLS_FRONTS: backs, where lost rays leave */
     Layers *layers;
-    global int *counts;
+    global int *counters;
 } Context;
 
 typedef Triangles Primitives;
@@ -69,11 +69,11 @@ intl set_up(const Context *context, intl index, int x, int y, Primitives *t)
 void cover_back(Layers *layers, const Primitives *t, int lane, int block, int first_x, int first_y)
 {
     floatl n;
-    if (!DEPTH_ALONE && !any_lane(layers->lost[block]))
+    if (!DEPTH_ALONE && !any_lane(layers->escaped[block]))
         return;
     const intl covered = covered_by(t, lane, first_x, first_y, &n);
-    const intl asked = DEPTH_ALONE ? n > layers->first[block] : layers->lost[block] & (n < layers->first[block]);
-    const intl next = covered & asked & (n > layers->leaves[block]);
+    const intl wanted = DEPTH_ALONE ? n > layers->first[block] : layers->escaped[block] & (n < layers->first[block]);
+    const intl next = covered & wanted & (n > layers->leaves[block]);
     layers->leaves[block] = pick(next, n, layers->leaves[block]);
     layers->left_by[block] = pick(next, (intl)int_lane(t->index, lane), layers->left_by[block]);
 }
@@ -102,87 +102,87 @@ void cover(const Context *context, const Primitives *t, int lane, Region *region
 
 /* Where a block's rays enter, in the world, and in which direction */
 typedef struct {
-    Vector from, way;
+    Vector from, direction;
     floatl share; /* of the quadric's bending that they follow */
-} Entrance;
+} EntryRay;
 
 /* Sets up a search by the rays of a block's pixels that enter a triangle; `again`: by those that were lost and are still
  * below the mesh, up to where they leave it. */
-Entrance set_out(const Context *context, int block, int again, Search *s)
+EntryRay begin_search(const Context *context, int block, int again, Search *s)
 {
     const Relief *relief = &context->relief;
     const Layers *layers = context->layers;
     const floatl x = to_floatl(context->x + FIRST_X(block) + block_x), y = to_floatl(context->y + FIRST_Y(block) + block_y);
     const floatl n = layers->first[block];
-    Entrance entrance;
-    entrance.from = point_at(relief->screen, x, y, n);
+    EntryRay entry_ray;
+    entry_ray.from = point_at(relief->screen, x, y, n);
 #if WITHIN
-    entrance.way = direction_of(relief->screen, x, y); /* the window is too near to tell it */
+    entry_ray.direction = ray_direction(relief->screen, x, y); /* the window is too near to tell it */
 #else
-    entrance.way = towards(relief->screen, entrance.from);
+    entry_ray.direction = view_direction(relief->screen, entry_ray.from);
 #endif
-    entrance.share = 1.0f;
+    entry_ray.share = 1.0f;
     const intl entered = layers->entered[block], enters = entered >= 0;
     const Entry e = entry_of(relief, pick(enters, entered, (intl)0), x, y);
-    set_ray(&s->ray, &e, entrance.way, relief->quadric, relief->scale);
+    set_ray(&s->ray, &e, entry_ray.direction, relief->quadric, relief->scale);
 #if DEPTH_ALONE && DISTANCE == APPROXIMATE
     if (relief->quadric)
-        follow_circles(&s->ray, &e, entrance.way, relief->scale, enters);
+        follow_circles(&s->ray, &e, entry_ray.direction, relief->scale, enters);
 #endif
     s->ray.level = level_of(relief, &e, PIXEL_SIZE(relief, n), enters);
     intl searches = enters;
     floatl longest = INFINITY;
     if (again || WITHIN) {
-        const intl leaves = layers->lost[block] & (layers->leaves[block] > EMPTY);
-        const Vector through = minus(point_at(relief->screen, x, y, pick(leaves, layers->leaves[block], n)), entrance.from);
-        const floatl way = sqrt(DOT(through, through));
+        const intl leaves = layers->escaped[block] & (layers->leaves[block] > EMPTY);
+        const Vector through = minus(point_at(relief->screen, x, y, pick(leaves, layers->leaves[block], n)), entry_ray.from);
+        const floatl distance = sqrt(DOT(through, through));
         if (again) {
             const Entry exit = entry_of(relief, pick(leaves, layers->left_by[block], (intl)0), x, y);
-            longest = way;
-            const floatl slope = DOT(entrance.way, exit.normal) / relief->scale;
-            searches = leaves & follow_mesh(&s->ray, way, slope, &entrance.share);
+            longest = distance;
+            const floatl slope = DOT(entry_ray.direction, exit.normal) / relief->scale;
+            searches = leaves & follow_mesh(&s->ray, distance, slope, &entry_ray.share);
         } else {
-            longest = pick(leaves & (ENTRY_DEPTH(&e) > 0.0f), way, longest);
+            longest = pick(leaves & (ENTRY_DEPTH(&e) > 0.0f), distance, longest);
         }
     }
-#if COUNTED
+#if COUNTERS
     s->taken = 0;
 #endif
-    s->searches = s->active = searches & is_sound(&s->ray);
-    rest(&s->ray, s->active);
+    s->searches = s->active = searches & is_finite_ray(&s->ray);
+    mask_inactive(&s->ray, s->active);
     set_end(&s->ray);
     s->ray.at_bottom = s->ray.at_bottom & (s->ray.end <= longest);
-    s->ray.end = lesser(s->ray.end, longest);
+    s->ray.end = min_lanes(s->ray.end, longest);
     s->track = track_of(&s->ray, relief->levels);
-    return entrance;
+    return entry_ray;
 }
 
-#if COUNTED
+#if COUNTERS
 void count_steps(const Context *context, int block, const Search *s)
 {
     for (int lane = 0; lane < LANES; lane++) {
         const long at = pixel_of(context->relief.screen, context->x + FIRST_X(block), context->y + FIRST_Y(block), lane);
         if (at >= 0 && int_lane(s->searches, lane)) {
-            context->counts[2 * at]++;
-            context->counts[2 * at + 1] += int_lane(s->taken, lane);
+            context->counters[2 * at]++;
+            context->counters[2 * at + 1] += int_lane(s->taken, lane);
         }
     }
 }
 #endif
 
 /* Takes over what a search has found. Which pixels are to be searched from their next entry on? */
-intl take_over(const Context *context, int block, const Search *s, Entrance entrance, Region *region)
+intl keep_hits(const Context *context, int block, const Search *s, EntryRay entry_ray, Region *region)
 {
     Layers *layers = context->layers;
     const floatl t = s->t, so_far = region->nearness[block];
-    const Vector hit = {entrance.from.x + t * entrance.way.x, entrance.from.y + t * entrance.way.y, entrance.from.z + t * entrance.way.z};
+    const Vector hit = {entry_ray.from.x + t * entry_ray.direction.x, entry_ray.from.y + t * entry_ray.direction.y, entry_ray.from.z + t * entry_ray.direction.z};
     const floatl nearness = nearness_of(context->relief.screen, hit);
     const intl entered = layers->entered[block], nearer = s->searches & s->found & (nearness > so_far);
     region->nearness[block] = pick(nearer, nearness, so_far);
     region->owner[block] = pick(nearer, entered, region->owner[block]);
     layers->t[block] = pick(nearer, t, layers->t[block]);
-    layers->share[block] = pick(nearer, entrance.share, layers->share[block]);
-    layers->lost[block] = s->searches & !s->found;
+    layers->share[block] = pick(nearer, entry_ray.share, layers->share[block]);
+    layers->escaped[block] = s->searches & !s->found;
     region->u[block] = pick(nearer, s->ray.u + s->ray.du * t, region->u[block]);
     region->v[block] = pick(nearer, s->ray.v + s->ray.dv * t, region->v[block]);
     const intl more = (entered >= 0) & (layers->second[block] > region->nearness[block]);
@@ -191,22 +191,22 @@ intl take_over(const Context *context, int block, const Search *s, Entrance entr
     return more;
 }
 
-/* Searches from the first entries of TWINS blocks; `again`: see set_out. Are there more? */
+/* Searches from the first entries of INTERLEAVED blocks; `again`: see begin_search. Are there more? */
 int search_blocks(const Context *context, int block, int again, Region *region)
 {
-    Search searches[TWINS];
-    Entrance entrances[TWINS];
+    Search searches[INTERLEAVED];
+    EntryRay entry_rays[INTERLEAVED];
     int any = 0, more = 0;
-    for (int k = 0; k < TWINS; k++) {
-        entrances[k] = set_out(context, block + k, again, &searches[k]);
+    for (int k = 0; k < INTERLEAVED; k++) {
+        entry_rays[k] = begin_search(context, block + k, again, &searches[k]);
         any |= any_lane(searches[k].active);
     }
     if (again && !any)
         return 0;
-    search_relief(&context->relief, searches, TWINS);
-    for (int k = 0; k < TWINS; k++) {
-        more |= any_lane(take_over(context, block + k, &searches[k], entrances[k], region));
-#if COUNTED
+    search_relief(&context->relief, searches, INTERLEAVED);
+    for (int k = 0; k < INTERLEAVED; k++) {
+        more |= any_lane(keep_hits(context, block + k, &searches[k], entry_rays[k], region));
+#if COUNTERS
         count_steps(context, block + k, &searches[k]);
 #endif
     }
@@ -238,7 +238,7 @@ void stop_from_below(const Context *context, Region *region, global const int *l
         const floatl x = to_floatl(context->x + FIRST_X(block) + block_x), y = to_floatl(context->y + FIRST_Y(block) + block_y);
         const intl left_by = pick(leaves, layers->left_by[block], (intl)0);
         const Vector from = point_at(relief->screen, x, y, pick(leaves, layers->leaves[block], (floatl)1.0f));
-        const Vector back = scaled(towards(relief->screen, from), (floatl)-1.0f); /* the other way round, it enters there */
+        const Vector back = scaled(view_direction(relief->screen, from), (floatl)-1.0f); /* the other way round, it enters there */
         const Entry e = entry_of(relief, left_by, x, y);
         ReliefRay ray;
         set_ray(&ray, &e, back, relief->quadric, relief->scale);
@@ -246,7 +246,7 @@ void stop_from_below(const Context *context, Region *region, global const int *l
         if (relief->quadric)
             follow_circles(&ray, &e, back, relief->scale, leaves);
 #endif
-        rest(&ray, leaves & is_sound(&ray));
+        mask_inactive(&ray, leaves & is_finite_ray(&ray));
         set_end(&ray);
         const Vector bottom = {from.x + ray.end * back.x, from.y + ray.end * back.y, from.z + ray.end * back.z};
         const floatl nearness = nearness_of(relief->screen, bottom);
@@ -264,31 +264,31 @@ void stop_from_below(const Context *context, Region *region, global const int *l
 int search_layer(const Context *context, Region *region, global const int *list, int first, int last)
 {
     Layers *layers = context->layers;
-    int more = 0, lost = 0;
+    int more = 0, escaped = 0;
     for (int block = 0; block < BLOCKS; block++) {
         layers->beyond[block] = -INFINITY;
-        layers->lost[block] = WITHIN ? layers->entered[block] >= 0 : (intl)0;
+        layers->escaped[block] = WITHIN ? layers->entered[block] >= 0 : (intl)0;
         layers->leaves[block] = EMPTY;
     }
     if (WITHIN)
         find_backs(context, region, list, first, last);
-    for (int block = 0; block < BLOCKS; block += TWINS) {
+    for (int block = 0; block < BLOCKS; block += INTERLEAVED) {
         int any = 0;
-        for (int k = 0; k < TWINS; k++)
+        for (int k = 0; k < INTERLEAVED; k++)
             any |= any_lane(layers->entered[block + k] >= 0);
         if (any)
             more |= search_blocks(context, block, 0, region);
-        for (int k = 0; k < TWINS; k++)
-            lost |= any_lane(layers->lost[block + k]);
+        for (int k = 0; k < INTERLEAVED; k++)
+            escaped |= any_lane(layers->escaped[block + k]);
     }
-    if (!lost || DEPTH_ALONE)
+    if (!escaped || DEPTH_ALONE)
         return more;
     if (!WITHIN)
         find_backs(context, region, list, first, last);
-    for (int block = 0; block < BLOCKS; block += TWINS) {
+    for (int block = 0; block < BLOCKS; block += INTERLEAVED) {
         int any = 0;
-        for (int k = 0; k < TWINS; k++)
-            any |= any_lane(layers->lost[block + k] & (layers->leaves[block + k] > EMPTY));
+        for (int k = 0; k < INTERLEAVED; k++)
+            any |= any_lane(layers->escaped[block + k] & (layers->leaves[block + k] > EMPTY));
         if (any)
             more |= search_blocks(context, block, 1, region);
     }
@@ -320,9 +320,9 @@ void search_layers(const Context *context, Region *region, global const int *lis
     }
 }
 
-#if TOLD
+#if UV_WRITTEN
 /* Writes where on the map a block's pixels see the relief; x, y: its first pixel. */
-void tell_places(const Region *region, int block, Screen screen, int x, int y, global float *places)
+void write_uv(const Region *region, int block, Screen screen, int x, int y, global float *uvs)
 {
     for (int lane = 0; lane < LANES; lane++) {
         const long at = pixel_of(screen, x, y, lane);
@@ -330,7 +330,7 @@ void tell_places(const Region *region, int block, Screen screen, int x, int y, g
         const float2 in_map = {CLAMPED_U ? clamp(uv.x, 0.0f, 1.0f) : uv.x - floor(uv.x),
                                CLAMPED_V ? clamp(uv.y, 0.0f, 1.0f) : uv.y - floor(uv.y)};
         if (at >= 0)
-            vstore2(int_lane(region->owner[block], lane) >= 0 ? in_map : (float2)(NAN), at, places);
+            vstore2(int_lane(region->owner[block], lane) >= 0 ? in_map : (float2)(NAN), at, uvs);
     }
 }
 #endif
@@ -347,10 +347,10 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
                         global const float *normal_map, int normal_width, int normal_height,
                         Light light SHADOW_PARAMETERS
 #endif
-                        COUNTS_PARAMETER(int)
-#if TOLD
+                        COUNTERS_PARAMETER(int)
+#if UV_WRITTEN
                         ,
-                        global float *places
+                        global float *uvs
 #endif
 )
 {
@@ -360,12 +360,12 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
     Layers layers;
     const Relief relief = {faces, projected, vertices, texels, bounds, levels, level_count, screen, scale, pixel_size,
                            quadric, search, steps, halvings};
-    const Context context = {relief, nearest_w, x, y, CULLS_BACKS, &layers, COUNTS(int)};
+    const Context context = {relief, nearest_w, x, y, CULLS_BACKS, &layers, COUNTERS_ARGUMENT(int)};
     const int bin = y / BIN * bins_x + x / BIN;
     const int first = starts[bin], last = starts[bin + 1];
-    if (!TOLD && first == last) {
+    if (!UV_WRITTEN && first == last) {
         if (blank)
-            write_nothing(screen, depth, color, valid, x, y);
+            clear_region(screen, depth, color, valid, x, y);
         return;
     }
     Region region;
@@ -385,10 +385,10 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
             const floatl size = PIXEL_SIZE(&relief, n);
 #if LIT || ANISOTROPIC
             const floatl t = pick(mine, layers.t[block], (floatl)0.0f);
-            const Seen seen = seen_at(&relief, &e, px, py, n, u, v, t, mine);
+            const ShadingPoint shading = shading_point_at(&relief, &e, px, py, n, u, v, t, mine);
 #endif
 #if ANISOTROPIC
-            const UvSteps over = steps_on(&relief, &e, &seen, n, anisotropy);
+            const UvSteps over = relief_uv_steps(&relief, &e, &shading, n, anisotropy);
             const Footprint f = footprint_of(over, color_width, color_height, mine);
 #else
             const Footprint f = even_footprint(texels_of(&e, color_width, color_height, size, mine));
@@ -397,26 +397,26 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
                           &shade);
 #if LIT
             /* Of the surface itself: no map decides what hides it from the light. */
-            const Vector own = tilted_by_slope(seen.normal, &e, texels, seen.track, scale);
+            const Vector own = relief_normal_by_slope(shading.normal, &e, texels, shading.track, scale);
             Vector normal = own;
             if (normal_width > 0) {
 #if ANISOTROPIC
-                const Vector mapped = mean_normal(normal_map, normal_width, normal_height, seen.place.u, seen.place.v, over, mine);
+                const Vector mapped = mean_normal(normal_map, normal_width, normal_height, shading.place.u, shading.place.v, over, mine);
 #else
-                const Vector mapped = normal_in(normal_map, normal_width, normal_height, 0, seen.place.u, seen.place.v);
+                const Vector mapped = normal_in(normal_map, normal_width, normal_height, 0, shading.place.u, shading.place.v);
 #endif
-                normal = tilted_by_map(seen.normal, &e, mapped);
+                normal = relief_normal_by_map(shading.normal, &e, mapped);
             }
             floatl visible = 1.0f;
 #if SHADOWED
-            const intl faces = mine & (DOT(normal, to_light(light, seen.point).way) > 0.0f);
-            visible = in_sight(&relief, &e, &seen, own, light, faces, shadow_maps, shadow);
+            const intl faces = mine & (DOT(normal, to_light(light, shading.point).direction) > 0.0f);
+            visible = in_sight(&relief, &e, &shading, own, light, faces, shadow_maps, shadow);
 #endif
-            shine(&shade, light, seen.point, normal, seen.ahead, visible);
+            apply_light(&shade, light, shading.point, normal, shading.ahead, visible);
 #endif
         }
-#if TOLD
-        tell_places(&region, block, screen, first_x, first_y, places);
+#if UV_WRITTEN
+        write_uv(&region, block, screen, first_x, first_y, uvs);
 #endif
         write_block(&region, block, screen, depth, color, valid, blank, first_x, first_y, shade);
     }

@@ -4,24 +4,24 @@
  * The surface lies at depth 1 - height.
  *
  * texels: lib/heights.h. bounds: 65535ths, two a word. Tier 0 is the greatest height of each cell between 2x2 texels, the
- * next that of 2x2 cells, and so on; BOUND_AT says where each is. levels: (levels, TABLE) ints: width, height, start in
+ * next that of 2x2 cells, and so on; BOUND_AT says where each is. levels: (levels, LEVEL_INTS) ints: width, height, start in
  * texels; of the bounds number of tiers, start, log2 of the rows' length, and span; last, how far at most the level's
  * heights are from the first's, in 65535ths.
  */
 #include "lib/heights.h"
 #include "relief/ray.h"
 
-#define TABLE 8          /* ints of a level */
-#define LOST (TABLE - 1) /* of them, where the last one is */
-#define STEPS_MOST 4096  /* of a safe search */
+#define LEVEL_INTS 8          /* ints of a level */
+#define HEIGHT_ERROR (LEVEL_INTS - 1) /* of them, where the last one is */
+#define SEARCH_STEPS_MAX 4096  /* of a safe search */
 #if LANES == 16
-#define TWINS 4 /* packets of rays that are searched in turns: one's arithmetic fills the others' waits */
+#define INTERLEAVED 4 /* packets of rays that are searched in turns: one's arithmetic fills the others' waits */
 #else
-#define TWINS 1
+#define INTERLEAVED 1
 #endif
 #define FIRST_TIER 2     /* where a safe search starts */
 #define NUDGE 1e-3f      /* texels: into the cell that a ray enters */
-#define STILL 1e-4f      /* texels: what moves less along x, or y, stays on its column, or row */
+#define AXIS_PARALLEL 1e-4f      /* texels: what moves less along x, or y, stays on its column, or row */
 #define CELL_PARTS 4     /* of a cell, in a search by EXACT */
 
 /* Where a ray runs on its level of the map: (x, y) + (dx, dy) t */
@@ -35,8 +35,8 @@ INLINED intl table_at(global const int *levels, intl level, int i)
 {
     const int first = int_lane(level, 0);
     if (!any_lane(level != first))
-        return levels[first * TABLE + i];
-    const intl at = level * TABLE + i;
+        return levels[first * LEVEL_INTS + i];
+    const intl at = level * LEVEL_INTS + i;
     return (intl)(gather(levels, at));
 }
 
@@ -72,12 +72,12 @@ typedef struct {
     intl tier, tiers, start, pitch, span; /* safe: of the bounds */
     floatl per_x, per_y, nudge, peak;
     floatl from_x, from_y; /* where the ray starts; a texel before it where it stays on a column, or row */
-#if COUNTED
+#if COUNTERS
     intl taken; /* steps */
 #endif
 } Search;
 
-#if COUNTED
+#if COUNTERS
 #define COUNT_STEP(search, tries) (search)->taken += (tries) & 1;
 #else
 #define COUNT_STEP(search, tries)
@@ -94,8 +94,8 @@ intl is_below(const Search *s, global const uint *texels, floatl t)
  * searches; count: how many these are, a constant. */
 INLINED void linear_search(Search *searches, int count, global const uint *texels, int steps, int halvings)
 {
-    floatl step[TWINS], before[TWINS], after[TWINS]; /* after: -INFINITY: of no ray; INFINITY: nothing met yet */
-    int any_meets[TWINS];
+    floatl step[INTERLEAVED], before[INTERLEAVED], after[INTERLEAVED]; /* after: -INFINITY: of no ray; INFINITY: nothing met yet */
+    int any_meets[INTERLEAVED];
     UNROLLED
     for (int k = 0; k < count; k++) {
         step[k] = searches[k].ray.end * (1.0f / steps);
@@ -111,7 +111,7 @@ INLINED void linear_search(Search *searches, int count, global const uint *texel
                 continue;
             COUNT_STEP(searches + k, above)
             const floatl now = pick(is_below(searches + k, texels, t), t, (floatl)INFINITY);
-            after[k] = lesser(now, after[k]);
+            after[k] = min_lanes(now, after[k]);
             going = 1;
         }
         if (!going)
@@ -174,10 +174,10 @@ intl solve_cell(Search *s, Patch p, floatl fx, floatl fy, floatl leaves, intl tr
     const floatl F1 = ray->L + 2.0f * ray->K * t + slope_x * dx + slope_y * dy + twist * (fx * dy + fy * dx);
     const floatl F2 = ray->K + twist * dx * dy;
     const floatl discriminant = F1 * F1 - 4.0f * F2 * F0;
-    const floatl ahead = 2.0f * F0 / (-F1 - sqrt(greater(discriminant, (floatl)0.0f)));
+    const floatl ahead = 2.0f * F0 / (-F1 - sqrt(max_lanes(discriminant, (floatl)0.0f)));
     const intl crosses = (discriminant >= 0.0f) & (ahead >= 0.0f) & (ahead <= (leaves - t) + s->nudge);
     const intl met = tries & ((F0 >= 0.0f) | crosses);
-    s->t = pick(met, lesser(t + pick(F0 >= 0.0f, (floatl)0.0f, ahead), ray->end), t);
+    s->t = pick(met, min_lanes(t + pick(F0 >= 0.0f, (floatl)0.0f, ahead), ray->end), t);
 #endif
     return met;
 }
@@ -203,7 +203,7 @@ void safe_step(Search *s, global const uint *texels, global const uint *bounds)
     const floatl inside = t + s->nudge, at_x = x0 + dx * inside, at_y = y0 + dy * inside;
     FLOOR(at_x, cx, ix)
     FLOOR(at_y, cy, iy)
-    const intl tx = ON_MAP(CLAMPED_U, cx, ix, width, s->track.map.per_width), ty = ON_MAP(CLAMPED_V, cy, iy, height, s->track.map.per_height);
+    const intl tx = WRAPPED(CLAMPED_U, cx, ix, width, s->track.map.per_width), ty = WRAPPED(CLAMPED_V, cy, iy, height, s->track.map.per_height);
     const intl column = tx >> tier, row = ty >> tier, bound_at = BOUND_AT(s, tier, column, row), pair_at = bound_at >> 1;
     const intl pair = as_intl((uintl)(gather(bounds, pair_at))), bound = (pair >> ((bound_at & 1) << 4)) & 0xffff;
     const floatl highest = to_floatl(bound) * (1.0f / 65535.0f);
@@ -220,10 +220,10 @@ void safe_step(Search *s, global const uint *texels, global const uint *bounds)
 #else
     const floatl t_y = (cy + to_floatl(side_y - ty) - s->from_y) * s->per_y;
 #endif
-    const floatl leaves = lesser(greater(lesser(t_x, t_y), inside), ray->end);
-    const floatl turn = lesser(greater(s->peak, t), leaves);
+    const floatl leaves = clamp_lanes(min_lanes(t_x, t_y), inside, ray->end);
+    const floatl turn = clamp_lanes(s->peak, t, leaves);
     /* By equation 7, than which nothing is deeper */
-    const floatl deepest = greater(greater(PLAIN_DEPTH(ray, t), PLAIN_DEPTH(ray, leaves)), PLAIN_DEPTH(ray, turn));
+    const floatl deepest = max_lanes(max_lanes(QUADRIC_DEPTH(ray, t), QUADRIC_DEPTH(ray, leaves)), QUADRIC_DEPTH(ray, turn));
     const intl is_free = deepest < 1.0f - highest, at_leaf = tier == 0, solves = s->active & !is_free & at_leaf;
     /* Up a tier where the ray leaves the parent, too. */
     const intl by_x = t_x <= t_y, index = pick(by_x, column, row);
@@ -252,15 +252,15 @@ INLINED void safe_search(Search *searches, int count, global const uint *texels,
     for (int k = 0; k < count; k++) {
         Search *s = searches + k;
         const floatl K = s->ray.K;
-        const intl still_x = !(fabs(s->track.dx) * s->ray.end >= STILL);
-        const intl still_y = !(fabs(s->track.dy) * s->ray.end >= STILL);
+        const intl still_x = !(fabs(s->track.dx) * s->ray.end >= AXIS_PARALLEL);
+        const intl still_y = !(fabs(s->track.dy) * s->ray.end >= AXIS_PARALLEL);
         s->track.dx = pick(still_x, (floatl)0.0f, s->track.dx);
         s->track.dy = pick(still_y, (floatl)0.0f, s->track.dy);
         s->per_x = pick(still_x, (floatl)NEVER, 1.0f / s->track.dx);
         s->per_y = pick(still_y, (floatl)NEVER, 1.0f / s->track.dy);
         s->from_x = pick(still_x, s->track.x - 1.0f, s->track.x);
         s->from_y = pick(still_y, s->track.y - 1.0f, s->track.y);
-        s->nudge = NUDGE * lesser(fabs(s->per_x), fabs(s->per_y));
+        s->nudge = NUDGE * min_lanes(fabs(s->per_x), fabs(s->per_y));
         s->peak = pick(K < 0.0f, -0.5f * s->ray.L / K, (floatl)INFINITY); /* deepest there */
         s->tiers = table_at(levels, s->ray.level, 3);
         s->start = table_at(levels, s->ray.level, 4);
@@ -271,7 +271,7 @@ INLINED void safe_search(Search *searches, int count, global const uint *texels,
         s->found = 0;
         s->active = s->active & (s->ray.end > 0.0f);
     }
-    for (int i = 0; i < STEPS_MOST; i++) {
+    for (int i = 0; i < SEARCH_STEPS_MAX; i++) {
         int going = 0;
         UNROLLED
         for (int k = 0; k < count; k++)

@@ -1,12 +1,12 @@
 /* Which samples of a depth image are of things one sample thin, and their ribbons (lib/ribbons.h), which objects are made
  * of (slicing/object.cl).
  *
- * nearness: (height, pitch), lib/nearness.cl. thin: (height, width) 1 where a sample is. samples: (count,) the thin ones'
- * numbers, y * width + x. ribbons: (count, WAYS, RIBBON) of each and each way; its nearness is NO_SURFACE where none begins.
- * Work-item: a row; a thin sample. Cost: O(samples), and O(LONGEST) for each ribbon. Determinism: every one on its own.
+ * nearness: (height, pitch), picture/nearness.cl. thin: (height, width) 1 where a sample is. samples: (count,) the thin ones'
+ * numbers, y * width + x. ribbons: (count, NEIGHBOURS, RIBBON_FLOATS) of each and each way; its nearness is NO_SURFACE where none begins.
+ * Work-item: a row; a thin sample. Cost: O(samples), and O(RUN_MAX) for each ribbon. Determinism: every one on its own.
  */
 #include "lib/ribbons.h"
-#include "slicing/ribbon.h"
+#include "slicing/ribbon_record.h"
 
 kernel void mark_thin(global const float *nearness, global uchar *thin, int width, int height, int pitch, Cut cut)
 {
@@ -26,13 +26,13 @@ kernel void find_ribbons(global const float *nearness, global const int *samples
     if (number >= count)
         return;
     const int x = samples[number] % width, y = samples[number] / width;
-    for (int way = 0; way < WAYS; way++) {
-        global float *to = ribbons + RIBBON * ((size_t)number * WAYS + way);
-        if (!begins(grid, x, y, way)) {
+    for (int neighbour = 0; neighbour < NEIGHBOURS; neighbour++) {
+        global float *to = ribbons + RIBBON_FLOATS * ((size_t)number * NEIGHBOURS + neighbour);
+        if (!is_first_of(grid, x, y, neighbour)) {
             vstore8((float8)NO_SURFACE, 0, to);
             continue;
         }
-        const Ribbon one = ribbon_of(grid, x, y, way);
+        const Ribbon one = ribbon_of(grid, x, y, neighbour);
         vstore8((float8)(one.x, one.y, one.dx, one.dy, one.n, one.gu, one.gv, one.ends), 0, to);
     }
 }

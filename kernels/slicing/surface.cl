@@ -16,52 +16,52 @@
  * height. points: (vertices, 3) world. frames: (triangles, 3, 3) the slicing directions a (normal), b, c: unit length.
  * heights: (map_height, map_width), lib/heights.h. colors: lib/texture.h, read by lib/footprint.h, as normal_map. gradients:
  * (triangles, 2, 3) of u and v in the world, times tiles. normals: (vertices of the base, 3). spacing: of the slices,
- * in the world. slices: of direction a, over the displacement; by_view: as in the volume's middle. counts: (height, width) alpha tests, with COUNTED.
+ * in the world. slices: of direction a, over the displacement; by_view: as in the volume's middle. counts: (height, width) alpha tests, with COUNTERS.
  * Work-item: a region (raster/region.h): with LANES 16 a bin, in blocks of 4 x 4 pixels, one to a lane; with LANES 1 a
  * pixel, which sets up all tetrahedra of its bin's list by itself and walks the slices of those that it meets.
  * Cost: O(list + pixels * slices met), with LANES 1 O(pixels * list + ...). Determinism: list order.
  */
-#define PLACED 1
+#define KEEPS_UV 1
 #include "lib/footprint.h"
 #include "lib/light.h"
 #include "raster/region.h"
-#include "slicing/heights.h"
+#include "slicing/alpha_test.h"
 #include "slicing/tetrahedra.h"
 
 #ifndef UNCLIPPED
 #define UNCLIPPED 0 /* 1: slices are tested beside the tetrahedra, too, as the file's head says */
 #endif
 
-#define NUMBER_MOST 8388608.0f /* slices: beyond, the next one would be the same float */
+#define SLICE_NUMBER_MAX 8388608.0f /* slices: beyond, the next one would be the same float */
 
 /* A block's rays, and what they have met */
 typedef struct {
     Linear u, v, h;
     intl found;
     floatl z;
-} Met;
+} SliceHit;
 
 /* The alpha test at z, where `tries`; it cannot pass where not `inside` */
-void try_at(const Context *context, const Tetrahedron *t, int block, Met *met, floatl z, intl tries, intl inside)
+void test_at(const Context *context, const Tetrahedron *t, int block, SliceHit *hit, floatl z, intl tested, intl inside)
 {
-    if (!any_lane(tries))
+    if (!any_lane(tested))
         return;
-    const floatl alpha = height_at(context->heights, context->map_width, context->map_height, AT(met->u, z), AT(met->v, z));
-    const floatl above = AT(met->h, z), h = pick(above > t->rounded, above, (floatl)0.0f);
-    const intl passed = tries & inside & passes(context->test, alpha, h, t->band);
-    met->z = pick(passed, z, met->z);
-    met->found = met->found | passed;
-    if (COUNTED)
-        add_counts(context->counts, context->screen, context->x + FIRST_X(block), context->y + FIRST_Y(block), tries & 1);
+    const floatl alpha = height_at(context->heights, context->map_width, context->map_height, AT(hit->u, z), AT(hit->v, z));
+    const floatl above = AT(hit->h, z), h = pick(above > t->height_rounding, above, (floatl)0.0f);
+    const intl passed = tested & inside & passes(context->test, alpha, h, t->band);
+    hit->z = pick(passed, z, hit->z);
+    hit->found = hit->found | passed;
+    if (COUNTERS)
+        add_to_counters(context->counters, context->screen, context->x + FIRST_X(block), context->y + FIRST_Y(block), tested & 1);
 }
 
 /* Brings what passed at a slice back towards `before`, which did not, halving by halving. */
-void halve(const Context *context, const Tetrahedron *t, int block, Met *met, floatl before, intl passed)
+void refine_slice_hit(const Context *context, const Tetrahedron *t, int block, SliceHit *hit, floatl before, intl passed)
 {
     for (int i = 0; i < t->halvings && any_lane(passed); i++) {
-        const floatl middle = 0.5f * (before + met->z);
-        try_at(context, t, block, met, middle, passed, passed);
-        before = pick(met->z == middle, before, middle);
+        const floatl middle = 0.5f * (before + hit->z);
+        test_at(context, t, block, hit, middle, passed, passed);
+        before = pick(hit->z == middle, before, middle);
     }
 }
 
@@ -82,9 +82,9 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
     for (int k = 0; k < 4; k++) {
         const floatl n = t->sides[k].x * x + (t->sides[k].y * y + t->sides[k].one);
         if (t->leaves[k])
-            near = lesser(n, near);
+            near = min_lanes(n, near);
         else
-            far = greater(n, far);
+            far = max_lanes(n, far);
     }
     const intl inside = (far <= near) & (near > so_far);
     const floatl entry = DEPTH_OF(t->perspective, near), exit = DEPTH_OF(t->perspective, far);
@@ -100,45 +100,45 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
     if (!any_lane(meets))
         return;
     floatl drawn = pick(so_far <= EMPTY, (floatl)INFINITY, DEPTH_OF(t->perspective, so_far));
-    Met met = {along_ray(t, t->u, x, y), along_ray(t, t->v, x, y), along_ray(t, t->h, x, y), 0, 0.0f};
+    SliceHit hit = {along_ray(t, t->u, x, y), along_ray(t, t->v, x, y), along_ray(t, t->h, x, y), 0, 0.0f};
     const Linear number = along_ray(t, t->slice, x, y);
     const int bases = context->slicing != SURFACE; /* there, slice 0 is the base */
     if (bases)
-        try_at(context, t, block, &met, entry, inside & (met.h.sloped > 0.0f) & (AT(met.h, entry) < fmax(THIN, t->rounded)), inside);
+        test_at(context, t, block, &hit, entry, inside & (hit.h.sloped > 0.0f) & (AT(hit.h, entry) < fmax(SLICE_ROUNDING, t->height_rounding)), inside);
 
     const intl rises = number.sloped > 0.0f;
     const floatl step = pick(rises, (floatl)1.0f, (floatl)-1.0f), per_slice = 1.0f / number.sloped;
     if (t->halvings > 0)
         drawn += fabs(per_slice); /* halvings bring a point forward by up to a slice */
-    const intl at_once = met.found;
+    const intl at_once = hit.found;
     floatl before = entry;
-    const floatl s_front = lesser(greater(AT(number, front), (floatl)-NUMBER_MOST), (floatl)NUMBER_MOST);
-    const floatl s_back = lesser(greater(AT(number, back), (floatl)-NUMBER_MOST), (floatl)NUMBER_MOST);
-    const floatl last = pick(rises, floor_lanes(s_back + t->thin), ceil_lanes(s_back - t->thin));
-    floatl slice = pick(rises, ceil_lanes(s_front - t->thin), floor_lanes(s_front + t->thin));
+    const floatl s_front = clamp_lanes(AT(number, front), (floatl)-SLICE_NUMBER_MAX, (floatl)SLICE_NUMBER_MAX);
+    const floatl s_back = clamp_lanes(AT(number, back), (floatl)-SLICE_NUMBER_MAX, (floatl)SLICE_NUMBER_MAX);
+    const floatl last = pick(rises, floor_lanes(s_back + t->slice_rounding), ceil_lanes(s_back - t->slice_rounding));
+    floatl slice = pick(rises, ceil_lanes(s_front - t->slice_rounding), floor_lanes(s_front + t->slice_rounding));
     const intl slices = to_intl((last - slice) * step); /* after the first; < 0: none at all */
     for (int count = 0;; count++, slice += step) {
-        const floatl z = lesser(greater((slice - number.fixed) * per_slice, front), back);
-        const intl tries = meets & !met.found & (count <= slices) & (z < drawn);
-        if (!any_lane(tries))
+        const floatl z = clamp_lanes((slice - number.fixed) * per_slice, front, back);
+        const intl tested = meets & !hit.found & (count <= slices) & (z < drawn);
+        if (!any_lane(tested))
             break;
-        try_at(context, t, block, &met, z, tries, inside & (z >= entry) & (z <= exit));
-        before = pick(tries & !met.found & (z >= entry), z, before);
+        test_at(context, t, block, &hit, z, tested, inside & (z >= entry) & (z <= exit));
+        before = pick(tested & !hit.found & (z >= entry), z, before);
     }
     if (bases) { /* with halvings the side that a ray leaves by, too: the next tetrahedron's slices lie beyond */
-        const intl leaves = t->halvings > 0 ? inside : (met.h.sloped < 0.0f) & (AT(met.h, exit) < fmax(THIN, t->rounded));
-        try_at(context, t, block, &met, exit, inside & !met.found & leaves & (exit < drawn), inside);
+        const intl leaves = t->halvings > 0 ? inside : (hit.h.sloped < 0.0f) & (AT(hit.h, exit) < fmax(SLICE_ROUNDING, t->height_rounding));
+        test_at(context, t, block, &hit, exit, inside & !hit.found & leaves & (exit < drawn), inside);
     }
-    halve(context, t, block, &met, before, met.found & !at_once);
+    refine_slice_hit(context, t, block, &hit, before, hit.found & !at_once);
 
-    const intl found = met.found & ((intl)(t->halvings > 0 ? 0 : -1) | (DEPTH_OF(t->perspective, met.z) > so_far));
+    const intl found = hit.found & ((intl)(t->halvings > 0 ? 0 : -1) | (DEPTH_OF(t->perspective, hit.z) > so_far));
     if (!any_lane(found))
         return;
-    region->nearness[block] = pick(found, DEPTH_OF(t->perspective, met.z), so_far);
+    region->nearness[block] = pick(found, DEPTH_OF(t->perspective, hit.z), so_far);
     region->farthest[block] = least_lane(region->nearness[block]);
     region->owner[block] = pick(found, (intl)t->index, region->owner[block]);
-    region->u[block] = pick(found, AT(met.u, met.z), region->u[block]);
-    region->v[block] = pick(found, AT(met.v, met.z), region->v[block]);
+    region->u[block] = pick(found, AT(hit.u, hit.z), region->u[block]);
+    region->v[block] = pick(found, AT(hit.v, hit.z), region->v[block]);
 }
 
 #define FRAGMENTS 1
@@ -149,22 +149,22 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
 
 /* The base's normal, tilted by how much heights (0 to 1) rise over a unit of u, and of v; along_u, along_v: of u and v in
  * the world */
-INLINED Vector tilted_by_rises(const Context *context, Vector base, floatl over_u, floatl over_v, Vector along_u, Vector along_v)
+INLINED Vector slice_normal_by_rises(const Context *context, Vector base, floatl over_u, floatl over_v, Vector along_u, Vector along_v)
 {
     const float rise = context->spacing * context->slices;
     const floatl by_u = over_u * rise, by_v = over_v * rise;
     const Vector tilted = {base.x - (by_u * along_u.x + by_v * along_v.x), base.y - (by_u * along_u.y + by_v * along_v.y),
                            base.z - (by_u * along_u.z + by_v * along_v.z)};
-    return at_unit_length(tilted);
+    return normalized(tilted);
 }
 #endif
 
 #if ANISOTROPIC
 /* By how much u and v change over a pixel: on the plane that touches the heights where it sees them, above the triangle */
-INLINED UvSteps steps_on(const Context *context, Vector ahead, floatl n, floatl u, floatl v, Vector along_u, Vector along_v,
+INLINED UvSteps slice_uv_steps(const Context *context, Vector ahead, floatl n, floatl u, floatl v, Vector along_u, Vector along_v,
                          int anisotropy)
 {
-    const Vector across = at_unit_length(cross_of(along_u, along_v));
+    const Vector across = normalized(cross_product(along_u, along_v));
     const Vector base = scaled(across, pick(DOT(across, ahead) > 0.0f, (floatl)-1.0f, (floatl)1.0f));
     /* Heights are linear along either from a texel's centre to the next: slopes there, and not the lights', which are
      * means of two, say what the surface shows of its map. */
@@ -172,19 +172,19 @@ INLINED UvSteps steps_on(const Context *context, Vector ahead, floatl n, floatl 
     const floatl left = (floor_lanes(u * width - 0.5f) + 0.5f) / width, upper = (floor_lanes(v * height - 0.5f) + 0.5f) / height;
     const floatl by_u = (HEIGHT(left + 1.0f / width, v) - HEIGHT(left, v)) * width;
     const floatl by_v = (HEIGHT(u, upper + 1.0f / height) - HEIGHT(u, upper)) * height;
-    const Vector tilted = tilted_by_rises(context, base, by_u, by_v, along_u, along_v);
+    const Vector tilted = slice_normal_by_rises(context, base, by_u, by_v, along_u, along_v);
     return uv_steps(context->screen, n, ahead, tilted, along_u, along_v, anisotropy);
 }
 #endif
 
 #if LIT
 /* The base's normal, tilted by the heights' gradient over two texels */
-INLINED Vector tilted_by_heights(const Context *context, Vector base, floatl u, floatl v, Vector along_u, Vector along_v)
+INLINED Vector slice_normal_by_heights(const Context *context, Vector base, floatl u, floatl v, Vector along_u, Vector along_v)
 {
     const float du = 1.0f / context->map_width, dv = 1.0f / context->map_height;
     const floatl by_u = (HEIGHT(u + du, v) - HEIGHT(u - du, v)) * (0.5f * context->map_width);
     const floatl by_v = (HEIGHT(u, v + dv) - HEIGHT(u, v - dv)) * (0.5f * context->map_height);
-    return tilted_by_rises(context, base, by_u, by_v, along_u, along_v);
+    return slice_normal_by_rises(context, base, by_u, by_v, along_u, along_v);
 }
 
 /* The base's normal below a point: interpolated at its foot on the triangle. rise: above the triangle's plane */
@@ -199,12 +199,12 @@ INLINED Vector normal_below(const Context *context, global const float *normals,
     }
     const Vector a = minus(p[1], p[0]), b = minus(p[2], p[0]), to = minus(point, p[0]);
     const floatl aa = DOT(a, a), ab = DOT(a, b), bb = DOT(b, b), xa = DOT(to, a), xb = DOT(to, b);
-    const floatl inverse = 1.0f / greater(aa * bb - ab * ab, (floatl)1e-30f);
-    const Vector normal = cross_of(a, b);
+    const floatl inverse = 1.0f / max_lanes(aa * bb - ab * ab, (floatl)1e-30f);
+    const Vector normal = cross_product(a, b);
     *rise = fabs(DOT(to, normal)) * sqrt(inverse);
-    const floatl second = lesser(greater((bb * xa - ab * xb) * inverse, (floatl)0.0f), (floatl)1.0f);
-    const floatl third = lesser(greater((aa * xb - ab * xa) * inverse, (floatl)0.0f), (floatl)1.0f);
-    const floatl weight[3] = {greater(1.0f - second - third, (floatl)0.0f), second, third};
+    const floatl second = clamp_lanes((bb * xa - ab * xb) * inverse, (floatl)0.0f, (floatl)1.0f);
+    const floatl third = clamp_lanes((aa * xb - ab * xa) * inverse, (floatl)0.0f, (floatl)1.0f);
+    const floatl weight[3] = {max_lanes(1.0f - second - third, (floatl)0.0f), second, third};
     Vector made = {0.0f, 0.0f, 0.0f};
     for (int k = 0; k < 3; k++) {
         const Vector n = vector_at(normals, corner[k]);
@@ -212,17 +212,17 @@ INLINED Vector normal_below(const Context *context, global const float *normals,
         made.y += weight[k] * n.y;
         made.z += weight[k] * n.z;
     }
-    return at_unit_length(made);
+    return normalized(made);
 }
 
 /* The base's normal, tilted by a map of tangent-space normals, whose slopes are per length of the surface */
-INLINED Vector tilted_by_map(const Context *context, Vector base, intl triangle, Vector own)
+INLINED Vector slice_normal_by_map(const Context *context, Vector base, intl triangle, Vector own)
 {
     const Vector across = vector_at(context->frames, 3 * triangle + 1), down = vector_at(context->frames, 3 * triangle + 2);
-    const floatl steep = 1.0f / greater(own.z, (floatl)1e-3f), mu = own.x * steep, mv = own.y * steep;
+    const floatl steep = 1.0f / max_lanes(own.z, (floatl)1e-3f), mu = own.x * steep, mv = own.y * steep;
     const Vector tilted = {base.x + (mu * across.x + mv * down.x), base.y + (mu * across.y + mv * down.y),
                            base.z + (mu * across.z + mv * down.z)};
-    return at_unit_length(tilted);
+    return normalized(tilted);
 }
 
 #if SHADOWED
@@ -238,7 +238,7 @@ INLINED Vector side_normal(Vector base, Vector ahead)
 {
     const floatl up = DOT(base, ahead);
     const Vector across = {up * base.x - ahead.x, up * base.y - ahead.y, up * base.z - ahead.z};
-    return at_unit_length(across);
+    return normalized(across);
 }
 #endif
 #endif
@@ -258,18 +258,18 @@ kernel void draw_surface(global const int *corners, global const float *projecte
                          global const float *normals, global const float *normal_map, int normal_width,
                          int normal_height, Light light SHADOW_PARAMETERS
 #endif
-                         COUNTS_PARAMETER(int)
+                         COUNTERS_PARAMETER(int)
 )
 {
     const int x = get_global_id(0) * REGION, y = get_global_id(1) * REGION;
     if (x >= screen.width || y >= screen.height)
         return;
     const Context context = {corners, projected, points, places, frames, heights, gradients, screen, nearest_w, spacing,
-                             by_view ? pixel_size : 0.0f, band, slices, slicing, test, halvings, map_width, map_height, COUNTS(int), x, y};
+                             by_view ? pixel_size : 0.0f, band, slices, slicing, test, halvings, map_width, map_height, COUNTERS_ARGUMENT(int), x, y};
     const int bin = y / BIN * bins_x + x / BIN;
     if (starts[bin] == starts[bin + 1]) {
         if (blank)
-            write_nothing(screen, depth, color, valid, x, y);
+            clear_region(screen, depth, color, valid, x, y);
         return;
     }
     Region region;
@@ -287,14 +287,14 @@ kernel void draw_surface(global const int *corners, global const float *projecte
             const intl triangle = pick(mine, owner, (intl)0) / 3;
             const Vector along_u = vector_at(gradients, 2 * triangle), along_v = vector_at(gradients, 2 * triangle + 1);
             const floatl n = region.nearness[block], size = pixel_size * (screen.perspective ? 1.0f / n : (floatl)1.0f);
-            const floatl texels_2 = greater(DOT(along_u, along_u) * ((float)color_width * color_width),
+            const floatl texels_2 = max_lanes(DOT(along_u, along_u) * ((float)color_width * color_width),
                                             DOT(along_v, along_v) * ((float)color_height * color_height));
 #if LIT || ANISOTROPIC
             const Vector point = point_at(screen, to_floatl(first_x + block_x), to_floatl(first_y + block_y), n);
-            const Vector ahead = towards(screen, point);
+            const Vector ahead = view_direction(screen, point);
 #endif
 #if ANISOTROPIC
-            const UvSteps over = steps_on(&context, ahead, n, u, v, along_u, along_v, anisotropy);
+            const UvSteps over = slice_uv_steps(&context, ahead, n, u, v, along_u, along_v, anisotropy);
             const Footprint f = footprint_of(over, color_width, color_height, mine);
 #else
             const Footprint f = even_footprint(pick(mine, texels_2 * size * size, (floatl)1.0f));
@@ -311,9 +311,9 @@ kernel void draw_surface(global const int *corners, global const float *projecte
 #else
                 const Vector mapped = normal_in(normal_map, normal_width, normal_height, 0, u, v);
 #endif
-                normal = tilted_by_map(&context, base, triangle, mapped);
+                normal = slice_normal_by_map(&context, base, triangle, mapped);
             } else
-                normal = tilted_by_heights(&context, base, u, v, along_u, along_v);
+                normal = slice_normal_by_heights(&context, base, u, v, along_u, along_v);
             floatl visible = VISIBILITY(point, normal);
 #if SHADOWED
             const intl on_side = mine & is_on_side(&context, u, v, above);
@@ -322,7 +322,7 @@ kernel void draw_surface(global const int *corners, global const float *projecte
                 visible = pick(on_side & (from_side > visible), from_side, visible);
             }
 #endif
-            shine(&shade, light, point, normal, ahead, visible);
+            apply_light(&shade, light, point, normal, ahead, visible);
 #endif
         }
         write_block(&region, block, screen, depth, color, valid, blank, first_x, first_y, shade);

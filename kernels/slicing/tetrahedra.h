@@ -12,10 +12,10 @@
 #define SURFACE 0
 #define ORTHOGONAL 1
 #define SCREEN 2
-#define GROWN 1e-5f /* of a tetrahedron, by which its sides are moved outwards */
-#define ROUNDED 1e-5f /* of the displacement: what lies no higher is on the base */
-#define ROUNDINGS 8.0f /* the least parts of a float that heights err by, where a displacement is next to nothing */
-#define THIN 1e-4f /* slices: rounding of where a ray enters and leaves a tetrahedron */
+#define SIDE_MARGIN 1e-5f /* of a tetrahedron, by which its sides are moved outwards */
+#define HEIGHT_ROUNDING 1e-5f /* of the displacement: what lies no higher is on the base */
+#define ROUNDING_ULPS 8.0f /* the least parts of a float that heights err by, where a displacement is next to nothing */
+#define SLICE_ROUNDING 1e-4f /* slices: rounding of where a ray enters and leaves a tetrahedron */
 
 typedef struct {
     global const int *corners;
@@ -26,7 +26,7 @@ typedef struct {
     float nearest_w, spacing;
     float pixel, band; /* of the picture at depth 1, and of heights; 0: slices are where they are in all pictures, one */
     int slices, slicing, test, halvings, map_width, map_height;
-    global int *counts;
+    global int *counters;
     int x, y; /* the region's first pixel */
 } Context;
 
@@ -47,7 +47,7 @@ typedef struct {
     float first, last;          /* a little farther and nearer than the corners */
     int index, perspective, crosses; /* the near plane */
     float spacing, band; /* of its slices, and of heights that the test BAND takes */
-    float rounded, thin; /* ROUNDED and THIN, or what rounding takes where the displacement is shallow */
+    float height_rounding, slice_rounding; /* HEIGHT_ROUNDING and SLICE_ROUNDING, or what rounding takes where the displacement is shallow */
     int halvings; /* of the way between two slices */
 } Tetrahedron;
 
@@ -96,7 +96,7 @@ Quantity from_corners(const Quantity *rows, float4 values)
 }
 
 /* Slices that lie a pixel apart along the ray, at the tetrahedron's nearest place: `facing` is the cosine there. Where that
- * would be fewer than STEADY, as many, lest thin things flicker, but no closer than that part of a pixel which points are
+ * would be fewer than SLICES_STEADY, as many, lest thin things flicker, but no closer than that part of a pixel which points are
  * brought to; nor than half a texel, within which heights bring nothing new. Where that is more than a pixel, the way
  * between two is halved more often. */
 void space_slices(const Context *context, Tetrahedron *t, float facing)
@@ -110,13 +110,13 @@ void space_slices(const Context *context, Tetrahedron *t, float facing)
     const float scale = context->spacing * context->slices;
     global const float *g = context->gradients + t->index / 3 * 6;
     const float texels = fmax(fast_length(vload3(0, g)) * context->map_width, fast_length(vload3(1, g)) * context->map_height);
-    const float least = fmax(fmin(0.5f / fmax(texels, 1e-30f), scale), scale / CLOSEST);
-    const float apart = pixel * facing;
-    t->spacing = fmax(fmin(apart, fmax(apart / NEAR_ENOUGH, scale / STEADY)), least);
+    const float least = fmax(fmin(0.5f / fmax(texels, 1e-30f), scale), scale / SLICES_MAX);
+    const float pixel_spacing = pixel * facing;
+    t->spacing = fmax(fmin(pixel_spacing, fmax(pixel_spacing / PIXEL_PARTS, scale / SLICES_STEADY)), least);
     if (context->band == 0.0f)
         t->band = t->spacing / scale;
-    const float parts = t->spacing * fmax(NEAR_ENOUGH / pixel, FINE / scale);
-    t->halvings = max(context->halvings, min((int)ceil(log2(fmax(parts, 1.0f))), HALVINGS_MOST));
+    const float parts = t->spacing * fmax(PIXEL_PARTS / pixel, TEXTURE_PARTS / scale);
+    t->halvings = max(context->halvings, min((int)ceil(log2(fmax(parts, 1.0f))), HALVINGS_MAX));
 }
 
 /* How far heights err by rounding: a ray's is the difference of two that are as large as its way is long in displacements,
@@ -126,7 +126,7 @@ float rounding_of(const Context *context, const Tetrahedron *t)
     const float x = fabs(t->h.x) * (context->x + REGION), y = fabs(t->h.y) * (context->y + REGION);
     const float along = fabs(t->h.n) * (t->perspective ? 1.0f : fmax(fabs(t->front), fabs(t->rear)));
     const float across = (x + y) * (t->perspective ? 1.0f / fmax(t->rear, 1e-30f) : 1.0f);
-    return fmin(fmax(ROUNDINGS * FLT_EPSILON * (along + across), ROUNDED), 1.0f);
+    return fmin(fmax(ROUNDING_ULPS * FLT_EPSILON * (along + across), HEIGHT_ROUNDING), 1.0f);
 }
 
 /* Where rays enter and leave through each of the four sides, and the lines of the outline, where they turn from one
@@ -214,8 +214,8 @@ int4 set_up_one(const Context *context, int index, int x, int y, Tetrahedron *t)
     t->rear = t->perspective ? 0.0f : -INFINITY;
     if (!crosses)
         t->rear = fmin(fmin(p[0].w / p[0].z, p[1].w / p[1].z), fmin(p[2].w / p[2].z, p[3].w / p[3].z));
-    t->rounded = crosses ? ROUNDED : rounding_of(context, t);
-    t->thin = THIN;
+    t->height_rounding = crosses ? HEIGHT_ROUNDING : rounding_of(context, t);
+    t->slice_rounding = SLICE_ROUNDING;
     /* Across the normal a whole number is taken off, as large as that of the first corner: what remains is exact. */
     if (context->slicing == SCREEN) {
         const float along = 1.0f / t->spacing, off = rint((t->perspective ? p[0].z : -p[0].w) * along);
@@ -227,13 +227,13 @@ int4 set_up_one(const Context *context, int index, int x, int y, Tetrahedron *t)
         t->slice.y *= count;
         t->slice.one *= count;
         t->slice.n *= count;
-        t->thin = fmax(THIN, fmin(t->rounded * count, 0.5f));
+        t->slice_rounding = fmax(SLICE_ROUNDING, fmin(t->height_rounding * count, 0.5f));
     } else {
         const float along = 1.0f / t->spacing, first = dot(point[0], d) * along;
         const float4 beside = (float4)(0.0f, dot(point[1] - point[0], d), dot(point[2] - point[0], d), dot(point[3] - point[0], d));
         t->slice = from_corners(t->rows, (first - rint(first)) + beside * along);
     }
-    bound_sides(t, crosses ? 0.0f : GROWN / p[0].z); /* no gap between neighbours by rounding */
+    bound_sides(t, crosses ? 0.0f : SIDE_MARGIN / p[0].z); /* no gap between neighbours by rounding */
     const float slack = 1e-4f * (t->front - t->rear) + 2e-6f * fmax(fabs(t->front), fabs(t->rear));
     t->first = crosses ? t->rear : t->rear - slack;
     t->last = crosses ? t->nearest : fmin(t->front + slack, t->nearest);

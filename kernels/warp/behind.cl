@@ -7,7 +7,7 @@
  * only holes beside valid pixels do, since fill.cl asks for no others.
  *
  * depth, valid: (height, width). behind: holes.h, rows of `pitch`, written in holes alone: the depth behind them; 0
- * where no line tells. blocks: BLOCK x BLOCK pixels each, whether any of
+ * where no line tells. blocks: SKIP_BLOCK x SKIP_BLOCK pixels each, whether any of
  * them is valid. epipole: the lines lead away from it; all 0: they are the rows. dx, dy: -1, 0 or 1, a step along all
  * lines, down or, along rows, right. Work-item: one block (behind_blocks); 64 * `strip` pixels of a row, and the holes of all
  * lines that begin in them (behind_runs); `run` pixels of a row (behind_lines).
@@ -17,8 +17,8 @@
  */
 #include "warp/holes.h"
 
-#define BLOCK 32
-#define BLOCK_EDGE 0.49f /* pixels from a block's outermost centres to its edge, less what rounding may move a step by */
+#define SKIP_BLOCK 32
+#define SKIP_BLOCK_EDGE 0.49f /* pixels from a block's outermost centres to its edge, less what rounding may move a step by */
 
 /* The holes of the lines that begin in 64 pixels of a row, the first of which are told. */
 void follow_runs(global const float *depth, global const uchar *valid, global float *behind, int width, int height,
@@ -35,9 +35,9 @@ void follow_runs(global const float *depth, global const uchar *valid, global fl
             is_inside = x >= 0 && x < width && y < height;
         } while (is_inside && !valid[pixel]);
         const float far = fmax(before, is_inside ? depth[pixel] : 0.0f);
-        global float *told = behind + (size_t)(y0 + HALO) * pitch + first + HALO;
+        global float *out = behind + (size_t)(y0 + HALO) * pitch + first + HALO;
         for (int i = 0; i < length; i++)
-            told[i * (dy * pitch + dx)] = far;
+            out[i * (dy * pitch + dx)] = far;
     }
 }
 
@@ -58,12 +58,12 @@ kernel void behind_runs(global const float *depth, global const uchar *valid, gl
 kernel void behind_blocks(global const uchar *valid, global uchar *blocks, int width, int height)
 {
     const int bx = get_global_id(0), by = get_global_id(1);
-    const int across = (width + BLOCK - 1) / BLOCK;
-    if (bx >= across || by * BLOCK >= height)
+    const int across = (width + SKIP_BLOCK - 1) / SKIP_BLOCK;
+    if (bx >= across || by * SKIP_BLOCK >= height)
         return;
     uchar any_valid = 0;
-    for (int y = by * BLOCK; y < min((by + 1) * BLOCK, height); y++)
-        for (int x = bx * BLOCK; x < min((bx + 1) * BLOCK, width); x++)
+    for (int y = by * SKIP_BLOCK; y < min((by + 1) * SKIP_BLOCK, height); y++)
+        for (int x = bx * SKIP_BLOCK; x < min((bx + 1) * SKIP_BLOCK, width); x++)
             any_valid |= valid[y * width + x];
     blocks[by * across + bx] = any_valid;
 }
@@ -82,9 +82,9 @@ int is_edge(global const uchar *valid, int width, int height, int x, int y)
 float depth_along(global const float *depth, global const uchar *valid, global const uchar *blocks, int width, int height,
                   int x, int y, float dx, float dy)
 {
-    const int across = (width + BLOCK - 1) / BLOCK;
-    const float edge_x = dx > 0.0f ? BLOCK - 1 + BLOCK_EDGE : -BLOCK_EDGE, steps_per_x = 1.0f / fabs(dx);
-    const float edge_y = dy > 0.0f ? BLOCK - 1 + BLOCK_EDGE : -BLOCK_EDGE, steps_per_y = 1.0f / fabs(dy);
+    const int across = (width + SKIP_BLOCK - 1) / SKIP_BLOCK;
+    const float edge_x = dx > 0.0f ? SKIP_BLOCK - 1 + SKIP_BLOCK_EDGE : -SKIP_BLOCK_EDGE, steps_per_x = 1.0f / fabs(dx);
+    const float edge_y = dy > 0.0f ? SKIP_BLOCK - 1 + SKIP_BLOCK_EDGE : -SKIP_BLOCK_EDGE, steps_per_y = 1.0f / fabs(dy);
     for (int step = 1, longest = max(width, height); step < longest;) { /* a step goes a pixel along the longer axis */
         const int px = convert_int_rte(x + step * dx), py = convert_int_rte(y + step * dy);
         if (px < 0 || px >= width || py < 0 || py >= height)
@@ -92,9 +92,9 @@ float depth_along(global const float *depth, global const uchar *valid, global c
         if (valid[py * width + px])
             return depth[py * width + px];
         step++;
-        if (!blocks[(py / BLOCK) * across + px / BLOCK]) { /* to the last step before the line leaves the block */
-            const float to_x = fabs(px / BLOCK * BLOCK + edge_x - x) * steps_per_x;
-            const float to_y = fabs(py / BLOCK * BLOCK + edge_y - y) * steps_per_y;
+        if (!blocks[(py / SKIP_BLOCK) * across + px / SKIP_BLOCK]) { /* to the last step before the line leaves the block */
+            const float to_x = fabs(px / SKIP_BLOCK * SKIP_BLOCK + edge_x - x) * steps_per_x;
+            const float to_y = fabs(py / SKIP_BLOCK * SKIP_BLOCK + edge_y - y) * steps_per_y;
             step = max(step, (int)fmin(to_x, to_y));
         }
     }

@@ -2,12 +2,12 @@
  *
  * A layer counts where it lies no farther behind the nearest than the noise of both explains. It counts by
  * - resolution: its view's samples per pixel, up to one: finer than the picture is as good as the picture;
- * - angle: the cosine between its view's ray and the picture's, as surfaces shine otherwise from elsewhere;
+ * - angle: the cosine between its view's ray and the picture's, as surfaces apply_light otherwise from elsewhere;
  * - distance to edges: it fades within FEATHER pixels of its holes and depth edges, so that seams follow these and
  *   colours that are half of another surface count least.
  * (The weights are of the kind that Pajarola, Sainz & Meng 2003, section 4, blend depth meshes by.)
  *
- * Launches: nearest_layer for each layer; then for each inside, along_rows, add_layer; then shown, once.
+ * Launches: nearest_layer for each layer; then for each inside, row_distances, add_layer; then shown, once.
  * depth, color, valid: (height, width) of a layer, or of the picture. best: (2, height, width) depth of the nearest
  * layer, and by how much it may be off. sums: (6, height, width) the weights' sum; the weighted means of red, green, blue
  * and depth so far, which are a layer's own to the bit where it counts alone; the greatest weight.
@@ -21,10 +21,10 @@
 #define ORIGINS 0 /* 1: the origins of the layer that counts most are kept, too */
 #endif
 #define FEATHER 8           /* pixels */
-#define EDGE 0.05f          /* of the depth: neighbours that differ by more are two surfaces */
-#define LEAST_OFF 0.02f     /* of the depth: layers that differ by less show one surface, whatever the noise */
-#define DEVIATIONS 4.0f     /* of the noise, that explain a difference */
-#define LEAST_WEIGHT 1e-6f  /* of a layer that counts at all */
+#define EDGE_STEP 0.05f          /* of the depth: neighbours that differ by more are two surfaces */
+#define TOLERANCE_MIN 0.02f     /* of the depth: layers that differ by less show one surface, whatever the noise */
+#define LAYER_DEVIATIONS 4.0f     /* of the noise, that explain a difference */
+#define WEIGHT_MIN 1e-6f  /* of a layer that counts at all */
 
 /* How a view saw: pixels a unit of what is at depth 1 (perspective) or anywhere, and its noise at depth z, whose
  * standard deviation is noise_2 z z + noise_1 z + noise_0. unit: a depth where none has an origin, or 0. */
@@ -34,12 +34,12 @@ typedef struct {
     int perspective;
     float noise_2, noise_1, noise_0;
     float unit;
-} Seeing;
+} LayerView;
 
-INLINED floatl off_by(Seeing seeing, floatl z)
+INLINED floatl depth_tolerance(LayerView layer_view, floatl z)
 {
-    const floatl noise = DEVIATIONS * ((seeing.noise_2 * z + seeing.noise_1) * z + seeing.noise_0);
-    return greater(noise, seeing.unit > 0.0f ? (floatl)(LEAST_OFF * seeing.unit) : LEAST_OFF * z);
+    const floatl noise = LAYER_DEVIATIONS * ((layer_view.noise_2 * z + layer_view.noise_1) * z + layer_view.noise_0);
+    return max_lanes(noise, layer_view.unit > 0.0f ? (floatl)(TOLERANCE_MIN * layer_view.unit) : TOLERANCE_MIN * z);
 }
 
 INLINED floatl pixels_at(global const float *image, int x0, int y, int width)
@@ -48,12 +48,12 @@ INLINED floatl pixels_at(global const float *image, int x0, int y, int width)
     return (floatl)(gather(image, y * width + x));
 }
 
-kernel void nearest_layer(global const float *depth, global float *best, int width, int height, int first, Seeing seeing)
+kernel void nearest_layer(global const float *depth, global float *best, int width, int height, int first, LayerView layer_view)
 {
     const int x0 = get_global_id(0) * LANES, y = get_global_id(1);
     if (x0 >= width || y >= height)
         return;
-    const floatl z = pixels_at(depth, x0, y, width), off = off_by(seeing, z);
+    const floatl z = pixels_at(depth, x0, y, width), off = depth_tolerance(layer_view, z);
     for (int lane = 0; lane < min(LANES, width - x0); lane++) {
         const size_t at = (size_t)y * width + x0 + lane, plane = (size_t)height * width;
         const float own = float_lane(z, lane);
@@ -65,7 +65,7 @@ kernel void nearest_layer(global const float *depth, global float *best, int wid
 }
 
 /* 0 on holes and at depth edges, FEATHER elsewhere and beyond the picture, which ends no surface */
-kernel void inside(global const float *depth, global float *from_edge, int width, int height, int pitch, Seeing seeing)
+kernel void mark_edges(global const float *depth, global float *from_edge, int width, int height, int pitch, LayerView layer_view)
 {
     const int x0 = get_global_id(0) * LANES, row = get_global_id(1);
     if (x0 >= width + 2 * FEATHER || row >= height + 2 * FEATHER)
@@ -73,7 +73,7 @@ kernel void inside(global const float *depth, global float *from_edge, int width
     const int y = clamp(row - FEATHER, 0, height - 1);
     const intl x = min(max(x0 + lane_index - FEATHER, (intl)0), (intl)(width - 1));
     const floatl z = (floatl)(gather(depth, y * width + x));
-    const floatl step = greater(2.0f * off_by(seeing, z), seeing.unit > 0.0f ? (floatl)(EDGE * seeing.unit) : EDGE * z);
+    const floatl step = max_lanes(2.0f * depth_tolerance(layer_view, z), layer_view.unit > 0.0f ? (floatl)(EDGE_STEP * layer_view.unit) : EDGE_STEP * z);
     const intl left = y * width + max(x - 1, (intl)0), right = y * width + min(x + 1, (intl)(width - 1));
     const intl above = max(y - 1, 0) * width + x, under = min(y + 1, height - 1) * width + x;
     const floatl a = (floatl)(gather(depth, left)), b = (floatl)(gather(depth, right));
@@ -86,7 +86,7 @@ kernel void inside(global const float *depth, global float *from_edge, int width
 }
 
 /* Distances to edges of the same row. Both arrays as from_edge; columns begin at the picture's first. */
-kernel void along_rows(global const float *from_edge, global float *in_row, int width, int height, int pitch)
+kernel void row_distances(global const float *from_edge, global float *in_row, int width, int height, int pitch)
 {
     const int x0 = get_global_id(0) * LANES, row = get_global_id(1);
     if (x0 >= width || row >= height + 2 * FEATHER)
@@ -94,25 +94,25 @@ kernel void along_rows(global const float *from_edge, global float *in_row, int 
     global const float *here = from_edge + (size_t)row * pitch + x0 + FEATHER;
     floatl least = load_lanes(here);
     for (int step = 1; step <= FEATHER; step++)
-        least = lesser(least, lesser(load_lanes(here - step), load_lanes(here + step)) + step);
+        least = min_lanes(least, min_lanes(load_lanes(here - step), load_lanes(here + step)) + step);
     store_lanes(least, in_row + (size_t)row * pitch + x0);
 }
 
 /* How much the layer counts at points p of the picture, but for its edges */
-INLINED floatl seen_well(Seeing seeing, Screen screen, Vector p, floatl z, float density)
+INLINED floatl view_weight(LayerView layer_view, Screen screen, Vector p, floatl z, float density)
 {
-    const Vector centre = {seeing.centre[0], seeing.centre[1], seeing.centre[2]};
-    const Vector forward = {seeing.forward[0], seeing.forward[1], seeing.forward[2]};
-    const Vector way = minus(p, centre);
-    const floatl deep = DOT(way, forward);
-    const floatl there = seeing.perspective ? seeing.density / (deep * deep) : (floatl)seeing.density;
+    const Vector centre = {layer_view.centre[0], layer_view.centre[1], layer_view.centre[2]};
+    const Vector forward = {layer_view.forward[0], layer_view.forward[1], layer_view.forward[2]};
+    const Vector direction = minus(p, centre);
+    const floatl deep = DOT(direction, forward);
+    const floatl there = layer_view.perspective ? layer_view.density / (deep * deep) : (floatl)layer_view.density;
     const floatl here = screen.perspective ? density / (z * z) : (floatl)density;
-    const floatl cosine = DOT(seeing.perspective ? at_unit_length(way) : forward, towards(screen, p));
-    return lesser(there / here, (floatl)1.0f) * greater(cosine, (floatl)LEAST_WEIGHT);
+    const floatl cosine = DOT(layer_view.perspective ? normalized(direction) : forward, view_direction(screen, p));
+    return min_lanes(there / here, (floatl)1.0f) * max_lanes(cosine, (floatl)WEIGHT_MIN);
 }
 
 kernel void add_layer(global const float *depth, global const channel *color, global const float *best,
-                      global const float *in_row, global float *sums, Screen screen, Seeing seeing, float density, int pitch,
+                      global const float *in_row, global float *sums, Screen screen, LayerView layer_view, float density, int pitch,
                       int first, float red, float green, float blue
 #if ORIGINS
                       , global const float *layer_origin, global float *origin
@@ -125,16 +125,16 @@ kernel void add_layer(global const float *depth, global const channel *color, gl
         return;
     floatl edge = FEATHER;
     for (int step = -FEATHER; step <= FEATHER; step++)
-        edge = lesser(edge, greater(load_lanes(in_row + (size_t)(y + FEATHER + step) * pitch + x0), (floatl)abs(step)));
+        edge = min_lanes(edge, max_lanes(load_lanes(in_row + (size_t)(y + FEATHER + step) * pitch + x0), (floatl)abs(step)));
     const size_t plane = (size_t)height * width;
     const floatl z = pixels_at(depth, x0, y, width), nearest = pixels_at(best, x0, y, width);
-    const floatl off = off_by(seeing, z), off_best = pixels_at(best + plane, x0, y, width);
+    const floatl off = depth_tolerance(layer_view, z), off_best = pixels_at(best + plane, x0, y, width);
     const floatl allowed = sqrt(0.5f * (off * off + off_best * off_best));
-    const intl counts = (z - nearest <= allowed) & (z == z);
-    const floatl z_there = pick(counts, z, (floatl)1.0f);
+    const intl contributes = (z - nearest <= allowed) & (z == z);
+    const floatl z_there = pick(contributes, z, (floatl)1.0f);
     const Vector p = point_at(screen, to_floatl(x0 + lane_index), (floatl)y, DEPTH_OF(screen.perspective, z_there));
-    const floatl well = seen_well(seeing, screen, p, z_there, density) * (edge + 0.25f) * (1.0f / FEATHER);
-    const floatl weight = pick(counts, greater(well, (floatl)LEAST_WEIGHT), (floatl)0.0f);
+    const floatl well = view_weight(layer_view, screen, p, z_there, density) * (edge + 0.25f) * (1.0f / FEATHER);
+    const floatl weight = pick(contributes, max_lanes(well, (floatl)WEIGHT_MIN), (floatl)0.0f);
     for (int lane = 0; lane < min(LANES, width - x0); lane++) {
         const size_t at = (size_t)y * width + x0 + lane;
         const float own = float_lane(weight, lane);
@@ -156,7 +156,7 @@ kernel void add_layer(global const float *depth, global const channel *color, gl
     }
 }
 
-kernel void shown(global const float *sums, global float *depth, global channel *color, global uchar *valid, int width,
+kernel void write_blend(global const float *sums, global float *depth, global channel *color, global uchar *valid, int width,
                   int height)
 {
     const int x0 = get_global_id(0) * LANES, y = get_global_id(1);
@@ -169,6 +169,6 @@ kernel void shown(global const float *sums, global float *depth, global channel 
         depth[at] = any ? sums[4 * plane + at] : NAN;
         valid[at] = any;
         const float3 mean = (float3)(sums[plane + at], sums[2 * plane + at], sums[3 * plane + at]);
-        write_pixel(color + CHANNELS * at, any ? clamp(rounded(mean), 0.0f, CHANNEL_MOST) : (float3)(0.0f));
+        write_pixel(color + CHANNELS * at, any ? clamp(rounded_channel(mean), 0.0f, CHANNEL_MAX) : (float3)(0.0f));
     }
 }

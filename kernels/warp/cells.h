@@ -25,8 +25,8 @@ typedef struct {
     int below;               /* from a sample to that of the next row, */
     float lowest;            /* the last row that has a next one */
     intl lower_first;
-    int folded; /* some of the cells are */
-} Way;
+    int collapsed; /* some of the cells are */
+} Traversal;
 
 typedef struct {
     floatl x, y;                /* of the sample at its upper left */
@@ -54,32 +54,32 @@ INLINED void snap(Lines *lines)
     lines->u = pick(lines->along_column, column, lines->u);
 }
 
-INLINED Way way_of(Lines lines, Grid grid)
+INLINED Traversal traversal_of(Lines lines, Grid grid)
 {
     const floatl du = lines.du, dv = lines.dv;
-    Way way;
-    way.step_u = pick(du < 0.0f, (floatl)-1.0f, (floatl)1.0f);
-    way.step_v = pick(dv < 0.0f, (floatl)-1.0f, (floatl)1.0f);
-    way.ahead_u = pick(du > 0.0f, (floatl)1.0f, (floatl)0.0f);
-    way.ahead_v = pick(dv > 0.0f, (floatl)1.0f, (floatl)0.0f);
-    way.per_u = pick(du == 0.0f, (floatl)0.0f, 1.0f / du);
-    way.per_v = pick(dv == 0.0f, (floatl)0.0f, 1.0f / dv);
-    way.per_d = 1.0f / (du + dv);
-    way.never_u = pick(du == 0.0f, (floatl)INFINITY, (floatl)0.0f);
-    way.never_v = pick(dv == 0.0f, (floatl)INFINITY, (floatl)0.0f);
-    way.lower_first = du + dv >= 0.0f;
-    way.last_x = pick(lines.along_column, (floatl)(grid.width - 1), (floatl)max(grid.width - 2, 0));
-    way.last_y = pick(lines.along_row, (floatl)(grid.height - 1), (floatl)max(grid.height - 2, 0));
-    way.on_column = lines.along_column | (intl)(grid.width == 1 ? -1 : 0);
-    way.below = grid.height > 1 ? grid.pitch : 0;
-    way.lowest = max(grid.height - 2, 0);
-    way.folded = any_lane(way.on_column | lines.along_row | lines.along_diagonal);
-    return way;
+    Traversal traversal;
+    traversal.step_u = pick(du < 0.0f, (floatl)-1.0f, (floatl)1.0f);
+    traversal.step_v = pick(dv < 0.0f, (floatl)-1.0f, (floatl)1.0f);
+    traversal.ahead_u = pick(du > 0.0f, (floatl)1.0f, (floatl)0.0f);
+    traversal.ahead_v = pick(dv > 0.0f, (floatl)1.0f, (floatl)0.0f);
+    traversal.per_u = pick(du == 0.0f, (floatl)0.0f, 1.0f / du);
+    traversal.per_v = pick(dv == 0.0f, (floatl)0.0f, 1.0f / dv);
+    traversal.per_d = 1.0f / (du + dv);
+    traversal.never_u = pick(du == 0.0f, (floatl)INFINITY, (floatl)0.0f);
+    traversal.never_v = pick(dv == 0.0f, (floatl)INFINITY, (floatl)0.0f);
+    traversal.lower_first = du + dv >= 0.0f;
+    traversal.last_x = pick(lines.along_column, (floatl)(grid.width - 1), (floatl)max(grid.width - 2, 0));
+    traversal.last_y = pick(lines.along_row, (floatl)(grid.height - 1), (floatl)max(grid.height - 2, 0));
+    traversal.on_column = lines.along_column | (intl)(grid.width == 1 ? -1 : 0);
+    traversal.below = grid.height > 1 ? grid.pitch : 0;
+    traversal.lowest = max(grid.height - 2, 0);
+    traversal.collapsed = any_lane(traversal.on_column | lines.along_row | lines.along_diagonal);
+    return traversal;
 }
 
 /* Corners of cells (`gather_cells`) are folded onto a row or a column: of its samples alone. lower: the row is the cells'
  * second, as only the last one of an image is. */
-INLINED void fold(floatl *corners, intl on_row, intl lower, intl on_column)
+INLINED void collapse_cells(floatl *corners, intl on_row, intl lower, intl on_column)
 {
     corners[0] = pick(on_row & lower, corners[2], corners[0]);
     corners[1] = pick(on_row & lower, corners[3], corners[1]);
@@ -99,27 +99,27 @@ INLINED void enter_cells(Lines lines, floatl at, intl which, floatl *x, floatl *
 
 /* The lines' parts in the cells (x, y), which they are in at a distance. Which cell comes next is not foreseeable:
  * selections, no branches; and distances from whole cells, no sums of steps, which drift. */
-INLINED Cell pass_cells(Grid grid, Lines lines, Way way, floatl x, floatl y, floatl at)
+INLINED Cell pass_cells(Grid grid, Lines lines, Traversal traversal, floatl x, floatl y, floatl at)
 {
     Cell cell;
-    const floatl xc = lesser(greater(x, (floatl)0.0f), way.last_x), yc = lesser(greater(y, (floatl)0.0f), way.last_y);
-    const intl base = to_intl(way.folded ? lesser(yc, (floatl)way.lowest) : yc) * grid.pitch + to_intl(xc);
+    const floatl xc = clamp_lanes(x, (floatl)0.0f, traversal.last_x), yc = clamp_lanes(y, (floatl)0.0f, traversal.last_y);
+    const intl base = to_intl(traversal.collapsed ? min_lanes(yc, (floatl)traversal.lowest) : yc) * grid.pitch + to_intl(xc);
     floatl corners[4];
-    gather_cells(grid.nearness, way.below, base, corners);
-    if (way.folded) {
-        fold(corners, lines.along_row, yc > way.lowest, way.on_column);
+    gather_cells(grid.nearness, traversal.below, base, corners);
+    if (traversal.collapsed) {
+        collapse_cells(corners, lines.along_row, yc > traversal.lowest, traversal.on_column);
         corners[0] = pick(lines.along_diagonal, corners[1], corners[0]);
         corners[3] = pick(lines.along_diagonal, corners[1], corners[3]);
     }
     const floatl q00 = corners[0], q10 = corners[1], q01 = corners[2], q11 = corners[3];
 
-    const floatl out_u = (x + way.ahead_u - lines.u) * way.per_u + way.never_u;
-    const floatl out_v = (y + way.ahead_v - lines.v) * way.per_v + way.never_v;
-    const floatl out = lesser(greater(lesser(out_u, out_v), at), lines.length);
-    const floatl diagonal = (xc + yc + 1.0f - (lines.u + lines.v)) * way.per_d;
-    cell.next_x = x + pick(out_u <= out_v, way.step_u, (floatl)0.0f);
-    cell.next_y = y + pick(out_v <= out_u, way.step_v, (floatl)0.0f);
-    cell.crossing = lesser(greater(diagonal, at), out);
+    const floatl out_u = (x + traversal.ahead_u - lines.u) * traversal.per_u + traversal.never_u;
+    const floatl out_v = (y + traversal.ahead_v - lines.v) * traversal.per_v + traversal.never_v;
+    const floatl out = clamp_lanes(min_lanes(out_u, out_v), at, lines.length);
+    const floatl diagonal = (xc + yc + 1.0f - (lines.u + lines.v)) * traversal.per_d;
+    cell.next_x = x + pick(out_u <= out_v, traversal.step_u, (floatl)0.0f);
+    cell.next_y = y + pick(out_v <= out_u, traversal.step_v, (floatl)0.0f);
+    cell.crossing = clamp_lanes(diagonal, at, out);
     cell.out = out;
     cell.has_first = diagonal > at; /* a line along the diagonal has but the second */
     cell.has_second = !(diagonal >= out);
@@ -131,18 +131,18 @@ INLINED Cell pass_cells(Grid grid, Lines lines, Way way, floatl x, floatl y, flo
     cell.lower_v = q01 - q00;
     cell.upper_u = q11 - q01;
     cell.upper_v = q11 - q10;
-    const intl enters_lower = (way.lower_first & cell.has_first) | (!(way.lower_first | cell.has_first));
-    const intl leaves_lower = (way.lower_first & (!cell.has_second)) | ((!way.lower_first) & cell.has_second);
+    const intl enters_lower = (traversal.lower_first & cell.has_first) | (!(traversal.lower_first | cell.has_first));
+    const intl leaves_lower = (traversal.lower_first & (!cell.has_second)) | ((!traversal.lower_first) & cell.has_second);
     cell.q_in = pick(enters_lower, q00 + cell.lower_u * u_0 + cell.lower_v * v_0, q10 + cell.upper_u * (u_0 - 1.0f) + cell.upper_v * v_0);
     cell.q_out = pick(leaves_lower, q00 + cell.lower_u * u_2 + cell.lower_v * v_2, q10 + cell.upper_u * (u_2 - 1.0f) + cell.upper_v * v_2);
     cell.q_crossing = q01 + u_1 * (q10 - q01);
 
     const intl beyond = lines.along_diagonal & ((x != xc) | (y != yc)); /* of the grid, by rounding */
-    const floatl high = greater(q10, q01), low = lesser(q10, q01);
-    const intl lower_open = beyond | IS_OPEN(grid.cut, greater(high, q00), lesser(low, q00));
-    const intl upper_open = beyond | IS_OPEN(grid.cut, greater(high, q11), lesser(low, q11));
-    cell.first_open = pick(way.lower_first, lower_open, upper_open);
-    cell.second_open = pick(way.lower_first, upper_open, lower_open);
+    const floatl high = max_lanes(q10, q01), low = min_lanes(q10, q01);
+    const intl lower_open = beyond | IS_OPEN(grid.cut, max_lanes(high, q00), min_lanes(low, q00));
+    const intl upper_open = beyond | IS_OPEN(grid.cut, max_lanes(high, q11), min_lanes(low, q11));
+    cell.first_open = pick(traversal.lower_first, lower_open, upper_open);
+    cell.second_open = pick(traversal.lower_first, upper_open, lower_open);
     cell.x = xc;
     cell.y = yc;
     cell.q00 = q00;

@@ -23,8 +23,8 @@
 /* What the source says of the rays at places of its image: IS_FREE or a class; and whether the surface is closed. */
 INLINED intl state_at(Grid grid, floatl u, floatl v, floatl near, intl *closed)
 {
-    const floatl uc = lesser(greater(floor_lanes(u), (floatl)0.0f), (floatl)max(grid.width - 2, 0));
-    const floatl vc = lesser(greater(floor_lanes(v), (floatl)0.0f), (floatl)max(grid.height - 2, 0));
+    const floatl uc = clamp_lanes(floor_lanes(u), (floatl)0.0f, (floatl)max(grid.width - 2, 0));
+    const floatl vc = clamp_lanes(floor_lanes(v), (floatl)0.0f, (floatl)max(grid.height - 2, 0));
     const floatl fu = u - uc, fv = v - vc;
     const intl right = min(grid.width - 1, 1), down = grid.height > 1 ? grid.pitch : 0;
     const intl base = to_intl(vc) * grid.pitch + to_intl(uc), upper = fu + fv > 1.0f;
@@ -32,7 +32,7 @@ INLINED intl state_at(Grid grid, floatl u, floatl v, floatl near, intl *closed)
     const intl nearest_sample = base + pick(fu > 0.5f, right, (intl)0) + pick(fv > 0.5f, down, (intl)0);
     const floatl q10 = (floatl)(gather(grid.nearness, i10)), q01 = (floatl)(gather(grid.nearness, i01)),
                  qc = (floatl)(gather(grid.nearness, ic)), qn = (floatl)(gather(grid.nearness, nearest_sample));
-    *closed = !IS_OPEN(grid.cut, greater(qc, greater(q10, q01)), lesser(qc, lesser(q10, q01)));
+    *closed = !IS_OPEN(grid.cut, max_lanes(qc, max_lanes(q10, q01)), min_lanes(qc, min_lanes(q10, q01)));
     const floatl gu = pick(upper, qc - q01, q10 - qc), gv = pick(upper, qc - q10, q01 - qc);
     const floatl one = pick(upper, (floatl)1.0f, (floatl)0.0f);
     const floatl surface = pick(*closed, qc + gu * (fu - one) + gv * (fv - one), qn);
@@ -46,8 +46,8 @@ INLINED intl class_in_place(Grid grid, Rays rays, float typical)
     const floatl u = (rays.u + typical * rays.centre.x) / w, v = (rays.v + typical * rays.centre.y) / w;
     const intl inside = (w > 0.0f) & (u >= 0.0f) & (v >= 0.0f) & (u <= grid.width - 1.0f) & (v <= grid.height - 1.0f);
     intl closed;
-    const intl state = state_at(grid, lesser(greater(u, (floatl)0.0f), (floatl)(grid.width - 1)),
-                                lesser(greater(v, (floatl)0.0f), (floatl)(grid.height - 1)), (floatl)INFINITY, &closed);
+    const intl state = state_at(grid, clamp_lanes(u, (floatl)0.0f, (floatl)(grid.width - 1)),
+                                clamp_lanes(v, (floatl)0.0f, (floatl)(grid.height - 1)), (floatl)INFINITY, &closed);
     return pick(inside, pick(state == CLASS_UNOBSERVED, state, (intl)CLASS_HIDDEN), (intl)CLASS_OUTSIDE);
 }
 
@@ -62,8 +62,8 @@ INLINED intl class_along(Grid grid, Rays rays, float nearest, float farthest, in
     const floatl to_farthest = (farthest - epipolar.near) / epipolar.near_step;
     const floatl from = pick(falls, to_nearest, pick(rises, to_farthest, (floatl)0.0f));
     const floatl to = pick(falls, to_farthest, lines.length);
-    const floatl start = lesser(greater(from, (floatl)0.0f), fmax(lines.length, (floatl)0.0f));
-    const floatl end = lesser(greater(to, start), lines.length);
+    const floatl start = clamp_lanes(from, (floatl)0.0f, fmax(lines.length, (floatl)0.0f));
+    const floatl end = clamp_lanes(to, start, lines.length);
     const intl leaves = !(to < lines.length); /* the image, before it is hidden */
     const intl enters = (lines.u < 0.5f) | (lines.v < 0.5f) | (lines.u > grid.width - 1.5f) | (lines.v > grid.height - 1.5f);
     const intl before = pick(falls, (intl)IS_FREE, (intl)CLASS_HIDDEN);
@@ -71,7 +71,7 @@ INLINED intl class_along(Grid grid, Rays rays, float nearest, float farthest, in
     intl active = wanted & (lines.length >= 0.0f);
     floatl at = start;
     for (int most = max(grid.width, grid.height) + 1; most > 0 && any_lane(active); most--, at += 1.0f) { /* of a line's pixels */
-        const floatl here = lesser(at, end);
+        const floatl here = min_lanes(at, end);
         const floatl u = lines.u + lines.du * here, v = lines.v + lines.dv * here;
         intl closed;
         const intl state = state_at(grid, u, v, epipolar.near + epipolar.near_step * here, &closed);

@@ -14,7 +14,7 @@
  * the nearest line by arithmetic, not by a flag; the order of writing needs no depth test even where the surface is
  * cut. The result is the nearness of what the line's ray sees: resolve.cl finds the pixel's own ray's hit from it.
  *
- * counts: (packet_count, 2) samples and pixels visited, with COUNTED.
+ * counts: (packet_count, 2) samples and pixels visited, with COUNTERS.
  * Work-item: LANES lines of one group. Cost: source samples + target pixels a line; lines <= about 2 (width + height).
  * Determinism: a pixel is written by at most one lane.
  *
@@ -29,27 +29,30 @@
 #include "warp/interval.h"
 #if EDGES
 #include "warp/walk_edges.h"
+#define WALK walk_edges
 #elif ALIGNED
 #include "warp/walk_samples.h"
+#define WALK walk_samples
 #else
 #include "warp/walk_columns.h"
+#define WALK walk_columns
 #endif
 
 #if ALIGNED
 /* Nothing is settled on the rows (or columns) of a packet, whose first is the given one. */
-INLINED void clear_lines(global float *seen, int first, int along, PixelMap map)
+INLINED void clear_lines(global float *hits, int first, int along, PixelMap map)
 {
     const int rows = along ? map.dst_height : min(LANES, map.dst_height - first), columns = along ? 1 : map.dst_width;
-    global float *from = seen + (along ? first : (size_t)first * map.dst_pitch);
+    global float *from = hits + (along ? first : (size_t)first * map.dst_pitch);
     for (int y = 0; y < rows; y++)
         for (int x = 0; x < columns; x += LANES) /* rows have room for whole packets */
             store_lanes((floatl)EMPTY, from + (size_t)y * map.dst_pitch + x);
 }
 #endif
 
-kernel void epipolar_sweep(global const float *nearness, global float *seen, global const LineGroup *groups,
-                           int group_count, int packet_count, PixelMap map, Cut cut, int shown, float nearest,
-                           float farthest COUNTS_PARAMETER(uint))
+kernel void epipolar_sweep(global const float *nearness, global float *hits, global const LineGroup *groups,
+                           int group_count, int packet_count, PixelMap map, Cut cut, int sides, float nearest,
+                           float farthest COUNTERS_PARAMETER(uint))
 {
     const int id = get_global_id(0);
     if (id >= packet_count)
@@ -63,22 +66,22 @@ kernel void epipolar_sweep(global const float *nearness, global float *seen, glo
     const LineGroup group = groups[g];
     const SweepLines line = sweep_lines(group, map, packet, nearest, farthest);
 #if ALIGNED
-    clear_lines(seen, packet * LANES, line.along, map);
+    clear_lines(hits, packet * LANES, line.along, map);
 #endif
     if (!any_lane((line.low <= line.high) & (line.from <= line.to)))
         return;
     const int front_is_up = group.side < 0; /* -D is towards larger pixels */
-    Answers answers;
-    answers.seen = seen;
-    answers.spare = map.dst_height * map.dst_pitch + packet * LANES;
-    answers.up_hides = !(shown & (front_is_up ? SHOWS_FRONT : SHOWS_BACK));
-    answers.down_hides = !(shown & (front_is_up ? SHOWS_BACK : SHOWS_FRONT));
-    answers.begun_anew = 0;
-    answers.pixels = 0;
+    HitWriter writer;
+    writer.hits = hits;
+    writer.spare = map.dst_height * map.dst_pitch + packet * LANES;
+    writer.up_hides = !(sides & (front_is_up ? SHOWS_FRONT : SHOWS_BACK));
+    writer.down_hides = !(sides & (front_is_up ? SHOWS_BACK : SHOWS_FRONT));
+    writer.begun_anew = 0;
+    writer.pixels = 0;
     const Grid grid = {nearness, map.src_width, map.src_height, map.src_pitch, cut};
-    const uint samples = walk(grid, line, group, map, &answers);
-#if COUNTED
-    counts[2 * packet] = samples;
-    counts[2 * packet + 1] = answers.pixels;
+    const uint samples = WALK(grid, line, group, map, &writer);
+#if COUNTERS
+    counters[2 * packet] = samples;
+    counters[2 * packet + 1] = writer.pixels;
 #endif
 }

@@ -2,7 +2,7 @@
  * 3.4): valid pixels beside holes are averaged into ever coarser cells (push), and each hole takes, from coarse cells to
  * fine ones, what finer ones do not know (pull). So narrow holes are filled from close by and wide ones from all around.
  *
- * With TOLD, pixels count the less the nearer they are than what lies behind the holes beside them (behind.cl), so that
+ * With HAS_BEHIND, pixels count the less the nearer they are than what lies behind the holes beside them (behind.cl), so that
  * a disocclusion is filled from what was hidden, not from what hid it. But none counts for nothing: where there is no
  * background far and wide, the foreground is what there is. What counts little does not add up to much along a long
  * edge: or else the foreground would leak the more, the finer the picture. And of four cells that become one, each
@@ -17,7 +17,7 @@
  * A cell has PLANES numbers: colour and nearness (in which planes are linear), each times what it counts, and what it
  * counts, 1 at most. color, depth, valid: (height, width). behind: behind.cl. base: (PLANES, height, width), a storey's
  * cells; of the lowest storey the pixels are the base. cells: (PLANES, tiles down, tiles across), the base of the next
- * one; pull replaces their colour and nearness by the filled ones. inner: PLANES * INNER a tile, its three levels, set
+ * one; pull replaces their colour and nearness by the filled ones. inner: PLANES * INNER_CELLS a tile, its three levels, set
  * where the tile counts; and one more, which is 0. Work-item: a row of `strip` tiles (pixels), or a tile (cells).
  * Cost: O(pixels). Determinism: no pixel that is written is read, but by its own work-item; sums run in a fixed order.
  */
@@ -25,19 +25,19 @@
 #include "lib/pixelspace.h"
 #include "warp/holes.h"
 
-#ifndef TOLD
-#define TOLD 1 /* 0: there is no `behind`, and all pixels count alike */
+#ifndef HAS_BEHIND
+#define HAS_BEHIND 1 /* 0: there is no `behind`, and all pixels count alike */
 #endif
 #define PLANES 5
-#define COUNT_PLANE 4    /* the plane that tells what a cell counts */
-#define INNER 84    /* cells of a tile's levels: 8 x 8, 4 x 4, 2 x 2 */
-#define WINDOW 24   /* TILE + 2 * HALO */
+#define WEIGHT_PLANE 4    /* the plane that tells what a cell counts */
+#define INNER_CELLS 84    /* cells of a tile's levels: 8 x 8, 4 x 4, 2 x 2 */
+#define HALO_TILE 24   /* TILE + 2 * HALO */
 #define BESIDE 1    /* pixels from a hole within which valid ones count */
-#define STEEPEST 2  /* the level from which on depths' ratio counts to one power */
-#define FAINTEST 0.3f /* what a cell counts at least beside the farthest of four */
-#define LEAST 1e-6f /* what any pixel counts: more than nothing */
-#define ADDING 32.0f /* what counts less than 1/32 does not count more where there is much of it */
-#define FAINT 1e-3f /* what ratios count nothing up to, so that half the depth of what lies behind leaves no trace */
+#define STEEPEST_LEVEL 2  /* the level from which on depths' ratio counts to one power */
+#define RATIO_MIN 0.3f /* what a cell counts at least beside the farthest of four */
+#define PIXEL_WEIGHT_MIN 1e-6f /* what any pixel counts: more than nothing */
+#define SATURATION 32.0f /* what counts less than 1/32 does not count more where there is much of it */
+#define RATIO_FLOOR 1e-3f /* what ratios count nothing up to, so that half the depth of what lies behind leaves no trace */
 
 #define MASKED(mask, values) as_float16(as_int16(values) & (mask))
 #define HALVED(a, b) (((a) + (b)).even + ((a) + (b)).odd)
@@ -90,7 +90,7 @@ INLINED void read_row(Row *row, global const channel *color, size_t pixel, int c
 #endif
 }
 
-INLINED float16 depths_of(global const float *depth, size_t pixel, int count)
+INLINED float16 row_depths(global const float *depth, size_t pixel, int count)
 {
     if (count == TILE)
         return vload16(0, depth + pixel);
@@ -101,34 +101,34 @@ INLINED float16 depths_of(global const float *depth, size_t pixel, int count)
 }
 
 /* Two rows of cells of a level into one of half their length. No cell counts more than 1; nor than w, what counts most
- * among its four, or ADDING w^2 if that is more: what is faint stays so. */
+ * among its four, or SATURATION w^2 if that is more: what is faint stays so. */
 #define HALVE(long_row, half_row, made, row, level)                                                            \
     {                                                                                                          \
         long_row a = 1.0f, b = 1.0f; /* what the cells count beside the farthest of four */                    \
-        if (TOLD) {                                                                                            \
+        if (HAS_BEHIND) {                                                                                            \
             a = DEPTHS(row, 0), b = DEPTHS(row, 1);                                                            \
             const half_row farthest = fmax(fmax(a, b).even, fmax(a, b).odd);                                   \
             long_row beside;                                                                                   \
             beside.even = beside.odd = farthest > 0.0f ? 1.0f / farthest : (half_row)0.0f;                     \
             a *= beside, b *= beside;                                                                          \
-            for (int squared = 0; squared < 4 + min(level, STEEPEST); squared++)                               \
+            for (int squared = 0; squared < 4 + min(level, STEEPEST_LEVEL); squared++)                               \
                 a *= a, b *= b;                                                                                \
-            a = fmax(a, FAINTEST), b = fmax(b, FAINTEST);                                                      \
+            a = fmax(a, RATIO_MIN), b = fmax(b, RATIO_MIN);                                                      \
         }                                                                                                      \
-        const half_row counts = HALVED(a * row(COUNT_PLANE, 0), b * row(COUNT_PLANE, 1));                      \
-        const long_row more = fmax(row(COUNT_PLANE, 0), row(COUNT_PLANE, 1));                                  \
+        const half_row weights = HALVED(a * row(WEIGHT_PLANE, 0), b * row(WEIGHT_PLANE, 1));                      \
+        const long_row more = fmax(row(WEIGHT_PLANE, 0), row(WEIGHT_PLANE, 1));                                  \
         const half_row most = fmax(more.even, more.odd);                                                       \
-        const half_row limit = fmin(fmax(most, ADDING * most * most), 1.0f);                                   \
-        const half_row scale = counts > limit ? limit / counts : (half_row)1.0f;                               \
-        for (int p = 0; p < COUNT_PLANE; p++)                                                                  \
+        const half_row limit = fmin(fmax(most, SATURATION * most * most), 1.0f);                                   \
+        const half_row scale = weights > limit ? limit / weights : (half_row)1.0f;                               \
+        for (int p = 0; p < WEIGHT_PLANE; p++)                                                                  \
             made(p) = scale * HALVED(a * row(p, 0), b * row(p, 1));                                            \
-        made(COUNT_PLANE) = scale * counts;                                                                    \
+        made(WEIGHT_PLANE) = scale * weights;                                                                    \
     }
 /* Depths of a row's cells, 0 of those that count nothing */
 #define DEPTHS(row, i)                                                                                         \
-    (row(COUNT_PLANE, i) == 0.0f ? 0.0f                                                                        \
-     : perspective               ? row(COUNT_PLANE, i) / row(3, i)                                             \
-                                 : -row(3, i) / row(COUNT_PLANE, i))
+    (row(WEIGHT_PLANE, i) == 0.0f ? 0.0f                                                                        \
+     : perspective               ? row(WEIGHT_PLANE, i) / row(3, i)                                             \
+                                 : -row(3, i) / row(WEIGHT_PLANE, i))
 #define ROW_16(p, i) rows[i].plane[p]
 #define ROW_8(p, i) levels->eight[p][2 * y + (i)]
 #define ROW_4(p, i) levels->four[p][2 * y + (i)]
@@ -148,7 +148,7 @@ INLINED void write_levels(Levels *levels, int level, int perspective, int tile, 
         HALVE(float4, float2, TWO, ROW_4, level + 1)
     HALVE(float2, float, ONE, ROW_2, level + 2)
     for (int p = 0; p < PLANES; p++) {
-        global float *to = inner + ((size_t)tile * PLANES + p) * INNER;
+        global float *to = inner + ((size_t)tile * PLANES + p) * INNER_CELLS;
         for (int y = 0; y < 8; y++)
             vstore8(levels->eight[p][y], y, to);
         for (int y = 0; y < 4; y++)
@@ -159,7 +159,7 @@ INLINED void write_levels(Levels *levels, int level, int perspective, int tile, 
     }
 }
 
-void write_nothing(int tile, int tiles, global float *cells)
+void clear_tile(int tile, int tiles, global float *cells)
 {
     for (int p = 0; p < PLANES; p++)
         cells[p * tiles + tile] = 0.0f;
@@ -168,25 +168,25 @@ void write_nothing(int tile, int tiles, global float *cells)
 /* The tile behind all others, which pull takes for those that count nothing and those outside of the picture */
 void clear_last(int tiles, global float *inner)
 {
-    for (int i = 0; i < PLANES * INNER; i++)
-        inner[(size_t)tiles * PLANES * INNER + i] = 0.0f;
+    for (int i = 0; i < PLANES * INNER_CELLS; i++)
+        inner[(size_t)tiles * PLANES * INNER_CELLS + i] = 0.0f;
 }
 
-#if TOLD
+#if HAS_BEHIND
 /* The farthest depth behind the holes in the 12 x 12 pixels around each 4 x 4 pixels of a tile, as four rows. Only holes
  * beside what is none in the tile's window count: of others behind.cl may know nothing. */
 INLINED void read_behind(global const float *behind, int pitch, const uint *bits, float16 *around)
 {
-    uint known[WINDOW];
-    for (int v = 0; v < WINDOW; v++) {
+    uint known[HALO_TILE];
+    for (int v = 0; v < HALO_TILE; v++) {
         const uint valid = ~bits[v] & 0xffffffu;
         known[v] = valid | valid << 1 | valid >> 1;
     }
-    float4 bands[WINDOW / 4];
-    for (int band = 0; band < WINDOW / 4; band++) {
+    float4 bands[HALO_TILE / 4];
+    for (int band = 0; band < HALO_TILE / 4; band++) {
         float16 left = 0.0f, right = 0.0f; /* columns 0 to 15, and 8 to 23 */
         for (int v = 4 * band; v < 4 * band + 4; v++) {
-            const uint edge = bits[v] & (known[max(v - 1, 0)] | known[v] | known[min(v + 1, WINDOW - 1)]);
+            const uint edge = bits[v] & (known[max(v - 1, 0)] | known[v] | known[min(v + 1, HALO_TILE - 1)]);
             if (!edge)
                 continue;
             const float16 one = MASKED(AMONG(edge), vload16(0, behind + v * pitch));
@@ -203,14 +203,14 @@ INLINED void read_behind(global const float *behind, int pitch, const uint *bits
 }
 
 /* What pixels of depths z count. */
-INLINED float16 counts_of(float16 z, float16 around)
+INLINED float16 weights_of(float16 z, float16 around)
 {
     float16 ratio = around > z ? z / around : (float16)1.0f;
     ratio *= ratio;
     ratio *= ratio;
     ratio *= ratio * ratio; /* to the 12th power */
-    ratio += FAINT * (ratio - 1.0f);
-    return ratio > LEAST ? ratio : (float16)LEAST;
+    ratio += RATIO_FLOOR * (ratio - 1.0f);
+    return ratio > PIXEL_WEIGHT_MIN ? ratio : (float16)PIXEL_WEIGHT_MIN;
 }
 #endif
 
@@ -219,9 +219,9 @@ void push_tile(global const channel *color, global const float *depth, global co
                int tile, int tiles, global float *inner, global float *cells)
 {
     const int tile_x = column * TILE, tile_y = row * TILE, count = min(TILE, width - tile_x);
-    uint bits[WINDOW], beside[TILE], any = 0;
+    uint bits[HALO_TILE], beside[TILE], any = 0;
     for (int v = HALO - BESIDE; v < HALO + TILE + BESIDE; v++)
-        bits[v] = hole_bits(valid, width, height, tile_x - HALO, tile_y + v - HALO, WINDOW / 8);
+        bits[v] = hole_bits(valid, width, height, tile_x - HALO, tile_y + v - HALO, HALO_TILE / 8);
     for (int y = 0; y < TILE; y++) {
         const uint *here = bits + y + HALO;
         uint near = here[-1] | here[0] | here[1];
@@ -230,13 +230,13 @@ void push_tile(global const channel *color, global const float *depth, global co
         any |= beside[y];
     }
     if (!any) {
-        write_nothing(tile, tiles, cells);
+        clear_tile(tile, tiles, cells);
         return;
     }
-#if TOLD
-    for (int v = 0; v < WINDOW; v++)
+#if HAS_BEHIND
+    for (int v = 0; v < HALO_TILE; v++)
         if (v < HALO - BESIDE || v >= HALO + TILE + BESIDE)
-            bits[v] = hole_bits(valid, width, height, tile_x - HALO, tile_y + v - HALO, WINDOW / 8);
+            bits[v] = hole_bits(valid, width, height, tile_x - HALO, tile_y + v - HALO, HALO_TILE / 8);
     float16 around[4];
     read_behind(behind + (size_t)tile_y * pitch + tile_x, pitch, bits, around);
 #endif
@@ -257,16 +257,16 @@ void push_tile(global const channel *color, global const float *depth, global co
                 continue;
             }
             read_row(&rows[i], color, pixel, count);
-            const float16 z = depths_of(depth, pixel, count);
+            const float16 z = row_depths(depth, pixel, count);
             rows[i].plane[3] = DEPTH_OF(perspective, z);
-            float16 counts = 1.0f;
-#if TOLD
-            counts = counts_of(z, around[v / 4]);
+            float16 weights = 1.0f;
+#if HAS_BEHIND
+            weights = weights_of(z, around[v / 4]);
 #endif
             const int16 mask = AMONG(beside[v]);
-            for (int p = 0; p < COUNT_PLANE; p++)
-                rows[i].plane[p] = MASKED(mask, counts * rows[i].plane[p]);
-            rows[i].plane[COUNT_PLANE] = MASKED(mask, counts);
+            for (int p = 0; p < WEIGHT_PLANE; p++)
+                rows[i].plane[p] = MASKED(mask, weights * rows[i].plane[p]);
+            rows[i].plane[WEIGHT_PLANE] = MASKED(mask, weights);
         }
         HALVE(float16, float8, EIGHT, ROW_16, 0)
     }
@@ -323,7 +323,7 @@ kernel void push_cells(global const float *base, int width, int height, int pers
 
 /* What a level's row holds itself, with a cell beyond the tile on either side, from plane p of three tiles beside each
  * other. */
-#define PLANE_OF(tile, p) inner + ((size_t)(tile) * PLANES + (p)) * INNER
+#define PLANE_OF(tile, p) inner + ((size_t)(tile) * PLANES + (p)) * INNER_CELLS
 INLINED float4 own_two(global const float *inner, const int *tiles, int p, int y)
 {
     global const float *left = PLANE_OF(tiles[0], p) + 80, *here = PLANE_OF(tiles[1], p) + 80;
@@ -356,8 +356,8 @@ uint rows_around(uint needed, int count)
             continue;                                                                                          \
         const int *three = tile + (y == 0 ? 0 : y <= side ? 3 : 6), at = (y - 1) & (side - 1);                 \
         const int is_known = three[0] < tiles || three[1] < tiles || three[2] < tiles;                         \
-        const type open = is_known ? 1.0f - own(inner, three, COUNT_PLANE, at) : (type)1.0f;                        \
-        for (int p = 0; p < COUNT_PLANE; p++) {                                                                     \
+        const type open = is_known ? 1.0f - own(inner, three, WEIGHT_PLANE, at) : (type)1.0f;                        \
+        for (int p = 0; p < WEIGHT_PLANE; p++) {                                                                     \
             const above_type row_ = ROW_BETWEEN(above[p], y);                                                  \
             filled[p][y] = open * CELLS_BETWEEN(type, row_, left, right, __VA_ARGS__);                         \
             if (is_known)                                                                                      \
@@ -367,23 +367,23 @@ uint rows_around(uint needed, int count)
 
 /* A tile's first level, as far as needed for rows of its base, as bits, the first of them beyond the tile */
 INLINED void pull_tile(uint needed, int column, int row, int across, int down, global const float *inner, global const float *cells,
-                       float16 filled[COUNT_PLANE][10])
+                       float16 filled[WEIGHT_PLANE][10])
 {
     const int tiles = across * down;
     int tile[9], where[9];
     for (int i = 0; i < 9; i++) {
         const int u = column + i % 3 - 1, v = row + i / 3 - 1;
         where[i] = clamp(v, 0, down - 1) * across + clamp(u, 0, across - 1);
-        const int is_there = u >= 0 && v >= 0 && u < across && v < down && cells[COUNT_PLANE * tiles + where[i]] > 0.0f;
+        const int is_there = u >= 0 && v >= 0 && u < across && v < down && cells[WEIGHT_PLANE * tiles + where[i]] > 0.0f;
         tile[i] = is_there ? where[i] : tiles;
     }
-    const float top = tiles == 1 ? 1.0f / cells[COUNT_PLANE] : 1.0f; /* a single cell is not filled from above */
-    float4 one[COUNT_PLANE][3], two[COUNT_PLANE][4];
-    for (int p = 0; p < COUNT_PLANE; p++)
+    const float top = tiles == 1 ? 1.0f / cells[WEIGHT_PLANE] : 1.0f; /* a single cell is not filled from above */
+    float4 one[WEIGHT_PLANE][3], two[WEIGHT_PLANE][4];
+    for (int p = 0; p < WEIGHT_PLANE; p++)
         for (int v = 0; v < 3; v++)
             one[p][v] = top * (float4)(cells[p * tiles + where[3 * v]], cells[p * tiles + where[3 * v + 1]],
                                        cells[p * tiles + where[3 * v + 2]], 0.0f);
-    float8 four[COUNT_PLANE][6];
+    float8 four[WEIGHT_PLANE][6];
     const uint needed_filled = rows_around(needed, TILE + 2), needed_four = rows_around(needed_filled, 10);
     const uint needed_two = rows_around(needed_four, 6);
     PULL_LEVEL(float4, 2, two, own_two, float4, one, xxyy, yyzz, PARTS_4)
@@ -404,14 +404,14 @@ kernel void pull_cells(global float *base, int width, int height, global const f
     const int column = get_global_id(0), row = get_global_id(1);
     if (column >= across || row >= down)
         return;
-    float16 filled[COUNT_PLANE][10];
+    float16 filled[WEIGHT_PLANE][10];
     pull_tile(0x1fffe, column, row, across, down, inner, cells, filled);
     for (int y = 0; y < min(TILE, height - row * TILE); y++)
-        for (int p = 0; p < COUNT_PLANE; p++) {
+        for (int p = 0; p < WEIGHT_PLANE; p++) {
             const float16 values = pulled(filled[p], y);
             for (int x = 0; x < min(TILE, width - column * TILE); x++) {
                 const int cell = (row * TILE + y) * width + column * TILE + x;
-                base[p * height * width + cell] += (1.0f - base[COUNT_PLANE * height * width + cell]) * float_lane(values, x);
+                base[p * height * width + cell] += (1.0f - base[WEIGHT_PLANE * height * width + cell]) * float_lane(values, x);
             }
         }
 }
@@ -431,7 +431,7 @@ kernel void pull_pixels(global channel *color, global float *depth, global const
         }
         if (!needed)
             continue;
-        float16 filled[COUNT_PLANE][10];
+        float16 filled[WEIGHT_PLANE][10];
         pull_tile(needed, column, row, across, down, inner, cells, filled);
         for (int y = 0; y < TILE; y++) {
             if (!bits[y])

@@ -71,7 +71,7 @@ kernel void splat_pixels(global const uint *keys, global const uint *indices, gl
         return;
     const size_t at = (size_t)y * map.dst_width + x;
     const int landed = keys[at] != 0;
-    const float z = landed ? DEPTH_OF(map.dst_perspective, nearness_of(keys[at])) : NAN;
+    const float z = landed ? DEPTH_OF(map.dst_perspective, nearness_of_key(keys[at])) : NAN;
     if (merge && !(landed && !(z >= depth[at])))
         return; /* what is there is nearer, or there is nothing to add */
     depth[at] = z;

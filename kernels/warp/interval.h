@@ -5,23 +5,23 @@
  *
  * The first segment that crosses a pixel's ray is what it sees: a pixel that is settled stays as it is.
  */
-#include "warp/answers.h"
+#include "warp/hits.h"
 #include "warp/lines.h"
 
-#define AHEAD 8 /* steps between a prefetch and the use */
+#define PREFETCH_STEPS 8 /* steps between a prefetch and the use */
 
 /* Lines across rows touch new pages each step, but neighbours share cache lines: the first and the last are enough, or
  * some between them. */
-INLINED void foresee_across_rows(global const float *array, intl index, LineGroup group)
+INLINED void prefetch_across_rows(global const float *array, intl index, LineGroup group)
 {
 #if LANES == 16
-    foresee(array + index.s0);
-    foresee(array + index.sf);
+    prefetch_at(array + index.s0);
+    prefetch_at(array + index.sf);
     if (group.spacing > 1.0f)
-        foresee(array + index.s8);
+        prefetch_at(array + index.s8);
     if (group.spacing > 2.0f) {
-        foresee(array + index.s4);
-        foresee(array + index.sc);
+        prefetch_at(array + index.s4);
+        prefetch_at(array + index.sc);
     }
 #endif
 }
@@ -40,12 +40,12 @@ typedef struct {
 
 /* Where a line's answers go. */
 typedef struct {
-    global float *seen;
+    global float *hits;
     int spare;      /* for lanes with nothing to write */
     int up_hides, down_hides; /* 1: segments that extend the interval that way have a side that is not shown */
     int begun_anew; /* a lane has more than one interval: pixels outside of the last one may be settled, too */
     uint pixels;
-} Answers;
+} HitWriter;
 
 INLINED Projection pick_projection(intl mask, Projection yes, Projection no)
 {
@@ -72,14 +72,14 @@ INLINED intl clip_at_plane(Projection *a, Projection *b, intl *open)
     return a_behind;
 }
 
-#define STORE_LANE(l) seen[address.s##l] = stored.s##l;
+#define STORE_LANE(l) hits[address.s##l] = stored.s##l;
 
 /* Settles the pixels between the ends of a segment of the surface that its interval does not hold yet. there: lanes
  * that have a segment; open: it is no surface. */
-INLINED void extend(Interval *interval, Answers *answers, Projection a, Projection b, intl there, intl open, SweepLines line, LineGroup group, PixelMap map)
+INLINED void extend(Interval *interval, HitWriter *writer, Projection a, Projection b, intl there, intl open, SweepLines line, LineGroup group, PixelMap map)
 {
     const float guard = 5e-7f * (map.dst_width + map.dst_height); /* rounding: no pixel may have two owners, */
-    global float *seen = answers->seen;
+    global float *hits = writer->hits;
 
     intl from_behind = 0;
     if (!map.dst_perspective)
@@ -89,13 +89,13 @@ INLINED void extend(Interval *interval, Answers *answers, Projection a, Projecti
     const intl begins = there & (!open) & (interval->anew | emerges | from_behind);
     if (any_lane(begins)) {
         const floatl from_infinity = pick(crosses > 0.0f, (floatl)-1e9f, (floatl)1e9f);
-        const floatl t = lesser(greater(pick(emerges, from_infinity, a.p / a.w), line.low - 1.0f), line.high + 1.0f);
+        const floatl t = clamp_lanes(pick(emerges, from_infinity, a.p / a.w), line.low - 1.0f, line.high + 1.0f);
         /* and a pixel that the segment only just begins at is its own, whichever way it goes on */
         const floatl next = pick((crosses > 0.0f) | emerges, ceil_lanes(t - guard), floor_lanes(t + guard) + 1.0f);
-        const floatl first = lesser(greater(next, line.low), line.high + 1.0f);
+        const floatl first = clamp_lanes(next, line.low, line.high + 1.0f);
         interval->above = pick(begins, first, interval->above);
         interval->below = pick(begins, first - 1.0f, interval->below);
-        answers->begun_anew |= any_lane(begins & interval->begun);
+        writer->begun_anew |= any_lane(begins & interval->begun);
         interval->begun = interval->begun | begins;
     }
     interval->anew = pick(there, open, interval->anew);
@@ -107,17 +107,17 @@ INLINED void extend(Interval *interval, Answers *answers, Projection a, Projecti
             break;
         const floatl p = pick(goes_up, interval->above, interval->below);
         const floatl g0 = a.p - p * a.w, g1 = b.p - p * b.w;
-        const floatl f = lesser(greater(g0 / (g0 - g1), (floatl)0.0f), (floatl)1.0f);
+        const floatl f = clamp_lanes(g0 / (g0 - g1), (floatl)0.0f, (floatl)1.0f);
         const floatl w = a.w + f * (b.w - a.w);
         const intl settles = (goes_up | goes_down) & (w > 0.0f);
         if (!any_lane(settles))
             break;
-        COUNT(answers->pixels, settles)
+        COUNT(writer->pixels, settles)
         interval->above = pick(settles & goes_up, interval->above + 1.0f, interval->above);
         interval->below = pick(settles & !goes_up, interval->below - 1.0f, interval->below);
 
 #if ALIGNED /* each line has pixels of its own */
-        const intl address = pick(settles, line.first_pixel + to_intl(p) * (line.along ? map.dst_pitch : 1), answers->spare + lane_index);
+        const intl address = pick(settles, line.first_pixel + to_intl(p) * (line.along ? map.dst_pitch : 1), writer->spare + lane_index);
 #else
         const float b_along = map.dst_from_src[4 * line.along + 3], b_across = map.dst_from_src[4 * line.across + 3];
         const float b_w = map.dst_from_src[11], innermost = 1 << group.levels;
@@ -125,30 +125,30 @@ INLINED void extend(Interval *interval, Answers *answers, Projection a, Projecti
         const floatl distance = group.distance + group.distance_step * p;
         /* Lines are 1/2 to 1 pixel apart in each ring, less within the last one. */
         const floatl in_ring = as_floatl(((as_intl(distance) - 1) & 0x007fffff) | 0x3f000000);
-        const floatl apart = lesser(in_ring, distance * innermost);
+        const floatl line_spacing = min_lanes(in_ring, distance * innermost);
         const floatl D_along = (p * b_w - b_along) * group.side, D_across = fabs(c * b_w - b_across);
         const intl in_wedge = line.along ? (D_along > D_across) : (D_along >= D_across);
-        const intl owns = in_wedge & (fabs(at_line - c) < 0.5f * apart - guard) & (distance > group.least) &
+        const intl owns = in_wedge & (fabs(at_line - c) < 0.5f * line_spacing - guard) & (distance > group.least) &
                           (c >= group.cross_low) & (c <= group.cross_high);
         const intl pc = to_intl(c), pa = to_intl(p);
         const intl address = pick(settles & owns, line.along ? pa * map.dst_pitch + pc : pc * map.dst_pitch + pa,
-                                  answers->spare + lane_index);
+                                  writer->spare + lane_index);
 #endif
         if (line.along) {
-            const int ahead = AHEAD * map.dst_pitch;
+            const int ahead = PREFETCH_STEPS * map.dst_pitch;
             const intl soon = address + pick(goes_up, (intl)ahead, (intl)-ahead);
-            foresee_across_rows(seen, clamp(soon, (intl)0, (intl)(map.dst_height * map.dst_pitch - 1)), group);
+            prefetch_across_rows(hits, clamp(soon, (intl)0, (intl)(map.dst_height * map.dst_pitch - 1)), group);
         }
         const floatl met = (a.q + f * (b.q - a.q)) / w;
-        const intl hides = pick(goes_up, (intl)answers->up_hides, (intl)answers->down_hides);
-        const floatl value = ANSWER(met, hides);
+        const intl hides = pick(goes_up, (intl)writer->up_hides, (intl)writer->down_hides);
+        const floatl value = PACKED_HIT(met, hides);
         floatl stored = value;
-        if (answers->begun_anew) {
-            const floatl before = (floatl)(gather(seen, address));
+        if (writer->begun_anew) {
+            const floatl before = (floatl)(gather(hits, address));
             stored = pick(before == EMPTY, value, before);
         }
 #if LANES == 1
-        seen[address] = stored;
+        hits[address] = stored;
 #else
         EACH_LANE(STORE_LANE)
 #endif

@@ -7,7 +7,7 @@ uint key_of(float nearness)
     return bits & 0x80000000u ? ~bits : bits | 0x80000000u;
 }
 
-float nearness_of(uint key)
+float nearness_of_key(uint key)
 {
     return as_float(key & 0x80000000u ? key & 0x7fffffffu : ~key);
 }

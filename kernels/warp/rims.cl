@@ -16,7 +16,7 @@
 #ifndef STRIP
 #define STRIP 1 /* packets of LANES samples, or pixels, that a work-item goes through: starting one takes longer than most */
 #endif
-#define WIDEST 64 /* target pixels: a sample's own is drawn no wider, as one right before the target would be */
+#define SAMPLE_WIDTH_MAX 64 /* target pixels: a sample's own is drawn no wider, as one right before the target would be */
 
 /* Draws the pixels around samples x of row y, one a lane, of nearness n. */
 INLINED void draw_pixels(PixelMap map, floatl x, float y, floatl n, intl wanted, global uint *keys)
@@ -32,17 +32,17 @@ INLINED void draw_pixels(PixelMap map, floatl x, float y, floatl n, intl wanted,
         drawn = drawn & (w > 0.0f);
         u[i] = MAP_ROW(D, 0, cx, cy, n) / w;
         v[i] = MAP_ROW(D, 1, cx, cy, n) / w;
-        low_u = lesser(u[i], low_u);
-        high_u = greater(u[i], high_u);
-        low_v = lesser(v[i], low_v);
-        high_v = greater(v[i], high_v);
+        low_u = min_lanes(u[i], low_u);
+        high_u = max_lanes(u[i], high_u);
+        low_v = min_lanes(v[i], low_v);
+        high_v = max_lanes(v[i], high_v);
     }
     drawn = drawn & ((u[2] - u[0]) * (v[3] - v[1]) - (u[3] - u[1]) * (v[2] - v[0]) > 0.0f); /* not seen from behind */
-    const intl left = to_intl(ceil_lanes(within(low_u, (floatl)map.dst_width)));
-    const intl top = to_intl(ceil_lanes(within(low_v, (floatl)map.dst_height)));
+    const intl left = to_intl(ceil_lanes(clamp_lanes(low_u, (floatl)0.0f, (floatl)map.dst_width)));
+    const intl top = to_intl(ceil_lanes(clamp_lanes(low_v, (floatl)0.0f, (floatl)map.dst_height)));
     /* Shifted by 1, so that what lies to the left of the target is no pixel */
-    const intl right = min(to_intl(floor_lanes(within(high_u + 1.0f, (floatl)map.dst_width))) - 1, left + WIDEST);
-    const intl bottom = min(to_intl(floor_lanes(within(high_v + 1.0f, (floatl)map.dst_height))) - 1, top + WIDEST);
+    const intl right = min(to_intl(floor_lanes(clamp_lanes(high_u + 1.0f, (floatl)0.0f, (floatl)map.dst_width))) - 1, left + SAMPLE_WIDTH_MAX);
+    const intl bottom = min(to_intl(floor_lanes(clamp_lanes(high_v + 1.0f, (floatl)0.0f, (floatl)map.dst_height))) - 1, top + SAMPLE_WIDTH_MAX);
     for (intl row = top; any_lane(drawn & (row <= bottom)); row += 1)
         for (intl column = left; any_lane(drawn & (row <= bottom) & (column <= right)); column += 1) {
             /* Where the pixel's ray meets the plane of this nearness, and whether that is within the square */
@@ -85,14 +85,14 @@ kernel void rims(global const float *nearness, global uint *keys, PixelMap map, 
         floatl beside[4], high = n, low = n;
         load_beside(own, n, x0, y, map, beside);
         for (int i = 0; i < 4; i++) {
-            high = greater(beside[i], high);
-            low = lesser(beside[i], low);
+            high = max_lanes(beside[i], high);
+            low = min_lanes(beside[i], low);
         }
         if (!any_lane((x < map.src_width) & IS_OPEN(cut, high, low)))
             continue;
         intl open = 0;
         for (int i = 0; i < 4; i++)
-            open = open | IS_OPEN(cut, greater(beside[i], n), lesser(beside[i], n));
+            open = open | IS_OPEN(cut, max_lanes(beside[i], n), min_lanes(beside[i], n));
         const intl rim = open & (n > NO_SURFACE) & (x < map.src_width);
         for (int lane = 0; lane < LANES; lane++) {
             rim_x[count] = x0 + lane;
@@ -108,7 +108,7 @@ kernel void rims(global const float *nearness, global uint *keys, PixelMap map, 
 INLINED floatl with_rims(floatl z, uintl key, int perspective, Cut cut)
 {
     const intl bits = as_intl(key);
-    const floatl rim = as_floatl(pick(bits < 0, bits & 0x7fffffff, ~bits)); /* nearness_of() in lanes */
+    const floatl rim = as_floatl(pick(bits < 0, bits & 0x7fffffff, ~bits)); /* nearness_of_key() in lanes */
     const floatl shown = perspective ? 1.0f / z : -z;
     const intl torn_from = (rim > shown) & IS_OPEN(cut, rim, shown);
     return pick((bits != 0) & ((z != z) | torn_from), DEPTH_OF(perspective, rim), z);

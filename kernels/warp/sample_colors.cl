@@ -6,11 +6,11 @@
  * where nothing shows is hidden if its surface turns its back there. Colour is what lies between the four pixels around,
  * without those that show another surface.
  * The target is a pinhole's image whose pixels a lens may move (lib/lens.h): `map` leads to the pinhole's.
- * places: (2, height, pitch) where the samples lie in the source that `nearness` is of, NaN: nowhere, if PLACED. depth:
+ * places: (2, height, pitch) where the samples lie in the source that `nearness` is of, NaN: nowhere, if HAS_PLACES. depth:
  * (height, width) of the samples, planar z; not finite, <= NEAREST or >= far is none. nearness: (src_height, src_pitch).
  * shown, color: (dst_height, dst_width) depth that the target shows, NaN: none, and its picture. sample_color, seen:
  * (height, width); colour is black where a sample is not seen.
- * Work-item: LANES samples of a row. Cost: O(samples), and a walk of at most STEPS samples for those with something nearer
+ * Work-item: LANES samples of a row. Cost: O(samples), and a walk of at most WALK_STEPS samples for those with something nearer
  * in front. Determinism: every sample on its own.
  */
 #include "lib/color.h"
@@ -18,15 +18,15 @@
 #include "lib/surface.h"
 #include "lib/taps.h"
 
-#ifndef PLACED
-#define PLACED 0 /* 1: the samples are not the source's own, but lie among them */
+#ifndef HAS_PLACES
+#define HAS_PLACES 0 /* 1: the samples are not the source's own, but lie among them */
 #endif
-#define STEPS 24        /* of the source: what is farther apart is another surface */
-#define NEAR_BY 1.0f    /* pixel of the source: what is no farther apart is the same */
-#define SURELY 1e-3f    /* of the nearness: what is behind by less is not */
-#define DEVIATIONS 5.0f /* nor by less than so many standard deviations of the noise */
-#define ASIDE 2         /* samples to either side that tell where the surface faces; and three times as many, amid noise */
-#define DOUBT 3.0f      /* standard deviations of the noise by which these may differ more than they do */
+#define WALK_STEPS 24        /* of the source: what is farther apart is another surface */
+#define SAME_SURFACE 1.0f    /* pixel of the source: what is no farther apart is the same */
+#define RELATIVE_TOLERANCE 1e-3f    /* of the nearness: what is behind by less is not */
+#define OCCLUSION_DEVIATIONS 5.0f /* nor by less than so many standard deviations of the noise */
+#define SLOPE_STEP 2         /* samples to either side that tell where the surface faces; and three times as many, amid noise */
+#define SLOPE_DEVIATIONS 3.0f      /* standard deviations of the noise by which these may differ more than they do */
 
 /* Are the depths a <= b torn apart? As IS_OPEN, without divisions; NaN is not. */
 #define ARE_TORN(perspective, cut, a, b)                                                                        \
@@ -50,8 +50,8 @@ INLINED floatl nearness_around(global const float *nearness, PixelMap map, Cut c
     for (int i = 0; i < 4; i++) {
         const intl row = i < 2 ? taps.row : min(taps.row + 1, (intl)(map.src_height - 1));
         n[i] = (floatl)(gather(nearness, taps.at[i] + row * beyond));
-        high = greater(n[i], high);
-        low = lesser(n[i], low);
+        high = max_lanes(n[i], high);
+        low = min_lanes(n[i], low);
     }
     const intl right = taps.fx >= 0.5f, below = taps.fy >= 0.5f;
     const floatl nearest = pick(below, pick(right, n[3], n[2]), pick(right, n[1], n[0]));
@@ -59,22 +59,22 @@ INLINED floatl nearness_around(global const float *nearness, PixelMap map, Cut c
 }
 
 /* Does another surface than that of the sample hide it? `front` is where what shows at its pixel lies in the source. */
-INLINED intl is_hidden(global const float *nearness, PixelMap map, Cut cut, Noise noise, Point sample, Point front, intl asked)
+INLINED intl is_occluded(global const float *nearness, PixelMap map, Cut cut, Noise noise, Point sample, Point front, intl active)
 {
     const floatl du = front.u - sample.u, dv = front.v - sample.v;
-    const floatl length = greater(fabs(du), fabs(dv));
-    const intl far_off = !(length <= (floatl)STEPS);
-    const intl walks = asked & !far_off & (length > NEAR_BY);
+    const floatl length = max_lanes(fabs(du), fabs(dv));
+    const intl far_off = !(length <= (floatl)WALK_STEPS);
+    const intl walks = active & !far_off & (length > SAME_SURFACE);
     const floatl count = ceil_lanes(pick(walks, length, (floatl)0.0f));
-    intl hidden = asked & far_off;
+    intl hidden = active & far_off;
     floatl before = sample.q;
-    for (int step = 1; step <= STEPS && any_lane(walks & !hidden & (step <= count)); step++) {
-        const floatl part = step / greater(count, (floatl)1.0f);
+    for (int step = 1; step <= WALK_STEPS && any_lane(walks & !hidden & (step <= count)); step++) {
+        const floatl part = step / max_lanes(count, (floatl)1.0f);
         const floatl n = nearness_around(nearness, map, cut, sample.u + part * du, sample.v + part * dv);
         const intl known = walks & (step <= count) & (n > NO_SURFACE);
         const floatl ray = sample.q + part * (front.q - sample.q);
-        const floatl slack = DEVIATIONS * (noise.a + n * (noise.b + n * noise.c)) + SURELY * fabs(n);
-        hidden = hidden | (known & (IS_OPEN(cut, greater(n, before), lesser(n, before)) | (n - ray > slack)));
+        const floatl slack = OCCLUSION_DEVIATIONS * (noise.a + n * (noise.b + n * noise.c)) + RELATIVE_TOLERANCE * fabs(n);
+        hidden = hidden | (known & (IS_OPEN(cut, max_lanes(n, before), min_lanes(n, before)) | (n - ray > slack)));
         before = pick(known, n, before);
     }
     return hidden;
@@ -86,7 +86,7 @@ INLINED intl is_hidden(global const float *nearness, PixelMap map, Cut cut, Nois
      (p)[1] * ((m)[i] * (m)[8 + (j)] - (m)[8 + (i)] * (m)[j]) + (p)[2] * ((m)[i] * (m)[4 + (j)] - (m)[4 + (i)] * (m)[j]))
 
 /* Does the surface around the sample turn its back on the target, more than noise explains? */
-INLINED intl is_turned(global const float *nearness, PixelMap map, Cut cut, Noise noise, Point sample, float aside)
+INLINED intl faces_away(global const float *nearness, PixelMap map, Cut cut, Noise noise, Point sample, float aside)
 {
     const float *D = map.dst_from_src;
     floatl slope[2], p[3];
@@ -95,8 +95,8 @@ INLINED intl is_turned(global const float *nearness, PixelMap map, Cut cut, Nois
         const float x = axis ? 0.0f : aside, y = axis ? aside : 0.0f;
         const floatl low = nearness_around(nearness, map, cut, sample.u - x, sample.v - y);
         const floatl high = nearness_around(nearness, map, cut, sample.u + x, sample.v + y);
-        const intl none_low = IS_OPEN(cut, greater(low, sample.q), lesser(low, sample.q));
-        const intl none_high = IS_OPEN(cut, greater(high, sample.q), lesser(high, sample.q));
+        const intl none_low = IS_OPEN(cut, max_lanes(low, sample.q), min_lanes(low, sample.q));
+        const intl none_high = IS_OPEN(cut, max_lanes(high, sample.q), min_lanes(high, sample.q));
         unknown = unknown | (none_low & none_high);
         slope[axis] = (pick(none_high, sample.q, high) - pick(none_low, sample.q, low)) /
                       (aside * pick(none_low | none_high, (floatl)1.0f, (floatl)2.0f));
@@ -105,7 +105,7 @@ INLINED intl is_turned(global const float *nearness, PixelMap map, Cut cut, Nois
         p[i] = MAP_ROW(D, i, sample.u, sample.v, sample.q);
     /* Which way round the target sees a point and its changes along u and v, which are columns and slopes of the map */
     const floatl by_u = ORIENTATION(D, p, 3, 1), by_v = ORIENTATION(D, p, 0, 3);
-    const floatl unsure = DOUBT / (2.0f * aside) * (noise.a + sample.q * (noise.b + sample.q * noise.c));
+    const floatl unsure = SLOPE_DEVIATIONS / (2.0f * aside) * (noise.a + sample.q * (noise.b + sample.q * noise.c));
     return !unknown & (ORIENTATION(D, p, 0, 1) + slope[0] * by_u + slope[1] * by_v + unsure * (fabs(by_u) + fabs(by_v)) < 0.0f);
 }
 
@@ -122,29 +122,29 @@ kernel void color_samples(global const float *places, global const float *depth,
     const size_t at = (size_t)y * width + x0;
     const int whole = x0 + LANES <= width;
     const floatl z = whole ? load_lanes(depth + at) : (floatl)(gather(depth, y * width + min(x, (intl)(width - 1))));
-    intl asked = (x < width) & (z > NEAREST) & (z < far);
-#if PLACED
+    intl active = (x < width) & (z > NEAREST) & (z < far);
+#if HAS_PLACES
     global const float *place = places + (size_t)y * pitch + x0;
     Point sample = {load_lanes(place), load_lanes(place + (size_t)height * pitch), 0.0f};
-    asked = asked & (sample.u == sample.u);
-    sample.u = pick(asked, sample.u, (floatl)0.0f);
-    sample.v = pick(asked, sample.v, (floatl)0.0f);
+    active = active & (sample.u == sample.u);
+    sample.u = pick(active, sample.u, (floatl)0.0f);
+    sample.v = pick(active, sample.v, (floatl)0.0f);
 #else
     Point sample = {to_floatl(x), y, 0.0f};
 #endif
-    sample.q = pick(asked, perspective ? 1.0f / z : -z, (floatl)1.0f);
+    sample.q = pick(active, perspective ? 1.0f / z : -z, (floatl)1.0f);
 
     /* Its pixel: u, v a pinhole's, at_u, at_v the lens's */
     const floatl w = MAP_ROW(D, 2, sample.u, sample.v, sample.q), per_w = 1.0f / w;
     const floatl u = MAP_ROW(D, 0, sample.u, sample.v, sample.q) * per_w;
     const floatl v = MAP_ROW(D, 1, sample.u, sample.v, sample.q) * per_w;
     const floatl n = MAP_ROW(D, 3, sample.u, sample.v, sample.q) * per_w;
-    asked = asked & (w > 0.0f) & IS_BEFORE(map.dst_perspective, n);
+    active = active & (w > 0.0f) & IS_BEFORE(map.dst_perspective, n);
     floatl at_u = u, at_v = v;
-    asked = asked & through_lens(lens, &at_u, &at_v);
-    asked = asked & (at_u >= -0.5f) & (at_u <= map.dst_width - 0.5f) & (at_v >= -0.5f) & (at_v <= map.dst_height - 0.5f);
-    at_u = pick(asked, at_u, (floatl)0.0f);
-    at_v = pick(asked, at_v, (floatl)0.0f);
+    active = active & through_lens(lens, &at_u, &at_v);
+    active = active & (at_u >= -0.5f) & (at_u <= map.dst_width - 0.5f) & (at_v >= -0.5f) & (at_v <= map.dst_height - 0.5f);
+    at_u = pick(active, at_u, (floatl)0.0f);
+    at_v = pick(active, at_v, (floatl)0.0f);
 
     /* What shows around it, and at it */
     const Taps taps = clamped_taps(map.dst_width, map.dst_height, at_u, at_v);
@@ -154,29 +154,29 @@ kernel void color_samples(global const float *places, global const float *depth,
     tap_weights(taps.fx, taps.fy, weights);
     for (int i = 0; i < 4; i++) {
         around[i] = (floatl)(gather(shown, taps.at[i]));
-        torn[i] = ARE_TORN(map.dst_perspective, shown_cut, lesser(around[i], own_z), greater(around[i], own_z));
+        torn[i] = ARE_TORN(map.dst_perspective, shown_cut, min_lanes(around[i], own_z), max_lanes(around[i], own_z));
         weights[i] = pick(torn[i], (floatl)0.0f, weights[i]);
         total += weights[i];
-        farthest = greater(around[i], farthest);
+        farthest = max_lanes(around[i], farthest);
     }
     const intl right = taps.fx >= 0.5f, below = taps.fy >= 0.5f;
     const intl nearest = pick(below, pick(right, taps.at[3], taps.at[2]), pick(right, taps.at[1], taps.at[0]));
     const floatl z_there = pick(below, pick(right, around[3], around[2]), pick(right, around[1], around[0]));
-    const intl none = asked & !(z_there == z_there);
+    const intl none = active & !(z_there == z_there);
     /* If it is nearer, and not as the slope goes that is seen there */
     const intl torn_there = pick(below, pick(right, torn[3], torn[2]), pick(right, torn[1], torn[0]));
-    const floatl nearer_by = SURELY * fabs(own_z);
-    const intl before = asked & (own_z - z_there > nearer_by) & (torn_there | (own_z - farthest > nearer_by));
-    intl is_seen = asked;
+    const floatl nearer_by = RELATIVE_TOLERANCE * fabs(own_z);
+    const intl before = active & (own_z - z_there > nearer_by) & (torn_there | (own_z - farthest > nearer_by));
+    intl is_seen = active;
     if (any_lane(before)) {
         const floatl there = map.dst_perspective ? 1.0f / z_there : -z_there;
         const floatl back = MAP_ROW(S, 2, u, v, there);
         const Point front = {MAP_ROW(S, 0, u, v, there) / back, MAP_ROW(S, 1, u, v, there) / back, MAP_ROW(S, 3, u, v, there) / back};
         const intl behind = !(back > 0.0f);
-        is_seen = is_seen & !(before & behind) & !is_hidden(nearness, map, cut, noise, sample, front, before & !behind);
+        is_seen = is_seen & !(before & behind) & !is_occluded(nearness, map, cut, noise, sample, front, before & !behind);
     }
     for (int wide = 1; wide <= 3 && any_lane(none); wide += 2)
-        is_seen = is_seen & !(none & is_turned(nearness, map, cut, noise, sample, wide * ASIDE));
+        is_seen = is_seen & !(none & faces_away(nearness, map, cut, noise, sample, wide * SLOPE_STEP));
 
     const int pixels = map.dst_width * map.dst_height;
     const floatl per_total = 1.0f / total;
@@ -194,7 +194,7 @@ kernel void color_samples(global const float *places, global const float *depth,
         return;
     }
     for (int lane = 0; lane < width - x0; lane++) {
-        write_pixel(sample_color + CHANNELS * (at + lane), rounded(color_lane(c, lane)));
+        write_pixel(sample_color + CHANNELS * (at + lane), rounded_channel(color_lane(c, lane)));
         seen[at + lane] = int_lane(is_seen, lane) & 1;
     }
 }

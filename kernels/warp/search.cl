@@ -2,14 +2,14 @@
  * line enters the image) to the projection of the ray's point at infinity (Schaufler & Priglinger 1999, section 4).
  *
  * seen: (dst_height, dst_pitch) answers (answers.h). counts: (dst_height, packets a row) cells visited by the slowest lane,
- * times LANES, with COUNTED. Work-item: LANES pixels of a row.
+ * times LANES, with COUNTERS. Work-item: LANES pixels of a row.
  * Cost: O(source width) a pixel. Determinism: every pixel on its own.
  */
-#include "warp/answers.h"
+#include "warp/hits.h"
 #include "warp/trace.h"
 
-kernel void search(global const float *nearness, global float *seen, PixelMap map, Cut cut, int shown, int low_x, int high_x,
-                   int low_y, int high_y COUNTS_PARAMETER(uint))
+kernel void search(global const float *nearness, global float *hits, PixelMap map, Cut cut, int sides, int low_x, int high_x,
+                   int low_y, int high_y COUNTERS_PARAMETER(uint))
 {
     const int x = low_x + get_global_id(0) * LANES, y = low_y + get_global_id(1);
     if (x >= high_x || y >= high_y)
@@ -17,15 +17,15 @@ kernel void search(global const float *nearness, global float *seen, PixelMap ma
     const Grid grid = {nearness, map.src_width, map.src_height, map.src_pitch, cut};
     const Rays rays = rays_of(map, to_floatl(x + lane_index), y);
     const Epipolar epipolar = epipolar_of(rays, grid);
-    Stretches whole;
-    whole.from = 0.0f;
-    whole.to = epipolar.lines.length;
-    whole.next[0] = INFINITY;
-    whole.reach = 0.0f;
+    Windows windows;
+    windows.from = 0.0f;
+    windows.to = epipolar.lines.length;
+    windows.next[0] = INFINITY;
+    windows.radius = 0.0f;
     uint cells = 0;
-    const floatl found = trace(grid, rays, epipolar, whole, shown, x + lane_index < high_x, &cells);
-    store_lanes(ANSWER(found, 0), seen + (size_t)y * map.dst_pitch + x); /* the pitch leaves room for a whole packet */
-#if COUNTED
-    counts[y * ((map.dst_width + LANES - 1) / LANES) + get_global_id(0)] = cells * LANES;
+    const floatl found = trace(grid, rays, epipolar, windows, sides, x + lane_index < high_x, &cells);
+    store_lanes(PACKED_HIT(found, 0), hits + (size_t)y * map.dst_pitch + x); /* the pitch leaves room for a whole packet */
+#if COUNTERS
+    counters[y * ((map.dst_width + LANES - 1) / LANES) + get_global_id(0)] = cells * LANES;
 #endif
 }

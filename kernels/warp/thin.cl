@@ -3,7 +3,7 @@
  * Three launches, as of forward.cl: the nearest ribbon of each pixel by nearness, of equally near ones the first by its
  * number, and then the pixels, where a ribbon is nearer than what is there or there is nothing. Where a ray meets a hidden
  * side first, a ribbon behind that shows.
- * keys: (dst_height, dst_width) nearness as warp/keys.h orders it, 0 where no ribbon is; indices: the same shape, WAYS times
+ * keys: (dst_height, dst_width) nearness as warp/keys.h orders it, 0 where no ribbon is; indices: the same shape, NEIGHBOURS times
  * the number of the ribbon's thin sample and its way, 0 to 8 by rows to a neighbour, 4 to itself.
  * Work-item: STRIP * LANES samples, or pixels, of a row. Cost: O(samples + pixels of ribbons). Determinism: maximum and
  * minimum do not depend on the order of work-items.
@@ -20,9 +20,9 @@
 #ifndef ORIGINS
 #define ORIGINS 0 /* 1: where pixels come from is written, too */
 #endif
-#define WIDEST 256 /* target pixels: a ribbon's box is drawn no wider, as of one right before the target */
-#define NONE 0xFFFFFFFFu
-#define HELD_BACK 1024u /* of the least differences of nearness: the half squares beyond a ribbon's middles are behind what
+#define RIBBON_WIDTH_MAX 256 /* target pixels: a ribbon's box is drawn no wider, as of one right before the target */
+#define NO_RIBBON 0xFFFFFFFFu
+#define END_BIAS 1024u /* of the least differences of nearness: the half squares beyond a ribbon's middles are behind what
                            goes on there in the same plane, whose colours run on */
 
 /* Narrows [*low, *high], the parts of the way at which the square holds a point p away from where it began, by an axis. */
@@ -39,7 +39,7 @@ void narrow(float p, float d, float *low, float *high)
 
 /* The target's nearness where a pixel's ray meets a ribbon, or EMPTY; part: where along it, below 0 or above 1 beyond its
  * middles. */
-float meet_ribbon(Ribbon ribbon, PixelMap map, int shown, int column, int row, float *part)
+float intersect_ribbon(Ribbon ribbon, PixelMap map, int sides, int column, int row, float *part)
 {
     const float *S = map.src_from_dst;
     const float u = PIXEL_ROW(S, 0, column, row), v = PIXEL_ROW(S, 1, column, row), w = PIXEL_ROW(S, 2, column, row);
@@ -52,12 +52,12 @@ float meet_ribbon(Ribbon ribbon, PixelMap map, int shown, int column, int row, f
     narrow(p.y, ribbon.dy, &low, &high);
     *part = (p.x * ribbon.dx + p.y * ribbon.dy) / fmax(ribbon.dx * ribbon.dx + ribbon.dy * ribbon.dy, 1e-6f);
     const int is_on = low <= high && !(ribbon.ends && *part > 1.0f) && w_met > 0.0f;
-    const int shows = (per_unit > 0.0f && (shown & SHOWS_FRONT)) || (per_unit < 0.0f && (shown & SHOWS_BACK));
+    const int shows = (per_unit > 0.0f && (sides & SHOWS_FRONT)) || (per_unit < 0.0f && (sides & SHOWS_BACK));
     return is_on && shows && IS_BEFORE(map.dst_perspective, met) ? met : EMPTY;
 }
 
 /* Puts a ribbon's nearness into keys; with indices, its number there, where it is what the keys hold. */
-void draw_ribbon(Ribbon ribbon, PixelMap map, int shown, uint number, global uint *keys, global uint *indices)
+void draw_ribbon(Ribbon ribbon, PixelMap map, int sides, uint number, global uint *keys, global uint *indices)
 {
     const float *D = map.dst_from_src;
     float low_u = INFINITY, low_v = INFINITY, high_u = -INFINITY, high_v = -INFINITY;
@@ -75,16 +75,16 @@ void draw_ribbon(Ribbon ribbon, PixelMap map, int shown, uint number, global uin
     }
     const int left = convert_int_sat(ceil(clamp(low_u, 0.0f, (float)map.dst_width)));
     const int top = convert_int_sat(ceil(clamp(low_v, 0.0f, (float)map.dst_height)));
-    const int right = min(convert_int_sat(floor(clamp(high_u, -1.0f, map.dst_width - 1.0f))), left + WIDEST);
-    const int bottom = min(convert_int_sat(floor(clamp(high_v, -1.0f, map.dst_height - 1.0f))), top + WIDEST);
+    const int right = min(convert_int_sat(floor(clamp(high_u, -1.0f, map.dst_width - 1.0f))), left + RIBBON_WIDTH_MAX);
+    const int bottom = min(convert_int_sat(floor(clamp(high_v, -1.0f, map.dst_height - 1.0f))), top + RIBBON_WIDTH_MAX);
     for (int row = top; row <= bottom; row++)
         for (int column = left; column <= right; column++) {
             float part;
-            const float met = meet_ribbon(ribbon, map, shown, column, row, &part);
+            const float met = intersect_ribbon(ribbon, map, sides, column, row, &part);
             if (!IS_HIT(met))
                 continue;
             const int at = row * map.dst_width + column;
-            const uint key = key_of(met) - (part < 0.0f || part > 1.0f ? HELD_BACK : 0u);
+            const uint key = key_of(met) - (part < 0.0f || part > 1.0f ? END_BIAS : 0u);
             if (!indices)
                 atomic_max(keys + at, key);
             else if (keys[at] == key)
@@ -93,11 +93,11 @@ void draw_ribbon(Ribbon ribbon, PixelMap map, int shown, uint number, global uin
 }
 
 /* Draws the ribbons that a thin sample begins. */
-void draw_sample(Grid grid, PixelMap map, int shown, int x, int y, global uint *keys, global uint *indices)
+void draw_sample(Grid grid, PixelMap map, int sides, int x, int y, global uint *keys, global uint *indices)
 {
-    for (int way = 0; way < WAYS; way++)
-        if (begins(grid, x, y, way))
-            draw_ribbon(ribbon_of(grid, x, y, way), map, shown, (uint)WAYS * (y * map.src_width + x) + way, keys, indices);
+    for (int neighbour = 0; neighbour < NEIGHBOURS; neighbour++)
+        if (is_first_of(grid, x, y, neighbour))
+            draw_ribbon(ribbon_of(grid, x, y, neighbour), map, sides, (uint)NEIGHBOURS * (y * map.src_width + x) + neighbour, keys, indices);
 }
 
 /* A row's LANES samples from x0 on, and their neighbours to the left and to the right; no surface beyond the image. */
@@ -115,10 +115,10 @@ INLINED void load_row(Grid grid, int x0, int y, floatl *left, floatl *here, floa
 }
 
 #define IS_TORN(a, b, c, d)                                                                                    \
-    IS_OPEN(grid.cut, greater(greater(a, b), greater(c, d)), lesser(lesser(a, b), lesser(c, d)))
+    IS_OPEN(grid.cut, max_lanes(max_lanes(a, b), max_lanes(c, d)), min_lanes(min_lanes(a, b), min_lanes(c, d)))
 
 /* Draws the thin ones of a work-item's samples. */
-void draw_strip(global const float *nearness, global uint *keys, global uint *indices, PixelMap map, Cut cut, int shown)
+void draw_strip(global const float *nearness, global uint *keys, global uint *indices, PixelMap map, Cut cut, int sides)
 {
     const int y = get_global_id(1);
     const Grid grid = {nearness, map.src_width, map.src_height, map.src_pitch, cut};
@@ -135,18 +135,18 @@ void draw_strip(global const float *nearness, global uint *keys, global uint *in
             continue; /* as most */
         for (int lane = 0; lane < LANES; lane++)
             if (int_lane(thin, lane))
-                draw_sample(grid, map, shown, x0 + lane, y, keys, indices);
+                draw_sample(grid, map, sides, x0 + lane, y, keys, indices);
     }
 }
 
-kernel void thin_nearness(global const float *nearness, global uint *keys, PixelMap map, Cut cut, int shown)
+kernel void thin_nearness(global const float *nearness, global uint *keys, PixelMap map, Cut cut, int sides)
 {
-    draw_strip(nearness, keys, 0, map, cut, shown);
+    draw_strip(nearness, keys, 0, map, cut, sides);
 }
 
-kernel void thin_index(global const float *nearness, global uint *keys, global uint *indices, PixelMap map, Cut cut, int shown)
+kernel void thin_index(global const float *nearness, global uint *keys, global uint *indices, PixelMap map, Cut cut, int sides)
 {
-    draw_strip(nearness, keys, indices, map, cut, shown);
+    draw_strip(nearness, keys, indices, map, cut, sides);
 }
 
 /* The colours of samples a and b, mixed */
@@ -159,13 +159,13 @@ void mix_colors(global const channel *src_color, int a, int b, float part, globa
 }
 
 /* Pixel (x, y) is that of a ribbon, if it is nearer than what is there. */
-void write_ribbon(Grid grid, uint number, PixelMap map, int shown, int linear, int x, int y, global const channel *src_color,
+void write_ribbon(Grid grid, uint number, PixelMap map, int sides, int linear, int x, int y, global const channel *src_color,
                   global float *depth, global channel *color, global uchar *valid, global float *origin, int view)
 {
     const float *D = map.dst_from_src;
-    const int sample = number / WAYS;
-    const Ribbon ribbon = ribbon_of(grid, sample % grid.width, sample / grid.width, number % WAYS);
-    float part, met = meet_ribbon(ribbon, map, shown, x, y, &part);
+    const int sample = number / NEIGHBOURS;
+    const Ribbon ribbon = ribbon_of(grid, sample % grid.width, sample / grid.width, number % NEIGHBOURS);
+    float part, met = intersect_ribbon(ribbon, map, sides, x, y, &part);
     const int nearest = part > 0.5f ? ribbon.to : ribbon.from, sx = nearest % grid.width, sy = nearest / grid.width;
     part = clamp(part, 0.0f, 1.0f);
     if (!linear) {
@@ -186,7 +186,7 @@ void write_ribbon(Grid grid, uint number, PixelMap map, int shown, int linear, i
 
 kernel void thin_pixels(global const float *nearness, global const uint *keys, global const uint *indices,
                         global const channel *src_color, global float *depth, global channel *color, global uchar *valid,
-                        PixelMap map, Cut cut, int shown, int linear
+                        PixelMap map, Cut cut, int sides, int linear
 #if ORIGINS
                         ,
                         global float *origin /* (dst_height, dst_width, 3): u, v and the number of the view */, int view
@@ -202,8 +202,8 @@ kernel void thin_pixels(global const float *nearness, global const uint *keys, g
         if (x0 + LANES <= map.dst_width && !any_lane(as_intl(load_lanes(keys + at)) != 0))
             continue; /* as most */
         for (int i = 0; i < min(LANES, map.dst_width - x0); i++)
-            if (keys[at + i] && indices[at + i] != NONE)
-                write_ribbon(grid, indices[at + i], map, shown, linear, x0 + i, y, src_color, depth + at + i,
+            if (keys[at + i] && indices[at + i] != NO_RIBBON)
+                write_ribbon(grid, indices[at + i], map, sides, linear, x0 + i, y, src_color, depth + at + i,
                              color + CHANNELS * (at + i), valid + at + i,
 #if ORIGINS
                              origin + 3 * (at + i), view

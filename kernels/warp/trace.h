@@ -30,18 +30,18 @@ typedef struct {
     floatl start, centre;   /* the rays' start and centre along the lines' major axes, as distances */
 } Epipolar;
 
-#define TOUCH 2e-4f /* pixels of the source by which a surface reaches beyond its last samples: rounding */
-#ifndef STRETCHES
-#define STRETCHES 1 /* parts of a line that are looked at, after the first, at most */
+#define END_TOLERANCE 2e-4f /* pixels of the source by which a surface reaches beyond its last samples: rounding */
+#ifndef WINDOWS
+#define WINDOWS 1 /* parts of a line that are looked at, after the first, at most */
 #endif
 
 /* The parts of a line that are looked at, in order: from ... to, and `reach` to either side of the places that follow
  * (INFINITY: none). */
 typedef struct {
     floatl from, to;
-    floatl next[STRETCHES];
-    float reach;
-} Stretches;
+    floatl next[WINDOWS];
+    float radius;
+} Windows;
 
 INLINED Rays rays_of(PixelMap map, floatl x, float y)
 {
@@ -57,7 +57,7 @@ INLINED Rays rays_of(PixelMap map, floatl x, float y)
 }
 
 /* Target nearness at which the rays meet a plane; per_unit > 0: its front. */
-INLINED floatl meet(Rays rays, Plane plane, floatl *per_unit)
+INLINED floatl intersect_plane(Rays rays, Plane plane, floatl *per_unit)
 {
     const float4 c = rays.centre;
     const floatl at_start = rays.q - plane.q * rays.w - plane.gu * (rays.u - plane.x * rays.w) - plane.gv * (rays.v - plane.y * rays.w);
@@ -125,26 +125,26 @@ INLINED floatl distance_of(Rays rays, Epipolar epipolar, floatl nearness)
 
 /* The first triangle that the rays cross on stretches of their lines: target nearness, BLOCKED, or EMPTY if they meet
  * none. */
-INLINED floatl trace(Grid grid, Rays rays, Epipolar epipolar, Stretches stretches, int shown, intl wanted, uint *cells)
+INLINED floatl trace(Grid grid, Rays rays, Epipolar epipolar, Windows windows, int sides, intl wanted, uint *cells)
 {
     const Lines lines = epipolar.lines;
-    const Way way = way_of(lines, grid);
-    const floatl touch = TOUCH * fabs(epipolar.near_step); /* a lead that a step of that length makes */
-    floatl at = fmax(stretches.from, (floatl)0.0f), to = fmin(stretches.to, lines.length), lead = 0.0f, x = 0.0f, y = 0.0f;
+    const Traversal traversal = traversal_of(lines, grid);
+    const floatl tolerance = END_TOLERANCE * fabs(epipolar.near_step); /* a lead that a step of that length makes */
+    floatl at = fmax(windows.from, (floatl)0.0f), to = fmin(windows.to, lines.length), difference = 0.0f, x = 0.0f, y = 0.0f;
     intl active = wanted & (at <= lines.length), begins = active, connected = 0;
     floatl result = EMPTY;
     Plane met_plane = {0.0f, 0.0f, 0.0f, 0.0f, 0.0f};
     intl is_met = 0;
     /* A line enters a cell by a column or a row, each of them once, and a stretch may begin in each cell anew. */
-    for (int most = grid.width + grid.height + 2 + 2 * STRETCHES; most > 0; most--) {
+    for (int most = grid.width + grid.height + 2 + 2 * WINDOWS; most > 0; most--) {
         /* At the end of a stretch, on to the next one. */
         const intl over = active & !begins & (at >= to);
         if (any_lane(over)) {
-            const floatl next = stretches.next[0], from = next - stretches.reach;
-            for (int i = 0; i + 1 < STRETCHES; i++)
-                stretches.next[i] = pick(over, stretches.next[i + 1], stretches.next[i]);
-            stretches.next[STRETCHES - 1] = pick(over, (floatl)INFINITY, stretches.next[STRETCHES - 1]);
-            to = pick(over, fmin(next + stretches.reach, lines.length), to);
+            const floatl next = windows.next[0], from = next - windows.radius;
+            for (int i = 0; i + 1 < WINDOWS; i++)
+                windows.next[i] = pick(over, windows.next[i + 1], windows.next[i]);
+            windows.next[WINDOWS - 1] = pick(over, (floatl)INFINITY, windows.next[WINDOWS - 1]);
+            to = pick(over, fmin(next + windows.radius, lines.length), to);
             begins = over & (from > at);
             at = pick(begins, from, at);
             active = active & (at < lines.length) & !(over & (next == INFINITY));
@@ -157,25 +157,25 @@ INLINED floatl trace(Grid grid, Rays rays, Epipolar epipolar, Stretches stretche
             begins = 0;
         }
         *cells += 1;
-        const Cell cell = pass_cells(grid, lines, way, x, y, at);
+        const Cell cell = pass_cells(grid, lines, traversal, x, y, at);
 
         /* The surface's lead over the ray: where it changes its sign, the ray meets the surface. */
         const floatl near_0 = epipolar.near + epipolar.near_step * at, near_1 = epipolar.near + epipolar.near_step * cell.crossing,
                      near_2 = epipolar.near + epipolar.near_step * cell.out;
-        const floatl lead_0 = pick(connected, lead, cell.q_in - near_0), lead_2 = cell.q_out - near_2;
-        const floatl lead_1 = pick(cell.has_first, pick(cell.has_second, cell.q_crossing - near_1, lead_2), lead_0);
+        const floatl difference_0 = pick(connected, difference, cell.q_in - near_0), difference_2 = cell.q_out - near_2;
+        const floatl difference_1 = pick(cell.has_first, pick(cell.has_second, cell.q_crossing - near_1, difference_2), difference_0);
         /* Surfaces end with their last sample, not before it: hence the touch. */
         const intl first = cell.has_first & !cell.first_open, second = cell.has_second & !cell.second_open;
-        const intl first_front = first & (lead_0 < touch) & (lead_1 >= -touch) & (lead_1 > lead_0);
-        const intl first_back = first & (lead_0 > 0.0f) & (lead_1 <= 0.0f);
-        const intl second_front = second & (lead_1 < touch) & (lead_2 >= -touch) & (lead_2 > lead_1);
-        const intl second_back = second & (lead_1 > 0.0f) & (lead_2 <= 0.0f);
+        const intl first_front = first & (difference_0 < tolerance) & (difference_1 >= -tolerance) & (difference_1 > difference_0);
+        const intl first_back = first & (difference_0 > 0.0f) & (difference_1 <= 0.0f);
+        const intl second_front = second & (difference_1 < tolerance) & (difference_2 >= -tolerance) & (difference_2 > difference_1);
+        const intl second_back = second & (difference_1 > 0.0f) & (difference_2 <= 0.0f);
         const intl in_first = first_front | first_back;
         const intl meets = active & (in_first | second_front | second_back);
         if (any_lane(meets)) {
             const intl front = (in_first & first_front) | ((!in_first) & second_front);
-            const intl shows = meets & ((front & (intl)(shown & SHOWS_FRONT ? -1 : 0)) | ((!front) & (intl)(shown & SHOWS_BACK ? -1 : 0)));
-            const intl lower = (in_first & way.lower_first) | (!(in_first | way.lower_first));
+            const intl shows = meets & ((front & (intl)(sides & SHOWS_FRONT ? -1 : 0)) | ((!front) & (intl)(sides & SHOWS_BACK ? -1 : 0)));
+            const intl lower = (in_first & traversal.lower_first) | (!(in_first | traversal.lower_first));
             met_plane.q = pick(shows, pick(lower, cell.q00, cell.q10), met_plane.q);
             met_plane.gu = pick(shows, pick(lower, cell.lower_u, cell.upper_u), met_plane.gu);
             met_plane.gv = pick(shows, pick(lower, cell.lower_v, cell.upper_v), met_plane.gv);
@@ -186,14 +186,14 @@ INLINED floatl trace(Grid grid, Rays rays, Epipolar epipolar, Stretches stretche
             active = active & !meets;
         }
         connected = pick(cell.has_second, !cell.second_open, pick(cell.has_first, !cell.first_open, connected));
-        lead = pick(cell.has_first | cell.has_second, lead_2, lead);
+        difference = pick(cell.has_first | cell.has_second, difference_2, difference);
         x = cell.next_x;
         y = cell.next_y;
         at = cell.out;
         active = active & (at < lines.length);
     }
     floatl per_unit;
-    const floatl met = meet(rays, met_plane, &per_unit);
+    const floatl met = intersect_plane(rays, met_plane, &per_unit);
     const intl before = IS_BEFORE(rays.perspective, met);
     return pick(is_met & before, met, result);
 }

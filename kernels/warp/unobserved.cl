@@ -9,7 +9,7 @@
 #include "lib/pixelspace.h"
 #include "warp/holes.h"
 
-float4 sample_at(global const channel *color, size_t sample)
+float4 color_at_sample(global const channel *color, size_t sample)
 {
     return (float4)(color[3 * sample], color[3 * sample + 1], color[3 * sample + 2], 0.0f);
 }
@@ -19,8 +19,8 @@ float4 color_between(global const channel *color, int width, int height, float u
 {
     const float in_u = clamp(u, 0.0f, width - 1.0f), in_v = clamp(v, 0.0f, height - 1.0f);
     const int left = in_u, upper = in_v, right = min(left + 1, width - 1), lower = min(upper + 1, height - 1);
-    const float4 above = mix(sample_at(color, upper * width + left), sample_at(color, upper * width + right), in_u - left);
-    const float4 below = mix(sample_at(color, lower * width + left), sample_at(color, lower * width + right), in_u - left);
+    const float4 above = mix(color_at_sample(color, upper * width + left), color_at_sample(color, upper * width + right), in_u - left);
+    const float4 below = mix(color_at_sample(color, lower * width + left), color_at_sample(color, lower * width + right), in_u - left);
     return mix(above, below, in_v - upper);
 }
 
@@ -47,7 +47,7 @@ INLINED void show_row(global channel *color, global const float *depth, global c
         const int i = LOWEST(left);
         if (!int_lane(inside, i) || nearness[int_lane(sample, i)] > NO_SURFACE)
             continue;
-        const float4 nearest = sample_at(src_color, int_lane(nearest_v, i) * map->src_width + int_lane(nearest_u, i));
+        const float4 nearest = color_at_sample(src_color, int_lane(nearest_v, i) * map->src_width + int_lane(nearest_u, i));
         if (nearest.x == 0.0f && nearest.y == 0.0f && nearest.z == 0.0f)
             continue;
         const float4 found =

@@ -5,7 +5,7 @@
  */
 #include "warp/interval.h"
 
-#define IS_TRIANGLE_OPEN(cut, a, b, c) IS_OPEN(cut, greater(a, greater(b, c)), lesser(a, lesser(b, c)))
+#define IS_TRIANGLE_OPEN(cut, a, b, c) IS_OPEN(cut, max_lanes(a, max_lanes(b, c)), min_lanes(a, min_lanes(b, c)))
 
 /* Where lines pass a column, between two of its samples. */
 typedef struct {
@@ -41,14 +41,14 @@ INLINED PassedTriangles triangles_of(Step step, Cut cut)
     const floatl from_a = pick(down, from.b, pick(up, step.beyond_from, from.a));
     const floatl from_b = pick(down, step.beyond_from, pick(up, from.a, from.b));
     const floatl per_diagonal = 1.0f / (1.0f + step.slope), diagonal = (1.0f - from.part) * per_diagonal;
-    const floatl row = lesser(pick(down, 1.0f - from.part, -from.part) / step.slope, (floatl)1.0f);
+    const floatl row = min_lanes(pick(down, 1.0f - from.part, -from.part) / step.slope, (floatl)1.0f);
     const floatl row_from = pick(down, from.b, from.a), row_to = pick(down, to.a, to.b);
 
     PassedTriangles triangles;
-    triangles.leaves[0] = lesser(diagonal, pick(none, (floatl)1.0f, row));
+    triangles.leaves[0] = min_lanes(diagonal, pick(none, (floatl)1.0f, row));
     triangles.leaves[1] = pick(none, triangles.leaves[0], row);
     /* Upwards, a row is entered past the diagonal. */
-    triangles.leaves[2] = pick(down, greater(lesser((2.0f - from.part) * per_diagonal, (floatl)1.0f), row), triangles.leaves[1]);
+    triangles.leaves[2] = pick(down, max_lanes(min_lanes((2.0f - from.part) * per_diagonal, (floatl)1.0f), row), triangles.leaves[1]);
     triangles.leaves[3] = 1.0f;
     triangles.nearness[1] = row_from + triangles.leaves[1] * (row_to - row_from);
     triangles.nearness[0] = pick(none | (diagonal < row), from.b + triangles.leaves[0] * (to_a - from.b), triangles.nearness[1]);
@@ -62,7 +62,7 @@ INLINED PassedTriangles triangles_of(Step step, Cut cut)
 
 /* On a step where the surface may be torn: each run of triangles that are there is a segment. major: of the first
  * column. */
-INLINED void extend_torn(Interval *interval, Answers *answers, Step step, Cut cut, Targets targets, floatl major, intl active,
+INLINED void extend_torn(Interval *interval, HitWriter *writer, Step step, Cut cut, Targets targets, floatl major, intl active,
                          SweepLines line, LineGroup group, PixelMap map)
 {
     const PassedTriangles triangles = triangles_of(step, cut);
@@ -79,7 +79,7 @@ INLINED void extend_torn(Interval *interval, Answers *answers, Step step, Cut cu
         const intl is_passed = leaves > entered;
         intl there = active & is_passed;
         if (is_clipped) { /* of this triangle's part of the way, what is the lines' */
-            const floatl low = greater(entered, step.begins), high = lesser(leaves, step.ends);
+            const floatl low = max_lanes(entered, step.begins), high = min_lanes(leaves, step.ends);
             const floatl change = (left.nearness - enters.nearness) / (leaves - entered);
             const Projection at_low = project_at(targets, major + line.sign * low, enters.nearness + (low - entered) * change);
             const Projection at_high = project_at(targets, major + line.sign * high, enters.nearness + (high - entered) * change);
@@ -90,7 +90,7 @@ INLINED void extend_torn(Interval *interval, Answers *answers, Step step, Cut cu
         const intl stops = there & triangles.open[part];
         const intl ends = inside & stops, second = held & there & !stops;
         if (any_lane(second)) {
-            extend(interval, answers, held_begin, held_end, second, (intl)0, line, group, map);
+            extend(interval, writer, held_begin, held_end, second, (intl)0, line, group, map);
             interval->anew = interval->anew | second;
             held = held & !second;
         }
@@ -102,18 +102,18 @@ INLINED void extend_torn(Interval *interval, Answers *answers, Step step, Cut cu
         inside = (inside | there) & !stops;
         last = pick_projection(there, left, last);
         enters = pick_projection(is_passed, passed, enters);
-        entered = greater(entered, leaves);
+        entered = max_lanes(entered, leaves);
     }
     if (any_lane(held | inside))
-        extend(interval, answers, pick_projection(held, held_begin, begin), pick_projection(held, held_end, last), held | inside,
+        extend(interval, writer, pick_projection(held, held_begin, begin), pick_projection(held, held_end, last), held | inside,
                (intl)0, line, group, map);
     interval->anew = interval->anew | held;
 }
 
 /* Returns the columns that were passed. */
-INLINED uint walk(Grid grid, SweepLines line, LineGroup group, PixelMap map, Answers *answers)
+INLINED uint walk_columns(Grid grid, SweepLines line, LineGroup group, PixelMap map, HitWriter *writer)
 {
-    const floatl first = floor_lanes(line.from), last = lesser(ceil_lanes(line.to), line.last_major);
+    const floatl first = floor_lanes(line.from), last = min_lanes(ceil_lanes(line.to), line.last_major);
     const intl steps = pick((line.low <= line.high) & (line.from <= line.to), to_intl(last - first), (intl)-1);
     const Targets targets = targets_along(map, line);
     /* Where steps go towards smaller columns, rows are mirrored: so all lines meet the cells' diagonals alike. */
@@ -125,7 +125,7 @@ INLINED uint walk(Grid grid, SweepLines line, LineGroup group, PixelMap map, Ans
     Step step;
     step.slope = tilt * line.sign;
     /* Lines along samples see the edges between them alone. */
-    const floatl longest = greater(last - first, (floatl)1.0f), start = minor_0 + tilt * first;
+    const floatl longest = max_lanes(last - first, (floatl)1.0f), start = minor_0 + tilt * first;
     const intl along = (fabs(start - floor_lanes(start + 0.5f)) < ON_SAMPLES) &
                        ((fabs(step.slope) * longest < ON_SAMPLES) | (fabs(step.slope + 1.0f) * longest < ON_SAMPLES));
     const floatl nudge = pick(along, (floatl)0.5f, (floatl)0.0f);
@@ -141,7 +141,7 @@ INLINED uint walk(Grid grid, SweepLines line, LineGroup group, PixelMap map, Ans
     step.from.at = 0;
     step.from.a = step.from.b = NO_SURFACE;
     step.from.place = project_at(targets, major, (floatl)NO_SURFACE);
-    const intl ahead = AHEAD * to_intl(line.sign) * line.stride_major, last_sample = grid.height * grid.pitch - 1;
+    const intl ahead = PREFETCH_STEPS * to_intl(line.sign) * line.stride_major, last_sample = grid.height * grid.pitch - 1;
     uint columns = 0;
     for (int count = 0; any_lane(count <= steps); count++, major += line.sign) {
         const intl active = count <= steps, is_last = count == steps;
@@ -151,14 +151,14 @@ INLINED uint walk(Grid grid, SweepLines line, LineGroup group, PixelMap map, Ans
         Column to;
         to.cell = to_floatl(max(min(to_intl(minor + nudge), last_cell), (intl)0));
         if (count) /* no two rows at once, by rounding */
-            to.cell = lesser(greater(to.cell, step.from.cell - 1.0f), step.from.cell + 1.0f);
+            to.cell = clamp_lanes(to.cell, step.from.cell - 1.0f, step.from.cell + 1.0f);
         to.part = pick(along, (floatl)0.0f, minor - to.cell);
         to.at = at_0 + column * line.stride_major + to_intl(to.cell) * stride;
-        foresee_across_rows(grid.nearness, clamp(to.at + ahead, (intl)0, last_sample), group);
+        prefetch_across_rows(grid.nearness, clamp(to.at + ahead, (intl)0, last_sample), group);
         const intl at_b = to.at + to_b;
         to.a = (floatl)(gather(grid.nearness, to.at));
         to.b = (floatl)(gather(grid.nearness, at_b));
-        const floatl part = lesser(greater(to.part, (floatl)0.0f), (floatl)1.0f);
+        const floatl part = clamp_lanes(to.part, (floatl)0.0f, (floatl)1.0f);
         /* At the second sample the first one does not count: it may be no surface. */
         to.place = project_at(targets, major, pick(part < 1.0f, to.a + part * (to.b - to.a), to.b));
 
@@ -180,18 +180,18 @@ INLINED uint walk(Grid grid, SweepLines line, LineGroup group, PixelMap map, Ans
         step.ends = pick(is_last, ends, step.ends);
         step.to = to;
 
-        const floatl high = greater(greater(greater(from.a, from.b), greater(to.a, to.b)), greater(step.beyond_from, step.beyond_to));
-        const floatl low = lesser(lesser(lesser(from.a, from.b), lesser(to.a, to.b)), lesser(step.beyond_from, step.beyond_to));
+        const floatl high = max_lanes(max_lanes(max_lanes(from.a, from.b), max_lanes(to.a, to.b)), max_lanes(step.beyond_from, step.beyond_to));
+        const floatl low = min_lanes(min_lanes(min_lanes(from.a, from.b), min_lanes(to.a, to.b)), min_lanes(step.beyond_from, step.beyond_to));
         const intl torn = IS_OPEN(grid.cut, high, low);
         if (any_lane(active & torn)) {
-            extend_torn(&interval, answers, step, grid.cut, targets, major - line.sign, active, line, group, map);
+            extend_torn(&interval, writer, step, grid.cut, targets, major - line.sign, active, line, group, map);
         } else if (count == 1 || any_lane(is_last)) {
             const floatl nearness = from.place.nearness, change = to.place.nearness - nearness;
             const Projection begin = project_at(targets, major + line.sign * (step.begins - 1.0f), nearness + step.begins * change);
             const Projection end = project_at(targets, major + line.sign * (step.ends - 1.0f), nearness + step.ends * change);
-            extend(&interval, answers, begin, end, active, (intl)0, line, group, map);
+            extend(&interval, writer, begin, end, active, (intl)0, line, group, map);
         } else {
-            extend(&interval, answers, from.place, to.place, active, (intl)0, line, group, map);
+            extend(&interval, writer, from.place, to.place, active, (intl)0, line, group, map);
         }
         step.from = to;
     }

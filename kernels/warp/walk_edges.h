@@ -4,20 +4,20 @@
 #include "warp/interval.h"
 
 /* Samples that the lines come to soon. Along rows each line has a cache line of its own, for 16 steps: two take turns. */
-INLINED void foresee_samples(Grid grid, SweepLines line, LineGroup group, intl index, int turn)
+INLINED void prefetch_samples(Grid grid, SweepLines line, LineGroup group, intl index, int turn)
 {
 #if LANES == 16
     if (line.u_major.s0) {
-        foresee(grid.nearness + int_lane(index, turn & 7));
-        foresee(grid.nearness + int_lane(index, (turn & 7) + 8));
+        prefetch_at(grid.nearness + int_lane(index, turn & 7));
+        prefetch_at(grid.nearness + int_lane(index, (turn & 7) + 8));
     } else {
-        foresee_across_rows(grid.nearness, index, group);
+        prefetch_across_rows(grid.nearness, index, group);
     }
 #endif
 }
 
 /* Returns the cells that were passed. */
-INLINED uint walk(Grid grid, SweepLines line, LineGroup group, PixelMap map, Answers *answers)
+INLINED uint walk_edges(Grid grid, SweepLines line, LineGroup group, PixelMap map, HitWriter *writer)
 {
     const floatl from = pick(line.sign > 0.0f, line.from, line.to), minor = line.minor_0 + line.tilt * from;
     Lines lines;
@@ -27,7 +27,7 @@ INLINED uint walk(Grid grid, SweepLines line, LineGroup group, PixelMap map, Ans
     lines.dv = line.sign * pick(line.u_major, line.tilt, (floatl)1.0f);
     lines.length = pick(line.low <= line.high, line.to - line.from, (floatl)-1.0f);
     snap(&lines);
-    const Way way = way_of(lines, grid);
+    const Traversal traversal = traversal_of(lines, grid);
     const Targets targets = targets_of(map, line.along, lines.u, lines.v, lines.du, lines.dv);
     Interval interval = nothing_settled(line);
     floatl at = 0.0f, x = 0.0f, y = 0.0f;
@@ -39,9 +39,9 @@ INLINED uint walk(Grid grid, SweepLines line, LineGroup group, PixelMap map, Ans
     /* A line enters a cell by a column or a row, each of them once. */
     for (int most = grid.width + grid.height + 2; most > 0 && any_lane(active); most--) {
         COUNT(cells, active)
-        const floatl u = within(lines.u + lines.du * (at + AHEAD), last_u), v = within(lines.v + lines.dv * (at + AHEAD), last_v);
-        foresee_samples(grid, line, group, to_intl(v) * grid.pitch + to_intl(u), most);
-        const Cell cell = pass_cells(grid, lines, way, x, y, at);
+        const floatl u = clamp_lanes(lines.u + lines.du * (at + PREFETCH_STEPS), (floatl)0.0f, last_u), v = clamp_lanes(lines.v + lines.dv * (at + PREFETCH_STEPS), (floatl)0.0f, last_v);
+        prefetch_samples(grid, line, group, to_intl(v) * grid.pitch + to_intl(u), most);
+        const Cell cell = pass_cells(grid, lines, traversal, x, y, at);
         const Projection enters = pick_projection(connected, before, project_at(targets, at, cell.q_in));
         const Projection crosses = project_at(targets, cell.crossing, cell.q_crossing), leaves = project_at(targets, cell.out, cell.q_out);
         const intl has_both = cell.has_first & cell.has_second;
@@ -52,7 +52,7 @@ INLINED uint walk(Grid grid, SweepLines line, LineGroup group, PixelMap map, Ans
             const Projection a = part ? pick_projection(has_both, crosses, enters) : enters;
             const Projection b = part ? leaves : pick_projection(has_both, crosses, leaves);
             const intl open = part ? cell.second_open : cell.first_open;
-            extend(&interval, answers, a, b, there, open, line, group, map);
+            extend(&interval, writer, a, b, there, open, line, group, map);
         }
         connected = pick(cell.has_second, !cell.second_open, pick(cell.has_first, !cell.first_open, connected));
         before = leaves;

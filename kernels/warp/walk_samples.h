@@ -6,7 +6,7 @@
 #include "warp/interval.h"
 
 /* Returns the samples that were passed. */
-INLINED uint walk(Grid grid, SweepLines line, LineGroup group, PixelMap map, Answers *answers)
+INLINED uint walk_samples(Grid grid, SweepLines line, LineGroup group, PixelMap map, HitWriter *writer)
 {
     const floatl first = ceil_lanes(line.from), last = floor_lanes(line.to);
     const intl steps = pick((line.low <= line.high) & (line.from <= line.to), to_intl(last - first), (intl)-1);
@@ -15,17 +15,17 @@ INLINED uint walk(Grid grid, SweepLines line, LineGroup group, PixelMap map, Ans
     Interval interval = nothing_settled(line);
     floatl major = pick(line.sign > 0.0f, first, last);
     Projection from = project_at(targets, major, (floatl)NO_SURFACE);
-    const intl ahead = AHEAD * to_intl(line.sign) * line.stride_major, last_sample = grid.height * grid.pitch - 1;
+    const intl ahead = PREFETCH_STEPS * to_intl(line.sign) * line.stride_major, last_sample = grid.height * grid.pitch - 1;
     uint samples = 0;
     for (int count = 0; any_lane(count <= steps); count++, major += line.sign) {
         const intl active = count <= steps;
         COUNT(samples, active)
         const intl at = row + clamp(to_intl(major), (intl)0, to_intl(line.last_major)) * line.stride_major;
-        foresee_across_rows(grid.nearness, clamp(at + ahead, (intl)0, last_sample), group);
+        prefetch_across_rows(grid.nearness, clamp(at + ahead, (intl)0, last_sample), group);
         const Projection to = project_at(targets, major, (floatl)(gather(grid.nearness, at)));
-        const floatl high = greater(from.nearness, to.nearness), low = lesser(from.nearness, to.nearness);
+        const floatl high = max_lanes(from.nearness, to.nearness), low = min_lanes(from.nearness, to.nearness);
         const intl open = IS_OPEN(grid.cut, high, low);
-        extend(&interval, answers, from, to, active, open, line, group, map);
+        extend(&interval, writer, from, to, active, open, line, group, map);
         from = to;
     }
     return samples;

@@ -78,7 +78,7 @@ def select_for(tree: Tree, camera: Camera, tolerance: float, reuse: float = 0.0)
         radii=known.radii,
         depths=known.depths,
         active=active,
-        rooms=rooms,
+        motion_limits=rooms,
         layout=tree.layout,
         viewer=Struct("Viewer", _viewer(tree.view.camera, camera, tolerance, reuse)),
     )

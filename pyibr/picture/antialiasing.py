@@ -55,7 +55,7 @@ def averaged(fine: Target, camera: Camera, side: int, out: Frame | None = None) 
     target.alpha = empty((camera.height, camera.width), np.float32)
     profile = current().profile
     launch(
-        kernel("lib/average.cl", "average", STRIP=profile.strip, **fine.color_defines),
+        kernel("picture/average.cl", "average", STRIP=profile.strip, **fine.color_defines),
         profile.packets(*camera.size, profile.strip),
         sample_depth=fine.depth,
         sample_color=fine.color,

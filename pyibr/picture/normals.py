@@ -1,4 +1,4 @@
-"""Which way the surface of a depth image faces: by images of its normals, or by its depths (kernels/lib/normals.cl)."""
+"""Which way the surface of a depth image faces: by images of normals, or by its depths (kernels/picture/normals.cl)."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def normals_of(view: DepthImage) -> NDArray[np.float32]:
 def showing_normals(view: DepthImage) -> DepthImage:
     """The view with its normals for colours: x, y, z in the world as 0.5 + 0.5 x, made once.
 
-    So whatever mixes and blends colours of views makes pictures of normals, which kernels/lib/relight.cl reads.
+    So whatever mixes and blends colours of views makes pictures of normals, which kernels/picture/relight.cl reads.
     """
 
     def made() -> DepthImage:
@@ -86,7 +86,7 @@ def _found(view: DepthImage) -> NDArray[np.float32]:
     with one_call():
         normals, K = empty((height, width, 3), np.float32), view.camera.K
         launch(
-            kernel("lib/normals.cl", "fit_normals"),
+            kernel("picture/normals.cl", "fit_normals"),
             current().profile.packets(width, height),
             nearness=samples_of(view).nearness,
             normals=normals,
@@ -150,7 +150,7 @@ def _radius(view: DepthImage) -> int:
     z, camera = float(np.median(view.depth[view.valid].astype(np.float64))), view.camera
     pixels = float(np.sqrt(camera.K[0, 0] * camera.K[1, 1]))  # of a scene unit, at depth 1 or everywhere
     noise = _noise_at(view, z) * pixels / (z if camera.projection == "perspective" else 1.0)
-    most = int(constant("lib/normals.cl", "RADIUS_MOST"))
+    most = int(constant("picture/normals.cl", "RADIUS_MAX"))
     for radius in range(1, most):
         squares = (2 * radius + 1) ** 2 * radius * (radius + 1) / 3  # the sum of x^2 over them: of a slope's variance
         if noise <= _SURE * np.sqrt(squares):

@@ -45,17 +45,23 @@ def joined(targets: Sequence[Target], camera: Camera, linear: bool = True, out: 
     for number, (pane, target) in enumerate(zip(panes_of(camera), targets, strict=True)):
         origins: dict[str, Any] = {}
         if whole.classes is not None:
-            origins = {"pane_origin": target.origin, "pane_classes": target.classes}
+            origins = {"face_origin": target.origin, "face_classes": target.classes}
             origins |= {"origin": whole.origin, "classes": whole.classes, "unseen": int(PixelClass.OUTSIDE)}
         launch(
-            kernel("lib/pane.cl", "join", ORIGINS=int(bool(origins)), STRIP=profile.strip, **target.color_defines),
+            kernel(
+                "picture/cube_faces.cl",
+                "join_faces",
+                ORIGINS=int(bool(origins)),
+                STRIP=profile.strip,
+                **target.color_defines,
+            ),
             profile.packets(*camera.size, profile.strip),
             places=places_on_device(pane),
-            pane_depth=target.depth,
-            pane_color=target.color,
-            pane_valid=target.valid,
-            pane_width=target.camera.width,
-            pane_height=target.camera.height,
+            face_depth=target.depth,
+            face_color=target.color,
+            face_valid=target.valid,
+            face_width=target.camera.width,
+            face_height=target.camera.height,
             width=camera.width,
             height=camera.height,
             pitch=pitch(camera.width),

@@ -1,4 +1,4 @@
-"""What depth images have seen of a thing, and what not (kernels/lib/seen.cl)."""
+"""What depth images have seen of a thing, and what not (kernels/picture/unseen.cl)."""
 
 from __future__ import annotations
 
@@ -87,11 +87,11 @@ class MarkedUnseen:
         self.thing.draw(target, lighting)
         origin = target.camera.center  # float32 holds what is near 0 best
         maps, records, places = _on_device(self.views, origin)
-        part = np.zeros((), struct("lib/seen.cl", "Part"))
+        part = np.zeros((), struct("picture/unseen.cl", "Bounds"))
         part["low"], part["high"] = self.within - origin
         scale = 1.0 if target.color.dtype == np.uint8 else 1 / 255
         launch(
-            kernel("lib/seen.cl", "mark_unseen", **target.color_defines),
+            kernel("picture/unseen.cl", "mark_unseen", **target.color_defines),
             current().profile.packets(*target.camera.size),
             before=target.depth if before is None else before,
             depth=target.depth,
@@ -102,7 +102,7 @@ class MarkedUnseen:
             views=records,
             places=places,
             count=len(self.views),
-            part=Struct("Part", part),
+            bounds=Struct("Bounds", part),
             fronts=self.side in ("front", "both"),
             backs=self.side in ("back", "both"),
             red=scale * self.color[0],
@@ -114,7 +114,7 @@ class MarkedUnseen:
 
 def _on_device(views: Sequence[DepthImage], origin: Float64) -> tuple[DeviceArray, DeviceArray, DeviceArray]:
     """What the kernel calls `maps`, `views` and `places`, for points relative to an origin."""
-    floats, ints = (int(constant("lib/seen.cl", name)) for name in ("VIEW_FLOATS", "VIEW_INTS"))
+    floats, ints = (int(constant("picture/unseen.cl", name)) for name in ("VIEW_FLOATS", "VIEW_INTS"))
     records, places = np.zeros((max(len(views), 1), floats), np.float32), np.zeros((max(len(views), 1), ints), np.int32)
     maps = empty((max(sum(view.depth.size for view in views), 1),), np.float32)
     shift, start = np.eye(4), 0

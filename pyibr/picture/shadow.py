@@ -79,7 +79,7 @@ class Lighting:
             values["depth_row"][4 * i : 4 * i + 4] = from_origin[2]
         values["maps"], values["size"] = len(self.cameras), self.light.shadow_size
         values["texel_x"], values["texel_y"] = 1 / self.cameras[0].K[0, 0], 1 / self.cameras[0].K[1, 1]
-        values["grain"] = min(grain, float(np.finfo(np.float32).max))  # noise of absurd depths, squared, is more
+        values["bias"] = min(grain, float(np.finfo(np.float32).max))  # noise of absurd depths, squared, is more
         return values
 
 
@@ -231,7 +231,7 @@ def shadowed(
     yield
     origin = target.camera.center  # float32 holds what is near 0 best
     more: dict[str, Any] = {"fade": fade}
-    program = kernel("lib/shadow.cl", "darken", **target.color_defines)
+    program = kernel("picture/shadow.cl", "darken", **target.color_defines)
     if lighting.light.relight:
         more, defines = {}, {**lighting.defines, **target.color_defines}
         if draw_normals is not None:
@@ -239,14 +239,14 @@ def shadowed(
             draw_normals(layer)
             layer.clear()  # if it has written nothing
             more, defines["NORMALS"] = {"normals": layer.color}, 1
-        program = kernel("lib/relight.cl", "relight", **defines)
+        program = kernel("picture/relight.cl", "relight", **defines)
     launch(
         program,
         current().profile.packets(*target.camera.size),
         before=target.depth if before is None else before,
         screen=Struct("Screen", target.screen(0.5, origin)),
         blank=before is None,
-        apart=apart,
+        neighbour_offset=apart,
         depth=target.depth,
         color=target.color,
         **lighting.arguments(grain, origin),

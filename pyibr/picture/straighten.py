@@ -133,7 +133,7 @@ def _straight(
     _, height, width = places.places.shape
     made = empty((height, width, color.shape[2]), color.dtype), empty((height, width), np.float32)
     launch(
-        kernel("lib/straight.cl", "straighten", COLOR_BYTES=color.dtype.itemsize, CHANNELS=color.shape[2]),
+        kernel("picture/straight.cl", "straighten", COLOR_BYTES=color.dtype.itemsize, CHANNELS=color.shape[2]),
         current().profile.packets(width, height),
         places=places_on_device(places),
         lens_depth=upload(depth),

@@ -25,7 +25,7 @@ class HeightLevels:
     bounds : (m,) uint16
         Greatest height, in 65535ths, of the cells between 2x2 texels, then of 2x2 cells, and so on up to one; an even
         number, as kernels read two at once.
-    table : (levels, TABLE of kernels/relief/search.h) int32
+    table : (levels, LEVEL_INTS of kernels/relief/search.h) int32
         Of each level width, height, start in texels; of its bounds number of tiers, start, log2 of the rows' length
         and span; last, how far its heights are at most from the first level's, in 65535ths.
     height_bytes : int

@@ -194,9 +194,9 @@ class ReliefSurface(Fixed):
 
     @cached_property
     def vertex_rows(self) -> NDArray[np.float32]:
-        """(N, VERTEX) what kernels know of each drawn vertex (kernels/relief/entry.h)."""
+        """(N, VERTEX_FLOATS) what kernels know of each drawn vertex (kernels/relief/entry.h)."""
         uv, frames = np.asarray(self.drawn.uv, np.float64) * self.tiles, self.frames
-        rows = np.zeros((len(uv), int(constant("relief/entry.h", "VERTEX"))), np.float32)
+        rows = np.zeros((len(uv), int(constant("relief/entry.h", "VERTEX_FLOATS"))), np.float32)
         parts = [uv, frames.normals, frames.gradients.reshape(-1, 6), frames.quadrics]
         told = np.concatenate(parts, axis=1)
         rows[:, : told.shape[1]] = told
@@ -291,18 +291,18 @@ def draw_relief(
         more |= {"normal_width": width, "normal_height": height, **lit.arguments()}
         more |= {"normal_map": buffers.get("normal_map", buffers["vertices"])}
         if lit.maps is not None:
-            defines["SHADOWS"] = int(constant("relief/sight.h", _SHADOWS[surface.shadow]))
+            defines["SHADOWS"] = int(constant("relief/shadows.h", _SHADOWS[surface.shadow]))
             defines["FLAT_BASE"] = int(surface.is_flat)
     if target.from_light:
         defines["DEPTH_ALONE"] = 1
     if place is not None:
         defines["WITHIN"] = 1
     if counts is not None:
-        defines["COUNTED"] = 1
-        more["counts"] = counts
+        defines["COUNTERS"] = 1
+        more["counters"] = counts
     if places is not None:
-        defines["TOLD"] = 1
-        more["places"] = places
+        defines["UV_WRITTEN"] = 1
+        more["uvs"] = places
     K = target.camera.K
     launch(
         kernel("relief/relief.cl", "draw_relief", BIN=bin_side(), **target.color_defines, **defines),

@@ -64,7 +64,7 @@ class Underside:
     ----------
     vertices : (N, 3)
     faces : (M, 3) int32
-    rows : (N, VERTEX) float32
+    rows : (N, VERTEX_FLOATS) float32
         What kernels know of each vertex (kernels/relief/entry.h).
     scale : float
         The relief's depth.
@@ -181,7 +181,7 @@ def window(place: Place, camera: Camera, distance: float, scale: float) -> tuple
     -------
     projected : (3, 4) float32
         Homogeneous pixel space; counter-clockwise, as fronts are.
-    rows : (3, VERTEX of kernels/relief/entry.h) float32
+    rows : (3, VERTEX_FLOATS of kernels/relief/entry.h) float32
         What kernels know of each vertex.
     """
     width, height = camera.size
@@ -191,7 +191,7 @@ def window(place: Place, camera: Camera, distance: float, scale: float) -> tuple
     depth = np.maximum(place.depth - offset @ place.normal / scale, _LEAST_DEPTH)
     frame = np.concatenate([place.normal, place.gradients.ravel(), place.quadric])
     told = np.column_stack([uv, np.broadcast_to(frame, (3, len(frame))), depth])
-    rows = np.zeros((3, int(constant("relief/entry.h", "VERTEX"))), np.float32)
+    rows = np.zeros((3, int(constant("relief/entry.h", "VERTEX_FLOATS"))), np.float32)
     with np.errstate(over="ignore"):  # rays of numbers that are not finite are not searched
         rows[:, : told.shape[1]] = told
     projected = np.column_stack([pixels * distance, np.full(3, distance), np.ones(3)])

@@ -359,10 +359,10 @@ def draw_object(target: Target, thing: DepthObject | VisualHull, counts: DeviceA
     defines = {"VIEWS": len(order), "SILHOUETTES": int(hull), **target.color_defines}
     more: dict[str, Any] = {}
     if counts is not None:
-        defines["COUNTED"] = 1
-        more["counts"] = counts
+        defines["COUNTERS"] = 1
+        more["counters"] = counts
     if isinstance(thing, DepthObject) and thing.thin:
-        defines["THIN"] = 1
+        defines["RIBBONS"] = 1
         buffers = buffers | kept(thing, "ribbons", lambda: _ribbons_of(thing))
     if across > 0 and down > 0:
         launch(
@@ -375,7 +375,7 @@ def draw_object(target: Target, thing: DepthObject | VisualHull, counts: DeviceA
             box=Struct("Box", record),
             slices_axis=slices_axis(thing, camera),
             halvings=halvings,
-            seeks=thing.slices == "view",
+            finds_thin=thing.slices == "view",
             visible=thing.texture == "visible",
             unknown=isinstance(thing, DepthObject) and thing.missing == "unknown",
             sample=sample,
@@ -479,7 +479,7 @@ def _object_buffers(thing: DepthObject | VisualHull) -> dict[str, DeviceArray]:
 def _ribbons_of(thing: DepthObject) -> dict[str, DeviceArray]:
     """What is one sample thin in the views; of each sample the number of its first ribbon, and at last that of all."""
     found = [ribbons_of(view) for view in thing.views]
-    none = np.zeros((1, int(constant("slicing/ribbon.h", "RIBBON"))), np.float32)
+    none = np.zeros((1, int(constant("slicing/ribbon_record.h", "RIBBON_FLOATS"))), np.float32)
     records = np.concatenate([one.records for one in found])
     firsts = np.cumsum(np.concatenate([np.zeros(1, np.int32), *(one.counts.ravel() for one in found)]), dtype=np.int32)
     return {"firsts": upload(firsts), "ribbons": upload(records if len(records) else none)}

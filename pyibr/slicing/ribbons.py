@@ -45,7 +45,7 @@ def ribbons_of(view: DepthImage) -> Ribbons:
 
 def _found(view: DepthImage) -> Ribbons:
     width, height = view.camera.size
-    floats, ways = int(constant(_KERNELS, "RIBBON")), int(constant("lib/ribbons.h", "WAYS"))
+    floats, ways = int(constant(_KERNELS, "RIBBON_FLOATS")), int(constant("lib/ribbons.h", "NEIGHBOURS"))
     with one_call():
         nearness = samples_of(view).nearness
         image = {

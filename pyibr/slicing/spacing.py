@@ -33,7 +33,7 @@ def slices_text(slices: Slices) -> str:
 
 def checked_halvings(halvings: int) -> int:
     """Return how often the way between two slices is halved or raise ArgumentError."""
-    return whole_from("halvings", halvings, 0, int(constant(_RAYS, "HALVINGS_MOST")))
+    return whole_from("halvings", halvings, 0, int(constant(_RAYS, "HALVINGS_MAX")))
 
 
 def checked_only(only: int | None, slices: Slices) -> int | None:
@@ -47,7 +47,7 @@ def checked_only(only: int | None, slices: Slices) -> int | None:
 
 def closest(extent: float) -> float:
     """Scene units between slices, over a thing of this extent, that no picture goes below by itself."""
-    return extent / constant(_RAYS, "CLOSEST")
+    return extent / constant(_RAYS, "SLICES_MAX")
 
 
 def nearest_pixel(camera: Camera, corners: Float64) -> float:
@@ -59,5 +59,5 @@ def nearest_pixel(camera: Camera, corners: Float64) -> float:
 
 def halvings_between(spacing: float, pixel: float) -> int:
     """How often the way between two slices is halved to meet the surface within a small part of a pixel."""
-    parts = constant(_RAYS, "NEAR_ENOUGH") * spacing / max(pixel, 1e-30)
-    return min(math.ceil(math.log2(max(parts, 1.0))), int(constant(_RAYS, "HALVINGS_MOST")))
+    parts = constant(_RAYS, "PIXEL_PARTS") * spacing / max(pixel, 1e-30)
+    return min(math.ceil(math.log2(max(parts, 1.0))), int(constant(_RAYS, "HALVINGS_MAX")))

@@ -214,8 +214,8 @@ def draw_surface(
     if not surface.clipped and surface.slicing == "screen":
         defines["UNCLIPPED"] = 1
     if counts is not None:
-        defines["COUNTED"] = 1
-        more["counts"] = counts
+        defines["COUNTERS"] = 1
+        more["counters"] = counts
     launch(
         kernel("slicing/surface.cl", "draw_surface", BIN=bin_side(), **target.color_defines, **defines),
         bins.grid,
@@ -225,7 +225,7 @@ def draw_surface(
         by_view=surface.slices == "view",
         halvings=surface.halvings,
         slicing=constant("slicing/tetrahedra.h", surface.slicing.upper()),
-        test=constant("slicing/heights.h", surface.test.upper()),
+        test=constant("slicing/alpha_test.h", surface.test.upper()),
         band=surface.band or 0.0,
         map_width=surface.height.shape[1],
         map_height=surface.height.shape[0],

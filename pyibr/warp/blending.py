@@ -35,16 +35,16 @@ def blend(layers: Sequence[Target], views: Sequence[DepthImage], target: Target)
     grid = current().profile.packets(width, height)
     size = {"width": width, "height": height}
     defines = {**target.color_defines, "ORIGINS": int(target.origin is not None)}
-    seeing = [Struct("Seeing", _seeing(view, target)) for view in views]
+    seeing = [Struct("LayerView", _seeing(view, target)) for view in views]
     for number, (layer, saw) in enumerate(zip(layers, seeing, strict=True)):
         made = kernel("warp/blend.cl", "nearest_layer", **defines)
-        launch(made, grid, depth=layer.depth, best=best, first=number == 0, seeing=saw, **size)
+        launch(made, grid, depth=layer.depth, best=best, first=number == 0, layer_view=saw, **size)
     for number, (layer, saw, gains) in enumerate(zip(layers, seeing, exposures(layers), strict=True)):
         padded = current().profile.packets(width + 2 * margin, height + 2 * margin)
         of_edges: dict[str, Any] = {**size, "pitch": pitch, "from_edge": edges}
-        launch(kernel("warp/blend.cl", "inside", **defines), padded, depth=layer.depth, seeing=saw, **of_edges)
+        launch(kernel("warp/blend.cl", "mark_edges", **defines), padded, depth=layer.depth, layer_view=saw, **of_edges)
         rows = (grid[0], height + 2 * margin)
-        launch(kernel("warp/blend.cl", "along_rows", **defines), rows, in_row=in_row, **of_edges)
+        launch(kernel("warp/blend.cl", "row_distances", **defines), rows, in_row=in_row, **of_edges)
         origins: dict[str, Any] = {}
         if target.origin is not None:
             origins = {"layer_origin": layer.origin, "origin": target.origin}
@@ -57,7 +57,7 @@ def blend(layers: Sequence[Target], views: Sequence[DepthImage], target: Target)
             in_row=in_row,
             sums=sums,
             screen=Struct("Screen", target.screen(0.5, camera.center)),
-            seeing=saw,
+            layer_view=saw,
             density=float(camera.K[0, 0] * camera.K[1, 1]),
             pitch=pitch,
             first=number == 0,
@@ -66,7 +66,7 @@ def blend(layers: Sequence[Target], views: Sequence[DepthImage], target: Target)
             blue=gains[2],
             **origins,
         )
-    launch(kernel("warp/blend.cl", "shown", **defines), grid, sums=sums, **size, **target.outputs())
+    launch(kernel("warp/blend.cl", "write_blend", **defines), grid, sums=sums, **size, **target.outputs())
     target.blank = False
 
 
@@ -89,9 +89,9 @@ def exposures(layers: Sequence[Target]) -> Float64:
 
 
 def _seeing(view: DepthImage, target: Target) -> np.ndarray[Any, np.dtype[np.void]]:
-    """A record of the kernels' struct Seeing."""
+    """A record of the kernels' struct LayerView."""
     camera = view.camera
-    values = np.zeros((), struct("warp/blend.cl", "Seeing"))
+    values = np.zeros((), struct("warp/blend.cl", "LayerView"))
     values["forward"], values["centre"] = camera.forward, camera.center - target.camera.center
     values["density"] = camera.K[0, 0] * camera.K[1, 1]
     values["perspective"] = camera.projection == "perspective"

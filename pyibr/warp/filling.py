@@ -60,7 +60,7 @@ def tell_behind(target: Target, epipole: NDArray[np.float64]) -> DeviceArray:
         grid = -(-width // (profile.strip * _RUN)), height
         launch(kernel("warp/behind.cl", "behind_runs"), grid, strip=profile.strip, dx=dx, dy=dy, **shared)
         return behind
-    block = int(constant("warp/behind.cl", "BLOCK"))
+    block = int(constant("warp/behind.cl", "SKIP_BLOCK"))
     blocks = empty((-(-height // block), -(-width // block)), np.uint8)
     launch(kernel("warp/behind.cl", "behind_blocks"), blocks.shape[::-1], blocks=blocks, **image)
     away = {"epipole_x": x, "epipole_y": y, "epipole_w": w}
@@ -71,7 +71,10 @@ def tell_behind(target: Target, epipole: NDArray[np.float64]) -> DeviceArray:
 
 def push_and_pull(target: Target, behind: DeviceArray | None) -> None:
     """Storeys of cells up to a single one, and down again into the holes; None: all pixels beside them count alike."""
-    tile, planes, inner = _of_holes("TILE"), *(int(constant("warp/fill.cl", name)) for name in ("PLANES", "INNER"))
+    tile, planes, inner = (
+        _of_holes("TILE"),
+        *(int(constant("warp/fill.cl", name)) for name in ("PLANES", "INNER_CELLS")),
+    )
     storeys: list[dict[str, Any]] = []
     width, height = target.camera.size
     while width > 1 or height > 1 or not storeys:
@@ -83,7 +86,7 @@ def push_and_pull(target: Target, behind: DeviceArray | None) -> None:
     strip = max(current().profile.run // tile, 1)
     _, down, across = storeys[0]["cells"].shape
     grid = -(-across // strip), down
-    defines = {**target.color_defines, "TOLD": int(behind is not None)}
+    defines = {**target.color_defines, "HAS_BEHIND": int(behind is not None)}
     perspective = int(target.camera.projection == "perspective")
     image = {"perspective": perspective, "strip": strip, **target.outputs()}
     told = empty((1, 1), np.float32) if behind is None else behind

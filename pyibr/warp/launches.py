@@ -23,7 +23,7 @@ from pyibr.picture.samples import Samples, cut_of
 from pyibr.picture.target import Target
 from pyibr.warp.lines import line_groups
 
-_APART_MOST = 16
+_NEIGHBOUR_OFFSET_MAX = 16
 _LOOK_TORN, _LOOK_CONNECTED = (1.0, 1.5), (0.5, 4.0)  # `rough` and `window` of kernels/warp/resolve.cl, measured
 
 
@@ -83,10 +83,10 @@ def look(samples: Samples, pixel_map: PixelMap, target: Target, options: Options
         "nearness": samples.nearness,
         "map": map_of(pixel_map.pair),
         "cut": Struct("Cut", options.cut(pixel_map.pair.src)),
-        "shown": constant("lib/surface.h", f"SHOWS_{options.side.upper()}"),
+        "sides": constant("lib/surface.h", f"SHOWS_{options.side.upper()}"),
     }
-    seen, answers = _ask_lines(samples, pixel_map, target, options, shared)
-    _resolve(samples, pixel_map, target, options, {**shared, "seen": seen, "answers": answers}, view)
+    hits, hits_are = _ask_lines(samples, pixel_map, target, options, shared)
+    _resolve(samples, pixel_map, target, options, {**shared, "hits": hits, "hits_are": hits_are}, view)
     target.blank = False
     if options.thin:
         _draw_thin(samples, target, options, shared, view)
@@ -95,35 +95,35 @@ def look(samples: Samples, pixel_map: PixelMap, target: Target, options: Options
 def _ask_lines(
     samples: Samples, pixel_map: PixelMap, target: Target, options: Options, shared: dict[str, Any]
 ) -> tuple[DeviceArray, float]:
-    """What lines (or searches) see, and what it is of: ANSWERS_... of kernels/warp/resolve.cl."""
+    """What lines (or searches) see, and what it is of: HITS_... of kernels/warp/resolve.cl."""
     profile, reach, epipole, aligned = current().profile, pixel_map.reach, pixel_map.epipole, pixel_map.pair.aligned
     area = _whole_lines(reach, epipole, target.camera) if aligned and not reach.empty else reach
     groups, packets = line_groups(epipole, area, profile.lanes, aligned)
     # Lanes of the sweep with nothing to write need a place of their own to write it; packets at the end of the last
     # row read beyond it.
-    beyond = max(packets * profile.lanes, profile.lanes + _APART_MOST)
-    seen = target.scratch(target.camera.height * pitch(target.camera.width) + beyond)
+    beyond = max(packets * profile.lanes, profile.lanes + _NEIGHBOUR_OFFSET_MAX)
+    hits = target.scratch(target.camera.height * pitch(target.camera.width) + beyond)
     # What is one sample high or wide is only seen by lines along it, which no line beside the pixels' centres is.
     by_pixel = options.search or 1 in pixel_map.pair.src.size
     if reach.empty or (packets and (by_pixel or not aligned)):  # aligned lines leave out no pixel
-        clear(seen, constant("lib/pixelspace.h", "EMPTY"))
+        clear(hits, constant("lib/pixelspace.h", "EMPTY"))
     if reach.empty:
-        return seen, _answers("ARE_OWN")
+        return hits, _hits("OF_PIXELS")
     if not packets:  # no epipole, or it is all there is: any nearness gives the source position
-        clear(seen, pixel_map.typical)
-        return seen, _answers("OF_ALL")
+        clear(hits, pixel_map.typical)
+        return hits, _hits("WITHOUT_PARALLAX")
     if by_pixel:
         launch(
             kernel("warp/search.cl", "search"),
             profile.packets(reach.high_x - reach.low_x, reach.high_y - reach.low_y),
-            seen=seen,
+            hits=hits,
             low_x=reach.low_x,
             high_x=reach.high_x,
             low_y=reach.low_y,
             high_y=reach.high_y,
             **shared,
         )
-        return seen, _answers("ARE_OWN")
+        return hits, _hits("OF_PIXELS")
     # Lines that are the pixels' own must be exact, and connected surfaces have crests that no line may miss. Elsewhere
     # lines tell where to look.
     on_samples = aligned and pixel_map.pair.off_samples < constant("lib/surface.h", "ON_SAMPLES")
@@ -131,7 +131,7 @@ def _ask_lines(
     launch(
         kernel("warp/epipolar.cl", "epipolar_sweep", ALIGNED=int(aligned), EDGES=int(exact)),
         (packets,),
-        seen=seen,
+        hits=hits,
         groups=upload(groups),
         group_count=len(groups),
         packet_count=packets,
@@ -139,12 +139,12 @@ def _ask_lines(
         farthest=samples.low,
         **shared,
     )
-    return seen, _answers("ARE_OWN" if aligned else "OF_LINES")
+    return hits, _hits("OF_PIXELS" if aligned else "OF_LINES")
 
 
-def _answers(name: str) -> float:
+def _hits(name: str) -> float:
     """What lines' answers are of."""
-    return constant("warp/resolve.cl", f"ANSWERS_{name}")
+    return constant("warp/resolve.cl", f"HITS_{name}")
 
 
 def _whole_lines(reach: Rectangle, epipole: Float64, camera: Camera) -> Rectangle:
@@ -165,10 +165,10 @@ def _resolve(
         low_x, high_x, low_y, high_y = reach.low_x, reach.high_x, reach.low_y, reach.high_y
     rough, window = _LOOK_CONNECTED if options.cut_ratio is None else _LOOK_TORN
     # Aligned lines leave nothing to look for beside their answers, and what only such a look needs takes a while.
-    told = pixel_map.pair.aligned and shared["answers"] == _answers("ARE_OWN")
+    told = pixel_map.pair.aligned and shared["hits_are"] == _hits("OF_PIXELS")
     density, typical = (1.0, 1.0) if told else (pixel_map.density, pixel_map.typical)
-    apart = min(math.ceil(0.5 / density), _APART_MOST)
-    defines = {**target.color_defines, "STRIP": profile.strip, "ZOOMED": int(apart > 1)}
+    neighbour_offset = min(math.ceil(0.5 / density), _NEIGHBOUR_OFFSET_MAX)
+    defines = {**target.color_defines, "STRIP": profile.strip, "ZOOMED": int(neighbour_offset > 1)}
     origins = {} if target.origin is None else {"origin": target.origin, "view": view}
     launch(
         kernel("warp/resolve.cl", "resolve", ORIGINS=len(origins) // 2, **defines),
@@ -182,7 +182,7 @@ def _resolve(
         high_y=high_y,
         density=max(density, 1.0),
         typical=typical,
-        apart=apart,
+        neighbour_offset=neighbour_offset,
         rough=rough,
         window=window,
         **shared,

@@ -194,20 +194,20 @@ def _checked(depth: AnyDepth, camera: Camera, scale: float | None) -> tuple[Any,
 def _in_scene_units(counts: NDArray[np.uint16], scale: float) -> NDArray[np.float32]:
     """Depth of counts. The session is held."""
     depth = empty(counts.shape, np.float32)
-    _convert("to_depth", depth, counts=upload(counts), depth=depth, scale=scale)
+    _convert("to_depth", depth, raw=upload(counts), depth=depth, scale=scale)
     return depth.to_host()
 
 
 def _in_counts(depth: DeviceArray, scale: float) -> DeviceArray:
     """Counts of depth. The session is held."""
     counts = empty(depth.shape, np.uint16)
-    _convert("to_counts", counts, counts=counts, depth=depth, scale=scale)
+    _convert("to_raw_depth", counts, raw=counts, depth=depth, scale=scale)
     return counts
 
 
 def _convert(name: str, made: DeviceArray, **arguments: Any) -> None:
     count, profile = math.prod(made.shape), current().profile
-    launch(kernel("warp/counts.cl", name), profile.shares(count), count=count, share=profile.share, **arguments)
+    launch(kernel("warp/raw_depth.cl", name), profile.shares(count), count=count, share=profile.share, **arguments)
 
 
 @dataclass(frozen=True)
@@ -293,7 +293,7 @@ def _colors_for(view: DepthImage, camera: Camera, color: Color, drawn: _Drawn) -
     placed = view.camera.lens is not None
     made = empty((height, width, 3), color.dtype), empty((height, width), np.uint8)
     pinhole = Camera(camera.K, camera.size, camera.world_from_camera, camera.projection)
-    defines = {"LENS": kind, "PLACED": int(placed), "COLOR_BYTES": color.dtype.itemsize}
+    defines = {"LENS": kind, "HAS_PLACES": int(placed), "COLOR_BYTES": color.dtype.itemsize}
     launch(
         kernel("warp/sample_colors.cl", "color_samples", **defines),
         current().profile.packets(width, height),

@@ -62,7 +62,7 @@ kernel void moved_into_tile(global const float *x, int size, global float *out)
     const int i = get_global_id(0) * LANES;
     const floatl at = load_lanes(x + i), per_size = 1.0f / size;
     FLOOR(at, whole, number)
-    store_lanes(to_floatl(ON_MAP(0, whole, number, (intl)size, per_size)), out + i);
+    store_lanes(to_floatl(WRAPPED(0, whole, number, (intl)size, per_size)), out + i);
 }
 
 kernel void points(Screen screen, global const float *x, global const float *y, global const float *n,
@@ -70,7 +70,7 @@ kernel void points(Screen screen, global const float *x, global const float *y, 
 {
     const int i = get_global_id(0) * LANES, count = get_global_size(0) * LANES;
     const Vector p = point_at(screen, load_lanes(x + i), load_lanes(y + i), load_lanes(n + i));
-    const Vector way = towards(screen, p);
+    const Vector way = view_direction(screen, p);
     store_lanes(p.x, out + i);
     store_lanes(p.y, out + count + i);
     store_lanes(p.z, out + 2 * count + i);

@@ -20,28 +20,28 @@ CAMERA = Camera([[9, 0, 3], [0, 9, 2], [0, 0, 1]], (7, 5))
 
 
 def test_a_folder_with_a_space(folder):
-    assert program.kernel("lib/nearness.cl", "to_nearness").name == "to_nearness"
+    assert program.kernel("picture/nearness.cl", "to_nearness").name == "to_nearness"
 
 
 def test_a_failed_build_names_file_options_and_log(folder):
-    (folder / "lib/nearness.cl").write_text("kernel void to_nearness(global float *a) { a[0] = missing; }")
-    with pytest.raises(BuildError, match=r"lib/nearness\.cl failed to build with .*-DLANES=") as raised:
-        program.kernel("lib/nearness.cl", "to_nearness")
+    (folder / "picture/nearness.cl").write_text("kernel void to_nearness(global float *a) { a[0] = missing; }")
+    with pytest.raises(BuildError, match=r"picture/nearness\.cl failed to build with .*-DLANES=") as raised:
+        program.kernel("picture/nearness.cl", "to_nearness")
     assert "missing" in str(raised.value)
 
 
 @pytest.mark.parametrize("binary", [b"", b"not a program", b"\x7fELF"])
 def test_what_the_runtime_does_not_take_is_built_anew(folder, monkeypatch, binary):
-    first = program.kernel("lib/nearness.cl", "to_nearness")
+    first = program.kernel("picture/nearness.cl", "to_nearness")
     load = program._load
     signatures = b'{"to_nearness": []}\n'
     monkeypatch.setattr(program, "_load", lambda session, kept: load(session, signatures + binary))
     current().kernels.clear()
-    assert program.kernel("lib/nearness.cl", "to_nearness").arguments == first.arguments
+    assert program.kernel("picture/nearness.cl", "to_nearness").arguments == first.arguments
 
 
 def test_launch_checks_names_and_types(folder):
-    kernel = program.kernel("lib/nearness.cl", "to_nearness")
+    kernel = program.kernel("picture/nearness.cl", "to_nearness")
     with pytest.raises(ArgumentError, match=r"to_nearness\(\).*missing .*'far'.*unknown \['fur'\]"):
         launch(kernel, (1,), fur=1.0)
     values: dict[str, float] = {argument.name: 1.0 for argument in kernel.arguments}
@@ -51,14 +51,14 @@ def test_launch_checks_names_and_types(folder):
 
 def test_kernels_of_the_cache_compute_as_fresh_ones_do(folder):
     """Denormals: how they are treated is an option that binaries do not hold."""
-    (folder / "lib/nearness.cl").write_text(
+    (folder / "picture/nearness.cl").write_text(
         "kernel void halve(global float *a, float b) { a[0] = b * 0.5f; a[1] = a[0] * 4.0f; }"
     )
     found = []
     for _ in ("fresh", "cached"):
         current().kernels.clear()
         made = empty((2,), np.float32)
-        launch(program.kernel("lib/nearness.cl", "halve"), (1,), a=made, b=float(np.finfo(np.float32).tiny))
+        launch(program.kernel("picture/nearness.cl", "halve"), (1,), a=made, b=float(np.finfo(np.float32).tiny))
         found.append(made.to_host().tolist())
     assert found[0] == found[1]
 

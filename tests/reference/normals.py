@@ -1,4 +1,4 @@
-"""Normals from a depth image, as kernels/lib/normals.cl has them: sample by sample in float64."""
+"""Normals from a depth image, as kernels/picture/normals.cl has them: sample by sample in float64."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ class Answers(Watch):
 
     def launch(self, kernel, grid, arguments, enqueue) -> None:
         if kernel.name == "resolve":
-            self.seen = arguments["seen"].to_host().copy()
+            self.seen = arguments["hits"].to_host().copy()
         enqueue(**arguments)
 
 

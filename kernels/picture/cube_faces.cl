@@ -4,7 +4,7 @@
  * edges of surfaces, beside holes, and if `linear` is 0, they are the nearest one's. Four are one surface if all show
  * something, and every step between neighbours is small or goes on as beside it: a slope is no edge, however steep.
  * places: (3, height, pitch) u and v in the straight picture, NaN for pixels that are none of its own, and depth in the
- * lens's frame over depth in the picture's. pane_depth, pane_color, pane_valid: (pane_height, pane_width), depth NaN
+ * lens's frame over depth in the picture's. face_depth, face_color, face_valid: (face_height, face_width), depth NaN
  * where there is nothing. depth, color, valid: (height, width); what is no pixel of this picture stays, or is emptied.
  * ORIGINS: where pixels come from, (..., 3), and what they are, are carried over, too; pixels without a ray are `unseen`.
  * Work-item: STRIP * LANES pixels of a row. Cost: O(pixels). Determinism: every pixel on its own.
@@ -38,7 +38,7 @@ typedef struct {
 } Reading;
 
 /* Nearness at columns and rows that may lie beyond the border; NaN: nothing. */
-INLINED floatl nearness_at(Straight straight, intl column, intl row)
+INLINED floatl face_nearness(Straight straight, intl column, intl row)
 {
     const intl inside = (column >= 0) & (column < straight.width) & (row >= 0) & (row < straight.height);
     const floatl z = (floatl)(gather(straight.depth, pick(inside, row * straight.width + column, (intl)0)));
@@ -48,31 +48,31 @@ INLINED floatl nearness_at(Straight straight, intl column, intl row)
 /* Is the step from b to c small, or does it go on from a to b, or from c to d? NaN does not go on. */
 INLINED intl goes_on(floatl a, floatl b, floatl c, floatl d)
 {
-    const floatl step = c - b, small = ONE_SURFACE * lesser(b, c);
+    const floatl step = c - b, small = ONE_SURFACE * min_lanes(b, c);
     return (fabs(step) <= small) | (fabs(b - a - step) <= small) | (fabs(d - c - step) <= small);
 }
 
-INLINED Reading read_there(Straight straight, floatl u_own, floatl v_own, floatl deeper, int linear)
+INLINED Reading read_face(Straight straight, floatl u_own, floatl v_own, floatl deeper, int linear)
 {
     Reading read;
     read.own = u_own == u_own;
     const floatl u = pick(read.own, u_own, (floatl)0.0f), v = pick(read.own, v_own, (floatl)0.0f);
-    const floatl left = lesser(floor_lanes(u), (floatl)max(straight.width - 2, 0));
-    const floatl upper = lesser(floor_lanes(v), (floatl)max(straight.height - 2, 0));
+    const floatl left = min_lanes(floor_lanes(u), (floatl)max(straight.width - 2, 0));
+    const floatl upper = min_lanes(floor_lanes(v), (floatl)max(straight.height - 2, 0));
     const floatl fx = u - left, fy = v - upper;
     const intl x = to_intl(left), up = to_intl(upper);
     floatl n[4];
     for (int i = 0; i < 4; i++)
-        n[i] = nearness_at(straight, x + (i & 1), up + (i >> 1));
-    const floatl low = lesser(lesser(n[0], n[1]), lesser(n[2], n[3])), high = greater(greater(n[0], n[1]), greater(n[2], n[3]));
+        n[i] = face_nearness(straight, x + (i & 1), up + (i >> 1));
+    const floatl low = min_lanes(min_lanes(n[0], n[1]), min_lanes(n[2], n[3])), high = max_lanes(max_lanes(n[0], n[1]), max_lanes(n[2], n[3]));
     const intl all_there = read.own & isfinite_lanes(n[0] + n[1] + n[2] + n[3]) & (intl)(linear ? -1 : 0);
     read.whole = all_there & (high - low <= ONE_SURFACE * low);
     if (any_lane(all_there & !read.whole)) {
         intl on = all_there;
         for (int i = 0; i < 2; i++) {
-            const floatl before = nearness_at(straight, x - 1, up + i), after = nearness_at(straight, x + 2, up + i);
+            const floatl before = face_nearness(straight, x - 1, up + i), after = face_nearness(straight, x + 2, up + i);
             on = on & goes_on(before, n[2 * i], n[2 * i + 1], after);
-            const floatl above = nearness_at(straight, x + i, up - 1), under = nearness_at(straight, x + i, up + 2);
+            const floatl above = face_nearness(straight, x + i, up - 1), under = face_nearness(straight, x + i, up + 2);
             on = on & goes_on(above, n[i], n[2 + i], under);
         }
         read.whole = read.whole | on;
@@ -117,14 +117,14 @@ INLINED void write_packet(const Reading *read, Straight straight, int count, int
             continue;
         depth[lane] = is_own ? float_lane(read->z, lane) : NAN;
         valid[lane] = is_own ? straight.valid[int_lane(read->nearest, lane)] : 0;
-        write_pixel(color + CHANNELS * lane, is_own ? rounded(color_lane(read->color, lane)) : (float3)(0.0f));
+        write_pixel(color + CHANNELS * lane, is_own ? rounded_channel(color_lane(read->color, lane)) : (float3)(0.0f));
     }
 }
 
 #if ORIGINS
 /* Where they come from, and what they are */
-INLINED void write_origins(const Reading *read, Straight straight, int count, int empties, global const float *pane_origin,
-                           global const uchar *pane_classes, global float *origin, global uchar *classes, int unseen)
+INLINED void copy_origins(const Reading *read, Straight straight, int count, int empties, global const float *face_origin,
+                           global const uchar *face_classes, global float *origin, global uchar *classes, int unseen)
 {
     for (int lane = 0; lane < count; lane++) {
         if (!int_lane(read->own, lane)) {
@@ -135,15 +135,15 @@ INLINED void write_origins(const Reading *read, Straight straight, int count, in
             continue;
         }
         const int from = int_lane(read->nearest, lane);
-        classes[lane] = pane_classes[from];
-        const float3 one = vload3(from, pane_origin);
+        classes[lane] = face_classes[from];
+        const float3 one = vload3(from, face_origin);
         float3 place_there = one;
         if (int_lane(read->whole, lane)) {
             const int corner = int_lane(read->up, lane) * straight.width + int_lane(read->x, lane);
             float3 sum = 0.0f;
             int same = 1;
             for (int i = 0; i < 4; i++) {
-                const float3 each = vload3(corner + (i >> 1) * straight.width + (i & 1), pane_origin);
+                const float3 each = vload3(corner + (i >> 1) * straight.width + (i & 1), face_origin);
                 same = same && each.z == one.z;
                 sum += float_lane(read->weights[i], lane) * each;
             }
@@ -154,11 +154,11 @@ INLINED void write_origins(const Reading *read, Straight straight, int count, in
 }
 #endif
 
-kernel void join(global const float *places, global const float *pane_depth, global const channel *pane_color,
-                 global const uchar *pane_valid, int pane_width, int pane_height, int width, int height, int pitch, int first,
+kernel void join_faces(global const float *places, global const float *face_depth, global const channel *face_color,
+                 global const uchar *face_valid, int face_width, int face_height, int width, int height, int pitch, int first,
                  int linear, global float *depth, global channel *color, global uchar *valid
 #if ORIGINS
-                 , global const float *pane_origin, global const uchar *pane_classes, global float *origin,
+                 , global const float *face_origin, global const uchar *face_classes, global float *origin,
                  global uchar *classes, int unseen
 #endif
 )
@@ -166,16 +166,16 @@ kernel void join(global const float *places, global const float *pane_depth, glo
     const int y = get_global_id(1);
     if (y >= height)
         return;
-    const Straight straight = {pane_depth, pane_color, pane_valid, pane_width, pane_height};
+    const Straight straight = {face_depth, face_color, face_valid, face_width, face_height};
     const size_t plane = (size_t)height * pitch;
     for (int x0 = get_global_id(0) * STRIP * LANES, packet = 0; packet < STRIP && x0 < width; x0 += LANES, packet++) {
         global const float *place = places + (size_t)y * pitch + x0;
-        const Reading read = read_there(straight, load_lanes(place), load_lanes(place + plane), load_lanes(place + 2 * plane), linear);
+        const Reading read = read_face(straight, load_lanes(place), load_lanes(place + plane), load_lanes(place + 2 * plane), linear);
         const size_t at = (size_t)y * width + x0;
         const int count = min(LANES, width - x0);
         write_packet(&read, straight, count, first, depth + at, color + CHANNELS * at, valid + at);
 #if ORIGINS
-        write_origins(&read, straight, count, first, pane_origin, pane_classes, origin + 3 * at, classes + at, unseen);
+        copy_origins(&read, straight, count, first, face_origin, face_classes, origin + 3 * at, classes + at, unseen);
 #endif
     }
 }

@@ -43,8 +43,8 @@ kernel void to_nearness(global const float *depth, global float *nearness, globa
     for (int x = 0; x < src_width; x += LANES) {
         floatl n = nearness_from(row, x, src_width, src_perspective, far);
         const intl solid = n > NO_SURFACE;
-        low = lesser(pick(solid, n, low), low);
-        high = greater(pick(solid, n, high), high);
+        low = min_lanes(pick(solid, n, low), low);
+        high = max_lanes(pick(solid, n, high), high);
 #if BRIDGED
         if (any_lane(!solid)) {
             const floatl none = NO_SURFACE;
@@ -52,8 +52,8 @@ kernel void to_nearness(global const float *depth, global float *nearness, globa
             const floatl right = nearness_from(row, x + 1, src_width, src_perspective, far);
             const floatl above = y > 0 ? nearness_from(row - src_width, x, src_width, src_perspective, far) : none;
             const floatl under = y + 1 < src_height ? nearness_from(row + src_width, x, src_width, src_perspective, far) : none;
-            const intl across = !IS_OPEN(cut, greater(left, right), lesser(left, right));
-            const intl down = !IS_OPEN(cut, greater(above, under), lesser(above, under));
+            const intl across = !IS_OPEN(cut, max_lanes(left, right), min_lanes(left, right));
+            const intl down = !IS_OPEN(cut, max_lanes(above, under), min_lanes(above, under));
             n = pick((!solid) & (across | down), 0.5f * pick(across, left + right, above + under), n);
         }
 #endif

@@ -1,8 +1,8 @@
-#ifndef RELIEF_SIGHT_H
-#define RELIEF_SIGHT_H
+#ifndef RELIEF_SHADOWS_H
+#define RELIEF_SHADOWS_H
 /* Is a point of a relief in sight of the light? What the relief around the point hides is found by a second search,
  * from the point towards the light (Oliveira & Policarpo 2005, figure 4); what lies beyond it is in the light's maps. */
-#include "relief/seen.h"
+#include "relief/shading_point.h"
 
 #define MAPPED 0
 #define SEARCHED 1
@@ -12,7 +12,7 @@
 #ifndef FLAT_BASE
 #define FLAT_BASE 0 /* 1: all rays find the relief in one place: the base bends nowhere, and no hard edge of it juts out */
 #endif
-#define LIFTED 1e-3f /* of the relief's depth: how far above its surface a point is searched from, so that it is not in it */
+#define LIFT 1e-3f /* of the relief's depth: how far above its surface a point is searched from, so that it is not in it */
 
 #if SHADOWED
 /* From a point of the relief to the light, as far as the relief around the point reaches */
@@ -20,47 +20,47 @@ typedef struct {
     ReliefRay ray;       /* the other way round: from where it leaves the relief down to the point */
     Vector exit, normal; /* where it leaves, and the base's normal there */
     intl sound, leaves;
-    floatl way;   /* from the point to there, in scene units */
+    floatl distance;   /* from the point to there, in scene units */
 } LightRay;
 
 /* Depths are below the quadric of the point's own entry, by equation 7: the point is on its surface to the last bit (about
  * there, if it was found by the mesh: entry.h, follow_mesh), and the light's ray enters where that quadric's depth is 0. */
-LightRay light_ray(const Relief *relief, const Entry *e, const Seen *seen, Vector light)
+LightRay light_ray(const Relief *relief, const Entry *e, const ShadingPoint *shading, Vector light)
 {
     LightRay made;
     ReliefRay *ray = &made.ray;
     Vector x, y;
     tangents_of(e, &x, &y);
     const float scale = relief->scale, per_scale = 1.0f / scale, bends = relief->quadric ? 1.0f : 0.0f;
-    const floatl t = seen->t;
-    const floatl px = t * DOT(seen->ahead, x), py = t * DOT(seen->ahead, y), pz = t * DOT(seen->ahead, e->normal);
+    const floatl t = shading->t;
+    const floatl px = t * DOT(shading->ahead, x), py = t * DOT(shading->ahead, y), pz = t * DOT(shading->ahead, e->normal);
     const floatl lx = DOT(light, x), ly = DOT(light, y), lz = DOT(light, e->normal);
-    const floatl found = ENTRY_DEPTH(e) + (bends * bending(e, px, py, px, py) - pz) * per_scale;
-    const floatl height = HEIGHT_UNIT * height_in(relief->texels, seen->track.map, seen->track.x, seen->track.y);
-    const floatl depth = greater(1.0f - height - LIFTED, (floatl)0.0f);
+    const floatl found = ENTRY_DEPTH(e) + (bends * quadric_form(e, px, py, px, py) - pz) * per_scale;
+    const floatl height = HEIGHT_UNIT * height_in(relief->texels, shading->track.map, shading->track.x, shading->track.y);
+    const floatl depth = max_lanes(1.0f - height - LIFT, (floatl)0.0f);
     /* Along it, depth is depth + slope s + K s^2. */
-    const floatl slope = (2.0f * bends * bending(e, px, py, lx, ly) - lz) * per_scale;
-    const floatl K = bends * bending(e, lx, ly, lx, ly) * per_scale;
-    const floatl discriminant = slope * slope - 4.0f * K * depth, divisor = sqrt(greater(discriminant, (floatl)0.0f)) - slope;
+    const floatl slope = (2.0f * bends * quadric_form(e, px, py, lx, ly) - lz) * per_scale;
+    const floatl K = bends * quadric_form(e, lx, ly, lx, ly) * per_scale;
+    const floatl discriminant = slope * slope - 4.0f * K * depth, divisor = sqrt(max_lanes(discriminant, (floatl)0.0f)) - slope;
     made.leaves = (discriminant >= 0.0f) & (divisor > 0.0f);
-    const floatl way = pick(made.leaves, 2.0f * depth / divisor, (floatl)0.0f), lift = (found - depth) * scale;
-    made.way = way;
-    made.exit.x = seen->point.x + lift * e->normal.x + way * light.x;
-    made.exit.y = seen->point.y + lift * e->normal.y + way * light.y;
-    made.exit.z = seen->point.z + lift * e->normal.z + way * light.z;
-    const floatl qx = px + way * lx, qy = py + way * ly; /* of the exit */
-    const floatl across = -2.0f * bends * bending(e, qx, qy, 1.0f, 0.0f), down = -2.0f * bends * bending(e, qx, qy, 0.0f, 1.0f);
+    const floatl distance = pick(made.leaves, 2.0f * depth / divisor, (floatl)0.0f), lift = (found - depth) * scale;
+    made.distance = distance;
+    made.exit.x = shading->point.x + lift * e->normal.x + distance * light.x;
+    made.exit.y = shading->point.y + lift * e->normal.y + distance * light.y;
+    made.exit.z = shading->point.z + lift * e->normal.z + distance * light.z;
+    const floatl qx = px + distance * lx, qy = py + distance * ly; /* of the exit */
+    const floatl across = -2.0f * bends * quadric_form(e, qx, qy, 1.0f, 0.0f), down = -2.0f * bends * quadric_form(e, qx, qy, 0.0f, 1.0f);
     const Vector normal = {e->normal.x + across * x.x + down * y.x, e->normal.y + across * x.y + down * y.y,
                            e->normal.z + across * x.z + down * y.z};
-    made.normal = at_unit_length(normal);
+    made.normal = normalized(normal);
     ray->du = -DOT(light, e->along_u);
     ray->dv = -DOT(light, e->along_v);
-    const floatl u = seen->place.u - ray->du * way, v = seen->place.v - ray->dv * way;
-    ray->u = IN_FIRST_TILE(CLAMPED_U, u);
-    ray->v = IN_FIRST_TILE(CLAMPED_V, v);
-    ray->L = -slope - 2.0f * K * way;
+    const floatl u = shading->place.u - ray->du * distance, v = shading->place.v - ray->dv * distance;
+    ray->u = WRAPPED_UV(CLAMPED_U, u);
+    ray->v = WRAPPED_UV(CLAMPED_V, v);
+    ray->L = -slope - 2.0f * K * distance;
     ray->K = K;
-    ray->level = seen->place.level;
+    ray->level = shading->place.level;
 #if WITHIN
     ray->depth = (floatl)0.0f;
 #endif
@@ -69,31 +69,31 @@ LightRay light_ray(const Relief *relief, const Entry *e, const Seen *seen, Vecto
 #endif
 #if DISTANCE == EXACT
     ray->per_scale = per_scale;
-    const Circles none = {(floatl)0.0f, (floatl)0.0f, (floatl)0.0f, (floatl)0.0f};
-    ray->circles = none;
+    const PrincipalCurvatures none = {(floatl)0.0f, (floatl)0.0f, (floatl)0.0f, (floatl)0.0f};
+    ray->curvatures = none;
 #elif DISTANCE == PERPENDICULAR
     ray->bend = (floatl)0.0f;
     ray->scale = scale;
 #endif
-    made.sound = (way > 0.0f) & (ray->L > 0.0f) & is_sound(ray);
+    made.sound = (distance > 0.0f) & (ray->L > 0.0f) & is_finite_ray(ray);
     return made;
 }
 
 /* Does the relief around the point hide it from the light? The paper's second search (figure 4) */
-intl is_hidden(const Relief *relief, const LightRay *light, intl wanted)
+intl is_shadowed(const Relief *relief, const LightRay *light, intl wanted)
 {
     Search search, *s = &search;
     s->ray = light->ray;
-    rest(&s->ray, light->sound & wanted);
+    mask_inactive(&s->ray, light->sound & wanted);
     set_end(&s->ray);
     s->track = track_of(&s->ray, relief->levels);
     /* Up to the point, but for what the searches may err by */
-    const floatl per_texel = 1.0f / greater(greater(fabs(s->track.dx), fabs(s->track.dy)), (floatl)1e-20f);
-    const floatl end = light->way - 2.0f * NUDGE * per_texel;
+    const floatl per_texel = 1.0f / max_lanes(max_lanes(fabs(s->track.dx), fabs(s->track.dy)), (floatl)1e-20f);
+    const floatl end = light->distance - 2.0f * NUDGE * per_texel;
     s->ray.at_bottom = s->ray.at_bottom & (s->ray.end < end);
-    s->ray.end = lesser(s->ray.end, end);
+    s->ray.end = min_lanes(s->ray.end, end);
     s->searches = s->active = light->sound & wanted & (end > 0.0f);
-#if COUNTED
+#if COUNTERS
     s->taken = 0;
 #endif
     search_relief(relief, s, 1);
@@ -108,20 +108,20 @@ intl is_hidden(const Relief *relief, const LightRay *light, intl wanted)
  * below an edge that juts out, where a light's ray enters by one side what the picture shows by the other. So a search
  * from the point decides what the relief around it hides, and the map what hides the place where the search ends. A ray
  * that by the quadric never leaves the relief, as along a saddle, is left to the map. */
-INLINED floatl in_sight(const Relief *relief, const Entry *e, const Seen *seen, Vector own, Light light, intl faces SHADOW_PARAMETERS)
+INLINED floatl in_sight(const Relief *relief, const Entry *e, const ShadingPoint *shading, Vector own, Light light, intl faces SHADOW_PARAMETERS)
 {
     intl wanted = faces;
     floatl mapped = 0.0f;
 #if SHADOWS == MAPPED
-    mapped = visibility(shadow_maps, shadow, seen->point, own);
+    mapped = visibility(shadow_maps, shadow, shading->point, own);
     wanted = wanted & (mapped < 1.0f);
     if (FLAT_BASE || !any_lane(wanted))
         return mapped;
 #endif
-    const LightRay ray = light_ray(relief, e, seen, to_light(light, seen->point).way);
+    const LightRay ray = light_ray(relief, e, shading, to_light(light, shading->point).direction);
 #if SHADOWS == SEARCHED
     if (any_lane(wanted & !ray.leaves))
-        mapped = visibility(shadow_maps, shadow, seen->point, own);
+        mapped = visibility(shadow_maps, shadow, shading->point, own);
 #endif
     wanted = wanted & ray.leaves;
     if (!any_lane(wanted))
@@ -132,7 +132,7 @@ INLINED floatl in_sight(const Relief *relief, const Entry *e, const Seen *seen, 
     if (!any_lane(wanted))
         return mapped;
 #endif
-    return pick(wanted, pick(is_hidden(relief, &ray, wanted), (floatl)0.0f, outside), mapped);
+    return pick(wanted, pick(is_shadowed(relief, &ray, wanted), (floatl)0.0f, outside), mapped);
 }
 #endif
 #endif

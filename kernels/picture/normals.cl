@@ -3,16 +3,16 @@
  * On a plane nearness is affine, so the fit is linear: least squares over the samples up to `radius` away along x and y
  * that are one surface with the middle one (lib/surface.h). Beside edges they all lie on one side. A sample alone faces
  * the camera.
- * nearness: (height, pitch), lib/nearness.cl. normals: (height, width, 3) of unit length, in the camera's frame and
+ * nearness: (height, pitch), picture/nearness.cl. normals: (height, width, 3) of unit length, in the camera's frame and
  * towards it; of what is no sample, anything. fx, skew, fy, cx, cy: of the camera's K.
- * Work-item: LANES samples of a row. Cost: O(samples * radius^2), radius <= RADIUS_MOST. Determinism: every sample on its
+ * Work-item: LANES samples of a row. Cost: O(samples * radius^2), radius <= RADIUS_MAX. Determinism: every sample on its
  * own.
  */
 #include "lib/surface.h"
 #include "lib/vectors.h"
 
-#define RADIUS_MOST 8
-#define LITTLE 1e-4f /* of the samples' spread: where all lie on one line, the plane is level across it */
+#define RADIUS_MAX 8
+#define REGULARIZATION 1e-4f /* of the samples' spread: where all lie on one line, the plane is level across it */
 
 kernel void fit_normals(global const float *nearness, global float *normals, int width, int height, int pitch,
                         int perspective, Cut cut, int radius, float fx, float skew, float fy, float cx, float cy)
@@ -28,7 +28,7 @@ kernel void fit_normals(global const float *nearness, global float *normals, int
         for (int dx = -radius; dx <= radius; dx++) {
             const intl at = x + dx, inside = (at >= 0) & (at < width);
             const floatl n = (floatl)(gather(nearness, (row + dy) * pitch + pick(inside, at, x)));
-            const intl one_surface = inside & !IS_OPEN(cut, greater(n, middle), lesser(n, middle));
+            const intl one_surface = inside & !IS_OPEN(cut, max_lanes(n, middle), min_lanes(n, middle));
             const floatl weight = pick(one_surface, (floatl)1.0f, (floatl)0.0f);
             const floatl step = pick(one_surface, (n - middle) * scale, (floatl)0.0f);
             count += weight;
@@ -41,16 +41,16 @@ kernel void fit_normals(global const float *nearness, global float *normals, int
             sxn += step * dx;
             syn += step * dy;
         }
-    const floatl each = 1.0f / greater(count, (floatl)1.0f);
-    const floatl spread_x = sxx - sx * sx * each, spread_y = syy - sy * sy * each, little = LITTLE * (spread_x + spread_y);
+    const floatl each = 1.0f / max_lanes(count, (floatl)1.0f);
+    const floatl spread_x = sxx - sx * sx * each, spread_y = syy - sy * sy * each, little = REGULARIZATION * (spread_x + spread_y);
     const floatl xx = spread_x + little, yy = spread_y + little, xy = sxy - sx * sy * each;
     const floatl xn = sxn - sx * sn * each, yn = syn - sy * sn * each, inverse = 1.0f / (xx * yy - xy * xy);
     const floatl gx = (yy * xn - xy * yn) * inverse, gy = (xx * yn - xy * xn) * inverse; /* NaN of a sample alone */
     const floatl off_x = perspective ? cx - to_floatl(x) : (floatl)0.0f, off_y = perspective ? cy - row : 0.0f;
     /* Of the plane N.p = 1 the nearness is N.ray, which grows by N.x / fx a pixel: away from the camera. */
     const Vector plane = {gx * fx, gx * skew + gy * fy, 1.0f + gx * off_x + gy * off_y};
-    const floatl most = greater(greater(fabs(plane.x), fabs(plane.y)), fabs(plane.z));
-    const Vector away = at_unit_length(scaled(plane, 1.0f / greater(most, (floatl)1e-30f)));
+    const floatl most = max_lanes(max_lanes(fabs(plane.x), fabs(plane.y)), fabs(plane.z));
+    const Vector away = normalized(scaled(plane, 1.0f / max_lanes(most, (floatl)1e-30f)));
     const intl sound = isfinite_lanes(away.x + away.y + away.z) & (middle > NO_SURFACE);
     for (int lane = 0; lane < min(LANES, width - first); lane++) {
         const float3 normal = -(float3)(float_lane(away.x, lane), float_lane(away.y, lane), float_lane(away.z, lane));

@@ -33,8 +33,8 @@ INLINED void average_packet(global const float *sample_depth, global const chann
         for (int i = 0; i < side; i++) {
             const floatl n = nearness_of_samples(sample_depth, first + (j * side * width + i), perspective);
             const intl shows = n == n;
-            low = lesser(n, low);
-            high = greater(n, high);
+            low = min_lanes(n, low);
+            high = max_lanes(n, high);
             nearness += pick(shows, n, (floatl)0.0f);
             count += pick(shows, (intl)1, (intl)0);
         }
@@ -76,7 +76,7 @@ INLINED void average_packet(global const float *sample_depth, global const chann
         depth[out + lane] = float_lane(z, lane);
         alpha[out + lane] = float_lane(share, lane);
         valid[out + lane] = int_lane(any, lane);
-        write_pixel(color + CHANNELS * (out + lane), rounded(color_lane(c, lane)));
+        write_pixel(color + CHANNELS * (out + lane), rounded_channel(color_lane(c, lane)));
     }
 }
 

@@ -1,5 +1,5 @@
-#ifndef SLICING_HEIGHTS_H
-#define SLICING_HEIGHTS_H
+#ifndef SLICING_ALPHA_TEST_H
+#define SLICING_ALPHA_TEST_H
 /* The alpha test of a height map (Kautz & Seidel 2001, sections 3.1 and 3.2). */
 #include "lib/heights.h"
 #include "lib/taps.h"

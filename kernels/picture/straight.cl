@@ -35,8 +35,8 @@ kernel void straighten(global const float *places, global const float *lens_dept
     for (int i = 0; i < 3; i++) {
         const floatl z = (floatl)(gather(lens_depth, corners[i]));
         const floatl q = pick((z > NEAREST) & (z < far), 1.0f / z, (floatl)NO_SURFACE);
-        high = greater(q, high);
-        low = lesser(q, low);
+        high = max_lanes(q, high);
+        low = min_lanes(q, low);
         between += weights[i] * q;
     }
     const intl whole = inside & !IS_OPEN(cut, high, low);
@@ -63,6 +63,6 @@ kernel void straighten(global const float *places, global const float *lens_dept
     }
     for (int lane = 0; lane < width - x0; lane++) {
         straight_depth[at + lane] = float_lane(z, lane);
-        write_pixel(straight_color + CHANNELS * (at + lane), rounded(color_lane(c, lane)));
+        write_pixel(straight_color + CHANNELS * (at + lane), rounded_channel(color_lane(c, lane)));
     }
 }

@@ -1,7 +1,7 @@
 /* Shadows on what shows its own colours: images and objects made of images.
  *
  * Such colours hold the light that they were taken in. Where the pixel's point is out of the light's sight they keep
- * the light's ambient part. Normals come from the picture's depths, `apart` pixels away. What turns away from the light is dark, and fades before that over `fade`
+ * the light's ambient part. Normals come from the picture's depths, `neighbour_offset` pixels away. What turns away from the light is dark, and fades before that over `fade`
  * of the cosine; with 0 that is left to the map, in which a solid's front hides its back.
  *
  * before: (height, width) the depths before the thing was drawn, with `blank` 0; other pixels stay. depth, color: the
@@ -9,10 +9,10 @@
  */
 #define SHADOWED 1
 #include "lib/light.h"
-#include "lib/facing.h"
+#include "picture/facing.h"
 
 kernel void darken(global const float *before, global const float *depth, global channel *color, Screen screen,
-                   int blank, int apart, float fade, Light light SHADOW_PARAMETERS)
+                   int blank, int neighbour_offset, float fade, Light light SHADOW_PARAMETERS)
 {
     const int first = get_global_id(0) * LANES, row = get_global_id(1);
     if (first >= screen.width || row >= screen.height)
@@ -20,11 +20,11 @@ kernel void darken(global const float *before, global const float *depth, global
     const Drawn shown = drawn_at(before, depth, screen, blank, first, row);
     if (!any_lane(shown.drawn))
         return;
-    const Vector p = shown.p, facing = facing_at(depth, screen, shown.x, shown.y, apart, shown.n, p);
+    const Vector p = shown.p, facing = facing_at(depth, screen, shown.x, shown.y, neighbour_offset, shown.n, p);
     const ToLight to = to_light(light, p);
-    const floatl cosine = DOT(facing, to.way);
-    const floatl faces = fade > 0.0f ? lesser(greater(cosine / fade, (floatl)0.0f), (floatl)1.0f) : (floatl)1.0f;
-    const floatl visible = VISIBILITY(p, facing) * to.share * faces;
+    const floatl cosine = DOT(facing, to.direction);
+    const floatl faces = fade > 0.0f ? clamp_lanes(cosine / fade, (floatl)0.0f, (floatl)1.0f) : (floatl)1.0f;
+    const floatl visible = VISIBILITY(p, facing) * to.falloff * faces;
     const floatl left = light.ambient + (1.0f - light.ambient) * visible;
     for (int lane = 0; lane < LANES; lane++) {
         const float share = float_lane(left, lane);

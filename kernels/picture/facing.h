@@ -1,5 +1,5 @@
-#ifndef LIB_FACING_H
-#define LIB_FACING_H
+#ifndef PICTURE_FACING_H
+#define PICTURE_FACING_H
 /* What a thing has drawn into a picture, and its normals from the picture's depths: for what has no others. */
 #include "lib/screen.h"
 
@@ -12,7 +12,7 @@ typedef struct {
 } Drawn;
 
 /* Nearness of pixels; EMPTY beside the picture and where there is nothing */
-floatl nearness_at(global const float *depth, Screen screen, intl x, intl y)
+floatl picture_nearness(global const float *depth, Screen screen, intl x, intl y)
 {
     const intl inside = (x >= 0) & (x < screen.width) & (y >= 0) & (y < screen.height);
     const intl at = pick(inside, y * screen.width + x, (intl)0);
@@ -21,24 +21,24 @@ floatl nearness_at(global const float *depth, Screen screen, intl x, intl y)
 }
 
 /* Along the surface, the way (dx, dy) from the point p of a pixel; a pixel alone is taken to be level. */
-Vector way_along(global const float *depth, Screen screen, intl x, intl y, int dx, int dy, floatl n, Vector p)
+Vector tangent_along(global const float *depth, Screen screen, intl x, intl y, int dx, int dy, floatl n, Vector p)
 {
-    const floatl next = nearness_at(depth, screen, x + dx, y + dy), last = nearness_at(depth, screen, x - dx, y - dy);
+    const floatl next = picture_nearness(depth, screen, x + dx, y + dy), last = picture_nearness(depth, screen, x - dx, y - dy);
     const intl forward = fabs(next - n) <= fabs(last - n);
-    const floatl near = pick(forward, next, last), way = pick(forward, (floatl)1.0f, (floatl)-1.0f);
-    const Vector to = point_at(screen, to_floatl(x) + way * dx, to_floatl(y) + way * dy, pick(near > EMPTY, near, n));
-    return scaled(minus(to, p), way);
+    const floatl near = pick(forward, next, last), sign = pick(forward, (floatl)1.0f, (floatl)-1.0f);
+    const Vector to = point_at(screen, to_floatl(x) + sign * dx, to_floatl(y) + sign * dy, pick(near > EMPTY, near, n));
+    return scaled(minus(to, p), sign);
 }
 
-/* The unit normal of a pixel's surface, towards the viewer: along x and y, of the neighbours `apart` pixels away the one
+/* The unit normal of a pixel's surface, towards the viewer: along x and y, of the neighbours `neighbour_offset` pixels away the one
  * whose nearness differs less tells how it slopes. n, p: the pixel's nearness and point. */
-Vector facing_at(global const float *depth, Screen screen, intl x, intl y, int apart, floatl n, Vector p)
+Vector facing_at(global const float *depth, Screen screen, intl x, intl y, int neighbour_offset, floatl n, Vector p)
 {
-    const Vector across = way_along(depth, screen, x, y, apart, 0, n, p);
-    const Vector down = way_along(depth, screen, x, y, 0, apart, n, p);
-    const Vector normal = cross_of(across, down), ahead = towards(screen, p);
+    const Vector across = tangent_along(depth, screen, x, y, neighbour_offset, 0, n, p);
+    const Vector down = tangent_along(depth, screen, x, y, 0, neighbour_offset, n, p);
+    const Vector normal = cross_product(across, down), ahead = view_direction(screen, p);
     const floatl unit = pick(DOT(normal, ahead) > 0.0f, (floatl)-1.0f, (floatl)1.0f) /
-                        sqrt(greater(DOT(normal, normal), (floatl)1e-37f));
+                        sqrt(max_lanes(DOT(normal, normal), (floatl)1e-37f));
     return scaled(normal, unit);
 }
 

@@ -1,5 +1,5 @@
-#ifndef WARP_ANSWERS_H
-#define WARP_ANSWERS_H
+#ifndef WARP_HITS_H
+#define WARP_HITS_H
 /* What a line says of a pixel: the target nearness of the surface that it meets first there, EMPTY if it meets none.
  *
  * The nearness' last bit tells whether it meets a side that is not shown: nothing is seen then, but the surface hides
@@ -8,7 +8,6 @@
 #include "lib/lanes.h"
 #include "lib/pixelspace.h"
 
-#define ANSWER(nearness, hides) as_floatl((as_intl(nearness) & ~1) | (hides))
-#define IS_MET(answer) IS_HIT(answer)
-#define IS_SEEN(answer) (IS_HIT(answer) & ((as_intl(answer) & 1) == 0))
+#define PACKED_HIT(nearness, hides) as_floatl((as_intl(nearness) & ~1) | (hides))
+#define IS_VISIBLE_HIT(hit) (IS_HIT(hit) & ((as_intl(hit) & 1) == 0))
 #endif

@@ -1,5 +1,0 @@
-#ifndef SLICING_RIBBON_H
-#define SLICING_RIBBON_H
-/* How ribbons (lib/ribbons.h) lie in memory, from ribbons.cl to object.cl. */
-#define RIBBON 8 /* floats: x, y, dx, dy, n, gu, gv, ends */
-#endif
