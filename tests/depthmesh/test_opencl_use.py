@@ -13,6 +13,7 @@ from tests.depthmesh.views import PROJECTIONS, TESTS, rough
 from tests.one_lane import one_lane
 
 
+@pytest.mark.product
 @pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize("test", TESTS)
 def test_trees_in_one_lane(test, projection):
@@ -42,6 +43,7 @@ def test_trees_in_one_lane(test, projection):
                 assert abs(len(a) - len(b)) <= 0.01 * len(a)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize("blend", ["quality", "position", "nearest"])
 def test_pictures_in_one_lane(blend, projection):

@@ -78,6 +78,7 @@ def gain(thing: Any, camera: ibr.Camera, light: ibr.Light | None = None) -> floa
     return often - once
 
 
+@pytest.mark.product
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("turn", [0, 45, 77])
 @pytest.mark.parametrize("kind", KINDS)
@@ -86,6 +87,7 @@ def test_a_plane_seen_aslant(kind, turn, projection):
     assert gain(even(kind, noise(), turn), over(10, projection)) >= 3
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", KINDS)
 def test_in_one_lane(kind):
     with one_lane():
@@ -128,6 +130,7 @@ def test_what_is_magnified_is_read_once():
     np.testing.assert_array_equal(once, often)
 
 
+@pytest.mark.product
 @pytest.mark.parametrize("color", [(10, 200, 77), (255, 255, 255), (0, 0, 0)])
 @pytest.mark.parametrize("kind", KINDS)
 def test_one_colour_stays_itself(kind, color):

@@ -86,6 +86,7 @@ def test_every_system_is_drawable(name):
     assert (np.abs([low, high]) < 1.5).all() and (low < high).any()
 
 
+@pytest.mark.product
 @pytest.mark.parametrize("dtype", [np.uint8, np.float32])
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("name", NAMES)
@@ -103,6 +104,7 @@ def test_who_draws_first_writes_every_pixel(name, projection, dtype):
         assert one.tobytes() == other.tobytes()
 
 
+@pytest.mark.product
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("name", NAMES)
 def test_who_draws_nothing_first_writes_every_pixel(name, projection):
@@ -113,6 +115,7 @@ def test_who_draws_nothing_first_writes_every_pixel(name, projection):
         assert np.isnan(frame.depth).all()
 
 
+@pytest.mark.product
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("name", NAMES)
 def test_who_draws_later_keeps_what_is_nearer(name, projection):
@@ -130,6 +133,7 @@ def test_who_draws_later_keeps_what_is_nearer(name, projection):
         np.testing.assert_array_equal(both.valid, a.valid | b.valid)
 
 
+@pytest.mark.product
 @pytest.mark.parametrize("lanes", [1, 16])
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("name", NAMES)
@@ -156,6 +160,7 @@ def test_what_is_equally_far_stays(name, projection, lanes):
     assert (color == 1).all()
 
 
+@pytest.mark.product
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize("name", NAMES)
 def test_lights_see_both_sides(name, side):
@@ -323,6 +328,7 @@ def test_what_is_made_up_hides_nothing_that_another_image_sees():
         np.testing.assert_array_equal(filled.valid, ibr.warp(views, eye, fill="background").valid)
 
 
+@pytest.mark.thorough
 def test_the_pages_own_system_runs_in_the_form_for_gpus(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {"__name__": "__main__"}
@@ -331,6 +337,7 @@ def test_the_pages_own_system_runs_in_the_form_for_gpus(tmp_path, monkeypatch):
             exec(compile("\n" * line + source, str(PAGE), "exec"), names)
 
 
+@pytest.mark.thorough
 def test_the_pages_own_system_stays_within_its_arrays(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (_, kernel), (_, splats) = blocks_of(PAGE)[:2]

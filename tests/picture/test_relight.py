@@ -117,6 +117,7 @@ def psnr(one: np.ndarray, other: np.ndarray, which: np.ndarray) -> float:
     return float(10 * np.log10(255**2 / np.mean((one.astype(float) - other)[which] ** 2)))
 
 
+@pytest.mark.product
 @pytest.mark.parametrize("camera", [PERSPECTIVE, ORTHOGRAPHIC], ids=["perspective", "orthographic"])
 @pytest.mark.parametrize("projection", ["orthographic", "perspective"])
 @pytest.mark.parametrize("given", [True, False], ids=["given", "from depths"])
@@ -220,6 +221,7 @@ def test_through_a_lens_and_by_several_samples(name, dtype):
         assert psnr(color, truth.lit(ibr.Light(**light)), inner) >= 36
 
 
+@pytest.mark.product
 @pytest.mark.parametrize("name", MAKERS)
 @pytest.mark.parametrize("shadow_size", [0, 256])
 def test_who_does_not_ask_gets_the_same_bits(name, shadow_size):
@@ -275,6 +277,7 @@ def test_of_what_has_no_normals_the_picture_tells_them():
     assert psnr(frame.color, expected, inner) >= 30
 
 
+@pytest.mark.thorough
 def test_in_one_lane_and_again():
     def every_thing() -> list[Any]:
         bare, told = (object_views(donut(), 32, normals=given) for given in (False, True))
@@ -310,6 +313,7 @@ for number, size in enumerate(((13, 7), (1, 1), (2, 3))):
 """
 
 
+@pytest.mark.thorough
 def test_no_kernel_leaves_its_arrays(tmp_path: Path):
     check_bounds(BOUNDS, tmp_path)
 

@@ -33,6 +33,7 @@ from tests.shadowed import (
 from tests.truth import triangulate
 
 
+@pytest.mark.product
 @pytest.mark.parametrize("projection", CAMERAS)
 @pytest.mark.parametrize("kind", LIGHTS)
 @pytest.mark.parametrize("name", SCENES)
@@ -83,6 +84,7 @@ def test_reliefs_shadow_themselves_and_others(shape, shadow):
     assert share >= 0.99
 
 
+@pytest.mark.product
 @pytest.mark.parametrize("shadow", ["map", "search"])
 @pytest.mark.parametrize("distance", ["approximate", "exact"])
 @pytest.mark.parametrize("shape", [{"direction": (0.6, 0.5, -0.9)}, LIGHTS["spot"], LIGHTS["point"]], ids=str)
@@ -100,6 +102,7 @@ def test_curved_reliefs_shadow_themselves_and_others(shape, distance, shadow):
 FEW = [{"direction": (0.8, 0.9, -1.3)}, LIGHTS["spot"], {"position": (2, -2, 2.5)}]
 
 
+@pytest.mark.product
 @pytest.mark.parametrize("shape", FEW, ids=str)
 @pytest.mark.parametrize("dtype", [np.uint8, np.float32])
 @pytest.mark.parametrize("edges", ["cut", "connect"])
@@ -208,6 +211,7 @@ def test_again_the_same_bits_and_in_any_order(kind):
     assert (np.abs(frame.color.astype(int) - turned.color).max(axis=2) > 1)[~tied].mean() <= 2e-3
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", LIGHTS)
 def test_in_one_lane(kind):
     things, light = every_thing(), light_of(kind, shadow_size=200, specular=0.3)
@@ -312,6 +316,7 @@ for number, light in enumerate(lights):
 """
 
 
+@pytest.mark.thorough
 def test_no_kernel_leaves_its_arrays(tmp_path: Path):
     check_bounds(BOUNDS, tmp_path)
 

@@ -89,6 +89,7 @@ def check(frame: ibr.Frame, truth: np.ndarray, camera: Camera, part: float) -> N
     assert (off <= 0.5 * most).mean() >= 0.5
 
 
+@pytest.mark.product
 @pytest.mark.parametrize("search", ["safe", "linear"])
 @pytest.mark.parametrize("look", LOOKS)
 @pytest.mark.parametrize("name", BASES)
@@ -108,6 +109,7 @@ def test_few_steps_are_enough_for_rays_that_leave(name, look):
     check(frame, carved(name, False).depth(camera), camera, seen_aside(name))
 
 
+@pytest.mark.product
 @pytest.mark.parametrize("distance_", ["approximate", "exact"])
 @pytest.mark.parametrize("look", LOOKS)
 @pytest.mark.parametrize("name", ["plane", "torus, inside"])
@@ -270,6 +272,7 @@ def test_light_falls_between_blocks(name, shadow):
     assert ((share > 0.5) == truth)[counted].mean() >= (0.99 if name == "plane" else 0.95)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("look", ["along u", "up"])
 @pytest.mark.parametrize("name", ["plane", "torus, inside"])
 def test_one_lane_is_as_good_as_sixteen(name, look):

@@ -80,6 +80,7 @@ def compared(frame: ibr.Frame, truth: ibr.DepthImage, zoom: float) -> tuple[floa
     return right[thing].mean(), max((away[frame.valid].max(initial=0) - 1) / zoom, 0)
 
 
+@pytest.mark.product
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 @pytest.mark.parametrize("name", CASES)
 def test_wires_and_leaves_are_covered_and_little_more(name, slicing):
@@ -111,6 +112,7 @@ def test_images_of_perspective_cameras():
         assert beyond <= 0.5
 
 
+@pytest.mark.thorough
 def test_other_views_and_one_lane_draw_the_same():
     first, second = (object_views(scene_of(CASES[name][0]), SIZE) for name in ("slanted", "diagonal"))
     camera = near(DIRECTIONS[0], 4)
