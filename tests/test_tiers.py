@@ -55,9 +55,8 @@ def test_of_a_product_few_tests_are_quick(pytestconfig: pytest.Config):
     assert sum(found.values()) == 3
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("a", [0, 0.5])
 @pytest.mark.parametrize(("b", "c"), [(1, 1), (2, 1), (3, 2)])
 @pytest.mark.parametrize("d", ["-", "a-b", "b"])
 def test_a_product(a: float, b: int, c: int, d: str):
-    """Nothing but parameters, for the test above."""
+    """Nothing but parameters that multiply, for the test above."""

@@ -31,12 +31,13 @@ def values_of(test: pytest.Function) -> frozenset[tuple[str, tuple[int, ...]]]:
 
 
 def leave_products(items: Iterable[pytest.Item]) -> None:
-    """Mark as thorough what a test marked `product` has beyond those that are enough."""
-    products: dict[str, list[pytest.Function]] = defaultdict(list)
+    """Mark as thorough what a test whose parameters multiply has beyond those that are enough."""
+    of_function: dict[str, list[pytest.Function]] = defaultdict(list)
     for item in items:
-        if isinstance(item, pytest.Function) and item.get_closest_marker("product"):
-            products[item.nodeid.split("[")[0]].append(item)
-    for tests in products.values():
-        enough = covering([values_of(test) for test in tests])
-        for number in set(range(len(tests))) - enough:
-            tests[number].add_marker("thorough")
+        if isinstance(item, pytest.Function) and hasattr(item, "callspec"):
+            of_function[item.nodeid.split("[")[0]].append(item)
+    for tests in of_function.values():
+        values = [values_of(test) for test in tests]
+        if len(values[0]) > 1:
+            for number in set(range(len(tests))) - covering(values):
+                tests[number].add_marker("thorough")

@@ -40,7 +40,6 @@ def camera_at(x: float, projection: str, fov: float = 45) -> Camera:
     return Camera.look_at(eye, (0.3 * x, 0, 3), up, SIZE, fov_y=fov)
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("slope", [0.0, 0.3])
 @pytest.mark.parametrize("kind", PROJECTIONS)
 @pytest.mark.parametrize("projection", PROJECTIONS)
@@ -137,7 +136,6 @@ def stepped(size: scenes.Size, projection: str, far: float = 4.0) -> DepthImage:
     return DepthImage(np.repeat(color, 3, axis=2), depth, scenes.source_camera(size, projection))
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize("size", [(4, 2), (7, 13), (31, 17), (64, 64)])
 def test_what_goes_on_behind_a_step(size, projection):

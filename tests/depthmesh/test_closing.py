@@ -60,7 +60,6 @@ def missed_and_false(frame: ibr.Frame, truth: ibr.DepthImage) -> tuple[int, int]
     return int((truth.valid & ~frame.valid).sum()), int((frame.valid & ~near).sum())
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize("eye", [(2, -2, 2), (2.5, -1.5, 2), (-1, 0.4, -2.8)])
 @pytest.mark.parametrize("samples", [128, 256])

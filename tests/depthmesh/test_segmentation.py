@@ -18,7 +18,6 @@ TESTS = ("orthogonality", "connectedness", "disparity")
 SIZE = (320, 240)
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("test", TESTS)
 @pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize("name", list(PLATES))
@@ -105,7 +104,6 @@ def test_stricter_thresholds_take_out_more(test):
     assert not (kept[1] & ~kept[0]).any() and not (kept[2] & ~kept[1]).any()
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("test", TESTS)
 @pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize("name", ["tilted", "curved"])

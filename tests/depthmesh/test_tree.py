@@ -156,7 +156,6 @@ def test_simplification(projection):
             assert kept == {counter_clockwise(t) for t in structure.triangles(structure.simplified(bound))}
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("deviations", [0, 1.5])
 @pytest.mark.parametrize("test", TESTS)
 @pytest.mark.parametrize("projection", PROJECTIONS)

@@ -78,7 +78,6 @@ def gain(thing: Any, camera: ibr.Camera, light: ibr.Light | None = None) -> floa
     return often - once
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("turn", [0, 45, 77])
 @pytest.mark.parametrize("kind", KINDS)
@@ -130,7 +129,6 @@ def test_what_is_magnified_is_read_once():
     np.testing.assert_array_equal(once, often)
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("color", [(10, 200, 77), (255, 255, 255), (0, 0, 0)])
 @pytest.mark.parametrize("kind", KINDS)
 def test_one_colour_stays_itself(kind, color):

@@ -86,7 +86,6 @@ def test_every_system_is_drawable(name):
     assert (np.abs([low, high]) < 1.5).all() and (low < high).any()
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("dtype", [np.uint8, np.float32])
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("name", NAMES)
@@ -104,7 +103,6 @@ def test_who_draws_first_writes_every_pixel(name, projection, dtype):
         assert one.tobytes() == other.tobytes()
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("name", NAMES)
 def test_who_draws_nothing_first_writes_every_pixel(name, projection):
@@ -115,7 +113,6 @@ def test_who_draws_nothing_first_writes_every_pixel(name, projection):
         assert np.isnan(frame.depth).all()
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("name", NAMES)
 def test_who_draws_later_keeps_what_is_nearer(name, projection):
@@ -133,7 +130,6 @@ def test_who_draws_later_keeps_what_is_nearer(name, projection):
         np.testing.assert_array_equal(both.valid, a.valid | b.valid)
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("lanes", [1, 16])
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("name", NAMES)
@@ -160,7 +156,6 @@ def test_what_is_equally_far_stays(name, projection, lanes):
     assert (color == 1).all()
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize("name", NAMES)
 def test_lights_see_both_sides(name, side):

@@ -43,7 +43,6 @@ def test_the_warp_is_the_same_anywhere(projection):
     np.testing.assert_allclose(here.depth, there.depth, rtol=1e-6)  # the matrices' last bits
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 @pytest.mark.parametrize("make", [ibr.DepthObject, ibr.VisualHull])

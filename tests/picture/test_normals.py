@@ -36,7 +36,6 @@ def degrees(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     return np.degrees(np.arctan2(across, (one * other).sum(axis=-1)))
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize("size", [(1, 1), (1, 5), (7, 1), (2, 2), (13, 7), (37, 29)])
 @pytest.mark.parametrize("lanes", [1, 16])

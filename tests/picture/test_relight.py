@@ -117,7 +117,6 @@ def psnr(one: np.ndarray, other: np.ndarray, which: np.ndarray) -> float:
     return float(10 * np.log10(255**2 / np.mean((one.astype(float) - other)[which] ** 2)))
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("camera", [PERSPECTIVE, ORTHOGRAPHIC], ids=["perspective", "orthographic"])
 @pytest.mark.parametrize("projection", ["orthographic", "perspective"])
 @pytest.mark.parametrize("given", [True, False], ids=["given", "from depths"])
@@ -221,7 +220,6 @@ def test_through_a_lens_and_by_several_samples(name, dtype):
         assert psnr(color, truth.lit(ibr.Light(**light)), inner) >= 36
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("name", MAKERS)
 @pytest.mark.parametrize("shadow_size", [0, 256])
 def test_who_does_not_ask_gets_the_same_bits(name, shadow_size):

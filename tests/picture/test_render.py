@@ -47,7 +47,6 @@ def test_one_depth_buffer_for_all_in_any_order():
     np.testing.assert_allclose([frame.depth[30, 40], frame.depth[30, 48], frame.depth[2, 2]], [2, 3, 5], rtol=1e-6)
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize(
     "options",

@@ -33,7 +33,6 @@ from tests.shadowed import (
 from tests.truth import triangulate
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("projection", CAMERAS)
 @pytest.mark.parametrize("kind", LIGHTS)
 @pytest.mark.parametrize("name", SCENES)
@@ -84,7 +83,6 @@ def test_reliefs_shadow_themselves_and_others(shape, shadow):
     assert share >= 0.99
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("shadow", ["map", "search"])
 @pytest.mark.parametrize("distance", ["approximate", "exact"])
 @pytest.mark.parametrize("shape", [{"direction": (0.6, 0.5, -0.9)}, LIGHTS["spot"], LIGHTS["point"]], ids=str)
@@ -102,7 +100,6 @@ def test_curved_reliefs_shadow_themselves_and_others(shape, distance, shadow):
 FEW = [{"direction": (0.8, 0.9, -1.3)}, LIGHTS["spot"], {"position": (2, -2, 2.5)}]
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("shape", FEW, ids=str)
 @pytest.mark.parametrize("dtype", [np.uint8, np.float32])
 @pytest.mark.parametrize("edges", ["cut", "connect"])

@@ -25,7 +25,6 @@ def sun(elevation: float, turn: float) -> tuple[float, float, float]:
     return -np.cos(e) * np.cos(t), -np.cos(e) * np.sin(t), -np.sin(e)
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("size", [64, 256, 1024])
 @pytest.mark.parametrize("elevation", [10, 20, 45, 70, 90])
 def test_a_lit_plane_has_no_acne(elevation, size):
@@ -73,7 +72,6 @@ def test_lit_nearest_samples_have_no_acne(projection, size):
                 assert dark.mean() <= 0.002, (direction, light.position)  # on the rims, where steps end
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("mapped", [False, True])
 @pytest.mark.parametrize("elevation", [50, 70, 90])
 @pytest.mark.parametrize("size", [128, 1024])
@@ -166,7 +164,6 @@ def room_with_a_card(noise: float, projection: str) -> tuple[ibr.DepthImage, Cam
     return ibr.DepthImage(np.full((241, 321, 3), 200, np.uint8), depth.astype(np.float32), camera), camera
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("relight", [True, False])
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("noise", [0.004, 0.012])

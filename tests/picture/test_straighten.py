@@ -46,7 +46,6 @@ def check(view: ibr.DepthImage, cut_ratio: float | None, linear: bool) -> None:
     assert np.isfinite(found.depth).mean() > 0.6
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("lanes", [16, 1])
 @pytest.mark.parametrize("dtype", ["uint8", "float32", "none"])
 @pytest.mark.parametrize("lens", LENSES)

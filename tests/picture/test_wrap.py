@@ -109,7 +109,6 @@ MAPS = {"bytes, powers of two": in_bytes(32, 16), "odd": ramp(33, 15), "a row": 
 MAPS["one texel"] = np.full((1, 1), 0.3, np.float32)
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("system", SYSTEMS)
 @pytest.mark.parametrize("span", [ON_MAP, BEYOND], ids=["on the map", "beyond it"])
 @pytest.mark.parametrize("name", MAPS)
@@ -118,7 +117,6 @@ def test_clamped_heights(name, span, system):
         assert share_right(system, span, MAPS[name], camera) >= 0.995
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("system", SYSTEMS)
 @pytest.mark.parametrize("wrap", [("repeat", "clamp"), ("clamp", "repeat")])
 def test_heights_clamped_along_one_axis(wrap, system):
@@ -185,7 +183,6 @@ def uv_from_above(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     return u0 + (u1 - u0) * places[..., 0], v0 + (v1 - v0) * places[..., 1]
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("wrap", [("clamp", "clamp"), ("repeat", "clamp"), ("clamp", "repeat")])
 @pytest.mark.parametrize("level", [0, 1])
 @pytest.mark.parametrize("size", [(20, 14), (33, 1), (1, 1)])

@@ -119,7 +119,6 @@ LIGHTS = [
 ]
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("light", LIGHTS, ids=repr)
 @pytest.mark.parametrize("turned", [False, True])

@@ -156,7 +156,6 @@ def times_covered(mesh: ibr.Mesh, camera: Camera) -> np.ndarray:
     return covered
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("thin", [0, 0.3, 1 / 100, 1 / 1000])
 def test_no_crack_and_no_pixel_twice(projection, thin):
@@ -191,7 +190,6 @@ def floor_of(cells: int, sides: tuple[float, float], jitter: tuple[float, float]
     return ibr.Mesh(np.stack([x, np.ones_like(x), z], axis=-1).reshape(-1, 3), split(n, n, rng))
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("pitch", [0, 40])
 @pytest.mark.parametrize("jitter", [(0, 0), (0, 0.3), (0.3, 0.3)], ids=str)

@@ -30,7 +30,6 @@ def test_a_box_without_normals_is_one_with_its_sides_normals(make, light):
     np.testing.assert_array_equal(*(frame.depth for frame in frames))
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("light", [{"direction": (-0.3, 0.6, -1)}, {"position": (3, -1, 4)}], ids=["far", "near"])
 @pytest.mark.parametrize("silhouette", ["quadric", "none"])
 @pytest.mark.parametrize("scale", [0.05, 0.2])

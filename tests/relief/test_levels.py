@@ -15,7 +15,6 @@ def random(shape: tuple[int, int]) -> np.ndarray:
     return (np.random.default_rng(0).integers(0, 256, shape) / np.float32(255)).astype(np.float32)
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("height_bytes", [1, 2])
 @pytest.mark.parametrize("shape", SHAPES)
 def test_words_hold_a_texel_and_its_neighbours(shape, height_bytes):
@@ -42,7 +41,6 @@ def test_levels_halve_down_to_one_texel_and_keep_the_mean(shape):
     assert abs(last / 65535 - random(shape).mean()) <= len(sizes) / 65535
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("height_bytes", [1, 2])
 @pytest.mark.parametrize("shape", SHAPES)
 def test_no_height_is_above_its_bound(shape, height_bytes):

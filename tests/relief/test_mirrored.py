@@ -36,7 +36,6 @@ TURNS = {  # uv, a map as it then has to lie, and its normals' x and y
 }
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("mapped", [False, True])
 @pytest.mark.parametrize("distance_", ["approximate", "exact"])
 @pytest.mark.parametrize("turn", TURNS)

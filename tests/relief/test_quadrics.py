@@ -21,7 +21,6 @@ def patch(a: float, b: float, size: float = 0.1) -> ibr.Mesh:
     return ibr.Mesh(np.stack([x, y, z], 1), faces, np.stack([x, y], 1), gradient)
 
 
-@pytest.mark.product
 @pytest.mark.parametrize(("a", "b"), [(1.5, 0.7), (-2, -2), (1, -1), (0.8, 0), (0, -3), (0, 0)])
 @pytest.mark.parametrize("size", [1e-4, 0.1, 1e3])
 def test_a_quadric_is_fitted_exactly(a, b, size):

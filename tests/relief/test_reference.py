@@ -32,7 +32,6 @@ def seen_from(projection: str) -> Camera:
     return Camera.look_at((1.3, -2.3, 1.5), (0, 0, 0), (0, 0, 1), (73, 47), 50, projection, **tall)
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("distance", ["approximate", "exact"])
 @pytest.mark.parametrize("search", ["linear", "safe"])

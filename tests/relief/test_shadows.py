@@ -29,7 +29,6 @@ def blocks() -> np.ndarray:
     return np.clip((inside - 4) / 2, 0, 1).astype(np.float32)
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("shadow", SHADOWS)
 @pytest.mark.parametrize("scale", [0.03, 0.06, 0.1, 0.12, 0.15])
 @pytest.mark.parametrize("name", SOLIDS)
@@ -95,7 +94,6 @@ def at_jumps(depth: np.ndarray) -> np.ndarray:
     return cv2.dilate(jumps.astype(np.uint8), np.ones((5, 5))) > 0
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("shadow", SHADOWS)
 @pytest.mark.parametrize("direction", [(-1, 0.2, -0.6), (-0.5, 1, -0.5), (-1, -0.8, -0.3)], ids=str)
 @pytest.mark.parametrize("scale", [0.05, 0.12])
@@ -188,7 +186,6 @@ def test_both_ways_agree_on_a_plane(options):
     assert ((mapped[0] > 0.5) == (found[0] > 0.5))[counted].mean() >= 0.999
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("silhouette", ["quadric", "none"])
 @pytest.mark.parametrize("scale", [0.02, 0.05, 0.1])
 @pytest.mark.parametrize("cells", [(12, 8), (16, 10), (32, 20), (64, 48)])

@@ -72,7 +72,6 @@ def spikes() -> np.ndarray:
     return height
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("elevation", [90, 60, 30, 10])
 @pytest.mark.parametrize("thin", [False, True])
@@ -105,7 +104,6 @@ def test_even_steps_miss_thin_features_and_safe_ones_do_not():
     assert missed["linear"] >= 0.01
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("distance_", ["approximate", "exact"])
 @pytest.mark.parametrize("side", [0, 1, 2, 3])
 @pytest.mark.parametrize("n", [64, 48])

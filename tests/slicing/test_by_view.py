@@ -147,7 +147,6 @@ def test_objects_flicker_no_more_than_with_256_slices(slicing, size):
         assert silhouette_iou(frame.valid, true.valid) >= 0.99
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("kind", [ibr.DepthObject, ibr.VisualHull])
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])

@@ -247,7 +247,6 @@ def test_bad_input():
             ibr.VisualHull(disk_views(20), **changes)
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("degrees", [4, 12, 30, 60])
 def test_an_object_seen_from_a_narrow_arc_is_whole(degrees, projection):

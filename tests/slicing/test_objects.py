@@ -51,7 +51,6 @@ def check(thing: ibr.DepthObject, camera: Camera, truth: np.ndarray) -> None:
     assert np.quantile(off, 0.98) <= 1.02
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("kind", KINDS)
 def test_it_is_the_intersection_of_the_displaced_volumes(kind, projection):

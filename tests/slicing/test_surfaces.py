@@ -150,7 +150,6 @@ def test_at_least_draws_all_of_the_base_from_any_side(slicing, projection):
         assert np.abs(frame.depth - truth.depth)[inner].max() <= 1e-5
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize("slicing", ["surface", "orthogonal", "screen"])
 @pytest.mark.parametrize("scale", [0.001, 0.01])

@@ -80,7 +80,6 @@ def compared(frame: ibr.Frame, truth: ibr.DepthImage, zoom: float) -> tuple[floa
     return right[thing].mean(), max((away[frame.valid].max(initial=0) - 1) / zoom, 0)
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 @pytest.mark.parametrize("name", CASES)
 def test_wires_and_leaves_are_covered_and_little_more(name, slicing):

@@ -97,7 +97,6 @@ MOVES = {
 }
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("move", MOVES)
 def test_classes_and_origins_are_the_truths(projection, move):

@@ -24,7 +24,6 @@ def alone(colored: ibr.DepthImage) -> ibr.DepthImage:
     return ibr.DepthImage(None, colored.depth, colored.camera, colored.far)
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("lanes", [16, 1])
 @pytest.mark.parametrize("method", ["epipolar", "search", "forward"])
 @pytest.mark.parametrize("fill", [None, "background", "smooth", "inpaint"])

@@ -106,7 +106,6 @@ def steps(lines: np.ndarray, group: np.void, epipole: np.ndarray, reference: flo
     return float(np.count_nonzero((across >= group["cross_low"] - 0.5) & (across <= group["cross_high"] + 0.5)))
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("region", REGIONS, ids=str)
 @pytest.mark.parametrize("size", SIZES, ids=str)
 def test_every_pixel_has_a_line_within_half_a_pixel(size, region):

@@ -88,7 +88,6 @@ def colored_by_place(view: ibr.DepthImage) -> ibr.DepthImage:
     return ibr.DepthImage(np.stack([x, y, 0 * x], axis=-1), view.depth, view.camera)
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("edges", ["connect", "cut"])
 @pytest.mark.parametrize(("scene", "source", "target", "place"), cases())
 def test_depth_color_and_coverage_are_the_truths(scene, source, target, place, edges):
@@ -145,7 +144,6 @@ def test_sideways_motion_of_turned_cameras():
         )
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("source", PROJECTIONS)
 @pytest.mark.parametrize("target", PROJECTIONS)
@@ -166,7 +164,6 @@ def test_the_back_and_both_sides(scene, source, target, edges):
                 assert (frame.valid != seen.valid).mean() <= COVERAGE, (name, side)
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("size", [(60, 50), (31, 50), (320, 270), (500, 131)], ids=str)
 @pytest.mark.parametrize("source", PROJECTIONS)
 @pytest.mark.parametrize("target", PROJECTIONS)
@@ -185,7 +182,6 @@ def test_targets_much_smaller_and_larger_than_the_source(source, target, size):
         assert np.count_nonzero(~right[interior]) <= max(1, (1 - RIGHT) * interior.sum()), pose.name
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("size", [(7, 13), (61, 37), (2, 2), (2, 9), (17, 2)], ids=str)
 @pytest.mark.parametrize("source", PROJECTIONS)
 @pytest.mark.parametrize("target", PROJECTIONS)
@@ -206,7 +202,6 @@ def test_awkward_sizes(size, source, target):
         assert np.count_nonzero(~right[interior]) <= 1, pose.name
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("forward", [0.5, -0.5, 0.0])
 @pytest.mark.parametrize("method", ["epipolar", "search"])
 @pytest.mark.parametrize("source", PROJECTIONS)
@@ -225,7 +220,6 @@ def test_the_pixel_at_the_epipole_is_no_hole(source, method, forward):
     np.testing.assert_allclose(frame.depth[24, 32], depth[24, 32] - forward, rtol=1e-6)
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("size", [(1, 1), (1, 9), (5, 1)], ids=str)
 @pytest.mark.parametrize("source", PROJECTIONS)
 @pytest.mark.parametrize("target", PROJECTIONS)
@@ -244,7 +238,6 @@ def test_images_of_one_row_or_column_do_no_harm(size, source, target, method):
             assert (np.abs(frame.depth[frame.valid] - middle) < 3).all(), pose.name
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("target_size", [(1, 1), (1, 60), (60, 1)], ids=str)
 @pytest.mark.parametrize("source", PROJECTIONS)
 @pytest.mark.parametrize("target", PROJECTIONS)

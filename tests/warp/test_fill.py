@@ -98,7 +98,6 @@ def filled(target: Target, epipole: Epipole | None) -> tuple[np.ndarray, np.ndar
     return frame.color.copy(), frame.depth.copy()
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("place", [*STRAIGHT, *OTHER])
 @pytest.mark.parametrize("mask", MASKS)
 def test_the_farther_end_of_a_line_is_what_lies_behind(place, mask, lanes):
@@ -111,7 +110,6 @@ def test_the_farther_end_of_a_line_is_what_lies_behind(place, mask, lanes):
         np.testing.assert_array_equal(told(target_of(*given), epipole)[sure], expected.depth[sure])
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("way", ["background", "smooth"])
 @pytest.mark.parametrize("mask", MASKS)
@@ -137,7 +135,6 @@ def test_holes_are_filled_by_push_and_pull(way, mask, projection, lanes):
                 assert not made_color.any()
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("place", STRAIGHT)
 def test_shared_lines_give_what_each_hole_finds_for_itself(place, lanes):
     """Of an epipole so far away that its direction rounds to the same one, to the bit."""
@@ -239,7 +236,6 @@ def test_a_backdrop_leaves_no_hole_where_there_is_no_depth():
 # --- by OpenCV ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("dtype", DTYPES)
 @pytest.mark.parametrize("mask", MASKS)
 def test_inpainting_continues_what_is_around(mask, dtype):

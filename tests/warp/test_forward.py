@@ -27,7 +27,6 @@ def poses_of(scene: Callable[..., ibr.DepthImage], source: Projection, target: P
     return scenes.all_cameras(scene(SIZE, source), TARGET, target)
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("splat", [1, 2, 3])
 @pytest.mark.parametrize("source", PROJECTIONS)
 @pytest.mark.parametrize("target", PROJECTIONS)
@@ -81,7 +80,6 @@ def test_a_larger_splat_closes_gaps():
     assert cover[0].sum() < cover[1].sum() < cover[2].sum()
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("sample", ["linear", "nearest"])
 @pytest.mark.parametrize("source", PROJECTIONS)
 @pytest.mark.parametrize("target", PROJECTIONS)

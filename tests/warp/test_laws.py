@@ -39,7 +39,6 @@ def image(depth: np.ndarray, camera: Camera, **options: float) -> ibr.DepthImage
 # --- standing still ----------------------------------------------------------------------------------
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("size", [(1, 1), (1, 9), (5, 1), (7, 13), (61, 37), (64, 64)], ids=str)
 @pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize("sample", ["linear", "nearest"])
@@ -100,7 +99,6 @@ def test_a_far_background_is_no_surface():
 # --- planes ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("pixels", [(5, 0), (-7, 0), (0, 4), (0, -6), (9, -11)], ids=str)
 def test_a_wall_shifts_by_focal_times_baseline_over_depth(method, pixels):
@@ -204,7 +202,6 @@ def three_views() -> list[ibr.DepthImage]:
     ]
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("sample", ["linear", "nearest"])
 @pytest.mark.parametrize("edges", ["connect", "cut"])
@@ -303,7 +300,6 @@ def test_edges_are_cut_unless_they_are_to_be_connected(method):
     assert not ibr.warp(view, target, method).valid[:, 28:38].any()
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("method", ["epipolar", "search"])
 @pytest.mark.parametrize("lifted", [0.0, 64.0])
 @pytest.mark.parametrize(("step", "torn"), [(0.31, False), (0.33, True)])
@@ -346,7 +342,6 @@ def test_holes_are_filled_from_behind(sign):
     np.testing.assert_allclose(filled.depth[flip][:, 86:], 4, rtol=1e-4)
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("fill", ["background", "smooth", "inpaint"])
 @pytest.mark.parametrize("place", [*scenes.REGIONS, "special"])
 def test_everything_is_filled_within_the_range_of_what_is_seen(place, fill):
@@ -368,7 +363,6 @@ def test_everything_is_filled_within_the_range_of_what_is_seen(place, fill):
 # --- colours -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("sample", ["linear", "nearest"])
 @pytest.mark.parametrize("fill", [None, "background"])
@@ -387,7 +381,6 @@ def test_bytes_and_floats_agree(method, sample, fill):
         assert np.abs(one.color - other.color.astype(np.float64) * 255).max() <= limit, pose.name
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("method", ["epipolar", "search", "forward"])
 @pytest.mark.parametrize("source", ["perspective", "orthographic"])
 @pytest.mark.parametrize("target", ["perspective", "orthographic"])

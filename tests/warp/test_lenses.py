@@ -66,7 +66,6 @@ def check(seen: truth.Truth, frame: ibr.Frame, name: str) -> None:
     assert np.percentile(off[interior & right], 99.9) <= COLOR, name
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("pose", POSES)
 @pytest.mark.parametrize("scene", ["smooth", "stepped"])
 @pytest.mark.parametrize("lens", LENSES)
@@ -76,7 +75,6 @@ def test_sources_with_lenses_are_the_surfaces_of_their_samples(lens, scene, pose
     check(here.cast(camera), ibr.warp(here.view, camera), pose)
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("pose", POSES)
 @pytest.mark.parametrize("scene", ["smooth", "stepped"])
 @pytest.mark.parametrize("lens", LENSES)
@@ -258,7 +256,6 @@ def test_kernels_stay_in_bounds(tmp_path: Path):
     check_bounds(BOUNDS, tmp_path)
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("pose", ["identity", "aside", "turned"])
 @pytest.mark.parametrize(("source", "target_lens"), [("barrel", "none"), ("none", "barrel"), ("pincushion", "fisheye")])
 def test_between_an_object_and_what_is_behind_it_there_is_nothing(source, target_lens, pose):

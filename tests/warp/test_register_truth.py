@@ -160,7 +160,6 @@ def test_depth_of_what_both_see_has_no_gaps(rig):
     assert (off < 0.02).mean() > 0.9998
 
 
-@pytest.mark.product
 @pytest.mark.parametrize(("noise", "dropped"), [(0.3, 0.0), (0.3, 0.05), (0.6, 0.0)])
 @pytest.mark.parametrize("rig", ["beside", "lenses", "large depth", "ahead"])
 def test_noise_tears_no_surface(rig, noise, dropped):
@@ -211,7 +210,6 @@ def seen_samples(depth_camera: ibr.Camera, color_camera: ibr.Camera) -> tuple[np
     return seen, ~(changes(seen, 3) | silhouettes(depth, 3))
 
 
-@pytest.mark.product
 @pytest.mark.parametrize(("noise", "dropped"), [(0.0, 0.0), (0.1, 0.0), (0.3, 0.05)])
 @pytest.mark.parametrize("rig", NARROW)
 def test_samples_get_colours_where_they_are_seen(rig, noise, dropped):

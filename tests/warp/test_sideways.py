@@ -103,7 +103,6 @@ def limit_of(scene: str) -> float:
     return NOISE if scene.startswith("noise") else 0.0
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("edges", ["connect", "cut"])
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("step", STEPS.values(), ids=STEPS.keys())
@@ -115,7 +114,6 @@ def test_depth_and_coverage_are_the_polylines(step, scene, edges):
         assert wrong.mean() <= limit_of(scene), (method, wrong.sum())
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("edges", ["connect", "cut"])
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("step", STEPS.values(), ids=STEPS.keys())
@@ -131,7 +129,6 @@ def test_the_nearest_sample_is_the_one_next_to_where_the_ray_meets_the_surface(s
         np.testing.assert_allclose(frame.depth[frame.valid], view.depth[y, x][frame.valid], rtol=2e-6)
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("edges", ["connect", "cut"])
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("step", ["right", "up", "down right", "up right"])
@@ -145,7 +142,6 @@ def test_cameras_that_are_turned_in_the_world_step_as_exactly(step, scene, edges
         assert wrong.mean() <= limit_of(scene), (method, wrong.sum())
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("step", [(0.3, 0.0), (-0.3, 0.0), (0.0, 0.25), (0.0, -0.25)], ids=str)
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("edges", ["connect", "cut"])
@@ -161,7 +157,6 @@ def test_rows_between_the_sources_rows(step, scene, edges, target):
     assert wrong.mean() <= limit_of(scene), wrong.sum()
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("scene", ["steps in rows", "checks", "one sample thin", "holes", "noise of 100 %"])
 @pytest.mark.parametrize("edges", ["connect", "cut"])
 @pytest.mark.parametrize("target", ["shifted", "larger"])

@@ -73,7 +73,6 @@ def at_epipole() -> np.ndarray:
     return mask
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("by", [0.0, 0.001])
 @pytest.mark.parametrize("move", [0.6, -0.6])
 @pytest.mark.parametrize("edges", EDGES)
@@ -94,7 +93,6 @@ def test_moves_towards_a_sample_are_the_references(surroundings, projection, edg
         assert wrong.mean() <= SHARE, (method, wrong.sum())
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("move", [0.6, -0.6])
 @pytest.mark.parametrize("edges", EDGES)
 @pytest.mark.parametrize("projection", PROJECTIONS)
@@ -111,7 +109,6 @@ def test_a_hair_beside_a_sample_as_much_is_seen(surroundings, projection, edges,
             assert differs.sum() <= SHARE * differs.size, (method, differs.sum())
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("by", [0.0, 0.001, 0.3])
 @pytest.mark.parametrize("move", [0.6, -0.6])
 @pytest.mark.parametrize("edges", EDGES)
@@ -180,7 +177,6 @@ def test_an_orthographic_view_is_torn_where_depths_differ_by_a_share_of_its_long
 # --- zooms -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("zoom", [8, 32])
 @pytest.mark.parametrize("edges", EDGES)
 @pytest.mark.parametrize("method", METHODS)
@@ -202,7 +198,6 @@ def test_the_nearest_sample_reaches_no_farther_than_the_surface_itself(method, e
 # --- images that are lines ---------------------------------------------------------------------------
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("edges", EDGES)
 @pytest.mark.parametrize("length", [2, 3, 57])
 @pytest.mark.parametrize("scene", ["smooth", "steps", "holes", "noise"])
@@ -245,7 +240,6 @@ def rough_view(projection: Projection) -> ibr.DepthImage:
     return image(depth, Camera(K, size, scenes.pose(25, -10, 5, (0.4, -1.1, 0.7)), projection))
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("sample", ["linear", "nearest"])
 @pytest.mark.parametrize("edges", EDGES)
 @pytest.mark.parametrize("projection", PROJECTIONS)
@@ -258,7 +252,6 @@ def test_the_same_camera_sees_every_sample(method, projection, edges, sample):
     np.testing.assert_array_equal(frame.color[view.valid], view.color[view.valid])
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("edges", EDGES)
 @pytest.mark.parametrize("turn", [(4, 0, 0), (0, -6, 0), (0, 0, 17), (5, -3, 90), (12, -7, 20)], ids=str)
 def test_a_turned_camera_sees_the_triangles_that_its_rays_pass(turn, edges):
@@ -295,7 +288,6 @@ def test_turned_to_the_side_and_moved_along_the_turn(turn, edges):
 # --- targets at the source's own centre: nothing moves with its depth --------------------------------
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize("size", [(36, 28), (36, 1), (1, 28), (1, 1), (2, 2)])
@@ -332,7 +324,6 @@ def test_a_row_of_samples_moved_in_its_plane(across):
         np.testing.assert_allclose(found[0].depth, found[1].depth, rtol=1e-4)
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("degrees", [-60, -25, 40, 80])
 @pytest.mark.parametrize("shape", ["step", "slope", "teeth"])
 @pytest.mark.parametrize("projection", PROJECTIONS)

@@ -24,7 +24,6 @@ def targets(view: ibr.DepthImage) -> list[ibr.Camera]:
     return [camera.moved(0.1, 0, 0), camera.moved(-0.2, 0, 0), small, camera.moved(0.1, 0.2, 0.3), camera, small]
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("method", ["epipolar", "search", "forward"])
 @pytest.mark.parametrize("fill", [None, "background", "smooth"])
 def test_each_frame_is_that_of_its_own_call(method, fill):

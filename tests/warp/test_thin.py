@@ -76,7 +76,6 @@ CASES = {
 }
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("wall", [True, False])
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.filterwarnings("ignore:warp")
@@ -116,7 +115,6 @@ SHAPES = {
 }
 
 
-@pytest.mark.product
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("shape", SHAPES)
 def test_what_runs_along_rows_and_columns_is_its_samples_squares(shape, projection):
