@@ -40,6 +40,11 @@ def bin_side() -> int:
     return int(constant("raster/region.h", "BIN"))
 
 
+def region_side() -> int:
+    """Pixels along the side of what a work-item draws: REGION of kernels/raster/region.h."""
+    return 1 if current().profile.lanes == 1 else bin_side()
+
+
 def culled(sides: Sides) -> int:
     """Which triangles kernels leave out so that these sides are drawn."""
     return int(constant("raster/triangle.h", _CULLED[sides]))

@@ -279,6 +279,7 @@ def test_frusta_are_proposed_that_see_more_and_more():
     assert all(one.camera.size == (64, 64) and one.far < 10 for one in made)
 
 
+@pytest.mark.thorough
 def test_what_is_covered_already_needs_no_more():
     known = propose_frusta(donut(), 5, 64)
     surface = surface_of(donut())
@@ -290,6 +291,7 @@ def test_what_is_covered_already_needs_no_more():
     assert more[0] != fresh[0]
 
 
+@pytest.mark.thorough
 def test_six_cover_the_inner_wall_of_the_torus():
     made = propose_frusta(torus(), 6, 256)
     surface = surface_of(torus(), count=10_000)
@@ -312,6 +314,7 @@ def test_a_part_is_covered_and_no_more():
     assert seen_by_rays(whole, made)[away].mean() < 0.5
 
 
+@pytest.mark.thorough
 def test_sixteen_leave_little_of_the_dragon_unseen():
     mesh = ibr.Mesh.load(shared("meshes/dragon_vrip_res3.ply.gz"))
     made = propose_frusta(mesh, 16)

@@ -56,6 +56,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.thorough
 def test_everything_is_rendered_without_optional_packages():
     done = subprocess.run([sys.executable, "-c", EVERYTHING], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

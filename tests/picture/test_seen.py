@@ -178,6 +178,7 @@ def test_other_things_stay_as_they_are_and_pictures_in_floats_are_marked_alike()
     np.testing.assert_allclose(in_floats.color[seen], alone.color[seen] / 255, atol=1.01 / 255)
 
 
+@pytest.mark.thorough
 def test_one_lane_marks_the_same():
     views = [source(*case) for case in CASES["two"]]
     found = marked(views)

@@ -201,12 +201,14 @@ def overlap(hull: ibr.VisualHull, view: ibr.Silhouette) -> float:
     return silhouette_iou(ibr.render(hull, view.camera).valid, view.valid)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("views", [clock, dino], ids=["clock", "dino"])
 def test_the_outline_of_the_hull_is_the_silhouette(views):
     hull = ibr.VisualHull(views(), slices=SLICES)
     assert np.mean([overlap(hull, view) for view in views()]) >= GIVEN
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("views", [clock, dino], ids=["clock", "dino"])
 def test_a_view_left_out(views):
     every = views()

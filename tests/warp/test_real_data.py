@@ -18,6 +18,8 @@ from pyibr.core.camera import Camera
 from pyibr.images import metrics
 from tests.data import shared
 
+pytestmark = pytest.mark.thorough
+
 # --- a room, rendered with noise-free depth in whole millimetres --------------------------------------
 
 
