@@ -18,8 +18,9 @@ from pyibr.depthmesh import Segmentation
 from pyibr.images import metrics
 from pyibr.images.metrics import silhouette_iou
 from pyibr.opencl.device import current
-from pyibr.opencl.watch import Watch, watching
+from pyibr.opencl.watch import watching
 from tests import scenes
+from tests.builds import Builds
 from tests.depthmesh.views import DIRECTIONS, PROJECTIONS, SIZE, rough, six, target
 from tests.slicing.solids import looking, torus, views_of_torus
 from tests.warp.test_laws import same_bits
@@ -391,14 +392,6 @@ def test_views_that_look_the_opposite_way_are_chosen_last():
 
 
 def test_counts_and_cameras_build_nothing():
-    class Builds(Watch):
-        def __init__(self) -> None:
-            self.of: set[tuple[object, ...]] = set()
-
-        def build(self, name, defines, make):
-            self.of.add((name, *sorted(defines.items())))
-            return make(defines)
-
     builds, after, views = Builds(), list[int](), six()
     with watching(builds):
         for count in (3, 4, 6):

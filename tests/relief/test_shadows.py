@@ -11,6 +11,8 @@ import pytest
 
 import pyibr as ibr
 from pyibr.core.camera import Camera
+from pyibr.opencl.watch import watching
+from tests.builds import Builds
 from tests.displaced import square
 from tests.relief.solids import Carved, cylinder, grid, sphere, torus
 from tests.relief.test_truth import bricks
@@ -202,3 +204,16 @@ def test_an_even_relief_on_a_coarse_ball_does_not_shade_itself(cells, scale, sil
     told = plain > 75
     assert told.sum() > 5000
     assert (told & (plain - lit > 15)).sum() <= 0.005 * told.sum()
+
+
+def test_one_program_whatever_hides_the_light_and_however_the_base_bends():
+    light, camera = (
+        ibr.Light(direction=(1, 0.2, -1)),
+        Camera.look_at((0, -3, 2), (0, 0, 0), (0, 0, 1), (41, 31), fov_y=42),
+    )
+    builds = Builds()
+    with watching(builds):
+        for base in (square(), grid(torus, 12, 8)):
+            for shadow in SHADOWS:
+                ibr.render(ibr.ReliefSurface(base, blocks(), WHITE, 0.1, shadow=shadow), camera, light)
+    assert len([of for of in builds.of if of[0] == "draw_relief" and ("LIT", 1) in of]) == 1
