@@ -7,15 +7,15 @@ RUN := .venv/bin/python
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 10
 
-.venv/.ready: pyproject.toml tools/setup.py
-	@$(PYTHON) tools/setup.py
+.venv/.demo .venv/.ready: pyproject.toml tools/setup.py
+	@$(PYTHON) tools/setup.py $(if $(findstring demo,$@),--demo)
 
 .venv/.docs .venv/.bench .venv/.cpu: .venv/.%: .venv/.ready
 	@$(RUN) -m pip install -q -e '.[$*]' && touch $@
 
-setup: .venv/.ready  ## system libraries, .venv and the Python packages
+setup: .venv/.ready  ## system libraries, .venv and the Python packages, those of the tests, too
 
-demo: .venv/.ready  ## new views of a terrain: build/demo.png
+demo: .venv/.demo  ## new views of a terrain: build/demo.png
 	@$(RUN) docs/gallery/demo.py
 
 # PoCL compiles each kernel once, not a second time for its work-groups' size: a third of the time, and a test holds that

@@ -14,6 +14,7 @@ from pyibr.capture.coverage import Surface, surface_of, unseen_share
 from pyibr.capture.frusta import Frustum, Stroke, light_for, load_frusta, save_frusta, save_set
 from pyibr.capture.proposal import propose_frusta
 from tests.data import shared
+from tests.embree import embree
 
 
 @cache
@@ -130,13 +131,9 @@ def test_plain_meshes_are_lit_and_others_show_their_colours():
 # ---- surfaces
 
 
-def rays_of(mesh: ibr.Mesh):
-    return MeshScene.from_mesh(mesh)._scene
-
-
 def outside_by_rays(surface: Surface, count: int = 500) -> np.ndarray:
     """(N,) whether a ray from a point to far away meets nothing: what can be seen from outside."""
-    rays, found = rays_of(surface.mesh), np.zeros(len(surface.points), bool)
+    rays, found = embree(surface.mesh), np.zeros(len(surface.points), bool)
     size = float(np.linalg.norm(np.ptp(surface.mesh.bounds, axis=0)))
     for direction in np.random.default_rng(7).normal(size=(count, 3)):
         way = direction / np.linalg.norm(direction)
@@ -149,7 +146,7 @@ def outside_by_rays(surface: Surface, count: int = 500) -> np.ndarray:
 
 def seen_by_rays(surface: Surface, frusta: list[Frustum]) -> np.ndarray:
     """(N,) whether a frustum's eye sees a point, within its angles and before its far plane."""
-    rays, found = rays_of(surface.mesh), np.zeros(len(surface.points), bool)
+    rays, found = embree(surface.mesh), np.zeros(len(surface.points), bool)
     size = float(np.linalg.norm(np.ptp(surface.mesh.bounds, axis=0)))
     for one in frusta:
         pixels, z = one.camera.project(surface.points)

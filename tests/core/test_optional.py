@@ -65,7 +65,7 @@ def test_everything_is_rendered_without_optional_packages():
 def test_a_missing_package_is_named_with_its_extra(monkeypatch: pytest.MonkeyPatch):
     for module in ("cv2", "open3d", "OpenEXR"):
         monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(MissingPackageError, match=r"captures .* need Open3D: pip install 'pyibr-opencl\[capture\]'$"):
+    with pytest.raises(MissingPackageError, match=r"meshes need Open3D: pip install 'pyibr-opencl\[open3d\]'$"):
         open3d()
     color, depth = np.zeros((3, 4, 3), np.uint8), np.ones((3, 4), np.float32)
     with pytest.raises(MissingPackageError, match=r"undistort needs OpenCV: pip install 'pyibr-opencl\[opencv\]'$"):
