@@ -39,7 +39,7 @@ def height_field() -> ibr.DepthImage:
     from_above = np.eye(4)
     from_above[:3, :3] = np.diag((1, -1, -1))  # the image's rows go south, the camera looks down
     from_above[2, 3] = FLIGHT
-    camera = ibr.Camera(K, (columns, rows), from_above, "orthographic")
+    camera = ibr.Camera(K, (columns, rows), from_above, projection="orthographic")
     depth = (FLIGHT - EXAGGERATION * height).astype(np.float32)
     return ibr.DepthImage(_shaded(height, step_x, step_y), depth, camera)
 
@@ -64,7 +64,7 @@ def camera_at(turned: float, climbed: float, nearer: float, size: tuple[int, int
     x, y, z = 0.0, -17_000.0, 11_000.0 + climbed
     a = np.radians(turned)
     offset = np.array((x * np.cos(a) - y * np.sin(a), x * np.sin(a) + y * np.cos(a), z))
-    return ibr.Camera.look_at(PIVOT + nearer * offset, PIVOT, (0, 0, 1), size, fov_y)
+    return ibr.Camera.look_at(PIVOT + nearer * offset, PIVOT, (0, 0, 1), size, fov_y=fov_y)
 
 
 def source_view(field: ibr.DepthImage, size: tuple[int, int] = (1500, 1000)) -> ibr.DepthImage:

@@ -40,7 +40,7 @@ _UP = np.array([0.0, -1.0, 0.0])
 
 
 def globe(
-    size: int, elevation: Float32 | None = None, color: Uint8 | None = None, relief: float = 0.08
+    size: int, elevation: Float32 | None = None, color: Uint8 | None = None, *, relief: float = 0.08
 ) -> list[DepthImage]:
     """Make a globe of radius 1 about the origin, displaced outwards from its centre, as six depth images.
 
@@ -83,7 +83,7 @@ def globe(
     return views
 
 
-def torus(size: int, layers: Sequence[str] = ("first", "last")) -> list[DepthImage]:
+def torus(size: int, *, layers: Sequence[str] = ("first", "last")) -> list[DepthImage]:
     """Make a bumpy torus about the origin, as depth images from the middle of its hole.
 
     From there a ray meets the tube twice: first its inner wall, last its outer wall. Each layer is six
@@ -111,7 +111,7 @@ def torus(size: int, layers: Sequence[str] = ("first", "last")) -> list[DepthIma
     scene = MeshScene.from_mesh(torus_mesh())
     images: dict[str, list[DepthImage]] = {"first": [], "last": []}
     for camera in cube_cameras((0, 0, 0), size):
-        first, last = scene.capture(camera, "first"), scene.capture(camera, "last")
+        first, last = scene.capture(camera, layer="first"), scene.capture(camera, layer="last")
         for layer, image in zip(("first", "last"), _joined_at_rim(first, last), strict=True):
             images[layer].append(image)
     return [image for layer in layers for image in images[layer]]
@@ -172,7 +172,7 @@ def torus_mesh() -> Mesh:
     return Mesh(vertices, faces.reshape(-1, 3), colors=_uint8(colors * (0.45 + 0.55 * dent)).reshape(-1, 3))
 
 
-def dragon(mesh_path: str | PathLike[str], size: int, views: int = 16) -> list[DepthImage]:
+def dragon(mesh_path: str | PathLike[str], size: int, *, views: int = 16) -> list[DepthImage]:
     """Make depth images of a mesh from all around it, background at infinity.
 
     Parameters
@@ -225,10 +225,10 @@ def dragon_head(mesh_path: str | PathLike[str], size: int) -> list[DepthImage]:
     light, turned = light_for(scanned, (0, 1, 0)), np.diag([1.0, -1.0, -1.0, 1.0])
     images = [frustum.resized(size).capture(scanned, light) for frustum in load_frusta(DRAGON_HEAD)[0]]
     cameras = [Camera(one.camera.K, one.camera.size, turned @ one.camera.world_from_camera) for one in images]
-    return [DepthImage(one.color, one.depth, at, one.far) for one, at in zip(images, cameras, strict=True)]
+    return [DepthImage(one.color, one.depth, at, far=one.far) for one, at in zip(images, cameras, strict=True)]
 
 
-def donut(sides: int = 25, radius: float = 1.0, tube: float = 0.4) -> Mesh:
+def donut(sides: int = 25, *, radius: float = 1.0, tube: float = 0.4) -> Mesh:
     """Make a donut of sides x sides quadrilaterals about the z axis, the base that Kautz and Seidel (2001) displace.
 
     Parameters
@@ -266,7 +266,7 @@ def donut(sides: int = 25, radius: float = 1.0, tube: float = 0.4) -> Mesh:
     )
 
 
-def with_cylindrical_uv(mesh: Mesh, axis: int = 1) -> Mesh:
+def with_cylindrical_uv(mesh: Mesh, *, axis: int = 1) -> Mesh:
     """Give a mesh uv as if a label were wrapped around it: u by the angle about its middle axis, v along that axis.
 
     Parameters
@@ -296,12 +296,20 @@ def with_cylindrical_uv(mesh: Mesh, axis: int = 1) -> Mesh:
     u = angle[mesh.faces]
     u += np.where(u.max(axis=1, keepdims=True) - u > 0.5, 1.0, 0.0)  # across the seam
     normals = mesh.normals if mesh.normals is not None else mesh.smooth_normals
-    return Mesh(mesh.vertices, mesh.faces, np.stack([u, down[mesh.faces]], axis=-1), normals, None, mesh.colors)
+    return Mesh(
+        mesh.vertices,
+        mesh.faces,
+        uv=np.stack([u, down[mesh.faces]], axis=-1),
+        normals=normals,
+        texture=None,
+        colors=mesh.colors,
+    )
 
 
 def view(
     images: Sequence[DepthImage],
     size: tuple[int, int],
+    *,
     direction: ArrayLike = (0.45, -0.4, -1.0),
     distance: float = 3.0,
 ) -> Camera:
@@ -368,7 +376,7 @@ def _outside(
     up = _UP if abs(away @ _UP) < 0.99 else np.array([0.0, 0.0, 1.0])
     narrow = min(1.0, size[0] / size[1])
     fov = 2 * np.arctan(1.08 * np.tan(np.arcsin(1 / distance)) / narrow)
-    return Camera.look_at(center + distance * radius * away, center, up, size, float(np.degrees(fov)))
+    return Camera.look_at(center + distance * radius * away, center, up, size, fov_y=float(np.degrees(fov)))
 
 
 def _pixels(camera: Camera) -> Float64:

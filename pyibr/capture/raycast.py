@@ -83,6 +83,7 @@ class MeshScene:
         self,
         vertices: ArrayLike,
         faces: ArrayLike,
+        *,
         colors: ArrayLike | None = None,
         uv: ArrayLike | None = None,
         texture: NDArray[np.uint8] | None = None,
@@ -106,7 +107,7 @@ class MeshScene:
         )
 
     @classmethod
-    def from_open3d(cls, mesh: Any, base_color: tuple[float, float, float] = (235, 190, 130)) -> MeshScene:
+    def from_open3d(cls, mesh: Any, *, base_color: tuple[float, float, float] = (235, 190, 130)) -> MeshScene:
         """Take over an `open3d.geometry.TriangleMesh` or `open3d.t.geometry.TriangleMesh`.
 
         Of several textures only the first (of a tensor mesh, its albedo map) is used.
@@ -125,19 +126,27 @@ class MeshScene:
             raise ArgumentError("mesh", "a Mesh, a MeshScene or an Open3D TriangleMesh", describe(mesh)) from None
         colors = np.asarray(mesh.vertex_colors) if mesh.has_vertex_colors() else None
         if texture is None or not mesh.has_triangle_uvs():
-            return cls(vertices, faces, colors, base_color=base_color)
+            return cls(vertices, faces, colors=colors, base_color=base_color)
         uv = np.asarray(mesh.triangle_uvs).reshape(-1, 3, 2)
         texture = np.repeat(texture, 3, axis=2) if texture.shape[2] == 1 else texture[..., :3]
-        return cls(vertices, faces, colors, uv, texture, base_color)
+        return cls(vertices, faces, colors=colors, uv=uv, texture=texture, base_color=base_color)
 
     @classmethod
-    def from_mesh(cls, mesh: Mesh, base_color: tuple[float, float, float] = (235, 190, 130)) -> MeshScene:
+    def from_mesh(cls, mesh: Mesh, *, base_color: tuple[float, float, float] = (235, 190, 130)) -> MeshScene:
         """Take over a `pyibr.Mesh`, with its texture or its colours."""
         texture = mesh.texture
         if texture is not None and texture.dtype != np.uint8:
             texture = np.rint(texture * np.float32(255)).astype(np.uint8)
         uv = mesh.uv if texture is not None else None
-        return cls(mesh.vertices, mesh.faces, mesh.colors, uv, texture, base_color, mesh.normals)
+        return cls(
+            mesh.vertices,
+            mesh.faces,
+            colors=mesh.colors,
+            uv=uv,
+            texture=texture,
+            base_color=base_color,
+            normals=mesh.normals,
+        )
 
     @cached_property
     def _smooth(self) -> Float64:
@@ -146,6 +155,7 @@ class MeshScene:
     def capture(
         self,
         camera: Camera,
+        *,
         layer: Layer = "first",
         background: tuple[int, int, int] = (0, 0, 0),
         normals: bool = False,
@@ -261,6 +271,7 @@ class MeshScene:
 def capture(
     mesh: Any,
     camera: Camera,
+    *,
     layer: Layer = "first",
     background: tuple[int, int, int] = (0, 0, 0),
     normals: bool = False,
@@ -278,7 +289,7 @@ def capture(
     >>> bool(view.valid[20, 32]), bool(view.valid[20, 20])  # the ring, and the hole in it
     (True, False)
     """
-    return _as_scene(mesh).capture(camera, layer, background, normals)
+    return _as_scene(mesh).capture(camera, layer=layer, background=background, normals=normals)
 
 
 def _as_scene(mesh: Any) -> MeshScene:
@@ -332,7 +343,7 @@ def spread_directions(count: int) -> Float64:
 
 
 def object_views(
-    mesh: Any, size: int, projection: Projection = "orthographic", margin: float = 0.02, normals: bool = False
+    mesh: Any, size: int, *, projection: Projection = "orthographic", margin: float = 0.02, normals: bool = False
 ) -> list[DepthImage]:
     """Six depth images of an object from all round, as if on the faces of a cube that looks inwards.
 
@@ -387,7 +398,7 @@ def object_views(
         pose = np.eye(4)
         pose[:3, :3] = np.column_stack([np.cross(down, forward), down, forward])
         pose[:3, 3] = middle - away * forward
-        camera = Camera(K, (size, size), pose, projection)
+        camera = Camera(K, (size, size), pose, projection=projection)
         try:
             views.append(scene.capture(camera, normals=normals))
         except ArgumentError as error:

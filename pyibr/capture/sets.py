@@ -23,7 +23,9 @@ SET_FILE = "frusta.json"
 """What lists the views of a set, in its folder."""
 
 
-def load(folder: str | PathLike[str], depth_scale: float | None = None, depth_is: DepthKind = "z") -> list[DepthImage]:
+def load(
+    folder: str | PathLike[str], *, depth_scale: float | None = None, depth_is: DepthKind = "z"
+) -> list[DepthImage]:
     """Read a folder of depth images.
 
     A set that `pyibr place` has saved (with a `frusta.json`), or a recording of colour and depth: files
@@ -89,7 +91,7 @@ def load(folder: str | PathLike[str], depth_scale: float | None = None, depth_is
 def _view(color: Path, depth: Path, camera: Camera, stored: tuple[float | None, DepthKind]) -> DepthImage:
     image = read_color(color)
     try:
-        depths = read_depth(depth, *stored, camera)
+        depths = read_depth(depth, scale=stored[0], kind=stored[1], camera=camera)
     except ArgumentError as error:
         name = "depth_scale" if error.argument == "scale" else error.argument
         raise ArgumentError(name, error.expected, error.got) from error
@@ -127,7 +129,7 @@ class SetEntry:
             )
         color, depth = read_color(folder / self.color), read_depth(folder / self.depth)
         try:
-            return DepthImage(color, depth, self.camera, self.far)
+            return DepthImage(color, depth, self.camera, far=self.far)
         except ArgumentError as error:
             raise FileFormatError(f"{folder / self.depth}: {error}") from error
 

@@ -82,6 +82,7 @@ class Mesh(Fixed):
         self,
         vertices: ArrayLike,
         faces: ArrayLike,
+        *,
         uv: ArrayLike | None = None,
         normals: ArrayLike | None = None,
         texture: NDArray[Any] | None = None,
@@ -142,7 +143,7 @@ class Mesh(Fixed):
         return locked(unit_or_up(sums).astype(np.float32))
 
     @classmethod
-    def load(cls, path: str | PathLike[str], texture: NDArray[Any] | None = None, axes: Axes = "opencv") -> Mesh:
+    def load(cls, path: str | PathLike[str], *, texture: NDArray[Any] | None = None, axes: Axes = "opencv") -> Mesh:
         """Read a mesh: PLY, OBJ, GLB, GLTF, STL or OFF, also packed by gzip (``.ply.gz``).
 
         Of several textures only the first is used. Polygons become fans of triangles.
@@ -175,17 +176,17 @@ class Mesh(Fixed):
             return cls(
                 found.vertices,
                 found.faces,
-                found.uv,
-                found.normals,
-                own if texture is None else texture,
-                found.colors,
+                uv=found.uv,
+                normals=found.normals,
+                texture=own if texture is None else texture,
+                colors=found.colors,
             )
         except ArgumentError as error:
             if texture is not None and error.argument in ("texture", "uv"):
                 raise
             raise FileFormatError(f"{path}: {error}") from error
 
-    def save(self, path: str | PathLike[str], axes: Axes = "opencv") -> None:
+    def save(self, path: str | PathLike[str], *, axes: Axes = "opencv") -> None:
         """Write the mesh, whole, or leave what is there. A missing folder is made.
 
         GLB holds all but `attributes`, OBJ too, but no `sides`; PLY no uv, OFF no normals either, STL only triangles.
@@ -233,7 +234,7 @@ class Mesh(Fixed):
         return mesh
 
     @classmethod
-    def from_open3d(cls, mesh: Any, texture: NDArray[Any] | None = None) -> Mesh:
+    def from_open3d(cls, mesh: Any, *, texture: NDArray[Any] | None = None) -> Mesh:
         """Take over an `open3d.t.geometry.TriangleMesh` or an `open3d.geometry.TriangleMesh`.
 
         Of several textures only the first is used.
@@ -260,7 +261,7 @@ class Mesh(Fixed):
         points, faces = mesh.vertex["positions"].numpy(), mesh.triangle["indices"].numpy()
         others = {name: mesh.vertex[name].numpy() for name in mesh.vertex if name not in _OWN_PLACES}
         others = {name: values for name, values in others.items() if np.isfinite(values).all()}
-        return cls(points, faces, uv, normals, texture, colors, attributes=others)
+        return cls(points, faces, uv=uv, normals=normals, texture=texture, colors=colors, attributes=others)
 
 
 def _has_triangles(mesh: Any) -> bool:

@@ -156,7 +156,7 @@ def _at_exit() -> None:
         _take_locks()
 
 
-def devices(fresh: bool = False) -> list[Device]:
+def devices(*, fresh: bool = False) -> list[Device]:
     """All OpenCL devices found, those that do not work included.
 
     Parameters

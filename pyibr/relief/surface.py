@@ -119,6 +119,7 @@ class ReliefSurface(Fixed):
         height: NDArray[Any],
         color: NDArray[Any],
         scale: float,
+        *,
         tiles: tuple[int, int] = (1, 1),
         normal_map: NDArray[Any] | None = None,
         silhouette: Silhouette = "quadric",

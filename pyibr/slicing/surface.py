@@ -128,6 +128,7 @@ class SlicedSurface(Fixed):
         height: NDArray[Any],
         color: NDArray[Any],
         scale: float,
+        *,
         tiles: tuple[int, int] = (1, 1),
         slices: Slices = 64,
         slicing: Slicing = "orthogonal",
@@ -209,7 +210,7 @@ def draw_surface(
     if lit is not None:
         defines |= lit.defines
         height, width = (0, 0) if surface.normal_map is None else surface.normal_map.shape[:2]
-        more |= {"normal_width": width, "normal_height": height, **lit.arguments(1.5 * surface.scale / slices)}
+        more |= {"normal_width": width, "normal_height": height, **lit.arguments(grain=1.5 * surface.scale / slices)}
         more |= {"normals": buffers["normals"], "normal_map": buffers.get("normal_map", buffers["gradients"])}
     if not surface.clipped and surface.slicing == "screen":
         defines["UNCLIPPED"] = 1

@@ -44,7 +44,7 @@ class WarpedImage:
         if target.from_light:
             options = Options(cut_ratio=options.cut_ratio, side="both", thin=options.thin)
         off, apart = self._grain(target, lighting)
-        with shadowed(target, lighting, off, apart, draw_normals=lambda layer: self._look(layer, options)):
+        with shadowed(target, lighting, grain=off, apart=apart, draw_normals=lambda layer: self._look(layer, options)):
             seen = self._look(target, options)
         if options.fill is not None:
             fill_holes(target, [seen], options.fill)
@@ -73,4 +73,4 @@ class WarpedImage:
 @as_drawable.register
 def _(thing: DepthImage, look: Look) -> WarpedImage:
     options = options_of(look)
-    return WarpedImage(straightened(thing, options.cut_ratio, options.linear), options)
+    return WarpedImage(straightened(thing, cut_ratio=options.cut_ratio, linear=options.linear), options)

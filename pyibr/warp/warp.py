@@ -195,7 +195,7 @@ def warp(
     if asked and side_by_side > 1:
         raise ArgumentError("classes", "False with several samples a pixel, which may be of several classes", "True")
     outs = _checked_out(out, camera, cameras, given)
-    sources = [straightened(view, options.cut_ratio, options.linear) for view in given]
+    sources = [straightened(view, cut_ratio=options.cut_ratio, linear=options.linear) for view in given]
     fine = [finer(one, side_by_side) for one in cameras]
     panes = [pane_cameras(one) for one in fine]
     _check_sizes("camera", itertools.chain(*panes))

@@ -102,7 +102,7 @@ def test_heights_of_a_relief_map_are_its_alpha(folder, seen):
     normals, heights = rng.normal(0, 0.2, (8, 8, 3)) + np.array([0, 0, 1]), rng.integers(0, 256, (8, 8), dtype=np.uint8)
     own = rng.integers(0, 256, (4, 4, 3), dtype=np.uint8)
     mesh = models.donut(24)
-    ibr.Mesh(mesh.vertices, mesh.faces, mesh.uv, texture=own).save(folder / "painted.glb")
+    ibr.Mesh(mesh.vertices, mesh.faces, uv=mesh.uv, texture=own).save(folder / "painted.glb")
     write_relief_map(folder / "relief.png", normals, heights)
     write_relief_map(folder / "opaque.png", normals, np.full((8, 8), 255, np.uint8))
     Image.fromarray(np.dstack([heights] * 3 + [255 - heights])).save(folder / "gray.png")

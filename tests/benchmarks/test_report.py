@@ -332,7 +332,7 @@ def test_pictures_of_llvmpipe_keep_their_own_textures() -> None:
         pytest.skip(gl)
     pytest.importorskip("open3d")
     views = object_views(models.donut(), 96)
-    things = [ibr.DepthObject(views, 48), ibr.VisualHull(views, 48)]
+    things = [ibr.DepthObject(views, slices=48), ibr.VisualHull(views, slices=48)]
     camera = ibr.Camera.look_at((1.5, -2, 2.5), (0, 0, 0), (0, 0, 1), (120, 90), fov_y=45)
     pictures = [llvmpipe.slices(camera, thing, 1.0, 6.0) for thing in things]
     for thing, picture in zip(things, pictures, strict=True):

@@ -384,7 +384,11 @@ def from_kinect(calibration, *pose):
         (lambda c: ibr.Lens.from_opencv(np.ones(14)), "distortion", "no thin prism and no tilted sensor"),
         (lambda c: ibr.Lens.from_opencv(np.ones(5), fisheye=True), "distortion", "4 numbers of a fisheye"),
         (lambda c: ibr.Camera(GOOD_K, (61, 37), lens=[0, 0, 0, 0]), "lens", "a pyibr.Lens or None"),
-        (lambda c: ibr.Camera(GOOD_K, (61, 37), None, "orthographic", c.lens), "lens", "None for an orthographic"),
+        (
+            lambda c: ibr.Camera(GOOD_K, (61, 37), None, projection="orthographic", lens=c.lens),
+            "lens",
+            "None for an orthographic",
+        ),
         (lambda c: c.to_opengl(), "camera", "no lens for OpenGL"),
         (lambda c: c.to_pytorch3d(), "camera", "no lens for PyTorch3D"),
         (lambda c: c.to_kalibr(), "lens", "one that Kalibr has"),

@@ -14,7 +14,7 @@ from pyibr.io import read_cameras
 from tests.data import shared
 
 K = [[50, 0.25, 30.5], [0, 51, 17.75], [0, 0, 1]]
-CAMERAS = [ibr.Camera(K, (61, 37)).orbited(25 * k, (0.3, 0, 2), (1, 2, 0.5)).moved(0.1, k, -0.2) for k in range(3)]
+CAMERAS = [ibr.Camera(K, (61, 37)).orbited(25 * k, (0.3, 0, 2), axis=(1, 2, 0.5)).moved(0.1, k, -0.2) for k in range(3)]
 
 
 @pytest.fixture

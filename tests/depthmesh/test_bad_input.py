@@ -215,7 +215,7 @@ def test_views_where_all_is_lost_at_a_tolerance():
 def test_the_least_sizes(size, projection):
     view = scenes.flat(size, projection)
     thing, cells = ibr.DepthMesh(view), (size[0] - 1) * (size[1] - 1)
-    assert len(thing.triangulate(view.camera, 0).faces) == 2 * cells
+    assert len(thing.triangulate(view.camera, tolerance=0).faces) == 2 * cells
     assert 2 <= len(thing.simplify(10).faces) <= 2 * cells
     frame = ibr.render([thing, ibr.DepthMeshObject([view])], view.camera.resized((40, 30)))
     assert frame.valid.sum() > 100
@@ -226,7 +226,7 @@ def test_the_least_sizes(size, projection):
 def test_from_within_the_surface():
     for projection in ("perspective", "orthographic"):
         view = scenes.stepped((61, 37), projection)
-        things = ibr.DepthMesh(view, 0), ibr.DepthMesh(view, 2), ibr.DepthMeshObject([view])
+        things = ibr.DepthMesh(view, tolerance=0), ibr.DepthMesh(view, tolerance=2), ibr.DepthMeshObject([view])
         points = view.points[:: len(view.points) // 5]
         for eye in points:
             for turn in (0, 90, 200):

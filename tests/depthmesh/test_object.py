@@ -28,8 +28,8 @@ def test_one_view_blended_is_that_view_drawn(blend, projection):
     for view in (views_of_torus("perspective")[5], six()[5], scenes.stepped((61, 37))):
         camera = target(projection=projection) if view.camera.width == 160 else view.camera.moved(0.3, 0.1, 0)
         for tolerance in (0.0, 2.0):
-            one = ibr.render(ibr.DepthMesh(view, tolerance), camera)
-            thing = ibr.DepthMeshObject([view], 2 * tolerance, blend, background=False)
+            one = ibr.render(ibr.DepthMesh(view, tolerance=tolerance), camera)
+            thing = ibr.DepthMeshObject([view], tolerance=2 * tolerance, blend=blend, background=False)
             assert one.valid.sum() > 300
             same = ibr.render(thing, camera)
             np.testing.assert_array_equal(same.valid, one.valid)
@@ -48,7 +48,7 @@ def test_every_projection_draws_every_projection():
             mesh = ibr.render(ibr.Mesh(made.vertices, made.faces, sides="front"), camera)
             assert mesh.valid.sum() > 1000
             assert (frame.valid != mesh.valid).mean() <= 1e-3
-            assert metrics.median_depth_error(frame.depth, mesh.depth, frame.valid & mesh.valid) <= 1e-5
+            assert metrics.median_depth_error(frame.depth, mesh.depth, valid=frame.valid & mesh.valid) <= 1e-5
 
 
 @pytest.mark.parametrize("epsilon", [0.0, 1e-7, 0.01])
@@ -89,10 +89,10 @@ def test_two_runs_give_the_same_bits():
 def test_the_full_grid_up_to_the_pictures_border(projection):
     """What the picture cuts off at its border is as fine as what it shows."""
     view = rough(np.random.default_rng(3), (97, 61), projection, 0.03)
-    whole, thing = full_grid(view), ibr.DepthMesh(view, 0, Segmentation("none"))
+    whole, thing = full_grid(view), ibr.DepthMesh(view, tolerance=0, segmentation=Segmentation("none"))
     for zoom in (1, 3, 11):
         K = view.camera.K * [[zoom], [zoom], [1]] + [[0, 0, 80 - 48 * zoom], [0, 0, 60 - 30 * zoom], [0, 0, 0]]
-        camera = Camera(K, (161, 121), view.camera.world_from_camera, projection).moved(0.05, 0.02, 0.1)
+        camera = Camera(K, (161, 121), view.camera.world_from_camera, projection=projection).moved(0.05, 0.02, 0.1)
         expected, frame = ibr.render(whole, camera), ibr.render(thing, camera)
         np.testing.assert_array_equal(frame.valid, expected.valid)
         # A pixel between two triangles may go to either.
@@ -158,7 +158,7 @@ def test_where_an_orthographic_camera_stands_along_its_axis_changes_nothing():
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_opposite_sides_are_one_thing(projection):
-    views = object_views(models.donut(), 64, projection)
+    views = object_views(models.donut(), 64, projection=projection)
     for first in (0, 2, 4):
         assert ibr.render(ibr.DepthMeshObject(views[first : first + 2]), views[first].camera).valid.any()
 
@@ -207,7 +207,7 @@ def test_what_lies_behind_by_more_than_epsilon_gives_no_colour():
     for gap, epsilon, expected in ((0.02, 0.05, 110), (0.05, 0.02, 200)):
         behind = ibr.DepthImage(gray[0], view.depth + np.float32(gap), view.camera)
         near = ibr.DepthImage(gray[1], view.depth, view.camera)
-        thing = ibr.DepthMeshObject([behind, near], 0.0, "position", epsilon=epsilon, background=False)
+        thing = ibr.DepthMeshObject([behind, near], tolerance=0.0, blend="position", epsilon=epsilon, background=False)
         frame, bits = ibr.render(thing, view.camera), thing.occupancy(view.camera)
         inner = np.s_[1:-1, 1:-1]
         assert np.abs(frame.color[inner].astype(int) - expected).max() <= 1
@@ -226,7 +226,7 @@ def test_occupancy():
         assert not (views & ~np.uint32(possible)).any()
         for number in np.flatnonzero(weights):
             drawn = views >> np.uint32(number) & 1 > 0
-            alone = ibr.render(ibr.DepthMesh(six()[number], 0.5), camera)  # as the object draws it
+            alone = ibr.render(ibr.DepthMesh(six()[number], tolerance=0.5), camera)  # as the object draws it
             assert drawn.any() and not (drawn & ~alone.valid).any()
             # It gives colour where, and only where, its surface is the front one within epsilon.
             near = alone.valid & (alone.depth <= np.nan_to_num(frame.depth) + thing.epsilon)
@@ -276,7 +276,7 @@ def test_facing_views_come_before_closer_ones(projection):
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_exposures_are_matched(projection):
-    views = object_views(models.donut(), 128, projection)
+    views = object_views(models.donut(), 128, projection=projection)
     exposures = (1.0, 0.75, 1.0, 1.0, 0.85, 1.0)  # the middle one counts
     others = [
         ibr.DepthImage((v.color * exposure).astype(np.uint8), v.depth, v.camera)
@@ -288,7 +288,7 @@ def test_exposures_are_matched(projection):
         seen, found = truth.capture(camera), {}
         for match in (False, True):
             frame = ibr.render(ibr.DepthMeshObject(others, match_exposures=match), camera)
-            found[match] = metrics.psnr(frame.color, seen.color, frame.valid & seen.valid)
+            found[match] = metrics.psnr(frame.color, seen.color, valid=frame.valid & seen.valid)
         # Rounding down to bytes costs half a level on average: 48 dB and less.
         assert found[True] >= 40 and found[True] >= found[False] + 5
     same = [ibr.render(ibr.DepthMeshObject(views, match_exposures=m), camera) for m in (False, True)]

@@ -50,7 +50,7 @@ def test_none_takes_out_nothing_but_what_has_no_depth():
 @pytest.mark.parametrize("test", TESTS)
 def test_how_a_camera_lies_in_the_world_changes_nothing(test):
     view, plate = layered("flat", SIZE, "orthographic")
-    turned = ibr.DepthImage(view.color, view.depth, view.camera.orbited(50, (1, 2, 3), (1, -2, 0.5)))
+    turned = ibr.DepthImage(view.color, view.depth, view.camera.orbited(50, (1, 2, 3), axis=(1, -2, 0.5)))
     step, (low, high) = 4.8 - 3.2, view.bounds
     for limit, whole in ((0.95, False), (1.05, True)):  # of the step
         part = limit * step / (high - low).max()

@@ -38,8 +38,8 @@ def systems() -> dict[str, object]:
         "Mesh": base(),
         "SlicedSurface": ibr.SlicedSurface(base(), height, color, 0.3),
         "ReliefSurface": ibr.ReliefSurface(base(), height, color, 0.3),
-        "DepthObject": ibr.DepthObject(views, 32),
-        "VisualHull": ibr.VisualHull(views, 32),
+        "DepthObject": ibr.DepthObject(views, slices=32),
+        "VisualHull": ibr.VisualHull(views, slices=32),
         "DepthMesh": ibr.DepthMesh(views[5]),
         "DepthMeshObject": ibr.DepthMeshObject(views),
     }

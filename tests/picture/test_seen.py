@@ -21,7 +21,7 @@ TARGET = ibr.Camera.look_at((1.6, -1.9, 2.3), (0, 0, 0), (0, 0, 1), (163, 121), 
 @cache
 def scene() -> ibr.Mesh:
     """A donut, and a ball in its hole that hides some of it."""
-    ring, ball = models.donut(96), models.donut(48, 1e-3, 0.35)
+    ring, ball = models.donut(96), models.donut(48, radius=1e-3, tube=0.35)
     corners = np.concatenate([ring.vertices, ball.vertices + np.array([0, 0, 0.3])])
     colors = np.random.default_rng(0).integers(100, 200, (len(corners), 3)).astype(np.uint8)
     return ibr.Mesh(corners, np.concatenate([ring.faces, ball.faces + len(ring.vertices)]), colors=colors)

@@ -63,7 +63,7 @@ def around(mesh: ibr.Mesh, projection: str, direction: tuple[float, float, float
         return camera
     scale = min(size) / extent
     K = [[scale, 0, (size[0] - 1) / 2], [0, scale, (size[1] - 1) / 2], [0, 0, 1]]
-    return Camera(K, size, camera.world_from_camera, "orthographic")
+    return Camera(K, size, camera.world_from_camera, projection="orthographic")
 
 
 def interior(depth: np.ndarray, jump: float) -> np.ndarray:
@@ -199,7 +199,7 @@ def test_no_crack_where_triangles_pass_the_camera(projection, pitch, jitter, for
     """
     floor = floor_of(6, (0.5, 4), jitter, np.random.default_rng(1))
     f = 100.3 if projection == "perspective" else 40
-    camera = Camera([[f, 0, 80], [0, f, 60], [0, 0, 1]], (161, 121), pose(pitch=-pitch), projection)
+    camera = Camera([[f, 0, 80], [0, f, 60], [0, 0, 1]], (161, 121), pose(pitch=-pitch), projection=projection)
     depth, within = below(camera, floor)
     assert within.sum() > 2000 or (pitch == 0 and projection == "orthographic")  # which sees an edge only
     with form():

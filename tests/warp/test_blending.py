@@ -113,7 +113,7 @@ def test_noise_becomes_less(projection):
 
 def test_depth_alone_is_blended():
     view = scenes.holed(SIZE)
-    alone = ibr.DepthImage(None, view.depth, view.camera, view.far)
+    alone = ibr.DepthImage(None, view.depth, view.camera, far=view.far)
     camera = view.camera.moved(0.1, 0, 0)
     other = view.camera.moved(0.3, 0.1, 0)
     second = ibr.warp(view, other)

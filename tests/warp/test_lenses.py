@@ -39,7 +39,7 @@ def with_lens(view: ibr.DepthImage, name: str) -> ibr.DepthImage:
     """The same samples, taken through a lens."""
     camera = view.camera
     seen = ibr.Camera(camera.K, camera.size, camera.world_from_camera, lens=LENSES[name])
-    return ibr.DepthImage(view.color, view.depth, seen, view.far)
+    return ibr.DepthImage(view.color, view.depth, seen, far=view.far)
 
 
 @cache

@@ -58,8 +58,8 @@ def test_a_frame_is_the_other_one_where_both_see(source, target, sample):
     assert both.mean() > (0.45 if source == 50 else 0.9)
     # 1 mm: depth is in whole millimetres, and reprojection of the samples gives 0.57. 2 of 255: it gives
     # 1.7 and 1.8.
-    assert metrics.median_depth_error(frame.depth, b.depth, both) <= 1e-3
-    assert metrics.median_color_error(frame.color, b.color, both) <= 2
+    assert metrics.median_depth_error(frame.depth, b.depth, valid=both) <= 1e-3
+    assert metrics.median_color_error(frame.color, b.color, valid=both) <= 2
 
 
 @pytest.mark.parametrize(("source", "target"), [(0, 4), (50, 0)])
@@ -70,7 +70,7 @@ def test_holes_are_what_the_other_frame_did_not_see(source, target):
     assert seen.mean() > (0.45 if source == 50 else 0.8)
     # 0.1 %: surfaces that the source sees at a grazing angle, whose neighbours differ by more than the cut
     # ratio.
-    assert metrics.hole_ratio(frame.valid, seen) <= 1e-3
+    assert metrics.hole_ratio(frame.valid, expected=seen) <= 1e-3
     # And nothing is drawn where the source saw something far behind: 5 %, as the cut ratio.
     wrong = frame.valid & b.valid & (np.abs(frame.depth - b.depth) > 0.05 * b.depth)
     assert wrong.mean() <= 0.01
@@ -117,7 +117,7 @@ def motorcycle() -> tuple[ibr.DepthImage, Camera, np.ndarray]:
     left, right = (iio.imread(here / f"motorcycle_{side}.png")[..., :3] for side in ("left", "right"))
     disparity = np.load(here / "motorcycle_disp.npz")["arr_0"]
     f, baseline, offset = 994.978, 0.193001, 31.086
-    depth = ibr.depth_from_disparity(disparity, f, baseline, offset)
+    depth = ibr.depth_from_disparity(disparity, f, baseline, offset=offset)
     K = np.array([[f, 0, 311.193], [0, f, 254.877], [0, 0, 1]])
     camera = Camera(K, left.shape[1::-1])
     moved = K + np.array([[0, 0, offset], [0, 0, 0], [0, 0, 0]])
@@ -148,7 +148,7 @@ def test_left_to_right(load, name, figure):
     frame = ibr.warp(view, camera, edges="cut")
     assert frame.valid.mean() > 0.75
     # The figures are a backward warp's with the given disparity: so much do the photographs differ.
-    error = metrics.median_color_error(frame.color, right, frame.valid)
+    error = metrics.median_color_error(frame.color, right, valid=frame.valid)
     assert error <= figure + 0.5
 
 
@@ -167,7 +167,7 @@ def test_holes_of_a_stereo_pair_are_what_the_left_camera_did_not_see(name):
         for dx in (0, 1):
             seen &= (left[row, u + dx] > 0) & (np.abs(left[row, u + dx] - right) <= 0.5)
     assert seen.mean() > 0.5
-    assert metrics.hole_ratio(frame.valid, seen) <= 1e-3
+    assert metrics.hole_ratio(frame.valid, expected=seen) <= 1e-3
 
 
 @pytest.mark.parametrize(

@@ -222,7 +222,7 @@ class PlacePage:
         eye = camera.center + (depth - back) * camera.forward
         up = -camera.world_from_camera[:3, 1]
         size = self.placement.size
-        return Frustum.look_at(eye, eye + camera.forward, up, size, _NEW, back + 0.25 * around)
+        return Frustum.look_at(eye, eye + camera.forward, up, size, fov=_NEW, far=back + 0.25 * around)
 
     def _add_cover_controls(self) -> None:
         gui = self.pages.server.gui
@@ -250,10 +250,10 @@ class PlacePage:
                     self.captures.surface.mesh,
                     int(self._count.value),
                     self.placement.size,
-                    state.frusta,
-                    state.side,
-                    self.captures.surface,
-                    self._tell_progress,
+                    known=state.frusta,
+                    side=state.side,
+                    surface=self.captures.surface,
+                    progress=self._tell_progress,
                 )
             )
             self.placement.add(*made)

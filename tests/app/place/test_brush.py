@@ -19,7 +19,7 @@ def test_the_corner_is_not_coloured_while_the_brush_is_over_it():
     frustum = Frustum.look_at((0, 0, 3), (0, 0, 0), (0, 1, 0), 64)
     with (
         chromium() as browser,
-        ibr.place(models.donut(48), [frustum], 64, up=(0, 0, 1), port=0) as pages,
+        ibr.place(models.donut(48), [frustum], size=64, up=(0, 0, 1), port=0) as pages,
         opened(browser, pages.url, (400, 300)) as tab,
     ):
         rested(tab)

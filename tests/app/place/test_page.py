@@ -199,7 +199,7 @@ def test_frusta_are_proposed_and_the_set_is_compared_with_the_mesh(work, mesh):
     truth, plain = (ibr.render(thing, work.page.stream.camera, light) for thing in (views, mesh))
     both = truth.valid & plain.valid
     assert both.sum() > 0.9 * plain.valid.sum()  # what they cover looks as the mesh does
-    assert psnr(truth.color, plain.color, both) > 25
+    assert psnr(truth.color, plain.color, valid=both) > 25
     work.shared._shown.value = "difference"
     until(lambda: "dB where both see something" in work.shared._status.content)
     work.shared._shown.value = "mesh"
