@@ -220,7 +220,7 @@ def clear(array: DeviceArray, value: float) -> None:
     """Sets all of a float32 or uint32 array, on all processors."""
     count, profile = math.prod(array.shape), current().profile
     launch(
-        kernel("lib/clear.cl", "clear", UINTS=int(array.dtype == np.uint32)),
+        kernel("picture/begin.cl", "clear_uints" if array.dtype == np.uint32 else "clear"),
         profile.shares(count),
         values=array,
         count=count,
