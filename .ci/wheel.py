@@ -9,8 +9,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-import imageio.v3 as iio
 import numpy as np
+from PIL import Image
 
 import pyibr as ibr
 
@@ -21,7 +21,7 @@ K = [[40, 0, 19.5], [0, 40, 14.5], [0, 0, 1]]
 
 def make() -> None:
     color = np.random.default_rng(0).integers(0, 256, (HEIGHT, WIDTH, 3), dtype=np.uint8)
-    iio.imwrite("color.png", color)
+    Image.fromarray(color).save("color.png")
     np.save("depth.npy", np.full((HEIGHT, WIDTH), 2.0, np.float32))
     camera = {"width": WIDTH, "height": HEIGHT, "K": K}
     Path("camera.json").write_text(json.dumps(camera))
@@ -31,7 +31,7 @@ def make() -> None:
 
 
 def check() -> None:
-    color, out = iio.imread("color.png"), iio.imread("out.png")
+    color, out = np.asarray(Image.open("color.png")), np.asarray(Image.open("out.png"))
     if out.shape != (HEIGHT, WIDTH, 3):
         sys.exit(f"out.png has shape {out.shape}, expected {(HEIGHT, WIDTH, 3)}")
     error = np.abs(out[1:-1, 1 : -SHIFT - 1].astype(int) - color[1:-1, SHIFT + 1 : -1])

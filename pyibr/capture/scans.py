@@ -44,7 +44,7 @@ def scan_view(
     ArgumentError
         If `points` is no grid, has no two neighbours that are joined, or is seen from its edge.
     MissingPackageError
-        If Open3D or OpenCV is not installed.
+        If OpenCV is not installed.
     """
     cv2 = opencv("scan_view", "connectedComponentsWithStats")
     points = plain_array("points", points, "floats of shape (rows, columns, 3)", np.nan)

@@ -75,12 +75,12 @@ def keep_binary(program: cl.Program, entry: Entry, head: bytes, compiles_for_it:
         _keep_later(_Waiting(program, entry, head, calls))
 
 
-def read_all(progress: Callable[[int], None] = lambda left: None) -> None:
-    """Read all that the thread has not read yet; `progress` is told how many are left."""
-    while True:
-        progress(len(_waiting))
-        if not _keep_next():
-            return
+def read_all(progress: Callable[[int, int], object]) -> None:
+    """Read all that the thread has not read yet; `progress` is told how many are left, and of how many."""
+    total = len(_waiting)
+    progress(total, total)
+    while _keep_next():
+        progress(len(_waiting), total)
 
 
 def forget_all() -> None:

@@ -44,6 +44,11 @@ def _kernel(name: str, corners: int) -> Kernel:
     return kernel("raster/bins.cl", name, CORNERS=corners, BIN=bin_side())
 
 
+def region_side() -> int:
+    """Pixels along the side of what a work-item draws: REGION of kernels/raster/region.h."""
+    return 1 if current().profile.lanes == 1 else bin_side()
+
+
 def culled(sides: Sides) -> int:
     """Which triangles kernels leave out so that these sides are drawn."""
     return int(constant("raster/triangle.h", _CULLED[sides]))

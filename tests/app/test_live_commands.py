@@ -162,6 +162,7 @@ def test_a_set_is_proposed_and_saved_without_a_page(folder):
     assert len(again) == 3
 
 
+@pytest.mark.thorough
 def test_a_part_is_covered_and_the_set_says_which(folder):
     words = ("--auto", 2, "--size", 32, "--no-page", "-o")
     box = (-2.0, -2.0, 2.0, 0.0, 2.0, -2.0)  # two corners, in any order

@@ -442,6 +442,7 @@ def test_a_video_that_fails_leaves_nothing(recorded: Recorded):
 # ---- real ones
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "focal", "scale"),
     [
@@ -477,6 +478,7 @@ def test_real_recordings(tmp_path: Path, name, focal, scale):
     assert np.median(off) <= 12
 
 
+@pytest.mark.thorough
 def test_the_library_reads_real_recordings():
     views = ibr.load(shared("formats/7scenes_tsdf_fusion"), depth_scale=1000)
     assert [view.camera.K[0, 0] for view in views] == 5 * [585]
@@ -487,6 +489,7 @@ def test_the_library_reads_real_recordings():
         ibr.load(shared("formats/tum_rgbd_fr1_rpy"), depth_scale=5000)
 
 
+@pytest.mark.thorough
 def test_a_real_colmap_workspace_needs_no_camera_file(tmp_path: Path):
     folder = shared("formats/colmap_dense_binary")
     shown = ["warp", folder, "--together", "--clean", "--orbit", 5, "-o", tmp_path / "new.png"]

@@ -208,6 +208,7 @@ def test_the_papers_figures_are_in_milliseconds() -> None:
     assert table2.PAPER["dragon"][512] == 1227.6
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", table2.PAPER)
 def test_the_pictures_of_table_2_are_right(name: str) -> None:
     mesh = "dragon_vrip_res3.ply.gz"
@@ -281,6 +282,7 @@ def test_departures_are_measured_in_depth_at_the_samples(projection: str) -> Non
     assert np.count_nonzero(np.isinf(half)) == n * (n - 1) // 2
 
 
+@pytest.mark.thorough
 def test_everything_runs_quickly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("open3d", exc_type=ImportError)
     monkeypatch.setenv("PYIBR_DATA", str(tmp_path))

@@ -14,6 +14,7 @@ from pyibr.capture.coverage import Surface, surface_of, unseen_share
 from pyibr.capture.frusta import Frustum, Stroke, light_for, load_frusta, save_frusta, save_set
 from pyibr.capture.proposal import propose_frusta
 from tests.data import shared
+from tests.embree import embree
 
 
 @cache
@@ -130,13 +131,9 @@ def test_plain_meshes_are_lit_and_others_show_their_colours():
 # ---- surfaces
 
 
-def rays_of(mesh: ibr.Mesh):
-    return MeshScene.from_mesh(mesh)._scene
-
-
 def outside_by_rays(surface: Surface, count: int = 500) -> np.ndarray:
     """(N,) whether a ray from a point to far away meets nothing: what can be seen from outside."""
-    rays, found = rays_of(surface.mesh), np.zeros(len(surface.points), bool)
+    rays, found = embree(surface.mesh), np.zeros(len(surface.points), bool)
     size = float(np.linalg.norm(np.ptp(surface.mesh.bounds, axis=0)))
     for direction in np.random.default_rng(7).normal(size=(count, 3)):
         way = direction / np.linalg.norm(direction)
@@ -149,7 +146,7 @@ def outside_by_rays(surface: Surface, count: int = 500) -> np.ndarray:
 
 def seen_by_rays(surface: Surface, frusta: list[Frustum]) -> np.ndarray:
     """(N,) whether a frustum's eye sees a point, within its angles and before its far plane."""
-    rays, found = rays_of(surface.mesh), np.zeros(len(surface.points), bool)
+    rays, found = embree(surface.mesh), np.zeros(len(surface.points), bool)
     size = float(np.linalg.norm(np.ptp(surface.mesh.bounds, axis=0)))
     for one in frusta:
         pixels, z = one.camera.project(surface.points)
@@ -282,6 +279,7 @@ def test_frusta_are_proposed_that_see_more_and_more():
     assert all(one.camera.size == (64, 64) and one.far < 10 for one in made)
 
 
+@pytest.mark.thorough
 def test_what_is_covered_already_needs_no_more():
     known = propose_frusta(donut(), 5, 64)
     surface = surface_of(donut())
@@ -293,6 +291,7 @@ def test_what_is_covered_already_needs_no_more():
     assert more[0] != fresh[0]
 
 
+@pytest.mark.thorough
 def test_six_cover_the_inner_wall_of_the_torus():
     made = propose_frusta(torus(), 6, 256)
     surface = surface_of(torus(), count=10_000)
@@ -315,6 +314,7 @@ def test_a_part_is_covered_and_no_more():
     assert seen_by_rays(whole, made)[away].mean() < 0.5
 
 
+@pytest.mark.thorough
 def test_sixteen_leave_little_of_the_dragon_unseen():
     mesh = ibr.Mesh.load(shared("meshes/dragon_vrip_res3.ply.gz"))
     made = propose_frusta(mesh, 16)

@@ -129,6 +129,7 @@ def test_what_is_wrong_is_said_by_name(tmp_path):
         load(tmp_path)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("name", "count"), [("rgbd_realsense_shelf", 9), ("formats/7scenes_tsdf_fusion", 5)])
 def test_real_folders_are_read_as_they_are(name, count):
     views = load(shared(name), depth_scale=1000)

@@ -316,6 +316,7 @@ def test_an_azure_kinects_modes_have_many_names():
             ibr.Camera.from_azure_kinect(kinect(), name)
 
 
+@pytest.mark.thorough
 def test_real_files_of_other_libraries():
     folder = shared("formats")
     opened = cv2.FileStorage(str(folder / "opencv_samples_calib" / "left_intrinsics.yml"), cv2.FILE_STORAGE_READ)

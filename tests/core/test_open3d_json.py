@@ -86,6 +86,7 @@ def test_trajectories_are_cameras_of_several_frames(o3d, tmp_path: Path):
         ibr.Camera.load(path)
 
 
+@pytest.mark.thorough
 def test_open3ds_samples():
     primesense = ibr.Camera.load(shared("formats/redwood_open3d/camera_primesense.json"))
     assert primesense == ibr.Camera([[525, 0, 319.5], [0, 525, 239.5], [0, 0, 1]], (640, 480))

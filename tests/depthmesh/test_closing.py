@@ -92,6 +92,7 @@ def test_a_cup_is_whole_for_an_eye_close_above(projection):
     assert (np.abs(wall - 0.65) < 2 * 1.664 / 256).all()  # a cell around a sample of the rim is not known to be empty
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("eye", [(5.1, -4.7, 6.2), (7.5, -5.5, 4), (-6, -6, 6), (-3.5, 7.5, -5), (6, 6, 6)])
 def test_a_knot_gets_no_shards(eye):
     views = object_views(knot(), 256, projection="perspective")
@@ -134,6 +135,7 @@ def test_closed_surface_names_the_views_of_its_colours():
     assert (named[inside] & 0b110000 > 0).all()  # those from above and below saw what is next to the slit
 
 
+@pytest.mark.thorough
 def test_the_same_in_one_lane():
     views, camera = object_views(donut(), 96), Camera.look_at((2, -2, 2), (0, 0, 0), (0, 0, 1), (101, 77), fov_y=45)
     wide = ibr.render(ibr.DepthMeshObject(views), camera)

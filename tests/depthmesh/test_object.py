@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
+from types import SimpleNamespace
+
 import cv2
 import numpy as np
 import pytest
@@ -14,6 +17,8 @@ from pyibr.core.camera import Camera
 from pyibr.depthmesh import Segmentation
 from pyibr.images import metrics
 from pyibr.images.metrics import silhouette_iou
+from pyibr.opencl.device import current
+from pyibr.opencl.watch import Watch, watching
 from tests import scenes
 from tests.depthmesh.views import DIRECTIONS, PROJECTIONS, SIZE, rough, six, target
 from tests.slicing.solids import looking, torus, views_of_torus
@@ -383,3 +388,32 @@ def test_views_that_look_the_opposite_way_are_chosen_last():
     ]
     thing = ibr.DepthMeshObject(views, blended=1, choose="facing", background=False)
     assert thing.weights(camera.moved(0, 0, 4.4)).argmax() == 1
+
+
+def test_counts_and_cameras_build_nothing():
+    class Builds(Watch):
+        def __init__(self) -> None:
+            self.of: set[tuple[object, ...]] = set()
+
+        def build(self, name, defines, make):
+            self.of.add((name, *sorted(defines.items())))
+            return make(defines)
+
+    builds, after, views = Builds(), list[int](), six()
+    with watching(builds):
+        for count in (3, 4, 6):
+            for blend in BLENDS:
+                for eye in ((0, 0.3, 4), (0, 0.1, 1.2), (0.9, 0, 0.2)):  # around them, close, and within
+                    thing = ibr.DepthMeshObject(views[:count], blend=blend, blended=count // 2)
+                    ibr.render(thing, Camera.look_at(eye, (0, 0, 0), (0, 1, 0), (41, 31), fov_y=50))
+            after.append(len(builds.of))
+    assert after[0] == after[1] == after[2] > 0
+
+
+@pytest.mark.parametrize("drawers", [1, 7, 1000])
+def test_any_number_of_work_items_draws_the_same(drawers, monkeypatch):
+    camera = target().resized((331, 301))
+    expected = ibr.render(ibr.DepthMeshObject(six()), camera)
+    profile = dataclasses.replace(current().profile, drawers=drawers)
+    monkeypatch.setattr("pyibr.depthmesh.drawing.current", lambda: SimpleNamespace(profile=profile))
+    same_bits(ibr.render(ibr.DepthMeshObject(six()), camera), expected)

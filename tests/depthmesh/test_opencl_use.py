@@ -44,6 +44,7 @@ def test_trees_in_one_lane(test, projection):
                 assert abs(len(a) - len(b)) <= 0.01 * len(a)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize("blend", ["quality", "position", "nearest"])
 def test_pictures_in_one_lane(blend, projection):

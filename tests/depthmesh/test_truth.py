@@ -54,6 +54,7 @@ MODELS = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", list(MODELS))
 def test_six_views_against_the_mesh(name):
     found = {blend: scores(name, blend=blend) for blend in BLENDS}
@@ -66,10 +67,12 @@ def test_six_views_against_the_mesh(name):
     assert quality > 28
 
 
+@pytest.mark.thorough
 def test_the_dragon_at_full_size():
     assert scores("dragon_vrip_res3.ply.gz", 512)[2] >= 0.97  # from every side
 
 
+@pytest.mark.thorough
 def test_a_pixels_tolerance_costs_little():
     name = "dragon_vrip_res3.ply.gz"
     full, tolerant = scores(name, tolerance=0), scores(name, tolerance=1)
@@ -81,6 +84,7 @@ def test_a_pixels_tolerance_costs_little():
     assert faces[1] < 0.8 * faces[0]
 
 
+@pytest.mark.thorough
 def test_the_bunny_from_six_real_scans():
     thing = ibr.DepthMeshObject(scans())
     scene = MeshScene.from_mesh(ibr.Mesh.load(shared("meshes/bun_zipper.ply.gz")))

@@ -250,6 +250,7 @@ def test_before_does_not_do_what_is_switched_off(choices):
         np.testing.assert_array_equal(after.depth[where], noisy[where])
 
 
+@pytest.mark.thorough
 def test_a_camera_that_moves_takes_along_what_it_knows():
     """Five frames of a real path, carried from camera to camera."""
     folder = shared("rgbd_livingroom1")
@@ -275,6 +276,7 @@ def test_a_camera_that_moves_takes_along_what_it_knows():
     assert errors[True][4] < 0.8 * errors[False][4]
 
 
+@pytest.mark.thorough
 def test_a_real_camera_at_rest_is_steady():
     """Ten frames of an Asus Xtion, whose depth toggles between coarse steps, where nothing moves."""
     folder = shared("formats/asus_xtion_unregistered")
@@ -305,6 +307,7 @@ def test_wrong_arguments(arguments, message):
         ibr.clean_depth(**{"depth": np.ones((3, 4), np.float32), **arguments})
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("motion", [(50, 0), (4, 0)])
 def test_most_of_what_noise_costs_a_new_view_comes_back(motion):
     """At 0.3 pixels of disparity noise and 5 % of the samples lost: 60 % of the depth's error and of the PSNR."""

@@ -64,6 +64,7 @@ def test_colmap(tmp_path: Path, kind, place):
         same(found[name], camera)
 
 
+@pytest.mark.thorough
 def test_real_colmap_models_as_text_and_binary_are_one():
     text, binary = (read_cameras(shared(f"formats/colmap_{name}")) for name in ("text", "dense_binary/sparse"))
     assert len(text) == 3 and len(binary) == 28

@@ -6,7 +6,6 @@ import struct
 from pathlib import Path
 
 import cv2
-import imageio.v3 as iio
 import numpy as np
 import pytest
 from PIL import Image
@@ -17,6 +16,7 @@ from pyibr.core.files import write_whole
 SIZES = [(7, 13), (1, 1), (61, 37)]
 DEPTH_SUFFIXES = [".png", ".tiff", ".npy", ".npz", ".pfm", ".exr", ".bin"]
 EXACT_SUFFIXES = [".png", ".tif", ".bmp", ".npy", ".npz", ".ppm"]
+LOSSLESS = {"webp": {"lossless": True}}
 FLOAT_SUFFIXES = [".npy", ".npz", ".pfm", ".exr"]
 
 
@@ -128,18 +128,64 @@ def test_jpeg_is_close(tmp_path: Path):
 
 def test_gray_palette_alpha_and_bits_become_rgb(tmp_path: Path):
     gray = color_of((7, 13))[..., 0]
-    iio.imwrite(tmp_path / "gray.png", gray)
+    Image.fromarray(gray).save(tmp_path / "gray.png")
     np.testing.assert_array_equal(ibr.read_color(tmp_path / "gray.png"), np.dstack([gray] * 3))
-    iio.imwrite(tmp_path / "rgba.png", np.dstack([color_of((7, 13)), gray]))
+    Image.fromarray(np.dstack([color_of((7, 13)), gray])).save(tmp_path / "rgba.png")
     np.testing.assert_array_equal(ibr.read_color(tmp_path / "rgba.png"), color_of((7, 13)))
-    iio.imwrite(tmp_path / "gray16.png", gray.astype(np.uint16) * 257)
+    Image.fromarray(gray.astype(np.uint16) * 257).save(tmp_path / "gray16.png")
     np.testing.assert_allclose(ibr.read_color(tmp_path / "gray16.png"), np.dstack([gray / 255] * 3), atol=1e-6)
+
+
+def stored_as(mode: str) -> tuple[Image.Image, np.ndarray]:
+    """A picture of Pillow's, and what reading it as a colour image gives."""
+    color, gray = color_of((7, 13)), color_of((7, 13))[..., 0]
+    if mode == "1":
+        return Image.fromarray(gray > 100), np.dstack([(gray > 100) * np.uint8(255)] * 3)
+    if mode == "P":
+        few = Image.fromarray(color // 64 * 64).quantize(256)
+        return few, np.asarray(few.convert("RGB"))
+    if mode == "LA":
+        return Image.fromarray(np.dstack([gray, 255 - gray])), np.dstack([gray] * 3)
+    printed = Image.fromarray(color).convert(mode)  # of other colours
+    return printed, np.asarray(printed.convert("RGB"))
+
+
+@pytest.mark.parametrize(
+    ("mode", "suffix"),
+    [("1", "png"), ("P", "png"), ("P", "gif"), ("LA", "png"), ("LA", "tif"), ("CMYK", "tif"), ("LAB", "tif")],
+)
+def test_pictures_of_every_mode_become_rgb(tmp_path: Path, mode, suffix):
+    picture, expected = stored_as(mode)
+    picture.save(tmp_path / f"a.{suffix}")
+    np.testing.assert_array_equal(ibr.read_color(tmp_path / f"a.{suffix}"), expected)
+
+
+@pytest.mark.parametrize("suffix", ["gif", "png", "tif", "webp"])
+def test_of_several_images_the_first_is_read(tmp_path: Path, suffix):
+    first, other = (np.full((13, 7, 3), value, np.uint8) for value in (0, 255))
+    Image.fromarray(first).save(
+        tmp_path / f"a.{suffix}", save_all=True, append_images=[Image.fromarray(other)], **LOSSLESS.get(suffix, {})
+    )
+    with Image.open(tmp_path / f"a.{suffix}") as written:
+        assert written.n_frames == 2
+    np.testing.assert_array_equal(ibr.read_color(tmp_path / f"a.{suffix}"), first)
+
+
+@pytest.mark.parametrize("suffix", ["jpg", "png"])
+def test_a_turned_picture_is_read_as_it_is_stored(tmp_path: Path, suffix):
+    """Cameras' matrices are of the stored pixels, whichever way a viewer turns them."""
+    turned = Image.Exif()
+    turned[0x0112] = 6
+    Image.fromarray(np.full((13, 7, 3), 100, np.uint8)).save(tmp_path / f"a.{suffix}", exif=turned)
+    with Image.open(tmp_path / f"a.{suffix}") as written:
+        assert written.getexif()[0x0112] == 6
+    assert ibr.read_color(tmp_path / f"a.{suffix}").shape == (13, 7, 3)
 
 
 def test_mask(tmp_path: Path):
     mask = depth_of((61, 37)) > 30
     ibr.write_mask(tmp_path / "mask.png", mask)
-    np.testing.assert_array_equal(iio.imread(tmp_path / "mask.png"), mask * np.uint8(255))
+    np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "mask.png")), mask * np.uint8(255))
 
 
 def test_depth_png_is_the_one_that_others_write_and_read(tmp_path: Path):
@@ -398,7 +444,7 @@ def test_color_is_no_depth_and_8_bit_is_no_16_bit(tmp_path: Path):
 
 def test_depth_of_8_bits_has_a_scale_too(tmp_path: Path):
     """Disparity of older stereo sets: four units a pixel, 0 where there is none."""
-    iio.imwrite(tmp_path / "d.png", np.array([[0, 4, 255]], np.uint8))
+    Image.fromarray(np.array([[0, 4, 255]], np.uint8)).save(tmp_path / "d.png")
     np.testing.assert_allclose(ibr.read_depth(tmp_path / "d.png", scale=4), [[np.nan, 1, 63.75]])
     np.testing.assert_allclose(
         ibr.read_depth(tmp_path / "d.png", scale=400, kind="inverse"), [[np.nan, 100, 400 / 255]], rtol=1e-6

@@ -201,6 +201,7 @@ REAL = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", REAL)
 def test_poses_and_frames_of_real_recordings_belong_together(name):
     folder = shared(name)
@@ -222,6 +223,7 @@ def _place(color: Path, times: np.ndarray) -> int:
     return int(np.abs(times - float(color.stem)).argmin())
 
 
+@pytest.mark.thorough
 def test_a_real_colmap_workspace():
     folder = shared("formats/colmap_dense_binary")
     recording = recording_in(folder)

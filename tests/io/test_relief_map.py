@@ -36,6 +36,7 @@ def test_depths_count_the_other_way(tmp_path):
     np.testing.assert_array_equal(read_relief_map(tmp_path / "map.png", alpha="depth")[1], 255 - height)
 
 
+@pytest.mark.thorough
 def test_a_real_one_is_drawn():
     path = shared("heightfields/ogre_terrain_cc0/Rock20_normheight.dds")
     normals, height = read_relief_map(path)

@@ -380,6 +380,7 @@ def test_gltf_that_is_refused(tmp_path: Path, changes, reason):
         ibr.Mesh.load(tmp_path / "m.gltf")
 
 
+@pytest.mark.thorough
 def test_a_real_glb():
     duck = ibr.Mesh.load(shared("formats/gltf/Duck_three_exporter.glb"))
     assert (len(duck.faces), duck.texture.shape) == (4212, (512, 512, 3))

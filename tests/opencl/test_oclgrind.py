@@ -15,6 +15,8 @@ import pytest
 
 from tests.opencl.cases import FOLDERS
 
+pytestmark = pytest.mark.thorough
+
 
 @pytest.mark.skipif(shutil.which("oclgrind") is None, reason="Oclgrind is not installed (apt-get install oclgrind)")
 @pytest.mark.parametrize("folder", FOLDERS)

@@ -88,6 +88,7 @@ def test_a_plane_seen_aslant(kind, turn, projection):
     assert gain(even(kind, noise(), turn), over(10, projection)) >= 3
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", KINDS)
 def test_in_one_lane(kind):
     with one_lane():

@@ -323,6 +323,7 @@ def test_what_is_made_up_hides_nothing_that_another_image_sees():
         np.testing.assert_array_equal(filled.valid, ibr.warp(views, eye, fill="background").valid)
 
 
+@pytest.mark.thorough
 def test_the_pages_own_system_runs_in_the_form_for_gpus(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {"__name__": "__main__"}
@@ -331,6 +332,7 @@ def test_the_pages_own_system_runs_in_the_form_for_gpus(tmp_path, monkeypatch):
             exec(compile("\n" * line + source, str(PAGE), "exec"), names)
 
 
+@pytest.mark.thorough
 def test_the_pages_own_system_stays_within_its_arrays(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (_, kernel), (_, splats) = blocks_of(PAGE)[:2]

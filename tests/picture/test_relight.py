@@ -132,6 +132,7 @@ def test_a_donut_is_relit(given, projection, camera):
             assert psnr(frame.color, truth.lit(ibr.Light(**light)), seen) >= least, name
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("given", [True, False], ids=["given", "from depths"])
 def test_a_scanned_bunny_is_relit(given):
     mesh = scanned("bun_zipper.ply.gz")
@@ -152,6 +153,7 @@ def dragon() -> tuple[ibr.Mesh, Truth]:
     return mesh, Truth(mesh, PERSPECTIVE)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("given", "least"), [(True, (30, 30, 30)), (False, (30, 27, 30))], ids=["given", "from depths"]
 )
@@ -273,6 +275,7 @@ def test_of_what_has_no_normals_the_picture_tells_them():
     assert psnr(frame.color, expected, inner) >= 30
 
 
+@pytest.mark.thorough
 def test_in_one_lane_and_again():
     def every_thing() -> list[Any]:
         bare, told = (object_views(donut(), 32, normals=given) for given in (False, True))
@@ -308,6 +311,7 @@ for number, size in enumerate(((13, 7), (1, 1), (2, 3))):
 """
 
 
+@pytest.mark.thorough
 def test_no_kernel_leaves_its_arrays(tmp_path: Path):
     check_bounds(BOUNDS, tmp_path)
 

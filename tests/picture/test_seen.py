@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.capture import MeshScene, capture, models
+from pyibr.capture import capture, models
 from pyibr.picture.drawable import Look, as_drawable
 from pyibr.picture.seen import MarkedUnseen
+from tests.embree import embree
 from tests.one_lane import one_lane
 
 MARK = (230, 40, 40)
@@ -49,7 +50,7 @@ def marked(views: list[ibr.DepthImage], camera: ibr.Camera = TARGET, **how: Any)
 
 def unseen_by_rays(views: list[ibr.DepthImage], points: np.ndarray, margin: float = 0.0) -> np.ndarray:
     """(n,) whether no view sees a point: it is out of its frame, or something is before it."""
-    rays = MeshScene.from_mesh(scene())._scene
+    rays = embree(scene())
     unseen = np.ones(len(points), bool)
     for view in views:
         camera = view.camera
@@ -106,10 +107,10 @@ def test_what_is_marked_is_what_no_ray_reaches(name):
 
 def slopes(view: ibr.DepthImage, points: np.ndarray) -> np.ndarray:
     """(n,) cosines between the surface's normals and the way to the view."""
-    camera, mesh = view.camera, MeshScene.from_mesh(scene())
+    camera = view.camera
     ahead = points - TARGET.center
     packed = np.concatenate([np.broadcast_to(TARGET.center, ahead.shape), ahead], axis=1).astype(np.float32)
-    normals = mesh._scene.cast_rays(packed)["primitive_normals"].numpy()
+    normals = embree(scene()).cast_rays(packed)["primitive_normals"].numpy()
     to = (
         camera.center - points if camera.projection == "perspective" else np.broadcast_to(-camera.forward, points.shape)
     )
@@ -177,6 +178,7 @@ def test_other_things_stay_as_they_are_and_pictures_in_floats_are_marked_alike()
     np.testing.assert_allclose(in_floats.color[seen], alone.color[seen] / 255, atol=1.01 / 255)
 
 
+@pytest.mark.thorough
 def test_one_lane_marks_the_same():
     views = [source(*case) for case in CASES["two"]]
     found = marked(views)

@@ -210,6 +210,7 @@ def test_again_the_same_bits_and_in_any_order(kind):
     assert (np.abs(frame.color.astype(int) - turned.color).max(axis=2) > 1)[~tied].mean() <= 2e-3
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", LIGHTS)
 def test_in_one_lane(kind):
     things, light = every_thing(), light_of(kind, shadow_size=200, specular=0.3)
@@ -314,6 +315,7 @@ for number, light in enumerate(lights):
 """
 
 
+@pytest.mark.thorough
 def test_no_kernel_leaves_its_arrays(tmp_path: Path):
     check_bounds(BOUNDS, tmp_path)
 

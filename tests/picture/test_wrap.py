@@ -135,6 +135,7 @@ def test_a_repeated_map_jumps_at_its_border(system):
     assert share_right(system, BEYOND, MAPS["odd"], above(70), wrap="repeat") < 0.5
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("system", SYSTEMS)
 def test_one_lane_sees_the_same(system):
     camera, made = above(35), thing(system, BEYOND, MAPS["odd"])

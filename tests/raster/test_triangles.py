@@ -101,6 +101,7 @@ def check_against_embree(mesh: ibr.Mesh, camera: Camera) -> None:
     assert (edge_distances(camera, one, pixels).min(axis=1) > -1 / 256).all()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("name", MESHES)
 def test_the_visible_triangle_is_embrees(name, projection):
@@ -109,6 +110,7 @@ def test_the_visible_triangle_is_embrees(name, projection):
         check_against_embree(mesh, around(mesh, projection, direction, (480, 360)))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 def test_the_visible_one_of_many_triangles_is_embrees(projection):
     """Triangles of a pixel: at half this resolution 1 in 200 pixels has an edge within 1/256 of it."""

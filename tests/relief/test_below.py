@@ -42,6 +42,7 @@ def test_bulges_with_necks_between_them(height, distance):
     check_outline_and_inside(ibr.render(relief, camera), truth)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("distance", ["approximate", "exact"])
 @pytest.mark.parametrize("turn", [0, 45, 135, 180, 270])
 def test_a_head_on_a_neck(turn, distance):

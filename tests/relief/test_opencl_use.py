@@ -11,6 +11,7 @@ from pyibr.core.camera import Camera
 from tests.one_lane import one_lane
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("options", [{}, {"search": "linear"}, {"distance": "exact"}, {"silhouette": "none"}])
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 def test_one_lane_is_as_good_as_sixteen(projection, options):
@@ -30,6 +31,7 @@ def test_one_lane_is_as_good_as_sixteen(projection, options):
     assert (np.abs(one.color.astype(int) - wide.color)[both].max(axis=1) <= 2).mean() >= 0.98
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("shadow", ["map", "search"])
 def test_shadows_in_one_lane(shadow):
     height, color = np.kron(np.eye(4, dtype=np.float32), np.ones((4, 4))), np.full((1, 1, 3), 255, np.uint8)

@@ -274,6 +274,7 @@ def test_light_falls_between_blocks(name, shadow):
     assert ((share > 0.5) == truth)[counted].mean() >= (0.99 if name == "plane" else 0.95)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("look", ["along u", "up"])
 @pytest.mark.parametrize("name", ["plane", "torus, inside"])
 def test_one_lane_is_as_good_as_sixteen(name, look):

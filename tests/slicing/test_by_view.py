@@ -126,6 +126,7 @@ def test_cliffs_flicker_no_more_than_with_256_slices(slicing, size):
     assert by_view <= fixed
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("size", [(240, 180), (320, 240)])
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 def test_objects_flicker_no_more_than_with_256_slices(slicing, size):

@@ -62,6 +62,7 @@ def test_it_is_the_intersection_of_the_displaced_volumes(kind, projection):
             check(ibr.DepthObject(views, slices=256, slicing=slicing, halvings=halvings), camera, truth)
 
 
+@pytest.mark.thorough
 def test_the_dragon_at_full_size():
     scene = MeshScene.from_mesh(ibr.Mesh.load(shared("meshes/dragon_vrip.ply.gz")))
     views, camera = object_views(scene, 512), looking(scene, FRONT, (320, 240))
@@ -131,6 +132,7 @@ def test_naive_colours_are_the_three_closest_views_by_their_cosines(projection):
     assert (np.abs(shown - expected).max(axis=1) <= 1).mean() >= 0.97
 
 
+@pytest.mark.thorough
 def test_a_textured_mesh():
     """Spot, the cow: what its own legs hide from a view is not painted with the legs."""
     mesh = ibr.Mesh.load(next(shared("meshes/spot").glob("*.obj*")))

@@ -15,6 +15,7 @@ from tests.one_lane import one_lane
 from tests.slicing.solids import looking, torus, views_of_torus
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("slicing", ["surface", "orthogonal", "screen"])
 def test_a_surface_in_one_lane(slicing, projection):
@@ -35,6 +36,7 @@ def test_a_surface_in_one_lane(slicing, projection):
     assert (np.abs(one.color.astype(int) - wide.color)[both].max(axis=1) <= 1).mean() >= 0.99
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["orthographic", "perspective"])
 @pytest.mark.parametrize("make", [ibr.DepthObject, ibr.VisualHull])
 def test_an_object_in_one_lane(make, kind):

@@ -18,6 +18,8 @@ from pyibr.io import read_range_grid
 from tests.data import shared
 from tests.displaced import Solid, looking, square
 
+pytestmark = pytest.mark.thorough
+
 SCALE = 0.06
 SIDE = 256  # texels of the height maps, of 1024
 

@@ -111,6 +111,7 @@ def test_images_of_perspective_cameras():
         assert beyond <= 0.5
 
 
+@pytest.mark.thorough
 def test_other_views_and_one_lane_draw_the_same():
     first, second = (object_views(scene_of(CASES[name][0]), SIZE) for name in ("slanted", "diagonal"))
     camera = near(DIRECTIONS[0], 4)

@@ -276,6 +276,7 @@ def test_a_missing_opencv_is_named(monkeypatch: pytest.MonkeyPatch):
         ibr.warp(view, view.camera.moved(0.4, 0, 0), fill="inpaint")
 
 
+@pytest.mark.thorough
 def test_nothing_is_read_beyond_the_arrays(tmp_path):
     check_bounds(
         """

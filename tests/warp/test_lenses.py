@@ -214,6 +214,7 @@ def test_depth_alone_through_lenses():
     assert (white.color[white.valid] == 255).all()
 
 
+@pytest.mark.thorough
 def test_one_lane_sees_the_same():
     view = with_lens(scenes.stepped((61, 37)), "barrel")
     camera = target(view, "fisheye", POSES["turned"], (53, 41))
@@ -250,6 +251,7 @@ ibr.warp(ibr.DepthImage(np.full((13, 19, 3), 0.5, np.float32), depth, camera), c
 """
 
 
+@pytest.mark.thorough
 def test_kernels_stay_in_bounds(tmp_path: Path):
     check_bounds(BOUNDS, tmp_path)
 

@@ -62,7 +62,7 @@ def test_damaged_binaries_are_built_anew(tmp_path: Path):
 
 
 def test_importing_brings_no_device_and_no_large_library():
-    heavy = ("pyopencl", "cv2", "open3d", "rich", "typer", "imageio")
+    heavy = ("pyopencl", "cv2", "open3d", "rich", "typer", "PIL")
     code = f"import sys, pyibr; print([name for name in {heavy} if name in sys.modules])"
     result = run(sys.executable, "-c", code)
     assert (result.returncode, result.stdout.strip()) == (0, "[]"), result.stderr

@@ -9,14 +9,16 @@ import itertools
 from pathlib import Path
 
 import cv2
-import imageio.v3 as iio
 import numpy as np
 import pytest
+from PIL import Image
 
 import pyibr as ibr
 from pyibr.core.camera import Camera
 from pyibr.images import metrics
 from tests.data import shared
+
+pytestmark = pytest.mark.thorough
 
 # --- a room, rendered with noise-free depth in whole millimetres --------------------------------------
 
@@ -26,8 +28,8 @@ def room(number: int) -> ibr.DepthImage:
     poses = np.loadtxt(here / "poses_gt_cam_to_frame0.txt")
     pose = poses[poses[:, 0] == number][0, 1:].reshape(4, 4)
     camera = Camera([[525, 0, 319.5], [0, 525, 239.5], [0, 0, 1]], (640, 480), pose)
-    color = iio.imread(here / f"color/{number:05d}.jpg")
-    depth = ibr.depth_from_uint16(iio.imread(here / f"depth/{number:05d}.png"), 1000)
+    color = np.asarray(Image.open(here / f"color/{number:05d}.jpg"))
+    depth = ibr.depth_from_uint16(np.asarray(Image.open(here / f"depth/{number:05d}.png")), 1000)
     return ibr.DepthImage(color, depth, camera)
 
 
@@ -114,7 +116,7 @@ def test_filled_holes_of_the_room_look_like_what_was_hidden(source, target):
 
 def motorcycle() -> tuple[ibr.DepthImage, Camera, np.ndarray]:
     here = shared("stereo_middlebury") / "motorcycle"
-    left, right = (iio.imread(here / f"motorcycle_{side}.png")[..., :3] for side in ("left", "right"))
+    left, right = (np.asarray(Image.open(here / f"motorcycle_{side}.png"))[..., :3] for side in ("left", "right"))
     disparity = np.load(here / "motorcycle_disp.npz")["arr_0"]
     f, baseline, offset = 994.978, 0.193001, 31.086
     depth = ibr.depth_from_disparity(disparity, f, baseline, offset=offset)
@@ -126,12 +128,12 @@ def motorcycle() -> tuple[ibr.DepthImage, Camera, np.ndarray]:
 
 def disparity(path: Path) -> np.ndarray:
     """(H, W) in pixels, 0 where unknown."""
-    return np.atleast_3d(iio.imread(path))[..., 0] / 4.0
+    return np.atleast_3d(np.asarray(Image.open(path)))[..., 0] / 4.0
 
 
 def pair(name: str) -> tuple[ibr.DepthImage, Camera, np.ndarray]:
     here = shared("stereo_middlebury") / name
-    left, right = (iio.imread(here / f"im{number}.png")[..., :3] for number in (2, 6))
+    left, right = (np.asarray(Image.open(here / f"im{number}.png"))[..., :3] for number in (2, 6))
     # No calibration is known: with any focal length and baseline the picture is the same.
     depth = ibr.depth_from_disparity(disparity(here / "disp2.png"), focal=500, baseline=0.1)
     camera = Camera([[500, 0, 224.5], [0, 500, 187], [0, 0, 1]], left.shape[1::-1])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 
 import numpy as np
+import pytest
 
 import pyibr as ibr
 from pyibr.app.place.corner import corner_box
@@ -12,6 +13,8 @@ from pyibr.capture import models
 from pyibr.capture.frusta import Frustum
 from pyibr.images.metrics import psnr
 from tests.app.browser import chromium, opened, rested, until
+
+pytestmark = pytest.mark.thorough
 
 
 def test_the_corner_is_not_coloured_while_the_brush_is_over_it():

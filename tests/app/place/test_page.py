@@ -21,6 +21,8 @@ from pyibr.picture.seen import MarkedUnseen
 from tests.app.browser import Tab, chromium, opened, rested, settles_on, stays, until
 from tests.app.sockets import LOOPBACK, listeners
 
+pytestmark = pytest.mark.thorough
+
 SIZE = 64
 PICTURE = -2  # of what a page has shown: the last one is its depth
 
