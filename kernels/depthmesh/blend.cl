@@ -120,7 +120,7 @@ typedef struct {
     global float *nearness;
     global int *owner; /* triangle, -1: none */
     size_t next;
-} Layers;
+} MeshLayers;
 
 /* The nearest that a region's pixels see: of the views that are drawn, and if CLOSED of the meshes that show in their holes */
 typedef struct {
@@ -131,7 +131,7 @@ typedef struct {
 } Fronts;
 
 /* Draws each of the meshes [first, last) by itself, into its layer; front: the nearest of them all */
-void draw_layers(const Context *context, Region *region, const Layers *layers, global const int *list,
+void draw_layers(const Context *context, Region *region, const MeshLayers *layers, global const int *list,
                  global const int *starts, global const int *firsts, int first, int last, int x, int y, floatl *front)
 {
     for (int block = 0; block < BLOCKS; block++)
@@ -149,7 +149,7 @@ void draw_layers(const Context *context, Region *region, const Layers *layers, g
 
 /* The depth pass: what a region's pixels see of each mesh; firsts: of the first mesh of all. Are there holes? Layers of
  * others, and their fronts, are drawn only then. */
-int draw_depths(const Context *context, const Layers *layers, MeshCounts counts, global const int *list,
+int draw_depths(const Context *context, const MeshLayers *layers, MeshCounts counts, global const int *list,
                 global const int *starts, global const int *firsts, int x, int y, Fronts *fronts)
 {
     const int unseen = counts.sheets + counts.backs, meshes = counts.others + counts.views;
@@ -248,7 +248,7 @@ kernel void draw_meshes(global const int *corners, global const float *projected
     const int others = counts.others, meshes = others + counts.views;
     const Meshes colored = {by, firsts + counts.sheets + counts.backs, sources, levels, points, scales, weights, colors};
     const size_t size = BLOCKS * LANES, own = get_global_id(0) * size;
-    const Layers layers = {layer_nearness + own, layer_owner + own, items * size};
+    const MeshLayers layers = {layer_nearness + own, layer_owner + own, items * size};
 #if CLOSED
     const FreeSpace space = {limits, behind, far_colors, clear, open, limit_sizes, from_target, perspectives,
                             first_levels, closeness, stride, screen.perspective, view_count, enclosed};

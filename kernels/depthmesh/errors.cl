@@ -1,21 +1,21 @@
 /* The quadtree's errors and bounding spheres, fine to coarse (Pajarola, Sainz & Meng 2003, sections 3.2 and 3.3).
  *
  * A vertex's error is its distance from the edge that it bisects, of a midpoint in the plane of z and of the direction
- * of its edge (equation 1), of a centre in space (equation 2), and that of the child with the largest. Spheres hold those
- * of all children, the finest the triangles that they split. So parents have the larger ones, and one test of each vertex
- * on its own yields a triangulation without cracks (Lindstrom & Pascucci 2001).
+ * of its edge (equation 1), of a centre in space (equation 2), and that of the child with the largest. Spheres hold
+ * those of all children, the finest the triangles that they split. So parents have the larger ones, and one test of
+ * each vertex on its own yields a triangulation without cracks (Lindstrom & Pascucci 2001).
  *
  * Deviations from the paper: a child's error is added to the own one instead of the larger of them being taken (which
  * LARGEST does), since a surface that leaves both out may be off by both: so errors bound what they are errors of. A
- * triangle of which only a part is drawn has CUT_ERROR times its own length as an error, since all of it is lost unless it is split: edges and
- * segmentation stay at any tolerance that is of use.
+ * triangle of which only a part is drawn has CUT_ERROR times its own length as an error, since all of it is lost unless
+ * it is split: edges and segmentation stay at any tolerance that is of use.
  *
- * nearness: (height, pitch). Of each vertex, (side + 1, row): states, states.cl; errors in scene units, -1 where nothing is
- * drawn; radii of the bounding spheres; depths of their centres, which are a child's where there is no sample.
- * Work-item: a row of vertices of step 1, most of all, one after the other (`find_finest_midpoints`, which also writes
- * what is true of vertices that no cell belongs to, `find_finest_centers`), of a coarser step (`find_errors`), all rows of
- * all coarser steps (`find_coarse_errors`).
- * Cost: O(vertices). Determinism: maxima of children in a fixed order.
+ * nearness: (height, pitch). Of each vertex, (side + 1, row): states, states.cl; errors in scene units, -1 where
+ * nothing is drawn; radii of the bounding spheres; depths of their centres, which are a child's where there is no
+ * sample. Work-item: a row of vertices of step 1, most of all, one after the other (`find_finest_midpoints`, which also
+ * writes what is true of vertices that no cell belongs to, `find_finest_centers`), of a coarser step (`find_errors`),
+ * all rows of all coarser steps (`find_coarse_errors`). Cost: O(vertices). Determinism: maxima of children in a fixed
+ * order.
  */
 #include "depthmesh/tree.h"
 

@@ -1,11 +1,11 @@
-/* What a depth image's samples say of its surface: which triangles of the full grid are drawn, and the normals.
+/* Segmentation of a depth image: which triangles of the full grid are drawn; and the samples' normals.
  *
- * `segment` finds the triangles that bridge two surfaces (rubber sheets). TEST_ORTHOGONALITY is the paper's: seen edge-on
- * (equation 3) and long in depth (equation 4); for orthographic views, whose z has no fixed origin, the depth range is
- * taken relative to the view's extent. TEST_CONNECTEDNESS (Mark, McMillan & Bishop 1997): an edge is kept if it is
- * short, or either of its samples continues the line to the other's far side, in nearness, where planes are straight. TEST_DISPARITY: nearness
- * within the triangle differs too much (Oliveira & Bishop 1998). TEST_NONE keeps everything. Beyond the papers: in all tests,
- * what the sensor's noise explains is no step (`noise`).
+ * `segment` finds the triangles that bridge two surfaces (rubber sheets). TEST_ORTHOGONALITY is the paper's: seen
+ * edge-on (equation 3) and long in depth (equation 4); for orthographic views, whose z has no fixed origin, the depth
+ * range is taken relative to the view's extent. TEST_CONNECTEDNESS (Mark, McMillan & Bishop 1997): an edge is kept if
+ * it is short, or either of its samples continues the line to the other's far side, in nearness, where planes are
+ * straight. TEST_DISPARITY: nearness within the triangle differs too much (Oliveira & Bishop 1998). TEST_NONE keeps
+ * everything. Beyond the papers: in all tests, what the sensor's noise explains is no step (`noise`).
  *
  * nearness: (height, pitch), picture/nearness.cl. cells: (height, pitch) states of each cell's two triangles (tree.h).
  * normals: (3, height, pitch) in the view's frame, towards the camera, from the differences to those neighbours that
@@ -28,7 +28,7 @@ typedef struct {
     float noise[3];    /* by a z z + b z + c the depths of one surface may differ at depth z */
 } Segmentation;
 
-/* How far apart depths z of one surface may be by their noise, and nearness there */
+/* By how much depths z of one surface may differ by their noise; and nearness */
 #define NOISE_AT(rule, z) (((rule)->noise[0] * (z) + (rule)->noise[1]) * (z) + (rule)->noise[2])
 INLINED floatl noise_of_nearness(const Layout *layout, const Segmentation *rule, floatl n)
 {
@@ -98,7 +98,8 @@ kernel void segment(global const float *nearness, global uchar *cells, Layout la
         Vector p[4];
         for (int k = 0; k < 4; k++)
             p[k] = point_of(&layout, fx + (k & 1), fy + (k >> 1), DEPTH_OF(layout.perspective, n[k]));
-        /* The diagonal's ends belong to both triangles: the other corners are the upper one's and the lower one's own. */
+        /* The diagonal's ends belong to both triangles: the other corners are the upper one's and the lower one's
+         * own. */
         const Vector a = {pick(main, p[3].x, p[2].x), pick(main, p[3].y, p[2].y), pick(main, p[3].z, p[2].z)};
         const Vector b = {pick(main, p[0].x, p[1].x), pick(main, p[0].y, p[1].y), pick(main, p[0].z, p[1].z)};
         const floatl na = pick(main, n[3], n[2]), nb = pick(main, n[0], n[1]);
@@ -158,7 +159,7 @@ kernel void find_normals(global const float *nearness, global const uchar *cells
         add_step(p, to_right, (after & DRAWN) != 0, &across);
         add_step(to_up, p, (above & DRAWN) != 0, &along);
         add_step(p, to_down, (beneath & DRAWN) != 0, &along);
-        /* Where no triangle tells how the surface runs, it is taken to face the camera. */
+        /* Where there is no triangle, the surface is taken to face the camera. */
         across.x = pick(((before | after) & DRAWN) != 0, across.x, (floatl)1.0f);
         along.y = pick(((above | beneath) & DRAWN) != 0, along.y, (floatl)1.0f);
         const Vector normal = cross_product(along, across); /* towards the camera */

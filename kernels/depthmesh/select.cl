@@ -4,19 +4,19 @@
  * from the nearest point of their bounding sphere, which is within the target's view. Errors and spheres hold those of
  * all children, so every vertex can decide on its own, and no cracks arise. A triangle is part of the triangulation if
  * its vertex at the right angle is active and the one that would split it is not; it is drawn if all of it is.
- * `find_triangles` finds them, `list_points` and `list_triangles` write them down.
+ * `find_triangles` finds them, `list_points` and `list_triangles` list them.
  *
  * Deviations from the paper: the distance is that of the sphere, not of the vertex, as the above demands. A viewer that
- * will move may ask for more than it needs, a finer tolerance and a wider view: `motion_limits` tell how far it may move before
- * it needs a vertex that it did not get.
+ * will move may select more than it needs, by a finer tolerance and a wider view: `motion_limits` bound how far it may
+ * move before it needs a vertex that was not selected.
  *
  * Of each vertex, (side + 1, row): active, tree.h; drawn: bit k where the k-th triangle with its right angle there is
- * drawn; numbers of those that are listed. counts, firsts: (side + 1, 2) how many points and triangles each row has, and
- * the numbers of its first ones. points: (points, 4) where in the view, tree.h, and quality |n z| if rated, else 0. corners:
- * (triangles, 3) numbers of points, counter-clockwise as the view sees them, the one at the right angle second.
- * motion_limits: (side + 1, 2) scene units; of each row's vertices that are not active, the least that the eye may move until one
- * of too small an error is seen larger than allowed, and the least distance of one that is out of view.
- * Work-item: a row of vertices. Cost: O(vertices). Determinism: rows' and columns' order.
+ * drawn; numbers of those that are listed. counts, firsts: (side + 1, 2) how many points and triangles each row has,
+ * and the numbers of its first ones. points: (points, 4) where in the view, tree.h, and quality |n z| if rated.
+ * corners: (triangles, 3) numbers of points, counter-clockwise as the view sees them, the one at the right angle
+ * second. motion_limits: (side + 1, 2) scene units; of each row's vertices that are not active, the least that the eye
+ * may move until one of too small an error is seen larger than allowed, and the least distance of one that is out of
+ * view. Work-item: a row of vertices. Cost: O(vertices). Determinism: rows' and columns' order.
  */
 #include "depthmesh/tree.h"
 
@@ -174,8 +174,8 @@ kernel void list_triangles(global const uchar *active, global const uchar *drawn
     }
 }
 
-/* Points of several meshes, mesh by mesh, to the target's pixel space. firsts: (meshes + 1,) numbers of each one's first.
- * maps: (meshes, 16), from (a, b, c, 1) of a mesh's points. projected: (points, 4). Work-item: POINTS points. */
+/* Points of several meshes, mesh by mesh, to the target's pixel space. firsts: (meshes + 1,) numbers of each one's
+ * first. maps: (meshes, 16), from (a, b, c, 1) of a mesh's points. projected: (points, 4). Work-item: POINTS points. */
 kernel void project_points(global const float *points, global const int *firsts, global const float *maps, int meshes,
                            global float *projected)
 {

@@ -1,12 +1,11 @@
 /* Depth to nearness: the sweep and the searches read 1/z (perspective) or -z (orthographic), never z.
  *
- * One work-item converts one row and notes the row's range, which bounds what the view can reach.
- * depth: (src_height, src_width) planar z; not finite, <= NEAREST or >= far is no surface.
- * nearness: (src_height, src_pitch), a pitch that is no power of two, because columns are read too.
- * ranges: (src_height, 2) least and greatest nearness of the row, (inf, -inf) where it has no surface.
- * to_bridged_nearness: through a single sample that is missing amid a surface, what is behind would show; it becomes what lies between
- * its neighbours to either side, or above and below, where these are one surface.
- * O(n^2), one pass. Determinism: every sample from depths alone.
+ * One work-item converts one row and notes the row's range, which bounds what the view can reach. depth: (src_height,
+ * src_width) planar z; not finite, <= NEAREST or >= far is no surface. nearness: (src_height, src_pitch), a pitch that
+ * is no power of two, because columns are read too. ranges: (src_height, 2) least and greatest nearness of the row,
+ * (inf, -inf) where it has no surface. to_bridged_nearness: through a single sample that is missing amid a surface, what
+ * is behind would show; it becomes what lies between its neighbours to either side, or above and below, where these are
+ * one surface. O(n^2), one pass. Determinism: every sample from depths alone.
  */
 #include "lib/lanes.h"
 #include "lib/surface.h"
