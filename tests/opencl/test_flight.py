@@ -62,7 +62,7 @@ def test_pieces_hold_each_work_item_once(grid: tuple[int, ...], most: int):
     assert (held == 1).all()
 
 
-@pytest.mark.parametrize("lanes", ["wide", "one"])
+@pytest.mark.parametrize("lanes", ["wide", pytest.param("one", marks=pytest.mark.thorough)])
 def test_all_kernels_give_the_same_in_pieces(lanes: str):
     known = {name for path in kernels_folder().rglob("*.cl") for name in _kernels_of(path.read_text())}
     seen: Counter[str] = Counter()

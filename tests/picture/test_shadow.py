@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -316,8 +315,8 @@ for number, light in enumerate(lights):
 
 
 @pytest.mark.thorough
-def test_no_kernel_leaves_its_arrays(tmp_path: Path):
-    check_bounds(BOUNDS, tmp_path)
+def test_no_kernel_leaves_its_arrays():
+    check_bounds(BOUNDS)
 
 
 @pytest.mark.parametrize(
