@@ -43,7 +43,7 @@ _SHOWN: dict[str, tuple[str, str | None, Layout]] = {
     "mesh, set, difference": ("plain", "set", "side by side"),
     "difference": ("plain", "set", "difference"),
 }
-"""What the page shows by the words of its control."""
+"""The ways, and their layout, by the words of the page's control."""
 
 _NEW = 40.0  # degrees of a new frustum
 _BEFORE = 0.6  # of the way from the camera to the surface: how far before it a new one stands
@@ -51,7 +51,7 @@ _NONE = "none"
 
 
 class PlacePage:
-    """What all browsers share that place frusta on one mesh, and their pages.
+    """The part that all browsers share that place frusta on one mesh.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ class PlacePage:
         (self._browsers.add if joins else self._browsers.discard)(browser)
 
     def picture(self, camera: Camera, full: tuple[int, int]) -> Picture:
-        """What a page with a canvas of `full` pixels shows from a camera."""
+        """Draw what a page with a canvas of `full` pixels shows from a camera."""
         state = self.placement.state
         way, other, layout = _SHOWN[self._shown.value]
         style = Style(way, other, layout, self._swipe.value, self._gain.value, look=Look(side=state.side))
@@ -290,7 +290,7 @@ class PlacePage:
 
     @property
     def paints(self) -> bool:
-        """Whether a drag over the corner paints."""
+        """True while a drag over the corner paints."""
         return self._brush.value and self._corner.value != _NONE and self.placement.state.current is not None
 
     def _add_picture_controls(self) -> None:
