@@ -112,7 +112,7 @@ class _Counted(Watch):
 
 def test_a_launch_of_nothing_tells_no_pace():
     made = empty((4,), np.float32)
-    clear = program.kernel("lib/clear.cl", "clear", UINTS=0)
+    clear = program.kernel("lib/clear.cl", "clear")
     before = clear.pace.item
     launch.launch(clear, (0,), values=made, count=0, share=1, value=0.0)
     assert clear.pace.item == before > 0

@@ -82,6 +82,7 @@ def test_reliefs_shadow_themselves_and_others(shape, shadow):
     assert share >= 0.99
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("shadow", ["map", "search"])
 @pytest.mark.parametrize("distance", ["approximate", "exact"])
 @pytest.mark.parametrize("shape", [{"direction": (0.6, 0.5, -0.9)}, LIGHTS["spot"], LIGHTS["point"]], ids=str)

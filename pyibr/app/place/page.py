@@ -20,6 +20,7 @@ from pyibr.app.place.captures import Captures
 from pyibr.app.place.corner import Kind, own_picture, put_into_corner
 from pyibr.app.place.gizmos import Gizmos
 from pyibr.app.place.model import Placement
+from pyibr.app.telling import telling
 from pyibr.app.view.painting import paint
 from pyibr.app.view.style import Layout, Style
 from pyibr.app.view.ways import Way
@@ -102,7 +103,8 @@ class PlacePage:
         state = self.placement.state
         way, other, layout = _SHOWN[self._shown.value]
         style = Style(way, other, layout, self._swipe.value, self._gain.value, look=Look(side=state.side))
-        picture = paint(self._ways, camera, style)
+        with telling(self._say):
+            picture = paint(self._ways, camera, style)
         color = picture.color if picture.color.flags.writeable else picture.color.copy()
         if state.current is not None and self._corner.value != _NONE:
             view = self.captures.view(state.current)
@@ -133,6 +135,9 @@ class PlacePage:
         """Say what is wrong."""
         text = str(error) if isinstance(error, Error) else f"{type(error).__name__}: {error}"
         self._status.content = f"**Not done:** {text}"
+
+    def _say(self, text: str) -> None:
+        self._status.content = text
 
     def _draw_marked(self, things: Any, camera: Camera, style: Style) -> Frame:
         state = self.placement.state
