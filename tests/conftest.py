@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import os
+
 import pytest
 
 from tests.tiers import COLLECTED, leave_products
+
+os.environ.setdefault("PYIBR_BINARIES", "never")  # most programs are built once, and to read them compiles them twice
 
 
 @pytest.hookimpl(tryfirst=True)  # before -m chooses

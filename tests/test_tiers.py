@@ -37,7 +37,7 @@ def test_every_folder_has_quick_tests(pytestconfig: pytest.Config):
 
 
 def test_every_kernel_runs_in_the_quick_tier():
-    """In both forms: the test that asks for all of them belongs to it."""
+    """The test that asks for all of them belongs to it."""
     marks = [*getattr(flight, "pytestmark", []), *flight.test_all_kernels_give_the_same_in_pieces.pytestmark]
     assert {mark.name for mark in marks} == {"parametrize"}
 

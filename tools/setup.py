@@ -99,7 +99,9 @@ def install_python_packages(for_demo: bool) -> None:
         run([sys.executable, "-m", "venv", "--clear", str(VENV)])
     large = "" if for_demo else " (Open3D alone is 0.5 GB: this takes some minutes)"
     say(f"installing the Python packages{large}")
-    run([str(VENV / "bin/python"), "-m", "pip", "install", "-q", "-e", f"{ROOT}[{DEMO if for_demo else EVERYTHING}]"])
+    wanted = f"{ROOT}[{DEMO if for_demo else EVERYTHING}]"
+    # Python compiles what is imported; pip would compile all.
+    run([str(VENV / "bin/python"), "-m", "pip", "install", "-q", "--no-compile", "-e", wanted])
     (VENV / ".demo").touch()
     if not for_demo:
         (VENV / ".ready").touch()

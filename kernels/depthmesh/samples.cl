@@ -18,11 +18,9 @@
 #define TEST_CONNECTEDNESS 1
 #define TEST_DISPARITY 2
 #define TEST_NONE 3
-#ifndef TEST
-#define TEST TEST_ORTHOGONALITY /* which test finds rubber sheets, as the file's head says */
-#endif
 
 typedef struct {
+    int test;          /* which one finds rubber sheets, as the file's head says */
     float sine;        /* of the angle between a triangle and the line of sight: below it, it is seen edge-on */
     float depth_range; /* of what is one surface, relative to z or to the extent */
     float extent;      /* of an orthographic view's samples, in scene units */
@@ -44,7 +42,12 @@ INLINED floatl noise_of_nearness(const Layout *layout, const Segmentation *rule,
 /* Is the triangle of the points p, q, r with nearness a, b, c a rubber sheet? */
 intl bridges(const Layout *layout, const Segmentation *rule, Vector p, Vector q, Vector r, floatl a, floatl b, floatl c)
 {
-#if TEST == TEST_ORTHOGONALITY
+    if (rule->test == TEST_DISPARITY) {
+        const floatl nearest = fmax(a, fmax(b, c)), scale = layout->perspective ? nearest : (floatl)rule->extent;
+        return SPREAD(a, b, c) > fmax(rule->gap * scale, noise_of_nearness(layout, rule, nearest));
+    }
+    if (rule->test != TEST_ORTHOGONALITY)
+        return (intl)(p.z < -INFINITY);
     const Vector normal = cross_product(minus(q, p), minus(r, p));
     Vector sight = {0.0f, 0.0f, 1.0f};
     floatl scale = rule->extent;
@@ -57,15 +60,8 @@ intl bridges(const Layout *layout, const Segmentation *rule, Vector p, Vector q,
     const floatl noise = NOISE_AT(rule, (p.z + q.z + r.z) * (1.0f / 3.0f)), allowed = fmax(rule->depth_range * scale, noise);
     const floatl along = DOT(sight, normal), sizes = DOT(sight, sight) * DOT(normal, normal);
     return (along * along < rule->sine * rule->sine * sizes) & (SPREAD(p.z, q.z, r.z) > allowed);
-#elif TEST == TEST_DISPARITY
-    const floatl nearest = fmax(a, fmax(b, c)), scale = layout->perspective ? nearest : (floatl)rule->extent;
-    return SPREAD(a, b, c) > fmax(rule->gap * scale, noise_of_nearness(layout, rule, nearest));
-#else
-    return (intl)(p.z < -INFINITY);
-#endif
 }
 
-#if TEST == TEST_CONNECTEDNESS
 /* Do samples next to each other, with nearness a and b, belong together? before, after: the next ones on both sides. */
 intl connected(const Layout *layout, const Segmentation *rule, floatl before, floatl a, floatl b, floatl after)
 {
@@ -87,7 +83,6 @@ intl is_connected(const Layout *layout, const Segmentation *rule, global const f
     return connected(layout, rule, (floatl)(gather(nearness, before)), (floatl)(gather(nearness, a)),
                      (floatl)(gather(nearness, b)), (floatl)(gather(nearness, after)));
 }
-#endif
 
 kernel void segment(global const float *nearness, global uchar *cells, Layout layout, Segmentation rule)
 {
@@ -112,12 +107,12 @@ kernel void segment(global const float *nearness, global uchar *cells, Layout la
         intl lower_drawn = IS_SAMPLE(n[2]) & IS_SAMPLE(n[3]) & IS_SAMPLE(nb);
         upper_drawn = upper_drawn & !bridges(&layout, &rule, p[0], p[1], a, n[0], n[1], na);
         lower_drawn = lower_drawn & !bridges(&layout, &rule, p[2], p[3], b, n[2], n[3], nb);
-#if TEST == TEST_CONNECTEDNESS
-        const intl row = (intl)y, left = is_connected(&layout, &rule, nearness, x, row, 0, 1);
-        const intl right = is_connected(&layout, &rule, nearness, x + 1, row, 0, 1);
-        upper_drawn = upper_drawn & is_connected(&layout, &rule, nearness, x, row, 1, 0) & pick(main, right, left);
-        lower_drawn = lower_drawn & is_connected(&layout, &rule, nearness, x, row + 1, 1, 0) & pick(main, left, right);
-#endif
+        if (rule.test == TEST_CONNECTEDNESS) {
+            const intl row = (intl)y, left = is_connected(&layout, &rule, nearness, x, row, 0, 1);
+            const intl right = is_connected(&layout, &rule, nearness, x + 1, row, 0, 1);
+            upper_drawn = upper_drawn & is_connected(&layout, &rule, nearness, x, row, 1, 0) & pick(main, right, left);
+            lower_drawn = lower_drawn & is_connected(&layout, &rule, nearness, x, row + 1, 1, 0) & pick(main, left, right);
+        }
         const intl state = pick(upper_drawn, (intl)DRAWN, (intl)UNDRAWN) |
                            pick(lower_drawn, (intl)(DRAWN << 2), (intl)(UNDRAWN << 2));
         store_bytes(to_ucharl(pick(x < layout.width - 1, state, (intl)0)), cells + (size_t)y * layout.pitch + first);

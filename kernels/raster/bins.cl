@@ -11,6 +11,7 @@
  * Work-item: a chunk (count, fill), a bin (total, start), a row of bins. Cost: O(primitives + list + chunks * bins).
  * Determinism: fixed order.
  */
+#include "raster/project.cl" /* which goes before the bins of whatever is drawn: one program */
 #include "lib/screen.h"
 
 #ifndef CORNERS

@@ -1,4 +1,4 @@
-"""How much of a surface some depth images have seen, by samples spread evenly over it."""
+"""The share of a surface that some depth images have seen, by samples spread evenly over it."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ _NARROWEST, _WIDEST = 0.1, 170.0  # degrees
 
 @dataclass(frozen=True)
 class Stroke:
-    """What a brush has painted over a frustum's image: discs along a line.
+    """Paint over a frustum's image: discs of a brush along a line.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class Stroke:
 
 @dataclass(frozen=True)
 class Frustum:
-    """Where a depth image of a surface is taken from.
+    """The camera and far plane of a depth image, and what is painted over it.
 
     Parameters
     ----------
@@ -173,12 +173,12 @@ class Frustum:
         return DepthImage(frame.color, depth, self.camera, far=self.far)
 
     def to_json(self) -> dict[str, Any]:
-        """What files say of it."""
+        """Return the frustum's entry in a file."""
         return entry_json(self.camera, self.far) | self._more
 
     @property
     def _more(self) -> dict[str, Any]:
-        """What files say of it beside what any view has."""
+        """Its entry in a file beside what any view has."""
         if not self.strokes:
             return {}
         kept = [

@@ -164,7 +164,7 @@ class _Search:
         return self._candidates[number] if gains[number] > 0 else None
 
     def take(self, one: _Candidate) -> None:
-        """What it sees is seen."""
+        """Count what it sees as seen."""
         self._best = np.maximum(self._best, one.worth)
         self._candidates = [other for other in self._candidates if other is not one]
 

@@ -98,19 +98,21 @@ class Rays:
 
     def _meet_some(self, corners: Float64, depths: Float64, names: Int64, near: float, found: _Met) -> None:
         """Try triangles, (n, 3, 3) homogeneous corners and (n, 3) their depths; `names` are their numbers."""
-        edges = np.cross(np.roll(corners, -1, axis=1), np.roll(corners, -2, axis=1))  # opposite to each corner
-        turned = np.sign(np.einsum("nc,nc->n", edges[:, 0], corners[:, 0]))
-        edges *= turned[:, None, None]
-        within = _NUDGE * np.hypot(edges[..., 0], edges[..., 1])
-        for ray, triangle in self._candidates(*_before(corners, depths, near)):
+        for ray, candidate in self._candidates(*_before(corners, depths, near)):
+            tried, triangle = np.unique(candidate, return_inverse=True)
+            corner, z_of_corner = corners[tried], depths[tried]
+            edges = np.cross(corner[:, [1, 2, 0]], corner[:, [2, 0, 1]])  # opposite to each corner
+            turned = np.sign(np.einsum("nc,nc->n", edges[:, 0], corner[:, 0]))
+            edges *= turned[:, None, None]
+            within = _NUDGE * np.hypot(edges[..., 0], edges[..., 1])
             x, y = self.places[ray].T
             a, b, c = np.moveaxis(edges[triangle], 2, 0)
             inside = a * x[:, None] + b * y[:, None] + c  # by edges; 0 on them
             with np.errstate(divide="ignore", invalid="ignore"):
-                z = np.sum(inside * depths[triangle], axis=1) / np.sum(inside, axis=1)
+                z = np.sum(inside * z_of_corner[triangle], axis=1) / np.sum(inside, axis=1)
             meets = (turned[triangle] != 0) & (inside >= -within[triangle]).all(axis=1) & (z > 0)
             exact = (inside >= 0).all(axis=1)
-            found.add(ray[meets], names[triangle[meets]], z[meets], exact[meets])
+            found.add(ray[meets], names[candidate[meets]], z[meets], exact[meets])
 
     def _candidates(self, corners: Float64, number: Int64) -> Iterator[tuple[Int64, Int64]]:
         """Pairs of a ray and a triangle over its cell; of triangles (n, 3, 2) in the image, with their numbers."""
@@ -133,7 +135,7 @@ def pixel_centers(camera: Camera) -> Float64:
 
 
 class _Met:
-    """What each ray meets first, or last, of all that is tried."""
+    """The first, or last, of the triangles tried so far that each ray meets."""
 
     def __init__(self, count: int, sense: float) -> None:
         self._sense = sense

@@ -20,7 +20,7 @@ from pyibr.io import DepthKind, read_color, read_depth, write_color, write_depth
 from pyibr.io.recordings import cameras_of, posed, recording_in
 
 SET_FILE = "frusta.json"
-"""What lists the views of a set, in its folder."""
+"""The file in a set's folder that lists its views."""
 
 
 def load(
@@ -142,7 +142,7 @@ def read_set(path: str | PathLike[str]) -> tuple[list[SetEntry], dict[str, Any]]
 
 
 def parse_set(data: object, file: Path) -> tuple[list[SetEntry], dict[str, Any]]:
-    """What `read_set` returns, of what a JSON file holds; its name is for error messages."""
+    """Take a set out of a JSON file's contents, as `read_set` does; the file's name is for error messages."""
     if not isinstance(data, dict) or not isinstance(cast("dict[str, object]", data).get("views"), list):
         raise FileFormatError(f"{file}: expected a JSON object with a list of views")
     entries = dict(cast("dict[str, Any]", data))
@@ -180,7 +180,7 @@ def write_set(
 
 
 def entry_json(camera: Camera, far: float) -> dict[str, Any]:
-    """What the list says of a view: its camera, and where its background begins."""
+    """Return the list's entry of a view: its camera, and where its background begins."""
     return {"camera": camera.to_json()} | ({"far": far} if far < np.inf else {})
 
 

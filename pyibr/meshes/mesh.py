@@ -1,4 +1,4 @@
-"""Triangle meshes, from arrays, files and Open3D."""
+"""Triangle meshes, from arrays, files, trimesh and Open3D."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ from pyibr.core.checks import (
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.optional import open3d
 from pyibr.io.mesh_arrays import MeshArrays
+from pyibr.meshes import trimesh_arrays
 from pyibr.meshes.files import Axes, read_mesh, write_mesh
 from pyibr.meshes.normals import areas, place_of, summed, summed_at_places, unit_or_up
 
@@ -262,6 +263,39 @@ class Mesh(Fixed):
         others = {name: mesh.vertex[name].numpy() for name in mesh.vertex if name not in _OWN_PLACES}
         others = {name: values for name, values in others.items() if np.isfinite(values).all()}
         return cls(points, faces, uv=uv, normals=normals, texture=texture, colors=colors, attributes=others)
+
+    @classmethod
+    def from_trimesh(cls, mesh: Any, *, texture: NDArray[Any] | None = None) -> Mesh:
+        """Take over a `trimesh.Trimesh`: the way for files of all the formats that trimesh reads.
+
+        Any object with `vertices`, `faces` and, if it has colours, a `visual` like trimesh's will do. Normals are made
+        as those of other meshes without; what is not opaque becomes so.
+
+        Parameters
+        ----------
+        mesh : Trimesh
+            Of a scene, its `to_mesh()`. The colours are those of its vertices or faces, its texture, or the material's
+            own.
+        texture : (h, w, 3) uint8 or float32, optional
+            Instead of its own.
+
+        Raises
+        ------
+        ArgumentError
+            If it has no vertices or faces, or no uv for the texture.
+
+        Examples
+        --------
+        >>> from types import SimpleNamespace
+        >>> import pyibr as ibr
+        >>> like_trimesh = SimpleNamespace(vertices=[[0, 0, 0], [1, 0, 0], [0, 1, 0]], faces=[[0, 1, 2]])
+        >>> ibr.Mesh.from_trimesh(like_trimesh)
+        <Mesh 3 vertices, 1 triangle>
+        """
+        arrays = trimesh_arrays.arrays_of(mesh)
+        if texture is not None:
+            arrays["texture"] = texture
+        return cls(arrays.pop("vertices"), arrays.pop("faces"), **arrays)
 
 
 def _has_triangles(mesh: Any) -> bool:

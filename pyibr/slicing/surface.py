@@ -202,7 +202,7 @@ def draw_surface(
         "heights": kept(surface.heights, "pairs", lambda: upload(height_pairs(surface.height, surface.wrap))),
     }
     near = target.near(surface.volume.bounds)
-    projected = project(target, buffers["points"], near)
+    projected = project(target, buffers["points"], near, corners=4)
     bins = bin_primitives(target, buffers["corners"], projected, near, sort=True)
     slices = _slices_in(surface, target.camera)
     defines = target.filter_defines | wrap_defines(surface.wrap)

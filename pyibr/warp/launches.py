@@ -18,6 +18,7 @@ from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty, upload
 from pyibr.opencl.program import kernel
+from pyibr.picture.clear import clear
 from pyibr.picture.drawable import Fill, Side
 from pyibr.picture.samples import Samples, cut_of
 from pyibr.picture.target import Target
@@ -213,19 +214,6 @@ def _draw_thin(samples: Samples, target: Target, options: Options, shared: dict[
         **shared,
         **target.outputs(),
         **origins,
-    )
-
-
-def clear(array: DeviceArray, value: float) -> None:
-    """Sets all of a float32 or uint32 array, on all processors."""
-    count, profile = math.prod(array.shape), current().profile
-    launch(
-        kernel("lib/clear.cl", "clear", UINTS=int(array.dtype == np.uint32)),
-        profile.shares(count),
-        values=array,
-        count=count,
-        share=profile.share,
-        value=value,
     )
 
 

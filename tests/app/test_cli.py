@@ -325,7 +325,7 @@ def test_version():
 
 @pytest.mark.parametrize(("works", "code"), [(True, 0), (False, 1)])
 def test_doctor_exits_with_1_if_no_device_works(monkeypatch: pytest.MonkeyPatch, works, code):
-    monkeypatch.setattr("pyibr.app.cli.print_report", lambda: works)
+    monkeypatch.setattr("pyibr.app.commands.doctor.print_report", lambda: works)
     assert runner.invoke(app, ["doctor"]).exit_code == code
 
 

@@ -77,6 +77,7 @@ def test_result_survives_json(tmp_path: Path) -> None:
     assert list(result.select(subject="a", region="A")) == records[:1]
 
 
+@pytest.mark.thorough
 def test_the_published_reports_are_those_of_their_results(tmp_path: Path) -> None:
     """One of the version, and one in each folder of another machine."""
     published = Path(report.__file__).parent / "results" / ibr.__version__

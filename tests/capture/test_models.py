@@ -63,6 +63,7 @@ def test_the_globe_has_no_gap(direction):
     assert not seen.valid[nearest > 1.08].any()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("direction", [(0.45, -0.4, -1), (1, 1, 1), (-1, -1.2, -0.3)])
 def test_the_whole_torus_is_seen(direction):
     images = models.torus(48)

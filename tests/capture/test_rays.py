@@ -82,7 +82,7 @@ def test_long_triangles_that_cross_the_camera_plane():
     )
     wall = np.array([[-50, -50, 30], [50, -50, 35], [-50, 50, 32], [50, 50, 37]], np.float64)
     mesh = ibr.Mesh(np.concatenate([vertices, wall]), np.concatenate([floor, [[402, 403, 404], [405, 404, 403]]]))
-    camera = ibr.Camera([[80, 0, 60.3], [0, 80, 41.7], [0, 0, 1]], (121, 83)).orbited(7, (0, 0, 3), (0.3, 1, 0.2))
+    camera = ibr.Camera([[80, 0, 60.3], [0, 80, 41.7], [0, 0, 1]], (121, 83)).orbited(7, (0, 0, 3), axis=(0.3, 1, 0.2))
     off, covered = differing(capture(mesh, camera), cast(mesh, camera))
     assert covered == 121 * 83
     assert off <= 2

@@ -9,8 +9,6 @@ import cv2
 import numpy as np
 import pytest
 
-pytest.importorskip("open3d")
-
 import pyibr as ibr
 from pyibr.capture import MeshScene, cube_cameras, models, object_views
 from pyibr.core.camera import Camera

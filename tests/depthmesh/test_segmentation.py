@@ -167,6 +167,7 @@ def labelled(number: int, others: tuple[int, ...], every: int = 3) -> tuple[np.n
     return triangles[through], triangles[~through & met.all(axis=0)]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("test", TESTS)
 def test_the_defaults_hold_on_a_room(test):
     for number, others in ((0, (1, 2, 3, 4, 50)), (4, (0, 1, 50))):

@@ -7,8 +7,6 @@ from functools import cache
 import numpy as np
 import pytest
 
-pytest.importorskip("open3d")
-
 import pyibr as ibr
 from pyibr.capture import MeshScene, object_views
 from pyibr.core.camera import Camera

@@ -52,13 +52,13 @@ def function_lengths(file: str) -> dict[str, int]:
     return lengths
 
 
+@pytest.mark.parametrize("lanes", [1, 16])
 @pytest.mark.parametrize("file", FILES)
-def test_a_file_compiles_alone_with_the_defaults(file):
-    for lanes in (1, 16):
-        options = ["-I", str(FOLDER), f"-DLANES={lanes}", "-cl-std=CL1.2", "-Werror"]
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", cl.CompilerWarning)
-            cl.Program(current().context, f'#include "{file}"\n').build(options, cache_dir=False)
+def test_a_file_compiles_alone_with_the_defaults(file, lanes):
+    options = ["-I", str(FOLDER), f"-DLANES={lanes}", "-cl-std=CL1.2", "-Werror"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", cl.CompilerWarning)
+        cl.Program(current().context, f'#include "{file}"\n').build(options, cache_dir=False)
 
 
 @pytest.mark.parametrize("file", [file for file in FILES if file.endswith(".h")])

@@ -117,6 +117,7 @@ print(kernel("lib/clear.cl", "clear").name, os.environ.get("POCL_CACHE_DIR"))
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("variable", ["HOME", "XDG_CACHE_HOME", "POCL_CACHE_DIR", ""])
 def test_a_home_that_cannot_be_used_costs_no_device(tmp_path: Path, variable: str):
     """As in containers that run with HOME=/ as a user of no name; PoCL and pyopencl keep things there, too."""
@@ -165,6 +166,7 @@ print([hashlib.sha256(frame.color.tobytes() + frame.depth.tobytes()).hexdigest()
 """
 
 
+@pytest.mark.thorough
 def test_kernels_for_one_size_of_work_groups_draw_the_same():
     """PoCL compiles those unless it is told not to, as the whole suite is by `make test`."""
     variable = "POCL_WORK_GROUP_SPECIALIZATION"

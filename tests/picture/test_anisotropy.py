@@ -95,6 +95,7 @@ def test_in_one_lane(kind):
         assert gain(even(kind, noise()), over(10, size=(130, 95))) >= 3
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["slices", "relief"])
 def test_normal_maps(kind):
     assert gain(even(kind, WHITE, normal_map=bumps()), over(10), LIGHT) >= 3

@@ -344,4 +344,4 @@ for order in (things, things[::-1]):
     frame = ibr.render(order, camera, ibr.Light(direction=(0, 0.2, 1), shadow_size=16))
     assert 20 < frame.valid.sum() < 200
 """
-    check_bounds("\n".join([kernel, splats, use]), tmp_path / "cache")
+    check_bounds("\n".join([kernel, splats, use]))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -312,8 +311,8 @@ for number, size in enumerate(((13, 7), (1, 1), (2, 3))):
 
 
 @pytest.mark.thorough
-def test_no_kernel_leaves_its_arrays(tmp_path: Path):
-    check_bounds(BOUNDS, tmp_path)
+def test_no_kernel_leaves_its_arrays():
+    check_bounds(BOUNDS)
 
 
 def test_relight_is_true_or_false():

@@ -126,7 +126,6 @@ def test_views_of_both_dtypes_are_uploaded_once():
 
 
 def test_objects_of_both_dtypes_are_made_once():
-    pytest.importorskip("open3d")
     views = object_views(models.donut(16), 32)
     mixed = [views[0].in_float, *views[1:]]
     thing, plain = ibr.DepthObject(mixed, slices=32), ibr.DepthObject(views, slices=32)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -83,6 +82,7 @@ def test_reliefs_shadow_themselves_and_others(shape, shadow):
     assert share >= 0.99
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("shadow", ["map", "search"])
 @pytest.mark.parametrize("distance", ["approximate", "exact"])
 @pytest.mark.parametrize("shape", [{"direction": (0.6, 0.5, -0.9)}, LIGHTS["spot"], LIGHTS["point"]], ids=str)
@@ -316,8 +316,8 @@ for number, light in enumerate(lights):
 
 
 @pytest.mark.thorough
-def test_no_kernel_leaves_its_arrays(tmp_path: Path):
-    check_bounds(BOUNDS, tmp_path)
+def test_no_kernel_leaves_its_arrays():
+    check_bounds(BOUNDS)
 
 
 @pytest.mark.parametrize(

@@ -117,6 +117,7 @@ def test_clamped_heights(name, span, system):
         assert share_right(system, span, MAPS[name], camera) >= 0.995
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("system", SYSTEMS)
 @pytest.mark.parametrize("wrap", [("repeat", "clamp"), ("clamp", "repeat")])
 def test_heights_clamped_along_one_axis(wrap, system):
@@ -221,7 +222,7 @@ def test_clamped_normals(system, size):
     assert np.abs(frame.color[..., 0] - 255 * (told @ towards))[frame.valid].max() <= 1
 
 
-@pytest.mark.parametrize("system", ["slices", "relief", "relief, exact"])
+@pytest.mark.parametrize("system", ["slices", "relief", pytest.param("relief, exact", marks=pytest.mark.thorough)])
 def test_slopes_shade_and_cast_shadows_as_far_as_the_map_reaches(system):
     """A disk on a slope that ends at the border: no cliff stands there, and beyond it is level."""
     y, x = np.mgrid[:24, :32] / 24

@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-pytest.importorskip("open3d")
-
 import pyibr as ibr
 from pyibr.capture import object_views
 from pyibr.core.camera import Camera

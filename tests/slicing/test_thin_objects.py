@@ -11,7 +11,6 @@ from pyibr.core.camera import Camera
 from tests.one_lane import one_lane
 from tests.slicing.solids import revolved
 
-pytest.importorskip("open3d")
 cv2 = pytest.importorskip("cv2")
 
 SIZE = 96

@@ -7,8 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-pytest.importorskip("open3d")
-
 import pyibr as ibr
 from pyibr.slicing import boxes
 from pyibr.slicing import object as objects

@@ -277,7 +277,7 @@ def test_a_missing_opencv_is_named(monkeypatch: pytest.MonkeyPatch):
 
 
 @pytest.mark.thorough
-def test_nothing_is_read_beyond_the_arrays(tmp_path):
+def test_nothing_is_read_beyond_the_arrays():
     check_bounds(
         """
 import numpy as np
@@ -293,5 +293,4 @@ for size in ((1, 2), (33, 17), (7, 40)):
         for way in ("background", "smooth"):
             ibr.warp(view, camera.moved(*move), fill=way)
 """,
-        tmp_path,
     )

@@ -15,7 +15,7 @@ from pyibr.picture.light import Light
 
 
 class Captures:
-    """What frusta see of a mesh.
+    """The depth images that frusta see of a mesh.
 
     Parameters
     ----------
