@@ -169,7 +169,7 @@ def _resolve(
     told = pixel_map.pair.aligned and shared["hits_are"] == _hits("OF_PIXELS")
     density, typical = (1.0, 1.0) if told else (pixel_map.density, pixel_map.typical)
     neighbour_offset = min(math.ceil(0.5 / density), _NEIGHBOUR_OFFSET_MAX)
-    defines = {**target.color_defines, "STRIP": profile.strip, "ZOOMED": int(neighbour_offset > 1)}
+    defines = {**target.color_defines, "STRIP": profile.strip}
     origins = {} if target.origin is None else {"origin": target.origin, "view": view}
     launch(
         kernel("warp/resolve.cl", "resolve", ORIGINS=len(origins) // 2, **defines),
