@@ -2,28 +2,35 @@
 PYTHON ?= python3
 RUN := .venv/bin/python
 
-.PHONY: help setup demo test fuzz check bench docs clean
+.PHONY: help setup demo test test-all fuzz check bench docs clean
 
 help:  ## this list
-	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /\1\t/' | expand -t 10
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 10
 
-.venv/.ready: pyproject.toml tools/setup.py
-	@$(PYTHON) tools/setup.py
+.venv/.demo .venv/.ready: pyproject.toml tools/setup.py
+	@$(PYTHON) tools/setup.py $(if $(findstring demo,$@),--demo)
 
 .venv/.docs .venv/.bench .venv/.cpu: .venv/.%: .venv/.ready
 	@$(RUN) -m pip install -q -e '.[$*]' && touch $@
 
-setup: .venv/.ready  ## system libraries, .venv and the Python packages
+setup: .venv/.ready  ## system libraries, .venv and the Python packages, those of the tests, too
 
-demo: .venv/.ready  ## new views of a terrain: build/demo.png
+demo: .venv/.demo  ## new views of a terrain: build/demo.png
 	@$(RUN) docs/gallery/demo.py
 
 # PoCL compiles each kernel once, not a second time for its work-groups' size: a third of the time, and a test holds that
 # pictures are the same.
-test: export POCL_WORK_GROUP_SPECIALIZATION ?= 0
-# A test on Intel's runtime wants it. In their own order, files of few long tests are not left for the end.
-test: .venv/.ready $(if $(findstring intel,$(PYIBR_DEVICE)),.venv/.cpu)  ## the tests (ARGS="-k warp" for some of them)
-	@$(RUN) -m pytest -q -n logical --dist loadfile --no-loadscope-reorder $(ARGS)
+test test-all: export POCL_WORK_GROUP_SPECIALIZATION ?= 0
+# A test on Intel's runtime wants it.
+test test-all: .venv/.ready $(if $(findstring intel,$(PYIBR_DEVICE)),.venv/.cpu)
+# Each core begins with a run of files of its own, and takes some of another's when it has done them.
+TESTS := $(RUN) -m pytest -q -n logical --dist worksteal
+
+test:  ## the tests, but for those that take long (ARGS="-k warp" for some of them)
+	@$(TESTS) -m "not thorough" $(ARGS)
+
+test-all:  ## all tests: random calls, kernels within fences, browsers and recordings, too
+	@$(TESTS) $(ARGS)
 
 fuzz: .venv/.ready  ## 20,000 random warps, 10,000 renders and 7,000 other calls against the law of all calls
 	@$(RUN) -m tests.attack warp --first 100000 --count 20000

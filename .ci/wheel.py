@@ -9,8 +9,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-import imageio.v3 as iio
 import numpy as np
+from PIL import Image
 
 import pyibr as ibr
 
@@ -21,7 +21,7 @@ K = [[40, 0, 19.5], [0, 40, 14.5], [0, 0, 1]]
 
 def make() -> None:
     color = np.random.default_rng(0).integers(0, 256, (HEIGHT, WIDTH, 3), dtype=np.uint8)
-    iio.imwrite("color.png", color)
+    Image.fromarray(color).save("color.png")
     np.save("depth.npy", np.full((HEIGHT, WIDTH), 2.0, np.float32))
     camera = {"width": WIDTH, "height": HEIGHT, "K": K}
     Path("camera.json").write_text(json.dumps(camera))
@@ -31,7 +31,7 @@ def make() -> None:
 
 
 def check() -> None:
-    color, out = iio.imread("color.png"), iio.imread("out.png")
+    color, out = np.asarray(Image.open("color.png")), np.asarray(Image.open("out.png"))
     if out.shape != (HEIGHT, WIDTH, 3):
         sys.exit(f"out.png has shape {out.shape}, expected {(HEIGHT, WIDTH, 3)}")
     error = np.abs(out[1:-1, 1 : -SHIFT - 1].astype(int) - color[1:-1, SHIFT + 1 : -1])
@@ -43,8 +43,10 @@ def check() -> None:
 
 
 def bare() -> None:
-    """What is missing is named."""
-    for call, extra in ((undistort, "opencv"), (capture, "capture"), (exr, "exr")):
+    """Meshes are captured, frusta proposed; what is missing is named."""
+    capture()
+    propose()
+    for call, extra in ((undistort, "opencv"), (to_open3d, "open3d"), (exr, "exr")):
         try:
             call()
         except ibr.MissingPackageError as error:
@@ -71,6 +73,7 @@ def every() -> None:
     """All extras do what they are for, and a CPU works without a driver of the system's."""
     undistort()
     capture()
+    to_open3d()
     exr()
     if not any(device.works for device in ibr.devices() if "intel" in device.platform.lower()):
         sys.exit(f"Intel's runtime does not work: {ibr.devices()}")
@@ -87,6 +90,18 @@ def capture() -> None:
     scene = MeshScene([[-9, -9, 1], [9, -9, 1], [0, 9, 1]], [[0, 1, 2]])
     if not scene.capture(ibr.Camera(K, (WIDTH, HEIGHT))).valid.any():
         sys.exit("a captured view is empty")
+
+
+def propose() -> None:
+    from pyibr.capture import models
+    from pyibr.capture.proposal import propose_frusta
+
+    if len(propose_frusta(models.donut(), 2, 32)) != 2:
+        sys.exit("no two frusta are proposed for a donut")
+
+
+def to_open3d() -> None:
+    ibr.Mesh([[-9, -9, 1], [9, -9, 1], [0, 9, 1]], [[0, 1, 2]]).to_open3d()
 
 
 def exr() -> None:

@@ -228,7 +228,7 @@ def stereo(name: str) -> tuple[ibr.DepthImage, ibr.Camera, Array] | Skip:
         disparity = np.asarray(cv2.imread(str(stored), cv2.IMREAD_GRAYSCALE), np.float32) / _STORED_DISPARITY
     height, width = disparity.shape
     focal, baseline, cx, cy, apart = _CALIBRATED.get(name, (500.0, 0.1, (width - 1) / 2, (height - 1) / 2, 0.0))
-    depth = ibr.depth_from_disparity(disparity, focal, baseline, apart)
+    depth = ibr.depth_from_disparity(disparity, focal, baseline, offset=apart)
     cameras = [ibr.Camera([[focal, 0, x], [0, focal, cy], [0, 0, 1]], (width, height)) for x in (cx, cx + apart)]
     return ibr.DepthImage(pictures[0], depth, cameras[0]), cameras[1].moved(baseline, 0, 0), pictures[1]
 

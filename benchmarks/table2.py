@@ -77,7 +77,7 @@ class Model:
         """What is timed; `fresh`: of views that are made anew."""
         views = self.views
         if fresh:
-            views = [ibr.DepthImage(view.color, view.depth, view.camera, view.far) for view in views]
+            views = [ibr.DepthImage(view.color, view.depth, view.camera, far=view.far) for view in views]
         return ibr.warp(views, self.camera, interpolation=sample, side=self.side, edges=self.edges, blend="nearest")
 
 

@@ -26,7 +26,7 @@ def off(found: Array, expected: Array) -> Array:
 def with_center_moved(camera: Camera, x: float, y: float) -> Camera:
     """The camera, but its principal point is so many pixels to the right and below."""
     K = np.add(camera.K, [[0, 0, x], [0, 0, y], [0, 0, 0]])
-    return Camera(K, camera.size, camera.world_from_camera, camera.projection)
+    return Camera(K, camera.size, camera.world_from_camera, projection=camera.projection)
 
 
 def ties(depth_seen_by: Callable[[Camera], Array], camera: Camera) -> Array:

@@ -31,7 +31,7 @@ def source_camera(size: Size, projection: Projection = "perspective") -> Camera:
     longer = max(width, height)
     f = 0.6 * longer if projection == "perspective" else longer / 7
     K = np.array([[f, 0, (width - 1) / 2 + 0.3], [0, 1.05 * f, (height - 1) / 2 - 0.2], [0, 0, 1]])
-    return Camera(K, size, pose(yaw=25, pitch=-10, roll=5, center=(0.4, -1.1, 0.7)), projection)
+    return Camera(K, size, pose(yaw=25, pitch=-10, roll=5, center=(0.4, -1.1, 0.7)), projection=projection)
 
 
 def pose(yaw: float = 0, pitch: float = 0, roll: float = 0, center: tuple[float, ...] = (0, 0, 0)) -> Array:
@@ -247,7 +247,7 @@ def special_cameras(view: DepthImage, size: Size | None = None, projection: Proj
         moves["slanted"] = pose(yaw=25, pitch=10)
     found: list[Pose] = []
     for name, source_from_target in moves.items():
-        camera = Camera(K, size, source.world_from_camera @ source_from_target, projection)
+        camera = Camera(K, size, source.world_from_camera @ source_from_target, projection=projection)
         found.append(Pose(name, camera, epipole_region(source, camera), epipole_signs(source, camera)))
     return found
 
@@ -290,7 +290,7 @@ def _search(
             index = int(score.argmax())
             source_from_target = np.eye(4)
             source_from_target[:3, :3], source_from_target[:3, 3] = rotation[index], center[index]
-            camera = Camera(K, size, source.world_from_camera @ source_from_target, projection)
+            camera = Camera(K, size, source.world_from_camera @ source_from_target, projection=projection)
             if epipole_region(source, camera) == region and epipole_signs(source, camera) == signs:
                 best, best_score = camera, float(score[index])
     return best

@@ -61,7 +61,7 @@ LIGHTS = {
     "point among them": {"position": (0.1, -1.2, 1.1)},
 }
 CAMERAS = {
-    "perspective": Camera.look_at((1.5, -3.2, 2.6), (0, 0, 0.2), (0, 0, 1), (320, 240), 45),
+    "perspective": Camera.look_at((1.5, -3.2, 2.6), (0, 0, 0.2), (0, 0, 1), (320, 240), fov_y=45),
     "orthographic": Camera.look_at(
         (-0.5, -3.2, 3), (0, 0, 0.2), (0, 0, 1), (320, 240), projection="orthographic", height=3.6
     ),
@@ -125,7 +125,14 @@ def edges(of: np.ndarray) -> np.ndarray:
 
 def shares(things: Any, camera: Camera, light: ibr.Light, **options: Any) -> tuple[np.ndarray, np.ndarray]:
     """(H, W) the light's share that a picture shows, and where it can be told: where without shadows it is lit."""
-    plain = ibr.Light(light.direction, light.position, light.color, light.ambient, light.angle, shadow_size=0)
+    plain = ibr.Light(
+        direction=light.direction,
+        position=light.position,
+        color=light.color,
+        ambient=light.ambient,
+        angle=light.angle,
+        shadow_size=0,
+    )
     picture, lit = (ibr.render(things, camera, one, **options).color[..., 0].astype(float) for one in (light, plain))
     own = ibr.render(things, camera, **options).color[..., 0].astype(float)
     told = lit - AMBIENT * own > 8  # of 255: otherwise rounding counts
@@ -152,4 +159,4 @@ def joined(meshes: list[ibr.Mesh]) -> MeshScene:
     starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     vertices = np.concatenate([mesh.vertices for mesh in meshes])
     faces = np.concatenate([mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)])
-    return MeshScene(vertices, faces, np.full((len(vertices), 3), 255, np.uint8))
+    return MeshScene(vertices, faces, colors=np.full((len(vertices), 3), 255, np.uint8))

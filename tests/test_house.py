@@ -19,7 +19,7 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 COMMANDS = tuple(  # they import typer
     f"pyibr.{name}" for name in ("__main__", "app.cli", "app.commands", "app.live_commands", "app.words")
 )
-HEAVY = ("pyopencl", "cv2", "open3d", "OpenEXR", "matplotlib", "imageio", "PIL", "rich", "typer", "viser")
+HEAVY = ("pyopencl", "cv2", "open3d", "OpenEXR", "matplotlib", "PIL", "rich", "typer", "viser")
 
 
 def test_importing_all_modules_loads_nothing_heavy():

@@ -1,6 +1,7 @@
 """Make this clone ready to use: system libraries through apt, a virtual environment, the Python packages.
 
-Only what is missing is installed. Where it may not install, it names the packages and the command.
+Only what is missing is installed; with ``--demo``, only what the demo needs. Where it may not install, it names the
+packages and the command.
 Run by ``make``; uses nothing but the standard library.
 """
 
@@ -15,8 +16,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 VENV = ROOT / ".venv"
-EXTRAS = "opencv,capture,exr,plot,view,dev"
-OLDEST, NEWEST = (3, 10), (3, 13)  # what Open3D, which the tests measure against, has wheels for
+DEMO, EVERYTHING = "plot", "opencv,open3d,exr,plot,view,dev"  # extras
+OLDEST, NEWEST = (3, 10), (3, 13)  # NEWEST: what Open3D, which the tests measure against, has wheels for
 
 LIBRARIES = {  # what `import open3d` loads, and the Debian or Ubuntu package that brings it
     "libEGL.so.1": "libegl1",
@@ -28,29 +29,32 @@ LIBRARIES = {  # what `import open3d` loads, and the Debian or Ubuntu package th
 
 
 def main() -> None:
-    check_python()
-    install_system_packages(missing_packages())
-    install_python_packages()
+    for_demo = "--demo" in sys.argv[1:]
+    check_python(for_demo)
+    install_system_packages(missing_packages({} if for_demo else LIBRARIES))
+    install_python_packages(for_demo)
 
 
-def check_python() -> None:
+def check_python(for_demo: bool) -> None:
     version = sys.version_info[:2]
-    if not OLDEST <= version <= NEWEST:
+    if version < OLDEST:
+        fail(f"this is Python {version[0]}.{version[1]}; pyibr needs {OLDEST[0]}.{OLDEST[1]} or later.")
+    if version > NEWEST and not for_demo:
         fail(
-            f"this is Python {version[0]}.{version[1]}; the tests and the demo need Open3D, which has wheels "
+            f"this is Python {version[0]}.{version[1]}; the tests need Open3D, which has wheels "
             f"for Python {OLDEST[0]}.{OLDEST[1]} to {NEWEST[0]}.{NEWEST[1]}.\n"
             f"Name one of those: make PYTHON=python{NEWEST[0]}.{NEWEST[1]} ..."
         )
 
 
-def missing_packages() -> list[str]:
-    """Debian's names of what is not there."""
+def missing_packages(libraries: dict[str, str]) -> list[str]:
+    """Debian's names of what is not there, packages of those libraries included."""
     missing: list[str] = []
     if subprocess.run([sys.executable, "-c", "import ensurepip, venv"], capture_output=True).returncode:
         missing.append("python3-venv")
     if not any(Path("/etc/OpenCL/vendors").glob("*.icd")):
         missing.append("pocl-opencl-icd")
-    missing += [package for library, package in LIBRARIES.items() if not can_load(library)]
+    missing += [package for library, package in libraries.items() if not can_load(library)]
     return missing
 
 
@@ -89,13 +93,18 @@ def apt_get(arguments: list[str]) -> bool:
     return subprocess.run(command, stdout=subprocess.DEVNULL).returncode == 0
 
 
-def install_python_packages() -> None:
+def install_python_packages(for_demo: bool) -> None:
     if not (VENV / "bin/pip").exists():
         say(f"creating {VENV.name}")
         run([sys.executable, "-m", "venv", "--clear", str(VENV)])
-    say("installing the Python packages (Open3D alone is 0.5 GB: this takes some minutes)")
-    run([str(VENV / "bin/python"), "-m", "pip", "install", "-q", "-e", f"{ROOT}[{EXTRAS}]"])
-    (VENV / ".ready").touch()
+    large = "" if for_demo else " (Open3D alone is 0.5 GB: this takes some minutes)"
+    say(f"installing the Python packages{large}")
+    wanted = f"{ROOT}[{DEMO if for_demo else EVERYTHING}]"
+    # Python compiles what is imported; pip would compile all.
+    run([str(VENV / "bin/python"), "-m", "pip", "install", "-q", "--no-compile", "-e", wanted])
+    (VENV / ".demo").touch()
+    if not for_demo:
+        (VENV / ".ready").touch()
 
 
 def run(command: list[str]) -> None:

@@ -94,10 +94,10 @@ def _missing(client: str) -> str:
 def _thing(name: str, plan: Plan) -> Any:
     if name == "relief torus":
         height, color = bricks()
-        return ibr.ReliefSurface(models.donut(48), height, color, 0.06, (10, 4))
+        return ibr.ReliefSurface(models.donut(48), height, color, 0.06, tiles=(10, 4))
     if name == "depth object":
         try:
-            return ibr.DepthObject(object_views(MeshScene.from_mesh(models.donut(96)), 256), 128)
+            return ibr.DepthObject(object_views(MeshScene.from_mesh(models.donut(96)), 256), slices=128)
         except ibr.MissingPackageError as error:
             return Skip(name, str(error))
     there = plan.rgbd_scene != LIVINGROOM or (data_folder() / "rgbd_livingroom1").is_dir()

@@ -149,7 +149,11 @@ def _scene(name: str, scan: str) -> MeshScene | Skip:
 def _meshes(name: str, scan: str, side: int, projection: Projection) -> list[ibr.DepthMesh] | Skip:
     """Of the six sides, as the paper takes them."""
     scene = _scene(name, scan)
-    return scene if isinstance(scene, Skip) else [ibr.DepthMesh(v) for v in object_views(scene, side, projection)]
+    return (
+        scene
+        if isinstance(scene, Skip)
+        else [ibr.DepthMesh(v) for v in object_views(scene, side, projection=projection)]
+    )
 
 
 def _construction(name: str, repeats: int, plan: Plan) -> Work | Skip:
@@ -176,7 +180,7 @@ def _construction(name: str, repeats: int, plan: Plan) -> Work | Skip:
 
 def again(view: ibr.DepthImage) -> ibr.DepthImage:
     """The same depth image, nothing of it known yet."""
-    return ibr.DepthImage(view.color, view.depth, view.camera, view.far)
+    return ibr.DepthImage(view.color, view.depth, view.camera, far=view.far)
 
 
 def _frames(parameters: dict[str, Parameter], repeats: int, plan: Plan) -> Work | Skip:
@@ -184,7 +188,7 @@ def _frames(parameters: dict[str, Parameter], repeats: int, plan: Plan) -> Work 
     if isinstance(meshes, Skip):
         return meshes
     tolerance = float(parameters["tolerance"])
-    thing = ibr.DepthMeshObject(meshes, tolerance)
+    thing = ibr.DepthMeshObject(meshes, tolerance=tolerance)
     camera = _filled(thing, plan.depthmesh_side)
     trees = [thing.meshes[number].tree for number in np.flatnonzero(thing.weights(camera))]
 
@@ -246,7 +250,7 @@ def _filled(thing: ibr.DepthMeshObject, side: int) -> ibr.Camera:
     away = 2.2 * float(np.linalg.norm(edges))
     eye = middle + away * np.array(_FRONT) / np.linalg.norm(_FRONT)
     fov = float(np.degrees(2 * np.arctan(0.55 * edges.max() / away)))
-    return ibr.Camera.look_at(eye, middle, (0, 1, 0), (side, side), fov)
+    return ibr.Camera.look_at(eye, middle, (0, 1, 0), (side, side), fov_y=fov)
 
 
 def _quality(parameters: dict[str, Parameter], count: int, plan: Plan) -> Work | Skip:
@@ -277,7 +281,7 @@ def _quality(parameters: dict[str, Parameter], count: int, plan: Plan) -> Work |
             both = np.logical_and.reduce([truth.valid, *(frame.valid for frame in frames.values())])
             for name, frame in frames.items():
                 values = {
-                    "PSNR": metrics.psnr(frame.color, truth.color, both),
+                    "PSNR": metrics.psnr(frame.color, truth.color, valid=both),
                     "SSIM": structural_similarity(frame.color, truth.color, both),
                     "silhouette (IoU)": metrics.silhouette_iou(frame.valid, truth.valid),
                 }
@@ -323,7 +327,7 @@ def _warp(parameters: dict[str, Parameter], plan: Plan) -> Work | Skip:
         both = np.logical_and.reduce([truth.valid, *(frame.valid for frame in frames.values())])
         extent = float((view.bounds[1] - view.bounds[0]).max())
         for name, frame in frames.items():
-            yield Record(name, "PSNR", "dB", parameters, [metrics.psnr(frame.color, truth.color, both)])
+            yield Record(name, "PSNR", "dB", parameters, [metrics.psnr(frame.color, truth.color, valid=both)])
             off = np.abs(frame.depth - truth.depth)[both] / extent
             yield Record(name, "median depth error", "share", parameters, [float(np.median(off))])
             yield Record(name, "depth off by over 1 %", "share", parameters, [float((off > 0.01).mean())])

@@ -95,7 +95,7 @@ def _surface(name: str, side: int, scan: str) -> Surface | Skip:
     except MissingPackageError as error:
         return Skip(name, str(error))
     filled = name == "dragon, filled"
-    view = object_views(scene, side + filled, "orthographic" if filled else "perspective")[5]
+    view = object_views(scene, side + filled, projection="orthographic" if filled else "perspective")[5]
     extent = float((view.bounds[1] - view.bounds[0]).max())
     if filled:
         depth = np.where(view.valid, view.depth, np.float32(view.depth[view.valid].max()))
@@ -156,7 +156,7 @@ def _simplified(mesh: ibr.DepthMesh, error: float) -> tuple[Any, Any]:
 def _fresh(surface: Surface) -> ibr.DepthMesh:
     view = surface.view
     return ibr.DepthMesh(
-        ibr.DepthImage(view.color, view.depth, view.camera, view.far), segmentation=surface.segmentation
+        ibr.DepthImage(view.color, view.depth, view.camera, far=view.far), segmentation=surface.segmentation
     )
 
 
@@ -241,7 +241,7 @@ def _delatin(surface: Surface, parameters: dict[str, Parameter], repeats: int, m
 def _open3d(surface: Surface, parameters: dict[str, Parameter], repeats: int, module: Any) -> Work:
     """Quadric decimation of the full grid to as many triangles."""
     mesh = _fresh(surface)
-    grid, geometry, utility = mesh.triangulate(surface.view.camera, 0), module.geometry, module.utility
+    grid, geometry, utility = mesh.triangulate(surface.view.camera, tolerance=0), module.geometry, module.utility
     corners = utility.Vector3dVector(grid.vertices.astype(np.float64)), utility.Vector3iVector(np.array(grid.faces))
     full = geometry.TriangleMesh(*corners)
     counts = {error: len(mesh.simplify(error).faces) for error in surface.errors[1:4]}

@@ -67,7 +67,9 @@ def _plane(repeats: int) -> Work:
     """A relief that fills the picture, seen at some 40 degrees."""
     height, color = bricks()
     camera = ibr.Camera.look_at((0.5, 0.1, 0.35), (0.5, 0.5, 0), (0, 0, 1), SIZE, fov_y=30)
-    linear, safe = (ibr.ReliefSurface(_square(), height, color, 0.03, (3, 3), search=s) for s in ("linear", "safe"))
+    linear, safe = (
+        ibr.ReliefSurface(_square(), height, color, 0.03, tiles=(3, 3), search=s) for s in ("linear", "safe")
+    )
     subjects: dict[str, Subject] = {
         PLANE: functools.partial(ibr.render, linear, camera),
         PLANE_SAFE: functools.partial(ibr.render, safe, camera),
@@ -111,7 +113,7 @@ def _scene(name: str, repeats: int) -> Work | Skip:
     up = (0, 0, 1) if name == "torus" else (0, 1, 0)
     away = np.array([0.4, -0.8, 0.6]) if name == "torus" else np.array([0.5, 0.35, 0.9])
     camera = ibr.Camera.look_at(middle + 1.15 * extent * away, middle, up, SIZE, fov_y=42)
-    things = {way: ibr.ReliefSurface(mesh, height, color, depth * extent, tiles, **o) for way, o in WAYS.items()}
+    things = {way: ibr.ReliefSurface(mesh, height, color, depth * extent, tiles=tiles, **o) for way, o in WAYS.items()}
     parameters: dict[str, Parameter] = {"case": "scene", "scene": name}
 
     def read() -> Iterator[Record]:
@@ -141,11 +143,15 @@ def _room(name: str, repeats: int) -> Work:
         bases.append((ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]], uv=uv), (5, 3), 0.12))
     for x in (-1.9, 0.1, 2.1):
         bases.append((_column(32, x, 1.2), (3, 4), 0.05))
-    ring = models.donut(40, 0.62, 0.26)
-    bases.append((ibr.Mesh(np.add(ring.vertices, (0.5, -0.9, 0.24)), ring.faces, ring.uv, ring.normals), (7, 3), 0.06))
-    camera = ibr.Camera.look_at((2.7, -4.4, 2.1), (-0.2, 0.2, 0.9), (0, 0, 1), SIZE, 48)
+    ring = models.donut(40, radius=0.62, tube=0.26)
+    bases.append(
+        (ibr.Mesh(np.add(ring.vertices, (0.5, -0.9, 0.24)), ring.faces, uv=ring.uv, normals=ring.normals), (7, 3), 0.06)
+    )
+    camera = ibr.Camera.look_at((2.7, -4.4, 2.1), (-0.2, 0.2, 0.9), (0, 0, 1), SIZE, fov_y=48)
     spot = functools.partial(ibr.Light, position=(2.6, -3.6, 4.4), direction=(-2.6, 3.9, -3.9), angle=75)
-    things = {way: [ibr.ReliefSurface(m, height, color, s, t, **o) for m, t, s in bases] for way, o in WAYS.items()}
+    things = {
+        way: [ibr.ReliefSurface(m, height, color, s, tiles=t, **o) for m, t, s in bases] for way, o in WAYS.items()
+    }
     parameters: dict[str, Parameter] = {"case": "scene", "scene": name}
 
     def read() -> Iterator[Record]:
@@ -169,7 +175,7 @@ def _column(sides: int, x: float, y: float) -> ibr.Mesh:
     points = 0.32 * normals + np.stack([x + 0 * u, y + 0 * u, 3 * v], axis=-1).reshape(-1, 3)
     i = (np.arange(8)[:, None] * (sides + 1) + np.arange(sides)).ravel()
     faces = np.concatenate([np.stack([i, i + 1, i + sides + 2], 1), np.stack([i, i + sides + 2, i + sides + 1], 1)])
-    return ibr.Mesh(points, faces, np.stack([u, -v], -1).reshape(-1, 2), normals)
+    return ibr.Mesh(points, faces, uv=np.stack([u, -v], -1).reshape(-1, 2), normals=normals)
 
 
 def _steps(name: str, steps: tuple[int, ...]) -> Work:
@@ -219,7 +225,7 @@ def _embree(repeats: int) -> Work | Skip:
     tiles, scale = (10, 4), 0.05
     camera = ibr.Camera.look_at((1.7, -2.8, 2.2), (0, 0, 0), (0, 0, 1), SIZE, fov_y=42)
     vertices, faces = _displaced_torus(height, tiles, scale)
-    relief = ibr.ReliefSurface(models.donut(48), height, color, scale, tiles)
+    relief = ibr.ReliefSurface(models.donut(48), height, color, scale, tiles=tiles)
     y, x = np.mgrid[: SIZE[1], : SIZE[0]]
     rays = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(camera.K).T @ camera.world_from_camera[:3, :3].T
     packed = np.concatenate([np.broadcast_to(camera.center, rays.shape), rays], axis=-1).astype(np.float32)
@@ -245,7 +251,7 @@ def _embree(repeats: int) -> Work | Skip:
         yield Record("Embree, build", "end to end", "ms", parameters, [1e3 * (time.perf_counter() - start)])
         if grown > 0:
             yield Record("Embree, build", "memory", "bytes", parameters, [grown])
-        fresh = ibr.ReliefSurface(models.donut(48), height, color, scale, tiles)
+        fresh = ibr.ReliefSurface(models.donut(48), height, color, scale, tiles=tiles)
         start = time.perf_counter()
         ibr.render(fresh, camera)
         yield Record("pyibr, first frame", "end to end", "ms", parameters, [1e3 * (time.perf_counter() - start)])

@@ -64,12 +64,12 @@ def _objects(parameters: dict[str, Parameter], n: int, slices: int, repeats: int
         return views
     if isinstance(gl := llvmpipe.context(), str):
         return Skip(PEER[OBJECT], gl)
-    things = {OBJECT: ibr.DepthObject(views, slices), HULL: ibr.VisualHull(views, slices)}
+    things = {OBJECT: ibr.DepthObject(views, slices=slices), HULL: ibr.VisualHull(views, slices=slices)}
     box = things[OBJECT].box
     away = 2.2 * float(np.linalg.norm(box.edges))
     eye = box.center + away * np.array([0.4, 0.3, 1.0]) / np.linalg.norm([0.4, 0.3, 1.0])
     fov = np.degrees(2 * np.arctan(0.55 * box.edges.max() / away))  # the object fills the picture
-    camera = ibr.Camera.look_at(eye, box.center, (0, 1, 0), (n, n), fov)
+    camera = ibr.Camera.look_at(eye, box.center, (0, 1, 0), (n, n), fov_y=fov)
     peers = {name: llvmpipe.slices(camera, thing, 0.3 * away, 2 * away) for name, thing in things.items()}
     subjects: dict[str, Subject] = {}
     for name, thing in things.items():
@@ -94,9 +94,9 @@ def _against_mesh(scan: str) -> Work | Skip:
         return mesh if isinstance(mesh, Skip) else Skip("mesh", "it has no views")
     scene = MeshScene(mesh.vertices, mesh.faces)
     things: dict[str, ibr.DepthObject | ibr.VisualHull] = {
-        "visible": ibr.DepthObject(views, 256),
-        "naive": ibr.DepthObject(views, 256, texture="naive"),
-        "hull": ibr.VisualHull(views, 256),
+        "visible": ibr.DepthObject(views, slices=256),
+        "naive": ibr.DepthObject(views, slices=256, texture="naive"),
+        "hull": ibr.VisualHull(views, slices=256),
     }
     box = things["visible"].box
     frames: dict[str, list[tuple[ibr.Frame, ibr.DepthImage]]] = {name: [] for name in things}
@@ -134,7 +134,14 @@ def _donut(repeats: int) -> Work:
     for name in (*DIRECTIONS, UNCLIPPED):
         slicing: Any = name.split(",")[0]
         surfaces[name] = ibr.SlicedSurface(
-            models.donut(), fur, color, 0.15, (8, 4), DONUT_SLICES, slicing, clipped=name != UNCLIPPED
+            models.donut(),
+            fur,
+            color,
+            0.15,
+            tiles=(8, 4),
+            slices=DONUT_SLICES,
+            slicing=slicing,
+            clipped=name != UNCLIPPED,
         )
 
     def read() -> Iterator[Record]:

@@ -38,12 +38,12 @@ def room() -> MeshScene:
         vertices.append(side.reshape(-1, 3))
         tone = np.array([(196, 186, 160), (150, 172, 186), (120, 104, 92)][number])
         colors.append(np.clip(tone + 34 * (lattice.reshape(-1, 1) - 0.5), 0, 255).astype(np.uint8))
-    return MeshScene(np.concatenate(vertices), np.concatenate(faces), np.concatenate(colors))
+    return MeshScene(np.concatenate(vertices), np.concatenate(faces), colors=np.concatenate(colors))
 
 
 def cameras() -> tuple[ibr.Camera, ibr.Camera]:
     """That of the depth and that of the colours."""
-    eye = ibr.Camera.look_at((-3.0, -9.5, 3.2), (0.3, 0, -0.4), (0, 0, 1), (320, 288), 50).world_from_camera
+    eye = ibr.Camera.look_at((-3.0, -9.5, 3.2), (0.3, 0, -0.4), (0, 0, 1), (320, 288), fov_y=50).world_from_camera
     aside = np.eye(4)
     aside[:3, 3] = 0.6, -0.05, 0
     bent, straight = ibr.Lens("brown_conrady", [-0.16, 0.04, 0, 0]), ibr.Lens("brown_conrady", [0.07, -0.03, 0, 0])

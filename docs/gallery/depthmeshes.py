@@ -22,7 +22,7 @@ def seen_from(*eye: float, size: tuple[int, int] = (420, 400)) -> ibr.Camera:
 
 def segmentation() -> Figure:
     """One view of a knot from beside: stretched, segmented, and the triangles that were drawn."""
-    view = object_views(knot(), 512, "perspective")[5]  # from above
+    view = object_views(knot(), 512, projection="perspective")[5]  # from above
     camera = seen_from(4.5, -5.5, 6.5)
     mesh = ibr.DepthMesh(view, tolerance=2)
     stretched = ibr.DepthMesh(view, tolerance=2, segmentation=Segmentation("none"))
@@ -42,7 +42,7 @@ def blending() -> Figure:
     scene = knot()
     views = [
         ibr.DepthImage((view.color * (exposure / 1.12)).astype(np.uint8), view.depth, view.camera)
-        for view, exposure in zip(object_views(scene, 512, "perspective"), EXPOSURES, strict=True)
+        for view, exposure in zip(object_views(scene, 512, projection="perspective"), EXPOSURES, strict=True)
     ]
     camera = seen_from(5.1, -4.7, 6.2)
     meshes = [ibr.DepthMesh(view) for view in views]
@@ -67,7 +67,7 @@ def unseen() -> Figure:
     figure, row = plt.subplots(1, 4, figsize=(14, 3.4), layout="constrained")
     for axes, eye in zip(row, eyes, strict=True):
         camera = seen_from(*eye)
-        count = sum(len(mesh.triangulate(camera, thing.tolerance / 2).faces) for mesh in thing.meshes)
+        count = sum(len(mesh.triangulate(camera, tolerance=thing.tolerance / 2).faces) for mesh in thing.meshes)
         show(axes, ibr.render(thing, camera, background=WHITE, samples=4).color, f"{count:,} triangles of six views")
     return figure
 
@@ -82,7 +82,7 @@ def stages() -> Figure:
     figure, grid = plt.subplots(2, 5, figsize=(13, 5.4), layout="constrained")
     _prepared(grid[0], thing.meshes[chosen[0]], camera)
     for axes, number in zip(grid[1], chosen, strict=False):
-        mesh = ibr.DepthMesh(views[number], thing.tolerance / 2)
+        mesh = ibr.DepthMesh(views[number], tolerance=thing.tolerance / 2)
         picture = ibr.render(mesh, camera, background=WHITE, samples=4).color
         show(axes, picture, f"view {number}, weight {weights[number]:.2f}")
     frame = ibr.render(thing, camera, background=WHITE, samples=4)

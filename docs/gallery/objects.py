@@ -12,7 +12,8 @@ from pyibr.capture import MeshScene, object_views
 
 def knot() -> MeshScene:
     """A trefoil knot, striped along its length: an object with much that hides the rest."""
-    return MeshScene(*knot_surface())
+    vertices, faces, colors = knot_surface()
+    return MeshScene(vertices, faces, colors=colors)
 
 
 def knot_surface(lit: bool = True) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -59,11 +60,15 @@ def depth_object() -> Figure:
     camera = ibr.Camera.look_at((4.5, -5.5, 6.5), (0, 0, 0), (0, 0, 1), (420, 400), fov_y=42)
     panels = {
         "the mesh": by_rays(scene, camera),
-        "depth object": ibr.render(ibr.DepthObject(views, 256), camera, background=(255, 255, 255), samples=4).color,
-        'texture="naive"': ibr.render(
-            ibr.DepthObject(views, 256, texture="naive"), camera, background=(255, 255, 255), samples=4
+        "depth object": ibr.render(
+            ibr.DepthObject(views, slices=256), camera, background=(255, 255, 255), samples=4
         ).color,
-        "visual hull": ibr.render(ibr.VisualHull(views, 256), camera, background=(255, 255, 255), samples=4).color,
+        'texture="naive"': ibr.render(
+            ibr.DepthObject(views, slices=256, texture="naive"), camera, background=(255, 255, 255), samples=4
+        ).color,
+        "visual hull": ibr.render(
+            ibr.VisualHull(views, slices=256), camera, background=(255, 255, 255), samples=4
+        ).color,
     }
     figure, row = plt.subplots(1, 4, figsize=(14, 3.6), layout="constrained")
     for axes, (name, image) in zip(row, panels.items(), strict=True):
@@ -76,7 +81,7 @@ def depth_object() -> Figure:
 def relight() -> Figure:
     """A knot without light in its colours, as a depth object in three lights, and the mesh in the last of them."""
     vertices, faces, colors = knot_surface(lit=False)
-    thing = ibr.DepthObject(object_views(MeshScene(vertices, faces, colors), 512, normals=True), 256)
+    thing = ibr.DepthObject(object_views(MeshScene(vertices, faces, colors=colors), 512, normals=True), slices=256)
     camera = ibr.Camera.look_at((4.5, -5.5, 6.5), (0, 0, 0), (0, 0, 1), (420, 400), fov_y=42)
     shiny = {"ambient": 0.12, "specular": 0.45, "shininess": 40, "relight": True}
     lights = [

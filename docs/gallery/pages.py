@@ -81,9 +81,9 @@ def unfold(page: Any, folder: str) -> None:
 def view_pages(browser: Any) -> dict[str, Image.Image]:
     """A knot before a corner, from two places: what is known, and what is not; two ways to draw it."""
     scene, eyes = room(), ((-3.0, -9.5, 3.2), (1.5, -10.0, 2.2))
-    cameras = [ibr.Camera.look_at(eye, (0.3, 0, -0.4), (0, 0, 1), (480, 400), 48) for eye in eyes]
+    cameras = [ibr.Camera.look_at(eye, (0.3, 0, -0.4), (0, 0, 1), (480, 400), fov_y=48) for eye in eyes]
     views = [scene.capture(camera) for camera in cameras]
-    start = ibr.Camera.look_at((-11.5, -14.0, 6.5), (0.6, -0.4, -0.2), (0, 0, 1), (480, 400), 40)
+    start = ibr.Camera.look_at((-11.5, -14.0, 6.5), (0.6, -0.4, -0.2), (0, 0, 1), (480, 400), fov_y=40)
 
     def classes(page: Any) -> None:
         choose(page, "Show", "what pixels are")

@@ -43,7 +43,7 @@ def refinement() -> Figure:
     panels = {
         "within 600 m": mesh.simplify(600),
         "within 300 m": mesh.simplify(300),
-        "viewer in the south, 16 px": mesh.triangulate(viewer, 16),
+        "viewer in the south, 16 px": mesh.triangulate(viewer, tolerance=16),
     }
     for axes, (name, triangles) in zip(grid[1, 1:], panels.items(), strict=True):
         axes.add_collection(
@@ -77,7 +77,7 @@ def _coarse_terrain() -> ibr.DepthImage:
     K[2, 2] = 1
     K[:2, 2] = (field.camera.K[:2, 2] - (300, 300)) / step
     part = np.s_[300 : 300 + 65 * step : step, 300 : 300 + 65 * step : step]
-    camera = ibr.Camera(K, (65, 65), field.camera.world_from_camera, "orthographic")
+    camera = ibr.Camera(K, (65, 65), field.camera.world_from_camera, projection="orthographic")
     return ibr.DepthImage(field.color[part], field.depth[part], camera)
 
 
@@ -99,7 +99,7 @@ def _strands() -> ibr.DepthImage:
     view = object_views(knot(), 129)[4]
     x, y = 60, 30
     K = view.camera.K - [[0, 0, x], [0, 0, y], [0, 0, 0]]
-    camera = ibr.Camera(K, (33, 33), view.camera.world_from_camera, view.camera.projection)
+    camera = ibr.Camera(K, (33, 33), view.camera.world_from_camera, projection=view.camera.projection)
     part = np.s_[y : y + 33, x : x + 33]
     return ibr.DepthImage(view.color[part], view.depth[part], camera)
 
@@ -151,7 +151,7 @@ def strips() -> Figure:
     }
     figure, row = plt.subplots(1, 3, figsize=(13, 4.6), layout="constrained")
     for axes, (name, mesh) in zip(row, panels.items(), strict=True):
-        found, triangles = mesh.strips(view.camera, 0.4), mesh.triangulate(view.camera, 0.4)
+        found, triangles = mesh.strips(view.camera, tolerance=0.4), mesh.triangulate(view.camera, tolerance=0.4)
         places = view.camera.project(triangles.vertices)[0]
         for number, strip in enumerate(found):
             three = np.stack([strip[:-2], strip[1:-1], strip[2:]], axis=-1)
@@ -174,7 +174,7 @@ def _filled(view: ibr.DepthImage) -> np.ndarray:
 
 def sections() -> Figure:
     """Two sections through a depth image: the error of a vertex, and a triangle between two surfaces."""
-    view = object_views(knot(), 72, "perspective")[5]
+    view = object_views(knot(), 72, projection="perspective")[5]
     figure, row = plt.subplots(1, 2, figsize=(13, 4.3), layout="constrained")
     _error(row[0], view)
     _sheet(row[1], view)

@@ -61,7 +61,9 @@ def tube(sides: int, length: float = 2.4, radius: float = 1.0) -> ibr.Mesh:
     points = radius * normals + (length * (v - 0.5))[..., None] * np.array([0, 0, 1.0])
     i = (np.arange(8)[:, None] * (sides + 1) + np.arange(sides)).ravel()
     faces = np.concatenate([np.stack([i, i + 1, i + sides + 2], 1), np.stack([i, i + sides + 2, i + sides + 1], 1)])
-    return ibr.Mesh(points.reshape(-1, 3), faces, np.stack([u, -v], -1).reshape(-1, 2), normals.reshape(-1, 3))
+    return ibr.Mesh(
+        points.reshape(-1, 3), faces, uv=np.stack([u, -v], -1).reshape(-1, 2), normals=normals.reshape(-1, 3)
+    )
 
 
 def quad(corner: tuple, along: tuple, up: tuple) -> ibr.Mesh:
@@ -94,12 +96,14 @@ def silhouettes() -> Figure:
     height, color = bricks()
     size, up = (620, 440), (0, 0, 1)
     things = [
-        (models.donut(32), (10, 4), 0.09, ibr.Camera.look_at((1.3, -2.2, 1.7), (0, 0, -0.05), up, size, 42)),
-        (tube(24), (7, 3), 0.12, ibr.Camera.look_at((2.0, -4.0, 0.6), (0, 0, 0), up, size, 42)),
+        (models.donut(32), (10, 4), 0.09, ibr.Camera.look_at((1.3, -2.2, 1.7), (0, 0, -0.05), up, size, fov_y=42)),
+        (tube(24), (7, 3), 0.12, ibr.Camera.look_at((2.0, -4.0, 0.6), (0, 0, 0), up, size, fov_y=42)),
     ]
     figure, grid = plt.subplots(2, 3, figsize=(13.5, 6.6), layout="constrained")
     for row, (mesh, tiles, scale, camera) in zip(grid, things, strict=True):
-        made = {s: ibr.ReliefSurface(mesh, height, color, scale, tiles, silhouette=s) for s in ("none", "quadric")}
+        made = {
+            s: ibr.ReliefSurface(mesh, height, color, scale, tiles=tiles, silhouette=s) for s in ("none", "quadric")
+        }
         frames = {s: ibr.render(thing, camera, light, background=WHITE, samples=4).color for s, thing in made.items()}
         show(row[0], frames["none"], 'silhouette="none"')
         show(row[1], frames["quadric"], 'silhouette="quadric"')
@@ -116,7 +120,7 @@ def texture() -> Figure:
     normals = np.dstack([-across, down, np.full_like(rise, 2 / 256)])
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     thing = ibr.ReliefSurface(quad((-1, -1, 0), (2, 0, 0), (0, 2, 0)), height, color, 0.18, shadow="search")
-    camera = ibr.Camera.look_at((0.5, -2.2, 1.6), (0, -0.08, -0.1), (0, 0, 1), (420, 300), 38)
+    camera = ibr.Camera.look_at((0.5, -2.2, 1.6), (0, -0.08, -0.1), (0, 0, 1), (420, 300), fov_y=38)
     light = ibr.Light(direction=(0.8, 0.3, -0.7), color=(2.4, 2.3, 2.1))
     figure, row = plt.subplots(1, 4, figsize=(13, 3.1), layout="constrained", width_ratios=(1, 1, 1, 1.4))
     show(row[0], np.repeat(height[..., None], 3, axis=2), "heights")
@@ -130,7 +134,7 @@ def shadows() -> Figure:
     """A relief's shadows on itself by both ways; and reliefs and other things that shade one another."""
     (height, color), stone = bricks(), stones()
     floor = quad((-2, -2, 0), (4, 0, 0), (0, 4, 0))
-    view = ibr.Camera.look_at((0.6, -1.6, 1.5), (0, -0.2, 0), (0, 0, 1), (430, 330), 40)
+    view = ibr.Camera.look_at((0.6, -1.6, 1.5), (0, -0.2, 0), (0, 0, 1), (430, 330), fov_y=40)
     figure, row = plt.subplots(1, 4, figsize=(13, 2.8), layout="constrained")
     kinds: dict[str, tuple[Shadow, int]] = {
         "without shadows": ("map", 0),
@@ -139,17 +143,17 @@ def shadows() -> Figure:
     }
     for axes, (name, (shadow, texels)) in zip(row[:3], kinds.items(), strict=True):
         light = ibr.Light(direction=(0.85, 0.3, -0.5), color=(1.6, 1.5, 1.4), shadow_size=texels)
-        relief = ibr.ReliefSurface(floor, height, color, 0.12, (2, 3), shadow=shadow)
+        relief = ibr.ReliefSurface(floor, height, color, 0.12, tiles=(2, 3), shadow=shadow)
         show(axes, ibr.render(relief, view, light, background=WHITE, samples=4).color, name)
-    ring = models.donut(48, 0.5, 0.18)
+    ring = models.donut(48, radius=0.5, tube=0.18)
     upright = ring.vertices[:, [0, 2, 1]] * (1, -1, 1) + np.array([-0.25, -0.1, 0.66])
     things = [
-        ibr.ReliefSurface(floor, *stone, 0.14, (3, 3)),
+        ibr.ReliefSurface(floor, *stone, 0.14, tiles=(3, 3)),
         ibr.Mesh(upright, ring.faces, colors=np.full((len(upright), 3), (196, 150, 60), np.uint8)),
-        ibr.ReliefSurface(_post((0.75, 0.5, 0.7)), height, color, 0.05, (3, 4)),
+        ibr.ReliefSurface(_post((0.75, 0.5, 0.7)), height, color, 0.05, tiles=(3, 4)),
     ]
     light = ibr.Light(direction=(0.7, 0.55, -0.75), color=(1.8, 1.7, 1.6), shadow_size=2048)
-    view = ibr.Camera.look_at((0.9, -2.6, 1.9), (0.05, 0.1, 0.35), (0, 0, 1), (430, 330), 44)
+    view = ibr.Camera.look_at((0.9, -2.6, 1.9), (0.05, 0.1, 0.35), (0, 0, 1), (430, 330), fov_y=44)
     show(
         row[3], ibr.render(things, view, light, background=WHITE, samples=4).color, "mesh and reliefs shade one another"
     )
@@ -158,18 +162,18 @@ def shadows() -> Figure:
 
 def _post(middle: tuple[float, float, float]) -> ibr.Mesh:
     column = tube(32, 1.4, 0.24)
-    return ibr.Mesh(column.vertices + np.array(middle), column.faces, column.uv, column.normals)
+    return ibr.Mesh(column.vertices + np.array(middle), column.faces, uv=column.uv, normals=column.normals)
 
 
 def distances() -> Figure:
     """The paper's two distances to the quadric, side by side, and where they differ; and the distance to circles."""
     height, color = bricks()
-    camera = ibr.Camera.look_at((1.6, -3.2, 0.5), (0, 0, 0), (0, 0, 1), (520, 400), 44)
+    camera = ibr.Camera.look_at((1.6, -3.2, 0.5), (0, 0, 0), (0, 0, 1), (520, 400), fov_y=44)
     light = ibr.Light(direction=(0.5, 0.8, -0.9), color=(1.4, 1.35, 1.25))
     pictures: dict[str, np.ndarray] = {}
     for distance in ("perpendicular", "approximate", "exact"):
         search = "linear" if distance == "perpendicular" else "safe"
-        relief = ibr.ReliefSurface(tube(24), height, color, 0.15, (7, 3), distance=distance, search=search)
+        relief = ibr.ReliefSurface(tube(24), height, color, 0.15, tiles=(7, 3), distance=distance, search=search)
         pictures[distance] = ibr.render(relief, camera, light, background=WHITE, samples=4).color
     off = np.abs(pictures["perpendicular"].astype(int) - pictures["approximate"]).max(axis=2)
     figure, row = plt.subplots(1, 4, figsize=(17.5, 3.6), layout="constrained")
@@ -185,17 +189,20 @@ def scenes() -> Figure:
     brick, stone = bricks(), stones()
     light = ibr.Light(direction=(0.5, 0.8, -0.9), color=(1.4, 1.35, 1.25))
     figure, grid = plt.subplots(2, 2, figsize=(13, 9.6), layout="constrained")
-    camera = ibr.Camera.look_at((1.6, -3.2, 0.8), (0, 0, 0), (0, 0, 1), (620, 440), 42)
-    both = [ibr.ReliefSurface(tube(32), *brick, 0.13, (6, 3)), ibr.ReliefSurface(tube(32), *stone, 0.13, (5, 2))]
+    camera = ibr.Camera.look_at((1.6, -3.2, 0.8), (0, 0, 0), (0, 0, 1), (620, 440), fov_y=42)
+    both = [
+        ibr.ReliefSurface(tube(32), *brick, 0.13, tiles=(6, 3)),
+        ibr.ReliefSurface(tube(32), *stone, 0.13, tiles=(5, 2)),
+    ]
     frame = ibr.render(both, camera, light, background=WHITE, samples=4)
     show(grid[0, 0], frame.color, "two coincident cylinders of different materials")
-    camera = ibr.Camera.look_at((0.75, -1.1, 0.75), (0.25, -0.55, 0.12), (0, 0, 1), (620, 440), 44)
-    saddle = ibr.ReliefSurface(models.donut(48), *stone, 0.07, (8, 3))
+    camera = ibr.Camera.look_at((0.75, -1.1, 0.75), (0.25, -0.55, 0.12), (0, 0, 1), (620, 440), fov_y=44)
+    saddle = ibr.ReliefSurface(models.donut(48), *stone, 0.07, tiles=(8, 3))
     show(grid[0, 1], ibr.render(saddle, camera, light, background=WHITE, samples=4).color, "the saddle inside a torus")
     row = []
     for tiles in ((4, 2), (8, 3), (16, 6)):
-        torus = ibr.ReliefSurface(models.donut(48), *stone, 0.28 / tiles[1], tiles)
-        view = ibr.Camera.look_at((0.7, -2.3, 2.6), (0, 0, 0), (0, 0, 1), (300, 440), 62)
+        torus = ibr.ReliefSurface(models.donut(48), *stone, 0.28 / tiles[1], tiles=tiles)
+        view = ibr.Camera.look_at((0.7, -2.3, 2.6), (0, 0, 0), (0, 0, 1), (300, 440), fov_y=62)
         row.append(ibr.render(torus, view, light, background=WHITE, samples=4).color)
     show(grid[1, 0], np.hstack(row), "one torus with more and more tiles")
     show(grid[1, 1], room((620, 440)), "walls, floor, columns and a torus, with shadows")
@@ -206,18 +213,18 @@ def room(size: tuple[int, int]) -> np.ndarray:
     """A corner of a room, all of it reliefs, lit by one spot."""
     brick, stone = bricks(), stones()
     things = [
-        ibr.ReliefSurface(quad((-3, 2.2, 0), (6, 0, 0), (0, 0, 3)), *brick, 0.12, (5, 3)),
-        ibr.ReliefSurface(quad((-3, -3, 0), (0, 5.2, 0), (0, 0, 3)), *brick, 0.12, (5, 3)),
-        ibr.ReliefSurface(quad((-3, -3, 0), (6, 0, 0), (0, 5.2, 0)), *stone, 0.10, (4, 4)),
+        ibr.ReliefSurface(quad((-3, 2.2, 0), (6, 0, 0), (0, 0, 3)), *brick, 0.12, tiles=(5, 3)),
+        ibr.ReliefSurface(quad((-3, -3, 0), (0, 5.2, 0), (0, 0, 3)), *brick, 0.12, tiles=(5, 3)),
+        ibr.ReliefSurface(quad((-3, -3, 0), (6, 0, 0), (0, 5.2, 0)), *stone, 0.10, tiles=(4, 4)),
     ]
     for x, y in ((-1.9, 1.2), (0.1, 1.2), (2.1, 1.2)):
         column = tube(32, 3.0, 0.32)
-        moved = ibr.Mesh(column.vertices + np.array([x, y, 1.5]), column.faces, column.uv, column.normals)
-        things.append(ibr.ReliefSurface(moved, *brick, 0.05, (3, 4)))
-    ring = models.donut(40, 0.62, 0.26)
-    lying = ibr.Mesh(ring.vertices + np.array([0.5, -0.9, 0.24]), ring.faces, ring.uv, ring.normals)
-    things.append(ibr.ReliefSurface(lying, *stone, 0.06, (7, 3)))
-    camera = ibr.Camera.look_at((2.7, -4.4, 2.1), (-0.2, 0.2, 0.9), (0, 0, 1), size, 48)
+        moved = ibr.Mesh(column.vertices + np.array([x, y, 1.5]), column.faces, uv=column.uv, normals=column.normals)
+        things.append(ibr.ReliefSurface(moved, *brick, 0.05, tiles=(3, 4)))
+    ring = models.donut(40, radius=0.62, tube=0.26)
+    lying = ibr.Mesh(ring.vertices + np.array([0.5, -0.9, 0.24]), ring.faces, uv=ring.uv, normals=ring.normals)
+    things.append(ibr.ReliefSurface(lying, *stone, 0.06, tiles=(7, 3)))
+    camera = ibr.Camera.look_at((2.7, -4.4, 2.1), (-0.2, 0.2, 0.9), (0, 0, 1), size, fov_y=48)
     light = ibr.Light(
         position=(2.6, -3.6, 4.4), direction=(-2.6, 3.9, -3.9), angle=75, color=(1.5, 1.4, 1.25), shadow_size=2048
     )

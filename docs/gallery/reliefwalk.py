@@ -39,15 +39,15 @@ def path(x: float) -> float:
 def walk() -> Figure:
     """From above a floor of bricks down between them; and into a canyon and along it."""
     light = ibr.Light(direction=(0.8, 0.35, -0.75), color=(1.9, 1.8, 1.65), ambient=0.45, shadow_size=2048)
-    floor = ibr.ReliefSurface(quad((-4, -4, 0), (8, 0, 0), (0, 8, 0)), *bricks(), 0.14, (8, 8), shadow="search")
-    land = ibr.ReliefSurface(quad((-6, -6, 0), (12, 0, 0), (0, 12, 0)), *canyon(), 0.5, (4, 4), shadow="search")
+    floor = ibr.ReliefSurface(quad((-4, -4, 0), (8, 0, 0), (0, 8, 0)), *bricks(), 0.14, tiles=(8, 8), shadow="search")
+    land = ibr.ReliefSurface(quad((-6, -6, 0), (12, 0, 0), (0, 12, 0)), *canyon(), 0.5, tiles=(4, 4), shadow="search")
     lane = [(x, -0.5, z) for x, z in ((-0.55, 0.25), (-0.2, -0.05), (0.3, -0.09))]
     river = [(x, path(x), z) for x, z in ((-0.9, 0.35), (-0.4, -0.2), (0.5, -0.38))]
     figure, grid = plt.subplots(2, 3, figsize=(13.5, 6.6), layout="constrained")
     for row, thing, eyes in zip(grid, (floor, land), (lane, river), strict=True):
         for axes, (x, y, z) in zip(row, eyes, strict=True):
             ahead = (x + 0.6, -0.49 if thing is floor else path(x + 0.6), z - 0.4 * max(z, 0) - 0.02)
-            camera = ibr.Camera.look_at((x, y, z), ahead, (0, 0, 1), SIZE, 62)
+            camera = ibr.Camera.look_at((x, y, z), ahead, (0, 0, 1), SIZE, fov_y=62)
             frame = ibr.render(thing, camera, light, background=SKY, samples=4, anisotropy=4)
             depth = -z / thing.scale
             show(axes, frame.color, f"{depth:.1f} of its depth below the base" if depth > 0 else "above the base")

@@ -65,7 +65,7 @@ def three_directions() -> Figure:
         e, a = np.radians((elevation, azimuth))
         middle = np.array([0.5, 0.5, 0.1])
         eye = middle + 3 * np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
-        camera = ibr.Camera.look_at(eye, middle, (0, 0, 1), (640, 330), 27 if elevation > 45 else 15)
+        camera = ibr.Camera.look_at(eye, middle, (0, 0, 1), (640, 330), fov_y=27 if elevation > 45 else 15)
         bare(axes).imshow(ibr.render(thing, camera, light, background=(255, 255, 255), samples=4).color)
         axes.set_title(f"direction {name}", loc="left", fontsize=12, color=INK)
     return figure
@@ -123,7 +123,7 @@ def donuts() -> Figure:
     red = np.where(joint[..., None] > 1, (176, 84, 62), (190, 184, 172)).astype(np.uint8)
     light, camera = (
         ibr.Light(direction=(0.3, 1, -1)),
-        ibr.Camera.look_at((1.6, -2.7, 2.3), (0, 0, -0.05), (0, 0, 1), (760, 560), 42),
+        ibr.Camera.look_at((1.6, -2.7, 2.3), (0, 0, -0.05), (0, 0, 1), (760, 560), fov_y=42),
     )
     figure, row = plt.subplots(1, 2, figsize=(13, 4.9), layout="constrained")
     surfaces = {
@@ -316,7 +316,7 @@ def intersection() -> Figure:
 def one_slice() -> Figure:
     """A slice of the knot's object: which views' tests each of its points passes, and what is drawn of it."""
     views = object_views(knot(), 512)
-    whole = ibr.DepthObject(views, 128)
+    whole = ibr.DepthObject(views, slices=128)
     camera = ibr.Camera.look_at((0, 0, 12), (0, 0, 0), (0, 1, 0), (400, 400), projection="orthographic", height=7.6)
     axis, spacing = int(np.abs(whole.box.axes[:, 2]).argmax()), whole.box.edges.max() / 128
     number = int(0.62 * whole.box.edges[axis] / spacing)
@@ -329,7 +329,7 @@ def one_slice() -> Figure:
     count = passed.sum(axis=2)[..., None]
     mixed = 0.8 * (passed[..., None] * tints).sum(axis=2) / np.maximum(count, 1)
     mixed = np.where(count == 6, 255, np.where(count > 0, mixed, 30))
-    alone = ibr.DepthObject(views, 128, only=number)
+    alone = ibr.DepthObject(views, slices=128, only=number)
     oblique = ibr.Camera.look_at((4.5, -5.5, 6.5), (0, 0, 0), (0, 0, 1), (420, 400), fov_y=42)
     light = {"background": (255, 255, 255), "samples": 4}
     panels = {

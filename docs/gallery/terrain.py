@@ -5,11 +5,11 @@ World axes: x east, y north, z up, in metres, the origin in the middle of the ma
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 from matplotlib import cbook
 from matplotlib.colors import LightSource, LinearSegmentedColormap
 from numpy.typing import NDArray
+from PIL import Image
 
 import pyibr as ibr
 
@@ -31,17 +31,28 @@ def height_field() -> ibr.DepthImage:
         step_x = METRES_PER_DEGREE * float(stored["dx"]) * np.cos(np.radians(LATITUDE)) / FINER
         step_y = METRES_PER_DEGREE * float(stored["dy"]) / FINER
     rows, columns = elevation.shape
-    height = cv2.resize(elevation, (columns * FINER, rows * FINER), interpolation=cv2.INTER_CUBIC)
-    height = cv2.GaussianBlur(height, (0, 0), 1.5)  # whole metres make steps
+    larger = Image.fromarray(elevation).resize((columns * FINER, rows * FINER), Image.Resampling.BICUBIC)
+    height = _blurred(np.asarray(larger), 1.5)  # whole metres make steps
     rows, columns = height.shape
 
     K = [[1 / step_x, 0, (columns - 1) / 2], [0, 1 / step_y, (rows - 1) / 2], [0, 0, 1]]
     from_above = np.eye(4)
     from_above[:3, :3] = np.diag((1, -1, -1))  # the image's rows go south, the camera looks down
     from_above[2, 3] = FLIGHT
-    camera = ibr.Camera(K, (columns, rows), from_above, "orthographic")
+    camera = ibr.Camera(K, (columns, rows), from_above, projection="orthographic")
     depth = (FLIGHT - EXAGGERATION * height).astype(np.float32)
     return ibr.DepthImage(_shaded(height, step_x, step_y), depth, camera)
+
+
+def _blurred(height: NDArray[np.float32], sigma: float) -> NDArray[np.float32]:
+    """Heights blurred by a Gaussian of so many samples."""
+    reach = round(3 * sigma)
+    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2).astype(np.float32)
+    for axis in (0, 1):
+        padded = np.pad(height, [(reach, reach) if axis == along else (0, 0) for along in (0, 1)], mode="edge")
+        parts = (np.take(padded, range(k, k + height.shape[axis]), axis) for k in range(len(weights)))
+        height = sum(weight * part for weight, part in zip(weights, parts, strict=True)) / weights.sum()
+    return height
 
 
 def _shaded(height: NDArray[np.float32], step_x: float, step_y: float) -> NDArray[np.uint8]:
@@ -64,7 +75,7 @@ def camera_at(turned: float, climbed: float, nearer: float, size: tuple[int, int
     x, y, z = 0.0, -17_000.0, 11_000.0 + climbed
     a = np.radians(turned)
     offset = np.array((x * np.cos(a) - y * np.sin(a), x * np.sin(a) + y * np.cos(a), z))
-    return ibr.Camera.look_at(PIVOT + nearer * offset, PIVOT, (0, 0, 1), size, fov_y)
+    return ibr.Camera.look_at(PIVOT + nearer * offset, PIVOT, (0, 0, 1), size, fov_y=fov_y)
 
 
 def source_view(field: ibr.DepthImage, size: tuple[int, int] = (1500, 1000)) -> ibr.DepthImage:

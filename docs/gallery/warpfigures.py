@@ -55,7 +55,7 @@ def torus_of_six() -> Figure:
     """The torus with the frusta around it, the images of three of them, and the image planes that are displaced."""
     views = models.torus_from_outside(256)
     camera, close = (
-        ibr.Camera.look_at((9.4, -2.6, 3.4), (0, 0.2, 0), (0, -1, 0), (560, 560), degrees) for degrees in (56, 24)
+        ibr.Camera.look_at((9.4, -2.6, 3.4), (0, 0.2, 0), (0, -1, 0), (560, 560), fov_y=degrees) for degrees in (56, 24)
     )
     frame = ibr.warp(views, camera, blend="nearest", samples=4)
     figure = plt.figure(figsize=(15, 4.9), layout="constrained")
@@ -81,7 +81,7 @@ def torus_of_six() -> Figure:
 def beside_the_original() -> Figure:
     """The torus itself, the warp of its six images, and where they differ: cut at depth edges, and connected."""
     views = models.torus_from_outside(256)
-    camera = models.view(views, (400, 400), (-1, -1.2, -0.3), 2.6)
+    camera = models.view(views, (400, 400), direction=(-1, -1.2, -0.3), distance=2.6)
     scene = MeshScene.from_mesh(models.torus_mesh())
     truth, original = scene.capture(camera), by_rays(scene, camera)
     figure, row = plt.subplots(1, 5, figsize=(17.5, 3.8), layout="constrained")
@@ -186,5 +186,5 @@ def fence() -> tuple[ibr.DepthImage, np.ndarray, ibr.Camera]:
         colors += 4 * [(236, 228, 210) if stripe % 2 else (214, 205, 190)]
     first = 4 * np.arange(len(vertices) // 4)
     faces = np.concatenate([np.stack([first, first + 1, first + 2], 1), np.stack([first, first + 2, first + 3], 1)])
-    scene = MeshScene(np.array(vertices), faces, np.array(colors, np.uint8))
+    scene = MeshScene(np.array(vertices), faces, colors=np.array(colors, np.uint8))
     return scene.capture(camera), by_rays(scene, aside), aside

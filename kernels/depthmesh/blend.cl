@@ -2,7 +2,7 @@
  *
  * A region's pixels see each mesh's nearest surface first (the depth pass), then those of them that lie within epsilon
  * behind the front one give their colours (the colour pass), weighted and normalised at once. Where these leave a hole,
- * those of OTHERS do, coarser ones; and wherever a ray tells of surface that no view saw, that is closed (closing.h).
+ * those of the others do, coarser ones; and wherever a ray tells of surface that no view saw, that is closed (closing.h).
  * BLEND_QUALITY: weights of positions times quality, per pixel (the paper's); BLEND_POSITION: of positions alone;
  * BLEND_NEAREST: the front mesh's colour.
  *
@@ -10,47 +10,40 @@
  * stretched over triangles, and read within the source's triangles, so that no colour leaks over a depth edge; what
  * bridges surfaces in coarse meshes is not drawn, but tells of surface.
  *
- * corners, projected, points: select.cl, mesh by mesh: SHEETS, BACKS, OTHERS, then those of VIEWS views. list, starts:
- * raster/bins.cl. firsts: (meshes + 1,) each mesh's first triangle. Of OTHERS and VIEWS: sources: (meshes, 4) number of its view, of the first
- * and the last of that view's levels, and 1 for a perspective view. levels: (levels, 3) width, height and start in colors,
+ * corners, projected, points: select.cl, mesh by mesh, as `MeshCounts` names them. list, starts: raster/bins.cl. firsts:
+ * (meshes + 1,) each mesh's first triangle. Of others and views: sources: (meshes, 4) number of its view, of the first and
+ * the last of that view's levels, and 1 for a perspective view. levels: (levels, 3) width, height and start in colors,
  * each half as large as the one before, rounded up. scales: (meshes,) samples of the view to pixels of the target that a
  * scene unit takes at depth 1 of both. colors: RGBA bytes, A = 255 times the part that has samples. weights: (meshes,)
- * positional, > 0. culled: raster/triangle.h. If CLOSED, of ALL views there are: limits, behind, far_colors,
- * clear, open, limit_sizes, from_target, perspectives, first_levels, closeness and stride, closing.h. depth, color, valid: the picture,
- * which keeps what is nearer already. occupancy: (height, width) bit k is set where view k gave colour, with OCCUPIED.
- * Work-item: a region (raster/region.h). Cost: O(list + pixels * meshes). Determinism: list order, then the meshes'.
+ * positional, > 0. culled: raster/triangle.h. by: what colours are weighted by. layer_nearness, layer_owner: (others +
+ * views, items, pixels of a region) what a region's pixels see of each mesh, between the two passes: as many as there are
+ * meshes, memory of their own would be too many. If CLOSED, of all views there are, `view_count`: limits, behind, far_colors, clear, open, limit_sizes, from_target,
+ * perspectives, first_levels, closeness, stride and enclosed, closing.h. depth, color, valid: the picture, which keeps
+ * what is nearer already. occupancy: (height, width) bit k is set where view k gave colour, with OCCUPIED.
+ * Work-item: every so many-th region (raster/region.h), `items` in all. Cost: O(list + pixels * meshes). Determinism: list order, then the meshes'.
  */
 #include "depthmesh/closing.h"
 #include "lib/color.h"
 #include "lib/taps.h"
 #include "raster/nearest.h"
 
-#ifndef VIEWS
-#define VIEWS 1 /* that are drawn */
+#ifndef CLOSED
+#define CLOSED 0 /* 1: surface that no view saw is closed (closing.h) */
 #endif
-#ifndef OTHERS
-#define OTHERS 0 /* meshes of further views, which show in holes of those */
-#endif
-#ifndef SHEETS
-#define SHEETS 0 /* meshes of what segmentation took out */
-#endif
-#ifndef BACKS
-#define BACKS 0 /* meshes turned round: their backs are drawn */
-#endif
-#define CLOSED (SHEETS + BACKS > 0) /* surface that no view saw is closed (closing.h) */
 #define BLEND_QUALITY 0
 #define BLEND_POSITION 1
 #define BLEND_NEAREST 2
-#ifndef BLEND
-#define BLEND BLEND_QUALITY /* what colours are weighted by, as the file's head says */
-#endif
 #ifndef OCCUPIED
 #define OCCUPIED 0 /* 1: which views gave colour is written, too */
 #endif
-#define UNSEEN_MESHES (SHEETS + BACKS) /* meshes that are none of what is seen themselves */
-#define MESHES (OTHERS + VIEWS)
 #define LEVEL_BIAS 0.25f /* of a level, from which on the coarser one is read: rather a little grain than blur */
 #define QUALITY_MIN 1e-3f /* so that what is seen edge-on by all views still has a colour */
+
+/* Meshes of each kind, in this order: of what segmentation took out, and turned round, so that their backs are drawn, which
+ * tell of surface that no view saw; of further views, which show in holes; of the views that are drawn. */
+typedef struct {
+    int sheets, backs, others, views;
+} MeshCounts;
 
 /* Where in list[first, last), in ascending order, are the numbers from `number` on? */
 int place_in(global const int *list, int first, int last, int number)
@@ -66,19 +59,6 @@ int place_in(global const int *list, int first, int last, int number)
 }
 
 #if CLOSED
-/* Is there a pixel that no view's mesh covers? */
-int has_holes(const Region *seen)
-{
-    for (int block = 0; block < BLOCKS; block++) {
-        floatl front = seen[OTHERS].nearness[block];
-        for (int mesh = OTHERS + 1; mesh < MESHES; mesh++)
-            front = max_lanes(seen[mesh].nearness[block], front);
-        if (any_lane(front == EMPTY))
-            return 1;
-    }
-    return 0;
-}
-
 /* Of the pixels (x, y), which show a surface that no view saw? Some rays are `within` a solid up to nearness `back`, some
  * go `through` a sheet. */
 intl is_closed(const FreeSpace *space, floatl x, floatl y, floatl back, intl within, floatl sheet, intl through, floatl *n)
@@ -125,33 +105,88 @@ void add_sample(global const uint *colors, global const int *size, int level, fl
     add_color(sum, weight / max_lanes(opaque, (floatl)1e-6f), read);
 }
 
-/* Draws the meshes [first, last) from a bin's list, into `regions` regions: each into one of its own, or all into one. */
-void draw_range(const Context *context, Region *seen, int regions, global const int *list, global const int *starts,
-                global const int *firsts, int first, int last, global const float *depth, int x, int y)
+/* Draws the meshes [first, last) of a bin's list, all into one region; starts: the bin's; x, y: its first pixel. */
+void draw_range(const Context *context, Region *region, global const int *list, global const int *starts,
+                global const int *firsts, int first, int last, int x, int y)
 {
-    int next = place_in(list, starts[0], starts[1], firsts[first]);
-    for (int region = 0; region < regions; region++) {
-        const int end = place_in(list, next, starts[1], firsts[last - regions + region + 1]);
-        begin_region(&seen[region], context->screen, depth, 1, x, y);
-        draw_list(context, &seen[region], list, next, end, x, y);
-        next = end;
+    const int from = place_in(list, starts[0], starts[1], firsts[first]);
+    const int to = place_in(list, from, starts[1], firsts[last]);
+    begin_region(region, context->screen, (global const float *)0, 1, x, y);
+    draw_list(context, region, list, from, to, x, y);
+}
+
+/* What a region's pixels see of each mesh: the work-item's memory for it, and how far on that for the next mesh lies */
+typedef struct {
+    global float *nearness;
+    global int *owner; /* triangle, -1: none */
+    size_t next;
+} MeshLayers;
+
+/* The nearest that a region's pixels see: of the views that are drawn, and if CLOSED of the meshes that show in their holes */
+typedef struct {
+    floatl views[BLOCKS];
+#if CLOSED
+    floatl others[BLOCKS], sheets[BLOCKS], backs[BLOCKS];
+#endif
+} Fronts;
+
+/* Draws each of the meshes [first, last) by itself, into its layer; front: the nearest of them all */
+void draw_layers(const Context *context, Region *region, const MeshLayers *layers, global const int *list,
+                 global const int *starts, global const int *firsts, int first, int last, int x, int y, floatl *front)
+{
+    for (int block = 0; block < BLOCKS; block++)
+        front[block] = EMPTY;
+    for (int mesh = first; mesh < last; mesh++) {
+        draw_range(context, region, list, starts, firsts, mesh, mesh + 1, x, y);
+        for (int block = 0; block < BLOCKS; block++) {
+            const size_t at = mesh * layers->next + LANES * block;
+            store_lanes(region->nearness[block], layers->nearness + at);
+            store_lanes(region->owner[block], layers->owner + at);
+            front[block] = max_lanes(region->nearness[block], front[block]);
+        }
     }
+}
+
+/* The depth pass: what a region's pixels see of each mesh; firsts: of the first mesh of all. Are there holes? Layers of
+ * others, and their fronts, are drawn only then. */
+int draw_depths(const Context *context, const MeshLayers *layers, MeshCounts counts, global const int *list,
+                global const int *starts, global const int *firsts, int x, int y, Fronts *fronts)
+{
+    const int unseen = counts.sheets + counts.backs, meshes = counts.others + counts.views;
+    Region region;
+    draw_layers(context, &region, layers, list, starts, firsts + unseen, counts.others, meshes, x, y, fronts->views);
+    intl holes = (intl)0;
+#if CLOSED
+    draw_range(context, &region, list, starts, firsts, counts.sheets, unseen, x, y);
+    for (int block = 0; block < BLOCKS; block++) {
+        fronts->backs[block] = region.nearness[block];
+        holes = holes | (fronts->views[block] == EMPTY);
+    }
+    if (any_lane(holes)) {
+        draw_layers(context, &region, layers, list, starts, firsts + unseen, 0, counts.others, x, y, fronts->others);
+        draw_range(context, &region, list, starts, firsts, 0, counts.sheets, x, y);
+        for (int block = 0; block < BLOCKS; block++)
+            fronts->sheets[block] = region.nearness[block];
+    }
+#endif
+    return any_lane(holes);
 }
 
 /* What the colours of the meshes are made from */
 typedef struct {
+    int by; /* BLEND_QUALITY or another */
     global const int *firsts, *sources, *levels;
     global const float *points, *scales, *weights;
     global const uint *colors;
 } Meshes;
 
-/* Adds a mesh's colour where it is `given`, with its weight, which is returned. seen: the mesh's own region; (x, y): the
- * block's first pixel */
-INLINED floatl add_mesh(const Context *context, const Meshes *meshes, int mesh, const Region *seen, int block, int x, int y,
+/* Adds a mesh's colour where it is `given`, with its weight, which is returned. n, owner: what the block's pixels see of
+ * the mesh; (x, y): the first of them */
+INLINED floatl add_mesh(const Context *context, const Meshes *meshes, int mesh, floatl n, intl owner, int x, int y,
                         intl shares, intl given, Color *sum)
 {
-    const floatl n = seen->nearness[block], px = to_floatl(x + block_x), py = to_floatl(y + block_y);
-    const intl triangle = pick(shares, seen->owner[block], meshes->firsts[mesh] + (intl)0);
+    const floatl px = to_floatl(x + block_x), py = to_floatl(y + block_y);
+    const intl triangle = pick(shares, owner, meshes->firsts[mesh] + (intl)0);
     const OnTriangle p = on_triangle(context->corners, context->projected, triangle, px, py);
     floatl at_x = 0.0f, at_y = 0.0f, at_z = 0.0f, quality = 0.0f;
     UNROLLED
@@ -163,11 +198,8 @@ INLINED floatl add_mesh(const Context *context, const Meshes *meshes, int mesh, 
         at_z += p.weight[k] * at[2];
         quality += p.weight[k] * at[3];
     }
-#if BLEND == BLEND_QUALITY
-    const floatl weight = pick(given, meshes->weights[mesh] * max_lanes(quality, (floatl)QUALITY_MIN), (floatl)0.0f);
-#else
-    const floatl weight = pick(given, (floatl)meshes->weights[mesh], (floatl)0.0f);
-#endif
+    const floatl facing = meshes->by == BLEND_QUALITY ? max_lanes(quality, (floatl)QUALITY_MIN) : (floatl)1.0f;
+    const floatl weight = pick(given, meshes->weights[mesh] * facing, (floatl)0.0f);
     global const int *source = meshes->sources + 4 * mesh;
     const floatl inverse = source[3] ? 1.0f / at_z : (floatl)1.0f;
     const floatl sound_x = pick(shares, at_x * inverse, (floatl)0.0f), sound_y = pick(shares, at_y * inverse, (floatl)0.0f);
@@ -196,13 +228,14 @@ kernel void draw_meshes(global const int *corners, global const float *projected
                         global const int *sources, global const int *levels, global const float *scales,
                         global const uint *colors, global const float *weights,
                         global float *depth, global channel *color, global uchar *valid, Screen screen, float nearest_w,
-                        int culled, float epsilon, int blank
+                        int culled, float epsilon, int blank, MeshCounts counts, int by, global float *layer_nearness,
+                        global int *layer_owner, int items
 #if CLOSED
                         ,
                         global const float *limits, global const float *behind, global const uint *far_colors,
                         global const float *clear, global const float *open, global const int *limit_sizes, global const float *from_target,
                         global const int *perspectives, global const int *first_levels, global const float *closeness,
-                        float stride
+                        float stride, int view_count, int enclosed
 #endif
 #if OCCUPIED
                         ,
@@ -210,82 +243,82 @@ kernel void draw_meshes(global const int *corners, global const float *projected
 #endif
 )
 {
-    const int x = get_global_id(0) * REGION, y = get_global_id(1) * REGION;
-    if (x >= screen.width || y >= screen.height)
-        return;
+    const int columns = (screen.width + REGION - 1) / REGION, rows = (screen.height + REGION - 1) / REGION;
     const Context context = {corners, projected, screen, nearest_w, culled};
-    const Meshes meshes = {firsts + UNSEEN_MESHES, sources, levels, points, scales, weights, colors};
-    const int bin = y / BIN * bins_x + x / BIN;
-    global const int *here = starts + bin;
-    Region seen[MESHES], shown;
-    int first_mesh = OTHERS;
-    draw_range(&context, seen + OTHERS, VIEWS, list, here, firsts, UNSEEN_MESHES + OTHERS, UNSEEN_MESHES + MESHES, depth, x, y);
+    const int others = counts.others, meshes = others + counts.views;
+    const Meshes colored = {by, firsts + counts.sheets + counts.backs, sources, levels, points, scales, weights, colors};
+    const size_t size = BLOCKS * LANES, own = get_global_id(0) * size;
+    const MeshLayers layers = {layer_nearness + own, layer_owner + own, items * size};
 #if CLOSED
-    const FreeSpace space = {limits, behind, far_colors, clear, open, limit_sizes, from_target,
-                           perspectives, first_levels, closeness, stride, screen.perspective};
-    Region sheets, backs;
-    draw_range(&context, &backs, 1, list, here, firsts, SHEETS, UNSEEN_MESHES, depth, x, y);
-    if (has_holes(seen)) {
-        first_mesh = 0;
-        draw_range(&context, seen, OTHERS, list, here, firsts, UNSEEN_MESHES, UNSEEN_MESHES + OTHERS, depth, x, y);
-        draw_range(&context, &sheets, 1, list, here, firsts, 0, SHEETS, depth, x, y);
-    }
+    const FreeSpace space = {limits, behind, far_colors, clear, open, limit_sizes, from_target, perspectives,
+                            first_levels, closeness, stride, screen.perspective, view_count, enclosed};
 #endif
-    begin_region(&shown, screen, depth, blank, x, y);
-
-    for (int block = 0; block < BLOCKS; block++) {
-        const int first_x = x + FIRST_X(block), first_y = y + FIRST_Y(block);
-        floatl front = EMPTY;
-        for (int mesh = OTHERS; mesh < MESHES; mesh++)
-            front = max_lanes(seen[mesh].nearness[block], front);
-        const intl hole = front == EMPTY; /* in the meshes of the views that are drawn */
-        for (int mesh = first_mesh; mesh < OTHERS; mesh++)
-            front = pick(hole, max_lanes(seen[mesh].nearness[block], front), front);
-        intl closed = (intl)0;
-#if CLOSED
-        const floatl back = backs.nearness[block], sheet = first_mesh == 0 ? sheets.nearness[block] : (floatl)EMPTY;
-        const intl within = front < (screen.perspective ? back / (1.0f + epsilon * back) : back - epsilon);
-        const intl through = (front == EMPTY) & (sheet > EMPTY);
-        if (any_lane(within | through)) {
-            const floatl px = to_floatl(first_x + block_x), py = to_floatl(first_y + block_y);
-            floatl n;
-            closed = is_closed(&space, px, py, back, within, sheet, through, &n);
-            closed = closed & (n <= screen.nearest);
-            front = pick(closed, n, front);
-        }
-#endif
-        const intl mine = front > shown.nearness[block];
-        if (!blank && !any_lane(mine))
+    for (int drawn = get_global_id(0); drawn < columns * rows; drawn += items) {
+        const int x = drawn % columns * REGION, y = drawn / columns * REGION;
+        global const int *here = starts + (y / BIN * bins_x + x / BIN);
+        if (here[0] == here[1]) {
+            if (blank)
+                clear_region(screen, depth, color, valid, x, y);
             continue;
-        Color sum = {0.0f, 0.0f, 0.0f};
-        floatl total = 0.0f;
-        intl taken = (intl)0, views = (intl)0; /* by the front mesh; views that gave colour */
-        /* Of epsilon 0 this is `front` itself. */
-        const floatl deepest = screen.perspective ? front / (1.0f + epsilon * front) : front - epsilon;
-        for (int mesh = first_mesh; mesh < MESHES; mesh++) {
-            const floatl n = seen[mesh].nearness[block];
-            intl shares = (seen[mesh].owner[block] >= 0) & (mesh < OTHERS ? hole : !hole);
-            shares = shares & (BLEND == BLEND_NEAREST ? (n == front) & !taken : n >= deepest);
-            taken = taken | shares;
-            const intl given = shares & mine;
-            if (!any_lane(given))
-                continue;
-            total += add_mesh(&context, &meshes, mesh, &seen[mesh], block, first_x, first_y, shares, given, &sum);
-            views |= pick(given, (intl)(1 << sources[4 * mesh]), (intl)0);
         }
+        Fronts fronts;
+        const int holed = draw_depths(&context, &layers, counts, list, here, firsts, x, y, &fronts);
+        Region region;
+        begin_region(&region, screen, depth, blank, x, y);
+        for (int block = 0; block < BLOCKS; block++) {
+            const int first_x = x + FIRST_X(block), first_y = y + FIRST_Y(block);
+            floatl front = fronts.views[block];
+            const intl hole = front == EMPTY; /* in the meshes of the views that are drawn */
+            intl closed = (intl)0;
 #if CLOSED
-        const intl given = closed & mine;
-        if (any_lane(given))
-            total += add_closest(&space, colors, levels, to_floatl(first_x + block_x), to_floatl(first_y + block_y), front,
-                                 given, &sum, &views);
+            if (holed)
+                front = pick(hole, fronts.others[block], front);
+            const floatl back = fronts.backs[block], sheet = holed ? fronts.sheets[block] : (floatl)EMPTY;
+            const intl within = front < (screen.perspective ? back / (1.0f + epsilon * back) : back - epsilon);
+            const intl through = (front == EMPTY) & (sheet > EMPTY);
+            if (any_lane(within | through)) {
+                const floatl px = to_floatl(first_x + block_x), py = to_floatl(first_y + block_y);
+                floatl n;
+                closed = is_closed(&space, px, py, back, within, sheet, through, &n);
+                closed = closed & (n <= screen.nearest);
+                front = pick(closed, n, front);
+            }
 #endif
-        const floatl scale = 1.0f / (255.0f * pick(mine, total, (floatl)1.0f));
-        const Color shade = {sum.r * scale, sum.g * scale, sum.b * scale};
-        shown.nearness[block] = front;
-        shown.owner[block] = pick(mine, (intl)0, (intl)-1);
-        write_block(&shown, block, screen, depth, color, valid, blank, first_x, first_y, shade);
+            const intl mine = front > region.nearness[block];
+            if (!blank && !any_lane(mine))
+                continue;
+            Color sum = {0.0f, 0.0f, 0.0f};
+            floatl total = 0.0f;
+            intl taken = (intl)0, views = (intl)0; /* by the front mesh; views that gave colour */
+            /* Of epsilon 0 this is `front` itself. */
+            const floatl deepest = screen.perspective ? front / (1.0f + epsilon * front) : front - epsilon;
+            for (int mesh = holed ? 0 : others; mesh < meshes; mesh++) {
+                const size_t at = mesh * layers.next + LANES * block;
+                const floatl n = load_lanes(layers.nearness + at);
+                const intl owner = load_lanes(layers.owner + at);
+                intl shares = (owner >= 0) & (mesh < others ? hole : !hole);
+                shares = shares & (by == BLEND_NEAREST ? (n == front) & !taken : n >= deepest);
+                taken = taken | shares;
+                const intl given = shares & mine;
+                if (!any_lane(given))
+                    continue;
+                total += add_mesh(&context, &colored, mesh, n, owner, first_x, first_y, shares, given, &sum);
+                views |= pick(given, (intl)(1 << sources[4 * mesh]), (intl)0);
+            }
+#if CLOSED
+            const intl given = closed & mine;
+            if (any_lane(given))
+                total += add_closest(&space, colors, levels, to_floatl(first_x + block_x), to_floatl(first_y + block_y), front,
+                                     given, &sum, &views);
+#endif
+            const floatl scale = 1.0f / (255.0f * pick(mine, total, (floatl)1.0f));
+            const Color shade = {sum.r * scale, sum.g * scale, sum.b * scale};
+            region.nearness[block] = front;
+            region.owner[block] = pick(mine, (intl)0, (intl)-1);
+            write_block(&region, block, screen, depth, color, valid, blank, first_x, first_y, shade);
 #if OCCUPIED
-        write_occupancy(views, screen, first_x, first_y, occupancy);
+            write_occupancy(views, screen, first_x, first_y, occupancy);
 #endif
+        }
     }
 }

@@ -11,7 +11,7 @@
  * nobody knows, but surfaces on the far sides of depth edges are likely to go on behind the near ones. Each view is taken
  * to be empty up to those (`behind`), and the ray is closed at the first point that no view takes to be so; a ray that comes
  * to none ends in nothing. Rays that come out of hidden space behind a sheet and go into some again are closed only if
- * ENCLOSED: beside an object they may go on for ever.
+ * `enclosed`: beside an object they may go on for ever.
  *
  * Cost: up to 6 MARCH_STEPS points a ray, each looked up in views until one has seen it to be empty, for rays that meet backs
  * or sheets first.
@@ -20,20 +20,14 @@
 #include "lib/color.h"
 #include "lib/taps.h"
 
-#ifndef ALL
-#define ALL 1 /* views there are, drawn or not */
-#endif
-#ifndef ENCLOSED
-#define ENCLOSED 0 /* 1: no view saw background, as in a room, so that every ray meets something */
-#endif
 #define MARCH_STEPS 128   /* points along a ray */
 #define SAMPLE_REACH 0.25f /* of a step: what lies so close to a sample is at it */
 #define HALVINGS 7  /* of a step: where a ray leaves the empty space is known to 1/128 of one */
 
 /* What the views saw: limits, their depths, INFINITY for background and 0 where nothing is known; behind: the depths that
  * the far sides of edges go on at, not less; far_colors: RGBA bytes there; clear, open: the least of limits, and of
- * behind, at a cell's four samples, at its upper left one's place; sizes: (ALL, 3) width, height and start; from_target: (ALL, 16)
- * from the target's pixel space to theirs; perspectives: 1 or 0; first_levels: (ALL,) their finest levels; closeness: (ALL,) weights of their positions. */
+ * behind, at a cell's four samples, at its upper left one's place; sizes: (views, 3) width, height and start; from_target: (views, 16)
+ * from the target's pixel space to theirs; perspectives: 1 or 0; first_levels: (views,) their finest levels; closeness: (views,) weights of their positions. */
 typedef struct {
     global const float *limits, *behind;
     global const uint *far_colors;
@@ -44,6 +38,8 @@ typedef struct {
     global const float *closeness;
     float stride;    /* along the target's depth, scene units */
     int perspective; /* the target */
+    int views;       /* there are, drawn or not */
+    int enclosed;    /* no view saw background, as in a room, so that every ray meets something */
 } FreeSpace;
 
 /* Where a view sees the target's pixel (x, y) at a nearness, and at what depth; whether it does. */
@@ -65,7 +61,7 @@ intl is_empty(const FreeSpace *space, global const float *up_to, int nearest, fl
 {
     const floatl n = DEPTH_OF(space->perspective, depth), rounded = nearest ? 0.5f : 0.0f;
     intl empty = (intl)0;
-    for (int view = 0; view < ALL && any_lane(active); view++) {
+    for (int view = 0; view < space->views && any_lane(active); view++) {
         floatl u, v, z;
         const intl sees = active & project_to_view(space, view, x, y, n, &u, &v, &z);
         if (!any_lane(sees))
@@ -110,7 +106,7 @@ intl is_in_any_view(const FreeSpace *space, floatl x, floatl y, floatl depth)
 {
     const floatl n = DEPTH_OF(space->perspective, depth);
     intl looked = (intl)0;
-    for (int view = 0; view < ALL; view++) {
+    for (int view = 0; view < space->views; view++) {
         floatl u, v, z;
         looked = looked | project_to_view(space, view, x, y, n, &u, &v, &z);
     }
@@ -134,7 +130,7 @@ intl ends_hidden(const FreeSpace *space, floatl x, floatl y, floatl depth, intl 
     floatl entry;
     const intl entered = has_entered(space, x, y, depth + space->stride, active & !comes_out, &entry);
     *last = pick(comes_out, from, entry);
-    const intl ends = ENCLOSED ? comes_out | entered : entered;
+    const intl ends = space->enclosed ? comes_out | entered : entered;
     return ends & is_in_any_view(space, x, y, *last + space->stride);
 }
 
@@ -167,7 +163,7 @@ intl is_at_sample(const FreeSpace *space, floatl x, floatl y, floatl depth, intl
 {
     const floatl n = DEPTH_OF(space->perspective, pick(active, depth, (floatl)1.0f));
     intl found = (intl)0;
-    for (int view = 0; view < ALL && any_lane(active); view++) {
+    for (int view = 0; view < space->views && any_lane(active); view++) {
         floatl u, v, z;
         const intl sees = active & project_to_view(space, view, x, y, n, &u, &v, &z);
         const intl at = pick(sees, to_intl(v + 0.5f) * space->sizes[3 * view] + to_intl(u + 0.5f), (intl)0);
@@ -219,13 +215,13 @@ floatl add_closest(const FreeSpace *space, global const uint *colors, global con
 {
     floatl least = INFINITY, total = 0.0f, off[4], share[4];
     intl at[4], own[4];
-    for (int view = 0; view < ALL; view++) {
+    for (int view = 0; view < space->views; view++) {
         samples_around(space, view, x, y, n, off, share, at, own);
         for (int k = 0; k < 4; k++)
             least = min_lanes(off[k], least);
     }
     given = given & (least < INFINITY);
-    for (int view = 0; view < ALL && any_lane(given); view++) {
+    for (int view = 0; view < space->views && any_lane(given); view++) {
         samples_around(space, view, x, y, n, off, share, at, own);
         const int start = levels[3 * space->first_levels[view] + 2];
         for (int k = 0; k < 4; k++) {

@@ -1,27 +1,24 @@
 /* The quadtree's errors and bounding spheres, fine to coarse (Pajarola, Sainz & Meng 2003, sections 3.2 and 3.3).
  *
  * A vertex's error is its distance from the edge that it bisects, of a midpoint in the plane of z and of the direction
- * of its edge (equation 1), of a centre in space (equation 2), and that of the child with the largest. Spheres hold those
- * of all children, the finest the triangles that they split. So parents have the larger ones, and one test of each vertex
- * on its own yields a triangulation without cracks (Lindstrom & Pascucci 2001).
+ * of its edge (equation 1), of a centre in space (equation 2), and that of the child with the largest. Spheres hold
+ * those of all children, the finest the triangles that they split. So parents have the larger ones, and one test of
+ * each vertex on its own yields a triangulation without cracks (Lindstrom & Pascucci 2001).
  *
  * Deviations from the paper: a child's error is added to the own one instead of the larger of them being taken (which
  * LARGEST does), since a surface that leaves both out may be off by both: so errors bound what they are errors of. A
- * triangle of which only a part is drawn has CUT_ERROR times its own length as an error, since all of it is lost unless it is split: edges and
- * segmentation stay at any tolerance that is of use.
+ * triangle of which only a part is drawn has CUT_ERROR times its own length as an error, since all of it is lost unless
+ * it is split: edges and segmentation stay at any tolerance that is of use.
  *
- * nearness: (height, pitch). Of each vertex, (side + 1, row): states, states.cl; errors in scene units, -1 where nothing is
- * drawn; radii of the bounding spheres; depths of their centres, which are a child's where there is no sample.
- * Work-item: a row of vertices of step 1, most of all, one after the other (`find_finest_midpoints`, which also writes
- * what is true of vertices that no cell belongs to, `find_finest_centers`), of a coarser step (`find_errors`), all rows of
- * all coarser steps (`find_coarse_errors`).
- * Cost: O(vertices). Determinism: maxima of children in a fixed order.
+ * nearness: (height, pitch). Of each vertex, (side + 1, row): states, states.cl; errors in scene units, -1 where
+ * nothing is drawn; radii of the bounding spheres; depths of their centres, which are a child's where there is no
+ * sample. Work-item: a row of vertices of step 1, most of all, one after the other (`find_finest_midpoints`, which also
+ * writes what is true of vertices that no cell belongs to, `find_finest_centers`), of a coarser step (`find_errors`),
+ * all rows of all coarser steps (`find_coarse_errors`). Cost: O(vertices). Determinism: maxima of children in a fixed
+ * order.
  */
 #include "depthmesh/tree.h"
 
-#ifndef LARGEST
-#define LARGEST 0 /* 1: of a vertex's own error and its children's the largest counts, as in the paper; 0: their sum */
-#endif
 #define CUT_ERROR 4.0f
 #define MARGIN 0.01f /* samples by which spheres reach beyond children's: more than what rounding may turn round */
 
@@ -29,6 +26,7 @@ typedef struct {
     global const float *nearness;
     global const uchar *states;
     global float *errors, *radii, *depths;
+    int largest; /* 1: of a vertex's own error and its children's the largest counts, as in the paper; 0: their sum */
 } Tree;
 
 /* What is known of LANES vertices */
@@ -99,13 +97,13 @@ floatl bisection_error(const Layout *layout, Vector p, floatl n, intl ax, intl a
 }
 
 /* Joins the vertices' own errors with their children's, unless nothing is drawn. */
-void add_error(const Layout *layout, floatl own, intl states, int s, int centers, Vertices *v)
+void add_error(const Layout *layout, const Tree *tree, floatl own, intl states, int s, int centers, Vertices *v)
 {
     const intl a = STATE_A(states), b = STATE_B(states);
     const intl partly = (a == (UNDRAWN | DRAWN)) | (b == (UNDRAWN | DRAWN)), drawn = ((a | b) & DRAWN) != 0;
     const float samples = CUT_ERROR * 2.0f * s * (centers ? M_SQRT2_F : 1.0f);
     const floatl length = samples * sample_size(layout, v->depth);
-    const floatl below = fmax(v->error, (floatl)0.0f), joined = LARGEST ? fmax(own, below) : own + below;
+    const floatl below = fmax(v->error, (floatl)0.0f), joined = tree->largest ? fmax(own, below) : own + below;
     v->error = pick(drawn, fmax(joined, pick(partly, length, (floatl)0.0f)), v->error);
 }
 
@@ -134,7 +132,7 @@ void find_error_row(const Layout *layout, const Tree *tree, int s, int y, int ce
         const intl ax = x - before_x, bx = x + before_x, states = (intl)(gather(tree->states, at));
         const floatl na = vertex_nearness(layout, tree, ax, ay), nb = vertex_nearness(layout, tree, bx, by);
         const floatl own = bisection_error(layout, v.center, n, ax, ay, na, bx, by, nb, centers, across);
-        add_error(layout, own, states, s, centers, &v);
+        add_error(layout, tree, own, states, s, centers, &v);
         for (int lane = 0; lane < LANES; lane++) {
             if (!int_lane(mine, lane))
                 continue;
@@ -164,12 +162,12 @@ void store_vertices(const Tree *tree, size_t at, const Vertices *v)
 }
 
 kernel void find_finest_midpoints(global const float *nearness, global const uchar *states, global float *errors,
-                                  global float *radii, global float *depths, Layout layout)
+                                  global float *radii, global float *depths, Layout layout, int largest)
 {
     const int y = get_global_id(0), across = !(y & 1);
     if (y > layout.side)
         return;
-    const Tree tree = {nearness, states, errors, radii, depths};
+    const Tree tree = {nearness, states, errors, radii, depths, largest};
     for (int first = 0; first <= layout.side; first += LANES) {
         const size_t at = (size_t)y * layout.row + first;
         const intl x = first + lane_index, ax = x - across, bx = x + across;
@@ -190,19 +188,19 @@ kernel void find_finest_midpoints(global const float *nearness, global const uch
                 v.radius = pick(IS_SAMPLE(next), max_lanes(sqrt(DOT(away, away)), v.radius), v.radius);
             }
             const intl odd = (x & 1) == 1, mine = layout.side == 1 ? (intl)0 : across ? odd : !odd;
-            add_error(&layout, own, pick(mine, load_bytes(states + at), (intl)0), 1, 0, &v);
+            add_error(&layout, &tree, own, pick(mine, load_bytes(states + at), (intl)0), 1, 0, &v);
         }
         store_vertices(&tree, at, &v);
     }
 }
 
 kernel void find_finest_centers(global const float *nearness, global const uchar *states, global float *errors,
-                                global float *radii, global float *depths, Layout layout)
+                                global float *radii, global float *depths, Layout layout, int largest)
 {
     const int y = 2 * get_global_id(0) + 1;
     if (y > layout.side || y >= layout.height)
         return;
-    const Tree tree = {nearness, states, errors, radii, depths};
+    const Tree tree = {nearness, states, errors, radii, depths, largest};
     const int dx[4] = {0, 1, 0, -1}, dy[4] = {-1, 0, 1, 0}; /* children above, right, below, left */
     for (int first = 0; first < layout.width; first += LANES) {
         const size_t at = (size_t)y * layout.row + first;
@@ -231,7 +229,7 @@ kernel void find_finest_centers(global const float *nearness, global const uchar
         const floatl na = pick(main, corner[0][0], corner[1][0]), nb = pick(main, corner[1][1], corner[0][1]);
         const intl down = pick(main, (intl)1, (intl)-1), ay = y - down, by = y + down;
         const floatl own = bisection_error(&layout, v.center, n, x - 1, ay, na, x + 1, by, nb, 1, 0);
-        add_error(&layout, own, load_bytes(states + at), 1, 1, &v);
+        add_error(&layout, &tree, own, load_bytes(states + at), 1, 1, &v);
         v.error = pick(mine, v.error, load_lanes(errors + at));
         v.radius = pick(mine, v.radius, load_lanes(radii + at));
         v.depth = pick(mine, v.depth, load_lanes(depths + at));
@@ -240,21 +238,21 @@ kernel void find_finest_centers(global const float *nearness, global const uchar
 }
 
 kernel void find_errors(global const float *nearness, global const uchar *states, global float *errors, global float *radii,
-                        global float *depths, Layout layout, int s, int centers)
+                        global float *depths, Layout layout, int largest, int s, int centers)
 {
     const int y = centers ? s + 2 * s * (int)get_global_id(0) : s * (int)get_global_id(0);
     if (y > layout.side || y - s >= layout.height - 1)
         return;
-    const Tree tree = {nearness, states, errors, radii, depths};
+    const Tree tree = {nearness, states, errors, radii, depths, largest};
     find_error_row(&layout, &tree, s, y, centers);
 }
 
 kernel void find_coarse_errors(global const float *nearness, global const uchar *states, global float *errors,
-                               global float *radii, global float *depths, Layout layout, int finest)
+                               global float *radii, global float *depths, Layout layout, int largest, int finest)
 {
     if (get_global_id(0) > 0)
         return;
-    const Tree tree = {nearness, states, errors, radii, depths};
+    const Tree tree = {nearness, states, errors, radii, depths, largest};
     for (int s = finest; s < layout.side; s *= 2) {
         for (int y = 0; y <= layout.side && y - s < layout.height - 1; y += s)
             find_error_row(&layout, &tree, s, y, 0);

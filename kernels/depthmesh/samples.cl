@@ -1,11 +1,11 @@
-/* What a depth image's samples say of its surface: which triangles of the full grid are drawn, and the normals.
+/* Segmentation of a depth image: which triangles of the full grid are drawn; and the samples' normals.
  *
- * `segment` finds the triangles that bridge two surfaces (rubber sheets). TEST_ORTHOGONALITY is the paper's: seen edge-on
- * (equation 3) and long in depth (equation 4); for orthographic views, whose z has no fixed origin, the depth range is
- * taken relative to the view's extent. TEST_CONNECTEDNESS (Mark, McMillan & Bishop 1997): an edge is kept if it is
- * short, or either of its samples continues the line to the other's far side, in nearness, where planes are straight. TEST_DISPARITY: nearness
- * within the triangle differs too much (Oliveira & Bishop 1998). TEST_NONE keeps everything. Beyond the papers: in all tests,
- * what the sensor's noise explains is no step (`noise`).
+ * `segment` finds the triangles that bridge two surfaces (rubber sheets). TEST_ORTHOGONALITY is the paper's: seen
+ * edge-on (equation 3) and long in depth (equation 4); for orthographic views, whose z has no fixed origin, the depth
+ * range is taken relative to the view's extent. TEST_CONNECTEDNESS (Mark, McMillan & Bishop 1997): an edge is kept if
+ * it is short, or either of its samples continues the line to the other's far side, in nearness, where planes are
+ * straight. TEST_DISPARITY: nearness within the triangle differs too much (Oliveira & Bishop 1998). TEST_NONE keeps
+ * everything. Beyond the papers: in all tests, what the sensor's noise explains is no step (`noise`).
  *
  * nearness: (height, pitch), picture/nearness.cl. cells: (height, pitch) states of each cell's two triangles (tree.h).
  * normals: (3, height, pitch) in the view's frame, towards the camera, from the differences to those neighbours that
@@ -18,11 +18,9 @@
 #define TEST_CONNECTEDNESS 1
 #define TEST_DISPARITY 2
 #define TEST_NONE 3
-#ifndef TEST
-#define TEST TEST_ORTHOGONALITY /* which test finds rubber sheets, as the file's head says */
-#endif
 
 typedef struct {
+    int test;          /* which one finds rubber sheets, as the file's head says */
     float sine;        /* of the angle between a triangle and the line of sight: below it, it is seen edge-on */
     float depth_range; /* of what is one surface, relative to z or to the extent */
     float extent;      /* of an orthographic view's samples, in scene units */
@@ -30,7 +28,7 @@ typedef struct {
     float noise[3];    /* by a z z + b z + c the depths of one surface may differ at depth z */
 } Segmentation;
 
-/* How far apart depths z of one surface may be by their noise, and nearness there */
+/* By how much depths z of one surface may differ by their noise; and nearness */
 #define NOISE_AT(rule, z) (((rule)->noise[0] * (z) + (rule)->noise[1]) * (z) + (rule)->noise[2])
 INLINED floatl noise_of_nearness(const Layout *layout, const Segmentation *rule, floatl n)
 {
@@ -44,7 +42,12 @@ INLINED floatl noise_of_nearness(const Layout *layout, const Segmentation *rule,
 /* Is the triangle of the points p, q, r with nearness a, b, c a rubber sheet? */
 intl bridges(const Layout *layout, const Segmentation *rule, Vector p, Vector q, Vector r, floatl a, floatl b, floatl c)
 {
-#if TEST == TEST_ORTHOGONALITY
+    if (rule->test == TEST_DISPARITY) {
+        const floatl nearest = fmax(a, fmax(b, c)), scale = layout->perspective ? nearest : (floatl)rule->extent;
+        return SPREAD(a, b, c) > fmax(rule->gap * scale, noise_of_nearness(layout, rule, nearest));
+    }
+    if (rule->test != TEST_ORTHOGONALITY)
+        return (intl)(p.z < -INFINITY);
     const Vector normal = cross_product(minus(q, p), minus(r, p));
     Vector sight = {0.0f, 0.0f, 1.0f};
     floatl scale = rule->extent;
@@ -57,15 +60,8 @@ intl bridges(const Layout *layout, const Segmentation *rule, Vector p, Vector q,
     const floatl noise = NOISE_AT(rule, (p.z + q.z + r.z) * (1.0f / 3.0f)), allowed = fmax(rule->depth_range * scale, noise);
     const floatl along = DOT(sight, normal), sizes = DOT(sight, sight) * DOT(normal, normal);
     return (along * along < rule->sine * rule->sine * sizes) & (SPREAD(p.z, q.z, r.z) > allowed);
-#elif TEST == TEST_DISPARITY
-    const floatl nearest = fmax(a, fmax(b, c)), scale = layout->perspective ? nearest : (floatl)rule->extent;
-    return SPREAD(a, b, c) > fmax(rule->gap * scale, noise_of_nearness(layout, rule, nearest));
-#else
-    return (intl)(p.z < -INFINITY);
-#endif
 }
 
-#if TEST == TEST_CONNECTEDNESS
 /* Do samples next to each other, with nearness a and b, belong together? before, after: the next ones on both sides. */
 intl connected(const Layout *layout, const Segmentation *rule, floatl before, floatl a, floatl b, floatl after)
 {
@@ -87,7 +83,6 @@ intl is_connected(const Layout *layout, const Segmentation *rule, global const f
     return connected(layout, rule, (floatl)(gather(nearness, before)), (floatl)(gather(nearness, a)),
                      (floatl)(gather(nearness, b)), (floatl)(gather(nearness, after)));
 }
-#endif
 
 kernel void segment(global const float *nearness, global uchar *cells, Layout layout, Segmentation rule)
 {
@@ -103,7 +98,8 @@ kernel void segment(global const float *nearness, global uchar *cells, Layout la
         Vector p[4];
         for (int k = 0; k < 4; k++)
             p[k] = point_of(&layout, fx + (k & 1), fy + (k >> 1), DEPTH_OF(layout.perspective, n[k]));
-        /* The diagonal's ends belong to both triangles: the other corners are the upper one's and the lower one's own. */
+        /* The diagonal's ends belong to both triangles: the other corners are the upper one's and the lower one's
+         * own. */
         const Vector a = {pick(main, p[3].x, p[2].x), pick(main, p[3].y, p[2].y), pick(main, p[3].z, p[2].z)};
         const Vector b = {pick(main, p[0].x, p[1].x), pick(main, p[0].y, p[1].y), pick(main, p[0].z, p[1].z)};
         const floatl na = pick(main, n[3], n[2]), nb = pick(main, n[0], n[1]);
@@ -111,12 +107,12 @@ kernel void segment(global const float *nearness, global uchar *cells, Layout la
         intl lower_drawn = IS_SAMPLE(n[2]) & IS_SAMPLE(n[3]) & IS_SAMPLE(nb);
         upper_drawn = upper_drawn & !bridges(&layout, &rule, p[0], p[1], a, n[0], n[1], na);
         lower_drawn = lower_drawn & !bridges(&layout, &rule, p[2], p[3], b, n[2], n[3], nb);
-#if TEST == TEST_CONNECTEDNESS
-        const intl row = (intl)y, left = is_connected(&layout, &rule, nearness, x, row, 0, 1);
-        const intl right = is_connected(&layout, &rule, nearness, x + 1, row, 0, 1);
-        upper_drawn = upper_drawn & is_connected(&layout, &rule, nearness, x, row, 1, 0) & pick(main, right, left);
-        lower_drawn = lower_drawn & is_connected(&layout, &rule, nearness, x, row + 1, 1, 0) & pick(main, left, right);
-#endif
+        if (rule.test == TEST_CONNECTEDNESS) {
+            const intl row = (intl)y, left = is_connected(&layout, &rule, nearness, x, row, 0, 1);
+            const intl right = is_connected(&layout, &rule, nearness, x + 1, row, 0, 1);
+            upper_drawn = upper_drawn & is_connected(&layout, &rule, nearness, x, row, 1, 0) & pick(main, right, left);
+            lower_drawn = lower_drawn & is_connected(&layout, &rule, nearness, x, row + 1, 1, 0) & pick(main, left, right);
+        }
         const intl state = pick(upper_drawn, (intl)DRAWN, (intl)UNDRAWN) |
                            pick(lower_drawn, (intl)(DRAWN << 2), (intl)(UNDRAWN << 2));
         store_bytes(to_ucharl(pick(x < layout.width - 1, state, (intl)0)), cells + (size_t)y * layout.pitch + first);
@@ -163,7 +159,7 @@ kernel void find_normals(global const float *nearness, global const uchar *cells
         add_step(p, to_right, (after & DRAWN) != 0, &across);
         add_step(to_up, p, (above & DRAWN) != 0, &along);
         add_step(p, to_down, (beneath & DRAWN) != 0, &along);
-        /* Where no triangle tells how the surface runs, it is taken to face the camera. */
+        /* Where there is no triangle, the surface is taken to face the camera. */
         across.x = pick(((before | after) & DRAWN) != 0, across.x, (floatl)1.0f);
         along.y = pick(((above | beneath) & DRAWN) != 0, along.y, (floatl)1.0f);
         const Vector normal = cross_product(along, across); /* towards the camera */

@@ -4,25 +4,21 @@
  * from the nearest point of their bounding sphere, which is within the target's view. Errors and spheres hold those of
  * all children, so every vertex can decide on its own, and no cracks arise. A triangle is part of the triangulation if
  * its vertex at the right angle is active and the one that would split it is not; it is drawn if all of it is.
- * `find_triangles` finds them, `list_points` and `list_triangles` write them down.
+ * `find_triangles` finds them, `list_points` and `list_triangles` list them.
  *
  * Deviations from the paper: the distance is that of the sphere, not of the vertex, as the above demands. A viewer that
- * will move may ask for more than it needs, a finer tolerance and a wider view: `motion_limits` tell how far it may move before
- * it needs a vertex that it did not get.
+ * will move may select more than it needs, by a finer tolerance and a wider view: `motion_limits` bound how far it may
+ * move before it needs a vertex that was not selected.
  *
  * Of each vertex, (side + 1, row): active, tree.h; drawn: bit k where the k-th triangle with its right angle there is
- * drawn; numbers of those that are listed. counts, firsts: (side + 1, 2) how many points and triangles each row has, and
- * the numbers of its first ones. points: (points, 4) where in the view, tree.h, and quality |n z| if RATED. corners:
- * (triangles, 3) numbers of points, counter-clockwise as the view sees them, the one at the right angle second.
- * motion_limits: (side + 1, 2) scene units; of each row's vertices that are not active, the least that the eye may move until one
- * of too small an error is seen larger than allowed, and the least distance of one that is out of view.
- * Work-item: a row of vertices. Cost: O(vertices). Determinism: rows' and columns' order.
+ * drawn; numbers of those that are listed. counts, firsts: (side + 1, 2) how many points and triangles each row has,
+ * and the numbers of its first ones. points: (points, 4) where in the view, tree.h, and quality |n z| if rated.
+ * corners: (triangles, 3) numbers of points, counter-clockwise as the view sees them, the one at the right angle
+ * second. motion_limits: (side + 1, 2) scene units; of each row's vertices that are not active, the least that the eye
+ * may move until one of too small an error is seen larger than allowed, and the least distance of one that is out of
+ * view. Work-item: a row of vertices. Cost: O(vertices). Determinism: rows' and columns' order.
  */
 #include "depthmesh/tree.h"
-
-#ifndef RATED
-#define RATED 0 /* 1: points are listed with their quality */
-#endif
 
 #define POINTS 1024
 
@@ -134,26 +130,17 @@ kernel void find_triangles(global const uchar *active, global const uchar *state
 }
 
 kernel void list_points(global const uchar *active, global const float *nearness, global const int *firsts,
-                        global int *numbers, global float *points, Layout layout
-#if RATED
-                        ,
-                        global const float *normals
-#endif
-)
+                        global int *numbers, global float *points, Layout layout,
+                        global const float *normals /* not read unless rated */, int rated)
 {
     const int y = get_global_id(0);
     if (y >= layout.height)
         return;
     const size_t start = (size_t)y * layout.row, samples = (size_t)y * layout.pitch;
-#if RATED
-    global const float *facing = normals + (size_t)2 * layout.pitch * layout.height + samples;
-#define QUALITY(x) fabs(facing[x])
-#else
-#define QUALITY(x) 0.0f
-#endif
+    global const float *facing = normals + (rated ? (size_t)2 * layout.pitch * layout.height + samples : 0);
     int number = firsts[2 * y];
     for (int x = -1; (x = next_marked(active + start, x + 1, layout.width - 1)) < layout.width; number++) {
-        const float n = nearness[samples + x], z = 1.0f / n, quality = QUALITY(x);
+        const float n = nearness[samples + x], z = 1.0f / n, quality = rated ? fabs(facing[x]) : 0.0f;
         numbers[start + x] = number;
         vstore4(layout.perspective ? (float4)(x * z, y * z, z, quality) : (float4)(x, y, n, quality), number, points);
     }
@@ -187,8 +174,8 @@ kernel void list_triangles(global const uchar *active, global const uchar *drawn
     }
 }
 
-/* Points of several meshes, mesh by mesh, to the target's pixel space. firsts: (meshes + 1,) numbers of each one's first.
- * maps: (meshes, 16), from (a, b, c, 1) of a mesh's points. projected: (points, 4). Work-item: POINTS points. */
+/* Points of several meshes, mesh by mesh, to the target's pixel space. firsts: (meshes + 1,) numbers of each one's
+ * first. maps: (meshes, 16), from (a, b, c, 1) of a mesh's points. projected: (points, 4). Work-item: POINTS points. */
 kernel void project_points(global const float *points, global const int *firsts, global const float *maps, int meshes,
                            global float *projected)
 {

@@ -1,18 +1,17 @@
 /* Triangulations within a vertical error, for no viewer in particular.
  *
- * From the coarsest triangles on, those are split that depart in depth by more than max_error from any sample within them,
- * not only from the vertex that would split them: so it is a bound. What must be split with them, follows. Each split is
- * one that any triangulation within the bound has: no other has fewer triangles. Planes are straight in nearness, so
- * departures are exact for both kinds of cameras.
+ * From the coarsest triangles on, those are split that depart in depth by more than max_error from any sample within
+ * them, not only from the vertex that would split them: so it is a bound. What must be split with them, follows. Each
+ * split is one that any triangulation within the bound has: no other has fewer triangles. Planes are straight in
+ * nearness, so departures are exact for both kinds of cameras.
  *
- * nearness: (height, pitch). states: states.cl. active: (side + 1, row), tree.h, to be filled with 0 before. pool: chunks
- * of CHUNK ints, the numbers of the chunks below and above and then vertices, of which work-items make stacks; used: (1,)
- * how many chunks are. coarse: a step.
- * Work-item: all vertices of at least the coarse step (`refine_coarse`), then each of them and whatever follows from it
- * that no other work-item has taken (`refine`). They see each other's marks late, or not; what decides is atomic.
- * Cost: O(triangles + samples): most triangles that are split are found to depart at once, and of others the rows are
- * read LANES samples at a time. Determinism: what is split follows from single vertices, so the set is the same in any
- * order.
+ * nearness: (height, pitch). states: states.cl. active: (side + 1, row), tree.h, to be filled with 0 before. pool:
+ * chunks of CHUNK ints, the numbers of the chunks below and above and then vertices, of which work-items make stacks;
+ * used: (1,) how many chunks are. coarse: a step. Work-item: all vertices of at least the coarse step
+ * (`refine_coarse`), then each of them and whatever follows from it that no other work-item has taken (`refine`). They
+ * see each other's marks late, or not; what decides is atomic. Cost: O(triangles + samples): most triangles that are
+ * split are found to depart at once, and of others the rows are read LANES samples at a time. Determinism: what is
+ * split follows from single vertices, so the set is the same in any order.
  */
 #include "depthmesh/tree.h"
 
@@ -47,7 +46,7 @@ int must_split(const Layout *layout, const Work *work, int x, int y, int s, int 
     const int2 to_a = centers ? (int2)(rises ? -s : s, -s) : across ? (int2)(0, -s) : (int2)(-s, 0);
     const int2 start = p - along, end = p + along, q = b ? p - to_a : p + to_a; /* q: the right angle */
     const float n_start = NEARNESS_AT(start), n_end = NEARNESS_AT(end), n_q = NEARNESS_AT(q);
-    /* The vertex itself and the middles of the two legs tell most. */
+    /* The vertex itself and the middles of the two legs are off most often. */
     if (IS_OFF(0.5f * (n_start + n_end), NEARNESS_AT(p)))
         return 1;
     if (s == 1 && !centers)
@@ -100,7 +99,7 @@ void add_chunk(Work *work)
     work->height = 2;
 }
 
-/* Takes a vertex in, unless it is one of the tree's corners, beyond, or another work-item's. */
+/* Activates a vertex, unless it is one of the tree's corners, beyond, or another work-item's. */
 void activate_vertex(const Layout *layout, Work *work, int x, int y)
 {
     const int side = layout->side, at = y * layout->row + x, shift = BYTE_IN_WORD(at);

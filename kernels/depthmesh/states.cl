@@ -1,7 +1,7 @@
-/* What the quadtree's triangles are made of, fine to coarse: whether all, some or none of the cells within each are drawn
+/* The states of the quadtree's triangles, fine to coarse: whether all, some or none of the cells within each are drawn
  * (Pajarola, Sainz & Meng 2003, section 3.3: segmentation carried up by boolean rules).
  *
- * A triangle's state is what its two halves' states say together; those are sides of the vertex's children.
+ * A triangle's state is the union of its two halves' states; those are sides of the vertex's children.
  *
  * cells: samples.cl. states: (side + 1, row) of each vertex, both sides' (tree.h).
  * Work-item: a row of vertices, of which those of step 1 are found and of others UNDRAWN is written

@@ -15,15 +15,15 @@
  * one: its children. A midpoint's are the centres at (+-s/2, +-s/2), a centre's the midpoints at (+-s, 0) and (0, +-s).
  * In a triangulation without cracks a vertex is active only if all vertices whose child it is are.
  *
- * Points of triangles are kept as (a, b, c): of a perspective view (x z, y z, z), of an orthographic one (x, y, -z). With a
- * 1 they are homogeneous: a 4x4 map takes them to another camera's pixel space.
+ * Points of triangles are kept as (a, b, c): of a perspective view (x z, y z, z), of an orthographic one (x, y, -z).
+ * With a 1 they are homogeneous: a 4x4 map takes them to another camera's pixel space.
  */
 #include "lib/lanes.h"
 #include "lib/pixelspace.h"
 #include "lib/vectors.h"
 
-/* A triangle's state: what the cells within it say, 0 where there is no triangle. Side A has the lower two bits of a vertex's
- * byte and side B the next two; in a cell's byte the upper triangle is A, the lower one B. */
+/* A triangle's state: bits of what cells within it are, 0 where there is no triangle. Side A has the lower two bits
+ * of a vertex's byte and side B the next two; in a cell's byte the upper triangle is A, the lower one B. */
 #define UNDRAWN 1
 #define DRAWN 2
 #define SIDE_BITS 2
@@ -69,7 +69,7 @@ int step_of(int x, int y)
 
 #define NOTHING (UNDRAWN | UNDRAWN << 2)
 
-/* Of the cells that meet the vertices x of a row y, dx and dy, -1 or 0, tell which one: its byte, 0 beyond the tree */
+/* The byte of the cell at (dx, dy), each -1 or 0, from the vertices x of a row y; 0 beyond the tree */
 intl cell_next_to(const Layout *layout, global const uchar *cells, intl x, int first, int y, int dx, int dy)
 {
     if (y + dy < 0 || y + dy >= layout->side)

@@ -1,23 +1,20 @@
-/* Sets floats or uints. Work-item: `share` of them, a multiple of LANES. O(n). */
+/* Fills a buffer of floats or uints. Work-item: `share` of them, a multiple of LANES. O(n). */
 #include "lib/lanes.h"
 
-#ifndef UINTS
-#define UINTS 0 /* 1: the values are uints */
-#endif
-#if UINTS
-#define element uint
-#define elements uintl
-#else
-#define element float
-#define elements floatl
-#endif
-
-kernel void clear(global element *values, int count, int share, element value)
-{
-    const int first = get_global_id(0) * share, end = min(first + share, count);
-    int i = first;
-    for (; i + LANES <= end; i += LANES)
-        store_lanes((elements)value, values + i);
-    for (; i < end; i++)
+#define SET_SHARE(vectors)                                                                                     \
+    const int first = get_global_id(0) * share, end = min(first + share, count);                               \
+    int i = first;                                                                                             \
+    for (; i + LANES <= end; i += LANES)                                                                       \
+        store_lanes((vectors)value, values + i);                                                               \
+    for (; i < end; i++)                                                                                       \
         values[i] = value;
+
+kernel void clear(global float *values, int count, int share, float value)
+{
+    SET_SHARE(floatl)
+}
+
+kernel void clear_uints(global uint *values, int count, int share, uint value)
+{
+    SET_SHARE(uintl)
 }

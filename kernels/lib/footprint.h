@@ -1,8 +1,8 @@
 #ifndef LIB_FOOTPRINT_H
 #define LIB_FOOTPRINT_H
-/* What part of a tiled map a pixel covers. Seen aslant, it is longer than wide: with ANISOTROPIC the map is read several
- * times along the longer side, from the level whose texels are as large as the shorter one (McCormack et al. 1999, by the
- * footprint's exact ellipse), at most `anisotropy` times. Without, it is read once.
+/* What part of a tiled map a pixel covers. Seen aslant, it is longer than wide: with ANISOTROPIC the map is read
+ * several times along the longer side, from the level whose texels are as large as the shorter one (McCormack et al.
+ * 1999, by the footprint's exact ellipse), at most `anisotropy` times. Without, it is read once.
  *
  * Cost: a reading a ratio of the sides, to the nearest whole number: surfaces that are seen straight on are read once.
  */
@@ -44,9 +44,9 @@ typedef struct {
     int anisotropy; /* the most readings along a footprint */
 } UvSteps;
 
-/* Of what is seen at nearness n in the unit direction `ahead`, on a plane across `normal` (of any length); along_u, along_v:
- * gradients in the world. A plane that is seen so much aslant that footprints were longer than `anisotropy` times their
- * width is taken to be less so: their width stays, so that slopes at outlines are not smeared. */
+/* Of what is seen at nearness n in the unit direction `ahead`, on a plane across `normal` (of any length); along_u,
+ * along_v: gradients in the world. A plane that is seen so much aslant that footprints were longer than `anisotropy`
+ * times their width is taken to be less so: their width stays, so that slopes at outlines are not smeared. */
 INLINED UvSteps uv_steps(Screen screen, floatl n, Vector ahead, Vector normal, Vector along_u, Vector along_v, int anisotropy)
 {
     const float *m = screen.to_world;
@@ -89,7 +89,8 @@ INLINED Footprint footprint_of(UvSteps s, int width, int height, intl wanted)
 }
 #endif
 
-/* The readings of a footprint: number i, which of the lanes have one, how much it weighs, where it is along the footprint */
+/* The readings of a footprint: number i, which of the lanes have one, how much it weighs, where it is along the
+ * footprint */
 #if ANISOTROPIC
 #define EACH_READING(f, i) for (int i = 0; any_lane((f).count > (float)i); i++)
 #define HAS_READING(f, i) ((f).count > (float)(i))

@@ -1,6 +1,7 @@
 #ifndef LIB_HEIGHTS_H
 #define LIB_HEIGHTS_H
-/* Height maps, tiled or clamped (lib/wrap.h): texel centres are at (i + 0.5) / size, so (x, y) = uv * size - 0.5 counts from the first centre.
+/* Height maps, tiled or clamped (lib/wrap.h): texel centres are at (i + 0.5) / size, so (x, y) = uv * size - 0.5 counts
+ * from the first centre.
  *
  * HEIGHT_BYTES 1: a word holds four heights of 8 bits: a texel, its right neighbour, and the two below.
  * HEIGHT_BYTES 2: a word holds two of 16 bits: a texel and its right neighbour.
@@ -30,7 +31,7 @@ typedef struct {
 #endif
 } HeightMap;
 
-/* FLOOR: the greatest whole number <= x, also as an int. WRAPPED: that int, moved into the tile, or to the map's border,
+/* FLOOR: the greatest whole number <= x, also as an int. WRAPPED: that int, repeated or clamped onto the map,
  * whatever x is. */
 #if POWERS_OF_TWO
 /* Added, it leaves no bits for fractions, and the last bits are those of the whole number: |x| < 2^22. A whole x may
@@ -48,7 +49,7 @@ typedef struct {
 #if POWERS_OF_TWO
 #define WRAPPED(clamped, whole, number, size, per_size) ((number) & ((size) - 1))
 #else
-#define WRAPPED(clamped, whole, number, size, per_size)                                                         \
+#define WRAPPED(clamped, whole, number, size, per_size)                                                        \
     clamp((clamped) ? (number) : (number) - (size) * to_intl(floor_lanes(((whole) + 0.5f) * (per_size))),      \
           (intl)0, (size) - 1)
 #endif

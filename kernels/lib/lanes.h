@@ -10,10 +10,10 @@
 #define LANES 1 /* work-item width: 1 or 16 */
 #endif
 #ifndef COUNTERS
-#define COUNTERS 0 /* 1: kernels have `counts`, of what they did */
+#define COUNTERS 0 /* 1: kernels have `counters` of their work, for benchmarks and tests */
 #endif
 
-/* A function whose arguments and results shall stay in registers, where vectors are else passed through memory. */
+/* A function whose arguments and results stay in registers: vectors are passed through memory otherwise. */
 #if LANES == 16
 #define INLINED static inline __attribute__((always_inline))
 #else
@@ -32,11 +32,11 @@
 #pragma clang diagnostic ignored "-Wpsabi"
 #endif
 
-/* A vector that a compiler shall have as it is: of several shuffles in turn it makes one for each lane. Clang heeds a
- * fence only where arithmetic may be reordered. It is no `asm`, which PoCL 6 takes for a call of its own. */
+/* Keeps the compiler from merging shuffles before the vector with those after it, which makes one for each lane.
+ * Clang heeds a fence only where arithmetic may be reordered. It is no `asm`, which PoCL 6 takes for a call. */
 #if defined(__AVX512F__) && defined(__has_builtin)
 #if __has_builtin(__arithmetic_fence)
-#define ARITHMETIC_FENCE(vector)                                                                                           \
+#define ARITHMETIC_FENCE(vector)                                                                               \
     {                                                                                                          \
         _Pragma("clang fp reassociate(on)") vector = __arithmetic_fence(vector);                               \
     }
@@ -72,8 +72,8 @@ typedef WIDE(long) longl;
 #define store_lanes(v, p) vstore16(v, 0, p)
 #define shifted_lanes(v) (v).s00123456789abcde /* each lane's left neighbour; the first its own */
 #define lane_index ((int16)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15))
-#define gather(p, i)                                                                                          \
-    (p)[(i).s0], (p)[(i).s1], (p)[(i).s2], (p)[(i).s3], (p)[(i).s4], (p)[(i).s5], (p)[(i).s6], (p)[(i).s7],   \
+#define gather(p, i)                                                                                           \
+    (p)[(i).s0], (p)[(i).s1], (p)[(i).s2], (p)[(i).s3], (p)[(i).s4], (p)[(i).s5], (p)[(i).s6], (p)[(i).s7],    \
         (p)[(i).s8], (p)[(i).s9], (p)[(i).sa], (p)[(i).sb], (p)[(i).sc], (p)[(i).sd], (p)[(i).se], (p)[(i).sf]
 /* any() compiles to a branch a lane. */
 #ifdef __has_builtin
@@ -118,7 +118,7 @@ typedef struct __attribute__((packed)) {
 #define set_float_lane(v, lane, value) (((float *)&(v))[lane] = (value))
 #define set_int_lane(v, lane, value) (((int *)&(v))[lane] = (value))
 
-/* A kernel's parameter and its value, and adding how many lanes of a mask are true, where that is wanted */
+/* With COUNTERS: a kernel's parameter and its value, and adding how many lanes of a mask are true */
 #if COUNTERS
 #define COUNTERS_PARAMETER(type) , global type *counters
 #define COUNTERS_ARGUMENT(type) counters
@@ -246,13 +246,13 @@ floatl floor_lanes(floatl x)
 #define min_lanes(a, b) pick((a) < (b), a, b)
 #define max_lanes(a, b) pick((a) > (b), a, b)
 
-/* At least 0 and at most `most`, a NaN 0: what may become an index. Beyond an int's range conversions yield anything. */
+/* A NaN becomes `low`: what may become an index. Beyond an int's range conversions yield anything. */
 #define clamp_lanes(x, low, high) min_lanes(max_lanes(x, low), high)
 
 /* isfinite() compiles to a call a lane. */
 #define isfinite_lanes(v) (fabs(v) < INFINITY)
 
-/* foresee(p): p will be read or written soon. */
+/* prefetch_at(p): p will be read or written soon. */
 #if LANES == 16 && defined(__has_builtin)
 #if __has_builtin(__builtin_prefetch)
 #define prefetch_at(p) __builtin_prefetch((const void *)(uintptr_t)(p))

@@ -1,6 +1,6 @@
 #ifndef LIB_LENS_H
 #define LIB_LENS_H
-/* Where a lens sees what a pinhole would: the models of `pyibr.Lens` (pyibr/core/lens.py), forwards. */
+/* Lens distortion: the models of `pyibr.Lens` (pyibr/core/lens.py), forwards. */
 #include "lib/lanes.h"
 
 #ifndef LENS
@@ -13,7 +13,7 @@ typedef struct {
     float reach;                /* ideal distance from the axis up to which it sees */
 } Lens;
 
-/* From a pinhole's pixels to the lens's, in place. Are they in its sight? Elsewhere they are anything. */
+/* From a pinhole's pixels to the lens's, in place. Returns which are in its field of view; others are anything. */
 INLINED intl through_lens(Lens lens, floatl *u, floatl *v)
 {
 #if LENS == 0

@@ -108,7 +108,8 @@ INLINED floatl visibility(global const float *shadow_maps, Shadow shadow, Vector
 }
 #endif
 
-/* Lights a colour of the point p; normal: of unit length; ahead: the unit direction in which it is seen; visible: 0 to 1 */
+/* Lights a colour of the point p; normal: of unit length; ahead: the unit direction in which it is seen; visible: 0
+ * to 1 */
 INLINED void apply_light(Color *shade, Light light, Vector p, Vector normal, Vector ahead, floatl visible)
 {
     const ToLight to = to_light(light, p);

@@ -1,18 +1,18 @@
 #ifndef LIB_RIBBONS_H
 #define LIB_RIBBONS_H
-/* Things one sample thin, as ribbons: wires, leaves, bars, as wide as the samples that saw them.
+/* Things one sample thin, as ribbons: wires, leaves, bars, as wide as the samples that measured them.
  *
  * The surface of lib/surface.h ends at its last samples: what is one sample wide has no triangles, or single ones. A
- * sample is thin if no cell around it is whole. It is a square of one sample's side that is swept, straight, to
- * each neighbour that it is not torn from (a ribbon), or that stays where it is if there is none (a dot); to a neighbour
- * that is not thin, up to the middle of that one. A ribbon is a plane: its nearness changes along it alone. Wires that run
- * aslant are seen as runs along rows (or columns) with steps of one sample between them; the middles of the squares lie
- * half a sample towards the next run where a run ends, and less the nearer to its middle: on the straight line, if the
- * wire is one. A middle reads up to 4 RUN_MAX samples.
+ * sample is thin if no cell around it is whole. It is a square of one sample's side that is swept, straight, to each
+ * neighbour that it is not torn from (a ribbon), or that stays where it is if there is none (a dot); to a neighbour
+ * that is not thin, up to the middle of that one. A ribbon is a plane: its nearness changes along it alone. Wires that
+ * run aslant are seen as runs along rows (or columns) with steps of one sample between them; the middles of the squares
+ * lie half a sample towards the next run where a run ends, and less the nearer to its middle: on the straight line, if
+ * the wire is one. A middle reads up to 4 RUN_MAX samples.
  */
 #include "lib/surface.h"
 
-/* Who asks twice must find the same to the last bit. */
+/* Several launches must find the same ribbons to the last bit. */
 #pragma OPENCL FP_CONTRACT OFF
 
 #define RUN_MAX 32 /* samples of a run to either side that are looked at: it is straight to a sixtieth if it is longer */
@@ -52,7 +52,8 @@ int is_thin(Grid grid, int x, int y)
     return 1;
 }
 
-/* The end of the run through (x, y) along (dx, dy): x: how far it is; y: 1 or -1, if the run goes on one sample aside. */
+/* The end of the run through (x, y) along (dx, dy): x: how far it is; y: 1 or -1, if the run goes on one sample
+ * aside. */
 float2 run_end(Grid grid, int x, int y, int dx, int dy)
 {
     const int aside_x = abs(dy), aside_y = abs(dx);
@@ -85,7 +86,8 @@ float2 middle_of(Grid grid, int x, int y)
     return along_x ? (float2)(x, y + aside) : (float2)(x + aside, y);
 }
 
-/* Is there a ribbon from thin sample (x, y) that way? Not if a corner of others leads there. */
+/* Is there a ribbon from thin sample (x, y) to the neighbour at (dx, dy)? Not if two samples around a corner link
+ * them. */
 int is_linked(Grid grid, int x, int y, int dx, int dy)
 {
     if (!joined(grid, x, y, x + dx, y + dy))
@@ -115,7 +117,7 @@ Ribbon ribbon_of(Grid grid, int x, int y, int neighbour)
     return ribbon;
 }
 
-/* Is there a ribbon of thin sample (x, y) that way? Of two thin samples' by the first of them alone. */
+/* Does thin sample (x, y) own the ribbon to a neighbour? Of two thin samples the first does. */
 int is_first_of(Grid grid, int x, int y, int neighbour)
 {
     if (neighbour == SELF) {

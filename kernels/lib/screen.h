@@ -17,13 +17,14 @@ typedef struct {
     float nearest; /* the near plane: nearness beyond it is not drawn */
 } Screen;
 
-/* How far the target's picture lies at a pixel already: nearness, EMPTY where nothing is drawn. */
+/* The nearness that the target's picture has at a pixel already; EMPTY where nothing is drawn. */
 float drawn_nearness(Screen screen, float depth)
 {
     return isnan(depth) ? EMPTY : DEPTH_OF(screen.perspective, depth);
 }
 
-/* The depth of what is drawn: an orthographic camera may stand in it, at depth 0, which would say that nothing is there */
+/* The depth of what is drawn: it is never 0, which means that nothing is there, though an orthographic camera may
+ * stand in the scene */
 #define DRAWN_DEPTH(screen, nearness)                                                                          \
     fmin(fmax(DEPTH_OF((screen).perspective, nearness), NEAREST_DEPTH), FARTHEST_DEPTH)
 

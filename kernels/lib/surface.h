@@ -1,6 +1,6 @@
 #ifndef LIB_SURFACE_H
 #define LIB_SURFACE_H
-/* The surface that a depth image means: the triangulated grid of its samples.
+/* The surface of a depth image: the triangulated grid of its samples.
  *
  * The cell between samples (x, y) and (x+1, y+1) is split by the diagonal from (x+1, y) to (x, y+1). Nearness is
  * affine over a triangle, so a plane in space is a plane (gu, gv) over the image. A triangle, or an edge, is open (no

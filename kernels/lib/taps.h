@@ -22,11 +22,11 @@ INLINED Taps clamped_taps(int width, int height, floatl x, floatl y)
     return taps;
 }
 
-/* The two texels around a place of one axis of a map, whose whole length is 1. Returns how far it is from the first to the
- * second. */
+/* The two texels around a place of one axis of a map, whose whole length is 1. Returns how far it is from the first
+ * to the second. */
 INLINED floatl taps_along(int clamped, intl size, floatl place, intl *first, intl *second)
 {
-    /* Lanes that do not ask may hold anything: none may read beyond the map. */
+    /* Inactive lanes may hold anything: none may read beyond the map. */
     const floatl length = to_floatl(size);
     if (clamped) {
         const floatl t = clamp_lanes(place * length - 0.5f, (floatl)0.0f, length - 1.0f), whole = truncated(t);

@@ -1,7 +1,7 @@
 #ifndef LIB_TEXTURE_H
 #define LIB_TEXTURE_H
-/* Textures with their pyramids, tiled or clamped (lib/wrap.h): RGBA bytes, level by level from the largest, each half the
- * size of the one before, rounded down (Williams 1983).
+/* Textures with their pyramids, tiled or clamped (lib/wrap.h): RGBA bytes, level by level from the largest, each half
+ * the size of the one before, rounded down (Williams 1983).
  */
 #include "lib/color.h"
 #include "lib/taps.h"

@@ -1,6 +1,6 @@
 #ifndef LIB_WRAP_H
 #define LIB_WRAP_H
-/* What maps are beyond u from 0 to 1, and beyond v. */
+/* Texture wrap modes: what maps are beyond u from 0 to 1, and beyond v. */
 #include "lib/lanes.h"
 
 #ifndef CLAMPED_U
@@ -10,6 +10,6 @@
 #define CLAMPED_V 0 /* 1: the same along v */
 #endif
 
-/* Where u, or v, is on the map, in numbers that stay small */
+/* u, or v, wrapped: a number that stays small */
 #define WRAPPED_UV(clamped, u) ((clamped) ? (u) : (u) - floor_lanes(u))
 #endif

@@ -1,11 +1,11 @@
 /* Anti-aliasing: each pixel from its samples, which lie on a regular grid of `side` x `side` within it.
  *
- * Colour is the mean of all samples, of which those that show nothing are black: colour times coverage. Depth is of what
- * is in front: the mean nearness (affine on a plane) of all samples if the pixel shows one surface, else of those that
- * lie closer to the nearest one than to the farthest.
- * sample_depth, sample_color, sample_valid: (side * height, side * width), depth NaN, colour and valid 0 where nothing
- * shows. depth, color: (height, width); valid: whether any sample is; alpha: the share of the samples that show something.
- * Work-item: STRIP times LANES pixels of a row. Cost: O(samples). Determinism: every pixel on its own.
+ * Colour is the mean of all samples, of which those that show nothing are black: colour times coverage. Depth is of
+ * what is in front: the mean nearness (affine on a plane) of all samples if the pixel shows one surface, else of those
+ * that lie closer to the nearest one than to the farthest. sample_depth, sample_color, sample_valid: (side * height,
+ * side * width), depth NaN, colour and valid 0 where nothing shows. depth, color: (height, width); valid: whether any
+ * sample is; alpha: the share of the samples that show something. Work-item: STRIP times LANES pixels of a row. Cost:
+ * O(samples). Determinism: every pixel on its own.
  */
 #include "lib/color.h"
 #include "lib/surface.h"

@@ -1,13 +1,13 @@
-/* A lens's picture from a straight one: each pixel reads where its own ray passes.
+/* A lens's picture from the faces of a cube (or from one pinhole's picture): each pixel reads where its own ray passes.
  *
  * Between four pixels that show one surface, nearness (affine on a plane) and colour are what lies between them; at the
  * edges of surfaces, beside holes, and if `linear` is 0, they are the nearest one's. Four are one surface if all show
  * something, and every step between neighbours is small or goes on as beside it: a slope is no edge, however steep.
- * places: (3, height, pitch) u and v in the straight picture, NaN for pixels that are none of its own, and depth in the
- * lens's frame over depth in the picture's. face_depth, face_color, face_valid: (face_height, face_width), depth NaN
- * where there is nothing. depth, color, valid: (height, width); what is no pixel of this picture stays, or is emptied.
- * ORIGINS: where pixels come from, (..., 3), and what they are, are carried over, too; pixels without a ray are `unseen`.
- * Work-item: STRIP * LANES pixels of a row. Cost: O(pixels). Determinism: every pixel on its own.
+ * places: (3, height, pitch) u and v in the face, NaN for pixels that are none of its own, and depth in the lens's
+ * frame over depth in the picture's. face_depth, face_color, face_valid: (face_height, face_width), depth NaN where
+ * there is nothing. depth, color, valid: (height, width); pixels of other faces stay, or with `first` are emptied.
+ * ORIGINS: where pixels come from, (..., 3), and what they are, are carried over, too; pixels without a ray are
+ * `unseen`. Work-item: STRIP * LANES pixels of a row. Cost: O(pixels). Determinism: every pixel on its own.
  */
 #include "lib/color.h"
 #include "lib/surface.h"
@@ -20,7 +20,7 @@
 #define STRIP 1 /* packets of LANES pixels that a work-item goes through: starting one takes longer than most */
 #endif
 
-/* The straight picture */
+/* One face */
 typedef struct {
     global const float *depth;
     global const channel *color;
@@ -98,7 +98,7 @@ INLINED Reading read_face(Straight straight, floatl u_own, floatl v_own, floatl 
     return read;
 }
 
-/* The first `count` of a packet's pixels; what has no place in the straight picture is emptied, or stays. */
+/* The first `count` of a packet's pixels; what is not on the face is emptied, or stays. */
 INLINED void write_packet(const Reading *read, Straight straight, int count, int empties, global float *depth,
                           global channel *color, global uchar *valid)
 {

@@ -1,19 +1,14 @@
 /* Depth to nearness: the sweep and the searches read 1/z (perspective) or -z (orthographic), never z.
  *
- * One work-item converts one row and notes the row's range, which bounds what the view can reach.
- * depth: (src_height, src_width) planar z; not finite, <= NEAREST or >= far is no surface.
- * nearness: (src_height, src_pitch), a pitch that is no power of two, because columns are read too.
- * ranges: (src_height, 2) least and greatest nearness of the row, (inf, -inf) where it has no surface.
- * BRIDGED: through a single sample that is missing amid a surface, what is behind would show; it becomes what lies between
- * its neighbours to either side, or above and below, where these are one surface.
- * O(n^2), one pass. Determinism: every sample from depths alone.
+ * One work-item converts one row and notes the row's range, which bounds what the view can reach. depth: (src_height,
+ * src_width) planar z; not finite, <= NEAREST or >= far is no surface. nearness: (src_height, src_pitch), a pitch that
+ * is no power of two, because columns are read too. ranges: (src_height, 2) least and greatest nearness of the row,
+ * (inf, -inf) where it has no surface. to_bridged_nearness: through a single sample that is missing amid a surface, what
+ * is behind would show; it becomes what lies between its neighbours to either side, or above and below, where these are
+ * one surface. O(n^2), one pass. Determinism: every sample from depths alone.
  */
 #include "lib/lanes.h"
 #include "lib/surface.h"
-
-#ifndef BRIDGED
-#define BRIDGED 0 /* 1: single missing samples are bridged */
-#endif
 
 /* Nearness of samples x to x + LANES - 1 of a row; NO_SURFACE beside the image */
 INLINED floatl nearness_from(global const float *row, int x, int width, int perspective, float far)
@@ -27,13 +22,8 @@ INLINED floatl nearness_from(global const float *row, int x, int width, int pers
     return pick((d > NEAREST) & (d < far), DEPTH_OF(perspective, d), (floatl)NO_SURFACE);
 }
 
-kernel void to_nearness(global const float *depth, global float *nearness, global float *ranges, int src_width,
-                        int src_height, int src_pitch, int src_perspective, float far
-#if BRIDGED
-                        ,
-                        Cut cut
-#endif
-)
+INLINED void convert_row(global const float *depth, global float *nearness, global float *ranges, int src_width, int src_height,
+                         int src_pitch, int src_perspective, float far, int bridged, Cut cut)
 {
     const int y = get_global_id(0);
     if (y >= src_height)
@@ -45,8 +35,7 @@ kernel void to_nearness(global const float *depth, global float *nearness, globa
         const intl solid = n > NO_SURFACE;
         low = min_lanes(pick(solid, n, low), low);
         high = max_lanes(pick(solid, n, high), high);
-#if BRIDGED
-        if (any_lane(!solid)) {
+        if (bridged && any_lane(!solid)) {
             const floatl none = NO_SURFACE;
             const floatl left = nearness_from(row, x - 1, src_width, src_perspective, far);
             const floatl right = nearness_from(row, x + 1, src_width, src_perspective, far);
@@ -56,9 +45,21 @@ kernel void to_nearness(global const float *depth, global float *nearness, globa
             const intl down = !IS_OPEN(cut, max_lanes(above, under), min_lanes(above, under));
             n = pick((!solid) & (across | down), 0.5f * pick(across, left + right, above + under), n);
         }
-#endif
         store_lanes(n, nearness + (size_t)y * src_pitch + x); /* rows have room for whole packets */
     }
     ranges[2 * y] = least_lane(low);
     ranges[2 * y + 1] = -least_lane(-high);
+}
+
+kernel void to_nearness(global const float *depth, global float *nearness, global float *ranges, int src_width,
+                        int src_height, int src_pitch, int src_perspective, float far)
+{
+    const Cut none = {0.0f, 0.0f, 0.0f};
+    convert_row(depth, nearness, ranges, src_width, src_height, src_pitch, src_perspective, far, 0, none);
+}
+
+kernel void to_bridged_nearness(global const float *depth, global float *nearness, global float *ranges, int src_width,
+                                int src_height, int src_pitch, int src_perspective, float far, Cut cut)
+{
+    convert_row(depth, nearness, ranges, src_width, src_height, src_pitch, src_perspective, far, 1, cut);
 }

@@ -1,12 +1,10 @@
-/* Normals from a depth image: of each sample, that of the plane that fits best to those around it.
+/* Normals from a depth image: of each sample, that of the least-squares plane through those around it.
  *
  * On a plane nearness is affine, so the fit is linear: least squares over the samples up to `radius` away along x and y
  * that are one surface with the middle one (lib/surface.h). Beside edges they all lie on one side. A sample alone faces
- * the camera.
- * nearness: (height, pitch), picture/nearness.cl. normals: (height, width, 3) of unit length, in the camera's frame and
- * towards it; of what is no sample, anything. fx, skew, fy, cx, cy: of the camera's K.
- * Work-item: LANES samples of a row. Cost: O(samples * radius^2), radius <= RADIUS_MAX. Determinism: every sample on its
- * own.
+ * the camera. nearness: (height, pitch), picture/nearness.cl. normals: (height, width, 3) of unit length, in the
+ * camera's frame and towards it; of what is no sample, anything. fx, skew, fy, cx, cy: of the camera's K. Work-item:
+ * LANES samples of a row. Cost: O(samples * radius^2), radius <= RADIUS_MAX. Determinism: every sample on its own.
  */
 #include "lib/surface.h"
 #include "lib/vectors.h"

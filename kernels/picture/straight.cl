@@ -1,11 +1,11 @@
-/* A lens's image made straight: what a pinhole would have seen from there.
+/* A lens's image undistorted: what a pinhole would have seen from there.
  *
- * Where the triangle of samples around a pixel is one surface (lib/surface.h), nearness is affine over it and tells the
- * depth, and its corners the colour. Elsewhere, at depth edges and in holes, and the colour if `linear` is 0, it is the
- * nearest sample: edges stay as sharp as they were.
- * places: (2, height, pitch) u and v in the lens's image, NaN beside it. lens_depth, color: (lens_height, lens_width) of
- * the lens's image, planar z; not finite, <= NEAREST or >= far is no surface. straight_depth, straight_color: (height,
- * width); depth is NaN, and colour black, beside the lens's image.
+ * Where the triangle of samples around a pixel is one surface (lib/surface.h), depth is from the nearness, which is
+ * affine over it, and colour from its corners. Elsewhere, at depth edges and in holes, and the colour if `linear` is 0,
+ * it is the nearest sample: edges stay as sharp as they were. places: (2, height, pitch) u and v in the lens's image,
+ * NaN beside it. lens_depth, color: (lens_height, lens_width) of the lens's image, planar z; not finite, <= NEAREST or
+ * >= far is no surface. straight_depth, straight_color: (height, width); depth is NaN, and colour black, beside the
+ * lens's image.
  * Work-item: LANES pixels of a row. Cost: O(pixels). Determinism: every pixel on its own.
  */
 #include "lib/color.h"

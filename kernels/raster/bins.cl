@@ -1,9 +1,9 @@
 /* Binning: which primitives may touch which bins of BIN x BIN pixels, in the order of the primitives.
  *
- * `count_bins` bounds each primitive and counts, per chunk of primitives and bin; `total_bins` and `total_rows` sum up each
- * bin and each row of bins; `start_bins` turns the counts of a bin into places; `fill_bins` writes the primitives' numbers.
- * A bin's list is in the order of the primitives, since each chunk fills its own part: no atomics, reproducible.
- * `sort_bins` puts each list from front to back, for fragment programs that cost more than that.
+ * `count_bins` bounds each primitive and counts, per chunk of primitives and bin; `total_bins` and `total_rows` sum up
+ * each bin and each row of bins; `start_bins` turns the counts of a bin into places; `fill_bins` writes the primitives'
+ * numbers. A bin's list is in the order of the primitives, since each chunk fills its own part: no atomics,
+ * reproducible. `sort_bins` puts each list from front to back, for fragment programs that cost more than that.
  *
  * corners: (primitives, CORNERS) vertices of each. projected: (vertices, 4), see project.cl. boxes: (primitives, 4)
  * first and last bin in x and y; empty (first > last) if it cannot be seen. counts: (chunks, bins). totals: (bins,).
@@ -11,6 +11,7 @@
  * Work-item: a chunk (count, fill), a bin (total, start), a row of bins. Cost: O(primitives + list + chunks * bins).
  * Determinism: fixed order.
  */
+#include "raster/project.cl" /* which goes before the bins of whatever is drawn: one program */
 #include "lib/screen.h"
 
 #ifndef CORNERS

@@ -1,6 +1,6 @@
 #ifndef RASTER_LIST_H
 #define RASTER_LIST_H
-/* The loop of raster/region.h, to be included after a fragment program, which says so by FRAGMENTS. */
+/* The loop of raster/region.h, to be included after a fragment program, which defines FRAGMENTS as 1. */
 #include "raster/region.h"
 
 #ifndef FRAGMENTS

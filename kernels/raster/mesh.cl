@@ -1,8 +1,8 @@
 /* Triangle meshes: texture, vertex colours, light.
  *
  * Perspective-correct: a corner's weight at a pixel is its opposite edge's function over the sum of all three. The
- * texture is read bilinearly in the two levels of its pyramid around the pixel's footprint (Williams 1983), along its longer
- * side by lib/footprint.h.
+ * texture is read bilinearly in the two levels of its pyramid around the pixel's footprint (Williams 1983), along its
+ * longer side by lib/footprint.h.
  *
  * faces: (triangles, 3) corners of each. projected: (vertices, 4), project.cl. list, starts: bins.cl. depth, color,
  * valid: (height, width) the picture, which keeps what is nearer already; ties go to the first triangle.

@@ -49,7 +49,8 @@ Edges edges_of(const floatl *U, const floatl *V, const floatl *W, int i, int j)
     return e;
 }
 
-/* The same from p to q in subpixels, with the top-left rule; turned: -1 for triangles whose corners run the other way */
+/* The same from p to q in subpixels, with the top-left rule; turned: -1 for triangles whose corners run the other
+ * way */
 ExactEdges exact_edges_of(intl px, intl py, intl qx, intl qy, intl turned)
 {
     ExactEdges e;

@@ -1,11 +1,11 @@
 #ifndef RELIEF_ENTRY_H
 #define RELIEF_ENTRY_H
-/* What a relief is, and where a pixel's ray enters it: the vertices' frames and quadrics there, and the ray in texture
- * space (Oliveira & Policarpo 2005, sections 3.3 and 3.4).
+/* A relief, and where a pixel's ray enters it: the vertices' frames and quadrics there, and the ray in texture space
+ * (Oliveira & Policarpo 2005, sections 3.3 and 3.4).
  *
- * faces: (triangles, 3) corners of each. projected: (vertices, 4), raster/project.cl. vertices: (vertices, VERTEX_FLOATS) u, v,
- * normal, gradient of u, gradient of v (world, per scene unit), a, b, c, depth, unused. texels, bounds, levels:
- * search.h.
+ * faces: (triangles, 3) corners of each. projected: (vertices, 4), raster/project.cl. vertices: (vertices,
+ * VERTEX_FLOATS) u, v, normal, gradient of u, gradient of v (world, per scene unit), a, b, c, depth, unused. texels,
+ * bounds, levels: search.h.
  *
  * With WITHIN the last triangle is a window right before the eye, which is below the mesh: it covers the whole picture,
  * and rays that enter there start at its vertices' depth, which is 0 at all others.
@@ -20,8 +20,8 @@
 #define LINEAR 0
 #define SAFE 1
 #define FLAT_MAX 1e-5f /* curvature times depth: what bends less is a plane, but for rounding */
-#define ARC_PARTS 16 /* of a ray's way below the mesh, among which its deepest point is sought */
-#define DEEPEST_HALVINGS 8 /* of the way on which a light's ray is deepest */
+#define ARC_PARTS 16 /* of a ray below the mesh, among which its deepest point is searched */
+#define DEEPEST_HALVINGS 8 /* of the interval in which a light's ray is deepest */
 #define COSINE_MIN 1e-3f /* of a ray that enters: at outlines interpolated normals may look away */
 
 typedef struct {
@@ -36,7 +36,7 @@ typedef struct {
     int quadric, search, steps, halvings;
 } Relief;
 
-/* What the vertices say where a pixel's ray enters */
+/* The vertices' values, interpolated where a pixel's ray enters */
 typedef struct {
     floatl u, v;
     Vector normal, along_u, along_v; /* the normal of unit length, and the gradients of u and v */
@@ -126,7 +126,7 @@ void set_ray(ReliefRay *ray, const Entry *e, Vector d, int quadric, float scale)
 #endif
 }
 
-/* Far below a surface that bends, rays are less deep than equation 7 says, so that outlines come out too wide, and the
+/* Far below a surface that bends, rays are less deep than by equation 7, so that outlines come out too wide, and the
  * shadows that they cast. A light's ray that reaches the bottom by that, but not by the circles of EXACT (ray.h),
  * follows the parabola that gets as deep as the ray does by circles, and at the same place. A sphere of the greater
  * curvature has it no deeper, so rays that reach the bottom by that stay as they are. enters: which rays matter. */
@@ -160,10 +160,11 @@ void follow_circles(ReliefRay *ray, const Entry *e, Vector d, float scale, intl 
     ray->K = pick(comes_out, -depth / (t * t), ray->K);
 }
 
-/* By its quadric a ray has come out, but it is below the mesh until it leaves that, `way` after its entry, `slope` steep
- * (depth per scene unit). The cubic with both places and both slopes tells how deep it is between. Where that is at the
- * bottom, or deepest, it may be deeper than by the quadric: then the mesh bends less, and the ray is searched by the
- * parabola that rises to there, no steeper than it entered. Which rays are these? share: of the quadric's bending. */
+/* By its quadric a ray has come out, but it is below the mesh until it leaves that, `distance` after its entry, at
+ * `slope` (depth per scene unit). Between, its depth is taken to be the cubic with both places and both slopes.
+ * Where that is at the bottom, or deepest, it may be deeper than by the quadric: then the mesh bends less, and the
+ * ray is searched by the parabola that rises to there, no steeper than it entered. Which rays are these? share: of
+ * the quadric's bending. */
 intl follow_mesh(ReliefRay *ray, floatl distance, floatl slope, floatl *share)
 {
     const floatl L = ray->L, leaves = max_lanes(slope, (floatl)0.0f), start = START_DEPTH(ray);
@@ -202,7 +203,8 @@ intl is_finite_ray(const ReliefRay *ray)
     return isfinite_lanes(ray->u + ray->v + ray->du + ray->dv + ray->K);
 }
 
-/* The square of the texels that a pixel covers along a side where it sees the surface straight on, `size` scene units */
+/* The square of the texels that a pixel covers along a side where it sees the surface straight on, `size` scene
+ * units */
 floatl texels_of(const Entry *e, int width, int height, floatl size, intl enters)
 {
     const floatl u_2 = DOT(e->along_u, e->along_u);
@@ -211,8 +213,8 @@ floatl texels_of(const Entry *e, int width, int height, floatl size, intl enters
     return pick(enters, texels_2, (floatl)1.0f);
 }
 
-/* The level of the heights whose texels are as large as such a pixel. Where the surface bends, so that rays may come out
- * again, no level that loses more than a pixel of the relief's height: outlines stay. */
+/* The level of the heights whose texels are as large as such a pixel. Where the surface bends, so that rays may come
+ * out again, no level that loses more than a pixel of the relief's height: outlines stay. */
 intl level_of(const Relief *relief, const Entry *e, floatl size, intl enters)
 {
     intl level = level_of_texels(texels_of(e, relief->levels[0], relief->levels[1], size, enters), relief->level_count);
@@ -225,7 +227,7 @@ intl level_of(const Relief *relief, const Entry *e, floatl size, intl enters)
 }
 
 /* The scene units that a pixel takes at nearness n */
-#define PIXEL_SIZE(relief, n)                                                                                 \
+#define PIXEL_SIZE(relief, n)                                                                                  \
     (((relief)->screen.perspective ? 1.0f / (n) : (floatl)1.0f) * (relief)->pixel_size)
 
 /* count: of searches, a constant, so that loops over them are unrolled */

@@ -1,15 +1,14 @@
 #ifndef RELIEF_RAY_H
 #define RELIEF_RAY_H
-/* A ray in a relief: how deep below the mesh it is, and where it leaves (Oliveira & Policarpo 2005, sections 3.2 and 3.3).
+/* A ray in a relief: its depth below the mesh, and where it leaves (Oliveira & Policarpo 2005, sections 3.2 and 3.3).
  *
- * A ray enters at t = 0, at depth 0, and runs straight: u + du t, v + dv t. DISTANCE is how its depth is measured, 1 at the
- * bottom:
- * APPROXIMATE: L t + K t^2, how far its point P lies below the quadric, along z (equation 7).
- * EXACT: how far P lies below circles of the quadric's principal curvatures, the one that bends outwards least first: the
- * true distance to planes, tubes and spheres, to tori at their equators, and never more than equation 7.
- * PERPENDICULAR: the paper's equation 6, from P to R, on the quadric, at right angles to the ray in the plane of ray and
- * normal; where it has no solution, equation 7. On a plane it is longer than the depth by 1 / sine of the ray and normal.
- * With WITHIN a ray may also start below the mesh, and rise: depth + L t + K t^2, by equation 7 alone.
+ * A ray enters at t = 0, at depth 0, and runs straight: u + du t, v + dv t. DISTANCE is how its depth is measured, 1 at
+ * the bottom: APPROXIMATE: L t + K t^2, how far its point P lies below the quadric, along z (equation 7). EXACT: how
+ * far P lies below circles of the quadric's principal curvatures, the one that bends outwards least first: the true
+ * distance to planes, tubes and spheres, to tori at their equators, and never more than equation 7. PERPENDICULAR: the
+ * paper's equation 6, from P to R, on the quadric, at right angles to the ray in the plane of ray and normal; where it
+ * has no solution, equation 7. On a plane it is longer than the depth by 1 / sine of the ray and normal. With WITHIN a
+ * ray may also start below the mesh, and rise: depth + L t + K t^2, by equation 7 alone.
  */
 #include "lib/lanes.h"
 
@@ -27,7 +26,7 @@
 #define BOTTOM_NEAR 1e-5f  /* of the depth: how near the bottom is sought */
 #define BOTTOM_SLACK 1e-3f /* of the depth: what a ray that grazes the bottom may lack */
 
-/* What a quadric's principal curvatures are, and how a ray runs along them */
+/* A quadric's principal curvatures, and a ray's direction along them */
 typedef struct {
     floatl k1, k2; /* curvatures, > 0 outwards; k1 <= k2 */
     floatl w1, w2; /* squares of the direction's parts along them */
@@ -113,7 +112,7 @@ INLINED void use_quadric_depth(ReliefRay *ray, intl which)
 #endif
 }
 
-/* Lanes that do not search get a ray that harms nobody. */
+/* Inactive lanes get a ray that is finite. */
 void mask_inactive(ReliefRay *ray, intl active)
 {
     ray->u = pick(active, ray->u, (floatl)0.0f);

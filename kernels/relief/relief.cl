@@ -347,6 +347,10 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
                         global const float *normal_map, int normal_width, int normal_height,
                         Light light SHADOW_PARAMETERS
 #endif
+#if SHADOWED
+                        ,
+                        int hidden_by, int flat_base
+#endif
                         COUNTERS_PARAMETER(int)
 #if UV_WRITTEN
                         ,
@@ -410,7 +414,7 @@ kernel void draw_relief(global const int *faces, global const float *projected, 
             floatl visible = 1.0f;
 #if SHADOWED
             const intl faces = mine & (DOT(normal, to_light(light, shading.point).direction) > 0.0f);
-            visible = in_sight(&relief, &e, &shading, own, light, faces, shadow_maps, shadow);
+            visible = in_sight(&relief, &e, &shading, own, light, faces, hidden_by, flat_base, shadow_maps, shadow);
 #endif
             apply_light(&shade, light, shading.point, normal, shading.ahead, visible);
 #endif

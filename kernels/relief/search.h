@@ -1,12 +1,12 @@
 #ifndef RELIEF_SEARCH_H
 #define RELIEF_SEARCH_H
-/* Where a ray (ray.h) first meets a height field that follows a quadric (Oliveira & Policarpo 2005, sections 3.1 to 3.4).
- * The surface lies at depth 1 - height.
+/* Where a ray (ray.h) first meets a height field that follows a quadric (Oliveira & Policarpo 2005, sections 3.1 to
+ * 3.4). The surface lies at depth 1 - height.
  *
- * texels: lib/heights.h. bounds: 65535ths, two a word. Tier 0 is the greatest height of each cell between 2x2 texels, the
- * next that of 2x2 cells, and so on; BOUND_AT says where each is. levels: (levels, LEVEL_INTS) ints: width, height, start in
- * texels; of the bounds number of tiers, start, log2 of the rows' length, and span; last, how far at most the level's
- * heights are from the first's, in 65535ths.
+ * texels: lib/heights.h. bounds: 65535ths, two a word. Tier 0 is the greatest height of each cell between 2x2 texels,
+ * the next that of 2x2 cells, and so on; BOUND_AT is each one's place. levels: (levels, LEVEL_INTS) ints: width,
+ * height, start in texels; of the bounds number of tiers, start, log2 of the rows' length, and span; last, how far at
+ * most the level's heights are from the first's, in 65535ths.
  */
 #include "lib/heights.h"
 #include "relief/ray.h"
@@ -61,7 +61,7 @@ INLINED Track track_of(const ReliefRay *ray, global const int *levels)
 /* Where the bound of a tier's cell is: computed, as looking it up would take as long as reading the bound itself. */
 #define BOUND_AT(s, tier, column, row) ((s)->start + (s)->span - ((s)->span >> (tier)) + ((row) << (s)->pitch) + (column))
 
-/* A search on its way */
+/* The state of a search */
 typedef struct {
     ReliefRay ray;
     Track track;

@@ -1,11 +1,11 @@
 #ifndef RELIEF_SHADING_POINT_H
 #define RELIEF_SHADING_POINT_H
-/* What a pixel sees of a relief: its place on the maps, its normal, and how much of the maps the pixel covers. */
+/* The shading point of a pixel on a relief: its place on the maps, its normal, and the pixel's footprint. */
 #include "lib/footprint.h"
 #include "lib/light.h"
 #include "relief/entry.h"
 
-/* What a point is seen by: its place on the maps, and the ray that has found it, t after its entry */
+/* A point on the relief: its place on the maps, and the ray that met it, t after its entry */
 typedef struct {
     ReliefRay place; /* u, v, level */
     Track track;
@@ -29,7 +29,8 @@ INLINED Vector normal_at(const Entry *e, Vector d, floatl t, int quadric)
     return normalized(normal);
 }
 
-/* A normal tilted by how much the height rises over a texel, along u and along v, in HEIGHT_UNITs; not of unit length */
+/* A normal tilted by how much the height rises over a texel, along u and along v, in HEIGHT_UNITs; not of unit
+ * length */
 INLINED Vector relief_normal_by_rises(Vector normal, const Entry *e, HeightMap map, floatl across, floatl down, float scale)
 {
     const float rise = scale * HEIGHT_UNIT;

@@ -1,17 +1,12 @@
 #ifndef RELIEF_SHADOWS_H
 #define RELIEF_SHADOWS_H
-/* Is a point of a relief in sight of the light? What the relief around the point hides is found by a second search,
- * from the point towards the light (Oliveira & Policarpo 2005, figure 4); what lies beyond it is in the light's maps. */
+/* Shadows on a relief. What the relief around a point hides from the light is found by a second search, from the
+ * point towards the light (Oliveira & Policarpo 2005, figure 4); what lies beyond it is in the light's maps. */
 #include "relief/shading_point.h"
 
+/* What hides the light: what its map says, or what a second search finds, and the map beyond */
 #define MAPPED 0
 #define SEARCHED 1
-#ifndef SHADOWS
-#define SHADOWS MAPPED /* what hides the light: what its map says, or SEARCHED: what a second search finds, and the map beyond */
-#endif
-#ifndef FLAT_BASE
-#define FLAT_BASE 0 /* 1: all rays find the relief in one place: the base bends nowhere, and no hard edge of it juts out */
-#endif
 #define LIFT 1e-3f /* of the relief's depth: how far above its surface a point is searched from, so that it is not in it */
 
 #if SHADOWED
@@ -23,8 +18,9 @@ typedef struct {
     floatl distance;   /* from the point to there, in scene units */
 } LightRay;
 
-/* Depths are below the quadric of the point's own entry, by equation 7: the point is on its surface to the last bit (about
- * there, if it was found by the mesh: entry.h, follow_mesh), and the light's ray enters where that quadric's depth is 0. */
+/* Depths are below the quadric of the point's own entry, by equation 7: the point is on its surface to the last bit
+ * (about there, if it was found by the mesh: entry.h, follow_mesh), and the light's ray enters where that quadric's
+ * depth is 0. */
 LightRay light_ray(const Relief *relief, const Entry *e, const ShadingPoint *shading, Vector light)
 {
     LightRay made;
@@ -101,37 +97,36 @@ intl is_shadowed(const Relief *relief, const LightRay *light, intl wanted)
 }
 
 /* How far is a point of the relief in sight of the light, 0 to 1? own: the surface's normal there; faces: where it
- * matters.
+ * matters; hidden_by: MAPPED or SEARCHED; flat_base: all rays find the relief in one place.
  *
- * The light's map has been drawn by its own rays, by the normals and quadrics where these enter. Where the base bends, even
- * from facet to facet, they find the relief elsewhere than the picture's rays, and would shade it by itself; so they do
- * below an edge that juts out, where a light's ray enters by one side what the picture shows by the other. So a search
- * from the point decides what the relief around it hides, and the map what hides the place where the search ends. A ray
- * that by the quadric never leaves the relief, as along a saddle, is left to the map. */
-INLINED floatl in_sight(const Relief *relief, const Entry *e, const ShadingPoint *shading, Vector own, Light light, intl faces SHADOW_PARAMETERS)
+ * The light's map has been drawn by its own rays, by the normals and quadrics where these enter. Where the base
+ * bends, even from facet to facet, they find the relief elsewhere than the picture's rays, and would shade it by
+ * itself; so they do below an edge that juts out, where a light's ray enters by one side what the picture shows by
+ * the other. So a search from the point decides what the relief around it hides, and the map what hides the place
+ * where the search ends. A ray that by the quadric never leaves the relief, as along a saddle, is left to the map. */
+INLINED floatl in_sight(const Relief *relief, const Entry *e, const ShadingPoint *shading, Vector own, Light light, intl faces,
+                        int hidden_by, int flat_base SHADOW_PARAMETERS)
 {
     intl wanted = faces;
     floatl mapped = 0.0f;
-#if SHADOWS == MAPPED
-    mapped = visibility(shadow_maps, shadow, shading->point, own);
-    wanted = wanted & (mapped < 1.0f);
-    if (FLAT_BASE || !any_lane(wanted))
-        return mapped;
-#endif
-    const LightRay ray = light_ray(relief, e, shading, to_light(light, shading->point).direction);
-#if SHADOWS == SEARCHED
-    if (any_lane(wanted & !ray.leaves))
+    if (hidden_by == MAPPED) {
         mapped = visibility(shadow_maps, shadow, shading->point, own);
-#endif
+        wanted = wanted & (mapped < 1.0f);
+        if (flat_base || !any_lane(wanted))
+            return mapped;
+    }
+    const LightRay ray = light_ray(relief, e, shading, to_light(light, shading->point).direction);
+    if (hidden_by == SEARCHED && any_lane(wanted & !ray.leaves))
+        mapped = visibility(shadow_maps, shadow, shading->point, own);
     wanted = wanted & ray.leaves;
     if (!any_lane(wanted))
         return mapped;
     const floatl outside = visibility(shadow_maps, shadow, ray.exit, ray.normal);
-#if SHADOWS == MAPPED
-    wanted = wanted & (outside > mapped);
-    if (!any_lane(wanted))
-        return mapped;
-#endif
+    if (hidden_by == MAPPED) {
+        wanted = wanted & (outside > mapped);
+        if (!any_lane(wanted))
+            return mapped;
+    }
     return pick(wanted, pick(is_shadowed(relief, &ray, wanted), (floatl)0.0f, outside), mapped);
 }
 #endif

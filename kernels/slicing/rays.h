@@ -1,6 +1,6 @@
 #ifndef SLICING_RAYS_H
 #define SLICING_RAYS_H
-/* Quantities that are linear along a pixel's ray, and how closely the slices on it may lie. */
+/* Quantities that are linear along a pixel's ray, and bounds on the spacing of its slices. */
 #include "lib/lanes.h"
 
 /* At the ray's z: fixed + sloped z */
@@ -10,7 +10,7 @@ typedef struct {
 
 #define SLICES_MAX 4096     /* slices over a thing: the most that a picture takes by itself */
 #define SLICES_STEADY 256       /* slices over a displacement between which little is missed, however wide pixels are */
-#define HALVINGS_MAX 24 /* of the way between two slices: float32 holds no more */
+#define HALVINGS_MAX 24 /* of the interval between two slices: float32 holds no more */
 #define TEXTURE_PARTS 512         /* parts of a displacement within which a picture's points are, too, so that no texture flickers */
 #define PIXEL_PARTS 8    /* parts of a pixel within which a picture's points are brought to the surface by themselves */
 

@@ -1,9 +1,10 @@
-/* Which samples of a depth image are of things one sample thin, and their ribbons (lib/ribbons.h), which objects are made
- * of (slicing/object.cl).
+/* Things one sample thin in a depth image: their samples, and their ribbons (lib/ribbons.h), which objects are made of
+ * (slicing/object.cl).
  *
- * nearness: (height, pitch), picture/nearness.cl. thin: (height, width) 1 where a sample is. samples: (count,) the thin ones'
- * numbers, y * width + x. ribbons: (count, NEIGHBOURS, RIBBON_FLOATS) of each and each way; its nearness is NO_SURFACE where none begins.
- * Work-item: a row; a thin sample. Cost: O(samples), and O(RUN_MAX) for each ribbon. Determinism: every one on its own.
+ * nearness: (height, pitch), picture/nearness.cl. thin: (height, width) 1 where a sample is. samples: (count,) the thin
+ * ones' numbers, y * width + x. ribbons: (count, NEIGHBOURS, RIBBON_FLOATS) to each neighbour of each; nearness is
+ * NO_SURFACE where there is none. Work-item: a row; a thin sample. Cost: O(samples), and O(RUN_MAX) for each ribbon.
+ * Determinism: every one on its own.
  */
 #include "lib/ribbons.h"
 #include "slicing/ribbon_record.h"

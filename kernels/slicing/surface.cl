@@ -14,12 +14,14 @@
  *
  * corners: (tetrahedra, 4) of projected, three in a row for each triangle. places: (vertices, 3) u, v (times tiles) and
  * height. points: (vertices, 3) world. frames: (triangles, 3, 3) the slicing directions a (normal), b, c: unit length.
- * heights: (map_height, map_width), lib/heights.h. colors: lib/texture.h, read by lib/footprint.h, as normal_map. gradients:
- * (triangles, 2, 3) of u and v in the world, times tiles. normals: (vertices of the base, 3). spacing: of the slices,
- * in the world. slices: of direction a, over the displacement; by_view: as in the volume's middle. counts: (height, width) alpha tests, with COUNTERS.
- * Work-item: a region (raster/region.h): with LANES 16 a bin, in blocks of 4 x 4 pixels, one to a lane; with LANES 1 a
- * pixel, which sets up all tetrahedra of its bin's list by itself and walks the slices of those that it meets.
- * Cost: O(list + pixels * slices met), with LANES 1 O(pixels * list + ...). Determinism: list order.
+ * heights: (map_height, map_width), lib/heights.h. colors: lib/texture.h, read by lib/footprint.h, as normal_map.
+ * gradients: (triangles, 2, 3) of u and v in the world, times tiles. normals: (vertices of the base, 3). spacing: of
+ * the slices, in the world. slices: of direction a, over the displacement; by_view: as in the volume's middle.
+ * counters: (height, width) alpha tests, with COUNTERS. Work-item: a region (raster/region.h): with LANES 16 a bin, in
+ * blocks of 4 x 4 pixels, one to a lane; with LANES 1 a pixel, which sets up all tetrahedra of its bin's list by itself
+ * and walks the slices of those that it meets. Cost: O(list + pixels * slices met), with LANES 1 O(pixels * list +
+ * ...).
+ * Determinism: list order.
  */
 #define KEEPS_UV 1
 #include "lib/footprint.h"
@@ -29,7 +31,7 @@
 #include "slicing/tetrahedra.h"
 
 #ifndef UNCLIPPED
-#define UNCLIPPED 0 /* 1: slices are tested beside the tetrahedra, too, as the file's head says */
+#define UNCLIPPED 0 /* 1: slices are tested beside the tetrahedra, too, as described at the top */
 #endif
 
 #define SLICE_NUMBER_MAX 8388608.0f /* slices: beyond, the next one would be the same float */
@@ -147,8 +149,8 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
 #if LIT || ANISOTROPIC
 #define HEIGHT(u, v) height_at(context->heights, context->map_width, context->map_height, u, v)
 
-/* The base's normal, tilted by how much heights (0 to 1) rise over a unit of u, and of v; along_u, along_v: of u and v in
- * the world */
+/* The base's normal, tilted by how much heights (0 to 1) rise over a unit of u, and of v; along_u, along_v: of u and
+ * v in the world */
 INLINED Vector slice_normal_by_rises(const Context *context, Vector base, floatl over_u, floatl over_v, Vector along_u, Vector along_v)
 {
     const float rise = context->spacing * context->slices;
@@ -160,14 +162,15 @@ INLINED Vector slice_normal_by_rises(const Context *context, Vector base, floatl
 #endif
 
 #if ANISOTROPIC
-/* By how much u and v change over a pixel: on the plane that touches the heights where it sees them, above the triangle */
+/* By how much u and v change over a pixel: on the plane that touches the heights where it sees them, above the
+ * triangle */
 INLINED UvSteps slice_uv_steps(const Context *context, Vector ahead, floatl n, floatl u, floatl v, Vector along_u, Vector along_v,
                          int anisotropy)
 {
     const Vector across = normalized(cross_product(along_u, along_v));
     const Vector base = scaled(across, pick(DOT(across, ahead) > 0.0f, (floatl)-1.0f, (floatl)1.0f));
-    /* Heights are linear along either from a texel's centre to the next: slopes there, and not the lights', which are
-     * means of two, say what the surface shows of its map. */
+    /* Heights are linear along either from a texel's centre to the next: slopes there, and not the lights', which
+     * are means of two, decide what the surface shows of its map. */
     const float width = context->map_width, height = context->map_height;
     const floatl left = (floor_lanes(u * width - 0.5f) + 0.5f) / width, upper = (floor_lanes(v * height - 0.5f) + 0.5f) / height;
     const floatl by_u = (HEIGHT(left + 1.0f / width, v) - HEIGHT(left, v)) * width;

@@ -2,9 +2,9 @@
 #define SLICING_TETRAHEDRA_H
 /* Tetrahedra of a displacement volume, set up for a region of pixels (Kautz & Seidel 2001, section 3).
  *
- * All that the loops of surface.cl need of one is affine over the picture: where rays enter and leave it, u, v and height
- * along them, and the number of the slice. Per triangle one of the slicing directions is chosen here (section 3.2).
- * Arrays: see surface.cl.
+ * All that the loops of surface.cl need of one is affine over the picture: where rays enter and leave it, u, v and
+ * height along them, and the number of the slice. Per triangle one of the slicing directions is chosen here (section
+ * 3.2). Arrays: see surface.cl.
  */
 #include "raster/region.h"
 #include "slicing/rays.h"
@@ -95,10 +95,10 @@ Quantity from_corners(const Quantity *rows, float4 values)
     return made;
 }
 
-/* Slices that lie a pixel apart along the ray, at the tetrahedron's nearest place: `facing` is the cosine there. Where that
- * would be fewer than SLICES_STEADY, as many, lest thin things flicker, but no closer than that part of a pixel which points are
- * brought to; nor than half a texel, within which heights bring nothing new. Where that is more than a pixel, the way
- * between two is halved more often. */
+/* Slices that lie a pixel apart along the ray, at the tetrahedron's nearest place: `facing` is the cosine there.
+ * Where that would be fewer than SLICES_STEADY, as many, lest thin things flicker, but no closer than that part of a
+ * pixel which points are brought to; nor than half a texel, within which heights bring nothing new. Where that is
+ * more than a pixel, the way between two is halved more often. */
 void space_slices(const Context *context, Tetrahedron *t, float facing)
 {
     t->spacing = context->spacing;
@@ -119,8 +119,8 @@ void space_slices(const Context *context, Tetrahedron *t, float facing)
     t->halvings = max(context->halvings, min((int)ceil(log2(fmax(parts, 1.0f))), HALVINGS_MAX));
 }
 
-/* How far heights err by rounding: a ray's is the difference of two that are as large as its way is long in displacements,
- * at a pixel that is told as closely as its place in the picture can be. */
+/* How far heights err by rounding: a ray's is the difference of two that are as large as its way is long in
+ * displacements, at a pixel whose place in the picture is rounded, too. */
 float rounding_of(const Context *context, const Tetrahedron *t)
 {
     const float x = fabs(t->h.x) * (context->x + REGION), y = fabs(t->h.y) * (context->y + REGION);

@@ -1,26 +1,26 @@
-/* What lies behind the holes, as epipolar lines tell: a disocclusion lies on its line between the edge of what hid it and
- * the background that it belongs to, so the farther of the two valid pixels at its ends has the depth behind it.
+/* The depth behind holes, along epipolar lines: a disocclusion lies on its line between the edge of what hid it and the
+ * background that it belongs to, so the farther of the two valid pixels at its ends has the depth behind it.
  *
  * A line goes from a hole in steps of a pixel along its longer axis; each step is at the nearest pixel. Where it is the
- * same through all of its pixels, along rows, columns or diagonals, the holes between two ends are told at once
- * (behind_runs). Elsewhere each hole looks for its own ends (behind_lines), and crosses what is hole alone in large steps;
- * only holes beside valid pixels do, since fill.cl asks for no others.
+ * same through all of its pixels, along rows, columns or diagonals, the holes between two ends are written at once
+ * (behind_runs). Elsewhere each hole searches for its own ends (behind_lines), and crosses blocks of holes in large
+ * steps; only holes beside valid pixels do, since fill.cl needs no others.
  *
  * depth, valid: (height, width). behind: holes.h, rows of `pitch`, written in holes alone: the depth behind them; 0
- * where no line tells. blocks: SKIP_BLOCK x SKIP_BLOCK pixels each, whether any of
- * them is valid. epipole: the lines lead away from it; all 0: they are the rows. dx, dy: -1, 0 or 1, a step along all
- * lines, down or, along rows, right. Work-item: one block (behind_blocks); 64 * `strip` pixels of a row, and the holes of all
- * lines that begin in them (behind_runs); `run` pixels of a row (behind_lines).
- * Cost: behind_runs O(pixels), behind_lines O(pixels + holes beside valid pixels * hole's length), of which whole blocks
- * count once.
- * Determinism: no pixel that is written is read.
+ * where the line ends at the picture's border on both sides. blocks: SKIP_BLOCK x SKIP_BLOCK pixels each, whether any
+ * of them is valid. epipole: the lines lead away from it; all 0: they are the rows. dx, dy: -1, 0 or 1, a step along
+ * all lines, down or, along rows, right.
+ * Work-item: one block (behind_blocks); 64 * `strip` pixels of a row, and the holes of all lines that begin in them
+ * (behind_runs); `run` pixels of a row (behind_lines). Cost: behind_runs O(pixels), behind_lines O(pixels + holes
+ * beside valid pixels * hole's length), of which whole blocks count once. Determinism: no pixel that is written is
+ * read.
  */
 #include "warp/holes.h"
 
 #define SKIP_BLOCK 32
 #define SKIP_BLOCK_EDGE 0.49f /* pixels from a block's outermost centres to its edge, less what rounding may move a step by */
 
-/* The holes of the lines that begin in 64 pixels of a row, the first of which are told. */
+/* The holes of the lines that begin in 64 pixels of a row; begins: the first hole of each, as bits */
 void follow_runs(global const float *depth, global const uchar *valid, global float *behind, int width, int height,
                  int pitch, int dx, int dy, int x0, int y0, ulong begins)
 {

@@ -1,16 +1,18 @@
-/* Several views' pictures, their layers, become one: of what is nearest, each view shows the more the better it saw it.
+/* Several views' pictures, the layers, blended: each view's share in what is nearest is the larger the better it saw
+ * it.
  *
- * A layer counts where it lies no farther behind the nearest than the noise of both explains. It counts by
+ * A layer contributes where it lies no farther behind the nearest than the noise of both explains. Its weight is the
+ * product of
  * - resolution: its view's samples per pixel, up to one: finer than the picture is as good as the picture;
  * - angle: the cosine between its view's ray and the picture's, as surfaces apply_light otherwise from elsewhere;
  * - distance to edges: it fades within FEATHER pixels of its holes and depth edges, so that seams follow these and
  *   colours that are half of another surface count least.
  * (The weights are of the kind that Pajarola, Sainz & Meng 2003, section 4, blend depth meshes by.)
  *
- * Launches: nearest_layer for each layer; then for each inside, row_distances, add_layer; then shown, once.
+ * Launches: nearest_layer for each layer; then for each mark_edges, row_distances, add_layer; then write_blend, once.
  * depth, color, valid: (height, width) of a layer, or of the picture. best: (2, height, width) depth of the nearest
- * layer, and by how much it may be off. sums: (6, height, width) the weights' sum; the weighted means of red, green, blue
- * and depth so far, which are a layer's own to the bit where it counts alone; the greatest weight.
+ * layer, and by how much it may be off. sums: (6, height, width) the weights' sum; the weighted means of red, green,
+ * blue and depth so far, which are a layer's own to the bit where it contributes alone; the greatest weight.
  * from_edge: (height + 2 FEATHER, pitch) with a margin of FEATHER pixels to each side.
  * Work-item: LANES pixels of a row. Cost: O(pixels) a layer. Determinism: layers are added in the order of the views.
  */
@@ -18,15 +20,15 @@
 #include "lib/screen.h"
 
 #ifndef ORIGINS
-#define ORIGINS 0 /* 1: the origins of the layer that counts most are kept, too */
+#define ORIGINS 0 /* 1: the origins of the layer of the greatest weight are kept, too */
 #endif
 #define FEATHER 8           /* pixels */
 #define EDGE_STEP 0.05f          /* of the depth: neighbours that differ by more are two surfaces */
 #define TOLERANCE_MIN 0.02f     /* of the depth: layers that differ by less show one surface, whatever the noise */
 #define LAYER_DEVIATIONS 4.0f     /* of the noise, that explain a difference */
-#define WEIGHT_MIN 1e-6f  /* of a layer that counts at all */
+#define WEIGHT_MIN 1e-6f  /* of a layer that contributes at all */
 
-/* How a view saw: pixels a unit of what is at depth 1 (perspective) or anywhere, and its noise at depth z, whose
+/* A view's sampling: pixels a unit of what is at depth 1 (perspective) or anywhere, and its noise at depth z, whose
  * standard deviation is noise_2 z z + noise_1 z + noise_0. unit: a depth where none has an origin, or 0. */
 typedef struct {
     float forward[3], centre[3]; /* relative to the screen's origin */
@@ -98,7 +100,7 @@ kernel void row_distances(global const float *from_edge, global float *in_row, i
     store_lanes(least, in_row + (size_t)row * pitch + x0);
 }
 
-/* How much the layer counts at points p of the picture, but for its edges */
+/* The layer's weight at points p of the picture, but for its edges */
 INLINED floatl view_weight(LayerView layer_view, Screen screen, Vector p, floatl z, float density)
 {
     const Vector centre = {layer_view.centre[0], layer_view.centre[1], layer_view.centre[2]};

@@ -1,6 +1,6 @@
 #ifndef WARP_CELLS_H
 #define WARP_CELLS_H
-/* A straight line's way through the triangulated grid of the source, from cell to cell.
+/* Traversal of the source's triangulated grid along a straight line, from cell to cell.
  *
  * In each cell the line passes one triangle and then, unless it misses it, the other: three places, where it enters the
  * cell, crosses the diagonal and leaves, and two parts between them.
@@ -15,13 +15,13 @@ typedef struct {
     intl along_row, along_column, along_diagonal; /* the line runs along edges of the grid */
 } Lines;
 
-/* What stays the same on the way. */
+/* What is the same in all cells of a line. */
 typedef struct {
     floatl step_u, step_v;   /* to the next cell */
     floatl ahead_u, ahead_v; /* from a cell to the column and the row that the line leaves it by */
     floatl per_u, per_v, per_d, never_u, never_v; /* distance from column to column, row to row, diagonal to diagonal */
     floatl last_x, last_y;
-    intl on_column;          /* cells are folded onto a column, which the line runs along, or which is all there is */
+    intl on_column;          /* cells are collapsed onto a column, which the line runs along, or which is all there is */
     int below;               /* from a sample to that of the next row, */
     float lowest;            /* the last row that has a next one */
     intl lower_first;
@@ -77,8 +77,8 @@ INLINED Traversal traversal_of(Lines lines, Grid grid)
     return traversal;
 }
 
-/* Corners of cells (`gather_cells`) are folded onto a row or a column: of its samples alone. lower: the row is the cells'
- * second, as only the last one of an image is. */
+/* Corners of cells (`gather_cells`) are collapsed onto a row or a column: of its samples alone. lower: the row is
+ * the cells' second, as only the last one of an image is. */
 INLINED void collapse_cells(floatl *corners, intl on_row, intl lower, intl on_column)
 {
     corners[0] = pick(on_row & lower, corners[2], corners[0]);
@@ -97,8 +97,8 @@ INLINED void enter_cells(Lines lines, floatl at, intl which, floatl *x, floatl *
     *y = pick(which, pick(lines.dv < 0.0f, ceil_lanes(v) - 1.0f, floor_lanes(v)), *y);
 }
 
-/* The lines' parts in the cells (x, y), which they are in at a distance. Which cell comes next is not foreseeable:
- * selections, no branches; and distances from whole cells, no sums of steps, which drift. */
+/* The lines' parts in the cells (x, y), which they are in at a distance. Which cell comes next cannot be predicted:
+ * selections, no branches; and distances are computed from cells, no sums of steps, which drift. */
 INLINED Cell pass_cells(Grid grid, Lines lines, Traversal traversal, floatl x, floatl y, floatl at)
 {
     Cell cell;

@@ -1,4 +1,4 @@
-/* Why a pixel of the target is a hole: what its ray passes through, as far as the source tells.
+/* Why a pixel of the target is a hole: what its ray passes through, as far as the source shows.
  *
  * A ray is followed along its epipolar line as it recedes. Where it is nearer than the surface, the source has seen
  * that there is nothing. So what the pixel shows lies beyond the last such place, and the class is that of what begins
@@ -20,7 +20,7 @@
 #define CLASS_OUTSIDE 3    /* of the source's image */
 #define IS_FREE 4          /* nothing there, while the ray is followed */
 
-/* What the source says of the rays at places of its image: IS_FREE or a class; and whether the surface is closed. */
+/* The rays' state at places of the source's image: IS_FREE or a class; and whether the surface is closed there. */
 INLINED intl state_at(Grid grid, floatl u, floatl v, floatl near, intl *closed)
 {
     const floatl uc = clamp_lanes(floor_lanes(u), (floatl)0.0f, (floatl)max(grid.width - 2, 0));

@@ -1,59 +1,25 @@
 /* Holes filled from around them by push and pull (Gortler, Grzeszczuk, Szeliski, Cohen: The Lumigraph, 1996, section
- * 3.4): valid pixels beside holes are averaged into ever coarser cells (push), and each hole takes, from coarse cells to
- * fine ones, what finer ones do not know (pull). So narrow holes are filled from close by and wide ones from all around.
+ * 3.4): valid pixels beside holes are averaged into ever coarser cells of a pyramid (push, pyramid.h), and each hole
+ * takes from coarse levels what finer ones do not know (pull). So narrow holes are filled from close by and wide ones
+ * from all around.
  *
- * With HAS_BEHIND, pixels count the less the nearer they are than what lies behind the holes beside them (behind.cl), so that
- * a disocclusion is filled from what was hidden, not from what hid it. But none counts for nothing: where there is no
- * background far and wide, the foreground is what there is. What counts little does not add up to much along a long
- * edge: or else the foreground would leak the more, the finer the picture. And of four cells that become one, each
- * counts the less the nearer it is than the farthest of them, by their depths' ratio to a power of 16 times the cells'
- * side, up to 64: large cells fill what is deep in wide holes, and a hole is the wider the farther its surface lies
- * behind what hid it. So the middle of such a hole shows the wall, not the floor before it. But it counts 0.3 at least,
- * so that few samples that are far by noise do not decide alone: wide holes would flicker.
+ * With HAS_BEHIND a pixel weighs the less the nearer it is than what lies behind the holes beside it (behind.cl), so
+ * that a disocclusion is filled from what was hidden, not from what hid it. But no weight is 0: where there is no
+ * background far and wide, the foreground fills the hole.
  *
- * A tile is TILE x TILE pixels, and one cell of the next storey; that storey's tiles are the cells of the one above, until
- * there is but one. Within a tile three levels halve the side: 8, 4 and 2 cells.
- *
- * A cell has PLANES numbers: colour and nearness (in which planes are linear), each times what it counts, and what it
- * counts, 1 at most. color, depth, valid: (height, width). behind: behind.cl. base: (PLANES, height, width), a storey's
- * cells; of the lowest storey the pixels are the base. cells: (PLANES, tiles down, tiles across), the base of the next
- * one; pull replaces their colour and nearness by the filled ones. inner: PLANES * INNER_CELLS a tile, its three levels, set
- * where the tile counts; and one more, which is 0. Work-item: a row of `strip` tiles (pixels), or a tile (cells).
- * Cost: O(pixels). Determinism: no pixel that is written is read, but by its own work-item; sums run in a fixed order.
+ * color, depth, valid: (height, width). behind: behind.cl. base, cells, inner: pyramid.h; the base of the lowest tiles
+ * are the pixels. pull replaces the cells' colour and nearness by the filled ones. Work-item: a row of `strip` tiles
+ * (pixels), or a tile (cells). Cost: O(pixels). Determinism: no pixel that is written is read, but by its own
+ * work-item; sums run in a fixed order.
  */
 #include "lib/channel.h"
 #include "lib/pixelspace.h"
-#include "warp/holes.h"
+#include "warp/pyramid.h"
 
-#ifndef HAS_BEHIND
-#define HAS_BEHIND 1 /* 0: there is no `behind`, and all pixels count alike */
-#endif
-#define PLANES 5
-#define WEIGHT_PLANE 4    /* the plane that tells what a cell counts */
-#define INNER_CELLS 84    /* cells of a tile's levels: 8 x 8, 4 x 4, 2 x 2 */
-#define HALO_TILE 24   /* TILE + 2 * HALO */
-#define BESIDE 1    /* pixels from a hole within which valid ones count */
-#define STEEPEST_LEVEL 2  /* the level from which on depths' ratio counts to one power */
-#define RATIO_MIN 0.3f /* what a cell counts at least beside the farthest of four */
-#define PIXEL_WEIGHT_MIN 1e-6f /* what any pixel counts: more than nothing */
-#define SATURATION 32.0f /* what counts less than 1/32 does not count more where there is much of it */
-#define RATIO_FLOOR 1e-3f /* what ratios count nothing up to, so that half the depth of what lies behind leaves no trace */
-
-#define MASKED(mask, values) as_float16(as_int16(values) & (mask))
-#define HALVED(a, b) (((a) + (b)).even + ((a) + (b)).odd)
-
-/* A row of 16 pixels or cells, plane by plane */
-typedef struct {
-    float16 plane[PLANES];
-} Row;
-
-/* A tile's levels: row by row, plane by plane, as they lie in `inner` */
-typedef struct {
-    float8 eight[PLANES][8];
-    float4 four[PLANES][4];
-    float2 two[PLANES][2];
-    float one[PLANES];
-} Levels;
+#define HALO_TILE 24          /* TILE + 2 * HALO */
+#define BESIDE 1              /* pixels from a hole within which valid ones have a weight */
+#define PIXEL_WEIGHT_MIN 1e-6f /* of any pixel: more than nothing */
+#define RATIO_FLOOR 1e-3f     /* ratios up to it weigh nothing, so that half the depth of what lies behind leaves no trace */
 
 #if CHANNELS == 3 && COLOR_BYTES == 1
 #define to_channel16 convert_uchar16_sat_rte
@@ -100,81 +66,9 @@ INLINED float16 row_depths(global const float *depth, size_t pixel, int count)
     return vload16(0, values);
 }
 
-/* Two rows of cells of a level into one of half their length. No cell counts more than 1; nor than w, what counts most
- * among its four, or SATURATION w^2 if that is more: what is faint stays so. */
-#define HALVE(long_row, half_row, made, row, level)                                                            \
-    {                                                                                                          \
-        long_row a = 1.0f, b = 1.0f; /* what the cells count beside the farthest of four */                    \
-        if (HAS_BEHIND) {                                                                                            \
-            a = DEPTHS(row, 0), b = DEPTHS(row, 1);                                                            \
-            const half_row farthest = fmax(fmax(a, b).even, fmax(a, b).odd);                                   \
-            long_row beside;                                                                                   \
-            beside.even = beside.odd = farthest > 0.0f ? 1.0f / farthest : (half_row)0.0f;                     \
-            a *= beside, b *= beside;                                                                          \
-            for (int squared = 0; squared < 4 + min(level, STEEPEST_LEVEL); squared++)                               \
-                a *= a, b *= b;                                                                                \
-            a = fmax(a, RATIO_MIN), b = fmax(b, RATIO_MIN);                                                      \
-        }                                                                                                      \
-        const half_row weights = HALVED(a * row(WEIGHT_PLANE, 0), b * row(WEIGHT_PLANE, 1));                      \
-        const long_row more = fmax(row(WEIGHT_PLANE, 0), row(WEIGHT_PLANE, 1));                                  \
-        const half_row most = fmax(more.even, more.odd);                                                       \
-        const half_row limit = fmin(fmax(most, SATURATION * most * most), 1.0f);                                   \
-        const half_row scale = weights > limit ? limit / weights : (half_row)1.0f;                               \
-        for (int p = 0; p < WEIGHT_PLANE; p++)                                                                  \
-            made(p) = scale * HALVED(a * row(p, 0), b * row(p, 1));                                            \
-        made(WEIGHT_PLANE) = scale * weights;                                                                    \
-    }
-/* Depths of a row's cells, 0 of those that count nothing */
-#define DEPTHS(row, i)                                                                                         \
-    (row(WEIGHT_PLANE, i) == 0.0f ? 0.0f                                                                        \
-     : perspective               ? row(WEIGHT_PLANE, i) / row(3, i)                                             \
-                                 : -row(3, i) / row(WEIGHT_PLANE, i))
-#define ROW_16(p, i) rows[i].plane[p]
-#define ROW_8(p, i) levels->eight[p][2 * y + (i)]
-#define ROW_4(p, i) levels->four[p][2 * y + (i)]
-#define ROW_2(p, i) levels->two[p][i]
-#define EIGHT(p) levels->eight[p][y]
-#define FOUR(p) levels->four[p][y]
-#define TWO(p) levels->two[p][y]
-#define ONE(p) levels->one[p]
-
-/* A tile's levels from its first one on, which is there already, written down */
-INLINED void write_levels(Levels *levels, int level, int perspective, int tile, int tiles, global float *inner,
-                          global float *cells)
-{
-    for (int y = 0; y < 4; y++)
-        HALVE(float8, float4, FOUR, ROW_8, level)
-    for (int y = 0; y < 2; y++)
-        HALVE(float4, float2, TWO, ROW_4, level + 1)
-    HALVE(float2, float, ONE, ROW_2, level + 2)
-    for (int p = 0; p < PLANES; p++) {
-        global float *to = inner + ((size_t)tile * PLANES + p) * INNER_CELLS;
-        for (int y = 0; y < 8; y++)
-            vstore8(levels->eight[p][y], y, to);
-        for (int y = 0; y < 4; y++)
-            vstore4(levels->four[p][y], y, to + 64);
-        for (int y = 0; y < 2; y++)
-            vstore2(levels->two[p][y], y, to + 80);
-        cells[p * tiles + tile] = levels->one[p];
-    }
-}
-
-void clear_tile(int tile, int tiles, global float *cells)
-{
-    for (int p = 0; p < PLANES; p++)
-        cells[p * tiles + tile] = 0.0f;
-}
-
-/* The tile behind all others, which pull takes for those that count nothing and those outside of the picture */
-void clear_last(int tiles, global float *inner)
-{
-    for (int i = 0; i < PLANES * INNER_CELLS; i++)
-        inner[(size_t)tiles * PLANES * INNER_CELLS + i] = 0.0f;
-}
-
 #if HAS_BEHIND
-/* The farthest depth behind the holes in the 12 x 12 pixels around each 4 x 4 pixels of a tile, as four rows. Only holes
- * beside what is none in the tile's window count: of others behind.cl may know nothing. */
+/* The farthest depth behind the holes in the 12 x 12 pixels around each 4 x 4 pixels of a tile, as four rows. Only
+ * holes beside what is none in the tile and its halo count: of others behind.cl may know nothing. */
 INLINED void read_behind(global const float *behind, int pitch, const uint *bits, float16 *around)
 {
     uint known[HALO_TILE];
@@ -202,7 +96,7 @@ INLINED void read_behind(global const float *behind, int pitch, const uint *bits
         around[i] = fmax(fmax(bands[i], bands[i + 1]), bands[i + 2]).xxxxyyyyzzzzwwww;
 }
 
-/* What pixels of depths z count. */
+/* The weights of pixels of depths z */
 INLINED float16 weights_of(float16 z, float16 around)
 {
     float16 ratio = around > z ? z / around : (float16)1.0f;
@@ -356,8 +250,8 @@ uint rows_around(uint needed, int count)
             continue;                                                                                          \
         const int *three = tile + (y == 0 ? 0 : y <= side ? 3 : 6), at = (y - 1) & (side - 1);                 \
         const int is_known = three[0] < tiles || three[1] < tiles || three[2] < tiles;                         \
-        const type open = is_known ? 1.0f - own(inner, three, WEIGHT_PLANE, at) : (type)1.0f;                        \
-        for (int p = 0; p < WEIGHT_PLANE; p++) {                                                                     \
+        const type open = is_known ? 1.0f - own(inner, three, WEIGHT_PLANE, at) : (type)1.0f;                  \
+        for (int p = 0; p < WEIGHT_PLANE; p++) {                                                               \
             const above_type row_ = ROW_BETWEEN(above[p], y);                                                  \
             filled[p][y] = open * CELLS_BETWEEN(type, row_, left, right, __VA_ARGS__);                         \
             if (is_known)                                                                                      \

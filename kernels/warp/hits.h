@@ -1,8 +1,8 @@
 #ifndef WARP_HITS_H
 #define WARP_HITS_H
-/* What a line says of a pixel: the target nearness of the surface that it meets first there, EMPTY if it meets none.
+/* The hit of a line in a pixel: the target nearness of the surface that it meets first there, EMPTY if it meets none.
  *
- * The nearness' last bit tells whether it meets a side that is not shown: nothing is seen then, but the surface hides
+ * The last bit of the nearness is 1 if that is a side that is not shown: nothing is seen there, but the surface hides
  * what lies behind it.
  */
 #include "lib/lanes.h"

@@ -1,6 +1,6 @@
 #ifndef WARP_HOLES_H
 #define WARP_HOLES_H
-/* Holes as bits, and what is told of them: shared by behind.cl and fill.cl. */
+/* Holes as bits, and how `behind` lies in memory: shared by behind.cl and fill.cl. */
 #include "lib/lanes.h"
 
 #define TILE 16 /* pixels, or cells, of a tile's side */

@@ -1,7 +1,7 @@
 #ifndef WARP_INTERVAL_H
 #define WARP_INTERVAL_H
-/* What a walk along lines of the source settles of the target's lines: the pixels that a connected run of samples has
- * settled are one interval, which the run's next segment extends at either end.
+/* The pixels of the target's lines that a walk along lines of the source settles: the pixels that a connected run of
+ * samples has settled are one interval, which the run's next segment extends at either end.
  *
  * The first segment that crosses a pixel's ray is what it sees: a pixel that is settled stays as it is.
  */
@@ -38,7 +38,7 @@ typedef struct {
     floatl nearness, p, w, q;
 } Projection;
 
-/* Where a line's answers go. */
+/* Writes a line's hits. */
 typedef struct {
     global float *hits;
     int spare;      /* for lanes with nothing to write */
@@ -57,8 +57,8 @@ INLINED Projection pick_projection(intl mask, Projection yes, Projection no)
     return place;
 }
 
-/* Of a segment, what lies before an orthographic target's image plane; open: all of it is behind. Returns whether it begins
- * behind. Behind a perspective target's centre, W tells. */
+/* Of a segment, what lies before an orthographic target's image plane; open: all of it is behind. Returns whether it
+ * begins behind. Behind a perspective target's centre, W tells. */
 INLINED intl clip_at_plane(Projection *a, Projection *b, intl *open)
 {
     const intl a_behind = a->q >= 0.0f, b_behind = b->q >= 0.0f;

@@ -1,20 +1,20 @@
-/* Depth in counts of 16 bits, as cameras deliver it, to planar depth and back.
+/* Raw depth of 16 bits, as cameras deliver it, to planar depth and back.
  *
- * counts: 0 where there is no depth. depth: NaN where there is none. scale: counts a scene unit. Back they are rounded to
- * the nearest count, and are 0, too, where a depth is more than they hold.
- * Work-item: `share` samples, a multiple of LANES. Cost: O(samples), one pass. Determinism: every sample on its own.
+ * raw: (count,) 0 where there is no depth. depth: NaN where there is none. scale: raw units a scene unit. Raw depth is
+ * rounded to nearest, and is 0, too, where a depth is more than 16 bits hold. Work-item: `share` samples, a multiple of
+ * LANES. Cost: O(samples), one pass. Determinism: every sample on its own.
  */
 #include "lib/lanes.h"
 
 #define RAW_MAX 65535.0f
 
-/* Unaligned, in one instruction: vstore16 goes count by count. */
+/* Unaligned, in one instruction: vstore16 goes one by one. */
 typedef struct __attribute__((packed)) {
     WIDE(ushort) raw;
 } UnalignedRaw;
 
 #define DEPTH_OF_RAW(type, count, scale) select((type)NAN, (count) / (scale), (count) > 0.0f)
-#define RAW_OF_DEPTH(type, depth, scale)                                                                      \
+#define RAW_OF_DEPTH(type, depth, scale)                                                                       \
     select((type)0.0f, (depth) * (scale) + 0.5f, ((depth) > 0.0f) & ((depth) * (scale) < RAW_MAX + 0.5f)) /* not of NaN */
 
 kernel void to_depth(global const ushort *raw, global float *depth, int count, int share, float scale)

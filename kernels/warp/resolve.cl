@@ -24,13 +24,11 @@
 #ifndef STRIP
 #define STRIP 1 /* packets of LANES pixels a work-item: pixels to trace are gathered from all of them */
 #endif
-#ifndef ZOOMED
-#define ZOOMED 0 /* a sample is larger than a pixel: answers that are `neighbour_offset` away count, too */
-#endif
 #ifndef ORIGINS
 #define ORIGINS 0 /* 1: where in which view each pixel comes from is written, too */
 #endif
-#define CANDIDATES (ZOOMED ? 9 : 5)
+#define IS_ZOOMED (neighbour_offset > 1) /* a sample is larger than a pixel: hits that far away count, too */
+#define CANDIDATES 9 /* hits around a pixel; 5 unless zoomed */
 #define WINDOWS (CANDIDATES - 1)
 #include "warp/hits.h"
 #include "warp/trace.h"
@@ -82,11 +80,11 @@ INLINED Pixels read_hits(global const float *hits, PixelMap map, int x0, int y, 
         const intl above_met = IS_HIT(above), under_met = IS_HIT(under), left_met = IS_HIT(left), right_met = IS_HIT(right);
         any_seen = seen_here | IS_VISIBLE_HIT(above) | IS_VISIBLE_HIT(under) | IS_VISIBLE_HIT(left) | IS_VISIBLE_HIT(right);
         intl any_met = IS_HIT(n) | above_met | under_met | left_met | right_met;
-#if ZOOMED
-        any_met = any_met | (y >= neighbour_offset ? IS_HIT(load_lanes(here - neighbour_offset * map.dst_pitch)) : 0);
-        any_met = any_met | (y + neighbour_offset < map.dst_height ? IS_HIT(load_lanes(here + neighbour_offset * map.dst_pitch)) : 0);
-        any_met = any_met | (x0 >= neighbour_offset ? IS_HIT(load_lanes(here - neighbour_offset)) : 0) | IS_HIT(load_lanes(here + neighbour_offset));
-#endif
+        if (IS_ZOOMED) {
+            any_met = any_met | (y >= neighbour_offset ? IS_HIT(load_lanes(here - neighbour_offset * map.dst_pitch)) : 0);
+            any_met = any_met | (y + neighbour_offset < map.dst_height ? IS_HIT(load_lanes(here + neighbour_offset * map.dst_pitch)) : 0);
+            any_met = any_met | (x0 >= neighbour_offset ? IS_HIT(load_lanes(here - neighbour_offset)) : 0) | IS_HIT(load_lanes(here + neighbour_offset));
+        }
         curved = max_lanes(fabs(left + right - 2.0f * n), fabs(above + under - 2.0f * n));
         pixels.smooth = inside & IS_HIT(n) & above_met & under_met & left_met & right_met;
         /* A pixel whose line meets nothing may see what a neighbour's line meets. */
@@ -169,15 +167,12 @@ INLINED void intersect_at_hits(Pixels *pixels, Grid grid, PixelMap map, int x0, 
         places[i] = first;                                                                                     \
         places[j] = last;                                                                                      \
     }
-#if ZOOMED
-#define SORT_PLACES                                                                                            \
+#define SORT_NINE                                                                                              \
     SORT(0, 3) SORT(1, 7) SORT(2, 5) SORT(4, 8) SORT(0, 7) SORT(2, 4) SORT(3, 8) SORT(5, 6) SORT(0, 2)         \
     SORT(1, 3) SORT(4, 5) SORT(7, 8) SORT(1, 4) SORT(3, 6) SORT(5, 7) SORT(0, 1) SORT(2, 4) SORT(3, 5)         \
     SORT(6, 8) SORT(2, 3) SORT(4, 5) SORT(6, 7) SORT(1, 2) SORT(3, 4) SORT(5, 6)
-#else
-#define SORT_PLACES                                                                                            \
+#define SORT_FIVE                                                                                              \
     SORT(0, 3) SORT(1, 4) SORT(0, 2) SORT(1, 3) SORT(0, 1) SORT(2, 4) SORT(1, 2) SORT(3, 4) SORT(2, 3)
-#endif
 
 /* Where on the pixels' own lines the answers lie that pixels x of row y got; INFINITY: nowhere. Beyond the image's border
  * the pixels at the border stand in. */
@@ -203,13 +198,17 @@ INLINED floatl trace_around(global const float *hits, Grid grid, PixelMap map, i
     places[2] = place_of(hits, map, rays, epipolar, x + 1, y);
     places[3] = place_of(hits, map, rays, epipolar, x, y - 1);
     places[4] = place_of(hits, map, rays, epipolar, x, y + 1);
-#if ZOOMED
-    places[5] = place_of(hits, map, rays, epipolar, x - neighbour_offset, y);
-    places[6] = place_of(hits, map, rays, epipolar, x + neighbour_offset, y);
-    places[7] = place_of(hits, map, rays, epipolar, x, y - neighbour_offset);
-    places[8] = place_of(hits, map, rays, epipolar, x, y + neighbour_offset);
-#endif
-    SORT_PLACES
+    for (int i = 5; i < CANDIDATES; i++)
+        places[i] = INFINITY;
+    if (IS_ZOOMED) {
+        places[5] = place_of(hits, map, rays, epipolar, x - neighbour_offset, y);
+        places[6] = place_of(hits, map, rays, epipolar, x + neighbour_offset, y);
+        places[7] = place_of(hits, map, rays, epipolar, x, y - neighbour_offset);
+        places[8] = place_of(hits, map, rays, epipolar, x, y + neighbour_offset);
+        SORT_NINE
+    } else {
+        SORT_FIVE
+    }
     floatl found = EMPTY;
     intl active = wanted & (places[0] < INFINITY);
     for (int attempt = 0; attempt < 2; attempt++) {

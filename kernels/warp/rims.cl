@@ -1,13 +1,12 @@
-/* Surfaces as large as the pixels that measured them: their rims are drawn.
+/* Surfaces as large as the pixels that measured them: the squares of their border samples are drawn.
  *
  * The surface of lib/surface.h ends at the last samples, half a pixel before what they measured does: things one sample
- * thin are not there at all, and what is behind them shows. `rims` carries the pixels of all samples next to an opening,
- * or to the image's border, over to the target, as squares at their own depth; the nearest one stays. `add_rims` writes
- * them where the target shows nothing, or what they are torn apart from.
- * nearness: (src_height, src_pitch). keys: (dst_height, dst_width) nearness as warp/keys.h orders it, 0 where there is
- * no rim. depth, valid: (dst_height, dst_width).
- * Work-item: STRIP * LANES samples, or pixels, of a row. Cost: O(samples + pixels of rims). Determinism: a maximum does not
- * depend on the order of work-items.
+ * thin are not there at all, and what is behind them shows. `rims` carries the pixels of all samples next to an
+ * opening, or to the image's border, over to the target, as squares at their own depth; the nearest one stays.
+ * `add_rims` writes them where the target shows nothing, or what they are torn apart from. nearness: (src_height,
+ * src_pitch). keys: (dst_height, dst_width) nearness as warp/keys.h orders it, 0 where there is no rim. depth, valid:
+ * (dst_height, dst_width). Work-item: STRIP * LANES samples, or pixels, of a row. Cost: O(samples + pixels of rims).
+ * Determinism: a maximum does not depend on the order of work-items.
  */
 #include "lib/lanes.h"
 #include "lib/surface.h"

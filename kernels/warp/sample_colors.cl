@@ -1,17 +1,16 @@
 /* The colours of a depth image's samples in the picture of another camera, where that camera sees them.
  *
- * A sample is hidden if what shows at its pixel is nearer, and another surface. Whether it is one, the way from the one
- * to the other in the depth image tells: along it, the ray that both lie on passes an opening of the surface, or runs
- * behind the surface by more than noise explains. A ray that grazes a noisy or slanted surface does neither. A sample
- * where nothing shows is hidden if its surface turns its back there. Colour is what lies between the four pixels around,
- * without those that show another surface.
- * The target is a pinhole's image whose pixels a lens may move (lib/lens.h): `map` leads to the pinhole's.
- * places: (2, height, pitch) where the samples lie in the source that `nearness` is of, NaN: nowhere, if HAS_PLACES. depth:
- * (height, width) of the samples, planar z; not finite, <= NEAREST or >= far is none. nearness: (src_height, src_pitch).
- * shown, color: (dst_height, dst_width) depth that the target shows, NaN: none, and its picture. sample_color, seen:
- * (height, width); colour is black where a sample is not seen.
- * Work-item: LANES samples of a row. Cost: O(samples), and a walk of at most WALK_STEPS samples for those with something nearer
- * in front. Determinism: every sample on its own.
+ * A sample is hidden if what shows at its pixel is nearer, and another surface. It is another one if the ray that both
+ * lie on, walked in the depth image from the one to the other, passes an opening of the surface, or runs behind the
+ * surface by more than noise explains. A ray that grazes a noisy or slanted surface does neither. A sample where
+ * nothing shows is hidden if its surface turns its back there. Colour is what lies between the four pixels around,
+ * without those that show another surface. The target is a pinhole's image whose pixels a lens may move (lib/lens.h):
+ * `map` leads to the pinhole's. places: (2, height, pitch) where the samples lie in the source that `nearness` is of,
+ * NaN: nowhere, if HAS_PLACES. depth: (height, width) of the samples, planar z; not finite, <= NEAREST or >= far is
+ * none. nearness: (src_height, src_pitch). shown, color: (dst_height, dst_width) depth that the target shows, NaN:
+ * none, and its picture. sample_color, seen: (height, width); colour is black where a sample is not seen. Work-item:
+ * LANES samples of a row. Cost: O(samples), and a walk of at most WALK_STEPS samples for those with something nearer in
+ * front. Determinism: every sample on its own.
  */
 #include "lib/color.h"
 #include "lib/lens.h"
@@ -25,11 +24,11 @@
 #define SAME_SURFACE 1.0f    /* pixel of the source: what is no farther apart is the same */
 #define RELATIVE_TOLERANCE 1e-3f    /* of the nearness: what is behind by less is not */
 #define OCCLUSION_DEVIATIONS 5.0f /* nor by less than so many standard deviations of the noise */
-#define SLOPE_STEP 2         /* samples to either side that tell where the surface faces; and three times as many, amid noise */
+#define SLOPE_STEP 2         /* samples to either side from which its slope is taken; and three times as many, amid noise */
 #define SLOPE_DEVIATIONS 3.0f      /* standard deviations of the noise by which these may differ more than they do */
 
 /* Are the depths a <= b torn apart? As IS_OPEN, without divisions; NaN is not. */
-#define ARE_TORN(perspective, cut, a, b)                                                                        \
+#define ARE_TORN(perspective, cut, a, b)                                                                       \
     ((cut).near_scale * (b) - (cut).far_scale * (a) > (cut).least * ((perspective) ? (a) * (b) : (floatl)1.0f))
 
 /* Of the source's nearness q: a + b q + c q^2 */
@@ -81,8 +80,8 @@ INLINED intl is_occluded(global const float *nearness, PixelMap map, Cut cut, No
 }
 
 /* The determinant of a point and two columns of the map m */
-#define ORIENTATION(m, p, i, j)                                                                                  \
-    ((p)[0] * ((m)[4 + (i)] * (m)[8 + (j)] - (m)[8 + (i)] * (m)[4 + (j)]) -                                      \
+#define ORIENTATION(m, p, i, j)                                                                                \
+    ((p)[0] * ((m)[4 + (i)] * (m)[8 + (j)] - (m)[8 + (i)] * (m)[4 + (j)]) -                                    \
      (p)[1] * ((m)[i] * (m)[8 + (j)] - (m)[8 + (i)] * (m)[j]) + (p)[2] * ((m)[i] * (m)[4 + (j)] - (m)[4 + (i)] * (m)[j]))
 
 /* Does the surface around the sample turn its back on the target, more than noise explains? */
@@ -103,7 +102,8 @@ INLINED intl faces_away(global const float *nearness, PixelMap map, Cut cut, Noi
     }
     for (int i = 0; i < 3; i++)
         p[i] = MAP_ROW(D, i, sample.u, sample.v, sample.q);
-    /* Which way round the target sees a point and its changes along u and v, which are columns and slopes of the map */
+    /* The orientation in which the target sees a point and its changes along u and v, which are columns and slopes
+     * of the map */
     const floatl by_u = ORIENTATION(D, p, 3, 1), by_v = ORIENTATION(D, p, 0, 3);
     const floatl unsure = SLOPE_DEVIATIONS / (2.0f * aside) * (noise.a + sample.q * (noise.b + sample.q * noise.c));
     return !unknown & (ORIENTATION(D, p, 0, 1) + slope[0] * by_u + slope[1] * by_v + unsure * (fabs(by_u) + fabs(by_v)) < 0.0f);

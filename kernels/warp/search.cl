@@ -1,9 +1,9 @@
 /* The O(n^3) inverse warp: every pixel of the target searches its own epipolar segment, from the epipole (or where the
  * line enters the image) to the projection of the ray's point at infinity (Schaufler & Priglinger 1999, section 4).
  *
- * seen: (dst_height, dst_pitch) answers (answers.h). counts: (dst_height, packets a row) cells visited by the slowest lane,
- * times LANES, with COUNTERS. Work-item: LANES pixels of a row.
- * Cost: O(source width) a pixel. Determinism: every pixel on its own.
+ * hits: (dst_height, dst_pitch), hits.h. counters: (dst_height, packets a row) cells visited by the slowest lane, times
+ * LANES, with COUNTERS. Work-item: LANES pixels of a row. Cost: O(source width) a pixel. Determinism: every pixel on
+ * its own.
  */
 #include "warp/hits.h"
 #include "warp/trace.h"

@@ -3,11 +3,11 @@
 /* Rays of the target against the triangulated grid of the source, exactly, each along its own epipolar line.
  *
  * In the source's pixel space a ray is Y(n) = start + n * centre, n being the nearness in the target, and its image is
- * a straight line, walked away from the epipole. The first triangle that the ray crosses is what it sees. The walk
- * goes from cell to cell; in each, the line passes one triangle and then the other. The surface's lead over the ray
- * is affine over a triangle: where it changes its sign, the ray meets the triangle.
+ * a straight line, walked away from the epipole. The first triangle that the ray crosses is what it sees. The walk goes
+ * from cell to cell; in each, the line passes one triangle and then the other. The surface's nearness less the ray's is
+ * affine over a triangle: where it changes its sign, the ray meets the triangle.
  *
- * Cost: the cells of the parts of the line that are looked at, for the slowest of LANES rays.
+ * Cost: the cells within the windows, for the slowest of LANES rays.
  */
 #include "warp/cells.h"
 
@@ -32,11 +32,11 @@ typedef struct {
 
 #define END_TOLERANCE 2e-4f /* pixels of the source by which a surface reaches beyond its last samples: rounding */
 #ifndef WINDOWS
-#define WINDOWS 1 /* parts of a line that are looked at, after the first, at most */
+#define WINDOWS 1 /* windows of a line that are searched, after the first, at most */
 #endif
 
-/* The parts of a line that are looked at, in order: from ... to, and `reach` to either side of the places that follow
- * (INFINITY: none). */
+/* The windows of a line that are searched, in order: from ... to, and `radius` to either side of the places that
+ * follow (INFINITY: none). */
 typedef struct {
     floatl from, to;
     floatl next[WINDOWS];
@@ -123,21 +123,21 @@ INLINED floatl distance_of(Rays rays, Epipolar epipolar, floatl nearness)
     return (epipolar.start + nearness * epipolar.centre) / (rays.w + nearness * rays.centre.z);
 }
 
-/* The first triangle that the rays cross on stretches of their lines: target nearness, BLOCKED, or EMPTY if they meet
- * none. */
+/* The first triangle that the rays cross within windows of their lines: target nearness, BLOCKED, or EMPTY if they
+ * meet none. */
 INLINED floatl trace(Grid grid, Rays rays, Epipolar epipolar, Windows windows, int sides, intl wanted, uint *cells)
 {
     const Lines lines = epipolar.lines;
     const Traversal traversal = traversal_of(lines, grid);
-    const floatl tolerance = END_TOLERANCE * fabs(epipolar.near_step); /* a lead that a step of that length makes */
+    const floatl tolerance = END_TOLERANCE * fabs(epipolar.near_step); /* the difference that a step of that length makes */
     floatl at = fmax(windows.from, (floatl)0.0f), to = fmin(windows.to, lines.length), difference = 0.0f, x = 0.0f, y = 0.0f;
     intl active = wanted & (at <= lines.length), begins = active, connected = 0;
     floatl result = EMPTY;
     Plane met_plane = {0.0f, 0.0f, 0.0f, 0.0f, 0.0f};
     intl is_met = 0;
-    /* A line enters a cell by a column or a row, each of them once, and a stretch may begin in each cell anew. */
+    /* A line enters a cell by a column or a row, each of them once, and a window may begin in each cell anew. */
     for (int most = grid.width + grid.height + 2 + 2 * WINDOWS; most > 0; most--) {
-        /* At the end of a stretch, on to the next one. */
+        /* At the end of a window, on to the next one. */
         const intl over = active & !begins & (at >= to);
         if (any_lane(over)) {
             const floatl next = windows.next[0], from = next - windows.radius;
@@ -159,12 +159,12 @@ INLINED floatl trace(Grid grid, Rays rays, Epipolar epipolar, Windows windows, i
         *cells += 1;
         const Cell cell = pass_cells(grid, lines, traversal, x, y, at);
 
-        /* The surface's lead over the ray: where it changes its sign, the ray meets the surface. */
+        /* The surface's nearness less the ray's: where it changes its sign, the ray meets the surface. */
         const floatl near_0 = epipolar.near + epipolar.near_step * at, near_1 = epipolar.near + epipolar.near_step * cell.crossing,
                      near_2 = epipolar.near + epipolar.near_step * cell.out;
         const floatl difference_0 = pick(connected, difference, cell.q_in - near_0), difference_2 = cell.q_out - near_2;
         const floatl difference_1 = pick(cell.has_first, pick(cell.has_second, cell.q_crossing - near_1, difference_2), difference_0);
-        /* Surfaces end with their last sample, not before it: hence the touch. */
+        /* Surfaces end with their last sample, not before it: hence the tolerance. */
         const intl first = cell.has_first & !cell.first_open, second = cell.has_second & !cell.second_open;
         const intl first_front = first & (difference_0 < tolerance) & (difference_1 >= -tolerance) & (difference_1 > difference_0);
         const intl first_back = first & (difference_0 > 0.0f) & (difference_1 <= 0.0f);

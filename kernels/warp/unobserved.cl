@@ -1,6 +1,6 @@
-/* Where a source has a colour but no depth, a filled hole shows that colour, if its filled depth leads there.
+/* Where a source has a colour but no depth, a filled hole shows that colour, if its filled depth projects there.
  *
- * Black without depth is no colour: that is how registered cameras, and frames with holes, tell that they have none.
+ * Black without depth is no colour: registered cameras, and frames with holes, have it where nothing was seen.
  *
  * color, depth, valid: (dst_height, dst_width), the holes' colours are replaced. nearness: (src_height, src_pitch).
  * src_color: (src_height, src_width). Work-item: `strip` times 16 pixels of a row. Cost: O(pixels).

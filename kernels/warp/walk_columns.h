@@ -9,7 +9,7 @@
 
 /* Where lines pass a column, between two of its samples. */
 typedef struct {
-    floatl cell, part; /* the first sample, and the share of the way to the second; beyond 0 and 1 beside the image */
+    floatl cell, part; /* the first sample, and where between it and the second, 0 to 1; beyond these beside the image */
     intl at;           /* the first sample's index */
     floatl a, b;       /* the samples' nearness */
     Projection place;
@@ -18,7 +18,7 @@ typedef struct {
 /* What lies between two columns. The lines are in one cell, or pass a row and are in two. */
 typedef struct {
     Column from, to;
-    floatl begins, ends;           /* the part of the way that is the lines': all of it, 0 to 1, but at their ends */
+    floatl begins, ends;           /* the part of the step that lies on the lines: all of it, 0 to 1, but at their ends */
     floatl passed;                 /* the row: 1 the cell's last, -1 its first, 0 none */
     floatl beyond_from, beyond_to; /* then the columns' samples of the two cells that are not the columns' own */
     floatl slope;                  /* rows a column */
@@ -26,7 +26,7 @@ typedef struct {
 
 /* The triangles that lines pass on a step, in order, two in each cell. */
 typedef struct {
-    floatl leaves[4];   /* the part of the way at which the lines leave them: none is entered that is left before */
+    floatl leaves[4];   /* where on the step, 0 to 1, the lines leave them: none is entered that is left before */
     floatl nearness[3]; /* the surface's, there */
     intl open[4];
 } PassedTriangles;
@@ -78,7 +78,7 @@ INLINED void extend_torn(Interval *interval, HitWriter *writer, Step step, Cut c
         const Projection passed = left;
         const intl is_passed = leaves > entered;
         intl there = active & is_passed;
-        if (is_clipped) { /* of this triangle's part of the way, what is the lines' */
+        if (is_clipped) { /* of this triangle's part of the step, what lies on the lines */
             const floatl low = max_lanes(entered, step.begins), high = min_lanes(leaves, step.ends);
             const floatl change = (left.nearness - enters.nearness) / (leaves - entered);
             const Projection at_low = project_at(targets, major + line.sign * low, enters.nearness + (low - entered) * change);

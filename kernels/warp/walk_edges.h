@@ -1,9 +1,11 @@
 #ifndef WARP_WALK_EDGES_H
 #define WARP_WALK_EDGES_H
-/* Along lines of the source from edge to edge of its triangles: exactly what the lines meet. Cells are what is counted. */
+/* Along lines of the source from edge to edge of its triangles: exactly what the lines meet. Cells are what is
+ * counted. */
 #include "warp/interval.h"
 
-/* Samples that the lines come to soon. Along rows each line has a cache line of its own, for 16 steps: two take turns. */
+/* Samples that the lines come to soon. Along rows each line has a cache line of its own, for 16 steps: two take
+ * turns. */
 INLINED void prefetch_samples(Grid grid, SweepLines line, LineGroup group, intl index, int turn)
 {
 #if LANES == 16

@@ -1,7 +1,7 @@
 #ifndef WARP_WALK_SAMPLES_H
 #define WARP_WALK_SAMPLES_H
-/* Along rows or columns of the source's samples, from each to the next: exactly what such lines meet, which see the edges
- * between their samples alone.
+/* Along rows or columns of the source's samples, from each to the next: exactly what such lines meet, which see the
+ * edges between their samples alone.
  */
 #include "warp/interval.h"
 

@@ -11,12 +11,13 @@ from typer.core import TyperGroup
 
 import pyibr as ibr
 from pyibr.app import live_commands
+from pyibr.app.commands.doctor import doctor
 from pyibr.app.commands.mesh import mesh
 from pyibr.app.commands.register import register
 from pyibr.app.commands.warp import warp
+from pyibr.app.telling import telling
 from pyibr.app.words import printable
 from pyibr.core.errors import ArgumentError, DeviceError, Error
-from pyibr.opencl.doctor import print_report
 
 _OPTIONS = {
     "view": "DEPTH",
@@ -40,7 +41,8 @@ class _OneLineErrors(TyperGroup):
 
     def invoke(self, ctx: Any) -> Any:
         try:
-            return super().invoke(ctx)
+            with telling(lambda text: typer.secho(f"pyibr: {text}", err=True)):
+                return super().invoke(ctx)
         except Error as error:
             text = str(error)
             if isinstance(error, ArgumentError) and error.argument in _OPTIONS:
@@ -87,12 +89,6 @@ def _main(  # pyright: ignore[reportUnusedFunction]
     pass
 
 
-def doctor() -> None:
-    """Show the OpenCL devices, whether each works, and what mends those that do not."""
-    if not print_report():
-        raise typer.Exit(1)
-
-
 _MM = "--depth-scale 1000 --camera camera.json"
 _EXAMPLES: dict[Callable[..., None], tuple[str, ...]] = {
     warp: (
@@ -105,7 +101,7 @@ _EXAMPLES: dict[Callable[..., None], tuple[str, ...]] = {
     mesh: (f"color.png depth.png {_MM} --max-error 0.005 -o scene.glb",),
     live_commands.view: ("dragon.ply",),
     live_commands.place: ("dragon.ply --auto 16 -o dragon",),
-    doctor: ("",),
+    doctor: ("", "--build"),
 }
 """The commands, and how each is used."""
 

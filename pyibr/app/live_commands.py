@@ -94,7 +94,7 @@ def view(
             raise ArgumentError("--color" if color else "--scale", "--height with it", "none")
         direction = _direction(up or ("y" if of_meshes else None))
         first = None if start is None else Camera.load(start)
-        pages = ibr.view(given, first, direction, port)
+        pages = ibr.view(given, first, up=direction, port=port)
         _serve(pages, open_page)
 
 
@@ -130,11 +130,20 @@ def place(
         placement.take(given, about)
         if auto:
             state = placement.state
-            placement.add(*propose_frusta(known, auto, size, state.frusta, state.side, surface, _tell_proposal))
+            placement.add(
+                *propose_frusta(
+                    known, auto, size, known=state.frusta, side=state.side, surface=surface, progress=_tell_proposal
+                )
+            )
         state = placement.state
         if page:
             folder = output or Path(f"{mesh.name.split('.')[0]}-frusta")
-            _serve(place_page(known, state.frusta, size, folder, upward, port, state.side, part), open_page)
+            _serve(
+                place_page(
+                    known, state.frusta, size=size, folder=folder, up=upward, port=port, side=state.side, within=part
+                ),
+                open_page,
+            )
             return
         assert output is not None
         captures = Captures(surface, light_for(known, upward))
@@ -168,14 +177,14 @@ class _Views:
         """The things, and whether they are meshes whose files say nothing of what is up, but for y by custom."""
         things: list[DepthImage | Mesh] = []
         customary = True
-        rest = list(names)
+        rest, (scale, kind) = list(names), self._stored
         while rest:
             name = rest.pop(0)
             check_there(name)
             if name.is_dir():
-                for view in load(name, *self._stored):
+                for view in load(name, depth_scale=scale, depth_is=kind):
                     depth = self._cleaned(view.color, view.depth)
-                    things.append(DepthImage(view.color, depth, view.camera, view.far, normals=view.normals))
+                    things.append(DepthImage(view.color, depth, view.camera, far=view.far, normals=view.normals))
             elif is_mesh_file(name):
                 things.append(Mesh.load(name))
             elif not rest or self._camera is None:
@@ -183,9 +192,9 @@ class _Views:
                 raise ArgumentError("THINGS", f"a depth after the color {printable(name)}, and its --camera", lacking)
             else:
                 color, own = ibr.read_color(name), Camera.load(self._camera)
-                depth = ibr.read_depth(rest.pop(0), *self._stored, own)
+                depth = ibr.read_depth(rest.pop(0), scale=scale, kind=kind, camera=own)
                 cleaned = self._cleaned(color, depth)
-                things.append(DepthImage(color, cleaned, own, self._far, self._backdrop))
+                things.append(DepthImage(color, cleaned, own, far=self._far, backdrop=self._backdrop))
             customary &= is_mesh_file(name) and not name.name.lower().endswith((".glb", ".gltf"))
         return things, customary
 
@@ -210,8 +219,8 @@ def _displaced(
     own = np.full((1, 1, 3), 200, np.uint8) if mesh.texture is None else mesh.texture
     texture = own if color is None else ibr.read_color(color)
     return {
-        "relief": ReliefSurface(mesh, heights, texture, scale, tiles, normals, wrap=wrap),
-        "slices": SlicedSurface(mesh, heights, texture, scale, tiles, normal_map=normals, wrap=wrap),
+        "relief": ReliefSurface(mesh, heights, texture, scale, tiles=tiles, normal_map=normals, wrap=wrap),
+        "slices": SlicedSurface(mesh, heights, texture, scale, tiles=tiles, normal_map=normals, wrap=wrap),
     }
 
 

@@ -1,4 +1,4 @@
-"""How much of a surface some depth images have seen, by samples spread evenly over it."""
+"""The share of a surface that some depth images have seen, by samples spread evenly over it."""
 
 from __future__ import annotations
 
@@ -61,11 +61,11 @@ class Surface:
             return low, high
         return np.maximum(low, self.within[0]), np.minimum(high, self.within[1])
 
-    def seen(self, view: DepthImage, side: Side = "front") -> Mask:
+    def seen(self, view: DepthImage, *, side: Side = "front") -> Mask:
         """(N,) which points a depth image has seen, from that side: as `pyibr.picture.seen` marks them."""
-        return self.resolution(view, side) > 0
+        return self.resolution(view, side=side) > 0
 
-    def resolution(self, view: DepthImage, side: Side = "front") -> NDArray[np.float32]:
+    def resolution(self, view: DepthImage, *, side: Side = "front") -> NDArray[np.float32]:
         """(N,) pixels per squared scene unit at which a depth image has seen the points; 0 where it has not."""
         camera = view.camera
         pixels, z = camera.project(self.points)
@@ -144,7 +144,7 @@ class Surface:
         return found
 
 
-def surface_of(mesh: Mesh, count: int = 40_000, within: ArrayLike | None = None) -> Surface:
+def surface_of(mesh: Mesh, *, count: int = 40_000, within: ArrayLike | None = None) -> Surface:
     """Points on a mesh, the same each time.
 
     Parameters
@@ -164,7 +164,7 @@ def surface_of(mesh: Mesh, count: int = 40_000, within: ArrayLike | None = None)
     --------
     >>> from pyibr.capture import models
     >>> from pyibr.capture.coverage import surface_of
-    >>> surface = surface_of(models.donut(60), 1000)
+    >>> surface = surface_of(models.donut(60), count=1000)
     >>> len(surface.points), round(surface.area, 1)  # 4 pi^2 0.4 = 15.8
     (1000, 15.8)
     """

@@ -39,7 +39,7 @@ _NARROWEST, _WIDEST = 0.1, 170.0  # degrees
 
 @dataclass(frozen=True)
 class Stroke:
-    """What a brush has painted over a frustum's image: discs along a line.
+    """Paint over a frustum's image: discs of a brush along a line.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class Stroke:
 
 @dataclass(frozen=True)
 class Frustum:
-    """Where a depth image of a surface is taken from.
+    """The camera and far plane of a depth image, and what is painted over it.
 
     Parameters
     ----------
@@ -111,10 +111,10 @@ class Frustum:
 
     @classmethod
     def look_at(
-        cls, eye: ArrayLike, target: ArrayLike, up: ArrayLike, size: int, fov: float = 60.0, far: float = math.inf
+        cls, eye: ArrayLike, target: ArrayLike, up: ArrayLike, size: int, *, fov: float = 60.0, far: float = math.inf
     ) -> Frustum:
         """Make a frustum at `eye` around `target`; `up` may be any direction that is not along the line of sight."""
-        return cls(Camera.look_at(eye, target, up, (size, size), fov), far)
+        return cls(Camera.look_at(eye, target, up, (size, size), fov_y=fov), far)
 
     @property
     def fov(self) -> tuple[float, float]:
@@ -170,15 +170,15 @@ class Frustum:
         """
         frame = render(thing, self.camera, light)
         depth = np.where(frame.valid & ~self.mask, frame.depth, np.float32(np.inf))
-        return DepthImage(frame.color, depth, self.camera, self.far)
+        return DepthImage(frame.color, depth, self.camera, far=self.far)
 
     def to_json(self) -> dict[str, Any]:
-        """What files say of it."""
+        """Return the frustum's entry in a file."""
         return entry_json(self.camera, self.far) | self._more
 
     @property
     def _more(self) -> dict[str, Any]:
-        """What files say of it beside what any view has."""
+        """Its entry in a file beside what any view has."""
         if not self.strokes:
             return {}
         kept = [
@@ -195,7 +195,7 @@ def light_for(thing: Thing, up: ArrayLike) -> Light | None:
         return None
     upward = numbers("up", up, (3,))
     aside = np.cross(upward, np.eye(3)[np.abs(upward).argmin()])
-    return Light(-(upward + 0.6 * aside + 0.4 * np.cross(upward, aside)), ambient=0.3, shadow_size=0)
+    return Light(direction=-(upward + 0.6 * aside + 0.4 * np.cross(upward, aside)), ambient=0.3, shadow_size=0)
 
 
 def save_frusta(path: str | PathLike[str], frusta: Sequence[Frustum], **about: object) -> None:

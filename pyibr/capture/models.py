@@ -7,28 +7,38 @@ are as a camera's: x right, y down, z forward; up is -y. The scanned meshes' own
 
 from __future__ import annotations
 
-import gzip
-import tempfile
 from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pyibr import io
 from pyibr.capture.frusta import light_for, load_frusta
+from pyibr.capture.globe import globe, in_bytes, load_earth
 from pyibr.capture.raycast import MeshScene, cube_cameras, spread_directions
+from pyibr.capture.rays import pixel_centers
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64, describe, instance_of, numbers, positive, whole_from
-from pyibr.core.errors import ArgumentError, FileFormatError
-from pyibr.core.optional import open3d
+from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
 from pyibr.meshes.mesh import Mesh
 
-Float32 = NDArray[np.float32]
 Uint8 = NDArray[np.uint8]
+
+__all__ = [
+    "donut",
+    "dragon",
+    "dragon_head",
+    "globe",
+    "load_earth",
+    "load_scene",
+    "torus",
+    "torus_from_outside",
+    "torus_mesh",
+    "view",
+    "with_cylindrical_uv",
+]
 
 DRAGON_HEAD = Path(__file__).with_name("dragon-head.json")
 """The frusta of `dragon_head`, in the axes of the scan: +y is up."""
@@ -39,51 +49,7 @@ TORUS = Path(__file__).with_name("torus.json")
 _UP = np.array([0.0, -1.0, 0.0])
 
 
-def globe(
-    size: int, elevation: Float32 | None = None, color: Uint8 | None = None, relief: float = 0.08
-) -> list[DepthImage]:
-    """Make a globe of radius 1 about the origin, displaced outwards from its centre, as six depth images.
-
-    The images are cube faces at the globe's centre (see `cube_cameras`), so that the globe is seen from
-    outside on the surface's back: draw it with `side="back"`, and with `edges="connect"`, since it is one surface
-    however steep. Depth is exact at the samples, no ray is cast.
-
-    Parameters
-    ----------
-    size : int
-        Of each image in pixels.
-    elevation : (h, w) float32 in [0, 1], optional
-        Equirectangular: longitude -180 to 180 degrees along the rows, latitude 90 to -90 down the columns.
-        Read bilinearly. Default: continents from noise with a fixed seed.
-    color : (h', w', 3) uint8, optional
-        Equirectangular. Default: a colour scale of the elevation.
-    relief : float
-        Displacement of elevation 1 in radii.
-
-    Examples
-    --------
-    >>> from pyibr.capture.models import globe
-    >>> len(globe(16)), globe(16)[0].depth.shape
-    (6, (16, 16))
-    """
-    raised = float(numbers("relief", relief, ()))
-    if elevation is not None and (np.ndim(elevation) != 2 or not np.isfinite(elevation).all()):
-        raise ArgumentError("elevation", "finite numbers of shape (h, w)", describe(elevation))
-    if color is not None and (np.ndim(color) != 3 or color.shape[2] != 3 or color.dtype != np.uint8):
-        raise ArgumentError("color", "uint8 of shape (h, w, 3)", describe(color))
-    views: list[DepthImage] = []
-    for camera in cube_cameras((0, 0, 0), size):
-        ray = camera.unproject(_pixels(camera), np.ones(size * size))
-        length = np.linalg.norm(ray, axis=1)
-        direction = ray / length[:, None]
-        height = _noise(direction) if elevation is None else _on_sphere(elevation[..., None], direction)[:, 0]
-        painted = _hypsometric(height) if color is None else _on_sphere(color, direction)
-        depth = ((1 + raised * height) / length).astype(np.float32)
-        views.append(DepthImage(_uint8(painted).reshape(size, size, 3), depth.reshape(size, size), camera))
-    return views
-
-
-def torus(size: int, layers: Sequence[str] = ("first", "last")) -> list[DepthImage]:
+def torus(size: int, *, layers: Sequence[str] = ("first", "last")) -> list[DepthImage]:
     """Make a bumpy torus about the origin, as depth images from the middle of its hole.
 
     From there a ray meets the tube twice: first its inner wall, last its outer wall. Each layer is six
@@ -111,7 +77,7 @@ def torus(size: int, layers: Sequence[str] = ("first", "last")) -> list[DepthIma
     scene = MeshScene.from_mesh(torus_mesh())
     images: dict[str, list[DepthImage]] = {"first": [], "last": []}
     for camera in cube_cameras((0, 0, 0), size):
-        first, last = scene.capture(camera, "first"), scene.capture(camera, "last")
+        first, last = scene.capture(camera, layer="first"), scene.capture(camera, layer="last")
         for layer, image in zip(("first", "last"), _joined_at_rim(first, last), strict=True):
             images[layer].append(image)
     return [image for layer in layers for image in images[layer]]
@@ -169,16 +135,16 @@ def torus_mesh() -> Mesh:
     right, down = np.roll(number, -1, axis=1), np.roll(number, -1, axis=0)
     diagonal = np.roll(right, -1, axis=0)
     faces = np.stack([np.stack([number, down, right], -1), np.stack([diagonal, right, down], -1)], axis=2)
-    return Mesh(vertices, faces.reshape(-1, 3), colors=_uint8(colors * (0.45 + 0.55 * dent)).reshape(-1, 3))
+    return Mesh(vertices, faces.reshape(-1, 3), colors=in_bytes(colors * (0.45 + 0.55 * dent)).reshape(-1, 3))
 
 
-def dragon(mesh_path: str | PathLike[str], size: int, views: int = 16) -> list[DepthImage]:
+def dragon(mesh_path: str | PathLike[str], size: int, *, views: int = 16) -> list[DepthImage]:
     """Make depth images of a mesh from all around it, background at infinity.
 
     Parameters
     ----------
     mesh_path : path
-        PLY, OBJ and whatever else Open3D reads, also with `.gz`; +y is up.
+        Whatever `Mesh.load` reads; +y is up.
     size : int
         Of each image in pixels.
     views : int
@@ -225,10 +191,10 @@ def dragon_head(mesh_path: str | PathLike[str], size: int) -> list[DepthImage]:
     light, turned = light_for(scanned, (0, 1, 0)), np.diag([1.0, -1.0, -1.0, 1.0])
     images = [frustum.resized(size).capture(scanned, light) for frustum in load_frusta(DRAGON_HEAD)[0]]
     cameras = [Camera(one.camera.K, one.camera.size, turned @ one.camera.world_from_camera) for one in images]
-    return [DepthImage(one.color, one.depth, at, one.far) for one, at in zip(images, cameras, strict=True)]
+    return [DepthImage(one.color, one.depth, at, far=one.far) for one, at in zip(images, cameras, strict=True)]
 
 
-def donut(sides: int = 25, radius: float = 1.0, tube: float = 0.4) -> Mesh:
+def donut(sides: int = 25, *, radius: float = 1.0, tube: float = 0.4) -> Mesh:
     """Make a donut of sides x sides quadrilaterals about the z axis, the base that Kautz and Seidel (2001) displace.
 
     Parameters
@@ -266,7 +232,7 @@ def donut(sides: int = 25, radius: float = 1.0, tube: float = 0.4) -> Mesh:
     )
 
 
-def with_cylindrical_uv(mesh: Mesh, axis: int = 1) -> Mesh:
+def with_cylindrical_uv(mesh: Mesh, *, axis: int = 1) -> Mesh:
     """Give a mesh uv as if a label were wrapped around it: u by the angle about its middle axis, v along that axis.
 
     Parameters
@@ -296,12 +262,20 @@ def with_cylindrical_uv(mesh: Mesh, axis: int = 1) -> Mesh:
     u = angle[mesh.faces]
     u += np.where(u.max(axis=1, keepdims=True) - u > 0.5, 1.0, 0.0)  # across the seam
     normals = mesh.normals if mesh.normals is not None else mesh.smooth_normals
-    return Mesh(mesh.vertices, mesh.faces, np.stack([u, down[mesh.faces]], axis=-1), normals, None, mesh.colors)
+    return Mesh(
+        mesh.vertices,
+        mesh.faces,
+        uv=np.stack([u, down[mesh.faces]], axis=-1),
+        normals=normals,
+        texture=None,
+        colors=mesh.colors,
+    )
 
 
 def view(
     images: Sequence[DepthImage],
     size: tuple[int, int],
+    *,
     direction: ArrayLike = (0.45, -0.4, -1.0),
     distance: float = 3.0,
 ) -> Camera:
@@ -319,45 +293,23 @@ def view(
     """
     points: list[Float64] = []
     for image in images:
-        points.append(image.camera.unproject(_pixels(image.camera)[image.valid.ravel()], image.depth[image.valid]))
+        points.append(
+            image.camera.unproject(pixel_centers(image.camera)[image.valid.ravel()], image.depth[image.valid])
+        )
     every = np.concatenate(points)
     center = (every.min(axis=0) + every.max(axis=0)) / 2
     radius = float(np.linalg.norm(every - center, axis=1).max())
     return _outside(center, radius, numbers("direction", direction, (3,)), size, distance)
 
 
-def load_earth(folder: str | PathLike[str]) -> tuple[Float32, Uint8]:
-    """Read the earth for `globe`: elevation (h, w) float32 in [0, 1] and colour (h', w', 3) uint8.
-
-    Parameters
-    ----------
-    folder : path
-        Holds `earth-topology.png` and `earth-blue-marble.jpg`, both equirectangular.
-    """
-    height = io.read_color(Path(folder) / "earth-topology.png")
-    color = io.read_color(Path(folder) / "earth-blue-marble.jpg")
-    return (height[..., 0] / 255).astype(np.float32), _uint8(np.asarray(color, np.float64))
-
-
 def load_scene(mesh_path: str | PathLike[str]) -> MeshScene:
     """Read a mesh file, also with `.gz`, as a `MeshScene`; up in the file (+y) becomes up here (-y)."""
-    path = Path(mesh_path)
-    o3d = open3d()
-    if not path.is_file():
-        raise FileFormatError(f"{path}: no such file")
-    with tempfile.TemporaryDirectory() as folder:
-        source = path
-        if path.suffix == ".gz":
-            source = Path(folder) / path.stem
-            try:
-                source.write_bytes(gzip.decompress(path.read_bytes()))
-            except (OSError, EOFError) as error:
-                raise FileFormatError(f"{path}: not a whole gzip file ({error})") from None
-        mesh = o3d.io.read_triangle_mesh(str(source))
-    if not len(mesh.triangles):
-        raise FileFormatError(f"{path}: no triangles could be read")
-    mesh.rotate(np.diag([1.0, -1.0, -1.0]), center=(0, 0, 0))
-    return MeshScene.from_open3d(mesh)
+    read, turn = Mesh.load(mesh_path), np.array([1.0, -1.0, -1.0])
+    normals = None if read.normals is None else read.normals * turn
+    turned = Mesh(
+        read.vertices * turn, read.faces, uv=read.uv, normals=normals, texture=read.texture, colors=read.colors
+    )
+    return MeshScene.from_mesh(turned)
 
 
 def _outside(
@@ -368,49 +320,7 @@ def _outside(
     up = _UP if abs(away @ _UP) < 0.99 else np.array([0.0, 0.0, 1.0])
     narrow = min(1.0, size[0] / size[1])
     fov = 2 * np.arctan(1.08 * np.tan(np.arcsin(1 / distance)) / narrow)
-    return Camera.look_at(center + distance * radius * away, center, up, size, float(np.degrees(fov)))
-
-
-def _pixels(camera: Camera) -> Float64:
-    """(H * W, 2) all pixel centres, row by row."""
-    grid = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
-    return np.stack(grid, axis=-1).reshape(-1, 2).astype(np.float64)
-
-
-def _uint8(values: Float64) -> Uint8:
-    return np.clip(np.floor(values + 0.5), 0, 255).astype(np.uint8)
-
-
-def _on_sphere(image: NDArray[Any], direction: Float64) -> Float64:
-    """Values (n, C) of an equirectangular image (h, w, C) in directions (n, 3), bilinear."""
-    height, width = image.shape[:2]
-    x, y, z = direction.T
-    u = (np.arctan2(x, -z) / (2 * np.pi) + 0.5) * width - 0.5
-    v = np.clip((np.arcsin(np.clip(y, -1, 1)) / np.pi + 0.5) * height - 0.5, 0, height - 1)
-    column, row = np.floor(u).astype(np.int64), np.floor(v).astype(np.int64)
-    fu, fv = (u - column)[:, None], (v - row)[:, None]
-    left, right, below = column % width, (column + 1) % width, np.minimum(row + 1, height - 1)
-    top = (1 - fu) * image[row, left] + fu * image[row, right]
-    return (1 - fv) * top + fv * ((1 - fu) * image[below, left] + fu * image[below, right])
-
-
-def _noise(direction: Float64) -> Float64:
-    """Continents (0 is sea) in directions (n, 3): octaves of plane waves, of the same seed each time."""
-    random = np.random.default_rng(1999)
-    total = np.zeros(len(direction))
-    for octave in range(7):
-        for _ in range(6):
-            wave = random.normal(size=3)
-            wave *= 2.2 * 1.9**octave / np.linalg.norm(wave)
-            total += 0.58**octave * np.sin(direction @ wave + random.uniform(0, 2 * np.pi))
-    return np.clip((total - 0.1) / 7.0, 0, 1)
-
-
-def _hypsometric(height: Float64) -> Float64:
-    """Colours (n, 3), 0 to 255, from the sea over beaches, plains and rock to snow."""
-    stops = [0.0, 0.004, 0.03, 0.2, 0.45, 0.7]
-    colors = np.array([[22, 60, 120], [205, 190, 130], [70, 130, 60], [110, 120, 60], [130, 105, 85], [245, 245, 250]])
-    return np.stack([np.interp(height, stops, colors[:, channel]) for channel in range(3)], axis=1)
+    return Camera.look_at(center + distance * radius * away, center, up, size, fov_y=float(np.degrees(fov)))
 
 
 def _joined_at_rim(first: DepthImage, last: DepthImage) -> tuple[DepthImage, DepthImage]:
@@ -436,6 +346,6 @@ def _joined_at_rim(first: DepthImage, last: DepthImage) -> tuple[DepthImage, Dep
     for image in (first, last):
         depth, color = image.depth.copy(), np.array(image.color, np.uint8)
         depth[rim] = (middle[rim] / count[rim]).astype(np.float32)
-        color[rim] = _uint8(mixed[rim] / count[rim][:, None])
+        color[rim] = in_bytes(mixed[rim] / count[rim][:, None])
         joined.append(DepthImage(color, depth, image.camera))
     return joined[0], joined[1]

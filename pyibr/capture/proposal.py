@@ -47,6 +47,7 @@ def propose_frusta(
     mesh: Mesh,
     count: int,
     size: int = 256,
+    *,
     known: Sequence[Frustum] = (),
     side: Side = "front",
     surface: Surface | None = None,
@@ -125,7 +126,7 @@ class _Search:
         """A frustum with what it sees."""
         view = frustum.resized(_PROBE).capture(self._surface.mesh)
         finer = (self._size / _PROBE) ** 2
-        dense = self._surface.resolution(view, self._side)
+        dense = self._surface.resolution(view, side=self._side)
         fine = np.sqrt(np.minimum(dense * np.float32(finer / self._goal), 1))  # by pixels along a line
         return _Candidate(frustum, np.where(dense > 0, np.float32(_SEEN) + np.float32(1 - _SEEN) * fine, np.float32(0)))
 
@@ -152,7 +153,7 @@ class _Search:
     def _add(self, eye: Float64, target: Float64, angle: float) -> None:
         up = np.eye(3)[np.abs(target - eye).argmin()]
         try:
-            self._candidates.append(self.candidate(Frustum.look_at(eye, target, up, self._size, angle)))
+            self._candidates.append(self.candidate(Frustum.look_at(eye, target, up, self._size, fov=angle)))
         except ArgumentError:  # it stands where single precision draws nothing
             return
 
@@ -163,7 +164,7 @@ class _Search:
         return self._candidates[number] if gains[number] > 0 else None
 
     def take(self, one: _Candidate) -> None:
-        """What it sees is seen."""
+        """Count what it sees as seen."""
         self._best = np.maximum(self._best, one.worth)
         self._candidates = [other for other in self._candidates if other is not one]
 

@@ -1,7 +1,7 @@
-"""Depth images of a triangle mesh, by ray casting (Embree, through Open3D).
+"""Depth images of a triangle mesh, by ray casting.
 
 A ray through each pixel centre meets the mesh; the triangle's plane then gives the depth in float64, so that
-depth images are as exact as their float32 samples can be. Open3D is imported when a `MeshScene` is made.
+depth images are as exact as their float32 samples can be.
 """
 
 from __future__ import annotations
@@ -13,6 +13,8 @@ from typing import Any, Literal, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pyibr.capture.rays import NOTHING, Rays
+from pyibr.capture.shading import barycentric, bilinear, light_on, smooth_normals
 from pyibr.core.camera import Camera, Projection
 from pyibr.core.checks import (
     Float64,
@@ -26,19 +28,11 @@ from pyibr.core.checks import (
     whole_from,
 )
 from pyibr.core.errors import ArgumentError
-from pyibr.core.optional import open3d
 from pyibr.images import DepthImage
 from pyibr.meshes.mesh import Mesh, checked_faces
-from pyibr.meshes.normals import areas, summed
 
 Layer = Literal["first", "last"]
 Int64 = NDArray[np.int64]
-
-_NOTHING = 0xFFFFFFFF  # Embree's number for no triangle
-_NUDGE = 1e-3  # pixels
-_SUN: Float64 = np.array([1.0, 0.98, 0.92])
-_SHADOW: Float64 = np.array([0.30, 0.28, 0.34])
-_LIGHT: Float64 = np.array([-0.45, -0.8, -0.4]) / np.linalg.norm([0.45, 0.8, 0.4])
 
 
 class MeshScene:
@@ -65,8 +59,6 @@ class MeshScene:
     ------
     ArgumentError
         If the arrays do not fit together.
-    MissingPackageError
-        If Open3D is not installed.
 
     Examples
     --------
@@ -83,6 +75,7 @@ class MeshScene:
         self,
         vertices: ArrayLike,
         faces: ArrayLike,
+        *,
         colors: ArrayLike | None = None,
         uv: ArrayLike | None = None,
         texture: NDArray[np.uint8] | None = None,
@@ -99,53 +92,39 @@ class MeshScene:
         self._base_color = numbers("base_color", base_color, (3,))
         self._own_normals = None if normals is None else numbers("normals", normals, (len(self.vertices), 3))
 
-        o3d = open3d()
-        self._scene: Any = o3d.t.geometry.RaycastingScene()
-        self._scene.add_triangles(
-            np.ascontiguousarray(self.vertices, np.float32), np.ascontiguousarray(self.faces, np.uint32)
-        )
-
     @classmethod
-    def from_open3d(cls, mesh: Any, base_color: tuple[float, float, float] = (235, 190, 130)) -> MeshScene:
+    def from_open3d(cls, mesh: Any, *, base_color: tuple[float, float, float] = (235, 190, 130)) -> MeshScene:
         """Take over an `open3d.geometry.TriangleMesh` or `open3d.t.geometry.TriangleMesh`.
 
-        Of several textures only the first (of a tensor mesh, its albedo map) is used.
+        Of several textures only the first is used.
         """
-        texture = None
-        if hasattr(mesh, "to_legacy"):
-            if mesh.has_valid_material() and "albedo" in mesh.material.texture_maps:
-                # Open3D keeps a tensor mesh's texture top row first, a legacy mesh's bottom row first.
-                texture = mesh.material.texture_maps["albedo"].as_tensor().numpy()[::-1]
-            mesh = mesh.to_legacy()
-        elif hasattr(mesh, "textures") and mesh.has_textures():
-            texture = np.asarray(mesh.textures[0])
-        try:
-            vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
-        except AttributeError:
-            raise ArgumentError("mesh", "a Mesh, a MeshScene or an Open3D TriangleMesh", describe(mesh)) from None
-        colors = np.asarray(mesh.vertex_colors) if mesh.has_vertex_colors() else None
-        if texture is None or not mesh.has_triangle_uvs():
-            return cls(vertices, faces, colors, base_color=base_color)
-        uv = np.asarray(mesh.triangle_uvs).reshape(-1, 3, 2)
-        texture = np.repeat(texture, 3, axis=2) if texture.shape[2] == 1 else texture[..., :3]
-        return cls(vertices, faces, colors, uv, texture, base_color)
+        return cls.from_mesh(Mesh.from_open3d(mesh), base_color=base_color)
 
     @classmethod
-    def from_mesh(cls, mesh: Mesh, base_color: tuple[float, float, float] = (235, 190, 130)) -> MeshScene:
+    def from_mesh(cls, mesh: Mesh, *, base_color: tuple[float, float, float] = (235, 190, 130)) -> MeshScene:
         """Take over a `pyibr.Mesh`, with its texture or its colours."""
         texture = mesh.texture
         if texture is not None and texture.dtype != np.uint8:
             texture = np.rint(texture * np.float32(255)).astype(np.uint8)
         uv = mesh.uv if texture is not None else None
-        return cls(mesh.vertices, mesh.faces, mesh.colors, uv, texture, base_color, mesh.normals)
+        return cls(
+            mesh.vertices,
+            mesh.faces,
+            colors=mesh.colors,
+            uv=uv,
+            texture=texture,
+            base_color=base_color,
+            normals=mesh.normals,
+        )
 
     @cached_property
     def _smooth(self) -> Float64:
-        return _smooth_normals(self.vertices, self.faces)
+        return smooth_normals(self.vertices, self.faces)
 
     def capture(
         self,
         camera: Camera,
+        *,
         layer: Layer = "first",
         background: tuple[int, int, int] = (0, 0, 0),
         normals: bool = False,
@@ -180,32 +159,22 @@ class MeshScene:
         around = numbers("background", background, (3,))
         if (around < 0).any() or (around > 255).any():
             raise ArgumentError("background", "(r, g, b), 0 to 255", describe(background))
-        pixel = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), -1).reshape(-1, 2)
-        triangle = self._cast(camera, pixel, layer)
-        for dx, dy in (
-            (1, 1),
-            (-1, -1),
-            (1, -1),
-            (-1, 1),
-        ):  # some rays slip through an edge that they meet exactly
-            lost = np.flatnonzero(triangle == _NOTHING)
-            triangle[lost] = self._cast(camera, pixel[lost] + _NUDGE * np.array([dx, dy]), layer)
-        hit = np.flatnonzero(triangle != _NOTHING)
-        triangle = triangle[hit]
-
-        origin, direction = _rays(camera, pixel[hit])
+        met = Rays.of(camera).meet(self.vertices, self.faces, layer == "last")
+        hit = np.flatnonzero(met != NOTHING)
+        triangle = met[hit]
+        origin, direction = _rays(camera, np.stack(np.unravel_index(hit, (camera.height, camera.width))[::-1], -1))
         corner = self.vertices[self.faces[triangle]]
         normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
         with np.errstate(divide="ignore", invalid="ignore"):
             z = np.sum((corner[:, 0] - origin) * normal, 1) / np.sum(direction * normal, 1)
-        # On a triangle seen edge-on, and for a nudged ray, the plane may be met beyond the triangle.
+        # The plane of a triangle that is seen edge-on, or passed by closely, may be met beyond the triangle.
         corner_z = np.sum((corner - camera.center) * camera.forward, axis=2)
         z = np.clip(np.nan_to_num(z, nan=np.inf), corner_z.min(axis=1), corner_z.max(axis=1))
         seen = z > 0
         hit, triangle, z = hit[seen], triangle[seen], z[seen]
         if not len(hit):
             raise ArgumentError("camera", "one that sees the mesh", "one whose rays all miss it")
-        weight = _barycentric(corner[seen], normal[seen], origin[seen] + z[:, None] * direction[seen])
+        weight = barycentric(corner[seen], normal[seen], origin[seen] + z[:, None] * direction[seen])
 
         shape = camera.height, camera.width
         depth = np.full(shape, np.inf, np.float32)
@@ -226,41 +195,22 @@ class MeshScene:
         side = np.where(np.sum(corner.sum(axis=1) * towards, 1, keepdims=True) < 0, -1.0, 1.0)
         return side * np.einsum("nk,nkc->nc", weight, corner)
 
-    def _cast(self, camera: Camera, pixel: NDArray[Any], layer: Layer) -> Int64:
-        """Return the triangle that the rays through pixels (n, 2) meet first or last, or `_NOTHING`."""
-        origin, direction = _rays(camera, pixel)
-        z = (self.vertices - camera.center) @ camera.forward
-        margin = 0.01 * (np.ptp(z) + abs(z).max())
-        near, far = max(0.0, z.min() - margin), z.max() + margin
-        if far <= near:
-            return np.full(len(pixel), _NOTHING)
-        start, sense = (near, 1) if layer == "first" else (far, -1)
-        seen = np.isfinite(direction[:, 0])  # not where a lens sees nothing
-        packed = np.concatenate([origin + start * direction, sense * direction], axis=1, dtype=np.float32)
-        answer = self._scene.cast_rays(packed[seen])
-        met: Int64 = answer["primitive_ids"].numpy().astype(np.int64)
-        met[answer["t_hit"].numpy() > far - near] = _NOTHING
-        triangle = np.full(len(pixel), _NOTHING)
-        triangle[seen] = met
-        return triangle
-
     def _color(self, triangle: Int64, weight: Float64) -> Float64:
         """Return the colours (n, 3), 0 to 255, at weights (n, 3) in triangles (n,)."""
         corner = self.faces[triangle]
         if self._texture is not None and self._uv is not None:
-            return _bilinear(self._texture, np.einsum("nk,nkc->nc", weight, self._uv[triangle]))
+            return bilinear(self._texture, np.einsum("nk,nkc->nc", weight, self._uv[triangle]))
         if self._colors is not None:
             return np.einsum("nk,nkc->nc", weight, self._colors[corner])
         normal = np.einsum("nk,nkc->nc", weight, self._smooth[corner])
         normal /= np.maximum(np.sqrt(np.einsum("nc,nc->n", normal, normal)), 1e-12)[:, None]
-        lambert = normal @ _LIGHT
-        light = 0.15 + 0.85 * np.maximum(lambert, 0) + 0.15 * np.minimum(lambert, 0)
-        return self._base_color * (_SHADOW + (_SUN - _SHADOW) * light[:, None])
+        return self._base_color * light_on(normal)
 
 
 def capture(
     mesh: Any,
     camera: Camera,
+    *,
     layer: Layer = "first",
     background: tuple[int, int, int] = (0, 0, 0),
     normals: bool = False,
@@ -278,13 +228,17 @@ def capture(
     >>> bool(view.valid[20, 32]), bool(view.valid[20, 20])  # the ring, and the hole in it
     (True, False)
     """
-    return _as_scene(mesh).capture(camera, layer, background, normals)
+    return _as_scene(mesh).capture(camera, layer=layer, background=background, normals=normals)
 
 
 def _as_scene(mesh: Any) -> MeshScene:
     if isinstance(mesh, MeshScene):
         return mesh
-    return MeshScene.from_mesh(mesh) if isinstance(mesh, Mesh) else MeshScene.from_open3d(mesh)
+    if isinstance(mesh, Mesh):
+        return MeshScene.from_mesh(mesh)
+    if not hasattr(mesh, "triangle_uvs") and not hasattr(mesh, "to_legacy"):
+        raise ArgumentError("mesh", "a Mesh, a MeshScene or an Open3D TriangleMesh", describe(mesh))
+    return MeshScene.from_open3d(mesh)
 
 
 def _check_size(size: object, least: int) -> None:
@@ -332,7 +286,7 @@ def spread_directions(count: int) -> Float64:
 
 
 def object_views(
-    mesh: Any, size: int, projection: Projection = "orthographic", margin: float = 0.02, normals: bool = False
+    mesh: Any, size: int, *, projection: Projection = "orthographic", margin: float = 0.02, normals: bool = False
 ) -> list[DepthImage]:
     """Six depth images of an object from all round, as if on the faces of a cube that looks inwards.
 
@@ -357,8 +311,6 @@ def object_views(
     ------
     ArgumentError
         If an argument is out of its range, or a view does not see the object: a plate from its edge.
-    MissingPackageError
-        If Open3D is not installed.
 
     Examples
     --------
@@ -387,7 +339,7 @@ def object_views(
         pose = np.eye(4)
         pose[:3, :3] = np.column_stack([np.cross(down, forward), down, forward])
         pose[:3, 3] = middle - away * forward
-        camera = Camera(K, (size, size), pose, projection)
+        camera = Camera(K, (size, size), pose, projection=projection)
         try:
             views.append(scene.capture(camera, normals=normals))
         except ArgumentError as error:
@@ -405,33 +357,6 @@ def _rays(camera: Camera, pixel: NDArray[Any]) -> tuple[Float64, Float64]:
     if camera.projection == "perspective":
         return np.broadcast_to(camera.center, one.shape), one - camera.center
     return one - camera.forward, np.broadcast_to(camera.forward, one.shape)
-
-
-def _barycentric(corner: Float64, normal: Float64, point: Float64) -> Float64:
-    """Weights (n, 3) of points on triangles (n, 3, 3), clamped to them."""
-    squared = np.maximum(np.sum(normal * normal, 1), np.finfo(np.float64).tiny)
-    following, last = np.roll(corner, -1, axis=1), np.roll(corner, -2, axis=1)
-    opposite = np.cross(last - following, point[:, None] - following)
-    weight = np.clip(np.einsum("nkc,nc->nk", opposite, normal) / squared[:, None], 0, 1)
-    total = weight.sum(axis=1, keepdims=True)
-    return np.where(total > 0, weight / np.maximum(total, 1e-12), 1 / 3)
-
-
-def _bilinear(image: NDArray[np.uint8], uv: Float64) -> Float64:
-    """Colours (n, 3) at uv (n, 2) of an image that repeats."""
-    size = np.array([image.shape[1], image.shape[0]])
-    at = (uv - np.floor(uv)) * size - 0.5
-    low = np.floor(at)
-    (fx, fy), (x, y) = (at - low).T[..., None], low.astype(np.int64).T % size[:, None]
-    right, down = (x + 1) % size[0], (y + 1) % size[1]
-    top = (1 - fx) * image[y, x] + fx * image[y, right]
-    return (1 - fy) * top + fy * ((1 - fx) * image[down, x] + fx * image[down, right])
-
-
-def _smooth_normals(vertices: Float64, faces: Int64) -> Float64:
-    """Unit normals (N, 3) of vertices: their faces' normals, weighted by area."""
-    total = summed(faces.ravel(), np.repeat(areas(vertices, faces), 3, axis=0), len(vertices))
-    return total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), np.finfo(np.float64).tiny)
 
 
 def _checked_texture(texture: NDArray[np.uint8]) -> NDArray[np.uint8]:

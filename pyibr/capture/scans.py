@@ -14,7 +14,11 @@ from pyibr.images import DepthImage
 
 
 def scan_view(
-    points: NDArray[np.float32], world_from_scan: ArrayLike | None = None, pixel: float | None = None, step: float = 8.0
+    points: NDArray[np.float32],
+    world_from_scan: ArrayLike | None = None,
+    *,
+    pixel: float | None = None,
+    step: float = 8.0,
 ) -> DepthImage:
     """Make a depth image of a scan: an orthographic camera that looks along the scanner's -z.
 
@@ -40,7 +44,7 @@ def scan_view(
     ArgumentError
         If `points` is no grid, has no two neighbours that are joined, or is seen from its edge.
     MissingPackageError
-        If Open3D or OpenCV is not installed.
+        If OpenCV is not installed.
     """
     cv2 = opencv("scan_view", "connectedComponentsWithStats")
     points = plain_array("points", points, "floats of shape (rows, columns, 3)", np.nan)
@@ -75,7 +79,7 @@ def scan_view(
     scan_from_camera = np.diag([1.0, -1.0, -1.0, 1.0])
     scan_from_camera[:3, 3] = *(0.5 * (low + high))[:2], high[2] + pixel
     try:
-        view = scene.capture(Camera(K, (width, height), pose @ scan_from_camera, "orthographic"))
+        view = scene.capture(Camera(K, (width, height), pose @ scan_from_camera, projection="orthographic"))
     except ArgumentError as error:
         if error.argument != "camera":
             raise

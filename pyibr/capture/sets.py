@@ -20,10 +20,12 @@ from pyibr.io import DepthKind, read_color, read_depth, write_color, write_depth
 from pyibr.io.recordings import cameras_of, posed, recording_in
 
 SET_FILE = "frusta.json"
-"""What lists the views of a set, in its folder."""
+"""The file in a set's folder that lists its views."""
 
 
-def load(folder: str | PathLike[str], depth_scale: float | None = None, depth_is: DepthKind = "z") -> list[DepthImage]:
+def load(
+    folder: str | PathLike[str], *, depth_scale: float | None = None, depth_is: DepthKind = "z"
+) -> list[DepthImage]:
     """Read a folder of depth images.
 
     A set that `pyibr place` has saved (with a `frusta.json`), or a recording of colour and depth: files
@@ -89,7 +91,7 @@ def load(folder: str | PathLike[str], depth_scale: float | None = None, depth_is
 def _view(color: Path, depth: Path, camera: Camera, stored: tuple[float | None, DepthKind]) -> DepthImage:
     image = read_color(color)
     try:
-        depths = read_depth(depth, *stored, camera)
+        depths = read_depth(depth, scale=stored[0], kind=stored[1], camera=camera)
     except ArgumentError as error:
         name = "depth_scale" if error.argument == "scale" else error.argument
         raise ArgumentError(name, error.expected, error.got) from error
@@ -127,7 +129,7 @@ class SetEntry:
             )
         color, depth = read_color(folder / self.color), read_depth(folder / self.depth)
         try:
-            return DepthImage(color, depth, self.camera, self.far)
+            return DepthImage(color, depth, self.camera, far=self.far)
         except ArgumentError as error:
             raise FileFormatError(f"{folder / self.depth}: {error}") from error
 
@@ -140,7 +142,7 @@ def read_set(path: str | PathLike[str]) -> tuple[list[SetEntry], dict[str, Any]]
 
 
 def parse_set(data: object, file: Path) -> tuple[list[SetEntry], dict[str, Any]]:
-    """What `read_set` returns, of what a JSON file holds; its name is for error messages."""
+    """Take a set out of a JSON file's contents, as `read_set` does; the file's name is for error messages."""
     if not isinstance(data, dict) or not isinstance(cast("dict[str, object]", data).get("views"), list):
         raise FileFormatError(f"{file}: expected a JSON object with a list of views")
     entries = dict(cast("dict[str, Any]", data))
@@ -178,7 +180,7 @@ def write_set(
 
 
 def entry_json(camera: Camera, far: float) -> dict[str, Any]:
-    """What the list says of a view: its camera, and where its background begins."""
+    """Return the list's entry of a view: its camera, and where its background begins."""
     return {"camera": camera.to_json()} | ({"far": far} if far < np.inf else {})
 
 

@@ -7,7 +7,7 @@ camera's frame. A lens moves what a pinhole would see; K turns where the lens se
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, partial
 from os import PathLike
 from typing import Any, Literal, NoReturn, overload
 
@@ -77,6 +77,7 @@ class Camera:
         K: ArrayLike,
         size: tuple[int, int],
         world_from_camera: ArrayLike | None = None,
+        *,
         projection: Projection = "perspective",
         lens: Lens | None = None,
     ) -> None:
@@ -103,8 +104,9 @@ class Camera:
     def __hash__(self) -> int:
         return hash(self._key)
 
-    def __reduce__(self) -> tuple[type[Camera], tuple[Float64, tuple[int, int], Float64, Projection, Lens | None]]:
-        return Camera, (self.K, self.size, self.world_from_camera, self.projection, self.lens)
+    def __reduce__(self) -> tuple[partial[Camera], tuple[Float64, tuple[int, int], Float64]]:
+        made = partial(Camera, projection=self.projection, lens=self.lens)
+        return made, (self.K, self.size, self.world_from_camera)
 
     def __repr__(self) -> str:
         (fx, skew, cx), (_, fy, cy), _ = self.K.tolist()
@@ -172,6 +174,7 @@ class Camera:
         target: ArrayLike,
         up: ArrayLike,
         size: tuple[int, int],
+        *,
         fov_y: float = 50.0,
         projection: Projection = "perspective",
         height: float | None = None,
@@ -223,15 +226,15 @@ class Camera:
         pose = np.eye(4)
         pose[:3] = np.column_stack([right, np.cross(forward, right), forward, at])
         K = [[focal, 0, (size[0] - 1) / 2], [0, focal, (size[1] - 1) / 2], [0, 0, 1]]
-        return cls(K, size, pose, projection)
+        return cls(K, size, pose, projection=projection)
 
     def moved(self, dx: float, dy: float, dz: float) -> Camera:
         """Return this camera moved by (dx, dy, dz) scene units along its own axes: right, down, forward."""
         pose = self.world_from_camera.copy()
         pose[:3, 3] += pose[:3, :3] @ numbers("(dx, dy, dz)", (dx, dy, dz), (3,))
-        return Camera(self.K, self.size, pose, self.projection, self.lens)
+        return Camera(self.K, self.size, pose, projection=self.projection, lens=self.lens)
 
-    def orbited(self, degrees: float, pivot: ArrayLike, axis: ArrayLike | None = None) -> Camera:
+    def orbited(self, degrees: float, pivot: ArrayLike, *, axis: ArrayLike | None = None) -> Camera:
         """Return this camera turned, with its position, about a line in the world.
 
         Parameters
@@ -254,14 +257,16 @@ class Camera:
         pose = np.eye(4)
         pose[:3, :3] = turn @ self.world_from_camera[:3, :3]
         pose[:3, 3] = turn @ (self.center - center) + center
-        return Camera(self.K, self.size, pose, self.projection, self.lens)
+        return Camera(self.K, self.size, pose, projection=self.projection, lens=self.lens)
 
     def resized(self, size: tuple[int, int]) -> Camera:
         """Return the camera of the same view at another resolution; the image's borders stay."""
         width, height = checked_size(size)
         sx, sy = width / self.width, height / self.height
         scale = np.array([[sx, 0, (sx - 1) / 2], [0, sy, (sy - 1) / 2], [0, 0, 1]])
-        return Camera(scale @ self.K, (width, height), self.world_from_camera, self.projection, self.lens)
+        return Camera(
+            scale @ self.K, (width, height), self.world_from_camera, projection=self.projection, lens=self.lens
+        )
 
     def project(self, points: ArrayLike) -> tuple[Float64, Float64]:
         """Return the pixels (N, 2) and depths (N,) of world points (N, 3).
@@ -307,6 +312,7 @@ class Camera:
         translation: ArrayLike,
         size: tuple[int, int],
         distortion: ArrayLike | None = None,
+        *,
         fisheye: bool = False,
     ) -> Camera:
         """Make a camera from OpenCV's extrinsics, x_camera = R x_world + t.
@@ -334,7 +340,7 @@ class Camera:
         R = conventions.rotation_from_opencv(rotation)
         t = numbers("translation", np.asarray(translation).reshape(-1), (3,))
         true_or_false("fisheye", fisheye)
-        lens = None if distortion is None else Lens.from_opencv(distortion, fisheye)
+        lens = None if distortion is None else Lens.from_opencv(distortion, fisheye=fisheye)
         return cls(K, size, conventions.pose_from_extrinsics(R, t), lens=lens)
 
     def to_opencv(self) -> tuple[Float64, Float64, Float64]:
@@ -345,7 +351,7 @@ class Camera:
 
     @classmethod
     def from_opengl(
-        cls, camera_to_world: ArrayLike, K: ArrayLike, size: tuple[int, int], pixel_center: float = 0.5
+        cls, camera_to_world: ArrayLike, K: ArrayLike, size: tuple[int, int], *, pixel_center: float = 0.5
     ) -> Camera:
         """Make a camera from an OpenGL or NeRF pose: y up, looking along -z.
 
@@ -364,7 +370,7 @@ class Camera:
         by = float(numbers("pixel_center", pixel_center, ()))
         return cls(conventions.with_principal_point_moved(numbers("K", K, (3, 3)), -by), size, pose)
 
-    def to_opengl(self, pixel_center: float = 0.5) -> tuple[Float64, Float64]:
+    def to_opengl(self, *, pixel_center: float = 0.5) -> tuple[Float64, Float64]:
         """Return (camera_to_world (4, 4), K (3, 3)) as `from_opengl` takes them."""
         self._require_perspective("OpenGL", lens=False)
         K = conventions.with_principal_point_moved(self.K, float(numbers("pixel_center", pixel_center, ())))
@@ -379,6 +385,7 @@ class Camera:
         qvec: ArrayLike,
         tvec: ArrayLike,
         size: tuple[int, int],
+        *,
         lens: Literal[False] = ...,
     ) -> tuple[Camera, Float64]: ...
     @overload
@@ -390,6 +397,7 @@ class Camera:
         qvec: ArrayLike,
         tvec: ArrayLike,
         size: tuple[int, int],
+        *,
         lens: Literal[True],
     ) -> Camera: ...
     @classmethod
@@ -400,6 +408,7 @@ class Camera:
         qvec: ArrayLike,
         tvec: ArrayLike,
         size: tuple[int, int],
+        *,
         lens: bool = False,
     ) -> Camera | tuple[Camera, Float64]:
         """Make a camera from COLMAP's, whose pixel centres are at halves.
@@ -428,7 +437,7 @@ class Camera:
         rotation = conventions.rotation_from_quaternion(numbers("qvec", qvec, (4,)))
         pose = conventions.pose_from_extrinsics(rotation, numbers("tvec", tvec, (3,)))
         if true_or_false("lens", lens):
-            return cls(K, size, pose, lens=Lens.from_opencv(distortion, fisheye))
+            return cls(K, size, pose, lens=Lens.from_opencv(distortion, fisheye=fisheye))
         if fisheye:
             raise ArgumentError("model", "one that `undistort` knows (or lens=True)", model)
         return cls(K, size, pose), distortion

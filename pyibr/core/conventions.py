@@ -224,7 +224,7 @@ def camera_from_ros(info: object) -> tuple[Float64, tuple[int, int], Lens]:
     K = numbers("info", np.ravel(np.asarray(matrix)), (9,)).reshape(3, 3)
     size = int(_part(info, "info", "width", "image_width")), int(_part(info, "info", "height", "image_height"))
     coefficients = np.ravel(np.asarray(values))  # none stands for zeros
-    return K, size, Lens.from_opencv(coefficients if coefficients.size else np.zeros(4), model == "equidistant")
+    return K, size, Lens.from_opencv(coefficients if coefficients.size else np.zeros(4), fisheye=model == "equidistant")
 
 
 def ros_from_camera(K: Float64, size: tuple[int, int], lens: Lens | None) -> RosCameraInfo:
@@ -287,7 +287,7 @@ def camera_from_kalibr(camera: object) -> tuple[Float64, tuple[int, int], Lens]:
     fx, fy, cx, cy = numbers("intrinsics", _part(camera, name, "intrinsics"), (4,)).tolist()
     width, height = (int(side) for side in _part(camera, name, "resolution"))
     values = np.zeros(4) if model == "none" else _part(camera, name, "distortion_coeffs")
-    return _matrix(fx, fy, cx, cy), (width, height), Lens.from_opencv(values, model == "equidistant")
+    return _matrix(fx, fy, cx, cy), (width, height), Lens.from_opencv(values, fisheye=model == "equidistant")
 
 
 def kalibr_from_camera(K: Float64, size: tuple[int, int], lens: Lens | None) -> KalibrCamera:
@@ -339,7 +339,7 @@ def camera_from_azure_kinect(calibration: object, mode: object) -> tuple[Float64
     (radius,) = numbers(name, [_part(found[0], name, "MetricRadius")], (1,)).tolist()
     rotation = numbers(name, np.ravel(_part(motion, name, "Rotation")), (9,)).reshape(3, 3)
     pose = pose_from_extrinsics(rotation, numbers(name, _part(motion, name, "Translation"), (3,)))
-    return K, size, Lens("rational", [k1, k2, p1, p2, k3, k4, k5, k6], radius or _KINECT_RADIUS), pose
+    return K, size, Lens("rational", [k1, k2, p1, p2, k3, k4, k5, k6], radius=radius or _KINECT_RADIUS), pose
 
 
 def _matrix(fx: float, fy: float, cx: float, cy: float) -> Float64:

@@ -75,7 +75,7 @@ class Lens:
     coefficients: tuple[float, ...]
     radius: float
 
-    def __init__(self, model: LensModel, coefficients: ArrayLike, radius: float = math.inf) -> None:
+    def __init__(self, model: LensModel, coefficients: ArrayLike, *, radius: float = math.inf) -> None:
         one_of("model", model, LensModel)
         values, counts = numbers("coefficients", coefficients, (None,)), _COUNTS[model]
         if len(values) not in counts:
@@ -97,7 +97,7 @@ class Lens:
         return self.model == "kannala_brandt" or any(self.coefficients) or self.radius < math.inf
 
     @classmethod
-    def from_opencv(cls, distortion: ArrayLike, fisheye: bool = False) -> Lens:
+    def from_opencv(cls, distortion: ArrayLike, *, fisheye: bool = False) -> Lens:
         """Make a lens of OpenCV's `distCoeffs` (4, 5, 8, 12 or 14 numbers), or of the 4 of `cv2.fisheye`.
 
         Raises

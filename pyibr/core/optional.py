@@ -11,7 +11,7 @@ from pyibr.core.errors import MissingPackageError
 def open3d() -> Any:
     """Open3D, or a MissingPackageError."""
     libraries = "on Debian and Ubuntu: apt install libegl1 libgl1 libgomp1 libusb-1.0-0 libx11-6"
-    return _imported("open3d", "captures and Open3D's meshes need Open3D", "capture", libraries)
+    return _imported("open3d", "Open3D's meshes need Open3D", "open3d", libraries)
 
 
 def opencv(user: str, *names: str) -> Any:

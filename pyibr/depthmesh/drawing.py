@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -19,15 +20,16 @@ from pyibr.depthmesh.selection import Selection, select_for
 from pyibr.depthmesh.tree import Tree
 from pyibr.depthmesh.triangulation import Triangles, list_triangles, project_points
 from pyibr.images.depth_image import DepthImage
-from pyibr.opencl.headers import constant
+from pyibr.opencl.device import current
+from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.kept import kept
-from pyibr.opencl.launch import launch
-from pyibr.opencl.memory import DeviceArray, upload
+from pyibr.opencl.launch import Struct, launch
+from pyibr.opencl.memory import DeviceArray, empty, upload
 from pyibr.opencl.program import kernel
 from pyibr.picture.normals import grain_of_noise, showing_normals
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
-from pyibr.raster.bins import bin_primitives, bin_side, culled
+from pyibr.raster.bins import bin_primitives, bin_side, culled, region_side
 
 Bounds = tuple[Float64, Float64]
 
@@ -141,20 +143,11 @@ def draw_depth_meshes(
     trees = [meshes[number].tree for number in shown.chosen]
     colors = _shown(target, thing, [mesh.view for mesh in meshes], blending)
     underlay, drawn, colored = None, shown.chosen, shown.chosen  # views of all meshes, and of those with colours
-    defines = {"VIEWS": len(shown.chosen), **target.color_defines}
-    more: dict[str, Any] = {}
-    if blending is not None:
-        defines["BLEND"] = int(constant("depthmesh/blend.cl", f"BLEND_{blending.by.upper()}"))
+    defines, more, counts = dict(target.color_defines), dict[str, Any](), (0, 0, 0, len(shown.chosen))
     if blending is not None and blending.background is not None:
         underlay, drawn, colored = underlay_of(blending.background, shown), shown.views, [*shown.others, *shown.chosen]
-        sheets = len(shown.chosen) + len(shown.others)
-        defines |= {
-            "OTHERS": len(shown.others),
-            "SHEETS": sheets,
-            "BACKS": len(shown.around),
-            "ALL": len(meshes),
-            "ENCLOSED": int(blending.background.enclosed),
-        }
+        counts = len(colored), len(shown.around), len(shown.others), len(shown.chosen)
+        defines["CLOSED"] = 1
         more = _seen_empty(target.camera, meshes, blending, blending.background, colors)
     triangles = _triangles_for(target, thing, trees, underlay, tolerance, reuse)
     projected = project_points(target.camera, [meshes[number].view for number in drawn], triangles)
@@ -165,9 +158,12 @@ def draw_depth_meshes(
     near = target.near(bounds)
     sides = "both" if target.from_light else "front"  # backs have no colours, but cast shadows
     bins = bin_primitives(target, triangles.corners, projected, near, sides)
+    by = "quality" if blending is None else blending.by
+    items = min(current().profile.drawers, math.prod(bins.grid))
+    layers = len(colored), items, region_side() ** 2
     launch(
         kernel("depthmesh/blend.cl", "draw_meshes", BIN=bin_side(), **defines),
-        bins.grid,
+        (items,),
         corners=triangles.corners,
         points=triangles.points,
         firsts=upload(np.array(triangles.firsts, np.int32)),
@@ -175,6 +171,11 @@ def draw_depth_meshes(
         culled=culled(sides),
         epsilon=0.0 if blending is None else blending.epsilon,
         blank=target.blank,
+        counts=Struct("MeshCounts", np.array(counts, struct("depthmesh/blend.cl", "MeshCounts"))),
+        by=int(constant("depthmesh/blend.cl", f"BLEND_{by.upper()}")),
+        layer_nearness=empty(layers, np.float32),
+        layer_owner=empty(layers, np.int32),
+        items=items,
         **bins.arguments,
         **target.outputs(),
         **more,
@@ -252,6 +253,8 @@ def _seen_empty(
         "first_levels": upload(np.array([first for first, _ in colors.ends], np.int32)),
         "closeness": upload((blending.closeness / blending.closeness.max()).astype(np.float32)),
         "stride": background.stride,
+        "view_count": len(meshes),
+        "enclosed": background.enclosed,
     }
 
 

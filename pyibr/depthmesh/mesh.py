@@ -67,7 +67,7 @@ class DepthMesh(Fixed):
     >>> thing = ibr.DepthMesh(object_views(models.donut(), 64)[4])
     >>> thing
     <DepthMesh 64x64>
-    >>> fine, coarse = (thing.triangulate(thing.view.camera, tolerance) for tolerance in (0, 2))
+    >>> fine, coarse = (thing.triangulate(thing.view.camera, tolerance=tolerance) for tolerance in (0, 2))
     >>> len(coarse.faces) < len(fine.faces)
     True
     """
@@ -75,6 +75,7 @@ class DepthMesh(Fixed):
     def __init__(
         self,
         view: DepthImage,
+        *,
         tolerance: float = 1.0,
         segmentation: Segmentation | None = None,
         errors: ErrorsBy = "sum",
@@ -141,7 +142,7 @@ class DepthMesh(Fixed):
         """(H, W) ``|n . (0, 0, 1)|``: how much each sample faces the camera, in [0, 1]."""
         return np.abs(self.normals[..., 2])
 
-    def triangulate(self, camera: Camera, tolerance: float | None = None) -> Mesh:
+    def triangulate(self, camera: Camera, *, tolerance: float | None = None) -> Mesh:
         """Triangulate the surface for a camera (section 3.4 of the paper).
 
         Parameters
@@ -199,16 +200,16 @@ class DepthMesh(Fixed):
 
     @overload
     def strips(
-        self, camera: Camera, tolerance: float | None = None, normals: Literal[False] = False
+        self, camera: Camera, *, tolerance: float | None = None, normals: Literal[False] = False
     ) -> list[NDArray[np.int32]]: ...
 
     @overload
     def strips(
-        self, camera: Camera, tolerance: float | None = None, *, normals: Literal[True]
+        self, camera: Camera, *, tolerance: float | None = None, normals: Literal[True]
     ) -> list[NDArray[np.void]]: ...
 
     def strips(
-        self, camera: Camera, tolerance: float | None = None, normals: bool = False
+        self, camera: Camera, *, tolerance: float | None = None, normals: bool = False
     ) -> list[NDArray[np.int32]] | list[NDArray[np.void]]:
         """Triangle strips of what `triangulate` yields, as it numbers the vertices (figure 6 of the paper).
 
@@ -267,8 +268,8 @@ class DepthMesh(Fixed):
         return Mesh(
             camera.unproject(pixels, self.view.depth[y, x]),
             faces,
-            (pixels + 0.5) / camera.size,
-            normals @ camera.world_from_camera[:3, :3].T,
+            uv=(pixels + 0.5) / camera.size,
+            normals=normals @ camera.world_from_camera[:3, :3].T,
             texture=self.view.shown,
             colors=self.view.shown[y, x],
             attributes={"quality": np.abs(normals[:, 2])},

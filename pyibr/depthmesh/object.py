@@ -97,6 +97,7 @@ class DepthMeshObject(Fixed):
     def __init__(
         self,
         views: Sequence[DepthImage | DepthMesh],
+        *,
         tolerance: float = 1.0,
         blend: Blend = "quality",
         blended: int = 3,

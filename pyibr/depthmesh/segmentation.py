@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pyibr.core.checks import describe, numbers, one_of
 from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
-from pyibr.opencl.headers import struct
+from pyibr.opencl.headers import constant, struct
 
 _NOISE_MOST = 1e18  # scene units: its products with depths are still within single precision
 
@@ -73,6 +73,7 @@ class Segmentation:
     def record(self, view: DepthImage, depth_span: float) -> NDArray[np.void]:
         """A record of the kernels' struct Segmentation; the view's depths differ by up to `depth_span`."""
         values = np.zeros((), struct("depthmesh/samples.cl", "Segmentation"))
+        values["test"] = constant("depthmesh/samples.cl", f"TEST_{self.test.upper()}")
         values["sine"] = math.sin(math.radians(self.angle))
         values["depth_range"], values["gap"] = self.depth_range, self.gap
         if self.deviations > 0 and self.test != "none":

@@ -72,7 +72,7 @@ def select_for(tree: Tree, camera: Camera, tolerance: float, reuse: float = 0.0)
     """Find the vertices that a camera needs for a tolerance in pixels (equation 5)."""
     known, active, rooms = tree.errors, empty(tree.states.shape, np.uint8), empty((tree.side + 1, 2), np.float32)
     launch(
-        kernel("depthmesh/select.cl", "activate"),
+        kernel("depthmesh/tree.cl", "activate"),
         (tree.side + 1,),
         errors=known.errors,
         radii=known.radii,

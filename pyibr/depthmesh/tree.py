@@ -22,6 +22,7 @@ from pyibr.picture.samples import samples_of
 
 ErrorsBy = Literal["sum", "largest"]
 
+_KERNELS = "depthmesh/tree.cl"
 _DEPTHS = (1e-4, 1e8)  # beyond, products of four distances leave the range of float32
 _COARSE = 8  # from this step on, all rows are one work-item's: they are too few to share
 
@@ -108,18 +109,17 @@ def build_tree(view: DepthImage, segmentation: Segmentation, joined: ErrorsBy = 
     layout = Struct("Layout", _layout(view.camera, side, row))
     rule = Struct("Segmentation", segmentation.record(view, depths[1] - depths[0]))
     cells = empty((height, pitch(width)), np.uint8)
-    test = int(constant("depthmesh/samples.cl", f"TEST_{segmentation.test.upper()}"))
     launch(
-        kernel("depthmesh/samples.cl", "segment", TEST=test),
+        kernel(_KERNELS, "segment"),
         (height - 1,),
         nearness=nearness,
         cells=cells,
         layout=layout,
         rule=rule,
     )
-    file, states = "depthmesh/states.cl", empty((side + 1, row), np.uint8)
-    launch(kernel(file, "find_finest_states"), (side + 1,), cells=cells, states=states, layout=layout)
-    of_step, of_coarse = (kernel(file, name) for name in ("find_states", "find_coarse_states"))
+    states = empty((side + 1, row), np.uint8)
+    launch(kernel(_KERNELS, "find_finest_states"), (side + 1,), cells=cells, states=states, layout=layout)
+    of_step, of_coarse = (kernel(_KERNELS, name) for name in ("find_states", "find_coarse_states"))
     _fine_to_coarse(of_step, of_coarse, side, height, states=states, layout=layout)
     return Tree(view, layout, side, nearness, cells, states, joined)
 
@@ -129,7 +129,7 @@ def _find_normals(tree: Tree) -> DeviceArray:
     width, height = tree.view.camera.size
     normals = empty((3, height, pitch(width)), np.float32)
     launch(
-        kernel("depthmesh/samples.cl", "find_normals"),
+        kernel(_KERNELS, "find_normals"),
         (height,),
         nearness=tree.nearness,
         cells=tree.cells,
@@ -140,8 +140,7 @@ def _find_normals(tree: Tree) -> DeviceArray:
 
 
 def _find_errors(tree: Tree) -> Errors:
-    file, side = "depthmesh/errors.cl", tree.side
-    defines = {"LARGEST": 1} if tree.joined == "largest" else {}
+    side = tree.side
     errors, radii, depths = (empty(tree.states.shape, np.float32) for _ in range(3))
     shared: dict[str, Any] = {
         "nearness": tree.nearness,
@@ -150,11 +149,12 @@ def _find_errors(tree: Tree) -> Errors:
         "radii": radii,
         "depths": depths,
         "layout": tree.layout,
+        "largest": tree.joined == "largest",
     }
-    launch(kernel(file, "find_finest_midpoints", **defines), (side + 1,), **shared)
+    launch(kernel(_KERNELS, "find_finest_midpoints"), (side + 1,), **shared)
     if side > 1:
-        launch(kernel(file, "find_finest_centers", **defines), (side // 2,), **shared)
-    of_step, of_coarse = (kernel(file, name, **defines) for name in ("find_errors", "find_coarse_errors"))
+        launch(kernel(_KERNELS, "find_finest_centers"), (side // 2,), **shared)
+    of_step, of_coarse = (kernel(_KERNELS, name) for name in ("find_errors", "find_coarse_errors"))
     _fine_to_coarse(of_step, of_coarse, side, tree.view.camera.height, **shared)
     return Errors(errors, radii, depths)
 

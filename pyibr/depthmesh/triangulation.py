@@ -52,7 +52,7 @@ def list_triangles(
     for tree, marks in zip(trees, active, strict=True):
         drawn, counts = empty(marks.shape, np.uint8), empty((tree.side + 1, 2), np.int32)
         launch(
-            kernel("depthmesh/select.cl", "find_triangles"),
+            kernel("depthmesh/tree.cl", "find_triangles"),
             (tree.side + 1,),
             active=marks,
             states=tree.states,
@@ -75,7 +75,7 @@ def list_triangles(
     for tree, marks, (drawn, _), first in zip(trees, active, found, ends[:-1], strict=True):
         numbers, firsts = empty(marks.shape, np.int32), upload(row_firsts[first:])
         launch(
-            kernel("depthmesh/select.cl", "list_points", **({"RATED": 1} if rated else {})),
+            kernel("depthmesh/tree.cl", "list_points"),
             (tree.view.camera.height,),
             active=marks,
             nearness=tree.nearness,
@@ -83,10 +83,11 @@ def list_triangles(
             numbers=numbers,
             points=points,
             layout=tree.layout,
-            **({"normals": tree.normals} if rated else {}),
+            normals=tree.normals if rated else tree.nearness,
+            rated=rated,
         )
         launch(
-            kernel("depthmesh/select.cl", "list_triangles"),
+            kernel("depthmesh/tree.cl", "list_triangles"),
             (tree.side + 1,),
             active=marks,
             drawn=drawn,
@@ -116,7 +117,7 @@ def project_points(target: Camera, views: Sequence[DepthImage], triangles: Trian
             one[:, 2:] = one[:, :1:-1]  # points hold nearness third, not 1
     projected = empty(triangles.points.shape, np.float32)
     launch(
-        kernel("depthmesh/select.cl", "project_points"),
+        kernel("depthmesh/tree.cl", "project_points"),
         (-(-triangles.point_firsts[-1] // int(constant("depthmesh/select.cl", "POINTS"))),),
         points=triangles.points,
         firsts=upload(np.array(triangles.point_firsts, np.int32)),

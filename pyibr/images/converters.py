@@ -29,7 +29,7 @@ from pyibr.images.depth_image import Color, Depth, checked_depth
 _ColorT = TypeVar("_ColorT", bound=Color)
 
 
-def depth_from_disparity(disparity: ArrayLike, focal: float, baseline: float, offset: float = 0.0) -> Depth:
+def depth_from_disparity(disparity: ArrayLike, focal: float, baseline: float, *, offset: float = 0.0) -> Depth:
     """Return depth = focal * baseline / (disparity + offset).
 
     Parameters
@@ -59,7 +59,7 @@ def depth_from_disparity(disparity: ArrayLike, focal: float, baseline: float, of
     return depth.astype(np.float32)
 
 
-def disparity_from_depth(depth: ArrayLike, focal: float, baseline: float, offset: float = 0.0) -> Depth:
+def disparity_from_depth(depth: ArrayLike, focal: float, baseline: float, *, offset: float = 0.0) -> Depth:
     """Invert `depth_from_disparity`: float32 disparity in pixels, NaN where the depth is invalid.
 
     Examples
@@ -171,7 +171,7 @@ def uint16_from_depth(depth: ArrayLike, scale: float) -> NDArray[np.uint16]:
     return units.astype(np.uint16)
 
 
-def depth_from_mpeg(level: ArrayLike, near: float, far: float, zero_is_invalid: bool = False) -> Depth:
+def depth_from_mpeg(level: ArrayLike, near: float, far: float, *, zero_is_invalid: bool = False) -> Depth:
     """Return the depth of MPEG's normalised inverse depth.
 
     Parameters
@@ -225,7 +225,7 @@ def mpeg_from_depth(depth: ArrayLike, near: float, far: float) -> Depth:
     return np.nan_to_num(np.clip(level, 0, 1), nan=0).astype(np.float32)
 
 
-def depth_from_zbuffer(value: ArrayLike, near: float, far: float, reverse: bool = False) -> Depth:
+def depth_from_zbuffer(value: ArrayLike, near: float, far: float, *, reverse: bool = False) -> Depth:
     """Return the depth of a perspective z-buffer, as OpenGL, Direct3D and Vulkan have it.
 
     Parameters
@@ -253,7 +253,7 @@ def depth_from_zbuffer(value: ArrayLike, near: float, far: float, reverse: bool 
     return (1 / (ends[0] + drawn * (ends[1] - ends[0]))).astype(np.float32)
 
 
-def zbuffer_from_depth(depth: ArrayLike, near: float, far: float, reverse: bool = False) -> Depth:
+def zbuffer_from_depth(depth: ArrayLike, near: float, far: float, *, reverse: bool = False) -> Depth:
     """Invert `depth_from_zbuffer`: float32 values in [0, 1], those of nothing drawn where the depth is invalid.
 
     Raises

@@ -7,7 +7,7 @@ depth is not finite or not > 0 is invalid: nothing is known there.
 from __future__ import annotations
 
 import math
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Literal
 
 import numpy as np
@@ -96,6 +96,7 @@ class DepthImage(Fixed):
         color: Color | None,
         depth: Depth,
         camera: Camera,
+        *,
         far: float = math.inf,
         backdrop: float | Backdrop | None = None,
         normals: NDArray[np.float32] | None = None,
@@ -111,13 +112,13 @@ class DepthImage(Fixed):
         self.far = limit if backdrop is None else math.inf
         self.normals = None if normals is None else locked(_checked_normals(normals, camera))
 
-    def __reduce__(self) -> tuple[type[DepthImage], tuple[object, ...]]:
+    def __reduce__(self) -> tuple[partial[DepthImage], tuple[object, ...]]:
         color = self.color if self.has_color else None
-        return DepthImage, (color, self.depth, self.camera, self.far, None, self.normals)
+        return partial(DepthImage, far=self.far, normals=self.normals), (color, self.depth, self.camera)
 
     def _with_color(self, color: Color | None) -> DepthImage:
         """The same image in other colours."""
-        return DepthImage(color, self.depth, self.camera, self.far, normals=self.normals)
+        return DepthImage(color, self.depth, self.camera, far=self.far, normals=self.normals)
 
     def __repr__(self) -> str:
         color = self.color.dtype if self.has_color else "depth alone"

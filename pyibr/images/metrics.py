@@ -18,7 +18,7 @@ Mask = NDArray[np.bool_]
 Image = NDArray[np.number[Any]]
 
 
-def psnr(a: Image, b: Image, valid: Mask | None = None) -> float:
+def psnr(a: Image, b: Image, *, valid: Mask | None = None) -> float:
     """Peak signal-to-noise ratio of two images.
 
     Parameters
@@ -53,7 +53,7 @@ def psnr(a: Image, b: Image, valid: Mask | None = None) -> float:
     return 10 * math.log10(peak**2 / error) if error > 0 else math.inf
 
 
-def median_color_error(a: Image, b: Image, valid: Mask | None = None) -> float:
+def median_color_error(a: Image, b: Image, *, valid: Mask | None = None) -> float:
     """Median absolute difference of two images, over all channels of what counts, in their units.
 
     Parameters
@@ -72,7 +72,7 @@ def median_color_error(a: Image, b: Image, valid: Mask | None = None) -> float:
     return float(np.median(np.abs(_differences(a, b, valid))))
 
 
-def depth_rmse(depth: Image, truth: Image, valid: Mask | None = None) -> float:
+def depth_rmse(depth: Image, truth: Image, *, valid: Mask | None = None) -> float:
     """Root of the mean squared difference of two depth images, in scene units.
 
     Parameters
@@ -92,7 +92,7 @@ def depth_rmse(depth: Image, truth: Image, valid: Mask | None = None) -> float:
     return math.sqrt(float(np.mean(np.square(_depth_differences(depth, truth, valid)))))
 
 
-def median_depth_error(depth: Image, truth: Image, valid: Mask | None = None) -> float:
+def median_depth_error(depth: Image, truth: Image, *, valid: Mask | None = None) -> float:
     """Median absolute difference of two depth images, in scene units; the pixels of `depth_rmse` count.
 
     Examples
@@ -105,7 +105,7 @@ def median_depth_error(depth: Image, truth: Image, valid: Mask | None = None) ->
     return float(np.median(np.abs(_depth_differences(depth, truth, valid))))
 
 
-def hole_ratio(valid: Mask, expected: Mask | None = None) -> float:
+def hole_ratio(valid: Mask, *, expected: Mask | None = None) -> float:
     """Share of the pixels that are holes.
 
     Parameters

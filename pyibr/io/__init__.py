@@ -171,7 +171,7 @@ def check_output(path: _PathLike, kind: Literal["color", "depth", "mask"]) -> No
 
 
 def read_depth(
-    path: _PathLike, scale: float | None = None, kind: DepthKind = "z", camera: Camera | None = None
+    path: _PathLike, *, scale: float | None = None, kind: DepthKind = "z", camera: Camera | None = None
 ) -> NDArray[np.float32]:
     """Read planar depth.
 
@@ -229,6 +229,7 @@ def read_depth(
 def write_depth(
     path: _PathLike,
     depth: NDArray[np.float32] | NDArray[np.uint16],
+    *,
     scale: float | None = None,
     kind: DepthKind = "z",
     camera: Camera | None = None,

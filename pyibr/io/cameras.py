@@ -16,7 +16,7 @@ from pyibr.io.colmap_model import read_model
 from pyibr.io.folders import files_in
 
 
-def read_cameras(path: str | PathLike[str], size: tuple[int, int] | None = None) -> dict[str, Camera]:
+def read_cameras(path: str | PathLike[str], *, size: tuple[int, int] | None = None) -> dict[str, Camera]:
     """Read the cameras of several images.
 
     Parameters

@@ -1,4 +1,4 @@
-"""PNG, JPEG, TIFF, BMP and other images, through imageio."""
+"""PNG, JPEG, TIFF, BMP and other images, through Pillow."""
 
 from __future__ import annotations
 
@@ -31,8 +31,13 @@ def decoded(data: bytes) -> NDArray[Any]:
     Colours are as in the file; those of printers (CMYK), of L*a*b* and the like become RGB.
     """
     with opened(data) as picture:
-        mode = "RGB" if picture.mode in _OTHER_COLORS else None
-    return _imageio().imread(data, index=0, plugin="pillow", mode=mode)
+        if picture.mode in _OTHER_COLORS:
+            return np.array(picture.convert("RGB"))
+        if picture.mode == "P" and picture.palette is not None:
+            return np.array(picture.convert(picture.palette.mode))
+        if picture.mode == "I" and picture.format == "PNG":  # 16 bits, which Pillow before version 11.3 widens
+            return np.array(picture.convert("I;16"))
+        return np.array(picture)
 
 
 def opened(data: bytes) -> Image:
@@ -48,8 +53,12 @@ def opened(data: bytes) -> Image:
 
 def encoded(image: NDArray[Any], suffix: str) -> bytes:
     """The bytes of a file. Libraries that write files themselves may not tell of a full disk."""
+    from PIL import Image
+
     options = {"quality": 95} if suffix in (".jpg", ".jpeg", ".webp") else {}
-    return _imageio().imwrite("<bytes>", image, extension=suffix, plugin="pillow", **options)
+    written = io.BytesIO()
+    Image.fromarray(image).save(written, Image.registered_extensions()[suffix], **options)
+    return written.getvalue()
 
 
 def check_output(path: str | PathLike[str]) -> None:
@@ -67,9 +76,3 @@ def write_color(path: str | PathLike[str], color: NDArray[Any]) -> None:
     if color.dtype.kind == "f":
         color = np.rint(np.clip(np.nan_to_num(color), 0, 1) * 255).astype(np.uint8)
     write_whole(path, encoded(color, checked_path(path).suffix.lower()))
-
-
-def _imageio() -> Any:
-    import imageio.v3
-
-    return imageio.v3

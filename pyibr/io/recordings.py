@@ -111,7 +111,7 @@ def cameras_of(
 
 def posed(camera: Camera, pose: Float64) -> Camera:
     """The camera at another place."""
-    return Camera(camera.K, camera.size, pose, camera.projection, camera.lens)
+    return Camera(camera.K, camera.size, pose, projection=camera.projection, lens=camera.lens)
 
 
 def paired(color_folder: Path, depth_folder: Path) -> Recording:
@@ -238,7 +238,7 @@ def _cameras(recording: Recording, files: Sequence[Path], shared: bool) -> list[
     if not files:
         raise ArgumentError("camera", "a file with the camera", f"none for {colors[0]}")
     sizes = [_size_of(colors[0]) if file.suffix.lower() == ".txt" else None for file in files]
-    found = [named for file, size in zip(files, sizes, strict=True) for named in read_cameras(file, size).items()]
+    found = [named for file, size in zip(files, sizes, strict=True) for named in read_cameras(file, size=size).items()]
     if len(found) == 1 and (count == 1 or shared):
         return [found[0][1]] * count
     by_name = dict(found) if len(files) == 1 and files[0].is_dir() else {}

@@ -18,7 +18,7 @@ Green = Literal["down", "up"]
 
 
 def read_relief_map(
-    path: str | PathLike[str], green: Green = "down", alpha: Literal["height", "depth"] = "height"
+    path: str | PathLike[str], *, green: Green = "down", alpha: Literal["height", "depth"] = "height"
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
     """Read a relief map.
 
@@ -68,7 +68,7 @@ def read_relief_map(
 
 
 def write_relief_map(
-    path: str | PathLike[str], normal_map: NDArray[Any], height: NDArray[np.uint8], green: Green = "down"
+    path: str | PathLike[str], normal_map: NDArray[Any], height: NDArray[np.uint8], *, green: Green = "down"
 ) -> None:
     """Write a relief map, as `read_relief_map` reads it.
 

@@ -1,4 +1,4 @@
-"""Triangle meshes, from arrays, files and Open3D."""
+"""Triangle meshes, from arrays, files, trimesh and Open3D."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ from pyibr.core.checks import (
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.optional import open3d
 from pyibr.io.mesh_arrays import MeshArrays
+from pyibr.meshes import trimesh_arrays
 from pyibr.meshes.files import Axes, read_mesh, write_mesh
 from pyibr.meshes.normals import areas, place_of, summed, summed_at_places, unit_or_up
 
@@ -82,6 +83,7 @@ class Mesh(Fixed):
         self,
         vertices: ArrayLike,
         faces: ArrayLike,
+        *,
         uv: ArrayLike | None = None,
         normals: ArrayLike | None = None,
         texture: NDArray[Any] | None = None,
@@ -142,7 +144,7 @@ class Mesh(Fixed):
         return locked(unit_or_up(sums).astype(np.float32))
 
     @classmethod
-    def load(cls, path: str | PathLike[str], texture: NDArray[Any] | None = None, axes: Axes = "opencv") -> Mesh:
+    def load(cls, path: str | PathLike[str], *, texture: NDArray[Any] | None = None, axes: Axes = "opencv") -> Mesh:
         """Read a mesh: PLY, OBJ, GLB, GLTF, STL or OFF, also packed by gzip (``.ply.gz``).
 
         Of several textures only the first is used. Polygons become fans of triangles.
@@ -175,17 +177,17 @@ class Mesh(Fixed):
             return cls(
                 found.vertices,
                 found.faces,
-                found.uv,
-                found.normals,
-                own if texture is None else texture,
-                found.colors,
+                uv=found.uv,
+                normals=found.normals,
+                texture=own if texture is None else texture,
+                colors=found.colors,
             )
         except ArgumentError as error:
             if texture is not None and error.argument in ("texture", "uv"):
                 raise
             raise FileFormatError(f"{path}: {error}") from error
 
-    def save(self, path: str | PathLike[str], axes: Axes = "opencv") -> None:
+    def save(self, path: str | PathLike[str], *, axes: Axes = "opencv") -> None:
         """Write the mesh, whole, or leave what is there. A missing folder is made.
 
         GLB holds all but `attributes`, OBJ too, but no `sides`; PLY no uv, OFF no normals either, STL only triangles.
@@ -233,7 +235,7 @@ class Mesh(Fixed):
         return mesh
 
     @classmethod
-    def from_open3d(cls, mesh: Any, texture: NDArray[Any] | None = None) -> Mesh:
+    def from_open3d(cls, mesh: Any, *, texture: NDArray[Any] | None = None) -> Mesh:
         """Take over an `open3d.t.geometry.TriangleMesh` or an `open3d.geometry.TriangleMesh`.
 
         Of several textures only the first is used.
@@ -260,7 +262,40 @@ class Mesh(Fixed):
         points, faces = mesh.vertex["positions"].numpy(), mesh.triangle["indices"].numpy()
         others = {name: mesh.vertex[name].numpy() for name in mesh.vertex if name not in _OWN_PLACES}
         others = {name: values for name, values in others.items() if np.isfinite(values).all()}
-        return cls(points, faces, uv, normals, texture, colors, attributes=others)
+        return cls(points, faces, uv=uv, normals=normals, texture=texture, colors=colors, attributes=others)
+
+    @classmethod
+    def from_trimesh(cls, mesh: Any, *, texture: NDArray[Any] | None = None) -> Mesh:
+        """Take over a `trimesh.Trimesh`: the way for files of all the formats that trimesh reads.
+
+        Any object with `vertices`, `faces` and, if it has colours, a `visual` like trimesh's will do. Normals are made
+        as those of other meshes without; what is not opaque becomes so.
+
+        Parameters
+        ----------
+        mesh : Trimesh
+            Of a scene, its `to_mesh()`. The colours are those of its vertices or faces, its texture, or the material's
+            own.
+        texture : (h, w, 3) uint8 or float32, optional
+            Instead of its own.
+
+        Raises
+        ------
+        ArgumentError
+            If it has no vertices or faces, or no uv for the texture.
+
+        Examples
+        --------
+        >>> from types import SimpleNamespace
+        >>> import pyibr as ibr
+        >>> like_trimesh = SimpleNamespace(vertices=[[0, 0, 0], [1, 0, 0], [0, 1, 0]], faces=[[0, 1, 2]])
+        >>> ibr.Mesh.from_trimesh(like_trimesh)
+        <Mesh 3 vertices, 1 triangle>
+        """
+        arrays = trimesh_arrays.arrays_of(mesh)
+        if texture is not None:
+            arrays["texture"] = texture
+        return cls(arrays.pop("vertices"), arrays.pop("faces"), **arrays)
 
 
 def _has_triangles(mesh: Any) -> bool:

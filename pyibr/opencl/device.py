@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from pyibr.core.checks import true_or_false
 from pyibr.core.errors import ArgumentError, DeviceError
+from pyibr.opencl.binaries import forget_all, reading
 from pyibr.opencl.cache import cache_folder
 from pyibr.opencl.choice import Device, choose, describe, explain_broken, select
 from pyibr.opencl.flight import Flight
@@ -112,6 +113,8 @@ def _take_locks() -> list[threading.RLock]:
     """All that no call is made without, once other threads' calls are done, or after a while."""
     end = time.monotonic() + _FAREWELL
     taken = [_lock] if _lock.acquire(timeout=_FAREWELL) else []  # from here on no session is opened
+    if reading.acquire(timeout=_FAREWELL):
+        taken.append(reading)
     for session in list(_sessions.values()):
         session.waiting.add(threading.get_ident())
         try:
@@ -135,6 +138,7 @@ def _after_fork() -> None:
 def _after_fork_in_child() -> None:
     global _forked
     _after_fork()
+    forget_all()
     _forked = _forked or found_devices.cache_info().currsize > 0
 
 
@@ -152,7 +156,7 @@ def _at_exit() -> None:
         _take_locks()
 
 
-def devices(fresh: bool = False) -> list[Device]:
+def devices(*, fresh: bool = False) -> list[Device]:
     """All OpenCL devices found, those that do not work included.
 
     Parameters

@@ -19,6 +19,9 @@ class DeviceProfile:
     """Work-items of a work-group along an axis: a CPU's are large enough to stand alone; None lets runtimes choose."""
     chunks: int
     """Parts that primitives are binned in, a work-item each: a GPU needs many, and each takes a row of counts."""
+    drawers: int
+    """Work-items that draw depth meshes, a region of pixels after the other: each has memory for what it sees of every
+    mesh, which a CPU's caches are to hold."""
     strip: int
     """Packets of a row that a work-item resolves: on a CPU, enough to hide what starting it costs."""
     run: int
@@ -41,8 +44,12 @@ class DeviceProfile:
         return pixels if self.lanes == 1 else bins
 
 
-CPU = DeviceProfile(lanes=16, in_place=True, local_size=1, chunks=32, strip=32, run=64, share=1 << 11, block=4)
-GPU = DeviceProfile(lanes=1, in_place=False, local_size=None, chunks=1024, strip=1, run=1, share=1, block=1)
+CPU = DeviceProfile(
+    lanes=16, in_place=True, local_size=1, chunks=32, drawers=64, strip=32, run=64, share=1 << 11, block=4
+)
+GPU = DeviceProfile(
+    lanes=1, in_place=False, local_size=None, chunks=1024, drawers=1 << 17, strip=1, run=1, share=1, block=1
+)
 
 
 def profile_of(kind: Kind) -> DeviceProfile:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import functools
 import json
+import logging
+import time
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -14,11 +16,12 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 import numpy as np
 
 from pyibr.core.errors import ArgumentError, BuildError
+from pyibr.opencl.binaries import keep_binary
 from pyibr.opencl.cache import Entry
 from pyibr.opencl.device import Session, current
 from pyibr.opencl.flight import Pace
 from pyibr.opencl.headers import SCALARS, expanded, said, structs
-from pyibr.opencl.runtimes import found_devices
+from pyibr.opencl.runtimes import RUNTIMES, found_devices
 from pyibr.opencl.watch import watches
 
 if TYPE_CHECKING:
@@ -33,6 +36,10 @@ _NO_DENORMALS = "-cl-denorms-are-zero"
 _TOLD = "constant"  # part of entries' names: what they tell of arguments beyond names and types
 _OPTIONS = ["-cl-std=CL1.2", _NO_DENORMALS, "-Werror", "-cl-kernel-arg-info"]
 """Those that every program is built with."""
+
+_log = logging.getLogger("pyibr")
+_LONG = 0.3  # seconds of building: of one program if its device's compiler starts with it, else of several
+_spent = 0.0  # seconds that this process has built
 
 
 @dataclass(frozen=True)
@@ -97,10 +104,14 @@ def kernel(file: str | Path, name: str, **defines: int) -> Kernel:
 def _found(file: str | Path, name: str, defines: Mapping[str, int]) -> Kernel:
     session = current()
     own = _own(file)
-    key = (file if own is None else (own, _time_of(own)), name, tuple(sorted(defines.items())))
-    found = session.kernels.get(key)
+    whole = (file if own is None else (own, _time_of(own)), tuple(sorted(defines.items())))
+    found = session.kernels.get((whole, name))
     if found is None:
-        found = session.kernels[key] = _build(session, str(file) if own is None else own, name, defines)
+        built = {kernel.name: kernel for kernel in _build(session, str(file) if own is None else own, defines)}
+        if name not in built:
+            raise ArgumentError("name", f"a kernel of {said(own or str(file))}: {', '.join(sorted(built))}", repr(name))
+        session.kernels.update({(whole, other): kernel for other, kernel in built.items()})
+        found = built[name]
     return found
 
 
@@ -125,30 +136,57 @@ def _time_of(own: Path) -> int:
         raise ArgumentError("file", "a file of kernels", f"{own}: {reason}") from None
 
 
-def _build(session: Session, file: str | Path, name: str, defines: Mapping[str, int]) -> Kernel:
-    import pyopencl as cl
-
+def _build(session: Session, file: str | Path, defines: Mapping[str, int]) -> list[Kernel]:
+    """All kernels of a file, since they are one program."""
     named = {"LANES": session.profile.lanes, **defines}
     options = [*_OPTIONS, *(f"-D{define}={value}" for define, value in sorted(named.items()))]
     source = expanded(file)
     # A home may be shared by machines whose processors differ, and the names of their devices do not.
-    key = found_devices()[session.device.index].key
-    entry = Entry("programs", Path(file).stem, "\0".join([source, *options, key, _TOLD]))
+    device = found_devices()[session.device.index]
+    entry = Entry("programs", Path(file).stem, "\0".join([source, *options, device.key, _TOLD]))
     loaded = _load(session, entry.read())
     if loaded is None:
-        try:
-            program = _quietly_built(cl.Program(session.context, source), options)
-        except cl.RuntimeError as error:
-            raise BuildError(f"{said(file)} failed to build with {' '.join(options)}:\n{error}") from error
+        program = _compiled(session, file, source, options)
         signatures = {str(handle.function_name): _signature(handle) for handle in program.all_kernels()}
-        if binary := cast("list[bytes]", program.get_info(cl.program_info.BINARIES))[0]:  # some runtimes have none
-            entry.write(json.dumps(signatures).encode() + b"\n" + binary)
+        head = json.dumps(signatures).encode() + b"\n"
+        compiles = any(runtime.compiles_for_binaries and runtime.is_of(device) for runtime in RUNTIMES)
+        keep_binary(program, entry, head, compiles, session.lock)
     else:
         program, signatures = loaded
-    if name not in signatures:
-        raise ArgumentError("name", f"a kernel of {said(file)}: {', '.join(sorted(signatures))}", repr(name))
-    signature = signatures[name]
-    known = SCALARS | structs(file, source, {declared.rstrip("*") for _, declared, _ in signature}, named)
+    declared = {argument[1].rstrip("*") for signature in signatures.values() for argument in signature}
+    known = SCALARS | structs(file, source, declared, named)
+    return [_kernel_of(session, program, *one, known) for one in signatures.items()]
+
+
+def _compiled(session: Session, file: str | Path, source: str, options: list[str]) -> cl.Program:
+    import pyopencl as cl
+
+    start = time.perf_counter()
+    try:
+        return _quietly_built(cl.Program(session.context, source), options)
+    except cl.RuntimeError as error:
+        raise BuildError(f"{said(file)} failed to build with {' '.join(options)}:\n{error}") from error
+    finally:
+        _tell(time.perf_counter() - start)
+
+
+def _tell(seconds: float) -> None:
+    """Say once why the first picture takes its time: whoever has waited that long waits for more."""
+    global _spent
+    before, _spent = _spent, _spent + seconds
+    if before < _LONG <= _spent:
+        _log.info("kernels are being built for this device, once; that takes some seconds")
+
+
+def _kernel_of(
+    session: Session,
+    program: cl.Program,
+    name: str,
+    signature: list[tuple[str, str, bool]],
+    known: Mapping[str, np.dtype[Any]],
+) -> Kernel:
+    import pyopencl as cl
+
     arguments = tuple(Argument(*one, known.get(one[1].rstrip("*"), np.dtype(np.void))) for one in signature)
     handle: Any = cl.Kernel(program, name)
     handle.set_arg_types([_passed_as(argument) for argument in arguments])  # twenty times as fast as without

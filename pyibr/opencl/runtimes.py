@@ -89,6 +89,8 @@ class Runtime:
     """Variables that it reads as devices are listed; none where the user has chosen."""
     compiling: Callable[[], dict[str, str]] = dict
     """Those that its compiler reads as a context is made."""
+    compiles_for_binaries: bool = False
+    """Whether it compiles all kernels once more to hand out a binary. What it has compiled, it keeps on disk itself."""
     stem: str = ""
     """What the name of its library begins with."""
     needs: tuple[str, ...] = ()
@@ -360,6 +362,7 @@ _POCL = Runtime(
     "portable computing language",
     install=_install_pocl,
     environment=lambda: {**_pinned_threads(), **_safe_kernels()},
+    compiles_for_binaries=True,
 )
 _POCL_WHEEL = replace(_POCL, name="PoCL's wheel", mend=_mend_pocl_wheel, install=str, wheel="pocl-binary-distribution")
 # Its wheel's ``.icd`` file holds a path of the machine that packed it, for which its library's is put in.

@@ -59,6 +59,7 @@ class Light(Fixed):
 
     def __init__(
         self,
+        *,
         direction: ArrayLike | None = None,
         position: ArrayLike | None = None,
         color: ArrayLike = (1.0, 1.0, 1.0),

@@ -76,7 +76,7 @@ def showing_normals(view: DepthImage) -> DepthImage:
     def made() -> DepthImage:
         turn = view.camera.world_from_camera[:3, :3].astype(np.float32)
         shown = np.clip(0.5 + 0.5 * (np.nan_to_num(normals_of(view)) @ turn.T), 0, 1)
-        return DepthImage(shown, view.depth, view.camera, view.far)
+        return DepthImage(shown, view.depth, view.camera, far=view.far)
 
     return kept(view, "normals for colours", made)
 

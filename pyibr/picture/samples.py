@@ -81,7 +81,7 @@ def _made_of(view: DepthImage, cut: NDArray[np.void] | None = None) -> Samples:
     nearness = empty((height, pitch(width)), np.float32)
     ranges = empty((height, 2), np.float32)
     launch(
-        kernel("picture/nearness.cl", "to_nearness", **({} if cut is None else {"BRIDGED": 1})),
+        kernel("picture/begin.cl", "to_nearness" if cut is None else "to_bridged_nearness"),
         (height,),
         depth=upload(view.depth),
         nearness=nearness,

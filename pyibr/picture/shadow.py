@@ -52,7 +52,7 @@ class Lighting:
         """For kernels with a light."""
         return {"LIT": 1} if self.maps is None else {"LIT": 1, "SHADOWED": 1}
 
-    def arguments(self, grain: float = 0.0, origin: Float64 | None = None) -> dict[str, Any]:
+    def arguments(self, *, grain: float = 0.0, origin: Float64 | None = None) -> dict[str, Any]:
         """Of kernels with a light, by name.
 
         Parameters
@@ -187,13 +187,14 @@ def _far_camera(direction: Float64, corners: Float64, n: int) -> Camera:
     extent = np.maximum(high - low, _THIN * (float((high - low).max()) or 1.0))
     pose[:3, 3] = pose[:3, :3] @ np.array([*(0.5 * (low + high))[:2], low[2] - 0.01 * extent.max()])
     fx, fy = _inside(n) / extent[:2]
-    return Camera([[fx, 0, (n - 1) / 2], [0, fy, (n - 1) / 2], [0, 0, 1]], (n, n), pose, "orthographic")
+    return Camera([[fx, 0, (n - 1) / 2], [0, fy, (n - 1) / 2], [0, 0, 1]], (n, n), pose, projection="orthographic")
 
 
 @contextmanager
 def shadowed(
     target: Target,
     lighting: Lighting | None,
+    *,
     grain: float = 0.0,
     apart: int = 1,
     fade: float = 0.1,
@@ -244,6 +245,6 @@ def shadowed(
         neighbour_offset=apart,
         depth=target.depth,
         color=target.color,
-        **lighting.arguments(grain, origin),
+        **lighting.arguments(grain=grain, origin=origin),
         **more,
     )

@@ -25,7 +25,7 @@ from pyibr.picture.samples import at_least_a_word, cut_of
 _KEPT = 4  # straightened copies of a view, by where it is cut
 
 
-def straightened(view: DepthImage, cut_ratio: float | None = 1.05, linear: bool = True) -> DepthImage:
+def straightened(view: DepthImage, *, cut_ratio: float | None = 1.05, linear: bool = True) -> DepthImage:
     """Return what a pinhole camera would have seen from where a view's lens did: the view itself, if it has no lens.
 
     All that draws a view with a lens does this first. It has the same or finer sampling everywhere. Holes stay holes,
@@ -115,7 +115,7 @@ def _straight_view(view: DepthImage, cut: NDArray[np.void], linear: bool) -> Dep
     if view.normals is not None:
         normals, _ = _straight(view.normals, view.depth, view.far, view.camera, cut, linear)
     camera = straight_camera(view.camera)
-    return DepthImage(color if view.has_color else None, depth, camera, view.far, normals=normals)
+    return DepthImage(color if view.has_color else None, depth, camera, far=view.far, normals=normals)
 
 
 def _check_within(argument: str, what: str, valid: NDArray[np.bool_], camera: Camera) -> None:

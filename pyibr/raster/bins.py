@@ -12,7 +12,7 @@ from pyibr.opencl.device import current
 from pyibr.opencl.headers import constant
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty
-from pyibr.opencl.program import kernel
+from pyibr.opencl.program import Kernel, kernel
 from pyibr.picture.target import Target
 
 _UNASKED = 1 << 22  # numbers that a list may have room for unasked, though few of them may be written
@@ -40,13 +40,22 @@ def bin_side() -> int:
     return int(constant("raster/region.h", "BIN"))
 
 
+def _kernel(name: str, corners: int) -> Kernel:
+    return kernel("raster/bins.cl", name, CORNERS=corners, BIN=bin_side())
+
+
+def region_side() -> int:
+    """Pixels along the side of what a work-item draws: REGION of kernels/raster/region.h."""
+    return 1 if current().profile.lanes == 1 else bin_side()
+
+
 def culled(sides: Sides) -> int:
     """Which triangles kernels leave out so that these sides are drawn."""
     return int(constant("raster/triangle.h", _CULLED[sides]))
 
 
-def project(target: Target, vertices: DeviceArray, near: float) -> DeviceArray:
-    """(N, 4) homogeneous pixel-space positions of (N, 3) vertices of the world.
+def project(target: Target, vertices: DeviceArray, near: float, corners: int = 3) -> DeviceArray:
+    """(N, 4) homogeneous pixel-space positions of (N, 3) vertices of the world, `corners` of which are a primitive.
 
     As exact as float32 vertices are, even far from the world's origin: they are taken relative to the camera.
     """
@@ -54,7 +63,7 @@ def project(target: Target, vertices: DeviceArray, near: float) -> DeviceArray:
     origin = target.camera.center.astype(np.float32)  # the same for all things: no cracks between neighbours
     projected = empty((count, 4), np.float32)
     launch(
-        kernel("raster/project.cl", "project"),
+        _kernel("project", corners),
         (count,),
         vertices=vertices,
         projected=projected,
@@ -89,7 +98,7 @@ def bin_primitives(
     sums = {"counts": counts, "totals": totals, "chunks": chunks}
 
     def run(name: str, *items: int, **arguments: Any) -> None:
-        launch(kernel("raster/bins.cl", name, CORNERS=each, BIN=bin_side()), items, **arguments)
+        launch(_kernel(name, each), items, **arguments)
 
     run("count_bins", chunks, corners=corners, boxes=boxes, counts=counts, culled=culled(sides), **view, **shared)
     run("total_bins", bins, **sums, bins=bins)

@@ -66,7 +66,7 @@ def split_at_mirrors(mesh: Mesh) -> Mesh:
     faces = np.where(mirrored[:, None], number[mesh.faces], mesh.faces)
     kept = np.concatenate([np.arange(len(uv)), doubled])
     normals = mesh.normals if mesh.normals is not None else mesh.smooth_normals
-    return Mesh(mesh.vertices[kept], faces, uv[kept], normals[kept])
+    return Mesh(mesh.vertices[kept], faces, uv=uv[kept], normals=normals[kept])
 
 
 def split_at_edges(mesh: Mesh) -> Mesh:
@@ -92,7 +92,7 @@ def split_at_edges(mesh: Mesh) -> Mesh:
     normals[number] = unit_or_up(sums)[first]
     kept = np.concatenate([np.arange(len(mesh.vertices)), owner[is_copy]])
     uv = np.asarray(mesh.uv)[kept]
-    return Mesh(mesh.vertices[kept], number[kind.reshape(-1)].reshape(-1, 3), uv, normals)
+    return Mesh(mesh.vertices[kept], number[kind.reshape(-1)].reshape(-1, 3), uv=uv, normals=normals)
 
 
 def is_flat(mesh: Mesh, normals: Float64) -> bool:

@@ -9,21 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Fixed, check_tiled, checked_colors, instance_of, locked, one_of, positive, whole_from
+from pyibr.core.checks import instance_of, one_of, whole_from
 from pyibr.core.errors import ArgumentError
 from pyibr.core.straight import check_no_lens
+from pyibr.meshes.height_mapped import HeightMapped
 from pyibr.meshes.heights import (
     Float32,
     Wrap,
     Wraps,
-    checked_height,
-    checked_normal_map,
-    checked_tiles,
-    checked_wrap,
     height_at,
 )
 from pyibr.meshes.mesh import Mesh
-from pyibr.meshes.textures import normal_pyramid, texture_pyramid
 from pyibr.opencl.device import one_call
 from pyibr.opencl.headers import constant
 from pyibr.opencl.kept import kept
@@ -34,6 +30,7 @@ from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
 from pyibr.picture.wrap import wrap_defines
 from pyibr.raster.bins import bin_primitives, bin_side, project
+from pyibr.raster.height_mapped import color_arguments, map_buffers, normal_arguments
 from pyibr.relief.levels import HeightLevels, height_levels
 from pyibr.relief.quadrics import VertexFrames, is_flat, juts_out, split_at_edges, split_at_mirrors, vertex_frames
 from pyibr.relief.within import Place, Underside, window
@@ -48,7 +45,7 @@ _WINDOW = 2.0  # times the near plane's distance: where rays start of an eye bel
 _SHADOWS = {"map": "MAPPED", "search": "SEARCHED"}  # the kernel's names
 
 
-class ReliefSurface(Fixed):
+class ReliefSurface(HeightMapped):
     """A mesh with a relief carved into it: its own triangles are drawn, and rays searched below them.
 
     Parameters
@@ -119,6 +116,7 @@ class ReliefSurface(Fixed):
         height: NDArray[Any],
         color: NDArray[Any],
         scale: float,
+        *,
         tiles: tuple[int, int] = (1, 1),
         normal_map: NDArray[Any] | None = None,
         silhouette: Silhouette = "quadric",
@@ -129,16 +127,8 @@ class ReliefSurface(Fixed):
         shadow: Shadow = "map",
         wrap: Wrap | Wraps = "repeat",
     ) -> None:
-        instance_of("base", base, Mesh, "a pyibr.Mesh")
-        if base.uv is None:
-            raise ArgumentError("base", "a mesh with uv", f"{base!r} without")
-        self.base = base
-        self.height = checked_height(height)
+        super().__init__(base, height, color, scale, tiles, normal_map, wrap)
         self._height_bytes = 1 if getattr(height, "dtype", None) == np.uint8 else 2
-        self.color = locked(checked_colors("color", color, (None, None, 3)))
-        self.scale = positive("scale", scale)
-        self.wrap = checked_wrap(wrap)
-        self.tiles = checked_tiles(tiles, self.wrap)
         one_of("silhouette", silhouette, Silhouette)
         one_of("distance", distance, Distance)
         one_of("search", search, Search)
@@ -151,8 +141,6 @@ class ReliefSurface(Fixed):
         self.shadow: Shadow = shadow
         self.steps = whole_from("steps", steps, 1, _COUNT_MOST)
         self.halvings = whole_from("halvings", halvings, 0, _COUNT_MOST)
-        self.normal_map = None if normal_map is None else checked_normal_map(normal_map)
-        check_tiled(base.uv, self.tiles, self.height, self.color, self.normal_map)
 
     def __repr__(self) -> str:
         h, w = self.height.shape
@@ -287,12 +275,9 @@ def draw_relief(
     more: dict[str, Any] = dict(target.filter_arguments)
     if lit is not None:
         defines |= lit.defines
-        height, width = (0, 0) if surface.normal_map is None else surface.normal_map.shape[:2]
-        more |= {"normal_width": width, "normal_height": height, **lit.arguments()}
-        more |= {"normal_map": buffers.get("normal_map", buffers["vertices"])}
+        more |= {**normal_arguments(surface, buffers, buffers["vertices"]), **lit.arguments()}
         if lit.maps is not None:
-            defines["SHADOWS"] = int(constant("relief/shadows.h", _SHADOWS[surface.shadow]))
-            defines["FLAT_BASE"] = int(surface.is_flat)
+            more |= {"hidden_by": constant("relief/shadows.h", _SHADOWS[surface.shadow]), "flat_base": surface.is_flat}
     if target.from_light:
         defines["DEPTH_ALONE"] = 1
     if place is not None:
@@ -303,7 +288,6 @@ def draw_relief(
     if places is not None:
         defines["UV_WRITTEN"] = 1
         more["uvs"] = places
-    K = target.camera.K
     launch(
         kernel("relief/relief.cl", "draw_relief", BIN=bin_side(), **target.color_defines, **defines),
         bins.grid,
@@ -311,11 +295,8 @@ def draw_relief(
         vertices=seen["vertices"],
         **{name: buffers[name] for name in ("texels", "bounds", "levels", "colors")},
         level_count=len(surface.levels.table),
-        color_width=surface.color.shape[1],
-        color_height=surface.color.shape[0],
-        color_levels=max(surface.color.shape[:2]).bit_length(),
+        **color_arguments(surface, target.camera),
         scale=surface.scale,
-        pixel_size=1 / float(max(K[0, 0], K[1, 1])),
         quadric=bends,
         search=constant("relief/entry.h", surface.search.upper()),
         steps=surface.steps,
@@ -369,8 +350,5 @@ def _buffers(surface: ReliefSurface) -> dict[str, DeviceArray]:
         "texels": upload(levels.texels),
         "bounds": upload(levels.bounds.view(np.uint32)),
         "levels": upload(levels.table),
-        "colors": upload(texture_pyramid(surface.color)),
     }
-    if surface.normal_map is not None:
-        made["normal_map"] = upload(normal_pyramid(surface.normal_map))
-    return made
+    return made | map_buffers(surface)

@@ -113,6 +113,7 @@ class DepthObject(Fixed):
     def __init__(
         self,
         views: Sequence[DepthImage],
+        *,
         slices: Slices = 128,
         slicing: ObjectSlicing = "orthogonal",
         texture: Texture = "visible",
@@ -179,8 +180,16 @@ class DepthObject(Fixed):
         >>> first.with_views([darker, *first.views[1:]])
         <DepthObject 6 views, 64 slices>
         """
-        how = self.slices, self.slicing, self.texture, self.halvings, self.missing, self.only, self.thin
-        made = DepthObject(views, *how)
+        made = DepthObject(
+            views,
+            slices=self.slices,
+            slicing=self.slicing,
+            texture=self.texture,
+            halvings=self.halvings,
+            missing=self.missing,
+            only=self.only,
+            thin=self.thin,
+        )
         made.__dict__["words"] = _with_known(self, self.words, made.views, _words_of)
         if all(map(np.array_equal, astuple(self.box), astuple(made.box))):  # what is background lies at its end
             made.__dict__["maps"] = _with_known(self, self.maps, made.views, made.map_of)
@@ -236,6 +245,7 @@ class VisualHull(Fixed):
     def __init__(
         self,
         views: Sequence[Silhouette | DepthImage],
+        *,
         slices: Slices = 128,
         slicing: ObjectSlicing = "orthogonal",
         halvings: int = 2,
@@ -305,7 +315,7 @@ class VisualHull(Fixed):
             made = object.__new__(VisualHull)
             made.__dict__.update(self.__getstate__(), views=given)
         else:
-            made = VisualHull(given, self.slices, self.slicing, self.halvings, self.only)
+            made = VisualHull(given, slices=self.slices, slicing=self.slicing, halvings=self.halvings, only=self.only)
         made.__dict__["words"] = _with_known(self, self.words, given, _words_of)
         made.__dict__["maps"] = _with_known(self, self.maps, given, _mask_of)
         return made

@@ -10,29 +10,20 @@ from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
 from pyibr.core.checks import (
-    Fixed,
     check_tiled,
-    checked_colors,
-    instance_of,
-    locked,
     one_of,
     positive,
     true_or_false,
 )
-from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import pixel_size
+from pyibr.meshes.height_mapped import HeightMapped, Heights
 from pyibr.meshes.heights import (
-    Float32,
     Wrap,
     Wraps,
     checked_height,
-    checked_normal_map,
-    checked_tiles,
-    checked_wrap,
     height_pairs,
 )
 from pyibr.meshes.mesh import Mesh
-from pyibr.meshes.textures import normal_pyramid, texture_pyramid
 from pyibr.opencl.headers import constant
 from pyibr.opencl.kept import kept
 from pyibr.opencl.launch import launch
@@ -42,6 +33,7 @@ from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
 from pyibr.picture.wrap import wrap_defines
 from pyibr.raster.bins import bin_primitives, bin_side, project
+from pyibr.raster.height_mapped import color_arguments, map_buffers, normal_arguments
 from pyibr.slicing.prisms import Volume, extruded
 from pyibr.slicing.spacing import SLICES_MOST, Slices, checked_halvings, checked_slices, slices_text
 
@@ -49,14 +41,7 @@ Slicing = Literal["surface", "orthogonal", "screen"]
 AlphaTest = Literal["inside", "at_least", "band"]
 
 
-class Heights(Fixed):
-    """The part of a surface that an animation replaces."""
-
-    def __init__(self, values: Float32) -> None:
-        self.values = values
-
-
-class SlicedSurface(Fixed):
+class SlicedSurface(HeightMapped):
     """A mesh displaced along its normals by a height map, drawn by slices.
 
     Parameters
@@ -128,6 +113,7 @@ class SlicedSurface(Fixed):
         height: NDArray[Any],
         color: NDArray[Any],
         scale: float,
+        *,
         tiles: tuple[int, int] = (1, 1),
         slices: Slices = 64,
         slicing: Slicing = "orthogonal",
@@ -138,22 +124,12 @@ class SlicedSurface(Fixed):
         band: float | None = None,
         wrap: Wrap | Wraps = "repeat",
     ) -> None:
-        instance_of("base", base, Mesh, "a pyibr.Mesh")
-        if base.uv is None:
-            raise ArgumentError("base", "a mesh with uv", f"{base!r} without")
-        self.base = base
-        self.heights = Heights(checked_height(height))
-        self.color = locked(checked_colors("color", color, (None, None, 3)))
-        self.scale = positive("scale", scale)
-        self.wrap = checked_wrap(wrap)
-        self.tiles = checked_tiles(tiles, self.wrap)
+        super().__init__(base, height, color, scale, tiles, normal_map, wrap)
         self.slices: Slices = checked_slices(slices)
         one_of("slicing", slicing, Slicing)
         one_of("test", test, AlphaTest)
         self.slicing: Slicing = slicing
         self.test: AlphaTest = test
-        self.normal_map = None if normal_map is None else checked_normal_map(normal_map)
-        check_tiled(base.uv, self.tiles, self.height, self.color, self.normal_map)
         true_or_false("clipped", clipped)
         self.clipped = clipped
         self.halvings = checked_halvings(halvings)
@@ -171,11 +147,6 @@ class SlicedSurface(Fixed):
         check_tiled(self.base.uv, self.tiles, other.values)
         made.__dict__.update(self.__dict__, volume=self.volume, device_cache=self.device_cache, heights=other)
         return made
-
-    @property
-    def height(self) -> Float32:
-        """(h, w) heights in [0, 1]."""
-        return self.heights.values
 
     @property
     def bounds(self) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -201,16 +172,18 @@ def draw_surface(
         "heights": kept(surface.heights, "pairs", lambda: upload(height_pairs(surface.height, surface.wrap))),
     }
     near = target.near(surface.volume.bounds)
-    projected = project(target, buffers["points"], near)
+    projected = project(target, buffers["points"], near, corners=4)
     bins = bin_primitives(target, buffers["corners"], projected, near, sort=True)
     slices = _slices_in(surface, target.camera)
     defines = target.filter_defines | wrap_defines(surface.wrap)
     more: dict[str, Any] = dict(target.filter_arguments)
     if lit is not None:
         defines |= lit.defines
-        height, width = (0, 0) if surface.normal_map is None else surface.normal_map.shape[:2]
-        more |= {"normal_width": width, "normal_height": height, **lit.arguments(1.5 * surface.scale / slices)}
-        more |= {"normals": buffers["normals"], "normal_map": buffers.get("normal_map", buffers["gradients"])}
+        more |= {
+            **normal_arguments(surface, buffers, buffers["gradients"]),
+            **lit.arguments(grain=1.5 * surface.scale / slices),
+        }
+        more["normals"] = buffers["normals"]
     if not surface.clipped and surface.slicing == "screen":
         defines["UNCLIPPED"] = 1
     if counts is not None:
@@ -229,10 +202,7 @@ def draw_surface(
         band=surface.band or 0.0,
         map_width=surface.height.shape[1],
         map_height=surface.height.shape[0],
-        color_width=surface.color.shape[1],
-        color_height=surface.color.shape[0],
-        color_levels=max(surface.color.shape[:2]).bit_length(),
-        pixel_size=1 / float(max(target.camera.K[0, 0], target.camera.K[1, 1])),
+        **color_arguments(surface, target.camera),
         blank=target.blank,
         **bins.arguments,
         **target.outputs(),
@@ -253,8 +223,4 @@ def _slices_in(surface: SlicedSurface, camera: Camera) -> int:
 def _volume_buffers(surface: SlicedSurface) -> dict[str, DeviceArray]:
     """The surface, but for its heights, for the current device."""
     names = ("points", "places", "corners", "frames", "gradients", "normals")
-    made = {name: upload(getattr(surface.volume, name)) for name in names}
-    made["colors"] = upload(texture_pyramid(surface.color))
-    if surface.normal_map is not None:
-        made["normal_map"] = upload(normal_pyramid(surface.normal_map))
-    return made
+    return {name: upload(getattr(surface.volume, name)) for name in names} | map_buffers(surface)

@@ -19,6 +19,7 @@ from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty, upload
 from pyibr.opencl.program import kernel
+from pyibr.picture.clear import clear
 from pyibr.picture.samples import Samples, cut_of
 from pyibr.picture.target import Target
 from pyibr.warp.lines import line_groups
@@ -168,7 +169,7 @@ def _resolve(
     told = pixel_map.pair.aligned and shared["hits_are"] == _hits("OF_PIXELS")
     density, typical = (1.0, 1.0) if told else (pixel_map.density, pixel_map.typical)
     neighbour_offset = min(math.ceil(0.5 / density), _NEIGHBOUR_OFFSET_MAX)
-    defines = {**target.color_defines, "STRIP": profile.strip, "ZOOMED": int(neighbour_offset > 1)}
+    defines = {**target.color_defines, "STRIP": profile.strip}
     origins = {} if target.origin is None else {"origin": target.origin, "view": view}
     launch(
         kernel("warp/resolve.cl", "resolve", ORIGINS=len(origins) // 2, **defines),
@@ -213,19 +214,6 @@ def draw_thin(samples: Samples, pixel_map: PixelMap, target: Target, options: Op
         **shared,
         **target.outputs(),
         **origins,
-    )
-
-
-def clear(array: DeviceArray, value: float) -> None:
-    """Sets all of a float32 or uint32 array, on all processors."""
-    count, profile = math.prod(array.shape), current().profile
-    launch(
-        kernel("lib/clear.cl", "clear", UINTS=int(array.dtype == np.uint32)),
-        profile.shares(count),
-        values=array,
-        count=count,
-        share=profile.share,
-        value=value,
     )
 
 

@@ -300,7 +300,7 @@ def _colors_for(view: DepthImage, camera: Camera, color: Color, drawn: _Drawn) -
     samples = drawn.samples
     placed = view.camera.lens is not None
     made = empty((height, width, 3), color.dtype), empty((height, width), np.uint8)
-    pinhole = Camera(camera.K, camera.size, camera.world_from_camera, camera.projection)
+    pinhole = Camera(camera.K, camera.size, camera.world_from_camera, projection=camera.projection)
     defines = {"LENS": kind, "HAS_PLACES": int(placed), "COLOR_BYTES": color.dtype.itemsize}
     launch(
         kernel("warp/sample_colors.cl", "color_samples", **defines),

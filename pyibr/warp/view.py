@@ -178,7 +178,7 @@ class WarpedView(Fixed):
     def sources(self) -> list[DepthImage]:
         """The views without their lenses."""
         cut_ratio = self._options.cut_ratio
-        return [straightened(view, cut_ratio, self.interpolation == "linear") for view in self.views]
+        return [straightened(view, cut_ratio=cut_ratio, linear=self.interpolation == "linear") for view in self.views]
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
         """Draw the views; into a light's map their surfaces themselves, from both sides."""
@@ -186,7 +186,7 @@ class WarpedView(Fixed):
             self._draw_surfaces(target, self._options.from_both_sides())
             return
         bias, apart = self._bias(target, lighting)
-        with shadowed(target, lighting, bias, apart, draw_normals=self._draw_views):
+        with shadowed(target, lighting, grain=bias, apart=apart, draw_normals=self._draw_views):
             self._draw_views(target)
         if target.classes is not None:
             for number, (samples, pixel_map) in enumerate(self._on_device(target)):

@@ -29,7 +29,7 @@ class Scene:
         self.depth = np.full((SIZE[1], SIZE[0]), 2, np.float32)
         self.camera.save(folder / "camera.json")
         ibr.write_color(folder / "color.png", self.color)
-        ibr.write_depth(folder / "depth.png", self.depth, 1000)
+        ibr.write_depth(folder / "depth.png", self.depth, scale=1000)
         ibr.write_depth(folder / "depth.npy", self.depth)
 
     def run(self, *arguments: object, depth="depth.png", scale="1000", camera="camera.json", command="warp"):
@@ -76,13 +76,13 @@ def test_depth_may_be_stored_in_other_kinds(scene: Scene, kind: str):
     """The same picture, and depth out as it came in."""
     move, new, out = ("--move", "0.2", "0", "0.1"), scene.folder / "new.png", scene.folder / "out.npy"
     assert scene.run(*move, "-o", new, "--depth-out", out).exit_code == 0
-    expected, depth = ibr.read_color(new), ibr.read_depth(out, 1000)
+    expected, depth = ibr.read_color(new), ibr.read_depth(out, scale=1000)
     target = scene.camera.moved(0.2, 0, 0.1)
-    ibr.write_depth(scene.folder / "other.npy", scene.depth, 1000, kind, scene.camera)
+    ibr.write_depth(scene.folder / "other.npy", scene.depth, scale=1000, kind=kind, camera=scene.camera)
     result = scene.run(*move, "-o", new, "--depth-out", out, "--depth-is", kind, depth="other.npy")
     assert result.exit_code == 0, result.output
     assert (np.abs(ibr.read_color(new).astype(int) - expected) <= 1).all()
-    np.testing.assert_allclose(ibr.read_depth(out, 1000, kind, target), depth, rtol=1e-5)
+    np.testing.assert_allclose(ibr.read_depth(out, scale=1000, kind=kind, camera=target), depth, rtol=1e-5)
     mesh = scene.folder / "new.ply"
     words = ("--max-error", "0.001", "-o", mesh, "--depth-is", kind)
     assert scene.run(*words, depth="other.npy", command="mesh").exit_code == 0
@@ -102,7 +102,7 @@ def test_cameras_of_files_have_their_lenses(scene: Scene):
     view = ibr.DepthImage(scene.color, scene.depth, ibr.Camera.load(scene.folder / "bent.json"))
     frame = ibr.warp(view, view.camera.moved(0.2, 0, 0.1))
     np.testing.assert_array_equal(ibr.read_color(new), frame.color)
-    np.testing.assert_allclose(ibr.read_depth(depth, 1000)[frame.valid], 1.9, rtol=1e-6)
+    np.testing.assert_allclose(ibr.read_depth(depth, scale=1000)[frame.valid], 1.9, rtol=1e-6)
     result = scene.run("--to", scene.folder / "camera.json", "-o", new, camera="bent.json")
     assert result.exit_code == 0, result.output
     result = scene.run("--max-error", "0.01", "-o", scene.folder / "new.ply", camera="bent.json", command="mesh")
@@ -128,7 +128,7 @@ def test_to_another_camera_with_depth_and_mask(scene: Scene):
         "--depth-out", scene.folder / "out" / "new.exr", "--valid-out", scene.folder / "out" / "valid.png",
     )  # fmt: skip
     assert result.exit_code == 0, result.output
-    depth = ibr.read_depth(scene.folder / "out" / "new.exr", 1000)
+    depth = ibr.read_depth(scene.folder / "out" / "new.exr", scale=1000)
     valid = ibr.read_color(scene.folder / "out" / "valid.png")[..., 0] == 255
     np.testing.assert_array_equal(np.isfinite(depth), valid)
     np.testing.assert_allclose(depth[valid], 3, rtol=1e-5)
@@ -138,7 +138,7 @@ def test_to_another_camera_with_depth_and_mask(scene: Scene):
 def test_orbit_keeps_the_point_at_the_median_depth_in_its_place(scene: Scene):
     result = scene.run("--orbit", "-20", "-o", scene.folder / "new.png", "--depth-out", scene.folder / "new.npy")
     assert result.exit_code == 0, result.output
-    assert ibr.read_depth(scene.folder / "new.npy", 1000)[18, 30] == pytest.approx(2, rel=1e-3)
+    assert ibr.read_depth(scene.folder / "new.npy", scale=1000)[18, 30] == pytest.approx(2, rel=1e-3)
 
 
 def test_frames_go_from_the_source_to_the_end(scene: Scene):
@@ -326,13 +326,13 @@ def test_version():
 
 @pytest.mark.parametrize(("works", "code"), [(True, 0), (False, 1)])
 def test_doctor_exits_with_1_if_no_device_works(monkeypatch: pytest.MonkeyPatch, works, code):
-    monkeypatch.setattr("pyibr.app.cli.print_report", lambda: works)
+    monkeypatch.setattr("pyibr.app.commands.doctor.print_report", lambda: works)
     assert runner.invoke(app, ["doctor"]).exit_code == code
 
 
 @pytest.mark.parametrize("module", ["pyibr", "pyibr.app.cli"])
 def test_importing_brings_nothing_heavy(module):
-    heavy = "{'pyopencl', 'cv2', 'imageio', 'PIL', 'OpenEXR', 'open3d', 'matplotlib'}"
+    heavy = "{'pyopencl', 'cv2', 'PIL', 'OpenEXR', 'open3d', 'matplotlib'}"
     code = f"import {module}, sys; print(sorted({heavy} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "[]\n"

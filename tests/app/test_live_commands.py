@@ -102,7 +102,7 @@ def test_heights_of_a_relief_map_are_its_alpha(folder, seen):
     normals, heights = rng.normal(0, 0.2, (8, 8, 3)) + np.array([0, 0, 1]), rng.integers(0, 256, (8, 8), dtype=np.uint8)
     own = rng.integers(0, 256, (4, 4, 3), dtype=np.uint8)
     mesh = models.donut(24)
-    ibr.Mesh(mesh.vertices, mesh.faces, mesh.uv, texture=own).save(folder / "painted.glb")
+    ibr.Mesh(mesh.vertices, mesh.faces, uv=mesh.uv, texture=own).save(folder / "painted.glb")
     write_relief_map(folder / "relief.png", normals, heights)
     write_relief_map(folder / "opaque.png", normals, np.full((8, 8), 255, np.uint8))
     Image.fromarray(np.dstack([heights] * 3 + [255 - heights])).save(folder / "gray.png")
@@ -162,6 +162,7 @@ def test_a_set_is_proposed_and_saved_without_a_page(folder):
     assert len(again) == 3
 
 
+@pytest.mark.thorough
 def test_a_part_is_covered_and_the_set_says_which(folder):
     words = ("--auto", 2, "--size", 32, "--no-page", "-o")
     box = (-2.0, -2.0, 2.0, 0.0, 2.0, -2.0)  # two corners, in any order

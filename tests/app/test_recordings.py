@@ -38,20 +38,20 @@ class Recorded:
             depth[rng.random(depth.shape) < 0.05] = np.nan
             self.depths.append(depth)
             ibr.write_color(folder / f"rgb/{number}.png", self.colors[number])
-            ibr.write_depth(folder / f"depth/{number}.png", depth, SCALE)
+            ibr.write_depth(folder / f"depth/{number}.png", depth, scale=SCALE)
             self.cameras[number].save(folder / f"cameras/{number}.json")
         self.base.save(folder / "camera.json")
         rows = [" ".join(map(str, camera.world_from_camera[:3].ravel())) for camera in self.cameras]
         (folder / "poses.txt").write_text("\n".join(rows))
 
     def views(self) -> list[ibr.DepthImage]:
-        read = [ibr.read_depth(self.folder / f"depth/{number}.png", SCALE) for number in range(COUNT)]
+        read = [ibr.read_depth(self.folder / f"depth/{number}.png", scale=SCALE) for number in range(COUNT)]
         return [ibr.DepthImage(*frame) for frame in zip(self.colors, read, self.cameras, strict=True)]
 
     def views_but(self, lost: int) -> list[ibr.DepthImage]:
         """The views of the frames that can be read."""
         read = [number for number in range(COUNT) if number != lost]
-        depths = [ibr.read_depth(self.folder / f"depth/{number}.png", SCALE) for number in read]
+        depths = [ibr.read_depth(self.folder / f"depth/{number}.png", scale=SCALE) for number in read]
         return [ibr.DepthImage(self.colors[k], z, self.cameras[k]) for k, z in zip(read, depths, strict=True)]
 
     def run(self, *words: object, camera: object = "camera.json", output: object = "new.png"):
@@ -135,7 +135,7 @@ def test_a_recording_gives_a_view_for_each_frame(recorded: Recorded, cameras):
     for number, view in enumerate(recorded.views()):
         expected = ibr.warp(view, view.camera.moved(0.1, 0, 0.2), fill="background")
         np.testing.assert_array_equal(recorded.new(number), expected.color)
-        stored = ibr.read_depth(recorded.folder / f"z_{number:04d}.npy", SCALE)
+        stored = ibr.read_depth(recorded.folder / f"z_{number:04d}.npy", scale=SCALE)
         np.testing.assert_allclose(stored, expected.depth, rtol=1e-6)
         valid = ibr.read_color(recorded.folder / f"v_{number:04d}.png")[..., 0] == 255
         np.testing.assert_array_equal(valid, expected.valid)
@@ -154,7 +154,7 @@ def test_a_folder_that_has_all(recorded: Recorded, kind):
         (recorded.folder / "cameras").rename(recorded.folder / "camera")
         (recorded.folder / "poses.txt").unlink()
     succeeded(recorded.run(recorded.folder, "--move", 0.1, 0, 0.2, camera=None))
-    loaded = ibr.load(recorded.folder, SCALE)
+    loaded = ibr.load(recorded.folder, depth_scale=SCALE)
     for number, (view, own) in enumerate(zip(recorded.views(), loaded, strict=True)):
         np.testing.assert_array_equal(recorded.new(number), ibr.warp(view, view.camera.moved(0.1, 0, 0.2)).color)
         np.testing.assert_array_equal(own.color, view.color)
@@ -252,7 +252,7 @@ def test_depth_of_another_camera_is_registered(recorded: Recorded):
 
 def test_frames_without_any_depth_are_black_and_told(recorded: Recorded):
     for number in (0, 2):
-        ibr.write_depth(recorded.folder / f"depth/{number}.png", np.full(SIZE[::-1], np.nan, np.float32), SCALE)
+        ibr.write_depth(recorded.folder / f"depth/{number}.png", np.full(SIZE[::-1], np.nan, np.float32), scale=SCALE)
     asked = ("--clean", "--backdrop", "farthest", "--orbit", 3, "--fill", "background")
     result = recorded.run("rgb", "depth", *asked)
     succeeded(result)
@@ -356,7 +356,7 @@ def test_frames_that_cannot_be_read_are_left_out_and_told(recorded: Recorded, wo
 
 
 def test_of_several_recordings_those_that_can_be_read_are_shown(recorded: Recorded):
-    ibr.write_depth(recorded.folder / "other/1.png", recorded.depths[1], SCALE)
+    ibr.write_depth(recorded.folder / "other/1.png", recorded.depths[1], scale=SCALE)
     for number in (0, 2, 3):
         (recorded.folder / f"other/{number}.png").write_bytes(b"torn")
     sources = ("rgb", "depth", "rgb", "other", "--camera", "cameras/0.json", "--camera", "cameras/3.json")
@@ -434,7 +434,7 @@ def test_no_output_is_a_file_of_a_model_that_is_read(recorded: Recorded, name: s
 
 
 def test_a_video_that_fails_leaves_nothing(recorded: Recorded):
-    ibr.write_depth(recorded.folder / "depth/3.png", recorded.depths[3][:20], SCALE)
+    ibr.write_depth(recorded.folder / "depth/3.png", recorded.depths[3][:20], scale=SCALE)
     assert_one_line(recorded.run("rgb", "depth", "--move", 0, 0, 0, output="n.mp4"), "depth")
     assert not (recorded.folder / "n.mp4").exists()
 
@@ -442,6 +442,7 @@ def test_a_video_that_fails_leaves_nothing(recorded: Recorded):
 # ---- real ones
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "focal", "scale"),
     [
@@ -477,16 +478,18 @@ def test_real_recordings(tmp_path: Path, name, focal, scale):
     assert np.median(off) <= 12
 
 
+@pytest.mark.thorough
 def test_the_library_reads_real_recordings():
-    views = ibr.load(shared("formats/7scenes_tsdf_fusion"), 1000)
+    views = ibr.load(shared("formats/7scenes_tsdf_fusion"), depth_scale=1000)
     assert [view.camera.K[0, 0] for view in views] == 5 * [585]
-    assert len(ibr.load(shared("rgbd_realsense_shelf"), 1000)) == 9
+    assert len(ibr.load(shared("rgbd_realsense_shelf"), depth_scale=1000)) == 9
     views = ibr.load(shared("formats/colmap_dense_binary"))
     assert [view.camera.size for view in views] == [view.color.shape[1::-1] for view in views]
     with pytest.raises(ibr.FileFormatError, match=r"tum_rgbd_fr1_rpy: has neither \d+\.\d+\.json nor camera\.json"):
-        ibr.load(shared("formats/tum_rgbd_fr1_rpy"), 5000)
+        ibr.load(shared("formats/tum_rgbd_fr1_rpy"), depth_scale=5000)
 
 
+@pytest.mark.thorough
 def test_a_real_colmap_workspace_needs_no_camera_file(tmp_path: Path):
     folder = shared("formats/colmap_dense_binary")
     shown = ["warp", folder, "--together", "--clean", "--orbit", 5, "-o", tmp_path / "new.png"]

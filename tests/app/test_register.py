@@ -37,7 +37,7 @@ class Pair(Recorded):
         return runner.invoke(app, ["register", *places, *cameras, *ends])
 
     def depth(self, number: int) -> np.ndarray:
-        return ibr.read_depth(self.folder / f"depth/{number}.png", SCALE)
+        return ibr.read_depth(self.folder / f"depth/{number}.png", scale=SCALE)
 
     def stored(self, depth: np.ndarray) -> np.ndarray:
         return ibr.depth_from_uint16(ibr.uint16_from_depth(depth, SCALE), SCALE)
@@ -57,7 +57,7 @@ def test_each_frame_of_depth_is_registered(pair: Pair, folder):
     out = succeeded(pair.register(pair.folder / folder))
     expected = [ibr.register(pair.depth(number), pair.base, COLORS) for number in range(COUNT)]
     for number, depth in enumerate(expected):
-        made = ibr.read_depth(pair.folder / f"new_{number:04d}.png", SCALE)
+        made = ibr.read_depth(pair.folder / f"new_{number:04d}.png", scale=SCALE)
         np.testing.assert_array_equal(made, pair.stored(depth))
     share = np.mean([np.isfinite(depth).mean() for depth in expected])
     assert f"new_0003.png: 4 frames, 72x44, {share:.1%} covered" in out
@@ -93,13 +93,13 @@ def test_cleaning_knows_the_last_frame(pair: Pair):
     last = None
     for number in range(COUNT):
         last = ibr.clean_depth(pair.depth(number), before=last).depth
-        made = ibr.read_depth(pair.folder / f"new_{number:04d}.png", SCALE)
+        made = ibr.read_depth(pair.folder / f"new_{number:04d}.png", scale=SCALE)
         np.testing.assert_array_equal(made, pair.stored(ibr.register(last, pair.base, COLORS)))
 
 
 def test_frames_without_any_depth_are_empty_and_told(pair: Pair):
     for number in (0, 2):
-        ibr.write_depth(pair.folder / f"depth/{number}.png", np.full(SIZE[::-1], np.nan, np.float32), SCALE)
+        ibr.write_depth(pair.folder / f"depth/{number}.png", np.full(SIZE[::-1], np.nan, np.float32), scale=SCALE)
     for words in ((), ("--color", "rgb")):
         result = pair.register("depth", "--clean", *words)
         succeeded(result)
@@ -129,7 +129,7 @@ def test_mistakes_are_told_in_one_line(pair: Pair, words, said):
 
 
 def test_a_frame_of_another_size_is_named(pair: Pair):
-    ibr.write_depth(pair.folder / "depth/2.png", pair.depth(2)[:20], SCALE)
+    ibr.write_depth(pair.folder / "depth/2.png", pair.depth(2)[:20], scale=SCALE)
     assert_refused(pair.register("depth"), "depth/2.png: depth: expected", "(38, 62)")
 
 

@@ -100,7 +100,7 @@ def random_camera(chance: Chance, scale: float = 1.0, size: tuple[int, int] | No
             pose = scenes.pose(chance.one([90, 180, -90]), chance.one([0, 90]), center=(0, 0, chance.one([0, 3, 6])))
     pose[:3, 3] *= scale
     bent = chance(0.15 if projection == "perspective" else 0.01)
-    return ibr.Camera(K, size, pose, projection, lens=random_lens(chance) if bent else None)
+    return ibr.Camera(K, size, pose, projection=projection, lens=random_lens(chance) if bent else None)
 
 
 def random_lens(chance: Chance) -> Any:
@@ -116,7 +116,7 @@ def random_lens(chance: Chance) -> Any:
     )
     coefficients = chance.rng.normal(0, chance.one([0, 0.01, 0.01, 0.1, 0.1, 1, 1e30]), count)
     radius = chance.one([math.inf, math.inf, 1.0, 0.1, 1e-9])
-    return chance.mostly(ibr.Lens(model, chance.mostly(coefficients), chance.mostly(radius)))
+    return chance.mostly(ibr.Lens(model, chance.mostly(coefficients), radius=chance.mostly(radius)))
 
 
 def random_depth(chance: Chance, size: tuple[int, int], scale: float = 1.0) -> np.ndarray:
@@ -153,7 +153,7 @@ def random_view(chance: Chance, scale: float, floats: bool, colored: bool = True
     far = chance.one([math.inf, math.inf, math.inf, 3.5 * scale, 1e9])
     backdrop = chance.one(["farthest", 5.0 * scale, 1e30, 1e-30]) if chance(0.1) else None
     normals = random_normals(chance, camera.size) if chance(0.2) else None
-    return ibr.DepthImage(color, depth, camera, far, normals=normals, backdrop=chance.mostly(backdrop))
+    return ibr.DepthImage(color, depth, camera, far=far, normals=normals, backdrop=chance.mostly(backdrop))
 
 
 def random_normals(chance: Chance, size: tuple[int, int]) -> Any:
@@ -317,7 +317,9 @@ def views_around(chance: Chance, scale: float, floats: bool, count: int) -> list
         projection = "perspective"
         if chance(0.3):
             f, projection = f / (2.2 * scale), "orthographic"
-        camera = ibr.Camera([[f, 0, (size[0] - 1) / 2], [0, f, (size[1] - 1) / 2], [0, 0, 1]], size, turn, projection)
+        camera = ibr.Camera(
+            [[f, 0, (size[0] - 1) / 2], [0, f, (size[1] - 1) / 2], [0, 0, 1]], size, turn, projection=projection
+        )
         y, x = np.mgrid[: size[1], : size[0]]
         off = ((x - camera.K[0, 2]) / (0.45 * size[0])) ** 2 + ((y - camera.K[1, 2]) / (0.45 * size[1])) ** 2
         depth = np.where(off < 1, 2 - np.sqrt(np.maximum(1 - off, 0)), chance.one([np.nan, np.inf, 1e10, 100])) * scale
@@ -352,10 +354,10 @@ def random_depth_mesh(chance: Chance, scale: float, floats: bool) -> Any:
     tolerance = chance.mostly(chance.one([0, 1.0, 20, 1e30]))
     if chance(0.5):
         view, errors = chance.one(views_around(chance, scale, floats, 1)), chance.mostly(chance.one(["sum", "largest"]))
-        return ibr.DepthMesh(view, tolerance, errors=errors, reuse=chance.mostly(chance.one([0, 0.1, 0.5])))
+        return ibr.DepthMesh(view, tolerance=tolerance, errors=errors, reuse=chance.mostly(chance.one([0, 0.1, 0.5])))
     return ibr.DepthMeshObject(
         chance.mostly(views_around(chance, scale, floats, 2)),
-        tolerance,
+        tolerance=tolerance,
         blend=chance.mostly(chance.one(["quality", "position", "nearest"])),
         blended=chance.mostly(2),
         epsilon=chance.mostly(chance.one([None, 0.0, 0.1 * scale, 1e30])),

@@ -19,6 +19,7 @@ from tests.warp.test_bad_input import CAMERA, VIEW
 ROOT = Path(__file__).parents[2]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("kind", "first", "count"),
     [

@@ -77,6 +77,7 @@ def test_result_survives_json(tmp_path: Path) -> None:
     assert list(result.select(subject="a", region="A")) == records[:1]
 
 
+@pytest.mark.thorough
 def test_the_published_reports_are_those_of_their_results(tmp_path: Path) -> None:
     """One of the version, and one in each folder of another machine."""
     published = Path(report.__file__).parent / "results" / ibr.__version__
@@ -208,6 +209,7 @@ def test_the_papers_figures_are_in_milliseconds() -> None:
     assert table2.PAPER["dragon"][512] == 1227.6
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", table2.PAPER)
 def test_the_pictures_of_table_2_are_right(name: str) -> None:
     mesh = "dragon_vrip_res3.ply.gz"
@@ -281,6 +283,7 @@ def test_departures_are_measured_in_depth_at_the_samples(projection: str) -> Non
     assert np.count_nonzero(np.isinf(half)) == n * (n - 1) // 2
 
 
+@pytest.mark.thorough
 def test_everything_runs_quickly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("open3d", exc_type=ImportError)
     monkeypatch.setenv("PYIBR_DATA", str(tmp_path))
@@ -332,7 +335,7 @@ def test_pictures_of_llvmpipe_keep_their_own_textures() -> None:
         pytest.skip(gl)
     pytest.importorskip("open3d")
     views = object_views(models.donut(), 96)
-    things = [ibr.DepthObject(views, 48), ibr.VisualHull(views, 48)]
+    things = [ibr.DepthObject(views, slices=48), ibr.VisualHull(views, slices=48)]
     camera = ibr.Camera.look_at((1.5, -2, 2.5), (0, 0, 0), (0, 0, 1), (120, 90), fov_y=45)
     pictures = [llvmpipe.slices(camera, thing, 1.0, 6.0) for thing in things]
     for thing, picture in zip(things, pictures, strict=True):

@@ -42,8 +42,8 @@ def test_frames_of_a_scene_are_of_one_world(scene: str, size: tuple[int, int]) -
     both = frame.valid & target.valid & (np.abs(frame.depth - target.depth) < 0.02 * target.depth)
     assert both.mean() > 0.75
     # 1 mm: the living room's depth is in whole ones. 6 of 255: its edges, seen small.
-    assert metrics.median_depth_error(frame.depth, target.depth, both) <= 1e-3
-    assert metrics.median_color_error(frame.color, target.color, both) <= 6
+    assert metrics.median_depth_error(frame.depth, target.depth, valid=both) <= 1e-3
+    assert metrics.median_color_error(frame.color, target.color, valid=both) <= 6
 
 
 @pytest.mark.parametrize("scene", SCENES)
@@ -191,7 +191,7 @@ def test_photographs_with_disparity_are_of_one_world(name: str) -> None:
     view, camera, right = found
     frame = ibr.warp(view, camera)
     assert frame.valid.mean() > 0.75
-    assert metrics.median_color_error(frame.color, right, frame.valid) <= 5.8
+    assert metrics.median_color_error(frame.color, right, valid=frame.valid) <= 5.8
 
 
 def test_registration_is_judged_by_its_bars(tmp_path: Path) -> None:

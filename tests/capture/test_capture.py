@@ -1,12 +1,15 @@
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
 import pyibr as ibr
 from pyibr.capture import MeshScene, capture, cube_cameras, object_views
 from pyibr.core.camera import Camera
-from pyibr.core.errors import ArgumentError, MissingPackageError
+from pyibr.core.errors import ArgumentError
 from pyibr.meshes.mesh import Mesh
 
 o3d = pytest.importorskip("open3d")
@@ -39,8 +42,10 @@ def sphere_depth(camera: Camera, layer: str, radius: float = 1.0):
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 def test_a_sphere_has_its_closed_form_depth(projection, layer):
     height = 2.6 if projection == "orthographic" else None
-    camera = Camera.look_at((1, -2, -2.5), (0, 0.1, 0), (0, -1, 0), (61, 47), 45, projection, height)
-    view = capture(sphere(), camera, layer)
+    camera = Camera.look_at(
+        (1, -2, -2.5), (0, 0.1, 0), (0, -1, 0), (61, 47), fov_y=45, projection=projection, height=height
+    )
+    view = capture(sphere(), camera, layer=layer)
     expected = sphere_depth(camera, layer)
     flat = np.nan_to_num(sphere_depth(camera, "last") - sphere_depth(camera, "first"))
     inside = flat > 0.3  # away from the silhouette, where the mesh's facets matter
@@ -54,7 +59,7 @@ def test_from_inside_only_what_lies_ahead_is_seen():
     camera = Camera([[20, 0, 20], [0, 20, 15], [0, 0, 1]], (41, 31), np.eye(4))
     scene = MeshScene.from_open3d(sphere())
     for layer in ("first", "last"):
-        view = scene.capture(camera, layer)
+        view = scene.capture(camera, layer=layer)
         np.testing.assert_allclose(view.depth, sphere_depth(camera, "last"), rtol=3e-4)
 
 
@@ -91,8 +96,8 @@ def test_textures_and_vertex_colours_are_interpolated():
     ramp = np.array([[0, 0, 0], [200, 0, 0], [0, 100, 0], [200, 100, 0]], np.uint8)
     y, x = np.mgrid[:5, :5]
     expected = np.stack([50 * x, 25 * y, 0 * x], -1)
-    np.testing.assert_array_equal(MeshScene(vertices, faces, ramp).capture(camera).color, expected)
-    np.testing.assert_array_equal(MeshScene(vertices, faces, ramp / 255).capture(camera).color, expected)
+    np.testing.assert_array_equal(MeshScene(vertices, faces, colors=ramp).capture(camera).color, expected)
+    np.testing.assert_array_equal(MeshScene(vertices, faces, colors=ramp / 255).capture(camera).color, expected)
     # A 2 x 2 texture, read between its texel centres at u, v = 0.25 and 0.75.
     uv = np.array([[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]])
     textured = MeshScene(vertices, faces, uv=uv, texture=ramp.reshape(2, 2, 3)).capture(camera)
@@ -130,7 +135,7 @@ def test_captured_cube_images_meet_without_a_gap(size):
     scene = MeshScene.from_open3d(sphere())
     points = []
     for camera in cube_cameras((0.2, -0.1, 0.05), size):
-        view = scene.capture(camera, "last")
+        view = scene.capture(camera, layer="last")
         assert view.valid.all()
         x, y = np.meshgrid(np.arange(size), np.arange(size))
         world = camera.unproject(np.stack([x, y], -1).reshape(-1, 2), view.depth.ravel())
@@ -170,9 +175,9 @@ def test_a_camera_that_sees_nothing_is_an_error():
     with pytest.raises(ArgumentError, match="camera"):
         scene.capture(behind)
     with pytest.raises(ArgumentError, match="layer"):
-        scene.capture(behind, "middle")  # pyright: ignore[reportArgumentType]
+        scene.capture(behind, layer="middle")  # pyright: ignore[reportArgumentType]
     with pytest.raises(ArgumentError, match="layer"):
-        scene.capture(behind, np.zeros(2))  # pyright: ignore[reportArgumentType]
+        scene.capture(behind, layer=np.zeros(2))  # pyright: ignore[reportArgumentType]
     for color in ((300, 0, 0), (-1, 0, 0), (0, 0)):
         with pytest.raises(ArgumentError, match="background"):
             scene.capture(behind, background=color)  # pyright: ignore[reportArgumentType]
@@ -184,10 +189,17 @@ def test_a_camera_that_sees_nothing_is_an_error():
         cube_cameras((0, 0, 0), 1)
 
 
-def test_without_open3d_the_command_is_named(monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "open3d", None)
-    with pytest.raises(MissingPackageError, match=r"pip install 'pyibr-opencl\[capture\]'"):
-        MeshScene([[0, 0, 1], [1, 0, 1], [0, 1, 1]], [[0, 1, 2]])
+def test_captures_and_proposals_need_no_open3d():
+    code = """
+import sys
+sys.modules["open3d"] = None
+from pyibr.capture import models, object_views
+from pyibr.capture.proposal import propose_frusta
+assert len(object_views(models.donut(), 32)) == 6
+assert len(propose_frusta(models.donut(), 2, 32)) == 2
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 def box(low: tuple[float, float, float], high: tuple[float, float, float]) -> Mesh:
@@ -200,7 +212,7 @@ def box(low: tuple[float, float, float], high: tuple[float, float, float]) -> Me
 @pytest.mark.parametrize("projection", ["orthographic", "perspective"])
 def test_six_views_see_a_box_from_its_six_sides(projection):
     mesh, size, margin = box((1, 2, 3), (3, 3, 7)), 100, 0.05
-    views = object_views(mesh, size, projection, margin)
+    views = object_views(mesh, size, projection=projection, margin=margin)
     extents, middle = np.array([2.0, 1, 4]), np.array([2, 2.5, 5])
     edge = 4 * (1 + 2 * margin)
     assert len(views) == 6
@@ -248,9 +260,9 @@ def test_an_object_too_thin_for_six_views(projection, thickness):
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     plate = Mesh(corners, [[a, b, c] for a, b, c, _ in quads] + [[a, c, d] for a, _, c, d in quads])
     with pytest.raises(ArgumentError, match=r"^mesh: expected .*thicker than a pixel.* got extents of 1, 1, "):
-        object_views(plate, 64, projection)
+        object_views(plate, 64, projection=projection)
     if thickness:
-        assert len(object_views(plate, 256, projection)) == 6
+        assert len(object_views(plate, 256, projection=projection)) == 6
 
 
 def test_a_texture_repeats_as_it_does_when_the_mesh_is_drawn():
@@ -277,6 +289,9 @@ def test_the_border_of_a_mesh_is_seen(projection):
     for size in (17, 33, 30):
         focal = (size - 5) / 2 * (2 if projection == "perspective" else 1)
         camera = Camera(
-            [[focal, 0, (size - 1) / 2], [0, focal, (size - 1) / 2], [0, 0, 1]], (size, size), None, projection
+            [[focal, 0, (size - 1) / 2], [0, focal, (size - 1) / 2], [0, 0, 1]],
+            (size, size),
+            None,
+            projection=projection,
         )
         assert square.capture(camera).valid.sum() == (size - 4) ** 2

@@ -14,6 +14,7 @@ from pyibr.capture.coverage import Surface, surface_of, unseen_share
 from pyibr.capture.frusta import Frustum, Stroke, light_for, load_frusta, save_frusta, save_set
 from pyibr.capture.proposal import propose_frusta
 from tests.data import shared
+from tests.embree import embree
 
 
 @cache
@@ -130,13 +131,9 @@ def test_plain_meshes_are_lit_and_others_show_their_colours():
 # ---- surfaces
 
 
-def rays_of(mesh: ibr.Mesh):
-    return MeshScene.from_mesh(mesh)._scene
-
-
 def outside_by_rays(surface: Surface, count: int = 500) -> np.ndarray:
     """(N,) whether a ray from a point to far away meets nothing: what can be seen from outside."""
-    rays, found = rays_of(surface.mesh), np.zeros(len(surface.points), bool)
+    rays, found = embree(surface.mesh), np.zeros(len(surface.points), bool)
     size = float(np.linalg.norm(np.ptp(surface.mesh.bounds, axis=0)))
     for direction in np.random.default_rng(7).normal(size=(count, 3)):
         way = direction / np.linalg.norm(direction)
@@ -149,7 +146,7 @@ def outside_by_rays(surface: Surface, count: int = 500) -> np.ndarray:
 
 def seen_by_rays(surface: Surface, frusta: list[Frustum]) -> np.ndarray:
     """(N,) whether a frustum's eye sees a point, within its angles and before its far plane."""
-    rays, found = rays_of(surface.mesh), np.zeros(len(surface.points), bool)
+    rays, found = embree(surface.mesh), np.zeros(len(surface.points), bool)
     size = float(np.linalg.norm(np.ptp(surface.mesh.bounds, axis=0)))
     for one in frusta:
         pixels, z = one.camera.project(surface.points)
@@ -164,30 +161,30 @@ def seen_by_rays(surface: Surface, frusta: list[Frustum]) -> np.ndarray:
 
 
 def test_points_are_spread_evenly_over_the_surface():
-    surface = surface_of(donut(), 20_000)
+    surface = surface_of(donut(), count=20_000)
     radial = np.hypot(surface.points[:, 0], surface.points[:, 1])
     # On a torus of radii R and r the area outside of R is the share 1/2 + r / (pi R) of all.
     assert (radial > 1).mean() == pytest.approx(0.5 + 0.4 / np.pi, abs=0.01)
     assert surface.area == pytest.approx(4 * np.pi**2 * 0.4, rel=0.01)
-    np.testing.assert_array_equal(surface_of(donut(), 20_000).points, surface.points)
+    np.testing.assert_array_equal(surface_of(donut(), count=20_000).points, surface.points)
 
 
 @pytest.mark.parametrize("wound", ["as it is", "inside out"])
 def test_fronts_are_what_is_seen_from_outside_however_triangles_are_wound(wound):
     faces = donut().faces if wound == "as it is" else donut().faces[:, ::-1]
-    surface = surface_of(ibr.Mesh(donut().vertices, faces), 3000)
+    surface = surface_of(ibr.Mesh(donut().vertices, faces), count=3000)
     middle = surface.points.copy()
     middle[:, 2] = 0
     middle /= np.linalg.norm(middle, axis=1, keepdims=True)
     assert (np.sum((surface.points - middle) * surface.normals, axis=1) > 0).all()
     view = frustum().capture(surface.mesh)
     assert 0.2 < surface.seen(view).mean() < 0.5
-    assert surface.seen(view, "back").mean() < 0.05
+    assert surface.seen(view, side="back").mean() < 0.05
 
 
 @pytest.mark.parametrize("eye", [(0.5, 0.3, 3.0), (1.8, 0.0, 0.4), (0.0, 0.0, 0.0)])
 def test_what_is_seen_is_what_rays_reach(eye):
-    surface = surface_of(torus(), 5000)
+    surface = surface_of(torus(), count=5000)
     one = Frustum.look_at(eye, (0.3, -0.9, 0.1), (0, 0, 1), 200, fov=80)
     truth = seen_by_rays(surface, [one])
     assert 0.02 < truth.mean() < 0.7
@@ -201,23 +198,23 @@ def test_what_is_seen_is_what_rays_reach(eye):
 def test_resolution_is_pixels_by_area():
     """A plate across the axis at depth 2: f^2 / z^2 pixels, wherever on the plane of the image."""
     plate = ibr.Mesh([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]])
-    surface = surface_of(plate, 1000)
+    surface = surface_of(plate, count=1000)
     one = Frustum.look_at((0, 0, 2), (0, 0, 0), (0, 1, 0), 100, fov=90)
-    dense = surface.resolution(one.capture(plate), "both")
+    dense = surface.resolution(one.capture(plate), side="both")
     np.testing.assert_allclose(dense[dense > 0], (50 / 2) ** 2, rtol=1e-4)
     assert (dense > 0).mean() > 0.99
     tilted = Frustum.look_at((0, 2 * np.sin(1.0), 2 * np.cos(1.0)), (0, 0, 0), (0, 0, 1), 100, fov=10)
     near_middle = np.linalg.norm(surface.points, axis=1) < 0.05
-    dense = surface.resolution(tilted.capture(plate), "both")[near_middle]
+    dense = surface.resolution(tilted.capture(plate), side="both")[near_middle]
     focal = tilted.camera.K[0, 0]
     np.testing.assert_allclose(dense, (focal / 2) ** 2 * np.cos(1.0), rtol=0.1)
 
 
 def test_the_unseen_share_is_of_what_can_be_seen_from_outside():
     """Of two balls, one within the other, only the outer one can be."""
-    ball = models.donut(32, 1e-3, 0.5)
+    ball = models.donut(32, radius=1e-3, tube=0.5)
     corners = np.concatenate([ball.vertices, 0.6 * ball.vertices])
-    surface = surface_of(ibr.Mesh(corners, np.concatenate([ball.faces, ball.faces + len(ball.vertices)])), 4000)
+    surface = surface_of(ibr.Mesh(corners, np.concatenate([ball.faces, ball.faces + len(ball.vertices)])), count=4000)
     outer = np.linalg.norm(surface.points, axis=1) > 0.4
     assert (surface.outer == outer).mean() > 0.99
     assert unseen_share(surface, []) == 1.0
@@ -236,24 +233,24 @@ def plates(*heights: float) -> ibr.Mesh:
 
 def test_a_part_has_its_own_points_area_and_bounds():
     box = [[-0.3, -2.0, -1.0], [0.2, 0.5, 1.0]]
-    surface = surface_of(plates(0.0), 4000, box)
+    surface = surface_of(plates(0.0), count=4000, within=box)
     assert abs(len(surface.points) - 4000) < 480  # 3 sigma: the share that tells how many to try is known to 3.3 %
     assert ((surface.points >= box[0]) & (surface.points <= box[1])).all()
     assert surface.area == pytest.approx(0.5 * 1.5, rel=0.05)  # 4000 points know a share of 0.19 to 0.006
     np.testing.assert_array_equal(surface.bounds, [[-0.3, -1.0, 0.0], [0.2, 0.5, 0.0]])
     np.testing.assert_allclose(surface.points.mean(axis=0), (-0.05, -0.25, 0), atol=0.03)
-    small = surface_of(plates(0.0), 4000, [[0.5, 0.5, -1], [0.51, 0.51, 1]])
+    small = surface_of(plates(0.0), count=4000, within=[[0.5, 0.5, -1], [0.51, 0.51, 1]])
     assert 0 < len(small.points) < 100  # of 64 * 4000 on a share of 1 / 40000
-    np.testing.assert_array_equal(surface_of(plates(0.0), 4000, box).points, surface.points)
+    np.testing.assert_array_equal(surface_of(plates(0.0), count=4000, within=box).points, surface.points)
 
 
 def test_of_a_part_that_counts_which_the_rest_does_not_hide():
     box = [[-9, -9, -0.01], [9, 9, 0.01]]
-    assert surface_of(plates(0.0, 2.0), 3000, box).outer.all()
-    between = surface_of(plates(-0.02, 0.0, 0.02), 3000, box)
+    assert surface_of(plates(0.0, 2.0), count=3000, within=box).outer.all()
+    between = surface_of(plates(-0.02, 0.0, 0.02), count=3000, within=box)
     inner = (np.abs(between.points[:, :2]) < 0.6).all(axis=1)  # rays get out below asin(0.05), where nothing counts
     assert between.outer.mean() > 0.1 and not between.outer[inner].any()
-    far = surface_of(plates(0.0, 300.0), 3000, box)  # one is small beside the whole, and at its end
+    far = surface_of(plates(0.0, 300.0), count=3000, within=box)  # one is small beside the whole, and at its end
     assert far.outer.all()
 
 
@@ -265,7 +262,7 @@ def test_a_box_is_checked():
         ([[0.95, -0.95, -1], [1.0, -0.949, -0.5]], "within: expected a box that holds some"),
     ):
         with pytest.raises(ibr.ArgumentError, match=said):
-            surface_of(plates(0.0), 500, bad)
+            surface_of(plates(0.0), count=500, within=bad)
 
 
 # ---- proposals
@@ -282,20 +279,22 @@ def test_frusta_are_proposed_that_see_more_and_more():
     assert all(one.camera.size == (64, 64) and one.far < 10 for one in made)
 
 
+@pytest.mark.thorough
 def test_what_is_covered_already_needs_no_more():
     known = propose_frusta(donut(), 5, 64)
     surface = surface_of(donut())
     before = unseen_share(surface, [surface.seen(one.capture(donut())) for one in known])
-    more = propose_frusta(donut(), 1, 64, known, surface=surface)
+    more = propose_frusta(donut(), 1, 64, known=known, surface=surface)
     after = unseen_share(surface, [surface.seen(one.capture(donut())) for one in [*known, *more]])
     assert after < before
     fresh = propose_frusta(donut(), 1, 64, surface=surface)
     assert more[0] != fresh[0]
 
 
+@pytest.mark.thorough
 def test_six_cover_the_inner_wall_of_the_torus():
     made = propose_frusta(torus(), 6, 256)
-    surface = surface_of(torus(), 10_000)
+    surface = surface_of(torus(), count=10_000)
     axis = np.ones(3) / np.sqrt(3)
     away = surface.points - np.outer(surface.points @ axis, axis)
     inner = np.sum(surface.normals * away, axis=1) < -0.5 * np.linalg.norm(away, axis=1)
@@ -307,18 +306,19 @@ def test_six_cover_the_inner_wall_of_the_torus():
 
 def test_a_part_is_covered_and_no_more():
     box = np.array([[0.2, -2.0, -2.0], [2.0, 2.0, 2.0]])
-    surface = surface_of(donut(), 8000, box)
+    surface = surface_of(donut(), count=8000, within=box)
     made = propose_frusta(donut(), 4, 96, surface=surface)
     assert seen_by_rays(surface, made).mean() > 0.97
-    whole = surface_of(donut(), 8000)
+    whole = surface_of(donut(), count=8000)
     away = whole.points[:, 0] < -0.3
     assert seen_by_rays(whole, made)[away].mean() < 0.5
 
 
+@pytest.mark.thorough
 def test_sixteen_leave_little_of_the_dragon_unseen():
     mesh = ibr.Mesh.load(shared("meshes/dragon_vrip_res3.ply.gz"))
     made = propose_frusta(mesh, 16)
-    surface = surface_of(mesh, 12_000)
+    surface = surface_of(mesh, count=12_000)
     outside = outside_by_rays(surface)
     assert outside.mean() > 0.9
     assert (outside & ~seen_by_rays(surface, made)).sum() <= 0.04 * outside.sum()

@@ -124,14 +124,15 @@ def test_what_is_wrong_is_said_by_name(tmp_path):
     ibr.write_depth(tmp_path / "a.depth.npy", view().depth[:5])
     with pytest.raises(ibr.FileFormatError, match=r"a\.depth\.npy: depth: expected"):
         load(tmp_path)
-    ibr.write_depth(tmp_path / "a.depth.png", np.ones(SIZE[::-1], np.float32), 1000)
+    ibr.write_depth(tmp_path / "a.depth.png", np.ones(SIZE[::-1], np.float32), scale=1000)
     with pytest.raises(ibr.ArgumentError, match="scale"):
         load(tmp_path)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("name", "count"), [("rgbd_realsense_shelf", 9), ("formats/7scenes_tsdf_fusion", 5)])
 def test_real_folders_are_read_as_they_are(name, count):
-    views = load(shared(name), 1000)
+    views = load(shared(name), depth_scale=1000)
     assert len(views) >= count
     # Neighbouring frames see the same room: what one has seen lies where the next one sees it.
     one, other = views[0], views[1]

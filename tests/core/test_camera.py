@@ -21,7 +21,7 @@ def random_camera(seed: int, size=(61, 37), projection="perspective", skew=0.0) 
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = rotation, rng.normal(size=3)
     K = [[70 + seed, skew, 28.3], [0, 65.5, 20.1], [0, 0, 1]]
-    return ibr.Camera(K, size, pose, projection)
+    return ibr.Camera(K, size, pose, projection=projection)
 
 
 def points_before(camera: ibr.Camera, count=50, seed=0) -> np.ndarray:
@@ -225,7 +225,7 @@ def test_look_at_errors(changed, argument):
         (lambda c: c.unproject(np.zeros((5, 2)), np.zeros(4)), "depth"),
         (lambda c: c.moved(0, 0, np.nan), "(dx, dy, dz)"),
         (lambda c: c.orbited("9", (0, 0, 1)), "degrees"),
-        (lambda c: c.orbited(9, (0, 0, 1), (0, 0, 0)), "axis"),
+        (lambda c: c.orbited(9, (0, 0, 1), axis=(0, 0, 0)), "axis"),
         (lambda c: c.resized((0, 0)), "size"),
         (lambda c: c.from_opencv(GOOD_K, (1, 2), (0, 0, 0), (7, 13)), "rotation"),
         (lambda c: c.from_opencv(GOOD_K, (0, 0, 0), (0, 0), (7, 13)), "translation"),

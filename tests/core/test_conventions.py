@@ -66,7 +66,7 @@ def test_nerf_camera_at_plus_z_looks_at_the_origin_with_y_up():
 @pytest.mark.parametrize("center", [0.0, 0.5])
 def test_opengl_round_trip(center):
     camera = random_camera(8, skew=0.7)
-    again = ibr.Camera.from_opengl(*camera.to_opengl(center), camera.size, pixel_center=center)
+    again = ibr.Camera.from_opengl(*camera.to_opengl(pixel_center=center), camera.size, pixel_center=center)
     np.testing.assert_allclose(again.K, camera.K)
     np.testing.assert_allclose(again.world_from_camera, camera.world_from_camera, atol=1e-15)
 

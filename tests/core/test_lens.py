@@ -316,6 +316,7 @@ def test_an_azure_kinects_modes_have_many_names():
             ibr.Camera.from_azure_kinect(kinect(), name)
 
 
+@pytest.mark.thorough
 def test_real_files_of_other_libraries():
     folder = shared("formats")
     opened = cv2.FileStorage(str(folder / "opencv_samples_calib" / "left_intrinsics.yml"), cv2.FILE_STORAGE_READ)
@@ -384,7 +385,11 @@ def from_kinect(calibration, *pose):
         (lambda c: ibr.Lens.from_opencv(np.ones(14)), "distortion", "no thin prism and no tilted sensor"),
         (lambda c: ibr.Lens.from_opencv(np.ones(5), fisheye=True), "distortion", "4 numbers of a fisheye"),
         (lambda c: ibr.Camera(GOOD_K, (61, 37), lens=[0, 0, 0, 0]), "lens", "a pyibr.Lens or None"),
-        (lambda c: ibr.Camera(GOOD_K, (61, 37), None, "orthographic", c.lens), "lens", "None for an orthographic"),
+        (
+            lambda c: ibr.Camera(GOOD_K, (61, 37), None, projection="orthographic", lens=c.lens),
+            "lens",
+            "None for an orthographic",
+        ),
         (lambda c: c.to_opengl(), "camera", "no lens for OpenGL"),
         (lambda c: c.to_pytorch3d(), "camera", "no lens for PyTorch3D"),
         (lambda c: c.to_kalibr(), "lens", "one that Kalibr has"),

@@ -14,7 +14,7 @@ from pyibr.io import read_cameras
 from tests.data import shared
 
 K = [[50, 0.25, 30.5], [0, 51, 17.75], [0, 0, 1]]
-CAMERAS = [ibr.Camera(K, (61, 37)).orbited(25 * k, (0.3, 0, 2), (1, 2, 0.5)).moved(0.1, k, -0.2) for k in range(3)]
+CAMERAS = [ibr.Camera(K, (61, 37)).orbited(25 * k, (0.3, 0, 2), axis=(1, 2, 0.5)).moved(0.1, k, -0.2) for k in range(3)]
 
 
 @pytest.fixture
@@ -86,6 +86,7 @@ def test_trajectories_are_cameras_of_several_frames(o3d, tmp_path: Path):
         ibr.Camera.load(path)
 
 
+@pytest.mark.thorough
 def test_open3ds_samples():
     primesense = ibr.Camera.load(shared("formats/redwood_open3d/camera_primesense.json"))
     assert primesense == ibr.Camera([[525, 0, 319.5], [0, 525, 239.5], [0, 0, 1]], (640, 480))

@@ -56,6 +56,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.thorough
 def test_everything_is_rendered_without_optional_packages():
     done = subprocess.run([sys.executable, "-c", EVERYTHING], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
@@ -64,7 +65,7 @@ def test_everything_is_rendered_without_optional_packages():
 def test_a_missing_package_is_named_with_its_extra(monkeypatch: pytest.MonkeyPatch):
     for module in ("cv2", "open3d", "OpenEXR"):
         monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(MissingPackageError, match=r"captures .* need Open3D: pip install 'pyibr-opencl\[capture\]'$"):
+    with pytest.raises(MissingPackageError, match=r"meshes need Open3D: pip install 'pyibr-opencl\[open3d\]'$"):
         open3d()
     color, depth = np.zeros((3, 4, 3), np.uint8), np.ones((3, 4), np.float32)
     with pytest.raises(MissingPackageError, match=r"undistort needs OpenCV: pip install 'pyibr-opencl\[opencv\]'$"):

@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-pytest.importorskip("open3d")
-
 import pyibr as ibr
 from pyibr.capture import raycast as capture
 from pyibr.core.camera import Camera
@@ -54,14 +52,11 @@ def test_no_view_for_a_mesh(view):
 @pytest.mark.parametrize("tolerance", BAD_NUMBERS, ids=repr)
 def test_tolerances(tolerance):
     thing = ibr.DepthMesh(VIEW)
-    calls = [
-        (ibr.DepthMesh, (VIEW, tolerance)),
-        (ibr.DepthMeshObject, ([VIEW], tolerance)),
-    ]
+    calls = [(ibr.DepthMesh, VIEW), (ibr.DepthMeshObject, [VIEW])]
     if tolerance is not None:  # the mesh's own
-        calls += [(thing.triangulate, (CAMERA, tolerance)), (thing.strips, (CAMERA, tolerance))]
-    for call, arguments in calls:
-        refused("tolerance", call, *arguments)
+        calls += [(thing.triangulate, CAMERA), (thing.strips, CAMERA)]
+    for call, argument in calls:
+        refused("tolerance", call, argument, tolerance=tolerance)
     refused("max_error", thing.simplify, tolerance)
     refused("normals", thing.strips, CAMERA, normals="yes")
 
@@ -206,8 +201,8 @@ def test_views_where_all_is_lost_at_a_tolerance():
     thing, far = ibr.DepthMesh(view), view.camera.moved(0, 0, -1e4)
     assert not ibr.render(thing, far).valid.any()
     assert not ibr.render(ibr.DepthMeshObject([view]), far).valid.any()
-    refused("camera", thing.strips, far, 50)
-    refused("camera", thing.triangulate, far, 50)
+    refused("camera", thing.strips, far, tolerance=50)
+    refused("camera", thing.triangulate, far, tolerance=50)
 
 
 @pytest.mark.parametrize("size", [(2, 2), (2, 9), (9, 2), (3, 3)])
@@ -215,7 +210,7 @@ def test_views_where_all_is_lost_at_a_tolerance():
 def test_the_least_sizes(size, projection):
     view = scenes.flat(size, projection)
     thing, cells = ibr.DepthMesh(view), (size[0] - 1) * (size[1] - 1)
-    assert len(thing.triangulate(view.camera, 0).faces) == 2 * cells
+    assert len(thing.triangulate(view.camera, tolerance=0).faces) == 2 * cells
     assert 2 <= len(thing.simplify(10).faces) <= 2 * cells
     frame = ibr.render([thing, ibr.DepthMeshObject([view])], view.camera.resized((40, 30)))
     assert frame.valid.sum() > 100
@@ -226,7 +221,7 @@ def test_the_least_sizes(size, projection):
 def test_from_within_the_surface():
     for projection in ("perspective", "orthographic"):
         view = scenes.stepped((61, 37), projection)
-        things = ibr.DepthMesh(view, 0), ibr.DepthMesh(view, 2), ibr.DepthMeshObject([view])
+        things = ibr.DepthMesh(view, tolerance=0), ibr.DepthMesh(view, tolerance=2), ibr.DepthMeshObject([view])
         points = view.points[:: len(view.points) // 5]
         for eye in points:
             for turn in (0, 90, 200):

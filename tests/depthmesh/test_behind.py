@@ -30,7 +30,7 @@ def room(slope: float) -> MeshScene:
     count = len(near.vertices)
     faces = np.concatenate([near.faces, np.array([[0, 1, 2], [0, 2, 3]]) + count])
     colors = np.concatenate([np.full((count, 3), 220), np.tile([60, 120, 30], (4, 1))]).astype(np.uint8)
-    return MeshScene(np.concatenate([near.vertices, corners]), faces, colors)
+    return MeshScene(np.concatenate([near.vertices, corners]), faces, colors=colors)
 
 
 def camera_at(x: float, projection: str, fov: float = 45) -> Camera:
@@ -90,7 +90,7 @@ def test_surfaces_end_half_a_sample_beyond_their_last_ones(projection):
     camera = view.camera
     K = np.diag([times, times, 1]) @ camera.K
     size = (times * (SIZE[0] - 1) + 1, times * (SIZE[1] - 1) + 1)
-    finer = Camera(K, size, camera.world_from_camera, camera.projection)
+    finer = Camera(K, size, camera.world_from_camera, projection=camera.projection)
     bare, frame = (ibr.render(ibr.DepthMeshObject([view], background=b), finer) for b in (False, True))
     rows, columns = (np.rint(np.arange(n) / times).astype(int) for n in size[::-1])
     nearest = view.depth[np.ix_(rows, columns)]

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
+from types import SimpleNamespace
+
 import cv2
 import numpy as np
 import pytest
-
-pytest.importorskip("open3d")
 
 import pyibr as ibr
 from pyibr.capture import MeshScene, cube_cameras, models, object_views
@@ -14,7 +15,10 @@ from pyibr.core.camera import Camera
 from pyibr.depthmesh import Segmentation
 from pyibr.images import metrics
 from pyibr.images.metrics import silhouette_iou
+from pyibr.opencl.device import current
+from pyibr.opencl.watch import watching
 from tests import scenes
+from tests.builds import Builds
 from tests.depthmesh.views import DIRECTIONS, PROJECTIONS, SIZE, rough, six, target
 from tests.slicing.solids import looking, torus, views_of_torus
 from tests.warp.test_laws import same_bits
@@ -28,8 +32,8 @@ def test_one_view_blended_is_that_view_drawn(blend, projection):
     for view in (views_of_torus("perspective")[5], six()[5], scenes.stepped((61, 37))):
         camera = target(projection=projection) if view.camera.width == 160 else view.camera.moved(0.3, 0.1, 0)
         for tolerance in (0.0, 2.0):
-            one = ibr.render(ibr.DepthMesh(view, tolerance), camera)
-            thing = ibr.DepthMeshObject([view], 2 * tolerance, blend, background=False)
+            one = ibr.render(ibr.DepthMesh(view, tolerance=tolerance), camera)
+            thing = ibr.DepthMeshObject([view], tolerance=2 * tolerance, blend=blend, background=False)
             assert one.valid.sum() > 300
             same = ibr.render(thing, camera)
             np.testing.assert_array_equal(same.valid, one.valid)
@@ -48,7 +52,7 @@ def test_every_projection_draws_every_projection():
             mesh = ibr.render(ibr.Mesh(made.vertices, made.faces, sides="front"), camera)
             assert mesh.valid.sum() > 1000
             assert (frame.valid != mesh.valid).mean() <= 1e-3
-            assert metrics.median_depth_error(frame.depth, mesh.depth, frame.valid & mesh.valid) <= 1e-5
+            assert metrics.median_depth_error(frame.depth, mesh.depth, valid=frame.valid & mesh.valid) <= 1e-5
 
 
 @pytest.mark.parametrize("epsilon", [0.0, 1e-7, 0.01])
@@ -89,10 +93,10 @@ def test_two_runs_give_the_same_bits():
 def test_the_full_grid_up_to_the_pictures_border(projection):
     """What the picture cuts off at its border is as fine as what it shows."""
     view = rough(np.random.default_rng(3), (97, 61), projection, 0.03)
-    whole, thing = full_grid(view), ibr.DepthMesh(view, 0, Segmentation("none"))
+    whole, thing = full_grid(view), ibr.DepthMesh(view, tolerance=0, segmentation=Segmentation("none"))
     for zoom in (1, 3, 11):
         K = view.camera.K * [[zoom], [zoom], [1]] + [[0, 0, 80 - 48 * zoom], [0, 0, 60 - 30 * zoom], [0, 0, 0]]
-        camera = Camera(K, (161, 121), view.camera.world_from_camera, projection).moved(0.05, 0.02, 0.1)
+        camera = Camera(K, (161, 121), view.camera.world_from_camera, projection=projection).moved(0.05, 0.02, 0.1)
         expected, frame = ibr.render(whole, camera), ibr.render(thing, camera)
         np.testing.assert_array_equal(frame.valid, expected.valid)
         # A pixel between two triangles may go to either.
@@ -158,7 +162,7 @@ def test_where_an_orthographic_camera_stands_along_its_axis_changes_nothing():
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_opposite_sides_are_one_thing(projection):
-    views = object_views(models.donut(), 64, projection)
+    views = object_views(models.donut(), 64, projection=projection)
     for first in (0, 2, 4):
         assert ibr.render(ibr.DepthMeshObject(views[first : first + 2]), views[first].camera).valid.any()
 
@@ -207,7 +211,7 @@ def test_what_lies_behind_by_more_than_epsilon_gives_no_colour():
     for gap, epsilon, expected in ((0.02, 0.05, 110), (0.05, 0.02, 200)):
         behind = ibr.DepthImage(gray[0], view.depth + np.float32(gap), view.camera)
         near = ibr.DepthImage(gray[1], view.depth, view.camera)
-        thing = ibr.DepthMeshObject([behind, near], 0.0, "position", epsilon=epsilon, background=False)
+        thing = ibr.DepthMeshObject([behind, near], tolerance=0.0, blend="position", epsilon=epsilon, background=False)
         frame, bits = ibr.render(thing, view.camera), thing.occupancy(view.camera)
         inner = np.s_[1:-1, 1:-1]
         assert np.abs(frame.color[inner].astype(int) - expected).max() <= 1
@@ -226,7 +230,7 @@ def test_occupancy():
         assert not (views & ~np.uint32(possible)).any()
         for number in np.flatnonzero(weights):
             drawn = views >> np.uint32(number) & 1 > 0
-            alone = ibr.render(ibr.DepthMesh(six()[number], 0.5), camera)  # as the object draws it
+            alone = ibr.render(ibr.DepthMesh(six()[number], tolerance=0.5), camera)  # as the object draws it
             assert drawn.any() and not (drawn & ~alone.valid).any()
             # It gives colour where, and only where, its surface is the front one within epsilon.
             near = alone.valid & (alone.depth <= np.nan_to_num(frame.depth) + thing.epsilon)
@@ -276,7 +280,7 @@ def test_facing_views_come_before_closer_ones(projection):
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_exposures_are_matched(projection):
-    views = object_views(models.donut(), 128, projection)
+    views = object_views(models.donut(), 128, projection=projection)
     exposures = (1.0, 0.75, 1.0, 1.0, 0.85, 1.0)  # the middle one counts
     others = [
         ibr.DepthImage((v.color * exposure).astype(np.uint8), v.depth, v.camera)
@@ -288,7 +292,7 @@ def test_exposures_are_matched(projection):
         seen, found = truth.capture(camera), {}
         for match in (False, True):
             frame = ibr.render(ibr.DepthMeshObject(others, match_exposures=match), camera)
-            found[match] = metrics.psnr(frame.color, seen.color, frame.valid & seen.valid)
+            found[match] = metrics.psnr(frame.color, seen.color, valid=frame.valid & seen.valid)
         # Rounding down to bytes costs half a level on average: 48 dB and less.
         assert found[True] >= 40 and found[True] >= found[False] + 5
     same = [ibr.render(ibr.DepthMeshObject(views, match_exposures=m), camera) for m in (False, True)]
@@ -383,3 +387,24 @@ def test_views_that_look_the_opposite_way_are_chosen_last():
     ]
     thing = ibr.DepthMeshObject(views, blended=1, choose="facing", background=False)
     assert thing.weights(camera.moved(0, 0, 4.4)).argmax() == 1
+
+
+def test_counts_and_cameras_build_nothing():
+    builds, after, views = Builds(), list[int](), six()
+    with watching(builds):
+        for count in (3, 4, 6):
+            for blend in BLENDS:
+                for eye in ((0, 0.3, 4), (0, 0.1, 1.2), (0.9, 0, 0.2)):  # around them, close, and within
+                    thing = ibr.DepthMeshObject(views[:count], blend=blend, blended=count // 2)
+                    ibr.render(thing, Camera.look_at(eye, (0, 0, 0), (0, 1, 0), (41, 31), fov_y=50))
+            after.append(len(builds.of))
+    assert after[0] == after[1] == after[2] > 0
+
+
+@pytest.mark.parametrize("drawers", [1, 7, 1000])
+def test_any_number_of_work_items_draws_the_same(drawers, monkeypatch):
+    camera = target().resized((331, 301))
+    expected = ibr.render(ibr.DepthMeshObject(six()), camera)
+    profile = dataclasses.replace(current().profile, drawers=drawers)
+    monkeypatch.setattr("pyibr.depthmesh.drawing.current", lambda: SimpleNamespace(profile=profile))
+    same_bits(ibr.render(ibr.DepthMeshObject(six()), camera), expected)

@@ -28,7 +28,9 @@ def test_trees_in_one_lane(test, projection):
             tree, side = thing.tree, thing.tree.side
             known = tree.errors.errors.to_host()[:, : side + 1]
             fields = [a.to_host()[:, : side + 1] for a in (tree.errors.radii, tree.errors.depths, tree.states)]
-            meshes = [thing.triangulate(camera, t) for t in (0, 1.5)] + [thing.simplify(e) for e in (0.011, 0.2)]
+            meshes = [thing.triangulate(camera, tolerance=t) for t in (0, 1.5)] + [
+                thing.simplify(e) for e in (0.011, 0.2)
+            ]
             return [known, *(np.where(known >= 0, f, 0) for f in fields), thing.normals, *(m.faces for m in meshes)]
 
         wide = made()
@@ -42,6 +44,7 @@ def test_trees_in_one_lane(test, projection):
                 assert abs(len(a) - len(b)) <= 0.01 * len(a)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize("blend", ["quality", "position", "nearest"])
 def test_pictures_in_one_lane(blend, projection):
@@ -52,7 +55,7 @@ def test_pictures_in_one_lane(blend, projection):
             DepthImage(source.color, source.depth + np.float32(0.001), source.camera.moved(0.02, 0, 0)),
         ]
         camera = source.camera.moved(0.3, 0.1, 0).resized((101, 77))
-        thing = ibr.DepthMeshObject(views, 1.0, blend)
+        thing = ibr.DepthMeshObject(views, tolerance=1.0, blend=blend)
         wall = ibr.Mesh([[-9, -9, 9], [9, -9, 9], [0, 9, 9]], [[0, 1, 2]])
         return [ibr.render(thing, camera), ibr.render([wall, thing.meshes[0]], camera), thing.occupancy(camera)]
 

@@ -100,7 +100,7 @@ def test_a_lit_surface_does_not_shade_itself():
     view = ibr.DepthImage(np.full((192, 192, 3), 200, np.uint8), depth, camera)
     for tolerance in (0, 1, 4):
         frame = ibr.render(
-            ibr.DepthMesh(view, tolerance), camera.moved(0.4, 0.2, 0), ibr.Light(direction=(0.1, 0.1, 1))
+            ibr.DepthMesh(view, tolerance=tolerance), camera.moved(0.4, 0.2, 0), ibr.Light(direction=(0.1, 0.1, 1))
         )
         assert (frame.color[frame.valid] == 200).all(), tolerance
 
@@ -134,7 +134,7 @@ def test_colours_stay_sharp_where_views_stand_in_the_middle():
     points = MeshScene(corners, walls.faces, uv=corners[:, [0, 1]] * 0.4 + 0.5, texture=checkers())
     views = [points.capture(camera) for camera in cube_cameras((1e-3, 0, 0), 128)]
     camera = Camera.look_at((0.2, 0.1, 0.15), (0.1, 0.2, 1.0), (0, 1, 0), SIZE, fov_y=70)
-    truth, frame = points.capture(camera), ibr.render(ibr.DepthMeshObject(views, 0.0, blended=6), camera)
+    truth, frame = points.capture(camera), ibr.render(ibr.DepthMeshObject(views, tolerance=0.0, blended=6), camera)
     both = frame.valid & truth.valid
     assert both.mean() > 0.95
     assert np.abs(frame.color.astype(int) - truth.color)[both].mean() <= 10  # of edges between 40 and 220

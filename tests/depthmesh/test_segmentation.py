@@ -50,7 +50,7 @@ def test_none_takes_out_nothing_but_what_has_no_depth():
 @pytest.mark.parametrize("test", TESTS)
 def test_how_a_camera_lies_in_the_world_changes_nothing(test):
     view, plate = layered("flat", SIZE, "orthographic")
-    turned = ibr.DepthImage(view.color, view.depth, view.camera.orbited(50, (1, 2, 3), (1, -2, 0.5)))
+    turned = ibr.DepthImage(view.color, view.depth, view.camera.orbited(50, (1, 2, 3), axis=(1, -2, 0.5)))
     step, (low, high) = 4.8 - 3.2, view.bounds
     for limit, whole in ((0.95, False), (1.05, True)):  # of the step
         part = limit * step / (high - low).max()
@@ -167,6 +167,7 @@ def labelled(number: int, others: tuple[int, ...], every: int = 3) -> tuple[np.n
     return triangles[through], triangles[~through & met.all(axis=0)]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("test", TESTS)
 def test_the_defaults_hold_on_a_room(test):
     for number, others in ((0, (1, 2, 3, 4, 50)), (4, (0, 1, 50))):

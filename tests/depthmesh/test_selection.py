@@ -22,14 +22,14 @@ def nudged(rng: np.random.Generator, camera: Camera, by: float) -> Camera:
     """The camera, moved and turned at random by up to so many scene units and as many radians."""
     aside, turn = rng.uniform(-by, by, 3), rng.uniform(-by, by, 2)
     way = scenes.pose(yaw=np.degrees(turn[0]), pitch=np.degrees(turn[1]), center=tuple(aside))
-    return Camera(camera.K, camera.size, camera.world_from_camera @ way, camera.projection)
+    return Camera(camera.K, camera.size, camera.world_from_camera @ way, projection=camera.projection)
 
 
 def moved_by(camera: Camera, way: np.ndarray) -> Camera:
     """The camera elsewhere in the world, looking the same way."""
     there = camera.world_from_camera.copy()
     there[:3, 3] += way
-    return Camera(camera.K, camera.size, there, camera.projection)
+    return Camera(camera.K, camera.size, there, projection=camera.projection)
 
 
 def needs_more(thing: ibr.DepthMesh, kept: Selection, camera: Camera) -> bool:
@@ -93,7 +93,7 @@ def test_other_pictures_and_other_lenses_are_chosen_for_anew():
     kept = select_for(thing.tree, camera, 1.0, 0.2)
     assert kept.holds_for(camera)
     closer = Camera(camera.K * [[1.01], [1.01], [1]], camera.size, camera.world_from_camera)
-    flat = Camera(camera.K, camera.size, camera.world_from_camera, "orthographic")
+    flat = Camera(camera.K, camera.size, camera.world_from_camera, projection="orthographic")
     assert not any(kept.holds_for(other) for other in (closer, flat, camera.resized((130, 130))))
 
 
@@ -117,8 +117,8 @@ def test_triangles_are_drawn_again_while_the_tolerance_holds(blended):
 
     def made(tolerance: float, reuse: float = 0.0) -> ibr.DepthMesh | ibr.DepthMeshObject:
         if blended:
-            return ibr.DepthMeshObject(views, 2 * tolerance, reuse=reuse)
-        return ibr.DepthMesh(view, tolerance, reuse=reuse)
+            return ibr.DepthMeshObject(views, tolerance=2 * tolerance, reuse=reuse)
+        return ibr.DepthMesh(view, tolerance=tolerance, reuse=reuse)
 
     kept, finer = made(1.0, 0.25), made(0.75)
     assert chosen_anew(lambda: ibr.render(kept, camera))

@@ -110,7 +110,7 @@ def cameras(view: ibr.DepthImage) -> dict[str, Camera]:
         "behind": Camera(K, (90, 70), own @ scenes.pose(yaw=180, center=(0.5, 0, 8))),
         "grazing": Camera(K, (90, 70), own @ scenes.pose(yaw=-88, center=(4, 0, 3.8))),
         "away": Camera(K, (90, 70), own @ scenes.pose(yaw=180)),
-        "flat": Camera(flat, (90, 70), own @ scenes.pose(yaw=-30, center=(2, 0, 0)), "orthographic"),
+        "flat": Camera(flat, (90, 70), own @ scenes.pose(yaw=-30, center=(2, 0, 0)), projection="orthographic"),
     }
 
 

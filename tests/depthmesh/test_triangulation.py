@@ -52,7 +52,7 @@ def test_tolerance_0_is_the_full_grid():
     for number in range(24):
         thing = some_mesh(rng, number)
         view = thing.view
-        own = Camera(view.camera.K, view.camera.size, view.camera.world_from_camera, view.camera.projection)
+        own = Camera(view.camera.K, view.camera.size, view.camera.world_from_camera, projection=view.camera.projection)
         corners = samples_for(thing, own, 0)
         drawn = cells_of(thing)
         assert len(corners) == drawn.sum()
@@ -76,7 +76,7 @@ def test_vertices_are_the_samples():
     for projection in PROJECTIONS:
         for size in ((2, 1301), (4099, 3), (61, 37), (1000, 7)):
             view = rough(np.random.default_rng(1), size, projection, 0.3)
-            mesh = ibr.DepthMesh(view, segmentation=Segmentation("none")).triangulate(view.camera, 0)
+            mesh = ibr.DepthMesh(view, segmentation=Segmentation("none")).triangulate(view.camera, tolerance=0)
             np.testing.assert_array_equal(mesh.vertices, view.points.astype(np.float32))
 
 
@@ -84,7 +84,7 @@ def test_vertices_are_the_samples():
 def test_larger_tolerances_have_fewer_triangles(tolerance):
     thing = ibr.DepthMesh(scenes.smooth((129, 97)))
     camera = thing.view.camera.moved(0.5, 0, 0)
-    counts = [len(thing.triangulate(camera, t).faces) for t in (0, tolerance, 4 * tolerance, 16 * tolerance)]
+    counts = [len(thing.triangulate(camera, tolerance=t).faces) for t in (0, tolerance, 4 * tolerance, 16 * tolerance)]
     assert counts == sorted(counts, reverse=True)
     assert counts[1] > 2 * counts[3]
 
@@ -222,7 +222,7 @@ def seen(name: str) -> list[tuple[ibr.DepthMesh, Camera]]:
 def test_errors_in_pixels(name, tolerance):
     off, left = [], []
     for thing, camera in seen(name):
-        fine, coarse = thing.triangulate(camera, 0), thing.triangulate(camera, tolerance)
+        fine, coarse = thing.triangulate(camera, tolerance=0), thing.triangulate(camera, tolerance=tolerance)
         left.append(len(coarse.faces) / len(fine.faces))
         off.append(errors_in_pixels(fine, coarse, camera))
     together = np.concatenate(off)
@@ -239,14 +239,18 @@ def test_the_largest_errors_take_fewer_triangles(name):
         counts, off = [], []
         for thing, camera in seen(name):
             paper = ibr.DepthMesh(thing.view, errors="largest")
-            counts.append([len(one.triangulate(camera, tolerance).faces) for one in (thing, paper)])
-            errors = errors_in_pixels(paper.triangulate(camera, 0), paper.triangulate(camera, tolerance), camera)
+            counts.append([len(one.triangulate(camera, tolerance=tolerance).faces) for one in (thing, paper)])
+            errors = errors_in_pixels(
+                paper.triangulate(camera, tolerance=0), paper.triangulate(camera, tolerance=tolerance), camera
+            )
             off.append(errors)
         assert all(sums >= largest for sums, largest in counts)
         assert sum(largest for _, largest in counts) < sum(sums for sums, _ in counts)
         # Bends fall to a quarter from level to level: of one sign, they add up to 4/3 of the largest.
         assert (np.concatenate(off) <= 4 / 3 * tolerance).mean() >= 0.9995
-    np.testing.assert_array_equal(paper.triangulate(camera, 0).faces, thing.triangulate(camera, 0).faces)
+    np.testing.assert_array_equal(
+        paper.triangulate(camera, tolerance=0).faces, thing.triangulate(camera, tolerance=0).faces
+    )
 
 
 def test_far_away_and_out_of_view_it_is_coarse():
@@ -254,18 +258,18 @@ def test_far_away_and_out_of_view_it_is_coarse():
     thing, own = ibr.DepthMesh(view), view.camera.world_from_camera
     K = scenes.target_intrinsics((200, 150))
     near, far = (Camera(K, (200, 150), own @ scenes.pose(center=(0, 0, -z))) for z in (0, 100))
-    fine = len(thing.triangulate(near, 1).faces)
-    assert len(thing.triangulate(far, 1).faces) < 0.05 * fine
+    fine = len(thing.triangulate(near, tolerance=1).faces)
+    assert len(thing.triangulate(far, tolerance=1).faces) < 0.05 * fine
     # Through a lens that sees a quarter of the width: there it is as fine as with all of it, the rest is coarse.
     K = np.array([[600, 0, 600], [0, 600, 75], [0, 0, 1]])
     whole, part = Camera(K, (1200, 150), own), Camera(K, (300, 150), own)
-    both = [thing.triangulate(camera, 0.5) for camera in (whole, part)]
+    both = [thing.triangulate(camera, tolerance=0.5) for camera in (whole, part)]
     pixels = [part.project(mesh.vertices)[0] for mesh in both]
     inside = [((p > 0) & (p < (300, 150))).all(axis=1) for p in pixels]
     assert inside[0].sum() == inside[1].sum() > 100
     assert (~inside[1]).sum() < 0.35 * (~inside[0]).sum()
     turned = Camera(K, (300, 150), own @ scenes.pose(yaw=180))
-    assert len(thing.triangulate(turned, 0).faces) < 100
+    assert len(thing.triangulate(turned, tolerance=0).faces) < 100
 
 
 # --- what meshes bring along --------------------------------------------------------------------------
@@ -276,7 +280,11 @@ def test_vertices_are_samples(projection):
     view = scenes.holed((61, 37), projection)
     thing = ibr.DepthMesh(view)
     target = view.camera.moved(0.5, 0, 0)
-    for mesh in (thing.triangulate(view.camera, 0), thing.triangulate(target, 3), thing.simplify(0.05)):
+    for mesh in (
+        thing.triangulate(view.camera, tolerance=0),
+        thing.triangulate(target, tolerance=3),
+        thing.simplify(0.05),
+    ):
         pixel, z = view.camera.project(mesh.vertices.astype(np.float64))
         x, y = np.rint(pixel).astype(int).T
         # float32 places of 5 units, seen by 60 pixels a unit at most
@@ -299,8 +307,8 @@ def test_the_own_tolerance_is_the_default():
     view = scenes.smooth((65, 65))
     camera = view.camera.moved(0.3, 0, 0)
     thing = ibr.DepthMesh(view, tolerance=3)
-    np.testing.assert_array_equal(thing.triangulate(camera).faces, thing.triangulate(camera, 3).faces)
-    assert len(thing.triangulate(camera, 0).faces) > len(thing.triangulate(camera).faces)
+    np.testing.assert_array_equal(thing.triangulate(camera).faces, thing.triangulate(camera, tolerance=3).faces)
+    assert len(thing.triangulate(camera, tolerance=0).faces) > len(thing.triangulate(camera).faces)
 
 
 def test_a_mesh_drawn_as_a_mesh_is_the_depth_mesh_drawn():
@@ -308,10 +316,10 @@ def test_a_mesh_drawn_as_a_mesh_is_the_depth_mesh_drawn():
     eye = view.camera.moved(1, 0, 0).center
     camera = Camera.look_at(eye, view.points.mean(axis=0), (0, -1, 0), (120, 90), fov_y=60)
     for tolerance in (0, 4):
-        thing = ibr.DepthMesh(view, tolerance)
+        thing = ibr.DepthMesh(view, tolerance=tolerance)
         mesh = thing.triangulate(camera)
         one = ibr.render(thing, camera)
-        other = ibr.render(ibr.Mesh(mesh.vertices, mesh.faces, mesh.uv, texture=mesh.texture, sides="front"), camera)
+        other = ibr.render(ibr.Mesh(mesh.vertices, mesh.faces, uv=mesh.uv, texture=mesh.texture, sides="front"), camera)
         assert (one.valid != other.valid).mean() <= 1e-3
         both = one.valid & other.valid
         assert both.mean() > 0.3
@@ -371,8 +379,8 @@ def test_strips_hold_the_same_triangles():
         for tolerance in (0, 1, 8):
             if not len(samples_for(thing, camera, tolerance)):
                 continue
-            faces = thing.triangulate(camera, tolerance).faces
-            strips = thing.strips(camera, tolerance)
+            faces = thing.triangulate(camera, tolerance=tolerance).faces
+            strips = thing.strips(camera, tolerance=tolerance)
             np.testing.assert_array_equal(in_order(decoded(strips)), in_order(faces))
 
 
@@ -380,7 +388,7 @@ def test_strips_are_long_where_nothing_is_cut():
     thing = ibr.DepthMesh(scenes.smooth((65, 65)), segmentation=Segmentation("none"))
     for tolerance in (0, 2):
         camera = thing.view.camera.moved(0.3, 0, 0)
-        strips, faces = thing.strips(camera, tolerance), thing.triangulate(camera, tolerance).faces
+        strips, faces = thing.strips(camera, tolerance=tolerance), thing.triangulate(camera, tolerance=tolerance).faces
         assert len(strips) == 1  # one curve through all of them
         # As triangles they would take 3 numbers each; a strip 1, and 1 more at a turn.
         assert sum(map(len, strips)) < 2 * len(faces)
@@ -392,15 +400,15 @@ def test_strips_carry_normals(projection, floats):
     """Those of the mesh they are strips of; of a plane its own, wherever the camera is turned to."""
     view = plane((40, 31), projection)
     color = np.random.default_rng(0).integers(0, 256, view.color.shape, np.uint8)
-    turned = Camera(view.camera.K, view.camera.size, scenes.pose(30, 10, center=(1, 2, 3)), projection)
+    turned = Camera(view.camera.K, view.camera.size, scenes.pose(30, 10, center=(1, 2, 3)), projection=projection)
     view = ibr.DepthImage((color / 255).astype(np.float32) if floats else color, view.depth, turned)
     thing, camera = ibr.DepthMesh(view, segmentation=Segmentation("none")), turned.moved(0.3, 0.1, 0)
     a, b, c = (view.points[k] for k in (0, 39, 40 * 30))
     expected = np.cross(c - a, b - a)
     expected /= np.linalg.norm(expected)
     for tolerance in (0, 1):
-        mesh, numbers = thing.triangulate(camera, tolerance), thing.strips(camera, tolerance)
-        records = thing.strips(camera, tolerance, normals=True)
+        mesh, numbers = thing.triangulate(camera, tolerance=tolerance), thing.strips(camera, tolerance=tolerance)
+        records = thing.strips(camera, tolerance=tolerance, normals=True)
         for strip, record in zip(numbers, records, strict=True):
             np.testing.assert_array_equal(record["number"], strip)
             np.testing.assert_array_equal(record["position"], mesh.vertices[strip])

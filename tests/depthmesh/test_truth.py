@@ -7,8 +7,6 @@ from functools import cache
 import numpy as np
 import pytest
 
-pytest.importorskip("open3d")
-
 import pyibr as ibr
 from pyibr.capture import MeshScene, object_views
 from pyibr.core.camera import Camera
@@ -27,7 +25,7 @@ def sources(name: str, size: int) -> tuple[MeshScene, list[ibr.DepthMesh], list[
     """A mesh, six views of it, and what is to be seen at cameras that are none of them."""
     scene = torus() if name == "torus" else MeshScene.from_mesh(ibr.Mesh.load(shared(f"meshes/{name}")))
     cameras = [looking(scene, d, (size, size), near=1.6) for d in np.random.default_rng(5).normal(size=(6, 3))]
-    meshes = [ibr.DepthMesh(view) for view in object_views(scene, size, "perspective")]
+    meshes = [ibr.DepthMesh(view) for view in object_views(scene, size, projection="perspective")]
     return scene, meshes, [(scene.capture(camera), camera) for camera in cameras]
 
 
@@ -39,7 +37,7 @@ def scores(name: str, size: int = 256, **options) -> tuple[float, float, float]:
     for truth, camera in tests:
         frame = ibr.render(thing, camera)
         both = frame.valid & truth.valid
-        found.append((metrics.psnr(frame.color, truth.color, both), silhouette_iou(frame.valid, truth.valid)))
+        found.append((metrics.psnr(frame.color, truth.color, valid=both), silhouette_iou(frame.valid, truth.valid)))
     quality, iou = np.array(found).T
     return float(quality.mean()), float(iou.mean()), float(iou.min())
 
@@ -54,6 +52,7 @@ MODELS = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", list(MODELS))
 def test_six_views_against_the_mesh(name):
     found = {blend: scores(name, blend=blend) for blend in BLENDS}
@@ -66,10 +65,12 @@ def test_six_views_against_the_mesh(name):
     assert quality > 28
 
 
+@pytest.mark.thorough
 def test_the_dragon_at_full_size():
     assert scores("dragon_vrip_res3.ply.gz", 512)[2] >= 0.97  # from every side
 
 
+@pytest.mark.thorough
 def test_a_pixels_tolerance_costs_little():
     name = "dragon_vrip_res3.ply.gz"
     full, tolerant = scores(name, tolerance=0), scores(name, tolerance=1)
@@ -77,10 +78,11 @@ def test_a_pixels_tolerance_costs_little():
     assert tolerant[1] >= full[1] - 0.01
     _, meshes, tests = sources(name, 256)
     camera = tests[0][1]
-    faces = [sum(len(mesh.triangulate(camera, t).faces) for mesh in meshes) for t in (0, 1)]
+    faces = [sum(len(mesh.triangulate(camera, tolerance=t).faces) for mesh in meshes) for t in (0, 1)]
     assert faces[1] < 0.8 * faces[0]
 
 
+@pytest.mark.thorough
 def test_the_bunny_from_six_real_scans():
     thing = ibr.DepthMeshObject(scans())
     scene = MeshScene.from_mesh(ibr.Mesh.load(shared("meshes/bun_zipper.ply.gz")))
@@ -92,7 +94,7 @@ def test_the_bunny_from_six_real_scans():
         # What no scan saw around the ears and beneath is missing.
         assert silhouette_iou(frame.valid, truth.valid) >= 0.94
         # The scans lie 0.2 mm off the mesh.
-        assert metrics.median_depth_error(frame.depth, truth.depth, frame.valid & truth.valid) <= 0.2e-3
+        assert metrics.median_depth_error(frame.depth, truth.depth, valid=frame.valid & truth.valid) <= 0.2e-3
 
 
 @pytest.mark.parametrize(("numbers", "number"), [((0, 1, 2, 3, 4), 50), ((50,), 0), ((0, 50), 2)])
@@ -102,8 +104,8 @@ def test_a_room(numbers, number):
     # 2 %: far above the millimetre that is asked for, far below the steps between objects.
     both = frame.valid & truth.valid & (np.abs(frame.depth - truth.depth) <= 0.02 * truth.depth)
     # 1 mm: depth is in whole millimetres. 2 of 255: reprojection of the samples gives 1.7 and 1.8.
-    assert metrics.median_depth_error(frame.depth, truth.depth, both) <= 1e-3
-    assert metrics.median_color_error(frame.color, truth.color, both) <= 2
+    assert metrics.median_depth_error(frame.depth, truth.depth, valid=both) <= 1e-3
+    assert metrics.median_color_error(frame.color, truth.color, valid=both) <= 2
     # Together they show more than the best of them does on its own, and than the warp of it, but for what
     # lies just before the cut.
     for view in views:
@@ -127,5 +129,5 @@ def test_a_noisy_room():
     exact, frame = (ibr.render(ibr.DepthMeshObject(v, background=False), truth.camera) for v in (clean, noisy))
     assert frame.valid.sum() >= 0.99 * exact.valid.sum()
     # The frames are closer to one another than the sensor's base: colours are off by less than 0.3 pixels.
-    quality = [metrics.psnr(f.color, truth.color, f.valid & truth.valid) for f in (exact, frame)]
+    quality = [metrics.psnr(f.color, truth.color, valid=f.valid & truth.valid) for f in (exact, frame)]
     assert quality[1] >= quality[0] - 1

@@ -250,6 +250,7 @@ def test_before_does_not_do_what_is_switched_off(choices):
         np.testing.assert_array_equal(after.depth[where], noisy[where])
 
 
+@pytest.mark.thorough
 def test_a_camera_that_moves_takes_along_what_it_knows():
     """Five frames of a real path, carried from camera to camera."""
     folder = shared("rgbd_livingroom1")
@@ -260,7 +261,7 @@ def test_a_camera_that_moves_takes_along_what_it_knows():
     for number in range(5):
         pose = poses[poses[:, 0] == number][0, 1:].reshape(4, 4)
         now = ibr.Camera(camera.K, camera.size, pose)
-        truth = ibr.read_depth(folder / f"depth/{number:05d}.png", 1000)
+        truth = ibr.read_depth(folder / f"depth/{number:05d}.png", scale=1000)
         disparity = ibr.disparity_from_depth(truth, FOCAL, BASELINE)
         rng = np.random.default_rng(number)
         disparity = np.round((disparity + rng.normal(0, 0.3, truth.shape)) * 8) / 8
@@ -275,10 +276,11 @@ def test_a_camera_that_moves_takes_along_what_it_knows():
     assert errors[True][4] < 0.8 * errors[False][4]
 
 
+@pytest.mark.thorough
 def test_a_real_camera_at_rest_is_steady():
     """Ten frames of an Asus Xtion, whose depth toggles between coarse steps, where nothing moves."""
     folder = shared("formats/asus_xtion_unregistered")
-    frames = np.stack([ibr.read_depth(folder / f"depth1_{number:02d}.png", 1000) for number in range(1, 11)])
+    frames = np.stack([ibr.read_depth(folder / f"depth1_{number:02d}.png", scale=1000) for number in range(1, 11)])
     cleaned: list[np.ndarray] = []
     for depth in frames:
         cleaned.append(ibr.clean_depth(depth, before=cleaned[-1] if cleaned else None).depth)
@@ -305,6 +307,7 @@ def test_wrong_arguments(arguments, message):
         ibr.clean_depth(**{"depth": np.ones((3, 4), np.float32), **arguments})
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("motion", [(50, 0), (4, 0)])
 def test_most_of_what_noise_costs_a_new_view_comes_back(motion):
     """At 0.3 pixels of disparity noise and 5 % of the samples lost: 60 % of the depth's error and of the PSNR."""

@@ -82,7 +82,7 @@ def test_a_backdrop_is_where_there_is_no_surface():
 @pytest.mark.parametrize("size", [(1, 1), (61, 37), (300, 400), (40000, 2)])
 def test_the_box_around_the_samples(size, projection):
     rng = np.random.default_rng(0)
-    camera = camera_of(size, projection).moved(100, 2, -3).orbited(50, (1, 2, 3), (1, -2, 0.5))
+    camera = camera_of(size, projection).moved(100, 2, -3).orbited(50, (1, 2, 3), axis=(1, -2, 0.5))
     depth = rng.uniform(1, 9, size[::-1]).astype(np.float32)
     depth[rng.random(depth.shape) < 0.2] = math.inf
     depth[: size[1] // 3] = 0
@@ -146,7 +146,7 @@ def test_bad_arguments_are_named(changed, argument, words):
 
 
 def test_disparity_of_motorcycle_calibration():
-    depth = ibr.depth_from_disparity([50.0, np.inf, np.nan, -31.086, -40], 994.978, 193.001, 31.086)
+    depth = ibr.depth_from_disparity([50.0, np.inf, np.nan, -31.086, -40], 994.978, 193.001, offset=31.086)
     assert depth.dtype == np.float32
     assert depth[0] == pytest.approx(994.978 * 193.001 / 81.086, rel=1e-6)
     assert np.isnan(depth[1:]).all()
@@ -160,7 +160,7 @@ def test_disparity_zero_is_unknown_without_an_offset():
 def test_disparity_round_trip(offset):
     depth = DEPTH.copy()
     depth[3, 4] = np.nan
-    again = ibr.depth_from_disparity(ibr.disparity_from_depth(depth, 500, 0.1, offset), 500, 0.1, offset)
+    again = ibr.depth_from_disparity(ibr.disparity_from_depth(depth, 500, 0.1, offset=offset), 500, 0.1, offset=offset)
     np.testing.assert_allclose(again, depth, rtol=1e-5)
 
 
@@ -226,10 +226,10 @@ def test_z_buffers_are_those_of_the_projection(near, far):
     depth = z.astype(np.float32)
     np.testing.assert_allclose(ibr.zbuffer_from_depth(depth, near, far), window, atol=1e-6)
     for reverse, cleared in ((False, 1), (True, 0)):
-        values = ibr.zbuffer_from_depth([*depth, np.nan, 0, np.inf], near, far, reverse)
+        values = ibr.zbuffer_from_depth([*depth, np.nan, 0, np.inf], near, far, reverse=reverse)
         assert values[-3:].tolist() == [cleared] * 3
         # Next to 1 a float32 has steps of 6e-8, next to 0 none that tell: at a depth z that is 6e-8 z / near of it.
-        again = ibr.depth_from_zbuffer(values, near, far, reverse)
+        again = ibr.depth_from_zbuffer(values, near, far, reverse=reverse)
         np.testing.assert_allclose(again[:-3], depth, rtol=1e-6 + (0 if reverse else 6e-8) * 500 / near)
         assert np.isnan(again[-3:]).all()
 

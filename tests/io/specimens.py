@@ -21,8 +21,8 @@ CAMERA = ibr.Camera([[30, 0, 8], [0, 30, 5], [0, 0, 1]], SIZE)
 VERTICES = RNG.random((30, 3)).astype(np.float32)
 FACES = RNG.integers(0, 30, (40, 3))
 NORMALS = VERTICES + np.float32(0.1)
-TEXTURED = ibr.Mesh(VERTICES, FACES, RNG.random((30, 2)), NORMALS, COLOR)
-COLORED = ibr.Mesh(VERTICES, FACES, None, NORMALS, colors=RNG.integers(0, 256, (30, 3), dtype=np.uint8))
+TEXTURED = ibr.Mesh(VERTICES, FACES, uv=RNG.random((30, 2)), normals=NORMALS, texture=COLOR)
+COLORED = ibr.Mesh(VERTICES, FACES, uv=None, normals=NORMALS, colors=RNG.integers(0, 256, (30, 3), dtype=np.uint8))
 
 Write = Callable[[Path], None]
 Read = Callable[[Path], Any]
@@ -88,11 +88,11 @@ def _color(path: Path) -> None:
 
 
 def _depth(path: Path) -> None:
-    ibr.write_depth(path, DEPTH, 1000)
+    ibr.write_depth(path, DEPTH, scale=1000)
 
 
 def _read_depth(path: Path) -> Any:
-    return ibr.read_depth(path, 1000)
+    return ibr.read_depth(path, scale=1000)
 
 
 WRITERS: dict[str, Write] = {

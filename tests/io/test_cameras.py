@@ -19,7 +19,9 @@ LENS = ibr.Lens("brown_conrady", [-0.2, 0.05, 0.001, 0])
 CAMERAS = {
     "image_9.jpg": ibr.Camera([[50, 0, 30], [0, 51, 18], [0, 0, 1]], (61, 37)).moved(1, 2, 3),
     "image_10.jpg": ibr.Camera([[50, 0, 30], [0, 51, 18], [0, 0, 1]], (61, 37), lens=LENS).orbited(30, (0, 0, 2)),
-    "with space.png": ibr.Camera([[70, 0, 20], [0, 70, 30], [0, 0, 1]], (41, 61)).orbited(-170, (0, 1, 2), (1, 1, 0)),
+    "with space.png": ibr.Camera([[70, 0, 20], [0, 70, 30], [0, 0, 1]], (41, 61)).orbited(
+        -170, (0, 1, 2), axis=(1, 1, 0)
+    ),
 }
 
 
@@ -62,6 +64,7 @@ def test_colmap(tmp_path: Path, kind, place):
         same(found[name], camera)
 
 
+@pytest.mark.thorough
 def test_real_colmap_models_as_text_and_binary_are_one():
     text, binary = (read_cameras(shared(f"formats/colmap_{name}")) for name in ("text", "dense_binary/sparse"))
     assert len(text) == 3 and len(binary) == 28
@@ -85,7 +88,7 @@ def test_json_of_one_and_of_a_list(tmp_path: Path):
 def test_a_matrix_needs_the_size_of_the_images(tmp_path: Path):
     camera = CAMERAS["image_9.jpg"]
     np.savetxt(tmp_path / "K.txt", camera.K)
-    same(read_cameras(tmp_path / "K.txt", (61, 37))["0"], ibr.Camera(camera.K, (61, 37)))
+    same(read_cameras(tmp_path / "K.txt", size=(61, 37))["0"], ibr.Camera(camera.K, (61, 37)))
     with pytest.raises(
         ibr.ArgumentError, match=r"^size: expected the \(width, height\) of the images whose K is in .*K\.txt"
     ):
@@ -93,7 +96,7 @@ def test_a_matrix_needs_the_size_of_the_images(tmp_path: Path):
     for text, message in (("1 2 3", "K.txt: K: expected"), ("words", "not a readable matrix file")):
         (tmp_path / "K.txt").write_text(text)
         with pytest.raises(ibr.FileFormatError, match=message):
-            read_cameras(tmp_path / "K.txt", (61, 37))
+            read_cameras(tmp_path / "K.txt", size=(61, 37))
 
 
 def test_sets_have_cameras(tmp_path: Path):

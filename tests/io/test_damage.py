@@ -98,7 +98,7 @@ import pyibr as ibr
 from tests.io.specimens import TEXTURED, VERTICES, FACES, COLOR, COLORED, same
 
 folder, rng = Path(sys.argv[1]), random.Random(0)
-other = ibr.Mesh(VERTICES + 1, FACES, TEXTURED.uv, TEXTURED.normals, 255 - COLOR)
+other = ibr.Mesh(VERTICES + 1, FACES, uv=TEXTURED.uv, normals=TEXTURED.normals, texture=255 - COLOR)
 things = {"m.obj": (TEXTURED, other), "m.glb": (TEXTURED, other), "m.ply": (COLORED, ibr.Mesh(VERTICES, FACES))}
 for number in range(30):
     name = list(things)[number % 3]

@@ -73,7 +73,6 @@ def grid(rows: int = 30, columns: int = 40) -> np.ndarray:
 
 
 def test_a_scan_as_a_depth_image():
-    pytest.importorskip("open3d", exc_type=ImportError)
     points = grid()
     points[12:15, 20:24] = np.nan  # a hole
     points[:4, :5] = np.nan  # beside the outline
@@ -97,6 +96,5 @@ EDGE_ON = np.stack(np.meshgrid(np.arange(9), 0, np.arange(3), indexing="ij"), -1
     "points", [np.zeros((3, 3), np.float32), np.full((3, 3, 3), np.nan, np.float32), EDGE_ON], ids=["2D", "NaN", "edge"]
 )
 def test_what_is_no_scan(points):
-    pytest.importorskip("open3d", exc_type=ImportError)
     with pytest.raises(ibr.ArgumentError, match=r"^points: "):
         scan_view(points)

@@ -201,6 +201,7 @@ REAL = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", REAL)
 def test_poses_and_frames_of_real_recordings_belong_together(name):
     folder = shared(name)
@@ -211,7 +212,7 @@ def test_poses_and_frames_of_real_recordings_belong_together(name):
     places = frames if times is None else [_place(recording.colors[k], times) for k in frames]
     K = [[focal, 0, 319.5], [0, focal, 239.5], [0, 0, 1]]
     cameras = [ibr.Camera(K, (640, 480), poses[k]) for k in places]
-    depths = [ibr.read_depth(recording.depths[k], scale) for k in frames]
+    depths = [ibr.read_depth(recording.depths[k], scale=scale) for k in frames]
     frame = ibr.warp(ibr.DepthImage(None, depths[0], cameras[0]), cameras[1])
     both = frame.valid & np.isfinite(depths[1])
     assert both.mean() > 0.3
@@ -222,6 +223,7 @@ def _place(color: Path, times: np.ndarray) -> int:
     return int(np.abs(times - float(color.stem)).argmin())
 
 
+@pytest.mark.thorough
 def test_a_real_colmap_workspace():
     folder = shared("formats/colmap_dense_binary")
     recording = recording_in(folder)

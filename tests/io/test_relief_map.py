@@ -22,11 +22,11 @@ def made(shape: tuple[int, int] = (7, 13)) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("suffix", [".png", ".tif", ".tga"])
 def test_what_is_written_is_read(tmp_path, suffix, green):
     normals, height = made()
-    write_relief_map(tmp_path / f"map{suffix}", normals, height, green)
-    read, same = read_relief_map(tmp_path / f"map{suffix}", green)
+    write_relief_map(tmp_path / f"map{suffix}", normals, height, green=green)
+    read, same = read_relief_map(tmp_path / f"map{suffix}", green=green)
     np.testing.assert_array_equal(same, height)
     assert np.abs(read - normals).max() <= 0.008  # half of 1/127.5 in each part, then at unit length
-    other, _ = read_relief_map(tmp_path / f"map{suffix}", "up" if green == "down" else "down")
+    other, _ = read_relief_map(tmp_path / f"map{suffix}", green="up" if green == "down" else "down")
     np.testing.assert_allclose(other[..., 1], -read[..., 1], atol=1e-6)
 
 
@@ -36,12 +36,13 @@ def test_depths_count_the_other_way(tmp_path):
     np.testing.assert_array_equal(read_relief_map(tmp_path / "map.png", alpha="depth")[1], 255 - height)
 
 
+@pytest.mark.thorough
 def test_a_real_one_is_drawn():
     path = shared("heightfields/ogre_terrain_cc0/Rock20_normheight.dds")
     normals, height = read_relief_map(path)
     assert normals.shape == (1024, 1024, 3)
     np.testing.assert_allclose(np.linalg.norm(normals, axis=2), 1, atol=1e-5)
-    square = ibr.Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]], np.eye(4, 2))
+    square = ibr.Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]], uv=np.eye(4, 2))
     relief = ibr.ReliefSurface(square, height, np.full((2, 2, 3), 200, np.uint8), 0.05, normal_map=normals)
     camera = ibr.Camera.look_at((0.5, -0.2, 1), (0.5, 0.5, 0), (0, 1, 0), (61, 37), fov_y=40)
     assert ibr.render(relief, camera, ibr.Light(direction=(1, 1, -1))).valid.mean() > 0.3
@@ -60,7 +61,7 @@ def test_wrong_arguments(tmp_path):
         (lambda: write_relief_map(tmp_path / "a.png", normals[:3], height), "normal_map"),
         (lambda: write_relief_map(tmp_path / "a.png", -normals, height), "normal_map"),
         (lambda: write_relief_map(tmp_path / "a.png", normals, height / 255), "height"),
-        (lambda: write_relief_map(tmp_path / "a.png", normals, height, "left"), "green"),
+        (lambda: write_relief_map(tmp_path / "a.png", normals, height, green="left"), "green"),
         (lambda: read_relief_map(tmp_path / "a.png", alpha="bump"), "alpha"),
     ):
         with pytest.raises(ibr.ArgumentError, match=f"^{name}: "):

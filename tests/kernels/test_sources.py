@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 import warnings
 from collections import Counter
@@ -16,6 +17,7 @@ from pyibr.opencl.headers import kernels_folder
 FOLDER = kernels_folder()
 FILES = sorted(path.relative_to(FOLDER).as_posix() for path in FOLDER.glob("*/*"))
 LONGEST = 100
+CONTRACT = {"Context", "Primitives", "set_up", "cover"}  # raster/region.h: each fragment program defines them
 DEFAULT = re.compile(r"^#ifndef (\w+)\n#define \1 \S+(.*)\n#endif", re.MULTILINE)
 GUARD = re.compile(r"\A#ifndef (\w+)\n#define \1\n")
 INCLUDE = re.compile(r'^#include "(.+)"$', re.MULTILINE)
@@ -50,13 +52,13 @@ def function_lengths(file: str) -> dict[str, int]:
     return lengths
 
 
+@pytest.mark.parametrize("lanes", [1, 16])
 @pytest.mark.parametrize("file", FILES)
-def test_a_file_compiles_alone_with_the_defaults(file):
-    for lanes in (1, 16):
-        options = ["-I", str(FOLDER), f"-DLANES={lanes}", "-cl-std=CL1.2", "-Werror"]
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", cl.CompilerWarning)
-            cl.Program(current().context, f'#include "{file}"\n').build(options, cache_dir=False)
+def test_a_file_compiles_alone_with_the_defaults(file, lanes):
+    options = ["-I", str(FOLDER), f"-DLANES={lanes}", "-cl-std=CL1.2", "-Werror"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", cl.CompilerWarning)
+        cl.Program(current().context, f'#include "{file}"\n').build(options, cache_dir=False)
 
 
 @pytest.mark.parametrize("file", [file for file in FILES if file.endswith(".h")])
@@ -84,6 +86,57 @@ def test_a_define_has_one_default_and_a_meaning(file):
 @pytest.mark.parametrize("file", FILES)
 def test_no_function_is_too_long_to_be_read(file):
     assert {name: length for name, length in function_lengths(file).items() if length > LONGEST} == {}
+
+
+NAMED = re.compile(r"\s*#define (\w+)|\} (\w+);$|(?!typedef|return|else)(?:\w+ )+\*?(\w+)\([^;]*$")
+
+
+def definitions(text: str) -> list[tuple[str, list[list[int]]]]:
+    """Macros, structs and functions that a file defines, but for defaults (#ifndef), each with the branches it is in.
+
+    A branch is the number of its #if in the file, and its own among that one's.
+    """
+    code = re.sub(r"/\*.*?\*/", lambda match: re.sub(r"[^\n]", " ", match.group()), text, flags=re.DOTALL)
+    found: list[tuple[str, list[list[int]]]] = []
+    branches: list[list[int]] = []
+    absent: list[str] = []  # of each open #ifndef its name
+    for number, line in enumerate(GUARD.sub("", code).splitlines()):
+        if opens := re.match(r"\s*#(if|ifdef|ifndef) (\w+)", line):
+            branches.append([number, 0])
+            absent.append(opens.group(2) if opens.group(1) == "ifndef" else "")
+        elif re.match(r"\s*#el(se|if)\b", line):
+            branches[-1][1] += 1
+        elif re.match(r"\s*#endif", line) and branches:  # the last one is the guard's
+            branches.pop()
+            absent.pop()
+        elif named := NAMED.match(line):
+            name = next(filter(None, named.groups()))
+            if name not in absent:
+                found.append((name, [[*branch] for branch in branches]))
+    return found
+
+
+def exclude(a: list[list[int]], b: list[list[int]]) -> bool:
+    """Whether two places are in two branches of one #if."""
+    return any(one[0] == other[0] and one[1] != other[1] for one, other in zip(a, b, strict=False))
+
+
+def test_a_name_means_one_thing():
+    """No macro, struct or function has two definitions, but in branches of one #if, or as a setting with a default."""
+    settings = {match.group(1) for file in FILES for match in DEFAULT.finditer(text_of(file))}
+    places: dict[str, list[tuple[str, list[list[int]]]]] = {}
+    for file in FILES:
+        for name, branches in definitions(text_of(file)):
+            places.setdefault(name, []).append((file, branches))
+    assert {"pick", "Taps", "draw_mesh", *CONTRACT} <= {*places} and len(places) > 700
+    for name in settings | CONTRACT:
+        places.pop(name, None)
+    assert [
+        (name, one[0], other[0])
+        for name, found in places.items()
+        for one, other in itertools.combinations(found, 2)
+        if one[0] != other[0] or not exclude(one[1], other[1])
+    ] == []
 
 
 def test_every_file_is_a_source():

@@ -99,6 +99,7 @@ def test_open3d_there_and_back():
         np.testing.assert_array_equal(back.texture, made.texture)
 
 
+@pytest.mark.thorough
 def test_real_meshes():
     spot = ibr.Mesh.load(shared("meshes/spot/spot_triangulated.obj"))
     assert len(spot.faces) == 5856

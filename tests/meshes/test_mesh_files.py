@@ -191,7 +191,7 @@ def test_obj_of_others(tmp_path: Path):
 def test_the_files_of_an_obj_belong_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Wherever a second save ends, what is there is the first mesh or the second."""
     file = tmp_path / "m.obj"
-    other = ibr.Mesh(VERTICES + 1, FACES, TEXTURED.uv, NORMALS, 255 - TEXTURED.texture)
+    other = ibr.Mesh(VERTICES + 1, FACES, uv=TEXTURED.uv, normals=NORMALS, texture=255 - TEXTURED.texture)
     replace = Path.replace
     for renames in range(4):
         TEXTURED.save(file)
@@ -380,6 +380,7 @@ def test_gltf_that_is_refused(tmp_path: Path, changes, reason):
         ibr.Mesh.load(tmp_path / "m.gltf")
 
 
+@pytest.mark.thorough
 def test_a_real_glb():
     duck = ibr.Mesh.load(shared("formats/gltf/Duck_three_exporter.glb"))
     assert (len(duck.faces), duck.texture.shape) == (4212, (512, 512, 3))

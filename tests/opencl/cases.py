@@ -178,7 +178,7 @@ def _lenses(setting: Setting) -> Cases:
         view = setting.view(scenes.holed, size, "perspective")
         color = view.color if view.has_color else None
         here = ibr.Camera(view.camera.K, size, view.camera.world_from_camera, lens=lens)
-        yield f"lens {size} made straight", partial(ibr.straightened, DepthImage(color, view.depth, here, view.far))
+        yield f"lens {size} made straight", partial(ibr.straightened, DepthImage(color, view.depth, here, far=view.far))
         for camera in (view.camera.moved(0.05, 0.02, 0.1).resized(target), view.camera.moved(0.2, 0, 0)):
             bent = ibr.Camera(camera.K, camera.size, camera.world_from_camera, lens=lens)
             ways: tuple[dict[str, Any], ...] = ({}, {"classes": True, "fill": "smooth"}, {"samples": 4})
@@ -219,7 +219,10 @@ def _targets(view: DepthImage, size: Size) -> Iterator[tuple[str, ibr.Camera]]:
         larger = view.camera.K + np.array([[0, 0, 21], [0, 0, 23], [0, 0, 0]])
         for name, step in (("beyond rows", (0.3, 0, 0)), ("beyond columns", (0, -0.3, 0))):
             moved = view.camera.moved(*step)
-            yield name, ibr.Camera(larger, (width + 45, height + 47), moved.world_from_camera, moved.projection)
+            yield (
+                name,
+                ibr.Camera(larger, (width + 45, height + 47), moved.world_from_camera, projection=moved.projection),
+            )
 
 
 def _draw(
@@ -382,11 +385,11 @@ def _objects(setting: Setting) -> Cases:
     for sizes in of_sizes:
         views = _views_around(setting, sizes)
         for slicing in ("orthogonal", "screen"):
-            whole = ibr.DepthObject(views, 5, slicing, missing="unknown")
-            things: list[Any] = [whole, ibr.DepthObject(views, 5, slicing, only=2)]
-            things.append(ibr.DepthObject(views, 9, slicing, thin=True))
+            whole = ibr.DepthObject(views, slices=5, slicing=slicing, missing="unknown")
+            things: list[Any] = [whole, ibr.DepthObject(views, slices=5, slicing=slicing, only=2)]
+            things.append(ibr.DepthObject(views, slices=9, slicing=slicing, thin=True))
             if sizes[0] != (1, 1):
-                things.append(ibr.VisualHull(views, "view", slicing))
+                things.append(ibr.VisualHull(views, slices="view", slicing=slicing))
             for camera in cameras[: 3 if setting.thorough else 2]:
                 yield f"objects of {sizes} {slicing} {camera.size}", partial(_draw, setting, things, camera)
                 light = ibr.Light(direction=(-1, -1, -2), shadow_size=7, relight=True)
@@ -412,7 +415,7 @@ def _depth_meshes(setting: Setting) -> Cases:
         for size in (own, *sizes):
             for projection, errors in zip(PROJECTIONS, ("sum", "largest"), strict=True):
                 view = _rough(setting, size, projection, 0 if min(size) == 2 else 0.1)
-                thing = ibr.DepthMesh(view, 0.5, Segmentation(test, 60, 0.1, 0.1), errors)
+                thing = ibr.DepthMesh(view, tolerance=0.5, segmentation=Segmentation(test, 60, 0.1, 0.1), errors=errors)
                 name = f"depth mesh {test} {size} {projection}"
                 yield f"{name}, simplified", partial(thing.simplify, 0.05)
                 yield name, partial(_draw, setting, [thing], target)
@@ -423,7 +426,7 @@ def _depth_meshes(setting: Setting) -> Cases:
     for size in ((13, 7), (1, 1), (2, 2), (37, 5))[: setting.choose(1, 2, 4)]:
         camera = ibr.Camera([[9, 0, 6], [0, 9, 3], [0, 0, 1]], size)
         for blend in ("quality", "position", "nearest"):
-            thing = ibr.DepthMeshObject(open_views if blend == "nearest" else views, 0.5, blend)
+            thing = ibr.DepthMeshObject(open_views if blend == "nearest" else views, tolerance=0.5, blend=blend)
             yield f"depth meshes {blend} {size}", partial(_draw, setting, [thing], camera, light)
             yield f"depth meshes {blend} {size}, relit", partial(_draw, setting, [thing], camera, relit)
             yield f"occupancy {blend} {size}", partial(thing.occupancy, camera)

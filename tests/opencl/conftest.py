@@ -20,6 +20,7 @@ def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.F
     monkeypatch.setattr(probe, "_tested", {})
     monkeypatch.setattr(cache, "_told", set())
     monkeypatch.setenv("PYIBR_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("PYIBR_BINARIES", "now")
     return tmp_path / "cache"
 
 
@@ -30,6 +31,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     shutil.copytree(headers.kernels_folder(), copy)
     monkeypatch.setattr(headers, "kernels_folder", lambda: copy)
     monkeypatch.setenv("PYIBR_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("PYIBR_BINARIES", "now")
     kept = dict(current().kernels)
     current().kernels.clear()
     _forget_headers()

@@ -332,6 +332,7 @@ for number in range(first, last):
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("first", range(0, 60, 15))
 def test_no_damage_does_harm(first: int, own_cache: Path):
     """Each damage is followed by two frames; after the first, the cache is whole again where it can be used."""

@@ -12,6 +12,8 @@ import pytest
 from pyibr.opencl.headers import kernels_folder
 from tests.opencl.cases import FOLDERS
 
+pytestmark = pytest.mark.thorough
+
 linux = pytest.mark.skipif(sys.platform != "linux", reason="pages are protected by Linux' mprotect")
 
 STEP = """

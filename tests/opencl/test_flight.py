@@ -62,7 +62,7 @@ def test_pieces_hold_each_work_item_once(grid: tuple[int, ...], most: int):
     assert (held == 1).all()
 
 
-@pytest.mark.parametrize("lanes", ["wide", "one"])
+@pytest.mark.parametrize("lanes", ["wide", pytest.param("one", marks=pytest.mark.thorough)])
 def test_all_kernels_give_the_same_in_pieces(lanes: str):
     known = {name for path in kernels_folder().rglob("*.cl") for name in _kernels_of(path.read_text())}
     seen: Counter[str] = Counter()
@@ -112,7 +112,7 @@ class _Counted(Watch):
 
 def test_a_launch_of_nothing_tells_no_pace():
     made = empty((4,), np.float32)
-    clear = program.kernel("lib/clear.cl", "clear", UINTS=0)
+    clear = program.kernel("lib/clear.cl", "clear")
     before = clear.pace.item
     launch.launch(clear, (0,), values=made, count=0, share=1, value=0.0)
     assert clear.pace.item == before > 0

@@ -117,6 +117,7 @@ print(kernel("lib/clear.cl", "clear").name, os.environ.get("POCL_CACHE_DIR"))
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("variable", ["HOME", "XDG_CACHE_HOME", "POCL_CACHE_DIR", ""])
 def test_a_home_that_cannot_be_used_costs_no_device(tmp_path: Path, variable: str):
     """As in containers that run with HOME=/ as a user of no name; PoCL and pyopencl keep things there, too."""
@@ -156,15 +157,16 @@ rng = np.random.default_rng(1)
 camera = ibr.Camera([[80, 0, 47.5], [0, 80, 47.5], [0, 0, 1]], (96, 96))
 colors, heights = rng.integers(0, 256, (96, 96, 3), np.uint8), rng.random((32, 32), np.float32)
 view = ibr.DepthImage(colors, 3 + rng.random((96, 96), np.float32), camera)
-mesh, eye = grid(torus, 24, 12), ibr.Camera.look_at((4, 0, 2), (0, 0, 0), (0, 0, 1), (120, 90), 40)
+mesh, eye = grid(torus, 24, 12), ibr.Camera.look_at((4, 0, 2), (0, 0, 0), (0, 0, 1), (120, 90), fov_y=40)
 frames = [ibr.warp(view, camera.moved(0.2, 0.05, 0.1), edges="cut")]
-look = mesh, heights, colors, 0.1, (6, 3)
-things = [mesh, ibr.ReliefSurface(*look), ibr.SlicedSurface(*look)]
-frames += [ibr.render(thing, eye, light=ibr.Light((-1, 0.3, -1))) for thing in things]
+made_of = mesh, heights, colors, 0.1
+things = [mesh, ibr.ReliefSurface(*made_of, tiles=(6, 3)), ibr.SlicedSurface(*made_of, tiles=(6, 3))]
+frames += [ibr.render(thing, eye, light=ibr.Light(direction=(-1, 0.3, -1))) for thing in things]
 print([hashlib.sha256(frame.color.tobytes() + frame.depth.tobytes()).hexdigest() for frame in frames])
 """
 
 
+@pytest.mark.thorough
 def test_kernels_for_one_size_of_work_groups_draw_the_same():
     """PoCL compiles those unless it is told not to, as the whole suite is by `make test`."""
     variable = "POCL_WORK_GROUP_SPECIALIZATION"

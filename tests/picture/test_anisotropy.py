@@ -53,15 +53,17 @@ def even(kind: str, color: np.ndarray, turn: float = 0, normal_map: np.ndarray |
         return ibr.Mesh(base.vertices, base.faces, uv=base.uv * np.array(TILES), texture=color)
     if kind == "slices":
         low = np.zeros((4, 4), np.uint8)
-        return ibr.SlicedSurface(base, low, color, 0.01, TILES, 4, test="at_least", normal_map=normal_map)
-    return ibr.ReliefSurface(base, np.ones((4, 4), np.float32), color, 0.01, TILES, normal_map)
+        return ibr.SlicedSurface(base, low, color, 0.01, tiles=TILES, slices=4, test="at_least", normal_map=normal_map)
+    return ibr.ReliefSurface(base, np.ones((4, 4), np.float32), color, 0.01, tiles=TILES, normal_map=normal_map)
 
 
 def over(elevation: float, projection: Any = "perspective", azimuth: float = 20, size=(180, 130)) -> ibr.Camera:
     e, a = np.radians(elevation), np.radians(azimuth)
     away = np.array([np.sin(a) * np.cos(e), -np.cos(a) * np.cos(e), np.sin(e)])
     more = {"height": 0.5} if projection == "orthographic" else {}
-    return ibr.Camera.look_at((0.5, 0.5, 0) + 1.2 * away, (0.5, 0.5, 0), (0, 0.3, 1), size, 24, projection, **more)
+    return ibr.Camera.look_at(
+        (0.5, 0.5, 0) + 1.2 * away, (0.5, 0.5, 0), (0, 0.3, 1), size, fov_y=24, projection=projection, **more
+    )
 
 
 def psnr(frame: ibr.Frame, truth: ibr.Frame) -> float:
@@ -86,12 +88,14 @@ def test_a_plane_seen_aslant(kind, turn, projection):
     assert gain(even(kind, noise(), turn), over(10, projection)) >= 3
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", KINDS)
 def test_in_one_lane(kind):
     with one_lane():
         assert gain(even(kind, noise()), over(10, size=(130, 95))) >= 3
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["slices", "relief"])
 def test_normal_maps(kind):
     assert gain(even(kind, WHITE, normal_map=bumps()), over(10), LIGHT) >= 3
@@ -100,7 +104,7 @@ def test_normal_maps(kind):
 def test_a_relief_with_heights():
     """The footprint is that of the relief's own slopes: by the base's it is worse than none."""
     height = (bumps()[..., 0] - bumps()[..., 0].min()) / np.ptp(bumps()[..., 0])
-    thing = ibr.ReliefSurface(square(), height[::8, ::8].copy(), noise(), 0.01, TILES)
+    thing = ibr.ReliefSurface(square(), height[::8, ::8].copy(), noise(), 0.01, tiles=TILES)
     assert gain(thing, over(10)) >= 3
     assert gain(thing, over(30)) >= 3
 
@@ -108,7 +112,7 @@ def test_a_relief_with_heights():
 def test_slices_with_heights():
     """By slopes over two texels, as lights take them, it is 2.6 and 2.4 dB."""
     height = (bumps()[..., 0] - bumps()[..., 0].min()) / np.ptp(bumps()[..., 0])
-    thing = ibr.SlicedSurface(square(), height[::8, ::8].copy(), noise(), 0.01, TILES, halvings=3)
+    thing = ibr.SlicedSurface(square(), height[::8, ::8].copy(), noise(), 0.01, tiles=TILES, halvings=3)
     assert gain(thing, over(20)) >= 3
     assert gain(thing, over(30)) >= 3
 
@@ -116,7 +120,9 @@ def test_slices_with_heights():
 @pytest.mark.parametrize("kind", KINDS)
 def test_seen_straight_on_it_is_read_once(kind):
     """The same texels of the same level: a mesh's level is no whole number, and may be rounded otherwise."""
-    camera = ibr.Camera.look_at((0.5, 0.5, 2), (0.5, 0.5, 0), (0, 1, 0), (130, 97), 24, "orthographic", 0.7)
+    camera = ibr.Camera.look_at(
+        (0.5, 0.5, 2), (0.5, 0.5, 0), (0, 1, 0), (130, 97), fov_y=24, projection="orthographic", height=0.7
+    )
     thing = even(kind, noise((256, 256)))
     once, often = (ibr.render(thing, camera, anisotropy=n).color.astype(int) for n in (1, 16))
     assert np.abs(once - often).max() <= 1
@@ -137,7 +143,7 @@ def test_one_colour_stays_itself(kind, color):
 
 
 def test_depth_and_coverage_stay():
-    thing = ibr.ReliefSurface(square(), noise((16, 16))[..., 0], noise(), 0.05, TILES)
+    thing = ibr.ReliefSurface(square(), noise((16, 16))[..., 0], noise(), 0.05, tiles=TILES)
     once, often = (ibr.render(thing, over(15), LIGHT, anisotropy=n) for n in (1, 8))
     np.testing.assert_array_equal(once.depth, often.depth)
 

@@ -32,7 +32,9 @@ def test_a_pixel_is_the_mean_of_its_samples(samples, projection):
     """By the picture that has a sample in each pixel: colour and alpha are means, depth lies within what is seen."""
     camera = beside()
     if projection == "orthographic":
-        camera = ibr.Camera([[20, 0, 30], [0, 20, 23], [0, 0, 1]], SIZE, camera.world_from_camera, projection)
+        camera = ibr.Camera(
+            [[20, 0, 30], [0, 20, 23], [0, 0, 1]], SIZE, camera.world_from_camera, projection=projection
+        )
     side = round(samples**0.5)
     fine = ibr.render(models.donut(24), camera.resized((side * SIZE[0], side * SIZE[1])))
     frame = ibr.render(models.donut(24), camera, samples=samples)
@@ -80,7 +82,7 @@ def test_silhouettes_are_smoother_by_more_than_their_samples_ask_for():
     frames = {n: ibr.render(models.donut(48), camera, None, BACKGROUND, samples=n) for n in (1, 4, 16, 64)}
     alpha = frames[64].alpha
     band = truth.dilate((alpha > 0) & (alpha < 1), 1)
-    loss = {n: psnr(frame.color, frames[64].color, band) for n, frame in frames.items() if n < 64}
+    loss = {n: psnr(frame.color, frames[64].color, valid=band) for n, frame in frames.items() if n < 64}
     assert loss[4] >= loss[1] + 6
     assert loss[16] >= loss[1] + 12
 

@@ -35,7 +35,7 @@ def cube(n: int) -> ibr.Mesh:
             points.append(0.5 * normal + np.outer(u - 0.5, across) + np.outer(v - 0.5, down))
             normals.append(np.tile(normal, (len(u), 1)))
     uv = np.tile(np.stack([u, v], axis=1), (6, 1))
-    return ibr.Mesh(np.concatenate(points), np.concatenate(faces), uv, np.concatenate(normals))
+    return ibr.Mesh(np.concatenate(points), np.concatenate(faces), uv=uv, normals=np.concatenate(normals))
 
 
 def displaced(mesh: ibr.Mesh, by: float) -> ibr.Mesh:
@@ -52,7 +52,7 @@ def displaced(mesh: ibr.Mesh, by: float) -> ibr.Mesh:
 def around(mesh: ibr.Mesh, eye: tuple[float, float, float], size: int = 320) -> Camera:
     low, high = mesh.bounds
     away = 1.4 * np.linalg.norm(high - low) * np.array(eye) / np.linalg.norm(eye)
-    return Camera.look_at((low + high) / 2 + away, (low + high) / 2, (0, 1, 0.1), (size, size), 46)
+    return Camera.look_at((low + high) / 2 + away, (low + high) / 2, (0, 1, 0.1), (size, size), fov_y=46)
 
 
 def covered(mesh: ibr.Mesh, camera: Camera) -> np.ndarray:
@@ -93,10 +93,10 @@ def test_sheets_back_to_back_are_displaced_apart():
     """Their normals have no mean."""
     corners, uv = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 0], [1, 0], [1, 1], [0, 1]]
     faces = [[0, 1, 2], [0, 2, 3], [4, 6, 5], [4, 7, 6]]
-    mesh = ibr.Mesh(corners * 2, faces, uv * 2, [[0, 0, 1]] * 4 + [[0, 0, -1]] * 4)
+    mesh = ibr.Mesh(corners * 2, faces, uv=uv * 2, normals=[[0, 0, 1]] * 4 + [[0, 0, -1]] * 4)
     made = ibr.SlicedSurface(mesh, np.ones((2, 2), np.float32), WHITE, 0.2, test="at_least", slicing="surface")
     for side in (1, -1):
-        camera = Camera.look_at((0.5, 0.5, 2 * side), (0.5, 0.5, 0), (0, 1, 0), (9, 9), 10)
+        camera = Camera.look_at((0.5, 0.5, 2 * side), (0.5, 0.5, 0), (0, 1, 0), (9, 9), fov_y=10)
         np.testing.assert_allclose(ibr.render(made, camera).depth, 1.8, atol=0.2 / 64 + 1e-4)  # to a slice
 
 

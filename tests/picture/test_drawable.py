@@ -38,8 +38,8 @@ def systems() -> dict[str, object]:
         "Mesh": base(),
         "SlicedSurface": ibr.SlicedSurface(base(), height, color, 0.3),
         "ReliefSurface": ibr.ReliefSurface(base(), height, color, 0.3),
-        "DepthObject": ibr.DepthObject(views, 32),
-        "VisualHull": ibr.VisualHull(views, 32),
+        "DepthObject": ibr.DepthObject(views, slices=32),
+        "VisualHull": ibr.VisualHull(views, slices=32),
         "DepthMesh": ibr.DepthMesh(views[5]),
         "DepthMeshObject": ibr.DepthMeshObject(views),
     }
@@ -324,6 +324,7 @@ def test_what_is_made_up_hides_nothing_that_another_image_sees():
         np.testing.assert_array_equal(filled.valid, ibr.warp(views, eye, fill="background").valid)
 
 
+@pytest.mark.thorough
 def test_the_pages_own_system_runs_in_the_form_for_gpus(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {"__name__": "__main__"}
@@ -332,6 +333,7 @@ def test_the_pages_own_system_runs_in_the_form_for_gpus(tmp_path, monkeypatch):
             exec(compile("\n" * line + source, str(PAGE), "exec"), names)
 
 
+@pytest.mark.thorough
 def test_the_pages_own_system_stays_within_its_arrays(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (_, kernel), (_, splats) = blocks_of(PAGE)[:2]
@@ -343,4 +345,4 @@ for order in (things, things[::-1]):
     frame = ibr.render(order, camera, ibr.Light(direction=(0, 0.2, 1), shadow_size=16))
     assert 20 < frame.valid.sum() < 200
 """
-    check_bounds("\n".join([kernel, splats, use]), tmp_path / "cache")
+    check_bounds("\n".join([kernel, splats, use]))

@@ -22,7 +22,7 @@ STEP = 1 / 128
 def moved(camera: Camera, off: np.ndarray = AWAY) -> Camera:
     pose = camera.world_from_camera.copy()
     pose[:3, 3] += off
-    return Camera(camera.K, camera.size, pose, camera.projection)
+    return Camera(camera.K, camera.size, pose, projection=camera.projection)
 
 
 def moved_view(view: ibr.DepthImage) -> ibr.DepthImage:
@@ -48,7 +48,7 @@ def test_the_warp_is_the_same_anywhere(projection):
 @pytest.mark.parametrize("make", [ibr.DepthObject, ibr.VisualHull])
 def test_objects_are_the_same_anywhere(make, slicing, projection):
     views, camera = views_of_torus("nine, anywhere"), looking(torus(), (0.5, 0.4, 1), (100, 80), projection)
-    here = ibr.render(make(views, 96, slicing), camera)
+    here = ibr.render(make(views, slices=96, slicing=slicing), camera)
     there = ibr.render(make([moved_view(view) for view in views], 96, slicing), moved(camera))
     # The box is found anew, 1e-11 beside: a slice that just passes may just not.
     assert (here.valid != there.valid).mean() <= 1e-3
@@ -60,7 +60,7 @@ def donuts(off: np.ndarray) -> tuple[ibr.Mesh, ibr.Mesh]:
     """A donut whose corners float32 holds even far away, and the same there."""
     base = models.donut()
     corners = np.rint(base.vertices.astype(np.float64) / STEP) * STEP
-    here, there = (ibr.Mesh(corners + by, base.faces, base.uv, base.normals) for by in (0, off))
+    here, there = (ibr.Mesh(corners + by, base.faces, uv=base.uv, normals=base.normals) for by in (0, off))
     np.testing.assert_array_equal(there.vertices.astype(np.float64) - off, corners)
     return here, there
 
@@ -94,7 +94,7 @@ def test_slices_of_a_surface_far_away(slicing, projection):
     height, color = np.full((4, 4), 0.999, np.float32), np.full((1, 1, 3), 200, np.uint8)
     camera = over_donut(projection)
     here, there = (
-        ibr.render(ibr.SlicedSurface(mesh, height, color, 0.2, (8, 4), 40, slicing), seen)
+        ibr.render(ibr.SlicedSurface(mesh, height, color, 0.2, tiles=(8, 4), slices=40, slicing=slicing), seen)
         for mesh, seen in zip(donuts(AWAY), (camera, moved(camera)), strict=True)
     )
     assert silhouette_iou(here.valid, there.valid) >= 0.98  # STEP is half a pixel here
@@ -126,7 +126,7 @@ def test_a_surface_from_afar(slicing):
 
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 def test_an_object_from_afar(slicing):
-    thing = ibr.DepthObject(views_of_torus("orthographic"), 1024, slicing)
+    thing = ibr.DepthObject(views_of_torus("orthographic"), slices=1024, slicing=slicing)
     flat = looking(torus(), (0.5, 0.4, 1), (80, 60), "orthographic")
     near, far = ibr.render(thing, flat), ibr.render(thing, from_afar(flat, 1e5))
     assert silhouette_iou(near.valid, far.valid) >= 0.98

@@ -77,7 +77,7 @@ FLOOR = ibr.Mesh([[-4, -4, 0], [4, -4, 0], [4, 4, 0], [-4, 4, 0]], [[0, 1, 2], [
 def floor_seen(projection: str = "perspective") -> tuple[ibr.Camera, np.ndarray]:
     """A camera over the floor, and the floor's points at its pixels."""
     how = {"height": 3.0, "projection": projection} if projection == "orthographic" else {}
-    camera = ibr.Camera.look_at((0.3, -1, 2.5), (0, 0, 0), (0, 1, 0), (64, 48), 50, **how)
+    camera = ibr.Camera.look_at((0.3, -1, 2.5), (0, 0, 0), (0, 1, 0), (64, 48), fov_y=50, **how)
     frame = ibr.render(FLOOR, camera)
     assert frame.valid.all()
     y, x = np.mgrid[:48, :64]

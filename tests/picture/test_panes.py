@@ -95,7 +95,7 @@ def test_depth_meshes_from_lenses(lens):
     expected = seen_by_rays(camera)
     check(ibr.render(ibr.DepthMesh(views[1]), camera), expected, 0.01, 25, 0.01)
     check(ibr.render(ibr.DepthMeshObject(views), camera), expected, 0.01, 25, 0.01)
-    mesh = ibr.DepthMesh(views[1]).triangulate(around(BARREL, 25), 0.5)
+    mesh = ibr.DepthMesh(views[1]).triangulate(around(BARREL, 25), tolerance=0.5)
     check(ibr.render(mesh, camera), expected, 0.01, 300, 0.01)
 
 
@@ -143,7 +143,7 @@ def test_what_refuses_lenses_says_so():
         (lambda: alpha_tests(sliced, camera), "without a lens"),
         (lambda: blended.occupancy(camera), "without a lens"),
         (lambda: blended.weights(wide), "up to 75 degrees from its axis"),
-        (lambda: ibr.DepthMesh(view).triangulate(wide, 1.0), "up to 75 degrees from its axis"),
+        (lambda: ibr.DepthMesh(view).triangulate(wide, tolerance=1.0), "up to 75 degrees from its axis"),
     )
     for call, words in calls:
         with pytest.raises(ibr.ArgumentError, match=words) as caught:

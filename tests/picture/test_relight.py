@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,15 +20,15 @@ LIGHTS: dict[str, dict[str, Any]] = {
     "lamp": {"position": (-2, -3, 2.0), "ambient": 0.1, "specular": 0.4, "color": (1, 0.9, 0.8)},
     "spot": {"position": (1.5, -2.5, 2.5), "direction": (-1.5, 2.5, -2.4), "angle": 70, "ambient": 0.2},
 }
-PERSPECTIVE = Camera.look_at((1.5, -2.2, 2), (0, 0, 0), (0, 0, 1), (320, 240), 40)
+PERSPECTIVE = Camera.look_at((1.5, -2.2, 2), (0, 0, 0), (0, 0, 1), (320, 240), fov_y=40)
 ORTHOGRAPHIC = Camera.look_at((1.5, -2.2, 2), (0, 0, 0), (0, 0, 1), (320, 240), projection="orthographic", height=2.6)
 
 MAKERS: dict[str, Callable[[list[ibr.DepthImage]], Any]] = {
-    "depth object": lambda views: ibr.DepthObject(views, 256),
+    "depth object": lambda views: ibr.DepthObject(views, slices=256),
     "depth meshes": ibr.DepthMeshObject,
     "depth mesh": lambda views: ibr.DepthMesh(views[3]),
     "warp": lambda views: views,
-    "hull": lambda views: ibr.VisualHull(views, 128),
+    "hull": lambda views: ibr.VisualHull(views, slices=128),
 }
 
 
@@ -122,7 +121,7 @@ def psnr(one: np.ndarray, other: np.ndarray, which: np.ndarray) -> float:
 @pytest.mark.parametrize("given", [True, False], ids=["given", "from depths"])
 def test_a_donut_is_relit(given, projection, camera):
     mesh = donut()
-    truth, views = Truth(mesh, camera), object_views(mesh, 192, projection, normals=given)
+    truth, views = Truth(mesh, camera), object_views(mesh, 192, projection=projection, normals=given)
     for name, least in {"depth object": 31, "depth meshes": 40, "depth mesh": 33, "warp": 40}.items():
         thing = MAKERS[name](views)
         for light in LIGHTS.values():
@@ -132,6 +131,7 @@ def test_a_donut_is_relit(given, projection, camera):
             assert psnr(frame.color, truth.lit(ibr.Light(**light)), seen) >= least, name
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("given", [True, False], ids=["given", "from depths"])
 def test_a_scanned_bunny_is_relit(given):
     mesh = scanned("bun_zipper.ply.gz")
@@ -152,6 +152,7 @@ def dragon() -> tuple[ibr.Mesh, Truth]:
     return mesh, Truth(mesh, PERSPECTIVE)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("given", "least"), [(True, (30, 30, 30)), (False, (30, 27, 30))], ids=["given", "from depths"]
 )
@@ -242,7 +243,7 @@ def test_a_slanted_wall_by_lamberts_law(side, projection):
     color, depth = np.full((61, 81, 3), 200, np.uint8), depth.astype(np.float32)
     turned = np.eye(4)
     turned[:3, :3], turned[:3, 3] = np.diag([-1.0, 1, -1]), (0, 0, 9)  # from behind
-    eye = camera if side == "front" else Camera(camera.K, camera.size, turned, projection)
+    eye = camera if side == "front" else Camera(camera.K, camera.size, turned, projection=projection)
     for normals, expected in ((None, normal), (np.broadcast_to(np.float32(bent), (61, 81, 3)), bent)):
         view = ibr.DepthImage(color, depth, camera, normals=normals)
         shown = expected if side == "front" else -expected
@@ -260,11 +261,11 @@ def test_of_what_has_no_normals_the_picture_tells_them():
     corners = np.array([[x, y, z] for x in (-0.6, 0.6) for y in (-0.5, 0.5) for z in (-0.4, 0.4)])
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     faces = [face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))]
-    views = object_views(MeshScene(corners, faces, np.full((8, 3), 200, np.uint8)), 96)
+    views = object_views(MeshScene(corners, faces, colors=np.full((8, 3), 200, np.uint8)), 96)
     outlines = [ibr.Silhouette(np.where(v.valid[..., None], v.color, np.uint8(200)), v.valid, v.camera) for v in views]
     light = ibr.Light(**LIGHTS["far"], shadow_size=0)
     frame = ibr.render(
-        ibr.VisualHull(outlines, 256), PERSPECTIVE, ibr.Light(**LIGHTS["far"], shadow_size=0, relight=True)
+        ibr.VisualHull(outlines, slices=256), PERSPECTIVE, ibr.Light(**LIGHTS["far"], shadow_size=0, relight=True)
     )
     depth, points, own = first_hits(caster(ibr.Mesh(corners, faces)), PERSPECTIVE)
     expected = shaded(np.full(3, 200.0), own, np.where(np.isfinite(points), points, 0), PERSPECTIVE, light)
@@ -273,10 +274,11 @@ def test_of_what_has_no_normals_the_picture_tells_them():
     assert psnr(frame.color, expected, inner) >= 30
 
 
+@pytest.mark.thorough
 def test_in_one_lane_and_again():
     def every_thing() -> list[Any]:
         bare, told = (object_views(donut(), 32, normals=given) for given in (False, True))
-        return [told[4], ibr.DepthObject(bare, 32), ibr.VisualHull(bare, 32)]
+        return [told[4], ibr.DepthObject(bare, slices=32), ibr.VisualHull(bare, slices=32)]
 
     light, camera = ibr.Light(**LIGHTS["lamp"], shadow_size=128, relight=True), PERSPECTIVE.resized((103, 71))
     for thing, other in zip(every_thing(), every_thing(), strict=True):
@@ -300,7 +302,7 @@ for number, eye in enumerate(((3, 0, 0), (0, 3, 0), (0, 0, 3), (-2, -2, 2))):
     depth[2:5, 3:7] = 2.5
     normals = np.broadcast_to(np.float32([0.3, 0, -1]), (7, 9, 3)) if number % 2 else None
     views.append(ibr.DepthImage(np.full((7, 9, 3), 9, np.uint8), depth, camera, normals=normals))
-things = [ibr.DepthMeshObject(views), ibr.VisualHull(views, 5), views[2], ibr.DepthObject(views, 5)]
+things = [ibr.DepthMeshObject(views), ibr.VisualHull(views, slices=5), views[2], ibr.DepthObject(views, slices=5)]
 for number, size in enumerate(((13, 7), (1, 1), (2, 3))):
     camera = Camera.look_at((2, 1, 2), (0, 0, 0), (0, 1, 0.1), size, fov_y=40)
     light = ibr.Light(direction=(1, 0.3, -1), shadow_size=8 * (number % 2), specular=0.5, relight=True)
@@ -308,8 +310,9 @@ for number, size in enumerate(((13, 7), (1, 1), (2, 3))):
 """
 
 
-def test_no_kernel_leaves_its_arrays(tmp_path: Path):
-    check_bounds(BOUNDS, tmp_path)
+@pytest.mark.thorough
+def test_no_kernel_leaves_its_arrays():
+    check_bounds(BOUNDS)
 
 
 def test_relight_is_true_or_false():

@@ -147,10 +147,9 @@ def test_views_of_both_dtypes_are_uploaded_once():
 
 
 def test_objects_of_both_dtypes_are_made_once():
-    pytest.importorskip("open3d")
     views = object_views(models.donut(16), 32)
     mixed = [views[0].in_float, *views[1:]]
-    thing, plain = ibr.DepthObject(mixed, 32), ibr.DepthObject(views, 32)
+    thing, plain = ibr.DepthObject(mixed, slices=32), ibr.DepthObject(views, slices=32)
     camera = Camera.look_at((0, 1, 4), (0, 0, 0), (0, 1, 0), (41, 31), fov_y=45)
     frame = ibr.render(thing, camera)
     (kept,) = thing.device_cache.values()

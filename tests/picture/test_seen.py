@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.capture import MeshScene, capture, models
+from pyibr.capture import capture, models
 from pyibr.picture.drawable import as_drawable
 from pyibr.picture.seen import MarkedUnseen
+from tests.embree import embree
 from tests.one_lane import one_lane
 
 MARK = (230, 40, 40)
@@ -21,7 +22,7 @@ TARGET = ibr.Camera.look_at((1.6, -1.9, 2.3), (0, 0, 0), (0, 0, 1), (163, 121), 
 @cache
 def scene() -> ibr.Mesh:
     """A donut, and a ball in its hole that hides some of it."""
-    ring, ball = models.donut(96), models.donut(48, 1e-3, 0.35)
+    ring, ball = models.donut(96), models.donut(48, radius=1e-3, tube=0.35)
     corners = np.concatenate([ring.vertices, ball.vertices + np.array([0, 0, 0.3])])
     colors = np.random.default_rng(0).integers(100, 200, (len(corners), 3)).astype(np.uint8)
     return ibr.Mesh(corners, np.concatenate([ring.faces, ball.faces + len(ring.vertices)]), colors=colors)
@@ -49,7 +50,7 @@ def marked(views: list[ibr.DepthImage], camera: ibr.Camera = TARGET, **how: Any)
 
 def unseen_by_rays(views: list[ibr.DepthImage], points: np.ndarray, margin: float = 0.0) -> np.ndarray:
     """(n,) whether no view sees a point: it is out of its frame, or something is before it."""
-    rays = MeshScene.from_mesh(scene())._scene
+    rays = embree(scene())
     unseen = np.ones(len(points), bool)
     for view in views:
         camera = view.camera
@@ -106,10 +107,10 @@ def test_what_is_marked_is_what_no_ray_reaches(name):
 
 def slopes(view: ibr.DepthImage, points: np.ndarray) -> np.ndarray:
     """(n,) cosines between the surface's normals and the way to the view."""
-    camera, mesh = view.camera, MeshScene.from_mesh(scene())
+    camera = view.camera
     ahead = points - TARGET.center
     packed = np.concatenate([np.broadcast_to(TARGET.center, ahead.shape), ahead], axis=1).astype(np.float32)
-    normals = mesh._scene.cast_rays(packed)["primitive_normals"].numpy()
+    normals = embree(scene()).cast_rays(packed)["primitive_normals"].numpy()
     to = (
         camera.center - points if camera.projection == "perspective" else np.broadcast_to(-camera.forward, points.shape)
     )
@@ -177,6 +178,7 @@ def test_other_things_stay_as_they_are_and_pictures_in_floats_are_marked_alike()
     np.testing.assert_allclose(in_floats.color[seen], alone.color[seen] / 255, atol=1.01 / 255)
 
 
+@pytest.mark.thorough
 def test_one_lane_marks_the_same():
     views = [source(*case) for case in CASES["two"]]
     found = marked(views)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -58,7 +57,7 @@ def test_sliced_surfaces_shadow_themselves_and_others(shape, slicing):
     scene = Solid(height, 0.25, 4).scene
     for mesh in (stone, floor):
         scene.add_triangles(np.array(mesh.vertices), mesh.faces.astype(np.uint32))
-    camera = Camera.look_at((0.9, -1.2, 1.3), (0.5, 0.5, 0.05), (0, 0, 1), (320, 240), 42)
+    camera = Camera.look_at((0.9, -1.2, 1.3), (0.5, 0.5, 0.05), (0, 0, 1), (320, 240), fov_y=42)
     share = agreement([surface, stone, floor], scene, camera, ibr.Light(**shape, ambient=AMBIENT))
     assert share >= 0.99
 
@@ -78,21 +77,24 @@ def test_reliefs_shadow_themselves_and_others(shape, shadow):
     faces = np.concatenate([np.stack([at, at + 1, at + 770], 1), np.stack([at, at + 770, at + 769], 1)])
     points = np.stack([u, v, 0.25 * (bilinear_height(height.astype(float), u, v) - 1)], axis=-1).reshape(-1, 3)
     scene.add_triangles(points.astype(np.float32), faces.astype(np.uint32))
-    camera = Camera.look_at((0.9, -1.0, 1.05), (0.5, 0.5, -0.2), (0, 0, 1), (320, 240), 42)
+    camera = Camera.look_at((0.9, -1.0, 1.05), (0.5, 0.5, -0.2), (0, 0, 1), (320, 240), fov_y=42)
     share = agreement([surface, stone], scene, camera, ibr.Light(**shape, ambient=AMBIENT))
     assert share >= 0.99
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("shadow", ["map", "search"])
 @pytest.mark.parametrize("distance", ["approximate", "exact"])
 @pytest.mark.parametrize("shape", [{"direction": (0.6, 0.5, -0.9)}, LIGHTS["spot"], LIGHTS["point"]], ids=str)
 def test_curved_reliefs_shadow_themselves_and_others(shape, distance, shadow):
     """A torus with hills, whose outline casts the shadow's."""
     height, color, floor = hilly(), np.full((1, 1, 3), 255, np.uint8), plane(3.0, -0.45)
-    relief = ibr.ReliefSurface(grid(torus, 96, 48), height, color, 0.06, (10, 4), distance=distance, shadow=shadow)
+    relief = ibr.ReliefSurface(
+        grid(torus, 96, 48), height, color, 0.06, tiles=(10, 4), distance=distance, shadow=shadow
+    )
     scene = Carved(torus, height, 0.06, (10, 4)).scene
     scene.add_triangles(np.array(floor.vertices), floor.faces.astype(np.uint32))
-    camera = Camera.look_at((1.9, -3.4, 2.6), (0, 0, -0.1), (0, 0, 1), (320, 240), 45)
+    camera = Camera.look_at((1.9, -3.4, 2.6), (0, 0, -0.1), (0, 0, 1), (320, 240), fov_y=45)
     share = agreement([floor, relief], scene, camera, ibr.Light(**shape, ambient=AMBIENT))
     assert share >= 0.97
 
@@ -105,7 +107,7 @@ FEW = [{"direction": (0.8, 0.9, -1.3)}, LIGHTS["spot"], {"position": (2, -2, 2.5
 @pytest.mark.parametrize("edges", ["cut", "connect"])
 def test_a_warped_depth_image_casts_and_receives(shape, dtype, edges):
     """Shadows are those of the surface that is drawn."""
-    source = Camera.look_at((0.2, -3.4, 3.2), (0, 0, 0.2), (0, 0, 1), (400, 300), 50)
+    source = Camera.look_at((0.2, -3.4, 3.2), (0, 0, 0.2), (0, 0, 1), (400, 300), fov_y=50)
     view = capture(joined(SCENES["balls"]), source)
     color = np.full((300, 400, 3), 255 if dtype == np.uint8 else 1, dtype)
     view = ibr.DepthImage(color, view.depth, source)
@@ -171,14 +173,14 @@ def test_objects_from_images_cast_and_receive(shape, make):
     """
     solid = ball((0.2, 0.1, 0.75), 0.6) if make is ibr.DepthObject else box((0.2, 0.1, 0.6), (0.6, 0.4, 0.5))
     bar, floor = box((-0.3, -0.6, 1.4), (0.1, 0.7, 0.05)), plane()
-    things = [make(object_views(joined([solid]), 128), 128), bar, floor]
+    things = [make(object_views(joined([solid]), 128), slices=128), bar, floor]
     share = agreement(things, caster(solid, bar, floor), CAMERAS["perspective"], ibr.Light(**shape, ambient=AMBIENT))
     assert share >= 0.97
 
 
 def every_thing() -> list[Any]:
     """One of each kind, in one another's shadow."""
-    source = Camera.look_at((0, -3, 3), (0, 0, 0), (0, 0, 1), (60, 45), 40)
+    source = Camera.look_at((0, -3, 3), (0, 0, 0), (0, 0, 1), (60, 45), fov_y=40)
     view = capture(joined([plane(1.5, -0.2), ball((0.5, 0.6, 0.1), 0.3)]), source)
     views = object_views(joined([ball((0, 0, 0), 0.3)]), 24)
     shifted = ibr.Mesh(np.add(square().vertices, (-1.2, -0.5, 0)), square().faces, uv=square().uv)
@@ -186,8 +188,8 @@ def every_thing() -> list[Any]:
     return [
         view,
         surface,
-        ibr.DepthObject(views, 24),
-        ibr.VisualHull(views, 24),
+        ibr.DepthObject(views, slices=24),
+        ibr.VisualHull(views, slices=24),
         ibr.ReliefSurface(
             ibr.Mesh(np.add(square().vertices, (-0.4, 0.4, 0.15)), square().faces, uv=square().uv),
             hilly()[::8, ::8],
@@ -198,7 +200,7 @@ def every_thing() -> list[Any]:
     ]
 
 
-SEES_ALL = Camera.look_at((1.0, -3.4, 2.4), (0, 0, 0.1), (0, 0, 1), (203, 149), 40)
+SEES_ALL = Camera.look_at((1.0, -3.4, 2.4), (0, 0, 0.1), (0, 0, 1), (203, 149), fov_y=40)
 
 
 @pytest.mark.parametrize("kind", LIGHTS)
@@ -212,6 +214,7 @@ def test_again_the_same_bits_and_in_any_order(kind):
     assert (np.abs(frame.color.astype(int) - turned.color).max(axis=2) > 1)[~tied].mean() <= 2e-3
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", LIGHTS)
 def test_in_one_lane(kind):
     things, light = every_thing(), light_of(kind, shadow_size=200, specular=0.3)
@@ -306,7 +309,7 @@ for eye in (3, 0, 0), (0, 3, 0), (0, 0, 3), (-2, -2, 2):
     views.append(ibr.DepthImage(np.full((7, 9, 3), 9, np.uint8), depth, camera))
 height, color = np.random.default_rng(0).random((3, 2), np.float32), np.full((2, 2, 3), 9, np.uint8)
 things = [ibr.SlicedSurface(square, height, color, 0.3, slices=3), ibr.ReliefSurface(square, height, color, 0.3),
-          square, views[2], ibr.DepthObject(views, 5)]
+          square, views[2], ibr.DepthObject(views, slices=5)]
 eye = (2, 1, 2)
 lights = [{"direction": (1, 0.3, -1)}, {"position": (0.2, 0.1, 0.3)}, {"position": eye, "direction": (-2, -1, -2)}]
 for number, light in enumerate(lights):
@@ -316,8 +319,9 @@ for number, light in enumerate(lights):
 """
 
 
-def test_no_kernel_leaves_its_arrays(tmp_path: Path):
-    check_bounds(BOUNDS, tmp_path)
+@pytest.mark.thorough
+def test_no_kernel_leaves_its_arrays():
+    check_bounds(BOUNDS)
 
 
 @pytest.mark.parametrize(

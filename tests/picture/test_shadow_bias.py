@@ -43,12 +43,12 @@ def test_a_lit_plane_has_no_acne(elevation, size):
         for shape in shapes:
             for thing, turned_by in ((plane(), np.eye(3)), (turned, rotation(0.3, 0.2))):
                 spun = {key: value if key == "angle" else np.array(value) @ turned_by for key, value in shape.items()}
-                camera = Camera.look_at(np.array((0.4, -3, 3)) @ turned_by, (0, 0, 0), (0, 0, 1), (160, 120), 50)
+                camera = Camera.look_at(np.array((0.4, -3, 3)) @ turned_by, (0, 0, 0), (0, 0, 1), (160, 120), fov_y=50)
                 picture, plain = (
                     ibr.render(thing, camera, ibr.Light(**spun, shadow_size=n)).color.astype(int) for n in (size, 0)
                 )
                 assert np.abs(picture - plain).max() <= 1, (turn, shape)
-        source = Camera.look_at((0, 0, 4), (0, 0, 0), (0, 1, 0), (80, 60), 50)
+        source = Camera.look_at((0, 0, 4), (0, 0, 0), (0, 1, 0), (80, 60), fov_y=50)
         view = ibr.DepthImage(color, depth, source)
         picture = ibr.render(view, source.moved(0.1, 0.2, 0), ibr.Light(direction=direction, shadow_size=size))
         assert picture.color[picture.valid].min() >= 254
@@ -65,7 +65,7 @@ def test_lit_nearest_samples_have_no_acne(projection, size):
         view = ibr.DepthImage(np.full((120, 160, 3), 255, np.uint8), depth.astype(np.float32), source)
         camera = source.moved(0.2, -0.1, 0.3).resized(size)
         for direction in ((0, 0, 1), (0.1, 0.3, 1), (-0.3, -0.1, 1)):
-            for light in (ibr.Light(direction), ibr.Light(position=source.center - np.array(direction))):
+            for light in (ibr.Light(direction=direction), ibr.Light(position=source.center - np.array(direction))):
                 picture = ibr.render(ibr.WarpedView(view, interpolation="nearest"), camera, light)
                 dark = picture.color[picture.valid] < 254
                 assert picture.valid.mean() > 0.5
@@ -81,11 +81,11 @@ def test_lit_reliefs_have_no_acne(size, elevation, mapped):
     height = (0.5 + 0.25 * np.sin(x) + 0.25 * np.cos(2 * y)).astype(np.float32)
     level = np.broadcast_to(np.float32([0, 0, 1]), (4, 4, 3)) if mapped else None
     color = np.full((1, 1, 3), 255, np.uint8)
-    relief = ibr.ReliefSurface(square(), height, color, 0.15, (2, 2), normal_map=level)
-    camera = Camera.look_at((0.9, -1.0, 1.05), (0.5, 0.5, -0.1), (0, 0, 1), (320, 240), 42)
+    relief = ibr.ReliefSurface(square(), height, color, 0.15, tiles=(2, 2), normal_map=level)
+    camera = Camera.look_at((0.9, -1.0, 1.05), (0.5, 0.5, -0.1), (0, 0, 1), (320, 240), fov_y=42)
     for turn in (0, 33, 200):
         direction = sun(elevation, turn)
-        picture, plain = (ibr.render(relief, camera, ibr.Light(direction, shadow_size=n)) for n in (size, 0))
+        picture, plain = (ibr.render(relief, camera, ibr.Light(direction=direction, shadow_size=n)) for n in (size, 0))
         off = np.abs(picture.color.astype(int) - plain.color).max(axis=2)
         assert off[picture.valid].max() <= 1
 
@@ -97,10 +97,12 @@ def test_lit_slices_have_no_acne(slicing, slices):
     color, height = np.full((1, 1, 3), 255, np.uint8), np.full((8, 8), 0.48, np.float32)
     block = ibr.SlicedSurface(square(), height, color, 0.25, slices=slices, slicing=slicing)
     for eye in ((0.9, -1.2, 1.3), (0.9, -1.6, 0.5)):
-        camera = Camera.look_at(eye, (0.5, 0.5, 0.05), (0, 0, 1), (160, 120), 36)
+        camera = Camera.look_at(eye, (0.5, 0.5, 0.05), (0, 0, 1), (160, 120), fov_y=36)
         for elevation in (10, 30, 60):
             direction = sun(elevation, 280)
-            picture, plain = (ibr.render(block, camera, ibr.Light(direction, shadow_size=n)) for n in (1024, 0))
+            picture, plain = (
+                ibr.render(block, camera, ibr.Light(direction=direction, shadow_size=n)) for n in (1024, 0)
+            )
             assert picture.valid.sum() > 1500
             assert np.abs(picture.color.astype(int) - plain.color).max() <= 1
 
@@ -114,7 +116,7 @@ def rotation(a: float, b: float) -> np.ndarray:
 def test_the_foot_of_a_box_is_in_its_shadow(shape, size):
     """Along a line over the floor, at a right angle to the box's dark side: all dark from the first pixel on."""
     things = [plane(1.0), box((-0.2, 0, 0.2), (0.2, 0.3, 0.2))]
-    camera = Camera.look_at((1.0, 0, 1.6), (0.2, 0, 0), (0, 0, 1), (301, 301), 40)
+    camera = Camera.look_at((1.0, 0, 1.6), (0.2, 0, 0), (0, 0, 1), (301, 301), fov_y=40)
     _, points, _ = first_hits(caster(*things), camera)
     for light in (ibr.Light(**shape, shadow_size=size), ibr.Light(**shape, shadow_size=size, angle=60)):
         share, told = shares(things, camera, light)
@@ -128,7 +130,7 @@ def test_a_card_that_stands_on_the_floor():
     """A thing without thickness: its shadow begins within two texels of its foot."""
     card = ibr.Mesh([[0, -0.5, 0], [0, 0.5, 0], [0, 0.5, 0.6], [0, -0.5, 0.6]], [[0, 1, 2], [0, 2, 3]])
     things, light = [plane(1.0), card], ibr.Light(direction=(1, 0.2, -1))
-    camera = Camera.look_at((1.0, 0, 1.6), (0.2, 0, 0), (0, 0, 1), (301, 301), 40)
+    camera = Camera.look_at((1.0, 0, 1.6), (0.2, 0, 0), (0, 0, 1), (301, 301), fov_y=40)
     _, points, _ = first_hits(caster(*things), camera)
     share, _ = shares(things, camera, light)
     texel = 1 / min(np.diag(light_cameras(light, [thing.bounds for thing in things])[0].K)[:2])
@@ -144,7 +146,7 @@ def test_what_is_ten_texels_high_has_a_shadow():
     things, light = [plane(1.0), card], ibr.Light(direction=(1, 0.2, -1), shadow_size=512)
     texel = 1 / light_cameras(light, [thing.bounds for thing in things])[0].K[0, 0]
     assert 9 < 0.03 / texel < 16
-    camera = Camera.look_at((0.25, 0, 0.4), (0.015, 0, 0), (0, 0, 1), (301, 301), 8)
+    camera = Camera.look_at((0.25, 0, 0.4), (0.015, 0, 0), (0, 0, 1), (301, 301), fov_y=8)
     _, points, _ = first_hits(caster(*things), camera)
     share, _ = shares(things, camera, light)
     beside = (points[..., 2] < 1e-6) & (points[..., 0] > 2 * texel * np.sqrt(2)) & (points[..., 0] < 0.02)

@@ -31,11 +31,11 @@ def noisy_view(size: tuple[int, int], lens: ibr.Lens, dtype: str = "uint8", far:
     picture = color if dtype == "uint8" else (color / 255).astype(np.float32)
     f = 0.7 * max(size)
     camera = ibr.Camera([[f, 0, 0.52 * width], [0, 1.03 * f, 0.47 * height], [0, 0, 1]], size, lens=lens)
-    return ibr.DepthImage(None if dtype == "none" else picture, depth, camera, far)
+    return ibr.DepthImage(None if dtype == "none" else picture, depth, camera, far=far)
 
 
 def check(view: ibr.DepthImage, cut_ratio: float | None, linear: bool) -> None:
-    found = ibr.straightened(view, cut_ratio, linear)
+    found = ibr.straightened(view, cut_ratio=cut_ratio, linear=linear)
     color, depth, sure = straight.straightened(view, found.camera, cut_ratio, linear)
     assert sure.mean() > 0.95
     # Places are rounded to single precision, up to 1e-5 pixels: that moves colours by no more than 1 of 255.
@@ -64,7 +64,7 @@ def test_small_images(size):
 
 def test_background_stays_background():
     view = noisy_view((83, 61), BARREL, far=2.0)
-    found = ibr.straightened(view, 1.05)
+    found = ibr.straightened(view, cut_ratio=1.05)
     assert found.far == 2.0
     assert 0 < found.valid.mean() < 0.4
     # What is as far as that is never mixed with what is before it.
@@ -74,7 +74,7 @@ def test_background_stays_background():
 def test_once_is_enough():
     view = noisy_view((83, 61), BARREL)
     assert ibr.straightened(view) is ibr.straightened(view)
-    assert ibr.straightened(view) is not ibr.straightened(view, 1.2)
+    assert ibr.straightened(view) is not ibr.straightened(view, cut_ratio=1.2)
     pinhole = ibr.DepthImage(view.color, view.depth, ibr.Camera(view.camera.K, view.camera.size))
     assert ibr.straightened(pinhole) is pinhole
 
@@ -97,10 +97,10 @@ def pixels_of(camera: ibr.Camera) -> np.ndarray:
 
 def test_few_copies_of_a_view_are_kept():
     view = noisy_view((24, 18), BARREL)
-    made = [ibr.straightened(view, 1.02 + 0.01 * k) for k in range(9)]
+    made = [ibr.straightened(view, cut_ratio=1.02 + 0.01 * k) for k in range(9)]
     kept_ones = [one for cache in view.device_cache.values() for one in cache["straight"].values()]
     assert len(kept_ones) <= 4
-    assert ibr.straightened(view, 1.10) is made[-1]
+    assert ibr.straightened(view, cut_ratio=1.10) is made[-1]
 
 
 @pytest.mark.parametrize(

@@ -77,7 +77,7 @@ def above(elevation: float, projection: Any = "perspective", size: Any = SIZE, a
     e = np.radians(elevation)
     eye = np.array([0.5, 0.5, 0]) + away * np.array([0.5 * np.cos(e), -0.87 * np.cos(e), np.sin(e)])
     tall = {"height": 1.4} if projection == "orthographic" else {}
-    return Camera.look_at(eye, (0.5, 0.5, 0), (0, 0.2, 1), size, 40, projection, **tall)
+    return Camera.look_at(eye, (0.5, 0.5, 0), (0, 0.2, 1), size, fov_y=40, projection=projection, **tall)
 
 
 def known(system: str, span: Any, camera: Camera, points: np.ndarray) -> np.ndarray:
@@ -117,6 +117,7 @@ def test_clamped_heights(name, span, system):
         assert share_right(system, span, MAPS[name], camera) >= 0.995
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("system", SYSTEMS)
 @pytest.mark.parametrize("wrap", [("repeat", "clamp"), ("clamp", "repeat")])
 def test_heights_clamped_along_one_axis(wrap, system):
@@ -135,6 +136,7 @@ def test_a_repeated_map_jumps_at_its_border(system):
     assert share_right(system, BEYOND, MAPS["odd"], above(70), wrap="repeat") < 0.5
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("system", SYSTEMS)
 def test_one_lane_sees_the_same(system):
     camera, made = above(35), thing(system, BEYOND, MAPS["odd"])
@@ -160,7 +162,9 @@ def test_no_clamped_map_changes_what_lies_off_its_border():
 
 def straight_above(texels: float, of: int, projection: Any = "orthographic") -> Camera:
     """A pixel is so many texels wide, of `of` over the square's width."""
-    return Camera.look_at((0.5, 0.5, 3), (0.5, 0.5, 0), (0, 1, 0.1), (29, 23), 1, projection, 23 * texels / of)
+    return Camera.look_at(
+        (0.5, 0.5, 3), (0.5, 0.5, 0), (0, 1, 0.1), (29, 23), fov_y=1, projection=projection, height=23 * texels / of
+    )
 
 
 @pytest.mark.parametrize("size", [(64, 64), (90, 70)])
@@ -218,12 +222,12 @@ def test_clamped_normals(system, size):
     assert np.abs(frame.color[..., 0] - 255 * (told @ towards))[frame.valid].max() <= 1
 
 
-@pytest.mark.parametrize("system", ["slices", "relief", "relief, exact"])
+@pytest.mark.parametrize("system", ["slices", "relief", pytest.param("relief, exact", marks=pytest.mark.thorough)])
 def test_slopes_shade_and_cast_shadows_as_far_as_the_map_reaches(system):
     """A disk on a slope that ends at the border: no cliff stands there, and beyond it is level."""
     y, x = np.mgrid[:24, :32] / 24
     height = (0.3 * (1.33 - x) + 0.55 * (np.hypot(x - 0.65, y - 0.45) < 0.25)).astype(np.float32)
-    light, camera = ibr.Light((0.8, 0.5, -0.5), ambient=AMBIENT, shadow_size=2048), above(65, size=(320, 240))
+    light, camera = ibr.Light(direction=(0.8, 0.5, -0.5), ambient=AMBIENT, shadow_size=2048), above(65, size=(320, 240))
     solid = scene(system, BEYOND, height)
     depth, points, normals = first_hits(solid, camera)
     truth = true_shares(solid, light, points, normals)
@@ -234,7 +238,7 @@ def test_slopes_shade_and_cast_shadows_as_far_as_the_map_reaches(system):
     assert 0.02 < 1 - truth[counted].mean() < 0.5
     assert ((share > 0.5) == truth)[counted].mean() >= 0.995
     # Off kinks, shades are those of the truth's own normals.
-    plain = ibr.Light(light.direction, ambient=AMBIENT, shadow_size=0)
+    plain = ibr.Light(direction=light.direction, ambient=AMBIENT, shadow_size=0)
     shade = ibr.render(thing(system, BEYOND, height), camera, plain).color[..., 0].astype(float)
     towards = -np.asarray(light.direction) / np.linalg.norm(light.direction)
     expected = 255 * (AMBIENT + (1 - AMBIENT) * np.maximum(normals @ towards, 0))

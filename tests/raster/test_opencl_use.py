@@ -23,7 +23,13 @@ def globe(projection: str) -> tuple[ibr.Mesh, Camera]:
     i = (np.arange(20)[:, None] * 41 + np.arange(40)).ravel()
     faces = np.concatenate([np.stack([i, i + 1, i + 41], 1), np.stack([i + 1, i + 42, i + 41], 1)])
     texture = np.random.default_rng(0).integers(0, 256, (20, 30, 3)).astype(np.uint8)
-    mesh = ibr.Mesh(np.add(points, (0, 0, 4)), faces, np.stack([across, down], -1).reshape(-1, 2), points, texture)
+    mesh = ibr.Mesh(
+        np.add(points, (0, 0, 4)),
+        faces,
+        uv=np.stack([across, down], -1).reshape(-1, 2),
+        normals=points,
+        texture=texture,
+    )
     f = 250 if projection == "perspective" else 70
     return mesh, Camera([[f, 0, 70], [0, f, 90], [0, 0, 1]], (150, 170), projection=projection)
 
@@ -34,7 +40,7 @@ def soup(projection: str) -> tuple[ibr.Mesh, Camera]:
     points = rng.uniform((-4, -3, -2), (4, 3, 6), (200, 1, 3)) + rng.normal(size=(200, 3, 3))
     mesh = ibr.Mesh(points.reshape(-1, 3), np.arange(600).reshape(-1, 3), colors=rng.random((600, 3), np.float32))
     f = 100 if projection == "perspective" else 20
-    return mesh, Camera([[f, 0, 70], [0, f, 50], [0, 0, 1]], (161, 121), pose(roll=20), projection)
+    return mesh, Camera([[f, 0, 70], [0, f, 50], [0, 0, 1]], (161, 121), pose(roll=20), projection=projection)
 
 
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])

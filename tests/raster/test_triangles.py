@@ -63,7 +63,7 @@ def around(mesh: ibr.Mesh, projection: str, direction: tuple[float, float, float
         return camera
     scale = min(size) / extent
     K = [[scale, 0, (size[0] - 1) / 2], [0, scale, (size[1] - 1) / 2], [0, 0, 1]]
-    return Camera(K, size, camera.world_from_camera, "orthographic")
+    return Camera(K, size, camera.world_from_camera, projection="orthographic")
 
 
 def interior(depth: np.ndarray, jump: float) -> np.ndarray:
@@ -101,6 +101,7 @@ def check_against_embree(mesh: ibr.Mesh, camera: Camera) -> None:
     assert (edge_distances(camera, one, pixels).min(axis=1) > -1 / 256).all()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("name", MESHES)
 def test_the_visible_triangle_is_embrees(name, projection):
@@ -109,6 +110,7 @@ def test_the_visible_triangle_is_embrees(name, projection):
         check_against_embree(mesh, around(mesh, projection, direction, (480, 360)))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 def test_the_visible_one_of_many_triangles_is_embrees(projection):
     """Triangles of a pixel: at half this resolution 1 in 200 pixels has an edge within 1/256 of it."""
@@ -199,7 +201,7 @@ def test_no_crack_where_triangles_pass_the_camera(projection, pitch, jitter, for
     """
     floor = floor_of(6, (0.5, 4), jitter, np.random.default_rng(1))
     f = 100.3 if projection == "perspective" else 40
-    camera = Camera([[f, 0, 80], [0, f, 60], [0, 0, 1]], (161, 121), pose(pitch=-pitch), projection)
+    camera = Camera([[f, 0, 80], [0, f, 60], [0, 0, 1]], (161, 121), pose(pitch=-pitch), projection=projection)
     depth, within = below(camera, floor)
     assert within.sum() > 2000 or (pitch == 0 and projection == "orthographic")  # which sees an edge only
     with form():

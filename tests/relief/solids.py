@@ -52,7 +52,7 @@ def grid(surface: Surface, columns: int, rows: int) -> ibr.Mesh:
     i = (y * (columns + 1) + x).ravel()
     n = columns + 1
     faces = np.concatenate([np.stack([i, i + 1, i + n + 1], 1), np.stack([i, i + n + 1, i + n], 1)])
-    return ibr.Mesh(points, faces, np.stack([u.ravel(), v.ravel()], 1), normals)
+    return ibr.Mesh(points, faces, uv=np.stack([u.ravel(), v.ravel()], 1), normals=normals)
 
 
 @dataclass

@@ -56,7 +56,7 @@ def test_wrong_arguments_are_named(argument, value):
 def test_maps_of_any_size_and_kind(shape, dtype):
     most = 1 if dtype == np.float32 else np.iinfo(dtype).max
     height = (np.random.default_rng(0).random(shape) * most).astype(dtype)
-    frame = ibr.render(ibr.ReliefSurface(square(), height, WHITE, 0.1, (3, 2)), CAMERA)
+    frame = ibr.render(ibr.ReliefSurface(square(), height, WHITE, 0.1, tiles=(3, 2)), CAMERA)
     plain = ibr.render(square(), CAMERA)
     np.testing.assert_array_equal(frame.valid, plain.valid)
     assert (frame.depth >= plain.depth - 1e-5)[frame.valid].all()
@@ -85,7 +85,7 @@ def test_bytes_and_floats_are_one_map():
 def test_triangles_whose_uv_has_no_area_show_one_height():
     """Where uv does not change, neither does the height: the relief is a plane that lies as deep as its texel."""
     mesh = square()
-    still = ibr.Mesh(mesh.vertices, mesh.faces, np.full((4, 2), 0.5))
+    still = ibr.Mesh(mesh.vertices, mesh.faces, uv=np.full((4, 2), 0.5))
     height = np.full((4, 4), 0.25, np.float32)
     frame = ibr.render(ibr.ReliefSurface(still, height, WHITE, 0.2), CAMERA)
     expected = ibr.render(ibr.Mesh(mesh.vertices - (0, 0, 0.15), mesh.faces), CAMERA)
@@ -96,7 +96,7 @@ def test_triangles_whose_uv_has_no_area_show_one_height():
 
 def test_degenerate_triangles_draw_nothing():
     mesh = square()
-    more = ibr.Mesh(mesh.vertices, [*mesh.faces.tolist(), [0, 0, 1], [2, 2, 2]], mesh.uv)
+    more = ibr.Mesh(mesh.vertices, [*mesh.faces.tolist(), [0, 0, 1], [2, 2, 2]], uv=mesh.uv)
     a, b = (ibr.render(ibr.ReliefSurface(base, RAMP, WHITE, 0.1), CAMERA) for base in (mesh, more))
     np.testing.assert_array_equal(a.depth, b.depth)
 

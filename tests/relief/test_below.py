@@ -36,12 +36,13 @@ def check_outline_and_inside(frame: ibr.Frame, truth: np.ndarray) -> None:
 @pytest.mark.parametrize("distance", ["approximate", "exact"])
 @pytest.mark.parametrize("height", [0.2, 1.6])
 def test_bulges_with_necks_between_them(height, distance):
-    camera = Camera.look_at((0.6, -3.6, height), (0, 0, 0), (0, 0, 1), (241, 237), 28)
+    camera = Camera.look_at((0.6, -3.6, height), (0, 0, 0), (0, 0, 1), (241, 237), fov_y=28)
     truth = Carved(beads, np.full((32, 32), 0.5), 0.05, (8, 8)).depth(camera)
-    relief = ibr.ReliefSurface(grid(beads, 64, 96), EVEN, WHITE, 0.05, (8, 8), distance=distance)
+    relief = ibr.ReliefSurface(grid(beads, 64, 96), EVEN, WHITE, 0.05, tiles=(8, 8), distance=distance)
     check_outline_and_inside(ibr.render(relief, camera), truth)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("distance", ["approximate", "exact"])
 @pytest.mark.parametrize("turn", [0, 45, 135, 180, 270])
 def test_a_head_on_a_neck(turn, distance):
@@ -50,8 +51,8 @@ def test_a_head_on_a_neck(turn, distance):
     low, high = (np.asarray(corner, float) for corner in mesh.bounds)
     size, middle, angle = float(np.linalg.norm(high - low)), (low + high) / 2, np.radians(turn)
     scale, away = 0.004 * size, np.array([np.sin(angle), 0.35, np.cos(angle)])
-    camera = Camera.look_at(middle + 1.15 * size * away, middle, (0, 1, 0), (317, 323), 42)
-    relief = ibr.ReliefSurface(mesh, EVEN, WHITE, scale, (24, 24), distance=distance)
+    camera = Camera.look_at(middle + 1.15 * size * away, middle, (0, 1, 0), (317, 323), fov_y=42)
+    relief = ibr.ReliefSurface(mesh, EVEN, WHITE, scale, tiles=(24, 24), distance=distance)
     scene = o3d.t.geometry.RaycastingScene()
     carved = mesh.vertices - 0.5 * scale * relief.frames.normals[: len(mesh.vertices)]
     scene.add_triangles(carved.astype(np.float32), mesh.faces.astype(np.uint32))

@@ -13,7 +13,7 @@ from tests.relief.solids import cylinder, grid
 from tests.relief.test_truth import bricks
 
 WHITE = np.full((2, 2, 3), 255, np.uint8)
-OUTSIDE = ibr.Camera.look_at((3, -2.4, 2.1), (0, 0, 0), (0, 0, 1), (160, 120), 45)
+OUTSIDE = ibr.Camera.look_at((3, -2.4, 2.1), (0, 0, 0), (0, 0, 1), (160, 120), fov_y=45)
 
 
 @pytest.mark.parametrize("light", [None, ibr.Light(direction=(-0.6, 0.5, -0.7), ambient=0.2)])
@@ -62,7 +62,7 @@ def test_edges_that_jut_out():
 def test_no_wall_of_a_room_shades_another(eye):
     """An even relief carved into a box seen from within is a larger box, all of it lit by a lamp in it."""
     room = ibr.ReliefSurface(box(inside=True), np.full((4, 4), 0.5, np.float32), WHITE, 0.04)
-    camera = ibr.Camera.look_at((-0.7, -0.5, -0.2), (1, 0.5, 0), (0, 0, 1), (160, 120), 80)
+    camera = ibr.Camera.look_at((-0.7, -0.5, -0.2), (1, 0.5, 0), (0, 0, 1), (160, 120), fov_y=80)
     lamp = ibr.Light(position=eye, ambient=0.2)
     plain = ibr.Light(position=eye, ambient=0.2, shadow_size=0)
     dark = (ibr.render(room, camera, lamp).color < ibr.render(room, camera, plain).color).any(axis=2)

@@ -66,7 +66,7 @@ def folded(columns: int, rows: int) -> ibr.Mesh:
     """A cylinder whose u runs from 0 to 1 and back: left and right share the vertices between them."""
     mesh = grid(cylinder, columns, rows)
     u, v = np.asarray(mesh.uv, float).T
-    return ibr.Mesh(mesh.vertices, mesh.faces, np.stack([2 * np.minimum(u, 1 - u), v], axis=1), mesh.normals)
+    return ibr.Mesh(mesh.vertices, mesh.faces, uv=np.stack([2 * np.minimum(u, 1 - u), v], axis=1), normals=mesh.normals)
 
 
 @pytest.mark.parametrize("distance_", ["approximate", "exact"])
@@ -76,7 +76,7 @@ def test_where_mirrored_uv_meet_the_relief_goes_on(distance_):
     height, white = 0.5 * (noise + noise[:, ::-1]), np.full((2, 2, 3), 200, np.uint8)
     camera = Camera.look_at((-1.9, -2.4, 0.3), (-1, -0.1, 0), (0, 0, 1), (400, 300), fov_y=30)
     frame, plain = (
-        ibr.render(ibr.ReliefSurface(base, height, white, 0.1, tiles, distance=distance_), camera)
+        ibr.render(ibr.ReliefSurface(base, height, white, 0.1, tiles=tiles, distance=distance_), camera)
         for base, tiles in ((folded(32, 8), (6, 5)), (grid(cylinder, 32, 8), (12, 5)))
     )
     assert (frame.valid != plain.valid).mean() <= 1e-3

@@ -48,7 +48,7 @@ def test_outlines_stay_where_coarser_levels_would_do(name, level):
     size = int(2.3 / across), int(1.8 / across)
     camera = Camera.look_at((0.9, -3, 0), (0, 0, 0), (0, 0, 1), size, projection="orthographic", height=1.8)
     truth = edges(np.isfinite(carved(name).depth(camera)))
-    relief = ibr.ReliefSurface(grid(cylinder, 96, 8), MAPS[name](), WHITE, SCALE, TILES, distance="exact")
+    relief = ibr.ReliefSurface(grid(cylinder, 96, 8), MAPS[name](), WHITE, SCALE, tiles=TILES, distance="exact")
     off = np.abs(edges(ibr.render(relief, camera).valid) - truth)
     assert off.max() <= 1
 

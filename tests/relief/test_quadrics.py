@@ -18,7 +18,7 @@ def patch(a: float, b: float, size: float = 0.1) -> ibr.Mesh:
     i = np.array([0, 1, 3, 4])
     faces = np.concatenate([np.stack([i, i + 1, i + 4], 1), np.stack([i, i + 4, i + 3], 1)])
     gradient = np.stack([-2 * a * x, -2 * b * y, np.ones(9)], axis=1)
-    return ibr.Mesh(np.stack([x, y, z], 1), faces, np.stack([x, y], 1), gradient)
+    return ibr.Mesh(np.stack([x, y, z], 1), faces, uv=np.stack([x, y], 1), normals=gradient)
 
 
 @pytest.mark.parametrize(("a", "b"), [(1.5, 0.7), (-2, -2), (1, -1), (0.8, 0), (0, -3), (0, 0)])
@@ -36,7 +36,7 @@ def test_it_does_not_depend_on_where_the_patch_lies():
     mesh = patch(1.5, -0.7)
     rotation = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
     rotation *= np.sign(np.linalg.det(rotation))
-    moved = ibr.Mesh(mesh.vertices @ rotation.T + (1, 2, 3), mesh.faces, mesh.uv, mesh.normals @ rotation.T)
+    moved = ibr.Mesh(mesh.vertices @ rotation.T + (1, 2, 3), mesh.faces, uv=mesh.uv, normals=mesh.normals @ rotation.T)
     found = vertex_frames(moved, (1, 1))
     np.testing.assert_allclose(found.quadrics[4], [1.5, -0.7, 0], atol=2e-4)  # float32 at a distance of 4
     np.testing.assert_allclose(found.gradients[4], rotation.T[:2], atol=1e-5)
@@ -84,7 +84,7 @@ def test_gradients_tell_the_size_of_tiles():
 
 def test_mirrored_uv_runs_the_other_way():
     mesh = patch(1, 2)
-    mirrored = ibr.Mesh(mesh.vertices, mesh.faces, mesh.uv * (-1, 1), mesh.normals)
+    mirrored = ibr.Mesh(mesh.vertices, mesh.faces, uv=mesh.uv * (-1, 1), normals=mesh.normals)
     a, b = vertex_frames(mesh, (1, 1)), vertex_frames(mirrored, (1, 1))
     np.testing.assert_allclose(b.gradients[4, 0], -a.gradients[4, 0])
     np.testing.assert_allclose(b.quadrics[4], a.quadrics[4], atol=1e-9)
@@ -111,7 +111,7 @@ def test_neighbours_that_determine_nothing(points):
 
 
 def test_vertices_without_triangles_are_planar():
-    mesh = ibr.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0.2], [5, 5, 5]], [[0, 1, 2]], [[0, 0], [1, 0], [0, 1], [0, 0]])
+    mesh = ibr.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0.2], [5, 5, 5]], [[0, 1, 2]], uv=[[0, 0], [1, 0], [0, 1], [0, 0]])
     found = vertex_frames(mesh, (1, 1))
     assert found.planar[3]
     np.testing.assert_array_equal(found.gradients[3], 0)
@@ -132,7 +132,9 @@ def test_boundary_vertices(surface, curvatures):
 
 def test_a_fan_of_few_neighbours_is_stable():
     """A triangle alone: two neighbours that determine a quadric, or, on one line, none."""
-    mesh = ibr.Mesh([[0, 0, 0], [1, 0, 0.1], [0, 1, -0.2]], [[0, 1, 2]], [[0, 0], [1, 0], [0, 1]], [[0, 0, 1]] * 3)
+    mesh = ibr.Mesh(
+        [[0, 0, 0], [1, 0, 0.1], [0, 1, -0.2]], [[0, 1, 2]], uv=[[0, 0], [1, 0], [0, 1]], normals=[[0, 0, 1]] * 3
+    )
     found = vertex_frames(mesh, (1, 1))
     np.testing.assert_allclose(found.quadrics[0], [0.1, -0.2, 0], atol=1e-6)
     assert np.isfinite(found.quadrics).all()
@@ -143,7 +145,9 @@ def test_a_fan_of_few_neighbours_is_stable():
 def test_axes_that_do_not_follow_uv(turn):
     """x turned against the axes of a saddle, by the law of quadratic forms; at the apex of a fine patch of it."""
     mesh, (cosine, sine) = patch(1.5, -0.7), (np.cos(np.radians(turn)), np.sin(np.radians(turn)))
-    turned = ibr.Mesh(mesh.vertices, mesh.faces, mesh.uv @ np.array([[cosine, -sine], [sine, cosine]]), mesh.normals)
+    turned = ibr.Mesh(
+        mesh.vertices, mesh.faces, uv=mesh.uv @ np.array([[cosine, -sine], [sine, cosine]]), normals=mesh.normals
+    )
     a = 1.5 * cosine**2 - 0.7 * sine**2
     expected = [a, 1.5 - 0.7 - a, -2 * (1.5 + 0.7) * cosine * sine]
     np.testing.assert_allclose(vertex_frames(turned, (1, 1)).quadrics[4], expected, atol=2e-5)
@@ -156,7 +160,7 @@ def test_curvatures_of_a_tube_do_not_depend_on_uv(cells):
     for turn in np.radians([0, 10, 22.5, 45, 60, 90, 135]):
         way = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
         uv = (np.asarray(tube.uv, float) * (2 * np.pi, 2.4)) @ way
-        found = vertex_frames(ibr.Mesh(tube.vertices, tube.faces, uv, tube.normals), (1, 1))
+        found = vertex_frames(ibr.Mesh(tube.vertices, tube.faces, uv=uv, normals=tube.normals), (1, 1))
         assert not found.planar.any()
         a, b, c = found.quadrics.T
         most = np.linalg.eigvalsh(np.stack([a, c / 2, c / 2, b], axis=1).reshape(-1, 2, 2))
@@ -174,7 +178,7 @@ def test_a_tubes_outline_does_not_depend_on_how_its_uv_is_turned(cells, distance
     for turn in np.radians([0, 10, 22.5, 30, 45, 60, 77, 90, 135]):
         way = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
         uv = (np.asarray(tube.uv, float) * (2 * np.pi, 2.4)) @ way
-        base = ibr.Mesh(tube.vertices, tube.faces, uv, tube.normals)
+        base = ibr.Mesh(tube.vertices, tube.faces, uv=uv, normals=tube.normals)
         color = np.full((1, 1, 3), 200, np.uint8)
         relief = ibr.ReliefSurface(base, np.zeros((4, 4), np.float32), color, 0.3, distance=distance)
         widths.append(ibr.render(relief, camera).valid[60:100].sum(axis=1).mean())

@@ -29,7 +29,7 @@ def hills() -> np.ndarray:
 
 def seen_from(projection: str) -> Camera:
     tall = {"height": 2.5} if projection == "orthographic" else {}
-    return Camera.look_at((1.3, -2.3, 1.5), (0, 0, 0), (0, 0, 1), (73, 47), 50, projection, **tall)
+    return Camera.look_at((1.3, -2.3, 1.5), (0, 0, 0), (0, 0, 1), (73, 47), fov_y=50, projection=projection, **tall)
 
 
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
@@ -38,7 +38,7 @@ def seen_from(projection: str) -> Camera:
 def test_a_torus_is_as_in_float64(search, distance, projection):
     """The safe search against 256 even steps, which miss nothing of these hills."""
     camera, base = seen_from(projection), models.donut(16)
-    thing = ibr.ReliefSurface(base, hills(), WHITE, SCALE, TILES, distance=distance, search=search)
+    thing = ibr.ReliefSurface(base, hills(), WHITE, SCALE, tiles=TILES, distance=distance, search=search)
     steps, halvings = (32, 6) if search == "linear" else (256, 12)
     rounded = np.rint(hills() * 65535.0) / 65535
     expected = relief_depth(base, thing.frames, rounded, SCALE, TILES, camera, distance, steps, halvings)
@@ -52,7 +52,7 @@ def test_a_torus_is_as_in_float64(search, distance, projection):
 
 def test_perpendicular_distances_are_as_in_float64():
     camera, base = seen_from("perspective"), models.donut(16)
-    thing = ibr.ReliefSurface(base, hills(), WHITE, SCALE, TILES, distance="perpendicular", search="linear")
+    thing = ibr.ReliefSurface(base, hills(), WHITE, SCALE, tiles=TILES, distance="perpendicular", search="linear")
     rounded = np.rint(hills() * 65535.0) / 65535
     expected = relief_depth(base, thing.frames, rounded, SCALE, TILES, camera, "perpendicular")
     frame = ibr.render(thing, camera)
@@ -92,7 +92,7 @@ def test_exact_distances_hold_on_deep_reliefs(surface):
     camera = Camera.look_at((8, 0, 0), (0, 0, 0), (0, 0, 1), (161, 121), projection="orthographic", height=121 / 43.9)
     flat, wide, off = np.zeros((4, 4), np.float32), {}, {}
     for distance in ("approximate", "exact"):
-        relief = ibr.ReliefSurface(grid(surface, 64, 32), flat, WHITE, 0.3, (4, 4), distance=distance)
+        relief = ibr.ReliefSurface(grid(surface, 64, 32), flat, WHITE, 0.3, tiles=(4, 4), distance=distance)
         frame = ibr.render(relief, camera)
         y, x = np.nonzero(frame.valid)
         points = camera.unproject(np.column_stack([x, y]), frame.depth[y, x].astype(float))
@@ -109,10 +109,10 @@ def test_exact_distances_are_nearer_on_a_deep_torus():
     too_many: dict[tuple[str, bool], float] = {}
     for along in (True, False):
         eye = (0.3, 0, 5) if along else (2.2, -3.0, 1.9)
-        camera = Camera.look_at(eye, (0, 0, 0), (0, 1, 0) if along else (0, 0, 1), (321, 239), 42)
+        camera = Camera.look_at(eye, (0, 0, 0), (0, 1, 0) if along else (0, 0, 1), (321, 239), fov_y=42)
         covered = np.isfinite(truth.depth(camera)).sum()
         for distance in ("approximate", "exact"):
-            relief = ibr.ReliefSurface(grid(torus, 96, 48), flat, WHITE, 0.2, (4, 4), distance=distance)
+            relief = ibr.ReliefSurface(grid(torus, 96, 48), flat, WHITE, 0.2, tiles=(4, 4), distance=distance)
             too_many[distance, along] = ibr.render(relief, camera).valid.sum() / covered - 1
     assert abs(too_many["exact", True]) <= 0.005 < 0.3 < too_many["approximate", True]
     assert too_many["exact", False] <= 0.15 < 0.35 < too_many["approximate", False]
@@ -123,9 +123,11 @@ def test_exact_distances_are_nearer_on_a_deep_torus():
 def test_even_heights_are_parallel_surfaces(surface, distance):
     """Seen head-on and to the outline: 0.05 below a sphere, a cylinder and a torus, saddle and all."""
     eye = (1.2, -2.0, 2.2) if surface is torus else (4.0, 0, 0)
-    camera = Camera.look_at(eye, (0, 0, 0), (0, 0, 1), (161, 121), 30 if surface is not torus else 46)
+    camera = Camera.look_at(eye, (0, 0, 0), (0, 0, 1), (161, 121), fov_y=30 if surface is not torus else 46)
     even = np.full((4, 4), 0.5, np.float32)
-    frame = ibr.render(ibr.ReliefSurface(grid(surface, 96, 64), even, WHITE, 0.1, (4, 4), distance=distance), camera)
+    frame = ibr.render(
+        ibr.ReliefSurface(grid(surface, 96, 64), even, WHITE, 0.1, tiles=(4, 4), distance=distance), camera
+    )
     y, x = np.nonzero(frame.valid)
     points = camera.unproject(np.column_stack([x, y]), frame.depth[y, x].astype(float))
     around = np.hypot(points[:, 0], points[:, 1])
@@ -139,7 +141,7 @@ def test_even_heights_are_parallel_surfaces(surface, distance):
 def test_coordinates_in_the_tile():
     """The height there is as deep as what is seen."""
     camera = Camera.look_at((0.8, -0.5, 0.7), (0.5, 0.5, 0), (0, 0, 1), (161, 117), fov_y=45)
-    thing = ibr.ReliefSurface(square(), hills(), WHITE, SCALE, TILES)
+    thing = ibr.ReliefSurface(square(), hills(), WHITE, SCALE, tiles=TILES)
     places, frame = thing.tile_coordinates(camera), ibr.render(thing, camera)
     assert places.shape == (117, 161, 2)
     assert places.dtype == np.float32

@@ -11,6 +11,8 @@ import pytest
 
 import pyibr as ibr
 from pyibr.core.camera import Camera
+from pyibr.opencl.watch import watching
+from tests.builds import Builds
 from tests.displaced import square
 from tests.relief.solids import Carved, cylinder, grid, sphere, torus
 from tests.relief.test_truth import bricks
@@ -35,12 +37,12 @@ def blocks() -> np.ndarray:
 def test_a_deep_even_relief_does_not_shade_itself(name, scale, shadow):
     """Its light's rays enter elsewhere than the picture's, by other quadrics: a map alone shades 11 % of the torus."""
     surface, cells = SOLIDS[name]
-    light = ibr.Light((1, 0.2, -0.3), ambient=AMBIENT)
-    camera = Camera.look_at((2.2, -3, 1.9), (0, 0, 0), (0, 0, 1), (320, 240), 42)
+    light = ibr.Light(direction=(1, 0.2, -0.3), ambient=AMBIENT)
+    camera = Camera.look_at((2.2, -3, 1.9), (0, 0, 0), (0, 0, 1), (320, 240), fov_y=42)
     scene = Carved(surface, np.zeros((32, 32)), scale, (6, 4)).scene
     _, points, normals = first_hits(scene, camera)
     truth = true_shares(scene, light, points, normals)
-    relief = ibr.ReliefSurface(grid(surface, *cells), np.zeros((4, 4)), WHITE, scale, (4, 4), shadow=shadow)
+    relief = ibr.ReliefSurface(grid(surface, *cells), np.zeros((4, 4)), WHITE, scale, tiles=(4, 4), shadow=shadow)
     share, told = shares(relief, camera, light)
     assert truth.sum() > 2000
     assert (told & (share < 0.5) & truth).sum() <= 0.005 * ibr.render(relief, camera).valid.sum()
@@ -58,11 +60,11 @@ LIGHTS = {
 def test_a_deep_torus_is_no_wider_in_its_shadow(name, shadow):
     """The other side's outline lies across the torus: by equation 7 it is too wide, and 2 % and more are in it."""
     light = ibr.Light(**LIGHTS[name], ambient=AMBIENT)
-    camera = Camera.look_at((2.2, -3, 1.9), (0, 0, 0), (0, 0, 1), (320, 240), 42)
+    camera = Camera.look_at((2.2, -3, 1.9), (0, 0, 0), (0, 0, 1), (320, 240), fov_y=42)
     scene = Carved(torus, np.zeros((32, 32)), 0.15, (6, 4)).scene
     _, points, normals = first_hits(scene, camera)
     truth = true_shares(scene, light, points, normals)
-    relief = ibr.ReliefSurface(grid(torus, 96, 48), np.zeros((4, 4)), WHITE, 0.15, (4, 4), shadow=shadow)
+    relief = ibr.ReliefSurface(grid(torus, 96, 48), np.zeros((4, 4)), WHITE, 0.15, tiles=(4, 4), shadow=shadow)
     share, told = shares(relief, camera, light)
     assert truth.sum() > 500
     assert (told & (share < 0.5) & truth).sum() <= 0.005 * ibr.render(relief, camera).valid.sum()
@@ -72,13 +74,13 @@ def test_a_deep_torus_is_no_wider_in_its_shadow(name, shadow):
 def test_the_shadow_on_the_ground_is_no_wider(light):
     """By equation 7 a quarter more than the torus' shadow is dark. 3 % are a fifth of a pixel along its outline."""
     ground = ibr.Mesh([[-4, -4, -1.2], [4, -4, -1.2], [4, 4, -1.2], [-4, 4, -1.2]], [[0, 1, 2], [0, 2, 3]])
-    camera = Camera.look_at((2, -4, 5), (0, 0, -1), (0, 0, 1), (320, 240), 60)
+    camera = Camera.look_at((2, -4, 5), (0, 0, -1), (0, 0, 1), (320, 240), fov_y=60)
     scene = Carved(torus, np.zeros((32, 32)), 0.15, (6, 4)).scene
     scene.add_triangles(ground.vertices.astype(np.float32), ground.faces.astype(np.uint32))
     depth, points, normals = first_hits(scene, camera)
     lamp = ibr.Light(**light, ambient=AMBIENT)
     truth = true_shares(scene, lamp, points, normals)
-    relief = ibr.ReliefSurface(grid(torus, 96, 48), np.zeros((4, 4)), WHITE, 0.15, (4, 4))
+    relief = ibr.ReliefSurface(grid(torus, 96, 48), np.zeros((4, 4)), WHITE, 0.15, tiles=(4, 4))
     share, told = shares([ground, relief], camera, lamp)
     counted = told & (np.abs(points[..., 2] + 1.2) < 1e-3) & ~edges(depth)
     dark, true = (share < 0.5)[counted], ~truth[counted]
@@ -99,12 +101,12 @@ def at_jumps(depth: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("scale", [0.05, 0.12])
 def test_blocks_on_a_tube(scale, direction, shadow):
     """Three pixels off the edges of shadows and of blocks."""
-    light = ibr.Light(direction, ambient=AMBIENT)
-    camera = Camera.look_at((3.2, -1.2, 0.3), (0, 0, 0), (0, 0, 1), (320, 240), 42)
+    light = ibr.Light(direction=direction, ambient=AMBIENT)
+    camera = Camera.look_at((3.2, -1.2, 0.3), (0, 0, 0), (0, 0, 1), (320, 240), fov_y=42)
     scene = Carved(cylinder, blocks(), scale, (12, 5)).scene
     depth, points, normals = first_hits(scene, camera)
     truth = true_shares(scene, light, points, normals)
-    relief = ibr.ReliefSurface(grid(cylinder, 64, 8), blocks(), WHITE, scale, (12, 5), shadow=shadow)
+    relief = ibr.ReliefSurface(grid(cylinder, 64, 8), blocks(), WHITE, scale, tiles=(12, 5), shadow=shadow)
     share, told = shares(relief, camera, light)
     counted = told & np.isfinite(depth) & ~edges(truth) & ~at_jumps(depth)
     assert counted.sum() > 20000
@@ -127,11 +129,11 @@ def test_no_light_comes_through_from_within(name):
     solid, light = FROM_WITHIN[name]
     (surface, cells), tiles = SOLIDS[solid], (12, 5)
     lamp = ibr.Light(**light, ambient=AMBIENT)
-    camera = Camera.look_at((3.2, -1.2, 0.3), (0, 0, 0), (0, 0, 1), (320, 240), 42)
+    camera = Camera.look_at((3.2, -1.2, 0.3), (0, 0, 0), (0, 0, 1), (320, 240), fov_y=42)
     scene = Carved(surface, blocks(), 0.12, tiles).scene
     depth, points, normals = first_hits(scene, camera)
     truth = true_shares(scene, lamp, points, normals)
-    relief = ibr.ReliefSurface(grid(surface, *cells), blocks(), WHITE, 0.12, tiles)
+    relief = ibr.ReliefSurface(grid(surface, *cells), blocks(), WHITE, 0.12, tiles=tiles)
     share, told = shares(relief, camera, lamp)
     counted = told & np.isfinite(depth) & ~truth & ~edges(truth) & ~at_jumps(depth)
     assert counted.sum() > 200
@@ -146,9 +148,9 @@ def test_a_wall_lit_from_behind_casts_its_shadow(direction, options):
     wall = ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]], uv=[[0, 1], [1, 1], [1, 0], [0, 0]])
     corners = [[-9, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0]]
     ground = ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]], colors=np.full((4, 3), 255, np.uint8))
-    camera = Camera.look_at((7, -1.5, 6), (0.5, -2, 0), (0, 0, 1), (320, 240), 40)
-    light = ibr.Light(direction, ambient=AMBIENT)
-    relief = ibr.ReliefSurface(wall, blocks(), WHITE, 0.15, (3, 3), **options)
+    camera = Camera.look_at((7, -1.5, 6), (0.5, -2, 0), (0, 0, 1), (320, 240), fov_y=40)
+    light = ibr.Light(direction=direction, ambient=AMBIENT)
+    relief = ibr.ReliefSurface(wall, blocks(), WHITE, 0.15, tiles=(3, 3), **options)
     (carved, told), (bare, _) = (shares([ground, thing], camera, light) for thing in (relief, wall))
     counted = told & ~ibr.render(wall, camera).valid & ~edges(bare < 0.5)
     assert (counted & (bare < 0.5)).sum() > 500
@@ -157,12 +159,12 @@ def test_a_wall_lit_from_behind_casts_its_shadow(direction, options):
 
 def test_small_tiles_far_away():
     """Of 8 x 8 rays a pixel; where a texel of the map holds many of the relief's, it is moire."""
-    camera = Camera.look_at((0.5, -0.55, 0.5), (0.5, 0.45, 0), (0, 0, 1), (160, 120), 50)
+    camera = Camera.look_at((0.5, -0.55, 0.5), (0.5, 0.45, 0), (0, 0, 1), (160, 120), fov_y=50)
     finer = camera.resized((1280, 960))
-    light = ibr.Light((1, 0.3, -0.6), ambient=AMBIENT)
+    light = ibr.Light(direction=(1, 0.3, -0.6), ambient=AMBIENT)
 
     def picture(camera: Camera, shadow: Any) -> np.ndarray:
-        relief = ibr.ReliefSurface(square(), bricks(), WHITE, 0.008, (24, 24), shadow=shadow)
+        relief = ibr.ReliefSurface(square(), bricks(), WHITE, 0.008, tiles=(24, 24), shadow=shadow)
         return ibr.render(relief, camera, light).color.astype(float)
 
     truth = picture(finer, "search").reshape(120, 8, 160, 8, 3).mean(axis=(1, 3))
@@ -174,10 +176,10 @@ def test_small_tiles_far_away():
 @pytest.mark.parametrize("options", [{}, {"search": "linear"}, {"distance": "exact"}, {"silhouette": "none"}])
 def test_both_ways_agree_on_a_plane(options):
     """Off the edges of shadows, of which the map's lie within two of its texels."""
-    camera = Camera.look_at((0.9, -1.0, 1.05), (0.5, 0.5, 0), (0, 0, 1), (320, 240), 42)
-    light = ibr.Light((0.7, 0.5, -0.6), ambient=AMBIENT, shadow_size=2048)
+    camera = Camera.look_at((0.9, -1.0, 1.05), (0.5, 0.5, 0), (0, 0, 1), (320, 240), fov_y=42)
+    light = ibr.Light(direction=(0.7, 0.5, -0.6), ambient=AMBIENT, shadow_size=2048)
     mapped, found = (
-        shares(ibr.ReliefSurface(square(), blocks(), WHITE, 0.1, (4, 4), shadow=way, **options), camera, light)
+        shares(ibr.ReliefSurface(square(), blocks(), WHITE, 0.1, tiles=(4, 4), shadow=way, **options), camera, light)
         for way in SHADOWS
     )
     counted = mapped[1] & found[1] & ~edges(mapped[0] > 0.5) & ~edges(found[0] > 0.5)
@@ -192,11 +194,26 @@ def test_both_ways_agree_on_a_plane(options):
 def test_an_even_relief_on_a_coarse_ball_does_not_shade_itself(cells, scale, silhouette):
     """From facet to facet rays enter by other normals and quadrics: a map alone shades up to a quarter of it."""
     ball = ibr.ReliefSurface(grid(sphere, *cells), np.full((8, 8), 0.5), WHITE, scale, silhouette=silhouette)
-    camera = Camera.look_at((1.5, -3, 1.2), (0, 0, 0), (0, 0, 1), (240, 200), 45)
+    camera = Camera.look_at((1.5, -3, 1.2), (0, 0, 0), (0, 0, 1), (240, 200), fov_y=45)
     lit, plain = (
-        ibr.render(ball, camera, ibr.Light((0.5, 1, -0.6), ambient=0.2, shadow_size=size)).color[..., 0].astype(int)
+        ibr.render(ball, camera, ibr.Light(direction=(0.5, 1, -0.6), ambient=0.2, shadow_size=size))
+        .color[..., 0]
+        .astype(int)
         for size in (1024, 0)
     )
     told = plain > 75
     assert told.sum() > 5000
     assert (told & (plain - lit > 15)).sum() <= 0.005 * told.sum()
+
+
+def test_one_program_whatever_hides_the_light_and_however_the_base_bends():
+    light, camera = (
+        ibr.Light(direction=(1, 0.2, -1)),
+        Camera.look_at((0, -3, 2), (0, 0, 0), (0, 0, 1), (41, 31), fov_y=42),
+    )
+    builds = Builds()
+    with watching(builds):
+        for base in (square(), grid(torus, 12, 8)):
+            for shadow in SHADOWS:
+                ibr.render(ibr.ReliefSurface(base, blocks(), WHITE, 0.1, shadow=shadow), camera, light)
+    assert len([of for of in builds.of if of[0] == "draw_relief" and ("LIT", 1) in of]) == 1

@@ -54,7 +54,7 @@ def over_square(elevation: float, projection: str = "perspective") -> Camera:
     e = np.radians(elevation)
     eye = np.array([0.5, 0.5, 0]) + 1.6 * np.array([0.35 * np.cos(e), -0.94 * np.cos(e), np.sin(e)])
     tall = {"height": 0.9} if projection == "orthographic" else {}
-    return Camera.look_at(eye, (0.5, 0.5, 0), (0, 0.3, 1), SIZE, 32, projection, **tall)
+    return Camera.look_at(eye, (0.5, 0.5, 0), (0, 0.3, 1), SIZE, fov_y=32, projection=projection, **tall)
 
 
 @cache
@@ -111,7 +111,9 @@ def test_rays_along_an_axis_of_the_map(n, side, distance_):
     """Parallel rays that stay on one row or column of texels, some of them between two: as 4096 even steps."""
     e, d = np.radians(12), np.radians(90 * side)
     away = np.array([np.cos(e) * np.cos(d), np.cos(e) * np.sin(d), np.sin(e)])
-    camera = Camera.look_at((0.5, 0.5, 0) + 1.6 * away, (0.5, 0.5, 0), (0, 0, 1), (129, 65), 32, "orthographic", 1.0)
+    camera = Camera.look_at(
+        (0.5, 0.5, 0) + 1.6 * away, (0.5, 0.5, 0), (0, 0, 1), (129, 65), fov_y=32, projection="orthographic", height=1.0
+    )
     base, height = square(), bricks()[:n, :n]
     safe, even = (
         ibr.render(ibr.ReliefSurface(base, height, WHITE, 0.05, distance=distance_, **options), camera)
@@ -158,7 +160,7 @@ def test_curved_solids(name, distance_):
     frames: dict[str, ibr.Frame] = {}
     for silhouette in ("quadric", "none"):
         relief = ibr.ReliefSurface(
-            base, bricks(), WHITE, SCALES[name], tiles, silhouette=silhouette, distance=distance_
+            base, bricks(), WHITE, SCALES[name], tiles=tiles, silhouette=silhouette, distance=distance_
         )
         frames[silhouette] = ibr.render(relief, camera)
     frame = frames["quadric"]
@@ -187,7 +189,7 @@ def test_zero_curvature_is_flat_relief():
 @pytest.mark.parametrize("search", ["safe", "linear"])
 def test_a_height_of_one_is_the_mesh_itself(search):
     base, camera = grid(torus, 48, 24), around("torus")
-    relief = ibr.ReliefSurface(base, np.ones((8, 8), np.float32), WHITE, 0.1, (4, 2), search=search)
+    relief = ibr.ReliefSurface(base, np.ones((8, 8), np.float32), WHITE, 0.1, tiles=(4, 2), search=search)
     frame = ibr.render(relief, camera)
     mesh = ibr.render(ibr.Mesh(base.vertices, base.faces, sides="front"), camera)
     np.testing.assert_array_equal(frame.valid, mesh.valid)
@@ -199,9 +201,9 @@ def test_a_height_of_one_is_the_mesh_itself(search):
 def test_scaling_everything_changes_nothing():
     camera, far = around("torus"), around("torus", 10.0)
     base = grid(torus, 48, 24)
-    larger = ibr.Mesh(10 * base.vertices, base.faces, base.uv, base.normals)
-    small = ibr.render(ibr.ReliefSurface(base, bricks(), WHITE, 0.05, (8, 4)), camera)
-    large = ibr.render(ibr.ReliefSurface(larger, bricks(), WHITE, 0.5, (8, 4)), far)
+    larger = ibr.Mesh(10 * base.vertices, base.faces, uv=base.uv, normals=base.normals)
+    small = ibr.render(ibr.ReliefSurface(base, bricks(), WHITE, 0.05, tiles=(8, 4)), camera)
+    large = ibr.render(ibr.ReliefSurface(larger, bricks(), WHITE, 0.5, tiles=(8, 4)), far)
     assert (small.valid != large.valid).mean() <= 1e-4
     both = small.valid & large.valid
     assert np.isclose(small.depth * 10, large.depth, rtol=1e-4)[both].mean() >= 0.999
@@ -212,15 +214,15 @@ def test_from_afar_means_are_read_and_bounds_hold():
     height = (np.indices((64, 64)).sum(axis=0) % 2).astype(np.float32)
     base = grid(torus, 48, 24)
     camera = Camera.look_at((22, -30, 19), (0, 0, 0), (0, 0, 1), (120, 90), fov_y=3.4)
-    frame = ibr.render(ibr.ReliefSurface(base, height, WHITE, 0.04, (16, 6)), camera)
-    mean = ibr.render(ibr.ReliefSurface(base, np.full((2, 2), 0.5, np.float32), WHITE, 0.04, (16, 6)), camera)
+    frame = ibr.render(ibr.ReliefSurface(base, height, WHITE, 0.04, tiles=(16, 6)), camera)
+    mean = ibr.render(ibr.ReliefSurface(base, np.full((2, 2), 0.5, np.float32), WHITE, 0.04, tiles=(16, 6)), camera)
     assert silhouette_iou(frame.valid, mean.valid) >= 0.98
     both = frame.valid & mean.valid
     assert np.median(np.abs(frame.depth - mean.depth)[both]) <= 0.01
 
 
 def test_two_runs_give_the_same_bits():
-    thing, camera = ibr.ReliefSurface(grid(torus, 48, 24), bricks(), WHITE, 0.05, (8, 4)), around("torus")
+    thing, camera = ibr.ReliefSurface(grid(torus, 48, 24), bricks(), WHITE, 0.05, tiles=(8, 4)), around("torus")
     first, second = ibr.render(thing, camera), ibr.render(thing, camera)
     np.testing.assert_array_equal(first.depth, second.depth)
     np.testing.assert_array_equal(first.color, second.color)
@@ -232,7 +234,11 @@ def test_two_coincident_cylinders_show_what_lies_farther_out():
     camera, base, tiles = around("cylinder"), grid(cylinder, 64, 8), (12, 5)
     red, blue = (np.full((2, 2, 3), color, np.uint8) for color in ((200, 40, 40), (40, 40, 200)))
     frame = ibr.render(
-        [ibr.ReliefSurface(base, bricks(), red, 0.05, tiles), ibr.ReliefSurface(base, other, blue, 0.05, tiles)], camera
+        [
+            ibr.ReliefSurface(base, bricks(), red, 0.05, tiles=tiles),
+            ibr.ReliefSurface(base, other, blue, 0.05, tiles=tiles),
+        ],
+        camera,
     )
     truths = [Carved(cylinder, height, 0.05, tiles).depth(camera) for height in (bricks(), other)]
     nearest = np.minimum(*truths)
@@ -244,7 +250,7 @@ def test_two_coincident_cylinders_show_what_lies_farther_out():
 
 def test_one_depth_buffer_with_other_things():
     base, camera = grid(torus, 48, 24), around("torus")
-    relief = ibr.ReliefSurface(base, bricks(), WHITE, 0.08, (8, 4))
+    relief = ibr.ReliefSurface(base, bricks(), WHITE, 0.08, tiles=(8, 4))
     low, high = np.array([-2, -2, -0.01]), np.array([2, 2, -0.01])
     sheet = ibr.Mesh(
         [[low[0], low[1], low[2]], [high[0], low[1], low[2]], [high[0], high[1], low[2]], [low[0], high[1], low[2]]],

@@ -26,7 +26,7 @@ def revolved(profile: ArrayLike, closed: bool, sides: int = 96) -> tuple[np.ndar
 
 def colored(vertices: np.ndarray, faces: np.ndarray) -> MeshScene:
     """Colours tell where a point lies."""
-    return MeshScene(vertices, faces, np.clip(127.5 + 80 * vertices, 0, 255).astype(np.uint8))
+    return MeshScene(vertices, faces, colors=np.clip(127.5 + 80 * vertices, 0, 255).astype(np.uint8))
 
 
 @cache
@@ -60,7 +60,7 @@ def views_of_torus(kind: str) -> list[ibr.DepthImage]:
     """Six "orthographic" or "perspective" ones, "four" in a plane, or "nine, anywhere", of both projections."""
     scene = torus()
     if kind in ("orthographic", "perspective"):
-        return object_views(scene, 160, kind)
+        return object_views(scene, 160, projection=kind)
     if kind == "four":
         return object_views(scene, 160)[:4]
     directions = np.random.default_rng(5).normal(size=(9, 3))

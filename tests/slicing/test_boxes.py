@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-pytest.importorskip("open3d")
-
 import pyibr as ibr
 from pyibr.capture import object_views
 from pyibr.core.camera import Camera
@@ -23,7 +21,7 @@ def moved(views: list[ibr.DepthImage], by: tuple[float, float, float]) -> list[i
     for view in views:
         pose = view.camera.world_from_camera.copy()
         pose[:3, 3] += by
-        camera = Camera(view.camera.K, view.camera.size, pose, view.camera.projection)
+        camera = Camera(view.camera.K, view.camera.size, pose, projection=view.camera.projection)
         made.append(ibr.DepthImage(view.color, view.depth, camera))
     return made
 
@@ -70,7 +68,7 @@ def test_a_flat_object_has_a_box_with_an_inside():
 
 @pytest.mark.parametrize("projection", ["orthographic", "perspective"])
 def test_background_is_as_far_as_the_box_reaches(projection):
-    views = object_views(torus(), 40, projection)
+    views = object_views(torus(), 40, projection=projection)
     box = box_of_samples(views, True)
     for view in views:
         nearness = nearness_map(view, box, True)
@@ -101,7 +99,7 @@ def test_the_box_of_silhouettes_holds_all_that_lies_within_them(kind, by):
 def test_two_opposite_views_anywhere_in_the_world():
     """Their rays are all parallel: nothing says how deep the object lies but the cameras."""
     for projection in ("orthographic", "perspective"):
-        here = object_views(torus(), 60, projection)[:2]
+        here = object_views(torus(), 60, projection=projection)[:2]
         box, there = box_of_silhouettes(here), box_of_silhouettes(moved(here, (100, 30, 5)))
         assert within(box, torus().vertices).all()
         np.testing.assert_allclose(there.center - box.center, (100, 30, 5), atol=0.05)
@@ -122,7 +120,7 @@ def test_a_small_silhouette_is_found():
     # Its square, and around it the pixel and a half that a coarse grid may not cut off
     assert (box.edges <= 8 * pixel).all()
     target = views[3].camera
-    frame = ibr.render(ibr.VisualHull(views, 64), Camera(target.K, target.size, target.world_from_camera))
+    frame = ibr.render(ibr.VisualHull(views, slices=64), Camera(target.K, target.size, target.world_from_camera))
     assert frame.valid[75, 100]
     assert frame.valid.sum() <= 9
 

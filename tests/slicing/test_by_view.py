@@ -50,11 +50,11 @@ def flicker_of_ring(height: Any, slicing: str, size: tuple[int, int], steps: int
     """By slices by view, and by 256, over so many of 120 steps around a displaced ring."""
     turns = np.arange(steps) * 2 * np.pi / 120
     eyes = [(4 * np.cos(turn), 4 * np.sin(turn), 1.8) for turn in turns]
-    cams = [Camera.look_at(eye, (0, 0, 0), (0, 0, 1), size, 40) for eye in eyes]
+    cams = [Camera.look_at(eye, (0, 0, 0), (0, 0, 1), size, fov_y=40) for eye in eyes]
 
     def frames(slices: Any, halvings: int = 0) -> list[ibr.Frame]:
         thing = ibr.SlicedSurface(
-            grid(ring, 48, 24), height, noise(), 0.12, (6, 3), slices=slices, slicing=slicing, halvings=halvings
+            grid(ring, 48, 24), height, noise(), 0.12, tiles=(6, 3), slices=slices, slicing=slicing, halvings=halvings
         )
         return [ibr.render(thing, cam) for cam in cams]
 
@@ -126,6 +126,7 @@ def test_cliffs_flicker_no_more_than_with_256_slices(slicing, size):
     assert by_view <= fixed
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("size", [(240, 180), (320, 240)])
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 def test_objects_flicker_no_more_than_with_256_slices(slicing, size):
@@ -134,10 +135,10 @@ def test_objects_flicker_no_more_than_with_256_slices(slicing, size):
     views = object_views(scene, 512)
     turns = np.arange(12) * 2 * np.pi / 120
     cams = [looking(scene, (np.cos(turn), 0.3, np.sin(turn)), size) for turn in turns]
-    truth = [ibr.render(ibr.DepthObject(views, 2048, slicing, halvings=8), cam) for cam in cams]
-    thing = ibr.DepthObject(views, "view", slicing)
+    truth = [ibr.render(ibr.DepthObject(views, slices=2048, slicing=slicing, halvings=8), cam) for cam in cams]
+    thing = ibr.DepthObject(views, slices="view", slicing=slicing)
     frames = [ibr.render(thing, cam) for cam in cams]
-    fixed = ibr.DepthObject(views, 256, slicing)
+    fixed = ibr.DepthObject(views, slices=256, slicing=slicing)
     assert flicker(frames, truth) <= flicker([ibr.render(fixed, cam) for cam in cams], truth)
     for frame, true in zip(frames, truth, strict=True):
         both = frame.valid & true.valid
@@ -153,21 +154,21 @@ def test_objects_show_no_slice_at_any_size(kind, slicing, projection):
     views = views_of_torus("orthographic")
     for size in ((24, 18), (110, 90), (500, 400)):
         cam = looking(torus(), FRONT, size, projection)
-        many = ibr.render(kind(views, 2048, slicing, halvings=8), cam)
-        frame = ibr.render(kind(views, "view", slicing), cam)
+        many = ibr.render(kind(views, slices=2048, slicing=slicing, halvings=8), cam)
+        frame = ibr.render(kind(views, slices="view", slicing=slicing), cam)
         both = frame.valid & many.valid
         off = np.abs(frame.depth - many.depth)[both] / pixel_size(cam, kind(views).box.center)
         assert np.quantile(off, 0.95) < 0.25
         assert off.mean() < 0.5
         # Of a hull's edges, thin as wedges, slices miss some in the smallest picture, and which ones is chance.
-        few = [ibr.render(kind(views, n, slicing), cam).valid for n in (24, 32, 40)]
+        few = [ibr.render(kind(views, slices=n, slicing=slicing), cam).valid for n in (24, 32, 40)]
         missed = (frame.valid != many.valid).sum()
         assert missed <= max(max((one != many.valid).sum() for one in few) + 1, 0.02 * many.valid.sum())
 
 
 def test_spacing_changes_as_slowly_as_the_camera_moves():
     """No jump, and no memory of other pictures."""
-    thing = ibr.DepthObject(views_of_torus("orthographic"), "view")
+    thing = ibr.DepthObject(views_of_torus("orthographic"), slices="view")
     turns = np.linspace(0, 2 * np.pi, 481)
     cams = [looking(torus(), (np.cos(turn), 0.6 * np.sin(2 * turn), np.sin(turn)), (160, 120)) for turn in turns]
     spacings = np.array([spacing_in(thing, cam)[0] for cam in cams])
@@ -195,13 +196,13 @@ def test_from_within_and_from_afar(slicing):
 @pytest.mark.parametrize("kind", [ibr.DepthObject, ibr.VisualHull])
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 def test_objects_from_within_and_from_afar(kind, slicing):
-    thing = kind(views_of_torus("orthographic"), "view", slicing)
+    thing = kind(views_of_torus("orthographic"), slices="view", slicing=slicing)
     middle = thing.box.center
     for eye in (middle, middle + 1e-6, middle + 0.9):
         frame = ibr.render(thing, Camera.look_at(eye, middle + np.array([0.3, 2, 0.1]), (0, 0, 1), (41, 33), fov_y=80))
         np.testing.assert_array_equal(np.isfinite(frame.depth), frame.valid)
     far = Camera.look_at(middle + np.array([120, 0, 90]), middle, (0, 0, 1), (41, 33), fov_y=5)
-    many = ibr.render(kind(views_of_torus("orthographic"), 512, slicing), far)
+    many = ibr.render(kind(views_of_torus("orthographic"), slices=512, slicing=slicing), far)
     assert 10 < many.valid.sum() < 100
     assert (ibr.render(thing, far).valid != many.valid).sum() <= 0.1 * many.valid.sum()
 
@@ -213,7 +214,7 @@ def test_shadows_on_surfaces_and_objects_are_those_of_many_slices():
     off = np.abs(frames[0].color.astype(int) - frames[1].color).max(axis=-1)
     assert (off[frames[1].valid] > 40).mean() < 0.03  # at shadows' edges and the outline
     cam = looking(torus(), FRONT, (160, 120))
-    frames = [ibr.render(ibr.DepthObject(views_of_torus("orthographic"), n), cam, light) for n in ("view", 512)]
+    frames = [ibr.render(ibr.DepthObject(views_of_torus("orthographic"), slices=n), cam, light) for n in ("view", 512)]
     off = np.abs(frames[0].color.astype(int) - frames[1].color).max(axis=-1)
     assert (off[frames[1].valid] > 40).mean() < 0.03
 
@@ -244,6 +245,6 @@ def test_halved_surfaces_in_one_depth_buffer_with_other_things(halvings):
 
 @pytest.mark.parametrize("slices", ["many", "64", None, 0, 1.5])
 def test_wrong_numbers(slices):
-    for make in (lambda n: noisy_surface(n, "screen"), lambda n: ibr.DepthObject(views_of_torus("four"), n)):
+    for make in (lambda n: noisy_surface(n, "screen"), lambda n: ibr.DepthObject(views_of_torus("four"), slices=n)):
         with pytest.raises(ibr.ArgumentError, match=r'^slices: expected .*"view"'):
             make(slices)

@@ -11,8 +11,6 @@ import cv2
 import numpy as np
 import pytest
 
-pytest.importorskip("open3d")
-
 import pyibr as ibr
 from pyibr.capture import MeshScene, object_views
 from pyibr.core.camera import Camera
@@ -55,21 +53,22 @@ def check(thing: ibr.DepthObject, camera: Camera, truth: np.ndarray) -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_it_is_the_intersection_of_the_displaced_volumes(kind, projection):
     views, camera = views_of_torus(kind), looking(torus(), FRONT, (110, 90), projection)
-    first = ibr.DepthObject(views, 256)
+    first = ibr.DepthObject(views, slices=256)
     truth = first_depth(depth_object(views, first.box), camera, first.box, spacing(first) / 8)
     for slicing in ("orthogonal", "screen"):
         for halvings in (0, 2, 5):
-            check(ibr.DepthObject(views, 256, slicing, halvings=halvings), camera, truth)
+            check(ibr.DepthObject(views, slices=256, slicing=slicing, halvings=halvings), camera, truth)
 
 
+@pytest.mark.thorough
 def test_the_dragon_at_full_size():
     scene = MeshScene.from_mesh(ibr.Mesh.load(shared("meshes/dragon_vrip.ply.gz")))
     views, camera = object_views(scene, 512), looking(scene, FRONT, (320, 240))
-    first = ibr.DepthObject(views, 256)
+    first = ibr.DepthObject(views, slices=256)
     truth = first_depth(depth_object(views, first.box), camera, first.box, spacing(first) / 4)
     for slicing in ("orthogonal", "screen"):
         for halvings in (0, 2):
-            check(ibr.DepthObject(views, 256, slicing, halvings=halvings), camera, truth)
+            check(ibr.DepthObject(views, slices=256, slicing=slicing, halvings=halvings), camera, truth)
 
 
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
@@ -79,14 +78,14 @@ def test_more_slices_converge(slicing):
     truth = first_depth(depth_object(views, box), camera, box, float(box.edges.max()) / 2048)
     off = []
     for slices in (16, 32, 64, 128, 256):
-        frame = ibr.render(ibr.DepthObject(views, slices, slicing, halvings=0), camera)
+        frame = ibr.render(ibr.DepthObject(views, slices=slices, slicing=slicing, halvings=0), camera)
         off.append(np.median(np.abs(frame.depth - truth)[frame.valid & np.isfinite(truth)]))
     exponent = np.polyfit(np.arange(5), np.log2(off), 1)[0]
     assert -1.15 <= exponent <= -0.85, off  # as 1 / slices
 
 
 def test_without_halvings_points_lie_on_slices():
-    thing = ibr.DepthObject(views_of_torus("orthographic"), 64, "screen", halvings=0)
+    thing = ibr.DepthObject(views_of_torus("orthographic"), slices=64, slicing="screen", halvings=0)
     frame = ibr.render(thing, looking(torus(), FRONT, (110, 90)))
     number = frame.depth[frame.valid] / spacing(thing)
     # z is some 4 units, 200 slices, of float32
@@ -97,13 +96,13 @@ def test_without_halvings_points_lie_on_slices():
 def test_against_the_mesh_with_the_colours_of_views_that_saw_the_point(slicing):
     views, scores = views_of_torus("orthographic"), {"visible": [], "naive": []}
     for texture, scored in scores.items():
-        thing = ibr.DepthObject(views, 256, slicing, texture)
+        thing = ibr.DepthObject(views, slices=256, slicing=slicing, texture=texture)
         for direction in (FRONT, (-1, 0.3, 0.2)):
             camera = looking(torus(), direction, (160, 120))
             truth, frame = torus().capture(camera), ibr.render(thing, camera)
             # The views' samples are a 160th of the object apart: half of one at the outline is 2 % of the area.
             assert silhouette_iou(frame.valid, truth.valid) >= 0.97
-            scored.append(metrics.psnr(frame.color, truth.color, frame.valid & truth.valid))
+            scored.append(metrics.psnr(frame.color, truth.color, valid=frame.valid & truth.valid))
     assert np.mean(scores["visible"]) > np.mean(scores["naive"]) + 3  # dB
     assert np.mean(scores["visible"]) > 25
 
@@ -116,7 +115,10 @@ def test_naive_colours_are_the_three_closest_views_by_their_cosines(projection):
         ibr.DepthImage(np.broadcast_to(tint.astype(np.uint8), v.color.shape).copy(), v.depth, v.camera)
         for tint, v in zip(tints, views_of_torus("orthographic"), strict=True)
     ]
-    thing, camera = ibr.DepthObject(views, 64, texture="naive"), looking(torus(), (0.8, 0.5, 1), (90, 70), projection)
+    thing, camera = (
+        ibr.DepthObject(views, slices=64, texture="naive"),
+        looking(torus(), (0.8, 0.5, 1), (90, 70), projection),
+    )
     towards = camera.forward if projection == "orthographic" else thing.box.center - camera.center
     cosines = np.array([v.camera.forward for v in views]) @ towards / np.linalg.norm(towards)
     closest = np.argsort(-cosines)[:3]
@@ -128,18 +130,19 @@ def test_naive_colours_are_the_three_closest_views_by_their_cosines(projection):
     assert (np.abs(shown - expected).max(axis=1) <= 1).mean() >= 0.97
 
 
+@pytest.mark.thorough
 def test_a_textured_mesh():
     """Spot, the cow: what its own legs hide from a view is not painted with the legs."""
     mesh = ibr.Mesh.load(next(shared("meshes/spot").glob("*.obj*")))
     scene = MeshScene.from_mesh(mesh)
     views, scores = object_views(scene, 256), {"visible": [], "naive": []}
     for texture, scored in scores.items():
-        thing = ibr.DepthObject(views, 256, texture=texture)
+        thing = ibr.DepthObject(views, slices=256, texture=texture)
         for direction in (FRONT, (-0.8, -0.5, 1)):
             camera = looking(scene, direction, (200, 150))
             truth, frame = scene.capture(camera), ibr.render(thing, camera)
             assert silhouette_iou(frame.valid, truth.valid) >= 0.97
-            scored.append(metrics.psnr(frame.color, truth.color, frame.valid & truth.valid))
+            scored.append(metrics.psnr(frame.color, truth.color, valid=frame.valid & truth.valid))
     assert np.mean(scores["visible"]) > np.mean(scores["naive"]) + 1
     assert np.mean(scores["visible"]) > 25
 
@@ -149,8 +152,8 @@ def test_a_cups_cavity_is_in_the_object_and_not_in_the_hull():
     views = object_views(scene, 160)
     camera = looking(scene, (0.2, 1.5, 0.3), (120, 120))
     truth = scene.capture(camera)
-    frame = ibr.render(ibr.DepthObject(views, 200), camera)
-    hull = ibr.render(ibr.VisualHull(views, 200), camera)
+    frame = ibr.render(ibr.DepthObject(views, slices=200), camera)
+    hull = ibr.render(ibr.VisualHull(views, slices=200), camera)
     middle = (slice(50, 70), slice(50, 70))
     np.testing.assert_allclose(frame.depth[middle], truth.depth[middle], atol=0.02)  # the bottom: 2 slices
     assert (truth.depth[middle] - hull.depth[middle]).min() > 1.0  # 1.8 deep, and closed
@@ -160,7 +163,7 @@ def test_a_cups_cavity_is_in_the_object_and_not_in_the_hull():
 def test_walls_along_views_have_the_colours_of_those_that_see_them(kind):
     """A cup's: to two orthographic views they are less than a sample wide, to no other the inner ones are seen."""
     scene = cup()
-    thing = ibr.DepthObject(object_views(scene, 256, kind), 256)
+    thing = ibr.DepthObject(object_views(scene, 256, projection=kind), slices=256)
     for direction in ((0.5, 0.9, 1), (0.4, 1.2, 0.8)):
         camera = looking(scene, direction, (180, 140))
         truth, frame = scene.capture(camera), ibr.render(thing, camera)
@@ -176,17 +179,20 @@ def test_walls_along_views_have_the_colours_of_those_that_see_them(kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_hull_contains_the_object(kind):
     views, camera = views_of_torus(kind), looking(torus(), FRONT, (110, 90))
-    frame, hull = ibr.render(ibr.DepthObject(views, 128), camera), ibr.render(ibr.VisualHull(views, 128), camera)
+    frame, hull = (
+        ibr.render(ibr.DepthObject(views, slices=128), camera),
+        ibr.render(ibr.VisualHull(views, slices=128), camera),
+    )
     # An object ends halfway to the background's samples or later, a silhouette halfway: up to a sample at the outline
     both = frame.valid & hull.valid
     assert both.sum() >= 0.98 * frame.valid.sum()
-    nearer = hull.depth[both] <= frame.depth[both] + 2 * spacing(ibr.VisualHull(views, 128))
+    nearer = hull.depth[both] <= frame.depth[both] + 2 * spacing(ibr.VisualHull(views, slices=128))
     assert nearer.mean() >= 0.98
 
 
 def test_two_runs_give_the_same_bits():
     views, camera = views_of_torus("nine, anywhere"), looking(torus(), FRONT, (90, 70))
-    one, two = (ibr.render(ibr.DepthObject(views, 64), camera) for _ in range(2))
+    one, two = (ibr.render(ibr.DepthObject(views, slices=64), camera) for _ in range(2))
     np.testing.assert_array_equal(one.depth, two.depth)
     np.testing.assert_array_equal(one.color, two.color)
 
@@ -194,8 +200,10 @@ def test_two_runs_give_the_same_bits():
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_order_of_views_changes_nothing(kind):
     views, camera = views_of_torus(kind), looking(torus(), FRONT, (90, 70))
-    frame = ibr.render(ibr.DepthObject(views, 64), camera)
-    turned = ibr.render(ibr.DepthObject([views[0], *views[:0:-1]], 64), camera)  # the first view gives the box's axes
+    frame = ibr.render(ibr.DepthObject(views, slices=64), camera)
+    turned = ibr.render(
+        ibr.DepthObject([views[0], *views[:0:-1]], slices=64), camera
+    )  # the first view gives the box's axes
     np.testing.assert_array_equal(frame.depth, turned.depth)
     # Equally close views blend in another order: a rounding, unless the third place is a tie
     assert (np.abs(frame.color.astype(int) - turned.color) > 1).any(axis=-1).sum() == 0
@@ -203,7 +211,7 @@ def test_the_order_of_views_changes_nothing(kind):
 
 @pytest.mark.parametrize("size", [(1, 1), (7, 13), (61, 37)])
 def test_any_size_is_a_part_of_a_large_picture(size):
-    thing, camera = ibr.DepthObject(views_of_torus("perspective"), 64), looking(torus(), FRONT, (90, 70))
+    thing, camera = ibr.DepthObject(views_of_torus("perspective"), slices=64), looking(torus(), FRONT, (90, 70))
     whole = ibr.render(thing, camera)
     width, height = size
     middle = np.add(
@@ -223,7 +231,7 @@ def test_any_size_is_a_part_of_a_large_picture(size):
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 @pytest.mark.parametrize("texture", ["visible", "naive"])
 def test_from_within_its_box(slicing, texture):
-    thing = ibr.DepthObject(views_of_torus("orthographic"), 64, slicing, texture)
+    thing = ibr.DepthObject(views_of_torus("orthographic"), slices=64, slicing=slicing, texture=texture)
     middle, ring = thing.box.center, torus().vertices[0]
     for eye in (middle, middle + 1e-6, 0.5 * (middle + ring), ring):
         frame = ibr.render(thing, Camera.look_at(eye, np.add(middle, (0.3, 2, 0.1)), (0, 0, 1), (41, 33), fov_y=80))
@@ -234,7 +242,7 @@ def test_from_within_its_box(slicing, texture):
 
 
 def test_from_afar_it_is_orthographic():
-    thing = ibr.DepthObject(views_of_torus("orthographic"), 64, "screen")
+    thing = ibr.DepthObject(views_of_torus("orthographic"), slices=64, slicing="screen")
     flat = looking(torus(), FRONT, (90, 70), "orthographic")
     away = 1000.0
     K = flat.K * [[away, 0, 1], [0, away, 1], [0, 0, 1]]
@@ -259,8 +267,11 @@ def plane_through(thing: ibr.DepthObject) -> ibr.Mesh:
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 @pytest.mark.parametrize("halvings", [0, 2])
 def test_one_depth_buffer_with_other_things(slicing, halvings):
-    thing = ibr.DepthObject(views_of_torus("orthographic"), 40, slicing, halvings=halvings)
-    wall, hull = plane_through(thing), ibr.VisualHull(object_views(cup(), 64), 40, slicing, halvings)
+    thing = ibr.DepthObject(views_of_torus("orthographic"), slices=40, slicing=slicing, halvings=halvings)
+    wall, hull = (
+        plane_through(thing),
+        ibr.VisualHull(object_views(cup(), 64), slices=40, slicing=slicing, halvings=halvings),
+    )
     for projection in ("perspective", "orthographic"):
         camera = looking(torus(), FRONT, (100, 80), projection)
         things = [thing, wall, hull]
@@ -278,7 +289,7 @@ def test_one_depth_buffer_with_other_things(slicing, halvings):
 def test_of_what_is_equally_far_the_first_stays(projection):
     views = views_of_torus("orthographic")
     dark, light = (
-        ibr.DepthObject([ibr.DepthImage(np.full_like(v.color, gray), v.depth, v.camera) for v in views], 64)
+        ibr.DepthObject([ibr.DepthImage(np.full_like(v.color, gray), v.depth, v.camera) for v in views], slices=64)
         for gray in (50, 200)
     )
     frame = ibr.render([dark, light], looking(torus(), FRONT, (90, 70), projection))
@@ -286,7 +297,7 @@ def test_of_what_is_equally_far_the_first_stays(projection):
 
 
 def test_tests_are_counted():
-    thing, camera = ibr.DepthObject(views_of_torus("orthographic"), 64), looking(torus(), FRONT, (90, 70))
+    thing, camera = ibr.DepthObject(views_of_torus("orthographic"), slices=64), looking(torus(), FRONT, (90, 70))
     counted, seen = alpha_tests(thing, camera), ibr.render(thing, camera).valid
     assert (counted[seen] >= 6).all()  # what passes has passed all
     # A ray crosses no more than 64 * sqrt(3) slices and one each side, with six tests each at most.
@@ -295,7 +306,7 @@ def test_tests_are_counted():
 
 @pytest.mark.parametrize(("thing", "camera"), [("cup", None), (None, 1)])
 def test_what_cannot_be_counted(thing, camera):
-    good = ibr.DepthObject(views_of_torus("orthographic"), 16)
+    good = ibr.DepthObject(views_of_torus("orthographic"), slices=16)
     with pytest.raises(ibr.ArgumentError, match=r"thing|camera"):
         alpha_tests(thing or good, camera or looking(torus(), FRONT, (9, 7)))
 
@@ -361,8 +372,8 @@ def test_a_box_along_the_views_axes(size, extent):
     faces = [[a, b, c] for a, b, c, _ in quads] + [[a, c, d] for a, _, c, d in quads]
     mesh = ibr.Mesh(corners, faces)
     thing, camera = (
-        ibr.DepthObject(object_views(mesh, size), 64),
-        Camera.look_at((2, 1.7, 2.6), (0.5, 0.5, 0.3), (0, 0, 1), (121, 91), 40),
+        ibr.DepthObject(object_views(mesh, size), slices=64),
+        Camera.look_at((2, 1.7, 2.6), (0.5, 0.5, 0.3), (0, 0, 1), (121, 91), fov_y=40),
     )
     frame, truth = ibr.render(thing, camera), ibr.render(mesh, camera)
     # Outlines are off by half a sample of the images: 0.5 / size of the box on each side.
@@ -378,12 +389,12 @@ def test_an_image_that_shows_a_part_alone():
     part = ibr.DepthImage(
         np.ascontiguousarray(views[0].color[rows, columns]),
         np.ascontiguousarray(views[0].depth[rows, columns]),
-        Camera(K, (50, 40), camera.world_from_camera, camera.projection),
+        Camera(K, (50, 40), camera.world_from_camera, projection=camera.projection),
     )
     target = looking(torus(), FRONT, (90, 70))
-    whole = ibr.render(ibr.DepthObject(views, 64), target).valid
-    left = ibr.render(ibr.DepthObject([*views[1:], part], 64, missing="unknown"), target).valid
-    cut = ibr.render(ibr.DepthObject([*views[1:], part], 64), target).valid
+    whole = ibr.render(ibr.DepthObject(views, slices=64), target).valid
+    left = ibr.render(ibr.DepthObject([*views[1:], part], slices=64, missing="unknown"), target).valid
+    cut = ibr.render(ibr.DepthObject([*views[1:], part], slices=64), target).valid
     assert silhouette_iou(left, whole) >= 0.97
     assert cut.sum() < 0.8 * whole.sum()
 
@@ -423,7 +434,7 @@ def test_one_slice_alone_is_the_object_cut_open(slicing, projection):
     pixels = np.stack([x.ravel(), y.ravel()], axis=-1)
     start, ahead = (camera.unproject(pixels, np.full(len(pixels), z)) for z in (1.0, 2.0))
     ahead = ahead - start
-    whole = ibr.DepthObject(views, 64, slicing)
+    whole = ibr.DepthObject(views, slices=64, slicing=slicing)
     box, towards = whole.box, camera.forward if projection == "orthographic" else whole.box.center - camera.center
     if slicing == "screen":
         middle = float((box.center - camera.center) @ camera.forward)
@@ -437,7 +448,7 @@ def test_one_slice_alone_is_the_object_cut_open(slicing, projection):
         normal, first = box.axes[axis], box.low[axis]
         numbers = [int(part * box.edges[axis] / spacing(whole)) for part in (0.3, 0.5, 0.7)]
     for number in numbers:
-        thing = ibr.DepthObject(views, 64, slicing, only=number)
+        thing = ibr.DepthObject(views, slices=64, slicing=slicing, only=number)
         place = first + number * spacing(whole)
         points = start + ((place - start @ normal) / (ahead @ normal))[:, None] * ahead
         along = points @ box.axes.T
@@ -453,6 +464,6 @@ def test_one_slice_alone_is_the_object_cut_open(slicing, projection):
 
 def test_one_slice_alone_has_a_number():
     with pytest.raises(ibr.ArgumentError, match='only: expected None with slices="view"'):
-        ibr.DepthObject(views_of_torus("orthographic"), "view", only=3)
-    beyond = ibr.DepthObject(views_of_torus("orthographic"), 64, only=66)
+        ibr.DepthObject(views_of_torus("orthographic"), slices="view", only=3)
+    beyond = ibr.DepthObject(views_of_torus("orthographic"), slices=64, only=66)
     assert not ibr.render(beyond, looking(torus(), FRONT, (110, 90))).valid.any()

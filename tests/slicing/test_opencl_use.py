@@ -15,14 +15,15 @@ from tests.one_lane import one_lane
 from tests.slicing.solids import looking, torus, views_of_torus
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("slicing", ["surface", "orthogonal", "screen"])
 def test_a_surface_in_one_lane(slicing, projection):
     rng = np.random.default_rng(3)
     height, color = rng.random((16, 16), np.float32), rng.integers(0, 256, (8, 8, 3)).astype(np.uint8)
-    thing = ibr.SlicedSurface(models.donut(12), height, color, 0.2, (4, 2), 16, slicing)
+    thing = ibr.SlicedSurface(models.donut(12), height, color, 0.2, tiles=(4, 2), slices=16, slicing=slicing)
     tall = {"height": 2.6} if projection == "orthographic" else {}
-    camera = Camera.look_at((1.5, -2.4, 1.6), (0, 0, 0), (0, 0, 1), (101, 77), 45, projection, **tall)
+    camera = Camera.look_at((1.5, -2.4, 1.6), (0, 0, 0), (0, 0, 1), (101, 77), fov_y=45, projection=projection, **tall)
     light = ibr.Light(direction=(0.3, 1, -1))
     wide = ibr.render(thing, camera, light)
     with one_lane():
@@ -35,13 +36,14 @@ def test_a_surface_in_one_lane(slicing, projection):
     assert (np.abs(one.color.astype(int) - wide.color)[both].max(axis=1) <= 1).mean() >= 0.99
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["orthographic", "perspective"])
 @pytest.mark.parametrize("make", [ibr.DepthObject, ibr.VisualHull])
 def test_an_object_in_one_lane(make, kind):
-    thing, camera = make(views_of_torus(kind), 64), looking(torus(), (0.5, 0.4, 1), (101, 77))
+    thing, camera = make(views_of_torus(kind), slices=64), looking(torus(), (0.5, 0.4, 1), (101, 77))
     wide = ibr.render(thing, camera)
     with one_lane():
-        one = ibr.render(make(thing.views, 64), camera)
+        one = ibr.render(make(thing.views, slices=64), camera)
     assert silhouette_iou(one.valid, wide.valid) >= 0.999
     both = one.valid & wide.valid
     assert np.isclose(one.depth, wide.depth, rtol=1e-4)[both].mean() >= 0.995
@@ -52,7 +54,7 @@ def test_a_work_item_is_a_pixel_in_one_lane_and_a_bin_or_a_block_in_sixteen():
     """As kernels/slicing/surface.cl and object.cl say."""
     camera = Camera.look_at((0, 1, 4), (0, 0, 0), (0, 1, 0), (101, 77), fov_y=45)
     surface = ibr.SlicedSurface(models.donut(6), np.ones((2, 2), np.float32), np.zeros((2, 2, 3), np.uint8), 0.1)
-    thing, grids = ibr.DepthObject(views_of_torus("four"), 16), {}
+    thing, grids = ibr.DepthObject(views_of_torus("four"), slices=16), {}
 
     class Grids(Watch):
         def launch(self, kernel, grid, arguments, enqueue) -> None:

@@ -18,6 +18,8 @@ from pyibr.io import read_range_grid
 from tests.data import shared
 from tests.displaced import Solid, looking, square
 
+pytestmark = pytest.mark.thorough
+
 SCALE = 0.06
 SIDE = 256  # texels of the height maps, of 1024
 
@@ -75,7 +77,7 @@ def test_the_bunny_from_six_real_scans():
     assert len(views) == 6
     scene = MeshScene.from_mesh(ibr.Mesh.load(shared("meshes/bun_zipper.ply.gz")))
     middle = 0.5 * (scene.vertices.min(axis=0) + scene.vertices.max(axis=0))
-    unknown, background = (ibr.DepthObject(views, 256, missing=missing) for missing in ("unknown", "background"))
+    unknown, background = (ibr.DepthObject(views, slices=256, missing=missing) for missing in ("unknown", "background"))
     errors = {}
     for direction in ((0.3, 0.4, 1), (1, 0.3, -0.3), (-0.6, 0.2, -1)):
         away = 0.45 * np.array(direction) / np.linalg.norm(direction)
@@ -96,7 +98,7 @@ def test_the_bunny_from_six_real_scans():
 def test_meshes_as_six_depth_images(name):
     mesh = ibr.Mesh.load(shared(f"meshes/{name}"))
     scene = MeshScene.from_mesh(mesh)
-    thing = ibr.DepthObject(object_views(scene, 256), 256)
+    thing = ibr.DepthObject(object_views(scene, 256), slices=256)
     low, high = mesh.bounds
     middle, extent = 0.5 * (low + high), np.linalg.norm(high - low)
     camera = Camera.look_at(middle + extent * np.array([0.5, 0.4, 1.0]), middle, (0, 1, 0), (200, 240), fov_y=50)

@@ -342,7 +342,9 @@ def test_a_normal_map_of_bytes_is_decoded(make):
 def test_a_donut_of_constant_height_is_a_fatter_donut(slicing):
     """No gap between polygons: what is seen is the donut 0.1 farther out, to a slice and the polygons' sagitta."""
     height, color = np.ones((4, 4), np.float32), np.full((1, 1, 3), 200, np.uint8)
-    thing = ibr.SlicedSurface(models.donut(), height, color, 0.1, (8, 4), 20, slicing, "at_least")
+    thing = ibr.SlicedSurface(
+        models.donut(), height, color, 0.1, tiles=(8, 4), slices=20, slicing=slicing, test="at_least"
+    )
     cam = Camera.look_at((1.5, -2.0, 2.5), (0, 0, 0), (0, 0, 1), (160, 120), fov_y=45)
     frame = ibr.render(thing, cam)
     base = models.donut()
@@ -414,10 +416,13 @@ def test_coincident_vertices_at_a_tip_or_a_pole_draw_nothing(shape, slicing):
     corner = vertices[faces]
     area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
     assert (area < 1e-9).any()
-    uv, cam = np.stack([u, v], -1).reshape(-1, 2), Camera.look_at((2.5, -3, 2), (0, 0, 0.3), (0, 0, 1), (161, 121), 45)
+    uv, cam = (
+        np.stack([u, v], -1).reshape(-1, 2),
+        Camera.look_at((2.5, -3, 2), (0, 0, 0.3), (0, 0, 1), (161, 121), fov_y=45),
+    )
     height, color = np.full((4, 4), 0.5, np.float32), np.full((1, 1, 3), 255, np.uint8)
     frames = [
-        ibr.render(ibr.SlicedSurface(ibr.Mesh(vertices, kept, uv), height, color, 0.3, slicing=slicing), cam)
+        ibr.render(ibr.SlicedSurface(ibr.Mesh(vertices, kept, uv=uv), height, color, 0.3, slicing=slicing), cam)
         for kept in (faces, faces[area > 1e-9])
     ]
     assert frames[0].valid.sum() > 2000
@@ -452,7 +457,7 @@ def test_colours_far_away_are_means():
     checker = np.repeat((np.indices((128, 128)).sum(axis=0) % 2 * 255).astype(np.uint8)[..., None], 3, axis=2)
     flat = np.full((4, 4), 0.5, np.float32)
     cam = Camera.look_at((0.5, 0.5, 30), (0.5, 0.5, 0), (0, 1, 0), (61, 61), fov_y=2)
-    frame = ibr.render(ibr.SlicedSurface(square(), flat, checker, 0.1, (4, 4), 16), cam)
+    frame = ibr.render(ibr.SlicedSurface(square(), flat, checker, 0.1, tiles=(4, 4), slices=16), cam)
     inner = frame.color[frame.valid][:, 0].astype(float)
     assert inner.std() <= 2
     assert abs(inner.mean() - 127.5) <= 2
@@ -462,7 +467,10 @@ def test_colours_far_away_are_means():
 def test_vertices_that_nothing_uses_change_nothing(kind):
     """At the corners of a box, in a triangle without area, and far away."""
     base, height = facets(box()), np.full((4, 4), 0.5, np.float32)
-    camera, light = Camera.look_at((2.5, -2.1, 3.4), (0, 0, 0), (0, 0, 1), (96, 80), 42), ibr.Light((-0.4, 0.5, -1))
+    camera, light = (
+        Camera.look_at((2.5, -2.1, 3.4), (0, 0, 0), (0, 0, 1), (96, 80), fov_y=42),
+        ibr.Light(direction=(-0.4, 0.5, -1)),
+    )
     corners, uv, faces = base.vertices, np.asarray(base.uv), base.faces
     middle = np.array([corners[0], corners[1], 0.5 * (corners[0] + corners[1])])
     flat = np.concatenate([faces, len(corners) + np.arange(3)[None]])
@@ -493,7 +501,7 @@ def test_seams_by_rounded_sines_are_closed():
         [np.stack([first, first + 17, first + 1], 1), np.stack([first + 1, first + 17, first + 18], 1)]
     )
     exact = [np.where(np.abs(part) < 1e-12, 0, part) for part in points]
-    camera = Camera.look_at((3, 0.3, 0.4), (0, 0, 0), (0, 0, 1), (96, 80), 42)  # towards the seam
+    camera = Camera.look_at((3, 0.3, 0.4), (0, 0, 0), (0, 0, 1), (96, 80), fov_y=42)  # towards the seam
     depths = [
         ibr.render(
             ibr.SlicedSurface(

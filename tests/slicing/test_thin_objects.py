@@ -11,7 +11,6 @@ from pyibr.core.camera import Camera
 from tests.one_lane import one_lane
 from tests.slicing.solids import revolved
 
-pytest.importorskip("open3d")
 cv2 = pytest.importorskip("cv2")
 
 SIZE = 96
@@ -47,7 +46,7 @@ def scene_of(part: tuple[np.ndarray, np.ndarray]) -> MeshScene:
         count += len(points)
     colors = np.full((count, 3), 120, np.uint8)
     colors[: count - 16] = 230, 120, 20
-    return MeshScene(np.concatenate(vertices), np.concatenate(faces), colors)
+    return MeshScene(np.concatenate(vertices), np.concatenate(faces), colors=colors)
 
 
 ASKEW, _ = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))
@@ -86,7 +85,7 @@ def test_wires_and_leaves_are_covered_and_little_more(name, slicing):
     part, least, plain_most = CASES[name]
     scene = scene_of(part)
     views = object_views(scene, SIZE)
-    thick, plain = (ibr.DepthObject(views, 512, slicing, thin=thin) for thin in (True, False))
+    thick, plain = (ibr.DepthObject(views, slices=512, slicing=slicing, thin=thin) for thin in (True, False))
     for zoom in (2, 6):
         covered = []
         for direction in DIRECTIONS:
@@ -103,7 +102,7 @@ def test_wires_and_leaves_are_covered_and_little_more(name, slicing):
 def test_images_of_perspective_cameras():
     """A rod as wide as a sample of theirs is in its middle, where their samples are 5/4 as large."""
     scene = scene_of(rod((-0.5, 0.3, 0.45), (0.5, -0.35, -0.4), 1.25 * SAMPLE))
-    thing = ibr.DepthObject(object_views(scene, SIZE, "perspective"), 512, thin=True)
+    thing = ibr.DepthObject(object_views(scene, SIZE, projection="perspective"), slices=512, thin=True)
     for direction in DIRECTIONS:
         camera = near(direction, 4)
         share, beyond = compared(ibr.render(thing, camera), scene.capture(camera), 3.2)
@@ -111,18 +110,19 @@ def test_images_of_perspective_cameras():
         assert beyond <= 0.5
 
 
+@pytest.mark.thorough
 def test_other_views_and_one_lane_draw_the_same():
     first, second = (object_views(scene_of(CASES[name][0]), SIZE) for name in ("slanted", "diagonal"))
     camera = near(DIRECTIONS[0], 4)
-    new = ibr.render(ibr.DepthObject(second, 256, thin=True), camera)
-    old = ibr.DepthObject(first, 256, thin=True)
+    new = ibr.render(ibr.DepthObject(second, slices=256, thin=True), camera)
+    old = ibr.DepthObject(first, slices=256, thin=True)
     ibr.render(old, camera)
     other = ibr.render(old.with_views(second), camera)
     np.testing.assert_array_equal(new.depth, other.depth)
     np.testing.assert_array_equal(new.color, other.color)
     with one_lane():
         again = [ibr.DepthImage(view.color, view.depth, view.camera) for view in second]
-        one = ibr.render(ibr.DepthObject(again, 256, thin=True), camera)
+        one = ibr.render(ibr.DepthObject(again, slices=256, thin=True), camera)
     assert new.valid.sum() > 500
     assert (one.valid != new.valid).mean() <= 2e-3  # by rounding, at borders
     both = one.valid & new.valid

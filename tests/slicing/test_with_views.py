@@ -7,8 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-pytest.importorskip("open3d")
-
 import pyibr as ibr
 from pyibr.slicing import boxes
 from pyibr.slicing import object as objects
@@ -73,19 +71,19 @@ def test_an_object_is_as_a_new_one(kind, missing):
 @pytest.mark.parametrize("kind", ["orthographic", "nine, anywhere"])
 def test_a_hull_is_as_a_new_one(kind):
     views = views_of_torus(kind)
-    first = thing = ibr.VisualHull(views, "view")
+    first = thing = ibr.VisualHull(views, slices="view")
     ibr.render(first, CAMERA)
     for others in changes(views):
         thing = thing.with_views(others)
-        same(thing, ibr.VisualHull(others, "view"))
+        same(thing, ibr.VisualHull(others, slices="view"))
         assert thing.tested == ibr.VisualHull(others).tested
     outlines: list[ibr.Silhouette | ibr.DepthImage] = [ibr.Silhouette(v.color, v.valid, v.camera) for v in views]
-    same(first.with_views(outlines), ibr.VisualHull(outlines, "view"))
+    same(first.with_views(outlines), ibr.VisualHull(outlines, slices="view"))
 
 
 def test_what_stays_is_not_made_again(monkeypatch):
     views = views_of_torus("orthographic")
-    thing = ibr.DepthObject(views, 48)
+    thing = ibr.DepthObject(views, slices=48)
     ibr.render(thing, CAMERA)
     made: list[object] = []
     for room, name in ((objects, "nearness_map"), (objects, "rgba_words"), (boxes, "Whereabouts")):
@@ -101,7 +99,7 @@ def test_what_stays_is_not_made_again(monkeypatch):
 
 def test_a_hull_asks_the_new_outline_alone_for_what_it_says(monkeypatch):
     views = views_of_torus("orthographic")
-    thing = ibr.VisualHull(views, 48)
+    thing = ibr.VisualHull(views, slices=48)
     ibr.render(thing, CAMERA)
     made: list[object] = []
     asked: list[int] = []

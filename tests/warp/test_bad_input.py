@@ -131,7 +131,7 @@ CASES: dict[str, tuple[Call, str, str, str]] = {
     ),
     "depths that are too large": (lambda: warp(image(depth=DEPTH * 1e20)), "depth", "1e+09", "2e+20"),
     "depths that are too small": (lambda: warp(image(depth=DEPTH * 1e-20)), "depth", "1e-08", "2e-20"),
-    "projection": (lambda: ibr.Camera(K, SIZE, None, "fisheye"), "projection", '"orthographic"', "fisheye"),
+    "projection": (lambda: ibr.Camera(K, SIZE, None, projection="fisheye"), "projection", '"orthographic"', "fisheye"),
 }
 
 
@@ -152,7 +152,7 @@ def test_the_error_names_argument_expected_and_got(call, argument, expected, got
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 def test_a_target_that_sees_nothing_gets_a_warning_and_holes(method, projection):
     K_here = K if projection == "perspective" else [[10, 0, 20], [0, 10, 15], [0, 0, 1]]
-    away = ibr.Camera(K_here, (33, 25), np.diag([-1.0, 1, -1, 1]), projection).moved(0, 0, 1)
+    away = ibr.Camera(K_here, (33, 25), np.diag([-1.0, 1, -1, 1]), projection=projection).moved(0, 0, 1)
     aside = ibr.Camera(K_here, (33, 25), projection=projection).moved(100, 0, 0)
     for target in (away, aside):
         for fill in (None, "background", "smooth"):

@@ -113,7 +113,7 @@ def test_noise_becomes_less(projection):
 
 def test_depth_alone_is_blended():
     view = scenes.holed(SIZE)
-    alone = ibr.DepthImage(None, view.depth, view.camera, view.far)
+    alone = ibr.DepthImage(None, view.depth, view.camera, far=view.far)
     camera = view.camera.moved(0.1, 0, 0)
     other = view.camera.moved(0.3, 0.1, 0)
     second = ibr.warp(view, other)
@@ -132,6 +132,7 @@ def psnr(frame: ibr.Frame, seen: ibr.DepthImage, where: np.ndarray) -> float:
     return float(10 * np.log10(255**2 / ((frame.color.astype(float) - seen.color)[where] ** 2).mean()))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("noise", [0.0, 0.3])
 def test_a_view_that_is_left_out_is_seen_better(noise):
     """Half a decibel at least over the nearest view's; a view 25 % darker costs no more than that."""

@@ -21,7 +21,7 @@ def colored() -> ibr.DepthImage:
 
 @pytest.fixture(scope="module")
 def alone(colored: ibr.DepthImage) -> ibr.DepthImage:
-    return ibr.DepthImage(None, colored.depth, colored.camera, colored.far)
+    return ibr.DepthImage(None, colored.depth, colored.camera, far=colored.far)
 
 
 @pytest.mark.parametrize("lanes", [16, 1])
@@ -67,6 +67,6 @@ def test_pictures_show_it_white(alone):
     for things in (alone, ibr.DepthMesh(alone), ibr.DepthMeshObject([alone]), [alone, *views]):
         frame = ibr.render(things, camera)
         assert frame.valid.any() and (frame.color[frame.valid] == 255).all()
-    in_float = ibr.DepthImage(np.zeros((*alone.depth.shape, 3), np.float32), alone.depth, alone.camera, alone.far)
+    in_float = ibr.DepthImage(np.zeros((*alone.depth.shape, 3), np.float32), alone.depth, alone.camera, far=alone.far)
     frame = ibr.render([alone, in_float], camera)
     assert frame.color.dtype == np.float32 and frame.color[frame.valid].min() == pytest.approx(1.0)  # the first stays

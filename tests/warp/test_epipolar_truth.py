@@ -123,7 +123,7 @@ def around(view: ibr.DepthImage, target: Projection) -> list[tuple[str, Camera]]
         "behind, askew": scenes.pose(yaw=150, pitch=15, roll=10, center=(-1.5, 0.8, 8.5)),
         "above and behind": scenes.pose(yaw=170, pitch=-35, center=(0.3, 3, 8)),
     }
-    cameras = [(n, Camera(K, TARGET, view.camera.world_from_camera @ p, target)) for n, p in behind.items()]
+    cameras = [(n, Camera(K, TARGET, view.camera.world_from_camera @ p, projection=target)) for n, p in behind.items()]
     return cameras + [(p.name, p.camera) for p in scenes.special_cameras(view, TARGET, target)[-2:]]
 
 
@@ -246,7 +246,7 @@ def test_targets_of_one_row_or_column(target_size, source, target):
     for pose in scenes.special_cameras(here.view, (60, 60), target):
         K = pose.camera.K.copy()
         K[:2, 2] = (target_size[0] - 1) / 2, (target_size[1] - 1) / 2
-        camera = Camera(K, target_size, pose.camera.world_from_camera, target)
+        camera = Camera(K, target_size, pose.camera.world_from_camera, projection=target)
         seen = here.cast(camera)
         assert seen.valid.any(), pose.name
         for sample in ("linear", "nearest"):

@@ -276,7 +276,8 @@ def test_a_missing_opencv_is_named(monkeypatch: pytest.MonkeyPatch):
         ibr.warp(view, view.camera.moved(0.4, 0, 0), fill="inpaint")
 
 
-def test_nothing_is_read_beyond_the_arrays(tmp_path):
+@pytest.mark.thorough
+def test_nothing_is_read_beyond_the_arrays():
     check_bounds(
         """
 import numpy as np
@@ -292,5 +293,4 @@ for size in ((1, 2), (33, 17), (7, 40)):
         for way in ("background", "smooth"):
             ibr.warp(view, camera.moved(*move), fill=way)
 """,
-        tmp_path,
     )

@@ -85,7 +85,7 @@ def camera(
     """The principal point is in the middle, or beside it."""
     f = focal if projection == "perspective" else focal / 4  # as much of what is 4 away
     K = [[f, 0, (size[0] - 1) / 2 + rng.choice([0, 0.3])], [0, f, (size[1] - 1) / 2], [0, 0, 1]]
-    return Camera(K, size, pose, projection)
+    return Camera(K, size, pose, projection=projection)
 
 
 def random_depth(rng: np.random.Generator, scene: str, size: scenes.Size) -> np.ndarray:

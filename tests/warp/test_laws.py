@@ -12,7 +12,9 @@ import pytest
 
 import pyibr as ibr
 from pyibr.core.camera import Camera
+from pyibr.opencl.watch import watching
 from tests import scenes
+from tests.builds import Builds
 
 PROJECTIONS = ("perspective", "orthographic")
 METHODS = ("epipolar", "search", "forward")
@@ -393,3 +395,12 @@ def test_only_what_is_before_the_camera_is_seen(method, source, target):
         camera = Camera(scenes.target_intrinsics(SIZE, target), SIZE, projection=target).moved(0.1, 0.2, forward)
         frame = ibr.warp(view, camera, method=method, side="both")
         assert (frame.depth[frame.valid] > 0).all()
+
+
+def test_one_program_resolves_whatever_is_zoomed():
+    view, builds = scenes.stepped((41, 31)), Builds()
+    with watching(builds):
+        for scale in (1, 4):  # of a sample, in pixels
+            camera = view.camera.moved(0.2, 0.1, 0.1).resized((41 * scale, 31 * scale))
+            ibr.warp(view, camera)
+    assert len([of for of in builds.of if of[0] == "resolve"]) == 1

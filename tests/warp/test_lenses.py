@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -39,7 +38,7 @@ def with_lens(view: ibr.DepthImage, name: str) -> ibr.DepthImage:
     """The same samples, taken through a lens."""
     camera = view.camera
     seen = ibr.Camera(camera.K, camera.size, camera.world_from_camera, lens=LENSES[name])
-    return ibr.DepthImage(view.color, view.depth, seen, view.far)
+    return ibr.DepthImage(view.color, view.depth, seen, far=view.far)
 
 
 @cache
@@ -217,6 +216,7 @@ def test_depth_alone_through_lenses():
     assert (white.color[white.valid] == 255).all()
 
 
+@pytest.mark.thorough
 def test_one_lane_sees_the_same():
     view = with_lens(scenes.stepped((61, 37)), "barrel")
     camera = target(view, "fisheye", POSES["turned"], (53, 41))
@@ -253,8 +253,9 @@ ibr.warp(ibr.DepthImage(np.full((13, 19, 3), 0.5, np.float32), depth, camera), c
 """
 
 
-def test_kernels_stay_in_bounds(tmp_path: Path):
-    check_bounds(BOUNDS, tmp_path)
+@pytest.mark.thorough
+def test_kernels_stay_in_bounds():
+    check_bounds(BOUNDS)
 
 
 @pytest.mark.parametrize("pose", ["identity", "aside", "turned"])

@@ -13,6 +13,8 @@ import pyibr as ibr
 from tests import truth
 from tests.data import shared
 
+pytestmark = pytest.mark.thorough
+
 pytest.importorskip("open3d")
 
 

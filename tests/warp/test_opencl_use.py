@@ -33,7 +33,7 @@ def run(*command: str, timeout: float = 120, **environment: str) -> subprocess.C
 
 
 def test_the_second_process_builds_nothing(tmp_path: Path):
-    first = run(sys.executable, "-c", FIRST_FRAME, PYIBR_CACHE=str(tmp_path))
+    first = run(sys.executable, "-c", FIRST_FRAME, PYIBR_CACHE=str(tmp_path), PYIBR_BINARIES="now")
     assert first.returncode == 0, first.stderr
     binaries = {path: path.stat().st_mtime_ns for path in (tmp_path / "programs").iterdir()}
     assert len(binaries) >= 4  # nearness, epipolar, resolve, fill
@@ -44,25 +44,25 @@ def test_the_second_process_builds_nothing(tmp_path: Path):
         "    make(self, context, *rest)\n"
         "cl.Program.__init__ = refuse\n"
     )
-    second = run(sys.executable, "-c", forbid + FIRST_FRAME, PYIBR_CACHE=str(tmp_path))
+    second = run(sys.executable, "-c", forbid + FIRST_FRAME, PYIBR_CACHE=str(tmp_path), PYIBR_BINARIES="now")
     assert second.returncode == 0, second.stderr
     assert second.stdout == first.stdout
     assert {path: path.stat().st_mtime_ns for path in (tmp_path / "programs").iterdir()} == binaries
 
 
 def test_damaged_binaries_are_built_anew(tmp_path: Path):
-    first = run(sys.executable, "-c", FIRST_FRAME, PYIBR_CACHE=str(tmp_path))
+    first = run(sys.executable, "-c", FIRST_FRAME, PYIBR_CACHE=str(tmp_path), PYIBR_BINARIES="now")
     assert first.returncode == 0, first.stderr
     binaries = list((tmp_path / "programs").iterdir())
     for path in binaries:
         path.write_bytes(b"not a program")
-    second = run(sys.executable, "-c", FIRST_FRAME, PYIBR_CACHE=str(tmp_path))
+    second = run(sys.executable, "-c", FIRST_FRAME, PYIBR_CACHE=str(tmp_path), PYIBR_BINARIES="now")
     assert (second.returncode, second.stdout) == (0, first.stdout), second.stderr
     assert all(path.stat().st_size > 100 for path in binaries)
 
 
 def test_importing_brings_no_device_and_no_large_library():
-    heavy = ("pyopencl", "cv2", "open3d", "rich", "typer", "imageio")
+    heavy = ("pyopencl", "cv2", "open3d", "rich", "typer", "PIL")
     code = f"import sys, pyibr; print([name for name in {heavy} if name in sys.modules])"
     result = run(sys.executable, "-c", code)
     assert (result.returncode, result.stdout.strip()) == (0, "[]"), result.stderr

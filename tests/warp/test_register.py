@@ -172,15 +172,15 @@ def test_command_line(tmp_path, monkeypatch):
     _, box = seen_by(COLOR)
     DEPTH.save("depth.json")
     COLOR.save("color.json")
-    ibr.write_depth("depth.png", given, 1000)
+    ibr.write_depth("depth.png", given, scale=1000)
     ibr.write_color("color.png", np.where(box[..., None], (200, 40, 40), (40, 40, 200)).astype(np.uint8))
     run = CliRunner().invoke
     cameras = ["--depth-camera", "depth.json", "--color-camera", "color.json", "--depth-scale", "1000"]
     done = run(app, ["register", "depth.png", *cameras, "-o", "registered.png"])
     assert done.exit_code == 0 and "219x163" in done.output
-    stored = ibr.read_depth("depth.png", 1000)
+    stored = ibr.read_depth("depth.png", scale=1000)
     expected = ibr.uint16_from_depth(ibr.register(stored, DEPTH, COLOR), 1000)
-    np.testing.assert_array_equal(ibr.read_depth("registered.png", 1000), ibr.depth_from_uint16(expected, 1000))
+    np.testing.assert_array_equal(ibr.read_depth("registered.png", scale=1000), ibr.depth_from_uint16(expected, 1000))
     done = run(app, ["register", "depth.png", *cameras, "--color", "color.png", "-o", "colors.png"])
     assert done.exit_code == 0 and "193x141" in done.output
     found = ibr.register(stored, DEPTH, COLOR, ibr.read_color("color.png"), to="depth")

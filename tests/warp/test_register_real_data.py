@@ -13,6 +13,8 @@ from tests import matlab
 from tests.data import shared
 from tests.reference.align import aligned
 
+pytestmark = pytest.mark.thorough
+
 FRAMES = (1, 4, 10)
 ASIDE = ((4, 1), (4.5, 1.5), (5, 2))  # of the depth image in the calibrated infrared one: nothing tells exactly
 ONE = 1.05  # ratio of depths up to which neighbours are one surface

@@ -143,7 +143,7 @@ def test_what_is_torn_does_not_depend_on_how_far_back_an_orthographic_camera_sta
     near, far = image(depth, camera), image(depth + back, camera.moved(0, 0, -back))
     for target in (
         Camera([[60, 0, 36.2], [0, 60, 29.1], [0, 0, 1]], size, scenes.pose(pitch=8, center=(0.2, -1.1, 0.4))),
-        Camera(camera.K, size, scenes.pose(yaw=14, pitch=22), "orthographic"),
+        Camera(camera.K, size, scenes.pose(yaw=14, pitch=22), projection="orthographic"),
     ):
         one, other = (ibr.warp(view, target, method=method, edges="cut") for view in (near, far))
         assert 0.3 < one.valid.mean() < 0.95
@@ -160,7 +160,9 @@ def test_an_orthographic_view_is_torn_where_depths_differ_by_a_share_of_its_long
     scale, longer = 12.0, max(size) / 12.0
     step = (cut_ratio - 1) * longer
     camera = Camera([[scale, 0, 36.5], [0, scale, 27.8], [0, 0, 1]], size, projection="orthographic")
-    target = Camera(camera.K, size, scenes.pose(yaw=-20, center=(2.05, 0, 0.36)), "orthographic")  # of (0, 0, 6)
+    target = Camera(
+        camera.K, size, scenes.pose(yaw=-20, center=(2.05, 0, 0.36)), projection="orthographic"
+    )  # of (0, 0, 6)
     for part in (0.99, 1.01):
         depth = np.where(np.arange(size[0]) < size[0] // 2, 6.0, 6.0 + part * step)[None].repeat(size[1], 0)
         view = image(depth, camera)
@@ -239,7 +241,7 @@ def rough_view(projection: Projection) -> ibr.DepthImage:
     depth[25, 35] = 3.0
     f = 45.0 if projection == "perspective" else 9.0
     K = [[f, 0, 31.2], [0, 1.1 * f, 22.7], [0, 0, 1]]
-    return image(depth, Camera(K, size, scenes.pose(25, -10, 5, (0.4, -1.1, 0.7)), projection))
+    return image(depth, Camera(K, size, scenes.pose(25, -10, 5, (0.4, -1.1, 0.7)), projection=projection))
 
 
 @pytest.mark.parametrize("sample", ["linear", "nearest"])
@@ -341,7 +343,7 @@ def test_an_orthographic_plane_that_cuts_the_surface(projection, shape, degrees)
     view = image(depth, Camera([[f, 0, 17.5], [0, f, 13.5], [0, 0, 1]], (36, 28), projection=projection))
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     pose = np.array([[c, 0, s, 0.1], [0, 1, 0, 0.1], [-s, 0, c, 3.5], [0, 0, 0, 1]])
-    target = Camera([[20, 0, 31.5], [0, 20, 23.5], [0, 0, 1]], (64, 48), pose, "orthographic")
+    target = Camera([[20, 0, 31.5], [0, 20, 23.5], [0, 0, 1]], (64, 48), pose, projection="orthographic")
     for edges in EDGES if shape != "teeth" else ("connect",):  # cut, all teeth are apart
         found = [ibr.warp(view, target, method=method, edges=edges, side="both") for method in METHODS]
         assert found[1].valid.sum() > 150

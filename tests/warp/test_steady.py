@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import pytest
+
 from benchmarks import scenes
 from benchmarks.cases import QUICK
 from benchmarks.warp import steady
@@ -12,6 +14,7 @@ from tests.data import shared
 PLAN = replace(QUICK, rgbd_steady={(640, 480): 10})
 
 
+@pytest.mark.thorough
 def test_views_are_as_steady_as_their_input():
     """Turned by 34 degrees and moved by 0.7 m, where depth's noise moves the colours most."""
     shared("rgbd_livingroom1")

@@ -36,7 +36,7 @@ def strips(*corners: np.ndarray, wall: bool = True) -> MeshScene:
     faces = [[4 * i + k for k in face] for i in range(len(corners)) for face in ((0, 1, 2), (0, 2, 3))]
     colors = np.full((4 * len(corners), 3), 120, np.uint8)
     colors[: 4 * (len(corners) - wall)] = 230, 120, 20
-    return MeshScene(np.concatenate(corners), faces, colors)
+    return MeshScene(np.concatenate(corners), faces, colors=colors)
 
 
 def magnified(zoom: int, move=(0, 0, 0), size=(244, 188)) -> ibr.Camera:
@@ -209,7 +209,7 @@ def test_colours_and_depths_run_along_wires(sample):
 
 def test_backs_of_thin_things_are_shown_if_asked_for():
     view = strips(*CASES["row"], wall=False).capture(CAMERA)
-    behind = ibr.Camera.look_at((0.2, 0.1, 4.2), (0, 0, 2), (0, 1, 0), (122, 94), 45)
+    behind = ibr.Camera.look_at((0.2, 0.1, 4.2), (0, 0, 2), (0, 1, 0), (122, 94), fov_y=45)
     with pytest.warns(UserWarning, match="sees nothing"):
         assert not ibr.warp(view, behind, thin=True).valid.any()
     both = ibr.warp(view, behind, thin=True, side="both")

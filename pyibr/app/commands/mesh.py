@@ -48,9 +48,9 @@ def mesh(
     check_outputs({"COLOR": [color], "DEPTH": [depth], "--camera": [camera]}, {"--output": [output]})
     check_mesh_file(output, textured=True, colored=True)
     image, own = ibr.read_color(color), Camera.load(camera)
-    depths = ibr.read_depth(depth, depth_scale, depth_is, own)
+    depths = ibr.read_depth(depth, scale=depth_scale, kind=depth_is, camera=own)
     depths = ibr.clean_depth(depths, image).depth if clean else depths
-    view = DepthImage(image, depths, own, far, backdrop_of(backdrop))
+    view = DepthImage(image, depths, own, far=far, backdrop=backdrop_of(backdrop))
     with device_of(device):
         made = ibr.DepthMesh(view, segmentation=Segmentation(segmentation)).simplify(max_error)
     made.save(output)

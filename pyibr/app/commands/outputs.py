@@ -97,7 +97,7 @@ class Outputs:
             elif kind == "color":
                 ibr.write_color(name, images[kind])
             elif kind == "depth":
-                ibr.write_depth(name, images[kind], *self._stored, camera)
+                ibr.write_depth(name, images[kind], scale=self._stored[0], kind=self._stored[1], camera=camera)
             else:
                 ibr.write_mask(name, images[kind])
         self._written.append(printable(self._main if self._is_video else self._name(self._main, number)))

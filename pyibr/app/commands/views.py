@@ -47,7 +47,7 @@ class Depths:
     def read(self, shot: Shot, color: NDArray[Any] | None = None) -> Depth | None:
         """The frame's depth, None if it is lost; `color` guides the cleaning, if it is of the depth's camera."""
         camera, (scale, kind, *_) = shot.depth_camera or shot.camera, self._reading
-        depth = self._lost.or_read(lambda path: ibr.read_depth(path, scale, kind, camera), shot.depth)
+        depth = self._lost.or_read(lambda path: ibr.read_depth(path, scale=scale, kind=kind, camera=camera), shot.depth)
         if depth is None:
             return None
         if color is not None and shot.depth_camera is None:
@@ -89,7 +89,7 @@ def views_of(source: Source, reading: Reading, lost: Lost) -> Iterator[DepthImag
             continue
         with depths.naming(shot):
             backdrop = None if depths.is_blank(depth) else reading.backdrop
-            view = DepthImage(color, depths.registered(shot, depth), shot.camera, reading.far, backdrop)
+            view = DepthImage(color, depths.registered(shot, depth), shot.camera, far=reading.far, backdrop=backdrop)
             if not reading.recorded and not view.valid.any():
                 raise ArgumentError("depth", "at least one valid sample", f"none in {shot.depth}")
         yield view

@@ -28,6 +28,7 @@ __all__ = ["place"]
 def place(
     mesh: Mesh,
     frusta: Sequence[Frustum] | str | PathLike[str] = (),
+    *,
     size: int = 256,
     folder: str | PathLike[str] = "frusta",
     up: ArrayLike = (0, -1, 0),

@@ -15,7 +15,7 @@ from pyibr.picture.light import Light
 
 
 class Captures:
-    """What frusta see of a mesh.
+    """The depth images that frusta see of a mesh.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class Captures:
                 self._bare[key] = bare.capture(self.surface.mesh, self.light)
             bare_view = self._bare[key]
             depth = np.where(frustum.mask, np.float32(np.inf), bare_view.depth)
-            self._views[frustum] = DepthImage(bare_view.color, depth, frustum.camera, frustum.far)
+            self._views[frustum] = DepthImage(bare_view.color, depth, frustum.camera, far=frustum.far)
         return self._views[frustum]
 
     def nearest(self, frustum: Frustum) -> float | None:
@@ -63,5 +63,5 @@ class Captures:
     def _mask(self, frustum: Frustum, side: Side) -> Mask:
         key = frustum, side
         if key not in self._seen:
-            self._seen[key] = self.surface.seen(self.view(frustum), side)
+            self._seen[key] = self.surface.seen(self.view(frustum), side=side)
         return self._seen[key]

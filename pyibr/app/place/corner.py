@@ -28,7 +28,7 @@ def corner_box(size: tuple[int, int]) -> tuple[int, int, int]:
 
 
 def corner_place(size: tuple[int, int], at: tuple[float, float]) -> tuple[float, float] | None:
-    """Where a place of the page, in its widths and heights, is on the picture, in its own; None beside it."""
+    """Turn a place of the page, in its widths and heights, into one of the picture, in its own; None beside it."""
     left, top, side = corner_box(size)
     x, y = (at[0] * size[0] - left) / side, (at[1] * size[1] - top) / side
     return (x, y) if 0 <= x <= 1 and 0 <= y <= 1 else None

@@ -152,7 +152,7 @@ class Gizmos:
 
 
 def _corner_of(frustum: Frustum, depth: float) -> Float64:
-    """Where the lower right corner of a frustum is at a depth, in the world."""
+    """The lower right corner of a frustum at a depth, in the world."""
     across, down = (math.tan(math.radians(angle) / 2) for angle in frustum.fov)
     local = depth * np.array([across, down, 1.0])
     pose = frustum.camera.world_from_camera

@@ -22,7 +22,7 @@ _COUNT_MOST = 256  # frusta
 
 @dataclass(frozen=True)
 class State:
-    """What undoing brings back.
+    """The state that undoing brings back.
 
     Attributes
     ----------
@@ -164,14 +164,14 @@ class Placement:
 
     @property
     def steps(self) -> tuple[int, int]:
-        """How many changes can be undone, and how many redone."""
+        """The number of changes that can be undone, and of those that can be redone."""
         return len(self._past), len(self._future)
 
     # ---- files
 
     @property
     def about(self) -> dict[str, Any]:
-        """What files say of the set beside its frusta."""
+        """The set's entries in files beside its frusta."""
         part = {} if self.within is None else {"within": self.within.tolist()}
         return {"side": self.state.side} | part
 

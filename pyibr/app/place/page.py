@@ -15,10 +15,12 @@ import numpy as np
 from pyibr.app.live.pages import Pages
 from pyibr.app.live.place import PagePlace
 from pyibr.app.live.stream import Picture, Shown
+from pyibr.app.place.brush import SHEET, Brush
 from pyibr.app.place.captures import Captures
-from pyibr.app.place.corner import Kind, corner_box, corner_place, own_picture, put_into_corner
+from pyibr.app.place.corner import Kind, own_picture, put_into_corner
 from pyibr.app.place.gizmos import Gizmos
 from pyibr.app.place.model import Placement
+from pyibr.app.telling import telling
 from pyibr.app.view.painting import paint
 from pyibr.app.view.style import Layout, Style
 from pyibr.app.view.ways import Way
@@ -35,7 +37,7 @@ from pyibr.picture.seen import MarkedUnseen
 from pyibr.warp.view import WarpedView
 
 if TYPE_CHECKING:
-    from viser import ClientHandle, MeshHandle
+    from viser import ClientHandle
 
 _SHOWN: dict[str, tuple[str, str | None, Layout]] = {
     "mesh": ("mesh", None, "one"),
@@ -44,16 +46,15 @@ _SHOWN: dict[str, tuple[str, str | None, Layout]] = {
     "mesh, set, difference": ("plain", "set", "side by side"),
     "difference": ("plain", "set", "difference"),
 }
-"""What the page shows by the words of its control."""
+"""The ways, and their layout, by the words of the page's control."""
 
-_LAYER = 0.02  # units of the page: the brush's sheet before the camera
 _NEW = 40.0  # degrees of a new frustum
 _BEFORE = 0.6  # of the way from the camera to the surface: how far before it a new one stands
 _NONE = "none"
 
 
 class PlacePage:
-    """What all browsers share that place frusta on one mesh, and their pages.
+    """The part that all browsers share that place frusta on one mesh.
 
     Parameters
     ----------
@@ -100,11 +101,12 @@ class PlacePage:
         (self._browsers.add if joins else self._browsers.discard)(browser)
 
     def picture(self, camera: Camera, full: tuple[int, int]) -> Picture:
-        """What a page with a canvas of `full` pixels shows from a camera."""
+        """Draw what a page with a canvas of `full` pixels shows from a camera."""
         state = self.placement.state
         way, other, layout = _SHOWN[self._shown.value]
         style = Style(way, other, layout, self._swipe.value, self._gain.value)
-        picture = paint(self._ways, camera, style)
+        with telling(self._say):
+            picture = paint(self._ways, camera, style)
         color = picture.color if picture.color.flags.writeable else picture.color.copy()
         if state.current is not None and self._corner.value != _NONE:
             view = self.captures.view(state.current)
@@ -113,7 +115,7 @@ class PlacePage:
             if picture.depth is not None:
                 before = np.zeros((*picture.depth.shape, 1), np.uint8)
                 put_into_corner(before, np.full((1, 1, 1), 255, np.uint8), full)
-                picture.depth[before[..., 0] > 0] = _LAYER * self.place.unit  # nothing is drawn over it
+                picture.depth[before[..., 0] > 0] = SHEET * self.place.unit  # nothing is drawn over it
         return replace(picture, color=color)
 
     def tell(self, shown: Shown) -> None:
@@ -135,6 +137,9 @@ class PlacePage:
         """Say what is wrong."""
         text = str(error) if isinstance(error, Error) else f"{type(error).__name__}: {error}"
         self._status.content = f"**Not done:** {text}"
+
+    def _say(self, text: str) -> None:
+        self._status.content = text
 
     def _draw_marked(self, things: Any, camera: Camera, style: Style) -> Frame:
         state = self.placement.state
@@ -225,7 +230,7 @@ class PlacePage:
         eye = camera.center + (depth - back) * camera.forward
         up = -camera.world_from_camera[:3, 1]
         size = self.placement.size
-        return Frustum.look_at(eye, eye + camera.forward, up, size, _NEW, back + 0.25 * around)
+        return Frustum.look_at(eye, eye + camera.forward, up, size, fov=_NEW, far=back + 0.25 * around)
 
     def _add_cover_controls(self) -> None:
         gui = self.pages.server.gui
@@ -253,10 +258,10 @@ class PlacePage:
                     self.captures.surface.mesh,
                     int(self._count.value),
                     self.placement.size,
-                    state.frusta,
-                    state.side,
-                    self.captures.surface,
-                    self._tell_progress,
+                    known=state.frusta,
+                    side=state.side,
+                    surface=self.captures.surface,
+                    progress=self._tell_progress,
                 )
             )
             self.placement.add(*made)
@@ -293,7 +298,7 @@ class PlacePage:
 
     @property
     def paints(self) -> bool:
-        """Whether a drag over the corner paints."""
+        """True while a drag over the corner paints."""
         return self._brush.value and self._corner.value != _NONE and self.placement.state.current is not None
 
     def _add_picture_controls(self) -> None:
@@ -362,19 +367,17 @@ class BrowserPage:
     """One browser's view of the page: its camera's picture, and its brush."""
 
     def __init__(self, shared: PlacePage, client: ClientHandle) -> None:
-        self._shared, self._client = shared, client
-        self._sheet: MeshHandle | None = None
-        self._sheet_for: object = None
-        self._gesture: object = None
+        self._shared = shared
         self.stream = shared.pages.stream(client, shared.place, self._paint, shared.tell, shared.tell_error)
+        self._brush = Brush(client, self.stream, lambda: shared.paints, shared.paint_at)
         self.stream.with_depth = True
-        self.stream.moved = self._move_sheet
+        self.stream.moved = self._brush.move
         shared.join(self, True)
         self.stream.follow()
 
     def refresh(self) -> None:
         """Something has changed that the page shows."""
-        self._show_sheet()
+        self._brush.show()
         self.stream.refresh()
 
     def leave(self) -> None:
@@ -385,52 +388,3 @@ class BrowserPage:
     def _paint(self, camera: Camera) -> Picture:
         full = self.stream.camera or camera
         return self._shared.picture(camera, full.size)
-
-    # ---- the brush: an unseen sheet over the corner, before the camera, that is dragged over
-
-    def _move_sheet(self, camera: Camera) -> None:
-        key = camera.size, camera.K[0, 0]
-        if self._sheet is None or self._sheet_for != key:
-            self._add_sheet(camera)
-            self._sheet_for = key
-        assert self._sheet is not None
-        wxyz, position = self.stream.place.pose(camera)
-        with self._client.atomic():
-            self._sheet.wxyz, self._sheet.position = tuple(wxyz), tuple(position)
-        self._show_sheet()
-
-    def _show_sheet(self) -> None:
-        if self._sheet is not None and self._sheet.visible != self._shared.paints:
-            self._sheet.visible = self._shared.paints
-
-    def _add_sheet(self, camera: Camera) -> None:
-        left, top, side = corner_box(camera.size)
-        pixels = np.array([[left, top], [left + side, top], [left + side, top + side], [left, top + side]]) - 0.5
-        corners = np.column_stack([camera.ideal_positions(pixels), np.ones(4)]) * _LAYER
-        faces = np.array([[0, 2, 1], [0, 3, 2]], np.uint32)  # backs away: viser colours those of what is pointed at
-        self._sheet = self._client.scene.add_mesh_simple(
-            "/brush",
-            corners.astype(np.float32),
-            faces,
-            opacity=0.0,
-            side="double",
-            cast_shadow=False,
-            receive_shadow=False,
-        )
-
-        async def dragged(event: Any) -> None:  # on the server's own thread, so that places come in their order
-            if event.phase == "start":
-                self._gesture = object()
-            self._paint_at(event.end_screen_pos, self._gesture)
-
-        async def clicked(event: Any) -> None:
-            self._paint_at(event.screen_pos, object())
-
-        self._sheet.on_drag(dragged)
-        self._sheet.on_click(clicked)
-
-    def _paint_at(self, at: tuple[float, float], gesture: object) -> None:
-        camera = self.stream.camera
-        place = None if camera is None else corner_place(camera.size, at)
-        if place is not None and self._shared.paints:
-            self._shared.paint_at(place, gesture)

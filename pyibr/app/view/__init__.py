@@ -15,7 +15,7 @@ from pyibr.opencl.device import explain
 __all__ = ["view"]
 
 
-def view(things: object, camera: Camera | None = None, up: ArrayLike | None = None, port: int = 8080) -> Pages:
+def view(things: object, camera: Camera | None = None, *, up: ArrayLike | None = None, port: int = 8080) -> Pages:
     """Look around in a browser, with pictures that pyibr draws while the camera moves.
 
     The page can only be opened on this machine. Its controls choose the method, how depth images are drawn, the light,

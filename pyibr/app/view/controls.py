@@ -181,7 +181,7 @@ def _step(value: float) -> float:
 @lru_cache(maxsize=8)
 def _light_from(direction: tuple[float, ...], ambient: float, shadow_size: int, relight: bool) -> Light:
     """The same light for the same settings: it keeps its shadow maps."""
-    return Light(direction, ambient=ambient, shadow_size=shadow_size, relight=relight)
+    return Light(direction=direction, ambient=ambient, shadow_size=shadow_size, relight=relight)
 
 
 def _direction(up: Float64, around: float, above: float) -> Float64:

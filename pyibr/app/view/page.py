@@ -13,6 +13,7 @@ import numpy as np
 
 from pyibr.app.live.place import fov_of
 from pyibr.app.live.stream import Picture, Shown, Stream
+from pyibr.app.telling import telling
 from pyibr.app.view.controls import WORDS, Controls
 from pyibr.app.view.overlays import in_bytes, legend, view_color
 from pyibr.app.view.painting import kernel_seconds, paint
@@ -78,7 +79,8 @@ class ViewPage:
 
     def _paint(self, camera: Camera) -> Picture:
         self._hide_frusta_at(camera)
-        return paint(self.scene.ways, camera, self.controls.style())
+        with telling(self._say):
+            return paint(self.scene.ways, camera, self.controls.style())
 
     def _changed(self) -> None:
         self._show_frusta()
@@ -108,6 +110,9 @@ class ViewPage:
             most = sorted(times.items(), key=lambda item: -item[1])[:8]
             lines.append("Kernels: " + ", ".join(f"{name} {1e3 * seconds:.2f} ms" for name, seconds in most))
         self._status.content = "  \n".join(lines)
+
+    def _say(self, text: str) -> None:
+        self._status.content = text
 
     def _tell_error(self, error: Exception) -> None:
         text = str(error) if isinstance(error, Error) else f"{type(error).__name__}: {error}"

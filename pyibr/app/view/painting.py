@@ -111,5 +111,5 @@ def _apart(one: Frame, other: Frame) -> str:
     only = np.count_nonzero(one.valid ^ other.valid) / max(np.count_nonzero(either), 1)
     if not both.any():
         return "they see nothing in common"
-    decibels = psnr(in_bytes(one.color), in_bytes(other.color), both)
+    decibels = psnr(in_bytes(one.color), in_bytes(other.color), valid=both)
     return f"{decibels:.1f} dB where both see something; {only:.1%} is seen by one alone"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 
 import numpy as np
+import pytest
 
 import pyibr as ibr
 from pyibr.app.place.corner import corner_box
@@ -13,13 +14,15 @@ from pyibr.capture.frusta import Frustum
 from pyibr.images.metrics import psnr
 from tests.app.browser import chromium, opened, rested, until
 
+pytestmark = pytest.mark.thorough
+
 
 def test_the_corner_is_not_coloured_while_the_brush_is_over_it():
     """viser colours what can be clicked, behind its faces."""
     frustum = Frustum.look_at((0, 0, 3), (0, 0, 0), (0, 1, 0), 64)
     with (
         chromium() as browser,
-        ibr.place(models.donut(48), [frustum], 64, up=(0, 0, 1), port=0) as pages,
+        ibr.place(models.donut(48), [frustum], size=64, up=(0, 0, 1), port=0) as pages,
         opened(browser, pages.url, (400, 300)) as tab,
     ):
         rested(tab)

@@ -154,7 +154,7 @@ def test_a_set_is_saved_and_opened_again(tmp_path):
     placement = filled(2)
     placement.paint((0.5, 0.5), 0.2)
     placement.look_from("both")
-    captures = Captures(surface_of(models.donut(), 500), None)
+    captures = Captures(surface_of(models.donut(), count=500), None)
     views = captures.views(placement.state.frusta)
     placement.save(tmp_path / "set", views)
     placement.save_frusta(tmp_path / "frusta.json")
@@ -192,7 +192,7 @@ def test_a_set_says_which_part_it_covers(tmp_path):
 
 
 def test_images_are_made_once_and_as_long_as_they_are_wanted(monkeypatch: pytest.MonkeyPatch):
-    captures, made = Captures(surface_of(models.donut(), 2000), None), []
+    captures, made = Captures(surface_of(models.donut(), count=2000), None), []
     whole = Frustum.capture
     monkeypatch.setattr(Frustum, "capture", lambda self, *rest: made.append(self) or whole(self, *rest))
     one, other = frustum(), frustum(1.0)
@@ -211,7 +211,7 @@ def test_images_are_made_once_and_as_long_as_they_are_wanted(monkeypatch: pytest
 
 
 def test_the_share_is_of_all_frusta():
-    surface = surface_of(models.donut(), 2000)
+    surface = surface_of(models.donut(), count=2000)
     captures, frusta = Captures(surface, None), (frustum(), frustum(2.0))
     masks = [surface.seen(one.capture(models.donut())) for one in frusta]
     assert captures.unseen(frusta, "front") == unseen_share(surface, masks)

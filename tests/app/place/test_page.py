@@ -21,6 +21,8 @@ from pyibr.picture.seen import MarkedUnseen
 from tests.app.browser import Tab, chromium, opened, rested, settles_on, stays, until
 from tests.app.sockets import LOOPBACK, listeners
 
+pytestmark = pytest.mark.thorough
+
 SIZE = 64
 PICTURE = -2  # of what a page has shown: the last one is its depth
 
@@ -199,7 +201,7 @@ def test_frusta_are_proposed_and_the_set_is_compared_with_the_mesh(work, mesh):
     truth, plain = (ibr.render(thing, work.page.stream.camera, light) for thing in (views, mesh))
     both = truth.valid & plain.valid
     assert both.sum() > 0.9 * plain.valid.sum()  # what they cover looks as the mesh does
-    assert psnr(truth.color, plain.color, both) > 25
+    assert psnr(truth.color, plain.color, valid=both) > 25
     work.shared._shown.value = "difference"
     until(lambda: "dB where both see something" in work.shared._status.content)
     work.shared._shown.value = "mesh"

@@ -30,7 +30,7 @@ CAMERA = ibr.Camera.look_at((1.5, -1.2, 3), (0, 0, 0), (0, -1, 0), (83, 61), fov
 
 @cache
 def views() -> list[ibr.DepthImage]:
-    return object_views(models.donut(24), 96, "perspective")
+    return object_views(models.donut(24), 96, projection="perspective")
 
 
 @cache
@@ -131,18 +131,18 @@ def test_knobs_are_what_a_class_is_made_with():
     assert {"scale", "slices", "slicing", "test", "halvings"} <= set(knobs_of([sliced]))
     banded = ibr.SlicedSurface(relief().base, relief().height, relief().color, 0.1, test="band", band=0.1)
     assert knobs_of([banded])["band"].value == 0.1
-    assert "slices" not in knobs_of([ibr.DepthObject(views(), "view")])  # no number that could be turned
+    assert "slices" not in knobs_of([ibr.DepthObject(views(), slices="view")])  # no number that could be turned
     assert knobs_of([object(), 3, models.donut()]).keys() == {"sides"}
 
 
 def test_a_turned_knob_makes_the_thing_that_its_class_would_make():
     for thing, values, expected in (
         (
-            ibr.DepthObject(views(), 32),
+            ibr.DepthObject(views(), slices=32),
             {"slices": 16, "texture": "naive"},
-            ibr.DepthObject(views(), 16, texture="naive"),
+            ibr.DepthObject(views(), slices=16, texture="naive"),
         ),
-        (ibr.DepthMeshObject(views()), {"tolerance": 8.0}, ibr.DepthMeshObject(views(), 8.0)),
+        (ibr.DepthMeshObject(views()), {"tolerance": 8.0}, ibr.DepthMeshObject(views(), tolerance=8.0)),
         (
             relief(),
             {"scale": 0.2, "unknown": 3},
@@ -154,14 +154,14 @@ def test_a_turned_knob_makes_the_thing_that_its_class_would_make():
         )
     assert turned(relief(), {"scale": relief().scale}) is relief()
     with pytest.raises(ibr.ArgumentError, match="slices"):
-        turned(ibr.DepthObject(views(), 32), {"slices": 0})
+        turned(ibr.DepthObject(views(), slices=32), {"slices": 0})
 
 
 def test_a_way_draws_its_things_as_their_knobs_are_turned_and_keeps_a_few():
-    way = ways_of([ibr.DepthObject(views(), 32)])["render"]
+    way = ways_of([ibr.DepthObject(views(), slices=32)])["render"]
     for slices in (8, 16, 8, 4, 6, 7, 9):
         frame = way.draw(CAMERA, Style("render", knobs=(("slices", slices),)))
-        np.testing.assert_array_equal(frame.color, ibr.render(ibr.DepthObject(views(), slices), CAMERA).color)
+        np.testing.assert_array_equal(frame.color, ibr.render(ibr.DepthObject(views(), slices=slices), CAMERA).color)
     assert len(way._turned) <= 4
 
 

@@ -20,6 +20,8 @@ from pyibr.images.metrics import psnr
 from tests.app.browser import Tab, chromium, opened, rested, settles_on, stays, until
 from tests.app.sockets import LOOPBACK, listeners
 
+pytestmark = pytest.mark.thorough
+
 LEAST = 35.0  # dB; the browser draws the very pixels, but for its own rounding where it scales
 
 

@@ -1,0 +1,121 @@
+#ifndef WARP_PYRAMID_H
+#define WARP_PYRAMID_H
+/* The pyramid of push and pull (fill.cl): weighted means of pixels, level by level.
+ *
+ * A tile is TILE x TILE pixels, and one cell of the level TILE times as coarse; the tiles of that level are the cells
+ * of the next one, until there is but one. Within a tile three levels halve the side: 8, 4 and 2 cells.
+ *
+ * A cell has PLANES numbers: colour and nearness (in which planes are linear), each times the weight, and the weight, 1
+ * at most. base: (PLANES, height, width), the cells that tiles are made of. cells: (PLANES, tiles down, tiles across),
+ * the base of the next tiles. inner: PLANES * INNER_CELLS a tile, its three levels, set where its weight is not 0; and
+ * one tile more, which is 0.
+ *
+ * Small weights do not add up to much along a long edge: or else the foreground would leak the more, the finer the
+ * picture. With HAS_BEHIND each of four cells that become one weighs the less the nearer it is than the farthest of
+ * them, by the ratio of their depths to a power of 16 times the cells' side, up to 64: large cells fill what is deep in
+ * wide holes, and a hole is the wider the farther its surface lies behind what hid it. So the middle of such a hole
+ * shows the wall, not the floor before it. But the factor is 0.3 at least, so that few samples that are far by noise do
+ * not decide alone: wide holes would flicker.
+ */
+#include "lib/lanes.h"
+#include "lib/pixelspace.h"
+#include "warp/holes.h"
+
+#ifndef HAS_BEHIND
+#define HAS_BEHIND 1 /* 0: there is no `behind`, and all pixels weigh the same */
+#endif
+#define PLANES 5
+#define WEIGHT_PLANE 4   /* the plane of the weights */
+#define INNER_CELLS 84   /* cells of a tile's levels: 8 x 8, 4 x 4, 2 x 2 */
+#define STEEPEST_LEVEL 2 /* the level from which on the ratio of depths is taken to one power */
+#define RATIO_MIN 0.3f   /* the least factor of a cell's weight beside the farthest of four */
+#define SATURATION 32.0f /* weights below 1/32 do not grow where there are many of them */
+
+#define MASKED(mask, values) as_float16(as_int16(values) & (mask))
+#define HALVED(a, b) (((a) + (b)).even + ((a) + (b)).odd)
+
+/* A row of 16 pixels or cells, plane by plane */
+typedef struct {
+    float16 plane[PLANES];
+} Row;
+
+/* A tile's levels: row by row, plane by plane, as they lie in `inner` */
+typedef struct {
+    float8 eight[PLANES][8];
+    float4 four[PLANES][4];
+    float2 two[PLANES][2];
+    float one[PLANES];
+} Levels;
+
+/* Two rows of cells of a level into one of half their length. No cell counts more than 1; nor than w, what counts most
+ * among its four, or SATURATION w^2 if that is more: what is faint stays so. */
+#define HALVE(long_row, half_row, made, row, level)                                                            \
+    {                                                                                                          \
+        long_row a = 1.0f, b = 1.0f; /* the cells' factors beside the farthest of four */                      \
+        if (HAS_BEHIND) {                                                                                      \
+            a = DEPTHS(row, 0), b = DEPTHS(row, 1);                                                            \
+            const half_row farthest = fmax(fmax(a, b).even, fmax(a, b).odd);                                   \
+            long_row beside;                                                                                   \
+            beside.even = beside.odd = farthest > 0.0f ? 1.0f / farthest : (half_row)0.0f;                     \
+            a *= beside, b *= beside;                                                                          \
+            for (int squared = 0; squared < 4 + min(level, STEEPEST_LEVEL); squared++)                         \
+                a *= a, b *= b;                                                                                \
+            a = fmax(a, RATIO_MIN), b = fmax(b, RATIO_MIN);                                                    \
+        }                                                                                                      \
+        const half_row weights = HALVED(a * row(WEIGHT_PLANE, 0), b * row(WEIGHT_PLANE, 1));                   \
+        const long_row more = fmax(row(WEIGHT_PLANE, 0), row(WEIGHT_PLANE, 1));                                \
+        const half_row most = fmax(more.even, more.odd);                                                       \
+        const half_row limit = fmin(fmax(most, SATURATION * most * most), 1.0f);                               \
+        const half_row scale = weights > limit ? limit / weights : (half_row)1.0f;                             \
+        for (int p = 0; p < WEIGHT_PLANE; p++)                                                                 \
+            made(p) = scale * HALVED(a * row(p, 0), b * row(p, 1));                                            \
+        made(WEIGHT_PLANE) = scale * weights;                                                                  \
+    }
+/* Depths of a row's cells, 0 of those without a weight */
+#define DEPTHS(row, i)                                                                                         \
+    (row(WEIGHT_PLANE, i) == 0.0f ? 0.0f                                                                       \
+     : perspective               ? row(WEIGHT_PLANE, i) / row(3, i)                                            \
+                                 : -row(3, i) / row(WEIGHT_PLANE, i))
+#define ROW_16(p, i) rows[i].plane[p]
+#define ROW_8(p, i) levels->eight[p][2 * y + (i)]
+#define ROW_4(p, i) levels->four[p][2 * y + (i)]
+#define ROW_2(p, i) levels->two[p][i]
+#define EIGHT(p) levels->eight[p][y]
+#define FOUR(p) levels->four[p][y]
+#define TWO(p) levels->two[p][y]
+#define ONE(p) levels->one[p]
+
+/* A tile's levels from its first one on, which is there already, written down */
+INLINED void write_levels(Levels *levels, int level, int perspective, int tile, int tiles, global float *inner,
+                          global float *cells)
+{
+    for (int y = 0; y < 4; y++)
+        HALVE(float8, float4, FOUR, ROW_8, level)
+    for (int y = 0; y < 2; y++)
+        HALVE(float4, float2, TWO, ROW_4, level + 1)
+    HALVE(float2, float, ONE, ROW_2, level + 2)
+    for (int p = 0; p < PLANES; p++) {
+        global float *to = inner + ((size_t)tile * PLANES + p) * INNER_CELLS;
+        for (int y = 0; y < 8; y++)
+            vstore8(levels->eight[p][y], y, to);
+        for (int y = 0; y < 4; y++)
+            vstore4(levels->four[p][y], y, to + 64);
+        for (int y = 0; y < 2; y++)
+            vstore2(levels->two[p][y], y, to + 80);
+        cells[p * tiles + tile] = levels->one[p];
+    }
+}
+
+void clear_tile(int tile, int tiles, global float *cells)
+{
+    for (int p = 0; p < PLANES; p++)
+        cells[p * tiles + tile] = 0.0f;
+}
+
+/* The tile behind all others, which pull takes for those without a weight and those outside of the picture */
+void clear_last(int tiles, global float *inner)
+{
+    for (int i = 0; i < PLANES * INNER_CELLS; i++)
+        inner[(size_t)tiles * PLANES * INNER_CELLS + i] = 0.0f;
+}
+#endif

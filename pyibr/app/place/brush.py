@@ -1,0 +1,95 @@
+"""The brush of a browser's page: an unseen sheet over the corner, before the camera, that is dragged over."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pyibr.app.live.stream import Stream
+from pyibr.app.place.corner import corner_box, corner_place
+from pyibr.core.camera import Camera
+
+if TYPE_CHECKING:
+    from viser import ClientHandle, MeshHandle
+
+SHEET = 0.02
+"""Units of the page: how far the sheet is before the camera."""
+
+
+class Brush:
+    """The sheet of one browser, which follows its camera.
+
+    Parameters
+    ----------
+    client : ClientHandle
+    stream : Stream
+        Of that browser's pictures.
+    paints : callable
+        Whether a drag over the corner paints now.
+    paint_at : callable
+        Takes where the brush is, in widths and heights of the corner's picture, and the gesture that it is of.
+    """
+
+    def __init__(
+        self,
+        client: ClientHandle,
+        stream: Stream,
+        paints: Callable[[], bool],
+        paint_at: Callable[[tuple[float, float], object], None],
+    ) -> None:
+        self._client, self._stream = client, stream
+        self._paints, self._paint_at = paints, paint_at
+        self._sheet: MeshHandle | None = None
+        self._sheet_for: object = None
+        self._gesture: object = None
+
+    def move(self, camera: Camera) -> None:
+        """Put the sheet before a camera."""
+        key = camera.size, camera.K[0, 0]
+        if self._sheet is None or self._sheet_for != key:
+            self._add_sheet(camera)
+            self._sheet_for = key
+        assert self._sheet is not None
+        wxyz, position = self._stream.place.pose(camera)
+        with self._client.atomic():
+            self._sheet.wxyz, self._sheet.position = tuple(wxyz), tuple(position)
+        self.show()
+
+    def show(self) -> None:
+        """Let the sheet be there while a drag paints, and no longer."""
+        if self._sheet is not None and self._sheet.visible != self._paints():
+            self._sheet.visible = self._paints()
+
+    def _add_sheet(self, camera: Camera) -> None:
+        left, top, side = corner_box(camera.size)
+        pixels = np.array([[left, top], [left + side, top], [left + side, top + side], [left, top + side]]) - 0.5
+        corners = np.column_stack([camera.ideal_positions(pixels), np.ones(4)]) * SHEET
+        faces = np.array([[0, 2, 1], [0, 3, 2]], np.uint32)  # backs away: viser colours those of what is pointed at
+        self._sheet = self._client.scene.add_mesh_simple(
+            "/brush",
+            corners.astype(np.float32),
+            faces,
+            opacity=0.0,
+            side="double",
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+
+        async def dragged(event: Any) -> None:  # on the server's own thread, so that places come in their order
+            if event.phase == "start":
+                self._gesture = object()
+            self._touch(event.end_screen_pos, self._gesture)
+
+        async def clicked(event: Any) -> None:
+            self._touch(event.screen_pos, object())
+
+        self._sheet.on_drag(dragged)
+        self._sheet.on_click(clicked)
+
+    def _touch(self, at: tuple[float, float], gesture: object) -> None:
+        camera = self._stream.camera
+        place = None if camera is None else corner_place(camera.size, at)
+        if place is not None and self._paints():
+            self._paint_at(place, gesture)

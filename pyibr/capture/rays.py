@@ -1,0 +1,221 @@
+"""The triangles that a camera's rays meet, exactly: pixels are sorted into cells, and each ray is tried with the
+triangles over its own cell.
+
+A pinhole's pixels are cells themselves, so that triangles are gone through row by row, as a scan converter does; those
+of a lens are binned where it would see them without bending its rays. All in float64, on the host.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.core.camera import Camera
+from pyibr.core.checks import Float64
+
+Int64 = NDArray[np.int64]
+
+NOTHING = -1
+"""Instead of a triangle, where a ray meets none."""
+
+_NUDGE = 1e-3  # pixels by which a ray may miss a triangle, if it meets none: it passes through an edge exactly
+_NEAR = 1e-6  # of the depth of the farthest vertex: what is nearer is not met
+_AT_ONCE = 1 << 18  # triangles, rows of them, or rays on these that are tried at once
+
+
+@dataclass(frozen=True)
+class Rays:
+    """The rays of a camera's pixels, in cells.
+
+    Attributes
+    ----------
+    camera : Camera
+    places : (N, 2)
+        Where the pixels are in the image of the pinhole without the lens.
+    columns, rows : (2, n)
+        Lowest and highest place of each column and row of cells, in ascending order.
+    order : (n,)
+        The pixels whose rays see something, cell by cell, row by row.
+    starts : (rows * columns + 1,)
+        Where each cell's part of `order` begins.
+    """
+
+    camera: Camera
+    places: Float64
+    columns: Float64
+    rows: Float64
+    order: Int64
+    starts: Int64
+
+    @classmethod
+    def of(cls, camera: Camera) -> Rays:
+        """Return the rays through all pixel centres."""
+        width, height = camera.size
+        pixels = pixel_centers(camera)
+        if camera.lens is None:
+            columns, rows = (np.stack([np.arange(count, dtype=np.float64)] * 2) for count in camera.size)
+            every = np.arange(len(pixels) + 1)
+            return cls(camera, pixels, columns, rows, every[:-1], every)
+        places = camera.ideal_positions(pixels) @ camera.K[:2, :2].T + camera.K[:2, 2]
+        seen = np.flatnonzero(np.isfinite(places).all(axis=1))  # not where the lens sees nothing
+        if not len(seen):
+            return cls(camera, places, np.zeros((2, 0)), np.zeros((2, 0)), seen, np.zeros(1, np.int64))
+        columns, column = _strips(places[seen, 0], width)
+        rows, row = _strips(places[seen, 1], height)
+        cell = row * width + column
+        order = np.argsort(cell, kind="stable")
+        starts = np.searchsorted(cell[order], np.arange(width * height + 1))
+        return cls(camera, places, columns, rows, seen[order], starts)
+
+    def meet(self, vertices: Float64, faces: Int64, last: bool = False) -> Int64:
+        """Return the triangle that each ray meets first or last before the camera, or `NOTHING`: (N,).
+
+        Where several are equally far, that of the lowest number. A ray that meets none, but passes one within a
+        thousandth of a pixel, meets that.
+        """
+        corners, depths = self._in_pixels(vertices)
+        found = _Met(len(self.places), -1.0 if last else 1.0)
+        near = _NEAR * max(float(depths.max()), 0.0)
+        if near > 0 and len(self.order):
+            for first in range(0, len(faces), _AT_ONCE):
+                part = faces[first : first + _AT_ONCE]
+                some = np.flatnonzero((depths[part] > near).any(axis=1))
+                if len(some):
+                    self._meet_some(corners[part[some]], depths[part[some]], first + some, near, found)
+        return found.triangle
+
+    def _in_pixels(self, vertices: Float64) -> tuple[Float64, Float64]:
+        """Vertices as homogeneous places in the pinhole's image, (N, 3), and how deep they lie, (N,)."""
+        local = (vertices - self.camera.center) @ self.camera.world_from_camera[:3, :3]
+        depths = local[:, 2].copy()
+        if self.camera.projection == "orthographic":
+            local[:, 2] = 1
+        return local @ self.camera.K.T, depths
+
+    def _meet_some(self, corners: Float64, depths: Float64, names: Int64, near: float, found: _Met) -> None:
+        """Try triangles, (n, 3, 3) homogeneous corners and (n, 3) their depths; `names` are their numbers."""
+        for ray, candidate in self._candidates(*_before(corners, depths, near)):
+            tried, triangle = np.unique(candidate, return_inverse=True)
+            corner, z_of_corner = corners[tried], depths[tried]
+            edges = np.cross(corner[:, [1, 2, 0]], corner[:, [2, 0, 1]])  # opposite to each corner
+            turned = np.sign(np.einsum("nc,nc->n", edges[:, 0], corner[:, 0]))
+            edges *= turned[:, None, None]
+            within = _NUDGE * np.hypot(edges[..., 0], edges[..., 1])
+            x, y = self.places[ray].T
+            a, b, c = np.moveaxis(edges[triangle], 2, 0)
+            inside = a * x[:, None] + b * y[:, None] + c  # by edges; 0 on them
+            with np.errstate(divide="ignore", invalid="ignore"):
+                z = np.sum(inside * z_of_corner[triangle], axis=1) / np.sum(inside, axis=1)
+            meets = (turned[triangle] != 0) & (inside >= -within[triangle]).all(axis=1) & (z > 0)
+            exact = (inside >= 0).all(axis=1)
+            found.add(ray[meets], names[candidate[meets]], z[meets], exact[meets])
+
+    def _candidates(self, corners: Float64, number: Int64) -> Iterator[tuple[Int64, Int64]]:
+        """Pairs of a ray and a triangle over its cell; of triangles (n, 3, 2) in the image, with their numbers."""
+        low, high = corners[..., 1].min(axis=1) - _NUDGE, corners[..., 1].max(axis=1) + _NUDGE
+        first = cast("Int64", np.searchsorted(self.rows[1], low))
+        end = cast("Int64", np.searchsorted(self.rows[0], high, side="right"))
+        for one, row in _ranges(first, end):
+            left, right = _across(corners[one], self.rows[0, row] - _NUDGE, self.rows[1, row] + _NUDGE)
+            row_start = row * self.columns.shape[1]
+            first_cell = row_start + np.searchsorted(self.columns[1], left - _NUDGE)
+            end_cell = row_start + np.searchsorted(self.columns[0], right + _NUDGE, side="right")
+            for span, place in _ranges(self.starts[first_cell], self.starts[np.maximum(end_cell, first_cell)]):
+                yield self.order[place], number[one[span]]
+
+
+def pixel_centers(camera: Camera) -> Float64:
+    """(H * W, 2) all pixel centres, row by row."""
+    grid = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+    return np.stack(grid, axis=-1).reshape(-1, 2).astype(np.float64)
+
+
+class _Met:
+    """The first, or last, of the triangles tried so far that each ray meets."""
+
+    def __init__(self, count: int, sense: float) -> None:
+        self._sense = sense
+        self._depth = np.full((2, count), np.inf)  # of triangles that are met exactly, and of others
+        self._triangle = np.full((2, count), NOTHING)
+
+    @property
+    def triangle(self) -> Int64:
+        """(N,)"""
+        exact, nudged = self._triangle
+        return np.where(exact == NOTHING, nudged, exact)
+
+    def add(self, ray: Int64, triangle: Int64, z: Float64, exact: NDArray[np.bool_]) -> None:
+        """Take over rays' triangles that are nearer, or farther, than those so far."""
+        for kind, mine in enumerate((exact, ~exact)):
+            at, key, name = ray[mine], self._sense * z[mine], triangle[mine]
+            before = self._depth[kind, at]
+            np.minimum.at(self._depth[kind], at, key)
+            won = np.flatnonzero((key < before) & (key == self._depth[kind, at]))[::-1]  # the first is written last
+            self._triangle[kind, at[won]] = name[won]
+
+
+def _strips(values: Float64, count: int) -> tuple[Float64, Int64]:
+    """`count` strips of about as many values each: their lowest and highest, (2, count), and each value's strip."""
+    bounds = np.quantile(values, np.linspace(0, 1, count + 1))
+    strip = cast("Int64", np.searchsorted(bounds[1:-1], values, side="right"))
+    return np.stack([bounds[:-1], bounds[1:]]), strip
+
+
+def _ranges(first: Int64, end: Int64) -> Iterator[tuple[Int64, Int64]]:
+    """Numbers from `first` to `end`, exclusive, and whose they are: some at once."""
+    counts = np.maximum(end - first, 0)
+    total: Int64 = np.concatenate([[0], np.cumsum(counts)])
+    begin = 0
+    while begin < len(counts):
+        enough = cast("int", np.searchsorted(total, total[begin] + _AT_ONCE, side="right"))
+        stop = max(enough - 1, begin + 1)
+        owner = np.repeat(np.arange(begin, stop), counts[begin:stop])
+        yield owner, first[owner] + np.arange(total[begin], total[stop]) - total[owner]
+        begin = stop
+
+
+def _across(corners: Float64, low: Float64, high: Float64) -> tuple[Float64, Float64]:
+    """Least and greatest x of the parts of triangles, (n, 3, 2), whose y is in a range each; inf, -inf if none is."""
+    left, right = np.full(len(corners), np.inf), np.full(len(corners), -np.inf)
+    for k in range(3):
+        (x, y), (to_x, to_y) = corners[:, k].T, corners[:, (k + 1) % 3].T
+        down = np.where(to_y == y, 1e-30, to_y - y)
+        with np.errstate(over="ignore"):
+            one, other = (low - y) / down, (high - y) / down
+        enters, leaves = np.maximum(np.minimum(one, other), 0), np.minimum(np.maximum(one, other), 1)
+        within = enters <= leaves
+        for part in (enters, leaves):
+            at = np.where(within, x + np.clip(part, 0, 1) * (to_x - x), np.nan)
+            left, right = np.fmin(left, at), np.fmax(right, at)
+    return left, right
+
+
+def _before(corners: Float64, depths: Float64, near: float) -> tuple[Float64, Int64]:
+    """Triangles beyond a near plane as they lie in the image, (m, 3, 2), and which of the (n, 3, 3) each is of.
+
+    What is cut by the plane becomes one or two smaller ones.
+    """
+    ahead = depths > near
+    count = ahead.sum(axis=1)
+    whole = np.flatnonzero(count == 3)
+    parts, numbers = [corners[whole]], [whole]
+    for alone in (1, 2):  # corners before the plane
+        cut = np.flatnonzero(count == alone)
+        lone = (ahead[cut] == (alone == 1)).argmax(axis=1)[:, None]  # the corner that is by itself on its side
+        turn = (lone + np.arange(3)) % 3
+        tip, second, third = np.moveaxis(np.take_along_axis(corners[cut], turn[..., None], axis=1), 1, 0)
+        z = np.take_along_axis(depths[cut], turn, axis=1)
+        share = ((near - z[:, :1]) / (z[:, 1:] - z[:, :1]))[..., None]
+        on_second, on_third = tip + share[:, 0] * (second - tip), tip + share[:, 1] * (third - tip)
+        if alone == 1:
+            parts.append(np.stack([tip, on_second, on_third], axis=1))
+            numbers.append(cut)
+        else:
+            parts += [np.stack([second, third, on_third], axis=1), np.stack([second, on_third, on_second], axis=1)]
+            numbers += [cut, cut]
+    every = np.concatenate(parts)
+    return every[..., :2] / every[..., 2:], np.concatenate(numbers)

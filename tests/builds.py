@@ -1,0 +1,20 @@
+"""Which programs pictures are drawn with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from pyibr.opencl.watch import Watch
+
+
+class Builds(Watch):
+    """Kernels that were asked for, each with its defines; built before or not."""
+
+    def __init__(self) -> None:
+        self.of: set[tuple[object, ...]] = set()
+
+    def build(self, name: str, defines: Mapping[str, int], make: Callable[[Mapping[str, int]], Any]) -> Any:
+        """Note a kernel, and let it be made."""
+        self.of.add((name, *sorted(defines.items())))
+        return make(defines)

@@ -1,0 +1,17 @@
+"""The two tiers of tests: `make test` runs what is not marked as thorough, `make test-all` all."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+
+from tests.tiers import COLLECTED, leave_products
+
+os.environ.setdefault("PYIBR_BINARIES", "never")  # most programs are built once, and to read them compiles them twice
+
+
+@pytest.hookimpl(tryfirst=True)  # before -m chooses
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    leave_products(items)
+    config.stash[COLLECTED] = {item.nodeid: item.get_closest_marker("thorough") is None for item in items}

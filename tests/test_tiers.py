@@ -1,0 +1,62 @@
+"""No test is left out by both tiers, and the quick one leaves out no room, no kernel and no value."""
+
+from __future__ import annotations
+
+import re
+from itertools import product
+from pathlib import Path
+
+import pytest
+
+from tests.opencl import test_flight as flight
+from tests.tiers import COLLECTED, covering
+
+ROOT = Path(__file__).parents[1]
+
+
+def command_of(target: str) -> str:
+    """What a target of the Makefile runs."""
+    text = (ROOT / "Makefile").read_text()
+    (line,) = re.findall(rf"^{target}:.*\n\t@(.*)$", text, re.MULTILINE)
+    return line.replace("$(TESTS)", re.findall(r"^TESTS := (.*)$", text, re.MULTILINE)[0])
+
+
+def test_the_thorough_tier_is_all_tests():
+    quick, thorough = command_of("test"), command_of("test-all")
+    assert quick.replace(' -m "not thorough"', "") == thorough
+    assert not re.search(r'-m "| -k | --deselect| --ignore|tests/', thorough)
+    assert "\nmake test-all\n" in (ROOT / ".ci/run").read_text()
+
+
+def test_every_folder_has_quick_tests(pytestconfig: pytest.Config):
+    """Of those that this run has found."""
+    folders = {Path(name.split("::")[0]).parent: False for name in pytestconfig.stash[COLLECTED]}
+    for name, is_quick in pytestconfig.stash[COLLECTED].items():
+        folders[Path(name.split("::")[0]).parent] |= is_quick
+    assert all(folders.values()), folders
+
+
+def test_every_kernel_runs_in_the_quick_tier():
+    """The test that asks for all of them belongs to it."""
+    marks = [*getattr(flight, "pytestmark", []), *flight.test_all_kernels_give_the_same_in_pieces.pytestmark]
+    assert {mark.name for mark in marks} == {"parametrize"}
+
+
+def test_few_places_of_a_product_hold_every_value():
+    places = [set(zip("abc", values, strict=True)) for values in product(range(4), range(3), range(2))]
+    chosen = [places[number] for number in covering(places)]
+    assert len(chosen) == 4
+    assert set().union(*chosen) == set().union(*places)
+
+
+def test_of_a_product_few_tests_are_quick(pytestconfig: pytest.Config):
+    found = {name: is_quick for name, is_quick in pytestconfig.stash[COLLECTED].items() if "::test_a_product[" in name}
+    assert len(found) == 18
+    assert sum(found.values()) == 3
+
+
+@pytest.mark.parametrize("a", [0, 0.5])
+@pytest.mark.parametrize(("b", "c"), [(1, 1), (2, 1), (3, 2)])
+@pytest.mark.parametrize("d", ["-", "a-b", "b"])
+def test_a_product(a: float, b: int, c: int, d: str):
+    """Nothing but parameters that multiply, for the test above."""
