@@ -24,15 +24,13 @@ def pane_cameras(camera: Camera) -> list[Camera]:
     return [Camera(pane.camera.K, pane.camera.size, world @ pane.camera.world_from_camera) for pane in panes_of(camera)]
 
 
-def joined(targets: Sequence[Target], camera: Camera, linear: bool = True, out: Frame | None = None) -> Target:
+def joined(targets: Sequence[Target], camera: Camera, out: Frame | None = None) -> Target:
     """The picture of a camera from those of its `pane_cameras`.
 
     Parameters
     ----------
     targets : sequence of Target
     camera : Camera
-    linear : bool
-        Whether colours are mixed on surfaces; else each pixel is the nearest one.
     out : Frame, optional
         Its arrays are written.
     """
@@ -66,7 +64,7 @@ def joined(targets: Sequence[Target], camera: Camera, linear: bool = True, out: 
             height=camera.height,
             pitch=pitch(camera.width),
             first=number == 0,
-            linear=linear,
+            linear=all(target.mixable for target in targets),
             **whole.outputs(),
             **origins,
         )

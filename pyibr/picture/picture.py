@@ -51,7 +51,6 @@ class PictureParts:
         channels: int = 3,
         classes: bool = False,
         anisotropy: int = 1,
-        linear: bool = True,
         out: Frame | None = None,
         pool: dict[int, DeviceArray] | None = None,
     ) -> Target:
@@ -63,8 +62,6 @@ class PictureParts:
             Draws all that is to be seen into a target.
         dtype, channels, classes, anisotropy, pool
             Of the targets.
-        linear : bool
-            Whether colours are mixed where parts are joined; else each pixel is the nearest one.
         out : Frame, optional
             Its arrays are written, instead of new ones.
         """
@@ -75,4 +72,4 @@ class PictureParts:
             part = Target(camera, dtype, out=own, classes=classes, pool=pool, channels=channels, anisotropy=anisotropy)
             draw(part)
             parts.append(part)
-        return averaged(joined(parts, self._fine, linear, whole), self._camera, self._side, out)
+        return averaged(joined(parts, self._fine, whole), self._camera, self._side, out)

@@ -48,6 +48,9 @@ class Target:
         Of several samples a pixel: the share of them that show something.
     blank : bool
         Nothing has been written yet: who draws first writes every pixel, who draws later keeps what is nearer.
+    mixable : bool
+        Whether its colours may be mixed on surfaces, where it is a part of another picture: things whose colours stand
+        for something, as labels, say that they may not.
     of_normals : bool
         Its colours are to be normals (`pyibr.picture.normals.showing_normals`).
     """
@@ -80,6 +83,7 @@ class Target:
         self.classes = empty(shape, np.uint8) if classes else None
         self.alpha: DeviceArray | None = None
         self.blank = True
+        self.mixable = True
         self.from_light = from_light
         self.anisotropy = anisotropy
         self.of_normals = False

@@ -185,6 +185,8 @@ class WarpedView(Fixed):
         if target.from_light:
             self._draw_surfaces(target, self._options.from_both_sides())
             return
+        if self.interpolation == "nearest":
+            target.mixable = False
         bias, apart = self._bias(target, lighting)
         with shadowed(target, lighting, grain=bias, apart=apart, draw_normals=self._draw_views):
             self._draw_views(target)

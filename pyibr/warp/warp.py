@@ -135,8 +135,7 @@ def warp(
         PictureParts.drawn, draw=draw, dtype=color.dtype, channels=color.shape[2], classes=asked, pool=pool
     )
     with one_call():
-        linear = thing.interpolation == "linear"
-        targets = [drawn(one, linear=linear, out=into) for one, into in zip(parts, outs, strict=True)]
+        targets = [drawn(one, out=into) for one, into in zip(parts, outs, strict=True)]
         made = frames(targets)
     for frame in made:
         _through_lenses(frame, thing.views)

@@ -151,8 +151,8 @@ def test_light_passes_where_edges_are_cut(dtype):
     depth = np.where((abs(x - 60) <= 15) & (abs(y - 40) <= 15), np.float32(2), np.float32(4))
     view = ibr.DepthImage(np.full((81, 121, 3), 200 if dtype == np.uint8 else 0.5, dtype), depth, camera)
     frame, cut, connected = (
-        ibr.render(view, camera, ibr.Light(direction=(1, 0, 1)), **options).color[40, :, 0] / view.color[0, 0, 0]
-        for options in ({}, {"edges": "cut"}, {"edges": "connect"})
+        ibr.render(thing, camera, ibr.Light(direction=(1, 0, 1))).color[40, :, 0] / view.color[0, 0, 0]
+        for thing in (view, ibr.WarpedView(view, edges="cut"), ibr.WarpedView(view, edges="connect"))
     )
     np.testing.assert_array_equal(frame, cut)
     np.testing.assert_allclose(cut[77:82], 1)
