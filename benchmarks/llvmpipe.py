@@ -16,7 +16,7 @@ from pyibr.slicing.object import slices_axis
 
 Array = NDArray[Any]
 
-_VIEWS_MOST = 6
+_VIEWS_MAX = 6
 
 _MESH_VERTEX = """
 #version 330
@@ -224,9 +224,9 @@ def slices(camera: ibr.Camera, thing: ibr.DepthObject | ibr.VisualHull, near: fl
         for name, values, kind in (("maps", thing.maps[k], "f4"), ("colors", view.color, "f1")):
             texture = gl.texture(view.camera.size, 3 if kind == "f1" else 1, values.tobytes(), alignment=1, dtype=kind)
             texture.repeat_x = texture.repeat_y = False
-            textures[i + (_VIEWS_MOST if name == "colors" else 0)] = texture
+            textures[i + (_VIEWS_MAX if name == "colors" else 0)] = texture
     program["maps"].value = list(range(len(views)))
-    program["colors"].value = list(range(_VIEWS_MOST, _VIEWS_MOST + len(views)))
+    program["colors"].value = list(range(_VIEWS_MAX, _VIEWS_MAX + len(views)))
     box = thing.box
     count = round(float(box.edges[axis] / box.edges.max()) * int(thing.slices))
     others = [k for k in range(3) if k != axis]

@@ -13,9 +13,9 @@ from contextlib import contextmanager
 import pytest
 
 from pyibr.opencl import device
-from pyibr.opencl.flight import Flight
+from pyibr.opencl.in_flight import InFlight
+from pyibr.opencl.memory_pool import MemoryPool
 from pyibr.opencl.profile import GPU
-from pyibr.opencl.spare import Spare
 
 
 @contextmanager
@@ -25,7 +25,9 @@ def one_lane() -> Generator[None, None, None]:
     # Of the sizes of work-groups that it may choose, PoCL compiles each anew.
     profile = dataclasses.replace(GPU, local_size=1)
     index = session.device.index
-    device._sessions[index] = dataclasses.replace(session, profile=profile, kernels={}, spare=Spare(), flight=Flight())
+    device._sessions[index] = dataclasses.replace(
+        session, profile=profile, kernels={}, memory_pool=MemoryPool(), in_flight=InFlight()
+    )
     device._default_session.cache_clear()
     try:
         assert device.current().profile.lanes == 1

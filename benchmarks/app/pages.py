@@ -24,8 +24,8 @@ from benchmarks.cases import Plan
 from benchmarks.results import Parameter, Record, Skip
 from benchmarks.runner import Case, Work
 from benchmarks.scenes import LIVINGROOM, ROOM, bricks, data_folder, rgbd
+from pyibr.app.live.page_space import fov_of
 from pyibr.app.live.pages import Pages
-from pyibr.app.live.place import fov_of
 from pyibr.app.view.scene import Scene, scene_of
 from pyibr.capture import MeshScene, models, object_views
 from tools.browser import CHROMIUM, PANEL, chromium
@@ -139,7 +139,7 @@ def _records(name: str, parameters: dict[str, Parameter], rounds: Seen, plan: Pl
 def _received(pages: Pages, scene: Scene, plan: Plan) -> Seen:
     """By a process that only receives."""
     angles = _ORBIT * np.sin(np.linspace(0, 2 * np.pi, _CAMERAS, endpoint=False))
-    poses = [scene.place.pose(scene.start.orbited(angle, scene.pivot)) for angle in angles]
+    poses = [scene.page_space.pose(scene.start.orbited(angle, scene.pivot)) for angle in angles]
     asked = {
         "url": pages.url,
         "cameras": [[wxyz.tolist(), position.tolist()] for wxyz, position in poses],

@@ -15,8 +15,8 @@ from pyibr.app.commands.doctor import doctor
 from pyibr.app.commands.mesh import mesh
 from pyibr.app.commands.register import register
 from pyibr.app.commands.warp import warp
+from pyibr.app.options import printable_text
 from pyibr.app.telling import telling
-from pyibr.app.words import printable
 from pyibr.core.errors import ArgumentError, DeviceError, Error
 
 _OPTIONS = {
@@ -59,7 +59,7 @@ class _OneLineErrors(TyperGroup):
 
 
 def _ended(text: str, status: int, lines: bool = False) -> typer.Exit:
-    typer.secho(f"pyibr: {printable(text, lines)}", err=True, fg="red")
+    typer.secho(f"pyibr: {printable_text(text, lines)}", err=True, fg="red")
     return typer.Exit(status)
 
 

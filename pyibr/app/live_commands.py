@@ -13,10 +13,7 @@ from numpy.typing import NDArray
 
 import pyibr as ibr
 from pyibr.app.live.pages import Pages
-from pyibr.app.place import place as place_page
-from pyibr.app.place.captures import Captures
-from pyibr.app.place.model import Placement
-from pyibr.app.words import (
+from pyibr.app.options import (
     BackdropText,
     Clean,
     DepthIs,
@@ -25,8 +22,11 @@ from pyibr.app.words import (
     FarDepth,
     backdrop_of,
     device_of,
-    printable,
+    printable_text,
 )
+from pyibr.app.place import place as place_page
+from pyibr.app.place.captures import Captures
+from pyibr.app.place.model import Placement
 from pyibr.capture.coverage import surface_of
 from pyibr.capture.frusta import light_for, load_frusta, part_of
 from pyibr.capture.proposal import propose_frusta
@@ -34,7 +34,7 @@ from pyibr.capture.sets import load
 from pyibr.core.camera import Camera
 from pyibr.core.checks import positive
 from pyibr.core.errors import ArgumentError, FileFormatError
-from pyibr.core.files import check_there
+from pyibr.core.files import check_exists
 from pyibr.images import DepthImage
 from pyibr.images.depth_image import Backdrop
 from pyibr.io import DepthKind, read_relief_map
@@ -149,7 +149,7 @@ def place(
         captures = Captures(surface, light_for(known, upward))
         placement.save(output, captures.views(state.frusta))
         unseen = captures.unseen(state.frusta, state.side)
-        typer.echo(f"{printable(output)}: {len(state.frusta)} frusta, {unseen:.1%} of the surface unseen")
+        typer.echo(f"{printable_text(output)}: {len(state.frusta)} frusta, {unseen:.1%} of the surface unseen")
 
 
 def _tell_proposal(done: int, of: int, unseen: float) -> None:
@@ -180,7 +180,7 @@ class _Views:
         rest, (scale, kind) = list(names), self._stored
         while rest:
             name = rest.pop(0)
-            check_there(name)
+            check_exists(name)
             if name.is_dir():
                 for view in load(name, depth_scale=scale, depth_is=kind):
                     depth = self._cleaned(view.color, view.depth)
@@ -189,7 +189,9 @@ class _Views:
                 things.append(Mesh.load(name))
             elif not rest or self._camera is None:
                 lacking = "no --camera for it" if rest else "none"
-                raise ArgumentError("THINGS", f"a depth after the color {printable(name)}, and its --camera", lacking)
+                raise ArgumentError(
+                    "THINGS", f"a depth after the color {printable_text(name)}, and its --camera", lacking
+                )
             else:
                 color, own = ibr.read_color(name), Camera.load(self._camera)
                 depth = ibr.read_depth(rest.pop(0), scale=scale, kind=kind, camera=own)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pyibr.capture.raycast import spread_directions
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Float64, checked_box, describe, instance_of, whole_from
+from pyibr.core.checks import Float64, checked_box, describe, instance_of, integer_from
 from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
 from pyibr.images.depth_image import Side
@@ -26,7 +26,7 @@ _ALONG = 0.05  # cosine below which either side is seen
 _DIRECTIONS = 128  # that tell what can be seen from outside
 _OUTSIDE = 320  # pixels of their pictures
 _TURNED = 2.0  # times as often as its front must a point's back be seen from outside to be what is meant by its front
-_DENSER_MOST = 64.0  # times as many points as asked for are spread, so that enough of them lie in a box
+_DENSER_MAX = 64.0  # times as many points as asked for are spread, so that enough of them lie in a box
 _CLOSED = 0.02  # of the surface: if less can be seen from outside, the things are around the viewer
 
 
@@ -62,7 +62,7 @@ class Surface:
         return np.maximum(low, self.within[0]), np.minimum(high, self.within[1])
 
     def seen(self, view: DepthImage, *, side: Side = "front") -> Mask:
-        """(N,) which points a depth image has seen, from that side: as `pyibr.picture.seen` marks them."""
+        """(N,) which points a depth image has seen, from that side: as `pyibr.picture.unseen` marks them."""
         return self.resolution(view, side=side) > 0
 
     def resolution(self, view: DepthImage, *, side: Side = "front") -> NDArray[np.float32]:
@@ -169,7 +169,7 @@ def surface_of(mesh: Mesh, *, count: int = 40_000, within: ArrayLike | None = No
     (1000, 15.8)
     """
     instance_of("mesh", mesh, Mesh, "a pyibr.Mesh")
-    whole_from("count", count, 1, 1 << 24)
+    integer_from("count", count, 1, 1 << 24)
     box = None if within is None else checked_box("within", within)
     corner = mesh.vertices.astype(np.float64)[mesh.faces]
     across = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
@@ -180,7 +180,7 @@ def surface_of(mesh: Mesh, *, count: int = 40_000, within: ArrayLike | None = No
         return Surface(mesh, points, normals[face], float(twice.sum()) / 2)
     twice[((corner.max(axis=1) < box[0]) | (corner.min(axis=1) > box[1])).any(axis=1)] = 0
     tried = _inside(_spread(corner, twice, count)[0], box).mean()
-    points, face = _spread(corner, twice, round(count * min(1 / max(tried, 1e-30), _DENSER_MOST)))
+    points, face = _spread(corner, twice, round(count * min(1 / max(tried, 1e-30), _DENSER_MAX)))
     inside = _inside(points, box)
     if not inside.any():
         raise ArgumentError("within", "a box that holds some of the surface", describe(within))

@@ -26,7 +26,7 @@ from pyibr.core.checks import (
     instance_of,
     number_from,
     numbers,
-    positive_or_endless,
+    positive_or_infinite,
 )
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.images import DepthImage
@@ -34,7 +34,7 @@ from pyibr.meshes.mesh import Mesh
 from pyibr.picture.light import Light
 from pyibr.picture.render import Thing, render
 
-_NARROWEST, _WIDEST = 0.1, 170.0  # degrees
+_ANGLE_MIN, _ANGLE_MAX = 0.1, 170.0  # degrees
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ class Frustum:
         centred = np.abs(camera.K[:2, 2] - ((width - 1) / 2, (height - 1) / 2)).max() <= 1e-6 * max(width, height)
         if camera.projection != "perspective" or camera.lens is not None or camera.K[0, 1] != 0 or not centred:
             raise ArgumentError("camera", "a perspective one without lens, its axis in the middle", describe(camera))
-        positive_or_endless("far", self.far, "a depth > 0, or infinity")
+        positive_or_infinite("far", self.far, "a depth > 0, or infinity")
 
     @classmethod
     def look_at(
@@ -130,8 +130,8 @@ class Frustum:
         """The frustum with other angles, in degrees, and another far plane."""
         (width, height), K = self.camera.size, np.eye(3)
         for axis, (degrees, count) in enumerate(((across, width), (down, height))):
-            expected = f"degrees from {_NARROWEST:g} to {_WIDEST:g}"
-            angle = number_from("fov", degrees, _NARROWEST, _WIDEST, expected)
+            expected = f"degrees from {_ANGLE_MIN:g} to {_ANGLE_MAX:g}"
+            angle = number_from("fov", degrees, _ANGLE_MIN, _ANGLE_MAX, expected)
             K[axis, axis], K[axis, 2] = count / (2 * math.tan(math.radians(angle) / 2)), (count - 1) / 2
         return Frustum(Camera(K, (width, height), self.camera.world_from_camera), far, self.strokes)
 

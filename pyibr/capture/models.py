@@ -19,7 +19,7 @@ from pyibr.capture.globe import globe, in_bytes, load_earth
 from pyibr.capture.raycast import MeshScene, cube_cameras, spread_directions
 from pyibr.capture.rays import pixel_centers
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Float64, describe, instance_of, numbers, positive, whole_from
+from pyibr.core.checks import Float64, describe, instance_of, integer_from, numbers, positive
 from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
 from pyibr.meshes.mesh import Mesh
@@ -215,7 +215,7 @@ def donut(sides: int = 25, *, radius: float = 1.0, tube: float = 0.4) -> Mesh:
     >>> models.donut()
     <Mesh 676 vertices, 1250 triangles>
     """
-    whole_from("sides", sides, 3, 1 << 14)
+    integer_from("sides", sides, 3, 1 << 14)
     positive("radius", radius)
     positive("tube", tube)
     a, b = np.meshgrid(*[np.arange(sides + 1) * (2 * np.pi / sides)] * 2)
@@ -254,7 +254,7 @@ def with_cylindrical_uv(mesh: Mesh, *, axis: int = 1) -> Mesh:
     True
     """
     instance_of("mesh", mesh, Mesh, "a pyibr.Mesh")
-    whole_from("axis", axis, 0, 2, "0, 1 or 2")
+    integer_from("axis", axis, 0, 2, "0, 1 or 2")
     low, high = (corner.astype(np.float64) for corner in mesh.bounds)
     away = mesh.vertices - 0.5 * (low + high)
     angle = np.arctan2(away[:, (axis + 1) % 3], away[:, (axis + 2) % 3]) / (2 * np.pi)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pyibr.capture.coverage import Mask, Surface, surface_of
 from pyibr.capture.frusta import Frustum
 from pyibr.capture.raycast import spread_directions
-from pyibr.core.checks import Float64, whole_from
+from pyibr.core.checks import Float64, integer_from
 from pyibr.core.errors import ArgumentError
 from pyibr.images.depth_image import Side
 from pyibr.meshes.mesh import Mesh
@@ -83,8 +83,8 @@ def propose_frusta(
     >>> len(frusta)
     4
     """
-    whole_from("count", count, 1, 1024)
-    whole_from("size", size, 2, 1 << 14)
+    integer_from("count", count, 1, 1024)
+    integer_from("size", size, 2, 1 << 14)
     if not isinstance(mesh, Mesh):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise ArgumentError("mesh", "a pyibr.Mesh", type(mesh).__name__)
     search = _Search(surface or surface_of(mesh), count, size, side)

@@ -18,14 +18,14 @@ from pyibr.capture.shading import barycentric, bilinear, light_on, smooth_normal
 from pyibr.core.camera import Camera, Projection
 from pyibr.core.checks import (
     Float64,
+    checked_bool,
     checked_colors,
     describe,
     instance_of,
+    integer_from,
     numbers,
     one_of,
     plain_array,
-    true_or_false,
-    whole_from,
 )
 from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
@@ -155,7 +155,7 @@ class MeshScene:
         """
         instance_of("camera", camera, Camera, "a pyibr.Camera")
         one_of("layer", layer, Layer)
-        true_or_false("normals", normals)
+        checked_bool("normals", normals)
         around = numbers("background", background, (3,))
         if (around < 0).any() or (around > 255).any():
             raise ArgumentError("background", "(r, g, b), 0 to 255", describe(background))
@@ -242,7 +242,7 @@ def _as_scene(mesh: Any) -> MeshScene:
 
 
 def _check_size(size: object, least: int) -> None:
-    whole_from("size", cast("int", size), least, 1 << 31, f"at least {least} pixel{'s' * (least > 1)}")
+    integer_from("size", cast("int", size), least, 1 << 31, f"at least {least} pixel{'s' * (least > 1)}")
 
 
 def cube_cameras(center: ArrayLike, size: int) -> list[Camera]:
@@ -278,7 +278,7 @@ def cube_cameras(center: ArrayLike, size: int) -> list[Camera]:
 
 def spread_directions(count: int) -> Float64:
     """(count, 3) unit vectors, spread evenly over the sphere."""
-    whole_from("count", count, 1, 1 << 24)
+    integer_from("count", count, 1, 1 << 24)
     number = np.arange(count) + 0.5
     y = 1 - 2 * number / count
     angle = number * np.pi * (3 - np.sqrt(5))

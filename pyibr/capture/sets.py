@@ -171,9 +171,9 @@ def write_set(
     listed: list[dict[str, Any]] = []
     with written_together():
         for number, view in enumerate(views):
-            kind = "png" if view.shown.dtype == np.uint8 else "npy"
+            kind = "png" if view.shown_color.dtype == np.uint8 else "npy"
             names = {"color": f"color_{number:02d}.{kind}", "depth": f"depth_{number:02d}.npy"}
-            write_color(place / names["color"], view.shown)
+            write_color(place / names["color"], view.shown_color)
             write_depth(place / names["depth"], view.depth)
             listed.append(entry_json(view.camera, view.far) | names | (more[number] if more else {}))
         write_json(place / SET_FILE, {**about, "views": listed})  # last: it is what names the others

@@ -18,6 +18,7 @@ from pyibr.core import conventions
 from pyibr.core.camera_json import camera_arguments, camera_entries, read_json, write_json
 from pyibr.core.checks import (
     Float64,
+    checked_bool,
     checked_intrinsics,
     checked_pose,
     checked_size,
@@ -27,7 +28,6 @@ from pyibr.core.checks import (
     one_of,
     positive,
     read_only,
-    true_or_false,
 )
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.lens import Lens
@@ -339,7 +339,7 @@ class Camera:
         """
         R = conventions.rotation_from_opencv(rotation)
         t = numbers("translation", np.asarray(translation).reshape(-1), (3,))
-        true_or_false("fisheye", fisheye)
+        checked_bool("fisheye", fisheye)
         lens = None if distortion is None else Lens.from_opencv(distortion, fisheye=fisheye)
         return cls(K, size, conventions.pose_from_extrinsics(R, t), lens=lens)
 
@@ -436,7 +436,7 @@ class Camera:
         K, distortion, fisheye = conventions.intrinsics_from_colmap(model, params)
         rotation = conventions.rotation_from_quaternion(numbers("qvec", qvec, (4,)))
         pose = conventions.pose_from_extrinsics(rotation, numbers("tvec", tvec, (3,)))
-        if true_or_false("lens", lens):
+        if checked_bool("lens", lens):
             return cls(K, size, pose, lens=Lens.from_opencv(distortion, fisheye=fisheye))
         if fisheye:
             raise ArgumentError("model", "one that `undistort` knows (or lens=True)", model)

@@ -9,7 +9,7 @@ from typing import Any, cast
 
 from pyibr.core.checks import Float64
 from pyibr.core.errors import ArgumentError, FileFormatError
-from pyibr.core.files import reading, write_whole
+from pyibr.core.files import reading, write_atomically
 from pyibr.core.lens import Lens
 from pyibr.core.open3d_json import is_open3d, open3d_arguments
 
@@ -26,7 +26,7 @@ def read_json(path: str | PathLike[str], kind: str) -> object:
 
 def write_json(path: str | PathLike[str], data: object) -> None:
     """Write a JSON file, whole, or leave what is there."""
-    write_whole(path, (json.dumps(data, indent=1) + "\n").encode("utf-8"))
+    write_atomically(path, (json.dumps(data, indent=1) + "\n").encode("utf-8"))
 
 
 def camera_arguments(data: object, path: str | PathLike[str]) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from pyibr.core.errors import ArgumentError
 
 Float64 = NDArray[np.float64]
 
-_FARTHEST = 1e18
+_LENGTH_MAX = 1e18
 """Scene units from the world's origin, and pixels: products of two are still within single precision."""
 
 _Kind = TypeVar("_Kind")
@@ -114,7 +114,7 @@ def positive(argument: str, value: object, expected: str = "a finite number > 0"
     raise ArgumentError(argument, expected, describe(value))
 
 
-def positive_or_endless(argument: str, value: float, expected: str) -> float:
+def positive_or_infinite(argument: str, value: float, expected: str) -> float:
     """Return `value` as a float > 0, infinity included, or raise ArgumentError."""
     is_endless = isinstance(value, (float, np.floating)) and value == math.inf
     return math.inf if is_endless else positive(argument, value, expected)
@@ -142,14 +142,14 @@ def instance_of(argument: str, value: object, kind: type[_Kind], name: str) -> _
     raise ArgumentError(argument, name, describe(value))
 
 
-def true_or_false(argument: str, value: object) -> bool:
+def checked_bool(argument: str, value: object) -> bool:
     """Return `value` as a bool if it is one, or NumPy's, or raise ArgumentError."""
     if isinstance(value, np.bool_):
         return bool(cast("Any", value))
     return instance_of(argument, value, bool, "True or False")
 
 
-def whole_from(argument: str, value: int, least: int, most: int, expected: str = "") -> int:
+def integer_from(argument: str, value: int, least: int, most: int, expected: str = "") -> int:
     """Return `value` as an int from `least` to `most` or raise ArgumentError."""
     if isinstance(value, (int, np.integer)) and not isinstance(value, bool) and least <= value <= most:  # pyright: ignore[reportUnnecessaryIsInstance]
         return int(value)
@@ -182,8 +182,10 @@ def checked_intrinsics(K: object) -> Float64:
         raise ArgumentError("K", form, str(matrix.tolist()))
     matrix[1, 0] = 0
     matrix[2] = 0, 0, 1
-    if np.abs(matrix).max() > _FARTHEST or min(matrix[0, 0], matrix[1, 1]) < 1 / _FARTHEST:
-        raise ArgumentError("K", f"numbers up to {_FARTHEST:g}, fx, fy from {1 / _FARTHEST:g} on", str(matrix.tolist()))
+    if np.abs(matrix).max() > _LENGTH_MAX or min(matrix[0, 0], matrix[1, 1]) < 1 / _LENGTH_MAX:
+        raise ArgumentError(
+            "K", f"numbers up to {_LENGTH_MAX:g}, fx, fy from {1 / _LENGTH_MAX:g} on", str(matrix.tolist())
+        )
     return matrix
 
 
@@ -200,8 +202,8 @@ def checked_pose(given: object, name: str = "world_from_camera") -> Float64:
     if np.linalg.det(rotation) < 0:
         raise ArgumentError(name, rigid, "det R = -1, a mirrored frame")
     pose[3] = 0, 0, 0, 1
-    if np.abs(pose).max() > _FARTHEST:
-        raise ArgumentError(name, f"positions up to {_FARTHEST:g}", str(pose[:3, 3].tolist()))
+    if np.abs(pose).max() > _LENGTH_MAX:
+        raise ArgumentError(name, f"positions up to {_LENGTH_MAX:g}", str(pose[:3, 3].tolist()))
     return pose
 
 
@@ -220,7 +222,7 @@ def one_of(argument: str, value: object, choices: Any, also: str = "") -> None:
 _COLOR_ROUNDING = 1e-3
 """By which float colours may lie beyond [0, 1]: a quarter of a level of 8 bits."""
 
-_ONE = int(np.float32(1).view(np.uint32))
+_BITS_OF_ONE = int(np.float32(1).view(np.uint32))
 
 
 def checked_colors(argument: str, colors: object, shape: tuple[int | None, ...]) -> NDArray[Any]:
@@ -242,7 +244,7 @@ def checked_colors(argument: str, colors: object, shape: tuple[int | None, ...])
     with np.errstate(over="ignore"):
         single = array.astype(np.float32, copy=False)
     # In one pass: as whole numbers, floats in [0, 1] are the least; negative ones, infinity and NaN are beyond them.
-    if single.view(np.uint32).max() > _ONE:
+    if single.view(np.uint32).max() > _BITS_OF_ONE:
         _check_unit(argument, single, expected)
     return single
 
@@ -261,37 +263,37 @@ def _check_unit(argument: str, colors: NDArray[np.float32], expected: str) -> No
         raise ArgumentError(argument, expected, f"values from {least:g} to {most:g} ({hint})")
 
 
-_PIXELS_MOST = 1 << 29  # kernels number samples and colour bytes in 32 bits
+_PIXELS_MAX = 1 << 29  # kernels number samples and colour bytes in 32 bits
 
 
 def check_pixels(argument: str, size: tuple[int, int]) -> None:
     """Raise ArgumentError if an image, (width, height), has more pixels than kernels can number."""
-    if size[0] * size[1] > _PIXELS_MOST:
-        raise ArgumentError(argument, f"at most {_PIXELS_MOST} pixels", f"{size[0]} x {size[1]}")
+    if size[0] * size[1] > _PIXELS_MAX:
+        raise ArgumentError(argument, f"at most {_PIXELS_MAX} pixels", f"{size[0]} x {size[1]}")
 
 
-_SIDE_MOST = 1 << 20  # float32 tells places to a sixteenth of a pixel, and the rasteriser's bins have 16 bits
+_SIDE_MAX = 1 << 20  # float32 tells places to a sixteenth of a pixel, and the rasteriser's bins have 16 bits
 
 
 def check_picture(argument: str, size: tuple[int, int]) -> None:
     """Raise ArgumentError if a picture, (width, height), has too many pixels, or a longer side than can be drawn."""
     check_pixels(argument, size)
-    if max(size) > _SIDE_MOST:
-        raise ArgumentError(argument, f"at most {_SIDE_MOST} pixels a side", f"{size[0]} x {size[1]}")
+    if max(size) > _SIDE_MAX:
+        raise ArgumentError(argument, f"at most {_SIDE_MAX} pixels a side", f"{size[0]} x {size[1]}")
 
 
-_LENGTHS = (1e-8, 1e9)
+_LENGTH_RANGE = (1e-8, 1e9)
 
 
 def check_lengths(argument: str, least: float, most: float, what: str) -> None:
     """Raise ArgumentError if all of some lengths are too small, or too large, for products of a few in float32."""
-    low, high = _LENGTHS
+    low, high = _LENGTH_RANGE
     if most < 0.999 * low or least > high:  # the least may be rounded
         expected = f"{what} of {low:g} to {high:g} scene units, which single precision can draw (scale the scene)"
         raise ArgumentError(argument, expected, f"{least:g}" if least == most else f"{least:g} to {most:g}")
 
 
-_TEXELS_MOST = 1 << 21  # from 0 on: float32 tells their places within half a texel, as the kernels need
+_TEXELS_MAX = 1 << 21  # from 0 on: float32 tells their places within half a texel, as the kernels need
 
 
 def check_tiled(uv: NDArray[Any], tiles: tuple[int, int], *maps: NDArray[Any] | None) -> None:
@@ -301,9 +303,9 @@ def check_tiled(uv: NDArray[Any], tiles: tuple[int, int], *maps: NDArray[Any] | 
             continue
         check_pixels("uv", (image.shape[1], image.shape[0]))
         farthest = np.maximum(np.abs(uv).max(axis=0) * tiles, 1) * (image.shape[1], image.shape[0])
-        if (farthest > _TEXELS_MOST).any():
+        if (farthest > _TEXELS_MAX).any():
             size = f"{image.shape[1]}x{image.shape[0]}"
-            expected = f"uv * tiles * a map's size up to {_TEXELS_MOST} texels"
+            expected = f"uv * tiles * a map's size up to {_TEXELS_MAX} texels"
             raise ArgumentError("uv", expected, f"{farthest.max():.4g} of a map of {size}")
 
 
@@ -315,7 +317,7 @@ class Fixed:
 
     @cached_property
     def device_cache(self) -> WeakKeyDictionary[Any, dict[str, Any]]:
-        """What it has on each device, by session; see `pyibr.opencl.kept`."""
+        """What it has on each device, by session; see `pyibr.opencl.device_cache`."""
         return WeakKeyDictionary()
 
     def __getstate__(self) -> dict[str, object]:

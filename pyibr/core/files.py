@@ -17,7 +17,7 @@ from typing import NamedTuple, Protocol, cast
 from pyibr.core.checks import describe
 from pyibr.core.errors import ArgumentError, FileFormatError, MissingPackageError
 
-UNPACKED_MOST = 1 << 30
+UNPACKED_MAX = 1 << 30
 """Bytes that the content of a packed file (gzip, NPZ, EXR, glTF's repeated parts) may take once it is unpacked."""
 
 _TIMES, _LITTLE = 50, 1 << 24
@@ -45,7 +45,7 @@ def checked_path(path: str | os.PathLike[str]) -> Path:
     raise ArgumentError("path", "a file's path in characters that file names may have", describe(path))
 
 
-def write_whole(path: str | os.PathLike[str], data: bytes) -> None:
+def write_atomically(path: str | os.PathLike[str], data: bytes) -> None:
     """Write a file of these bytes, or leave what is there.
 
     A reader never sees half a file, and of several writers one wins. A missing parent folder is made. A link is
@@ -116,7 +116,7 @@ def _stage(named: Path, data: bytes, files: list[_Staged]) -> None:
 
 
 def check_writable(path: str | os.PathLike[str]) -> None:
-    """Raise what `write_whole` would raise of what is there already; nothing is made or written."""
+    """Raise what `write_atomically` would raise of what is there already; nothing is made or written."""
     file = checked_path(path)
     try:
         folder = next(folder for folder in file.absolute().parents if os.path.lexists(folder))
@@ -159,7 +159,7 @@ def _not_written(file: Path, error: OSError) -> FileFormatError:
     return FileFormatError(f"{file}: cannot be written: {error.strerror or error}")
 
 
-def check_there(path: str | os.PathLike[str]) -> None:
+def check_exists(path: str | os.PathLike[str]) -> None:
     """Raise FileFormatError if there is neither a file nor a folder of this name."""
     if not checked_path(path).exists():
         raise FileFormatError(f"{path}: no such file or folder")
@@ -196,8 +196,8 @@ def reading(path: str | os.PathLike[str], kind: str) -> Generator[Path, None, No
 
 def check_unpacked(size: int) -> None:
     """Raise ValueError if a packed file's content is larger than any that is read."""
-    if size > UNPACKED_MOST:
-        raise ValueError(f"its content takes {size} bytes; up to {UNPACKED_MOST} are read from a packed file")
+    if size > UNPACKED_MAX:
+        raise ValueError(f"its content takes {size} bytes; up to {UNPACKED_MAX} are read from a packed file")
 
 
 def read_bytes(source: Path) -> bytes:
@@ -212,7 +212,7 @@ def read_bytes(source: Path) -> bytes:
         return stream.read()
 
 
-def read_at_most(stream: _Readable, most: int = UNPACKED_MOST) -> bytes:
+def read_at_most(stream: _Readable, most: int = UNPACKED_MAX) -> bytes:
     """All of what a packed stream holds; ValueError if that is too much."""
     parts: list[bytes] = []
     size = 0

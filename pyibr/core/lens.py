@@ -16,24 +16,24 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike
 
-from pyibr.core.checks import Float64, numbers, one_of, positive_or_endless, true_or_false
+from pyibr.core.checks import Float64, checked_bool, numbers, one_of, positive_or_infinite
 from pyibr.core.errors import ArgumentError
 
 LensModel = Literal["brown_conrady", "rational", "inverse_brown_conrady", "modified_brown_conrady", "kannala_brandt"]
 
-_COUNTS: dict[str, tuple[int, ...]] = {
+_COEFFICIENT_COUNTS: dict[str, tuple[int, ...]] = {
     "brown_conrady": (4, 5),
     "rational": (8,),
     "inverse_brown_conrady": (4, 5),
     "modified_brown_conrady": (4, 5),
     "kannala_brandt": (4,),
 }
-_WIDEST = 0.4999 * math.pi  # radians from the axis: a pinhole sees no more than half of the world
-_ENTRIES = 4096  # of the table of radii that a search begins with
-_STEEPEST = 4.0  # of how fast a lens with a pole may see what is farther out farther out
-_STEPS = 20  # of Newton's; a handful but for the very border of what a lens sees
-_CLOSE = 1e-12  # of distances between positions
-_IN_CACHE = 1 << 14  # points at a time
+_ANGLE_MAX = 0.4999 * math.pi  # radians from the axis: a pinhole sees no more than half of the world
+_TABLE_ENTRIES = 4096  # of the table of radii that a search begins with
+_SLOPE_MAX = 4.0  # of how fast a lens with a pole may see what is farther out farther out
+_NEWTON_STEPS = 20  # of Newton's; a handful but for the very border of what a lens sees
+_TOLERANCE = 1e-12  # of distances between positions
+_CHUNK = 1 << 14  # points at a time
 
 
 @dataclass(frozen=True, init=False, repr=False)
@@ -77,13 +77,13 @@ class Lens:
 
     def __init__(self, model: LensModel, coefficients: ArrayLike, *, radius: float = math.inf) -> None:
         one_of("model", model, LensModel)
-        values, counts = numbers("coefficients", coefficients, (None,)), _COUNTS[model]
+        values, counts = numbers("coefficients", coefficients, (None,)), _COEFFICIENT_COUNTS[model]
         if len(values) not in counts:
             expected = f"{' or '.join(map(str, counts))} of them for {model}"
             raise ArgumentError("coefficients", expected, str(len(values)))
         padded = np.zeros(counts[-1])
         padded[: len(values)] = values
-        reach = positive_or_endless("radius", radius, "a distance > 0")
+        reach = positive_or_infinite("radius", radius, "a distance > 0")
         for name, value in (("model", model), ("coefficients", tuple(padded.tolist())), ("radius", reach)):
             object.__setattr__(self, name, value)
 
@@ -112,7 +112,7 @@ class Lens:
         if values[8:].any():
             expected = "no thin prism and no tilted sensor (0 from the ninth number on)"
             raise ArgumentError("distortion", expected, str(values[8:].tolist()))
-        if true_or_false("fisheye", fisheye):
+        if checked_bool("fisheye", fisheye):
             return cls("kannala_brandt", values)
         return cls("rational", values[:8]) if values[5:].any() else cls("brown_conrady", values[:5])
 
@@ -145,14 +145,14 @@ class Lens:
         if self.model == "kannala_brandt":
             k1, k2, k3, k4 = self.coefficients
             angle = math.sqrt(_first_root(Polynomial([1, 3 * k1, 5 * k2, 7 * k3, 9 * k4])))
-            return min(math.tan(min(angle, _WIDEST)), self.radius)
+            return min(math.tan(min(angle, _ANGLE_MAX)), self.radius)
         top, bottom = (Polynomial(part) for part in self._fraction)
         one = Polynomial([0, 1])
         rises = (top + 2 * one * top.deriv()) * bottom - 2 * one * top * bottom.deriv()  # by bottom^2: the slope
         square = _first_root(rises)
         if _first_root(bottom) < math.inf:  # calibrations go wild before a pole, not only at it
-            square = min(square, _first_root(_STEEPEST * bottom * bottom - rises))
-        return min(math.sqrt(square), math.tan(_WIDEST), self.radius)
+            square = min(square, _first_root(_SLOPE_MAX * bottom * bottom - rises))
+        return min(math.sqrt(square), math.tan(_ANGLE_MAX), self.radius)
 
     @property
     def _fraction(self) -> tuple[Float64, Float64]:
@@ -218,11 +218,11 @@ class Lens:
         found = points * np.where(away > 0, start / np.where(away > 0, away, 1), 1)[:, None]
         left = np.flatnonzero(away <= distorted[-1] + self._aside)
         done = np.zeros(len(points), np.bool_)
-        for _ in range(_STEPS):
+        for _ in range(_NEWTON_STEPS):
             here = found[left]
             seen, slopes = self._map(here)
             off = points[left] - seen
-            close = np.hypot(*off.T) <= _CLOSE * (1 + away[left])
+            close = np.hypot(*off.T) <= _TOLERANCE * (1 + away[left])
             done[left[close]] = self._sees(here[close], slopes[close])[:, 0]
             left, off, slopes, here = left[~close], off[~close], slopes[~close], here[~close]
             if not len(left):
@@ -235,7 +235,7 @@ class Lens:
     @cached_property
     def _radii(self) -> tuple[Float64, Float64]:
         """Ideal distances from the axis and the distorted ones that the radial part makes of them, both rising."""
-        ideal = np.tan(np.linspace(0, math.atan(self.reach), _ENTRIES))
+        ideal = np.tan(np.linspace(0, math.atan(self.reach), _TABLE_ENTRIES))
         return ideal, np.maximum.accumulate(ideal * self._factor(ideal * ideal)[0])
 
     @property
@@ -250,8 +250,8 @@ class Lens:
 def _in_parts(function: Callable[[Float64], Float64], points: Float64) -> Float64:
     made = np.empty_like(points)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        for first in range(0, len(points), _IN_CACHE):
-            made[first : first + _IN_CACHE] = function(points[first : first + _IN_CACHE])
+        for first in range(0, len(points), _CHUNK):
+            made[first : first + _CHUNK] = function(points[first : first + _CHUNK])
     return made
 
 

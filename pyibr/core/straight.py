@@ -1,6 +1,6 @@
 """The pinhole images that a lens's image is made straight in, and where the pixels of one lie in the other.
 
-A straight image has the same or finer sampling than the lens's everywhere. It holds what lies up to `WIDEST` degrees
+A straight image has the same or finer sampling than the lens's everywhere. It holds what lies up to `ANGLE_MAX` degrees
 from the axis; a target that sees farther is drawn as several, the faces of a cube.
 """
 
@@ -16,13 +16,13 @@ from pyibr.core.camera import Camera
 from pyibr.core.checks import Fixed, Float64, locked, read_only
 from pyibr.core.errors import ArgumentError
 
-WIDEST = 75.0
+ANGLE_MAX = 75.0
 """Degrees from the axis that one straight image holds: beyond, pixels would be many, and each of little."""
 
 _MARGIN = 2  # pixels around what is seen: the neighbours that tell edges from slopes
-_BESIDE = 0.75  # pixels beside the image that still show its border: half a straight one, askew
-_LARGEST = 100  # times the pixels of the lens's image; those of cameras take up to 15
-_WITHIN = 1 - 1e-9  # of the reach of a lens: as far as it surely sees
+_BORDER = 0.75  # pixels beside the image that still show its border: half a straight one, askew
+_PIXELS_RATIO_MAX = 100  # times the pixels of the lens's image; those of cameras take up to 15
+_REACH_PART = 1 - 1e-9  # of the reach of a lens: as far as it surely sees
 _FACES = (  # right, down and forward of a cube's faces in the camera's frame, the front first
     ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
     ((0, 0, -1), (0, 1, 0), (1, 0, 0)),
@@ -38,7 +38,7 @@ def rays_of(camera: Camera) -> Float64:
 
 
 def straight_camera(camera: Camera) -> Camera:
-    """The pinhole camera of the image that holds what a lens sees, up to `WIDEST` degrees from the axis."""
+    """The pinhole camera of the image that holds what a lens sees, up to `ANGLE_MAX` degrees from the axis."""
     if camera.lens is None:
         return camera
     unposed = _straight(_unposed(camera))
@@ -48,7 +48,7 @@ def straight_camera(camera: Camera) -> Camera:
 def covering_camera(argument: str, camera: Camera) -> Camera:
     """`straight_camera` of a lens that sees no farther than its image reaches, or raise ArgumentError."""
     if camera.lens is not None and sees_too_far(camera).any():
-        raise ArgumentError(argument, f"one that sees up to {WIDEST:g} degrees from its axis", repr(camera))
+        raise ArgumentError(argument, f"one that sees up to {ANGLE_MAX:g} degrees from its axis", repr(camera))
     return straight_camera(camera)
 
 
@@ -70,16 +70,16 @@ def origins_in_lens(camera: Camera, pixels: Float64) -> Float64:
     points = _straight(unposed).unproject(pixels, np.ones(len(pixels)))
     if camera.lens is not None:
         away = np.hypot(points[:, 0], points[:, 1])
-        points[:, :2] *= np.minimum(_WITHIN * camera.lens.reach / np.maximum(away, 1e-300), 1.0)[:, None]
+        points[:, :2] *= np.minimum(_REACH_PART * camera.lens.reach / np.maximum(away, 1e-300), 1.0)[:, None]
     return unposed.project(points)[0]
 
 
 def sees_too_far(camera: Camera) -> NDArray[np.bool_]:
-    """(H, W) which pixels of a lens's image see what lies more than `WIDEST` degrees from the axis."""
+    """(H, W) which pixels of a lens's image see what lies more than `ANGLE_MAX` degrees from the axis."""
     return _sees_too_far(_unposed(camera))
 
 
-class Places(Fixed):
+class PixelPositions(Fixed):
     """Where the pixels of one image lie in another.
 
     Attributes
@@ -92,12 +92,12 @@ class Places(Fixed):
         self.places = places
 
 
-def places_in_lens(camera: Camera) -> Places:
+def positions_in_lens(camera: Camera) -> PixelPositions:
     """Of the pixels of the straight image, those half a pixel beside the lens's image on its border."""
-    return _places_in_lens(_unposed(camera))
+    return _positions_in_lens(_unposed(camera))
 
 
-class Pane(Fixed):
+class CubeFace(Fixed):
     """A straight image as a part of a lens's.
 
     Attributes
@@ -114,14 +114,14 @@ class Pane(Fixed):
         self.places = places
 
 
-def straight_pane(camera: Camera) -> Pane:
-    """The straight image as a pane: where the samples of a lens's image lie in it, NaN beyond `WIDEST`."""
-    return _straight_pane(_unposed(camera))
+def straight_face(camera: Camera) -> CubeFace:
+    """The straight image as a pane: where the samples of a lens's image lie in it, NaN beyond `ANGLE_MAX`."""
+    return _straight_face(_unposed(camera))
 
 
-def panes_of(camera: Camera) -> tuple[Pane, ...]:
+def cube_faces(camera: Camera) -> tuple[CubeFace, ...]:
     """The parts that a target with a lens is drawn as, with poses relative to it: one, or up to five of a wide one."""
-    return _panes(_unposed(camera))
+    return _cube_faces(_unposed(camera))
 
 
 def _unposed(camera: Camera) -> Camera:
@@ -141,7 +141,7 @@ def _rays_through(camera: Camera) -> Float64:
 
 @functools.lru_cache(maxsize=4)
 def _sees_too_far(camera: Camera) -> NDArray[np.bool_]:
-    return locked(np.hypot(*np.moveaxis(rays_of(camera), 2, 0)) > math.tan(math.radians(WIDEST)))
+    return locked(np.hypot(*np.moveaxis(rays_of(camera), 2, 0)) > math.tan(math.radians(ANGLE_MAX)))
 
 
 @functools.lru_cache(maxsize=32)
@@ -160,9 +160,11 @@ def _camera_around(camera: Camera, rays: Float64, own: NDArray[np.bool_], turn: 
     low, high = (edge(at, axis=(0, 1)) / least if own.any() else np.zeros(2) for edge in (np.nanmin, np.nanmax))
     K[:2, 2] = _MARGIN - low
     extent = np.ceil(high - low) + 1
-    if not extent.prod() <= _LARGEST * camera.width * camera.height:
+    if not extent.prod() <= _PIXELS_RATIO_MAX * camera.width * camera.height:
         came = f"{extent[0]:g} x {extent[1]:g} for {camera.width} x {camera.height}"
-        raise ArgumentError("lens", f"one whose image has at most {_LARGEST} times its pixels when made straight", came)
+        raise ArgumentError(
+            "lens", f"one whose image has at most {_PIXELS_RATIO_MAX} times its pixels when made straight", came
+        )
     size = extent.astype(int) + 2 * _MARGIN
     pose = np.eye(4)
     pose[:3, :3] = np.eye(3) if turn is None else turn
@@ -170,12 +172,12 @@ def _camera_around(camera: Camera, rays: Float64, own: NDArray[np.bool_], turn: 
 
 
 @functools.lru_cache(maxsize=8)
-def _places_in_lens(camera: Camera) -> Places:
+def _positions_in_lens(camera: Camera) -> PixelPositions:
     straight = _straight(camera)
     pixels = np.stack(np.meshgrid(*map(np.arange, straight.size)), -1).reshape(-1, 2)
     at = distorted_pixels(camera, pixels.astype(np.float64)).reshape(straight.height, straight.width, 2)
     last = np.array(camera.size) - 1
-    inside = np.asarray(((at >= -_BESIDE) & (at <= last + _BESIDE)).all(axis=2), np.bool_)
+    inside = np.asarray(((at >= -_BORDER) & (at <= last + _BORDER)).all(axis=2), np.bool_)
     at = np.clip(np.where(inside[..., None], at, 0), 0, last)
     unseen = np.isnan(rays_of(camera)[..., 0])
     if unseen.any():  # what lies between samples of which some are out of sight is the nearest one's alone
@@ -185,36 +187,36 @@ def _places_in_lens(camera: Camera) -> Places:
         at = np.where(some[..., None], np.floor(at + 0.5), at)
         x, y = np.moveaxis(at.astype(np.intp), 2, 0)
         inside &= ~(some & unseen[y, x])
-    return Places(np.where(inside, np.moveaxis(at, 2, 0), np.nan).astype(np.float32))
+    return PixelPositions(np.where(inside, np.moveaxis(at, 2, 0), np.nan).astype(np.float32))
 
 
 @functools.lru_cache(maxsize=8)
-def _straight_pane(camera: Camera) -> Pane:
+def _straight_face(camera: Camera) -> CubeFace:
     rays = rays_of(camera)
     within = np.isfinite(rays[..., 0]) & ~sees_too_far(camera)
-    return _pane(_straight(camera), np.where(within[..., None], rays, np.nan), np.ones(within.shape))
+    return _face(_straight(camera), np.where(within[..., None], rays, np.nan), np.ones(within.shape))
 
 
 @functools.lru_cache(maxsize=8)
-def _panes(camera: Camera) -> tuple[Pane, ...]:
+def _cube_faces(camera: Camera) -> tuple[CubeFace, ...]:
     rays = rays_of(camera)
     seen = np.isfinite(rays[..., 0])
     if not (seen & sees_too_far(camera)).any():
-        return (_straight_pane(camera),)
+        return (_straight_face(camera),)
     directions = np.concatenate([rays, np.ones((*seen.shape, 1))], axis=2)
     turned = [directions @ np.array(face, np.float64).T for face in _FACES]
     nearest = np.where(seen, np.argmax([there[..., 2] for there in turned], axis=0), -1)
-    panes: list[Pane] = []
+    faces: list[CubeFace] = []
     for number, there in enumerate(turned):
         own = nearest == number
         if own.any():
             ahead = np.where(own, there[..., 2], np.nan)
             onto = there[..., :2] / ahead[..., None]
-            panes.append(_pane(_camera_around(camera, onto, own, np.array(_FACES[number]).T), onto, 1 / ahead))
-    return tuple(panes)
+            faces.append(_face(_camera_around(camera, onto, own, np.array(_FACES[number]).T), onto, 1 / ahead))
+    return tuple(faces)
 
 
-def _pane(straight: Camera, rays: Float64, depth: Float64) -> Pane:
+def _face(straight: Camera, rays: Float64, depth: Float64) -> CubeFace:
     """Of positions on the plane z = 1 of its frame, and depths in the lens's frame over depths there."""
     at = rays * np.diag(straight.K)[:2] + straight.K[:2, 2]
-    return Pane(straight, np.stack([at[..., 0], at[..., 1], depth]).astype(np.float32))
+    return CubeFace(straight, np.stack([at[..., 0], at[..., 1], depth]).astype(np.float32))

@@ -13,20 +13,20 @@ from numpy.typing import NDArray
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Fixed, Float64
 from pyibr.core.pixelspace import camera_pair, pixel_size
-from pyibr.depthmesh.background import Background, Shown, may_show_its_back, underlay_of
-from pyibr.depthmesh.behind import ViewMesh
+from pyibr.depthmesh.closing import Closing, DrawnViews, may_show_its_back, underlay_of
+from pyibr.depthmesh.far_sides import ViewMesh
 from pyibr.depthmesh.levels import color_levels
 from pyibr.depthmesh.selection import Selection, select_for
 from pyibr.depthmesh.tree import Tree
 from pyibr.depthmesh.triangulation import Triangles, list_triangles, project_points
 from pyibr.images.depth_image import DepthImage
 from pyibr.opencl.device import current
+from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.headers import constant, struct
-from pyibr.opencl.kept import kept
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty, upload
 from pyibr.opencl.program import kernel
-from pyibr.picture.normals import grain_of_noise, showing_normals
+from pyibr.picture.normals import noise_bias, showing_normals
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
 from pyibr.raster.bins import bin_primitives, bin_side, culled, region_side
@@ -75,11 +75,11 @@ class Blending:
     closeness: Float64
     count: int
     epsilon: float
-    background: Background | None
+    background: Closing | None
     gains: Float64 | None
 
 
-def _colors_of(views: Sequence[DepthImage], gains: Float64 | None, background: Background | None) -> _Colors:
+def _colors_of(views: Sequence[DepthImage], gains: Float64 | None, background: Closing | None) -> _Colors:
     words, sizes = list[NDArray[np.uint32]](), list[tuple[int, int, int]]()
     ends, start = list[tuple[int, int]](), 0
     for number, view in enumerate(views):
@@ -103,8 +103,10 @@ def _shown(target: Target, thing: Fixed, views: Sequence[DepthImage], blending: 
     """What a target shows of the views: their colours, or their normals for them."""
     background, gains = (None, None) if blending is None else (blending.background, blending.gains)
     if target.of_normals:
-        return kept(thing, "normals", lambda: _colors_of(list(map(showing_normals, views)), None, background))
-    return kept(thing, "colors", lambda: _colors_of(views, gains, background))
+        return cached_on_device(
+            thing, "normals", lambda: _colors_of(list(map(showing_normals, views)), None, background)
+        )
+    return cached_on_device(thing, "colors", lambda: _colors_of(views, gains, background))
 
 
 def draw_depth_meshes(
@@ -139,7 +141,7 @@ def draw_depth_meshes(
     closeness = np.ones(1) if blending is None else blending.closeness
     order, count = ([0], 1) if blending is None else (blending.order, blending.count)
     backs = [n for n in order[:count] if may_show_its_back(meshes[n].view.camera, target.camera, bounds)]
-    shown = Shown.of(order, count, backs)
+    shown = DrawnViews.of(order, count, backs)
     trees = [meshes[number].tree for number in shown.chosen]
     colors = _shown(target, thing, [mesh.view for mesh in meshes], blending)
     underlay, drawn, colored = None, shown.chosen, shown.chosen  # views of all meshes, and of those with colours
@@ -184,7 +186,7 @@ def draw_depth_meshes(
 
 
 @dataclass(frozen=True)
-class _Chosen:
+class _CachedTriangles:
     """Triangles, what they follow, and for how long they hold."""
 
     trees: list[Tree]
@@ -197,12 +199,12 @@ class _Chosen:
         return same and underlay is self.underlay and all(one.holds_for(camera) for one in self.selections)
 
 
-def _chosen_for(
+def _cached_for(
     camera: Camera, trees: list[Tree], underlay: Triangles | None, tolerance: float, reuse: float
-) -> _Chosen:
+) -> _CachedTriangles:
     selections = [select_for(tree, camera, tolerance, reuse) for tree in trees]
     marks = [selection.active for selection in selections]
-    return _Chosen(trees, underlay, selections, list_triangles(trees, marks, underlay, rated=True))
+    return _CachedTriangles(trees, underlay, selections, list_triangles(trees, marks, underlay, rated=True))
 
 
 def _triangles_for(
@@ -210,12 +212,12 @@ def _triangles_for(
 ) -> Triangles:
     """The triangles for a target, after those of the underlay: those drawn last, if they hold for it."""
     if not reuse or target.from_light:
-        return _chosen_for(target.camera, trees, underlay, tolerance, 0.0).triangles
-    latest = kept(thing, "latest triangles", list[_Chosen])
+        return _cached_for(target.camera, trees, underlay, tolerance, 0.0).triangles
+    latest = cached_on_device(thing, "latest triangles", list[_CachedTriangles])
     # At each launch another thread may have its turn: what is found is put there whole.
     found = latest[0] if latest else None
     if found is None or not found.holds_for(target.camera, trees, underlay):
-        found = _chosen_for(target.camera, trees, underlay, tolerance, reuse)
+        found = _cached_for(target.camera, trees, underlay, tolerance, reuse)
         latest[:] = [found]
     return found.triangles
 
@@ -236,7 +238,7 @@ def _colored(camera: Camera, views: list[DepthImage], shown: list[int], colors: 
 
 
 def _seen_empty(
-    camera: Camera, meshes: Sequence[ViewMesh], blending: Blending, background: Background, colors: _Colors
+    camera: Camera, meshes: Sequence[ViewMesh], blending: Blending, background: Closing, colors: _Colors
 ) -> dict[str, Any]:
     """What tells up to where each view has seen that there is nothing, and what it saw there."""
     maps = [camera_pair(camera, mesh.view.camera).dst_from_src for mesh in meshes]
@@ -258,7 +260,7 @@ def _seen_empty(
     }
 
 
-def drawn_off(
+def shadow_bias(
     target: Target, lighting: Lighting | None, views: Sequence[DepthImage], tolerance: float, bounds: Bounds
 ) -> tuple[float, int]:
     """Scene units by which what is drawn may lie off the surface, and pixels over which its slope shows; for a light.
@@ -269,7 +271,7 @@ def drawn_off(
         return 0.0, 1
     low, high = bounds
     middle = 0.5 * (low + high)
-    noise, apart = grain_of_noise(views, target.camera, middle)
+    noise, apart = noise_bias(views, target.camera, middle)
     return tolerance * pixel_size(target.camera, middle) + noise, apart
 
 

@@ -50,4 +50,4 @@ def _seen_by(
 
 
 def _shown(view: DepthImage, y: NDArray[np.int64], x: NDArray[np.int64]) -> NDArray[np.float32]:
-    return (view.shown[y, x] / (255 if view.shown.dtype == np.uint8 else 1)).astype(np.float32)
+    return (view.shown_color[y, x] / (255 if view.shown_color.dtype == np.uint8 else 1)).astype(np.float32)

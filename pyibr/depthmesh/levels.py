@@ -18,7 +18,7 @@ def color_levels(view: DepthImage, gains: Float64 | None = None) -> Iterator[NDA
     Colours are multiplied by the `gains` (3,).
     """
     height, width = view.valid.shape
-    shown = view.shown
+    shown = view.shown_color
     if gains is not None:
         most = 255 if shown.dtype == np.uint8 else 1
         shown = np.clip(shown * (gains / most), 0, 1).astype(np.float32)

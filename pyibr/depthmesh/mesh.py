@@ -9,19 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Fixed, Float64, describe, instance_of, number_from, numbers, one_of, true_or_false
+from pyibr.core.checks import Fixed, Float64, checked_bool, describe, instance_of, number_from, numbers, one_of
 from pyibr.core.errors import ArgumentError
 from pyibr.core.straight import covering_camera
-from pyibr.depthmesh.drawing import draw_depth_meshes, drawn_off
+from pyibr.depthmesh.drawing import draw_depth_meshes, shadow_bias
 from pyibr.depthmesh.segmentation import Segmentation
-from pyibr.depthmesh.selection import MOST_REUSE, active_within, select_for
+from pyibr.depthmesh.selection import REUSE_MAX, active_within, select_for
 from pyibr.depthmesh.strips import strips_of, with_normals
 from pyibr.depthmesh.tree import ErrorsBy, Tree, build_tree
 from pyibr.depthmesh.triangulation import list_triangles, pixels_of
 from pyibr.images import DepthImage
 from pyibr.meshes.mesh import Mesh
 from pyibr.opencl.device import current
-from pyibr.opencl.kept import kept
+from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.memory import DeviceArray
 from pyibr.picture.shadow import Lighting, shadowed
 from pyibr.picture.straighten import straightened
@@ -94,7 +94,7 @@ class DepthMesh(Fixed):
         self.segmentation = rule
         one_of("errors", errors, ErrorsBy)
         self.errors: ErrorsBy = errors
-        self.reuse = number_from("reuse", reuse, 0.0, MOST_REUSE, "a number from 0 to 0.5")
+        self.reuse = number_from("reuse", reuse, 0.0, REUSE_MAX, "a number from 0 to 0.5")
 
     def __repr__(self) -> str:
         return f"<DepthMesh {self.view.camera.width}x{self.view.camera.height}>"
@@ -111,8 +111,8 @@ class DepthMesh(Fixed):
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
         """Draw the triangles in the view's colours, which hold their light, unless a light relights them."""
-        off, apart = drawn_off(target, lighting, [self.view], self.tolerance, self.bounds)
-        with shadowed(target, lighting, grain=off, apart=apart, draw_normals=self._draw):
+        off, apart = shadow_bias(target, lighting, [self.view], self.tolerance, self.bounds)
+        with shadowed(target, lighting, bias=off, apart=apart, draw_normals=self._draw):
             self._draw(target)
 
     def _draw(self, target: Target) -> None:
@@ -122,7 +122,7 @@ class DepthMesh(Fixed):
     def tree(self) -> Tree:
         """The quadtree on the current device, made once."""
         with current().turn():
-            return kept(self, "tree", self._made_tree)
+            return cached_on_device(self, "tree", self._made_tree)
 
     def _made_tree(self) -> Tree:
         made = build_tree(self.view, self.segmentation, self.errors)
@@ -243,12 +243,12 @@ class DepthMesh(Fixed):
         >>> strip.dtype.names, strip["normal"][0] + 0.0
         (('number', 'position', 'normal', 'color'), array([ 0.,  0., -1.], dtype=float32))
         """
-        true_or_false("normals", normals)
+        checked_bool("normals", normals)
         with self.tree.states.session.turn():
             samples, faces = self._some_triangles_for(camera, tolerance)
             made = self._mesh_of(samples, faces) if normals else None
         strips = strips_of(samples[faces], faces, self.view.camera.width, self.tree.side)
-        return strips if made is None else with_normals(strips, made, self.view.shown.dtype)
+        return strips if made is None else with_normals(strips, made, self.view.shown_color.dtype)
 
     def _some_triangles_for(self, camera: Camera, tolerance: float | None) -> tuple[Int32, Int32]:
         samples, faces = self._triangles_for(camera, tolerance)
@@ -270,8 +270,8 @@ class DepthMesh(Fixed):
             faces,
             uv=(pixels + 0.5) / camera.size,
             normals=normals @ camera.world_from_camera[:3, :3].T,
-            texture=self.view.shown,
-            colors=self.view.shown[y, x],
+            texture=self.view.shown_color,
+            colors=self.view.shown_color[y, x],
             attributes={"quality": np.abs(normals[:, 2])},
         )
 

@@ -10,19 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Fixed, Float64, describe, instance_of, number_from, one_of, true_or_false, whole_from
+from pyibr.core.checks import Fixed, Float64, checked_bool, describe, instance_of, integer_from, number_from, one_of
 from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import frustum
 from pyibr.core.straight import check_no_lens, covering_camera
-from pyibr.depthmesh.background import background_of
-from pyibr.depthmesh.drawing import Blending, draw_depth_meshes, drawn_off
+from pyibr.depthmesh.closing import closing_of
+from pyibr.depthmesh.drawing import Blending, draw_depth_meshes, shadow_bias
 from pyibr.depthmesh.exposure import gains_of
 from pyibr.depthmesh.mesh import DepthMesh, checked_tolerance
 from pyibr.depthmesh.segmentation import Segmentation
-from pyibr.depthmesh.selection import MOST_REUSE
+from pyibr.depthmesh.selection import REUSE_MAX
 from pyibr.images import DepthImage
 from pyibr.opencl.device import one_call
-from pyibr.opencl.kept import kept
+from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.memory import DeviceArray, empty
 from pyibr.picture.shadow import Lighting, shadowed
 from pyibr.picture.target import Target
@@ -31,7 +31,7 @@ Blend = Literal["quality", "position", "nearest"]
 Choice = Literal["closest", "facing"]
 
 _EPSILON = 0.01  # of the largest extent
-_MOST = 32  # views that are blended
+_BLENDED_MAX = 32  # views that are blended
 _AWAY = 1e-3  # that views which look the opposite way still count for
 
 
@@ -112,15 +112,15 @@ class DepthMeshObject(Fixed):
         self.tolerance = checked_tolerance("tolerance", tolerance)
         one_of("blend", blend, Blend)
         self.blend: Blend = blend
-        self.blended = min(whole_from("blended", blended, 1, _MOST), len(self.meshes))
+        self.blended = min(integer_from("blended", blended, 1, _BLENDED_MAX), len(self.meshes))
         self._epsilon = None if epsilon is None else checked_tolerance("epsilon", epsilon)
-        true_or_false("background", background)
+        checked_bool("background", background)
         self.background = background
-        true_or_false("match_exposures", match_exposures)
+        checked_bool("match_exposures", match_exposures)
         self.match_exposures = match_exposures
         one_of("choose", choose, Choice)
         self.choose: Choice = choose
-        self.reuse = number_from("reuse", reuse, 0.0, MOST_REUSE, "a number from 0 to 0.5")
+        self.reuse = number_from("reuse", reuse, 0.0, REUSE_MAX, "a number from 0 to 0.5")
 
     def __repr__(self) -> str:
         return f"<DepthMeshObject {len(self.meshes)} view{'s' * (len(self.meshes) != 1)}>"
@@ -148,14 +148,14 @@ class DepthMeshObject(Fixed):
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
         """Draw the blended meshes in their views' colours, which hold their light, unless a light relights them."""
-        off, apart = drawn_off(target, lighting, [mesh.view for mesh in self.meshes], self.tolerance, self.bounds)
-        with shadowed(target, lighting, grain=off, apart=apart, draw_normals=self._blend):
+        off, apart = shadow_bias(target, lighting, [mesh.view for mesh in self.meshes], self.tolerance, self.bounds)
+        with shadowed(target, lighting, bias=off, apart=apart, draw_normals=self._blend):
             self._blend(target)
 
     def _blend(self, target: Target, occupancy: DeviceArray | None = None) -> None:
         behind = None
         if self.background:
-            behind = kept(self, "background", lambda: background_of(self.meshes, self.extent))
+            behind = cached_on_device(self, "background", lambda: closing_of(self.meshes, self.extent))
         order, closeness = self._order(target.camera), self.closeness(target.camera)
         blending = Blending(self.blend, order, closeness, self.blended, self.epsilon, behind, self._gains)
         tolerance = 0.5 * self.tolerance

@@ -17,7 +17,7 @@ from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty
 from pyibr.opencl.program import kernel
 
-MOST_REUSE = 0.5
+REUSE_MAX = 0.5
 
 _SHARES = 16  # along a tree's side, that simplification is shared out in
 _CHUNK = 64  # numbers of vertices that a work-item of kernels/depthmesh/simplify.cl takes memory for at once
@@ -38,7 +38,7 @@ class Selection:
     reuse : float
         By what share of the tolerance they are finer than that; and how far beyond the camera's view, as a share of
         the distance, they go.
-    rooms : DeviceArray (side + 1, 2)
+    motion_limits : DeviceArray (side + 1, 2)
         How far the camera may move, kernels/depthmesh/select.cl.
     """
 
@@ -46,12 +46,12 @@ class Selection:
     camera: Camera
     tolerance: float
     reuse: float
-    rooms: DeviceArray
+    motion_limits: DeviceArray
 
     @cached_property
-    def _room(self) -> Float64:
+    def _motion_limit(self) -> Float64:
         """(2,) the least of all rows."""
-        return self.rooms.to_host().min(axis=0).astype(np.float64)
+        return self.motion_limits.to_host().min(axis=0).astype(np.float64)
 
     def holds_for(self, camera: Camera) -> bool:
         """Whether a camera that has moved needs no other vertices for the tolerance."""
@@ -62,7 +62,7 @@ class Selection:
             return True
         moved = float(np.linalg.norm(camera.center - own.center))
         turned = float(np.linalg.norm((frustum(camera) - frustum(own))[:, :3], axis=1).max())
-        room, nearest_out = self._room
+        room, nearest_out = self._motion_limit
         # What is out of view by `reuse` of its distance stays so while the view's planes come no closer than that.
         stays_out = not np.isfinite(nearest_out) or turned + moved / nearest_out <= _ROUNDING * self.reuse
         return moved <= _ROUNDING * room and stays_out
@@ -70,7 +70,11 @@ class Selection:
 
 def select_for(tree: Tree, camera: Camera, tolerance: float, reuse: float = 0.0) -> Selection:
     """Find the vertices that a camera needs for a tolerance in pixels (equation 5)."""
-    known, active, rooms = tree.errors, empty(tree.states.shape, np.uint8), empty((tree.side + 1, 2), np.float32)
+    known, active, motion_limits = (
+        tree.errors,
+        empty(tree.states.shape, np.uint8),
+        empty((tree.side + 1, 2), np.float32),
+    )
     launch(
         kernel("depthmesh/tree.cl", "activate"),
         (tree.side + 1,),
@@ -78,11 +82,11 @@ def select_for(tree: Tree, camera: Camera, tolerance: float, reuse: float = 0.0)
         radii=known.radii,
         depths=known.depths,
         active=active,
-        motion_limits=rooms,
+        motion_limits=motion_limits,
         layout=tree.layout,
         viewer=Struct("Viewer", _viewer(tree.view.camera, camera, tolerance, reuse)),
     )
-    return Selection(active, camera, tolerance, reuse, rooms)
+    return Selection(active, camera, tolerance, reuse, motion_limits)
 
 
 def _viewer(src: Camera, dst: Camera, tolerance: float, reuse: float) -> np.ndarray[Any, np.dtype[np.void]]:

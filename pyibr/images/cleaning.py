@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.core.checks import Float64, checked_colors, number_from, whole_from
+from pyibr.core.checks import Float64, checked_colors, integer_from, number_from
 from pyibr.core.optional import opencv
 from pyibr.images.depth_image import Color, Depth, checked_depth
 from pyibr.images.noise import noise_by_nearness
@@ -19,14 +19,14 @@ Float32 = NDArray[np.float32]
 _RANGE = 3.3  # standard deviations of the noise, of the smoothing: what differs by ten is left apart
 _RADIUS, _SPREAD = 5, 3.0  # pixels, of the smoothing
 _REACH = 3  # pixels to either side over which a slope is found
-_LEAST_NOISE = 5e-4  # of the depth: what is less is none
+_NOISE_MIN = 5e-4  # of the depth: what is less is none
 _APART, _LEAST_APART = 5.0, 0.02  # deviations, and a share of depth: two surfaces are at least that far apart
 _GAP = 2  # pixels: the next sample in a direction may be so far off
 _UNLIKE = (0.03, 0.1, 0.3, np.inf)  # colours, their channels' differences added: holes grow together in that order
 _ALIKE = 0.1  # colours of one surface, in the same measure
 _SPECKLE = 40  # pixels: a smaller island amid other depths is no surface
 _STEPS = 4096  # of the scale's table
-_KEPT = 0.9  # of what was known before, where it agrees
+_STEADY_WEIGHT = 0.9  # of what was known before, where it agrees
 
 
 class CleanedDepth(NamedTuple):
@@ -121,7 +121,7 @@ def clean_depth(
     tint = None if color is None else _tint(checked_colors("color", color, (*measured.shape, 3)))
     known = None if before is None else _without_invalid(checked_depth(before, measured.shape, "before"))
     known = None if known is None or np.isnan(known).all() else known
-    reach = whole_from("holes", holes, 0, 1000)
+    reach = integer_from("holes", holes, 0, 1000)
     share = number_from("strength", strength, 0.0, 10.0, "a number from 0 to 10")
     measured = _without_invalid(measured)
     valid = np.isfinite(measured)
@@ -130,25 +130,25 @@ def clean_depth(
 
     at, noise = noise_by_nearness(measured)
     seen = [measured] if known is None else [measured, known]
-    apart, alike = _Scale(seen, at, _APART * noise, _LEAST_APART), _Scale(seen, at, noise, _LEAST_NOISE)
-    kept = valid & ~_flies(apart.of(measured))
+    apart, alike = _Scale(seen, at, _APART * noise, _LEAST_APART), _Scale(seen, at, noise, _NOISE_MIN)
+    kept = valid & ~_flying_pixels(apart.of(measured))
     seeds, sown = kept, measured
     if known is not None and reach > 0:
-        still = _still_there(np.where(kept, apart.of(measured), np.float32(np.nan)), apart.of(known), tint)
+        still = _held_over(np.where(kept, apart.of(measured), np.float32(np.nan)), apart.of(known), tint)
         seeds, sown = kept | still, np.where(still, known, measured)
     area = _filled_area(cv2, seeds, reach)
-    grown = _grown(cv2, sown, seeds, area, tint)
+    grown = _region_grown(cv2, sown, seeds, area, tint)
     speckle = _speckle(cv2, apart.of(grown))
     if known is not None:
         speckle &= ~_islands_with(cv2, speckle, kept & (np.abs(apart.of(measured) - apart.of(known)) < 1))
     if (speckle & seeds).any():
         kept, seeds = kept & ~speckle, seeds & ~speckle
         area &= ~speckle | _filled_area(cv2, seeds, reach)
-        grown = _grown(cv2, sown, seeds, area, tint)
+        grown = _region_grown(cv2, sown, seeds, area, tint)
     if share > 0 and np.isfinite(grown).any():
         values = _smoothed(cv2, alike.of(grown), share)
         if known is not None:
-            values = _steadied(values, alike.of(known), share)
+            values = _temporally_filtered(values, alike.of(known), share)
         grown = alike.depth_of(values)
     return CleanedDepth(grown, np.isfinite(grown) & ~kept)
 
@@ -189,7 +189,7 @@ class _Scale:
         return (1 / np.interp(values, self._values, self._nearness)).astype(np.float32)
 
 
-def _flies(values: Float32) -> Mask:
+def _flying_pixels(values: Float32) -> Mask:
     """(H, W) samples between two surfaces, apart from both: an edge was seen there, half of each.
 
     Looked at along rows, columns and diagonals; the line through the next two samples on a side may lead there, too.
@@ -227,7 +227,7 @@ def _first_known(values: Float32, dy: int, dx: int, beyond: Float32) -> tuple[Fl
     return found, at
 
 
-def _still_there(values: Float32, known: Float32, tint: Float32 | None) -> Mask:
+def _held_over(values: Float32, known: Float32, tint: Float32 | None) -> Mask:
     """(H, W) where no value is, but known is one of a surface that is seen within `_GAP` pixels, of its colour."""
     height, width = values.shape
     y, x = np.nonzero(np.isnan(values) & np.isfinite(known))
@@ -255,7 +255,7 @@ def _tint(color: Color) -> Float32:
     return color.astype(np.float32) * np.float32(1 / 255 if color.dtype == np.uint8 else 1)
 
 
-def _grown(cv2: Any, depth: Depth, kept: Mask, area: Mask, tint: Float32 | None) -> Depth:
+def _region_grown(cv2: Any, depth: Depth, kept: Mask, area: Mask, tint: Float32 | None) -> Depth:
     """Depth all over the area, from the kept samples outwards; NaN elsewhere.
 
     Where colours are alike first: fronts from two sides meet at an edge of the colour.
@@ -347,7 +347,7 @@ def _slope(values: Float32, axis: int) -> Float32:
     return slope if axis == 1 else slope.T
 
 
-def _steadied(values: Float32, known: Float32, strength: float) -> Float32:
+def _temporally_filtered(values: Float32, known: Float32, strength: float) -> Float32:
     """Values drawn to what was known before; the less the farther they are from it: noise does, and no move.
 
     A steady drift v is followed at a distance d, both over `strength`, with d = v + `_KEPT` exp(-d^2 / 2) d: behind by
@@ -355,5 +355,5 @@ def _steadied(values: Float32, known: Float32, strength: float) -> Float32:
     """
     off = known - values
     with np.errstate(over="ignore"):
-        weight = np.float32(_KEPT) * np.exp(np.float32(-0.5) * (off / np.float32(strength)) ** 2)
+        weight = np.float32(_STEADY_WEIGHT) * np.exp(np.float32(-0.5) * (off / np.float32(strength)) ** 2)
     return (values + np.nan_to_num(weight * off)).astype(np.float32, copy=False)

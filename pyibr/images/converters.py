@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from pyibr.core.camera import Camera
 from pyibr.core.checks import (
     Float64,
+    checked_bool,
     checked_colors,
     checked_intrinsics,
     describe,
@@ -18,8 +19,7 @@ from pyibr.core.checks import (
     numbers,
     plain_array,
     positive,
-    positive_or_endless,
-    true_or_false,
+    positive_or_infinite,
 )
 from pyibr.core.errors import ArgumentError
 from pyibr.core.optional import opencv
@@ -196,7 +196,7 @@ def depth_from_mpeg(level: ArrayLike, near: float, far: float, *, zero_is_invali
     """
     n = _checked_levels(level)
     _check_range(near, far)
-    if true_or_false("zero_is_invalid", zero_is_invalid):
+    if checked_bool("zero_is_invalid", zero_is_invalid):
         n = np.where(n == 0, np.nan, n)
     z = near / _positive_or_nan(n) if far >= 1000 else far * near / (near + n * (far - near))
     return z.astype(np.float32)
@@ -248,7 +248,7 @@ def depth_from_zbuffer(value: ArrayLike, near: float, far: float, *, reverse: bo
     [2.0, 4.0, nan]
     """
     n, ends = _checked_levels(value, "value"), _nearness_of_planes(near, far)
-    b = 1 - n if true_or_false("reverse", reverse) else n
+    b = 1 - n if checked_bool("reverse", reverse) else n
     drawn = np.where(b < 1, b, np.nan)
     return (1 / (ends[0] + drawn * (ends[1] - ends[0]))).astype(np.float32)
 
@@ -355,7 +355,7 @@ def _checked_levels(level: ArrayLike, argument: str = "level") -> Float64:
 
 
 def _nearness_of_planes(near: float, far: float) -> tuple[float, float]:
-    if positive_or_endless("far", far, "a depth > 0, or infinity") == math.inf:
+    if positive_or_infinite("far", far, "a depth > 0, or infinity") == math.inf:
         return 1 / positive("near", near), 0.0
     _check_range(near, far)
     return 1 / near, 1 / far

@@ -25,7 +25,7 @@ from pyibr.core.checks import (
     one_of,
     plain_array,
     positive,
-    positive_or_endless,
+    positive_or_infinite,
     shape_text,
 )
 from pyibr.core.errors import ArgumentError
@@ -39,7 +39,7 @@ Side = Literal["front", "back", "both"]
 Backdrop = Literal["farthest"]
 
 _UNIT = 1e-3  # squares of lengths may be off by that: they are normals in float32, or rounded ones
-_IN_CACHE = 1 << 15  # samples at a time: of more, float64 values take several times longer
+_CHUNK = 1 << 15  # samples at a time: of more, float64 values take several times longer
 
 
 class DepthImage(Fixed):
@@ -104,7 +104,7 @@ class DepthImage(Fixed):
         instance_of("camera", camera, Camera, "a pyibr.Camera")
         shape = camera.height, camera.width
         self.camera = camera
-        limit = positive_or_endless("far", far, "a depth > 0")
+        limit = positive_or_infinite("far", far, "a depth > 0")
         none = np.empty((*shape, 0), np.uint8)
         self.color = locked(none if color is None else checked_colors("color", color, (*shape, 3)))
         given = checked_depth(depth, shape)
@@ -130,14 +130,14 @@ class DepthImage(Fixed):
         return self.color.shape[2] > 0
 
     @cached_property
-    def shown(self) -> Color:
+    def shown_color(self) -> Color:
         """(H, W, 3) the colours; white if it has none. Made on first use."""
         return self.color if self.has_color else locked(np.full((*self.depth.shape, 3), 255, np.uint8))
 
     @cached_property
     def in_color(self) -> DepthImage:
         """The same image with the colours it is shown in; itself if it has any. Made on first use."""
-        return self if self.has_color else self._with_color(self.shown)
+        return self if self.has_color else self._with_color(self.shown_color)
 
     @cached_property
     def valid(self) -> NDArray[np.bool_]:
@@ -152,7 +152,7 @@ class DepthImage(Fixed):
         """The same image with float32 colours, itself if they are. Made on first use, so that it keeps its buffers."""
         if self.color.dtype == np.float32:
             return self
-        return self._with_color((self.shown * np.float32(1 / 255)).astype(np.float32))
+        return self._with_color((self.shown_color * np.float32(1 / 255)).astype(np.float32))
 
     @cached_property
     def noise(self) -> tuple[float, float, float]:
@@ -191,7 +191,7 @@ class DepthImage(Fixed):
         turn, x = rows_of @ self.camera.world_from_camera[:3, :3], np.arange(self.camera.width)
         across, perspective = turn[:, :2] @ np.linalg.inv(self.camera.K)[:2], self.camera.projection == "perspective"
         low, high = np.full(3, np.inf), np.full(3, -np.inf)
-        rows = max(_IN_CACHE // self.camera.width, 1)
+        rows = max(_CHUNK // self.camera.width, 1)
         for first in range(0, self.camera.height, rows):
             part = slice(first, first + rows)
             z = np.where(which[part], self.depth[part], np.float64(np.nan))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pyibr.core.checks import Float64
 
-_FEWEST = 200  # pixels of an overlap that tell anything
+_OVERLAP_MIN = 200  # pixels of an overlap that tell anything
 _DARKEST, _BRIGHTEST = 0.08, 0.98  # of a channel's range: beyond, sensors do not tell
 
 
@@ -35,7 +35,7 @@ def matching_gains(views: int, overlaps: Iterable[Overlap]) -> Float64:
     for overlap in overlaps:
         both = np.stack([overlap.first_colors, overlap.second_colors])
         tells = ((both > _DARKEST) & (both < _BRIGHTEST)).all(axis=(0, 2))
-        if (count := np.count_nonzero(tells)) >= _FEWEST:
+        if (count := np.count_nonzero(tells)) >= _OVERLAP_MIN:
             row = np.zeros(views)
             row[overlap.first], row[overlap.second] = np.sqrt(count), -np.sqrt(count)
             rows.append(row)

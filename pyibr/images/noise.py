@@ -11,12 +11,12 @@ from pyibr.core.checks import Float64
 
 Depth = NDArray[np.float32]
 
-_RANGES, _FEWEST = 12, 50  # noise is looked up for as many ranges of depth, each from so many samples at least
-_MOST = 40_000  # samples of a direction that are looked at: medians of more are no surer
+_RANGES, _SAMPLES_MIN = 12, 50  # noise is looked up for as many ranges of depth, each from so many samples at least
+_SAMPLES_MAX = 40_000  # samples of a direction that are looked at: medians of more are no surer
 _LEVELS, _OF_LEVEL = 5, 10  # so many values in a range of depth, each so many times on average, are a scale's steps
-_STEP_MOST = 0.02  # of the nearness: farther apart are surfaces
+_STEP_MAX = 0.02  # of the nearness: farther apart are surfaces
 _ENOUGH = 4_000  # for the three figures of all depths together
-_NOISE_MOST = 1e18  # scene units: its square is still within single precision
+_NOISE_MAX = 1e18  # scene units: its square is still within single precision
 _ROWS = 5  # times as many lie in the rows that they are taken from
 _CHOICES = np.array(
     [[kind in kinds for kind in range(3)] for count in (1, 2, 3) for kinds in itertools.combinations(range(3), count)]
@@ -24,7 +24,7 @@ _CHOICES = np.array(
 """Which of the three kinds of noise there are: (7, 3) bool, the fewest first."""
 
 
-def noise_by_nearness(depth: Depth, far: float = np.inf, most: int = _MOST) -> tuple[Float64, Float64]:
+def noise_by_nearness(depth: Depth, far: float = np.inf, most: int = _SAMPLES_MAX) -> tuple[Float64, Float64]:
     """Noise of (H, W) depth in which there is none where it is not finite, <= 0 or >= `far`.
 
     Second differences along rows and columns are free of the surface's slope, and their median of its edges. Where
@@ -42,16 +42,16 @@ def noise_by_nearness(depth: Depth, far: float = np.inf, most: int = _MOST) -> t
     for step in (1, 2):
         for values in (depth, depth.T):
             if values.shape[1] > 2 * step:
-                some = np.ascontiguousarray(values[:: max(values.size // min(_ROWS * most, _MOST), 1)])
+                some = np.ascontiguousarray(values[:: max(values.size // min(_ROWS * most, _SAMPLES_MAX), 1)])
                 place, change = _changes(some, step, far, most)
                 places.append(place)
                 changes.append(change)
-        if sum(map(len, places)) >= 10 * _RANGES * _FEWEST:
+        if sum(map(len, places)) >= 10 * _RANGES * _SAMPLES_MIN:
             break
     count = sum(map(len, places))
-    if count < _FEWEST:
+    if count < _SAMPLES_MIN:
         return np.empty(0), np.empty(0)
-    ranges = min(_RANGES, count // _FEWEST)
+    ranges = min(_RANGES, count // _SAMPLES_MIN)
     each = count // ranges  # few are left over: the nearest ones
     all_places = np.concatenate(places)
     order = np.argsort(all_places, kind="stable")[: ranges * each].reshape(ranges, each)
@@ -63,7 +63,7 @@ def noise_by_nearness(depth: Depth, far: float = np.inf, most: int = _MOST) -> t
     for part in np.flatnonzero((levels >= _LEVELS) & (each >= _OF_LEVEL * levels)):
         some = np.sort(steps[part][steps[part] > 0])
         step = float(some[-(levels[part] // 2)])  # the middle one
-        middles[part] = max(middles[part], 0.5 * step if step < _STEP_MOST * place[part, 0] else 0.0)
+        middles[part] = max(middles[part], 0.5 * step if step < _STEP_MAX * place[part, 0] else 0.0)
     return place[:, each // 2].astype(np.float64), middles
 
 
@@ -99,5 +99,5 @@ def noise_by_depth(depth: Depth, far: float = np.inf) -> tuple[float, float, flo
     found = np.where(_CHOICES, (np.linalg.pinv(systems, hermitian=True) @ sums[:, :, None])[:, :, 0] / sizes, 0.0)
     off = np.abs(found @ terms.T - 1).sum(axis=1)
     best = found[np.argmin(np.where((found >= 0).all(axis=1), off, np.inf))]
-    a, b, c = np.minimum(best, _NOISE_MOST).tolist()
+    a, b, c = np.minimum(best, _NOISE_MAX).tolist()
     return a, b, c

@@ -60,7 +60,7 @@ class Silhouette(Fixed):
         self.camera = camera
 
     @property
-    def shown(self) -> NDArray[Any]:
+    def shown_color(self) -> NDArray[Any]:
         """(H, W, 3) the colours, by the name that a depth image has them by."""
         return self.color
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.errors import FileFormatError
-from pyibr.core.files import reading, write_whole
+from pyibr.core.files import reading, write_atomically
 
 _HEADER = re.compile(rb"(\d{1,9})&(\d{1,9})&(\d{1,9})&")
 
@@ -34,4 +34,4 @@ def read_depth(path: str | PathLike[str]) -> NDArray[np.float32]:
 def write_depth(path: str | PathLike[str], depth: NDArray[Any]) -> None:
     """Write (H, W) float32."""
     header = f"{depth.shape[1]}&{depth.shape[0]}&1&".encode("ascii")
-    write_whole(path, header + depth.astype("<f4").tobytes())
+    write_atomically(path, header + depth.astype("<f4").tobytes())

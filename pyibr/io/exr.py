@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.errors import FileFormatError
-from pyibr.core.files import check_unpacked, reading, write_whole
+from pyibr.core.files import check_unpacked, reading, write_atomically
 from pyibr.core.optional import openexr
 
 
@@ -81,4 +81,4 @@ def _write(path: str | PathLike[str], channels: dict[str, NDArray[Any]]) -> None
     pixels = {name: np.ascontiguousarray(values, np.float32) for name, values in channels.items()}
     stream = io.BytesIO()
     exr.File({"compression": exr.ZIP_COMPRESSION, "type": exr.scanlineimage}, pixels).write(stream)
-    write_whole(path, stream.getvalue())
+    write_atomically(path, stream.getvalue())

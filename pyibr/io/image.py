@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.errors import FileFormatError
-from pyibr.core.files import checked_path, reading, write_whole
+from pyibr.core.files import checked_path, reading, write_atomically
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -75,4 +75,4 @@ def write_color(path: str | PathLike[str], color: NDArray[Any]) -> None:
     check_output(path)
     if color.dtype.kind == "f":
         color = np.rint(np.clip(np.nan_to_num(color), 0, 1) * 255).astype(np.uint8)
-    write_whole(path, encoded(color, checked_path(path).suffix.lower()))
+    write_atomically(path, encoded(color, checked_path(path).suffix.lower()))

@@ -13,7 +13,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from pyibr.core.errors import FileFormatError
-from pyibr.core.files import check_unpacked, checked_path, read_at_most, reading, write_whole
+from pyibr.core.files import check_unpacked, checked_path, read_at_most, reading, write_atomically
 
 
 def read_color(path: str | PathLike[str]) -> NDArray[Any]:
@@ -71,4 +71,4 @@ def _write(path: str | PathLike[str], name: str, array: NDArray[Any]) -> None:
         np.savez_compressed(stream, allow_pickle=False, **{name: array})
     else:
         np.save(stream, array, allow_pickle=False)
-    write_whole(path, stream.getvalue())
+    write_atomically(path, stream.getvalue())

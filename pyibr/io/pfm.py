@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.errors import FileFormatError
-from pyibr.core.files import reading, write_whole
+from pyibr.core.files import reading, write_atomically
 
 _HEADER = re.compile(
     rb"P([Ff])\s{1,9}(\d{1,9})\s{1,9}(\d{1,9})\s{1,9}([-+]?\d{0,20}\.?\d{1,20}(?:[eE][-+]?\d{1,3})?)(?:\r\n|\s)"
@@ -48,7 +48,7 @@ def write_color(path: str | PathLike[str], color: NDArray[Any]) -> None:
     """Write (H, W, 3) or (H, W), uint8 divided by 255, in little-endian order."""
     values = color / np.float32(255) if color.dtype == np.uint8 else color
     header = f"P{'F' if values.ndim == 3 else 'f'}\n{values.shape[1]} {values.shape[0]}\n-1.0\n"
-    write_whole(path, header.encode("ascii") + values[::-1].astype("<f4").tobytes())
+    write_atomically(path, header.encode("ascii") + values[::-1].astype("<f4").tobytes())
 
 
 def write_depth(path: str | PathLike[str], depth: NDArray[Any]) -> None:

@@ -17,8 +17,8 @@ _KINDS = {
 }  # fmt: skip
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _NAMES: dict[str, Literal["little", "big"]] = {"<": "little", ">": "big"}
-_HEADER_MOST = 1 << 16  # bytes
-_LIST_MOST = 64  # entries of lists of one length that are read as a table
+_HEADER_MAX = 1 << 16  # bytes
+_LIST_MAX = 64  # entries of lists of one length that are read as a table
 _COLORS = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
 
 
@@ -150,7 +150,7 @@ def mesh_bytes(mesh: MeshArrays) -> bytes:
 
 def _header(data: bytes) -> tuple[list[_Element], str, bytes]:
     """The tables, the byte order (empty for text), and what follows the header."""
-    end = data.find(b"end_header", 0, _HEADER_MOST)
+    end = data.find(b"end_header", 0, _HEADER_MAX)
     lines = data[: max(end, 0)].decode("ascii", "replace").splitlines()
     if end < 0 or lines[0].strip() != "ply":
         raise ValueError("no header that opens with ply and ends with end_header")
@@ -180,7 +180,7 @@ def _columns(element: _Element, source: _Text | _Binary) -> dict[str, Any]:
     start = source.at
     lengths = [int(counts[0]) for counts, _ in _rows(element, source, 1)[1].values()] if element.rows else []
     source.at = start
-    if max(lengths, default=0) <= _LIST_MOST:
+    if max(lengths, default=0) <= _LIST_MAX:
         found = _table(element, source, lengths)
         if found is not None:
             return found

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pyibr.core.checks import describe, one_of, plain_array
 from pyibr.core.errors import ArgumentError, FileFormatError
-from pyibr.core.files import checked_path, reading, write_whole
+from pyibr.core.files import checked_path, reading, write_atomically
 from pyibr.io import image
 
 Green = Literal["down", "up"]
@@ -114,4 +114,4 @@ def write_relief_map(
         Image.fromarray(np.dstack([rgb, height])).save(stream, Image.registered_extensions()[suffix])
     except (OSError, ValueError, KeyError) as error:
         raise FileFormatError(f"{path}: cannot be written as a picture with alpha: {error}") from error
-    write_whole(path, stream.getvalue())
+    write_atomically(path, stream.getvalue())

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pyibr.core.checks import describe
 from pyibr.core.errors import FileFormatError
-from pyibr.core.files import write_whole
+from pyibr.core.files import write_atomically
 from pyibr.io import image
 
 
@@ -24,4 +24,4 @@ def read_depth(path: str | PathLike[str]) -> NDArray[Any]:
 
 def write_depth(path: str | PathLike[str], depth: NDArray[np.float32]) -> None:
     """Write (H, W) float32."""
-    write_whole(path, image.encoded(depth, ".tif"))
+    write_atomically(path, image.encoded(depth, ".tif"))

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.errors import FileFormatError
-from pyibr.core.files import check_writable, reading, write_whole
+from pyibr.core.files import check_writable, reading, write_atomically
 from pyibr.core.optional import opencv
 
 SUFFIXES = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".ts", ".webm", ".wmv")
@@ -116,7 +116,7 @@ class VideoWriter:
         try:
             if kind is None and self._writer is not None:
                 self._check()
-                write_whole(self._path, self._file.read_bytes())
+                write_atomically(self._path, self._file.read_bytes())
         finally:
             self._folder.cleanup()
 
@@ -138,7 +138,7 @@ class VideoWriter:
     def _check(self) -> None:
         """Raise FileFormatError if frames got lost: OpenCV tells nobody of a full disk."""
         try:
-            write_whole(self._file.with_name("room"), bytes(_ROOM))
+            write_atomically(self._file.with_name("room"), bytes(_ROOM))
             is_whole = len(Video(self._file)) == self._count
         except FileFormatError:
             is_whole = False

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pyibr.core.checks import one_of
 from pyibr.core.errors import ArgumentError, FileFormatError
-from pyibr.core.files import check_writable, checked_path, read_bytes, reading, write_whole, written_together
+from pyibr.core.files import check_writable, checked_path, read_bytes, reading, write_atomically, written_together
 from pyibr.io import gltf, obj, off, ply, stl
 from pyibr.io.mesh_arrays import MeshArrays, texture_from
 
@@ -57,16 +57,16 @@ def write_mesh(path: str | PathLike[str], mesh: MeshArrays, axes: Axes, double_s
     if shown.texture is not None:
         shown = replace(shown, colors=None)  # others would multiply the two
     if kind == ".glb":
-        write_whole(file, gltf.mesh_bytes(_turned(shown) if axes == "opencv" else shown, double_sided))
+        write_atomically(file, gltf.mesh_bytes(_turned(shown) if axes == "opencv" else shown, double_sided))
     elif kind == ".obj":
         content, others = obj.mesh_files(shown, file.stem)
         with written_together():
             for name, data in others.items():
                 _write_once(file.with_name(name), data)
-            write_whole(file, content)  # last: it is what names the others
+            write_atomically(file, content)  # last: it is what names the others
     else:
         module = {".off": off, ".ply": ply, ".stl": stl}[kind]
-        write_whole(file, module.mesh_bytes(shown))
+        write_atomically(file, module.mesh_bytes(shown))
 
 
 def check_mesh_file(path: str | PathLike[str], textured: bool, colored: bool) -> None:
@@ -89,7 +89,7 @@ def _write_once(file: Path, data: bytes) -> None:
     except Exception:  # what cannot be read is not what it should be
         there = False
     if not there:
-        write_whole(file, data)
+        write_atomically(file, data)
 
 
 def _suffix(file: Path) -> str:

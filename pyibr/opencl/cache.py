@@ -25,12 +25,14 @@ from pyibr.core.errors import ArgumentError
 _VARIABLE = "PYIBR_CACHE"
 _SCHEMA = b"pyibr cache 1\n"  # of entries, with what their makers write into them
 _SHA256 = 32  # bytes
-_MOST_BYTES = 1 << 28  # of a room: some hundred programs of CPUs, whose binaries are the largest
+_BYTES_MAX = 1 << 28  # of a room: some hundred programs of CPUs, whose binaries are the largest
 _DAY = 86400.0  # seconds
-_PART = ".part-"  # begins the names of entries that are being written
-_SAFELY = sum(getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))  # no link; a pipe never waits
+_TEMPORARY = ".part-"  # begins the names of entries that are being written
+_OPEN_FLAGS = sum(
+    getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY")
+)  # no link; a pipe never waits
 
-_told: set[Path] = set()
+_warned: set[Path] = set()
 
 
 def cache_folder() -> Path:
@@ -108,12 +110,12 @@ class Entry:
         if room is None:
             return None
         try:
-            handle = os.open(self._path(room), os.O_RDONLY | _SAFELY)
+            handle = os.open(self._path(room), os.O_RDONLY | _OPEN_FLAGS)
         except OSError:
             return None
         try:
             status = os.fstat(handle)
-            if not stat.S_ISREG(status.st_mode) or status.st_size > _MOST_BYTES or _writers(status):
+            if not stat.S_ISREG(status.st_mode) or status.st_size > _BYTES_MAX or _writers(status):
                 return None
             data = os.read(handle, status.st_size)
             if abs(time.time() - status.st_mtime) > _DAY:
@@ -134,9 +136,9 @@ class Entry:
         room = self._room(make=True)
         if room is None:
             return
-        part = room / f"{_PART}{os.urandom(8).hex()}"
+        part = room / f"{_TEMPORARY}{os.urandom(8).hex()}"
         try:
-            with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _SAFELY, 0o600), "wb") as file:
+            with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _OPEN_FLAGS, 0o600), "wb") as file:
                 file.write(self._head(content) + content)
                 file.flush()
                 os.fsync(file.fileno())
@@ -162,8 +164,8 @@ class Entry:
                     used.parent.mkdir(parents=True, exist_ok=True)
                     used.mkdir(mode=0o700, exist_ok=True)
             if fault := distrust(used):
-                if used not in _told:
-                    _told.add(used)
+                if used not in _warned:
+                    _warned.add(used)
                     why, remedy = fault
                     text = f"the cache folder {used} is not used, because {why}; to mend it: {remedy}"
                     warnings.warn(text, RuntimeWarning, stacklevel=4)
@@ -227,12 +229,12 @@ def _prune(room: Path) -> None:
     with os.scandir(room) as entries:
         for entry in entries:
             status = entry.stat(follow_symlinks=False)
-            if stat.S_ISREG(status.st_mode) and not entry.name.startswith(_PART):
+            if stat.S_ISREG(status.st_mode) and not entry.name.startswith(_TEMPORARY):
                 found.append((status.st_mtime, status.st_size, entry.path))
-            elif entry.name.startswith(_PART) and abs(now - status.st_mtime) > _DAY:
+            elif entry.name.startswith(_TEMPORARY) and abs(now - status.st_mtime) > _DAY:
                 Path(entry.path).unlink(missing_ok=True)
     size = 0
     for _, bytes_of_it, path in sorted(found, reverse=True):
         size += bytes_of_it
-        if size > _MOST_BYTES:
+        if size > _BYTES_MAX:
             Path(path).unlink(missing_ok=True)

@@ -18,18 +18,18 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from pyibr.core.checks import true_or_false
+from pyibr.core.checks import checked_bool
 from pyibr.core.errors import ArgumentError, DeviceError
 from pyibr.opencl.binaries import forget_all, reading
 from pyibr.opencl.cache import cache_folder
 from pyibr.opencl.choice import Device, choose, describe, explain_broken, select
-from pyibr.opencl.flight import Flight
+from pyibr.opencl.in_flight import InFlight
+from pyibr.opencl.locks import yield_lock
+from pyibr.opencl.memory_pool import MemoryPool
 from pyibr.opencl.outcome import Outcome
 from pyibr.opencl.probe import Doubted, forget, probe
 from pyibr.opencl.profile import DeviceProfile, profile_of
 from pyibr.opencl.runtimes import Found, found_devices, new_context
-from pyibr.opencl.spare import Spare
-from pyibr.opencl.turns import offer
 
 if TYPE_CHECKING:
     import pyopencl as cl
@@ -56,13 +56,13 @@ class Session:
         How it is used, since it is a CPU or a GPU.
     kernels : dict
         What `kernel` has built here.
-    spare : Spare
+    memory_pool : MemoryPool
         Memory that `empty` hands out again.
     lock : threading.RLock
         Held by a call while its launches are made and awaited; a long one lets others in between its pieces.
     waiting : set of int
         Threads that wait for the lock.
-    flight : Flight
+    in_flight : InFlight
         What the queue still has to do.
     """
 
@@ -71,10 +71,10 @@ class Session:
     queue: cl.CommandQueue
     profile: DeviceProfile
     kernels: dict[Hashable, Any] = field(default_factory=dict["Hashable", Any], repr=False)
-    spare: Spare = field(default_factory=Spare, repr=False)
+    memory_pool: MemoryPool = field(default_factory=MemoryPool, repr=False)
     lock: threading.RLock = field(default_factory=threading.RLock, repr=False)
     waiting: set[int] = field(default_factory=set["int"], repr=False)
-    flight: Flight = field(default_factory=Flight, repr=False)
+    in_flight: InFlight = field(default_factory=InFlight, repr=False)
 
     @contextmanager
     def turn(self) -> Generator[None, None, None]:
@@ -88,16 +88,16 @@ class Session:
         finally:
             self.waiting.discard(me)
 
-    def offer(self) -> None:
+    def yield_lock(self) -> None:
         """Let whoever waits have his turn; Ctrl-C counts once it is over."""
         if self.waiting:
-            offer(self.lock)
+            yield_lock(self.lock)
 
     def wait(self) -> None:
         """Until the queue is done. Other threads run meanwhile; Ctrl-C counts afterwards."""
         start = time.perf_counter()
         self.queue.finish()
-        self.flight.land(time.perf_counter() - start)
+        self.in_flight.finish(time.perf_counter() - start)
 
 
 _chosen: ContextVar[Device | None] = ContextVar("pyibr_device", default=None)
@@ -106,14 +106,14 @@ _sessions: dict[int, Session] = {}
 _failed_here: dict[int, Outcome] = {}
 _forked = False
 _at_fork: list[list[threading.RLock]] = []
-_FAREWELL = 30.0  # seconds that a call in another thread may still take when the process ends: it may be compiling
+_EXIT_TIMEOUT = 30.0  # seconds that a call in another thread may still take when the process ends: it may be compiling
 
 
 def _take_locks() -> list[threading.RLock]:
     """All that no call is made without, once other threads' calls are done, or after a while."""
-    end = time.monotonic() + _FAREWELL
-    taken = [_lock] if _lock.acquire(timeout=_FAREWELL) else []  # from here on no session is opened
-    if reading.acquire(timeout=_FAREWELL):
+    end = time.monotonic() + _EXIT_TIMEOUT
+    taken = [_lock] if _lock.acquire(timeout=_EXIT_TIMEOUT) else []  # from here on no session is opened
+    if reading.acquire(timeout=_EXIT_TIMEOUT):
         taken.append(reading)
     for session in list(_sessions.values()):
         session.waiting.add(threading.get_ident())
@@ -175,7 +175,7 @@ def devices(*, fresh: bool = False) -> list[Device]:
     >>> any(device.works for device in ibr.devices())
     True
     """
-    true_or_false("fresh", fresh)
+    checked_bool("fresh", fresh)
     with _lock:
         doubted: Doubted = "all" if fresh else "broken"
         return [describe(found, _examine(found, fresh, doubted)) for found in found_devices()]

@@ -34,7 +34,7 @@ def kernels_folder() -> Path:
     return installed if installed.is_dir() else package.parent / "kernels"
 
 
-def said(file: str | Path) -> str:
+def display_name(file: str | Path) -> str:
     """A file as messages name it."""
     return str(file) if isinstance(file, Path) else f"kernels/{file}"
 
@@ -134,7 +134,7 @@ def structs(
                 if found.setdefault(name, made) != made:
                     raise ValueError("it is defined twice, differently")
             except ValueError as error:
-                raise BuildError(f"{said(file)}: the host cannot lay out the struct {name}: {error}") from None
+                raise BuildError(f"{display_name(file)}: the host cannot lay out the struct {name}: {error}") from None
     return found
 
 

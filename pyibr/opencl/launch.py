@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from pyibr.core.errors import ArgumentError
-from pyibr.opencl.flight import AHEAD, AT_ONCE, piece_of
 from pyibr.opencl.headers import difference
+from pyibr.opencl.in_flight import QUEUED_SECONDS_MAX, UNSPLIT_SECONDS, piece_of
 from pyibr.opencl.memory import DeviceArray
 from pyibr.opencl.program import Argument, Kernel
 from pyibr.opencl.watch import watches
@@ -60,24 +60,24 @@ def _enqueue(kernel: Kernel, grid: tuple[int, ...], **arguments: DeviceArray | S
     items = math.prod(map(int, grid))
     if items == 0:
         return
-    session, expected = kernel.session, items * kernel.pace.item
-    if not expected <= AT_ONCE:
+    session, expected = kernel.session, items * kernel.cost.seconds_per_item
+    if not expected <= UNSPLIT_SECONDS:
         _in_pieces(kernel, grid, arguments)
         return
-    if session.flight.seconds + expected > AHEAD:
+    if session.in_flight.seconds + expected > QUEUED_SECONDS_MAX:
         session.wait()
-        session.offer()
+        session.yield_lock()
     _start(kernel, (0,) * len(grid), grid, arguments, expected)
 
 
 def _in_pieces(kernel: Kernel, grid: tuple[int, ...], arguments: Mapping[str, Any]) -> None:
     """Python sees Ctrl-C only between pieces, and so do drivers that end what keeps a display waiting."""
-    session, items, unknown = kernel.session, math.prod(map(int, grid)), math.isinf(kernel.pace.item)
+    session, items, unknown = kernel.session, math.prod(map(int, grid)), math.isinf(kernel.cost.seconds_per_item)
     session.wait()  # for what came before: times are to be the pieces' own
     done = count = timed = 0
     took = spent = 0.0
     while done < items:
-        offset, size = piece_of(grid, done, kernel.pace.piece_after(count, took))
+        offset, size = piece_of(grid, done, kernel.cost.piece_after(count, took))
         start = time.perf_counter()
         _start(kernel, offset, size, arguments, 0.0)
         session.wait()
@@ -85,8 +85,8 @@ def _in_pieces(kernel: Kernel, grid: tuple[int, ...], arguments: Mapping[str, An
         done += count
         if not unknown or done > count or done == items:  # runtimes may compile with the first piece ever
             timed, spent = timed + count, spent + took
-        session.offer()
-    kernel.pace.item = spent / max(timed, 1)
+        session.yield_lock()
+    kernel.cost.seconds_per_item = spent / max(timed, 1)
 
 
 def _start(
@@ -102,7 +102,7 @@ def _start(
         local = (side,) * 3
     # Another thread may have launched the kernel since the last piece.
     kernel.handle.set_args(*(_PACK[one.kind](kernel, one, arguments[one.name]) for one in kernel.arguments))
-    session.flight.add(arguments, kernel.pace, expected)
+    session.in_flight.add(arguments, kernel.cost, expected)
     cl.enqueue_nd_range_kernel(session.queue, kernel.handle, size, local, offset)
 
 

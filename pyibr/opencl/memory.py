@@ -14,7 +14,7 @@ import numpy as np
 
 from pyibr.core.errors import DeviceError
 from pyibr.opencl.device import Session, current
-from pyibr.opencl.spare import Block, rounded
+from pyibr.opencl.memory_pool import Block, rounded
 from pyibr.opencl.watch import watches
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 _HUGE_PAGE = 1 << 21
-_SPARE_BYTES = 1 << 28  # how much memory a session keeps for its next calls
+_POOL_BYTES_MAX = 1 << 28  # how much memory a session keeps for its next calls
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +47,7 @@ class DeviceArray:
         import pyopencl as cl
 
         size = math.prod(map(int, self.shape)) * self.dtype.itemsize
-        self.session.flight.used.append(self)
+        self.session.in_flight.used.append(self)
         cl.enqueue_fill_buffer(self.session.queue, self.buffer, self.dtype.type(value), 0, size)
 
 
@@ -63,7 +63,7 @@ def to_host(arrays: Sequence[DeviceArray]) -> list[NDArray[Any]]:
         elif array.host is None or not session.profile.in_place:
             host = np.empty(array.shape, array.dtype) if array.host is None else array.host
             # Letting go of such an event waits for it, while no other thread of Python runs.
-            session.flight.used.append(cl.enqueue_copy(session.queue, host, array.buffer, is_blocking=False))
+            session.in_flight.used.append(cl.enqueue_copy(session.queue, host, array.buffer, is_blocking=False))
             values.append(host)
         elif array.is_own:
             values.append(array.host)
@@ -119,7 +119,7 @@ def copy(source: DeviceArray, target: DeviceArray, at: int = 0) -> None:
     size = math.prod(map(int, source.shape)) * source.dtype.itemsize
     if size:
         start = at * target.dtype.itemsize
-        source.session.flight.used.append((source, target))
+        source.session.in_flight.used.append((source, target))
         cl.enqueue_copy(source.session.queue, target.buffer, source.buffer, byte_count=size, dst_offset=start)
 
 
@@ -149,7 +149,7 @@ def _take(session: Session, size: int) -> Block:
     import pyopencl as cl
 
     size = rounded(size)
-    spare = session.spare.take(size)
+    spare = session.memory_pool.take(size)
     if spare is not None:
         return spare
     flags = cl.mem_flags.READ_WRITE
@@ -166,7 +166,7 @@ def _take(session: Session, size: int) -> Block:
 
 
 def _give_back(session: Session, block: Block) -> None:
-    session.spare.give(block, _SPARE_BYTES)
+    session.memory_pool.give(block, _POOL_BYTES_MAX)
 
 
 def _pages(size: int) -> mmap.mmap:

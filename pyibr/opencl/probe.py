@@ -15,14 +15,14 @@ from pyibr.opencl.cache import Entry
 from pyibr.opencl.outcome import Outcome
 from pyibr.opencl.runtimes import LOADER_VARIABLES, Found
 
-_PATIENCE = 90.0  # seconds
+_TIMEOUT = 90.0  # seconds
 
 Doubted = Literal["nothing", "broken", "all"]
 """Which outcomes of earlier processes are not believed."""
 
 _tested: dict[str, Outcome] = {}  # by this process, by the devices' keys
 
-_ALONE = """
+_ISOLATED_TEST = """
 import site, sys
 installed = site.getsitepackages()
 after_python = next((i for i, folder in enumerate(sys.path) if folder in installed), len(sys.path))
@@ -81,7 +81,7 @@ def _test_apart(found: Found, measure: bool) -> Outcome:
     if not _may_start_python():
         return selftest.test(found.handle, measure)
     what = "speed" if measure else "works"
-    command = [sys.executable, "-I", "-c", _ALONE, found.key, what, *_folders()]
+    command = [sys.executable, "-I", "-c", _ISOLATED_TEST, found.key, what, *_folders()]
     # It starts in the root folder, from which relative paths lead elsewhere.
     paths = {name: os.environ.get(name, "") for name in LOADER_VARIABLES}
     absolute = {name: str(Path(path).absolute()) for name, path in paths.items() if os.access(path, os.F_OK)}
@@ -94,10 +94,10 @@ def _test_apart(found: Found, measure: bool) -> Outcome:
             capture_output=True,
             text=True,
             errors="replace",
-            timeout=_PATIENCE,
+            timeout=_TIMEOUT,
         )
     except subprocess.TimeoutExpired:
-        return Outcome(False, f"a tiny kernel did not end within {_PATIENCE:.0f} s")
+        return Outcome(False, f"a tiny kernel did not end within {_TIMEOUT:.0f} s")
     except OSError:
         return selftest.test(found.handle, measure)
     lines = done.stdout.splitlines()

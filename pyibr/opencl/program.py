@@ -19,8 +19,8 @@ from pyibr.core.errors import ArgumentError, BuildError
 from pyibr.opencl.binaries import keep_binary
 from pyibr.opencl.cache import Entry
 from pyibr.opencl.device import Session, current
-from pyibr.opencl.flight import Pace
-from pyibr.opencl.headers import SCALARS, expanded, said, structs
+from pyibr.opencl.headers import SCALARS, display_name, expanded, structs
+from pyibr.opencl.in_flight import KernelCost
 from pyibr.opencl.runtimes import RUNTIMES, found_devices
 from pyibr.opencl.watch import watches
 
@@ -33,7 +33,7 @@ _Signatures = dict[str, list[tuple[str, str, bool]]]  # name, type and constant 
 _NO_DENORMALS = "-cl-denorms-are-zero"
 """They mean nothing in any kernel, and CPUs take a hundred cycles for one. Binaries do not hold this option."""
 
-_TOLD = "constant"  # part of entries' names: what they tell of arguments beyond names and types
+_SIGNATURE_FORMAT = "constant"  # part of entries' names: what they tell of arguments beyond names and types
 _OPTIONS = ["-cl-std=CL1.2", _NO_DENORMALS, "-Werror", "-cl-kernel-arg-info"]
 """Those that every program is built with."""
 
@@ -67,7 +67,7 @@ class Kernel:
     handle: cl.Kernel
     name: str
     arguments: tuple[Argument, ...]
-    pace: Pace = field(default_factory=Pace, compare=False, repr=False)
+    cost: KernelCost = field(default_factory=KernelCost, compare=False, repr=False)
 
     @cached_property
     def names(self) -> frozenset[str]:
@@ -109,7 +109,9 @@ def _found(file: str | Path, name: str, defines: Mapping[str, int]) -> Kernel:
     if found is None:
         built = {kernel.name: kernel for kernel in _build(session, str(file) if own is None else own, defines)}
         if name not in built:
-            raise ArgumentError("name", f"a kernel of {said(own or str(file))}: {', '.join(sorted(built))}", repr(name))
+            raise ArgumentError(
+                "name", f"a kernel of {display_name(own or str(file))}: {', '.join(sorted(built))}", repr(name)
+            )
         session.kernels.update({(whole, other): kernel for other, kernel in built.items()})
         found = built[name]
     return found
@@ -143,7 +145,7 @@ def _build(session: Session, file: str | Path, defines: Mapping[str, int]) -> li
     source = expanded(file)
     # A home may be shared by machines whose processors differ, and the names of their devices do not.
     device = found_devices()[session.device.index]
-    entry = Entry("programs", Path(file).stem, "\0".join([source, *options, device.key, _TOLD]))
+    entry = Entry("programs", Path(file).stem, "\0".join([source, *options, device.key, _SIGNATURE_FORMAT]))
     loaded = _load(session, entry.read())
     if loaded is None:
         program = _compiled(session, file, source, options)
@@ -165,7 +167,7 @@ def _compiled(session: Session, file: str | Path, source: str, options: list[str
     try:
         return _quietly_built(cl.Program(session.context, source), options)
     except cl.RuntimeError as error:
-        raise BuildError(f"{said(file)} failed to build with {' '.join(options)}:\n{error}") from error
+        raise BuildError(f"{display_name(file)} failed to build with {' '.join(options)}:\n{error}") from error
     finally:
         _tell(time.perf_counter() - start)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import check_pixels, whole_from
+from pyibr.core.checks import check_pixels, integer_from
 from pyibr.core.errors import ArgumentError
 from pyibr.images.frame import Frame
 from pyibr.opencl.device import current
@@ -26,7 +26,7 @@ def checked_side(samples: int) -> int:
         Unless `samples` is a square, 1 to 64.
     """
     expected = f"{', '.join(map(str, _SIDES))} samples a pixel"
-    count = whole_from("samples", samples, 1, max(_SIDES), expected)
+    count = integer_from("samples", samples, 1, max(_SIDES), expected)
     if count not in _SIDES:
         raise ArgumentError("samples", expected, str(count))
     return _SIDES[count]

@@ -20,9 +20,9 @@ class Drawable(Protocol):
     """A thing that draws itself.
 
     Whatever has these two is drawn by `pyibr.render` beside all others, and casts shadows on them. What it keeps on
-    the device is its own affair; `pyibr.opencl.kept.kept` makes it once a device. A class of your own needs no more
-    than that: no base, no registration. It may have two more: `Finishing.finish`, and a `color_dtype`, the dtype of
-    its colours: where that is float32, the picture is in floats.
+    the device is its own affair; `pyibr.opencl.device_cache.cached_on_device` makes it once a device. A class of
+    your own needs no more than that: no base, no registration. It may have two more: `Finishing.finish`, and a
+    `color_dtype`, the dtype of its colours: where that is float32, the picture is in floats.
 
     Examples
     --------

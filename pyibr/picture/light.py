@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pyibr.core.checks import Fixed, Float64, describe, numbers, read_only, true_or_false, whole_from
+from pyibr.core.checks import Fixed, Float64, checked_bool, describe, integer_from, numbers, read_only
 from pyibr.core.errors import ArgumentError
 from pyibr.opencl.headers import struct
 
-_SHADOW_MOST = 16384
+_SHADOW_MAX = 16384
 _FADE = 0.02  # of a spot's angle, at its edge
-_NARROWEST = 1e-3  # degrees: single precision knows no cosine of less
-_MOST = 1e6  # brightness; beyond, products leave the range of single precision
-_FARTHEST = 1e15  # scene units
+_ANGLE_MIN = 1e-3  # degrees: single precision knows no cosine of less
+_BRIGHTNESS_MAX = 1e6  # brightness; beyond, products leave the range of single precision
+_DISTANCE_MAX = 1e15  # scene units
 
 
 class Light(Fixed):
@@ -77,25 +77,25 @@ class Light(Fixed):
         self.color = read_only(numbers("color", color, (3,)))
         self.ambient = _in_range("ambient", ambient, 0, 1)
         self.angle = float(numbers("angle", angle, ()))
-        self.specular = _in_range("specular", specular, 0, _MOST)
+        self.specular = _in_range("specular", specular, 0, _BRIGHTNESS_MAX)
         self.shininess = float(numbers("shininess", shininess, ()))
         if self.direction is not None and not self.direction.any():
             raise ArgumentError("direction", "a direction that is not zero", "(0, 0, 0)")
-        if self.position is not None and np.abs(self.position).max() > _FARTHEST:
+        if self.position is not None and np.abs(self.position).max() > _DISTANCE_MAX:
             raise ArgumentError(
-                "position", f"numbers up to {_FARTHEST:g} (farther lights have a direction)", describe(position)
+                "position", f"numbers up to {_DISTANCE_MAX:g} (farther lights have a direction)", describe(position)
             )
-        if (self.color < 0).any() or (self.color > _MOST).any():
-            raise ArgumentError("color", f"numbers from 0 to {_MOST:g}", describe(color))
-        if not _NARROWEST <= self.angle < 180:
-            raise ArgumentError("angle", f"degrees from {_NARROWEST:g} on and < 180", describe(angle))
-        if not 0 < self.shininess <= _MOST:
-            raise ArgumentError("shininess", f"a number > 0 and <= {_MOST:g}", describe(shininess))
-        expected = f"0, or a whole number from 2 to {_SHADOW_MOST}"
-        self.shadow_size = whole_from("shadow_size", shadow_size, 0, _SHADOW_MOST, expected)
+        if (self.color < 0).any() or (self.color > _BRIGHTNESS_MAX).any():
+            raise ArgumentError("color", f"numbers from 0 to {_BRIGHTNESS_MAX:g}", describe(color))
+        if not _ANGLE_MIN <= self.angle < 180:
+            raise ArgumentError("angle", f"degrees from {_ANGLE_MIN:g} on and < 180", describe(angle))
+        if not 0 < self.shininess <= _BRIGHTNESS_MAX:
+            raise ArgumentError("shininess", f"a number > 0 and <= {_BRIGHTNESS_MAX:g}", describe(shininess))
+        expected = f"0, or a whole number from 2 to {_SHADOW_MAX}"
+        self.shadow_size = integer_from("shadow_size", shadow_size, 0, _SHADOW_MAX, expected)
         if self.shadow_size == 1:
             raise ArgumentError("shadow_size", expected, describe(shadow_size))
-        self.relight = true_or_false("relight", relight)
+        self.relight = checked_bool("relight", relight)
 
     def __repr__(self) -> str:
         known = {"position": self.position, "direction": self.direction}

@@ -14,18 +14,20 @@ from pyibr.core.pixelspace import pitch, pixel_size
 from pyibr.core.straight import check_no_lens
 from pyibr.images import DepthImage
 from pyibr.opencl.device import current, one_call
+from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.headers import constant
-from pyibr.opencl.kept import kept
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import empty
 from pyibr.opencl.program import kernel
 from pyibr.picture.samples import cut_of, samples_of
 
 _CUT_RATIO = 1.05  # as by default in pictures
-APART_MOST = 64  # pixels between depths that tell normals
+NEIGHBOUR_OFFSET_MAX = 64  # pixels between depths that tell normals
 _DEVIATIONS = 3.0  # of its noise: as far a surface may lie before itself
 _MOST_OF = 0.9  # of a view's samples are nearer than the depth whose noise counts
-_SURE = 0.1  # the standard deviation of slopes that noise may make: 6 degrees of a surface that faces the camera
+_SLOPE_ERROR_MAX = (
+    0.1  # the standard deviation of slopes that noise may make: 6 degrees of a surface that faces the camera
+)
 
 
 def normals_of(view: DepthImage) -> NDArray[np.float32]:
@@ -78,7 +80,7 @@ def showing_normals(view: DepthImage) -> DepthImage:
         shown = np.clip(0.5 + 0.5 * (np.nan_to_num(normals_of(view)) @ turn.T), 0, 1)
         return DepthImage(shown, view.depth, view.camera, far=view.far)
 
-    return kept(view, "normals for colours", made)
+    return cached_on_device(view, "normals for colours", made)
 
 
 def _found(view: DepthImage) -> NDArray[np.float32]:
@@ -105,7 +107,7 @@ def _found(view: DepthImage) -> NDArray[np.float32]:
         return np.array(normals.to_host())
 
 
-def grain_of_noise(views: Sequence[DepthImage], camera: Camera, middle: Float64) -> tuple[float, int]:
+def noise_bias(views: Sequence[DepthImage], camera: Camera, middle: Float64) -> tuple[float, int]:
     """How far noise lets surfaces of images lie before themselves, so that they are not in shadow of it.
 
     Parameters
@@ -120,17 +122,19 @@ def grain_of_noise(views: Sequence[DepthImage], camera: Camera, middle: Float64)
     Returns
     -------
     float, int
-        `grain` and `apart` of `pyibr.picture.shadow.shadowed`: scene units, and the picture's pixels between depths
+        `bias` and `apart` of `pyibr.picture.shadow.shadowed`: scene units, and the picture's pixels between depths
         that tell how it slopes. 1 pixel without noise.
     """
-    pixel, grain, apart = pixel_size(camera, middle), 0.0, 1
+    pixel, bias, apart = pixel_size(camera, middle), 0.0, 1
     for view in views:
-        radius, off = kept(view, "grain of noise", lambda view=view: (_radius(view), _DEVIATIONS * _far_noise(view)))
-        grain = max(grain, off)
+        radius, off = cached_on_device(
+            view, "noise bias", lambda view=view: (_radius(view), _DEVIATIONS * _far_noise(view))
+        )
+        bias = max(bias, off)
         if radius > 1:
             samples = radius * pixel_size(view.camera, middle)
-            apart = max(apart, math.ceil(min(samples / max(pixel, 1e-30), APART_MOST)))
-    return grain, apart
+            apart = max(apart, math.ceil(min(samples / max(pixel, 1e-30), NEIGHBOUR_OFFSET_MAX)))
+    return bias, apart
 
 
 def _noise_at(view: DepthImage, z: float) -> float:
@@ -153,6 +157,6 @@ def _radius(view: DepthImage) -> int:
     most = int(constant("picture/normals.cl", "RADIUS_MAX"))
     for radius in range(1, most):
         squares = (2 * radius + 1) ** 2 * radius * (radius + 1) / 3  # the sum of x^2 over them: of a slope's variance
-        if noise <= _SURE * np.sqrt(squares):
+        if noise <= _SLOPE_ERROR_MAX * np.sqrt(squares):
             return radius
     return most

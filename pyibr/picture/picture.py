@@ -15,7 +15,7 @@ from pyibr.core.checks import check_pixels
 from pyibr.images.frame import Frame
 from pyibr.opencl.memory import DeviceArray
 from pyibr.picture.antialiasing import averaged, checked_side, finer
-from pyibr.picture.panes import joined, pane_cameras
+from pyibr.picture.cube_faces import cube_face_cameras, joined_faces
 from pyibr.picture.target import Target
 
 
@@ -39,7 +39,7 @@ class PictureParts:
         self._camera, self._side = camera, checked_side(samples)
         check_pixels("camera", camera.size)
         self._fine = finer(camera, self._side)
-        self._cameras = pane_cameras(self._fine)
+        self._cameras = cube_face_cameras(self._fine)
         for part in self._cameras:
             check_pixels("camera", part.size)
 
@@ -72,4 +72,4 @@ class PictureParts:
             part = Target(camera, dtype, out=own, classes=classes, pool=pool, channels=channels, anisotropy=anisotropy)
             draw(part)
             parts.append(part)
-        return averaged(joined(parts, self._fine, whole), self._camera, self._side, out)
+        return averaged(joined_faces(parts, self._fine, whole), self._camera, self._side, out)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Float64, describe, instance_of, numbers, whole_from
+from pyibr.core.checks import Float64, describe, instance_of, integer_from, numbers
 from pyibr.core.errors import ArgumentError
 from pyibr.images.depth_image import DepthImage
 from pyibr.images.frame import Frame
@@ -89,7 +89,7 @@ def render(
     if light is not None and not isinstance(light, Light):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise ArgumentError("light", "a pyibr.Light or None", describe(light))
     parts = PictureParts(camera, samples)
-    readings = whole_from("anisotropy", anisotropy, 1, 64)
+    readings = integer_from("anisotropy", anisotropy, 1, 64)
     dtype = color_dtype_of(drawables)
     around = _checked_background(background, dtype)
     with one_call():

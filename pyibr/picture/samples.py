@@ -13,8 +13,8 @@ from pyibr.core.checks import check_lengths, check_pixels
 from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import longer_side, pitch
 from pyibr.images import DepthImage
+from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.headers import constant, struct
-from pyibr.opencl.kept import kept
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty, upload
 from pyibr.opencl.program import kernel
@@ -64,7 +64,7 @@ def cut_of(camera: Camera, ratio: float | None, slack: tuple[float, float] = (0.
 
 def samples_of(view: DepthImage) -> Samples:
     """The view's nearness and colour on the current device, made once."""
-    return kept(view, "samples", lambda: _made_of(view))
+    return cached_on_device(view, "samples", lambda: _made_of(view))
 
 
 def bridged_samples(view: DepthImage, cut: NDArray[np.void]) -> Samples:

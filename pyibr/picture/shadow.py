@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Fixed, Float64
 from pyibr.opencl.device import current
+from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.headers import struct
-from pyibr.opencl.kept import kept
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, copy, duplicate, empty
 from pyibr.opencl.program import kernel
@@ -24,10 +24,12 @@ from pyibr.picture.target import Target
 
 Bounds = tuple[NDArray[Any], NDArray[Any]]
 
-_WIDEST = 120.0  # degrees that one perspective map may cover, whose texels grow towards its edge; beyond, it takes six
+_ANGLE_MAX = (
+    120.0  # degrees that one perspective map may cover, whose texels grow towards its edge; beyond, it takes six
+)
 _MARGIN = 4  # texels left free around a map: points are moved by up to 2, and 1 more is read
 _THIN = 1e-6  # of the longer side: the least extent of a map
-_NARROWEST = 1e-3  # degrees
+_ANGLE_MIN = 1e-3  # degrees
 
 
 @dataclass(frozen=True)
@@ -52,12 +54,12 @@ class Lighting:
         """For kernels with a light."""
         return {"LIT": 1} if self.maps is None else {"LIT": 1, "SHADOWED": 1}
 
-    def arguments(self, *, grain: float = 0.0, origin: Float64 | None = None) -> dict[str, Any]:
+    def arguments(self, *, bias: float = 0.0, origin: Float64 | None = None) -> dict[str, Any]:
         """Of kernels with a light, by name.
 
         Parameters
         ----------
-        grain : float
+        bias : float
             Scene units by which a thing may lie before its surface.
         origin : (3,), optional
             In the world: what the kernel's points are relative to.
@@ -65,10 +67,10 @@ class Lighting:
         start = np.zeros(3) if origin is None else origin
         made: dict[str, Any] = {"light": Struct("Light", self.light.struct(start))}
         if self.maps is not None:
-            made |= {"shadow_maps": self.maps, "shadow": Struct("Shadow", self._shadow(grain, start))}
+            made |= {"shadow_maps": self.maps, "shadow": Struct("Shadow", self._shadow(bias, start))}
         return made
 
-    def _shadow(self, grain: float, origin: Float64) -> NDArray[np.void]:
+    def _shadow(self, bias: float, origin: Float64) -> NDArray[np.void]:
         """A record of the kernels' struct Shadow."""
         values = np.zeros((), struct("lib/light.h", "Shadow"))
         shift = np.eye(4)
@@ -79,12 +81,12 @@ class Lighting:
             values["depth_row"][4 * i : 4 * i + 4] = from_origin[2]
         values["maps"], values["size"] = len(self.cameras), self.light.shadow_size
         values["texel_x"], values["texel_y"] = 1 / self.cameras[0].K[0, 0], 1 / self.cameras[0].K[1, 1]
-        values["bias"] = min(grain, float(np.finfo(np.float32).max))  # noise of absurd depths, squared, is more
+        values["bias"] = min(bias, float(np.finfo(np.float32).max))  # noise of absurd depths, squared, is more
         return values
 
 
 @dataclass(frozen=True)
-class _Seen:
+class _CachedLighting:
     """The last that a light has looked at."""
 
     things: Sequence[weakref.ref[Fixed]]
@@ -119,7 +121,7 @@ def lighting(
     """
     if not light.shadow_size:
         return Lighting(light)
-    last = kept(light, "seen", lambda: list[_Seen]())
+    last = cached_on_device(light, "seen", lambda: list[_CachedLighting]())
     if last and last[0].is_of(things):
         return last[0].lighting
     last.clear()
@@ -133,7 +135,7 @@ def lighting(
     made = Lighting(light, maps, cameras)
     fixed = [thing for thing in things if isinstance(thing, Fixed)]
     if len(fixed) == len(things):
-        last.append(_Seen([weakref.ref(thing) for thing in fixed], made))
+        last.append(_CachedLighting([weakref.ref(thing) for thing in fixed], made))
     return made
 
 
@@ -152,8 +154,8 @@ def light_cameras(light: Light, bounds: Sequence[Bounds]) -> list[Camera]:
         axis = middle - light.position
         radius, distance = float(np.linalg.norm(high - low)) / 2, float(np.linalg.norm(axis))
         angle = 2 * float(np.degrees(np.arcsin(radius / distance))) if radius < distance else 180.0
-    if angle <= _WIDEST:
-        return [_camera(light.position, axis, n, max(angle, _NARROWEST))]
+    if angle <= _ANGLE_MAX:
+        return [_camera(light.position, axis, n, max(angle, _ANGLE_MIN))]
     axes = [sign * one for one in np.eye(3) for sign in (1.0, -1.0)]
     return [_camera(light.position, one, n, 90) for one in axes]
 
@@ -195,7 +197,7 @@ def shadowed(
     target: Target,
     lighting: Lighting | None,
     *,
-    grain: float = 0.0,
+    bias: float = 0.0,
     apart: int = 1,
     fade: float = 0.1,
     draw_normals: Callable[[Target], object] | None = None,
@@ -209,7 +211,7 @@ def shadowed(
     target : Target
     lighting : Lighting, optional
         Without one, or without its shadows if it does not relight, nothing happens.
-    grain : float
+    bias : float
         Scene units by which it may lie before its surface.
     apart : int
         Pixels between the depths that tell its normals.
@@ -245,6 +247,6 @@ def shadowed(
         neighbour_offset=apart,
         depth=target.depth,
         color=target.color,
-        **lighting.arguments(grain=grain, origin=origin),
+        **lighting.arguments(bias=bias, origin=origin),
         **more,
     )

@@ -8,21 +8,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import check_pixels, cut_ratio_from, instance_of, true_or_false
+from pyibr.core.checks import check_pixels, checked_bool, cut_ratio_from, instance_of
 from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import pitch
-from pyibr.core.straight import WIDEST, Pane, Places, places_in_lens, sees_too_far, straight_camera
+from pyibr.core.straight import ANGLE_MAX, CubeFace, PixelPositions, positions_in_lens, sees_too_far, straight_camera
 from pyibr.images import DepthImage
 from pyibr.images.silhouette import Silhouette
 from pyibr.opencl.device import current, one_call
+from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.headers import constant
-from pyibr.opencl.kept import kept
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty, to_host, upload
 from pyibr.opencl.program import kernel
 from pyibr.picture.samples import at_least_a_word, cut_of
 
-_KEPT = 4  # straightened copies of a view, by where it is cut
+_CACHED_MAX = 4  # straightened copies of a view, by where it is cut
 
 
 def straightened(view: DepthImage, *, cut_ratio: float | None = 1.05, linear: bool = True) -> DepthImage:
@@ -61,7 +61,7 @@ def straightened(view: DepthImage, *, cut_ratio: float | None = 1.05, linear: bo
     instance_of("view", view, DepthImage, "a pyibr.DepthImage")
     if cut_ratio is not None:
         cut_ratio_from(cut_ratio)
-    return straight_view(view, cut_of(view.camera, cut_ratio), true_or_false("linear", linear))
+    return straight_view(view, cut_of(view.camera, cut_ratio), checked_bool("linear", linear))
 
 
 def straight_view(view: DepthImage, cut: NDArray[np.void], linear: bool = True) -> DepthImage:
@@ -69,10 +69,10 @@ def straight_view(view: DepthImage, cut: NDArray[np.void], linear: bool = True) 
     if view.camera.lens is None:
         return view
     with one_call():
-        made: dict[tuple[bytes, bool], DepthImage] = kept(view, "straight", lambda: {})
+        made: dict[tuple[bytes, bool], DepthImage] = cached_on_device(view, "straight", lambda: {})
         key = cut.tobytes(), linear
         if key not in made:
-            while len(made) >= _KEPT:
+            while len(made) >= _CACHED_MAX:
                 del made[next(iter(made))]
             made[key] = _straight_view(view, cut, linear)
         return made[key]
@@ -95,9 +95,9 @@ def straight_silhouette(view: Silhouette) -> Silhouette:
     return Silhouette(color, seen > 0, straight_camera(view.camera))
 
 
-def places_on_device(thing: Pane | Places) -> DeviceArray:
+def positions_on_device(thing: CubeFace | PixelPositions) -> DeviceArray:
     """The places of a thing that `kernels/lib` reads, rows of `pitch` with NaN beyond their end, made once."""
-    return kept(thing, "places", lambda: _padded(thing.places))
+    return cached_on_device(thing, "places", lambda: _padded(thing.places))
 
 
 def _padded(places: NDArray[np.float32]) -> DeviceArray:
@@ -121,7 +121,7 @@ def _straight_view(view: DepthImage, cut: NDArray[np.void], linear: bool) -> Dep
 def _check_within(argument: str, what: str, valid: NDArray[np.bool_], camera: Camera) -> None:
     beyond = int((valid & sees_too_far(camera)).sum())
     if beyond:
-        expected = f"{what} of a lens up to {WIDEST:g} degrees from its axis"
+        expected = f"{what} of a lens up to {ANGLE_MAX:g} degrees from its axis"
         raise ArgumentError(argument, expected, f"{beyond} pixels farther from it")
 
 
@@ -129,13 +129,13 @@ def _straight(
     color: NDArray[Any], depth: NDArray[np.float32], far: float, camera: Camera, cut: NDArray[np.void], linear: bool
 ) -> tuple[NDArray[Any], NDArray[np.float32]]:
     check_pixels("camera", camera.size)
-    places = places_in_lens(camera)
+    places = positions_in_lens(camera)
     _, height, width = places.places.shape
     made = empty((height, width, color.shape[2]), color.dtype), empty((height, width), np.float32)
     launch(
         kernel("picture/straight.cl", "straighten", COLOR_BYTES=color.dtype.itemsize, CHANNELS=color.shape[2]),
         current().profile.packets(width, height),
-        places=places_on_device(places),
+        places=positions_on_device(places),
         lens_depth=upload(depth),
         color=upload(at_least_a_word(color)),
         lens_width=camera.width,

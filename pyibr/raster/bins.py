@@ -15,7 +15,7 @@ from pyibr.opencl.memory import DeviceArray, empty
 from pyibr.opencl.program import Kernel, kernel
 from pyibr.picture.target import Target
 
-_UNASKED = 1 << 22  # numbers that a list may have room for unasked, though few of them may be written
+_UNSYNCHRONIZED = 1 << 22  # numbers that a list may have room for unasked, though few of them may be written
 _CULLED = {"both": "CULLS_NONE", "front": "CULLS_BACKS", "back": "CULLS_FRONTS"}
 
 
@@ -106,7 +106,7 @@ def bin_primitives(
     run("start_bins", columns, rows, **sums, row_totals=row_totals, starts=starts, **grid)
     # Whoever asks how long the list is waits for all that is drawn before.
     longest = count * bins
-    length = longest if longest <= _UNASKED else int(starts.to_host()[-1])
+    length = longest if longest <= _UNSYNCHRONIZED else int(starts.to_host()[-1])
     found = empty((max(length, 1),), np.int32)
     run("fill_bins", chunks, boxes=boxes, counts=counts, list=found, **shared)
     if sort:

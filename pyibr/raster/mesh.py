@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pyibr.meshes.mesh import Mesh
 from pyibr.meshes.textures import texture_pyramid
-from pyibr.opencl.kept import kept
+from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.launch import launch
 from pyibr.opencl.memory import DeviceArray, upload
 from pyibr.opencl.program import kernel
@@ -33,7 +33,7 @@ def draw_mesh(target: Target, mesh: Mesh, lit: Lighting | None) -> None:
         None shows the mesh's own colours as they are.
     """
     near = target.near(mesh.bounds)
-    buffers = kept(mesh, "buffers", lambda: _buffers(mesh))
+    buffers = cached_on_device(mesh, "buffers", lambda: _buffers(mesh))
     projected = project(target, buffers["vertices"], near)
     bins = bin_primitives(target, buffers["faces"], projected, near, mesh.sides)
     defines: dict[str, int] = {}
@@ -50,7 +50,7 @@ def draw_mesh(target: Target, mesh: Mesh, lit: Lighting | None) -> None:
         more = {"tints": buffers["tints"]}
     if lit is not None:
         defines |= lit.defines
-        more |= {**kept(mesh, "normals", lambda: _normals(mesh)), **lit.arguments()}
+        more |= {**cached_on_device(mesh, "normals", lambda: _normals(mesh)), **lit.arguments()}
         if lit.maps is not None:
             more["vertices"] = buffers["vertices"]
     launch(

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import instance_of, one_of, whole_from
+from pyibr.core.checks import instance_of, integer_from, one_of
 from pyibr.core.errors import ArgumentError
 from pyibr.core.straight import check_no_lens
 from pyibr.meshes.height_mapped import HeightMapped
@@ -21,8 +21,8 @@ from pyibr.meshes.heights import (
 )
 from pyibr.meshes.mesh import Mesh
 from pyibr.opencl.device import one_call
+from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.headers import constant
-from pyibr.opencl.kept import kept
 from pyibr.opencl.launch import launch
 from pyibr.opencl.memory import DeviceArray, copy, empty, upload
 from pyibr.opencl.program import kernel
@@ -31,16 +31,16 @@ from pyibr.picture.target import Target
 from pyibr.picture.wrap import wrap_defines
 from pyibr.raster.bins import bin_primitives, bin_side, project
 from pyibr.raster.height_mapped import color_arguments, map_buffers, normal_arguments
+from pyibr.relief.interior import Interior, InteriorPoint, window
 from pyibr.relief.levels import HeightLevels, height_levels
 from pyibr.relief.quadrics import VertexFrames, is_flat, juts_out, split_at_edges, split_at_mirrors, vertex_frames
-from pyibr.relief.within import Place, Underside, window
 
 Silhouette = Literal["quadric", "none"]
 Distance = Literal["approximate", "exact", "perpendicular"]
 Search = Literal["safe", "linear"]
 Shadow = Literal["map", "search"]
 
-_COUNT_MOST = 65536
+_STEPS_MAX = 65536
 _WINDOW = 2.0  # times the near plane's distance: where rays start of an eye below the base
 _SHADOWS = {"map": "MAPPED", "search": "SEARCHED"}  # the kernel's names
 
@@ -139,8 +139,8 @@ class ReliefSurface(HeightMapped):
         one_of("shadow", shadow, Shadow)
         self.search: Search = search
         self.shadow: Shadow = shadow
-        self.steps = whole_from("steps", steps, 1, _COUNT_MOST)
-        self.halvings = whole_from("halvings", halvings, 0, _COUNT_MOST)
+        self.steps = integer_from("steps", steps, 1, _STEPS_MAX)
+        self.halvings = integer_from("halvings", halvings, 0, _STEPS_MAX)
 
     def __repr__(self) -> str:
         h, w = self.height.shape
@@ -191,11 +191,11 @@ class ReliefSurface(HeightMapped):
         return rows
 
     @cached_property
-    def underside(self) -> Underside:
+    def interior(self) -> Interior:
         """What finds the base above a point within the relief."""
-        return Underside(self.drawn.vertices, self.drawn.faces, self.vertex_rows, self.scale, self.bends)
+        return Interior(self.drawn.vertices, self.drawn.faces, self.vertex_rows, self.scale, self.bends)
 
-    def place_of(self, camera: Camera) -> Place | None:
+    def interior_point(self, camera: Camera) -> InteriorPoint | None:
         """Where within the relief, below the base and above what is carved into it, a camera's eye is.
 
         Parameters
@@ -210,7 +210,7 @@ class ReliefSurface(HeightMapped):
         eye, (low, high) = camera.center, self.bounds
         if camera.projection == "orthographic" or (eye < low).any() or (eye > high).any():
             return None
-        place = self.underside.place_of(eye)
+        place = self.interior.interior_point(eye)
         return place if place and place.depth < 1 - height_at(self.height, place.uv, self.wrap) else None
 
     @property
@@ -249,7 +249,7 @@ def draw_relief(
     target: Target,
     surface: ReliefSurface,
     lit: Lighting | None,
-    counts: DeviceArray | None = None,
+    counters: DeviceArray | None = None,
     places: DeviceArray | None = None,
 ) -> None:
     """Draw a relief into the target.
@@ -264,9 +264,9 @@ def draw_relief(
     places : DeviceArray (H, W, 2) float32, optional
         Becomes u and v in the tile, for a target that is blank.
     """
-    buffers = kept(surface, "buffers", lambda: _buffers(surface))
+    buffers = cached_on_device(surface, "buffers", lambda: _buffers(surface))
     near = target.near(surface.base.bounds)
-    place = None if target.from_light else surface.place_of(target.camera)
+    place = None if target.from_light else surface.interior_point(target.camera)
     seen = _seen(target, surface, near, place)
     bends = surface.bends
     backs = place is not None or bends or target.from_light  # where rays come out
@@ -282,9 +282,9 @@ def draw_relief(
         defines["DEPTH_ALONE"] = 1
     if place is not None:
         defines["WITHIN"] = 1
-    if counts is not None:
+    if counters is not None:
         defines["COUNTERS"] = 1
-        more["counters"] = counts
+        more["counters"] = counters
     if places is not None:
         defines["UV_WRITTEN"] = 1
         more["uvs"] = places
@@ -318,9 +318,9 @@ def _defines_of(surface: ReliefSurface) -> dict[str, int]:
     return defines | {"POWERS_OF_TWO": int(all(n & (n - 1) == 0 for n in surface.height.shape))}
 
 
-def _seen(target: Target, surface: ReliefSurface, near: float, place: Place | None) -> dict[str, DeviceArray]:
+def _seen(target: Target, surface: ReliefSurface, near: float, place: InteriorPoint | None) -> dict[str, DeviceArray]:
     """The triangles that rays may enter or leave by: the base's, and the window of an eye below it."""
-    buffers = kept(surface, "buffers", lambda: _buffers(surface))
+    buffers = cached_on_device(surface, "buffers", lambda: _buffers(surface))
     seen = {"faces": buffers["faces"], "vertices": buffers["vertices"]}
     seen["projected"] = project(target, buffers["points"], near)
     if place is None:

@@ -59,12 +59,12 @@ def alpha_tests(thing: SlicedSurface | DepthObject | VisualHull, camera: Camera)
     check_no_lens("camera", camera)
     with one_call():
         target = Target(camera, np.dtype(np.uint8))
-        counts = empty((camera.height, camera.width), np.int32)
-        counts.fill(0)
+        counters = empty((camera.height, camera.width), np.int32)
+        counters.fill(0)
         if isinstance(thing, SlicedSurface):
-            draw_surface(target, thing, None, counts)
+            draw_surface(target, thing, None, counters)
         elif isinstance(thing, (DepthObject, VisualHull)):  # pyright: ignore[reportUnnecessaryIsInstance]
-            draw_object(target, thing, counts)
+            draw_object(target, thing, counters)
         else:
             raise ArgumentError("thing", "a SlicedSurface, DepthObject or VisualHull", describe(thing))
-        return counts.to_host()
+        return counters.to_host()

@@ -17,7 +17,7 @@ from pyibr.images import DepthImage
 from pyibr.images.silhouette import Silhouette
 
 _FIRST = 8  # cells a side of the grid that begins to look for a hull's box
-_LONGEST = 64  # times as long as it is wide by its silhouettes: where an object is looked for
+_DEPTH_RATIO_MAX = 64  # times as long as it is wide by its silhouettes: where an object is looked for
 _CARVED = 64  # cells along the longest edge of the box, at least, when it is found
 
 
@@ -73,7 +73,7 @@ def is_background(view: DepthImage, missing_is_background: bool) -> NDArray[np.b
     return ~view.valid & (missing_is_background | (view.depth >= view.far))
 
 
-class Whereabouts:
+class DepthExtent:
     """What a depth image says of where an object lies.
 
     Attributes
@@ -104,25 +104,25 @@ class Whereabouts:
         return self._extents[key]
 
 
-_WHEREABOUTS: WeakKeyDictionary[DepthImage, Whereabouts] = WeakKeyDictionary()
+_DEPTH_EXTENTS: WeakKeyDictionary[DepthImage, DepthExtent] = WeakKeyDictionary()
 
 
-def whereabouts_of(view: DepthImage) -> Whereabouts:
+def depth_extent_of(view: DepthImage) -> DepthExtent:
     """What an image says; found once, for all objects that are made with it."""
-    if view not in _WHEREABOUTS:
-        _WHEREABOUTS[view] = Whereabouts(view)
-    return _WHEREABOUTS[view]
+    if view not in _DEPTH_EXTENTS:
+        _DEPTH_EXTENTS[view] = DepthExtent(view)
+    return _DEPTH_EXTENTS[view]
 
 
 def box_of_samples(views: list[DepthImage], missing_is_background: bool) -> Box:
     """The box of all samples along the first view's axes; an error if no sample lies in all views' volumes."""
     axes = views[0].camera.world_from_camera[:3, :3].T
-    extents = [whereabouts_of(view).extent(axes) for view in views]
+    extents = [depth_extent_of(view).extent(axes) for view in views]
     low, high = np.min([low for low, _ in extents], axis=0), np.max([high for _, high in extents], axis=0)
     # A flat box has no inside; far from the world's origin, tiny margins are rounded away.
     margin = max(1e-3 * float((high - low).max()), 1e-15, 8 * float(np.spacing(np.abs([low, high]).max())))
     box = Box(axes, low - margin, high + margin)
-    some = np.concatenate([whereabouts_of(view).some for view in views])
+    some = np.concatenate([depth_extent_of(view).some for view in views])
     reach = 0.05 * float(box.edges.max())  # samples lie on the surface, and a little off others'
     for few in (some[::16], some):  # of most objects few tell
         inside = np.ones(len(few), bool)
@@ -311,4 +311,4 @@ def _where_they_look(outlines: Sequence[Outline]) -> tuple[Float64, float, float
         if camera.projection == "perspective":
             most = min(most, float(np.abs(camera.center - center).max()))
     radius = 1.5 * max(radius, 1e-15, 64 * _CARVED * float(np.spacing(np.abs(center).max())))
-    return center, radius, min(most, _LONGEST * radius)
+    return center, radius, min(most, _DEPTH_RATIO_MAX * radius)

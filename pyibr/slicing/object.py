@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Fixed, Float64, describe, one_of, true_or_false
+from pyibr.core.checks import Fixed, Float64, checked_bool, describe, one_of
 from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import longer_side, pixel_size
 from pyibr.images import DepthImage
 from pyibr.images.silhouette import Silhouette, is_opposite
 from pyibr.meshes.textures import rgba_words
 from pyibr.opencl.device import current
+from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.headers import constant, struct
-from pyibr.opencl.kept import kept
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, upload
 from pyibr.opencl.program import kernel
@@ -27,7 +27,7 @@ from pyibr.picture.normals import showing_normals
 from pyibr.picture.shadow import Lighting, shadowed
 from pyibr.picture.straighten import straight_silhouette, straightened
 from pyibr.picture.target import Target
-from pyibr.slicing.boxes import Box, box_of_samples, box_of_silhouettes, nearness_map, whereabouts_of
+from pyibr.slicing.boxes import Box, box_of_samples, box_of_silhouettes, depth_extent_of, nearness_map
 from pyibr.slicing.ribbons import ribbons_of
 from pyibr.slicing.spacing import (
     SLICES_USUAL,
@@ -35,10 +35,10 @@ from pyibr.slicing.spacing import (
     checked_halvings,
     checked_only,
     checked_slices,
-    closest,
     halvings_between,
     nearest_pixel,
     slices_text,
+    spacing_min,
 )
 
 ObjectSlicing = Literal["orthogonal", "screen"]
@@ -46,11 +46,11 @@ Texture = Literal["visible", "naive"]
 Missing = Literal["background", "unknown"]
 Float32 = NDArray[np.float32]
 
-_Kept = TypeVar("_Kept")
+_Known = TypeVar("_Known")
 
-_APART_MOST = 8.0  # times a view's nearest depth, or the width of what it sees if it is orthographic
-_FEWEST = 32  # slices of what is seen small
-_APART = 4  # pixels between the depths that tell normals: slices are steps
+_APART_MAX = 8.0  # times a view's nearest depth, or the width of what it sees if it is orthographic
+_SLICES_MIN = 32  # slices of what is seen small
+_NEIGHBOUR_OFFSET = 4  # pixels between the depths that tell normals: slices are steps
 _BEHIND = 8.0  # samples by which an object's surface may lie behind a view's own
 
 
@@ -132,7 +132,7 @@ class DepthObject(Fixed):
         self.slicing: ObjectSlicing = slicing
         self.texture: Texture = texture
         self.missing: Missing = missing
-        self.thin = true_or_false("thin", thin)
+        self.thin = checked_bool("thin", thin)
         box = box_of_samples(self.views, missing == "background")
         # Ribbons reach up to a sample beyond the middles of those that they cover.
         reach = max(pixel_size(view.camera, corner) for view in self.views for corner in box.corners)
@@ -190,7 +190,7 @@ class DepthObject(Fixed):
             only=self.only,
             thin=self.thin,
         )
-        made.__dict__["words"] = _with_known(self, self.words, made.views, _words_of)
+        made.__dict__["words"] = _with_known(self, self.rgba, made.views, _words_of)
         if all(map(np.array_equal, astuple(self.box), astuple(made.box))):  # what is background lies at its end
             made.__dict__["maps"] = _with_known(self, self.maps, made.views, made.map_of)
         return made
@@ -205,7 +205,7 @@ class DepthObject(Fixed):
         return nearness_map(view, self.box, self.missing == "background")
 
     @cached_property
-    def words(self) -> list[NDArray[np.uint32]]:
+    def rgba(self) -> list[NDArray[np.uint32]]:
         """Colours of the views, with A 255 where there is a sample."""
         return [_words_of(view) for view in self.views]
 
@@ -292,7 +292,7 @@ class VisualHull(Fixed):
         return [_mask_of(view) for view in self.views]
 
     @cached_property
-    def words(self) -> list[NDArray[np.uint32]]:
+    def rgba(self) -> list[NDArray[np.uint32]]:
         """Colours of the views, with A 255 on the object."""
         return [_words_of(view) for view in self.views]
 
@@ -316,13 +316,13 @@ class VisualHull(Fixed):
             made.__dict__.update(self.__getstate__(), views=given)
         else:
             made = VisualHull(given, slices=self.slices, slicing=self.slicing, halvings=self.halvings, only=self.only)
-        made.__dict__["words"] = _with_known(self, self.words, given, _words_of)
+        made.__dict__["words"] = _with_known(self, self.rgba, given, _words_of)
         made.__dict__["maps"] = _with_known(self, self.maps, given, _mask_of)
         return made
 
 
 def _words_of(view: DepthImage | Silhouette) -> NDArray[np.uint32]:
-    return rgba_words(view.shown, view.valid)
+    return rgba_words(view.shown_color, view.valid)
 
 
 def _mask_of(view: DepthImage | Silhouette) -> Float32:
@@ -334,19 +334,19 @@ def _same_outline(a: DepthImage | Silhouette, b: DepthImage | Silhouette) -> boo
 
 
 def _with_known(
-    thing: DepthObject | VisualHull, values: list[_Kept], views: Sequence[Any], make: Callable[[Any], _Kept]
-) -> list[_Kept]:
+    thing: DepthObject | VisualHull, values: list[_Known], views: Sequence[Any], make: Callable[[Any], _Known]
+) -> list[_Known]:
     """What is made of each view; of those of a thing it is there already."""
     known = {id(view): value for view, value in zip(thing.views, values, strict=True)}
     return [known[id(view)] if id(view) in known else make(view) for view in views]
 
 
-def draw_object(target: Target, thing: DepthObject | VisualHull, counts: DeviceArray | None = None) -> None:
+def draw_object(target: Target, thing: DepthObject | VisualHull, counters: DeviceArray | None = None) -> None:
     """Draw an object into the target; `counts`, (H, W) int32, gains the view tests of each pixel."""
     hull = isinstance(thing, VisualHull)
-    buffers = kept(thing, "buffers", lambda: _object_buffers(thing))
+    buffers = cached_on_device(thing, "buffers", lambda: _object_buffers(thing))
     if target.of_normals:
-        buffers = buffers | {"colors": kept(thing, "normals", lambda: _normals_of(thing))}
+        buffers = buffers | {"colors": cached_on_device(thing, "normals", lambda: _normals_of(thing))}
     box, camera = thing.box, target.camera
     directions = np.array([_direction(view.camera, box) for view in thing.views])
     cosines = directions @ _direction(camera, box)
@@ -368,12 +368,12 @@ def draw_object(target: Target, thing: DepthObject | VisualHull, counts: DeviceA
     low_x, low_y, across, down = _blocks(target, box, near)
     defines = {"VIEWS": len(order), "SILHOUETTES": int(hull), **target.color_defines}
     more: dict[str, Any] = {}
-    if counts is not None:
+    if counters is not None:
         defines["COUNTERS"] = 1
-        more["counters"] = counts
+        more["counters"] = counters
     if isinstance(thing, DepthObject) and thing.thin:
         defines["RIBBONS"] = 1
-        buffers = buffers | kept(thing, "ribbons", lambda: _ribbons_of(thing))
+        buffers = buffers | cached_on_device(thing, "ribbons", lambda: _ribbons_of(thing))
     if across > 0 and down > 0:
         launch(
             kernel("slicing/object.cl", "draw_object", **defines),
@@ -418,17 +418,17 @@ def spacing_in(thing: DepthObject | VisualHull, camera: Camera) -> tuple[float, 
         spacing, extent = pixel * abs(float(box.axes[axis] @ _direction(camera, box))), box.edges[axis]
     # No closer than half a sample: what is thinner there no view tells.
     sample = min(pixel_size(view.camera, box.center) for view in thing.views)
-    least = max(0.5 * sample, closest(float(box.edges.max())))
-    spacing = min(max(spacing, least), extent / _FEWEST)
+    least = max(0.5 * sample, spacing_min(float(box.edges.max())))
+    spacing = min(max(spacing, least), extent / _SLICES_MIN)
     return float(spacing), max(thing.halvings, halvings_between(float(spacing), pixel))
 
 
 def _draw_in_light(target: Target, thing: DepthObject | VisualHull, lighting: Lighting | None, normals: bool) -> None:
     """Draw an object in its views' colours, and light on it; `normals`: those that its views tell relight it."""
     cameras = [target.camera, *(() if lighting is None else lighting.cameras)]
-    grain = max(spacing_in(thing, camera)[0] for camera in cameras)
+    bias = max(spacing_in(thing, camera)[0] for camera in cameras)
     draw_normals = partial(draw_object, thing=thing) if normals else None
-    with shadowed(target, lighting, grain=grain, apart=_APART, fade=0, draw_normals=draw_normals):
+    with shadowed(target, lighting, bias=bias, apart=_NEIGHBOUR_OFFSET, fade=0, draw_normals=draw_normals):
         draw_object(target, thing)
 
 
@@ -482,7 +482,7 @@ def _object_buffers(thing: DepthObject | VisualHull) -> dict[str, DeviceArray]:
         "matrices": upload(matrices.reshape(-1, 16).astype(np.float32)),
         "sizes": upload(np.array(sizes, np.int32)),
         "maps": upload(np.concatenate([values.ravel() for values in thing.maps])),
-        "colors": _uploaded(thing.words),
+        "colors": _uploaded(thing.rgba),
     }
 
 
@@ -499,19 +499,19 @@ def _normals_of(thing: DepthObject | VisualHull) -> DeviceArray:
     return _uploaded([_words_of(showing_normals(view)) for view in thing.views])
 
 
-def _uploaded(words: Sequence[NDArray[np.uint32]]) -> DeviceArray:
+def _uploaded(rgba: Sequence[NDArray[np.uint32]]) -> DeviceArray:
     """RGBA of all views, one after the other."""
-    return upload(np.concatenate(words))
+    return upload(np.concatenate(rgba))
 
 
 def _check_resolved(thing: DepthObject) -> None:
     """Raise ArgumentError if slices are so far apart that they miss what a view saw: of background taken for depth."""
     for number, view in enumerate(thing.views):
-        nearest, farthest = whereabouts_of(view).nearest, whereabouts_of(view).farthest
+        nearest, farthest = depth_extent_of(view).nearest, depth_extent_of(view).farthest
         camera = view.camera
         seen = nearest if camera.projection == "perspective" else longer_side(camera)
         slices = SLICES_USUAL if thing.slices == "view" else thing.slices
-        if float(thing.box.edges.max()) > slices * _APART_MOST * seen:
+        if float(thing.box.edges.max()) > slices * _APART_MAX * seen:
             expected = f"depths that {slices} slices can tell apart (or `far`, if larger ones are background)"
             raise ArgumentError("views", expected, f"{nearest:g} to {farthest:g} in view {number}")
 

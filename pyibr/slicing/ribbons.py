@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from pyibr.images import DepthImage
 from pyibr.opencl.device import one_call
+from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.headers import constant
-from pyibr.opencl.kept import kept
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import empty, upload
 from pyibr.opencl.program import kernel
@@ -40,7 +40,7 @@ class Ribbons:
 
 def ribbons_of(view: DepthImage) -> Ribbons:
     """The ribbons of a view, found once."""
-    return kept(view, "ribbons", lambda: _found(view))
+    return cached_on_device(view, "ribbons", lambda: _found(view))
 
 
 def _found(view: DepthImage) -> Ribbons:

@@ -6,13 +6,13 @@ import math
 from typing import Literal
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Float64, describe, one_of, whole_from
+from pyibr.core.checks import Float64, describe, integer_from, one_of
 from pyibr.core.errors import ArgumentError
 from pyibr.opencl.headers import constant
 
 Slices = int | Literal["view"]
 
-SLICES_MOST = 65536
+SLICES_MAX = 65536
 SLICES_USUAL = 128  # that tell depths apart before there is a picture
 
 _RAYS = "slicing/rays.h"
@@ -21,9 +21,9 @@ _RAYS = "slicing/rays.h"
 def checked_slices(slices: Slices) -> Slices:
     """Return a number of slices, or "view", or raise ArgumentError."""
     if isinstance(slices, str):
-        one_of("slices", slices, Literal["view"], also=f" or a whole number from 1 to {SLICES_MOST}")
+        one_of("slices", slices, Literal["view"], also=f" or a whole number from 1 to {SLICES_MAX}")
         return slices
-    return whole_from("slices", slices, 1, SLICES_MOST, f'a whole number from 1 to {SLICES_MOST}, or "view"')
+    return integer_from("slices", slices, 1, SLICES_MAX, f'a whole number from 1 to {SLICES_MAX}, or "view"')
 
 
 def slices_text(slices: Slices) -> str:
@@ -33,7 +33,7 @@ def slices_text(slices: Slices) -> str:
 
 def checked_halvings(halvings: int) -> int:
     """Return how often the way between two slices is halved or raise ArgumentError."""
-    return whole_from("halvings", halvings, 0, int(constant(_RAYS, "HALVINGS_MAX")))
+    return integer_from("halvings", halvings, 0, int(constant(_RAYS, "HALVINGS_MAX")))
 
 
 def checked_only(only: int | None, slices: Slices) -> int | None:
@@ -42,10 +42,10 @@ def checked_only(only: int | None, slices: Slices) -> int | None:
         return None
     if slices == "view":
         raise ArgumentError("only", 'None with slices="view", which has no numbers', describe(only))
-    return whole_from("only", only, -SLICES_MOST, SLICES_MOST)
+    return integer_from("only", only, -SLICES_MAX, SLICES_MAX)
 
 
-def closest(extent: float) -> float:
+def spacing_min(extent: float) -> float:
     """Scene units between slices, over a thing of this extent, that no picture goes below by itself."""
     return extent / constant(_RAYS, "SLICES_MAX")
 

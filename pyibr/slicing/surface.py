@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from pyibr.core.camera import Camera
 from pyibr.core.checks import (
     check_tiled,
+    checked_bool,
     one_of,
     positive,
-    true_or_false,
 )
 from pyibr.core.pixelspace import pixel_size
 from pyibr.meshes.height_mapped import HeightMapped, Heights
@@ -24,8 +24,8 @@ from pyibr.meshes.heights import (
     height_pairs,
 )
 from pyibr.meshes.mesh import Mesh
+from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.headers import constant
-from pyibr.opencl.kept import kept
 from pyibr.opencl.launch import launch
 from pyibr.opencl.memory import DeviceArray, upload
 from pyibr.opencl.program import kernel
@@ -35,7 +35,7 @@ from pyibr.picture.wrap import wrap_defines
 from pyibr.raster.bins import bin_primitives, bin_side, project
 from pyibr.raster.height_mapped import color_arguments, map_buffers, normal_arguments
 from pyibr.slicing.prisms import Volume, extruded
-from pyibr.slicing.spacing import SLICES_MOST, Slices, checked_halvings, checked_slices, slices_text
+from pyibr.slicing.spacing import SLICES_MAX, Slices, checked_halvings, checked_slices, slices_text
 
 Slicing = Literal["surface", "orthogonal", "screen"]
 AlphaTest = Literal["inside", "at_least", "band"]
@@ -130,7 +130,7 @@ class SlicedSurface(HeightMapped):
         one_of("test", test, AlphaTest)
         self.slicing: Slicing = slicing
         self.test: AlphaTest = test
-        true_or_false("clipped", clipped)
+        checked_bool("clipped", clipped)
         self.clipped = clipped
         self.halvings = checked_halvings(halvings)
         self.band = None if band is None else positive("band", band)
@@ -164,12 +164,14 @@ class SlicedSurface(HeightMapped):
 
 
 def draw_surface(
-    target: Target, surface: SlicedSurface, lit: Lighting | None, counts: DeviceArray | None = None
+    target: Target, surface: SlicedSurface, lit: Lighting | None, counters: DeviceArray | None = None
 ) -> None:
     """Draw a sliced surface into the target; `counts`, (H, W) int32, gains the alpha tests of each pixel."""
     buffers = {
-        **kept(surface, "volume", lambda: _volume_buffers(surface)),
-        "heights": kept(surface.heights, "pairs", lambda: upload(height_pairs(surface.height, surface.wrap))),
+        **cached_on_device(surface, "volume", lambda: _volume_buffers(surface)),
+        "heights": cached_on_device(
+            surface.heights, "pairs", lambda: upload(height_pairs(surface.height, surface.wrap))
+        ),
     }
     near = target.near(surface.volume.bounds)
     projected = project(target, buffers["points"], near, corners=4)
@@ -181,14 +183,14 @@ def draw_surface(
         defines |= lit.defines
         more |= {
             **normal_arguments(surface, buffers, buffers["gradients"]),
-            **lit.arguments(grain=1.5 * surface.scale / slices),
+            **lit.arguments(bias=1.5 * surface.scale / slices),
         }
         more["normals"] = buffers["normals"]
     if not surface.clipped and surface.slicing == "screen":
         defines["UNCLIPPED"] = 1
-    if counts is not None:
+    if counters is not None:
         defines["COUNTERS"] = 1
-        more["counters"] = counts
+        more["counters"] = counters
     launch(
         kernel("slicing/surface.cl", "draw_surface", BIN=bin_side(), **target.color_defines, **defines),
         bins.grid,
@@ -217,7 +219,7 @@ def _slices_in(surface: SlicedSurface, camera: Camera) -> int:
         return surface.slices
     low, high = surface.volume.bounds
     pixel = pixel_size(camera, 0.5 * (low.astype(np.float64) + high))
-    return int(np.clip(surface.scale / max(pixel, 1e-30), 1, SLICES_MOST))
+    return int(np.clip(surface.scale / max(pixel, 1e-30), 1, SLICES_MAX))
 
 
 def _volume_buffers(surface: SlicedSurface) -> dict[str, DeviceArray]:

@@ -36,7 +36,7 @@ def blend(layers: Sequence[Target], views: Sequence[DepthImage], target: Target)
     size = {"width": width, "height": height}
     defines = {**target.color_defines, "ORIGINS": int(target.origin is not None)}
     gains_of = np.ones((len(layers), 3)) if target.of_normals else exposures(layers)
-    seeing = [Struct("LayerView", _seeing(view, target)) for view in views]
+    seeing = [Struct("LayerView", _layer_view(view, target)) for view in views]
     for number, (layer, saw) in enumerate(zip(layers, seeing, strict=True)):
         made = kernel("warp/blend.cl", "nearest_layer", **defines)
         launch(made, grid, depth=layer.depth, best=best, first=number == 0, layer_view=saw, **size)
@@ -90,7 +90,7 @@ def exposures(layers: Sequence[Target]) -> Float64:
     return matching_gains(len(layers), overlaps)
 
 
-def _seeing(view: DepthImage, target: Target) -> np.ndarray[Any, np.dtype[np.void]]:
+def _layer_view(view: DepthImage, target: Target) -> np.ndarray[Any, np.dtype[np.void]]:
     """A record of the kernels' struct LayerView."""
     camera = view.camera
     values = np.zeros((), struct("warp/blend.cl", "LayerView"))

@@ -34,13 +34,13 @@ def fill_holes(target: Target, views: Sequence[tuple[Samples, PixelMap]], how: F
         push_and_pull(target, None)
         return
     nearest_first = sorted(views, key=lambda view: view[1].parallax)
-    push_and_pull(target, tell_behind(target, nearest_first[0][1].epipole))
+    push_and_pull(target, find_behind(target, nearest_first[0][1].epipole))
     if target.color.shape[2]:
         for samples, pixel_map in reversed(nearest_first):
             _show_unobserved(target, samples, pixel_map)
 
 
-def tell_behind(target: Target, epipole: NDArray[np.float64]) -> DeviceArray:
+def find_behind(target: Target, epipole: NDArray[np.float64]) -> DeviceArray:
     """The depth behind holes, along the lines through the epipole, (3,) homogeneous; all 0: along rows.
 
     Returns

@@ -72,13 +72,13 @@ def map_of(pair: CameraPair) -> Struct:
     return Struct("PixelMap", values)
 
 
-def look(samples: Samples, pixel_map: PixelMap, target: Target, options: Options, view: int = 0) -> None:
+def inverse_warp(samples: Samples, pixel_map: PixelMap, target: Target, options: Options, view: int = 0) -> None:
     """Each pixel looks for what its ray meets first: by sweep or by search, then exactly. `view` is its number."""
     reach = pixel_map.reach
     if reach.empty and not target.blank:
         return
     shared = _shared(samples, pixel_map, options)
-    hits, hits_are = _ask_lines(samples, pixel_map, target, options, shared)
+    hits, hits_are = _find_candidates(samples, pixel_map, target, options, shared)
     _resolve(samples, pixel_map, target, options, {**shared, "hits": hits, "hits_are": hits_are}, view)
     target.blank = False
 
@@ -93,7 +93,7 @@ def _shared(samples: Samples, pixel_map: PixelMap, options: Options) -> dict[str
     }
 
 
-def _ask_lines(
+def _find_candidates(
     samples: Samples, pixel_map: PixelMap, target: Target, options: Options, shared: dict[str, Any]
 ) -> tuple[DeviceArray, float]:
     """What lines (or searches) see, and what it is of: HITS_... of kernels/warp/resolve.cl."""
@@ -217,7 +217,7 @@ def draw_thin(samples: Samples, pixel_map: PixelMap, target: Target, options: Op
     )
 
 
-def splat(samples: Samples, pixel_map: PixelMap, target: Target, size: float) -> None:
+def forward_warp(samples: Samples, pixel_map: PixelMap, target: Target, size: float) -> None:
     """Each sample is carried over to a square of `size` pixels."""
     shape = (target.camera.height, target.camera.width)
     keys, indices = empty(shape, np.uint32), empty(shape, np.uint32)

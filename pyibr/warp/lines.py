@@ -21,7 +21,7 @@ from pyibr.core.checks import Float64
 from pyibr.core.pixelspace import Rectangle
 from pyibr.opencl.headers import struct
 
-_MOST_LEVELS = 4  # halvings of the distance to the epipole; what lies nearer is 1/16 of the fan's length
+_LEVELS_MAX = 4  # halvings of the distance to the epipole; what lies nearer is 1/16 of the fan's length
 _ROUNDING = 4e-7  # relative: on a diagonal, the kernel's float32 decides between two fans
 _OFFSET = 0.137  # lines keep clear of pixel borders, where ownership would hang on rounding
 
@@ -127,7 +127,7 @@ def _laid(
             low, high = fan.reach()
             if low > high:
                 continue
-            levels = min(_MOST_LEVELS, max(0, int(-math.log2(max(fan.nearest, 1e-9)))))
+            levels = min(_LEVELS_MAX, max(0, int(-math.log2(max(fan.nearest, 1e-9)))))
             # Lines through pixels are the pixels' own, from the first on; others' slopes lead in from beyond.
             beyond = 0 if through_pixels else 2**levels
             first = math.floor(low) - beyond + (0.0 if through_pixels or fan.is_diagonal else _OFFSET)

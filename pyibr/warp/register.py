@@ -22,7 +22,7 @@ from pyibr.core.checks import (
 )
 from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import PixelMap, camera_pair, pitch
-from pyibr.core.straight import straight_pane
+from pyibr.core.straight import straight_face
 from pyibr.images import DepthImage
 from pyibr.images.depth_image import Color, checked_depth
 from pyibr.opencl.device import current, one_call
@@ -30,11 +30,11 @@ from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty, to_host, upload
 from pyibr.opencl.program import kernel
-from pyibr.picture.panes import joined, pane_cameras
+from pyibr.picture.cube_faces import cube_face_cameras, joined_faces
 from pyibr.picture.samples import Samples, at_least_a_word, bridged_samples, cut_of
-from pyibr.picture.straighten import places_on_device, straight_view
+from pyibr.picture.straighten import positions_on_device, straight_view
 from pyibr.picture.target import Target
-from pyibr.warp.launches import Options, draw_rims, look, map_of
+from pyibr.warp.launches import Options, draw_rims, inverse_warp, map_of
 
 To = Literal["color", "depth"]
 AnyDepth = NDArray[np.float32] | NDArray[np.uint16]
@@ -179,7 +179,7 @@ def register(
         if given is not None:
             return _colors_for(view, color_camera, given, drawn)
         registered = drawn.picture.depth
-        return (_in_counts(registered, units) if units else registered).to_host()
+        return (_in_raw_units(registered, units) if units else registered).to_host()
 
 
 def _checked(depth: AnyDepth, camera: Camera, scale: float | None) -> tuple[Any, float]:
@@ -206,7 +206,7 @@ def _in_scene_units(counts: NDArray[np.uint16], scale: float) -> NDArray[np.floa
     return depth.to_host()
 
 
-def _in_counts(depth: DeviceArray, scale: float) -> DeviceArray:
+def _in_raw_units(depth: DeviceArray, scale: float) -> DeviceArray:
     """Counts of depth. The session is held."""
     counts = empty(depth.shape, np.uint16)
     _convert("to_raw_depth", counts, raw=counts, depth=depth, scale=scale)
@@ -251,12 +251,12 @@ def _drawn(view: DepthImage, camera: Camera, cut_ratio: float) -> _Drawn:
     options = Options(cut_ratio=cut_ratio, slack=slack)
     targets: list[Target] = []
     pool: dict[int, Any] = {}
-    for part in pane_cameras(camera):
+    for part in cube_face_cameras(camera):
         targets.append(Target(part, np.dtype(np.uint8), channels=0, pool=pool))
         pixel_map = PixelMap(camera_pair(source.camera, part), samples.low, samples.high)
-        look(samples, pixel_map, targets[-1], options)
+        inverse_warp(samples, pixel_map, targets[-1], options)
         draw_rims(samples, pixel_map, targets[-1], cut, cut_there)
-    return _Drawn(source, cut, cut_there, samples, joined(targets, camera))
+    return _Drawn(source, cut, cut_there, samples, joined_faces(targets, camera))
 
 
 def _slack(view: DepthImage, projection: Projection) -> tuple[float, float]:
@@ -305,7 +305,7 @@ def _colors_for(view: DepthImage, camera: Camera, color: Color, drawn: _Drawn) -
     launch(
         kernel("warp/sample_colors.cl", "color_samples", **defines),
         current().profile.packets(width, height),
-        places=places_on_device(straight_pane(view.camera)) if placed else samples.nearness,
+        places=positions_on_device(straight_face(view.camera)) if placed else samples.nearness,
         depth=upload(view.depth),
         nearness=samples.nearness,
         shown=drawn.picture.depth,

@@ -10,20 +10,20 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, cast
 
 import numpy as np
 
-from pyibr.core.checks import Fixed, Float64, cut_ratio_from, describe, number_from, one_of, true_or_false
+from pyibr.core.checks import Fixed, Float64, checked_bool, cut_ratio_from, describe, number_from, one_of
 from pyibr.core.errors import ArgumentError
 from pyibr.core.optional import opencv
 from pyibr.core.pixelspace import PixelMap, camera_pair, pixel_size
 from pyibr.images.depth_image import DepthImage, Side
 from pyibr.picture.drawable import as_drawable
-from pyibr.picture.normals import APART_MOST, grain_of_noise, showing_normals
+from pyibr.picture.normals import NEIGHBOUR_OFFSET_MAX, noise_bias, showing_normals
 from pyibr.picture.samples import Samples, samples_of
 from pyibr.picture.shadow import Lighting, shadowed
 from pyibr.picture.straighten import straightened
 from pyibr.picture.target import Target
 from pyibr.warp.blending import Blend, blend
 from pyibr.warp.filling import Fill, fill_holes
-from pyibr.warp.launches import Options, classify, draw_thin, look, splat
+from pyibr.warp.launches import Options, classify, draw_thin, forward_warp, inverse_warp
 
 if TYPE_CHECKING:
     pass
@@ -32,7 +32,7 @@ Method = Literal["epipolar", "search", "forward"]
 Interpolation = Literal["linear", "nearest"]
 Edges = Literal["connect", "cut"]
 
-_SPLAT_MOST = 64.0
+_SPLAT_MAX = 64.0
 
 
 class WarpOptions(TypedDict, total=False):
@@ -89,7 +89,7 @@ class WarpedView(Fixed):
         Things one sample thin (wires, leaves, bars), of which the surface between samples has nothing or little, are
         drawn as wide as their samples: each sample that makes a whole cell with its neighbours on no side as a square
         of its own size, swept to the neighbours that it is connected with. They cast shadows as wide. Not with
-        "forward", whose samples are squares (see `splat`). Sensors' flying pixels become visible, too: see
+        "forward", whose samples are squares (see `forward_warp`). Sensors' flying pixels become visible, too: see
         `clean_depth`.
     splat : float
         With "forward": side of the square of target pixels that a sample covers, 1 to 64.
@@ -153,10 +153,10 @@ class WarpedView(Fixed):
         if fill == "inpaint":
             opencv('fill="inpaint"', "inpaint")  # before anything is drawn
         self.fill: Fill | None = fill
-        self.thin = true_or_false("thin", thin)
+        self.thin = checked_bool("thin", thin)
         if thin and method == "forward":
             raise ArgumentError("thin", 'False with method="forward", which draws each sample as a square', "True")
-        self.splat = number_from("splat", splat, 1.0, _SPLAT_MOST, f"1 to {_SPLAT_MOST:g} pixels")
+        self.splat = number_from("splat", splat, 1.0, _SPLAT_MAX, f"1 to {_SPLAT_MAX:g} pixels")
         one_of("blend", blend, Blend)
         self.blend: Blend = blend
 
@@ -188,7 +188,7 @@ class WarpedView(Fixed):
         if self.interpolation == "nearest":
             target.mixable = False
         bias, apart = self._bias(target, lighting)
-        with shadowed(target, lighting, grain=bias, apart=apart, draw_normals=self._draw_views):
+        with shadowed(target, lighting, bias=bias, apart=apart, draw_normals=self._draw_views):
             self._draw_views(target)
         if target.classes is not None:
             for number, (samples, pixel_map) in enumerate(self._on_device(target)):
@@ -226,9 +226,9 @@ class WarpedView(Fixed):
         for number, (samples, pixel_map) in enumerate(self._on_device(target)):
             into = layers[number] if layers else target
             if self.method == "forward" and not target.from_light:
-                splat(samples, pixel_map, into, self.splat)
+                forward_warp(samples, pixel_map, into, self.splat)
                 continue
-            look(samples, pixel_map, into, options, number)
+            inverse_warp(samples, pixel_map, into, options, number)
             if self.thin:
                 draw_thin(samples, pixel_map, into, options, number)
 
@@ -238,12 +238,12 @@ class WarpedView(Fixed):
             return 0.0, 1
         low, high = self.bounds
         middle = 0.5 * (low + high)
-        noise, apart = grain_of_noise(self.sources, target.camera, middle)
+        noise, apart = noise_bias(self.sources, target.camera, middle)
         if self.interpolation == "linear":
             return noise, apart
         pixel = pixel_size(target.camera, middle)
         sample = max(pixel_size(view.camera, middle) for view in self.sources)
-        steps = math.ceil(min(4 * max(sample / pixel, 1), APART_MOST)) if pixel > 0 else APART_MOST
+        steps = math.ceil(min(4 * max(sample / pixel, 1), NEIGHBOUR_OFFSET_MAX)) if pixel > 0 else NEIGHBOUR_OFFSET_MAX
         return sample + noise, max(apart, steps)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import check_pixels, describe, true_or_false
+from pyibr.core.checks import check_pixels, checked_bool, describe
 from pyibr.core.errors import ArgumentError
 from pyibr.core.straight import origins_in_lens
 from pyibr.images import DepthImage, Frame
@@ -116,7 +116,7 @@ def warp(
     cameras = _checked_cameras(camera)
     for view in thing.views:
         check_pixels("views", view.camera.size)
-    asked = true_or_false("classes", classes)
+    asked = checked_bool("classes", classes)
     if asked and thing.method == "forward":
         raise ArgumentError("classes", 'False with method="forward", which asks no rays', "True")
     parts = [PictureParts(one, samples) for one in cameras]

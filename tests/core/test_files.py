@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.core.files import write_whole, written_together
+from pyibr.core.files import write_atomically, written_together
 from pyibr.io import read_range_grid, read_relief_map, write_relief_map
 
 DEPTH = np.ones((4, 5), np.float32)
@@ -22,13 +22,13 @@ MESH = ibr.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
 
 def test_of_many_writers_one_wins_whole(tmp_path: Path):
     file, contents = tmp_path / "file", [bytes([number]) * 300_000 for number in range(8)]
-    write_whole(file, contents[0])
+    write_atomically(file, contents[0])
     failed, seen, over = list[Exception](), set[bytes](), threading.Event()
 
     def write(content: bytes) -> None:
         try:
             for _ in range(15):
-                write_whole(file, content)
+                write_atomically(file, content)
         except Exception as error:
             failed.append(error)
 
@@ -56,7 +56,7 @@ def test_no_link_that_waits_under_the_temporary_name_is_followed(tmp_path: Path,
     for link in (".pyibr-guessed", f".file.{os.getpid()}"):
         (tmp_path / link).symlink_to("victim")
     with pytest.raises(ibr.FileFormatError, match="cannot be written"):
-        write_whole(tmp_path / "file", b"new")
+        write_atomically(tmp_path / "file", b"new")
     assert (tmp_path / "victim").read_text() == "safe"
     assert not (tmp_path / "file").exists()
 
@@ -86,12 +86,12 @@ def test_a_link_stays_and_what_it_names_is_replaced(tmp_path: Path):
         (tmp_path / name).symlink_to(f"folder/{name}")
     (tmp_path / "folder" / "old").write_text("old")
     for name in ("old", "new"):
-        write_whole(tmp_path / name, b"written")
+        write_atomically(tmp_path / name, b"written")
         assert (tmp_path / name).is_symlink()
         assert (tmp_path / "folder" / name).read_bytes() == b"written"
     (tmp_path / "round").symlink_to("round")
     with pytest.raises(ibr.FileFormatError, match="round: cannot be written"):
-        write_whole(tmp_path / "round", b"written")
+        write_atomically(tmp_path / "round", b"written")
 
 
 def test_what_is_no_regular_file_is_not_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -144,16 +144,16 @@ def test_names_that_no_file_has(tmp_path: Path, use):
 
 def test_files_that_are_written_together_are_all_there_or_none(tmp_path: Path):
     first, second = tmp_path / "first", tmp_path / "second"
-    write_whole(first, b"old")
+    write_atomically(first, b"old")
     with pytest.raises(ZeroDivisionError), written_together():
-        write_whole(first, b"new")
-        write_whole(second, b"new")
+        write_atomically(first, b"new")
+        write_atomically(second, b"new")
         raise ZeroDivisionError
     assert [path.name for path in tmp_path.iterdir()] == ["first"]
     assert first.read_bytes() == b"old"
     with written_together():
-        write_whole(second, b"new")
-        write_whole(first, b"new")
+        write_atomically(second, b"new")
+        write_atomically(first, b"new")
         assert first.read_bytes() == b"old"
         assert not second.exists()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["first", "second"]
@@ -163,6 +163,6 @@ def test_files_that_are_written_together_are_all_there_or_none(tmp_path: Path):
 def test_a_failed_file_takes_those_before_it_along(tmp_path: Path):
     (tmp_path / "folder").mkdir()
     with pytest.raises(ibr.FileFormatError, match="folder: cannot be written: it is a folder"), written_together():
-        write_whole(tmp_path / "before", b"new")
-        write_whole(tmp_path / "folder", b"new")
+        write_atomically(tmp_path / "before", b"new")
+        write_atomically(tmp_path / "folder", b"new")
     assert [path.name for path in tmp_path.iterdir()] == ["folder"]

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 import pyibr as ibr
-from pyibr.core.files import write_whole
+from pyibr.core.files import write_atomically
 
 SIZES = [(7, 13), (1, 1), (61, 37)]
 DEPTH_SUFFIXES = [".png", ".tiff", ".npy", ".npz", ".pfm", ".exr", ".bin"]
@@ -513,7 +513,7 @@ def test_an_error_while_writing_leaves_the_old_file(tmp_path: Path, monkeypatch:
 
     monkeypatch.setattr("os.fsync", fail)
     with pytest.raises(RuntimeError, match="power"):
-        write_whole(file, b"new")
+        write_atomically(file, b"new")
     assert file.read_text() == "old"
     assert list(tmp_path.iterdir()) == [file]
 

@@ -28,7 +28,7 @@ from pyibr.opencl.headers import kernels_folder
 from pyibr.opencl.launch import Struct
 from pyibr.opencl.watch import Watch, watching
 from pyibr.picture.drawable import as_drawable
-from pyibr.picture.seen import MarkedUnseen
+from pyibr.picture.unseen import MarkedUnseen
 from tests import scenes
 from tests.scenes import Size
 

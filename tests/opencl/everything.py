@@ -13,7 +13,7 @@ import pyibr as ibr
 from pyibr.capture import models, object_views
 from pyibr.images import Frame
 from pyibr.picture.drawable import as_drawable
-from pyibr.picture.seen import MarkedUnseen
+from pyibr.picture.unseen import MarkedUnseen
 from tests import scenes
 
 Call = Callable[[], list[NDArray[Any]]]
@@ -93,7 +93,7 @@ def _from_within() -> list[NDArray[Any]]:
     eye = corner.mean(axis=0) - 0.02 * across / np.linalg.norm(across)
     camera = ibr.Camera.look_at(eye, eye + corner[1] - corner[0], across, SIZE, fov_y=60)
     relief = ibr.ReliefSurface(base, even, np.full((2, 2, 3), 200, np.uint8), 0.1)
-    assert relief.place_of(camera) is not None
+    assert relief.interior_point(camera) is not None
     return _arrays(ibr.render(relief, camera))
 
 

@@ -25,7 +25,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from pyibr.opencl import memory, program
 from pyibr.opencl.device import Session, current
-from pyibr.opencl.spare import Block
+from pyibr.opencl.memory_pool import Block
 from pyibr.raster import bins
 from tests.one_lane import one_lane
 from tests.opencl.cases import KINDS, Launches, Poisoned, Setting, check_all_ran, run_all

@@ -59,7 +59,7 @@ def run(code: str, folder: Path, binaries: str = "later") -> subprocess.Complete
     return subprocess.run(command, env=environment(folder, binaries), capture_output=True, text=True, timeout=300)
 
 
-def kept(folder: Path) -> list[Path]:
+def cached_on_device(folder: Path) -> list[Path]:
     return sorted((folder / "programs").glob("*")) if (folder / "programs").exists() else []
 
 
@@ -74,7 +74,7 @@ def test_the_thread_keeps_binaries_once_nobody_waits(tmp_path: Path, reads_late:
     wait = "while binaries._waiting or not binaries.reading.acquire(blocking=False): time.sleep(0.05)\n"
     first = run(f"{FRAME}assert len(binaries._waiting) >= 3\n{wait}", tmp_path)
     assert first.returncode == 0, first.stderr
-    assert len(kept(tmp_path)) >= 3
+    assert len(cached_on_device(tmp_path)) >= 3
     second = run(REFUSING + FRAME, tmp_path)
     assert (second.returncode, second.stdout) == (0, first.stdout), second.stderr
 
@@ -85,7 +85,7 @@ def test_a_process_that_ends_leaves_whole_entries_or_none(tmp_path: Path, reads_
     wait = "while binaries.reading.acquire(blocking=False): binaries.reading.release()\n"
     first = run(FRAME if moment == "before it reads" else begin + FRAME + wait, tmp_path)
     assert first.returncode == 0 and not first.stderr, first.stderr
-    assert not [path for path in kept(tmp_path) if path.name.startswith(".part-")]
+    assert not [path for path in cached_on_device(tmp_path) if path.name.startswith(".part-")]
     second = run(FRAME, tmp_path)
     assert (second.returncode, second.stdout) == (0, first.stdout), second.stderr
 
@@ -118,10 +118,10 @@ def test_binaries_are_kept_at_once_or_never_if_asked(own_cache: Path, monkeypatc
         program.kernel("lib/clear.cl", "clear")
 
     build("never")
-    assert not kept(own_cache)
+    assert not cached_on_device(own_cache)
     build("now")
-    assert len(kept(own_cache)) == 1
-    for path in kept(own_cache):
+    assert len(cached_on_device(own_cache)) == 1
+    for path in cached_on_device(own_cache):
         path.unlink()
     with pytest.raises(ArgumentError, match=r"^\$PYIBR_BINARIES: expected one of later, now, never, got 'soon'$"):
         build("soon")
@@ -186,7 +186,7 @@ def test_doctor_builds_beforehand(own_cache: Path, monkeypatch: pytest.MonkeyPat
     pictures._view.cache_clear()
     result = CliRunner().invoke(app, ["doctor", "--build"])
     assert result.exit_code == 0 and "kernels of 1 kinds of pictures are built" in result.output, result.output
-    assert len(kept(own_cache)) >= 3
+    assert len(cached_on_device(own_cache)) >= 3
     done = run(REFUSING + FRAME, own_cache)
     assert done.returncode == 0, done.stderr
 

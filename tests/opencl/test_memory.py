@@ -12,7 +12,7 @@ import pytest
 
 from pyibr.opencl import memory
 from pyibr.opencl.device import current
-from pyibr.opencl.spare import rounded
+from pyibr.opencl.memory_pool import rounded
 
 SMALL, LARGE = (100, 100), (1500, 1001)  # below and above a huge page
 
@@ -33,12 +33,12 @@ def test_memory_is_not_handed_out_while_a_view_of_it_lives(shape):
 
 def test_memory_is_handed_out_again():
     session = current()
-    session.spare.clear()
+    session.memory_pool.clear()
     array = memory.empty(LARGE, np.float32)
     buffer = array.buffer
     del array
     gc.collect()
-    assert any(block.buffer is buffer for block in session.spare)
+    assert any(block.buffer is buffer for block in session.memory_pool)
     assert memory.empty(LARGE, np.float32).buffer is buffer
 
 
@@ -47,22 +47,22 @@ def test_spare_memory_is_bounded(monkeypatch):
     arrays = [memory.empty(LARGE, np.float32) for _ in range(5)]  # 6 MB each
     del arrays
     gc.collect()
-    assert sum(block.size for block in current().spare) <= 10_000_000
+    assert sum(block.size for block in current().memory_pool) <= 10_000_000
 
 
 def test_what_lay_idle_longest_goes_first(monkeypatch):
     session = current()
-    session.spare.clear()
+    session.memory_pool.clear()
     sizes = [100_000, 200_000, 300_000]
     monkeypatch.setattr(memory, "_SPARE_BYTES", sum(map(rounded, sizes[1:])))
     for size in sizes:
         memory.empty((size,), np.uint8)
-    assert [block.size for block in session.spare] == [rounded(size) for size in sizes[1:]]
+    assert [block.size for block in session.memory_pool] == [rounded(size) for size in sizes[1:]]
 
 
 def test_sizes_that_are_much_the_same_share_memory():
     session = current()
-    session.spare.clear()
+    session.memory_pool.clear()
     buffer = memory.empty((1_000_000,), np.uint8).buffer
     assert memory.empty((1_010_000,), np.uint8).buffer is buffer
     for size in (0, 1, 4096, 4097, 10**6, 2**31 + 1):
@@ -73,7 +73,7 @@ def test_sizes_that_are_much_the_same_share_memory():
 @pytest.mark.parametrize("shape", [SMALL, LARGE])
 def test_systems_without_huge_pages(monkeypatch, shape):
     monkeypatch.delattr(mmap, "MADV_HUGEPAGE", raising=False)
-    current().spare.clear()
+    current().memory_pool.clear()
     array = memory.empty(shape, np.float32)
     array.fill(2.0)
     assert array.to_host().shape == shape

@@ -15,8 +15,8 @@ import pyopencl as cl
 import pytest
 
 from pyibr.opencl import device, program
-from pyibr.opencl.flight import Flight
-from pyibr.opencl.spare import Spare
+from pyibr.opencl.in_flight import InFlight
+from pyibr.opencl.memory_pool import MemoryPool
 from tests.opencl.everything import calls, same
 
 pytestmark = pytest.mark.thorough
@@ -46,7 +46,7 @@ def built_with(session: device.Session, *options: str) -> Iterator[None]:
     """All kernels are built anew with these options, without optimisation: in half the time, what is unset stays so."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(program, "_OPTIONS", [*program._OPTIONS, "-cl-opt-disable", *options])
-        fresh = dataclasses.replace(session, kernels={}, spare=Spare(), flight=Flight())
+        fresh = dataclasses.replace(session, kernels={}, memory_pool=MemoryPool(), in_flight=InFlight())
         patch.setitem(device._sessions, session.device.index, fresh)
         device._default_session.cache_clear()
         assert device.current() is fresh

@@ -166,7 +166,7 @@ def test_steps_are_counted():
         thing = ibr.ReliefSurface(square(), np.full((8, 8), 0.5, np.float32), WHITE, 0.1, search=search)
         counts = empty((23, 31, 2), np.int32)
         counts.fill(0)
-        draw_relief(Target(camera, np.dtype(np.uint8)), thing, None, counts=counts)
+        draw_relief(Target(camera, np.dtype(np.uint8)), thing, None, counters=counts)
         counted[search] = counts.to_host().copy()
         assert (counted[search][..., 0] == 1).all()
     # 16 or 17 of 32, for the height is rounded to 16 bits; and six halvings.

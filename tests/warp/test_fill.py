@@ -15,7 +15,7 @@ from pyibr.core.camera import Camera
 from pyibr.opencl.device import current
 from pyibr.opencl.memory import copy, upload
 from pyibr.picture.target import Target
-from pyibr.warp.filling import push_and_pull, tell_behind
+from pyibr.warp.filling import find_behind, push_and_pull
 from pyibr.warp.inpaint import inpaint
 from tests import scenes
 from tests.one_lane import check_bounds, one_lane
@@ -88,12 +88,12 @@ def target_of(color: np.ndarray, depth: np.ndarray, valid: np.ndarray, projectio
 def told(target: Target, epipole: Epipole) -> np.ndarray:
     """The depth behind the pixels; whatever it is where there is no hole."""
     width, height = target.camera.size
-    return tell_behind(target, np.array(epipole)).to_host()[HALO : height + HALO, HALO : width + HALO].copy()
+    return find_behind(target, np.array(epipole)).to_host()[HALO : height + HALO, HALO : width + HALO].copy()
 
 
 def filled(target: Target, epipole: Epipole | None) -> tuple[np.ndarray, np.ndarray]:
     """Colour and depth by the kernels."""
-    push_and_pull(target, None if epipole is None else tell_behind(target, np.array(epipole)))
+    push_and_pull(target, None if epipole is None else find_behind(target, np.array(epipole)))
     frame = target.frame()
     return frame.color.copy(), frame.depth.copy()
 

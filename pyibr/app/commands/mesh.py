@@ -10,7 +10,7 @@ import typer
 
 import pyibr as ibr
 from pyibr.app.commands.outputs import check_outputs
-from pyibr.app.words import (
+from pyibr.app.options import (
     BackdropText,
     CameraFile,
     Clean,
@@ -22,7 +22,7 @@ from pyibr.app.words import (
     FarDepth,
     backdrop_of,
     device_of,
-    printable,
+    printable_text,
 )
 from pyibr.core.camera import Camera
 from pyibr.depthmesh.segmentation import Segmentation, Test
@@ -55,4 +55,4 @@ def mesh(
         made = ibr.DepthMesh(view, segmentation=Segmentation(segmentation)).simplify(max_error)
     made.save(output)
     share = len(made.faces) / (2 * (view.camera.width - 1) * (view.camera.height - 1))
-    typer.echo(f"{printable(output)}: {len(made.faces)} triangles, {share:.1%} of the full grid's")
+    typer.echo(f"{printable_text(output)}: {len(made.faces)} triangles, {share:.1%} of the full grid's")

@@ -12,7 +12,7 @@ import typer
 from numpy.typing import NDArray
 
 import pyibr as ibr
-from pyibr.app.words import printable, told
+from pyibr.app.options import print_note, printable_text
 from pyibr.core.camera import Camera
 from pyibr.core.checks import positive
 from pyibr.core.errors import ArgumentError
@@ -100,7 +100,7 @@ class Outputs:
                 ibr.write_depth(name, images[kind], scale=self._stored[0], kind=self._stored[1], camera=camera)
             else:
                 ibr.write_mask(name, images[kind])
-        self._written.append(printable(self._main if self._is_video else self._name(self._main, number)))
+        self._written.append(printable_text(self._main if self._is_video else self._name(self._main, number)))
         self._shares.append(covered)
 
     def tell(self, size: tuple[int, int], several: str, lacking: str) -> None:
@@ -109,7 +109,7 @@ class Outputs:
         empty = [name for name, share in zip(written, self._shares, strict=True) if share == 0]
         if empty:
             many = f"{len(empty)} of {count} {several} are empty, as {empty[0]}" if count else f"{empty[0]} is empty"
-            told(f"{many}: {lacking}")
+            print_note(f"{many}: {lacking}")
         if count or not empty:
             covered = f"{size[0]}x{size[1]}, {np.mean(self._shares):.1%} covered"
             names = " to ".join(dict.fromkeys((written[0], written[-1])))

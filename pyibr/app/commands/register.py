@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 import pyibr as ibr
 from pyibr.app.commands.outputs import Kind, Outputs
-from pyibr.app.commands.sources import Lost, Shot, Source, open_depths
-from pyibr.app.commands.views import Depth, Depths, Reading
-from pyibr.app.words import Clean, DepthIs, DepthScale, DeviceName, Take, device_of, with_progress
+from pyibr.app.commands.sources import FrameFiles, Source, UnreadableFiles, open_depths
+from pyibr.app.commands.views import Depth, DepthOptions, DepthReader
+from pyibr.app.options import Clean, DepthIs, DepthScale, DeviceName, Take, device_of, with_progress
 from pyibr.core.errors import ArgumentError
 
 Color = NDArray[Any]
-_Given = tuple[Shot, Depth, Color | None]
+_Given = tuple[FrameFiles, Depth, Color | None]
 
 _DepthFiles = Annotated[
     Path,
@@ -63,10 +63,12 @@ def register(
     read = source.files()
     cameras = {"--depth-camera": [depth_camera], "--color-camera": [color_camera]}
     outputs.check({"DEPTH": read["DEPTH"], "--color": [] if color is None else read["COLOR"], **cameras})
-    lost = Lost(recorded=not is_still)
-    reading = Reading(depth_scale, depth_is, math.inf, None, clean, steady=not is_still, recorded=not is_still)
-    depths = Depths(reading, lost)
-    frames = _read(source, depths, None if color is None else source.colors(lost))
+    unreadable = UnreadableFiles(recorded=not is_still)
+    depth_options = DepthOptions(
+        depth_scale, depth_is, math.inf, None, clean, steady=not is_still, recorded=not is_still
+    )
+    depths = DepthReader(depth_options, unreadable)
+    frames = _read(source, depths, None if color is None else source.colors(unreadable))
     size = 0, 0
     with device_of(device), outputs:
         for number, (shot, given, picture) in enumerate(with_progress(frames, count or 1, "Registering")):
@@ -74,11 +76,11 @@ def register(
                 images, covered = _registered(depths, shot, given, picture)
             outputs.write(images, number, float(covered.mean()), shot.camera)
             size = covered.shape[1], covered.shape[0]
-        lost.tell(some=size != (0, 0))
+        unreadable.tell(some=size != (0, 0))
     outputs.tell(size, "frames", "no depth is in view")
 
 
-def _read(source: Source, depths: Depths, pictures: Iterator[Color | None] | None) -> Iterator[_Given]:
+def _read(source: Source, depths: DepthReader, pictures: Iterator[Color | None] | None) -> Iterator[_Given]:
     """Frames with their depth and, if there are pictures, theirs; without those that are lost."""
     for shot in source.shots:
         picture = None if pictures is None else next(pictures)
@@ -88,7 +90,7 @@ def _read(source: Source, depths: Depths, pictures: Iterator[Color | None] | Non
 
 
 def _registered(
-    depths: Depths, shot: Shot, depth: Depth, picture: Color | None
+    depths: DepthReader, shot: FrameFiles, depth: Depth, picture: Color | None
 ) -> tuple[dict[Kind, NDArray[Any]], NDArray[np.bool_]]:
     """What is written of a frame, and what is covered."""
     if picture is None:

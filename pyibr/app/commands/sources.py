@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 from numpy.typing import NDArray
 
 import pyibr as ibr
-from pyibr.app.words import printable, told
+from pyibr.app.options import print_note, printable_text
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError, FileFormatError
-from pyibr.core.files import check_there
+from pyibr.core.files import check_exists
 from pyibr.io.folders import files_in
 from pyibr.io.recordings import (
     DEPTH_SUFFIXES,
@@ -28,7 +28,7 @@ from pyibr.io.recordings import (
 from pyibr.io.video import SUFFIXES, Video
 
 
-class Shot(NamedTuple):
+class FrameFiles(NamedTuple):
     """One frame: its files (of depth alone no picture), the camera of its colours, and that of its depth if another."""
 
     color: Path | None
@@ -37,7 +37,7 @@ class Shot(NamedTuple):
     depth_camera: Camera | None
 
 
-class Lost:
+class UnreadableFiles:
     """Files of recordings that cannot be read: their frames are left out, and told. Of single pictures it is a mistake.
 
     recorded: whether frames are of a recording.
@@ -63,7 +63,7 @@ class Lost:
             raise self._errors[0]
         if self._errors:
             files = "1 file" if len(self._errors) == 1 else f"{len(self._errors)} files"
-            told(f"{files} cannot be read; left out: {printable(self._errors[0])}")
+            print_note(f"{files} cannot be read; left out: {printable_text(self._errors[0])}")
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class Source:
         The recording's own, where it is a recording.
     """
 
-    shots: list[Shot]
+    shots: list[FrameFiles]
     video: Video | None
     numbers: range
     cameras: Sequence[Path] = ()
@@ -89,14 +89,14 @@ class Source:
         """Frames a second, if that is known."""
         return None if self.video is None else self.video.fps
 
-    def colors(self, lost: Lost) -> Iterator[NDArray[Any] | None]:
+    def colors(self, unreadable: UnreadableFiles) -> Iterator[NDArray[Any] | None]:
         """The pictures, one after the other, None where one is lost; of depth alone none."""
         if self.video is not None:
             yield from self.video.frames(self.numbers)
         else:
             for shot in self.shots:
                 if shot.color is not None:
-                    yield lost.or_read(ibr.read_color, shot.color)
+                    yield unreadable.or_read(ibr.read_color, shot.color)
 
     def files(self) -> dict[str, list[Path]]:
         """What is read of it: colours and depth."""
@@ -104,7 +104,7 @@ class Source:
         return {"COLOR": colors, "DEPTH": [shot.depth for shot in self.shots]}
 
 
-class Asked(NamedTuple):
+class InputOptions(NamedTuple):
     """What was asked for: the paths that were given, and what says how they are read."""
 
     inputs: list[Path]
@@ -121,17 +121,17 @@ class Asked(NamedTuple):
         return {**files, **options, "the recording": [path for source in sources for path in source.cameras]}
 
 
-def open_sources(asked: Asked) -> tuple[list[Source], bool]:
+def open_sources(options: InputOptions) -> tuple[list[Source], bool]:
     """The sources, and whether they are single pictures, which are one source then."""
-    recordings, are_stills = _recordings(asked.inputs)
+    recordings, are_stills = _recordings(options.inputs)
     count = len(recordings)
-    cameras = [asked.cameras] if count == 1 else _each("--camera", asked.cameras, count)
-    depth_cameras = _each("--depth-camera", asked.depth_cameras, count)
-    poses = _each("--poses", asked.poses, count)
+    cameras = [options.cameras] if count == 1 else _each("--camera", options.cameras, count)
+    depth_cameras = _each("--depth-camera", options.depth_cameras, count)
+    poses = _each("--poses", options.poses, count)
     sources: list[Source] = []
     for (recording, video), of_colors, of_depth, path in zip(recordings, cameras, depth_cameras, poses, strict=True):
         shots = _shots(recording, are_stills, of_colors, of_depth, path)
-        numbers = _taken(asked.take, len(shots), are_stills)
+        numbers = _taken(options.take, len(shots), are_stills)
         sources.append(Source([shots[number] for number in numbers], video, numbers, recording.cameras))
     for source in sources[1:]:
         if len(source.shots) != len(sources[0].shots):
@@ -149,23 +149,23 @@ def open_depths(depth: Path, color: Path | None, cameras: tuple[Path, Path], tak
     is_recording = depth.is_dir() and color in (None, depth) and find_recording(depth) is not None
     if is_recording or color is not None:
         inputs = [depth] if color is None or is_recording else [color, depth]
-        (source,), is_still = open_sources(Asked(inputs, [there], [here], [], take))
+        (source,), is_still = open_sources(InputOptions(inputs, [there], [here], [], take))
         return source, is_still
     files = files_in(depth, DEPTH_SUFFIXES) if depth.is_dir() else [depth]
     if not files:
         raise FileFormatError(f"{depth}: no file of depth in it")
     numbers = _taken(take, len(files), not depth.is_dir())
     of_colors, of_depth = Camera.load(there), Camera.load(here)
-    shots = [Shot(None, files[number], of_colors, of_depth) for number in numbers]
+    shots = [FrameFiles(None, files[number], of_colors, of_depth) for number in numbers]
     return Source(shots, None, numbers), not depth.is_dir()
 
 
 def _recordings(inputs: Sequence[Path]) -> tuple[list[tuple[Recording, Video | None]], bool]:
     for path in inputs:
-        check_there(path)
+        check_exists(path)
     if len(inputs) == 1 and inputs[0].is_dir():
         recording = recording_in(inputs[0])
-        _tell_without_partner(recording)
+        _note_unpaired(recording)
         return [(recording, None)], False
     if len(inputs) % 2:
         expected = "COLOR and DEPTH, for each source; or one folder with both"
@@ -185,7 +185,7 @@ def _recordings(inputs: Sequence[Path]) -> tuple[list[tuple[Recording, Video | N
 def _recorded(color: Path, depth: Path) -> tuple[Recording, Video | None]:
     if color.is_dir():
         recording = paired(color, depth)
-        _tell_without_partner(recording)
+        _note_unpaired(recording)
         return recording, None
     video = Video(color)
     depths = files_in(depth, DEPTH_SUFFIXES)
@@ -193,19 +193,21 @@ def _recorded(color: Path, depth: Path) -> tuple[Recording, Video | None]:
     return Recording([color] * len(video), depths), video
 
 
-def _tell_without_partner(recording: Recording) -> None:
+def _note_unpaired(recording: Recording) -> None:
     if recording.times is not None:
-        _tell_left_out(len(recording.left_out), "no depth of its time", recording.colors)
+        _note_left_out(len(recording.left_out), "no depth of its time", recording.colors)
     elif recording.left_out:
-        folders = " and ".join(dict.fromkeys(printable(files[0].parent) for files in recording[:2]))
-        count, first = len(recording.left_out), printable(recording.left_out[0].name)
+        folders = " and ".join(dict.fromkeys(printable_text(files[0].parent) for files in recording[:2]))
+        count, first = len(recording.left_out), printable_text(recording.left_out[0].name)
         what = f"1 file of {folders}, {first}:" if count == 1 else f"{count} files of {folders}, as {first}:"
-        told(f"{what} no partner by name or number; left out")
+        print_note(f"{what} no partner by name or number; left out")
 
 
-def _tell_left_out(count: int, why: str, files: Sequence[Path]) -> None:
+def _note_left_out(count: int, why: str, files: Sequence[Path]) -> None:
     if count:
-        told(f"{count} {'pictures' if count > 1 else 'picture'} of {printable(files[0].parent)}: {why}; left out")
+        print_note(
+            f"{count} {'pictures' if count > 1 else 'picture'} of {printable_text(files[0].parent)}: {why}; left out"
+        )
 
 
 def _each(option: str, given: Sequence[Path], count: int) -> list[list[Path]]:
@@ -243,16 +245,16 @@ def _shots(
     camera_files: Sequence[Path],
     depth_camera_files: Sequence[Path],
     pose_files: Sequence[Path],
-) -> list[Shot]:
+) -> list[FrameFiles]:
     """The frames with their cameras; those of which no pose of their time is known are left out."""
     cameras = cameras_of(recording, camera_files, next(iter(pose_files), None), shared=not are_stills)
     depth_camera = Camera.load(depth_camera_files[0]) if depth_camera_files else None
-    shots: list[Shot] = []
+    shots: list[FrameFiles] = []
     for color, depth, (camera, pose) in zip(recording.colors, recording.depths, cameras, strict=True):
         if pose is not None:
             of_depth = depth_camera
             if depth_camera is not None and pose is not camera.world_from_camera:  # they are moved as one
                 of_depth = posed(depth_camera, pose @ camera.camera_from_world @ depth_camera.world_from_camera)
-            shots.append(Shot(color, depth, posed(camera, pose), of_depth))
-    _tell_left_out(len(recording.colors) - len(shots), "no pose of its time", recording.colors)
+            shots.append(FrameFiles(color, depth, posed(camera, pose), of_depth))
+    _note_left_out(len(recording.colors) - len(shots), "no pose of its time", recording.colors)
     return shots

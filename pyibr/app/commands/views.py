@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pyibr as ibr
-from pyibr.app.commands.sources import Lost, Shot, Source
+from pyibr.app.commands.sources import FrameFiles, Source, UnreadableFiles
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
@@ -21,7 +21,7 @@ from pyibr.io import DepthKind
 Depth = NDArray[np.float32]
 
 
-class Reading(NamedTuple):
+class DepthOptions(NamedTuple):
     """How frames are read: --depth-scale, --depth-is, --far, --backdrop, --clean.
 
     `steady`: they come one after the other, and each is cleaned by what is known from the last; else they are all of
@@ -37,25 +37,27 @@ class Reading(NamedTuple):
     recorded: bool
 
 
-class Depths:
+class DepthReader:
     """Depth of frames, one after the other: read and, if that is asked for, cleaned by what is known from the last."""
 
-    def __init__(self, reading: Reading, lost: Lost) -> None:
-        self._reading, self._lost = reading, lost
+    def __init__(self, depth_options: DepthOptions, unreadable: UnreadableFiles) -> None:
+        self._options, self._unreadable = depth_options, unreadable
         self._last: DepthImage | None = None
 
-    def read(self, shot: Shot, color: NDArray[Any] | None = None) -> Depth | None:
+    def read(self, shot: FrameFiles, color: NDArray[Any] | None = None) -> Depth | None:
         """The frame's depth, None if it is lost; `color` guides the cleaning, if it is of the depth's camera."""
-        camera, (scale, kind, *_) = shot.depth_camera or shot.camera, self._reading
-        depth = self._lost.or_read(lambda path: ibr.read_depth(path, scale=scale, kind=kind, camera=camera), shot.depth)
+        camera, (scale, kind, *_) = shot.depth_camera or shot.camera, self._options
+        depth = self._unreadable.or_read(
+            lambda path: ibr.read_depth(path, scale=scale, kind=kind, camera=camera), shot.depth
+        )
         if depth is None:
             return None
         if color is not None and shot.depth_camera is None:
             with self.naming(shot):
                 _check_size(depth, color, shot.camera)
-        if not self._reading.clean:
+        if not self._options.clean:
             return depth
-        before = _carried(self._last, camera) if self._last is not None and self._reading.steady else None
+        before = _carried(self._last, camera) if self._last is not None and self._options.steady else None
         with self.naming(shot):
             depth = ibr.clean_depth(depth, color if shot.depth_camera is None else None, before=before).depth
             if np.isfinite(depth).any():
@@ -64,9 +66,9 @@ class Depths:
 
     def is_blank(self, depth: Depth) -> bool:
         """Whether it is a frame of a recording without any depth."""
-        return self._reading.recorded and not (np.isfinite(depth) & (depth > 0)).any()
+        return self._options.recorded and not (np.isfinite(depth) & (depth > 0)).any()
 
-    def registered(self, shot: Shot, depth: Depth) -> Depth:
+    def registered(self, shot: FrameFiles, depth: Depth) -> Depth:
         """The frame's depth in the camera of its colours."""
         if shot.depth_camera is None:
             return depth
@@ -74,23 +76,25 @@ class Depths:
             return np.full(shot.camera.size[::-1], np.nan, np.float32)
         return ibr.register(depth, shot.depth_camera, shot.camera)
 
-    def naming(self, shot: Shot) -> AbstractContextManager[None]:
+    def naming(self, shot: FrameFiles) -> AbstractContextManager[None]:
         """Errors name the frame of a recording."""
-        return _naming(shot) if self._reading.recorded else nullcontext()
+        return _naming(shot) if self._options.recorded else nullcontext()
 
 
-def views_of(source: Source, reading: Reading, lost: Lost) -> Iterator[DepthImage | None]:
+def views_of(source: Source, depth_options: DepthOptions, unreadable: UnreadableFiles) -> Iterator[DepthImage | None]:
     """The frames of a source, one after the other; None where one is lost."""
-    depths = Depths(reading, lost)
-    for shot, color in zip(source.shots, source.colors(lost), strict=True):
+    depths = DepthReader(depth_options, unreadable)
+    for shot, color in zip(source.shots, source.colors(unreadable), strict=True):
         depth = None if color is None else depths.read(shot, color)
         if color is None or depth is None:
             yield None
             continue
         with depths.naming(shot):
-            backdrop = None if depths.is_blank(depth) else reading.backdrop
-            view = DepthImage(color, depths.registered(shot, depth), shot.camera, far=reading.far, backdrop=backdrop)
-            if not reading.recorded and not view.valid.any():
+            backdrop = None if depths.is_blank(depth) else depth_options.backdrop
+            view = DepthImage(
+                color, depths.registered(shot, depth), shot.camera, far=depth_options.far, backdrop=backdrop
+            )
+            if not depth_options.recorded and not view.valid.any():
                 raise ArgumentError("depth", "at least one valid sample", f"none in {shot.depth}")
         yield view
 
@@ -116,7 +120,7 @@ def _carried(last: DepthImage, camera: Camera) -> Depth:
 
 
 @contextmanager
-def _naming(shot: Shot) -> Generator[None, None, None]:
+def _naming(shot: FrameFiles) -> Generator[None, None, None]:
     """Errors name the frame."""
     try:
         yield

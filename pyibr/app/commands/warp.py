@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 import pyibr as ibr
 from pyibr.app.commands.outputs import Kind, Outputs
-from pyibr.app.commands.sources import Asked, Lost, open_sources
+from pyibr.app.commands.sources import InputOptions, UnreadableFiles, open_sources
 from pyibr.app.commands.targets import Job, Move, Targets
-from pyibr.app.commands.views import Reading, views_of
-from pyibr.app.words import (
+from pyibr.app.commands.views import DepthOptions, views_of
+from pyibr.app.options import (
     BackdropText,
     Clean,
     DepthIs,
@@ -28,7 +28,7 @@ from pyibr.app.words import (
     Take,
     backdrop_of,
     device_of,
-    printable,
+    printable_text,
     with_progress,
 )
 from pyibr.core.camera import Camera
@@ -113,19 +113,19 @@ def warp(
     Give the new camera by exactly one of --to, --move and --orbit.
     """
     targets = Targets(to, move, orbit, frames)
-    asked = Asked(sources, camera or [], depth_camera or [], poses or [], take)
-    opened, are_stills = open_sources(asked)
+    options = InputOptions(sources, camera or [], depth_camera or [], poses or [], take)
+    opened, are_stills = open_sources(options)
     is_scene = are_stills or together
     count = targets.count(None if is_scene else len(opened[0].shots))
     written: dict[str, tuple[Path | None, Kind]] = {"--output": (output, "color")}
     written |= {"--depth-out": (depth_out, "depth"), "--valid-out": (valid_out, "mask")}
     outputs = Outputs(written, (depth_scale, depth_is), count, fps, opened[0].fps)
-    outputs.check({**asked.read(opened), "--to": [] if to is None else [to]})
-    reading = Reading(
+    outputs.check({**options.read(opened), "--to": [] if to is None else [to]})
+    depth_options = DepthOptions(
         depth_scale, depth_is, far, backdrop_of(backdrop), clean, steady=not is_scene, recorded=not are_stills
     )
-    lost = Lost(recorded=not are_stills)
-    each = [views_of(source, reading, lost) for source in opened]
+    unreadable = UnreadableFiles(recorded=not are_stills)
+    each = [views_of(source, depth_options, unreadable) for source in opened]
     how: WarpOptions = {"method": method, "interpolation": interpolation, "edges": edges, "cut_ratio": cut_ratio}
     how |= {"side": side, "fill": None if fill == "none" else fill, "thin": thin, "blend": blend}
     draw = functools.partial(_drawn, samples=samples, how=how)
@@ -136,8 +136,8 @@ def warp(
         else:
             jobs = targets.of_frames(zip(*each, strict=True))
         size = _write(jobs, draw, outputs, count)
-        lost.tell(some=size != (0, 0))
-    outputs.tell(size, "views", f"its camera sees nothing of {printable(sources[0])}")
+        unreadable.tell(some=size != (0, 0))
+    outputs.tell(size, "views", f"its camera sees nothing of {printable_text(sources[0])}")
 
 
 def _write(jobs: Iterable[Job], draw: _Draw, outputs: Outputs, count: int | None) -> tuple[int, int]:

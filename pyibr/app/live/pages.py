@@ -9,9 +9,9 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
-from pyibr.app.live.place import PagePlace, fov_of
+from pyibr.app.live.page_space import PageSpace, fov_of
 from pyibr.app.live.server import start_server, stop_server, url_of
-from pyibr.app.live.stream import Picture, Shown, Stream, stream_renderer
+from pyibr.app.live.stream import Picture, SentPicture, Stream, stream_renderer
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64
 
@@ -50,7 +50,7 @@ class Pages:
     def __init__(
         self,
         make: Callable[[ClientHandle, Pages], Page],
-        place: PagePlace,
+        page_space: PageSpace,
         start: Camera,
         pivot: Float64,
         up: Float64,
@@ -71,7 +71,7 @@ class Pages:
         gui.main_panel.dock_right()  # beside the picture, not over it
         self.server.scene.set_up_direction(tuple(up))
         first.near, first.far, first.fov = _NEAR, _FAR, fov_of(start)
-        first.position, first.look_at = tuple(place.point(start.center)), tuple(place.point(pivot))
+        first.position, first.look_at = tuple(page_space.point(start.center)), tuple(page_space.point(pivot))
         set_up(self)
         self.server.on_client_connect(self._opened)
         self.server.on_client_disconnect(self._left)
@@ -126,13 +126,13 @@ class Pages:
     def stream(
         self,
         client: ClientHandle,
-        place: PagePlace,
+        page_space: PageSpace,
         paint: Callable[[Camera], Picture],
-        shown: Callable[[Shown], None],
+        shown: Callable[[SentPicture], None],
         failed: Callable[[Exception], None],
     ) -> Stream:
         """The stream of a page's pictures."""
-        return Stream(client, self._renderer, place, paint, shown, failed)
+        return Stream(client, self._renderer, page_space, paint, shown, failed)
 
     def _opened(self, client: ClientHandle) -> None:
         page = self._make(client, self)

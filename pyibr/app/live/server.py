@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
-from pyibr.core.checks import whole_from
+from pyibr.core.checks import integer_from
 from pyibr.core.errors import Error
 from pyibr.core.optional import viser
 
@@ -36,7 +36,7 @@ def start_server(port: int, title: str) -> ViserServer:
     Error
         If no port is free.
     """
-    whole_from("port", port, 0, 65535)
+    integer_from("port", port, 0, 65535)
     package = viser()
     with _quiet():
         server: ViserServer = package.ViserServer(host=HOST, port=port, label=title, verbose=False)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.app.live.place import PagePlace
+from pyibr.app.live.page_space import PageSpace
 from pyibr.app.live.renderer import Renderer
 from pyibr.app.live.resolution import Resolution
 from pyibr.core.camera import Camera
@@ -22,7 +22,7 @@ MOVING = 1 / 30
 """Seconds that a picture may take while the camera moves: its resolution falls for that."""
 
 _QUALITY = 85  # of JPEG, while the camera moves; what rests is PNG, which loses nothing
-_PIXELS_MOST = 1 << 23  # of a picture: more than any screen has
+_PIXELS_MAX = 1 << 23  # of a picture: more than any screen has
 _EMPTY = 167.0  # units of the page: where there is nothing, as far as its depths go
 
 
@@ -50,7 +50,7 @@ class Picture:
 
 
 @dataclass(frozen=True)
-class Shown:
+class SentPicture:
     """What has been sent to a page.
 
     Attributes
@@ -75,7 +75,7 @@ class Stream:
     client : ClientHandle
     renderer : Renderer
         Made by `stream_renderer`.
-    place : PagePlace
+    page_space : PageSpace
     paint : callable camera -> Picture
         Called on the renderer's thread.
     shown : callable (Shown)
@@ -88,12 +88,12 @@ class Stream:
         self,
         client: ClientHandle,
         renderer: Renderer[Request, Picture],
-        place: PagePlace,
+        page_space: PageSpace,
         paint: Callable[[Camera], Picture],
-        shown: Callable[[Shown], None],
+        shown: Callable[[SentPicture], None],
         failed: Callable[[Exception], None],
     ) -> None:
-        self.client, self.renderer, self.place, self.paint = client, renderer, place, paint
+        self.client, self.renderer, self.page_space, self.paint = client, renderer, page_space, paint
         self.shown, self.failed = shown, failed
         self.camera: Camera | None = None
         """The page's camera at full resolution, once it is known."""
@@ -129,9 +129,9 @@ class Stream:
         width, height = camera.image_width, camera.image_height
         if width < 1 or height < 1:  # a window without any room
             return
-        full = self.place.camera(camera.wxyz, camera.position, camera.fov, (width, height))
-        if width * height > _PIXELS_MOST:
-            shrunk = (_PIXELS_MOST / (width * height)) ** 0.5
+        full = self.page_space.camera(camera.wxyz, camera.position, camera.fov, (width, height))
+        if width * height > _PIXELS_MAX:
+            shrunk = (_PIXELS_MAX / (width * height)) ** 0.5
             full = full.resized((max(int(width * shrunk), 1), max(int(height * shrunk), 1)))
         if full != self.camera:
             first, self.camera = self.camera is None, full
@@ -148,7 +148,9 @@ class Stream:
         start = time.perf_counter()
         depth = None
         if full and self.with_depth and picture.depth is not None:
-            depth = np.where(np.isnan(picture.depth), np.float32(_EMPTY), picture.depth / np.float32(self.place.unit))
+            depth = np.where(
+                np.isnan(picture.depth), np.float32(_EMPTY), picture.depth / np.float32(self.page_space.unit)
+            )
         scene, kind = self.client.scene, "png" if full else "jpeg"
         scene.set_background_image(picture.color, kind, jpeg_quality=_QUALITY, depth=depth)
         self.client.flush()
@@ -156,7 +158,7 @@ class Stream:
         picture.stages["send"] = end - start
         if not full:
             self.resolution.took(end - self._started)
-        self.shown(Shown(picture, full, end - self._started))
+        self.shown(SentPicture(picture, full, end - self._started))
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pyibr.app.live.page_space import camera_before, page_space_around
 from pyibr.app.live.pages import Pages
-from pyibr.app.live.place import camera_before, place_around
 from pyibr.app.place.captures import Captures
 from pyibr.app.place.model import Placement
 from pyibr.app.place.page import PlacePage
@@ -98,7 +98,7 @@ def place(
     if not upward.any():
         raise ArgumentError("up", "a direction", "zeros")
     low, high = surface.bounds
-    around, captures = place_around(low, high), Captures(surface, light_for(mesh, upward))
+    around, captures = page_space_around(low, high), Captures(surface, light_for(mesh, upward))
     shared: list[PlacePage] = []
     return Pages(
         lambda client, _: shared[0].page(client),

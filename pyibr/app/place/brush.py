@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pyibr.app.live.stream import Stream
-from pyibr.app.place.corner import corner_box, corner_place
+from pyibr.app.place.inset import inset_box, inset_position
 from pyibr.core.camera import Camera
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ class Brush:
             self._add_sheet(camera)
             self._sheet_for = key
         assert self._sheet is not None
-        wxyz, position = self._stream.place.pose(camera)
+        wxyz, position = self._stream.page_space.pose(camera)
         with self._client.atomic():
             self._sheet.wxyz, self._sheet.position = tuple(wxyz), tuple(position)
         self.show()
@@ -63,7 +63,7 @@ class Brush:
             self._sheet.visible = self._paints()
 
     def _add_sheet(self, camera: Camera) -> None:
-        left, top, side = corner_box(camera.size)
+        left, top, side = inset_box(camera.size)
         pixels = np.array([[left, top], [left + side, top], [left + side, top + side], [left, top + side]]) - 0.5
         corners = np.column_stack([camera.ideal_positions(pixels), np.ones(4)]) * SHEET
         faces = np.array([[0, 2, 1], [0, 3, 2]], np.uint32)  # backs away: viser colours those of what is pointed at
@@ -90,6 +90,6 @@ class Brush:
 
     def _touch(self, at: tuple[float, float], gesture: object) -> None:
         camera = self._stream.camera
-        place = None if camera is None else corner_place(camera.size, at)
+        place = None if camera is None else inset_position(camera.size, at)
         if place is not None and self._paints():
             self._paint_at(place, gesture)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pyibr.app.live.place import PagePlace
+from pyibr.app.live.page_space import PageSpace
 from pyibr.app.place.model import Placement
 from pyibr.app.view.overlays import view_color
 from pyibr.capture.frusta import Frustum
@@ -33,7 +33,7 @@ class Gizmos:
     scene : SceneApi
         Of the server.
     placement : Placement
-    place : PagePlace
+    page_space : PageSpace
     nearest : callable
         The depth at which the surface begins in a frustum, if that is known.
     """
@@ -42,10 +42,10 @@ class Gizmos:
         self,
         scene: SceneApi,
         placement: Placement,
-        place: PagePlace,
+        page_space: PageSpace,
         nearest: Callable[[Frustum], float | None],
     ) -> None:
-        self._scene, self._placement, self._place = scene, placement, place
+        self._scene, self._placement, self._page_space = scene, placement, page_space
         self._nearest = nearest
         self._drawn: list[tuple[object, CameraFrustumHandle]] = []
         self._gesture: object = None
@@ -82,8 +82,8 @@ class Gizmos:
         self.handle.visible = self.corner.visible = shown
         if state.current is None:
             return
-        wxyz, position = self._place.pose(state.current.camera)
-        corner = self._place.point(_corner_of(state.current, self._depth(state.current)))
+        wxyz, position = self._page_space.pose(state.current.camera)
+        corner = self._page_space.point(_corner_of(state.current, self._depth(state.current)))
         for handle, at in ((self.handle, position), (self.corner, corner)):
             if handle is not self._held:  # who drags it has it where it belongs
                 handle.wxyz, handle.position = tuple(wxyz), tuple(at)
@@ -97,8 +97,8 @@ class Gizmos:
             known[1].visible = self._visible
             return
         across, down = (math.tan(math.radians(angle) / 2) for angle in frustum.fov)
-        wxyz, position = self._place.pose(frustum.camera)
-        depth = reach / self._place.unit
+        wxyz, position = self._page_space.pose(frustum.camera)
+        depth = reach / self._page_space.unit
         made = self._scene.add_camera_frustum(
             f"/frusta/{number}",
             2 * math.atan(down),
@@ -122,7 +122,7 @@ class Gizmos:
             self._drawn[number] = entry
 
     def _depth(self, frustum: Frustum) -> float:
-        return frustum.far if math.isfinite(frustum.far) else _ENDLESS * self._place.unit
+        return frustum.far if math.isfinite(frustum.far) else _ENDLESS * self._page_space.unit
 
     def _drag(self, event: Any, act: Callable[[TransformControlsHandle], None]) -> None:
         if event.phase == "start":
@@ -135,14 +135,14 @@ class Gizmos:
     def _moved(self, target: TransformControlsHandle) -> None:
         pose = np.eye(4)
         pose[:3, :3] = rotation_from_quaternion(np.asarray(target.wxyz, np.float64))
-        pose[:3, 3] = np.asarray(target.position) * self._place.unit + self._place.middle
+        pose[:3, 3] = np.asarray(target.position) * self._page_space.unit + self._page_space.middle
         self._placement.move(pose, self._gesture)
 
     def _resized(self, target: TransformControlsHandle) -> None:
         frustum = self._placement.state.current
         if frustum is None:
             return
-        point = np.asarray(target.position) * self._place.unit + self._place.middle
+        point = np.asarray(target.position) * self._page_space.unit + self._page_space.middle
         x, y, z = frustum.camera.camera_from_world[:3, :3] @ point + frustum.camera.camera_from_world[:3, 3]
         try:
             across, down = (2 * math.degrees(math.atan(abs(one) / z)) for one in (x, y))

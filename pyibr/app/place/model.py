@@ -11,13 +11,13 @@ from typing import Any, get_args
 from numpy.typing import ArrayLike
 
 from pyibr.capture.frusta import Frustum, Stroke, load_frusta, save_frusta, save_set
-from pyibr.core.checks import Float64, one_of, whole_from
+from pyibr.core.checks import Float64, integer_from, one_of
 from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
 from pyibr.images.depth_image import Side
 
 _STEPS = 200  # that can be undone
-_COUNT_MOST = 256  # frusta
+_COUNT_MAX = 256  # frusta
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Placement:
     """
 
     def __init__(self, size: int, within: Float64 | None = None) -> None:
-        self.size, self.within = whole_from("size", size, 2, 1 << 14), within
+        self.size, self.within = integer_from("size", size, 2, 1 << 14), within
         self.state = State()
         self.listeners: list[Callable[[], None]] = []
         self._past: list[State] = []
@@ -85,8 +85,8 @@ class Placement:
 
         def added(state: State) -> State:
             together = (*state.frusta, *sized)
-            if len(together) > _COUNT_MOST:
-                raise ArgumentError("frusta", f"at most {_COUNT_MOST}", str(len(together)))
+            if len(together) > _COUNT_MAX:
+                raise ArgumentError("frusta", f"at most {_COUNT_MAX}", str(len(together)))
             return replace(state, frusta=together, chosen=len(together) - 1 if together else None)
 
         self._change(added)

@@ -12,18 +12,18 @@ from typing import TYPE_CHECKING, Any, cast, get_args
 
 import numpy as np
 
+from pyibr.app.live.page_space import PageSpace
 from pyibr.app.live.pages import Pages
-from pyibr.app.live.place import PagePlace
-from pyibr.app.live.stream import Picture, Shown
+from pyibr.app.live.stream import Picture, SentPicture
 from pyibr.app.place.brush import SHEET, Brush
 from pyibr.app.place.captures import Captures
-from pyibr.app.place.corner import Kind, own_picture, put_into_corner
 from pyibr.app.place.gizmos import Gizmos
+from pyibr.app.place.inset import Kind, draw_inset, own_picture
 from pyibr.app.place.model import Placement
 from pyibr.app.telling import telling
+from pyibr.app.view.methods import RenderMethod
 from pyibr.app.view.painting import paint
 from pyibr.app.view.style import Layout, Style
-from pyibr.app.view.ways import Way
 from pyibr.capture.frusta import Frustum, frusta_of
 from pyibr.capture.proposal import propose_frusta
 from pyibr.capture.sets import parse_set
@@ -33,7 +33,7 @@ from pyibr.images import Frame
 from pyibr.images.depth_image import Side
 from pyibr.picture.drawable import as_drawable
 from pyibr.picture.render import render
-from pyibr.picture.seen import MarkedUnseen
+from pyibr.picture.unseen import MarkedUnseen
 from pyibr.warp.view import WarpedView
 
 if TYPE_CHECKING:
@@ -66,18 +66,20 @@ class PlacePage:
         Where sets are saved at first.
     """
 
-    def __init__(self, pages: Pages, placement: Placement, captures: Captures, place: PagePlace, folder: Path) -> None:
-        self.pages, self.placement, self.captures, self.place = pages, placement, captures, place
+    def __init__(
+        self, pages: Pages, placement: Placement, captures: Captures, page_space: PageSpace, folder: Path
+    ) -> None:
+        self.pages, self.placement, self.captures, self.page_space = pages, placement, captures, page_space
         self._folder_named = folder
         self._proposing = threading.Event()
         self._measured: tuple[object, float] | None = None
         self._browsers: set[BrowserPage] = set()
         self._quiet = False
         mesh = captures.surface.mesh
-        self._ways: Mapping[str, Way] = {
-            "mesh": Way(lambda: [mesh], self._draw_marked),
-            "plain": Way(lambda: [mesh], self._draw_plain),
-            "set": Way(lambda: [mesh], self._draw_set),
+        self._methods: Mapping[str, RenderMethod] = {
+            "mesh": RenderMethod(lambda: [mesh], self._draw_marked),
+            "plain": RenderMethod(lambda: [mesh], self._draw_plain),
+            "set": RenderMethod(lambda: [mesh], self._draw_set),
         }
         gui = pages.server.gui
         self._status = gui.add_markdown("", order=0)
@@ -86,7 +88,7 @@ class PlacePage:
         self._add_corner_controls()
         self._add_picture_controls()
         self._add_file_controls()
-        self.gizmos = Gizmos(pages.server.scene, placement, place, captures.nearest)
+        self.gizmos = Gizmos(pages.server.scene, placement, page_space, captures.nearest)
         placement.listeners.append(self._changed)
         self._changed()
 
@@ -103,22 +105,22 @@ class PlacePage:
     def picture(self, camera: Camera, full: tuple[int, int]) -> Picture:
         """Draw what a page with a canvas of `full` pixels shows from a camera."""
         state = self.placement.state
-        way, other, layout = _SHOWN[self._shown.value]
-        style = Style(way, other, layout, self._swipe.value, self._gain.value)
+        method, other, layout = _SHOWN[self._shown.value]
+        style = Style(method, other, layout, self._swipe.value, self._gain.value)
         with telling(self._say):
-            picture = paint(self._ways, camera, style)
+            picture = paint(self._methods, camera, style)
         color = picture.color if picture.color.flags.writeable else picture.color.copy()
         if state.current is not None and self._corner.value != _NONE:
             view = self.captures.view(state.current)
             own = own_picture(view, cast("Kind", self._corner.value), state.current.mask)
-            put_into_corner(color, own, full)
+            draw_inset(color, own, full)
             if picture.depth is not None:
                 before = np.zeros((*picture.depth.shape, 1), np.uint8)
-                put_into_corner(before, np.full((1, 1, 1), 255, np.uint8), full)
-                picture.depth[before[..., 0] > 0] = SHEET * self.place.unit  # nothing is drawn over it
+                draw_inset(before, np.full((1, 1, 1), 255, np.uint8), full)
+                picture.depth[before[..., 0] > 0] = SHEET * self.page_space.unit  # nothing is drawn over it
         return replace(picture, color=color)
 
-    def tell(self, shown: Shown) -> None:
+    def tell(self, shown: SentPicture) -> None:
         """Say what the picture is, and how much is unseen."""
         if not shown.full:
             return
@@ -183,7 +185,7 @@ class PlacePage:
 
     def _add_frusta_controls(self) -> None:
         gui = self.pages.server.gui
-        step = float(10.0 ** np.floor(np.log10(self.place.unit) - 1))
+        step = float(10.0 ** np.floor(np.log10(self.page_space.unit) - 1))
         with gui.add_folder("Frusta", order=1):
             self._chosen: Any = gui.add_dropdown("Chosen", (_NONE,))
             add = gui.add_button("Add one where I look")
@@ -368,7 +370,7 @@ class BrowserPage:
 
     def __init__(self, shared: PlacePage, client: ClientHandle) -> None:
         self._shared = shared
-        self.stream = shared.pages.stream(client, shared.place, self._paint, shared.tell, shared.tell_error)
+        self.stream = shared.pages.stream(client, shared.page_space, self._paint, shared.tell, shared.tell_error)
         self._brush = Brush(client, self.stream, lambda: shared.paints, shared.paint_at)
         self.stream.with_depth = True
         self.stream.moved = self._brush.move

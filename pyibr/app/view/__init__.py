@@ -66,7 +66,7 @@ def view(things: object, camera: Camera | None = None, *, up: ArrayLike | None =
     name = f"{device.name} ({device.platform})"
     return Pages(
         lambda client, pages: ViewPage(client, scene, pages.stream, name, pages.call),
-        scene.place,
+        scene.page_space,
         scene.start,
         scene.pivot,
         scene.up,

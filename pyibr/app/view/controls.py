@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, cast, get_args
 
 import numpy as np
 
-from pyibr.app.view.knobs import Knob, Value
+from pyibr.app.view.parameters import Parameter, Value
 from pyibr.app.view.scene import Scene
 from pyibr.app.view.style import Layout, Show, Style
 from pyibr.core.checks import Float64
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from viser import GuiApi, GuiInputHandle
 
 _NOTHING = "nothing"
-WORDS: dict[Show, str] = {
+LABELS: dict[Show, str] = {
     "color": "colors",
     "depth": "depth",
     "classes": "what pixels are",
@@ -42,10 +42,10 @@ class Controls:
 
     def __init__(self, gui: GuiApi, scene: Scene, changed: Callable[[], None]) -> None:
         self._gui, self._scene, self._changed = gui, scene, changed
-        self._knobs: dict[str, tuple[Knob, Any]] = {}
-        self._knob_folder: Any = None
+        self._parameters: dict[str, tuple[Parameter, Any]] = {}
+        self._parameter_folder: Any = None
         self._add_picture()
-        self._add_knobs()
+        self._add_parameters()
         self._add_light()
         self._add_page()
 
@@ -61,10 +61,10 @@ class Controls:
 
     def style(self) -> Style:
         """What they ask for now."""
-        shows: dict[str, Show] = {text: name for name, text in WORDS.items()}
+        shows: dict[str, Show] = {text: name for name, text in LABELS.items()}
         other = self._other.value
         return Style(
-            self._way.value,
+            self._method.value,
             None if other == _NOTHING else other,
             cast("Layout", self._layout.value),
             self._swipe.value,
@@ -72,19 +72,19 @@ class Controls:
             shows[self._show.value],
             self._light(),
             cast("tuple[int, int, int]", tuple(self._background.value)),
-            tuple((name, _value(knob, handle)) for name, (knob, handle) in self._knobs.items()),
+            tuple((name, _value(parameter, handle)) for name, (parameter, handle) in self._parameters.items()),
         )
 
     # ---- what there is
 
     def _add_picture(self) -> None:
-        gui, ways = self._gui, list(self._scene.ways)
-        explains = any(way.explains for way in self._scene.ways.values())
-        shown = [text for name, text in WORDS.items() if explains or name in ("color", "depth")]
+        gui, methods = self._gui, list(self._scene.methods)
+        explains = any(method.explains for method in self._scene.methods.values())
+        shown = [text for name, text in LABELS.items() if explains or name in ("color", "depth")]
         with gui.add_folder("Picture", order=1):
-            self._way = self._watched(gui.add_dropdown("Method", ways))
+            self._method = self._watched(gui.add_dropdown("Method", methods))
             self._show = self._watched(gui.add_dropdown("Show", shown))
-            self._other = self._watched(gui.add_dropdown("Compare with", [_NOTHING, *ways]))
+            self._other = self._watched(gui.add_dropdown("Compare with", [_NOTHING, *methods]))
             layouts = [one for one in get_args(Layout) if one != "one"]
             self._layout = self._watched(gui.add_dropdown("As", layouts, visible=False))
             self._swipe = self._watched(gui.add_slider("Line", 0.0, 1.0, 0.01, 0.5, visible=False))
@@ -99,37 +99,39 @@ class Controls:
             self._swipe.visible = compared and self._layout.value == "swipe"
             self._gain.visible = compared and self._layout.value != "swipe"
 
-        @self._way.on_update
+        @self._method.on_update
         def _(_: Any) -> None:
-            self._add_knobs()
+            self._add_parameters()
 
-    def _add_knobs(self) -> None:
+    def _add_parameters(self) -> None:
         """Those of the things that the chosen way draws."""
-        if self._knob_folder is not None:
-            self._knob_folder.remove()
-            self._knob_folder, self._knobs = None, {}
+        if self._parameter_folder is not None:
+            self._parameter_folder.remove()
+            self._parameter_folder, self._parameters = None, {}
         try:
-            knobs = self._scene.ways[self._way.value].knobs
+            parameters = self._scene.methods[self._method.value].parameters
         except Error:  # its things cannot be made, as the page says when it is to draw them
             return
-        if not knobs:
+        if not parameters:
             return
-        self._knob_folder = self._gui.add_folder("Things", expand_by_default=False, order=3)
-        with self._knob_folder:
-            self._knobs = {name: (knob, self._watched(self._handle_of(knob))) for name, knob in knobs.items()}
+        self._parameter_folder = self._gui.add_folder("Things", expand_by_default=False, order=3)
+        with self._parameter_folder:
+            self._parameters = {
+                name: (parameter, self._watched(self._handle_of(parameter))) for name, parameter in parameters.items()
+            }
 
-    def _handle_of(self, knob: Knob) -> Any:
-        label = knob.name.replace("_", " ").capitalize()
-        if knob.kind is str:
-            words = [_NOTHING if choice is None else choice for choice in knob.choices]
+    def _handle_of(self, parameter: Parameter) -> Any:
+        label = parameter.name.replace("_", " ").capitalize()
+        if parameter.kind is str:
+            words = [_NOTHING if choice is None else choice for choice in parameter.choices]
             return self._gui.add_dropdown(
-                label, words, initial_value=_NOTHING if knob.value is None else str(knob.value)
+                label, words, initial_value=_NOTHING if parameter.value is None else str(parameter.value)
             )
-        if knob.kind is bool:
-            return self._gui.add_checkbox(label, bool(knob.value))
-        if knob.kind is int:
-            return self._gui.add_number(label, int(knob.value or 0), step=1)
-        return self._gui.add_number(label, float(knob.value or 0), step=_step(float(knob.value or 0)))
+        if parameter.kind is bool:
+            return self._gui.add_checkbox(label, bool(parameter.value))
+        if parameter.kind is int:
+            return self._gui.add_number(label, int(parameter.value or 0), step=1)
+        return self._gui.add_number(label, float(parameter.value or 0), step=_step(float(parameter.value or 0)))
 
     def _add_light(self) -> None:
         gui = self._gui
@@ -166,8 +168,8 @@ class Controls:
         return handle
 
 
-def _value(knob: Knob, handle: Any) -> Value:
-    return None if None in knob.choices and handle.value == _NOTHING else knob.kind(handle.value)
+def _value(parameter: Parameter, handle: Any) -> Value:
+    return None if None in parameter.choices and handle.value == _NOTHING else parameter.kind(handle.value)
 
 
 def _step(value: float) -> float:

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pyibr.app.live.place import fov_of
-from pyibr.app.live.stream import Picture, Shown, Stream
+from pyibr.app.live.page_space import fov_of
+from pyibr.app.live.stream import Picture, SentPicture, Stream
 from pyibr.app.telling import telling
-from pyibr.app.view.controls import WORDS, Controls
+from pyibr.app.view.controls import LABELS, Controls
 from pyibr.app.view.overlays import in_bytes, legend, view_color
 from pyibr.app.view.painting import kernel_seconds, paint
 from pyibr.app.view.paths import CameraPath
@@ -27,7 +27,7 @@ from pyibr.io.image import encoded
 if TYPE_CHECKING:
     from viser import CameraFrustumHandle, ClientHandle
 
-_TOLD = 0.3  # seconds between two words on how long frames take, while the camera moves
+_STATUS_SECONDS = 0.3  # seconds between two words on how long frames take, while the camera moves
 _THUMB = 96  # pixels of the longer side of a picture in a frustum
 _FRUSTUM = 0.35  # of a source, in units of the page
 _PLAYED = 1 / 30  # seconds between two cameras of a path
@@ -66,7 +66,7 @@ class ViewPage:
         self._frusta = self._add_frusta()
         self._add_camera_controls()
         self._add_path_controls()
-        self.stream = stream_for(client, scene.place, self._paint, self._tell, self._tell_error)
+        self.stream = stream_for(client, scene.page_space, self._paint, self._tell, self._tell_error)
         self._show_frusta()
         self.stream.follow()
 
@@ -80,33 +80,33 @@ class ViewPage:
     def _paint(self, camera: Camera) -> Picture:
         self._hide_frusta_at(camera)
         with telling(self._say):
-            return paint(self.scene.ways, camera, self.controls.style())
+            return paint(self.scene.methods, camera, self.controls.style())
 
     def _changed(self) -> None:
         self._show_frusta()
         self.stream.refresh()
 
-    def _tell(self, shown: Shown) -> None:
+    def _tell(self, shown: SentPicture) -> None:
         now = time.monotonic()
-        if not shown.full and now - self._told < _TOLD:
+        if not shown.full and now - self._told < _STATUS_SECONDS:
             return
         self._told = now
         picture, style = shown.picture, self.controls.style()
         stages = ", ".join(f"{name} {1e3 * seconds:.1f}" for name, seconds in picture.stages.items())
         moving = "" if shown.full else ", moving"
         lines = [
-            f"**{style.way}** {picture.camera.width}x{picture.camera.height}{moving}",
+            f"**{style.method}** {picture.camera.width}x{picture.camera.height}{moving}",
             f"{1e3 * shown.seconds:.1f} ms ({stages})",
             self._device,
         ]
         if picture.note:
             lines.append(picture.note)
         if meanings := legend(style.show, len(self.scene.sources)):
-            told = any(self.scene.ways[name].explains for name in (style.way, style.other) if name is not None)
+            told = any(self.scene.methods[name].explains for name in (style.method, style.other) if name is not None)
             swatches = " ".join(_swatch(color, text) for color, text in meanings)
-            lines.append(swatches if told else f"{style.way} does not tell {WORDS[style.show]}")
+            lines.append(swatches if told else f"{style.method} does not tell {LABELS[style.show]}")
         if shown.full and self.controls.times_kernels:
-            times = kernel_seconds(self.scene.ways, picture.camera, style)
+            times = kernel_seconds(self.scene.methods, picture.camera, style)
             most = sorted(times.items(), key=lambda item: -item[1])[:8]
             lines.append("Kernels: " + ", ".join(f"{name} {1e3 * seconds:.2f} ms" for name, seconds in most))
         self._status.content = "  \n".join(lines)
@@ -125,7 +125,7 @@ class ViewPage:
         for number, source in enumerate(self.scene.sources):
             if source.camera.projection != "perspective":
                 continue
-            wxyz, position = self.scene.place.pose(source.camera)
+            wxyz, position = self.scene.page_space.pose(source.camera)
             frustum = self.client.scene.add_camera_frustum(
                 f"/sources/{number}",
                 fov_of(source.camera),
@@ -155,7 +155,7 @@ class ViewPage:
         """A source's picture would hide everything from a camera that stands where it was taken."""
         if not self.stream.with_depth:
             return
-        at = self.scene.place.point(camera.center)
+        at = self.scene.page_space.point(camera.center)
         for frustum in self._frusta:
             near = float(np.linalg.norm(frustum.position - at)) < 1.5 * _FRUSTUM
             if frustum.visible == near:
@@ -165,9 +165,9 @@ class ViewPage:
 
     def go_to(self, camera: Camera) -> None:
         """Let the page look as a camera does, as far as pages can: with square pixels and the axis in the middle."""
-        place, page = self.scene.place, self.client.camera
-        wxyz, position = place.pose(camera)
-        ahead = max(float((self.scene.pivot - camera.center) @ camera.forward) / place.unit, 0.05)
+        page_space, page = self.scene.page_space, self.client.camera
+        wxyz, position = page_space.pose(camera)
+        ahead = max(float((self.scene.pivot - camera.center) @ camera.forward) / page_space.unit, 0.05)
         with self.client.atomic():
             page.position = tuple(position)
             page.wxyz = tuple(wxyz)
@@ -200,7 +200,7 @@ class ViewPage:
     def screenshot(self) -> bytes:
         """A PNG file of the picture as it rests."""
         camera, style = self._camera(), self.controls.style()
-        return encoded(self._call(lambda: paint(self.scene.ways, camera, style)).color, ".png")
+        return encoded(self._call(lambda: paint(self.scene.methods, camera, style)).color, ".png")
 
     def _send(self, name: str, content: bytes) -> None:
         self.client.send_file_download(name, content, save_immediately=True)
@@ -282,6 +282,6 @@ def _json(data: object) -> bytes:
 def _thumb(source: DepthImage) -> np.ndarray[Any, Any]:
     from PIL import Image
 
-    image = Image.fromarray(in_bytes(source.shown))
+    image = Image.fromarray(in_bytes(source.shown_color))
     image.thumbnail((_THUMB, _THUMB))
     return np.asarray(image)

@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pyibr.app.live.stream import Picture
+from pyibr.app.view.methods import RenderMethod
 from pyibr.app.view.overlays import Image, class_colors, depth_colors, difference, in_bytes, view_colors
 from pyibr.app.view.style import Style
-from pyibr.app.view.ways import Way
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError
 from pyibr.images.frame import Frame
@@ -35,7 +35,7 @@ class _Stopwatch:
         self.stages[name] = self.stages.get(name, 0.0) + time.perf_counter() - start
 
 
-def paint(ways: Mapping[str, Way], camera: Camera, style: Style) -> Picture:
+def paint(methods: Mapping[str, RenderMethod], camera: Camera, style: Style) -> Picture:
     """Draw what the style asks for from a camera.
 
     Raises
@@ -45,11 +45,11 @@ def paint(ways: Mapping[str, Way], camera: Camera, style: Style) -> Picture:
     """
     watch = _Stopwatch()
     if style.other is None or style.layout == "one":
-        frame = _drawn(ways, camera, style, style.way, watch)
+        frame = _drawn(methods, camera, style, style.method, watch)
         return Picture(_shown(frame, style, watch), frame.depth, camera, watch.stages)
     if style.layout == "side by side":
-        return _beside(ways, camera, style, watch)
-    one, other = (_drawn(ways, camera, style, name, watch) for name in (style.way, style.other))
+        return _beside(methods, camera, style, watch)
+    one, other = (_drawn(methods, camera, style, name, watch) for name in (style.method, style.other))
     colors = [_shown(frame, style, watch) for frame in (one, other)]
     note = _apart(one, other)
     with watch.timing("compare"):
@@ -63,20 +63,20 @@ def paint(ways: Mapping[str, Way], camera: Camera, style: Style) -> Picture:
     return Picture(color, depth, camera, watch.stages, note)
 
 
-def kernel_seconds(ways: Mapping[str, Way], camera: Camera, style: Style) -> dict[str, float]:
+def kernel_seconds(methods: Mapping[str, RenderMethod], camera: Camera, style: Style) -> dict[str, float]:
     """Seconds that each kernel takes for such a picture; the queue is awaited after each."""
     with watching(LaunchTimes()) as seen:
-        paint(ways, camera, style)
+        paint(methods, camera, style)
     return {name: sum(values) for name, values in seen.of.items()}
 
 
-def _beside(ways: Mapping[str, Way], camera: Camera, style: Style, watch: _Stopwatch) -> Picture:
+def _beside(methods: Mapping[str, RenderMethod], camera: Camera, style: Style, watch: _Stopwatch) -> Picture:
     """Both ways and their difference, each the middle third of its picture."""
     width = max((camera.width - 2) // 3, 1)
     K = camera.K.copy()
     K[0, 2] -= 0.5 * (camera.width - width)  # the middle stays in the middle
     narrow = Camera(K, (width, camera.height), camera.world_from_camera)
-    one, other = (_drawn(ways, narrow, style, name, watch) for name in (style.way, style.other or style.way))
+    one, other = (_drawn(methods, narrow, style, name, watch) for name in (style.method, style.other or style.method))
     colors = [_shown(frame, style, watch) for frame in (one, other)]
     note = _apart(one, other)
     with watch.timing("compare"):
@@ -88,12 +88,12 @@ def _beside(ways: Mapping[str, Way], camera: Camera, style: Style, watch: _Stopw
     return Picture(made, None, camera, watch.stages, note)
 
 
-def _drawn(ways: Mapping[str, Way], camera: Camera, style: Style, name: str, watch: _Stopwatch) -> Frame:
-    way = ways.get(name)
-    if way is None:
-        raise ArgumentError("way", f"one of {', '.join(ways)}", name)
-    with watch.timing("draw" if name == style.way else f"draw {name}"):
-        return way.draw(camera, style)
+def _drawn(methods: Mapping[str, RenderMethod], camera: Camera, style: Style, name: str, watch: _Stopwatch) -> Frame:
+    method = methods.get(name)
+    if method is None:
+        raise ArgumentError("way", f"one of {', '.join(methods)}", name)
+    with watch.timing("draw" if name == style.method else f"draw {name}"):
+        return method.draw(camera, style)
 
 
 def _shown(frame: Frame, style: Style, watch: _Stopwatch) -> Image:

@@ -16,7 +16,7 @@ from pyibr.core.checks import Float64, number_from
 from pyibr.core.conventions import quaternion_from_rotation, rotation_from_quaternion
 from pyibr.core.errors import ArgumentError, FileFormatError
 
-_LONGEST = 3600.0  # seconds
+_SECONDS_MAX = 3600.0  # seconds
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class CameraPath:
             raise ArgumentError("cameras", "at least one camera", "none")
         if any(camera.projection != "perspective" for camera in self.cameras):
             raise ArgumentError("cameras", "perspective cameras", "an orthographic one")
-        number_from("seconds", self.seconds, 1e-3, _LONGEST, f"seconds > 0, up to {_LONGEST:g}")
+        number_from("seconds", self.seconds, 1e-3, _SECONDS_MAX, f"seconds > 0, up to {_SECONDS_MAX:g}")
 
     def at(self, time: float) -> Camera:
         """The camera at a time, 0 to `seconds`; before and after that it stands.

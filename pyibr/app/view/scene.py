@@ -9,8 +9,8 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pyibr.app.live.place import PagePlace, camera_before, place_around
-from pyibr.app.view.ways import Way, ways_of
+from pyibr.app.live.page_space import PageSpace, camera_before, page_space_around
+from pyibr.app.view.methods import RenderMethod, methods_of
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64, numbers
 from pyibr.core.errors import ArgumentError
@@ -30,7 +30,7 @@ class Scene:
     Attributes
     ----------
     ways : dict
-        The ways to draw them, by name; see `pyibr.app.view.ways`.
+        The ways to draw them, by name; see `pyibr.app.view.methods`.
     sources : list of DepthImage
         Those that are among the things.
     up : (3,)
@@ -41,16 +41,16 @@ class Scene:
         In the world: what one turns about.
     plain : bool
         There is a mesh without colours, which shows its form only in a light.
-    place : PagePlace
+    page_space : PageSpace
     """
 
-    ways: dict[str, Way]
+    methods: dict[str, RenderMethod]
     sources: list[DepthImage]
     up: Float64
     start: Camera
     pivot: Float64
     plain: bool
-    place: PagePlace
+    page_space: PageSpace
 
 
 def scene_of(things: object, camera: Camera | None = None, up: ArrayLike | None = None) -> Scene:
@@ -61,11 +61,11 @@ def scene_of(things: object, camera: Camera | None = None, up: ArrayLike | None 
     ArgumentError
         If there is nothing that can be drawn, or an argument has a wrong type or value.
     """
-    ways = ways_of(things)
+    methods = methods_of(things)
     given = [thing for some in _groups(things) for thing in some]
     sources = [thing for thing in given if isinstance(thing, DepthImage)]
     low, high = _bounds_of(given)
-    place = place_around(low, high)
+    page_space = page_space_around(low, high)
     middle, radius = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
     direction = _up_of(sources) if up is None else numbers("up", up, (3,))
     length = float(np.linalg.norm(direction))
@@ -77,7 +77,7 @@ def scene_of(things: object, camera: Camera | None = None, up: ArrayLike | None 
     ahead = float((middle - start.center) @ start.forward)
     pivot = start.center + max(ahead, 0.1 * radius) * start.forward
     plain = any(isinstance(one, Mesh) and one.colors is None and one.texture is None for one in given)
-    return Scene(ways, sources, direction, start, pivot, plain, place)
+    return Scene(methods, sources, direction, start, pivot, plain, page_space)
 
 
 def _groups(things: object) -> Sequence[Sequence[Any]]:

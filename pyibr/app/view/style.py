@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from pyibr.app.view.knobs import Value
+from pyibr.app.view.parameters import Value
 from pyibr.picture.light import Light
 
 Layout = Literal["one", "swipe", "side by side", "difference"]
@@ -19,7 +19,7 @@ class Style:
     Attributes
     ----------
     way : str
-        Name of the way that draws; see `pyibr.app.view.ways`.
+        Name of the way that draws; see `pyibr.app.view.methods`.
     other : str or None
         Of the way that it is compared with.
     layout : {"one", "swipe", "side by side", "difference"}
@@ -35,11 +35,11 @@ class Style:
     light : Light or None
     background : (r, g, b)
         0 to 255.
-    knobs : tuple of (name, value)
-        What is turned at the things; see `pyibr.app.view.knobs`.
+    parameters : tuple of (name, value)
+        What is turned at the things; see `pyibr.app.view.parameters`.
     """
 
-    way: str
+    method: str
     other: str | None = None
     layout: Layout = "one"
     swipe: float = 0.5
@@ -47,4 +47,4 @@ class Style:
     show: Show = "color"
     light: Light | None = None
     background: tuple[int, int, int] = (0, 0, 0)
-    knobs: tuple[tuple[str, Value], ...] = ()
+    parameters: tuple[tuple[str, Value], ...] = ()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.app.place.corner import corner_box
+from pyibr.app.place.inset import inset_box
 from pyibr.capture import models
 from pyibr.capture.frusta import Frustum
 from pyibr.images.metrics import psnr
@@ -26,7 +26,7 @@ def test_the_corner_is_not_coloured_while_the_brush_is_over_it():
         opened(browser, pages.url, (400, 300)) as tab,
     ):
         rested(tab)
-        left, top, side = corner_box((400, 300))
+        left, top, side = inset_box((400, 300))
         inside = np.s_[top + 4 : top + side - 4, left + 4 : left + side - 4]
         for step in range(4):
             tab.page.mouse.move(left + side // 2 + step, top + side // 2)

@@ -9,7 +9,7 @@ import pytest
 
 import pyibr as ibr
 from pyibr.app.place.captures import Captures
-from pyibr.app.place.corner import corner_box, corner_place, own_picture, put_into_corner
+from pyibr.app.place.inset import draw_inset, inset_box, inset_position, own_picture
 from pyibr.app.place.model import Placement, State
 from pyibr.capture import models
 from pyibr.capture.coverage import surface_of, unseen_share
@@ -224,27 +224,27 @@ def test_the_share_is_of_all_frusta():
 
 @pytest.mark.parametrize("size", [(640, 480), (480, 640), (61, 37), (7, 13), (1, 1), (2000, 200)])
 def test_the_corner_is_within_the_page_and_its_places_are_told(size):
-    left, top, side = corner_box(size)
+    left, top, side = inset_box(size)
     assert left >= 0 and top >= 0 and left + side <= size[0] and top + side <= size[1]
     for part in ((0.0, 0.0), (0.25, 0.75), (1.0, 1.0)):
         at = (left + part[0] * side) / size[0], (top + part[1] * side) / size[1]
-        found = corner_place(size, at)
+        found = inset_position(size, at)
         if found is not None:  # but for rounding at its border
             np.testing.assert_allclose(found, part, atol=1e-9)
-    assert corner_place((640, 480), (0.9, 0.1)) is None
+    assert inset_position((640, 480), (0.9, 0.1)) is None
 
 
 def test_the_chosen_ones_picture_is_put_into_the_corner_also_of_a_coarser_page():
     own = np.random.default_rng(0).integers(0, 255, (64, 64, 3)).astype(np.uint8)
     for scale in (1.0, 0.5, 0.125):
         page = np.zeros((round(480 * scale), round(640 * scale), 3), np.uint8)
-        put_into_corner(page, own, (640, 480))
-        left, top, side = (round(scale * value) for value in corner_box((640, 480)))
+        draw_inset(page, own, (640, 480))
+        left, top, side = (round(scale * value) for value in inset_box((640, 480)))
         shown = page[top : top + side, left : left + side]
         np.testing.assert_array_equal(shown[0, 0], own[0, 0])
         np.testing.assert_array_equal(shown[side // 2, side // 2], own[side // 2 * 64 // side, side // 2 * 64 // side])
         assert (page[: top - 4] == 0).all()
-    put_into_corner(np.zeros((1, 1, 3), np.uint8), own, (1, 1))
+    draw_inset(np.zeros((1, 1, 3), np.uint8), own, (1, 1))
 
 
 def test_depth_is_dark_far_away_and_paint_is_seen():

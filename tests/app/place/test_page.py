@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.app.place.corner import corner_box
+from pyibr.app.place.inset import inset_box
 from pyibr.capture import models
 from pyibr.capture.coverage import Surface, surface_of, unseen_share
 from pyibr.capture.frusta import light_for, load_frusta
 from pyibr.images.metrics import psnr
 from pyibr.picture.drawable import as_drawable
-from pyibr.picture.seen import MarkedUnseen
+from pyibr.picture.unseen import MarkedUnseen
 from tests.app.browser import Tab, chromium, opened, rested, settles_on, stays, until
 from tests.app.sockets import LOOPBACK, listeners
 
@@ -83,7 +83,7 @@ def work(browser, mesh, tmp_path_factory):
 
 def inside_corner(shape: tuple[int, ...], frame: int = 3) -> np.ndarray:
     """(H, W) the pixels of the corner's picture and its frame."""
-    left, top, side = corner_box((shape[1], shape[0]))
+    left, top, side = inset_box((shape[1], shape[0]))
     made = np.zeros(shape[:2], bool)
     made[max(top - frame, 0) : top + side + frame, max(left - frame, 0) : left + side + frame] = True
     return made
@@ -123,7 +123,7 @@ def test_a_frustum_is_added_moved_resized_painted_undone_saved_and_opened(work, 
     # The gizmo stands at the frustum's eye: its handles along the axes are dragged, and the frustum comes along.
     start = work.on_page(added.camera.center)
     axis = added.camera.world_from_camera[:3, 0]
-    unit = work.shared.place.unit
+    unit = work.shared.page_space.unit
     grip = work.on_page(added.camera.center + 0.3 * unit * axis)
     goal = work.on_page(added.camera.center + 0.8 * unit * axis)
     tab.drag(tuple(map(round, grip)), tuple(map(round, goal)), 8, 0.03)
@@ -151,7 +151,7 @@ def test_a_frustum_is_added_moved_resized_painted_undone_saved_and_opened(work, 
     # A drag over the corner paints background where it went, and an undo takes it away.
     rested(tab)
     sized = work.state.current
-    left, top, side = corner_box(work.page.stream.camera.size)
+    left, top, side = inset_box(work.page.stream.camera.size)
     tab.drag((left + side // 4, top + side // 2), (left + 3 * side // 4, top + side // 2), 10, 0.06)
     until(lambda: work.state.current.strokes)
     assert stays(lambda: work.state)

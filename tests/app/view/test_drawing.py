@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.app.view.knobs import knobs_of, turned
+from pyibr.app.view.methods import methods_of
 from pyibr.app.view.overlays import (
     CLASS_COLORS,
     class_colors,
@@ -19,9 +19,9 @@ from pyibr.app.view.overlays import (
     view_colors,
 )
 from pyibr.app.view.painting import kernel_seconds, paint
+from pyibr.app.view.parameters import parameters_of, with_parameters
 from pyibr.app.view.scene import scene_of
 from pyibr.app.view.style import Style
-from pyibr.app.view.ways import ways_of
 from pyibr.capture import models, object_views
 from pyibr.warp.view import OPTIONS
 
@@ -43,32 +43,32 @@ def relief() -> ibr.ReliefSurface:
 
 
 def test_each_way_is_the_call_that_its_name_says():
-    ways = ways_of(views())
+    methods = methods_of(views())
     how = {"cut_ratio": 1.1, "fill": "smooth", "blend": "nearest"}
-    style = Style("warp", knobs=tuple(how.items()))
+    style = Style("warp", parameters=tuple(how.items()))
     for name, method in (("warp", "epipolar"), ("search", "search"), ("forward", "forward")):
         expected = ibr.warp(views(), CAMERA, method=method, **how)
-        np.testing.assert_array_equal(ways[name].draw(CAMERA, style).color, expected.color)
+        np.testing.assert_array_equal(methods[name].draw(CAMERA, style).color, expected.color)
     things = [ibr.WarpedView(view, cut_ratio=1.1, fill="smooth") for view in views()]
-    np.testing.assert_array_equal(ways["render"].draw(CAMERA, style).color, ibr.render(things, CAMERA).color)
+    np.testing.assert_array_equal(methods["render"].draw(CAMERA, style).color, ibr.render(things, CAMERA).color)
     for name, made in (
         ("depth mesh", ibr.DepthMeshObject),
         ("depth object", ibr.DepthObject),
         ("visual hull", ibr.VisualHull),
     ):
         plain = Style(name)
-        np.testing.assert_array_equal(ways[name].draw(CAMERA, plain).color, ibr.render(made(views()), CAMERA).color)
+        np.testing.assert_array_equal(methods[name].draw(CAMERA, plain).color, ibr.render(made(views()), CAMERA).color)
 
 
 def test_a_word_of_another_ways_choices_is_left_aside():
-    frame = ways_of(views())["warp"].draw(CAMERA, Style("warp", knobs=(("blend", "position"),)))
+    frame = methods_of(views())["warp"].draw(CAMERA, Style("warp", parameters=(("blend", "position"),)))
     np.testing.assert_array_equal(frame.color, ibr.warp(views(), CAMERA).color)
 
 
 def test_a_light_shines_in_every_way():
     light = ibr.Light(direction=(0, 1, 1), relight=True)
-    for name, way in ways_of(views()).items():
-        lit, plain = way.draw(CAMERA, Style(name, light=light)), way.draw(CAMERA, Style(name))
+    for name, method in methods_of(views()).items():
+        lit, plain = method.draw(CAMERA, Style(name, light=light)), method.draw(CAMERA, Style(name))
         assert (lit.color != plain.color).any(), name
 
 
@@ -79,10 +79,10 @@ def test_every_option_of_the_warp_is_a_control(name):
     depth[20, 10:50] = 2.0
     wire = ibr.DepthImage(None, depth, ibr.Camera([[100, 0, 31.5], [0, 100, 23.5], [0, 0, 1]], (64, 48)))
     closer = ibr.Camera([[400, 0, 127.5], [0, 400, 95.5], [0, 0, 1]], (256, 192))
-    way = ways_of(wire)[name]
-    assert set(way.knobs) | set(way.fixed) == {option.name for option in OPTIONS}
-    assert way.knobs["fill"].choices == (None, "background", "smooth", "inpaint")
-    found = way.draw(closer, Style(name, knobs=(("thin", True),)))
+    method = methods_of(wire)[name]
+    assert set(method.parameters) | set(method.fixed) == {option.name for option in OPTIONS}
+    assert method.parameters["fill"].choices == (None, "background", "smooth", "inpaint")
+    found = method.draw(closer, Style(name, parameters=(("thin", True),)))
     assert (found.depth < 3).sum() == (ibr.warp(wire, closer, thin=True).depth < 3).sum() > 600
 
 
@@ -96,43 +96,43 @@ def test_whatever_draws_itself_is_drawn_also_of_a_class_of_ones_own():
             target.depth.fill(2.5)
             target.valid.fill(1)
 
-    ways = ways_of([Own()])
-    assert list(ways) == ["render"]
-    assert (ways["render"].draw(CAMERA, Style("render")).color == 77).all()
+    methods = methods_of([Own()])
+    assert list(methods) == ["render"]
+    assert (methods["render"].draw(CAMERA, Style("render")).color == 77).all()
 
 
 def test_named_things_are_ways_to_choose():
-    ways = ways_of({"fine": [relief()], "coarse": relief()})
-    assert list(ways) == ["fine", "coarse"]
+    methods = methods_of({"fine": [relief()], "coarse": relief()})
+    assert list(methods) == ["fine", "coarse"]
     for bad in ({}, {3: relief()}, [], [relief(), 3], "word"):
         with pytest.raises(ibr.ArgumentError, match="things"):
-            ways_of(bad)
+            methods_of(bad)
 
 
 def test_views_of_depth_alone_and_of_both_kinds_of_colours_are_drawn():
     bare = [ibr.DepthImage(None, view.depth, view.camera) for view in views()]
-    assert ways_of(bare)["warp"].draw(CAMERA, Style("warp")).color.max() == 255
+    assert methods_of(bare)["warp"].draw(CAMERA, Style("warp")).color.max() == 255
     mixed = [views()[0].in_float, *views()[1:]]
-    frame = ways_of(mixed)["warp"].draw(CAMERA, Style("warp"))
+    frame = methods_of(mixed)["warp"].draw(CAMERA, Style("warp"))
     np.testing.assert_allclose(frame.color, ibr.warp(views(), CAMERA).color / 255, atol=2 / 255)
 
 
-# ---- knobs
+# ---- parameters
 
 
 def test_knobs_are_what_a_class_is_made_with():
-    knobs = knobs_of([ibr.DepthObject(views(), slices=32)])
-    assert list(knobs) == ["slices", "slicing", "texture", "halvings", "missing", "thin"]
-    assert (knobs["slices"].kind, knobs["slices"].value) == (int, 32)
-    assert knobs["slicing"].choices == ("orthogonal", "screen")
-    assert {"tolerance", "blend", "blended", "background"} <= set(knobs_of([ibr.DepthMeshObject(views())]))
-    assert {"scale", "silhouette", "distance"} <= set(knobs_of([relief()]))
+    parameters = parameters_of([ibr.DepthObject(views(), slices=32)])
+    assert list(parameters) == ["slices", "slicing", "texture", "halvings", "missing", "thin"]
+    assert (parameters["slices"].kind, parameters["slices"].value) == (int, 32)
+    assert parameters["slicing"].choices == ("orthogonal", "screen")
+    assert {"tolerance", "blend", "blended", "background"} <= set(parameters_of([ibr.DepthMeshObject(views())]))
+    assert {"scale", "silhouette", "distance"} <= set(parameters_of([relief()]))
     sliced = ibr.SlicedSurface(relief().base, relief().height, relief().color, 0.1)
-    assert {"scale", "slices", "slicing", "test", "halvings"} <= set(knobs_of([sliced]))
+    assert {"scale", "slices", "slicing", "test", "halvings"} <= set(parameters_of([sliced]))
     banded = ibr.SlicedSurface(relief().base, relief().height, relief().color, 0.1, test="band", band=0.1)
-    assert knobs_of([banded])["band"].value == 0.1
-    assert "slices" not in knobs_of([ibr.DepthObject(views(), slices="view")])  # no number that could be turned
-    assert knobs_of([object(), 3, models.donut()]).keys() == {"sides"}
+    assert parameters_of([banded])["band"].value == 0.1
+    assert "slices" not in parameters_of([ibr.DepthObject(views(), slices="view")])  # no number that could be turned
+    assert parameters_of([object(), 3, models.donut()]).keys() == {"sides"}
 
 
 def test_a_turned_knob_makes_the_thing_that_its_class_would_make():
@@ -150,19 +150,19 @@ def test_a_turned_knob_makes_the_thing_that_its_class_would_make():
         ),
     ):
         np.testing.assert_array_equal(
-            ibr.render(turned(thing, values), CAMERA).color, ibr.render(expected, CAMERA).color
+            ibr.render(with_parameters(thing, values), CAMERA).color, ibr.render(expected, CAMERA).color
         )
-    assert turned(relief(), {"scale": relief().scale}) is relief()
+    assert with_parameters(relief(), {"scale": relief().scale}) is relief()
     with pytest.raises(ibr.ArgumentError, match="slices"):
-        turned(ibr.DepthObject(views(), slices=32), {"slices": 0})
+        with_parameters(ibr.DepthObject(views(), slices=32), {"slices": 0})
 
 
 def test_a_way_draws_its_things_as_their_knobs_are_turned_and_keeps_a_few():
-    way = ways_of([ibr.DepthObject(views(), slices=32)])["render"]
+    method = methods_of([ibr.DepthObject(views(), slices=32)])["render"]
     for slices in (8, 16, 8, 4, 6, 7, 9):
-        frame = way.draw(CAMERA, Style("render", knobs=(("slices", slices),)))
+        frame = method.draw(CAMERA, Style("render", parameters=(("slices", slices),)))
         np.testing.assert_array_equal(frame.color, ibr.render(ibr.DepthObject(views(), slices=slices), CAMERA).color)
-    assert len(way._turned) <= 4
+    assert len(method._with_parameters) <= 4
 
 
 # ---- overlays
@@ -233,42 +233,42 @@ def test_differences_are_absolute_and_multiplied():
 
 
 def test_a_comparison_is_of_the_two_pictures():
-    ways = ways_of(views())
-    one, other = (ways[name].draw(CAMERA, Style(name)).color for name in ("warp", "forward"))
-    swiped = paint(ways, CAMERA, Style("warp", "forward", "swipe", swipe=0.4))
+    methods = methods_of(views())
+    one, other = (methods[name].draw(CAMERA, Style(name)).color for name in ("warp", "forward"))
+    swiped = paint(methods, CAMERA, Style("warp", "forward", "swipe", swipe=0.4))
     border = round(0.4 * 83)
     np.testing.assert_array_equal(swiped.color[:, :border], one[:, :border])
     np.testing.assert_array_equal(swiped.color[:, border + 1 :], other[:, border + 1 :])
-    apart = paint(ways, CAMERA, Style("warp", "forward", "difference", gain=3))
+    apart = paint(methods, CAMERA, Style("warp", "forward", "difference", gain=3))
     np.testing.assert_array_equal(apart.color, difference(one, other, 3))
     assert "dB where both see something" in apart.note
-    beside = paint(ways, CAMERA, Style("warp", "forward", "side by side", gain=3))
+    beside = paint(methods, CAMERA, Style("warp", "forward", "side by side", gain=3))
     width = (83 - 2) // 3
     first = (83 - width) // 2
     off = (beside.color[:, :width] != one[:, first : first + width]).any(axis=2)
     assert off.mean() < 0.003  # rays that touch a silhouette, in another picture's rounding
     assert beside.depth is None
     assert beside.color.shape == (61, 83, 3)
-    same = paint(ways, CAMERA, Style("warp", "warp", "side by side", gain=30))
+    same = paint(methods, CAMERA, Style("warp", "warp", "side by side", gain=30))
     assert (same.color[:, -width - 1 :][:, 1:] == 0).all()
 
 
 @pytest.mark.parametrize("size", [(1, 1), (2, 1), (3, 5), (4, 4), (7, 13)])
 @pytest.mark.parametrize("layout", ["one", "swipe", "side by side", "difference"])
 def test_pictures_of_any_size_are_drawn(size, layout):
-    ways = ways_of(views())
+    methods = methods_of(views())
     for show in ("color", "depth", "classes", "view"):
-        picture = paint(ways, CAMERA.resized(size), Style("warp", "forward", layout, show=show))
+        picture = paint(methods, CAMERA.resized(size), Style("warp", "forward", layout, show=show))
         assert picture.color.shape == (size[1], size[0], 3)
 
 
 def test_an_unknown_way_is_named():
     with pytest.raises(ibr.ArgumentError, match="way: expected one of warp, render"):
-        paint(ways_of(views()), CAMERA, Style("wrap"))
+        paint(methods_of(views()), CAMERA, Style("wrap"))
 
 
 def test_kernels_are_timed():
-    times = kernel_seconds(ways_of(views()), CAMERA, Style("warp"))
+    times = kernel_seconds(methods_of(views()), CAMERA, Style("warp"))
     assert {"epipolar_sweep", "resolve"} <= set(times)
     assert all(seconds > 0 for seconds in times.values())
 
@@ -280,8 +280,10 @@ def test_a_scene_begins_where_its_first_view_was_taken_and_is_upright():
     scene = scene_of(views())
     assert scene.start == views()[0].camera
     assert len(scene.sources) == 6
-    turned = [ibr.DepthImage(v.color, v.depth, v.camera.orbited(0, (0, 0, 0))) for v in views()[:1]]
-    np.testing.assert_allclose(scene_of(turned).up, -turned[0].camera.world_from_camera[:3, 1], atol=1e-12)
+    with_parameters = [ibr.DepthImage(v.color, v.depth, v.camera.orbited(0, (0, 0, 0))) for v in views()[:1]]
+    np.testing.assert_allclose(
+        scene_of(with_parameters).up, -with_parameters[0].camera.world_from_camera[:3, 1], atol=1e-12
+    )
 
 
 def test_a_scene_of_meshes_is_seen_whole_from_its_start():
@@ -300,6 +302,6 @@ def test_a_few_samples_far_out_do_not_tell_where_the_scene_is():
     depth = view.depth.copy()
     depth[0, 0] = 1e6
     scene = scene_of(ibr.DepthImage(view.color, depth, view.camera))
-    assert scene.place.unit < 2
+    assert scene.page_space.unit < 2
     with pytest.raises(ibr.ArgumentError, match="up: expected a direction"):
         scene_of(view, up=(0, 0, 0))

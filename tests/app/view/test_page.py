@@ -79,7 +79,7 @@ def opened_look(browser, views):
 def look(opened_look):
     """As a newly opened page is, but that the sources, which the browser draws, are not shown."""
     page, controls = opened_look.page, opened_look.page.controls
-    for handle, value in ((controls._frusta, False), (controls._way, "warp"), (controls._fill, "nothing")):
+    for handle, value in ((controls._frusta, False), (controls._method, "warp"), (controls._fill, "nothing")):
         handle.value = value
     controls._blend.value = "quality"
     page.go_to(page.scene.start)
@@ -96,7 +96,7 @@ def page_of(pages):
 
 def expected(page) -> np.ndarray:
     """What pyibr draws for the page's camera and controls, by the library's own calls."""
-    return paint(page.scene.ways, page.stream.camera, page.controls.style()).color
+    return paint(page.scene.methods, page.stream.camera, page.controls.style()).color
 
 
 def assert_right(tab: Tab, page, views) -> None:
@@ -190,14 +190,14 @@ def test_controls_change_the_picture_and_say_what_is_wrong(look, views):
         tab.page.get_by_label(label).click()
         tab.page.get_by_role("option", name=choice).click()
     chosen = {("fill", "background"), ("blend", "nearest")}
-    until(lambda: chosen <= set(page.controls.style().knobs))
+    until(lambda: chosen <= set(page.controls.style().parameters))
     settles_on(tab, lambda: ibr.warp(views, page.stream.camera, fill="background", blend="nearest").color)
-    page.controls._way.value = "depth object"
-    until(lambda: "slices" in page.controls._knobs)
+    page.controls._method.value = "depth object"
+    until(lambda: "slices" in page.controls._parameters)
     rested(tab)
-    page.controls._knobs["slices"][1].value = 0
+    page.controls._parameters["slices"][1].value = 0
     until(lambda: "slices: expected a whole number" in page._status.content)
-    page.controls._knobs["slices"][1].value = 16
+    page.controls._parameters["slices"][1].value = 16
     settles_on(tab, lambda: ibr.render(ibr.DepthObject(views, slices=16), page.stream.camera).color)
     assert "**depth object** 400x300" in page._status.content
 

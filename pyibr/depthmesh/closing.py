@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64
-from pyibr.depthmesh.behind import Behind, ViewMesh, behind_of
+from pyibr.depthmesh.far_sides import FarSides, ViewMesh, far_sides_of
 from pyibr.depthmesh.segmentation import Segmentation
 from pyibr.depthmesh.selection import active_within
 from pyibr.depthmesh.tree import Tree, build_tree
@@ -22,26 +22,26 @@ _STRIDE = 0.015  # of the largest extent: from point to point along rays that lo
 
 
 @dataclass(frozen=True)
-class Coarse:
+class CoarseMesh:
     """Triangles of a view that do not depend on the viewer: points and their numbers, as of `Triangles`."""
 
     points: NDArray[np.float32]
     corners: NDArray[np.int32]
 
     @classmethod
-    def of(cls, tree: Tree, max_error: float) -> Coarse:
+    def of(cls, tree: Tree, max_error: float) -> CoarseMesh:
         """Those of a tree within a vertical error."""
         found = list_triangles([tree], [active_within(tree, max_error)], rated=True)
         return cls(found.points.to_host(), found.corners.to_host())
 
     @property
-    def turned(self) -> Coarse:
+    def reversed(self) -> CoarseMesh:
         """The same with fronts and backs exchanged."""
-        return Coarse(self.points, self.corners[:, ::-1])
+        return CoarseMesh(self.points, self.corners[:, ::-1])
 
 
 @dataclass
-class Background:
+class Closing:
     """What shows through holes, and up to where each view has seen that there is nothing.
 
     Of each view: its `surfaces`, and the `sheets` over what segmentation took out; its `limits`, and how far it is
@@ -51,11 +51,11 @@ class Background:
     they differ.
     """
 
-    surfaces: list[Coarse]
-    sheets: list[Coarse]
+    surfaces: list[CoarseMesh]
+    sheets: list[CoarseMesh]
     limits: DeviceArray
     behind: DeviceArray
-    continued: list[Behind]
+    continued: list[FarSides]
     clear: DeviceArray
     open: DeviceArray
     sizes: DeviceArray
@@ -64,27 +64,27 @@ class Background:
     latest: tuple[object, Triangles | None] = (None, None)
 
 
-def background_of(meshes: Sequence[ViewMesh], extent: float) -> Background:
+def closing_of(meshes: Sequence[ViewMesh], extent: float) -> Closing:
     """What shows through the holes of meshes whose box has this largest edge."""
     limits = list[NDArray[np.float32]]()
-    surfaces, sheets = list[Coarse](), list[Coarse]()
+    surfaces, sheets = list[CoarseMesh](), list[CoarseMesh]()
     for mesh in meshes:
-        surfaces.append(Coarse.of(mesh.tree, _COARSE_ERROR * extent))
-        stretched = Coarse.of(build_tree(mesh.view, Segmentation("none")), _COARSE_ERROR * extent)
-        sheets.append(Coarse(stretched.points, _over_holes(stretched, mesh)))
+        surfaces.append(CoarseMesh.of(mesh.tree, _COARSE_ERROR * extent))
+        stretched = CoarseMesh.of(build_tree(mesh.view, Segmentation("none")), _COARSE_ERROR * extent)
+        sheets.append(CoarseMesh(stretched.points, _over_holes(stretched, mesh)))
         view = mesh.view
         unseen = np.where(view.depth >= view.far, np.float32(np.inf), np.float32(0))
         limits.append(np.where(view.valid, view.depth, unseen))
     starts = np.cumsum([0, *(limit.size for limit in limits[:-1])])
     sizes = upload(np.array([(*m.view.camera.size, s) for m, s in zip(meshes, starts, strict=True)], np.int32))
-    continued = list(map(behind_of, meshes, limits))
+    continued = list(map(far_sides_of, meshes, limits))
     depths = [one.depth for one in continued]
     cells = ([_least_in_cells(part) for part in each] for each in (limits, depths))
     limit, behind, clear, opened = (
         upload(np.concatenate([part.ravel() for part in each])) for each in (limits, depths, *cells)
     )
     enclosed = all(bool(np.isfinite(one).all()) for one in limits)
-    return Background(surfaces, sheets, limit, behind, continued, clear, opened, sizes, _STRIDE * extent, enclosed)
+    return Closing(surfaces, sheets, limit, behind, continued, clear, opened, sizes, _STRIDE * extent, enclosed)
 
 
 def _least_in_cells(values: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -95,7 +95,7 @@ def _least_in_cells(values: NDArray[np.float32]) -> NDArray[np.float32]:
     return least
 
 
-def _over_holes(coarse: Coarse, mesh: ViewMesh) -> NDArray[np.int32]:
+def _over_holes(coarse: CoarseMesh, mesh: ViewMesh) -> NDArray[np.int32]:
     """Those of a view's triangles, (T, 3), whose boxes hold a cell that is not drawn in full."""
     width, height = mesh.view.camera.size
     upper, lower = mesh.tree.drawn_cells()
@@ -108,7 +108,7 @@ def _over_holes(coarse: Coarse, mesh: ViewMesh) -> NDArray[np.int32]:
 
 
 @dataclass(frozen=True)
-class Shown:
+class DrawnViews:
     """Numbers of the views whose meshes are drawn.
 
     Attributes
@@ -127,7 +127,7 @@ class Shown:
     around: list[int]
 
     @classmethod
-    def of(cls, order: list[int], count: int, backs: list[int]) -> Shown:
+    def of(cls, order: list[int], count: int, backs: list[int]) -> DrawnViews:
         """Of all views, the closest first, of which so many are blended. `backs`: of these, those that may show."""
         others = order[count : 2 * count]
         return cls(sorted(order[:count]), sorted(others), sorted({*others, *order[-count:], *backs}))
@@ -146,18 +146,18 @@ def may_show_its_back(view: Camera, camera: Camera, bounds: tuple[Float64, Float
     return bool(camera.center @ towards <= np.maximum(bounds[0] * towards, bounds[1] * towards).sum())
 
 
-def underlay_of(background: Background, shown: Shown) -> Triangles:
+def underlay_of(background: Closing, drawn: DrawnViews) -> Triangles:
     """What lies under the chosen views' meshes: sheets, backs, and the others' surfaces, in the order of `shown`."""
     which, found = background.latest
-    if found is not None and which == shown:
+    if found is not None and which == drawn:
         return found
-    parts = [background.sheets[number] for number in (*shown.chosen, *shown.others)]
-    parts += [background.surfaces[number].turned for number in shown.around]
-    parts += [background.surfaces[number] for number in shown.others]
+    parts = [background.sheets[number] for number in (*drawn.chosen, *drawn.others)]
+    parts += [background.surfaces[number].reversed for number in drawn.around]
+    parts += [background.surfaces[number] for number in drawn.others]
     point_firsts = np.cumsum([0, *(len(part.points) for part in parts)]).tolist()
     firsts = np.cumsum([0, *(len(part.corners) for part in parts)]).tolist()
     points = np.concatenate([part.points for part in parts])
     corners = np.concatenate([part.corners + first for part, first in zip(parts, point_firsts[:-1], strict=True)])
     made = Triangles(upload(points), upload(corners.astype(np.int32)), point_firsts, firsts)
-    background.latest = shown, made
+    background.latest = drawn, made
     return made

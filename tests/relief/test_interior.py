@@ -10,7 +10,7 @@ import pytest
 
 import pyibr as ibr
 from pyibr.core.camera import Camera
-from pyibr.relief.within import nearest_weights
+from pyibr.relief.interior import nearest_weights
 from tests.displaced import square
 from tests.one_lane import one_lane
 from tests.relief.solids import Carved, Surface, cylinder, grid, plane, sphere, torus
@@ -129,7 +129,7 @@ def test_nothing_jumps_where_the_eye_passes_through_the_base(name):
     frames = []
     for depth in (-1e-3, 1e-3):
         camera = looking(surface, u, v, depth * scale, (1, 0.2, -0.8))
-        assert (relief(name).place_of(camera) is not None) == (depth > 0)
+        assert (relief(name).interior_point(camera) is not None) == (depth > 0)
         frames.append(ibr.render(relief(name), camera))
     above, under = frames
     assert above.valid.mean() > 0.7
@@ -147,7 +147,7 @@ def test_nothing_jumps_where_the_eye_passes_through_the_base(name):
 def test_no_place_within(eye):
     """In matter, below the bottom, beyond the border, above the base."""
     thing = ibr.ReliefSurface(square(), blocks(), WHITE, 0.1, tiles=(3, 3))
-    assert thing.place_of(Camera.look_at(eye, (2, 0.4, 0.3), (0, 0, 1), SIZE, fov_y=70)) is None
+    assert thing.interior_point(Camera.look_at(eye, (2, 0.4, 0.3), (0, 0, 1), SIZE, fov_y=70)) is None
     if eye[2] < 0 < eye[0]:
         frame = ibr.render(thing, Camera.look_at(eye, (0.6, 0.5, 0.3), (0, 0, 1), SIZE, fov_y=70))
         assert not frame.valid.any()
@@ -155,7 +155,7 @@ def test_no_place_within(eye):
 
 def test_an_orthographic_camera_is_nowhere():
     camera = Camera.look_at((1 / 3, 1 / 3, -0.05), (1, 0.4, 0), (0, 0, 1), SIZE, projection="orthographic", height=1)
-    assert ibr.ReliefSurface(square(), blocks(), WHITE, 0.1, tiles=(3, 3)).place_of(camera) is None
+    assert ibr.ReliefSurface(square(), blocks(), WHITE, 0.1, tiles=(3, 3)).interior_point(camera) is None
 
 
 @pytest.mark.parametrize("name", ["tube", "torus, outside", "torus, inside"])
@@ -168,7 +168,7 @@ def test_places_are_on_parallel_surfaces(name):
     for u, v in rng.uniform(low, low + 0.3, (8, 2)):
         depth = rng.uniform(0.1, 0.9)
         eye, axes = below(surface, u, v, depth * scale)
-        place = thing.place_of(Camera.look_at(eye, eye + axes[0], axes[2], SIZE, fov_y=70))
+        place = thing.interior_point(Camera.look_at(eye, eye + axes[0], axes[2], SIZE, fov_y=70))
         assert place is not None
         assert abs(place.depth - depth) <= 0.02
         np.testing.assert_allclose(place.uv, np.array([u, v]) * tiles, atol=2e-3)

@@ -12,24 +12,24 @@ from pyibr.images import DepthImage
 Kind = Literal["colors", "depth", "disparity"]
 Image = NDArray[np.uint8]
 
-_SHARE = 0.36  # of the page's height
-_MOST = 320  # pixels
+_WIDTH_SHARE = 0.36  # of the page's height
+_SIDE_MAX = 320  # pixels
 _FRAME = 2
 _PAINT = (200, 0, 200)
 _BACKGROUND = (70, 70, 80)
 
 
-def corner_box(size: tuple[int, int]) -> tuple[int, int, int]:
+def inset_box(size: tuple[int, int]) -> tuple[int, int, int]:
     """Left, top and side of the picture on a page of (width, height) pixels: its lower left corner."""
     width, height = size
-    side = max(min(round(_SHARE * height), round(0.45 * width), _MOST), 1)
+    side = max(min(round(_WIDTH_SHARE * height), round(0.45 * width), _SIDE_MAX), 1)
     gap = max(min(8, width - side, height - side), 0)
     return min(gap, width - side), max(height - side - gap, 0), side
 
 
-def corner_place(size: tuple[int, int], at: tuple[float, float]) -> tuple[float, float] | None:
+def inset_position(size: tuple[int, int], at: tuple[float, float]) -> tuple[float, float] | None:
     """Turn a place of the page, in its widths and heights, into one of the picture, in its own; None beside it."""
-    left, top, side = corner_box(size)
+    left, top, side = inset_box(size)
     x, y = (at[0] * size[0] - left) / side, (at[1] * size[1] - top) / side
     return (x, y) if 0 <= x <= 1 and 0 <= y <= 1 else None
 
@@ -40,7 +40,9 @@ def own_picture(view: DepthImage, kind: Kind, mask: NDArray[np.bool_]) -> Image:
     made[:] = _BACKGROUND
     seen = view.valid
     if kind == "colors":
-        made[seen] = view.shown[seen] if view.shown.dtype == np.uint8 else np.rint(255 * view.shown[seen])
+        made[seen] = (
+            view.shown_color[seen] if view.shown_color.dtype == np.uint8 else np.rint(255 * view.shown_color[seen])
+        )
     elif seen.any():
         values = view.depth[seen].astype(np.float64)
         values = -values if kind == "depth" else 1 / values
@@ -50,10 +52,10 @@ def own_picture(view: DepthImage, kind: Kind, mask: NDArray[np.bool_]) -> Image:
     return made
 
 
-def put_into_corner(picture: Image, own: Image, full: tuple[int, int]) -> None:
+def draw_inset(picture: Image, own: Image, full: tuple[int, int]) -> None:
     """Write a frustum's picture into a page's, which is `full` pixels large, or drawn smaller while it moves."""
     height, width = picture.shape[:2]
-    left, top, side = (round(value * width / full[0]) for value in corner_box(full))
+    left, top, side = (round(value * width / full[0]) for value in inset_box(full))
     side = min(side, width - left, height - top)
     if side < 1:
         return

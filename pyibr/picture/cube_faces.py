@@ -7,24 +7,26 @@ from typing import Any
 
 from pyibr.core.camera import Camera
 from pyibr.core.pixelspace import pitch
-from pyibr.core.straight import panes_of
+from pyibr.core.straight import cube_faces
 from pyibr.images.frame import Frame, PixelClass
 from pyibr.opencl.device import current
 from pyibr.opencl.launch import launch
 from pyibr.opencl.program import kernel
-from pyibr.picture.straighten import places_on_device
+from pyibr.picture.straighten import positions_on_device
 from pyibr.picture.target import Target
 
 
-def pane_cameras(camera: Camera) -> list[Camera]:
-    """The cameras without lenses whose targets `joined` takes: itself, if it has none."""
+def cube_face_cameras(camera: Camera) -> list[Camera]:
+    """The cameras without lenses whose targets `joined_faces` takes: itself, if it has none."""
     if camera.lens is None:
         return [camera]
     world = camera.world_from_camera
-    return [Camera(pane.camera.K, pane.camera.size, world @ pane.camera.world_from_camera) for pane in panes_of(camera)]
+    return [
+        Camera(face.camera.K, face.camera.size, world @ face.camera.world_from_camera) for face in cube_faces(camera)
+    ]
 
 
-def joined(targets: Sequence[Target], camera: Camera, out: Frame | None = None) -> Target:
+def joined_faces(targets: Sequence[Target], camera: Camera, out: Frame | None = None) -> Target:
     """The picture of a camera from those of its `pane_cameras`.
 
     Parameters
@@ -40,7 +42,7 @@ def joined(targets: Sequence[Target], camera: Camera, out: Frame | None = None) 
     classes = targets[0].classes is not None
     profile = current().profile
     whole = Target(camera, like.dtype, out=out, classes=classes, channels=like.shape[2])
-    for number, (pane, target) in enumerate(zip(panes_of(camera), targets, strict=True)):
+    for number, (face, target) in enumerate(zip(cube_faces(camera), targets, strict=True)):
         origins: dict[str, Any] = {}
         if whole.classes is not None:
             origins = {"face_origin": target.origin, "face_classes": target.classes}
@@ -54,7 +56,7 @@ def joined(targets: Sequence[Target], camera: Camera, out: Frame | None = None) 
                 **target.color_defines,
             ),
             profile.packets(*camera.size, profile.strip),
-            places=places_on_device(pane),
+            places=positions_on_device(face),
             face_depth=target.depth,
             face_color=target.color,
             face_valid=target.valid,

@@ -11,7 +11,7 @@ from pyibr.opencl.device import current
 _Made = TypeVar("_Made")
 
 
-def kept(thing: Fixed, name: str, make: Callable[[], _Made]) -> _Made:
+def cached_on_device(thing: Fixed, name: str, make: Callable[[], _Made]) -> _Made:
     """What `make` has made for `thing` on the current device under this name; made now if it has not."""
     found = thing.device_cache.setdefault(current(), {})
     if name not in found:

@@ -16,7 +16,7 @@ _RADIUS = 3.0  # of the scene on the page: its near plane, its keys and its dept
 
 
 @dataclass(frozen=True)
-class PagePlace:
+class PageSpace:
     """Where the scene lies on the page, whose numbers are in single precision and suit scenes of one size.
 
     A point of the world is at (point - middle) / unit on the page; directions are the same.
@@ -47,7 +47,7 @@ def fov_of(camera: Camera) -> float:
     return 2 * float(np.arctan(camera.height / (2 * camera.K[1, 1])))
 
 
-def place_around(low: Float64, high: Float64) -> PagePlace:
+def page_space_around(low: Float64, high: Float64) -> PageSpace:
     """The place of a scene in a box, (low, high) in the world.
 
     Raises
@@ -58,7 +58,7 @@ def place_around(low: Float64, high: Float64) -> PagePlace:
     radius = 0.5 * float(np.linalg.norm(high - low))
     if not (np.isfinite(radius) and radius > 0):
         raise ArgumentError("things", "things of some extent", f"a box from {low} to {high}")
-    return PagePlace(0.5 * (low + high), radius / _RADIUS)
+    return PageSpace(0.5 * (low + high), radius / _RADIUS)
 
 
 def camera_before(low: Float64, high: Float64, up: Float64) -> Camera:

@@ -8,7 +8,7 @@ import time
 _GAP = 5e-4  # seconds: who sleeps until a lock is free wakes up in a tenth of that
 
 
-def offer(lock: threading.RLock) -> None:
+def yield_lock(lock: threading.RLock) -> None:
     """Let go of a lock until whoever waits has had it. Ctrl-C counts once it is back.
 
     Who holds it twice keeps it, and who does not hold it at all, since nobody else makes launches, goes without it.

@@ -18,7 +18,7 @@ Value = bool | int | float | str | None
 
 
 @dataclass(frozen=True)
-class Knob:
+class Parameter:
     """An argument of a thing's class that a page can offer.
 
     Attributes
@@ -43,16 +43,16 @@ class Knob:
         return not self.choices or value in self.choices
 
 
-def knobs_of(things: Sequence[object]) -> dict[str, Knob]:
-    """All knobs of some things by their names; where several have one of a name, the first one's value counts."""
-    found: dict[str, Knob] = {}
+def parameters_of(things: Sequence[object]) -> dict[str, Parameter]:
+    """All parameters of some things by their names; where several have one of a name, the first one's value counts."""
+    found: dict[str, Parameter] = {}
     for thing in things:
-        for knob in _knobs_of_one(thing):
-            found.setdefault(knob.name, knob)
+        for parameter in _parameters_of_one(thing):
+            found.setdefault(parameter.name, parameter)
     return found
 
 
-def turned(thing: _Thing, values: Mapping[str, Value]) -> _Thing:
+def with_parameters(thing: _Thing, values: Mapping[str, Value]) -> _Thing:
     """The thing with those of the values that its class knows; itself if they are what it has.
 
     A word that is another class's choice alone is none of them.
@@ -62,7 +62,7 @@ def turned(thing: _Thing, values: Mapping[str, Value]) -> _Thing:
     ArgumentError
         By the thing's class, if a value is out of its range.
     """
-    own = {knob.name: knob for knob in _knobs_of_one(thing)}
+    own = {parameter.name: parameter for parameter in _parameters_of_one(thing)}
     known = {name: value for name, value in values.items() if name in own and own[name].may_be(value)}
     changes = {name: value for name, value in known.items() if own[name].value != value}
     if not changes:
@@ -70,7 +70,7 @@ def turned(thing: _Thing, values: Mapping[str, Value]) -> _Thing:
     return type(thing)(**(_arguments(thing) or {}) | changes)
 
 
-def _knobs_of_one(thing: object) -> list[Knob]:
+def _parameters_of_one(thing: object) -> list[Parameter]:
     arguments = _arguments(thing)
     if arguments is None:
         return []
@@ -78,15 +78,15 @@ def _knobs_of_one(thing: object) -> list[Knob]:
         hints = get_type_hints(type(thing).__init__)
     except Exception:  # a class may name in its hints what is not there at run time
         return []
-    knobs: list[Knob] = []
+    parameters: list[Parameter] = []
     for name, value in arguments.items():
         hint = hints.get(name)
         choices = _choices(hint)
         if choices and value in choices:
-            knobs.append(Knob(name, str, value, choices))
+            parameters.append(Parameter(name, str, value, choices))
         elif (kind := _number(hint)) and isinstance(value, (bool, int, float)):
-            knobs.append(Knob(name, kind, kind(value)))
-    return knobs
+            parameters.append(Parameter(name, kind, kind(value)))
+    return parameters
 
 
 def _arguments(thing: object) -> dict[str, Any] | None:

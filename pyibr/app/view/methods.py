@@ -14,7 +14,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from pyibr.app.view.knobs import Knob, knobs_of, turned
+from pyibr.app.view.parameters import Parameter, parameters_of, with_parameters
 from pyibr.app.view.style import Style
 from pyibr.core.camera import Camera
 from pyibr.core.checks import describe
@@ -29,11 +29,11 @@ from pyibr.warp.warp import warp
 
 Draw = Callable[[Sequence[Any], Camera, Style], Frame]
 
-_KEPT = 4  # states of the knobs whose things stay on the device
+_CACHED_MAX = 4  # states of the parameters whose things stay on the device
 
 
 @dataclass(frozen=True)
-class Way:
+class RenderMethod:
     """A way to draw a scene.
 
     Attributes
@@ -44,7 +44,7 @@ class Way:
     explains : bool
         Its frames tell what each pixel is and which view it comes from.
     fixed : tuple of str
-        Options of the things that make this the way that it is: no knobs.
+        Options of the things that make this the way that it is: no parameters.
     """
 
     make: Callable[[], Sequence[Any]]
@@ -54,31 +54,31 @@ class Way:
 
     @cached_property
     def things(self) -> Sequence[Any]:
-        """What is drawn, with all knobs as they were given."""
+        """What is drawn, with all parameters as they were given."""
         return self.make()
 
     @property
-    def knobs(self) -> dict[str, Knob]:
+    def parameters(self) -> dict[str, Parameter]:
         """What can be turned at the things, by name."""
-        return {name: knob for name, knob in knobs_of(self.things).items() if name not in self.fixed}
+        return {name: parameter for name, parameter in parameters_of(self.things).items() if name not in self.fixed}
 
     def draw(self, camera: Camera, style: Style) -> Frame:
-        """A frame of the things, with the knobs turned as the style says."""
-        things = self._turned.get(style.knobs)
+        """A frame of the things, with the parameters turned as the style says."""
+        things = self._with_parameters.get(style.parameters)
         if things is None:
-            values = {name: value for name, value in style.knobs if name not in self.fixed}
-            things = [turned(thing, values) for thing in self.things]
-            while len(self._turned) >= _KEPT:
-                del self._turned[next(iter(self._turned))]
-            self._turned[style.knobs] = things
+            values = {name: value for name, value in style.parameters if name not in self.fixed}
+            things = [with_parameters(thing, values) for thing in self.things]
+            while len(self._with_parameters) >= _CACHED_MAX:
+                del self._with_parameters[next(iter(self._with_parameters))]
+            self._with_parameters[style.parameters] = things
         return self.how(things, camera, style)
 
     @cached_property
-    def _turned(self) -> dict[object, Sequence[Any]]:
+    def _with_parameters(self) -> dict[object, Sequence[Any]]:
         return {}
 
 
-def ways_of(things: object) -> dict[str, Way]:
+def methods_of(things: object) -> dict[str, RenderMethod]:
     """The ways to draw what a user has given: a thing, a sequence of things, or named ones to choose from.
 
     Raises
@@ -94,24 +94,24 @@ def ways_of(things: object) -> dict[str, Way]:
     given = _checked(things)
     if not all(isinstance(thing, DepthImage) for thing in given):
         return {"render": _rendered(given)}
-    return _ways_of_views(_alike([cast("DepthImage", thing) for thing in given]))
+    return _methods_of_views(_alike([cast("DepthImage", thing) for thing in given]))
 
 
-def _ways_of_views(views: Sequence[DepthImage]) -> dict[str, Way]:
-    ways = {"warp": _warped(views, "epipolar")}
-    ways["render"] = Way(lambda: [WarpedView(view) for view in views], _render, fixed=("blend",))
-    ways |= {"search": _warped(views, "search"), "forward": _warped(views, "forward")}
-    ways["depth mesh"] = Way(lambda: [DepthMeshObject(views)], _render)
-    ways["depth object"] = Way(lambda: [DepthObject(views)], _render)
-    ways["visual hull"] = Way(lambda: [VisualHull(views)], _render)
-    return ways
+def _methods_of_views(views: Sequence[DepthImage]) -> dict[str, RenderMethod]:
+    methods = {"warp": _warped(views, "epipolar")}
+    methods["render"] = RenderMethod(lambda: [WarpedView(view) for view in views], _render, fixed=("blend",))
+    methods |= {"search": _warped(views, "search"), "forward": _warped(views, "forward")}
+    methods["depth mesh"] = RenderMethod(lambda: [DepthMeshObject(views)], _render)
+    methods["depth object"] = RenderMethod(lambda: [DepthObject(views)], _render)
+    methods["visual hull"] = RenderMethod(lambda: [VisualHull(views)], _render)
+    return methods
 
 
-def _rendered(things: Sequence[Thing]) -> Way:
-    return Way(lambda: things, _render)
+def _rendered(things: Sequence[Thing]) -> RenderMethod:
+    return RenderMethod(lambda: things, _render)
 
 
-def _warped(views: Sequence[DepthImage], method: Method) -> Way:
+def _warped(views: Sequence[DepthImage], method: Method) -> RenderMethod:
     def draw(things: Sequence[WarpedView], camera: Camera, style: Style) -> Frame:
         if style.show not in ("classes", "view") or method == "forward":
             return _render(things, camera, style)
@@ -121,7 +121,7 @@ def _warped(views: Sequence[DepthImage], method: Method) -> Way:
         frame.color[np.isnan(frame.depth)] = _background(style, frame.color.dtype)
         return frame
 
-    return Way(lambda: [WarpedView(views, method=method)], draw, method != "forward", fixed=("method",))
+    return RenderMethod(lambda: [WarpedView(views, method=method)], draw, method != "forward", fixed=("method",))
 
 
 def _render(things: Sequence[Thing], camera: Camera, style: Style) -> Frame:

@@ -12,8 +12,8 @@ from pyibr.core.checks import Float64, one_of
 from pyibr.core.straight import check_no_lens
 from pyibr.images.depth_image import DepthImage, Side
 from pyibr.opencl.device import current
+from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.headers import constant, struct
-from pyibr.opencl.kept import kept
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, copy, duplicate, empty, upload
 from pyibr.opencl.program import kernel
@@ -50,7 +50,7 @@ class MarkedUnseen:
     >>> import numpy as np
     >>> import pyibr as ibr
     >>> from pyibr.picture.drawable import as_drawable
-    >>> from pyibr.picture.seen import MarkedUnseen
+    >>> from pyibr.picture.unseen import MarkedUnseen
     >>> wall = ibr.Mesh([[-9, -9, 3], [9, -9, 3], [0, 9, 3]], [[0, 1, 2]])
     >>> camera = ibr.Camera([[20, 0, 5], [0, 20, 5], [0, 0, 1]], (11, 11))
     >>> half = np.where(np.arange(11) < 5, np.float32(3), np.float32(np.inf)) * np.ones((11, 1), np.float32)
@@ -128,7 +128,7 @@ def _on_device(views: Sequence[DepthImage], origin: Float64) -> tuple[DeviceArra
         records[number, 20:24] = [*(camera.center - origin), 1] if perspective else [*-camera.forward, 0]
         records[number, 24] = max(1 / camera.K[0, 0], 1 / camera.K[1, 1])
         places[number] = *camera.size, start
-        copy(kept(view, "seen", lambda view=view: upload(_depths(view))), maps, start)
+        copy(cached_on_device(view, "seen", lambda view=view: upload(_depths(view))), maps, start)
         start += view.depth.size
     return maps, upload(records), upload(places)
 

@@ -11,7 +11,7 @@ import pytest
 import pyibr as ibr
 from pyibr.capture import capture, models
 from pyibr.picture.drawable import as_drawable
-from pyibr.picture.seen import MarkedUnseen
+from pyibr.picture.unseen import MarkedUnseen
 from tests.embree import embree
 from tests.one_lane import one_lane
 

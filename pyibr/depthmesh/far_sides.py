@@ -12,7 +12,7 @@ from pyibr.core.checks import Float64
 from pyibr.depthmesh.tree import Tree
 from pyibr.images.depth_image import DepthImage
 
-_STEEPEST = 1.5  # times the depth of its edge, that what goes on behind one may be nearer or farther
+_DEPTH_RATIO_MAX = 1.5  # times the depth of its edge, that what goes on behind one may be nearer or farther
 
 Float32 = NDArray[np.float32]
 Whole = NDArray[np.int64]
@@ -33,7 +33,7 @@ class ViewMesh(Protocol):
 
 
 @dataclass(frozen=True)
-class Behind:
+class FarSides:
     """How far a view may look behind its surface until it comes to what the far sides of its depth edges go on as.
 
     Attributes
@@ -59,7 +59,7 @@ class Behind:
         return np.where(self.hidden, spread, words)
 
 
-def behind_of(mesh: ViewMesh, limit: Float32) -> Behind:
+def far_sides_of(mesh: ViewMesh, limit: Float32) -> FarSides:
     """What goes on behind the edges of a view.
 
     Each sample continues the edge that is nearest to it in the picture: in the plane of the surface on that edge's far
@@ -73,11 +73,11 @@ def behind_of(mesh: ViewMesh, limit: Float32) -> Behind:
     """
     far = _far_sides(mesh, limit)
     if not far.any():
-        return Behind(limit, far, far)
+        return FarSides(limit, far, far)
     number = np.arange(far.size).reshape(far.shape)
     depth = _continued(mesh, limit, _nearest(np.where(far, number, -1), far.shape[1]))
     hidden = (depth > limit) & (limit > 0)
-    return Behind(np.where(hidden, depth, limit), hidden, far & np.isfinite(limit))
+    return FarSides(np.where(hidden, depth, limit), hidden, far & np.isfinite(limit))
 
 
 def _far_sides(mesh: ViewMesh, limit: Float32) -> NDArray[np.bool_]:
@@ -100,7 +100,12 @@ def _far_sides(mesh: ViewMesh, limit: Float32) -> NDArray[np.bool_]:
     return far & ~near & (surface | np.isinf(limit))
 
 
-_AROUND = ((0, 0, 9), (0, 1, 3), (1, 0, 3), (1, 1, 1))  # rows, columns and sixteenths of bilinear interpolation
+_NEIGHBOUR_WEIGHTS = (
+    (0, 0, 9),
+    (0, 1, 3),
+    (1, 0, 3),
+    (1, 1, 1),
+)  # rows, columns and sixteenths of bilinear interpolation
 
 
 def _nearest(origin: Whole, width: int, step: int = 1) -> Whole:
@@ -120,7 +125,7 @@ def _nearest(origin: Whole, width: int, step: int = 1) -> Whole:
     coarse = _nearest(np.max(_quarters(origin, -1), axis=0), width, 2 * step)
     y, x = np.nonzero(origin < 0)
     best, least = np.full(len(y), -1), np.full(len(y), np.inf)
-    for up, left, _ in _AROUND:
+    for up, left, _ in _NEIGHBOUR_WEIGHTS:
         there = coarse[_coarser(y, up, coarse.shape[0]), _coarser(x, left, coarse.shape[1])]
         off = np.hypot(there % width - step * (x + 0.5), there // width - step * (y + 0.5))
         best, least = np.where(off < least, there, best), np.minimum(off, least)
@@ -138,7 +143,7 @@ def _spread(known: NDArray[np.bool_], color: Float32) -> Float32:
     coarse = _spread(count[..., 0] > 0, (_quarters(color, 0) * have).sum(axis=0) / np.maximum(count, 1))
     y, x = np.nonzero(~known)
     blend = np.zeros((len(y), color.shape[2]), np.float32)
-    for up, left, share in _AROUND:
+    for up, left, share in _NEIGHBOUR_WEIGHTS:
         there = coarse[_coarser(y, up, coarse.shape[0]), _coarser(x, left, coarse.shape[1])]
         blend += np.float32(share / 16) * there
     found = color.copy()
@@ -173,11 +178,11 @@ def _continued(mesh: ViewMesh, limit: Float32, origin: Whole) -> Float32:
         if camera.projection == "perspective":
             found = depth * np.sum(normal * there, axis=-1) / np.sum(normal * here, axis=-1)
             steep = ~(found > 0)
-            low, high = depth / _STEEPEST, depth * _STEEPEST
+            low, high = depth / _DEPTH_RATIO_MAX, depth * _DEPTH_RATIO_MAX
         else:
             found = depth - np.sum(normal[..., :2] * (here - there)[..., :2], axis=-1) / normal[..., 2]
             steep = ~np.isfinite(found)
-            span = (_STEEPEST - 1) * float(np.ptp(mesh.view.depth[mesh.view.valid]))
+            span = (_DEPTH_RATIO_MAX - 1) * float(np.ptp(mesh.view.depth[mesh.view.valid]))
             low, high = depth - span, depth + span
         found = np.where(steep, depth, np.clip(found, low, high))
     return np.where(np.isinf(depth), np.inf, found).astype(np.float32)

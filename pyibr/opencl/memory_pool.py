@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     import pyopencl as cl
 
-_LEAST = 1 << 12  # bytes: a page
+_SIZE_MIN = 1 << 12  # bytes: a page
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,11 +28,11 @@ class Block:
 
 def rounded(size: int) -> int:
     """Bytes of the block for `size` of them: up to an eighth more, so that sizes that are much the same are one."""
-    step = max(1 << max(size.bit_length() - 4, 0), _LEAST)
+    step = max(1 << max(size.bit_length() - 4, 0), _SIZE_MIN)
     return -(-max(size, 1) // step) * step
 
 
-class Spare:
+class MemoryPool:
     """Blocks by size. Finalizers give them back, in any thread and at any time: amid `take` and `give`, too."""
 
     def __init__(self) -> None:

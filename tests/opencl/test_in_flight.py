@@ -20,10 +20,10 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.opencl import device, flight, launch, program
+from pyibr.opencl import device, in_flight, launch, program
 from pyibr.opencl.device import current
-from pyibr.opencl.flight import Pace, piece_of
 from pyibr.opencl.headers import kernels_folder
+from pyibr.opencl.in_flight import KernelCost, piece_of
 from pyibr.opencl.memory import empty
 from pyibr.opencl.watch import Watch, watching
 from tests import scenes
@@ -45,7 +45,7 @@ def pieces(items: int | None = None) -> Generator[Counter[str], None, None]:
         patch.setattr(launch, "_start", counted)
         if items is not None:
             patch.setattr(launch, "AT_ONCE", -1.0)
-            patch.setattr(Pace, "piece_after", lambda pace, done, seconds: items)
+            patch.setattr(KernelCost, "piece_after", lambda cost, done, seconds: items)
         yield started
 
 
@@ -86,17 +86,17 @@ def test_short_launches_stay_whole():
     camera = view.camera.moved(0.1, 0.1, 0.1)
     ibr.warp(view, camera)
     made = current().kernels.values()
-    kept = [(kernel.pace, kernel.pace.item) for kernel in made]
+    kept = [(kernel.cost, kernel.cost.seconds_per_item) for kernel in made]
     try:
-        for pace, _ in kept:
-            pace.item = 0.0  # as on the quickest of devices
+        for cost, _ in kept:
+            cost.seconds_per_item = 0.0  # as on the quickest of devices
         launches: Counter[str] = Counter()
         with pieces() as started, watching(_Counted(launches)):
             ibr.warp(view, camera)
         assert started == launches and set(launches.values()) == {1}
     finally:
-        for pace, item in kept:
-            pace.item = item
+        for cost, item in kept:
+            cost.seconds_per_item = item
 
 
 class _Counted(Watch):
@@ -113,21 +113,21 @@ class _Counted(Watch):
 def test_a_launch_of_nothing_tells_no_pace():
     made = empty((4,), np.float32)
     clear = program.kernel("lib/clear.cl", "clear")
-    before = clear.pace.item
+    before = clear.cost.seconds_per_item
     launch.launch(clear, (0,), values=made, count=0, share=1, value=0.0)
-    assert clear.pace.item == before > 0
+    assert clear.cost.seconds_per_item == before > 0
 
 
 def test_what_takes_longer_than_expected_is_slower_from_then_on():
-    held, quick, pace = object(), Pace(1e-6), Pace(2e-6)
-    flying = flight.Flight()
-    flying.add(held, pace, 0.002)
+    held, quick, cost = object(), KernelCost(1e-6), KernelCost(2e-6)
+    flying = in_flight.InFlight()
+    flying.add(held, cost, 0.002)
     flying.add(held, quick, 0.001)
-    flying.land(flight.AHEAD / 2)
-    assert (pace.item, quick.item) == (2e-6, 1e-6) and not flying.used  # too short to tell
-    flying.add(held, pace, 0.002)
-    flying.land(2.0)
-    assert pace.item == pytest.approx(2e-3) and quick.item == 1e-6
+    flying.finish(in_flight.QUEUED_SECONDS_MAX / 2)
+    assert (cost.seconds_per_item, quick.seconds_per_item) == (2e-6, 1e-6) and not flying.used  # too short to tell
+    flying.add(held, cost, 0.002)
+    flying.finish(2.0)
+    assert cost.seconds_per_item == pytest.approx(2e-3) and quick.seconds_per_item == 1e-6
 
 
 def test_few_seconds_of_launches_wait_in_the_queue():
@@ -139,13 +139,13 @@ def test_few_seconds_of_launches_wait_in_the_queue():
 
     def seen(*arguments: Any) -> None:
         start(*arguments)
-        ahead.append(session.flight.seconds)
+        ahead.append(session.in_flight.seconds)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(launch, "_start", seen)
         patch.setattr(launch, "AHEAD", 0.01)
         for kernel in session.kernels.values():
-            patch.setattr(kernel.pace, "item", min(kernel.pace.item, flight.AT_ONCE / 1000))
+            patch.setattr(kernel.cost, "item", min(kernel.cost.seconds_per_item, in_flight.UNSPLIT_SECONDS / 1000))
         ibr.warp(view, cameras)
     assert 0 < max(ahead) <= 0.01
 
@@ -171,7 +171,7 @@ def _in_order(call: Call, expected: list[Any]) -> None:
     """The next call is right to the bit and leaves nothing, and other threads have their turn."""
     session = current()
     assert same(call(), expected)
-    assert not session.flight.used
+    assert not session.in_flight.used
     turns: list[bool] = []
 
     def take_one() -> None:

@@ -49,7 +49,7 @@ def backdrop_of(text: str) -> float | Backdrop | None:
         raise ArgumentError("--backdrop", "a depth > 0, farthest or none", text) from None
 
 
-def printable(text: object, lines: bool = False) -> str:
+def printable_text(text: object, lines: bool = False) -> str:
     """Names of files as terminals can show them: those that are no text, too, and what would steer the terminal.
 
     lines: whether the text has several.
@@ -59,7 +59,7 @@ def printable(text: object, lines: bool = False) -> str:
     return re.sub(steers, lambda found: found[0].encode("unicode_escape").decode("ascii"), shown)
 
 
-def told(text: str) -> None:
+def print_note(text: str) -> None:
     """Tell what is no error, but should be known."""
     typer.secho(text, err=True, fg="yellow")
 

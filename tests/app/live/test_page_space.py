@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.app.live.place import fov_of, place_around
+from pyibr.app.live.page_space import fov_of, page_space_around
 
 
 @pytest.mark.parametrize(
@@ -14,11 +14,11 @@ from pyibr.app.live.place import fov_of, place_around
 )
 def test_a_camera_goes_to_the_page_and_back(middle, size):
     middle = np.array(middle, np.float64)
-    place = place_around(middle - size, middle + size)
+    page_space = page_space_around(middle - size, middle + size)
     camera = ibr.Camera.look_at(middle + size * np.array([3.0, -1, 2]), middle, (0.2, -1, 0), (61, 37), fov_y=33)
-    wxyz, position = place.pose(camera)
+    wxyz, position = page_space.pose(camera)
     assert np.linalg.norm(position) < 20  # whatever the scene's size, single precision and the page's near plane suit
-    back = place.camera(np.float32(wxyz), np.float32(position), fov_of(camera), (61, 37))
+    back = page_space.camera(np.float32(wxyz), np.float32(position), fov_of(camera), (61, 37))
     np.testing.assert_allclose(back.K, camera.K, rtol=1e-12)
     # Floats of 32 bits on the page: 1e-7 of the scene's size, 20 times that away.
     np.testing.assert_allclose(back.center, camera.center, atol=4e-6 * size, rtol=1e-15)
@@ -26,8 +26,8 @@ def test_a_camera_goes_to_the_page_and_back(middle, size):
 
 
 def test_the_middle_of_the_picture_is_between_its_pixels():
-    place = place_around(np.zeros(3), np.ones(3))
-    camera = place.camera((1, 0, 0, 0), (0, 0, 0), np.pi / 2, (4, 2))
+    page_space = page_space_around(np.zeros(3), np.ones(3))
+    camera = page_space.camera((1, 0, 0, 0), (0, 0, 0), np.pi / 2, (4, 2))
     ahead = camera.center + np.array([[0.0, 0, 1]])
     pixels, depth = camera.project(ahead)
     np.testing.assert_allclose(pixels, [[1.5, 0.5]])  # a page's middle; pixel centres are at integers
@@ -39,4 +39,4 @@ def test_the_middle_of_the_picture_is_between_its_pixels():
 def test_a_scene_without_extent_is_refused():
     for box in ((np.ones(3), np.ones(3)), (np.zeros(3), np.full(3, np.inf))):
         with pytest.raises(ibr.ArgumentError, match="some extent"):
-            place_around(*box)
+            page_space_around(*box)

@@ -27,7 +27,7 @@ _LEAST_DEPTH = 1e-6  # of the relief's: of rays that start below the base
 
 
 @dataclass(frozen=True)
-class Place:
+class InteriorPoint:
     """What a base's vertices say at a point below it; the frame is that of the surface through the point.
 
     Attributes
@@ -57,7 +57,7 @@ class Place:
         return np.array([0.5 * x @ self.bending @ x, 0.5 * y @ self.bending @ y, x @ self.bending @ y])
 
 
-class Underside:
+class Interior:
     """A relief's base, to find points within the relief below it.
 
     Parameters
@@ -95,7 +95,7 @@ class Underside:
         )[1:]
         return (count == 1)[number.reshape(-1, 3)]
 
-    def place_of(self, eye: Float64) -> Place | None:
+    def interior_point(self, eye: Float64) -> InteriorPoint | None:
         """What the base says of a point below it by less than the relief's depth; None of all others.
 
         The base's nearest point tells. Where that is on an open border, the point is beside the relief.
@@ -123,7 +123,7 @@ class Underside:
             return None
         return self._place(weights[foot] @ self._rows[self._faces[near[foot]]].astype(np.float64), away[foot])
 
-    def _place(self, row: Float64, away: Float64) -> Place | None:
+    def _place(self, row: Float64, away: Float64) -> InteriorPoint | None:
         """The place of a point `away` from the base's, of which `row` tells."""
         if not np.isfinite(row).all():
             return None
@@ -146,7 +146,7 @@ class Underside:
         gradients = gradients @ squeeze
         gradients -= np.outer(gradients @ moved, moved)
         below = principal @ np.diag(curvatures * closer) @ principal.T
-        return Place(uv, moved, gradients, below, depth / self._scale)
+        return InteriorPoint(uv, moved, gradients, below, depth / self._scale)
 
 
 def nearest_weights(corners: Float64, across: Float64, point: Float64) -> Float64:
@@ -174,7 +174,7 @@ def nearest_weights(corners: Float64, across: Float64, point: Float64) -> Float6
     return best
 
 
-def window(place: Place, camera: Camera, distance: float, scale: float) -> tuple[Float32, Float32]:
+def window(place: InteriorPoint, camera: Camera, distance: float, scale: float) -> tuple[Float32, Float32]:
     """A triangle `distance` before a camera's centre at a place, which covers its picture: pixels and vertices.
 
     Returns

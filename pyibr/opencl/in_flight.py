@@ -6,34 +6,34 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-AT_ONCE = 0.005  # seconds that a launch may take, by what its kernel took before, to be one piece
-AHEAD = 0.04  # seconds of launches that may wait in the queue
-PIECE = 0.06  # seconds that a piece of a launch is meant to take
+UNSPLIT_SECONDS = 0.005  # seconds that a launch may take, by what its kernel took before, to be one piece
+QUEUED_SECONDS_MAX = 0.04  # seconds of launches that may wait in the queue
+PIECE_SECONDS = 0.06  # seconds that a piece of a launch is meant to take
 _GROWTH = 4  # at most, from piece to piece: what comes next may take longer
-_LATE = 4  # times as long as expected: what was expected is wrong
+_UNEXPECTED = 4  # times as long as expected: what was expected is wrong
 
 
 @dataclass(eq=False)
-class Pace:
+class KernelCost:
     """How fast a kernel has been.
 
     Attributes
     ----------
-    item : float
-        Seconds that a work-item took, on average; infinite as long as nobody knows.
+    seconds_per_item : float
+        Seconds that a work-seconds_per_item took, on average; infinite as long as nobody knows.
     """
 
-    item: float = math.inf
+    seconds_per_item: float = math.inf
 
     def piece_after(self, items: int, seconds: float) -> int:
         """Work-items of the next piece, after one of so many that took so long; 0 before the first."""
         if not items:
-            return max(int(AT_ONCE / self.item), 1)
-        slowest = max(seconds / items, self.item if math.isfinite(self.item) else 0.0)
-        return max(int(min(PIECE / slowest, _GROWTH * items)), 1)
+            return max(int(UNSPLIT_SECONDS / self.seconds_per_item), 1)
+        slowest = max(seconds / items, self.seconds_per_item if math.isfinite(self.seconds_per_item) else 0.0)
+        return max(int(min(PIECE_SECONDS / slowest, _GROWTH * items)), 1)
 
 
-class Flight:
+class InFlight:
     """What is in flight.
 
     Attributes
@@ -47,21 +47,21 @@ class Flight:
     def __init__(self) -> None:
         self.used: list[object] = []
         self.seconds = 0.0
-        self._paces: list[Pace] = []
+        self._costs: list[KernelCost] = []
 
-    def add(self, used: object, pace: Pace, seconds: float) -> None:
+    def add(self, used: object, cost: KernelCost, seconds: float) -> None:
         """A launch joins."""
         self.used.append(used)
         self.seconds += seconds
-        self._paces.append(pace)
+        self._costs.append(cost)
 
-    def land(self, waited: float) -> None:
+    def finish(self, waited: float) -> None:
         """All of it is done; `waited` seconds for that. Whose launches took far longer than expected is slower."""
-        if waited > AHEAD and waited > _LATE * self.seconds > 0:
-            for pace in self._paces:
-                pace.item *= waited / self.seconds
+        if waited > QUEUED_SECONDS_MAX and waited > _UNEXPECTED * self.seconds > 0:
+            for cost in self._costs:
+                cost.seconds_per_item *= waited / self.seconds
         self.used.clear()
-        self._paces.clear()
+        self._costs.clear()
         self.seconds = 0.0
 
 
