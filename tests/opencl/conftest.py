@@ -18,7 +18,7 @@ def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.F
     if "nothing_open" not in request.fixturenames:
         current()
     monkeypatch.setattr(probe, "_tested", {})
-    monkeypatch.setattr(cache, "_told", set())
+    monkeypatch.setattr(cache, "_warned", set())
     monkeypatch.setenv("PYIBR_CACHE", str(tmp_path / "cache"))
     monkeypatch.setenv("PYIBR_BINARIES", "now")
     return tmp_path / "cache"

@@ -170,7 +170,7 @@ def test_what_a_killed_process_leaves_is_pruned(own_cache: Path):
 
 
 def test_entries_that_were_used_longest_ago_are_pruned(own_cache: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(cache, "_MOST_BYTES", 5000)
+    monkeypatch.setattr(cache, "_BYTES_MAX", 5000)
     entries = [Entry("programs", str(number), str(number)) for number in range(6)]
     for number, entry in enumerate(entries[:4]):
         entry.write(bytes(1000))
@@ -323,7 +323,7 @@ for number in range(first, last):
             written.clear()
             results.append(render())
     print(json.dumps([kind.__name__, [result == expected for result in results], len(written), len(said)]), flush=True)
-    cache._told.clear()
+    cache._warned.clear()
     for path in folder.parent.glob("*"):
         if path.name != "whole":
             path.chmod(0o700) if path.exists() else None

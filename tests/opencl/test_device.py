@@ -405,7 +405,7 @@ def test_a_runtime_that_hangs_is_broken_with_a_reason(own_cache: Path, monkeypat
     python.write_text("#!/bin/sh\nexec sleep 60\n")
     python.chmod(0o755)
     monkeypatch.setattr(sys, "executable", str(python))
-    monkeypatch.setattr(probe_module, "_PATIENCE", 0.2)
+    monkeypatch.setattr(probe_module, "_TIMEOUT", 0.2)
     assert "did not end within" in probe(found(0, "bad", "cpu")).reason
 
 

@@ -44,7 +44,7 @@ def pieces(items: int | None = None) -> Generator[Counter[str], None, None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(launch, "_start", counted)
         if items is not None:
-            patch.setattr(launch, "AT_ONCE", -1.0)
+            patch.setattr(launch, "UNSPLIT_SECONDS", -1.0)
             patch.setattr(KernelCost, "piece_after", lambda cost, done, seconds: items)
         yield started
 
@@ -143,9 +143,9 @@ def test_few_seconds_of_launches_wait_in_the_queue():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(launch, "_start", seen)
-        patch.setattr(launch, "AHEAD", 0.01)
+        patch.setattr(launch, "QUEUED_SECONDS_MAX", 0.01)
         for kernel in session.kernels.values():
-            patch.setattr(kernel.cost, "item", min(kernel.cost.seconds_per_item, in_flight.UNSPLIT_SECONDS / 1000))
+            patch.setattr(kernel.cost, "seconds_per_item", min(kernel.cost.seconds_per_item, in_flight.UNSPLIT_SECONDS / 1000))
         ibr.warp(view, cameras)
     assert 0 < max(ahead) <= 0.01
 
@@ -239,9 +239,9 @@ while rung < 50:
     other.join()
     assert turns[-1] and device._chosen.get() is None, name
     assert same(found[name](), expected[name]), name
-    assert not session.flight.used, name
+    assert not session.in_flight.used, name
 assert held() == before, (before, held())
-assert session.spare.size >= sum(block.size for block in session.spare)
+assert session.memory_pool.size >= sum(block.size for block in session.memory_pool)
 print("in order")
 """
 
@@ -249,7 +249,7 @@ print("in order")
 SEARCH = """
 import os, signal, socket, sys, threading
 import pyibr as ibr
-from pyibr.opencl import flight, launch
+from pyibr.opencl import in_flight, launch
 from tests import scenes
 
 started, at_signal = [0], None
@@ -264,7 +264,7 @@ def counted(*arguments):
 view = scenes.stepped((320, 240))
 camera = view.camera.moved(0.2, 0.1, 0.3)
 expected = ibr.warp(view, camera, method="search")
-launch._start, launch.AT_ONCE, flight.Pace.piece_after = counted, -1.0, lambda *rest: 100
+launch._start, launch.UNSPLIT_SECONDS, in_flight.KernelCost.piece_after = counted, -1.0, lambda *rest: 100
 ibr.warp(view, camera, method="search")
 assert started[0] > 40, started
 started, at_signal = [0], []
@@ -337,8 +337,8 @@ def test_other_threads_run_while_a_call_waits(lanes: str):
 
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(type(session), "wait", noted)
-            patch.setattr(launch, "AT_ONCE", math.inf)
-            patch.setattr(launch, "AHEAD", math.inf)
+            patch.setattr(launch, "UNSPLIT_SECONDS", math.inf)
+            patch.setattr(launch, "QUEUED_SECONDS_MAX", math.inf)
             thread = threading.Thread(target=count)
             thread.start()
             ibr.warp(view, camera, method="search")
@@ -407,7 +407,7 @@ def test_short_calls_go_between_the_pieces_of_a_long_one():
 
 def test_who_is_alone_makes_no_gaps_between_pieces(monkeypatch: pytest.MonkeyPatch):
     view, gaps = scenes.smooth((31, 23)), list[object]()
-    monkeypatch.setattr(device, "offer", gaps.append)
+    monkeypatch.setattr(device, "yield_lock", gaps.append)
     with pieces(3) as started:
         ibr.warp(view, view.camera.moved(0.1, 0, 0), method="search")
     assert started["search"] > 3 and not gaps
@@ -416,7 +416,7 @@ def test_who_is_alone_makes_no_gaps_between_pieces(monkeypatch: pytest.MonkeyPat
 
 HELD = """
 import signal, threading, time
-from pyibr.opencl import turns
+from pyibr.opencl import locks
 
 lock, inside, out = threading.RLock(), threading.Event(), threading.Event()
 
@@ -433,7 +433,7 @@ with lock:
     ring.start()
     try:
         while True:
-            turns.offer(lock)
+            locks.yield_lock(lock)
     except KeyboardInterrupt:
         assert lock._is_owned() and out.is_set()
 assert not lock._is_owned()

@@ -43,7 +43,7 @@ def test_memory_is_handed_out_again():
 
 
 def test_spare_memory_is_bounded(monkeypatch):
-    monkeypatch.setattr(memory, "_SPARE_BYTES", 10_000_000)
+    monkeypatch.setattr(memory, "_POOL_BYTES_MAX", 10_000_000)
     arrays = [memory.empty(LARGE, np.float32) for _ in range(5)]  # 6 MB each
     del arrays
     gc.collect()
@@ -54,7 +54,7 @@ def test_what_lay_idle_longest_goes_first(monkeypatch):
     session = current()
     session.memory_pool.clear()
     sizes = [100_000, 200_000, 300_000]
-    monkeypatch.setattr(memory, "_SPARE_BYTES", sum(map(rounded, sizes[1:])))
+    monkeypatch.setattr(memory, "_POOL_BYTES_MAX", sum(map(rounded, sizes[1:])))
     for size in sizes:
         memory.empty((size,), np.uint8)
     assert [block.size for block in session.memory_pool] == [rounded(size) for size in sizes[1:]]
