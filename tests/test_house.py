@@ -17,7 +17,7 @@ from pyibr.opencl.headers import kernels_folder
 PACKAGE = Path(pyibr.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
 COMMANDS = tuple(  # they import typer
-    f"pyibr.{name}" for name in ("__main__", "app.cli", "app.commands", "app.live_commands", "app.words")
+    f"pyibr.{name}" for name in ("__main__", "app.cli", "app.commands", "app.live_commands", "app.options")
 )
 HEAVY = ("pyopencl", "cv2", "open3d", "OpenEXR", "matplotlib", "PIL", "rich", "typer", "viser")
 

@@ -145,7 +145,8 @@ def test_few_seconds_of_launches_wait_in_the_queue():
         patch.setattr(launch, "_start", seen)
         patch.setattr(launch, "QUEUED_SECONDS_MAX", 0.01)
         for kernel in session.kernels.values():
-            patch.setattr(kernel.cost, "seconds_per_item", min(kernel.cost.seconds_per_item, in_flight.UNSPLIT_SECONDS / 1000))
+            quick = min(kernel.cost.seconds_per_item, in_flight.UNSPLIT_SECONDS / 1000)
+            patch.setattr(kernel.cost, "seconds_per_item", quick)
         ibr.warp(view, cameras)
     assert 0 < max(ahead) <= 0.01
 
