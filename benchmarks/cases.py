@@ -1,4 +1,4 @@
-"""Which cases each benchmark runs, in full and in quick: data only."""
+"""Cases of each benchmark, in full and in quick: data only."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a measurement was taken."""
+"""Environment of a measurement."""
 
 from __future__ import annotations
 

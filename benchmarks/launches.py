@@ -1,4 +1,4 @@
-"""What single launches of a warp cost, and how many samples they visit."""
+"""Costs of single launches of a warp, and the samples that they visit."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ COUNTED = ("epipolar_sweep", "search", "resolve")
 
 @dataclass(frozen=True)
 class Visited:
-    """What launches of a kernel visited.
+    """Samples and pixels that launches of a kernel visited.
 
     Attributes
     ----------

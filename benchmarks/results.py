@@ -1,4 +1,4 @@
-"""What a benchmark found, as JSON: one flat list of records, each a list of raw values of one quantity."""
+"""Results of a benchmark as JSON: one flat list of records, each a list of raw values of one quantity."""
 
 from __future__ import annotations
 

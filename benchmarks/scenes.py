@@ -1,4 +1,4 @@
-"""What is drawn: the relief that is warped, cameras with the epipole in each of the nine regions, scans, bumps, rooms.
+"""Scenes: the relief that is warped, cameras with the epipole in each of the nine regions, scans, bumps, rooms.
 
 The regions are those of the warping paper's table 1. The relief is fixed in normalised image coordinates, so that
 epipolar segments grow with the image's side.
@@ -85,7 +85,7 @@ def white_noise(n: int) -> tuple[Array, Array]:
 
 
 def data_folder() -> Path:
-    """Where scanned meshes and real height maps are."""
+    """Folder of scanned meshes and real height maps."""
     beside = Path(__file__).resolve().parent.parent.parent / "shared/data"
     return Path(os.environ.get("PYIBR_DATA", beside))
 

@@ -121,7 +121,7 @@ def table2_section(result: Result, folder: Path) -> list[str]:
 
 
 def _rightness(result: Result, here: dict[str, Parameter]) -> list[str]:
-    """How right the picture of a row is, beside its bars."""
+    """Correctness of the picture of a row, beside its bars."""
     found = {name: list(result.select(subject="nearest", quantity=name, **here)) for name in table2.RIGHT}
     if not all(found.values()):
         return [*("" for _ in found), "", "**not measured**"]

@@ -1,4 +1,4 @@
-"""What a process pays: the import, the first frame, and memory. Each is measured in processes of its own."""
+"""Costs of a process: the import, the first frame, and memory. Each is measured in processes of its own."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def _memory(n: int) -> Work | Skip:
 
 
 def child(*arguments: str, settings: dict[str, str] | None = None) -> dict[str, Any]:
-    """What ``python -m benchmarks.child`` reports."""
+    """Report of ``python -m benchmarks.child``."""
     return python("-m", "benchmarks.child", *arguments, settings=settings)
 
 

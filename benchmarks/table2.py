@@ -74,7 +74,7 @@ class Model:
     covers: Mask
 
     def picture(self, sample: Literal["nearest", "linear"], fresh: bool = False) -> ibr.Frame:
-        """What is timed; `fresh`: of views that are made anew."""
+        """Draw the picture that is timed; `fresh`: of views that are made anew."""
         views = self.views
         if fresh:
             views = [ibr.DepthImage(view.color, view.depth, view.camera, far=view.far) for view in views]
@@ -110,7 +110,7 @@ def _prepare(name: str, n: int, repeats: int, mesh: str) -> Work | Skip:
 
 
 def rightness(frame: ibr.Frame, truth: ibr.DepthImage, covers: Mask) -> dict[str, float]:
-    """How right a picture is beside what rays of its camera meet.
+    """Correctness of a picture beside what rays of its camera meet.
 
     Returns
     -------

@@ -16,17 +16,17 @@ def table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def verdict(met: bool) -> str:
-    """Whether a bar is met."""
+    """Tell whether a bar is met."""
     return "met" if met else "**not met**"
 
 
 def skipped(skips: Iterable[Skip]) -> list[str]:
-    """What is missing, and why."""
+    """Cases that are missing, and why."""
     return [f"Left out: {skip.subject}, because {skip.reason}.\n" for skip in skips]
 
 
 def origin(environment: dict[str, Any]) -> str:
-    """Where and with what it was measured, in one paragraph."""
+    """Place and means of a measurement, in one paragraph."""
     device = ", ".join(environment[key] for key in ("device", "platform", "device_version", "driver"))
     versions = ", ".join(f"{name} {version}" for name, version in environment["versions"].items() if version)
     load = environment["load_average"]

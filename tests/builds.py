@@ -1,4 +1,4 @@
-"""Which programs pictures are drawn with."""
+"""Programs that pictures are drawn with."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which pixels of a warp are off, and which of them no rounding can decide."""
+"""Pixels of a warp that are off, and those of them that no rounding can decide."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What keeps the code findable: imports, the size of rooms and functions."""
+"""Rules that keep the code findable: imports, the size of rooms and functions."""
 
 from __future__ import annotations
 
@@ -18,6 +18,10 @@ PACKAGE = Path(pyibr.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
 COMMANDS = tuple(  # they import typer
     f"pyibr.{name}" for name in ("__main__", "app.cli", "app.commands", "app.live_commands", "app.options")
+)
+ROOT = Path(__file__).parents[1]
+SOURCES = sorted(
+    path for room in ("pyibr", "tests", "benchmarks", "docs", "tools") for path in (ROOT / room).rglob("*.py")
 )
 HEAVY = ("pyopencl", "cv2", "open3d", "OpenEXR", "matplotlib", "PIL", "rich", "typer", "viser")
 
@@ -63,6 +67,18 @@ def test_functions_are_short(path):
             text = ast.get_docstring(node, clean=False)
             lines = node.end_lineno - node.lineno + 1 - (text.count("\n") + 1 if text else 0)
             assert lines <= 60, f"{node.name}: {lines} lines without its docstring"
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_docstrings_open_with_what_a_thing_is_or_does(path):
+    """A noun or a verb, no question that the reader has to answer first."""
+    documented = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, documented):
+            words = (ast.get_docstring(node) or "").split(maxsplit=1)
+            assert words[:1] not in [[word] for word in ("What", "How", "Where", "Which", "Whether", "Who")], " ".join(
+                words
+            )
 
 
 def test_rooms_use_kernels_of_their_own_and_of_all():

@@ -1,4 +1,4 @@
-"""What a package says of the project: where it lies, and a README whose links lead there."""
+"""Metadata of the package: addresses, and a README whose links lead there."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_only_public_hosts_are_addresses():
 
 @pytest.fixture
 def clone(tmp_path: Path) -> Path:
-    """What a package is made of, with a git of its own."""
+    """Copy of the files that a package is made of, with a git of its own."""
     made = tmp_path / "clone"
     shutil.copytree(ROOT / "pyibr", made / "pyibr", ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("kernels", "tools"):

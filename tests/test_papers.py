@@ -1,4 +1,4 @@
-"""What the manual says of the four papers: each row names something that exists, and no figure is left out."""
+"""Pages of the manual on the four papers: each row names something that exists, and no figure is left out."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def anchors_of(page: Path) -> set[str]:
 
 
 def missing_of(cell: str) -> list[str]:
-    """What a cell names and is not there."""
+    """Names in a cell that lead to nothing."""
     missing: list[str] = []
     for link in LINK.findall(cell):
         path, _, anchor = link.partition("#")
@@ -72,7 +72,7 @@ def missing_of(cell: str) -> list[str]:
 
 
 def is_there(name: str) -> bool:
-    """Whether a dotted name is a module, or something in one."""
+    """Tell whether a dotted name is a module, or something in one."""
     parts = name.split(".")
     for split in range(len(parts), 0, -1):
         try:
@@ -88,7 +88,7 @@ def is_there(name: str) -> bool:
 
 
 def is_option(code: str) -> bool:
-    """Whether something public takes an option, and tells of the value."""
+    """Tell whether something public takes an option, and tells of the value."""
     match = OPTION.fullmatch(code)
     assert match
     public = (getattr(pyibr, name) for name in pyibr.__all__)

@@ -1,4 +1,4 @@
-"""What `make` sets up: for the demo no more than that needs."""
+"""Set-up behind `make`: for the demo no more than that needs."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[1]
 
 
 def command_of(target: str) -> str:
-    """What a target of the Makefile runs."""
+    """Command that a target of the Makefile runs."""
     text = (ROOT / "Makefile").read_text()
     (line,) = re.findall(rf"^{target}:.*\n\t@(.*)$", text, re.MULTILINE)
     return line.replace("$(TESTS)", re.findall(r"^TESTS := (.*)$", text, re.MULTILINE)[0])

@@ -26,7 +26,7 @@ NUDGE = 1e-3  # target pixels
 
 @dataclass(frozen=True)
 class Truth:
-    """What each target pixel's ray meets first. Everything is nan (or -1) where ``valid`` is False."""
+    """First intersection of each target pixel's ray. Everything is nan (or -1) where ``valid`` is False."""
 
     depth: Array  #: (H, W) float64, planar z
     valid: Array  #: (H, W) bool
@@ -77,7 +77,7 @@ class Surface:
         return self.scene.cast_rays(packed)["primitive_ids"].numpy().astype(np.int64)
 
     def _meet(self, origin: Array, direction: Array, triangle: Array) -> tuple[Array, Array, Array, Array]:
-        """Where rays meet the planes of triangles.
+        """Intersect rays with the planes of triangles.
 
         The points and the planes' normals (n, 3), whether the ray comes from the side that the source sees
         (n,), and the points' weights (n, 3) in the triangles in the source image, negative where beyond them.
@@ -240,7 +240,7 @@ def straight(camera: Camera, ray: Array) -> Array:
 
 
 def bent(camera: Camera, points: Array) -> Array:
-    """Where the camera's lens sees ideal positions (n, 2): OpenCV's answer."""
+    """Positions that the camera's lens sees ideal ones (n, 2) at: OpenCV's answer."""
     if camera.lens is None or not len(points):
         return points
     import cv2

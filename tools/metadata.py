@@ -1,4 +1,4 @@
-"""What a package says of the project beyond pyproject.toml: its addresses, and the README with links that lead there.
+"""Metadata of the package beyond pyproject.toml: its addresses, and the README with links that lead there.
 
 The project's address is where the clone came from that the package is built in: git's remote `origin`. Without one, or
 if that is no public host, a package names no address, links in its README are plain words, and pictures are left out.
@@ -32,7 +32,7 @@ class ProjectHook(MetadataHookInterface):
 
 
 def origin(root: Path) -> str:
-    """Where a clone came from; empty if it did not."""
+    """Address that a clone came from; empty if it did not."""
     if not (root / ".git").exists():
         return ""
     try:

@@ -81,7 +81,7 @@ def _prepare(name: str, client: str, plan: Plan) -> Work | Skip:
 
 
 def _missing(client: str) -> str:
-    """What a client needs and is not there."""
+    """Names of what a client needs and is not there."""
     if find_spec("viser") is None:
         return "viser is not installed"
     if client == RECEIVES:
@@ -105,7 +105,7 @@ def _thing(name: str, plan: Plan) -> Any:
 
 
 def _count(pages: Pages, waiting: list[int], ended: threading.Event, slow: bool) -> None:
-    """How many requests wait, now and then; the slow case's page is told its method as soon as there is one."""
+    """Count waiting requests now and then; the slow case's page is told its method as soon as there is one."""
     while not ended.wait(0.002):
         waiting.append(pages.waiting)
         opened: list[Any] = list(pages.open.values()) if slow else []

@@ -114,7 +114,7 @@ def _from_above(heights: NDArray[np.float32], spacing: float) -> ibr.DepthImage:
 
 
 def departures(view: ibr.DepthImage, vertices: NDArray[Any], faces: NDArray[Any]) -> NDArray[np.float32]:
-    """How far in depth triangles lie from the view's valid samples, as their rays see it; infinite where none is.
+    """Distances in depth of triangles from the view's valid samples, as their rays see it; infinite where none is.
 
     Rays beside the sample by a thousandth of its pixel help those that would slip through an edge or past the border.
     """
@@ -161,7 +161,7 @@ def _fresh(surface: Surface) -> ibr.DepthMesh:
 
 
 def _triangles(tree: Tree, error: float) -> tuple[NDArray[Any], NDArray[Any]]:
-    """What pymartini's `get_mesh` yields, too: points and triangles, no mesh yet."""
+    """Points and triangles as pymartini's `get_mesh` yields them, too: no mesh yet."""
     found = list_triangles([tree], [active_within(tree, error)])
     return found.points.to_host(), found.corners.to_host()
 

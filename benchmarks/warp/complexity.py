@@ -1,4 +1,4 @@
-"""How time and what a whole call visits grow with the image's side: O(n^3) for `search`, O(n^2) for `epipolar`.
+"""Growth of time and visited samples with the image's side: O(n^3) for `search`, O(n^2) for `epipolar`.
 
 The scene is fixed in normalised image coordinates, so that the depth's range spans a part of the image that
 does not depend on n, and epipolar segments grow with n. White noise in the same range is the other extreme:

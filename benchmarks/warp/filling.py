@@ -1,4 +1,4 @@
-"""How far filled holes are from what was hidden there: each way to fill, beside OpenCV's inpainting.
+"""Errors of filled holes against what was hidden there: each way to fill, beside OpenCV's inpainting.
 
 Between frames of a depth camera's scene, and between photographs with known disparity. Nothing is timed.
 """

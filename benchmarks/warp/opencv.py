@@ -1,4 +1,4 @@
-"""What OpenCV offers for the same warp, and what pyibr's own subjects are beside it."""
+"""OpenCV's functions for the same warp, and pyibr's own subjects beside them."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def source_positions(task: Task) -> tuple[Array, Array]:
 
 
 def kernels(task: Task, ours: Mapping[str, Options], parameters: dict[str, Parameter]) -> Iterator[Record]:
-    """What our kernels alone take."""
+    """Time of our kernels alone."""
     for name, options in ours.items():
         totals: list[float] = []
         for _ in range(KERNEL_RUNS):
@@ -101,7 +101,7 @@ def kernels(task: Task, ours: Mapping[str, Options], parameters: dict[str, Param
 
 
 def sameness(task: Task, name: str, options: Options, parameters: dict[str, Parameter]) -> Iterator[Record]:
-    """How much of the target one of ours and cv2.warpFrame cover, and that both mean the same warp."""
+    """Share of the target that one of ours and cv2.warpFrame cover, and a check that both mean the same warp."""
     cv2 = opencv("the benchmark of the warp", "warpFrame")
     depth, _, seen = cv2.warpFrame(task.depth, task.color, task.mask, task.target_from_source, task.source.K)
     frame = task.ours(**options)

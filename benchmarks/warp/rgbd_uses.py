@@ -1,4 +1,4 @@
-"""What warps of depth cameras' frames are used for, and what they hang on: threads, noise, pairs, rows of views."""
+"""Uses of warps of depth cameras' frames, and what they hang on: threads, noise, pairs, rows of views."""
 
 from __future__ import annotations
 

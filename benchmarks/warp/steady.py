@@ -1,4 +1,4 @@
-"""How much warps of a noisy camera's frames change over time where nothing moves: as they come, cleaned frame by frame,
+"""Changes over time in warps of a noisy camera's frames where nothing moves: as they come, cleaned frame by frame,
 and cleaned with what is known from the frame before.
 """
 
@@ -85,7 +85,7 @@ def _prepare(parameters: dict[str, Parameter], size: Size, count: int) -> Work |
 def _frame(
     views: list[ibr.DepthImage], recorded: list[list[Frame]], found: list[list[NDArray[np.float32]]], k: int
 ) -> list[ibr.DepthImage]:
-    """What all cameras have at one time."""
+    """Surroundings that all cameras have at one time."""
     of_each = zip(views, recorded, found, strict=True)
     return [ibr.DepthImage(frames[k][0], own[k], view.camera) for view, frames, own in of_each]
 

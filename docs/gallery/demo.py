@@ -162,7 +162,7 @@ def show_map(axes: Axes, field: ibr.DepthImage, source: ibr.Camera, path: list[i
 
 
 def print_table(console: Console, source: ibr.DepthImage, views: list[View]) -> None:
-    """What was warped, and how long each view took."""
+    """Print the views that were warped, and the time of each."""
     device, _ = explain()
     width, height = source.camera.size
     table = Table()

@@ -1,4 +1,4 @@
-"""What a depth camera delivers, and what becomes of it step by step: the picture of pictures.py.
+"""Depth as a camera delivers it, and what becomes of it step by step: the picture of pictures.py.
 
 The scene is made up, and so are its cameras: depth of 320 x 288 samples through one lens, colours of 640 x 480 pixels
 through another, 6 cm aside.

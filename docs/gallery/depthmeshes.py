@@ -73,7 +73,7 @@ def unseen() -> Figure:
 
 
 def stages() -> Figure:
-    """What is known of a view before it is drawn; and three views' pictures, by which a new one is blended."""
+    """Data of a view before it is drawn; and three views' pictures, by which a new one is blended."""
     views = object_views(knot(), 257)
     camera = seen_from(5.1, -4.7, 6.2)
     thing = ibr.DepthMeshObject(views)

@@ -30,7 +30,7 @@ def bare(axes: Axes) -> Axes:
 
 
 def epipolar_lines() -> Figure:
-    """How the sweep's lines cover an image: the epipole inside, beside, and at infinity."""
+    """Layouts of the sweep's lines over an image: the epipole inside, beside, and at infinity."""
     width, height = 48, 32
     cases = {
         "epipole inside": (30.0, 12.0, 1.0),

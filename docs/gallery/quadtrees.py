@@ -105,7 +105,7 @@ def _strands() -> ibr.DepthImage:
 
 
 def segments() -> Figure:
-    """Which triangles of a small view are drawn, level by level."""
+    """Edges of a small view's triangles that are drawn, level by level."""
     view = _strands()
     tree = ibr.DepthMesh(view).tree
     figure, row = plt.subplots(1, 5, figsize=(13, 2.95), layout="constrained")

@@ -90,7 +90,7 @@ def _entering(
 
 
 def measures() -> Figure:
-    """What each measure takes for the depth of a ray's point below a tube; and that along a whole ray."""
+    """Depths that each measure takes for a ray's point below a tube; and those along a whole ray."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(13, 3.6), layout="constrained", width_ratios=(1.15, 1))
     radius, turn = -0.5 / BEND, np.linspace(-0.7, 1.6, 300)
     circle = radius * np.stack([np.sin(turn), np.cos(turn) - 1])

@@ -113,7 +113,7 @@ def silhouettes() -> Figure:
 
 
 def texture() -> Figure:
-    """What a relief is made of: heights, the normals that follow from them, and colours; and the relief."""
+    """Ingredients of a relief: heights, the normals that follow from them, and colours; and the relief."""
     height, color = stones()
     rise = 0.09 * height.astype(float) / 255  # scene units, of a tile one unit wide
     across, down = (np.roll(rise, -1, axis) - np.roll(rise, 1, axis) for axis in (1, 0))

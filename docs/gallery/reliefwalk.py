@@ -32,7 +32,7 @@ def canyon() -> tuple[np.ndarray, np.ndarray]:
 
 
 def path(x: float) -> float:
-    """Where the canyon's middle is in the square of `walk`: a tile is 3 wide, v runs down."""
+    """Middle of the canyon in the square of `walk`: a tile is 3 wide, v runs down."""
     return 1.5 - 0.3 * np.sin(2 * np.pi * x / 3) - 0.09 * np.sin(6 * np.pi * x / 3 + 1)
 
 

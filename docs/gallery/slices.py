@@ -181,7 +181,7 @@ def _displaced_line(axes: Axes) -> None:
 
 
 def _slices_of_a_line(axes: Axes) -> None:
-    """Where the alpha test passes on each slice along the surface, in the colours of the map."""
+    """Parts of each slice along the surface that pass the alpha test, in the colours of the map."""
     height, color = terrain_heights(200)
     t, alpha = np.linspace(0, 1, 200), 0.08 + 0.9 * height[90]
     points, normals = _base(t)
@@ -346,7 +346,7 @@ def one_slice() -> Figure:
 
 
 def _left_by(view: ibr.DepthImage, points: np.ndarray) -> np.ndarray:
-    """Whether each point lies behind what a view saw."""
+    """Tell whether each point lies behind what a view saw."""
     pixels, z = view.camera.project(points)
     x, y = np.rint(pixels).astype(int).T
     width, height = view.camera.size

@@ -1,1 +1,1 @@
-"""What people start: the command line, and the pages for looking around and for placing frusta."""
+"""Commands and pages: the command line, and pages for looking around and for placing frusta."""

@@ -205,7 +205,7 @@ class _Views:
 
 
 def _wraps(text: str) -> Wraps:
-    """What --wrap says."""
+    """Parse the value of --wrap."""
     first, *second = text.split(",", 1)
     return checked_wrap((cast("Wrap", first), cast("Wrap", second[0] if second else first)))
 

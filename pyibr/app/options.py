@@ -40,7 +40,7 @@ DeviceName = Annotated[str | None, typer.Option(help="OpenCL device: part of its
 
 
 def backdrop_of(text: str) -> float | Backdrop | None:
-    """What --backdrop says."""
+    """Parse the value of --backdrop."""
     if text in ("none", "farthest"):
         return None if text == "none" else "farthest"
     try:

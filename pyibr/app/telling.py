@@ -1,4 +1,4 @@
-"""What the library logs, told to whoever waits: that kernels are being built, which takes seconds and happens once."""
+"""Messages of the library for whoever waits: that kernels are being built, which takes seconds and happens once."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What all of pyibr shares: cameras, their maps, errors, checks."""
+"""Foundations of all of pyibr: cameras, their maps, errors, checks."""

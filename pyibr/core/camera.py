@@ -36,7 +36,7 @@ Projection = Literal["perspective", "orthographic"]
 
 
 class Camera:
-    """Where an image was taken from, and how its pixels map to rays. Immutable.
+    """Pose and projection of an image: the map between its pixels and rays of the world. Immutable.
 
     Parameters
     ----------

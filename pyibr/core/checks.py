@@ -67,7 +67,7 @@ def plain_array(argument: str, value: object, expected: str, masked: float | Non
 
 
 def _is_masked(value: object) -> bool:
-    """Whether it is an array some of whose elements are masked."""
+    """Tell whether it is an array some of whose elements are masked."""
     # NumPy imports masked arrays on first use: of a plain array it need not.
     if type(value) is np.ndarray or not isinstance(value, np.ndarray):
         return False
@@ -75,7 +75,7 @@ def _is_masked(value: object) -> bool:
 
 
 def fits(array: NDArray[Any], shape: tuple[int | None, ...]) -> bool:
-    """Whether an array is of `shape`, in which None fits any length."""
+    """Tell whether an array is of `shape`, in which None fits any length."""
     return array.ndim == len(shape) and all(n in (None, m) for n, m in zip(shape, array.shape, strict=True))
 
 
@@ -310,14 +310,14 @@ def check_tiled(uv: NDArray[Any], tiles: tuple[int, int], *maps: NDArray[Any] | 
 
 
 class Fixed:
-    """What is drawn from buffers on the device: its attributes cannot be set again once it is made.
+    """Base of what is drawn from buffers on the device: its attributes cannot be set again once it is made.
 
     Copies and pickles leave the buffers behind.
     """
 
     @cached_property
     def device_cache(self) -> WeakKeyDictionary[Any, dict[str, Any]]:
-        """What it has on each device, by session; see `pyibr.opencl.device_cache`."""
+        """Cached data on each device, by session; see `pyibr.opencl.device_cache`."""
         return WeakKeyDictionary()
 
     def __getstate__(self) -> dict[str, object]:

@@ -92,7 +92,7 @@ class RosCameraInfo(TypedDict):
 
 
 class KalibrCamera(TypedDict):
-    """What Kalibr's `camchain.yaml` says of a camera."""
+    """Entries of a camera in Kalibr's `camchain.yaml`."""
 
     camera_model: str
     intrinsics: list[float]

@@ -1,4 +1,4 @@
-"""What pip knows of pyibr and of packages that several distributions bring."""
+"""Installed distributions: pyibr's own, and those that bring a package that others bring, too."""
 
 from __future__ import annotations
 

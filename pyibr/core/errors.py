@@ -1,4 +1,4 @@
-"""What pyibr raises. Every message names what was expected and what came."""
+"""Errors that pyibr raises. Every message names what was expected and what came."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What all file formats share: complete writes, bounded reads, and errors that name the file."""
+"""Foundations of all file formats: atomic writes, bounded reads, and errors that name the file."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ def check_writable(path: str | os.PathLike[str]) -> None:
 
 
 def identity(path: str | os.PathLike[str]) -> object:
-    """What is the same for all names of a file, links included, whether it is there or not."""
+    """Return a key that is the same for all names of a file, links included, whether it is there or not."""
     file = checked_path(path)
     try:
         found = file.stat()
@@ -139,7 +139,7 @@ def identity(path: str | os.PathLike[str]) -> object:
 
 
 def _replaceable(path: Path) -> os.stat_result | None:
-    """What is there, through links; OSError if it is nothing that a new file may replace."""
+    """Status of a file, through links; OSError if it is nothing that a new file may replace."""
     try:
         old = path.stat()  # by the system's rules for links, which `realpath` alone would go round
     except FileNotFoundError:

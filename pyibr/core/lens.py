@@ -1,4 +1,4 @@
-"""What lenses do to straight lines: from where a pinhole would see a point to where the lens does, and back.
+"""Lens distortion: the map from a pinhole's image positions to the lens's, and its inverse.
 
 Positions are normalised, (X/Z, Y/Z) of a point in the camera's frame: ideal ones as a pinhole sees it, distorted ones
 as the lens does; K turns the latter into pixels.
@@ -93,7 +93,7 @@ class Lens:
 
     @property
     def bends(self) -> bool:
-        """Whether it distorts anything at all; a fisheye does with any coefficients."""
+        """Tell whether it distorts anything at all; a fisheye does with any coefficients."""
         return self.model == "kannala_brandt" or any(self.coefficients) or self.radius < math.inf
 
     @classmethod
@@ -240,7 +240,7 @@ class Lens:
 
     @property
     def _aside(self) -> float:
-        """How far the tangential part may move a position, at most."""
+        """Bound on the tangential part's displacement of a position."""
         if self.model == "kannala_brandt":
             return 0.0
         p1, p2 = self.coefficients[2:4]

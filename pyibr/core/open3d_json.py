@@ -18,7 +18,7 @@ _CAMERAS = "parameters"
 
 
 def is_open3d(entries: dict[str, Any]) -> bool:
-    """Whether a JSON object is one of Open3D's."""
+    """Tell whether a JSON object is one of Open3D's."""
     return not entries.keys().isdisjoint((_MATRIX, _INTRINSIC, "class_name"))
 
 

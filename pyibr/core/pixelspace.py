@@ -37,7 +37,7 @@ class Rectangle:
 
     @property
     def empty(self) -> bool:
-        """Whether it holds no pixel."""
+        """Tell whether it holds no pixel."""
         return self.low_x >= self.high_x or self.low_y >= self.high_y
 
 
@@ -51,7 +51,7 @@ def pitch(width: int) -> int:
 
 
 def longer_side(camera: Camera) -> float:
-    """How wide or high a part of its plane an orthographic camera sees, in scene units: the scale of its depths."""
+    """Longer side of what an orthographic camera sees of its plane, in scene units: the scale of its depths."""
     return float(max(camera.width / camera.K[0, 0], camera.height / camera.K[1, 1]))
 
 
@@ -72,7 +72,7 @@ def pixel_size(camera: Camera, point: Float64) -> float:
 
 @dataclass(frozen=True)
 class CameraPair:
-    """What two cameras fix of the map between them, whatever the source's samples.
+    """The map between two cameras, as far as it does not depend on the source's samples.
 
     Attributes
     ----------
@@ -95,7 +95,7 @@ class CameraPair:
 
     @cached_property
     def aligned(self) -> bool:
-        """Whether epipolar lines run along rows or columns of both images, as in stereo pairs and light fields."""
+        """Tell whether epipolar lines run along rows or columns of both images, as in stereo pairs and light fields."""
         ends = self.dst_from_src[:3, 3], self.src_from_dst[:3, 3]
         return all(np.count_nonzero(end) == 1 and end[2] == 0.0 for end in ends)
 
@@ -157,7 +157,7 @@ class PixelMap:
 
     @cached_property
     def parallax(self) -> float:
-        """How far the source's corners move in the target, in pixels, between depths that are far apart.
+        """Largest motion of the source's corners in the target, in pixels, between depths that are far apart.
 
         The depths are infinity and the nearest sample's in a perspective source; in an orthographic one the
         farthest sample's and one as far before it as its camera sees wide, or high.

@@ -80,7 +80,7 @@ def sees_too_far(camera: Camera) -> NDArray[np.bool_]:
 
 
 class PixelPositions(Fixed):
-    """Where the pixels of one image lie in another.
+    """Positions of one image's pixels in another image.
 
     Attributes
     ----------

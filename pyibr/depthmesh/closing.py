@@ -1,4 +1,4 @@
-"""What shows through the holes that segmentation leaves (Pajarola, Sainz & Meng 2003, section 4.5)."""
+"""Hole closing: surfaces behind the holes that segmentation leaves (Pajarola, Sainz & Meng 2003, section 4.5)."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class CoarseMesh:
 
 @dataclass
 class Closing:
-    """What shows through holes, and up to where each view has seen that there is nothing.
+    """Surfaces that close holes, and the free space in front of them that each view has seen.
 
     Of each view: its `surfaces`, and the `sheets` over what segmentation took out; its `limits`, and how far it is
     taken to be empty `behind` them, and the least of both in each cell: `clear`, `open` (kernels/depthmesh/closing.h);
@@ -65,7 +65,7 @@ class Closing:
 
 
 def closing_of(meshes: Sequence[ViewMesh], extent: float) -> Closing:
-    """What shows through the holes of meshes whose box has this largest edge."""
+    """Make the surfaces that close the holes of meshes whose box has this largest edge."""
     limits = list[NDArray[np.float32]]()
     surfaces, sheets = list[CoarseMesh](), list[CoarseMesh]()
     for mesh in meshes:
@@ -139,7 +139,7 @@ class DrawnViews:
 
 
 def may_show_its_back(view: Camera, camera: Camera, bounds: tuple[Float64, Float64]) -> bool:
-    """Whether a camera is, along a view's direction, not before all of a box: it may see behind the view's mesh."""
+    """Tell whether a camera may see behind a view's mesh: along the view's direction it is not before all of a box."""
     towards = -view.forward
     if camera.projection == "orthographic":
         return bool(camera.forward @ towards >= 0)
@@ -147,7 +147,7 @@ def may_show_its_back(view: Camera, camera: Camera, bounds: tuple[Float64, Float
 
 
 def underlay_of(background: Closing, drawn: DrawnViews) -> Triangles:
-    """What lies under the chosen views' meshes: sheets, backs, and the others' surfaces, in the order of `shown`."""
+    """List the triangles under the chosen views' meshes, in the order of `drawn`: sheets, backs, others' surfaces."""
     which, found = background.latest
     if found is not None and which == drawn:
         return found

@@ -50,7 +50,7 @@ class _Colors:
 
 @dataclass(frozen=True)
 class Blending:
-    """How the meshes of several views become one picture.
+    """Blending of several views' meshes into one picture.
 
     Attributes
     ----------
@@ -100,7 +100,7 @@ def _joined(images: Sequence[NDArray[np.uint32]]) -> DeviceArray:
 
 
 def _shown(target: Target, thing: Fixed, views: Sequence[DepthImage], blending: Blending | None) -> _Colors:
-    """What a target shows of the views: their colours, or their normals for them."""
+    """Colours of the views on the device, or their normals for a target of normals."""
     background, gains = (None, None) if blending is None else (blending.background, blending.gains)
     if target.of_normals:
         return cached_on_device(
@@ -240,7 +240,7 @@ def _colored(camera: Camera, views: list[DepthImage], shown: list[int], colors: 
 def _seen_empty(
     camera: Camera, meshes: Sequence[ViewMesh], blending: Blending, background: Closing, colors: _Colors
 ) -> dict[str, Any]:
-    """What tells up to where each view has seen that there is nothing, and what it saw there."""
+    """Kernel arguments of the free space that each view has seen, and of the colours behind it."""
     maps = [camera_pair(camera, mesh.view.camera).dst_from_src for mesh in meshes]
     perspectives = [mesh.view.camera.projection == "perspective" for mesh in meshes]
     return {

@@ -35,7 +35,7 @@ def gains_of(views: Sequence[DepthImage], extent: float) -> Float64:
 def _seen_by(
     other: DepthImage, points: Float64, view: DepthImage, extent: float
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Which of the points of a view another one saw, and at which rows and columns."""
+    """Select the points of a view that another one saw, with the rows and columns where it did."""
     pixels, z = other.camera.project(points)
     width, height = other.camera.size
     with np.errstate(invalid="ignore"):

@@ -1,4 +1,4 @@
-"""What goes on behind depth edges: the surfaces on their far sides, hidden by those on their near sides."""
+"""Far sides of depth edges: surfaces extrapolated behind the near sides that hide them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class ViewMesh(Protocol):
 
     @property
     def view(self) -> DepthImage:
-        """What it is a mesh of."""
+        """Depth image of the mesh."""
         ...
 
     @property
@@ -34,7 +34,7 @@ class ViewMesh(Protocol):
 
 @dataclass(frozen=True)
 class FarSides:
-    """How far a view may look behind its surface until it comes to what the far sides of its depth edges go on as.
+    """Depths behind a view's surface: the far sides of its depth edges, extrapolated.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class FarSides:
 
 
 def far_sides_of(mesh: ViewMesh, limit: Float32) -> FarSides:
-    """What goes on behind the edges of a view.
+    """Extrapolate the far sides of a view's depth edges.
 
     Each sample continues the edge that is nearest to it in the picture: in the plane of the surface on that edge's far
     side, or with nothing where that is background.
@@ -159,7 +159,7 @@ def _quarters(values: NDArray[Any], beyond: float) -> NDArray[Any]:
 
 
 def _coarser(index: Whole, beside: int, count: int) -> Whole:
-    """Which of `count` elements of the next coarser level is the one around an element's middle, or `beside` that."""
+    """Index of the one of `count` elements of the next coarser level around an element's middle, or `beside` that."""
     return np.clip(index // 2 + beside * (2 * (index % 2) - 1), 0, count - 1)
 
 

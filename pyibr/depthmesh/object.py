@@ -225,7 +225,7 @@ class DepthMeshObject(Fixed):
         return np.asarray(inside.all(axis=1), np.bool_)
 
     def occupancy(self, camera: Camera) -> NDArray[np.uint32]:
-        """Which views gave each pixel its colour (figure 12 of the paper).
+        """Tell the views that gave each pixel its colour (figure 12 of the paper).
 
         Returns
         -------

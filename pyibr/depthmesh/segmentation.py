@@ -1,4 +1,4 @@
-"""Which triangles of a depth image's full grid are surface, and which bridge two surfaces (rubber sheets)."""
+"""Segmentation of a depth image's full grid: triangles of surfaces, and rubber sheets that bridge two of them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Test = Literal["orthogonality", "connectedness", "disparity", "none"]
 
 @dataclass(frozen=True)
 class Segmentation:
-    """How rubber sheets are told from surfaces.
+    """Test that tells rubber sheets from surfaces.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Which vertices of quadtrees triangulations need, and for how long (kernels/depthmesh/)."""
+"""Selection of the quadtree vertices that a triangulation needs, and of how far it may move (kernels/depthmesh/)."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Selection:
         return self.motion_limits.to_host().min(axis=0).astype(np.float64)
 
     def holds_for(self, camera: Camera) -> bool:
-        """Whether a camera that has moved needs no other vertices for the tolerance."""
+        """Tell whether a camera that has moved needs no other vertices for the tolerance."""
         own = self.camera
         if camera.projection != own.projection or camera.size != own.size or not np.array_equal(camera.K, own.K):
             return False

@@ -54,7 +54,7 @@ def with_normals(strips: list[Int32], mesh: Mesh, color: np.dtype[Any]) -> list[
 
 
 def _along_curve(samples: Int32, width: int, side: int) -> NDArray[np.int64]:
-    """Where each triangle lies on the curve: the choices on the way down to it, as binary digits."""
+    """Position of each triangle on the curve: the choices on the way down to it, as binary digits."""
     corners = np.stack(np.divmod(samples, width)[::-1], -1).astype(np.float64)
     middle = corners.mean(axis=1)
     upper = middle[:, 0] > middle[:, 1]  # the root's diagonal runs to the lower right
@@ -73,7 +73,7 @@ def _along_curve(samples: Int32, width: int, side: int) -> NDArray[np.int64]:
 
 
 def _may_follow(run: list[list[int]], face: list[int]) -> bool:
-    """Whether a triangle shares a side with the last one of a run that the run has not come in by."""
+    """Tell whether a triangle shares a side with the last one of a run that the run has not come in by."""
     shared = set(run[-1]) & set(face)
     return len(shared) == 2 and (len(run) == 1 or not shared <= set(run[-2]))
 

@@ -74,7 +74,7 @@ class Tree:
 
     @cached_property
     def errors(self) -> Errors:
-        """What selection for a viewer needs to know of the vertices."""
+        """Errors and bounding spheres of the vertices, by which they are selected for a viewer."""
         return _find_errors(self)
 
 

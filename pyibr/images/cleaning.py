@@ -30,7 +30,7 @@ _STEADY_WEIGHT = 0.9  # of what was known before, where it agrees
 
 
 class CleanedDepth(NamedTuple):
-    """What `clean_depth` returns.
+    """Result of `clean_depth`.
 
     Attributes
     ----------

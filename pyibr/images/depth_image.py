@@ -126,7 +126,7 @@ class DepthImage(Fixed):
 
     @property
     def has_color(self) -> bool:
-        """Whether it is more than depth alone."""
+        """Tell whether it is more than depth alone."""
         return self.color.shape[2] > 0
 
     @cached_property

@@ -13,7 +13,7 @@ from pyibr.images.depth_image import Color, Depth
 
 
 class PixelClass(IntEnum):
-    """What a pixel of a new view is. Of several views' answers for a hole the least counts: what knows most.
+    """Class of a pixel of a new view. Of several views' answers for a hole the least counts: what knows most.
 
     A hole's class is what begins beyond the last place where the pixel's ray was seen to pass through free space; of a
     ray that never was, what it began in.

@@ -1,4 +1,4 @@
-"""How close a picture is to another: small measures for tests and benchmarks.
+"""Differences of two pictures: small measures for tests and benchmarks.
 
 Each says which pixels it counts. Where no pixel counts there is no answer: ArgumentError, not a NaN.
 """

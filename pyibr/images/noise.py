@@ -1,4 +1,4 @@
-"""How noisy depth is, found from its own samples."""
+"""Noise of depth, estimated from its own samples."""
 
 from __future__ import annotations
 

@@ -66,7 +66,7 @@ class Silhouette(Fixed):
 
 
 def is_opposite(a: Silhouette | DepthImage, b: Silhouette | DepthImage) -> bool:
-    """Whether two orthographic views look along one line from both sides and show one silhouette, mirrored."""
+    """Tell whether two orthographic views look along one line from both sides and show one silhouette, mirrored."""
     if a.camera.projection != "orthographic" or b.camera.projection != "orthographic":
         return False
     facing = float(a.camera.world_from_camera[:3, 2] @ b.camera.world_from_camera[:3, 2])

@@ -59,7 +59,7 @@ _DEPTH_MODULES = _COLOR_MODULES | {".png": "png", ".tif": "tiff", ".tiff": "tiff
 
 
 class _Format(Protocol):
-    """What a module of this folder may have; arrays as stored, unchecked."""
+    """Functions that a module of this folder may have; arrays as stored, unchecked."""
 
     def read_color(self, path: _PathLike) -> NDArray[Any]: ...
     def write_color(self, path: _PathLike, color: NDArray[Any]) -> None: ...

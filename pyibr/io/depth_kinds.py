@@ -1,4 +1,4 @@
-"""What files of depth hold: planar z, distances along the rays, or what grows as things come nearer."""
+"""Kinds of depth in files: planar z, distances along the rays, or what grows as things come nearer."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def planar(values: _Values, kind: DepthKind, camera: Camera | None, name: object
 
 
 def stored(depth: _Values, kind: DepthKind, camera: Camera | None, name: object) -> _Values:
-    """What the file `name` shall hold of (H, W) planar z."""
+    """Values that the file `name` shall hold for (H, W) planar z."""
     if kind == "z":
         return depth
     return _inverse(depth) if kind == "inverse" else euclidean_from_depth(depth, _fitting(camera, depth, name))

@@ -46,7 +46,7 @@ def time_of(path: Path) -> float | None:
 
 
 def units_of(time: float) -> int | None:
-    """How many units a second has of a whole number of milli-, micro- or nanoseconds since 1970; None if it is none."""
+    """Units a second of a whole number of milli-, micro- or nanoseconds since 1970; None if it is none."""
     return _A_SECOND.get(len(str(int(time)))) if time == int(time) else None
 
 
@@ -66,7 +66,7 @@ def at_one_time(first: Sequence[float], second: Sequence[float]) -> list[tuple[i
 
 
 def least_apart(first: Sequence[float], second: Sequence[float]) -> float:
-    """How far the nearest two of two lists of times are apart."""
+    """Least difference between two lists of times."""
     return min(abs(time - second[place]) for time, place in zip(first, _nearest(first, second), strict=True))
 
 

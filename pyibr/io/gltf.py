@@ -100,7 +100,7 @@ class _Writer:
 
 
 class _Scene:
-    """What a file describes."""
+    """Contents of a file."""
 
     def __init__(self, scene: dict[str, Any], binary: bytes | None, folder: Path) -> None:
         self._scene, self._folder = scene, folder
@@ -172,7 +172,7 @@ class _Scene:
         return MeshArrays(points, faces + first, uv, normals, colors)
 
     def _uv(self, primitive: dict[str, Any]) -> NDArray[Any] | None:
-        """Where each vertex lies in the base colour's texture (KHR_texture_transform)."""
+        """Positions of the vertices in the base colour's texture (KHR_texture_transform)."""
         used = self._base_texture(primitive)
         moved = used.get("extensions", {}).get("KHR_texture_transform", {})
         name = f"TEXCOORD_{moved.get('texCoord', used.get('texCoord', 0))}"

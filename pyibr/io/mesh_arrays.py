@@ -1,4 +1,4 @@
-"""What mesh files hold, as plain arrays, and what their formats share.
+"""Contents of mesh files, as plain arrays, and functions that their formats share.
 
 A module of a format has `read_mesh(data, folder)`, of a file's bytes and the folder that it lies in, and `mesh_bytes`
 or `mesh_files`, which make the bytes to write. Readers raise anything for bytes that they cannot read.

@@ -19,7 +19,7 @@ _OWN = re.compile(r"# pyibr: (\d{1,12}) vertices, (\d{1,12}) triangles\n")
 
 
 class _Lines:
-    """What the lines of a file say, sorted by their keywords."""
+    """Lines of a file, sorted by their keywords."""
 
     def __init__(self, text: str) -> None:
         self.rows: dict[str, list[list[str]]] = {"v": [], "vt": [], "vn": []}
@@ -144,7 +144,7 @@ def _indices(corners: list[str], counts: tuple[int, int, int]) -> NDArray[np.int
 
 
 def _one_to_one(table: NDArray[np.int64], points: NDArray[Any], *others: NDArray[Any]) -> bool:
-    """Whether uv and normals are those of the vertices, or are none."""
+    """Tell whether uv and normals are those of the vertices, or are none."""
     for column, values in enumerate(others, start=1):
         same = len(values) == len(points) and (table[:, column] == table[:, 0]).all()
         if not same and len(values):

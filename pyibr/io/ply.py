@@ -239,7 +239,7 @@ def _rows(element: _Element, source: _Text | _Binary, count: int) -> tuple[dict[
 
 
 def _places(starts: NDArray[np.int64], counts: NDArray[np.int64], step: int) -> NDArray[np.int64]:
-    """Where the entries of lists are that begin at `starts`, each `step` after the last."""
+    """Indices of the entries of lists that begin at `starts`, each `step` after the last."""
     before = np.cumsum(counts) - counts
     places: NDArray[np.int64] = np.repeat(starts - step * before, counts)
     return places + step * np.arange(len(places))

@@ -1,4 +1,4 @@
-"""Where a camera was, frame by frame: trajectories as data sets and tracking programs write them."""
+"""Trajectories: poses of a camera, frame by frame, as data sets and tracking programs write them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _EXACT, _ROUNDED = 1e-9, 1e-2  # what poses that are written with all and with f
 
 
 class Poses(NamedTuple):
-    """What `read_poses` returns.
+    """Result of `read_poses`.
 
     Attributes
     ----------

@@ -62,7 +62,7 @@ def recording_in(folder: Path) -> Recording:
 
 
 def find_recording(folder: Path) -> Recording | None:
-    """What `recording_in` gives, or None if the folder holds no frames of colour and depth."""
+    """Do as `recording_in` does; None if the folder holds no frames of colour and depth."""
     if (folder / "rgb.txt").is_file() and (folder / "depth.txt").is_file():
         (color_times, colors), (depth_times, depths) = (_listed(folder / name) for name in ("rgb.txt", "depth.txt"))
         found = _at_one_time(colors, color_times, depths, depth_times)
@@ -160,7 +160,7 @@ def _folder_in(folder: Path, names: Sequence[str]) -> Path | None:
 def _of_same_numbers(
     name: str, colors: dict[tuple[int, ...], Path], depths: dict[tuple[int, ...], Path]
 ) -> Recording | None:
-    """What has a partner, if frames are lost here and there; None if no number is in both."""
+    """Pair files of the same numbers, if frames are lost here and there; None if no number is in both."""
     both = [own for own in colors if own in depths]
     lacking = [own for own in [*colors, *depths] if own not in colors or own not in depths]
     shifts = {a[-1] - b[-1] for a, b in zip(colors, depths, strict=False)}  # counted from 0 and from 1, say
@@ -175,7 +175,7 @@ def _of_same_numbers(
 
 
 def _name(path: Path) -> str:
-    """What is left of a file's name without what tells colour from depth."""
+    """Name of a file without the words that tell colour from depth."""
     return re.sub(r"[._-]?(colou?r|rgb|depth)[._-]?", "", path.stem.lower())
 
 

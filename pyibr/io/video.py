@@ -156,7 +156,7 @@ def check_video_output(path: Path) -> None:
 
 
 def _name(file: Path) -> str:
-    """How OpenCV opens a file: it takes what is before a colon for a protocol, and crashes where a name is no text."""
+    """Name by which OpenCV opens a file: it takes what is before a colon for a protocol, and crashes on no text."""
     name = str(file.absolute())
     try:
         name.encode("utf-8")

@@ -26,7 +26,7 @@ _OF_GLTF = (".glb", ".gltf")
 
 
 def is_mesh_file(path: str | PathLike[str]) -> bool:
-    """Whether a file's name says that it is a mesh."""
+    """Tell whether a file's name says that it is a mesh."""
     return _suffix(checked_path(path)) in _READERS
 
 

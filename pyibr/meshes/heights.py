@@ -81,7 +81,7 @@ def checked_normal_map(normal_map: NDArray[Any]) -> Float32:
 
 
 def checked_wrap(wrap: Wrap | Wraps) -> Wraps:
-    """What a map is beyond uv of 0 to 1, along u and along v."""
+    """Wrap modes of a map along u and along v, beyond uv of 0 to 1."""
     both = (wrap, wrap) if isinstance(wrap, str) else wrap
     if not isinstance(both, tuple) or len(both) != 2:  # pyright: ignore[reportUnnecessaryIsInstance]
         raise ArgumentError("wrap", '"repeat" or "clamp", or a pair of these', describe(wrap))
@@ -91,7 +91,7 @@ def checked_wrap(wrap: Wrap | Wraps) -> Wraps:
 
 
 def checked_tiles(tiles: tuple[int, int], wrap: Wraps) -> tuple[int, int]:
-    """How often a map repeats along u and v; a clamped one does not."""
+    """Repetitions of a map along u and v; a clamped one has none."""
     pair = numbers("tiles", cast("ArrayLike", tiles), (2,))
     if (pair < 1).any() or (pair != np.rint(pair)).any():
         raise ArgumentError("tiles", "two whole numbers >= 1", describe(tiles))

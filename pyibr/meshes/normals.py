@@ -35,7 +35,7 @@ def summed(owner: NDArray[np.integer], vectors: Float64, count: int) -> Float64:
 
 
 def summed_at_places(place: NDArray[np.int64], own: Float64) -> tuple[Float64, NDArray[np.bool_]]:
-    """What those at one place sum up to that face the same way as each.
+    """Sum, for each vector, those at its place that face the same way.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How texture coordinates run over a mesh."""
+"""Gradients of texture coordinates over a mesh."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ _warned: set[Path] = set()
 
 
 def cache_folder() -> Path:
-    """Where pyibr caches: ``$PYIBR_CACHE``, else the platform's folder for caches.
+    """Folder of pyibr's cache: ``$PYIBR_CACHE``, else the platform's folder for caches.
 
     Returns
     -------
@@ -71,7 +71,7 @@ def cache_folder() -> Path:
 
 
 def cache_fault() -> tuple[str, str] | None:
-    """What is wrong with the cache, and what mends it; None where it can be used."""
+    """Fault of the cache, and what mends it; None where it can be used."""
     folder = cache_folder()
     for used in (folder, folder / "devices", folder / "programs"):
         if fault := distrust(used):
@@ -176,7 +176,7 @@ class Entry:
         return room / f"{self.name[:40]}-{hashlib.sha256(self.identity.encode()).hexdigest()[:24]}"
 
     def _head(self, content: bytes) -> bytes:
-        """What a file begins with. The checksum binds the content to its identity: files cannot be exchanged."""
+        """Head of a file. Its checksum binds the content to its identity: files cannot be exchanged."""
         known = hashlib.sha256(f"{self.room}\0{self.identity}".encode()).digest()
         return _SCHEMA + hashlib.sha256(_SCHEMA + known + content).digest()
 
@@ -202,12 +202,12 @@ _OTHERS = "others than its owner"
 
 
 def _user() -> int | None:
-    """Who runs this process. Windows keeps no such numbers; there, the user's profile is the user's own."""
+    """Number of the user that runs this process. Windows keeps none; there, the user's profile is the user's own."""
     return os.geteuid() if os.name == "posix" else None
 
 
 def _writers(status: os.stat_result) -> str:
-    """Who else can write a file or a folder; empty where nobody can."""
+    """Others who can write a file or a folder; empty where nobody can."""
     if _user() is None:
         return ""
     if status.st_uid != _user():

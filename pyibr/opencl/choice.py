@@ -1,4 +1,4 @@
-"""Which of the devices found to use, and what to say when none will do. Nothing here touches a device."""
+"""Choice of a device among those found, and the error where none will do. Nothing here touches a device."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Device:
 
 
 def describe(found: Found, outcome: Outcome) -> Device:
-    """What was found and what its test gave, as one."""
+    """Join a device that was found with the outcome of its test."""
     return Device(
         index=found.index,
         platform=found.platform,

@@ -313,5 +313,5 @@ def _examine(found: Found, measure: bool, doubted: Doubted = "nothing") -> Outco
 
 
 def _examine_broken_again(found: Found, measure: bool) -> Outcome:
-    """What the disk says of a broken device may be out of date: before it is given up, it is asked, once a process."""
+    """Test a broken device again, once a process: what the disk says of it may be out of date."""
     return _examine(found, measure, "broken")

@@ -1,4 +1,4 @@
-"""What a thing has on a device, made once."""
+"""Cache of what a thing has on a device."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _Made = TypeVar("_Made")
 
 
 def cached_on_device(thing: Fixed, name: str, make: Callable[[], _Made]) -> _Made:
-    """What `make` has made for `thing` on the current device under this name; made now if it has not."""
+    """Return what `make` makes for `thing` on the current device, made once under this name."""
     found = thing.device_cache.setdefault(current(), {})
     if name not in found:
         found[name] = make()

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Report:
-    """What `report` found.
+    """Result of `report`.
 
     Attributes
     ----------

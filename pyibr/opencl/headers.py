@@ -1,4 +1,4 @@
-"""What the kernels' C text declares for the host, too: structs and named numbers are read from it, not copied."""
+"""Declarations of the kernels' C text for the host: structs and named numbers are read from it, not copied."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def constant(file: str, name: str) -> int | float:
 def structs(
     file: str | Path, source: str, names: Collection[str], defines: Mapping[str, int] | None = None
 ) -> dict[str, np.dtype[np.void]]:
-    """How those of the `names` that are structs of a file lie in memory; `source` is its expanded text.
+    """Memory layouts of those of the `names` that are structs of a file; `source` is its expanded text.
 
     Members are numbers of C, and arrays of them, whose sizes are numbers, defined numbers or products of those.
 
@@ -139,7 +139,7 @@ def structs(
 
 
 def difference(declared: np.dtype[Any], given: np.dtype[Any]) -> str:
-    """What is wrong with a dtype that is not the declared one."""
+    """Describe the difference of a dtype from the declared one."""
     if declared.names is None or given.names is None:
         return given.name
     missing, unknown = sorted({*declared.names} - {*given.names}), sorted({*given.names} - {*declared.names})

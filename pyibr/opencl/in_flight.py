@@ -1,4 +1,4 @@
-"""What a queue still has to do, and about how long that takes: nobody can stop what the device has been given."""
+"""Work in flight on a queue, and its expected time: nobody can stop what the device has been given."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _UNEXPECTED = 4  # times as long as expected: what was expected is wrong
 
 @dataclass(eq=False)
 class KernelCost:
-    """How fast a kernel has been.
+    """Cost of a kernel's launches so far.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class KernelCost:
 
 
 class InFlight:
-    """What is in flight.
+    """Launches in flight.
 
     Attributes
     ----------

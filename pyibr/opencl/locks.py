@@ -32,5 +32,5 @@ def yield_lock(lock: threading.RLock) -> None:
 
 
 def _is_held(lock: threading.RLock) -> bool:
-    """Whether this thread holds it."""
+    """Tell whether this thread holds it."""
     return lock._is_owned()  # pyright: ignore

@@ -1,4 +1,4 @@
-"""What the test of a device found."""
+"""Outcome of a device's test."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Speed:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What the test of one device found."""
+    """Outcome of one device's test."""
 
     works: bool
     reason: str = ""

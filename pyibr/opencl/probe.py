@@ -112,7 +112,7 @@ def _test_apart(found: Found, measure: bool) -> Outcome:
 
 
 def _folders() -> list[str]:
-    """Where this process has the packages that a test needs, in its own order."""
+    """Folders where this process has the packages that a test needs, in its own order."""
     roots = [Path(__file__).parents[2]]
     for name in ("numpy", "pyopencl", "pytools"):
         if file := getattr(sys.modules.get(name), "__file__", None):

@@ -1,4 +1,4 @@
-"""What a device's kind decides: how kernels are built and launched for it, and where their arrays lie."""
+"""Profiles of kinds of devices: options of builds and launches, and where arrays lie."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pyibr.opencl.runtimes import Kind
 
 @dataclass(frozen=True)
 class DeviceProfile:
-    """What builds, launches and memory ask of a device."""
+    """Parameters of builds, launches and memory for a kind of device."""
 
     lanes: int
     """Neighbours that a work-item computes at once (``LANES``): compilers for CPUs leave scalar what branches."""

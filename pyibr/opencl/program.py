@@ -53,7 +53,7 @@ class Argument:
 
     @cached_property
     def kind(self) -> Literal["pointer", "number", "struct"]:
-        """How it is passed."""
+        """Kind of the argument: how it is passed."""
         if self.type.endswith("*"):
             return "pointer"
         return "number" if self.type in SCALARS else "struct"
@@ -118,7 +118,7 @@ def _found(file: str | Path, name: str, defines: Mapping[str, int]) -> Kernel:
 
 
 def _own(file: str | Path) -> Path | None:
-    """Where a file lies that is not pyibr's."""
+    """Path of a file that is not pyibr's."""
     if isinstance(file, Path):
         return file.absolute()
     return Path(file) if _is_absolute(file) else None
@@ -196,7 +196,7 @@ def _kernel_of(
 
 
 def _passed_as(argument: Argument) -> np.dtype[Any] | None:
-    """How pyopencl is to pass an argument: buffers as such, the others' bytes."""
+    """Type by which pyopencl passes an argument: buffers as such, the others' bytes."""
     return {"pointer": None, "number": argument.dtype, "struct": np.dtype("V1")}[argument.kind]
 
 
@@ -221,7 +221,7 @@ def _signature(handle: cl.Kernel) -> list[tuple[str, str, bool]]:
 
 
 def _load(session: Session, kept: bytes | None) -> tuple[cl.Program, _Signatures] | None:
-    """What an entry of the cache holds; None where there is none, or the runtime does not take it."""
+    """Load a program from an entry of the cache; None where there is none, or the runtime does not take it."""
     import pyopencl as cl
 
     if kept is None:

@@ -99,12 +99,12 @@ class Runtime:
     """The command that installs them."""
 
     def is_of(self, found: Found) -> bool:
-        """Whether a device is its own."""
+        """Tell whether a device is its own."""
         version = version_of(self.wheel) if self.wheel else ""
         return self.platform in found.platform.lower() and version is not None and found.driver.startswith(version)
 
     def needed_by(self, library: Path) -> list[Path]:
-        """What a library needs, if it is this runtime's."""
+        """Libraries that a library needs, if it is this runtime's."""
         return [library.parent / name for name in self.needs if library.name.startswith(self.stem)]
 
 
@@ -193,7 +193,7 @@ def remedy_for(found: Found) -> str:
 
 
 def _prefixes() -> list[Path]:
-    """Where pip puts a wheel's data: this environment, the user's folder, the machine's."""
+    """Folders where pip puts a wheel's data: this environment, the user's folder, the machine's."""
     return [Path(p) for p in dict.fromkeys([sys.prefix, site.getuserbase(), "/usr/local"])]
 
 
@@ -283,7 +283,7 @@ def _temporary_folder(stack: ExitStack) -> Path | None:
 
 
 def _processor() -> str:
-    """What this processor is: a folder for caches may be shared by machines that differ in nothing else."""
+    """Description of this processor: a folder for caches may be shared by machines that differ in nothing else."""
     try:
         with Path("/proc/cpuinfo").open() as file:
             text = file.read(8192).split("\n\n", 1)[0]  # one processor is enough, and there may be hundreds

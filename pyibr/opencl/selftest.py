@@ -113,7 +113,7 @@ def _is_right(queue: cl.CommandQueue, program: cl.Program) -> bool:
 
 
 def _is_in_place(queue: cl.CommandQueue, program: cl.Program) -> bool:
-    """Whether kernels read what the host wrote into whole pages, and the host what they wrote, with no copy between."""
+    """Tell whether kernels and the host share whole pages of memory, with no copy between."""
     import pyopencl as cl
 
     n = mmap.PAGESIZE // 4

@@ -27,7 +27,7 @@ class Watch:
 
 
 class LaunchTimes(Watch):
-    """How long launches take; the queue is awaited before and after each.
+    """Times of launches; the queue is awaited before and after each.
 
     Attributes
     ----------

@@ -18,7 +18,7 @@ _SIDES = {side * side: side for side in range(1, 9)}
 
 
 def checked_side(samples: int) -> int:
-    """How many of a pixel's samples lie side by side.
+    """Return the samples a pixel along each of its sides, or raise ArgumentError.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What `render` draws: the contract between a picture and the systems, which it knows nothing of."""
+"""Contract of what `render` draws, between a picture and the systems, which it knows nothing of."""
 
 from __future__ import annotations
 

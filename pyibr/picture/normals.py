@@ -1,4 +1,4 @@
-"""Which way the surface of a depth image faces: by images of normals, or by its depths (kernels/picture/normals.cl)."""
+"""Normals of a depth image's surface: from images of normals, or from its depths (kernels/picture/normals.cl)."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def _found(view: DepthImage) -> NDArray[np.float32]:
 
 
 def noise_bias(views: Sequence[DepthImage], camera: Camera, middle: Float64) -> tuple[float, int]:
-    """How far noise lets surfaces of images lie before themselves, so that they are not in shadow of it.
+    """Shadow bias for the noise of images' surfaces, so that they do not shadow themselves.
 
     Parameters
     ----------

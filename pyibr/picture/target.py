@@ -120,12 +120,12 @@ class Target:
 
     @property
     def color_defines(self) -> dict[str, int]:
-        """What the colour is, as kernels/lib/channel.h is to know it."""
+        """Defines of the colour's type and channels (kernels/lib/channel.h)."""
         return {"COLOR_BYTES": self.color.dtype.itemsize, "CHANNELS": self.color.shape[-1]}
 
     @property
     def filter_defines(self) -> dict[str, int]:
-        """How maps are read, as kernels/lib/footprint.h is to know it."""
+        """Defines of how maps are filtered (kernels/lib/footprint.h)."""
         return {"ANISOTROPIC": 1} if self.anisotropy > 1 else {}
 
     @property

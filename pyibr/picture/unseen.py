@@ -1,4 +1,4 @@
-"""What depth images have seen of a thing, and what not (kernels/picture/unseen.cl)."""
+"""Parts of a thing that no depth image has seen (kernels/picture/unseen.cl)."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ class MarkedUnseen:
 
 
 def _on_device(views: Sequence[DepthImage], origin: Float64) -> tuple[DeviceArray, DeviceArray, DeviceArray]:
-    """What the kernel calls `maps`, `views` and `places`, for points relative to an origin."""
+    """Make the kernel's `maps`, `views` and `places`, for points relative to an origin."""
     floats, ints = (int(constant("picture/unseen.cl", name)) for name in ("VIEW_FLOATS", "VIEW_INTS"))
     records, places = np.zeros((max(len(views), 1), floats), np.float32), np.zeros((max(len(views), 1), ints), np.int32)
     maps = empty((max(sum(view.depth.size for view in views), 1),), np.float32)

@@ -1,4 +1,4 @@
-"""What maps are beyond uv of 0 to 1, as kernels are built for it (kernels/lib/wrap.h)."""
+"""Wrap modes of maps beyond uv of 0 to 1, as defines of kernels (kernels/lib/wrap.h)."""
 
 from __future__ import annotations
 

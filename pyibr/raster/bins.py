@@ -50,7 +50,7 @@ def region_side() -> int:
 
 
 def culled(sides: Sides) -> int:
-    """Which triangles kernels leave out so that these sides are drawn."""
+    """Triangles that kernels cull so that these sides are drawn."""
     return int(constant("raster/triangle.h", _CULLED[sides]))
 
 

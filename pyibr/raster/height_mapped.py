@@ -19,7 +19,7 @@ def map_buffers(surface: HeightMapped) -> dict[str, DeviceArray]:
 
 
 def color_arguments(surface: HeightMapped, camera: Camera) -> dict[str, Any]:
-    """How large the colours are, and a pixel at distance 1."""
+    """Sizes of the colours, and of a pixel at distance 1."""
     height, width = surface.color.shape[:2]
     return {
         "color_width": width,

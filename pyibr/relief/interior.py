@@ -28,7 +28,7 @@ _LEAST_DEPTH = 1e-6  # of the relief's: of rays that start below the base
 
 @dataclass(frozen=True)
 class InteriorPoint:
-    """What a base's vertices say at a point below it; the frame is that of the surface through the point.
+    """Frame and depth of a point within the relief, interpolated from the base's vertices.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ class Interior:
         return (count == 1)[number.reshape(-1, 3)]
 
     def interior_point(self, eye: Float64) -> InteriorPoint | None:
-        """What the base says of a point below it by less than the relief's depth; None of all others.
+        """Find the base above a point that lies less than the relief's depth below it; None for all others.
 
         The base's nearest point tells. Where that is on an open border, the point is beside the relief.
         """

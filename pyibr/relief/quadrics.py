@@ -1,4 +1,4 @@
-"""What relief mapping knows of a mesh at its vertices: how uv runs, and how the surface bends (section 3).
+"""Quadrics and frames of a mesh at its vertices: how uv runs, and how the surface bends (section 3).
 
 Around each vertex the mesh is approximated by z = a x^2 + b y^2 + c x y in the vertex's tangent frame: z along the
 normal, x along the direction in which u grows fastest, y at right angles to both. The paper has no c: there,

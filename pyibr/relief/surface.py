@@ -192,11 +192,11 @@ class ReliefSurface(HeightMapped):
 
     @cached_property
     def interior(self) -> Interior:
-        """What finds the base above a point within the relief."""
+        """Search for the base above a point within the relief."""
         return Interior(self.drawn.vertices, self.drawn.faces, self.vertex_rows, self.scale, self.bends)
 
     def interior_point(self, camera: Camera) -> InteriorPoint | None:
-        """Where within the relief, below the base and above what is carved into it, a camera's eye is.
+        """Locate a camera's eye within the relief, below the base and above what is carved into it.
 
         Parameters
         ----------
@@ -215,7 +215,7 @@ class ReliefSurface(HeightMapped):
 
     @property
     def planar_vertices(self) -> int:
-        """How many vertices have neighbours that determine no quadric."""
+        """Count the vertices whose neighbours determine no quadric."""
         return int(self.frames.planar[: len(self.base.vertices)].sum())
 
     @cached_property
@@ -224,7 +224,7 @@ class ReliefSurface(HeightMapped):
         return height_levels(self.height, self._height_bytes, self.wrap)
 
     def tile_coordinates(self, camera: Camera) -> Float32:
-        """Where in the tile each pixel of a picture sees the relief.
+        """Compute the tile coordinates of the relief that each pixel of a picture sees.
 
         Parameters
         ----------
@@ -310,7 +310,7 @@ def draw_relief(
 
 
 def _defines_of(surface: ReliefSurface) -> dict[str, int]:
-    """What kernels are built for: how depths are measured, and what the heights are."""
+    """Defines of the kernels for a surface: the measure of depth, and the form of the heights."""
     distance = int(constant("relief/ray.h", surface.distance.upper()))
     defines = {"DISTANCE": distance, "HEIGHT_BYTES": surface.levels.height_bytes}
     if "clamp" in surface.wrap:

@@ -1,4 +1,4 @@
-"""Where an object lies: the box that its views' samples or silhouettes leave."""
+"""Bounding boxes of objects, from their views' samples or silhouettes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _CARVED = 64  # cells along the longest edge of the box, at least, when it is fo
 
 @dataclass(frozen=True)
 class Box:
-    """Where an object lies: a box in the world.
+    """An oriented box around an object, in the world.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ def is_background(view: DepthImage, missing_is_background: bool) -> NDArray[np.b
 
 
 class DepthExtent:
-    """What a depth image says of where an object lies.
+    """Extent of an object by the samples of one depth image.
 
     Attributes
     ----------
@@ -108,7 +108,7 @@ _DEPTH_EXTENTS: WeakKeyDictionary[DepthImage, DepthExtent] = WeakKeyDictionary()
 
 
 def depth_extent_of(view: DepthImage) -> DepthExtent:
-    """What an image says; found once, for all objects that are made with it."""
+    """Return an image's extent, found once for all objects that are made with it."""
     if view not in _DEPTH_EXTENTS:
         _DEPTH_EXTENTS[view] = DepthExtent(view)
     return _DEPTH_EXTENTS[view]
@@ -167,7 +167,7 @@ def nearness_map(view: DepthImage, box: Box, missing_is_background: bool) -> NDA
 
 
 class Outline:
-    """What a silhouette says of where an object lies.
+    """Tests of points against a silhouette's outline.
 
     Attributes
     ----------
@@ -187,13 +187,13 @@ class Outline:
         self._before = np.pad(np.cumsum(np.cumsum(view.valid, axis=0, dtype=np.int32), axis=1), ((1, 0), (1, 0)))
 
     def holds(self, points: Float64) -> NDArray[np.bool_]:
-        """Which of (N, 3) points are surely within the outline: in the midst of the object's samples."""
+        """Tell the (N, 3) points that are surely within the outline: in the midst of the object's samples."""
         u, v, w = self._seen(points)
         with np.errstate(divide="ignore", invalid="ignore"):
             return (w > 0) & (self._count(u / w, v / w, 1.0) == 9)
 
     def touches(self, points: Float64, reach: float) -> NDArray[np.bool_]:
-        """Whether balls of radius `reach` around (N, 3) points may have a part within the outline."""
+        """Tell whether balls of radius `reach` around (N, 3) points may have a part within the outline."""
         u, v, w = self._seen(points)
         K = self.camera.K
         pixels = np.float64(max(abs(K[0, 0]) + abs(K[0, 1]), K[1, 1]))  # that a scene unit takes at depth 1 at most
@@ -212,7 +212,7 @@ class Outline:
         return to_pixels[:, :3] @ points.T + to_pixels[:, 3:]
 
     def _count(self, u: Float64, v: Float64, around: Float64 | float) -> NDArray[np.int32]:
-        """How many of the samples up to `around` away from the one nearest to (u, v) are the object's; inf: all."""
+        """Count the object's samples up to `around` away from the one nearest to (u, v); inf: all."""
         width, height = self.camera.size
         x, y = np.nan_to_num(np.rint(u)), np.nan_to_num(np.rint(v))
         ends = (x - around, width), (x + around + 1, width), (y - around, height), (y + around + 1, height)
@@ -225,7 +225,7 @@ _OUTLINES: WeakKeyDictionary[Silhouette | DepthImage, Outline] = WeakKeyDictiona
 
 
 def outline_of(view: Silhouette | DepthImage) -> Outline:
-    """What a silhouette says; found once, for all hulls that are made with it."""
+    """Return a silhouette's outline, found once for all hulls that are made with it."""
     if view not in _OUTLINES:
         _OUTLINES[view] = Outline(view)
     return _OUTLINES[view]

@@ -55,7 +55,7 @@ _BEHIND = 8.0  # samples by which an object's surface may lie behind a view's ow
 
 
 class DepthObject(Fixed):
-    """What depth images all round leave of space: a solid with their colours.
+    """Solid that depth images all round leave of space, in their colours.
 
     A point is part of it if it lies behind every image's surface. Where an image saw background it leaves nothing.
     Section 4 of the paper.
@@ -211,7 +211,7 @@ class DepthObject(Fixed):
 
 
 class VisualHull(Fixed):
-    """What silhouettes leave of space: the largest solid that fits into all of them.
+    """Visual hull: the largest solid that fits into all silhouettes.
 
     Parameters
     ----------
@@ -336,7 +336,7 @@ def _same_outline(a: DepthImage | Silhouette, b: DepthImage | Silhouette) -> boo
 def _with_known(
     thing: DepthObject | VisualHull, values: list[_Known], views: Sequence[Any], make: Callable[[Any], _Known]
 ) -> list[_Known]:
-    """What is made of each view; of those of a thing it is there already."""
+    """Make something of each view; for views of a thing it is there already."""
     known = {id(view): value for view, value in zip(thing.views, values, strict=True)}
     return [known[id(view)] if id(view) in known else make(view) for view in views]
 
@@ -440,7 +440,7 @@ def _moved_by(offset: Float64) -> Float64:
 
 
 def slices_axis(thing: DepthObject | VisualHull, camera: Camera) -> int:
-    """Which edge of the box the slices stand across: the one that faces the camera most, or the kernel's TO_SCREEN."""
+    """Edge of the box that the slices stand across: the one that faces the camera most, or the kernel's TO_SCREEN."""
     if thing.slicing == "screen":
         return int(constant("slicing/object.cl", "TO_SCREEN"))
     return int(np.argmax(np.abs(thing.box.axes @ _direction(camera, thing.box))))
@@ -487,7 +487,7 @@ def _object_buffers(thing: DepthObject | VisualHull) -> dict[str, DeviceArray]:
 
 
 def _ribbons_of(thing: DepthObject) -> dict[str, DeviceArray]:
-    """What is one sample thin in the views; of each sample the number of its first ribbon, and at last that of all."""
+    """Ribbons of the views; of each sample the number of its first ribbon, and at last that of all."""
     found = [ribbons_of(view) for view in thing.views]
     none = np.zeros((1, int(constant("slicing/ribbon_record.h", "RIBBON_FLOATS"))), np.float32)
     records = np.concatenate([one.records for one in found])

@@ -1,4 +1,4 @@
-"""How far apart slices lie: a number of them that is given, or as many as a picture needs."""
+"""Spacing of slices: a number of them that is given, or as many as a picture needs."""
 
 from __future__ import annotations
 
@@ -58,6 +58,6 @@ def nearest_pixel(camera: Camera, corners: Float64) -> float:
 
 
 def halvings_between(spacing: float, pixel: float) -> int:
-    """How often the way between two slices is halved to meet the surface within a small part of a pixel."""
+    """Halvings of the step between two slices that meet the surface within a small part of a pixel."""
     parts = constant(_RAYS, "PIXEL_PARTS") * spacing / max(pixel, 1e-30)
     return min(math.ceil(math.log2(max(parts, 1.0))), int(constant(_RAYS, "HALVINGS_MAX")))

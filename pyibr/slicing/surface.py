@@ -214,7 +214,7 @@ def draw_surface(
 
 
 def _slices_in(surface: SlicedSurface, camera: Camera) -> int:
-    """How many there are over the displacement; in a picture that chooses, in the volume's middle."""
+    """Number of slices over the displacement; in a picture that chooses, in the volume's middle."""
     if surface.slices != "view":
         return surface.slices
     low, high = surface.volume.bounds

@@ -30,7 +30,7 @@ _LOOK_TORN, _LOOK_CONNECTED = (1.0, 1.5), (0.5, 4.0)  # `rough` and `window` of 
 
 @dataclass(frozen=True)
 class Options:
-    """How views are looked at.
+    """Options of drawing views.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ def _shared(samples: Samples, pixel_map: PixelMap, options: Options) -> dict[str
 def _find_candidates(
     samples: Samples, pixel_map: PixelMap, target: Target, options: Options, shared: dict[str, Any]
 ) -> tuple[DeviceArray, float]:
-    """What lines (or searches) see, and what it is of: HITS_... of kernels/warp/resolve.cl."""
+    """Sweep lines (or search) for the surface of each pixel; also HITS_... of kernels/warp/resolve.cl."""
     profile, reach, epipole, aligned = current().profile, pixel_map.reach, pixel_map.epipole, pixel_map.pair.aligned
     area = _whole_lines(reach, epipole, target.camera) if aligned and not reach.empty else reach
     groups, packets = line_groups(epipole, area, profile.lanes, aligned)
@@ -144,7 +144,7 @@ def _find_candidates(
 
 
 def _hits(name: str) -> float:
-    """What lines' answers are of."""
+    """Number of a kind of hits, HITS_... of kernels/warp/resolve.cl."""
     return constant("warp/resolve.cl", f"HITS_{name}")
 
 

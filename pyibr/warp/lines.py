@@ -1,4 +1,4 @@
-"""Where the epipolar lines of a target image run: the layout that the sweep walks.
+"""Layout of a target image's epipolar lines, which the sweep walks.
 
 The epipole may lie in any of nine regions in and around the image, or at infinity (Schaufler & Priglinger 1999,
 table 1 and figure 7). Lines that advance mainly in x and mainly in y, on either side of the epipole, make at most four
@@ -58,7 +58,7 @@ class _Fan:
         return self.w == 0.0 and math.isclose(abs(self.e_across), abs(self.e_along), rel_tol=_ROUNDING)
 
     def reach(self) -> tuple[float, float]:
-        """Where the lines needed cut the reference: no steeper than one to one, and through the area."""
+        """Range on the reference where the lines needed cut it: no steeper than one to one, and through the area."""
         low, high = -math.inf, math.inf
         if self.nearest > 0.0:
             cuts = [

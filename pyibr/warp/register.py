@@ -51,7 +51,7 @@ _LENSES = {  # LENS of kernels/lib/lens.h
 
 
 class RegisteredColor(NamedTuple):
-    """What `register` returns with ``to="depth"``.
+    """Colours registered to the samples of depth.
 
     Attributes
     ----------

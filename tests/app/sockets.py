@@ -1,4 +1,4 @@
-"""What a process listens at."""
+"""Ports that a process listens at."""
 
 from __future__ import annotations
 

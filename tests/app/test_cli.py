@@ -110,7 +110,7 @@ def test_cameras_of_files_have_their_lenses(scene: Scene):
 
 
 def shifted_by_five(scene: Scene) -> None:
-    """What a move of 0.2 to the right shows of a plane at 2 with a focal length of 50: 5 pixels of shift."""
+    """Picture of a plane at 2 after a move of 0.2 to the right, with a focal length of 50: 5 pixels of shift."""
     np.testing.assert_array_equal(ibr.read_color(scene.folder / "new.png")[:, :-6], scene.color[:, 5:-1])
 
 

@@ -44,7 +44,7 @@ def folder(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def seen(monkeypatch: pytest.MonkeyPatch) -> list:
-    """What `ibr.view` was asked to show; its page is closed at once."""
+    """Arguments that `ibr.view` was called with; its page is closed at once."""
     asked: list = []
     whole = ibr.view
 

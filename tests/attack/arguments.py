@@ -253,7 +253,7 @@ def random_mesh(chance: Chance, scale: float, uv: bool) -> ibr.Mesh:
 
 
 def random_maps(chance: Chance, scale: float) -> dict[str, Any]:
-    """What `SlicedSurface` and `ReliefSurface` share."""
+    """Arguments that `SlicedSurface` and `ReliefSurface` share."""
     rng = chance.rng
     # 8-bit maps have powers of two, others have not: kernels are built for either
     if chance(0.5):

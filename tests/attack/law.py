@@ -18,7 +18,7 @@ HANGS = 120.0
 
 
 class BrokenLawError(AssertionError):
-    """What is wrong with a call."""
+    """A call that breaks a law."""
 
 
 def judge(kind: str, seed: int) -> str:

@@ -36,7 +36,7 @@ def cast(mesh: ibr.Mesh, camera: ibr.Camera) -> np.ndarray:
 
 
 def differing(view: ibr.DepthImage, expected: np.ndarray) -> tuple[int, int]:
-    """How many pixels differ in coverage or by more than 1e-5 of the depth, and how many are covered."""
+    """Count the pixels that differ in coverage or by more than 1e-5 of the depth, and those that are covered."""
     there = np.isfinite(expected)
     both = there & view.valid
     off = np.abs(view.depth[both] / expected[both] - 1) > 1e-5

@@ -54,7 +54,7 @@ def lens_and_frame(name: str) -> tuple[ibr.Lens, np.ndarray, float]:
 
 
 def opencvs(lens: ibr.Lens, ideal: np.ndarray) -> np.ndarray:
-    """Where OpenCV sees ideal positions."""
+    """Positions that OpenCV sees ideal ones at."""
     if lens.model == "kannala_brandt":
         return cv2.fisheye.distortPoints(ideal[None], np.eye(3), lens.to_opencv())[0]
     ahead = np.column_stack([ideal, np.ones(len(ideal))])

@@ -1,4 +1,4 @@
-"""What works without the optional packages, and what is said where one is missing or broken."""
+"""Use without the optional packages, and messages where one is missing or broken."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ assert ibr.warp(view, camera.moved(0.1, 0, 0), fill="background").valid.any()
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Where `import cv2` looks first, and has not looked yet."""
+    """Folder where `import cv2` looks first, and has not looked yet."""
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setitem(sys.modules, "cv2", None)  # so that what was there comes back
     del sys.modules["cv2"]

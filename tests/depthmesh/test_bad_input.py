@@ -1,4 +1,4 @@
-"""What depth meshes refuse, by the argument's name, and what they do with views that show next to nothing."""
+"""Arguments that depth meshes refuse, by their names, and views that show next to nothing."""
 
 from __future__ import annotations
 

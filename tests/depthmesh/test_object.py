@@ -91,7 +91,7 @@ def test_two_runs_give_the_same_bits():
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_the_full_grid_up_to_the_pictures_border(projection):
-    """What the picture cuts off at its border is as fine as what it shows."""
+    """Triangles that the picture cuts off at its border are as fine as those it shows."""
     view = rough(np.random.default_rng(3), (97, 61), projection, 0.03)
     whole, thing = full_grid(view), ibr.DepthMesh(view, tolerance=0, segmentation=Segmentation("none"))
     for zoom in (1, 3, 11):

@@ -108,7 +108,7 @@ def test_stricter_thresholds_take_out_more(test):
 @pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize("name", ["tilted", "curved"])
 def test_noise_is_no_step(name, projection, test):
-    """What the sensor's noise explains stays, though it is rougher than the thresholds; steps are still found."""
+    """Differences that the sensor's noise explains stay, though rougher than the thresholds; steps are still found."""
     clean, plate = layered(name, SIZE, projection)
     noise = np.random.default_rng(4).normal(0, 0.06, clean.depth.shape).astype(np.float32)
     view, rubber = ibr.DepthImage(clean.color, clean.depth + noise, clean.camera), bridging(plate)

@@ -39,7 +39,7 @@ def needs_more(thing: ibr.DepthMesh, kept: Selection, camera: Camera) -> bool:
 
 
 def check_held_selections(rounds: int) -> None:
-    """What holds for another camera has each vertex that it needs; what has moved by little holds, by much does not."""
+    """Selections that hold for another camera have each vertex that it needs; they hold for little moves alone."""
     rng = np.random.default_rng(5)
     held = {by: [] for by in (0.0, 0.01, 0.1, 1.0)}
     for number in range(rounds):

@@ -93,7 +93,7 @@ def test_larger_tolerances_have_fewer_triangles(tolerance):
 
 
 def vertical_error(corners: np.ndarray, view: ibr.DepthImage) -> float:
-    """How far in depth samples lie off the triangles that cover them."""
+    """Distances in depth of samples from the triangles that cover them."""
     depth = view.depth.astype(np.float64)
     perspective = view.camera.projection == "perspective"
     straight = 1 / depth if perspective else depth

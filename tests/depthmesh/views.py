@@ -89,7 +89,7 @@ def by_extent(corners: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
 
 
 def leaf_middles(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where the upper and the lower triangle of a cell have their middles; its diagonal turns from cell to cell."""
+    """Middles of a cell's upper and lower triangle; its diagonal turns from cell to cell."""
     main = (x + y) % 2 == 0
     upper = np.stack([x + np.where(main, 2, 1) / 3, y + 1 / 3], -1)
     return upper, np.stack([x + np.where(main, 1, 2) / 3, y + 2 / 3], -1)

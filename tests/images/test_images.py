@@ -217,7 +217,7 @@ def test_mpeg_levels(near, far):
 
 @pytest.mark.parametrize(("near", "far"), [(0.5, 25.0), (0.1, 1000.0), (0.3, np.inf)])
 def test_z_buffers_are_those_of_the_projection(near, far):
-    """What OpenGL's matrix makes of points ahead: its window coordinate, and Direct3D's with the planes exchanged."""
+    """Points ahead have OpenGL's window coordinate, and Direct3D's with the planes exchanged."""
     z = np.geomspace(near, min(0.99 * far, 500), 50)
     a, b = (-1, -2 * near) if far == np.inf else ((far + near) / (near - far), 2 * far * near / (near - far))
     window = ((a * -z + b) / z + 1) / 2  # the camera looks along -z, w = z

@@ -47,7 +47,7 @@ def damaged(data: bytes, rng: random.Random, number: int) -> bytes:
 
 
 def wrongs(name: str, folder: Path) -> list[str]:
-    """What goes wrong with damages of the specimen of this name."""
+    """Faults of the reader on damages of the specimen of this name."""
     path = folder / name
     (WRITERS | OTHERS)[name](path)
     read, whole, rng = reader(name), path.read_bytes(), random.Random(name)

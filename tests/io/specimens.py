@@ -121,7 +121,7 @@ DECODED_ELSEWHERE += [name for name in WRITERS if name.startswith(("color.", "re
 
 
 def reader(name: str) -> Read:
-    """What reads the specimen of this name."""
+    """Reader of the specimen of this name."""
     if name == "grid.ply":
         return read_range_grid
     by_stem: dict[str, Read] = {"color": ibr.read_color, "depth": _read_depth, "relief": read_relief_map}
@@ -130,7 +130,7 @@ def reader(name: str) -> Read:
 
 
 def same(one: Any, other: Any) -> bool:
-    """Whether two things that were read are equal."""
+    """Tell whether two things that were read are equal."""
     if isinstance(one, tuple):
         return all(same(a, b) for a, b in zip(one, other, strict=True))
     if isinstance(one, np.ndarray):

@@ -1,4 +1,4 @@
-"""What several systems' kernels share, each with a small kernel around it, against NumPy."""
+"""Headers that several systems' kernels share, each with a small kernel around it, against NumPy."""
 
 from __future__ import annotations
 

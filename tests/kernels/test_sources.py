@@ -117,7 +117,7 @@ def definitions(text: str) -> list[tuple[str, list[list[int]]]]:
 
 
 def exclude(a: list[list[int]], b: list[list[int]]) -> bool:
-    """Whether two places are in two branches of one #if."""
+    """Tell whether two places are in two branches of one #if."""
     return any(one[0] == other[0] and one[1] != other[1] for one, other in zip(a, b, strict=False))
 
 

@@ -1,4 +1,4 @@
-"""What is said of a height map on a mesh, by both systems that draw one."""
+"""Height maps on meshes, as both systems that draw them describe them."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ def test_what_is_saved_is_loaded_to_the_bit(tmp_path: Path, name, mesh, lost, ax
 
 
 def test_glb_has_gltf_axes_and_others_have_the_mesh_s_own(tmp_path: Path):
-    """What stands on the floor of OpenCV's world, whose y runs down, stands upright in a GLB file, whose y runs up."""
+    """Things that stand in OpenCV's world, whose y runs down, stand upright in a GLB file, whose y runs up."""
     mesh = ibr.Mesh([[0, 0, 5], [1, 0, 5], [0, -2, 5]], [[0, 1, 2]], normals=[[0, 0, -1]] * 3)
     mesh.save(tmp_path / "m.glb")
     stored = gltf.read_mesh((tmp_path / "m.glb").read_bytes(), tmp_path)

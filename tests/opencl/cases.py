@@ -45,7 +45,7 @@ Ran = set[tuple[str, str]]
 
 
 class Launches(Watch):
-    """Which kernels run, on which kinds of colour."""
+    """Kernels that run, and the kinds of colour that they run on."""
 
     def __init__(self) -> None:
         self.ran: Ran = set()
@@ -80,25 +80,25 @@ class Poisoned(Launches):
 
 @cache
 def signatures(folder: str = "*") -> dict[str, str]:
-    """What stands between the brackets of each kernel of `kernels/`, or of a folder there, by its name."""
+    """Parameters of each kernel of `kernels/`, or of a folder there, by its name."""
     texts = [path.read_text() for path in sorted(kernels_folder().glob(f"{folder}/*.cl"))]
     found = [pair for text in texts for pair in re.findall(r"^kernel void (\w+)\((.*?)\)\n\{", text, re.M | re.S)]
     return dict(found)
 
 
 def knows_colors(name: str) -> bool:
-    """Whether a kernel reads or writes colours, whose kind it is built for."""
+    """Tell whether a kernel reads or writes colours, whose kind it is built for."""
     return re.search(r"\bchannel \*", signatures()[name]) is not None
 
 
 def kernels_of(folder: str) -> Ran:
-    """What has run if every kernel of a folder has, on both kinds of colour."""
+    """Launches of every kernel of a folder, on both kinds of colour."""
     return {(name, kind) for name in signatures(folder) for kind in (KINDS[:2] if knows_colors(name) else ("",))}
 
 
 @dataclass(frozen=True)
 class Setting:
-    """How a case is run.
+    """Settings by which a case is run.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class Setting:
     empty: Callable[[tuple[int, ...], DTypeLike], NDArray[Any]] = field(default=np.empty)
 
     def choose(self, least: _T, some: _T, everything: _T) -> _T:
-        """How many sizes and maps a case has: other kinds of colour are read and written in the same places."""
+        """Choose sizes and maps of a case: other kinds of colour are read and written in the same places."""
         return (least, some, everything)[self.thorough + (self.kind == "uint8")]
 
     def colors(self, image: NDArray[np.uint8]) -> NDArray[Any]:
@@ -266,7 +266,7 @@ def _meshes(setting: Setting) -> Cases:
 
 
 def _marked(setting: Setting) -> Cases:
-    """What images have seen of a triangle before another one."""
+    """A triangle before another one, with the parts that images have seen marked."""
     near, plain = (ibr.Mesh([[-s, -s, z], [s, -s, z], [0, s, z]], [[0, 1, 2]]) for s, z in ((1, 4), (9, 5)))
     for sizes in (((1, 1), (2, 2), (1, 5), (7, 1)), ((9, 7),) * 4)[: setting.choose(1, 2, 2)]:
         views = _views_around(setting, sizes)
@@ -330,7 +330,7 @@ def _surfaces(setting: Setting) -> Cases:
 
 
 def _sorted(setting: Setting) -> Cases:
-    """What asks for triangles from front to back."""
+    """Draw triangles from front to back."""
     made = ibr.SlicedSurface(_tiled_square(), np.eye(4, dtype=np.float32), setting.noise(2, 2), 0.3, slices=3)
     for camera in _above(setting):
         yield f"sorted {camera.size}", partial(_draw, setting, [made], camera)

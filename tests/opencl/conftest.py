@@ -1,4 +1,4 @@
-"""What the tests of several files start from."""
+"""Fixtures of the tests of several files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which device is chosen, what is said of those that do not work, and what is remembered."""
+"""Choice of a device, messages on those that do not work, and what is remembered."""
 
 from __future__ import annotations
 

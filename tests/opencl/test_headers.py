@@ -1,4 +1,4 @@
-"""What the host reads from the kernels' text: structs and constants, and that launches hold to them."""
+"""Declarations that the host reads from the kernels' text: structs and constants, and that launches hold to them."""
 
 from __future__ import annotations
 

@@ -82,7 +82,7 @@ def own(tmp_path: Path, own_cache: Path) -> Path:
 
 
 def written_by(file: Path | str, value: int = 0) -> int:
-    """What a kernel `write` writes."""
+    """Values that a kernel `write` writes."""
     kernel, out = program.kernel(file, "write", VALUE=value), empty((1,), np.int32)
     more = {} if len(kernel.arguments) == 1 else {"screen": Struct("Screen", Target(CAMERA, np.dtype("u1")).screen(1))}
     launch(kernel, (1,), out=out, **more)

@@ -56,7 +56,7 @@ def camera(projection: str, side: str = "front", middle: tuple[float, ...] = (0,
 
 
 def drawn(things: list[object], camera: Camera, dtype: type = np.uint8, poison: bool = False) -> ibr.Frame:
-    """What things draw into a target one after the other; with `poison`, one that is full of something else."""
+    """Picture of things that draw into a target in turn; with `poison`, into one that is full of something else."""
     with one_call():
         target = Target(camera, np.dtype(dtype))
         if poison:

@@ -135,7 +135,7 @@ def test_an_object_from_afar(slicing):
 @pytest.mark.parametrize("light", ["sun", "lamp"])
 @pytest.mark.parametrize("make", [ibr.DepthObject, ibr.DepthMeshObject])
 def test_shadows_on_images_are_the_same_anywhere(make, light):
-    """What is made of images has no vertices that would be rounded."""
+    """Things that are made of images have no vertices that would be rounded."""
     views = views_of_torus("perspective")
     camera = looking(torus(), (0.5, 0.4, 1), (100, 80), "perspective")
     position = np.array([4.0, 3, 2])

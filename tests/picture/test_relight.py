@@ -222,7 +222,7 @@ def test_through_a_lens_and_by_several_samples(name, dtype):
 @pytest.mark.parametrize("name", MAKERS)
 @pytest.mark.parametrize("shadow_size", [0, 256])
 def test_who_does_not_ask_gets_the_same_bits(name, shadow_size):
-    """Whether views have normals or not, and without a light with `relight` too."""
+    """Without a light with `relight`, it does not matter if views have normals."""
     bare, told = (object_views(donut(), 48, normals=given) for given in (False, True))
     for light in (None, ibr.Light(direction=(1, 0.6, -1.2), shadow_size=shadow_size)):
         one, other = (ibr.render(MAKERS[name](views), PERSPECTIVE.resized((81, 61)), light) for views in (bare, told))

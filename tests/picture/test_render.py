@@ -242,7 +242,7 @@ def test_copies_and_pickles_look_the_same():
 
 
 def test_backgrounds_are_rounded():
-    """Where there is nothing as where they mix with what covers a part of a pixel."""
+    """They are rounded alike where there is nothing and where they mix with what covers a part of a pixel."""
     away = ibr.Camera(CAMERA.K, CAMERA.size, np.diag([-1.0, 1, -1, 1]))
     assert (ibr.render(wall(3, 0.5, (9, 9, 9)), away, background=(127.9, 0.9, 254.6)).color == (128, 1, 255)).all()
 

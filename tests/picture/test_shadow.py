@@ -240,7 +240,7 @@ def test_without_shadows_nothing_is_shadowed():
 
 
 def test_a_light_from_behind():
-    """What is seen of a wall, of a depth image of it too, is dark: so is what stands before it."""
+    """A wall that faces away from the light is dark, as a depth image, too: so is what stands before it."""
     camera = Camera([[60, 0, 40], [0, 60, 30], [0, 0, 1]], (81, 61))
     color, depth = np.full((61, 81, 3), 200, np.uint8), np.full((61, 81), 4, np.float32)
     card = ibr.Mesh([[-0.5, -0.5, 3], [0.5, -0.5, 3], [0.5, 0.5, 3], [-0.5, 0.5, 3]], [[0, 2, 1], [0, 3, 2]])

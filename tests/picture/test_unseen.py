@@ -1,4 +1,4 @@
-"""What depth images have seen, against rays cast from their centres to the surface's true points."""
+"""Parts that depth images have seen, against rays cast from their centres to the surface's true points."""
 
 from __future__ import annotations
 

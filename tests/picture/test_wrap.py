@@ -81,7 +81,7 @@ def above(elevation: float, projection: Any = "perspective", size: Any = SIZE, a
 
 
 def known(system: str, span: Any, camera: Camera, points: np.ndarray) -> np.ndarray:
-    """Where the surface goes on beyond its base as the truth does: above the base, or where rays enter by it."""
+    """Pixels where the surface goes on beyond its base as the truth does: above the base, or where rays enter by it."""
     if system.startswith("relief"):
         return ibr.render(square(span), camera).valid
     return ((points[..., :2] > 0.005) & (points[..., :2] < 0.995)).all(axis=-1)
@@ -131,7 +131,7 @@ def test_heights_clamped_along_one_axis(wrap, system):
 
 @pytest.mark.parametrize("system", ["slices", "relief"])
 def test_a_repeated_map_jumps_at_its_border(system):
-    """What the tests of this file are to see: with the other side of the map at the border they fail."""
+    """With the other side of the map at the border, the tests of this file fail."""
     assert share_right(system, ON_MAP, MAPS["odd"], above(70), wrap="repeat") < 0.97
     assert share_right(system, BEYOND, MAPS["odd"], above(70), wrap="repeat") < 0.5
 
@@ -179,7 +179,7 @@ def test_levels_seen_from_afar(search, size):
 
 
 def uv_from_above(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Where an orthographic camera straight above the square sees its plane, by BEYOND."""
+    """Texture coordinates that an orthographic camera straight above the square sees on its plane, by BEYOND."""
     y, x = np.mgrid[: camera.height, : camera.width]
     places = camera.unproject(np.column_stack([x.ravel(), y.ravel()]), np.ones(x.size))[:, :2].reshape(*x.shape, 2)
     (u0, v0), (u1, v1) = BEYOND

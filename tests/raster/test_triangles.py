@@ -149,7 +149,7 @@ def patchwork(projection: str, thin: float, seed: int = 0) -> tuple[ibr.Mesh, Ca
 
 
 def times_covered(mesh: ibr.Mesh, camera: Camera) -> np.ndarray:
-    """How many triangles, each drawn alone, cover each pixel."""
+    """Count the triangles that cover each pixel, each drawn alone."""
     covered = np.zeros((camera.height, camera.width), int)
     for face in mesh.faces:
         covered += ibr.render(ibr.Mesh(mesh.vertices, [face]), camera).valid

@@ -112,7 +112,7 @@ class Tree:
         return ray * z if self.view.camera.projection == "perspective" else np.array([ray[0], ray[1], z])
 
     def state(self, triangle: Triangle) -> int:
-        """Whether it is drawn, not, or a part of it (3)."""
+        """Tell whether it is drawn, not, or a part of it (3)."""
         if not triangle.is_leaf:
             return self.vertices[triangle.split].states[triangle]
         x, y = np.min(triangle.corners, axis=0)
@@ -203,7 +203,7 @@ class Tree:
                 wanted = {parent for corner in wanted for parent in self.parents[corner]} - found
 
     def departure(self, triangle: Triangle) -> float:
-        """How far in depth its samples lie off its plane."""
+        """Distance in depth of its samples from its plane."""
         low, high = np.min(triangle.corners, axis=0), np.max(triangle.corners, axis=0)
         x, y = np.meshgrid(np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1))
         corner = np.array([(*c, 1.0) for c in triangle.corners])
@@ -282,7 +282,7 @@ def segmented(view: DepthImage, rule: Segmentation) -> np.ndarray:
         return np.ptp(n) > max(rule.gap * (max(n) if perspective else extent), explained_nearness(max(n)))
 
     def connected(a: Corner, b: Corner) -> bool:
-        """Whether the step from a to b is small, or like the one before it or after it on their line."""
+        """Tell whether the step from a to b is small, or like the one before it or after it on their line."""
         step = np.subtract(b, a)
         change = nearness(b) - nearness(a)
         off = [abs(change)]

@@ -18,7 +18,7 @@ UNDECIDED = 1e-4  # pixels: rounding may take what lies that close to the middle
 
 @dataclass
 class Behind:
-    """What lies behind holes."""
+    """Surface behind holes."""
 
     depth: Array  #: (H, W) float64, 0 where no line tells or there is no hole
     decided: Array  #: (H, W) bool: which pixels the line passes does not hang on rounding
@@ -69,7 +69,7 @@ class _End:
             walking = walking[~there]
 
     def values(self, image: Array) -> Array:
-        """What the image is there; 0 where there is no end."""
+        """Values of the image there; 0 where there is no end."""
         return np.where(self.found, image[self.pixels[:, 1], self.pixels[:, 0]], 0.0)
 
 
@@ -99,7 +99,7 @@ def edges_of(valid: Array) -> Array:
 
 
 def _around(mask: Array, reach: int) -> Array:
-    """What lies within `reach` pixels of the mask, diagonally, too."""
+    """Pixels within `reach` of the mask, diagonally, too."""
     height, width = mask.shape
     padded, found = np.pad(mask, reach), np.zeros_like(mask)
     for y in range(2 * reach + 1):

@@ -25,7 +25,7 @@ NEAR_END = 1e-3  # pixels: a ray that passes an end of the surface this closely 
 
 @dataclass
 class Sideways:
-    """What a camera sees that has stepped sideways."""
+    """View of a camera that has stepped sideways."""
 
     depth: Array  #: (H, W) float64, nan in holes
     source: Array  #: (H, W, 2) x and y in the source of what is seen, nan in holes
@@ -33,7 +33,7 @@ class Sideways:
 
 
 def sideways_reference(view: DepthImage, step: tuple[float, float], cut_ratio: float = np.inf) -> Sideways:
-    """What `view.camera.moved(*step, 0)` sees of a view.
+    """Picture of a view that `view.camera.moved(*step, 0)` sees.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def _polyline(delta: Array, x: Array, y: Array, direction: Array, cut_ratio: flo
 
 
 def _together(cut_ratio: float, *samples: Array) -> Array:
-    """Whether the samples of a triangle or an edge, given by nearness, are one surface."""
+    """Tell whether the samples of a triangle or an edge, given by nearness, are one surface."""
     with np.errstate(invalid="ignore"):
         return np.max(samples, axis=0) <= cut_ratio * np.min(samples, axis=0)  # a hole's nan is not
 

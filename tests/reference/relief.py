@@ -208,7 +208,7 @@ def relief_depth(
 def _crossing(
     corners: np.ndarray, origin: np.ndarray, ray: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Which rays meet a triangle, which of these from the front, and at what depth and weights of the corners."""
+    """Intersect rays with a triangle: those that meet it, those from the front, their depths and weights."""
     side, other = corners[1] - corners[0], corners[2] - corners[0]
     normal = np.cross(side, other)
     with np.errstate(divide="ignore", invalid="ignore"):

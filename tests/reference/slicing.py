@@ -41,12 +41,12 @@ def seen_at(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray,
 
 
 def nearness(z: np.ndarray, camera: Camera) -> np.ndarray:
-    """What is linear across the picture of a plane: 1/z of a perspective camera, -z of an orthographic one."""
+    """Nearness, linear across the picture of a plane: 1/z of a perspective camera, -z of an orthographic one."""
     return 1 / np.maximum(z, 1e-12) if camera.projection == "perspective" else -z
 
 
 def depth_object(views: Sequence[DepthImage], box: Box) -> Inside:
-    """What lies behind the surface of every view; what a view saw as background is as far as the box reaches."""
+    """Points behind the surface of every view; what a view saw as background is as far as the box reaches."""
     surfaces = []
     for view in views:
         far = max(seen_at(view.camera, box.corners)[2].max(), view.depth[view.valid].max())
@@ -63,7 +63,7 @@ def depth_object(views: Sequence[DepthImage], box: Box) -> Inside:
 
 
 def visual_hull(views: Sequence[Silhouette | DepthImage]) -> Inside:
-    """What lies within every silhouette, whose outline is where the mask, bilinear, is a half."""
+    """Points within every silhouette, whose outline is where the mask, bilinear, is a half."""
 
     def inside(points: np.ndarray) -> np.ndarray:
         left = np.arange(len(points))

@@ -104,7 +104,7 @@ def search_reference(
 
 @dataclass
 class Hit:
-    """What a ray met."""
+    """Intersection of a ray."""
 
     point: Array  #: (4,) the surface point in the source's pixel space
     front: bool  #: whether it is on the side that the source sees

@@ -1,4 +1,4 @@
-"""What reliefs refuse, by the argument's name, and what they do with bases that have gaps in them."""
+"""Arguments that reliefs refuse, by their names, and bases that have gaps in them."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def test_bytes_and_floats_are_one_map():
 
 
 def test_triangles_whose_uv_has_no_area_show_one_height():
-    """Where uv does not change, neither does the height: the relief is a plane that lies as deep as its texel."""
+    """The height does not change where uv does not: the relief is a plane that lies as deep as its texel."""
     mesh = square()
     still = ibr.Mesh(mesh.vertices, mesh.faces, uv=np.full((4, 2), 0.5))
     height = np.full((4, 4), 0.25, np.float32)

@@ -41,7 +41,7 @@ def noisy_surface(slices: Any, slicing: str, texels: int = 32, **more: Any) -> i
 
 
 def flicker(frames: Sequence[ibr.Frame], truth: Sequence[ibr.Frame]) -> float:
-    """How much errors of colour change from frame to frame, per pixel of the thing: what moves rightly does not."""
+    """Change of colour errors from frame to frame, per pixel of the thing: what moves rightly does not."""
     off = [a.color.astype(float) - b.color for a, b in zip(frames, truth, strict=True)]
     return float(np.abs(np.diff(off, axis=0)).mean() / np.mean([b.valid for b in truth]))
 

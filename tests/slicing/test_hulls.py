@@ -23,7 +23,7 @@ GIVEN, LEFT_OUT = 0.975, 0.95  # intersection over union of the hull's outline a
 
 
 def disk_views(size: int = 200, radius: float = 1.0) -> list[ibr.Silhouette]:
-    """What six orthographic cameras, all round, see of a ball; each view has its own colour."""
+    """Views of a ball by six orthographic cameras all round, each in its own colour."""
     views = []
     for k in range(6):
         away = np.eye(3)[k // 2] * (1 if k % 2 else -1) * 3

@@ -26,7 +26,7 @@ FRONT = (0.5, 0.4, 1)
 
 
 def across_slices(thing: ibr.DepthObject, camera: Camera) -> np.ndarray | float:
-    """How far one goes across the slices, for 1 in depth, on each pixel's ray."""
+    """Distance across the slices for 1 in depth, on each pixel's ray."""
     if thing.slicing == "screen":
         return 1.0
     y, x = np.mgrid[: camera.height, : camera.width]

@@ -103,7 +103,7 @@ def test_silhouettes(slicing, projection):
 
 
 def test_slices_of_the_surface_are_seen_through_from_the_side():
-    """What the paper's figure 4 shows: at 2 degrees some rays pass between two slices, more so with fewer slices."""
+    """Figure 4 of the paper: at 2 degrees some rays pass between two slices, more so with fewer slices."""
     through = []
     for slices in (8, 32):
         missed = total = 0
@@ -119,7 +119,7 @@ def test_slices_of_the_surface_are_seen_through_from_the_side():
 
 @pytest.mark.parametrize("slicing", ["surface", "orthogonal", "screen"])
 def test_the_alpha_test_at_height_0(slicing):
-    """Where the map is 0, `inside` shows nothing and `at_least` the base."""
+    """At zeros of the map, `inside` shows nothing and `at_least` the base."""
     height = heights()
     height[:, :16] = 0
     cam = camera(90, 90, (64, 64))
@@ -167,7 +167,7 @@ def test_at_least_draws_all_of_the_base_however_shallow_it_is(scale, slicing, pr
 
 
 def ground(cam: Camera) -> np.ndarray:
-    """Where rays meet the plane z = 0."""
+    """Points where rays meet the plane z = 0."""
     y, x = np.mgrid[: cam.height, : cam.width]
     rays = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(cam.K).T @ cam.world_from_camera[:3, :3].T
     origin = cam.world_from_camera[:3, 3]

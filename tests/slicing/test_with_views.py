@@ -17,7 +17,7 @@ CAMERA = looking(torus(), (0.5, 0.4, 1), (90, 70))
 
 
 def nearer(view: ibr.DepthImage, by: float) -> ibr.DepthImage:
-    """What the view would see of a solid that is thinner there, in other colours; its holes stay holes."""
+    """View of a solid that is thinner there, in other colours; its holes stay holes."""
     return ibr.DepthImage(255 - view.color, view.depth + np.float32(by), view.camera)
 
 

@@ -1,4 +1,4 @@
-"""What each pixel of a new view is, and where it comes from: against rays cast at the whole scene.
+"""Classes and origins of a new view's pixels, against rays cast at the whole scene.
 
 The scene is known on all sides: boxes and a ball before a wall that fills every view. So what a target's pixel shows is
 a point of the scene, and whether the source saw that point, and why not, is a matter of projection.

@@ -142,7 +142,7 @@ def test_epipoles_at_infinity(size):
 
 @pytest.mark.parametrize("size", SIZES, ids=str)
 def test_epipoles_all_but_at_infinity(size):
-    """What rounding makes of a sideways motion: the third coordinate is not 0 but next to it."""
+    """A sideways motion with rounding: the third coordinate is not 0 but next to it."""
     for area in areas(size):
         for x, y in ((30.0, 0.0), (-30.0, 1e-15), (1e-14, 25.0), (0.0, -25.0), (-20.0, 15.0), (17.0, 17.0)):
             for w in (1e-6, 1e-7, 1e-8, 1e-9, 1e-12, 1e-14, 1.1e-16, 3e-17, 1e-18, 1e-25):

@@ -1,4 +1,4 @@
-"""What must hold of any warp, whatever the scene: laws with answers that are known without a second
+"""Laws that hold of any warp, whatever the scene, with answers that are known without a second
 renderer.
 """
 

@@ -1,4 +1,4 @@
-"""How the warp uses OpenCL: what the second process finds in the cache, the kernels' GPU form."""
+"""The warp's use of OpenCL: what the second process finds in the cache, the kernels' GPU form."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ LOW, HIGH, FRONT = (-0.35, -0.25), (0.3, 0.2), 1.4  # the box's front; its sides
 
 
 def seen_along(origin: np.ndarray, ways: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How far along rays (N, 3) the scene is, and whether it is the box."""
+    """Distances to the scene along rays (N, 3), and those that meet the box."""
     far = (WALL[1] - origin @ WALL[0]) / (ways @ WALL[0])
     near = (FRONT - origin[2]) / ways[:, 2]
     at = origin[:2] + near[:, None] * ways[:, :2]
@@ -41,7 +41,7 @@ def seen_by(camera: ibr.Camera) -> tuple[np.ndarray, np.ndarray]:
 
 
 def within(mask: np.ndarray, pixels: int) -> np.ndarray:
-    """Where the mask changes that near."""
+    """Pixels that near to a change of the mask."""
     kernel = np.ones((2 * pixels + 1, 2 * pixels + 1))
     return cv2.dilate(mask.astype(np.uint8), kernel) != cv2.erode(mask.astype(np.uint8), kernel)
 

@@ -46,7 +46,7 @@ def frame(number: int, aside: tuple[float, float] = ASIDE[1]) -> tuple[np.ndarra
 
 
 def steps(depth: np.ndarray) -> np.ndarray:
-    """How far apart depths around each pixel are, as a logarithm of at most 0.3, blurred as the picture."""
+    """Depth steps around each pixel, as a logarithm of at most 0.3, blurred as the picture."""
     z = depth.astype(np.float32)
     far = np.maximum(cv2.dilate(z, np.ones((3, 3))), 1)  # 1: there is none
     near = np.minimum(cv2.erode(np.where(z > 0, z, np.float32(np.inf)), np.ones((3, 3))), far)

@@ -39,7 +39,7 @@ BARS: tuple[Box, ...] = tuple(
 
 @dataclass(frozen=True)
 class Room:
-    """What is seen, and whether anything lies between two points."""
+    """A scene with queries: what is seen, and whether anything lies between two points."""
 
     pictures: MeshScene
     rays: Any
@@ -102,7 +102,7 @@ def pixels_of(one: ibr.Camera) -> np.ndarray:
 
 
 def measured(one: ibr.Camera, noise: float = 0.0, dropped: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """What is there, and what a camera delivers: `noise` pixels of disparity, and some samples not at all."""
+    """True depth, and what a camera delivers: `noise` pixels of disparity, and some samples not at all."""
     depth = scene().pictures.capture(one).depth
     rng, focal = np.random.default_rng(7), one.K[0, 0]
     made = depth.copy()
@@ -201,7 +201,7 @@ def colored(cameras: tuple[ibr.Camera, ibr.Camera], depth: np.ndarray) -> ibr.Re
 
 @cache
 def seen_samples(depth_camera: ibr.Camera, color_camera: ibr.Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Which samples the colour camera sees, and where that is sure."""
+    """Samples that the colour camera sees, and those of which that is sure."""
     depth = measured(depth_camera)[0]
     points = depth_camera.unproject(pixels_of(depth_camera), depth.ravel())
     pixels, before_it = color_camera.project(points)

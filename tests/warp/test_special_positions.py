@@ -316,7 +316,7 @@ def test_a_frame_around_the_picture_is_empty(size, projection, method):
 
 @pytest.mark.parametrize("across", [0, 1])
 def test_a_row_of_samples_moved_in_its_plane(across):
-    """What a scanner that turns about one axis sees: lines beside the row meet nothing."""
+    """A scanner that turns about one axis sees one row: lines beside the row meet nothing."""
     K = np.array([[40, 0, 19.5 * (1 - across)], [0, 40, 19.5 * across], [0, 0, 1]])
     size = (1, 40) if across else (40, 1)
     view = image(np.full(size[::-1], 2.0), Camera(K, size))

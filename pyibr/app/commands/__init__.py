@@ -1,1 +1,1 @@
-"""What the commands do that read and write files."""
+"""Commands that read and write files."""

@@ -26,7 +26,7 @@ _FPS = 30.0  # of videos, if nothing tells
 
 
 class Outputs:
-    """What a command writes of each frame: files, of several frames numbered; their pictures as a video, too.
+    """Files that a command writes of its frames: one, or several that are numbered; their pictures as a video, too.
 
     Parameters
     ----------

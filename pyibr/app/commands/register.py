@@ -92,7 +92,7 @@ def _read(source: Source, depths: DepthReader, pictures: Iterator[Color | None] 
 def _registered(
     depths: DepthReader, shot: FrameFiles, depth: Depth, picture: Color | None
 ) -> tuple[dict[Kind, NDArray[Any]], NDArray[np.bool_]]:
-    """What is written of a frame, and what is covered."""
+    """Register a frame: the images to write, and the pixels that are covered."""
     if picture is None:
         made = depths.registered(shot, depth)
         return {"depth": made}, np.isfinite(made)

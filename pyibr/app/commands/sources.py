@@ -1,4 +1,4 @@
-"""What `warp` and `register` read: which picture, which depth and which camera belong together."""
+"""Inputs of `warp` and `register`: pictures, depth and cameras that belong together."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class UnreadableFiles:
         self._errors: list[FileFormatError] = []
 
     def or_read(self, read: Callable[[Path], NDArray[Any]], path: Path) -> NDArray[Any] | None:
-        """What is read; None if it is lost."""
+        """Read a file; None if it cannot be read."""
         try:
             return read(path)
         except FileFormatError as error:
@@ -99,13 +99,13 @@ class Source:
                     yield unreadable.or_read(ibr.read_color, shot.color)
 
     def files(self) -> dict[str, list[Path]]:
-        """What is read of it: colours and depth."""
+        """List the files that are read of it: colours and depth."""
         colors = [shot.color for shot in self.shots if shot.color is not None]
         return {"COLOR": colors, "DEPTH": [shot.depth for shot in self.shots]}
 
 
 class InputOptions(NamedTuple):
-    """What was asked for: the paths that were given, and what says how they are read."""
+    """Options that name the inputs and say how they are read."""
 
     inputs: list[Path]
     cameras: list[Path]
@@ -211,7 +211,7 @@ def _note_left_out(count: int, why: str, files: Sequence[Path]) -> None:
 
 
 def _each(option: str, given: Sequence[Path], count: int) -> list[list[Path]]:
-    """What each recording has: its own, or none."""
+    """Give each recording its own value of an option, or none."""
     if given and len(given) != count:
         raise ArgumentError(option, f"one for each of the {count} sources" if count > 1 else "one", str(len(given)))
     return [[path] for path in given] if given else [[]] * count
@@ -229,7 +229,7 @@ def _taken(take: str | None, count: int, are_stills: bool) -> range:
 
 
 def _part(text: str | None) -> slice:
-    """What --take says."""
+    """Parse the value of --take."""
     try:
         numbers = [int(word) if word else None for word in (text or ":").split(":")]
         if len(numbers) in (2, 3) and (len(numbers) < 3 or numbers[2] is None or numbers[2] > 0):

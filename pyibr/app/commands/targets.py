@@ -1,4 +1,4 @@
-"""Where `warp` looks from: --to, --move, --orbit and --frames."""
+"""Target cameras of `warp`: --to, --move, --orbit and --frames."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Targets:
         self._distance: float | None = None
 
     def count(self, recorded: int | None) -> int | None:
-        """How many views there will be, of a recording of so many frames or of one scene (None); None: a single one."""
+        """Count the new views of a recording of so many frames, or of one scene (None); None: a single one."""
         if recorded is None:
             several = self._frames if self._to is None else len(self._to)
             return several if several > 1 else None

@@ -22,7 +22,7 @@ Depth = NDArray[np.float32]
 
 
 class DepthOptions(NamedTuple):
-    """How frames are read: --depth-scale, --depth-is, --far, --backdrop, --clean.
+    """Options of reading depth: --depth-scale, --depth-is, --far, --backdrop, --clean.
 
     `steady`: they come one after the other, and each is cleaned by what is known from the last; else they are all of
     one scene. `recorded`: a frame may lack depth altogether, and errors name the frame.
@@ -65,7 +65,7 @@ class DepthReader:
         return depth
 
     def is_blank(self, depth: Depth) -> bool:
-        """Whether it is a frame of a recording without any depth."""
+        """Tell whether it is a frame of a recording without any depth."""
         return self._options.recorded and not (np.isfinite(depth) & (depth > 0)).any()
 
     def registered(self, shot: FrameFiles, depth: Depth) -> Depth:

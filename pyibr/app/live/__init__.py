@@ -1,1 +1,1 @@
-"""What live pages share: a server that only this machine can open, and pictures that follow a page's camera."""
+"""Live pages: a server that only this machine can open, and pictures that follow a page's camera."""

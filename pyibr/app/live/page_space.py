@@ -1,4 +1,4 @@
-"""Where a scene lies on a page, and which of pyibr's cameras the page's is."""
+"""Page space: the similarity between the world and a page, and the cameras of both."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _RADIUS = 3.0  # of the scene on the page: its near plane, its keys and its dept
 
 @dataclass(frozen=True)
 class PageSpace:
-    """Where the scene lies on the page, whose numbers are in single precision and suit scenes of one size.
+    """Similarity from a page to the world; a page's numbers are in single precision and suit scenes of one size.
 
     A point of the world is at (point - middle) / unit on the page; directions are the same.
     """
@@ -38,7 +38,7 @@ class PageSpace:
         return quaternion_from_rotation(camera.world_from_camera[:3, :3]), self.point(camera.center)
 
     def point(self, point: Float64) -> Float64:
-        """Where a point of the world, (3,), is on the page."""
+        """Map a point of the world, (3,), to the page."""
         return (point - self.middle) / self.unit
 
 

@@ -25,7 +25,7 @@ _HEIGHT = 640  # pixels in a notebook
 
 
 class Page(Protocol):
-    """What a browser shows."""
+    """Contents of a browser's page."""
 
     def leave(self) -> None:
         """It is closed: nothing is to be drawn for it any more."""
@@ -94,7 +94,7 @@ class Pages:
 
     @property
     def closed(self) -> bool:
-        """Whether it was closed."""
+        """Tell whether it was closed."""
         return self._closed.is_set()
 
     @property

@@ -15,7 +15,7 @@ _Result = TypeVar("_Result")
 
 @dataclass
 class _Client(Generic[_Request]):
-    """What a client waits for.
+    """Pending requests of a client.
 
     Attributes
     ----------

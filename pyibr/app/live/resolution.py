@@ -1,4 +1,4 @@
-"""Which resolution keeps up with a camera that moves."""
+"""Choice of the resolution at which pictures keep up with a camera that moves."""
 
 from __future__ import annotations
 

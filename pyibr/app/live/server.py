@@ -57,12 +57,12 @@ def stop_server(server: ViserServer) -> None:
 
 
 def url_of(server: ViserServer) -> str:
-    """Where the server's page is."""
+    """Return the address of the server's page."""
     return f"http://{HOST}:{server.get_port()}"
 
 
 def is_own_page(headers: Mapping[str, str]) -> bool:
-    """Whether a connection with these headers comes from a page of this server, or from a program that is no browser.
+    """Tell whether a connection with these headers comes from a page of this server, or from no browser.
 
     Browsers say in `Origin` which page connects and in `Host` whom it believes to connect to. A page of another site
     has that site's name there, also where it made its name stand for this machine.
@@ -100,7 +100,7 @@ class _ForeignPageError(Exception):
 
 
 def _is_no_foreign_page(record: logging.LogRecord) -> bool:
-    """Whether to log it: not that a page was turned away, with all the calls that led there."""
+    """Tell whether to log it: not that a page was turned away, with all the calls that led there."""
     return not (record.exc_info and isinstance(record.exc_info[1], _ForeignPageError))
 
 

@@ -28,7 +28,7 @@ _EMPTY = 167.0  # units of the page: where there is nothing, as far as its depth
 
 @dataclass(frozen=True)
 class Picture:
-    """What a page shows.
+    """A picture for a page, with its depth and camera.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class SentPicture:
-    """What has been sent to a page.
+    """A picture that was sent to a page.
 
     Attributes
     ----------

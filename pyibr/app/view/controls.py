@@ -51,16 +51,16 @@ class Controls:
 
     @property
     def shows_frusta(self) -> bool:
-        """Whether the sources' frusta are to be seen."""
+        """Tell whether the sources' frusta are to be seen."""
         return bool(self._frusta.value)
 
     @property
     def times_kernels(self) -> bool:
-        """Whether kernels are to be timed."""
+        """Tell whether kernels are to be timed."""
         return bool(self._times.value)
 
     def style(self) -> Style:
-        """What they ask for now."""
+        """Style that the controls ask for now."""
         shows: dict[str, Show] = {text: name for name, text in LABELS.items()}
         other = self._other.value
         return Style(
@@ -187,7 +187,7 @@ def _light_from(direction: tuple[float, ...], ambient: float, shadow_size: int, 
 
 
 def _direction(up: Float64, around: float, above: float) -> Float64:
-    """Where a light comes from."""
+    """Direction of a light from its two angles."""
     side = np.cross(up, np.eye(3)[np.abs(up).argmin()])
     side /= np.linalg.norm(side)
     level = np.cos(around) * side + np.sin(around) * np.cross(up, side)

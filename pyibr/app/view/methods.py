@@ -54,12 +54,12 @@ class RenderMethod:
 
     @cached_property
     def things(self) -> Sequence[Any]:
-        """What is drawn, with all parameters as they were given."""
+        """Things that are drawn, with all parameters as they were given."""
         return self.make()
 
     @property
     def parameters(self) -> dict[str, Parameter]:
-        """What can be turned at the things, by name."""
+        """Parameters of the things that a page can change, by name."""
         return {name: parameter for name, parameter in parameters_of(self.things).items() if name not in self.fixed}
 
     def draw(self, camera: Camera, style: Style) -> Frame:

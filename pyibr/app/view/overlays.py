@@ -1,4 +1,4 @@
-"""What a picture tells beside its colours, as colours."""
+"""Overlays: depth, classes and origins of a picture as colours."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def view_color(number: int) -> tuple[int, int, int]:
 
 
 def legend(show: Show, views: int) -> list[tuple[tuple[int, int, int], str]]:
-    """What the colours of an overlay mean: of classes their names, of views their numbers from 0, the first of many."""
+    """Name the colours of an overlay: classes by their names, views by their numbers from 0, the first of many."""
     if show == "classes":
         return [(color, kind.name.lower()) for kind, color in CLASS_COLORS.items()]
     if show != "view":

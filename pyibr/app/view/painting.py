@@ -106,7 +106,7 @@ def _shown(frame: Frame, style: Style, watch: _Stopwatch) -> Image:
 
 
 def _apart(one: Frame, other: Frame) -> str:
-    """How far apart two frames are where both see something, and where only one does."""
+    """Describe the difference of two frames where both see something, and the pixels where only one does."""
     both, either = one.valid & other.valid, one.valid | other.valid
     only = np.count_nonzero(one.valid ^ other.valid) / max(np.count_nonzero(either), 1)
     if not both.any():

@@ -1,4 +1,4 @@
-"""What can be turned at a thing: the choices and numbers that its class is made with.
+"""Parameters of things that a page can change: the choices and numbers of their constructors.
 
 Any class will do whose arguments are its attributes, as those of all of pyibr's things are: a thing of that class with
 one of them changed is made anew from the attributes. So a system of your own has controls, too.
@@ -39,7 +39,7 @@ class Parameter:
     choices: tuple[str | None, ...] = ()
 
     def may_be(self, value: Value) -> bool:
-        """Whether a value is one of the choices, if there are any."""
+        """Tell whether a value is one of the choices, if there are any."""
         return not self.choices or value in self.choices
 
 
@@ -90,7 +90,7 @@ def _parameters_of_one(thing: object) -> list[Parameter]:
 
 
 def _arguments(thing: object) -> dict[str, Any] | None:
-    """What a thing of the same class is made with to be the same; None if its attributes do not tell."""
+    """Constructor arguments that make the same thing again; None if its attributes do not tell."""
     try:
         parameters = inspect.signature(type(thing)).parameters.values()
     except (TypeError, ValueError):  # not all classes say how they are made

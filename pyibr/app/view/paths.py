@@ -82,7 +82,7 @@ class CameraPath:
         write_json(path, self.to_json())
 
     def to_json(self) -> dict[str, Any]:
-        """What `save` writes."""
+        """Return the JSON that `save` writes."""
         return {"seconds": self.seconds, "cameras": [camera.to_json() for camera in self.cameras]}
 
     @classmethod

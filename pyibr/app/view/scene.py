@@ -1,4 +1,4 @@
-"""What a page shows: ways to draw it, where it is, what is up, and where its pictures were taken from."""
+"""The scene of a page: methods to draw it, its place, its up direction, and the cameras of its pictures."""
 
 from __future__ import annotations
 
@@ -102,6 +102,6 @@ def _bounds_of(things: Sequence[Any]) -> tuple[Float64, Float64]:
 
 
 def _up_of(sources: Sequence[DepthImage]) -> Float64:
-    """What is up in most of the pictures."""
+    """Estimate the up direction from most of the pictures."""
     total = np.sum([-one.camera.world_from_camera[:3, 1] for one in sources], axis=0) if sources else _DOWN
     return total if np.linalg.norm(total) > 0.1 * max(len(sources), 1) else _DOWN

@@ -1,4 +1,4 @@
-"""How a page wants its pictures: all that its controls say but the camera."""
+"""Style of a page's pictures: all that its controls say but the camera."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Show = Literal["color", "depth", "classes", "view"]
 
 @dataclass(frozen=True)
 class Style:
-    """How pictures are drawn and shown.
+    """Settings by which pictures are drawn and shown.
 
     Attributes
     ----------

@@ -50,7 +50,7 @@ class Work:
         self.tab.page.get_by_role("button", name=name, exact=True).click()
 
     def on_page(self, point: np.ndarray) -> tuple[float, float]:
-        """Where the browser shows a point of the world."""
+        """Position on the browser's page of a point of the world."""
         (pixel,), _ = self.page.stream.camera.project([point])
         return float(pixel[0] + 0.5), float(pixel[1] + 0.5)
 
@@ -96,7 +96,7 @@ def corner_of(work: Work) -> np.ndarray:
 
 
 def marked(work: Work, mesh: ibr.Mesh) -> np.ndarray:
-    """What the page is to show: the mesh, and what its frusta have not seen."""
+    """Picture that the page is to show: the mesh, and what its frusta have not seen."""
     light = light_for(mesh, (0, 0, 1))
     views = [one.capture(mesh, light) for one in work.state.frusta]
     return ibr.render(MarkedUnseen(as_drawable(mesh), views), work.page.stream.camera, light).color

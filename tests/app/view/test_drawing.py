@@ -1,4 +1,4 @@
-"""What the page's styles draw: each way is the library's own call, and overlays and comparisons are what they say."""
+"""Pictures of the page's styles: each is the library's own call, and overlays and comparisons are what they say."""
 
 from __future__ import annotations
 

@@ -95,7 +95,7 @@ def page_of(pages):
 
 
 def expected(page) -> np.ndarray:
-    """What pyibr draws for the page's camera and controls, by the library's own calls."""
+    """Picture of the page's camera and controls, by the library's own calls."""
     return paint(page.scene.methods, page.stream.camera, page.controls.style()).color
 
 
