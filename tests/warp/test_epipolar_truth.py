@@ -100,6 +100,7 @@ def test_depth_color_and_coverage_are_the_truths(scene, source, target, place, e
         check_nearest(seen, nearest, here.view, pose.name)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("scene", "source", "target", "place"), cases())
 def test_epipolar_is_search(scene, source, target, place):
     view = getattr(scenes, scene)(SOURCE, source)

@@ -144,6 +144,7 @@ def differing_by_a_pixel(case: Case) -> np.ndarray:
     return wrong & ~slivers(partial(searched, case), case.target) if wrong.any() else wrong
 
 
+@pytest.mark.thorough
 @pytest.mark.filterwarnings("ignore:warp. the target camera sees nothing")
 @pytest.mark.parametrize("first", range(1000, 1600, 50))
 def test_epipolar_sees_what_search_sees(first):
