@@ -24,7 +24,8 @@ import pytest
 
 import pyibr as ibr
 from pyibr.core.camera import Camera, Projection
-from pyibr.warp.warp import Edges, Side
+from pyibr.images.depth_image import Side
+from pyibr.warp.view import Edges
 from tests import scenes
 from tests.exact import CUT_RATIO, off, slivers, ties
 from tests.reference.warp import search_reference
