@@ -34,7 +34,6 @@ from pyibr.images import (
     euclidean_from_depth,
     mpeg_from_depth,
     uint16_from_depth,
-    undistort,
     zbuffer_from_depth,
 )
 from pyibr.images.silhouette import Silhouette
@@ -45,7 +44,13 @@ from pyibr.picture.drawable import Drawable
 from pyibr.picture.light import Light
 from pyibr.picture.render import render
 from pyibr.picture.straighten import straightened
-from pyibr.warp import RegisteredColor, WarpedView, register, warp  # `warp` takes its package's place as an attribute
+from pyibr.warp import (
+    RegisteredColor,
+    WarpedView,
+    register,
+    register_color,
+    warp,
+)  # `warp` takes its package's place as an attribute
 
 import_module("pyibr.raster")  # it draws meshes, which know nothing of it
 
@@ -110,10 +115,10 @@ __all__ = [
     "read_color",
     "read_depth",
     "register",
+    "register_color",
     "render",
     "straightened",
     "uint16_from_depth",
-    "undistort",
     "use_device",
     "view",
     "warp",

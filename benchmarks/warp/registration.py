@@ -22,7 +22,7 @@ from pyibr.core.optional import opencv
 
 Size = tuple[int, int]
 
-REGISTERED, MILLIMETRES, COLORS = "ibr.register", "ibr.register, uint16", 'ibr.register, to="depth"'
+REGISTERED, MILLIMETRES, COLORS = "ibr.register", "ibr.register, uint16", "ibr.register_color"
 DILATED = "cv2.registerDepth, dilated"
 
 BARS = {"640 x 480": 1.0, "1280 x 720": 0.6}
@@ -71,8 +71,8 @@ def _prepare(parameters: dict[str, Parameter], scene: str, size: Size, noise: fl
 
     subjects: dict[str, Subject] = {
         REGISTERED: lambda: ibr.register(depth, here, there),
-        MILLIMETRES: lambda: ibr.register(counts, here, there, scale=SCALE),
-        COLORS: lambda: ibr.register(depth, here, there, color, to="depth"),
+        MILLIMETRES: lambda: ibr.register(counts, here, there, depth_scale=SCALE),
+        COLORS: lambda: ibr.register_color(depth, here, there, color),
         REGISTER: peer,
         DILATED: lambda: peer(dilation=True),
     }

@@ -22,12 +22,11 @@ from pyibr.core.errors import ArgumentError, DeviceError, Error
 _OPTIONS = {
     "view": "DEPTH",
     "camera": "--camera",
-    "scale": "--depth-scale",
     "depth_scale": "--depth-scale",
     "cut_ratio": "--cut-ratio",
     "thin": "--thin",
     "far": "--far",
-    "backdrop": "--backdrop",
+    "default_depth": "--default-depth",
     "degrees": "--orbit",
     "max_error": "--max-error",
     "path": "--output",

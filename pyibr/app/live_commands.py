@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 import pyibr as ibr
 from pyibr.app.live.pages import Pages
 from pyibr.app.options import (
-    BackdropText,
     Clean,
-    DepthIs,
+    DefaultDepthText,
+    DepthKindOption,
     DepthScale,
     DeviceName,
     FarDepth,
-    backdrop_of,
+    default_depth_of,
     device_of,
     printable_text,
 )
@@ -36,7 +36,7 @@ from pyibr.core.checks import positive
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.files import check_exists
 from pyibr.images import DepthImage
-from pyibr.images.depth_image import Backdrop
+from pyibr.images.depth_image import DefaultDepth
 from pyibr.io import DepthKind, read_relief_map
 from pyibr.meshes.files import is_mesh_file
 from pyibr.meshes.heights import Wrap, Wraps, checked_wrap
@@ -59,9 +59,9 @@ def view(
     things: _Things,
     camera: Annotated[Path | None, typer.Option(help="The camera of COLOR and DEPTH: JSON")] = None,
     depth_scale: DepthScale = None,
-    depth_is: DepthIs = "z",
+    depth_kind: DepthKindOption = "z",
     far: FarDepth = math.inf,
-    backdrop: BackdropText = "none",
+    default_depth: DefaultDepthText = "none",
     clean: Clean = False,
     height: Annotated[
         Path | None, typer.Option(help="Displace the mesh, which has uv, by a height map, or a relief map's alpha")
@@ -82,7 +82,7 @@ def view(
 ) -> None:
     """Look around in a browser, drawn live. The page can only be opened on this machine."""
     with device_of(device):
-        views = _Views(camera, (depth_scale, depth_is), far, backdrop, clean)
+        views = _Views(camera, (depth_scale, depth_kind), far, default_depth, clean)
         shown, of_meshes = views.read(things)
         meshes = [thing for thing in shown if isinstance(thing, Mesh)]
         given: object = shown
@@ -168,10 +168,10 @@ class _Views:
     """Reads what is named on the command line."""
 
     def __init__(
-        self, camera: Path | None, stored: tuple[float | None, DepthKind], far: float, backdrop: str, clean: bool
+        self, camera: Path | None, stored: tuple[float | None, DepthKind], far: float, default_depth: str, clean: bool
     ) -> None:
         self._camera, self._stored, self._far, self._clean = camera, stored, far, clean
-        self._backdrop: float | Backdrop | None = backdrop_of(backdrop)
+        self._default_depth: float | DefaultDepth | None = default_depth_of(default_depth)
 
     def read(self, names: Sequence[Path]) -> tuple[list[DepthImage | Mesh], bool]:
         """The things, and whether they are meshes whose files say nothing of what is up, but for y by custom."""
@@ -182,7 +182,7 @@ class _Views:
             name = rest.pop(0)
             check_exists(name)
             if name.is_dir():
-                for view in load(name, depth_scale=scale, depth_is=kind):
+                for view in load(name, depth_scale=scale, depth_kind=kind):
                     depth = self._cleaned(view.color, view.depth)
                     things.append(DepthImage(view.color, depth, view.camera, far=view.far, normals=view.normals))
             elif is_mesh_file(name):
@@ -194,9 +194,9 @@ class _Views:
                 )
             else:
                 color, own = ibr.read_color(name), Camera.load(self._camera)
-                depth = ibr.read_depth(rest.pop(0), scale=scale, kind=kind, camera=own)
+                depth = ibr.read_depth(rest.pop(0), depth_scale=scale, depth_kind=kind, camera=own)
                 cleaned = self._cleaned(color, depth)
-                things.append(DepthImage(color, cleaned, own, far=self._far, backdrop=self._backdrop))
+                things.append(DepthImage(color, cleaned, own, far=self._far, default_depth=self._default_depth))
             customary &= is_mesh_file(name) and not name.name.lower().endswith((".glb", ".gltf"))
         return things, customary
 

@@ -13,7 +13,7 @@ import typer
 
 import pyibr as ibr
 from pyibr.core.errors import ArgumentError
-from pyibr.images.depth_image import Backdrop
+from pyibr.images.depth_image import DefaultDepth
 from pyibr.io import DepthKind
 
 ThingT = TypeVar("ThingT")
@@ -25,13 +25,13 @@ Depth = Annotated[
 CameraFile = Annotated[Path, typer.Option(help="Its camera: JSON of width, height, K, world_from_camera, or Open3D's")]
 Clean = Annotated[bool, typer.Option("--clean", help="Clean the depth: flying pixels, speckle, small holes, noise")]
 FarDepth = Annotated[float, typer.Option(help="Depth from which on there is no surface")]
-BackdropText = Annotated[
+DefaultDepthText = Annotated[
     str, typer.Option(metavar="DEPTH", help="Depth of what has none, as sky; farthest: the farthest sample's; none")
 ]
 DepthScale = Annotated[
     float | None, typer.Option(help="Stored depth units per scene unit: 1000 for millimetres to metres")
 ]
-DepthIs = Annotated[
+DepthKindOption = Annotated[
     DepthKind,
     typer.Option(help="What depth is stored as: z, distance along the rays, inverse (1/z; disparity by its scale)"),
 ]
@@ -39,14 +39,14 @@ Take = Annotated[str | None, typer.Option(metavar="A:B:STEP", help="Frames of th
 DeviceName = Annotated[str | None, typer.Option(help="OpenCL device: part of its name, or its number")]
 
 
-def backdrop_of(text: str) -> float | Backdrop | None:
-    """Parse the value of --backdrop."""
+def default_depth_of(text: str) -> float | DefaultDepth | None:
+    """Parse the value of --default-depth."""
     if text in ("none", "farthest"):
         return None if text == "none" else "farthest"
     try:
         return float(text)
     except ValueError:
-        raise ArgumentError("--backdrop", "a depth > 0, farthest or none", text) from None
+        raise ArgumentError("--default-depth", "a depth > 0, farthest or none", text) from None
 
 
 def printable_text(text: object, lines: bool = False) -> str:

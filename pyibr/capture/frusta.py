@@ -1,7 +1,7 @@
 """Frusta that cover a surface with depth images, and the depth images that they see.
 
 After Schaufler and Priglinger, "Efficient Displacement Mapping by Image Warping" (1999), sections 6 and 7.1: samples at
-a frustum's far plane are background, and far depth is painted over parts of its image that are not wanted.
+a frustum's far plane are empty, and far depth is painted over parts of its image that are not wanted.
 """
 
 from __future__ import annotations
@@ -78,9 +78,9 @@ class Frustum:
     camera : Camera
         Perspective, without a lens, its axis in the middle of its image.
     far : float
-        Depth of the far plane: what lies there or beyond is background.
+        Depth of the far plane: what lies there or beyond is no surface.
     strokes : tuple of Stroke
-        Where background is painted, in the order of painting.
+        Where it is painted as empty, in the order of painting.
 
     Raises
     ------
@@ -145,7 +145,7 @@ class Frustum:
 
     @cached_property
     def mask(self) -> NDArray[np.bool_]:
-        """(H, W) where background is painted."""
+        """(H, W) where it is painted as empty."""
         covered = np.zeros((self.camera.height, self.camera.width), np.bool_)
         for stroke in self.strokes:
             covered = (
@@ -166,7 +166,7 @@ class Frustum:
         Returns
         -------
         DepthImage
-            With infinite depth where there is nothing, or where background is painted.
+            With infinite depth where there is nothing, or where it is painted as empty.
         """
         frame = render(thing, self.camera, light)
         depth = np.where(frame.valid & ~self.mask, frame.depth, np.float32(np.inf))

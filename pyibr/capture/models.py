@@ -139,7 +139,7 @@ def torus_mesh() -> Mesh:
 
 
 def dragon(mesh_path: str | PathLike[str], size: int, *, views: int = 16) -> list[DepthImage]:
-    """Make depth images of a mesh from all around it, background at infinity.
+    """Make depth images of a mesh from all around it, infinitely deep where there is nothing.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ def dragon(mesh_path: str | PathLike[str], size: int, *, views: int = 16) -> lis
 def dragon_head(mesh_path: str | PathLike[str], size: int) -> list[DepthImage]:
     """Make the sixteen depth images that cover the scanned dragon's head, as in the paper's figures 11 to 13.
 
-    Their frusta were proposed by `pyibr place --auto 16 --within ...`, and background was painted by hand over what
+    Their frusta were proposed by `pyibr place --auto 16 --within ...`, and painted by hand as empty over what
     else was in their images. They are in `dragon-head.json` beside this file, which `pyibr place --frusta` opens, too.
 
     Parameters

@@ -24,7 +24,7 @@ SET_FILE = "frusta.json"
 
 
 def load(
-    folder: str | PathLike[str], *, depth_scale: float | None = None, depth_is: DepthKind = "z"
+    folder: str | PathLike[str], *, depth_scale: float | None = None, depth_kind: DepthKind = "z"
 ) -> list[DepthImage]:
     """Read a folder of depth images.
 
@@ -42,7 +42,7 @@ def load(
     folder : path
     depth_scale : float, optional
         Stored units per scene unit, for integer depth: see `read_depth`.
-    depth_is : {"z", "distance", "inverse"}
+    depth_kind : {"z", "distance", "inverse"}
         What a recording's depth is stored as: see `read_depth`.
 
     Returns
@@ -84,17 +84,13 @@ def load(
     cameras = cameras_of(recording)
     frames = zip(recording.colors, recording.depths, cameras, strict=True)
     return [
-        _view(c, d, posed(camera, pose), (depth_scale, depth_is)) for c, d, (camera, pose) in frames if pose is not None
+        _view(c, d, posed(camera, pose), depth_scale, depth_kind) for c, d, (camera, pose) in frames if pose is not None
     ]
 
 
-def _view(color: Path, depth: Path, camera: Camera, stored: tuple[float | None, DepthKind]) -> DepthImage:
+def _view(color: Path, depth: Path, camera: Camera, scale: float | None, kind: DepthKind) -> DepthImage:
     image = read_color(color)
-    try:
-        depths = read_depth(depth, scale=stored[0], kind=stored[1], camera=camera)
-    except ArgumentError as error:
-        name = "depth_scale" if error.argument == "scale" else error.argument
-        raise ArgumentError(name, error.expected, error.got) from error
+    depths = read_depth(depth, depth_scale=scale, depth_kind=kind, camera=camera)
     try:
         return DepthImage(image, depths, camera)
     except ArgumentError as error:
@@ -180,7 +176,7 @@ def write_set(
 
 
 def entry_json(camera: Camera, far: float) -> dict[str, Any]:
-    """Return the list's entry of a view: its camera, and where its background begins."""
+    """Return the list's entry of a view: its camera, and from where on it is empty."""
     return {"camera": camera.to_json()} | ({"far": far} if far < np.inf else {})
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from functools import cached_property, partial
 from os import PathLike
-from typing import Any, Literal, NoReturn, overload
+from typing import Any, Literal, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -326,7 +326,7 @@ class Camera:
             `tvec`.
         size : (width, height)
         distortion : array_like, optional
-            `distCoeffs`, see `Lens.from_opencv`. None if the image has no distortion (any more, after `undistort`).
+            `distCoeffs`, see `Lens.from_opencv`. None if the image has none.
         fisheye : bool
             The coefficients are those of `cv2.fisheye`.
 
@@ -376,71 +376,27 @@ class Camera:
         K = conventions.with_principal_point_moved(self.K, float(numbers("pixel_center", pixel_center, ())))
         return self.world_from_camera @ conventions.CV_FROM_GL, K
 
-    @overload
     @classmethod
     def from_colmap(
-        cls,
-        model: str,
-        params: ArrayLike,
-        qvec: ArrayLike,
-        tvec: ArrayLike,
-        size: tuple[int, int],
-        *,
-        lens: Literal[False] = ...,
-    ) -> tuple[Camera, Float64]: ...
-    @overload
-    @classmethod
-    def from_colmap(
-        cls,
-        model: str,
-        params: ArrayLike,
-        qvec: ArrayLike,
-        tvec: ArrayLike,
-        size: tuple[int, int],
-        *,
-        lens: Literal[True],
-    ) -> Camera: ...
-    @classmethod
-    def from_colmap(
-        cls,
-        model: str,
-        params: ArrayLike,
-        qvec: ArrayLike,
-        tvec: ArrayLike,
-        size: tuple[int, int],
-        *,
-        lens: bool = False,
-    ) -> Camera | tuple[Camera, Float64]:
+        cls, model: str, params: ArrayLike, qvec: ArrayLike, tvec: ArrayLike, size: tuple[int, int]
+    ) -> Camera:
         """Make a camera from COLMAP's, whose pixel centres are at halves.
 
         Parameters
         ----------
         model : str
-            SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV; with `lens=True` also
-            SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE and OPENCV_FISHEYE.
+            SIMPLE_PINHOLE, PINHOLE (which is that of undistorted images), SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV,
+            SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE or OPENCV_FISHEYE.
         params : array_like
             As in `cameras.txt`, in the model's order.
         qvec, tvec : array_like (4,), (3,)
             As in `images.txt`: camera from world, the quaternion as (w, x, y, z).
         size : (width, height)
-        lens : bool
-            Whether the camera keeps its lens, as that of an image with its distortion.
-
-        Returns
-        -------
-        camera : Camera
-            With its lens, and alone, if that is asked for. Else without it, and beside it
-        distortion : float64 (4,) or (8,)
-            OpenCV's coefficients k1 k2 p1 p2 ..., for `undistort`; zeros for the pinhole models.
         """
         K, distortion, fisheye = conventions.intrinsics_from_colmap(model, params)
         rotation = conventions.rotation_from_quaternion(numbers("qvec", qvec, (4,)))
         pose = conventions.pose_from_extrinsics(rotation, numbers("tvec", tvec, (3,)))
-        if checked_bool("lens", lens):
-            return cls(K, size, pose, lens=Lens.from_opencv(distortion, fisheye=fisheye))
-        if fisheye:
-            raise ArgumentError("model", "one that `undistort` knows (or lens=True)", model)
-        return cls(K, size, pose), distortion
+        return cls(K, size, pose, lens=Lens.from_opencv(distortion, fisheye=fisheye))
 
     def to_colmap(self) -> tuple[str, Float64, Float64, Float64]:
         """Return COLMAP's (model, params, qvec (4,), tvec (3,)).

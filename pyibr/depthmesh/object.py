@@ -56,7 +56,7 @@ class DepthMeshObject(Fixed):
     epsilon : float, optional
         Scene units, >= 0: surfaces that lie less behind the front one are the same. By default 1 % of the largest
         extent of the samples.
-    background : bool
+    closed : bool
         Whether holes are closed: by coarse meshes of the other close views, and where a ray must meet surface that no
         view saw, since it meets the back of one, or goes behind an edge and comes to nothing more that a view saw to be
         empty: there the near surface ends half a sample beyond its samples, and behind it the one on the edge's far
@@ -102,7 +102,7 @@ class DepthMeshObject(Fixed):
         blend: Blend = "quality",
         blended: int = 3,
         epsilon: float | None = None,
-        background: bool = True,
+        closed: bool = True,
         segmentation: Segmentation | None = None,
         match_exposures: bool = False,
         choose: Choice = "closest",
@@ -114,8 +114,8 @@ class DepthMeshObject(Fixed):
         self.blend: Blend = blend
         self.blended = min(integer_from("blended", blended, 1, _BLENDED_MAX), len(self.meshes))
         self._epsilon = None if epsilon is None else checked_tolerance("epsilon", epsilon)
-        checked_bool("background", background)
-        self.background = background
+        checked_bool("closed", closed)
+        self.closed = closed
         checked_bool("match_exposures", match_exposures)
         self.match_exposures = match_exposures
         one_of("choose", choose, Choice)
@@ -154,7 +154,7 @@ class DepthMeshObject(Fixed):
 
     def _blend(self, target: Target, occupancy: DeviceArray | None = None) -> None:
         behind = None
-        if self.background:
+        if self.closed:
             behind = cached_on_device(self, "background", lambda: closing_of(self.meshes, self.extent))
         order, closeness = self._order(target.camera), self.closeness(target.camera)
         blending = Blending(self.blend, order, closeness, self.blended, self.epsilon, behind, self._gains)

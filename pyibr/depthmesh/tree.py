@@ -101,7 +101,7 @@ def build_tree(view: DepthImage, segmentation: Segmentation, joined: ErrorsBy = 
     depths = (1 / samples.high, 1 / samples.low) if perspective else (-samples.high, -samples.low)
     if depths[1] > _DEPTHS[1] or (perspective and depths[0] < _DEPTHS[0]):
         least, most = _DEPTHS
-        allowed = f"depths from {least:g} to {most:g} scene units (or `far`, if larger ones are background)"
+        allowed = f"depths from {least:g} to {most:g} scene units (or `far`, if larger ones are no surface)"
         raise ArgumentError("view", allowed, f"{depths[0]:g} to {depths[1]:g}")
     side = 1 << (max(width, height) - 2).bit_length()
     row = pitch(side + 1)

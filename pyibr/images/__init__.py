@@ -13,7 +13,6 @@ from pyibr.images.converters import (
     euclidean_from_depth,
     mpeg_from_depth,
     uint16_from_depth,
-    undistort,
     zbuffer_from_depth,
 )
 from pyibr.images.depth_image import DepthImage
@@ -34,6 +33,5 @@ __all__ = [
     "euclidean_from_depth",
     "mpeg_from_depth",
     "uint16_from_depth",
-    "undistort",
     "zbuffer_from_depth",
 ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TypeVar, cast
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,8 +12,6 @@ from pyibr.core.camera import Camera
 from pyibr.core.checks import (
     Float64,
     checked_bool,
-    checked_colors,
-    checked_intrinsics,
     describe,
     instance_of,
     numbers,
@@ -22,9 +20,8 @@ from pyibr.core.checks import (
     positive_or_infinite,
 )
 from pyibr.core.errors import ArgumentError
-from pyibr.core.optional import opencv
 from pyibr.core.straight import rays_of
-from pyibr.images.depth_image import Color, Depth, checked_depth
+from pyibr.images.depth_image import Color, Depth
 
 _ColorT = TypeVar("_ColorT", bound=Color)
 
@@ -272,58 +269,6 @@ def zbuffer_from_depth(depth: ArrayLike, near: float, far: float, *, reverse: bo
     _within("depth", z, near * (1 - 1e-6), far * (1 + 1e-6), f"{near:g} to {far:g}")  # by float32's rounding
     b = np.nan_to_num(np.clip((ends[0] - 1 / z) / (ends[0] - ends[1]), 0, 1), nan=1)
     return (1 - b if reverse else b).astype(np.float32)
-
-
-def undistort(color: _ColorT, depth: Depth, K: ArrayLike, distortion: ArrayLike) -> tuple[_ColorT, Depth, Float64]:
-    """Remove a lens's distortion from an image and its depth, with OpenCV.
-
-    Parameters
-    ----------
-    color : (H, W, 3) uint8 or float32
-    depth : (H, W) float32
-    K : array_like (3, 3)
-        Of the distorted image.
-    distortion : array_like
-        OpenCV's 4, 5, 8, 12 or 14 coefficients: k1 k2 p1 p2 [k3 [k4 k5 k6 [...]]].
-
-    Returns
-    -------
-    color : (H, W, 3)
-        Interpolated linearly; black where the lens did not see.
-    depth : (H, W) float32
-        The nearest sample, so that edges stay edges; NaN where the lens did not see.
-    K : (3, 3) float64
-        Of the result, which is that of the input.
-
-    Raises
-    ------
-    MissingPackageError
-        If OpenCV is not installed.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import pyibr as ibr
-    >>> color, depth = np.zeros((60, 80, 3), np.uint8), np.full((60, 80), 2, np.float32)
-    >>> K = [[70, 0, 39.5], [0, 70, 29.5], [0, 0, 1]]
-    >>> color, depth, K = ibr.undistort(color, depth, K, [0.1, 0, 0, 0])
-    >>> float(depth[30, 40])
-    2.0
-    """
-    cv2 = opencv("undistort", "initUndistortRectifyMap", "remap")
-    intrinsics = checked_intrinsics(K)
-    coefficients = numbers("distortion", distortion, None).ravel()
-    if len(coefficients) not in (4, 5, 8, 12, 14):
-        raise ArgumentError("distortion", "4, 5, 8, 12 or 14 coefficients", f"{len(coefficients)}")
-    picture = checked_colors("color", color, (None, None, 3))
-    shape = picture.shape[:2]
-    z = checked_depth(depth, shape)
-    map_x, map_y = cv2.initUndistortRectifyMap(
-        intrinsics, coefficients, np.eye(3), intrinsics, shape[::-1], cv2.CV_32FC1
-    )
-    straight = cv2.remap(picture, map_x, map_y, cv2.INTER_LINEAR, borderValue=0)
-    z = cv2.remap(z, map_x, map_y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=math.nan)
-    return cast("_ColorT", straight), cast("Depth", z), intrinsics
 
 
 def _positive_or_nan(values: Float64) -> Float64:

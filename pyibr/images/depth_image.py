@@ -36,7 +36,7 @@ Color = NDArray[np.uint8] | NDArray[np.float32]
 Depth = NDArray[np.float32]
 Side = Literal["front", "back", "both"]
 """Which side of a depth image's surface: the one that faces its camera, the other, or either."""
-Backdrop = Literal["farthest"]
+DefaultDepth = Literal["farthest"]
 
 _UNIT = 1e-3  # squares of lengths may be off by that: they are normals in float32, or rounded ones
 _CHUNK = 1 << 15  # samples at a time: of more, float64 values take several times longer
@@ -55,8 +55,8 @@ class DepthImage(Fixed):
     camera : Camera
         Of size (W, H). With a lens, it is drawn as `pyibr.straightened` makes it.
     far : float
-        Samples at this depth or beyond it are background, which is no surface.
-    backdrop : float or "farthest", optional
+        Samples at this depth or beyond it are no surface: space is empty along their rays.
+    default_depth : float or "farthest", optional
         A depth for what is no surface, as sky and windows, so that new views show its colours instead of holes; or
         "farthest": that of the farthest sample. `depth` is copied with it, and no `far` is left.
     normals : (H, W, 3) float32, optional
@@ -66,7 +66,7 @@ class DepthImage(Fixed):
     Attributes
     ----------
     color, depth, camera, far, normals
-        As given, but for `backdrop`; `color` of shape (H, W, 0) if there is none; `normals` of length 1, NaN where
+        As given, but for `default_depth`; `color` of shape (H, W, 0) if there is none; `normals` of length 1, NaN where
         unknown, or None. The arrays are kept without a copy if they are C-contiguous, and locked against writing
         through this object. Change neither them nor their originals afterwards: buffers on the device are kept as well.
 
@@ -98,7 +98,7 @@ class DepthImage(Fixed):
         camera: Camera,
         *,
         far: float = math.inf,
-        backdrop: float | Backdrop | None = None,
+        default_depth: float | DefaultDepth | None = None,
         normals: NDArray[np.float32] | None = None,
     ) -> None:
         instance_of("camera", camera, Camera, "a pyibr.Camera")
@@ -108,8 +108,8 @@ class DepthImage(Fixed):
         none = np.empty((*shape, 0), np.uint8)
         self.color = locked(none if color is None else checked_colors("color", color, (*shape, 3)))
         given = checked_depth(depth, shape)
-        self.depth = locked(given if backdrop is None else _backed(given, limit, backdrop))
-        self.far = limit if backdrop is None else math.inf
+        self.depth = locked(given if default_depth is None else _backed(given, limit, default_depth))
+        self.far = limit if default_depth is None else math.inf
         self.normals = None if normals is None else locked(_checked_normals(normals, camera))
 
     def __reduce__(self) -> tuple[partial[DepthImage], tuple[object, ...]]:
@@ -204,19 +204,19 @@ class DepthImage(Fixed):
         return low + center, high + center
 
 
-def _backed(depth: Depth, far: float, backdrop: float | Backdrop) -> Depth:
+def _backed(depth: Depth, far: float, default_depth: float | DefaultDepth) -> Depth:
     """The depth with a surface where there is none before `far`."""
     valid = (depth > 0) & (depth < far)
-    if isinstance(backdrop, str):
-        one_of("backdrop", backdrop, Backdrop, " or a depth > 0")
+    if isinstance(default_depth, str):
+        one_of("default_depth", default_depth, DefaultDepth, " or a depth > 0")
         if not valid.any():
-            raise ArgumentError("backdrop", "a depth > 0 for a view without any", describe(backdrop))
+            raise ArgumentError("default_depth", "a depth > 0 for a view without any", describe(default_depth))
         behind = depth[valid].max()
     else:
         with np.errstate(over="ignore"):
-            behind = np.float32(positive("backdrop", backdrop, 'a depth > 0 or "farthest"'))
+            behind = np.float32(positive("default_depth", default_depth, 'a depth > 0 or "farthest"'))
         if not 0 < behind < np.inf:
-            raise ArgumentError("backdrop", "a depth that float32 holds", describe(backdrop))
+            raise ArgumentError("default_depth", "a depth that float32 holds", describe(default_depth))
     return np.where(valid, depth, behind)
 
 

@@ -171,7 +171,7 @@ def check_output(path: _PathLike, kind: Literal["color", "depth", "mask"]) -> No
 
 
 def read_depth(
-    path: _PathLike, *, scale: float | None = None, kind: DepthKind = "z", camera: Camera | None = None
+    path: _PathLike, *, depth_scale: float | None = None, depth_kind: DepthKind = "z", camera: Camera | None = None
 ) -> NDArray[np.float32]:
     """Read planar depth.
 
@@ -179,10 +179,10 @@ def read_depth(
     ----------
     path : path
         Of a gray PNG, a TIFF, NPY, NPZ, PFM, EXR or COLMAP file. Of arrays, axes of length 1 are dropped.
-    scale : float
+    depth_scale : float
         Stored units per scene unit: 1000 for millimetres to metres, 5000 for the TUM data sets. Required for
         integers, where 0 means no depth; 1 for floats if not given.
-    kind : {"z", "distance", "inverse"}
+    depth_kind : {"z", "distance", "inverse"}
         What the file holds: planar z; distances from the camera's centre along its rays; or 1 / z, which disparity is
         with a scale of focal length times baseline (times the units that are stored a pixel).
     camera : Camera, optional
@@ -204,34 +204,34 @@ def read_depth(
     --------
     >>> import numpy as np
     >>> import pyibr as ibr
-    >>> ibr.write_depth("depth.png", np.array([[1.5, np.nan]], np.float32), scale=1000)
-    >>> ibr.read_depth("depth.png", scale=1000).tolist()
+    >>> ibr.write_depth("depth.png", np.array([[1.5, np.nan]], np.float32), depth_scale=1000)
+    >>> ibr.read_depth("depth.png", depth_scale=1000).tolist()
     [[1.5, nan]]
     """
-    one_of("kind", kind, DepthKind)
+    one_of("depth_kind", depth_kind, DepthKind)
     stored = _module(path, _DEPTH_MODULES).read_depth(path)
     if stored.ndim > 2:  # (1, H, W) and the like, as networks have them
         stored = stored.reshape([length for length in stored.shape if length != 1] or stored.shape)
-    if stored.dtype == np.uint8 and scale is None:
+    if stored.dtype == np.uint8 and depth_scale is None:
         expected = "stored units per scene unit (--depth-scale; inverse depth of networks: depth_from_mpeg)"
-        raise ArgumentError("scale", f"{expected} for the 8 bits of {path}", "none")
+        raise ArgumentError("depth_scale", f"{expected} for the 8 bits of {path}", "none")
     if stored.ndim != 2 or stored.dtype.kind not in "uif" or 0 in stored.shape:
         raise FileFormatError(f"{path}: expected depth of shape (H, W), got {describe(stored)}")
     if stored.dtype.kind in "ui":
-        values = depth_from_uint16(stored, _required(scale, path))
-    elif scale is not None:
-        values = (stored / positive("scale", scale)).astype(np.float32)
+        values = depth_from_uint16(stored, _required(depth_scale, path))
+    elif depth_scale is not None:
+        values = (stored / positive("depth_scale", depth_scale)).astype(np.float32)
     else:
         values = np.ascontiguousarray(stored, np.float32)
-    return depth_kinds.planar(values, kind, camera, path)
+    return depth_kinds.planar(values, depth_kind, camera, path)
 
 
 def write_depth(
     path: _PathLike,
     depth: NDArray[np.float32] | NDArray[np.uint16],
     *,
-    scale: float | None = None,
-    kind: DepthKind = "z",
+    depth_scale: float | None = None,
+    depth_kind: DepthKind = "z",
     camera: Camera | None = None,
 ) -> None:
     """Write (H, W) float32 depth so that `read_depth` with the same arguments returns it; or uint16 with its scale.
@@ -252,25 +252,25 @@ def write_depth(
     if array.ndim != 2 or (array.dtype.kind != "f" and array.dtype != np.uint16) or not array.size:
         raise ArgumentError("depth", expected, describe(depth))
     if array.dtype == np.uint16:
-        array = depth_from_uint16(array, _required(scale, path))
-    one_of("kind", kind, DepthKind)
-    array = depth_kinds.stored(array, kind, camera, path)
+        array = depth_from_uint16(array, _required(depth_scale, path))
+    one_of("depth_kind", depth_kind, DepthKind)
+    array = depth_kinds.stored(array, depth_kind, camera, path)
     module = _module(path, _DEPTH_MODULES)
     if checked_path(path).suffix.lower() == ".png":
-        module.write_depth(path, uint16_from_depth(array, _required(scale, path)))
+        module.write_depth(path, uint16_from_depth(array, _required(depth_scale, path)))
     else:
-        factor = 1.0 if scale is None else positive("scale", scale)
+        factor = 1.0 if depth_scale is None else positive("depth_scale", depth_scale)
         module.write_depth(path, (array * factor).astype(np.float32))
 
 
-def _required(scale: float | None, path: _PathLike) -> float:
-    if scale is None:
+def _required(depth_scale: float | None, path: _PathLike) -> float:
+    if depth_scale is None:
         expected = (
             "stored units per scene unit (--depth-scale on the command line; 1000 for millimetres to metres) "
             f"for the integers of {path}"
         )
-        raise ArgumentError("scale", expected, "none")
-    return scale
+        raise ArgumentError("depth_scale", expected, "none")
+    return depth_scale
 
 
 def _module(path: _PathLike, modules: dict[str, str], default: str | None = None) -> _Format:

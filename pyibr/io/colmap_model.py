@@ -54,7 +54,7 @@ def read_model(folder: Path) -> dict[str, Camera]:
             raise FileFormatError(f"{images}: {image.name} is of camera {image.camera}, which {cameras} lacks")
         model, size, params = intrinsics[image.camera]
         try:
-            made[image.name] = Camera.from_colmap(model, params, image.qvec, image.tvec, size, lens=True)
+            made[image.name] = Camera.from_colmap(model, params, image.qvec, image.tvec, size)
         except ArgumentError as error:
             raise FileFormatError(f"{images}: {image.name}: {error}") from error
     if not made:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import check_pixels, checked_bool, cut_ratio_from, instance_of
+from pyibr.core.checks import check_pixels, cut_ratio_from, instance_of, one_of
 from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import pitch
 from pyibr.core.straight import ANGLE_MAX, CubeFace, PixelPositions, positions_in_lens, sees_too_far, straight_camera
@@ -22,10 +22,14 @@ from pyibr.opencl.memory import DeviceArray, empty, to_host, upload
 from pyibr.opencl.program import kernel
 from pyibr.picture.samples import at_least_a_word, cut_of
 
+Interpolation = Literal["linear", "nearest"]
+
 _CACHED_MAX = 4  # straightened copies of a view, by where it is cut
 
 
-def straightened(view: DepthImage, *, cut_ratio: float | None = 1.05, linear: bool = True) -> DepthImage:
+def straightened(
+    view: DepthImage, *, cut_ratio: float | None = 1.05, interpolation: Interpolation = "linear"
+) -> DepthImage:
     """Return what a pinhole camera would have seen from where a view's lens did: the view itself, if it has no lens.
 
     All that draws a view with a lens does this first. It has the same or finer sampling everywhere. Holes stay holes,
@@ -38,8 +42,8 @@ def straightened(view: DepthImage, *, cut_ratio: float | None = 1.05, linear: bo
     cut_ratio : float or None
         Neighbours whose depths have a greater ratio are two surfaces: there, depth and colour are the nearest
         sample's, elsewhere what lies between the samples. None: all neighbours are one surface.
-    linear : bool
-        Whether colours are mixed; else they are the nearest sample's everywhere.
+    interpolation : {"linear", "nearest"}
+        Whether colours are mixed between samples, or are the nearest sample's everywhere.
 
     Raises
     ------
@@ -61,7 +65,8 @@ def straightened(view: DepthImage, *, cut_ratio: float | None = 1.05, linear: bo
     instance_of("view", view, DepthImage, "a pyibr.DepthImage")
     if cut_ratio is not None:
         cut_ratio_from(cut_ratio)
-    return straight_view(view, cut_of(view.camera, cut_ratio), checked_bool("linear", linear))
+    one_of("interpolation", interpolation, Interpolation)
+    return straight_view(view, cut_of(view.camera, cut_ratio), interpolation == "linear")
 
 
 def straight_view(view: DepthImage, cut: NDArray[np.void], linear: bool = True) -> DepthImage:

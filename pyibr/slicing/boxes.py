@@ -68,9 +68,9 @@ class Box:
         return np.column_stack([self.axes, -self.low]) / self.edges[:, None]
 
 
-def is_background(view: DepthImage, missing_is_background: bool) -> NDArray[np.bool_]:
+def is_empty(view: DepthImage, missing_is_empty: bool) -> NDArray[np.bool_]:
     """(H, W) where a view saw that there is nothing: infinite depth or beyond `far`, or every sample without depth."""
-    return ~view.valid & (missing_is_background | (view.depth >= view.far))
+    return ~view.valid & (missing_is_empty | (view.depth >= view.far))
 
 
 class DepthExtent:
@@ -114,7 +114,7 @@ def depth_extent_of(view: DepthImage) -> DepthExtent:
     return _DEPTH_EXTENTS[view]
 
 
-def box_of_samples(views: list[DepthImage], missing_is_background: bool) -> Box:
+def box_of_samples(views: list[DepthImage], missing_is_empty: bool) -> Box:
     """The box of all samples along the first view's axes; an error if no sample lies in all views' volumes."""
     axes = views[0].camera.world_from_camera[:3, :3].T
     extents = [depth_extent_of(view).extent(axes) for view in views]
@@ -128,21 +128,21 @@ def box_of_samples(views: list[DepthImage], missing_is_background: bool) -> Box:
         inside = np.ones(len(few), bool)
         for view in views:
             x, y, z, on_image = _seen_from(view.camera, few)
-            nearest = _nearest_around(view, missing_is_background, x, y)
-            inside &= (on_image & (nearest <= z + reach)) | (~on_image & (not missing_is_background))
+            nearest = _nearest_around(view, missing_is_empty, x, y)
+            inside &= (on_image & (nearest <= z + reach)) | (~on_image & (not missing_is_empty))
         if inside.any():
             return box
     raise ArgumentError("views", "views around one object, whose volumes have something in common", "none in common")
 
 
-def _nearest_around(view: DepthImage, missing_is_background: bool, x: NDArray[np.intp], y: NDArray[np.intp]) -> Float64:
-    """The least depth of 3x3 pixels around x, y: samples may lie on others' outlines; background is very far."""
+def _nearest_around(view: DepthImage, missing_is_empty: bool, x: NDArray[np.intp], y: NDArray[np.intp]) -> Float64:
+    """The least depth of 3x3 pixels around x, y: samples may lie on others' outlines; what is empty is very far."""
     down, across = np.divmod(np.arange(9)[:, None], 3)
     height, width = view.depth.shape
     at = np.clip(y + down - 1, 0, height - 1), np.clip(x + across - 1, 0, width - 1)
     depth = view.depth[at].astype(np.float64)
-    background = missing_is_background | (depth >= view.far)
-    return np.where(view.valid[at], depth, np.where(background, 1e38, -1e38)).min(axis=0)
+    empty = missing_is_empty | (depth >= view.far)
+    return np.where(view.valid[at], depth, np.where(empty, 1e38, -1e38)).min(axis=0)
 
 
 def _seen_from(
@@ -157,12 +157,12 @@ def _seen_from(
     return np.where(on_image, x, 0).astype(np.intp), np.where(on_image, y, 0).astype(np.intp), z, on_image
 
 
-def nearness_map(view: DepthImage, box: Box, missing_is_background: bool) -> NDArray[np.float32]:
-    """(H, W) nearness of a view's samples; background as far as the box reaches, what is unknown as near."""
+def nearness_map(view: DepthImage, box: Box, missing_is_empty: bool) -> NDArray[np.float32]:
+    """(H, W) nearness of a view's samples; what is empty as far as the box reaches, what is unknown as near."""
     z = view.camera.camera_from_world[2, :3] @ box.corners.T + view.camera.camera_from_world[2, 3]
     far = max(float(z.max()), float(view.depth[view.valid].max()))
     near = max(float(z.min()), 1e-3 * far) if view.camera.projection == "perspective" else float(z.min())
-    depth = np.where(view.valid, view.depth, np.where(is_background(view, missing_is_background), far, near))
+    depth = np.where(view.valid, view.depth, np.where(is_empty(view, missing_is_empty), far, near))
     return (1 / depth if view.camera.projection == "perspective" else -depth).astype(np.float32)
 
 

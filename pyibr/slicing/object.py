@@ -43,7 +43,7 @@ from pyibr.slicing.spacing import (
 
 ObjectSlicing = Literal["orthogonal", "screen"]
 Texture = Literal["visible", "naive"]
-Missing = Literal["background", "unknown"]
+Missing = Literal["empty", "unknown"]
 Float32 = NDArray[np.float32]
 
 _Known = TypeVar("_Known")
@@ -57,7 +57,7 @@ _BEHIND = 8.0  # samples by which an object's surface may lie behind a view's ow
 class DepthObject(Fixed):
     """Solid that depth images all round leave of space, in their colours.
 
-    A point is part of it if it lies behind every image's surface. Where an image saw background it leaves nothing.
+    A point is part of it if it lies behind every image's surface. Where an image saw no surface it leaves nothing.
     Section 4 of the paper.
 
     Parameters
@@ -78,9 +78,9 @@ class DepthObject(Fixed):
     texture : {"visible", "naive"}
         Up to three images colour a point, weighted by how close their directions are to the target's: "visible"
         takes those that saw the point (if any did), "naive" the closest ones as in the paper.
-    missing : {"background", "unknown"}
-        What a sample without depth says: that there is nothing, or nothing at all, as in the scans of sensors that
-        do not see everything. Infinite depth, and depth from the image's `far` on, is always background. Beside an
+    missing : {"empty", "unknown"}
+        What a sample without depth says: that space is empty along its ray, or nothing, as in the scans of sensors
+        that do not see everything. Infinite depth, and depth from the image's `far` on, always means empty. Beside an
         image it is the same: what lies out of its frame is cut off, or left to the other images.
     only : int, optional
         The number of the slice that alone is drawn, to look at what the tests leave of it (figure 16): from 0 at one
@@ -118,7 +118,7 @@ class DepthObject(Fixed):
         slicing: ObjectSlicing = "orthogonal",
         texture: Texture = "visible",
         halvings: int = 2,
-        missing: Missing = "background",
+        missing: Missing = "empty",
         only: int | None = None,
         thin: bool = False,
     ) -> None:
@@ -133,7 +133,7 @@ class DepthObject(Fixed):
         self.texture: Texture = texture
         self.missing: Missing = missing
         self.thin = checked_bool("thin", thin)
-        box = box_of_samples(self.views, missing == "background")
+        box = box_of_samples(self.views, missing == "empty")
         # Ribbons reach up to a sample beyond the middles of those that they cover.
         reach = max(pixel_size(view.camera, corner) for view in self.views for corner in box.corners)
         self.box = box.grown(reach) if thin else box
@@ -191,7 +191,7 @@ class DepthObject(Fixed):
             thin=self.thin,
         )
         made.__dict__["words"] = _with_known(self, self.rgba, made.views, _words_of)
-        if all(map(np.array_equal, astuple(self.box), astuple(made.box))):  # what is background lies at its end
+        if all(map(np.array_equal, astuple(self.box), astuple(made.box))):  # what is empty lies at its end
             made.__dict__["maps"] = _with_known(self, self.maps, made.views, made.map_of)
         return made
 
@@ -202,7 +202,7 @@ class DepthObject(Fixed):
 
     def map_of(self, view: DepthImage) -> Float32:
         """The nearness image of one view."""
-        return nearness_map(view, self.box, self.missing == "background")
+        return nearness_map(view, self.box, self.missing == "empty")
 
     @cached_property
     def rgba(self) -> list[NDArray[np.uint32]]:
@@ -505,14 +505,14 @@ def _uploaded(rgba: Sequence[NDArray[np.uint32]]) -> DeviceArray:
 
 
 def _check_resolved(thing: DepthObject) -> None:
-    """Raise ArgumentError if slices are so far apart that they miss what a view saw: of background taken for depth."""
+    """Raise ArgumentError if slices are so far apart that they miss what a view saw: of a wall far behind, say."""
     for number, view in enumerate(thing.views):
         nearest, farthest = depth_extent_of(view).nearest, depth_extent_of(view).farthest
         camera = view.camera
         seen = nearest if camera.projection == "perspective" else longer_side(camera)
         slices = SLICES_USUAL if thing.slices == "view" else thing.slices
         if float(thing.box.edges.max()) > slices * _APART_MAX * seen:
-            expected = f"depths that {slices} slices can tell apart (or `far`, if larger ones are background)"
+            expected = f"depths that {slices} slices can tell apart (or `far`, if larger ones are no surface)"
             raise ArgumentError("views", expected, f"{nearest:g} to {farthest:g} in view {number}")
 
 

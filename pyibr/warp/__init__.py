@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from pyibr.warp.register import RegisteredColor, register
+from pyibr.warp.register import RegisteredColor, register, register_color
 from pyibr.warp.view import WarpedView
 from pyibr.warp.warp import warp
 
-__all__ = ["RegisteredColor", "WarpedView", "register", "warp"]
+__all__ = ["RegisteredColor", "WarpedView", "register", "register_color", "warp"]

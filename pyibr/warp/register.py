@@ -4,22 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, cast, overload
+from typing import Any, NamedTuple, cast, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera, Projection
-from pyibr.core.checks import (
-    check_pixels,
-    checked_colors,
-    cut_ratio_from,
-    describe,
-    instance_of,
-    one_of,
-    plain_array,
-    positive,
-)
+from pyibr.core.checks import check_pixels, checked_colors, cut_ratio_from, describe, instance_of, plain_array, positive
 from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import PixelMap, camera_pair, pitch
 from pyibr.core.straight import straight_face
@@ -36,7 +27,6 @@ from pyibr.picture.straighten import positions_on_device, straight_view
 from pyibr.picture.target import Target
 from pyibr.warp.launches import Options, draw_rims, inverse_warp, map_of
 
-To = Literal["color", "depth"]
 AnyDepth = NDArray[np.float32] | NDArray[np.uint16]
 
 _APART = 3 * 2**0.5  # standard deviations of a sample: three of a difference of two, which noise alone seldom reaches
@@ -51,7 +41,7 @@ _LENSES = {  # LENS of kernels/lib/lens.h
 
 
 class RegisteredColor(NamedTuple):
-    """Colours registered to the samples of depth.
+    """The colours of depth samples, as `register_color` finds them.
 
     Attributes
     ----------
@@ -76,10 +66,8 @@ def register(
     depth: NDArray[np.float32],
     depth_camera: Camera,
     color_camera: Camera,
-    color: None = None,
     *,
-    to: Literal["color"] = ...,
-    scale: None = ...,
+    depth_scale: None = ...,
     cut_ratio: float = ...,
 ) -> NDArray[np.float32]: ...
 @overload
@@ -87,34 +75,19 @@ def register(
     depth: NDArray[np.uint16],
     depth_camera: Camera,
     color_camera: Camera,
-    color: None = None,
     *,
-    to: Literal["color"] = ...,
-    scale: float,
+    depth_scale: float,
     cut_ratio: float = ...,
 ) -> NDArray[np.uint16]: ...
-@overload
 def register(
     depth: AnyDepth,
     depth_camera: Camera,
     color_camera: Camera,
-    color: Color,
     *,
-    to: Literal["depth"],
-    scale: float | None = ...,
-    cut_ratio: float = ...,
-) -> RegisteredColor: ...
-def register(
-    depth: AnyDepth,
-    depth_camera: Camera,
-    color_camera: Camera,
-    color: Color | None = None,
-    *,
-    to: To = "color",
-    scale: float | None = None,
+    depth_scale: float | None = None,
     cut_ratio: float = 1.05,
-) -> AnyDepth | RegisteredColor:
-    """Bring depth to the camera that took the colours, or colours to the samples of depth.
+) -> AnyDepth:
+    """Bring depth to the camera that took the colours: depth as that would have measured it.
 
     The depth image means a surface, as in `warp`, and one as large as the pixels that measured it: at depth edges it
     reaches half a pixel beyond the last samples, so that things one sample thin are there, and single samples that are
@@ -128,11 +101,7 @@ def register(
     depth_camera, color_camera : Camera
         Both with their poses in one world: ``world_from_camera`` is the identity for the one and the calibration's
         transform for the other. Lenses are taken into account.
-    color : (h, w, 3) uint8, or float32 in [0, 1], optional
-        Of `color_camera`, for ``to="depth"``.
-    to : {"color", "depth"}
-        "color": depth as `color_camera` would have measured it. "depth": for each sample of depth its colour.
-    scale : float
+    depth_scale : float
         For uint16: stored units per scene unit (the unit of the cameras' poses), 1000 for millimetres and metres.
     cut_ratio : float
         Neighbours whose depths have a greater ratio are two surfaces, as in `warp`; unless noise explains it, whose
@@ -140,12 +109,9 @@ def register(
 
     Returns
     -------
-    (h, w) array of the depth's dtype, for ``to="color"``
+    (h, w) array of the depth's dtype
         Planar z of `color_camera` in the same units; NaN (0 for uint16) where the depth camera saw nothing. 0, too,
         where uint16 does not hold the depth.
-    RegisteredColor, for ``to="depth"``
-        Samples that something nearer hides from the colour camera, beyond what noise explains, or that lie outside of
-        its image, have no colour. The colours of other surfaces beside a sample's own are not mixed into it.
 
     Raises
     ------
@@ -158,45 +124,92 @@ def register(
     >>> import pyibr as ibr
     >>> K = [[100, 0, 31.5], [0, 100, 23.5], [0, 0, 1]]
     >>> depth_camera, color_camera = ibr.Camera(K, (64, 48)), ibr.Camera(K, (64, 48)).moved(0.025, 0, 0)
-    >>> registered = ibr.register(np.full((48, 64), 1500, np.uint16), depth_camera, color_camera, scale=1000)
+    >>> registered = ibr.register(np.full((48, 64), 1500, np.uint16), depth_camera, color_camera, depth_scale=1000)
     >>> registered.dtype, int(registered[24, 32])
     (dtype('uint16'), 1500)
     """
-    one_of("to", to, To)
-    for name, camera in (("depth_camera", depth_camera), ("color_camera", color_camera)):
-        instance_of(name, camera, Camera, "a pyibr.Camera")
-    if (color is None) != (to == "color"):
-        wanted = 'the colours, with to="depth"' if color is None else 'none with to="color", which returns depth'
-        raise ArgumentError("color", wanted, "none" if color is None else describe(color))
-    stored, units = _checked(depth, depth_camera, scale)
+    _check_cameras(depth_camera, color_camera)
+    stored, units = _checked(depth, depth_camera, depth_scale)
     ratio = cut_ratio_from(cut_ratio)
-    given = None if color is None else checked_colors("color", color, (color_camera.height, color_camera.width, 3))
-    for name, camera in (("depth_camera", depth_camera), ("color_camera", color_camera)):
-        check_pixels(name, camera.size)
     with one_call():
-        view = DepthImage(None, _in_scene_units(stored, units) if units else stored, depth_camera)
-        drawn = _drawn(view, color_camera, ratio)
-        if given is not None:
-            return _colors_for(view, color_camera, given, drawn)
-        registered = drawn.picture.depth
+        registered = _drawn(_view_of(stored, units, depth_camera), color_camera, ratio).picture.depth
         return (_in_raw_units(registered, units) if units else registered).to_host()
 
 
-def _checked(depth: AnyDepth, camera: Camera, scale: float | None) -> tuple[Any, float]:
+def register_color(
+    depth: AnyDepth,
+    depth_camera: Camera,
+    color_camera: Camera,
+    color: Color,
+    *,
+    depth_scale: float | None = None,
+    cut_ratio: float = 1.05,
+) -> RegisteredColor:
+    """Bring colours to the samples of depth, none where the colour camera does not see them.
+
+    Samples that something nearer hides from the colour camera, beyond what noise explains, or that lie outside of its
+    image, have no colour. The colours of other surfaces beside a sample's own are not mixed into it.
+
+    Parameters
+    ----------
+    depth, depth_camera, color_camera, depth_scale, cut_ratio
+        As for `register`.
+    color : (h, w, 3) uint8, or float32 in [0, 1]
+        Of `color_camera`.
+
+    Returns
+    -------
+    RegisteredColor
+
+    Raises
+    ------
+    ArgumentError
+        If shapes, dtypes and cameras do not fit, or there is no depth at all.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pyibr as ibr
+    >>> camera = ibr.Camera([[100, 0, 31.5], [0, 100, 23.5], [0, 0, 1]], (64, 48))
+    >>> depth, color = np.full((48, 64), 1.5, np.float32), np.full((48, 64, 3), 90, np.uint8)
+    >>> ibr.register_color(depth, camera, camera.moved(0.025, 0, 0), color).color[24, 32].tolist()
+    [90, 90, 90]
+    """
+    _check_cameras(depth_camera, color_camera)
+    stored, units = _checked(depth, depth_camera, depth_scale)
+    ratio = cut_ratio_from(cut_ratio)
+    given = checked_colors("color", color, (color_camera.height, color_camera.width, 3))
+    with one_call():
+        view = _view_of(stored, units, depth_camera)
+        return _colors_for(view, color_camera, given, _drawn(view, color_camera, ratio))
+
+
+def _check_cameras(depth_camera: Camera, color_camera: Camera) -> None:
+    """Raise ArgumentError for what is no camera, or too large."""
+    for name, camera in (("depth_camera", depth_camera), ("color_camera", color_camera)):
+        check_pixels(name, instance_of(name, camera, Camera, "a pyibr.Camera").size)
+
+
+def _view_of(stored: Any, units: float, camera: Camera) -> DepthImage:
+    """Depth alone, in scene units, of what `_checked` returns. The session is held."""
+    return DepthImage(None, _in_scene_units(stored, units) if units else stored, camera)
+
+
+def _checked(depth: AnyDepth, camera: Camera, depth_scale: float | None) -> tuple[Any, float]:
     """The depth, and its stored units per scene unit; 0 of float32."""
     shape = camera.height, camera.width
     if not isinstance(depth, np.ndarray) or depth.dtype.name != "uint16":  # pyright: ignore[reportUnnecessaryIsInstance]
-        if scale is not None:
-            raise ArgumentError("scale", "none for float32 depth, which is in scene units", repr(scale))
+        if depth_scale is not None:
+            raise ArgumentError("depth_scale", "none for float32 depth, which is in scene units", repr(depth_scale))
         return checked_depth(cast("NDArray[np.float32]", depth), shape), 0.0
     if depth.shape != shape:
         raise ArgumentError("depth", f"float32 or uint16 of shape {shape}", describe(depth))
-    if scale is None:
+    if depth_scale is None:
         raise ArgumentError(
-            "scale", "stored units per scene unit for uint16 depth (1000: millimetres to metres)", "none"
+            "depth_scale", "stored units per scene unit for uint16 depth (1000: millimetres to metres)", "none"
         )
     counts = np.ascontiguousarray(plain_array("depth", depth, "integers", 0), np.uint16)  # none where it is masked
-    return counts, positive("scale", scale)
+    return counts, positive("depth_scale", depth_scale)
 
 
 def _in_scene_units(counts: NDArray[np.uint16], scale: float) -> NDArray[np.float32]:

@@ -19,7 +19,7 @@ from pyibr.picture.drawable import as_drawable
 from pyibr.picture.normals import NEIGHBOUR_OFFSET_MAX, noise_bias, showing_normals
 from pyibr.picture.samples import Samples, samples_of
 from pyibr.picture.shadow import Lighting, shadowed
-from pyibr.picture.straighten import straightened
+from pyibr.picture.straighten import Interpolation, straightened
 from pyibr.picture.target import Target
 from pyibr.warp.blending import Blend, blend
 from pyibr.warp.filling import Fill, fill_holes
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     pass
 
 Method = Literal["epipolar", "search", "forward"]
-Interpolation = Literal["linear", "nearest"]
 Edges = Literal["connect", "cut"]
 
 _SPLAT_MAX = 64.0
@@ -178,7 +177,7 @@ class WarpedView(Fixed):
     def sources(self) -> list[DepthImage]:
         """The views without their lenses."""
         cut_ratio = self._options.cut_ratio
-        return [straightened(view, cut_ratio=cut_ratio, linear=self.interpolation == "linear") for view in self.views]
+        return [straightened(view, cut_ratio=cut_ratio, interpolation=self.interpolation) for view in self.views]
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
         """Draw the views; into a light's map their surfaces themselves, from both sides."""

@@ -29,7 +29,7 @@ class Scene:
         self.depth = np.full((SIZE[1], SIZE[0]), 2, np.float32)
         self.camera.save(folder / "camera.json")
         ibr.write_color(folder / "color.png", self.color)
-        ibr.write_depth(folder / "depth.png", self.depth, scale=1000)
+        ibr.write_depth(folder / "depth.png", self.depth, depth_scale=1000)
         ibr.write_depth(folder / "depth.npy", self.depth)
 
     def run(self, *arguments: object, depth="depth.png", scale="1000", camera="camera.json", command="warp"):
@@ -76,19 +76,19 @@ def test_depth_may_be_stored_in_other_kinds(scene: Scene, kind: str):
     """The same picture, and depth out as it came in."""
     move, new, out = ("--move", "0.2", "0", "0.1"), scene.folder / "new.png", scene.folder / "out.npy"
     assert scene.run(*move, "-o", new, "--depth-out", out).exit_code == 0
-    expected, depth = ibr.read_color(new), ibr.read_depth(out, scale=1000)
+    expected, depth = ibr.read_color(new), ibr.read_depth(out, depth_scale=1000)
     target = scene.camera.moved(0.2, 0, 0.1)
-    ibr.write_depth(scene.folder / "other.npy", scene.depth, scale=1000, kind=kind, camera=scene.camera)
-    result = scene.run(*move, "-o", new, "--depth-out", out, "--depth-is", kind, depth="other.npy")
+    ibr.write_depth(scene.folder / "other.npy", scene.depth, depth_scale=1000, depth_kind=kind, camera=scene.camera)
+    result = scene.run(*move, "-o", new, "--depth-out", out, "--depth-kind", kind, depth="other.npy")
     assert result.exit_code == 0, result.output
     assert (np.abs(ibr.read_color(new).astype(int) - expected) <= 1).all()
-    np.testing.assert_allclose(ibr.read_depth(out, scale=1000, kind=kind, camera=target), depth, rtol=1e-5)
+    np.testing.assert_allclose(ibr.read_depth(out, depth_scale=1000, depth_kind=kind, camera=target), depth, rtol=1e-5)
     mesh = scene.folder / "new.ply"
-    words = ("--max-error", "0.001", "-o", mesh, "--depth-is", kind)
+    words = ("--max-error", "0.001", "-o", mesh, "--depth-kind", kind)
     assert scene.run(*words, depth="other.npy", command="mesh").exit_code == 0
     np.testing.assert_allclose(ibr.Mesh.load(mesh).vertices[:, 2], 2, rtol=1e-5)
     words = ("--depth-camera", scene.folder / "camera.json", "--color-camera", scene.folder / "camera.json", "-o", out)
-    words = ("register", scene.folder / "other.npy", "--depth-scale", 1000, "--depth-is", kind, *words)
+    words = ("register", scene.folder / "other.npy", "--depth-scale", 1000, "--depth-kind", kind, *words)
     assert runner.invoke(app, [str(word) for word in words]).exit_code == 0
     np.testing.assert_allclose(ibr.read_depth(out), ibr.read_depth(scene.folder / "other.npy"), rtol=1e-5)
 
@@ -102,7 +102,7 @@ def test_cameras_of_files_have_their_lenses(scene: Scene):
     view = ibr.DepthImage(scene.color, scene.depth, ibr.Camera.load(scene.folder / "bent.json"))
     frame = ibr.warp(view, view.camera.moved(0.2, 0, 0.1))
     np.testing.assert_array_equal(ibr.read_color(new), frame.color)
-    np.testing.assert_allclose(ibr.read_depth(depth, scale=1000)[frame.valid], 1.9, rtol=1e-6)
+    np.testing.assert_allclose(ibr.read_depth(depth, depth_scale=1000)[frame.valid], 1.9, rtol=1e-6)
     result = scene.run("--to", scene.folder / "camera.json", "-o", new, camera="bent.json")
     assert result.exit_code == 0, result.output
     result = scene.run("--max-error", "0.01", "-o", scene.folder / "new.ply", camera="bent.json", command="mesh")
@@ -128,7 +128,7 @@ def test_to_another_camera_with_depth_and_mask(scene: Scene):
         "--depth-out", scene.folder / "out" / "new.exr", "--valid-out", scene.folder / "out" / "valid.png",
     )  # fmt: skip
     assert result.exit_code == 0, result.output
-    depth = ibr.read_depth(scene.folder / "out" / "new.exr", scale=1000)
+    depth = ibr.read_depth(scene.folder / "out" / "new.exr", depth_scale=1000)
     valid = ibr.read_color(scene.folder / "out" / "valid.png")[..., 0] == 255
     np.testing.assert_array_equal(np.isfinite(depth), valid)
     np.testing.assert_allclose(depth[valid], 3, rtol=1e-5)
@@ -138,7 +138,7 @@ def test_to_another_camera_with_depth_and_mask(scene: Scene):
 def test_orbit_keeps_the_point_at_the_median_depth_in_its_place(scene: Scene):
     result = scene.run("--orbit", "-20", "-o", scene.folder / "new.png", "--depth-out", scene.folder / "new.npy")
     assert result.exit_code == 0, result.output
-    assert ibr.read_depth(scene.folder / "new.npy", scale=1000)[18, 30] == pytest.approx(2, rel=1e-3)
+    assert ibr.read_depth(scene.folder / "new.npy", depth_scale=1000)[18, 30] == pytest.approx(2, rel=1e-3)
 
 
 def test_frames_go_from_the_source_to_the_end(scene: Scene):
@@ -190,13 +190,13 @@ def test_every_choice_reaches_the_warp(scene: Scene, monkeypatch: pytest.MonkeyP
 
 
 def test_a_backdrop_is_a_number_or_the_farthest(scene: Scene):
-    asked = "--move", "0", "0", "0", "--far", "1", "--backdrop", "4", "--depth-out", scene.folder / "new.npy"
+    asked = "--move", "0", "0", "0", "--far", "1", "--default-depth", "4", "--depth-out", scene.folder / "new.npy"
     result = scene.run(*asked, "-o", scene.folder / "new.png")
     assert result.exit_code == 0, result.output
     np.testing.assert_allclose(np.load(scene.folder / "new.npy"), 4 * 1000, rtol=1e-5)
-    result = scene.run("--orbit", "5", "-o", scene.folder / "new.png", "--backdrop", "sky")
+    result = scene.run("--orbit", "5", "-o", scene.folder / "new.png", "--default-depth", "sky")
     assert result.exit_code == 2
-    assert "pyibr: --backdrop: expected a depth > 0, farthest or none, got sky" in result.stderr
+    assert "pyibr: --default-depth: expected a depth > 0, farthest or none, got sky" in result.stderr
 
 
 def test_depth_edges_are_cut_unless_asked_otherwise(scene: Scene):

@@ -81,8 +81,8 @@ def test_each_kind_of_thing_is_shown(folder, seen):
     assert things[0].far == 9
     with_noise = shown("color.png", "depth.npy", "--camera", "camera.json", "--clean")[0]
     assert [type(thing) for thing in with_noise] == [ibr.DepthImage]
-    halves = [things[0], *shown("room", "--depth-is", "inverse")[0]]
-    things = shown("color.png", "depth.npy", "--camera", "camera.json", "--depth-is", "inverse")[0]
+    halves = [things[0], *shown("room", "--depth-kind", "inverse")[0]]
+    things = shown("color.png", "depth.npy", "--camera", "camera.json", "--depth-kind", "inverse")[0]
     for thing, depth in zip((*things, *halves), (0.5, 2, 0.5, 0.5), strict=True):
         assert (thing.depth == depth).all()
     named = shown("donut.glb", "--height", "height.png", "--color", "color.png", "--scale", "0.1", "--tiles", "3", "2")[

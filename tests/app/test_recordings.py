@@ -38,20 +38,20 @@ class Recorded:
             depth[rng.random(depth.shape) < 0.05] = np.nan
             self.depths.append(depth)
             ibr.write_color(folder / f"rgb/{number}.png", self.colors[number])
-            ibr.write_depth(folder / f"depth/{number}.png", depth, scale=SCALE)
+            ibr.write_depth(folder / f"depth/{number}.png", depth, depth_scale=SCALE)
             self.cameras[number].save(folder / f"cameras/{number}.json")
         self.base.save(folder / "camera.json")
         rows = [" ".join(map(str, camera.world_from_camera[:3].ravel())) for camera in self.cameras]
         (folder / "poses.txt").write_text("\n".join(rows))
 
     def views(self) -> list[ibr.DepthImage]:
-        read = [ibr.read_depth(self.folder / f"depth/{number}.png", scale=SCALE) for number in range(COUNT)]
+        read = [ibr.read_depth(self.folder / f"depth/{number}.png", depth_scale=SCALE) for number in range(COUNT)]
         return [ibr.DepthImage(*frame) for frame in zip(self.colors, read, self.cameras, strict=True)]
 
     def views_but(self, lost: int) -> list[ibr.DepthImage]:
         """The views of the frames that can be read."""
         read = [number for number in range(COUNT) if number != lost]
-        depths = [ibr.read_depth(self.folder / f"depth/{number}.png", scale=SCALE) for number in read]
+        depths = [ibr.read_depth(self.folder / f"depth/{number}.png", depth_scale=SCALE) for number in read]
         return [ibr.DepthImage(self.colors[k], z, self.cameras[k]) for k, z in zip(read, depths, strict=True)]
 
     def run(self, *words: object, camera: object = "camera.json", output: object = "new.png"):
@@ -135,7 +135,7 @@ def test_a_recording_gives_a_view_for_each_frame(recorded: Recorded, cameras):
     for number, view in enumerate(recorded.views()):
         expected = ibr.warp(view, view.camera.moved(0.1, 0, 0.2), fill="background")
         np.testing.assert_array_equal(recorded.new(number), expected.color)
-        stored = ibr.read_depth(recorded.folder / f"z_{number:04d}.npy", scale=SCALE)
+        stored = ibr.read_depth(recorded.folder / f"z_{number:04d}.npy", depth_scale=SCALE)
         np.testing.assert_allclose(stored, expected.depth, rtol=1e-6)
         valid = ibr.read_color(recorded.folder / f"v_{number:04d}.png")[..., 0] == 255
         np.testing.assert_array_equal(valid, expected.valid)
@@ -252,8 +252,10 @@ def test_depth_of_another_camera_is_registered(recorded: Recorded):
 
 def test_frames_without_any_depth_are_black_and_told(recorded: Recorded):
     for number in (0, 2):
-        ibr.write_depth(recorded.folder / f"depth/{number}.png", np.full(SIZE[::-1], np.nan, np.float32), scale=SCALE)
-    asked = ("--clean", "--backdrop", "farthest", "--orbit", 3, "--fill", "background")
+        ibr.write_depth(
+            recorded.folder / f"depth/{number}.png", np.full(SIZE[::-1], np.nan, np.float32), depth_scale=SCALE
+        )
+    asked = ("--clean", "--default-depth", "farthest", "--orbit", 3, "--fill", "background")
     result = recorded.run("rgb", "depth", *asked)
     succeeded(result)
     assert "2 of 4 views are empty" in result.stderr
@@ -356,7 +358,7 @@ def test_frames_that_cannot_be_read_are_left_out_and_told(recorded: Recorded, wo
 
 
 def test_of_several_recordings_those_that_can_be_read_are_shown(recorded: Recorded):
-    ibr.write_depth(recorded.folder / "other/1.png", recorded.depths[1], scale=SCALE)
+    ibr.write_depth(recorded.folder / "other/1.png", recorded.depths[1], depth_scale=SCALE)
     for number in (0, 2, 3):
         (recorded.folder / f"other/{number}.png").write_bytes(b"torn")
     sources = ("rgb", "depth", "rgb", "other", "--camera", "cameras/0.json", "--camera", "cameras/3.json")
@@ -434,7 +436,7 @@ def test_no_output_is_a_file_of_a_model_that_is_read(recorded: Recorded, name: s
 
 
 def test_a_video_that_fails_leaves_nothing(recorded: Recorded):
-    ibr.write_depth(recorded.folder / "depth/3.png", recorded.depths[3][:20], scale=SCALE)
+    ibr.write_depth(recorded.folder / "depth/3.png", recorded.depths[3][:20], depth_scale=SCALE)
     assert_one_line(recorded.run("rgb", "depth", "--move", 0, 0, 0, output="n.mp4"), "depth")
     assert not (recorded.folder / "n.mp4").exists()
 

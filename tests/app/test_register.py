@@ -37,7 +37,7 @@ class Pair(Recorded):
         return runner.invoke(app, ["register", *places, *cameras, *ends])
 
     def depth(self, number: int) -> np.ndarray:
-        return ibr.read_depth(self.folder / f"depth/{number}.png", scale=SCALE)
+        return ibr.read_depth(self.folder / f"depth/{number}.png", depth_scale=SCALE)
 
     def stored(self, depth: np.ndarray) -> np.ndarray:
         return ibr.depth_from_uint16(ibr.uint16_from_depth(depth, SCALE), SCALE)
@@ -57,7 +57,7 @@ def test_each_frame_of_depth_is_registered(pair: Pair, folder):
     out = succeeded(pair.register(pair.folder / folder))
     expected = [ibr.register(pair.depth(number), pair.base, COLORS) for number in range(COUNT)]
     for number, depth in enumerate(expected):
-        made = ibr.read_depth(pair.folder / f"new_{number:04d}.png", scale=SCALE)
+        made = ibr.read_depth(pair.folder / f"new_{number:04d}.png", depth_scale=SCALE)
         np.testing.assert_array_equal(made, pair.stored(depth))
     share = np.mean([np.isfinite(depth).mean() for depth in expected])
     assert f"new_0003.png: 4 frames, 72x44, {share:.1%} covered" in out
@@ -73,7 +73,7 @@ def test_each_frame_gets_its_colours(pair: Pair, words):
     out = succeeded(pair.register(*words, "--seen-out", pair.folder / "seen.png", "--take", "1:"))
     assert "3 frames, 62x38" in out
     for number in range(1, COUNT):
-        found = ibr.register(pair.depth(number), pair.base, COLORS, pair.pictures[number], to="depth")
+        found = ibr.register_color(pair.depth(number), pair.base, COLORS, pair.pictures[number])
         made = ibr.read_color(pair.folder / f"new_{number - 1:04d}.png")
         np.testing.assert_array_equal(made, found.color)
         seen = ibr.read_color(pair.folder / f"seen_{number - 1:04d}.png")[..., 0] == 255
@@ -84,7 +84,7 @@ def test_colours_become_a_video(pair: Pair):
     succeeded(pair.register("depth", "--color", "rgb", output="new.mkv"))
     made = Video(pair.folder / "new.mkv")
     for number, color in enumerate(made.frames(range(COUNT))):
-        found = ibr.register(pair.depth(number), pair.base, COLORS, pair.pictures[number], to="depth")
+        found = ibr.register_color(pair.depth(number), pair.base, COLORS, pair.pictures[number])
         np.testing.assert_array_equal(color, found.color)
 
 
@@ -93,13 +93,13 @@ def test_cleaning_knows_the_last_frame(pair: Pair):
     last = None
     for number in range(COUNT):
         last = ibr.clean_depth(pair.depth(number), before=last).depth
-        made = ibr.read_depth(pair.folder / f"new_{number:04d}.png", scale=SCALE)
+        made = ibr.read_depth(pair.folder / f"new_{number:04d}.png", depth_scale=SCALE)
         np.testing.assert_array_equal(made, pair.stored(ibr.register(last, pair.base, COLORS)))
 
 
 def test_frames_without_any_depth_are_empty_and_told(pair: Pair):
     for number in (0, 2):
-        ibr.write_depth(pair.folder / f"depth/{number}.png", np.full(SIZE[::-1], np.nan, np.float32), scale=SCALE)
+        ibr.write_depth(pair.folder / f"depth/{number}.png", np.full(SIZE[::-1], np.nan, np.float32), depth_scale=SCALE)
     for words in ((), ("--color", "rgb")):
         result = pair.register("depth", "--clean", *words)
         succeeded(result)
@@ -129,7 +129,7 @@ def test_mistakes_are_told_in_one_line(pair: Pair, words, said):
 
 
 def test_a_frame_of_another_size_is_named(pair: Pair):
-    ibr.write_depth(pair.folder / "depth/2.png", pair.depth(2)[:20], scale=SCALE)
+    ibr.write_depth(pair.folder / "depth/2.png", pair.depth(2)[:20], depth_scale=SCALE)
     assert_refused(pair.register("depth"), "depth/2.png: depth: expected", "(38, 62)")
 
 
@@ -146,5 +146,5 @@ def test_frames_that_cannot_be_read_are_left_out_and_told(pair: Pair, torn: str)
     assert "3 frames" in succeeded(result)
     assert "1 file cannot be read; left out: " in result.stderr
     for place, number in enumerate((0, 2, 3)):
-        found = ibr.register(pair.depth(number), pair.base, COLORS, pair.pictures[number], to="depth")
+        found = ibr.register_color(pair.depth(number), pair.base, COLORS, pair.pictures[number])
         np.testing.assert_array_equal(ibr.read_color(pair.folder / f"new_{place:04d}.png"), found.color)

@@ -151,9 +151,9 @@ def random_view(chance: Chance, scale: float, floats: bool, colored: bool = True
     depth = chance.mostly(random_depth(chance, camera.size, scale))
     color = chance.mostly(random_colors(chance, camera.size[::-1], floats) if colored else None)
     far = chance.one([math.inf, math.inf, math.inf, 3.5 * scale, 1e9])
-    backdrop = chance.one(["farthest", 5.0 * scale, 1e30, 1e-30]) if chance(0.1) else None
+    default_depth = chance.one(["farthest", 5.0 * scale, 1e30, 1e-30]) if chance(0.1) else None
     normals = random_normals(chance, camera.size) if chance(0.2) else None
-    return ibr.DepthImage(color, depth, camera, far=far, normals=normals, backdrop=chance.mostly(backdrop))
+    return ibr.DepthImage(color, depth, camera, far=far, normals=normals, default_depth=chance.mostly(default_depth))
 
 
 def random_normals(chance: Chance, size: tuple[int, int]) -> Any:
@@ -340,7 +340,7 @@ def random_solid(chance: Chance, scale: float, floats: bool) -> Any:
     if chance(0.2):
         more["only"] = chance.mostly(chance.one([0, 3, -2, 65536]))
     if chance(0.5):
-        texture, missing = chance.one(["visible", "naive"]), chance.one(["background", "unknown"])
+        texture, missing = chance.one(["visible", "naive"]), chance.one(["empty", "unknown"])
         more["thin"] = chance.mostly(chance.one([False, True]))
         made = ibr.DepthObject(chance.mostly(views), texture=texture, missing=missing, **more)
         others = [*views[:-1], *views_around(chance, scale, floats, 1)]
@@ -361,7 +361,7 @@ def random_depth_mesh(chance: Chance, scale: float, floats: bool) -> Any:
         blend=chance.mostly(chance.one(["quality", "position", "nearest"])),
         blended=chance.mostly(2),
         epsilon=chance.mostly(chance.one([None, 0.0, 0.1 * scale, 1e30])),
-        background=chance.mostly(chance(0.5)),
+        closed=chance.mostly(chance(0.5)),
         choose=chance.mostly(chance.one(["closest", "facing"])),
         reuse=chance.mostly(chance.one([0, 0.2])),
     )
@@ -430,16 +430,16 @@ def random_register(seed: int) -> Call:
     whole = chance(0.4)
     if whole:
         depth = np.clip(np.nan_to_num(1000 * depth.astype(float)), 0, 65535).astype(np.uint16)
-    to = chance.one(["color", "depth"])
-    more = {"to": chance.mostly(to)}
-    if to == "depth" or chance(0.1):
+    more: dict[str, Any] = {}
+    colored = chance(0.5)
+    if colored:
         more["color"] = chance.mostly(random_colors(chance, color_camera.size[::-1], chance(0.3)))
     if whole or chance(0.05):
-        more["scale"] = chance.mostly(chance.one([1000, 1000, 1, 1e-30, 1e30]))
+        more["depth_scale"] = chance.mostly(chance.one([1000, 1000, 1, 1e-30, 1e30]))
     if chance(0.3):
         more["cut_ratio"] = chance.mostly(chance.one([1.05, 1.0000001, 1e30]))
     given = [chance.mostly(each) for each in (depth, depth_camera, color_camera)]
-    return Call(lambda: ibr.register(*given, **more))
+    return Call(lambda: (ibr.register_color if colored else ibr.register)(*given, **more))
 
 
 def random_clean(seed: int) -> Call:

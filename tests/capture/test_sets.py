@@ -124,7 +124,7 @@ def test_what_is_wrong_is_said_by_name(tmp_path):
     ibr.write_depth(tmp_path / "a.depth.npy", view().depth[:5])
     with pytest.raises(ibr.FileFormatError, match=r"a\.depth\.npy: depth: expected"):
         load(tmp_path)
-    ibr.write_depth(tmp_path / "a.depth.png", np.ones(SIZE[::-1], np.float32), scale=1000)
+    ibr.write_depth(tmp_path / "a.depth.png", np.ones(SIZE[::-1], np.float32), depth_scale=1000)
     with pytest.raises(ibr.ArgumentError, match="scale"):
         load(tmp_path)
 

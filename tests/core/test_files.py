@@ -114,7 +114,7 @@ USES = {
     "Camera.load": ibr.Camera.load,
     "Mesh.load": ibr.Mesh.load,
     "write_color": lambda path: ibr.write_color(path, COLOR),
-    "write_depth": lambda path: ibr.write_depth(path, DEPTH, scale=1000),
+    "write_depth": lambda path: ibr.write_depth(path, DEPTH, depth_scale=1000),
     "write_mask": lambda path: ibr.write_mask(path, DEPTH > 0),
     "write_relief_map": lambda path: write_relief_map(path, np.full((4, 5, 3), (0, 0, 1.0)), COLOR[..., 0]),
     "Camera.save": CAMERA.save,

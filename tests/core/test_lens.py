@@ -179,13 +179,11 @@ POSE = [0.9, 0.1, -0.2, 0.3], [1, 2, 3], (61, 37)
 
 
 @pytest.mark.parametrize("model", COLMAP)
-def test_colmap_keeps_its_lens_if_asked(model):
+def test_colmap_keeps_its_lens(model):
     params = COLMAP[model]
-    camera = ibr.Camera.from_colmap(model, params, *POSE, lens=True)
+    camera = ibr.Camera.from_colmap(model, params, *POSE)
     points = points_before(camera)
     if model.endswith("FISHEYE"):
-        with pytest.raises(ibr.ArgumentError, match="lens=True"):
-            ibr.Camera.from_colmap(model, params, *POSE)
         local = points @ camera.camera_from_world[:3, :3].T + camera.camera_from_world[:3, 3]
         u, v = local[:, 0] / local[:, 2], local[:, 1] / local[:, 2]
         r = np.hypot(u, v)
@@ -195,15 +193,14 @@ def test_colmap_keeps_its_lens_if_asked(model):
         fx, fy, cx, cy = (params[0], params[0], *params[1:3]) if len(params) < 8 else params[:4]
         expected = np.column_stack([fx * u * scale + cx, fy * v * scale + cy]) - 0.5
     else:
-        plain, distortion = ibr.Camera.from_colmap(model, params, *POSE)
-        assert plain.lens is None
-        K, rvec, tvec = plain.to_opencv()
+        distortion = np.zeros(4) if camera.lens is None else camera.lens.to_opencv()
+        K, rvec, tvec = camera.to_opencv()
         expected = cv2.projectPoints(points, rvec, tvec, K, distortion)[0][:, 0]
     seen = camera.project(points)[0]
     inside = np.isfinite(seen[:, 0])
     assert inside.mean() > 0.5
     np.testing.assert_allclose(seen[inside], expected[inside], atol=1e-8)
-    again = ibr.Camera.from_colmap(*camera.to_colmap(), camera.size, lens=True)
+    again = ibr.Camera.from_colmap(*camera.to_colmap(), camera.size)
     np.testing.assert_allclose(again.project(points)[0][inside], expected[inside], atol=1e-8)
 
 

@@ -36,7 +36,7 @@ things = [
     base,
     ibr.SlicedSurface(base, height, texture, 0.1),
     ibr.ReliefSurface(base, height, texture, 0.1),
-    ibr.DepthObject([view], missing="background"),
+    ibr.DepthObject([view], missing="empty"),
     ibr.VisualHull(outlines),
     ibr.DepthMesh(view),
     ibr.DepthMeshObject([view]),
@@ -67,9 +67,9 @@ def test_a_missing_package_is_named_with_its_extra(monkeypatch: pytest.MonkeyPat
         monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(MissingPackageError, match=r"meshes need Open3D: pip install 'pyibr-opencl\[open3d\]'$"):
         open3d()
-    color, depth = np.zeros((3, 4, 3), np.uint8), np.ones((3, 4), np.float32)
-    with pytest.raises(MissingPackageError, match=r"undistort needs OpenCV: pip install 'pyibr-opencl\[opencv\]'$"):
-        ibr.undistort(color, depth, np.eye(3), [0.1, 0, 0, 0])
+    depth = np.ones((3, 4), np.float32)
+    with pytest.raises(MissingPackageError, match=r"clean_depth needs OpenCV: pip install 'pyibr-opencl\[opencv\]'$"):
+        ibr.clean_depth(depth)
     with pytest.raises(MissingPackageError, match=r"EXR files need OpenEXR: pip install 'pyibr-opencl\[exr\]'$"):
         ibr.write_depth("depth.exr", depth)
 
@@ -85,7 +85,7 @@ def test_a_missing_package_is_named_with_its_extra(monkeypatch: pytest.MonkeyPat
 def test_a_broken_package_is_told_from_a_missing_one(source: str, reason: str, folder: Path):
     (folder / "cv2.py").write_text(source)
     with pytest.raises(MissingPackageError, match=rf"is installed but cannot be imported \(.*{reason}.*headless"):
-        opencv("undistort")
+        opencv("clean_depth")
 
 
 def test_what_an_opencv_lacks_is_named(folder: Path):

@@ -98,7 +98,7 @@ def test_a_knot_gets_no_shards(eye):
     views = object_views(knot(), 256, projection="perspective")
     camera = Camera.look_at(eye, (0, 0, 0), (0, 0, 1), SIZE, fov_y=42)
     frame, truth = against(knot(), ibr.DepthMeshObject(views), camera)
-    bare, _ = against(knot(), ibr.DepthMeshObject(views, background=False), camera)
+    bare, _ = against(knot(), ibr.DepthMeshObject(views, closed=False), camera)
     missed, false = missed_and_false(frame, truth)
     assert false == 0
     assert missed <= 0.2 * missed_and_false(bare, truth)[0]
@@ -129,7 +129,7 @@ def test_closed_surface_names_the_views_of_its_colours():
     thing, camera = ibr.DepthMeshObject(views), Camera.look_at((2, -2, 2), (0, 0, 0), (0, 0, 1), SIZE, fov_y=45)
     named, frame = thing.occupancy(camera), ibr.render(thing, camera)
     np.testing.assert_array_equal(named > 0, frame.valid)
-    closed = frame.valid & ~ibr.render(ibr.DepthMeshObject(views, blended=6, background=False), camera).valid
+    closed = frame.valid & ~ibr.render(ibr.DepthMeshObject(views, blended=6, closed=False), camera).valid
     inside = closed & (cv2.erode(frame.valid.astype(np.uint8), np.ones((9, 9))) > 0)
     assert inside.sum() > 200
     assert (named[inside] & 0b110000 > 0).all()  # those from above and below saw what is next to the slit

@@ -46,7 +46,7 @@ def camera_at(x: float, projection: str, fov: float = 45) -> Camera:
 def test_the_wall_goes_on_behind_a_box(projection, kind, slope):
     scene = room(slope)
     view, camera = scene.capture(camera_at(0.0, kind)), camera_at(1.0, projection, 25)
-    truth, things = scene.capture(camera), [ibr.DepthMeshObject([view], background=b) for b in (False, True)]
+    truth, things = scene.capture(camera), [ibr.DepthMeshObject([view], closed=b) for b in (False, True)]
     bare, frame = (ibr.render(thing, camera) for thing in things)
     # The box' right wall, which nobody saw either, is not told from the wall behind it.
     wall = truth.valid & (truth.color[..., 0] < 100)
@@ -73,7 +73,7 @@ def test_what_goes_on_behind_a_box_is_relit_by_its_own_normals(given):
     if given:  # of the wall; of the box, too, which is not looked at
         own = (normal @ view.camera.world_from_camera[:3, :3]).astype(np.float32)
         view = DepthImage(view.color, view.depth, view.camera, normals=np.broadcast_to(own, (*SIZE[::-1], 3)))
-    bare, frame = (ibr.render(ibr.DepthMeshObject([view], background=b), camera, light) for b in (False, True))
+    bare, frame = (ibr.render(ibr.DepthMeshObject([view], closed=b), camera, light) for b in (False, True))
     closed = frame.valid & ~bare.valid & truth.valid & (truth.color[..., 0] < 100)
     assert closed.sum() > 200
     lambert = -normal @ way / np.linalg.norm(way)
@@ -91,7 +91,7 @@ def test_surfaces_end_half_a_sample_beyond_their_last_ones(projection):
     K = np.diag([times, times, 1]) @ camera.K
     size = (times * (SIZE[0] - 1) + 1, times * (SIZE[1] - 1) + 1)
     finer = Camera(K, size, camera.world_from_camera, projection=camera.projection)
-    bare, frame = (ibr.render(ibr.DepthMeshObject([view], background=b), finer) for b in (False, True))
+    bare, frame = (ibr.render(ibr.DepthMeshObject([view], closed=b), finer) for b in (False, True))
     rows, columns = (np.rint(np.arange(n) / times).astype(int) for n in size[::-1])
     nearest = view.depth[np.ix_(rows, columns)]
     closed = frame.valid & ~bare.valid
@@ -110,7 +110,7 @@ def test_several_views_close_what_one_sees_past():
     views = [scene.capture(camera_at(x, "perspective")) for x in (-0.4, 0.4)]
     camera = camera_at(1.6, "perspective", 25)
     truth, frame = scene.capture(camera), ibr.render(ibr.DepthMeshObject(views), camera)
-    bare = ibr.render(ibr.DepthMeshObject(views, background=False), camera)
+    bare = ibr.render(ibr.DepthMeshObject(views, closed=False), camera)
     hole = ~bare.valid & (truth.color[..., 0] < 100) & truth.valid
     assert hole.sum() > 200
     assert frame.valid[hole].mean() >= 0.95

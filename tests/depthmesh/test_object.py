@@ -33,7 +33,7 @@ def test_one_view_blended_is_that_view_drawn(blend, projection):
         camera = target(projection=projection) if view.camera.width == 160 else view.camera.moved(0.3, 0.1, 0)
         for tolerance in (0.0, 2.0):
             one = ibr.render(ibr.DepthMesh(view, tolerance=tolerance), camera)
-            thing = ibr.DepthMeshObject([view], tolerance=2 * tolerance, blend=blend, background=False)
+            thing = ibr.DepthMeshObject([view], tolerance=2 * tolerance, blend=blend, closed=False)
             assert one.valid.sum() > 300
             same = ibr.render(thing, camera)
             np.testing.assert_array_equal(same.valid, one.valid)
@@ -211,7 +211,7 @@ def test_what_lies_behind_by_more_than_epsilon_gives_no_colour():
     for gap, epsilon, expected in ((0.02, 0.05, 110), (0.05, 0.02, 200)):
         behind = ibr.DepthImage(gray[0], view.depth + np.float32(gap), view.camera)
         near = ibr.DepthImage(gray[1], view.depth, view.camera)
-        thing = ibr.DepthMeshObject([behind, near], tolerance=0.0, blend="position", epsilon=epsilon, background=False)
+        thing = ibr.DepthMeshObject([behind, near], tolerance=0.0, blend="position", epsilon=epsilon, closed=False)
         frame, bits = ibr.render(thing, view.camera), thing.occupancy(view.camera)
         inner = np.s_[1:-1, 1:-1]
         assert np.abs(frame.color[inner].astype(int) - expected).max() <= 1
@@ -220,7 +220,7 @@ def test_what_lies_behind_by_more_than_epsilon_gives_no_colour():
 
 
 def test_occupancy():
-    thing = ibr.DepthMeshObject(six(), background=False)
+    thing = ibr.DepthMeshObject(six(), closed=False)
     for direction in DIRECTIONS:
         camera = target(direction)
         views, frame, weights = thing.occupancy(camera), ibr.render(thing, camera), thing.weights(camera)
@@ -237,7 +237,7 @@ def test_occupancy():
             assert (near != drawn).mean() <= 2e-3
         several = np.array([bin(v).count("1") for v in np.unique(views)])
         assert several.max() == 3
-    only = ibr.DepthMeshObject(six(), blend="nearest", background=False).occupancy(target())
+    only = ibr.DepthMeshObject(six(), blend="nearest", closed=False).occupancy(target())
     assert all(bin(v).count("1") <= 1 for v in np.unique(only))
 
 
@@ -266,7 +266,7 @@ def test_facing_views_come_before_closer_ones(projection):
         views.append(scene.capture(own))
     truth, found = scene.capture(camera), {}
     for choose in ("closest", "facing"):
-        thing = ibr.DepthMeshObject(views, blended=1, background=False, choose=choose)
+        thing = ibr.DepthMeshObject(views, blended=1, closed=False, choose=choose)
         found[choose] = silhouette_iou(ibr.render(thing, camera).valid, truth.valid)
         # Orthographic views have no place along their axis: there the one that looks the same way is the closest, too.
         expected = 1 if choose == "closest" and projection == "perspective" else 0
@@ -345,7 +345,7 @@ def test_float_colours():
 
 def test_the_background_shows_through_holes_only():
     view = scenes.stepped((96, 128))
-    with_it, without = (ibr.DepthMeshObject([view], background=b) for b in (True, False))
+    with_it, without = (ibr.DepthMeshObject([view], closed=b) for b in (True, False))
     camera = view.camera.moved(0.35, 0.1, 0)
     full, bare = ibr.render(with_it, camera), ibr.render(without, camera)
     assert full.valid.sum() > bare.valid.sum() + 50
@@ -385,7 +385,7 @@ def test_views_that_look_the_opposite_way_are_chosen_last():
     views = [
         ibr.DepthImage(None, np.full((9, 9), depth, np.float32), one) for one, depth in ((behind, 2.5), (far, 22.0))
     ]
-    thing = ibr.DepthMeshObject(views, blended=1, choose="facing", background=False)
+    thing = ibr.DepthMeshObject(views, blended=1, choose="facing", closed=False)
     assert thing.weights(camera.moved(0, 0, 4.4)).argmax() == 1
 
 

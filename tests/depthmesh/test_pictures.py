@@ -78,7 +78,7 @@ def test_frames_from_one_place_are_told_by_where_they_look():
     """A room's panorama: every direction is covered by those frames that show it."""
     scene = joined([box((0, 0, 0), (2, 2, 2))])
     views = [scene.capture(camera) for camera in cube_cameras((0.1, 0, 0), 65)]
-    thing = ibr.DepthMeshObject(views, blended=3, background=False)
+    thing = ibr.DepthMeshObject(views, blended=3, closed=False)
     for view in views:
         assert ibr.render(thing, view.camera).valid.mean() > 0.95
         assert thing.weights(view.camera)[[v is view for v in views]] > 0.3

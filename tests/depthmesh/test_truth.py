@@ -113,7 +113,7 @@ def test_a_room(numbers, number):
         right = warped.valid & truth.valid & (np.abs(warped.depth - truth.depth) <= 0.02 * truth.depth)
         assert both.mean() >= right.mean() - 0.002
     # Without the coarse meshes' guesses behind what no view saw, hardly anything is drawn before the true surface.
-    bare = ibr.render(ibr.DepthMeshObject(views, background=False), truth.camera)
+    bare = ibr.render(ibr.DepthMeshObject(views, closed=False), truth.camera)
     assert (bare.valid & truth.valid & (truth.depth - bare.depth > 0.05 * truth.depth)).mean() <= 0.005
 
 
@@ -126,7 +126,7 @@ def test_a_noisy_room():
         disparity = scale / np.where(view.valid, view.depth, 1) + rng.normal(0, 0.3, view.depth.shape)
         depth = np.where(view.valid & (disparity > 0), scale / disparity, 0).astype(np.float32)
         noisy.append(ibr.DepthImage(view.color, depth, view.camera))
-    exact, frame = (ibr.render(ibr.DepthMeshObject(v, background=False), truth.camera) for v in (clean, noisy))
+    exact, frame = (ibr.render(ibr.DepthMeshObject(v, closed=False), truth.camera) for v in (clean, noisy))
     assert frame.valid.sum() >= 0.99 * exact.valid.sum()
     # The frames are closer to one another than the sensor's base: colours are off by less than 0.3 pixels.
     quality = [metrics.psnr(f.color, truth.color, valid=f.valid & truth.valid) for f in (exact, frame)]

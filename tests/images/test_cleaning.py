@@ -261,7 +261,7 @@ def test_a_camera_that_moves_takes_along_what_it_knows():
     for number in range(5):
         pose = poses[poses[:, 0] == number][0, 1:].reshape(4, 4)
         now = ibr.Camera(camera.K, camera.size, pose)
-        truth = ibr.read_depth(folder / f"depth/{number:05d}.png", scale=1000)
+        truth = ibr.read_depth(folder / f"depth/{number:05d}.png", depth_scale=1000)
         disparity = ibr.disparity_from_depth(truth, FOCAL, BASELINE)
         rng = np.random.default_rng(number)
         disparity = np.round((disparity + rng.normal(0, 0.3, truth.shape)) * 8) / 8
@@ -280,7 +280,9 @@ def test_a_camera_that_moves_takes_along_what_it_knows():
 def test_a_real_camera_at_rest_is_steady():
     """Ten frames of an Asus Xtion, whose depth toggles between coarse steps, where nothing moves."""
     folder = shared("formats/asus_xtion_unregistered")
-    frames = np.stack([ibr.read_depth(folder / f"depth1_{number:02d}.png", scale=1000) for number in range(1, 11)])
+    frames = np.stack(
+        [ibr.read_depth(folder / f"depth1_{number:02d}.png", depth_scale=1000) for number in range(1, 11)]
+    )
     cleaned: list[np.ndarray] = []
     for depth in frames:
         cleaned.append(ibr.clean_depth(depth, before=cleaned[-1] if cleaned else None).depth)

@@ -7,7 +7,6 @@ import math
 import pickle
 import weakref
 
-import cv2
 import numpy as np
 import pytest
 
@@ -66,10 +65,10 @@ def test_valid_leaves_out_what_is_no_surface():
 def test_a_backdrop_is_where_there_is_no_surface():
     depth = np.array([[1, 0, -1, np.nan, np.inf, -np.inf, 4.9, 5, 6]], np.float32)
     color, camera = np.zeros((1, 9, 3), np.uint8), camera_of((9, 1))
-    assert ibr.DepthImage(color, depth, camera, backdrop=9.0).depth.tolist() == [
+    assert ibr.DepthImage(color, depth, camera, default_depth=9.0).depth.tolist() == [
         [1, 9, 9, 9, 9, 9, *depth[0, 6:].tolist()]
     ]
-    near = ibr.DepthImage(color, depth, camera, far=5, backdrop="farthest")
+    near = ibr.DepthImage(color, depth, camera, far=5, default_depth="farthest")
     most = float(depth[0, 6])
     assert near.depth.tolist() == [[1, most, most, most, most, most, most, most, most]]
     assert near.valid.all() and near.far == math.inf
@@ -126,11 +125,11 @@ COLOR, DEPTH = image_of((61, 37))
         ({"camera": np.eye(3)}, "camera", "pyibr.Camera"),
         ({"camera": camera_of((37, 61))}, "color", r"\(61, 37, 3\)"),
         ({"far": 0}, "far", "> 0"),
-        ({"backdrop": 0}, "backdrop", 'a depth > 0 or "farthest", got '),
-        ({"backdrop": 1e39}, "backdrop", "a depth that float32 holds, got float 1e"),
-        ({"backdrop": 1e-50}, "backdrop", "a depth that float32 holds, got float 1e-50"),
-        ({"backdrop": "near"}, "backdrop", "one of \"farthest\" or a depth > 0, got str 'near'"),
-        ({"backdrop": "farthest", "far": 1e-6}, "backdrop", "a depth > 0 for a view without any"),
+        ({"default_depth": 0}, "default_depth", 'a depth > 0 or "farthest", got '),
+        ({"default_depth": 1e39}, "default_depth", "a depth that float32 holds, got float 1e"),
+        ({"default_depth": 1e-50}, "default_depth", "a depth that float32 holds, got float 1e-50"),
+        ({"default_depth": "near"}, "default_depth", "one of \"farthest\" or a depth > 0, got str 'near'"),
+        ({"default_depth": "farthest", "far": 1e-6}, "default_depth", "a depth > 0 for a view without any"),
         ({"far": math.nan}, "far", "> 0"),
     ],
 )
@@ -258,67 +257,6 @@ def test_z_buffers_are_those_of_the_projection(near, far):
 def test_converters_name_the_bad_argument(call, argument):
     with pytest.raises(ibr.ArgumentError) as caught:
         call()
-    assert caught.value.argument == argument
-
-
-# ---- lens distortion
-
-LENS = np.array([0.7, -0.1, 0.004, -0.003, 0.02])
-
-
-@pytest.mark.parametrize("dtype", [np.uint8, np.float32])
-def test_undistort_puts_a_point_where_the_pinhole_camera_sees_it(dtype):
-    K = np.array([[60, 0, 30.3], [0, 62, 18.2], [0, 0, 1]])
-    point = np.array([[0.25, -0.12, 1.0]])
-    seen, _ = cv2.projectPoints(point, np.zeros(3), np.zeros(3), K, LENS)
-    y, x = np.mgrid[:37, :61]
-    spot = np.exp(-((x - seen[0, 0, 0]) ** 2 + (y - seen[0, 0, 1]) ** 2) / 8)
-    color = np.repeat(spot[..., None] * 255, 3, axis=2).astype(np.uint8)
-    color = color if dtype == np.uint8 else (color / 255).astype(np.float32)
-    straight, depth, new_K = ibr.undistort(color, (2 - spot).astype(np.float32), K, LENS)
-    pinhole = ibr.Camera(new_K, (61, 37)).project(point)[0][0]
-    assert np.linalg.norm(pinhole - seen[0, 0]) > 0.4  # the lens moved it by more than what is left
-    weight = straight[..., 0].astype(float)
-    weight[weight < weight.max() / 4] = 0
-    found = np.array([(weight * x).sum(), (weight * y).sum()]) / weight.sum()
-    np.testing.assert_allclose(found, pinhole, atol=0.1)
-    np.testing.assert_allclose(np.unravel_index(np.nanargmin(depth), (37, 61))[::-1], pinhole, atol=1)
-    assert straight.dtype == dtype
-    assert depth.dtype == np.float32
-
-
-def test_undistort_without_distortion_copies():
-    color, depth = image_of((61, 37))
-    K = np.array([[60, 0, 30.3], [0, 62, 18.2], [0, 0, 1]])
-    straight, z, new_K = ibr.undistort(color, depth, K, np.zeros(4))
-    np.testing.assert_array_equal(straight, color)
-    np.testing.assert_array_equal(z, depth)
-    np.testing.assert_array_equal(new_K, K)
-
-
-def test_undistort_leaves_no_depth_where_the_lens_saw_nothing():
-    color, depth = image_of((61, 37))
-    K = [[60, 0, 30], [0, 60, 18], [0, 0, 1]]
-    straight, z, _ = ibr.undistort(color, depth, K, [0.9, 0, 0, 0])
-    assert np.isnan(z[0, 0])
-    assert not straight[0, 0].any()
-    assert set(z[np.isfinite(z)]) <= set(depth.ravel())
-
-
-@pytest.mark.parametrize(
-    ("changed", "argument"),
-    [
-        ({"distortion": [1, 2, 3]}, "distortion"),
-        ({"distortion": "none"}, "distortion"),
-        ({"K": np.eye(4)}, "K"),
-        ({"depth": DEPTH.T}, "depth"),
-        ({"depth": DEPTH.astype(np.uint16)}, "depth"),
-    ],
-)
-def test_undistort_errors(changed, argument):
-    arguments = {"color": COLOR, "depth": DEPTH, "K": np.eye(3), "distortion": np.zeros(4)} | changed
-    with pytest.raises(ibr.ArgumentError) as caught:
-        ibr.undistort(**arguments)
     assert caught.value.argument == argument
 
 

@@ -88,11 +88,11 @@ def _color(path: Path) -> None:
 
 
 def _depth(path: Path) -> None:
-    ibr.write_depth(path, DEPTH, scale=1000)
+    ibr.write_depth(path, DEPTH, depth_scale=1000)
 
 
 def _read_depth(path: Path) -> Any:
-    return ibr.read_depth(path, scale=1000)
+    return ibr.read_depth(path, depth_scale=1000)
 
 
 WRITERS: dict[str, Write] = {

@@ -101,7 +101,7 @@ BOMBS: dict[str, tuple[str, bytes, Callable[[Path], Any]]] = {
     "gzip of a mesh": ("m.ply.gz", gzip.compress(PLY % (b"ascii", b"3") + b"0 " * (8 << 20)), ibr.Mesh.load),
     "range grid: large": ("g.ply", GRID % (b"999999999", b"999999999"), read_range_grid),
     "range grid: long": ("g.ply", GRID % (LONG, LONG), read_range_grid),
-    "PNG: depth": ("d.png", png(1 << 20, 1 << 20), lambda path: ibr.read_depth(path, scale=1000)),
+    "PNG: depth": ("d.png", png(1 << 20, 1 << 20), lambda path: ibr.read_depth(path, depth_scale=1000)),
     "PNG: colour": ("c.png", png(60_000, 60_000), ibr.read_color),
     "PNG: relief": ("r.png", png(60_000, 60_000), read_relief_map),
     "PLY: vertices": ("m.ply", PLY % (b"ascii", b"999999999") + b"0 0 0\n", ibr.Mesh.load),

@@ -44,8 +44,8 @@ def color_of(size) -> np.ndarray:
 @pytest.mark.parametrize("suffix", DEPTH_SUFFIXES)
 def test_depth_round_trip(tmp_path: Path, suffix, size):
     depth, file = depth_of(size), tmp_path / f"depth{suffix}"
-    ibr.write_depth(file, depth, scale=1000 if suffix == ".png" else None)
-    again = ibr.read_depth(file, scale=1000 if suffix == ".png" else None)
+    ibr.write_depth(file, depth, depth_scale=1000 if suffix == ".png" else None)
+    again = ibr.read_depth(file, depth_scale=1000 if suffix == ".png" else None)
     assert again.dtype == np.float32
     assert again.flags.c_contiguous
     np.testing.assert_allclose(again, depth, rtol=0, atol=0.50001e-3 if suffix == ".png" else 0)
@@ -55,8 +55,8 @@ def test_depth_round_trip(tmp_path: Path, suffix, size):
 @pytest.mark.parametrize("suffix", DEPTH_SUFFIXES)
 def test_scale_means_stored_units_per_scene_unit(tmp_path: Path, suffix):
     file = tmp_path / f"depth{suffix}"
-    ibr.write_depth(file, np.full((3, 2), 1.5, np.float32), scale=1000)
-    np.testing.assert_allclose(ibr.read_depth(file, scale=500), 3)
+    ibr.write_depth(file, np.full((3, 2), 1.5, np.float32), depth_scale=1000)
+    np.testing.assert_allclose(ibr.read_depth(file, depth_scale=500), 3)
 
 
 @pytest.mark.parametrize("kind", ["z", "distance", "inverse"])
@@ -65,12 +65,12 @@ def test_other_kinds_of_depth_are_what_their_converters_make(tmp_path: Path, kin
     depth, file = np.clip(depth_of((61, 37)), 0.5, 9), tmp_path / f"depth{suffix}"
     camera = ibr.Camera([[50, 0, 30], [0, 50, 18], [0, 0, 1]], (61, 37), lens=ibr.Lens("brown_conrady", [0.1] * 4))
     scale = 10_000.0 if kind == "inverse" else 5000.0
-    ibr.write_depth(file, depth, scale=scale, kind=kind, camera=camera)
+    ibr.write_depth(file, depth, depth_scale=scale, depth_kind=kind, camera=camera)
     disparity = ibr.disparity_from_depth(depth, 1, 1)  # of a focal length times a baseline of 1
     held = {"z": depth, "distance": ibr.euclidean_from_depth(depth, camera), "inverse": disparity}[kind]
     step = 0.5 / scale if suffix == ".png" else 0
-    np.testing.assert_allclose(ibr.read_depth(file, scale=scale), held, rtol=1e-6, atol=1.01 * step)
-    again = ibr.read_depth(file, scale=scale, kind=kind, camera=camera)
+    np.testing.assert_allclose(ibr.read_depth(file, depth_scale=scale), held, rtol=1e-6, atol=1.01 * step)
+    again = ibr.read_depth(file, depth_scale=scale, depth_kind=kind, camera=camera)
     slope = 9**2 if kind == "inverse" else 1  # how much depth changes with what is stored
     np.testing.assert_allclose(again, depth, rtol=1e-6, atol=1.01 * step * slope)
 
@@ -82,9 +82,9 @@ def test_distances_need_their_camera(tmp_path: Path):
         with pytest.raises(
             ibr.ArgumentError, match=f"camera: expected the one whose 7x13 distances .*d.npy, got {got}"
         ):
-            ibr.read_depth(tmp_path / "d.npy", scale=None, kind="distance", camera=given)
+            ibr.read_depth(tmp_path / "d.npy", depth_scale=None, depth_kind="distance", camera=given)
     with pytest.raises(ibr.ArgumentError, match='kind: expected one of "z", "distance", "inverse"'):
-        ibr.read_depth(tmp_path / "d.npy", kind="disparity")  # type: ignore[arg-type]
+        ibr.read_depth(tmp_path / "d.npy", depth_kind="disparity")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -191,15 +191,15 @@ def test_mask(tmp_path: Path):
 def test_depth_png_is_the_one_that_others_write_and_read(tmp_path: Path):
     stored = np.random.default_rng(3).integers(0, 65536, (37, 61), dtype=np.uint16)
     cv2.imwrite(str(tmp_path / "cv.png"), stored)
-    depth = ibr.read_depth(tmp_path / "cv.png", scale=5000)
+    depth = ibr.read_depth(tmp_path / "cv.png", depth_scale=5000)
     np.testing.assert_array_equal(depth, np.where(stored > 0, stored / 5000, np.nan).astype(np.float32))
-    ibr.write_depth(tmp_path / "ours.png", depth, scale=5000)
+    ibr.write_depth(tmp_path / "ours.png", depth, depth_scale=5000)
     np.testing.assert_array_equal(cv2.imread(str(tmp_path / "ours.png"), cv2.IMREAD_UNCHANGED), stored)
 
 
 def test_integer_npy_needs_a_scale_and_has_no_depth_at_zero(tmp_path: Path):
     np.save(tmp_path / "d.npy", np.array([[0, 1500, -3]], np.int16))
-    np.testing.assert_array_equal(ibr.read_depth(tmp_path / "d.npy", scale=1000), [[np.nan, 1.5, np.nan]])
+    np.testing.assert_array_equal(ibr.read_depth(tmp_path / "d.npy", depth_scale=1000), [[np.nan, 1.5, np.nan]])
     with pytest.raises(ibr.ArgumentError, match="--depth-scale"):
         ibr.read_depth(tmp_path / "d.npy")
 
@@ -281,8 +281,8 @@ def test_exr_depth_channel(tmp_path: Path, names, read, dtype):
 @pytest.mark.parametrize("suffix", DEPTH_SUFFIXES)
 def test_names_that_are_no_text_are_names(tmp_path: Path, suffix: str):
     file = tmp_path / f"\udcff\n{suffix}"
-    ibr.write_depth(file, np.ones((13, 7), np.float32), scale=1000)
-    assert (ibr.read_depth(file, scale=1000) == 1).all()
+    ibr.write_depth(file, np.ones((13, 7), np.float32), depth_scale=1000)
+    assert (ibr.read_depth(file, depth_scale=1000) == 1).all()
 
 
 def test_exr_without_a_depth_channel(tmp_path: Path):
@@ -350,12 +350,14 @@ def test_tiff_depth_of_other_programs(tmp_path: Path):
     np.testing.assert_array_equal(ibr.read_depth(tmp_path / "cv.tif"), depth)
     units = np.nan_to_num(depth * 1000).astype(np.uint16)
     cv2.imwrite(str(tmp_path / "mm.tif"), units)
-    np.testing.assert_array_equal(ibr.read_depth(tmp_path / "mm.tif", scale=1000), ibr.depth_from_uint16(units, 1000))
+    np.testing.assert_array_equal(
+        ibr.read_depth(tmp_path / "mm.tif", depth_scale=1000), ibr.depth_from_uint16(units, 1000)
+    )
     ibr.write_color(tmp_path / "c.tif", color_of((7, 13)))
     ibr.write_mask(tmp_path / "m.tif", np.ones((13, 7), bool))
     for name in ("c.tif", "m.tif"):
         with pytest.raises(ibr.FileFormatError, match="expected a TIFF of floats or 16-bit gray for depth"):
-            ibr.read_depth(tmp_path / name, scale=1000)
+            ibr.read_depth(tmp_path / name, depth_scale=1000)
 
 
 @pytest.mark.parametrize("shape", [(1, 13, 7), (13, 7, 1), (1, 1, 13, 7), (1, 13, 7, 1)])
@@ -382,7 +384,7 @@ def test_bad_files_are_named_in_one_sentence(tmp_path: Path, suffix, damage):
     is_depth = suffix in DEPTH_SUFFIXES
     file = tmp_path / f"bad{suffix}"
     if is_depth:
-        ibr.write_depth(file, depth_of((61, 37)), scale=1000)
+        ibr.write_depth(file, depth_of((61, 37)), depth_scale=1000)
     else:
         ibr.write_color(file, color_of((61, 37)))
     content = file.read_bytes()
@@ -393,7 +395,7 @@ def test_bad_files_are_named_in_one_sentence(tmp_path: Path, suffix, damage):
         keep = {"empty": 0, "header": 12, "truncated": len(content) // 2, "garbage": 0}[damage]
         file.write_bytes(b"\x93 rubbish \x00\xff" * 50 if damage == "garbage" else content[:keep])
     with pytest.raises(ibr.FileFormatError) as caught:
-        ibr.read_depth(file, scale=1000) if is_depth else ibr.read_color(file)
+        ibr.read_depth(file, depth_scale=1000) if is_depth else ibr.read_color(file)
     message = str(caught.value)
     assert message.startswith(f"{file}: ")
     assert "\n" not in message
@@ -422,7 +424,7 @@ def test_truncated_exr(tmp_path: Path, keep):
 def test_arrays_that_are_no_depth(tmp_path: Path, array, words):
     np.save(tmp_path / "d.npy", array)
     with pytest.raises(ibr.FileFormatError, match=words):
-        ibr.read_depth(tmp_path / "d.npy", scale=1)
+        ibr.read_depth(tmp_path / "d.npy", depth_scale=1)
 
 
 def test_pickles_are_not_opened(tmp_path: Path):
@@ -435,7 +437,7 @@ def test_color_is_no_depth_and_8_bit_is_no_16_bit(tmp_path: Path):
     ibr.write_color(tmp_path / "c.png", color_of((7, 13)))
     ibr.write_mask(tmp_path / "m.png", np.ones((13, 7), bool))
     with pytest.raises(ibr.FileFormatError, match=r"expected a gray PNG of 16 or 8 bit for depth, got "):
-        ibr.read_depth(tmp_path / "c.png", scale=1000)
+        ibr.read_depth(tmp_path / "c.png", depth_scale=1000)
     with pytest.raises(
         ibr.ArgumentError, match=r"^scale: .*inverse depth of networks: depth_from_mpeg\) for the 8 bits of "
     ):
@@ -445,9 +447,9 @@ def test_color_is_no_depth_and_8_bit_is_no_16_bit(tmp_path: Path):
 def test_depth_of_8_bits_has_a_scale_too(tmp_path: Path):
     """Disparity of older stereo sets: four units a pixel, 0 where there is none."""
     Image.fromarray(np.array([[0, 4, 255]], np.uint8)).save(tmp_path / "d.png")
-    np.testing.assert_allclose(ibr.read_depth(tmp_path / "d.png", scale=4), [[np.nan, 1, 63.75]])
+    np.testing.assert_allclose(ibr.read_depth(tmp_path / "d.png", depth_scale=4), [[np.nan, 1, 63.75]])
     np.testing.assert_allclose(
-        ibr.read_depth(tmp_path / "d.png", scale=400, kind="inverse"), [[np.nan, 100, 400 / 255]], rtol=1e-6
+        ibr.read_depth(tmp_path / "d.png", depth_scale=400, depth_kind="inverse"), [[np.nan, 100, 400 / 255]], rtol=1e-6
     )
 
 
@@ -455,9 +457,9 @@ def test_depth_of_8_bits_has_a_scale_too(tmp_path: Path):
 def test_depth_of_16_bits_is_written_by_its_scale(tmp_path: Path, suffix):
     """As `register` keeps it: what is read with the same scale is the same depth."""
     stored = np.arange(0, 65536, 719, dtype=np.uint16).reshape(-1, 4)[:20]
-    ibr.write_depth(tmp_path / f"d{suffix}", stored, scale=1000)
+    ibr.write_depth(tmp_path / f"d{suffix}", stored, depth_scale=1000)
     np.testing.assert_array_equal(
-        ibr.read_depth(tmp_path / f"d{suffix}", scale=1000), ibr.depth_from_uint16(stored, 1000)
+        ibr.read_depth(tmp_path / f"d{suffix}", depth_scale=1000), ibr.depth_from_uint16(stored, 1000)
     )
     with pytest.raises(ibr.ArgumentError, match=r"^scale: "):
         ibr.write_depth(tmp_path / f"d{suffix}", stored)
@@ -485,15 +487,15 @@ def test_unknown_suffixes(tmp_path: Path):
 @pytest.mark.parametrize("scale", [None, 0, -1, np.nan])
 def test_png_depth_needs_a_scale(tmp_path: Path, scale):
     with pytest.raises(ibr.ArgumentError, match=r"^scale: "):
-        ibr.write_depth(tmp_path / "d.png", depth_of((7, 13)), scale=scale)
-    ibr.write_depth(tmp_path / "d.png", depth_of((7, 13)), scale=1000)
+        ibr.write_depth(tmp_path / "d.png", depth_of((7, 13)), depth_scale=scale)
+    ibr.write_depth(tmp_path / "d.png", depth_of((7, 13)), depth_scale=1000)
     with pytest.raises(ibr.ArgumentError, match=r"^scale: "):
-        ibr.read_depth(tmp_path / "d.png", scale=scale)
+        ibr.read_depth(tmp_path / "d.png", depth_scale=scale)
 
 
 def test_overflow_writes_nothing(tmp_path: Path):
     with pytest.raises(ibr.ArgumentError, match="1 to 65535 units of 1/5000"):
-        ibr.write_depth(tmp_path / "d.png", depth_of((7, 13)), scale=5000)
+        ibr.write_depth(tmp_path / "d.png", depth_of((7, 13)), depth_scale=5000)
     assert not list(tmp_path.iterdir())
 
 

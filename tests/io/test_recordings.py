@@ -212,7 +212,7 @@ def test_poses_and_frames_of_real_recordings_belong_together(name):
     places = frames if times is None else [_place(recording.colors[k], times) for k in frames]
     K = [[focal, 0, 319.5], [0, focal, 239.5], [0, 0, 1]]
     cameras = [ibr.Camera(K, (640, 480), poses[k]) for k in places]
-    depths = [ibr.read_depth(recording.depths[k], scale=scale) for k in frames]
+    depths = [ibr.read_depth(recording.depths[k], depth_scale=scale) for k in frames]
     frame = ibr.warp(ibr.DepthImage(None, depths[0], cameras[0]), cameras[1])
     both = frame.valid & np.isfinite(depths[1])
     assert both.mean() > 0.3

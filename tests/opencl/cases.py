@@ -203,9 +203,9 @@ def _registrations(setting: Setting) -> Cases:
                 yield name, partial(ibr.register, view.depth, here, there)
                 if view.valid.all() or lens is None:  # the counts' kernels know of neither
                     counts = ibr.uint16_from_depth(np.where(view.valid, view.depth, np.float32(np.nan)), 1000)
-                    yield f"{name} counts", partial(ibr.register, counts, here, there, scale=1000)
+                    yield f"{name} counts", partial(ibr.register, counts, here, there, depth_scale=1000)
             else:
-                yield name, partial(ibr.register, view.depth, here, there, setting.noise(*target), to="depth")
+                yield name, partial(ibr.register_color, view.depth, here, there, setting.noise(*target))
 
 
 def _targets(view: DepthImage, size: Size) -> Iterator[tuple[str, ibr.Camera]]:

@@ -79,10 +79,10 @@ def _registered() -> list[NDArray[Any]]:
     view = _view(scenes.holed)
     there = ibr.Camera(view.camera.K, SIZE, view.camera.moved(0.2, 0.1, 0.1).world_from_camera, lens=LENS)
     depth, color = np.where(view.valid, view.depth, np.float32(np.nan)), view.color
-    seen = ibr.register(depth, view.camera, there, color, to="depth")
+    seen = ibr.register_color(depth, view.camera, there, color)
     tall = ibr.Camera(view.camera.K, (SIZE[0], 4 * SIZE[1]))  # of several work-items' shares
     counts = np.tile(ibr.uint16_from_depth(depth, 100), (4, 1))
-    in_counts = ibr.register(counts, tall, tall.moved(0.2, 0.1, 0.1), scale=100)
+    in_counts = ibr.register(counts, tall, tall.moved(0.2, 0.1, 0.1), depth_scale=100)
     return [ibr.register(depth, view.camera, there), in_counts, seen.color, seen.seen]
 
 

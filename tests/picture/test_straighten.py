@@ -35,7 +35,7 @@ def noisy_view(size: tuple[int, int], lens: ibr.Lens, dtype: str = "uint8", far:
 
 
 def check(view: ibr.DepthImage, cut_ratio: float | None, linear: bool) -> None:
-    found = ibr.straightened(view, cut_ratio=cut_ratio, linear=linear)
+    found = ibr.straightened(view, cut_ratio=cut_ratio, interpolation="linear" if linear else "nearest")
     color, depth, sure = straight.straightened(view, found.camera, cut_ratio, linear)
     assert sure.mean() > 0.95
     # Places are rounded to single precision, up to 1e-5 pixels: that moves colours by no more than 1 of 255.

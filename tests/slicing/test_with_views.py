@@ -53,7 +53,7 @@ def same(one: ibr.DepthObject | ibr.VisualHull, two: ibr.DepthObject | ibr.Visua
         np.testing.assert_array_equal(getattr(one.box, name), getattr(two.box, name))
 
 
-@pytest.mark.parametrize("missing", ["background", "unknown"])
+@pytest.mark.parametrize("missing", ["empty", "unknown"])
 @pytest.mark.parametrize("kind", KINDS)
 def test_an_object_is_as_a_new_one(kind, missing):
     views = views_of_torus(kind)

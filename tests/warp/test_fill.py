@@ -226,7 +226,7 @@ def test_of_several_views_the_nearest_ones_colours_count(lanes):
 
 def test_a_backdrop_leaves_no_hole_where_there_is_no_depth():
     view = window(200)
-    backed = ibr.DepthImage(view.color, view.depth, view.camera, backdrop=4.0)
+    backed = ibr.DepthImage(view.color, view.depth, view.camera, default_depth=4.0)
     frame = ibr.warp(backed, view.camera.moved(0.2, 0, 0))
     assert frame.valid[35:65, 40:75].all()
     np.testing.assert_allclose(frame.depth[35:65, 40:75], 4.0, rtol=1e-5)

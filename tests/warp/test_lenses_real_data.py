@@ -79,7 +79,7 @@ def alike(depth_lens: bool = True, color_lens: bool = True) -> float:
     In the depth camera's image, both blurred by a pixel, at samples that have only coloured ones within 3 pixels.
     """
     view, camera, photograph = kinect(depth_lens, color_lens)
-    found = ibr.register(view.depth, view.camera, camera, np.repeat(photograph[..., None], 3, 2), to="depth")
+    found = ibr.register_color(view.depth, view.camera, camera, np.repeat(photograph[..., None], 3, 2))
     inside = cv2.erode(found.seen.astype(np.uint8), np.ones((7, 7))).astype(bool)
     return float(np.corrcoef(slopes(view.color[..., 0])[inside], slopes(found.color[..., 0])[inside])[0, 1])
 

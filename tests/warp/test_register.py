@@ -53,7 +53,7 @@ def test_depth_in_the_colour_camera(cameras, dtype):
     given, _ = seen_by(depth_camera)
     truth, box = seen_by(color_camera)
     if dtype == np.uint16:
-        registered = ibr.register(np.rint(given * 10000).astype(dtype), *cameras, scale=10000)
+        registered = ibr.register(np.rint(given * 10000).astype(dtype), *cameras, depth_scale=10000)
         assert registered.dtype == np.uint16
         found = np.where(registered > 0, registered / 10000, np.nan)
     else:
@@ -82,7 +82,7 @@ def test_colours_for_the_depth_samples(cameras, dtype):
     color = np.where(box[..., None], (200, 40, 40), (40, 40, 200)).astype(np.uint8)
     if dtype == np.float32:
         color = (color / np.float32(255)).astype(np.float32)
-    found = ibr.register(given, *cameras, color, to="depth")
+    found = ibr.register_color(given, *cameras, color)
     assert found.color.dtype == dtype
     y, x = np.mgrid[: given.shape[0], : given.shape[1]]
     points = depth_camera.unproject(np.column_stack([x.ravel(), y.ravel()]), given.ravel())
@@ -108,7 +108,7 @@ def test_noise_hides_nothing_and_shows_nothing_hidden():
     noisy = (1 / (1 / given + rng.normal(0, 0.1 / (210 * 0.075), given.shape))).astype(np.float32)
     _, box = seen_by(COLOR)
     color = np.full((*box.shape, 3), 90, np.uint8)
-    clean, found = (ibr.register(depth, DEPTH, COLOR, color, to="depth").seen for depth in (given, noisy))
+    clean, found = (ibr.register_color(depth, DEPTH, COLOR, color).seen for depth in (given, noisy))
     assert (clean != found)[~(within(clean, 3) | within(own_box, 3))].mean() < 1e-3
 
 
@@ -117,7 +117,7 @@ def test_the_same_camera_gives_the_depth_back():
     given[20:30, 40:60] = np.nan
     np.testing.assert_array_equal(ibr.register(given, DEPTH, DEPTH), given)
     color = np.random.default_rng(2).integers(0, 256, (*given.shape, 3), dtype=np.uint8)
-    found = ibr.register(given, DEPTH, DEPTH, color, to="depth")
+    found = ibr.register_color(given, DEPTH, DEPTH, color)
     np.testing.assert_array_equal(found.seen, np.isfinite(given))
     np.testing.assert_array_equal(found.color[found.seen], color[found.seen])
 
@@ -127,15 +127,15 @@ def test_counts_are_those_of_the_same_depth():
     camera = ibr.Camera([[300, 0, 127.5], [0, 300, 127.5], [0, 0, 1]], (257, 255))  # no whole packets
     counts = np.arange(257 * 255, dtype=np.uint16).reshape(255, 257)
     for scale in (1000, 5000.0, 0.25, 123.4):
-        np.testing.assert_array_equal(ibr.register(counts, camera, camera, scale=scale), counts)
+        np.testing.assert_array_equal(ibr.register(counts, camera, camera, depth_scale=scale), counts)
     turned = counts.astype(counts.dtype.newbyteorder())  # as some files have them
-    np.testing.assert_array_equal(ibr.register(turned, camera, camera, scale=1000), counts)
+    np.testing.assert_array_equal(ibr.register(turned, camera, camera, depth_scale=1000), counts)
     hidden = np.zeros(counts.shape, bool)
     hidden[30:50, 101:190] = True
     masked = np.ma.MaskedArray(counts, hidden)
-    np.testing.assert_array_equal(ibr.register(masked, camera, camera, scale=1000), np.where(hidden, 0, counts))
+    np.testing.assert_array_equal(ibr.register(masked, camera, camera, depth_scale=1000), np.where(hidden, 0, counts))
     strided = np.repeat(counts, 2, axis=1)[:, ::2]
-    np.testing.assert_array_equal(ibr.register(strided, camera, camera, scale=1000), counts)
+    np.testing.assert_array_equal(ibr.register(strided, camera, camera, depth_scale=1000), counts)
 
 
 def test_counts_beyond_16_bits_are_none():
@@ -143,27 +143,25 @@ def test_counts_beyond_16_bits_are_none():
     camera = ibr.Camera([[100, 0, 15.5], [0, 100, 15.5], [0, 0, 1]], (32, 32))
     wall = np.full((32, 32), 65000, np.uint16)
     for back, expected in ((0.5, 65500), (1.0, 0)):
-        registered = ibr.register(wall, camera, camera.moved(0, 0, -back), scale=1000)
+        registered = ibr.register(wall, camera, camera.moved(0, 0, -back), depth_scale=1000)
         assert set(np.unique(registered[4:-4, 4:-4]).tolist()) == {expected}
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"to": "colour"}, 'to: expected one of "color", "depth"'),
-        ({"color": np.zeros((163, 219, 3), np.uint8)}, 'color: expected none with to="color"'),
-        ({"to": "depth"}, "color: expected the colours"),
-        ({"to": "depth", "color": np.zeros((3, 4, 3), np.uint8)}, "color: expected uint8"),
-        ({"depth": np.ones((141, 193), np.uint16)}, "scale: expected stored units per scene unit"),
-        ({"depth": np.ones((3, 4), np.uint16), "scale": 1000}, "depth: expected float32 or uint16 of shape"),
-        ({"scale": 1000}, "scale: expected none for float32"),
+        ({"color": np.zeros((3, 4, 3), np.uint8)}, "color: expected uint8"),
+        ({"color": None}, "color: expected uint8"),
+        ({"depth": np.ones((141, 193), np.uint16)}, "depth_scale: expected stored units per scene unit"),
+        ({"depth": np.ones((3, 4), np.uint16), "depth_scale": 1000}, "depth: expected float32 or uint16 of shape"),
+        ({"depth_scale": 1000}, "depth_scale: expected none for float32"),
         ({"color_camera": None}, "color_camera: expected a pyibr.Camera"),
     ],
 )
 def test_wrong_arguments(options, message):
     arguments = {"depth": np.ones((141, 193), np.float32), "depth_camera": DEPTH, "color_camera": COLOR, **options}
     with pytest.raises(ibr.ArgumentError, match=message):
-        ibr.register(**arguments)
+        (ibr.register_color if "color" in arguments else ibr.register)(**arguments)
 
 
 def test_command_line(tmp_path, monkeypatch):
@@ -172,16 +170,18 @@ def test_command_line(tmp_path, monkeypatch):
     _, box = seen_by(COLOR)
     DEPTH.save("depth.json")
     COLOR.save("color.json")
-    ibr.write_depth("depth.png", given, scale=1000)
+    ibr.write_depth("depth.png", given, depth_scale=1000)
     ibr.write_color("color.png", np.where(box[..., None], (200, 40, 40), (40, 40, 200)).astype(np.uint8))
     run = CliRunner().invoke
     cameras = ["--depth-camera", "depth.json", "--color-camera", "color.json", "--depth-scale", "1000"]
     done = run(app, ["register", "depth.png", *cameras, "-o", "registered.png"])
     assert done.exit_code == 0 and "219x163" in done.output
-    stored = ibr.read_depth("depth.png", scale=1000)
+    stored = ibr.read_depth("depth.png", depth_scale=1000)
     expected = ibr.uint16_from_depth(ibr.register(stored, DEPTH, COLOR), 1000)
-    np.testing.assert_array_equal(ibr.read_depth("registered.png", scale=1000), ibr.depth_from_uint16(expected, 1000))
+    np.testing.assert_array_equal(
+        ibr.read_depth("registered.png", depth_scale=1000), ibr.depth_from_uint16(expected, 1000)
+    )
     done = run(app, ["register", "depth.png", *cameras, "--color", "color.png", "-o", "colors.png"])
     assert done.exit_code == 0 and "193x141" in done.output
-    found = ibr.register(stored, DEPTH, COLOR, ibr.read_color("color.png"), to="depth")
+    found = ibr.register_color(stored, DEPTH, COLOR, ibr.read_color("color.png"))
     np.testing.assert_array_equal(ibr.read_color("colors.png"), found.color)

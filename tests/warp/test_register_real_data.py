@@ -42,7 +42,7 @@ def frame(number: int, aside: tuple[float, float] = ASIDE[1]) -> tuple[np.ndarra
     picture = cv2.imread(str(next(folder.glob(f"rgb_image1_{number:02d}.*"))), cv2.IMREAD_GRAYSCALE)
     slopes = np.hypot(*np.gradient(cv2.GaussianBlur(picture.astype(np.float64), (0, 0), 1)))
     both = cameras(aside)
-    return slopes, aligned(depth, 1000, *both), ibr.register(depth, *both, scale=1000)
+    return slopes, aligned(depth, 1000, *both), ibr.register(depth, *both, depth_scale=1000)
 
 
 def steps(depth: np.ndarray) -> np.ndarray:

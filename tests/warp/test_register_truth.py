@@ -201,7 +201,7 @@ def test_thin_things_are_there(rig):
 
 
 def colored(cameras: tuple[ibr.Camera, ibr.Camera], depth: np.ndarray) -> ibr.RegisteredColor:
-    return ibr.register(depth, *cameras, scene().pictures.capture(cameras[1]).color, to="depth")
+    return ibr.register_color(depth, *cameras, scene().pictures.capture(cameras[1]).color)
 
 
 @cache
@@ -259,7 +259,7 @@ def test_a_ball_hides_itself(angle, size, noise):
     rng = np.random.default_rng(3)
     noisy = (1 / (1 / depth + rng.normal(0, noise / (left.K[0, 0] * BASELINE), depth.shape))).astype(np.float32)
     color = np.full((size[1], size[0], 3), 90, np.uint8)
-    found = ibr.register(noisy.reshape(size[::-1]), left, right, color, to="depth").seen.ravel()
+    found = ibr.register_color(noisy.reshape(size[::-1]), left, right, color).seen.ravel()
     turned, faces = facing < -0.35, facing > 0.2  # the cosine: between, noise may turn the surface
     assert turned.mean() > 0.05 and faces.mean() > 0.05
     assert found[faces].mean() > (0.97 if noise else 0.999)
@@ -274,7 +274,7 @@ def test_colours_are_of_the_own_surface():
     there, color = scene().pictures.capture(cameras[1]), np.zeros((233, 301, 3), np.uint8)
     bars_there = there.depth < 0.99 * scene(thin=False).pictures.capture(cameras[1]).depth
     color[...] = np.where(bars_there[..., None], (255, 0, 0), (0, 0, 255))
-    found = ibr.register(depth, *cameras, color, to="depth")
+    found = ibr.register_color(depth, *cameras, color)
     pixels = cameras[1].project(cameras[0].unproject(pixels_of(cameras[0]), depth.ravel()))[0]
     x, y = np.clip(np.rint(np.nan_to_num(pixels)), 0, np.array(cameras[1].size) - 1).astype(int).T
     # Within a pixel of the bars' rims, the picture itself may show either.
@@ -304,7 +304,7 @@ def test_colours_come_from_where_opencv_sees_the_samples(model):
     depth = (2 + 0.5 * np.sin(np.arange(307) / 90) + np.zeros((229, 1))).astype(np.float32)
     x, y = np.meshgrid(*map(np.arange, there.size))
     places = np.stack([x / 411, y / 333, 0 * x], axis=-1).astype(np.float32)
-    found = ibr.register(depth, depth_camera, there, places, to="depth")
+    found = ibr.register_color(depth, depth_camera, there, places)
     points = depth_camera.unproject(pixels_of(depth_camera), depth.ravel())
     local = points @ there.camera_from_world[:3, :3].T + there.camera_from_world[:3, 3]
     expected = project(there, local)  # by OpenCV

@@ -11,16 +11,16 @@ import typer
 import pyibr as ibr
 from pyibr.app.commands.outputs import check_outputs
 from pyibr.app.options import (
-    BackdropText,
     CameraFile,
     Clean,
     Color,
+    DefaultDepthText,
     Depth,
-    DepthIs,
+    DepthKindOption,
     DepthScale,
     DeviceName,
     FarDepth,
-    backdrop_of,
+    default_depth_of,
     device_of,
     printable_text,
 )
@@ -39,18 +39,18 @@ def mesh(
     segmentation: Annotated[Test, typer.Option(help="How triangles between two surfaces are told")] = "orthogonality",
     clean: Clean = False,
     far: FarDepth = math.inf,
-    backdrop: BackdropText = "none",
+    default_depth: DefaultDepthText = "none",
     depth_scale: DepthScale = None,
-    depth_is: DepthIs = "z",
+    depth_kind: DepthKindOption = "z",
     device: DeviceName = None,
 ) -> None:
     """Turn an image with depth into a textured triangle mesh, simplified within an error."""
     check_outputs({"COLOR": [color], "DEPTH": [depth], "--camera": [camera]}, {"--output": [output]})
     check_mesh_file(output, textured=True, colored=True)
     image, own = ibr.read_color(color), Camera.load(camera)
-    depths = ibr.read_depth(depth, scale=depth_scale, kind=depth_is, camera=own)
+    depths = ibr.read_depth(depth, depth_scale=depth_scale, depth_kind=depth_kind, camera=own)
     depths = ibr.clean_depth(depths, image).depth if clean else depths
-    view = DepthImage(image, depths, own, far=far, backdrop=backdrop_of(backdrop))
+    view = DepthImage(image, depths, own, far=far, default_depth=default_depth_of(default_depth))
     with device_of(device):
         made = ibr.DepthMesh(view, segmentation=Segmentation(segmentation)).simplify(max_error)
     made.save(output)

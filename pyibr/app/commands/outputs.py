@@ -33,7 +33,7 @@ class Outputs:
     files : mapping
         For each option, --output the first, its path (or None) and what it holds.
     stored : (float or None, DepthKind)
-        --depth-scale and --depth-is.
+        --depth-scale and --depth-kind.
     count : int, or None
         How many frames there are; None for one, which has no number.
     fps, source_fps : float, or None
@@ -97,7 +97,9 @@ class Outputs:
             elif kind == "color":
                 ibr.write_color(name, images[kind])
             elif kind == "depth":
-                ibr.write_depth(name, images[kind], scale=self._stored[0], kind=self._stored[1], camera=camera)
+                ibr.write_depth(
+                    name, images[kind], depth_scale=self._stored[0], depth_kind=self._stored[1], camera=camera
+                )
             else:
                 ibr.write_mask(name, images[kind])
         self._written.append(printable_text(self._main if self._is_video else self._name(self._main, number)))

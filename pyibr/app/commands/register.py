@@ -15,7 +15,7 @@ import pyibr as ibr
 from pyibr.app.commands.outputs import Kind, Outputs
 from pyibr.app.commands.sources import FrameFiles, Source, UnreadableFiles, open_depths
 from pyibr.app.commands.views import Depth, DepthOptions, DepthReader
-from pyibr.app.options import Clean, DepthIs, DepthScale, DeviceName, Take, device_of, with_progress
+from pyibr.app.options import Clean, DepthKindOption, DepthScale, DeviceName, Take, device_of, with_progress
 from pyibr.core.errors import ArgumentError
 
 Color = NDArray[Any]
@@ -49,7 +49,7 @@ def register(
     take: Take = None,
     clean: Clean = False,
     depth_scale: DepthScale = None,
-    depth_is: DepthIs = "z",
+    depth_kind: DepthKindOption = "z",
     seen_out: Annotated[Path | None, typer.Option(help="With --color: write the mask of what has one, too")] = None,
     device: DeviceName = None,
 ) -> None:
@@ -59,13 +59,13 @@ def register(
     source, is_still = open_depths(depth, color, (depth_camera, color_camera), take)
     count = None if is_still else len(source.shots)
     files: dict[str, tuple[Path | None, Kind]] = {"--output": (output, "depth" if color is None else "color")}
-    outputs = Outputs({**files, "--seen-out": (seen_out, "mask")}, (depth_scale, depth_is), count, None, source.fps)
+    outputs = Outputs({**files, "--seen-out": (seen_out, "mask")}, (depth_scale, depth_kind), count, None, source.fps)
     read = source.files()
     cameras = {"--depth-camera": [depth_camera], "--color-camera": [color_camera]}
     outputs.check({"DEPTH": read["DEPTH"], "--color": [] if color is None else read["COLOR"], **cameras})
     unreadable = UnreadableFiles(recorded=not is_still)
     depth_options = DepthOptions(
-        depth_scale, depth_is, math.inf, None, clean, steady=not is_still, recorded=not is_still
+        depth_scale, depth_kind, math.inf, None, clean, steady=not is_still, recorded=not is_still
     )
     depths = DepthReader(depth_options, unreadable)
     frames = _read(source, depths, None if color is None else source.colors(unreadable))
@@ -99,5 +99,5 @@ def _registered(
     if depths.is_blank(depth):
         seen = np.zeros(depth.shape, np.bool_)
         return {"color": np.zeros((*depth.shape, 3), picture.dtype), "mask": seen}, seen
-    found = ibr.register(depth, shot.depth_camera or shot.camera, shot.camera, picture, to="depth")
+    found = ibr.register_color(depth, shot.depth_camera or shot.camera, shot.camera, picture)
     return {"color": found.color, "mask": found.seen}, found.seen

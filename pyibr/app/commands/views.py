@@ -15,14 +15,14 @@ from pyibr.app.commands.sources import FrameFiles, Source, UnreadableFiles
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
-from pyibr.images.depth_image import Backdrop
+from pyibr.images.depth_image import DefaultDepth
 from pyibr.io import DepthKind
 
 Depth = NDArray[np.float32]
 
 
 class DepthOptions(NamedTuple):
-    """Options of reading depth: --depth-scale, --depth-is, --far, --backdrop, --clean.
+    """Options of reading depth: --depth-scale, --depth-kind, --far, --default-depth, --clean.
 
     `steady`: they come one after the other, and each is cleaned by what is known from the last; else they are all of
     one scene. `recorded`: a frame may lack depth altogether, and errors name the frame.
@@ -31,7 +31,7 @@ class DepthOptions(NamedTuple):
     scale: float | None
     kind: DepthKind
     far: float
-    backdrop: float | Backdrop | None
+    default_depth: float | DefaultDepth | None
     clean: bool
     steady: bool
     recorded: bool
@@ -48,7 +48,7 @@ class DepthReader:
         """The frame's depth, None if it is lost; `color` guides the cleaning, if it is of the depth's camera."""
         camera, (scale, kind, *_) = shot.depth_camera or shot.camera, self._options
         depth = self._unreadable.or_read(
-            lambda path: ibr.read_depth(path, scale=scale, kind=kind, camera=camera), shot.depth
+            lambda path: ibr.read_depth(path, depth_scale=scale, depth_kind=kind, camera=camera), shot.depth
         )
         if depth is None:
             return None
@@ -90,9 +90,9 @@ def views_of(source: Source, depth_options: DepthOptions, unreadable: Unreadable
             yield None
             continue
         with depths.naming(shot):
-            backdrop = None if depths.is_blank(depth) else depth_options.backdrop
+            default_depth = None if depths.is_blank(depth) else depth_options.default_depth
             view = DepthImage(
-                color, depths.registered(shot, depth), shot.camera, far=depth_options.far, backdrop=backdrop
+                color, depths.registered(shot, depth), shot.camera, far=depth_options.far, default_depth=default_depth
             )
             if not depth_options.recorded and not view.valid.any():
                 raise ArgumentError("depth", "at least one valid sample", f"none in {shot.depth}")

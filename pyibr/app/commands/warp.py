@@ -19,14 +19,14 @@ from pyibr.app.commands.sources import InputOptions, UnreadableFiles, open_sourc
 from pyibr.app.commands.targets import Job, Move, Targets
 from pyibr.app.commands.views import DepthOptions, views_of
 from pyibr.app.options import (
-    BackdropText,
     Clean,
-    DepthIs,
+    DefaultDepthText,
+    DepthKindOption,
     DepthScale,
     DeviceName,
     FarDepth,
     Take,
-    backdrop_of,
+    default_depth_of,
     device_of,
     printable_text,
     with_progress,
@@ -100,9 +100,9 @@ def warp(
     samples: Annotated[int, typer.Option(help="A pixel: 1, 4, 9, 16 ...; several make silhouettes smooth")] = 1,
     blend: Annotated[Blend, typer.Option(help="Several views: by how well each saw it; the nearest")] = "quality",
     far: FarDepth = math.inf,
-    backdrop: BackdropText = "none",
+    default_depth: DefaultDepthText = "none",
     depth_scale: DepthScale = None,
-    depth_is: DepthIs = "z",
+    depth_kind: DepthKindOption = "z",
     depth_out: Annotated[Path | None, typer.Option(help="Write the new view's depth too")] = None,
     valid_out: Annotated[Path | None, typer.Option(help="Write the mask of what is no hole too")] = None,
     fps: Annotated[float | None, typer.Option(help="Of a video: frames a second; default: the source's, or 30")] = None,
@@ -119,10 +119,16 @@ def warp(
     count = targets.count(None if is_scene else len(opened[0].shots))
     written: dict[str, tuple[Path | None, Kind]] = {"--output": (output, "color")}
     written |= {"--depth-out": (depth_out, "depth"), "--valid-out": (valid_out, "mask")}
-    outputs = Outputs(written, (depth_scale, depth_is), count, fps, opened[0].fps)
+    outputs = Outputs(written, (depth_scale, depth_kind), count, fps, opened[0].fps)
     outputs.check({**options.read(opened), "--to": [] if to is None else [to]})
     depth_options = DepthOptions(
-        depth_scale, depth_is, far, backdrop_of(backdrop), clean, steady=not is_scene, recorded=not are_stills
+        depth_scale,
+        depth_kind,
+        far,
+        default_depth_of(default_depth),
+        clean,
+        steady=not is_scene,
+        recorded=not are_stills,
     )
     unreadable = UnreadableFiles(recorded=not are_stills)
     each = [views_of(source, depth_options, unreadable) for source in opened]

@@ -123,7 +123,7 @@ class Placement:
         self.put(lambda frustum: frustum.opened(across, down, far), gesture)
 
     def paint(self, point: tuple[float, float], radius: float, erases: bool = False, gesture: object = None) -> None:
-        """Paint background over the chosen frustum's image; see `Stroke`. A gesture's points are one stroke."""
+        """Paint emptiness over the chosen frustum's image; see `Stroke`. A gesture's points are one stroke."""
 
         def painted(frustum: Frustum) -> Frustum:
             goes_on = gesture is not None and gesture == self._gesture and frustum.strokes

@@ -279,7 +279,7 @@ class PlacePage:
         gui = self.pages.server.gui
         with gui.add_folder("The chosen one's picture", order=3, expand_by_default=False):
             self._corner: Any = gui.add_dropdown("In the corner", (*get_args(Kind), _NONE))
-            self._brush = gui.add_checkbox("Brush", True, hint="Drag over the corner: what is painted is background")
+            self._brush = gui.add_checkbox("Brush", True, hint="Drag over the corner: what is painted is empty")
             self._radius = gui.add_slider("Radius", 0.01, 0.3, 0.01, 0.06)
             self._erases = gui.add_checkbox("Erase", False)
             clean = gui.add_button("Clear paint")
