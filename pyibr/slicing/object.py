@@ -190,7 +190,7 @@ class DepthObject(Fixed):
             only=self.only,
             thin=self.thin,
         )
-        made.__dict__["words"] = _with_known(self, self.rgba, made.views, _words_of)
+        made.__dict__["rgba"] = _with_known(self, self.rgba, made.views, _words_of)
         if all(map(np.array_equal, astuple(self.box), astuple(made.box))):  # what is empty lies at its end
             made.__dict__["maps"] = _with_known(self, self.maps, made.views, made.map_of)
         return made
@@ -316,7 +316,7 @@ class VisualHull(Fixed):
             made.__dict__.update(self.__getstate__(), views=given)
         else:
             made = VisualHull(given, slices=self.slices, slicing=self.slicing, halvings=self.halvings, only=self.only)
-        made.__dict__["words"] = _with_known(self, self.rgba, given, _words_of)
+        made.__dict__["rgba"] = _with_known(self, self.rgba, given, _words_of)
         made.__dict__["maps"] = _with_known(self, self.maps, given, _mask_of)
         return made
 

@@ -418,7 +418,8 @@ def random_render(seed: int) -> Call:
         options["anisotropy"] = chance.mostly(chance.one([2, 8, 64]))
     light = random_light(chance, scale)
     given = chance.mostly(things if len(things) > 1 or chance(0.5) else things[0])
-    return Call(lambda: ibr.render(given, camera, light, **options), options)
+    filled = [thing.fill for thing in things if isinstance(thing, ibr.WarpedView) and thing.fill is not None]
+    return Call(lambda: ibr.render(given, camera, light, **options), {**options, "fill": filled or None})
 
 
 def random_register(seed: int) -> Call:

@@ -69,8 +69,8 @@ def test_they_hold_no_longer_than_they_are_enough():
     view = rough(np.random.default_rng(6), (90, 70), "perspective")
     thing, wide = ibr.DepthMesh(view), view.camera.moved(0, 0, -4.0)
     kept = select_for(thing.tree, wide, 1.0, 0.1)  # all of it is in view
-    room = float(kept.rooms.to_host()[:, 0].min())
-    assert 0.1 < room < 2 and np.isinf(kept.rooms.to_host()[:, 1]).all()
+    room = float(kept.motion_limits.to_host()[:, 0].min())
+    assert 0.1 < room < 2 and np.isinf(kept.motion_limits.to_host()[:, 1]).all()
     ways = view.points[:: len(view.points) // 40] - wide.center
     for share, enough in ((0.95, True), (1.3, False)):
         moved = [moved_by(wide, share * room * way / np.linalg.norm(way)) for way in ways]

@@ -27,7 +27,7 @@ MOST = 1 << 20
 
 @pytest.fixture(autouse=True)
 def _bounds(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    monkeypatch.setattr(files, "UNPACKED_MOST", MOST)
+    monkeypatch.setattr(files, "UNPACKED_MAX", MOST)
     before = resource.getrlimit(resource.RLIMIT_DATA)
     with Path("/proc/self/status").open() as status:
         used = next(int(line.split()[1]) for line in status if line.startswith("VmData")) * 1024
@@ -153,7 +153,7 @@ def test_what_promises_more_than_it_holds_is_refused(tmp_path: Path, name):
 @pytest.mark.parametrize("name", ["m.off.gz", "m.obj.gz", "m.ply.gz", "m.stl.gz"])
 def test_packed_text_takes_no_more_memory_than_its_file_allows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name):
     """Parsed, it takes many times the memory of the text."""
-    monkeypatch.setattr(files, "UNPACKED_MOST", 1 << 30)
+    monkeypatch.setattr(files, "UNPACKED_MAX", 1 << 30)
     (tmp_path / name).write_bytes(gzip.compress(b"v 0 0 0\n" * 5_000_000, 1))
     with pytest.raises(ibr.FileFormatError, match="unpacks to more than 16777216 bytes, more than 50 times"):
         ibr.Mesh.load(tmp_path / name)

@@ -438,8 +438,8 @@ def _relit(setting: Setting) -> Cases:
 
 
 FOLDERS: dict[str, tuple[Callable[[Setting], Cases], ...]] = {
-    "lib": (_lenses,),
-    "picture": (_lenses, _relit, _marked),
+    "lib": (_registrations,),
+    "picture": (_lenses, _registrations, _relit, _marked),
     "warp": (_warps, _lenses, _registrations),
     "raster": (_meshes, _sorted),
     "slicing": (_surfaces, _objects),

@@ -77,8 +77,8 @@ def test_nobody_asks_how_long_lists_are_that_there_is_room_for(monkeypatch):
     behind = ibr.Mesh(first.vertices - (0, 0, 9), first.faces)
     frames, asked, read = [], [], memory.to_host
     monkeypatch.setattr(memory, "to_host", lambda arrays: asked.append(arrays) or read(arrays))
-    for longest in (bins._UNASKED, 0):
-        monkeypatch.setattr(bins, "_UNASKED", longest)
+    for longest in (bins._UNSYNCHRONIZED, 0):
+        monkeypatch.setattr(bins, "_UNSYNCHRONIZED", longest)
         frames.append(ibr.render([first, behind, second], camera, ibr.Light(position=(0, -2, 0), shadow_size=0)))
         assert len(asked) == (0 if longest else 3)
     assert frames[0].color.tobytes() == frames[1].color.tobytes()

@@ -86,7 +86,7 @@ def test_what_stays_is_not_made_again(monkeypatch):
     thing = ibr.DepthObject(views, slices=48)
     ibr.render(thing, CAMERA)
     made: list[object] = []
-    for room, name in ((objects, "nearness_map"), (objects, "rgba_words"), (boxes, "Whereabouts")):
+    for room, name in ((objects, "nearness_map"), (objects, "rgba_words"), (boxes, "DepthExtent")):
         real = getattr(room, name)
         monkeypatch.setattr(room, name, lambda *given, real=real, name=name: made.append(name) or real(*given))
     depth = views[0].depth.copy()
@@ -94,7 +94,7 @@ def test_what_stays_is_not_made_again(monkeypatch):
     middle = np.unravel_index(np.nanargmin(np.abs(seen - np.nanmedian(seen))), depth.shape)
     depth[middle] += np.float32(0.01)  # far from the box's sides, so that it stays
     ibr.render(thing.with_views([ibr.DepthImage(views[0].color, depth, views[0].camera), *views[1:]]), CAMERA)
-    assert sorted(made) == ["Whereabouts", "nearness_map", "rgba_words"]
+    assert sorted(made) == ["DepthExtent", "nearness_map", "rgba_words"]
 
 
 def test_a_hull_asks_the_new_outline_alone_for_what_it_says(monkeypatch):

@@ -85,7 +85,7 @@ def posed(x: float, y: float, z: float, *turn: float) -> np.ndarray:
 HERE, SMALL, LARGE_ONE = (
     camera((307, 229), 252),
     camera((157, 119), 130),
-    camera((509, 383), 419),
+    camera((509, 383), 418.3),
 )
 NARROW = {
     "beside": (HERE, camera((301, 233), 260, pose=posed(0.05, 0.003, -0.004))),

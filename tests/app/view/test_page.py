@@ -79,9 +79,10 @@ def opened_look(browser, views):
 def look(opened_look):
     """As a newly opened page is, but that the sources, which the browser draws, are not shown."""
     page, controls = opened_look.page, opened_look.page.controls
-    for handle, value in ((controls._frusta, False), (controls._method, "warp"), (controls._fill, "nothing")):
+    for handle, value in ((controls._frusta, False), (controls._method, "warp")):
         handle.value = value
-    controls._blend.value = "quality"
+    for name, value in (("fill", "nothing"), ("blend", "quality")):
+        controls._parameters[name][1].value = value
     page.go_to(page.scene.start)
     rested(opened_look.tab)
     return opened_look
