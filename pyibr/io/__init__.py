@@ -270,7 +270,7 @@ def _required(depth_scale: float | None, path: _PathLike) -> float:
             f"for the integers of {path}"
         )
         raise ArgumentError("depth_scale", expected, "none")
-    return depth_scale
+    return positive("depth_scale", depth_scale)
 
 
 def _module(path: _PathLike, modules: dict[str, str], default: str | None = None) -> _Format:

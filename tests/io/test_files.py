@@ -439,7 +439,7 @@ def test_color_is_no_depth_and_8_bit_is_no_16_bit(tmp_path: Path):
     with pytest.raises(ibr.FileFormatError, match=r"expected a gray PNG of 16 or 8 bit for depth, got "):
         ibr.read_depth(tmp_path / "c.png", depth_scale=1000)
     with pytest.raises(
-        ibr.ArgumentError, match=r"^scale: .*inverse depth of networks: depth_from_mpeg\) for the 8 bits of "
+        ibr.ArgumentError, match=r"^depth_scale: .*inverse depth of networks: depth_from_mpeg\) for the 8 bits of "
     ):
         ibr.read_depth(tmp_path / "m.png")
 
@@ -461,7 +461,7 @@ def test_depth_of_16_bits_is_written_by_its_scale(tmp_path: Path, suffix):
     np.testing.assert_array_equal(
         ibr.read_depth(tmp_path / f"d{suffix}", depth_scale=1000), ibr.depth_from_uint16(stored, 1000)
     )
-    with pytest.raises(ibr.ArgumentError, match=r"^scale: "):
+    with pytest.raises(ibr.ArgumentError, match=r"^depth_scale: "):
         ibr.write_depth(tmp_path / f"d{suffix}", stored)
 
 
@@ -486,10 +486,10 @@ def test_unknown_suffixes(tmp_path: Path):
 
 @pytest.mark.parametrize("scale", [None, 0, -1, np.nan])
 def test_png_depth_needs_a_scale(tmp_path: Path, scale):
-    with pytest.raises(ibr.ArgumentError, match=r"^scale: "):
+    with pytest.raises(ibr.ArgumentError, match=r"^depth_scale: "):
         ibr.write_depth(tmp_path / "d.png", depth_of((7, 13)), depth_scale=scale)
     ibr.write_depth(tmp_path / "d.png", depth_of((7, 13)), depth_scale=1000)
-    with pytest.raises(ibr.ArgumentError, match=r"^scale: "):
+    with pytest.raises(ibr.ArgumentError, match=r"^depth_scale: "):
         ibr.read_depth(tmp_path / "d.png", depth_scale=scale)
 
 

@@ -121,14 +121,9 @@ def warp(
     written |= {"--depth-out": (depth_out, "depth"), "--valid-out": (valid_out, "mask")}
     outputs = Outputs(written, (depth_scale, depth_kind), count, fps, opened[0].fps)
     outputs.check({**options.read(opened), "--to": [] if to is None else [to]})
+    default = default_depth_of(default_depth)
     depth_options = DepthOptions(
-        depth_scale,
-        depth_kind,
-        far,
-        default_depth_of(default_depth),
-        clean,
-        steady=not is_scene,
-        recorded=not are_stills,
+        depth_scale, depth_kind, far, default, clean, steady=not is_scene, recorded=not are_stills
     )
     unreadable = UnreadableFiles(recorded=not are_stills)
     each = [views_of(source, depth_options, unreadable) for source in opened]

@@ -125,7 +125,7 @@ def test_knobs_are_what_a_class_is_made_with():
     assert list(parameters) == ["slices", "slicing", "texture", "halvings", "missing", "thin"]
     assert (parameters["slices"].kind, parameters["slices"].value) == (int, 32)
     assert parameters["slicing"].choices == ("orthogonal", "screen")
-    assert {"tolerance", "blend", "blended", "background"} <= set(parameters_of([ibr.DepthMeshObject(views())]))
+    assert {"tolerance", "blend", "blended", "closed"} <= set(parameters_of([ibr.DepthMeshObject(views())]))
     assert {"scale", "silhouette", "distance"} <= set(parameters_of([relief()]))
     sliced = ibr.SlicedSurface(relief().base, relief().height, relief().color, 0.1)
     assert {"scale", "slices", "slicing", "test", "halvings"} <= set(parameters_of([sliced]))

@@ -187,6 +187,7 @@ def test_a_slow_thing_keeps_one_request_and_shows_its_latest(browser):
 def test_controls_change_the_picture_and_say_what_is_wrong(look, views):
     tab, page = look.tab, look.page
     tab.page.get_by_text("Things").click()
+    tab.page.wait_for_timeout(800)  # while it unfolds
     for label, choice in (("Fill", "background"), ("Blend", "nearest")):
         tab.page.get_by_label(label).click()
         tab.page.get_by_role("option", name=choice).click()
