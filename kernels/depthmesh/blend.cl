@@ -178,12 +178,15 @@ typedef struct {
     global const int *firsts, *sources, *levels;
     global const float *points, *scales, *weights;
     global const uint *colors;
+#if GBUFFER == 2
+    global const uint *normals;
+#endif
 } Meshes;
 
-/* Adds a mesh's colour where it is `given`, with its weight, which is returned. n, owner: what the block's pixels see of
+/* Adds a mesh's colour, and its normal, where it is `given`, with its weight, which is returned. n, owner: what the block's pixels see of
  * the mesh; (x, y): the first of them */
 INLINED floatl add_mesh(const Context *context, const Meshes *meshes, int mesh, floatl n, intl owner, int x, int y,
-                        intl shares, intl given, Color *sum)
+                        intl shares, intl given, Color *sum, Color *normal)
 {
     const floatl px = to_floatl(x + block_x), py = to_floatl(y + block_y);
     const intl triangle = pick(shares, owner, meshes->firsts[mesh] + (intl)0);
@@ -208,6 +211,9 @@ INLINED floatl add_mesh(const Context *context, const Meshes *meshes, int mesh, 
     const float samples = least_lane(pick(shares, meshes->scales[mesh] * away * inverse, (floatl)INFINITY));
     const int level = (int)fmin(floor(log2(fmax(samples, 1.0f)) + LEVEL_BIAS), (float)(source[2] - source[1]));
     add_sample(meshes->colors, meshes->levels + 3 * (source[1] + level), level, sound_x, sound_y, weight, sum);
+#if GBUFFER == 2
+    add_sample(meshes->normals, meshes->levels + 3 * (source[1] + level), level, sound_x, sound_y, weight, normal);
+#endif
     return weight;
 }
 
@@ -241,17 +247,34 @@ kernel void draw_meshes(global const int *corners, global const float *projected
                         ,
                         global uint *occupancy
 #endif
+                        GBUFFER_PARAMETERS
+#if GBUFFER == 2
+                        ,
+                        global const uint *normals /* as colors */
+#if CLOSED
+                        ,
+                        global const uint *far_normals /* as far_colors */
+#endif
+#endif
 )
 {
     const int columns = (screen.width + REGION - 1) / REGION, rows = (screen.height + REGION - 1) / REGION;
     const Context context = {corners, projected, screen, nearest_w, culled};
     const int others = counts.others, meshes = others + counts.views;
-    const Meshes colored = {by, firsts + counts.sheets + counts.backs, sources, levels, points, scales, weights, colors};
+    const Meshes colored = {by, firsts + counts.sheets + counts.backs, sources, levels, points, scales, weights, colors,
+#if GBUFFER == 2
+                            normals,
+#endif
+    };
     const size_t size = BLOCKS * LANES, own = get_global_id(0) * size;
     const MeshLayers layers = {layer_nearness + own, layer_owner + own, items * size};
 #if CLOSED
     const FreeSpace space = {limits, behind, far_colors, clear, open, limit_sizes, from_target, perspectives,
                             first_levels, closeness, stride, screen.perspective, view_count, enclosed};
+#if GBUFFER == 2
+    FreeSpace normals_behind = space;
+    normals_behind.far_colors = far_normals;
+#endif
 #endif
     for (int drawn = get_global_id(0); drawn < columns * rows; drawn += items) {
         const int x = drawn % columns * REGION, y = drawn / columns * REGION;
@@ -287,7 +310,7 @@ kernel void draw_meshes(global const int *corners, global const float *projected
             const intl mine = front > region.nearness[block];
             if (!blank && !any_lane(mine))
                 continue;
-            Color sum = {0.0f, 0.0f, 0.0f};
+            Color sum = {0.0f, 0.0f, 0.0f}, normal = sum;
             floatl total = 0.0f;
             intl taken = (intl)0, views = (intl)0; /* by the front mesh; views that gave colour */
             /* Of epsilon 0 this is `front` itself. */
@@ -302,7 +325,7 @@ kernel void draw_meshes(global const int *corners, global const float *projected
                 const intl given = shares & mine;
                 if (!any_lane(given))
                     continue;
-                total += add_mesh(&context, &colored, mesh, n, owner, first_x, first_y, shares, given, &sum);
+                total += add_mesh(&context, &colored, mesh, n, owner, first_x, first_y, shares, given, &sum, &normal);
                 views |= pick(given, (intl)(1 << sources[4 * mesh]), (intl)0);
             }
 #if CLOSED
@@ -310,12 +333,21 @@ kernel void draw_meshes(global const int *corners, global const float *projected
             if (any_lane(given))
                 total += add_closest(&space, colors, levels, to_floatl(first_x + block_x), to_floatl(first_y + block_y), front,
                                      given, &sum, &views);
+#if GBUFFER == 2
+            if (any_lane(given))
+                add_closest(&normals_behind, normals, levels, to_floatl(first_x + block_x), to_floatl(first_y + block_y), front,
+                            given, &normal, &views);
+#endif
 #endif
             const floatl scale = 1.0f / (255.0f * pick(mine, total, (floatl)1.0f));
             const Color shade = {sum.r * scale, sum.g * scale, sum.b * scale};
             region.nearness[block] = front;
             region.owner[block] = pick(mine, (intl)0, (intl)-1);
-            write_block(&region, block, screen, depth, color, valid, blank, first_x, first_y, shade);
+            const intl written = write_block(&region, block, screen, depth, color, valid, blank, first_x, first_y, shade);
+#if GBUFFER
+            const GBuffer gbuffer = GBUFFER_VALUE;
+            enter_block(gbuffer, written, screen, depth, first_x, first_y, color_times(normal, scale));
+#endif
 #if OCCUPIED
             write_occupancy(views, screen, first_x, first_y, occupancy);
 #endif
