@@ -67,8 +67,11 @@ def test_colours_do_not_depend_on_the_order(light):
 MAKERS: dict[str, Any] = {
     "depth object": lambda views: ibr.DepthObject(views, slices=64),
     "depth meshes": ibr.DepthMeshObject,
-    "depth mesh": lambda views: ibr.DepthMesh(views[4]),
-    "depth image": lambda views: views[4],
+    "depth mesh": lambda views: ibr.DepthMesh(views[2]),
+    "depth image": lambda views: views[2],
+    "depth images": lambda views: ibr.WarpedView(views[:5]),
+    "splats": lambda views: ibr.WarpedView(views, method="forward", splat=2),
+    "thin": lambda views: ibr.WarpedView(views, blend="nearest", thin=True),
     "hull": lambda views: ibr.VisualHull(views, slices=64),
 }
 
@@ -92,8 +95,8 @@ def test_a_part_of_the_picture_has_the_same_colours(name):
             border = np.ones(own.shape, bool)
             border[4:-4, 4:-4] = False
             own &= ~border
-        assert own.sum() > 600
-        assert same[own].mean() > 0.99
+        assert own.sum() > 150
+        assert same[own].mean() > 0.98
         off = np.abs(whole.color[inside].astype(int) - cut.color).max(axis=2)[own & same]
         assert (off <= 1).mean() > 0.999
 
@@ -121,15 +124,47 @@ def test_one_lane_lights_many_things_alike():
         color = np.full((25, 37, 3), 40 + 20 * number, np.uint8)
         views.append(ibr.DepthImage(color, np.where(mine, depth, np.inf), camera))
     light = ibr.Light(direction=(0.3, 0.2, 1), shadow_size=64, relight=True)
-    wide = ibr.render(views, camera, light, edges="connect", thin=True)
+    wide = ibr.render([ibr.WarpedView(view, thin=True) for view in views], camera, light)
     assert wide.valid.all()
     with one_lane():
-        one = ibr.render(
-            [ibr.DepthImage(v.color, v.depth, camera) for v in views],
-            camera,
-            light,
-            edges="connect",
-            thin=True,
-        )
+        again = [ibr.WarpedView(ibr.DepthImage(v.color, v.depth, camera), thin=True) for v in views]
+        one = ibr.render(again, camera, light)
     np.testing.assert_array_equal(one.depth, wide.depth)
     assert np.abs(one.color.astype(int) - wide.color).max() <= 1
+
+
+@pytest.mark.parametrize("how", [{}, {"blend": "nearest"}, {"method": "search"}, {"method": "forward"}], ids=str)
+@pytest.mark.parametrize("relight", [False, True])
+def test_each_way_of_the_warp_is_lit(how, relight):
+    """Two views of a slanted wall that shows its own light by Lambert's law, in a card's shadow."""
+    normal = np.array([0.28, 0, -0.96])
+    camera = ibr.Camera([[60, 0, 40], [0, 60, 30], [0, 0, 1]], (81, 61))
+    views = []
+    for step in (-0.2, 0.1):
+        seen_by = camera.moved(step, 0, 0)
+        y, x = np.mgrid[:61, :81]
+        ray = np.stack([(x - 40) / 60, (y - 30) / 60, np.ones((61, 81))], axis=-1)
+        depth = (-3.2 - seen_by.center @ normal) / (ray @ normal)
+        views.append(ibr.DepthImage(np.full((61, 81, 3), 200, np.uint8), depth.astype(np.float32), seen_by))
+    card = ibr.Mesh([[-1.2, -0.6, 2], [-0.4, -0.6, 2], [-0.4, 0.6, 2], [-1.2, 0.6, 2]], [[0, 2, 1], [0, 3, 2]])
+    way = np.array([0.3, 0.1, 1.0])
+    light = ibr.Light(direction=way, relight=relight, ambient=0.25)
+    frames = [
+        ibr.render(things, camera, light)
+        for thing in [ibr.WarpedView(views, **how)]
+        for things in ([thing, card], [card, thing])
+    ]
+    np.testing.assert_array_equal(frames[0].color, frames[1].color)
+    np.testing.assert_array_equal(frames[0].depth, frames[1].depth)
+    y, x = np.nonzero(frames[0].valid)
+    points = camera.unproject(np.column_stack([x, y]), frames[0].depth[y, x].astype(float))
+    on_wall = np.abs(points @ normal + 3.2) < 5e-2
+    at_card = points - (points[:, 2:] - 2) * way
+    beside = np.maximum(np.abs(at_card[:, 0] + 0.8) - 0.4, np.abs(at_card[:, 1]) - 0.6)
+    lit, dark = on_wall & (beside > 0.1), on_wall & (beside < -0.1)
+    found = frames[0].color[y, x, 0]
+    lambert = -normal @ way / np.linalg.norm(way) if relight else 1.0
+    assert lit.sum() > 2000
+    assert dark.sum() > 40
+    assert (np.abs(found[lit] - 200 * (0.25 + 0.75 * lambert)) <= 1).mean() > 0.99
+    assert (np.abs(found[dark] - 50.0) <= 1).mean() > 0.99
