@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.opencl import test_flight as flight
+from tests.opencl import test_in_flight as flight
 from tests.tiers import COLLECTED, covering
 
 ROOT = Path(__file__).parents[1]

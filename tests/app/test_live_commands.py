@@ -48,9 +48,9 @@ def seen(monkeypatch: pytest.MonkeyPatch) -> list:
     asked: list = []
     whole = ibr.view
 
-    def once(*arguments):
-        asked.append(arguments)
-        return whole(*arguments)
+    def once(*arguments, **options):
+        asked.append((*arguments, *options.values()))
+        return whole(*arguments, **options)
 
     monkeypatch.setattr(ibr, "view", once)
     monkeypatch.setattr(Pages, "wait", Pages.close)

@@ -40,6 +40,7 @@ def test_one_depth_buffer_with_other_things(projection):
             np.testing.assert_array_equal(frame.color[unique], one.color[unique])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "shape",
     [

@@ -114,6 +114,7 @@ def cameras(view: ibr.DepthImage) -> dict[str, Camera]:
     }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_selection_and_triangles(projection):
     for size, holes in [((7, 13), 0.0), ((33, 33), 0.01), ((40, 21), 0.0)]:

@@ -142,6 +142,7 @@ def test_one_colour_stays_itself(kind, color):
     np.testing.assert_array_equal(frame.color[frame.valid], np.broadcast_to(color, (frame.valid.sum(), 3)))
 
 
+@pytest.mark.thorough
 def test_depth_and_coverage_stay():
     thing = ibr.ReliefSurface(square(), noise((16, 16))[..., 0], noise(), 0.05, tiles=TILES)
     once, often = (ibr.render(thing, over(15), LIGHT, anisotropy=n) for n in (1, 8))

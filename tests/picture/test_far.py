@@ -49,7 +49,7 @@ def test_the_warp_is_the_same_anywhere(projection):
 def test_objects_are_the_same_anywhere(make, slicing, projection):
     views, camera = views_of_torus("nine, anywhere"), looking(torus(), (0.5, 0.4, 1), (100, 80), projection)
     here = ibr.render(make(views, slices=96, slicing=slicing), camera)
-    there = ibr.render(make([moved_view(view) for view in views], 96, slicing), moved(camera))
+    there = ibr.render(make([moved_view(view) for view in views], slices=96, slicing=slicing), moved(camera))
     # The box is found anew, 1e-11 beside: a slice that just passes may just not.
     assert (here.valid != there.valid).mean() <= 1e-3
     both = here.valid & there.valid

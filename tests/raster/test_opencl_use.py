@@ -43,6 +43,7 @@ def soup(projection: str) -> tuple[ibr.Mesh, Camera]:
     return mesh, Camera([[f, 0, 70], [0, f, 50], [0, 0, 1]], (161, 121), pose(roll=20), projection=projection)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("scene", [globe, soup])
 def test_one_lane_is_as_good_as_sixteen(scene, projection):

@@ -257,6 +257,7 @@ def test_normals_of_a_map_light_walls_within():
     assert sloping.color[sloping.valid].min() < 100
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("shadow", ["map", "search"])
 @pytest.mark.parametrize("name", ["plane", "tube"])
 def test_light_falls_between_blocks(name, shadow):

@@ -36,6 +36,7 @@ TURNS = {  # uv, a map as it then has to lie, and its normals' x and y
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("mapped", [False, True])
 @pytest.mark.parametrize("distance_", ["approximate", "exact"])
 @pytest.mark.parametrize("turn", TURNS)

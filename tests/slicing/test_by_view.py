@@ -98,6 +98,7 @@ def test_surfaces_take_as_many_as_the_picture_needs(slicing):
     assert tests(320, "view", 256) < tests(2560, "view", 256) < 0.5 * most + 10
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 def test_surfaces_flicker_less_than_with_256_slices(slicing):
     cams = [camera(30, angle, (200, 150)) for angle in np.arange(24) * 3]
@@ -108,6 +109,7 @@ def test_surfaces_flicker_less_than_with_256_slices(slicing):
     assert by_view <= fixed
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 def test_curved_surfaces_flicker_no_more_where_pixels_are_wide(slicing):
     """A pixel is 45 of 256 slices wide: within an eighth of it alone, textures flicker four times as much."""
@@ -115,6 +117,7 @@ def test_curved_surfaces_flicker_no_more_where_pixels_are_wide(slicing):
     assert by_view <= fixed
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("size", [(241, 181), (121, 91)])
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 def test_cliffs_flicker_no_more_than_with_256_slices(slicing, size):

@@ -14,7 +14,7 @@ import pytest
 
 import pyibr as ibr
 from pyibr.core.camera import Camera, Projection
-from pyibr.warp.warp import Edges, Sample
+from pyibr.warp.view import Edges, Interpolation
 from tests import scenes, truth
 
 pytest.importorskip("open3d")
@@ -100,12 +100,13 @@ def test_depth_color_and_coverage_are_the_truths(scene, source, target, place, e
         check_nearest(seen, nearest, here.view, pose.name)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("scene", "source", "target", "place"), cases())
 def test_epipolar_is_search(scene, source, target, place):
     view = getattr(scenes, scene)(SOURCE, source)
     for number, pose in enumerate(poses(view, target, place)):
         edges: Edges = "cut" if number % 2 else "connect"
-        sample: Sample = "nearest" if number // 2 % 2 else "linear"
+        sample: Interpolation = "nearest" if number // 2 % 2 else "linear"
         swept = ibr.warp(view, pose.camera, edges=edges, interpolation=sample)
         searched = ibr.warp(view, pose.camera, method="search", edges=edges, interpolation=sample)
         limit: np.ndarray | float = 0.0

@@ -24,7 +24,8 @@ import pytest
 
 import pyibr as ibr
 from pyibr.core.camera import Camera, Projection
-from pyibr.warp.warp import Edges, Side
+from pyibr.images.depth_image import Side
+from pyibr.warp.view import Edges
 from tests import scenes
 from tests.exact import CUT_RATIO, off, slivers, ties
 from tests.reference.warp import search_reference
@@ -144,6 +145,7 @@ def differing_by_a_pixel(case: Case) -> np.ndarray:
     return wrong & ~slivers(partial(searched, case), case.target) if wrong.any() else wrong
 
 
+@pytest.mark.thorough
 @pytest.mark.filterwarnings("ignore:warp. the target camera sees nothing")
 @pytest.mark.parametrize("first", range(1000, 1600, 50))
 def test_epipolar_sees_what_search_sees(first):

@@ -14,7 +14,7 @@ import pytest
 import pyibr as ibr
 from pyibr.core.camera import Camera
 from pyibr.core.pixelspace import camera_pair
-from pyibr.warp.warp import Edges, Method
+from pyibr.warp.view import Edges, Method
 from tests import scenes
 from tests.exact import CUT_RATIO, off, ties, with_center_moved
 from tests.reference.lines import Sideways, sideways_reference

@@ -11,7 +11,7 @@ import pytest
 
 import pyibr as ibr
 from pyibr.core.camera import Camera, Projection
-from pyibr.warp.warp import Edges, Method
+from pyibr.warp.view import Edges, Method
 from tests import scenes
 from tests.exact import CUT_RATIO, off
 from tests.reference.lines import sideways_reference
