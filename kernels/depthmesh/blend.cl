@@ -177,14 +177,11 @@ typedef struct {
     int by; /* BLEND_QUALITY or another */
     global const int *firsts, *sources, *levels;
     global const float *points, *scales, *weights;
-    global const uint *colors;
-#if GBUFFER == 2
-    global const uint *normals;
-#endif
+    global const uint *colors, *normals; /* normals with GBUFFER 2 */
 } Meshes;
 
-/* Adds a mesh's colour, and its normal, where it is `given`, with its weight, which is returned. n, owner: what the block's pixels see of
- * the mesh; (x, y): the first of them */
+/* Adds a mesh's colour, and its normal, where it is `given`, with its weight, which is returned. n, owner: what the
+ * block's pixels see of the mesh; (x, y): the first of them */
 INLINED floatl add_mesh(const Context *context, const Meshes *meshes, int mesh, floatl n, intl owner, int x, int y,
                         intl shares, intl given, Color *sum, Color *normal)
 {
@@ -217,6 +214,29 @@ INLINED floatl add_mesh(const Context *context, const Meshes *meshes, int mesh, 
     return weight;
 }
 
+#if CLOSED
+#if GBUFFER == 2
+#define FAR_NORMALS_PARAMETER , global const uint *far_normals /* as far_colors */
+#define FAR_NORMALS_ARGUMENT far_normals
+#else
+#define FAR_NORMALS_PARAMETER
+#define FAR_NORMALS_ARGUMENT 0
+#endif
+/* Adds the colours, and normals, that close pixels where they are `given`; their weights are returned. */
+INLINED floatl add_closing(const FreeSpace *space, const Meshes *meshes, global const uint *far_normals, floatl x, floatl y,
+                           floatl n, intl given, Color *sum, Color *normal, intl *views)
+{
+#if GBUFFER == 2
+    FreeSpace of_normals = *space;
+    of_normals.far_colors = far_normals;
+    add_closest(&of_normals, meshes->normals, meshes->levels, x, y, n, given, normal, views);
+#endif
+    return add_closest(space, meshes->colors, meshes->levels, x, y, n, given, sum, views);
+}
+#else
+#define FAR_NORMALS_PARAMETER
+#endif
+
 #if OCCUPIED
 /* Writes which views gave a block's pixels their colours; x, y: its first pixel. */
 void write_occupancy(intl views, Screen screen, int x, int y, global uint *occupancy)
@@ -247,34 +267,19 @@ kernel void draw_meshes(global const int *corners, global const float *projected
                         ,
                         global uint *occupancy
 #endif
-                        GBUFFER_PARAMETERS
-#if GBUFFER == 2
-                        ,
-                        global const uint *normals /* as colors */
-#if CLOSED
-                        ,
-                        global const uint *far_normals /* as far_colors */
-#endif
-#endif
-)
+                        GBUFFER_PARAMETERS NORMALS_PARAMETER(uint) FAR_NORMALS_PARAMETER)
 {
     const int columns = (screen.width + REGION - 1) / REGION, rows = (screen.height + REGION - 1) / REGION;
     const Context context = {corners, projected, screen, nearest_w, culled};
     const int others = counts.others, meshes = others + counts.views;
     const Meshes colored = {by, firsts + counts.sheets + counts.backs, sources, levels, points, scales, weights, colors,
-#if GBUFFER == 2
-                            normals,
-#endif
-    };
+                            NORMALS_ARGUMENT(uint)};
+    const GBuffer gbuffer = GBUFFER_VALUE;
     const size_t size = BLOCKS * LANES, own = get_global_id(0) * size;
     const MeshLayers layers = {layer_nearness + own, layer_owner + own, items * size};
 #if CLOSED
     const FreeSpace space = {limits, behind, far_colors, clear, open, limit_sizes, from_target, perspectives,
                             first_levels, closeness, stride, screen.perspective, view_count, enclosed};
-#if GBUFFER == 2
-    FreeSpace normals_behind = space;
-    normals_behind.far_colors = far_normals;
-#endif
 #endif
     for (int drawn = get_global_id(0); drawn < columns * rows; drawn += items) {
         const int x = drawn % columns * REGION, y = drawn / columns * REGION;
@@ -331,23 +336,15 @@ kernel void draw_meshes(global const int *corners, global const float *projected
 #if CLOSED
             const intl given = closed & mine;
             if (any_lane(given))
-                total += add_closest(&space, colors, levels, to_floatl(first_x + block_x), to_floatl(first_y + block_y), front,
-                                     given, &sum, &views);
-#if GBUFFER == 2
-            if (any_lane(given))
-                add_closest(&normals_behind, normals, levels, to_floatl(first_x + block_x), to_floatl(first_y + block_y), front,
-                            given, &normal, &views);
-#endif
+                total += add_closing(&space, &colored, FAR_NORMALS_ARGUMENT, to_floatl(first_x + block_x),
+                                     to_floatl(first_y + block_y), front, given, &sum, &normal, &views);
 #endif
             const floatl scale = 1.0f / (255.0f * pick(mine, total, (floatl)1.0f));
             const Color shade = {sum.r * scale, sum.g * scale, sum.b * scale};
             region.nearness[block] = front;
             region.owner[block] = pick(mine, (intl)0, (intl)-1);
             const intl written = write_block(&region, block, screen, depth, color, valid, blank, first_x, first_y, shade);
-#if GBUFFER
-            const GBuffer gbuffer = GBUFFER_VALUE;
             enter_block(gbuffer, written, screen, depth, first_x, first_y, color_times(normal, scale));
-#endif
 #if OCCUPIED
             write_occupancy(views, screen, first_x, first_y, occupancy);
 #endif

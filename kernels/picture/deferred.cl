@@ -1,6 +1,6 @@
 /* Light on what is made of images, once all things are drawn: deferred shading.
  *
- * The G-buffer (picture/gbuffer.h) tells which pixels show such things. Their colours hold the light that they were taken in,
+ * The G-buffer (lib/gbuffer.h) tells which pixels show such things. Their colours hold the light that they were taken in,
  * and get shadows alone (RELIT 0): where the pixel's point is out of the light's sight they keep the light's ambient part;
  * what turns away from the light is dark, and fades before that over `fade` of the cosine. Or the colours are taken for the
  * surface's own and shaded as meshes are (lib/light.h, RELIT 1), by the thing's normals, or where it has none by those of

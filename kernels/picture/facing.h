@@ -6,7 +6,7 @@
 /* The part of a picture that shows one thing: pixels of other things tell nothing of its slopes. */
 typedef struct {
     global const float *depth;
-    global const float *entered; /* depths that the thing was drawn at (picture/gbuffer.h), or 0: all that is seen is one thing */
+    global const float *entered; /* depths that the thing was drawn at (lib/gbuffer.h), or 0: all that is seen is one thing */
     global const int *things;    /* and the numbers of things */
     int thing;
 } Shown;

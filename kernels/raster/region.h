@@ -13,7 +13,7 @@
  *               the block's first pixel
  */
 #include "lib/color.h"
-#include "picture/gbuffer.h"
+#include "lib/gbuffer.h"
 #include "lib/screen.h"
 
 #ifndef KEEPS_UV
@@ -177,17 +177,17 @@ INLINED intl write_block(const Region *region, int block, Screen screen, global 
     return mine;
 }
 
-#if GBUFFER
 /* Enters those pixels of the block at (x, y) that are `written`. normal: as images hold it */
 INLINED void enter_block(GBuffer gbuffer, intl written, Screen screen, global const float *depth, int x, int y, Color normal)
 {
+#if GBUFFER
     for (int lane = 0; lane < LANES; lane++)
         if (int_lane(written, lane)) {
             const long at = pixel_of(screen, x, y, lane);
             enter_pixel(gbuffer, at, depth[at], color_lane(normal, lane));
         }
-}
 #endif
+}
 
 /* Writes all pixels of a region where nothing is; x, y: its first pixel. */
 INLINED void clear_region(Screen screen, global float *depth, global channel *color, global uchar *valid, int x, int y)

@@ -117,9 +117,7 @@ typedef struct {
     global const int *firsts;
     global const float *ribbons;
 #endif
-#if GBUFFER == 2
-    global const uint *normals;
-#endif
+    global const uint *normals; /* RGBA bytes, as colors; with GBUFFER 2 */
 } Views;
 
 #if RIBBONS
@@ -443,12 +441,7 @@ kernel void draw_object(global const float *matrices, global const int *sizes, g
                         global const int *firsts /* of the ribbons of each view's samples, and the end of all */,
                         global const float *ribbons
 #endif
-                        GBUFFER_PARAMETERS
-#if GBUFFER == 2
-                        ,
-                        global const uint *normals /* RGBA bytes, as colors */
-#endif
-)
+                        GBUFFER_PARAMETERS NORMALS_PARAMETER(uint))
 {
     const int x = low_x + get_global_id(0) * BLOCK, y = low_y + get_global_id(1) * BLOCK;
     if (x >= screen.width || y >= screen.height)
@@ -460,9 +453,7 @@ kernel void draw_object(global const float *matrices, global const int *sizes, g
 #if RIBBONS
                          firsts, ribbons,
 #endif
-#if GBUFFER == 2
-                         normals,
-#endif
+                         NORMALS_ARGUMENT(uint),
     };
     const WorldRay ray = world_ray(screen, to_floatl(x + block_x), to_floatl(y + block_y));
     const floatl so_far = region.nearness[0];
@@ -484,8 +475,6 @@ kernel void draw_object(global const float *matrices, global const int *sizes, g
     if (COUNTERS)
         add_to_counters(COUNTERS_ARGUMENT(int), screen, x, y, tests);
     const intl written = write_block(&region, 0, screen, depth, color, valid, blank, x, y, shade);
-#if GBUFFER
     const GBuffer gbuffer = GBUFFER_VALUE;
     enter_block(gbuffer, written, screen, depth, x, y, normal);
-#endif
 }

@@ -18,7 +18,7 @@
  * Work-item: LANES pixels of a row. Cost: O(pixels) a layer. Determinism: layers are added in the order of the views.
  */
 #include "lib/color.h"
-#include "picture/gbuffer.h"
+#include "lib/gbuffer.h"
 #include "lib/screen.h"
 
 #ifndef ORIGINS
@@ -121,9 +121,7 @@ kernel void add_layer(global const float *depth, global const channel *color, gl
 #if ORIGINS
                       , global const float *layer_origin, global float *origin
 #endif
-#if GBUFFER == 2
-                      , global const float *layer_normal
-#endif
+                      NORMALS_PARAMETER(float) /* of the layer, in the world, of any length */
 )
 {
     const int width = screen.width, height = screen.height;
@@ -155,7 +153,7 @@ kernel void add_layer(global const float *depth, global const channel *color, gl
             *mean = before + (parts[i] - before) * share;
         }
 #if GBUFFER == 2
-        const float3 normal = own > 0.0f ? vload3(at, layer_normal) : (float3)(0.0f);
+        const float3 normal = own > 0.0f ? vload3(at, normals) : (float3)(0.0f);
         const float axes[3] = {normal.x, normal.y, normal.z};
         for (int i = 0; i < 3; i++) {
             global float *mean = sums + (i + 6) * plane + at;
@@ -190,13 +188,11 @@ kernel void write_blend(global const float *sums, global float *depth, global ch
         valid[at] = any;
         const float3 mean = (float3)(sums[plane + at], sums[2 * plane + at], sums[3 * plane + at]);
         write_pixel(color + CHANNELS * at, any ? clamp(rounded_channel(mean), 0.0f, CHANNEL_MAX) : (float3)(0.0f));
-#if GBUFFER
         const GBuffer gbuffer = GBUFFER_VALUE;
         float3 normal = 0.0f;
 #if GBUFFER == 2
         normal = 0.5f + 0.5f * (float3)(sums[6 * plane + at], sums[7 * plane + at], sums[8 * plane + at]);
 #endif
         enter_pixel(gbuffer, at, depth[at], normal);
-#endif
     }
 }

@@ -20,7 +20,7 @@
  * Determinism: every pixel on its own, from inputs alone.
  */
 #include "lib/color.h"
-#include "picture/gbuffer.h"
+#include "lib/gbuffer.h"
 #include "lib/vectors.h"
 
 #ifndef STRIP
@@ -285,18 +285,15 @@ INLINED Color mixed_color(Mixed there, PixelMap map, global const channel *src_c
     return c;
 }
 
-#if GBUFFER
 /* Enters the `written` of the first `count` of LANES pixels, from number `first` of the picture on. */
-INLINED void enter_pixels(GBuffer gbuffer, Mixed there, intl written, int count, size_t first, global const float *depth
-#if GBUFFER == 2
-                          , global const float *src_normals
-#endif
-)
+INLINED void enter_pixels(GBuffer gbuffer, Mixed there, intl written, int count, size_t first, global const float *depth,
+                          global const float *normals)
 {
+#if GBUFFER
     Color normal = {0.0f, 0.0f, 0.0f};
 #if GBUFFER == 2
-    const Vector a = vector_at(src_normals, there.corner), b = vector_at(src_normals, there.beside);
-    const Vector c = vector_at(src_normals, there.below);
+    const Vector a = vector_at(normals, there.corner), b = vector_at(normals, there.beside);
+    const Vector c = vector_at(normals, there.below);
     normal.r = there.at_corner * a.x + there.at_beside * b.x + there.at_below * c.x;
     normal.g = there.at_corner * a.y + there.at_beside * b.y + there.at_below * c.y;
     normal.b = there.at_corner * a.z + there.at_beside * b.z + there.at_below * c.z;
@@ -304,8 +301,8 @@ INLINED void enter_pixels(GBuffer gbuffer, Mixed there, intl written, int count,
     for (int lane = 0; lane < count; lane++)
         if (int_lane(written, lane))
             enter_pixel(gbuffer, first + lane, depth[first + lane], color_lane(normal, lane));
-}
 #endif
+}
 
 #if ORIGINS
 /* Where the pixels come from, for the lanes of a mask */
@@ -374,12 +371,7 @@ kernel void resolve(global const float *nearness, global const float *hits, glob
                     ,
                     global float *origin /* (dst_height, dst_width, 3): u, v and the number of the view */, int view
 #endif
-                    COUNTERS_PARAMETER(uint) GBUFFER_PARAMETERS
-#if GBUFFER == 2
-                    ,
-                    global const float *src_normals /* (src_height, src_width, 3) in the world, 0.5 + 0.5 x of each */
-#endif
-)
+                    COUNTERS_PARAMETER(uint) GBUFFER_PARAMETERS NORMALS_PARAMETER(float))
 {
     const int y = low_y + get_global_id(1);
     const int strip_x = low_x + get_global_id(0) * (STRIP * LANES);
@@ -436,14 +428,8 @@ kernel void resolve(global const float *nearness, global const float *hits, glob
 #if ORIGINS /* else nothing asks what is written */
         write_origins(pixels[p], written, in_packet, origin + 3 * out, view);
 #endif
-#if GBUFFER
         const GBuffer gbuffer = GBUFFER_VALUE;
-        enter_pixels(gbuffer, there, written, in_packet, out, depth
-#if GBUFFER == 2
-                     , src_normals
-#endif
-        );
-#endif
+        enter_pixels(gbuffer, there, written, in_packet, out, depth, NORMALS_ARGUMENT(float));
     }
 #if COUNTERS
     const int across = (high_x - low_x + STRIP * LANES - 1) / (STRIP * LANES);

@@ -10,7 +10,7 @@
  * Not in the paper, whose samples are all connected.
  */
 #include "lib/channel.h"
-#include "picture/gbuffer.h"
+#include "lib/gbuffer.h"
 #include "lib/lanes.h"
 #include "lib/ribbons.h"
 #include "warp/keys.h"
@@ -197,12 +197,7 @@ kernel void thin_pixels(global const float *nearness, global const uint *keys, g
                         ,
                         global float *origin /* (dst_height, dst_width, 3): u, v and the number of the view */, int view
 #endif
-                        GBUFFER_PARAMETERS
-#if GBUFFER == 2
-                        ,
-                        global const float *src_normals /* of warp/resolve.cl */
-#endif
-)
+                        GBUFFER_PARAMETERS NORMALS_PARAMETER(float))
 {
     const int y = get_global_id(1);
     const Grid grid = {nearness, map.src_width, map.src_height, map.src_pitch, cut};
@@ -225,16 +220,14 @@ kernel void thin_pixels(global const float *nearness, global const uint *keys, g
                                              0, 0,
 #endif
                                              &ends, &along);
-#if GBUFFER
+            if (!written)
+                continue;
             const GBuffer gbuffer = GBUFFER_VALUE;
             float3 normal = 0.0f;
 #if GBUFFER == 2
-            if (written)
-                normal = mix(vload3(ends.x, src_normals), vload3(ends.y, src_normals), along);
+            normal = mix(vload3(ends.x, normals), vload3(ends.y, normals), along);
 #endif
-            if (written)
-                enter_pixel(gbuffer, at + i, depth[at + i], normal);
-#endif
+            enter_pixel(gbuffer, at + i, depth[at + i], normal);
         }
     }
 }

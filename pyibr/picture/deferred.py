@@ -19,7 +19,7 @@ from pyibr.picture.target import Target
 
 @dataclass(frozen=True)
 class Entry:
-    """What kernels take that draw a thing which is lit afterwards; nothing, if it is not lit.
+    """Defines and arguments of kernels that draw a thing which is lit afterwards; empty, if it is not lit.
 
     Attributes
     ----------

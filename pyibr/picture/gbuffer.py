@@ -9,9 +9,9 @@ from pyibr.opencl.memory import DeviceArray, empty
 
 
 class GBuffer:
-    """Which of a picture's pixels show things that are lit once all are drawn: thing, depth and normal of each.
+    """Thing, depth and normal of the pixels that are lit once all things are drawn.
 
-    Kernels that draw such things write it (kernels/picture/gbuffer.h).
+    Kernels that draw such things write it (kernels/lib/gbuffer.h).
 
     Parameters
     ----------

@@ -72,7 +72,7 @@ def normals_of(view: DepthImage) -> NDArray[np.float32]:
 def showing_normals(view: DepthImage) -> DepthImage:
     """The view with its normals for colours: x, y, z in the world as 0.5 + 0.5 x, made once.
 
-    So whatever mixes and blends colours of views does so with normals, for the G-buffer (kernels/picture/gbuffer.h).
+    So whatever mixes and blends colours of views does so with normals, for the G-buffer (kernels/lib/gbuffer.h).
     """
 
     def made() -> DepthImage:

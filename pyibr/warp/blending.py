@@ -54,7 +54,7 @@ def blend(layers: Sequence[Target], views: Sequence[DepthImage], target: Target,
         if target.origin is not None:
             of_layer = {"layer_origin": layer.origin, "origin": target.origin}
         if entry.normals and layer.gbuffer is not None:
-            of_layer["layer_normal"] = layer.gbuffer.normal
+            of_layer["normals"] = layer.gbuffer.normal
         launch(
             kernel("warp/blend.cl", "add_layer", **defines),
             grid,

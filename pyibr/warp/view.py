@@ -231,7 +231,7 @@ class WarpedView(Fixed):
         """Draw a view into the target, or into a layer of its own."""
         samples, pixel_map = _placed(self.sources[number], target)
         if entry.normals:
-            entry = entry.with_arrays(src_normals=_normals_of(self.sources[number]))
+            entry = entry.with_arrays(normals=_normals_of(self.sources[number]))
         if self.method == "forward" and not target.from_light:
             forward_warp(samples, pixel_map, target, self.splat, entry)
             return
