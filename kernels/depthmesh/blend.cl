@@ -177,13 +177,13 @@ typedef struct {
     int by; /* BLEND_QUALITY or another */
     global const int *firsts, *sources, *levels;
     global const float *points, *scales, *weights;
-    global const uint *colors;
+    global const uint *colors, *normals; /* normals with GBUFFER 2 */
 } Meshes;
 
-/* Adds a mesh's colour where it is `given`, with its weight, which is returned. n, owner: what the block's pixels see of
- * the mesh; (x, y): the first of them */
+/* Adds a mesh's colour, and its normal, where it is `given`, with its weight, which is returned. n, owner: what the
+ * block's pixels see of the mesh; (x, y): the first of them */
 INLINED floatl add_mesh(const Context *context, const Meshes *meshes, int mesh, floatl n, intl owner, int x, int y,
-                        intl shares, intl given, Color *sum)
+                        intl shares, intl given, Color *sum, Color *normal)
 {
     const floatl px = to_floatl(x + block_x), py = to_floatl(y + block_y);
     const intl triangle = pick(shares, owner, meshes->firsts[mesh] + (intl)0);
@@ -208,8 +208,34 @@ INLINED floatl add_mesh(const Context *context, const Meshes *meshes, int mesh, 
     const float samples = least_lane(pick(shares, meshes->scales[mesh] * away * inverse, (floatl)INFINITY));
     const int level = (int)fmin(floor(log2(fmax(samples, 1.0f)) + LEVEL_BIAS), (float)(source[2] - source[1]));
     add_sample(meshes->colors, meshes->levels + 3 * (source[1] + level), level, sound_x, sound_y, weight, sum);
+#if GBUFFER == 2
+    add_sample(meshes->normals, meshes->levels + 3 * (source[1] + level), level, sound_x, sound_y, weight, normal);
+#endif
     return weight;
 }
+
+#if CLOSED
+#if GBUFFER == 2
+#define FAR_NORMALS_PARAMETER , global const uint *far_normals /* as far_colors */
+#define FAR_NORMALS_ARGUMENT far_normals
+#else
+#define FAR_NORMALS_PARAMETER
+#define FAR_NORMALS_ARGUMENT 0
+#endif
+/* Adds the colours, and normals, that close pixels where they are `given`; their weights are returned. */
+INLINED floatl add_closing(const FreeSpace *space, const Meshes *meshes, global const uint *far_normals, floatl x, floatl y,
+                           floatl n, intl given, Color *sum, Color *normal, intl *views)
+{
+#if GBUFFER == 2
+    FreeSpace of_normals = *space;
+    of_normals.far_colors = far_normals;
+    add_closest(&of_normals, meshes->normals, meshes->levels, x, y, n, given, normal, views);
+#endif
+    return add_closest(space, meshes->colors, meshes->levels, x, y, n, given, sum, views);
+}
+#else
+#define FAR_NORMALS_PARAMETER
+#endif
 
 #if OCCUPIED
 /* Writes which views gave a block's pixels their colours; x, y: its first pixel. */
@@ -241,12 +267,14 @@ kernel void draw_meshes(global const int *corners, global const float *projected
                         ,
                         global uint *occupancy
 #endif
-)
+                        GBUFFER_PARAMETERS NORMALS_PARAMETER(uint) FAR_NORMALS_PARAMETER)
 {
     const int columns = (screen.width + REGION - 1) / REGION, rows = (screen.height + REGION - 1) / REGION;
     const Context context = {corners, projected, screen, nearest_w, culled};
     const int others = counts.others, meshes = others + counts.views;
-    const Meshes colored = {by, firsts + counts.sheets + counts.backs, sources, levels, points, scales, weights, colors};
+    const Meshes colored = {by, firsts + counts.sheets + counts.backs, sources, levels, points, scales, weights, colors,
+                            NORMALS_ARGUMENT(uint)};
+    const GBuffer gbuffer = GBUFFER_VALUE;
     const size_t size = BLOCKS * LANES, own = get_global_id(0) * size;
     const MeshLayers layers = {layer_nearness + own, layer_owner + own, items * size};
 #if CLOSED
@@ -287,7 +315,7 @@ kernel void draw_meshes(global const int *corners, global const float *projected
             const intl mine = front > region.nearness[block];
             if (!blank && !any_lane(mine))
                 continue;
-            Color sum = {0.0f, 0.0f, 0.0f};
+            Color sum = {0.0f, 0.0f, 0.0f}, normal = sum;
             floatl total = 0.0f;
             intl taken = (intl)0, views = (intl)0; /* by the front mesh; views that gave colour */
             /* Of epsilon 0 this is `front` itself. */
@@ -302,20 +330,21 @@ kernel void draw_meshes(global const int *corners, global const float *projected
                 const intl given = shares & mine;
                 if (!any_lane(given))
                     continue;
-                total += add_mesh(&context, &colored, mesh, n, owner, first_x, first_y, shares, given, &sum);
+                total += add_mesh(&context, &colored, mesh, n, owner, first_x, first_y, shares, given, &sum, &normal);
                 views |= pick(given, (intl)(1 << sources[4 * mesh]), (intl)0);
             }
 #if CLOSED
             const intl given = closed & mine;
             if (any_lane(given))
-                total += add_closest(&space, colors, levels, to_floatl(first_x + block_x), to_floatl(first_y + block_y), front,
-                                     given, &sum, &views);
+                total += add_closing(&space, &colored, FAR_NORMALS_ARGUMENT, to_floatl(first_x + block_x),
+                                     to_floatl(first_y + block_y), front, given, &sum, &normal, &views);
 #endif
             const floatl scale = 1.0f / (255.0f * pick(mine, total, (floatl)1.0f));
             const Color shade = {sum.r * scale, sum.g * scale, sum.b * scale};
             region.nearness[block] = front;
             region.owner[block] = pick(mine, (intl)0, (intl)-1);
-            write_block(&region, block, screen, depth, color, valid, blank, first_x, first_y, shade);
+            const intl written = write_block(&region, block, screen, depth, color, valid, blank, first_x, first_y, shade);
+            enter_block(gbuffer, written, screen, depth, first_x, first_y, color_times(normal, scale));
 #if OCCUPIED
             write_occupancy(views, screen, first_x, first_y, occupancy);
 #endif

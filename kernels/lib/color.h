@@ -25,6 +25,12 @@ INLINED void add_color(Color *sum, floatl weight, Color c)
     sum->b += weight * c.b;
 }
 
+INLINED Color color_times(Color c, floatl by)
+{
+    const Color made = {by * c.r, by * c.g, by * c.b};
+    return made;
+}
+
 INLINED Color pick_color(intl mask, Color yes, Color no)
 {
     const Color c = {pick(mask, yes.r, no.r), pick(mask, yes.g, no.g), pick(mask, yes.b, no.b)};

@@ -1,55 +1,59 @@
 #ifndef PICTURE_FACING_H
 #define PICTURE_FACING_H
-/* What a thing has drawn into a picture, and its normals from the picture's depths: for what has no others. */
+/* Normals from a picture's depths: for what has no others. */
 #include "lib/screen.h"
 
-/* LANES pixels of a row */
+/* The part of a picture that shows one thing: pixels of other things tell nothing of its slopes. */
 typedef struct {
-    intl x, y;
-    intl drawn; /* which of them show the thing */
-    floatl n;   /* their nearness */
-    Vector p;   /* what they show, in the world */
-} Drawn;
+    global const float *depth;
+    global const float *entered; /* depths that the thing was drawn at (lib/gbuffer.h), or 0: all that is seen is one thing */
+    global const int *things;    /* and the numbers of things */
+    int thing;
+} Shown;
 
-/* Nearness of pixels; EMPTY beside the picture and where there is nothing */
-floatl picture_nearness(global const float *depth, Screen screen, intl x, intl y)
+/* LANES pixels of a row from x on: their nearness, EMPTY beside the picture and where they do not show the thing */
+INLINED floatl picture_nearness(Shown shown, Screen screen, int x, int y)
 {
-    const intl inside = (x >= 0) & (x < screen.width) & (y >= 0) & (y < screen.height);
-    const intl at = pick(inside, y * screen.width + x, (intl)0);
-    const floatl z = (floatl)(gather(depth, at));
-    return pick(inside & (z == z), DEPTH_OF(screen.perspective, z), (floatl)EMPTY);
+    if (y < 0 || y >= screen.height || x + LANES <= 0 || x >= screen.width)
+        return EMPTY;
+    floatl z = NAN;
+    intl of_thing = (intl)-1;
+    const size_t start = (size_t)y * screen.width;
+    global const float *row = shown.depth + start;
+    if (x >= 0 && x + LANES <= screen.width) {
+        z = load_lanes(row + x);
+        if (shown.entered)
+            of_thing = (load_lanes(shown.entered + start + x) == z) & (load_lanes(shown.things + start + x) == shown.thing);
+    } else {
+        for (int lane = max(-x, 0); lane < min(LANES, screen.width - x); lane++) {
+            set_float_lane(z, lane, row[x + lane]);
+            const size_t at = start + x + lane;
+            if (shown.entered)
+                set_int_lane(of_thing, lane, shown.entered[at] == row[x + lane] && shown.things[at] == shown.thing ? -1 : 0);
+        }
+    }
+    return pick(of_thing & (z == z), DEPTH_OF(screen.perspective, z), (floatl)EMPTY);
 }
 
 /* Along the surface, the way (dx, dy) from the point p of a pixel; a pixel alone is taken to be level. */
-Vector tangent_along(global const float *depth, Screen screen, intl x, intl y, int dx, int dy, floatl n, Vector p)
+INLINED Vector tangent_along(Shown shown, Screen screen, int x, int y, int dx, int dy, floatl n, Vector p)
 {
-    const floatl next = picture_nearness(depth, screen, x + dx, y + dy), last = picture_nearness(depth, screen, x - dx, y - dy);
+    const floatl next = picture_nearness(shown, screen, x + dx, y + dy), last = picture_nearness(shown, screen, x - dx, y - dy);
     const intl forward = fabs(next - n) <= fabs(last - n);
     const floatl near = pick(forward, next, last), sign = pick(forward, (floatl)1.0f, (floatl)-1.0f);
-    const Vector to = point_at(screen, to_floatl(x) + sign * dx, to_floatl(y) + sign * dy, pick(near > EMPTY, near, n));
-    return scaled(minus(to, p), sign);
+    const floatl there_x = to_floatl(x + lane_index) + sign * dx, there_y = y + sign * dy;
+    return scaled(minus(point_at(screen, there_x, there_y, pick(near > EMPTY, near, n)), p), sign);
 }
 
-/* The unit normal of a pixel's surface, towards the viewer: along x and y, of the neighbours `neighbour_offset` pixels away the one
- * whose nearness differs less tells how it slopes. n, p: the pixel's nearness and point. */
-Vector facing_at(global const float *depth, Screen screen, intl x, intl y, int neighbour_offset, floatl n, Vector p)
+/* The unit normals of LANES pixels of a row from x on, towards the viewer: along x and y, of the neighbours `neighbour_offset` pixels
+ * away the one whose nearness differs less tells how the surface slopes. n, p: the pixels' nearness and points. */
+INLINED Vector facing_at(Shown shown, Screen screen, int x, int y, int neighbour_offset, floatl n, Vector p)
 {
-    const Vector across = tangent_along(depth, screen, x, y, neighbour_offset, 0, n, p);
-    const Vector down = tangent_along(depth, screen, x, y, 0, neighbour_offset, n, p);
+    const Vector across = tangent_along(shown, screen, x, y, neighbour_offset, 0, n, p);
+    const Vector down = tangent_along(shown, screen, x, y, 0, neighbour_offset, n, p);
     const Vector normal = cross_product(across, down), ahead = view_direction(screen, p);
     const floatl unit = pick(DOT(normal, ahead) > 0.0f, (floatl)-1.0f, (floatl)1.0f) /
                         sqrt(max_lanes(DOT(normal, normal), (floatl)1e-37f));
     return scaled(normal, unit);
-}
-
-/* The pixels from `first` on: those that show something that they did not before, or, of a blank picture, anything. */
-Drawn drawn_at(global const float *before, global const float *depth, Screen screen, int blank, int first, int row)
-{
-    const intl x = min(first + lane_index, (intl)(screen.width - 1)), y = (intl)row, at = y * screen.width + x;
-    const floatl z = (floatl)(gather(depth, at)), z_before = (floatl)(gather(before, at));
-    Drawn made = {x, y, (first + lane_index < screen.width) & (z == z) & (blank ? (intl)(z == z) : !(z == z_before))};
-    made.n = pick(made.drawn, DEPTH_OF(screen.perspective, z), (floatl)(screen.perspective ? 1.0f : -1.0f));
-    made.p = point_at(screen, to_floatl(x), to_floatl(y), made.n);
-    return made;
 }
 #endif

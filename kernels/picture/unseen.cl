@@ -1,11 +1,11 @@
-/* What some depth images have not seen, marked in a picture.
+/* A thing in a picture, and marked on it what some depth images have not seen.
  *
  * A point was seen where one of the four samples around it has a depth that is not nearer: of a surface that slopes, one
- * of them is farther. So images know their silhouettes to a sample. Normals come from the picture's depths
+ * of them is farther. So images know their silhouettes to a sample. Normals come from the thing's depths
  * (picture/facing.h): an image on the other side of the surface has seen its back.
  *
- * before: (height, width) the depths before the thing was drawn, with `blank` 0; other pixels stay. depth, color: the
- * picture. maps: the images' depths, one after the other, 0 where they have none. views, places: a record of each
+ * own_depth, own_color: (height, width) the thing as it is drawn alone. depth, color, valid: the picture; blank: nothing has
+ * been drawn there. maps: the images' depths, one after the other, 0 where they have none. views, places: a record of each
  * image, VIEW_FLOATS and VIEW_INTS of them. part: only what lies in it is marked. fronts, backs: which sides count as
  * seen. red, green, blue, and the share of them: the mark. Work-item: LANES pixels of a row. Cost: O(pixels * images). Determinism: every pixel on its own.
  */
@@ -44,18 +44,23 @@ INLINED intl sees(global const float *maps, global const float *view, global con
     return inside & seen;
 }
 
-kernel void mark_unseen(global const float *before, global const float *depth, global channel *color, Screen screen,
-                        int blank, global const float *maps, global const float *views, global const int *places,
-                        int count, Bounds bounds, int fronts, int backs, float red, float green, float blue, float share)
+kernel void draw_marked(global const float *own_depth, global const channel *own_color, global float *depth,
+                        global channel *color, global uchar *valid, Screen screen, int blank, global const float *maps,
+                        global const float *views, global const int *places, int count, Bounds bounds, int fronts, int backs,
+                        float red, float green, float blue, float share)
 {
     const int first = get_global_id(0) * LANES, row = get_global_id(1);
     if (first >= screen.width || row >= screen.height)
         return;
-    const Drawn shown = drawn_at(before, depth, screen, blank, first, row);
-    if (!any_lane(shown.drawn))
+    const intl x = min(first + lane_index, (intl)(screen.width - 1)), pixel = row * screen.width + x;
+    const floatl z = (floatl)(gather(own_depth, pixel)), there = blank ? (floatl)NAN : (floatl)(gather(depth, pixel));
+    const intl drawn = (first + lane_index < screen.width) & (z == z) & !(z >= there);
+    if (!blank && !any_lane(drawn))
         return;
-    const Vector p = shown.p, facing = facing_at(depth, screen, shown.x, shown.y, 1, shown.n, p);
-    intl unseen = shown.drawn & (p.x >= bounds.low[0]) & (p.y >= bounds.low[1]) & (p.z >= bounds.low[2]) & (p.x <= bounds.high[0]) &
+    const Shown shown = {own_depth, 0, 0, 0};
+    const floatl n = pick(drawn, DEPTH_OF(screen.perspective, z), (floatl)(screen.perspective ? 1.0f : -1.0f));
+    const Vector p = point_at(screen, to_floatl(x), (floatl)row, n), facing = facing_at(shown, screen, first, row, 1, n, p);
+    intl unseen = drawn & (p.x >= bounds.low[0]) & (p.y >= bounds.low[1]) & (p.z >= bounds.low[2]) & (p.x <= bounds.high[0]) &
                   (p.y <= bounds.high[1]) & (p.z <= bounds.high[2]);
     for (int i = 0; i < count && any_lane(unseen); i++) {
         global const float *view = views + VIEW_FLOATS * i;
@@ -66,11 +71,14 @@ kernel void mark_unseen(global const float *before, global const float *depth, g
         unseen = unseen & !(may_see & sees(maps, view, place, p));
     }
     const float3 mark = (float3)(red, green, blue);
-    for (int lane = 0; lane < LANES; lane++) {
-        if (!int_lane(unseen, lane))
+    for (int lane = 0; lane < min(LANES, screen.width - first); lane++) {
+        const size_t at = (size_t)row * screen.width + first + lane;
+        const int is_drawn = int_lane(drawn, lane) != 0;
+        if (!is_drawn && !blank)
             continue;
-        const size_t pixel = 3 * ((size_t)row * screen.width + first + lane);
-        for (int k = 0; k < 3; k++)
-            color[pixel + k] = to_channel((1.0f - share) * color[pixel + k] + share * (k == 0 ? mark.x : k == 1 ? mark.y : mark.z));
+        const float3 own = read_pixel(own_color + 3 * at), mixed = (1.0f - share) * own + share * mark;
+        depth[at] = is_drawn ? float_lane(z, lane) : NAN;
+        valid[at] = is_drawn;
+        write_pixel(color + 3 * at, !is_drawn ? (float3)(0.0f) : int_lane(unseen, lane) ? mixed : own);
     }
 }

@@ -13,6 +13,7 @@
  *               the block's first pixel
  */
 #include "lib/color.h"
+#include "lib/gbuffer.h"
 #include "lib/screen.h"
 
 #ifndef KEEPS_UV
@@ -148,30 +149,44 @@ INLINED void write_whole_block(floatl z, Screen screen, global float *depth, glo
 }
 #endif
 
-/* Writes a block of the region to the picture; shade in [0, 1]; x, y: the block's first pixel. */
-INLINED void write_block(const Region *region, int block, Screen screen, global float *depth, global channel *color,
+/* Writes a block of the region to the picture; shade in [0, 1]; x, y: the block's first pixel. Returns which of its pixels
+ * show the region's primitives now. */
+INLINED intl write_block(const Region *region, int block, Screen screen, global float *depth, global channel *color,
                          global uchar *valid, int blank, int x, int y, Color shade)
 {
-    const intl mine = region->owner[block] >= 0;
+    intl mine = region->owner[block] >= 0;
     const floatl n = region->nearness[block], z = pick(mine, DRAWN_DEPTH(screen, n), (floatl)NAN);
 #if LANES == 16
     if (IS_WHOLE(screen, x, y) && (blank || !any_lane(!mine | (z >= block_depths(screen, depth, x, y))))) {
         write_whole_block(z, screen, depth, color, valid, x, y, shade);
-        return;
+        return mine;
     }
 #endif
     for (int lane = 0; lane < LANES; lane++) {
         const long at = pixel_of(screen, x, y, lane);
         const int is_mine = int_lane(mine, lane) != 0;
-        if (at < 0 || !(is_mine || blank))
+        if (at < 0 || !(is_mine || blank) || (!blank && float_lane(z, lane) >= depth[at])) {
+            set_int_lane(mine, lane, 0); /* equally far: there and back, nearness is rounded */
             continue;
-        if (!blank && float_lane(z, lane) >= depth[at])
-            continue; /* equally far: there and back, nearness is rounded */
+        }
         depth[at] = float_lane(z, lane);
         valid[at] = is_mine;
         const float3 one = rounded_channel(clamp(color_lane(shade, lane), 0.0f, 1.0f) * CHANNEL_MAX);
         write_pixel(color + 3 * at, is_mine ? one : (float3)(0.0f));
     }
+    return mine;
+}
+
+/* Enters those pixels of the block at (x, y) that are `written`. normal: as images hold it */
+INLINED void enter_block(GBuffer gbuffer, intl written, Screen screen, global const float *depth, int x, int y, Color normal)
+{
+#if GBUFFER
+    for (int lane = 0; lane < LANES; lane++)
+        if (int_lane(written, lane)) {
+            const long at = pixel_of(screen, x, y, lane);
+            enter_pixel(gbuffer, at, depth[at], color_lane(normal, lane));
+        }
+#endif
 }
 
 /* Writes all pixels of a region where nothing is; x, y: its first pixel. */

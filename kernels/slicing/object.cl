@@ -117,6 +117,7 @@ typedef struct {
     global const int *firsts;
     global const float *ribbons;
 #endif
+    global const uint *normals; /* RGBA bytes, as colors; with GBUFFER 2 */
 } Views;
 
 #if RIBBONS
@@ -288,16 +289,10 @@ intl intersect_object(const Views *views, const WorldRay *ray, RaySegment segmen
 
 /* Colours of at most BLENDED_VIEWS views, by how close they are */
 typedef struct {
-    Color color;
+    Color color, normal;
     floatl weight;
     floatl views; /* which a part of counts as that part */
 } Blend;
-
-INLINED Color color_times(Color c, floatl by)
-{
-    const Color made = {by * c.r, by * c.g, by * c.b};
-    return made;
-}
 
 /* How many samples (of the coarsest view) a difference of a view's nearness is long, where that is `mine` */
 INLINED floatl samples_per_nearness(const Views *views, const ViewRay *view, floatl mine)
@@ -308,7 +303,7 @@ INLINED floatl samples_per_nearness(const Views *views, const ViewRay *view, flo
 
 /* What a view's samples around a place say of points there: the colours of all, or of those about as far away. */
 typedef struct {
-    Color color; /* times their weights */
+    Color color, normal; /* times their weights */
     floatl weight;
     floatl part; /* of them that are as far away as the point: of a surface that is seen aslant few are */
     intl sees;
@@ -316,7 +311,7 @@ typedef struct {
 
 INLINED ViewColor view_color(const Views *views, int number, const ViewRay *view, Samples samples, floatl at, int trusting)
 {
-    ViewColor seen_color = {{0.0f, 0.0f, 0.0f}, 0.0f, 0.0f, samples.on_image};
+    ViewColor seen_color = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.0f, 0.0f, samples.on_image};
     global const int *size = views->sizes + 3 * number;
     const floatl mine = AT(view->q, at) / AT(view->w, at), by = samples_per_nearness(views, view, mine);
     for (int k = 0; k < 4; k++) {
@@ -328,6 +323,9 @@ INLINED ViewColor view_color(const Views *views, int number, const ViewRay *view
             weight = weight / (1.0f + squared * (1.0f / (TORN_SAMPLES * TORN_SAMPLES)));
         }
         add_color(&seen_color.color, weight, color_of(word));
+#if GBUFFER == 2
+        add_color(&seen_color.normal, weight, color_of(texels_at(views->normals + size[2], samples.taps.at[k])));
+#endif
         seen_color.weight += weight;
     }
     seen_color.sees = seen_color.sees & (seen_color.weight > (trusting ? 0.0f : 1e-3f));
@@ -375,7 +373,7 @@ INLINED floatl own_surface_before(const Views *views, int number, const ViewRay 
 /* Blends colours of the rays' points at `hit`: trusting, of views that see them, else of the closest. */
 Blend blend_views(const Views *views, const WorldRay *ray, floatl hit, intl active, int trusting)
 {
-    Blend blend = {{0.0f, 0.0f, 0.0f}, 0.0f, 0.0f};
+    Blend blend = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.0f, 0.0f};
     for (int i = 0; i < VIEWS; i++) { /* `order` is from the closest on */
         intl wanted = active & (blend.views < BLENDED_VIEWS - 0.5f);
         if (!any_lane(wanted))
@@ -390,6 +388,9 @@ Blend blend_views(const Views *views, const WorldRay *ray, floatl hit, intl acti
         const floatl share = pick(wanted & seen_color.sees, views->closeness[number] * part / seen_color.weight, (floatl)0.0f);
         const Color none = {0.0f, 0.0f, 0.0f};
         add_color(&blend.color, share, pick_color(seen_color.sees, seen_color.color, none));
+#if GBUFFER == 2
+        add_color(&blend.normal, share, pick_color(seen_color.sees, seen_color.normal, none));
+#endif
         blend.weight += share * pick(seen_color.sees, seen_color.weight, (floatl)0.0f);
         blend.views += pick(wanted & seen_color.sees, part, (floatl)0.0f);
     }
@@ -397,9 +398,9 @@ Blend blend_views(const Views *views, const WorldRay *ray, floatl hit, intl acti
 }
 
 /* Of the rays' points at `hit`: of views that see them, if there are, else of any */
-Color color_at(const Views *views, const WorldRay *ray, RaySegment segment, floatl hit, int halvings, intl found, intl *tests)
+Blend blend_at(const Views *views, const WorldRay *ray, RaySegment segment, floatl hit, int halvings, intl found, intl *tests)
 {
-    Blend blend = {{0.0f, 0.0f, 0.0f}, 0.0f, 0.0f};
+    Blend blend = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.0f, 0.0f};
     if (!SILHOUETTES && views->visible) {
         blend = blend_views(views, ray, hit, found, 1);
         const intl doubted = found & (blend.views < VIEWS_MIN);
@@ -411,6 +412,7 @@ Color color_at(const Views *views, const WorldRay *ray, RaySegment segment, floa
             refine_object_hit(views, rays, segment, way, CLOSER_HALVINGS, doubted, &hit, tests);
             const Blend closer = blend_views(views, ray, hit, doubted, 1);
             blend.color = pick_color(doubted, closer.color, blend.color);
+            blend.normal = pick_color(doubted, closer.normal, blend.normal);
             blend.weight = pick(doubted, closer.weight, blend.weight);
         }
     }
@@ -418,9 +420,10 @@ Color color_at(const Views *views, const WorldRay *ray, RaySegment segment, floa
     if (any_lane(unseen)) {
         const Blend any = blend_views(views, ray, hit, unseen, 0);
         blend.color = pick_color(unseen, any.color, blend.color);
+        blend.normal = pick_color(unseen, any.normal, blend.normal);
         blend.weight = pick(unseen, any.weight, blend.weight);
     }
-    return color_times(blend.color, 1.0f / (255.0f * fmax(blend.weight, (floatl)1e-20f)));
+    return blend;
 }
 
 kernel void draw_object(global const float *matrices, global const int *sizes, global const float *maps,
@@ -438,7 +441,7 @@ kernel void draw_object(global const float *matrices, global const int *sizes, g
                         global const int *firsts /* of the ribbons of each view's samples, and the end of all */,
                         global const float *ribbons
 #endif
-)
+                        GBUFFER_PARAMETERS NORMALS_PARAMETER(uint))
 {
     const int x = low_x + get_global_id(0) * BLOCK, y = low_y + get_global_id(1) * BLOCK;
     if (x >= screen.width || y >= screen.height)
@@ -450,6 +453,7 @@ kernel void draw_object(global const float *matrices, global const int *sizes, g
 #if RIBBONS
                          firsts, ribbons,
 #endif
+                         NORMALS_ARGUMENT(uint),
     };
     const WorldRay ray = world_ray(screen, to_floatl(x + block_x), to_floatl(y + block_y));
     const floatl so_far = region.nearness[0];
@@ -461,10 +465,16 @@ kernel void draw_object(global const float *matrices, global const int *sizes, g
     found = found & (nearness > so_far); /* of what is equally far, the first stays */
     region.nearness[0] = pick(found, nearness, so_far);
     region.owner[0] = pick(found, (intl)0, (intl)-1);
-    Color shade = {0.0f, 0.0f, 0.0f};
-    if (any_lane(found))
-        shade = color_at(&views, &ray, segment, hit, halvings, found, &tests);
+    Color shade = {0.0f, 0.0f, 0.0f}, normal = shade;
+    if (any_lane(found)) {
+        const Blend blend = blend_at(&views, &ray, segment, hit, halvings, found, &tests);
+        const floatl scale = 1.0f / (255.0f * fmax(blend.weight, (floatl)1e-20f));
+        shade = color_times(blend.color, scale);
+        normal = color_times(blend.normal, scale);
+    }
     if (COUNTERS)
         add_to_counters(COUNTERS_ARGUMENT(int), screen, x, y, tests);
-    write_block(&region, 0, screen, depth, color, valid, blank, x, y, shade);
+    const intl written = write_block(&region, 0, screen, depth, color, valid, blank, x, y, shade);
+    const GBuffer gbuffer = GBUFFER_VALUE;
+    enter_block(gbuffer, written, screen, depth, x, y, normal);
 }

@@ -12,11 +12,13 @@
  * Launches: nearest_layer for each layer; then for each mark_edges, row_distances, add_layer; then write_blend, once.
  * depth, color, valid: (height, width) of a layer, or of the picture. best: (2, height, width) depth of the nearest
  * layer, and by how much it may be off. sums: (6, height, width) the weights' sum; the weighted means of red, green,
- * blue and depth so far, which are a layer's own to the bit where it contributes alone; the greatest weight.
+ * blue and depth so far, which are a layer's own to the bit where it contributes alone; the greatest weight; with
+ * GBUFFER 2, three more, of the normal.
  * from_edge: (height + 2 FEATHER, pitch) with a margin of FEATHER pixels to each side.
  * Work-item: LANES pixels of a row. Cost: O(pixels) a layer. Determinism: layers are added in the order of the views.
  */
 #include "lib/color.h"
+#include "lib/gbuffer.h"
 #include "lib/screen.h"
 
 #ifndef ORIGINS
@@ -119,6 +121,7 @@ kernel void add_layer(global const float *depth, global const channel *color, gl
 #if ORIGINS
                       , global const float *layer_origin, global float *origin
 #endif
+                      NORMALS_PARAMETER(float) /* of the layer, in the world, of any length */
 )
 {
     const int width = screen.width, height = screen.height;
@@ -149,6 +152,15 @@ kernel void add_layer(global const float *depth, global const channel *color, gl
             const float before = first ? 0.0f : *mean;
             *mean = before + (parts[i] - before) * share;
         }
+#if GBUFFER == 2
+        const float3 normal = own > 0.0f ? vload3(at, normals) : (float3)(0.0f);
+        const float axes[3] = {normal.x, normal.y, normal.z};
+        for (int i = 0; i < 3; i++) {
+            global float *mean = sums + (i + 6) * plane + at;
+            const float before = first ? 0.0f : *mean;
+            *mean = before + (axes[i] - before) * share;
+        }
+#endif
         if (first || own > sums[5 * plane + at]) {
             sums[5 * plane + at] = own;
 #if ORIGINS
@@ -160,7 +172,7 @@ kernel void add_layer(global const float *depth, global const channel *color, gl
 
 /* Into a picture that shows something already (`merge`), where it is nearer. */
 kernel void write_blend(global const float *sums, global float *depth, global channel *color, global uchar *valid, int width,
-                  int height, int merge)
+                  int height, int merge GBUFFER_PARAMETERS)
 {
     const int x0 = get_global_id(0) * LANES, y = get_global_id(1);
     if (x0 >= width || y >= height)
@@ -176,5 +188,11 @@ kernel void write_blend(global const float *sums, global float *depth, global ch
         valid[at] = any;
         const float3 mean = (float3)(sums[plane + at], sums[2 * plane + at], sums[3 * plane + at]);
         write_pixel(color + CHANNELS * at, any ? clamp(rounded_channel(mean), 0.0f, CHANNEL_MAX) : (float3)(0.0f));
+        const GBuffer gbuffer = GBUFFER_VALUE;
+        float3 normal = 0.0f;
+#if GBUFFER == 2
+        normal = 0.5f + 0.5f * (float3)(sums[6 * plane + at], sums[7 * plane + at], sums[8 * plane + at]);
+#endif
+        enter_pixel(gbuffer, at, depth[at], normal);
     }
 }

@@ -9,6 +9,7 @@
 #include "lib/pixelspace.h"
 
 #include "lib/channel.h"
+#include "lib/gbuffer.h"
 #include "warp/keys.h"
 
 /* Both launches must find the same nearness to the last bit. */
@@ -64,7 +65,8 @@ kernel void splat_index(global const float *nearness, global const uint *keys, g
 }
 
 kernel void splat_pixels(global const uint *keys, global const uint *indices, global const channel *src_color,
-                         global float *depth, global channel *color, global uchar *valid, PixelMap map, int merge)
+                         global float *depth, global channel *color, global uchar *valid, PixelMap map, int merge
+                         GBUFFER_PARAMETERS NORMALS_PARAMETER(float))
 {
     const int x = get_global_id(0), y = get_global_id(1);
     if (x >= map.dst_width || y >= map.dst_height)
@@ -78,4 +80,11 @@ kernel void splat_pixels(global const uint *keys, global const uint *indices, gl
     valid[at] = landed;
     for (int c = 0; c < CHANNELS; c++)
         color[CHANNELS * at + c] = landed ? src_color[CHANNELS * (size_t)indices[at] + c] : 0;
+    const GBuffer gbuffer = GBUFFER_VALUE;
+    float3 normal = 0.0f;
+#if GBUFFER == 2
+    if (landed)
+        normal = vload3(indices[at], normals);
+#endif
+    enter_pixel(gbuffer, at, z, normal);
 }

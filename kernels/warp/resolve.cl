@@ -20,6 +20,8 @@
  * Determinism: every pixel on its own, from inputs alone.
  */
 #include "lib/color.h"
+#include "lib/gbuffer.h"
+#include "lib/vectors.h"
 
 #ifndef STRIP
 #define STRIP 1 /* packets of LANES pixels a work-item: pixels to trace are gathered from all of them */
@@ -227,12 +229,17 @@ INLINED floatl trace_around(global const float *hits, Grid grid, PixelMap map, i
     return found;
 }
 
-/* The pixels' nearness and colours where their rays meet the source. */
-INLINED Color read_source(Pixels *pixels, Grid grid, PixelMap map, global const channel *src_color, int linear)
+/* Samples, as numbers y * width + x, and what each counts: a triangle's corners, or the nearest sample as the first of them */
+typedef struct {
+    intl corner, beside, below;
+    floatl at_corner, at_beside, at_below;
+} Mixed;
+
+/* What is seen where the pixels' rays meet the source; of nearest samples, the pixels get their nearness, too. */
+INLINED Mixed samples_there(Pixels *pixels, Grid grid, PixelMap map, int linear)
 {
     const float *D = map.dst_from_src;
     const int step_x = min(map.src_width - 1, 1), step_y = min(map.src_height - 1, 1); /* 0 in an image of one column */
-    const int count = max(map.src_width * map.src_height, 2); /* there is room for two: `read_color` reads four bytes */
     const floatl u = pixels->u, v = pixels->v;
     const floatl uc = truncated(clamp_lanes(u, (floatl)0.0f, (floatl)max(map.src_width - 2, 0)));
     const floatl vc = truncated(clamp_lanes(v, (floatl)0.0f, (floatl)max(map.src_height - 2, 0)));
@@ -246,27 +253,55 @@ INLINED Color read_source(Pixels *pixels, Grid grid, PixelMap map, global const 
         const floatl q = (floatl)(gather(grid.nearness, at)), sample_u = to_floatl(sx), sample_v = to_floatl(sy);
         const floatl w = MAP_ROW(D, 2, sample_u, sample_v, q);
         pixels->n = pick(IS_HIT(pixels->n) & (w > 0.0f), MAP_ROW(D, 3, sample_u, sample_v, q) / w, pixels->n);
-        return read_color(src_color, sy * map.src_width + sx, count);
+        const intl nearest = sy * map.src_width + sx;
+        const Mixed one = {nearest, nearest, nearest, 1.0f, 0.0f, 0.0f};
+        return one;
     }
     const floatl diagonal = fu + fv - 1.0f;
     const intl upper = diagonal > 0.0f;
-    const intl cell = cell_y * map.src_width + cell_x;
-    const intl beside = cell + step_x, below = cell + step_y * map.src_width;
-    const floatl at_beside = pick(upper, 1.0f - fv, fu), at_below = pick(upper, 1.0f - fu, fv);
-    const floatl at_corner = fabs(diagonal);
-    const Color c0 = read_color(src_color, pick(upper, below + step_x, cell), count);
-    const Color c1 = read_color(src_color, beside, count);
+    const intl cell = cell_y * map.src_width + cell_x, below = cell + step_y * map.src_width;
+    const Mixed three = {pick(upper, below + step_x, cell), cell + step_x, below,
+                         fabs(diagonal), pick(upper, 1.0f - fv, fu), pick(upper, 1.0f - fu, fv)};
+    return three;
+}
+
+INLINED Color mixed_color(Mixed there, PixelMap map, global const channel *src_color, int linear)
+{
+    const int count = max(map.src_width * map.src_height, 2); /* there is room for two: `read_color` reads four bytes */
+    const Color c0 = read_color(src_color, there.corner, count);
+    if (!linear)
+        return c0;
+    const Color c1 = read_color(src_color, there.beside, count);
     Color c;
-    c.r = at_corner * c0.r + at_beside * c1.r;
-    c.g = at_corner * c0.g + at_beside * c1.g;
-    c.b = at_corner * c0.b + at_beside * c1.b;
-    if (any_lane(at_below != 0.0f)) { /* not on rows of samples */
-        const Color c2 = read_color(src_color, below, count);
-        c.r += at_below * c2.r;
-        c.g += at_below * c2.g;
-        c.b += at_below * c2.b;
+    c.r = there.at_corner * c0.r + there.at_beside * c1.r;
+    c.g = there.at_corner * c0.g + there.at_beside * c1.g;
+    c.b = there.at_corner * c0.b + there.at_beside * c1.b;
+    if (any_lane(there.at_below != 0.0f)) { /* not on rows of samples */
+        const Color c2 = read_color(src_color, there.below, count);
+        c.r += there.at_below * c2.r;
+        c.g += there.at_below * c2.g;
+        c.b += there.at_below * c2.b;
     }
     return c;
+}
+
+/* Enters the `written` of the first `count` of LANES pixels, from number `first` of the picture on. */
+INLINED void enter_pixels(GBuffer gbuffer, Mixed there, intl written, int count, size_t first, global const float *depth,
+                          global const float *normals)
+{
+#if GBUFFER
+    Color normal = {0.0f, 0.0f, 0.0f};
+#if GBUFFER == 2
+    const Vector a = vector_at(normals, there.corner), b = vector_at(normals, there.beside);
+    const Vector c = vector_at(normals, there.below);
+    normal.r = there.at_corner * a.x + there.at_beside * b.x + there.at_below * c.x;
+    normal.g = there.at_corner * a.y + there.at_beside * b.y + there.at_below * c.y;
+    normal.b = there.at_corner * a.z + there.at_beside * b.z + there.at_below * c.z;
+#endif
+    for (int lane = 0; lane < count; lane++)
+        if (int_lane(written, lane))
+            enter_pixel(gbuffer, first + lane, depth[first + lane], color_lane(normal, lane));
+#endif
 }
 
 #if ORIGINS
@@ -336,7 +371,7 @@ kernel void resolve(global const float *nearness, global const float *hits, glob
                     ,
                     global float *origin /* (dst_height, dst_width, 3): u, v and the number of the view */, int view
 #endif
-                    COUNTERS_PARAMETER(uint))
+                    COUNTERS_PARAMETER(uint) GBUFFER_PARAMETERS NORMALS_PARAMETER(float))
 {
     const int y = low_y + get_global_id(1);
     const int strip_x = low_x + get_global_id(0) * (STRIP * LANES);
@@ -385,13 +420,16 @@ kernel void resolve(global const float *nearness, global const float *hits, glob
         const size_t out = (size_t)y * map.dst_width + x0;
         if (hits_are != HITS_OF_PIXELS)
             find_place(&pixels[p], map, x0, y);
-        const Color c = read_source(&pixels[p], grid, map, src_color, linear);
+        const Mixed there = samples_there(&pixels[p], grid, map, linear);
+        const Color c = mixed_color(there, map, src_color, linear);
         pixels[p].n = pick(IS_BEFORE(map.dst_perspective, pixels[p].n), pixels[p].n, (floatl)EMPTY);
         const int in_packet = min(high_x - x0, LANES);
         const intl written = write_pixels(pixels[p], c, map, merge, in_packet, depth + out, color + CHANNELS * out, valid + out);
 #if ORIGINS /* else nothing asks what is written */
         write_origins(pixels[p], written, in_packet, origin + 3 * out, view);
 #endif
+        const GBuffer gbuffer = GBUFFER_VALUE;
+        enter_pixels(gbuffer, there, written, in_packet, out, depth, NORMALS_ARGUMENT(float));
     }
 #if COUNTERS
     const int across = (high_x - low_x + STRIP * LANES - 1) / (STRIP * LANES);

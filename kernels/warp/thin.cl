@@ -10,6 +10,7 @@
  * Not in the paper, whose samples are all connected.
  */
 #include "lib/channel.h"
+#include "lib/gbuffer.h"
 #include "lib/lanes.h"
 #include "lib/ribbons.h"
 #include "warp/keys.h"
@@ -158,9 +159,11 @@ void mix_colors(global const channel *src_color, int a, int b, float part, globa
     }
 }
 
-/* Pixel (x, y) is that of a ribbon, if it is nearer than what is there. */
-void write_ribbon(Grid grid, uint number, PixelMap map, int sides, int linear, int x, int y, global const channel *src_color,
-                  global float *depth, global channel *color, global uchar *valid, global float *origin, int view)
+/* Pixel (x, y) is that of a ribbon, if it is nearer than what is there. Returns whether it is; part: where between the
+ * middles of the samples `ends` it is. */
+int write_ribbon(Grid grid, uint number, PixelMap map, int sides, int linear, int x, int y, global const channel *src_color,
+                  global float *depth, global channel *color, global uchar *valid, global float *origin, int view, int2 *ends,
+                 float *along)
 {
     const float *D = map.dst_from_src;
     const int sample = number / NEIGHBOURS;
@@ -175,13 +178,16 @@ void write_ribbon(Grid grid, uint number, PixelMap map, int sides, int linear, i
     }
     const float z = DEPTH_OF(map.dst_perspective, met);
     if (!IS_HIT(met) || !IS_BEFORE(map.dst_perspective, met) || (*valid && z >= *depth))
-        return;
+        return 0;
     *depth = z;
     *valid = 1;
     mix_colors(src_color, ribbon.from, ribbon.to, part, color);
 #if ORIGINS
     vstore3((float3)(sx, sy, view), 0, origin); /* what lies beside a wire is another thing's */
 #endif
+    *ends = (int2)(ribbon.from, ribbon.to);
+    *along = part;
+    return 1;
 }
 
 kernel void thin_pixels(global const float *nearness, global const uint *keys, global const uint *indices,
@@ -191,7 +197,7 @@ kernel void thin_pixels(global const float *nearness, global const uint *keys, g
                         ,
                         global float *origin /* (dst_height, dst_width, 3): u, v and the number of the view */, int view
 #endif
-)
+                        GBUFFER_PARAMETERS NORMALS_PARAMETER(float))
 {
     const int y = get_global_id(1);
     const Grid grid = {nearness, map.src_width, map.src_height, map.src_pitch, cut};
@@ -201,15 +207,27 @@ kernel void thin_pixels(global const float *nearness, global const uint *keys, g
         const size_t at = (size_t)y * map.dst_width + x0;
         if (x0 + LANES <= map.dst_width && !any_lane(as_intl(load_lanes(keys + at)) != 0))
             continue; /* as most */
-        for (int i = 0; i < min(LANES, map.dst_width - x0); i++)
-            if (keys[at + i] && indices[at + i] != NO_RIBBON)
-                write_ribbon(grid, indices[at + i], map, sides, linear, x0 + i, y, src_color, depth + at + i,
-                             color + CHANNELS * (at + i), valid + at + i,
+        for (int i = 0; i < min(LANES, map.dst_width - x0); i++) {
+            if (!keys[at + i] || indices[at + i] == NO_RIBBON)
+                continue;
+            int2 ends;
+            float along;
+            const int written = write_ribbon(grid, indices[at + i], map, sides, linear, x0 + i, y, src_color, depth + at + i,
+                                             color + CHANNELS * (at + i), valid + at + i,
 #if ORIGINS
-                             origin + 3 * (at + i), view
+                                             origin + 3 * (at + i), view,
 #else
-                             0, 0
+                                             0, 0,
 #endif
-                );
+                                             &ends, &along);
+            if (!written)
+                continue;
+            const GBuffer gbuffer = GBUFFER_VALUE;
+            float3 normal = 0.0f;
+#if GBUFFER == 2
+            normal = mix(vload3(ends.x, normals), vload3(ends.y, normals), along);
+#endif
+            enter_pixel(gbuffer, at + i, depth[at + i], normal);
+        }
     }
 }

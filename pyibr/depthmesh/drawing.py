@@ -26,6 +26,7 @@ from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty, upload
 from pyibr.opencl.program import kernel
+from pyibr.picture.deferred import NO_ENTRY, Entry, entry_for
 from pyibr.picture.normals import noise_bias, showing_normals
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
@@ -99,14 +100,18 @@ def _joined(images: Sequence[NDArray[np.uint32]]) -> DeviceArray:
     return upload(np.concatenate([image.ravel() for image in images]))
 
 
-def _shown(target: Target, thing: Fixed, views: Sequence[DepthImage], blending: Blending | None) -> _Colors:
-    """Colours of the views on the device, or their normals for a target of normals."""
+def _colors_and_normals(
+    thing: Fixed, views: Sequence[DepthImage], blending: Blending | None, with_normals: bool
+) -> tuple[_Colors, dict[str, DeviceArray]]:
+    """The views' colours, and, where they are asked for, the kernel's arguments of their normals in the same form."""
     background, gains = (None, None) if blending is None else (blending.background, blending.gains)
-    if target.of_normals:
-        return cached_on_device(
-            thing, "normals", lambda: _colors_of(list(map(showing_normals, views)), None, background)
-        )
-    return cached_on_device(thing, "colors", lambda: _colors_of(views, gains, background))
+    colors = cached_on_device(thing, "colors", lambda: _colors_of(views, gains, background))
+    if not with_normals:
+        return colors, {}
+    normals = cached_on_device(
+        thing, "normals", lambda: _colors_of(list(map(showing_normals, views)), None, background)
+    )
+    return colors, {"normals": normals.words} | ({} if normals.behind is None else {"far_normals": normals.behind})
 
 
 def draw_depth_meshes(
@@ -118,6 +123,7 @@ def draw_depth_meshes(
     blending: Blending | None = None,
     occupancy: DeviceArray | None = None,
     reuse: float = 0.0,
+    entry: Entry = NO_ENTRY,
 ) -> None:
     """Draw the mesh of a view, or those of several, blended, into the target.
 
@@ -137,15 +143,18 @@ def draw_depth_meshes(
         Gets bit k set where view k gave colour.
     reuse : float
         Of `pyibr.depthmesh.selection.Selection`.
+    entry : Entry
+        Of a picture in a light.
     """
     closeness = np.ones(1) if blending is None else blending.closeness
     order, count = ([0], 1) if blending is None else (blending.order, blending.count)
     backs = [n for n in order[:count] if may_show_its_back(meshes[n].view.camera, target.camera, bounds)]
     shown = DrawnViews.of(order, count, backs)
     trees = [meshes[number].tree for number in shown.chosen]
-    colors = _shown(target, thing, [mesh.view for mesh in meshes], blending)
+    colors, normals = _colors_and_normals(thing, [mesh.view for mesh in meshes], blending, entry.normals)
     underlay, drawn, colored = None, shown.chosen, shown.chosen  # views of all meshes, and of those with colours
-    defines, more, counts = dict(target.color_defines), dict[str, Any](), (0, 0, 0, len(shown.chosen))
+    counts = 0, 0, 0, len(shown.chosen)
+    defines, more = {**target.color_defines, **entry.defines}, dict[str, Any]()
     if blending is not None and blending.background is not None:
         underlay, drawn, colored = underlay_of(blending.background, shown), shown.views, [*shown.others, *shown.chosen]
         counts = len(colored), len(shown.around), len(shown.others), len(shown.chosen)
@@ -153,6 +162,7 @@ def draw_depth_meshes(
         more = _seen_empty(target.camera, meshes, blending, blending.background, colors)
     triangles = _triangles_for(target, thing, trees, underlay, tolerance, reuse)
     projected = project_points(target.camera, [meshes[number].view for number in drawn], triangles)
+    more |= normals | entry.arguments
     more |= _colored(target.camera, [meshes[number].view for number in colored], colored, colors)
     if occupancy is not None:
         defines["OCCUPIED"] = 1
@@ -260,19 +270,17 @@ def _seen_empty(
     }
 
 
-def shadow_bias(
+def entry_of_meshes(
     target: Target, lighting: Lighting | None, views: Sequence[DepthImage], tolerance: float, bounds: Bounds
-) -> tuple[float, int]:
-    """Scene units by which what is drawn may lie off the surface, and pixels over which its slope shows; for a light.
-
-    It sees other triangles, and the views' noise.
-    """
+) -> Entry:
+    """Enter the meshes of views among what is lit afterwards; a light sees other triangles, and the views' noise."""
     if lighting is None:
-        return 0.0, 1
+        return NO_ENTRY
     low, high = bounds
     middle = 0.5 * (low + high)
     noise, apart = noise_bias(views, target.camera, middle)
-    return tolerance * pixel_size(target.camera, middle) + noise, apart
+    bias = tolerance * pixel_size(target.camera, middle) + noise
+    return entry_for(target, lighting, bias=bias, apart=apart, normals=True)
 
 
 def _focal(camera: Camera) -> float:

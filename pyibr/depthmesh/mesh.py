@@ -12,7 +12,7 @@ from pyibr.core.camera import Camera
 from pyibr.core.checks import Fixed, Float64, checked_bool, describe, instance_of, number_from, numbers, one_of
 from pyibr.core.errors import ArgumentError
 from pyibr.core.straight import covering_camera
-from pyibr.depthmesh.drawing import draw_depth_meshes, shadow_bias
+from pyibr.depthmesh.drawing import draw_depth_meshes, entry_of_meshes
 from pyibr.depthmesh.segmentation import Segmentation
 from pyibr.depthmesh.selection import REUSE_MAX, active_within, select_for
 from pyibr.depthmesh.strips import strips_of, with_normals
@@ -23,7 +23,7 @@ from pyibr.meshes.mesh import Mesh
 from pyibr.opencl.device import current
 from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.memory import DeviceArray
-from pyibr.picture.shadow import Lighting, shadowed
+from pyibr.picture.shadow import Lighting
 from pyibr.picture.straighten import straightened
 from pyibr.picture.target import Target
 
@@ -111,12 +111,8 @@ class DepthMesh(Fixed):
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
         """Draw the triangles in the view's colours, which hold their light, unless a light relights them."""
-        off, apart = shadow_bias(target, lighting, [self.view], self.tolerance, self.bounds)
-        with shadowed(target, lighting, bias=off, apart=apart, draw_normals=self._draw):
-            self._draw(target)
-
-    def _draw(self, target: Target) -> None:
-        draw_depth_meshes(target, self, [self], self.tolerance, self.bounds, reuse=self.reuse)
+        entry = entry_of_meshes(target, lighting, [self.view], self.tolerance, self.bounds)
+        draw_depth_meshes(target, self, [self], self.tolerance, self.bounds, reuse=self.reuse, entry=entry)
 
     @property
     def tree(self) -> Tree:

@@ -15,7 +15,7 @@ from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import frustum
 from pyibr.core.straight import check_no_lens, covering_camera
 from pyibr.depthmesh.closing import closing_of
-from pyibr.depthmesh.drawing import Blending, draw_depth_meshes, shadow_bias
+from pyibr.depthmesh.drawing import Blending, draw_depth_meshes, entry_of_meshes
 from pyibr.depthmesh.exposure import gains_of
 from pyibr.depthmesh.mesh import DepthMesh, checked_tolerance
 from pyibr.depthmesh.segmentation import Segmentation
@@ -24,7 +24,8 @@ from pyibr.images import DepthImage
 from pyibr.opencl.device import one_call
 from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.memory import DeviceArray, empty
-from pyibr.picture.shadow import Lighting, shadowed
+from pyibr.picture.deferred import NO_ENTRY, Entry
+from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
 
 Blend = Literal["quality", "position", "nearest"]
@@ -148,18 +149,17 @@ class DepthMeshObject(Fixed):
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
         """Draw the blended meshes in their views' colours, which hold their light, unless a light relights them."""
-        off, apart = shadow_bias(target, lighting, [mesh.view for mesh in self.meshes], self.tolerance, self.bounds)
-        with shadowed(target, lighting, bias=off, apart=apart, draw_normals=self._blend):
-            self._blend(target)
+        views = [mesh.view for mesh in self.meshes]
+        self._blend(target, entry=entry_of_meshes(target, lighting, views, self.tolerance, self.bounds))
 
-    def _blend(self, target: Target, occupancy: DeviceArray | None = None) -> None:
+    def _blend(self, target: Target, occupancy: DeviceArray | None = None, entry: Entry = NO_ENTRY) -> None:
         behind = None
         if self.closed:
             behind = cached_on_device(self, "background", lambda: closing_of(self.meshes, self.extent))
         order, closeness = self._order(target.camera), self.closeness(target.camera)
         blending = Blending(self.blend, order, closeness, self.blended, self.epsilon, behind, self._gains)
         tolerance = 0.5 * self.tolerance
-        draw_depth_meshes(target, self, self.meshes, tolerance, self.bounds, blending, occupancy, self.reuse)
+        draw_depth_meshes(target, self, self.meshes, tolerance, self.bounds, blending, occupancy, self.reuse, entry)
 
     @cached_property
     def _gains(self) -> Float64 | None:

@@ -105,13 +105,6 @@ def output(array: NDArray[Any]) -> DeviceArray:
     return empty(array.shape, array.dtype, array)
 
 
-def duplicate(array: DeviceArray) -> DeviceArray:
-    """Another array with the same values, as they are in the order of launches."""
-    made = empty(array.shape, array.dtype)
-    copy(array, made)
-    return made
-
-
 def copy(source: DeviceArray, target: DeviceArray, at: int = 0) -> None:
     """Copies all of `source` to `target` from its element `at` on, in the order of launches."""
     import pyopencl as cl

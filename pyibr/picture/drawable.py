@@ -49,7 +49,7 @@ class Drawable(Protocol):
             light, from both its sides.
         lighting : Lighting or None
             None: show the thing's own colours. Else shade it: kernels with normals of their own take
-            `Lighting.arguments`; `pyibr.picture.shadow.shadowed` darkens what has none.
+            `Lighting.arguments`; what holds its light is entered by `pyibr.picture.deferred.entry_for`.
         """
         ...
 

@@ -72,7 +72,7 @@ def normals_of(view: DepthImage) -> NDArray[np.float32]:
 def showing_normals(view: DepthImage) -> DepthImage:
     """The view with its normals for colours: x, y, z in the world as 0.5 + 0.5 x, made once.
 
-    So whatever mixes and blends colours of views makes pictures of normals, which kernels/picture/relight.cl reads.
+    So whatever mixes and blends colours of views does so with normals, for the G-buffer (kernels/lib/gbuffer.h).
     """
 
     def made() -> DepthImage:
@@ -122,7 +122,7 @@ def noise_bias(views: Sequence[DepthImage], camera: Camera, middle: Float64) -> 
     Returns
     -------
     float, int
-        `bias` and `apart` of `pyibr.picture.shadow.shadowed`: scene units, and the picture's pixels between depths
+        `bias` and `apart` of `pyibr.picture.deferred.entry_for`: scene units, and the picture's pixels between depths
         that tell how it slopes. 1 pixel without noise.
     """
     pixel, bias, apart = pixel_size(camera, middle), 0.0, 1

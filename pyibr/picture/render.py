@@ -15,6 +15,7 @@ from pyibr.images.depth_image import DepthImage
 from pyibr.images.frame import Frame
 from pyibr.meshes.mesh import Mesh
 from pyibr.opencl.device import one_call
+from pyibr.picture.deferred import light_things
 from pyibr.picture.drawable import Drawable, Finishing, as_drawable, color_dtype_of
 from pyibr.picture.light import Light
 from pyibr.picture.picture import PictureParts
@@ -106,6 +107,7 @@ def render(
             for drawable in drawables:
                 drawable.draw(target, lit)
             target.clear()
+            light_things(target, lit)
             for drawable in drawables:
                 if isinstance(drawable, Finishing):
                     drawable.finish(target)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable, Generator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,12 +12,10 @@ from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Fixed, Float64
-from pyibr.opencl.device import current
 from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.headers import struct
-from pyibr.opencl.launch import Struct, launch
-from pyibr.opencl.memory import DeviceArray, copy, duplicate, empty
-from pyibr.opencl.program import kernel
+from pyibr.opencl.launch import Struct
+from pyibr.opencl.memory import DeviceArray, copy, empty
 from pyibr.picture.light import Light
 from pyibr.picture.target import Target
 
@@ -190,63 +187,3 @@ def _far_camera(direction: Float64, corners: Float64, n: int) -> Camera:
     pose[:3, 3] = pose[:3, :3] @ np.array([*(0.5 * (low + high))[:2], low[2] - 0.01 * extent.max()])
     fx, fy = _inside(n) / extent[:2]
     return Camera([[fx, 0, (n - 1) / 2], [0, fy, (n - 1) / 2], [0, 0, 1]], (n, n), pose, projection="orthographic")
-
-
-@contextmanager
-def shadowed(
-    target: Target,
-    lighting: Lighting | None,
-    *,
-    bias: float = 0.0,
-    apart: int = 1,
-    fade: float = 0.1,
-    draw_normals: Callable[[Target], object] | None = None,
-) -> Generator[None, None, None]:
-    """Light on what is drawn into the target within the ``with`` block, in colours of its own, without normals.
-
-    Its shadows; or, by a light with `Light.relight`, all of it.
-
-    Parameters
-    ----------
-    target : Target
-    lighting : Lighting, optional
-        Without one, or without its shadows if it does not relight, nothing happens.
-    bias : float
-        Scene units by which it may lie before its surface.
-    apart : int
-        Pixels between the depths that tell its normals.
-    fade : float
-        Cosine between light and normal from which it fades as it turns away; 0 for solids, whose fronts hide their
-        backs. Relit, it fades by Lambert's law.
-    draw_normals : callable, optional
-        Draws the same into a target that is `of_normals`, for a light that relights; else the picture's depths tell
-        them.
-    """
-    if lighting is None or not (lighting.light.relight or lighting.maps is not None):
-        yield
-        return
-    before = None if target.blank else duplicate(target.depth)
-    yield
-    origin = target.camera.center  # float32 holds what is near 0 best
-    more: dict[str, Any] = {"fade": fade}
-    program = kernel("picture/shadow.cl", "darken", **target.color_defines)
-    if lighting.light.relight:
-        more, defines = {}, {**lighting.defines, **target.color_defines}
-        if draw_normals is not None:
-            layer = target.normals_layer()
-            draw_normals(layer)
-            layer.clear()  # if it has written nothing
-            more, defines["NORMALS"] = {"normals": layer.color}, 1
-        program = kernel("picture/relight.cl", "relight", **defines)
-    launch(
-        program,
-        current().profile.packets(*target.camera.size),
-        before=target.depth if before is None else before,
-        screen=Struct("Screen", target.screen(0.5, origin)),
-        blank=before is None,
-        neighbour_offset=apart,
-        depth=target.depth,
-        color=target.color,
-        **lighting.arguments(bias=bias, origin=origin),
-        **more,
-    )

@@ -15,6 +15,7 @@ from pyibr.core.checks import check_lengths, check_picture
 from pyibr.images import Frame
 from pyibr.opencl.headers import struct
 from pyibr.opencl.memory import DeviceArray, empty, output, to_host
+from pyibr.picture.gbuffer import GBuffer
 
 _NEAR = 1e-5  # of the distance to the farthest point of a thing: what lies nearer than that is not drawn
 
@@ -51,8 +52,8 @@ class Target:
     mixable : bool
         Whether its colours may be mixed on surfaces, where it is a part of another picture: things whose colours stand
         for something, as labels, say that they may not.
-    of_normals : bool
-        Its colours are to be normals (`pyibr.picture.normals.showing_normals`).
+    gbuffer : GBuffer, or None
+        What is lit once all things are drawn, if anything is (`pyibr.picture.deferred`).
     """
 
     def __init__(
@@ -86,19 +87,20 @@ class Target:
         self.mixable = True
         self.from_light = from_light
         self.anisotropy = anisotropy
-        self.of_normals = False
+        self.gbuffer: GBuffer | None = None
 
     def layer(self) -> Target:
         """A target of the same kind, for a part of what is to be seen in this one."""
         channels = self.color.shape[-1]
         classes = self.classes is not None
-        return Target(self.camera, self.color.dtype, classes=classes, pool=self._pool, channels=channels)
-
-    def normals_layer(self) -> Target:
-        """A target for the normals of what is drawn in this one."""
-        made = Target(self.camera, np.dtype(np.float32), pool=self._pool)
-        made.of_normals = True
-        return made
+        return Target(
+            self.camera,
+            self.color.dtype,
+            classes=classes,
+            pool=self._pool,
+            channels=channels,
+            anisotropy=self.anisotropy,
+        )
 
     def scratch(self, count: int) -> DeviceArray:
         """(count,) float32 that launches may use until the next who asks does."""

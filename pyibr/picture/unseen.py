@@ -15,8 +15,9 @@ from pyibr.opencl.device import current
 from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
-from pyibr.opencl.memory import DeviceArray, copy, duplicate, empty, upload
+from pyibr.opencl.memory import DeviceArray, copy, empty, upload
 from pyibr.opencl.program import kernel
+from pyibr.picture.deferred import light_things
 from pyibr.picture.drawable import Drawable
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
@@ -83,21 +84,22 @@ class MarkedUnseen:
         if target.from_light:
             self.thing.draw(target, lighting)
             return
-        before = None if target.blank else duplicate(target.depth)
-        self.thing.draw(target, lighting)
+        own = target.layer()
+        self.thing.draw(own, lighting)
+        own.clear()  # if it has written nothing
+        light_things(own, lighting)
         origin = target.camera.center  # float32 holds what is near 0 best
         maps, records, places = _on_device(self.views, origin)
         part = np.zeros((), struct("picture/unseen.cl", "Bounds"))
         part["low"], part["high"] = self.within - origin
         scale = 1.0 if target.color.dtype == np.uint8 else 1 / 255
         launch(
-            kernel("picture/unseen.cl", "mark_unseen", **target.color_defines),
+            kernel("picture/unseen.cl", "draw_marked", **target.color_defines),
             current().profile.packets(*target.camera.size),
-            before=target.depth if before is None else before,
-            depth=target.depth,
-            color=target.color,
+            own_depth=own.depth,
+            own_color=own.color,
             screen=Struct("Screen", target.screen(0.5, origin)),
-            blank=before is None,
+            blank=target.blank,
             maps=maps,
             views=records,
             places=places,
@@ -109,7 +111,9 @@ class MarkedUnseen:
             green=scale * self.color[1],
             blue=scale * self.color[2],
             share=_SHARE,
+            **target.outputs(),
         )
+        target.blank, target.mixable = False, target.mixable and own.mixable
 
 
 def _on_device(views: Sequence[DepthImage], origin: Float64) -> tuple[DeviceArray, DeviceArray, DeviceArray]:

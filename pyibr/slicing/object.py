@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import astuple
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, Literal, TypeVar, cast
 
 import numpy as np
@@ -23,8 +23,9 @@ from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, upload
 from pyibr.opencl.program import kernel
+from pyibr.picture.deferred import NO_ENTRY, Entry, entry_for
 from pyibr.picture.normals import showing_normals
-from pyibr.picture.shadow import Lighting, shadowed
+from pyibr.picture.shadow import Lighting
 from pyibr.picture.straighten import straight_silhouette, straightened
 from pyibr.picture.target import Target
 from pyibr.slicing.boxes import Box, box_of_samples, box_of_silhouettes, depth_extent_of, nearness_map
@@ -341,12 +342,14 @@ def _with_known(
     return [known[id(view)] if id(view) in known else make(view) for view in views]
 
 
-def draw_object(target: Target, thing: DepthObject | VisualHull, counters: DeviceArray | None = None) -> None:
+def draw_object(
+    target: Target, thing: DepthObject | VisualHull, counters: DeviceArray | None = None, entry: Entry = NO_ENTRY
+) -> None:
     """Draw an object into the target; `counts`, (H, W) int32, gains the view tests of each pixel."""
     hull = isinstance(thing, VisualHull)
     buffers = cached_on_device(thing, "buffers", lambda: _object_buffers(thing))
-    if target.of_normals:
-        buffers = buffers | {"colors": cached_on_device(thing, "normals", lambda: _normals_of(thing))}
+    if entry.normals:
+        entry = entry.with_arrays(normals=cached_on_device(thing, "normals", lambda: _normals_of(thing)))
     box, camera = thing.box, target.camera
     directions = np.array([_direction(view.camera, box) for view in thing.views])
     cosines = directions @ _direction(camera, box)
@@ -366,8 +369,8 @@ def draw_object(target: Target, thing: DepthObject | VisualHull, counters: Devic
     corners = np.asarray(box.corners, np.float32)
     near = target.near((corners.min(axis=0), corners.max(axis=0)))
     low_x, low_y, across, down = _blocks(target, box, near)
-    defines = {"VIEWS": len(order), "SILHOUETTES": int(hull), **target.color_defines}
-    more: dict[str, Any] = {}
+    defines = {"VIEWS": len(order), "SILHOUETTES": int(hull), **target.color_defines, **entry.defines}
+    more: dict[str, Any] = {**entry.arguments}
     if counters is not None:
         defines["COUNTERS"] = 1
         more["counters"] = counters
@@ -427,9 +430,9 @@ def _draw_in_light(target: Target, thing: DepthObject | VisualHull, lighting: Li
     """Draw an object in its views' colours, and light on it; `normals`: those that its views tell relight it."""
     cameras = [target.camera, *(() if lighting is None else lighting.cameras)]
     bias = max(spacing_in(thing, camera)[0] for camera in cameras)
-    draw_normals = partial(draw_object, thing=thing) if normals else None
-    with shadowed(target, lighting, bias=bias, apart=_NEIGHBOUR_OFFSET, fade=0, draw_normals=draw_normals):
-        draw_object(target, thing)
+    draw_object(
+        target, thing, entry=entry_for(target, lighting, bias=bias, apart=_NEIGHBOUR_OFFSET, fade=0, normals=normals)
+    )
 
 
 def _moved_by(offset: Float64) -> Float64:

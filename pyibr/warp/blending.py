@@ -16,6 +16,7 @@ from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import empty, to_host
 from pyibr.opencl.program import kernel
+from pyibr.picture.deferred import NO_ENTRY, Entry
 from pyibr.picture.target import Target
 
 Blend = Literal["quality", "nearest"]
@@ -24,31 +25,36 @@ _STRIDE = 3  # pixels: every third one of each third row tells the exposures
 _SAME_DEPTH = 0.02  # of the depth, or of what an orthographic camera sees
 
 
-def blend(layers: Sequence[Target], views: Sequence[DepthImage], target: Target) -> None:
-    """Draw the picture that the views' layers, each drawn from one of them alone, make together."""
+def blend(layers: Sequence[Target], views: Sequence[DepthImage], target: Target, entry: Entry = NO_ENTRY) -> None:
+    """Draw the picture that the views' layers, each drawn from one of them alone, make together.
+
+    `entry` is that of a picture in a light; if it draws normals, the layers have them.
+    """
     camera = target.camera
     width, height = camera.size
     lanes, margin = current().profile.lanes, int(constant("warp/blend.cl", "FEATHER"))
     pitch = -(-width // lanes) * lanes + 2 * margin
-    best, sums = empty((2, height, width), np.float32), empty((6, height, width), np.float32)
+    best = empty((2, height, width), np.float32)
+    sums = empty((9 if entry.normals else 6, height, width), np.float32)
     edges, in_row = (empty((height + 2 * margin, pitch), np.float32) for _ in range(2))
     grid = current().profile.packets(width, height)
     size = {"width": width, "height": height}
-    defines = {**target.color_defines, "ORIGINS": int(target.origin is not None)}
-    gains_of = np.ones((len(layers), 3)) if target.of_normals else exposures(layers)
+    defines = {**target.color_defines, **entry.defines, "ORIGINS": int(target.origin is not None)}
     seeing = [Struct("LayerView", _layer_view(view, target)) for view in views]
     for number, (layer, saw) in enumerate(zip(layers, seeing, strict=True)):
         made = kernel("warp/blend.cl", "nearest_layer", **defines)
         launch(made, grid, depth=layer.depth, best=best, first=number == 0, layer_view=saw, **size)
-    for number, (layer, saw, gains) in enumerate(zip(layers, seeing, gains_of, strict=True)):
+    for number, (layer, saw, gains) in enumerate(zip(layers, seeing, exposures(layers), strict=True)):
         padded = current().profile.packets(width + 2 * margin, height + 2 * margin)
         of_edges: dict[str, Any] = {**size, "pitch": pitch, "from_edge": edges}
         launch(kernel("warp/blend.cl", "mark_edges", **defines), padded, depth=layer.depth, layer_view=saw, **of_edges)
         rows = (grid[0], height + 2 * margin)
         launch(kernel("warp/blend.cl", "row_distances", **defines), rows, in_row=in_row, **of_edges)
-        origins: dict[str, Any] = {}
+        of_layer: dict[str, Any] = {}
         if target.origin is not None:
-            origins = {"layer_origin": layer.origin, "origin": target.origin}
+            of_layer = {"layer_origin": layer.origin, "origin": target.origin}
+        if entry.normals and layer.gbuffer is not None:
+            of_layer["normals"] = layer.gbuffer.normal
         launch(
             kernel("warp/blend.cl", "add_layer", **defines),
             grid,
@@ -65,9 +71,9 @@ def blend(layers: Sequence[Target], views: Sequence[DepthImage], target: Target)
             red=gains[0],
             green=gains[1],
             blue=gains[2],
-            **origins,
+            **of_layer,
         )
-    into: dict[str, Any] = {"merge": not target.blank, **size, **target.outputs()}
+    into: dict[str, Any] = {"merge": not target.blank, **size, **target.outputs(), **entry.arguments}
     launch(kernel("warp/blend.cl", "write_blend", **defines), grid, sums=sums, **into)
     target.blank = False
 

@@ -20,6 +20,7 @@ from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty, upload
 from pyibr.opencl.program import kernel
 from pyibr.picture.clear import clear
+from pyibr.picture.deferred import NO_ENTRY, Entry
 from pyibr.picture.samples import Samples, cut_of
 from pyibr.picture.target import Target
 from pyibr.warp.lines import line_groups
@@ -72,14 +73,24 @@ def map_of(pair: CameraPair) -> Struct:
     return Struct("PixelMap", values)
 
 
-def inverse_warp(samples: Samples, pixel_map: PixelMap, target: Target, options: Options, view: int = 0) -> None:
-    """Each pixel looks for what its ray meets first: by sweep or by search, then exactly. `view` is its number."""
+def inverse_warp(
+    samples: Samples,
+    pixel_map: PixelMap,
+    target: Target,
+    options: Options,
+    view: int = 0,
+    entry: Entry = NO_ENTRY,
+) -> None:
+    """Each pixel looks for what its ray meets first: by sweep or by search, then exactly.
+
+    `view` is its number, `entry` that of a picture in a light, with the samples' normals if it draws them.
+    """
     reach = pixel_map.reach
     if reach.empty and not target.blank:
         return
     shared = _shared(samples, pixel_map, options)
     hits, hits_are = _find_candidates(samples, pixel_map, target, options, shared)
-    _resolve(samples, pixel_map, target, options, {**shared, "hits": hits, "hits_are": hits_are}, view)
+    _resolve(samples, pixel_map, target, options, {**shared, "hits": hits, "hits_are": hits_are}, view, entry)
     target.blank = False
 
 
@@ -156,7 +167,13 @@ def _whole_lines(reach: Rectangle, epipole: Float64, camera: Camera) -> Rectangl
 
 
 def _resolve(
-    samples: Samples, pixel_map: PixelMap, target: Target, options: Options, shared: dict[str, Any], view: int
+    samples: Samples,
+    pixel_map: PixelMap,
+    target: Target,
+    options: Options,
+    shared: dict[str, Any],
+    view: int,
+    entry: Entry,
 ) -> None:
     """Depth and colour of the pixels from what their lines saw."""
     profile = current().profile
@@ -169,7 +186,7 @@ def _resolve(
     told = pixel_map.pair.aligned and shared["hits_are"] == _hits("OF_PIXELS")
     density, typical = (1.0, 1.0) if told else (pixel_map.density, pixel_map.typical)
     neighbour_offset = min(math.ceil(0.5 / density), _NEIGHBOUR_OFFSET_MAX)
-    defines = {**target.color_defines, "STRIP": profile.strip}
+    defines = {**target.color_defines, **entry.defines, "STRIP": profile.strip}
     origins = {} if target.origin is None else {"origin": target.origin, "view": view}
     launch(
         kernel("warp/resolve.cl", "resolve", ORIGINS=len(origins) // 2, **defines),
@@ -189,18 +206,26 @@ def _resolve(
         **shared,
         **target.outputs(),
         **origins,
+        **entry.arguments,
     )
 
 
-def draw_thin(samples: Samples, pixel_map: PixelMap, target: Target, options: Options, view: int = 0) -> None:
-    """Draw things one sample thin, where they are nearer than what is there. `view` is its number."""
+def draw_thin(
+    samples: Samples,
+    pixel_map: PixelMap,
+    target: Target,
+    options: Options,
+    view: int = 0,
+    entry: Entry = NO_ENTRY,
+) -> None:
+    """Draw things one sample thin, where they are nearer than what is there; the rest as of `inverse_warp`."""
     profile, (width, height) = current().profile, target.camera.size
     shared = _shared(samples, pixel_map, options)
     keys, indices = empty((height, width), np.uint32), empty((height, width), np.uint32)
     clear(keys, 0)
     clear(indices, 0xFFFFFFFF)
     origins = {} if target.origin is None else {"origin": target.origin, "view": view}
-    defines = {**target.color_defines, "STRIP": profile.strip, "ORIGINS": len(origins) // 2}
+    defines = {**target.color_defines, **entry.defines, "STRIP": profile.strip, "ORIGINS": len(origins) // 2}
     grid = profile.packets(*pixel_map.pair.src.size, profile.strip)
     for name, more in (("thin_nearness", {}), ("thin_index", {"indices": indices})):
         launch(kernel("warp/thin.cl", name, **defines), grid, keys=keys, **shared, **more)
@@ -214,19 +239,20 @@ def draw_thin(samples: Samples, pixel_map: PixelMap, target: Target, options: Op
         **shared,
         **target.outputs(),
         **origins,
+        **entry.arguments,
     )
 
 
-def forward_warp(samples: Samples, pixel_map: PixelMap, target: Target, size: float) -> None:
+def forward_warp(samples: Samples, pixel_map: PixelMap, target: Target, size: float, entry: Entry = NO_ENTRY) -> None:
     """Each sample is carried over to a square of `size` pixels."""
     shape = (target.camera.height, target.camera.width)
     keys, indices = empty(shape, np.uint32), empty(shape, np.uint32)
     clear(keys, 0)
     clear(indices, 0xFFFFFFFF)
-    the_map = map_of(pixel_map.pair)
+    the_map, defines = map_of(pixel_map.pair), {**target.color_defines, **entry.defines}
     for name, more in (("splat_nearness", {}), ("splat_index", {"indices": indices})):
         launch(
-            kernel("warp/forward.cl", name, **target.color_defines),
+            kernel("warp/forward.cl", name, **defines),
             pixel_map.pair.src.size,
             nearness=samples.nearness,
             keys=keys,
@@ -235,7 +261,7 @@ def forward_warp(samples: Samples, pixel_map: PixelMap, target: Target, size: fl
             **more,
         )
     launch(
-        kernel("warp/forward.cl", "splat_pixels", **target.color_defines),
+        kernel("warp/forward.cl", "splat_pixels", **defines),
         target.camera.size,
         keys=keys,
         indices=indices,
@@ -243,6 +269,7 @@ def forward_warp(samples: Samples, pixel_map: PixelMap, target: Target, size: fl
         map=the_map,
         merge=not target.blank,
         **target.outputs(),
+        **entry.arguments,
     )
     target.blank = False
 

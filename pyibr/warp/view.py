@@ -15,10 +15,13 @@ from pyibr.core.errors import ArgumentError
 from pyibr.core.optional import opencv
 from pyibr.core.pixelspace import PixelMap, camera_pair, pixel_size
 from pyibr.images.depth_image import DepthImage, Side
+from pyibr.opencl.device_cache import cached_on_device
+from pyibr.opencl.memory import DeviceArray, upload
+from pyibr.picture.deferred import NO_ENTRY, Entry, entry_for
 from pyibr.picture.drawable import as_drawable
 from pyibr.picture.normals import NEIGHBOUR_OFFSET_MAX, noise_bias, showing_normals
 from pyibr.picture.samples import Samples, samples_of
-from pyibr.picture.shadow import Lighting, shadowed
+from pyibr.picture.shadow import Lighting
 from pyibr.picture.straighten import Interpolation, straightened
 from pyibr.picture.target import Target
 from pyibr.warp.blending import Blend, blend
@@ -186,9 +189,7 @@ class WarpedView(Fixed):
             return
         if self.interpolation == "nearest":
             target.mixable = False
-        bias, apart = self._bias(target, lighting)
-        with shadowed(target, lighting, bias=bias, apart=apart, draw_normals=self._draw_views):
-            self._draw_views(target)
+        self._draw_views(target, lighting)
         if target.classes is not None:
             for number, (samples, pixel_map) in enumerate(self._on_device(target)):
                 classify(samples, pixel_map, target, self._options, number == 0)
@@ -206,35 +207,39 @@ class WarpedView(Fixed):
 
     def _on_device(self, target: Target) -> list[tuple[Samples, PixelMap]]:
         """Each view's samples, in what the target shows of them, and its map into the target."""
-        made: list[tuple[Samples, PixelMap]] = []
-        for view in self.sources:
-            samples = samples_of(_shown(view, target))
-            made.append((samples, PixelMap(camera_pair(view.camera, target.camera), samples.low, samples.high)))
-        return made
+        return [_placed(view, target) for view in self.sources]
 
-    def _draw_views(self, target: Target) -> None:
+    def _draw_views(self, target: Target, lighting: Lighting | None) -> None:
+        bias, apart = (0.0, 1) if lighting is None else self._bias(target)
+        entry = entry_for(target, lighting, bias=bias, apart=apart, normals=True)
         if len(self.sources) == 1 or self.blend == "nearest":
-            self._draw_surfaces(target, self._options)
+            self._draw_surfaces(target, self._options, entry=entry)
             return
         layers = [target.layer() for _ in self.sources]
-        self._draw_surfaces(target, self._options, layers)
-        blend(layers, self.sources, target)
+        entries = [entry_for(layer, lighting, normals=True) if entry.normals else NO_ENTRY for layer in layers]
+        for number, (layer, own) in enumerate(zip(layers, entries, strict=True)):
+            self._draw_surface(number, layer, self._options, own)
+        blend(layers, self.sources, target, entry)
 
-    def _draw_surfaces(self, target: Target, options: Options, layers: Sequence[Target] = ()) -> None:
-        """Draw each view into a layer of its own, or all into the target, where the nearest stays."""
-        for number, (samples, pixel_map) in enumerate(self._on_device(target)):
-            into = layers[number] if layers else target
-            if self.method == "forward" and not target.from_light:
-                forward_warp(samples, pixel_map, into, self.splat)
-                continue
-            inverse_warp(samples, pixel_map, into, options, number)
-            if self.thin:
-                draw_thin(samples, pixel_map, into, options, number)
+    def _draw_surfaces(self, target: Target, options: Options, entry: Entry = NO_ENTRY) -> None:
+        """Draw all views into the target, where the nearest stays."""
+        for number in range(len(self.sources)):
+            self._draw_surface(number, target, options, entry)
 
-    def _bias(self, target: Target, lighting: Lighting | None) -> tuple[float, int]:
+    def _draw_surface(self, number: int, target: Target, options: Options, entry: Entry) -> None:
+        """Draw a view into the target, or into a layer of its own."""
+        samples, pixel_map = _placed(self.sources[number], target)
+        if entry.normals:
+            entry = entry.with_arrays(normals=_normals_of(self.sources[number]))
+        if self.method == "forward" and not target.from_light:
+            forward_warp(samples, pixel_map, target, self.splat, entry)
+            return
+        inverse_warp(samples, pixel_map, target, options, number, entry)
+        if self.thin:
+            draw_thin(samples, pixel_map, target, options, number, entry)
+
+    def _bias(self, target: Target) -> tuple[float, int]:
         """Scene units by which samples lie off the surface, and pixels over which its slope shows; for a light."""
-        if lighting is None:
-            return 0.0, 1
         low, high = self.bounds
         middle = 0.5 * (low + high)
         noise, apart = noise_bias(self.sources, target.camera, middle)
@@ -255,10 +260,19 @@ def _(thing: DepthImage) -> WarpedView:
     return WarpedView(thing)
 
 
+def _placed(view: DepthImage, target: Target) -> tuple[Samples, PixelMap]:
+    """A view's samples, in what the target shows of them, and its map into the target."""
+    samples = samples_of(_shown(view, target))
+    return samples, PixelMap(camera_pair(view.camera, target.camera), samples.low, samples.high)
+
+
+def _normals_of(view: DepthImage) -> DeviceArray:
+    """(H, W, 3) float32 normals of the view's samples, as `showing_normals` has them."""
+    return cached_on_device(view, "normals", lambda: upload(showing_normals(view).color))
+
+
 def _shown(view: DepthImage, target: Target) -> DepthImage:
     """The view in the colours that a target holds."""
-    if target.of_normals:
-        return showing_normals(view)
     if target.color.shape[2] == 0:
         return view
     return view.in_float if target.color.dtype == np.float32 else view.in_color
