@@ -252,10 +252,9 @@ void write_occupancy(intl views, Screen screen, int x, int y, global uint *occup
 kernel void draw_meshes(global const int *corners, global const float *projected, global const float *points,
                         global const int *list, global const int *starts, int bins_x, global const int *firsts,
                         global const int *sources, global const int *levels, global const float *scales,
-                        global const uint *colors, global const float *weights,
-                        global float *depth, global channel *color, global uchar *valid, Screen screen, float nearest_w,
-                        int culled, float epsilon, int blank, MeshCounts counts, int by, global float *layer_nearness,
-                        global int *layer_owner, int items
+                        global const uint *colors, global const float *weights, global float *depth,
+                        global channel *color, global uchar *valid, Screen screen, float nearest_w, int culled, float epsilon,
+                        int blank, MeshCounts counts, int by, global float *layer_nearness, global int *layer_owner, int items
 #if CLOSED
                         ,
                         global const float *limits, global const float *behind, global const uint *far_colors,
@@ -284,11 +283,10 @@ kernel void draw_meshes(global const int *corners, global const float *projected
     for (int drawn = get_global_id(0); drawn < columns * rows; drawn += items) {
         const int x = drawn % columns * REGION, y = drawn / columns * REGION;
         global const int *here = starts + (y / BIN * bins_x + x / BIN);
-        if (here[0] == here[1]) {
-            if (blank)
-                clear_region(screen, depth, color, valid, x, y);
+        if (here[0] == here[1] && blank)
+            clear_region(screen, depth, color, valid, x, y);
+        if (here[0] == here[1])
             continue;
-        }
         Fronts fronts;
         const int holed = draw_depths(&context, &layers, counts, list, here, firsts, x, y, &fronts);
         Region region;
@@ -340,9 +338,9 @@ kernel void draw_meshes(global const int *corners, global const float *projected
                                      to_floatl(first_y + block_y), front, given, &sum, &normal, &views);
 #endif
             const floatl scale = 1.0f / (255.0f * pick(mine, total, (floatl)1.0f));
-            const Color shade = {sum.r * scale, sum.g * scale, sum.b * scale};
             region.nearness[block] = front;
             region.owner[block] = pick(mine, (intl)0, (intl)-1);
+            const Color shade = color_times(sum, scale);
             const intl written = write_block(&region, block, screen, depth, color, valid, blank, first_x, first_y, shade);
             enter_block(gbuffer, written, screen, depth, first_x, first_y, color_times(normal, scale));
 #if OCCUPIED

@@ -104,7 +104,7 @@ def test_few_copies_of_a_view_are_kept():
 
 
 @pytest.mark.parametrize(
-    ("argument", "value"), [("cut_ratio", "x"), ("cut_ratio", 1.0), ("linear", "no"), ("view", None)]
+    ("argument", "value"), [("cut_ratio", "x"), ("cut_ratio", 1.0), ("interpolation", "no"), ("view", None)]
 )
 def test_wrong_arguments_are_named(argument, value):
     with pytest.raises(ibr.ArgumentError, match=f"^{argument}: "):
