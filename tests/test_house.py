@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import pkgutil
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -31,6 +32,22 @@ def test_importing_all_modules_loads_nothing_heavy():
     code = f"import importlib, sys\nfor name in {names}: importlib.import_module(name)\nprint(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert not set(HEAVY) & set(loaded)
+
+
+def test_a_room_that_no_layer_names_does_not_pass(tmp_path):
+    shutil.copytree(PACKAGE, tmp_path / "pyibr", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "pyproject.toml", tmp_path)
+
+    def checked() -> str:
+        code = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); from importlinter.cli import lint_imports_command; "
+        command = [sys.executable, "-c", code + "lint_imports_command(['--no-cache'])"]
+        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True).stdout
+
+    assert "2 kept, 0 broken" in checked()
+    (tmp_path / "pyibr/splats").mkdir()
+    (tmp_path / "pyibr/splats/__init__.py").write_text("import pyibr.warp.warp\n")
+    said = checked()
+    assert "splats" in said and "2 kept" not in said
 
 
 def test_systems_are_loaded_when_they_are_first_used():

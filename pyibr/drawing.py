@@ -1,0 +1,42 @@
+"""All that a system of your own needs to draw itself by kernels: see the manual's page on that.
+
+What it has is documented where it is defined; here it has one address.
+"""
+
+from __future__ import annotations
+
+from pyibr.core.checks import Fixed
+from pyibr.opencl.device import current, one_call
+from pyibr.opencl.device_cache import cached_on_device
+from pyibr.opencl.headers import constant, struct
+from pyibr.opencl.launch import Struct, launch
+from pyibr.opencl.memory import DeviceArray, copy, empty, to_host, upload
+from pyibr.opencl.program import kernel
+from pyibr.picture.deferred import Entry, entry_for
+from pyibr.picture.drawable import Drawable, Finishing, as_drawable
+from pyibr.picture.shadow import Lighting
+from pyibr.picture.target import Target
+
+__all__ = [
+    "DeviceArray",
+    "Drawable",
+    "Entry",
+    "Finishing",
+    "Fixed",
+    "Lighting",
+    "Struct",
+    "Target",
+    "as_drawable",
+    "cached_on_device",
+    "constant",
+    "copy",
+    "current",
+    "empty",
+    "entry_for",
+    "kernel",
+    "launch",
+    "one_call",
+    "struct",
+    "to_host",
+    "upload",
+]
