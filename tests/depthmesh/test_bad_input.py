@@ -76,7 +76,7 @@ def test_cameras(camera):
         *[("blend", value) for value in ("best", None, 0)],
         *[("choose", value) for value in ("best", None, 0)],
         *[("segmentation", value) for value in ("orthogonality", 5)],
-        *[(name, value) for name in ("background", "match_exposures") for value in ("yes", None, 2)],
+        *[(name, value) for name in ("closed", "match_exposures") for value in ("yes", None, 2)],
     ],
 )
 def test_options_of_objects(argument, value):

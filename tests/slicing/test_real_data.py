@@ -77,7 +77,7 @@ def test_the_bunny_from_six_real_scans():
     assert len(views) == 6
     scene = MeshScene.from_mesh(ibr.Mesh.load(shared("meshes/bun_zipper.ply.gz")))
     middle = 0.5 * (scene.vertices.min(axis=0) + scene.vertices.max(axis=0))
-    unknown, background = (ibr.DepthObject(views, slices=256, missing=missing) for missing in ("unknown", "background"))
+    unknown, background = (ibr.DepthObject(views, slices=256, missing=missing) for missing in ("unknown", "empty"))
     errors = {}
     for direction in ((0.3, 0.4, 1), (1, 0.3, -0.3), (-0.6, 0.2, -1)):
         away = 0.45 * np.array(direction) / np.linalg.norm(direction)
@@ -91,7 +91,7 @@ def test_the_bunny_from_six_real_scans():
             errors.setdefault(thing.missing, []).append(np.median(np.abs(frame.depth - truth.depth)[both]))
     # A slice is 0.6 mm, the scans lie 0.2 mm off the mesh.
     assert max(errors["unknown"]) <= 0.4e-3
-    assert all(a < b for a, b in zip(errors["unknown"], errors["background"], strict=True))
+    assert all(a < b for a, b in zip(errors["unknown"], errors["empty"], strict=True))
 
 
 @pytest.mark.parametrize("name", ["bun_zipper.ply.gz", "human_male_makehuman.obj.gz", "spot/spot_triangulated.obj"])
