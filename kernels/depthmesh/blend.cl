@@ -1,26 +1,29 @@
 /* Depth meshes of several views, blended per pixel (Pajarola, Sainz & Meng 2003, sections 4.3 to 4.5).
  *
- * A region's pixels see each mesh's nearest surface first (the depth pass), then those of them that lie within epsilon
- * behind the front one give their colours (the colour pass), weighted and normalised at once. Where these leave a hole,
- * those of the others do, coarser ones; and wherever a ray tells of surface that no view saw, that is closed (closing.h).
+ * The depth pass finds the nearest surface of each mesh that a region's pixels see. In the colour pass those that lie within
+ * epsilon behind the nearest of all give their colours, weighted and normalised at once. Holes of the views that are drawn
+ * show the meshes of the other views, which are coarser; and surface that no view saw, but that must be there, is closed
+ * (closing.h).
  * BLEND_QUALITY: weights of positions times quality, per pixel (the paper's); BLEND_POSITION: of positions alone;
  * BLEND_NEAREST: the front mesh's colour.
  *
- * Deviations from the paper: a mesh's own hidden surfaces are left out within epsilon, too; textures are projected, not
- * stretched over triangles, and read within the source's triangles, so that no colour leaks over a depth edge; what
- * bridges surfaces in coarse meshes is not drawn, but tells of surface.
+ * Deviations from the paper: of each mesh the nearest surface alone is blended, so surfaces that it hides itself are left out,
+ * within epsilon, too; textures are projected, not stretched over triangles, and read within the source's triangles, so that
+ * no colour leaks over a depth edge; triangles of coarse meshes that bridge two surfaces are not drawn, but tell where rays go
+ * between surfaces.
  *
  * corners, projected, points: select.cl, mesh by mesh, as `MeshCounts` names them. list, starts: raster/bins.cl. firsts:
  * (meshes + 1,) each mesh's first triangle. Of others and views: sources: (meshes, 4) number of its view, of the first and
  * the last of that view's levels, and 1 for a perspective view. levels: (levels, 3) width, height and start in colors,
  * each half as large as the one before, rounded up. scales: (meshes,) samples of the view to pixels of the target that a
  * scene unit takes at depth 1 of both. colors: RGBA bytes, A = 255 times the part that has samples. weights: (meshes,)
- * positional, > 0. culled: raster/triangle.h. by: what colours are weighted by. layer_nearness, layer_owner: (others +
- * views, items, pixels of a region) what a region's pixels see of each mesh, between the two passes: as many as there are
- * meshes, memory of their own would be too many. If CLOSED, of all views there are, `view_count`: limits, behind, far_colors, clear, open, limit_sizes, from_target,
- * perspectives, first_levels, closeness, stride and enclosed, closing.h. depth, color, valid: the picture, which keeps
- * what is nearer already. occupancy: (height, width) bit k is set where view k gave colour, with OCCUPIED.
- * Work-item: every so many-th region (raster/region.h), `items` in all. Cost: O(list + pixels * meshes). Determinism: list order, then the meshes'.
+ * positional, > 0. culled: raster/triangle.h. by: what colours are weighted by, BLEND_... layer_nearness, layer_owner: (others +
+ * views, items, pixels of a region) what a region's pixels see of each mesh, between the two passes: for all meshes, that is
+ * more than private memory holds. If CLOSED, of all `view_count` views: limits, behind, far_colors, clear, open, limit_sizes,
+ * from_target, perspectives, first_levels, closeness, stride and enclosed, closing.h. depth, color, valid: the picture, whose
+ * pixels stay where they are nearer. occupancy: (height, width) bit k is set where view k gave colour, with OCCUPIED.
+ * Work-item: the regions (raster/region.h) of every `items`-th number, of `items` work-items. Cost: O(list + pixels * meshes).
+ * Determinism: list order, then the meshes'.
  */
 #include "depthmesh/closing.h"
 #include "lib/color.h"
@@ -39,18 +42,19 @@
 #define LEVEL_BIAS 0.25f /* of a level, from which on the coarser one is read: rather a little grain than blur */
 #define QUALITY_MIN 1e-3f /* so that what is seen edge-on by all views still has a colour */
 
-/* Meshes of each kind, in this order: of what segmentation took out, and turned round, so that their backs are drawn, which
- * tell of surface that no view saw; of further views, which show in holes; of the views that are drawn. */
+/* Numbers of meshes of each kind, in their order. Sheets, of the triangles that segmentation took out, and backs, of meshes
+ * whose backs are drawn, tell of surface that no view saw. Others, of views that are not drawn, show in holes. */
 typedef struct {
     int sheets, backs, others, views;
 } MeshCounts;
 
-/* Where in list[first, last), in ascending order, are the numbers from `number` on? */
-int place_in(global const int *list, int first, int last, int number)
+/* The first place in the list, whose numbers ascend, at which they are not below `number` */
+int lower_bound(BinList listed, int number)
 {
+    int first = listed.first, last = listed.last;
     while (first < last) {
         const int middle = (first + last) / 2;
-        if (list[middle] < number)
+        if (listed.list[middle] < number)
             first = middle + 1;
         else
             last = middle;
@@ -59,8 +63,8 @@ int place_in(global const int *list, int first, int last, int number)
 }
 
 #if CLOSED
-/* Of the pixels (x, y), which show a surface that no view saw? Some rays are `within` a solid up to nearness `back`, some
- * go `through` a sheet. */
+/* Which of the pixels (x, y) show a surface that no view saw? The rays of some are `within` a solid, which they leave at
+ * nearness `back`, those of others go `through` a sheet. Sets the surface's nearness there. */
 intl is_closed(const FreeSpace *space, floatl x, floatl y, floatl back, intl within, floatl sheet, intl through, floatl *n)
 {
     floatl depth = DEPTH_OF(space->perspective, pick(within, back, (floatl)1.0f)), entry = depth;
@@ -76,8 +80,8 @@ intl is_closed(const FreeSpace *space, floatl x, floatl y, floatl back, intl wit
 }
 #endif
 
-/* Adds the colour at the pixel (x, y) of a view's level: of its samples linear within the cell's triangle, of a coarser
- * level bilinear, by how much of each texel has samples. */
+/* Adds the colour at the pixel (x, y) of a view, from one of its levels: on the finest interpolated within the cell's triangle, on
+ * a coarser one bilinearly, texels weighted by the part of them that has samples. */
 void add_sample(global const uint *colors, global const int *size, int level, floatl x, floatl y, floatl weight, Color *sum)
 {
     const int width = size[0], height = size[1];
@@ -105,24 +109,24 @@ void add_sample(global const uint *colors, global const int *size, int level, fl
     add_color(sum, weight / max_lanes(opaque, (floatl)1e-6f), read);
 }
 
-/* Draws the meshes [first, last) of a bin's list, all into one region; starts: the bin's; x, y: its first pixel. */
-void draw_range(const Context *context, Region *region, global const int *list, global const int *starts,
-                global const int *firsts, int first, int last, int x, int y)
+/* Draws the meshes [first, last) of a bin's list together into the region at (x, y), which holds nothing else. */
+void draw_range(const Context *context, Region *region, BinList listed, global const int *firsts, int first, int last, int x, int y)
 {
-    const int from = place_in(list, starts[0], starts[1], firsts[first]);
-    const int to = place_in(list, from, starts[1], firsts[last]);
-    begin_region(region, context->screen, (global const float *)0, 1, x, y);
-    draw_list(context, region, list, from, to, x, y);
+    BinList range = listed;
+    range.first = lower_bound(range, firsts[first]);
+    range.last = lower_bound(range, firsts[last]);
+    begin_region(region, 0, x, y);
+    draw_list(context, region, range);
 }
 
-/* What a region's pixels see of each mesh: the work-item's memory for it, and how far on that for the next mesh lies */
+/* What a region's pixels see of each mesh by itself, in the work-item's part of global memory */
 typedef struct {
     global float *nearness;
     global int *owner; /* triangle, -1: none */
-    size_t next;
+    size_t next;       /* from a mesh's pixels to the next mesh's */
 } MeshLayers;
 
-/* The nearest that a region's pixels see: of the views that are drawn, and if CLOSED of the meshes that show in their holes */
+/* Nearness of the nearest that a region's pixels see of the meshes of each kind */
 typedef struct {
     floatl views[BLOCKS];
 #if CLOSED
@@ -130,14 +134,14 @@ typedef struct {
 #endif
 } Fronts;
 
-/* Draws each of the meshes [first, last) by itself, into its layer; front: the nearest of them all */
-void draw_layers(const Context *context, Region *region, const MeshLayers *layers, global const int *list,
-                 global const int *starts, global const int *firsts, int first, int last, int x, int y, floatl *front)
+/* Draws each of the meshes [first, last) by itself, into its layer; front: nearness of the nearest of them all */
+void draw_layers(const Context *context, Region *region, const MeshLayers *layers, BinList listed, global const int *firsts,
+                 int first, int last, int x, int y, floatl *front)
 {
     for (int block = 0; block < BLOCKS; block++)
         front[block] = EMPTY;
     for (int mesh = first; mesh < last; mesh++) {
-        draw_range(context, region, list, starts, firsts, mesh, mesh + 1, x, y);
+        draw_range(context, region, listed, firsts, mesh, mesh + 1, x, y);
         for (int block = 0; block < BLOCKS; block++) {
             const size_t at = mesh * layers->next + LANES * block;
             store_lanes(region->nearness[block], layers->nearness + at);
@@ -147,24 +151,24 @@ void draw_layers(const Context *context, Region *region, const MeshLayers *layer
     }
 }
 
-/* The depth pass: what a region's pixels see of each mesh; firsts: of the first mesh of all. Are there holes? Layers of
- * others, and their fronts, are drawn only then. */
-int draw_depths(const Context *context, const MeshLayers *layers, MeshCounts counts, global const int *list,
-                global const int *starts, global const int *firsts, int x, int y, Fronts *fronts)
+/* The depth pass: what the pixels of the region at (x, y) see of each mesh. Returns whether there are holes in the meshes of the
+ * views that are drawn: only then are the others' drawn, and the sheets. */
+int draw_depths(const Context *context, const MeshLayers *layers, MeshCounts counts, BinList listed, global const int *firsts,
+                int x, int y, Fronts *fronts)
 {
     const int unseen = counts.sheets + counts.backs, meshes = counts.others + counts.views;
     Region region;
-    draw_layers(context, &region, layers, list, starts, firsts + unseen, counts.others, meshes, x, y, fronts->views);
+    draw_layers(context, &region, layers, listed, firsts + unseen, counts.others, meshes, x, y, fronts->views);
     intl holes = (intl)0;
 #if CLOSED
-    draw_range(context, &region, list, starts, firsts, counts.sheets, unseen, x, y);
+    draw_range(context, &region, listed, firsts, counts.sheets, unseen, x, y);
     for (int block = 0; block < BLOCKS; block++) {
         fronts->backs[block] = region.nearness[block];
         holes = holes | (fronts->views[block] == EMPTY);
     }
     if (any_lane(holes)) {
-        draw_layers(context, &region, layers, list, starts, firsts + unseen, 0, counts.others, x, y, fronts->others);
-        draw_range(context, &region, list, starts, firsts, 0, counts.sheets, x, y);
+        draw_layers(context, &region, layers, listed, firsts + unseen, 0, counts.others, x, y, fronts->others);
+        draw_range(context, &region, listed, firsts, 0, counts.sheets, x, y);
         for (int block = 0; block < BLOCKS; block++)
             fronts->sheets[block] = region.nearness[block];
     }
@@ -172,20 +176,19 @@ int draw_depths(const Context *context, const MeshLayers *layers, MeshCounts cou
     return any_lane(holes);
 }
 
-/* What the colours of the meshes are made from */
+/* What the meshes' colours are read from and weighted by; arrays as described at the top */
 typedef struct {
-    int by; /* BLEND_QUALITY or another */
+    int by; /* BLEND_... */
     global const int *firsts, *sources, *levels;
     global const float *points, *scales, *weights;
     global const uint *colors, *normals; /* normals with GBUFFER 2 */
 } Meshes;
 
-/* Adds a mesh's colour, and its normal, where it is `given`, with its weight, which is returned. n, owner: what the
- * block's pixels see of the mesh; (x, y): the first of them */
-INLINED floatl add_mesh(const Context *context, const Meshes *meshes, int mesh, floatl n, intl owner, int x, int y,
+/* Adds a mesh's colours, and normals, of the pixels (px, py), weighted; of those that are not `given` with weight 0. Returns
+ * the weights. n, owner: what the pixels see of the mesh, where it `shares` in them */
+INLINED floatl add_mesh(const Context *context, const Meshes *meshes, int mesh, floatl n, intl owner, floatl px, floatl py,
                         intl shares, intl given, Color *sum, Color *normal)
 {
-    const floatl px = to_floatl(x + block_x), py = to_floatl(y + block_y);
     const intl triangle = pick(shares, owner, meshes->firsts[mesh] + (intl)0);
     const OnTriangle p = on_triangle(context->corners, context->projected, triangle, px, py);
     floatl at_x = 0.0f, at_y = 0.0f, at_z = 0.0f, quality = 0.0f;
@@ -203,7 +206,7 @@ INLINED floatl add_mesh(const Context *context, const Meshes *meshes, int mesh, 
     global const int *source = meshes->sources + 4 * mesh;
     const floatl inverse = source[3] ? 1.0f / at_z : (floatl)1.0f;
     const floatl sound_x = pick(shares, at_x * inverse, (floatl)0.0f), sound_y = pick(shares, at_y * inverse, (floatl)0.0f);
-    /* One level for the block: that of the pixel that sees the view largest, which blurs nothing */
+    /* One level for the whole block: of the pixel that needs the finest one */
     const floatl away = context->screen.perspective ? 1.0f / n : (floatl)1.0f;
     const float samples = least_lane(pick(shares, meshes->scales[mesh] * away * inverse, (floatl)INFINITY));
     const int level = (int)fmin(floor(log2(fmax(samples, 1.0f)) + LEVEL_BIAS), (float)(source[2] - source[1]));
@@ -222,7 +225,7 @@ INLINED floatl add_mesh(const Context *context, const Meshes *meshes, int mesh, 
 #define FAR_NORMALS_PARAMETER
 #define FAR_NORMALS_ARGUMENT 0
 #endif
-/* Adds the colours, and normals, that close pixels where they are `given`; their weights are returned. */
+/* Adds the colours, and normals, of closed surface at nearness n to the pixels (x, y) that are `given`. Returns their weights. */
 INLINED floatl add_closing(const FreeSpace *space, const Meshes *meshes, global const uint *far_normals, floatl x, floatl y,
                            floatl n, intl given, Color *sum, Color *normal, intl *views)
 {
@@ -238,23 +241,21 @@ INLINED floatl add_closing(const FreeSpace *space, const Meshes *meshes, global 
 #endif
 
 #if OCCUPIED
-/* Writes which views gave a block's pixels their colours; x, y: its first pixel. */
-void write_occupancy(intl views, Screen screen, int x, int y, global uint *occupancy)
+/* Writes which views gave a block's pixels their colours, a bit each. */
+void write_occupancy(intl views, const Region *region, int block, Screen screen, global uint *occupancy)
 {
     for (int lane = 0; lane < LANES; lane++) {
-        const long at = pixel_of(screen, x, y, lane);
+        const long at = pixel_of(screen, region->x + FIRST_X(block), region->y + FIRST_Y(block), lane);
         if (at >= 0)
             occupancy[at] = int_lane(views, lane);
     }
 }
 #endif
 
-kernel void draw_meshes(global const int *corners, global const float *projected, global const float *points,
-                        global const int *list, global const int *starts, int bins_x, global const int *firsts,
-                        global const int *sources, global const int *levels, global const float *scales,
-                        global const uint *colors, global const float *weights, global float *depth,
-                        global channel *color, global uchar *valid, Screen screen, float nearest_w, int culled, float epsilon,
-                        int blank, MeshCounts counts, int by, global float *layer_nearness, global int *layer_owner, int items
+kernel void draw_meshes(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *corners, global const float *points,
+                        global const int *firsts, global const int *sources, global const int *levels,
+                        global const float *scales, global const uint *colors, global const float *weights, int culled,
+                        float epsilon, MeshCounts counts, int by, global float *layer_nearness, global int *layer_owner, int items
 #if CLOSED
                         ,
                         global const float *limits, global const float *behind, global const uint *far_colors,
@@ -269,6 +270,7 @@ kernel void draw_meshes(global const int *corners, global const float *projected
                         GBUFFER_PARAMETERS NORMALS_PARAMETER(uint) FAR_NORMALS_PARAMETER)
 {
     const int columns = (screen.width + REGION - 1) / REGION, rows = (screen.height + REGION - 1) / REGION;
+    const Picture picture = PICTURE_VALUE;
     const Context context = {corners, projected, screen, nearest_w, culled};
     const int others = counts.others, meshes = others + counts.views;
     const Meshes colored = {by, firsts + counts.sheets + counts.backs, sources, levels, points, scales, weights, colors,
@@ -282,17 +284,14 @@ kernel void draw_meshes(global const int *corners, global const float *projected
 #endif
     for (int drawn = get_global_id(0); drawn < columns * rows; drawn += items) {
         const int x = drawn % columns * REGION, y = drawn / columns * REGION;
-        global const int *here = starts + (y / BIN * bins_x + x / BIN);
-        if (here[0] == here[1] && blank)
-            clear_region(screen, depth, color, valid, x, y);
-        if (here[0] == here[1])
+        const BinList listed = list_of_bin(list, starts, bins_x, x, y);
+        Region region;
+        if (!begin_listed(&region, &picture, listed, x, y))
             continue;
         Fronts fronts;
-        const int holed = draw_depths(&context, &layers, counts, list, here, firsts, x, y, &fronts);
-        Region region;
-        begin_region(&region, screen, depth, blank, x, y);
+        const int holed = draw_depths(&context, &layers, counts, listed, firsts, x, y, &fronts);
         for (int block = 0; block < BLOCKS; block++) {
-            const int first_x = x + FIRST_X(block), first_y = y + FIRST_Y(block);
+            const floatl px = BLOCK_X(&region, block), py = BLOCK_Y(&region, block);
             floatl front = fronts.views[block];
             const intl hole = front == EMPTY; /* in the meshes of the views that are drawn */
             intl closed = (intl)0;
@@ -303,7 +302,6 @@ kernel void draw_meshes(global const int *corners, global const float *projected
             const intl within = front < (screen.perspective ? back / (1.0f + epsilon * back) : back - epsilon);
             const intl through = (front == EMPTY) & (sheet > EMPTY);
             if (any_lane(within | through)) {
-                const floatl px = to_floatl(first_x + block_x), py = to_floatl(first_y + block_y);
                 floatl n;
                 closed = is_closed(&space, px, py, back, within, sheet, through, &n);
                 closed = closed & (n <= screen.nearest);
@@ -315,8 +313,7 @@ kernel void draw_meshes(global const int *corners, global const float *projected
                 continue;
             Color sum = {0.0f, 0.0f, 0.0f}, normal = sum;
             floatl total = 0.0f;
-            intl taken = (intl)0, views = (intl)0; /* by the front mesh; views that gave colour */
-            /* Of epsilon 0 this is `front` itself. */
+            intl taken = (intl)0, views = (intl)0; /* which pixels have their front mesh; which views gave colour, a bit each */
             const floatl deepest = screen.perspective ? front / (1.0f + epsilon * front) : front - epsilon;
             for (int mesh = holed ? 0 : others; mesh < meshes; mesh++) {
                 const size_t at = mesh * layers.next + LANES * block;
@@ -328,23 +325,22 @@ kernel void draw_meshes(global const int *corners, global const float *projected
                 const intl given = shares & mine;
                 if (!any_lane(given))
                     continue;
-                total += add_mesh(&context, &colored, mesh, n, owner, first_x, first_y, shares, given, &sum, &normal);
+                total += add_mesh(&context, &colored, mesh, n, owner, px, py, shares, given, &sum, &normal);
                 views |= pick(given, (intl)(1 << sources[4 * mesh]), (intl)0);
             }
 #if CLOSED
             const intl given = closed & mine;
             if (any_lane(given))
-                total += add_closing(&space, &colored, FAR_NORMALS_ARGUMENT, to_floatl(first_x + block_x),
-                                     to_floatl(first_y + block_y), front, given, &sum, &normal, &views);
+                total += add_closing(&space, &colored, FAR_NORMALS_ARGUMENT, px, py, front, given, &sum, &normal, &views);
 #endif
             const floatl scale = 1.0f / (255.0f * pick(mine, total, (floatl)1.0f));
             region.nearness[block] = front;
             region.owner[block] = pick(mine, (intl)0, (intl)-1);
             const Color shade = color_times(sum, scale);
-            const intl written = write_block(&region, block, screen, depth, color, valid, blank, first_x, first_y, shade);
-            enter_block(gbuffer, written, screen, depth, first_x, first_y, color_times(normal, scale));
+            const intl written = write_block(&region, block, &picture, shade);
+            enter_block(gbuffer, written, &region, block, &picture, color_times(normal, scale));
 #if OCCUPIED
-            write_occupancy(views, screen, first_x, first_y, occupancy);
+            write_occupancy(views, &region, block, screen, occupancy);
 #endif
         }
     }

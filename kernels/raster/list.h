@@ -1,19 +1,19 @@
 #ifndef RASTER_LIST_H
 #define RASTER_LIST_H
-/* The loop of raster/region.h, to be included after a fragment program, which defines FRAGMENTS as 1. */
-#include "raster/region.h"
+/* The loop over the primitives of a list, to be included after a fragment program (fragment.h), which defines FRAGMENTS as 1. */
+#include "raster/fragment.h"
 
 #ifndef FRAGMENTS
 #define FRAGMENTS 0 /* 1: there is a fragment program */
 #endif
 
 #if FRAGMENTS
-void draw_list(const Context *context, Region *region, global const int *list, int first, int last, int x, int y)
+void draw_list(const Context *context, Region *region, BinList listed)
 {
-    for (int i = first; i < last; i += LANES) {
+    for (int i = listed.first; i < listed.last; i += LANES) {
         Primitives primitives;
-        const intl at = min(i + lane_index, (intl)(last - 1)), index = (intl)(gather(list, at));
-        const intl seen = set_up(context, index, x, y, &primitives) & (i + lane_index < last);
+        const intl at = min(i + lane_index, (intl)(listed.last - 1)), index = (intl)(gather(listed.list, at));
+        const intl seen = set_up(context, index, region->x, region->y, &primitives) & (i + lane_index < listed.last);
         if (!any_lane(seen))
             continue;
         for (int lane = 0; lane < LANES; lane++) {

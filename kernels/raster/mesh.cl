@@ -93,10 +93,8 @@ INLINED Vector own_normal(const OnTriangle *p, global const float *vertices)
 }
 #endif
 
-kernel void draw_mesh(global const int *faces, global const float *projected, global const int *list,
-                      global const int *starts, int bins_x, global float *depth, global channel *color,
-                      global uchar *valid, Screen screen, float nearest_w, int culled, int blank, float base_r,
-                      float base_g, float base_b
+kernel void draw_mesh(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *faces, int culled, float base_r, float base_g,
+                      float base_b
 #if TEXTURED
                       ,
                       global const float *uv, global const uint *texels, int texture_width, int texture_height,
@@ -116,28 +114,21 @@ kernel void draw_mesh(global const int *faces, global const float *projected, gl
 #endif
 )
 {
-    const int x = get_global_id(0) * REGION, y = get_global_id(1) * REGION;
-    if (x >= screen.width || y >= screen.height)
-        return;
+    const Picture picture = PICTURE_VALUE;
     const Context context = {faces, projected, screen, nearest_w, culled};
-    const int bin = y / BIN * bins_x + x / BIN;
-    if (starts[bin] == starts[bin + 1]) {
-        if (blank)
-            clear_region(screen, depth, color, valid, x, y);
-        return;
-    }
     Region region;
-    begin_region(&region, screen, depth, blank, x, y);
-    draw_list(&context, &region, list, starts[bin], starts[bin + 1], x, y);
+    BinList listed;
+    if (!begin_item(&region, &picture, list, starts, bins_x, &listed))
+        return;
+    draw_list(&context, &region, listed);
 
     for (int block = 0; block < BLOCKS; block++) {
         const intl owner = region.owner[block], mine = owner >= 0;
         if (!blank && !any_lane(mine))
             continue;
         Color shade = {base_r, base_g, base_b};
-        const int first_x = x + FIRST_X(block), first_y = y + FIRST_Y(block);
         if (any_lane(mine)) {
-            const floatl px = to_floatl(first_x + block_x), py = to_floatl(first_y + block_y);
+            const floatl px = BLOCK_X(&region, block), py = BLOCK_Y(&region, block);
             const intl face = pick(mine, owner, (intl)0);
             const OnTriangle p = on_triangle(faces, projected, face, px, py);
 #if TINTED
@@ -157,6 +148,6 @@ kernel void draw_mesh(global const int *faces, global const float *projected, gl
             apply_light(&shade, light, point, scaled(normal, flip * front / sqrt(DOT(normal, normal))), view_direction(screen, point), visible);
 #endif
         }
-        write_block(&region, block, screen, depth, color, valid, blank, first_x, first_y, shade);
+        write_block(&region, block, &picture, shade);
     }
 }

@@ -1,16 +1,8 @@
 #ifndef RASTER_REGION_H
 #define RASTER_REGION_H
-/* Drawing primitives of a bin, in order, into a region of pixels that one work-item owns.
+/* The region of pixels that a work-item draws: what is seen there so far, from the picture and back to it.
  *
- * A CPU's work-item owns a bin and goes through it in blocks of 4 x 4 pixels, one to a lane; a GPU's owns a pixel.
- * A fragment program defines, before it calls `draw_list`:
- *   Context     its arguments, by pointer
- *   Primitives  what is the same for all pixels of each of LANES primitives; intl low_x, high_x, low_y, high_y: the
- *               box of its pixels in the region
- *   intl set_up(const Context *, intl index, int x, int y, Primitives *)   x, y: the region's first pixel; which of
- *               them may be seen
- *   void cover(const Context *, const Primitives *, int lane, Region *, int block, int x, int y)   one of them; x, y:
- *               the block's first pixel
+ * On a CPU it is a bin, gone through in blocks of 4 x 4 pixels, one to a lane; on a GPU it is a pixel.
  */
 #include "lib/color.h"
 #include "lib/gbuffer.h"
@@ -36,14 +28,32 @@
 #define FIRST_X(block) ((block) % ROW * BLOCK) /* a block's first pixel in the region */
 #define FIRST_Y(block) ((block) / ROW * BLOCK)
 
+/* The picture that is drawn */
 typedef struct {
-    floatl nearness[BLOCKS]; /* of the picture so far */
+    Screen screen;
+    global float *depth;   /* (height, width), NaN where nothing is */
+    global channel *color; /* (height, width, 3) */
+    global uchar *valid;   /* (height, width) */
+    int blank;             /* 1: it holds nothing yet, and all of it is to be written */
+} Picture;
+
+/* A kernel's parameters for it, beside `screen`, and its value */
+#define PICTURE_PARAMETERS global float *depth, global channel *color, global uchar *valid, int blank
+#define PICTURE_VALUE {screen, depth, color, valid, blank}
+
+typedef struct {
+    floatl nearness[BLOCKS]; /* of what is seen so far */
     intl owner[BLOCKS];      /* primitive that is seen, -1: none of these */
-    float farthest[BLOCKS];  /* no pixel of the block shows what is farther than that */
+    float farthest[BLOCKS];  /* no pixel of the block sees what is farther than that */
 #if KEEPS_UV
     floatl u[BLOCKS], v[BLOCKS]; /* where on the owner */
 #endif
+    int x, y; /* the first pixel */
 } Region;
+
+/* The columns, and the rows, of a block's pixels in the picture */
+#define BLOCK_X(region, block) to_floatl((region)->x + FIRST_X(block) + block_x)
+#define BLOCK_Y(region, block) to_floatl((region)->y + FIRST_Y(block) + block_y)
 
 /* Of a lane's pixel in the block at (x, y): its index, -1 beside the picture */
 long pixel_of(Screen screen, int x, int y, int lane)
@@ -52,11 +62,11 @@ long pixel_of(Screen screen, int x, int y, int lane)
     return px < screen.width && py < screen.height ? (long)py * screen.width + px : -1;
 }
 
-/* Adds to the counts of the pixels of the block at (x, y). */
-void add_to_counters(global int *counters, Screen screen, int x, int y, intl added)
+/* Adds to the counts of a block's pixels. */
+void add_to_counters(global int *counters, const Region *region, int block, Screen screen, intl added)
 {
     for (int lane = 0; lane < LANES; lane++) {
-        const long at = pixel_of(screen, x, y, lane);
+        const long at = pixel_of(screen, region->x + FIRST_X(block), region->y + FIRST_Y(block), lane);
         if (at >= 0)
             counters[at] += int_lane(added, lane);
     }
@@ -93,13 +103,15 @@ floatl nearness_of_block(Screen screen, global const float *depth, int x, int y)
     return so_far;
 }
 
-/* Takes over the picture so far; x, y: the region's first pixel. */
-void begin_region(Region *region, Screen screen, global const float *depth, int blank, int x, int y)
+/* Begins the region at (x, y) with what the picture shows there; 0 instead of a picture: with nothing. */
+void begin_region(Region *region, const Picture *picture, int x, int y)
 {
+    region->x = x;
+    region->y = y;
     for (int block = 0; block < BLOCKS; block++) {
         floatl so_far = EMPTY;
-        if (!blank)
-            so_far = nearness_of_block(screen, depth, x + FIRST_X(block), y + FIRST_Y(block));
+        if (picture && !picture->blank)
+            so_far = nearness_of_block(picture->screen, picture->depth, x + FIRST_X(block), y + FIRST_Y(block));
         region->nearness[block] = so_far;
         region->owner[block] = -1;
         region->farthest[block] = least_lane(so_far);
@@ -110,30 +122,30 @@ void begin_region(Region *region, Screen screen, global const float *depth, int 
 /* A row of a block, 4 pixels at once: vstores of bytes go one by one. */
 #define WRITE_ROW(at, l, a, b, c, d)                                                                           \
     {                                                                                                          \
-        vstore4(z.l, 0, depth + (at));                                                                         \
-        ((global Word *)(valid + (at)))->bytes = as_uint(convert_uchar4(seen.l));                              \
+        vstore4(z.l, 0, picture->depth + (at));                                                                \
+        ((global Word *)(picture->valid + (at)))->bytes = as_uint(convert_uchar4(seen.l));                              \
         WRITE_COLORS(at, a, b, c, d)                                                                           \
     }
 #if COLOR_BYTES == 1
 #define WRITE_COLORS(at, a, b, c, d)                                                                           \
     {                                                                                                          \
-        global Word *bytes = (global Word *)(color + 3 * (at));                                                \
+        global Word *bytes = (global Word *)(picture->color + 3 * (at));                                       \
         bytes[0].bytes = word.a | word.b << 24;                                                                \
         bytes[1].bytes = word.b >> 8 | word.c << 16;                                                           \
         bytes[2].bytes = word.c >> 16 | word.d << 8;                                                           \
     }
 #else
 #define WRITE_COLORS(at, a, b, c, d)                                                                           \
-    vstore3((float3)(red.a, green.a, blue.a), 0, color + 3 * (at));                                            \
-    vstore3((float3)(red.b, green.b, blue.b), 0, color + 3 * (at) + 3);                                        \
-    vstore3((float3)(red.c, green.c, blue.c), 0, color + 3 * (at) + 6);                                        \
-    vstore3((float3)(red.d, green.d, blue.d), 0, color + 3 * (at) + 9);
+    vstore3((float3)(red.a, green.a, blue.a), 0, picture->color + 3 * (at));                                   \
+    vstore3((float3)(red.b, green.b, blue.b), 0, picture->color + 3 * (at) + 3);                               \
+    vstore3((float3)(red.c, green.c, blue.c), 0, picture->color + 3 * (at) + 6);                               \
+    vstore3((float3)(red.d, green.d, blue.d), 0, picture->color + 3 * (at) + 9);
 #endif
 
-/* Writes all pixels of a block; z: their depths, NaN where nothing is. */
-INLINED void write_whole_block(floatl z, Screen screen, global float *depth, global channel *color, global uchar *valid,
-                               int x, int y, Color shade)
+/* Writes all pixels of the block at (x, y); z: their depths, NaN where nothing is. */
+INLINED void write_whole_block(const Picture *picture, floatl z, int x, int y, Color shade)
 {
+    const int width = picture->screen.width;
     const int16 mine = z == z, seen = mine & 1;
     const float16 red = pick(mine, clamp(shade.r, 0.0f, 1.0f), (float16)0.0f) * CHANNEL_MAX;
     const float16 green = pick(mine, clamp(shade.g, 0.0f, 1.0f), (float16)0.0f) * CHANNEL_MAX;
@@ -141,72 +153,71 @@ INLINED void write_whole_block(floatl z, Screen screen, global float *depth, glo
 #if COLOR_BYTES == 1
     const uint16 word = as_uint16(to_intl(red + 0.5f) | to_intl(green + 0.5f) << 8 | to_intl(blue + 0.5f) << 16);
 #endif
-    const size_t at = (size_t)y * screen.width + x;
+    const size_t at = (size_t)y * width + x;
     WRITE_ROW(at, s0123, s0, s1, s2, s3)
-    WRITE_ROW(at + screen.width, s4567, s4, s5, s6, s7)
-    WRITE_ROW(at + 2 * screen.width, s89ab, s8, s9, sa, sb)
-    WRITE_ROW(at + 3 * screen.width, scdef, sc, sd, se, sf)
+    WRITE_ROW(at + width, s4567, s4, s5, s6, s7)
+    WRITE_ROW(at + 2 * width, s89ab, s8, s9, sa, sb)
+    WRITE_ROW(at + 3 * width, scdef, sc, sd, se, sf)
 }
 #endif
 
-/* Writes a block of the region to the picture; shade in [0, 1]; x, y: the block's first pixel. Returns which of its pixels
- * show the region's primitives now. */
-INLINED intl write_block(const Region *region, int block, Screen screen, global float *depth, global channel *color,
-                         global uchar *valid, int blank, int x, int y, Color shade)
+/* Writes a block of the region to the picture; shade in [0, 1]. Returns which of its pixels show the region's primitives now. */
+INLINED intl write_block(const Region *region, int block, const Picture *picture, Color shade)
 {
+    const int x = region->x + FIRST_X(block), y = region->y + FIRST_Y(block), blank = picture->blank;
     intl mine = region->owner[block] >= 0;
-    const floatl n = region->nearness[block], z = pick(mine, DRAWN_DEPTH(screen, n), (floatl)NAN);
+    const floatl n = region->nearness[block], z = pick(mine, DRAWN_DEPTH(picture->screen, n), (floatl)NAN);
 #if LANES == 16
-    if (IS_WHOLE(screen, x, y) && (blank || !any_lane(!mine | (z >= block_depths(screen, depth, x, y))))) {
-        write_whole_block(z, screen, depth, color, valid, x, y, shade);
+    if (IS_WHOLE(picture->screen, x, y) && (blank || !any_lane(!mine | (z >= block_depths(picture->screen, picture->depth, x, y))))) {
+        write_whole_block(picture, z, x, y, shade);
         return mine;
     }
 #endif
     for (int lane = 0; lane < LANES; lane++) {
-        const long at = pixel_of(screen, x, y, lane);
+        const long at = pixel_of(picture->screen, x, y, lane);
         const int is_mine = int_lane(mine, lane) != 0;
-        if (at < 0 || !(is_mine || blank) || (!blank && float_lane(z, lane) >= depth[at])) {
+        if (at < 0 || !(is_mine || blank) || (!blank && float_lane(z, lane) >= picture->depth[at])) {
             set_int_lane(mine, lane, 0); /* equally far: there and back, nearness is rounded */
             continue;
         }
-        depth[at] = float_lane(z, lane);
-        valid[at] = is_mine;
+        picture->depth[at] = float_lane(z, lane);
+        picture->valid[at] = is_mine;
         const float3 one = rounded_channel(clamp(color_lane(shade, lane), 0.0f, 1.0f) * CHANNEL_MAX);
-        write_pixel(color + 3 * at, is_mine ? one : (float3)(0.0f));
+        write_pixel(picture->color + 3 * at, is_mine ? one : (float3)(0.0f));
     }
     return mine;
 }
 
-/* Enters those pixels of the block at (x, y) that are `written`. normal: as images hold it */
-INLINED void enter_block(GBuffer gbuffer, intl written, Screen screen, global const float *depth, int x, int y, Color normal)
+/* Enters those pixels of a block that are `written` into the G-buffer. normal: as images hold it */
+INLINED void enter_block(GBuffer gbuffer, intl written, const Region *region, int block, const Picture *picture, Color normal)
 {
 #if GBUFFER
     for (int lane = 0; lane < LANES; lane++)
         if (int_lane(written, lane)) {
-            const long at = pixel_of(screen, x, y, lane);
-            enter_pixel(gbuffer, at, depth[at], color_lane(normal, lane));
+            const long at = pixel_of(picture->screen, region->x + FIRST_X(block), region->y + FIRST_Y(block), lane);
+            enter_pixel(gbuffer, at, picture->depth[at], color_lane(normal, lane));
         }
 #endif
 }
 
-/* Writes all pixels of a region where nothing is; x, y: its first pixel. */
-INLINED void clear_region(Screen screen, global float *depth, global channel *color, global uchar *valid, int x, int y)
+/* Writes that nothing is in the region at (x, y). */
+INLINED void clear_region(const Picture *picture, int x, int y)
 {
     const Color black = {0.0f, 0.0f, 0.0f};
-    const int end = min(x + REGION, screen.width);
-    for (int row = y; row < min(y + REGION, screen.height); row++)
+    const int end = min(x + REGION, picture->screen.width);
+    for (int row = y; row < min(y + REGION, picture->screen.height); row++)
         for (int column = x; column < end; column += LANES) {
-            const size_t at = (size_t)row * screen.width + column;
+            const size_t at = (size_t)row * picture->screen.width + column;
             if (column + LANES <= end) {
-                store_lanes((floatl)NAN, depth + at);
-                store_bytes((WIDE(uchar))0, valid + at);
-                write_color(color + 3 * at, black);
+                store_lanes((floatl)NAN, picture->depth + at);
+                store_bytes((WIDE(uchar))0, picture->valid + at);
+                write_color(picture->color + 3 * at, black);
                 continue;
             }
             for (int i = 0; i < end - column; i++) {
-                depth[at + i] = NAN;
-                valid[at + i] = 0;
-                write_pixel(color + 3 * (at + i), (float3)(0.0f));
+                picture->depth[at + i] = NAN;
+                picture->valid[at + i] = 0;
+                write_pixel(picture->color + 3 * (at + i), (float3)(0.0f));
             }
         }
 }

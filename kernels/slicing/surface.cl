@@ -26,7 +26,7 @@
 #define KEEPS_UV 1
 #include "lib/footprint.h"
 #include "lib/light.h"
-#include "raster/region.h"
+#include "raster/fragment.h"
 #include "slicing/alpha_test.h"
 #include "slicing/tetrahedra.h"
 
@@ -44,7 +44,7 @@ typedef struct {
 } SliceHit;
 
 /* The alpha test at z, where `tries`; it cannot pass where not `inside` */
-void test_at(const Context *context, const Tetrahedron *t, int block, SliceHit *hit, floatl z, intl tested, intl inside)
+void test_at(const Context *context, const Tetrahedron *t, const Region *region, int block, SliceHit *hit, floatl z, intl tested, intl inside)
 {
     if (!any_lane(tested))
         return;
@@ -54,15 +54,15 @@ void test_at(const Context *context, const Tetrahedron *t, int block, SliceHit *
     hit->z = pick(passed, z, hit->z);
     hit->found = hit->found | passed;
     if (COUNTERS)
-        add_to_counters(context->counters, context->screen, context->x + FIRST_X(block), context->y + FIRST_Y(block), tested & 1);
+        add_to_counters(context->counters, region, block, context->screen, tested & 1);
 }
 
 /* Brings what passed at a slice back towards `before`, which did not, halving by halving. */
-void refine_slice_hit(const Context *context, const Tetrahedron *t, int block, SliceHit *hit, floatl before, intl passed)
+void refine_slice_hit(const Context *context, const Tetrahedron *t, const Region *region, int block, SliceHit *hit, floatl before, intl passed)
 {
     for (int i = 0; i < t->halvings && any_lane(passed); i++) {
         const floatl middle = 0.5f * (before + hit->z);
-        test_at(context, t, block, hit, middle, passed, passed);
+        test_at(context, t, region, block, hit, middle, passed, passed);
         before = pick(hit->z == middle, before, middle);
     }
 }
@@ -106,7 +106,7 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
     const Linear number = along_ray(t, t->slice, x, y);
     const int bases = context->slicing != SURFACE; /* there, slice 0 is the base */
     if (bases)
-        test_at(context, t, block, &hit, entry, inside & (hit.h.sloped > 0.0f) & (AT(hit.h, entry) < fmax(SLICE_ROUNDING, t->height_rounding)), inside);
+        test_at(context, t, region, block, &hit, entry, inside & (hit.h.sloped > 0.0f) & (AT(hit.h, entry) < fmax(SLICE_ROUNDING, t->height_rounding)), inside);
 
     const intl rises = number.sloped > 0.0f;
     const floatl step = pick(rises, (floatl)1.0f, (floatl)-1.0f), per_slice = 1.0f / number.sloped;
@@ -124,14 +124,14 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
         const intl tested = meets & !hit.found & (count <= slices) & (z < drawn);
         if (!any_lane(tested))
             break;
-        test_at(context, t, block, &hit, z, tested, inside & (z >= entry) & (z <= exit));
+        test_at(context, t, region, block, &hit, z, tested, inside & (z >= entry) & (z <= exit));
         before = pick(tested & !hit.found & (z >= entry), z, before);
     }
     if (bases) { /* with halvings the side that a ray leaves by, too: the next tetrahedron's slices lie beyond */
         const intl leaves = t->halvings > 0 ? inside : (hit.h.sloped < 0.0f) & (AT(hit.h, exit) < fmax(SLICE_ROUNDING, t->height_rounding));
-        test_at(context, t, block, &hit, exit, inside & !hit.found & leaves & (exit < drawn), inside);
+        test_at(context, t, region, block, &hit, exit, inside & !hit.found & leaves & (exit < drawn), inside);
     }
-    refine_slice_hit(context, t, block, &hit, before, hit.found & !at_once);
+    refine_slice_hit(context, t, region, block, &hit, before, hit.found & !at_once);
 
     const intl found = hit.found & ((intl)(t->halvings > 0 ? 0 : -1) | (DEPTH_OF(t->perspective, hit.z) > so_far));
     if (!any_lane(found))
@@ -246,16 +246,14 @@ INLINED Vector side_normal(Vector base, Vector ahead)
 #endif
 #endif
 
-kernel void draw_surface(global const int *corners, global const float *projected, global const float *points,
+kernel void draw_surface(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *corners, global const float *points,
                          global const float *places, global const float *frames, global const uint *heights,
-                         global const uint *colors, global const int *list, global const int *starts, int bins_x,
-                         global float *depth, global channel *color, global uchar *valid, Screen screen,
-                         float nearest_w, float spacing, int slices,
+                         global const uint *colors, float spacing, int slices,
                          int by_view /* 1: each tetrahedron has as many as the picture needs there */,
                          int halvings /* of the way back to the slice before, once one has passed */, int slicing,
                          int test, float band /* of heights that BAND takes; 0: that of a slice */, int map_width,
                          int map_height, int color_width, int color_height,
-                         int color_levels, float pixel_size, global const float *gradients, int blank ANISOTROPY_PARAMETER
+                         int color_levels, float pixel_size, global const float *gradients ANISOTROPY_PARAMETER
 #if LIT
                          ,
                          global const float *normals, global const float *normal_map, int normal_width,
@@ -264,26 +262,19 @@ kernel void draw_surface(global const int *corners, global const float *projecte
                          COUNTERS_PARAMETER(int)
 )
 {
-    const int x = get_global_id(0) * REGION, y = get_global_id(1) * REGION;
-    if (x >= screen.width || y >= screen.height)
-        return;
+    const Picture picture = PICTURE_VALUE;
     const Context context = {corners, projected, points, places, frames, heights, gradients, screen, nearest_w, spacing,
-                             by_view ? pixel_size : 0.0f, band, slices, slicing, test, halvings, map_width, map_height, COUNTERS_ARGUMENT(int), x, y};
-    const int bin = y / BIN * bins_x + x / BIN;
-    if (starts[bin] == starts[bin + 1]) {
-        if (blank)
-            clear_region(screen, depth, color, valid, x, y);
-        return;
-    }
+                             by_view ? pixel_size : 0.0f, band, slices, slicing, test, halvings, map_width, map_height, COUNTERS_ARGUMENT(int)};
     Region region;
-    begin_region(&region, screen, depth, blank, x, y);
-    draw_list(&context, &region, list, starts[bin], starts[bin + 1], x, y);
+    BinList listed;
+    if (!begin_item(&region, &picture, list, starts, bins_x, &listed))
+        return;
+    draw_list(&context, &region, listed);
 
     for (int block = 0; block < BLOCKS; block++) {
         const intl owner = region.owner[block], mine = owner >= 0;
         if (!blank && !any_lane(mine))
             continue;
-        const int first_x = x + FIRST_X(block), first_y = y + FIRST_Y(block);
         Color shade = {0.0f, 0.0f, 0.0f};
         if (any_lane(mine)) {
             const floatl u = pick(mine, region.u[block], (floatl)0.0f), v = pick(mine, region.v[block], (floatl)0.0f);
@@ -293,7 +284,7 @@ kernel void draw_surface(global const int *corners, global const float *projecte
             const floatl texels_2 = max_lanes(DOT(along_u, along_u) * ((float)color_width * color_width),
                                             DOT(along_v, along_v) * ((float)color_height * color_height));
 #if LIT || ANISOTROPIC
-            const Vector point = point_at(screen, to_floatl(first_x + block_x), to_floatl(first_y + block_y), n);
+            const Vector point = point_at(screen, BLOCK_X(&region, block), BLOCK_Y(&region, block), n);
             const Vector ahead = view_direction(screen, point);
 #endif
 #if ANISOTROPIC
@@ -328,6 +319,6 @@ kernel void draw_surface(global const int *corners, global const float *projecte
             apply_light(&shade, light, point, normal, ahead, visible);
 #endif
         }
-        write_block(&region, block, screen, depth, color, valid, blank, first_x, first_y, shade);
+        write_block(&region, block, &picture, shade);
     }
 }

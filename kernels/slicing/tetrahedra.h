@@ -6,7 +6,7 @@
  * height along them, and the number of the slice. Per triangle one of the slicing directions is chosen here (section
  * 3.2). Arrays: see surface.cl.
  */
-#include "raster/region.h"
+#include "raster/fragment.h"
 #include "slicing/rays.h"
 
 #define SURFACE 0
@@ -27,7 +27,6 @@ typedef struct {
     float pixel, band; /* of the picture at depth 1, and of heights; 0: slices are where they are in all pictures, one */
     int slices, slicing, test, halvings, map_width, map_height;
     global int *counters;
-    int x, y; /* the region's first pixel */
 } Context;
 
 /* Along a ray, a quantity is `fixed` + `sloped` z; in a perspective picture fixed is the same for all pixels, in an
@@ -121,11 +120,11 @@ void space_slices(const Context *context, Tetrahedron *t, float facing)
 
 /* How far heights err by rounding: a ray's is the difference of two that are as large as its way is long in
  * displacements, at a pixel whose place in the picture is rounded, too. */
-float rounding_of(const Context *context, const Tetrahedron *t)
+float rounding_of(const Tetrahedron *t, int x, int y)
 {
-    const float x = fabs(t->h.x) * (context->x + REGION), y = fabs(t->h.y) * (context->y + REGION);
+    const float by_x = fabs(t->h.x) * (x + REGION), by_y = fabs(t->h.y) * (y + REGION);
     const float along = fabs(t->h.n) * (t->perspective ? 1.0f : fmax(fabs(t->front), fabs(t->rear)));
-    const float across = (x + y) * (t->perspective ? 1.0f / fmax(t->rear, 1e-30f) : 1.0f);
+    const float across = (by_x + by_y) * (t->perspective ? 1.0f / fmax(t->rear, 1e-30f) : 1.0f);
     return fmin(fmax(ROUNDING_ULPS * FLT_EPSILON * (along + across), HEIGHT_ROUNDING), 1.0f);
 }
 
@@ -214,7 +213,7 @@ int4 set_up_one(const Context *context, int index, int x, int y, Tetrahedron *t)
     t->rear = t->perspective ? 0.0f : -INFINITY;
     if (!crosses)
         t->rear = fmin(fmin(p[0].w / p[0].z, p[1].w / p[1].z), fmin(p[2].w / p[2].z, p[3].w / p[3].z));
-    t->height_rounding = crosses ? HEIGHT_ROUNDING : rounding_of(context, t);
+    t->height_rounding = crosses ? HEIGHT_ROUNDING : rounding_of(t, x, y);
     t->slice_rounding = SLICE_ROUNDING;
     /* Across the normal a whole number is taken off, as large as that of the first corner: what remains is exact. */
     if (context->slicing == SCREEN) {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 from typing import Any, Literal
 
@@ -26,6 +27,7 @@ from pyibr.opencl.headers import constant
 from pyibr.opencl.launch import launch
 from pyibr.opencl.memory import DeviceArray, copy, empty, upload
 from pyibr.opencl.program import kernel
+from pyibr.picture.clear import clear
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
 from pyibr.picture.wrap import wrap_defines
@@ -241,6 +243,7 @@ class ReliefSurface(HeightMapped):
 
         with one_call():
             places = empty((camera.height, camera.width, 2), np.float32)
+            clear(places, math.nan)
             draw_relief(Target(camera, np.dtype(np.uint8)), self, None, places=places)
             return places.to_host()
 

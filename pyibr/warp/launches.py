@@ -89,8 +89,8 @@ def inverse_warp(
     if reach.empty and not target.blank:
         return
     shared = _shared(samples, pixel_map, options)
-    hits, hits_are = _find_candidates(samples, pixel_map, target, options, shared)
-    _resolve(samples, pixel_map, target, options, {**shared, "hits": hits, "hits_are": hits_are}, view, entry)
+    hits, hit_kind = _find_candidates(samples, pixel_map, target, options, shared)
+    _resolve(samples, pixel_map, target, options, {**shared, "hits": hits, "hit_kind": hit_kind}, view, entry)
     target.blank = False
 
 
@@ -107,7 +107,7 @@ def _shared(samples: Samples, pixel_map: PixelMap, options: Options) -> dict[str
 def _find_candidates(
     samples: Samples, pixel_map: PixelMap, target: Target, options: Options, shared: dict[str, Any]
 ) -> tuple[DeviceArray, float]:
-    """Sweep lines (or search) for the surface of each pixel; also HITS_... of kernels/warp/resolve.cl."""
+    """Sweep lines (or search) for the surface of each pixel; also HITS_... of kernels/warp/line_hits.h."""
     profile, reach, epipole, aligned = current().profile, pixel_map.reach, pixel_map.epipole, pixel_map.pair.aligned
     area = _whole_lines(reach, epipole, target.camera) if aligned and not reach.empty else reach
     groups, packets = line_groups(epipole, area, profile.lanes, aligned)
@@ -155,8 +155,8 @@ def _find_candidates(
 
 
 def _hits(name: str) -> float:
-    """Number of a kind of hits, HITS_... of kernels/warp/resolve.cl."""
-    return constant("warp/resolve.cl", f"HITS_{name}")
+    """Number of a kind of hits, HITS_... of kernels/warp/line_hits.h."""
+    return constant("warp/line_hits.h", f"HITS_{name}")
 
 
 def _whole_lines(reach: Rectangle, epipole: Float64, camera: Camera) -> Rectangle:
@@ -183,7 +183,7 @@ def _resolve(
         low_x, high_x, low_y, high_y = reach.low_x, reach.high_x, reach.low_y, reach.high_y
     rough, window = _LOOK_CONNECTED if options.cut_ratio is None else _LOOK_TORN
     # Aligned lines leave nothing to look for beside their answers, and what only such a look needs takes a while.
-    told = pixel_map.pair.aligned and shared["hits_are"] == _hits("OF_PIXELS")
+    told = pixel_map.pair.aligned and shared["hit_kind"] == _hits("OF_PIXELS")
     density, typical = (1.0, 1.0) if told else (pixel_map.density, pixel_map.typical)
     neighbour_offset = min(math.ceil(0.5 / density), _NEIGHBOUR_OFFSET_MAX)
     defines = {**target.color_defines, **entry.defines, "STRIP": profile.strip}

@@ -17,7 +17,7 @@ from pyibr.opencl.headers import kernels_folder
 FOLDER = kernels_folder()
 FILES = sorted(path.relative_to(FOLDER).as_posix() for path in FOLDER.glob("*/*"))
 LONGEST = 100
-CONTRACT = {"Context", "Primitives", "set_up", "cover"}  # raster/region.h: each fragment program defines them
+CONTRACT = {"Context", "Primitives", "set_up", "cover"}  # raster/fragment.h: each fragment program defines them
 DEFAULT = re.compile(r"^#ifndef (\w+)\n#define \1 \S+(.*)\n#endif", re.MULTILINE)
 GUARD = re.compile(r"\A#ifndef (\w+)\n#define \1\n")
 INCLUDE = re.compile(r'^#include "(.+)"$', re.MULTILINE)

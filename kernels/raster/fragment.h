@@ -1,0 +1,56 @@
+#ifndef RASTER_FRAGMENT_H
+#define RASTER_FRAGMENT_H
+/* What all kernels of the rasteriser begin with: the bins that raster/bins.cl makes, and the picture.
+ *
+ * A fragment program defines
+ *   Context     its arguments, by pointer
+ *   Primitives  what is the same for all pixels of each of LANES primitives; intl low_x, high_x, low_y, high_y: the
+ *               box of its pixels in the region
+ *   intl set_up(const Context *, intl index, int x, int y, Primitives *)   x, y: the region's first pixel; which of
+ *               them may be seen
+ *   void cover(const Context *, const Primitives *, int lane, Region *, int block, int x, int y)   one of them; x, y:
+ *               the block's first pixel in the region
+ * and then includes raster/list.h, which draws the primitives of a bin in order.
+ */
+#include "raster/region.h"
+
+/* Parameters of the bins, and of the camera that they are made for */
+#define BINS_PARAMETERS                                                                                        \
+    global const float *projected, global const int *list, global const int *starts, int bins_x, Screen screen, float nearest_w
+
+/* The part of the list that may be seen in a bin, or in one mesh of it: [first, last) */
+typedef struct {
+    global const int *list;
+    int first, last;
+} BinList;
+
+INLINED BinList list_of_bin(global const int *list, global const int *starts, int bins_x, int x, int y)
+{
+    const int bin = y / BIN * bins_x + x / BIN;
+    const BinList found = {list, starts[bin], starts[bin + 1]};
+    return found;
+}
+
+/* Begins the region at (x, y), unless its bin's list is empty, when there is nothing to draw: then a blank picture is cleared
+ * there. Returns whether it has begun. */
+INLINED int begin_listed(Region *region, const Picture *picture, BinList listed, int x, int y)
+{
+    const int any = listed.first < listed.last;
+    if (any)
+        begin_region(region, picture, x, y);
+    else if (picture->blank)
+        clear_region(picture, x, y);
+    return any;
+}
+
+/* The same for the region of this work-item, of a launch with one for each; sets what is listed there. */
+INLINED int begin_item(Region *region, const Picture *picture, global const int *list, global const int *starts, int bins_x,
+                       BinList *listed)
+{
+    const int x = get_global_id(0) * REGION, y = get_global_id(1) * REGION;
+    if (x >= picture->screen.width || y >= picture->screen.height)
+        return 0;
+    *listed = list_of_bin(list, starts, bins_x, x, y);
+    return begin_listed(region, picture, *listed, x, y);
+}
+#endif

@@ -1,0 +1,129 @@
+#ifndef SLICING_OBJECT_SLICES_H
+#define SLICING_OBJECT_SLICES_H
+/* Where rays meet an object: the slices of its box, walked from front to back. */
+#include "slicing/view_volumes.h"
+
+#define TO_SCREEN 3 /* the axis of slices that are parallel to the screen; others are the box's 0, 1 and 2 */
+
+typedef struct {
+    float from_world[12]; /* row by row */
+    float edges[3];       /* of the box, in scene units */
+    float spacing;        /* of the slices, in scene units */
+    float first;          /* of slices parallel to the screen, the number that is counted as 0: of the one through the middle */
+    int slices;           /* along the longest edge */
+    int alone;            /* 1: slice number `only` is drawn, and no other */
+    int only;
+} Box;
+
+/* The rays of the pixels (x, y): perspective ones start at the centre, orthographic ones run along it. */
+WorldRay world_ray(Screen screen, floatl x, floatl y)
+{
+    const float *m = screen.to_world;
+    const floatl across[3] = {PIXEL_ROW(m, 0, x, y), PIXEL_ROW(m, 1, x, y), PIXEL_ROW(m, 2, x, y)};
+    Linear axis[3];
+    for (int k = 0; k < 3; k++) {
+        axis[k].fixed = screen.perspective ? (floatl)m[4 * k + 3] : across[k];
+        axis[k].sloped = screen.perspective ? across[k] : (floatl)(-m[4 * k + 3]);
+    }
+    const WorldRay ray = {axis[0], axis[1], axis[2]};
+    return ray;
+}
+
+/* The part of a ray that lies in the box, from depth `front` to `back`; slices are where `number` is whole. */
+typedef struct {
+    floatl front, back;
+    Linear number;
+    int number_max;  /* no slice in the box has a greater number, nor one below its opposite */
+    int alone, only; /* of Box */
+} RaySegment;
+
+/* from: depth at which the picture begins; slices_axis: of the box, or TO_SCREEN */
+RaySegment segment_in_box(Box box, const WorldRay *ray, floatl from, int slices_axis)
+{
+    /* Along no ray are there more slices than along the longest edge, and rounding is off by no more than these again unless
+     * floats do not tell depths in the box apart. */
+    RaySegment segment = {from, INFINITY, {-box.first, 1.0f / box.spacing}, 2 * (box.slices + 1), box.alone, box.only};
+    for (int k = 0; k < 3; k++) {
+        const float *r = box.from_world + 4 * k;
+        const Linear side = {r[0] * ray->x.fixed + r[1] * ray->y.fixed + r[2] * ray->z.fixed + r[3],
+                             r[0] * ray->x.sloped + r[1] * ray->y.sloped + r[2] * ray->z.sloped};
+        const floatl sloped = pick(fabs(side.sloped) < 1e-20f, (floatl)1e-20f, side.sloped);
+        const floatl at_0 = -side.fixed / sloped, at_1 = (1.0f - side.fixed) / sloped;
+        segment.front = max_lanes(min_lanes(at_0, at_1), segment.front);
+        segment.back = clamp_lanes(at_0, at_1, segment.back);
+        if (k == slices_axis) {
+            segment.number.fixed = side.fixed * (box.edges[k] / box.spacing);
+            segment.number.sloped = sloped * (box.edges[k] / box.spacing);
+        }
+    }
+    return segment;
+}
+
+/* Bisects the interval of the length `step` before the hits that are `found`, in which the rays enter the object. */
+void refine_object_hit(const Views *views, const ViewRay *rays, RaySegment segment, floatl step, int halvings, intl found,
+                       floatl *hit, intl *tests)
+{
+    floatl before = max_lanes(*hit - step, segment.front);
+    for (int i = 0; i < halvings && any_lane(found); i++) {
+        const floatl middle = 0.5f * (before + *hit);
+        intl passed = 0;
+        const intl inside = inside_all(views, rays, middle, found, &passed, tests);
+        *hit = pick(inside, middle, *hit);
+        before = pick(inside, before, middle);
+    }
+}
+
+/* Searches between slices for parts of the object that are thinner than these lie apart. The rays that are `crossed` fail at z
+ * the test of another view than at the slice before, `step` before it; after `passed` views. Bisection leads to where the one
+ * test gives way to the other: points there may pass both. Sets hit, and returns where it does. */
+intl intersect_between(const Views *views, const ViewRay *rays, RaySegment segment, floatl z, floatl step, int halvings,
+                       intl crossed, intl passed, floatl *hit, intl *tests)
+{
+    floatl before = max_lanes(z - step, segment.front), after = z;
+    intl found = 0;
+    for (int i = 0; i < halvings && any_lane(crossed & !found); i++) {
+        const floatl middle = 0.5f * (before + after);
+        intl here = 0;
+        const intl inside = inside_all(views, rays, middle, crossed & !found, &here, tests);
+        const intl behind = here == passed;
+        *hit = pick(inside, middle, *hit);
+        found = found | inside;
+        after = pick(behind, middle, after);
+        before = pick(behind, before, middle);
+    }
+    return found;
+}
+
+/* Which rays meet the object before the depth `drawn` that the picture shows already? Sets hit, the depth at which they do. */
+intl intersect_object(const Views *views, const WorldRay *ray, RaySegment segment, floatl drawn, int halvings, int finds_thin,
+                      floatl *hit, intl *tests)
+{
+    intl searches = segment.front <= segment.back, found = 0, last = -1;
+    if (!any_lane(searches))
+        return found;
+    ViewRay rays[VIEWS];
+    for (int i = 0; i < VIEWS; i++)
+        rays[i] = view_ray(views->matrices + 16 * views->order[i], ray);
+    const intl rises = segment.number.sloped > 0.0f;
+    const floatl step = pick(rises, (floatl)1.0f, (floatl)-1.0f), per_slice = 1.0f / segment.number.sloped;
+    const floatl number_max = segment.number_max, s_front = clamp_lanes(AT(segment.number, segment.front), -number_max, number_max);
+    const floatl back = min_lanes(drawn + fabs(per_slice), segment.back); /* halvings bring a point forward by up to a slice */
+    floatl slice = segment.alone ? (floatl)(float)segment.only : pick(rises, ceil_lanes(s_front), floor_lanes(s_front));
+    for (int remaining = segment.alone ? 0 : 2 * segment.number_max; remaining >= 0; remaining--, slice += step) {
+        const floatl z = (slice - segment.number.fixed) * per_slice;
+        searches = searches & !found & (z <= back);
+        if (!any_lane(searches))
+            break;
+        intl passed = 0;
+        const intl active = searches & (z >= segment.front), inside = inside_all(views, rays, z, active, &passed, tests);
+        *hit = pick(inside, z, *hit);
+        found = found | inside;
+        const intl crossed = active & !inside & (passed != last);
+        if (finds_thin && any_lane(crossed))
+            found = found | intersect_between(views, rays, segment, z, fabs(per_slice), halvings, crossed, passed, hit, tests);
+        last = pick(active, passed, last);
+    }
+    refine_object_hit(views, rays, segment, fabs(per_slice), halvings, found, hit, tests);
+    return found;
+}
+#endif

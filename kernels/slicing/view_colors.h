@@ -1,0 +1,165 @@
+#ifndef SLICING_VIEW_COLORS_H
+#define SLICING_VIEW_COLORS_H
+/* The colours of an object: of the views that see the points where rays meet it, blended by how close the views' directions
+ * are to the ray's.
+ *
+ * A view sees a point if its own surface is met there, a little before the object's, which begins where the last of all
+ * views' volumes does. It counts the less, the farther its samples around lie from the point in depth: a view says little of
+ * a surface along its direction, which lies between a near sample and a far one, unless no other sees it.
+ */
+#include "lib/color.h"
+#include "lib/gbuffer.h"
+#include "slicing/object_slices.h"
+
+#define BLENDED_VIEWS 3     /* views that a colour is made of at most */
+/* Differences in depth between a view's sample and a point, in the distance from sample to sample: */
+#define LEVEL_SAMPLES 0.5f  /* where the sample counts half for how well the view sees the point, */
+#define TORN_SAMPLES 4.0f   /* where it counts half in the view's colour, */
+#define HIDDEN_SAMPLES 4.0f /* and by which all samples around may lie before a point that the view sees */
+#define VIEWS_MIN 0.002f    /* of a view: where all together see less of a point, the hit is refined for its colour */
+#define CLOSER_HALVINGS 6   /* further halvings then: seen along itself, a whole surface lies within a sample */
+#define STRIDES 4           /* from the object's surface back to a view's own, each as long as all before it together */
+
+/* The sum of weighted colours of at most BLENDED_VIEWS views */
+typedef struct {
+    Color color, normal;
+    floatl weight;
+    floatl views; /* their number; one that sees a part of a point counts as that part */
+} Blend;
+
+/* How many samples' distances (of the coarsest view) a difference of 1 in a view's nearness is, where that is `mine` */
+INLINED floatl samples_per_nearness(const Views *views, const ViewRay *view, floatl mine)
+{
+    const intl flat = fabs(view->w.fixed - 1.0f) + fabs(view->w.sloped) == 0.0f; /* orthographic: nearness is -z */
+    return 1.0f / (views->sample * pick(flat, (floatl)1.0f, mine * mine));
+}
+
+/* What a view's four samples around a point show of it */
+typedef struct {
+    Color color, normal; /* times their weights */
+    floatl weight;
+    floatl part; /* how much of the samples' weight is at the point's depth: little on a surface that is seen aslant */
+    intl sees;
+} ViewColor;
+
+/* visible: samples count by how close their depths are to the points' at the depth `at` of the rays; else all count. */
+
+INLINED ViewColor view_color(const Views *views, int number, const ViewRay *view, Samples samples, floatl at, int visible)
+{
+    ViewColor seen_color = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.0f, 0.0f, samples.on_image};
+    global const int *size = views->sizes + 3 * number;
+    const floatl mine = AT(view->q, at) / AT(view->w, at), by = samples_per_nearness(views, view, mine);
+    for (int k = 0; k < 4; k++) {
+        const intl word = texels_at(views->colors + size[2], samples.taps.at[k]);
+        floatl weight = samples.weights[k] * to_floatl((word >> 24) & 1);
+        if (visible) {
+            const floatl off = ((floatl)(gather(views->maps + size[2], samples.taps.at[k])) - mine) * by, squared = off * off;
+            seen_color.part += weight / (1.0f + squared * (1.0f / (LEVEL_SAMPLES * LEVEL_SAMPLES)));
+            weight = weight / (1.0f + squared * (1.0f / (TORN_SAMPLES * TORN_SAMPLES)));
+        }
+        add_color(&seen_color.color, weight, color_of(word));
+#if GBUFFER == 2
+        add_color(&seen_color.normal, weight, color_of(texels_at(views->normals + size[2], samples.taps.at[k])));
+#endif
+        seen_color.weight += weight;
+    }
+    seen_color.sees = seen_color.sees & (seen_color.weight > (visible ? 0.0f : 1e-3f));
+    return seen_color;
+}
+
+/* How far a view's surface lies before the rays' points at depth z, in samples' distances; farthest: the same of the farthest
+ * of the samples around */
+INLINED floatl view_surface_before(const Views *views, int number, const ViewRay *view, floatl z, floatl *farthest)
+{
+    global const int *size = views->sizes + 3 * number;
+    const floatl inverse = 1.0f / AT(view->w, z), mine = AT(view->q, z) * inverse;
+    const Samples samples = samples_at(size, AT(view->u, z) * inverse, AT(view->v, z) * inverse);
+    floatl sum = 0.0f, least = INFINITY;
+    for (int k = 0; k < 4; k++) {
+        const floatl there = (floatl)(gather(views->maps + size[2], samples.taps.at[k]));
+        sum += samples.weights[k] * there;
+        least = min_lanes(least, there);
+    }
+    const floatl per_sample = samples_per_nearness(views, view, mine);
+    *farthest = (least - mine) * per_sample;
+    return (sum - mine) * per_sample;
+}
+
+/* The depth at which the rays meet a view's own surface, up to STRIDES strides before the object's, which they meet where they
+ * enter the last of all views' volumes. Views whose surface is not met there do not see the point, nor do those whose samples
+ * around all lie far before it: these rays are no longer `active`. */
+INLINED floatl own_surface_before(const Views *views, int number, const ViewRay *view, floatl hit, intl *active)
+{
+    floatl farthest, z = hit, from = hit, last = view_surface_before(views, number, view, hit, &farthest);
+    *active = *active & (farthest <= HIDDEN_SAMPLES);
+    intl open = *active & (last > 0.0f);
+    float back = views->stride;
+    for (int i = 0; i < STRIDES && any_lane(open); i++, back *= 2.0f) {
+        const floatl to = hit - back, before = view_surface_before(views, number, view, to, &farthest);
+        const intl met = open & (before <= 0.0f);
+        z = pick(met, to + (to - from) * before / (last - before), z);
+        open = open & !met;
+        from = to;
+        last = before;
+    }
+    *active = *active & !open;
+    return z;
+}
+
+/* Blends the views' colours of the rays' points at depth `hit`; visible: of views that see the points, else of all, from the
+ * closest on. */
+Blend blend_views(const Views *views, const WorldRay *ray, floatl hit, intl active, int visible)
+{
+    Blend blend = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.0f, 0.0f};
+    for (int i = 0; i < VIEWS; i++) { /* `order` is from the closest on */
+        intl wanted = active & (blend.views < BLENDED_VIEWS - 0.5f);
+        if (!any_lane(wanted))
+            break;
+        const int number = views->order[i];
+        global const int *size = views->sizes + 3 * number;
+        const ViewRay view = view_ray(views->matrices + 16 * number, ray);
+        const floatl at = visible ? own_surface_before(views, number, &view, hit, &wanted) : hit, inverse = 1.0f / AT(view.w, at);
+        const Samples samples = samples_at(size, AT(view.u, at) * inverse, AT(view.v, at) * inverse);
+        const ViewColor seen_color = view_color(views, number, &view, samples, at, visible);
+        const floatl part = visible ? seen_color.part : (floatl)1.0f; /* samples without a colour lessen no other view's share */
+        const floatl share = pick(wanted & seen_color.sees, views->closeness[number] * part / seen_color.weight, (floatl)0.0f);
+        const Color none = {0.0f, 0.0f, 0.0f};
+        add_color(&blend.color, share, pick_color(seen_color.sees, seen_color.color, none));
+#if GBUFFER == 2
+        add_color(&blend.normal, share, pick_color(seen_color.sees, seen_color.normal, none));
+#endif
+        blend.weight += share * pick(seen_color.sees, seen_color.weight, (floatl)0.0f);
+        blend.views += pick(wanted & seen_color.sees, part, (floatl)0.0f);
+    }
+    return blend;
+}
+
+/* The colours of the rays' points at depth `hit`: of views that see them, where there are any, else of the closest */
+Blend blend_at(const Views *views, const WorldRay *ray, RaySegment segment, floatl hit, int halvings, intl found, intl *tests)
+{
+    Blend blend = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.0f, 0.0f};
+    if (!SILHOUETTES && views->visible) {
+        blend = blend_views(views, ray, hit, found, 1);
+        const intl doubted = found & (blend.views < VIEWS_MIN);
+        if (any_lane(doubted)) {
+            ViewRay rays[VIEWS];
+            for (int i = 0; i < VIEWS; i++)
+                rays[i] = view_ray(views->matrices + 16 * views->order[i], ray);
+            const floatl step = fabs(1.0f / segment.number.sloped) / (float)(1 << halvings);
+            refine_object_hit(views, rays, segment, step, CLOSER_HALVINGS, doubted, &hit, tests);
+            const Blend closer = blend_views(views, ray, hit, doubted, 1);
+            blend.color = pick_color(doubted, closer.color, blend.color);
+            blend.normal = pick_color(doubted, closer.normal, blend.normal);
+            blend.weight = pick(doubted, closer.weight, blend.weight);
+        }
+    }
+    const intl unseen = found & !(blend.weight > 0.0f);
+    if (any_lane(unseen)) {
+        const Blend any = blend_views(views, ray, hit, unseen, 0);
+        blend.color = pick_color(unseen, any.color, blend.color);
+        blend.normal = pick_color(unseen, any.normal, blend.normal);
+        blend.weight = pick(unseen, any.weight, blend.weight);
+    }
+    return blend;
+}
+#endif

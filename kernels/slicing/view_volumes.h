@@ -1,0 +1,145 @@
+#ifndef SLICING_VIEW_VOLUMES_H
+#define SLICING_VIEW_VOLUMES_H
+/* What each view's image leaves of space: the points behind the surface that its depth image displaces (SILHOUETTES 0), or
+ * inside its silhouette (SILHOUETTES 1). The object is what all views leave (Kautz & Seidel 2001, sections 4 and 5).
+ * Arrays: object.cl.
+ */
+#include "lib/screen.h"
+#include "lib/taps.h"
+#include "slicing/rays.h"
+#include "slicing/ribbon_record.h"
+
+#ifndef VIEWS
+#define VIEWS 6 /* of the object */
+#endif
+#ifndef SILHOUETTES
+#define SILHOUETTES 0 /* 1: maps are masks */
+#endif
+#ifndef RIBBONS
+#define RIBBONS 0 /* 1: what is one sample thin in a view is as wide there as its ribbons (slicing/ribbons.cl) */
+#endif
+
+/* A pixel's ray in the world */
+typedef struct {
+    Linear x, y, z;
+} WorldRay;
+
+/* The product of a row of a matrix with the points of a ray, whose homogeneous coordinate is 1 */
+Linear row_of(global const float *m, const WorldRay *ray)
+{
+    Linear made;
+    made.fixed = m[0] * ray->x.fixed + m[1] * ray->y.fixed + m[2] * ray->z.fixed + m[3];
+    made.sloped = m[0] * ray->x.sloped + m[1] * ray->y.sloped + m[2] * ray->z.sloped;
+    return made;
+}
+
+/* The four samples of a view's image around a place, their weights, and whether the place is on the image */
+typedef struct {
+    Taps taps;
+    floatl weights[4];
+    intl on_image;
+} Samples;
+
+INLINED Samples samples_at(global const int *size, floatl x, floatl y)
+{
+    Samples samples;
+    samples.taps = clamped_taps(size[0], size[1], x, y);
+    tap_weights(samples.taps.fx, samples.taps.fy, samples.weights);
+    samples.on_image = (x >= -0.5f) & (x <= size[0] - 0.5f) & (y >= -0.5f) & (y <= size[1] - 0.5f);
+    return samples;
+}
+
+INLINED floatl read_map(global const float *map, Samples samples)
+{
+    floatl sum = 0.0f;
+    for (int k = 0; k < 4; k++)
+        sum += samples.weights[k] * (floatl)(gather(map, samples.taps.at[k]));
+    return sum;
+}
+
+/* A ray in a view's pixel space, homogeneous */
+typedef struct {
+    Linear u, v, w, q;
+} ViewRay;
+
+ViewRay view_ray(global const float *matrix, const WorldRay *ray)
+{
+    const ViewRay made = {row_of(matrix, ray), row_of(matrix + 4, ray), row_of(matrix + 8, ray), row_of(matrix + 12, ray)};
+    return made;
+}
+
+/* What is known of the views, as object.cl describes it */
+typedef struct {
+    global const float *matrices;
+    global const int *sizes;
+    global const float *maps;
+    global const uint *colors;
+    global const int *order;
+    global const float *closeness;
+    int visible, unknown;
+    float sample, stride;
+#if RIBBONS
+    global const int *firsts;
+    global const float *ribbons;
+#endif
+    global const uint *normals; /* RGBA bytes, as colors; with GBUFFER 2 */
+} Views;
+
+#if RIBBONS
+/* The nearest of a view's nearness `value` at the place (x, y) and of its ribbons there */
+INLINED floatl over_ribbons(const Views *views, global const int *size, floatl x, floatl y, intl active, floatl value)
+{
+    const floatl column = clamp_lanes(floor_lanes(x + 0.5f), (floatl)0.0f, (floatl)(size[0] - 1));
+    const floatl row = clamp_lanes(floor_lanes(y + 0.5f), (floatl)0.0f, (floatl)(size[1] - 1));
+    const intl at = size[2] + to_intl(row) * size[0] + to_intl(column), next = at + 1;
+    intl number = (intl)(gather(views->firsts, at));
+    const intl last = (intl)(gather(views->firsts, next));
+    for (; any_lane(active & (number < last)); number++) {
+        const intl there = active & (number < last), first = RIBBON_FLOATS * pick(there, number, (intl)0);
+        floatl part[RIBBON_FLOATS];
+        for (int k = 0; k < RIBBON_FLOATS; k++) {
+            const intl here = first + k;
+            part[k] = (floatl)(gather(views->ribbons, here));
+        }
+        floatl low = 0.0f, high = 1.0f;
+        const floatl across[2] = {x - part[0], y - part[1]};
+        for (int axis = 0; axis < 2; axis++) { /* from which part of the sweep to which does the square hold the place? */
+            const floatl length = part[2 + axis], per_length = 1.0f / pick(fabs(length) > 1e-6f, length, (floatl)1e-6f);
+            const floatl a = (across[axis] - 0.5f) * per_length, b = (across[axis] + 0.5f) * per_length;
+            low = max_lanes(low, min_lanes(a, b));
+            high = min_lanes(high, max_lanes(a, b));
+        }
+        const floatl along = across[0] * part[2] + across[1] * part[3];
+        const intl beyond = (part[7] > 0.5f) & (along > part[2] * part[2] + part[3] * part[3]);
+        const floatl near = part[4] + part[5] * across[0] + part[6] * across[1];
+        value = pick(there & (low <= high) & !beyond, max_lanes(value, near), value);
+    }
+    return value;
+}
+#endif
+
+/* Which of the points of the rays at depth z pass the test of every view? passed: is raised by the number of views whose test
+ * each has passed, up to the first that it fails */
+intl inside_all(const Views *views, const ViewRay *rays, floatl z, intl inside, intl *passed, intl *tests)
+{
+    for (int i = 0; i < VIEWS && any_lane(inside); i++) {
+        *tests += inside & 1;
+        const floatl w = AT(rays[i].w, z), inverse = 1.0f / w;
+        global const int *size = views->sizes + 3 * views->order[i];
+        const floatl u = AT(rays[i].u, z) * inverse, v = AT(rays[i].v, z) * inverse;
+        const Samples samples = samples_at(size, u, v);
+        floatl value = read_map(views->maps + size[2], samples);
+#if RIBBONS
+        value = over_ribbons(views, size, u, v, inside & samples.on_image, value);
+#endif
+#if SILHOUETTES
+        inside = inside & samples.on_image & (w > 0.0f) & (value >= 0.5f);
+#else
+        const intl seen = samples.on_image & (w > 0.0f);
+        inside = inside & (seen | (intl)(views->unknown ? -1 : 0)) & (!seen | (AT(rays[i].q, z) * inverse <= value));
+#endif
+        *passed -= inside;
+    }
+    return inside;
+}
+#endif

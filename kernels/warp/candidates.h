@@ -1,0 +1,77 @@
+#ifndef WARP_CANDIDATES_H
+#define WARP_CANDIDATES_H
+/* Pixels whose own rays are traced: in windows of their epipolar lines around the candidates, which are the hits of their
+ * own line and of their neighbours' lines.
+ */
+#define CANDIDATES 9 /* hits around a pixel; 5 unless zoomed */
+#define WINDOWS (CANDIDATES - 1)
+#include "warp/line_hits.h"
+
+#define WIDE_WINDOW 12.0f /* in place of `window` where nothing is met: past a crest, the next slope may be far */
+
+#define SORT(i, j)                                                                                             \
+    {                                                                                                          \
+        const floatl first = min_lanes(places[i], places[j]), last = max_lanes(places[i], places[j]);          \
+        places[i] = first;                                                                                     \
+        places[j] = last;                                                                                      \
+    }
+#define SORT_NINE                                                                                              \
+    SORT(0, 3) SORT(1, 7) SORT(2, 5) SORT(4, 8) SORT(0, 7) SORT(2, 4) SORT(3, 8) SORT(5, 6) SORT(0, 2)         \
+    SORT(1, 3) SORT(4, 5) SORT(7, 8) SORT(1, 4) SORT(3, 6) SORT(5, 7) SORT(0, 1) SORT(2, 4) SORT(3, 5)         \
+    SORT(6, 8) SORT(2, 3) SORT(4, 5) SORT(6, 7) SORT(1, 2) SORT(3, 4) SORT(5, 6)
+#define SORT_FIVE                                                                                              \
+    SORT(0, 3) SORT(1, 4) SORT(0, 2) SORT(1, 3) SORT(0, 1) SORT(2, 4) SORT(1, 2) SORT(3, 4) SORT(2, 3)
+
+/* The distances along the pixels' own epipolar lines at which the hits of pixels x of row y lie; INFINITY where there is no
+ * hit. Pixels beyond the border of the image are those at the border. */
+INLINED floatl candidate_at(global const float *hits, PixelMap map, Rays rays, Epipolar epipolar, intl x, int y)
+{
+    global const float *row = hits + (size_t)clamp(y, 0, map.dst_height - 1) * map.dst_pitch;
+    const intl at = min(max(x, (intl)0), (intl)(map.dst_width - 1));
+    const floatl hit = (floatl)(gather(row, at));
+    const floatl place = distance_of(rays, epipolar, hit);
+    return pick(IS_HIT(hit) & isfinite_lanes(place), place, (floatl)INFINITY);
+}
+
+/* Traces the rays of the pixels x of row y through the windows around their candidates. Target nearness of the hits, BLOCKED
+ * or EMPTY. */
+INLINED floatl trace_candidates(global const float *hits, Grid grid, PixelMap map, intl x, int y, intl wanted, int sides,
+                                int neighbour_offset, float density, float window, uint *cells)
+{
+    const Rays rays = rays_of(map, to_floatl(x), y);
+    const Epipolar epipolar = epipolar_of(rays, grid);
+    floatl places[CANDIDATES];
+    places[0] = candidate_at(hits, map, rays, epipolar, x, y);
+    places[1] = candidate_at(hits, map, rays, epipolar, x - 1, y);
+    places[2] = candidate_at(hits, map, rays, epipolar, x + 1, y);
+    places[3] = candidate_at(hits, map, rays, epipolar, x, y - 1);
+    places[4] = candidate_at(hits, map, rays, epipolar, x, y + 1);
+    for (int i = 5; i < CANDIDATES; i++)
+        places[i] = INFINITY;
+    if (IS_ZOOMED) {
+        places[5] = candidate_at(hits, map, rays, epipolar, x - neighbour_offset, y);
+        places[6] = candidate_at(hits, map, rays, epipolar, x + neighbour_offset, y);
+        places[7] = candidate_at(hits, map, rays, epipolar, x, y - neighbour_offset);
+        places[8] = candidate_at(hits, map, rays, epipolar, x, y + neighbour_offset);
+        SORT_NINE
+    } else {
+        SORT_FIVE
+    }
+    floatl found = EMPTY;
+    intl active = wanted & (places[0] < INFINITY);
+    for (int attempt = 0; attempt < 2; attempt++) {
+        Windows windows;
+        windows.radius = (attempt ? WIDE_WINDOW : window) * density;
+        windows.from = places[0] - windows.radius;
+        windows.to = places[0] + windows.radius;
+        for (int i = 1; i < CANDIDATES; i++)
+            windows.next[i - 1] = places[i];
+        found = pick(active, trace(grid, rays, epipolar, windows, sides, active, cells), found);
+        /* A window of a connected surface that begins behind it meets its back: once more, in wider windows. */
+        active = active & !IS_HIT(found) & (intl)(grid.cut.far_scale == 0.0f ? -1 : 0);
+        if (!any_lane(active))
+            break;
+    }
+    return found;
+}
+#endif

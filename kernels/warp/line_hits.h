@@ -1,0 +1,137 @@
+#ifndef WARP_LINE_HITS_H
+#define WARP_LINE_HITS_H
+/* Where each pixel's own ray meets the source's surface, as far as the hits of its epipolar line and of its neighbours'
+ * lines tell: at once where these lie on one smooth surface.
+ */
+#include "warp/hits.h"
+#include "warp/trace.h"
+
+#define HITS_OF_LINES 0         /* the hits are of lines that pass by the pixels */
+#define HITS_OF_PIXELS 1        /* they are of the pixels' own rays */
+#define HITS_WITHOUT_PARALLAX 2 /* nothing moves with its depth: each pixel sees its place in the source */
+
+#define IS_ZOOMED (neighbour_offset > 1) /* a sample is larger than a pixel: hits that far away count, too */
+#define AT_EPIPOLE 1e-2f /* pixels of the target around the epipole in which no line has hits */
+#define TOLERANCE 1e-3f  /* pixels of the source by which a hit may lie outside its triangle by rounding */
+
+/* LANES pixels of a row */
+typedef struct {
+    floatl n;    /* target nearness of the line's hit, later of the pixel's own; EMPTY where there is none */
+    floatl u, v; /* where in the source the hit lies */
+    intl smooth; /* the hits around lie on one smooth surface */
+    intl traced; /* the pixel's own ray is to be traced, unless it meets the triangle at the line's hit */
+} Pixels;
+
+/* Sets where in the source the pixels' hits lie. Returns 1 / w there. */
+INLINED floatl find_place(Pixels *pixels, PixelMap map, int x0, int y)
+{
+    const float *S = map.src_from_dst;
+    const floatl x = to_floatl(x0 + lane_index), n = pixels->n, inverse = 1.0f / MAP_ROW(S, 2, x, y, n);
+    pixels->u = MAP_ROW(S, 0, x, y, n) * inverse;
+    pixels->v = MAP_ROW(S, 1, x, y, n) * inverse;
+    return inverse;
+}
+
+/* The pixels with the hits of their own lines, and what the neighbours' hits tell of the surface there */
+INLINED Pixels read_hits(global const float *hits, PixelMap map, int x0, int y, intl inside, int hit_kind, int neighbour_offset,
+                         float density, float typical, float rough)
+{
+    const float *S = map.src_from_dst, *D = map.dst_from_src;
+    global const float *here = hits + (size_t)y * map.dst_pitch + x0;
+    const floatl x = to_floatl(x0 + lane_index);
+    floatl n = load_lanes(here);
+    const intl seen_here = inside & IS_VISIBLE_HIT(n);
+    Pixels pixels;
+    pixels.smooth = pixels.traced = 0;
+    floatl curved = 0.0f;
+    intl any_seen = 0;
+    if (hit_kind == HITS_OF_LINES) {
+        const floatl above = y > 0 ? load_lanes(here - map.dst_pitch) : n;
+        const floatl under = y + 1 < map.dst_height ? load_lanes(here + map.dst_pitch) : n;
+        floatl left = x0 > 0 ? load_lanes(here - 1) : shifted_lanes(n), right = load_lanes(here + 1);
+        right = pick(x0 + lane_index + 1 < map.dst_width, right, n);
+        const intl above_met = IS_HIT(above), under_met = IS_HIT(under), left_met = IS_HIT(left), right_met = IS_HIT(right);
+        any_seen = seen_here | IS_VISIBLE_HIT(above) | IS_VISIBLE_HIT(under) | IS_VISIBLE_HIT(left) | IS_VISIBLE_HIT(right);
+        intl any_met = IS_HIT(n) | above_met | under_met | left_met | right_met;
+        if (IS_ZOOMED) {
+            any_met = any_met | (y >= neighbour_offset ? IS_HIT(load_lanes(here - neighbour_offset * map.dst_pitch)) : 0);
+            any_met = any_met | (y + neighbour_offset < map.dst_height ? IS_HIT(load_lanes(here + neighbour_offset * map.dst_pitch)) : 0);
+            any_met = any_met | (x0 >= neighbour_offset ? IS_HIT(load_lanes(here - neighbour_offset)) : 0) | IS_HIT(load_lanes(here + neighbour_offset));
+        }
+        curved = max_lanes(fabs(left + right - 2.0f * n), fabs(above + under - 2.0f * n));
+        pixels.smooth = inside & IS_HIT(n) & above_met & under_met & left_met & right_met;
+        /* A pixel whose line meets nothing may see what a neighbour's line meets. */
+        pixels.traced = inside & any_met;
+    }
+    intl in_place = hit_kind == HITS_WITHOUT_PARALLAX ? inside : (intl)0;
+    if (fabs(y * D[11] - D[7]) <= AT_EPIPOLE * fabs(D[11])) /* no line there, and no parallax */
+        in_place = in_place | ((fabs(x * D[11] - D[3]) <= AT_EPIPOLE * fabs(D[11])) & inside & !IS_HIT(n));
+    n = pick(in_place, (floatl)typical, n);
+    pixels.n = hit_kind == HITS_OF_PIXELS ? pick(seen_here | in_place, n, (floatl)EMPTY) : n;
+    const floatl inverse = find_place(&pixels, map, x0, y);
+    if (hit_kind == HITS_OF_LINES) {
+        const floatl moves_by = (fabs(S[3] - pixels.u * S[11]) + fabs(S[7] - pixels.v * S[11])) * fabs(inverse);
+        pixels.smooth = pixels.smooth & (curved * moves_by < rough * density);
+        /* Where all hits around are of one smooth side that is not shown, the pixel sees nothing. */
+        pixels.traced = pixels.traced & (any_seen | !pixels.smooth);
+        pixels.smooth = pixels.smooth & seen_here;
+    }
+    pixels.smooth = pixels.smooth | in_place;
+    pixels.traced = pixels.traced & !in_place;
+    return pixels;
+}
+
+/* Intersects the pixels' own rays with the planes of the triangles at their lines' hits. Those that meet the triangle itself
+ * have their hit; the others' become EMPTY. */
+INLINED void intersect_at_hits(Pixels *pixels, Grid grid, PixelMap map, int x0, int y, int hit_kind, int sides)
+{
+    const float *S = map.src_from_dst;
+    const Rays rays = rays_of(map, to_floatl(x0 + lane_index), y);
+    const floatl u = pixels->u, v = pixels->v;
+    floatl uc = truncated(clamp_lanes(u, (floatl)0.0f, (floatl)max(grid.width - 2, 0)));
+    floatl vc = truncated(clamp_lanes(v, (floatl)0.0f, (floatl)max(grid.height - 2, 0)));
+    const float lowest = max(grid.height - 2, 0); /* the last row that has a next one */
+    intl on_column = (intl)(grid.width == 1 ? -1 : 0), on_row = 0, beside = 0;
+    if (hit_kind == HITS_WITHOUT_PARALLAX) { /* a ray that passes a sample or an edge sees that alone */
+        const floatl column = floor_lanes(u + 0.5f), row = floor_lanes(v + 0.5f);
+        on_column = (fabs(u - column) < ON_SAMPLES) & (column >= 0.0f) & (column <= (float)(grid.width - 1));
+        on_row = (fabs(v - row) < ON_SAMPLES) & (row >= 0.0f) & (row <= (float)(grid.height - 1));
+        uc = pick(on_column, column, uc);
+        vc = pick(on_row, row, vc);
+        /* An image of one column, or row, is seen along it alone. */
+        beside = ((intl)(grid.width == 1 ? -1 : 0) & !on_column) | ((intl)(grid.height == 1 ? -1 : 0) & !on_row);
+    }
+    const intl upper = (u - uc) + (v - vc) > 1.0f;
+    const intl base = to_intl(min_lanes(vc, (floatl)lowest)) * grid.pitch + to_intl(uc);
+    floatl corners[4];
+    gather_cells(grid.nearness, grid.height > 1 ? grid.pitch : 0, base, corners);
+    if (any_lane(on_column | on_row))
+        collapse_cells(corners, on_row, vc > lowest, on_column);
+    const floatl q00 = corners[0], q10 = corners[1], q01 = corners[2], q11 = corners[3];
+    const floatl qc = pick(upper, q11, q00);
+    const intl open = IS_OPEN(grid.cut, max_lanes(qc, max_lanes(q10, q01)), min_lanes(qc, min_lanes(q10, q01)));
+    Plane plane;
+    plane.q = qc;
+    plane.gu = pick(upper, qc - q01, q10 - qc);
+    plane.gv = pick(upper, qc - q10, q01 - qc);
+    plane.x = uc + pick(upper, (floatl)1.0f, (floatl)0.0f);
+    plane.y = vc + pick(upper, (floatl)1.0f, (floatl)0.0f);
+    floatl per_unit;
+    const floatl met = intersect_plane(rays, plane, &per_unit);
+    const floatl w_met = rays.w + met * S[11], inverse = 1.0f / w_met;
+    const floatl u_met = (rays.u + met * S[3]) * inverse, v_met = (rays.v + met * S[7]) * inverse;
+
+    const floatl du = u_met - uc, dv = v_met - vc, diagonal = du + dv;
+    const intl in_lower = (du >= -TOLERANCE) & (dv >= -TOLERANCE) & (diagonal <= 1.0f + TOLERANCE);
+    const intl in_upper = (du <= 1.0f + TOLERANCE) & (dv <= 1.0f + TOLERANCE) & (diagonal >= 1.0f - TOLERANCE);
+    const intl in_triangle = (upper & in_upper) | ((!upper) & in_lower);
+    /* Close before a back there is a front, which the pixel's ray may meet instead: where both are shown, it is traced. */
+    const int shows_back = hit_kind == HITS_WITHOUT_PARALLAX ? sides & SHOWS_BACK : sides == SHOWS_BACK;
+    const intl shows = ((per_unit > 0.0f) & (intl)(sides & SHOWS_FRONT ? -1 : 0)) | ((per_unit < 0.0f) & (intl)(shows_back ? -1 : 0));
+    const intl before = IS_BEFORE(map.dst_perspective, met);
+    const intl settles = pixels->smooth & in_triangle & shows & !beside & !open & (w_met > 0.0f) & before;
+    const intl own = hit_kind == HITS_OF_PIXELS ? !pixels->smooth : (intl)0;
+    pixels->n = pick(settles, met, pick(own, pixels->n, (floatl)EMPTY));
+    pixels->traced = pixels->traced & !settles;
+}
+#endif
