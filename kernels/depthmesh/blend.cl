@@ -19,8 +19,8 @@
  * scene unit takes at depth 1 of both. colors: RGBA bytes, A = 255 times the part that has samples. weights: (meshes,)
  * positional, > 0. culled: raster/triangle.h. by: what colours are weighted by, BLEND_... layer_nearness, layer_owner: (others +
  * views, items, pixels of a region) what a region's pixels see of each mesh, between the two passes: for all meshes, that is
- * more than private memory holds. If CLOSED, of all `view_count` views: limits, behind, far_colors, clear, open, limit_sizes,
- * from_target, perspectives, first_levels, closeness, stride and enclosed, closing.h. depth, color, valid: the picture, whose
+ * more than private memory holds. If CLOSED, of all `view_count` views what closing.h calls FreeSpace:
+ * view_sizes are its sizes. depth, color, valid: the picture, whose
  * pixels stay where they are nearer. occupancy: (height, width) bit k is set where view k gave colour, with OCCUPIED.
  * Work-item: the regions (raster/region.h) of every `items`-th number, of `items` work-items. Cost: O(list + pixels * meshes).
  * Determinism: list order, then the meshes'.
@@ -67,15 +67,15 @@ int lower_bound(BinList listed, int number)
  * nearness `back`, those of others go `through` a sheet. Sets the surface's nearness there. */
 intl is_closed(const FreeSpace *space, floatl x, floatl y, floatl back, intl within, floatl sheet, intl through, floatl *n)
 {
-    floatl depth = DEPTH_OF(space->perspective, pick(within, back, (floatl)1.0f)), entry = depth;
+    floatl depth = DEPTH_OF(space->perspective, select_lanes(within, back, (floatl)1.0f)), entry = depth;
     const intl solid = has_entered(space, x, y, depth, within, &entry);
-    depth = DEPTH_OF(space->perspective, pick(through, sheet, (floatl)1.0f)) + space->stride;
+    depth = DEPTH_OF(space->perspective, select_lanes(through, sheet, (floatl)1.0f)) + space->stride;
     floatl last;
     intl ends = ends_hidden(space, x, y, depth, through & !solid, &last);
     floatl rim, behind;
-    const intl on_rim = meets_boundary(space, x, y, last, ends, &rim);
-    const intl on_far = leaves_free_space(space, space->open, 0, x, y, last, ends & !on_rim, &behind);
-    *n = DEPTH_OF(space->perspective, pick(solid, entry, pick(on_rim, rim, behind)));
+    const intl on_rim = meets_rim(space, x, y, last, ends, &rim);
+    const intl on_far = leaves_free_space(space, space->cell_extended_depths, 0, x, y, last, ends & !on_rim, &behind);
+    *n = DEPTH_OF(space->perspective, select_lanes(solid, entry, select_lanes(on_rim, rim, behind)));
     return solid | on_rim | on_far;
 }
 #endif
@@ -93,10 +93,10 @@ void add_sample(global const uint *colors, global const int *size, int level, fl
     tap_weights(taps.fx, taps.fy, share);
     if (level == 0) {
         const intl main = ((taps.column ^ taps.row) & 1) == 0; /* the diagonal runs to the lower right (depthmesh/tree.h) */
-        share[0] = pick(main, min_lanes(gx, gy), max_lanes(gx - fy, none));
-        share[1] = pick(main, max_lanes(fx - fy, none), min_lanes(fx, gy));
-        share[2] = pick(main, max_lanes(fy - fx, none), min_lanes(gx, fy));
-        share[3] = pick(main, min_lanes(fx, fy), max_lanes(fx - gy, none));
+        share[0] = select_lanes(main, min_lanes(gx, gy), max_lanes(gx - fy, none));
+        share[1] = select_lanes(main, max_lanes(fx - fy, none), min_lanes(fx, gy));
+        share[2] = select_lanes(main, max_lanes(fy - fx, none), min_lanes(gx, fy));
+        share[3] = select_lanes(main, min_lanes(fx, fy), max_lanes(fx - gy, none));
     }
     Color read = {0.0f, 0.0f, 0.0f};
     floatl opaque = 0.0f;
@@ -189,7 +189,7 @@ typedef struct {
 INLINED floatl add_mesh(const Context *context, const Meshes *meshes, int mesh, floatl n, intl owner, floatl px, floatl py,
                         intl shares, intl given, Color *sum, Color *normal)
 {
-    const intl triangle = pick(shares, owner, meshes->firsts[mesh] + (intl)0);
+    const intl triangle = select_lanes(shares, owner, meshes->firsts[mesh] + (intl)0);
     const OnTriangle p = on_triangle(context->corners, context->projected, triangle, px, py);
     floatl at_x = 0.0f, at_y = 0.0f, at_z = 0.0f, quality = 0.0f;
     UNROLLED
@@ -202,13 +202,13 @@ INLINED floatl add_mesh(const Context *context, const Meshes *meshes, int mesh, 
         quality += p.weight[k] * at[3];
     }
     const floatl facing = meshes->by == BLEND_QUALITY ? max_lanes(quality, (floatl)QUALITY_MIN) : (floatl)1.0f;
-    const floatl weight = pick(given, meshes->weights[mesh] * facing, (floatl)0.0f);
+    const floatl weight = select_lanes(given, meshes->weights[mesh] * facing, (floatl)0.0f);
     global const int *source = meshes->sources + 4 * mesh;
     const floatl inverse = source[3] ? 1.0f / at_z : (floatl)1.0f;
-    const floatl sound_x = pick(shares, at_x * inverse, (floatl)0.0f), sound_y = pick(shares, at_y * inverse, (floatl)0.0f);
+    const floatl sound_x = select_lanes(shares, at_x * inverse, (floatl)0.0f), sound_y = select_lanes(shares, at_y * inverse, (floatl)0.0f);
     /* One level for the whole block: of the pixel that needs the finest one */
     const floatl away = context->screen.perspective ? 1.0f / n : (floatl)1.0f;
-    const float samples = least_lane(pick(shares, meshes->scales[mesh] * away * inverse, (floatl)INFINITY));
+    const float samples = least_lane(select_lanes(shares, meshes->scales[mesh] * away * inverse, (floatl)INFINITY));
     const int level = (int)fmin(floor(log2(fmax(samples, 1.0f)) + LEVEL_BIAS), (float)(source[2] - source[1]));
     add_sample(meshes->colors, meshes->levels + 3 * (source[1] + level), level, sound_x, sound_y, weight, sum);
 #if GBUFFER == 2
@@ -258,9 +258,9 @@ kernel void draw_meshes(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *c
                         float epsilon, MeshCounts counts, int by, global float *layer_nearness, global int *layer_owner, int items
 #if CLOSED
                         ,
-                        global const float *limits, global const float *behind, global const uint *far_colors,
-                        global const float *clear, global const float *open, global const int *limit_sizes, global const float *from_target,
-                        global const int *perspectives, global const int *first_levels, global const float *closeness,
+                        global const float *free_depths, global const float *extended_depths, global const uint *far_colors,
+                        global const float *cell_free_depths, global const float *cell_extended_depths,
+                        global const int *view_sizes, global const float *from_target, global const int *perspectives, global const int *first_levels, global const float *closeness,
                         float stride, int view_count, int enclosed
 #endif
 #if OCCUPIED
@@ -279,8 +279,8 @@ kernel void draw_meshes(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *c
     const size_t size = BLOCKS * LANES, own = get_global_id(0) * size;
     const MeshLayers layers = {layer_nearness + own, layer_owner + own, items * size};
 #if CLOSED
-    const FreeSpace space = {limits, behind, far_colors, clear, open, limit_sizes, from_target, perspectives,
-                            first_levels, closeness, stride, screen.perspective, view_count, enclosed};
+    const FreeSpace space = {free_depths, extended_depths, far_colors, cell_free_depths, cell_extended_depths, view_sizes,
+                             from_target, perspectives, first_levels, closeness, stride, screen.perspective, view_count, enclosed};
 #endif
     for (int drawn = get_global_id(0); drawn < columns * rows; drawn += items) {
         const int x = drawn % columns * REGION, y = drawn / columns * REGION;
@@ -297,7 +297,7 @@ kernel void draw_meshes(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *c
             intl closed = (intl)0;
 #if CLOSED
             if (holed)
-                front = pick(hole, fronts.others[block], front);
+                front = select_lanes(hole, fronts.others[block], front);
             const floatl back = fronts.backs[block], sheet = holed ? fronts.sheets[block] : (floatl)EMPTY;
             const intl within = front < (screen.perspective ? back / (1.0f + epsilon * back) : back - epsilon);
             const intl through = (front == EMPTY) & (sheet > EMPTY);
@@ -305,7 +305,7 @@ kernel void draw_meshes(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *c
                 floatl n;
                 closed = is_closed(&space, px, py, back, within, sheet, through, &n);
                 closed = closed & (n <= screen.nearest);
-                front = pick(closed, n, front);
+                front = select_lanes(closed, n, front);
             }
 #endif
             const intl mine = front > region.nearness[block];
@@ -326,16 +326,16 @@ kernel void draw_meshes(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *c
                 if (!any_lane(given))
                     continue;
                 total += add_mesh(&context, &colored, mesh, n, owner, px, py, shares, given, &sum, &normal);
-                views |= pick(given, (intl)(1 << sources[4 * mesh]), (intl)0);
+                views |= select_lanes(given, (intl)(1 << sources[4 * mesh]), (intl)0);
             }
 #if CLOSED
             const intl given = closed & mine;
             if (any_lane(given))
                 total += add_closing(&space, &colored, FAR_NORMALS_ARGUMENT, px, py, front, given, &sum, &normal, &views);
 #endif
-            const floatl scale = 1.0f / (255.0f * pick(mine, total, (floatl)1.0f));
+            const floatl scale = 1.0f / (255.0f * select_lanes(mine, total, (floatl)1.0f));
             region.nearness[block] = front;
-            region.owner[block] = pick(mine, (intl)0, (intl)-1);
+            region.owner[block] = select_lanes(mine, (intl)0, (intl)-1);
             const Color shade = color_times(sum, scale);
             const intl written = write_block(&region, block, &picture, shade);
             enter_block(gbuffer, written, &region, block, &picture, color_times(normal, scale));

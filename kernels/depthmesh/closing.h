@@ -2,47 +2,50 @@
 #define DEPTHMESH_CLOSING_H
 /* Surface that no view saw, but that must be there (beside Pajarola, Sainz & Meng 2003, section 4.5).
  *
- * Each view knows that there is nothing before what it saw. What no view knows to be empty is solid or unknown. A pixel's
- * ray that meets the back of a mesh before any front has gone into a solid unnoticed: it is inside there, and from there
- * back to the eye up to the first empty point, where it is closed.
+ * A point is free if some view saw through it: if it lies before the view's sample there. Other points are solid or unknown. A
+ * pixel's ray that meets the back of a mesh before any front has entered a solid through a surface that no view saw. It is
+ * closed where it left free space: walking from the back towards the eye, at the first free point.
  *
- * A ray that goes through a rubber sheet, and comes to points known to be empty no more, has met something. Surfaces reach
- * half a sample beyond their last samples, into the sheet: rays that come there from before end there. What others meet
- * nobody knows, but surfaces on the far sides of depth edges are likely to go on behind the near ones. Each view is taken
- * to be empty up to those (`behind`), and the ray is closed at the first point that no view takes to be so; a ray that comes
- * to none ends in nothing. Rays that come out of hidden space behind a sheet and go into some again are closed only if
- * `enclosed`: beside an object they may go on for ever.
+ * A ray that goes through a rubber sheet and comes to points that are not free has met something. If it comes from before the
+ * surface, to within half a sample of the surface's last samples, it has met the surface's rim. What other rays have met no
+ * view saw, but surfaces on the far sides of depth edges are likely to go on behind the near ones. So space is taken to be free
+ * up to these continued surfaces (`extended_depths`), and the ray is closed at the first point that is not free even so; if
+ * there is none, it shows nothing. A ray that comes out of hidden space behind a sheet, and goes into some again, is closed only
+ * if the scene is `enclosed`: beside an object such rays may never meet anything.
  *
- * Cost: up to 6 MARCH_STEPS points a ray, each looked up in views until one has seen it to be empty, for rays that meet backs
- * or sheets first.
+ * Cost: for rays that meet backs or sheets first, up to 6 MARCH_STEPS points, each looked up in the views until one saw through
+ * it.
  */
 #include "depthmesh/tree.h"
 #include "lib/color.h"
 #include "lib/taps.h"
 
 #define MARCH_STEPS 128   /* points along a ray */
-#define SAMPLE_REACH 0.25f /* of a step: what lies so close to a sample is at it */
-#define HALVINGS 7  /* of a step: where a ray leaves the empty space is known to 1/128 of one */
+#define SAMPLE_REACH 0.25f /* of a step: points no farther from a sample in depth are at it */
+#define HALVINGS 7 /* of a step: where a ray leaves free space is known to 1/128 of one */
 
-/* What the views saw: limits, their depths, INFINITY for background and 0 where nothing is known; behind: the depths that
- * the far sides of edges go on at, not less; far_colors: RGBA bytes there; clear, open: the least of limits, and of
- * behind, at a cell's four samples, at its upper left one's place; sizes: (views, 3) width, height and start; from_target: (views, 16)
- * from the target's pixel space to theirs; perspectives: 1 or 0; first_levels: (views,) their finest levels; closeness: (views,) weights of their positions. */
+/* How far the views saw. free_depths: at each sample, INFINITY at background and 0 where nothing is known; extended_depths: the
+ * same, or where the far side of a depth edge is continued behind the near one, that farther depth; far_colors: RGBA bytes of
+ * the continued surfaces. cell_free_depths, cell_extended_depths: the least of either at a cell's four samples, at the place of
+ * its upper left one. sizes: (views, 3) width, height and start in these. from_target: (views, 16) from the target's pixel space
+ * to the views'. perspectives: (views,) 1 or 0. first_levels: (views,) numbers of their finest levels. closeness: (views,)
+ * weights of their positions. */
 typedef struct {
-    global const float *limits, *behind;
+    global const float *free_depths, *extended_depths;
     global const uint *far_colors;
-    global const float *clear, *open;
+    global const float *cell_free_depths, *cell_extended_depths;
     global const int *sizes;
     global const float *from_target;
     global const int *perspectives, *first_levels;
     global const float *closeness;
-    float stride;    /* along the target's depth, scene units */
-    int perspective; /* the target */
-    int views;       /* there are, drawn or not */
-    int enclosed;    /* no view saw background, as in a room, so that every ray meets something */
+    float stride;    /* from point to point along a ray, in the target's depth, scene units */
+    int perspective; /* 1: the target is */
+    int views;       /* number of all views, drawn or not */
+    int enclosed;    /* 1: no view saw background, as in a room, so that every ray meets something */
 } FreeSpace;
 
-/* Where a view sees the target's pixel (x, y) at a nearness, and at what depth; whether it does. */
+/* Projects the points of the target's pixels (x, y) at nearness n into a view: to (u, v) at depth z. Returns which lie in its
+ * image. */
 INLINED intl project_to_view(const FreeSpace *space, int view, floatl x, floatl y, floatl n, floatl *u, floatl *v, floatl *z)
 {
     global const float *m = space->from_target + 16 * view;
@@ -54,29 +57,28 @@ INLINED intl project_to_view(const FreeSpace *space, int view, floatl x, floatl 
     return (inverse > 0.0f) & (*z > 0.0f) & (*u >= 0.0f) & (*v >= 0.0f) & (*u < right) & (*v < bottom);
 }
 
-/* Which of the pixels (x, y) that ask has a view seen through at the target's depth? By all four samples around it, where
- * up_to is the least depths of cells (clear, open), or by the `nearest` of them alone, within whose pixel that is, where
- * it is the samples' own. */
-intl is_empty(const FreeSpace *space, global const float *up_to, int nearest, floatl x, floatl y, floatl depth, intl active)
+/* Which of the `active` points, of the pixels (x, y) at a depth, are free? depths: those of cells, so that a view must have seen
+ * through at all four samples around; or with `nearest` those of samples, so that the nearest one decides. */
+intl is_free(const FreeSpace *space, global const float *depths, int nearest, floatl x, floatl y, floatl depth, intl active)
 {
     const floatl n = DEPTH_OF(space->perspective, depth), rounded = nearest ? 0.5f : 0.0f;
-    intl empty = (intl)0;
+    intl free = (intl)0;
     for (int view = 0; view < space->views && any_lane(active); view++) {
         floatl u, v, z;
         const intl sees = active & project_to_view(space, view, x, y, n, &u, &v, &z);
         if (!any_lane(sees))
             continue;
         const intl place = to_intl(v + rounded) * space->sizes[3 * view] + to_intl(u + rounded);
-        const intl at = pick(sees, place, (intl)0) + space->sizes[3 * view + 2];
-        const intl through = sees & (z < (floatl)(gather(up_to, at)));
-        empty = empty | through;
+        const intl at = select_lanes(sees, place, (intl)0) + space->sizes[3 * view + 2];
+        const intl through = sees & (z < (floatl)(gather(depths, at)));
+        free = free | through;
         active = active & !through;
     }
-    return empty;
+    return free;
 }
 
-/* Of those that ask, which rays have come out of empty space before they were at a depth, by a step at least? Where they
- * did: what lies between is not known to be empty. */
+/* Which of the `active` rays have left free space at least a step before a depth, which is not free? Sets the depth at which
+ * they did. */
 intl has_entered(const FreeSpace *space, floatl x, floatl y, floatl depth, intl active, floatl *entry)
 {
     floatl inside = depth, outside = depth;
@@ -85,131 +87,131 @@ intl has_entered(const FreeSpace *space, floatl x, floatl y, floatl depth, intl 
         const floatl next = inside - space->stride;
         if (space->perspective)
             walking = walking & (next > 0.0f);
-        const intl empty = is_empty(space, space->clear, 0, x, y, next, walking);
-        outside = pick(walking & empty, next, outside);
-        inside = pick(walking & !empty, next, inside);
-        entered = entered | (walking & empty & (inside < depth));
-        walking = walking & !empty;
+        const intl free = is_free(space, space->cell_free_depths, 0, x, y, next, walking);
+        outside = select_lanes(walking & free, next, outside);
+        inside = select_lanes(walking & !free, next, inside);
+        entered = entered | (walking & free & (inside < depth));
+        walking = walking & !free;
     }
     for (int k = 0; k < HALVINGS && any_lane(entered); k++) {
         const floatl middle = 0.5f * (inside + outside);
-        const intl empty = is_empty(space, space->clear, 0, x, y, middle, entered);
-        outside = pick(entered & empty, middle, outside);
-        inside = pick(entered & !empty, middle, inside);
+        const intl free = is_free(space, space->cell_free_depths, 0, x, y, middle, entered);
+        outside = select_lanes(entered & free, middle, outside);
+        inside = select_lanes(entered & !free, middle, inside);
     }
     *entry = inside;
     return entered;
 }
 
-/* Does any view look at the pixel (x, y) at the target's depth, hidden or not? */
+/* Which points, of the pixels (x, y) at a depth, lie in any view's image, hidden there or not? */
 intl is_in_any_view(const FreeSpace *space, floatl x, floatl y, floatl depth)
 {
     const floatl n = DEPTH_OF(space->perspective, depth);
-    intl looked = (intl)0;
+    intl found = (intl)0;
     for (int view = 0; view < space->views; view++) {
         floatl u, v, z;
-        looked = looked | project_to_view(space, view, x, y, n, &u, &v, &z);
+        found = found | project_to_view(space, view, x, y, n, &u, &v, &z);
     }
-    return looked;
+    return found;
 }
 
-/* Of those that ask, which rays end behind something that a view saw? From a depth on they come to places known to be
- * empty no more, after the last of which they are before a view still, or they have come out of one there already. That
- * last one. */
+/* Which of the `active` rays end in hidden space, behind a surface that a view saw? From a depth on they leave free space, and
+ * what follows lies in a view's image; or they have left it before that depth. Sets the depth of their last free point. */
 intl ends_hidden(const FreeSpace *space, floatl x, floatl y, floatl depth, intl active, floatl *last)
 {
     floatl from = depth;
     intl walking = active, comes_out = (intl)0;
     for (int k = MARCH_STEPS - 1; k >= 0 && any_lane(walking); k--) {
         const floatl next = depth + k * space->stride;
-        const intl empty = walking & is_empty(space, space->clear, 0, x, y, next, walking);
-        from = pick(empty, next, from);
-        comes_out = comes_out | empty;
-        walking = walking & !empty;
+        const intl free = walking & is_free(space, space->cell_free_depths, 0, x, y, next, walking);
+        from = select_lanes(free, next, from);
+        comes_out = comes_out | free;
+        walking = walking & !free;
     }
     floatl entry;
     const intl entered = has_entered(space, x, y, depth + space->stride, active & !comes_out, &entry);
-    *last = pick(comes_out, from, entry);
+    *last = select_lanes(comes_out, from, entry);
     const intl ends = space->enclosed ? comes_out | entered : entered;
     return ends & is_in_any_view(space, x, y, *last + space->stride);
 }
 
-/* Of those that ask, which rays leave behind a depth what is empty? There; up_to, nearest: of `is_empty`. */
-intl leaves_free_space(const FreeSpace *space, global const float *up_to, int nearest, floatl x, floatl y, floatl depth, intl active,
-              floatl *there)
+/* Which of the `active` rays leave free space behind a depth? Sets the depth at which they do; depths, nearest: of `is_free`. */
+intl leaves_free_space(const FreeSpace *space, global const float *depths, int nearest, floatl x, floatl y, floatl depth,
+                       intl active, floatl *exit)
 {
     floatl before = depth, beyond = depth;
-    intl walking = active, met = (intl)0;
+    intl walking = active, left = (intl)0;
     for (int k = 1; k <= MARCH_STEPS && any_lane(walking); k++) {
         const floatl next = depth + k * space->stride;
-        const intl open = is_empty(space, up_to, nearest, x, y, next, walking);
-        before = pick(walking & open, next, before);
-        beyond = pick(walking & !open, next, beyond);
-        met = met | (walking & !open);
-        walking = walking & open;
+        const intl free = is_free(space, depths, nearest, x, y, next, walking);
+        before = select_lanes(walking & free, next, before);
+        beyond = select_lanes(walking & !free, next, beyond);
+        left = left | (walking & !free);
+        walking = walking & free;
     }
-    for (int k = 0; k < HALVINGS && any_lane(met); k++) {
+    for (int k = 0; k < HALVINGS && any_lane(left); k++) {
         const floatl middle = 0.5f * (before + beyond);
-        const intl open = is_empty(space, up_to, nearest, x, y, middle, met);
-        before = pick(met & open, middle, before);
-        beyond = pick(met & !open, middle, beyond);
+        const intl free = is_free(space, depths, nearest, x, y, middle, left);
+        before = select_lanes(left & free, middle, before);
+        beyond = select_lanes(left & !free, middle, beyond);
     }
-    *there = beyond;
-    return met;
+    *exit = beyond;
+    return left;
 }
 
-/* Of those that ask, which rays are at a depth where a sample is, within its pixel? */
+/* Which of the `active` points, of the pixels (x, y) at a depth, lie at a view's sample, within its pixel? */
 intl is_at_sample(const FreeSpace *space, floatl x, floatl y, floatl depth, intl active)
 {
-    const floatl n = DEPTH_OF(space->perspective, pick(active, depth, (floatl)1.0f));
+    const floatl n = DEPTH_OF(space->perspective, select_lanes(active, depth, (floatl)1.0f));
     intl found = (intl)0;
     for (int view = 0; view < space->views && any_lane(active); view++) {
         floatl u, v, z;
         const intl sees = active & project_to_view(space, view, x, y, n, &u, &v, &z);
-        const intl at = pick(sees, to_intl(v + 0.5f) * space->sizes[3 * view] + to_intl(u + 0.5f), (intl)0);
+        const intl at = select_lanes(sees, to_intl(v + 0.5f) * space->sizes[3 * view] + to_intl(u + 0.5f), (intl)0);
         const intl sample = space->sizes[3 * view + 2] + at;
-        const floatl limit = (floatl)(gather(space->limits, sample));
-        found = found | (sees & (limit > 0.0f) & (fabs(limit - z) <= SAMPLE_REACH * space->stride));
+        const floatl free_depth = (floatl)(gather(space->free_depths, sample));
+        found = found | (sees & (free_depth > 0.0f) & (fabs(free_depth - z) <= SAMPLE_REACH * space->stride));
     }
     return found;
 }
 
-/* Of those that ask, which rays come behind a depth to the rim of what a view saw? Where they leave what all samples around
- * tell to be empty, or else what the nearest ones do, they are at a sample: they have come from before it. Those that come
- * from the side go on behind it. */
-intl meets_boundary(const FreeSpace *space, floatl x, floatl y, floatl depth, intl active, floatl *there)
+/* Which of the `active` rays meet, behind a depth, the rim of a surface that a view saw, half a sample beyond its last samples?
+ * Rays that come from before it leave free space at a sample, whether that is told by all samples around or by the nearest one.
+ * Those that come from the side pass behind it. Sets the depth of the rim. */
+intl meets_rim(const FreeSpace *space, floatl x, floatl y, floatl depth, intl active, floatl *rim)
 {
-    const floatl start = depth - space->stride / (1 << (HALVINGS - 1)); /* known to be empty, not nearly so alone */
+    const floatl start = depth - space->stride / (1 << (HALVINGS - 1)); /* free for certain: `depth` is so but for bisection */
     floatl first, later;
-    intl leaves = leaves_free_space(space, space->clear, 0, x, y, start, active, &first);
+    intl leaves = leaves_free_space(space, space->cell_free_depths, 0, x, y, start, active, &first);
     const intl at_once = is_at_sample(space, x, y, first, leaves);
-    leaves = leaves_free_space(space, space->limits, 1, x, y, start, active & !at_once, &later);
-    *there = pick(at_once, first, later);
+    leaves = leaves_free_space(space, space->free_depths, 1, x, y, start, active & !at_once, &later);
+    *rim = select_lanes(at_once, first, later);
     return at_once | is_at_sample(space, x, y, later, leaves);
 }
 
-/* Of a view's four samples around where it sees the pixel (x, y) at nearness n, how far each is off in depth, INFINITY
- * where there is none; shares: how close they are beside it, at its places; own: whether it is the sample itself that is so
- * close, and not what is taken to be behind it. */
-INLINED void samples_around(const FreeSpace *space, int view, floatl x, floatl y, floatl n, floatl off[4], floatl share[4], intl at[4], intl own[4])
+/* A view's four samples around the points of the pixels (x, y) at nearness n. off: how far each is off in depth, INFINITY where
+ * there is none; share: its bilinear weight; at: its number; own: the sample itself is as close as `off`, not the continued
+ * surface behind it. */
+INLINED void samples_around(const FreeSpace *space, int view, floatl x, floatl y, floatl n, floatl off[4], floatl share[4],
+                            intl at[4], intl own[4])
 {
     floatl u, v, z;
     const intl sees = project_to_view(space, view, x, y, n, &u, &v, &z);
     const int width = space->sizes[3 * view], height = space->sizes[3 * view + 1];
-    const Taps taps = clamped_taps(width, height, pick(sees, u, (floatl)0.0f), pick(sees, v, (floatl)0.0f));
+    const Taps taps = clamped_taps(width, height, select_lanes(sees, u, (floatl)0.0f), select_lanes(sees, v, (floatl)0.0f));
     tap_weights(taps.fx, taps.fy, share);
     for (int k = 0; k < 4; k++) {
         const intl place = space->sizes[3 * view + 2] + taps.at[k];
-        const floatl limit = (floatl)(gather(space->limits, place));
-        const floatl behind = (floatl)(gather(space->behind, place));
-        own[k] = !(fabs(behind - z) < fabs(limit - z));
-        off[k] = pick(sees & (limit > 0.0f), pick(own[k], fabs(limit - z), fabs(behind - z)), (floatl)INFINITY);
+        const floatl free_depth = (floatl)(gather(space->free_depths, place));
+        const floatl extended_depth = (floatl)(gather(space->extended_depths, place));
+        own[k] = !(fabs(extended_depth - z) < fabs(free_depth - z));
+        off[k] = select_lanes(sees & (free_depth > 0.0f), select_lanes(own[k], fabs(free_depth - z), fabs(extended_depth - z)), (floatl)INFINITY);
         at[k] = taps.at[k];
     }
 }
 
-/* Adds the colours of those samples of all views that lie closest to what the pixels see at a nearness, where `given`;
- * their weights are returned. */
+/* Adds to the pixels (x, y) that are `given` the colours of those samples of all views that lie closest to their points at
+ * nearness n. Returns the weights, and sets in `views` which views they are of, a bit each. */
 floatl add_closest(const FreeSpace *space, global const uint *colors, global const int *levels, floatl x, floatl y, floatl n,
                    intl given, Color *sum, intl *views)
 {
@@ -226,12 +228,12 @@ floatl add_closest(const FreeSpace *space, global const uint *colors, global con
         const int start = levels[3 * space->first_levels[view] + 2];
         for (int k = 0; k < 4; k++) {
             const intl close = given & (off[k] <= least + space->stride);
-            const floatl weight = pick(close, space->closeness[view] * (share[k] + 1e-3f), (floatl)0.0f);
+            const floatl weight = select_lanes(close, space->closeness[view] * (share[k] + 1e-3f), (floatl)0.0f);
             const intl place = start + at[k];
             const intl beyond = space->sizes[3 * view + 2] + at[k];
-            add_color(sum, weight, color_of(pick(own[k], texels_at(colors, place), texels_at(space->far_colors, beyond))));
+            add_color(sum, weight, color_of(select_lanes(own[k], texels_at(colors, place), texels_at(space->far_colors, beyond))));
             total += weight;
-            *views |= pick(close, (intl)(1 << (view & 31)), (intl)0);
+            *views |= select_lanes(close, (intl)(1 << (view & 31)), (intl)0);
         }
     }
     return total;

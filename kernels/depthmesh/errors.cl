@@ -37,8 +37,8 @@ typedef struct {
 
 floatl vertex_nearness(const Layout *layout, const Tree *tree, intl x, intl y)
 {
-    const intl in = (x < layout->width) & (y < layout->height), at = pick(in, y * layout->pitch + x, (intl)0);
-    return pick(in, (floatl)(gather(tree->nearness, at)), (floatl)NO_SURFACE);
+    const intl in = (x < layout->width) & (y < layout->height), at = select_lanes(in, y * layout->pitch + x, (intl)0);
+    return select_lanes(in, (floatl)(gather(tree->nearness, at)), (floatl)NO_SURFACE);
 }
 
 /* LANES children */
@@ -51,13 +51,13 @@ typedef struct {
 Children add_children(const Layout *layout, const Tree *tree, intl x, intl y, intl there, Vertices *v)
 {
     Children c;
-    c.at = pick(there, y * layout->row + x, (intl)0);
+    c.at = select_lanes(there, y * layout->row + x, (intl)0);
     c.x = to_floatl(x);
     c.y = to_floatl(y);
-    c.error = pick(there, (floatl)(gather(tree->errors, c.at)), (floatl)-1.0f);
+    c.error = select_lanes(there, (floatl)(gather(tree->errors, c.at)), (floatl)-1.0f);
     c.depth = (floatl)(gather(tree->depths, c.at));
     v->error = max_lanes(c.error, v->error);
-    v->depth = pick((v->depth == 0.0f) & (c.error >= 0.0f), c.depth, v->depth);
+    v->depth = select_lanes((v->depth == 0.0f) & (c.error >= 0.0f), c.depth, v->depth);
     return c;
 }
 
@@ -72,7 +72,7 @@ void hold_children(const Layout *layout, const Tree *tree, const Children *c, Ve
 {
     const Vector away = minus(point_of(layout, c->x, c->y, c->depth), v->center);
     const floatl reach = sqrt(DOT(away, away)) + (floatl)(gather(tree->radii, c->at)) + MARGIN * sample_size(layout, v->depth);
-    v->radius = pick((c->error >= 0.0f) & (reach > v->radius), reach, v->radius);
+    v->radius = select_lanes((c->error >= 0.0f) & (reach > v->radius), reach, v->radius);
 }
 
 /* The vertices' own errors: p, of nearness n, bisects the edge from a to b; 0 where one of them is no sample. */
@@ -93,7 +93,7 @@ floatl bisection_error(const Layout *layout, Vector p, floatl n, intl ax, intl a
         length = sqrt(run * run + ab.z * ab.z);
     }
     const intl known = IS_SAMPLE(n) & IS_SAMPLE(na) & IS_SAMPLE(nb) & (length > 0.0f);
-    return pick(known, area / pick(known, length, (floatl)1.0f), (floatl)0.0f);
+    return select_lanes(known, area / select_lanes(known, length, (floatl)1.0f), (floatl)0.0f);
 }
 
 /* Joins the vertices' own errors with their children's, unless nothing is drawn. */
@@ -104,7 +104,7 @@ void add_error(const Layout *layout, const Tree *tree, floatl own, intl states, 
     const float samples = CUT_ERROR * 2.0f * s * (centers ? M_SQRT2_F : 1.0f);
     const floatl length = samples * sample_size(layout, v->depth);
     const floatl below = fmax(v->error, (floatl)0.0f), joined = tree->largest ? fmax(own, below) : own + below;
-    v->error = pick(drawn, fmax(joined, pick(partly, length, (floatl)0.0f)), v->error);
+    v->error = select_lanes(drawn, fmax(joined, select_lanes(partly, length, (floatl)0.0f)), v->error);
 }
 
 /* The row y of vertices of step s > 1 */
@@ -113,9 +113,9 @@ void find_error_row(const Layout *layout, const Tree *tree, int s, int y, int ce
     const int across = !(y / s & 1); /* midpoints of this row lie on edges along x */
     for (int start = centers || across ? s : 0; start <= layout->side && start - s < layout->width - 1; start += 2 * s * LANES) {
         const intl x = start + 2 * s * lane_index, mine = (x <= layout->side) & (x - s < layout->width - 1);
-        const intl row = (intl)y, main = IS_MAIN(x, row, s), at = pick(mine, row * layout->row + x, (intl)0);
+        const intl row = (intl)y, main = IS_MAIN(x, row, s), at = select_lanes(mine, row * layout->row + x, (intl)0);
         const floatl n = vertex_nearness(layout, tree, x, row);
-        Vertices v = {{0.0f, 0.0f, 0.0f}, -1.0f, 0.0f, pick(IS_SAMPLE(n), DEPTH_OF(layout->perspective, n), (floatl)0.0f)};
+        Vertices v = {{0.0f, 0.0f, 0.0f}, -1.0f, 0.0f, select_lanes(IS_SAMPLE(n), DEPTH_OF(layout->perspective, n), (floatl)0.0f)};
         Children children[4]; /* of a centre above, to the right, below and to the left, of a midpoint all around */
         for (int k = 0; k < 4; k++) {
             const int dx = centers ? (k == 1 ? s : k == 3 ? -s : 0) : (k & 1 ? s / 2 : -s / 2);
@@ -127,8 +127,8 @@ void find_error_row(const Layout *layout, const Tree *tree, int s, int y, int ce
         for (int k = 0; k < 4; k++)
             hold_children(layout, tree, &children[k], &v);
         const int before_x = centers || across ? s : 0, before_y = centers || !across ? s : 0;
-        const intl ay = centers ? pick(main, row - s, row + s) : row - before_y;
-        const intl by = centers ? pick(main, row + s, row - s) : row + before_y;
+        const intl ay = centers ? select_lanes(main, row - s, row + s) : row - before_y;
+        const intl by = centers ? select_lanes(main, row + s, row - s) : row + before_y;
         const intl ax = x - before_x, bx = x + before_x, states = (intl)(gather(tree->states, at));
         const floatl na = vertex_nearness(layout, tree, ax, ay), nb = vertex_nearness(layout, tree, bx, by);
         const floatl own = bisection_error(layout, v.center, n, ax, ay, na, bx, by, nb, centers, across);
@@ -151,7 +151,7 @@ floatl nearness_next_to(const Layout *layout, const Tree *tree, intl x, int firs
         return NO_SURFACE;
     global const float *row = tree->nearness + (size_t)(y + dy) * layout->pitch;
     const intl in = (x + dx >= 0) & (x + dx < layout->width);
-    return pick(in, NEXT_TO(load_lanes, row, first, dx), (floatl)NO_SURFACE);
+    return select_lanes(in, NEXT_TO(load_lanes, row, first, dx), (floatl)NO_SURFACE);
 }
 
 void store_vertices(const Tree *tree, size_t at, const Vertices *v)
@@ -177,7 +177,7 @@ kernel void find_finest_midpoints(global const float *nearness, global const uch
             const floatl n = nearness_next_to(&layout, &tree, x, first, y, 0, 0);
             const floatl na = nearness_next_to(&layout, &tree, x, first, y, across ? -1 : 0, across ? 0 : -1);
             const floatl nb = nearness_next_to(&layout, &tree, x, first, y, across ? 1 : 0, across ? 0 : 1);
-            v.depth = pick(IS_SAMPLE(n), DEPTH_OF(layout.perspective, n), (floatl)0.0f);
+            v.depth = select_lanes(IS_SAMPLE(n), DEPTH_OF(layout.perspective, n), (floatl)0.0f);
             v.center = point_of(&layout, to_floatl(x), (floatl)y, v.depth);
             const floatl own = bisection_error(&layout, v.center, n, ax, (intl)ay, na, bx, (intl)by, nb, 0, across);
             for (int k = 0; k < 4; k++) { /* corners of the triangles that it splits */
@@ -185,10 +185,10 @@ kernel void find_finest_midpoints(global const float *nearness, global const uch
                 const floatl next = nearness_next_to(&layout, &tree, x, first, y, dx, dy);
                 const Vector p = point_of(&layout, to_floatl(x + dx), (floatl)(y + dy), DEPTH_OF(layout.perspective, next));
                 const Vector away = minus(p, v.center);
-                v.radius = pick(IS_SAMPLE(next), max_lanes(sqrt(DOT(away, away)), v.radius), v.radius);
+                v.radius = select_lanes(IS_SAMPLE(next), max_lanes(sqrt(DOT(away, away)), v.radius), v.radius);
             }
             const intl odd = (x & 1) == 1, mine = layout.side == 1 ? (intl)0 : across ? odd : !odd;
-            add_error(&layout, &tree, own, pick(mine, load_bytes(states + at), (intl)0), 1, 0, &v);
+            add_error(&layout, &tree, own, select_lanes(mine, load_bytes(states + at), (intl)0), 1, 0, &v);
         }
         store_vertices(&tree, at, &v);
     }
@@ -206,7 +206,7 @@ kernel void find_finest_centers(global const float *nearness, global const uchar
         const size_t at = (size_t)y * layout.row + first;
         const intl x = first + lane_index, mine = ((x & 1) == 1) & (x < layout.width), main = IS_MAIN(x, (intl)y, 1);
         const floatl n = nearness_next_to(&layout, &tree, x, first, y, 0, 0);
-        Vertices v = {{0.0f, 0.0f, 0.0f}, -1.0f, 0.0f, pick(IS_SAMPLE(n), DEPTH_OF(layout.perspective, n), (floatl)0.0f)};
+        Vertices v = {{0.0f, 0.0f, 0.0f}, -1.0f, 0.0f, select_lanes(IS_SAMPLE(n), DEPTH_OF(layout.perspective, n), (floatl)0.0f)};
         floatl error[4], depth[4], radius[4];
         for (int k = 0; k < 4; k++) {
             const size_t start = (size_t)(y + dy[k]) * layout.row;
@@ -214,25 +214,25 @@ kernel void find_finest_centers(global const float *nearness, global const uchar
             depth[k] = NEXT_TO(load_lanes, depths + start, first, dx[k]);
             radius[k] = NEXT_TO(load_lanes, radii + start, first, dx[k]);
             v.error = max_lanes(error[k], v.error);
-            v.depth = pick((v.depth == 0.0f) & (error[k] >= 0.0f), depth[k], v.depth);
+            v.depth = select_lanes((v.depth == 0.0f) & (error[k] >= 0.0f), depth[k], v.depth);
         }
         v.center = point_of(&layout, to_floatl(x), (floatl)y, v.depth);
         for (int k = 0; k < 4; k++) {
             const Vector away = minus(point_of(&layout, to_floatl(x + dx[k]), (floatl)(y + dy[k]), depth[k]), v.center);
             const floatl reach = sqrt(DOT(away, away)) + radius[k] + MARGIN * sample_size(&layout, v.depth);
-            v.radius = pick(error[k] >= 0.0f, max_lanes(reach, v.radius), v.radius);
+            v.radius = select_lanes(error[k] >= 0.0f, max_lanes(reach, v.radius), v.radius);
         }
         floatl corner[2][2]; /* nearness */
         for (int below = 0; below < 2; below++)
             for (int right = 0; right < 2; right++)
                 corner[below][right] = nearness_next_to(&layout, &tree, x, first, y, right ? 1 : -1, below ? 1 : -1);
-        const floatl na = pick(main, corner[0][0], corner[1][0]), nb = pick(main, corner[1][1], corner[0][1]);
-        const intl down = pick(main, (intl)1, (intl)-1), ay = y - down, by = y + down;
+        const floatl na = select_lanes(main, corner[0][0], corner[1][0]), nb = select_lanes(main, corner[1][1], corner[0][1]);
+        const intl down = select_lanes(main, (intl)1, (intl)-1), ay = y - down, by = y + down;
         const floatl own = bisection_error(&layout, v.center, n, x - 1, ay, na, x + 1, by, nb, 1, 0);
         add_error(&layout, &tree, own, load_bytes(states + at), 1, 1, &v);
-        v.error = pick(mine, v.error, load_lanes(errors + at));
-        v.radius = pick(mine, v.radius, load_lanes(radii + at));
-        v.depth = pick(mine, v.depth, load_lanes(depths + at));
+        v.error = select_lanes(mine, v.error, load_lanes(errors + at));
+        v.radius = select_lanes(mine, v.radius, load_lanes(radii + at));
+        v.depth = select_lanes(mine, v.depth, load_lanes(depths + at));
         store_vertices(&tree, at, &v);
     }
 }

@@ -66,8 +66,8 @@ intl bridges(const Layout *layout, const Segmentation *rule, Vector p, Vector q,
 intl connected(const Layout *layout, const Segmentation *rule, floatl before, floatl a, floatl b, floatl after)
 {
     const floatl step = b - a, scale = layout->perspective ? fmax(fabs(a), fabs(b)) : (floatl)rule->extent;
-    const floatl on = pick(IS_SAMPLE(before), fabs(step - (a - before)), fabs(step));
-    const floatl back = pick(IS_SAMPLE(after), fabs(step - (after - b)), fabs(step));
+    const floatl on = select_lanes(IS_SAMPLE(before), fabs(step - (a - before)), fabs(step));
+    const floatl back = select_lanes(IS_SAMPLE(after), fabs(step - (after - b)), fabs(step));
     const floatl allowed = fmax(rule->gap * scale, noise_of_nearness(layout, rule, fmax(a, b)));
     return fmin(fmin(on, back), fabs(step)) <= allowed;
 }
@@ -100,9 +100,9 @@ kernel void segment(global const float *nearness, global uchar *cells, Layout la
             p[k] = point_of(&layout, fx + (k & 1), fy + (k >> 1), DEPTH_OF(layout.perspective, n[k]));
         /* The diagonal's ends belong to both triangles: the other corners are the upper one's and the lower one's
          * own. */
-        const Vector a = {pick(main, p[3].x, p[2].x), pick(main, p[3].y, p[2].y), pick(main, p[3].z, p[2].z)};
-        const Vector b = {pick(main, p[0].x, p[1].x), pick(main, p[0].y, p[1].y), pick(main, p[0].z, p[1].z)};
-        const floatl na = pick(main, n[3], n[2]), nb = pick(main, n[0], n[1]);
+        const Vector a = {select_lanes(main, p[3].x, p[2].x), select_lanes(main, p[3].y, p[2].y), select_lanes(main, p[3].z, p[2].z)};
+        const Vector b = {select_lanes(main, p[0].x, p[1].x), select_lanes(main, p[0].y, p[1].y), select_lanes(main, p[0].z, p[1].z)};
+        const floatl na = select_lanes(main, n[3], n[2]), nb = select_lanes(main, n[0], n[1]);
         intl upper_drawn = IS_SAMPLE(n[0]) & IS_SAMPLE(n[1]) & IS_SAMPLE(na);
         intl lower_drawn = IS_SAMPLE(n[2]) & IS_SAMPLE(n[3]) & IS_SAMPLE(nb);
         upper_drawn = upper_drawn & !bridges(&layout, &rule, p[0], p[1], a, n[0], n[1], na);
@@ -110,21 +110,21 @@ kernel void segment(global const float *nearness, global uchar *cells, Layout la
         if (rule.test == TEST_CONNECTEDNESS) {
             const intl row = (intl)y, left = is_connected(&layout, &rule, nearness, x, row, 0, 1);
             const intl right = is_connected(&layout, &rule, nearness, x + 1, row, 0, 1);
-            upper_drawn = upper_drawn & is_connected(&layout, &rule, nearness, x, row, 1, 0) & pick(main, right, left);
-            lower_drawn = lower_drawn & is_connected(&layout, &rule, nearness, x, row + 1, 1, 0) & pick(main, left, right);
+            upper_drawn = upper_drawn & is_connected(&layout, &rule, nearness, x, row, 1, 0) & select_lanes(main, right, left);
+            lower_drawn = lower_drawn & is_connected(&layout, &rule, nearness, x, row + 1, 1, 0) & select_lanes(main, left, right);
         }
-        const intl state = pick(upper_drawn, (intl)DRAWN, (intl)UNDRAWN) |
-                           pick(lower_drawn, (intl)(DRAWN << 2), (intl)(UNDRAWN << 2));
-        store_bytes(to_ucharl(pick(x < layout.width - 1, state, (intl)0)), cells + (size_t)y * layout.pitch + first);
+        const intl state = select_lanes(upper_drawn, (intl)DRAWN, (intl)UNDRAWN) |
+                           select_lanes(lower_drawn, (intl)(DRAWN << 2), (intl)(UNDRAWN << 2));
+        store_bytes(to_ucharl(select_lanes(x < layout.width - 1, state, (intl)0)), cells + (size_t)y * layout.pitch + first);
     }
 }
 
 /* Adds the step from a to b. */
 void add_step(Vector a, Vector b, intl joined, Vector *sum)
 {
-    sum->x += pick(joined, b.x - a.x, (floatl)0.0f);
-    sum->y += pick(joined, b.y - a.y, (floatl)0.0f);
-    sum->z += pick(joined, b.z - a.z, (floatl)0.0f);
+    sum->x += select_lanes(joined, b.x - a.x, (floatl)0.0f);
+    sum->y += select_lanes(joined, b.y - a.y, (floatl)0.0f);
+    sum->z += select_lanes(joined, b.z - a.z, (floatl)0.0f);
 }
 
 kernel void find_normals(global const float *nearness, global const uchar *cells, global float *normals, Layout layout)
@@ -151,8 +151,8 @@ kernel void find_normals(global const float *nearness, global const uchar *cells
         const intl lower_left = cell_next_to(&layout, cells, x, first, y, -1, 0);
         const intl lower_right = cell_next_to(&layout, cells, x, first, y, 0, 0), main = ((x ^ y) & 1) == 0;
         /* Diagonals turn from cell to cell, and with them the triangles that have the edges along y. */
-        const intl above = pick(main, STATE_A(upper_left) | STATE_A(upper_right), STATE_B(upper_left) | STATE_B(upper_right));
-        const intl beneath = pick(main, STATE_B(lower_left) | STATE_B(lower_right), STATE_A(lower_left) | STATE_A(lower_right));
+        const intl above = select_lanes(main, STATE_A(upper_left) | STATE_A(upper_right), STATE_B(upper_left) | STATE_B(upper_right));
+        const intl beneath = select_lanes(main, STATE_B(lower_left) | STATE_B(lower_right), STATE_A(lower_left) | STATE_A(lower_right));
         const intl before = STATE_B(upper_left) | STATE_A(lower_left), after = STATE_B(upper_right) | STATE_A(lower_right);
         Vector across = {0.0f, 0.0f, 0.0f}, along = across;
         add_step(to_left, p, (before & DRAWN) != 0, &across);
@@ -160,15 +160,15 @@ kernel void find_normals(global const float *nearness, global const uchar *cells
         add_step(to_up, p, (above & DRAWN) != 0, &along);
         add_step(p, to_down, (beneath & DRAWN) != 0, &along);
         /* Where there is no triangle, the surface is taken to face the camera. */
-        across.x = pick(((before | after) & DRAWN) != 0, across.x, (floatl)1.0f);
-        along.y = pick(((above | beneath) & DRAWN) != 0, along.y, (floatl)1.0f);
+        across.x = select_lanes(((before | after) & DRAWN) != 0, across.x, (floatl)1.0f);
+        along.y = select_lanes(((above | beneath) & DRAWN) != 0, along.y, (floatl)1.0f);
         const Vector normal = cross_product(along, across); /* towards the camera */
         const floatl length = sqrt(DOT(normal, normal));
-        const intl sound = length > 0.0f;
-        const floatl scale = 1.0f / pick(sound, length, (floatl)1.0f);
+        const intl known = length > 0.0f;
+        const floatl scale = 1.0f / select_lanes(known, length, (floatl)1.0f);
         global float *out = normals + (size_t)y * layout.pitch + first;
-        store_lanes(pick(sound, normal.x * scale, (floatl)0.0f), out);
-        store_lanes(pick(sound, normal.y * scale, (floatl)0.0f), out + plane);
-        store_lanes(pick(sound, normal.z * scale, (floatl)-1.0f), out + 2 * plane);
+        store_lanes(select_lanes(known, normal.x * scale, (floatl)0.0f), out);
+        store_lanes(select_lanes(known, normal.y * scale, (floatl)0.0f), out + plane);
+        store_lanes(select_lanes(known, normal.z * scale, (floatl)-1.0f), out + 2 * plane);
     }
 }

@@ -58,10 +58,10 @@ kernel void activate(global const float *errors, global const float *radii, glob
                 const float *plane = viewer.planes[k];
                 needed = needed & (plane[0] * p.x + plane[1] * p.y + plane[2] * p.z + plane[3] >= -margin);
             }
-            motion_limit = fmin(motion_limit, pick(known & (!large), distance - error * (viewer.scale / viewer.allowed), (floatl)INFINITY));
-            nearest_out = fmin(nearest_out, pick(large & (!needed), from_eye, (floatl)INFINITY));
+            motion_limit = fmin(motion_limit, select_lanes(known & (!large), distance - error * (viewer.scale / viewer.allowed), (floatl)INFINITY));
+            nearest_out = fmin(nearest_out, select_lanes(large & (!needed), from_eye, (floatl)INFINITY));
         }
-        store_bytes(to_ucharl(pick(needed, (intl)ACTIVE, (intl)0)), active + at);
+        store_bytes(to_ucharl(select_lanes(needed, (intl)ACTIVE, (intl)0)), active + at);
     }
     vstore2((float2)(least_lane(motion_limit), least_lane(nearest_out)), y, motion_limits);
     mark_corners(&layout, active, y);

@@ -1,9 +1,9 @@
 /* Triangulations within a vertical error, for no viewer in particular.
  *
- * From the coarsest triangles on, those are split that depart in depth by more than max_error from any sample within
- * them, not only from the vertex that would split them: so it is a bound. What must be split with them, follows. Each
- * split is one that any triangulation within the bound has: no other has fewer triangles. Planes are straight in
- * nearness, so departures are exact for both kinds of cameras.
+ * From the coarsest triangles on, those are split that are off in depth by more than max_error at any sample within them,
+ * not only at the vertex that would split them: so max_error is a bound. With each go those that must be split with it, so
+ * that there are no cracks. Each split is one that any triangulation within the bound has: no other has fewer triangles.
+ * Planes are affine in nearness, so the differences are exact for both kinds of cameras.
  *
  * nearness: (height, pitch). states: states.cl. active: (side + 1, row), tree.h, to be filled with 0 before. pool:
  * chunks of CHUNK ints, the numbers of the chunks below and above and then vertices, of which work-items make stacks;
@@ -61,7 +61,7 @@ int must_split(const Layout *layout, const Work *work, int x, int y, int s, int 
     const float per_y = ((n_end - n_q) * u.x - (n_start - n_q) * v.x) * inverse;
     const int low_y = min(q.y, min(start.y, end.y)), high_y = max(q.y, max(start.y, end.y));
     for (int row = low_y; row <= high_y; row++) {
-        /* What the triangle has of the row: less and less away from the right angle, or from the middle of a side. */
+        /* The triangle's part of the row: the shorter the farther from the right angle, or from the middle of a side */
         const int away = abs(row - (centers ? q.y : y)), reach = centers ? 2 * s - away : s - away;
         const int from = centers || !across ? (centers ? q.x : x) : x - reach;
         const int leftward = centers ? q.x > x : !across && q.x < x;
@@ -120,7 +120,7 @@ void visit_child(const Layout *layout, Work *work, int x, int y, int s, int b)
         activate_vertex(layout, work, x, y);
 }
 
-/* What follows from the active vertex `at`, of its children those of steps below `coarse` */
+/* Activates what the active vertex `at` demands: its parents, and those children, of steps below `coarse`, that must be split. */
 void propagate(const Layout *layout, Work *work, int at, int coarse)
 {
     const int y = at / layout->row, x = at - y * layout->row, s = step_of(x, y);
@@ -147,7 +147,7 @@ void propagate(const Layout *layout, Work *work, int at, int coarse)
 
 void propagate_all(const Layout *layout, Work *work)
 {
-    for (int most = (layout->side + 1) * (layout->side + 1); most > 0; most--) { /* each vertex is taken in once */
+    for (int vertices_left = (layout->side + 1) * (layout->side + 1); vertices_left > 0; vertices_left--) { /* each comes up once */
         if (work->height == 2) {
             work->chunk = work->pool[CHUNK * work->chunk];
             work->height = CHUNK;

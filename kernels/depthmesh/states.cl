@@ -28,9 +28,9 @@ kernel void find_finest_states(global const uchar *cells, global uchar *states, 
             const intl above = STATE_B(upper_left) | STATE_B(upper_right), below = STATE_A(lower_left) | STATE_A(lower_right);
             /* Those of the block around a centre that do not meet it */
             const intl top = STATE_A(upper_left) | STATE_A(upper_right), bottom = STATE_B(lower_left) | STATE_B(lower_right);
-            const intl a = across ? above : pick(odd, top | pick(main, right, left), left);
-            const intl b = across ? below : pick(odd, bottom | pick(main, left, right), right);
-            byte = across ? pick(odd, a | b << 2, byte) : a | b << 2;
+            const intl a = across ? above : select_lanes(odd, top | select_lanes(main, right, left), left);
+            const intl b = across ? below : select_lanes(odd, bottom | select_lanes(main, left, right), right);
+            byte = across ? select_lanes(odd, a | b << 2, byte) : a | b << 2;
         }
         store_bytes(to_ucharl(byte), states + (size_t)y * layout.row + first);
     }

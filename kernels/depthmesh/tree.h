@@ -76,9 +76,9 @@ intl cell_next_to(const Layout *layout, global const uchar *cells, intl x, int f
         return (intl)0;
     const intl there = (x + dx >= 0) & (x + dx < layout->side);
     if (y + dy >= layout->height - 1)
-        return pick(there, (intl)NOTHING, (intl)0);
+        return select_lanes(there, (intl)NOTHING, (intl)0);
     const intl byte = NEXT_TO(load_bytes, cells + (size_t)(y + dy) * layout->pitch, first, dx);
-    return pick(there, pick(x + dx < layout->width - 1, byte, (intl)NOTHING), (intl)0);
+    return select_lanes(there, select_lanes(x + dx < layout->width - 1, byte, (intl)NOTHING), (intl)0);
 }
 
 /* Marks of vertices of a triangulation: all corners of triangles, and of them those where right angles may be */

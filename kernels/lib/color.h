@@ -31,9 +31,9 @@ INLINED Color color_times(Color c, floatl by)
     return made;
 }
 
-INLINED Color pick_color(intl mask, Color yes, Color no)
+INLINED Color select_color(intl mask, Color yes, Color no)
 {
-    const Color c = {pick(mask, yes.r, no.r), pick(mask, yes.g, no.g), pick(mask, yes.b, no.b)};
+    const Color c = {select_lanes(mask, yes.r, no.r), select_lanes(mask, yes.g, no.g), select_lanes(mask, yes.b, no.b)};
     return c;
 }
 

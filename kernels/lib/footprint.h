@@ -1,10 +1,10 @@
 #ifndef LIB_FOOTPRINT_H
 #define LIB_FOOTPRINT_H
-/* What part of a tiled map a pixel covers. Seen aslant, it is longer than wide: with ANISOTROPIC the map is read
- * several times along the longer side, from the level whose texels are as large as the shorter one (McCormack et al.
- * 1999, by the footprint's exact ellipse), at most `anisotropy` times. Without, it is read once.
+/* Footprints of pixels on tiled maps. Seen aslant, a footprint is longer than wide: with ANISOTROPIC the map is read at several
+ * probes along the longer side, from the level whose texels are as large as the shorter one (McCormack et al. 1999, by the
+ * footprint's exact ellipse), at most `anisotropy` of them. Without, it is read at one.
  *
- * Cost: a reading a ratio of the sides, to the nearest whole number: surfaces that are seen straight on are read once.
+ * Cost: as many probes as the ratio of the sides, to the nearest whole number: surfaces that are seen straight on have one.
  */
 #include "lib/normals.h"
 #include "lib/screen.h"
@@ -23,25 +23,25 @@
 #endif
 
 typedef struct {
-    floatl texels_2; /* square of a reading's side, in texels of the first level */
-    floatl count;    /* readings, */
-    floatl u, v;     /* from the first to the one after the last, around the middle */
+    floatl texels_2; /* square of the side that a probe covers, in texels of the first level */
+    floatl count;    /* of probes */
+    floatl u, v;     /* the longer side, along which the probes lie evenly, around the middle */
 } Footprint;
 
-/* Read once */
-INLINED Footprint even_footprint(floatl texels_2)
+/* Of one probe */
+INLINED Footprint isotropic_footprint(floatl texels_2)
 {
     const Footprint f = {texels_2, (floatl)1.0f, (floatl)0.0f, (floatl)0.0f};
     return f;
 }
 
 #if ANISOTROPIC
-#define MORE_READINGS 0.75f /* added to the ratio of the sides, whose whole part are the readings */
+#define MORE_PROBES 0.75f /* added to the ratio of the sides: the whole part of the sum is the number of probes */
 
 /* By how much u and v change from a pixel to the next along x, and along y */
 typedef struct {
     floatl u_x, v_x, u_y, v_y;
-    int anisotropy; /* the most readings along a footprint */
+    int anisotropy; /* the greatest number of probes */
 } UvSteps;
 
 /* Of what is seen at nearness n in the unit direction `ahead`, on a plane across `normal` (of any length); along_u,
@@ -72,33 +72,33 @@ INLINED Footprint footprint_of(UvSteps s, int width, int height, intl wanted)
     const floatl a = s.u_x * width, b = s.u_y * width, c = s.v_x * height, d = s.v_y * height;
     const floatl uu = a * a + b * b, uv = a * c + b * d, vv = c * c + d * d, half_ = 0.5f * (uu - vv), area = a * d - b * c;
     const floatl given = 0.5f * (uu + vv) + sqrt(half_ * half_ + uv * uv);
-    const intl sound = wanted & isfinite_lanes(given) & (given > 1.0f); /* what is magnified is read once */
-    const floatl long_2 = pick(sound, given, (floatl)1.0f), short_2 = max_lanes(area * area / long_2, (floatl)1.0f);
-    Footprint f = even_footprint(long_2);
-    f.count = pick(sound, truncated(sqrt(long_2 / short_2) + MORE_READINGS), (floatl)1.0f);
+    const intl minified = wanted & isfinite_lanes(given) & (given > 1.0f); /* others have one probe */
+    const floatl long_2 = select_lanes(minified, given, (floatl)1.0f), short_2 = max_lanes(area * area / long_2, (floatl)1.0f);
+    Footprint f = isotropic_footprint(long_2);
+    f.count = select_lanes(minified, truncated(sqrt(long_2 / short_2) + MORE_PROBES), (floatl)1.0f);
     f.count = clamp_lanes(f.count, (floatl)1.0f, (floatl)s.anisotropy);
     if (!any_lane(f.count > 1.0f))
         return f;
     f.texels_2 = max_lanes(long_2 / (f.count * f.count), short_2);
-    /* The longer axis: of the rows of the steps' square less the other axis, the longer one */
-    const floatl x = pick(half_ >= 0.0f, long_2 - vv, uv), y = pick(half_ >= 0.0f, uv, long_2 - uu);
-    const floatl unit = pick(f.count > 1.0f, sqrt(long_2 / max_lanes(x * x + y * y, (floatl)1e-30f)), (floatl)0.0f);
+    /* The longer axis: the eigenvector of the matrix (uu, uv; uv, vv), by the row that rounding harms less */
+    const floatl x = select_lanes(half_ >= 0.0f, long_2 - vv, uv), y = select_lanes(half_ >= 0.0f, uv, long_2 - uu);
+    const floatl unit = select_lanes(f.count > 1.0f, sqrt(long_2 / max_lanes(x * x + y * y, (floatl)1e-30f)), (floatl)0.0f);
     f.u = x * unit * (1.0f / width);
     f.v = y * unit * (1.0f / height);
     return f;
 }
 #endif
 
-/* The readings of a footprint: number i, which of the lanes have one, how much it weighs, where it is along the
- * footprint */
+/* The probes of a footprint: their numbers i, which lanes have number i, its place along the footprint, -0.5 to 0.5, and its
+ * weight */
 #if ANISOTROPIC
-#define EACH_READING(f, i) for (int i = 0; any_lane((f).count > (float)i); i++)
-#define HAS_READING(f, i) ((f).count > (float)(i))
-#define READING_OFFSET(f, i) pick(HAS_READING(f, i), ((i) + 0.5f) / (f).count - 0.5f, (floatl)0.0f)
-#define READING_WEIGHT(f, i) pick(HAS_READING(f, i), 1.0f / (f).count, (floatl)0.0f)
+#define EACH_PROBE(f, i) for (int i = 0; any_lane((f).count > (float)i); i++)
+#define HAS_PROBE(f, i) ((f).count > (float)(i))
+#define PROBE_OFFSET(f, i) select_lanes(HAS_PROBE(f, i), ((i) + 0.5f) / (f).count - 0.5f, (floatl)0.0f)
+#define PROBE_WEIGHT(f, i) select_lanes(HAS_PROBE(f, i), 1.0f / (f).count, (floatl)0.0f)
 #endif
 
-/* The same footprint in a level whose texels are twice as large: half of the readings are as close together there. */
+/* The same footprint on a level whose texels are twice as large, where half of the probes are as close together in texels */
 INLINED Footprint on_coarser(Footprint f)
 {
     f.texels_2 *= 4.0f;
@@ -113,10 +113,10 @@ INLINED void add_footprint(global const uint *texels, floatl u, floatl v, Footpr
     intl w = width, h = height;
     const intl start = start_of_level(level, &w, &h);
 #if ANISOTROPIC
-    EACH_READING(f, i)
+    EACH_PROBE(f, i)
     {
-        const floatl along = READING_OFFSET(f, i);
-        add_texels(texels, u + f.u * along, v + f.v * along, start, w, h, weight * READING_WEIGHT(f, i), sum);
+        const floatl along = PROBE_OFFSET(f, i);
+        add_texels(texels, u + f.u * along, v + f.v * along, start, w, h, weight * PROBE_WEIGHT(f, i), sum);
     }
 #else
     add_texels(texels, u, v, start, w, h, weight, sum);
@@ -130,9 +130,9 @@ INLINED Vector mean_normal(global const float *map, int width, int height, float
     const Footprint f = footprint_of(steps, width, height, wanted);
     const intl level = level_of_texels(f.texels_2, 32 - clz(max(width, height)));
     Vector mean = {0.0f, 0.0f, 0.0f};
-    EACH_READING(f, i)
+    EACH_PROBE(f, i)
     {
-        const floatl along = READING_OFFSET(f, i), weight = READING_WEIGHT(f, i);
+        const floatl along = PROBE_OFFSET(f, i), weight = PROBE_WEIGHT(f, i);
         const Vector one = normal_in(map, width, height, level, u + f.u * along, v + f.v * along);
         mean.x += weight * one.x;
         mean.y += weight * one.y;

@@ -54,19 +54,13 @@ typedef struct {
           (intl)0, (size) - 1)
 #endif
 
-#if LANES == 16
-#define INLINE __attribute__((always_inline)) /* CPU compilers leave a call, a 20th of a slice's test */
-#else
-#define INLINE
-#endif
-
 /* Heights at the corners of a cell, in HEIGHT_UNITs: first letter up to down, second left to right */
 typedef struct {
     floatl aa, ab, ba, bb;
 } Patch;
 
 /* The cell right of and below the texel (x, y) of the map */
-INLINE Patch read_patch(global const uint *texels, HeightMap map, intl x, intl y)
+INLINED Patch read_patch(global const uint *texels, HeightMap map, intl x, intl y)
 {
     Patch patch;
     const intl upper = map.start + y * map.width + x;
@@ -77,7 +71,7 @@ INLINE Patch read_patch(global const uint *texels, HeightMap map, intl x, intl y
     patch.ba = to_floatl((a >> 16) & 255);
     patch.bb = to_floatl((a >> 24) & 255);
 #else
-    const intl lower = map.start + pick(y + 1 < map.height, y + 1, CLAMPED_V ? y : (intl)0) * map.width + x;
+    const intl lower = map.start + select_lanes(y + 1 < map.height, y + 1, CLAMPED_V ? y : (intl)0) * map.width + x;
     const intl b = as_intl((uintl)(gather(texels, lower)));
     patch.aa = to_floatl(a & 0xffff);
     patch.ab = to_floatl((a >> 16) & 0xffff);
@@ -89,24 +83,24 @@ INLINE Patch read_patch(global const uint *texels, HeightMap map, intl x, intl y
 
 /* The same where (x, y) is the texel (ix, iy) moved onto the map: before the first texels of a clamped one nothing
  * changes, as behind the last ones. */
-INLINE Patch read_cell(global const uint *texels, HeightMap map, intl ix, intl iy, intl x, intl y)
+INLINED Patch read_cell(global const uint *texels, HeightMap map, intl ix, intl iy, intl x, intl y)
 {
     Patch patch = read_patch(texels, map, x, y);
 #if CLAMPED_U
     const intl left = ix < 0;
-    patch.ab = pick(left, patch.aa, patch.ab);
-    patch.bb = pick(left, patch.ba, patch.bb);
+    patch.ab = select_lanes(left, patch.aa, patch.ab);
+    patch.bb = select_lanes(left, patch.ba, patch.bb);
 #endif
 #if CLAMPED_V
     const intl above = iy < 0;
-    patch.ba = pick(above, patch.aa, patch.ba);
-    patch.bb = pick(above, patch.ab, patch.bb);
+    patch.ba = select_lanes(above, patch.aa, patch.ba);
+    patch.bb = select_lanes(above, patch.ab, patch.bb);
 #endif
     return patch;
 }
 
 /* The bilinear height in a cell, in HEIGHT_UNITs; fx, fy: 0 to 1 over it */
-INLINE floatl height_of(Patch p, floatl fx, floatl fy)
+INLINED floatl height_of(Patch p, floatl fx, floatl fy)
 {
     const floatl top = p.aa + fx * (p.ab - p.aa), bottom = p.ba + fx * (p.bb - p.ba);
     return top + fy * (bottom - top);

@@ -131,8 +131,8 @@ typedef struct __attribute__((packed)) {
 #define COUNT(counter, mask)
 #endif
 
-/* mask ? yes : no, for float and int lanes alike */
-#define pick(mask, yes, no) select(no, yes, mask)
+/* mask ? yes : no, lane by lane, of floats and of ints; OpenCL's own select has the mask last. */
+#define select_lanes(mask, yes, no) select(no, yes, mask)
 
 #if LANES == 16
 #define ZIP_LOW(a, b)                                                                                          \
@@ -234,7 +234,7 @@ INLINED void gather_cells(global const float *values, int below, intl at, floatl
 floatl floor_lanes(floatl x)
 {
     const floatl whole = truncated(x);
-    return whole - pick(whole > x, (floatl)1.0f, (floatl)0.0f);
+    return whole - select_lanes(whole > x, (floatl)1.0f, (floatl)0.0f);
 }
 #else
 #define truncated floor
@@ -243,8 +243,8 @@ floatl floor_lanes(floatl x)
 #define ceil_lanes(x) (-floor_lanes(-(x)))
 
 /* One instruction each, where fmin and fmax take four: a NaN in a yields b. */
-#define min_lanes(a, b) pick((a) < (b), a, b)
-#define max_lanes(a, b) pick((a) > (b), a, b)
+#define min_lanes(a, b) select_lanes((a) < (b), a, b)
+#define max_lanes(a, b) select_lanes((a) > (b), a, b)
 
 /* A NaN becomes `low`: what may become an index. Beyond an int's range conversions yield anything. */
 #define clamp_lanes(x, low, high) min_lanes(max_lanes(x, low), high)

@@ -25,7 +25,7 @@ INLINED intl through_lens(Lens lens, floatl *u, floatl *v)
 #if LENS == 3
     const floatl radius = sqrt(square), angle = atan(radius), s = angle * angle;
     const floatl series = 1.0f + s * (lens.k[0] + s * (lens.k[1] + s * (lens.k[2] + s * lens.k[3])));
-    const floatl factor = pick(radius > 1e-6f, angle * series / radius, (floatl)1.0f);
+    const floatl factor = select_lanes(radius > 1e-6f, angle * series / radius, (floatl)1.0f);
     const floatl a = x * factor, b = y * factor;
 #else
     const floatl top = 1.0f + square * (lens.k[0] + square * (lens.k[1] + square * lens.k[4]));

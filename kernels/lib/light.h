@@ -16,7 +16,6 @@
 #define SHADOWED 0 /* 1: they also ask what the light sees */
 #endif
 
-
 typedef struct {
     float vector[4];  /* towards the light, unit length (w = 0), or its position (w = 1), in the world */
     float axis[4];    /* of a spot: where it goes, unit length; cosine of half its angle, -2: shines everywhere */
@@ -72,13 +71,13 @@ INLINED ToLight to_light(Light light, Vector p)
  * plane's nearness is linear: from one texel to the next it changes as if the plane were lifted by a texel's side, in
  * the world, times the cosine between that side and the plane's normal. A point that is moved by as much along the
  * normal lies before all of its own plane's texels (docs/theory/shadows.md). SHADOW_BIAS is for surfaces that are no
- * planes, and for rounding; the grain for slices.
+ * planes, and for rounding; the shadow's bias for things that their maps hold only to their slices' spacing.
  */
 INLINED floatl visibility(global const float *shadow_maps, Shadow shadow, Vector p, Vector normal)
 {
     const float middle = 0.5f * (shadow.size - 1), safe = SHADOW_BIAS * fmax(shadow.texel_x, shadow.texel_y);
     floatl visible = 1.0f;
-    intl open = lane_index >= 0; /* not seen in a map yet */
+    intl remaining = lane_index >= 0; /* points that no map has shown yet */
     for (int i = 0; i < shadow.maps; i++) {
         const float *m = shadow.from_world + 16 * i, *r = shadow.depth_row + 4 * i;
         float right[3], down[3]; /* as long as SHADOW_FILTER_RADIUS texels, where W is 1 */
@@ -95,14 +94,14 @@ INLINED floatl visibility(global const float *shadow_maps, Shadow shadow, Vector
         const floatl depth = POINT_ROW(r, 0, moved), w = POINT_ROW(m, 2, moved), inverse = 1.0f / w;
         const floatl u = POINT_ROW(m, 0, moved) * inverse, v = POINT_ROW(m, 1, moved) * inverse;
         const float last = shadow.size - 1;
-        const intl seen = open & (w > 0.0f) & (u >= -0.5f) & (u <= last + 0.5f) & (v >= -0.5f) & (v <= last + 0.5f);
+        const intl seen = remaining & (w > 0.0f) & (u >= -0.5f) & (u <= last + 0.5f) & (v >= -0.5f) & (v <= last + 0.5f);
         if (!any_lane(seen))
             continue;
-        const Taps taps = clamped_taps(shadow.size, shadow.size, pick(seen, u, (floatl)0.0f), pick(seen, v, (floatl)0.0f));
+        const Taps taps = clamped_taps(shadow.size, shadow.size, select_lanes(seen, u, (floatl)0.0f), select_lanes(seen, v, (floatl)0.0f));
         const int start = i * shadow.size * shadow.size;
-#define IN_SIGHT(k) pick((floatl)(gather(shadow_maps, taps.at[k] + start)) < depth, (floatl)0.0f, (floatl)1.0f)
-        visible = pick(seen, bilinear(taps, IN_SIGHT(0), IN_SIGHT(1), IN_SIGHT(2), IN_SIGHT(3)), visible);
-        open = open & !seen;
+#define IN_SIGHT(k) select_lanes((floatl)(gather(shadow_maps, taps.at[k] + start)) < depth, (floatl)0.0f, (floatl)1.0f)
+        visible = select_lanes(seen, bilinear(taps, IN_SIGHT(0), IN_SIGHT(1), IN_SIGHT(2), IN_SIGHT(3)), visible);
+        remaining = remaining & !seen;
     }
     return visible;
 }
@@ -120,7 +119,7 @@ INLINED void apply_light(Color *shade, Light light, Vector p, Vector normal, Vec
         const Vector halfway = minus(to.direction, ahead);
         const floatl unit = 1.0f / sqrt(max_lanes(DOT(halfway, halfway), (floatl)1e-30f));
         const floatl along = max_lanes(DOT(normal, halfway) * unit, (floatl)1e-6f);
-        highlight = pick(cosine > 0.0f, direct * light.specular * exp2(light.shininess * log2(along)), (floatl)0.0f);
+        highlight = select_lanes(cosine > 0.0f, direct * light.specular * exp2(light.shininess * log2(along)), (floatl)0.0f);
     }
     shade->r = shade->r * (light.ambient + light.color[0] * diffuse) + light.color[0] * highlight;
     shade->g = shade->g * (light.ambient + light.color[1] * diffuse) + light.color[1] * highlight;

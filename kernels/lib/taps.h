@@ -36,8 +36,8 @@ INLINED floatl taps_along(int clamped, intl size, floatl place, intl *first, int
     }
     const floatl t = (place - floor_lanes(place)) * length - 0.5f, whole = floor_lanes(t);
     const intl number = to_intl(whole);
-    *first = clamp(pick(number < 0, number + size, number), (intl)0, size - 1);
-    *second = pick(*first + 1 < size, *first + 1, (intl)0);
+    *first = clamp(select_lanes(number < 0, number + size, number), (intl)0, size - 1);
+    *second = select_lanes(*first + 1 < size, *first + 1, (intl)0);
     return t - whole;
 }
 

@@ -16,9 +16,9 @@ INLINED intl start_of_level(intl level, intl *width, intl *height)
         const intl finer = level > l;
         if (!any_lane(finer))
             break;
-        start = pick(finer, start + *width * *height, start);
-        *width = pick(finer, max(*width >> 1, (intl)1), *width);
-        *height = pick(finer, max(*height >> 1, (intl)1), *height);
+        start = select_lanes(finer, start + *width * *height, start);
+        *width = select_lanes(finer, max(*width >> 1, (intl)1), *width);
+        *height = select_lanes(finer, max(*height >> 1, (intl)1), *height);
     }
     return start;
 }
@@ -39,8 +39,8 @@ INLINED void add_texels(global const uint *texels, floatl u, floatl v, intl star
 /* The level whose texels are as large as a pixel, from the square of how many of the first's it covers along a side */
 intl level_of_texels(floatl texels_2, int level_count)
 {
-    const floatl sound = pick(isfinite_lanes(texels_2), max_lanes(texels_2, (floatl)1.0f), (floatl)1.0f);
-    const intl doublings = (as_intl(sound) >> 23) - 127; /* its log2, rounded down */
+    const floatl finite = select_lanes(isfinite_lanes(texels_2), max_lanes(texels_2, (floatl)1.0f), (floatl)1.0f);
+    const intl doublings = (as_intl(finite) >> 23) - 127; /* its log2, rounded down */
     return min(doublings >> 1, (intl)(level_count - 1));
 }
 #endif

@@ -35,8 +35,8 @@ INLINED void average_packet(global const float *sample_depth, global const chann
             const intl shows = n == n;
             low = min_lanes(n, low);
             high = max_lanes(n, high);
-            nearness += pick(shows, n, (floatl)0.0f);
-            count += pick(shows, (intl)1, (intl)0);
+            nearness += select_lanes(shows, n, (floatl)0.0f);
+            count += select_lanes(shows, (intl)1, (intl)0);
         }
     if (any_lane(count != 0)) /* most packets of many pictures are empty */
         for (int j = 0; j < side; j++)
@@ -48,19 +48,19 @@ INLINED void average_packet(global const float *sample_depth, global const chann
     intl front = count;
     const intl several = high - low > ONE_SURFACE * fabs(high);
     if (any_lane(several)) {
-        const floatl least = pick(several, 0.5f * (low + high), low);
+        const floatl least = select_lanes(several, 0.5f * (low + high), low);
         nearness = 0.0f;
         front = 0;
         for (int j = 0; j < side; j++)
             for (int i = 0; i < side; i++) {
                 const floatl n = nearness_of_samples(sample_depth, first + (j * side * width + i), perspective);
                 const intl in_front = n >= least; /* not of NaN */
-                nearness += pick(in_front, n, (floatl)0.0f);
-                front += pick(in_front, (intl)1, (intl)0);
+                nearness += select_lanes(in_front, n, (floatl)0.0f);
+                front += select_lanes(in_front, (intl)1, (intl)0);
             }
     }
     const floatl mean = nearness / to_floatl(front);
-    const floatl z = pick(count == 0, (floatl)NAN, perspective ? 1.0f / mean : -mean);
+    const floatl z = select_lanes(count == 0, (floatl)NAN, perspective ? 1.0f / mean : -mean);
     const floatl share = to_floatl(count) / (float)(side * side);
     const float each = 1.0f / (side * side);
     const Color c = {sum.r * each, sum.g * each, sum.b * each};

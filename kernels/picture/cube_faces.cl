@@ -1,8 +1,9 @@
 /* A lens's picture from the faces of a cube (or from one pinhole's picture): each pixel reads where its own ray passes.
  *
- * Between four pixels that show one surface, nearness (affine on a plane) and colour are what lies between them; at the
- * edges of surfaces, beside holes, and if `linear` is 0, they are the nearest one's. Four are one surface if all show
- * something, and every step between neighbours is small or goes on as beside it: a slope is no edge, however steep.
+ * Nearness (affine on a plane) and colour are interpolated between the four pixels around, if these show one surface; at the
+ * edges of surfaces, beside holes, and if `linear` is 0, they are the nearest pixel's. Four pixels show one surface if all
+ * show something, and every step between neighbours is small or as large as the next one beside it: a slope is no edge,
+ * however steep.
  * places: (3, height, pitch) u and v in the face, NaN for pixels that are none of its own, and depth in the lens's
  * frame over depth in the picture's. face_depth, face_color, face_valid: (face_height, face_width), depth NaN where
  * there is nothing. depth, color, valid: (height, width); pixels of other faces stay, or with `first` are emptied.
@@ -20,95 +21,95 @@
 #define STRIP 1 /* packets of LANES pixels that a work-item goes through: starting one takes longer than most */
 #endif
 
-/* One face */
+/* A face's picture */
 typedef struct {
     global const float *depth;
     global const channel *color;
     global const uchar *valid;
     int width, height;
-} Straight;
+} Face;
 
-/* What a packet's pixels read from it */
+/* What a packet's pixels read from a face */
 typedef struct {
-    intl own;          /* they have a place in it */
-    intl x, up, whole; /* the first of the four pixels around, and whether these are one surface */
-    intl nearest;      /* the index of the nearest one */
+    intl own;         /* they have a place on it */
+    intl x, y, whole; /* the first of the four pixels around, and whether these show one surface */
+    intl nearest;     /* the index of the nearest one */
     floatl weights[4], z;
     Color color;
 } Reading;
 
 /* Nearness at columns and rows that may lie beyond the border; NaN: nothing. */
-INLINED floatl face_nearness(Straight straight, intl column, intl row)
+INLINED floatl face_nearness(Face face, intl column, intl row)
 {
-    const intl inside = (column >= 0) & (column < straight.width) & (row >= 0) & (row < straight.height);
-    const floatl z = (floatl)(gather(straight.depth, pick(inside, row * straight.width + column, (intl)0)));
-    return pick(inside, 1.0f / z, (floatl)NAN);
+    const intl inside = (column >= 0) & (column < face.width) & (row >= 0) & (row < face.height);
+    const floatl z = (floatl)(gather(face.depth, select_lanes(inside, row * face.width + column, (intl)0)));
+    return select_lanes(inside, 1.0f / z, (floatl)NAN);
 }
 
-/* Is the step from b to c small, or does it go on from a to b, or from c to d? NaN does not go on. */
-INLINED intl goes_on(floatl a, floatl b, floatl c, floatl d)
+/* Is the step from b to c small, or as large as that from a to b, or from c to d? NaN is none of these. */
+INLINED intl is_on_slope(floatl a, floatl b, floatl c, floatl d)
 {
     const floatl step = c - b, small = ONE_SURFACE * min_lanes(b, c);
     return (fabs(step) <= small) | (fabs(b - a - step) <= small) | (fabs(d - c - step) <= small);
 }
 
-INLINED Reading read_face(Straight straight, floatl u_own, floatl v_own, floatl deeper, int linear)
+INLINED Reading read_face(Face face, floatl u_own, floatl v_own, floatl deeper, int linear)
 {
     Reading read;
     read.own = u_own == u_own;
-    const floatl u = pick(read.own, u_own, (floatl)0.0f), v = pick(read.own, v_own, (floatl)0.0f);
-    const floatl left = min_lanes(floor_lanes(u), (floatl)max(straight.width - 2, 0));
-    const floatl upper = min_lanes(floor_lanes(v), (floatl)max(straight.height - 2, 0));
+    const floatl u = select_lanes(read.own, u_own, (floatl)0.0f), v = select_lanes(read.own, v_own, (floatl)0.0f);
+    const floatl left = min_lanes(floor_lanes(u), (floatl)max(face.width - 2, 0));
+    const floatl upper = min_lanes(floor_lanes(v), (floatl)max(face.height - 2, 0));
     const floatl fx = u - left, fy = v - upper;
     const intl x = to_intl(left), up = to_intl(upper);
     floatl n[4];
     for (int i = 0; i < 4; i++)
-        n[i] = face_nearness(straight, x + (i & 1), up + (i >> 1));
+        n[i] = face_nearness(face, x + (i & 1), up + (i >> 1));
     const floatl low = min_lanes(min_lanes(n[0], n[1]), min_lanes(n[2], n[3])), high = max_lanes(max_lanes(n[0], n[1]), max_lanes(n[2], n[3]));
     const intl all_there = read.own & isfinite_lanes(n[0] + n[1] + n[2] + n[3]) & (intl)(linear ? -1 : 0);
     read.whole = all_there & (high - low <= ONE_SURFACE * low);
     if (any_lane(all_there & !read.whole)) {
         intl on = all_there;
         for (int i = 0; i < 2; i++) {
-            const floatl before = face_nearness(straight, x - 1, up + i), after = face_nearness(straight, x + 2, up + i);
-            on = on & goes_on(before, n[2 * i], n[2 * i + 1], after);
-            const floatl above = face_nearness(straight, x + i, up - 1), under = face_nearness(straight, x + i, up + 2);
-            on = on & goes_on(above, n[i], n[2 + i], under);
+            const floatl before = face_nearness(face, x - 1, up + i), after = face_nearness(face, x + 2, up + i);
+            on = on & is_on_slope(before, n[2 * i], n[2 * i + 1], after);
+            const floatl above = face_nearness(face, x + i, up - 1), under = face_nearness(face, x + i, up + 2);
+            on = on & is_on_slope(above, n[i], n[2 + i], under);
         }
         read.whole = read.whole | on;
     }
     tap_weights(fx, fy, read.weights);
     const intl near_right = fx >= 0.5f, near_below = fy >= 0.5f;
-    read.nearest = (up + pick(near_below, (intl)1, (intl)0)) * straight.width + x + pick(near_right, (intl)1, (intl)0);
-    const floatl n_nearest = pick(near_below, pick(near_right, n[3], n[2]), pick(near_right, n[1], n[0]));
+    read.nearest = (up + select_lanes(near_below, (intl)1, (intl)0)) * face.width + x + select_lanes(near_right, (intl)1, (intl)0);
+    const floatl n_nearest = select_lanes(near_below, select_lanes(near_right, n[3], n[2]), select_lanes(near_right, n[1], n[0]));
     floatl between = 0.0f;
     for (int i = 0; i < 4; i++)
-        between += read.weights[i] * pick(read.whole, n[i], (floatl)0.0f);
-    read.z = deeper / pick(read.whole, between, n_nearest);
+        between += read.weights[i] * select_lanes(read.whole, n[i], (floatl)0.0f);
+    read.z = deeper / select_lanes(read.whole, between, n_nearest);
     read.x = x;
-    read.up = up;
-    const int count = straight.width * straight.height;
-    read.color = read_color(straight.color, read.nearest, count);
+    read.y = up;
+    const int count = face.width * face.height;
+    read.color = read_color(face.color, read.nearest, count);
     if (CHANNELS && any_lane(read.whole)) {
         Color mixed = {0.0f, 0.0f, 0.0f};
         for (int i = 0; i < 4; i++)
-            add_color(&mixed, read.weights[i], read_color(straight.color, (up + (i >> 1)) * straight.width + x + (i & 1), count));
-        read.color = pick_color(read.whole, mixed, read.color);
+            add_color(&mixed, read.weights[i], read_color(face.color, (up + (i >> 1)) * face.width + x + (i & 1), count));
+        read.color = select_color(read.whole, mixed, read.color);
     }
     return read;
 }
 
 /* The first `count` of a packet's pixels; what is not on the face is emptied, or stays. */
-INLINED void write_packet(const Reading *read, Straight straight, int count, int empties, global float *depth,
+INLINED void write_packet(const Reading *read, Face face, int count, int empties, global float *depth,
                           global channel *color, global uchar *valid)
 {
     const intl own = read->own;
     if (count == LANES && (empties || !any_lane(!own))) {
         const Color none = {0.0f, 0.0f, 0.0f};
-        const WIDE(uchar) shows = (WIDE(uchar))(gather(straight.valid, read->nearest));
-        store_lanes(pick(own, read->z, (floatl)NAN), depth);
-        store_bytes(to_ucharl(pick(own, to_intl(shows), (intl)0)), valid);
-        write_color(color, pick_color(own, read->color, none));
+        const WIDE(uchar) shows = (WIDE(uchar))(gather(face.valid, read->nearest));
+        store_lanes(select_lanes(own, read->z, (floatl)NAN), depth);
+        store_bytes(to_ucharl(select_lanes(own, to_intl(shows), (intl)0)), valid);
+        write_color(color, select_color(own, read->color, none));
         return;
     }
     for (int lane = 0; lane < count; lane++) {
@@ -116,14 +117,14 @@ INLINED void write_packet(const Reading *read, Straight straight, int count, int
         if (!is_own && !empties)
             continue;
         depth[lane] = is_own ? float_lane(read->z, lane) : NAN;
-        valid[lane] = is_own ? straight.valid[int_lane(read->nearest, lane)] : 0;
+        valid[lane] = is_own ? face.valid[int_lane(read->nearest, lane)] : 0;
         write_pixel(color + CHANNELS * lane, is_own ? rounded_channel(color_lane(read->color, lane)) : (float3)(0.0f));
     }
 }
 
 #if ORIGINS
 /* Where they come from, and what they are */
-INLINED void copy_origins(const Reading *read, Straight straight, int count, int empties, global const float *face_origin,
+INLINED void copy_origins(const Reading *read, Face face, int count, int empties, global const float *face_origin,
                            global const uchar *face_classes, global float *origin, global uchar *classes, int unseen)
 {
     for (int lane = 0; lane < count; lane++) {
@@ -139,11 +140,11 @@ INLINED void copy_origins(const Reading *read, Straight straight, int count, int
         const float3 one = vload3(from, face_origin);
         float3 place_there = one;
         if (int_lane(read->whole, lane)) {
-            const int corner = int_lane(read->up, lane) * straight.width + int_lane(read->x, lane);
+            const int corner = int_lane(read->y, lane) * face.width + int_lane(read->x, lane);
             float3 sum = 0.0f;
             int same = 1;
             for (int i = 0; i < 4; i++) {
-                const float3 each = vload3(corner + (i >> 1) * straight.width + (i & 1), face_origin);
+                const float3 each = vload3(corner + (i >> 1) * face.width + (i & 1), face_origin);
                 same = same && each.z == one.z;
                 sum += float_lane(read->weights[i], lane) * each;
             }
@@ -166,16 +167,16 @@ kernel void join_faces(global const float *places, global const float *face_dept
     const int y = get_global_id(1);
     if (y >= height)
         return;
-    const Straight straight = {face_depth, face_color, face_valid, face_width, face_height};
+    const Face face = {face_depth, face_color, face_valid, face_width, face_height};
     const size_t plane = (size_t)height * pitch;
     for (int x0 = get_global_id(0) * STRIP * LANES, packet = 0; packet < STRIP && x0 < width; x0 += LANES, packet++) {
         global const float *place = places + (size_t)y * pitch + x0;
-        const Reading read = read_face(straight, load_lanes(place), load_lanes(place + plane), load_lanes(place + 2 * plane), linear);
+        const Reading read = read_face(face, load_lanes(place), load_lanes(place + plane), load_lanes(place + 2 * plane), linear);
         const size_t at = (size_t)y * width + x0;
         const int count = min(LANES, width - x0);
-        write_packet(&read, straight, count, first, depth + at, color + CHANNELS * at, valid + at);
+        write_packet(&read, face, count, first, depth + at, color + CHANNELS * at, valid + at);
 #if ORIGINS
-        copy_origins(&read, straight, count, first, face_origin, face_classes, origin + 3 * at, classes + at, unseen);
+        copy_origins(&read, face, count, first, face_origin, face_classes, origin + 3 * at, classes + at, unseen);
 #endif
     }
 }

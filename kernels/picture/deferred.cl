@@ -1,11 +1,11 @@
 /* Light on what is made of images, once all things are drawn: deferred shading.
  *
- * The G-buffer (lib/gbuffer.h) tells which pixels show such things. Their colours hold the light that they were taken in,
- * and get shadows alone (RELIT 0): where the pixel's point is out of the light's sight they keep the light's ambient part;
- * what turns away from the light is dark, and fades before that over `fade` of the cosine. Or the colours are taken for the
- * surface's own and shaded as meshes are (lib/light.h, RELIT 1), by the thing's normals, or where it has none by those of
- * its depths in the picture, `neighbour_offset` pixels away. A normal that points away from the viewer is of the surface's back, and
- * is turned round. In shadow maps a point is moved off its surface by its slope in the picture: normals may be bent.
+ * The G-buffer (lib/gbuffer.h) tells which pixels show such things. RELIT 0: their colours hold the light that they were
+ * taken in, and shadows alone are added. A point in shadow keeps the light's ambient part; so does one whose surface turns
+ * away from the light, towards which it fades over `fade` of the cosine. RELIT 1: their colours are the surface's own, and
+ * are shaded as meshes are (lib/light.h), by the thing's normals, or where it has none by those of its depths in the
+ * picture, `neighbour_offset` pixels away. A normal that points away from the viewer is of the surface's back, and is
+ * turned round. For the shadow maps normals are always those of the depths, since others may be interpolated.
  *
  * entered, numbers, normals: depth, thing and normal of the G-buffer; normals are read of no thing without them. things:
  * (things, THING) of each: scene units by which it may lie before its surface in a map; pixels between the depths that tell
@@ -26,14 +26,14 @@
 #define SHORTEST_MEAN 0.1f /* shorter means of normals point anywhere: 8 bits a channel hold them to 0.004 */
 
 #if RELIT
-/* A thing's normals where they are sound, turned to the viewer, who looks `ahead`; else those of its depths, `facing` */
+/* A thing's normals, turned to the viewer, who looks `ahead`; where they are too short to be known, those of its depths, `facing` */
 INLINED Vector normal_of(global const float *normals, intl pixel, Vector facing, Vector ahead)
 {
     const Vector mapped = vector_at(normals, pixel);
     const floatl length = sqrt(DOT(mapped, mapped)), per_length = 1.0f / max_lanes(length, (floatl)1e-6f);
-    const Vector turned = scaled(mapped, pick(DOT(mapped, ahead) * per_length > BACKFACING, -per_length, per_length));
-    const intl sound = length > SHORTEST_MEAN;
-    const Vector normal = {pick(sound, turned.x, facing.x), pick(sound, turned.y, facing.y), pick(sound, turned.z, facing.z)};
+    const Vector turned = scaled(mapped, select_lanes(DOT(mapped, ahead) * per_length > BACKFACING, -per_length, per_length));
+    const intl known = length > SHORTEST_MEAN;
+    const Vector normal = {select_lanes(known, turned.x, facing.x), select_lanes(known, turned.y, facing.y), select_lanes(known, turned.z, facing.z)};
     return normal;
 }
 #endif
@@ -54,12 +54,12 @@ kernel void light_things(global const float *entered, global const int *numbers,
     const intl number = (intl)(gather(numbers, pixel));
     intl left = (first + lane_index < screen.width) & ((floatl)(gather(entered, pixel)) == z);
     while (any_lane(left)) {
-        const int thing = (int)least_lane(pick(left, to_floatl(number), (floatl)INFINITY));
+        const int thing = (int)least_lane(select_lanes(left, to_floatl(number), (floatl)INFINITY));
         const intl mine = left & (number == thing);
         left = left & !mine;
         global const float *how = things + THING * thing;
         const Shown shown = {depth, entered, numbers, thing};
-        const floatl n = pick(mine, DEPTH_OF(screen.perspective, z), (floatl)(screen.perspective ? 1.0f : -1.0f));
+        const floatl n = select_lanes(mine, DEPTH_OF(screen.perspective, z), (floatl)(screen.perspective ? 1.0f : -1.0f));
         const Vector p = point_at(screen, to_floatl(x), (floatl)row, n);
         const Vector facing = facing_at(shown, screen, first, row, (int)how[1], n, p);
 #if SHADOWED

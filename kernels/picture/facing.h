@@ -32,17 +32,18 @@ INLINED floatl picture_nearness(Shown shown, Screen screen, int x, int y)
                 set_int_lane(of_thing, lane, shown.entered[at] == row[x + lane] && shown.things[at] == shown.thing ? -1 : 0);
         }
     }
-    return pick(of_thing & (z == z), DEPTH_OF(screen.perspective, z), (floatl)EMPTY);
+    return select_lanes(of_thing & (z == z), DEPTH_OF(screen.perspective, z), (floatl)EMPTY);
 }
 
-/* Along the surface, the way (dx, dy) from the point p of a pixel; a pixel alone is taken to be level. */
+/* A tangent of the surface at the point p of a pixel, in the picture's direction (dx, dy); the surface of a pixel alone is taken to
+ * be level. */
 INLINED Vector tangent_along(Shown shown, Screen screen, int x, int y, int dx, int dy, floatl n, Vector p)
 {
     const floatl next = picture_nearness(shown, screen, x + dx, y + dy), last = picture_nearness(shown, screen, x - dx, y - dy);
     const intl forward = fabs(next - n) <= fabs(last - n);
-    const floatl near = pick(forward, next, last), sign = pick(forward, (floatl)1.0f, (floatl)-1.0f);
+    const floatl near = select_lanes(forward, next, last), sign = select_lanes(forward, (floatl)1.0f, (floatl)-1.0f);
     const floatl there_x = to_floatl(x + lane_index) + sign * dx, there_y = y + sign * dy;
-    return scaled(minus(point_at(screen, there_x, there_y, pick(near > EMPTY, near, n)), p), sign);
+    return scaled(minus(point_at(screen, there_x, there_y, select_lanes(near > EMPTY, near, n)), p), sign);
 }
 
 /* The unit normals of LANES pixels of a row from x on, towards the viewer: along x and y, of the neighbours `neighbour_offset` pixels
@@ -52,7 +53,7 @@ INLINED Vector facing_at(Shown shown, Screen screen, int x, int y, int neighbour
     const Vector across = tangent_along(shown, screen, x, y, neighbour_offset, 0, n, p);
     const Vector down = tangent_along(shown, screen, x, y, 0, neighbour_offset, n, p);
     const Vector normal = cross_product(across, down), ahead = view_direction(screen, p);
-    const floatl unit = pick(DOT(normal, ahead) > 0.0f, (floatl)-1.0f, (floatl)1.0f) /
+    const floatl unit = select_lanes(DOT(normal, ahead) > 0.0f, (floatl)-1.0f, (floatl)1.0f) /
                         sqrt(max_lanes(DOT(normal, normal), (floatl)1e-37f));
     return scaled(normal, unit);
 }

@@ -19,7 +19,7 @@ INLINED floatl nearness_from(global const float *row, int x, int width, int pers
     else
         for (int lane = max(-x, 0); lane < min(LANES, width - x); lane++)
             set_float_lane(d, lane, row[x + lane]);
-    return pick((d > NEAREST) & (d < far), DEPTH_OF(perspective, d), (floatl)NO_SURFACE);
+    return select_lanes((d > NEAREST) & (d < far), DEPTH_OF(perspective, d), (floatl)NO_SURFACE);
 }
 
 INLINED void convert_row(global const float *depth, global float *nearness, global float *ranges, int src_width, int src_height,
@@ -33,8 +33,8 @@ INLINED void convert_row(global const float *depth, global float *nearness, glob
     for (int x = 0; x < src_width; x += LANES) {
         floatl n = nearness_from(row, x, src_width, src_perspective, far);
         const intl solid = n > NO_SURFACE;
-        low = min_lanes(pick(solid, n, low), low);
-        high = max_lanes(pick(solid, n, high), high);
+        low = min_lanes(select_lanes(solid, n, low), low);
+        high = max_lanes(select_lanes(solid, n, high), high);
         if (bridged && any_lane(!solid)) {
             const floatl none = NO_SURFACE;
             const floatl left = nearness_from(row, x - 1, src_width, src_perspective, far);
@@ -43,7 +43,7 @@ INLINED void convert_row(global const float *depth, global float *nearness, glob
             const floatl under = y + 1 < src_height ? nearness_from(row + src_width, x, src_width, src_perspective, far) : none;
             const intl across = !IS_OPEN(cut, max_lanes(left, right), min_lanes(left, right));
             const intl down = !IS_OPEN(cut, max_lanes(above, under), min_lanes(above, under));
-            n = pick((!solid) & (across | down), 0.5f * pick(across, left + right, above + under), n);
+            n = select_lanes((!solid) & (across | down), 0.5f * select_lanes(across, left + right, above + under), n);
         }
         store_lanes(n, nearness + (size_t)y * src_pitch + x); /* rows have room for whole packets */
     }

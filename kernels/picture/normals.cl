@@ -25,10 +25,10 @@ kernel void fit_normals(global const float *nearness, global float *normals, int
     for (int dy = max(-radius, -row); dy <= min(radius, height - 1 - row); dy++)
         for (int dx = -radius; dx <= radius; dx++) {
             const intl at = x + dx, inside = (at >= 0) & (at < width);
-            const floatl n = (floatl)(gather(nearness, (row + dy) * pitch + pick(inside, at, x)));
+            const floatl n = (floatl)(gather(nearness, (row + dy) * pitch + select_lanes(inside, at, x)));
             const intl one_surface = inside & !IS_OPEN(cut, max_lanes(n, middle), min_lanes(n, middle));
-            const floatl weight = pick(one_surface, (floatl)1.0f, (floatl)0.0f);
-            const floatl step = pick(one_surface, (n - middle) * scale, (floatl)0.0f);
+            const floatl weight = select_lanes(one_surface, (floatl)1.0f, (floatl)0.0f);
+            const floatl step = select_lanes(one_surface, (n - middle) * scale, (floatl)0.0f);
             count += weight;
             sx += weight * dx;
             sy += weight * dy;
@@ -47,11 +47,11 @@ kernel void fit_normals(global const float *nearness, global float *normals, int
     const floatl off_x = perspective ? cx - to_floatl(x) : (floatl)0.0f, off_y = perspective ? cy - row : 0.0f;
     /* Of the plane N.p = 1 the nearness is N.ray, which grows by N.x / fx a pixel: away from the camera. */
     const Vector plane = {gx * fx, gx * skew + gy * fy, 1.0f + gx * off_x + gy * off_y};
-    const floatl most = max_lanes(max_lanes(fabs(plane.x), fabs(plane.y)), fabs(plane.z));
-    const Vector away = normalized(scaled(plane, 1.0f / max_lanes(most, (floatl)1e-30f)));
-    const intl sound = isfinite_lanes(away.x + away.y + away.z) & (middle > NO_SURFACE);
+    const floatl largest = max_lanes(max_lanes(fabs(plane.x), fabs(plane.y)), fabs(plane.z));
+    const Vector away = normalized(scaled(plane, 1.0f / max_lanes(largest, (floatl)1e-30f)));
+    const intl valid = isfinite_lanes(away.x + away.y + away.z) & (middle > NO_SURFACE);
     for (int lane = 0; lane < min(LANES, width - first); lane++) {
         const float3 normal = -(float3)(float_lane(away.x, lane), float_lane(away.y, lane), float_lane(away.z, lane));
-        vstore3(int_lane(sound, lane) ? normal : (float3)(0.0f, 0.0f, -1.0f), (size_t)row * width + first + lane, normals);
+        vstore3(int_lane(valid, lane) ? normal : (float3)(0.0f, 0.0f, -1.0f), (size_t)row * width + first + lane, normals);
     }
 }

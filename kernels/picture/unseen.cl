@@ -34,7 +34,7 @@ INLINED intl sees(global const float *maps, global const float *view, global con
     const intl inside = (w > 0.0f) & (u >= -0.5f) & (u <= width - 0.5f) & (v >= -0.5f) & (v <= height - 0.5f);
     if (!any_lane(inside))
         return inside;
-    const Taps taps = clamped_taps(width, height, pick(inside, u, (floatl)0.0f), pick(inside, v, (floatl)0.0f));
+    const Taps taps = clamped_taps(width, height, select_lanes(inside, u, (floatl)0.0f), select_lanes(inside, v, (floatl)0.0f));
     const floatl near = z - SAMPLE_TOLERANCE * view[24] * w;
     intl seen = 0;
     for (int k = 0; k < 4; k++) {
@@ -58,7 +58,7 @@ kernel void draw_marked(global const float *own_depth, global const channel *own
     if (!blank && !any_lane(drawn))
         return;
     const Shown shown = {own_depth, 0, 0, 0};
-    const floatl n = pick(drawn, DEPTH_OF(screen.perspective, z), (floatl)(screen.perspective ? 1.0f : -1.0f));
+    const floatl n = select_lanes(drawn, DEPTH_OF(screen.perspective, z), (floatl)(screen.perspective ? 1.0f : -1.0f));
     const Vector p = point_at(screen, to_floatl(x), (floatl)row, n), facing = facing_at(shown, screen, first, row, 1, n, p);
     intl unseen = drawn & (p.x >= bounds.low[0]) & (p.y >= bounds.low[1]) & (p.z >= bounds.low[2]) & (p.x <= bounds.high[0]) &
                   (p.y <= bounds.high[1]) & (p.z <= bounds.high[2]);

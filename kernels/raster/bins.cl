@@ -42,10 +42,10 @@ Boxes boxes_of(global const int *corners, global const float *projected, intl in
         before[k] = W[k] >= nearest_w;
         some = some | before[k];
         all = all & before[k];
-        low_x = pick(before[k], min_lanes(x[k], low_x), low_x);
-        high_x = pick(before[k], max_lanes(x[k], high_x), high_x);
-        low_y = pick(before[k], min_lanes(y[k], low_y), low_y);
-        high_y = pick(before[k], max_lanes(y[k], high_y), high_y);
+        low_x = select_lanes(before[k], min_lanes(x[k], low_x), low_x);
+        high_x = select_lanes(before[k], max_lanes(x[k], high_x), high_x);
+        low_y = select_lanes(before[k], min_lanes(y[k], low_y), low_y);
+        high_y = select_lanes(before[k], max_lanes(y[k], high_y), high_y);
     }
     if (any_lane(some & !all)) /* where edges cross the near plane */
         for (int k = 0; k < CORNERS; k++)
@@ -53,10 +53,10 @@ Boxes boxes_of(global const int *corners, global const float *projected, intl in
                 const intl leaves = before[k] & !before[l];
                 const floatl part = (W[k] - nearest_w) / (W[k] - W[l]);
                 const floatl at_x = (U[k] + (U[l] - U[k]) * part) / nearest_w, at_y = (V[k] + (V[l] - V[k]) * part) / nearest_w;
-                low_x = pick(leaves, min_lanes(at_x, low_x), low_x);
-                high_x = pick(leaves, max_lanes(at_x, high_x), high_x);
-                low_y = pick(leaves, min_lanes(at_y, low_y), low_y);
-                high_y = pick(leaves, max_lanes(at_y, high_y), high_y);
+                low_x = select_lanes(leaves, min_lanes(at_x, low_x), low_x);
+                high_x = select_lanes(leaves, max_lanes(at_x, high_x), high_x);
+                low_y = select_lanes(leaves, min_lanes(at_y, low_y), low_y);
+                high_y = select_lanes(leaves, max_lanes(at_y, high_y), high_y);
             }
     const floatl beside = -1.0f, right = screen.width - 1.0f, bottom = screen.height - 1.0f;
     /* Within the picture, but for a pixel beside it: whole numbers are small. */
@@ -73,8 +73,8 @@ Boxes boxes_of(global const int *corners, global const float *projected, intl in
     }
 #endif
     const float per_bin = 1.0f / BIN; /* a power of two: exact */
-    const Boxes boxes = {pick(seen, to_intl(x0 * per_bin), (intl)1), pick(seen, to_intl(x1 * per_bin), (intl)0),
-                         pick(seen, to_intl(y0 * per_bin), (intl)1), pick(seen, to_intl(y1 * per_bin), (intl)0)};
+    const Boxes boxes = {select_lanes(seen, to_intl(x0 * per_bin), (intl)1), select_lanes(seen, to_intl(x1 * per_bin), (intl)0),
+                         select_lanes(seen, to_intl(y0 * per_bin), (intl)1), select_lanes(seen, to_intl(y1 * per_bin), (intl)0)};
     return boxes;
 }
 

@@ -68,7 +68,7 @@ INLINED Color read_texture(const OnTriangle *p, global const float *uv, global c
     dv_x = (dv_x - v * a_sum) / p->area * height;
     du_y = (du_y - u * b_sum) / p->area * width;
     dv_y = (dv_y - v * b_sum) / p->area * height;
-    const Footprint f = even_footprint(max_lanes(du_x * du_x + dv_x * dv_x, du_y * du_y + dv_y * dv_y));
+    const Footprint f = isotropic_footprint(max_lanes(du_x * du_x + dv_x * dv_x, du_y * du_y + dv_y * dv_y));
 #endif
     const floatl lod = fmin(fmax(0.5f * log2(f.texels_2), (floatl)0.0f), (floatl)(levels - 1));
     const floatl below = truncated(lod), between = lod - below;
@@ -129,7 +129,7 @@ kernel void draw_mesh(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *fac
         Color shade = {base_r, base_g, base_b};
         if (any_lane(mine)) {
             const floatl px = BLOCK_X(&region, block), py = BLOCK_Y(&region, block);
-            const intl face = pick(mine, owner, (intl)0);
+            const intl face = select_lanes(mine, owner, (intl)0);
             const OnTriangle p = on_triangle(faces, projected, face, px, py);
 #if TINTED
             const Vector tint = mean_vector(&p, tints);
@@ -139,7 +139,7 @@ kernel void draw_mesh(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *fac
             shade = read_texture(&p, uv, texels, texture_width, texture_height, levels ANISOTROPY);
 #endif
 #if LIT
-            const floatl flip = pick(p.area > 0.0f, (floatl)-1.0f, (floatl)1.0f), front = (floatl)(gather(fronts, face));
+            const floatl flip = select_lanes(p.area > 0.0f, (floatl)-1.0f, (floatl)1.0f), front = (floatl)(gather(fronts, face));
             const Vector normal = mean_vector(&p, normals), point = point_at(screen, px, py, region.nearness[block]);
             floatl visible = 1.0f;
 #if SHADOWED

@@ -24,8 +24,8 @@ void cover(const Context *context, const Primitives *t, int lane, Region *region
     floatl n;
     const floatl so_far = region->nearness[block];
     const intl seen = covered_by(t, lane, first_x, first_y, &n) & (n > so_far) & (n <= context->screen.nearest);
-    region->nearness[block] = pick(seen, n, so_far);
-    region->owner[block] = pick(seen, (intl)int_lane(t->index, lane), region->owner[block]);
+    region->nearness[block] = select_lanes(seen, n, so_far);
+    region->owner[block] = select_lanes(seen, (intl)int_lane(t->index, lane), region->owner[block]);
 }
 
 #define FRAGMENTS 1

@@ -92,7 +92,7 @@ floatl nearness_of_block(Screen screen, global const float *depth, int x, int y)
 #if LANES == 16
     if (IS_WHOLE(screen, x, y)) {
         const floatl z = block_depths(screen, depth, x, y);
-        return pick(z == z, DEPTH_OF(screen.perspective, z), so_far);
+        return select_lanes(z == z, DEPTH_OF(screen.perspective, z), so_far);
     }
 #endif
     for (int lane = 0; lane < LANES; lane++) {
@@ -147,9 +147,9 @@ INLINED void write_whole_block(const Picture *picture, floatl z, int x, int y, C
 {
     const int width = picture->screen.width;
     const int16 mine = z == z, seen = mine & 1;
-    const float16 red = pick(mine, clamp(shade.r, 0.0f, 1.0f), (float16)0.0f) * CHANNEL_MAX;
-    const float16 green = pick(mine, clamp(shade.g, 0.0f, 1.0f), (float16)0.0f) * CHANNEL_MAX;
-    const float16 blue = pick(mine, clamp(shade.b, 0.0f, 1.0f), (float16)0.0f) * CHANNEL_MAX;
+    const float16 red = select_lanes(mine, clamp(shade.r, 0.0f, 1.0f), (float16)0.0f) * CHANNEL_MAX;
+    const float16 green = select_lanes(mine, clamp(shade.g, 0.0f, 1.0f), (float16)0.0f) * CHANNEL_MAX;
+    const float16 blue = select_lanes(mine, clamp(shade.b, 0.0f, 1.0f), (float16)0.0f) * CHANNEL_MAX;
 #if COLOR_BYTES == 1
     const uint16 word = as_uint16(to_intl(red + 0.5f) | to_intl(green + 0.5f) << 8 | to_intl(blue + 0.5f) << 16);
 #endif
@@ -166,7 +166,7 @@ INLINED intl write_block(const Region *region, int block, const Picture *picture
 {
     const int x = region->x + FIRST_X(block), y = region->y + FIRST_Y(block), blank = picture->blank;
     intl mine = region->owner[block] >= 0;
-    const floatl n = region->nearness[block], z = pick(mine, DRAWN_DEPTH(picture->screen, n), (floatl)NAN);
+    const floatl n = region->nearness[block], z = select_lanes(mine, DRAWN_DEPTH(picture->screen, n), (floatl)NAN);
 #if LANES == 16
     if (IS_WHOLE(picture->screen, x, y) && (blank || !any_lane(!mine | (z >= block_depths(picture->screen, picture->depth, x, y))))) {
         write_whole_block(picture, z, x, y, shade);

@@ -57,7 +57,7 @@ ExactEdges exact_edges_of(intl px, intl py, intl qx, intl qy, intl turned)
     e.a = turned * (py - qy);
     e.b = turned * (qx - px);
     const longl at_p = to_longl(e.a) * to_longl(px) + to_longl(e.b) * to_longl(py);
-    const longl c = -at_p - to_longl(pick(IS_TOP_LEFT(e.a, e.b), (intl)0, (intl)1));
+    const longl c = -at_p - to_longl(select_lanes(IS_TOP_LEFT(e.a, e.b), (intl)0, (intl)1));
     e.c = to_intl(clamp(c >> 8, (longl)(-(1L << 29)), (longl)(1L << 29))); /* a x + b y counts subpixels times pixels */
     return e;
 }
@@ -82,17 +82,17 @@ intl set_up_triangles(global const int *corners, global const float *projected, 
         at_y[k] = V[k] / W[k];
         const intl is_before = W[k] >= nearest_w;
         close[k] = is_before & (fabs(at_x[k]) < FARTHEST_CORNER) & (fabs(at_y[k]) < FARTHEST_CORNER);
-        px[k] = to_intl(floor_lanes(pick(close[k], at_x[k] * SUBPIXELS + 0.5f, (floatl)0.0f)));
-        py[k] = to_intl(floor_lanes(pick(close[k], at_y[k] * SUBPIXELS + 0.5f, (floatl)0.0f)));
+        px[k] = to_intl(floor_lanes(select_lanes(close[k], at_x[k] * SUBPIXELS + 0.5f, (floatl)0.0f)));
+        py[k] = to_intl(floor_lanes(select_lanes(close[k], at_y[k] * SUBPIXELS + 0.5f, (floatl)0.0f)));
         crosses = crosses | !is_before;
     }
     const float end = REGION - 1;
     const floatl low_x = min_lanes(at_x[0], min_lanes(at_x[1], at_x[2])), high_x = max_lanes(at_x[0], max_lanes(at_x[1], at_x[2]));
     const floatl low_y = min_lanes(at_y[0], min_lanes(at_y[1], at_y[2])), high_y = max_lanes(at_y[0], max_lanes(at_y[1], at_y[2]));
-    t->low_x = to_intl(ceil_lanes(pick(crosses, (floatl)0.0f, clamp_lanes(low_x - CORNER_ROUNDING, (floatl)0.0f, (floatl)REGION))));
-    t->low_y = to_intl(ceil_lanes(pick(crosses, (floatl)0.0f, clamp_lanes(low_y - CORNER_ROUNDING, (floatl)0.0f, (floatl)REGION))));
-    t->high_x = to_intl(floor_lanes(pick(crosses, (floatl)end, max_lanes(min_lanes(high_x + CORNER_ROUNDING, (floatl)end), (floatl)-1.0f))));
-    t->high_y = to_intl(floor_lanes(pick(crosses, (floatl)end, max_lanes(min_lanes(high_y + CORNER_ROUNDING, (floatl)end), (floatl)-1.0f))));
+    t->low_x = to_intl(ceil_lanes(select_lanes(crosses, (floatl)0.0f, clamp_lanes(low_x - CORNER_ROUNDING, (floatl)0.0f, (floatl)REGION))));
+    t->low_y = to_intl(ceil_lanes(select_lanes(crosses, (floatl)0.0f, clamp_lanes(low_y - CORNER_ROUNDING, (floatl)0.0f, (floatl)REGION))));
+    t->high_x = to_intl(floor_lanes(select_lanes(crosses, (floatl)end, max_lanes(min_lanes(high_x + CORNER_ROUNDING, (floatl)end), (floatl)-1.0f))));
+    t->high_y = to_intl(floor_lanes(select_lanes(crosses, (floatl)end, max_lanes(min_lanes(high_y + CORNER_ROUNDING, (floatl)end), (floatl)-1.0f))));
     intl seen = (t->low_x <= t->high_x) & (t->low_y <= t->high_y);
     if (!any_lane(seen))
         return seen;
@@ -103,22 +103,22 @@ intl set_up_triangles(global const int *corners, global const float *projected, 
     const floatl determinant = t->edges[0].a * U[0] + t->edges[0].b * V[0] + t->edges[0].c * W[0];
     const intl all_close = close[0] & close[1] & close[2];
     const longl area = to_longl(px[1] - px[0]) * to_longl(py[2] - py[0]) - to_longl(py[1] - py[0]) * to_longl(px[2] - px[0]);
-    const intl area_sign = pick(to_intl(area > 0L), (intl)1, pick(to_intl(area < 0L), (intl)-1, (intl)0));
-    const floatl turns = pick(all_close, to_floatl(area_sign), determinant); /* > 0: seen from behind */
+    const intl area_sign = select_lanes(to_intl(area > 0L), (intl)1, select_lanes(to_intl(area < 0L), (intl)-1, (intl)0));
+    const floatl turns = select_lanes(all_close, to_floatl(area_sign), determinant); /* > 0: seen from behind */
     seen = seen & (determinant != 0.0f) & isfinite_lanes(determinant) & (turns != 0.0f) & (turns * culled <= 0.0f);
-    const intl turned = pick(turns > 0.0f, (intl)1, (intl)-1);
+    const intl turned = select_lanes(turns > 0.0f, (intl)1, (intl)-1);
     t->exact = 0;
     UNROLLED
     for (int k = 0; k < 3; k++) {
         const int i = (k + 1) % 3, j = (k + 2) % 3;
-        t->exact |= pick(close[i] & close[j], (intl)(1 << k), (intl)0);
+        t->exact |= select_lanes(close[i] & close[j], (intl)(1 << k), (intl)0);
         t->exact_edges[k] = exact_edges_of(px[i], py[i], px[j], py[j], turned);
     }
     /* The plane's deviations from a corner's nearness are small, and so are their errors. */
-    const floatl middle = pick(crosses, (floatl)0.0f, Q[0] / W[0]);
-    const floatl sign = pick(determinant < 0.0f, (floatl)-1.0f, (floatl)1.0f);
+    const floatl middle = select_lanes(crosses, (floatl)0.0f, Q[0] / W[0]);
+    const floatl sign = select_lanes(determinant < 0.0f, (floatl)-1.0f, (floatl)1.0f);
     t->n_x = t->n_y = t->n_0 = 0.0f;
-    t->n_low = pick(crosses, (floatl)-INFINITY, (floatl)INFINITY);
+    t->n_low = select_lanes(crosses, (floatl)-INFINITY, (floatl)INFINITY);
     t->n_high = -t->n_low;
     UNROLLED
     for (int k = 0; k < 3; k++) {
@@ -129,8 +129,8 @@ intl set_up_triangles(global const int *corners, global const float *projected, 
         t->n_x += t->edges[k].a * differs;
         t->n_y += t->edges[k].b * differs;
         t->n_0 += t->edges[k].c * differs;
-        t->n_low = pick(!crosses & (n < t->n_low), n, t->n_low);
-        t->n_high = pick(!crosses & (n > t->n_high), n, t->n_high);
+        t->n_low = select_lanes(!crosses & (n < t->n_low), n, t->n_low);
+        t->n_high = select_lanes(!crosses & (n > t->n_high), n, t->n_high);
     }
     const floatl inverse = 1.0f / fabs(determinant);
     t->n_x *= inverse;
@@ -207,7 +207,7 @@ INLINED OnTriangle on_triangle(global const int *corners, global const float *pr
         p.weight[k] = p.U[i] * p.V[j] - p.V[i] * p.U[j];
         p.area += p.weight[k];
     }
-    const floatl sign = pick(p.area < 0.0f, (floatl)-1.0f, (floatl)1.0f);
+    const floatl sign = select_lanes(p.area < 0.0f, (floatl)-1.0f, (floatl)1.0f);
     UNROLLED
     for (int k = 0; k < 3; k++) { /* none from beyond the triangle, as in `covered_by` */
         p.weight[k] = max_lanes(p.weight[k] * sign, (floatl)0.0f);

@@ -1,6 +1,6 @@
 #ifndef RELIEF_ENTRY_H
 #define RELIEF_ENTRY_H
-/* A relief, and where a pixel's ray enters it: the vertices' frames and quadrics there, and the ray in texture space
+/* A relief, and the entry of a pixel's ray: the vertices' frames and quadrics there, and the ray in texture space
  * (Oliveira & Policarpo 2005, sections 3.3 and 3.4).
  *
  * faces: (triangles, 3) corners of each. projected: (vertices, 4), raster/project.cl. vertices: (vertices,
@@ -19,10 +19,10 @@
 
 #define LINEAR 0
 #define SAFE 1
-#define FLAT_MAX 1e-5f /* curvature times depth: what bends less is a plane, but for rounding */
-#define ARC_PARTS 16 /* of a ray below the mesh, among which its deepest point is searched */
-#define DEEPEST_HALVINGS 8 /* of the interval in which a light's ray is deepest */
-#define COSINE_MIN 1e-3f /* of a ray that enters: at outlines interpolated normals may look away */
+#define FLAT_MAX 1e-5f       /* curvature times depth: a surface of less is taken for a plane */
+#define ARC_PARTS 16         /* of a ray below the mesh, among whose ends its deepest point is searched */
+#define DEEPEST_HALVINGS 8   /* of the interval in which a light's ray is deepest */
+#define COSINE_MIN 1e-3f     /* of a ray that enters: at outlines interpolated normals may point away from the viewer */
 
 typedef struct {
     global const int *faces;
@@ -36,7 +36,7 @@ typedef struct {
     int quadric, search, steps, halvings;
 } Relief;
 
-/* The vertices' values, interpolated where a pixel's ray enters */
+/* The vertices' values, interpolated where the rays of LANES pixels enter */
 typedef struct {
     floatl u, v;
     Vector normal, along_u, along_v; /* the normal of unit length, and the gradients of u and v */
@@ -74,13 +74,13 @@ INLINED void tangents_of(const Entry *e, Vector *x, Vector *y)
     *y = cross_product(e->normal, *x);
 }
 
-/* a x^2 + b y^2 + c x y, of one direction, or between two */
+/* The quadric's bilinear form, of two directions; of one direction twice it is a x^2 + b y^2 + c x y. */
 INLINED floatl quadric_form(const Entry *e, floatl x, floatl y, floatl other_x, floatl other_y)
 {
     return e->a * x * other_x + e->b * y * other_y + 0.5f * e->c * (x * other_y + y * other_x);
 }
 
-/* Of a ray that runs along x and y; share: of the quadric's bending */
+/* The principal curvatures, and along them a ray's direction, which is (x, y) in the tangent plane; share: of the curvatures, 0 to 1 */
 INLINED PrincipalCurvatures curvatures_of(const Entry *e, floatl x, floatl y, float share)
 {
     /* The quadric is l1 p^2 + l2 q^2 along its principal directions, l1 >= l2. */
@@ -121,20 +121,22 @@ void set_ray(ReliefRay *ray, const Entry *e, Vector d, int quadric, float scale)
 #if WITHIN
     const intl starts_below = e->depth > 0.0f;
     ray->depth = e->depth;
-    ray->L = pick(starts_below, -cosine * per_scale, ray->L);
+    ray->L = select_lanes(starts_below, -cosine * per_scale, ray->L);
     use_quadric_depth(ray, starts_below);
 #endif
 }
 
-/* Far below a surface that bends, rays are less deep than by equation 7, so that outlines come out too wide, and the
- * shadows that they cast. A light's ray that reaches the bottom by that, but not by the circles of EXACT (ray.h),
- * follows the parabola that gets as deep as the ray does by circles, and at the same place. A sphere of the greater
- * curvature has it no deeper, so rays that reach the bottom by that stay as they are. enters: which rays matter. */
+/* Far below a curved surface, rays are less deep than equation 7 says, which makes outlines, and the shadows that they cast, too
+ * wide. A light's ray that reaches the bottom by equation 7, but not by the circles of EXACT (ray.h), is given another
+ * parabola: the one that is deepest where the ray is deepest by circles, and as deep there. Below a sphere of the greater
+ * curvature no ray is deeper than below the circles, so rays that reach the bottom even there stay as they are. enters: the
+ * rays that are asked for */
 void follow_circles(ReliefRay *ray, const Entry *e, Vector d, float scale, intl enters)
 {
     const floatl cosine = ray->L * scale, bend = -2.0f * ray->K * scale;
-    const floatl most = fabs(e->a - e->b) + fabs(e->c) - (e->a + e->b); /* no less than the greater curvature */
-    const floatl part = min_lanes(scale * most, (floatl)1.0f), steep = part * (2.0f - part); /* by the sphere */
+    const floatl curvature = fabs(e->a - e->b) + fabs(e->c) - (e->a + e->b); /* no less than the greater one */
+    const floatl part = min_lanes(scale * curvature, (floatl)1.0f);
+    const floatl steep = part * (2.0f - part); /* cosine squared, from which on rays reach the bottom below the sphere */
     const intl reaches = ray->L * ray->L + 4.0f * ray->K >= 0.0f;
     const intl grazes = enters & reaches & (bend * scale > FLAT_MAX) & (cosine * cosine < steep);
     if (!any_lane(grazes))
@@ -142,29 +144,30 @@ void follow_circles(ReliefRay *ray, const Entry *e, Vector d, float scale, intl 
     Vector x_axis, y_axis;
     tangents_of(e, &x_axis, &y_axis);
     const PrincipalCurvatures c = curvatures_of(e, DOT(d, x_axis), DOT(d, y_axis), 1.0f);
-    /* Where its depth's derivative is 0: not before it is deepest in that sphere, nor after it is by equation 7. up and
-     * far: 1 + k1 z before the first circle's part is added to z, and after; left: 1 + k2 z of that. */
+    /* Bisection finds where the derivative of the depth by circles is 0: after the ray is deepest below that sphere, and before it
+     * is by equation 7. up: 1 + k1 z of the ray's point; far: the same with z raised by the first circle's part; around: 1 + k2 z
+     * with that z. */
     floatl before = cosine / c.k2, after = cosine / bend;
     for (int i = 0; i < DEEPEST_HALVINGS; i++) {
         const floatl t = 0.5f * (before + after);
         const floatl up = 1.0f - c.k1 * cosine * t, x_2 = c.w1 * t * t, far = sqrt(up * up + c.k1 * c.k1 * x_2);
-        const floatl left = 1.0f + c.k2 * (c.k1 * x_2 / (up + far) - cosine * t);
-        const intl dives = left * (cosine * up - c.k1 * c.w1 * t) > c.k2 * c.w2 * t * far;
-        before = pick(dives, t, before);
-        after = pick(dives, after, t);
+        const floatl around = 1.0f + c.k2 * (c.k1 * x_2 / (up + far) - cosine * t);
+        const intl dives = around * (cosine * up - c.k1 * c.w1 * t) > c.k2 * c.w2 * t * far;
+        before = select_lanes(dives, t, before);
+        after = select_lanes(dives, after, t);
     }
     const floatl t = 0.5f * (before + after);
     const floatl depth = (t * (cosine - 0.5f * bend * t) - beyond_quadric(&c, -cosine * t, t)) / scale;
     const intl comes_out = grazes & (depth > 0.0f) & (depth < 1.0f);
-    ray->L = pick(comes_out, 2.0f * depth / t, ray->L);
-    ray->K = pick(comes_out, -depth / (t * t), ray->K);
+    ray->L = select_lanes(comes_out, 2.0f * depth / t, ray->L);
+    ray->K = select_lanes(comes_out, -depth / (t * t), ray->K);
 }
 
-/* By its quadric a ray has come out, but it is below the mesh until it leaves that, `distance` after its entry, at
- * `slope` (depth per scene unit). Between, its depth is taken to be the cubic with both places and both slopes.
- * Where that is at the bottom, or deepest, it may be deeper than by the quadric: then the mesh bends less, and the
- * ray is searched by the parabola that rises to there, no steeper than it entered. Which rays are these? share: of
- * the quadric's bending. */
+/* A ray that has escaped, having come out by its quadric, is still below the mesh until it leaves that by a back, `distance`
+ * after its entry, where its depth falls by `slope` per scene unit. Its depth between is estimated by the cubic with the depths
+ * and slopes of both ends. If where the cubic first reaches the bottom, or else is deepest, it is deeper than the quadric
+ * says, the mesh is less curved than its quadric: then the ray gets the parabola through its entry and that point, no steeper at
+ * the entry than before. Returns which rays do; share: of the quadric's curvature that is left. */
 intl follow_mesh(ReliefRay *ray, floatl distance, floatl slope, floatl *share)
 {
     const floatl L = ray->L, leaves = max_lanes(slope, (floatl)0.0f), start = START_DEPTH(ray);
@@ -174,22 +177,22 @@ intl follow_mesh(ReliefRay *ray, floatl distance, floatl slope, floatl *share)
         const float started = rest * rest * (1.0f + 2.0f * part); /* what is left of the depth at the start */
         const floatl now = distance * (part * rest) * (L * rest + leaves * part) + start * started;
         const intl rises = (depth < 1.0f) & (now > depth);
-        const floatl reached = pick(now > 1.0f, (1.0f - before) / (now - before), (floatl)1.0f);
-        t = pick(rises, distance * (i - 1 + reached) * (1.0f / ARC_PARTS), t);
-        depth = pick(rises, min_lanes(now, (floatl)1.0f), depth);
+        const floatl reached = select_lanes(now > 1.0f, (1.0f - before) / (now - before), (floatl)1.0f);
+        t = select_lanes(rises, distance * (i - 1 + reached) * (1.0f / ARC_PARTS), t);
+        depth = select_lanes(rises, min_lanes(now, (floatl)1.0f), depth);
         before = now;
     }
     const intl deeper = (t > 0.0f) & (depth > depth_of(ray, t));
-    depth *= 1.0f + BOTTOM_SLACK;
+    depth *= 1.0f + BOTTOM_TOLERANCE;
     const floatl mean = (depth - start) / t, rise = min_lanes(L, 2.0f * mean), K = (mean - rise) / t;
-    *share = pick(deeper & (ray->K < K), max_lanes(K / ray->K, (floatl)0.0f), (floatl)1.0f);
-    ray->L = pick(deeper, rise, L);
-    ray->K = pick(deeper, K, ray->K);
+    *share = select_lanes(deeper & (ray->K < K), max_lanes(K / ray->K, (floatl)0.0f), (floatl)1.0f);
+    ray->L = select_lanes(deeper, rise, L);
+    ray->K = select_lanes(deeper, K, ray->K);
     use_quadric_depth(ray, deeper);
     return deeper;
 }
 
-/* An entry whose quadric bends less */
+/* An entry whose quadric has a share of its curvature */
 INLINED Entry flattened(Entry e, floatl share)
 {
     e.a *= share;
@@ -210,18 +213,18 @@ floatl texels_of(const Entry *e, int width, int height, floatl size, intl enters
     const floatl u_2 = DOT(e->along_u, e->along_u);
     const floatl v_2 = DOT(e->along_v, e->along_v);
     const floatl texels_2 = max_lanes(u_2 * ((float)width * width), v_2 * ((float)height * height)) * size * size;
-    return pick(enters, texels_2, (floatl)1.0f);
+    return select_lanes(enters, texels_2, (floatl)1.0f);
 }
 
-/* The level of the heights whose texels are as large as such a pixel. Where the surface bends, so that rays may come
- * out again, no level that loses more than a pixel of the relief's height: outlines stay. */
+/* The level of the heights whose texels are as large as such a pixel; on curved surfaces, where rays may come out again, none whose
+ * heights are off by more than a pixel, which would move outlines */
 intl level_of(const Relief *relief, const Entry *e, floatl size, intl enters)
 {
     intl level = level_of_texels(texels_of(e, relief->levels[0], relief->levels[1], size, enters), relief->level_count);
-    const intl bends = (fabs(e->a) + fabs(e->b) + fabs(e->c)) * (relief->quadric * relief->scale) > FLAT_MAX;
+    const intl is_curved = (fabs(e->a) + fabs(e->b) + fabs(e->c)) * (relief->quadric * relief->scale) > FLAT_MAX;
     for (int l = 1; l < relief->level_count && any_lane(level >= l); l++) {
         const float lost = relief->scale * (1.0f / 65535.0f) * relief->levels[l * LEVEL_INTS + HEIGHT_ERROR];
-        level = pick(bends & (size < lost), min(level, (intl)(l - 1)), level);
+        level = select_lanes(is_curved & (size < lost), min(level, (intl)(l - 1)), level);
     }
     return level;
 }

@@ -55,8 +55,8 @@ void cover_back(Layers *layers, const Primitives *t, int lane, int block, int fi
     const intl covered = covered_by(t, lane, first_x, first_y, &n);
     const intl wanted = DEPTH_ALONE ? n > layers->first[block] : layers->escaped[block] & (n < layers->first[block]);
     const intl nearer = covered & wanted & (n > layers->exit[block]);
-    layers->exit[block] = pick(nearer, n, layers->exit[block]);
-    layers->exit_triangle[block] = pick(nearer, (intl)int_lane(t->index, lane), layers->exit_triangle[block]);
+    layers->exit[block] = select_lanes(nearer, n, layers->exit[block]);
+    layers->exit_triangle[block] = select_lanes(nearer, (intl)int_lane(t->index, lane), layers->exit_triangle[block]);
 }
 
 void cover(const Context *context, const Primitives *t, int lane, Region *region, int block, int first_x, int first_y)
@@ -73,9 +73,9 @@ void cover(const Context *context, const Primitives *t, int lane, Region *region
     const intl seen = covered & (n <= context->relief.screen.nearest) & (n > region->nearness[block]) &
                       ((n < searched) | ((n == searched) & (layers->searched_triangle[block] < index)));
     const intl nearer = seen & (n > first);
-    layers->second[block] = pick(nearer, first, pick(seen & (n > second), n, second));
-    layers->first[block] = pick(nearer, n, first);
-    layers->entered[block] = pick(nearer, (intl)index, layers->entered[block]);
+    layers->second[block] = select_lanes(nearer, first, select_lanes(seen & (n > second), n, second));
+    layers->first[block] = select_lanes(nearer, n, first);
+    layers->entered[block] = select_lanes(nearer, (intl)index, layers->entered[block]);
 }
 
 #define FRAGMENTS 1
@@ -104,7 +104,7 @@ EntryRay begin_search(const Context *context, const Region *region, int block, i
 #endif
     entry_ray.share = 1.0f;
     const intl entered = layers->entered[block], enters = entered >= 0;
-    const Entry e = entry_of(relief, pick(enters, entered, (intl)0), x, y);
+    const Entry e = entry_of(relief, select_lanes(enters, entered, (intl)0), x, y);
     set_ray(&s->ray, &e, entry_ray.direction, relief->quadric, relief->scale);
 #if DEPTH_ALONE && DISTANCE == APPROXIMATE
     if (relief->quadric)
@@ -115,15 +115,15 @@ EntryRay begin_search(const Context *context, const Region *region, int block, i
     floatl longest = INFINITY;
     if (by_mesh || WITHIN) {
         const intl leaves = layers->escaped[block] & (layers->exit[block] > EMPTY);
-        const Vector through = minus(point_at(relief->screen, x, y, pick(leaves, layers->exit[block], n)), entry_ray.from);
+        const Vector through = minus(point_at(relief->screen, x, y, select_lanes(leaves, layers->exit[block], n)), entry_ray.from);
         const floatl distance = sqrt(DOT(through, through));
         if (by_mesh) {
-            const Entry exit = entry_of(relief, pick(leaves, layers->exit_triangle[block], (intl)0), x, y);
+            const Entry exit = entry_of(relief, select_lanes(leaves, layers->exit_triangle[block], (intl)0), x, y);
             longest = distance;
             const floatl slope = DOT(entry_ray.direction, exit.normal) / relief->scale;
             searches = leaves & follow_mesh(&s->ray, distance, slope, &entry_ray.share);
         } else {
-            longest = pick(leaves & (ENTRY_DEPTH(&e) > 0.0f), distance, longest);
+            longest = select_lanes(leaves & (ENTRY_DEPTH(&e) > 0.0f), distance, longest);
         }
     }
 #if COUNTERS
@@ -160,15 +160,15 @@ intl keep_hits(const Context *context, int block, const Search *s, EntryRay entr
     const Vector hit = {entry_ray.from.x + t * entry_ray.direction.x, entry_ray.from.y + t * entry_ray.direction.y, entry_ray.from.z + t * entry_ray.direction.z};
     const floatl nearness = nearness_of(context->relief.screen, hit);
     const intl entered = layers->entered[block], nearer = s->searches & s->found & (nearness > so_far);
-    region->nearness[block] = pick(nearer, nearness, so_far);
-    region->owner[block] = pick(nearer, entered, region->owner[block]);
-    layers->t[block] = pick(nearer, t, layers->t[block]);
-    layers->share[block] = pick(nearer, entry_ray.share, layers->share[block]);
+    region->nearness[block] = select_lanes(nearer, nearness, so_far);
+    region->owner[block] = select_lanes(nearer, entered, region->owner[block]);
+    layers->t[block] = select_lanes(nearer, t, layers->t[block]);
+    layers->share[block] = select_lanes(nearer, entry_ray.share, layers->share[block]);
     layers->escaped[block] = s->searches & !s->found;
-    region->u[block] = pick(nearer, s->ray.u + s->ray.du * t, region->u[block]);
-    region->v[block] = pick(nearer, s->ray.v + s->ray.dv * t, region->v[block]);
+    region->u[block] = select_lanes(nearer, s->ray.u + s->ray.du * t, region->u[block]);
+    region->v[block] = select_lanes(nearer, s->ray.v + s->ray.dv * t, region->v[block]);
     const intl more = (entered >= 0) & (layers->second[block] > region->nearness[block]);
-    layers->searched[block] = pick(more, layers->first[block], (floatl)-INFINITY);
+    layers->searched[block] = select_lanes(more, layers->first[block], (floatl)-INFINITY);
     layers->searched_triangle[block] = entered;
     return more;
 }
@@ -218,8 +218,8 @@ void stop_from_below(const Context *context, Region *region, BinList listed)
         if (!any_lane(leaves))
             continue;
         const floatl x = BLOCK_X(region, block), y = BLOCK_Y(region, block);
-        const intl triangle = pick(leaves, layers->exit_triangle[block], (intl)0);
-        const Vector from = point_at(relief->screen, x, y, pick(leaves, layers->exit[block], (floatl)1.0f));
+        const intl triangle = select_lanes(leaves, layers->exit_triangle[block], (intl)0);
+        const Vector from = point_at(relief->screen, x, y, select_lanes(leaves, layers->exit[block], (floatl)1.0f));
         const Vector back = scaled(view_direction(relief->screen, from), (floatl)-1.0f); /* the reversed ray enters there */
         const Entry e = entry_of(relief, triangle, x, y);
         ReliefRay ray;
@@ -234,8 +234,8 @@ void stop_from_below(const Context *context, Region *region, BinList listed)
         const floatl nearness = nearness_of(relief->screen, bottom);
         const intl before = relief->screen.perspective ? (nearness > 0.0f) & (nearness <= relief->screen.nearest) : leaves;
         const intl stops = leaves & ray.at_bottom & before & (nearness > region->nearness[block]);
-        region->nearness[block] = pick(stops, nearness, region->nearness[block]);
-        region->owner[block] = pick(stops, triangle, region->owner[block]);
+        region->nearness[block] = select_lanes(stops, nearness, region->nearness[block]);
+        region->owner[block] = select_lanes(stops, triangle, region->owner[block]);
     }
 }
 #endif

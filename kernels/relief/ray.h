@@ -23,8 +23,8 @@
 #endif
 #define NEVER 1e20f        /* scene units */
 #define TILES_MAX 1e3f    /* that a ray crosses, so that numbers stay small */
-#define BOTTOM_NEAR 1e-5f  /* of the depth: how near the bottom is sought */
-#define BOTTOM_SLACK 1e-3f /* of the depth: what a ray that grazes the bottom may lack */
+#define BOTTOM_PRECISION 1e-5f /* of the depth: within which the bottom is searched */
+#define BOTTOM_TOLERANCE 1e-3f /* of the depth: by how much a ray that grazes the bottom may miss it */
 
 /* A quadric's principal curvatures, and a ray's direction along them */
 typedef struct {
@@ -35,8 +35,8 @@ typedef struct {
 typedef struct {
     floatl u, v, du, dv; /* du, dv per scene unit */
     floatl L, K;         /* depth by equation 7: L t + K t^2 */
-    floatl end;          /* least t > 0 at which the ray is back at depth 0, or at the bottom */
-    intl at_bottom;      /* which of the two */
+    floatl end;          /* least t > 0 at which the ray comes out again, at depth 0, or reaches the bottom */
+    intl at_bottom;      /* it reaches the bottom there */
     intl level;          /* of the map */
 #if WITHIN
     floatl depth; /* where the ray starts; > 0: below the mesh */
@@ -69,8 +69,8 @@ INLINED floatl before_circle(floatl k, floatl x_2, floatl z)
     return k * x_2 / max_lanes(up + sqrt(up * up + k * k * x_2), (floatl)1e-3f);
 }
 
-/* By how much less than by equation 7, in scene units, a point z along the normal lies below circles: one along the
- * first direction is carried around one along the second, as in a torus. */
+/* By how much a ray's point, z along the normal, is less deep below the circles than by equation 7, in scene units. A circle along
+ * the first principal direction is carried around one along the second, as in a torus. */
 INLINED floatl beyond_quadric(const PrincipalCurvatures *c, floatl z, floatl t)
 {
     const floatl t_2 = t * t;
@@ -92,7 +92,7 @@ floatl depth_of(const ReliefRay *ray, floatl t)
     const floatl per = -ray->vz / uz;                                         /* U's tangential part over V's */
     const floatl A = per * per * ray->bend, B = 2.0f * t * per * ray->bend - uz;
     const floatl discriminant = B * B - 4.0f * A * below, root = sqrt(max_lanes(discriminant, (floatl)0.0f));
-    return pick((discriminant >= 0.0f) & (root > B), 2.0f * depth / (root - B), depth);
+    return select_lanes((discriminant >= 0.0f) & (root > B), 2.0f * depth / (root - B), depth);
 }
 #else
 #define depth_of QUADRIC_DEPTH
@@ -102,98 +102,98 @@ floatl depth_of(const ReliefRay *ray, floatl t)
 INLINED void use_quadric_depth(ReliefRay *ray, intl which)
 {
 #if DISTANCE != APPROXIMATE
-    ray->vz = pick(which, (floatl)0.0f, ray->vz);
+    ray->vz = select_lanes(which, (floatl)0.0f, ray->vz);
 #endif
 #if DISTANCE == EXACT
-    ray->curvatures.k1 = pick(which, (floatl)0.0f, ray->curvatures.k1);
-    ray->curvatures.k2 = pick(which, (floatl)0.0f, ray->curvatures.k2);
+    ray->curvatures.k1 = select_lanes(which, (floatl)0.0f, ray->curvatures.k1);
+    ray->curvatures.k2 = select_lanes(which, (floatl)0.0f, ray->curvatures.k2);
 #elif DISTANCE == PERPENDICULAR
-    ray->bend = pick(which, (floatl)0.0f, ray->bend);
+    ray->bend = select_lanes(which, (floatl)0.0f, ray->bend);
 #endif
 }
 
-/* Inactive lanes get a ray that is finite. */
+/* Gives inactive lanes a ray that is finite. */
 void mask_inactive(ReliefRay *ray, intl active)
 {
-    ray->u = pick(active, ray->u, (floatl)0.0f);
-    ray->v = pick(active, ray->v, (floatl)0.0f);
-    ray->du = pick(active, ray->du, (floatl)0.0f);
-    ray->dv = pick(active, ray->dv, (floatl)0.0f);
-    ray->L = pick(active, ray->L, (floatl)1.0f);
-    ray->K = pick(active, ray->K, (floatl)0.0f);
+    ray->u = select_lanes(active, ray->u, (floatl)0.0f);
+    ray->v = select_lanes(active, ray->v, (floatl)0.0f);
+    ray->du = select_lanes(active, ray->du, (floatl)0.0f);
+    ray->dv = select_lanes(active, ray->dv, (floatl)0.0f);
+    ray->L = select_lanes(active, ray->L, (floatl)1.0f);
+    ray->K = select_lanes(active, ray->K, (floatl)0.0f);
 #if WITHIN
-    ray->depth = pick(active, ray->depth, (floatl)0.0f);
+    ray->depth = select_lanes(active, ray->depth, (floatl)0.0f);
 #endif
 #if DISTANCE != APPROXIMATE
-    ray->vz = pick(active, ray->vz, (floatl)-0.5f);
+    ray->vz = select_lanes(active, ray->vz, (floatl)-0.5f);
 #endif
 #if DISTANCE == EXACT
     PrincipalCurvatures *c = &ray->curvatures;
-    c->k1 = pick(active, c->k1, (floatl)0.0f);
-    c->k2 = pick(active, c->k2, (floatl)0.0f);
-    c->w1 = pick(active, c->w1, (floatl)0.0f);
-    c->w2 = pick(active, c->w2, (floatl)0.0f);
+    c->k1 = select_lanes(active, c->k1, (floatl)0.0f);
+    c->k2 = select_lanes(active, c->k2, (floatl)0.0f);
+    c->w1 = select_lanes(active, c->w1, (floatl)0.0f);
+    c->w2 = select_lanes(active, c->w2, (floatl)0.0f);
 #elif DISTANCE == PERPENDICULAR
-    ray->bend = pick(active, ray->bend, (floatl)0.0f);
+    ray->bend = select_lanes(active, ray->bend, (floatl)0.0f);
 #endif
 }
 
 #if WITHIN
-/* Where rays leave that start below the mesh, and may rise: by the first of the two ways. What comes out of a hollow by
- * less than the relief's depth and sinks again does not leave: the mesh may be above it all the way. */
+/* Where rays end that start below the mesh, and may rise: where they come out or reach the bottom, whichever is first. A ray that
+ * comes out by less than the relief's depth and sinks again does not end there: the mesh may be above it all along. */
 void set_end_within(ReliefRay *ray)
 {
     const floatl L = ray->L, K = ray->K, depth = ray->depth, below = 1.0f - depth;
     const floatl sinks = L * L + 4.0f * K * below, rises = L * L - 4.0f * K * depth; /* discriminants */
     const floatl to_sink = sqrt(max_lanes(sinks, (floatl)0.0f)) + L, root = sqrt(max_lanes(rises, (floatl)0.0f));
-    const floatl out_at = pick(L > 0.0f, -0.5f * (L + root) / K, 2.0f * depth / (root - L));
+    const floatl out_at = select_lanes(L > 0.0f, -0.5f * (L + root) / K, 2.0f * depth / (root - L));
     const intl comes_out = (rises >= max_lanes(4.0f * K, (floatl)0.0f)) & ((L <= 0.0f) | (K < 0.0f));
     const intl hits = (sinks >= 0.0f) & (to_sink > 0.0f);
-    const floatl out = min_lanes(pick(comes_out, out_at, (floatl)NEVER), (floatl)NEVER);
-    const floatl bottom = min_lanes(pick(hits, 2.0f * below / to_sink, (floatl)NEVER), (floatl)NEVER);
+    const floatl out = min_lanes(select_lanes(comes_out, out_at, (floatl)NEVER), (floatl)NEVER);
+    const floatl bottom = min_lanes(select_lanes(hits, 2.0f * below / to_sink, (floatl)NEVER), (floatl)NEVER);
     const intl within = depth > 0.0f;
-    ray->end = pick(within, min_lanes(out, bottom), ray->end);
-    ray->at_bottom = pick(within, bottom < out, ray->at_bottom);
+    ray->end = select_lanes(within, min_lanes(out, bottom), ray->end);
+    ray->at_bottom = select_lanes(within, bottom < out, ray->at_bottom);
 }
 #endif
 
-/* Where the ray leaves (section 3.3). */
+/* Where the ray ends: comes out again, or reaches the bottom (section 3.3). */
 void set_end(ReliefRay *ray)
 {
     const floatl discriminant = ray->L * ray->L + 4.0f * ray->K;
     ray->at_bottom = discriminant >= 0.0f;
-    ray->end = pick(ray->at_bottom, 2.0f / (ray->L + sqrt(fmax(discriminant, (floatl)0.0f))), -ray->L / ray->K);
+    ray->end = select_lanes(ray->at_bottom, 2.0f / (ray->L + sqrt(fmax(discriminant, (floatl)0.0f))), -ray->L / ray->K);
 #if DISTANCE == EXACT
-    /* Depths are less than by equation 7, so the bottom is reached later, or never. Newton's method, along a chord */
-    floatl t = pick(ray->at_bottom, ray->end, (floatl)0.0f);
+    /* Depths are less than by equation 7, so the bottom is reached later, or never: the secant method */
+    floatl t = select_lanes(ray->at_bottom, ray->end, (floatl)0.0f);
     intl reaches = ray->at_bottom;
-    for (int i = 0; i < 8 && any_lane(reaches & (depth_of(ray, t) < 1.0f - BOTTOM_NEAR)); i++) {
+    for (int i = 0; i < 8 && any_lane(reaches & (depth_of(ray, t) < 1.0f - BOTTOM_PRECISION)); i++) {
         const floatl step = 1e-3f * t, depth = depth_of(ray, t), rise = depth_of(ray, t + step) - depth;
         reaches = reaches & ((rise > 0.0f) | (depth >= 1.0f));
-        t = pick(reaches & (rise > 0.0f), t + max_lanes(1.0f - depth, (floatl)0.0f) * step / rise, t);
+        t = select_lanes(reaches & (rise > 0.0f), t + max_lanes(1.0f - depth, (floatl)0.0f) * step / rise, t);
     }
-    reaches = reaches & (depth_of(ray, t) >= 1.0f - BOTTOM_SLACK);
-    /* And it is out again earlier. */
-    floatl inside = 0.0f, beyond = pick(ray->K < 0.0f, -ray->L / ray->K, ray->end);
+    reaches = reaches & (depth_of(ray, t) >= 1.0f - BOTTOM_TOLERANCE);
+    /* And the ray comes out earlier: bisection */
+    floatl inside = 0.0f, beyond = select_lanes(ray->K < 0.0f, -ray->L / ray->K, ray->end);
     for (int i = 0; i < 20 && any_lane(!reaches); i++) {
         const floatl middle = 0.5f * (inside + beyond);
         const intl in = depth_of(ray, middle) > 0.0f;
-        inside = pick(in, middle, inside);
-        beyond = pick(in, beyond, middle);
+        inside = select_lanes(in, middle, inside);
+        beyond = select_lanes(in, beyond, middle);
     }
-    ray->end = pick(reaches, t, pick(ray->K < 0.0f, beyond, ray->end));
+    ray->end = select_lanes(reaches, t, select_lanes(ray->K < 0.0f, beyond, ray->end));
     ray->at_bottom = reaches | (ray->at_bottom & (ray->K >= 0.0f));
 #elif DISTANCE == PERPENDICULAR
-    /* Before the ray is deepest, if at all */
-    floatl before = 0.0f, after = pick(ray->K < 0.0f, -0.5f * ray->L / ray->K, 4.0f * ray->end);
+    /* The bottom is reached before the ray is deepest, if at all: bisection */
+    floatl before = 0.0f, after = select_lanes(ray->K < 0.0f, -0.5f * ray->L / ray->K, 4.0f * ray->end);
     const intl reaches = depth_of(ray, after) >= 1.0f;
     for (int i = 0; i < 20; i++) {
         const floatl middle = 0.5f * (before + after);
         const intl below = depth_of(ray, middle) >= 1.0f;
-        after = pick(below, middle, after);
-        before = pick(below, before, middle);
+        after = select_lanes(below, middle, after);
+        before = select_lanes(below, before, middle);
     }
-    ray->end = pick(reaches, after, pick(ray->K < 0.0f, -ray->L / ray->K, ray->end));
+    ray->end = select_lanes(reaches, after, select_lanes(ray->K < 0.0f, -ray->L / ray->K, ray->end));
     ray->at_bottom = reaches | (ray->at_bottom & (ray->K >= 0.0f));
 #endif
 #if WITHIN

@@ -79,19 +79,19 @@ kernel void draw_relief(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *f
             continue;
         Color shade = {0.0f, 0.0f, 0.0f};
         if (!DEPTH_ALONE && any_lane(mine)) {
-            const floatl u = pick(mine, region.u[block], (floatl)0.0f), v = pick(mine, region.v[block], (floatl)0.0f);
+            const floatl u = select_lanes(mine, region.u[block], (floatl)0.0f), v = select_lanes(mine, region.v[block], (floatl)0.0f);
             const floatl px = BLOCK_X(&region, block), py = BLOCK_Y(&region, block), n = region.nearness[block];
-            const Entry e = flattened(entry_of(&relief, pick(mine, owner, (intl)0), px, py), layers.share[block]);
+            const Entry e = flattened(entry_of(&relief, select_lanes(mine, owner, (intl)0), px, py), layers.share[block]);
             const floatl size = PIXEL_SIZE(&relief, n);
 #if LIT || ANISOTROPIC
-            const floatl t = pick(mine, layers.t[block], (floatl)0.0f);
+            const floatl t = select_lanes(mine, layers.t[block], (floatl)0.0f);
             const ShadingPoint shading = shading_point_at(&relief, &e, px, py, n, u, v, t, mine);
 #endif
 #if ANISOTROPIC
             const UvSteps over = relief_uv_steps(&relief, &e, &shading, n, anisotropy);
             const Footprint f = footprint_of(over, color_width, color_height, mine);
 #else
-            const Footprint f = even_footprint(texels_of(&e, color_width, color_height, size, mine));
+            const Footprint f = isotropic_footprint(texels_of(&e, color_width, color_height, size, mine));
 #endif
             add_footprint(colors, u, v, f, level_of_texels(f.texels_2, color_levels), color_width, color_height, 1.0f / 255.0f,
                           &shade);

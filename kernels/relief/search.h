@@ -4,7 +4,7 @@
  * 3.4). The surface lies at depth 1 - height.
  *
  * texels: lib/heights.h. bounds: 65535ths, two a word. Tier 0 is the greatest height of each cell between 2x2 texels,
- * the next that of 2x2 cells, and so on; BOUND_AT is each one's place. levels: (levels, LEVEL_INTS) ints: width,
+ * the next that of 2x2 cells, and so on, a maximum mipmap (Tevs et al. 2008); BOUND_AT is each one's place. levels: (levels, LEVEL_INTS) ints: width,
  * height, start in texels; of the bounds number of tiers, start, log2 of the rows' length, and span; last, how far at
  * most the level's heights are from the first's, in 65535ths.
  */
@@ -65,8 +65,8 @@ INLINED Track track_of(const ReliefRay *ray, global const int *levels)
 typedef struct {
     ReliefRay ray;
     Track track;
-    intl searches; /* from the start, */
-    intl active;   /* and still */
+    intl searches; /* which lanes search, */
+    intl active;   /* and which of them have not come to an end */
     intl found;
     floatl t; /* so far; in the end, where it is found */
     intl tier, tiers, start, pitch, span; /* safe: of the bounds */
@@ -99,7 +99,7 @@ INLINED void linear_search(Search *searches, int count, global const uint *texel
     UNROLLED
     for (int k = 0; k < count; k++) {
         step[k] = searches[k].ray.end * (1.0f / steps);
-        after[k] = pick(searches[k].active, (floatl)INFINITY, (floatl)-INFINITY);
+        after[k] = select_lanes(searches[k].active, (floatl)INFINITY, (floatl)-INFINITY);
     }
     for (int i = 1; i <= steps; i++) {
         int going = 0;
@@ -110,7 +110,7 @@ INLINED void linear_search(Search *searches, int count, global const uint *texel
             if (!any_lane(above))
                 continue;
             COUNT_STEP(searches + k, above)
-            const floatl now = pick(is_below(searches + k, texels, t), t, (floatl)INFINITY);
+            const floatl now = select_lanes(is_below(searches + k, texels, t), t, (floatl)INFINITY);
             after[k] = min_lanes(now, after[k]);
             going = 1;
         }
@@ -122,8 +122,8 @@ INLINED void linear_search(Search *searches, int count, global const uint *texel
         Search *s = searches + k;
         const intl meets = isfinite_lanes(after[k]);
         s->found = s->active & (meets | s->ray.at_bottom);
-        after[k] = pick(meets, after[k], s->ray.end);
-        before[k] = pick(meets, after[k] - step[k], after[k]); /* others stay */
+        after[k] = select_lanes(meets, after[k], s->ray.end);
+        before[k] = select_lanes(meets, after[k] - step[k], after[k]); /* others stay */
         any_meets[k] = any_lane(meets);
     }
     for (int i = 0; i < halvings; i++)
@@ -134,8 +134,8 @@ INLINED void linear_search(Search *searches, int count, global const uint *texel
             const floatl t = 0.5f * (before[k] + after[k]);
             COUNT_STEP(searches + k, searches[k].active & (before[k] < after[k]))
             const intl below = is_below(searches + k, texels, t);
-            after[k] = pick(below, t, after[k]);
-            before[k] = pick(below, before[k], t);
+            after[k] = select_lanes(below, t, after[k]);
+            before[k] = select_lanes(below, before[k], t);
         }
     UNROLLED
     for (int k = 0; k < count; k++)
@@ -156,18 +156,18 @@ intl solve_cell(Search *s, Patch p, floatl fx, floatl fy, floatl leaves, intl tr
     for (int part = 0; part <= CELL_PARTS; part++) {
         const floatl z = t + (leaves - t) * (part * (1.0f / CELL_PARTS)), gx = fx + dx * (z - t), gy = fy + dy * (z - t);
         const intl now = !within & (depth_of(ray, z) >= 1.0f - (corner + slope_x * gx + slope_y * gy + twist * gx * gy));
-        after = pick(within, after, z);
+        after = select_lanes(within, after, z);
         within = within | now;
-        before = pick(within, before, z);
+        before = select_lanes(within, before, z);
     }
     for (int part = 0; part < 8; part++) {
         const floatl z = 0.5f * (before + after), gx = fx + dx * (z - t), gy = fy + dy * (z - t);
         const intl now = depth_of(ray, z) >= 1.0f - (corner + slope_x * gx + slope_y * gy + twist * gx * gy);
-        after = pick(now, z, after);
-        before = pick(now, before, z);
+        after = select_lanes(now, z, after);
+        before = select_lanes(now, before, z);
     }
     const intl met = tries & within;
-    s->t = pick(met, after, t);
+    s->t = select_lanes(met, after, t);
 #else
     /* Ray less surface is F0 + F1 ahead + F2 ahead^2, F0 < 0 above the surface. */
     const floatl F0 = depth_of(ray, t) - 1.0f + corner + slope_x * fx + slope_y * fy + twist * fx * fy;
@@ -177,7 +177,7 @@ intl solve_cell(Search *s, Patch p, floatl fx, floatl fy, floatl leaves, intl tr
     const floatl ahead = 2.0f * F0 / (-F1 - sqrt(max_lanes(discriminant, (floatl)0.0f)));
     const intl crosses = (discriminant >= 0.0f) & (ahead >= 0.0f) & (ahead <= (leaves - t) + s->nudge);
     const intl met = tries & ((F0 >= 0.0f) | crosses);
-    s->t = pick(met, min_lanes(t + pick(F0 >= 0.0f, (floatl)0.0f, ahead), ray->end), t);
+    s->t = select_lanes(met, min_lanes(t + select_lanes(F0 >= 0.0f, (floatl)0.0f, ahead), ray->end), t);
 #endif
     return met;
 }
@@ -188,8 +188,8 @@ intl solve_cell(Search *s, Patch p, floatl fx, floatl fy, floatl leaves, intl tr
 INLINED floatl time_to_side(intl number, intl side, intl count, floatl d, floatl from, floatl per)
 {
     const intl before = number < 0, forward = d >= 0.0f;
-    const floatl t = (to_floatl(pick(before, (intl)0, side)) - from) * per;
-    return pick(pick(forward, side == count, before), (floatl)NEVER, t);
+    const floatl t = (to_floatl(select_lanes(before, (intl)0, side)) - from) * per;
+    return select_lanes(select_lanes(forward, side == count, before), (floatl)NEVER, t);
 }
 #endif
 
@@ -208,8 +208,8 @@ void safe_step(Search *s, global const uint *texels, global const uint *bounds)
     const intl pair = as_intl((uintl)(gather(bounds, pair_at))), bound = (pair >> ((bound_at & 1) << 4)) & 0xffff;
     const floatl highest = to_floatl(bound) * (1.0f / 65535.0f);
     const intl first_x = column << tier, first_y = row << tier, one = (intl)1 << tier;
-    const intl side_x = pick(dx >= 0.0f, min(first_x + one, width), first_x);
-    const intl side_y = pick(dy >= 0.0f, min(first_y + one, height), first_y);
+    const intl side_x = select_lanes(dx >= 0.0f, min(first_x + one, width), first_x);
+    const intl side_y = select_lanes(dy >= 0.0f, min(first_y + one, height), first_y);
 #if CLAMPED_U
     const floatl t_x = time_to_side(ix, side_x, width, dx, s->from_x, s->per_x);
 #else
@@ -226,9 +226,9 @@ void safe_step(Search *s, global const uint *texels, global const uint *bounds)
     const floatl deepest = max_lanes(max_lanes(QUADRIC_DEPTH(ray, t), QUADRIC_DEPTH(ray, leaves)), QUADRIC_DEPTH(ray, turn));
     const intl is_free = deepest < 1.0f - highest, at_leaf = tier == 0, solves = s->active & !is_free & at_leaf;
     /* Up a tier where the ray leaves the parent, too. */
-    const intl by_x = t_x <= t_y, index = pick(by_x, column, row);
-    const intl forward = pick(by_x, dx, dy) > 0.0f, odd = (index & 1) != 0;
-    const intl ends = pick(by_x, side_x == width, side_y == height);
+    const intl by_x = t_x <= t_y, index = select_lanes(by_x, column, row);
+    const intl forward = select_lanes(by_x, dx, dy) > 0.0f, odd = (index & 1) != 0;
+    const intl ends = select_lanes(by_x, side_x == width, side_y == height);
     const intl up = (forward & (odd | ends)) | (!forward & !odd);
     intl met = 0;
     COUNT_STEP(s, s->active)
@@ -237,8 +237,8 @@ void safe_step(Search *s, global const uint *texels, global const uint *bounds)
     s->found = s->found | met;
     s->active = s->active & !met;
     const intl passes = s->active & (is_free | at_leaf);
-    s->t = pick(passes, leaves, s->t);
-    s->tier = pick(passes, tier + pick(up, (intl)1, (intl)0), pick(s->active, tier - 1, tier));
+    s->t = select_lanes(passes, leaves, s->t);
+    s->tier = select_lanes(passes, tier + select_lanes(up, (intl)1, (intl)0), select_lanes(s->active, tier - 1, tier));
     s->tier = min(s->tier, s->tiers - 1);
     s->active = s->active & (s->t < ray->end);
 }
@@ -254,14 +254,14 @@ INLINED void safe_search(Search *searches, int count, global const uint *texels,
         const floatl K = s->ray.K;
         const intl still_x = !(fabs(s->track.dx) * s->ray.end >= AXIS_PARALLEL);
         const intl still_y = !(fabs(s->track.dy) * s->ray.end >= AXIS_PARALLEL);
-        s->track.dx = pick(still_x, (floatl)0.0f, s->track.dx);
-        s->track.dy = pick(still_y, (floatl)0.0f, s->track.dy);
-        s->per_x = pick(still_x, (floatl)NEVER, 1.0f / s->track.dx);
-        s->per_y = pick(still_y, (floatl)NEVER, 1.0f / s->track.dy);
-        s->from_x = pick(still_x, s->track.x - 1.0f, s->track.x);
-        s->from_y = pick(still_y, s->track.y - 1.0f, s->track.y);
+        s->track.dx = select_lanes(still_x, (floatl)0.0f, s->track.dx);
+        s->track.dy = select_lanes(still_y, (floatl)0.0f, s->track.dy);
+        s->per_x = select_lanes(still_x, (floatl)NEVER, 1.0f / s->track.dx);
+        s->per_y = select_lanes(still_y, (floatl)NEVER, 1.0f / s->track.dy);
+        s->from_x = select_lanes(still_x, s->track.x - 1.0f, s->track.x);
+        s->from_y = select_lanes(still_y, s->track.y - 1.0f, s->track.y);
         s->nudge = NUDGE * min_lanes(fabs(s->per_x), fabs(s->per_y));
-        s->peak = pick(K < 0.0f, -0.5f * s->ray.L / K, (floatl)INFINITY); /* deepest there */
+        s->peak = select_lanes(K < 0.0f, -0.5f * s->ray.L / K, (floatl)INFINITY); /* deepest there */
         s->tiers = table_at(levels, s->ray.level, 3);
         s->start = table_at(levels, s->ray.level, 4);
         s->pitch = table_at(levels, s->ray.level, 5);
@@ -284,7 +284,7 @@ INLINED void safe_search(Search *searches, int count, global const uint *texels,
     }
     UNROLLED
     for (int k = 0; k < count; k++) { /* what has met nothing has come to the end */
-        searches[k].t = pick(searches[k].found, searches[k].t, searches[k].ray.end);
+        searches[k].t = select_lanes(searches[k].found, searches[k].t, searches[k].ray.end);
         searches[k].found = searches[k].found | searches[k].ray.at_bottom;
     }
 }

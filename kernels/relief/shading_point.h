@@ -5,7 +5,7 @@
 #include "lib/light.h"
 #include "relief/entry.h"
 
-/* A point on the relief: its place on the maps, and the ray that met it, t after its entry */
+/* The points of the relief that LANES pixels show: their places on the maps, and the rays, whose hits lie t after their entries */
 typedef struct {
     ReliefRay place; /* u, v, level */
     Track track;
@@ -69,7 +69,7 @@ INLINED void rises_at(global const uint *texels, HeightMap map, floatl x, floatl
     *down = p.ba - p.aa + (x - x0) * twist;
 }
 
-/* By how much u and v change over a pixel: on the plane that touches the relief where the pixel sees it */
+/* By how much u and v change over a pixel: on the tangent plane of the relief where the pixel sees it */
 INLINED UvSteps relief_uv_steps(const Relief *relief, const Entry *e, const ShadingPoint *shading, floatl n, int anisotropy)
 {
     floatl across, down;
@@ -93,7 +93,7 @@ INLINED Vector relief_normal_by_map(Vector normal, const Entry *e, Vector part)
 {
     Vector x, y;
     tangents_of(e, &x, &y);
-    const floatl across = pick(DOT(e->along_v, y) < 0.0f, (floatl)-1.0f, (floatl)1.0f) * part.y; /* v may run against y */
+    const floatl across = select_lanes(DOT(e->along_v, y) < 0.0f, (floatl)-1.0f, (floatl)1.0f) * part.y; /* v may run against y */
     const Vector tilted = {part.z * normal.x + part.x * x.x + across * y.x, part.z * normal.y + part.x * x.y + across * y.y,
                            part.z * normal.z + part.x * x.z + across * y.z};
     return normalized(tilted);

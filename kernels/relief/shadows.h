@@ -12,15 +12,14 @@
 #if SHADOWED
 /* From a point of the relief to the light, as far as the relief around the point reaches */
 typedef struct {
-    ReliefRay ray;       /* the other way round: from where it leaves the relief down to the point */
+    ReliefRay ray;       /* reversed: from where it leaves the relief down to the point */
     Vector exit, normal; /* where it leaves, and the base's normal there */
-    intl sound, leaves;
+    intl is_valid, leaves; /* whether it may be searched, and whether it leaves the relief */
     floatl distance;   /* from the point to there, in scene units */
 } LightRay;
 
-/* Depths are below the quadric of the point's own entry, by equation 7: the point is on its surface to the last bit
- * (about there, if it was found by the mesh: entry.h, follow_mesh), and the light's ray enters where that quadric's
- * depth is 0. */
+/* Depths are by equation 7, below the quadric of the point's own entry. So the point lies on the relief to the last bit (nearly, if
+ * it was found by the mesh: entry.h, follow_mesh), and the light's ray leaves where it is at depth 0 below that quadric. */
 LightRay light_ray(const Relief *relief, const Entry *e, const ShadingPoint *shading, Vector light)
 {
     LightRay made;
@@ -39,7 +38,7 @@ LightRay light_ray(const Relief *relief, const Entry *e, const ShadingPoint *sha
     const floatl K = bends * quadric_form(e, lx, ly, lx, ly) * per_scale;
     const floatl discriminant = slope * slope - 4.0f * K * depth, divisor = sqrt(max_lanes(discriminant, (floatl)0.0f)) - slope;
     made.leaves = (discriminant >= 0.0f) & (divisor > 0.0f);
-    const floatl distance = pick(made.leaves, 2.0f * depth / divisor, (floatl)0.0f), lift = (found - depth) * scale;
+    const floatl distance = select_lanes(made.leaves, 2.0f * depth / divisor, (floatl)0.0f), lift = (found - depth) * scale;
     made.distance = distance;
     made.exit.x = shading->point.x + lift * e->normal.x + distance * light.x;
     made.exit.y = shading->point.y + lift * e->normal.y + distance * light.y;
@@ -71,7 +70,7 @@ LightRay light_ray(const Relief *relief, const Entry *e, const ShadingPoint *sha
     ray->bend = (floatl)0.0f;
     ray->scale = scale;
 #endif
-    made.sound = (distance > 0.0f) & (ray->L > 0.0f) & is_finite_ray(ray);
+    made.is_valid = (distance > 0.0f) & (ray->L > 0.0f) & is_finite_ray(ray);
     return made;
 }
 
@@ -80,7 +79,7 @@ intl is_shadowed(const Relief *relief, const LightRay *light, intl wanted)
 {
     Search search, *s = &search;
     s->ray = light->ray;
-    mask_inactive(&s->ray, light->sound & wanted);
+    mask_inactive(&s->ray, light->is_valid & wanted);
     set_end(&s->ray);
     s->track = track_of(&s->ray, relief->levels);
     /* Up to the point, but for what the searches may err by */
@@ -88,7 +87,7 @@ intl is_shadowed(const Relief *relief, const LightRay *light, intl wanted)
     const floatl end = light->distance - 2.0f * NUDGE * per_texel;
     s->ray.at_bottom = s->ray.at_bottom & (s->ray.end < end);
     s->ray.end = min_lanes(s->ray.end, end);
-    s->searches = s->active = light->sound & wanted & (end > 0.0f);
+    s->searches = s->active = light->is_valid & wanted & (end > 0.0f);
 #if COUNTERS
     s->taken = 0;
 #endif
@@ -99,11 +98,11 @@ intl is_shadowed(const Relief *relief, const LightRay *light, intl wanted)
 /* How far is a point of the relief in sight of the light, 0 to 1? own: the surface's normal there; faces: where it
  * matters; hidden_by: MAPPED or SEARCHED; flat_base: all rays find the relief in one place.
  *
- * The light's map has been drawn by its own rays, by the normals and quadrics where these enter. Where the base
- * bends, even from facet to facet, they find the relief elsewhere than the picture's rays, and would shade it by
- * itself; so they do below an edge that juts out, where a light's ray enters by one side what the picture shows by
- * the other. So a search from the point decides what the relief around it hides, and the map what hides the place
- * where the search ends. A ray that by the quadric never leaves the relief, as along a saddle, is left to the map. */
+ * The light's map is drawn by the light's own rays, with the normals and quadrics where these enter. Where the base is
+ * curved, or has facets, they find the relief elsewhere than the picture's rays, and it would shade itself; and so it would
+ * below an edge that juts out, where the light's rays enter on one side of the edge and the picture's on the other. So a
+ * search from the point decides whether the relief around hides it, and the map whether anything hides the place where the
+ * ray leaves the relief. A ray that by the quadric never leaves it, as along a saddle, is left to the map. */
 INLINED floatl in_sight(const Relief *relief, const Entry *e, const ShadingPoint *shading, Vector own, Light light, intl faces,
                         int hidden_by, int flat_base SHADOW_PARAMETERS)
 {
@@ -127,7 +126,7 @@ INLINED floatl in_sight(const Relief *relief, const Entry *e, const ShadingPoint
         if (!any_lane(wanted))
             return mapped;
     }
-    return pick(wanted, pick(is_shadowed(relief, &ray, wanted), (floatl)0.0f, outside), mapped);
+    return select_lanes(wanted, select_lanes(is_shadowed(relief, &ray, wanted), (floatl)0.0f, outside), mapped);
 }
 #endif
 #endif

@@ -3,8 +3,8 @@
  *
  * A pixel walks the slices of its ray's part of the object's box from front to back and stops at the first point that
  * passes the test of every view: behind the surface that the view's depth image displaces (SILHOUETTES 0), or inside
- * its silhouette (SILHOUETTES 1). A view's surface is bilinear in nearness; where the view saw background, it is at
- * FARTHEST.
+ * its silhouette (SILHOUETTES 1). A view's surface is bilinear in nearness; where the view saw background,
+ * it lies as far off as the box reaches, and where it knows of no depth, as near.
  *
  * Deviations from the paper: the slices are met per pixel instead of drawn as polygons, so the stencil passes become
  * one loop; `halvings` bring the point that passes closer to the surface than its slice; `visible` colours by the views
@@ -25,7 +25,7 @@
 kernel void draw_object(PICTURE_PARAMETERS, Screen screen, global const float *matrices, global const int *sizes,
                         global const float *maps, global const uint *colors, global const int *order,
                         global const float *closeness, Box box, int slices_axis,
-                        int halvings /* of the way back to the slice before, once one has passed */,
+                        int halvings /* of the interval to the slice before, once one has passed */,
                         int finds_thin /* 1: what is thinner than slices lie apart, too */,
                         int visible /* 1: colours are of views that see the points, if there are any */,
                         int unknown /* 1: points beside an image pass its test */,
@@ -54,14 +54,14 @@ kernel void draw_object(PICTURE_PARAMETERS, Screen screen, global const float *m
     };
     const WorldRay ray = world_ray(screen, BLOCK_X(&region, 0), BLOCK_Y(&region, 0));
     const floatl so_far = region.nearness[0];
-    const floatl drawn = pick(so_far <= EMPTY, (floatl)INFINITY, DEPTH_OF(screen.perspective, so_far));
+    const floatl drawn = select_lanes(so_far <= EMPTY, (floatl)INFINITY, DEPTH_OF(screen.perspective, so_far));
     const RaySegment segment = segment_in_box(box, &ray, screen.perspective ? 1.0f / screen.nearest : 0.0f, slices_axis);
     floatl hit = 0.0f;
     intl tests = 0, found = intersect_object(&views, &ray, segment, drawn, halvings, finds_thin, &hit, &tests);
     const floatl nearness = DEPTH_OF(screen.perspective, hit);
     found = found & (nearness > so_far); /* of things that are equally near, the first stays */
-    region.nearness[0] = pick(found, nearness, so_far);
-    region.owner[0] = pick(found, (intl)0, (intl)-1);
+    region.nearness[0] = select_lanes(found, nearness, so_far);
+    region.owner[0] = select_lanes(found, (intl)0, (intl)-1);
     Color shade = {0.0f, 0.0f, 0.0f}, normal = shade;
     if (any_lane(found)) {
         const Blend blend = blend_at(&views, &ray, segment, hit, halvings, found, &tests);

@@ -47,7 +47,7 @@ RaySegment segment_in_box(Box box, const WorldRay *ray, floatl from, int slices_
         const float *r = box.from_world + 4 * k;
         const Linear side = {r[0] * ray->x.fixed + r[1] * ray->y.fixed + r[2] * ray->z.fixed + r[3],
                              r[0] * ray->x.sloped + r[1] * ray->y.sloped + r[2] * ray->z.sloped};
-        const floatl sloped = pick(fabs(side.sloped) < 1e-20f, (floatl)1e-20f, side.sloped);
+        const floatl sloped = select_lanes(fabs(side.sloped) < 1e-20f, (floatl)1e-20f, side.sloped);
         const floatl at_0 = -side.fixed / sloped, at_1 = (1.0f - side.fixed) / sloped;
         segment.front = max_lanes(min_lanes(at_0, at_1), segment.front);
         segment.back = clamp_lanes(at_0, at_1, segment.back);
@@ -68,8 +68,8 @@ void refine_object_hit(const Views *views, const ViewRay *rays, RaySegment segme
         const floatl middle = 0.5f * (before + *hit);
         intl passed = 0;
         const intl inside = inside_all(views, rays, middle, found, &passed, tests);
-        *hit = pick(inside, middle, *hit);
-        before = pick(inside, before, middle);
+        *hit = select_lanes(inside, middle, *hit);
+        before = select_lanes(inside, before, middle);
     }
 }
 
@@ -86,10 +86,10 @@ intl intersect_between(const Views *views, const ViewRay *rays, RaySegment segme
         intl here = 0;
         const intl inside = inside_all(views, rays, middle, crossed & !found, &here, tests);
         const intl behind = here == passed;
-        *hit = pick(inside, middle, *hit);
+        *hit = select_lanes(inside, middle, *hit);
         found = found | inside;
-        after = pick(behind, middle, after);
-        before = pick(behind, before, middle);
+        after = select_lanes(behind, middle, after);
+        before = select_lanes(behind, before, middle);
     }
     return found;
 }
@@ -105,10 +105,10 @@ intl intersect_object(const Views *views, const WorldRay *ray, RaySegment segmen
     for (int i = 0; i < VIEWS; i++)
         rays[i] = view_ray(views->matrices + 16 * views->order[i], ray);
     const intl rises = segment.number.sloped > 0.0f;
-    const floatl step = pick(rises, (floatl)1.0f, (floatl)-1.0f), per_slice = 1.0f / segment.number.sloped;
+    const floatl step = select_lanes(rises, (floatl)1.0f, (floatl)-1.0f), per_slice = 1.0f / segment.number.sloped;
     const floatl number_max = segment.number_max, s_front = clamp_lanes(AT(segment.number, segment.front), -number_max, number_max);
     const floatl back = min_lanes(drawn + fabs(per_slice), segment.back); /* halvings bring a point forward by up to a slice */
-    floatl slice = segment.alone ? (floatl)(float)segment.only : pick(rises, ceil_lanes(s_front), floor_lanes(s_front));
+    floatl slice = segment.alone ? (floatl)(float)segment.only : select_lanes(rises, ceil_lanes(s_front), floor_lanes(s_front));
     for (int remaining = segment.alone ? 0 : 2 * segment.number_max; remaining >= 0; remaining--, slice += step) {
         const floatl z = (slice - segment.number.fixed) * per_slice;
         searches = searches & !found & (z <= back);
@@ -116,12 +116,12 @@ intl intersect_object(const Views *views, const WorldRay *ray, RaySegment segmen
             break;
         intl passed = 0;
         const intl active = searches & (z >= segment.front), inside = inside_all(views, rays, z, active, &passed, tests);
-        *hit = pick(inside, z, *hit);
+        *hit = select_lanes(inside, z, *hit);
         found = found | inside;
         const intl crossed = active & !inside & (passed != last);
         if (finds_thin && any_lane(crossed))
             found = found | intersect_between(views, rays, segment, z, fabs(per_slice), halvings, crossed, passed, hit, tests);
-        last = pick(active, passed, last);
+        last = select_lanes(active, passed, last);
     }
     refine_object_hit(views, rays, segment, fabs(per_slice), halvings, found, hit, tests);
     return found;

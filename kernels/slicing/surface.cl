@@ -43,27 +43,27 @@ typedef struct {
     floatl z;
 } SliceHit;
 
-/* The alpha test at z, where `tries`; it cannot pass where not `inside` */
+/* The alpha test of the points at depth z of the rays that are `tested`; only points `inside` the tetrahedron pass. */
 void test_at(const Context *context, const Tetrahedron *t, const Region *region, int block, SliceHit *hit, floatl z, intl tested, intl inside)
 {
     if (!any_lane(tested))
         return;
     const floatl alpha = height_at(context->heights, context->map_width, context->map_height, AT(hit->u, z), AT(hit->v, z));
-    const floatl above = AT(hit->h, z), h = pick(above > t->height_rounding, above, (floatl)0.0f);
+    const floatl above = AT(hit->h, z), h = select_lanes(above > t->height_rounding, above, (floatl)0.0f);
     const intl passed = tested & inside & passes(context->test, alpha, h, t->band);
-    hit->z = pick(passed, z, hit->z);
+    hit->z = select_lanes(passed, z, hit->z);
     hit->found = hit->found | passed;
     if (COUNTERS)
         add_to_counters(context->counters, region, block, context->screen, tested & 1);
 }
 
-/* Brings what passed at a slice back towards `before`, which did not, halving by halving. */
+/* Bisects the interval from the depth `before`, whose points do not pass, to the hits that have `passed` at a slice. */
 void refine_slice_hit(const Context *context, const Tetrahedron *t, const Region *region, int block, SliceHit *hit, floatl before, intl passed)
 {
     for (int i = 0; i < t->halvings && any_lane(passed); i++) {
         const floatl middle = 0.5f * (before + hit->z);
         test_at(context, t, region, block, hit, middle, passed, passed);
-        before = pick(hit->z == middle, before, middle);
+        before = select_lanes(hit->z == middle, before, middle);
     }
 }
 
@@ -78,9 +78,9 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
             return;
 #endif
     const floatl x = to_floatl(first_x + block_x), y = to_floatl(first_y + block_y);
-    /* The ray's part inside, and before what is drawn already, in nearness: bounds are planes over the picture. */
+    /* From which nearness to which the ray lies inside: bounds are planes over the picture. */
     const floatl so_far = region->nearness[block];
-    floatl far = t->first, near = t->last; /* so that no rounding of a flat one's sides leads astray */
+    floatl far = t->first, near = t->last; /* bounds, lest rounding of a flat tetrahedron's sides leads astray */
     for (int k = 0; k < 4; k++) {
         const floatl n = t->sides[k].x * x + (t->sides[k].y * y + t->sides[k].one);
         if (t->leaves[k])
@@ -101,7 +101,7 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
 #endif
     if (!any_lane(meets))
         return;
-    floatl drawn = pick(so_far <= EMPTY, (floatl)INFINITY, DEPTH_OF(t->perspective, so_far));
+    floatl drawn = select_lanes(so_far <= EMPTY, (floatl)INFINITY, DEPTH_OF(t->perspective, so_far));
     SliceHit hit = {along_ray(t, t->u, x, y), along_ray(t, t->v, x, y), along_ray(t, t->h, x, y), 0, 0.0f};
     const Linear number = along_ray(t, t->slice, x, y);
     const int bases = context->slicing != SURFACE; /* there, slice 0 is the base */
@@ -109,15 +109,15 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
         test_at(context, t, region, block, &hit, entry, inside & (hit.h.sloped > 0.0f) & (AT(hit.h, entry) < fmax(SLICE_ROUNDING, t->height_rounding)), inside);
 
     const intl rises = number.sloped > 0.0f;
-    const floatl step = pick(rises, (floatl)1.0f, (floatl)-1.0f), per_slice = 1.0f / number.sloped;
+    const floatl step = select_lanes(rises, (floatl)1.0f, (floatl)-1.0f), per_slice = 1.0f / number.sloped;
     if (t->halvings > 0)
         drawn += fabs(per_slice); /* halvings bring a point forward by up to a slice */
     const intl at_once = hit.found;
     floatl before = entry;
     const floatl s_front = clamp_lanes(AT(number, front), (floatl)-SLICE_NUMBER_MAX, (floatl)SLICE_NUMBER_MAX);
     const floatl s_back = clamp_lanes(AT(number, back), (floatl)-SLICE_NUMBER_MAX, (floatl)SLICE_NUMBER_MAX);
-    const floatl last = pick(rises, floor_lanes(s_back + t->slice_rounding), ceil_lanes(s_back - t->slice_rounding));
-    floatl slice = pick(rises, ceil_lanes(s_front - t->slice_rounding), floor_lanes(s_front + t->slice_rounding));
+    const floatl last = select_lanes(rises, floor_lanes(s_back + t->slice_rounding), ceil_lanes(s_back - t->slice_rounding));
+    floatl slice = select_lanes(rises, ceil_lanes(s_front - t->slice_rounding), floor_lanes(s_front + t->slice_rounding));
     const intl slices = to_intl((last - slice) * step); /* after the first; < 0: none at all */
     for (int count = 0;; count++, slice += step) {
         const floatl z = clamp_lanes((slice - number.fixed) * per_slice, front, back);
@@ -125,9 +125,9 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
         if (!any_lane(tested))
             break;
         test_at(context, t, region, block, &hit, z, tested, inside & (z >= entry) & (z <= exit));
-        before = pick(tested & !hit.found & (z >= entry), z, before);
+        before = select_lanes(tested & !hit.found & (z >= entry), z, before);
     }
-    if (bases) { /* with halvings the side that a ray leaves by, too: the next tetrahedron's slices lie beyond */
+    if (bases) { /* with halvings any side that a ray leaves by is tested, too: the next tetrahedron's slices lie beyond it */
         const intl leaves = t->halvings > 0 ? inside : (hit.h.sloped < 0.0f) & (AT(hit.h, exit) < fmax(SLICE_ROUNDING, t->height_rounding));
         test_at(context, t, region, block, &hit, exit, inside & !hit.found & leaves & (exit < drawn), inside);
     }
@@ -136,11 +136,11 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
     const intl found = hit.found & ((intl)(t->halvings > 0 ? 0 : -1) | (DEPTH_OF(t->perspective, hit.z) > so_far));
     if (!any_lane(found))
         return;
-    region->nearness[block] = pick(found, DEPTH_OF(t->perspective, hit.z), so_far);
+    region->nearness[block] = select_lanes(found, DEPTH_OF(t->perspective, hit.z), so_far);
     region->farthest[block] = least_lane(region->nearness[block]);
-    region->owner[block] = pick(found, (intl)t->index, region->owner[block]);
-    region->u[block] = pick(found, AT(hit.u, hit.z), region->u[block]);
-    region->v[block] = pick(found, AT(hit.v, hit.z), region->v[block]);
+    region->owner[block] = select_lanes(found, (intl)t->index, region->owner[block]);
+    region->u[block] = select_lanes(found, AT(hit.u, hit.z), region->u[block]);
+    region->v[block] = select_lanes(found, AT(hit.v, hit.z), region->v[block]);
 }
 
 #define FRAGMENTS 1
@@ -162,13 +162,12 @@ INLINED Vector slice_normal_by_rises(const Context *context, Vector base, floatl
 #endif
 
 #if ANISOTROPIC
-/* By how much u and v change over a pixel: on the plane that touches the heights where it sees them, above the
- * triangle */
+/* By how much u and v change over a pixel: on the tangent plane of the heights where it sees them, above the triangle */
 INLINED UvSteps slice_uv_steps(const Context *context, Vector ahead, floatl n, floatl u, floatl v, Vector along_u, Vector along_v,
                          int anisotropy)
 {
     const Vector across = normalized(cross_product(along_u, along_v));
-    const Vector base = scaled(across, pick(DOT(across, ahead) > 0.0f, (floatl)-1.0f, (floatl)1.0f));
+    const Vector base = scaled(across, select_lanes(DOT(across, ahead) > 0.0f, (floatl)-1.0f, (floatl)1.0f));
     /* Heights are linear along either from a texel's centre to the next: slopes there, and not the lights', which
      * are means of two, decide what the surface shows of its map. */
     const float width = context->map_width, height = context->map_height;
@@ -236,7 +235,7 @@ INLINED intl is_on_side(const Context *context, floatl u, floatl v, floatl above
     return top - above > context->spacing;
 }
 
-/* The normal of such a side, across the base's, towards the viewer */
+/* The normal of such a side: at right angles to the base's, towards the viewer */
 INLINED Vector side_normal(Vector base, Vector ahead)
 {
     const floatl up = DOT(base, ahead);
@@ -250,7 +249,7 @@ kernel void draw_surface(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *
                          global const float *places, global const float *frames, global const uint *heights,
                          global const uint *colors, float spacing, int slices,
                          int by_view /* 1: each tetrahedron has as many as the picture needs there */,
-                         int halvings /* of the way back to the slice before, once one has passed */, int slicing,
+                         int halvings /* of the interval to the slice before, once one has passed */, int slicing,
                          int test, float band /* of heights that BAND takes; 0: that of a slice */, int map_width,
                          int map_height, int color_width, int color_height,
                          int color_levels, float pixel_size, global const float *gradients ANISOTROPY_PARAMETER
@@ -277,8 +276,8 @@ kernel void draw_surface(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *
             continue;
         Color shade = {0.0f, 0.0f, 0.0f};
         if (any_lane(mine)) {
-            const floatl u = pick(mine, region.u[block], (floatl)0.0f), v = pick(mine, region.v[block], (floatl)0.0f);
-            const intl triangle = pick(mine, owner, (intl)0) / 3;
+            const floatl u = select_lanes(mine, region.u[block], (floatl)0.0f), v = select_lanes(mine, region.v[block], (floatl)0.0f);
+            const intl triangle = select_lanes(mine, owner, (intl)0) / 3;
             const Vector along_u = vector_at(gradients, 2 * triangle), along_v = vector_at(gradients, 2 * triangle + 1);
             const floatl n = region.nearness[block], size = pixel_size * (screen.perspective ? 1.0f / n : (floatl)1.0f);
             const floatl texels_2 = max_lanes(DOT(along_u, along_u) * ((float)color_width * color_width),
@@ -291,7 +290,7 @@ kernel void draw_surface(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *
             const UvSteps over = slice_uv_steps(&context, ahead, n, u, v, along_u, along_v, anisotropy);
             const Footprint f = footprint_of(over, color_width, color_height, mine);
 #else
-            const Footprint f = even_footprint(pick(mine, texels_2 * size * size, (floatl)1.0f));
+            const Footprint f = isotropic_footprint(select_lanes(mine, texels_2 * size * size, (floatl)1.0f));
 #endif
             add_footprint(colors, u, v, f, level_of_texels(f.texels_2, color_levels), color_width, color_height, 1.0f / 255.0f,
                           &shade);
@@ -313,7 +312,7 @@ kernel void draw_surface(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *
             const intl on_side = mine & is_on_side(&context, u, v, above);
             if (any_lane(on_side)) {
                 const floatl from_side = VISIBILITY(point, side_normal(base, ahead));
-                visible = pick(on_side & (from_side > visible), from_side, visible);
+                visible = select_lanes(on_side & (from_side > visible), from_side, visible);
             }
 #endif
             apply_light(&shade, light, point, normal, ahead, visible);

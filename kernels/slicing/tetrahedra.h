@@ -2,9 +2,9 @@
 #define SLICING_TETRAHEDRA_H
 /* Tetrahedra of a displacement volume, set up for a region of pixels (Kautz & Seidel 2001, section 3).
  *
- * All that the loops of surface.cl need of one is affine over the picture: where rays enter and leave it, u, v and
- * height along them, and the number of the slice. Per triangle one of the slicing directions is chosen here (section
- * 3.2). Arrays: see surface.cl.
+ * All that the loops of surface.cl need of a tetrahedron is affine over the picture: where rays enter and leave it, u, v and
+ * height along them, and the number of the slice. For each triangle one of the slicing directions is chosen here (section
+ * 3.2). Arrays: surface.cl.
  */
 #include "raster/fragment.h"
 #include "slicing/rays.h"
@@ -24,13 +24,14 @@ typedef struct {
     global const float *gradients;
     Screen screen;
     float nearest_w, spacing;
-    float pixel, band; /* of the picture at depth 1, and of heights; 0: slices are where they are in all pictures, one */
+    float pixel; /* scene units of a pixel at depth 1; 0: slices are the same in all pictures */
+    float band;  /* of heights that BAND takes; 0: that of a slice */
     int slices, slicing, test, halvings, map_width, map_height;
     global int *counters;
 } Context;
 
-/* Along a ray, a quantity is `fixed` + `sloped` z; in a perspective picture fixed is the same for all pixels, in an
- * orthographic one sloped. Per pixel: x px + y py + one. */
+/* A quantity that is affine in the picture's pixel space: x px + y py + one + n times the nearness. So along a ray it is linear in
+ * depth (`Linear`); in a perspective picture its `fixed` is the same for all pixels, in an orthographic one its `sloped`. */
 typedef struct {
     float x, y, one, n;
 } Quantity;
@@ -46,8 +47,8 @@ typedef struct {
     float first, last;          /* a little farther and nearer than the corners */
     int index, perspective, crosses; /* the near plane */
     float spacing, band; /* of its slices, and of heights that the test BAND takes */
-    float height_rounding, slice_rounding; /* HEIGHT_ROUNDING and SLICE_ROUNDING, or what rounding takes where the displacement is shallow */
-    int halvings; /* of the way between two slices */
+    float height_rounding, slice_rounding; /* HEIGHT_ROUNDING and SLICE_ROUNDING, more where the displacement is shallow */
+    int halvings; /* of the interval between two slices */
 } Tetrahedron;
 
 typedef struct {
@@ -94,10 +95,10 @@ Quantity from_corners(const Quantity *rows, float4 values)
     return made;
 }
 
-/* Slices that lie a pixel apart along the ray, at the tetrahedron's nearest place: `facing` is the cosine there.
- * Where that would be fewer than SLICES_STEADY, as many, lest thin things flicker, but no closer than that part of a
- * pixel which points are brought to; nor than half a texel, within which heights bring nothing new. Where that is
- * more than a pixel, the way between two is halved more often. */
+/* Spaces the slices a pixel apart along the ray, where the tetrahedron is nearest; facing: the cosine between the ray and the
+ * slices' normal there. They lie closer where they would be fewer than SLICES_STEADY, lest thin things flicker; but no closer
+ * than the part of a pixel to which halvings refine hits, nor than half a texel, within which heights hold nothing new. Where
+ * slices lie more than a pixel apart, there are more halvings between two. */
 void space_slices(const Context *context, Tetrahedron *t, float facing)
 {
     t->spacing = context->spacing;
@@ -118,8 +119,8 @@ void space_slices(const Context *context, Tetrahedron *t, float facing)
     t->halvings = max(context->halvings, min((int)ceil(log2(fmax(parts, 1.0f))), HALVINGS_MAX));
 }
 
-/* How far heights err by rounding: a ray's is the difference of two that are as large as its way is long in
- * displacements, at a pixel whose place in the picture is rounded, too. */
+/* By how much heights err by rounding. A height along a ray is a difference of two numbers as large as the ray is long in
+ * displacements, at a pixel whose coordinates are rounded, too. x, y: the region's first pixel */
 float rounding_of(const Tetrahedron *t, int x, int y)
 {
     const float by_x = fabs(t->h.x) * (x + REGION), by_y = fabs(t->h.y) * (y + REGION);
@@ -128,8 +129,8 @@ float rounding_of(const Tetrahedron *t, int x, int y)
     return fmin(fmax(ROUNDING_ULPS * FLT_EPSILON * (along + across), HEIGHT_ROUNDING), 1.0f);
 }
 
-/* Where rays enter and leave through each of the four sides, and the lines of the outline, where they turn from one
- * that enters to one that leaves; sides are moved out by `grown`. */
+/* Sets where rays enter and leave through each of the four sides, which are moved outwards by `grown`; and the outline in the
+ * picture, whose lines lie between a side by which rays enter and one by which they leave. */
 void bound_sides(Tetrahedron *t, float grown)
 {
     for (int k = 0; k < 4; k++) {
@@ -149,7 +150,7 @@ void bound_sides(Tetrahedron *t, float grown)
             }
 }
 
-/* Its box in the region: (low_x, high_x, low_y, high_y); empty if it cannot be seen */
+/* Sets up a tetrahedron. Returns its box in the region at (x, y): (low_x, high_x, low_y, high_y); empty if it cannot be seen */
 int4 set_up_one(const Context *context, int index, int x, int y, Tetrahedron *t)
 {
     const int4 empty = (int4)(1, 0, 1, 0);
@@ -198,18 +199,18 @@ int4 set_up_one(const Context *context, int index, int x, int y, Tetrahedron *t)
     const float3 view = t->perspective ? middle - eye / m[15] : eye;
     const float3 a = vload3(index / 3 * 3, context->frames);
     float3 d = a;
-    float most = fabs(dot(a, view));
+    float facing = fabs(dot(a, view)); /* times the view's length */
     if (context->slicing == ORTHOGONAL) { /* the direction that faces the viewer most */
         for (int k = 1; k < 3; k++) {
             const float3 other = vload3(index / 3 * 3 + k, context->frames);
-            if (fabs(dot(other, view)) > most) {
-                most = fabs(dot(other, view));
+            if (fabs(dot(other, view)) > facing) {
+                facing = fabs(dot(other, view));
                 direction = k;
                 d = other;
             }
         }
     }
-    space_slices(context, t, context->slicing == SCREEN ? 1.0f : most / length(view));
+    space_slices(context, t, context->slicing == SCREEN ? 1.0f : facing / length(view));
     t->rear = t->perspective ? 0.0f : -INFINITY;
     if (!crosses)
         t->rear = fmin(fmin(p[0].w / p[0].z, p[1].w / p[1].z), fmin(p[2].w / p[2].z, p[3].w / p[3].z));
@@ -233,9 +234,9 @@ int4 set_up_one(const Context *context, int index, int x, int y, Tetrahedron *t)
         t->slice = from_corners(t->rows, (first - rint(first)) + beside * along);
     }
     bound_sides(t, crosses ? 0.0f : SIDE_MARGIN / p[0].z); /* no gap between neighbours by rounding */
-    const float slack = 1e-4f * (t->front - t->rear) + 2e-6f * fmax(fabs(t->front), fabs(t->rear));
-    t->first = crosses ? t->rear : t->rear - slack;
-    t->last = crosses ? t->nearest : fmin(t->front + slack, t->nearest);
+    const float margin = 1e-4f * (t->front - t->rear) + 2e-6f * fmax(fabs(t->front), fabs(t->rear));
+    t->first = crosses ? t->rear : t->rear - margin;
+    t->last = crosses ? t->nearest : fmin(t->front + margin, t->nearest);
     return box;
 }
 

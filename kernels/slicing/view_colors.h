@@ -31,7 +31,7 @@ typedef struct {
 INLINED floatl samples_per_nearness(const Views *views, const ViewRay *view, floatl mine)
 {
     const intl flat = fabs(view->w.fixed - 1.0f) + fabs(view->w.sloped) == 0.0f; /* orthographic: nearness is -z */
-    return 1.0f / (views->sample * pick(flat, (floatl)1.0f, mine * mine));
+    return 1.0f / (views->sample * select_lanes(flat, (floatl)1.0f, mine * mine));
 }
 
 /* What a view's four samples around a point show of it */
@@ -97,7 +97,7 @@ INLINED floatl own_surface_before(const Views *views, int number, const ViewRay 
     for (int i = 0; i < STRIDES && any_lane(open); i++, back *= 2.0f) {
         const floatl to = hit - back, before = view_surface_before(views, number, view, to, &farthest);
         const intl met = open & (before <= 0.0f);
-        z = pick(met, to + (to - from) * before / (last - before), z);
+        z = select_lanes(met, to + (to - from) * before / (last - before), z);
         open = open & !met;
         from = to;
         last = before;
@@ -122,14 +122,14 @@ Blend blend_views(const Views *views, const WorldRay *ray, floatl hit, intl acti
         const Samples samples = samples_at(size, AT(view.u, at) * inverse, AT(view.v, at) * inverse);
         const ViewColor seen_color = view_color(views, number, &view, samples, at, visible);
         const floatl part = visible ? seen_color.part : (floatl)1.0f; /* samples without a colour lessen no other view's share */
-        const floatl share = pick(wanted & seen_color.sees, views->closeness[number] * part / seen_color.weight, (floatl)0.0f);
+        const floatl share = select_lanes(wanted & seen_color.sees, views->closeness[number] * part / seen_color.weight, (floatl)0.0f);
         const Color none = {0.0f, 0.0f, 0.0f};
-        add_color(&blend.color, share, pick_color(seen_color.sees, seen_color.color, none));
+        add_color(&blend.color, share, select_color(seen_color.sees, seen_color.color, none));
 #if GBUFFER == 2
-        add_color(&blend.normal, share, pick_color(seen_color.sees, seen_color.normal, none));
+        add_color(&blend.normal, share, select_color(seen_color.sees, seen_color.normal, none));
 #endif
-        blend.weight += share * pick(seen_color.sees, seen_color.weight, (floatl)0.0f);
-        blend.views += pick(wanted & seen_color.sees, part, (floatl)0.0f);
+        blend.weight += share * select_lanes(seen_color.sees, seen_color.weight, (floatl)0.0f);
+        blend.views += select_lanes(wanted & seen_color.sees, part, (floatl)0.0f);
     }
     return blend;
 }
@@ -148,17 +148,17 @@ Blend blend_at(const Views *views, const WorldRay *ray, RaySegment segment, floa
             const floatl step = fabs(1.0f / segment.number.sloped) / (float)(1 << halvings);
             refine_object_hit(views, rays, segment, step, CLOSER_HALVINGS, doubted, &hit, tests);
             const Blend closer = blend_views(views, ray, hit, doubted, 1);
-            blend.color = pick_color(doubted, closer.color, blend.color);
-            blend.normal = pick_color(doubted, closer.normal, blend.normal);
-            blend.weight = pick(doubted, closer.weight, blend.weight);
+            blend.color = select_color(doubted, closer.color, blend.color);
+            blend.normal = select_color(doubted, closer.normal, blend.normal);
+            blend.weight = select_lanes(doubted, closer.weight, blend.weight);
         }
     }
     const intl unseen = found & !(blend.weight > 0.0f);
     if (any_lane(unseen)) {
         const Blend any = blend_views(views, ray, hit, unseen, 0);
-        blend.color = pick_color(unseen, any.color, blend.color);
-        blend.normal = pick_color(unseen, any.normal, blend.normal);
-        blend.weight = pick(unseen, any.weight, blend.weight);
+        blend.color = select_color(unseen, any.color, blend.color);
+        blend.normal = select_color(unseen, any.normal, blend.normal);
+        blend.weight = select_lanes(unseen, any.weight, blend.weight);
     }
     return blend;
 }

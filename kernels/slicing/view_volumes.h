@@ -95,7 +95,7 @@ INLINED floatl over_ribbons(const Views *views, global const int *size, floatl x
     intl number = (intl)(gather(views->firsts, at));
     const intl last = (intl)(gather(views->firsts, next));
     for (; any_lane(active & (number < last)); number++) {
-        const intl there = active & (number < last), first = RIBBON_FLOATS * pick(there, number, (intl)0);
+        const intl there = active & (number < last), first = RIBBON_FLOATS * select_lanes(there, number, (intl)0);
         floatl part[RIBBON_FLOATS];
         for (int k = 0; k < RIBBON_FLOATS; k++) {
             const intl here = first + k;
@@ -104,7 +104,7 @@ INLINED floatl over_ribbons(const Views *views, global const int *size, floatl x
         floatl low = 0.0f, high = 1.0f;
         const floatl across[2] = {x - part[0], y - part[1]};
         for (int axis = 0; axis < 2; axis++) { /* from which part of the sweep to which does the square hold the place? */
-            const floatl length = part[2 + axis], per_length = 1.0f / pick(fabs(length) > 1e-6f, length, (floatl)1e-6f);
+            const floatl length = part[2 + axis], per_length = 1.0f / select_lanes(fabs(length) > 1e-6f, length, (floatl)1e-6f);
             const floatl a = (across[axis] - 0.5f) * per_length, b = (across[axis] + 0.5f) * per_length;
             low = max_lanes(low, min_lanes(a, b));
             high = min_lanes(high, max_lanes(a, b));
@@ -112,7 +112,7 @@ INLINED floatl over_ribbons(const Views *views, global const int *size, floatl x
         const floatl along = across[0] * part[2] + across[1] * part[3];
         const intl beyond = (part[7] > 0.5f) & (along > part[2] * part[2] + part[3] * part[3]);
         const floatl near = part[4] + part[5] * across[0] + part[6] * across[1];
-        value = pick(there & (low <= high) & !beyond, max_lanes(value, near), value);
+        value = select_lanes(there & (low <= high) & !beyond, max_lanes(value, near), value);
     }
     return value;
 }

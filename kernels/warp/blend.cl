@@ -1,10 +1,10 @@
-/* Several views' pictures, the layers, blended: each view's share in what is nearest is the larger the better it saw
- * it.
+/* The pictures of several views, the layers, blended: of the layers that show a pixel's nearest surface, each weighs the more
+ * the better its view saw it.
  *
- * A layer contributes where it lies no farther behind the nearest than the noise of both explains. Its weight is the
+ * A layer contributes where it lies no farther behind the nearest one than the noise of both explains. Its weight is the
  * product of
  * - resolution: its view's samples per pixel, up to one: finer than the picture is as good as the picture;
- * - angle: the cosine between its view's ray and the picture's, as surfaces apply_light otherwise from elsewhere;
+ * - angle: the cosine between its view's ray and the picture's, as surfaces look different from elsewhere;
  * - distance to edges: it fades within FEATHER pixels of its holes and depth edges, so that seams follow these and
  *   colours that are half of another surface count least.
  * (The weights are of the kind that Pajarola, Sainz & Meng 2003, section 4, blend depth meshes by.)
@@ -86,7 +86,7 @@ kernel void mark_edges(global const float *depth, global float *from_edge, int w
     const intl whole = (fabs(a - z) <= step) & (fabs(b - z) <= step) & (fabs(c - z) <= step) & (fabs(d - z) <= step);
     const intl beyond = (x0 + lane_index < FEATHER) | (x0 + lane_index >= width + FEATHER) |
                         (intl)(row < FEATHER || row >= height + FEATHER ? -1 : 0);
-    store_lanes(pick(whole | beyond, (floatl)FEATHER, (floatl)0.0f), from_edge + (size_t)row * pitch + x0);
+    store_lanes(select_lanes(whole | beyond, (floatl)FEATHER, (floatl)0.0f), from_edge + (size_t)row * pitch + x0);
 }
 
 /* Distances to edges of the same row. Both arrays as from_edge; columns begin at the picture's first. */
@@ -136,10 +136,10 @@ kernel void add_layer(global const float *depth, global const channel *color, gl
     const floatl off = depth_tolerance(layer_view, z), off_best = pixels_at(best + plane, x0, y, width);
     const floatl allowed = sqrt(0.5f * (off * off + off_best * off_best));
     const intl contributes = (z - nearest <= allowed) & (z == z);
-    const floatl z_there = pick(contributes, z, (floatl)1.0f);
+    const floatl z_there = select_lanes(contributes, z, (floatl)1.0f);
     const Vector p = point_at(screen, to_floatl(x0 + lane_index), (floatl)y, DEPTH_OF(screen.perspective, z_there));
     const floatl well = view_weight(layer_view, screen, p, z_there, density) * (edge + 0.25f) * (1.0f / FEATHER);
-    const floatl weight = pick(contributes, max_lanes(well, (floatl)WEIGHT_MIN), (floatl)0.0f);
+    const floatl weight = select_lanes(contributes, max_lanes(well, (floatl)WEIGHT_MIN), (floatl)0.0f);
     for (int lane = 0; lane < min(LANES, width - x0); lane++) {
         const size_t at = (size_t)y * width + x0 + lane;
         const float own = float_lane(weight, lane);

@@ -30,7 +30,7 @@ INLINED floatl candidate_at(global const float *hits, PixelMap map, Rays rays, E
     const intl at = min(max(x, (intl)0), (intl)(map.dst_width - 1));
     const floatl hit = (floatl)(gather(row, at));
     const floatl place = distance_of(rays, epipolar, hit);
-    return pick(IS_HIT(hit) & isfinite_lanes(place), place, (floatl)INFINITY);
+    return select_lanes(IS_HIT(hit) & isfinite_lanes(place), place, (floatl)INFINITY);
 }
 
 /* Traces the rays of the pixels x of row y through the windows around their candidates. Target nearness of the hits, BLOCKED
@@ -66,7 +66,7 @@ INLINED floatl trace_candidates(global const float *hits, Grid grid, PixelMap ma
         windows.to = places[0] + windows.radius;
         for (int i = 1; i < CANDIDATES; i++)
             windows.next[i - 1] = places[i];
-        found = pick(active, trace(grid, rays, epipolar, windows, sides, active, cells), found);
+        found = select_lanes(active, trace(grid, rays, epipolar, windows, sides, active, cells), found);
         /* A window of a connected surface that begins behind it meets its back: once more, in wider windows. */
         active = active & !IS_HIT(found) & (intl)(grid.cut.far_scale == 0.0f ? -1 : 0);
         if (!any_lane(active))

@@ -48,28 +48,28 @@ INLINED void snap(Lines *lines)
     lines->along_row = (fabs(lines->dv) * longest < ON_SAMPLES) & (fabs(lines->v - row) < ON_SAMPLES);
     lines->along_column = (fabs(lines->du) * longest < ON_SAMPLES) & (fabs(lines->u - column) < ON_SAMPLES);
     lines->along_diagonal = (fabs(lines->du + lines->dv) * longest < ON_SAMPLES) & (fabs(lines->u + lines->v - diagonal) < ON_SAMPLES);
-    lines->dv = pick(lines->along_row, (floatl)0.0f, pick(lines->along_diagonal, -lines->du, lines->dv));
-    lines->du = pick(lines->along_column, (floatl)0.0f, lines->du);
-    lines->v = pick(lines->along_row, row, pick(lines->along_diagonal, diagonal - lines->u, lines->v));
-    lines->u = pick(lines->along_column, column, lines->u);
+    lines->dv = select_lanes(lines->along_row, (floatl)0.0f, select_lanes(lines->along_diagonal, -lines->du, lines->dv));
+    lines->du = select_lanes(lines->along_column, (floatl)0.0f, lines->du);
+    lines->v = select_lanes(lines->along_row, row, select_lanes(lines->along_diagonal, diagonal - lines->u, lines->v));
+    lines->u = select_lanes(lines->along_column, column, lines->u);
 }
 
 INLINED Traversal traversal_of(Lines lines, Grid grid)
 {
     const floatl du = lines.du, dv = lines.dv;
     Traversal traversal;
-    traversal.step_u = pick(du < 0.0f, (floatl)-1.0f, (floatl)1.0f);
-    traversal.step_v = pick(dv < 0.0f, (floatl)-1.0f, (floatl)1.0f);
-    traversal.ahead_u = pick(du > 0.0f, (floatl)1.0f, (floatl)0.0f);
-    traversal.ahead_v = pick(dv > 0.0f, (floatl)1.0f, (floatl)0.0f);
-    traversal.per_u = pick(du == 0.0f, (floatl)0.0f, 1.0f / du);
-    traversal.per_v = pick(dv == 0.0f, (floatl)0.0f, 1.0f / dv);
+    traversal.step_u = select_lanes(du < 0.0f, (floatl)-1.0f, (floatl)1.0f);
+    traversal.step_v = select_lanes(dv < 0.0f, (floatl)-1.0f, (floatl)1.0f);
+    traversal.ahead_u = select_lanes(du > 0.0f, (floatl)1.0f, (floatl)0.0f);
+    traversal.ahead_v = select_lanes(dv > 0.0f, (floatl)1.0f, (floatl)0.0f);
+    traversal.per_u = select_lanes(du == 0.0f, (floatl)0.0f, 1.0f / du);
+    traversal.per_v = select_lanes(dv == 0.0f, (floatl)0.0f, 1.0f / dv);
     traversal.per_d = 1.0f / (du + dv);
-    traversal.never_u = pick(du == 0.0f, (floatl)INFINITY, (floatl)0.0f);
-    traversal.never_v = pick(dv == 0.0f, (floatl)INFINITY, (floatl)0.0f);
+    traversal.never_u = select_lanes(du == 0.0f, (floatl)INFINITY, (floatl)0.0f);
+    traversal.never_v = select_lanes(dv == 0.0f, (floatl)INFINITY, (floatl)0.0f);
     traversal.lower_first = du + dv >= 0.0f;
-    traversal.last_x = pick(lines.along_column, (floatl)(grid.width - 1), (floatl)max(grid.width - 2, 0));
-    traversal.last_y = pick(lines.along_row, (floatl)(grid.height - 1), (floatl)max(grid.height - 2, 0));
+    traversal.last_x = select_lanes(lines.along_column, (floatl)(grid.width - 1), (floatl)max(grid.width - 2, 0));
+    traversal.last_y = select_lanes(lines.along_row, (floatl)(grid.height - 1), (floatl)max(grid.height - 2, 0));
     traversal.on_column = lines.along_column | (intl)(grid.width == 1 ? -1 : 0);
     traversal.below = grid.height > 1 ? grid.pitch : 0;
     traversal.lowest = max(grid.height - 2, 0);
@@ -81,20 +81,20 @@ INLINED Traversal traversal_of(Lines lines, Grid grid)
  * the cells' second, as only the last one of an image is. */
 INLINED void collapse_cells(floatl *corners, intl on_row, intl lower, intl on_column)
 {
-    corners[0] = pick(on_row & lower, corners[2], corners[0]);
-    corners[1] = pick(on_row & lower, corners[3], corners[1]);
-    corners[2] = pick(on_row, corners[0], corners[2]);
-    corners[3] = pick(on_row, corners[1], corners[3]);
-    corners[1] = pick(on_column, corners[0], corners[1]);
-    corners[3] = pick(on_column, corners[2], corners[3]);
+    corners[0] = select_lanes(on_row & lower, corners[2], corners[0]);
+    corners[1] = select_lanes(on_row & lower, corners[3], corners[1]);
+    corners[2] = select_lanes(on_row, corners[0], corners[2]);
+    corners[3] = select_lanes(on_row, corners[1], corners[3]);
+    corners[1] = select_lanes(on_column, corners[0], corners[1]);
+    corners[3] = select_lanes(on_column, corners[2], corners[3]);
 }
 
 /* The cells (x, y) that lines enter at a distance. */
 INLINED void enter_cells(Lines lines, floatl at, intl which, floatl *x, floatl *y)
 {
     const floatl u = lines.u + lines.du * at, v = lines.v + lines.dv * at;
-    *x = pick(which, pick(lines.du < 0.0f, ceil_lanes(u) - 1.0f, floor_lanes(u)), *x);
-    *y = pick(which, pick(lines.dv < 0.0f, ceil_lanes(v) - 1.0f, floor_lanes(v)), *y);
+    *x = select_lanes(which, select_lanes(lines.du < 0.0f, ceil_lanes(u) - 1.0f, floor_lanes(u)), *x);
+    *y = select_lanes(which, select_lanes(lines.dv < 0.0f, ceil_lanes(v) - 1.0f, floor_lanes(v)), *y);
 }
 
 /* The lines' parts in the cells (x, y), which they are in at a distance. Which cell comes next cannot be predicted:
@@ -108,8 +108,8 @@ INLINED Cell pass_cells(Grid grid, Lines lines, Traversal traversal, floatl x, f
     gather_cells(grid.nearness, traversal.below, base, corners);
     if (traversal.collapsed) {
         collapse_cells(corners, lines.along_row, yc > traversal.lowest, traversal.on_column);
-        corners[0] = pick(lines.along_diagonal, corners[1], corners[0]);
-        corners[3] = pick(lines.along_diagonal, corners[1], corners[3]);
+        corners[0] = select_lanes(lines.along_diagonal, corners[1], corners[0]);
+        corners[3] = select_lanes(lines.along_diagonal, corners[1], corners[3]);
     }
     const floatl q00 = corners[0], q10 = corners[1], q01 = corners[2], q11 = corners[3];
 
@@ -117,8 +117,8 @@ INLINED Cell pass_cells(Grid grid, Lines lines, Traversal traversal, floatl x, f
     const floatl out_v = (y + traversal.ahead_v - lines.v) * traversal.per_v + traversal.never_v;
     const floatl out = clamp_lanes(min_lanes(out_u, out_v), at, lines.length);
     const floatl diagonal = (xc + yc + 1.0f - (lines.u + lines.v)) * traversal.per_d;
-    cell.next_x = x + pick(out_u <= out_v, traversal.step_u, (floatl)0.0f);
-    cell.next_y = y + pick(out_v <= out_u, traversal.step_v, (floatl)0.0f);
+    cell.next_x = x + select_lanes(out_u <= out_v, traversal.step_u, (floatl)0.0f);
+    cell.next_y = y + select_lanes(out_v <= out_u, traversal.step_v, (floatl)0.0f);
     cell.crossing = clamp_lanes(diagonal, at, out);
     cell.out = out;
     cell.has_first = diagonal > at; /* a line along the diagonal has but the second */
@@ -133,16 +133,16 @@ INLINED Cell pass_cells(Grid grid, Lines lines, Traversal traversal, floatl x, f
     cell.upper_v = q11 - q10;
     const intl enters_lower = (traversal.lower_first & cell.has_first) | (!(traversal.lower_first | cell.has_first));
     const intl leaves_lower = (traversal.lower_first & (!cell.has_second)) | ((!traversal.lower_first) & cell.has_second);
-    cell.q_in = pick(enters_lower, q00 + cell.lower_u * u_0 + cell.lower_v * v_0, q10 + cell.upper_u * (u_0 - 1.0f) + cell.upper_v * v_0);
-    cell.q_out = pick(leaves_lower, q00 + cell.lower_u * u_2 + cell.lower_v * v_2, q10 + cell.upper_u * (u_2 - 1.0f) + cell.upper_v * v_2);
+    cell.q_in = select_lanes(enters_lower, q00 + cell.lower_u * u_0 + cell.lower_v * v_0, q10 + cell.upper_u * (u_0 - 1.0f) + cell.upper_v * v_0);
+    cell.q_out = select_lanes(leaves_lower, q00 + cell.lower_u * u_2 + cell.lower_v * v_2, q10 + cell.upper_u * (u_2 - 1.0f) + cell.upper_v * v_2);
     cell.q_crossing = q01 + u_1 * (q10 - q01);
 
     const intl beyond = lines.along_diagonal & ((x != xc) | (y != yc)); /* of the grid, by rounding */
     const floatl high = max_lanes(q10, q01), low = min_lanes(q10, q01);
     const intl lower_open = beyond | IS_OPEN(grid.cut, max_lanes(high, q00), min_lanes(low, q00));
     const intl upper_open = beyond | IS_OPEN(grid.cut, max_lanes(high, q11), min_lanes(low, q11));
-    cell.first_open = pick(traversal.lower_first, lower_open, upper_open);
-    cell.second_open = pick(traversal.lower_first, upper_open, lower_open);
+    cell.first_open = select_lanes(traversal.lower_first, lower_open, upper_open);
+    cell.second_open = select_lanes(traversal.lower_first, upper_open, lower_open);
     cell.x = xc;
     cell.y = yc;
     cell.q00 = q00;

@@ -1,13 +1,13 @@
 /* Why a pixel of the target is a hole: what its ray passes through, as far as the source shows.
  *
  * A ray is followed along its epipolar line as it recedes. Where it is nearer than the surface, the source has seen
- * that there is nothing. So what the pixel shows lies beyond the last such place, and the class is that of what begins
- * there: behind a surface, at samples without depth, or outside of the image. A ray that comes out of a surface's back
- * has been stopped before.
+ * that there is nothing. So the pixel shows something beyond the last such place, and its class is that of what begins
+ * there: space behind a surface, samples without depth, or the outside of the image. A ray that comes out of a surface's
+ * back ends there.
  *
- * valid: (dst_height, dst_width). classes: the same shape, CLASS_... below; with `first` 0 they hold what other views
- * said, and the one that knows more stays. nearest, farthest: the source's range of nearness. still: nothing moves with
- * its depth, each pixel sees its place in the source; typical: some nearness that it has there.
+ * valid: (dst_height, dst_width). classes: the same shape, CLASS_... below; with `first` 0 they hold those of other views,
+ * and the least of both stays. nearest, farthest: the source's range of nearness. without_parallax: nothing
+ * moves with its depth, each pixel sees its place in the source; typical: some nearness that it has there.
  * Work-item: LANES pixels of a row. Cost: O(samples between the nearest and the farthest place of the ray) a hole.
  * Determinism: every pixel on its own.
  */
@@ -28,15 +28,15 @@ INLINED intl state_at(Grid grid, floatl u, floatl v, floatl near, intl *closed)
     const floatl fu = u - uc, fv = v - vc;
     const intl right = min(grid.width - 1, 1), down = grid.height > 1 ? grid.pitch : 0;
     const intl base = to_intl(vc) * grid.pitch + to_intl(uc), upper = fu + fv > 1.0f;
-    const intl i10 = base + right, i01 = base + down, ic = pick(upper, i01 + right, base);
-    const intl nearest_sample = base + pick(fu > 0.5f, right, (intl)0) + pick(fv > 0.5f, down, (intl)0);
+    const intl i10 = base + right, i01 = base + down, ic = select_lanes(upper, i01 + right, base);
+    const intl nearest_sample = base + select_lanes(fu > 0.5f, right, (intl)0) + select_lanes(fv > 0.5f, down, (intl)0);
     const floatl q10 = (floatl)(gather(grid.nearness, i10)), q01 = (floatl)(gather(grid.nearness, i01)),
                  qc = (floatl)(gather(grid.nearness, ic)), qn = (floatl)(gather(grid.nearness, nearest_sample));
     *closed = !IS_OPEN(grid.cut, max_lanes(qc, max_lanes(q10, q01)), min_lanes(qc, min_lanes(q10, q01)));
-    const floatl gu = pick(upper, qc - q01, q10 - qc), gv = pick(upper, qc - q10, q01 - qc);
-    const floatl one = pick(upper, (floatl)1.0f, (floatl)0.0f);
-    const floatl surface = pick(*closed, qc + gu * (fu - one) + gv * (fv - one), qn);
-    return pick(surface <= NO_SURFACE, (intl)CLASS_UNOBSERVED, pick(surface < near, (intl)IS_FREE, (intl)CLASS_HIDDEN));
+    const floatl gu = select_lanes(upper, qc - q01, q10 - qc), gv = select_lanes(upper, qc - q10, q01 - qc);
+    const floatl one = select_lanes(upper, (floatl)1.0f, (floatl)0.0f);
+    const floatl surface = select_lanes(*closed, qc + gu * (fu - one) + gv * (fv - one), qn);
+    return select_lanes(surface <= NO_SURFACE, (intl)CLASS_UNOBSERVED, select_lanes(surface < near, (intl)IS_FREE, (intl)CLASS_HIDDEN));
 }
 
 /* Where nothing moves with its depth, each pixel has one place in the source. */
@@ -48,7 +48,7 @@ INLINED intl class_in_place(Grid grid, Rays rays, float typical)
     intl closed;
     const intl state = state_at(grid, clamp_lanes(u, (floatl)0.0f, (floatl)(grid.width - 1)),
                                 clamp_lanes(v, (floatl)0.0f, (floatl)(grid.height - 1)), (floatl)INFINITY, &closed);
-    return pick(inside, pick(state == CLASS_UNOBSERVED, state, (intl)CLASS_HIDDEN), (intl)CLASS_OUTSIDE);
+    return select_lanes(inside, select_lanes(state == CLASS_UNOBSERVED, state, (intl)CLASS_HIDDEN), (intl)CLASS_OUTSIDE);
 }
 
 INLINED intl class_along(Grid grid, Rays rays, float nearest, float farthest, intl wanted)
@@ -60,33 +60,33 @@ INLINED intl class_along(Grid grid, Rays rays, float nearest, float farthest, in
     const intl falls = epipolar.near_step < 0.0f, rises = epipolar.near_step > 0.0f;
     const floatl to_nearest = (nearest - epipolar.near) / epipolar.near_step;
     const floatl to_farthest = (farthest - epipolar.near) / epipolar.near_step;
-    const floatl from = pick(falls, to_nearest, pick(rises, to_farthest, (floatl)0.0f));
-    const floatl to = pick(falls, to_farthest, lines.length);
+    const floatl from = select_lanes(falls, to_nearest, select_lanes(rises, to_farthest, (floatl)0.0f));
+    const floatl to = select_lanes(falls, to_farthest, lines.length);
     const floatl start = clamp_lanes(from, (floatl)0.0f, fmax(lines.length, (floatl)0.0f));
     const floatl end = clamp_lanes(to, start, lines.length);
     const intl leaves = !(to < lines.length); /* the image, before it is hidden */
     const intl enters = (lines.u < 0.5f) | (lines.v < 0.5f) | (lines.u > grid.width - 1.5f) | (lines.v > grid.height - 1.5f);
-    const intl before = pick(falls, (intl)IS_FREE, (intl)CLASS_HIDDEN);
-    intl class_ = pick(from > 0.0f, before, pick(enters, (intl)CLASS_OUTSIDE, (intl)IS_FREE)), was_closed = 0;
+    const intl before = select_lanes(falls, (intl)IS_FREE, (intl)CLASS_HIDDEN);
+    intl class_ = select_lanes(from > 0.0f, before, select_lanes(enters, (intl)CLASS_OUTSIDE, (intl)IS_FREE)), was_closed = 0;
     intl active = wanted & (lines.length >= 0.0f);
     floatl at = start;
-    for (int most = max(grid.width, grid.height) + 1; most > 0 && any_lane(active); most--, at += 1.0f) { /* of a line's pixels */
+    for (int steps_left = max(grid.width, grid.height) + 1; steps_left > 0 && any_lane(active); steps_left--, at += 1.0f) {
         const floatl here = min_lanes(at, end);
         const floatl u = lines.u + lines.du * here, v = lines.v + lines.dv * here;
         intl closed;
         const intl state = state_at(grid, u, v, epipolar.near + epipolar.near_step * here, &closed);
         const intl is_free = state == IS_FREE;
         const intl emerges = active & is_free & (class_ == CLASS_HIDDEN) & was_closed & closed;
-        class_ = pick(active & !emerges & (is_free | (class_ == IS_FREE)), state, class_);
+        class_ = select_lanes(active & !emerges & (is_free | (class_ == IS_FREE)), state, class_);
         was_closed = closed;
         active = active & !emerges & (at < end);
     }
-    class_ = pick(class_ == IS_FREE, pick(leaves, (intl)CLASS_OUTSIDE, (intl)CLASS_HIDDEN), class_);
-    return pick(lines.length >= 0.0f, class_, (intl)CLASS_OUTSIDE);
+    class_ = select_lanes(class_ == IS_FREE, select_lanes(leaves, (intl)CLASS_OUTSIDE, (intl)CLASS_HIDDEN), class_);
+    return select_lanes(lines.length >= 0.0f, class_, (intl)CLASS_OUTSIDE);
 }
 
 kernel void classify(global const float *nearness, global const uchar *valid, global uchar *classes, PixelMap map, Cut cut,
-                     float nearest, float farthest, float typical, int still, int first)
+                     float nearest, float farthest, float typical, int without_parallax, int first)
 {
     const int x = get_global_id(0) * LANES, y = get_global_id(1);
     if (x >= map.dst_width || y >= map.dst_height)
@@ -100,8 +100,8 @@ kernel void classify(global const float *nearness, global const uchar *valid, gl
     if (any_lane(hole)) {
         const Grid grid = {nearness, map.src_width, map.src_height, map.src_pitch, cut};
         const Rays rays = rays_of(map, to_floatl(x + lane_index), y);
-        const intl found = still ? class_in_place(grid, rays, typical) : class_along(grid, rays, nearest, farthest, hole);
-        class_ = pick(hole, found, class_);
+        const intl found = without_parallax ? class_in_place(grid, rays, typical) : class_along(grid, rays, nearest, farthest, hole);
+        class_ = select_lanes(hole, found, class_);
     }
     for (int lane = 0; lane < count; lane++) {
         const uchar one = int_lane(class_, lane);

@@ -76,7 +76,7 @@ kernel void epipolar_sweep(global const float *nearness, global float *hits, glo
     writer.spare = map.dst_height * map.dst_pitch + packet * LANES;
     writer.up_hides = !(sides & (front_is_up ? SHOWS_FRONT : SHOWS_BACK));
     writer.down_hides = !(sides & (front_is_up ? SHOWS_BACK : SHOWS_FRONT));
-    writer.begun_anew = 0;
+    writer.several = 0;
     writer.pixels = 0;
     const Grid grid = {nearness, map.src_width, map.src_height, map.src_pitch, cut};
     const uint samples = WALK(grid, line, group, map, &writer);

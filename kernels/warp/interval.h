@@ -29,7 +29,7 @@ INLINED void prefetch_across_rows(global const float *array, intl index, LineGro
 /* The pixels [below + 1, above - 1] of a line. */
 typedef struct {
     floatl below, above;
-    intl anew;  /* the next segment begins another interval */
+    intl ended; /* the run of samples has ended, and the next segment begins another interval */
     intl begun; /* there has been one */
 } Interval;
 
@@ -38,22 +38,22 @@ typedef struct {
     floatl nearness, p, w, q;
 } Projection;
 
-/* Writes a line's hits. */
+/* What a walk needs to write the hits of its lines */
 typedef struct {
     global float *hits;
     int spare;      /* for lanes with nothing to write */
-    int up_hides, down_hides; /* 1: segments that extend the interval that way have a side that is not shown */
-    int begun_anew; /* a lane has more than one interval: pixels outside of the last one may be settled, too */
+    int up_hides, down_hides; /* 1: segments that extend the interval to larger, or smaller, pixels turn a side that is not shown */
+    int several; /* a lane has had more than one interval: pixels outside of the last one may be settled, too */
     uint pixels;
 } HitWriter;
 
-INLINED Projection pick_projection(intl mask, Projection yes, Projection no)
+INLINED Projection select_projection(intl mask, Projection yes, Projection no)
 {
     Projection place;
-    place.nearness = pick(mask, yes.nearness, no.nearness);
-    place.p = pick(mask, yes.p, no.p);
-    place.w = pick(mask, yes.w, no.w);
-    place.q = pick(mask, yes.q, no.q);
+    place.nearness = select_lanes(mask, yes.nearness, no.nearness);
+    place.p = select_lanes(mask, yes.p, no.p);
+    place.w = select_lanes(mask, yes.w, no.w);
+    place.q = select_lanes(mask, yes.q, no.q);
     return place;
 }
 
@@ -65,8 +65,8 @@ INLINED intl clip_at_plane(Projection *a, Projection *b, intl *open)
     const floatl f = a->q / (a->q - b->q);
     const Projection at = {a->nearness + f * (b->nearness - a->nearness), a->p + f * (b->p - a->p), a->w + f * (b->w - a->w),
                            (floatl)0.0f};
-    const Projection from = pick_projection(a_behind & !b_behind, at, *a);
-    *b = pick_projection(b_behind & !a_behind, at, *b);
+    const Projection from = select_projection(a_behind & !b_behind, at, *a);
+    *b = select_projection(b_behind & !a_behind, at, *b);
     *a = from;
     *open = *open | (a_behind & b_behind);
     return a_behind;
@@ -78,7 +78,9 @@ INLINED intl clip_at_plane(Projection *a, Projection *b, intl *open)
  * that have a segment; open: it is no surface. */
 INLINED void extend(Interval *interval, HitWriter *writer, Projection a, Projection b, intl there, intl open, SweepLines line, LineGroup group, PixelMap map)
 {
-    const float guard = 5e-7f * (map.dst_width + map.dst_height); /* rounding: no pixel may have two owners, */
+    /* For rounding: no pixel may have two owners, and one that a segment only just begins at must be its own, whether the segment
+     * goes on to larger or to smaller pixels. */
+    const float guard = 5e-7f * (map.dst_width + map.dst_height);
     global float *hits = writer->hits;
 
     intl from_behind = 0;
@@ -86,26 +88,25 @@ INLINED void extend(Interval *interval, HitWriter *writer, Projection a, Project
         from_behind = clip_at_plane(&a, &b, &open);
     const floatl crosses = b.p * a.w - a.p * b.w; /* the sign of the target's move from a to b, if both are before it */
     const intl emerges = (a.w <= 0.0f) & (b.w > 0.0f); /* out of the plane of the target's centre */
-    const intl begins = there & (!open) & (interval->anew | emerges | from_behind);
+    const intl begins = there & (!open) & (interval->ended | emerges | from_behind);
     if (any_lane(begins)) {
-        const floatl from_infinity = pick(crosses > 0.0f, (floatl)-1e9f, (floatl)1e9f);
-        const floatl t = clamp_lanes(pick(emerges, from_infinity, a.p / a.w), line.low - 1.0f, line.high + 1.0f);
-        /* and a pixel that the segment only just begins at is its own, whichever way it goes on */
-        const floatl next = pick((crosses > 0.0f) | emerges, ceil_lanes(t - guard), floor_lanes(t + guard) + 1.0f);
+        const floatl from_infinity = select_lanes(crosses > 0.0f, (floatl)-1e9f, (floatl)1e9f);
+        const floatl t = clamp_lanes(select_lanes(emerges, from_infinity, a.p / a.w), line.low - 1.0f, line.high + 1.0f);
+        const floatl next = select_lanes((crosses > 0.0f) | emerges, ceil_lanes(t - guard), floor_lanes(t + guard) + 1.0f);
         const floatl first = clamp_lanes(next, line.low, line.high + 1.0f);
-        interval->above = pick(begins, first, interval->above);
-        interval->below = pick(begins, first - 1.0f, interval->below);
-        writer->begun_anew |= any_lane(begins & interval->begun);
+        interval->above = select_lanes(begins, first, interval->above);
+        interval->below = select_lanes(begins, first - 1.0f, interval->below);
+        writer->several |= any_lane(begins & interval->begun);
         interval->begun = interval->begun | begins;
     }
-    interval->anew = pick(there, open, interval->anew);
+    interval->ended = select_lanes(there, open, interval->ended);
     const intl closed = there & !open;
-    for (int most = group.high - group.low + 2; most > 0; most--) { /* a lane settles pixels of its line, or is done */
+    for (int pixels_left = group.high - group.low + 2; pixels_left > 0; pixels_left--) {
         const intl goes_up = closed & (b.p - interval->above * b.w >= -guard * b.w) & (interval->above <= line.high);
         const intl goes_down = closed & (b.p - interval->below * b.w <= guard * b.w) & (interval->below >= line.low);
         if (!any_lane(goes_up | goes_down))
             break;
-        const floatl p = pick(goes_up, interval->above, interval->below);
+        const floatl p = select_lanes(goes_up, interval->above, interval->below);
         const floatl g0 = a.p - p * a.w, g1 = b.p - p * b.w;
         const floatl f = clamp_lanes(g0 / (g0 - g1), (floatl)0.0f, (floatl)1.0f);
         const floatl w = a.w + f * (b.w - a.w);
@@ -113,11 +114,11 @@ INLINED void extend(Interval *interval, HitWriter *writer, Projection a, Project
         if (!any_lane(settles))
             break;
         COUNT(writer->pixels, settles)
-        interval->above = pick(settles & goes_up, interval->above + 1.0f, interval->above);
-        interval->below = pick(settles & !goes_up, interval->below - 1.0f, interval->below);
+        interval->above = select_lanes(settles & goes_up, interval->above + 1.0f, interval->above);
+        interval->below = select_lanes(settles & !goes_up, interval->below - 1.0f, interval->below);
 
 #if ALIGNED /* each line has pixels of its own */
-        const intl address = pick(settles, line.first_pixel + to_intl(p) * (line.along ? map.dst_pitch : 1), writer->spare + lane_index);
+        const intl address = select_lanes(settles, line.first_pixel + to_intl(p) * (line.along ? map.dst_pitch : 1), writer->spare + lane_index);
 #else
         const float b_along = map.dst_from_src[4 * line.along + 3], b_across = map.dst_from_src[4 * line.across + 3];
         const float b_w = map.dst_from_src[11], innermost = 1 << group.levels;
@@ -131,21 +132,21 @@ INLINED void extend(Interval *interval, HitWriter *writer, Projection a, Project
         const intl owns = in_wedge & (fabs(at_line - c) < 0.5f * line_spacing - guard) & (distance > group.least) &
                           (c >= group.cross_low) & (c <= group.cross_high);
         const intl pc = to_intl(c), pa = to_intl(p);
-        const intl address = pick(settles & owns, line.along ? pa * map.dst_pitch + pc : pc * map.dst_pitch + pa,
+        const intl address = select_lanes(settles & owns, line.along ? pa * map.dst_pitch + pc : pc * map.dst_pitch + pa,
                                   writer->spare + lane_index);
 #endif
         if (line.along) {
             const int ahead = PREFETCH_STEPS * map.dst_pitch;
-            const intl soon = address + pick(goes_up, (intl)ahead, (intl)-ahead);
+            const intl soon = address + select_lanes(goes_up, (intl)ahead, (intl)-ahead);
             prefetch_across_rows(hits, clamp(soon, (intl)0, (intl)(map.dst_height * map.dst_pitch - 1)), group);
         }
         const floatl met = (a.q + f * (b.q - a.q)) / w;
-        const intl hides = pick(goes_up, (intl)writer->up_hides, (intl)writer->down_hides);
+        const intl hides = select_lanes(goes_up, (intl)writer->up_hides, (intl)writer->down_hides);
         const floatl value = PACKED_HIT(met, hides);
         floatl stored = value;
-        if (writer->begun_anew) {
+        if (writer->several) {
             const floatl before = (floatl)(gather(hits, address));
-            stored = pick(before == EMPTY, value, before);
+            stored = select_lanes(before == EMPTY, value, before);
         }
 #if LANES == 1
         hits[address] = stored;
@@ -180,8 +181,8 @@ INLINED Targets targets_of(PixelMap map, int along, floatl u, floatl v, floatl d
 /* By the lines' major coordinates. */
 INLINED Targets targets_along(PixelMap map, SweepLines line)
 {
-    return targets_of(map, line.along, pick(line.u_major, (floatl)0.0f, line.minor_0), pick(line.u_major, line.minor_0, (floatl)0.0f),
-                      pick(line.u_major, (floatl)1.0f, line.tilt), pick(line.u_major, line.tilt, (floatl)1.0f));
+    return targets_of(map, line.along, select_lanes(line.u_major, (floatl)0.0f, line.minor_0), select_lanes(line.u_major, line.minor_0, (floatl)0.0f),
+                      select_lanes(line.u_major, (floatl)1.0f, line.tilt), select_lanes(line.u_major, line.tilt, (floatl)1.0f));
 }
 
 INLINED Projection project_at(Targets targets, floatl distance, floatl nearness)
@@ -197,7 +198,7 @@ INLINED Projection project_at(Targets targets, floatl distance, floatl nearness)
 INLINED Interval nothing_settled(SweepLines line)
 {
     Interval interval;
-    interval.anew = -1;
+    interval.ended = -1;
     interval.begun = 0;
     interval.above = line.low;
     interval.below = line.low - 1.0f;

@@ -49,7 +49,7 @@ INLINED Pixels read_hits(global const float *hits, PixelMap map, int x0, int y, 
         const floatl above = y > 0 ? load_lanes(here - map.dst_pitch) : n;
         const floatl under = y + 1 < map.dst_height ? load_lanes(here + map.dst_pitch) : n;
         floatl left = x0 > 0 ? load_lanes(here - 1) : shifted_lanes(n), right = load_lanes(here + 1);
-        right = pick(x0 + lane_index + 1 < map.dst_width, right, n);
+        right = select_lanes(x0 + lane_index + 1 < map.dst_width, right, n);
         const intl above_met = IS_HIT(above), under_met = IS_HIT(under), left_met = IS_HIT(left), right_met = IS_HIT(right);
         any_seen = seen_here | IS_VISIBLE_HIT(above) | IS_VISIBLE_HIT(under) | IS_VISIBLE_HIT(left) | IS_VISIBLE_HIT(right);
         intl any_met = IS_HIT(n) | above_met | under_met | left_met | right_met;
@@ -66,8 +66,8 @@ INLINED Pixels read_hits(global const float *hits, PixelMap map, int x0, int y, 
     intl in_place = hit_kind == HITS_WITHOUT_PARALLAX ? inside : (intl)0;
     if (fabs(y * D[11] - D[7]) <= AT_EPIPOLE * fabs(D[11])) /* no line there, and no parallax */
         in_place = in_place | ((fabs(x * D[11] - D[3]) <= AT_EPIPOLE * fabs(D[11])) & inside & !IS_HIT(n));
-    n = pick(in_place, (floatl)typical, n);
-    pixels.n = hit_kind == HITS_OF_PIXELS ? pick(seen_here | in_place, n, (floatl)EMPTY) : n;
+    n = select_lanes(in_place, (floatl)typical, n);
+    pixels.n = hit_kind == HITS_OF_PIXELS ? select_lanes(seen_here | in_place, n, (floatl)EMPTY) : n;
     const floatl inverse = find_place(&pixels, map, x0, y);
     if (hit_kind == HITS_OF_LINES) {
         const floatl moves_by = (fabs(S[3] - pixels.u * S[11]) + fabs(S[7] - pixels.v * S[11])) * fabs(inverse);
@@ -96,8 +96,8 @@ INLINED void intersect_at_hits(Pixels *pixels, Grid grid, PixelMap map, int x0, 
         const floatl column = floor_lanes(u + 0.5f), row = floor_lanes(v + 0.5f);
         on_column = (fabs(u - column) < ON_SAMPLES) & (column >= 0.0f) & (column <= (float)(grid.width - 1));
         on_row = (fabs(v - row) < ON_SAMPLES) & (row >= 0.0f) & (row <= (float)(grid.height - 1));
-        uc = pick(on_column, column, uc);
-        vc = pick(on_row, row, vc);
+        uc = select_lanes(on_column, column, uc);
+        vc = select_lanes(on_row, row, vc);
         /* An image of one column, or row, is seen along it alone. */
         beside = ((intl)(grid.width == 1 ? -1 : 0) & !on_column) | ((intl)(grid.height == 1 ? -1 : 0) & !on_row);
     }
@@ -108,14 +108,14 @@ INLINED void intersect_at_hits(Pixels *pixels, Grid grid, PixelMap map, int x0, 
     if (any_lane(on_column | on_row))
         collapse_cells(corners, on_row, vc > lowest, on_column);
     const floatl q00 = corners[0], q10 = corners[1], q01 = corners[2], q11 = corners[3];
-    const floatl qc = pick(upper, q11, q00);
+    const floatl qc = select_lanes(upper, q11, q00);
     const intl open = IS_OPEN(grid.cut, max_lanes(qc, max_lanes(q10, q01)), min_lanes(qc, min_lanes(q10, q01)));
     Plane plane;
     plane.q = qc;
-    plane.gu = pick(upper, qc - q01, q10 - qc);
-    plane.gv = pick(upper, qc - q10, q01 - qc);
-    plane.x = uc + pick(upper, (floatl)1.0f, (floatl)0.0f);
-    plane.y = vc + pick(upper, (floatl)1.0f, (floatl)0.0f);
+    plane.gu = select_lanes(upper, qc - q01, q10 - qc);
+    plane.gv = select_lanes(upper, qc - q10, q01 - qc);
+    plane.x = uc + select_lanes(upper, (floatl)1.0f, (floatl)0.0f);
+    plane.y = vc + select_lanes(upper, (floatl)1.0f, (floatl)0.0f);
     floatl per_unit;
     const floatl met = intersect_plane(rays, plane, &per_unit);
     const floatl w_met = rays.w + met * S[11], inverse = 1.0f / w_met;
@@ -131,7 +131,7 @@ INLINED void intersect_at_hits(Pixels *pixels, Grid grid, PixelMap map, int x0, 
     const intl before = IS_BEFORE(map.dst_perspective, met);
     const intl settles = pixels->smooth & in_triangle & shows & !beside & !open & (w_met > 0.0f) & before;
     const intl own = hit_kind == HITS_OF_PIXELS ? !pixels->smooth : (intl)0;
-    pixels->n = pick(settles, met, pick(own, pixels->n, (floatl)EMPTY));
+    pixels->n = select_lanes(settles, met, select_lanes(own, pixels->n, (floatl)EMPTY));
     pixels->traced = pixels->traced & !settles;
 }
 #endif

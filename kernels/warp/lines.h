@@ -50,7 +50,7 @@ INLINED SweepLines sweep_lines(LineGroup group, PixelMap map, int packet, float 
     const floatl at_reference = group.first + group.spacing * to_floatl(index);
     line.slope = (at_reference * b_w - b_across) / (group.reference * b_w - b_along);
     line.start = at_reference - line.slope * group.reference;
-    const floatl steep = pick(fabs(line.slope) < 1e-12f, (floatl)1e-12f, line.slope);
+    const floatl steep = select_lanes(fabs(line.slope) < 1e-12f, (floatl)1e-12f, line.slope);
     const floatl cross_0 = (group.cross_low - 0.5f - line.start) / steep, cross_1 = (group.cross_high + 0.5f - line.start) / steep;
     line.low = fmax((floatl)group.low, ceil(fmin(cross_0, cross_1)));
     line.high = fmin((floatl)group.high, floor(fmax(cross_0, cross_1)));
@@ -59,8 +59,8 @@ INLINED SweepLines sweep_lines(LineGroup group, PixelMap map, int packet, float 
     in_area = in_area & (at_reference >= group.cross_low) & (at_reference <= group.cross_high);
     line.first_pixel = to_intl(at_reference) * (group.axis ? 1 : map.dst_pitch);
 #endif
-    line.low = pick(in_area, line.low, (floatl)0.0f);
-    line.high = pick(in_area, line.high, (floatl)-1.0f);
+    line.low = select_lanes(in_area, line.low, (floatl)0.0f);
+    line.high = select_lanes(in_area, line.high, (floatl)-1.0f);
 
     /* The same lines in the source. Direction: away from the epipole as the ray recedes. */
     const int along = line.along;
@@ -68,33 +68,33 @@ INLINED SweepLines sweep_lines(LineGroup group, PixelMap map, int packet, float 
     const floatl u0 = PIXEL_ROW(S, 0, x, y), v0 = PIXEL_ROW(S, 1, x, y), w0 = PIXEL_ROW(S, 2, x, y);
     const floatl dir_u = u0 * e_w - e_u * w0, dir_v = v0 * e_w - e_v * w0, offset = e_u * v0 - e_v * u0;
     const intl u_major = fabs(dir_u) >= fabs(dir_v);
-    const floatl dir_major = pick(u_major, dir_u, dir_v);
+    const floatl dir_major = select_lanes(u_major, dir_u, dir_v);
     line.u_major = u_major;
-    line.tilt = pick(u_major, dir_v, dir_u) / dir_major;
-    line.minor_0 = pick(u_major, -offset, offset) / dir_major;
+    line.tilt = select_lanes(u_major, dir_v, dir_u) / dir_major;
+    line.minor_0 = select_lanes(u_major, -offset, offset) / dir_major;
 #if ALIGNED
     const floatl row = floor_lanes(line.minor_0 + 0.5f);
-    line.minor_0 = pick(fabs(line.minor_0 - row) < ON_SAMPLES, row, line.minor_0);
+    line.minor_0 = select_lanes(fabs(line.minor_0 - row) < ON_SAMPLES, row, line.minor_0);
 #endif
-    line.sign = pick(dir_major < 0.0f, (floatl)-1.0f, (floatl)1.0f);
-    line.last_major = to_floatl(pick(u_major, (intl)(map.src_width - 1), (intl)(map.src_height - 1)));
-    line.last_minor = pick(u_major, (intl)(map.src_height - 1), (intl)(map.src_width - 1));
-    line.stride_major = pick(u_major, (intl)1, (intl)map.src_pitch);
-    line.stride_minor = pick(u_major, (intl)map.src_pitch, (intl)1);
+    line.sign = select_lanes(dir_major < 0.0f, (floatl)-1.0f, (floatl)1.0f);
+    line.last_major = to_floatl(select_lanes(u_major, (intl)(map.src_width - 1), (intl)(map.src_height - 1)));
+    line.last_minor = select_lanes(u_major, (intl)(map.src_height - 1), (intl)(map.src_width - 1));
+    line.stride_major = select_lanes(u_major, (intl)1, (intl)map.src_pitch);
+    line.stride_minor = select_lanes(u_major, (intl)map.src_pitch, (intl)1);
 
     /* Clip the source line: to the image, to this side of the epipole, to what the range of depth can show. */
     floatl from = 0.0f, to = line.last_major;
-    const floatl tilted = pick(fabs(line.tilt) < 1e-12f, (floatl)1e-12f, line.tilt);
+    const floatl tilted = select_lanes(fabs(line.tilt) < 1e-12f, (floatl)1e-12f, line.tilt);
     const floatl edge_0 = (-ON_SAMPLES - line.minor_0) / tilted;
     const floatl edge_1 = (to_floatl(line.last_minor) + ON_SAMPLES - line.minor_0) / tilted;
     from = fmax(from, fmin(edge_0, edge_1));
     to = fmin(to, fmax(edge_0, edge_1));
-    const floatl e_major = pick(u_major, (floatl)e_u, (floatl)e_v);
+    const floatl e_major = select_lanes(u_major, (floatl)e_u, (floatl)e_v);
     if (e_w != 0.0f) {
         const floatl epipole = e_major / e_w;
         const intl after = e_w * line.sign > 0.0f; /* samples follow the epipole on the axis */
-        from = pick(after, fmax(from, epipole), from);
-        to = pick(after, to, fmin(to, epipole));
+        from = select_lanes(after, fmax(from, epipole), from);
+        to = select_lanes(after, to, fmin(to, epipole));
     }
     floatl reach_low = INFINITY, reach_high = -INFINITY;
     intl bounded = 1;
@@ -104,17 +104,17 @@ INLINED SweepLines sweep_lines(LineGroup group, PixelMap map, int packet, float 
         const floatl px = along ? c : p, py = along ? p : c;
         const floatl cu = PIXEL_ROW(S, 0, px, py), cv = PIXEL_ROW(S, 1, px, py), cw = PIXEL_ROW(S, 2, px, py), cq = PIXEL_ROW(S, 3, px, py);
         const floatl whole = cw * e_q - e_w * cq, part = e_q - q * e_w;
-        const floatl at = (pick(u_major, cu, cv) * part + e_major * (q * cw - cq)) / whole;
+        const floatl at = (select_lanes(u_major, cu, cv) * part + e_major * (q * cw - cq)) / whole;
         bounded = bounded & (whole * part > 0.0f);
         reach_low = fmin(reach_low, at);
         reach_high = fmax(reach_high, at);
     }
-    from = pick(bounded, fmax(from, reach_low - 1.0f), from);
-    to = pick(bounded, fmin(to, reach_high + 1.0f), to);
+    from = select_lanes(bounded, fmax(from, reach_low - 1.0f), from);
+    to = select_lanes(bounded, fmin(to, reach_high + 1.0f), to);
     /* Rays in the plane of the source's centre that its pixels never show are a line nowhere, which no walk ends. */
     const intl somewhere = isfinite_lanes(line.tilt) & isfinite_lanes(line.minor_0);
-    line.from = pick(somewhere, from, (floatl)0.0f);
-    line.to = pick(somewhere, to, (floatl)-1.0f);
+    line.from = select_lanes(somewhere, from, (floatl)0.0f);
+    line.to = select_lanes(somewhere, to, (floatl)-1.0f);
     return line;
 }
 #endif

@@ -47,8 +47,8 @@ typedef struct {
     float one[PLANES];
 } Levels;
 
-/* Two rows of cells of a level into one of half their length. No cell counts more than 1; nor than w, what counts most
- * among its four, or SATURATION w^2 if that is more: what is faint stays so. */
+/* Two rows of cells of a level into one of half their length. No cell's weight is more than 1, nor more than the greatest weight
+ * w of its four, or SATURATION w^2 if that is more: small weights stay small. */
 #define HALVE(long_row, half_row, made, row, level)                                                            \
     {                                                                                                          \
         long_row a = 1.0f, b = 1.0f; /* the cells' factors beside the farthest of four */                      \
@@ -64,8 +64,8 @@ typedef struct {
         }                                                                                                      \
         const half_row weights = HALVED(a * row(WEIGHT_PLANE, 0), b * row(WEIGHT_PLANE, 1));                   \
         const long_row more = fmax(row(WEIGHT_PLANE, 0), row(WEIGHT_PLANE, 1));                                \
-        const half_row most = fmax(more.even, more.odd);                                                       \
-        const half_row limit = fmin(fmax(most, SATURATION * most * most), 1.0f);                               \
+        const half_row greatest = fmax(more.even, more.odd);                                                    \
+        const half_row limit = fmin(fmax(greatest, SATURATION * greatest * greatest), 1.0f);                   \
         const half_row scale = weights > limit ? limit / weights : (half_row)1.0f;                             \
         for (int p = 0; p < WEIGHT_PLANE; p++)                                                                 \
             made(p) = scale * HALVED(a * row(p, 0), b * row(p, 1));                                            \

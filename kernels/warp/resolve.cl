@@ -50,12 +50,12 @@ INLINED Corners corners_at(Pixels *pixels, Grid grid, PixelMap map, int linear)
     const floatl fv = clamp_lanes(v - vc, (floatl)0.0f, (floatl)1.0f);
     const intl cell_x = to_intl(uc), cell_y = to_intl(vc);
     if (!linear) {
-        const intl sx = cell_x + pick(fu >= 0.5f, (intl)step_x, (intl)0);
-        const intl sy = cell_y + pick(fv >= 0.5f, (intl)step_y, (intl)0);
+        const intl sx = cell_x + select_lanes(fu >= 0.5f, (intl)step_x, (intl)0);
+        const intl sy = cell_y + select_lanes(fv >= 0.5f, (intl)step_y, (intl)0);
         const intl at = sy * map.src_pitch + sx;
         const floatl q = (floatl)(gather(grid.nearness, at)), sample_u = to_floatl(sx), sample_v = to_floatl(sy);
         const floatl w = MAP_ROW(D, 2, sample_u, sample_v, q);
-        pixels->n = pick(IS_HIT(pixels->n) & (w > 0.0f), MAP_ROW(D, 3, sample_u, sample_v, q) / w, pixels->n);
+        pixels->n = select_lanes(IS_HIT(pixels->n) & (w > 0.0f), MAP_ROW(D, 3, sample_u, sample_v, q) / w, pixels->n);
         const intl nearest = sy * map.src_width + sx;
         const Corners one = {nearest, nearest, nearest, 1.0f, 0.0f, 0.0f};
         return one;
@@ -63,8 +63,8 @@ INLINED Corners corners_at(Pixels *pixels, Grid grid, PixelMap map, int linear)
     const floatl diagonal = fu + fv - 1.0f;
     const intl upper = diagonal > 0.0f;
     const intl cell = cell_y * map.src_width + cell_x, below = cell + step_y * map.src_width;
-    const Corners three = {pick(upper, below + step_x, cell), cell + step_x, below,
-                         fabs(diagonal), pick(upper, 1.0f - fv, fu), pick(upper, 1.0f - fu, fv)};
+    const Corners three = {select_lanes(upper, below + step_x, cell), cell + step_x, below,
+                         fabs(diagonal), select_lanes(upper, 1.0f - fv, fu), select_lanes(upper, 1.0f - fu, fv)};
     return three;
 }
 
@@ -127,10 +127,10 @@ INLINED intl write_pixels(Pixels pixels, Color c, PixelMap map, int merge, int c
     const intl settled = IS_HIT(pixels.n);
     const floatl z = DEPTH_OF(map.dst_perspective, pixels.n);
     if (!merge && count == LANES) {
-        store_lanes(pick(settled, z, (floatl)NAN), depth);
+        store_lanes(select_lanes(settled, z, (floatl)NAN), depth);
         store_bytes(to_ucharl(settled & 1), valid);
         const Color none = {0.0f, 0.0f, 0.0f};
-        write_color(color, pick_color(settled, c, none));
+        write_color(color, select_color(settled, c, none));
         return (intl)-1;
     }
     intl written = 0;
@@ -210,7 +210,7 @@ kernel void resolve(global const float *nearness, global const float *hits, glob
     uint cells = 0;
     for (int first = 0; first < count; first += LANES) {
         const intl wanted = first + lane_index < count;
-        const intl pixel = pick(wanted, (intl)load_lanes(to_trace + first), (intl)0), x = strip_x + pixel;
+        const intl pixel = select_lanes(wanted, (intl)load_lanes(to_trace + first), (intl)0), x = strip_x + pixel;
         const floatl n = trace_candidates(hits, grid, map, x, y, wanted, sides, neighbour_offset, density, window, &cells);
         for (int i = 0; i < min(count - first, LANES); i++)
             set_float_lane(pixels[to_trace[first + i] / LANES].n, to_trace[first + i] % LANES, float_lane(n, i));
@@ -225,7 +225,7 @@ kernel void resolve(global const float *nearness, global const float *hits, glob
             find_place(&pixels[p], map, x0, y);
         const Corners there = corners_at(&pixels[p], grid, map, linear);
         const Color c = interpolate_color(there, map, src_color, linear);
-        pixels[p].n = pick(IS_BEFORE(map.dst_perspective, pixels[p].n), pixels[p].n, (floatl)EMPTY);
+        pixels[p].n = select_lanes(IS_BEFORE(map.dst_perspective, pixels[p].n), pixels[p].n, (floatl)EMPTY);
         const int in_packet = min(high_x - x0, LANES);
         const intl written = write_pixels(pixels[p], c, map, merge, in_packet, depth + out, color + CHANNELS * out, valid + out);
 #if ORIGINS

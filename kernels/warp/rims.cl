@@ -1,9 +1,9 @@
 /* Surfaces as large as the pixels that measured them: the squares of their border samples are drawn.
  *
- * The surface of lib/surface.h ends at the last samples, half a pixel before what they measured does: things one sample
- * thin are not there at all, and what is behind them shows. `rims` carries the pixels of all samples next to an
+ * The surface of lib/surface.h ends at its last samples, half a pixel before the things that these measured: things one
+ * sample thin are missing, and what is behind them shows. `rims` carries the pixels of all samples next to an
  * opening, or to the image's border, over to the target, as squares at their own depth; the nearest one stays.
- * `add_rims` writes them where the target shows nothing, or what they are torn apart from. nearness: (src_height,
+ * `add_rims` writes them where the target shows nothing, or a surface behind that they are torn apart from. nearness: (src_height,
  * src_pitch). keys: (dst_height, dst_width) nearness as warp/keys.h orders it, 0 where there is no rim. depth, valid:
  * (dst_height, dst_width). Work-item: STRIP * LANES samples, or pixels, of a row. Cost: O(samples + pixels of rims).
  * Determinism: a maximum does not depend on the order of work-items.
@@ -63,8 +63,8 @@ INLINED void draw_pixels(PixelMap map, floatl x, float y, floatl n, intl wanted,
 INLINED void load_beside(global const float *own, floatl n, int x0, int y, PixelMap map, floatl *beside)
 {
     const intl x = x0 + lane_index;
-    beside[0] = x0 > 0 ? load_lanes(own - 1) : pick(x == 0, (floatl)NO_SURFACE, shifted_lanes(n));
-    beside[1] = pick(x + 1 < map.src_width, load_lanes(own + 1), (floatl)NO_SURFACE); /* rows have room to look beyond */
+    beside[0] = x0 > 0 ? load_lanes(own - 1) : select_lanes(x == 0, (floatl)NO_SURFACE, shifted_lanes(n));
+    beside[1] = select_lanes(x + 1 < map.src_width, load_lanes(own + 1), (floatl)NO_SURFACE); /* rows have room to look beyond */
     beside[2] = y > 0 ? load_lanes(own - map.src_pitch) : (floatl)NO_SURFACE;
     beside[3] = y + 1 < map.src_height ? load_lanes(own + map.src_pitch) : (floatl)NO_SURFACE;
 }
@@ -103,14 +103,14 @@ kernel void rims(global const float *nearness, global uint *keys, PixelMap map, 
         draw_pixels(map, load_lanes(rim_x + first), y, load_lanes(rim_n + first), first + lane_index < count, keys);
 }
 
-/* Depths z of a target with rims, where there are any and nothing shows, or what they are torn apart from */
+/* Depths of a target that shows depths z, with its rims: where nothing shows, or a surface that the rim is torn apart from */
 INLINED floatl with_rims(floatl z, uintl key, int perspective, Cut cut)
 {
     const intl bits = as_intl(key);
-    const floatl rim = as_floatl(pick(bits < 0, bits & 0x7fffffff, ~bits)); /* nearness_of_key() in lanes */
+    const floatl rim = as_floatl(select_lanes(bits < 0, bits & 0x7fffffff, ~bits)); /* nearness_of_key() in lanes */
     const floatl shown = perspective ? 1.0f / z : -z;
     const intl torn_from = (rim > shown) & IS_OPEN(cut, rim, shown);
-    return pick((bits != 0) & ((z != z) | torn_from), DEPTH_OF(perspective, rim), z);
+    return select_lanes((bits != 0) & ((z != z) | torn_from), DEPTH_OF(perspective, rim), z);
 }
 
 kernel void add_rims(global const uint *keys, global float *depth, global uchar *valid, int width, int height, int perspective,
@@ -124,7 +124,7 @@ kernel void add_rims(global const uint *keys, global float *depth, global uchar 
         if (x0 + LANES <= width) {
             const uintl key = load_lanes(keys + at);
             if (!any_lane(as_intl(key) != 0))
-                continue; /* as most */
+                continue; /* most packets have none */
             const floatl z = with_rims(load_lanes(depth + at), key, perspective, cut);
             store_lanes(z, depth + at);
             store_bytes(to_ucharl((z == z) & 1), valid + at);

@@ -1,10 +1,10 @@
 /* The colours of a depth image's samples in the picture of another camera, where that camera sees them.
  *
- * A sample is hidden if what shows at its pixel is nearer, and another surface. It is another one if the ray that both
- * lie on, walked in the depth image from the one to the other, passes an opening of the surface, or runs behind the
- * surface by more than noise explains. A ray that grazes a noisy or slanted surface does neither. A sample where
- * nothing shows is hidden if its surface turns its back there. Colour is what lies between the four pixels around,
- * without those that show another surface. The target is a pinhole's image whose pixels a lens may move (lib/lens.h):
+ * A sample is hidden if its pixel shows a point of another surface that is nearer. It is of another surface if the ray that
+ * both lie on, walked in the depth image from the one to the other, passes an opening of the surface, or runs behind it
+ * by more than noise explains. A ray that grazes a noisy or slanted surface does neither. A sample whose pixel shows
+ * nothing is hidden if its surface turns its back to the camera there. Colours are interpolated from the four pixels
+ * around, without those that show another surface. The target is a pinhole's image whose pixels a lens may move (lib/lens.h):
  * `map` leads to the pinhole's. places: (2, height, pitch) where the samples lie in the source that `nearness` is of,
  * NaN: nowhere, if HAS_PLACES. depth: (height, width) of the samples, planar z; not finite, <= NEAREST or >= far is
  * none. nearness: (src_height, src_pitch). shown, color: (dst_height, dst_width) depth that the target shows, NaN:
@@ -22,8 +22,8 @@
 #endif
 #define WALK_STEPS 24        /* of the source: what is farther apart is another surface */
 #define SAME_SURFACE 1.0f    /* pixel of the source: what is no farther apart is the same */
-#define RELATIVE_TOLERANCE 1e-3f    /* of the nearness: what is behind by less is not */
-#define OCCLUSION_DEVIATIONS 5.0f /* nor by less than so many standard deviations of the noise */
+#define RELATIVE_TOLERANCE 1e-3f    /* of the nearness: no ray is taken to be behind a surface by less than that, */
+#define OCCLUSION_DEVIATIONS 5.0f   /* and so many standard deviations of the noise */
 #define SLOPE_STEP 2         /* samples to either side from which its slope is taken; and three times as many, amid noise */
 #define SLOPE_DEVIATIONS 3.0f      /* standard deviations of the noise by which these may differ more than they do */
 
@@ -40,7 +40,7 @@ typedef struct {
     floatl u, v, q; /* pixel, and nearness */
 } Point;
 
-/* The source's nearness around (u, v): between four samples of one surface, or that of the nearest. */
+/* The source's nearness at (u, v): interpolated between four samples of one surface, else that of the nearest sample */
 INLINED floatl nearness_around(global const float *nearness, PixelMap map, Cut cut, floatl u, floatl v)
 {
     const Taps taps = clamped_taps(map.src_width, map.src_height, u, v);
@@ -53,18 +53,18 @@ INLINED floatl nearness_around(global const float *nearness, PixelMap map, Cut c
         low = min_lanes(n[i], low);
     }
     const intl right = taps.fx >= 0.5f, below = taps.fy >= 0.5f;
-    const floatl nearest = pick(below, pick(right, n[3], n[2]), pick(right, n[1], n[0]));
-    return pick(IS_OPEN(cut, high, low), nearest, bilinear(taps, n[0], n[1], n[2], n[3]));
+    const floatl nearest = select_lanes(below, select_lanes(right, n[3], n[2]), select_lanes(right, n[1], n[0]));
+    return select_lanes(IS_OPEN(cut, high, low), nearest, bilinear(taps, n[0], n[1], n[2], n[3]));
 }
 
-/* Does another surface than that of the sample hide it? `front` is where what shows at its pixel lies in the source. */
+/* Does another surface hide the sample? front: the point that its pixel shows, in the source's pixel space */
 INLINED intl is_occluded(global const float *nearness, PixelMap map, Cut cut, Noise noise, Point sample, Point front, intl active)
 {
     const floatl du = front.u - sample.u, dv = front.v - sample.v;
     const floatl length = max_lanes(fabs(du), fabs(dv));
     const intl far_off = !(length <= (floatl)WALK_STEPS);
     const intl walks = active & !far_off & (length > SAME_SURFACE);
-    const floatl count = ceil_lanes(pick(walks, length, (floatl)0.0f));
+    const floatl count = ceil_lanes(select_lanes(walks, length, (floatl)0.0f));
     intl hidden = active & far_off;
     floatl before = sample.q;
     for (int step = 1; step <= WALK_STEPS && any_lane(walks & !hidden & (step <= count)); step++) {
@@ -72,9 +72,9 @@ INLINED intl is_occluded(global const float *nearness, PixelMap map, Cut cut, No
         const floatl n = nearness_around(nearness, map, cut, sample.u + part * du, sample.v + part * dv);
         const intl known = walks & (step <= count) & (n > NO_SURFACE);
         const floatl ray = sample.q + part * (front.q - sample.q);
-        const floatl slack = OCCLUSION_DEVIATIONS * (noise.a + n * (noise.b + n * noise.c)) + RELATIVE_TOLERANCE * fabs(n);
-        hidden = hidden | (known & (IS_OPEN(cut, max_lanes(n, before), min_lanes(n, before)) | (n - ray > slack)));
-        before = pick(known, n, before);
+        const floatl tolerance = OCCLUSION_DEVIATIONS * (noise.a + n * (noise.b + n * noise.c)) + RELATIVE_TOLERANCE * fabs(n);
+        hidden = hidden | (known & (IS_OPEN(cut, max_lanes(n, before), min_lanes(n, before)) | (n - ray > tolerance)));
+        before = select_lanes(known, n, before);
     }
     return hidden;
 }
@@ -97,8 +97,8 @@ INLINED intl faces_away(global const float *nearness, PixelMap map, Cut cut, Noi
         const intl none_low = IS_OPEN(cut, max_lanes(low, sample.q), min_lanes(low, sample.q));
         const intl none_high = IS_OPEN(cut, max_lanes(high, sample.q), min_lanes(high, sample.q));
         unknown = unknown | (none_low & none_high);
-        slope[axis] = (pick(none_high, sample.q, high) - pick(none_low, sample.q, low)) /
-                      (aside * pick(none_low | none_high, (floatl)1.0f, (floatl)2.0f));
+        slope[axis] = (select_lanes(none_high, sample.q, high) - select_lanes(none_low, sample.q, low)) /
+                      (aside * select_lanes(none_low | none_high, (floatl)1.0f, (floatl)2.0f));
     }
     for (int i = 0; i < 3; i++)
         p[i] = MAP_ROW(D, i, sample.u, sample.v, sample.q);
@@ -127,12 +127,12 @@ kernel void color_samples(global const float *places, global const float *depth,
     global const float *place = places + (size_t)y * pitch + x0;
     Point sample = {load_lanes(place), load_lanes(place + (size_t)height * pitch), 0.0f};
     active = active & (sample.u == sample.u);
-    sample.u = pick(active, sample.u, (floatl)0.0f);
-    sample.v = pick(active, sample.v, (floatl)0.0f);
+    sample.u = select_lanes(active, sample.u, (floatl)0.0f);
+    sample.v = select_lanes(active, sample.v, (floatl)0.0f);
 #else
     Point sample = {to_floatl(x), y, 0.0f};
 #endif
-    sample.q = pick(active, perspective ? 1.0f / z : -z, (floatl)1.0f);
+    sample.q = select_lanes(active, perspective ? 1.0f / z : -z, (floatl)1.0f);
 
     /* Its pixel: u, v a pinhole's, at_u, at_v the lens's */
     const floatl w = MAP_ROW(D, 2, sample.u, sample.v, sample.q), per_w = 1.0f / w;
@@ -143,8 +143,8 @@ kernel void color_samples(global const float *places, global const float *depth,
     floatl at_u = u, at_v = v;
     active = active & through_lens(lens, &at_u, &at_v);
     active = active & (at_u >= -0.5f) & (at_u <= map.dst_width - 0.5f) & (at_v >= -0.5f) & (at_v <= map.dst_height - 0.5f);
-    at_u = pick(active, at_u, (floatl)0.0f);
-    at_v = pick(active, at_v, (floatl)0.0f);
+    at_u = select_lanes(active, at_u, (floatl)0.0f);
+    at_v = select_lanes(active, at_v, (floatl)0.0f);
 
     /* What shows around it, and at it */
     const Taps taps = clamped_taps(map.dst_width, map.dst_height, at_u, at_v);
@@ -155,16 +155,16 @@ kernel void color_samples(global const float *places, global const float *depth,
     for (int i = 0; i < 4; i++) {
         around[i] = (floatl)(gather(shown, taps.at[i]));
         torn[i] = ARE_TORN(map.dst_perspective, shown_cut, min_lanes(around[i], own_z), max_lanes(around[i], own_z));
-        weights[i] = pick(torn[i], (floatl)0.0f, weights[i]);
+        weights[i] = select_lanes(torn[i], (floatl)0.0f, weights[i]);
         total += weights[i];
         farthest = max_lanes(around[i], farthest);
     }
     const intl right = taps.fx >= 0.5f, below = taps.fy >= 0.5f;
-    const intl nearest = pick(below, pick(right, taps.at[3], taps.at[2]), pick(right, taps.at[1], taps.at[0]));
-    const floatl z_there = pick(below, pick(right, around[3], around[2]), pick(right, around[1], around[0]));
+    const intl nearest = select_lanes(below, select_lanes(right, taps.at[3], taps.at[2]), select_lanes(right, taps.at[1], taps.at[0]));
+    const floatl z_there = select_lanes(below, select_lanes(right, around[3], around[2]), select_lanes(right, around[1], around[0]));
     const intl none = active & !(z_there == z_there);
     /* If it is nearer, and not as the slope goes that is seen there */
-    const intl torn_there = pick(below, pick(right, torn[3], torn[2]), pick(right, torn[1], torn[0]));
+    const intl torn_there = select_lanes(below, select_lanes(right, torn[3], torn[2]), select_lanes(right, torn[1], torn[0]));
     const floatl nearer_by = RELATIVE_TOLERANCE * fabs(own_z);
     const intl before = active & (own_z - z_there > nearer_by) & (torn_there | (own_z - farthest > nearer_by));
     intl is_seen = active;
@@ -185,9 +185,9 @@ kernel void color_samples(global const float *places, global const float *depth,
         add_color(&c, weights[i] * per_total, read_color(color, taps.at[i], pixels));
     const intl mixes = total > 1e-6f;
     if (any_lane(is_seen & !mixes))
-        c = pick_color(mixes, c, read_color(color, nearest, pixels));
+        c = select_color(mixes, c, read_color(color, nearest, pixels));
     const Color black = {0.0f, 0.0f, 0.0f};
-    c = pick_color(is_seen, c, black);
+    c = select_color(is_seen, c, black);
     if (whole) {
         write_color(sample_color + CHANNELS * at, c);
         store_bytes(to_ucharl(is_seen & 1), seen + at);

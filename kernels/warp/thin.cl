@@ -4,7 +4,7 @@
  * number, and then the pixels, where a ribbon is nearer than what is there or there is nothing. Where a ray meets a hidden
  * side first, a ribbon behind that shows.
  * keys: (dst_height, dst_width) nearness as warp/keys.h orders it, 0 where no ribbon is; indices: the same shape, NEIGHBOURS times
- * the number of the ribbon's thin sample and its way, 0 to 8 by rows to a neighbour, 4 to itself.
+ * the number of the ribbon's thin sample, plus the number of the neighbour that it leads to, 0 to 8 by rows; 4: to none.
  * Work-item: STRIP * LANES samples, or pixels, of a row. Cost: O(samples + pixels of ribbons). Determinism: maximum and
  * minimum do not depend on the order of work-items.
  * Not in the paper, whose samples are all connected.
@@ -26,8 +26,9 @@
 #define END_BIAS 1024u /* of the least differences of nearness: the half squares beyond a ribbon's middles are behind what
                            goes on there in the same plane, whose colours run on */
 
-/* Narrows [*low, *high], the parts of the way at which the square holds a point p away from where it began, by an axis. */
-void narrow(float p, float d, float *low, float *high)
+/* Narrows [*low, *high], the part of a ribbon's sweep in which its square holds a point, by one axis: p is the point's distance
+ * from the first middle, d the sweep's length. */
+void narrow_sweep(float p, float d, float *low, float *high)
 {
     if (fabs(d) > 1e-6f) {
         const float a = (p - 0.5f) / d, b = (p + 0.5f) / d;
@@ -49,8 +50,8 @@ float intersect_ribbon(Ribbon ribbon, PixelMap map, int sides, int column, int r
     const float met = -at_start / per_unit, w_met = w + met * S[11];
     const float2 p = (float2)((u + met * S[3]) / w_met - ribbon.x, (v + met * S[7]) / w_met - ribbon.y);
     float low = 0.0f, high = 1.0f;
-    narrow(p.x, ribbon.dx, &low, &high);
-    narrow(p.y, ribbon.dy, &low, &high);
+    narrow_sweep(p.x, ribbon.dx, &low, &high);
+    narrow_sweep(p.y, ribbon.dy, &low, &high);
     *part = (p.x * ribbon.dx + p.y * ribbon.dy) / fmax(ribbon.dx * ribbon.dx + ribbon.dy * ribbon.dy, 1e-6f);
     const int is_on = low <= high && !(ribbon.ends && *part > 1.0f) && w_met > 0.0f;
     const int shows = (per_unit > 0.0f && (sides & SHOWS_FRONT)) || (per_unit < 0.0f && (sides & SHOWS_BACK));
@@ -109,8 +110,8 @@ INLINED void load_row(Grid grid, int x0, int y, floatl *left, floatl *here, floa
     if (y < 0 || y >= grid.height)
         return;
     global const float *own = grid.nearness + (size_t)y * grid.pitch + x0;
-    *here = pick(x < grid.width, load_lanes(own), (floatl)NO_SURFACE);
-    *right = pick(x + 1 < grid.width, load_lanes(own + 1), (floatl)NO_SURFACE); /* rows have room to look beyond */
+    *here = select_lanes(x < grid.width, load_lanes(own), (floatl)NO_SURFACE);
+    *right = select_lanes(x + 1 < grid.width, load_lanes(own + 1), (floatl)NO_SURFACE); /* rows have room to look beyond */
     *left = shifted_lanes(*here);
     set_float_lane(*left, 0, x0 > 0 ? own[-1] : NO_SURFACE);
 }
@@ -133,7 +134,7 @@ void draw_strip(global const float *nearness, global uint *keys, global uint *in
                           IS_TORN(right[0], here[0], right[1], here[1]) & IS_TORN(left[2], here[2], left[1], here[1]) &
                           IS_TORN(right[2], here[2], right[1], here[1]);
         if (!any_lane(thin))
-            continue; /* as most */
+            continue; /* most packets have none */
         for (int lane = 0; lane < LANES; lane++)
             if (int_lane(thin, lane))
                 draw_sample(grid, map, sides, x0 + lane, y, keys, indices);
@@ -206,7 +207,7 @@ kernel void thin_pixels(global const float *nearness, global const uint *keys, g
     for (int x0 = get_global_id(0) * STRIP * LANES, packet = 0; packet < STRIP && x0 < map.dst_width; x0 += LANES, packet++) {
         const size_t at = (size_t)y * map.dst_width + x0;
         if (x0 + LANES <= map.dst_width && !any_lane(as_intl(load_lanes(keys + at)) != 0))
-            continue; /* as most */
+            continue; /* most packets have none */
         for (int i = 0; i < min(LANES, map.dst_width - x0); i++) {
             if (!keys[at + i] || indices[at + i] == NO_RIBBON)
                 continue;

@@ -71,44 +71,44 @@ INLINED Epipolar epipolar_of(Rays rays, Grid grid)
     const float4 c = rays.centre;
     const floatl dir_u = rays.u * c.z - c.x * rays.w, dir_v = rays.v * c.z - c.y * rays.w, offset = c.x * rays.v - c.y * rays.u;
     const intl u_major = fabs(dir_u) >= fabs(dir_v);
-    const floatl major = pick(u_major, dir_u, dir_v), start = pick(u_major, rays.u, rays.v);
-    const floatl centre = pick(u_major, (floatl)c.x, (floatl)c.y);
-    const floatl sign = pick(major < 0.0f, (floatl)-1.0f, (floatl)1.0f);
+    const floatl major = select_lanes(u_major, dir_u, dir_v), start = select_lanes(u_major, rays.u, rays.v);
+    const floatl centre = select_lanes(u_major, (floatl)c.x, (floatl)c.y);
+    const floatl sign = select_lanes(major < 0.0f, (floatl)-1.0f, (floatl)1.0f);
     const floatl per_major = 1.0f / major;
-    const floatl tilt = pick(u_major, dir_v, dir_u) * per_major;
-    const floatl minor = pick(u_major, -offset, offset) * per_major;
+    const floatl tilt = select_lanes(u_major, dir_v, dir_u) * per_major;
+    const floatl minor = select_lanes(u_major, -offset, offset) * per_major;
     const floatl slope = (rays.q * c.z - c.w * rays.w) * per_major, level = (c.w * start - rays.q * centre) * per_major;
 
     /* Clip to the image, and by a little beyond its border: rounding. */
     const float last_u = grid.width - 1, last_v = grid.height - 1;
-    const floatl last_minor = pick(u_major, (floatl)last_v, (floatl)last_u);
-    const floatl per_tilt = 1.0f / pick(fabs(tilt) < 1e-12f, (floatl)1e-12f, tilt);
+    const floatl last_minor = select_lanes(u_major, (floatl)last_v, (floatl)last_u);
+    const floatl per_tilt = 1.0f / select_lanes(fabs(tilt) < 1e-12f, (floatl)1e-12f, tilt);
     const floatl edge_0 = (-ON_SAMPLES - minor) * per_tilt, edge_1 = (last_minor + ON_SAMPLES - minor) * per_tilt;
     floatl low = fmax((floatl)0.0f, fmin(edge_0, edge_1));
-    floatl high = fmin(pick(u_major, (floatl)last_u, (floatl)last_v), fmax(edge_0, edge_1));
+    floatl high = fmin(select_lanes(u_major, (floatl)last_u, (floatl)last_v), fmax(edge_0, edge_1));
     /* To this side of the epipole, */
     if (c.z != 0.0f) {
         const floatl epipole = centre / c.z;
         const intl after = c.z * sign > 0.0f;
-        low = pick(after, fmax(low, epipole), low);
-        high = pick(after, high, fmin(high, epipole));
+        low = select_lanes(after, fmax(low, epipole), low);
+        high = select_lanes(after, high, fmin(high, epipole));
     }
     /* and to what lies before the target: nearness 0 is infinity, or an orthographic camera's own plane. */
     const intl ahead = rays.w > 0.0f, rising = sign > 0.0f;
     const floatl border = start / rays.w;
     const intl cuts_high = ahead & (rays.perspective ? rising : !rising);
     const intl cuts_low = ahead & (rays.perspective ? !rising : rising);
-    high = pick(cuts_high, fmin(high, border), high);
-    low = pick(cuts_low, fmax(low, border), low);
+    high = select_lanes(cuts_high, fmin(high, border), high);
+    low = select_lanes(cuts_low, fmax(low, border), low);
 
     Epipolar epipolar;
-    const floatl from = pick(rising, low, high), at_minor = minor + tilt * from;
+    const floatl from = select_lanes(rising, low, high), at_minor = minor + tilt * from;
     const intl runs = (fabs(major) > 0.0f) & isfinite_lanes(tilt) & isfinite_lanes(at_minor);
-    epipolar.lines.u = pick(u_major, from, at_minor);
-    epipolar.lines.v = pick(u_major, at_minor, from);
-    epipolar.lines.du = sign * pick(u_major, (floatl)1.0f, tilt);
-    epipolar.lines.dv = sign * pick(u_major, tilt, (floatl)1.0f);
-    epipolar.lines.length = pick(runs, high - low, (floatl)-1.0f);
+    epipolar.lines.u = select_lanes(u_major, from, at_minor);
+    epipolar.lines.v = select_lanes(u_major, at_minor, from);
+    epipolar.lines.du = sign * select_lanes(u_major, (floatl)1.0f, tilt);
+    epipolar.lines.dv = sign * select_lanes(u_major, tilt, (floatl)1.0f);
+    epipolar.lines.length = select_lanes(runs, high - low, (floatl)-1.0f);
     epipolar.near = level + slope * from;
     epipolar.near_step = slope * sign;
     epipolar.start = sign * (start - from * rays.w);
@@ -136,17 +136,17 @@ INLINED floatl trace(Grid grid, Rays rays, Epipolar epipolar, Windows windows, i
     Plane met_plane = {0.0f, 0.0f, 0.0f, 0.0f, 0.0f};
     intl is_met = 0;
     /* A line enters a cell by a column or a row, each of them once, and a window may begin in each cell anew. */
-    for (int most = grid.width + grid.height + 2 + 2 * WINDOWS; most > 0; most--) {
+    for (int cells_left = grid.width + grid.height + 2 + 2 * WINDOWS; cells_left > 0; cells_left--) {
         /* At the end of a window, on to the next one. */
         const intl over = active & !begins & (at >= to);
         if (any_lane(over)) {
             const floatl next = windows.next[0], from = next - windows.radius;
             for (int i = 0; i + 1 < WINDOWS; i++)
-                windows.next[i] = pick(over, windows.next[i + 1], windows.next[i]);
-            windows.next[WINDOWS - 1] = pick(over, (floatl)INFINITY, windows.next[WINDOWS - 1]);
-            to = pick(over, fmin(next + windows.radius, lines.length), to);
+                windows.next[i] = select_lanes(over, windows.next[i + 1], windows.next[i]);
+            windows.next[WINDOWS - 1] = select_lanes(over, (floatl)INFINITY, windows.next[WINDOWS - 1]);
+            to = select_lanes(over, fmin(next + windows.radius, lines.length), to);
             begins = over & (from > at);
-            at = pick(begins, from, at);
+            at = select_lanes(begins, from, at);
             active = active & (at < lines.length) & !(over & (next == INFINITY));
         }
         if (!any_lane(active))
@@ -162,8 +162,8 @@ INLINED floatl trace(Grid grid, Rays rays, Epipolar epipolar, Windows windows, i
         /* The surface's nearness less the ray's: where it changes its sign, the ray meets the surface. */
         const floatl near_0 = epipolar.near + epipolar.near_step * at, near_1 = epipolar.near + epipolar.near_step * cell.crossing,
                      near_2 = epipolar.near + epipolar.near_step * cell.out;
-        const floatl difference_0 = pick(connected, difference, cell.q_in - near_0), difference_2 = cell.q_out - near_2;
-        const floatl difference_1 = pick(cell.has_first, pick(cell.has_second, cell.q_crossing - near_1, difference_2), difference_0);
+        const floatl difference_0 = select_lanes(connected, difference, cell.q_in - near_0), difference_2 = cell.q_out - near_2;
+        const floatl difference_1 = select_lanes(cell.has_first, select_lanes(cell.has_second, cell.q_crossing - near_1, difference_2), difference_0);
         /* Surfaces end with their last sample, not before it: hence the tolerance. */
         const intl first = cell.has_first & !cell.first_open, second = cell.has_second & !cell.second_open;
         const intl first_front = first & (difference_0 < tolerance) & (difference_1 >= -tolerance) & (difference_1 > difference_0);
@@ -176,17 +176,17 @@ INLINED floatl trace(Grid grid, Rays rays, Epipolar epipolar, Windows windows, i
             const intl front = (in_first & first_front) | ((!in_first) & second_front);
             const intl shows = meets & ((front & (intl)(sides & SHOWS_FRONT ? -1 : 0)) | ((!front) & (intl)(sides & SHOWS_BACK ? -1 : 0)));
             const intl lower = (in_first & traversal.lower_first) | (!(in_first | traversal.lower_first));
-            met_plane.q = pick(shows, pick(lower, cell.q00, cell.q10), met_plane.q);
-            met_plane.gu = pick(shows, pick(lower, cell.lower_u, cell.upper_u), met_plane.gu);
-            met_plane.gv = pick(shows, pick(lower, cell.lower_v, cell.upper_v), met_plane.gv);
-            met_plane.x = pick(shows, pick(lower, cell.x, cell.x + 1.0f), met_plane.x);
-            met_plane.y = pick(shows, cell.y, met_plane.y);
+            met_plane.q = select_lanes(shows, select_lanes(lower, cell.q00, cell.q10), met_plane.q);
+            met_plane.gu = select_lanes(shows, select_lanes(lower, cell.lower_u, cell.upper_u), met_plane.gu);
+            met_plane.gv = select_lanes(shows, select_lanes(lower, cell.lower_v, cell.upper_v), met_plane.gv);
+            met_plane.x = select_lanes(shows, select_lanes(lower, cell.x, cell.x + 1.0f), met_plane.x);
+            met_plane.y = select_lanes(shows, cell.y, met_plane.y);
             is_met = is_met | shows;
-            result = pick(meets & !shows, (floatl)BLOCKED, result);
+            result = select_lanes(meets & !shows, (floatl)BLOCKED, result);
             active = active & !meets;
         }
-        connected = pick(cell.has_second, !cell.second_open, pick(cell.has_first, !cell.first_open, connected));
-        difference = pick(cell.has_first | cell.has_second, difference_2, difference);
+        connected = select_lanes(cell.has_second, !cell.second_open, select_lanes(cell.has_first, !cell.first_open, connected));
+        difference = select_lanes(cell.has_first | cell.has_second, difference_2, difference);
         x = cell.next_x;
         y = cell.next_y;
         at = cell.out;
@@ -195,6 +195,6 @@ INLINED floatl trace(Grid grid, Rays rays, Epipolar epipolar, Windows windows, i
     floatl per_unit;
     const floatl met = intersect_plane(rays, met_plane, &per_unit);
     const intl before = IS_BEFORE(rays.perspective, met);
-    return pick(is_met & before, met, result);
+    return select_lanes(is_met & before, met, result);
 }
 #endif

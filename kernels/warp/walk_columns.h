@@ -37,21 +37,21 @@ INLINED PassedTriangles triangles_of(Step step, Cut cut)
     const Column from = step.from, to = step.to;
     const intl none = step.passed == 0.0f, down = step.passed > 0.0f, up = step.passed < 0.0f;
     /* The second column's samples of the cell that is left, and the first column's of the cell that is entered. */
-    const floatl to_a = pick(down, step.beyond_to, pick(up, to.b, to.a)), to_b = pick(down, to.a, pick(up, step.beyond_to, to.b));
-    const floatl from_a = pick(down, from.b, pick(up, step.beyond_from, from.a));
-    const floatl from_b = pick(down, step.beyond_from, pick(up, from.a, from.b));
+    const floatl to_a = select_lanes(down, step.beyond_to, select_lanes(up, to.b, to.a)), to_b = select_lanes(down, to.a, select_lanes(up, step.beyond_to, to.b));
+    const floatl from_a = select_lanes(down, from.b, select_lanes(up, step.beyond_from, from.a));
+    const floatl from_b = select_lanes(down, step.beyond_from, select_lanes(up, from.a, from.b));
     const floatl per_diagonal = 1.0f / (1.0f + step.slope), diagonal = (1.0f - from.part) * per_diagonal;
-    const floatl row = min_lanes(pick(down, 1.0f - from.part, -from.part) / step.slope, (floatl)1.0f);
-    const floatl row_from = pick(down, from.b, from.a), row_to = pick(down, to.a, to.b);
+    const floatl row = min_lanes(select_lanes(down, 1.0f - from.part, -from.part) / step.slope, (floatl)1.0f);
+    const floatl row_from = select_lanes(down, from.b, from.a), row_to = select_lanes(down, to.a, to.b);
 
     PassedTriangles triangles;
-    triangles.leaves[0] = min_lanes(diagonal, pick(none, (floatl)1.0f, row));
-    triangles.leaves[1] = pick(none, triangles.leaves[0], row);
+    triangles.leaves[0] = min_lanes(diagonal, select_lanes(none, (floatl)1.0f, row));
+    triangles.leaves[1] = select_lanes(none, triangles.leaves[0], row);
     /* Upwards, a row is entered past the diagonal. */
-    triangles.leaves[2] = pick(down, max_lanes(min_lanes((2.0f - from.part) * per_diagonal, (floatl)1.0f), row), triangles.leaves[1]);
+    triangles.leaves[2] = select_lanes(down, max_lanes(min_lanes((2.0f - from.part) * per_diagonal, (floatl)1.0f), row), triangles.leaves[1]);
     triangles.leaves[3] = 1.0f;
     triangles.nearness[1] = row_from + triangles.leaves[1] * (row_to - row_from);
-    triangles.nearness[0] = pick(none | (diagonal < row), from.b + triangles.leaves[0] * (to_a - from.b), triangles.nearness[1]);
+    triangles.nearness[0] = select_lanes(none | (diagonal < row), from.b + triangles.leaves[0] * (to_a - from.b), triangles.nearness[1]);
     triangles.nearness[2] = from_b + triangles.leaves[2] * (to.a - from_b);
     triangles.open[0] = IS_TRIANGLE_OPEN(cut, from.a, from.b, to_a);
     triangles.open[1] = IS_TRIANGLE_OPEN(cut, to_a, to_b, from.b);
@@ -83,60 +83,60 @@ INLINED void extend_torn(Interval *interval, HitWriter *writer, Step step, Cut c
             const floatl change = (left.nearness - enters.nearness) / (leaves - entered);
             const Projection at_low = project_at(targets, major + line.sign * low, enters.nearness + (low - entered) * change);
             const Projection at_high = project_at(targets, major + line.sign * high, enters.nearness + (high - entered) * change);
-            left = pick_projection(is_passed & (high < leaves), at_high, left);
-            enters = pick_projection(is_passed & (low > entered), at_low, enters);
+            left = select_projection(is_passed & (high < leaves), at_high, left);
+            enters = select_projection(is_passed & (low > entered), at_low, enters);
             there = there & (high > low);
         }
         const intl stops = there & triangles.open[part];
         const intl ends = inside & stops, second = held & there & !stops;
         if (any_lane(second)) {
             extend(interval, writer, held_begin, held_end, second, (intl)0, line, group, map);
-            interval->anew = interval->anew | second;
+            interval->ended = interval->ended | second;
             held = held & !second;
         }
         held = held | ends;
-        held_begin = pick_projection(ends, begin, held_begin);
-        held_end = pick_projection(ends, last, held_end);
-        interval->anew = interval->anew | (stops & !held);
-        begin = pick_projection(inside, begin, enters);
+        held_begin = select_projection(ends, begin, held_begin);
+        held_end = select_projection(ends, last, held_end);
+        interval->ended = interval->ended | (stops & !held);
+        begin = select_projection(inside, begin, enters);
         inside = (inside | there) & !stops;
-        last = pick_projection(there, left, last);
-        enters = pick_projection(is_passed, passed, enters);
+        last = select_projection(there, left, last);
+        enters = select_projection(is_passed, passed, enters);
         entered = max_lanes(entered, leaves);
     }
     if (any_lane(held | inside))
-        extend(interval, writer, pick_projection(held, held_begin, begin), pick_projection(held, held_end, last), held | inside,
+        extend(interval, writer, select_projection(held, held_begin, begin), select_projection(held, held_end, last), held | inside,
                (intl)0, line, group, map);
-    interval->anew = interval->anew | held;
+    interval->ended = interval->ended | held;
 }
 
 /* Returns the columns that were passed. */
 INLINED uint walk_columns(Grid grid, SweepLines line, LineGroup group, PixelMap map, HitWriter *writer)
 {
     const floatl first = floor_lanes(line.from), last = min_lanes(ceil_lanes(line.to), line.last_major);
-    const intl steps = pick((line.low <= line.high) & (line.from <= line.to), to_intl(last - first), (intl)-1);
+    const intl steps = select_lanes((line.low <= line.high) & (line.from <= line.to), to_intl(last - first), (intl)-1);
     const Targets targets = targets_along(map, line);
     /* Where steps go towards smaller columns, rows are mirrored: so all lines meet the cells' diagonals alike. */
     const intl mirrored = line.sign < 0.0f;
     const floatl last_minor = to_floatl(line.last_minor);
-    const floatl minor_0 = pick(mirrored, last_minor - line.minor_0, line.minor_0), tilt = pick(mirrored, -line.tilt, line.tilt);
-    const intl stride = pick(mirrored, -line.stride_minor, line.stride_minor);
-    const intl at_0 = pick(mirrored, line.last_minor * line.stride_minor, (intl)0);
+    const floatl minor_0 = select_lanes(mirrored, last_minor - line.minor_0, line.minor_0), tilt = select_lanes(mirrored, -line.tilt, line.tilt);
+    const intl stride = select_lanes(mirrored, -line.stride_minor, line.stride_minor);
+    const intl at_0 = select_lanes(mirrored, line.last_minor * line.stride_minor, (intl)0);
     Step step;
     step.slope = tilt * line.sign;
     /* Lines along samples see the edges between them alone. */
     const floatl longest = max_lanes(last - first, (floatl)1.0f), start = minor_0 + tilt * first;
     const intl along = (fabs(start - floor_lanes(start + 0.5f)) < ON_SAMPLES) &
                        ((fabs(step.slope) * longest < ON_SAMPLES) | (fabs(step.slope + 1.0f) * longest < ON_SAMPLES));
-    const floatl nudge = pick(along, (floatl)0.5f, (floatl)0.0f);
-    const intl last_cell = pick(along, line.last_minor, max(line.last_minor - 1, 0));
-    const intl to_b = pick(along | (line.last_minor == 0), (intl)0, stride);
+    const floatl nudge = select_lanes(along, (floatl)0.5f, (floatl)0.0f);
+    const intl last_cell = select_lanes(along, line.last_minor, max(line.last_minor - 1, 0));
+    const intl to_b = select_lanes(along | (line.last_minor == 0), (intl)0, stride);
     /* They end at the image's border and at the epipole, between columns. */
-    const floatl begins = pick(mirrored, last - line.to, line.from - first);
-    const floatl ends = 1.0f - pick(mirrored, line.from - first, last - line.to);
+    const floatl begins = select_lanes(mirrored, last - line.to, line.from - first);
+    const floatl ends = 1.0f - select_lanes(mirrored, line.from - first, last - line.to);
 
     Interval interval = nothing_settled(line);
-    floatl major = pick(mirrored, last, first);
+    floatl major = select_lanes(mirrored, last, first);
     step.from.cell = step.from.part = 0.0f;
     step.from.at = 0;
     step.from.a = step.from.b = NO_SURFACE;
@@ -152,7 +152,7 @@ INLINED uint walk_columns(Grid grid, SweepLines line, LineGroup group, PixelMap 
         to.cell = to_floatl(max(min(to_intl(minor + nudge), last_cell), (intl)0));
         if (count) /* no two rows at once, by rounding */
             to.cell = clamp_lanes(to.cell, step.from.cell - 1.0f, step.from.cell + 1.0f);
-        to.part = pick(along, (floatl)0.0f, minor - to.cell);
+        to.part = select_lanes(along, (floatl)0.0f, minor - to.cell);
         to.at = at_0 + column * line.stride_major + to_intl(to.cell) * stride;
         prefetch_across_rows(grid.nearness, clamp(to.at + ahead, (intl)0, last_sample), group);
         const intl at_b = to.at + to_b;
@@ -160,16 +160,16 @@ INLINED uint walk_columns(Grid grid, SweepLines line, LineGroup group, PixelMap 
         to.b = (floatl)(gather(grid.nearness, at_b));
         const floatl part = clamp_lanes(to.part, (floatl)0.0f, (floatl)1.0f);
         /* At the second sample the first one does not count: it may be no surface. */
-        to.place = project_at(targets, major, pick(part < 1.0f, to.a + part * (to.b - to.a), to.b));
+        to.place = project_at(targets, major, select_lanes(part < 1.0f, to.a + part * (to.b - to.a), to.b));
 
         const Column from = step.from;
-        step.passed = pick(along | (intl)(count ? 0 : -1), (floatl)0.0f, to.cell - from.cell);
+        step.passed = select_lanes(along | (intl)(count ? 0 : -1), (floatl)0.0f, to.cell - from.cell);
         step.beyond_from = from.a;
         step.beyond_to = to.a;
         if (any_lane(step.passed != 0.0f)) {
             const intl down = step.passed > 0.0f, up = step.passed < 0.0f;
-            const intl at_from = from.at + pick(down, 2 * stride, pick(up, -stride, (intl)0));
-            const intl at_to = to.at + pick(down, -stride, pick(up, 2 * stride, (intl)0));
+            const intl at_from = from.at + select_lanes(down, 2 * stride, select_lanes(up, -stride, (intl)0));
+            const intl at_to = to.at + select_lanes(down, -stride, select_lanes(up, 2 * stride, (intl)0));
             step.beyond_from = (floatl)(gather(grid.nearness, at_from));
             step.beyond_to = (floatl)(gather(grid.nearness, at_to));
         }
@@ -177,7 +177,7 @@ INLINED uint walk_columns(Grid grid, SweepLines line, LineGroup group, PixelMap 
         step.ends = 1.0f;
         if (count == 1)
             step.begins = begins;
-        step.ends = pick(is_last, ends, step.ends);
+        step.ends = select_lanes(is_last, ends, step.ends);
         step.to = to;
 
         const floatl high = max_lanes(max_lanes(max_lanes(from.a, from.b), max_lanes(to.a, to.b)), max_lanes(step.beyond_from, step.beyond_to));

@@ -9,11 +9,11 @@
 INLINED uint walk_samples(Grid grid, SweepLines line, LineGroup group, PixelMap map, HitWriter *writer)
 {
     const floatl first = ceil_lanes(line.from), last = floor_lanes(line.to);
-    const intl steps = pick((line.low <= line.high) & (line.from <= line.to), to_intl(last - first), (intl)-1);
+    const intl steps = select_lanes((line.low <= line.high) & (line.from <= line.to), to_intl(last - first), (intl)-1);
     const Targets targets = targets_along(map, line);
     const intl row = clamp(to_intl(line.minor_0), (intl)0, line.last_minor) * line.stride_minor; /* there may be none */
     Interval interval = nothing_settled(line);
-    floatl major = pick(line.sign > 0.0f, first, last);
+    floatl major = select_lanes(line.sign > 0.0f, first, last);
     Projection from = project_at(targets, major, (floatl)NO_SURFACE);
     const intl ahead = PREFETCH_STEPS * to_intl(line.sign) * line.stride_major, last_sample = grid.height * grid.pitch - 1;
     uint samples = 0;

@@ -254,12 +254,12 @@ def _seen_empty(
     maps = [camera_pair(camera, mesh.view.camera).dst_from_src for mesh in meshes]
     perspectives = [mesh.view.camera.projection == "perspective" for mesh in meshes]
     return {
-        "limits": background.limits,
-        "behind": background.behind,
+        "free_depths": background.limits,
+        "extended_depths": background.behind,
         "far_colors": colors.behind,
-        "clear": background.clear,
-        "open": background.open,
-        "limit_sizes": background.sizes,
+        "cell_free_depths": background.clear,
+        "cell_extended_depths": background.open,
+        "view_sizes": background.sizes,
         "from_target": upload(np.array(maps, np.float32).reshape(-1, 16)),
         "perspectives": upload(np.array(perspectives, np.int32)),
         "first_levels": upload(np.array([first for first, _ in colors.ends], np.int32)),

@@ -138,7 +138,7 @@ def _straight(
     _, height, width = places.places.shape
     made = empty((height, width, color.shape[2]), color.dtype), empty((height, width), np.float32)
     launch(
-        kernel("picture/straight.cl", "straighten", COLOR_BYTES=color.dtype.itemsize, CHANNELS=color.shape[2]),
+        kernel("picture/undistort.cl", "undistort", COLOR_BYTES=color.dtype.itemsize, CHANNELS=color.shape[2]),
         current().profile.packets(width, height),
         places=positions_on_device(places),
         lens_depth=upload(depth),
@@ -151,8 +151,8 @@ def _straight(
         width=width,
         height=height,
         pitch=pitch(width),
-        straight_depth=made[1],
-        straight_color=made[0],
+        undistorted_depth=made[1],
+        undistorted_color=made[0],
     )
     straight_color, straight_depth = to_host(made)
     return straight_color, straight_depth

@@ -320,6 +320,6 @@ def classify(samples: Samples, pixel_map: PixelMap, target: Target, options: Opt
         nearest=samples.high,
         farthest=samples.low,
         typical=pixel_map.typical,
-        still=pixel_map.parallax < NO_PARALLAX,
+        without_parallax=pixel_map.parallax < NO_PARALLAX,
         first=first,
     )

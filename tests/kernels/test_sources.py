@@ -128,7 +128,7 @@ def test_a_name_means_one_thing():
     for file in FILES:
         for name, branches in definitions(text_of(file)):
             places.setdefault(name, []).append((file, branches))
-    assert {"pick", "Taps", "draw_mesh", *CONTRACT} <= {*places} and len(places) > 700
+    assert {"select_lanes", "Taps", "draw_mesh", *CONTRACT} <= {*places} and len(places) > 700
     for name in settings | CONTRACT:
         places.pop(name, None)
     assert [

@@ -1,4 +1,4 @@
-"""A lens's image made straight, in float64: the twin of picture/straight.cl, from where OpenCV sees each pixel."""
+"""A lens's image made straight, in float64: the twin of picture/undistort.cl, from where OpenCV sees each pixel."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
-/* A lens's image undistorted: what a pinhole would have seen from there.
+/* A lens's image undistorted: the image that a pinhole would have seen from there.
  *
- * Where the triangle of samples around a pixel is one surface (lib/surface.h), depth is from the nearness, which is
- * affine over it, and colour from its corners. Elsewhere, at depth edges and in holes, and the colour if `linear` is 0,
- * it is the nearest sample: edges stay as sharp as they were. places: (2, height, pitch) u and v in the lens's image,
+ * Where the triangle of samples around a pixel is one surface (lib/surface.h), nearness, which is affine over it, and colour
+ * are interpolated between its corners. At depth edges and in holes both are the nearest sample's, and the colour everywhere
+ * if `linear` is 0: edges stay as sharp as they were. places: (2, height, pitch) u and v in the lens's image,
  * NaN beside it. lens_depth, color: (lens_height, lens_width) of the lens's image, planar z; not finite, <= NEAREST or
- * >= far is no surface. straight_depth, straight_color: (height, width); depth is NaN, and colour black, beside the
+ * >= far is no surface. undistorted_depth, undistorted_color: (height, width); depth is NaN, and colour black, beside the
  * lens's image.
  * Work-item: LANES pixels of a row. Cost: O(pixels). Determinism: every pixel on its own.
  */
@@ -12,9 +12,9 @@
 #include "lib/surface.h"
 #include "lib/taps.h"
 
-kernel void straighten(global const float *places, global const float *lens_depth, global const channel *color,
+kernel void undistort(global const float *places, global const float *lens_depth, global const channel *color,
                        int lens_width, int lens_height, float far, Cut cut, int linear, int width, int height, int pitch,
-                       global float *straight_depth, global channel *straight_color)
+                       global float *undistorted_depth, global channel *undistorted_color)
 {
     const int x0 = get_global_id(0) * LANES, y = get_global_id(1);
     if (x0 >= width || y >= height)
@@ -22,47 +22,47 @@ kernel void straighten(global const float *places, global const float *lens_dept
     global const float *place = places + (size_t)y * pitch + x0;
     const floatl u = load_lanes(place), v = load_lanes(place + (size_t)height * pitch);
     const intl inside = (u == u) & (v == v);
-    const Taps taps = clamped_taps(lens_width, lens_height, pick(inside, u, (floatl)0.0f), pick(inside, v, (floatl)0.0f));
+    const Taps taps = clamped_taps(lens_width, lens_height, select_lanes(inside, u, (floatl)0.0f), select_lanes(inside, v, (floatl)0.0f));
 
     /* The triangle around the place, and how much each of its corners counts there */
     const intl lower = taps.fx + taps.fy > 1.0f;
-    const intl corners[3] = {pick(lower, taps.at[3], taps.at[0]), taps.at[1], taps.at[2]};
+    const intl corners[3] = {select_lanes(lower, taps.at[3], taps.at[0]), taps.at[1], taps.at[2]};
     floatl weights[3];
-    weights[1] = pick(lower, 1.0f - taps.fy, taps.fx);
-    weights[2] = pick(lower, 1.0f - taps.fx, taps.fy);
+    weights[1] = select_lanes(lower, 1.0f - taps.fy, taps.fx);
+    weights[2] = select_lanes(lower, 1.0f - taps.fx, taps.fy);
     weights[0] = 1.0f - weights[1] - weights[2];
     floatl high = NO_SURFACE, low = INFINITY, between = 0.0f;
     for (int i = 0; i < 3; i++) {
         const floatl z = (floatl)(gather(lens_depth, corners[i]));
-        const floatl q = pick((z > NEAREST) & (z < far), 1.0f / z, (floatl)NO_SURFACE);
+        const floatl q = select_lanes((z > NEAREST) & (z < far), 1.0f / z, (floatl)NO_SURFACE);
         high = max_lanes(q, high);
         low = min_lanes(q, low);
         between += weights[i] * q;
     }
     const intl whole = inside & !IS_OPEN(cut, high, low);
     const intl right = taps.fx >= 0.5f, below = taps.fy >= 0.5f;
-    const intl nearest = pick(below, pick(right, taps.at[3], taps.at[2]), pick(right, taps.at[1], taps.at[0]));
+    const intl nearest = select_lanes(below, select_lanes(right, taps.at[3], taps.at[2]), select_lanes(right, taps.at[1], taps.at[0]));
     const floatl z_nearest = (floatl)(gather(lens_depth, nearest));
-    const floatl z = pick(inside, pick(whole, 1.0f / between, z_nearest), (floatl)NAN);
+    const floatl z = select_lanes(inside, select_lanes(whole, 1.0f / between, z_nearest), (floatl)NAN);
 
     const int count = lens_width * lens_height;
     const intl mixes = whole & (intl)(linear ? -1 : 0);
     const Color none = {0.0f, 0.0f, 0.0f};
-    Color c = pick_color(inside, read_color(color, nearest, count), none);
+    Color c = select_color(inside, read_color(color, nearest, count), none);
     if (any_lane(mixes)) {
         Color mixed = none;
         for (int i = 0; i < 3; i++)
             add_color(&mixed, weights[i], read_color(color, corners[i], count));
-        c = pick_color(mixes, mixed, c);
+        c = select_color(mixes, mixed, c);
     }
     const size_t at = (size_t)y * width + x0;
     if (x0 + LANES <= width) {
-        store_lanes(z, straight_depth + at);
-        write_color(straight_color + CHANNELS * at, c);
+        store_lanes(z, undistorted_depth + at);
+        write_color(undistorted_color + CHANNELS * at, c);
         return;
     }
     for (int lane = 0; lane < width - x0; lane++) {
-        straight_depth[at + lane] = float_lane(z, lane);
-        write_pixel(straight_color + CHANNELS * (at + lane), rounded_channel(color_lane(c, lane)));
+        undistorted_depth[at + lane] = float_lane(z, lane);
+        write_pixel(undistorted_color + CHANNELS * (at + lane), rounded_channel(color_lane(c, lane)));
     }
 }
