@@ -1,28 +1,28 @@
 /* Depth meshes of several views, blended per pixel (Pajarola, Sainz & Meng 2003, sections 4.3 to 4.5).
  *
- * The depth pass finds the nearest surface of each mesh that a region's pixels see. In the colour pass those that lie within
- * epsilon behind the nearest of all give their colours, weighted and normalised at once. Holes of the views that are drawn
- * show the meshes of the other views, which are coarser; and surface that no view saw, but that must be there, is closed
- * (closing.h).
- * BLEND_QUALITY: weights of positions times quality, per pixel (the paper's); BLEND_POSITION: of positions alone;
- * BLEND_NEAREST: the front mesh's colour.
+ * The depth pass finds the nearest surface of each mesh that a region's pixels see. In the colour pass those that lie
+ * within epsilon behind the nearest of all give their colours, weighted and normalised at once. Holes of the views that
+ * are drawn show the meshes of the other views, which are coarser; and surface that no view saw, but that must be
+ * there, is closed (closing.h). BLEND_QUALITY: weights of positions times quality, per pixel (the paper's);
+ * BLEND_POSITION: of positions alone; BLEND_NEAREST: the front mesh's colour.
  *
- * Deviations from the paper: of each mesh the nearest surface alone is blended, so surfaces that it hides itself are left out,
- * within epsilon, too; textures are projected, not stretched over triangles, and read within the source's triangles, so that
- * no colour leaks over a depth edge; triangles of coarse meshes that bridge two surfaces are not drawn, but tell where rays go
- * between surfaces.
+ * Deviations from the paper: of each mesh the nearest surface alone is blended, so surfaces that it hides itself are
+ * left out, within epsilon, too; textures are projected, not stretched over triangles, and read within the source's
+ * triangles, so that no colour leaks over a depth edge; triangles of coarse meshes that bridge two surfaces are not
+ * drawn, but tell where rays go between surfaces.
  *
- * corners, projected, points: select.cl, mesh by mesh, as `MeshCounts` names them. list, starts: raster/bins.cl. firsts:
- * (meshes + 1,) each mesh's first triangle. Of others and views: sources: (meshes, 4) number of its view, of the first and
- * the last of that view's levels, and 1 for a perspective view. levels: (levels, 3) width, height and start in colors,
- * each half as large as the one before, rounded up. scales: (meshes,) samples of the view to pixels of the target that a
- * scene unit takes at depth 1 of both. colors: RGBA bytes, A = 255 times the part that has samples. weights: (meshes,)
- * positional, > 0. culled: raster/triangle.h. by: what colours are weighted by, BLEND_... layer_nearness, layer_owner: (others +
- * views, items, pixels of a region) what a region's pixels see of each mesh, between the two passes: for all meshes, that is
- * more than private memory holds. If CLOSED, of all `view_count` views what closing.h calls FreeSpace:
- * view_sizes are its sizes. depth, color, valid: the picture, whose
- * pixels stay where they are nearer. occupancy: (height, width) bit k is set where view k gave colour, with OCCUPIED.
- * Work-item: the regions (raster/region.h) of every `items`-th number, of `items` work-items. Cost: O(list + pixels * meshes).
+ * corners, projected, points: select.cl, mesh by mesh, as `MeshCounts` names them. list, starts: raster/bins.cl.
+ * firsts: (meshes + 1,) each mesh's first triangle. Of others and views: sources: (meshes, 4) number of its view, of
+ * the first and the last of that view's levels, and 1 for a perspective view. levels: (levels, 3) width, height and
+ * start in colors, each half as large as the one before, rounded up. scales: (meshes,) samples of the view to pixels of
+ * the target that a scene unit takes at depth 1 of both. colors: RGBA bytes, A = 255 times the part that has samples.
+ * weights: (meshes,) positional, > 0. culled: raster/triangle.h. by: what colours are weighted by, BLEND_...
+ * layer_nearness, layer_owner: (others + views, items, pixels of a region) what a region's pixels see of each mesh,
+ * between the two passes: for all meshes, that is more than private memory holds. If CLOSED, of all `view_count` views
+ * what closing.h calls FreeSpace: view_sizes are its sizes. depth, color, valid: the picture, whose pixels stay where
+ * they are nearer. occupancy: (height, width) bit k is set where view k gave colour, with OCCUPIED.
+ * Work-item: the regions (raster/region.h) of every `items`-th number, of `items` work-items. Cost: O(list + pixels *
+ * meshes).
  * Determinism: list order, then the meshes'.
  */
 #include "depthmesh/closing.h"
@@ -42,8 +42,9 @@
 #define LEVEL_BIAS 0.25f /* of a level, from which on the coarser one is read: rather a little grain than blur */
 #define QUALITY_MIN 1e-3f /* so that what is seen edge-on by all views still has a colour */
 
-/* Numbers of meshes of each kind, in their order. Sheets, of the triangles that segmentation took out, and backs, of meshes
- * whose backs are drawn, tell of surface that no view saw. Others, of views that are not drawn, show in holes. */
+/* Numbers of meshes of each kind, in their order. Sheets, of the triangles that segmentation took out, and backs, of
+ * meshes whose backs are drawn, tell of surface that no view saw. Others, of views that are not drawn, show in
+ * holes. */
 typedef struct {
     int sheets, backs, others, views;
 } MeshCounts;
@@ -63,9 +64,10 @@ int lower_bound(BinList listed, int number)
 }
 
 #if CLOSED
-/* Which of the pixels (x, y) show a surface that no view saw? The rays of some are `within` a solid, which they leave at
- * nearness `back`, those of others go `through` a sheet. Sets the surface's nearness there. */
-intl is_closed(const FreeSpace *space, floatl x, floatl y, floatl back, intl within, floatl sheet, intl through, floatl *n)
+/* Which of the pixels (x, y) show a surface that no view saw? The rays of some are `within` a solid, which they leave
+ * at nearness `back`, those of others go `through` a sheet. Sets the surface's nearness there. */
+intl is_closed(const FreeSpace *space, floatl x, floatl y, floatl back, intl within, floatl sheet, intl through,
+               floatl *n)
 {
     floatl depth = DEPTH_OF(space->perspective, select_lanes(within, back, (floatl)1.0f)), entry = depth;
     const intl solid = has_entered(space, x, y, depth, within, &entry);
@@ -80,9 +82,10 @@ intl is_closed(const FreeSpace *space, floatl x, floatl y, floatl back, intl wit
 }
 #endif
 
-/* Adds the colour at the pixel (x, y) of a view, from one of its levels: on the finest interpolated within the cell's triangle, on
- * a coarser one bilinearly, texels weighted by the part of them that has samples. */
-void add_sample(global const uint *colors, global const int *size, int level, floatl x, floatl y, floatl weight, Color *sum)
+/* Adds the colour at the pixel (x, y) of a view, from one of its levels: on the finest interpolated within the cell's
+ * triangle, on a coarser one bilinearly, texels weighted by the part of them that has samples. */
+void add_sample(global const uint *colors, global const int *size, int level, floatl x, floatl y, floatl weight,
+                Color *sum)
 {
     const int width = size[0], height = size[1];
     const float per_texel = 1.0f / (1 << level);
@@ -92,7 +95,8 @@ void add_sample(global const uint *colors, global const int *size, int level, fl
     floatl share[4];
     tap_weights(taps.fx, taps.fy, share);
     if (level == 0) {
-        const intl main = ((taps.column ^ taps.row) & 1) == 0; /* the diagonal runs to the lower right (depthmesh/tree.h) */
+        /* Does the diagonal run to the lower right (depthmesh/tree.h)? */
+        const intl main = ((taps.column ^ taps.row) & 1) == 0;
         share[0] = select_lanes(main, min_lanes(gx, gy), max_lanes(gx - fy, none));
         share[1] = select_lanes(main, max_lanes(fx - fy, none), min_lanes(fx, gy));
         share[2] = select_lanes(main, max_lanes(fy - fx, none), min_lanes(gx, fy));
@@ -110,7 +114,8 @@ void add_sample(global const uint *colors, global const int *size, int level, fl
 }
 
 /* Draws the meshes [first, last) of a bin's list together into the region at (x, y), which holds nothing else. */
-void draw_range(const Context *context, Region *region, BinList listed, global const int *firsts, int first, int last, int x, int y)
+void draw_range(const Context *context, Region *region, BinList listed, global const int *firsts, int first, int last,
+                int x, int y)
 {
     BinList range = listed;
     range.first = lower_bound(range, firsts[first]);
@@ -135,8 +140,8 @@ typedef struct {
 } Fronts;
 
 /* Draws each of the meshes [first, last) by itself, into its layer; front: nearness of the nearest of them all */
-void draw_layers(const Context *context, Region *region, const MeshLayers *layers, BinList listed, global const int *firsts,
-                 int first, int last, int x, int y, floatl *front)
+void draw_layers(const Context *context, Region *region, const MeshLayers *layers, BinList listed,
+                 global const int *firsts, int first, int last, int x, int y, floatl *front)
 {
     for (int block = 0; block < BLOCKS; block++)
         front[block] = EMPTY;
@@ -151,10 +156,10 @@ void draw_layers(const Context *context, Region *region, const MeshLayers *layer
     }
 }
 
-/* The depth pass: what the pixels of the region at (x, y) see of each mesh. Returns whether there are holes in the meshes of the
- * views that are drawn: only then are the others' drawn, and the sheets. */
-int draw_depths(const Context *context, const MeshLayers *layers, MeshCounts counts, BinList listed, global const int *firsts,
-                int x, int y, Fronts *fronts)
+/* The depth pass: what the pixels of the region at (x, y) see of each mesh. Returns whether there are holes in the
+ * meshes of the views that are drawn: only then are the others' drawn, and the sheets. */
+int draw_depths(const Context *context, const MeshLayers *layers, MeshCounts counts, BinList listed,
+                global const int *firsts, int x, int y, Fronts *fronts)
 {
     const int unseen = counts.sheets + counts.backs, meshes = counts.others + counts.views;
     Region region;
@@ -184,10 +189,10 @@ typedef struct {
     global const uint *colors, *normals; /* normals with GBUFFER 2 */
 } Meshes;
 
-/* Adds a mesh's colours, and normals, of the pixels (px, py), weighted; of those that are not `given` with weight 0. Returns
- * the weights. n, owner: what the pixels see of the mesh, where it `shares` in them */
-INLINED floatl add_mesh(const Context *context, const Meshes *meshes, int mesh, floatl n, intl owner, floatl px, floatl py,
-                        intl shares, intl given, Color *sum, Color *normal)
+/* Adds a mesh's colours, and normals, of the pixels (px, py), weighted; of those that are not `given` with weight 0.
+ * Returns the weights. n, owner: what the pixels see of the mesh, where it `shares` in them */
+INLINED floatl add_mesh(const Context *context, const Meshes *meshes, int mesh, floatl n, intl owner, floatl px,
+                        floatl py, intl shares, intl given, Color *sum, Color *normal)
 {
     const intl triangle = select_lanes(shares, owner, meshes->firsts[mesh] + (intl)0);
     const OnTriangle p = on_triangle(context->corners, context->projected, triangle, px, py);
@@ -205,7 +210,8 @@ INLINED floatl add_mesh(const Context *context, const Meshes *meshes, int mesh, 
     const floatl weight = select_lanes(given, meshes->weights[mesh] * facing, (floatl)0.0f);
     global const int *source = meshes->sources + 4 * mesh;
     const floatl inverse = source[3] ? 1.0f / at_z : (floatl)1.0f;
-    const floatl sound_x = select_lanes(shares, at_x * inverse, (floatl)0.0f), sound_y = select_lanes(shares, at_y * inverse, (floatl)0.0f);
+    const floatl sound_x = select_lanes(shares, at_x * inverse, (floatl)0.0f),
+                 sound_y = select_lanes(shares, at_y * inverse, (floatl)0.0f);
     /* One level for the whole block: of the pixel that needs the finest one */
     const floatl away = context->screen.perspective ? 1.0f / n : (floatl)1.0f;
     const float samples = least_lane(select_lanes(shares, meshes->scales[mesh] * away * inverse, (floatl)INFINITY));
@@ -225,9 +231,10 @@ INLINED floatl add_mesh(const Context *context, const Meshes *meshes, int mesh, 
 #define FAR_NORMALS_PARAMETER
 #define FAR_NORMALS_ARGUMENT 0
 #endif
-/* Adds the colours, and normals, of closed surface at nearness n to the pixels (x, y) that are `given`. Returns their weights. */
-INLINED floatl add_closing(const FreeSpace *space, const Meshes *meshes, global const uint *far_normals, floatl x, floatl y,
-                           floatl n, intl given, Color *sum, Color *normal, intl *views)
+/* Adds the colours, and normals, of closed surface at nearness n to the pixels (x, y) that are `given`. Returns their
+ * weights. */
+INLINED floatl add_closing(const FreeSpace *space, const Meshes *meshes, global const uint *far_normals, floatl x,
+                           floatl y, floatl n, intl given, Color *sum, Color *normal, intl *views)
 {
 #if GBUFFER == 2
     FreeSpace of_normals = *space;
@@ -255,19 +262,21 @@ void write_occupancy(intl views, const Region *region, int block, Screen screen,
 kernel void draw_meshes(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *corners, global const float *points,
                         global const int *firsts, global const int *sources, global const int *levels,
                         global const float *scales, global const uint *colors, global const float *weights, int culled,
-                        float epsilon, MeshCounts counts, int by, global float *layer_nearness, global int *layer_owner, int items
+                        float epsilon, MeshCounts counts, int by, global float *layer_nearness, global int *layer_owner,
+                        int items
 #if CLOSED
                         ,
-                        global const float *free_depths, global const float *extended_depths, global const uint *far_colors,
-                        global const float *cell_free_depths, global const float *cell_extended_depths,
-                        global const int *view_sizes, global const float *from_target, global const int *perspectives, global const int *first_levels, global const float *closeness,
-                        float stride, int view_count, int enclosed
+                        global const float *free_depths, global const float *extended_depths,
+                        global const uint *far_colors, global const float *cell_free_depths,
+                        global const float *cell_extended_depths, global const int *view_sizes,
+                        global const float *from_target, global const int *perspectives, global const int *first_levels,
+                        global const float *closeness, float stride, int view_count, int enclosed
 #endif
 #if OCCUPIED
                         ,
                         global uint *occupancy
 #endif
-                        GBUFFER_PARAMETERS NORMALS_PARAMETER(uint) FAR_NORMALS_PARAMETER)
+                            GBUFFER_PARAMETERS NORMALS_PARAMETER(uint) FAR_NORMALS_PARAMETER)
 {
     const int columns = (screen.width + REGION - 1) / REGION, rows = (screen.height + REGION - 1) / REGION;
     const Picture picture = PICTURE_VALUE;
@@ -279,8 +288,9 @@ kernel void draw_meshes(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *c
     const size_t size = BLOCKS * LANES, own = get_global_id(0) * size;
     const MeshLayers layers = {layer_nearness + own, layer_owner + own, items * size};
 #if CLOSED
-    const FreeSpace space = {free_depths, extended_depths, far_colors, cell_free_depths, cell_extended_depths, view_sizes,
-                             from_target, perspectives, first_levels, closeness, stride, screen.perspective, view_count, enclosed};
+    const FreeSpace space = {free_depths, extended_depths, far_colors, cell_free_depths, cell_extended_depths,
+                             view_sizes, from_target, perspectives, first_levels, closeness, stride,
+                             screen.perspective, view_count, enclosed};
 #endif
     for (int drawn = get_global_id(0); drawn < columns * rows; drawn += items) {
         const int x = drawn % columns * REGION, y = drawn / columns * REGION;
@@ -313,7 +323,8 @@ kernel void draw_meshes(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *c
                 continue;
             Color sum = {0.0f, 0.0f, 0.0f}, normal = sum;
             floatl total = 0.0f;
-            intl taken = (intl)0, views = (intl)0; /* which pixels have their front mesh; which views gave colour, a bit each */
+            intl taken = (intl)0; /* which pixels have their front mesh */
+            intl views = (intl)0; /* which views gave colour, a bit each */
             const floatl deepest = screen.perspective ? front / (1.0f + epsilon * front) : front - epsilon;
             for (int mesh = holed ? 0 : others; mesh < meshes; mesh++) {
                 const size_t at = mesh * layers.next + LANES * block;
@@ -331,7 +342,8 @@ kernel void draw_meshes(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *c
 #if CLOSED
             const intl given = closed & mine;
             if (any_lane(given))
-                total += add_closing(&space, &colored, FAR_NORMALS_ARGUMENT, px, py, front, given, &sum, &normal, &views);
+                total += add_closing(&space, &colored, FAR_NORMALS_ARGUMENT, px, py, front, given, &sum, &normal,
+                                     &views);
 #endif
             const floatl scale = 1.0f / (255.0f * select_lanes(mine, total, (floatl)1.0f));
             region.nearness[block] = front;

@@ -2,19 +2,20 @@
 #define DEPTHMESH_CLOSING_H
 /* Surface that no view saw, but that must be there (beside Pajarola, Sainz & Meng 2003, section 4.5).
  *
- * A point is free if some view saw through it: if it lies before the view's sample there. Other points are solid or unknown. A
- * pixel's ray that meets the back of a mesh before any front has entered a solid through a surface that no view saw. It is
- * closed where it left free space: walking from the back towards the eye, at the first free point.
+ * A point is free if some view saw through it: if it lies before the view's sample there. Other points are solid or
+ * unknown. A pixel's ray that meets the back of a mesh before any front has entered a solid through a surface that no
+ * view saw. It is closed where it left free space: walking from the back towards the eye, at the first free point.
  *
- * A ray that goes through a rubber sheet and comes to points that are not free has met something. If it comes from before the
- * surface, to within half a sample of the surface's last samples, it has met the surface's rim. What other rays have met no
- * view saw, but surfaces on the far sides of depth edges are likely to go on behind the near ones. So space is taken to be free
- * up to these continued surfaces (`extended_depths`), and the ray is closed at the first point that is not free even so; if
- * there is none, it shows nothing. A ray that comes out of hidden space behind a sheet, and goes into some again, is closed only
- * if the scene is `enclosed`: beside an object such rays may never meet anything.
+ * A ray that goes through a rubber sheet and comes to points that are not free has met something. If it comes from
+ * before the surface, to within half a sample of the surface's last samples, it has met the surface's rim. What other
+ * rays have met no view saw, but surfaces on the far sides of depth edges are likely to go on behind the near ones. So
+ * space is taken to be free up to these continued surfaces (`extended_depths`), and the ray is closed at the first
+ * point that is not free even so; if there is none, it shows nothing. A ray that comes out of hidden space behind a
+ * sheet, and goes into some again, is closed only if the scene is `enclosed`: beside an object such rays may never meet
+ * anything.
  *
- * Cost: for rays that meet backs or sheets first, up to 6 MARCH_STEPS points, each looked up in the views until one saw through
- * it.
+ * Cost: for rays that meet backs or sheets first, up to 6 MARCH_STEPS points, each looked up in the views until one saw
+ * through it.
  */
 #include "depthmesh/tree.h"
 #include "lib/color.h"
@@ -24,12 +25,12 @@
 #define SAMPLE_REACH 0.25f /* of a step: points no farther from a sample in depth are at it */
 #define HALVINGS 7 /* of a step: where a ray leaves free space is known to 1/128 of one */
 
-/* How far the views saw. free_depths: at each sample, INFINITY at background and 0 where nothing is known; extended_depths: the
- * same, or where the far side of a depth edge is continued behind the near one, that farther depth; far_colors: RGBA bytes of
- * the continued surfaces. cell_free_depths, cell_extended_depths: the least of either at a cell's four samples, at the place of
- * its upper left one. sizes: (views, 3) width, height and start in these. from_target: (views, 16) from the target's pixel space
- * to the views'. perspectives: (views,) 1 or 0. first_levels: (views,) numbers of their finest levels. closeness: (views,)
- * weights of their positions. */
+/* How far the views saw. free_depths: at each sample, INFINITY at background and 0 where nothing is known;
+ * extended_depths: the same, or where the far side of a depth edge is continued behind the near one, that farther
+ * depth; far_colors: RGBA bytes of the continued surfaces. cell_free_depths, cell_extended_depths: the least of either
+ * at a cell's four samples, at the place of its upper left one. sizes: (views, 3) width, height and start in these.
+ * from_target: (views, 16) from the target's pixel space to the views'. perspectives: (views,) 1 or 0. first_levels:
+ * (views,) numbers of their finest levels. closeness: (views,) weights of their positions. */
 typedef struct {
     global const float *free_depths, *extended_depths;
     global const uint *far_colors;
@@ -44,9 +45,10 @@ typedef struct {
     int enclosed;    /* 1: no view saw background, as in a room, so that every ray meets something */
 } FreeSpace;
 
-/* Projects the points of the target's pixels (x, y) at nearness n into a view: to (u, v) at depth z. Returns which lie in its
- * image. */
-INLINED intl project_to_view(const FreeSpace *space, int view, floatl x, floatl y, floatl n, floatl *u, floatl *v, floatl *z)
+/* Projects the points of the target's pixels (x, y) at nearness n into a view: to (u, v) at depth z. Returns which lie
+ * in its image. */
+INLINED intl project_to_view(const FreeSpace *space, int view, floatl x, floatl y, floatl n, floatl *u, floatl *v,
+                             floatl *z)
 {
     global const float *m = space->from_target + 16 * view;
     const float right = space->sizes[3 * view] - 1, bottom = space->sizes[3 * view + 1] - 1;
@@ -57,9 +59,10 @@ INLINED intl project_to_view(const FreeSpace *space, int view, floatl x, floatl 
     return (inverse > 0.0f) & (*z > 0.0f) & (*u >= 0.0f) & (*v >= 0.0f) & (*u < right) & (*v < bottom);
 }
 
-/* Which of the `active` points, of the pixels (x, y) at a depth, are free? depths: those of cells, so that a view must have seen
- * through at all four samples around; or with `nearest` those of samples, so that the nearest one decides. */
-intl is_free(const FreeSpace *space, global const float *depths, int nearest, floatl x, floatl y, floatl depth, intl active)
+/* Which of the `active` points, of the pixels (x, y) at a depth, are free? depths: those of cells, so that a view must
+ * have seen through at all four samples around; or with `nearest` those of samples, so that the nearest one decides. */
+intl is_free(const FreeSpace *space, global const float *depths, int nearest, floatl x, floatl y, floatl depth,
+             intl active)
 {
     const floatl n = DEPTH_OF(space->perspective, depth), rounded = nearest ? 0.5f : 0.0f;
     intl free = (intl)0;
@@ -77,8 +80,8 @@ intl is_free(const FreeSpace *space, global const float *depths, int nearest, fl
     return free;
 }
 
-/* Which of the `active` rays have left free space at least a step before a depth, which is not free? Sets the depth at which
- * they did. */
+/* Which of the `active` rays have left free space at least a step before a depth, which is not free? Sets the depth at
+ * which they did. */
 intl has_entered(const FreeSpace *space, floatl x, floatl y, floatl depth, intl active, floatl *entry)
 {
     floatl inside = depth, outside = depth;
@@ -115,8 +118,9 @@ intl is_in_any_view(const FreeSpace *space, floatl x, floatl y, floatl depth)
     return found;
 }
 
-/* Which of the `active` rays end in hidden space, behind a surface that a view saw? From a depth on they leave free space, and
- * what follows lies in a view's image; or they have left it before that depth. Sets the depth of their last free point. */
+/* Which of the `active` rays end in hidden space, behind a surface that a view saw? From a depth on they leave free
+ * space, and what follows lies in a view's image; or they have left it before that depth. Sets the depth of their last
+ * free point. */
 intl ends_hidden(const FreeSpace *space, floatl x, floatl y, floatl depth, intl active, floatl *last)
 {
     floatl from = depth;
@@ -135,9 +139,10 @@ intl ends_hidden(const FreeSpace *space, floatl x, floatl y, floatl depth, intl 
     return ends & is_in_any_view(space, x, y, *last + space->stride);
 }
 
-/* Which of the `active` rays leave free space behind a depth? Sets the depth at which they do; depths, nearest: of `is_free`. */
-intl leaves_free_space(const FreeSpace *space, global const float *depths, int nearest, floatl x, floatl y, floatl depth,
-                       intl active, floatl *exit)
+/* Which of the `active` rays leave free space behind a depth? Sets the depth at which they do; depths, nearest: of
+ * `is_free`. */
+intl leaves_free_space(const FreeSpace *space, global const float *depths, int nearest, floatl x, floatl y,
+                       floatl depth, intl active, floatl *exit)
 {
     floatl before = depth, beyond = depth;
     intl walking = active, left = (intl)0;
@@ -175,12 +180,13 @@ intl is_at_sample(const FreeSpace *space, floatl x, floatl y, floatl depth, intl
     return found;
 }
 
-/* Which of the `active` rays meet, behind a depth, the rim of a surface that a view saw, half a sample beyond its last samples?
- * Rays that come from before it leave free space at a sample, whether that is told by all samples around or by the nearest one.
- * Those that come from the side pass behind it. Sets the depth of the rim. */
+/* Which of the `active` rays meet, behind a depth, the rim of a surface that a view saw, half a sample beyond its last
+ * samples? Rays that come from before it leave free space at a sample, whether that is told by all samples around or by
+ * the nearest one. Those that come from the side pass behind it. Sets the depth of the rim. */
 intl meets_rim(const FreeSpace *space, floatl x, floatl y, floatl depth, intl active, floatl *rim)
 {
-    const floatl start = depth - space->stride / (1 << (HALVINGS - 1)); /* free for certain: `depth` is so but for bisection */
+    const floatl start = depth -
+                         space->stride / (1 << (HALVINGS - 1)); /* free for certain: `depth` is so but for bisection */
     floatl first, later;
     intl leaves = leaves_free_space(space, space->cell_free_depths, 0, x, y, start, active, &first);
     const intl at_once = is_at_sample(space, x, y, first, leaves);
@@ -189,31 +195,33 @@ intl meets_rim(const FreeSpace *space, floatl x, floatl y, floatl depth, intl ac
     return at_once | is_at_sample(space, x, y, later, leaves);
 }
 
-/* A view's four samples around the points of the pixels (x, y) at nearness n. off: how far each is off in depth, INFINITY where
- * there is none; share: its bilinear weight; at: its number; own: the sample itself is as close as `off`, not the continued
- * surface behind it. */
-INLINED void samples_around(const FreeSpace *space, int view, floatl x, floatl y, floatl n, floatl off[4], floatl share[4],
-                            intl at[4], intl own[4])
+/* A view's four samples around the points of the pixels (x, y) at nearness n. off: how far each is off in depth,
+ * INFINITY where there is none; share: its bilinear weight; at: its number; own: the sample itself is as close as
+ * `off`, not the continued surface behind it. */
+INLINED void samples_around(const FreeSpace *space, int view, floatl x, floatl y, floatl n, floatl off[4],
+                            floatl share[4], intl at[4], intl own[4])
 {
     floatl u, v, z;
     const intl sees = project_to_view(space, view, x, y, n, &u, &v, &z);
     const int width = space->sizes[3 * view], height = space->sizes[3 * view + 1];
-    const Taps taps = clamped_taps(width, height, select_lanes(sees, u, (floatl)0.0f), select_lanes(sees, v, (floatl)0.0f));
+    const Taps taps = clamped_taps(width, height, select_lanes(sees, u, (floatl)0.0f),
+                                   select_lanes(sees, v, (floatl)0.0f));
     tap_weights(taps.fx, taps.fy, share);
     for (int k = 0; k < 4; k++) {
         const intl place = space->sizes[3 * view + 2] + taps.at[k];
         const floatl free_depth = (floatl)(gather(space->free_depths, place));
         const floatl extended_depth = (floatl)(gather(space->extended_depths, place));
         own[k] = !(fabs(extended_depth - z) < fabs(free_depth - z));
-        off[k] = select_lanes(sees & (free_depth > 0.0f), select_lanes(own[k], fabs(free_depth - z), fabs(extended_depth - z)), (floatl)INFINITY);
+        off[k] = select_lanes(sees & (free_depth > 0.0f),
+                              select_lanes(own[k], fabs(free_depth - z), fabs(extended_depth - z)), (floatl)INFINITY);
         at[k] = taps.at[k];
     }
 }
 
-/* Adds to the pixels (x, y) that are `given` the colours of those samples of all views that lie closest to their points at
- * nearness n. Returns the weights, and sets in `views` which views they are of, a bit each. */
-floatl add_closest(const FreeSpace *space, global const uint *colors, global const int *levels, floatl x, floatl y, floatl n,
-                   intl given, Color *sum, intl *views)
+/* Adds to the pixels (x, y) that are `given` the colours of those samples of all views that lie closest to their points
+ * at nearness n. Returns the weights, and sets in `views` which views they are of, a bit each. */
+floatl add_closest(const FreeSpace *space, global const uint *colors, global const int *levels, floatl x, floatl y,
+                   floatl n, intl given, Color *sum, intl *views)
 {
     floatl least = INFINITY, total = 0.0f, off[4], share[4];
     intl at[4], own[4];
@@ -231,7 +239,8 @@ floatl add_closest(const FreeSpace *space, global const uint *colors, global con
             const floatl weight = select_lanes(close, space->closeness[view] * (share[k] + 1e-3f), (floatl)0.0f);
             const intl place = start + at[k];
             const intl beyond = space->sizes[3 * view + 2] + at[k];
-            add_color(sum, weight, color_of(select_lanes(own[k], texels_at(colors, place), texels_at(space->far_colors, beyond))));
+            add_color(sum, weight,
+                      color_of(select_lanes(own[k], texels_at(colors, place), texels_at(space->far_colors, beyond))));
             total += weight;
             *views |= select_lanes(close, (intl)(1 << (view & 31)), (intl)0);
         }

@@ -71,13 +71,14 @@ floatl sample_size(const Layout *layout, floatl depth)
 void hold_children(const Layout *layout, const Tree *tree, const Children *c, Vertices *v)
 {
     const Vector away = minus(point_of(layout, c->x, c->y, c->depth), v->center);
-    const floatl reach = sqrt(DOT(away, away)) + (floatl)(gather(tree->radii, c->at)) + MARGIN * sample_size(layout, v->depth);
+    const floatl reach = sqrt(DOT(away, away)) + (floatl)(gather(tree->radii, c->at)) +
+                         MARGIN * sample_size(layout, v->depth);
     v->radius = select_lanes((c->error >= 0.0f) & (reach > v->radius), reach, v->radius);
 }
 
 /* The vertices' own errors: p, of nearness n, bisects the edge from a to b; 0 where one of them is no sample. */
-floatl bisection_error(const Layout *layout, Vector p, floatl n, intl ax, intl ay, floatl na, intl bx, intl by, floatl nb, int centers,
-                       int across)
+floatl bisection_error(const Layout *layout, Vector p, floatl n, intl ax, intl ay, floatl na, intl bx, intl by,
+                       floatl nb, int centers, int across)
 {
     const Vector a = point_of(layout, to_floatl(ax), to_floatl(ay), DEPTH_OF(layout->perspective, na));
     const Vector b = point_of(layout, to_floatl(bx), to_floatl(by), DEPTH_OF(layout->perspective, nb));
@@ -111,16 +112,21 @@ void add_error(const Layout *layout, const Tree *tree, floatl own, intl states, 
 void find_error_row(const Layout *layout, const Tree *tree, int s, int y, int centers)
 {
     const int across = !(y / s & 1); /* midpoints of this row lie on edges along x */
-    for (int start = centers || across ? s : 0; start <= layout->side && start - s < layout->width - 1; start += 2 * s * LANES) {
+    for (int start = centers || across ? s : 0; start <= layout->side && start - s < layout->width - 1;
+         start += 2 * s * LANES) {
         const intl x = start + 2 * s * lane_index, mine = (x <= layout->side) & (x - s < layout->width - 1);
         const intl row = (intl)y, main = IS_MAIN(x, row, s), at = select_lanes(mine, row * layout->row + x, (intl)0);
         const floatl n = vertex_nearness(layout, tree, x, row);
-        Vertices v = {{0.0f, 0.0f, 0.0f}, -1.0f, 0.0f, select_lanes(IS_SAMPLE(n), DEPTH_OF(layout->perspective, n), (floatl)0.0f)};
+        Vertices v = {{0.0f, 0.0f, 0.0f},
+                      -1.0f,
+                      0.0f,
+                      select_lanes(IS_SAMPLE(n), DEPTH_OF(layout->perspective, n), (floatl)0.0f)};
         Children children[4]; /* of a centre above, to the right, below and to the left, of a midpoint all around */
         for (int k = 0; k < 4; k++) {
             const int dx = centers ? (k == 1 ? s : k == 3 ? -s : 0) : (k & 1 ? s / 2 : -s / 2);
             const int dy = centers ? (k == 2 ? s : k == 0 ? -s : 0) : (k >> 1 ? s / 2 : -s / 2);
-            const intl there = mine & (x + dx >= 0) & (x + dx <= layout->side) & (row + dy >= 0) & (row + dy <= layout->side);
+            const intl there = mine & (x + dx >= 0) & (x + dx <= layout->side) & (row + dy >= 0) &
+                               (row + dy <= layout->side);
             children[k] = add_children(layout, tree, x + dx, row + dy, there, &v);
         }
         v.center = point_of(layout, to_floatl(x), to_floatl(row), v.depth);
@@ -183,7 +189,8 @@ kernel void find_finest_midpoints(global const float *nearness, global const uch
             for (int k = 0; k < 4; k++) { /* corners of the triangles that it splits */
                 const int dx = k == 0 ? -1 : k == 1, dy = k == 2 ? -1 : k == 3;
                 const floatl next = nearness_next_to(&layout, &tree, x, first, y, dx, dy);
-                const Vector p = point_of(&layout, to_floatl(x + dx), (floatl)(y + dy), DEPTH_OF(layout.perspective, next));
+                const Vector p = point_of(&layout, to_floatl(x + dx), (floatl)(y + dy),
+                                          DEPTH_OF(layout.perspective, next));
                 const Vector away = minus(p, v.center);
                 v.radius = select_lanes(IS_SAMPLE(next), max_lanes(sqrt(DOT(away, away)), v.radius), v.radius);
             }
@@ -206,7 +213,8 @@ kernel void find_finest_centers(global const float *nearness, global const uchar
         const size_t at = (size_t)y * layout.row + first;
         const intl x = first + lane_index, mine = ((x & 1) == 1) & (x < layout.width), main = IS_MAIN(x, (intl)y, 1);
         const floatl n = nearness_next_to(&layout, &tree, x, first, y, 0, 0);
-        Vertices v = {{0.0f, 0.0f, 0.0f}, -1.0f, 0.0f, select_lanes(IS_SAMPLE(n), DEPTH_OF(layout.perspective, n), (floatl)0.0f)};
+        Vertices v = {
+            {0.0f, 0.0f, 0.0f}, -1.0f, 0.0f, select_lanes(IS_SAMPLE(n), DEPTH_OF(layout.perspective, n), (floatl)0.0f)};
         floatl error[4], depth[4], radius[4];
         for (int k = 0; k < 4; k++) {
             const size_t start = (size_t)(y + dy[k]) * layout.row;
@@ -226,7 +234,8 @@ kernel void find_finest_centers(global const float *nearness, global const uchar
         for (int below = 0; below < 2; below++)
             for (int right = 0; right < 2; right++)
                 corner[below][right] = nearness_next_to(&layout, &tree, x, first, y, right ? 1 : -1, below ? 1 : -1);
-        const floatl na = select_lanes(main, corner[0][0], corner[1][0]), nb = select_lanes(main, corner[1][1], corner[0][1]);
+        const floatl na = select_lanes(main, corner[0][0], corner[1][0]),
+                     nb = select_lanes(main, corner[1][1], corner[0][1]);
         const intl down = select_lanes(main, (intl)1, (intl)-1), ay = y - down, by = y + down;
         const floatl own = bisection_error(&layout, v.center, n, x - 1, ay, na, x + 1, by, nb, 1, 0);
         add_error(&layout, &tree, own, load_bytes(states + at), 1, 1, &v);
@@ -237,8 +246,8 @@ kernel void find_finest_centers(global const float *nearness, global const uchar
     }
 }
 
-kernel void find_errors(global const float *nearness, global const uchar *states, global float *errors, global float *radii,
-                        global float *depths, Layout layout, int largest, int s, int centers)
+kernel void find_errors(global const float *nearness, global const uchar *states, global float *errors,
+                        global float *radii, global float *depths, Layout layout, int largest, int s, int centers)
 {
     const int y = centers ? s + 2 * s * (int)get_global_id(0) : s * (int)get_global_id(0);
     if (y > layout.side || y - s >= layout.height - 1)

@@ -5,7 +5,7 @@
  * range is taken relative to the view's extent. TEST_CONNECTEDNESS (Mark, McMillan & Bishop 1997): an edge is kept if
  * it is short, or either of its samples continues the line to the other's far side, in nearness, where planes are
  * straight. TEST_DISPARITY: nearness within the triangle differs too much (Oliveira & Bishop 1998). TEST_NONE keeps
- * everything. Beyond the papers: in all tests, what the sensor's noise explains is no step (`noise`).
+ * everything. Beyond the papers: in all tests, differences that the sensor's noise explains are no step (`noise`).
  *
  * nearness: (height, pitch), picture/nearness.cl. cells: (height, pitch) states of each cell's two triangles (tree.h).
  * normals: (3, height, pitch) in the view's frame, towards the camera, from the differences to those neighbours that
@@ -57,7 +57,8 @@ intl bridges(const Layout *layout, const Segmentation *rule, Vector p, Vector q,
         sight.z = p.z + q.z + r.z;
         scale = sight.z * (1.0f / 3.0f);
     }
-    const floatl noise = NOISE_AT(rule, (p.z + q.z + r.z) * (1.0f / 3.0f)), allowed = fmax(rule->depth_range * scale, noise);
+    const floatl noise = NOISE_AT(rule, (p.z + q.z + r.z) * (1.0f / 3.0f)),
+                 allowed = fmax(rule->depth_range * scale, noise);
     const floatl along = DOT(sight, normal), sizes = DOT(sight, sight) * DOT(normal, normal);
     return (along * along < rule->sine * rule->sine * sizes) & (SPREAD(p.z, q.z, r.z) > allowed);
 }
@@ -73,7 +74,8 @@ intl connected(const Layout *layout, const Segmentation *rule, floatl before, fl
 }
 
 /* The same for the sample at (x, y) and the next along x or y */
-intl is_connected(const Layout *layout, const Segmentation *rule, global const float *nearness, intl x, intl y, int dx, int dy)
+intl is_connected(const Layout *layout, const Segmentation *rule, global const float *nearness, intl x, intl y, int dx,
+                  int dy)
 {
     const intl right = (intl)(layout->width - 1), bottom = (intl)(layout->height - 1), none = (intl)0;
     const intl x0 = max(x - dx, none), y0 = max(y - dy, none), before = y0 * layout->pitch + x0;
@@ -100,8 +102,10 @@ kernel void segment(global const float *nearness, global uchar *cells, Layout la
             p[k] = point_of(&layout, fx + (k & 1), fy + (k >> 1), DEPTH_OF(layout.perspective, n[k]));
         /* The diagonal's ends belong to both triangles: the other corners are the upper one's and the lower one's
          * own. */
-        const Vector a = {select_lanes(main, p[3].x, p[2].x), select_lanes(main, p[3].y, p[2].y), select_lanes(main, p[3].z, p[2].z)};
-        const Vector b = {select_lanes(main, p[0].x, p[1].x), select_lanes(main, p[0].y, p[1].y), select_lanes(main, p[0].z, p[1].z)};
+        const Vector a = {select_lanes(main, p[3].x, p[2].x), select_lanes(main, p[3].y, p[2].y),
+                          select_lanes(main, p[3].z, p[2].z)};
+        const Vector b = {select_lanes(main, p[0].x, p[1].x), select_lanes(main, p[0].y, p[1].y),
+                          select_lanes(main, p[0].z, p[1].z)};
         const floatl na = select_lanes(main, n[3], n[2]), nb = select_lanes(main, n[0], n[1]);
         intl upper_drawn = IS_SAMPLE(n[0]) & IS_SAMPLE(n[1]) & IS_SAMPLE(na);
         intl lower_drawn = IS_SAMPLE(n[2]) & IS_SAMPLE(n[3]) & IS_SAMPLE(nb);
@@ -110,12 +114,15 @@ kernel void segment(global const float *nearness, global uchar *cells, Layout la
         if (rule.test == TEST_CONNECTEDNESS) {
             const intl row = (intl)y, left = is_connected(&layout, &rule, nearness, x, row, 0, 1);
             const intl right = is_connected(&layout, &rule, nearness, x + 1, row, 0, 1);
-            upper_drawn = upper_drawn & is_connected(&layout, &rule, nearness, x, row, 1, 0) & select_lanes(main, right, left);
-            lower_drawn = lower_drawn & is_connected(&layout, &rule, nearness, x, row + 1, 1, 0) & select_lanes(main, left, right);
+            upper_drawn = upper_drawn & is_connected(&layout, &rule, nearness, x, row, 1, 0) &
+                          select_lanes(main, right, left);
+            lower_drawn = lower_drawn & is_connected(&layout, &rule, nearness, x, row + 1, 1, 0) &
+                          select_lanes(main, left, right);
         }
         const intl state = select_lanes(upper_drawn, (intl)DRAWN, (intl)UNDRAWN) |
                            select_lanes(lower_drawn, (intl)(DRAWN << 2), (intl)(UNDRAWN << 2));
-        store_bytes(to_ucharl(select_lanes(x < layout.width - 1, state, (intl)0)), cells + (size_t)y * layout.pitch + first);
+        store_bytes(to_ucharl(select_lanes(x < layout.width - 1, state, (intl)0)),
+                    cells + (size_t)y * layout.pitch + first);
     }
 }
 
@@ -134,7 +141,8 @@ kernel void find_normals(global const float *nearness, global const uchar *cells
         return;
     const size_t plane = (size_t)layout.pitch * layout.height;
     global const float *own = nearness + (size_t)y * layout.pitch;
-    global const float *above = y > 0 ? own - layout.pitch : own, *below = y < layout.height - 1 ? own + layout.pitch : own;
+    global const float *above = y > 0 ? own - layout.pitch : own,
+                       *below = y < layout.height - 1 ? own + layout.pitch : own;
     for (int first = 0; first < layout.width; first += LANES) {
         const intl x = first + lane_index;
         const floatl n = load_lanes(own + first), right = load_lanes(own + first + 1);
@@ -151,9 +159,12 @@ kernel void find_normals(global const float *nearness, global const uchar *cells
         const intl lower_left = cell_next_to(&layout, cells, x, first, y, -1, 0);
         const intl lower_right = cell_next_to(&layout, cells, x, first, y, 0, 0), main = ((x ^ y) & 1) == 0;
         /* Diagonals turn from cell to cell, and with them the triangles that have the edges along y. */
-        const intl above = select_lanes(main, STATE_A(upper_left) | STATE_A(upper_right), STATE_B(upper_left) | STATE_B(upper_right));
-        const intl beneath = select_lanes(main, STATE_B(lower_left) | STATE_B(lower_right), STATE_A(lower_left) | STATE_A(lower_right));
-        const intl before = STATE_B(upper_left) | STATE_A(lower_left), after = STATE_B(upper_right) | STATE_A(lower_right);
+        const intl above = select_lanes(main, STATE_A(upper_left) | STATE_A(upper_right),
+                                        STATE_B(upper_left) | STATE_B(upper_right));
+        const intl beneath = select_lanes(main, STATE_B(lower_left) | STATE_B(lower_right),
+                                          STATE_A(lower_left) | STATE_A(lower_right));
+        const intl before = STATE_B(upper_left) | STATE_A(lower_left),
+                   after = STATE_B(upper_right) | STATE_A(lower_right);
         Vector across = {0.0f, 0.0f, 0.0f}, along = across;
         add_step(to_left, p, (before & DRAWN) != 0, &across);
         add_step(p, to_right, (after & DRAWN) != 0, &across);

@@ -58,7 +58,9 @@ kernel void activate(global const float *errors, global const float *radii, glob
                 const float *plane = viewer.planes[k];
                 needed = needed & (plane[0] * p.x + plane[1] * p.y + plane[2] * p.z + plane[3] >= -margin);
             }
-            motion_limit = fmin(motion_limit, select_lanes(known & (!large), distance - error * (viewer.scale / viewer.allowed), (floatl)INFINITY));
+            motion_limit = fmin(
+                motion_limit,
+                select_lanes(known & (!large), distance - error * (viewer.scale / viewer.allowed), (floatl)INFINITY));
             nearest_out = fmin(nearest_out, select_lanes(large & (!needed), from_eye, (floatl)INFINITY));
         }
         store_bytes(to_ucharl(select_lanes(needed, (intl)ACTIVE, (intl)0)), active + at);
@@ -84,12 +86,13 @@ int next_marked(global const uchar *row, int x, int side)
 
 /* The triangles with their right angle at the vertex (x, y) that are drawn, a bit each, clockwise: of a centre from the
  * one above, of others from the one to the upper left */
-int triangles_at(const Layout *layout, global const uchar *active, global const uchar *states, global const uchar *cells, int x,
-                 int y)
+int triangles_at(const Layout *layout, global const uchar *active, global const uchar *states,
+                 global const uchar *cells, int x, int y)
 {
     const int s = step_of(x, y), row = layout->row, at = y * row + x;
     if (IS_CENTER(x, y, s))
-        return IS_DRAWN(at - s * row, 1) | IS_DRAWN(at + s, 0) << 1 | IS_DRAWN(at + s * row, 0) << 2 | IS_DRAWN(at - s, 1) << 3;
+        return IS_DRAWN(at - s * row, 1) | IS_DRAWN(at + s, 0) << 1 | IS_DRAWN(at + s * row, 0) << 2 |
+               IS_DRAWN(at - s, 1) << 3;
     int found = 0;
     for (int k = 0; k < 4; k++) {
         const int right = k == 1 || k == 2, below = k > 1;

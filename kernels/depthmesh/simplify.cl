@@ -1,9 +1,9 @@
 /* Triangulations within a vertical error, for no viewer in particular.
  *
- * From the coarsest triangles on, those are split that are off in depth by more than max_error at any sample within them,
- * not only at the vertex that would split them: so max_error is a bound. With each go those that must be split with it, so
- * that there are no cracks. Each split is one that any triangulation within the bound has: no other has fewer triangles.
- * Planes are affine in nearness, so the differences are exact for both kinds of cameras.
+ * From the coarsest triangles on, those are split that are off in depth by more than max_error at any sample within
+ * them, not only at the vertex that would split them: so max_error is a bound. With each go those that must be split
+ * with it, so that there are no cracks. Each split is one that any triangulation within the bound has: no other has
+ * fewer triangles. Planes are affine in nearness, so the differences are exact for both kinds of cameras.
  *
  * nearness: (height, pitch). states: states.cl. active: (side + 1, row), tree.h, to be filled with 0 before. pool:
  * chunks of CHUNK ints, the numbers of the chunks below and above and then vertices, of which work-items make stacks;
@@ -51,7 +51,8 @@ int must_split(const Layout *layout, const Work *work, int x, int y, int s, int 
         return 1;
     if (s == 1 && !centers)
         return 0;
-    if (IS_OFF(0.5f * (n_start + n_q), NEARNESS_AT((start + q) / 2)) || IS_OFF(0.5f * (n_end + n_q), NEARNESS_AT((end + q) / 2)))
+    if (IS_OFF(0.5f * (n_start + n_q), NEARNESS_AT((start + q) / 2)) ||
+        IS_OFF(0.5f * (n_end + n_q), NEARNESS_AT((end + q) / 2)))
         return 1;
     if (s == 1)
         return 0;
@@ -65,7 +66,9 @@ int must_split(const Layout *layout, const Work *work, int x, int y, int s, int 
         const int away = abs(row - (centers ? q.y : y)), reach = centers ? 2 * s - away : s - away;
         const int from = centers || !across ? (centers ? q.x : x) : x - reach;
         const int leftward = centers ? q.x > x : !across && q.x < x;
-        const int low_x = leftward ? from - reach : from, high_x = leftward ? from : !centers && across ? x + reach : from + reach;
+        const int low_x = leftward ? from - reach : from, high_x = leftward             ? from
+                                                                   : !centers && across ? x + reach
+                                                                                        : from + reach;
         const float base = n_q + (row - q.y) * per_y;
         for (int first = low_x; first <= high_x; first += LANES) {
             const intl at = first + lane_index;
@@ -120,7 +123,8 @@ void visit_child(const Layout *layout, Work *work, int x, int y, int s, int b)
         activate_vertex(layout, work, x, y);
 }
 
-/* Activates what the active vertex `at` demands: its parents, and those children, of steps below `coarse`, that must be split. */
+/* Activates what the active vertex `at` demands: its parents, and those children, of steps below `coarse`, that must be
+ * split. */
 void propagate(const Layout *layout, Work *work, int at, int coarse)
 {
     const int y = at / layout->row, x = at - y * layout->row, s = step_of(x, y);
@@ -147,7 +151,8 @@ void propagate(const Layout *layout, Work *work, int at, int coarse)
 
 void propagate_all(const Layout *layout, Work *work)
 {
-    for (int vertices_left = (layout->side + 1) * (layout->side + 1); vertices_left > 0; vertices_left--) { /* each comes up once */
+    for (int vertices_left = (layout->side + 1) * (layout->side + 1); vertices_left > 0;
+         vertices_left--) { /* each comes up once */
         if (work->height == 2) {
             work->chunk = work->pool[CHUNK * work->chunk];
             work->height = CHUNK;
@@ -158,8 +163,8 @@ void propagate_all(const Layout *layout, Work *work)
     }
 }
 
-kernel void refine_coarse(global const float *nearness, global const uchar *states, global uchar *active, global int *pool,
-                          global int *used, Layout layout, float max_error, int coarse)
+kernel void refine_coarse(global const float *nearness, global const uchar *states, global uchar *active,
+                          global int *pool, global int *used, Layout layout, float max_error, int coarse)
 {
     if (get_global_id(0) > 0)
         return;

@@ -24,10 +24,13 @@ kernel void find_finest_states(global const uchar *cells, global uchar *states, 
             const intl lower_left = cell_next_to(&layout, cells, x, first, y, -1, 0);
             const intl lower_right = cell_next_to(&layout, cells, x, first, y, 0, 0);
             /* The triangles that meet the vertex from the left and from the right, from above and from below */
-            const intl left = STATE_B(upper_left) | STATE_A(lower_left), right = STATE_A(lower_right) | STATE_B(upper_right);
-            const intl above = STATE_B(upper_left) | STATE_B(upper_right), below = STATE_A(lower_left) | STATE_A(lower_right);
+            const intl left = STATE_B(upper_left) | STATE_A(lower_left),
+                       right = STATE_A(lower_right) | STATE_B(upper_right);
+            const intl above = STATE_B(upper_left) | STATE_B(upper_right),
+                       below = STATE_A(lower_left) | STATE_A(lower_right);
             /* Those of the block around a centre that do not meet it */
-            const intl top = STATE_A(upper_left) | STATE_A(upper_right), bottom = STATE_B(lower_left) | STATE_B(lower_right);
+            const intl top = STATE_A(upper_left) | STATE_A(upper_right),
+                       bottom = STATE_B(lower_left) | STATE_B(lower_right);
             const intl a = across ? above : select_lanes(odd, top | select_lanes(main, right, left), left);
             const intl b = across ? below : select_lanes(odd, bottom | select_lanes(main, left, right), right);
             byte = across ? select_lanes(odd, a | b << 2, byte) : a | b << 2;
@@ -54,7 +57,8 @@ void find_state_row(const Layout *layout, global uchar *states, int s, int y, in
         const int upper_right = x < side && y > 0 ? STATE_B(at[up + half_step]) : 0;
         const int lower_left = x > 0 && y < side ? STATE_A(at[down - half_step]) : 0;
         const int lower_right = x < side && y < side ? STATE_A(at[down + half_step]) : 0;
-        const int a = upper_left | (across ? upper_right : lower_left), b = lower_right | (across ? lower_left : upper_right);
+        const int a = upper_left | (across ? upper_right : lower_left),
+                  b = lower_right | (across ? lower_left : upper_right);
         *at = a | b << 2;
     }
 }

@@ -2,10 +2,9 @@
 #define DEPTHMESH_TREE_H
 /* The restricted quadtree over a depth image's samples (Pajarola 1998; Pajarola, Sainz & Meng 2003, section 3.2).
  *
- * Vertices are the points (x, y) of a square grid with a power of two of cells along its side, of which the image covers
- * the upper left part; the rest is padding, which is never drawn.
- * All but the four corners bisect an edge of the next coarser triangulation. With s the largest power of two that
- * divides x and y, a vertex is
+ * Vertices are the points (x, y) of a square grid with a power of two of cells along its side, of which the image
+ * covers the upper left part; the rest is padding, which is never drawn. All but the four corners bisect an edge of the
+ * next coarser triangulation. With s the largest power of two that divides x and y, a vertex is
  *   a centre   (x/s and y/s are odd): it bisects the diagonal of the block of side 2s around it;
  *   a midpoint (one of them is odd): it bisects the edge from s before to s after, along x or along y.
  * A block's diagonal runs from its upper left to its lower right corner (`main`) where the sum of its column and row

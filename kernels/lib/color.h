@@ -108,7 +108,8 @@ inline void write_pixel(global uchar *image, float3 color)
 #else
 inline Color read_color(global const float *image, intl pixel, int pixels)
 {
-    const Color c = {(floatl)(gather(image, 3 * pixel)), (floatl)(gather(image, 3 * pixel + 1)), (floatl)(gather(image, 3 * pixel + 2))};
+    const Color c = {(floatl)(gather(image, 3 * pixel)), (floatl)(gather(image, 3 * pixel + 1)),
+                     (floatl)(gather(image, 3 * pixel + 2))};
     return c;
 }
 

@@ -1,10 +1,11 @@
 #ifndef LIB_FOOTPRINT_H
 #define LIB_FOOTPRINT_H
-/* Footprints of pixels on tiled maps. Seen aslant, a footprint is longer than wide: with ANISOTROPIC the map is read at several
- * probes along the longer side, from the level whose texels are as large as the shorter one (McCormack et al. 1999, by the
- * footprint's exact ellipse), at most `anisotropy` of them. Without, it is read at one.
+/* Footprints of pixels on tiled maps. Seen aslant, a footprint is longer than wide: with ANISOTROPIC the map is read at
+ * several probes along the longer side, from the level whose texels are as large as the shorter one (McCormack et al.
+ * 1999, by the footprint's exact ellipse), at most `anisotropy` of them. Without, it is read at one.
  *
- * Cost: as many probes as the ratio of the sides, to the nearest whole number: surfaces that are seen straight on have one.
+ * Cost: as many probes as the ratio of the sides, to the nearest whole number: surfaces that are seen straight on have
+ * one.
  */
 #include "lib/normals.h"
 #include "lib/screen.h"
@@ -44,10 +45,11 @@ typedef struct {
     int anisotropy; /* the greatest number of probes */
 } UvSteps;
 
-/* Of what is seen at nearness n in the unit direction `ahead`, on a plane across `normal` (of any length); along_u,
- * along_v: gradients in the world. A plane that is seen so much aslant that footprints were longer than `anisotropy`
- * times their width is taken to be less so: their width stays, so that slopes at outlines are not smeared. */
-INLINED UvSteps uv_steps(Screen screen, floatl n, Vector ahead, Vector normal, Vector along_u, Vector along_v, int anisotropy)
+/* On a plane that is seen at nearness n in the unit direction `ahead`; normal: the plane's, of any length; along_u,
+ * along_v: gradients in the world. A plane so aslant that footprints were longer than `anisotropy` times their width is
+ * taken to be less so, and their width stays: slopes at outlines are not smeared. */
+INLINED UvSteps uv_steps(Screen screen, floatl n, Vector ahead, Vector normal, Vector along_u, Vector along_v,
+                         int anisotropy)
 {
     const float *m = screen.to_world;
     const float least = 1.0f / anisotropy;
@@ -70,10 +72,12 @@ INLINED UvSteps uv_steps(Screen screen, floatl n, Vector ahead, Vector normal, V
 INLINED Footprint footprint_of(UvSteps s, int width, int height, intl wanted)
 {
     const floatl a = s.u_x * width, b = s.u_y * width, c = s.v_x * height, d = s.v_y * height;
-    const floatl uu = a * a + b * b, uv = a * c + b * d, vv = c * c + d * d, half_ = 0.5f * (uu - vv), area = a * d - b * c;
+    const floatl uu = a * a + b * b, uv = a * c + b * d, vv = c * c + d * d, half_ = 0.5f * (uu - vv),
+                 area = a * d - b * c;
     const floatl given = 0.5f * (uu + vv) + sqrt(half_ * half_ + uv * uv);
     const intl minified = wanted & isfinite_lanes(given) & (given > 1.0f); /* others have one probe */
-    const floatl long_2 = select_lanes(minified, given, (floatl)1.0f), short_2 = max_lanes(area * area / long_2, (floatl)1.0f);
+    const floatl long_2 = select_lanes(minified, given, (floatl)1.0f),
+                 short_2 = max_lanes(area * area / long_2, (floatl)1.0f);
     Footprint f = isotropic_footprint(long_2);
     f.count = select_lanes(minified, truncated(sqrt(long_2 / short_2) + MORE_PROBES), (floatl)1.0f);
     f.count = clamp_lanes(f.count, (floatl)1.0f, (floatl)s.anisotropy);
@@ -82,15 +86,16 @@ INLINED Footprint footprint_of(UvSteps s, int width, int height, intl wanted)
     f.texels_2 = max_lanes(long_2 / (f.count * f.count), short_2);
     /* The longer axis: the eigenvector of the matrix (uu, uv; uv, vv), by the row that rounding harms less */
     const floatl x = select_lanes(half_ >= 0.0f, long_2 - vv, uv), y = select_lanes(half_ >= 0.0f, uv, long_2 - uu);
-    const floatl unit = select_lanes(f.count > 1.0f, sqrt(long_2 / max_lanes(x * x + y * y, (floatl)1e-30f)), (floatl)0.0f);
+    const floatl unit = select_lanes(f.count > 1.0f, sqrt(long_2 / max_lanes(x * x + y * y, (floatl)1e-30f)),
+                                     (floatl)0.0f);
     f.u = x * unit * (1.0f / width);
     f.v = y * unit * (1.0f / height);
     return f;
 }
 #endif
 
-/* The probes of a footprint: their numbers i, which lanes have number i, its place along the footprint, -0.5 to 0.5, and its
- * weight */
+/* The probes of a footprint: their numbers i, which lanes have number i, its place along the footprint, -0.5 to 0.5,
+ * and its weight */
 #if ANISOTROPIC
 #define EACH_PROBE(f, i) for (int i = 0; any_lane((f).count > (float)i); i++)
 #define HAS_PROBE(f, i) ((f).count > (float)(i))
@@ -98,7 +103,8 @@ INLINED Footprint footprint_of(UvSteps s, int width, int height, intl wanted)
 #define PROBE_WEIGHT(f, i) select_lanes(HAS_PROBE(f, i), 1.0f / (f).count, (floatl)0.0f)
 #endif
 
-/* The same footprint on a level whose texels are twice as large, where half of the probes are as close together in texels */
+/* The same footprint on a level whose texels are twice as large, where half of the probes are as close together in
+ * texels */
 INLINED Footprint on_coarser(Footprint f)
 {
     f.texels_2 *= 4.0f;
@@ -106,9 +112,9 @@ INLINED Footprint on_coarser(Footprint f)
     return f;
 }
 
-/* Adds the mean of a texture's level over a footprint around (u, v), by a weight. */
-INLINED void add_footprint(global const uint *texels, floatl u, floatl v, Footprint f, intl level, int width, int height,
-                           floatl weight, Color *sum)
+/* Adds the mean of a texture's level over a footprint around (u, v), times a weight. */
+INLINED void add_footprint(global const uint *texels, floatl u, floatl v, Footprint f, intl level, int width,
+                           int height, floatl weight, Color *sum)
 {
     intl w = width, h = height;
     const intl start = start_of_level(level, &w, &h);
@@ -125,7 +131,8 @@ INLINED void add_footprint(global const uint *texels, floatl u, floatl v, Footpr
 
 #if ANISOTROPIC
 /* The mean of a map of normals over a pixel around (u, v) */
-INLINED Vector mean_normal(global const float *map, int width, int height, floatl u, floatl v, UvSteps steps, intl wanted)
+INLINED Vector mean_normal(global const float *map, int width, int height, floatl u, floatl v, UvSteps steps,
+                           intl wanted)
 {
     const Footprint f = footprint_of(steps, width, height, wanted);
     const intl level = level_of_texels(f.texels_2, 32 - clz(max(width, height)));

@@ -1,10 +1,10 @@
 #ifndef LIB_GBUFFER_H
 #define LIB_GBUFFER_H
-/* The G-buffer (Saito & Takahashi 1990): what light is to know of pixels that show things made of images.
+/* The G-buffer (Saito & Takahashi 1990): what deferred shading has to know of pixels that show things made of images.
  *
- * Those are lit once all things are drawn (picture/deferred.cl). A kernel that draws one enters each pixel that it writes:
- * which thing that shows, at what depth, and its normal if that is asked for. No other kernel knows of the buffer: an entry
- * holds only as long as its depth is the picture's. What is drawn in front later changes that.
+ * Those are lit once all things are drawn (picture/deferred.cl). A kernel that draws one enters each pixel that it
+ * writes: which thing that shows, at what depth, and its normal if that is asked for. No other kernel knows of the
+ * buffer: an entry holds only as long as its depth is the picture's. What is drawn in front later changes that.
  */
 #ifndef GBUFFER
 #define GBUFFER 0 /* 1: kernels that draw such things write the buffer; 2: normals, too; 0: nothing is entered */
@@ -44,7 +44,7 @@ typedef struct {
 #define NORMALS_ARGUMENT(type) (global const type *)0
 #endif
 
-/* A pixel shows the thing at a depth. normal: as images hold it */
+/* Enters that a pixel shows the thing at a depth. normal: as images hold it */
 inline void enter_pixel(GBuffer gbuffer, size_t pixel, float depth, float3 normal)
 {
 #if GBUFFER

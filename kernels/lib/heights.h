@@ -111,7 +111,8 @@ floatl height_in(global const uint *texels, HeightMap map, floatl x, floatl y)
 {
     FLOOR(x, x0, ix)
     FLOOR(y, y0, iy)
-    const intl tx = WRAPPED(CLAMPED_U, x0, ix, map.width, map.per_width), ty = WRAPPED(CLAMPED_V, y0, iy, map.height, map.per_height);
+    const intl tx = WRAPPED(CLAMPED_U, x0, ix, map.width, map.per_width),
+               ty = WRAPPED(CLAMPED_V, y0, iy, map.height, map.per_height);
     return height_of(read_cell(texels, map, ix, iy, tx, ty), x - x0, y - y0);
 }
 #endif

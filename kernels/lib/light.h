@@ -18,12 +18,12 @@
 
 typedef struct {
     float vector[4];  /* towards the light, unit length (w = 0), or its position (w = 1), in the world */
-    float axis[4];    /* of a spot: where it goes, unit length; cosine of half its angle, -2: shines everywhere */
-    float cone_rise;  /* of a spot: how fast it gets full inside of that, per cosine */
-    float color[3];   /* of what it lights straight on; 1 is white */
+    float axis[4];    /* of a spotlight: its direction, and the cosine of half its cone's angle; -2: of no spotlight */
+    float cone_rise;  /* of a spotlight: how fast it rises to full strength inside its cone, per cosine */
+    float color[3];   /* on a surface that faces it; 1 is white */
     float ambient;    /* part of the light that comes from everywhere, 0 to 1 */
-    float specular;   /* highlight: its strength, */
-    float shininess;  /* and how narrow it is */
+    float specular;   /* strength of highlights */
+    float shininess;  /* Blinn's exponent: how narrow they are */
 } Light;
 
 #define SHADOW_MAPS_MAX 6
@@ -44,7 +44,7 @@ typedef struct {
 #define VISIBILITY(p, normal) (floatl)1.0f
 #endif
 
-/* From a point towards the light: unit vector, and the share of the light that goes there: less than 1 beside a cone */
+/* From a point to the light: the unit direction, and the share of a spotlight that reaches it */
 typedef struct {
     Vector direction;
     floatl falloff;
@@ -94,10 +94,12 @@ INLINED floatl visibility(global const float *shadow_maps, Shadow shadow, Vector
         const floatl depth = POINT_ROW(r, 0, moved), w = POINT_ROW(m, 2, moved), inverse = 1.0f / w;
         const floatl u = POINT_ROW(m, 0, moved) * inverse, v = POINT_ROW(m, 1, moved) * inverse;
         const float last = shadow.size - 1;
-        const intl seen = remaining & (w > 0.0f) & (u >= -0.5f) & (u <= last + 0.5f) & (v >= -0.5f) & (v <= last + 0.5f);
+        const intl seen = remaining & (w > 0.0f) & (u >= -0.5f) & (u <= last + 0.5f) & (v >= -0.5f) &
+                          (v <= last + 0.5f);
         if (!any_lane(seen))
             continue;
-        const Taps taps = clamped_taps(shadow.size, shadow.size, select_lanes(seen, u, (floatl)0.0f), select_lanes(seen, v, (floatl)0.0f));
+        const Taps taps = clamped_taps(shadow.size, shadow.size, select_lanes(seen, u, (floatl)0.0f),
+                                       select_lanes(seen, v, (floatl)0.0f));
         const int start = i * shadow.size * shadow.size;
 #define IN_SIGHT(k) select_lanes((floatl)(gather(shadow_maps, taps.at[k] + start)) < depth, (floatl)0.0f, (floatl)1.0f)
         visible = select_lanes(seen, bilinear(taps, IN_SIGHT(0), IN_SIGHT(1), IN_SIGHT(2), IN_SIGHT(3)), visible);
@@ -119,7 +121,8 @@ INLINED void apply_light(Color *shade, Light light, Vector p, Vector normal, Vec
         const Vector halfway = minus(to.direction, ahead);
         const floatl unit = 1.0f / sqrt(max_lanes(DOT(halfway, halfway), (floatl)1e-30f));
         const floatl along = max_lanes(DOT(normal, halfway) * unit, (floatl)1e-6f);
-        highlight = select_lanes(cosine > 0.0f, direct * light.specular * exp2(light.shininess * log2(along)), (floatl)0.0f);
+        highlight = select_lanes(cosine > 0.0f, direct * light.specular * exp2(light.shininess * log2(along)),
+                                 (floatl)0.0f);
     }
     shade->r = shade->r * (light.ambient + light.color[0] * diffuse) + light.color[0] * highlight;
     shade->g = shade->g * (light.ambient + light.color[1] * diffuse) + light.color[1] * highlight;

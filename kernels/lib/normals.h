@@ -5,7 +5,7 @@
 #include "lib/texture.h"
 #include "lib/vectors.h"
 
-/* A level of a map of normals (height, width, 3), which has a pyramid as textures do, at (u, v), tiled or clamped,
+/* A level of a map of normals (height, width, 3), which has mipmaps as textures do, at (u, v), tiled or clamped,
  * bilinear: x along u, y along v, z along the normal. Those of the first level are of unit length. */
 INLINED Vector normal_in(global const float *map, int width, int height, intl level, floatl u, floatl v)
 {

@@ -33,7 +33,8 @@ INLINED Vector point_at(Screen screen, floatl x, floatl y, floatl n)
 {
     const float *m = screen.to_world;
     const floatl inverse = 1.0f / MAP_ROW(m, 3, x, y, n);
-    const Vector p = {MAP_ROW(m, 0, x, y, n) * inverse, MAP_ROW(m, 1, x, y, n) * inverse, MAP_ROW(m, 2, x, y, n) * inverse};
+    const Vector p = {MAP_ROW(m, 0, x, y, n) * inverse, MAP_ROW(m, 1, x, y, n) * inverse,
+                      MAP_ROW(m, 2, x, y, n) * inverse};
     return p;
 }
 

@@ -15,7 +15,8 @@ INLINED Taps clamped_taps(int width, int height, floatl x, floatl y)
 {
     const floatl cx = clamp_lanes(x, (floatl)0.0f, (floatl)(width - 1));
     const floatl cy = clamp_lanes(y, (floatl)0.0f, (floatl)(height - 1));
-    const floatl x0 = min_lanes(truncated(cx), (floatl)max(width - 2, 0)), y0 = min_lanes(truncated(cy), (floatl)max(height - 2, 0));
+    const floatl x0 = min_lanes(truncated(cx), (floatl)max(width - 2, 0)),
+                 y0 = min_lanes(truncated(cy), (floatl)max(height - 2, 0));
     const int right = min(width - 1, 1), down = min(height - 1, 1) * width;
     const intl column = to_intl(x0), row = to_intl(y0), at = row * width + column;
     const Taps taps = {column, row, {at, at + right, at + down, at + down + right}, cx - x0, cy - y0};

@@ -1,6 +1,6 @@
 #ifndef LIB_TEXTURE_H
 #define LIB_TEXTURE_H
-/* Textures with their pyramids, tiled or clamped (lib/wrap.h): RGBA bytes, level by level from the largest, each half
+/* Textures with their mipmaps, tiled or clamped (lib/wrap.h): RGBA bytes, level by level from the largest, each half
  * the size of the one before, rounded down (Williams 1983).
  */
 #include "lib/color.h"
@@ -23,8 +23,9 @@ INLINED intl start_of_level(intl level, intl *width, intl *height)
     return start;
 }
 
-/* Adds a texture's level, which begins at `start`, at (u, v), by a weight. */
-INLINED void add_texels(global const uint *texels, floatl u, floatl v, intl start, intl w, intl h, floatl weight, Color *sum)
+/* Adds a texture's level, which begins at `start`, at (u, v), times a weight. */
+INLINED void add_texels(global const uint *texels, floatl u, floatl v, intl start, intl w, intl h, floatl weight,
+                        Color *sum)
 {
     const Taps taps = map_taps(w, h, u, v);
     floatl weights[4];
@@ -36,7 +37,7 @@ INLINED void add_texels(global const uint *texels, floatl u, floatl v, intl star
     }
 }
 
-/* The level whose texels are as large as a pixel, from the square of how many of the first's it covers along a side */
+/* The level whose texels are as large as a pixel, which covers sqrt(texels_2) of the first level's along a side */
 intl level_of_texels(floatl texels_2, int level_count)
 {
     const floatl finite = select_lanes(isfinite_lanes(texels_2), max_lanes(texels_2, (floatl)1.0f), (floatl)1.0f);

@@ -23,7 +23,8 @@ INLINED floatl nearness_of_samples(global const float *sample_depth, intl at, in
 
 INLINED void average_packet(global const float *sample_depth, global const channel *sample_color,
                             global const uchar *sample_valid, int side, int width, int height, int perspective,
-                            global float *depth, global channel *color, global uchar *valid, global float *alpha, int x0, int y)
+                            global float *depth, global channel *color, global uchar *valid, global float *alpha,
+                            int x0, int y)
 {
     const intl first = side * min(x0 + lane_index, (intl)(width - 1)) + y * side * side * width;
     Color sum = {0.0f, 0.0f, 0.0f};
@@ -80,13 +81,14 @@ INLINED void average_packet(global const float *sample_depth, global const chann
     }
 }
 
-kernel void average(global const float *sample_depth, global const channel *sample_color, global const uchar *sample_valid,
-                    int side, int width, int height, int perspective, global float *depth, global channel *color,
-                    global uchar *valid, global float *alpha)
+kernel void average(global const float *sample_depth, global const channel *sample_color,
+                    global const uchar *sample_valid, int side, int width, int height, int perspective,
+                    global float *depth, global channel *color, global uchar *valid, global float *alpha)
 {
     const int from = get_global_id(0) * (STRIP * LANES), y = get_global_id(1);
     if (y >= height)
         return;
     for (int x0 = from; x0 < min(from + STRIP * LANES, width); x0 += LANES)
-        average_packet(sample_depth, sample_color, sample_valid, side, width, height, perspective, depth, color, valid, alpha, x0, y);
+        average_packet(sample_depth, sample_color, sample_valid, side, width, height, perspective, depth, color, valid,
+                       alpha, x0, y);
 }

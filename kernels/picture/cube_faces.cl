@@ -1,14 +1,14 @@
 /* A lens's picture from the faces of a cube (or from one pinhole's picture): each pixel reads where its own ray passes.
  *
- * Nearness (affine on a plane) and colour are interpolated between the four pixels around, if these show one surface; at the
- * edges of surfaces, beside holes, and if `linear` is 0, they are the nearest pixel's. Four pixels show one surface if all
- * show something, and every step between neighbours is small or as large as the next one beside it: a slope is no edge,
- * however steep.
- * places: (3, height, pitch) u and v in the face, NaN for pixels that are none of its own, and depth in the lens's
- * frame over depth in the picture's. face_depth, face_color, face_valid: (face_height, face_width), depth NaN where
- * there is nothing. depth, color, valid: (height, width); pixels of other faces stay, or with `first` are emptied.
- * ORIGINS: where pixels come from, (..., 3), and what they are, are carried over, too; pixels without a ray are
- * `unseen`. Work-item: STRIP * LANES pixels of a row. Cost: O(pixels). Determinism: every pixel on its own.
+ * Nearness (affine on a plane) and colour are interpolated between the four pixels around, if these show one surface;
+ * at the edges of surfaces, beside holes, and if `linear` is 0, they are the nearest pixel's. Four pixels show one
+ * surface if all show something, and every step between neighbours is small or as large as the next one beside it: a
+ * slope is no edge, however steep. places: (3, height, pitch) u and v in the face, NaN for pixels that are none of its
+ * own, and depth in the lens's frame over depth in the picture's. face_depth, face_color, face_valid: (face_height,
+ * face_width), depth NaN where there is nothing. depth, color, valid: (height, width); pixels of other faces stay, or
+ * with `first` are emptied. ORIGINS: where pixels come from, (..., 3), and what they are, are carried over, too; pixels
+ * without a ray are `unseen`. Work-item: STRIP * LANES pixels of a row. Cost: O(pixels). Determinism: every pixel on
+ * its own.
  */
 #include "lib/color.h"
 #include "lib/surface.h"
@@ -65,7 +65,8 @@ INLINED Reading read_face(Face face, floatl u_own, floatl v_own, floatl deeper, 
     floatl n[4];
     for (int i = 0; i < 4; i++)
         n[i] = face_nearness(face, x + (i & 1), up + (i >> 1));
-    const floatl low = min_lanes(min_lanes(n[0], n[1]), min_lanes(n[2], n[3])), high = max_lanes(max_lanes(n[0], n[1]), max_lanes(n[2], n[3]));
+    const floatl low = min_lanes(min_lanes(n[0], n[1]), min_lanes(n[2], n[3])),
+                 high = max_lanes(max_lanes(n[0], n[1]), max_lanes(n[2], n[3]));
     const intl all_there = read.own & isfinite_lanes(n[0] + n[1] + n[2] + n[3]) & (intl)(linear ? -1 : 0);
     read.whole = all_there & (high - low <= ONE_SURFACE * low);
     if (any_lane(all_there & !read.whole)) {
@@ -80,8 +81,10 @@ INLINED Reading read_face(Face face, floatl u_own, floatl v_own, floatl deeper, 
     }
     tap_weights(fx, fy, read.weights);
     const intl near_right = fx >= 0.5f, near_below = fy >= 0.5f;
-    read.nearest = (up + select_lanes(near_below, (intl)1, (intl)0)) * face.width + x + select_lanes(near_right, (intl)1, (intl)0);
-    const floatl n_nearest = select_lanes(near_below, select_lanes(near_right, n[3], n[2]), select_lanes(near_right, n[1], n[0]));
+    read.nearest = (up + select_lanes(near_below, (intl)1, (intl)0)) * face.width + x +
+                   select_lanes(near_right, (intl)1, (intl)0);
+    const floatl n_nearest = select_lanes(near_below, select_lanes(near_right, n[3], n[2]),
+                                          select_lanes(near_right, n[1], n[0]));
     floatl between = 0.0f;
     for (int i = 0; i < 4; i++)
         between += read.weights[i] * select_lanes(read.whole, n[i], (floatl)0.0f);
@@ -93,7 +96,8 @@ INLINED Reading read_face(Face face, floatl u_own, floatl v_own, floatl deeper, 
     if (CHANNELS && any_lane(read.whole)) {
         Color mixed = {0.0f, 0.0f, 0.0f};
         for (int i = 0; i < 4; i++)
-            add_color(&mixed, read.weights[i], read_color(face.color, (up + (i >> 1)) * face.width + x + (i & 1), count));
+            add_color(&mixed, read.weights[i],
+                      read_color(face.color, (up + (i >> 1)) * face.width + x + (i & 1), count));
         read.color = select_color(read.whole, mixed, read.color);
     }
     return read;
@@ -156,11 +160,12 @@ INLINED void copy_origins(const Reading *read, Face face, int count, int empties
 #endif
 
 kernel void join_faces(global const float *places, global const float *face_depth, global const channel *face_color,
-                 global const uchar *face_valid, int face_width, int face_height, int width, int height, int pitch, int first,
-                 int linear, global float *depth, global channel *color, global uchar *valid
+                       global const uchar *face_valid, int face_width, int face_height, int width, int height,
+                       int pitch, int first, int linear, global float *depth, global channel *color, global uchar *valid
 #if ORIGINS
-                 , global const float *face_origin, global const uchar *face_classes, global float *origin,
-                 global uchar *classes, int unseen
+                       ,
+                       global const float *face_origin, global const uchar *face_classes, global float *origin,
+                       global uchar *classes, int unseen
 #endif
 )
 {
@@ -171,7 +176,8 @@ kernel void join_faces(global const float *places, global const float *face_dept
     const size_t plane = (size_t)height * pitch;
     for (int x0 = get_global_id(0) * STRIP * LANES, packet = 0; packet < STRIP && x0 < width; x0 += LANES, packet++) {
         global const float *place = places + (size_t)y * pitch + x0;
-        const Reading read = read_face(face, load_lanes(place), load_lanes(place + plane), load_lanes(place + 2 * plane), linear);
+        const Reading read = read_face(face, load_lanes(place), load_lanes(place + plane),
+                                       load_lanes(place + 2 * plane), linear);
         const size_t at = (size_t)y * width + x0;
         const int count = min(LANES, width - x0);
         write_packet(&read, face, count, first, depth + at, color + CHANNELS * at, valid + at);

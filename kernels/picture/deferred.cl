@@ -1,18 +1,19 @@
 /* Light on what is made of images, once all things are drawn: deferred shading.
  *
- * The G-buffer (lib/gbuffer.h) tells which pixels show such things. RELIT 0: their colours hold the light that they were
- * taken in, and shadows alone are added. A point in shadow keeps the light's ambient part; so does one whose surface turns
- * away from the light, towards which it fades over `fade` of the cosine. RELIT 1: their colours are the surface's own, and
- * are shaded as meshes are (lib/light.h), by the thing's normals, or where it has none by those of its depths in the
- * picture, `neighbour_offset` pixels away. A normal that points away from the viewer is of the surface's back, and is
- * turned round. For the shadow maps normals are always those of the depths, since others may be interpolated.
+ * The G-buffer (lib/gbuffer.h) tells which pixels show such things. RELIT 0: their colours hold the light that they
+ * were taken in, and shadows alone are added. A point in shadow keeps the light's ambient part; so does one whose
+ * surface turns away from the light, towards which it fades over `fade` of the cosine. RELIT 1: their colours are the
+ * surface's own, and are shaded as meshes are (lib/light.h), by the thing's normals, or where it has none by those of
+ * its depths in the picture, `neighbour_offset` pixels away. A normal that points away from the viewer is of the
+ * surface's back, and is turned round. For the shadow maps normals are always those of the depths, since others may be
+ * interpolated.
  *
- * entered, numbers, normals: depth, thing and normal of the G-buffer; normals are read of no thing without them. things:
- * (things, THING) of each: scene units by which it may lie before its surface in a map; pixels between the depths that tell
- * its slope; cosine from which it fades, 0 for solids, whose fronts hide their backs in the map; 1 if it has normals.
- * depth, color: the picture.
- * Work-item: LANES pixels of a row. Cost: O(pixels), once for each thing that a work-item's pixels show. Determinism: every
- * pixel on its own.
+ * entered, numbers, normals: depth, thing and normal of the G-buffer; normals are read of no thing without them.
+ * things: (things, THING) of each: scene units by which it may lie before its surface in a map; pixels between the
+ * depths that tell its slope; cosine from which it fades, 0 for solids, whose fronts hide their backs in the map; 1 if
+ * it has normals. depth, color: the picture.
+ * Work-item: LANES pixels of a row. Cost: O(pixels), once for each thing that a work-item's pixels show. Determinism:
+ * every pixel on its own.
  */
 #include "lib/color.h"
 #include "lib/light.h"
@@ -22,18 +23,21 @@
 #define RELIT 0 /* 1: colours are the surface's own */
 #endif
 #define THING 4
-#define BACKFACING 0.2f /* of the cosine to the view: as far beyond the horizon normals are seen that are mixed, or bent */
-#define SHORTEST_MEAN 0.1f /* shorter means of normals point anywhere: 8 bits a channel hold them to 0.004 */
+#define BACKFACING 0.2f /* cosine by which interpolated normals of visible surfaces may point away from the viewer */
+#define SHORTEST_MEAN 0.1f /* shorter interpolated normals have no certain direction: 8 bits hold them to 0.004 */
 
 #if RELIT
-/* A thing's normals, turned to the viewer, who looks `ahead`; where they are too short to be known, those of its depths, `facing` */
+/* A thing's normals, turned to the viewer, who looks `ahead`; where they are too short to be known, those of its
+ * depths, `facing` */
 INLINED Vector normal_of(global const float *normals, intl pixel, Vector facing, Vector ahead)
 {
     const Vector mapped = vector_at(normals, pixel);
     const floatl length = sqrt(DOT(mapped, mapped)), per_length = 1.0f / max_lanes(length, (floatl)1e-6f);
-    const Vector turned = scaled(mapped, select_lanes(DOT(mapped, ahead) * per_length > BACKFACING, -per_length, per_length));
+    const Vector turned = scaled(mapped,
+                                 select_lanes(DOT(mapped, ahead) * per_length > BACKFACING, -per_length, per_length));
     const intl known = length > SHORTEST_MEAN;
-    const Vector normal = {select_lanes(known, turned.x, facing.x), select_lanes(known, turned.y, facing.y), select_lanes(known, turned.z, facing.z)};
+    const Vector normal = {select_lanes(known, turned.x, facing.x), select_lanes(known, turned.y, facing.y),
+                           select_lanes(known, turned.z, facing.z)};
     return normal;
 }
 #endif
@@ -59,7 +63,8 @@ kernel void light_things(global const float *entered, global const int *numbers,
         left = left & !mine;
         global const float *how = things + THING * thing;
         const Shown shown = {depth, entered, numbers, thing};
-        const floatl n = select_lanes(mine, DEPTH_OF(screen.perspective, z), (floatl)(screen.perspective ? 1.0f : -1.0f));
+        const floatl n = select_lanes(mine, DEPTH_OF(screen.perspective, z),
+                                      (floatl)(screen.perspective ? 1.0f : -1.0f));
         const Vector p = point_at(screen, to_floatl(x), (floatl)row, n);
         const Vector facing = facing_at(shown, screen, first, row, (int)how[1], n, p);
 #if SHADOWED

@@ -6,7 +6,7 @@
 /* The part of a picture that shows one thing: pixels of other things tell nothing of its slopes. */
 typedef struct {
     global const float *depth;
-    global const float *entered; /* depths that the thing was drawn at (lib/gbuffer.h), or 0: all that is seen is one thing */
+    global const float *entered; /* depths in the G-buffer (lib/gbuffer.h), or 0: all that is seen is one thing */
     global const int *things;    /* and the numbers of things */
     int thing;
 } Shown;
@@ -23,31 +23,35 @@ INLINED floatl picture_nearness(Shown shown, Screen screen, int x, int y)
     if (x >= 0 && x + LANES <= screen.width) {
         z = load_lanes(row + x);
         if (shown.entered)
-            of_thing = (load_lanes(shown.entered + start + x) == z) & (load_lanes(shown.things + start + x) == shown.thing);
+            of_thing = (load_lanes(shown.entered + start + x) == z) &
+                       (load_lanes(shown.things + start + x) == shown.thing);
     } else {
         for (int lane = max(-x, 0); lane < min(LANES, screen.width - x); lane++) {
             set_float_lane(z, lane, row[x + lane]);
             const size_t at = start + x + lane;
             if (shown.entered)
-                set_int_lane(of_thing, lane, shown.entered[at] == row[x + lane] && shown.things[at] == shown.thing ? -1 : 0);
+                set_int_lane(of_thing, lane,
+                             shown.entered[at] == row[x + lane] && shown.things[at] == shown.thing ? -1 : 0);
         }
     }
     return select_lanes(of_thing & (z == z), DEPTH_OF(screen.perspective, z), (floatl)EMPTY);
 }
 
-/* A tangent of the surface at the point p of a pixel, in the picture's direction (dx, dy); the surface of a pixel alone is taken to
- * be level. */
+/* A tangent of the surface at the point p of a pixel, in the picture's direction (dx, dy); the surface of a pixel alone
+ * is taken to be level. */
 INLINED Vector tangent_along(Shown shown, Screen screen, int x, int y, int dx, int dy, floatl n, Vector p)
 {
-    const floatl next = picture_nearness(shown, screen, x + dx, y + dy), last = picture_nearness(shown, screen, x - dx, y - dy);
+    const floatl next = picture_nearness(shown, screen, x + dx, y + dy),
+                 last = picture_nearness(shown, screen, x - dx, y - dy);
     const intl forward = fabs(next - n) <= fabs(last - n);
     const floatl near = select_lanes(forward, next, last), sign = select_lanes(forward, (floatl)1.0f, (floatl)-1.0f);
     const floatl there_x = to_floatl(x + lane_index) + sign * dx, there_y = y + sign * dy;
     return scaled(minus(point_at(screen, there_x, there_y, select_lanes(near > EMPTY, near, n)), p), sign);
 }
 
-/* The unit normals of LANES pixels of a row from x on, towards the viewer: along x and y, of the neighbours `neighbour_offset` pixels
- * away the one whose nearness differs less tells how the surface slopes. n, p: the pixels' nearness and points. */
+/* The unit normals of LANES pixels of a row from x on, towards the viewer: along x and y, of the neighbours
+ * `neighbour_offset` pixels away the one whose nearness differs less tells how the surface slopes. n, p: the pixels'
+ * nearness and points. */
 INLINED Vector facing_at(Shown shown, Screen screen, int x, int y, int neighbour_offset, floatl n, Vector p)
 {
     const Vector across = tangent_along(shown, screen, x, y, neighbour_offset, 0, n, p);

@@ -3,9 +3,9 @@
  * One work-item converts one row and notes the row's range, which bounds what the view can reach. depth: (src_height,
  * src_width) planar z; not finite, <= NEAREST or >= far is no surface. nearness: (src_height, src_pitch), a pitch that
  * is no power of two, because columns are read too. ranges: (src_height, 2) least and greatest nearness of the row,
- * (inf, -inf) where it has no surface. to_bridged_nearness: through a single sample that is missing amid a surface, what
- * is behind would show; it becomes what lies between its neighbours to either side, or above and below, where these are
- * one surface. O(n^2), one pass. Determinism: every sample from depths alone.
+ * (inf, -inf) where it has no surface. to_bridged_nearness: single samples that are missing amid a surface, through
+ * which the background would show, are interpolated between their neighbours to the left and the right, or above and
+ * below, where these are one surface. O(n^2), one pass. Determinism: every sample from depths alone.
  */
 #include "lib/lanes.h"
 #include "lib/surface.h"
@@ -22,8 +22,8 @@ INLINED floatl nearness_from(global const float *row, int x, int width, int pers
     return select_lanes((d > NEAREST) & (d < far), DEPTH_OF(perspective, d), (floatl)NO_SURFACE);
 }
 
-INLINED void convert_row(global const float *depth, global float *nearness, global float *ranges, int src_width, int src_height,
-                         int src_pitch, int src_perspective, float far, int bridged, Cut cut)
+INLINED void convert_row(global const float *depth, global float *nearness, global float *ranges, int src_width,
+                         int src_height, int src_pitch, int src_perspective, float far, int bridged, Cut cut)
 {
     const int y = get_global_id(0);
     if (y >= src_height)
@@ -40,7 +40,8 @@ INLINED void convert_row(global const float *depth, global float *nearness, glob
             const floatl left = nearness_from(row, x - 1, src_width, src_perspective, far);
             const floatl right = nearness_from(row, x + 1, src_width, src_perspective, far);
             const floatl above = y > 0 ? nearness_from(row - src_width, x, src_width, src_perspective, far) : none;
-            const floatl under = y + 1 < src_height ? nearness_from(row + src_width, x, src_width, src_perspective, far) : none;
+            const floatl under = y + 1 < src_height ? nearness_from(row + src_width, x, src_width, src_perspective, far)
+                                                    : none;
             const intl across = !IS_OPEN(cut, max_lanes(left, right), min_lanes(left, right));
             const intl down = !IS_OPEN(cut, max_lanes(above, under), min_lanes(above, under));
             n = select_lanes((!solid) & (across | down), 0.5f * select_lanes(across, left + right, above + under), n);

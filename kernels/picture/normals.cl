@@ -20,7 +20,8 @@ kernel void fit_normals(global const float *nearness, global float *normals, int
         return;
     const intl x = min(first + lane_index, (intl)(width - 1));
     const floatl middle = (floatl)(gather(nearness, row * pitch + x));
-    const floatl scale = perspective ? 1.0f / middle : (floatl)1.0f; /* squares of nearness may leave the range of floats */
+    const floatl scale = perspective ? 1.0f / middle
+                                     : (floatl)1.0f; /* squares of nearness may leave the range of floats */
     floatl count = 0.0f, sx = 0.0f, sy = 0.0f, sn = 0.0f, sxx = 0.0f, sxy = 0.0f, syy = 0.0f, sxn = 0.0f, syn = 0.0f;
     for (int dy = max(-radius, -row); dy <= min(radius, height - 1 - row); dy++)
         for (int dx = -radius; dx <= radius; dx++) {
@@ -40,7 +41,8 @@ kernel void fit_normals(global const float *nearness, global float *normals, int
             syn += step * dy;
         }
     const floatl each = 1.0f / max_lanes(count, (floatl)1.0f);
-    const floatl spread_x = sxx - sx * sx * each, spread_y = syy - sy * sy * each, little = REGULARIZATION * (spread_x + spread_y);
+    const floatl spread_x = sxx - sx * sx * each, spread_y = syy - sy * sy * each,
+                 little = REGULARIZATION * (spread_x + spread_y);
     const floatl xx = spread_x + little, yy = spread_y + little, xy = sxy - sx * sy * each;
     const floatl xn = sxn - sx * sn * each, yn = syn - sy * sn * each, inverse = 1.0f / (xx * yy - xy * xy);
     const floatl gx = (yy * xn - xy * yn) * inverse, gy = (xx * yn - xy * xn) * inverse; /* NaN of a sample alone */
@@ -52,6 +54,7 @@ kernel void fit_normals(global const float *nearness, global float *normals, int
     const intl valid = isfinite_lanes(away.x + away.y + away.z) & (middle > NO_SURFACE);
     for (int lane = 0; lane < min(LANES, width - first); lane++) {
         const float3 normal = -(float3)(float_lane(away.x, lane), float_lane(away.y, lane), float_lane(away.z, lane));
-        vstore3(int_lane(valid, lane) ? normal : (float3)(0.0f, 0.0f, -1.0f), (size_t)row * width + first + lane, normals);
+        vstore3(int_lane(valid, lane) ? normal : (float3)(0.0f, 0.0f, -1.0f), (size_t)row * width + first + lane,
+                normals);
     }
 }

@@ -1,11 +1,11 @@
 /* A lens's image undistorted: the image that a pinhole would have seen from there.
  *
- * Where the triangle of samples around a pixel is one surface (lib/surface.h), nearness, which is affine over it, and colour
- * are interpolated between its corners. At depth edges and in holes both are the nearest sample's, and the colour everywhere
- * if `linear` is 0: edges stay as sharp as they were. places: (2, height, pitch) u and v in the lens's image,
- * NaN beside it. lens_depth, color: (lens_height, lens_width) of the lens's image, planar z; not finite, <= NEAREST or
- * >= far is no surface. undistorted_depth, undistorted_color: (height, width); depth is NaN, and colour black, beside the
- * lens's image.
+ * Where the triangle of samples around a pixel is one surface (lib/surface.h), nearness, which is affine over it, and
+ * colour are interpolated between its corners. At depth edges and in holes both are the nearest sample's, and the
+ * colour everywhere if `linear` is 0: edges stay as sharp as they were. places: (2, height, pitch) u and v in the
+ * lens's image, NaN beside it. lens_depth, color: (lens_height, lens_width) of the lens's image, planar z; not finite,
+ * <= NEAREST or >= far is no surface. undistorted_depth, undistorted_color: (height, width); depth is NaN, and colour
+ * black, beside the lens's image.
  * Work-item: LANES pixels of a row. Cost: O(pixels). Determinism: every pixel on its own.
  */
 #include "lib/color.h"
@@ -13,8 +13,8 @@
 #include "lib/taps.h"
 
 kernel void undistort(global const float *places, global const float *lens_depth, global const channel *color,
-                       int lens_width, int lens_height, float far, Cut cut, int linear, int width, int height, int pitch,
-                       global float *undistorted_depth, global channel *undistorted_color)
+                      int lens_width, int lens_height, float far, Cut cut, int linear, int width, int height, int pitch,
+                      global float *undistorted_depth, global channel *undistorted_color)
 {
     const int x0 = get_global_id(0) * LANES, y = get_global_id(1);
     if (x0 >= width || y >= height)
@@ -22,7 +22,8 @@ kernel void undistort(global const float *places, global const float *lens_depth
     global const float *place = places + (size_t)y * pitch + x0;
     const floatl u = load_lanes(place), v = load_lanes(place + (size_t)height * pitch);
     const intl inside = (u == u) & (v == v);
-    const Taps taps = clamped_taps(lens_width, lens_height, select_lanes(inside, u, (floatl)0.0f), select_lanes(inside, v, (floatl)0.0f));
+    const Taps taps = clamped_taps(lens_width, lens_height, select_lanes(inside, u, (floatl)0.0f),
+                                   select_lanes(inside, v, (floatl)0.0f));
 
     /* The triangle around the place, and how much each of its corners counts there */
     const intl lower = taps.fx + taps.fy > 1.0f;
@@ -41,7 +42,8 @@ kernel void undistort(global const float *places, global const float *lens_depth
     }
     const intl whole = inside & !IS_OPEN(cut, high, low);
     const intl right = taps.fx >= 0.5f, below = taps.fy >= 0.5f;
-    const intl nearest = select_lanes(below, select_lanes(right, taps.at[3], taps.at[2]), select_lanes(right, taps.at[1], taps.at[0]));
+    const intl nearest = select_lanes(below, select_lanes(right, taps.at[3], taps.at[2]),
+                                      select_lanes(right, taps.at[1], taps.at[0]));
     const floatl z_nearest = (floatl)(gather(lens_depth, nearest));
     const floatl z = select_lanes(inside, select_lanes(whole, 1.0f / between, z_nearest), (floatl)NAN);
 

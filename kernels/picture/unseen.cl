@@ -1,28 +1,30 @@
-/* A thing in a picture, and marked on it what some depth images have not seen.
+/* A thing drawn into a picture, with a mark on what some depth images have not seen of it.
  *
- * A point was seen where one of the four samples around it has a depth that is not nearer: of a surface that slopes, one
- * of them is farther. So images know their silhouettes to a sample. Normals come from the thing's depths
+ * A point was seen where one of the four samples around it has a depth that is not nearer: of a surface that slopes,
+ * one of them is farther. So images know their silhouettes to a sample. Normals come from the thing's depths
  * (picture/facing.h): an image on the other side of the surface has seen its back.
  *
- * own_depth, own_color: (height, width) the thing as it is drawn alone. depth, color, valid: the picture; blank: nothing has
- * been drawn there. maps: the images' depths, one after the other, 0 where they have none. views, places: a record of each
- * image, VIEW_FLOATS and VIEW_INTS of them. part: only what lies in it is marked. fronts, backs: which sides count as
- * seen. red, green, blue, and the share of them: the mark. Work-item: LANES pixels of a row. Cost: O(pixels * images). Determinism: every pixel on its own.
+ * own_depth, own_color: (height, width) the thing as it is drawn alone. depth, color, valid: the picture; blank:
+ * nothing has been drawn there. maps: the images' depths, one after the other, 0 where they have none. views, places: a
+ * record of each image, VIEW_FLOATS and VIEW_INTS of them. bounds: only points in it are marked. fronts, backs: 1 where
+ * images that look at the surface's front, or back, have seen it. red, green, blue: of the mark; share: of it in the
+ * colour. Work-item: LANES pixels of a row. Cost: O(pixels * images). Determinism: every pixel on its own.
  */
 #include "lib/color.h"
 #include "lib/taps.h"
 #include "picture/facing.h"
 
-#define VIEW_FLOATS 28 /* 16: pixel space over points; 4: planar depth; 4: its centre, or (w = 0) where it comes from; a sample at depth 1 */
+/* Rows of its pixel space, 16; of planar depth, 4; its centre, or (w = 0) direction, 4; size of a sample at depth 1 */
+#define VIEW_FLOATS 28
 #define VIEW_INTS 3 /* width, height, first of `maps` */
 #define SAMPLE_TOLERANCE 1.0f /* samples, for surfaces that are no planes */
-#define EDGE_ON 0.05f /* of the cosine: a surface that is seen along itself has either side */
+#define EDGE_ON 0.05f /* of the cosine: of a surface so aslant an image may see either side */
 
 typedef struct {
     float low[3], high[3]; /* the corners of a box, as points are */
 } Bounds;
 
-/* Does an image see a point? Its samples' depths alone count, not from which side. */
+/* Does an image see a point, from either side? By its samples' depths */
 INLINED intl sees(global const float *maps, global const float *view, global const int *place, Vector p)
 {
     const int width = place[0], height = place[1], start = place[2];
@@ -34,7 +36,8 @@ INLINED intl sees(global const float *maps, global const float *view, global con
     const intl inside = (w > 0.0f) & (u >= -0.5f) & (u <= width - 0.5f) & (v >= -0.5f) & (v <= height - 0.5f);
     if (!any_lane(inside))
         return inside;
-    const Taps taps = clamped_taps(width, height, select_lanes(inside, u, (floatl)0.0f), select_lanes(inside, v, (floatl)0.0f));
+    const Taps taps = clamped_taps(width, height, select_lanes(inside, u, (floatl)0.0f),
+                                   select_lanes(inside, v, (floatl)0.0f));
     const floatl near = z - SAMPLE_TOLERANCE * view[24] * w;
     intl seen = 0;
     for (int k = 0; k < 4; k++) {
@@ -46,8 +49,8 @@ INLINED intl sees(global const float *maps, global const float *view, global con
 
 kernel void draw_marked(global const float *own_depth, global const channel *own_color, global float *depth,
                         global channel *color, global uchar *valid, Screen screen, int blank, global const float *maps,
-                        global const float *views, global const int *places, int count, Bounds bounds, int fronts, int backs,
-                        float red, float green, float blue, float share)
+                        global const float *views, global const int *places, int count, Bounds bounds, int fronts,
+                        int backs, float red, float green, float blue, float share)
 {
     const int first = get_global_id(0) * LANES, row = get_global_id(1);
     if (first >= screen.width || row >= screen.height)
@@ -59,9 +62,10 @@ kernel void draw_marked(global const float *own_depth, global const channel *own
         return;
     const Shown shown = {own_depth, 0, 0, 0};
     const floatl n = select_lanes(drawn, DEPTH_OF(screen.perspective, z), (floatl)(screen.perspective ? 1.0f : -1.0f));
-    const Vector p = point_at(screen, to_floatl(x), (floatl)row, n), facing = facing_at(shown, screen, first, row, 1, n, p);
-    intl unseen = drawn & (p.x >= bounds.low[0]) & (p.y >= bounds.low[1]) & (p.z >= bounds.low[2]) & (p.x <= bounds.high[0]) &
-                  (p.y <= bounds.high[1]) & (p.z <= bounds.high[2]);
+    const Vector p = point_at(screen, to_floatl(x), (floatl)row, n),
+                 facing = facing_at(shown, screen, first, row, 1, n, p);
+    intl unseen = drawn & (p.x >= bounds.low[0]) & (p.y >= bounds.low[1]) & (p.z >= bounds.low[2]) &
+                  (p.x <= bounds.high[0]) & (p.y <= bounds.high[1]) & (p.z <= bounds.high[2]);
     for (int i = 0; i < count && any_lane(unseen); i++) {
         global const float *view = views + VIEW_FLOATS * i;
         global const int *place = places + VIEW_INTS * i;

@@ -24,7 +24,8 @@ typedef struct {
     intl low_x, high_x, low_y, high_y;
 } Boxes;
 
-Boxes boxes_of(global const int *corners, global const float *projected, intl index, Screen screen, float nearest_w, int culled)
+Boxes boxes_of(global const int *corners, global const float *projected, intl index, Screen screen, float nearest_w,
+               int culled)
 {
     floatl U[CORNERS], V[CORNERS], W[CORNERS], x[CORNERS], y[CORNERS];
     intl before[CORNERS], some = (intl)0, all = (intl)(LANES == 1 ? 1 : -1);
@@ -52,7 +53,8 @@ Boxes boxes_of(global const int *corners, global const float *projected, intl in
             for (int l = 0; l < CORNERS; l++) {
                 const intl leaves = before[k] & !before[l];
                 const floatl part = (W[k] - nearest_w) / (W[k] - W[l]);
-                const floatl at_x = (U[k] + (U[l] - U[k]) * part) / nearest_w, at_y = (V[k] + (V[l] - V[k]) * part) / nearest_w;
+                const floatl at_x = (U[k] + (U[l] - U[k]) * part) / nearest_w,
+                             at_y = (V[k] + (V[l] - V[k]) * part) / nearest_w;
                 low_x = select_lanes(leaves, min_lanes(at_x, low_x), low_x);
                 high_x = select_lanes(leaves, max_lanes(at_x, high_x), high_x);
                 low_y = select_lanes(leaves, min_lanes(at_y, low_y), low_y);
@@ -73,8 +75,9 @@ Boxes boxes_of(global const int *corners, global const float *projected, intl in
     }
 #endif
     const float per_bin = 1.0f / BIN; /* a power of two: exact */
-    const Boxes boxes = {select_lanes(seen, to_intl(x0 * per_bin), (intl)1), select_lanes(seen, to_intl(x1 * per_bin), (intl)0),
-                         select_lanes(seen, to_intl(y0 * per_bin), (intl)1), select_lanes(seen, to_intl(y1 * per_bin), (intl)0)};
+    const Boxes boxes = {
+        select_lanes(seen, to_intl(x0 * per_bin), (intl)1), select_lanes(seen, to_intl(x1 * per_bin), (intl)0),
+        select_lanes(seen, to_intl(y0 * per_bin), (intl)1), select_lanes(seen, to_intl(y1 * per_bin), (intl)0)};
     return boxes;
 }
 
@@ -87,7 +90,8 @@ kernel void count_bins(global const int *corners, global const float *projected,
     for (int b = 0; b < bins_x * bins_y; b++)
         mine[b] = 0;
     for (int start = first; start < last; start += LANES) {
-        const Boxes box = boxes_of(corners, projected, min(start + lane_index, (intl)(last - 1)), screen, nearest_w, culled);
+        const Boxes box = boxes_of(corners, projected, min(start + lane_index, (intl)(last - 1)), screen, nearest_w,
+                                   culled);
         for (int lane = 0; lane < min(LANES, last - start); lane++) {
             const int low_x = int_lane(box.low_x, lane), high_x = int_lane(box.high_x, lane);
             const int low_y = int_lane(box.low_y, lane), high_y = int_lane(box.high_y, lane);

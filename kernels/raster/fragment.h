@@ -1,6 +1,6 @@
 #ifndef RASTER_FRAGMENT_H
 #define RASTER_FRAGMENT_H
-/* What all kernels of the rasteriser begin with: the bins that raster/bins.cl makes, and the picture.
+/* What all kernels with fragment programs begin with: the bins of raster/bins.cl, and the picture's regions.
  *
  * A fragment program defines
  *   Context     its arguments, by pointer
@@ -16,9 +16,10 @@
 
 /* Parameters of the bins, and of the camera that they are made for */
 #define BINS_PARAMETERS                                                                                        \
-    global const float *projected, global const int *list, global const int *starts, int bins_x, Screen screen, float nearest_w
+    global const float *projected, global const int *list, global const int *starts, int bins_x,               \
+        Screen screen, float nearest_w
 
-/* The part of the list that may be seen in a bin, or in one mesh of it: [first, last) */
+/* The primitives that may be seen in a bin, or those of one mesh among them: list[first] to list[last - 1] */
 typedef struct {
     global const int *list;
     int first, last;
@@ -31,8 +32,8 @@ INLINED BinList list_of_bin(global const int *list, global const int *starts, in
     return found;
 }
 
-/* Begins the region at (x, y), unless its bin's list is empty, when there is nothing to draw: then a blank picture is cleared
- * there. Returns whether it has begun. */
+/* Begins the region at (x, y), unless its bin's list is empty, when there is nothing to draw: then a blank picture is
+ * cleared there. Returns whether it has begun. */
 INLINED int begin_listed(Region *region, const Picture *picture, BinList listed, int x, int y)
 {
     const int any = listed.first < listed.last;
@@ -44,8 +45,8 @@ INLINED int begin_listed(Region *region, const Picture *picture, BinList listed,
 }
 
 /* The same for the region of this work-item, of a launch with one for each; sets what is listed there. */
-INLINED int begin_item(Region *region, const Picture *picture, global const int *list, global const int *starts, int bins_x,
-                       BinList *listed)
+INLINED int begin_item(Region *region, const Picture *picture, global const int *list, global const int *starts,
+                       int bins_x, BinList *listed)
 {
     const int x = get_global_id(0) * REGION, y = get_global_id(1) * REGION;
     if (x >= picture->screen.width || y >= picture->screen.height)

@@ -1,6 +1,7 @@
 #ifndef RASTER_LIST_H
 #define RASTER_LIST_H
-/* The loop over the primitives of a list, to be included after a fragment program (fragment.h), which defines FRAGMENTS as 1. */
+/* The loop over the primitives of a list, to be included after a fragment program (fragment.h), which defines FRAGMENTS
+ * as 1. */
 #include "raster/fragment.h"
 
 #ifndef FRAGMENTS

@@ -1,14 +1,14 @@
 /* Triangle meshes: texture, vertex colours, light.
  *
  * Perspective-correct: a corner's weight at a pixel is its opposite edge's function over the sum of all three. The
- * texture is read bilinearly in the two levels of its pyramid around the pixel's footprint (Williams 1983), along its
- * longer side by lib/footprint.h.
+ * texture is read bilinearly in the two mip levels around the pixel's footprint (Williams 1983), along its longer side
+ * by lib/footprint.h.
  *
  * faces: (triangles, 3) corners of each. projected: (vertices, 4), project.cl. list, starts: bins.cl. depth, color,
- * valid: (height, width) the picture, which keeps what is nearer already; ties go to the first triangle.
- * TEXTURED: uv (vertices, 2); texels: RGBA bytes, level by level from the largest, each half the size of the one
- * before, rounded down. TINTED: tints (vertices, 3) in [0, 1]. LIT: normals (vertices, 3); fronts: (triangles,)
- * 1, or -1 where they point to the side that the corners run clockwise on. culled: triangle.h.
+ * valid: (height, width) the picture, whose pixels stay where they are nearer; of equally near triangles the first is
+ * seen. TEXTURED: uv (vertices, 2); texels: RGBA bytes, level by level from the largest, each half the size of the one
+ * before, rounded down. TINTED: tints (vertices, 3) in [0, 1]. LIT: normals (vertices, 3); fronts: (triangles,) 1, or
+ * -1 where they point to the side that the corners run clockwise on. culled: triangle.h.
  * Work-item: a region (region.h). Cost: O(list + pixels). Determinism: list order.
  */
 #include "lib/color.h"
@@ -31,22 +31,24 @@ INLINED floatl mean_of(const OnTriangle *p, floatl first, floatl second, floatl 
 
 INLINED Vector mean_vector(const OnTriangle *p, global const float *vectors)
 {
-    const Vector a = vector_at(vectors, p->corner[0]), b = vector_at(vectors, p->corner[1]), c = vector_at(vectors, p->corner[2]);
+    const Vector a = vector_at(vectors, p->corner[0]), b = vector_at(vectors, p->corner[1]),
+                 c = vector_at(vectors, p->corner[2]);
     const Vector mean = {mean_of(p, a.x, b.x, c.x), mean_of(p, a.y, b.y, c.y), mean_of(p, a.z, b.z, c.z)};
     return mean;
 }
 
 #if TEXTURED
 /* The texture where the pixels are, for footprints one pixel wide */
-INLINED Color read_texture(const OnTriangle *p, global const float *uv, global const uint *texels, int width, int height, int levels
-                           ANISOTROPY_PARAMETER)
+INLINED Color read_texture(const OnTriangle *p, global const float *uv, global const uint *texels, int width,
+                           int height, int levels ANISOTROPY_PARAMETER)
 {
     floatl cu[3], cv[3];
     UNROLLED
     for (int k = 0; k < 3; k++)
         gather_pairs(uv, 2 * p->corner[k], &cu[k], &cv[k]);
     const floatl u = mean_of(p, cu[0], cu[1], cu[2]), v = mean_of(p, cv[0], cv[1], cv[2]);
-    /* One pixel on, weights change by the edges' a or b, and the total by their sums. */
+    /* From a pixel to the next, the corners' weights change by their edges' a, or b, and their total by the sum of
+     * these. */
     floatl du_x = 0.0f, dv_x = 0.0f, du_y = 0.0f, dv_y = 0.0f, a_sum = 0.0f, b_sum = 0.0f;
     UNROLLED
     for (int k = 0; k < 3; k++) {
@@ -75,14 +77,15 @@ INLINED Color read_texture(const OnTriangle *p, global const float *uv, global c
     Color read = {0.0f, 0.0f, 0.0f};
     add_footprint(texels, u, v, f, to_intl(below), width, height, (1.0f - between) / 255.0f, &read);
     if (any_lane(between > 0.0f))
-        add_footprint(texels, u, v, on_coarser(f), min(to_intl(below) + 1, (intl)(levels - 1)), width, height, between / 255.0f,
-                      &read);
+        add_footprint(texels, u, v, on_coarser(f), min(to_intl(below) + 1, (intl)(levels - 1)), width, height,
+                      between / 255.0f, &read);
     return read;
 }
 #endif
 
 #if SHADOWED
-/* The triangle's own normal, on the side that the corners run clockwise on: the one that is shaded by may be bent. */
+/* The triangle's own normal, on the side that its corners run clockwise on; the one that it is shaded by is
+ * interpolated. */
 INLINED Vector own_normal(const OnTriangle *p, global const float *vertices)
 {
     Vector at[3];
@@ -93,8 +96,8 @@ INLINED Vector own_normal(const OnTriangle *p, global const float *vertices)
 }
 #endif
 
-kernel void draw_mesh(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *faces, int culled, float base_r, float base_g,
-                      float base_b
+kernel void draw_mesh(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *faces, int culled, float base_r,
+                      float base_g, float base_b
 #if TEXTURED
                       ,
                       global const float *uv, global const uint *texels, int texture_width, int texture_height,
@@ -139,13 +142,15 @@ kernel void draw_mesh(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *fac
             shade = read_texture(&p, uv, texels, texture_width, texture_height, levels ANISOTROPY);
 #endif
 #if LIT
-            const floatl flip = select_lanes(p.area > 0.0f, (floatl)-1.0f, (floatl)1.0f), front = (floatl)(gather(fronts, face));
+            const floatl flip = select_lanes(p.area > 0.0f, (floatl)-1.0f, (floatl)1.0f),
+                         front = (floatl)(gather(fronts, face));
             const Vector normal = mean_vector(&p, normals), point = point_at(screen, px, py, region.nearness[block]);
             floatl visible = 1.0f;
 #if SHADOWED
             visible = VISIBILITY(point, scaled(own_normal(&p, vertices), flip));
 #endif
-            apply_light(&shade, light, point, scaled(normal, flip * front / sqrt(DOT(normal, normal))), view_direction(screen, point), visible);
+            apply_light(&shade, light, point, scaled(normal, flip * front / sqrt(DOT(normal, normal))),
+                        view_direction(screen, point), visible);
 #endif
         }
         write_block(&region, block, &picture, shade);

@@ -1,6 +1,7 @@
 #ifndef RASTER_NEAREST_H
 #define RASTER_NEAREST_H
-/* The fragment program of opaque triangles (fragment.h): each pixel keeps the nearest one, of equally near ones the first. */
+/* The fragment program of opaque triangles (fragment.h): each pixel keeps the nearest one, of equally near ones the
+ * first. */
 #include "raster/fragment.h"
 #include "raster/triangle.h"
 

@@ -123,7 +123,7 @@ void begin_region(Region *region, const Picture *picture, int x, int y)
 #define WRITE_ROW(at, l, a, b, c, d)                                                                           \
     {                                                                                                          \
         vstore4(z.l, 0, picture->depth + (at));                                                                \
-        ((global Word *)(picture->valid + (at)))->bytes = as_uint(convert_uchar4(seen.l));                              \
+        ((global Word *)(picture->valid + (at)))->bytes = as_uint(convert_uchar4(seen.l));                     \
         WRITE_COLORS(at, a, b, c, d)                                                                           \
     }
 #if COLOR_BYTES == 1
@@ -161,14 +161,16 @@ INLINED void write_whole_block(const Picture *picture, floatl z, int x, int y, C
 }
 #endif
 
-/* Writes a block of the region to the picture; shade in [0, 1]. Returns which of its pixels show the region's primitives now. */
+/* Writes a block of the region to the picture; shade in [0, 1]. Returns which of its pixels show the region's
+ * primitives now. */
 INLINED intl write_block(const Region *region, int block, const Picture *picture, Color shade)
 {
     const int x = region->x + FIRST_X(block), y = region->y + FIRST_Y(block), blank = picture->blank;
     intl mine = region->owner[block] >= 0;
     const floatl n = region->nearness[block], z = select_lanes(mine, DRAWN_DEPTH(picture->screen, n), (floatl)NAN);
 #if LANES == 16
-    if (IS_WHOLE(picture->screen, x, y) && (blank || !any_lane(!mine | (z >= block_depths(picture->screen, picture->depth, x, y))))) {
+    if (IS_WHOLE(picture->screen, x, y) &&
+        (blank || !any_lane(!mine | (z >= block_depths(picture->screen, picture->depth, x, y))))) {
         write_whole_block(picture, z, x, y, shade);
         return mine;
     }
@@ -189,7 +191,8 @@ INLINED intl write_block(const Region *region, int block, const Picture *picture
 }
 
 /* Enters those pixels of a block that are `written` into the G-buffer. normal: as images hold it */
-INLINED void enter_block(GBuffer gbuffer, intl written, const Region *region, int block, const Picture *picture, Color normal)
+INLINED void enter_block(GBuffer gbuffer, intl written, const Region *region, int block, const Picture *picture,
+                         Color normal)
 {
 #if GBUFFER
     for (int lane = 0; lane < LANES; lane++)

@@ -10,14 +10,15 @@
 #include "lib/screen.h"
 #include "raster/region.h"
 
-/* `culled`: which triangles are not drawn, as the sign of what is positive for those seen from behind. */
+/* `culled`: the sign of the area, as seen, of triangles that are not drawn; it is positive of those seen from
+ * behind. */
 #define CULLS_NONE 0
 #define CULLS_BACKS 1
 #define CULLS_FRONTS -1
 
 #define SUBPIXELS 256
 #define FARTHEST_CORNER 16384.0f /* pixels from the region: beyond, whole numbers of 32 bits do not suffice */
-#define CORNER_ROUNDING 0.01f           /* pixels by which a moved corner may leave the box of the triangle */
+#define CORNER_ROUNDING 0.01f    /* pixels by which a moved corner may leave the box of the triangle */
 
 /* a x + b y + c, positive inside */
 typedef struct {
@@ -38,7 +39,7 @@ typedef struct {
     intl index, low_x, high_x, low_y, high_y; /* box in the region */
 } Triangles;
 
-/* Which of two triangles has the pixels on their edge */
+/* The top-left rule: whether a triangle has the pixels on its edge with these coefficients */
 #define IS_TOP_LEFT(a, b) (((a) > 0) | (((a) == 0) & ((b) > 0)))
 
 /* The function of the edges from (U, V, W)[i] to [j]: exactly the opposite of those from j to i */
@@ -87,12 +88,18 @@ intl set_up_triangles(global const int *corners, global const float *projected, 
         crosses = crosses | !is_before;
     }
     const float end = REGION - 1;
-    const floatl low_x = min_lanes(at_x[0], min_lanes(at_x[1], at_x[2])), high_x = max_lanes(at_x[0], max_lanes(at_x[1], at_x[2]));
-    const floatl low_y = min_lanes(at_y[0], min_lanes(at_y[1], at_y[2])), high_y = max_lanes(at_y[0], max_lanes(at_y[1], at_y[2]));
-    t->low_x = to_intl(ceil_lanes(select_lanes(crosses, (floatl)0.0f, clamp_lanes(low_x - CORNER_ROUNDING, (floatl)0.0f, (floatl)REGION))));
-    t->low_y = to_intl(ceil_lanes(select_lanes(crosses, (floatl)0.0f, clamp_lanes(low_y - CORNER_ROUNDING, (floatl)0.0f, (floatl)REGION))));
-    t->high_x = to_intl(floor_lanes(select_lanes(crosses, (floatl)end, max_lanes(min_lanes(high_x + CORNER_ROUNDING, (floatl)end), (floatl)-1.0f))));
-    t->high_y = to_intl(floor_lanes(select_lanes(crosses, (floatl)end, max_lanes(min_lanes(high_y + CORNER_ROUNDING, (floatl)end), (floatl)-1.0f))));
+    const floatl low_x = min_lanes(at_x[0], min_lanes(at_x[1], at_x[2])),
+                 high_x = max_lanes(at_x[0], max_lanes(at_x[1], at_x[2]));
+    const floatl low_y = min_lanes(at_y[0], min_lanes(at_y[1], at_y[2])),
+                 high_y = max_lanes(at_y[0], max_lanes(at_y[1], at_y[2]));
+    t->low_x = to_intl(ceil_lanes(
+        select_lanes(crosses, (floatl)0.0f, clamp_lanes(low_x - CORNER_ROUNDING, (floatl)0.0f, (floatl)REGION))));
+    t->low_y = to_intl(ceil_lanes(
+        select_lanes(crosses, (floatl)0.0f, clamp_lanes(low_y - CORNER_ROUNDING, (floatl)0.0f, (floatl)REGION))));
+    t->high_x = to_intl(floor_lanes(select_lanes(
+        crosses, (floatl)end, max_lanes(min_lanes(high_x + CORNER_ROUNDING, (floatl)end), (floatl)-1.0f))));
+    t->high_y = to_intl(floor_lanes(select_lanes(
+        crosses, (floatl)end, max_lanes(min_lanes(high_y + CORNER_ROUNDING, (floatl)end), (floatl)-1.0f))));
     intl seen = (t->low_x <= t->high_x) & (t->low_y <= t->high_y);
     if (!any_lane(seen))
         return seen;
@@ -102,8 +109,10 @@ intl set_up_triangles(global const int *corners, global const float *projected, 
         t->edges[k] = edges_of(U, V, W, (k + 1) % 3, (k + 2) % 3);
     const floatl determinant = t->edges[0].a * U[0] + t->edges[0].b * V[0] + t->edges[0].c * W[0];
     const intl all_close = close[0] & close[1] & close[2];
-    const longl area = to_longl(px[1] - px[0]) * to_longl(py[2] - py[0]) - to_longl(py[1] - py[0]) * to_longl(px[2] - px[0]);
-    const intl area_sign = select_lanes(to_intl(area > 0L), (intl)1, select_lanes(to_intl(area < 0L), (intl)-1, (intl)0));
+    const longl area = to_longl(px[1] - px[0]) * to_longl(py[2] - py[0]) -
+                       to_longl(py[1] - py[0]) * to_longl(px[2] - px[0]);
+    const intl area_sign = select_lanes(to_intl(area > 0L), (intl)1,
+                                        select_lanes(to_intl(area < 0L), (intl)-1, (intl)0));
     const floatl turns = select_lanes(all_close, to_floatl(area_sign), determinant); /* > 0: seen from behind */
     seen = seen & (determinant != 0.0f) & isfinite_lanes(determinant) & (turns != 0.0f) & (turns * culled <= 0.0f);
     const intl turned = select_lanes(turns > 0.0f, (intl)1, (intl)-1);
@@ -220,7 +229,7 @@ INLINED OnTriangle on_triangle(global const int *corners, global const float *pr
     return p;
 }
 
-/* The means of the corners' values, by weights: `rows` of 16 floats a vertex, a mean each */
+/* The corners' values, interpolated by their weights: `rows` holds 16 floats a vertex */
 INLINED void corner_means(global const float *rows, const OnTriangle *p, floatl *means)
 {
 #if LANES == 16

@@ -80,14 +80,16 @@ INLINED floatl quadric_form(const Entry *e, floatl x, floatl y, floatl other_x, 
     return e->a * x * other_x + e->b * y * other_y + 0.5f * e->c * (x * other_y + y * other_x);
 }
 
-/* The principal curvatures, and along them a ray's direction, which is (x, y) in the tangent plane; share: of the curvatures, 0 to 1 */
+/* The principal curvatures, and along them a ray's direction, which is (x, y) in the tangent plane; share: of the
+ * curvatures, 0 to 1 */
 INLINED PrincipalCurvatures curvatures_of(const Entry *e, floatl x, floatl y, float share)
 {
     /* The quadric is l1 p^2 + l2 q^2 along its principal directions, l1 >= l2. */
     const floatl sum = share * (e->a + e->b), s_2 = x * x + y * y;
     const floatl curvature_difference = share * sqrt((e->a - e->b) * (e->a - e->b) + e->c * e->c); /* l1 - l2 */
     const floatl bend = share * quadric_form(e, x, y, x, y);
-    const floatl first = (bend - 0.5f * (sum - curvature_difference) * s_2) / max_lanes(curvature_difference, (floatl)1e-20f);
+    const floatl first = (bend - 0.5f * (sum - curvature_difference) * s_2) /
+                         max_lanes(curvature_difference, (floatl)1e-20f);
     const floatl w1 = clamp_lanes(first, (floatl)0.0f, s_2);
     const PrincipalCurvatures made = {-sum - curvature_difference, curvature_difference - sum, w1, s_2 - w1};
     return made;
@@ -126,17 +128,18 @@ void set_ray(ReliefRay *ray, const Entry *e, Vector d, int quadric, float scale)
 #endif
 }
 
-/* Far below a curved surface, rays are less deep than equation 7 says, which makes outlines, and the shadows that they cast, too
- * wide. A light's ray that reaches the bottom by equation 7, but not by the circles of EXACT (ray.h), is given another
- * parabola: the one that is deepest where the ray is deepest by circles, and as deep there. Below a sphere of the greater
- * curvature no ray is deeper than below the circles, so rays that reach the bottom even there stay as they are. enters: the
- * rays that are asked for */
+/* Far below a curved surface, rays are less deep than equation 7 says, which makes outlines, and the shadows that they
+ * cast, too wide. A light's ray that reaches the bottom by equation 7, but not by the circles of EXACT (ray.h), is
+ * given another parabola: the one that is deepest where the ray is deepest by circles, and as deep there. Below a
+ * sphere of the greater curvature no ray is deeper than below the circles, so rays that reach the bottom even there
+ * stay as they are. enters: the rays that are asked for */
 void follow_circles(ReliefRay *ray, const Entry *e, Vector d, float scale, intl enters)
 {
     const floatl cosine = ray->L * scale, bend = -2.0f * ray->K * scale;
     const floatl curvature = fabs(e->a - e->b) + fabs(e->c) - (e->a + e->b); /* no less than the greater one */
     const floatl part = min_lanes(scale * curvature, (floatl)1.0f);
-    const floatl steep = part * (2.0f - part); /* cosine squared, from which on rays reach the bottom below the sphere */
+    const floatl steep = part *
+                         (2.0f - part); /* cosine squared, from which on rays reach the bottom below the sphere */
     const intl reaches = ray->L * ray->L + 4.0f * ray->K >= 0.0f;
     const intl grazes = enters & reaches & (bend * scale > FLAT_MAX) & (cosine * cosine < steep);
     if (!any_lane(grazes))
@@ -144,9 +147,9 @@ void follow_circles(ReliefRay *ray, const Entry *e, Vector d, float scale, intl 
     Vector x_axis, y_axis;
     tangents_of(e, &x_axis, &y_axis);
     const PrincipalCurvatures c = curvatures_of(e, DOT(d, x_axis), DOT(d, y_axis), 1.0f);
-    /* Bisection finds where the derivative of the depth by circles is 0: after the ray is deepest below that sphere, and before it
-     * is by equation 7. up: 1 + k1 z of the ray's point; far: the same with z raised by the first circle's part; around: 1 + k2 z
-     * with that z. */
+    /* Bisection finds where the derivative of the depth by circles is 0: after the ray is deepest below that sphere,
+     * and before it is by equation 7. up: 1 + k1 z of the ray's point; far: the same with z raised by the first
+     * circle's part; around: 1 + k2 z with that z. */
     floatl before = cosine / c.k2, after = cosine / bend;
     for (int i = 0; i < DEEPEST_HALVINGS; i++) {
         const floatl t = 0.5f * (before + after);
@@ -163,11 +166,12 @@ void follow_circles(ReliefRay *ray, const Entry *e, Vector d, float scale, intl 
     ray->K = select_lanes(comes_out, -depth / (t * t), ray->K);
 }
 
-/* A ray that has escaped, having come out by its quadric, is still below the mesh until it leaves that by a back, `distance`
- * after its entry, where its depth falls by `slope` per scene unit. Its depth between is estimated by the cubic with the depths
- * and slopes of both ends. If where the cubic first reaches the bottom, or else is deepest, it is deeper than the quadric
- * says, the mesh is less curved than its quadric: then the ray gets the parabola through its entry and that point, no steeper at
- * the entry than before. Returns which rays do; share: of the quadric's curvature that is left. */
+/* A ray that has escaped, having come out by its quadric, is still below the mesh until it leaves that by a back,
+ * `distance` after its entry, where its depth falls by `slope` per scene unit. Its depth between is estimated by the
+ * cubic with the depths and slopes of both ends. If where the cubic first reaches the bottom, or else is deepest, it is
+ * deeper than the quadric says, the mesh is less curved than its quadric: then the ray gets the parabola through its
+ * entry and that point, no steeper at the entry than before. Returns which rays do; share: of the quadric's curvature
+ * that is left. */
 intl follow_mesh(ReliefRay *ray, floatl distance, floatl slope, floatl *share)
 {
     const floatl L = ray->L, leaves = max_lanes(slope, (floatl)0.0f), start = START_DEPTH(ray);
@@ -216,8 +220,8 @@ floatl texels_of(const Entry *e, int width, int height, floatl size, intl enters
     return select_lanes(enters, texels_2, (floatl)1.0f);
 }
 
-/* The level of the heights whose texels are as large as such a pixel; on curved surfaces, where rays may come out again, none whose
- * heights are off by more than a pixel, which would move outlines */
+/* The level of the heights whose texels are as large as such a pixel; on curved surfaces, where rays may come out
+ * again, none whose heights are off by more than a pixel, which would move outlines */
 intl level_of(const Relief *relief, const Entry *e, floatl size, intl enters)
 {
     intl level = level_of_texels(texels_of(e, relief->levels[0], relief->levels[1], size, enters), relief->level_count);

@@ -2,13 +2,13 @@
 #define RELIEF_LAYERS_H
 /* Layers of a relief: the fragment program that finds what a region's pixels see of it (Oliveira & Policarpo 2005).
  *
- * A pixel's ray may enter the relief, come out again beside a silhouette and enter elsewhere. So the rays are searched layer
- * by layer: from the nearest entry that has not been searched, for as long as an entry lies nearer than what has been found.
- * All lanes of a block search at once, whichever triangles their rays enter.
+ * A pixel's ray may enter the relief, come out again beside a silhouette and enter elsewhere. So the rays are searched
+ * layer by layer: from the nearest entry that has not been searched, for as long as an entry lies nearer than what has
+ * been found. All lanes of a block search at once, whichever triangles their rays enter.
  *
- * A ray that escapes, which by its quadric has come out again, is searched once more by what the mesh itself tells (entry.h,
- * follow_mesh): up to the back by which it leaves the mesh. In a light's map, rays that meet a back before any front are
- * stopped at the bottom of the relief (stop_from_below).
+ * A ray that escapes, which by its quadric has come out again, is searched once more by what the mesh itself tells
+ * (entry.h, follow_mesh): up to the back by which it leaves the mesh. In a light's map, rays that meet a back before
+ * any front are stopped at the bottom of the relief (stop_from_below).
  */
 #define KEEPS_UV 1
 #include "raster/fragment.h"
@@ -34,7 +34,7 @@ typedef struct {
 typedef struct {
     Relief relief;
     float nearest_w;
-    int culled; /* CULLS_BACKS: the triangles' fronts are drawn, where rays enter; CULLS_FRONTS: backs, where they leave */
+    int culled; /* CULLS_BACKS: fronts are drawn, where rays enter; CULLS_FRONTS: backs, where they leave */
     Layers *layers;
     global int *counters;
 } Context;
@@ -43,10 +43,12 @@ typedef Triangles Primitives;
 
 intl set_up(const Context *context, intl index, int x, int y, Primitives *t)
 {
-    return set_up_triangles(context->relief.faces, context->relief.projected, index, context->nearest_w, context->culled, x, y, t);
+    return set_up_triangles(context->relief.faces, context->relief.projected, index, context->nearest_w,
+                            context->culled, x, y, t);
 }
 
-/* Finds the exits of escaped rays, the nearest backs behind their entries; of a light's map, the backs before any entry. */
+/* Finds the exits of escaped rays, the nearest backs behind their entries; of a light's map, the backs before any
+ * entry. */
 void cover_back(Layers *layers, const Primitives *t, int lane, int block, int first_x, int first_y)
 {
     floatl n;
@@ -87,8 +89,8 @@ typedef struct {
     floatl share; /* of the quadric's curvature that their depth follows, 0 to 1 */
 } EntryRay;
 
-/* Sets up a search along the rays of a block's pixels from their first entries; by_mesh: along those that have escaped, by what
- * the mesh tells, up to their exits. */
+/* Sets up a search along the rays of a block's pixels from their first entries; by_mesh: along those that have escaped,
+ * by what the mesh tells, up to their exits. */
 EntryRay begin_search(const Context *context, const Region *region, int block, int by_mesh, Search *s)
 {
     const Relief *relief = &context->relief;
@@ -115,7 +117,8 @@ EntryRay begin_search(const Context *context, const Region *region, int block, i
     floatl longest = INFINITY;
     if (by_mesh || WITHIN) {
         const intl leaves = layers->escaped[block] & (layers->exit[block] > EMPTY);
-        const Vector through = minus(point_at(relief->screen, x, y, select_lanes(leaves, layers->exit[block], n)), entry_ray.from);
+        const Vector through = minus(point_at(relief->screen, x, y, select_lanes(leaves, layers->exit[block], n)),
+                                     entry_ray.from);
         const floatl distance = sqrt(DOT(through, through));
         if (by_mesh) {
             const Entry exit = entry_of(relief, select_lanes(leaves, layers->exit_triangle[block], (intl)0), x, y);
@@ -151,13 +154,14 @@ void count_steps(const Context *context, const Region *region, int block, const 
 }
 #endif
 
-/* Keeps the hits of a search that are nearer than what the region shows. Returns for which pixels a further entry lies nearer
- * than that. */
+/* Keeps the hits of a search that are nearer than what the region shows. Returns for which pixels a further entry lies
+ * nearer than that. */
 intl keep_hits(const Context *context, int block, const Search *s, EntryRay entry_ray, Region *region)
 {
     Layers *layers = context->layers;
     const floatl t = s->t, so_far = region->nearness[block];
-    const Vector hit = {entry_ray.from.x + t * entry_ray.direction.x, entry_ray.from.y + t * entry_ray.direction.y, entry_ray.from.z + t * entry_ray.direction.z};
+    const Vector hit = {entry_ray.from.x + t * entry_ray.direction.x, entry_ray.from.y + t * entry_ray.direction.y,
+                        entry_ray.from.z + t * entry_ray.direction.z};
     const floatl nearness = nearness_of(context->relief.screen, hit);
     const intl entered = layers->entered[block], nearer = s->searches & s->found & (nearness > so_far);
     region->nearness[block] = select_lanes(nearer, nearness, so_far);
@@ -173,7 +177,8 @@ intl keep_hits(const Context *context, int block, const Search *s, EntryRay entr
     return more;
 }
 
-/* Searches along the rays of INTERLEAVED blocks; by_mesh: of begin_search. Returns whether there are further entries. */
+/* Searches along the rays of INTERLEAVED blocks; by_mesh: of begin_search. Returns whether there are further
+ * entries. */
 int search_blocks(const Context *context, int block, int by_mesh, Region *region)
 {
     Search searches[INTERLEAVED];
@@ -206,8 +211,8 @@ void find_exits(const Context *context, Region *region, BinList listed)
 }
 
 #if DEPTH_ALONE
-/* A light's rays that meet a back before any front come from below the mesh, as from behind a wall, or out of an open tube: the
- * bottom of the relief stops them there, before they reach what is carved into it. */
+/* A light's rays that meet a back before any front come from below the mesh, as from behind a wall, or out of an open
+ * tube: the bottom of the relief stops them there, before they reach what is carved into it. */
 void stop_from_below(const Context *context, Region *region, BinList listed)
 {
     const Relief *relief = &context->relief;
@@ -220,7 +225,8 @@ void stop_from_below(const Context *context, Region *region, BinList listed)
         const floatl x = BLOCK_X(region, block), y = BLOCK_Y(region, block);
         const intl triangle = select_lanes(leaves, layers->exit_triangle[block], (intl)0);
         const Vector from = point_at(relief->screen, x, y, select_lanes(leaves, layers->exit[block], (floatl)1.0f));
-        const Vector back = scaled(view_direction(relief->screen, from), (floatl)-1.0f); /* the reversed ray enters there */
+        /* The reversed ray enters at the exit. */
+        const Vector back = scaled(view_direction(relief->screen, from), (floatl)-1.0f);
         const Entry e = entry_of(relief, triangle, x, y);
         ReliefRay ray;
         set_ray(&ray, &e, back, relief->quadric, relief->scale);
@@ -232,7 +238,8 @@ void stop_from_below(const Context *context, Region *region, BinList listed)
         set_end(&ray);
         const Vector bottom = {from.x + ray.end * back.x, from.y + ray.end * back.y, from.z + ray.end * back.z};
         const floatl nearness = nearness_of(relief->screen, bottom);
-        const intl before = relief->screen.perspective ? (nearness > 0.0f) & (nearness <= relief->screen.nearest) : leaves;
+        const intl before = relief->screen.perspective ? (nearness > 0.0f) & (nearness <= relief->screen.nearest)
+                                                       : leaves;
         const intl stops = leaves & ray.at_bottom & before & (nearness > region->nearness[block]);
         region->nearness[block] = select_lanes(stops, nearness, region->nearness[block]);
         region->owner[block] = select_lanes(stops, triangle, region->owner[block]);
@@ -240,9 +247,9 @@ void stop_from_below(const Context *context, Region *region, BinList listed)
 }
 #endif
 
-/* Searches a layer: from the first entries by their quadrics, and then along the rays that have escaped by the mesh. In a
- * light's map these are left out: a hit that is guessed too near would shade what is lit. WITHIN, rays are searched up to
- * their exits at first. Returns whether there are further entries. */
+/* Searches a layer: from the first entries by their quadrics, and then along the rays that have escaped by the mesh. In
+ * a light's map these are left out: a hit that is guessed too near would shade what is lit. WITHIN, rays are searched
+ * up to their exits at first. Returns whether there are further entries. */
 int search_layer(const Context *context, Region *region, BinList listed)
 {
     Layers *layers = context->layers;

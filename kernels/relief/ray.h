@@ -69,8 +69,8 @@ INLINED floatl before_circle(floatl k, floatl x_2, floatl z)
     return k * x_2 / max_lanes(up + sqrt(up * up + k * k * x_2), (floatl)1e-3f);
 }
 
-/* By how much a ray's point, z along the normal, is less deep below the circles than by equation 7, in scene units. A circle along
- * the first principal direction is carried around one along the second, as in a torus. */
+/* By how much a ray's point, z along the normal, is less deep below the circles than by equation 7, in scene units. A
+ * circle along the first principal direction is carried around one along the second, as in a torus. */
 INLINED floatl beyond_quadric(const PrincipalCurvatures *c, floatl z, floatl t)
 {
     const floatl t_2 = t * t;
@@ -139,8 +139,9 @@ void mask_inactive(ReliefRay *ray, intl active)
 }
 
 #if WITHIN
-/* Where rays end that start below the mesh, and may rise: where they come out or reach the bottom, whichever is first. A ray that
- * comes out by less than the relief's depth and sinks again does not end there: the mesh may be above it all along. */
+/* Where rays end that start below the mesh, and may rise: where they come out or reach the bottom, whichever is first.
+ * A ray that comes out by less than the relief's depth and sinks again does not end there: the mesh may be above it all
+ * along. */
 void set_end_within(ReliefRay *ray)
 {
     const floatl L = ray->L, K = ray->K, depth = ray->depth, below = 1.0f - depth;

@@ -4,19 +4,19 @@
  * followed in texture space (search.h) until it meets the relief, or comes out again beside a silhouette. It may then
  * enter elsewhere (layers.h).
  *
- * An eye below the mesh, within the relief, has no entries around it. Then a window right before the eye is one, WITHIN:
- * rays start there, at the eye's depth, and are searched up to where they leave the mesh.
+ * An eye below the mesh, within the relief, has no entries around it. Then a window right before the eye is one,
+ * WITHIN: rays start there, at the eye's depth, and are searched up to where they leave the mesh.
  *
  * Deviations from the paper: safe steps (search.h); a ray that comes out of its quadric before it leaves the mesh is
  * searched once more, by what the mesh itself says (entry.h, follow_mesh); the tile sizes are gradients of u and v,
  * which also hold where u and v are not at right angles; the normal follows the quadric; the second search for shadows,
  * which the paper gives up for the light's map on curved surfaces, goes by the quadric of the point's own entry.
  *
- * faces, projected, vertices: entry.h. list, starts: raster/bins.cl, of fronts and backs where the quadrics are curved. texels,
- * bounds, levels: search.h. colors: lib/texture.h. normal_map: (normal_height, normal_width, 3), where > 0, with its
- * pyramid. How often both are read: lib/footprint.h. What hides the light: shadows.h.
- * counters: (height, width, 2) searches and their steps, with COUNTERS. uvs: (height, width, 2) u and v of what is seen,
- * in 0 to 1, with UV_WRITTEN; all NaN before, as bins without triangles stay.
+ * faces, projected, vertices: entry.h. list, starts: raster/bins.cl, of fronts and backs where the quadrics are curved.
+ * texels, bounds, levels: search.h. colors: lib/texture.h. normal_map: (normal_height, normal_width, 3), where > 0,
+ * with its mipmaps. Both are read by lib/footprint.h. What hides the light: shadows.h.
+ * counters: (height, width, 2) searches and their steps, with COUNTERS. uvs: (height, width, 2) u and v of what is
+ * seen, in 0 to 1, with UV_WRITTEN; all NaN before, as bins without triangles stay.
  * Work-item: a region (raster/region.h). Cost: O(list + pixels * layers * steps). Determinism: list order.
  */
 #include "relief/layers.h"
@@ -79,9 +79,11 @@ kernel void draw_relief(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *f
             continue;
         Color shade = {0.0f, 0.0f, 0.0f};
         if (!DEPTH_ALONE && any_lane(mine)) {
-            const floatl u = select_lanes(mine, region.u[block], (floatl)0.0f), v = select_lanes(mine, region.v[block], (floatl)0.0f);
+            const floatl u = select_lanes(mine, region.u[block], (floatl)0.0f),
+                         v = select_lanes(mine, region.v[block], (floatl)0.0f);
             const floatl px = BLOCK_X(&region, block), py = BLOCK_Y(&region, block), n = region.nearness[block];
-            const Entry e = flattened(entry_of(&relief, select_lanes(mine, owner, (intl)0), px, py), layers.share[block]);
+            const Entry e = flattened(entry_of(&relief, select_lanes(mine, owner, (intl)0), px, py),
+                                      layers.share[block]);
             const floatl size = PIXEL_SIZE(&relief, n);
 #if LIT || ANISOTROPIC
             const floatl t = select_lanes(mine, layers.t[block], (floatl)0.0f);
@@ -93,17 +95,19 @@ kernel void draw_relief(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *f
 #else
             const Footprint f = isotropic_footprint(texels_of(&e, color_width, color_height, size, mine));
 #endif
-            add_footprint(colors, u, v, f, level_of_texels(f.texels_2, color_levels), color_width, color_height, 1.0f / 255.0f,
-                          &shade);
+            add_footprint(colors, u, v, f, level_of_texels(f.texels_2, color_levels), color_width, color_height,
+                          1.0f / 255.0f, &shade);
 #if LIT
             /* Of the surface itself: no map decides what hides it from the light. */
             const Vector own = relief_normal_by_slope(shading.normal, &e, texels, shading.track, scale);
             Vector normal = own;
             if (normal_width > 0) {
 #if ANISOTROPIC
-                const Vector mapped = mean_normal(normal_map, normal_width, normal_height, shading.place.u, shading.place.v, over, mine);
+                const Vector mapped = mean_normal(normal_map, normal_width, normal_height, shading.place.u,
+                                                  shading.place.v, over, mine);
 #else
-                const Vector mapped = normal_in(normal_map, normal_width, normal_height, 0, shading.place.u, shading.place.v);
+                const Vector mapped = normal_in(normal_map, normal_width, normal_height, 0, shading.place.u,
+                                                shading.place.v);
 #endif
                 normal = relief_normal_by_map(shading.normal, &e, mapped);
             }

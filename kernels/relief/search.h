@@ -4,9 +4,9 @@
  * 3.4). The surface lies at depth 1 - height.
  *
  * texels: lib/heights.h. bounds: 65535ths, two a word. Tier 0 is the greatest height of each cell between 2x2 texels,
- * the next that of 2x2 cells, and so on, a maximum mipmap (Tevs et al. 2008); BOUND_AT is each one's place. levels: (levels, LEVEL_INTS) ints: width,
- * height, start in texels; of the bounds number of tiers, start, log2 of the rows' length, and span; last, how far at
- * most the level's heights are from the first's, in 65535ths.
+ * the next that of 2x2 cells, and so on, a maximum mipmap (Tevs et al. 2008); BOUND_AT is each one's place. levels:
+ * (levels, LEVEL_INTS) ints: width, height, start in texels; of the bounds number of tiers, start, log2 of the rows'
+ * length, and span; last, how far at most the level's heights are from the first's, in 65535ths.
  */
 #include "lib/heights.h"
 #include "relief/ray.h"
@@ -94,7 +94,8 @@ intl is_below(const Search *s, global const uint *texels, floatl t)
  * searches; count: how many these are, a constant. */
 INLINED void linear_search(Search *searches, int count, global const uint *texels, int steps, int halvings)
 {
-    floatl step[INTERLEAVED], before[INTERLEAVED], after[INTERLEAVED]; /* after: -INFINITY: of no ray; INFINITY: nothing met yet */
+    floatl step[INTERLEAVED], before[INTERLEAVED];
+    floatl after[INTERLEAVED]; /* -INFINITY: of no ray; INFINITY: nothing is met yet */
     int any_meets[INTERLEAVED];
     UNROLLED
     for (int k = 0; k < count; k++) {
@@ -154,8 +155,10 @@ intl solve_cell(Search *s, Patch p, floatl fx, floatl fy, floatl leaves, intl tr
     floatl before = t, after = t;
     intl within = 0;
     for (int part = 0; part <= CELL_PARTS; part++) {
-        const floatl z = t + (leaves - t) * (part * (1.0f / CELL_PARTS)), gx = fx + dx * (z - t), gy = fy + dy * (z - t);
-        const intl now = !within & (depth_of(ray, z) >= 1.0f - (corner + slope_x * gx + slope_y * gy + twist * gx * gy));
+        const floatl z = t + (leaves - t) * (part * (1.0f / CELL_PARTS)), gx = fx + dx * (z - t),
+                     gy = fy + dy * (z - t);
+        const intl now = !within &
+                         (depth_of(ray, z) >= 1.0f - (corner + slope_x * gx + slope_y * gy + twist * gx * gy));
         after = select_lanes(within, after, z);
         within = within | now;
         before = select_lanes(within, before, z);
@@ -203,8 +206,10 @@ void safe_step(Search *s, global const uint *texels, global const uint *bounds)
     const floatl inside = t + s->nudge, at_x = x0 + dx * inside, at_y = y0 + dy * inside;
     FLOOR(at_x, cx, ix)
     FLOOR(at_y, cy, iy)
-    const intl tx = WRAPPED(CLAMPED_U, cx, ix, width, s->track.map.per_width), ty = WRAPPED(CLAMPED_V, cy, iy, height, s->track.map.per_height);
-    const intl column = tx >> tier, row = ty >> tier, bound_at = BOUND_AT(s, tier, column, row), pair_at = bound_at >> 1;
+    const intl tx = WRAPPED(CLAMPED_U, cx, ix, width, s->track.map.per_width),
+               ty = WRAPPED(CLAMPED_V, cy, iy, height, s->track.map.per_height);
+    const intl column = tx >> tier, row = ty >> tier, bound_at = BOUND_AT(s, tier, column, row),
+               pair_at = bound_at >> 1;
     const intl pair = as_intl((uintl)(gather(bounds, pair_at))), bound = (pair >> ((bound_at & 1) << 4)) & 0xffff;
     const floatl highest = to_floatl(bound) * (1.0f / 65535.0f);
     const intl first_x = column << tier, first_y = row << tier, one = (intl)1 << tier;
@@ -223,7 +228,8 @@ void safe_step(Search *s, global const uint *texels, global const uint *bounds)
     const floatl leaves = clamp_lanes(min_lanes(t_x, t_y), inside, ray->end);
     const floatl turn = clamp_lanes(s->peak, t, leaves);
     /* By equation 7, than which nothing is deeper */
-    const floatl deepest = max_lanes(max_lanes(QUADRIC_DEPTH(ray, t), QUADRIC_DEPTH(ray, leaves)), QUADRIC_DEPTH(ray, turn));
+    const floatl deepest = max_lanes(max_lanes(QUADRIC_DEPTH(ray, t), QUADRIC_DEPTH(ray, leaves)),
+                                     QUADRIC_DEPTH(ray, turn));
     const intl is_free = deepest < 1.0f - highest, at_leaf = tier == 0, solves = s->active & !is_free & at_leaf;
     /* Up a tier where the ray leaves the parent, too. */
     const intl by_x = t_x <= t_y, index = select_lanes(by_x, column, row);
@@ -233,7 +239,8 @@ void safe_step(Search *s, global const uint *texels, global const uint *bounds)
     intl met = 0;
     COUNT_STEP(s, s->active)
     if (any_lane(solves))
-        met = solve_cell(s, read_cell(texels, s->track.map, ix, iy, tx, ty), x0 + dx * t - cx, y0 + dy * t - cy, leaves, solves);
+        met = solve_cell(s, read_cell(texels, s->track.map, ix, iy, tx, ty), x0 + dx * t - cx, y0 + dy * t - cy, leaves,
+                         solves);
     s->found = s->found | met;
     s->active = s->active & !met;
     const intl passes = s->active & (is_free | at_leaf);

@@ -5,7 +5,8 @@
 #include "lib/light.h"
 #include "relief/entry.h"
 
-/* The points of the relief that LANES pixels show: their places on the maps, and the rays, whose hits lie t after their entries */
+/* The points of the relief that LANES pixels show: their places on the maps, and the rays, whose hits lie t after their
+ * entries */
 typedef struct {
     ReliefRay place; /* u, v, level */
     Track track;
@@ -22,7 +23,8 @@ INLINED Vector normal_at(const Entry *e, Vector d, floatl t, int quadric)
         return normal;
     tangents_of(e, &x, &y);
     const floatl px = t * DOT(d, x), py = t * DOT(d, y);
-    const floatl along_x = -2.0f * quadric_form(e, px, py, 1.0f, 0.0f), along_y = -2.0f * quadric_form(e, px, py, 0.0f, 1.0f);
+    const floatl along_x = -2.0f * quadric_form(e, px, py, 1.0f, 0.0f),
+                 along_y = -2.0f * quadric_form(e, px, py, 0.0f, 1.0f);
     normal.x += along_x * x.x + along_y * y.x;
     normal.y += along_x * x.y + along_y * y.y;
     normal.z += along_x * x.z + along_y * y.z;
@@ -31,17 +33,20 @@ INLINED Vector normal_at(const Entry *e, Vector d, floatl t, int quadric)
 
 /* A normal tilted by how much the height rises over a texel, along u and along v, in HEIGHT_UNITs; not of unit
  * length */
-INLINED Vector relief_normal_by_rises(Vector normal, const Entry *e, HeightMap map, floatl across, floatl down, float scale)
+INLINED Vector relief_normal_by_rises(Vector normal, const Entry *e, HeightMap map, floatl across, floatl down,
+                                      float scale)
 {
     const float rise = scale * HEIGHT_UNIT;
     const floatl du = across * to_floatl(map.width) * rise, dv = down * to_floatl(map.height) * rise;
-    const Vector tilted = {normal.x - du * e->along_u.x - dv * e->along_v.x, normal.y - du * e->along_u.y - dv * e->along_v.y,
+    const Vector tilted = {normal.x - du * e->along_u.x - dv * e->along_v.x,
+                           normal.y - du * e->along_u.y - dv * e->along_v.y,
                            normal.z - du * e->along_u.z - dv * e->along_v.z};
     return tilted;
 }
 
 /* At (px, py) in the picture, where the ray has come t beyond its entry to (u, v) */
-INLINED ShadingPoint shading_point_at(const Relief *relief, const Entry *e, floatl px, floatl py, floatl n, floatl u, floatl v, floatl t, intl mine)
+INLINED ShadingPoint shading_point_at(const Relief *relief, const Entry *e, floatl px, floatl py, floatl n, floatl u,
+                                      floatl v, floatl t, intl mine)
 {
     ShadingPoint shading;
     shading.point = point_at(relief->screen, px, py, n);
@@ -62,7 +67,8 @@ INLINED void rises_at(global const uint *texels, HeightMap map, floatl x, floatl
 {
     FLOOR(x, x0, ix)
     FLOOR(y, y0, iy)
-    const intl tx = WRAPPED(CLAMPED_U, x0, ix, map.width, map.per_width), ty = WRAPPED(CLAMPED_V, y0, iy, map.height, map.per_height);
+    const intl tx = WRAPPED(CLAMPED_U, x0, ix, map.width, map.per_width),
+               ty = WRAPPED(CLAMPED_V, y0, iy, map.height, map.per_height);
     const Patch p = read_cell(texels, map, ix, iy, tx, ty);
     const floatl twist = p.aa - p.ab - p.ba + p.bb;
     *across = p.ab - p.aa + (y - y0) * twist;
@@ -70,7 +76,8 @@ INLINED void rises_at(global const uint *texels, HeightMap map, floatl x, floatl
 }
 
 /* By how much u and v change over a pixel: on the tangent plane of the relief where the pixel sees it */
-INLINED UvSteps relief_uv_steps(const Relief *relief, const Entry *e, const ShadingPoint *shading, floatl n, int anisotropy)
+INLINED UvSteps relief_uv_steps(const Relief *relief, const Entry *e, const ShadingPoint *shading, floatl n,
+                                int anisotropy)
 {
     floatl across, down;
     rises_at(relief->texels, shading->track.map, shading->track.x, shading->track.y, &across, &down);
@@ -93,8 +100,10 @@ INLINED Vector relief_normal_by_map(Vector normal, const Entry *e, Vector part)
 {
     Vector x, y;
     tangents_of(e, &x, &y);
-    const floatl across = select_lanes(DOT(e->along_v, y) < 0.0f, (floatl)-1.0f, (floatl)1.0f) * part.y; /* v may run against y */
-    const Vector tilted = {part.z * normal.x + part.x * x.x + across * y.x, part.z * normal.y + part.x * x.y + across * y.y,
+    /* v may run against y. */
+    const floatl across = select_lanes(DOT(e->along_v, y) < 0.0f, (floatl)-1.0f, (floatl)1.0f) * part.y;
+    const Vector tilted = {part.z * normal.x + part.x * x.x + across * y.x,
+                           part.z * normal.y + part.x * x.y + across * y.y,
                            part.z * normal.z + part.x * x.z + across * y.z};
     return normalized(tilted);
 }

@@ -7,7 +7,7 @@
 /* What hides the light: what its map says, or what a second search finds, and the map beyond */
 #define MAPPED 0
 #define SEARCHED 1
-#define LIFT 1e-3f /* of the relief's depth: how far above its surface a point is searched from, so that it is not in it */
+#define LIFT 1e-3f /* of the relief's depth: how far above the surface a search starts, lest it meets that at once */
 
 #if SHADOWED
 /* From a point of the relief to the light, as far as the relief around the point reaches */
@@ -18,8 +18,9 @@ typedef struct {
     floatl distance;   /* from the point to there, in scene units */
 } LightRay;
 
-/* Depths are by equation 7, below the quadric of the point's own entry. So the point lies on the relief to the last bit (nearly, if
- * it was found by the mesh: entry.h, follow_mesh), and the light's ray leaves where it is at depth 0 below that quadric. */
+/* Depths are by equation 7, below the quadric of the point's own entry. So the point lies on the relief to the last bit
+ * (nearly, if it was found by the mesh: entry.h, follow_mesh), and the light's ray leaves where it is at depth 0 below
+ * that quadric. */
 LightRay light_ray(const Relief *relief, const Entry *e, const ShadingPoint *shading, Vector light)
 {
     LightRay made;
@@ -28,23 +29,28 @@ LightRay light_ray(const Relief *relief, const Entry *e, const ShadingPoint *sha
     tangents_of(e, &x, &y);
     const float scale = relief->scale, per_scale = 1.0f / scale, bends = relief->quadric ? 1.0f : 0.0f;
     const floatl t = shading->t;
-    const floatl px = t * DOT(shading->ahead, x), py = t * DOT(shading->ahead, y), pz = t * DOT(shading->ahead, e->normal);
+    const floatl px = t * DOT(shading->ahead, x), py = t * DOT(shading->ahead, y),
+                 pz = t * DOT(shading->ahead, e->normal);
     const floatl lx = DOT(light, x), ly = DOT(light, y), lz = DOT(light, e->normal);
     const floatl found = ENTRY_DEPTH(e) + (bends * quadric_form(e, px, py, px, py) - pz) * per_scale;
-    const floatl height = HEIGHT_UNIT * height_in(relief->texels, shading->track.map, shading->track.x, shading->track.y);
+    const floatl height = HEIGHT_UNIT *
+                          height_in(relief->texels, shading->track.map, shading->track.x, shading->track.y);
     const floatl depth = max_lanes(1.0f - height - LIFT, (floatl)0.0f);
     /* Along it, depth is depth + slope s + K s^2. */
     const floatl slope = (2.0f * bends * quadric_form(e, px, py, lx, ly) - lz) * per_scale;
     const floatl K = bends * quadric_form(e, lx, ly, lx, ly) * per_scale;
-    const floatl discriminant = slope * slope - 4.0f * K * depth, divisor = sqrt(max_lanes(discriminant, (floatl)0.0f)) - slope;
+    const floatl discriminant = slope * slope - 4.0f * K * depth,
+                 divisor = sqrt(max_lanes(discriminant, (floatl)0.0f)) - slope;
     made.leaves = (discriminant >= 0.0f) & (divisor > 0.0f);
-    const floatl distance = select_lanes(made.leaves, 2.0f * depth / divisor, (floatl)0.0f), lift = (found - depth) * scale;
+    const floatl distance = select_lanes(made.leaves, 2.0f * depth / divisor, (floatl)0.0f),
+                 lift = (found - depth) * scale;
     made.distance = distance;
     made.exit.x = shading->point.x + lift * e->normal.x + distance * light.x;
     made.exit.y = shading->point.y + lift * e->normal.y + distance * light.y;
     made.exit.z = shading->point.z + lift * e->normal.z + distance * light.z;
     const floatl qx = px + distance * lx, qy = py + distance * ly; /* of the exit */
-    const floatl across = -2.0f * bends * quadric_form(e, qx, qy, 1.0f, 0.0f), down = -2.0f * bends * quadric_form(e, qx, qy, 0.0f, 1.0f);
+    const floatl across = -2.0f * bends * quadric_form(e, qx, qy, 1.0f, 0.0f),
+                 down = -2.0f * bends * quadric_form(e, qx, qy, 0.0f, 1.0f);
     const Vector normal = {e->normal.x + across * x.x + down * y.x, e->normal.y + across * x.y + down * y.y,
                            e->normal.z + across * x.z + down * y.z};
     made.normal = normalized(normal);
@@ -82,7 +88,7 @@ intl is_shadowed(const Relief *relief, const LightRay *light, intl wanted)
     mask_inactive(&s->ray, light->is_valid & wanted);
     set_end(&s->ray);
     s->track = track_of(&s->ray, relief->levels);
-    /* Up to the point, but for what the searches may err by */
+    /* The search ends before the point, by more than its own error. */
     const floatl per_texel = 1.0f / max_lanes(max_lanes(fabs(s->track.dx), fabs(s->track.dy)), (floatl)1e-20f);
     const floatl end = light->distance - 2.0f * NUDGE * per_texel;
     s->ray.at_bottom = s->ray.at_bottom & (s->ray.end < end);
@@ -99,12 +105,13 @@ intl is_shadowed(const Relief *relief, const LightRay *light, intl wanted)
  * matters; hidden_by: MAPPED or SEARCHED; flat_base: all rays find the relief in one place.
  *
  * The light's map is drawn by the light's own rays, with the normals and quadrics where these enter. Where the base is
- * curved, or has facets, they find the relief elsewhere than the picture's rays, and it would shade itself; and so it would
- * below an edge that juts out, where the light's rays enter on one side of the edge and the picture's on the other. So a
- * search from the point decides whether the relief around hides it, and the map whether anything hides the place where the
- * ray leaves the relief. A ray that by the quadric never leaves it, as along a saddle, is left to the map. */
-INLINED floatl in_sight(const Relief *relief, const Entry *e, const ShadingPoint *shading, Vector own, Light light, intl faces,
-                        int hidden_by, int flat_base SHADOW_PARAMETERS)
+ * curved, or has facets, they find the relief elsewhere than the picture's rays, and it would shade itself; and so it
+ * would below an edge that juts out, where the light's rays enter on one side of the edge and the picture's on the
+ * other. So a search from the point decides whether the relief around hides it, and the map whether anything hides the
+ * place where the ray leaves the relief. A ray that by the quadric never leaves it, as along a saddle, is left to the
+ * map. */
+INLINED floatl in_sight(const Relief *relief, const Entry *e, const ShadingPoint *shading, Vector own, Light light,
+                        intl faces, int hidden_by, int flat_base SHADOW_PARAMETERS)
 {
     intl wanted = faces;
     floatl mapped = 0.0f;

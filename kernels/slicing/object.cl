@@ -13,31 +13,32 @@
  * matrices: (VIEWS, 16) from the world to each view's pixel space. sizes: (VIEWS, 3) width, height and start in maps
  * and colors. maps: nearness, or 0 and 1. colors: RGBA bytes, A = 255 where the view has a sample. order: (VIEWS,)
  * views in the order of testing. closeness: (VIEWS,) of each view's direction to the target's, > 0. The origin of world
- * coordinates is the box's middle. counters: (height, width) view tests, with COUNTERS. With RIBBONS, firsts: the number of
- * the first ribbon of each sample of each view, and at last that of all; ribbons: (N, RIBBON_FLOATS), lib/ribbons.h.
- * Work-item: with LANES 16 a block of 4 x 4 pixels, one to a lane; with LANES 1 a pixel. Cost: O(pixels * slices * views
- * tested). Determinism: fixed order.
+ * coordinates is the box's middle. counters: (height, width) view tests, with COUNTERS. With RIBBONS, firsts: the
+ * number of the first ribbon of each sample of each view, and at last that of all; ribbons: (N, RIBBON_FLOATS),
+ * lib/ribbons.h.
+ * Work-item: with LANES 16 a block of 4 x 4 pixels, one to a lane; with LANES 1 a pixel. Cost: O(pixels * slices *
+ * views tested). Determinism: fixed order.
  */
 #define BIN BLOCK
 #include "raster/region.h"
 #include "slicing/view_colors.h"
 
-kernel void draw_object(PICTURE_PARAMETERS, Screen screen, global const float *matrices, global const int *sizes,
-                        global const float *maps, global const uint *colors, global const int *order,
-                        global const float *closeness, Box box, int slices_axis,
-                        int halvings /* of the interval to the slice before, once one has passed */,
-                        int finds_thin /* 1: what is thinner than slices lie apart, too */,
-                        int visible /* 1: colours are of views that see the points, if there are any */,
-                        int unknown /* 1: points beside an image pass its test */,
-                        float sample /* scene units between samples in the middle of the box, of the coarsest view */,
-                        float stride /* scene units of the ray, the shortest from the object's surface to a view's own */,
-                        int low_x, int low_y COUNTERS_PARAMETER(int)
+kernel void
+draw_object(PICTURE_PARAMETERS, Screen screen, global const float *matrices, global const int *sizes,
+            global const float *maps, global const uint *colors, global const int *order, global const float *closeness,
+            Box box, int slices_axis, int halvings /* of the interval to the slice before, once one has passed */,
+            int finds_thin /* 1: what is thinner than slices lie apart, too */,
+            int visible /* 1: colours are of views that see the points, if there are any */,
+            int unknown /* 1: points beside an image pass its test */,
+            float sample /* scene units between samples in the middle of the box, of the coarsest view */,
+            float stride /* scene units of the ray, the shortest from the object's surface to a view's own */,
+            int low_x, int low_y COUNTERS_PARAMETER(int)
 #if RIBBONS
-                        ,
-                        global const int *firsts /* of the ribbons of each view's samples, and the end of all */,
-                        global const float *ribbons
+                           ,
+            global const int *firsts /* of the ribbons of each view's samples, and the end of all */,
+            global const float *ribbons
 #endif
-                        GBUFFER_PARAMETERS NORMALS_PARAMETER(uint))
+                GBUFFER_PARAMETERS NORMALS_PARAMETER(uint))
 {
     const int x = low_x + get_global_id(0) * BLOCK, y = low_y + get_global_id(1) * BLOCK;
     if (x >= screen.width || y >= screen.height)
@@ -55,7 +56,8 @@ kernel void draw_object(PICTURE_PARAMETERS, Screen screen, global const float *m
     const WorldRay ray = world_ray(screen, BLOCK_X(&region, 0), BLOCK_Y(&region, 0));
     const floatl so_far = region.nearness[0];
     const floatl drawn = select_lanes(so_far <= EMPTY, (floatl)INFINITY, DEPTH_OF(screen.perspective, so_far));
-    const RaySegment segment = segment_in_box(box, &ray, screen.perspective ? 1.0f / screen.nearest : 0.0f, slices_axis);
+    const RaySegment segment = segment_in_box(box, &ray, screen.perspective ? 1.0f / screen.nearest : 0.0f,
+                                              slices_axis);
     floatl hit = 0.0f;
     intl tests = 0, found = intersect_object(&views, &ray, segment, drawn, halvings, finds_thin, &hit, &tests);
     const floatl nearness = DEPTH_OF(screen.perspective, hit);

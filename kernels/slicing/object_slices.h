@@ -9,7 +9,7 @@ typedef struct {
     float from_world[12]; /* row by row */
     float edges[3];       /* of the box, in scene units */
     float spacing;        /* of the slices, in scene units */
-    float first;          /* of slices parallel to the screen, the number that is counted as 0: of the one through the middle */
+    float first; /* of slices parallel to the screen, the number that is counted as 0: of the one through the middle */
     int slices;           /* along the longest edge */
     int alone;            /* 1: slice number `only` is drawn, and no other */
     int only;
@@ -40,8 +40,8 @@ typedef struct {
 /* from: depth at which the picture begins; slices_axis: of the box, or TO_SCREEN */
 RaySegment segment_in_box(Box box, const WorldRay *ray, floatl from, int slices_axis)
 {
-    /* Along no ray are there more slices than along the longest edge, and rounding is off by no more than these again unless
-     * floats do not tell depths in the box apart. */
+    /* Along no ray are there more slices than along the longest edge, and rounding is off by no more than these again
+     * unless floats do not tell depths in the box apart. */
     RaySegment segment = {from, INFINITY, {-box.first, 1.0f / box.spacing}, 2 * (box.slices + 1), box.alone, box.only};
     for (int k = 0; k < 3; k++) {
         const float *r = box.from_world + 4 * k;
@@ -60,8 +60,8 @@ RaySegment segment_in_box(Box box, const WorldRay *ray, floatl from, int slices_
 }
 
 /* Bisects the interval of the length `step` before the hits that are `found`, in which the rays enter the object. */
-void refine_object_hit(const Views *views, const ViewRay *rays, RaySegment segment, floatl step, int halvings, intl found,
-                       floatl *hit, intl *tests)
+void refine_object_hit(const Views *views, const ViewRay *rays, RaySegment segment, floatl step, int halvings,
+                       intl found, floatl *hit, intl *tests)
 {
     floatl before = max_lanes(*hit - step, segment.front);
     for (int i = 0; i < halvings && any_lane(found); i++) {
@@ -73,9 +73,9 @@ void refine_object_hit(const Views *views, const ViewRay *rays, RaySegment segme
     }
 }
 
-/* Searches between slices for parts of the object that are thinner than these lie apart. The rays that are `crossed` fail at z
- * the test of another view than at the slice before, `step` before it; after `passed` views. Bisection leads to where the one
- * test gives way to the other: points there may pass both. Sets hit, and returns where it does. */
+/* Searches between slices for parts of the object that are thinner than these lie apart. The rays that are `crossed`
+ * fail at z the test of another view than at the slice before, `step` before it; after `passed` views. Bisection leads
+ * to where the one test gives way to the other: points there may pass both. Sets hit, and returns where it does. */
 intl intersect_between(const Views *views, const ViewRay *rays, RaySegment segment, floatl z, floatl step, int halvings,
                        intl crossed, intl passed, floatl *hit, intl *tests)
 {
@@ -94,9 +94,10 @@ intl intersect_between(const Views *views, const ViewRay *rays, RaySegment segme
     return found;
 }
 
-/* Which rays meet the object before the depth `drawn` that the picture shows already? Sets hit, the depth at which they do. */
-intl intersect_object(const Views *views, const WorldRay *ray, RaySegment segment, floatl drawn, int halvings, int finds_thin,
-                      floatl *hit, intl *tests)
+/* Which rays meet the object before the depth `drawn` that the picture shows already? Sets hit, the depth at which they
+ * do. */
+intl intersect_object(const Views *views, const WorldRay *ray, RaySegment segment, floatl drawn, int halvings,
+                      int finds_thin, floatl *hit, intl *tests)
 {
     intl searches = segment.front <= segment.back, found = 0, last = -1;
     if (!any_lane(searches))
@@ -106,21 +107,26 @@ intl intersect_object(const Views *views, const WorldRay *ray, RaySegment segmen
         rays[i] = view_ray(views->matrices + 16 * views->order[i], ray);
     const intl rises = segment.number.sloped > 0.0f;
     const floatl step = select_lanes(rises, (floatl)1.0f, (floatl)-1.0f), per_slice = 1.0f / segment.number.sloped;
-    const floatl number_max = segment.number_max, s_front = clamp_lanes(AT(segment.number, segment.front), -number_max, number_max);
-    const floatl back = min_lanes(drawn + fabs(per_slice), segment.back); /* halvings bring a point forward by up to a slice */
-    floatl slice = segment.alone ? (floatl)(float)segment.only : select_lanes(rises, ceil_lanes(s_front), floor_lanes(s_front));
+    const floatl number_max = segment.number_max,
+                 s_front = clamp_lanes(AT(segment.number, segment.front), -number_max, number_max);
+    /* Halvings bring a hit forward by up to a slice. */
+    const floatl back = min_lanes(drawn + fabs(per_slice), segment.back);
+    floatl slice = segment.alone ? (floatl)(float)segment.only
+                                 : select_lanes(rises, ceil_lanes(s_front), floor_lanes(s_front));
     for (int remaining = segment.alone ? 0 : 2 * segment.number_max; remaining >= 0; remaining--, slice += step) {
         const floatl z = (slice - segment.number.fixed) * per_slice;
         searches = searches & !found & (z <= back);
         if (!any_lane(searches))
             break;
         intl passed = 0;
-        const intl active = searches & (z >= segment.front), inside = inside_all(views, rays, z, active, &passed, tests);
+        const intl active = searches & (z >= segment.front),
+                   inside = inside_all(views, rays, z, active, &passed, tests);
         *hit = select_lanes(inside, z, *hit);
         found = found | inside;
         const intl crossed = active & !inside & (passed != last);
         if (finds_thin && any_lane(crossed))
-            found = found | intersect_between(views, rays, segment, z, fabs(per_slice), halvings, crossed, passed, hit, tests);
+            found = found |
+                    intersect_between(views, rays, segment, z, fabs(per_slice), halvings, crossed, passed, hit, tests);
         last = select_lanes(active, passed, last);
     }
     refine_object_hit(views, rays, segment, fabs(per_slice), halvings, found, hit, tests);

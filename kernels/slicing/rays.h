@@ -8,11 +8,11 @@ typedef struct {
     floatl fixed, sloped;
 } Linear;
 
-#define SLICES_MAX 4096     /* slices over a thing: the most that a picture takes by itself */
-#define SLICES_STEADY 256       /* slices over a displacement between which little is missed, however wide pixels are */
-#define HALVINGS_MAX 24 /* of the interval between two slices: float32 holds no more */
-#define TEXTURE_PARTS 512         /* parts of a displacement within which a picture's points are, too, so that no texture flickers */
-#define PIXEL_PARTS 8    /* parts of a pixel within which a picture's points are brought to the surface by themselves */
+#define SLICES_MAX 4096     /* slices over a thing: the greatest number that a picture chooses */
+#define SLICES_STEADY 256   /* slices over a displacement between which little is missed, however wide pixels are */
+#define HALVINGS_MAX 24     /* of the interval between two slices: float32 holds no more */
+#define PIXEL_PARTS 8       /* parts of a pixel to which a picture that chooses its slices brings points to the surface */
+#define TEXTURE_PARTS 512   /* parts of a displacement to which they are brought, too, lest textures flicker */
 
 #define AT(linear, z) ((linear).fixed + (linear).sloped * (z))
 #endif

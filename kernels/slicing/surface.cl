@@ -44,11 +44,13 @@ typedef struct {
 } SliceHit;
 
 /* The alpha test of the points at depth z of the rays that are `tested`; only points `inside` the tetrahedron pass. */
-void test_at(const Context *context, const Tetrahedron *t, const Region *region, int block, SliceHit *hit, floatl z, intl tested, intl inside)
+void test_at(const Context *context, const Tetrahedron *t, const Region *region, int block, SliceHit *hit, floatl z,
+             intl tested, intl inside)
 {
     if (!any_lane(tested))
         return;
-    const floatl alpha = height_at(context->heights, context->map_width, context->map_height, AT(hit->u, z), AT(hit->v, z));
+    const floatl alpha = height_at(context->heights, context->map_width, context->map_height, AT(hit->u, z),
+                                   AT(hit->v, z));
     const floatl above = AT(hit->h, z), h = select_lanes(above > t->height_rounding, above, (floatl)0.0f);
     const intl passed = tested & inside & passes(context->test, alpha, h, t->band);
     hit->z = select_lanes(passed, z, hit->z);
@@ -58,7 +60,8 @@ void test_at(const Context *context, const Tetrahedron *t, const Region *region,
 }
 
 /* Bisects the interval from the depth `before`, whose points do not pass, to the hits that have `passed` at a slice. */
-void refine_slice_hit(const Context *context, const Tetrahedron *t, const Region *region, int block, SliceHit *hit, floatl before, intl passed)
+void refine_slice_hit(const Context *context, const Tetrahedron *t, const Region *region, int block, SliceHit *hit,
+                      floatl before, intl passed)
 {
     for (int i = 0; i < t->halvings && any_lane(passed); i++) {
         const floatl middle = 0.5f * (before + hit->z);
@@ -67,7 +70,8 @@ void refine_slice_hit(const Context *context, const Tetrahedron *t, const Region
     }
 }
 
-void cover(const Context *context, const Primitives *made, int lane, Region *region, int block, int first_x, int first_y)
+void cover(const Context *context, const Primitives *made, int lane, Region *region, int block, int first_x,
+           int first_y)
 {
     const Tetrahedron *t = &made->of[lane];
     if (t->front <= region->farthest[block])
@@ -106,7 +110,8 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
     const Linear number = along_ray(t, t->slice, x, y);
     const int bases = context->slicing != SURFACE; /* there, slice 0 is the base */
     if (bases)
-        test_at(context, t, region, block, &hit, entry, inside & (hit.h.sloped > 0.0f) & (AT(hit.h, entry) < fmax(SLICE_ROUNDING, t->height_rounding)), inside);
+        test_at(context, t, region, block, &hit, entry,
+                inside & (hit.h.sloped > 0.0f) & (AT(hit.h, entry) < fmax(SLICE_ROUNDING, t->height_rounding)), inside);
 
     const intl rises = number.sloped > 0.0f;
     const floatl step = select_lanes(rises, (floatl)1.0f, (floatl)-1.0f), per_slice = 1.0f / number.sloped;
@@ -116,8 +121,10 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
     floatl before = entry;
     const floatl s_front = clamp_lanes(AT(number, front), (floatl)-SLICE_NUMBER_MAX, (floatl)SLICE_NUMBER_MAX);
     const floatl s_back = clamp_lanes(AT(number, back), (floatl)-SLICE_NUMBER_MAX, (floatl)SLICE_NUMBER_MAX);
-    const floatl last = select_lanes(rises, floor_lanes(s_back + t->slice_rounding), ceil_lanes(s_back - t->slice_rounding));
-    floatl slice = select_lanes(rises, ceil_lanes(s_front - t->slice_rounding), floor_lanes(s_front + t->slice_rounding));
+    const floatl last = select_lanes(rises, floor_lanes(s_back + t->slice_rounding),
+                                     ceil_lanes(s_back - t->slice_rounding));
+    floatl slice = select_lanes(rises, ceil_lanes(s_front - t->slice_rounding),
+                                floor_lanes(s_front + t->slice_rounding));
     const intl slices = to_intl((last - slice) * step); /* after the first; < 0: none at all */
     for (int count = 0;; count++, slice += step) {
         const floatl z = clamp_lanes((slice - number.fixed) * per_slice, front, back);
@@ -127,8 +134,10 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
         test_at(context, t, region, block, &hit, z, tested, inside & (z >= entry) & (z <= exit));
         before = select_lanes(tested & !hit.found & (z >= entry), z, before);
     }
-    if (bases) { /* with halvings any side that a ray leaves by is tested, too: the next tetrahedron's slices lie beyond it */
-        const intl leaves = t->halvings > 0 ? inside : (hit.h.sloped < 0.0f) & (AT(hit.h, exit) < fmax(SLICE_ROUNDING, t->height_rounding));
+    if (bases) { /* and with halvings any side that a ray leaves by: the next tetrahedron's slices lie beyond it */
+        const intl leaves = t->halvings > 0
+                                ? inside
+                                : (hit.h.sloped < 0.0f) & (AT(hit.h, exit) < fmax(SLICE_ROUNDING, t->height_rounding));
         test_at(context, t, region, block, &hit, exit, inside & !hit.found & leaves & (exit < drawn), inside);
     }
     refine_slice_hit(context, t, region, block, &hit, before, hit.found & !at_once);
@@ -151,27 +160,31 @@ void cover(const Context *context, const Primitives *made, int lane, Region *reg
 
 /* The base's normal, tilted by how much heights (0 to 1) rise over a unit of u, and of v; along_u, along_v: of u and
  * v in the world */
-INLINED Vector slice_normal_by_rises(const Context *context, Vector base, floatl over_u, floatl over_v, Vector along_u, Vector along_v)
+INLINED Vector slice_normal_by_rises(const Context *context, Vector base, floatl over_u, floatl over_v, Vector along_u,
+                                     Vector along_v)
 {
     const float rise = context->spacing * context->slices;
     const floatl by_u = over_u * rise, by_v = over_v * rise;
-    const Vector tilted = {base.x - (by_u * along_u.x + by_v * along_v.x), base.y - (by_u * along_u.y + by_v * along_v.y),
+    const Vector tilted = {base.x - (by_u * along_u.x + by_v * along_v.x),
+                           base.y - (by_u * along_u.y + by_v * along_v.y),
                            base.z - (by_u * along_u.z + by_v * along_v.z)};
     return normalized(tilted);
 }
 #endif
 
 #if ANISOTROPIC
-/* By how much u and v change over a pixel: on the tangent plane of the heights where it sees them, above the triangle */
-INLINED UvSteps slice_uv_steps(const Context *context, Vector ahead, floatl n, floatl u, floatl v, Vector along_u, Vector along_v,
-                         int anisotropy)
+/* By how much u and v change over a pixel: on the tangent plane of the heights where it sees them, above the
+ * triangle */
+INLINED UvSteps slice_uv_steps(const Context *context, Vector ahead, floatl n, floatl u, floatl v, Vector along_u,
+                               Vector along_v, int anisotropy)
 {
     const Vector across = normalized(cross_product(along_u, along_v));
     const Vector base = scaled(across, select_lanes(DOT(across, ahead) > 0.0f, (floatl)-1.0f, (floatl)1.0f));
     /* Heights are linear along either from a texel's centre to the next: slopes there, and not the lights', which
      * are means of two, decide what the surface shows of its map. */
     const float width = context->map_width, height = context->map_height;
-    const floatl left = (floor_lanes(u * width - 0.5f) + 0.5f) / width, upper = (floor_lanes(v * height - 0.5f) + 0.5f) / height;
+    const floatl left = (floor_lanes(u * width - 0.5f) + 0.5f) / width,
+                 upper = (floor_lanes(v * height - 0.5f) + 0.5f) / height;
     const floatl by_u = (HEIGHT(left + 1.0f / width, v) - HEIGHT(left, v)) * width;
     const floatl by_v = (HEIGHT(u, upper + 1.0f / height) - HEIGHT(u, upper)) * height;
     const Vector tilted = slice_normal_by_rises(context, base, by_u, by_v, along_u, along_v);
@@ -181,7 +194,8 @@ INLINED UvSteps slice_uv_steps(const Context *context, Vector ahead, floatl n, f
 
 #if LIT
 /* The base's normal, tilted by the heights' gradient over two texels */
-INLINED Vector slice_normal_by_heights(const Context *context, Vector base, floatl u, floatl v, Vector along_u, Vector along_v)
+INLINED Vector slice_normal_by_heights(const Context *context, Vector base, floatl u, floatl v, Vector along_u,
+                                       Vector along_v)
 {
     const float du = 1.0f / context->map_width, dv = 1.0f / context->map_height;
     const floatl by_u = (HEIGHT(u + du, v) - HEIGHT(u - du, v)) * (0.5f * context->map_width);
@@ -190,7 +204,8 @@ INLINED Vector slice_normal_by_heights(const Context *context, Vector base, floa
 }
 
 /* The base's normal below a point: interpolated at its foot on the triangle. rise: above the triangle's plane */
-INLINED Vector normal_below(const Context *context, global const float *normals, intl triangle, Vector point, floatl *rise)
+INLINED Vector normal_below(const Context *context, global const float *normals, intl triangle, Vector point,
+                            floatl *rise)
 {
     intl corner[3];
     Vector p[3];
@@ -220,7 +235,8 @@ INLINED Vector normal_below(const Context *context, global const float *normals,
 /* The base's normal, tilted by a map of tangent-space normals, whose slopes are per length of the surface */
 INLINED Vector slice_normal_by_map(const Context *context, Vector base, intl triangle, Vector own)
 {
-    const Vector across = vector_at(context->frames, 3 * triangle + 1), down = vector_at(context->frames, 3 * triangle + 2);
+    const Vector across = vector_at(context->frames, 3 * triangle + 1),
+                 down = vector_at(context->frames, 3 * triangle + 2);
     const floatl steep = 1.0f / max_lanes(own.z, (floatl)1e-3f), mu = own.x * steep, mv = own.y * steep;
     const Vector tilted = {base.x + (mu * across.x + mv * down.x), base.y + (mu * across.y + mv * down.y),
                            base.z + (mu * across.z + mv * down.z)};
@@ -262,8 +278,25 @@ kernel void draw_surface(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *
 )
 {
     const Picture picture = PICTURE_VALUE;
-    const Context context = {corners, projected, points, places, frames, heights, gradients, screen, nearest_w, spacing,
-                             by_view ? pixel_size : 0.0f, band, slices, slicing, test, halvings, map_width, map_height, COUNTERS_ARGUMENT(int)};
+    const Context context = {corners,
+                             projected,
+                             points,
+                             places,
+                             frames,
+                             heights,
+                             gradients,
+                             screen,
+                             nearest_w,
+                             spacing,
+                             by_view ? pixel_size : 0.0f,
+                             band,
+                             slices,
+                             slicing,
+                             test,
+                             halvings,
+                             map_width,
+                             map_height,
+                             COUNTERS_ARGUMENT(int)};
     Region region;
     BinList listed;
     if (!begin_item(&region, &picture, list, starts, bins_x, &listed))
@@ -276,7 +309,8 @@ kernel void draw_surface(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *
             continue;
         Color shade = {0.0f, 0.0f, 0.0f};
         if (any_lane(mine)) {
-            const floatl u = select_lanes(mine, region.u[block], (floatl)0.0f), v = select_lanes(mine, region.v[block], (floatl)0.0f);
+            const floatl u = select_lanes(mine, region.u[block], (floatl)0.0f),
+                         v = select_lanes(mine, region.v[block], (floatl)0.0f);
             const intl triangle = select_lanes(mine, owner, (intl)0) / 3;
             const Vector along_u = vector_at(gradients, 2 * triangle), along_v = vector_at(gradients, 2 * triangle + 1);
             const floatl n = region.nearness[block], size = pixel_size * (screen.perspective ? 1.0f / n : (floatl)1.0f);
@@ -292,8 +326,8 @@ kernel void draw_surface(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *
 #else
             const Footprint f = isotropic_footprint(select_lanes(mine, texels_2 * size * size, (floatl)1.0f));
 #endif
-            add_footprint(colors, u, v, f, level_of_texels(f.texels_2, color_levels), color_width, color_height, 1.0f / 255.0f,
-                          &shade);
+            add_footprint(colors, u, v, f, level_of_texels(f.texels_2, color_levels), color_width, color_height,
+                          1.0f / 255.0f, &shade);
 #if LIT
             floatl above;
             const Vector base = normal_below(&context, normals, triangle, point, &above);

@@ -2,9 +2,9 @@
 #define SLICING_TETRAHEDRA_H
 /* Tetrahedra of a displacement volume, set up for a region of pixels (Kautz & Seidel 2001, section 3).
  *
- * All that the loops of surface.cl need of a tetrahedron is affine over the picture: where rays enter and leave it, u, v and
- * height along them, and the number of the slice. For each triangle one of the slicing directions is chosen here (section
- * 3.2). Arrays: surface.cl.
+ * All that the loops of surface.cl need of a tetrahedron is affine over the picture: where rays enter and leave it, u,
+ * v and height along them, and the number of the slice. For each triangle one of the slicing directions is chosen here
+ * (section 3.2). Arrays: surface.cl.
  */
 #include "raster/fragment.h"
 #include "slicing/rays.h"
@@ -30,8 +30,9 @@ typedef struct {
     global int *counters;
 } Context;
 
-/* A quantity that is affine in the picture's pixel space: x px + y py + one + n times the nearness. So along a ray it is linear in
- * depth (`Linear`); in a perspective picture its `fixed` is the same for all pixels, in an orthographic one its `sloped`. */
+/* A quantity that is affine in the picture's pixel space: x px + y py + one + n times the nearness. So along a ray it
+ * is linear in depth (`Linear`); in a perspective picture its `fixed` is the same for all pixels, in an orthographic
+ * one its `sloped`. */
 typedef struct {
     float x, y, one, n;
 } Quantity;
@@ -47,7 +48,8 @@ typedef struct {
     float first, last;          /* a little farther and nearer than the corners */
     int index, perspective, crosses; /* the near plane */
     float spacing, band; /* of its slices, and of heights that the test BAND takes */
-    float height_rounding, slice_rounding; /* HEIGHT_ROUNDING and SLICE_ROUNDING, more where the displacement is shallow */
+    float height_rounding; /* HEIGHT_ROUNDING, more where the displacement is shallow; */
+    float slice_rounding;  /* and SLICE_ROUNDING */
     int halvings; /* of the interval between two slices */
 } Tetrahedron;
 
@@ -95,10 +97,10 @@ Quantity from_corners(const Quantity *rows, float4 values)
     return made;
 }
 
-/* Spaces the slices a pixel apart along the ray, where the tetrahedron is nearest; facing: the cosine between the ray and the
- * slices' normal there. They lie closer where they would be fewer than SLICES_STEADY, lest thin things flicker; but no closer
- * than the part of a pixel to which halvings refine hits, nor than half a texel, within which heights hold nothing new. Where
- * slices lie more than a pixel apart, there are more halvings between two. */
+/* Spaces the slices a pixel apart along the ray, where the tetrahedron is nearest; facing: the cosine between the ray
+ * and the slices' normal there. They lie closer where they would be fewer than SLICES_STEADY, lest thin things flicker;
+ * but no closer than the part of a pixel to which halvings refine hits, nor than half a texel, within which heights
+ * hold nothing new. Where slices lie more than a pixel apart, there are more halvings between two. */
 void space_slices(const Context *context, Tetrahedron *t, float facing)
 {
     t->spacing = context->spacing;
@@ -109,7 +111,8 @@ void space_slices(const Context *context, Tetrahedron *t, float facing)
     const float pixel = context->pixel * (t->perspective ? 1.0f / t->front : 1.0f);
     const float scale = context->spacing * context->slices;
     global const float *g = context->gradients + t->index / 3 * 6;
-    const float texels = fmax(fast_length(vload3(0, g)) * context->map_width, fast_length(vload3(1, g)) * context->map_height);
+    const float texels = fmax(fast_length(vload3(0, g)) * context->map_width,
+                              fast_length(vload3(1, g)) * context->map_height);
     const float least = fmax(fmin(0.5f / fmax(texels, 1e-30f), scale), scale / SLICES_MAX);
     const float pixel_spacing = pixel * facing;
     t->spacing = fmax(fmin(pixel_spacing, fmax(pixel_spacing / PIXEL_PARTS, scale / SLICES_STEADY)), least);
@@ -119,8 +122,8 @@ void space_slices(const Context *context, Tetrahedron *t, float facing)
     t->halvings = max(context->halvings, min((int)ceil(log2(fmax(parts, 1.0f))), HALVINGS_MAX));
 }
 
-/* By how much heights err by rounding. A height along a ray is a difference of two numbers as large as the ray is long in
- * displacements, at a pixel whose coordinates are rounded, too. x, y: the region's first pixel */
+/* By how much heights err by rounding. A height along a ray is a difference of two numbers as large as the ray is long
+ * in displacements, at a pixel whose coordinates are rounded, too. x, y: the region's first pixel */
 float rounding_of(const Tetrahedron *t, int x, int y)
 {
     const float by_x = fabs(t->h.x) * (x + REGION), by_y = fabs(t->h.y) * (y + REGION);
@@ -129,8 +132,8 @@ float rounding_of(const Tetrahedron *t, int x, int y)
     return fmin(fmax(ROUNDING_ULPS * FLT_EPSILON * (along + across), HEIGHT_ROUNDING), 1.0f);
 }
 
-/* Sets where rays enter and leave through each of the four sides, which are moved outwards by `grown`; and the outline in the
- * picture, whose lines lie between a side by which rays enter and one by which they leave. */
+/* Sets where rays enter and leave through each of the four sides, which are moved outwards by `grown`; and the outline
+ * in the picture, whose lines lie between a side by which rays enter and one by which they leave. */
 void bound_sides(Tetrahedron *t, float grown)
 {
     for (int k = 0; k < 4; k++) {
@@ -150,7 +153,8 @@ void bound_sides(Tetrahedron *t, float grown)
             }
 }
 
-/* Sets up a tetrahedron. Returns its box in the region at (x, y): (low_x, high_x, low_y, high_y); empty if it cannot be seen */
+/* Sets up a tetrahedron. Returns its box in the region at (x, y): (low_x, high_x, low_y, high_y); empty if it cannot be
+ * seen */
 int4 set_up_one(const Context *context, int index, int x, int y, Tetrahedron *t)
 {
     const int4 empty = (int4)(1, 0, 1, 0);
@@ -221,7 +225,8 @@ int4 set_up_one(const Context *context, int index, int x, int y, Tetrahedron *t)
         const float along = 1.0f / t->spacing, off = rint((t->perspective ? p[0].z : -p[0].w) * along);
         t->slice = t->perspective ? (Quantity){0.0f, 0.0f, along, -off} : (Quantity){0.0f, 0.0f, -off, -along};
     } else if (direction == 0) {
-        const float count = context->pixel == 0.0f ? context->slices : context->slices * (context->spacing / t->spacing);
+        const float count = context->pixel == 0.0f ? context->slices
+                                                   : context->slices * (context->spacing / t->spacing);
         t->slice = t->h;
         t->slice.x *= count;
         t->slice.y *= count;
@@ -230,7 +235,8 @@ int4 set_up_one(const Context *context, int index, int x, int y, Tetrahedron *t)
         t->slice_rounding = fmax(SLICE_ROUNDING, fmin(t->height_rounding * count, 0.5f));
     } else {
         const float along = 1.0f / t->spacing, first = dot(point[0], d) * along;
-        const float4 beside = (float4)(0.0f, dot(point[1] - point[0], d), dot(point[2] - point[0], d), dot(point[3] - point[0], d));
+        const float4 beside = (float4)(0.0f, dot(point[1] - point[0], d), dot(point[2] - point[0], d),
+                                       dot(point[3] - point[0], d));
         t->slice = from_corners(t->rows, (first - rint(first)) + beside * along);
     }
     bound_sides(t, crosses ? 0.0f : SIDE_MARGIN / p[0].z); /* no gap between neighbours by rounding */

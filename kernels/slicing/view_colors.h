@@ -1,11 +1,11 @@
 #ifndef SLICING_VIEW_COLORS_H
 #define SLICING_VIEW_COLORS_H
-/* The colours of an object: of the views that see the points where rays meet it, blended by how close the views' directions
- * are to the ray's.
+/* The colours of an object: of the views that see the points where rays meet it, blended by how close the views'
+ * directions are to the ray's.
  *
  * A view sees a point if its own surface is met there, a little before the object's, which begins where the last of all
- * views' volumes does. It counts the less, the farther its samples around lie from the point in depth: a view says little of
- * a surface along its direction, which lies between a near sample and a far one, unless no other sees it.
+ * views' volumes does. It counts the less, the farther its samples around lie from the point in depth: a view says
+ * little of a surface along its direction, which lies between a near sample and a far one, unless no other sees it.
  */
 #include "lib/color.h"
 #include "lib/gbuffer.h"
@@ -44,7 +44,8 @@ typedef struct {
 
 /* visible: samples count by how close their depths are to the points' at the depth `at` of the rays; else all count. */
 
-INLINED ViewColor view_color(const Views *views, int number, const ViewRay *view, Samples samples, floatl at, int visible)
+INLINED ViewColor view_color(const Views *views, int number, const ViewRay *view, Samples samples, floatl at,
+                             int visible)
 {
     ViewColor seen_color = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.0f, 0.0f, samples.on_image};
     global const int *size = views->sizes + 3 * number;
@@ -53,7 +54,8 @@ INLINED ViewColor view_color(const Views *views, int number, const ViewRay *view
         const intl word = texels_at(views->colors + size[2], samples.taps.at[k]);
         floatl weight = samples.weights[k] * to_floatl((word >> 24) & 1);
         if (visible) {
-            const floatl off = ((floatl)(gather(views->maps + size[2], samples.taps.at[k])) - mine) * by, squared = off * off;
+            const floatl off = ((floatl)(gather(views->maps + size[2], samples.taps.at[k])) - mine) * by,
+                         squared = off * off;
             seen_color.part += weight / (1.0f + squared * (1.0f / (LEVEL_SAMPLES * LEVEL_SAMPLES)));
             weight = weight / (1.0f + squared * (1.0f / (TORN_SAMPLES * TORN_SAMPLES)));
         }
@@ -67,8 +69,8 @@ INLINED ViewColor view_color(const Views *views, int number, const ViewRay *view
     return seen_color;
 }
 
-/* How far a view's surface lies before the rays' points at depth z, in samples' distances; farthest: the same of the farthest
- * of the samples around */
+/* How far a view's surface lies before the rays' points at depth z, in samples' distances; farthest: the same of the
+ * farthest of the samples around */
 INLINED floatl view_surface_before(const Views *views, int number, const ViewRay *view, floatl z, floatl *farthest)
 {
     global const int *size = views->sizes + 3 * number;
@@ -85,9 +87,9 @@ INLINED floatl view_surface_before(const Views *views, int number, const ViewRay
     return (sum - mine) * per_sample;
 }
 
-/* The depth at which the rays meet a view's own surface, up to STRIDES strides before the object's, which they meet where they
- * enter the last of all views' volumes. Views whose surface is not met there do not see the point, nor do those whose samples
- * around all lie far before it: these rays are no longer `active`. */
+/* The depth at which the rays meet a view's own surface, up to STRIDES strides before the object's, which they meet
+ * where they enter the last of all views' volumes. Views whose surface is not met there do not see the point, nor do
+ * those whose samples around all lie far before it: these rays are no longer `active`. */
 INLINED floatl own_surface_before(const Views *views, int number, const ViewRay *view, floatl hit, intl *active)
 {
     floatl farthest, z = hit, from = hit, last = view_surface_before(views, number, view, hit, &farthest);
@@ -106,8 +108,8 @@ INLINED floatl own_surface_before(const Views *views, int number, const ViewRay 
     return z;
 }
 
-/* Blends the views' colours of the rays' points at depth `hit`; visible: of views that see the points, else of all, from the
- * closest on. */
+/* Blends the views' colours of the rays' points at depth `hit`; visible: of views that see the points, else of all,
+ * from the closest on. */
 Blend blend_views(const Views *views, const WorldRay *ray, floatl hit, intl active, int visible)
 {
     Blend blend = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.0f, 0.0f};
@@ -118,11 +120,14 @@ Blend blend_views(const Views *views, const WorldRay *ray, floatl hit, intl acti
         const int number = views->order[i];
         global const int *size = views->sizes + 3 * number;
         const ViewRay view = view_ray(views->matrices + 16 * number, ray);
-        const floatl at = visible ? own_surface_before(views, number, &view, hit, &wanted) : hit, inverse = 1.0f / AT(view.w, at);
+        const floatl at = visible ? own_surface_before(views, number, &view, hit, &wanted) : hit,
+                     inverse = 1.0f / AT(view.w, at);
         const Samples samples = samples_at(size, AT(view.u, at) * inverse, AT(view.v, at) * inverse);
         const ViewColor seen_color = view_color(views, number, &view, samples, at, visible);
-        const floatl part = visible ? seen_color.part : (floatl)1.0f; /* samples without a colour lessen no other view's share */
-        const floatl share = select_lanes(wanted & seen_color.sees, views->closeness[number] * part / seen_color.weight, (floatl)0.0f);
+        const floatl part = visible ? seen_color.part
+                                    : (floatl)1.0f; /* samples without a colour lessen no other view's share */
+        const floatl share = select_lanes(wanted & seen_color.sees, views->closeness[number] * part / seen_color.weight,
+                                          (floatl)0.0f);
         const Color none = {0.0f, 0.0f, 0.0f};
         add_color(&blend.color, share, select_color(seen_color.sees, seen_color.color, none));
 #if GBUFFER == 2
@@ -135,7 +140,8 @@ Blend blend_views(const Views *views, const WorldRay *ray, floatl hit, intl acti
 }
 
 /* The colours of the rays' points at depth `hit`: of views that see them, where there are any, else of the closest */
-Blend blend_at(const Views *views, const WorldRay *ray, RaySegment segment, floatl hit, int halvings, intl found, intl *tests)
+Blend blend_at(const Views *views, const WorldRay *ray, RaySegment segment, floatl hit, int halvings, intl found,
+               intl *tests)
 {
     Blend blend = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.0f, 0.0f};
     if (!SILHOUETTES && views->visible) {

@@ -1,7 +1,7 @@
 #ifndef SLICING_VIEW_VOLUMES_H
 #define SLICING_VIEW_VOLUMES_H
-/* What each view's image leaves of space: the points behind the surface that its depth image displaces (SILHOUETTES 0), or
- * inside its silhouette (SILHOUETTES 1). The object is what all views leave (Kautz & Seidel 2001, sections 4 and 5).
+/* What each view's image leaves of space: the points behind the surface that its depth image displaces (SILHOUETTES 0),
+ * or inside its silhouette (SILHOUETTES 1). The object is what all views leave (Kautz & Seidel 2001, sections 4 and 5).
  * Arrays: object.cl.
  */
 #include "lib/screen.h"
@@ -64,7 +64,8 @@ typedef struct {
 
 ViewRay view_ray(global const float *matrix, const WorldRay *ray)
 {
-    const ViewRay made = {row_of(matrix, ray), row_of(matrix + 4, ray), row_of(matrix + 8, ray), row_of(matrix + 12, ray)};
+    const ViewRay made = {row_of(matrix, ray), row_of(matrix + 4, ray), row_of(matrix + 8, ray),
+                          row_of(matrix + 12, ray)};
     return made;
 }
 
@@ -103,8 +104,10 @@ INLINED floatl over_ribbons(const Views *views, global const int *size, floatl x
         }
         floatl low = 0.0f, high = 1.0f;
         const floatl across[2] = {x - part[0], y - part[1]};
-        for (int axis = 0; axis < 2; axis++) { /* from which part of the sweep to which does the square hold the place? */
-            const floatl length = part[2 + axis], per_length = 1.0f / select_lanes(fabs(length) > 1e-6f, length, (floatl)1e-6f);
+        for (int axis = 0; axis < 2;
+             axis++) { /* from which part of the sweep to which does the square hold the place? */
+            const floatl length = part[2 + axis],
+                         per_length = 1.0f / select_lanes(fabs(length) > 1e-6f, length, (floatl)1e-6f);
             const floatl a = (across[axis] - 0.5f) * per_length, b = (across[axis] + 0.5f) * per_length;
             low = max_lanes(low, min_lanes(a, b));
             high = min_lanes(high, max_lanes(a, b));
@@ -118,8 +121,8 @@ INLINED floatl over_ribbons(const Views *views, global const int *size, floatl x
 }
 #endif
 
-/* Which of the points of the rays at depth z pass the test of every view? passed: is raised by the number of views whose test
- * each has passed, up to the first that it fails */
+/* Which of the points of the rays at depth z pass the test of every view? passed: is raised by the number of views
+ * whose test each has passed, up to the first that it fails */
 intl inside_all(const Views *views, const ViewRay *rays, floatl z, intl inside, intl *passed, intl *tests)
 {
     for (int i = 0; i < VIEWS && any_lane(inside); i++) {

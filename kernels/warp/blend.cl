@@ -1,8 +1,8 @@
-/* The pictures of several views, the layers, blended: of the layers that show a pixel's nearest surface, each weighs the more
- * the better its view saw it.
+/* The pictures of several views, the layers, blended: of the layers that show a pixel's nearest surface, each weighs
+ * the more the better its view saw it.
  *
- * A layer contributes where it lies no farther behind the nearest one than the noise of both explains. Its weight is the
- * product of
+ * A layer contributes where it lies no farther behind the nearest one than the noise of both explains. Its weight is
+ * the product of
  * - resolution: its view's samples per pixel, up to one: finer than the picture is as good as the picture;
  * - angle: the cosine between its view's ray and the picture's, as surfaces look different from elsewhere;
  * - distance to edges: it fades within FEATHER pixels of its holes and depth edges, so that seams follow these and
@@ -52,7 +52,8 @@ INLINED floatl pixels_at(global const float *image, int x0, int y, int width)
     return (floatl)(gather(image, y * width + x));
 }
 
-kernel void nearest_layer(global const float *depth, global float *best, int width, int height, int first, LayerView layer_view)
+kernel void nearest_layer(global const float *depth, global float *best, int width, int height, int first,
+                          LayerView layer_view)
 {
     const int x0 = get_global_id(0) * LANES, y = get_global_id(1);
     if (x0 >= width || y >= height)
@@ -69,7 +70,8 @@ kernel void nearest_layer(global const float *depth, global float *best, int wid
 }
 
 /* 0 on holes and at depth edges, FEATHER elsewhere and beyond the picture, which ends no surface */
-kernel void mark_edges(global const float *depth, global float *from_edge, int width, int height, int pitch, LayerView layer_view)
+kernel void mark_edges(global const float *depth, global float *from_edge, int width, int height, int pitch,
+                       LayerView layer_view)
 {
     const int x0 = get_global_id(0) * LANES, row = get_global_id(1);
     if (x0 >= width + 2 * FEATHER || row >= height + 2 * FEATHER)
@@ -77,7 +79,8 @@ kernel void mark_edges(global const float *depth, global float *from_edge, int w
     const int y = clamp(row - FEATHER, 0, height - 1);
     const intl x = min(max(x0 + lane_index - FEATHER, (intl)0), (intl)(width - 1));
     const floatl z = (floatl)(gather(depth, y * width + x));
-    const floatl step = max_lanes(2.0f * depth_tolerance(layer_view, z), layer_view.unit > 0.0f ? (floatl)(EDGE_STEP * layer_view.unit) : EDGE_STEP * z);
+    const floatl step = max_lanes(2.0f * depth_tolerance(layer_view, z),
+                                  layer_view.unit > 0.0f ? (floatl)(EDGE_STEP * layer_view.unit) : EDGE_STEP * z);
     const intl left = y * width + max(x - 1, (intl)0), right = y * width + min(x + 1, (intl)(width - 1));
     const intl above = max(y - 1, 0) * width + x, under = min(y + 1, height - 1) * width + x;
     const floatl a = (floatl)(gather(depth, left)), b = (floatl)(gather(depth, right));
@@ -116,12 +119,14 @@ INLINED floatl view_weight(LayerView layer_view, Screen screen, Vector p, floatl
 }
 
 kernel void add_layer(global const float *depth, global const channel *color, global const float *best,
-                      global const float *in_row, global float *sums, Screen screen, LayerView layer_view, float density, int pitch,
-                      int first, float red, float green, float blue
+                      global const float *in_row, global float *sums, Screen screen, LayerView layer_view,
+                      float density, int pitch, int first, float red, float green, float blue
 #if ORIGINS
-                      , global const float *layer_origin, global float *origin
+                      ,
+                      global const float *layer_origin,
+                      global float *origin
 #endif
-                      NORMALS_PARAMETER(float) /* of the layer, in the world, of any length */
+                          NORMALS_PARAMETER(float) /* of the layer, in the world, of any length */
 )
 {
     const int width = screen.width, height = screen.height;
@@ -130,7 +135,8 @@ kernel void add_layer(global const float *depth, global const channel *color, gl
         return;
     floatl edge = FEATHER;
     for (int step = -FEATHER; step <= FEATHER; step++)
-        edge = min_lanes(edge, max_lanes(load_lanes(in_row + (size_t)(y + FEATHER + step) * pitch + x0), (floatl)abs(step)));
+        edge = min_lanes(edge,
+                         max_lanes(load_lanes(in_row + (size_t)(y + FEATHER + step) * pitch + x0), (floatl)abs(step)));
     const size_t plane = (size_t)height * width;
     const floatl z = pixels_at(depth, x0, y, width), nearest = pixels_at(best, x0, y, width);
     const floatl off = depth_tolerance(layer_view, z), off_best = pixels_at(best + plane, x0, y, width);
@@ -171,8 +177,8 @@ kernel void add_layer(global const float *depth, global const channel *color, gl
 }
 
 /* Into a picture that shows something already (`merge`), where it is nearer. */
-kernel void write_blend(global const float *sums, global float *depth, global channel *color, global uchar *valid, int width,
-                  int height, int merge GBUFFER_PARAMETERS)
+kernel void write_blend(global const float *sums, global float *depth, global channel *color, global uchar *valid,
+                        int width, int height, int merge GBUFFER_PARAMETERS)
 {
     const int x0 = get_global_id(0) * LANES, y = get_global_id(1);
     if (x0 >= width || y >= height)

@@ -1,7 +1,7 @@
 #ifndef WARP_CANDIDATES_H
 #define WARP_CANDIDATES_H
-/* Pixels whose own rays are traced: in windows of their epipolar lines around the candidates, which are the hits of their
- * own line and of their neighbours' lines.
+/* Pixels whose own rays are traced: in windows of their epipolar lines around the candidates, which are the hits of
+ * their own line and of their neighbours' lines.
  */
 #define CANDIDATES 9 /* hits around a pixel; 5 unless zoomed */
 #define WINDOWS (CANDIDATES - 1)
@@ -22,8 +22,8 @@
 #define SORT_FIVE                                                                                              \
     SORT(0, 3) SORT(1, 4) SORT(0, 2) SORT(1, 3) SORT(0, 1) SORT(2, 4) SORT(1, 2) SORT(3, 4) SORT(2, 3)
 
-/* The distances along the pixels' own epipolar lines at which the hits of pixels x of row y lie; INFINITY where there is no
- * hit. Pixels beyond the border of the image are those at the border. */
+/* The distances along the pixels' own epipolar lines at which the hits of pixels x of row y lie; INFINITY where there
+ * is no hit. Pixels beyond the border of the image are those at the border. */
 INLINED floatl candidate_at(global const float *hits, PixelMap map, Rays rays, Epipolar epipolar, intl x, int y)
 {
     global const float *row = hits + (size_t)clamp(y, 0, map.dst_height - 1) * map.dst_pitch;
@@ -33,10 +33,10 @@ INLINED floatl candidate_at(global const float *hits, PixelMap map, Rays rays, E
     return select_lanes(IS_HIT(hit) & isfinite_lanes(place), place, (floatl)INFINITY);
 }
 
-/* Traces the rays of the pixels x of row y through the windows around their candidates. Target nearness of the hits, BLOCKED
- * or EMPTY. */
-INLINED floatl trace_candidates(global const float *hits, Grid grid, PixelMap map, intl x, int y, intl wanted, int sides,
-                                int neighbour_offset, float density, float window, uint *cells)
+/* Traces the rays of the pixels x of row y through the windows around their candidates. Target nearness of the hits,
+ * BLOCKED or EMPTY. */
+INLINED floatl trace_candidates(global const float *hits, Grid grid, PixelMap map, intl x, int y, intl wanted,
+                                int sides, int neighbour_offset, float density, float window, uint *cells)
 {
     const Rays rays = rays_of(map, to_floatl(x), y);
     const Epipolar epipolar = epipolar_of(rays, grid);

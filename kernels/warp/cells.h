@@ -21,7 +21,7 @@ typedef struct {
     floatl ahead_u, ahead_v; /* from a cell to the column and the row that the line leaves it by */
     floatl per_u, per_v, per_d, never_u, never_v; /* distance from column to column, row to row, diagonal to diagonal */
     floatl last_x, last_y;
-    intl on_column;          /* cells are collapsed onto a column, which the line runs along, or which is all there is */
+    intl on_column; /* cells are collapsed onto a column, which the line runs along, or which is all there is */
     int below;               /* from a sample to that of the next row, */
     float lowest;            /* the last row that has a next one */
     intl lower_first;
@@ -47,8 +47,10 @@ INLINED void snap(Lines *lines)
     const floatl diagonal = floor_lanes(lines->u + lines->v + 0.5f);
     lines->along_row = (fabs(lines->dv) * longest < ON_SAMPLES) & (fabs(lines->v - row) < ON_SAMPLES);
     lines->along_column = (fabs(lines->du) * longest < ON_SAMPLES) & (fabs(lines->u - column) < ON_SAMPLES);
-    lines->along_diagonal = (fabs(lines->du + lines->dv) * longest < ON_SAMPLES) & (fabs(lines->u + lines->v - diagonal) < ON_SAMPLES);
-    lines->dv = select_lanes(lines->along_row, (floatl)0.0f, select_lanes(lines->along_diagonal, -lines->du, lines->dv));
+    lines->along_diagonal = (fabs(lines->du + lines->dv) * longest < ON_SAMPLES) &
+                            (fabs(lines->u + lines->v - diagonal) < ON_SAMPLES);
+    lines->dv = select_lanes(lines->along_row, (floatl)0.0f,
+                             select_lanes(lines->along_diagonal, -lines->du, lines->dv));
     lines->du = select_lanes(lines->along_column, (floatl)0.0f, lines->du);
     lines->v = select_lanes(lines->along_row, row, select_lanes(lines->along_diagonal, diagonal - lines->u, lines->v));
     lines->u = select_lanes(lines->along_column, column, lines->u);
@@ -102,8 +104,10 @@ INLINED void enter_cells(Lines lines, floatl at, intl which, floatl *x, floatl *
 INLINED Cell pass_cells(Grid grid, Lines lines, Traversal traversal, floatl x, floatl y, floatl at)
 {
     Cell cell;
-    const floatl xc = clamp_lanes(x, (floatl)0.0f, traversal.last_x), yc = clamp_lanes(y, (floatl)0.0f, traversal.last_y);
-    const intl base = to_intl(traversal.collapsed ? min_lanes(yc, (floatl)traversal.lowest) : yc) * grid.pitch + to_intl(xc);
+    const floatl xc = clamp_lanes(x, (floatl)0.0f, traversal.last_x),
+                 yc = clamp_lanes(y, (floatl)0.0f, traversal.last_y);
+    const intl base = to_intl(traversal.collapsed ? min_lanes(yc, (floatl)traversal.lowest) : yc) * grid.pitch +
+                      to_intl(xc);
     floatl corners[4];
     gather_cells(grid.nearness, traversal.below, base, corners);
     if (traversal.collapsed) {
@@ -132,9 +136,12 @@ INLINED Cell pass_cells(Grid grid, Lines lines, Traversal traversal, floatl x, f
     cell.upper_u = q11 - q01;
     cell.upper_v = q11 - q10;
     const intl enters_lower = (traversal.lower_first & cell.has_first) | (!(traversal.lower_first | cell.has_first));
-    const intl leaves_lower = (traversal.lower_first & (!cell.has_second)) | ((!traversal.lower_first) & cell.has_second);
-    cell.q_in = select_lanes(enters_lower, q00 + cell.lower_u * u_0 + cell.lower_v * v_0, q10 + cell.upper_u * (u_0 - 1.0f) + cell.upper_v * v_0);
-    cell.q_out = select_lanes(leaves_lower, q00 + cell.lower_u * u_2 + cell.lower_v * v_2, q10 + cell.upper_u * (u_2 - 1.0f) + cell.upper_v * v_2);
+    const intl leaves_lower = (traversal.lower_first & (!cell.has_second)) |
+                              ((!traversal.lower_first) & cell.has_second);
+    cell.q_in = select_lanes(enters_lower, q00 + cell.lower_u * u_0 + cell.lower_v * v_0,
+                             q10 + cell.upper_u * (u_0 - 1.0f) + cell.upper_v * v_0);
+    cell.q_out = select_lanes(leaves_lower, q00 + cell.lower_u * u_2 + cell.lower_v * v_2,
+                              q10 + cell.upper_u * (u_2 - 1.0f) + cell.upper_v * v_2);
     cell.q_crossing = q01 + u_1 * (q10 - q01);
 
     const intl beyond = lines.along_diagonal & ((x != xc) | (y != yc)); /* of the grid, by rounding */

@@ -2,11 +2,11 @@
  *
  * A ray is followed along its epipolar line as it recedes. Where it is nearer than the surface, the source has seen
  * that there is nothing. So the pixel shows something beyond the last such place, and its class is that of what begins
- * there: space behind a surface, samples without depth, or the outside of the image. A ray that comes out of a surface's
- * back ends there.
+ * there: space behind a surface, samples without depth, or the outside of the image. A ray that comes out of a
+ * surface's back ends there.
  *
- * valid: (dst_height, dst_width). classes: the same shape, CLASS_... below; with `first` 0 they hold those of other views,
- * and the least of both stays. nearest, farthest: the source's range of nearness. without_parallax: nothing
+ * valid: (dst_height, dst_width). classes: the same shape, CLASS_... below; with `first` 0 they hold those of other
+ * views, and the least of both stays. nearest, farthest: the source's range of nearness. without_parallax: nothing
  * moves with its depth, each pixel sees its place in the source; typical: some nearness that it has there.
  * Work-item: LANES pixels of a row. Cost: O(samples between the nearest and the farthest place of the ray) a hole.
  * Determinism: every pixel on its own.
@@ -36,7 +36,8 @@ INLINED intl state_at(Grid grid, floatl u, floatl v, floatl near, intl *closed)
     const floatl gu = select_lanes(upper, qc - q01, q10 - qc), gv = select_lanes(upper, qc - q10, q01 - qc);
     const floatl one = select_lanes(upper, (floatl)1.0f, (floatl)0.0f);
     const floatl surface = select_lanes(*closed, qc + gu * (fu - one) + gv * (fv - one), qn);
-    return select_lanes(surface <= NO_SURFACE, (intl)CLASS_UNOBSERVED, select_lanes(surface < near, (intl)IS_FREE, (intl)CLASS_HIDDEN));
+    return select_lanes(surface <= NO_SURFACE, (intl)CLASS_UNOBSERVED,
+                        select_lanes(surface < near, (intl)IS_FREE, (intl)CLASS_HIDDEN));
 }
 
 /* Where nothing moves with its depth, each pixel has one place in the source. */
@@ -48,7 +49,8 @@ INLINED intl class_in_place(Grid grid, Rays rays, float typical)
     intl closed;
     const intl state = state_at(grid, clamp_lanes(u, (floatl)0.0f, (floatl)(grid.width - 1)),
                                 clamp_lanes(v, (floatl)0.0f, (floatl)(grid.height - 1)), (floatl)INFINITY, &closed);
-    return select_lanes(inside, select_lanes(state == CLASS_UNOBSERVED, state, (intl)CLASS_HIDDEN), (intl)CLASS_OUTSIDE);
+    return select_lanes(inside, select_lanes(state == CLASS_UNOBSERVED, state, (intl)CLASS_HIDDEN),
+                        (intl)CLASS_OUTSIDE);
 }
 
 INLINED intl class_along(Grid grid, Rays rays, float nearest, float farthest, intl wanted)
@@ -65,12 +67,15 @@ INLINED intl class_along(Grid grid, Rays rays, float nearest, float farthest, in
     const floatl start = clamp_lanes(from, (floatl)0.0f, fmax(lines.length, (floatl)0.0f));
     const floatl end = clamp_lanes(to, start, lines.length);
     const intl leaves = !(to < lines.length); /* the image, before it is hidden */
-    const intl enters = (lines.u < 0.5f) | (lines.v < 0.5f) | (lines.u > grid.width - 1.5f) | (lines.v > grid.height - 1.5f);
+    const intl enters = (lines.u < 0.5f) | (lines.v < 0.5f) | (lines.u > grid.width - 1.5f) |
+                        (lines.v > grid.height - 1.5f);
     const intl before = select_lanes(falls, (intl)IS_FREE, (intl)CLASS_HIDDEN);
-    intl class_ = select_lanes(from > 0.0f, before, select_lanes(enters, (intl)CLASS_OUTSIDE, (intl)IS_FREE)), was_closed = 0;
+    intl class_ = select_lanes(from > 0.0f, before, select_lanes(enters, (intl)CLASS_OUTSIDE, (intl)IS_FREE)),
+         was_closed = 0;
     intl active = wanted & (lines.length >= 0.0f);
     floatl at = start;
-    for (int steps_left = max(grid.width, grid.height) + 1; steps_left > 0 && any_lane(active); steps_left--, at += 1.0f) {
+    for (int steps_left = max(grid.width, grid.height) + 1; steps_left > 0 && any_lane(active);
+         steps_left--, at += 1.0f) {
         const floatl here = min_lanes(at, end);
         const floatl u = lines.u + lines.du * here, v = lines.v + lines.dv * here;
         intl closed;
@@ -85,8 +90,8 @@ INLINED intl class_along(Grid grid, Rays rays, float nearest, float farthest, in
     return select_lanes(lines.length >= 0.0f, class_, (intl)CLASS_OUTSIDE);
 }
 
-kernel void classify(global const float *nearness, global const uchar *valid, global uchar *classes, PixelMap map, Cut cut,
-                     float nearest, float farthest, float typical, int without_parallax, int first)
+kernel void classify(global const float *nearness, global const uchar *valid, global uchar *classes, PixelMap map,
+                     Cut cut, float nearest, float farthest, float typical, int without_parallax, int first)
 {
     const int x = get_global_id(0) * LANES, y = get_global_id(1);
     if (x >= map.dst_width || y >= map.dst_height)
@@ -100,7 +105,8 @@ kernel void classify(global const float *nearness, global const uchar *valid, gl
     if (any_lane(hole)) {
         const Grid grid = {nearness, map.src_width, map.src_height, map.src_pitch, cut};
         const Rays rays = rays_of(map, to_floatl(x + lane_index), y);
-        const intl found = without_parallax ? class_in_place(grid, rays, typical) : class_along(grid, rays, nearest, farthest, hole);
+        const intl found = without_parallax ? class_in_place(grid, rays, typical)
+                                            : class_along(grid, rays, nearest, farthest, hole);
         class_ = select_lanes(hole, found, class_);
     }
     for (int lane = 0; lane < count; lane++) {

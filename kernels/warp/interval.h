@@ -42,7 +42,8 @@ typedef struct {
 typedef struct {
     global float *hits;
     int spare;      /* for lanes with nothing to write */
-    int up_hides, down_hides; /* 1: segments that extend the interval to larger, or smaller, pixels turn a side that is not shown */
+    int up_hides;   /* 1: segments that extend the interval to larger pixels turn a side to the target that is not shown */
+    int down_hides; /* 1: those that extend it to smaller pixels do */
     int several; /* a lane has had more than one interval: pixels outside of the last one may be settled, too */
     uint pixels;
 } HitWriter;
@@ -63,8 +64,8 @@ INLINED intl clip_at_plane(Projection *a, Projection *b, intl *open)
 {
     const intl a_behind = a->q >= 0.0f, b_behind = b->q >= 0.0f;
     const floatl f = a->q / (a->q - b->q);
-    const Projection at = {a->nearness + f * (b->nearness - a->nearness), a->p + f * (b->p - a->p), a->w + f * (b->w - a->w),
-                           (floatl)0.0f};
+    const Projection at = {a->nearness + f * (b->nearness - a->nearness), a->p + f * (b->p - a->p),
+                           a->w + f * (b->w - a->w), (floatl)0.0f};
     const Projection from = select_projection(a_behind & !b_behind, at, *a);
     *b = select_projection(b_behind & !a_behind, at, *b);
     *a = from;
@@ -76,10 +77,11 @@ INLINED intl clip_at_plane(Projection *a, Projection *b, intl *open)
 
 /* Settles the pixels between the ends of a segment of the surface that its interval does not hold yet. there: lanes
  * that have a segment; open: it is no surface. */
-INLINED void extend(Interval *interval, HitWriter *writer, Projection a, Projection b, intl there, intl open, SweepLines line, LineGroup group, PixelMap map)
+INLINED void extend(Interval *interval, HitWriter *writer, Projection a, Projection b, intl there, intl open,
+                    SweepLines line, LineGroup group, PixelMap map)
 {
-    /* For rounding: no pixel may have two owners, and one that a segment only just begins at must be its own, whether the segment
-     * goes on to larger or to smaller pixels. */
+    /* For rounding: no pixel may have two owners, and one that a segment only just begins at must be its own, whether
+     * the segment goes on to larger or to smaller pixels. */
     const float guard = 5e-7f * (map.dst_width + map.dst_height);
     global float *hits = writer->hits;
 
@@ -91,8 +93,10 @@ INLINED void extend(Interval *interval, HitWriter *writer, Projection a, Project
     const intl begins = there & (!open) & (interval->ended | emerges | from_behind);
     if (any_lane(begins)) {
         const floatl from_infinity = select_lanes(crosses > 0.0f, (floatl)-1e9f, (floatl)1e9f);
-        const floatl t = clamp_lanes(select_lanes(emerges, from_infinity, a.p / a.w), line.low - 1.0f, line.high + 1.0f);
-        const floatl next = select_lanes((crosses > 0.0f) | emerges, ceil_lanes(t - guard), floor_lanes(t + guard) + 1.0f);
+        const floatl t = clamp_lanes(select_lanes(emerges, from_infinity, a.p / a.w), line.low - 1.0f,
+                                     line.high + 1.0f);
+        const floatl next = select_lanes((crosses > 0.0f) | emerges, ceil_lanes(t - guard),
+                                         floor_lanes(t + guard) + 1.0f);
         const floatl first = clamp_lanes(next, line.low, line.high + 1.0f);
         interval->above = select_lanes(begins, first, interval->above);
         interval->below = select_lanes(begins, first - 1.0f, interval->below);
@@ -118,7 +122,8 @@ INLINED void extend(Interval *interval, HitWriter *writer, Projection a, Project
         interval->below = select_lanes(settles & !goes_up, interval->below - 1.0f, interval->below);
 
 #if ALIGNED /* each line has pixels of its own */
-        const intl address = select_lanes(settles, line.first_pixel + to_intl(p) * (line.along ? map.dst_pitch : 1), writer->spare + lane_index);
+        const intl address = select_lanes(settles, line.first_pixel + to_intl(p) * (line.along ? map.dst_pitch : 1),
+                                          writer->spare + lane_index);
 #else
         const float b_along = map.dst_from_src[4 * line.along + 3], b_across = map.dst_from_src[4 * line.across + 3];
         const float b_w = map.dst_from_src[11], innermost = 1 << group.levels;
@@ -132,8 +137,8 @@ INLINED void extend(Interval *interval, HitWriter *writer, Projection a, Project
         const intl owns = in_wedge & (fabs(at_line - c) < 0.5f * line_spacing - guard) & (distance > group.least) &
                           (c >= group.cross_low) & (c <= group.cross_high);
         const intl pc = to_intl(c), pa = to_intl(p);
-        const intl address = select_lanes(settles & owns, line.along ? pa * map.dst_pitch + pc : pc * map.dst_pitch + pa,
-                                  writer->spare + lane_index);
+        const intl address = select_lanes(
+            settles & owns, line.along ? pa * map.dst_pitch + pc : pc * map.dst_pitch + pa, writer->spare + lane_index);
 #endif
         if (line.along) {
             const int ahead = PREFETCH_STEPS * map.dst_pitch;
@@ -181,8 +186,10 @@ INLINED Targets targets_of(PixelMap map, int along, floatl u, floatl v, floatl d
 /* By the lines' major coordinates. */
 INLINED Targets targets_along(PixelMap map, SweepLines line)
 {
-    return targets_of(map, line.along, select_lanes(line.u_major, (floatl)0.0f, line.minor_0), select_lanes(line.u_major, line.minor_0, (floatl)0.0f),
-                      select_lanes(line.u_major, (floatl)1.0f, line.tilt), select_lanes(line.u_major, line.tilt, (floatl)1.0f));
+    return targets_of(map, line.along, select_lanes(line.u_major, (floatl)0.0f, line.minor_0),
+                      select_lanes(line.u_major, line.minor_0, (floatl)0.0f),
+                      select_lanes(line.u_major, (floatl)1.0f, line.tilt),
+                      select_lanes(line.u_major, line.tilt, (floatl)1.0f));
 }
 
 INLINED Projection project_at(Targets targets, floatl distance, floatl nearness)

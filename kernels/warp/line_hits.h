@@ -33,8 +33,8 @@ INLINED floatl find_place(Pixels *pixels, PixelMap map, int x0, int y)
 }
 
 /* The pixels with the hits of their own lines, and what the neighbours' hits tell of the surface there */
-INLINED Pixels read_hits(global const float *hits, PixelMap map, int x0, int y, intl inside, int hit_kind, int neighbour_offset,
-                         float density, float typical, float rough)
+INLINED Pixels read_hits(global const float *hits, PixelMap map, int x0, int y, intl inside, int hit_kind,
+                         int neighbour_offset, float density, float typical, float rough)
 {
     const float *S = map.src_from_dst, *D = map.dst_from_src;
     global const float *here = hits + (size_t)y * map.dst_pitch + x0;
@@ -50,13 +50,19 @@ INLINED Pixels read_hits(global const float *hits, PixelMap map, int x0, int y, 
         const floatl under = y + 1 < map.dst_height ? load_lanes(here + map.dst_pitch) : n;
         floatl left = x0 > 0 ? load_lanes(here - 1) : shifted_lanes(n), right = load_lanes(here + 1);
         right = select_lanes(x0 + lane_index + 1 < map.dst_width, right, n);
-        const intl above_met = IS_HIT(above), under_met = IS_HIT(under), left_met = IS_HIT(left), right_met = IS_HIT(right);
-        any_seen = seen_here | IS_VISIBLE_HIT(above) | IS_VISIBLE_HIT(under) | IS_VISIBLE_HIT(left) | IS_VISIBLE_HIT(right);
+        const intl above_met = IS_HIT(above), under_met = IS_HIT(under), left_met = IS_HIT(left),
+                   right_met = IS_HIT(right);
+        any_seen = seen_here | IS_VISIBLE_HIT(above) | IS_VISIBLE_HIT(under) | IS_VISIBLE_HIT(left) |
+                   IS_VISIBLE_HIT(right);
         intl any_met = IS_HIT(n) | above_met | under_met | left_met | right_met;
         if (IS_ZOOMED) {
-            any_met = any_met | (y >= neighbour_offset ? IS_HIT(load_lanes(here - neighbour_offset * map.dst_pitch)) : 0);
-            any_met = any_met | (y + neighbour_offset < map.dst_height ? IS_HIT(load_lanes(here + neighbour_offset * map.dst_pitch)) : 0);
-            any_met = any_met | (x0 >= neighbour_offset ? IS_HIT(load_lanes(here - neighbour_offset)) : 0) | IS_HIT(load_lanes(here + neighbour_offset));
+            any_met = any_met |
+                      (y >= neighbour_offset ? IS_HIT(load_lanes(here - neighbour_offset * map.dst_pitch)) : 0);
+            any_met = any_met | (y + neighbour_offset < map.dst_height
+                                     ? IS_HIT(load_lanes(here + neighbour_offset * map.dst_pitch))
+                                     : 0);
+            any_met = any_met | (x0 >= neighbour_offset ? IS_HIT(load_lanes(here - neighbour_offset)) : 0) |
+                      IS_HIT(load_lanes(here + neighbour_offset));
         }
         curved = max_lanes(fabs(left + right - 2.0f * n), fabs(above + under - 2.0f * n));
         pixels.smooth = inside & IS_HIT(n) & above_met & under_met & left_met & right_met;
@@ -81,8 +87,8 @@ INLINED Pixels read_hits(global const float *hits, PixelMap map, int x0, int y, 
     return pixels;
 }
 
-/* Intersects the pixels' own rays with the planes of the triangles at their lines' hits. Those that meet the triangle itself
- * have their hit; the others' become EMPTY. */
+/* Intersects the pixels' own rays with the planes of the triangles at their lines' hits. Those that meet the triangle
+ * itself have their hit; the others' become EMPTY. */
 INLINED void intersect_at_hits(Pixels *pixels, Grid grid, PixelMap map, int x0, int y, int hit_kind, int sides)
 {
     const float *S = map.src_from_dst;
@@ -125,9 +131,11 @@ INLINED void intersect_at_hits(Pixels *pixels, Grid grid, PixelMap map, int x0, 
     const intl in_lower = (du >= -TOLERANCE) & (dv >= -TOLERANCE) & (diagonal <= 1.0f + TOLERANCE);
     const intl in_upper = (du <= 1.0f + TOLERANCE) & (dv <= 1.0f + TOLERANCE) & (diagonal >= 1.0f - TOLERANCE);
     const intl in_triangle = (upper & in_upper) | ((!upper) & in_lower);
-    /* Close before a back there is a front, which the pixel's ray may meet instead: where both are shown, it is traced. */
+    /* Close before a back there is a front, which the pixel's ray may meet instead: where both are shown, it is
+     * traced. */
     const int shows_back = hit_kind == HITS_WITHOUT_PARALLAX ? sides & SHOWS_BACK : sides == SHOWS_BACK;
-    const intl shows = ((per_unit > 0.0f) & (intl)(sides & SHOWS_FRONT ? -1 : 0)) | ((per_unit < 0.0f) & (intl)(shows_back ? -1 : 0));
+    const intl shows = ((per_unit > 0.0f) & (intl)(sides & SHOWS_FRONT ? -1 : 0)) |
+                       ((per_unit < 0.0f) & (intl)(shows_back ? -1 : 0));
     const intl before = IS_BEFORE(map.dst_perspective, met);
     const intl settles = pixels->smooth & in_triangle & shows & !beside & !open & (w_met > 0.0f) & before;
     const intl own = hit_kind == HITS_OF_PIXELS ? !pixels->smooth : (intl)0;

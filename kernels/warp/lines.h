@@ -51,7 +51,8 @@ INLINED SweepLines sweep_lines(LineGroup group, PixelMap map, int packet, float 
     line.slope = (at_reference * b_w - b_across) / (group.reference * b_w - b_along);
     line.start = at_reference - line.slope * group.reference;
     const floatl steep = select_lanes(fabs(line.slope) < 1e-12f, (floatl)1e-12f, line.slope);
-    const floatl cross_0 = (group.cross_low - 0.5f - line.start) / steep, cross_1 = (group.cross_high + 0.5f - line.start) / steep;
+    const floatl cross_0 = (group.cross_low - 0.5f - line.start) / steep,
+                 cross_1 = (group.cross_high + 0.5f - line.start) / steep;
     line.low = fmax((floatl)group.low, ceil(fmin(cross_0, cross_1)));
     line.high = fmin((floatl)group.high, floor(fmax(cross_0, cross_1)));
     intl in_area = index < group.count;
@@ -102,7 +103,8 @@ INLINED SweepLines sweep_lines(LineGroup group, PixelMap map, int packet, float 
         const floatl p = corner & 1 ? line.low - 1.0f : line.high + 1.0f, c = line.start + line.slope * p;
         const float q = corner & 2 ? nearest : farthest;
         const floatl px = along ? c : p, py = along ? p : c;
-        const floatl cu = PIXEL_ROW(S, 0, px, py), cv = PIXEL_ROW(S, 1, px, py), cw = PIXEL_ROW(S, 2, px, py), cq = PIXEL_ROW(S, 3, px, py);
+        const floatl cu = PIXEL_ROW(S, 0, px, py), cv = PIXEL_ROW(S, 1, px, py), cw = PIXEL_ROW(S, 2, px, py),
+                     cq = PIXEL_ROW(S, 3, px, py);
         const floatl whole = cw * e_q - e_w * cq, part = e_q - q * e_w;
         const floatl at = (select_lanes(u_major, cu, cv) * part + e_major * (q * cw - cq)) / whole;
         bounded = bounded & (whole * part > 0.0f);

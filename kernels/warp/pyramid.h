@@ -47,8 +47,8 @@ typedef struct {
     float one[PLANES];
 } Levels;
 
-/* Two rows of cells of a level into one of half their length. No cell's weight is more than 1, nor more than the greatest weight
- * w of its four, or SATURATION w^2 if that is more: small weights stay small. */
+/* Two rows of cells of a level into one of half their length. No cell's weight is more than 1, nor more than the
+ * greatest weight w of its four, or SATURATION w^2 if that is more: small weights stay small. */
 #define HALVE(long_row, half_row, made, row, level)                                                            \
     {                                                                                                          \
         long_row a = 1.0f, b = 1.0f; /* the cells' factors beside the farthest of four */                      \

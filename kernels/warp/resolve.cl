@@ -1,22 +1,22 @@
 /* Resolving: each pixel's own hit from what the epipolar lines of the sweep met, and its depth and colour.
  *
- * The sweep's lines pass within half a pixel of the pixels whose hits they find; aligned ones pass through them, and their
- * hits are the pixels' own. Elsewhere, where the hits of a pixel's line and of its neighbours' lines lie on one smooth
- * surface, the pixel's own ray is intersected with the triangle at its line's hit (line_hits.h).
- * Other pixels (at silhouettes, cuts and rough surfaces, and those beside hits that no line passed) are traced along their
- * own epipolar line, in windows around the hits of their line and of their neighbours' lines (candidates.h). They are
+ * The sweep's lines pass within half a pixel of the pixels whose hits they find; aligned ones pass through them, and
+ * their hits are the pixels' own. Elsewhere, where the hits of a pixel's line and of its neighbours' lines lie on one
+ * smooth surface, the pixel's own ray is intersected with the triangle at its line's hit (line_hits.h). Other pixels
+ * (at silhouettes, cuts and rough surfaces, and those beside hits that no line passed) are traced along their own
+ * epipolar line, in windows around the hits of their line and of their neighbours' lines (candidates.h). They are
  * gathered to full packets first, so that a trace costs the same whether few pixels need it or all.
  *
  * hits: (dst_height, dst_pitch) of epipolar.cl or search.cl, hits.h. hit_kind: whose they are, HITS_... of line_hits.h.
- * depth, color, valid: (dst_height, dst_width); merge: pixels that show something nearer already stay. density: pixels of
- * the source over one of the target, >= 1. neighbour_offset: pixels of the target over one of the source, >= 1: a surface
- * reaches up to half a sample beyond the hits of lines, which is so many pixels. typical: some nearness that the view has
- * in the target. rough: pixels of the source; a second difference of neighbouring hits that makes a surface rough. window:
- * pixels of the source that are traced to either side of a hit.
+ * depth, color, valid: (dst_height, dst_width); merge: pixels that show something nearer already stay. density: pixels
+ * of the source over one of the target, >= 1. neighbour_offset: pixels of the target over one of the source, >= 1: a
+ * surface reaches up to half a sample beyond the hits of lines, which is so many pixels. typical: some nearness that
+ * the view has in the target. rough: pixels of the source; a second difference of neighbouring hits that makes a
+ * surface rough. window: pixels of the source that are traced to either side of a hit.
  * counters: (work-items, 2) cells visited by the slowest lane, times LANES, and pixels traced, with COUNTERS.
  * Work-item: STRIP * LANES pixels of a row.
- * Cost: O(pixels): a pixel looks at no more than CANDIDATES * 2 * window * density columns of the source; where a connected
- * surface is not met there, once more at CANDIDATES * 2 * WIDE_WINDOW * density of them.
+ * Cost: O(pixels): a pixel looks at no more than CANDIDATES * 2 * window * density columns of the source; where a
+ * connected surface is not met there, once more at CANDIDATES * 2 * WIDE_WINDOW * density of them.
  * Determinism: every pixel on its own, from inputs alone.
  */
 #include "lib/color.h"
@@ -31,8 +31,8 @@
 #define ORIGINS 0 /* 1: where in which view each pixel comes from is written, too */
 #endif
 
-/* The samples that a hit is interpolated from, as numbers y * width + x, and their weights: the corners of its triangle, or
- * the nearest sample alone */
+/* The samples that a hit is interpolated from, as numbers y * width + x, and their weights: the corners of its
+ * triangle, or the nearest sample alone */
 typedef struct {
     intl corner, beside, below;
     floatl at_corner, at_beside, at_below;
@@ -89,8 +89,8 @@ INLINED Color interpolate_color(Corners there, PixelMap map, global const channe
 }
 
 /* Enters into the G-buffer those of `count` pixels, from number `first` of the picture on, that are `written`. */
-INLINED void enter_pixels(GBuffer gbuffer, Corners there, intl written, int count, size_t first, global const float *depth,
-                          global const float *normals)
+INLINED void enter_pixels(GBuffer gbuffer, Corners there, intl written, int count, size_t first,
+                          global const float *depth, global const float *normals)
 {
 #if GBUFFER
     Color normal = {0.0f, 0.0f, 0.0f};
@@ -119,10 +119,10 @@ INLINED void write_origins(Pixels pixels, intl written, int count, global float 
 }
 #endif
 
-/* Writes the first `count` of LANES pixels; merge: those alone that are nearer than what the picture shows. Returns which are
- * written. */
-INLINED intl write_pixels(Pixels pixels, Color c, PixelMap map, int merge, int count, global float *depth, global channel *color,
-                          global uchar *valid)
+/* Writes the first `count` of LANES pixels; merge: those alone that are nearer than what the picture shows. Returns
+ * which are written. */
+INLINED intl write_pixels(Pixels pixels, Color c, PixelMap map, int merge, int count, global float *depth,
+                          global channel *color, global uchar *valid)
 {
     const intl settled = IS_HIT(pixels.n);
     const floatl z = DEPTH_OF(map.dst_perspective, pixels.n);
@@ -151,8 +151,10 @@ INLINED intl write_pixels(Pixels pixels, Color c, PixelMap map, int merge, int c
 void prefetch_place(Grid grid, global const channel *color, floatl u, floatl v)
 {
 #if LANES == 16
-    const intl x = clamp(to_intl(u), (intl)0, (intl)(grid.width - 1)), y = clamp(to_intl(v), (intl)0, (intl)(grid.height - 1));
-    const intl below = min(y + 1, grid.height - 1), samples = y * grid.pitch + x, samples_below = below * grid.pitch + x;
+    const intl x = clamp(to_intl(u), (intl)0, (intl)(grid.width - 1)),
+               y = clamp(to_intl(v), (intl)0, (intl)(grid.height - 1));
+    const intl below = min(y + 1, grid.height - 1), samples = y * grid.pitch + x,
+               samples_below = below * grid.pitch + x;
     prefetch_at(grid.nearness + samples.s0);
     prefetch_at(grid.nearness + samples.sf);
     prefetch_at(grid.nearness + samples_below.s0);
@@ -186,7 +188,8 @@ kernel void resolve(global const float *nearness, global const float *hits, glob
     Pixels pixels[STRIP];
     for (int p = 0; p < packets; p++) {
         const int x0 = strip_x + p * LANES;
-        pixels[p] = read_hits(hits, map, x0, y, x0 + lane_index < high_x, hit_kind, neighbour_offset, density, typical, rough);
+        pixels[p] = read_hits(hits, map, x0, y, x0 + lane_index < high_x, hit_kind, neighbour_offset, density, typical,
+                              rough);
         prefetch_place(grid, src_color, pixels[p].u, pixels[p].v);
     }
     for (int p = 0; p < packets; p++) {
@@ -211,7 +214,8 @@ kernel void resolve(global const float *nearness, global const float *hits, glob
     for (int first = 0; first < count; first += LANES) {
         const intl wanted = first + lane_index < count;
         const intl pixel = select_lanes(wanted, (intl)load_lanes(to_trace + first), (intl)0), x = strip_x + pixel;
-        const floatl n = trace_candidates(hits, grid, map, x, y, wanted, sides, neighbour_offset, density, window, &cells);
+        const floatl n = trace_candidates(hits, grid, map, x, y, wanted, sides, neighbour_offset, density, window,
+                                          &cells);
         for (int i = 0; i < min(count - first, LANES); i++)
             set_float_lane(pixels[to_trace[first + i] / LANES].n, to_trace[first + i] % LANES, float_lane(n, i));
     }
@@ -227,7 +231,8 @@ kernel void resolve(global const float *nearness, global const float *hits, glob
         const Color c = interpolate_color(there, map, src_color, linear);
         pixels[p].n = select_lanes(IS_BEFORE(map.dst_perspective, pixels[p].n), pixels[p].n, (floatl)EMPTY);
         const int in_packet = min(high_x - x0, LANES);
-        const intl written = write_pixels(pixels[p], c, map, merge, in_packet, depth + out, color + CHANNELS * out, valid + out);
+        const intl written = write_pixels(pixels[p], c, map, merge, in_packet, depth + out, color + CHANNELS * out,
+                                          valid + out);
 #if ORIGINS
         write_origins(pixels[p], written, in_packet, origin + 3 * out, view);
 #endif

@@ -1,9 +1,9 @@
 /* Surfaces as large as the pixels that measured them: the squares of their border samples are drawn.
  *
  * The surface of lib/surface.h ends at its last samples, half a pixel before the things that these measured: things one
- * sample thin are missing, and what is behind them shows. `rims` carries the pixels of all samples next to an
- * opening, or to the image's border, over to the target, as squares at their own depth; the nearest one stays.
- * `add_rims` writes them where the target shows nothing, or a surface behind that they are torn apart from. nearness: (src_height,
+ * sample thin are missing, and what is behind them shows. `rims` carries the pixels of all samples next to an opening,
+ * or to the image's border, over to the target, as squares at their own depth; the nearest one stays. `add_rims` writes
+ * them where the target shows nothing, or a surface behind that they are torn apart from. nearness: (src_height,
  * src_pitch). keys: (dst_height, dst_width) nearness as warp/keys.h orders it, 0 where there is no rim. depth, valid:
  * (dst_height, dst_width). Work-item: STRIP * LANES samples, or pixels, of a row. Cost: O(samples + pixels of rims).
  * Determinism: a maximum does not depend on the order of work-items.
@@ -40,8 +40,10 @@ INLINED void draw_pixels(PixelMap map, floatl x, float y, floatl n, intl wanted,
     const intl left = to_intl(ceil_lanes(clamp_lanes(low_u, (floatl)0.0f, (floatl)map.dst_width)));
     const intl top = to_intl(ceil_lanes(clamp_lanes(low_v, (floatl)0.0f, (floatl)map.dst_height)));
     /* Shifted by 1, so that what lies to the left of the target is no pixel */
-    const intl right = min(to_intl(floor_lanes(clamp_lanes(high_u + 1.0f, (floatl)0.0f, (floatl)map.dst_width))) - 1, left + SAMPLE_WIDTH_MAX);
-    const intl bottom = min(to_intl(floor_lanes(clamp_lanes(high_v + 1.0f, (floatl)0.0f, (floatl)map.dst_height))) - 1, top + SAMPLE_WIDTH_MAX);
+    const intl right = min(to_intl(floor_lanes(clamp_lanes(high_u + 1.0f, (floatl)0.0f, (floatl)map.dst_width))) - 1,
+                           left + SAMPLE_WIDTH_MAX);
+    const intl bottom = min(to_intl(floor_lanes(clamp_lanes(high_v + 1.0f, (floatl)0.0f, (floatl)map.dst_height))) - 1,
+                            top + SAMPLE_WIDTH_MAX);
     for (intl row = top; any_lane(drawn & (row <= bottom)); row += 1)
         for (intl column = left; any_lane(drawn & (row <= bottom) & (column <= right)); column += 1) {
             /* Where the pixel's ray meets the plane of this nearness, and whether that is within the square */
@@ -50,7 +52,8 @@ INLINED void draw_pixels(PixelMap map, floatl x, float y, floatl n, intl wanted,
             const floatl there = (n * w0 - q0) / (S[15] - n * S[11]), w = w0 + there * S[11];
             const floatl px = (PIXEL_ROW(S, 0, c, r) + there * S[3]) / w;
             const floatl py = (PIXEL_ROW(S, 1, c, r) + there * S[7]) / w;
-            const intl within_it = (fabs(px - x) <= 0.5f) & (fabs(py - y) <= 0.5f) & IS_BEFORE(map.dst_perspective, there);
+            const intl within_it = (fabs(px - x) <= 0.5f) & (fabs(py - y) <= 0.5f) &
+                                   IS_BEFORE(map.dst_perspective, there);
             const intl hit = drawn & (row <= bottom) & (column <= right) & within_it;
             const intl at = row * map.dst_width + column;
             for (int lane = 0; lane < LANES; lane++)
@@ -64,7 +67,8 @@ INLINED void load_beside(global const float *own, floatl n, int x0, int y, Pixel
 {
     const intl x = x0 + lane_index;
     beside[0] = x0 > 0 ? load_lanes(own - 1) : select_lanes(x == 0, (floatl)NO_SURFACE, shifted_lanes(n));
-    beside[1] = select_lanes(x + 1 < map.src_width, load_lanes(own + 1), (floatl)NO_SURFACE); /* rows have room to look beyond */
+    /* Rows have room to look beyond. */
+    beside[1] = select_lanes(x + 1 < map.src_width, load_lanes(own + 1), (floatl)NO_SURFACE);
     beside[2] = y > 0 ? load_lanes(own - map.src_pitch) : (floatl)NO_SURFACE;
     beside[3] = y + 1 < map.src_height ? load_lanes(own + map.src_pitch) : (floatl)NO_SURFACE;
 }
@@ -77,7 +81,8 @@ kernel void rims(global const float *nearness, global uint *keys, PixelMap map, 
     /* Rims are few in most packets: they are gathered to full ones first. */
     float rim_x[(STRIP + 1) * LANES], rim_n[(STRIP + 1) * LANES];
     int count = 0;
-    for (int x0 = get_global_id(0) * STRIP * LANES, packet = 0; packet < STRIP && x0 < map.src_width; x0 += LANES, packet++) {
+    for (int x0 = get_global_id(0) * STRIP * LANES, packet = 0; packet < STRIP && x0 < map.src_width;
+         x0 += LANES, packet++) {
         global const float *own = nearness + (size_t)y * map.src_pitch + x0;
         const floatl n = load_lanes(own);
         const intl x = x0 + lane_index;
@@ -103,7 +108,8 @@ kernel void rims(global const float *nearness, global uint *keys, PixelMap map, 
         draw_pixels(map, load_lanes(rim_x + first), y, load_lanes(rim_n + first), first + lane_index < count, keys);
 }
 
-/* Depths of a target that shows depths z, with its rims: where nothing shows, or a surface that the rim is torn apart from */
+/* Depths of a target that shows depths z, with its rims: where nothing shows, or a surface that the rim is torn apart
+ * from */
 INLINED floatl with_rims(floatl z, uintl key, int perspective, Cut cut)
 {
     const intl bits = as_intl(key);
@@ -113,8 +119,8 @@ INLINED floatl with_rims(floatl z, uintl key, int perspective, Cut cut)
     return select_lanes((bits != 0) & ((z != z) | torn_from), DEPTH_OF(perspective, rim), z);
 }
 
-kernel void add_rims(global const uint *keys, global float *depth, global uchar *valid, int width, int height, int perspective,
-                     Cut cut)
+kernel void add_rims(global const uint *keys, global float *depth, global uchar *valid, int width, int height,
+                     int perspective, Cut cut)
 {
     const int y = get_global_id(1);
     if (y >= height)

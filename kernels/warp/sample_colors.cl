@@ -1,16 +1,16 @@
 /* The colours of a depth image's samples in the picture of another camera, where that camera sees them.
  *
- * A sample is hidden if its pixel shows a point of another surface that is nearer. It is of another surface if the ray that
- * both lie on, walked in the depth image from the one to the other, passes an opening of the surface, or runs behind it
- * by more than noise explains. A ray that grazes a noisy or slanted surface does neither. A sample whose pixel shows
- * nothing is hidden if its surface turns its back to the camera there. Colours are interpolated from the four pixels
- * around, without those that show another surface. The target is a pinhole's image whose pixels a lens may move (lib/lens.h):
- * `map` leads to the pinhole's. places: (2, height, pitch) where the samples lie in the source that `nearness` is of,
- * NaN: nowhere, if HAS_PLACES. depth: (height, width) of the samples, planar z; not finite, <= NEAREST or >= far is
- * none. nearness: (src_height, src_pitch). shown, color: (dst_height, dst_width) depth that the target shows, NaN:
- * none, and its picture. sample_color, seen: (height, width); colour is black where a sample is not seen. Work-item:
- * LANES samples of a row. Cost: O(samples), and a walk of at most WALK_STEPS samples for those with something nearer in
- * front. Determinism: every sample on its own.
+ * A sample is hidden if its pixel shows a point of another surface that is nearer. It is of another surface if the ray
+ * that both lie on, walked in the depth image from the one to the other, passes an opening of the surface, or runs
+ * behind it by more than noise explains. A ray that grazes a noisy or slanted surface does neither. A sample whose
+ * pixel shows nothing is hidden if its surface turns its back to the camera there. Colours are interpolated from the
+ * four pixels around, without those that show another surface. The target is a pinhole's image whose pixels a lens may
+ * move (lib/lens.h): `map` leads to the pinhole's. places: (2, height, pitch) where the samples lie in the source that
+ * `nearness` is of, NaN: nowhere, if HAS_PLACES. depth: (height, width) of the samples, planar z; not finite, <=
+ * NEAREST or >= far is none. nearness: (src_height, src_pitch). shown, color: (dst_height, dst_width) depth that the
+ * target shows, NaN: none, and its picture. sample_color, seen: (height, width); colour is black where a sample is not
+ * seen. Work-item: LANES samples of a row. Cost: O(samples), and a walk of at most WALK_STEPS samples for those with
+ * something nearer in front. Determinism: every sample on its own.
  */
 #include "lib/color.h"
 #include "lib/lens.h"

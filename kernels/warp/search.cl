@@ -8,8 +8,8 @@
 #include "warp/hits.h"
 #include "warp/trace.h"
 
-kernel void search(global const float *nearness, global float *hits, PixelMap map, Cut cut, int sides, int low_x, int high_x,
-                   int low_y, int high_y COUNTERS_PARAMETER(uint))
+kernel void search(global const float *nearness, global float *hits, PixelMap map, Cut cut, int sides, int low_x,
+                   int high_x, int low_y, int high_y COUNTERS_PARAMETER(uint))
 {
     const int x = low_x + get_global_id(0) * LANES, y = low_y + get_global_id(1);
     if (x >= high_x || y >= high_y)
@@ -24,7 +24,8 @@ kernel void search(global const float *nearness, global float *hits, PixelMap ma
     windows.radius = 0.0f;
     uint cells = 0;
     const floatl found = trace(grid, rays, epipolar, windows, sides, x + lane_index < high_x, &cells);
-    store_lanes(PACKED_HIT(found, 0), hits + (size_t)y * map.dst_pitch + x); /* the pitch leaves room for a whole packet */
+    store_lanes(PACKED_HIT(found, 0),
+                hits + (size_t)y * map.dst_pitch + x); /* the pitch leaves room for a whole packet */
 #if COUNTERS
     counters[y * ((map.dst_width + LANES - 1) / LANES) + get_global_id(0)] = cells * LANES;
 #endif

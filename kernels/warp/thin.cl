@@ -1,10 +1,10 @@
 /* Things one sample thin, as wide as the samples that saw them: wires, leaves, bars, by their ribbons (lib/ribbons.h).
  *
  * Three launches, as of forward.cl: the nearest ribbon of each pixel by nearness, of equally near ones the first by its
- * number, and then the pixels, where a ribbon is nearer than what is there or there is nothing. Where a ray meets a hidden
- * side first, a ribbon behind that shows.
- * keys: (dst_height, dst_width) nearness as warp/keys.h orders it, 0 where no ribbon is; indices: the same shape, NEIGHBOURS times
- * the number of the ribbon's thin sample, plus the number of the neighbour that it leads to, 0 to 8 by rows; 4: to none.
+ * number, and then the pixels, where a ribbon is nearer than what is there or there is nothing. A side of the surface
+ * that is not shown hides no ribbon behind it. keys: (dst_height, dst_width) nearness as warp/keys.h orders it, 0 where
+ * no ribbon is; indices: the same shape, NEIGHBOURS times the number of the ribbon's thin sample, plus the number of
+ * the neighbour that it leads to, 0 to 8 by rows; 4: to none.
  * Work-item: STRIP * LANES samples, or pixels, of a row. Cost: O(samples + pixels of ribbons). Determinism: maximum and
  * minimum do not depend on the order of work-items.
  * Not in the paper, whose samples are all connected.
@@ -26,8 +26,8 @@
 #define END_BIAS 1024u /* of the least differences of nearness: the half squares beyond a ribbon's middles are behind what
                            goes on there in the same plane, whose colours run on */
 
-/* Narrows [*low, *high], the part of a ribbon's sweep in which its square holds a point, by one axis: p is the point's distance
- * from the first middle, d the sweep's length. */
+/* Narrows [*low, *high], the part of a ribbon's sweep in which its square holds a point, by one axis: p is the point's
+ * distance from the first middle, d the sweep's length. */
 void narrow_sweep(float p, float d, float *low, float *high)
 {
     if (fabs(d) > 1e-6f) {
@@ -39,14 +39,16 @@ void narrow_sweep(float p, float d, float *low, float *high)
     }
 }
 
-/* The target's nearness where a pixel's ray meets a ribbon, or EMPTY; part: where along it, below 0 or above 1 beyond its
- * middles. */
+/* The target's nearness where a pixel's ray meets a ribbon, or EMPTY; part: where along it, below 0 or above 1 beyond
+ * its middles. */
 float intersect_ribbon(Ribbon ribbon, PixelMap map, int sides, int column, int row, float *part)
 {
     const float *S = map.src_from_dst;
     const float u = PIXEL_ROW(S, 0, column, row), v = PIXEL_ROW(S, 1, column, row), w = PIXEL_ROW(S, 2, column, row);
-    const float at_start = PIXEL_ROW(S, 3, column, row) - ribbon.n * w - ribbon.gu * (u - ribbon.x * w) - ribbon.gv * (v - ribbon.y * w);
-    const float per_unit = S[15] - ribbon.n * S[11] - ribbon.gu * (S[3] - ribbon.x * S[11]) - ribbon.gv * (S[7] - ribbon.y * S[11]);
+    const float at_start = PIXEL_ROW(S, 3, column, row) - ribbon.n * w - ribbon.gu * (u - ribbon.x * w) -
+                           ribbon.gv * (v - ribbon.y * w);
+    const float per_unit = S[15] - ribbon.n * S[11] - ribbon.gu * (S[3] - ribbon.x * S[11]) -
+                           ribbon.gv * (S[7] - ribbon.y * S[11]);
     const float met = -at_start / per_unit, w_met = w + met * S[11];
     const float2 p = (float2)((u + met * S[3]) / w_met - ribbon.x, (v + met * S[7]) / w_met - ribbon.y);
     float low = 0.0f, high = 1.0f;
@@ -64,7 +66,8 @@ void draw_ribbon(Ribbon ribbon, PixelMap map, int sides, uint number, global uin
     const float *D = map.dst_from_src;
     float low_u = INFINITY, low_v = INFINITY, high_u = -INFINITY, high_v = -INFINITY;
     for (int i = 0; i < 8; i++) { /* corners of the squares at both ends */
-        const float dx = (i & 1 ? 0.5f : -0.5f) + (i & 4 ? ribbon.dx : 0.0f), dy = (i & 2 ? 0.5f : -0.5f) + (i & 4 ? ribbon.dy : 0.0f);
+        const float dx = (i & 1 ? 0.5f : -0.5f) + (i & 4 ? ribbon.dx : 0.0f),
+                    dy = (i & 2 ? 0.5f : -0.5f) + (i & 4 ? ribbon.dy : 0.0f);
         const float cx = ribbon.x + dx, cy = ribbon.y + dy, n = ribbon.n + ribbon.gu * dx + ribbon.gv * dy;
         const float w = MAP_ROW(D, 2, cx, cy, n);
         if (!(w > 0.0f))
@@ -99,7 +102,8 @@ void draw_sample(Grid grid, PixelMap map, int sides, int x, int y, global uint *
 {
     for (int neighbour = 0; neighbour < NEIGHBOURS; neighbour++)
         if (is_first_of(grid, x, y, neighbour))
-            draw_ribbon(ribbon_of(grid, x, y, neighbour), map, sides, (uint)NEIGHBOURS * (y * map.src_width + x) + neighbour, keys, indices);
+            draw_ribbon(ribbon_of(grid, x, y, neighbour), map, sides,
+                        (uint)NEIGHBOURS * (y * map.src_width + x) + neighbour, keys, indices);
 }
 
 /* A row's LANES samples from x0 on, and their neighbours to the left and to the right; no surface beyond the image. */
@@ -126,7 +130,8 @@ void draw_strip(global const float *nearness, global uint *keys, global uint *in
     const Grid grid = {nearness, map.src_width, map.src_height, map.src_pitch, cut};
     if (y >= grid.height)
         return;
-    for (int x0 = get_global_id(0) * STRIP * LANES, packet = 0; packet < STRIP && x0 < grid.width; x0 += LANES, packet++) {
+    for (int x0 = get_global_id(0) * STRIP * LANES, packet = 0; packet < STRIP && x0 < grid.width;
+         x0 += LANES, packet++) {
         floatl left[3], here[3], right[3];
         for (int i = 0; i < 3; i++)
             load_row(grid, x0, y + i - 1, left + i, here + i, right + i);
@@ -146,7 +151,8 @@ kernel void thin_nearness(global const float *nearness, global uint *keys, Pixel
     draw_strip(nearness, keys, 0, map, cut, sides);
 }
 
-kernel void thin_index(global const float *nearness, global uint *keys, global uint *indices, PixelMap map, Cut cut, int sides)
+kernel void thin_index(global const float *nearness, global uint *keys, global uint *indices, PixelMap map, Cut cut,
+                       int sides)
 {
     draw_strip(nearness, keys, indices, map, cut, sides);
 }
@@ -162,9 +168,9 @@ void mix_colors(global const channel *src_color, int a, int b, float part, globa
 
 /* Pixel (x, y) is that of a ribbon, if it is nearer than what is there. Returns whether it is; part: where between the
  * middles of the samples `ends` it is. */
-int write_ribbon(Grid grid, uint number, PixelMap map, int sides, int linear, int x, int y, global const channel *src_color,
-                  global float *depth, global channel *color, global uchar *valid, global float *origin, int view, int2 *ends,
-                 float *along)
+int write_ribbon(Grid grid, uint number, PixelMap map, int sides, int linear, int x, int y,
+                 global const channel *src_color, global float *depth, global channel *color, global uchar *valid,
+                 global float *origin, int view, int2 *ends, float *along)
 {
     const float *D = map.dst_from_src;
     const int sample = number / NEIGHBOURS;
@@ -192,19 +198,21 @@ int write_ribbon(Grid grid, uint number, PixelMap map, int sides, int linear, in
 }
 
 kernel void thin_pixels(global const float *nearness, global const uint *keys, global const uint *indices,
-                        global const channel *src_color, global float *depth, global channel *color, global uchar *valid,
-                        PixelMap map, Cut cut, int sides, int linear
+                        global const channel *src_color, global float *depth, global channel *color,
+                        global uchar *valid, PixelMap map, Cut cut, int sides, int linear
 #if ORIGINS
                         ,
-                        global float *origin /* (dst_height, dst_width, 3): u, v and the number of the view */, int view
+                        global float *origin /* (dst_height, dst_width, 3): u, v and the number of the view */,
+                        int view
 #endif
-                        GBUFFER_PARAMETERS NORMALS_PARAMETER(float))
+                            GBUFFER_PARAMETERS NORMALS_PARAMETER(float))
 {
     const int y = get_global_id(1);
     const Grid grid = {nearness, map.src_width, map.src_height, map.src_pitch, cut};
     if (y >= map.dst_height)
         return;
-    for (int x0 = get_global_id(0) * STRIP * LANES, packet = 0; packet < STRIP && x0 < map.dst_width; x0 += LANES, packet++) {
+    for (int x0 = get_global_id(0) * STRIP * LANES, packet = 0; packet < STRIP && x0 < map.dst_width;
+         x0 += LANES, packet++) {
         const size_t at = (size_t)y * map.dst_width + x0;
         if (x0 + LANES <= map.dst_width && !any_lane(as_intl(load_lanes(keys + at)) != 0))
             continue; /* most packets have none */
@@ -213,8 +221,8 @@ kernel void thin_pixels(global const float *nearness, global const uint *keys, g
                 continue;
             int2 ends;
             float along;
-            const int written = write_ribbon(grid, indices[at + i], map, sides, linear, x0 + i, y, src_color, depth + at + i,
-                                             color + CHANNELS * (at + i), valid + at + i,
+            const int written = write_ribbon(grid, indices[at + i], map, sides, linear, x0 + i, y, src_color,
+                                             depth + at + i, color + CHANNELS * (at + i), valid + at + i,
 #if ORIGINS
                                              origin + 3 * (at + i), view,
 #else

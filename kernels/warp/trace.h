@@ -60,7 +60,8 @@ INLINED Rays rays_of(PixelMap map, floatl x, float y)
 INLINED floatl intersect_plane(Rays rays, Plane plane, floatl *per_unit)
 {
     const float4 c = rays.centre;
-    const floatl at_start = rays.q - plane.q * rays.w - plane.gu * (rays.u - plane.x * rays.w) - plane.gv * (rays.v - plane.y * rays.w);
+    const floatl at_start = rays.q - plane.q * rays.w - plane.gu * (rays.u - plane.x * rays.w) -
+                            plane.gv * (rays.v - plane.y * rays.w);
     *per_unit = c.w - plane.q * c.z - plane.gu * (c.x - plane.x * c.z) - plane.gv * (c.y - plane.y * c.z);
     return -at_start / *per_unit;
 }
@@ -69,7 +70,8 @@ INLINED floatl intersect_plane(Rays rays, Plane plane, floatl *per_unit)
 INLINED Epipolar epipolar_of(Rays rays, Grid grid)
 {
     const float4 c = rays.centre;
-    const floatl dir_u = rays.u * c.z - c.x * rays.w, dir_v = rays.v * c.z - c.y * rays.w, offset = c.x * rays.v - c.y * rays.u;
+    const floatl dir_u = rays.u * c.z - c.x * rays.w, dir_v = rays.v * c.z - c.y * rays.w,
+                 offset = c.x * rays.v - c.y * rays.u;
     const intl u_major = fabs(dir_u) >= fabs(dir_v);
     const floatl major = select_lanes(u_major, dir_u, dir_v), start = select_lanes(u_major, rays.u, rays.v);
     const floatl centre = select_lanes(u_major, (floatl)c.x, (floatl)c.y);
@@ -129,8 +131,10 @@ INLINED floatl trace(Grid grid, Rays rays, Epipolar epipolar, Windows windows, i
 {
     const Lines lines = epipolar.lines;
     const Traversal traversal = traversal_of(lines, grid);
-    const floatl tolerance = END_TOLERANCE * fabs(epipolar.near_step); /* the difference that a step of that length makes */
-    floatl at = fmax(windows.from, (floatl)0.0f), to = fmin(windows.to, lines.length), difference = 0.0f, x = 0.0f, y = 0.0f;
+    /* By how much nearness differs over END_TOLERANCE */
+    const floatl tolerance = END_TOLERANCE * fabs(epipolar.near_step);
+    floatl at = fmax(windows.from, (floatl)0.0f), to = fmin(windows.to, lines.length), difference = 0.0f, x = 0.0f,
+           y = 0.0f;
     intl active = wanted & (at <= lines.length), begins = active, connected = 0;
     floatl result = EMPTY;
     Plane met_plane = {0.0f, 0.0f, 0.0f, 0.0f, 0.0f};
@@ -160,21 +164,27 @@ INLINED floatl trace(Grid grid, Rays rays, Epipolar epipolar, Windows windows, i
         const Cell cell = pass_cells(grid, lines, traversal, x, y, at);
 
         /* The surface's nearness less the ray's: where it changes its sign, the ray meets the surface. */
-        const floatl near_0 = epipolar.near + epipolar.near_step * at, near_1 = epipolar.near + epipolar.near_step * cell.crossing,
+        const floatl near_0 = epipolar.near + epipolar.near_step * at,
+                     near_1 = epipolar.near + epipolar.near_step * cell.crossing,
                      near_2 = epipolar.near + epipolar.near_step * cell.out;
-        const floatl difference_0 = select_lanes(connected, difference, cell.q_in - near_0), difference_2 = cell.q_out - near_2;
-        const floatl difference_1 = select_lanes(cell.has_first, select_lanes(cell.has_second, cell.q_crossing - near_1, difference_2), difference_0);
+        const floatl difference_0 = select_lanes(connected, difference, cell.q_in - near_0),
+                     difference_2 = cell.q_out - near_2;
+        const floatl difference_1 = select_lanes(
+            cell.has_first, select_lanes(cell.has_second, cell.q_crossing - near_1, difference_2), difference_0);
         /* Surfaces end with their last sample, not before it: hence the tolerance. */
         const intl first = cell.has_first & !cell.first_open, second = cell.has_second & !cell.second_open;
-        const intl first_front = first & (difference_0 < tolerance) & (difference_1 >= -tolerance) & (difference_1 > difference_0);
+        const intl first_front = first & (difference_0 < tolerance) & (difference_1 >= -tolerance) &
+                                 (difference_1 > difference_0);
         const intl first_back = first & (difference_0 > 0.0f) & (difference_1 <= 0.0f);
-        const intl second_front = second & (difference_1 < tolerance) & (difference_2 >= -tolerance) & (difference_2 > difference_1);
+        const intl second_front = second & (difference_1 < tolerance) & (difference_2 >= -tolerance) &
+                                  (difference_2 > difference_1);
         const intl second_back = second & (difference_1 > 0.0f) & (difference_2 <= 0.0f);
         const intl in_first = first_front | first_back;
         const intl meets = active & (in_first | second_front | second_back);
         if (any_lane(meets)) {
             const intl front = (in_first & first_front) | ((!in_first) & second_front);
-            const intl shows = meets & ((front & (intl)(sides & SHOWS_FRONT ? -1 : 0)) | ((!front) & (intl)(sides & SHOWS_BACK ? -1 : 0)));
+            const intl shows = meets & ((front & (intl)(sides & SHOWS_FRONT ? -1 : 0)) |
+                                        ((!front) & (intl)(sides & SHOWS_BACK ? -1 : 0)));
             const intl lower = (in_first & traversal.lower_first) | (!(in_first | traversal.lower_first));
             met_plane.q = select_lanes(shows, select_lanes(lower, cell.q00, cell.q10), met_plane.q);
             met_plane.gu = select_lanes(shows, select_lanes(lower, cell.lower_u, cell.upper_u), met_plane.gu);
@@ -185,7 +195,8 @@ INLINED floatl trace(Grid grid, Rays rays, Epipolar epipolar, Windows windows, i
             result = select_lanes(meets & !shows, (floatl)BLOCKED, result);
             active = active & !meets;
         }
-        connected = select_lanes(cell.has_second, !cell.second_open, select_lanes(cell.has_first, !cell.first_open, connected));
+        connected = select_lanes(cell.has_second, !cell.second_open,
+                                 select_lanes(cell.has_first, !cell.first_open, connected));
         difference = select_lanes(cell.has_first | cell.has_second, difference_2, difference);
         x = cell.next_x;
         y = cell.next_y;

@@ -19,8 +19,10 @@ float4 color_between(global const channel *color, int width, int height, float u
 {
     const float in_u = clamp(u, 0.0f, width - 1.0f), in_v = clamp(v, 0.0f, height - 1.0f);
     const int left = in_u, upper = in_v, right = min(left + 1, width - 1), lower = min(upper + 1, height - 1);
-    const float4 above = mix(color_at_sample(color, upper * width + left), color_at_sample(color, upper * width + right), in_u - left);
-    const float4 below = mix(color_at_sample(color, lower * width + left), color_at_sample(color, lower * width + right), in_u - left);
+    const float4 above = mix(color_at_sample(color, upper * width + left),
+                             color_at_sample(color, upper * width + right), in_u - left);
+    const float4 below = mix(color_at_sample(color, lower * width + left),
+                             color_at_sample(color, lower * width + right), in_u - left);
     return mix(above, below, in_v - upper);
 }
 
@@ -41,13 +43,15 @@ INLINED void show_row(global channel *color, global const float *depth, global c
     const float16 u = MAP_ROW(m, 0, px, y, n) / w, v = MAP_ROW(m, 1, px, y, n) / w;
     const int16 inside = AMONG(bits) & (w > 0.0f) & (u >= -0.5f) & (v >= -0.5f) & (u < map->src_width - 0.5f) &
                          (v < map->src_height - 0.5f);
-    const int16 nearest_u = convert_int16(inside ? u + 0.5f : 0.0f), nearest_v = convert_int16(inside ? v + 0.5f : 0.0f);
+    const int16 nearest_u = convert_int16(inside ? u + 0.5f : 0.0f),
+                nearest_v = convert_int16(inside ? v + 0.5f : 0.0f);
     const int16 sample = nearest_v * map->src_pitch + nearest_u;
     for (uint left = bits; left; left &= left - 1) {
         const int i = LOWEST(left);
         if (!int_lane(inside, i) || nearness[int_lane(sample, i)] > NO_SURFACE)
             continue;
-        const float4 nearest = color_at_sample(src_color, int_lane(nearest_v, i) * map->src_width + int_lane(nearest_u, i));
+        const float4 nearest = color_at_sample(src_color,
+                                               int_lane(nearest_v, i) * map->src_width + int_lane(nearest_u, i));
         if (nearest.x == 0.0f && nearest.y == 0.0f && nearest.z == 0.0f)
             continue;
         const float4 found =

@@ -9,7 +9,8 @@
 
 /* Where lines pass a column, between two of its samples. */
 typedef struct {
-    floatl cell, part; /* the first sample, and where between it and the second, 0 to 1; beyond these beside the image */
+    floatl cell; /* the first sample */
+    floatl part; /* where between it and the second, 0 to 1; beyond these beside the image */
     intl at;           /* the first sample's index */
     floatl a, b;       /* the samples' nearness */
     Projection place;
@@ -18,7 +19,7 @@ typedef struct {
 /* What lies between two columns. The lines are in one cell, or pass a row and are in two. */
 typedef struct {
     Column from, to;
-    floatl begins, ends;           /* the part of the step that lies on the lines: all of it, 0 to 1, but at their ends */
+    floatl begins, ends; /* the part of the step that lies on the lines: all of it, 0 to 1, but at their ends */
     floatl passed;                 /* the row: 1 the cell's last, -1 its first, 0 none */
     floatl beyond_from, beyond_to; /* then the columns' samples of the two cells that are not the columns' own */
     floatl slope;                  /* rows a column */
@@ -37,7 +38,8 @@ INLINED PassedTriangles triangles_of(Step step, Cut cut)
     const Column from = step.from, to = step.to;
     const intl none = step.passed == 0.0f, down = step.passed > 0.0f, up = step.passed < 0.0f;
     /* The second column's samples of the cell that is left, and the first column's of the cell that is entered. */
-    const floatl to_a = select_lanes(down, step.beyond_to, select_lanes(up, to.b, to.a)), to_b = select_lanes(down, to.a, select_lanes(up, step.beyond_to, to.b));
+    const floatl to_a = select_lanes(down, step.beyond_to, select_lanes(up, to.b, to.a)),
+                 to_b = select_lanes(down, to.a, select_lanes(up, step.beyond_to, to.b));
     const floatl from_a = select_lanes(down, from.b, select_lanes(up, step.beyond_from, from.a));
     const floatl from_b = select_lanes(down, step.beyond_from, select_lanes(up, from.a, from.b));
     const floatl per_diagonal = 1.0f / (1.0f + step.slope), diagonal = (1.0f - from.part) * per_diagonal;
@@ -48,10 +50,12 @@ INLINED PassedTriangles triangles_of(Step step, Cut cut)
     triangles.leaves[0] = min_lanes(diagonal, select_lanes(none, (floatl)1.0f, row));
     triangles.leaves[1] = select_lanes(none, triangles.leaves[0], row);
     /* Upwards, a row is entered past the diagonal. */
-    triangles.leaves[2] = select_lanes(down, max_lanes(min_lanes((2.0f - from.part) * per_diagonal, (floatl)1.0f), row), triangles.leaves[1]);
+    triangles.leaves[2] = select_lanes(down, max_lanes(min_lanes((2.0f - from.part) * per_diagonal, (floatl)1.0f), row),
+                                       triangles.leaves[1]);
     triangles.leaves[3] = 1.0f;
     triangles.nearness[1] = row_from + triangles.leaves[1] * (row_to - row_from);
-    triangles.nearness[0] = select_lanes(none | (diagonal < row), from.b + triangles.leaves[0] * (to_a - from.b), triangles.nearness[1]);
+    triangles.nearness[0] = select_lanes(none | (diagonal < row), from.b + triangles.leaves[0] * (to_a - from.b),
+                                         triangles.nearness[1]);
     triangles.nearness[2] = from_b + triangles.leaves[2] * (to.a - from_b);
     triangles.open[0] = IS_TRIANGLE_OPEN(cut, from.a, from.b, to_a);
     triangles.open[1] = IS_TRIANGLE_OPEN(cut, to_a, to_b, from.b);
@@ -62,8 +66,8 @@ INLINED PassedTriangles triangles_of(Step step, Cut cut)
 
 /* On a step where the surface may be torn: each run of triangles that are there is a segment. major: of the first
  * column. */
-INLINED void extend_torn(Interval *interval, HitWriter *writer, Step step, Cut cut, Targets targets, floatl major, intl active,
-                         SweepLines line, LineGroup group, PixelMap map)
+INLINED void extend_torn(Interval *interval, HitWriter *writer, Step step, Cut cut, Targets targets, floatl major,
+                         intl active, SweepLines line, LineGroup group, PixelMap map)
 {
     const PassedTriangles triangles = triangles_of(step, cut);
     const int is_clipped = any_lane((step.begins > 0.0f) | (step.ends < 1.0f));
@@ -81,8 +85,10 @@ INLINED void extend_torn(Interval *interval, HitWriter *writer, Step step, Cut c
         if (is_clipped) { /* of this triangle's part of the step, what lies on the lines */
             const floatl low = max_lanes(entered, step.begins), high = min_lanes(leaves, step.ends);
             const floatl change = (left.nearness - enters.nearness) / (leaves - entered);
-            const Projection at_low = project_at(targets, major + line.sign * low, enters.nearness + (low - entered) * change);
-            const Projection at_high = project_at(targets, major + line.sign * high, enters.nearness + (high - entered) * change);
+            const Projection at_low = project_at(targets, major + line.sign * low,
+                                                 enters.nearness + (low - entered) * change);
+            const Projection at_high = project_at(targets, major + line.sign * high,
+                                                  enters.nearness + (high - entered) * change);
             left = select_projection(is_passed & (high < leaves), at_high, left);
             enters = select_projection(is_passed & (low > entered), at_low, enters);
             there = there & (high > low);
@@ -105,8 +111,8 @@ INLINED void extend_torn(Interval *interval, HitWriter *writer, Step step, Cut c
         entered = max_lanes(entered, leaves);
     }
     if (any_lane(held | inside))
-        extend(interval, writer, select_projection(held, held_begin, begin), select_projection(held, held_end, last), held | inside,
-               (intl)0, line, group, map);
+        extend(interval, writer, select_projection(held, held_begin, begin), select_projection(held, held_end, last),
+               held | inside, (intl)0, line, group, map);
     interval->ended = interval->ended | held;
 }
 
@@ -119,7 +125,8 @@ INLINED uint walk_columns(Grid grid, SweepLines line, LineGroup group, PixelMap 
     /* Where steps go towards smaller columns, rows are mirrored: so all lines meet the cells' diagonals alike. */
     const intl mirrored = line.sign < 0.0f;
     const floatl last_minor = to_floatl(line.last_minor);
-    const floatl minor_0 = select_lanes(mirrored, last_minor - line.minor_0, line.minor_0), tilt = select_lanes(mirrored, -line.tilt, line.tilt);
+    const floatl minor_0 = select_lanes(mirrored, last_minor - line.minor_0, line.minor_0),
+                 tilt = select_lanes(mirrored, -line.tilt, line.tilt);
     const intl stride = select_lanes(mirrored, -line.stride_minor, line.stride_minor);
     const intl at_0 = select_lanes(mirrored, line.last_minor * line.stride_minor, (intl)0);
     Step step;
@@ -141,7 +148,8 @@ INLINED uint walk_columns(Grid grid, SweepLines line, LineGroup group, PixelMap 
     step.from.at = 0;
     step.from.a = step.from.b = NO_SURFACE;
     step.from.place = project_at(targets, major, (floatl)NO_SURFACE);
-    const intl ahead = PREFETCH_STEPS * to_intl(line.sign) * line.stride_major, last_sample = grid.height * grid.pitch - 1;
+    const intl ahead = PREFETCH_STEPS * to_intl(line.sign) * line.stride_major,
+               last_sample = grid.height * grid.pitch - 1;
     uint columns = 0;
     for (int count = 0; any_lane(count <= steps); count++, major += line.sign) {
         const intl active = count <= steps, is_last = count == steps;
@@ -180,15 +188,19 @@ INLINED uint walk_columns(Grid grid, SweepLines line, LineGroup group, PixelMap 
         step.ends = select_lanes(is_last, ends, step.ends);
         step.to = to;
 
-        const floatl high = max_lanes(max_lanes(max_lanes(from.a, from.b), max_lanes(to.a, to.b)), max_lanes(step.beyond_from, step.beyond_to));
-        const floatl low = min_lanes(min_lanes(min_lanes(from.a, from.b), min_lanes(to.a, to.b)), min_lanes(step.beyond_from, step.beyond_to));
+        const floatl high = max_lanes(max_lanes(max_lanes(from.a, from.b), max_lanes(to.a, to.b)),
+                                      max_lanes(step.beyond_from, step.beyond_to));
+        const floatl low = min_lanes(min_lanes(min_lanes(from.a, from.b), min_lanes(to.a, to.b)),
+                                     min_lanes(step.beyond_from, step.beyond_to));
         const intl torn = IS_OPEN(grid.cut, high, low);
         if (any_lane(active & torn)) {
             extend_torn(&interval, writer, step, grid.cut, targets, major - line.sign, active, line, group, map);
         } else if (count == 1 || any_lane(is_last)) {
             const floatl nearness = from.place.nearness, change = to.place.nearness - nearness;
-            const Projection begin = project_at(targets, major + line.sign * (step.begins - 1.0f), nearness + step.begins * change);
-            const Projection end = project_at(targets, major + line.sign * (step.ends - 1.0f), nearness + step.ends * change);
+            const Projection begin = project_at(targets, major + line.sign * (step.begins - 1.0f),
+                                                nearness + step.begins * change);
+            const Projection end = project_at(targets, major + line.sign * (step.ends - 1.0f),
+                                              nearness + step.ends * change);
             extend(&interval, writer, begin, end, active, (intl)0, line, group, map);
         } else {
             extend(&interval, writer, from.place, to.place, active, (intl)0, line, group, map);

@@ -41,11 +41,13 @@ INLINED uint walk_edges(Grid grid, SweepLines line, LineGroup group, PixelMap ma
     /* A line enters a cell by a column or a row, each of them once. */
     for (int cells_left = grid.width + grid.height + 2; cells_left > 0 && any_lane(active); cells_left--) {
         COUNT(cells, active)
-        const floatl u = clamp_lanes(lines.u + lines.du * (at + PREFETCH_STEPS), (floatl)0.0f, last_u), v = clamp_lanes(lines.v + lines.dv * (at + PREFETCH_STEPS), (floatl)0.0f, last_v);
+        const floatl u = clamp_lanes(lines.u + lines.du * (at + PREFETCH_STEPS), (floatl)0.0f, last_u),
+                     v = clamp_lanes(lines.v + lines.dv * (at + PREFETCH_STEPS), (floatl)0.0f, last_v);
         prefetch_samples(grid, line, group, to_intl(v) * grid.pitch + to_intl(u), cells_left);
         const Cell cell = pass_cells(grid, lines, traversal, x, y, at);
         const Projection enters = select_projection(connected, before, project_at(targets, at, cell.q_in));
-        const Projection crosses = project_at(targets, cell.crossing, cell.q_crossing), leaves = project_at(targets, cell.out, cell.q_out);
+        const Projection crosses = project_at(targets, cell.crossing, cell.q_crossing),
+                         leaves = project_at(targets, cell.out, cell.q_out);
         const intl has_both = cell.has_first & cell.has_second;
         for (int part = 0; part < 2; part++) {
             const intl there = active & (part ? cell.has_second : cell.has_first);
@@ -56,7 +58,8 @@ INLINED uint walk_edges(Grid grid, SweepLines line, LineGroup group, PixelMap ma
             const intl open = part ? cell.second_open : cell.first_open;
             extend(&interval, writer, a, b, there, open, line, group, map);
         }
-        connected = select_lanes(cell.has_second, !cell.second_open, select_lanes(cell.has_first, !cell.first_open, connected));
+        connected = select_lanes(cell.has_second, !cell.second_open,
+                                 select_lanes(cell.has_first, !cell.first_open, connected));
         before = leaves;
         x = cell.next_x;
         y = cell.next_y;

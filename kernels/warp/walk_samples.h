@@ -15,7 +15,8 @@ INLINED uint walk_samples(Grid grid, SweepLines line, LineGroup group, PixelMap 
     Interval interval = nothing_settled(line);
     floatl major = select_lanes(line.sign > 0.0f, first, last);
     Projection from = project_at(targets, major, (floatl)NO_SURFACE);
-    const intl ahead = PREFETCH_STEPS * to_intl(line.sign) * line.stride_major, last_sample = grid.height * grid.pitch - 1;
+    const intl ahead = PREFETCH_STEPS * to_intl(line.sign) * line.stride_major,
+               last_sample = grid.height * grid.pitch - 1;
     uint samples = 0;
     for (int count = 0; any_lane(count <= steps); count++, major += line.sign) {
         const intl active = count <= steps;
