@@ -138,8 +138,7 @@ void follow_circles(ReliefRay *ray, const Entry *e, Vector d, float scale, intl 
     const floatl cosine = ray->L * scale, bend = -2.0f * ray->K * scale;
     const floatl curvature = fabs(e->a - e->b) + fabs(e->c) - (e->a + e->b); /* no less than the greater one */
     const floatl part = min_lanes(scale * curvature, (floatl)1.0f);
-    const floatl steep = part *
-                         (2.0f - part); /* cosine squared, from which on rays reach the bottom below the sphere */
+    const floatl steep = part * (2.0f - part); /* squared cosine from which on rays reach the bottom below the sphere */
     const intl reaches = ray->L * ray->L + 4.0f * ray->K >= 0.0f;
     const intl grazes = enters & reaches & (bend * scale > FLAT_MAX) & (cosine * cosine < steep);
     if (!any_lane(grazes))

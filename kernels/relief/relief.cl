@@ -98,7 +98,7 @@ kernel void draw_relief(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *f
             add_footprint(colors, u, v, f, level_of_texels(f.texels_2, color_levels), color_width, color_height,
                           1.0f / 255.0f, &shade);
 #if LIT
-            /* Of the surface itself: no map decides what hides it from the light. */
+            /* The surface's own: shadows are not to follow the map of normals. */
             const Vector own = relief_normal_by_slope(shading.normal, &e, texels, shading.track, scale);
             Vector normal = own;
             if (normal_width > 0) {

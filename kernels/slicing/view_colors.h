@@ -124,8 +124,8 @@ Blend blend_views(const Views *views, const WorldRay *ray, floatl hit, intl acti
                      inverse = 1.0f / AT(view.w, at);
         const Samples samples = samples_at(size, AT(view.u, at) * inverse, AT(view.v, at) * inverse);
         const ViewColor seen_color = view_color(views, number, &view, samples, at, visible);
-        const floatl part = visible ? seen_color.part
-                                    : (floatl)1.0f; /* samples without a colour lessen no other view's share */
+        /* Samples without a colour lessen no other view's share. */
+        const floatl part = visible ? seen_color.part : (floatl)1.0f;
         const floatl share = select_lanes(wanted & seen_color.sees, views->closeness[number] * part / seen_color.weight,
                                           (floatl)0.0f);
         const Color none = {0.0f, 0.0f, 0.0f};

@@ -104,8 +104,7 @@ INLINED floatl over_ribbons(const Views *views, global const int *size, floatl x
         }
         floatl low = 0.0f, high = 1.0f;
         const floatl across[2] = {x - part[0], y - part[1]};
-        for (int axis = 0; axis < 2;
-             axis++) { /* from which part of the sweep to which does the square hold the place? */
+        for (int axis = 0; axis < 2; axis++) { /* the part of the sweep in which the square holds the place */
             const floatl length = part[2 + axis],
                          per_length = 1.0f / select_lanes(fabs(length) > 1e-6f, length, (floatl)1e-6f);
             const floatl a = (across[axis] - 0.5f) * per_length, b = (across[axis] + 0.5f) * per_length;

@@ -24,11 +24,11 @@
 #ifndef ORIGINS
 #define ORIGINS 0 /* 1: the origins of the layer of the greatest weight are kept, too */
 #endif
-#define FEATHER 8           /* pixels */
+#define FEATHER 8                /* pixels */
 #define EDGE_STEP 0.05f          /* of the depth: neighbours that differ by more are two surfaces */
-#define TOLERANCE_MIN 0.02f     /* of the depth: layers that differ by less show one surface, whatever the noise */
-#define LAYER_DEVIATIONS 4.0f     /* of the noise, that explain a difference */
-#define WEIGHT_MIN 1e-6f  /* of a layer that contributes at all */
+#define TOLERANCE_MIN 0.02f      /* of the depth: layers that differ by less show one surface, whatever the noise */
+#define LAYER_DEVIATIONS 4.0f    /* standard deviations of the noise, which explain a difference */
+#define WEIGHT_MIN 1e-6f         /* of a layer that contributes at all */
 
 /* A view's sampling: pixels a unit of what is at depth 1 (perspective) or anywhere, and its noise at depth z, whose
  * standard deviation is noise_2 z z + noise_1 z + noise_0. unit: a depth where none has an origin, or 0. */
@@ -176,7 +176,7 @@ kernel void add_layer(global const float *depth, global const channel *color, gl
     }
 }
 
-/* Into a picture that shows something already (`merge`), where it is nearer. */
+/* Writes the blended pixels; merge: those alone that are nearer than what the picture shows. */
 kernel void write_blend(global const float *sums, global float *depth, global channel *color, global uchar *valid,
                         int width, int height, int merge GBUFFER_PARAMETERS)
 {

@@ -20,7 +20,8 @@
 #define CLASS_OUTSIDE 3    /* of the source's image */
 #define IS_FREE 4          /* nothing there, while the ray is followed */
 
-/* The rays' state at places of the source's image: IS_FREE or a class; and whether the surface is closed there. */
+/* The state of rays of nearness `near` at places of the source's image: IS_FREE or a class. Sets whether the surface is
+ * closed there. */
 INLINED intl state_at(Grid grid, floatl u, floatl v, floatl near, intl *closed)
 {
     const floatl uc = clamp_lanes(floor_lanes(u), (floatl)0.0f, (floatl)max(grid.width - 2, 0));
@@ -58,7 +59,8 @@ INLINED intl class_along(Grid grid, Rays rays, float nearest, float farthest, in
     const Epipolar epipolar = epipolar_of(rays, grid);
     const Lines lines = epipolar.lines;
     /* A ray that recedes from the source, too, is free before the nearest sample's depth and hidden behind the farthest
-     * one's: so far it is followed. One that comes towards the source is followed from there to the end. */
+     * one's: between these it is followed. One that comes towards the source is followed from the farthest one's depth to
+     * the end. */
     const intl falls = epipolar.near_step < 0.0f, rises = epipolar.near_step > 0.0f;
     const floatl to_nearest = (nearest - epipolar.near) / epipolar.near_step;
     const floatl to_farthest = (farthest - epipolar.near) / epipolar.near_step;

@@ -24,7 +24,7 @@ INLINED void draw_pixels(PixelMap map, floatl x, float y, floatl n, intl wanted,
     floatl u[4], v[4], low_u = INFINITY, low_v = INFINITY, high_u = -INFINITY, high_v = -INFINITY;
     intl drawn = wanted;
     UNROLLED
-    for (int i = 0; i < 4; i++) { /* round the square */
+    for (int i = 0; i < 4; i++) { /* the square's corners, in turn */
         const floatl cx = x + (i == 1 || i == 2 ? 0.5f : -0.5f);
         const float cy = y + (i >= 2 ? 0.5f : -0.5f);
         const floatl w = MAP_ROW(D, 2, cx, cy, n);

@@ -20,12 +20,12 @@
 #ifndef HAS_PLACES
 #define HAS_PLACES 0 /* 1: the samples are not the source's own, but lie among them */
 #endif
-#define WALK_STEPS 24        /* of the source: what is farther apart is another surface */
-#define SAME_SURFACE 1.0f    /* pixel of the source: what is no farther apart is the same */
+#define WALK_STEPS 24        /* samples of the source: points farther apart are taken to be of two surfaces, */
+#define SAME_SURFACE 1.0f    /* and points no farther apart of one */
 #define RELATIVE_TOLERANCE 1e-3f    /* of the nearness: no ray is taken to be behind a surface by less than that, */
 #define OCCLUSION_DEVIATIONS 5.0f   /* and so many standard deviations of the noise */
-#define SLOPE_STEP 2         /* samples to either side from which its slope is taken; and three times as many, amid noise */
-#define SLOPE_DEVIATIONS 3.0f      /* standard deviations of the noise by which these may differ more than they do */
+#define SLOPE_STEP 2          /* samples to either side that a slope is taken from; three times as many, too, for noise */
+#define SLOPE_DEVIATIONS 3.0f /* standard deviations of the noise by which these may be off */
 
 /* Are the depths a <= b torn apart? As IS_OPEN, without divisions; NaN is not. */
 #define ARE_TORN(perspective, cut, a, b)                                                                       \
@@ -146,7 +146,7 @@ kernel void color_samples(global const float *places, global const float *depth,
     at_u = select_lanes(active, at_u, (floatl)0.0f);
     at_v = select_lanes(active, at_v, (floatl)0.0f);
 
-    /* What shows around it, and at it */
+    /* The depths that the target shows around the sample's pixel, and its own there */
     const Taps taps = clamped_taps(map.dst_width, map.dst_height, at_u, at_v);
     const floatl own_z = DEPTH_OF(map.dst_perspective, n);
     floatl around[4], weights[4], total = 0.0f, farthest = -INFINITY;
@@ -163,7 +163,7 @@ kernel void color_samples(global const float *places, global const float *depth,
     const intl nearest = select_lanes(below, select_lanes(right, taps.at[3], taps.at[2]), select_lanes(right, taps.at[1], taps.at[0]));
     const floatl z_there = select_lanes(below, select_lanes(right, around[3], around[2]), select_lanes(right, around[1], around[0]));
     const intl none = active & !(z_there == z_there);
-    /* If it is nearer, and not as the slope goes that is seen there */
+    /* Is what shows there nearer than the sample, and no slope that the sample lies on? */
     const intl torn_there = select_lanes(below, select_lanes(right, torn[3], torn[2]), select_lanes(right, torn[1], torn[0]));
     const floatl nearer_by = RELATIVE_TOLERANCE * fabs(own_z);
     const intl before = active & (own_z - z_there > nearer_by) & (torn_there | (own_z - farthest > nearer_by));

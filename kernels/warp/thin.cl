@@ -115,7 +115,8 @@ INLINED void load_row(Grid grid, int x0, int y, floatl *left, floatl *here, floa
         return;
     global const float *own = grid.nearness + (size_t)y * grid.pitch + x0;
     *here = select_lanes(x < grid.width, load_lanes(own), (floatl)NO_SURFACE);
-    *right = select_lanes(x + 1 < grid.width, load_lanes(own + 1), (floatl)NO_SURFACE); /* rows have room to look beyond */
+    /* Rows have room to look beyond. */
+    *right = select_lanes(x + 1 < grid.width, load_lanes(own + 1), (floatl)NO_SURFACE);
     *left = shifted_lanes(*here);
     set_float_lane(*left, 0, x0 > 0 ? own[-1] : NO_SURFACE);
 }
@@ -166,8 +167,8 @@ void mix_colors(global const channel *src_color, int a, int b, float part, globa
     }
 }
 
-/* Pixel (x, y) is that of a ribbon, if it is nearer than what is there. Returns whether it is; part: where between the
- * middles of the samples `ends` it is. */
+/* Writes the pixel (x, y) of a ribbon, unless what the picture shows there is nearer. Returns whether it does. Sets the
+ * samples that the ribbon runs between, and where `along` it the pixel lies, 0 to 1. */
 int write_ribbon(Grid grid, uint number, PixelMap map, int sides, int linear, int x, int y,
                  global const channel *src_color, global float *depth, global channel *color, global uchar *valid,
                  global float *origin, int view, int2 *ends, float *along)
@@ -190,7 +191,7 @@ int write_ribbon(Grid grid, uint number, PixelMap map, int sides, int linear, in
     *valid = 1;
     mix_colors(src_color, ribbon.from, ribbon.to, part, color);
 #if ORIGINS
-    vstore3((float3)(sx, sy, view), 0, origin); /* what lies beside a wire is another thing's */
+    vstore3((float3)(sx, sy, view), 0, origin); /* the nearest sample: beside a wire is another thing */
 #endif
     *ends = (int2)(ribbon.from, ribbon.to);
     *along = part;
