@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
 from pyibr.images import DepthImage
+from tests.reference.edges import Edges, edges_of, with_ring
 
 Array = NDArray[Any]
 
@@ -50,19 +51,29 @@ class Surface:
     view : DepthImage
         Source image.
     edges : {"connect", "cut"}
-        "cut" leaves out triangles in which ``depth_max > cut_ratio * depth_min``, of orthographic views those in
-        which ``depth_max - depth_min`` is more than ``cut_ratio - 1`` times the longer side of what the camera sees.
-    cut_ratio : float
-        See ``edges``.
+        "cut" leaves out triangles with an edge that is torn, as `tests.reference.edges` tells.
+    cut_ratio : float or None
+        Tears them by a ratio of depths instead.
+
+    Attributes
+    ----------
+    faces : (n, 3)
+        Numbers of vertices: first the samples, y * width + x, then what lies beyond the border.
+    vertices, colors : (n, 3) float64
     """
 
-    def __init__(self, view: DepthImage, edges: str = "connect", cut_ratio: float = 1.05) -> None:
+    def __init__(self, view: DepthImage, edges: str = "connect", cut_ratio: float | None = None) -> None:
         import open3d as o3d
 
         self.view = view
         self.camera = view.camera
-        self.faces = triangulate(view, edges, cut_ratio)
-        self.vertices = np.nan_to_num(samples(view), nan=0.0, posinf=0.0, neginf=0.0)
+        torn = edges_of(view, edges, cut_ratio)
+        pixels, near, colors, faces = _beyond_border(view, torn)
+        beyond = _unprojected(view.camera, pixels, 1 / near if view.camera.projection == "perspective" else -near)
+        count = view.depth.size
+        self.faces = np.concatenate([triangulate(view, edges, cut_ratio), faces + count])
+        self.vertices = np.nan_to_num(np.concatenate([samples(view), beyond]), nan=0.0, posinf=0.0, neginf=0.0)
+        self.colors = np.concatenate([view.color.reshape(count, -1).astype(np.float64), colors])
         used = self.vertices[self.faces.ravel()] if len(self.faces) else np.zeros((1, 3))
         self.box = used.min(axis=0), used.max(axis=0)
         self.scene: Any = o3d.t.geometry.RaycastingScene()
@@ -117,7 +128,7 @@ class Surface:
 
         weight = np.clip(weight, 0, 1)
         weight /= weight.sum(axis=1, keepdims=True)
-        color = self.view.color.reshape(-1, 3).astype(np.float64)[self.faces[triangle]]
+        color = self.colors[self.faces[triangle]]
         target_from_source = camera.camera_from_world @ self.camera.world_from_camera
         here = point @ target_from_source[:3, :3].T + target_from_source[:3, 3]
         nearness, gradient = plane(camera, here, normal @ target_from_source[:3, :3].T)
@@ -143,7 +154,7 @@ def raycast(
     views: DepthImage | Surface | Sequence[DepthImage | Surface],
     camera: Camera,
     edges: str = "connect",
-    cut_ratio: float = 1.05,
+    cut_ratio: float | None = None,
     side: str = "front",
 ) -> Truth:
     """Truth of one view or of several.
@@ -167,35 +178,82 @@ def raycast(
     return best
 
 
-def triangulate(view: DepthImage, edges: str = "connect", cut_ratio: float = 1.05) -> Array:
-    """(n, 3) sample numbers, y * width + x, of the triangles that exist.
+def triangulate(view: DepthImage, edges: str = "connect", cut_ratio: float | None = None) -> Array:
+    """(n, 3) sample numbers, y * width + x, of the triangles that exist between samples.
 
-    A cell is split from (x + 1, y) to (x, y + 1). Triangles with an invalid corner do not exist.
+    A cell is split from (x + 1, y) to (x, y + 1). Triangles with an edge that is torn, or an invalid corner, do not exist.
     """
+    torn = edges_of(view, edges, cut_ratio)
     height, width = view.depth.shape
     number = np.arange(height * width).reshape(height, width)
     a, b, c, d = (number[:-1, :-1], number[:-1, 1:], number[1:, :-1], number[1:, 1:])
-    faces = np.stack([np.stack([a, b, c], -1), np.stack([d, c, b], -1)], axis=2).reshape(-1, 3)
-    faces = faces[view.valid.ravel()[faces].all(axis=1)]
-    if edges == "cut":
-        depth = view.depth.ravel().astype(np.float64)[faces]
-        near, far = depth.min(axis=1), depth.max(axis=1)
-        camera = view.camera
-        longer_side = max(camera.width / camera.K[0, 0], camera.height / camera.K[1, 1])  # of an orthographic view
-        perspective = camera.projection == "perspective"
-        faces = faces[far <= cut_ratio * near if perspective else far - near <= (cut_ratio - 1) * longer_side]
-    return faces
+    faces = np.stack([np.stack([a, b, c], -1), np.stack([d, c, b], -1)], axis=2)
+    return faces[_whole(torn)].reshape(-1, 3)
+
+
+def _whole(torn: Edges) -> Array:
+    """(H - 1, W - 1, 2) bool: the cells' triangles of which no edge is torn."""
+    lower = torn.right[:-1, :-1] | torn.below[:-1, :-1] | torn.diagonal[:-1, :-1]
+    upper = torn.right[1:, :-1] | torn.below[:-1, 1:] | torn.diagonal[:-1, :-1]
+    return ~np.stack([lower, upper], axis=-1)
+
+
+def _beyond_border(view: DepthImage, torn: Edges) -> tuple[Array, Array, Array, Array]:
+    """The triangles between the outermost samples and the edges of their pixels, half a pixel beyond.
+
+    They are those of a grid with a ring around the image's samples, clipped. Colours go on as they are at the border.
+
+    Returns
+    -------
+    pixels (n, 2), nearness (n,), colours (n, c), faces (m, 3)
+    """
+    height, width = view.depth.shape
+    near, ring_torn = with_ring(view, torn)
+    colors = np.pad(view.color, ((1, 1), (1, 1), (0, 0)), mode="edge").astype(np.float64)
+    whole = _whole(ring_torn)
+    y, x = np.mgrid[: height + 1, : width + 1]
+    whole[(x > 0) & (x < width) & (y > 0) & (y < height)] = False  # within
+    corners, faces = list[Array](), list[Array]()
+    for row, column, part in np.argwhere(whole):
+        three = [(1, 1), (0, 1), (1, 0)] if part else [(0, 0), (1, 0), (0, 1)]
+        polygon = [
+            np.array([column + i - 1, row + j - 1, near[row + j, column + i], *colors[row + j, column + i]]) for i, j in three
+        ]
+        for axis, low, sign in ((0, -0.5, 1), (0, width - 0.5, -1), (1, -0.5, 1), (1, height - 0.5, -1)):
+            polygon = _clipped(polygon, axis, low, sign)
+        first = len(corners)
+        corners += polygon
+        faces += [np.array([first, first + i, first + i + 1]) for i in range(1, len(polygon) - 1)]
+    all_corners = np.array(corners).reshape(-1, 3 + colors.shape[2])
+    return all_corners[:, :2], all_corners[:, 2], all_corners[:, 3:], np.array(faces, np.int64).reshape(-1, 3)
+
+
+def _clipped(polygon: list[Array], axis: int, at: float, sign: int) -> list[Array]:
+    """What of a convex polygon lies on one side of a line: where sign * (corner[axis] - at) >= 0."""
+    kept = list[Array]()
+    for i, one in enumerate(polygon):
+        other = polygon[(i + 1) % len(polygon)]
+        a, b = sign * (one[axis] - at), sign * (other[axis] - at)
+        if a >= 0:
+            kept.append(one)
+        if (a > 0 > b) or (a < 0 < b):
+            kept.append(one + a / (a - b) * (other - one))
+    return kept
 
 
 def samples(view: DepthImage) -> Array:
     """(height * width, 3) float64: every sample in its camera's frame."""
     height, width = view.depth.shape
-    y, x = np.mgrid[:height, :width].astype(np.float64)
-    z = view.depth.astype(np.float64)
-    ray = straight(view.camera, np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(view.camera.K).T)
-    if view.camera.projection == "perspective":
-        return (ray * z[..., None]).reshape(-1, 3)
-    return np.stack([ray[..., 0], ray[..., 1], z], axis=-1).reshape(-1, 3)
+    pixels = np.mgrid[:height, :width].reshape(2, -1)[::-1].T.astype(np.float64)
+    return _unprojected(view.camera, pixels, view.depth.ravel().astype(np.float64))
+
+
+def _unprojected(camera: Camera, pixels: Array, z: Array) -> Array:
+    """(n, 3) points at depths z of pixels (n, 2), in the camera's frame."""
+    ray = straight(camera, np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(camera.K).T)
+    if camera.projection == "perspective":
+        return ray * z[:, None]
+    return np.column_stack([ray[:, :2], z])
 
 
 def rays(camera: Camera, frame: Camera, box: tuple[Array, Array], x: Array, y: Array) -> tuple[Array, Array]:

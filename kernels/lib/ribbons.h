@@ -12,6 +12,7 @@
  */
 #include "lib/surface.h"
 
+
 /* Several launches must find the same ribbons to the last bit. */
 #pragma OPENCL FP_CONTRACT OFF
 
@@ -37,16 +38,22 @@ float sample_at(Grid grid, int x, int y)
 int joined(Grid grid, int ax, int ay, int bx, int by)
 {
     const float a = sample_at(grid, ax, ay), b = sample_at(grid, bx, by);
-    return !IS_OPEN(grid.cut, fmax(a, b), fmin(a, b));
+    if (fmin(a, b) <= NO_SURFACE)
+        return 0;
+    if ((bx - ax) * (by - ay) == 1) /* from upper left to lower right: no bit tells */
+        return !IS_OPEN(grid.cut, fmax(a, b), fmin(a, b));
+    const int bit = ay == by ? TORN_RIGHT : (ax == bx ? TORN_BELOW : TORN_DIAGONAL);
+    return !(as_int(sample_at(grid, min(ax, bx), min(ay, by))) & bit);
 }
 
 int is_thin(Grid grid, int x, int y)
 {
     for (int cell = 0; cell < 4; cell++) {
-        const int dx = cell & 1 ? 1 : -1, dy = cell & 2 ? 1 : -1;
-        const float n = sample_at(grid, x, y), a = sample_at(grid, x + dx, y), b = sample_at(grid, x, y + dy),
-                    c = sample_at(grid, x + dx, y + dy);
-        if (!IS_OPEN(grid.cut, fmax(fmax(n, a), fmax(b, c)), fmin(fmin(n, a), fmin(b, c))))
+        const int left = x - (cell & 1), top = y - (cell >> 1);
+        const float q00 = sample_at(grid, left, top), q10 = sample_at(grid, left + 1, top), q01 = sample_at(grid, left, top + 1),
+                    q11 = sample_at(grid, left + 1, top + 1);
+        const int torn = (as_int(q00) & TORN_ALL) | (as_int(q10) & TORN_BELOW) | (as_int(q01) & TORN_RIGHT);
+        if (!torn && fmin(fmin(q00, q10), fmin(q01, q11)) > NO_SURFACE)
             return 0;
     }
     return 1;

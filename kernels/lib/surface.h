@@ -6,6 +6,10 @@
  * affine over a triangle, so a plane in space is a plane (gu, gv) over the image. A triangle, or an edge, is open (no
  * surface) if one of its corners is no surface, or if two of its corners' depths are torn apart. An edge is there if
  * its own two samples are, whatever becomes of the triangles beside it: that is what a ray sees that runs along it.
+ *
+ * A sample covers its pixel: surfaces have a ring of further samples around the image's own, which are those of columns
+ * and rows -1 and `width` and `height`, and end at the edges of the image's pixels, half way to them (picture/edges.cl).
+ * Which neighbours are torn apart stands in the samples' last bits.
  */
 #include "lib/pixelspace.h"
 
@@ -15,14 +19,31 @@ typedef struct {
     float near_scale, far_scale, least;
 } Cut;
 
+#define NO_CUT {0.0f, 0.0f, 0.0f}
 #define IS_OPEN(cut, a, b) (((cut).near_scale * (a) - (cut).far_scale * (b) > (cut).least) | ((b) <= NO_SURFACE))
 
-/* A depth image's samples, row by row */
+/* A depth image's samples, row by row, from its own first one on */
 typedef struct {
     global const float *nearness;
     int width, height, pitch;
-    Cut cut;
+    Cut cut; /* of pairs that no bit tells of */
 } Grid;
+
+/* The grid of a surface with a ring, of (height + 2, pitch) samples */
+#define GRID_OF(surface, width, height, pitch, cut) {(surface) + (pitch) + 1, width, height, pitch, cut}
+
+#define BORDER 0.5f /* pixels from the outermost samples to where the surface ends */
+
+/* Bits of a sample: what is torn apart */
+#define TORN_RIGHT 1    /* the sample from the one to its right, */
+#define TORN_BELOW 2    /* from the one below it, */
+#define TORN_DIAGONAL 4 /* its neighbour to the right from its neighbour below */
+#define TORN_ALL 7
+#define MISSING_SAMPLE as_float(as_int(NO_SURFACE) | TORN_ALL)
+
+/* Is the cell's triangle of the first sample open, or that of the last one? Of lanes */
+#define IS_LOWER_OPEN(q00) ((as_intl(q00) & TORN_ALL) != 0)
+#define IS_UPPER_OPEN(q00, q10, q01)                                                                               (((as_intl(q00) & TORN_DIAGONAL) | (as_intl(q10) & TORN_BELOW) | (as_intl(q01) & TORN_RIGHT)) != 0)
 
 /* Of the nearness: within it samples show one surface, whatever tears neighbours. */
 #define ONE_SURFACE 0.01f

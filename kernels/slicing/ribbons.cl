@@ -1,7 +1,7 @@
 /* Things one sample thin in a depth image: their samples, and their ribbons (lib/ribbons.h), which objects are made of
  * (slicing/object.cl).
  *
- * nearness: (height, pitch), picture/nearness.cl. thin: (height, width) 1 where a sample is. samples: (count,) the thin
+ * surface: (height + 2, pitch), picture/edges.cl. thin: (height, width) 1 where a sample is. samples: (count,) the thin
  * ones' numbers, y * width + x. ribbons: (count, NEIGHBOURS, RIBBON_FLOATS) to each neighbour of each; nearness is
  * NO_SURFACE where there is none. Work-item: a row; a thin sample. Cost: O(samples), and O(RUN_MAX) for each ribbon.
  * Determinism: every one on its own.
@@ -9,21 +9,21 @@
 #include "lib/ribbons.h"
 #include "slicing/ribbon_record.h"
 
-kernel void mark_thin(global const float *nearness, global uchar *thin, int width, int height, int pitch, Cut cut)
+kernel void mark_thin(global const float *surface, global uchar *thin, int width, int height, int pitch, Cut cut)
 {
     const int y = get_global_id(0);
-    const Grid grid = {nearness, width, height, pitch, cut};
+    const Grid grid = GRID_OF(surface, width, height, pitch, cut);
     if (y >= height)
         return;
     for (int x = 0; x < width; x++)
         thin[(size_t)y * width + x] = sample_at(grid, x, y) > NO_SURFACE && is_thin(grid, x, y);
 }
 
-kernel void find_ribbons(global const float *nearness, global const int *samples, global float *ribbons, int count,
+kernel void find_ribbons(global const float *surface, global const int *samples, global float *ribbons, int count,
                          int width, int height, int pitch, Cut cut)
 {
     const int number = get_global_id(0);
-    const Grid grid = {nearness, width, height, pitch, cut};
+    const Grid grid = GRID_OF(surface, width, height, pitch, cut);
     if (number >= count)
         return;
     const int x = samples[number] % width, y = samples[number] / width;

@@ -33,10 +33,10 @@ INLINED floatl candidate_at(global const float *hits, PixelMap map, Rays rays, E
     return select_lanes(IS_HIT(hit) & isfinite_lanes(place), place, (floatl)INFINITY);
 }
 
-/* Traces the rays of the pixels x of row y through the windows around their candidates. Target nearness of the hits,
- * BLOCKED or EMPTY. */
-INLINED floatl trace_candidates(global const float *hits, Grid grid, PixelMap map, intl x, int y, intl wanted,
-                                int sides, int neighbour_offset, float density, float window, uint *cells)
+/* Traces the rays of the pixels x of row y through the windows around their candidates. Target nearness of the hits, BLOCKED
+ * or EMPTY. */
+INLINED floatl trace_candidates(global const float *hits, Grid grid, PixelMap map, intl x, int y, intl wanted, int sides,
+                                int neighbour_offset, float density, float window, int connected, uint *cells)
 {
     const Rays rays = rays_of(map, to_floatl(x), y);
     const Epipolar epipolar = epipolar_of(rays, grid);
@@ -68,7 +68,7 @@ INLINED floatl trace_candidates(global const float *hits, Grid grid, PixelMap ma
             windows.next[i - 1] = places[i];
         found = select_lanes(active, trace(grid, rays, epipolar, windows, sides, active, cells), found);
         /* A window of a connected surface that begins behind it meets its back: once more, in wider windows. */
-        active = active & !IS_HIT(found) & (intl)(grid.cut.far_scale == 0.0f ? -1 : 0);
+        active = active & !IS_HIT(found) & (intl)(connected ? -1 : 0);
         if (!any_lane(active))
             break;
     }

@@ -21,9 +21,8 @@ typedef struct {
     floatl ahead_u, ahead_v; /* from a cell to the column and the row that the line leaves it by */
     floatl per_u, per_v, per_d, never_u, never_v; /* distance from column to column, row to row, diagonal to diagonal */
     floatl last_x, last_y;
-    intl on_column; /* cells are collapsed onto a column, which the line runs along, or which is all there is */
-    int below;               /* from a sample to that of the next row, */
     float lowest;            /* the last row that has a next one */
+    intl edges;              /* TORN_... bits of the samples that the line sees: all, or those of the edges it runs along */
     intl lower_first;
     int collapsed; /* some of the cells are */
 } Traversal;
@@ -70,12 +69,12 @@ INLINED Traversal traversal_of(Lines lines, Grid grid)
     traversal.never_u = select_lanes(du == 0.0f, (floatl)INFINITY, (floatl)0.0f);
     traversal.never_v = select_lanes(dv == 0.0f, (floatl)INFINITY, (floatl)0.0f);
     traversal.lower_first = du + dv >= 0.0f;
-    traversal.last_x = select_lanes(lines.along_column, (floatl)(grid.width - 1), (floatl)max(grid.width - 2, 0));
-    traversal.last_y = select_lanes(lines.along_row, (floatl)(grid.height - 1), (floatl)max(grid.height - 2, 0));
-    traversal.on_column = lines.along_column | (intl)(grid.width == 1 ? -1 : 0);
-    traversal.below = grid.height > 1 ? grid.pitch : 0;
-    traversal.lowest = max(grid.height - 2, 0);
-    traversal.collapsed = any_lane(traversal.on_column | lines.along_row | lines.along_diagonal);
+    traversal.last_x = select_lanes(lines.along_column, (floatl)grid.width, (floatl)(grid.width - 1));
+    traversal.last_y = select_lanes(lines.along_row, (floatl)grid.height, (floatl)(grid.height - 1));
+    traversal.lowest = grid.height - 1;
+    traversal.edges = select_lanes(lines.along_diagonal, (intl)TORN_DIAGONAL, (intl)TORN_ALL);
+    traversal.edges = select_lanes(lines.along_column, (intl)TORN_BELOW, select_lanes(lines.along_row, (intl)TORN_RIGHT, traversal.edges));
+    traversal.collapsed = any_lane(traversal.edges != TORN_ALL);
     return traversal;
 }
 
@@ -104,14 +103,16 @@ INLINED void enter_cells(Lines lines, floatl at, intl which, floatl *x, floatl *
 INLINED Cell pass_cells(Grid grid, Lines lines, Traversal traversal, floatl x, floatl y, floatl at)
 {
     Cell cell;
-    const floatl xc = clamp_lanes(x, (floatl)0.0f, traversal.last_x),
-                 yc = clamp_lanes(y, (floatl)0.0f, traversal.last_y);
-    const intl base = to_intl(traversal.collapsed ? min_lanes(yc, (floatl)traversal.lowest) : yc) * grid.pitch +
-                      to_intl(xc);
+    const floatl xc = clamp_lanes(x, (floatl)-1.0f, traversal.last_x), yc = clamp_lanes(y, (floatl)-1.0f, traversal.last_y);
+    const intl base = to_intl(traversal.collapsed ? min_lanes(yc, (floatl)traversal.lowest) : yc) * grid.pitch + to_intl(xc);
     floatl corners[4];
-    gather_cells(grid.nearness, traversal.below, base, corners);
+    gather_cells(grid.nearness, grid.pitch, base, corners);
+    if (traversal.collapsed)
+        collapse_cells(corners, lines.along_row, yc > traversal.lowest, lines.along_column);
+    intl lower_open = (as_intl(corners[0]) & traversal.edges) != 0;
+    intl upper_open = IS_UPPER_OPEN(corners[0], corners[1], corners[2]);
     if (traversal.collapsed) {
-        collapse_cells(corners, lines.along_row, yc > traversal.lowest, traversal.on_column);
+        upper_open = select_lanes(traversal.edges == TORN_ALL, upper_open, lower_open);
         corners[0] = select_lanes(lines.along_diagonal, corners[1], corners[0]);
         corners[3] = select_lanes(lines.along_diagonal, corners[1], corners[3]);
     }
@@ -145,9 +146,8 @@ INLINED Cell pass_cells(Grid grid, Lines lines, Traversal traversal, floatl x, f
     cell.q_crossing = q01 + u_1 * (q10 - q01);
 
     const intl beyond = lines.along_diagonal & ((x != xc) | (y != yc)); /* of the grid, by rounding */
-    const floatl high = max_lanes(q10, q01), low = min_lanes(q10, q01);
-    const intl lower_open = beyond | IS_OPEN(grid.cut, max_lanes(high, q00), min_lanes(low, q00));
-    const intl upper_open = beyond | IS_OPEN(grid.cut, max_lanes(high, q11), min_lanes(low, q11));
+    lower_open = beyond | lower_open;
+    upper_open = beyond | upper_open;
     cell.first_open = select_lanes(traversal.lower_first, lower_open, upper_open);
     cell.second_open = select_lanes(traversal.lower_first, upper_open, lower_open);
     cell.x = xc;

@@ -24,16 +24,15 @@
  * closed there. */
 INLINED intl state_at(Grid grid, floatl u, floatl v, floatl near, intl *closed)
 {
-    const floatl uc = clamp_lanes(floor_lanes(u), (floatl)0.0f, (floatl)max(grid.width - 2, 0));
-    const floatl vc = clamp_lanes(floor_lanes(v), (floatl)0.0f, (floatl)max(grid.height - 2, 0));
+    const floatl uc = clamp_lanes(floor_lanes(u), (floatl)-1.0f, (floatl)(grid.width - 1));
+    const floatl vc = clamp_lanes(floor_lanes(v), (floatl)-1.0f, (floatl)(grid.height - 1));
     const floatl fu = u - uc, fv = v - vc;
-    const intl right = min(grid.width - 1, 1), down = grid.height > 1 ? grid.pitch : 0;
-    const intl base = to_intl(vc) * grid.pitch + to_intl(uc), upper = fu + fv > 1.0f;
-    const intl i10 = base + right, i01 = base + down, ic = select_lanes(upper, i01 + right, base);
-    const intl nearest_sample = base + select_lanes(fu > 0.5f, right, (intl)0) + select_lanes(fv > 0.5f, down, (intl)0);
-    const floatl q10 = (floatl)(gather(grid.nearness, i10)), q01 = (floatl)(gather(grid.nearness, i01)),
-                 qc = (floatl)(gather(grid.nearness, ic)), qn = (floatl)(gather(grid.nearness, nearest_sample));
-    *closed = !IS_OPEN(grid.cut, max_lanes(qc, max_lanes(q10, q01)), min_lanes(qc, min_lanes(q10, q01)));
+    const intl upper = fu + fv > 1.0f;
+    floatl corners[4];
+    gather_cells(grid.nearness, grid.pitch, to_intl(vc) * grid.pitch + to_intl(uc), corners);
+    const floatl q10 = corners[1], q01 = corners[2], qc = select_lanes(upper, corners[3], corners[0]);
+    const floatl qn = select_lanes(fv > 0.5f, select_lanes(fu > 0.5f, corners[3], q01), select_lanes(fu > 0.5f, q10, corners[0]));
+    *closed = !select_lanes(upper, IS_UPPER_OPEN(corners[0], q10, q01), IS_LOWER_OPEN(corners[0]));
     const floatl gu = select_lanes(upper, qc - q01, q10 - qc), gv = select_lanes(upper, qc - q10, q01 - qc);
     const floatl one = select_lanes(upper, (floatl)1.0f, (floatl)0.0f);
     const floatl surface = select_lanes(*closed, qc + gu * (fu - one) + gv * (fv - one), qn);
@@ -46,12 +45,11 @@ INLINED intl class_in_place(Grid grid, Rays rays, float typical)
 {
     const floatl w = rays.w + typical * rays.centre.z;
     const floatl u = (rays.u + typical * rays.centre.x) / w, v = (rays.v + typical * rays.centre.y) / w;
-    const intl inside = (w > 0.0f) & (u >= 0.0f) & (v >= 0.0f) & (u <= grid.width - 1.0f) & (v <= grid.height - 1.0f);
+    const intl inside = (w > 0.0f) & (u >= -BORDER) & (v >= -BORDER) & (u <= grid.width - 1.0f + BORDER) & (v <= grid.height - 1.0f + BORDER);
     intl closed;
-    const intl state = state_at(grid, clamp_lanes(u, (floatl)0.0f, (floatl)(grid.width - 1)),
-                                clamp_lanes(v, (floatl)0.0f, (floatl)(grid.height - 1)), (floatl)INFINITY, &closed);
-    return select_lanes(inside, select_lanes(state == CLASS_UNOBSERVED, state, (intl)CLASS_HIDDEN),
-                        (intl)CLASS_OUTSIDE);
+    const intl state = state_at(grid, clamp_lanes(u, (floatl)-BORDER, (floatl)grid.width),
+                                clamp_lanes(v, (floatl)-BORDER, (floatl)grid.height), (floatl)INFINITY, &closed);
+    return select_lanes(inside, select_lanes(state == CLASS_UNOBSERVED, state, (intl)CLASS_HIDDEN), (intl)CLASS_OUTSIDE);
 }
 
 INLINED intl class_along(Grid grid, Rays rays, float nearest, float farthest, intl wanted)
@@ -69,14 +67,13 @@ INLINED intl class_along(Grid grid, Rays rays, float nearest, float farthest, in
     const floatl start = clamp_lanes(from, (floatl)0.0f, fmax(lines.length, (floatl)0.0f));
     const floatl end = clamp_lanes(to, start, lines.length);
     const intl leaves = !(to < lines.length); /* the image, before it is hidden */
-    const intl enters = (lines.u < 0.5f) | (lines.v < 0.5f) | (lines.u > grid.width - 1.5f) |
-                        (lines.v > grid.height - 1.5f);
+    const intl enters = (lines.u < 0.0f) | (lines.v < 0.0f) | (lines.u > grid.width - 1.0f) | (lines.v > grid.height - 1.0f);
     const intl before = select_lanes(falls, (intl)IS_FREE, (intl)CLASS_HIDDEN);
     intl class_ = select_lanes(from > 0.0f, before, select_lanes(enters, (intl)CLASS_OUTSIDE, (intl)IS_FREE)),
          was_closed = 0;
     intl active = wanted & (lines.length >= 0.0f);
     floatl at = start;
-    for (int steps_left = max(grid.width, grid.height) + 1; steps_left > 0 && any_lane(active);
+    for (int steps_left = max(grid.width, grid.height) + 2; steps_left > 0 && any_lane(active);
          steps_left--, at += 1.0f) {
         const floatl here = min_lanes(at, end);
         const floatl u = lines.u + lines.du * here, v = lines.v + lines.dv * here;
@@ -92,8 +89,8 @@ INLINED intl class_along(Grid grid, Rays rays, float nearest, float farthest, in
     return select_lanes(lines.length >= 0.0f, class_, (intl)CLASS_OUTSIDE);
 }
 
-kernel void classify(global const float *nearness, global const uchar *valid, global uchar *classes, PixelMap map,
-                     Cut cut, float nearest, float farthest, float typical, int without_parallax, int first)
+kernel void classify(global const float *surface, global const uchar *valid, global uchar *classes, PixelMap map,
+                     float nearest, float farthest, float typical, int without_parallax, int first)
 {
     const int x = get_global_id(0) * LANES, y = get_global_id(1);
     if (x >= map.dst_width || y >= map.dst_height)
@@ -105,7 +102,7 @@ kernel void classify(global const float *nearness, global const uchar *valid, gl
         set_int_lane(hole, lane, valid[out + lane] ? 0 : -1);
     intl class_ = CLASS_SEEN;
     if (any_lane(hole)) {
-        const Grid grid = {nearness, map.src_width, map.src_height, map.src_pitch, cut};
+        const Grid grid = GRID_OF(surface, map.src_width, map.src_height, map.src_pitch, NO_CUT);
         const Rays rays = rays_of(map, to_floatl(x + lane_index), y);
         const intl found = without_parallax ? class_in_place(grid, rays, typical)
                                             : class_along(grid, rays, nearest, farthest, hole);

@@ -50,8 +50,8 @@ INLINED void clear_lines(global float *hits, int first, int along, PixelMap map)
 }
 #endif
 
-kernel void epipolar_sweep(global const float *nearness, global float *hits, global const LineGroup *groups,
-                           int group_count, int packet_count, PixelMap map, Cut cut, int sides, float nearest,
+kernel void epipolar_sweep(global const float *surface, global float *hits, global const LineGroup *groups,
+                           int group_count, int packet_count, PixelMap map, int sides, float nearest,
                            float farthest COUNTERS_PARAMETER(uint))
 {
     const int id = get_global_id(0);
@@ -78,7 +78,7 @@ kernel void epipolar_sweep(global const float *nearness, global float *hits, glo
     writer.down_hides = !(sides & (front_is_up ? SHOWS_BACK : SHOWS_FRONT));
     writer.several = 0;
     writer.pixels = 0;
-    const Grid grid = {nearness, map.src_width, map.src_height, map.src_pitch, cut};
+    const Grid grid = GRID_OF(surface, map.src_width, map.src_height, map.src_pitch, NO_CUT);
     const uint samples = WALK(grid, line, group, map, &writer);
 #if COUNTERS
     counters[2 * packet] = samples;

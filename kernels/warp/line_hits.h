@@ -94,28 +94,30 @@ INLINED void intersect_at_hits(Pixels *pixels, Grid grid, PixelMap map, int x0, 
     const float *S = map.src_from_dst;
     const Rays rays = rays_of(map, to_floatl(x0 + lane_index), y);
     const floatl u = pixels->u, v = pixels->v;
-    floatl uc = truncated(clamp_lanes(u, (floatl)0.0f, (floatl)max(grid.width - 2, 0)));
-    floatl vc = truncated(clamp_lanes(v, (floatl)0.0f, (floatl)max(grid.height - 2, 0)));
-    const float lowest = max(grid.height - 2, 0); /* the last row that has a next one */
-    intl on_column = (intl)(grid.width == 1 ? -1 : 0), on_row = 0, beside = 0;
+    const float last_u = grid.width - 1, last_v = grid.height - 1;
+    floatl uc = truncated(clamp_lanes(u + 1.0f, (floatl)0.0f, (floatl)(last_u + 1.0f))) - 1.0f;
+    floatl vc = truncated(clamp_lanes(v + 1.0f, (floatl)0.0f, (floatl)(last_v + 1.0f))) - 1.0f;
+    intl on_column = 0, on_row = 0;
     if (hit_kind == HITS_WITHOUT_PARALLAX) { /* a ray that passes a sample or an edge sees that alone */
         const floatl column = floor_lanes(u + 0.5f), row = floor_lanes(v + 0.5f);
-        on_column = (fabs(u - column) < ON_SAMPLES) & (column >= 0.0f) & (column <= (float)(grid.width - 1));
-        on_row = (fabs(v - row) < ON_SAMPLES) & (row >= 0.0f) & (row <= (float)(grid.height - 1));
+        on_column = (fabs(u - column) < ON_SAMPLES) & (column >= 0.0f) & (column <= last_u);
+        on_row = (fabs(v - row) < ON_SAMPLES) & (row >= 0.0f) & (row <= last_v);
         uc = select_lanes(on_column, column, uc);
         vc = select_lanes(on_row, row, vc);
-        /* An image of one column, or row, is seen along it alone. */
-        beside = ((intl)(grid.width == 1 ? -1 : 0) & !on_column) | ((intl)(grid.height == 1 ? -1 : 0) & !on_row);
     }
     const intl upper = (u - uc) + (v - vc) > 1.0f;
-    const intl base = to_intl(min_lanes(vc, (floatl)lowest)) * grid.pitch + to_intl(uc);
+    const intl base = to_intl(vc) * grid.pitch + to_intl(uc);
     floatl corners[4];
-    gather_cells(grid.nearness, grid.height > 1 ? grid.pitch : 0, base, corners);
-    if (any_lane(on_column | on_row))
-        collapse_cells(corners, on_row, vc > lowest, on_column);
+    gather_cells(grid.nearness, grid.pitch, base, corners);
+    intl open = select_lanes(upper, IS_UPPER_OPEN(corners[0], corners[1], corners[2]), IS_LOWER_OPEN(corners[0]));
+    if (any_lane(on_column | on_row)) {
+        collapse_cells(corners, on_row, (intl)0, on_column);
+        const intl edge = select_lanes(on_row, select_lanes(on_column, (intl)0, (intl)TORN_RIGHT), (intl)TORN_BELOW);
+        const intl torn = ((as_intl(corners[0]) & edge) != 0) | (corners[0] <= NO_SURFACE);
+        open = select_lanes(on_column | on_row, torn, open);
+    }
     const floatl q00 = corners[0], q10 = corners[1], q01 = corners[2], q11 = corners[3];
     const floatl qc = select_lanes(upper, q11, q00);
-    const intl open = IS_OPEN(grid.cut, max_lanes(qc, max_lanes(q10, q01)), min_lanes(qc, min_lanes(q10, q01)));
     Plane plane;
     plane.q = qc;
     plane.gu = select_lanes(upper, qc - q01, q10 - qc);
@@ -137,7 +139,9 @@ INLINED void intersect_at_hits(Pixels *pixels, Grid grid, PixelMap map, int x0, 
     const intl shows = ((per_unit > 0.0f) & (intl)(sides & SHOWS_FRONT ? -1 : 0)) |
                        ((per_unit < 0.0f) & (intl)(shows_back ? -1 : 0));
     const intl before = IS_BEFORE(map.dst_perspective, met);
-    const intl settles = pixels->smooth & in_triangle & shows & !beside & !open & (w_met > 0.0f) & before;
+    const intl on_pixels = (u_met >= -BORDER - TOLERANCE) & (v_met >= -BORDER - TOLERANCE) & (u_met <= last_u + BORDER + TOLERANCE) &
+                           (v_met <= last_v + BORDER + TOLERANCE);
+    const intl settles = pixels->smooth & in_triangle & on_pixels & shows & !open & (w_met > 0.0f) & before;
     const intl own = hit_kind == HITS_OF_PIXELS ? !pixels->smooth : (intl)0;
     pixels->n = select_lanes(settles, met, select_lanes(own, pixels->n, (floatl)EMPTY));
     pixels->traced = pixels->traced & !settles;

@@ -84,10 +84,10 @@ INLINED SweepLines sweep_lines(LineGroup group, PixelMap map, int packet, float 
     line.stride_minor = select_lanes(u_major, (intl)map.src_pitch, (intl)1);
 
     /* Clip the source line: to the image, to this side of the epipole, to what the range of depth can show. */
-    floatl from = 0.0f, to = line.last_major;
+    floatl from = -BORDER, to = line.last_major + BORDER;
     const floatl tilted = select_lanes(fabs(line.tilt) < 1e-12f, (floatl)1e-12f, line.tilt);
-    const floatl edge_0 = (-ON_SAMPLES - line.minor_0) / tilted;
-    const floatl edge_1 = (to_floatl(line.last_minor) + ON_SAMPLES - line.minor_0) / tilted;
+    const floatl edge_0 = (-BORDER - ON_SAMPLES - line.minor_0) / tilted;
+    const floatl edge_1 = (to_floatl(line.last_minor) + BORDER + ON_SAMPLES - line.minor_0) / tilted;
     from = fmax(from, fmin(edge_0, edge_1));
     to = fmin(to, fmax(edge_0, edge_1));
     const floatl e_major = select_lanes(u_major, (floatl)e_u, (floatl)e_v);

@@ -169,10 +169,10 @@ void prefetch_place(Grid grid, global const channel *color, floatl u, floatl v)
 #endif
 }
 
-kernel void resolve(global const float *nearness, global const float *hits, global const channel *src_color,
-                    global float *depth, global channel *color, global uchar *valid, PixelMap map, Cut cut, int sides,
+kernel void resolve(global const float *surface, global const float *hits, global const channel *src_color,
+                    global float *depth, global channel *color, global uchar *valid, PixelMap map, int sides,
                     int linear, int merge, int low_x, int high_x, int low_y, int high_y, int hit_kind, float density,
-                    int neighbour_offset, float typical, float rough, float window
+                    int neighbour_offset, float typical, float rough, float window, int connected
 #if ORIGINS
                     ,
                     global float *origin /* (dst_height, dst_width, 3): u, v and the number of the view */, int view
@@ -183,7 +183,7 @@ kernel void resolve(global const float *nearness, global const float *hits, glob
     const int strip_x = low_x + get_global_id(0) * (STRIP * LANES);
     if (y >= high_y || strip_x >= high_x)
         return;
-    const Grid grid = {nearness, map.src_width, map.src_height, map.src_pitch, cut};
+    const Grid grid = GRID_OF(surface, map.src_width, map.src_height, map.src_pitch, NO_CUT);
     const int packets = min(STRIP, (high_x - strip_x + LANES - 1) / LANES);
     Pixels pixels[STRIP];
     for (int p = 0; p < packets; p++) {
@@ -214,8 +214,7 @@ kernel void resolve(global const float *nearness, global const float *hits, glob
     for (int first = 0; first < count; first += LANES) {
         const intl wanted = first + lane_index < count;
         const intl pixel = select_lanes(wanted, (intl)load_lanes(to_trace + first), (intl)0), x = strip_x + pixel;
-        const floatl n = trace_candidates(hits, grid, map, x, y, wanted, sides, neighbour_offset, density, window,
-                                          &cells);
+        const floatl n = trace_candidates(hits, grid, map, x, y, wanted, sides, neighbour_offset, density, window, connected, &cells);
         for (int i = 0; i < min(count - first, LANES); i++)
             set_float_lane(pixels[to_trace[first + i] / LANES].n, to_trace[first + i] % LANES, float_lane(n, i));
     }

@@ -1,10 +1,9 @@
-/* Surfaces as large as the pixels that measured them: the squares of their border samples are drawn.
+/* Surfaces as large as the pixels that measured them, at depth edges, too: the squares of the samples there are drawn.
  *
- * The surface of lib/surface.h ends at its last samples, half a pixel before the things that these measured: things one
- * sample thin are missing, and what is behind them shows. `rims` carries the pixels of all samples next to an opening,
- * or to the image's border, over to the target, as squares at their own depth; the nearest one stays. `add_rims` writes
- * them where the target shows nothing, or a surface behind that they are torn apart from. nearness: (src_height,
- * src_pitch). keys: (dst_height, dst_width) nearness as warp/keys.h orders it, 0 where there is no rim. depth, valid:
+ * At an edge the surface of lib/surface.h ends at the last samples, half a pixel before what they measured does: things one
+ * sample thin are not there at all, and what is behind them shows. `rims` carries the pixels of all samples next to an
+ * opening over to the target, as squares at their own depth; the nearest one stays. `add_rims` writes them where the
+ * target shows nothing, or what they are torn apart from. surface: picture/edges.cl. keys: (dst_height, dst_width) nearness as warp/keys.h orders it, 0 where there is no rim. depth, valid:
  * (dst_height, dst_width). Work-item: STRIP * LANES samples, or pixels, of a row. Cost: O(samples + pixels of rims).
  * Determinism: a maximum does not depend on the order of work-items.
  */
@@ -62,42 +61,23 @@ INLINED void draw_pixels(PixelMap map, floatl x, float y, floatl n, intl wanted,
         }
 }
 
-/* The samples to the left, to the right, above and below of LANES samples n from `own` on */
-INLINED void load_beside(global const float *own, floatl n, int x0, int y, PixelMap map, floatl *beside)
-{
-    const intl x = x0 + lane_index;
-    beside[0] = x0 > 0 ? load_lanes(own - 1) : select_lanes(x == 0, (floatl)NO_SURFACE, shifted_lanes(n));
-    /* Rows have room to look beyond. */
-    beside[1] = select_lanes(x + 1 < map.src_width, load_lanes(own + 1), (floatl)NO_SURFACE);
-    beside[2] = y > 0 ? load_lanes(own - map.src_pitch) : (floatl)NO_SURFACE;
-    beside[3] = y + 1 < map.src_height ? load_lanes(own + map.src_pitch) : (floatl)NO_SURFACE;
-}
-
-kernel void rims(global const float *nearness, global uint *keys, PixelMap map, Cut cut)
+kernel void rims(global const float *surface, global uint *keys, PixelMap map)
 {
     const int y = get_global_id(1);
     if (y >= map.src_height)
         return;
+    const Grid grid = GRID_OF(surface, map.src_width, map.src_height, map.src_pitch, NO_CUT);
     /* Rims are few in most packets: they are gathered to full ones first. */
     float rim_x[(STRIP + 1) * LANES], rim_n[(STRIP + 1) * LANES];
     int count = 0;
-    for (int x0 = get_global_id(0) * STRIP * LANES, packet = 0; packet < STRIP && x0 < map.src_width;
-         x0 += LANES, packet++) {
-        global const float *own = nearness + (size_t)y * map.src_pitch + x0;
+    for (int x0 = get_global_id(0) * STRIP * LANES, packet = 0; packet < STRIP && x0 < map.src_width; x0 += LANES, packet++) {
+        global const float *own = grid.nearness + (size_t)y * map.src_pitch + x0;
         const floatl n = load_lanes(own);
-        const intl x = x0 + lane_index;
-        floatl beside[4], high = n, low = n;
-        load_beside(own, n, x0, y, map, beside);
-        for (int i = 0; i < 4; i++) {
-            high = max_lanes(beside[i], high);
-            low = min_lanes(beside[i], low);
-        }
-        if (!any_lane((x < map.src_width) & IS_OPEN(cut, high, low)))
+        const intl to_left = as_intl(load_lanes(own - 1)) & TORN_RIGHT, above = as_intl(load_lanes(own - map.src_pitch)) & TORN_BELOW;
+        const intl open = (to_left | above | (as_intl(n) & (TORN_RIGHT | TORN_BELOW))) != 0;
+        const intl rim = open & (n > NO_SURFACE) & (x0 + lane_index < map.src_width);
+        if (!any_lane(rim))
             continue;
-        intl open = 0;
-        for (int i = 0; i < 4; i++)
-            open = open | IS_OPEN(cut, max_lanes(beside[i], n), min_lanes(beside[i], n));
-        const intl rim = open & (n > NO_SURFACE) & (x < map.src_width);
         for (int lane = 0; lane < LANES; lane++) {
             rim_x[count] = x0 + lane;
             rim_n[count] = float_lane(n, lane);

@@ -8,13 +8,13 @@
 #include "warp/hits.h"
 #include "warp/trace.h"
 
-kernel void search(global const float *nearness, global float *hits, PixelMap map, Cut cut, int sides, int low_x,
-                   int high_x, int low_y, int high_y COUNTERS_PARAMETER(uint))
+kernel void search(global const float *surface, global float *hits, PixelMap map, int sides, int low_x, int high_x,
+                   int low_y, int high_y COUNTERS_PARAMETER(uint))
 {
     const int x = low_x + get_global_id(0) * LANES, y = low_y + get_global_id(1);
     if (x >= high_x || y >= high_y)
         return;
-    const Grid grid = {nearness, map.src_width, map.src_height, map.src_pitch, cut};
+    const Grid grid = GRID_OF(surface, map.src_width, map.src_height, map.src_pitch, NO_CUT);
     const Rays rays = rays_of(map, to_floatl(x + lane_index), y);
     const Epipolar epipolar = epipolar_of(rays, grid);
     Windows windows;

@@ -121,14 +121,15 @@ INLINED void load_row(Grid grid, int x0, int y, floatl *left, floatl *here, floa
     set_float_lane(*left, 0, x0 > 0 ? own[-1] : NO_SURFACE);
 }
 
-#define IS_TORN(a, b, c, d)                                                                                    \
-    IS_OPEN(grid.cut, max_lanes(max_lanes(a, b), max_lanes(c, d)), min_lanes(min_lanes(a, b), min_lanes(c, d)))
+/* Is a cell of samples not whole? */
+#define IS_TORN(q00, q10, q01, q11)                                                                            \
+    (IS_LOWER_OPEN(q00) | IS_UPPER_OPEN(q00, q10, q01) | (min_lanes(q01, q11) <= NO_SURFACE))
 
 /* Draws the thin ones of a work-item's samples. */
-void draw_strip(global const float *nearness, global uint *keys, global uint *indices, PixelMap map, Cut cut, int sides)
+void draw_strip(global const float *surface, global uint *keys, global uint *indices, PixelMap map, Cut cut, int sides)
 {
     const int y = get_global_id(1);
-    const Grid grid = {nearness, map.src_width, map.src_height, map.src_pitch, cut};
+    const Grid grid = GRID_OF(surface, map.src_width, map.src_height, map.src_pitch, cut);
     if (y >= grid.height)
         return;
     for (int x0 = get_global_id(0) * STRIP * LANES, packet = 0; packet < STRIP && x0 < grid.width;
@@ -137,8 +138,8 @@ void draw_strip(global const float *nearness, global uint *keys, global uint *in
         for (int i = 0; i < 3; i++)
             load_row(grid, x0, y + i - 1, left + i, here + i, right + i);
         const intl thin = (here[1] > NO_SURFACE) & IS_TORN(left[0], here[0], left[1], here[1]) &
-                          IS_TORN(right[0], here[0], right[1], here[1]) & IS_TORN(left[2], here[2], left[1], here[1]) &
-                          IS_TORN(right[2], here[2], right[1], here[1]);
+                          IS_TORN(here[0], right[0], here[1], right[1]) & IS_TORN(left[1], here[1], left[2], here[2]) &
+                          IS_TORN(here[1], right[1], here[2], right[2]);
         if (!any_lane(thin))
             continue; /* most packets have none */
         for (int lane = 0; lane < LANES; lane++)
@@ -147,15 +148,14 @@ void draw_strip(global const float *nearness, global uint *keys, global uint *in
     }
 }
 
-kernel void thin_nearness(global const float *nearness, global uint *keys, PixelMap map, Cut cut, int sides)
+kernel void thin_nearness(global const float *surface, global uint *keys, PixelMap map, Cut cut, int sides)
 {
-    draw_strip(nearness, keys, 0, map, cut, sides);
+    draw_strip(surface, keys, 0, map, cut, sides);
 }
 
-kernel void thin_index(global const float *nearness, global uint *keys, global uint *indices, PixelMap map, Cut cut,
-                       int sides)
+kernel void thin_index(global const float *surface, global uint *keys, global uint *indices, PixelMap map, Cut cut, int sides)
 {
-    draw_strip(nearness, keys, indices, map, cut, sides);
+    draw_strip(surface, keys, indices, map, cut, sides);
 }
 
 /* The colours of samples a and b, mixed */
@@ -198,9 +198,9 @@ int write_ribbon(Grid grid, uint number, PixelMap map, int sides, int linear, in
     return 1;
 }
 
-kernel void thin_pixels(global const float *nearness, global const uint *keys, global const uint *indices,
-                        global const channel *src_color, global float *depth, global channel *color,
-                        global uchar *valid, PixelMap map, Cut cut, int sides, int linear
+kernel void thin_pixels(global const float *surface, global const uint *keys, global const uint *indices,
+                        global const channel *src_color, global float *depth, global channel *color, global uchar *valid,
+                        PixelMap map, Cut cut, int sides, int linear
 #if ORIGINS
                         ,
                         global float *origin /* (dst_height, dst_width, 3): u, v and the number of the view */,
@@ -209,7 +209,7 @@ kernel void thin_pixels(global const float *nearness, global const uint *keys, g
                             GBUFFER_PARAMETERS NORMALS_PARAMETER(float))
 {
     const int y = get_global_id(1);
-    const Grid grid = {nearness, map.src_width, map.src_height, map.src_pitch, cut};
+    const Grid grid = GRID_OF(surface, map.src_width, map.src_height, map.src_pitch, cut);
     if (y >= map.dst_height)
         return;
     for (int x0 = get_global_id(0) * STRIP * LANES, packet = 0; packet < STRIP && x0 < map.dst_width;

@@ -30,7 +30,7 @@ typedef struct {
     floatl start, centre;   /* the rays' start and centre along the lines' major axes, as distances */
 } Epipolar;
 
-#define END_TOLERANCE 2e-4f /* pixels of the source by which a surface reaches beyond its last samples: rounding */
+#define END_TOLERANCE 2e-4f /* pixels of the source by which a surface reaches beyond its end: rounding */
 #ifndef WINDOWS
 #define WINDOWS 1 /* windows of a line that are searched, after the first, at most */
 #endif
@@ -81,13 +81,14 @@ INLINED Epipolar epipolar_of(Rays rays, Grid grid)
     const floatl minor = select_lanes(u_major, -offset, offset) * per_major;
     const floatl slope = (rays.q * c.z - c.w * rays.w) * per_major, level = (c.w * start - rays.q * centre) * per_major;
 
-    /* Clip to the image, and by a little beyond its border: rounding. */
+    /* Clip to the image's pixels, and by a little beyond their edges: rounding. */
     const float last_u = grid.width - 1, last_v = grid.height - 1;
     const floatl last_minor = select_lanes(u_major, (floatl)last_v, (floatl)last_u);
     const floatl per_tilt = 1.0f / select_lanes(fabs(tilt) < 1e-12f, (floatl)1e-12f, tilt);
-    const floatl edge_0 = (-ON_SAMPLES - minor) * per_tilt, edge_1 = (last_minor + ON_SAMPLES - minor) * per_tilt;
-    floatl low = fmax((floatl)0.0f, fmin(edge_0, edge_1));
-    floatl high = fmin(select_lanes(u_major, (floatl)last_u, (floatl)last_v), fmax(edge_0, edge_1));
+    const floatl edge_0 = (-BORDER - ON_SAMPLES - minor) * per_tilt;
+    const floatl edge_1 = (last_minor + BORDER + ON_SAMPLES - minor) * per_tilt;
+    floatl low = fmax((floatl)-BORDER, fmin(edge_0, edge_1));
+    floatl high = fmin(select_lanes(u_major, (floatl)last_u, (floatl)last_v) + BORDER, fmax(edge_0, edge_1));
     /* To this side of the epipole, */
     if (c.z != 0.0f) {
         const floatl epipole = centre / c.z;
@@ -140,7 +141,7 @@ INLINED floatl trace(Grid grid, Rays rays, Epipolar epipolar, Windows windows, i
     Plane met_plane = {0.0f, 0.0f, 0.0f, 0.0f, 0.0f};
     intl is_met = 0;
     /* A line enters a cell by a column or a row, each of them once, and a window may begin in each cell anew. */
-    for (int cells_left = grid.width + grid.height + 2 + 2 * WINDOWS; cells_left > 0; cells_left--) {
+    for (int cells_left = grid.width + grid.height + 6 + 2 * WINDOWS; cells_left > 0; cells_left--) {
         /* At the end of a window, on to the next one. */
         const intl over = active & !begins & (at >= to);
         if (any_lane(over)) {
@@ -167,11 +168,9 @@ INLINED floatl trace(Grid grid, Rays rays, Epipolar epipolar, Windows windows, i
         const floatl near_0 = epipolar.near + epipolar.near_step * at,
                      near_1 = epipolar.near + epipolar.near_step * cell.crossing,
                      near_2 = epipolar.near + epipolar.near_step * cell.out;
-        const floatl difference_0 = select_lanes(connected, difference, cell.q_in - near_0),
-                     difference_2 = cell.q_out - near_2;
-        const floatl difference_1 = select_lanes(
-            cell.has_first, select_lanes(cell.has_second, cell.q_crossing - near_1, difference_2), difference_0);
-        /* Surfaces end with their last sample, not before it: hence the tolerance. */
+        const floatl difference_0 = select_lanes(connected, difference, cell.q_in - near_0), difference_2 = cell.q_out - near_2;
+        const floatl difference_1 = select_lanes(cell.has_first, select_lanes(cell.has_second, cell.q_crossing - near_1, difference_2), difference_0);
+        /* Surfaces end where their triangles do, not before: hence the tolerance. */
         const intl first = cell.has_first & !cell.first_open, second = cell.has_second & !cell.second_open;
         const intl first_front = first & (difference_0 < tolerance) & (difference_1 >= -tolerance) &
                                  (difference_1 > difference_0);

@@ -5,8 +5,6 @@
  */
 #include "warp/interval.h"
 
-#define IS_TRIANGLE_OPEN(cut, a, b, c) IS_OPEN(cut, max_lanes(a, max_lanes(b, c)), min_lanes(a, min_lanes(b, c)))
-
 /* Where lines pass a column, between two of its samples. */
 typedef struct {
     floatl cell; /* the first sample */
@@ -23,6 +21,8 @@ typedef struct {
     floatl passed;                 /* the row: 1 the cell's last, -1 its first, 0 none */
     floatl beyond_from, beyond_to; /* then the columns' samples of the two cells that are not the columns' own */
     floatl slope;                  /* rows a column */
+    intl mirrored, transposed;     /* steps go towards smaller columns and rows; "columns" are rows */
+    intl along, edge;              /* lines run along samples' edges: which of TORN_..., and whether it is torn here */
 } Step;
 
 /* The triangles that lines pass on a step, in order, two in each cell. */
@@ -32,8 +32,20 @@ typedef struct {
     intl open[4];
 } PassedTriangles;
 
+/* Are the triangles of a cell open that has these samples of two columns? The first holds the first column's samples. */
+INLINED void are_open(Step step, floatl from_a, floatl from_b, floatl to_a, floatl to_b, intl *first, intl *second)
+{
+    const floatl q00 = select_lanes(step.mirrored, to_b, from_a);
+    /* The cell's samples in the image: the one to the right of its first, and the one below it */
+    const intl swapped = step.mirrored != step.transposed;
+    const floatl q10 = select_lanes(swapped, from_b, to_a), q01 = select_lanes(swapped, to_a, from_b);
+    const intl lower = IS_LOWER_OPEN(q00), upper = IS_UPPER_OPEN(q00, q10, q01);
+    *first = select_lanes(step.along != 0, step.edge, select_lanes(step.mirrored, upper, lower));
+    *second = select_lanes(step.along != 0, step.edge, select_lanes(step.mirrored, lower, upper));
+}
+
 /* Cells' diagonals go from the first column's second sample to the second column's first. */
-INLINED PassedTriangles triangles_of(Step step, Cut cut)
+INLINED PassedTriangles triangles_of(Step step)
 {
     const Column from = step.from, to = step.to;
     const intl none = step.passed == 0.0f, down = step.passed > 0.0f, up = step.passed < 0.0f;
@@ -57,19 +69,17 @@ INLINED PassedTriangles triangles_of(Step step, Cut cut)
     triangles.nearness[0] = select_lanes(none | (diagonal < row), from.b + triangles.leaves[0] * (to_a - from.b),
                                          triangles.nearness[1]);
     triangles.nearness[2] = from_b + triangles.leaves[2] * (to.a - from_b);
-    triangles.open[0] = IS_TRIANGLE_OPEN(cut, from.a, from.b, to_a);
-    triangles.open[1] = IS_TRIANGLE_OPEN(cut, to_a, to_b, from.b);
-    triangles.open[2] = IS_TRIANGLE_OPEN(cut, from_a, from_b, to.a);
-    triangles.open[3] = IS_TRIANGLE_OPEN(cut, to.a, to.b, from_b);
+    are_open(step, from.a, from.b, to_a, to_b, &triangles.open[0], &triangles.open[1]);
+    are_open(step, from_a, from_b, to.a, to.b, &triangles.open[2], &triangles.open[3]);
     return triangles;
 }
 
 /* On a step where the surface may be torn: each run of triangles that are there is a segment. major: of the first
  * column. */
-INLINED void extend_torn(Interval *interval, HitWriter *writer, Step step, Cut cut, Targets targets, floatl major,
-                         intl active, SweepLines line, LineGroup group, PixelMap map)
+INLINED void extend_torn(Interval *interval, HitWriter *writer, Step step, Targets targets, floatl major, intl active,
+                         SweepLines line, LineGroup group, PixelMap map)
 {
-    const PassedTriangles triangles = triangles_of(step, cut);
+    const PassedTriangles triangles = triangles_of(step);
     const int is_clipped = any_lane((step.begins > 0.0f) | (step.ends < 1.0f));
     Projection begin = step.from.place, enters = begin, held_begin = begin, held_end = begin, last = begin;
     floatl entered = 0.0f;
@@ -119,7 +129,7 @@ INLINED void extend_torn(Interval *interval, HitWriter *writer, Step step, Cut c
 /* Returns the columns that were passed. */
 INLINED uint walk_columns(Grid grid, SweepLines line, LineGroup group, PixelMap map, HitWriter *writer)
 {
-    const floatl first = floor_lanes(line.from), last = min_lanes(ceil_lanes(line.to), line.last_major);
+    const floatl first = floor_lanes(line.from), last = min_lanes(ceil_lanes(line.to), line.last_major + 1.0f);
     const intl steps = select_lanes((line.low <= line.high) & (line.from <= line.to), to_intl(last - first), (intl)-1);
     const Targets targets = targets_along(map, line);
     /* Where steps go towards smaller columns, rows are mirrored: so all lines meet the cells' diagonals alike. */
@@ -133,11 +143,16 @@ INLINED uint walk_columns(Grid grid, SweepLines line, LineGroup group, PixelMap 
     step.slope = tilt * line.sign;
     /* Lines along samples see the edges between them alone. */
     const floatl longest = max_lanes(last - first, (floatl)1.0f), start = minor_0 + tilt * first;
-    const intl along = (fabs(start - floor_lanes(start + 0.5f)) < ON_SAMPLES) &
-                       ((fabs(step.slope) * longest < ON_SAMPLES) | (fabs(step.slope + 1.0f) * longest < ON_SAMPLES));
+    const intl on_samples = fabs(start - floor_lanes(start + 0.5f)) < ON_SAMPLES;
+    const intl along_columns = on_samples & (fabs(step.slope) * longest < ON_SAMPLES);
+    const intl along_diagonals = on_samples & (fabs(step.slope + 1.0f) * longest < ON_SAMPLES), along = along_columns | along_diagonals;
+    const int has_diagonals = any_lane(along_diagonals);
+    step.mirrored = mirrored;
+    step.transposed = !line.u_major;
+    step.along = select_lanes(along_columns, select_lanes(line.u_major, (intl)TORN_RIGHT, (intl)TORN_BELOW), select_lanes(along_diagonals, (intl)TORN_DIAGONAL, (intl)0));
+    step.edge = 0;
     const floatl nudge = select_lanes(along, (floatl)0.5f, (floatl)0.0f);
-    const intl last_cell = select_lanes(along, line.last_minor, max(line.last_minor - 1, 0));
-    const intl to_b = select_lanes(along | (line.last_minor == 0), (intl)0, stride);
+    const intl last_cell = select_lanes(along, line.last_minor + 1, line.last_minor), to_b = select_lanes(along, (intl)0, stride);
     /* They end at the image's border and at the epipole, between columns. */
     const floatl begins = select_lanes(mirrored, last - line.to, line.from - first);
     const floatl ends = 1.0f - select_lanes(mirrored, line.from - first, last - line.to);
@@ -154,10 +169,10 @@ INLINED uint walk_columns(Grid grid, SweepLines line, LineGroup group, PixelMap 
     for (int count = 0; any_lane(count <= steps); count++, major += line.sign) {
         const intl active = count <= steps, is_last = count == steps;
         COUNT(columns, active)
-        const intl column = clamp(to_intl(major), (intl)0, to_intl(line.last_major));
+        const intl column = clamp(to_intl(major), (intl)-1, to_intl(line.last_major) + 1);
         const floatl minor = minor_0 + tilt * major;
         Column to;
-        to.cell = to_floatl(max(min(to_intl(minor + nudge), last_cell), (intl)0));
+        to.cell = to_floatl(max(min(to_intl(minor + nudge + 1.0f) - 1, last_cell), (intl)-1));
         if (count) /* no two rows at once, by rounding */
             to.cell = clamp_lanes(to.cell, step.from.cell - 1.0f, step.from.cell + 1.0f);
         to.part = select_lanes(along, (floatl)0.0f, minor - to.cell);
@@ -170,8 +185,12 @@ INLINED uint walk_columns(Grid grid, SweepLines line, LineGroup group, PixelMap 
         /* At the second sample the first one does not count: it may be no surface. */
         to.place = project_at(targets, major, select_lanes(part < 1.0f, to.a + part * (to.b - to.a), to.b));
 
+        if (!count) {
+            step.from = to;
+            continue;
+        }
         const Column from = step.from;
-        step.passed = select_lanes(along | (intl)(count ? 0 : -1), (floatl)0.0f, to.cell - from.cell);
+        step.passed = select_lanes(along, (floatl)0.0f, to.cell - from.cell);
         step.beyond_from = from.a;
         step.beyond_to = to.a;
         if (any_lane(step.passed != 0.0f)) {
@@ -188,13 +207,17 @@ INLINED uint walk_columns(Grid grid, SweepLines line, LineGroup group, PixelMap 
         step.ends = select_lanes(is_last, ends, step.ends);
         step.to = to;
 
-        const floatl high = max_lanes(max_lanes(max_lanes(from.a, from.b), max_lanes(to.a, to.b)),
-                                      max_lanes(step.beyond_from, step.beyond_to));
-        const floatl low = min_lanes(min_lanes(min_lanes(from.a, from.b), min_lanes(to.a, to.b)),
-                                     min_lanes(step.beyond_from, step.beyond_to));
-        const intl torn = IS_OPEN(grid.cut, high, low);
-        if (any_lane(active & torn)) {
-            extend_torn(&interval, writer, step, grid.cut, targets, major - line.sign, active, line, group, map);
+        intl bits = as_intl(from.a) | as_intl(from.b) | as_intl(to.a) | as_intl(to.b) | as_intl(step.beyond_from) | as_intl(step.beyond_to);
+        if (any_lane(along)) {
+            /* An edge's bit is its upper or left sample's; a diagonal's is that of the sample above both. */
+            floatl owner = select_lanes(mirrored, to.a, from.a);
+            if (has_diagonals)
+                owner = select_lanes(along_diagonals, (floatl)(gather(grid.nearness, max(select_lanes(mirrored, to.at + stride, from.at - stride), (intl)(-grid.pitch - 1)))), owner);
+            step.edge = (as_intl(owner) & step.along) != 0;
+            bits = select_lanes(along, as_intl(owner), bits);
+        }
+        if (any_lane(active & ((bits & TORN_ALL) != 0))) {
+            extend_torn(&interval, writer, step, targets, major - line.sign, active, line, group, map);
         } else if (count == 1 || any_lane(is_last)) {
             const floatl nearness = from.place.nearness, change = to.place.nearness - nearness;
             const Projection begin = project_at(targets, major + line.sign * (step.begins - 1.0f),

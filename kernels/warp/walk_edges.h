@@ -39,7 +39,7 @@ INLINED uint walk_edges(Grid grid, SweepLines line, LineGroup group, PixelMap ma
     const floatl last_u = grid.width - 1, last_v = grid.height - 1;
     uint cells = 0;
     /* A line enters a cell by a column or a row, each of them once. */
-    for (int cells_left = grid.width + grid.height + 2; cells_left > 0 && any_lane(active); cells_left--) {
+    for (int cells_left = grid.width + grid.height + 6; cells_left > 0 && any_lane(active); cells_left--) {
         COUNT(cells, active)
         const floatl u = clamp_lanes(lines.u + lines.du * (at + PREFETCH_STEPS), (floatl)0.0f, last_u),
                      v = clamp_lanes(lines.v + lines.dv * (at + PREFETCH_STEPS), (floatl)0.0f, last_v);

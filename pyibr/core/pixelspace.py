@@ -42,11 +42,11 @@ class Rectangle:
 
 
 def pitch(width: int) -> int:
-    """Row length of nearness images: whole packets, room to look beyond the last pixel, and no power of two.
+    """Row length of nearness images: whole packets, room to look beyond the last pixel or for a ring, no power of two.
 
     Rows of a power of two lie in one place of the cache, which walks along columns overflow.
     """
-    padded = (-(-width // 16) + 1) * 16
+    padded = (-(-(width + 2) // 16) + 1) * 16
     return padded + 16 if padded % 256 == 0 else padded
 
 
@@ -114,9 +114,9 @@ class CameraPair:
 
     @cached_property
     def corners(self) -> list[list[float]]:
-        """(U, V, W) in the target of the source's corner pixels at nearness 0; and what nearness adds to them."""
-        last = self.src.width - 1, self.src.height - 1
-        at_infinity = [(x, y, 1.0, 0.0) for x, y in itertools.product((0, last[0]), (0, last[1]))]
+        """(U, V, W) in the target of the corners of the source's pixels at nearness 0; and what nearness adds to them."""
+        last_x, last_y = self.src.width - 0.5, self.src.height - 0.5
+        at_infinity = [(x, y, 1.0, 0.0) for x, y in itertools.product((-0.5, last_x), (-0.5, last_y))]
         return (self.dst_from_src[:3] @ np.array([*at_infinity, (0, 0, 0, 1)]).T).T.tolist()
 
     @cached_property

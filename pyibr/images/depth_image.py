@@ -30,7 +30,7 @@ from pyibr.core.checks import (
 )
 from pyibr.core.errors import ArgumentError
 from pyibr.core.straight import rays_of
-from pyibr.images.noise import noise_by_depth
+from pyibr.images.noise import noise_by_depth, steps_by_depth
 
 Color = NDArray[np.uint8] | NDArray[np.float32]
 Depth = NDArray[np.float32]
@@ -158,6 +158,11 @@ class DepthImage(Fixed):
     def noise(self) -> tuple[float, float, float]:
         """(a, b, c): at depth z its noise has a standard deviation of about a z^2 + b z + c. Found on first use."""
         return noise_by_depth(self.depth, self.far)
+
+    @cached_property
+    def steps(self) -> tuple[float, float, float]:
+        """(a, b, c): at depth z its values lie a z^2 + b z + c apart, if its scale has steps. Found on first use."""
+        return steps_by_depth(self.depth, self.far)
 
     @property
     def points(self) -> Float64:

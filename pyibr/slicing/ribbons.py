@@ -14,7 +14,7 @@ from pyibr.opencl.headers import constant
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import empty, upload
 from pyibr.opencl.program import kernel
-from pyibr.picture.samples import cut_of, samples_of
+from pyibr.picture.surface import surface_of
 
 _KERNELS = "slicing/ribbons.cl"
 _CUT_RATIO = 1.05  # as by default in pictures
@@ -47,13 +47,13 @@ def _found(view: DepthImage) -> Ribbons:
     width, height = view.camera.size
     floats, ways = int(constant(_KERNELS, "RIBBON_FLOATS")), int(constant("lib/ribbons.h", "NEIGHBOURS"))
     with one_call():
-        nearness = samples_of(view).nearness
+        surface = surface_of(view, _CUT_RATIO)
         image = {
-            "nearness": nearness,
+            "surface": surface.nearness,
             "width": width,
             "height": height,
-            "pitch": nearness.shape[1],
-            "cut": Struct("Cut", cut_of(view.camera, _CUT_RATIO)),
+            "pitch": surface.nearness.shape[1],
+            "cut": Struct("Cut", surface.test.cut),
         }
         thin = empty((height, width), np.uint8)
         launch(kernel(_KERNELS, "mark_thin"), (height,), thin=thin, **image)

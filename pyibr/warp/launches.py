@@ -21,7 +21,8 @@ from pyibr.opencl.memory import DeviceArray, empty, upload
 from pyibr.opencl.program import kernel
 from pyibr.picture.clear import clear
 from pyibr.picture.deferred import NO_ENTRY, Entry
-from pyibr.picture.samples import Samples, cut_of
+from pyibr.picture.samples import Samples
+from pyibr.picture.surface import Surface
 from pyibr.picture.target import Target
 from pyibr.warp.lines import line_groups
 
@@ -39,27 +40,20 @@ class Options:
         Each pixel on its own instead of whole lines.
     linear : bool
         Between the samples, or the nearest of them.
-    cut_ratio : float or None
-        Of depths that tear neighbours apart; None: all of them are connected.
+    connected : bool
+        All neighbours are one surface.
     side : str
         Of the surface, which is shown: one of `Side`.
-    slack : (float, float)
-        What noise adds to the ratio that tears, as `cut_of` takes it.
     """
 
     search: bool = False
     linear: bool = True
-    cut_ratio: float | None = None
+    connected: bool = False
     side: Side = "front"
-    slack: tuple[float, float] = (0.0, 0.0)
 
     def from_both_sides(self) -> Options:
         """Those for a light's map: the surface itself, exactly, whichever side the light is on."""
-        return Options(cut_ratio=self.cut_ratio, side="both", slack=self.slack)
-
-    def cut(self, camera: Camera) -> NDArray[np.void]:
-        """A record of the kernels' struct Cut: which neighbours of a camera's view are torn apart."""
-        return cut_of(camera, self.cut_ratio, self.slack)
+        return Options(connected=self.connected, side="both")
 
 
 @functools.lru_cache(maxsize=256)
@@ -74,7 +68,7 @@ def map_of(pair: CameraPair) -> Struct:
 
 
 def inverse_warp(
-    samples: Samples,
+    surface: Surface,
     pixel_map: PixelMap,
     target: Target,
     options: Options,
@@ -88,24 +82,23 @@ def inverse_warp(
     reach = pixel_map.reach
     if reach.empty and not target.blank:
         return
-    shared = _shared(samples, pixel_map, options)
-    hits, hit_kind = _find_candidates(samples, pixel_map, target, options, shared)
-    _resolve(samples, pixel_map, target, options, {**shared, "hits": hits, "hit_kind": hit_kind}, view, entry)
+    shared = _shared(surface, pixel_map, options)
+    hits, hit_kind = _find_candidates(surface, pixel_map, target, options, shared)
+    _resolve(surface, pixel_map, target, options, {**shared, "hits": hits, "hit_kind": hit_kind}, view, entry)
     target.blank = False
 
 
-def _shared(samples: Samples, pixel_map: PixelMap, options: Options) -> dict[str, Any]:
+def _shared(surface: Surface, pixel_map: PixelMap, options: Options) -> dict[str, Any]:
     """The arguments of all kernels that look for a view's surface."""
     return {
-        "nearness": samples.nearness,
+        "surface": surface.nearness,
         "map": map_of(pixel_map.pair),
-        "cut": Struct("Cut", options.cut(pixel_map.pair.src)),
         "sides": constant("lib/surface.h", f"SHOWS_{options.side.upper()}"),
     }
 
 
 def _find_candidates(
-    samples: Samples, pixel_map: PixelMap, target: Target, options: Options, shared: dict[str, Any]
+    surface: Surface, pixel_map: PixelMap, target: Target, options: Options, shared: dict[str, Any]
 ) -> tuple[DeviceArray, float]:
     """Sweep lines (or search) for the surface of each pixel; also HITS_... of kernels/warp/line_hits.h."""
     profile, reach, epipole, aligned = current().profile, pixel_map.reach, pixel_map.epipole, pixel_map.pair.aligned
@@ -115,16 +108,14 @@ def _find_candidates(
     # row read beyond it.
     beyond = max(packets * profile.lanes, profile.lanes + _NEIGHBOUR_OFFSET_MAX)
     hits = target.scratch(target.camera.height * pitch(target.camera.width) + beyond)
-    # What is one sample high or wide is only seen by lines along it, which no line beside the pixels' centres is.
-    by_pixel = options.search or 1 in pixel_map.pair.src.size
-    if reach.empty or (packets and (by_pixel or not aligned)):  # aligned lines leave out no pixel
+    if reach.empty or (packets and (options.search or not aligned)):  # aligned lines leave out no pixel
         clear(hits, constant("lib/pixelspace.h", "EMPTY"))
     if reach.empty:
         return hits, _hits("OF_PIXELS")
     if not packets:  # no epipole, or it is all there is: any nearness gives the source position
         clear(hits, pixel_map.typical)
         return hits, _hits("WITHOUT_PARALLAX")
-    if by_pixel:
+    if options.search:
         launch(
             kernel("warp/search.cl", "search"),
             profile.packets(reach.high_x - reach.low_x, reach.high_y - reach.low_y),
@@ -139,7 +130,7 @@ def _find_candidates(
     # Lines that are the pixels' own must be exact, and connected surfaces have crests that no line may miss. Elsewhere
     # lines tell where to look.
     on_samples = aligned and pixel_map.pair.off_samples < constant("lib/surface.h", "ON_SAMPLES")
-    exact = not (on_samples if aligned else options.cut_ratio is not None)
+    exact = not (on_samples if aligned else not options.connected)
     launch(
         kernel("warp/epipolar.cl", "epipolar_sweep", ALIGNED=int(aligned), EDGES=int(exact)),
         (packets,),
@@ -147,8 +138,8 @@ def _find_candidates(
         groups=upload(groups),
         group_count=len(groups),
         packet_count=packets,
-        nearest=samples.high,
-        farthest=samples.low,
+        nearest=surface.high,
+        farthest=surface.low,
         **shared,
     )
     return hits, _hits("OF_PIXELS" if aligned else "OF_LINES")
@@ -167,7 +158,7 @@ def _whole_lines(reach: Rectangle, epipole: Float64, camera: Camera) -> Rectangl
 
 
 def _resolve(
-    samples: Samples,
+    surface: Surface,
     pixel_map: PixelMap,
     target: Target,
     options: Options,
@@ -181,7 +172,7 @@ def _resolve(
     if not target.blank:
         reach = pixel_map.reach
         low_x, high_x, low_y, high_y = reach.low_x, reach.high_x, reach.low_y, reach.high_y
-    rough, window = _LOOK_CONNECTED if options.cut_ratio is None else _LOOK_TORN
+    rough, window = _LOOK_CONNECTED if options.connected else _LOOK_TORN
     # Aligned lines leave nothing to look for beside their answers, and what only such a look needs takes a while.
     told = pixel_map.pair.aligned and shared["hit_kind"] == _hits("OF_PIXELS")
     density, typical = (1.0, 1.0) if told else (pixel_map.density, pixel_map.typical)
@@ -191,7 +182,7 @@ def _resolve(
     launch(
         kernel("warp/resolve.cl", "resolve", ORIGINS=len(origins) // 2, **defines),
         profile.packets(high_x - low_x, high_y - low_y, profile.strip),
-        src_color=samples.color,
+        src_color=surface.color,
         linear=options.linear,
         merge=not target.blank,
         low_x=low_x,
@@ -203,6 +194,7 @@ def _resolve(
         neighbour_offset=neighbour_offset,
         rough=rough,
         window=window,
+        connected=options.connected,
         **shared,
         **target.outputs(),
         **origins,
@@ -211,7 +203,7 @@ def _resolve(
 
 
 def draw_thin(
-    samples: Samples,
+    surface: Surface,
     pixel_map: PixelMap,
     target: Target,
     options: Options,
@@ -220,7 +212,7 @@ def draw_thin(
 ) -> None:
     """Draw things one sample thin, where they are nearer than what is there; the rest as of `inverse_warp`."""
     profile, (width, height) = current().profile, target.camera.size
-    shared = _shared(samples, pixel_map, options)
+    shared = {**_shared(surface, pixel_map, options), "cut": Struct("Cut", surface.test.cut)}
     keys, indices = empty((height, width), np.uint32), empty((height, width), np.uint32)
     clear(keys, 0)
     clear(indices, 0xFFFFFFFF)
@@ -234,7 +226,7 @@ def draw_thin(
         profile.packets(width, height, profile.strip),
         keys=keys,
         indices=indices,
-        src_color=samples.color,
+        src_color=surface.color,
         linear=options.linear,
         **shared,
         **target.outputs(),
@@ -274,12 +266,10 @@ def forward_warp(samples: Samples, pixel_map: PixelMap, target: Target, size: fl
     target.blank = False
 
 
-def draw_rims(
-    samples: Samples, pixel_map: PixelMap, target: Target, cut: NDArray[np.void], cut_there: NDArray[np.void]
-) -> None:
+def draw_rims(surface: Surface, pixel_map: PixelMap, target: Target, cut_there: NDArray[np.void]) -> None:
     """The pixels next to openings, into a target of depth alone: where it shows nothing, or what is torn from them.
 
-    `cut` and `cut_there` are records of the kernels' struct Cut, of the view and of the target.
+    `cut_there` is a record of the kernels' struct Cut, of the target.
     """
     profile, (width, height) = current().profile, target.camera.size
     keys = empty((height, width), np.uint32)
@@ -288,10 +278,9 @@ def draw_rims(
     launch(
         kernel("warp/rims.cl", "rims", STRIP=profile.strip),
         profile.packets(*pair.src.size, profile.strip),
-        nearness=samples.nearness,
+        surface=surface.nearness,
         keys=keys,
         map=map_of(pair),
-        cut=Struct("Cut", cut),
     )
     launch(
         kernel("warp/rims.cl", "add_rims", STRIP=profile.strip),
@@ -306,19 +295,18 @@ def draw_rims(
     )
 
 
-def classify(samples: Samples, pixel_map: PixelMap, target: Target, options: Options, first: bool) -> None:
+def classify(surface: Surface, pixel_map: PixelMap, target: Target, first: bool) -> None:
     """Why the holes are holes, as far as this view tells; the `first` view begins, others add what they know."""
     assert target.classes is not None
     launch(
         kernel("warp/classify.cl", "classify"),
         current().profile.packets(*target.camera.size),
-        nearness=samples.nearness,
+        surface=surface.nearness,
         valid=target.valid,
         classes=target.classes,
         map=map_of(pixel_map.pair),
-        cut=Struct("Cut", options.cut(pixel_map.pair.src)),
-        nearest=samples.high,
-        farthest=samples.low,
+        nearest=surface.high,
+        farthest=surface.low,
         typical=pixel_map.typical,
         without_parallax=pixel_map.parallax < NO_PARALLAX,
         first=first,

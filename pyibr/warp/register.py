@@ -24,12 +24,14 @@ from pyibr.opencl.program import kernel
 from pyibr.picture.cube_faces import cube_face_cameras, joined_faces
 from pyibr.picture.samples import Samples, at_least_a_word, bridged_samples, cut_of
 from pyibr.picture.straighten import positions_on_device, straight_view
+from pyibr.picture.surface import make_surface, straightness_test, test_by_cut
 from pyibr.picture.target import Target
 from pyibr.warp.launches import Options, draw_rims, inverse_warp, map_of
 
 AnyDepth = NDArray[np.float32] | NDArray[np.uint16]
 
 _APART = 3 * 2**0.5  # standard deviations of a sample: three of a difference of two, which noise alone seldom reaches
+_CUT_RATIO = 1.05  # of depths that are not those of one surface, where nothing but two depths is known
 _STRIDE, _RANGE = 7, (0.02, 0.98)  # every seventh sample of each seventh row, and their part, that tells depth's range
 _LENSES = {  # LENS of kernels/lib/lens.h
     "brown_conrady": 1,
@@ -68,7 +70,7 @@ def register(
     color_camera: Camera,
     *,
     depth_scale: None = ...,
-    cut_ratio: float = ...,
+    cut_ratio: float | None = ...,
 ) -> NDArray[np.float32]: ...
 @overload
 def register(
@@ -77,7 +79,7 @@ def register(
     color_camera: Camera,
     *,
     depth_scale: float,
-    cut_ratio: float = ...,
+    cut_ratio: float | None = ...,
 ) -> NDArray[np.uint16]: ...
 def register(
     depth: AnyDepth,
@@ -85,7 +87,7 @@ def register(
     color_camera: Camera,
     *,
     depth_scale: float | None = None,
-    cut_ratio: float = 1.05,
+    cut_ratio: float | None = None,
 ) -> AnyDepth:
     """Bring depth to the camera that took the colours: depth as that would have measured it.
 
@@ -103,9 +105,9 @@ def register(
         transform for the other. Lenses are taken into account.
     depth_scale : float
         For uint16: stored units per scene unit (the unit of the cameras' poses), 1000 for millimetres and metres.
-    cut_ratio : float
-        Neighbours whose depths have a greater ratio are two surfaces, as in `warp`; unless noise explains it, whose
-        size is found from the samples.
+    cut_ratio : float, optional
+        Where the surface ends is told from its shape and its noise, as in `warp`; or, by number, where neighbours' depths
+        have a greater ratio, unless noise explains it.
 
     Returns
     -------
@@ -130,7 +132,7 @@ def register(
     """
     _check_cameras(depth_camera, color_camera)
     stored, units = _checked(depth, depth_camera, depth_scale)
-    ratio = cut_ratio_from(cut_ratio)
+    ratio = None if cut_ratio is None else cut_ratio_from(cut_ratio)
     with one_call():
         registered = _drawn(_view_of(stored, units, depth_camera), color_camera, ratio).picture.depth
         return (_in_raw_units(registered, units) if units else registered).to_host()
@@ -143,7 +145,7 @@ def register_color(
     color: Color,
     *,
     depth_scale: float | None = None,
-    cut_ratio: float = 1.05,
+    cut_ratio: float | None = None,
 ) -> RegisteredColor:
     """Bring colours to the samples of depth, none where the colour camera does not see them.
 
@@ -177,7 +179,7 @@ def register_color(
     """
     _check_cameras(depth_camera, color_camera)
     stored, units = _checked(depth, depth_camera, depth_scale)
-    ratio = cut_ratio_from(cut_ratio)
+    ratio = None if cut_ratio is None else cut_ratio_from(cut_ratio)
     given = checked_colors("color", color, (color_camera.height, color_camera.width, 3))
     with one_call():
         view = _view_of(stored, units, depth_camera)
@@ -253,22 +255,23 @@ class _Drawn:
     picture: Target
 
 
-def _drawn(view: DepthImage, camera: Camera, cut_ratio: float) -> _Drawn:
+def _drawn(view: DepthImage, camera: Camera, cut_ratio: float | None) -> _Drawn:
     """The surface of an image as a camera sees it, with all of the pixels at its rims. The session is held."""
-    own, there = view.camera.projection, camera.projection
+    own, there, ratio = view.camera.projection, camera.projection, cut_ratio or _CUT_RATIO
     slack = _slack(view, own)
-    cut = cut_of(view.camera, cut_ratio, slack)
-    cut_there = cut_of(camera, cut_ratio, slack if own == there else _slack(view, there))
+    cut = cut_of(view.camera, ratio, slack)
+    cut_there = cut_of(camera, ratio, slack if own == there else _slack(view, there))
     source = straight_view(view, cut)
     samples = bridged_samples(source, cut)
-    options = Options(cut_ratio=cut_ratio, slack=slack)
+    test = straightness_test(source) if cut_ratio is None else test_by_cut(cut)
+    surface = make_surface(samples, source.camera.size, test)
     targets: list[Target] = []
     pool: dict[int, Any] = {}
     for part in cube_face_cameras(camera):
         targets.append(Target(part, np.dtype(np.uint8), channels=0, pool=pool))
-        pixel_map = PixelMap(camera_pair(source.camera, part), samples.low, samples.high)
-        inverse_warp(samples, pixel_map, targets[-1], options)
-        draw_rims(samples, pixel_map, targets[-1], cut, cut_there)
+        pixel_map = PixelMap(camera_pair(source.camera, part), surface.low, surface.high)
+        inverse_warp(surface, pixel_map, targets[-1], Options())
+        draw_rims(surface, pixel_map, targets[-1], cut_there)
     return _Drawn(source, cut, cut_there, samples, joined_faces(targets, camera))
 
 

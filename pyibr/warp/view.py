@@ -22,6 +22,7 @@ from pyibr.picture.drawable import as_drawable
 from pyibr.picture.normals import NEIGHBOUR_OFFSET_MAX, noise_bias, showing_normals
 from pyibr.picture.samples import Samples, samples_of
 from pyibr.picture.shadow import Lighting
+from pyibr.picture.surface import Surface, surface_of
 from pyibr.picture.straighten import Interpolation, straightened
 from pyibr.picture.target import Target
 from pyibr.warp.blending import Blend, blend
@@ -35,6 +36,7 @@ Method = Literal["epipolar", "search", "forward"]
 Edges = Literal["connect", "cut"]
 
 _SPLAT_MAX = 64.0
+_LENS_CUT_RATIO = 1.05  # of depths that a lens's image is not mixed across
 
 
 class WarpOptions(TypedDict, total=False):
@@ -43,7 +45,7 @@ class WarpOptions(TypedDict, total=False):
     method: Method
     interpolation: Interpolation
     edges: Edges
-    cut_ratio: float
+    cut_ratio: float | None
     side: Side
     fill: Fill | None
     thin: bool
@@ -133,7 +135,7 @@ class WarpedView(Fixed):
         method: Method = "epipolar",
         interpolation: Interpolation = "linear",
         edges: Edges = "cut",
-        cut_ratio: float = 1.05,
+        cut_ratio: float | None = None,
         side: Side = "front",
         fill: Fill | None = None,
         thin: bool = False,
@@ -147,7 +149,7 @@ class WarpedView(Fixed):
         self.interpolation: Interpolation = interpolation
         one_of("edges", edges, Edges)
         self.edges: Edges = edges
-        self.cut_ratio = cut_ratio_from(cut_ratio)
+        self.cut_ratio = None if cut_ratio is None else cut_ratio_from(cut_ratio)
         one_of("side", side, Side)
         self.side: Side = side
         if fill is not None:
@@ -179,7 +181,7 @@ class WarpedView(Fixed):
     @cached_property
     def sources(self) -> list[DepthImage]:
         """The views without their lenses."""
-        cut_ratio = self._options.cut_ratio
+        cut_ratio = None if self.edges == "connect" else self.cut_ratio or _LENS_CUT_RATIO
         return [straightened(view, cut_ratio=cut_ratio, interpolation=self.interpolation) for view in self.views]
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
@@ -191,8 +193,8 @@ class WarpedView(Fixed):
             target.mixable = False
         self._draw_views(target, lighting)
         if target.classes is not None:
-            for number, (samples, pixel_map) in enumerate(self._on_device(target)):
-                classify(samples, pixel_map, target, self._options, number == 0)
+            for number, view in enumerate(self.sources):
+                classify(*self._surface_of(view, target), target, number == 0)
 
     def finish(self, target: Target) -> None:
         """Fill holes, if that is asked for, from the views and what all things have drawn."""
@@ -202,8 +204,7 @@ class WarpedView(Fixed):
     @cached_property
     def _options(self) -> Options:
         """The options in the kernels' terms."""
-        cut_ratio = self.cut_ratio if self.edges == "cut" else None
-        return Options(self.method == "search", self.interpolation == "linear", cut_ratio, self.side)
+        return Options(self.method == "search", self.interpolation == "linear", self.edges == "connect", self.side)
 
     def _on_device(self, target: Target) -> list[tuple[Samples, PixelMap]]:
         """Each view's samples, in what the target shows of them, and its map into the target."""
@@ -228,15 +229,21 @@ class WarpedView(Fixed):
 
     def _draw_surface(self, number: int, target: Target, options: Options, entry: Entry) -> None:
         """Draw a view into the target, or into a layer of its own."""
-        samples, pixel_map = _placed(self.sources[number], target)
+        view = self.sources[number]
         if entry.normals:
-            entry = entry.with_arrays(normals=_normals_of(self.sources[number]))
+            entry = entry.with_arrays(normals=_normals_of(view))
         if self.method == "forward" and not target.from_light:
-            forward_warp(samples, pixel_map, target, self.splat, entry)
+            forward_warp(*_placed(view, target), target, self.splat, entry)
             return
-        inverse_warp(samples, pixel_map, target, options, number, entry)
+        surface, pixel_map = self._surface_of(view, target)
+        inverse_warp(surface, pixel_map, target, options, number, entry)
         if self.thin:
-            draw_thin(samples, pixel_map, target, options, number, entry)
+            draw_thin(surface, pixel_map, target, options, number, entry)
+
+    def _surface_of(self, view: DepthImage, target: Target) -> tuple[Surface, PixelMap]:
+        """A view's surface, in what the target shows of it, and its map into the target."""
+        surface = surface_of(_shown(view, target), self.cut_ratio, self.edges == "connect")
+        return surface, PixelMap(camera_pair(view.camera, target.camera), surface.low, surface.high)
 
     def _bias(self, target: Target) -> tuple[float, int]:
         """Scene units by which samples lie off the surface, and pixels over which its slope shows; for a light."""

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.images import DepthImage
-from tests.reference.warp import nearness
+from tests.reference.edges import Edges, edges_of, with_ring
 
 Array = NDArray[Any]
 
@@ -32,7 +32,7 @@ class Sideways:
     on_end: Array  #: (H, W) bool: the ray passes an end of the surface, a fold or a lone sample, that nothing hides
 
 
-def sideways_reference(view: DepthImage, step: tuple[float, float], cut_ratio: float = np.inf) -> Sideways:
+def sideways_reference(view: DepthImage, step: tuple[float, float], edges: str = "connect") -> Sideways:
     """Picture of a view that `view.camera.moved(*step, 0)` sees.
 
     Parameters
@@ -41,21 +41,22 @@ def sideways_reference(view: DepthImage, step: tuple[float, float], cut_ratio: f
         The camera is perspective. If the step is along a diagonal, its pixels are square.
     step : (x, y)
         In scene units. One of them is 0, or both are of one length.
-    cut_ratio : float
-        Neighbours whose depths differ by a greater ratio are torn apart.
+    edges : {"connect", "cut"}
+        As of `WarpedView`.
     """
-    delta = nearness(view)
-    height, width = delta.shape
+    height, width = view.depth.shape
+    ring, torn = with_ring(view, edges_of(view, edges))
     direction = np.sign(step).astype(int)
     if direction[np.flatnonzero(direction)[0]] < 0:
         direction = -direction
     axis = 0 if direction[0] else 1
     shift = view.camera.K[axis, axis] * step[axis]  # along the line, in pixels at nearness 1
-    result = Sideways(np.full(delta.shape, np.nan), np.full((*delta.shape, 2), np.nan), np.zeros(delta.shape, bool))
+    size = height, width
+    result = Sideways(np.full(size, np.nan), np.full((*size, 2), np.nan), np.zeros(size, bool))
     for start in _starts(width, height, direction):
         pixels = np.arange(_length(width, height, start, direction))
         x, y = (start + pixels[:, None] * direction).T
-        s, q, closed = _polyline(delta, x, y, direction, cut_ratio)
+        s, q, closed = _polyline(ring, torn, x, y, direction)
         seen, place, result.on_end[y, x] = _first_seen(s, s - shift * q, q, closed, pixels)
         result.depth[y, x] = 1 / seen
         result.source[y, x] = start + place[:, None] * direction
@@ -76,23 +77,27 @@ def _length(width: int, height: int, start: Array, direction: Array) -> int:
     return int(left[direction != 0].min())
 
 
-def _polyline(delta: Array, x: Array, y: Array, direction: Array, cut_ratio: float) -> tuple[Array, Array, Array]:
-    """The knots' places in samples from the line's start, their nearness, and which segments are surface."""
-    q = delta[y, x]
-    if tuple(direction) != (1, 1):  # rows, columns and the cells' own diagonals are edges of the grid
-        return np.arange(len(q), dtype=float), q, _together(cut_ratio, q[:-1], q[1:])
+def _polyline(ring: Array, torn: Edges, x: Array, y: Array, direction: Array) -> tuple[Array, Array, Array]:
+    """The knots' places in samples from the line's start, their nearness, and which segments are surface.
+
+    The line goes on half a pixel beyond its first and its last sample, to the edges of these pixels.
+    """
+    dx, dy = direction
+    x, y = (1 + np.concatenate([a[:1] - d, a, a[-1:] + d]) for a, d in ((x, dx), (y, dy)))  # in the ring's numbers
+    q, x, y = ring[y, x], x[:-1], y[:-1]
+    places = np.arange(-1.0, len(q) - 1)
+    if (dx, dy) != (1, 1):  # rows, columns and the cells' own diagonals are edges of the grid
+        closed = ~(torn.diagonal[y - 1, x] if dx and dy else torn.right[y, x] if dx else torn.below[y, x])
+        places[0], places[-1] = -0.5, len(q) - 2.5
+        q[0], q[-1] = (q[0] + q[1]) / 2, (q[-2] + q[-1]) / 2
+        return places, q, closed
     # The other diagonals pass a cell's lower triangle, the middle of its own diagonal, and its upper triangle.
-    right, below = delta[y[:-1], x[:-1] + 1], delta[y[:-1] + 1, x[:-1]]
+    right, below = ring[y, x + 1], ring[y + 1, x]
     knots, closed = np.empty(2 * len(q) - 1), np.empty(2 * len(q) - 2, bool)
     knots[::2], knots[1::2] = q, (right + below) / 2
-    closed[::2], closed[1::2] = _together(cut_ratio, q[:-1], right, below), _together(cut_ratio, q[1:], right, below)
-    return np.arange(len(knots)) / 2, knots, closed
-
-
-def _together(cut_ratio: float, *samples: Array) -> Array:
-    """Tell whether the samples of a triangle or an edge, given by nearness, are one surface."""
-    with np.errstate(invalid="ignore"):
-        return np.max(samples, axis=0) <= cut_ratio * np.min(samples, axis=0)  # a hole's nan is not
+    closed[::2] = ~(torn.right[y, x] | torn.below[y, x] | torn.diagonal[y, x])
+    closed[1::2] = ~(torn.right[y + 1, x] | torn.below[y, x + 1] | torn.diagonal[y, x])
+    return np.arange(-1, len(q) - 1.5, 0.5)[1:-1], knots[1:-1], closed[1:-1]
 
 
 def _first_seen(s: Array, t: Array, q: Array, closed: Array, pixels: Array) -> tuple[Array, Array, Array]:

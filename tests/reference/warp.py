@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
 from pyibr.images import DepthImage
+from tests.reference.edges import Edges, edges_of, with_ring
 
 Array = NDArray[Any]
 
@@ -66,7 +67,7 @@ def search_reference(
     camera: Camera,
     sample: str = "linear",
     edges: str = "connect",
-    cut_ratio: float = 1.05,
+    cut_ratio: float | None = None,
     side: str = "front",
 ) -> Result:
     """Every target pixel searches its segment of the epipolar line, from epipole to point at infinity.
@@ -80,6 +81,7 @@ def search_reference(
     """
     result = Result.empty(camera)
     source_from_target = _source_from_target(view.camera, camera)
+    surface = with_ring(view, edges_of(view, edges, cut_ratio))
     width, height = camera.size
     for y in range(height):
         for x in range(width):
@@ -90,13 +92,14 @@ def search_reference(
                 ray = Ray(source_from_target @ [x, y, 1, 0], source_from_target @ [0, 0, 0, -1], -np.inf)
             if not ray.clip(view.camera.size):
                 continue
-            hit, looked_at = _first_triangle(view, ray, cut_ratio if edges == "cut" else np.inf)
+            hit, looked_at = _first_triangle(view, ray, *surface)
             result.samples += looked_at
             if hit is None or (side != "both" and hit.front != (side == "front")):
                 continue
             point, color = hit.point, hit.color
             if sample == "nearest":
-                sx, sy = np.floor(point[:2] / point[2] + 0.5).astype(int)
+                nearest = np.floor(point[:2] / point[2] + 0.5).astype(int)
+                sx, sy = np.clip(nearest, 0, np.subtract(view.camera.size, 1))
                 point, color = np.array([sx, sy, 1.0, nearness(view)[sy, sx]]), view.color[sy, sx]
             result.put(x, y, _depth(camera, np.linalg.solve(source_from_target, point)), color)
     return result
@@ -123,11 +126,11 @@ class Ray:
     def clip(self, size: tuple[int, int]) -> bool:
         """Keep the part whose pixels are in the source image and before the source camera; False if none is.
 
-        That is 0 <= U <= W (width - 1), 0 <= V <= W (height - 1) and W > 0: linear in t, so that a ray which
+        That is -W / 2 <= U <= W (width - 1 / 2), the same of V, and W > 0: linear in t, so that a ray which
         passes the source camera's plane, where W changes its sign, is no special case.
         """
-        right, bottom = size[0] - 1, size[1] - 1
-        rows = [[1, 0, 0, 0], [-1, 0, right, 0], [0, 1, 0, 0], [0, -1, bottom, 0], [0, 0, 1, 0]]
+        right, bottom = size[0] - 0.5, size[1] - 0.5
+        rows = [[1, 0, 0.5, 0], [-1, 0, right, 0], [0, 1, 0.5, 0], [0, -1, bottom, 0], [0, 0, 1, 0]]
         for row in rows:
             a, b = np.dot(row, self.epipole), np.dot(row, self.infinity)  # a + t b >= 0
             if b > 0:
@@ -143,8 +146,8 @@ class Ray:
         return self.epipole + t[:, None] * self.infinity
 
     def meets(self, axis: tuple[int, int], last: int) -> Array:
-        """Sorted t at which the ray's pixels pass the grid lines ``axis . (x, y) = 0, 1, ... last``."""
-        k = np.arange(last + 1)
+        """Sorted t at which the ray's pixels pass the grid lines ``axis . (x, y) = -1, 0, 1, ... last``."""
+        k = np.arange(-1, last + 1)
         a = np.dot(axis, self.epipole[:2]) - k * self.epipole[2]
         b = np.dot(axis, self.infinity[:2]) - k * self.infinity[2]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -158,48 +161,39 @@ def nearness(view: DepthImage) -> Array:
     return 1 / z if view.camera.projection == "perspective" else -z
 
 
-def longer_side(camera: Camera) -> float:
-    """Of what an orthographic camera sees, in scene units: what its depths are compared with where edges are cut."""
-    return max(camera.width / camera.K[0, 0], camera.height / camera.K[1, 1])
-
-
-def _first_triangle(view: DepthImage, ray: Ray, cut_ratio: float) -> tuple[Hit | None, int]:
-    """The first triangle of the grid that the ray crosses."""
-    delta = nearness(view)
-    height, width = delta.shape
-    if min(width, height) < 2:
-        return None, 0
-    grid = ray.meets((1, 0), width - 1), ray.meets((0, 1), height - 1), ray.meets((1, 1), width + height - 2)
+def _first_triangle(view: DepthImage, ray: Ray, ring: Array, edges: Edges) -> tuple[Hit | None, int]:
+    """The first triangle of the grid that the ray crosses; the grid has a ring around the image's samples."""
+    height, width = view.depth.shape
+    grid = ray.meets((1, 0), width), ray.meets((0, 1), height), ray.meets((1, 1), width + height)
     t = np.unique(np.concatenate([[ray.low], *grid, [ray.high]]))
     a, b = t[:-1], t[1:]
     # Between two stops the ray's pixels lie in one triangle: the one around any pixel between them.
     inner = np.where(np.isinf(b), np.where(np.isinf(a), 0.0, a + 1), np.where(np.isinf(a), b - 1, (a + b) / 2))
     pixel = ray.at(inner)[:, :2] / ray.at(inner)[:, 2:3]
-    x, y = np.clip(np.floor(pixel).astype(int), 0, [width - 2, height - 2]).T
+    x, y = np.clip(np.floor(pixel).astype(int), -1, [width - 1, height - 1]).T
     upper = (pixel[:, 0] - x + pixel[:, 1] - y >= 1).astype(int)
     # Its corner with the right angle, and that corner's neighbours along x and along y.
     cx, cy, nx, ny = x + upper, y + upper, x + 1 - upper, y + 1 - upper
-    gu, gv = (delta[cy, nx] - delta[cy, cx]) * (nx - cx), (delta[ny, cx] - delta[cy, cx]) * (ny - cy)
-    plane = np.stack([gu, gv, delta[cy, cx] - gu * cx - gv * cy, -np.ones_like(gu)], axis=-1)
+    delta = ring[cy + 1, cx + 1]
+    gu, gv = (ring[cy + 1, nx + 1] - delta) * (nx - cx), (ring[ny + 1, cx + 1] - delta) * (ny - cy)
+    plane = np.stack([gu, gv, delta - gu * cx - gv * cy, -np.ones_like(gu)], axis=-1)
     # The surface's lead over the ray, delta - min_delta, times W is f0 + t f1.
     f0, f1 = plane @ ray.epipole, plane @ ray.infinity
     with np.errstate(divide="ignore", invalid="ignore"):
         root = -f0 / f1
         slack = 1e-9 * np.where(np.isfinite(b - a), b - a, 1.0)
         crossed = (root >= a - slack) & (root <= b + slack)
-        depth = np.stack([view.depth[cy, cx], view.depth[cy, nx], view.depth[ny, cx]]).astype(np.float64)
-        if view.camera.projection == "perspective":
-            crossed &= depth.max(axis=0) <= cut_ratio * depth.min(axis=0)
-        else:
-            crossed &= depth.max(axis=0) - depth.min(axis=0) <= (cut_ratio - 1) * longer_side(view.camera)
+        row = np.where(upper, y + 1, y) + 1  # of the edge along x
+        column = np.where(upper, x + 1, x) + 1
+        crossed &= ~(edges.diagonal[y + 1, x + 1] | edges.right[row, x + 1] | edges.below[y + 1, column])
     if not crossed.any():
         return None, len(t)
     i = int(np.argmax(crossed))
     point = ray.epipole + root[i] * ray.infinity
     along_x, along_y = np.abs(point[:2] / point[2] - [cx[i], cy[i]])
-    color = view.color.astype(np.float64)
-    mixed = (1 - along_x - along_y) * color[cy[i], cx[i]]
-    mixed = mixed + along_x * color[cy[i], nx[i]] + along_y * color[ny[i], cx[i]]
+    color = np.pad(view.color, ((1, 1), (1, 1), (0, 0)), mode="edge").astype(np.float64)
+    mixed = (1 - along_x - along_y) * color[cy[i] + 1, cx[i] + 1]
+    mixed = mixed + along_x * color[cy[i] + 1, nx[i] + 1] + along_y * color[ny[i] + 1, cx[i] + 1]
     return Hit(point, bool(f1[i] > 0), mixed), len(t)
 
 

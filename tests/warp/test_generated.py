@@ -27,7 +27,7 @@ from pyibr.core.camera import Camera, Projection
 from pyibr.images.depth_image import Side
 from pyibr.warp.view import Edges
 from tests import scenes
-from tests.exact import CUT_RATIO, off, slivers, ties
+from tests.exact import off, slivers, ties
 from tests.reference.warp import search_reference
 
 SCENES = ("smooth", "steps", "noise", "soft", "thin", "holes")
@@ -175,7 +175,7 @@ def test_warps_that_were_wrong(seed):
 @pytest.mark.parametrize("seed", range(16))
 def test_search_sees_what_its_reference_sees(seed):
     case = make_case(seed, least=9, most=(31, 27))
-    seen = search_reference(case.view, case.target, "linear", case.edges, CUT_RATIO, case.side)
+    seen = search_reference(case.view, case.target, "linear", case.edges, side=case.side)
     wrong = without_ties(case, off(searched(case, case.target), seen.depth))
     assert not wrong.any(), f"{np.argwhere(wrong).tolist()}, {case}"
 

@@ -16,7 +16,7 @@ from pyibr.core.camera import Camera
 from pyibr.core.pixelspace import camera_pair
 from pyibr.warp.view import Edges, Method
 from tests import scenes
-from tests.exact import CUT_RATIO, off, ties, with_center_moved
+from tests.exact import off, ties, with_center_moved
 from tests.reference.lines import Sideways, sideways_reference
 from tests.reference.warp import search_reference
 
@@ -96,7 +96,7 @@ def view_of(scene: str, size: scenes.Size = SIZE, turned: bool = False) -> ibr.D
 
 @cache
 def seen_of(scene: str, step: tuple[float, float], edges: Edges, size: scenes.Size = SIZE) -> Sideways:
-    return sideways_reference(view_of(scene, size), step, CUT_RATIO if edges == "cut" else np.inf)
+    return sideways_reference(view_of(scene, size), step, edges)
 
 
 def limit_of(scene: str) -> float:
@@ -164,7 +164,7 @@ def test_rows_between_the_sources_rows_are_the_references(scene, edges, target):
     view = view_of(scene, (23, 19))
     for step in ((0.3, 0.0), (0.0, -0.25)):
         camera = between(view.camera, target).moved(*step, 0)
-        seen = search_reference(view, camera, edges=edges, cut_ratio=CUT_RATIO)
+        seen = search_reference(view, camera, edges=edges)
         for method in METHODS:
             wrong = off(ibr.warp(view, camera, method=method, edges=edges).depth, seen.depth)
             wrong &= ~passes_ends(view, camera, edges)

@@ -35,7 +35,7 @@ def nearness_seen(case: Case, edges: bool) -> np.ndarray:
     """(H, W) nearness in the target of what the pixels' lines met, nan where they met nothing."""
     width, height = case.target.size
     with watching(Answers(edges)) as answers:
-        ibr.warp(case.view, case.target, edges="cut", side=case.side)
+        ibr.warp(case.view, case.target, edges="cut", cut_ratio=1.05, side=case.side)
     seen = answers.seen[: height * pitch(width)].reshape(height, pitch(width))[:, :width]
     return np.where(seen > -1e37, seen, np.nan)
 

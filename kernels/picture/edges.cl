@@ -1,0 +1,163 @@
+/* The surface of a depth image: its samples, which of them are torn apart, and half a pixel more at its border.
+ *
+ * Two neighbours are one surface if it faces the camera (their difference of nearness is that of no steep slope), or if
+ * it goes on: the next two samples on one side or the other foretell the neighbour's nearness. The slope may double from
+ * them to the neighbour, as where a surface bends away from the camera; but of one sample between two surfaces, at one
+ * side or the other it more than doubles. What noise and the steps of a scale explain is no edge; the mean of three
+ * lines beside each other foretells with less noise. Or, by number, depths of a greater ratio are torn apart (Cut).
+ *
+ * A sample covers its pixel: beyond the outermost samples lies a ring of further ones, each on the straight line through
+ * the two within, so that the surface can be followed up to the edges of the picture's pixels (lib/surface.h), where it
+ * ends.
+ *
+ * nearness: (height, pitch) as picture/nearness.cl has it. surface: (height + 2, pitch), the same with the ring;
+ * the last bits of each are its TORN_... ones (which changes it by 5e-7 of itself, at most). ring: (2, 2 width + 2 height
+ * + 4) how near and how far the surface is half a pixel beyond each border sample: (inf, -inf) if it is not there.
+ * Work-item of mark_edges: a row; of continue_border: a sample of the ring, after it. Cost: O(samples).
+ * Determinism: each sample from depths alone.
+ */
+#include "lib/lanes.h"
+#include "lib/surface.h"
+
+/* How neighbours are told to be torn apart: where the surface does not go on, or, if not `straight`, by a Cut alone. */
+typedef struct {
+    int straight;
+    float noise[3];     /* noise changes nearness n by up to noise[0] + noise[1] n + noise[2] n^2 from sample to sample */
+    float per_pixel[3]; /* along rows, columns, diagonals: what the steepest surface that faces the camera changes it by, */
+    int perspective;    /* as a part of itself, or in all */
+} EdgeTest;
+
+typedef struct {
+    global const float *nearness;
+    int width, height, pitch;
+} Image;
+
+/* Samples (x, y) to (x + LANES - 1, y) */
+INLINED floatl samples_from(Image image, int x, int y)
+{
+    floatl n = NO_SURFACE;
+    if (y < 0 || y >= image.height)
+        return n;
+    global const float *row = image.nearness + (size_t)y * image.pitch;
+    if (x >= 0 && x + LANES <= image.width)
+        return load_lanes(row + x);
+    for (int lane = max(-x, 0); lane < min(LANES, image.width - x); lane++)
+        set_float_lane(n, lane, row[x + lane]);
+    return n;
+}
+
+/* What the next two samples on a side of `a`, or the next one, foretell of the change from it to the other side */
+INLINED floatl slope_of(floatl a, floatl next, floatl after)
+{
+    return select_lanes(after > NO_SURFACE, 0.5f * (a - after), a - next);
+}
+
+/* May a change d follow a slope? */
+#define FOLLOWS(d, slope, allowed) (fabs((d) - (slope)) <= (allowed) + max_lanes(fabs(slope) - (allowed), (floatl)0.0f))
+
+/* Does a surface go on straight from one sample to the next along (dx, dy)? Beside them lie lines at (across_x, across_y). */
+INLINED intl goes_on(Image image, int x, int y, int dx, int dy, int across_x, int across_y, floatl allowed)
+{
+    const floatl here = samples_from(image, x, y), there = samples_from(image, x + dx, y + dy), d = there - here;
+    floatl sum_before = 0.0f, sum_after = 0.0f, count_before = 0.0f, count_after = 0.0f;
+    intl straight = 0;
+    const int lines = across_x | across_y ? 1 : 0;
+    for (int line = -lines; line <= lines; line++) {
+        const int lx = x + line * across_x, ly = y + line * across_y;
+        const floatl before_2 = samples_from(image, lx - 2 * dx, ly - 2 * dy), before_1 = samples_from(image, lx - dx, ly - dy);
+        const floatl a = samples_from(image, lx, ly), b = samples_from(image, lx + dx, ly + dy);
+        const floatl after_1 = samples_from(image, lx + 2 * dx, ly + 2 * dy), after_2 = samples_from(image, lx + 3 * dx, ly + 3 * dy);
+        const intl has_before = (a > NO_SURFACE) & (before_1 > NO_SURFACE), has_after = (b > NO_SURFACE) & (after_1 > NO_SURFACE);
+        const floatl slope_before = slope_of(a, before_1, before_2), slope_after = -slope_of(b, after_1, after_2);
+        if (line == 0)
+            straight = (has_before & FOLLOWS(d, slope_before, allowed)) | (has_after & FOLLOWS(d, slope_after, allowed));
+        sum_before += select_lanes(has_before, slope_before, (floatl)0.0f);
+        sum_after += select_lanes(has_after, slope_after, (floatl)0.0f);
+        count_before += select_lanes(has_before, (floatl)1.0f, (floatl)0.0f);
+        count_after += select_lanes(has_after, (floatl)1.0f, (floatl)0.0f);
+    }
+    straight = straight | ((count_before > 0.0f) & FOLLOWS(d, sum_before / max_lanes(count_before, (floatl)1.0f), allowed));
+    return straight | ((count_after > 0.0f) & FOLLOWS(d, sum_after / max_lanes(count_after, (floatl)1.0f), allowed));
+}
+
+/* Is each of LANES samples torn apart from its neighbour at (dx, dy)? direction: the index of per_pixel. */
+INLINED intl torn_along(Image image, int x, int y, int dx, int dy, int direction, Cut cut, EdgeTest test)
+{
+    const floatl a = samples_from(image, x, y), b = samples_from(image, x + dx, y + dy);
+    const floatl near = max_lanes(a, b), far = min_lanes(a, b);
+    const intl missing = far <= NO_SURFACE;
+    if (!test.straight)
+        return IS_OPEN(cut, near, far);
+    const floatl noise = test.noise[0] + near * (test.noise[1] + near * test.noise[2]);
+    const floatl facing = test.perspective ? test.per_pixel[direction] * far : (floatl)test.per_pixel[direction];
+    const intl apart = (!missing) & (near - far > max_lanes(facing, noise));
+    if (!any_lane(apart))
+        return missing;
+    const int across_x = direction == 1, across_y = direction == 0;
+    return missing | (apart & !goes_on(image, x, y, dx, dy, across_x, across_y, noise));
+}
+
+/* The number nearest to a float's, of those with these last bits */
+#define NEAREST_WITH_BITS(number, bits) ((((number) - (bits) + (TORN_ALL + 1) / 2) & ~TORN_ALL) | (bits))
+
+#define LEAST_BEYOND 1e-3f /* of the border's nearness: the ring's is at least that */
+
+kernel void mark_edges(global const float *nearness, global float *surface, int width, int height, int pitch, Cut cut, EdgeTest test)
+{
+    const int y = get_global_id(0);
+    if (y >= height)
+        return;
+    const Image image = {nearness, width, height, pitch};
+    for (int x0 = 0; x0 < width; x0 += LANES) {
+        const floatl n = samples_from(image, x0, y);
+        const intl solid = n > NO_SURFACE, last = x0 + lane_index == width - 1;
+        const intl below = y + 1 < height ? torn_along(image, x0, y, 0, 1, 1, cut, test) : !solid;
+        const intl right = select_lanes(last, !solid, torn_along(image, x0, y, 1, 0, 0, cut, test));
+        /* The diagonal from the right neighbour to the one below; of the last ones a neighbour is in the ring. */
+        intl diagonal = y + 1 < height ? torn_along(image, x0 + 1, y, -1, 1, 2, cut, test) : right;
+        diagonal = select_lanes(last, below, diagonal);
+        const intl bits = select_lanes(right, (intl)TORN_RIGHT, (intl)0) | select_lanes(below, (intl)TORN_BELOW, (intl)0) |
+                          select_lanes(diagonal, (intl)TORN_DIAGONAL, (intl)0);
+        /* A missing sample's bits to the right and below keep it NO_SURFACE. */
+        const floatl marked = as_floatl(select_lanes(solid, NEAREST_WITH_BITS(as_intl(n), bits), ((intl)as_int(NO_SURFACE) & ~TORN_ALL) | bits));
+        global float *out = surface + (size_t)(y + 1) * pitch + x0 + 1;
+        if (x0 + LANES <= width)
+            store_lanes(marked, out);
+        else
+            for (int lane = 0; lane < width - x0; lane++)
+                out[lane] = float_lane(marked, lane);
+    }
+}
+
+/* A marked sample of the surface, by the image's numbers */
+#define MARKED(x, y) surface[(size_t)((y) + 1) * pitch + (x) + 1]
+
+kernel void continue_border(global const float *nearness, global float *surface, global float *ring, int width, int height,
+                            int pitch)
+{
+    const int i = get_global_id(0), row = width + 2, count = 2 * row + 2 * height;
+    if (i >= count)
+        return;
+    /* Rows above and below, then columns to the left and to the right */
+    const int x = i < 2 * row ? i % row - 1 : (i - 2 * row < height ? -1 : width);
+    const int y = i < 2 * row ? (i < row ? -1 : height) : (i - 2 * row) % height;
+    const int bx = clamp(x, 0, width - 1), by = clamp(y, 0, height - 1), ix = bx + (bx - x), iy = by + (by - y);
+    const float n = nearness[(size_t)by * pitch + bx];
+    const int bits = as_int(MARKED(bx, by));
+    float beyond = n;
+    if (ix != bx && ix >= 0 && ix < width && !(as_int(MARKED(min(ix, bx), by)) & TORN_RIGHT))
+        beyond += n - nearness[(size_t)by * pitch + ix];
+    if (iy != by && iy >= 0 && iy < height && !(as_int(MARKED(bx, min(iy, by))) & TORN_BELOW))
+        beyond += n - nearness[(size_t)iy * pitch + bx];
+    /* Half a pixel on, at most twice as far as the border sample, or half as far. */
+    beyond = n > 0.0f ? clamp(beyond, LEAST_BEYOND * n, 2.0f * n) : clamp(beyond, 2.0f * n, LEAST_BEYOND * n);
+    /* Edges along the border are torn where the border's are; to the ring there are none. */
+    const int along_row = x == bx && (bits & TORN_RIGHT), along_column = y == by && (bits & TORN_BELOW);
+    int torn = (along_row ? TORN_RIGHT : 0) | (along_column ? TORN_BELOW : 0);
+    if ((y < 0 && along_row) || (x < 0 && along_column))
+        torn |= TORN_DIAGONAL;
+    const int is_there = n > NO_SURFACE;
+    MARKED(x, y) = as_float(is_there ? NEAREST_WITH_BITS(as_int(beyond), torn) : as_int(MISSING_SAMPLE));
+    ring[i] = is_there ? 0.5f * (n + beyond) : INFINITY;
+    ring[count + i] = is_there ? 0.5f * (n + beyond) : -INFINITY;
+}

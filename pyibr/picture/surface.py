@@ -1,0 +1,116 @@
+"""The surface of a depth image on the device: which samples are torn apart, and half a pixel more at its border."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.core.pixelspace import pitch
+from pyibr.images import DepthImage
+from pyibr.opencl.device_cache import cached_on_device
+from pyibr.opencl.headers import struct
+from pyibr.opencl.launch import Struct, launch
+from pyibr.opencl.memory import DeviceArray, empty
+from pyibr.opencl.program import kernel
+from pyibr.picture.samples import Samples, cut_of, samples_of
+
+_STEEPEST = 8.0  # depth over width: a surface that recedes by less from sample to sample faces the camera
+_DEVIATIONS = 4.0 * math.sqrt(2)  # of a sample's noise, by which neighbours may differ
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A depth image's surface on the device.
+
+    Attributes
+    ----------
+    nearness : DeviceArray (H + 2, pitch) float32
+        Of the image's samples within a ring of further ones, with the bits of kernels/picture/edges.cl.
+    color : DeviceArray (H, W, 3)
+    low, high : float
+        Least and greatest nearness.
+    test : EdgeTest
+        What tells the edges.
+    """
+
+    nearness: DeviceArray
+    color: DeviceArray
+    low: float
+    high: float
+    test: EdgeTest
+
+
+@dataclass(frozen=True)
+class EdgeTest:
+    """What tells which neighbours in a depth image are torn apart.
+
+    Attributes
+    ----------
+    cut : record
+        Of the kernels' struct Cut: by their depths alone; with `straight`, for pairs of which nothing else is known.
+    straight : record
+        Of the kernels' struct EdgeTest.
+    """
+
+    cut: NDArray[np.void]
+    straight: NDArray[np.void]
+
+
+def surface_of(view: DepthImage, cut_ratio: float | None, connected: bool = False) -> Surface:
+    """The view's surface on the current device, made once for each way to tell its edges.
+
+    Parameters
+    ----------
+    view : DepthImage
+        Of a camera without a lens.
+    cut_ratio : float or None
+        Of depths, that tears neighbours apart, as `cut_of` takes it. None: what does not go on straight does, if noise
+        does not explain it.
+    connected : bool
+        All neighbours are one surface.
+    """
+    made: dict[object, Surface] = cached_on_device(view, "surface", lambda: {})
+    key = "connected" if connected else cut_ratio
+    if key not in made:
+        if connected or cut_ratio is not None:
+            test = test_by_cut(cut_of(view.camera, None if connected else cut_ratio))
+        else:
+            test = straightness_test(view)
+        made[key] = make_surface(samples_of(view), view.camera.size, test)
+    return made[key]
+
+
+def straightness_test(view: DepthImage) -> EdgeTest:
+    """Surfaces go on straight, or face the camera; noise and the steps of a scale are no edges."""
+    cut, values = cut_of(view.camera, 1.0), np.zeros((), struct("picture/edges.cl", "EdgeTest"))
+    perspective = view.camera.projection == "perspective"
+    a, b, c = (_DEVIATIONS * noise + step for noise, step in zip(view.noise, view.steps, strict=True))
+    across, down = 1 / view.camera.K[0, 0], 1 / view.camera.K[1, 1]
+    values["straight"], values["perspective"] = True, perspective
+    values["noise"] = (a, b, c) if perspective else (c, -b, a)
+    values["per_pixel"] = _STEEPEST * np.array([across, down, math.hypot(across, down)])
+    cut["far_scale" if perspective else "least"] += values["per_pixel"][2]
+    return EdgeTest(cut, values)
+
+
+def test_by_cut(cut: NDArray[np.void]) -> EdgeTest:
+    """By a record of the kernels' struct Cut alone."""
+    return EdgeTest(cut, np.zeros((), struct("picture/edges.cl", "EdgeTest")))
+
+
+def make_surface(samples: Samples, size: tuple[int, int], test: EdgeTest) -> Surface:
+    """The surface of samples of an image of that size."""
+    width, height = size
+    surface = empty((height + 2, pitch(width)), np.float32)
+    ring = empty((2, 2 * (width + 2) + 2 * height), np.float32)
+    shared = {"nearness": samples.nearness, "surface": surface, "width": width, "height": height}
+    shared |= {"pitch": surface.shape[1]}
+    tests = {"cut": Struct("Cut", test.cut), "test": Struct("EdgeTest", test.straight)}
+    launch(kernel("picture/begin.cl", "mark_edges"), (height,), **tests, **shared)
+    launch(kernel("picture/begin.cl", "continue_border"), (ring.shape[1],), ring=ring, **shared)
+    nearest_and_farthest = ring.to_host()
+    low, high = float(nearest_and_farthest[0].min()), float(nearest_and_farthest[1].max())
+    return Surface(surface, samples.color, min(samples.low, low), max(samples.high, high), test)

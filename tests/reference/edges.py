@@ -1,0 +1,154 @@
+"""Which neighbours in a depth image are torn apart, and its surface half a pixel beyond its border, in NumPy.
+
+For reading: `kernels/picture/edges.cl` says the same for a device. Nearness is 1/z of perspective views, -z of
+orthographic ones; NaN where there is no sample. Edges are (H, W) bool: a sample torn from the one to its right, from
+the one below it, and its right neighbour torn from its lower one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.images import DepthImage
+
+Array = NDArray[Any]
+
+STEEPEST = 8.0
+DEVIATIONS = 4.0 * np.sqrt(2.0)
+LEAST_BEYOND = 1e-3
+
+
+@dataclass(frozen=True)
+class Edges:
+    """(H, W) bool: what is torn apart."""
+
+    right: Array
+    below: Array
+    diagonal: Array
+
+
+def nearness_of(view: DepthImage) -> Array:
+    """(H, W) float64; NaN where there is no sample."""
+    z = np.where(view.valid, view.depth.astype(np.float64), np.nan)
+    return 1 / z if view.camera.projection == "perspective" else -z
+
+
+def edges_of(view: DepthImage, edges: str = "cut", cut_ratio: float | None = None) -> Edges:
+    """The edges of a view as `WarpedView` tells them; what a sample is missing to is torn."""
+    near = nearness_of(view).astype(np.float32)
+    if edges == "connect":
+        return Edges(*(~np.isfinite(b - a) for a, b in _pairs(near)))
+    if cut_ratio is not None:
+        perspective, camera = view.camera.projection == "perspective", view.camera
+        longer_side = max(camera.width / camera.K[0, 0], camera.height / camera.K[1, 1])
+
+        def torn_by_ratio(a: Array, b: Array) -> Array:
+            high, low = np.fmax(a, b).astype(np.float64), np.fmin(a, b).astype(np.float64)
+            too_far = high > cut_ratio * low if perspective else high - low > (cut_ratio - 1) * longer_side
+            return too_far | ~np.isfinite(a - b)
+
+        return Edges(*(torn_by_ratio(a, b) for a, b in _pairs(near)))
+    fx, fy = view.camera.K[0, 0], view.camera.K[1, 1]
+    across = _torn_along_rows(near, view, 1 / fx, beside=True)
+    down = _torn_along_rows(near.T, view, 1 / fy, beside=True).T
+    # Diagonals are rows of the image sheared by one sample a row.
+    height, width = near.shape
+    sheared = np.full((height, width + height), np.nan, np.float32)
+    for y in range(height):
+        sheared[y, y : y + width] = near[y]
+    along = _torn_along_rows(sheared.T, view, np.hypot(1 / fx, 1 / fy), beside=False).T
+    diagonal = np.ones(near.shape, bool)
+    for y in range(height - 1):
+        diagonal[y, : width - 1] = along[y, y + 1 : y + width]
+    return Edges(across, down, diagonal)
+
+
+def _pairs(near: Array) -> list[tuple[Array, Array]]:
+    """The samples at both ends of the three kinds of edges; NaN beyond the image."""
+    right, below = _shifted(near, 1), _shifted(near.T, 1).T
+    return [(near, right), (near, below), (right, below)]
+
+
+def _shifted(image: Array, by: int) -> Array:
+    """Each row's sample `by` columns farther on; NaN beyond the image."""
+    padded = np.pad(image, ((0, 0), (abs(by), abs(by))), constant_values=np.nan)
+    return padded[:, abs(by) + by : abs(by) + by + image.shape[1]]
+
+
+def _torn_along_rows(near: Array, view: DepthImage, per_pixel: float, beside: bool) -> Array:
+    """Samples that are torn from the next one in their row.
+
+    A surface goes on if two samples on one side foretell the change to the next by their slope, which may double; or if
+    it faces the camera. `beside`: the slopes' mean over three rows may foretell it, too.
+    """
+    perspective = view.camera.projection == "perspective"
+    change, high, low = _shifted(near, 1) - near, np.fmax(near, _shifted(near, 1)), np.fmin(near, _shifted(near, 1))
+    a, b, c = (np.float32(DEVIATIONS * noise + step) for noise, step in zip(view.noise, view.steps, strict=True))
+    constant, linear, square = (a, b, c) if perspective else (c, -b, a)
+    noise = constant + high * (linear + high * square)
+    facing = np.float32(STEEPEST * per_pixel) * (low if perspective else np.ones_like(low))
+    goes_on = np.abs(change) <= np.fmax(facing, noise)
+    for side in (-1, 1):
+        one, two = _shifted(change, side), _shifted(change, 2 * side)
+        slope = np.where(np.isfinite(two), np.float32(0.5) * (one + two), one)
+        slopes = [slope]
+        if beside:
+            rows = np.stack([np.pad(slope, ((1, 1), (0, 0)), constant_values=np.nan)[i : i + len(slope)] for i in range(3)])
+            count = np.isfinite(rows).sum(axis=0)
+            slopes.append((np.nansum(rows, axis=0) / np.maximum(count, 1)).astype(np.float32))
+            slopes[1][count == 0] = np.nan
+        for foretold in slopes:
+            with np.errstate(invalid="ignore"):
+                goes_on |= np.abs(change - foretold) <= noise + np.fmax(np.abs(foretold) - noise, 0)
+    return ~(goes_on & np.isfinite(change))
+
+
+def with_ring(view: DepthImage, edges: Edges) -> tuple[Array, Edges]:
+    """The (H + 2, W + 2) nearness, float64, with a ring of samples beyond the border, and its edges.
+
+    Each lies on the straight line through the border's sample and the next one within, if these are one surface.
+    """
+    near = nearness_of(view)
+    height, width = near.shape
+
+    def slopes(values: Array, torn: Array) -> tuple[Array, Array]:
+        """What the first and the last column differ from the next one within."""
+        if values.shape[1] == 1:
+            return np.zeros(len(values)), np.zeros(len(values))
+        first, last = values[:, 0] - values[:, 1], values[:, -1] - values[:, -2]
+        return np.where(torn[:, 0], 0, first), np.where(torn[:, -2], 0, last)
+
+    left, right = slopes(near, edges.right)
+    top, bottom = slopes(near.T, edges.below.T)
+    grown = np.pad(near, 1, mode="edge")
+    grown[1:-1, 0] += left
+    grown[1:-1, -1] += right
+    grown[0, 1:-1] += top
+    grown[-1, 1:-1] += bottom
+    for row, column, rise in ((0, 0, left[0] + top[0]), (0, -1, right[0] + top[-1])):
+        grown[row, column] += rise
+    for row, column, rise in ((-1, 0, left[-1] + bottom[0]), (-1, -1, right[-1] + bottom[-1])):
+        grown[row, column] += rise
+    border = np.pad(near, 1, mode="edge")
+    least, most = LEAST_BEYOND * border, 2 * border
+    grown = np.clip(grown, np.minimum(least, most), np.maximum(least, most))
+    grown[1:-1, 1:-1] = near
+
+    torn_right, torn_below, torn_diagonal = (np.ones((height + 2, width + 2), bool) for _ in range(3))
+    torn_right[1:-1, 1:-1], torn_below[1:-1, 1:-1], torn_diagonal[1:-1, 1:-1] = edges.right, edges.below, edges.diagonal
+    # To the ring nothing is torn; along it what is along the border.
+    torn_right[1:-1, 0] = torn_right[1:-1, -2] = torn_below[0, 1:-1] = torn_below[-2, 1:-1] = False
+    torn_below[1:-1, 0], torn_below[1:-1, -1] = torn_below[1:-1, 1], torn_below[1:-1, -2]
+    torn_right[0, 1:-1], torn_right[-1, 1:-1] = torn_right[1, 1:-1], torn_right[-2, 1:-1]
+    torn_right[[0, 0, -1, -1], [0, -2, 0, -2]] = torn_below[[0, 0, -2, -2], [0, -1, 0, -1]] = False
+    torn_diagonal[1:-1, 0], torn_diagonal[1:-1, -2] = torn_below[1:-1, 0], torn_below[1:-1, -2]
+    torn_diagonal[0, 1:-1], torn_diagonal[-2, 1:-1] = torn_right[0, 1:-1], torn_right[-2, 1:-1]
+    torn_diagonal[[0, 0, -2, -2], [0, -2, 0, -2]] = False
+    missing = np.isnan(grown)
+    missing[1:-1, 1:-1] = False  # of the image's own samples the edges are known
+    torn_right[missing] = torn_below[missing] = torn_diagonal[missing] = True
+    return grown, Edges(torn_right, torn_below, torn_diagonal)
