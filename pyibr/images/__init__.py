@@ -17,6 +17,7 @@ from pyibr.images.converters import (
 )
 from pyibr.images.depth_image import DepthImage
 from pyibr.images.frame import Frame, PixelClass
+from pyibr.images.noise import disparity_noise
 
 __all__ = [
     "CleanedDepth",
@@ -30,6 +31,7 @@ __all__ = [
     "depth_from_uint16",
     "depth_from_zbuffer",
     "disparity_from_depth",
+    "disparity_noise",
     "euclidean_from_depth",
     "mpeg_from_depth",
     "uint16_from_depth",

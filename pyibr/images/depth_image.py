@@ -7,6 +7,7 @@ depth is not finite or not > 0 is invalid: nothing is known there.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cached_property, partial
 from typing import Literal
 
@@ -22,6 +23,7 @@ from pyibr.core.checks import (
     fits,
     instance_of,
     locked,
+    numbers,
     one_of,
     plain_array,
     positive,
@@ -30,7 +32,7 @@ from pyibr.core.checks import (
 )
 from pyibr.core.errors import ArgumentError
 from pyibr.core.straight import rays_of
-from pyibr.images.noise import noise_by_depth, steps_by_depth
+from pyibr.images.noise import fitted_noise, noise_by_depth, steps_by_depth
 
 Color = NDArray[np.uint8] | NDArray[np.float32]
 Depth = NDArray[np.float32]
@@ -38,6 +40,10 @@ Side = Literal["front", "back", "both"]
 """Which side of a depth image's surface: the one that faces its camera, the other, or either."""
 DefaultDepth = Literal["farthest"]
 
+Noise = float | tuple[float, float, float] | Callable[[Float64], Float64]
+"""How noisy depth is, as `DepthImage` takes it."""
+
+_NOISE_PLACES = 16  # depths at which a function of noise is looked at
 _UNIT = 1e-3  # squares of lengths may be off by that: they are normals in float32, or rounded ones
 _CHUNK = 1 << 15  # samples at a time: of more, float64 values take several times longer
 
@@ -62,9 +68,16 @@ class DepthImage(Fixed):
     normals : (H, W, 3) float32, optional
         Of the surface, in the camera's frame (x right, y down, z forward) and towards it, of any length; NaN or 0 where
         they are not known. A `Light` with `relight` shades by them; where there are none, the depths tell them.
+    noise : float, (a, b, c) or callable, optional
+        The depth's noise: the standard deviation of 1 / depth, as stereo and structured light have it (`disparity_noise`;
+        of an orthographic camera's depth, that of the depth itself); or of depth z it is a z^2 + b z + c, or a function
+        of z that takes and returns (n,) float64. By default it is found from the samples. It tells edges, how views are
+        blended, and how much is smoothed.
 
     Attributes
     ----------
+    noise : (a, b, c)
+        The depth's noise has a standard deviation of about a z^2 + b z + c at depth z. If it is found, on first use.
     color, depth, camera, far, normals
         As given, but for `default_depth`; `color` of shape (H, W, 0) if there is none; `normals` of length 1, NaN where
         unknown, or None. The arrays are kept without a copy if they are C-contiguous, and locked against writing
@@ -100,6 +113,7 @@ class DepthImage(Fixed):
         far: float = math.inf,
         default_depth: float | DefaultDepth | None = None,
         normals: NDArray[np.float32] | None = None,
+        noise: Noise | None = None,
     ) -> None:
         instance_of("camera", camera, Camera, "a pyibr.Camera")
         shape = camera.height, camera.width
@@ -111,14 +125,16 @@ class DepthImage(Fixed):
         self.depth = locked(given if default_depth is None else _backed(given, limit, default_depth))
         self.far = limit if default_depth is None else math.inf
         self.normals = None if normals is None else locked(_checked_normals(normals, camera))
+        self._noise = None if noise is None else _checked_noise(noise, self)
 
     def __reduce__(self) -> tuple[partial[DepthImage], tuple[object, ...]]:
         color = self.color if self.has_color else None
-        return partial(DepthImage, far=self.far, normals=self.normals), (color, self.depth, self.camera)
+        options = {"far": self.far, "normals": self.normals, "noise": self._noise}
+        return partial(DepthImage, **options), (color, self.depth, self.camera)
 
     def _with_color(self, color: Color | None) -> DepthImage:
         """The same image in other colours."""
-        return DepthImage(color, self.depth, self.camera, far=self.far, normals=self.normals)
+        return DepthImage(color, self.depth, self.camera, far=self.far, normals=self.normals, noise=self._noise)
 
     def __repr__(self) -> str:
         color = self.color.dtype if self.has_color else "depth alone"
@@ -156,8 +172,7 @@ class DepthImage(Fixed):
 
     @cached_property
     def noise(self) -> tuple[float, float, float]:
-        """(a, b, c): at depth z its noise has a standard deviation of about a z^2 + b z + c. Found on first use."""
-        return noise_by_depth(self.depth, self.far)
+        return noise_by_depth(self.depth, self.far) if self._noise is None else self._noise
 
     @cached_property
     def steps(self) -> tuple[float, float, float]:
@@ -223,6 +238,25 @@ def _backed(depth: Depth, far: float, default_depth: float | DefaultDepth) -> De
         if not 0 < behind < np.inf:
             raise ArgumentError("default_depth", "a depth that float32 holds", describe(default_depth))
     return np.where(valid, depth, behind)
+
+
+def _checked_noise(noise: object, view: DepthImage) -> tuple[float, float, float]:
+    """The noise of a view's depth as `DepthImage.noise` has it."""
+    expected = "a number >= 0, three of them or a function of depth"
+    if not callable(noise):
+        given = numbers("noise", noise, () if np.ndim(noise) == 0 else (3,))  # pyright: ignore[reportArgumentType]
+        if not (given >= 0).all():
+            raise ArgumentError("noise", expected, describe(noise))
+        if given.ndim:
+            a, b, c = given.tolist()
+            return a, b, c
+        return (float(given), 0.0, 0.0) if view.camera.projection == "perspective" else (0.0, 0.0, float(given))
+    depths = view.depth[view.valid].astype(np.float64)
+    z = np.linspace(depths.min(), depths.max(), _NOISE_PLACES) if len(depths) else np.ones(1)
+    deviations = np.asarray(noise(z), np.float64)
+    if deviations.shape != z.shape or not (np.isfinite(deviations) & (deviations >= 0)).all():
+        raise ArgumentError("noise", f"a function of ({len(z)},) depths that returns as many numbers >= 0", describe(deviations))
+    return fitted_noise(z, deviations)
 
 
 def _checked_normals(normals: object, camera: Camera) -> NDArray[np.float32]:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import itertools
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.core.checks import Float64
+from pyibr.core.checks import Float64, number_from, positive
 
 Depth = NDArray[np.float32]
 
@@ -85,10 +86,14 @@ def noise_by_depth(depth: Depth, far: float = np.inf) -> tuple[float, float, flo
     Stereo and structured light have the first kind, time of flight the others.
     """
     at, deviations = noise_by_nearness(depth, far, _ENOUGH)
+    return fitted_noise(1 / at, deviations / at**2)
+
+
+def fitted_noise(depths: Float64, deviations: Float64) -> tuple[float, float, float]:
+    """(a, b, c), none negative, of deviations (n,) at depths (n,): about a z^2 + b z + c; those that are 0 do not count."""
     if not deviations.any():
         return 0.0, 0.0, 0.0
-    z = 1 / at[deviations > 0]
-    in_depth = deviations[deviations > 0] * z * z
+    z, in_depth = depths[deviations > 0], deviations[deviations > 0]
     terms = np.column_stack([z * z, z, np.ones_like(z)]) / in_depth[:, None]
     # Least squares of each choice of terms, by normal equations in which the others' are the identity's
     sizes = np.sqrt((terms * terms).sum(axis=0))
@@ -101,6 +106,33 @@ def noise_by_depth(depth: Depth, far: float = np.inf) -> tuple[float, float, flo
     best = found[np.argmin(np.where((found >= 0).all(axis=1), off, np.inf))]
     a, b, c = np.minimum(best, _NOISE_MAX).tolist()
     return a, b, c
+
+
+def disparity_noise(pixels: float, focal: float, baseline: float) -> float:
+    """Return the noise of depth from disparity: the standard deviation of 1 / depth, as `DepthImage` takes it.
+
+    Parameters
+    ----------
+    pixels : float
+        >= 0: standard deviation of the disparity.
+    focal : float
+        > 0: focal length of the camera, in pixels.
+    baseline : float
+        > 0: between the two cameras (or camera and projector), in scene units.
+
+    Raises
+    ------
+    ArgumentError
+        If one is out of its range.
+
+    Examples
+    --------
+    >>> import pyibr as ibr
+    >>> round(ibr.disparity_noise(0.25, 500, 0.1), 6)
+    0.005
+    """
+    deviation = number_from("pixels", pixels, 0.0, math.inf, "a number of pixels >= 0")
+    return deviation / (positive("focal", focal) * positive("baseline", baseline))
 
 
 def steps_by_depth(depth: Depth, far: float = np.inf) -> tuple[float, float, float]:

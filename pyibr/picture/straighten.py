@@ -120,7 +120,9 @@ def _straight_view(view: DepthImage, cut: NDArray[np.void], linear: bool) -> Dep
     if view.normals is not None:
         normals, _ = _straight(view.normals, view.depth, view.far, view.camera, cut, linear)
     camera = straight_camera(view.camera)
-    return DepthImage(color if view.has_color else None, depth, camera, far=view.far, normals=normals)
+    # What lies between samples is less noisy than they are, here and there: their own noise tells edges.
+    colors = color if view.has_color else None
+    return DepthImage(colors, depth, camera, far=view.far, normals=normals, noise=view.noise)
 
 
 def _check_within(argument: str, what: str, valid: NDArray[np.bool_], camera: Camera) -> None:

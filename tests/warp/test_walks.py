@@ -57,7 +57,7 @@ def test_columns_and_edges_meet_the_same_pieces(first):
         assert differ.sum() <= max(2, 0.002 * differ.size), f"{differ.sum()} of {differ.size} pixels, {case}"
         shares.append(differ.mean())
     assert len(shares) > 20
-    assert np.mean(shares) < 1e-4
+    assert np.mean(shares) < 2e-4
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -68,7 +68,8 @@ def test_both_pieces_of_a_step_are_met(seed):
     depth = (4 * (1 + rng.uniform(-0.035, 0.035, (31, 41)))).astype(np.float32)
     view = ibr.DepthImage(None, depth, camera)
     closer = camera.moved(0.3, 0.2, 0.4)
-    target = ibr.Camera([[200, 0, 100], [0, 200, 75], [0, 0, 1]], (205, 155), closer.world_from_camera)
+    # No line runs along the border of the source's pixels.
+    target = ibr.Camera([[200, 0, 100.3], [0, 200, 75.2], [0, 0, 1]], (205, 155), closer.world_from_camera)
     case = Case(seed, "noise", "any", view, target, "cut", "front")
     by_columns, by_edges = (np.isfinite(nearness_seen(case, edges)) for edges in (False, True))
     assert by_edges.sum() > 15_000
