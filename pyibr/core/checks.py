@@ -332,6 +332,6 @@ class Fixed:
             self.__dict__[name] = value
 
     def __setattr__(self, name: str, value: object) -> None:
-        if name in self.__dict__ or isinstance(getattr(type(self), name, None), property):
+        if name in self.__dict__ or isinstance(getattr(type(self), name, None), (property, cached_property)):
             raise AttributeError(f"{type(self).__name__}.{name} cannot be changed: make a new one")
         super().__setattr__(name, value)

@@ -57,9 +57,9 @@ def longer_side(camera: Camera) -> float:
 
 def frustum(camera: Camera) -> Float64:
     """(5, 4) planes of what a camera sees, in the world: a x + b y + c z + d >= 0 inside, unit normals."""
-    u, v, w, q = camera.pixel_matrix @ camera.camera_from_world
+    (width, height), (u, v, w, q) = camera.size, camera.pixel_matrix @ camera.camera_from_world
     before = w if camera.projection == "perspective" else -q
-    sides = u + 0.5 * w, (camera.width - 0.5) * w - u, v + 0.5 * w, (camera.height - 0.5) * w - v
+    sides = u + 0.5 * w, (width - 0.5) * w - u, v + 0.5 * w, (height - 0.5) * w - v
     planes = np.array([*sides, before])
     return planes / np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
 

@@ -111,8 +111,9 @@ class DepthMesh(Fixed):
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
         """Draw the triangles in the view's colours, which hold their light, unless a light relights them."""
-        entry = entry_of_meshes(target, lighting, [self.view], self.tolerance, self.bounds)
-        draw_depth_meshes(target, self, [self], self.tolerance, self.bounds, reuse=self.reuse, entry=entry)
+        views, bounds, tree = [self.view], self.bounds, self.tree
+        entry = entry_of_meshes(target, lighting, views, self.tolerance, bounds)
+        draw_depth_meshes(target, self, views, [tree], bounds, tolerance=self.tolerance, reuse=self.reuse, entry=entry)
 
     @property
     def tree(self) -> Tree:
@@ -255,7 +256,7 @@ class DepthMesh(Fixed):
     def _triangles_for(self, camera: Camera, tolerance: float | None) -> tuple[Int32, Int32]:
         instance_of("camera", camera, Camera, "a pyibr.Camera")
         allowed = self.tolerance if tolerance is None else checked_tolerance("tolerance", tolerance)
-        return _triangles_of(self.tree, select_for(self.tree, covering_camera("camera", camera), allowed).active)
+        return _triangles_of(self.tree, select_for([self.tree], covering_camera("camera", camera), allowed).active[0])
 
     def _mesh_of(self, samples: Int32, faces: Int32) -> Mesh:
         camera = self.view.camera

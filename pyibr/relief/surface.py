@@ -31,7 +31,7 @@ from pyibr.picture.clear import clear
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
 from pyibr.picture.wrap import wrap_defines
-from pyibr.raster.bins import bin_primitives, bin_side, project
+from pyibr.raster.bins import bin_primitives, project
 from pyibr.raster.height_mapped import color_arguments, map_buffers, normal_arguments
 from pyibr.relief.interior import Interior, InteriorPoint, window
 from pyibr.relief.levels import HeightLevels, height_levels
@@ -292,7 +292,7 @@ def draw_relief(
         defines["UV_WRITTEN"] = 1
         more["uvs"] = places
     launch(
-        kernel("relief/relief.cl", "draw_relief", BIN=bin_side(), **target.color_defines, **defines),
+        kernel("relief/relief.cl", "draw_relief", **bins.defines, **target.color_defines, **defines),
         bins.grid,
         faces=seen["faces"],
         vertices=seen["vertices"],
