@@ -165,12 +165,12 @@ class PixelMap:
         src = self.pair.src
         perspective = src.projection == "perspective"
         ends = (0.0, self.high) if perspective else (self.low, self.high + longer_side(src))
-        most = 0.0
+        largest = 0.0
         for (u0, v0, w0), (u1, v1, w1) in zip(*map(self._corners, ends), strict=True):
             if w0 <= 0 or w1 <= 0:
                 return math.inf
-            most = max(most, math.hypot(u0 / w0 - u1 / w1, v0 / w0 - v1 / w1))
-        return most
+            largest = max(largest, math.hypot(u0 / w0 - u1 / w1, v0 / w0 - v1 / w1))
+        return largest
 
     @cached_property
     def reach(self) -> Rectangle:

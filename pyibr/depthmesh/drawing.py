@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Fixed, Float64
+from pyibr.core.checks import Float64, Immutable
 from pyibr.core.pixelspace import camera_pair, pixel_size
 from pyibr.depthmesh.closing import Closing
 from pyibr.depthmesh.levels import view_colors
@@ -65,7 +65,7 @@ ONE_VIEW = Blending("quality", DrawnViews([0]), np.ones(1), 0.0)
 
 def draw_depth_meshes(
     target: Target,
-    thing: Fixed,
+    thing: Immutable,
     views: Sequence[DepthImage],
     trees: list[Tree],
     bounds: Bounds,
@@ -81,7 +81,7 @@ def draw_depth_meshes(
     Parameters
     ----------
     target : Target
-    thing : Fixed
+    thing : Immutable
         That keeps its colours and its triangles on the device.
     views : sequence of DepthImage
     trees : list of Tree
@@ -143,7 +143,7 @@ def draw_depth_meshes(
 
 
 def _color_arguments(
-    thing: Fixed,
+    thing: Immutable,
     views: Sequence[DepthImage],
     blending: Blending,
     colored: list[int],

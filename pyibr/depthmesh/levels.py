@@ -76,8 +76,8 @@ def color_levels(view: DepthImage, gains: Float64 | None = None) -> Iterator[NDA
     height, width = view.valid.shape
     shown = view.shown_color
     if gains is not None:
-        most = 255 if shown.dtype == np.uint8 else 1
-        shown = np.clip(shown * (gains / most), 0, 1).astype(np.float32)
+        white = 255 if shown.dtype == np.uint8 else 1
+        shown = np.clip(shown * (gains / white), 0, 1).astype(np.float32)
     words = rgba_words(shown, view.valid).reshape(height, width)
     yield words
     sound = np.where(view.valid, words, np.uint32(0)).view(np.uint8).reshape(height, width, 4)

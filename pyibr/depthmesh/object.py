@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Fixed, Float64, checked_bool, describe, instance_of, integer_from, number_from, one_of
+from pyibr.core.checks import Float64, Immutable, checked_bool, describe, instance_of, integer_from, number_from, one_of
 from pyibr.core.errors import ArgumentError
-from pyibr.core.straight import check_no_lens, covering_camera
+from pyibr.core.undistortion import check_no_lens, covering_camera
 from pyibr.depthmesh.closing import closing_of
 from pyibr.depthmesh.drawing import Blending, draw_depth_meshes, entry_of_meshes
 from pyibr.depthmesh.exposure import gains_of
@@ -35,7 +35,7 @@ _EPSILON = 0.01  # of the largest extent
 _BLENDED_MAX = 32  # views that are blended
 
 
-class DepthMeshObject(Fixed):
+class DepthMeshObject(Immutable):
     """Depth images of one thing as adaptive meshes, blended per pixel.
 
     For each target the views whose viewpoints are closest are triangulated, their nearest surfaces found, and the

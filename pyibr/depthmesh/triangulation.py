@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Fixed
+from pyibr.core.checks import Immutable
 from pyibr.core.pixelspace import CameraPair
 from pyibr.depthmesh.selection import Selection, select_for
 from pyibr.depthmesh.tree import Tree
@@ -144,7 +144,7 @@ class _CachedTriangles:
 
 
 def triangles_for(
-    thing: Fixed, trees: list[Tree], camera: Camera, tolerance: float, before: Triangles | None, reuse: float
+    thing: Immutable, trees: list[Tree], camera: Camera, tolerance: float, before: Triangles | None, reuse: float
 ) -> Triangles:
     """The triangles that a thing's trees have for a camera, after those of `before`: those drawn last, if they hold.
 

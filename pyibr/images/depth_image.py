@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
 from pyibr.core.checks import (
-    Fixed,
     Float64,
+    Immutable,
     checked_colors,
     describe,
     fits,
@@ -29,7 +29,7 @@ from pyibr.core.checks import (
     shape_text,
 )
 from pyibr.core.errors import ArgumentError
-from pyibr.core.straight import rays_of
+from pyibr.core.undistortion import rays_of
 from pyibr.images.noise import noise_by_depth
 
 Color = NDArray[np.uint8] | NDArray[np.float32]
@@ -42,7 +42,7 @@ _UNIT = 1e-3  # squares of lengths may be off by that: they are normals in float
 _CHUNK = 1 << 15  # samples at a time: of more, float64 values take several times longer
 
 
-class DepthImage(Fixed):
+class DepthImage(Immutable):
     """An image with a depth for each pixel, and the camera that took it: a sampled surface.
 
     Parameters
@@ -53,7 +53,7 @@ class DepthImage(Fixed):
         Planar z in scene units; NaN, infinite or <= 0 where there is none. Other kinds of depth are converted
         first: `depth_from_uint16`, `depth_from_disparity`, `depth_from_euclidean`, `depth_from_mpeg`.
     camera : Camera
-        Of size (W, H). With a lens, it is drawn as `pyibr.straightened` makes it.
+        Of size (W, H). With a lens, it is drawn as `pyibr.undistorted` makes it.
     far : float
         Samples at this depth or beyond it are no surface: space is empty along their rays.
     default_depth : float or "farthest", optional

@@ -43,7 +43,7 @@ class Options:
         Of depths that tear neighbours apart; None: all of them are connected.
     side : str
         Of the surface, which is shown: one of `Side`.
-    slack : (float, float)
+    noise : (float, float)
         What noise adds to the ratio that tears, as `cut_of` takes it.
     """
 
@@ -51,15 +51,15 @@ class Options:
     linear: bool = True
     cut_ratio: float | None = None
     side: Side = "front"
-    slack: tuple[float, float] = (0.0, 0.0)
+    noise: tuple[float, float] = (0.0, 0.0)
 
     def from_both_sides(self) -> Options:
         """Those for a light's map: the surface itself, exactly, whichever side the light is on."""
-        return Options(cut_ratio=self.cut_ratio, side="both", slack=self.slack)
+        return Options(cut_ratio=self.cut_ratio, side="both", noise=self.noise)
 
     def cut(self, camera: Camera) -> NDArray[np.void]:
         """A record of the kernels' struct Cut: which neighbours of a camera's view are torn apart."""
-        return cut_of(camera, self.cut_ratio, self.slack)
+        return cut_of(camera, self.cut_ratio, self.noise)
 
 
 @functools.lru_cache(maxsize=256)
@@ -183,8 +183,8 @@ def _resolve(
         low_x, high_x, low_y, high_y = reach.low_x, reach.high_x, reach.low_y, reach.high_y
     rough, window = _LOOK_CONNECTED if options.cut_ratio is None else _LOOK_TORN
     # Aligned lines leave nothing to look for beside their answers, and what only such a look needs takes a while.
-    told = pixel_map.pair.aligned and shared["hit_kind"] == _hits("OF_PIXELS")
-    density, typical = (1.0, 1.0) if told else (pixel_map.density, pixel_map.typical)
+    is_exact = pixel_map.pair.aligned and shared["hit_kind"] == _hits("OF_PIXELS")
+    density, typical = (1.0, 1.0) if is_exact else (pixel_map.density, pixel_map.typical)
     neighbour_offset = min(math.ceil(0.5 / density), _NEIGHBOUR_OFFSET_MAX)
     defines = {**target.color_defines, **entry.defines, "STRIP": profile.strip}
     origins = {} if target.origin is None else {"origin": target.origin, "view": view}

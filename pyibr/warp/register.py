@@ -13,7 +13,7 @@ from pyibr.core.camera import Camera, Projection
 from pyibr.core.checks import check_pixels, checked_colors, cut_ratio_from, describe, instance_of, plain_array, positive
 from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import PixelMap, camera_pair, pitch
-from pyibr.core.straight import straight_face
+from pyibr.core.undistortion import undistorted_face
 from pyibr.images import DepthImage
 from pyibr.images.depth_image import Color, checked_depth
 from pyibr.opencl.device import current, one_call
@@ -23,13 +23,15 @@ from pyibr.opencl.memory import DeviceArray, empty, to_host, upload
 from pyibr.opencl.program import kernel
 from pyibr.picture.cube_faces import cube_face_cameras, joined_faces
 from pyibr.picture.samples import Samples, at_least_a_word, bridged_samples, cut_of
-from pyibr.picture.straighten import positions_on_device, straight_view
 from pyibr.picture.target import Target
+from pyibr.picture.undistort import positions_on_device, undistorted_view
 from pyibr.warp.launches import Options, draw_rims, inverse_warp, map_of
 
 AnyDepth = NDArray[np.float32] | NDArray[np.uint16]
 
-_APART = 3 * 2**0.5  # standard deviations of a sample: three of a difference of two, which noise alone seldom reaches
+_DEVIATIONS = 3 * 2**0.5
+"""Standard deviations of a sample: three of a difference of two, which noise alone seldom reaches."""
+
 _STRIDE, _RANGE = 7, (0.02, 0.98)  # every seventh sample of each seventh row, and their part, that tells depth's range
 _LENSES = {  # LENS of kernels/lib/lens.h
     "brown_conrady": 1,
@@ -238,7 +240,7 @@ class _Drawn:
     Attributes
     ----------
     source : DepthImage
-        The image, straight.
+        The image, undistorted.
     cut, cut_there : record
         Of the kernels' struct Cut: what is torn apart in it, and in the picture.
     samples : Samples
@@ -256,12 +258,12 @@ class _Drawn:
 def _drawn(view: DepthImage, camera: Camera, cut_ratio: float) -> _Drawn:
     """The surface of an image as a camera sees it, with all of the pixels at its rims. The session is held."""
     own, there = view.camera.projection, camera.projection
-    slack = _slack(view, own)
-    cut = cut_of(view.camera, cut_ratio, slack)
-    cut_there = cut_of(camera, cut_ratio, slack if own == there else _slack(view, there))
-    source = straight_view(view, cut)
+    noise = _noise_in(view, own)
+    cut = cut_of(view.camera, cut_ratio, noise)
+    cut_there = cut_of(camera, cut_ratio, noise if own == there else _noise_in(view, there))
+    source = undistorted_view(view, cut)
     samples = bridged_samples(source, cut)
-    options = Options(cut_ratio=cut_ratio, slack=slack)
+    options = Options(cut_ratio=cut_ratio, noise=noise)
     targets: list[Target] = []
     pool: dict[int, Any] = {}
     for part in cube_face_cameras(camera):
@@ -272,11 +274,11 @@ def _drawn(view: DepthImage, camera: Camera, cut_ratio: float) -> _Drawn:
     return _Drawn(source, cut, cut_there, samples, joined_faces(targets, camera))
 
 
-def _slack(view: DepthImage, projection: Projection) -> tuple[float, float]:
+def _noise_in(view: DepthImage, projection: Projection) -> tuple[float, float]:
     """By how much noise alone sets neighbours apart in an image of such a camera, as `cut_of` takes it."""
     if not any(view.noise):
         return 0.0, 0.0
-    a, b, c = (_APART * each for each in view.noise)
+    a, b, c = (_DEVIATIONS * each for each in view.noise)
     some = view.depth[::_STRIDE, ::_STRIDE]
     if not ((some > 0) & (some < view.far)).any():
         some = view.depth
@@ -318,7 +320,7 @@ def _colors_for(view: DepthImage, camera: Camera, color: Color, drawn: _Drawn) -
     launch(
         kernel("warp/sample_colors.cl", "color_samples", **defines),
         current().profile.packets(width, height),
-        places=positions_on_device(straight_face(view.camera)) if placed else samples.nearness,
+        places=positions_on_device(undistorted_face(view.camera)) if placed else samples.nearness,
         depth=upload(view.depth),
         nearness=samples.nearness,
         shown=drawn.picture.depth,

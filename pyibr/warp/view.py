@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, cast
 
 import numpy as np
 
-from pyibr.core.checks import Fixed, Float64, checked_bool, cut_ratio_from, describe, number_from, one_of
+from pyibr.core.checks import Float64, Immutable, checked_bool, cut_ratio_from, describe, number_from, one_of
 from pyibr.core.errors import ArgumentError
 from pyibr.core.optional import opencv
 from pyibr.core.pixelspace import PixelMap, camera_pair, pixel_size
@@ -22,8 +22,8 @@ from pyibr.picture.drawable import as_drawable
 from pyibr.picture.normals import NEIGHBOUR_OFFSET_MAX, noise_bias, showing_normals
 from pyibr.picture.samples import Samples, samples_of
 from pyibr.picture.shadow import Lighting
-from pyibr.picture.straighten import Interpolation, straightened
 from pyibr.picture.target import Target
+from pyibr.picture.undistort import Interpolation, undistorted
 from pyibr.warp.blending import Blend, blend
 from pyibr.warp.filling import Fill, fill_holes
 from pyibr.warp.launches import Options, classify, draw_thin, forward_warp, inverse_warp
@@ -51,7 +51,7 @@ class WarpOptions(TypedDict, total=False):
     blend: Blend
 
 
-class WarpedView(Fixed):
+class WarpedView(Immutable):
     """One or several depth images, drawn by the warp.
 
     A depth image means a surface: the grid of its samples, each cell split from its upper right to its lower left
@@ -180,7 +180,7 @@ class WarpedView(Fixed):
     def sources(self) -> list[DepthImage]:
         """The views without their lenses."""
         cut_ratio = self._options.cut_ratio
-        return [straightened(view, cut_ratio=cut_ratio, interpolation=self.interpolation) for view in self.views]
+        return [undistorted(view, cut_ratio=cut_ratio, interpolation=self.interpolation) for view in self.views]
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
         """Draw the views; into a light's map their surfaces themselves, from both sides."""
