@@ -99,7 +99,7 @@ def test_depth_meshes_from_lenses(lens):
     check(ibr.render(mesh, camera), expected, 0.01, 300, 0.01)
 
 
-def test_silhouettes_are_straightened():
+def test_silhouettes_are_undistorted():
     camera = around(BARREL, 10)
     view = seen_by_rays(camera)
     one = undistorted_silhouette(ibr.Silhouette(view.color, view.valid, camera))
