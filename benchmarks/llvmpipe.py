@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pyibr as ibr
-from pyibr.slicing.object import slices_axis
+from pyibr.slicing.drawing import slices_axis
 
 Array = NDArray[Any]
 

@@ -44,7 +44,7 @@ from pyibr.opencl.device import Device, devices, use_device
 from pyibr.picture.drawable import Drawable
 from pyibr.picture.light import Light
 from pyibr.picture.render import render
-from pyibr.picture.straighten import straightened
+from pyibr.picture.undistort import undistorted
 from pyibr.warp import (
     RegisteredColor,
     WarpedView,
@@ -119,8 +119,8 @@ __all__ = [
     "register",
     "register_color",
     "render",
-    "straightened",
     "uint16_from_depth",
+    "undistorted",
     "use_device",
     "view",
     "warp",

@@ -5,7 +5,7 @@ What it has is documented where it is defined; here it has one address.
 
 from __future__ import annotations
 
-from pyibr.core.checks import Fixed
+from pyibr.core.checks import Immutable
 from pyibr.opencl.device import current, one_call
 from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.headers import constant, struct
@@ -22,7 +22,7 @@ __all__ = [
     "Drawable",
     "Entry",
     "Finishing",
-    "Fixed",
+    "Immutable",
     "Lighting",
     "Struct",
     "Target",

@@ -14,8 +14,8 @@ Array = NDArray[Any]
 
 OFF = 0.01  # relative: a depth that is farther off is of another place of the surface
 KEPT_ULP = 10
-"""By which a depth comes back: nearness is kept within 4 ulp (the last bits are its edges'), which are up to 8 of depth,
-and is inverted twice."""
+"""By which a depth comes back: nearness is kept within 4 ulp (its last bits tell edges), up to 8 of depth, and inverted
+twice."""
 HAIR = 0.002  # pixels of the target: twice of what the kernels take for a ray that runs along samples
 
 

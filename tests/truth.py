@@ -181,7 +181,7 @@ def raycast(
 def triangulate(view: DepthImage, edges: str = "connect", cut_ratio: float | None = None) -> Array:
     """(n, 3) sample numbers, y * width + x, of the triangles that exist between samples.
 
-    A cell is split from (x + 1, y) to (x, y + 1). Triangles with an edge that is torn, or an invalid corner, do not exist.
+    A cell is split from (x + 1, y) to (x, y + 1). Triangles with an edge that is torn, or a missing corner, do not exist.
     """
     torn = edges_of(view, edges, cut_ratio)
     height, width = view.depth.shape
@@ -211,14 +211,12 @@ def _beyond_border(view: DepthImage, torn: Edges) -> tuple[Array, Array, Array, 
     near, ring_torn = with_ring(view, torn)
     colors = np.pad(view.color, ((1, 1), (1, 1), (0, 0)), mode="edge").astype(np.float64)
     whole = _whole(ring_torn)
-    y, x = np.mgrid[: height + 1, : width + 1]
-    whole[(x > 0) & (x < width) & (y > 0) & (y < height)] = False  # within
+    whole[1:height, 1:width] = False  # within
     corners, faces = list[Array](), list[Array]()
     for row, column, part in np.argwhere(whole):
         three = [(1, 1), (0, 1), (1, 0)] if part else [(0, 0), (1, 0), (0, 1)]
-        polygon = [
-            np.array([column + i - 1, row + j - 1, near[row + j, column + i], *colors[row + j, column + i]]) for i, j in three
-        ]
+        at = [(column + i, row + j) for i, j in three]
+        polygon = [np.array([x - 1, y - 1, near[y, x], *colors[y, x]]) for x, y in at]
         for axis, low, sign in ((0, -0.5, 1), (0, width - 0.5, -1), (1, -0.5, 1), (1, height - 0.5, -1)):
             polygon = _clipped(polygon, axis, low, sign)
         first = len(corners)

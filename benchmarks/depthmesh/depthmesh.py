@@ -193,7 +193,7 @@ def _frames(parameters: dict[str, Parameter], repeats: int, plan: Plan) -> Work 
     trees = [thing.meshes[number].tree for number in np.flatnonzero(thing.weights(camera))]
 
     def select() -> Triangles:
-        found = list_triangles(trees, [select_for(tree, camera, 0.5 * tolerance).active for tree in trees])
+        found = list_triangles(trees, select_for(trees, camera, 0.5 * tolerance).active)
         found.corners.to_host()  # by then all are there
         return found
 

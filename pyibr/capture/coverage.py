@@ -62,7 +62,7 @@ class Surface:
         return np.maximum(low, self.within[0]), np.minimum(high, self.within[1])
 
     def seen(self, view: DepthImage, *, side: Side = "front") -> Mask:
-        """(N,) which points a depth image has seen, from that side: as `pyibr.picture.unseen` marks them."""
+        """Points, (N,) bool, that a depth image has seen, from that side: as `pyibr.picture.unseen` marks them."""
         return self.resolution(view, side=side) > 0
 
     def resolution(self, view: DepthImage, *, side: Side = "front") -> NDArray[np.float32]:
@@ -105,7 +105,7 @@ class Surface:
 
     @property
     def outer(self) -> Mask:
-        """(N,) which points can be seen from outside, from far away; all, if that is next to nothing."""
+        """Points, (N,) bool, that can be seen from outside, from far away; all, if that is next to nothing."""
         front, back = self._from_outside
         found: Mask = (front + back) > 0
         return found if found.mean() > _CLOSED else np.ones(len(self.points), np.bool_)
@@ -120,8 +120,8 @@ class Surface:
     def _from_outside(self) -> NDArray[np.int32]:
         """(2, N) from how many directions points are seen on the side of their corner normals, and on the other."""
         middle, radius = _ball(self.bounds)
-        whole, most = _ball(tuple(corner.astype(np.float64) for corner in self.mesh.bounds))
-        away = 2 * most + float(np.linalg.norm(middle - whole))  # beyond all of the mesh
+        center, mesh_radius = _ball(tuple(corner.astype(np.float64) for corner in self.mesh.bounds))
+        away = 2 * mesh_radius + float(np.linalg.norm(middle - center))  # beyond all of the mesh
         found = np.zeros((2, len(self.points)), np.int32)
         for direction in cast("Sequence[Float64]", spread_directions(_DIRECTIONS)):
             camera = Camera.look_at(
@@ -138,8 +138,8 @@ class Surface:
             facing: Float64 = self.corner_normals @ direction
             # Along a surface that slopes, neighbours' depths differ by the slope: up to three pixels deep.
             steep = np.sqrt(1 - facing**2) / np.maximum(np.abs(facing), 0.1)
-            slack = 2.02 * radius / _OUTSIDE * (0.5 + np.minimum(steep, 3.0))
-            seen = frame.depth[y, x] >= z - slack
+            tolerance = 2.02 * radius / _OUTSIDE * (0.5 + np.minimum(steep, 3.0))
+            seen = frame.depth[y, x] >= z - tolerance
             found += np.stack([(facing > _ALONG) & seen, (facing < -_ALONG) & seen])
         return found
 

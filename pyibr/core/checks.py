@@ -127,10 +127,10 @@ def locked(array: ArrayT) -> ArrayT:
     return cast("ArrayT", view)
 
 
-def number_from(argument: str, value: float, least: float, most: float, expected: str) -> float:
-    """Return `value` as a finite float from `least` to `most` or raise ArgumentError."""
+def number_from(argument: str, value: float, minimum: float, maximum: float, expected: str) -> float:
+    """Return `value` as a finite float from `minimum` to `maximum` or raise ArgumentError."""
     is_number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)  # pyright: ignore[reportUnnecessaryIsInstance]
-    if is_number and least <= value <= most and math.isfinite(value):
+    if is_number and minimum <= value <= maximum and math.isfinite(value):
         return float(value)
     raise ArgumentError(argument, expected, describe(value))
 
@@ -149,11 +149,11 @@ def checked_bool(argument: str, value: object) -> bool:
     return instance_of(argument, value, bool, "True or False")
 
 
-def integer_from(argument: str, value: int, least: int, most: int, expected: str = "") -> int:
-    """Return `value` as an int from `least` to `most` or raise ArgumentError."""
-    if isinstance(value, (int, np.integer)) and not isinstance(value, bool) and least <= value <= most:  # pyright: ignore[reportUnnecessaryIsInstance]
+def integer_from(argument: str, value: int, minimum: int, maximum: int, expected: str = "") -> int:
+    """Return `value` as an int from `minimum` to `maximum` or raise ArgumentError."""
+    if isinstance(value, (int, np.integer)) and not isinstance(value, bool) and minimum <= value <= maximum:  # pyright: ignore[reportUnnecessaryIsInstance]
         return int(value)
-    raise ArgumentError(argument, expected or f"a whole number from {least} to {most}", describe(value))
+    raise ArgumentError(argument, expected or f"a whole number from {minimum} to {maximum}", describe(value))
 
 
 def read_only(array: Float64) -> Float64:
@@ -285,12 +285,12 @@ def check_picture(argument: str, size: tuple[int, int]) -> None:
 _LENGTH_RANGE = (1e-8, 1e9)
 
 
-def check_lengths(argument: str, least: float, most: float, what: str) -> None:
+def check_lengths(argument: str, minimum: float, maximum: float, what: str) -> None:
     """Raise ArgumentError if all of some lengths are too small, or too large, for products of a few in float32."""
     low, high = _LENGTH_RANGE
-    if most < 0.999 * low or least > high:  # the least may be rounded
+    if maximum < 0.999 * low or minimum > high:  # the minimum may be rounded
         expected = f"{what} of {low:g} to {high:g} scene units, which single precision can draw (scale the scene)"
-        raise ArgumentError(argument, expected, f"{least:g}" if least == most else f"{least:g} to {most:g}")
+        raise ArgumentError(argument, expected, f"{minimum:g}" if minimum == maximum else f"{minimum:g} to {maximum:g}")
 
 
 _TEXELS_MAX = 1 << 21  # from 0 on: float32 tells their places within half a texel, as the kernels need
@@ -309,7 +309,7 @@ def check_tiled(uv: NDArray[Any], tiles: tuple[int, int], *maps: NDArray[Any] | 
             raise ArgumentError("uv", expected, f"{farthest.max():.4g} of a map of {size}")
 
 
-class Fixed:
+class Immutable:
     """Base of what is drawn from buffers on the device: its attributes cannot be set again once it is made.
 
     Copies and pickles leave the buffers behind.
@@ -332,6 +332,6 @@ class Fixed:
             self.__dict__[name] = value
 
     def __setattr__(self, name: str, value: object) -> None:
-        if name in self.__dict__ or isinstance(getattr(type(self), name, None), property):
+        if name in self.__dict__ or isinstance(getattr(type(self), name, None), (property, cached_property)):
             raise AttributeError(f"{type(self).__name__}.{name} cannot be changed: make a new one")
         super().__setattr__(name, value)

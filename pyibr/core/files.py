@@ -212,14 +212,14 @@ def read_bytes(source: Path) -> bytes:
         return stream.read()
 
 
-def read_at_most(stream: _Readable, most: int = UNPACKED_MAX) -> bytes:
+def read_at_most(stream: _Readable, size_max: int = UNPACKED_MAX) -> bytes:
     """All of what a packed stream holds; ValueError if that is too much."""
     parts: list[bytes] = []
     size = 0
     while part := stream.read(_CHUNK):
         size += len(part)
         check_unpacked(size)
-        if size > most:
-            raise ValueError(f"it unpacks to more than {most} bytes, more than {_TIMES} times its size")
+        if size > size_max:
+            raise ValueError(f"it unpacks to more than {size_max} bytes, more than {_TIMES} times its size")
         parts.append(part)
     return b"".join(parts)

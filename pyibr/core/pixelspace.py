@@ -57,9 +57,9 @@ def longer_side(camera: Camera) -> float:
 
 def frustum(camera: Camera) -> Float64:
     """(5, 4) planes of what a camera sees, in the world: a x + b y + c z + d >= 0 inside, unit normals."""
-    u, v, w, q = camera.pixel_matrix @ camera.camera_from_world
+    (width, height), (u, v, w, q) = camera.size, camera.pixel_matrix @ camera.camera_from_world
     before = w if camera.projection == "perspective" else -q
-    sides = u + 0.5 * w, (camera.width - 0.5) * w - u, v + 0.5 * w, (camera.height - 0.5) * w - v
+    sides = u + 0.5 * w, (width - 0.5) * w - u, v + 0.5 * w, (height - 0.5) * w - v
     planes = np.array([*sides, before])
     return planes / np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
 
@@ -114,7 +114,7 @@ class CameraPair:
 
     @cached_property
     def corners(self) -> list[list[float]]:
-        """(U, V, W) in the target of the corners of the source's pixels at nearness 0; and what nearness adds to them."""
+        """(U, V, W) in the target of the corners of the source's picture at nearness 0; and what nearness adds."""
         last_x, last_y = self.src.width - 0.5, self.src.height - 0.5
         at_infinity = [(x, y, 1.0, 0.0) for x, y in itertools.product((-0.5, last_x), (-0.5, last_y))]
         return (self.dst_from_src[:3] @ np.array([*at_infinity, (0, 0, 0, 1)]).T).T.tolist()
@@ -165,12 +165,12 @@ class PixelMap:
         src = self.pair.src
         perspective = src.projection == "perspective"
         ends = (0.0, self.high) if perspective else (self.low, self.high + longer_side(src))
-        most = 0.0
+        largest = 0.0
         for (u0, v0, w0), (u1, v1, w1) in zip(*map(self._corners, ends), strict=True):
             if w0 <= 0 or w1 <= 0:
                 return math.inf
-            most = max(most, math.hypot(u0 / w0 - u1 / w1, v0 / w0 - v1 / w1))
-        return most
+            largest = max(largest, math.hypot(u0 / w0 - u1 / w1, v0 / w0 - v1 / w1))
+        return largest
 
     @cached_property
     def reach(self) -> Rectangle:

@@ -81,7 +81,7 @@ def far_sides_of(mesh: ViewMesh, limit: Float32) -> FarSides:
 
 
 def _far_sides(mesh: ViewMesh, limit: Float32) -> NDArray[np.bool_]:
-    """(H, W) which samples are those of surfaces, or of background, on the far sides of depth edges."""
+    """Samples, (H, W) bool, of surfaces, or of background, on the far sides of depth edges."""
     upper, lower = mesh.tree.drawn_cells()
     height, width = limit.shape
     parts = [np.s_[dy : height - 1 + dy, dx : width - 1 + dx] for dy in (0, 1) for dx in (0, 1)]

@@ -1,15 +1,71 @@
-"""Levels of a view's colours for targets that see it small (kernels/depthmesh/blend.cl)."""
+"""Colours of views on the device, at several levels for targets that see them small (kernels/depthmesh/blend.cl)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.checks import Float64
+from pyibr.depthmesh.closing import Closing
 from pyibr.images import DepthImage
 from pyibr.meshes.textures import halved, rgba_words
+from pyibr.opencl.memory import DeviceArray, upload
+
+
+@dataclass(frozen=True)
+class ViewColors:
+    """Colours of views: of each all levels, half as large as the one before, one after the other.
+
+    Attributes
+    ----------
+    words : DeviceArray (texels,) uint32
+        RGBA.
+    sizes : DeviceArray (levels, 3) int32
+        Width, height and start of each level.
+    sources : (views, 4) int32
+        Number, first and last level of each view, and whether it is perspective.
+    focals : (views,) float64
+        Samples that a scene unit takes at depth 1, or everywhere.
+    far_sides : DeviceArray (samples,) uint32, or None
+        RGBA that the far sides of each view's depth edges go on with, if holes are closed.
+    """
+
+    words: DeviceArray
+    sizes: DeviceArray
+    sources: NDArray[np.int32]
+    focals: Float64
+    far_sides: DeviceArray | None
+
+
+def view_colors(
+    views: Sequence[DepthImage], gains: Float64 | None = None, closing: Closing | None = None
+) -> ViewColors:
+    """Upload the colours of views, multiplied by their `gains` (views, 3)."""
+    words, sizes = list[NDArray[np.uint32]](), list[tuple[int, int, int]]()
+    sources, far_sides, start = list[tuple[int, int, int, bool]](), list[NDArray[np.uint32]](), 0
+    for number, view in enumerate(views):
+        first = len(sizes)
+        for level in color_levels(view, None if gains is None else gains[number]):
+            sizes.append((*level.shape[::-1], start))
+            words.append(level)
+            start += level.size
+        sources.append((number, first, len(sizes) - 1, view.camera.projection == "perspective"))
+        if closing is not None:
+            far_sides.append(closing.far_sides[number].colored(words[first]))
+    return ViewColors(
+        _joined(words),
+        upload(np.array(sizes, np.int32)),
+        np.array(sources, np.int32),
+        np.sqrt([view.camera.K[0, 0] * view.camera.K[1, 1] for view in views]),
+        _joined(far_sides) if far_sides else None,
+    )
+
+
+def _joined(images: Sequence[NDArray[np.uint32]]) -> DeviceArray:
+    return upload(np.concatenate([image.ravel() for image in images]))
 
 
 def color_levels(view: DepthImage, gains: Float64 | None = None) -> Iterator[NDArray[np.uint32]]:
@@ -20,8 +76,8 @@ def color_levels(view: DepthImage, gains: Float64 | None = None) -> Iterator[NDA
     height, width = view.valid.shape
     shown = view.shown_color
     if gains is not None:
-        most = 255 if shown.dtype == np.uint8 else 1
-        shown = np.clip(shown * (gains / most), 0, 1).astype(np.float32)
+        white = 255 if shown.dtype == np.uint8 else 1
+        shown = np.clip(shown * (gains / white), 0, 1).astype(np.float32)
     words = rgba_words(shown, view.valid).reshape(height, width)
     yield words
     sound = np.where(view.valid, words, np.uint32(0)).view(np.uint8).reshape(height, width, 4)

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Fixed, Float64, checked_bool, describe, instance_of, number_from, numbers, one_of
+from pyibr.core.checks import Float64, Immutable, checked_bool, describe, instance_of, number_from, numbers, one_of
 from pyibr.core.errors import ArgumentError
-from pyibr.core.straight import covering_camera
+from pyibr.core.undistortion import covering_camera
 from pyibr.depthmesh.drawing import draw_depth_meshes, entry_of_meshes
 from pyibr.depthmesh.segmentation import Segmentation
 from pyibr.depthmesh.selection import REUSE_MAX, active_within, select_for
@@ -24,13 +24,13 @@ from pyibr.opencl.device import current
 from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.memory import DeviceArray
 from pyibr.picture.shadow import Lighting
-from pyibr.picture.straighten import straightened
 from pyibr.picture.target import Target
+from pyibr.picture.undistort import undistorted
 
 Int32 = NDArray[np.int32]
 
 
-class DepthMesh(Fixed):
+class DepthMesh(Immutable):
     """A depth image as a triangle mesh that adapts to the viewer: fine where that is seen, without cracks.
 
     A restricted quadtree over the samples is kept on the device, with the error of each vertex; a triangulation is read
@@ -39,7 +39,7 @@ class DepthMesh(Fixed):
     Parameters
     ----------
     view : DepthImage
-        Perspective or orthographic, of any size from 2x2 samples on. With a lens, it is straightened.
+        Perspective or orthographic, of any size from 2x2 samples on. With a lens, it is undistorted.
     tolerance : float
         Pixels of the target, >= 0, by which `render` lets the drawn surface lie off the full grid; 0 draws it all.
     segmentation : Segmentation, optional
@@ -89,7 +89,7 @@ class DepthMesh(Fixed):
         rule = Segmentation() if segmentation is None else segmentation
         if not isinstance(rule, Segmentation):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise ArgumentError("segmentation", "a pyibr.depthmesh.Segmentation or None", describe(rule))
-        self.view = straightened(view)
+        self.view = undistorted(view)
         self.tolerance = checked_tolerance("tolerance", tolerance)
         self.segmentation = rule
         one_of("errors", errors, ErrorsBy)
@@ -111,8 +111,9 @@ class DepthMesh(Fixed):
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
         """Draw the triangles in the view's colours, which hold their light, unless a light relights them."""
-        entry = entry_of_meshes(target, lighting, [self.view], self.tolerance, self.bounds)
-        draw_depth_meshes(target, self, [self], self.tolerance, self.bounds, reuse=self.reuse, entry=entry)
+        views, bounds, tree = [self.view], self.bounds, self.tree
+        entry = entry_of_meshes(target, lighting, views, self.tolerance, bounds)
+        draw_depth_meshes(target, self, views, [tree], bounds, tolerance=self.tolerance, reuse=self.reuse, entry=entry)
 
     @property
     def tree(self) -> Tree:
@@ -255,7 +256,7 @@ class DepthMesh(Fixed):
     def _triangles_for(self, camera: Camera, tolerance: float | None) -> tuple[Int32, Int32]:
         instance_of("camera", camera, Camera, "a pyibr.Camera")
         allowed = self.tolerance if tolerance is None else checked_tolerance("tolerance", tolerance)
-        return _triangles_of(self.tree, select_for(self.tree, covering_camera("camera", camera), allowed).active)
+        return _triangles_of(self.tree, select_for([self.tree], covering_camera("camera", camera), allowed).active[0])
 
     def _mesh_of(self, samples: Int32, faces: Int32) -> Mesh:
         camera = self.view.camera
@@ -273,7 +274,7 @@ class DepthMesh(Fixed):
 
 
 def _in_triangles(tree: Tree) -> NDArray[np.bool_]:
-    """(H, W) which samples are corners of triangles that are drawn."""
+    """Samples, (H, W) bool, that are corners of triangles that are drawn."""
     width, height = tree.view.camera.size
     upper, lower = tree.drawn_cells()
     y, x = np.ogrid[: height - 1, : width - 1]

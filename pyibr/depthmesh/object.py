@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Fixed, Float64, checked_bool, describe, instance_of, integer_from, number_from, one_of
+from pyibr.core.checks import Float64, Immutable, checked_bool, describe, instance_of, integer_from, number_from, one_of
 from pyibr.core.errors import ArgumentError
-from pyibr.core.pixelspace import frustum
-from pyibr.core.straight import check_no_lens, covering_camera
+from pyibr.core.undistortion import check_no_lens, covering_camera
 from pyibr.depthmesh.closing import closing_of
 from pyibr.depthmesh.drawing import Blending, draw_depth_meshes, entry_of_meshes
 from pyibr.depthmesh.exposure import gains_of
 from pyibr.depthmesh.mesh import DepthMesh, checked_tolerance
 from pyibr.depthmesh.segmentation import Segmentation
 from pyibr.depthmesh.selection import REUSE_MAX
+from pyibr.depthmesh.viewpoints import Viewpoints
 from pyibr.images import DepthImage
 from pyibr.opencl.device import one_call
 from pyibr.opencl.device_cache import cached_on_device
@@ -33,10 +33,9 @@ Choice = Literal["closest", "facing"]
 
 _EPSILON = 0.01  # of the largest extent
 _BLENDED_MAX = 32  # views that are blended
-_AWAY = 1e-3  # that views which look the opposite way still count for
 
 
-class DepthMeshObject(Fixed):
+class DepthMeshObject(Immutable):
     """Depth images of one thing as adaptive meshes, blended per pixel.
 
     For each target the views whose viewpoints are closest are triangulated, their nearest surfaces found, and the
@@ -142,39 +141,53 @@ class DepthMeshObject(Fixed):
                 raise ArgumentError("views", f"views with {error.expected}", f"{error.got} in view {number}") from None
         return np.array(boxes)
 
+    @cached_property
+    def _viewpoints(self) -> Viewpoints:
+        return Viewpoints([mesh.view.camera for mesh in self.meshes], self._boxes)
+
     @property
     def bounds(self) -> tuple[Float64, Float64]:
         """(low, high), each (3,), in the world: the box around the surfaces."""
-        return self._boxes[:, 0].min(axis=0), self._boxes[:, 1].max(axis=0)
+        return self._viewpoints.bounds
+
+    @cached_property
+    def extent(self) -> float:
+        """The largest edge of the box around the surfaces, in scene units."""
+        return self._viewpoints.extent
+
+    @cached_property
+    def epsilon(self) -> float:
+        """Scene units by which surfaces that are the same may lie behind the front one."""
+        return _EPSILON * self.extent if self._epsilon is None else self._epsilon
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
         """Draw the blended meshes in their views' colours, which hold their light, unless a light relights them."""
-        views = [mesh.view for mesh in self.meshes]
-        self._blend(target, entry=entry_of_meshes(target, lighting, views, self.tolerance, self.bounds))
+        views, bounds = [mesh.view for mesh in self.meshes], self.bounds
+        self._blend(target, entry_of_meshes(target, lighting, views, self.tolerance, bounds))
 
-    def _blend(self, target: Target, occupancy: DeviceArray | None = None, entry: Entry = NO_ENTRY) -> None:
-        behind = None
+    def _blend(self, target: Target, entry: Entry = NO_ENTRY, occupancy: DeviceArray | None = None) -> None:
+        viewpoints, closing = self._viewpoints, None
+        closeness, order = viewpoints.ranked(target.camera, self.choose == "facing")
+        drawn = viewpoints.drawn(target.camera, order, self.blended, self.closed)
         if self.closed:
-            behind = cached_on_device(self, "background", lambda: closing_of(self.meshes, self.extent))
-        order, closeness = self._order(target.camera), self.closeness(target.camera)
-        blending = Blending(self.blend, order, closeness, self.blended, self.epsilon, behind, self._gains)
-        tolerance = 0.5 * self.tolerance
-        draw_depth_meshes(target, self, self.meshes, tolerance, self.bounds, blending, occupancy, self.reuse, entry)
+            closing = cached_on_device(self, "closing", lambda: closing_of(self.meshes, self.extent))
+        draw_depth_meshes(
+            target,
+            self,
+            [mesh.view for mesh in self.meshes],
+            [self.meshes[number].tree for number in drawn.chosen],
+            self.bounds,
+            tolerance=0.5 * self.tolerance,
+            reuse=self.reuse,
+            blending=Blending(self.blend, drawn, closeness, self.epsilon, closing, self._gains),
+            occupancy=occupancy,
+            entry=entry,
+        )
 
     @cached_property
     def _gains(self) -> Float64 | None:
         """(views, 3) what the views' colours are multiplied by."""
         return gains_of([mesh.view for mesh in self.meshes], self.extent) if self.match_exposures else None
-
-    @property
-    def extent(self) -> float:
-        """The largest edge of the box around the surfaces, in scene units."""
-        return float((self.bounds[1] - self.bounds[0]).max())
-
-    @property
-    def epsilon(self) -> float:
-        """Scene units by which surfaces that are the same may lie behind the front one."""
-        return _EPSILON * self.extent if self._epsilon is None else self._epsilon
 
     def weights(self, camera: Camera) -> Float64:
         """Positional weights of the views for a camera (section 4.2 of the paper).
@@ -187,42 +200,10 @@ class DepthMeshObject(Fixed):
             of what the camera does not see have next to none. The viewpoints of orthographic cameras lie before the
             object's middle, as far from it as the perspective views' do on average, or twice its extent.
         """
-        found = self.closeness(camera)
-        found[self._order(camera)[self.blended :]] = 0.0
-        return found / found.sum()
-
-    def _order(self, camera: Camera) -> list[int]:
-        """The views' numbers, those first that are to be drawn."""
-        worth = self.closeness(camera)
-        if self.choose == "facing":
-            cosines = np.array([mesh.view.camera.forward @ camera.forward for mesh in self.meshes])
-            worth = worth * (1 + _AWAY + cosines)
-        return np.argsort(-worth, kind="stable").tolist()
-
-    def closeness(self, camera: Camera) -> Float64:
-        """(views,) inverse distances of the viewpoints from a camera's, in 1 / scene units; see `weights`."""
         instance_of("camera", camera, Camera, "a pyibr.Camera")
-        middle = 0.5 * (self.bounds[0] + self.bounds[1])
-        views = [mesh.view.camera for mesh in self.meshes]
-        away = [np.linalg.norm(view.center - middle) for view in views if view.projection == "perspective"]
-        apart = float(np.mean(away)) if away else 2 * self.extent
-
-        def viewpoint(camera: Camera) -> Float64:
-            return camera.center if camera.projection == "perspective" else middle - apart * camera.forward
-
-        distances = np.linalg.norm([viewpoint(view) - viewpoint(camera) for view in views], axis=1)
-        cosines = np.clip([view.forward @ camera.forward for view in views], -1, 1)
-        ties = 1 + 1e-9 * np.arccos(cosines)  # of one viewpoint those are closest that look the same way
-        found: Float64 = 1.0 / (np.maximum(distances, 1e-6 * max(self.extent, apart)) * ties)
-        return found * np.where(self._is_in(camera), 1.0, 1e-9)
-
-    def _is_in(self, camera: Camera) -> NDArray[np.bool_]:
-        """(views,) whether the view's box may be seen by a camera."""
-        planes = frustum(covering_camera("camera", camera))
-        low, high = self._boxes[:, None, 0], self._boxes[:, None, 1]
-        farthest = np.where(planes[:, :3] > 0, high, low)  # (views, planes, 3) the corner furthest inside
-        inside = np.asarray(np.einsum("vpc,pc->vp", farthest, planes[:, :3]) + planes[:, 3]) >= 0
-        return np.asarray(inside.all(axis=1), np.bool_)
+        found, order = self._viewpoints.ranked(covering_camera("camera", camera), self.choose == "facing")
+        found[order[self.blended :]] = 0.0
+        return found / found.sum()
 
     def occupancy(self, camera: Camera) -> NDArray[np.uint32]:
         """Tell the views that gave each pixel its colour (figure 12 of the paper).
@@ -244,7 +225,7 @@ class DepthMeshObject(Fixed):
         with one_call():
             found = empty((camera.height, camera.width), np.uint32)
             found.fill(0)
-            self._blend(Target(camera, np.dtype(np.uint8)), found)
+            self._blend(Target(camera, np.dtype(np.uint8)), occupancy=found)
             return np.array(found.to_host())
 
 

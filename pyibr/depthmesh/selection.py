@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -14,7 +15,7 @@ from pyibr.core.pixelspace import frustum
 from pyibr.depthmesh.tree import Tree
 from pyibr.opencl.headers import struct
 from pyibr.opencl.launch import Struct, launch
-from pyibr.opencl.memory import DeviceArray, empty
+from pyibr.opencl.memory import DeviceArray, empty, to_host
 from pyibr.opencl.program import kernel
 
 REUSE_MAX = 0.5
@@ -26,32 +27,32 @@ _ROUNDING = 0.999  # of the room that single precision leaves
 
 @dataclass(frozen=True)
 class Selection:
-    """The vertices of a tree that a camera needs, and perhaps those that it will need soon.
+    """The vertices of trees that a camera needs, and perhaps those that it will need soon.
 
     Attributes
     ----------
-    active : DeviceArray (side + 1, row) uint8
-        Marks of kernels/depthmesh/tree.h.
+    active : list of DeviceArray (side + 1, row) uint8
+        Of each tree marks of kernels/depthmesh/tree.h.
     camera : Camera
     tolerance : float
         Pixels of the camera, which the vertices keep.
     reuse : float
         By what share of the tolerance they are finer than that; and how far beyond the camera's view, as a share of
         the distance, they go.
-    motion_limits : DeviceArray (side + 1, 2)
+    motion_limits : list of DeviceArray (side + 1, 2)
         How far the camera may move, kernels/depthmesh/select.cl.
     """
 
-    active: DeviceArray
+    active: list[DeviceArray]
     camera: Camera
     tolerance: float
     reuse: float
-    motion_limits: DeviceArray
+    motion_limits: list[DeviceArray]
 
     @cached_property
-    def _motion_limit(self) -> Float64:
-        """(2,) the least of all rows."""
-        return self.motion_limits.to_host().min(axis=0).astype(np.float64)
+    def motion_limit(self) -> Float64:
+        """(2,) the least of all rows of all trees."""
+        return np.concatenate(to_host(self.motion_limits)).min(axis=0).astype(np.float64)
 
     def holds_for(self, camera: Camera) -> bool:
         """Tell whether a camera that has moved needs no other vertices for the tolerance."""
@@ -62,46 +63,40 @@ class Selection:
             return True
         moved = float(np.linalg.norm(camera.center - own.center))
         turned = float(np.linalg.norm((frustum(camera) - frustum(own))[:, :3], axis=1).max())
-        room, nearest_out = self._motion_limit
+        room, nearest_out = self.motion_limit
         # What is out of view by `reuse` of its distance stays so while the view's planes come no closer than that.
         stays_out = not np.isfinite(nearest_out) or turned + moved / nearest_out <= _ROUNDING * self.reuse
         return moved <= _ROUNDING * room and stays_out
 
 
-def select_for(tree: Tree, camera: Camera, tolerance: float, reuse: float = 0.0) -> Selection:
-    """Find the vertices that a camera needs for a tolerance in pixels (equation 5)."""
-    known, active, motion_limits = (
-        tree.errors,
-        empty(tree.states.shape, np.uint8),
-        empty((tree.side + 1, 2), np.float32),
-    )
-    launch(
-        kernel("depthmesh/tree.cl", "activate"),
-        (tree.side + 1,),
-        errors=known.errors,
-        radii=known.radii,
-        depths=known.depths,
-        active=active,
-        motion_limits=motion_limits,
-        layout=tree.layout,
-        viewer=Struct("Viewer", _viewer(tree.view.camera, camera, tolerance, reuse)),
-    )
+def select_for(trees: Sequence[Tree], camera: Camera, tolerance: float, reuse: float = 0.0) -> Selection:
+    """Find the vertices of trees that a camera needs for a tolerance in pixels (equation 5)."""
+    viewer = np.zeros((), struct("depthmesh/select.cl", "Viewer"))
+    viewer["scale"] = np.linalg.norm(camera.K[:2, :2], 2)
+    viewer["allowed"] = tolerance
+    viewer["tolerance"] = (1.0 - reuse) * tolerance
+    perspective = camera.projection == "perspective"
+    viewer["perspective"], viewer["widening"] = perspective, reuse if perspective else 0.0
+    planes = frustum(camera) if perspective or not reuse else np.zeros((5, 4))
+    active, motion_limits = list[DeviceArray](), list[DeviceArray]()
+    for tree in trees:
+        src = tree.view.camera
+        viewer["eye"] = (src.camera_from_world @ camera.world_from_camera)[:3, 3]
+        viewer["planes"] = planes @ src.world_from_camera
+        active.append(empty(tree.states.shape, np.uint8))
+        motion_limits.append(empty((tree.side + 1, 2), np.float32))
+        launch(
+            kernel("depthmesh/tree.cl", "activate"),
+            (tree.side + 1,),
+            errors=tree.errors.errors,
+            radii=tree.errors.radii,
+            depths=tree.errors.depths,
+            active=active[-1],
+            motion_limits=motion_limits[-1],
+            layout=tree.layout,
+            viewer=Struct("Viewer", viewer.copy()),
+        )
     return Selection(active, camera, tolerance, reuse, motion_limits)
-
-
-def _viewer(src: Camera, dst: Camera, tolerance: float, reuse: float) -> np.ndarray[Any, np.dtype[np.void]]:
-    values = np.zeros((), struct("depthmesh/select.cl", "Viewer"))
-    values["eye"] = (src.camera_from_world @ dst.world_from_camera)[:3, 3]
-    values["planes"] = frustum(dst) @ src.world_from_camera
-    values["scale"] = np.linalg.norm(dst.K[:2, :2], 2)
-    values["allowed"] = tolerance
-    values["tolerance"] = (1.0 - reuse) * tolerance
-    values["perspective"] = dst.projection == "perspective"
-    if dst.projection == "perspective":
-        values["widening"] = reuse
-    elif reuse:
-        values["planes"] = 0.0
-    return values
 
 
 def active_within(tree: Tree, max_error: float) -> DeviceArray:

@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
+import operator
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.pixelspace import camera_pair
+from pyibr.core.checks import Immutable
+from pyibr.core.pixelspace import CameraPair
+from pyibr.depthmesh.selection import Selection, select_for
 from pyibr.depthmesh.tree import Tree
 from pyibr.images import DepthImage
+from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.headers import constant
 from pyibr.opencl.launch import launch
 from pyibr.opencl.memory import DeviceArray, copy, empty, upload
 from pyibr.opencl.program import kernel
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,7 @@ def list_triangles(
         numbers, firsts = empty(marks.shape, np.int32), upload(row_firsts[first:])
         launch(
             kernel("depthmesh/tree.cl", "list_points"),
-            (tree.view.camera.height,),
+            (tree.view.camera.size[1],),
             active=marks,
             nearness=tree.nearness,
             firsts=firsts,
@@ -109,11 +110,11 @@ def pixels_of(points: NDArray[np.float32], view: DepthImage) -> NDArray[np.int64
     return np.rint(np.stack([x * scale, y * scale], -1)).astype(np.int64)
 
 
-def project_points(target: Camera, views: Sequence[DepthImage], triangles: Triangles) -> DeviceArray:
-    """(P, 4) the triangles' points in a target's pixel space; views: each mesh's."""
-    maps = np.array([camera_pair(view.camera, target).dst_from_src for view in views], np.float32)
-    for view, one in zip(views, maps, strict=True):
-        if view.camera.projection == "orthographic":
+def project_points(triangles: Triangles, pairs: Sequence[CameraPair]) -> DeviceArray:
+    """(P, 4) the triangles' points in a target's pixel space, by the pairs of each mesh's camera and the target."""
+    maps = np.array([pair.dst_from_src for pair in pairs], np.float32)
+    for pair, one in zip(pairs, maps, strict=True):
+        if pair.src.projection == "orthographic":
             one[:, 2:] = one[:, :1:-1]  # points hold nearness third, not 1
     projected = empty(triangles.points.shape, np.float32)
     launch(
@@ -122,7 +123,38 @@ def project_points(target: Camera, views: Sequence[DepthImage], triangles: Trian
         points=triangles.points,
         firsts=upload(np.array(triangles.point_firsts, np.int32)),
         maps=upload(maps),
-        meshes=len(views),
+        meshes=len(pairs),
         projected=projected,
     )
     return projected
+
+
+@dataclass(frozen=True)
+class _CachedTriangles:
+    """Triangles, what they follow, and the selection that tells for how long they hold."""
+
+    trees: list[Tree]
+    before: Triangles | None
+    selection: Selection
+    triangles: Triangles
+
+    def hold_for(self, trees: list[Tree], camera: Camera, before: Triangles | None) -> bool:
+        same = len(trees) == len(self.trees) and all(map(operator.is_, trees, self.trees))
+        return same and before is self.before and self.selection.holds_for(camera)
+
+
+def triangles_for(
+    thing: Immutable, trees: list[Tree], camera: Camera, tolerance: float, before: Triangles | None, reuse: float
+) -> Triangles:
+    """The triangles that a thing's trees have for a camera, after those of `before`: those drawn last, if they hold.
+
+    `tolerance` and `reuse` are those of `Selection`; with `reuse` 0, triangles are listed each time.
+    """
+    latest = cached_on_device(thing, "latest triangles", list[_CachedTriangles]) if reuse else []
+    # At each launch another thread may have its turn: what is found is put there whole.
+    found = latest[0] if latest else None
+    if found is None or not found.hold_for(trees, camera, before):
+        selection = select_for(trees, camera, tolerance, reuse)
+        found = _CachedTriangles(trees, before, selection, list_triangles(trees, selection.active, before, rated=True))
+        latest[:] = [found]
+    return found.triangles

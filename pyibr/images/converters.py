@@ -20,7 +20,7 @@ from pyibr.core.checks import (
     positive_or_infinite,
 )
 from pyibr.core.errors import ArgumentError
-from pyibr.core.straight import rays_of
+from pyibr.core.undistortion import rays_of
 from pyibr.images.depth_image import Color, Depth
 
 _ColorT = TypeVar("_ColorT", bound=Color)

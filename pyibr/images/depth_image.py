@@ -9,15 +9,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import cached_property, partial
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
 from pyibr.core.checks import (
-    Fixed,
     Float64,
+    Immutable,
     checked_colors,
     describe,
     fits,
@@ -31,7 +31,7 @@ from pyibr.core.checks import (
     shape_text,
 )
 from pyibr.core.errors import ArgumentError
-from pyibr.core.straight import rays_of
+from pyibr.core.undistortion import rays_of
 from pyibr.images.noise import fitted_noise, noise_by_depth, steps_by_depth
 
 Color = NDArray[np.uint8] | NDArray[np.float32]
@@ -48,7 +48,7 @@ _UNIT = 1e-3  # squares of lengths may be off by that: they are normals in float
 _CHUNK = 1 << 15  # samples at a time: of more, float64 values take several times longer
 
 
-class DepthImage(Fixed):
+class DepthImage(Immutable):
     """An image with a depth for each pixel, and the camera that took it: a sampled surface.
 
     Parameters
@@ -59,7 +59,7 @@ class DepthImage(Fixed):
         Planar z in scene units; NaN, infinite or <= 0 where there is none. Other kinds of depth are converted
         first: `depth_from_uint16`, `depth_from_disparity`, `depth_from_euclidean`, `depth_from_mpeg`.
     camera : Camera
-        Of size (W, H). With a lens, it is drawn as `pyibr.straightened` makes it.
+        Of size (W, H). With a lens, it is drawn as `pyibr.undistorted` makes it.
     far : float
         Samples at this depth or beyond it are no surface: space is empty along their rays.
     default_depth : float or "farthest", optional
@@ -69,10 +69,10 @@ class DepthImage(Fixed):
         Of the surface, in the camera's frame (x right, y down, z forward) and towards it, of any length; NaN or 0 where
         they are not known. A `Light` with `relight` shades by them; where there are none, the depths tell them.
     noise : float, (a, b, c) or callable, optional
-        The depth's noise: the standard deviation of 1 / depth, as stereo and structured light have it (`disparity_noise`;
-        of an orthographic camera's depth, that of the depth itself); or of depth z it is a z^2 + b z + c, or a function
-        of z that takes and returns (n,) float64. By default it is found from the samples. It tells edges, how views are
-        blended, and how much is smoothed.
+        The depth's noise. A number: the standard deviation of 1 / depth, as of stereo and structured light
+        (`disparity_noise`); of an orthographic camera, that of the depth. Three: at depth z it is a z^2 + b z + c. Or a
+        function of depths, (n,) float64 to (n,). By default it is found from the samples. It tells depth edges from
+        noise, and how much views count that are blended.
 
     Attributes
     ----------
@@ -251,11 +251,13 @@ def _checked_noise(noise: object, view: DepthImage) -> tuple[float, float, float
             a, b, c = given.tolist()
             return a, b, c
         return (float(given), 0.0, 0.0) if view.camera.projection == "perspective" else (0.0, 0.0, float(given))
-    depths = view.depth[view.valid].astype(np.float64)
-    z = np.linspace(depths.min(), depths.max(), _NOISE_PLACES) if len(depths) else np.ones(1)
-    deviations = np.asarray(noise(z), np.float64)
+    valid = view.depth[view.valid]
+    ends = (float(valid.min()), float(valid.max())) if len(valid) else (1.0, 1.0)
+    z: Float64 = np.linspace(*ends, _NOISE_PLACES)
+    deviations: Float64 = np.asarray(cast("Callable[[Float64], Float64]", noise)(z), np.float64)
     if deviations.shape != z.shape or not (np.isfinite(deviations) & (deviations >= 0)).all():
-        raise ArgumentError("noise", f"a function of ({len(z)},) depths that returns as many numbers >= 0", describe(deviations))
+        expected = f"a function of ({_NOISE_PLACES},) depths that returns as many numbers >= 0"
+        raise ArgumentError("noise", expected, describe(deviations))
     return fitted_noise(z, deviations)
 
 

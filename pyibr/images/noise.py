@@ -25,11 +25,11 @@ _CHOICES = np.array(
 """Which of the three kinds of noise there are: (7, 3) bool, the fewest first."""
 
 
-def noise_by_nearness(depth: Depth, far: float = np.inf, most: int = _SAMPLES_MAX) -> tuple[Float64, Float64]:
+def noise_by_nearness(depth: Depth, far: float = np.inf, count_max: int = _SAMPLES_MAX) -> tuple[Float64, Float64]:
     """Noise of (H, W) depth in which there is none where it is not finite, <= 0 or >= `far`.
 
     Second differences along rows and columns are free of the surface's slope, and their median of its edges. Where
-    every other sample is missing, those two apart are taken. Of each direction about `most` samples are looked at.
+    every other sample is missing, those two apart are taken. Of each direction about `count_max` samples are looked at.
     Cameras that tell depth in coarse steps show no such differences on most pixels: noise is half a step at least, as
     what lies between two is now the one, now the other.
 
@@ -43,8 +43,8 @@ def noise_by_nearness(depth: Depth, far: float = np.inf, most: int = _SAMPLES_MA
     for step in (1, 2):
         for values in (depth, depth.T):
             if values.shape[1] > 2 * step:
-                some = np.ascontiguousarray(values[:: max(values.size // min(_ROWS * most, _SAMPLES_MAX), 1)])
-                place, change = _changes(some, step, far, most)
+                some = np.ascontiguousarray(values[:: max(values.size // min(_ROWS * count_max, _SAMPLES_MAX), 1)])
+                place, change = _changes(some, step, far, count_max)
                 places.append(place)
                 changes.append(change)
         if sum(map(len, places)) >= 10 * _RANGES * _SAMPLES_MIN:
@@ -68,15 +68,15 @@ def noise_by_nearness(depth: Depth, far: float = np.inf, most: int = _SAMPLES_MA
     return place[:, each // 2].astype(np.float64), middles
 
 
-def _changes(depth: Depth, step: int, far: float, most: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """The nearness, and its second difference along rows; of some `most` samples."""
+def _changes(depth: Depth, step: int, far: float, count_max: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """The nearness, and its second difference along rows; of some `count_max` samples."""
     nearness = np.full(depth.shape, np.nan, np.float32)
     with np.errstate(over="ignore", invalid="ignore"):  # of depths so near that float32 does not hold their nearness
         np.divide(np.float32(1), depth, out=nearness, where=(depth > 0) & (depth < far))
         here = nearness[:, step:-step]
         change = np.abs(nearness[:, : -2 * step] - 2 * here + nearness[:, 2 * step :])
     known = np.flatnonzero(np.isfinite(change))
-    known = known[:: max(len(known) // most, 1)]
+    known = known[:: max(len(known) // count_max, 1)]
     return here.ravel()[known], change.ravel()[known]
 
 
@@ -90,7 +90,7 @@ def noise_by_depth(depth: Depth, far: float = np.inf) -> tuple[float, float, flo
 
 
 def fitted_noise(depths: Float64, deviations: Float64) -> tuple[float, float, float]:
-    """(a, b, c), none negative, of deviations (n,) at depths (n,): about a z^2 + b z + c; those that are 0 do not count."""
+    """(a, b, c), none negative: deviations (n,) at depths z (n,) are about a z^2 + b z + c; zeros do not count."""
     if not deviations.any():
         return 0.0, 0.0, 0.0
     z, in_depth = depths[deviations > 0], deviations[deviations > 0]

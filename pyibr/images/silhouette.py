@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Fixed, checked_colors, describe, instance_of, locked, plain_array
+from pyibr.core.checks import Immutable, checked_colors, describe, instance_of, locked, plain_array
 from pyibr.core.errors import ArgumentError
 from pyibr.images.depth_image import DepthImage
 
 
-class Silhouette(Fixed):
+class Silhouette(Immutable):
     """An image of which only the object's outline is known, and the camera that took it.
 
     Parameters
@@ -46,6 +46,8 @@ class Silhouette(Fixed):
     >>> view.valid.shape
     (13, 7)
     """
+
+    normals = None  # which a depth image may have
 
     def __init__(self, color: NDArray[Any], mask: NDArray[np.bool_], camera: Camera) -> None:
         instance_of("camera", camera, Camera, "a pyibr.Camera")

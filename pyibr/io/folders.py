@@ -10,7 +10,7 @@ import numpy as np
 
 from pyibr.core.errors import FileFormatError
 
-_APART_MAX = 0.02
+_TIME_DIFFERENCE_MAX = 0.02
 """Seconds: what was taken at one time may differ by that, as for the tools of the TUM data sets."""
 
 
@@ -61,7 +61,7 @@ def at_one_time(first: Sequence[float], second: Sequence[float]) -> list[tuple[i
     if not first or not second:
         return []
     to_second, to_first = _nearest(first, second), _nearest(second, first)
-    near = [abs(first[i] - second[j]) <= _APART_MAX for i, j in enumerate(to_second)]
+    near = [abs(first[i] - second[j]) <= _TIME_DIFFERENCE_MAX for i, j in enumerate(to_second)]
     return [(i, j) for i, j in enumerate(to_second) if near[i] and to_first[j] == i]
 
 

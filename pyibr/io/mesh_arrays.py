@@ -56,10 +56,10 @@ def whole(values: NDArray[Any]) -> NDArray[np.int64]:
     return integers
 
 
-def count_of(text: str, most: int) -> int:
-    """A count as a header tells it; ValueError beyond `most`, the content that there is."""
-    count = int(text) if len(text) <= 18 else most + 1
-    if not 0 <= count <= most:
+def count_of(text: str, maximum: int) -> int:
+    """A count as a header tells it; ValueError beyond `maximum`, the content that there is."""
+    count = int(text) if len(text) <= 18 else maximum + 1
+    if not 0 <= count <= maximum:
         raise ValueError(f"the header counts {text[:40]}, which is more than the file holds")
     return count
 

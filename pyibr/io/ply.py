@@ -124,8 +124,8 @@ def read_mesh(data: bytes, folder: Path) -> MeshArrays:
         if names[0] in vertex:
             kind = next(item.kind for item in element.properties if item.name == names[0])
             stored = np.column_stack([vertex[name] for name in names])
-            most = 1.0 if kind[0] == "f" else float(np.iinfo(kind).max)
-            colors = color_bytes(stored / most)
+            white = 1.0 if kind[0] == "f" else float(np.iinfo(kind).max)
+            colors = color_bytes(stored / white)
     points = np.column_stack([vertex[name] for name in "xyz"])
     return MeshArrays(points, fans(whole(counts), whole(corners)), normals=normals, colors=colors)
 

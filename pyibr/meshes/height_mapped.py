@@ -6,20 +6,20 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from pyibr.core.checks import Fixed, check_tiled, checked_colors, instance_of, locked, positive
+from pyibr.core.checks import Immutable, check_tiled, checked_colors, instance_of, locked, positive
 from pyibr.core.errors import ArgumentError
 from pyibr.meshes.heights import Float32, Wrap, Wraps, checked_height, checked_normal_map, checked_tiles, checked_wrap
 from pyibr.meshes.mesh import Mesh
 
 
-class Heights(Fixed):
+class Heights(Immutable):
     """The part of a surface that an animation replaces."""
 
     def __init__(self, values: Float32) -> None:
         self.values = values
 
 
-class HeightMapped(Fixed):
+class HeightMapped(Immutable):
     """A mesh with heights, colours and perhaps normals over its uv.
 
     Parameters

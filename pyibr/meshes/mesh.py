@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pyibr.core.checks import (
-    Fixed,
+    Immutable,
     check_tiled,
     checked_colors,
     describe,
@@ -34,7 +34,7 @@ Sides = Literal["both", "front", "back"]
 _OWN_PLACES = ("positions", "normals", "colors")  # of Open3D's vertex attributes: not in `attributes`
 
 
-class Mesh(Fixed):
+class Mesh(Immutable):
     """Triangles with what is known at their corners.
 
     Parameters
@@ -362,9 +362,9 @@ def _checked_attribute(name: str, values: ArrayLike, count: int) -> Float32:
 
 
 def _in_float32(argument: str, array: NDArray[np.float64]) -> Float32:
-    most = float(np.finfo(np.float32).max)
-    if array.size and np.abs(array).max() > most:
-        raise ArgumentError(argument, f"numbers up to {most:g}, as float32 holds", f"{np.abs(array).max():g}")
+    largest = float(np.finfo(np.float32).max)
+    if array.size and np.abs(array).max() > largest:
+        raise ArgumentError(argument, f"numbers up to {largest:g}, as float32 holds", f"{np.abs(array).max():g}")
     return array.astype(np.float32)
 
 

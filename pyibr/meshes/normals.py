@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from pyibr.core.checks import Float64
 
-_APART = 0.5  # cosine: what faces more than 60 degrees apart is divided by a hard edge
+_HARD_EDGE = 0.5  # cosine: what faces more than 60 degrees apart is divided by a hard edge
 _NEAR = 0.75**0.5  # cosine of half of that: no two are farther apart if all are so near to their mean
 _CROWD = 64  # at one place: more are not compared in pairs, and share their mean
 _AT_ONCE = 1 << 20  # pairs in memory
@@ -66,7 +66,7 @@ def summed_at_places(place: NDArray[np.int64], own: Float64) -> tuple[Float64, N
         other = members[first[rows][owner] + np.arange(len(owner)) - np.repeat(np.cumsum(each) - each, each)]
         here = members[rows][owner]
         cosine = (ways[here] * ways[other]).sum(axis=1)
-        apart = (cosine <= _APART) & ways[here].any(axis=1) & ways[other].any(axis=1)
+        apart = (cosine <= _HARD_EDGE) & ways[here].any(axis=1) & ways[other].any(axis=1)
         sums[members[rows]] = summed(owner[~apart], own[other[~apart]], len(rows))
         at_edges[members[rows]] = np.bincount(owner[apart], minlength=len(rows)) > 0
     return sums, at_edges

@@ -65,15 +65,15 @@ class InFlight:
         self.seconds = 0.0
 
 
-def piece_of(grid: Sequence[int], done: int, most: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+def piece_of(grid: Sequence[int], done: int, items_max: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Offset and size of the next piece of a grid of which so many work-items are done: whole rows, or within one.
 
-    A row is what `most` work-items make none of: of one axis, or of several.
+    A row is what `items_max` work-items make none of: of one axis, or of several.
     """
     *inner, last = grid
     row = math.prod(inner)
     at, inside = divmod(done, row)
-    if inside or most < row:
-        offset, size = piece_of(inner, inside, most)
+    if inside or items_max < row:
+        offset, size = piece_of(inner, inside, items_max)
         return (*offset, at), (*size, 1)
-    return (0,) * len(inner) + (at,), (*inner, min(most // row, last - at))
+    return (0,) * len(inner) + (at,), (*inner, min(items_max // row, last - at))

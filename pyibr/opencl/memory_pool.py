@@ -52,16 +52,16 @@ class MemoryPool:
                 self.size -= size
             return block
 
-    def give(self, block: Block, most: int) -> None:
+    def give(self, block: Block, size_max: int) -> None:
         """Keep a block, and at most that many bytes: blocks of the size that was given longest ago go first."""
         with self._lock:
             self.size += block.size  # first: where Ctrl-C comes between, it is too large, and counted anew
             self._blocks.setdefault(block.size, []).append(block)
             self._blocks.move_to_end(block.size)
-            if self.size > most:
+            if self.size > size_max:
                 self.size = sum(kept.size for kept in self)
-            for blocks in [*self._blocks.values()] if self.size > most else ():
-                while blocks and self.size > most:
+            for blocks in [*self._blocks.values()] if self.size > size_max else ():
+                while blocks and self.size > size_max:
                     oldest = blocks.pop(0)
                     self.size -= oldest.size
 

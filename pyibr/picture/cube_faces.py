@@ -1,4 +1,4 @@
-"""Pictures of cameras with lenses: drawn straight, in one pane or several, and read where each pixel's ray passes."""
+"""Pictures of cameras with lenses: drawn by pinholes, one or several, and read where each pixel's ray passes."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from typing import Any
 
 from pyibr.core.camera import Camera
 from pyibr.core.pixelspace import pitch
-from pyibr.core.straight import cube_faces
+from pyibr.core.undistortion import cube_faces
 from pyibr.images.frame import Frame, PixelClass
 from pyibr.opencl.device import current
 from pyibr.opencl.launch import launch
 from pyibr.opencl.program import kernel
-from pyibr.picture.straighten import positions_on_device
 from pyibr.picture.target import Target
+from pyibr.picture.undistort import positions_on_device
 
 
 def cube_face_cameras(camera: Camera) -> list[Camera]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pyibr.core.checks import Fixed, Float64, checked_bool, describe, integer_from, numbers, read_only
+from pyibr.core.checks import Float64, Immutable, checked_bool, describe, integer_from, numbers, read_only
 from pyibr.core.errors import ArgumentError
 from pyibr.opencl.headers import struct
 
@@ -16,7 +16,7 @@ _BRIGHTNESS_MAX = 1e6  # brightness; beyond, products leave the range of single 
 _DISTANCE_MAX = 1e15  # scene units
 
 
-class Light(Fixed):
+class Light(Immutable):
     """A light: far away, at a point, or a spot. Surfaces follow Lambert's law, with highlights, and cast shadows.
 
     It cannot be changed once it is made, and keeps its shadow maps for further pictures of the same things.

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64, instance_of
 from pyibr.core.pixelspace import pitch, pixel_size
-from pyibr.core.straight import check_no_lens
+from pyibr.core.undistortion import check_no_lens
 from pyibr.images import DepthImage
 from pyibr.opencl.device import current, one_call
 from pyibr.opencl.device_cache import cached_on_device
@@ -154,9 +154,9 @@ def _radius(view: DepthImage) -> int:
     z, camera = float(np.median(view.depth[view.valid].astype(np.float64))), view.camera
     pixels = float(np.sqrt(camera.K[0, 0] * camera.K[1, 1]))  # of a scene unit, at depth 1 or everywhere
     noise = _noise_at(view, z) * pixels / (z if camera.projection == "perspective" else 1.0)
-    most = int(constant("picture/normals.cl", "RADIUS_MAX"))
-    for radius in range(1, most):
+    radius_max = int(constant("picture/normals.cl", "RADIUS_MAX"))
+    for radius in range(1, radius_max):
         squares = (2 * radius + 1) ** 2 * radius * (radius + 1) / 3  # the sum of x^2 over them: of a slope's variance
         if noise <= _SLOPE_ERROR_MAX * np.sqrt(squares):
             return radius
-    return most
+    return radius_max

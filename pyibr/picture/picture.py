@@ -1,4 +1,4 @@
-"""A camera's picture as its parts: drawn straight and with several samples a pixel, then joined and averaged.
+"""A camera's picture as its parts: drawn by pinholes and with several samples a pixel, then joined and averaged.
 
 What draws knows of neither: it gets targets of cameras without lenses, whose pixels are samples.
 """
@@ -20,7 +20,7 @@ from pyibr.picture.target import Target
 
 
 class PictureParts:
-    """The straight pictures that a camera's is made of.
+    """The pinholes' pictures that a camera's is made of.
 
     Parameters
     ----------

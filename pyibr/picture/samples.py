@@ -39,7 +39,7 @@ class Samples:
     high: float
 
 
-def cut_of(camera: Camera, ratio: float | None, slack: tuple[float, float] = (0.0, 0.0)) -> NDArray[np.void]:
+def cut_of(camera: Camera, ratio: float | None, noise: tuple[float, float] = (0.0, 0.0)) -> NDArray[np.void]:
     """A record of the kernels' struct Cut: which neighbours of a camera's depth image are torn apart.
 
     Parameters
@@ -48,17 +48,17 @@ def cut_of(camera: Camera, ratio: float | None, slack: tuple[float, float] = (0.
     ratio : float or None
         Of depths, that tears; of an orthographic camera, 1 more than their difference by the longer side of what it
         sees. None: all neighbours are one surface.
-    slack : (float, float)
+    noise : (float, float)
         What noise adds to it: a part of the nearness, and so much nearness.
     """
     values = np.zeros((), struct("lib/surface.h", "Cut"))
     if ratio is None:
         return values
-    far_scale, least = ratio + slack[0], slack[1]
+    far_scale, least = ratio + noise[0], noise[1]
     if camera.projection == "orthographic":  # depths have no origin: what the camera sees gives the scale
         far_scale, least = 1.0, least + (ratio - 1.0) * longer_side(camera)
-    most = float(np.finfo(np.float32).max)
-    values["near_scale"], values["far_scale"], values["least"] = 1.0, min(far_scale, most), min(least, most)
+    largest = float(np.finfo(np.float32).max)
+    values["near_scale"], values["far_scale"], values["least"] = 1.0, min(far_scale, largest), min(least, largest)
     return values
 
 

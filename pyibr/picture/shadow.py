@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Fixed, Float64
+from pyibr.core.checks import Float64, Immutable
 from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.headers import struct
 from pyibr.opencl.launch import Struct
@@ -86,7 +86,7 @@ class Lighting:
 class _CachedLighting:
     """The last that a light has looked at."""
 
-    things: Sequence[weakref.ref[Fixed]]
+    things: Sequence[weakref.ref[Immutable]]
     lighting: Lighting
 
     def is_of(self, things: Sequence[object]) -> bool:
@@ -108,7 +108,7 @@ def lighting(
     ----------
     light : Light
     things : sequence
-        The scene. Of those that are no `Fixed`, nobody knows whether they have changed.
+        The scene. Of those that are no `Immutable`, nobody knows whether they have changed.
     bounds : sequence of (low, high)
         Of each thing, in the world.
     draw : callable
@@ -130,7 +130,7 @@ def lighting(
         draw(target)
         copy(target.depth, maps, number * size * size)
     made = Lighting(light, maps, cameras)
-    fixed = [thing for thing in things if isinstance(thing, Fixed)]
+    fixed = [thing for thing in things if isinstance(thing, Immutable)]
     if len(fixed) == len(things):
         last.append(_CachedLighting([weakref.ref(thing) for thing in fixed], made))
     return made

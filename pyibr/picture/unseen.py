@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.checks import Float64, one_of
-from pyibr.core.straight import check_no_lens
+from pyibr.core.undistortion import check_no_lens
 from pyibr.images.depth_image import DepthImage, Side
 from pyibr.opencl.device import current
 from pyibr.opencl.device_cache import cached_on_device

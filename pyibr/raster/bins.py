@@ -12,7 +12,7 @@ from pyibr.opencl.device import current
 from pyibr.opencl.headers import constant
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty
-from pyibr.opencl.program import Kernel, kernel
+from pyibr.opencl.program import kernel
 from pyibr.picture.target import Target
 
 _UNSYNCHRONIZED = 1 << 22  # numbers that a list may have room for unasked, though few of them may be written
@@ -27,31 +27,25 @@ class Bins:
     ----------
     grid : (int, int)
         Work-items of kernels that draw the bins.
+    region : int
+        Pixels along the side of what one of them draws.
+    defines : dict
+        Of these kernels.
     arguments : dict
-        What these take: `list`, numbers of primitives, bin by bin; `starts`, where each bin's part begins; the view.
+        What they take: `list`, numbers of primitives, bin by bin; `starts`, where each bin's part begins; the view.
+    culled : int
+        Which triangles are culled, for kernels that do so.
     """
 
     grid: tuple[int, int]
+    region: int
+    defines: dict[str, int]
     arguments: dict[str, Any]
+    culled: int
 
 
-def bin_side() -> int:
-    """Pixels along the side of a bin."""
-    return int(constant("raster/region.h", "BIN"))
-
-
-def _kernel(name: str, corners: int) -> Kernel:
-    return kernel("raster/bins.cl", name, CORNERS=corners, BIN=bin_side())
-
-
-def region_side() -> int:
-    """Pixels along the side of what a work-item draws: REGION of kernels/raster/region.h."""
-    return 1 if current().profile.lanes == 1 else bin_side()
-
-
-def culled(sides: Sides) -> int:
-    """Triangles that kernels cull so that these sides are drawn."""
-    return int(constant("raster/triangle.h", _CULLED[sides]))
+def _defines() -> dict[str, int]:
+    return {"BIN": int(constant("raster/region.h", "BIN"))}
 
 
 def project(target: Target, vertices: DeviceArray, near: float, corners: int = 3) -> DeviceArray:
@@ -63,7 +57,7 @@ def project(target: Target, vertices: DeviceArray, near: float, corners: int = 3
     origin = target.camera.center.astype(np.float32)  # the same for all things: no cracks between neighbours
     projected = empty((count, 4), np.float32)
     launch(
-        _kernel("project", corners),
+        kernel("raster/bins.cl", "project", CORNERS=corners, **_defines()),
         (count,),
         vertices=vertices,
         projected=projected,
@@ -84,9 +78,9 @@ def bin_primitives(
     Each bin's are in the order of their numbers or, with `sort`, from front to back. Of triangles, those that only show
     another of their `sides` are left out.
     """
-    profile = current().profile
+    profile, defines = current().profile, _defines()
     count, each = corners.shape
-    columns, rows = (-(-size // bin_side()) for size in target.camera.size)
+    columns, rows = (-(-size // defines["BIN"]) for size in target.camera.size)
     bins = columns * rows
     chunk = max(-(-count // profile.chunks), 1)
     chunks = max(-(-count // chunk), 1)
@@ -96,11 +90,12 @@ def bin_primitives(
     grid = {"bins_x": columns, "bins_y": rows}
     shared = {"primitives": count, "chunk": chunk, **grid}
     sums = {"counts": counts, "totals": totals, "chunks": chunks}
+    culled = int(constant("raster/triangle.h", _CULLED[sides]))
 
     def run(name: str, *items: int, **arguments: Any) -> None:
-        launch(_kernel(name, each), items, **arguments)
+        launch(kernel("raster/bins.cl", name, CORNERS=each, **defines), items, **arguments)
 
-    run("count_bins", chunks, corners=corners, boxes=boxes, counts=counts, culled=culled(sides), **view, **shared)
+    run("count_bins", chunks, corners=corners, boxes=boxes, counts=counts, culled=culled, **view, **shared)
     run("total_bins", bins, **sums, bins=bins)
     run("total_rows", rows, totals=totals, row_totals=row_totals, **grid)
     run("start_bins", columns, rows, **sums, row_totals=row_totals, starts=starts, **grid)
@@ -113,4 +108,5 @@ def bin_primitives(
         keys = empty(found.shape, np.float32)
         run("sort_bins", bins, corners=corners, projected=projected, keys=keys, list=found, starts=starts, bins=bins)
     arguments = {"list": found, "starts": starts, "bins_x": columns, **view}
-    return Bins(profile.grid((columns, rows), target.camera.size), arguments)
+    region = 1 if profile.lanes == 1 else defines["BIN"]
+    return Bins(profile.grid((columns, rows), target.camera.size), region, defines, arguments, culled)

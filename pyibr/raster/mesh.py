@@ -17,7 +17,7 @@ from pyibr.opencl.program import kernel
 from pyibr.picture.drawable import as_drawable
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
-from pyibr.raster.bins import bin_primitives, bin_side, culled, project
+from pyibr.raster.bins import bin_primitives, project
 
 _GREY = (0.8, 0.8, 0.8)  # of a mesh without texture and colours
 
@@ -54,10 +54,10 @@ def draw_mesh(target: Target, mesh: Mesh, lit: Lighting | None) -> None:
         if lit.maps is not None:
             more["vertices"] = buffers["vertices"]
     launch(
-        kernel("raster/mesh.cl", "draw_mesh", BIN=bin_side(), **target.color_defines, **defines),
+        kernel("raster/mesh.cl", "draw_mesh", **bins.defines, **target.color_defines, **defines),
         bins.grid,
         faces=buffers["faces"],
-        culled=culled(mesh.sides),
+        culled=bins.culled,
         blank=target.blank,
         base_r=_GREY[0],
         base_g=_GREY[1],

@@ -86,8 +86,8 @@ class Interior:
     @cached_property
     def _on_border(self) -> NDArray[np.bool_]:
         """(M, 3): does no other triangle have the side opposite to the corner? Sides across seams of uv are one."""
-        most = float(np.abs(self._vertices).max(initial=1e-30))
-        rounded = np.rint(self._vertices.astype(np.float64) / (_NO_GAP * most))
+        extent = float(np.abs(self._vertices).max(initial=1e-30))
+        rounded = np.rint(self._vertices.astype(np.float64) / (_NO_GAP * extent))
         place = np.unique(rounded, axis=0, return_inverse=True)[1].reshape(-1)
         ends = place[self._faces[:, [[1, 2], [2, 0], [0, 1]]]]
         number, count = np.unique(
@@ -190,9 +190,9 @@ def window(place: InteriorPoint, camera: Camera, distance: float, scale: float) 
     uv = place.uv + offset @ place.gradients.T
     depth = np.maximum(place.depth - offset @ place.normal / scale, _LEAST_DEPTH)
     frame = np.concatenate([place.normal, place.gradients.ravel(), place.quadric])
-    told = np.column_stack([uv, np.broadcast_to(frame, (3, len(frame))), depth])
+    values = np.column_stack([uv, np.broadcast_to(frame, (3, len(frame))), depth])
     rows = np.zeros((3, int(constant("relief/entry.h", "VERTEX_FLOATS"))), np.float32)
     with np.errstate(over="ignore"):  # rays of numbers that are not finite are not searched
-        rows[:, : told.shape[1]] = told
+        rows[:, : values.shape[1]] = values
     projected = np.column_stack([pixels * distance, np.full(3, distance), np.ones(3)])
     return projected.astype(np.float32), rows

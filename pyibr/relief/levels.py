@@ -56,15 +56,15 @@ def height_levels(height: Float32, height_bytes: int, wrap: Wraps) -> HeightLeve
     lost = 0.0
     while True:
         h, w = level.shape
-        most = 255 if height_bytes == 1 else 65535
-        fixed = np.rint(level * np.float32(most)).astype(np.uint32)
+        fixed_max = 255 if height_bytes == 1 else 65535
+        fixed = np.rint(level * np.float32(fixed_max)).astype(np.uint32)
         right, down = following(fixed, 1, wrap), following(fixed, 0, wrap)
         across = following(right, 0, wrap)
         if height_bytes == 1:
             words.append((fixed | right << 8 | down << 16 | across << 24).astype(np.uint32).ravel())
         else:
             words.append((fixed | right << 16).astype(np.uint32).ravel())
-        cell = np.maximum(np.maximum(fixed, right), np.maximum(down, across)) * (65535 // most)
+        cell = np.maximum(np.maximum(fixed, right), np.maximum(down, across)) * (65535 // fixed_max)
         (count, pitch, span), tiers = _tiers_of(cell)
         bounds.append(tiers)
         rows.append([w, h, start, count, bound_start, pitch, span, int(np.ceil(65535 * min(lost, 1.0)))])

@@ -218,8 +218,8 @@ def _least_forms(owner: NDArray[np.int64], x: Float64, y: Float64, z: Float64, c
         for j in range(3):
             normal[:, i, j] = np.bincount(owner, basis[:, i] * basis[:, j], count)
     values, axes = np.linalg.eigh(normal)
-    told = values > _SINGULAR * np.maximum(values[:, 2:], 1e-300)
-    parts = np.einsum("nij,ni->nj", axes, right) * told / np.where(told, values, 1.0)
+    determined = values > _SINGULAR * np.maximum(values[:, 2:], 1e-300)
+    parts = np.einsum("nij,ni->nj", axes, right) * determined / np.where(determined, values, 1.0)
     a, b, c = np.einsum("nij,nj->in", axes, parts)
     return np.stack([a, c / np.sqrt(2), c / np.sqrt(2), b], axis=1).reshape(-1, 2, 2)
 

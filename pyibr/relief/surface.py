@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pyibr.core.camera import Camera
 from pyibr.core.checks import instance_of, integer_from, one_of
 from pyibr.core.errors import ArgumentError
-from pyibr.core.straight import check_no_lens
+from pyibr.core.undistortion import check_no_lens
 from pyibr.meshes.height_mapped import HeightMapped
 from pyibr.meshes.heights import (
     Float32,
@@ -31,7 +31,7 @@ from pyibr.picture.clear import clear
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
 from pyibr.picture.wrap import wrap_defines
-from pyibr.raster.bins import bin_primitives, bin_side, project
+from pyibr.raster.bins import bin_primitives, project
 from pyibr.raster.height_mapped import color_arguments, map_buffers, normal_arguments
 from pyibr.relief.interior import Interior, InteriorPoint, window
 from pyibr.relief.levels import HeightLevels, height_levels
@@ -188,8 +188,8 @@ class ReliefSurface(HeightMapped):
         uv, frames = np.asarray(self.drawn.uv, np.float64) * self.tiles, self.frames
         rows = np.zeros((len(uv), int(constant("relief/entry.h", "VERTEX_FLOATS"))), np.float32)
         parts = [uv, frames.normals, frames.gradients.reshape(-1, 6), frames.quadrics]
-        told = np.concatenate(parts, axis=1)
-        rows[:, : told.shape[1]] = told
+        values = np.concatenate(parts, axis=1)
+        rows[:, : values.shape[1]] = values
         return rows
 
     @cached_property
@@ -292,7 +292,7 @@ def draw_relief(
         defines["UV_WRITTEN"] = 1
         more["uvs"] = places
     launch(
-        kernel("relief/relief.cl", "draw_relief", BIN=bin_side(), **target.color_defines, **defines),
+        kernel("relief/relief.cl", "draw_relief", **bins.defines, **target.color_defines, **defines),
         bins.grid,
         faces=seen["faces"],
         vertices=seen["vertices"],

@@ -12,11 +12,14 @@ from numpy.typing import NDArray
 from pyibr.core.camera import Camera
 from pyibr.core.checks import describe, instance_of
 from pyibr.core.errors import ArgumentError
-from pyibr.core.straight import check_no_lens
+from pyibr.core.undistortion import check_no_lens
 from pyibr.opencl.device import one_call
 from pyibr.opencl.memory import empty
 from pyibr.picture.target import Target
-from pyibr.slicing.object import DepthObject, VisualHull, draw_object
+from pyibr.slicing.drawing import draw_object
+from pyibr.slicing.hull import VisualHull
+from pyibr.slicing.object import DepthObject
+from pyibr.slicing.solid import Solid
 from pyibr.slicing.surface import SlicedSurface, draw_surface
 
 __all__ = ["DepthObject", "SlicedSurface", "VisualHull", "alpha_tests"]
@@ -63,7 +66,7 @@ def alpha_tests(thing: SlicedSurface | DepthObject | VisualHull, camera: Camera)
         counters.fill(0)
         if isinstance(thing, SlicedSurface):
             draw_surface(target, thing, None, counters)
-        elif isinstance(thing, (DepthObject, VisualHull)):  # pyright: ignore[reportUnnecessaryIsInstance]
+        elif isinstance(thing, Solid):  # pyright: ignore[reportUnnecessaryIsInstance]
             draw_object(target, thing, counters)
         else:
             raise ArgumentError("thing", "a SlicedSurface, DepthObject or VisualHull", describe(thing))

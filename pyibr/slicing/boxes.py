@@ -216,7 +216,7 @@ class Outline:
         width, height = self.camera.size
         x, y = np.nan_to_num(np.rint(u)), np.nan_to_num(np.rint(v))
         ends = (x - around, width), (x + around + 1, width), (y - around, height), (y + around + 1, height)
-        left, right, top, bottom = (np.clip(at, 0, most).astype(np.intp) for at, most in ends)
+        left, right, top, bottom = (np.clip(at, 0, end).astype(np.intp) for at, end in ends)
         before = self._before
         return before[bottom, right] - before[top, right] - before[bottom, left] + before[top, left]
 
@@ -238,11 +238,11 @@ def box_of_silhouettes(views: Sequence[Silhouette | DepthImage]) -> Box:
     until one holds it, or the next one would hold a camera. Of views along one line it is as long as wide.
     """
     outlines = [outline_of(view) for view in views]
-    center, radius, most = _where_they_look(outlines)
+    center, radius, radius_max = _where_they_look(outlines)
     while True:
         box = _carved(outlines, center, radius)
         holds = box is not None and (np.abs([box.low - center, box.high - center]) < 0.999 * radius).all()
-        if holds or 2 * radius > most:
+        if holds or 2 * radius > radius_max:
             break
         radius *= 2
     if box is None:
@@ -301,7 +301,7 @@ def _where_they_look(outlines: Sequence[Outline]) -> tuple[Float64, float, float
     if perspective and (turned > 1 - 1e-9).all():
         raise ArgumentError("views", "silhouettes from more than one direction", "all from one side")
     center, radius = mean + offset, 0.0
-    most = math.inf if (np.abs(turned) < 1 - 1e-9).any() else 0.0
+    radius_max = math.inf if (np.abs(turned) < 1 - 1e-9).any() else 0.0
     for outline in outlines:
         camera = outline.camera
         z = float(camera.camera_from_world[2, :3] @ center + camera.camera_from_world[2, 3])
@@ -309,6 +309,6 @@ def _where_they_look(outlines: Sequence[Outline]) -> tuple[Float64, float, float
         far = abs(z) if camera.projection == "perspective" else 1.0
         radius = max(radius, 0.5 * outline.across / scale * far)
         if camera.projection == "perspective":
-            most = min(most, float(np.abs(camera.center - center).max()))
+            radius_max = min(radius_max, float(np.abs(camera.center - center).max()))
     radius = 1.5 * max(radius, 1e-15, 64 * _CARVED * float(np.spacing(np.abs(center).max())))
-    return center, radius, min(most, _DEPTH_RATIO_MAX * radius)
+    return center, radius, min(radius_max, _DEPTH_RATIO_MAX * radius)

@@ -32,7 +32,7 @@ from pyibr.opencl.program import kernel
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
 from pyibr.picture.wrap import wrap_defines
-from pyibr.raster.bins import bin_primitives, bin_side, project
+from pyibr.raster.bins import bin_primitives, project
 from pyibr.raster.height_mapped import color_arguments, map_buffers, normal_arguments
 from pyibr.slicing.prisms import Volume, extruded
 from pyibr.slicing.spacing import SLICES_MAX, Slices, checked_halvings, checked_slices, slices_text
@@ -192,7 +192,7 @@ def draw_surface(
         defines["COUNTERS"] = 1
         more["counters"] = counters
     launch(
-        kernel("slicing/surface.cl", "draw_surface", BIN=bin_side(), **target.color_defines, **defines),
+        kernel("slicing/surface.cl", "draw_surface", **bins.defines, **target.color_defines, **defines),
         bins.grid,
         **{name: buffers[name] for name in ("corners", "points", "places", "frames", "gradients", "heights", "colors")},
         spacing=surface.scale / slices,

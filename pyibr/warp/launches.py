@@ -174,8 +174,8 @@ def _resolve(
         low_x, high_x, low_y, high_y = reach.low_x, reach.high_x, reach.low_y, reach.high_y
     rough, window = _LOOK_CONNECTED if options.connected else _LOOK_TORN
     # Aligned lines leave nothing to look for beside their answers, and what only such a look needs takes a while.
-    told = pixel_map.pair.aligned and shared["hit_kind"] == _hits("OF_PIXELS")
-    density, typical = (1.0, 1.0) if told else (pixel_map.density, pixel_map.typical)
+    is_exact = pixel_map.pair.aligned and shared["hit_kind"] == _hits("OF_PIXELS")
+    density, typical = (1.0, 1.0) if is_exact else (pixel_map.density, pixel_map.typical)
     neighbour_offset = min(math.ceil(0.5 / density), _NEIGHBOUR_OFFSET_MAX)
     defines = {**target.color_defines, **entry.defines, "STRIP": profile.strip}
     origins = {} if target.origin is None else {"origin": target.origin, "view": view}

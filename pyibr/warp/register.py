@@ -13,7 +13,7 @@ from pyibr.core.camera import Camera, Projection
 from pyibr.core.checks import check_pixels, checked_colors, cut_ratio_from, describe, instance_of, plain_array, positive
 from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import PixelMap, camera_pair, pitch
-from pyibr.core.straight import straight_face
+from pyibr.core.undistortion import undistorted_face
 from pyibr.images import DepthImage
 from pyibr.images.depth_image import Color, checked_depth
 from pyibr.opencl.device import current, one_call
@@ -23,15 +23,17 @@ from pyibr.opencl.memory import DeviceArray, empty, to_host, upload
 from pyibr.opencl.program import kernel
 from pyibr.picture.cube_faces import cube_face_cameras, joined_faces
 from pyibr.picture.samples import Samples, at_least_a_word, bridged_samples, cut_of
-from pyibr.picture.straighten import positions_on_device, straight_view
 from pyibr.picture.surface import make_surface, straightness_test, test_by_cut
 from pyibr.picture.target import Target
+from pyibr.picture.undistort import positions_on_device, undistorted_view
 from pyibr.warp.launches import Options, draw_rims, inverse_warp, map_of
 
 AnyDepth = NDArray[np.float32] | NDArray[np.uint16]
 
-_APART = 3 * 2**0.5  # standard deviations of a sample: three of a difference of two, which noise alone seldom reaches
 _CUT_RATIO = 1.05  # of depths that are not those of one surface, where nothing but two depths is known
+_DEVIATIONS = 3 * 2**0.5
+"""Standard deviations of a sample: three of a difference of two, which noise alone seldom reaches."""
+
 _STRIDE, _RANGE = 7, (0.02, 0.98)  # every seventh sample of each seventh row, and their part, that tells depth's range
 _LENSES = {  # LENS of kernels/lib/lens.h
     "brown_conrady": 1,
@@ -106,8 +108,8 @@ def register(
     depth_scale : float
         For uint16: stored units per scene unit (the unit of the cameras' poses), 1000 for millimetres and metres.
     cut_ratio : float, optional
-        Where the surface ends is told from its shape and its noise, as in `warp`; or, by number, where neighbours' depths
-        have a greater ratio, unless noise explains it.
+        By default depth edges are told from the surface's shape and noise, as in `warp`. By number: where neighbours'
+        depths have a greater ratio, unless noise explains it.
 
     Returns
     -------
@@ -240,7 +242,7 @@ class _Drawn:
     Attributes
     ----------
     source : DepthImage
-        The image, straight.
+        The image, undistorted.
     cut, cut_there : record
         Of the kernels' struct Cut: what is torn apart in it, and in the picture.
     samples : Samples
@@ -258,10 +260,10 @@ class _Drawn:
 def _drawn(view: DepthImage, camera: Camera, cut_ratio: float | None) -> _Drawn:
     """The surface of an image as a camera sees it, with all of the pixels at its rims. The session is held."""
     own, there, ratio = view.camera.projection, camera.projection, cut_ratio or _CUT_RATIO
-    slack = _slack(view, own)
-    cut = cut_of(view.camera, ratio, slack)
-    cut_there = cut_of(camera, ratio, slack if own == there else _slack(view, there))
-    source = straight_view(view, cut)
+    noise = _noise_in(view, own)
+    cut = cut_of(view.camera, ratio, noise)
+    cut_there = cut_of(camera, ratio, noise if own == there else _noise_in(view, there))
+    source = undistorted_view(view, cut)
     samples = bridged_samples(source, cut)
     test = straightness_test(source) if cut_ratio is None else test_by_cut(cut)
     surface = make_surface(samples, source.camera.size, test)
@@ -275,11 +277,11 @@ def _drawn(view: DepthImage, camera: Camera, cut_ratio: float | None) -> _Drawn:
     return _Drawn(source, cut, cut_there, samples, joined_faces(targets, camera))
 
 
-def _slack(view: DepthImage, projection: Projection) -> tuple[float, float]:
+def _noise_in(view: DepthImage, projection: Projection) -> tuple[float, float]:
     """By how much noise alone sets neighbours apart in an image of such a camera, as `cut_of` takes it."""
     if not any(view.noise):
         return 0.0, 0.0
-    a, b, c = (_APART * each for each in view.noise)
+    a, b, c = (_DEVIATIONS * each for each in view.noise)
     some = view.depth[::_STRIDE, ::_STRIDE]
     if not ((some > 0) & (some < view.far)).any():
         some = view.depth
@@ -321,7 +323,7 @@ def _colors_for(view: DepthImage, camera: Camera, color: Color, drawn: _Drawn) -
     launch(
         kernel("warp/sample_colors.cl", "color_samples", **defines),
         current().profile.packets(width, height),
-        places=positions_on_device(straight_face(view.camera)) if placed else samples.nearness,
+        places=positions_on_device(undistorted_face(view.camera)) if placed else samples.nearness,
         depth=upload(view.depth),
         nearness=samples.nearness,
         shown=drawn.picture.depth,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, cast
 
 import numpy as np
 
-from pyibr.core.checks import Fixed, Float64, checked_bool, cut_ratio_from, describe, number_from, one_of
+from pyibr.core.checks import Float64, Immutable, checked_bool, cut_ratio_from, describe, number_from, one_of
 from pyibr.core.errors import ArgumentError
 from pyibr.core.optional import opencv
 from pyibr.core.pixelspace import PixelMap, camera_pair, pixel_size
@@ -23,8 +23,8 @@ from pyibr.picture.normals import NEIGHBOUR_OFFSET_MAX, noise_bias, showing_norm
 from pyibr.picture.samples import Samples, samples_of
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.surface import Surface, surface_of
-from pyibr.picture.straighten import Interpolation, straightened
 from pyibr.picture.target import Target
+from pyibr.picture.undistort import Interpolation, undistorted
 from pyibr.warp.blending import Blend, blend
 from pyibr.warp.filling import Fill, fill_holes
 from pyibr.warp.launches import Options, classify, draw_thin, forward_warp, inverse_warp
@@ -53,11 +53,11 @@ class WarpOptions(TypedDict, total=False):
     blend: Blend
 
 
-class WarpedView(Fixed):
+class WarpedView(Immutable):
     """One or several depth images, drawn by the warp.
 
     A depth image means a surface: the grid of its samples, each cell split from its upper right to its lower left
-    corner. Each pixel of the target sees what its ray meets first. `pyibr.warp` draws one of these alone;
+    corner, as far as its outermost pixels reach. Each pixel of the target sees what its ray meets first. `pyibr.warp` draws one of these alone;
     `pyibr.render` draws it among other things, where a bare `DepthImage` is one with the defaults.
 
     Parameters
@@ -74,12 +74,14 @@ class WarpedView(Fixed):
         Read the surface between the samples, or the sample nearest to where the ray meets the surface; for depth and
         colour alike.
     edges : {"cut", "connect"}
-        "cut": the surface is open where neighbours' depths differ too much (see `cut_ratio`), as at the borders of
-        objects in scenes. "connect": neighbouring samples are one surface, however far apart, as in displacement maps.
-    cut_ratio : float
-        Greater than 1: `edges="cut"` opens the surface where neighbours' depths have a greater ratio. Depths of an
-        orthographic view have no origin that a ratio could refer to: it is cut where they differ by more than
-        (`cut_ratio` - 1) times the longer side of what its camera sees.
+        "cut": the surface is open at depth edges, as at the borders of objects in scenes. "connect": neighbouring
+        samples are one surface, however far apart, as in displacement maps.
+    cut_ratio : float, optional
+        By default, neighbours are one surface if it faces the camera, or goes on straight (in 1 / depth) on one side or
+        the other; and where noise explains that it does not (`DepthImage.noise`): so floors that recede are whole, and
+        small steps are edges. Greater than 1: they are cut apart where their depths have a greater ratio instead.
+        Depths of an orthographic view have no origin that a ratio could refer to: it is cut where they differ by more
+        than (`cut_ratio` - 1) times the longer side of what its camera sees.
     side : {"front", "back", "both"}
         Which side of the surface is shown: the one that faces the source's camera, the other (a solid displaced from
         a centre inside it and seen from outside), or either. A ray that meets the other side first sees a hole.
@@ -182,7 +184,7 @@ class WarpedView(Fixed):
     def sources(self) -> list[DepthImage]:
         """The views without their lenses."""
         cut_ratio = None if self.edges == "connect" else self.cut_ratio or _LENS_CUT_RATIO
-        return [straightened(view, cut_ratio=cut_ratio, interpolation=self.interpolation) for view in self.views]
+        return [undistorted(view, cut_ratio=cut_ratio, interpolation=self.interpolation) for view in self.views]
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
         """Draw the views; into a light's map their surfaces themselves, from both sides."""

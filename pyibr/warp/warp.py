@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pyibr.core.camera import Camera
 from pyibr.core.checks import check_pixels, checked_bool, describe
 from pyibr.core.errors import ArgumentError
-from pyibr.core.straight import origins_in_lens
+from pyibr.core.undistortion import origins_in_lens
 from pyibr.images import DepthImage, Frame
 from pyibr.opencl.device import one_call
 from pyibr.opencl.memory import DeviceArray
@@ -172,7 +172,7 @@ def _tell_empty(made: Sequence[Frame], is_single: bool) -> None:
 
 
 def _through_lenses(frame: Frame, views: Sequence[DepthImage]) -> None:
-    """Turn what a frame says of places in straightened views into what it says of the views."""
+    """Turn what a frame says of places in undistorted views into what it says of the views."""
     if frame.source is None or frame.view is None:
         return
     for number, view in enumerate(views):

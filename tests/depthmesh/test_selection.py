@@ -10,7 +10,7 @@ import pytest
 
 import pyibr as ibr
 from pyibr.core.camera import Camera
-from pyibr.depthmesh import drawing
+from pyibr.depthmesh import triangulation
 from pyibr.depthmesh.selection import Selection, select_for
 from pyibr.opencl.watch import LaunchTimes, watching
 from tests import scenes
@@ -33,9 +33,9 @@ def moved_by(camera: Camera, way: np.ndarray) -> Camera:
 
 
 def needs_more(thing: ibr.DepthMesh, kept: Selection, camera: Camera) -> bool:
-    needed = select_for(thing.tree, camera, kept.tolerance).active.to_host()
+    needed = select_for([thing.tree], camera, kept.tolerance).active[0].to_host()
     width = thing.tree.side + 1
-    return bool(((needed > 0) & (kept.active.to_host() == 0))[:, :width].any())
+    return bool(((needed > 0) & (kept.active[0].to_host() == 0))[:, :width].any())
 
 
 def check_held_selections(rounds: int) -> None:
@@ -46,7 +46,7 @@ def check_held_selections(rounds: int) -> None:
         thing = some_mesh(rng, number)
         camera = some_camera(rng, thing.view)
         for tolerance, reuse in ((1.0, 0.1), (4.0, 0.4)):
-            kept = select_for(thing.tree, camera, tolerance, reuse)
+            kept = select_for([thing.tree], camera, tolerance, reuse)
             for by, held_there in held.items():
                 other = nudged(rng, camera, by)
                 held_there.append(kept.holds_for(other))
@@ -68,9 +68,9 @@ def test_they_hold_no_longer_than_they_are_enough():
     """At 0.95 of the room they do, whatever the way; at 1.3 they would lack something on one of the ways."""
     view = rough(np.random.default_rng(6), (90, 70), "perspective")
     thing, wide = ibr.DepthMesh(view), view.camera.moved(0, 0, -4.0)
-    kept = select_for(thing.tree, wide, 1.0, 0.1)  # all of it is in view
-    room = float(kept.motion_limits.to_host()[:, 0].min())
-    assert 0.1 < room < 2 and np.isinf(kept.motion_limits.to_host()[:, 1]).all()
+    kept = select_for([thing.tree], wide, 1.0, 0.1)  # all of it is in view
+    room, nearest_out = kept.motion_limit
+    assert 0.1 < room < 2 and np.isinf(nearest_out)
     ways = view.points[:: len(view.points) // 40] - wide.center
     for share, enough in ((0.95, True), (1.3, False)):
         moved = [moved_by(wide, share * room * way / np.linalg.norm(way)) for way in ways]
@@ -78,7 +78,7 @@ def test_they_hold_no_longer_than_they_are_enough():
         assert any(needs_more(thing, kept, camera) for camera in moved) != enough
 
     narrow = Camera(wide.K * [[4, 1, 1], [1, 4, 1], [1, 1, 1]], wide.size, wide.world_from_camera)
-    kept = select_for(thing.tree, narrow, 0.0, 0.05)  # all that is in view is active
+    kept = select_for([thing.tree], narrow, 0.0, 0.05)  # all that is in view is active
     for share, enough in ((0.95, True), (1.3, False)):
         angle = np.degrees(2 * np.arcsin(share * kept.reuse / 2))
         turns = [scenes.pose(yaw=yaw * angle, pitch=pitch * angle) for yaw, pitch in ((-1, 0), (1, 0), (0, -1), (0, 1))]
@@ -90,7 +90,7 @@ def test_they_hold_no_longer_than_they_are_enough():
 def test_other_pictures_and_other_lenses_are_chosen_for_anew():
     view = scenes.smooth((65, 65))
     thing, camera = ibr.DepthMesh(view), view.camera
-    kept = select_for(thing.tree, camera, 1.0, 0.2)
+    kept = select_for([thing.tree], camera, 1.0, 0.2)
     assert kept.holds_for(camera)
     closer = Camera(camera.K * [[1.01], [1.01], [1]], camera.size, camera.world_from_camera)
     flat = Camera(camera.K, camera.size, camera.world_from_camera, projection="orthographic")
@@ -154,13 +154,13 @@ def test_another_threads_turn_amid_a_choice_does_no_harm(monkeypatch):
     kept = ibr.DepthMesh(view, reuse=0.1)
     expected = {camera: ibr.render(ibr.DepthMesh(view, reuse=0.1), camera) for camera in (here, there)}
     assert not same(*(expected[camera] for camera in (here, there)))
-    list_triangles, others = drawing.list_triangles, [there]
+    list_triangles, others = triangulation.list_triangles, [there]
 
     def interrupted(*arguments: Any, **more: Any) -> Any:
         if others:
             assert same(ibr.render(kept, others.pop()), expected[there])
         return list_triangles(*arguments, **more)
 
-    monkeypatch.setattr(drawing, "list_triangles", interrupted)
+    monkeypatch.setattr(triangulation, "list_triangles", interrupted)
     for camera in (here, there, here):
         assert same(ibr.render(kept, camera), expected[camera])

@@ -123,14 +123,12 @@ def test_selection_and_triangles(projection):
         for name, camera in cameras(thing.view).items():
             for tolerance in (0, 0.7, 3):
                 expected = structure.needed(camera, tolerance)
-                marks = select_for(thing.tree, camera, tolerance).active
-                active = marks.to_host()[:, : thing.tree.side + 1]
+                marks = select_for([thing.tree], camera, tolerance).active
+                active = marks[0].to_host()[:, : thing.tree.side + 1]
                 found = {(x, y) for y, x in np.argwhere(active).tolist() if (x, y) in structure.vertices}
                 # One on the very edge of the sphere's test may be rounded to either side.
                 assert len(found ^ expected) <= 2e-3 * len(structure.vertices), (name, tolerance)
-                points = list_triangles(
-                    [thing.tree], [select_for(thing.tree, camera, tolerance).active]
-                ).points.to_host()
+                points = list_triangles([thing.tree], marks).points.to_host()
                 pixels = pixels_of(points, thing.view)
                 assert (pixels >= 0).all() and (pixels < size).all()
                 assert len(np.unique(pixels, axis=0)) == len(pixels)

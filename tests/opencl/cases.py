@@ -178,7 +178,7 @@ def _lenses(setting: Setting) -> Cases:
         view = setting.view(scenes.holed, size, "perspective")
         color = view.color if view.has_color else None
         here = ibr.Camera(view.camera.K, size, view.camera.world_from_camera, lens=lens)
-        yield f"lens {size} made straight", partial(ibr.straightened, DepthImage(color, view.depth, here, far=view.far))
+        yield f"lens {size} undistorted", partial(ibr.undistorted, DepthImage(color, view.depth, here, far=view.far))
         for camera in (view.camera.moved(0.05, 0.02, 0.1).resized(target), view.camera.moved(0.2, 0, 0)):
             bent = ibr.Camera(camera.K, camera.size, camera.world_from_camera, lens=lens)
             ways: tuple[dict[str, Any], ...] = ({}, {"classes": True, "fill": "smooth"}, {"samples": 4})

@@ -66,7 +66,7 @@ def _through_a_lens() -> list[NDArray[Any]]:
     aside = view.camera.moved(0.2, 0.1, 0.3)
     camera = ibr.Camera(aside.K, aside.size, aside.world_from_camera, lens=LENS)
     bent = ibr.DepthImage(view.color, view.depth, ibr.Camera(view.camera.K, SIZE, lens=LENS), far=view.far)
-    straight = ibr.straightened(bent)
+    straight = ibr.undistorted(bent)
     return [
         *_arrays(ibr.warp(view, camera)),
         *_arrays(ibr.warp(view, aside, fill="background")),

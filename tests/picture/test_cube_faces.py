@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.picture.straighten import straight_silhouette
+from pyibr.picture.undistort import undistorted_silhouette
 from pyibr.slicing import alpha_tests
 from tests import truth
 
@@ -99,10 +99,10 @@ def test_depth_meshes_from_lenses(lens):
     check(ibr.render(mesh, camera), expected, 0.01, 300, 0.01)
 
 
-def test_silhouettes_are_straightened():
+def test_silhouettes_are_undistorted():
     camera = around(BARREL, 10)
     view = seen_by_rays(camera)
-    one = straight_silhouette(ibr.Silhouette(view.color, view.valid, camera))
+    one = undistorted_silhouette(ibr.Silhouette(view.color, view.valid, camera))
     assert one.camera.lens is None
     pinhole = torus().capture(one.camera)
     apart = one.valid != pinhole.valid

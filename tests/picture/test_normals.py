@@ -104,13 +104,13 @@ def test_given_ones_stay_and_unknown_ones_come_from_the_depths():
 
 
 def test_a_lens_bends_normals_as_it_bends_colours():
-    """A slope that changes across the image: the straight image's normals are those of the same places."""
+    """A slope that changes across the image: the undistorted image's normals are those of the same places."""
     lens = ibr.Lens("brown_conrady", [-0.3, 0.05, 0, 0])
     camera = Camera([[50, 0, 30], [0, 50, 18], [0, 0, 1]], (61, 37), lens=lens)
     y, x = np.mgrid[:37, :61]
     ray = camera.unproject(np.stack([x, y], -1).reshape(-1, 2), np.ones(x.size)).reshape(37, 61, 3)
     normals = np.stack([0.5 * ray[..., 0], 0.5 * ray[..., 1], -np.ones((37, 61))], axis=-1).astype(np.float32)
-    view = ibr.straightened(ibr.DepthImage(None, np.full((37, 61), 2, np.float32), camera, normals=normals))
+    view = ibr.undistorted(ibr.DepthImage(None, np.full((37, 61), 2, np.float32), camera, normals=normals))
     y, x = np.mgrid[: view.camera.height, : view.camera.width]
     ray = view.camera.unproject(np.stack([x, y], -1).reshape(-1, 2), np.ones(x.size)).reshape(*x.shape, 3)
     expected = np.stack([0.5 * ray[..., 0], 0.5 * ray[..., 1], -np.ones(x.shape)], axis=-1)

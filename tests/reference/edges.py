@@ -97,7 +97,9 @@ def _torn_along_rows(near: Array, view: DepthImage, per_pixel: float, beside: bo
         slope = np.where(np.isfinite(two), np.float32(0.5) * (one + two), one)
         slopes = [slope]
         if beside:
-            rows = np.stack([np.pad(slope, ((1, 1), (0, 0)), constant_values=np.nan)[i : i + len(slope)] for i in range(3)])
+            rows = np.stack(
+                [np.pad(slope, ((1, 1), (0, 0)), constant_values=np.nan)[i : i + len(slope)] for i in range(3)]
+            )
             count = np.isfinite(rows).sum(axis=0)
             slopes.append((np.nansum(rows, axis=0) / np.maximum(count, 1)).astype(np.float32))
             slopes[1][count == 0] = np.nan

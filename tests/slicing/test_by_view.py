@@ -17,7 +17,7 @@ from pyibr.core.camera import Camera
 from pyibr.core.pixelspace import pixel_size
 from pyibr.images.metrics import silhouette_iou
 from pyibr.slicing import alpha_tests
-from pyibr.slicing.object import spacing_in
+from pyibr.slicing.drawing import spacing_in
 from tests.data import shared
 from tests.displaced import interior, square
 from tests.relief.solids import grid

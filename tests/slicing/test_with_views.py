@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.slicing import boxes
+from pyibr.slicing import boxes, solid
 from pyibr.slicing import object as objects
 from tests.slicing.solids import looking, torus, views_of_torus
 from tests.slicing.test_objects import KINDS
@@ -86,7 +86,7 @@ def test_what_stays_is_not_made_again(monkeypatch):
     thing = ibr.DepthObject(views, slices=48)
     ibr.render(thing, CAMERA)
     made: list[object] = []
-    for room, name in ((objects, "nearness_map"), (objects, "rgba_words"), (boxes, "DepthExtent")):
+    for room, name in ((objects, "nearness_map"), (solid, "rgba_words"), (boxes, "DepthExtent")):
         real = getattr(room, name)
         monkeypatch.setattr(room, name, lambda *given, real=real, name=name: made.append(name) or real(*given))
     depth = views[0].depth.copy()
@@ -106,14 +106,14 @@ def test_a_hull_asks_the_new_outline_alone_for_what_it_says(monkeypatch):
     for name in ("touches", "holds"):
         real = getattr(boxes.Outline, name)
         monkeypatch.setattr(boxes.Outline, name, lambda *given, real=real: asked.append(len(given[1])) or real(*given))
-    for room, name in ((objects, "_mask_of"), (objects, "rgba_words"), (boxes, "Outline")):
+    for room, name in ((ibr.VisualHull, "map_of"), (solid, "rgba_words"), (boxes, "Outline")):
         real = getattr(room, name)
         monkeypatch.setattr(room, name, lambda *given, real=real, name=name: made.append(name) or real(*given))
     mask = views[0].valid.copy()
     mask[np.unravel_index(np.flatnonzero(mask)[:40], mask.shape)] = False
     bitten = ibr.Silhouette(views[0].color, mask, views[0].camera)
     ibr.render(thing.with_views([bitten, *views[1:]]), CAMERA)
-    assert sorted(made) == ["Outline", "_mask_of", "rgba_words"]
+    assert sorted(made) == ["Outline", "map_of", "rgba_words"]
     # Cells at the box's sides alone: a grid of 64 along each edge would ask every view for all of its 260,000.
     assert 1000 < sum(asked) < len(views) * 64**3 / 10
 

@@ -14,8 +14,8 @@ import pyibr as ibr
 from pyibr.core.camera import Camera
 from pyibr.opencl.watch import watching
 from tests import scenes
-from tests.exact import KEPT_ULP
 from tests.builds import Builds
+from tests.exact import KEPT_ULP
 
 PROJECTIONS = ("perspective", "orthographic")
 METHODS = ("epipolar", "search", "forward")

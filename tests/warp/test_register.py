@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 
 import pyibr as ibr
 from pyibr.app.cli import app
+from tests.exact import KEPT_ULP
 
 LENS = ibr.Lens("brown_conrady", [-0.12, 0.03, 0.001, -0.0005, 0.0])
 TURNED = np.eye(4)

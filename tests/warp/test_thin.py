@@ -266,7 +266,7 @@ def test_the_forward_warp_has_squares_of_its_own():
 
 
 def test_through_lenses():
-    """A lens's picture is made straight first: what is one sample thin in it is half a sample off at most then."""
+    """A lens's picture is undistorted first: what is one sample thin in it is half a sample off at most then."""
     lens = ibr.Lens("brown_conrady", [-0.15, 0.02, 0, 0])
     scene = strips(*CASES["row"], strip((30, 10), 20, 30))
     bent = ibr.Camera(CAMERA.K, SIZE, lens=lens)

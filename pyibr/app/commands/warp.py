@@ -93,7 +93,9 @@ def warp(
     method: Annotated[Method, typer.Option(help="How the surface is searched")] = "epipolar",
     interpolation: Annotated[Interpolation, typer.Option(help="How depth and colour are read")] = "linear",
     edges: Annotated[Edges, typer.Option(help="Neighbours are cut apart at depth edges, or one surface")] = "cut",
-    cut_ratio: Annotated[float, typer.Option(help="Cut where neighbours' depths differ by more")] = 1.05,
+    cut_ratio: Annotated[
+        float | None, typer.Option(help="Cut where neighbours' depths differ by more; default: by shape and noise")
+    ] = None,
     thin: Annotated[bool, typer.Option("--thin", help="Things one sample thin as wide as their samples")] = False,
     fill: Annotated[Literal["none", Fill], typer.Option(help="Fill holes: from behind, from all around")] = "none",
     side: Annotated[Side, typer.Option(help="Sides of the surface that are shown")] = "front",

@@ -47,8 +47,8 @@ class Resolution:
         fixed, per_share = self._fitted()
         allowed = max(self.seconds, _WORTH * fixed)
         for step in _STEPS:
-            most = (allowed - fixed) * (_UPWARDS if step > self.scale else 1.0)
-            if per_share * step**2 <= most:
+            budget = (allowed - fixed) * (_UPWARDS if step > self.scale else 1.0)
+            if per_share * step**2 <= budget:
                 self.scale = step
                 return
         self.scale = _STEPS[-1]

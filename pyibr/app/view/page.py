@@ -102,13 +102,15 @@ class ViewPage:
         if picture.note:
             lines.append(picture.note)
         if meanings := legend(style.show, len(self.scene.sources)):
-            told = any(self.scene.methods[name].explains for name in (style.method, style.other) if name is not None)
+            explained = any(
+                self.scene.methods[name].explains for name in (style.method, style.other) if name is not None
+            )
             swatches = " ".join(_swatch(color, text) for color, text in meanings)
-            lines.append(swatches if told else f"{style.method} does not tell {LABELS[style.show]}")
+            lines.append(swatches if explained else f"{style.method} does not tell {LABELS[style.show]}")
         if shown.full and self.controls.times_kernels:
             times = kernel_seconds(self.scene.methods, picture.camera, style)
-            most = sorted(times.items(), key=lambda item: -item[1])[:8]
-            lines.append("Kernels: " + ", ".join(f"{name} {1e3 * seconds:.2f} ms" for name, seconds in most))
+            longest = sorted(times.items(), key=lambda item: -item[1])[:8]
+            lines.append("Kernels: " + ", ".join(f"{name} {1e3 * seconds:.2f} ms" for name, seconds in longest))
         self._status.content = "  \n".join(lines)
 
     def _say(self, text: str) -> None:

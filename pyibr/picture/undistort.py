@@ -1,4 +1,4 @@
-"""Images made straight on the device: what a pinhole would have seen from where a lens did, with depth edges kept."""
+"""Images undistorted on the device: what a pinhole would have seen from where a lens did, with depth edges kept."""
 
 from __future__ import annotations
 
@@ -11,7 +11,14 @@ from pyibr.core.camera import Camera
 from pyibr.core.checks import check_pixels, cut_ratio_from, instance_of, one_of
 from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import pitch
-from pyibr.core.straight import ANGLE_MAX, CubeFace, PixelPositions, positions_in_lens, sees_too_far, straight_camera
+from pyibr.core.undistortion import (
+    ANGLE_MAX,
+    CubeFace,
+    PixelPositions,
+    positions_in_lens,
+    sees_too_far,
+    undistorted_camera,
+)
 from pyibr.images import DepthImage
 from pyibr.images.silhouette import Silhouette
 from pyibr.opencl.device import current, one_call
@@ -24,10 +31,10 @@ from pyibr.picture.samples import at_least_a_word, cut_of
 
 Interpolation = Literal["linear", "nearest"]
 
-_CACHED_MAX = 4  # straightened copies of a view, by where it is cut
+_CACHED_MAX = 4  # undistorted copies of a view, by where it is cut
 
 
-def straightened(
+def undistorted(
     view: DepthImage, *, cut_ratio: float | None = 1.05, interpolation: Interpolation = "linear"
 ) -> DepthImage:
     """Return what a pinhole camera would have seen from where a view's lens did: the view itself, if it has no lens.
@@ -59,31 +66,31 @@ def straightened(
     >>> lens = ibr.Lens("brown_conrady", [-0.3, 0, 0, 0])
     >>> camera = ibr.Camera([[50, 0, 30], [0, 50, 18], [0, 0, 1]], (61, 37), lens=lens)
     >>> view = ibr.DepthImage(np.zeros((37, 61, 3), np.uint8), np.full((37, 61), 2, np.float32), camera)
-    >>> ibr.straightened(view).camera.width > 61  # its corners were drawn in
+    >>> ibr.undistorted(view).camera.width > 61  # its corners were drawn in
     True
     """
     instance_of("view", view, DepthImage, "a pyibr.DepthImage")
     if cut_ratio is not None:
         cut_ratio_from(cut_ratio)
     one_of("interpolation", interpolation, Interpolation)
-    return straight_view(view, cut_of(view.camera, cut_ratio), interpolation == "linear")
+    return undistorted_view(view, cut_of(view.camera, cut_ratio), interpolation == "linear")
 
 
-def straight_view(view: DepthImage, cut: NDArray[np.void], linear: bool = True) -> DepthImage:
-    """`straightened`, with the samples torn apart by a record of the kernels' struct Cut."""
+def undistorted_view(view: DepthImage, cut: NDArray[np.void], linear: bool = True) -> DepthImage:
+    """`undistorted`, with the samples torn apart by a record of the kernels' struct Cut."""
     if view.camera.lens is None:
         return view
     with one_call():
-        made: dict[tuple[bytes, bool], DepthImage] = cached_on_device(view, "straight", lambda: {})
+        made: dict[tuple[bytes, bool], DepthImage] = cached_on_device(view, "undistorted", lambda: {})
         key = cut.tobytes(), linear
         if key not in made:
             while len(made) >= _CACHED_MAX:
                 del made[next(iter(made))]
-            made[key] = _straight_view(view, cut, linear)
+            made[key] = _undistorted_view(view, cut, linear)
         return made[key]
 
 
-def straight_silhouette(view: Silhouette) -> Silhouette:
+def undistorted_silhouette(view: Silhouette) -> Silhouette:
     """The outline that a pinhole camera would have seen from there: the view itself, if its camera has no lens.
 
     Raises
@@ -96,8 +103,8 @@ def straight_silhouette(view: Silhouette) -> Silhouette:
     _check_within("mask", "an object", view.valid, view.camera)
     outline = view.valid.astype(np.float32)
     with one_call():
-        color, seen = _straight(view.color, outline, np.inf, view.camera, cut_of(view.camera, None), linear=True)
-    return Silhouette(color, seen > 0, straight_camera(view.camera))
+        color, seen = _undistorted(view.color, outline, np.inf, view.camera, cut_of(view.camera, None), linear=True)
+    return Silhouette(color, seen > 0, undistorted_camera(view.camera))
 
 
 def positions_on_device(thing: CubeFace | PixelPositions) -> DeviceArray:
@@ -112,14 +119,14 @@ def _padded(places: NDArray[np.float32]) -> DeviceArray:
     return upload(padded)
 
 
-def _straight_view(view: DepthImage, cut: NDArray[np.void], linear: bool) -> DepthImage:
+def _undistorted_view(view: DepthImage, cut: NDArray[np.void], linear: bool) -> DepthImage:
     if sees_too_far(view.camera).any():
         _check_within("depth", "samples", view.valid, view.camera)
-    color, depth = _straight(view.color, view.depth, view.far, view.camera, cut, linear)
+    color, depth = _undistorted(view.color, view.depth, view.far, view.camera, cut, linear)
     normals = None
     if view.normals is not None:
-        normals, _ = _straight(view.normals, view.depth, view.far, view.camera, cut, linear)
-    camera = straight_camera(view.camera)
+        normals, _ = _undistorted(view.normals, view.depth, view.far, view.camera, cut, linear)
+    camera = undistorted_camera(view.camera)
     # What lies between samples is less noisy than they are, here and there: their own noise tells edges.
     colors = color if view.has_color else None
     return DepthImage(colors, depth, camera, far=view.far, normals=normals, noise=view.noise)
@@ -132,7 +139,7 @@ def _check_within(argument: str, what: str, valid: NDArray[np.bool_], camera: Ca
         raise ArgumentError(argument, expected, f"{beyond} pixels farther from it")
 
 
-def _straight(
+def _undistorted(
     color: NDArray[Any], depth: NDArray[np.float32], far: float, camera: Camera, cut: NDArray[np.void], linear: bool
 ) -> tuple[NDArray[Any], NDArray[np.float32]]:
     check_pixels("camera", camera.size)
@@ -156,5 +163,5 @@ def _straight(
         undistorted_depth=made[1],
         undistorted_color=made[0],
     )
-    straight_color, straight_depth = to_host(made)
-    return straight_color, straight_depth
+    undistorted_color, undistorted_depth = to_host(made)
+    return undistorted_color, undistorted_depth

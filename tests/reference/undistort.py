@@ -1,4 +1,4 @@
-"""A lens's image made straight, in float64: the twin of picture/undistort.cl, from where OpenCV sees each pixel."""
+"""A lens's image undistorted, in float64: the twin of picture/undistort.cl, from where OpenCV sees each pixel."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pyibr as ibr
 from tests import truth
 
 
-def straightened(
+def undistorted(
     view: ibr.DepthImage, camera: ibr.Camera, cut_ratio: float | None, linear: bool
 ) -> tuple[NDArray[Any], NDArray[np.float64], NDArray[np.bool_]]:
     """Colour and depth of a lens's image as a pinhole camera at its place sees them, and where it is sure.

@@ -1,7 +1,7 @@
-"""The pinhole images that a lens's image is made straight in, and where the pixels of one lie in the other.
+"""Cameras of undistorted images: the pinholes that stand for a lens, and where the pixels of one lie in the other.
 
-A straight image has the same or finer sampling than the lens's everywhere. It holds what lies up to `ANGLE_MAX` degrees
-from the axis; a target that sees farther is drawn as several, the faces of a cube.
+An undistorted image has the same or finer sampling than the lens's everywhere. It holds what lies up to `ANGLE_MAX`
+degrees from the axis; a target that sees farther is drawn as several, the faces of a cube.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import Fixed, Float64, locked, read_only
+from pyibr.core.checks import Float64, Immutable, locked, read_only
 from pyibr.core.errors import ArgumentError
 
 ANGLE_MAX = 75.0
-"""Degrees from the axis that one straight image holds: beyond, pixels would be many, and each of little."""
+"""Degrees from the axis that one undistorted image holds: beyond, pixels would be many, and each of little."""
 
 _MARGIN = 2  # pixels around what is seen: the neighbours that tell edges from slopes
-_BORDER = 0.75  # pixels beside the image that still show its border: half a straight one, askew
+_BORDER = 0.75  # pixels beside the image that still show its border: half an undistorted one, askew
 _PIXELS_RATIO_MAX = 100  # times the pixels of the lens's image; those of cameras take up to 15
 _REACH_PART = 1 - 1e-9  # of the reach of a lens: as far as it surely sees
 _FACES = (  # right, down and forward of a cube's faces in the camera's frame, the front first
@@ -37,19 +37,19 @@ def rays_of(camera: Camera) -> Float64:
     return _rays_through(_unposed(camera)) if camera.lens else _rays(camera)
 
 
-def straight_camera(camera: Camera) -> Camera:
+def undistorted_camera(camera: Camera) -> Camera:
     """The pinhole camera of the image that holds what a lens sees, up to `ANGLE_MAX` degrees from the axis."""
     if camera.lens is None:
         return camera
-    unposed = _straight(_unposed(camera))
+    unposed = _undistorted(_unposed(camera))
     return Camera(unposed.K, unposed.size, camera.world_from_camera)
 
 
 def covering_camera(argument: str, camera: Camera) -> Camera:
-    """`straight_camera` of a lens that sees no farther than its image reaches, or raise ArgumentError."""
+    """`undistorted_camera` of a lens that sees no farther than its image reaches, or raise ArgumentError."""
     if camera.lens is not None and sees_too_far(camera).any():
         raise ArgumentError(argument, f"one that sees up to {ANGLE_MAX:g} degrees from its axis", repr(camera))
-    return straight_camera(camera)
+    return undistorted_camera(camera)
 
 
 def check_no_lens(argument: str, camera: Camera) -> None:
@@ -59,15 +59,15 @@ def check_no_lens(argument: str, camera: Camera) -> None:
 
 
 def distorted_pixels(camera: Camera, pixels: Float64) -> Float64:
-    """(N, 2) where a lens sees what lies at pixels (N, 2) of its straight image."""
+    """(N, 2) where a lens sees what lies at pixels (N, 2) of its undistorted image."""
     unposed = _unposed(camera)
-    return unposed.project(_straight(unposed).unproject(pixels, np.ones(len(pixels))))[0]
+    return unposed.project(_undistorted(unposed).unproject(pixels, np.ones(len(pixels))))[0]
 
 
 def origins_in_lens(camera: Camera, pixels: Float64) -> Float64:
     """`distorted_pixels` of what the lens sees: pixels that rounding moved out of its reach are moved back into it."""
     unposed = _unposed(camera)
-    points = _straight(unposed).unproject(pixels, np.ones(len(pixels)))
+    points = _undistorted(unposed).unproject(pixels, np.ones(len(pixels)))
     if camera.lens is not None:
         away = np.hypot(points[:, 0], points[:, 1])
         points[:, :2] *= np.minimum(_REACH_PART * camera.lens.reach / np.maximum(away, 1e-300), 1.0)[:, None]
@@ -75,11 +75,11 @@ def origins_in_lens(camera: Camera, pixels: Float64) -> Float64:
 
 
 def sees_too_far(camera: Camera) -> NDArray[np.bool_]:
-    """(H, W) which pixels of a lens's image see what lies more than `ANGLE_MAX` degrees from the axis."""
+    """Pixels, (H, W) bool, of a lens's image that see what lies more than `ANGLE_MAX` degrees from the axis."""
     return _sees_too_far(_unposed(camera))
 
 
-class PixelPositions(Fixed):
+class PixelPositions(Immutable):
     """Positions of one image's pixels in another image.
 
     Attributes
@@ -93,17 +93,17 @@ class PixelPositions(Fixed):
 
 
 def positions_in_lens(camera: Camera) -> PixelPositions:
-    """Of the pixels of the straight image, those half a pixel beside the lens's image on its border."""
+    """Of the pixels of the undistorted image, those half a pixel beside the lens's image on its border."""
     return _positions_in_lens(_unposed(camera))
 
 
-class CubeFace(Fixed):
-    """A straight image as a part of a lens's.
+class CubeFace(Immutable):
+    """An undistorted image as a part of a lens's.
 
     Attributes
     ----------
     camera : Camera
-        Of the straight image.
+        Of the undistorted image.
     places : (3, H, W) float32
         Where the lens's pixels lie in it, u and v, NaN for those that are not its own; and depths in the lens's frame
         over depths in its.
@@ -114,9 +114,9 @@ class CubeFace(Fixed):
         self.places = places
 
 
-def straight_face(camera: Camera) -> CubeFace:
-    """The straight image as a pane: where the samples of a lens's image lie in it, NaN beyond `ANGLE_MAX`."""
-    return _straight_face(_unposed(camera))
+def undistorted_face(camera: Camera) -> CubeFace:
+    """The undistorted image as a pane: where the samples of a lens's image lie in it, NaN beyond `ANGLE_MAX`."""
+    return _undistorted_face(_unposed(camera))
 
 
 def cube_faces(camera: Camera) -> tuple[CubeFace, ...]:
@@ -145,7 +145,7 @@ def _sees_too_far(camera: Camera) -> NDArray[np.bool_]:
 
 
 @functools.lru_cache(maxsize=32)
-def _straight(camera: Camera) -> Camera:
+def _undistorted(camera: Camera) -> Camera:
     rays = rays_of(camera)
     own = np.isfinite(rays[..., 0]) & ~sees_too_far(camera)
     return _camera_around(camera, rays, own)
@@ -163,7 +163,7 @@ def _camera_around(camera: Camera, rays: Float64, own: NDArray[np.bool_], turn: 
     if not extent.prod() <= _PIXELS_RATIO_MAX * camera.width * camera.height:
         came = f"{extent[0]:g} x {extent[1]:g} for {camera.width} x {camera.height}"
         raise ArgumentError(
-            "lens", f"one whose image has at most {_PIXELS_RATIO_MAX} times its pixels when made straight", came
+            "lens", f"one whose image has at most {_PIXELS_RATIO_MAX} times its pixels when undistorted", came
         )
     size = extent.astype(int) + 2 * _MARGIN
     pose = np.eye(4)
@@ -173,9 +173,9 @@ def _camera_around(camera: Camera, rays: Float64, own: NDArray[np.bool_], turn: 
 
 @functools.lru_cache(maxsize=8)
 def _positions_in_lens(camera: Camera) -> PixelPositions:
-    straight = _straight(camera)
-    pixels = np.stack(np.meshgrid(*map(np.arange, straight.size)), -1).reshape(-1, 2)
-    at = distorted_pixels(camera, pixels.astype(np.float64)).reshape(straight.height, straight.width, 2)
+    pinhole = _undistorted(camera)
+    pixels = np.stack(np.meshgrid(*map(np.arange, pinhole.size)), -1).reshape(-1, 2)
+    at = distorted_pixels(camera, pixels.astype(np.float64)).reshape(pinhole.height, pinhole.width, 2)
     last = np.array(camera.size) - 1
     inside = np.asarray(((at >= -_BORDER) & (at <= last + _BORDER)).all(axis=2), np.bool_)
     at = np.clip(np.where(inside[..., None], at, 0), 0, last)
@@ -191,10 +191,10 @@ def _positions_in_lens(camera: Camera) -> PixelPositions:
 
 
 @functools.lru_cache(maxsize=8)
-def _straight_face(camera: Camera) -> CubeFace:
+def _undistorted_face(camera: Camera) -> CubeFace:
     rays = rays_of(camera)
     within = np.isfinite(rays[..., 0]) & ~sees_too_far(camera)
-    return _face(_straight(camera), np.where(within[..., None], rays, np.nan), np.ones(within.shape))
+    return _face(_undistorted(camera), np.where(within[..., None], rays, np.nan), np.ones(within.shape))
 
 
 @functools.lru_cache(maxsize=8)
@@ -202,7 +202,7 @@ def _cube_faces(camera: Camera) -> tuple[CubeFace, ...]:
     rays = rays_of(camera)
     seen = np.isfinite(rays[..., 0])
     if not (seen & sees_too_far(camera)).any():
-        return (_straight_face(camera),)
+        return (_undistorted_face(camera),)
     directions = np.concatenate([rays, np.ones((*seen.shape, 1))], axis=2)
     turned = [directions @ np.array(face, np.float64).T for face in _FACES]
     nearest = np.where(seen, np.argmax([there[..., 2] for there in turned], axis=0), -1)
@@ -216,7 +216,7 @@ def _cube_faces(camera: Camera) -> tuple[CubeFace, ...]:
     return tuple(faces)
 
 
-def _face(straight: Camera, rays: Float64, depth: Float64) -> CubeFace:
+def _face(pinhole: Camera, rays: Float64, depth: Float64) -> CubeFace:
     """Of positions on the plane z = 1 of its frame, and depths in the lens's frame over depths there."""
-    at = rays * np.diag(straight.K)[:2] + straight.K[:2, 2]
-    return CubeFace(straight, np.stack([at[..., 0], at[..., 1], depth]).astype(np.float32))
+    at = rays * np.diag(pinhole.K)[:2] + pinhole.K[:2, 2]
+    return CubeFace(pinhole, np.stack([at[..., 0], at[..., 1], depth]).astype(np.float32))

@@ -1,4 +1,4 @@
-"""Images made straight: as their slow twin makes them, in both forms of the kernel."""
+"""Images undistorted: as their slow twin makes them, in both forms of the kernel."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 
 import pyibr as ibr
 from tests.one_lane import one_lane
-from tests.reference import straight
+from tests.reference import undistort
 
 BARREL = ibr.Lens("brown_conrady", [-0.25, 0.06, 0.003, -0.002])
 LENSES = {
@@ -35,8 +35,8 @@ def noisy_view(size: tuple[int, int], lens: ibr.Lens, dtype: str = "uint8", far:
 
 
 def check(view: ibr.DepthImage, cut_ratio: float | None, linear: bool) -> None:
-    found = ibr.straightened(view, cut_ratio=cut_ratio, interpolation="linear" if linear else "nearest")
-    color, depth, sure = straight.straightened(view, found.camera, cut_ratio, linear)
+    found = ibr.undistorted(view, cut_ratio=cut_ratio, interpolation="linear" if linear else "nearest")
+    color, depth, sure = undistort.undistorted(view, found.camera, cut_ratio, linear)
     assert sure.mean() > 0.95
     # Places are rounded to single precision, up to 1e-5 pixels: that moves colours by no more than 1 of 255.
     np.testing.assert_allclose(found.depth[sure], depth[sure], rtol=1e-5, equal_nan=True)
@@ -57,14 +57,14 @@ def test_as_the_slow_twin(lens, dtype, lanes):
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 9), (13, 1), (2, 2), (7, 13)])
 def test_small_images(size):
-    found = ibr.straightened(noisy_view(size, BARREL))
+    found = ibr.undistorted(noisy_view(size, BARREL))
     assert found.camera.lens is None
     assert found.valid.any()
 
 
 def test_background_stays_background():
     view = noisy_view((83, 61), BARREL, far=2.0)
-    found = ibr.straightened(view, cut_ratio=1.05)
+    found = ibr.undistorted(view, cut_ratio=1.05)
     assert found.far == 2.0
     assert 0 < found.valid.mean() < 0.4
     # What is as far as that is never mixed with what is before it.
@@ -73,10 +73,10 @@ def test_background_stays_background():
 
 def test_once_is_enough():
     view = noisy_view((83, 61), BARREL)
-    assert ibr.straightened(view) is ibr.straightened(view)
-    assert ibr.straightened(view) is not ibr.straightened(view, cut_ratio=1.2)
+    assert ibr.undistorted(view) is ibr.undistorted(view)
+    assert ibr.undistorted(view) is not ibr.undistorted(view, cut_ratio=1.2)
     pinhole = ibr.DepthImage(view.color, view.depth, ibr.Camera(view.camera.K, view.camera.size))
-    assert ibr.straightened(pinhole) is pinhole
+    assert ibr.undistorted(pinhole) is pinhole
 
 
 def test_what_is_out_of_a_lens_sight_is_not_made_up():
@@ -85,10 +85,10 @@ def test_what_is_out_of_a_lens_sight_is_not_made_up():
     camera = ibr.Camera([[40, 0, 41], [0, 40, 30], [0, 0, 1]], (83, 61), lens=lens)
     depth = np.where(np.isnan(camera.ideal_positions(pixels_of(camera))[:, 0]), 9, 2).reshape(61, 83)
     assert (depth == 9).any()
-    found = ibr.straightened(ibr.DepthImage(None, depth.astype(np.float32), camera))
+    found = ibr.undistorted(ibr.DepthImage(None, depth.astype(np.float32), camera))
     np.testing.assert_allclose(found.depth[found.valid], 2, rtol=1e-6)
     with pytest.raises(ibr.ArgumentError, match=r"view: expected a pyibr\.DepthImage"):
-        ibr.straightened(found.depth)  # pyright: ignore[reportArgumentType]
+        ibr.undistorted(found.depth)  # pyright: ignore[reportArgumentType]
 
 
 def pixels_of(camera: ibr.Camera) -> np.ndarray:
@@ -97,10 +97,10 @@ def pixels_of(camera: ibr.Camera) -> np.ndarray:
 
 def test_few_copies_of_a_view_are_kept():
     view = noisy_view((24, 18), BARREL)
-    made = [ibr.straightened(view, cut_ratio=1.02 + 0.01 * k) for k in range(9)]
-    kept_ones = [one for cache in view.device_cache.values() for one in cache["straight"].values()]
+    made = [ibr.undistorted(view, cut_ratio=1.02 + 0.01 * k) for k in range(9)]
+    kept_ones = [one for cache in view.device_cache.values() for one in cache["undistorted"].values()]
     assert len(kept_ones) <= 4
-    assert ibr.straightened(view, cut_ratio=1.10) is made[-1]
+    assert ibr.undistorted(view, cut_ratio=1.10) is made[-1]
 
 
 @pytest.mark.parametrize(
@@ -108,4 +108,4 @@ def test_few_copies_of_a_view_are_kept():
 )
 def test_wrong_arguments_are_named(argument, value):
     with pytest.raises(ibr.ArgumentError, match=f"^{argument}: "):
-        ibr.straightened(**{"view": noisy_view((24, 18), BARREL), argument: value})
+        ibr.undistorted(**{"view": noisy_view((24, 18), BARREL), argument: value})

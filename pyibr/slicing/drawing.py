@@ -1,0 +1,188 @@
+"""Drawing solids by slices: depth objects and visual hulls (kernels/slicing/object.cl)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.core.camera import Camera
+from pyibr.core.checks import Float64
+from pyibr.core.pixelspace import pixel_size
+from pyibr.opencl.device import current
+from pyibr.opencl.device_cache import cached_on_device
+from pyibr.opencl.headers import constant, struct
+from pyibr.opencl.launch import Struct, launch
+from pyibr.opencl.memory import DeviceArray, upload
+from pyibr.opencl.program import kernel
+from pyibr.picture.deferred import NO_ENTRY, Entry, entry_for
+from pyibr.picture.normals import showing_normals
+from pyibr.picture.shadow import Lighting
+from pyibr.picture.target import Target
+from pyibr.slicing.boxes import Box
+from pyibr.slicing.ribbons import ribbons_of
+from pyibr.slicing.solid import Solid, words_of
+from pyibr.slicing.spacing import halvings_between, nearest_pixel, spacing_min
+
+_SLICES_MIN = 32  # slices of what is seen small
+_NEIGHBOUR_OFFSET = 4  # pixels between the depths that tell normals: slices are steps
+_BEHIND = 8.0  # samples by which an object's surface may lie behind a view's own
+
+
+def draw_in_light(target: Target, thing: Solid, lighting: Lighting | None, normals: bool) -> None:
+    """Draw a solid in its views' colours, and light on it; `normals`: those that its views tell relight it."""
+    cameras = [target.camera, *(() if lighting is None else lighting.cameras)]
+    bias = max(spacing_in(thing, camera)[0] for camera in cameras)
+    draw_object(
+        target, thing, entry=entry_for(target, lighting, bias=bias, apart=_NEIGHBOUR_OFFSET, fade=0, normals=normals)
+    )
+
+
+def draw_object(target: Target, thing: Solid, counters: DeviceArray | None = None, entry: Entry = NO_ENTRY) -> None:
+    """Draw an object into the target; `counts`, (H, W) int32, gains the view tests of each pixel."""
+    buffers = cached_on_device(thing, "buffers", lambda: _object_buffers(thing))
+    if entry.normals:
+        entry = entry.with_arrays(normals=cached_on_device(thing, "normals", lambda: _normals_of(thing)))
+    box, camera = thing.box, target.camera
+    directions = np.array([_direction(view.camera, box) for view in thing.views])
+    cosines = directions @ _direction(camera, box)
+    order = np.argsort(-cosines, kind="stable")
+    # Of views with one outline, the closest to the target's is tested, and colours.
+    _, closest = np.unique(np.array(thing.outlines)[order], return_index=True)
+    order = order[np.sort(closest)]
+    spacing, halvings = spacing_in(thing, camera)
+    sample = max(pixel_size(view.camera, box.center) for view in thing.views)  # the largest, in the box's middle
+    record = np.zeros((), struct("slicing/object.cl", "Box"))
+    # In the kernel the world's origin is the box's middle: float32 holds what is near 0 best.
+    record["from_world"] = (box.from_world @ _moved_by(box.center)).ravel()
+    record["edges"], record["spacing"], record["slices"] = box.edges, spacing, np.ceil(box.edges.max() / spacing - 1e-6)
+    depth = float(camera.camera_from_world[2, :3] @ box.center + camera.camera_from_world[2, 3])
+    record["alone"], record["only"] = thing.only is not None, thing.only or 0
+    record["first"] = np.rint(depth / spacing) if thing.slicing == "screen" else 0
+    corners = np.asarray(box.corners, np.float32)
+    near = target.near((corners.min(axis=0), corners.max(axis=0)))
+    low_x, low_y, across, down = _blocks(target, box, near)
+    defines = {"VIEWS": len(order), "SILHOUETTES": int(thing.silhouettes), **target.color_defines, **entry.defines}
+    more: dict[str, Any] = {**entry.arguments}
+    if counters is not None:
+        defines["COUNTERS"] = 1
+        more["counters"] = counters
+    if thing.thin:
+        defines["RIBBONS"] = 1
+        buffers = buffers | cached_on_device(thing, "ribbons", lambda: _ribbons_of(thing))
+    if across > 0 and down > 0:
+        launch(
+            kernel("slicing/object.cl", "draw_object", **defines),
+            (across, down),
+            **buffers,
+            order=upload(order.astype(np.int32)),
+            closeness=upload(np.maximum(cosines, 1e-3).astype(np.float32)),
+            screen=Struct("Screen", target.screen(near, box.center)),
+            box=Struct("Box", record),
+            slices_axis=slices_axis(thing, camera),
+            halvings=halvings,
+            finds_thin=thing.slices == "view",
+            visible=thing.texture == "visible",
+            unknown=thing.missing == "unknown",
+            sample=sample,
+            stride=(_BEHIND * sample + spacing / 2**halvings) / 2 ** (constant("slicing/object.cl", "STRIDES") - 1),
+            low_x=low_x,
+            low_y=low_y,
+            blank=target.blank,
+            **target.outputs(),
+            **more,
+        )
+        target.blank = False
+
+
+def spacing_in(thing: Solid, camera: Camera) -> tuple[float, int]:
+    """Scene units from slice to slice in a picture, and how often the way between two is halved."""
+    box = thing.box
+    if thing.slices != "view":
+        return float(box.edges.max()) / thing.slices, 0 if thing.only is not None else thing.halvings
+    pixel = nearest_pixel(camera, box.corners)
+    # Along the ray through the middle slices lie a pixel apart.
+    if thing.slicing == "screen":
+        spacing, extent = pixel, np.abs(box.axes @ camera.forward) @ box.edges
+    else:
+        axis = slices_axis(thing, camera)
+        spacing, extent = pixel * abs(float(box.axes[axis] @ _direction(camera, box))), box.edges[axis]
+    # No closer than half a sample: what is thinner there no view tells.
+    sample = min(pixel_size(view.camera, box.center) for view in thing.views)
+    least = max(0.5 * sample, spacing_min(float(box.edges.max())))
+    spacing = min(max(spacing, least), extent / _SLICES_MIN)
+    return float(spacing), max(thing.halvings, halvings_between(float(spacing), pixel))
+
+
+def slices_axis(thing: Solid, camera: Camera) -> int:
+    """Edge of the box that the slices stand across: the one that faces the camera most, or the kernel's TO_SCREEN."""
+    if thing.slicing == "screen":
+        return int(constant("slicing/object.cl", "TO_SCREEN"))
+    return int(np.argmax(np.abs(thing.box.axes @ _direction(camera, thing.box))))
+
+
+def _moved_by(offset: Float64) -> Float64:
+    """(4, 4) that adds an offset to points."""
+    matrix = np.eye(4)
+    matrix[:3, 3] = offset
+    return matrix
+
+
+def _direction(camera: Camera, box: Box) -> Float64:
+    """Unit vector in which a camera sees the box."""
+    forward = camera.world_from_camera[:3, 2]
+    if camera.projection == "perspective":
+        forward = box.center - camera.world_from_camera[:3, 3]
+    return forward / max(float(np.linalg.norm(forward)), 1e-30)
+
+
+def _blocks(target: Target, box: Box, near: float) -> tuple[int, int, int, int]:
+    """First pixel and blocks across and down: all of a blank picture, else where the box may be seen."""
+    block = current().profile.block
+    width, height = target.camera.size
+    low_x = low_y = 0
+    if not target.blank:
+        u, v, w, _ = target.from_world @ np.column_stack([box.corners, np.ones(8)]).T
+        if (w < near).all():
+            return 0, 0, 0, 0
+        if (w >= near).all():
+            low_x, width = max(int(np.floor((u / w).min())), 0), min(int(np.ceil((u / w).max())) + 1, width)
+            low_y, height = max(int(np.floor((v / w).min())), 0), min(int(np.ceil((v / w).max())) + 1, height)
+    return low_x, low_y, -(-(width - low_x) // block), -(-(height - low_y) // block)
+
+
+def _object_buffers(thing: Solid) -> dict[str, DeviceArray]:
+    """The object for the current device."""
+    sizes: list[tuple[int, int, int]] = []
+    start = 0
+    for view in thing.views:
+        sizes.append((*view.camera.size, start))
+        start += view.valid.size
+    move = _moved_by(thing.box.center)
+    matrices = np.array([view.camera.pixel_matrix @ view.camera.camera_from_world @ move for view in thing.views])
+    return {
+        "matrices": upload(matrices.reshape(-1, 16).astype(np.float32)),
+        "sizes": upload(np.array(sizes, np.int32)),
+        "maps": _joined(thing.maps),
+        "colors": _joined(thing.rgba),
+    }
+
+
+def _ribbons_of(thing: Solid) -> dict[str, DeviceArray]:
+    """Ribbons of the views; of each sample the number of its first ribbon, and at last that of all."""
+    found = [ribbons_of(view) for view in thing.views]
+    none = np.zeros((1, int(constant("slicing/ribbon_record.h", "RIBBON_FLOATS"))), np.float32)
+    records = np.concatenate([one.records for one in found])
+    firsts = np.cumsum(np.concatenate([np.zeros(1, np.int32), *(one.counts.ravel() for one in found)]), dtype=np.int32)
+    return {"firsts": upload(firsts), "ribbons": upload(records if len(records) else none)}
+
+
+def _normals_of(thing: Solid) -> DeviceArray:
+    return _joined([words_of(showing_normals(view)) for view in thing.views])
+
+
+def _joined(images: Sequence[NDArray[Any]]) -> DeviceArray:
+    """Images of all views, one after the other."""
+    return upload(np.concatenate([image.ravel() for image in images]))

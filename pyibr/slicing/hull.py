@@ -1,0 +1,116 @@
+"""Visual hulls: what silhouettes leave of space (Kautz & Seidel 2001, section 5)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+
+from pyibr.images import DepthImage
+from pyibr.images.silhouette import Silhouette, is_opposite
+from pyibr.picture.shadow import Lighting
+from pyibr.picture.target import Target
+from pyibr.picture.undistort import undistorted, undistorted_silhouette
+from pyibr.slicing.boxes import box_of_silhouettes
+from pyibr.slicing.drawing import draw_in_light
+from pyibr.slicing.solid import Float32, Solid, SolidSlicing, View, checked_views, words_of
+from pyibr.slicing.spacing import Slices
+
+_KINDS = {Silhouette: undistorted_silhouette, DepthImage: undistorted}
+
+
+class VisualHull(Solid):
+    """Visual hull: the largest solid that fits into all silhouettes.
+
+    Parameters
+    ----------
+    views : sequence of Silhouette or DepthImage
+        Any number, at any calibrated poses; of depth images only `valid` and the colours are used. Each must show all
+        of the object: what lies out of its frame is cut off.
+    slices : int or "view"
+        Along the longest edge of the hull's box; other directions have the same spacing. "view": as for `DepthObject`.
+    slicing : {"orthogonal", "screen"}
+        As for `DepthObject`; the box's axes are the world's.
+    halvings, only : int
+        As for `DepthObject`.
+
+    Raises
+    ------
+    ArgumentError
+        If there are no views, or nothing lies within all silhouettes.
+
+    Examples
+    --------
+    >>> import pyibr as ibr
+    >>> from pyibr.capture import models
+    >>> from pyibr.capture.raycast import object_views
+    >>> hull = ibr.VisualHull(object_views(models.donut(), 64), slices=64)
+    >>> hull.tested  # opposite views show one silhouette
+    [0, 2, 4]
+    """
+
+    silhouettes = True  # which do not tell what they see: the texture is "naive"
+
+    def __init__(
+        self,
+        views: Sequence[Silhouette | DepthImage],
+        *,
+        slices: Slices = 128,
+        slicing: SolidSlicing = "orthogonal",
+        halvings: int = 2,
+        only: int | None = None,
+    ) -> None:
+        super().__init__(checked_views(views, _KINDS), slices, slicing, halvings, only)
+        self.box = box_of_silhouettes([self.views[number] for number in self.tested])
+
+    def draw(self, target: Target, lighting: Lighting | None) -> None:
+        """Draw the object in its views' colours, which hold their light, unless a light relights them."""
+        given = all(view.normals is not None for view in self.views)
+        draw_in_light(target, self, lighting, normals=given)  # depths are none of its surface's
+
+    @cached_property
+    def outlines(self) -> list[int]:
+        """For each view the number of the first with its silhouette: opposite orthographic views share one."""
+        firsts: list[int] = []
+        for number, view in enumerate(self.views):
+            same = (other for other in sorted(set(firsts)) if is_opposite(view, self.views[other]))
+            firsts.append(next(same, number))
+        return firsts
+
+    @property
+    def tested(self) -> list[int]:
+        """Numbers of the views with silhouettes of their own; each is tested once."""
+        return sorted(set(self.outlines))
+
+    def map_of(self, view: View) -> Float32:
+        """Mask of a view."""
+        return np.ascontiguousarray(view.valid, np.float32)
+
+    def with_views(self, views: Sequence[Silhouette | DepthImage]) -> VisualHull:
+        """The same of other views, for animations; see `DepthObject.with_views`.
+
+        Where an outline changes, all are asked again where the hull's sides lie; while only colours change, they stay.
+
+        Examples
+        --------
+        >>> import pyibr as ibr
+        >>> from pyibr.capture import models
+        >>> from pyibr.capture.raycast import object_views
+        >>> first = ibr.VisualHull(object_views(models.donut(), 64), slices=64)
+        >>> first.with_views(first.views[:4])
+        <VisualHull 4 views, 64 slices>
+        """
+        given = checked_views(views, _KINDS)
+        if len(given) == len(self.views) and all(map(_same_outline, given, self.views)):
+            made = object.__new__(VisualHull)
+            made.__dict__.update(self.__getstate__(), views=given)
+        else:
+            made = VisualHull(given, slices=self.slices, slicing=self.slicing, halvings=self.halvings, only=self.only)
+        made.__dict__["rgba"] = self.with_known(self.rgba, given, words_of)
+        made.__dict__["maps"] = self.with_known(self.maps, given, self.map_of)
+        return made
+
+
+def _same_outline(a: View, b: View) -> bool:
+    return a is b or (a.camera == b.camera and np.array_equal(a.valid, b.valid))

@@ -1,0 +1,112 @@
+"""Solids from images all round: views, slices and box of depth objects and visual hulls."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from typing import Any, Literal, TypeVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.core.checks import Float64, Immutable, describe, one_of
+from pyibr.core.errors import ArgumentError
+from pyibr.images import DepthImage
+from pyibr.images.silhouette import Silhouette
+from pyibr.meshes.textures import rgba_words
+from pyibr.slicing.boxes import Box
+from pyibr.slicing.spacing import Slices, checked_halvings, checked_only, checked_slices, slices_text
+
+SolidSlicing = Literal["orthogonal", "screen"]
+Texture = Literal["visible", "naive"]
+Missing = Literal["empty", "unknown"]
+Float32 = NDArray[np.float32]
+View = DepthImage | Silhouette
+
+_Known = TypeVar("_Known")
+
+
+class Solid(Immutable):
+    """Solid that images all round leave of space, drawn by slices.
+
+    Attributes
+    ----------
+    views : list of DepthImage or Silhouette
+        Without lenses.
+    box : Box
+        That it lies in.
+    texture, missing, thin
+        As for `DepthObject`.
+    silhouettes : bool
+        Whether views test points with masks, not with nearness.
+    """
+
+    views: list[Any]
+    box: Box
+    texture: Texture = "naive"
+    missing: Missing = "empty"
+    thin: bool = False
+    silhouettes: bool = False
+
+    def __init__(
+        self, views: list[Any], slices: Slices, slicing: SolidSlicing, halvings: int, only: int | None
+    ) -> None:
+        self.views = views
+        self.halvings = checked_halvings(halvings)
+        self.slices: Slices = checked_slices(slices)
+        self.only = checked_only(only, self.slices)
+        one_of("slicing", slicing, SolidSlicing)
+        self.slicing: SolidSlicing = slicing
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {len(self.views)} views, {slices_text(self.slices)}>"
+
+    @property
+    def bounds(self) -> tuple[Float64, Float64]:
+        """(low, high), each (3,), in the world: the box around the object."""
+        return self.box.bounds
+
+    @cached_property
+    def outlines(self) -> list[int]:
+        """For each view the number of the first that tests points as it does: each is tested once."""
+        return list(range(len(self.views)))
+
+    def map_of(self, view: Any) -> Float32:
+        """The (H, W) image that a view tests points with: nearness, or a mask, 0 or 1."""
+        raise NotImplementedError
+
+    @cached_property
+    def maps(self) -> list[Float32]:
+        """Images that the views test points with."""
+        return [self.map_of(view) for view in self.views]
+
+    @cached_property
+    def rgba(self) -> list[NDArray[np.uint32]]:
+        """Colours of the views, with A 255 on the object."""
+        return [words_of(view) for view in self.views]
+
+    def with_known(self, values: list[_Known], views: Sequence[Any], make: Callable[[Any], _Known]) -> list[_Known]:
+        """Make something of each view; for those of this solid it is among `values` already."""
+        known = {id(view): value for view, value in zip(self.views, values, strict=True)}
+        return [known[id(view)] if id(view) in known else make(view) for view in views]
+
+
+def words_of(view: View) -> NDArray[np.uint32]:
+    """RGBA words of a view, with A 255 on the object."""
+    return rgba_words(view.shown_color, view.valid)
+
+
+def checked_views(views: object, kinds: Mapping[type[View], Callable[[Any], View]]) -> list[Any]:
+    """Return views without their lenses, by what takes them off each of the `kinds`, or raise ArgumentError."""
+    if not isinstance(views, Sequence) or not views:
+        raise ArgumentError("views", "a sequence of at least one view", describe(cast("object", views)))
+    straight: list[Any] = []
+    for number, view in enumerate(cast("Sequence[object]", views)):
+        made = next((without_lens(view) for kind, without_lens in kinds.items() if isinstance(view, kind)), None)
+        if made is None:
+            names = " or ".join(f"pyibr.{kind.__name__}" for kind in kinds)
+            raise ArgumentError("views", f"a sequence of {names}", f"{describe(view)} as view {number}")
+        if not made.valid.any():
+            raise ArgumentError("views", "views with valid depth", f"none in view {number}")
+        straight.append(made)
+    return straight
