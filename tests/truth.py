@@ -181,7 +181,7 @@ def raycast(
 def triangulate(view: DepthImage, edges: str = "connect", cut_ratio: float | None = None) -> Array:
     """(n, 3) sample numbers, y * width + x, of the triangles that exist between samples.
 
-    A cell is split from (x + 1, y) to (x, y + 1). Triangles with an edge that is torn, or a missing corner, do not exist.
+    A cell is split from (x + 1, y) to (x, y + 1). Triangles with a torn edge or a missing corner do not exist.
     """
     torn = edges_of(view, edges, cut_ratio)
     height, width = view.depth.shape

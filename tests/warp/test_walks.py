@@ -11,6 +11,7 @@ from pyibr.core.pixelspace import camera_pair, pitch
 from pyibr.opencl.watch import Watch, watching
 from tests import scenes
 from tests.warp.test_generated import Case, make_case
+from tests.warp.test_special_positions import beside_border
 
 WITHIN_A_CELL = 0.05  # relative: within a cell what is connected differs by less, pieces by more
 
@@ -73,7 +74,10 @@ def test_both_pieces_of_a_step_are_met(seed):
     case = Case(seed, "noise", "any", view, target, "cut", "front")
     by_columns, by_edges = (np.isfinite(nearness_seen(case, edges)) for edges in (False, True))
     assert by_edges.sum() > 15_000
-    assert (by_columns != by_edges).sum() <= 3
+    # At the source's border lines end between columns, where the columns' straight line tells the end to a pixel at most.
+    differ = by_columns != by_edges
+    assert (differ & ~beside_border(by_edges)).sum() <= 3
+    assert differ.sum() <= 0.1 * differ.shape[0]
 
 
 @pytest.mark.filterwarnings("ignore:warp. the target camera sees nothing")
