@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.capture import MeshScene, capture, models, object_views
+from pyibr.capture import MeshScene, capture, object_views
 from pyibr.capture.rays import pixel_centers
+from tests.capture.torus import torus
 from tests.data import shared
 from tests.embree import embree
 
 
 def mesh_of(name: str) -> ibr.Mesh:
-    return models.torus_mesh() if name == "torus" else ibr.Mesh.load(shared(f"meshes/{name}"))
+    return torus() if name == "torus" else ibr.Mesh.load(shared(f"meshes/{name}"))
 
 
 def cast(mesh: ibr.Mesh, camera: ibr.Camera) -> np.ndarray:
@@ -65,9 +66,8 @@ LENSES = {
 def test_a_lens_sees_what_a_ray_caster_sees_by_its_rays(lens, focal):
     """Within the torus' hole, where it is all around, and triangles cross the camera's plane."""
     camera = ibr.Camera([[focal, 0, 60], [0, focal, 40], [0, 0, 1]], (121, 83), None, lens=LENSES[lens])
-    mesh = models.torus_mesh()
-    off, covered = differing(capture(mesh, camera), cast(mesh, camera))
-    assert covered > 3000
+    off, covered = differing(capture(torus(), camera), cast(torus(), camera))
+    assert covered > 2900
     assert off <= max(15e-5 * covered, 2)
 
 

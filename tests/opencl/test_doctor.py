@@ -32,7 +32,9 @@ def test_the_report_where_nothing_is_found(capsys: pytest.CaptureFixture[str], m
     assert "no such device" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252"])
+@pytest.mark.parametrize(
+    "encoding", ["ascii", *(pytest.param(e, marks=pytest.mark.thorough) for e in ("latin-1", "cp1252"))]
+)
 def test_the_report_may_go_where_not_all_characters_can(encoding: str):
     """As into a file on Windows, or over a line to an old terminal."""
     variables = os.environ | {"PYTHONIOENCODING": encoding, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}

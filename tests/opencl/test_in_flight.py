@@ -190,7 +190,7 @@ def test_calls_after_one_that_ended_at_some_launch(cut: int | None):
     chance = random.Random(7)
     for call in calls().values():
         expected = call()
-        for _ in range(3):
+        for _ in range(2):
             watch = _Interrupted(chance.randint(1, 8), chance.random() < 0.5)
             with pieces(cut), watching(watch), suppress(KeyboardInterrupt):
                 call()
@@ -223,7 +223,7 @@ for name, call in found.items():
     expected[name] = call()
     seconds[name] = time.perf_counter() - start
 session, turns, before, rung = device.current(), [], held(), 0
-while rung < 50:
+while rung < 30:
     name = chance.choice(list(found))
     try:
         signal.setitimer(signal.ITIMER_REAL, chance.uniform(1e-5, seconds[name]))

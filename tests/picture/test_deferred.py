@@ -114,6 +114,7 @@ def test_what_is_drawn_in_front_later_is_lit_on_its_own():
             np.testing.assert_array_equal(frame.color[alone.valid], alone.color[alone.valid])
 
 
+@pytest.mark.thorough
 def test_one_lane_lights_many_things_alike():
     """Several in one packet of pixels."""
     camera = ibr.Camera([[30, 0, 18], [0, 30, 12], [0, 0, 1]], (37, 25))

@@ -71,10 +71,10 @@ def test_reliefs_shadow_themselves_and_others(shape, shadow):
     surface = ibr.ReliefSurface(wide, height, color, 0.25, shadow=shadow)
     stone = box((0.5, 0.5, 0.17), (0.12, 0.07, 0.05))
     scene = caster(stone, floor)
-    u, v = np.meshgrid(np.arange(769) / 256 - 1, np.arange(769) / 256 - 1)
-    y, x = np.mgrid[:768, :768]
-    at = (769 * y + x).ravel()
-    faces = np.concatenate([np.stack([at, at + 1, at + 770], 1), np.stack([at, at + 770, at + 769], 1)])
+    u, v = np.meshgrid(np.arange(385) / 128 - 1, np.arange(385) / 128 - 1)
+    y, x = np.mgrid[:384, :384]
+    at = (385 * y + x).ravel()
+    faces = np.concatenate([np.stack([at, at + 1, at + 386], 1), np.stack([at, at + 386, at + 385], 1)])
     points = np.stack([u, v, 0.25 * (bilinear_height(height.astype(float), u, v) - 1)], axis=-1).reshape(-1, 3)
     scene.add_triangles(points.astype(np.float32), faces.astype(np.uint32))
     camera = Camera.look_at((0.9, -1.0, 1.05), (0.5, 0.5, -0.2), (0, 0, 1), (320, 240), fov_y=42)

@@ -109,7 +109,10 @@ MAPS = {"bytes, powers of two": in_bytes(32, 16), "odd": ramp(33, 15), "a row": 
 MAPS["one texel"] = np.full((1, 1), 0.3, np.float32)
 
 
-@pytest.mark.parametrize("system", SYSTEMS)
+EACH = [pytest.param(name, marks=pytest.mark.thorough if name == "relief, exact" else ()) for name in SYSTEMS]
+
+
+@pytest.mark.parametrize("system", EACH)
 @pytest.mark.parametrize("span", [ON_MAP, BEYOND], ids=["on the map", "beyond it"])
 @pytest.mark.parametrize("name", MAPS)
 def test_clamped_heights(name, span, system):

@@ -28,8 +28,8 @@ def hills() -> np.ndarray:
 
 
 def seen_from(projection: str) -> Camera:
-    tall = {"height": 2.5} if projection == "orthographic" else {}
-    return Camera.look_at((1.3, -2.3, 1.5), (0, 0, 0), (0, 0, 1), (73, 47), fov_y=50, projection=projection, **tall)
+    tall = {"height": 1.65} if projection == "orthographic" else {}
+    return Camera.look_at((1.3, -2.3, 1.5), (0, 0, 0), (0, 0, 1), (49, 31), fov_y=34, projection=projection, **tall)
 
 
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
@@ -43,7 +43,7 @@ def test_a_torus_is_as_in_float64(search, distance, projection):
     rounded = np.rint(hills() * 65535.0) / 65535
     expected = relief_depth(base, thing.frames, rounded, SCALE, TILES, camera, distance, steps, halvings)
     frame = ibr.render(thing, camera)
-    assert frame.valid.sum() > 800
+    assert frame.valid.sum() > 600
     # Rays that graze the outline, or a hill before another, are met by one rounding and missed by another.
     assert (frame.valid != np.isfinite(expected)).mean() <= 2e-3
     both = frame.valid & np.isfinite(expected)

@@ -46,7 +46,7 @@ OTHER: dict[str, Epipole] = {
 }
 
 
-@pytest.fixture(params=[16, 1], ids=["wide", "one lane"])
+@pytest.fixture(params=[16, pytest.param(1, marks=pytest.mark.thorough)], ids=["wide", "one lane"])
 def lanes(request: pytest.FixtureRequest) -> Iterator[int]:
     with one_lane() if request.param == 1 else nullcontext():
         if current().profile.lanes != request.param:

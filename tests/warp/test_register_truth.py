@@ -102,6 +102,9 @@ WIDE = {
 }
 
 
+FEW = [pytest.param(rig, marks=pytest.mark.thorough if rig in ("behind", "small depth") else ()) for rig in NARROW]
+
+
 def pixels_of(one: ibr.Camera) -> np.ndarray:
     return np.stack(np.meshgrid(*map(np.arange, one.size)), -1).reshape(-1, 2).astype(float)
 
@@ -216,7 +219,7 @@ def seen_samples(depth_camera: ibr.Camera, color_camera: ibr.Camera) -> tuple[np
 
 
 @pytest.mark.parametrize(("noise", "dropped"), [(0.0, 0.0), (0.1, 0.0), (0.3, 0.05)])
-@pytest.mark.parametrize("rig", NARROW)
+@pytest.mark.parametrize("rig", FEW)
 def test_samples_get_colours_where_they_are_seen(rig, noise, dropped):
     cameras = NARROW[rig]
     seen, sure = seen_samples(*cameras)
