@@ -25,9 +25,10 @@ from tests.depthmesh.views import (
     some_mesh,
     weights_in,
 )
+from tests.embree import embree, rays_of
 from tests.slicing.solids import views_of_torus
 
-o3d = pytest.importorskip("open3d")
+pytest.importorskip("open3d")
 
 TOLERANCES = (0, 0.3, 1, 4, 20, 1e9)
 
@@ -168,22 +169,9 @@ def test_simplify_gives_fewer_triangles_than_errors_that_bound():
 # --- errors as seen by the target ---------------------------------------------------------------------
 
 
-def cast(mesh: ibr.Mesh) -> o3d.t.geometry.RaycastingScene:
-    scene = o3d.t.geometry.RaycastingScene()
-    scene.add_triangles(np.array(mesh.vertices), mesh.faces.astype(np.uint32))
-    return scene
-
-
-def rays_of(camera: Camera) -> np.ndarray:
-    y, x = np.mgrid[: camera.height, : camera.width]
-    pixels = np.column_stack([x.ravel(), y.ravel()])
-    start, end = (camera.unproject(pixels, np.full(len(pixels), z)) for z in (1e-3, 1.0 + 1e-3))
-    return np.concatenate([start, end - start], axis=1)
-
-
 def errors_in_pixels(fine: ibr.Mesh, coarse: ibr.Mesh, camera: Camera) -> np.ndarray:
     """From what each pixel sees of either mesh to the other, where it sees both; their outlines are not counted."""
-    rays, scenes_of = rays_of(camera), (cast(fine), cast(coarse))
+    rays, scenes_of = rays_of(camera), (embree(fine), embree(coarse))
     t = [scene.cast_rays(rays.astype(np.float32))["t_hit"].numpy().astype(np.float64) for scene in scenes_of]
     both = np.isfinite(t[0]) & np.isfinite(t[1])
     assert both.mean() > 0.05

@@ -11,7 +11,7 @@ import pytest
 import pyibr as ibr
 from pyibr.core.camera import Camera
 from pyibr.meshes.textures import halved
-from tests.displaced import o3d
+from tests.embree import embree
 from tests.one_lane import one_lane
 from tests.reference.heights import bilinear_height
 from tests.relief.test_truth import away_from_edges
@@ -68,9 +68,7 @@ def scene(system: str, span: Any, height: np.ndarray, wrap: tuple[str, str] = ("
     n = len(ticks)
     i = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
     faces = np.concatenate([np.stack([i, i + 1, i + n + 1], 1), np.stack([i, i + n + 1, i + n], 1)])
-    made = o3d.t.geometry.RaycastingScene()
-    made.add_triangles(np.column_stack([x, y, z]).astype(np.float32), faces.astype(np.uint32))
-    return made
+    return embree(ibr.Mesh(np.column_stack([x, y, z]), faces))
 
 
 def above(elevation: float, projection: Any = "perspective", size: Any = SIZE, away: float = 1.9) -> Camera:

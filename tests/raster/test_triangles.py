@@ -11,11 +11,12 @@ import pytest
 import pyibr as ibr
 from pyibr.core.camera import Camera
 from tests.data import shared
+from tests.embree import embree, rays_of
 from tests.one_lane import one_lane
 from tests.reference.raster import depths, edge_distances
 from tests.scenes import pose
 
-o3d = pytest.importorskip("open3d")
+pytest.importorskip("open3d")
 
 MESHES = ["meshes/dragon_vrip_res3.ply.gz", "meshes/teapot.obj.gz", "meshes/human_male_makehuman.obj.gz"]
 
@@ -38,17 +39,7 @@ def numbers_of(frame: ibr.Frame) -> np.ndarray:
 
 def cast(mesh: ibr.Mesh, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     """True depth (inf: nothing) and number of the triangle (-1)."""
-    scene = o3d.t.geometry.RaycastingScene()
-    scene.add_triangles(np.array(mesh.vertices), mesh.faces.astype(np.uint32))
-    y, x = np.mgrid[: camera.height, : camera.width]
-    pixels = np.stack([x, y], axis=-1).reshape(-1, 2)
-    one = camera.unproject(pixels, np.ones(len(pixels)))
-    if camera.projection == "perspective":
-        rays, origin = one - camera.center, np.broadcast_to(camera.center, one.shape)
-    else:
-        rays, origin = np.broadcast_to(camera.forward, one.shape), one - camera.forward
-    hits = scene.cast_rays(np.concatenate([origin, rays], axis=1).astype(np.float32))
-    shape = camera.height, camera.width
+    hits, shape = embree(mesh).cast_rays(rays_of(camera).astype(np.float32)), (camera.height, camera.width)
     found = hits["primitive_ids"].numpy().reshape(shape).astype(np.int64)
     return hits["t_hit"].numpy().reshape(shape), np.where(found == 0xFFFFFFFF, -1, found)
 
