@@ -137,7 +137,7 @@ def test_a_home_that_cannot_be_used_costs_no_device(tmp_path: Path, variable: st
 
 
 @pytest.mark.skipif(os.name != "posix", reason="processes have a path there")
-@pytest.mark.parametrize("path", [{}, {"PATH": ""}])
+@pytest.mark.parametrize("path", [{}, pytest.param({"PATH": ""}, marks=pytest.mark.thorough)])
 def test_an_environment_without_a_path_costs_no_device(tmp_path: Path, path: dict[str, str]):
     """As of services; PoCL's compiler needs one to find a linker."""
     kept = {name: value for name, value in os.environ.items() if name.startswith(("PYIBR", "LD_"))}

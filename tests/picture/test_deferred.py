@@ -57,7 +57,7 @@ def test_colours_do_not_depend_on_the_order(light):
     assert (first.color != plain.color).any(axis=2)[plain.valid].mean() > 0.2
     told = ~ties(things, CAMERA)
     assert told[first.valid].mean() > 0.95
-    for number, order in enumerate(permutations(things[:-1])):
+    for number, order in enumerate([*permutations(things[:-1])][::5]):
         place = number % len(things)  # of the mesh
         frame = ibr.render([*order[:place], things[-1], *order[place:]], CAMERA, lamp)
         np.testing.assert_array_equal(frame.depth, first.depth)

@@ -102,7 +102,9 @@ WIDE = {
 }
 
 
-FEW = [pytest.param(rig, marks=pytest.mark.thorough if rig in ("behind", "small depth") else ()) for rig in NARROW]
+FEW = [
+    pytest.param(rig, marks=pytest.mark.thorough if rig in ("ahead", "behind", "small depth") else ()) for rig in NARROW
+]
 
 
 def pixels_of(one: ibr.Camera) -> np.ndarray:
@@ -155,7 +157,7 @@ def seen_in_color(depth_camera: ibr.Camera, color_camera: ibr.Camera) -> tuple[n
     return depth, seen, seen & ~around(~seen, two) & ~silhouettes(depth, two)
 
 
-@pytest.mark.parametrize("rig", {**NARROW, **WIDE})
+@pytest.mark.parametrize("rig", [*FEW, *WIDE])
 def test_depth_of_what_both_see_has_no_gaps(rig):
     cameras = {**NARROW, **WIDE}[rig]
     truth, _, sure = seen_in_color(*cameras)
@@ -182,7 +184,7 @@ def test_noise_tears_no_surface(rig, noise, dropped):
     assert np.median(off) < 1.1 * np.median(clean), "what is shown is no noisier than what came in"
 
 
-@pytest.mark.parametrize("rig", NARROW)
+@pytest.mark.parametrize("rig", FEW)
 def test_thin_things_are_there(rig):
     """Bars of one to five samples: of what both cameras see of them, no less than OpenCV's points cover."""
     cameras = NARROW[rig]
