@@ -10,6 +10,7 @@ import numpy as np
 import pyibr as ibr
 from pyibr.capture import MeshScene
 from pyibr.core.camera import Camera
+from tests.boxes import cuboid
 from tests.embree import rays_of
 from tests.slicing.solids import revolved
 
@@ -23,9 +24,7 @@ def plane(half: float = 2.0, z: float = 0.0) -> ibr.Mesh:
 
 def box(middle: tuple[float, float, float], half: tuple[float, float, float]) -> ibr.Mesh:
     """Its corners are shared by its sides: its smooth normals are far from the sides' own."""
-    points = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * np.array(half) + middle
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    faces = [face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))]
+    points, faces = cuboid(np.subtract(middle, half), np.add(middle, half))
     return ibr.Mesh(points, faces, colors=np.full((8, 3), 255, np.uint8))
 
 

@@ -11,6 +11,7 @@ import pytest
 import pyibr as ibr
 from pyibr.capture import MeshScene, models, object_views
 from pyibr.core.camera import Camera
+from tests.boxes import cuboid
 from tests.data import shared
 from tests.embree import embree
 from tests.one_lane import check_bounds, one_lane
@@ -259,9 +260,7 @@ def test_a_slanted_wall_by_lamberts_law(side, projection):
 
 def test_of_what_has_no_normals_the_picture_tells_them():
     """A hull of silhouettes alone, of a box: its faces are flat."""
-    corners = np.array([[x, y, z] for x in (-0.6, 0.6) for y in (-0.5, 0.5) for z in (-0.4, 0.4)])
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    faces = [face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))]
+    corners, faces = cuboid((-0.6, -0.5, -0.4), (0.6, 0.5, 0.4))
     views = object_views(MeshScene(corners, faces, colors=np.full((8, 3), 200, np.uint8)), 96)
     outlines = [ibr.Silhouette(np.where(v.valid[..., None], v.color, np.uint8(200)), v.valid, v.camera) for v in views]
     light = ibr.Light(**LIGHTS["far"], shadow_size=0)

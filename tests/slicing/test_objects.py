@@ -17,6 +17,7 @@ from pyibr.core.camera import Camera
 from pyibr.images import metrics
 from pyibr.images.metrics import silhouette_iou
 from pyibr.slicing import alpha_tests
+from tests.boxes import cuboid
 from tests.data import shared
 from tests.reference.slicing import depth_object, first_depth
 from tests.slicing.solids import cup, looking, spacing, torus, views_of_torus
@@ -367,10 +368,7 @@ def test_bad_options(argument, value):
 @pytest.mark.parametrize("extent", [(1, 1, 1), (1, 1, 0.2)])
 def test_a_box_along_the_views_axes(size, extent):
     """Its sides lie exactly on the other views' outlines."""
-    corners = np.array(np.meshgrid(*[(0, e) for e in extent], indexing="ij")).reshape(3, -1).T
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    faces = [[a, b, c] for a, b, c, _ in quads] + [[a, c, d] for a, _, c, d in quads]
-    mesh = ibr.Mesh(corners, faces)
+    mesh = ibr.Mesh(*cuboid((0, 0, 0), extent))
     thing, camera = (
         ibr.DepthObject(object_views(mesh, size), slices=64),
         Camera.look_at((2, 1.7, 2.6), (0.5, 0.5, 0.3), (0, 0, 1), (121, 91), fov_y=40),

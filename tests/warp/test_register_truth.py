@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
+from pyibr.capture import MeshScene
+from tests.boxes import cuboid
+from tests.embree import embree
 from tests.truth import project
 
 pytest.importorskip("open3d")
-import open3d as o3d
-
-from pyibr.capture import MeshScene
 
 BASELINE = 0.075  # metres between a structured-light camera and its projector
 BARREL = ibr.Lens("brown_conrady", [-0.12, 0.03, 0.001, -0.0005, 0.0])
@@ -50,18 +50,15 @@ class Room:
         answer = np.full(len(ways), np.nan)
         known = np.isfinite(ways).all(axis=1)
         packed = np.concatenate([np.broadcast_to(eye, ways.shape), ways], axis=1)[known].astype(np.float32)
-        answer[known] = self.rays.cast_rays(o3d.core.Tensor(packed))["t_hit"].numpy()
+        answer[known] = self.rays.cast_rays(packed)["t_hit"].numpy()
         return answer
 
 
 def room(boxes: Iterable[Box]) -> Room:
-    corners = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
-    sides = np.array([(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)])
-    faces = np.concatenate([sides[:, [0, 1, 2]], sides[:, [0, 2, 3]]])
-    vertices = np.concatenate([np.array(low) + corners * np.subtract(high, low) for low, high in boxes])
-    triangles = np.concatenate([faces + first for first in range(0, len(vertices), 8)])
-    rays = o3d.t.geometry.RaycastingScene()
-    rays.add_triangles(vertices.astype(np.float32), triangles.astype(np.uint32))
+    solids = [cuboid(low, high) for low, high in boxes]
+    vertices = np.concatenate([corners for corners, _ in solids])
+    triangles = np.concatenate([faces + 8 * number for number, (_, faces) in enumerate(solids)])
+    rays = embree(ibr.Mesh(vertices, triangles))
     return Room(MeshScene(vertices, triangles, colors=0.55 + 0.4 * np.sin(3 * vertices + (0, 1, 2))), rays)
 
 
