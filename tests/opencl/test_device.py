@@ -24,6 +24,7 @@ from pyibr.opencl.outcome import Outcome, Speed
 from pyibr.opencl.probe import forget, probe
 from pyibr.opencl.profile import profile_of
 from pyibr.opencl.runtimes import Found, found_devices, remedy_for
+from tests.processes import with_path
 
 BROKEN = Outcome(False, "every build fails: unknown target CPU 'generic'")
 
@@ -60,11 +61,6 @@ def nothing_open(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         patch.setattr(device_module, "_failed_here", {})
         yield
     device_module._default_session.cache_clear()
-
-
-def with_path() -> dict[str, str]:
-    """The environment, with this process's path."""
-    return os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
 
 
 def run(code: str) -> subprocess.CompletedProcess[str]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import random
 import re
 import signal
@@ -29,6 +28,7 @@ from pyibr.opencl.watch import Watch, watching
 from tests import scenes
 from tests.one_lane import one_lane
 from tests.opencl.everything import Call, calls, same
+from tests.processes import with_path
 
 
 @contextmanager
@@ -289,9 +289,8 @@ print("in order")
 
 
 def _child(script: str) -> subprocess.Popen[str]:
-    paths = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
     pipe = subprocess.PIPE
-    return subprocess.Popen([sys.executable, "-c", script], env=paths, stdout=pipe, stderr=pipe, text=True)
+    return subprocess.Popen([sys.executable, "-c", script], env=with_path(), stdout=pipe, stderr=pipe, text=True)
 
 
 posix = pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="Windows has no timers that raise signals")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from itertools import permutations
@@ -19,6 +18,7 @@ from pyibr.images.metrics import silhouette_iou
 from pyibr.slicing import alpha_tests
 from tests.boxes import cuboid
 from tests.data import shared
+from tests.processes import with_path
 from tests.reference.slicing import depth_object, first_depth
 from tests.slicing.solids import cup, looking, spacing, torus, views_of_torus
 
@@ -418,8 +418,7 @@ except ibr.ArgumentError:
 @pytest.mark.parametrize(("focal", "edge"), [(10, 2e-15)])
 def test_rays_end_in_boxes_that_float32_does_not_hold(focal, edge, slicing):
     command = [sys.executable, "-c", IN_A_BOX, str(focal), slicing]
-    variables = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
-    done = subprocess.run(command, env=variables, capture_output=True, text=True, timeout=300, check=True)
+    done = subprocess.run(command, env=with_path(), capture_output=True, text=True, timeout=300, check=True)
     assert float(done.stdout) == pytest.approx(edge, rel=0.01)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -15,6 +14,7 @@ import pyibr as ibr
 from pyibr.core.camera import Projection
 from tests import scenes
 from tests.one_lane import one_lane
+from tests.processes import with_path
 
 FIRST_FRAME = """
 import numpy as np, pyibr as ibr
@@ -26,8 +26,7 @@ print(int(frame.valid.sum()))
 
 
 def run(*command: str, timeout: float = 120, **environment: str) -> subprocess.CompletedProcess[str]:
-    variables = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)} | environment
-    return subprocess.run(command, env=variables, capture_output=True, text=True, timeout=timeout)
+    return subprocess.run(command, env=with_path(**environment), capture_output=True, text=True, timeout=timeout)
 
 
 def test_the_second_process_builds_nothing(tmp_path: Path):
