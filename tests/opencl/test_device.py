@@ -338,11 +338,6 @@ print(os.waitstatus_to_exitcode(os.wait()[1]))
     assert done.stdout.strip() == "7", done.stderr
 
 
-def test_importing_the_device_module_imports_no_pyopencl():
-    done = run("import sys, pyibr.opencl.device; print('pyopencl' in sys.modules)")
-    assert done.stdout.strip() == "False", done.stderr
-
-
 # --- what is remembered ---------------------------------------------------------------------------
 
 

@@ -29,10 +29,18 @@ def run(*command: str, timeout: float = 120, **environment: str) -> subprocess.C
     return subprocess.run(command, env=with_path(**environment), capture_output=True, text=True, timeout=timeout)
 
 
-def test_the_second_process_builds_nothing(tmp_path: Path):
-    first = run(sys.executable, "-c", FIRST_FRAME, PYIBR_CACHE=str(tmp_path), PYIBR_BINARIES="now")
-    assert first.returncode == 0, first.stderr
-    binaries = {path: path.stat().st_mtime_ns for path in (tmp_path / "programs").iterdir()}
+@pytest.fixture(scope="module")
+def first(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
+    """What a first process has said, and its cache."""
+    cache = str(tmp_path_factory.mktemp("cache"))
+    done = run(sys.executable, "-c", FIRST_FRAME, PYIBR_CACHE=cache, PYIBR_BINARIES="now")
+    assert done.returncode == 0, done.stderr
+    return done.stdout, cache
+
+
+def test_the_second_process_builds_nothing(first: tuple[str, str]):
+    told, cache = first
+    binaries = {path: path.stat().st_mtime_ns for path in (Path(cache) / "programs").iterdir()}
     assert len(binaries) >= 4  # nearness, epipolar, resolve, fill
     # What would build anew has no compiler: a program made from source raises.
     forbid = "import pyopencl as cl; make = cl.Program.__init__\n" + (
@@ -41,28 +49,19 @@ def test_the_second_process_builds_nothing(tmp_path: Path):
         "    make(self, context, *rest)\n"
         "cl.Program.__init__ = refuse\n"
     )
-    second = run(sys.executable, "-c", forbid + FIRST_FRAME, PYIBR_CACHE=str(tmp_path), PYIBR_BINARIES="now")
-    assert second.returncode == 0, second.stderr
-    assert second.stdout == first.stdout
-    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "programs").iterdir()} == binaries
+    second = run(sys.executable, "-c", forbid + FIRST_FRAME, PYIBR_CACHE=cache, PYIBR_BINARIES="now")
+    assert (second.returncode, second.stdout) == (0, told), second.stderr
+    assert {path: path.stat().st_mtime_ns for path in (Path(cache) / "programs").iterdir()} == binaries
 
 
-def test_damaged_binaries_are_built_anew(tmp_path: Path):
-    first = run(sys.executable, "-c", FIRST_FRAME, PYIBR_CACHE=str(tmp_path), PYIBR_BINARIES="now")
-    assert first.returncode == 0, first.stderr
-    binaries = list((tmp_path / "programs").iterdir())
+def test_damaged_binaries_are_built_anew(first: tuple[str, str]):
+    told, cache = first
+    binaries = list((Path(cache) / "programs").iterdir())
     for path in binaries:
         path.write_bytes(b"not a program")
-    second = run(sys.executable, "-c", FIRST_FRAME, PYIBR_CACHE=str(tmp_path), PYIBR_BINARIES="now")
-    assert (second.returncode, second.stdout) == (0, first.stdout), second.stderr
+    second = run(sys.executable, "-c", FIRST_FRAME, PYIBR_CACHE=cache, PYIBR_BINARIES="now")
+    assert (second.returncode, second.stdout) == (0, told), second.stderr
     assert all(path.stat().st_size > 100 for path in binaries)
-
-
-def test_importing_brings_no_device_and_no_large_library():
-    heavy = ("pyopencl", "cv2", "open3d", "rich", "typer", "PIL")
-    code = f"import sys, pyibr; print([name for name in {heavy} if name in sys.modules])"
-    result = run(sys.executable, "-c", code)
-    assert (result.returncode, result.stdout.strip()) == (0, "[]"), result.stderr
 
 
 def frames(place: str, source: Projection) -> list[ibr.Frame]:
