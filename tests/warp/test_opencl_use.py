@@ -31,7 +31,7 @@ def run(*command: str, timeout: float = 120, **environment: str) -> subprocess.C
 
 @pytest.fixture(scope="module")
 def first(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
-    """What a first process has said, and its cache."""
+    """Output of a first process, and the folder of its cache."""
     cache = str(tmp_path_factory.mktemp("cache"))
     done = run(sys.executable, "-c", FIRST_FRAME, PYIBR_CACHE=cache, PYIBR_BINARIES="now")
     assert done.returncode == 0, done.stderr
