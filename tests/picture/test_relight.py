@@ -173,7 +173,7 @@ def test_a_scanned_dragon_is_relit_where_images_saw_it(given, least, dragon):
             assert psnr(frame.color, truth.lit(ibr.Light(**light)), seen) >= bar, name
 
 
-@pytest.mark.parametrize("name", ["depth object", "depth meshes", "warp"])
+@pytest.mark.parametrize("name", ["depth object", "depth meshes", pytest.param("warp", marks=pytest.mark.thorough)])
 def test_in_shadow_too(name):
     """A floor, and a card above the donut. Beside edges of shadows a map's texels count, and normals do not."""
     mesh, card = donut(), plane(0.45, 1.1)

@@ -223,7 +223,9 @@ def test_clamped_normals(system, size):
     assert np.abs(frame.color[..., 0] - 255 * (told @ towards))[frame.valid].max() <= 1
 
 
-@pytest.mark.parametrize("system", ["slices", "relief", pytest.param("relief, exact", marks=pytest.mark.thorough)])
+@pytest.mark.parametrize(
+    "system", ["slices", *(pytest.param(name, marks=pytest.mark.thorough) for name in ("relief", "relief, exact"))]
+)
 def test_slopes_shade_and_cast_shadows_as_far_as_the_map_reaches(system):
     """A disk on a slope that ends at the border: no cliff stands there, and beyond it is level."""
     y, x = np.mgrid[:24, :32] / 24

@@ -173,6 +173,7 @@ def test_the_foreground_leaves_no_trace_at_any_resolution(width):
     assert np.abs(frame.depth[hidden] / 3.0 - 1.0).mean() <= 0.01
 
 
+@pytest.mark.thorough
 def test_both_forms_of_the_kernels_fill_alike():
     view = scenes.stepped((131, 101))
     for pose in (view.camera.moved(0.4, 0, 0), view.camera.moved(0.3, 0.1, -0.2)):
