@@ -463,7 +463,8 @@ def test_names_that_are_no_text(scene: Scene):
     words = [sys.executable, "-c", "from pyibr.app.cli import app; app()", "warp", scene.folder / "\udcfe.png"]
     words += [scene.folder / "depth.npy", "--camera", scene.folder / "camera.json", "--orbit", "5", "-o", name]
     done = subprocess.run(words, capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (0, "")
+    # On a busy machine even kernels that PoCL has kept take long enough to be told of.
+    assert (done.returncode, re.sub("pyibr: kernels are being built .*\n", "", done.stderr)) == (0, "")
     assert "\ufffd.png: 61x37" in done.stdout
     assert name.exists()
 
