@@ -21,6 +21,8 @@ demo: .venv/.demo  ## new views of a terrain: build/demo.png
 # PoCL compiles each kernel once, not a second time for its work-groups' size: a third of the time, and a test holds that
 # pictures are the same.
 test test-all: export POCL_WORK_GROUP_SPECIALIZATION ?= 0
+# Tests start dozens of processes, and each would compile what it imports.
+test test-all: export PYTHONDONTWRITEBYTECODE :=
 # A test on Intel's runtime wants it.
 test test-all: .venv/.ready $(if $(findstring intel,$(PYIBR_DEVICE)),.venv/.cpu)
 # Each core begins with a run of files of its own, and takes some of another's when it has done them.

@@ -1,10 +1,19 @@
-"""A box without normals, with shared corners, and with corners for each triangle."""
+"""Boxes: eight corners, a mesh with shared corners and without normals, and one with corners for each triangle."""
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 import pyibr as ibr
+
+_QUADS = np.array([(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)])
+
+
+def cuboid(low: ArrayLike, high: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    """(8, 3) corners, which are shared by its sides, and (12, 3) faces, seen from outside."""
+    corners = np.asarray(low) + np.indices((2, 2, 2)).reshape(3, 8).T * np.subtract(high, low)
+    return corners, np.concatenate([_QUADS[:, [0, 1, 2]], _QUADS[:, [0, 2, 3]]])
 
 
 def box(size: tuple[float, float, float] = (2, 1.6, 1.2), inside: bool = False) -> ibr.Mesh:

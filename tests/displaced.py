@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-import pytest
 
 import pyibr as ibr
 from pyibr.core.camera import Camera
+from tests.embree import embree, true_depth
 from tests.reference.heights import bilinear_height
-
-o3d = pytest.importorskip("open3d")
 
 
 def square() -> ibr.Mesh:
@@ -53,18 +51,11 @@ class Solid:
         for start in (rim, rim + across):
             end = start + step
             walls += [np.column_stack([start, end, end + count]), np.column_stack([start, end + count, start + count])]
-        self.scene = o3d.t.geometry.RaycastingScene()
-        vertices = np.concatenate([top, base]).astype(np.float32)
-        self.scene.add_triangles(vertices, np.concatenate([faces, faces + count, *walls]).astype(np.uint32))
+        self.scene = embree(ibr.Mesh(np.concatenate([top, base]), np.concatenate([faces, faces + count, *walls])))
 
     def depth(self, camera: Camera) -> np.ndarray:
         """True planar depth seen by a camera; inf where there is nothing."""
-        y, x = np.mgrid[: camera.height, : camera.width]
-        pixels = np.stack([x, y], axis=-1).reshape(-1, 2)
-        at_1, at_2 = (camera.unproject(pixels, np.full(len(pixels), z)) for z in (1.0, 2.0))
-        rays = at_2 - at_1
-        hits = self.scene.cast_rays(np.concatenate([at_1 - rays, rays], axis=1).astype(np.float32))
-        return hits["t_hit"].numpy().reshape(camera.height, camera.width)
+        return true_depth(self.scene, camera)
 
 
 def interior(truth: np.ndarray, jump: float = 0.03) -> np.ndarray:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 import shutil
 import subprocess
 import sys
@@ -16,6 +15,7 @@ from pyibr.opencl import device
 from pyibr.opencl.in_flight import InFlight
 from pyibr.opencl.memory_pool import MemoryPool
 from pyibr.opencl.profile import GPU
+from tests.processes import with_path
 
 
 @contextmanager
@@ -43,7 +43,7 @@ def check_bounds(script: str) -> None:
         pytest.skip("oclgrind is not installed (apt-get install oclgrind)")
     script += "\nfrom pyibr.opencl import device\nprint('done on', device.current().device.name)\n"
     command = ("oclgrind", "--check-api", sys.executable, "-W", "ignore", "-c", script)
-    variables = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p), "PYIBR_DEVICE": "oclgrind"}
+    variables = with_path(PYIBR_DEVICE="oclgrind")
     result = subprocess.run(command, env=variables, capture_output=True, text=True, timeout=300)
     assert "done on Oclgrind" in result.stdout, result.stdout + result.stderr
     for report in ("Invalid read", "Invalid write"):

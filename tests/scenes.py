@@ -312,21 +312,21 @@ def _candidates(source: Camera, projection: str, toward: Array, sign: int) -> tu
     In each the epipole lies at the target pixel with the ray ``toward``.
     """
     turns, degrees = _rotations()
-    rotations, centers = [], []
+    rotation, centers = turns, []
+    if projection == "perspective" and source.projection == "orthographic":
+        # The pixel's ray must run towards the source: that leaves a spin about it, and any centre.
+        rotation = _aligned(sign * toward, turns)
     for distance in (0.7, 1.4, 2.5):
         if projection == "orthographic":
             # The source centre must lie on the pixel's ray; the camera stands back to have all before it.
-            rotation, center = turns, -turns @ [toward[0], toward[1], 6.0 + distance]
+            center = -turns @ [toward[0], toward[1], 6.0 + distance]
         elif source.projection == "orthographic":
-            # The pixel's ray must run towards the source: that leaves a spin about it, and any centre.
-            rotation = np.stack([_align(sign * toward, spin) for spin in turns])
             center = 1.5 * turns[:, :, 2]
             center[:, 2] = 4 - distance
         else:
-            rotation, center = turns, -distance * turns @ (sign * toward / np.linalg.norm(toward))
-        rotations.append(rotation)
+            center = -distance * turns @ (sign * toward / np.linalg.norm(toward))
         centers.append(center)
-    return np.concatenate(rotations), np.concatenate(centers), np.tile(degrees, 3)
+    return np.tile(rotation, (3, 1, 1)), np.concatenate(centers), np.tile(degrees, 3)
 
 
 @cache
@@ -342,12 +342,12 @@ def _rotations() -> tuple[Array, Array]:
     return np.stack([pose(*a)[:3, :3] for a in angles]), np.array([np.hypot(a[0], a[1]) for a in angles])
 
 
-def _align(toward: Array, spin: Array) -> Array:
-    """The rotation that takes ``toward`` to (0, 0, -1) and is spun about it as ``spin`` says."""
+def _aligned(toward: Array, spins: Array) -> Array:
+    """Rotations (n, 3, 3) that take ``toward`` to (0, 0, -1), spun about it as each of ``spins`` says."""
     z = -toward / np.linalg.norm(toward)
-    x = np.cross(spin[1], z)
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(z, x), z])
+    x = np.cross(spins[:, 1], z)
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    return np.stack([x, np.cross(z, x), np.broadcast_to(z, x.shape)], axis=1)
 
 
 def _surface(view: DepthImage) -> tuple[Array, Array]:

@@ -6,14 +6,13 @@ from typing import Any
 
 import cv2
 import numpy as np
-import pytest
 
 import pyibr as ibr
 from pyibr.capture import MeshScene
 from pyibr.core.camera import Camera
+from tests.boxes import cuboid
+from tests.embree import rays_of
 from tests.slicing.solids import revolved
-
-o3d = pytest.importorskip("open3d")
 
 AMBIENT = 0.25
 
@@ -25,9 +24,7 @@ def plane(half: float = 2.0, z: float = 0.0) -> ibr.Mesh:
 
 def box(middle: tuple[float, float, float], half: tuple[float, float, float]) -> ibr.Mesh:
     """Its corners are shared by its sides: its smooth normals are far from the sides' own."""
-    points = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * np.array(half) + middle
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    faces = [face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))]
+    points, faces = cuboid(np.subtract(middle, half), np.add(middle, half))
     return ibr.Mesh(points, faces, colors=np.full((8, 3), 255, np.uint8))
 
 
@@ -72,21 +69,10 @@ def light_of(name: str, **more: Any) -> ibr.Light:
     return ibr.Light(**LIGHTS[name], ambient=AMBIENT, **more)
 
 
-def caster(*meshes: Any) -> Any:
-    scene = o3d.t.geometry.RaycastingScene()
-    for mesh in meshes:
-        scene.add_triangles(np.array(mesh.vertices, np.float32), np.array(mesh.faces).astype(np.uint32))
-    return scene
-
-
 def first_hits(scene: Any, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(H, W) true planar depth (inf: nothing), (H, W, 3) its points and unit normals towards the camera."""
-    y, x = np.mgrid[: camera.height, : camera.width].reshape(2, -1)
-    pixels = np.stack([x, y], axis=-1)
-    near = camera.unproject(pixels, np.ones(len(pixels)))
-    forward = np.tile(camera.forward, (len(pixels), 1))
-    origin = np.tile(camera.center, (len(pixels), 1)) if camera.projection == "perspective" else near - forward
-    rays = np.concatenate([origin, near - origin], axis=1)  # of depth 1 a unit
+    rays = rays_of(camera)
+    origin = rays[:, :3]
     found = scene.cast_rays(rays.astype(np.float32))
     t, normal = found["t_hit"].numpy().astype(float), found["primitive_normals"].numpy().astype(float)
     normal *= np.where((normal * rays[:, 3:]).sum(axis=1, keepdims=True) > 0, -1, 1)

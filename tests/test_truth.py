@@ -131,7 +131,7 @@ def test_every_region_and_pair_of_signs_is_there(scene):
 def test_search_reference_is_the_truth(scene, source, target):
     view = scene(SIZE, source)
     poses = scenes.all_cameras(view, TARGET, target)
-    for number, pose in enumerate(poses[::2]):
+    for number, pose in enumerate(poses[::5]):
         edges, side = ("connect", "cut")[number % 2], ("front", "both")[number // 2 % 2]
         seen = truth.raycast(view, pose.camera, edges=edges, side=side)
         found = search_reference(view, pose.camera, edges=edges, side=side)

@@ -34,7 +34,7 @@ def leave_products(items: Iterable[pytest.Item]) -> None:
     """Mark as thorough what a test whose parameters multiply has beyond those that are enough."""
     of_function: dict[str, list[pytest.Function]] = defaultdict(list)
     for item in items:
-        if isinstance(item, pytest.Function) and hasattr(item, "callspec"):
+        if isinstance(item, pytest.Function) and hasattr(item, "callspec") and not item.get_closest_marker("thorough"):
             of_function[item.nodeid.split("[")[0]].append(item)
     for tests in of_function.values():
         values = [values_of(test) for test in tests]

@@ -330,10 +330,9 @@ def test_doctor_exits_with_1_if_no_device_works(monkeypatch: pytest.MonkeyPatch,
     assert runner.invoke(app, ["doctor"]).exit_code == code
 
 
-@pytest.mark.parametrize("module", ["pyibr", "pyibr.app.cli"])
-def test_importing_brings_nothing_heavy(module):
+def test_importing_brings_nothing_heavy():
     heavy = "{'pyopencl', 'cv2', 'PIL', 'OpenEXR', 'open3d', 'matplotlib'}"
-    code = f"import {module}, sys; print(sorted({heavy} & set(sys.modules)))"
+    code = f"import pyibr.app.cli, sys; print(sorted({heavy} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "[]\n"
 
@@ -464,7 +463,8 @@ def test_names_that_are_no_text(scene: Scene):
     words = [sys.executable, "-c", "from pyibr.app.cli import app; app()", "warp", scene.folder / "\udcfe.png"]
     words += [scene.folder / "depth.npy", "--camera", scene.folder / "camera.json", "--orbit", "5", "-o", name]
     done = subprocess.run(words, capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (0, "")
+    # On a busy machine even kernels that PoCL has kept take long enough to be told of.
+    assert (done.returncode, re.sub("pyibr: kernels are being built .*\n", "", done.stderr)) == (0, "")
     assert "\ufffd.png: 61x37" in done.stdout
     assert name.exists()
 

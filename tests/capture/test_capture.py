@@ -11,6 +11,7 @@ from pyibr.capture import MeshScene, capture, cube_cameras, object_views
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError
 from pyibr.meshes.mesh import Mesh
+from tests.boxes import cuboid
 
 o3d = pytest.importorskip("open3d")
 
@@ -202,16 +203,9 @@ assert len(propose_frusta(models.donut(), 2, 32)) == 2
     assert done.returncode == 0, done.stderr
 
 
-def box(low: tuple[float, float, float], high: tuple[float, float, float]) -> Mesh:
-    corners = np.array(np.meshgrid(*zip(low, high, strict=True), indexing="ij")).reshape(3, -1).T
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    faces = [[a, b, c] for a, b, c, _ in quads] + [[a, c, d] for a, _, c, d in quads]
-    return Mesh(corners, faces)
-
-
 @pytest.mark.parametrize("projection", ["orthographic", "perspective"])
 def test_six_views_see_a_box_from_its_six_sides(projection):
-    mesh, size, margin = box((1, 2, 3), (3, 3, 7)), 100, 0.05
+    mesh, size, margin = Mesh(*cuboid((1, 2, 3), (3, 3, 7))), 100, 0.05
     views = object_views(mesh, size, projection=projection, margin=margin)
     extents, middle = np.array([2.0, 1, 4]), np.array([2, 2.5, 5])
     edge = 4 * (1 + 2 * margin)
@@ -235,7 +229,7 @@ def test_six_views_see_a_box_from_its_six_sides(projection):
 @pytest.mark.parametrize(("argument", "value"), [("projection", "fisheye"), ("margin", -0.1), ("size", 0)])
 def test_six_views_of_wrong_arguments(argument, value):
     with pytest.raises(ArgumentError, match=f"^{argument}: "):
-        object_views(box((0, 0, 0), (1, 1, 1)), **({"size": 8} | {argument: value}))
+        object_views(Mesh(*cuboid((0, 0, 0), (1, 1, 1))), **({"size": 8} | {argument: value}))
 
 
 def test_a_mesh_is_captured_with_its_own_colours():
@@ -256,9 +250,7 @@ def test_a_mesh_is_captured_with_its_own_colours():
 @pytest.mark.parametrize("thickness", [0, 0.01])
 def test_an_object_too_thin_for_six_views(projection, thickness):
     """A plate from its edge lies between two rows of pixels."""
-    corners = np.array(np.meshgrid((0, 1), (0, 1), (0, thickness), indexing="ij")).reshape(3, -1).T
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    plate = Mesh(corners, [[a, b, c] for a, b, c, _ in quads] + [[a, c, d] for a, _, c, d in quads])
+    plate = Mesh(*cuboid((0, 0, 0), (1, 1, thickness)))
     with pytest.raises(ArgumentError, match=r"^mesh: expected .*thicker than a pixel.* got extents of 1, 1, "):
         object_views(plate, 64, projection=projection)
     if thickness:

@@ -13,6 +13,7 @@ from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.meshes.mesh import Mesh
 from pyibr.warp.warp import warp
 from tests import truth
+from tests.capture.torus import torus
 from tests.data import shared
 
 o3d = pytest.importorskip("open3d")
@@ -80,6 +81,14 @@ def test_the_whole_torus_is_seen(direction):
     assert np.median(np.abs(seen.depth - expected.depth)[inside & seen.valid]) < 0.01
 
 
+@pytest.fixture
+def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The torus of fewer triangles."""
+    mesh = torus()
+    monkeypatch.setattr(models, "torus_mesh", lambda: mesh)
+
+
+@pytest.mark.usefixtures("coarse")
 def test_six_frusta_around_it_see_the_torus_and_its_inner_wall():
     """By rays, from where the wall is seen through the hole."""
     views = models.torus_from_outside(160)
@@ -94,6 +103,7 @@ def test_six_frusta_around_it_see_the_torus_and_its_inner_wall():
         assert (np.abs(frame.depth / expected.depth - 1)[both] < 0.01).mean() > 0.99
 
 
+@pytest.mark.usefixtures("coarse")
 def test_the_torus_layers_can_be_had_alone():
     both, last = models.torus(16), models.torus(16, layers=("last",))
     assert len(last) == 6

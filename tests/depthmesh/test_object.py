@@ -74,13 +74,12 @@ def test_the_views_order_changes_nothing(blend):
     rng = np.random.default_rng(0)
     for camera in (target(), target(DIRECTIONS[2], "orthographic")):
         first = ibr.render(ibr.DepthMeshObject(views, blend=blend), camera)
-        for _ in range(3):
-            other = ibr.render(ibr.DepthMeshObject([views[k] for k in rng.permutation(6)], blend=blend), camera)
-            np.testing.assert_array_equal(other.valid, first.valid)
-            np.testing.assert_array_equal(other.depth, first.depth)
-            # Sums of three in another order; of equally near fronts "nearest" takes the first view's.
-            off = np.abs(other.color.astype(int) - first.color).max(axis=2)
-            assert (off <= 1).mean() >= (0.999 if blend == "nearest" else 1)
+        other = ibr.render(ibr.DepthMeshObject([views[k] for k in rng.permutation(6)], blend=blend), camera)
+        np.testing.assert_array_equal(other.valid, first.valid)
+        np.testing.assert_array_equal(other.depth, first.depth)
+        # Sums of three in another order; of equally near fronts "nearest" takes the first view's.
+        off = np.abs(other.color.astype(int) - first.color).max(axis=2)
+        assert (off <= 1).mean() >= (0.999 if blend == "nearest" else 1)
 
 
 def test_two_runs_give_the_same_bits():
@@ -390,7 +389,7 @@ def test_views_that_look_the_opposite_way_are_chosen_last():
 
 
 def test_counts_and_cameras_build_nothing():
-    builds, after, views = Builds(), list[int](), six()
+    builds, after, views = Builds(), list[int](), object_views(torus(), 24)
     with watching(builds):
         for count in (3, 4, 6):
             for blend in BLENDS:

@@ -13,6 +13,7 @@ from tests.depthmesh.views import PROJECTIONS, TESTS, rough
 from tests.one_lane import one_lane
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize("test", TESTS)
 def test_trees_in_one_lane(test, projection):

@@ -15,7 +15,8 @@ from pyibr.core.camera import Camera
 from pyibr.depthmesh import Segmentation
 from tests import scenes
 from tests.depthmesh.views import PROJECTIONS, SIZE, six, target
-from tests.shadowed import AMBIENT, CAMERAS, agreement, ball, box, caster, joined, plane
+from tests.embree import embree
+from tests.shadowed import AMBIENT, CAMERAS, agreement, ball, box, joined, plane
 from tests.slicing.solids import torus, views_of_torus
 
 
@@ -54,7 +55,7 @@ def test_shadows_are_cast_and_received(shape):
     solid = ball((0.2, 0.1, 0.75), 0.6)
     bar, floor = box((-0.3, -0.6, 1.4), (0.1, 0.7, 0.05)), plane()
     views = object_views(joined([solid]), 128)
-    scene, light = caster(solid, bar, floor), ibr.Light(**shape, ambient=AMBIENT)
+    scene, light = embree(solid, bar, floor), ibr.Light(**shape, ambient=AMBIENT)
     for thing in (ibr.DepthMeshObject(views), ibr.DepthMeshObject([ibr.DepthMesh(view) for view in views], blended=6)):
         # Samples are 0.01 apart: the horizon of the ball as the light sees it is known to that.
         assert agreement([thing, bar, floor], scene, CAMERAS["perspective"], light) >= 0.97

@@ -18,7 +18,7 @@ from tests import scenes
 from tests.depthmesh.views import PROJECTIONS, TESTS, cells_of, rough, samples_for, samples_within
 from tests.reference import depthmesh as reference
 
-SIZES = [(2, 2), (7, 13), (61, 37), (33, 33), (65, 40)]
+SIZES = [(2, 2), (7, 13), (17, 17), (35, 20)]
 ERRORS: tuple[ErrorsBy, ...] = ("sum", "largest")
 
 # Depths are about 4 and kept as their inverses: two roundings of 2^-24 of it each way, a few more in differences of
@@ -32,7 +32,7 @@ def all_kinds() -> list[tuple[str, ibr.DepthMesh, reference.Tree]]:
     for number, (projection, size) in enumerate(product(PROJECTIONS, SIZES)):
         holes = 0.03 * (number % 2)
         views[f"{size} {projection} {holes}"] = rough(np.random.default_rng(number), size, projection, 0.02, holes)
-    views["holed"], views["stepped"] = scenes.holed((61, 37)), scenes.stepped((33, 33), "orthographic")
+    views["holed"], views["stepped"] = scenes.holed((31, 19)), scenes.stepped((17, 17), "orthographic")
     things = {
         f"{name} {errors}": ibr.DepthMesh(view, errors=errors) for name, view in views.items() for errors in ERRORS
     }
@@ -147,7 +147,7 @@ def counter_clockwise(triangle: tuple[reference.Corner, ...]) -> tuple[reference
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_simplification(projection):
-    for size, holes in [((7, 13), 0.0), ((33, 33), 0.01), ((40, 21), 0.0)]:
+    for size, holes in [((7, 13), 0.0), ((17, 17), 0.01), ((20, 11), 0.0)]:
         thing = ibr.DepthMesh(rough(np.random.default_rng(3), size, projection, 0.01, holes))
         structure = twin(thing)
         for bound in (0.0123, 0.05, 0.3):  # no sample's error is one of them
@@ -178,8 +178,8 @@ def test_segmentation(projection, test, deviations):
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_normals_and_quality(projection):
     for view in (
-        rough(np.random.default_rng(6), (61, 37), projection, 0.02, 0.02),
-        scenes.stepped((33, 33), projection),
+        rough(np.random.default_rng(6), (31, 19), projection, 0.02, 0.02),
+        scenes.stepped((17, 17), projection),
     ):
         thing = ibr.DepthMesh(view)
         expected = reference.normals(view, reference.segmented(view, thing.segmentation))

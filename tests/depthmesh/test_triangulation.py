@@ -25,9 +25,10 @@ from tests.depthmesh.views import (
     some_mesh,
     weights_in,
 )
+from tests.embree import embree, rays_of
 from tests.slicing.solids import views_of_torus
 
-o3d = pytest.importorskip("open3d")
+pytest.importorskip("open3d")
 
 TOLERANCES = (0, 0.3, 1, 4, 20, 1e9)
 
@@ -35,16 +36,16 @@ TOLERANCES = (0, 0.3, 1, 4, 20, 1e9)
 def test_no_triangulation_has_cracks():
     rng = np.random.default_rng(0)
     partly = 0
-    for number in range(60):
+    for number in range(24):
         thing = some_mesh(rng, number)
         size, drawn = thing.view.camera.size, cells_of(thing)
-        for _ in range(3):
+        for _ in range(2):
             camera = some_camera(rng, thing.view)
             for tolerance in TOLERANCES:
                 covered = check_crack_free(samples_for(thing, camera, tolerance), size)
                 assert not (covered & ~drawn).any()
                 partly += 0 < covered.sum() < drawn.sum()
-    assert partly > 100  # with lost triangles at edges
+    assert partly > 30  # with lost triangles at edges
 
 
 def test_tolerance_0_is_the_full_grid():
@@ -74,7 +75,7 @@ def test_no_edge_is_lost_at_common_tolerances():
 def test_vertices_are_the_samples():
     """Whatever the image's width, its points pass through (x z, y z, z) and back."""
     for projection in PROJECTIONS:
-        for size in ((2, 1301), (4099, 3), (61, 37), (1000, 7)):
+        for size in ((2, 521), (1031, 3), (61, 37)):
             view = rough(np.random.default_rng(1), size, projection, 0.3)
             mesh = ibr.DepthMesh(view, segmentation=Segmentation("none")).triangulate(view.camera, tolerance=0)
             np.testing.assert_array_equal(mesh.vertices, view.points.astype(np.float32))
@@ -109,7 +110,7 @@ def vertical_error(corners: np.ndarray, view: ibr.DepthImage) -> float:
 def test_simplify_never_exceeds_its_error():
     rng = np.random.default_rng(2)
     used = []
-    for number in range(32):
+    for number in range(24):
         thing = some_mesh(rng, number)
         drawn = cells_of(thing)
         for bound in (0.0, 0.01, 0.05, 0.3, 5.0):
@@ -125,10 +126,10 @@ def test_simplify_never_exceeds_its_error():
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_simplify_sees_every_single_sample(projection):
     """A spike on a plane, wherever it is: on borders, of holes too, no second triangle would see it."""
-    side, bound = 17, 0.05
+    side, bound = 9, 0.05
     flat = plane((side, side), projection)
     y, x = np.mgrid[:side, :side]
-    for beyond in (0 * x, x + y - 16, 16 - x - y, x - y, y - x):  # > 0: there is nothing
+    for beyond in (0 * x, x + y - 8, 8 - x - y, x - y, y - x):  # > 0: there is nothing
         for at in zip(*np.nonzero(beyond == 0), strict=True):
             depth = np.where(beyond > 0, np.float32(np.nan), flat.depth)
             depth[at] += 0.1
@@ -168,22 +169,9 @@ def test_simplify_gives_fewer_triangles_than_errors_that_bound():
 # --- errors as seen by the target ---------------------------------------------------------------------
 
 
-def cast(mesh: ibr.Mesh) -> o3d.t.geometry.RaycastingScene:
-    scene = o3d.t.geometry.RaycastingScene()
-    scene.add_triangles(np.array(mesh.vertices), mesh.faces.astype(np.uint32))
-    return scene
-
-
-def rays_of(camera: Camera) -> np.ndarray:
-    y, x = np.mgrid[: camera.height, : camera.width]
-    pixels = np.column_stack([x.ravel(), y.ravel()])
-    start, end = (camera.unproject(pixels, np.full(len(pixels), z)) for z in (1e-3, 1.0 + 1e-3))
-    return np.concatenate([start, end - start], axis=1)
-
-
 def errors_in_pixels(fine: ibr.Mesh, coarse: ibr.Mesh, camera: Camera) -> np.ndarray:
     """From what each pixel sees of either mesh to the other, where it sees both; their outlines are not counted."""
-    rays, scenes_of = rays_of(camera), (cast(fine), cast(coarse))
+    rays, scenes_of = rays_of(camera), (embree(fine), embree(coarse))
     t = [scene.cast_rays(rays.astype(np.float32))["t_hit"].numpy().astype(np.float64) for scene in scenes_of]
     both = np.isfinite(t[0]) & np.isfinite(t[1])
     assert both.mean() > 0.05
@@ -235,7 +223,7 @@ def test_errors_in_pixels(name, tolerance):
 @pytest.mark.parametrize("name", ["torus", "rough"])
 def test_the_largest_errors_take_fewer_triangles(name):
     """A sum is at least its largest part: the paper's rule never takes a triangle more, and is seldom off by more."""
-    for tolerance in (1, 2, 4):
+    for tolerance in (1, 4):
         counts, off = [], []
         for thing, camera in seen(name):
             paper = ibr.DepthMesh(thing.view, errors="largest")

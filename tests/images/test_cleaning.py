@@ -206,7 +206,9 @@ def test_what_moves_is_not_smeared_over_its_shadow():
         assert np.abs(before - depth)[:, : left - 2].max() < 0.02, "the wall, but for 2 pixels"
 
 
-@pytest.mark.parametrize("step", [0.03, 0.1, 0.3, 1.0, 3.0])
+@pytest.mark.parametrize(
+    "step", [0.03, 0.3, 3.0, *(pytest.param(step, marks=pytest.mark.thorough) for step in (0.1, 1.0))]
+)
 def test_what_drifts_is_behind_by_half_of_the_noise_at_most(step):
     """So many of the noise's standard deviations from frame to frame."""
     deviation = np.hypot(0.3, 0.125 / np.sqrt(12)) / (FOCAL * BASELINE)  # of nearness, with the disparity's steps

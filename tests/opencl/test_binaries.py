@@ -26,6 +26,7 @@ from pyibr.opencl import binaries, program
 from pyibr.opencl.device import current
 from pyibr.opencl.launch import launch
 from pyibr.opencl.memory import empty
+from tests.processes import with_path
 
 CAMERA = "camera = ibr.Camera([[30, 0, 20], [0, 30, 15], [0, 0, 1]], (41, 31))\n"
 PICTURE = f"""
@@ -49,8 +50,7 @@ posix = pytest.mark.skipif(os.name != "posix", reason="signals")
 
 
 def environment(folder: Path, binaries: str = "later") -> dict[str, str]:
-    path = os.pathsep.join(p for p in sys.path if p)
-    return os.environ | {"PYTHONPATH": path, "PYIBR_CACHE": str(folder), "PYIBR_BINARIES": binaries}
+    return with_path(PYIBR_CACHE=str(folder), PYIBR_BINARIES=binaries)
 
 
 def run(code: str, folder: Path, binaries: str = "later") -> subprocess.CompletedProcess[str]:

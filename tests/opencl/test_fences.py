@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import sys
@@ -11,6 +10,7 @@ import pytest
 
 from pyibr.opencl.headers import kernels_folder
 from tests.opencl.cases import FOLDERS
+from tests.processes import with_path
 
 pytestmark = pytest.mark.thorough
 
@@ -45,8 +45,7 @@ print("through", made.host[steps[1]])
 
 
 def run(*command: str) -> subprocess.CompletedProcess[str]:
-    variables = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
-    return subprocess.run([sys.executable, *command], env=variables, capture_output=True, text=True, timeout=1800)
+    return subprocess.run([sys.executable, *command], env=with_path(), capture_output=True, text=True, timeout=1800)
 
 
 @linux

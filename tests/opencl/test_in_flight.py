@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import random
 import re
 import signal
@@ -29,6 +28,7 @@ from pyibr.opencl.watch import Watch, watching
 from tests import scenes
 from tests.one_lane import one_lane
 from tests.opencl.everything import Call, calls, same
+from tests.processes import with_path
 
 
 @contextmanager
@@ -190,7 +190,7 @@ def test_calls_after_one_that_ended_at_some_launch(cut: int | None):
     chance = random.Random(7)
     for call in calls().values():
         expected = call()
-        for _ in range(3):
+        for _ in range(2):
             watch = _Interrupted(chance.randint(1, 8), chance.random() < 0.5)
             with pieces(cut), watching(watch), suppress(KeyboardInterrupt):
                 call()
@@ -223,7 +223,7 @@ for name, call in found.items():
     expected[name] = call()
     seconds[name] = time.perf_counter() - start
 session, turns, before, rung = device.current(), [], held(), 0
-while rung < 50:
+while rung < 30:
     name = chance.choice(list(found))
     try:
         signal.setitimer(signal.ITIMER_REAL, chance.uniform(1e-5, seconds[name]))
@@ -289,9 +289,8 @@ print("in order")
 
 
 def _child(script: str) -> subprocess.Popen[str]:
-    paths = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
     pipe = subprocess.PIPE
-    return subprocess.Popen([sys.executable, "-c", script], env=paths, stdout=pipe, stderr=pipe, text=True)
+    return subprocess.Popen([sys.executable, "-c", script], env=with_path(), stdout=pipe, stderr=pipe, text=True)
 
 
 posix = pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="Windows has no timers that raise signals")

@@ -5,7 +5,6 @@ Its search for values that are unset ends the process in some kernels, and takes
 
 from __future__ import annotations
 
-import os
 import shutil
 import subprocess
 import sys
@@ -13,6 +12,7 @@ import sys
 import pytest
 
 from tests.opencl.cases import FOLDERS
+from tests.processes import with_path
 
 pytestmark = pytest.mark.thorough
 
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.thorough
 @pytest.mark.parametrize("folder", FOLDERS)
 def test_no_kernel_reads_or_writes_what_is_not_its_own(folder: str):
     command = ("oclgrind", "--check-api", sys.executable, "-m", "tests.opencl.cases", folder)
-    variables = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p), "PYIBR_DEVICE": "oclgrind"}
+    variables = with_path(PYIBR_DEVICE="oclgrind")
     done = subprocess.run(command, env=variables, capture_output=True, text=True, timeout=1800)
     said = done.stdout + done.stderr
     assert done.stdout.endswith("through on Oclgrind\n"), said[-3000:]

@@ -13,6 +13,7 @@ import pyopencl as cl
 import pytest
 
 from pyibr.opencl import runtimes
+from tests.processes import with_path
 
 
 @pytest.fixture
@@ -126,8 +127,8 @@ def test_a_home_that_cannot_be_used_costs_no_device(tmp_path: Path, variable: st
     (tmp_path / "open").chmod(0o777)
     (tmp_path / "temporary").mkdir()
     paths = {"HOME": tmp_path / "file/home", "XDG_CACHE_HOME": Path("/proc"), "POCL_CACHE_DIR": tmp_path / "open"}
-    environment = {name: value for name, value in os.environ.items() if name not in {*paths, "PYIBR_CACHE"}}
-    environment |= {"TMPDIR": str(tmp_path / "temporary"), "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    environment = {name: value for name, value in with_path().items() if name not in {*paths, "PYIBR_CACHE"}}
+    environment["TMPDIR"] = str(tmp_path / "temporary")
     environment |= {name: str(paths[name]) for name in ({"HOME", variable} if variable else ())}
     command = [sys.executable, "-W", "ignore", "-c", KERNEL]
     done = subprocess.run(command, env=environment, capture_output=True, text=True)
@@ -137,12 +138,11 @@ def test_a_home_that_cannot_be_used_costs_no_device(tmp_path: Path, variable: st
 
 
 @pytest.mark.skipif(os.name != "posix", reason="processes have a path there")
-@pytest.mark.parametrize("path", [{}, {"PATH": ""}])
+@pytest.mark.parametrize("path", [{}, pytest.param({"PATH": ""}, marks=pytest.mark.thorough)])
 def test_an_environment_without_a_path_costs_no_device(tmp_path: Path, path: dict[str, str]):
     """As of services; PoCL's compiler needs one to find a linker."""
-    kept = {name: value for name, value in os.environ.items() if name.startswith(("PYIBR", "LD_"))}
+    kept = {name: value for name, value in with_path().items() if name.startswith(("PYIBR", "LD_", "PYTHONPATH"))}
     kept |= {"PYIBR_CACHE": str(tmp_path / "cache"), "HOME": str(tmp_path)}  # where PoCL keeps no kernel yet
-    kept |= {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
     command = [sys.executable, "-c", "import pyibr as ibr; print([device.works for device in ibr.devices()])"]
     done = subprocess.run(command, env=kept | path, capture_output=True, text=True)
     assert "True" in done.stdout, done.stdout + done.stderr
@@ -170,8 +170,7 @@ print([hashlib.sha256(frame.color.tobytes() + frame.depth.tobytes()).hexdigest()
 def test_kernels_for_one_size_of_work_groups_draw_the_same():
     """PoCL compiles those unless it is told not to, as the whole suite is by `make test`."""
     variable = "POCL_WORK_GROUP_SPECIALIZATION"
-    environment = {name: value for name, value in os.environ.items() if name != variable}
-    environment["PYTHONPATH"] = os.pathsep.join(p for p in sys.path if p)
+    environment = {name: value for name, value in with_path().items() if name != variable}
     pictures = [
         subprocess.run([sys.executable, "-c", PICTURES], env=environment | told, capture_output=True, check=True).stdout
         for told in ({}, {variable: "0"})

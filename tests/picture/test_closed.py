@@ -7,7 +7,8 @@ import pytest
 
 import pyibr as ibr
 from pyibr.core.camera import Camera
-from tests.shadowed import caster, first_hits
+from tests.embree import embree
+from tests.shadowed import first_hits
 
 WHITE = np.full((1, 1, 3), 200, np.uint8)
 LEAST = 0.3  # of the heights of `rough`
@@ -56,7 +57,7 @@ def around(mesh: ibr.Mesh, eye: tuple[float, float, float], size: int = 320) -> 
 
 
 def covered(mesh: ibr.Mesh, camera: Camera) -> np.ndarray:
-    return np.isfinite(first_hits(caster(mesh), camera)[0])
+    return np.isfinite(first_hits(embree(mesh), camera)[0])
 
 
 @pytest.mark.parametrize("n", [1, 8])
@@ -72,7 +73,7 @@ def test_slices_on_a_cube_are_closed_at_its_edges(slicing, n):
         # Of one height the truth is a mesh. On a wall's diagonal the volume's height h lies h (1 - h) |a - b| scale
         # beside it, where a and b are the normals at the wall's ends, at most 1.16 apart; slices are met at a slope.
         frame = ibr.render(ibr.SlicedSurface(mesh, level, WHITE, scale, slicing=slicing), camera)
-        truth, _, _ = first_hits(caster(displaced(mesh, 0.8 * scale)), camera)
+        truth, _, _ = first_hits(embree(displaced(mesh, 0.8 * scale)), camera)
         assert (np.isfinite(truth) != frame.valid).sum() <= 400
         both = np.isfinite(truth) & frame.valid
         assert (np.abs(frame.depth - truth)[both] <= (0.16 * 1.16 + 4 / 64) * scale).mean() >= 0.99

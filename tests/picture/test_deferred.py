@@ -10,6 +10,7 @@ import pytest
 
 import pyibr as ibr
 from pyibr.capture import MeshScene, capture, models, object_views
+from tests.boxes import cuboid
 from tests.one_lane import one_lane
 
 CAMERA = ibr.Camera.look_at((1.5, -2.2, 2), (0, 0, 0), (0, 0, 1), (203, 151), fov_y=40)
@@ -57,7 +58,7 @@ def test_colours_do_not_depend_on_the_order(light):
     assert (first.color != plain.color).any(axis=2)[plain.valid].mean() > 0.2
     told = ~ties(things, CAMERA)
     assert told[first.valid].mean() > 0.95
-    for number, order in enumerate(permutations(things[:-1])):
+    for number, order in enumerate([*permutations(things[:-1])][::5]):
         place = number % len(things)  # of the mesh
         frame = ibr.render([*order[:place], things[-1], *order[place:]], CAMERA, lamp)
         np.testing.assert_array_equal(frame.depth, first.depth)
@@ -114,6 +115,7 @@ def test_what_is_drawn_in_front_later_is_lit_on_its_own():
             np.testing.assert_array_equal(frame.color[alone.valid], alone.color[alone.valid])
 
 
+@pytest.mark.thorough
 def test_one_lane_lights_many_things_alike():
     """Several in one packet of pixels."""
     camera = ibr.Camera([[30, 0, 18], [0, 30, 12], [0, 0, 1]], (37, 25))
@@ -172,8 +174,8 @@ def test_each_way_of_the_warp_is_lit(how, relight):
 
 def test_normals_of_depths_are_those_of_the_thing_alone():
     """A box, as the hull of silhouettes, which tell no normals, and a mesh that cuts it: at the cut both are as far."""
-    box = MeshScene.from_mesh(ibr.Mesh(*cuboid((0.6, 0.5, 0.4)), colors=np.full((8, 3), 200, np.uint8)))
-    views = object_views(box, 96)
+    box = cuboid((-0.6, -0.5, -0.4), (0.6, 0.5, 0.4))
+    views = object_views(MeshScene(*box, colors=np.full((8, 3), 200, np.uint8)), 96)
     outlines = [ibr.Silhouette(np.where(v.valid[..., None], v.color, np.uint8(200)), v.valid, v.camera) for v in views]
     hull = ibr.VisualHull(outlines, slices=256)
     sheet = ibr.Mesh([[-2, -2, -0.9], [2, -2, 0.7], [2, 2, 0.9], [-2, 2, -0.7]], [[0, 1, 2], [0, 2, 3]])
@@ -185,9 +187,3 @@ def test_normals_of_depths_are_those_of_the_thing_alone():
     assert at_cut.sum() > 100
     off = np.abs(cut.color[at_cut].astype(int) - alone.color[at_cut]).max(axis=1)
     assert (off <= 12).mean() > 0.98, (off <= 12).mean()
-
-
-def cuboid(half: tuple[float, float, float]) -> tuple[np.ndarray, list[tuple[int, int, int]]]:
-    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * np.array(half)
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    return corners, [face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))]

@@ -130,7 +130,7 @@ def test_who_draws_later_keeps_what_is_nearer(name, projection):
         np.testing.assert_array_equal(both.valid, a.valid | b.valid)
 
 
-@pytest.mark.parametrize("lanes", [1, 16])
+@pytest.mark.parametrize("lanes", [pytest.param(1, marks=pytest.mark.thorough), 16])
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("name", NAMES)
 def test_what_is_equally_far_stays(name, projection, lanes):

@@ -38,7 +38,7 @@ def degrees(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize("size", [(1, 1), (1, 5), (7, 1), (2, 2), (13, 7), (37, 29)])
-@pytest.mark.parametrize("lanes", [1, 16])
+@pytest.mark.parametrize("lanes", [pytest.param(1, marks=pytest.mark.thorough), 16])
 def test_they_are_those_of_the_reference(size, projection, lanes):
     """Of rough depths with holes and steps."""
     rng, camera = np.random.default_rng(3), camera_of(size, projection)

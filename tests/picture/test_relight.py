@@ -11,9 +11,11 @@ import pytest
 import pyibr as ibr
 from pyibr.capture import MeshScene, models, object_views
 from pyibr.core.camera import Camera
+from tests.boxes import cuboid
 from tests.data import shared
+from tests.embree import embree
 from tests.one_lane import check_bounds, one_lane
-from tests.shadowed import caster, edges, first_hits, plane, true_shares
+from tests.shadowed import edges, first_hits, plane, true_shares
 
 LIGHTS: dict[str, dict[str, Any]] = {
     "far": {"direction": (1, 0.6, -1.2)},
@@ -75,7 +77,7 @@ class Truth:
     """A mesh as its ray-cast depth, colours and interpolated normals, which are turned to the camera."""
 
     def __init__(self, mesh: ibr.Mesh, camera: Camera) -> None:
-        found = caster(mesh)
+        found = embree(mesh)
         self.depth, points, own = first_hits(found, camera)
         self.points = np.where(np.isfinite(points), points, 0)
         self.camera, self.scene, self.own = camera, found, own
@@ -171,12 +173,12 @@ def test_a_scanned_dragon_is_relit_where_images_saw_it(given, least, dragon):
             assert psnr(frame.color, truth.lit(ibr.Light(**light)), seen) >= bar, name
 
 
-@pytest.mark.parametrize("name", ["depth object", "depth meshes", "warp"])
+@pytest.mark.parametrize("name", ["depth object", "depth meshes", pytest.param("warp", marks=pytest.mark.thorough)])
 def test_in_shadow_too(name):
     """A floor, and a card above the donut. Beside edges of shadows a map's texels count, and normals do not."""
     mesh, card = donut(), plane(0.45, 1.1)
     floor = ibr.Mesh(0.5 * plane(4.0, -1.9).vertices, plane().faces, colors=np.full((4, 3), 200, np.uint8))
-    scene, truth = caster(mesh, floor, card), Truth(mesh, PERSPECTIVE)
+    scene, truth = embree(mesh, floor, card), Truth(mesh, PERSPECTIVE)
     depth, points, own = first_hits(scene, PERSPECTIVE)
     made = MAKERS[name](object_views(mesh, 192, normals=True))
     things = [*(made if isinstance(made, list) else [made]), floor, card]
@@ -258,16 +260,14 @@ def test_a_slanted_wall_by_lamberts_law(side, projection):
 
 def test_of_what_has_no_normals_the_picture_tells_them():
     """A hull of silhouettes alone, of a box: its faces are flat."""
-    corners = np.array([[x, y, z] for x in (-0.6, 0.6) for y in (-0.5, 0.5) for z in (-0.4, 0.4)])
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    faces = [face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))]
+    corners, faces = cuboid((-0.6, -0.5, -0.4), (0.6, 0.5, 0.4))
     views = object_views(MeshScene(corners, faces, colors=np.full((8, 3), 200, np.uint8)), 96)
     outlines = [ibr.Silhouette(np.where(v.valid[..., None], v.color, np.uint8(200)), v.valid, v.camera) for v in views]
     light = ibr.Light(**LIGHTS["far"], shadow_size=0)
     frame = ibr.render(
         ibr.VisualHull(outlines, slices=256), PERSPECTIVE, ibr.Light(**LIGHTS["far"], shadow_size=0, relight=True)
     )
-    depth, points, own = first_hits(caster(ibr.Mesh(corners, faces)), PERSPECTIVE)
+    depth, points, own = first_hits(embree(ibr.Mesh(corners, faces)), PERSPECTIVE)
     expected = shaded(np.full(3, 200.0), own, np.where(np.isfinite(points), points, 0), PERSPECTIVE, light)
     inner = frame.valid & np.isfinite(depth) & ~edges(own[..., 0] > 0.5) & ~edges(own[..., 2] > 0.5) & ~edges(depth)
     assert inner.sum() > 5000

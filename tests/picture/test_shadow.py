@@ -12,6 +12,7 @@ from pyibr.capture import capture, object_views
 from pyibr.core.camera import Camera
 from pyibr.picture.shadow import light_cameras
 from tests.displaced import Solid, square
+from tests.embree import embree
 from tests.one_lane import check_bounds, one_lane
 from tests.reference.heights import bilinear_height
 from tests.relief.solids import Carved, grid, torus
@@ -23,7 +24,6 @@ from tests.shadowed import (
     agreement,
     ball,
     box,
-    caster,
     hilly,
     joined,
     light_of,
@@ -37,7 +37,7 @@ from tests.truth import triangulate
 @pytest.mark.parametrize("name", SCENES)
 def test_shadows_are_those_of_rays(name, kind, projection):
     things = SCENES[name]
-    share = agreement(things, caster(*things), CAMERAS[projection], light_of(kind))
+    share = agreement(things, embree(*things), CAMERAS[projection], light_of(kind))
     assert share >= 0.999
 
 
@@ -70,11 +70,11 @@ def test_reliefs_shadow_themselves_and_others(shape, shadow):
     wide = ibr.Mesh(3 * square().vertices - (1, 1, 0), square().faces, uv=3 * square().uv)  # rays run on beyond it
     surface = ibr.ReliefSurface(wide, height, color, 0.25, shadow=shadow)
     stone = box((0.5, 0.5, 0.17), (0.12, 0.07, 0.05))
-    scene = caster(stone, floor)
-    u, v = np.meshgrid(np.arange(769) / 256 - 1, np.arange(769) / 256 - 1)
-    y, x = np.mgrid[:768, :768]
-    at = (769 * y + x).ravel()
-    faces = np.concatenate([np.stack([at, at + 1, at + 770], 1), np.stack([at, at + 770, at + 769], 1)])
+    scene = embree(stone, floor)
+    u, v = np.meshgrid(np.arange(385) / 128 - 1, np.arange(385) / 128 - 1)
+    y, x = np.mgrid[:384, :384]
+    at = (385 * y + x).ravel()
+    faces = np.concatenate([np.stack([at, at + 1, at + 386], 1), np.stack([at, at + 386, at + 385], 1)])
     points = np.stack([u, v, 0.25 * (bilinear_height(height.astype(float), u, v) - 1)], axis=-1).reshape(-1, 3)
     scene.add_triangles(points.astype(np.float32), faces.astype(np.uint32))
     camera = Camera.look_at((0.9, -1.0, 1.05), (0.5, 0.5, -0.2), (0, 0, 1), (320, 240), fov_y=42)
@@ -112,7 +112,7 @@ def test_a_warped_depth_image_casts_and_receives(shape, dtype, edges):
     color = np.full((300, 400, 3), 255 if dtype == np.uint8 else 1, dtype)
     view = ibr.DepthImage(color, view.depth, source)
     beam, shelf = box((0.2, -0.9, 0.9), (0.6, 0.05, 0.05)), plane(5.0, -0.4)
-    scene = caster(beam, shelf)
+    scene = embree(beam, shelf)
     y, x = np.mgrid[:300, :400].reshape(2, -1)
     z = np.nan_to_num(view.depth.ravel().astype(float), nan=1.0, posinf=1.0)
     scene.add_triangles(
@@ -174,7 +174,7 @@ def test_objects_from_images_cast_and_receive(shape, make):
     solid = ball((0.2, 0.1, 0.75), 0.6) if make is ibr.DepthObject else box((0.2, 0.1, 0.6), (0.6, 0.4, 0.5))
     bar, floor = box((-0.3, -0.6, 1.4), (0.1, 0.7, 0.05)), plane()
     things = [make(object_views(joined([solid]), 128), slices=128), bar, floor]
-    share = agreement(things, caster(solid, bar, floor), CAMERAS["perspective"], ibr.Light(**shape, ambient=AMBIENT))
+    share = agreement(things, embree(solid, bar, floor), CAMERAS["perspective"], ibr.Light(**shape, ambient=AMBIENT))
     assert share >= 0.97
 
 

@@ -10,9 +10,9 @@ import pyibr as ibr
 from pyibr.core.camera import Camera
 from pyibr.picture.shadow import light_cameras
 from tests.displaced import square
+from tests.embree import embree
 from tests.shadowed import (
     box,
-    caster,
     edges,
     first_hits,
     plane,
@@ -117,7 +117,7 @@ def test_the_foot_of_a_box_is_in_its_shadow(shape, size):
     """Along a line over the floor, at a right angle to the box's dark side: all dark from the first pixel on."""
     things = [plane(1.0), box((-0.2, 0, 0.2), (0.2, 0.3, 0.2))]
     camera = Camera.look_at((1.0, 0, 1.6), (0.2, 0, 0), (0, 0, 1), (301, 301), fov_y=40)
-    _, points, _ = first_hits(caster(*things), camera)
+    _, points, _ = first_hits(embree(*things), camera)
     for light in (ibr.Light(**shape, shadow_size=size), ibr.Light(**shape, shadow_size=size, angle=60)):
         share, told = shares(things, camera, light)
         floor = (np.abs(points[..., 2]) < 1e-5) & told & (np.abs(points[..., 1]) < 0.2)
@@ -131,7 +131,7 @@ def test_a_card_that_stands_on_the_floor():
     card = ibr.Mesh([[0, -0.5, 0], [0, 0.5, 0], [0, 0.5, 0.6], [0, -0.5, 0.6]], [[0, 1, 2], [0, 2, 3]])
     things, light = [plane(1.0), card], ibr.Light(direction=(1, 0.2, -1))
     camera = Camera.look_at((1.0, 0, 1.6), (0.2, 0, 0), (0, 0, 1), (301, 301), fov_y=40)
-    _, points, _ = first_hits(caster(*things), camera)
+    _, points, _ = first_hits(embree(*things), camera)
     share, _ = shares(things, camera, light)
     texel = 1 / min(np.diag(light_cameras(light, [thing.bounds for thing in things])[0].K)[:2])
     beside = (points[..., 2] < 1e-5) & (np.abs(points[..., 1]) < 0.3) & (points[..., 0] > 2 * texel * np.sqrt(2))
@@ -147,7 +147,7 @@ def test_what_is_ten_texels_high_has_a_shadow():
     texel = 1 / light_cameras(light, [thing.bounds for thing in things])[0].K[0, 0]
     assert 9 < 0.03 / texel < 16
     camera = Camera.look_at((0.25, 0, 0.4), (0.015, 0, 0), (0, 0, 1), (301, 301), fov_y=8)
-    _, points, _ = first_hits(caster(*things), camera)
+    _, points, _ = first_hits(embree(*things), camera)
     share, _ = shares(things, camera, light)
     beside = (points[..., 2] < 1e-6) & (points[..., 0] > 2 * texel * np.sqrt(2)) & (points[..., 0] < 0.02)
     assert beside.sum() > 5000

@@ -46,7 +46,7 @@ def check(view: ibr.DepthImage, cut_ratio: float | None, linear: bool) -> None:
     assert np.isfinite(found.depth).mean() > 0.6
 
 
-@pytest.mark.parametrize("lanes", [16, 1])
+@pytest.mark.parametrize("lanes", [16, pytest.param(1, marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("dtype", ["uint8", "float32", "none"])
 @pytest.mark.parametrize("lens", LENSES)
 def test_as_the_slow_twin(lens, dtype, lanes):

@@ -11,11 +11,12 @@ import pytest
 import pyibr as ibr
 from pyibr.core.camera import Camera
 from tests.data import shared
+from tests.embree import embree, rays_of
 from tests.one_lane import one_lane
 from tests.reference.raster import depths, edge_distances
 from tests.scenes import pose
 
-o3d = pytest.importorskip("open3d")
+pytest.importorskip("open3d")
 
 MESHES = ["meshes/dragon_vrip_res3.ply.gz", "meshes/teapot.obj.gz", "meshes/human_male_makehuman.obj.gz"]
 
@@ -38,17 +39,7 @@ def numbers_of(frame: ibr.Frame) -> np.ndarray:
 
 def cast(mesh: ibr.Mesh, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     """True depth (inf: nothing) and number of the triangle (-1)."""
-    scene = o3d.t.geometry.RaycastingScene()
-    scene.add_triangles(np.array(mesh.vertices), mesh.faces.astype(np.uint32))
-    y, x = np.mgrid[: camera.height, : camera.width]
-    pixels = np.stack([x, y], axis=-1).reshape(-1, 2)
-    one = camera.unproject(pixels, np.ones(len(pixels)))
-    if camera.projection == "perspective":
-        rays, origin = one - camera.center, np.broadcast_to(camera.center, one.shape)
-    else:
-        rays, origin = np.broadcast_to(camera.forward, one.shape), one - camera.forward
-    hits = scene.cast_rays(np.concatenate([origin, rays], axis=1).astype(np.float32))
-    shape = camera.height, camera.width
+    hits, shape = embree(mesh).cast_rays(rays_of(camera).astype(np.float32)), (camera.height, camera.width)
     found = hits["primitive_ids"].numpy().reshape(shape).astype(np.int64)
     return hits["t_hit"].numpy().reshape(shape), np.where(found == 0xFFFFFFFF, -1, found)
 
@@ -193,7 +184,9 @@ def floor_of(cells: int, sides: tuple[float, float], jitter: tuple[float, float]
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("pitch", [0, 40])
 @pytest.mark.parametrize("jitter", [(0, 0), (0, 0.3), (0.3, 0.3)], ids=str)
-@pytest.mark.parametrize("form", [nullcontext, one_lane], ids=["lanes", "one lane"])
+@pytest.mark.parametrize(
+    "form", [nullcontext, pytest.param(one_lane, marks=pytest.mark.thorough)], ids=["lanes", "one lane"]
+)
 def test_no_crack_where_triangles_pass_the_camera(projection, pitch, jitter, form):
     """A floor from behind the camera to before it.
 
@@ -213,13 +206,13 @@ def test_no_crack_where_triangles_pass_the_camera(projection, pitch, jitter, for
     assert not frame.valid[depth < 0].any()
 
 
-def test_no_crack_between_triangles_that_pass_the_camera_and_others():
+@pytest.mark.parametrize("seed", [3, *(pytest.param(seed, marks=pytest.mark.thorough) for seed in (0, 1, 2, 4, 5))])
+def test_no_crack_between_triangles_that_pass_the_camera_and_others(seed):
     """Few pixel centres lie so near to such an edge that its two triangles could differ: 7 million pixels."""
-    for seed in range(6):
-        floor = floor_of(12, (2, 2), (0.3, 0.3), np.random.default_rng(seed))
-        camera = Camera([[600, 0, 640], [0, 600, 480], [0, 0, 1]], (1281, 961), pose(pitch=-60, roll=10 * seed))
-        _, within = below(camera, floor)
-        assert ibr.render(floor, camera).valid[within].all()
+    floor = floor_of(12, (2, 2), (0.3, 0.3), np.random.default_rng(seed))
+    camera = Camera([[600, 0, 640], [0, 600, 480], [0, 0, 1]], (1281, 961), pose(pitch=-60, roll=10 * seed))
+    _, within = below(camera, floor)
+    assert ibr.render(floor, camera).valid[within].all()
 
 
 def test_the_floor_up_to_the_horizon():

@@ -6,13 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import pytest
 
 import pyibr as ibr
 from pyibr.core.camera import Camera
+from tests.embree import embree, true_depth
 from tests.reference.heights import bilinear_height
-
-o3d = pytest.importorskip("open3d")
 
 Surface = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]  # u, v -> points and unit normals
 
@@ -72,17 +70,8 @@ class Carved:
         h = bilinear_height(self.height.astype(np.float64), u.ravel() * self.tiles[0], v.ravel() * self.tiles[1])
         vertices = points - self.scale * (1 - h)[:, None] * normals
         faces = grid(self.surface, columns, rows).faces
-        self.scene = o3d.t.geometry.RaycastingScene()
-        self.scene.add_triangles(vertices.astype(np.float32), faces.astype(np.uint32))
+        self.scene = embree(ibr.Mesh(vertices, faces))
 
     def depth(self, camera: Camera) -> np.ndarray:
         """True planar depth; inf where there is nothing."""
-        y, x = np.mgrid[: camera.height, : camera.width]
-        pixels = np.column_stack([x.ravel(), y.ravel()])
-        one = camera.unproject(pixels, np.ones(len(pixels)))
-        if camera.projection == "perspective":
-            origin, direction = np.broadcast_to(camera.center, one.shape), one - camera.center
-        else:
-            origin, direction = one - camera.forward, np.broadcast_to(camera.forward, one.shape)
-        hits = self.scene.cast_rays(np.concatenate([origin, direction], axis=1).astype(np.float32))
-        return hits["t_hit"].numpy().reshape(camera.height, camera.width)
+        return true_depth(self.scene, camera)

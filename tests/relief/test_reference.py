@@ -28,22 +28,22 @@ def hills() -> np.ndarray:
 
 
 def seen_from(projection: str) -> Camera:
-    tall = {"height": 2.5} if projection == "orthographic" else {}
-    return Camera.look_at((1.3, -2.3, 1.5), (0, 0, 0), (0, 0, 1), (73, 47), fov_y=50, projection=projection, **tall)
+    tall = {"height": 1.65} if projection == "orthographic" else {}
+    return Camera.look_at((1.3, -2.3, 1.5), (0, 0, 0), (0, 0, 1), (49, 31), fov_y=34, projection=projection, **tall)
 
 
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("distance", ["approximate", "exact"])
 @pytest.mark.parametrize("search", ["linear", "safe"])
 def test_a_torus_is_as_in_float64(search, distance, projection):
-    """The safe search against 256 even steps, which miss nothing of these hills."""
-    camera, base = seen_from(projection), models.donut(16)
+    """The safe search against 96 even steps, which miss nothing of these hills."""
+    camera, base = seen_from(projection), models.donut(12)
     thing = ibr.ReliefSurface(base, hills(), WHITE, SCALE, tiles=TILES, distance=distance, search=search)
-    steps, halvings = (32, 6) if search == "linear" else (256, 12)
+    steps, halvings = (32, 6) if search == "linear" else (96, 12)
     rounded = np.rint(hills() * 65535.0) / 65535
     expected = relief_depth(base, thing.frames, rounded, SCALE, TILES, camera, distance, steps, halvings)
     frame = ibr.render(thing, camera)
-    assert frame.valid.sum() > 800
+    assert frame.valid.sum() > 600
     # Rays that graze the outline, or a hill before another, are met by one rounding and missed by another.
     assert (frame.valid != np.isfinite(expected)).mean() <= 2e-3
     both = frame.valid & np.isfinite(expected)

@@ -141,7 +141,9 @@ def test_no_light_comes_through_from_within(name):
 
 
 @pytest.mark.parametrize("direction", [(0.5, -1, -1), (0.3, -1, -0.4)], ids=str)
-@pytest.mark.parametrize("options", [{}, {"distance": "exact"}, {"silhouette": "none"}])
+@pytest.mark.parametrize(
+    "options", [{}, pytest.param({"distance": "exact"}, marks=pytest.mark.thorough), {"silhouette": "none"}]
+)
 def test_a_wall_lit_from_behind_casts_its_shadow(direction, options):
     """As the bare mesh does, three pixels off the shadow's edge."""
     corners = [[-1, 0, 0.5], [1, 0, 0.5], [1, 0, 2.5], [-1, 0, 2.5]]
@@ -173,7 +175,10 @@ def test_small_tiles_far_away():
     assert off["search"] <= 0.5 * off["map"], off
 
 
-@pytest.mark.parametrize("options", [{}, {"search": "linear"}, {"distance": "exact"}, {"silhouette": "none"}])
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"search": "linear"}, pytest.param({"distance": "exact"}, marks=pytest.mark.thorough), {"silhouette": "none"}],
+)
 def test_both_ways_agree_on_a_plane(options):
     """Off the edges of shadows, of which the map's lie within two of its texels."""
     camera = Camera.look_at((0.9, -1.0, 1.05), (0.5, 0.5, 0), (0, 0, 1), (320, 240), fov_y=42)

@@ -130,9 +130,9 @@ def around(name: str, distance_: float = 1.0) -> Camera:
 
 
 SOLIDS = {
-    "cylinder": (cylinder, (12, 5), (64, 8)),
-    "sphere": (sphere, (12, 5), (64, 32)),
-    "torus": (torus, (16, 6), (96, 48)),
+    "cylinder": (cylinder, (8, 3), (64, 8)),
+    "sphere": (sphere, (8, 3), (64, 32)),
+    "torus": (torus, (10, 4), (96, 48)),
 }
 SCALES = {"cylinder": 0.05, "sphere": 0.05, "torus": 0.025}
 
@@ -240,7 +240,7 @@ def test_two_coincident_cylinders_show_what_lies_farther_out():
         ],
         camera,
     )
-    truths = [Carved(cylinder, height, 0.05, tiles).depth(camera) for height in (bricks(), other)]
+    truths = [Carved(cylinder, height, 0.05, tiles, fine=1).depth(camera) for height in (bricks(), other)]
     nearest = np.minimum(*truths)
     inside = away_from_edges(nearest, 0.03) & frame.valid
     agrees = (frame.color[..., 0] > 100) == (truths[0] < truths[1])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from itertools import permutations
@@ -17,7 +16,9 @@ from pyibr.core.camera import Camera
 from pyibr.images import metrics
 from pyibr.images.metrics import silhouette_iou
 from pyibr.slicing import alpha_tests
+from tests.boxes import cuboid
 from tests.data import shared
+from tests.processes import with_path
 from tests.reference.slicing import depth_object, first_depth
 from tests.slicing.solids import cup, looking, spacing, torus, views_of_torus
 
@@ -367,10 +368,7 @@ def test_bad_options(argument, value):
 @pytest.mark.parametrize("extent", [(1, 1, 1), (1, 1, 0.2)])
 def test_a_box_along_the_views_axes(size, extent):
     """Its sides lie exactly on the other views' outlines."""
-    corners = np.array(np.meshgrid(*[(0, e) for e in extent], indexing="ij")).reshape(3, -1).T
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    faces = [[a, b, c] for a, b, c, _ in quads] + [[a, c, d] for a, _, c, d in quads]
-    mesh = ibr.Mesh(corners, faces)
+    mesh = ibr.Mesh(*cuboid((0, 0, 0), extent))
     thing, camera = (
         ibr.DepthObject(object_views(mesh, size), slices=64),
         Camera.look_at((2, 1.7, 2.6), (0.5, 0.5, 0.3), (0, 0, 1), (121, 91), fov_y=40),
@@ -420,8 +418,7 @@ except ibr.ArgumentError:
 @pytest.mark.parametrize(("focal", "edge"), [(10, 2e-15)])
 def test_rays_end_in_boxes_that_float32_does_not_hold(focal, edge, slicing):
     command = [sys.executable, "-c", IN_A_BOX, str(focal), slicing]
-    variables = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
-    done = subprocess.run(command, env=variables, capture_output=True, text=True, timeout=300, check=True)
+    done = subprocess.run(command, env=with_path(), capture_output=True, text=True, timeout=300, check=True)
     assert float(done.stdout) == pytest.approx(edge, rel=0.01)
 
 

@@ -23,7 +23,7 @@ def plane(depth: float, color: int, camera: ibr.Camera) -> ibr.DepthImage:
     return ibr.DepthImage(np.full((*shape, 3), color, np.uint8), np.full(shape, depth, np.float32), camera)
 
 
-@pytest.fixture(params=[16, 1])
+@pytest.fixture(params=[16, pytest.param(1, marks=pytest.mark.thorough)])
 def lanes(request):
     with one_lane() if request.param == 1 else nullcontext():
         yield

@@ -24,7 +24,7 @@ def alone(colored: ibr.DepthImage) -> ibr.DepthImage:
     return ibr.DepthImage(None, colored.depth, colored.camera, far=colored.far)
 
 
-@pytest.mark.parametrize("lanes", [16, 1])
+@pytest.mark.parametrize("lanes", [16, pytest.param(1, marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("method", ["epipolar", "search", "forward"])
 @pytest.mark.parametrize("fill", [None, "background", "smooth", "inpaint"])
 @pytest.mark.parametrize("several", [False, True])

@@ -46,7 +46,7 @@ OTHER: dict[str, Epipole] = {
 }
 
 
-@pytest.fixture(params=[16, 1], ids=["wide", "one lane"])
+@pytest.fixture(params=[16, pytest.param(1, marks=pytest.mark.thorough)], ids=["wide", "one lane"])
 def lanes(request: pytest.FixtureRequest) -> Iterator[int]:
     with one_lane() if request.param == 1 else nullcontext():
         if current().profile.lanes != request.param:
@@ -173,6 +173,7 @@ def test_the_foreground_leaves_no_trace_at_any_resolution(width):
     assert np.abs(frame.depth[hidden] / 3.0 - 1.0).mean() <= 0.01
 
 
+@pytest.mark.thorough
 def test_both_forms_of_the_kernels_fill_alike():
     view = scenes.stepped((131, 101))
     for pose in (view.camera.moved(0.4, 0, 0), view.camera.moved(0.3, 0.1, -0.2)):

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +12,9 @@ import pytest
 
 import pyibr as ibr
 from pyibr.core.camera import Projection
-from pyibr.opencl import device
 from tests import scenes
 from tests.one_lane import one_lane
+from tests.processes import with_path
 
 FIRST_FRAME = """
 import numpy as np, pyibr as ibr
@@ -28,14 +26,21 @@ print(int(frame.valid.sum()))
 
 
 def run(*command: str, timeout: float = 120, **environment: str) -> subprocess.CompletedProcess[str]:
-    variables = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)} | environment
-    return subprocess.run(command, env=variables, capture_output=True, text=True, timeout=timeout)
+    return subprocess.run(command, env=with_path(**environment), capture_output=True, text=True, timeout=timeout)
 
 
-def test_the_second_process_builds_nothing(tmp_path: Path):
-    first = run(sys.executable, "-c", FIRST_FRAME, PYIBR_CACHE=str(tmp_path), PYIBR_BINARIES="now")
-    assert first.returncode == 0, first.stderr
-    binaries = {path: path.stat().st_mtime_ns for path in (tmp_path / "programs").iterdir()}
+@pytest.fixture(scope="module")
+def first(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
+    """Output of a first process, and the folder of its cache."""
+    cache = str(tmp_path_factory.mktemp("cache"))
+    done = run(sys.executable, "-c", FIRST_FRAME, PYIBR_CACHE=cache, PYIBR_BINARIES="now")
+    assert done.returncode == 0, done.stderr
+    return done.stdout, cache
+
+
+def test_the_second_process_builds_nothing(first: tuple[str, str]):
+    told, cache = first
+    binaries = {path: path.stat().st_mtime_ns for path in (Path(cache) / "programs").iterdir()}
     assert len(binaries) >= 4  # nearness, epipolar, resolve, fill
     # What would build anew has no compiler: a program made from source raises.
     forbid = "import pyopencl as cl; make = cl.Program.__init__\n" + (
@@ -44,34 +49,19 @@ def test_the_second_process_builds_nothing(tmp_path: Path):
         "    make(self, context, *rest)\n"
         "cl.Program.__init__ = refuse\n"
     )
-    second = run(sys.executable, "-c", forbid + FIRST_FRAME, PYIBR_CACHE=str(tmp_path), PYIBR_BINARIES="now")
-    assert second.returncode == 0, second.stderr
-    assert second.stdout == first.stdout
-    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "programs").iterdir()} == binaries
+    second = run(sys.executable, "-c", forbid + FIRST_FRAME, PYIBR_CACHE=cache, PYIBR_BINARIES="now")
+    assert (second.returncode, second.stdout) == (0, told), second.stderr
+    assert {path: path.stat().st_mtime_ns for path in (Path(cache) / "programs").iterdir()} == binaries
 
 
-def test_damaged_binaries_are_built_anew(tmp_path: Path):
-    first = run(sys.executable, "-c", FIRST_FRAME, PYIBR_CACHE=str(tmp_path), PYIBR_BINARIES="now")
-    assert first.returncode == 0, first.stderr
-    binaries = list((tmp_path / "programs").iterdir())
+def test_damaged_binaries_are_built_anew(first: tuple[str, str]):
+    told, cache = first
+    binaries = list((Path(cache) / "programs").iterdir())
     for path in binaries:
         path.write_bytes(b"not a program")
-    second = run(sys.executable, "-c", FIRST_FRAME, PYIBR_CACHE=str(tmp_path), PYIBR_BINARIES="now")
-    assert (second.returncode, second.stdout) == (0, first.stdout), second.stderr
+    second = run(sys.executable, "-c", FIRST_FRAME, PYIBR_CACHE=cache, PYIBR_BINARIES="now")
+    assert (second.returncode, second.stdout) == (0, told), second.stderr
     assert all(path.stat().st_size > 100 for path in binaries)
-
-
-def test_importing_brings_no_device_and_no_large_library():
-    heavy = ("pyopencl", "cv2", "open3d", "rich", "typer", "PIL")
-    code = f"import sys, pyibr; print([name for name in {heavy} if name in sys.modules])"
-    result = run(sys.executable, "-c", code)
-    assert (result.returncode, result.stdout.strip()) == (0, "[]"), result.stderr
-
-
-@pytest.fixture
-def in_one_lane() -> Iterator[None]:
-    with one_lane():
-        yield
 
 
 def frames(place: str, source: Projection) -> list[ibr.Frame]:
@@ -90,19 +80,13 @@ def frames(place: str, source: Projection) -> list[ibr.Frame]:
     return [*made, ibr.warp([view, scenes.smooth((61, 37), source)], first, fill="background")]
 
 
-@pytest.fixture(
-    params=[(place, source) for place in ("A", "E", "F", "special") for source in ("perspective", "orthographic")],
-    ids="-".join,
-)
-def wide(request: pytest.FixtureRequest) -> tuple[tuple[str, str], list[ibr.Frame]]:
-    """Made before `in_one_lane` takes the session's place."""
-    return request.param, frames(*request.param)
-
-
-def test_one_lane_is_as_good_as_sixteen(wide, in_one_lane):
-    case, expected = wide
-    assert device.current().profile.lanes == 1
-    for number, (one, other) in enumerate(zip(frames(*case), expected, strict=True)):
+@pytest.mark.parametrize("source", ["perspective", "orthographic"])
+@pytest.mark.parametrize("place", ["A", "E", "F", "special"])
+def test_one_lane_is_as_good_as_sixteen(place, source):
+    expected = frames(place, source)
+    with one_lane():
+        found = frames(place, source)
+    for number, (one, other) in enumerate(zip(found, expected, strict=True)):
         # Compilers contract other products in other forms: last bits differ, and with them a pixel at a
         # silhouette.
         assert (one.valid == other.valid).mean() >= 0.999, number

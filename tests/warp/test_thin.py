@@ -77,13 +77,27 @@ CASES = {
 }
 
 
+FEW = (
+    "row",
+    "column",
+    "falling diagonal",
+    "slanted by 3",
+    "slanted by 38",
+    "slanted by -75",
+    "a row that recedes",
+    "dots",
+)
+
+
 @pytest.mark.parametrize("wall", [True, False])
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(
+    "name", [name if name in FEW else pytest.param(name, marks=pytest.mark.thorough) for name in CASES]
+)
 @pytest.mark.filterwarnings("ignore:warp")
 def test_wires_are_covered_and_little_more(name, wall):
     scene = strips(*CASES[name], wall=wall)
     view = scene.capture(CAMERA)
-    for zoom in (2, 4, 8):
+    for zoom in (2, 8):
         covered = []
         for move in MOVES:
             camera, nearer = magnified(zoom, move), 2 / (2 - move[2])
