@@ -57,9 +57,9 @@ class WarpedView(Immutable):
     """One or several depth images, drawn by the warp.
 
     A depth image means a surface: the grid of its samples, each cell split from its upper right to its lower left
-    corner, as far as its outermost pixels reach. Each pixel of the target sees what its ray meets first. `pyibr.warp` draws one of these
-    alone;
-    `pyibr.render` draws it among other things, where a bare `DepthImage` is one with the defaults.
+    corner, as far as its outermost pixels reach. Each pixel of the target sees what its ray meets first. `pyibr.warp`
+    draws one of these alone; `pyibr.render` draws it among other things, where a bare `DepthImage` is one with the
+    defaults.
 
     Parameters
     ----------

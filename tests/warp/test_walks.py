@@ -74,7 +74,7 @@ def test_both_pieces_of_a_step_are_met(seed):
     case = Case(seed, "noise", "any", view, target, "cut", "front")
     by_columns, by_edges = (np.isfinite(nearness_seen(case, edges)) for edges in (False, True))
     assert by_edges.sum() > 15_000
-    # At the source's border lines end between columns, where the columns' straight line tells the end to a pixel at most.
+    # At the source's border lines end between columns, where a straight line between these tells the end to a pixel.
     differ = by_columns != by_edges
     assert (differ & ~beside_border(by_edges)).sum() <= 3
     assert differ.sum() <= 0.1 * differ.shape[0]
