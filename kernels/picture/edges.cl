@@ -1,8 +1,8 @@
 /* The surface of a depth image: its samples, which of them are torn apart, and half a pixel more at its border.
  *
  * Two neighbours are one surface if it faces the camera (their difference of nearness is that of no steep slope), or if
- * it goes on: the next two samples on one side or the other foretell the neighbour's nearness. The slope may double from
- * them to the neighbour, as where a surface bends away from the camera; but of one sample between two surfaces, at one
+ * it goes on: the next two samples on one side or the other foretell the neighbour's nearness. The slope may nearly double
+ * from them to the neighbour, as where a surface bends away from the camera; but of one sample between two surfaces, at one
  * side or the other it more than doubles. What noise and the steps of a scale explain is no edge; the mean of three
  * lines beside each other foretells with less noise. Or, by number, depths of a greater ratio are torn apart (Cut).
  *
@@ -52,8 +52,11 @@ INLINED floatl slope_of(floatl a, floatl next, floatl after)
     return select_lanes(after > NO_SURFACE, 0.5f * (a - after), a - next);
 }
 
+#define RISE 0.95f /* of a slope: by so much it may change to the next pair of samples */
+
 /* May a change d follow a slope? */
-#define FOLLOWS(d, slope, allowed) (fabs((d) - (slope)) <= (allowed) + max_lanes(fabs(slope) - (allowed), (floatl)0.0f))
+#define FOLLOWS(d, slope, allowed)                                                                             \
+    (fabs((d) - (slope)) <= (allowed) + RISE * max_lanes(fabs(slope) - (allowed), (floatl)0.0f))
 
 /* Does a surface go on straight from one sample to the next along (dx, dy)? Beside them lie lines at (across_x, across_y). */
 INLINED intl goes_on(Image image, int x, int y, int dx, int dy, int across_x, int across_y, floatl allowed)

@@ -16,8 +16,16 @@ _RANGES, _SAMPLES_MIN = 12, 50  # noise is looked up for as many ranges of depth
 _SAMPLES_MAX = 40_000  # samples of a direction that are looked at: medians of more are no surer
 _LEVELS, _OF_LEVEL = 5, 10  # so many values in a range of depth, each so many times on average, are a scale's steps
 _STEP_MAX = 0.02  # of the nearness: farther apart are surfaces
-_ENOUGH = 4_000  # for the three figures of all depths together
+_ENOUGH = 2_000  # for the three figures of all depths together
+_LINES = 16  # rows, and columns, along which a scale's steps are looked for
+_STAIRS_MIN, _STAIRS, _OF_ONE_STEP = (
+    50,
+    0.3,
+    0.6,
+)  # of a scale: changes amid level samples, also as a part of all, and of
+_LEVELS_MIN = 12  # one step; and so many levels
 _NOISE_MAX = 1e18  # scene units: its square is still within single precision
+_RIDGE = 1e-9  # of one depth alone, the kinds of noise cannot be told apart
 _ROWS = 5  # times as many lie in the rows that they are taken from
 _CHOICES = np.array(
     [[kind in kinds for kind in range(3)] for count in (1, 2, 3) for kinds in itertools.combinations(range(3), count)]
@@ -70,10 +78,9 @@ def noise_by_nearness(depth: Depth, far: float = np.inf, count_max: int = _SAMPL
 
 def _changes(depth: Depth, step: int, far: float, count_max: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """The nearness, and its second difference along rows; of some `count_max` samples."""
-    nearness = np.full(depth.shape, np.nan, np.float32)
-    with np.errstate(over="ignore", invalid="ignore"):  # of depths so near that float32 does not hold their nearness
-        np.divide(np.float32(1), depth, out=nearness, where=(depth > 0) & (depth < far))
-        here = nearness[:, step:-step]
+    nearness = _nearness(depth, far)
+    here = nearness[:, step:-step]
+    with np.errstate(over="ignore", invalid="ignore"):
         change = np.abs(nearness[:, : -2 * step] - 2 * here + nearness[:, 2 * step :])
     known = np.flatnonzero(np.isfinite(change))
     known = known[:: max(len(known) // count_max, 1)]
@@ -99,10 +106,10 @@ def fitted_noise(depths: Float64, deviations: Float64) -> tuple[float, float, fl
     sizes = np.sqrt((terms * terms).sum(axis=0))
     products = (terms.T @ terms) / np.outer(sizes, sizes)
     systems = np.where(_CHOICES[:, :, None] & _CHOICES[:, None, :], products, 0.0)
-    systems[:, range(3), range(3)] = 1.0
+    systems[:, range(3), range(3)] = 1.0 + _RIDGE
     sums = np.where(_CHOICES, terms.sum(axis=0) / sizes, 0.0)
-    found = np.where(_CHOICES, (np.linalg.pinv(systems, hermitian=True) @ sums[:, :, None])[:, :, 0] / sizes, 0.0)
-    off = np.abs(found @ terms.T - 1).sum(axis=1)
+    found = np.where(_CHOICES, np.linalg.solve(systems, sums[:, :, None])[:, :, 0] / sizes, 0.0)
+    off = np.abs(found @ terms.T - 1).sum(axis=1).round(6)  # of equally good ones the fewest
     best = found[np.argmin(np.where((found >= 0).all(axis=1), off, np.inf))]
     a, b, c = np.minimum(best, _NOISE_MAX).tolist()
     return a, b, c
@@ -138,7 +145,44 @@ def disparity_noise(pixels: float, focal: float, baseline: float) -> float:
 def steps_by_depth(depth: Depth, far: float = np.inf) -> tuple[float, float, float]:
     """(a, b, c), none negative: at depth z the values that a coarse scale has lie about a z^2 + b z + c apart.
 
-    Disparity has steps of the first kind, depth in whole units of the last. Each value stands for several samples then,
-    and next to each other they lie evenly.
+    Disparity has steps of the first kind, depth in whole units of the last. On a scale, surfaces are stairs: neighbours
+    differ where those before and after them do not, by as much as values that are next to each other.
     """
-    return 0.0, 0.0, 0.0
+    places, jumps = list[NDArray[np.float32]](), list[NDArray[np.float32]]()
+    changing = 0
+    for values in (depth, depth.T):
+        some = np.ascontiguousarray(values[:: max(len(values) // _LINES, 1)])
+        if np.count_nonzero(some[:, 1:] == some[:, :-1]) < _STAIRS_MIN:
+            continue
+        near = _nearness(some, far)
+        change = np.diff(near, axis=1)
+        level = change == 0
+        alone = level[:, :-2] & level[:, 2:] & ~level[:, 1:-1] & np.isfinite(change[:, 1:-1])
+        changing += int(np.count_nonzero(change[:, 1:-1]) - np.isnan(change[:, 1:-1]).sum())
+        places.append(np.maximum(near[:, 1:-2], near[:, 2:-1])[alone])
+        jumps.append(np.abs(change[:, 1:-1])[alone])
+    if not places:
+        return 0.0, 0.0, 0.0
+    place, jump = np.concatenate(places).astype(np.float64), np.concatenate(jumps).astype(np.float64)
+    if len(place) < max(_STAIRS_MIN, _STAIRS * changing):
+        return 0.0, 0.0, 0.0
+    levels = np.unique(place)
+    gaps = np.diff(levels)
+    # Levels that are missing leave gaps of whole steps: the least ones around are the scale's.
+    if len(gaps) < _LEVELS_MIN:
+        return 0.0, 0.0, 0.0
+    windows = np.lib.stride_tricks.sliding_window_view(gaps, _LEVELS)
+    steps, at = windows.min(axis=1), levels[_LEVELS // 2 : _LEVELS // 2 + len(windows)]
+    # A scale's jumps are mostly of one step, surfaces' of any size.
+    of_one_step = np.abs(jump / np.interp(place, at, steps) - 1) < 0.5
+    if of_one_step.mean() < _OF_ONE_STEP:
+        return 0.0, 0.0, 0.0
+    return fitted_noise(1 / at, steps / at**2)
+
+
+def _nearness(depth: Depth, far: float) -> NDArray[np.float32]:
+    """1 / depth; NaN where there is none."""
+    nearness = np.full(depth.shape, np.nan, np.float32)
+    with np.errstate(over="ignore", invalid="ignore"):  # of depths so near that float32 does not hold their nearness
+        np.divide(np.float32(1), depth, out=nearness, where=(depth > 0) & (depth < far))
+    return nearness

@@ -19,6 +19,7 @@ Array = NDArray[Any]
 
 STEEPEST = 8.0
 DEVIATIONS = 4.0 * np.sqrt(2.0)
+RISE = np.float32(0.95)
 LEAST_BEYOND = 1e-3
 
 
@@ -82,8 +83,8 @@ def _shifted(image: Array, by: int) -> Array:
 def _torn_along_rows(near: Array, view: DepthImage, per_pixel: float, beside: bool) -> Array:
     """Samples that are torn from the next one in their row.
 
-    A surface goes on if two samples on one side foretell the change to the next by their slope, which may double; or if
-    it faces the camera. `beside`: the slopes' mean over three rows may foretell it, too.
+    A surface goes on if two samples on one side foretell the change to the next by their slope, which may nearly
+    double; or if it faces the camera. `beside`: the slopes' mean over three rows may foretell it, too.
     """
     perspective = view.camera.projection == "perspective"
     change, high, low = _shifted(near, 1) - near, np.fmax(near, _shifted(near, 1)), np.fmin(near, _shifted(near, 1))
@@ -105,7 +106,7 @@ def _torn_along_rows(near: Array, view: DepthImage, per_pixel: float, beside: bo
             slopes[1][count == 0] = np.nan
         for foretold in slopes:
             with np.errstate(invalid="ignore"):
-                goes_on |= np.abs(change - foretold) <= noise + np.fmax(np.abs(foretold) - noise, 0)
+                goes_on |= np.abs(change - foretold) <= noise + RISE * np.fmax(np.abs(foretold) - noise, 0)
     return ~(goes_on & np.isfinite(change))
 
 
