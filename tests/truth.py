@@ -227,7 +227,7 @@ def _beyond_border(view: DepthImage, torn: Edges) -> tuple[Array, Array, Array, 
 
 
 def _clipped(polygon: list[Array], axis: int, at: float, sign: int) -> list[Array]:
-    """What of a convex polygon lies on one side of a line: where sign * (corner[axis] - at) >= 0."""
+    """The part of a convex polygon on one side of a line: where sign * (corner[axis] - at) >= 0."""
     kept = list[Array]()
     for i, one in enumerate(polygon):
         other = polygon[(i + 1) % len(polygon)]

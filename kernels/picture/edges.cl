@@ -13,7 +13,7 @@
  * nearness: (height, pitch) as picture/nearness.cl has it. surface: (height + 2, pitch), the same with the ring;
  * the last bits of each are its TORN_... ones (which changes it by 5e-7 of itself, at most). ring: (2, 2 width + 2 height
  * + 4) how near and how far the surface is half a pixel beyond each border sample: (inf, -inf) if it is not there.
- * Work-item of mark_edges: a row; of continue_border: a sample of the ring, after it. Cost: O(samples).
+ * Work-item of find_edges: a row; of continue_border: a sample of the ring, after it. Cost: O(samples).
  * Determinism: each sample from depths alone.
  */
 #include "lib/lanes.h"
@@ -105,7 +105,7 @@ INLINED intl torn_along(Image image, int x, int y, int dx, int dy, int direction
 
 #define LEAST_BEYOND 1e-3f /* of the border's nearness: the ring's is at least that */
 
-kernel void mark_edges(global const float *nearness, global float *surface, int width, int height, int pitch, Cut cut, EdgeTest test)
+kernel void find_edges(global const float *nearness, global float *surface, int width, int height, int pitch, Cut cut, EdgeTest test)
 {
     const int y = get_global_id(0);
     if (y >= height)

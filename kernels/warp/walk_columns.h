@@ -126,6 +126,16 @@ INLINED void extend_torn(Interval *interval, HitWriter *writer, Step step, Targe
     interval->ended = interval->ended | held;
 }
 
+/* The sample whose bits tell of the edge that a step runs along: its upper or left one, or that above a diagonal's both */
+INLINED floatl edge_owner(Grid grid, Step step, intl stride, intl along_diagonals)
+{
+    const floatl owner = select_lanes(step.mirrored, step.to.a, step.from.a);
+    if (!any_lane(along_diagonals))
+        return owner;
+    const intl above = select_lanes(step.mirrored, step.to.at + stride, step.from.at - stride);
+    return select_lanes(along_diagonals, (floatl)(gather(grid.nearness, max(above, (intl)(-grid.pitch - 1)))), owner);
+}
+
 /* Returns the columns that were passed. */
 INLINED uint walk_columns(Grid grid, SweepLines line, LineGroup group, PixelMap map, HitWriter *writer)
 {
@@ -145,11 +155,12 @@ INLINED uint walk_columns(Grid grid, SweepLines line, LineGroup group, PixelMap 
     const floatl longest = max_lanes(last - first, (floatl)1.0f), start = minor_0 + tilt * first;
     const intl on_samples = fabs(start - floor_lanes(start + 0.5f)) < ON_SAMPLES;
     const intl along_columns = on_samples & (fabs(step.slope) * longest < ON_SAMPLES);
-    const intl along_diagonals = on_samples & (fabs(step.slope + 1.0f) * longest < ON_SAMPLES), along = along_columns | along_diagonals;
-    const int has_diagonals = any_lane(along_diagonals);
+    const intl along_diagonals = on_samples & (fabs(step.slope + 1.0f) * longest < ON_SAMPLES);
+    const intl along = along_columns | along_diagonals;
     step.mirrored = mirrored;
     step.transposed = !line.u_major;
-    step.along = select_lanes(along_columns, select_lanes(line.u_major, (intl)TORN_RIGHT, (intl)TORN_BELOW), select_lanes(along_diagonals, (intl)TORN_DIAGONAL, (intl)0));
+    step.along = select_lanes(along_diagonals, (intl)TORN_DIAGONAL, (intl)0);
+    step.along = select_lanes(along_columns, select_lanes(line.u_major, (intl)TORN_RIGHT, (intl)TORN_BELOW), step.along);
     step.edge = 0;
     const floatl nudge = select_lanes(along, (floatl)0.5f, (floatl)0.0f);
     const intl last_cell = select_lanes(along, line.last_minor + 1, line.last_minor), to_b = select_lanes(along, (intl)0, stride);
@@ -207,12 +218,10 @@ INLINED uint walk_columns(Grid grid, SweepLines line, LineGroup group, PixelMap 
         step.ends = select_lanes(is_last, ends, step.ends);
         step.to = to;
 
-        intl bits = as_intl(from.a) | as_intl(from.b) | as_intl(to.a) | as_intl(to.b) | as_intl(step.beyond_from) | as_intl(step.beyond_to);
+        intl bits = as_intl(from.a) | as_intl(from.b) | as_intl(to.a) | as_intl(to.b) | as_intl(step.beyond_from) |
+                    as_intl(step.beyond_to);
         if (any_lane(along)) {
-            /* An edge's bit is its upper or left sample's; a diagonal's is that of the sample above both. */
-            floatl owner = select_lanes(mirrored, to.a, from.a);
-            if (has_diagonals)
-                owner = select_lanes(along_diagonals, (floatl)(gather(grid.nearness, max(select_lanes(mirrored, to.at + stride, from.at - stride), (intl)(-grid.pitch - 1)))), owner);
+            const floatl owner = edge_owner(grid, step, stride, along_diagonals);
             step.edge = (as_intl(owner) & step.along) != 0;
             bits = select_lanes(along, as_intl(owner), bits);
         }

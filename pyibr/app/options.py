@@ -35,6 +35,13 @@ DepthKindOption = Annotated[
     DepthKind,
     typer.Option(help="What depth is stored as: z, distance along the rays, inverse (1/z; disparity by its scale)"),
 ]
+NoiseOption = Annotated[
+    float | None,
+    typer.Option(metavar="PIXELS", help="How noisy the disparity is that depth comes from, with --baseline"),
+]
+Baseline = Annotated[
+    float | None, typer.Option(help="Between the two cameras that depth comes from, in scene units; for --noise")
+]
 Take = Annotated[str | None, typer.Option(metavar="A:B:STEP", help="Frames of the recording, as 10:90:2")]
 DeviceName = Annotated[str | None, typer.Option(help="OpenCL device: part of its name, or its number")]
 
@@ -47,6 +54,16 @@ def default_depth_of(text: str) -> float | DefaultDepth | None:
         return float(text)
     except ValueError:
         raise ArgumentError("--default-depth", "a depth > 0, farthest or none", text) from None
+
+
+def noise_of(pixels: float | None, baseline: float | None) -> tuple[float, float] | None:
+    """Check --noise and --baseline, which are given together, and return them."""
+    for name, value, other in (("--noise", pixels, "--baseline"), ("--baseline", baseline, "--noise")):
+        if value is None and (pixels, baseline) != (None, None):
+            raise ArgumentError(name, f"a number > 0 together with {other}", "none")
+        if value is not None and not value > 0:
+            raise ArgumentError(name, "a number > 0", str(value))
+    return None if pixels is None or baseline is None else (pixels, baseline)
 
 
 def printable_text(text: object, lines: bool = False) -> str:

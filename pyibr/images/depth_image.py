@@ -193,8 +193,41 @@ class DepthImage(Immutable):
 
     @cached_property
     def bounds(self) -> tuple[Float64, Float64]:
-        """(low, high), each (3,), in the world: the box around the valid samples. Computed on first use."""
-        return self.bounds_of(self.valid)
+        """(low, high), each (3,), in the world: the box around its surface. Computed on first use."""
+        low, high = self.bounds_of(self.valid)
+        beyond = self._border
+        return np.min([low, *beyond], axis=0), np.max([high, *beyond], axis=0)
+
+    @property
+    def _border(self) -> Float64:
+        """(N, 3) float64: points half a pixel beyond the border's samples, on the straight lines through the next ones.
+
+        As far as a surface may reach: twice as near, or as far, as the border. What is torn goes on as it is.
+        """
+        if self.camera.lens is not None:
+            return np.empty((0, 3))
+        perspective = self.camera.projection == "perspective"
+        with np.errstate(divide="ignore"):
+            z = self.depth.astype(np.float64)
+            near = np.where(self.valid, 1 / z if perspective else -z, np.nan)
+        height, width = near.shape
+        pixels, depths = list[Float64](), list[Float64]()
+        for axis, last in ((0, height - 1), (1, width - 1)):
+            for at, next_at in ((0, min(1, last)), (last, max(last - 1, 0))):
+                border, within = near.take(at, axis), near.take(next_at, axis)
+                half = border + np.clip(np.nan_to_num(border - within), -np.abs(border), np.abs(border)) / 2
+                along, across = (
+                    np.arange(-0.5, len(border)),
+                    np.full(len(border) + 1, at - 0.5 if at == 0 else at + 0.5),
+                )
+                for values in (border, half):
+                    # Corners of pixels: between two samples of the border, or beyond its ends.
+                    ends = np.concatenate([values[:1], values]), np.concatenate([values, values[-1:]])
+                    for reach in (np.fmin(*ends), np.fmax(*ends)):
+                        pixels.append(np.column_stack([along, across] if axis == 0 else [across, along]))
+                        depths.append(1 / reach if perspective else -reach)
+        points = self.camera.unproject(np.concatenate(pixels), np.concatenate(depths))
+        return points[np.isfinite(points).all(axis=1)]
 
     def bounds_of(self, which: NDArray[np.bool_], axes: Float64 | None = None) -> tuple[Float64, Float64]:
         """(low, high), each (3,): the box around those of the valid samples, (H, W) bool, along the world's axes.

@@ -171,8 +171,9 @@ def steps_by_depth(depth: Depth, far: float = np.inf) -> tuple[float, float, flo
     # Levels that are missing leave gaps of whole steps: the least ones around are the scale's.
     if len(gaps) < _LEVELS_MIN:
         return 0.0, 0.0, 0.0
-    windows = np.lib.stride_tricks.sliding_window_view(gaps, _LEVELS)
-    steps, at = windows.min(axis=1), levels[_LEVELS // 2 : _LEVELS // 2 + len(windows)]
+    count = len(gaps) - _LEVELS + 1
+    steps = np.min([gaps[i : i + count] for i in range(_LEVELS)], axis=0)
+    at = levels[_LEVELS // 2 : _LEVELS // 2 + count]
     # A scale's jumps are mostly of one step, surfaces' of any size.
     of_one_step = np.abs(jump / np.interp(place, at, steps) - 1) < 0.5
     if of_one_step.mean() < _OF_ONE_STEP:

@@ -33,7 +33,7 @@ class Surface:
     low, high : float
         Least and greatest nearness.
     test : EdgeTest
-        What tells the edges.
+        It told the edges.
     """
 
     nearness: DeviceArray
@@ -45,7 +45,7 @@ class Surface:
 
 @dataclass(frozen=True)
 class EdgeTest:
-    """What tells which neighbours in a depth image are torn apart.
+    """Test that tells which neighbours in a depth image are torn apart.
 
     Attributes
     ----------
@@ -109,7 +109,7 @@ def make_surface(samples: Samples, size: tuple[int, int], test: EdgeTest) -> Sur
     shared = {"nearness": samples.nearness, "surface": surface, "width": width, "height": height}
     shared |= {"pitch": surface.shape[1]}
     tests = {"cut": Struct("Cut", test.cut), "test": Struct("EdgeTest", test.straight)}
-    launch(kernel("picture/begin.cl", "mark_edges"), (height,), **tests, **shared)
+    launch(kernel("picture/begin.cl", "find_edges"), (height,), **tests, **shared)
     launch(kernel("picture/begin.cl", "continue_border"), (ring.shape[1],), ring=ring, **shared)
     nearest_and_farthest = ring.to_host()
     low, high = float(nearest_and_farthest[0].min()), float(nearest_and_farthest[1].max())

@@ -15,7 +15,7 @@ from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import PixelMap, camera_pair, pitch
 from pyibr.core.undistortion import undistorted_face
 from pyibr.images import DepthImage
-from pyibr.images.depth_image import Color, checked_depth
+from pyibr.images.depth_image import Color, Noise, checked_depth
 from pyibr.opencl.device import current, one_call
 from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
@@ -73,6 +73,7 @@ def register(
     *,
     depth_scale: None = ...,
     cut_ratio: float | None = ...,
+    noise: Noise | None = ...,
 ) -> NDArray[np.float32]: ...
 @overload
 def register(
@@ -82,6 +83,7 @@ def register(
     *,
     depth_scale: float,
     cut_ratio: float | None = ...,
+    noise: Noise | None = ...,
 ) -> NDArray[np.uint16]: ...
 def register(
     depth: AnyDepth,
@@ -90,6 +92,7 @@ def register(
     *,
     depth_scale: float | None = None,
     cut_ratio: float | None = None,
+    noise: Noise | None = None,
 ) -> AnyDepth:
     """Bring depth to the camera that took the colours: depth as that would have measured it.
 
@@ -110,6 +113,8 @@ def register(
     cut_ratio : float, optional
         By default depth edges are told from the surface's shape and noise, as in `warp`. By number: where neighbours'
         depths have a greater ratio, unless noise explains it.
+    noise : float, (a, b, c) or callable, optional
+        The depth's, as `DepthImage` takes it, in scene units. By default it is found from the samples.
 
     Returns
     -------
@@ -136,7 +141,7 @@ def register(
     stored, units = _checked(depth, depth_camera, depth_scale)
     ratio = None if cut_ratio is None else cut_ratio_from(cut_ratio)
     with one_call():
-        registered = _drawn(_view_of(stored, units, depth_camera), color_camera, ratio).picture.depth
+        registered = _drawn(_view_of(stored, units, depth_camera, noise), color_camera, ratio).picture.depth
         return (_in_raw_units(registered, units) if units else registered).to_host()
 
 
@@ -148,6 +153,7 @@ def register_color(
     *,
     depth_scale: float | None = None,
     cut_ratio: float | None = None,
+    noise: Noise | None = None,
 ) -> RegisteredColor:
     """Bring colours to the samples of depth, none where the colour camera does not see them.
 
@@ -156,7 +162,7 @@ def register_color(
 
     Parameters
     ----------
-    depth, depth_camera, color_camera, depth_scale, cut_ratio
+    depth, depth_camera, color_camera, depth_scale, cut_ratio, noise
         As for `register`.
     color : (h, w, 3) uint8, or float32 in [0, 1]
         Of `color_camera`.
@@ -184,7 +190,7 @@ def register_color(
     ratio = None if cut_ratio is None else cut_ratio_from(cut_ratio)
     given = checked_colors("color", color, (color_camera.height, color_camera.width, 3))
     with one_call():
-        view = _view_of(stored, units, depth_camera)
+        view = _view_of(stored, units, depth_camera, noise)
         return _colors_for(view, color_camera, given, _drawn(view, color_camera, ratio))
 
 
@@ -194,9 +200,9 @@ def _check_cameras(depth_camera: Camera, color_camera: Camera) -> None:
         check_pixels(name, instance_of(name, camera, Camera, "a pyibr.Camera").size)
 
 
-def _view_of(stored: Any, units: float, camera: Camera) -> DepthImage:
+def _view_of(stored: Any, units: float, camera: Camera, noise: Noise | None) -> DepthImage:
     """Depth alone, in scene units, of what `_checked` returns. The session is held."""
-    return DepthImage(None, _in_scene_units(stored, units) if units else stored, camera)
+    return DepthImage(None, _in_scene_units(stored, units) if units else stored, camera, noise=noise)
 
 
 def _checked(depth: AnyDepth, camera: Camera, depth_scale: float | None) -> tuple[Any, float]:

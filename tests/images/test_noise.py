@@ -1,4 +1,4 @@
-"""How noisy depth is: found, given, and the steps of coarse scales."""
+"""The noise of depth: found, given, and the steps of coarse scales."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which samples are torn apart, and the ring beyond the border, against their reference; and what both are for."""
+"""Torn samples and the ring beyond the border against their reference; and what both are for."""
 
 from __future__ import annotations
 

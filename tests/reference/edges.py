@@ -1,4 +1,4 @@
-"""Which neighbours in a depth image are torn apart, and its surface half a pixel beyond its border, in NumPy.
+"""The edges of a depth image, where neighbours are torn apart, and its surface beyond its border, in NumPy.
 
 For reading: `kernels/picture/edges.cl` says the same for a device. Nearness is 1/z of perspective views, -z of
 orthographic ones; NaN where there is no sample. Edges are (H, W) bool: a sample torn from the one to its right, from
@@ -25,7 +25,7 @@ LEAST_BEYOND = 1e-3
 
 @dataclass(frozen=True)
 class Edges:
-    """(H, W) bool: what is torn apart."""
+    """Torn neighbours, (H, W) bool."""
 
     right: Array
     below: Array

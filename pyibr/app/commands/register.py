@@ -15,7 +15,18 @@ import pyibr as ibr
 from pyibr.app.commands.outputs import Kind, Outputs
 from pyibr.app.commands.sources import FrameFiles, Source, UnreadableFiles, open_depths
 from pyibr.app.commands.views import Depth, DepthOptions, DepthReader
-from pyibr.app.options import Clean, DepthKindOption, DepthScale, DeviceName, Take, device_of, with_progress
+from pyibr.app.options import (
+    Baseline,
+    Clean,
+    DepthKindOption,
+    DepthScale,
+    DeviceName,
+    NoiseOption,
+    Take,
+    device_of,
+    noise_of,
+    with_progress,
+)
 from pyibr.core.errors import ArgumentError
 
 Color = NDArray[Any]
@@ -48,6 +59,8 @@ def register(
     color: _Pictures = None,
     take: Take = None,
     clean: Clean = False,
+    noise: NoiseOption = None,
+    baseline: Baseline = None,
     depth_scale: DepthScale = None,
     depth_kind: DepthKindOption = "z",
     seen_out: Annotated[Path | None, typer.Option(help="With --color: write the mask of what has one, too")] = None,
@@ -64,9 +77,8 @@ def register(
     cameras = {"--depth-camera": [depth_camera], "--color-camera": [color_camera]}
     outputs.check({"DEPTH": read["DEPTH"], "--color": [] if color is None else read["COLOR"], **cameras})
     unreadable = UnreadableFiles(recorded=not is_still)
-    depth_options = DepthOptions(
-        depth_scale, depth_kind, math.inf, None, clean, steady=not is_still, recorded=not is_still
-    )
+    reading = depth_scale, depth_kind, math.inf, None, clean, noise_of(noise, baseline)
+    depth_options = DepthOptions(*reading, steady=not is_still, recorded=not is_still)
     depths = DepthReader(depth_options, unreadable)
     frames = _read(source, depths, None if color is None else source.colors(unreadable))
     size = 0, 0
@@ -99,5 +111,6 @@ def _registered(
     if depths.is_blank(depth):
         seen = np.zeros(depth.shape, np.bool_)
         return {"color": np.zeros((*depth.shape, 3), picture.dtype), "mask": seen}, seen
-    found = ibr.register_color(depth, shot.depth_camera or shot.camera, shot.camera, picture)
+    noise = depths.noise_of(shot)
+    found = ibr.register_color(depth, shot.depth_camera or shot.camera, shot.camera, picture, noise=noise)
     return {"color": found.color, "mask": found.seen}, found.seen

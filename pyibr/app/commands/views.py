@@ -22,7 +22,7 @@ Depth = NDArray[np.float32]
 
 
 class DepthOptions(NamedTuple):
-    """Options of reading depth: --depth-scale, --depth-kind, --far, --default-depth, --clean.
+    """Options of reading depth: --depth-scale, --depth-kind, --far, --default-depth, --clean, --noise with --baseline.
 
     `steady`: they come one after the other, and each is cleaned by what is known from the last; else they are all of
     one scene. `recorded`: a frame may lack depth altogether, and errors name the frame.
@@ -33,6 +33,7 @@ class DepthOptions(NamedTuple):
     far: float
     default_depth: float | DefaultDepth | None
     clean: bool
+    noise: tuple[float, float] | None
     steady: bool
     recorded: bool
 
@@ -74,7 +75,14 @@ class DepthReader:
             return depth
         if self.is_blank(depth):
             return np.full(shot.camera.size[::-1], np.nan, np.float32)
-        return ibr.register(depth, shot.depth_camera, shot.camera)
+        return ibr.register(depth, shot.depth_camera, shot.camera, noise=self.noise_of(shot))
+
+    def noise_of(self, shot: FrameFiles) -> float | None:
+        """The noise of the frame's depth, as `DepthImage` takes it; what is cleaned, or not told, has found its own."""
+        if self._options.noise is None or self._options.clean:
+            return None
+        pixels, baseline = self._options.noise
+        return ibr.disparity_noise(pixels, float((shot.depth_camera or shot.camera).K[0, 0]), baseline)
 
     def naming(self, shot: FrameFiles) -> AbstractContextManager[None]:
         """Errors name the frame of a recording."""
@@ -92,7 +100,12 @@ def views_of(source: Source, depth_options: DepthOptions, unreadable: Unreadable
         with depths.naming(shot):
             default_depth = None if depths.is_blank(depth) else depth_options.default_depth
             view = DepthImage(
-                color, depths.registered(shot, depth), shot.camera, far=depth_options.far, default_depth=default_depth
+                color,
+                depths.registered(shot, depth),
+                shot.camera,
+                far=depth_options.far,
+                default_depth=default_depth,
+                noise=depths.noise_of(shot),
             )
             if not depth_options.recorded and not view.valid.any():
                 raise ArgumentError("depth", "at least one valid sample", f"none in {shot.depth}")

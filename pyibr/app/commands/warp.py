@@ -19,15 +19,18 @@ from pyibr.app.commands.sources import InputOptions, UnreadableFiles, open_sourc
 from pyibr.app.commands.targets import Job, Move, Targets
 from pyibr.app.commands.views import DepthOptions, views_of
 from pyibr.app.options import (
+    Baseline,
     Clean,
     DefaultDepthText,
     DepthKindOption,
     DepthScale,
     DeviceName,
     FarDepth,
+    NoiseOption,
     Take,
     default_depth_of,
     device_of,
+    noise_of,
     printable_text,
     with_progress,
 )
@@ -75,6 +78,10 @@ _Frames = Annotated[
         min=1, max=100_000, help="Views along --move or --orbit, the source's first: OUT_0000, ... or a video"
     ),
 ]
+_CutRatio = Annotated[
+    float | None,
+    typer.Option(metavar="R", help="Cut where neighbours' depths differ by more; default: by shape and noise"),
+]
 
 
 def warp(
@@ -90,12 +97,12 @@ def warp(
     poses: _Poses = None,
     depth_camera: _DepthCameras = None,
     clean: Clean = False,
+    noise: NoiseOption = None,
+    baseline: Baseline = None,
     method: Annotated[Method, typer.Option(help="How the surface is searched")] = "epipolar",
     interpolation: Annotated[Interpolation, typer.Option(help="How depth and colour are read")] = "linear",
     edges: Annotated[Edges, typer.Option(help="Neighbours are cut apart at depth edges, or one surface")] = "cut",
-    cut_ratio: Annotated[
-        float | None, typer.Option(help="Cut where neighbours' depths differ by more; default: by shape and noise")
-    ] = None,
+    cut_ratio: _CutRatio = None,
     thin: Annotated[bool, typer.Option("--thin", help="Things one sample thin as wide as their samples")] = False,
     fill: Annotated[Literal["none", Fill], typer.Option(help="Fill holes: from behind, from all around")] = "none",
     side: Annotated[Side, typer.Option(help="Sides of the surface that are shown")] = "front",
@@ -123,10 +130,8 @@ def warp(
     written |= {"--depth-out": (depth_out, "depth"), "--valid-out": (valid_out, "mask")}
     outputs = Outputs(written, (depth_scale, depth_kind), count, fps, opened[0].fps)
     outputs.check({**options.read(opened), "--to": [] if to is None else [to]})
-    default = default_depth_of(default_depth)
-    depth_options = DepthOptions(
-        depth_scale, depth_kind, far, default, clean, steady=not is_scene, recorded=not are_stills
-    )
+    reading = depth_scale, depth_kind, far, default_depth_of(default_depth), clean, noise_of(noise, baseline)
+    depth_options = DepthOptions(*reading, steady=not is_scene, recorded=not are_stills)
     unreadable = UnreadableFiles(recorded=not are_stills)
     each = [views_of(source, depth_options, unreadable) for source in opened]
     how: WarpOptions = {"method": method, "interpolation": interpolation, "edges": edges, "cut_ratio": cut_ratio}
