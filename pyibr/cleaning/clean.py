@@ -116,10 +116,10 @@ def clean_depth(
     with one_call():
         image = Image(width, height)
         placed, last = image.place(measured), None if known is None else image.place(known)
+        image.place_colors(colors)
         at, noise = noise_by_nearness(measured, most=_SAMPLES)  # while the device works
         if placed.is_empty:
             return CleanedDepth(np.full_like(measured, np.nan), np.zeros(measured.shape, np.bool_))
-        image.place_colors(colors)
         last = None if last is None or last.is_empty else last
         seen = [placed] if last is None else [placed, last]
         nearest, farthest = min(one.nearest for one in seen), max(one.farthest for one in seen)
