@@ -4,16 +4,19 @@
  *
  * A table has the values at the floats whose last KNOT_SHIFT bits are 0: their number, without these bits, is `first` at
  * its beginning. Between two of them the scale is linear. So its steps are shares of the nearness, and looking one up
- * takes no logarithm.
+ * takes no logarithm. A guide has for each of GUIDES even parts of the values, and for the end of the last, the knot at or
+ * below its beginning: the inverse need not search far.
  */
 #include "lib/lanes.h"
 
 #define KNOT_SHIFT 15
+#define GUIDES 4096
 #define MISSING 1e30f /* the value of no sample: so unlike all others that it weighs nothing */
 #define IS_KNOWN(value) ((value) < 0.5f * MISSING)
 
 typedef struct {
     int first, count;
+    float cells_per_value;
 } Scale;
 
 #define KNOT(scale, number) as_floatl(((number) + (scale).first) << KNOT_SHIFT) /* its nearness */
@@ -30,12 +33,14 @@ INLINED floatl value_of_depth(global const float *table, Scale scale, floatl dep
 }
 
 /* The inverse, for values within the table: others become its ends. */
-INLINED floatl depth_of_value(global const float *table, Scale scale, floatl value)
+INLINED floatl depth_of_value(global const float *table, global const int *guide, Scale scale, floatl value)
 {
-    intl knot = 0;
-    for (int step = 1 << (31 - clz(scale.count - 1)); step > 0; step >>= 1) {
-        const intl next = knot + step, inside = min(next, (intl)(scale.count - 2));
-        knot = pick((next == inside) & ((floatl)(gather(table, inside)) <= value), next, knot);
+    const intl cell = to_intl(clamp_lanes(value * scale.cells_per_value, (floatl)0.0f, (floatl)(GUIDES - 1)));
+    intl knot = (intl)(gather(guide, cell)), last = (intl)(gather(guide, cell + 1));
+    while (any_lane(knot < last)) {
+        const intl middle = (knot + last + 1) >> 1, is_above = (floatl)(gather(table, middle)) > value;
+        last = pick(is_above, middle - 1, last);
+        knot = pick(is_above, knot, middle);
     }
     const floatl begin = KNOT(scale, knot), end = KNOT(scale, knot + 1);
     floatl low, high;

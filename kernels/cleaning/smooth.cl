@@ -84,7 +84,7 @@ INLINED floatl slope_along(global const float *rough, int step)
 }
 
 INLINED floatl smoothed(global const float *values, global const float *rough, floatl grown, floatl before,
-                        global const float *table, Scale scale, int pitch, float strength)
+                        global const float *table, global const int *guide, Scale scale, int pitch, float strength)
 {
     const floatl value = load_lanes(values);
     floatl off = off_mean(values, pitch, slope_along(rough, 1), slope_along(rough, pitch), RANGE * strength);
@@ -94,12 +94,12 @@ INLINED floatl smoothed(global const float *values, global const float *rough, f
         const floatl weight = BEFORE_WEIGHT * weight_of(1.0f - SHARPNESS(strength) * (to_before * to_before));
         off += pick(has_before, weight * to_before, (floatl)0.0f);
     }
-    return pick(off == 0.0f, grown, depth_of_value(table, scale, value + off));
+    return pick(off == 0.0f, grown, depth_of_value(table, guide, scale, value + off));
 }
 
 kernel void smooth(global const float *values, global const float *rough, global const float *grown, global const float *before,
-                   int has_before, global const uchar *marks, global const float *table, Scale scale, ImagePlane plane, int strip,
-                   float strength, global float *depth, global uchar *invented)
+                   int has_before, global const uchar *marks, global const float *table, global const int *guide, Scale scale,
+                   ImagePlane plane, int strip, float strength, global float *depth, global uchar *invented)
 {
     const int row = get_global_id(1);
     if (row >= plane.height)
@@ -113,7 +113,7 @@ kernel void smooth(global const float *values, global const float *rough, global
         const intl is_known = found > 0.0f;
         if (strength > 0.0f && any_lane(is_known)) {
             const floatl known = has_before ? load_lanes(before + at) : (floatl)0.0f;
-            found = smoothed(values + at, rough + at, found, known, table, scale, plane.pitch, strength);
+            found = smoothed(values + at, rough + at, found, known, table, guide, scale, plane.pitch, strength);
         }
         found = pick(is_known, found, (floatl)NAN);
         const intl is_invented = pick(is_known & ((load_bytes(marks + at) & KEPT) == 0), (intl)1, (intl)0);

@@ -14,9 +14,10 @@ from pyibr.opencl.memory import DeviceArray, upload
 
 @dataclass(frozen=True)
 class Scale:
-    """A scale on the device: `table` and `record`, as kernels take them."""
+    """A scale on the device: `table`, `guide` and `record`, as kernels take them."""
 
     table: DeviceArray
+    guide: DeviceArray
     record: Struct
 
 
@@ -39,7 +40,11 @@ def scale_of(nearest: float, farthest: float, at: Float64, noise: Float64, least
     found = least * nearness
     if len(at):  # Nearer than what was looked at it grows with nearness: a stray sample must not stretch the scale.
         found = np.maximum(found, np.interp(nearness, at, noise) * np.maximum(nearness / at[-1], 1))
-    values = np.append(0, np.cumsum(2 * np.diff(nearness) / (found[1:] + found[:-1])))
+    values = np.append(0, np.cumsum(2 * np.diff(nearness) / (found[1:] + found[:-1]))).astype(np.float32)
+    guides = int(constant("cleaning/scale.h", "GUIDES"))
+    parts = np.linspace(0, values[-1], guides + 1, dtype=np.float32)
+    guide = np.clip(np.searchsorted(values, parts, side="right") - 1, 0, len(knots) - 2).astype(np.int32)
     record = np.zeros((), struct("cleaning/scale.h", "Scale"))
     record["first"], record["count"] = knots[0], len(knots)
-    return Scale(upload(values.astype(np.float32)), Struct("Scale", record))
+    record["cells_per_value"] = guides / values[-1]
+    return Scale(upload(values), upload(guide), Struct("Scale", record))

@@ -180,7 +180,7 @@ class Image:
     ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
         """Depth without noise, and where it is invented."""
         profile, (width, height) = current().profile, self._size
-        table = {"table": scale.table, "scale": scale.record}
+        table = {"table": scale.table, "guide": scale.guide, "scale": scale.record}
         values = rough = self.grown
         if strength > 0:
             values, rough = self.on_scale(self.grown, scale), self._new(np.float32)
