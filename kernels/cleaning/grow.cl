@@ -1,21 +1,23 @@
-/* Depth all over an area, from its seeds outwards: where colours are alike first, so that fronts from two sides meet at
- * an edge of the colour.
+/* Depth all over an area, from its seeds outwards: where colours are alike first, so that fronts from two sides meet
+ * at an edge of the colour.
  *
- * The colours of two neighbours are little, somewhat, much or fully unlike: a step's class, 0 to 3 (tint.h). A path costs
- * its worst class, and then how many steps it goes on since it met that: (class, steps) as one number. Each pixel
- * belongs to the seeds of the least cost; of its neighbours that cost less, it takes its depth from the one whose colour
- * is most like its own, of equal ones from the first of EACH_STEP. That is what growing regions step by step does, class
- * after class (Adams, Bischof: Seeded region growing, 1994, is of this kind), without its order in time.
+ * The colours of two neighbours are little, somewhat, much or fully unlike: a step's class, 0 to 3 (tint.h). A path
+ * costs its worst class, and then how many steps it goes on since it met that: (class, steps) as one number. Each
+ * pixel belongs to the seeds of the least cost; of its neighbours that cost less, it takes its depth from the one
+ * whose colour is most like its own, of equal ones from the first of EACH_STEP. That is what growing regions step by
+ * step does, class after class (Adams, Bischof: Seeded region growing, 1994, is of this kind), without its order in
+ * time.
  *
- * `relax` lowers costs tile by tile, in place, till nothing changes: a tile's own work-item alone writes them. Whether it
- * sees a neighbour's as it was or as it is to be, both belong to paths that there are, and the least costs are one
- * solution: it is the same, whoever was first. A tile whose surroundings did not change in the pass before rests.
+ * `relax` lowers costs tile by tile, in place, till nothing changes: a tile's own work-item alone writes them.
+ * Whether it sees a neighbour's as it was or as it is to be, both belong to paths that there are, and the least costs
+ * are one solution: it is the same, whoever was first. A tile whose surroundings did not change in the pass before
+ * rests.
  *
  * marks: plane.h; begin_growth takes AREA from what `near` (area.cl) has, if it is DOUBTED. near: 1 where the area is
- * not. tint: tint.h. costs: a plane, 0 seeds. steps: a plane, 2 bits a step in the order of EACH_STEP. stamps: (down + 2,
- * across + 2), for each tile the last pass that changed it, 0 around. parents: a plane, the neighbour that depth comes
- * from, STAY for seeds. measured, before, grown: planes of depth, 0 for none. Work-item: `strip` packets of a row, or a
- * tile (relax). Cost: O(pixels + pixels that are filled * length of their paths). Determinism: see above.
+ * not. tint: tint.h. costs: a plane, 0 seeds. steps: a plane, 2 bits a step in the order of EACH_STEP. stamps: (down
+ * + 2, across + 2), for each tile the last pass that changed it, 0 around. parents: a plane, the neighbour that depth
+ * comes from, STAY for seeds. measured, before, grown: planes of depth, 0 for none. Work-item: `strip` packets of a
+ * row, or a tile (relax). Cost: O(pixels + pixels that are filled * length of their paths). Determinism: see above.
  */
 #include "cleaning/plane.h"
 #include "cleaning/tint.h"
@@ -44,16 +46,18 @@ kernel void begin_growth(global uchar *marks, global const uchar *near, global c
             const intl is_near = load_bytes(near + at) != 0, is_seed = (mark & SEED) != 0;
             const intl is_area = is_seed | (((mark & AREA) != 0) & !(((mark & DOUBTED) != 0) & is_near));
             const intl is_open = is_area & !is_seed;
-            mark = (mark & SEED) | pick(is_area, (intl)AREA, (intl)0);
+            mark = (mark & SEED) | select_lanes(is_area, (intl)AREA, (intl)0);
             store_bytes(to_ucharl(mark), marks + at);
-            cost = pick(is_seed, (intl)0, pick(is_open, (intl)UNREACHED, (intl)OUTSIDE));
+            cost = select_lanes(is_seed, (intl)0, select_lanes(is_open, (intl)UNREACHED, (intl)OUTSIDE));
             if (has_color && any_lane(is_open)) {
                 const uintl own = load_lanes(tint + at);
 #define ADD_STEP(number, dx, dy)                                                                               \
     {                                                                                                          \
         const intl unlike = unlikeness(own, load_lanes(tint + at + dy * plane.pitch + dx));                    \
-        const intl least = pick(unlike > UNLIKE_LITTLE, (intl)1, (intl)0) + pick(unlike > UNLIKE_SOME, (intl)1, (intl)0); \
-        step |= (least + pick(unlike > UNLIKE_MUCH, (intl)1, (intl)0)) << 2 * number;                          \
+        const intl kind = select_lanes(unlike > UNLIKE_LITTLE, (intl)1, (intl)0) +                                     \
+                          select_lanes(unlike > UNLIKE_SOME, (intl)1, (intl)0) +                                       \
+                          select_lanes(unlike > UNLIKE_MUCH, (intl)1, (intl)0);                                        \
+        step |= kind << 2 * number;                                                                            \
     }
                 EACH_STEP(ADD_STEP)
             }
@@ -74,7 +78,7 @@ INLINED int relax_packet(global const int *steps, global int *costs, int at, int
 #define TAKE_STEP(number, dx, dy)                                                                              \
     least = min(least, max(load_lanes(costs + at + dy * pitch + dx), (step >> 2 * number & 3) << CLASS_SHIFT) + 1);
     EACH_STEP(TAKE_STEP)
-    least = pick(is_open, least, cost);
+    least = select_lanes(is_open, least, cost);
     if (!any_lane(least < cost))
         return 0;
     store_lanes(least, costs + at);
@@ -128,8 +132,8 @@ kernel void find_parents(global const int *costs, global const uint *tint, int h
         const int other = at + dy * plane.pitch + dx;                                                          \
         const intl unlike = has_color ? unlikeness(own, load_lanes(tint + other)) : (intl)0;                   \
         const intl is_better = (load_lanes(costs + other) < cost) & (unlike < least) & is_open;                \
-        least = pick(is_better, unlike, least);                                                                \
-        parent = pick(is_better, (intl)(STAY + 3 * dy + dx), parent);                                          \
+        least = select_lanes(is_better, unlike, least);                                                                \
+        parent = select_lanes(is_better, (intl)(STAY + 3 * dy + dx), parent);                                          \
     }
                 EACH_STEP(COMPARE_STEP)
             }
@@ -138,8 +142,9 @@ kernel void find_parents(global const int *costs, global const uint *tint, int h
     }
 }
 
-kernel void grow(global const uchar *marks, global const int *costs, global const uchar *parents, global const float *measured,
-                 global const float *before, global float *grown, ImagePlane plane, int strip)
+kernel void grow(global const uchar *marks, global const int *costs, global const uchar *parents,
+                 global const float *measured, global const float *before, global float *grown, ImagePlane plane,
+                 int strip)
 {
     const int row = get_global_id(1);
     if (row >= plane.height + 2 * ABOVE)
@@ -161,8 +166,8 @@ kernel void grow(global const uchar *marks, global const int *costs, global cons
                 depth = (floatl)(gather(measured, from));
             }
             if (any_lane((mark & STILL) != 0))
-                depth = pick((mark & STILL) != 0, (floatl)(gather(before, from)), depth);
-            depth = pick(cost < UNREACHED, depth, (floatl)0.0f);
+                depth = select_lanes((mark & STILL) != 0, (floatl)(gather(before, from)), depth);
+            depth = select_lanes(cost < UNREACHED, depth, (floatl)0.0f);
         }
         store_lanes(depth, grown + at);
     }

@@ -1,15 +1,16 @@
 /* Speckle: islands of so few samples, apart from what is around them, that no surface is known to be there.
  *
- * Samples above or beside each other that are less than 1 apart are one island. Each has the number of its first pixel:
- * runs of pixels are joined by union-find with atomic minima (Playne, Hawick: A new algorithm for parallel
- * connected-component labelling on GPUs, 2018). An island of no more than SPECKLE pixels, or a tenth of the image's, is
- * none but noise; unless one of its samples is what the frame before had there: a wire that broke into pieces.
+ * Samples above or beside each other that are less than 1 apart are one island. Each has the number of its first
+ * pixel: runs of pixels are joined by union-find with atomic minima (Playne, Hawick: A new algorithm for parallel
+ * connected-component labelling on GPUs, 2018). An island of no more than SPECKLE pixels, or a tenth of the image's,
+ * is none but noise; unless one of its samples is what the frame before had there: a wire that broke into pieces.
  *
- * values: a plane on a scale (scale.h) in which surfaces are apart by 1; measured, known: the same of what was measured,
- * and of the frame before. labels: a plane; at a run's first pixel the place of a run's before it, or its own; at others
- * that of the run's first pixel. sizes: a plane; pixels of the run, and then of the island, at the first pixel; 0 at
- * others. totals: samples, and whether a seed is speckle. marks: plane.h; speckle is DOUBTED and no SEED any more.
- * Work-item: `run` pixels of a row. O(pixels). Determinism: integers, whose minima and sums know no order.
+ * values: a plane on a scale (scale.h) in which surfaces are apart by 1; measured, known: the same of what was
+ * measured, and of the frame before. labels: a plane; at a run's first pixel the place of a run's before it, or its
+ * own; at others that of the run's first pixel. sizes: a plane; pixels of the run, and then of the island, at the
+ * first pixel; 0 at others. totals: samples, and whether a seed is speckle. marks: plane.h; speckle is DOUBTED and no
+ * SEED any more. Work-item: `run` pixels of a row. O(pixels). Determinism: integers, whose minima and sums know no
+ * order.
  */
 #include "cleaning/plane.h"
 #include "cleaning/scale.h"
@@ -24,10 +25,12 @@
     const int first = get_global_id(0) * run, row = get_global_id(1);                                          \
     if (first >= plane.width || row >= plane.height)                                                           \
         return;                                                                                                \
-    const int line = (row + ABOVE) * plane.pitch + ASIDE, begin = line + first, end = line + min(first + run, plane.width);
+    const int line = (row + ABOVE) * plane.pitch + ASIDE;                                                      \
+    const int begin = line + first, end = line + min(first + run, plane.width);
 
-kernel void find_runs(global const float *values, global const float *measured, global const float *known, int has_before,
-                      global const uchar *marks, global int *labels, global int *sizes, global int *totals, ImagePlane plane, int run)
+kernel void find_runs(global const float *values, global const float *measured, global const float *known,
+                      int has_before, global const uchar *marks, global int *labels, global int *sizes,
+                      global int *totals, ImagePlane plane, int run)
 {
     BEGIN_RUN(plane, run)
     int start = begin, length = 0, is_of_before = 0, count = 0;
@@ -76,7 +79,8 @@ kernel void join_runs(global const float *values, global int *labels, ImagePlane
         const int goes_on = ARE_ONE(values[at - 1], values[at]);
         if (goes_on && at == begin)
             join_islands(labels, at, at - 1);
-        if (ARE_ONE(above[at], values[at]) && !(goes_on && ARE_ONE(above[at - 1], above[at]) && ARE_ONE(above[at - 1], values[at - 1])))
+        const int is_known = goes_on && ARE_ONE(above[at - 1], above[at]) && ARE_ONE(above[at - 1], values[at - 1]);
+        if (ARE_ONE(above[at], values[at]) && !is_known)
             join_islands(labels, at, at - plane.pitch);
     }
 }
@@ -98,8 +102,8 @@ kernel void add_runs(global int *labels, global int *sizes, ImagePlane plane, in
     }
 }
 
-kernel void drop_speckle(global const float *values, global const int *labels, global const int *sizes, global int *totals,
-                         global uchar *marks, ImagePlane plane, int run)
+kernel void drop_speckle(global const float *values, global const int *labels, global const int *sizes,
+                         global int *totals, global uchar *marks, ImagePlane plane, int run)
 {
     BEGIN_RUN(plane, run)
     const int most = min(SPECKLE, totals[0] / SPECKLE_PART);

@@ -1,13 +1,13 @@
 /* Samples that are kept: all but flying pixels, and where none is kept, those of the frame before that still hold.
  *
- * A flying pixel lies between two surfaces, apart from both: an edge was seen there, half of each. It is looked for along
- * rows, columns and diagonals, where the next sample to a side may be GAP pixels off; but where the line through the next
- * two samples of a side leads there, it is the surface's own. Of the frame before those samples hold that are one
- * surface, in one colour, with a kept one within GAP pixels.
+ * A flying pixel lies between two surfaces, apart from both: an edge was seen there, half of each. It is looked for
+ * along rows, columns and diagonals, where the next sample to a side may be GAP pixels off; but where the line
+ * through the next two samples of a side leads there, it is the surface's own. Of the frame before those samples hold
+ * that are one surface, in one colour, with a kept one within GAP pixels.
  *
- * values, known: planes of the measured depth and of that before, on a scale (scale.h) in which surfaces are apart by 1.
- * tint: tint.h. marks: a plane of KEPT, AREA and DOUBTED (plane.h); held: the same with STILL. Work-item: `strip` packets
- * of a row. O(pixels). Determinism: each pixel from planes that are finished.
+ * values, known: planes of the measured depth and of that before, on a scale (scale.h) in which surfaces are apart by
+ * 1. tint: tint.h. marks: a plane of KEPT, AREA and DOUBTED (plane.h); held: the same with STILL. Work-item: `strip`
+ * packets of a row. O(pixels). Determinism: each pixel from planes that are finished.
  */
 #include "cleaning/plane.h"
 #include "cleaning/scale.h"
@@ -20,17 +20,20 @@
 INLINED floatl next_value(global const float *at, int step)
 {
     const floatl one = load_lanes(at + step);
-    return pick(IS_KNOWN(one), one, load_lanes(at + 2 * step));
+    return select_lanes(IS_KNOWN(one), one, load_lanes(at + 2 * step));
 }
 
 /* Does the line through the next two samples of a side lead to a value? */
 INLINED intl is_led_to(global const float *at, int step, floatl value)
 {
     const floatl one = load_lanes(at + step), two = load_lanes(at + 2 * step), three = load_lanes(at + 3 * step);
-    const intl is_first = IS_KNOWN(one), is_close = pick(is_first, IS_KNOWN(two), IS_KNOWN(three));
-    const floatl next = pick(is_first, one, two);
-    const floatl after = pick(is_first, pick(is_close, two, three), pick(is_close, three, load_lanes(at + 4 * step)));
-    const floatl ratio = pick(is_first, (floatl)1.0f, (floatl)2.0f) * pick(is_close, (floatl)1.0f, (floatl)0.5f);
+    const intl is_first = IS_KNOWN(one), is_close = select_lanes(is_first, IS_KNOWN(two), IS_KNOWN(three));
+    const floatl next = select_lanes(is_first, one, two);
+    const floatl near_one = select_lanes(is_first, two, three);
+    const floatl far_one = select_lanes(is_first, three, load_lanes(at + 4 * step));
+    const floatl after = select_lanes(is_close, near_one, far_one);
+    const floatl steps = select_lanes(is_first, (floatl)1.0f, (floatl)2.0f);
+    const floatl ratio = select_lanes(is_close, steps, 0.5f * steps);
     const floatl expected = next + (next - after) * ratio;
     return IS_KNOWN(next) & IS_KNOWN(after) & (fabs(expected - value) < LED_TO);
 }
@@ -62,7 +65,8 @@ kernel void keep(global const float *values, global uchar *marks, ImagePlane pla
                 flies = is_flying_along(values + at, 1, value) | is_flying_along(values + at, plane.pitch, value) |
                         is_flying_along(values + at, plane.pitch + 1, value) |
                         is_flying_along(values + at, plane.pitch - 1, value);
-            mark = pick(is_known & !flies, (intl)KEPT, (intl)0) | pick(IN_IMAGE(plane, x), (intl)(AREA | DOUBTED), (intl)0);
+            mark = select_lanes(is_known & !flies, (intl)KEPT, (intl)0) |
+                   select_lanes(IN_IMAGE(plane, x), (intl)(AREA | DOUBTED), (intl)0);
         }
         store_bytes(to_ucharl(mark), marks + at);
     }
@@ -85,12 +89,13 @@ kernel void hold(global const float *values, global const float *known, global c
             for (int dy = -GAP; dy <= GAP && any_lane(is_asked & !holds); dy++)
                 for (int dx = -GAP; dx <= GAP; dx++) {
                     const int other = at + dy * plane.pitch + dx;
-                    intl is_alike = ((load_bytes(marks + other) & KEPT) != 0) & (fabs(load_lanes(values + other) - before) < 1.0f);
+                    const intl is_kept = (load_bytes(marks + other) & KEPT) != 0;
+                    intl is_alike = is_kept & (fabs(load_lanes(values + other) - before) < 1.0f);
                     if (has_color)
                         is_alike &= unlikeness(load_lanes(tint + at), load_lanes(tint + other)) < UNLIKE_SOME;
                     holds |= is_alike;
                 }
-            mark |= pick(is_asked & holds, (intl)STILL, (intl)0);
+            mark |= select_lanes(is_asked & holds, (intl)STILL, (intl)0);
         }
         store_bytes(to_ucharl(mark), held + at);
     }

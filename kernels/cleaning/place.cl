@@ -1,9 +1,10 @@
 /* Images as planes (plane.h): depth, colours, and values of depth on a scale (scale.h).
  *
- * depth: (height, width) planar z; not finite, <= NEAREST or >= 1 / NEAREST is none. placed: its plane, 0 where there is
- * none. ranges: (rows, 2) least and greatest depth of each of the plane's rows, (inf, -inf) where there is none. color:
- * (height, width, 3). tint: the plane of its colours, TINT_BITS a channel, of which TINT_MAX is the brightest. values:
- * scale.h. Work-item: a row (place_depth), `strip` packets of a row. O(pixels). Determinism: each pixel on its own.
+ * depth: (height, width) planar z; not finite, <= NEAREST or >= 1 / NEAREST is none. placed: its plane, 0 where there
+ * is none. ranges: (rows, 2) least and greatest depth of each of the plane's rows, (inf, -inf) where there is none.
+ * color: (height, width, 3). tint: the plane of its colours, TINT_BITS a channel, of which TINT_MAX is the brightest.
+ * values: scale.h. Work-item: a row (place_depth), `strip` packets of a row. O(pixels). Determinism: each pixel on
+ * its own.
  */
 #include "cleaning/plane.h"
 #include "cleaning/scale.h"
@@ -27,9 +28,9 @@ kernel void place_depth(global const float *depth, global float *placed, global 
                     set_float_lane(d, lane, from[lane]);
         }
         const intl is_valid = (d > NEAREST) & (d < 1.0f / NEAREST);
-        low = min_lanes(pick(is_valid, d, low), low);
-        high = max_lanes(pick(is_valid, d, high), high);
-        store_lanes(pick(is_valid, d, (floatl)0.0f), placed + (size_t)row * plane.pitch + x);
+        low = min_lanes(select_lanes(is_valid, d, low), low);
+        high = max_lanes(select_lanes(is_valid, d, high), high);
+        store_lanes(select_lanes(is_valid, d, (floatl)0.0f), placed + (size_t)row * plane.pitch + x);
     }
     ranges[2 * row] = least_lane(low);
     ranges[2 * row + 1] = -least_lane(-high);
@@ -58,7 +59,8 @@ kernel void to_scale(global const float *placed, global float *values, global co
         if (IS_PACKET_OF_IMAGE(plane, x, row)) {                                                               \
             global const scaled *from = color + 3 * (size_t)(row - ABOVE) * plane.width;                       \
             const intl at = 3 * min(x - ASIDE + lane_index, (intl)(plane.width - 1));                         \
-            const floatl r = (floatl)(gather(from, at)), g = (floatl)(gather(from, at + 1)), b = (floatl)(gather(from, at + 2)); \
+            const floatl r = (floatl)(gather(from, at)), g = (floatl)(gather(from, at + 1));                   \
+            const floatl b = (floatl)(gather(from, at + 2));                                                   \
             packed = PACKED_TINT(r, g, b, full);                                                               \
         }                                                                                                      \
         store_lanes(packed, tint + (size_t)row * plane.pitch + x);                                             \

@@ -2,8 +2,8 @@
 #define CLEANING_PLANE_H
 /* Planes: an image amid a margin in which there is nothing, so that neighbours are read without asking where it ends.
  *
- * Rows are of `pitch` elements, whole packets; the image's first pixel is in row ABOVE and column ASIDE. What is said of
- * a plane's depth, values and bytes holds of its margin, too: it is written with the rest.
+ * Rows are of `pitch` elements, whole packets; the image's first pixel is in row ABOVE and column ASIDE. What is said
+ * of a plane's depth, values and bytes holds of its margin, too: it is written with the rest.
  */
 #include "lib/lanes.h"
 

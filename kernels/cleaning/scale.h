@@ -2,10 +2,10 @@
 #define CLEANING_SCALE_H
 /* Scales: nearness (1 / depth), stretched so that 1 is the same multiple of the noise at every depth.
  *
- * A table has the values at the floats whose last KNOT_SHIFT bits are 0: their number, without these bits, is `first` at
- * its beginning. Between two of them the scale is linear. So its steps are shares of the nearness, and looking one up
- * takes no logarithm. A guide has for each of GUIDES even parts of the values, and for the end of the last, the knot at or
- * below its beginning: the inverse need not search far.
+ * A table has the values at the floats whose last KNOT_SHIFT bits are 0: their number, without these bits, is `first`
+ * at its beginning. Between two of them the scale is linear. So its steps are shares of the nearness, and looking one
+ * up takes no logarithm. A guide has for each of GUIDES even parts of the values, and for the end of the last, the
+ * knot at or below its beginning: the inverse need not search far.
  */
 #include "lib/lanes.h"
 
@@ -29,7 +29,7 @@ INLINED floatl value_of_depth(global const float *table, Scale scale, floatl dep
     const floatl begin = KNOT(scale, knot), end = KNOT(scale, knot + 1);
     floatl low, high;
     gather_pairs(table, knot, &low, &high);
-    return pick(depth > 0.0f, low + (high - low) * ((nearness - begin) / (end - begin)), (floatl)MISSING);
+    return select_lanes(depth > 0.0f, low + (high - low) * ((nearness - begin) / (end - begin)), (floatl)MISSING);
 }
 
 /* The inverse, for values within the table: others become its ends. */
@@ -39,13 +39,13 @@ INLINED floatl depth_of_value(global const float *table, global const int *guide
     intl knot = (intl)(gather(guide, cell)), last = (intl)(gather(guide, cell + 1));
     while (any_lane(knot < last)) {
         const intl middle = (knot + last + 1) >> 1, is_above = (floatl)(gather(table, middle)) > value;
-        last = pick(is_above, middle - 1, last);
-        knot = pick(is_above, knot, middle);
+        last = select_lanes(is_above, middle - 1, last);
+        knot = select_lanes(is_above, knot, middle);
     }
     const floatl begin = KNOT(scale, knot), end = KNOT(scale, knot + 1);
     floatl low, high;
     gather_pairs(table, knot, &low, &high);
-    const floatl part = pick(high > low, (value - low) / (high - low), (floatl)0.0f);
+    const floatl part = select_lanes(high > low, (value - low) / (high - low), (floatl)0.0f);
     return 1.0f / (begin + clamp_lanes(part, (floatl)0.0f, (floatl)1.0f) * (end - begin));
 }
 #endif

@@ -2,14 +2,13 @@
  *
  * Without the planes, steep surfaces would differ from pixel to pixel by more than noise does, and keep theirs. Their
  * slopes are those of what a first, wider filter makes (`roughen`). Weights are exp(-u / 2), of u = (values apart /
- * RANGE)^2 + (pixels apart / SPACING)^2, as (1 - u / SUPPORT)^4: nothing beyond, and
- * cheap. What was known before draws
- * a value by BEFORE_WEIGHT exp(-d^2 / 2) of how far it is off, d, over `strength`: noise does, and no move.
+ * RANGE)^2 + (pixels apart / SPACING)^2, as (1 - u / SUPPORT)^4: nothing beyond, and cheap. What was known before
+ * draws a value by BEFORE_WEIGHT exp(-d^2 / 2) of how far it is off, d, over `strength`: noise does, and no move.
  *
- * values, rough: planes on a scale (scale.h) on which noise has a standard deviation of 1; before, grown: of depth, 0 for
- * none. marks: plane.h. strength: 0 for none. depth: (height, width), NaN for none; invented: (height, width). A value
- * that does not change keeps its depth. Work-item: `strip` packets of a row. Cost: O(pixels), 81 samples each, twice.
- * Determinism: each pixel from planes that are finished.
+ * values, rough: planes on a scale (scale.h) on which noise has a standard deviation of 1; before, grown: of depth, 0
+ * for none. marks: plane.h. strength: 0 for none. depth: (height, width), NaN for none; invented: (height, width). A
+ * value that does not change keeps its depth. Work-item: `strip` packets of a row. Cost: O(pixels), 81 samples each,
+ * twice. Determinism: each pixel from planes that are finished.
  */
 #include "cleaning/plane.h"
 #include "cleaning/scale.h"
@@ -69,7 +68,7 @@ kernel void roughen(global const float *values, global float *rough, ImagePlane 
             value = load_lanes(values + at);
             const intl is_known = IS_KNOWN(value);
             if (any_lane(is_known))
-                value = pick(is_known, value + off_mean(values + at, plane.pitch, 0.0f, 0.0f, ROUGH_RANGE * strength), value);
+                value += off_mean(values + at, plane.pitch, 0.0f, 0.0f, ROUGH_RANGE * strength); /* of MISSING 0 */
         }
         store_lanes(value, rough + at);
     }
@@ -78,9 +77,11 @@ kernel void roughen(global const float *values, global float *rough, ImagePlane 
 /* How much values change from pixel to pixel: the lesser change of the two sides', 0 where they disagree */
 INLINED floatl slope_along(global const float *rough, int step)
 {
-    const floatl middle = load_lanes(rough), low = load_lanes(rough - REACH * step), high = load_lanes(rough + REACH * step);
-    const floatl first = middle - low, last = high - middle, lesser = pick(fabs(first) < fabs(last), first, last);
-    return pick(IS_KNOWN(low) & IS_KNOWN(high) & (first * last > 0.0f), lesser * (1.0f / REACH), (floatl)0.0f);
+    const floatl low = load_lanes(rough - REACH * step), high = load_lanes(rough + REACH * step);
+    const floatl middle = load_lanes(rough);
+    const floatl first = middle - low, last = high - middle;
+    const floatl lesser = select_lanes(fabs(first) < fabs(last), first, last);
+    return select_lanes(IS_KNOWN(low) & IS_KNOWN(high) & (first * last > 0.0f), lesser * (1.0f / REACH), (floatl)0.0f);
 }
 
 INLINED floatl smoothed(global const float *values, global const float *rough, floatl grown, floatl before,
@@ -92,14 +93,15 @@ INLINED floatl smoothed(global const float *values, global const float *rough, f
     if (any_lane(has_before)) {
         const floatl to_before = value_of_depth(table, scale, before) - (value + off);
         const floatl weight = BEFORE_WEIGHT * weight_of(1.0f - SHARPNESS(strength) * (to_before * to_before));
-        off += pick(has_before, weight * to_before, (floatl)0.0f);
+        off += select_lanes(has_before, weight * to_before, (floatl)0.0f);
     }
-    return pick(off == 0.0f, grown, depth_of_value(table, guide, scale, value + off));
+    return select_lanes(off == 0.0f, grown, depth_of_value(table, guide, scale, value + off));
 }
 
-kernel void smooth(global const float *values, global const float *rough, global const float *grown, global const float *before,
-                   int has_before, global const uchar *marks, global const float *table, global const int *guide, Scale scale,
-                   ImagePlane plane, int strip, float strength, global float *depth, global uchar *invented)
+kernel void smooth(global const float *values, global const float *rough, global const float *grown,
+                   global const float *before, int has_before, global const uchar *marks, global const float *table,
+                   global const int *guide, Scale scale, ImagePlane plane, int strip, float strength,
+                   global float *depth, global uchar *invented)
 {
     const int row = get_global_id(1);
     if (row >= plane.height)
@@ -115,8 +117,8 @@ kernel void smooth(global const float *values, global const float *rough, global
             const floatl known = has_before ? load_lanes(before + at) : (floatl)0.0f;
             found = smoothed(values + at, rough + at, found, known, table, guide, scale, plane.pitch, strength);
         }
-        found = pick(is_known, found, (floatl)NAN);
-        const intl is_invented = pick(is_known & ((load_bytes(marks + at) & KEPT) == 0), (intl)1, (intl)0);
+        found = select_lanes(is_known, found, (floatl)NAN);
+        const intl is_invented = select_lanes(is_known & ((load_bytes(marks + at) & KEPT) == 0), (intl)1, (intl)0);
         const size_t to = (size_t)row * plane.width + x - ASIDE;
         if (x + LANES <= ASIDE + plane.width) {
             store_lanes(found, depth + to);

@@ -117,7 +117,7 @@ def clean_depth(
         image = Image(width, height)
         placed, last = image.place(measured), None if known is None else image.place(known)
         image.place_colors(colors)
-        at, noise = noise_by_nearness(measured, most=_SAMPLES)  # while the device works
+        at, noise = noise_by_nearness(measured, count_max=_SAMPLES)  # while the device works
         if placed.is_empty:
             return CleanedDepth(np.full_like(measured, np.nan), np.zeros(measured.shape, np.bool_))
         last = None if last is None or last.is_empty else last
