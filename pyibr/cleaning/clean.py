@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pyibr.cleaning.scale import Scale, scale_of
 from pyibr.cleaning.stages import Image, Placed
-from pyibr.core.checks import check_pixels, checked_colors, integer_from, number_from
+from pyibr.core.checks import checked_colors, integer_from, number_from
 from pyibr.images.depth_image import Color, Depth, checked_depth
 from pyibr.images.noise import noise_by_nearness
 from pyibr.opencl.device import one_call
@@ -86,7 +86,7 @@ def clean_depth(
     Raises
     ------
     ArgumentError
-        If shapes, dtypes or ranges do not fit.
+        If shapes, dtypes or ranges do not fit, or there are more pixels than kernels can number.
 
     Examples
     --------
@@ -108,7 +108,6 @@ def clean_depth(
     """
     measured = checked_depth(depth, (None, None))
     height, width = measured.shape
-    check_pixels("depth", (width, height))
     colors = None if color is None else checked_colors("color", color, (height, width, 3))
     known = None if before is None else checked_depth(before, measured.shape, "before")
     reach = integer_from("holes", holes, 0, 1000)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.cleaning.scale import Scale
+from pyibr.core.checks import check_pixels
 from pyibr.opencl.device import current
 from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
@@ -69,6 +70,7 @@ class Image:
         packets = -(-width // _of_planes("ASIDE")) + 2
         packets += packets % 16 == 0  # no power of two, as `pyibr.core.pixelspace.pitch`
         self._shape = height + 2 * _of_planes("ABOVE"), packets * _of_planes("ASIDE")
+        check_pixels("depth", (self._shape[1], self._shape[0]))  # the margin is numbered, too
         record = np.zeros((), struct("cleaning/plane.h", "ImagePlane"))
         record["width"], record["height"], record["pitch"] = width, height, self._shape[1]
         self._plane = Struct("ImagePlane", record)

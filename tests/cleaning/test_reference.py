@@ -61,7 +61,7 @@ def test_it_is_as_good_and_in_the_same_places(seed, guided):
         before = twin.depth
 
 
-@pytest.mark.parametrize("holes", [0, 1, 3, 8, 40, 1000])
+@pytest.mark.parametrize("holes", [0, 1, 3, 8, 40, pytest.param(1000, marks=pytest.mark.thorough)])
 def test_the_same_area_is_filled(holes):
     depth = np.full((61, 83), 2, np.float32)
     rng = np.random.default_rng(holes)
@@ -87,6 +87,7 @@ def test_regions_grow_as_they_do_step_by_step(size, colors):
     assert (ours.depth == twin.depth).mean() >= (0.97 if colors == "bytes" else 1)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("size", [(1, 1), (7, 13), (50, 33)])
 def test_one_lane_cleans_as_sixteen(size):
     _, noisy, color = scene(size, 5)
