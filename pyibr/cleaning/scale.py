@@ -11,6 +11,8 @@ from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct
 from pyibr.opencl.memory import DeviceArray, upload
 
+_VALUE_MIN = 1e-30  # of the last: where noise is that much more than all of the nearness, one guide is enough
+
 
 @dataclass(frozen=True)
 class Scale:
@@ -46,5 +48,5 @@ def scale_of(nearest: float, farthest: float, at: Float64, noise: Float64, least
     guide = np.clip(np.searchsorted(values, parts, side="right") - 1, 0, len(knots) - 2).astype(np.int32)
     record = np.zeros((), struct("cleaning/scale.h", "Scale"))
     record["first"], record["count"] = knots[0], len(knots)
-    record["cells_per_value"] = guides / values[-1]
+    record["cells_per_value"] = guides / max(float(values[-1]), _VALUE_MIN)
     return Scale(upload(values), upload(guide), Struct("Scale", record))
