@@ -46,7 +46,7 @@ def bare() -> None:
     """Meshes are captured, frusta proposed; what is missing is named."""
     capture()
     propose()
-    for call, extra in ((clean, "opencv"), (to_open3d, "open3d"), (exr, "exr")):
+    for call, extra in ((inpaint, "opencv"), (to_open3d, "open3d"), (exr, "exr")):
         try:
             call()
         except ibr.MissingPackageError as error:
@@ -60,7 +60,7 @@ def beside() -> None:
     """The OpenCV that was there before is used, and has its windows still."""
     import cv2
 
-    clean()
+    inpaint()
     lines = [line.split(":", 1) for line in cv2.getBuildInformation().splitlines() if line.strip().startswith("GUI:")]
     if not lines or lines[0][1].strip() in ("", "NONE"):
         sys.exit(f"this OpenCV has lost its windows: {lines}")
@@ -71,7 +71,7 @@ def beside() -> None:
 
 def every() -> None:
     """All extras do what they are for, and a CPU works without a driver of the system's."""
-    clean()
+    inpaint()
     capture()
     to_open3d()
     exr()
@@ -79,8 +79,9 @@ def every() -> None:
         sys.exit(f"Intel's runtime does not work: {ibr.devices()}")
 
 
-def clean() -> None:
-    ibr.clean_depth(np.full((HEIGHT, WIDTH), 2, np.float32))
+def inpaint() -> None:
+    camera = ibr.Camera(K, (WIDTH, HEIGHT))
+    ibr.warp(ibr.DepthImage(None, np.full((HEIGHT, WIDTH), 2, np.float32), camera), camera, fill="inpaint")
 
 
 def capture() -> None:

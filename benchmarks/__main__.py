@@ -20,6 +20,7 @@ MODULES = {
     "rgbd": "warp.rgbd",
     "filling": "warp.filling",
     "registration": "warp.registration",
+    "cleaning": "cleaning.cleaning",
     "raster": "raster.raster",
     "slicing": "slicing.slicing",
     "relief": "relief.relief",

@@ -53,6 +53,7 @@ class Plan:
     rgbd_steady: Mapping[Size, int]  # frames
     filling: Size
     registration: Mapping[Size, int]
+    cleaning: Mapping[Size, int]
     pages_size: Size
     pages_rounds: int
     pages_seconds: float  # that the camera moves in each
@@ -108,6 +109,7 @@ FULL = Plan(
     rgbd_steady={(640, 480): 30},
     filling=(640, 480),
     registration={(640, 480): 31, (1280, 720): 21, (1920, 1080): 11},
+    cleaning={(640, 480): 31, (1280, 720): 11, (4000, 3000): 3},
     pages_size=(640, 480),
     pages_rounds=5,
     pages_seconds=4.0,
@@ -158,6 +160,7 @@ QUICK = Plan(
     rgbd_steady={(64, 48): 3},
     filling=(64, 48),
     registration={(64, 48): 1},
+    cleaning={(64, 48): 1},
     pages_size=(320, 240),
     pages_rounds=1,
     pages_seconds=0.5,

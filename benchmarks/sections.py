@@ -6,6 +6,7 @@ from pathlib import Path
 
 from benchmarks import plots, startup, table2
 from benchmarks.app.pages_section import pages_section
+from benchmarks.cleaning.cleaning_section import cleaning_section
 from benchmarks.depthmesh.depthmesh_section import depthmesh_section
 from benchmarks.relief.relief_section import relief_section
 from benchmarks.results import Parameter, Result
@@ -242,6 +243,7 @@ SECTIONS = {
     "rgbd": rgbd_section,
     "filling": filling_section,
     "registration": registration_section,
+    "cleaning": cleaning_section,
     "raster": raster_section,
     "slicing": slicing_section,
     "relief": relief_section,

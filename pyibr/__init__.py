@@ -9,6 +9,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from pyibr.cleaning import CleanedDepth, clean_depth
 from pyibr.core.camera import Camera
 from pyibr.core.errors import (
     ArgumentError,
@@ -20,11 +21,9 @@ from pyibr.core.errors import (
 )
 from pyibr.core.lens import Lens
 from pyibr.images import (
-    CleanedDepth,
     DepthImage,
     Frame,
     PixelClass,
-    clean_depth,
     depth_from_disparity,
     depth_from_euclidean,
     depth_from_mpeg,

@@ -64,7 +64,6 @@ int step_of(int x, int y)
 
 /* LANES numbers of a row from first + dx on, dx in {-1, 0, 1}; the first of a row's has no left neighbour. */
 #define NEXT_TO(load, row, first, dx) ((dx) < 0 && !(first) ? shifted_lanes(load(row)) : load((row) + (first) + (dx)))
-#define load_bytes(p) to_intl(load_lanes(p))
 
 #define NOTHING (UNDRAWN | UNDRAWN << 2)
 

@@ -96,12 +96,14 @@ float least_lane(float16 v)
     const float4 quarter = fmin(half_.lo, half_.hi);
     return fmin(fmin(quarter.x, quarter.y), fmin(quarter.z, quarter.w));
 }
-/* Unaligned, in one instruction: vstore16 of uchar goes byte by byte. */
+/* Unaligned, in one instruction: vload16 and vstore16 of uchar go byte by byte. */
 typedef struct __attribute__((packed)) {
     uchar16 bytes;
 } UnalignedBytes;
 #define store_bytes(v, p) (((global UnalignedBytes *)(p))->bytes = (v))
+#define load_bytes(p) to_intl(((global const UnalignedBytes *)(p))->bytes)
 #else
+#define load_bytes(p) to_intl(*(p))
 #define store_bytes(v, p) (*(p) = (v))
 #define load_lanes(p) (*(p))
 #define store_lanes(v, p) (*(p) = (v))

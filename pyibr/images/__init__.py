@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pyibr.images.cleaning import CleanedDepth, clean_depth
 from pyibr.images.converters import (
     depth_from_disparity,
     depth_from_euclidean,
@@ -20,11 +19,9 @@ from pyibr.images.frame import Frame, PixelClass
 from pyibr.images.noise import disparity_noise
 
 __all__ = [
-    "CleanedDepth",
     "DepthImage",
     "Frame",
     "PixelClass",
-    "clean_depth",
     "depth_from_disparity",
     "depth_from_euclidean",
     "depth_from_mpeg",

@@ -47,13 +47,13 @@ class InFlight:
     def __init__(self) -> None:
         self.used: list[object] = []
         self.seconds = 0.0
-        self._costs: list[KernelCost] = []
+        self._costs: set[KernelCost] = set()  # of a kernel that is in flight several times, one
 
     def add(self, used: object, cost: KernelCost, seconds: float) -> None:
         """A launch joins."""
         self.used.append(used)
         self.seconds += seconds
-        self._costs.append(cost)
+        self._costs.add(cost)
 
     def finish(self, waited: float) -> None:
         """All of it is done; `waited` seconds for that. Whose launches took far longer than expected is slower."""

@@ -11,6 +11,7 @@ import pytest
 import pyibr as ibr
 from benchmarks import report, scenes
 from benchmarks.cases import FULL, QUICK
+from benchmarks.cleaning import cleaning
 from benchmarks.results import Record, Result, Skip
 from benchmarks.warp import filling, opencv, registration, rgbd, rgbd_uses, steady
 from benchmarks.warp.opencv import Task
@@ -209,6 +210,22 @@ def test_registration_is_judged_by_its_bars(tmp_path: Path) -> None:
     assert "| 0.70 | at most 1 | met | 90.0% |" in text
     assert "| 0.70 | at most 0.6 | **not met** | 90.0% |" in text
     assert "| 0.70 |  |  | 90.0% |" in text
+
+
+def test_cleaning_is_judged_by_its_bars(tmp_path: Path) -> None:
+    result = Result("cleaning", ENVIRONMENT)
+    for size, took in (("640 x 480", 10.0), ("1280 x 720", 20.0), ("64 x 48", 10.0)):
+        at = {"scene": scenes.ROOM, "size": size, "noise": 0.3}
+        for subject, time in ((cleaning.CLEANED, took), (cleaning.STEADY, took), (cleaning.BILATERAL, took)):
+            result.records.append(Record(subject, "end to end", "ms", at, [time]))
+        result.records.append(Record(cleaning.TWIN, "end to end", "ms", at, [125.0]))
+        for subject in (cleaning.CLEANED, cleaning.TWIN):
+            result.records.append(Record(subject, "gain", "dB", at, [13.5]))
+    result.save(tmp_path / "cleaning.json")
+    text = report.write(tmp_path).read_text()
+    assert "| 0.08 | at most 0.1 | met | 13.5 dB |" in text
+    assert "| 0.16 | at most 0.1 | **not met** | 13.5 dB |" in text
+    assert "| 0.08 |  |  | 13.5 dB |" in text
 
 
 def test_without_the_data_the_room_stands_in_and_the_report_says_so(

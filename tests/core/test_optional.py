@@ -44,6 +44,7 @@ things = [
 for thing in things:
     assert ibr.render([thing], camera, ibr.Light(direction=(0, 0, 1))).valid.any(), thing
 assert ibr.warp(view, camera.moved(0.1, 0, 0), fill="background").valid.any()
+assert (ibr.clean_depth(depth, view.color).depth > 0).any()
 """
 
 
@@ -68,8 +69,9 @@ def test_a_missing_package_is_named_with_its_extra(monkeypatch: pytest.MonkeyPat
     with pytest.raises(MissingPackageError, match=r"meshes need Open3D: pip install 'pyibr-opencl\[open3d\]'$"):
         open3d()
     depth = np.ones((3, 4), np.float32)
-    with pytest.raises(MissingPackageError, match=r"clean_depth needs OpenCV: pip install 'pyibr-opencl\[opencv\]'$"):
-        ibr.clean_depth(depth)
+    view = ibr.DepthImage(None, depth, ibr.Camera([[3, 0, 2], [0, 3, 1], [0, 0, 1]], (4, 3)))
+    with pytest.raises(MissingPackageError, match=r"inpaint\" needs OpenCV: pip install 'pyibr-opencl\[opencv\]'$"):
+        ibr.warp(view, view.camera, fill="inpaint")
     with pytest.raises(MissingPackageError, match=r"EXR files need OpenEXR: pip install 'pyibr-opencl\[exr\]'$"):
         ibr.write_depth("depth.exr", depth)
 
@@ -85,7 +87,7 @@ def test_a_missing_package_is_named_with_its_extra(monkeypatch: pytest.MonkeyPat
 def test_a_broken_package_is_told_from_a_missing_one(source: str, reason: str, folder: Path):
     (folder / "cv2.py").write_text(source)
     with pytest.raises(MissingPackageError, match=rf"is installed but cannot be imported \(.*{reason}.*headless"):
-        opencv("clean_depth")
+        opencv("a video")
 
 
 def test_what_an_opencv_lacks_is_named(folder: Path):

@@ -437,9 +437,22 @@ def _relit(setting: Setting) -> Cases:
         yield f"relit {camera.size}, {light}", partial(_draw, setting, [], camera, light)
 
 
+def _cleanings(setting: Setting) -> Cases:
+    sizes = ((13, 7), (1, 1), (37, 5), (1, 37), (67, 33), (16, 17))[: setting.choose(2, 3, 6)]
+    ways: tuple[dict[str, Any], ...] = ({}, {"holes": 40}, {"strength": 0, "holes": 0})
+    for (width, height), way in product(sizes, ways):
+        rng = np.random.default_rng(width)
+        depth = (2 + 0.02 * rng.random((height, width))).astype(np.float32)
+        depth[rng.random(depth.shape) < 0.2], depth[height // 2, width // 2] = np.nan, 0.5
+        color = None if setting.kind == "depth alone" else setting.noise(width, height)
+        before = np.where(rng.random(depth.shape) < 0.1, np.float32(np.nan), np.float32(2.01)) if way else None
+        yield f"clean {width} x {height} {way}", partial(ibr.clean_depth, depth, color, before=before, **way)
+
+
 FOLDERS: dict[str, tuple[Callable[[Setting], Cases], ...]] = {
     "lib": (_registrations,),
     "picture": (_lenses, _registrations, _relit, _marked),
+    "cleaning": (_cleanings,),
     "warp": (_warps, _lenses, _registrations),
     "raster": (_meshes, _sorted),
     "slicing": (_surfaces, _objects),
@@ -448,7 +461,7 @@ FOLDERS: dict[str, tuple[Callable[[Setting], Cases], ...]] = {
 }
 """What runs every kernel of each folder of `kernels/`, among others."""
 
-_WITHOUT_COLORS = (_lenses, _warps, _registrations)
+_WITHOUT_COLORS = (_lenses, _warps, _registrations, _cleanings)
 
 
 def run_all(setting: Setting, launches: Launches, folder: str) -> Ran:

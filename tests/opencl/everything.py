@@ -86,6 +86,13 @@ def _registered() -> list[NDArray[Any]]:
     return [ibr.register(depth, view.camera, there), in_counts, seen.color, seen.seen]
 
 
+def _cleaned() -> list[NDArray[Any]]:
+    view = _view(scenes.holed)
+    color = view.color.astype(np.float32) / 255
+    first = ibr.clean_depth(np.where(view.valid, view.depth, np.float32(np.nan)), view.color)
+    return [*first, *ibr.clean_depth(view.depth, color, before=first.depth)]
+
+
 def _from_within() -> list[NDArray[Any]]:
     base, even = models.donut(12), np.full((4, 4), 0.5, np.float32)
     corner = base.vertices[base.faces[0]].astype(np.float64)
@@ -122,6 +129,7 @@ def calls() -> dict[str, Call]:
         "samples": _warped(samples=4),
         "seen": _drawn(lambda: MarkedUnseen(as_drawable(base), views)),
         "registered": _registered,
+        "cleaned": _cleaned,
         "mesh": _drawn(lambda: ibr.Mesh(base.vertices, base.faces)),
         "depth image": _drawn(lambda: [_view(scenes.stepped), ibr.Mesh(base.vertices, base.faces)]),
         "sliced": _drawn(lambda: ibr.SlicedSurface(base, heights, colors, 0.2, slices=16)),

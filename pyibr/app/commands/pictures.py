@@ -58,6 +58,7 @@ PICTURES: tuple[Callable[[], object], ...] = (
     lambda: ibr.warp([_view(), _view(0.3)], _beyond()),
     lambda: ibr.warp(_view(), _beyond(), fill="smooth", samples=4),
     lambda: ibr.render(_view(), _beyond()),
+    lambda: ibr.clean_depth(_view().depth, np.zeros((*_SIZE[::-1], 3), np.uint8)),
     lambda: ibr.render([_square(), _plain()], _beyond()),
     lambda: ibr.render(_square(), _beyond(), ibr.Light(direction=(0, 0, 1))),
     lambda: ibr.render([_view(), _square()], _beyond(), ibr.Light(direction=(0, 0, 1))),

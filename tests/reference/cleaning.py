@@ -1,16 +1,20 @@
-"""Depth as cameras deliver it, made fit for new views: flying pixels, speckle, small holes and noise."""
+"""Depth cleaned step by step in NumPy, and by OpenCV: what the kernels of kernels/cleaning are to come near to.
+
+Islands have values in sixteenths of the scale's 1, regions grow in the order of time, and weights are exponentials.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.core.checks import Float64, checked_colors, integer_from, number_from
+from pyibr.cleaning import CleanedDepth
+from pyibr.core.checks import Float64
 from pyibr.core.optional import opencv
-from pyibr.images.depth_image import Color, Depth, checked_depth
+from pyibr.images.depth_image import Color, Depth
 from pyibr.images.noise import noise_by_nearness
 
 Mask = NDArray[np.bool_]
@@ -29,27 +33,6 @@ _STEPS = 4096  # of the scale's table
 _STEADY_WEIGHT = 0.9  # of what was known before, where it agrees
 
 
-class CleanedDepth(NamedTuple):
-    """Result of `clean_depth`.
-
-    Attributes
-    ----------
-    depth : (H, W) float32
-        Planar z in scene units; NaN where there is none.
-    invented : (H, W) bool
-        Where it was not measured: holes that were filled, flying pixels and speckle that were replaced.
-
-    Examples
-    --------
-    >>> import pyibr as ibr
-    >>> ibr.CleanedDepth._fields
-    ('depth', 'invented')
-    """
-
-    depth: Depth
-    invented: Mask
-
-
 def clean_depth(
     depth: Depth,
     color: Color | None = None,
@@ -58,72 +41,12 @@ def clean_depth(
     holes: int = 8,
     strength: float = 1.0,
 ) -> CleanedDepth:
-    """Clean the depth that a camera delivers: flying pixels, speckle, small holes and noise.
-
-    How much noise there is at which depth is found from the samples themselves, so that structured light, stereo and
-    time of flight are treated alike. Samples between two surfaces go, which are half of each, and islands of a few
-    samples. Small holes are filled from their edges inwards, where colours are alike first, so that depth edges follow
-    those of the colour. Then a bilateral filter around each sample's own plane smooths what differs from it by no more
-    than noise does: edges stay as sharp as they are. It works on nearness (1 / depth), in which planes are linear.
-
-    Frame by frame, what is left of the noise flickers, and so does what is filled. With `before` the depth is steady:
-    where the last frame's and this one's agree within the noise, most of the last one's stays, and so do wires that
-    break into pieces; where they do not, something has moved, and this frame's counts alone. What moves slowly is
-    behind by at most 0.55 `strength` of the noise's standard deviation.
-
-    Parameters
-    ----------
-    depth : (H, W) float32
-        Planar z in scene units; NaN, infinite or <= 0 where there is none.
-    color : (H, W, 3) uint8, or float32 in [0, 1], optional
-        Registered to the depth: what it guides is which side of an edge a filled sample belongs to.
-    before : (H, W) float32, optional
-        In a sequence, the last frame's cleaned depth as this frame's camera sees it, NaN where unknown: as it was
-        returned, if the camera stands still; else carried over, see the example.
-    holes : int
-        0 to 1000 pixels: gaps up to twice as wide are filled, if there is depth around them.
-    strength : float
-        0 to 10: how much of the noise that was found is smoothed away. 0: samples that stay keep their depth.
-
-    Returns
-    -------
-    CleanedDepth
-        The depth, and which of it is invented. Nothing is invented outside of the hull that discs of radius `holes`
-        leave of the valid samples, and of those that are taken from `before` within 2 pixels of them.
-
-    Raises
-    ------
-    ArgumentError
-        If shapes, dtypes or ranges do not fit.
-    MissingPackageError
-        OpenCV is not installed.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import pyibr as ibr
-    >>> depth = np.full((30, 40), 2, np.float32)
-    >>> depth[10:14, 20] = np.nan
-    >>> cleaned = ibr.clean_depth(depth)
-    >>> float(cleaned.depth[12, 20]), int(cleaned.invented.sum())
-    (2.0, 4)
-
-    The next frame, of a camera that has moved:
-
-    >>> camera = ibr.Camera([[50, 0, 20], [0, 50, 15], [0, 0, 1]], (40, 30))
-    >>> moved = camera.moved(0.01, 0, 0)
-    >>> before = ibr.warp(ibr.DepthImage(None, cleaned.depth, camera), moved).depth
-    >>> float(ibr.clean_depth(depth, before=before).depth[12, 20])
-    2.0
-    """
-    cv2 = opencv("clean_depth", "bilateralFilter", "filterSpeckles", "morphologyEx")
-    measured = checked_depth(depth, (None, None))
-    tint = None if color is None else _tint(checked_colors("color", color, (*measured.shape, 3)))
-    known = None if before is None else _without_invalid(checked_depth(before, measured.shape, "before"))
+    """The same as `pyibr.clean_depth`, for arguments that are right."""
+    cv2 = opencv("the reference of clean_depth", "bilateralFilter", "filterSpeckles", "morphologyEx")
+    tint = None if color is None else _tint(color)
+    known = None if before is None else _without_invalid(before)
     known = None if known is None or np.isnan(known).all() else known
-    reach = integer_from("holes", holes, 0, 1000)
-    share = number_from("strength", strength, 0.0, 10.0, "a number from 0 to 10")
-    measured = _without_invalid(measured)
+    measured = _without_invalid(depth)
     valid = np.isfinite(measured)
     if not valid.any():
         return CleanedDepth(measured, valid)
@@ -133,22 +56,22 @@ def clean_depth(
     apart, alike = _Scale(seen, at, _APART * noise, _LEAST_APART), _Scale(seen, at, noise, _NOISE_MIN)
     kept = valid & ~_flying_pixels(apart.of(measured))
     seeds, sown = kept, measured
-    if known is not None and reach > 0:
+    if known is not None and holes > 0:
         still = _held_over(np.where(kept, apart.of(measured), np.float32(np.nan)), apart.of(known), tint)
         seeds, sown = kept | still, np.where(still, known, measured)
-    area = _filled_area(cv2, seeds, reach)
+    area = _filled_area(cv2, seeds, holes)
     grown = _region_grown(cv2, sown, seeds, area, tint)
     speckle = _speckle(cv2, apart.of(grown))
     if known is not None:
         speckle &= ~_islands_with(cv2, speckle, kept & (np.abs(apart.of(measured) - apart.of(known)) < 1))
     if (speckle & seeds).any():
         kept, seeds = kept & ~speckle, seeds & ~speckle
-        area &= ~speckle | _filled_area(cv2, seeds, reach)
+        area &= ~speckle | _filled_area(cv2, seeds, holes)
         grown = _region_grown(cv2, sown, seeds, area, tint)
-    if share > 0 and np.isfinite(grown).any():
-        values = _smoothed(cv2, alike.of(grown), share)
+    if strength > 0 and np.isfinite(grown).any():
+        values = _smoothed(cv2, alike.of(grown), strength)
         if known is not None:
-            values = _temporally_filtered(values, alike.of(known), share)
+            values = _temporally_filtered(values, alike.of(known), strength)
         grown = alike.depth_of(values)
     return CleanedDepth(grown, np.isfinite(grown) & ~kept)
 
@@ -241,11 +164,11 @@ def _held_over(values: Float32, known: Float32, tint: Float32 | None) -> Mask:
     return there
 
 
-def _filled_area(cv2: Any, kept: Mask, reach: int) -> Mask:
+def _filled_area(cv2: Any, kept: Mask, holes: int) -> Mask:
     """(H, W) where samples may be invented: what no disc of this radius without a sample covers."""
-    if reach == 0:
+    if holes == 0:
         return kept
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * holes + 1, 2 * holes + 1))
     closed: NDArray[np.uint8] = cv2.morphologyEx(kept.astype(np.uint8), cv2.MORPH_CLOSE, disc)
     return closed.astype(np.bool_)
 

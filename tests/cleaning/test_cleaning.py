@@ -304,6 +304,7 @@ def test_a_real_camera_at_rest_is_steady():
         ({"color": np.zeros((4, 3, 3), np.uint8)}, "color: expected uint8"),
         ({"before": np.ones((4, 3), np.float32)}, r"before: expected float32 of shape \(3, 4\)"),
         ({"before": np.ones((3, 4), np.uint16)}, "before: expected float32"),
+        ({"depth": np.broadcast_to(np.float32(1), (1 << 24, 1))}, "depth: expected at most 536870912 pixels"),
     ],
 )
 def test_wrong_arguments(arguments, message):

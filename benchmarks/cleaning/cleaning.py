@@ -1,0 +1,86 @@
+"""Cleaned depth: its time beside the NumPy twin of the tests and a bilateral filter of OpenCV alone, and what it gains.
+
+From NumPy arrays to NumPy arrays, in turns in one process.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import pyibr as ibr
+from benchmarks import scenes
+from benchmarks.cases import Plan
+from benchmarks.results import Parameter, Record, Skip
+from benchmarks.runner import Case, Subject, Work
+from pyibr.core.optional import opencv
+from tests.reference import cleaning as reference
+
+Size = tuple[int, int]
+Depth = NDArray[np.float32]
+
+CLEANED, STEADY = "ibr.clean_depth", "ibr.clean_depth, before"
+TWIN, BILATERAL = "NumPy twin", "cv2.bilateralFilter"
+
+BARS = {"640 x 480": 0.1, "1280 x 720": 0.1, "4000 x 3000": 0.1}
+"""At most this ratio of `CLEANED` to the twin, by size."""
+
+LOST = 0.05  # of the samples
+HOLE = 16  # pixels: a square without samples, one in each block of as many HOLEs
+BLOCK = 8
+
+
+def cases(plan: Plan) -> Iterator[Case]:
+    """One case a size and noise."""
+    scene, missing = scenes.standing_in(plan.rgbd_scene)
+    if missing is not None:
+        yield Case({"case": "cleaning"}, lambda: missing)
+    for size, repeats in plan.cleaning.items():
+        for noise in plan.rgbd_noise:
+            if noise:
+                parameters: dict[str, Parameter] = {"scene": scene, "size": scenes.shown(size), "noise": noise}
+                yield Case(parameters, functools.partial(_prepare, parameters, scene, size, noise, repeats))
+
+
+def torn(depth: Depth) -> Depth:
+    """Depth without a twentieth of its samples, and with square holes."""
+    rng, holes = np.random.default_rng(depth.shape), depth.copy()
+    y, x = (np.arange(side) // HOLE % BLOCK == BLOCK // 2 for side in depth.shape)
+    holes[(rng.random(depth.shape) < LOST) | (y[:, None] & x)] = np.nan
+    return holes
+
+
+def _prepare(parameters: dict[str, Parameter], scene: str, size: Size, noise: float, repeats: int) -> Work | Skip:
+    cv2 = opencv("the benchmark of cleaned depth", "bilateralFilter")
+    clean, noisy = (scenes.rgbd(scene, 0, size, each) for each in (0.0, noise))
+    if isinstance(clean, Skip) or isinstance(noisy, Skip):
+        return clean if isinstance(clean, Skip) else Skip(scene, "it is not there")
+    truth, depth, color = clean.depth, torn(noisy.depth), clean.color
+    before = ibr.clean_depth(depth, color).depth
+    nearness = np.nan_to_num(1 / depth)
+    spread = float(np.nanstd(1 / noisy.depth - 1 / truth))
+
+    subjects: dict[str, Subject] = {
+        CLEANED: lambda: ibr.clean_depth(depth, color),
+        STEADY: lambda: ibr.clean_depth(depth, color, before=before),
+        TWIN: lambda: reference.clean_depth(depth, color),
+        BILATERAL: lambda: cv2.bilateralFilter(nearness, 11, 6.6 * spread, 3.0),
+    }
+
+    def read() -> Iterator[Record]:
+        made: dict[str, Callable[..., Any]] = {CLEANED: ibr.clean_depth, TWIN: reference.clean_depth}
+        for name, call in made.items():
+            yield Record(name, "gain", "dB", parameters, [_gain(call(depth, color).depth, depth, truth)])
+
+    return Work(subjects, repeats, read)
+
+
+def _gain(found: Depth, depth: Depth, truth: Depth) -> float:
+    """By how much the mean error of nearness is less, where there was a sample."""
+    both = np.isfinite(depth) & np.isfinite(found) & np.isfinite(truth)
+    before, after = (np.abs(1 / d - 1 / truth)[both].mean() for d in (depth, found))
+    return 20 * float(np.log10(before / after))

@@ -1,0 +1,65 @@
+/* The area in which samples may be invented: what no disc of radius `reach` without a sample covers.
+ *
+ * It is a closing by a disc: what is within the disc of a sample, less what is within it of what is not. Each of the
+ * two takes two passes: the distance within the pixel's column, and the least circle that any column of the row is
+ * within.
+ *
+ * marks: a plane of bytes; those that have one of `bits`, if `wanted` is 1, or none of them, if it is 0, are looked
+ * for within the image. distances: a plane, up to reach + 1. near: a plane, 1 where one is within the disc.
+ * Work-item: LANES columns (column_distances), `strip` packets of a row (within_disc). Cost: O(pixels * reach) at
+ * most; a packet ends its search once all of its pixels have found one. Determinism: each pixel from planes that are
+ * finished.
+ */
+#include "cleaning/plane.h"
+
+kernel void column_distances(global const uchar *marks, int bits, int wanted, global int *distances,
+                             ImagePlane plane, int reach)
+{
+    const int x = get_global_id(0) * LANES, rows = plane.height + 2 * ABOVE;
+    if (x >= plane.pitch)
+        return;
+    const intl is_column = (x + lane_index >= (intl)ASIDE) & IN_IMAGE(plane, x);
+    const intl beyond = reach + 1;
+    intl distance = beyond;
+    for (int row = 0; row < rows; row++) {
+        const size_t at = (size_t)row * plane.pitch + x;
+        distance = min(distance + 1, beyond);
+        if (IS_ROW_OF_IMAGE(plane, row)) {
+            const intl has = (load_bytes(marks + at) & bits) != 0;
+            distance = select_lanes(is_column & (wanted ? has : !has), (intl)0, distance);
+        }
+        store_lanes(distance, distances + at);
+    }
+    for (int row = rows - 2; row >= 0; row--) {
+        const size_t at = (size_t)row * plane.pitch + x;
+        distance = min(distance + 1, load_lanes(distances + at));
+        store_lanes(distance, distances + at);
+    }
+}
+
+kernel void within_disc(global const int *distances, global uchar *near, ImagePlane plane, int strip, int reach)
+{
+    const int row = get_global_id(1);
+    if (row >= plane.height + 2 * ABOVE)
+        return;
+    EACH_PACKET(plane, x)
+    {
+        const size_t at = (size_t)row * plane.pitch + x;
+        intl found = 0;
+        if (IS_PACKET_OF_IMAGE(plane, x, row)) {
+            const intl is_column = IN_IMAGE(plane, x);
+            for (int off = 0; off <= reach && any_lane(is_column & !found); off++) {
+                const int most = reach * reach - (off ? off * off - off + 1 : 0); /* half a pixel more than a circle */
+                if (x - off + LANES > ASIDE) {
+                    const intl left = load_lanes(distances + at - off);
+                    found |= left * left <= most;
+                }
+                if (x + off < ASIDE + plane.width) {
+                    const intl right = load_lanes(distances + at + off);
+                    found |= right * right <= most;
+                }
+            }
+        }
+        store_bytes(to_ucharl(select_lanes(found, (intl)1, (intl)0)), near + at);
+    }
+}

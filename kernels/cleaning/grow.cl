@@ -1,0 +1,174 @@
+/* Depth all over an area, from its seeds outwards: where colours are alike first, so that fronts from two sides meet
+ * at an edge of the colour.
+ *
+ * The colours of two neighbours are little, somewhat, much or fully unlike: a step's class, 0 to 3 (tint.h). A path
+ * costs its worst class, and then how many steps it goes on since it met that: (class, steps) as one number. Each
+ * pixel belongs to the seeds of the least cost; of its neighbours that cost less, it takes its depth from the one
+ * whose colour is most like its own, of equal ones from the first of EACH_STEP. That is what growing regions step by
+ * step does, class after class (Adams, Bischof: Seeded region growing, 1994, is of this kind), without its order in
+ * time.
+ *
+ * `relax` lowers costs tile by tile, in place, till nothing changes: a tile's own work-item alone writes them.
+ * Whether it sees a neighbour's as it was or as it is to be, both belong to paths that there are, and the least costs
+ * are one solution: it is the same, whoever was first. A tile whose surroundings did not change in the pass before
+ * rests.
+ *
+ * marks: plane.h; begin_growth takes AREA from what `near` (area.cl) has, if it is DOUBTED. near: 1 where the area is
+ * not. tint: tint.h. costs: a plane, 0 seeds. steps: a plane, 2 bits a step in the order of EACH_STEP. stamps: (down
+ * + 2, across + 2), for each tile the last pass that changed it, 0 around. parents: a plane, the neighbour that depth
+ * comes from, STAY for seeds. measured, before, grown: planes of depth, 0 for none. Work-item: `strip` packets of a
+ * row, or a tile (relax). Cost: O(pixels + pixels that are filled * length of their paths). Determinism: see above.
+ */
+#include "cleaning/plane.h"
+#include "cleaning/tint.h"
+
+#define OUTSIDE 0x7ffffff8 /* the cost of what has no depth, and of none so far */
+#define UNREACHED 0x7ffffff0
+#define CLASS_SHIFT 29
+#define GROWN_ROWS 16 /* of a tile */
+#define STAY 4
+
+/* Steps to the neighbours: number, across, down */
+#define EACH_STEP(F) F(0, 0, -1) F(1, -1, 0) F(2, 1, 0) F(3, 0, 1) F(4, -1, -1) F(5, 1, -1) F(6, -1, 1) F(7, 1, 1)
+
+kernel void begin_growth(global uchar *marks, global const uchar *near, global const uint *tint, int has_color,
+                         global int *costs, global int *steps, ImagePlane plane, int strip)
+{
+    const int row = get_global_id(1);
+    if (row >= plane.height + 2 * ABOVE)
+        return;
+    EACH_PACKET(plane, x)
+    {
+        const int at = row * plane.pitch + x;
+        intl cost = OUTSIDE, step = 0;
+        if (IS_PACKET_OF_IMAGE(plane, x, row)) {
+            intl mark = load_bytes(marks + at);
+            const intl is_near = load_bytes(near + at) != 0, is_seed = (mark & SEED) != 0;
+            const intl is_area = is_seed | (((mark & AREA) != 0) & !(((mark & DOUBTED) != 0) & is_near));
+            const intl is_open = is_area & !is_seed;
+            mark = (mark & SEED) | select_lanes(is_area, (intl)AREA, (intl)0);
+            store_bytes(to_ucharl(mark), marks + at);
+            cost = select_lanes(is_seed, (intl)0, select_lanes(is_open, (intl)UNREACHED, (intl)OUTSIDE));
+            if (has_color && any_lane(is_open)) {
+                const uintl own = load_lanes(tint + at);
+#define ADD_STEP(number, dx, dy)                                                                               \
+    {                                                                                                          \
+        const intl unlike = unlikeness(own, load_lanes(tint + at + dy * plane.pitch + dx));                    \
+        const intl kind = select_lanes(unlike > UNLIKE_LITTLE, (intl)1, (intl)0) +                                     \
+                          select_lanes(unlike > UNLIKE_SOME, (intl)1, (intl)0) +                                       \
+                          select_lanes(unlike > UNLIKE_MUCH, (intl)1, (intl)0);                                        \
+        step |= kind << 2 * number;                                                                            \
+    }
+                EACH_STEP(ADD_STEP)
+            }
+        }
+        store_lanes(cost, costs + at);
+        store_lanes(step, steps + at);
+    }
+}
+
+/* Lowers the costs of a packet; tells whether any has changed. */
+INLINED int relax_packet(global const int *steps, global int *costs, int at, int pitch)
+{
+    const intl cost = load_lanes(costs + at), is_open = (cost > 0) & (cost < OUTSIDE);
+    if (!any_lane(is_open))
+        return 0;
+    const intl step = load_lanes(steps + at);
+    intl least = cost;
+#define TAKE_STEP(number, dx, dy)                                                                              \
+    least = min(least, max(load_lanes(costs + at + dy * pitch + dx), (step >> 2 * number & 3) << CLASS_SHIFT) + 1);
+    EACH_STEP(TAKE_STEP)
+    least = select_lanes(is_open, least, cost);
+    if (!any_lane(least < cost))
+        return 0;
+    store_lanes(least, costs + at);
+    return 1;
+}
+
+kernel void relax(global const int *steps, global int *costs, global int *stamps, ImagePlane plane, int number)
+{
+    const int across = (plane.width + LANES - 1) / LANES, down = (plane.height + GROWN_ROWS - 1) / GROWN_ROWS;
+    const int column = get_global_id(0), row = get_global_id(1);
+    if (column >= across || row >= down)
+        return;
+    int newest = 0;
+    for (int v = row; v <= row + 2; v++)
+        for (int u = column; u <= column + 2; u++)
+            newest = max(newest, stamps[v * (across + 2) + u]);
+    if (newest < number - 1)
+        return;
+    const int first = ABOVE + row * GROWN_ROWS, last = min(first + GROWN_ROWS, ABOVE + plane.height) - 1;
+    const int x = ASIDE + column * LANES;
+    int changed = 0, again = 1;
+    while (again) {
+        again = 0;
+        for (int v = first; v <= last; v++)
+            again |= relax_packet(steps, costs, v * plane.pitch + x, plane.pitch);
+        for (int v = last; v >= first; v--)
+            again |= relax_packet(steps, costs, v * plane.pitch + x, plane.pitch);
+        changed |= again;
+    }
+    if (changed)
+        stamps[(row + 1) * (across + 2) + column + 1] = number;
+}
+
+kernel void find_parents(global const int *costs, global const uint *tint, int has_color, global uchar *parents,
+                         ImagePlane plane, int strip)
+{
+    const int row = get_global_id(1);
+    if (row >= plane.height + 2 * ABOVE)
+        return;
+    EACH_PACKET(plane, x)
+    {
+        const int at = row * plane.pitch + x;
+        intl parent = STAY;
+        if (IS_PACKET_OF_IMAGE(plane, x, row)) {
+            const intl cost = load_lanes(costs + at), is_open = (cost > 0) & (cost < UNREACHED);
+            if (any_lane(is_open)) {
+                const uintl own = has_color ? load_lanes(tint + at) : (uintl)0;
+                intl least = UNREACHED;
+#define COMPARE_STEP(number, dx, dy)                                                                           \
+    {                                                                                                          \
+        const int other = at + dy * plane.pitch + dx;                                                          \
+        const intl unlike = has_color ? unlikeness(own, load_lanes(tint + other)) : (intl)0;                   \
+        const intl is_better = (load_lanes(costs + other) < cost) & (unlike < least) & is_open;                \
+        least = select_lanes(is_better, unlike, least);                                                                \
+        parent = select_lanes(is_better, (intl)(STAY + 3 * dy + dx), parent);                                          \
+    }
+                EACH_STEP(COMPARE_STEP)
+            }
+        }
+        store_bytes(to_ucharl(parent), parents + at);
+    }
+}
+
+kernel void grow(global const uchar *marks, global const int *costs, global const uchar *parents,
+                 global const float *measured, global const float *before, global float *grown, ImagePlane plane,
+                 int strip)
+{
+    const int row = get_global_id(1);
+    if (row >= plane.height + 2 * ABOVE)
+        return;
+    EACH_PACKET(plane, x)
+    {
+        const int at = row * plane.pitch + x;
+        floatl depth = 0.0f;
+        if (IS_PACKET_OF_IMAGE(plane, x, row)) {
+            const intl cost = load_lanes(costs + at);
+            intl mark = load_bytes(marks + at), from = at + lane_index;
+            depth = load_lanes(measured + at);
+            if (any_lane((cost > 0) & (cost < UNREACHED))) {
+                for (intl parent = load_bytes(parents + at); any_lane(parent != STAY);) {
+                    from += (parent / 3 - 1) * plane.pitch + parent % 3 - 1;
+                    parent = (intl)(gather(parents, from));
+                }
+                mark = (intl)(gather(marks, from));
+                depth = (floatl)(gather(measured, from));
+            }
+            if (any_lane((mark & STILL) != 0))
+                depth = select_lanes((mark & STILL) != 0, (floatl)(gather(before, from)), depth);
+            depth = select_lanes(cost < UNREACHED, depth, (floatl)0.0f);
+        }
+        store_lanes(depth, grown + at);
+    }
+}

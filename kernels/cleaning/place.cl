@@ -1,0 +1,79 @@
+/* Images as planes (plane.h): depth, colours, and values of depth on a scale (scale.h).
+ *
+ * depth: (height, width) planar z; not finite, <= NEAREST or >= 1 / NEAREST is none. placed: its plane, 0 where there
+ * is none. ranges: (rows, 2) least and greatest depth of each of the plane's rows, (inf, -inf) where there is none.
+ * color: (height, width, 3). tint: the plane of its colours, TINT_BITS a channel, of which TINT_MAX is the brightest.
+ * values: scale.h. Work-item: a row (place_depth), `strip` packets of a row. O(pixels). Determinism: each pixel on
+ * its own.
+ */
+#include "cleaning/plane.h"
+#include "cleaning/scale.h"
+#include "cleaning/tint.h"
+#include "lib/surface.h"
+
+kernel void place_depth(global const float *depth, global float *placed, global float *ranges, ImagePlane plane)
+{
+    const int row = get_global_id(0);
+    if (row >= plane.height + 2 * ABOVE)
+        return;
+    floatl low = INFINITY, high = -INFINITY;
+    for (int x = 0; x < plane.pitch; x += LANES) {
+        floatl d = 0.0f;
+        if (IS_PACKET_OF_IMAGE(plane, x, row)) {
+            global const float *from = depth + (size_t)(row - ABOVE) * plane.width + x - ASIDE;
+            if (x + LANES <= ASIDE + plane.width)
+                d = load_lanes(from);
+            else
+                for (int lane = 0; lane < ASIDE + plane.width - x; lane++)
+                    set_float_lane(d, lane, from[lane]);
+        }
+        const intl is_valid = (d > NEAREST) & (d < 1.0f / NEAREST);
+        low = min_lanes(select_lanes(is_valid, d, low), low);
+        high = max_lanes(select_lanes(is_valid, d, high), high);
+        store_lanes(select_lanes(is_valid, d, (floatl)0.0f), placed + (size_t)row * plane.pitch + x);
+    }
+    ranges[2 * row] = least_lane(low);
+    ranges[2 * row + 1] = -least_lane(-high);
+}
+
+kernel void to_scale(global const float *placed, global float *values, global const float *table, Scale scale,
+                     ImagePlane plane, int strip)
+{
+    const int row = get_global_id(1);
+    if (row >= plane.height + 2 * ABOVE)
+        return;
+    EACH_PACKET(plane, x)
+    {
+        const size_t at = (size_t)row * plane.pitch + x;
+        store_lanes(value_of_depth(table, scale, load_lanes(placed + at)), values + at);
+    }
+}
+
+#define PLACE_COLORS(scaled)                                                                                   \
+    const int row = get_global_id(1);                                                                          \
+    if (row >= plane.height + 2 * ABOVE)                                                                       \
+        return;                                                                                                \
+    EACH_PACKET(plane, x)                                                                                      \
+    {                                                                                                          \
+        uintl packed = 0;                                                                                      \
+        if (IS_PACKET_OF_IMAGE(plane, x, row)) {                                                               \
+            global const scaled *from = color + 3 * (size_t)(row - ABOVE) * plane.width;                       \
+            const intl at = 3 * min(x - ASIDE + lane_index, (intl)(plane.width - 1));                         \
+            const floatl r = (floatl)(gather(from, at)), g = (floatl)(gather(from, at + 1));                   \
+            const floatl b = (floatl)(gather(from, at + 2));                                                   \
+            packed = PACKED_TINT(r, g, b, full);                                                               \
+        }                                                                                                      \
+        store_lanes(packed, tint + (size_t)row * plane.pitch + x);                                             \
+    }
+
+kernel void place_bytes(global const uchar *color, global uint *tint, ImagePlane plane, int strip)
+{
+    const float full = 255.0f;
+    PLACE_COLORS(uchar)
+}
+
+kernel void place_floats(global const float *color, global uint *tint, ImagePlane plane, int strip)
+{
+    const float full = 1.0f;
+    PLACE_COLORS(float)
+}

@@ -1,0 +1,51 @@
+#ifndef CLEANING_SCALE_H
+#define CLEANING_SCALE_H
+/* Scales: nearness (1 / depth), stretched so that 1 is the same multiple of the noise at every depth.
+ *
+ * A table has the values at the floats whose last KNOT_SHIFT bits are 0: their number, without these bits, is `first`
+ * at its beginning. Between two of them the scale is linear. So its steps are shares of the nearness, and looking one
+ * up takes no logarithm. A guide has for each of GUIDES even parts of the values, and for the end of the last, the
+ * knot at or below its beginning: the inverse need not search far.
+ */
+#include "lib/lanes.h"
+
+#define KNOT_SHIFT 15
+#define GUIDES 4096
+#define MISSING 1e30f /* the value of no sample: so unlike all others that it weighs nothing */
+#define IS_KNOWN(value) ((value) < 0.5f * MISSING)
+
+typedef struct {
+    int first, count;
+    float cells_per_value;
+} Scale;
+
+#define KNOT(scale, number) as_floatl(((number) + (scale).first) << KNOT_SHIFT) /* its nearness */
+
+/* Values of depths; MISSING where these are 0 */
+INLINED floatl value_of_depth(global const float *table, Scale scale, floatl depth)
+{
+    const floatl nearness = 1.0f / depth;
+    const intl knot = clamp((as_intl(nearness) >> KNOT_SHIFT) - scale.first, 0, scale.count - 2);
+    const floatl begin = KNOT(scale, knot), end = KNOT(scale, knot + 1);
+    floatl low, high;
+    gather_pairs(table, knot, &low, &high);
+    return select_lanes(depth > 0.0f, low + (high - low) * ((nearness - begin) / (end - begin)), (floatl)MISSING);
+}
+
+/* The inverse, for values within the table: others become its ends. */
+INLINED floatl depth_of_value(global const float *table, global const int *guide, Scale scale, floatl value)
+{
+    const intl cell = to_intl(clamp_lanes(value * scale.cells_per_value, (floatl)0.0f, (floatl)(GUIDES - 1)));
+    intl knot = (intl)(gather(guide, cell)), last = (intl)(gather(guide, cell + 1));
+    while (any_lane(knot < last)) {
+        const intl middle = (knot + last + 1) >> 1, is_above = (floatl)(gather(table, middle)) > value;
+        last = select_lanes(is_above, middle - 1, last);
+        knot = select_lanes(is_above, knot, middle);
+    }
+    const floatl begin = KNOT(scale, knot), end = KNOT(scale, knot + 1);
+    floatl low, high;
+    gather_pairs(table, knot, &low, &high);
+    const floatl part = select_lanes(high > low, (value - low) / (high - low), (floatl)0.0f);
+    return 1.0f / (begin + clamp_lanes(part, (floatl)0.0f, (floatl)1.0f) * (end - begin));
+}
+#endif

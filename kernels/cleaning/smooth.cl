@@ -1,0 +1,132 @@
+/* Noise smoothed away: a bilateral filter around each sample's own plane, and what the frame before had.
+ *
+ * Without the planes, steep surfaces would differ from pixel to pixel by more than noise does, and keep theirs. Their
+ * slopes are those of what a first, wider filter makes (`roughen`). Weights are exp(-u / 2), of u = (values apart /
+ * RANGE)^2 + (pixels apart / SPACING)^2, as (1 - u / SUPPORT)^4: nothing beyond, and cheap. What was known before
+ * draws a value by BEFORE_WEIGHT exp(-d^2 / 2) of how far it is off, d, over `strength`: noise does, and no move.
+ *
+ * values, rough: planes on a scale (scale.h) on which noise has a standard deviation of 1; before, grown: of depth, 0
+ * for none. marks: plane.h. strength: 0 for none. depth: (height, width), NaN for none; invented: (height, width). A
+ * value that does not change keeps its depth. Work-item: `strip` packets of a row. Cost: O(pixels), 81 samples each,
+ * twice. Determinism: each pixel from planes that are finished.
+ */
+#include "cleaning/plane.h"
+#include "cleaning/scale.h"
+
+#define SPACING 3.0f /* pixels */
+#define RANGE 3.3f /* standard deviations of the noise: what differs by ten is left apart */
+#define ROUGH_RANGE (2.0f * RANGE)
+#define REACH 3 /* pixels to either side over which a slope is found */
+#define BEFORE_WEIGHT 0.9f
+#define SUPPORT 10.0f
+#define SHARPNESS(range) min(1.0f / (SUPPORT * (range) * (range)), 1e30f) /* 0 times it is still 0 */
+
+/* exp(-u / 2), of 1 - u / SUPPORT */
+INLINED floatl weight_of(floatl rest)
+{
+    floatl weight = max_lanes(rest, (floatl)0.0f);
+    weight *= weight;
+    return weight * weight;
+}
+
+/* The samples of a row `y` off the middle, up to `reach` to both sides */
+#define ADD_ROW(y, reach)                                                                                      \
+    {                                                                                                          \
+        const floatl plane_y = middle + (float)(y) * down;                                                     \
+        UNROLLED                                                                                               \
+        for (int x = -(reach); x <= (reach); x++) {                                                            \
+            const floatl off = load_lanes(values + (y) * pitch + x) - (plane_y + (float)x * across);           \
+            const floatl weight = weight_of(1.0f - (float)(x * x + (y) * (y)) / (SUPPORT * SPACING * SPACING) -  \
+                                            sharpness * (off * off));                                          \
+            total += weight * off;                                                                             \
+            weights += weight;                                                                                 \
+        }                                                                                                      \
+    }
+
+/* By how much values are off the mean of those around them, less a plane of slopes `across` and `down` */
+INLINED floatl off_mean(global const float *values, int pitch, floatl across, floatl down, float range)
+{
+    const floatl middle = load_lanes(values);
+    const float sharpness = SHARPNESS(range);
+    floatl total = 0.0f, weights = 0.0f;
+    ADD_ROW(-5, 0) ADD_ROW(-4, 3) ADD_ROW(-3, 4) ADD_ROW(-2, 4) ADD_ROW(-1, 4)
+    ADD_ROW(0, 5)
+    ADD_ROW(1, 4) ADD_ROW(2, 4) ADD_ROW(3, 4) ADD_ROW(4, 3) ADD_ROW(5, 0)
+    return total / weights; /* the middle one's is 1 */
+}
+
+kernel void roughen(global const float *values, global float *rough, ImagePlane plane, int strip, float strength)
+{
+    const int row = get_global_id(1);
+    if (row >= plane.height + 2 * ABOVE)
+        return;
+    EACH_PACKET(plane, x)
+    {
+        const int at = row * plane.pitch + x;
+        floatl value = MISSING;
+        if (IS_PACKET_OF_IMAGE(plane, x, row)) {
+            value = load_lanes(values + at);
+            const intl is_known = IS_KNOWN(value);
+            if (any_lane(is_known))
+                value += off_mean(values + at, plane.pitch, 0.0f, 0.0f, ROUGH_RANGE * strength); /* of MISSING 0 */
+        }
+        store_lanes(value, rough + at);
+    }
+}
+
+/* How much values change from pixel to pixel: the lesser change of the two sides', 0 where they disagree */
+INLINED floatl slope_along(global const float *rough, int step)
+{
+    const floatl low = load_lanes(rough - REACH * step), high = load_lanes(rough + REACH * step);
+    const floatl middle = load_lanes(rough);
+    const floatl first = middle - low, last = high - middle;
+    const floatl lesser = select_lanes(fabs(first) < fabs(last), first, last);
+    return select_lanes(IS_KNOWN(low) & IS_KNOWN(high) & (first * last > 0.0f), lesser * (1.0f / REACH), (floatl)0.0f);
+}
+
+INLINED floatl smoothed(global const float *values, global const float *rough, floatl grown, floatl before,
+                        global const float *table, global const int *guide, Scale scale, int pitch, float strength)
+{
+    const floatl value = load_lanes(values);
+    floatl off = off_mean(values, pitch, slope_along(rough, 1), slope_along(rough, pitch), RANGE * strength);
+    const intl has_before = before > 0.0f;
+    if (any_lane(has_before)) {
+        const floatl to_before = value_of_depth(table, scale, before) - (value + off);
+        const floatl weight = BEFORE_WEIGHT * weight_of(1.0f - SHARPNESS(strength) * (to_before * to_before));
+        off += select_lanes(has_before, weight * to_before, (floatl)0.0f);
+    }
+    return select_lanes(off == 0.0f, grown, depth_of_value(table, guide, scale, value + off));
+}
+
+kernel void smooth(global const float *values, global const float *rough, global const float *grown,
+                   global const float *before, int has_before, global const uchar *marks, global const float *table,
+                   global const int *guide, Scale scale, ImagePlane plane, int strip, float strength,
+                   global float *depth, global uchar *invented)
+{
+    const int row = get_global_id(1);
+    if (row >= plane.height)
+        return;
+    EACH_PACKET(plane, x)
+    {
+        const int at = (row + ABOVE) * plane.pitch + x;
+        if (x < ASIDE || x >= ASIDE + plane.width)
+            continue;
+        floatl found = load_lanes(grown + at);
+        const intl is_known = found > 0.0f;
+        if (strength > 0.0f && any_lane(is_known)) {
+            const floatl known = has_before ? load_lanes(before + at) : (floatl)0.0f;
+            found = smoothed(values + at, rough + at, found, known, table, guide, scale, plane.pitch, strength);
+        }
+        found = select_lanes(is_known, found, (floatl)NAN);
+        const intl is_invented = select_lanes(is_known & ((load_bytes(marks + at) & KEPT) == 0), (intl)1, (intl)0);
+        const size_t to = (size_t)row * plane.width + x - ASIDE;
+        if (x + LANES <= ASIDE + plane.width) {
+            store_lanes(found, depth + to);
+            store_bytes(to_ucharl(is_invented), invented + to);
+        } else
+            for (int lane = 0; lane < ASIDE + plane.width - x; lane++) {
+                depth[to + lane] = float_lane(found, lane);
+                invented[to + lane] = int_lane(is_invented, lane);
+            }
+    }
+}

@@ -1,0 +1,208 @@
+"""The stages of cleaning an image, on the device: which kernels of kernels/cleaning run, with what."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.cleaning.scale import Scale
+from pyibr.core.checks import check_pixels
+from pyibr.opencl.device import current
+from pyibr.opencl.headers import constant, struct
+from pyibr.opencl.launch import Struct, launch
+from pyibr.opencl.memory import DeviceArray, empty, to_host, upload
+from pyibr.opencl.program import kernel
+
+_PASSES = 4  # that regions grow in, between two looks whether they still do
+
+
+def _of_planes(name: str) -> int:
+    """A number of kernels/cleaning/plane.h."""
+    return int(constant("cleaning/plane.h", name))
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A depth image as a plane, 0 where there is none, and the range of its rows."""
+
+    depth: DeviceArray
+    ranges: DeviceArray
+
+    @cached_property
+    def _range(self) -> tuple[float, float]:
+        ranges = self.ranges.to_host()
+        return float(ranges[:, 0].min()), float(ranges[:, 1].max())
+
+    @property
+    def is_empty(self) -> bool:
+        """True if there is no depth at all."""
+        return self.nearest > self.farthest
+
+    @property
+    def nearest(self) -> float:
+        """Least depth."""
+        return self._range[0]
+
+    @property
+    def farthest(self) -> float:
+        """Greatest depth."""
+        return self._range[1]
+
+
+class Image:
+    """State of an image while it is cleaned, as planes of kernels/cleaning/plane.h. The session is held.
+
+    Attributes
+    ----------
+    grown : DeviceArray
+        Depth all over the area, since `fill`.
+    """
+
+    grown: DeviceArray
+
+    def __init__(self, width: int, height: int) -> None:
+        self._size = width, height
+        packets = -(-width // _of_planes("ASIDE")) + 2
+        packets += packets % 16 == 0  # no power of two, as `pyibr.core.pixelspace.pitch`
+        self._shape = height + 2 * _of_planes("ABOVE"), packets * _of_planes("ASIDE")
+        check_pixels("depth", (self._shape[1], self._shape[0]))  # the margin is numbered, too
+        record = np.zeros((), struct("cleaning/plane.h", "ImagePlane"))
+        record["width"], record["height"], record["pitch"] = width, height, self._shape[1]
+        self._plane = Struct("ImagePlane", record)
+        self._tint = self._new(np.uint32, 1)
+        self._has_color = False
+        self._marks = self._new(np.uint8)
+
+    def _new(self, dtype: Any, rows: int | None = None) -> DeviceArray:
+        return empty((self._shape[0] if rows is None else rows, self._shape[1]), dtype)
+
+    def _launch(self, name: str, **arguments: Any) -> None:
+        """Over strips of all rows of the planes."""
+        profile = current().profile
+        grid = profile.packets(self._shape[1], self._shape[0], profile.strip)
+        launch(kernel("cleaning/clean.cl", name), grid, plane=self._plane, strip=profile.strip, **arguments)
+
+    def _launch_runs(self, name: str, **arguments: Any) -> None:
+        """Over runs of the image's rows."""
+        run, (width, height) = current().profile.run, self._size
+        grid = -(-width // run), height
+        launch(kernel("cleaning/clean.cl", name), grid, plane=self._plane, run=run, **arguments)
+
+    def place(self, depth: NDArray[np.float32]) -> Placed:
+        """A depth image as a plane."""
+        placed = Placed(self._new(np.float32), empty((self._shape[0], 2), np.float32))
+        launch(
+            kernel("cleaning/clean.cl", "place_depth"),
+            self._shape[:1],
+            depth=upload(np.ascontiguousarray(depth)),
+            placed=placed.depth,
+            ranges=placed.ranges,
+            plane=self._plane,
+        )
+        return placed
+
+    def place_colors(self, color: NDArray[Any] | None) -> None:
+        """The colours that guide what is filled."""
+        self._has_color = color is not None
+        if color is not None:
+            self._tint = self._new(np.uint32)
+            name = "place_bytes" if color.dtype == np.uint8 else "place_floats"
+            self._launch(name, color=upload(np.ascontiguousarray(color)), tint=self._tint)
+
+    def on_scale(self, placed: DeviceArray, scale: Scale) -> DeviceArray:
+        """Values of a plane of depth."""
+        values = self._new(np.float32)
+        self._launch("to_scale", placed=placed, values=values, table=scale.table, scale=scale.record)
+        return values
+
+    def keep(self, values: DeviceArray, known: DeviceArray | None) -> None:
+        """Marks of the samples that are kept, and of those that were known before and still hold."""
+        self._launch("keep", values=values, marks=self._marks)
+        if known is not None:
+            held = self._new(np.uint8)
+            colors = {"tint": self._tint, "has_color": self._has_color}
+            self._launch("hold", values=values, known=known, marks=self._marks, held=held, **colors)
+            self._marks = held
+
+    def fill(self, measured: Placed, before: Placed | None, reach: int) -> None:
+        """Depth from the seeds outwards, all over the area that they leave."""
+        near, distances = self._new(np.uint8), self._new(np.int32)
+        for marks, bits, wanted in ((self._marks, _of_planes("SEED"), 1), (near, 1, 0)):
+            launch(
+                kernel("cleaning/clean.cl", "column_distances"),
+                current().profile.packets(self._shape[1], 1)[:1],
+                marks=marks,
+                bits=bits,
+                wanted=wanted,
+                distances=distances,
+                plane=self._plane,
+                reach=reach,
+            )
+            self._launch("within_disc", distances=distances, near=near, reach=reach)
+        costs, steps, parents = distances, self._new(np.int32), near
+        colors = {"tint": self._tint, "has_color": self._has_color}
+        self._launch("begin_growth", marks=self._marks, near=near, costs=costs, steps=steps, **colors)
+        self._relax(costs, steps)
+        self._launch("find_parents", costs=costs, parents=parents, **colors)
+        self.grown = self._new(np.float32)
+        depths = {"measured": measured.depth, "before": (before or measured).depth, "grown": self.grown}
+        self._launch("grow", marks=self._marks, costs=costs, parents=parents, **depths)
+
+    def _relax(self, costs: DeviceArray, steps: DeviceArray) -> None:
+        """Lower the costs till none changes."""
+        (width, height), rows = self._size, int(constant("cleaning/grow.cl", "GROWN_ROWS"))
+        across, down = current().profile.packets(width, -(-height // rows))
+        stamps = empty((down + 2, across + 2), np.int32)
+        stamps.fill(0)
+        for number in itertools.count(1):
+            arguments = {"costs": costs, "steps": steps, "stamps": stamps, "plane": self._plane}
+            launch(kernel("cleaning/clean.cl", "relax"), (across, down), number=number, **arguments)
+            if number % _PASSES == 0 and stamps.to_host().max() < number:
+                return
+
+    def drop_speckle(self, values: DeviceArray, measured: DeviceArray, known: DeviceArray | None) -> bool:
+        """Islands of few samples are no seeds any more; tells whether any was one."""
+        labels, sizes, totals = self._new(np.int32), self._new(np.int32), empty((2,), np.int32)
+        totals.fill(0)
+        before = {"measured": measured, "known": measured if known is None else known, "has_before": known is not None}
+        told = {"labels": labels, "sizes": sizes}
+        self._launch_runs("find_runs", values=values, marks=self._marks, totals=totals, **told, **before)
+        self._launch_runs("join_runs", values=values, labels=labels)
+        self._launch_runs("add_runs", **told)
+        self._launch_runs("drop_speckle", values=values, totals=totals, marks=self._marks, **told)
+        return bool(totals.to_host()[1])
+
+    def smooth(
+        self, before: Placed | None, scale: Scale, strength: float
+    ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+        """Depth without noise, and where it is invented."""
+        profile, (width, height) = current().profile, self._size
+        table = {"table": scale.table, "guide": scale.guide, "scale": scale.record}
+        values = rough = self.grown
+        if strength > 0:
+            values, rough = self.on_scale(self.grown, scale), self._new(np.float32)
+            self._launch("roughen", values=values, rough=rough, strength=strength)
+        made = empty((height, width), np.float32), empty((height, width), np.uint8)
+        launch(
+            kernel("cleaning/clean.cl", "smooth"),
+            profile.packets(self._shape[1], height, profile.strip),
+            values=values,
+            rough=rough,
+            grown=self.grown,
+            before=self.grown if before is None else before.depth,
+            has_before=before is not None,
+            marks=self._marks,
+            plane=self._plane,
+            strip=profile.strip,
+            strength=strength,
+            depth=made[0],
+            invented=made[1],
+            **table,
+        )
+        depth, invented = to_host(made)
+        return depth, invented
