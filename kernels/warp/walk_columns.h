@@ -126,9 +126,21 @@ INLINED void extend_torn(Interval *interval, HitWriter *writer, Step step, Targe
     interval->ended = interval->ended | held;
 }
 
-/* The sample whose bits tell of the edge that a step runs along: its upper or left one, or that above a diagonal's both */
-INLINED floatl edge_owner(Grid grid, Step step, intl stride, intl along_diagonals)
+/* Lines that run along samples see the edges between them alone: which of TORN_... these are, 0 of other lines. */
+INLINED intl edges_along(floatl start, floatl slope, floatl length, intl u_major)
 {
+    const floatl longest = max_lanes(length, (floatl)1.0f);
+    const intl on_samples = fabs(start - floor_lanes(start + 0.5f)) < ON_SAMPLES;
+    const intl diagonals = on_samples & (fabs(slope + 1.0f) * longest < ON_SAMPLES);
+    const intl straight = on_samples & (fabs(slope) * longest < ON_SAMPLES);
+    const intl edges = select_lanes(u_major, (intl)TORN_RIGHT, (intl)TORN_BELOW);
+    return select_lanes(straight, edges, select_lanes(diagonals, (intl)TORN_DIAGONAL, (intl)0));
+}
+
+/* The sample whose bits tell of the edge that a step runs along: its upper or left one, or that above a diagonal's both */
+INLINED floatl edge_owner(Grid grid, Step step, intl stride)
+{
+    const intl along_diagonals = step.along == TORN_DIAGONAL;
     const floatl owner = select_lanes(step.mirrored, step.to.a, step.from.a);
     if (!any_lane(along_diagonals))
         return owner;
@@ -151,17 +163,11 @@ INLINED uint walk_columns(Grid grid, SweepLines line, LineGroup group, PixelMap 
     const intl at_0 = select_lanes(mirrored, line.last_minor * line.stride_minor, (intl)0);
     Step step;
     step.slope = tilt * line.sign;
-    /* Lines along samples see the edges between them alone. */
-    const floatl longest = max_lanes(last - first, (floatl)1.0f), start = minor_0 + tilt * first;
-    const intl on_samples = fabs(start - floor_lanes(start + 0.5f)) < ON_SAMPLES;
-    const intl along_columns = on_samples & (fabs(step.slope) * longest < ON_SAMPLES);
-    const intl along_diagonals = on_samples & (fabs(step.slope + 1.0f) * longest < ON_SAMPLES);
-    const intl along = along_columns | along_diagonals;
     step.mirrored = mirrored;
     step.transposed = !line.u_major;
-    step.along = select_lanes(along_diagonals, (intl)TORN_DIAGONAL, (intl)0);
-    step.along = select_lanes(along_columns, select_lanes(line.u_major, (intl)TORN_RIGHT, (intl)TORN_BELOW), step.along);
+    step.along = edges_along(minor_0 + tilt * first, step.slope, last - first, line.u_major);
     step.edge = 0;
+    const intl along = step.along != 0;
     const floatl nudge = select_lanes(along, (floatl)0.5f, (floatl)0.0f);
     const intl last_cell = select_lanes(along, line.last_minor + 1, line.last_minor), to_b = select_lanes(along, (intl)0, stride);
     /* They end at the image's border and at the epipole, between columns. */
@@ -221,7 +227,7 @@ INLINED uint walk_columns(Grid grid, SweepLines line, LineGroup group, PixelMap 
         intl bits = as_intl(from.a) | as_intl(from.b) | as_intl(to.a) | as_intl(to.b) | as_intl(step.beyond_from) |
                     as_intl(step.beyond_to);
         if (any_lane(along)) {
-            const floatl owner = edge_owner(grid, step, stride, along_diagonals);
+            const floatl owner = edge_owner(grid, step, stride);
             step.edge = (as_intl(owner) & step.along) != 0;
             bits = select_lanes(along, as_intl(owner), bits);
         }

@@ -193,8 +193,13 @@ class DepthImage(Immutable):
 
     @cached_property
     def bounds(self) -> tuple[Float64, Float64]:
-        """(low, high), each (3,), in the world: the box around its surface. Computed on first use."""
-        low, high = self.bounds_of(self.valid)
+        """(low, high), each (3,), in the world: the box around the valid samples. Computed on first use."""
+        return self.bounds_of(self.valid)
+
+    @cached_property
+    def surface_bounds(self) -> tuple[Float64, Float64]:
+        """(low, high), each (3,): the box around its surface, which reaches to the edges of its outermost pixels."""
+        low, high = self.bounds
         beyond = self._border
         return np.min([low, *beyond], axis=0), np.max([high, *beyond], axis=0)
 
@@ -213,13 +218,10 @@ class DepthImage(Immutable):
         height, width = near.shape
         pixels, depths = list[Float64](), list[Float64]()
         for axis, last in ((0, height - 1), (1, width - 1)):
-            for at, next_at in ((0, min(1, last)), (last, max(last - 1, 0))):
+            for at, next_at, place in ((0, min(1, last), -0.5), (last, max(last - 1, 0), last + 0.5)):
                 border, within = near.take(at, axis), near.take(next_at, axis)
                 half = border + np.clip(np.nan_to_num(border - within), -np.abs(border), np.abs(border)) / 2
-                along, across = (
-                    np.arange(-0.5, len(border)),
-                    np.full(len(border) + 1, at - 0.5 if at == 0 else at + 0.5),
-                )
+                along, across = np.arange(-0.5, len(border)), np.full(len(border) + 1, place)
                 for values in (border, half):
                     # Corners of pixels: between two samples of the border, or beyond its ends.
                     ends = np.concatenate([values[:1], values]), np.concatenate([values, values[-1:]])

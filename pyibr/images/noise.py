@@ -172,11 +172,11 @@ def steps_by_depth(depth: Depth, far: float = np.inf) -> tuple[float, float, flo
     if len(gaps) < _LEVELS_MIN:
         return 0.0, 0.0, 0.0
     count = len(gaps) - _LEVELS + 1
-    steps = np.min([gaps[i : i + count] for i in range(_LEVELS)], axis=0)
+    steps: Float64 = np.stack([gaps[i : i + count] for i in range(_LEVELS)]).min(axis=0)
     at = levels[_LEVELS // 2 : _LEVELS // 2 + count]
     # A scale's jumps are mostly of one step, surfaces' of any size.
-    of_one_step = np.abs(jump / np.interp(place, at, steps) - 1) < 0.5
-    if of_one_step.mean() < _OF_ONE_STEP:
+    expected: Float64 = np.interp(place, at, steps)
+    if np.mean(np.abs(jump / expected - 1) < 0.5) < _OF_ONE_STEP:
         return 0.0, 0.0, 0.0
     return fitted_noise(1 / at, steps / at**2)
 

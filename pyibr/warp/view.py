@@ -172,8 +172,8 @@ class WarpedView(Immutable):
 
     @property
     def bounds(self) -> tuple[Float64, Float64]:
-        """(low, high), each (3,), in the world: the box around the valid samples."""
-        boxes = np.array([view.bounds for view in self.sources])
+        """(low, high), each (3,), in the world: the box around the views' surfaces."""
+        boxes = np.array([view.surface_bounds for view in self.sources])
         return boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
 
     @property

@@ -159,7 +159,7 @@ def test_a_floor_that_recedes_is_one_surface(height, turned):
 @pytest.mark.parametrize("pixels", [0.1, 0.3])
 @pytest.mark.parametrize("given", [False, True])
 def test_noise_tears_no_floor(pixels, given):
-    """Where the disparity's noise is an eighth of it, and nearer."""
+    """As far as where the disparity's noise is an eighth of it."""
     truth = floor(1.5, 0.1)
     deviation = ibr.disparity_noise(pixels, F, F_B / F)
     near = 1 / truth + np.random.default_rng(0).normal(0, deviation, truth.shape)

@@ -119,7 +119,7 @@ def with_ring(view: DepthImage, edges: Edges) -> tuple[Array, Edges]:
     height, width = near.shape
 
     def slopes(values: Array, torn: Array) -> tuple[Array, Array]:
-        """What the first and the last column differ from the next one within."""
+        """Differences of the first and the last column from the next one within."""
         if values.shape[1] == 1:
             return np.zeros(len(values)), np.zeros(len(values))
         first, last = values[:, 0] - values[:, 1], values[:, -1] - values[:, -2]
