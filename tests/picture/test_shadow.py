@@ -10,6 +10,7 @@ import pytest
 import pyibr as ibr
 from pyibr.capture import capture, object_views
 from pyibr.core.camera import Camera
+from pyibr.picture.drawable import as_drawable
 from pyibr.picture.shadow import light_cameras
 from tests.displaced import Solid, square
 from tests.embree import embree
@@ -277,7 +278,7 @@ def test_bounds_of_things():
     for thing in every_thing():
         if isinstance(thing, ibr.ReliefSurface):
             continue
-        low, high = thing.bounds
+        low, high = as_drawable(thing).bounds
         frame = ibr.render(thing, SEES_ALL)
         y, x = np.nonzero(frame.valid)
         points = SEES_ALL.unproject(np.stack([x, y], axis=-1), frame.depth[y, x].astype(float))
