@@ -23,8 +23,7 @@
 #include "raster/region.h"
 #include "slicing/view_colors.h"
 
-kernel void
-draw_object(PICTURE_PARAMETERS, Screen screen, global const float *matrices, global const int *sizes,
+kernel void draw_object(PICTURE_PARAMETERS, Screen screen, global const float *matrices, global const int *sizes,
             global const float *maps, global const uint *colors, global const int *order, global const float *closeness,
             Box box, int slices_axis, int halvings /* of the interval to the slice before, once one has passed */,
             int finds_thin /* 1: what is thinner than slices lie apart, too */,

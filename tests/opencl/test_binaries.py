@@ -193,4 +193,4 @@ def test_doctor_builds_beforehand(own_cache: Path, monkeypatch: pytest.MonkeyPat
 
 @pytest.mark.parametrize("draw", pictures.PICTURES)
 def test_what_doctor_draws_can_be_drawn(draw):
-    assert isinstance(draw(), ibr.Frame)
+    assert isinstance(draw(), ibr.Frame | ibr.CleanedDepth)
