@@ -86,7 +86,10 @@ def source_positions(task: Task) -> tuple[Array, Array]:
     seen = frame.valid & (w > 0)
     w = np.where(seen, w, np.float32(1))
     nowhere = np.float32(-1)
-    return np.where(seen, u / w, nowhere), np.where(seen, v / w, nowhere)
+    # Beyond the outermost samples, to the edges of their pixels, colours go on as they are.
+    width, height = task.source.size
+    across, down = np.clip(u / w, 0, width - 1), np.clip(v / w, 0, height - 1)
+    return np.where(seen, across, nowhere), np.where(seen, down, nowhere)
 
 
 def kernels(task: Task, ours: Mapping[str, Options], parameters: dict[str, Parameter]) -> Iterator[Record]:

@@ -197,7 +197,7 @@ def test_launches_are_seen_by_name() -> None:
     view, target = scenes.view(32), scenes.target_camera(32, "F", "forward")
     with kernel_times() as times:
         ibr.warp(view, target)
-    assert set(times) == {"to_nearness", "clear", "epipolar_sweep", "resolve"}
+    assert set(times) == {"to_nearness", "find_edges", "continue_border", "clear", "epipolar_sweep", "resolve"}
     with build_times() as built:
         ibr.warp(view, target)
     assert set(built) == {"clear", "epipolar_sweep", "resolve"}

@@ -169,7 +169,8 @@ class Controls:
 
 
 def _value(parameter: Parameter, handle: Any) -> Value:
-    return None if None in parameter.choices and handle.value == _NOTHING else parameter.kind(handle.value)
+    is_none = handle.value == _NOTHING if None in parameter.choices else parameter.may_be_none and not handle.value
+    return None if is_none else parameter.kind(handle.value)
 
 
 def _step(value: float) -> float:

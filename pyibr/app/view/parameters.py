@@ -31,12 +31,15 @@ class Parameter:
         What the thing has.
     choices : tuple of str or None
         None among them: the argument may be None, too.
+    may_be_none : bool
+        A number that is None at first; on the page 0 stands for it.
     """
 
     name: str
     kind: type
     value: Value
     choices: tuple[str | None, ...] = ()
+    may_be_none: bool = False
 
     def may_be(self, value: Value) -> bool:
         """Tell whether a value is one of the choices, if there are any."""
@@ -84,8 +87,8 @@ def _parameters_of_one(thing: object) -> list[Parameter]:
         choices = _choices(hint)
         if choices and value in choices:
             parameters.append(Parameter(name, str, value, choices))
-        elif (kind := _number(hint)) and isinstance(value, (bool, int, float)):
-            parameters.append(Parameter(name, kind, kind(value)))
+        elif (kind := _number(hint)) and (value is None or isinstance(value, (bool, int, float))):
+            parameters.append(Parameter(name, kind, None if value is None else kind(value), may_be_none=value is None))
     return parameters
 
 
