@@ -197,7 +197,7 @@ def test_the_foreground_leaves_no_trace_at_any_resolution(width):
     assert np.abs(frame.color[hidden & ~rim] - [50.0, 100.0, 150.0]).mean() <= 0.002 * 200
     assert np.abs(frame.depth[hidden] / 3.0 - 1.0).mean() <= 0.002
     assert rim.any()
-    assert np.abs(frame.color[rim] - [150.0, 50.0, 75.0]).mean() <= 1  # half of either
+    assert (np.abs(frame.color[rim] - [150.0, 50.0, 75.0]) <= 1).mean() >= 0.95  # half of either
 
 
 RATIOS = (0.5, 0.7, 0.8, 0.9, 0.95, 0.97)  # of a foreground's depth to that of what is behind it
