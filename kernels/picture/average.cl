@@ -2,11 +2,11 @@
  *
  * Colour is the mean of all samples, of which those that show nothing are black: colour times coverage. Depth is of
  * what is in front: the mean nearness (affine on a plane) of all samples if the pixel shows one surface, else of those
- * that lie closer to the nearest one than to the farthest. Samples of filled holes have a colour and a depth, but are not
- * valid: their colours count, as what shows beside the things; their depths do where a pixel has no other sample.
+ * that lie closer to the nearest one than to the farthest. Samples of filled holes have a colour and a depth, but are
+ * not valid: their colours count, as what shows beside the things; their depths do where a pixel has no other sample.
  * sample_depth, sample_color, sample_valid: (side * height, side * width), depth NaN, colour and valid 0 where nothing
- * shows. depth, color: (height, width); valid: whether any sample is; alpha: the share of the samples that are valid. Work-item: STRIP times LANES pixels of a row. Cost:
- * O(samples). Determinism: every pixel on its own.
+ * shows. depth, color: (height, width); valid: whether any sample is; alpha: the share of the samples that are valid.
+ * Work-item: STRIP times LANES pixels of a row. Cost: O(samples). Determinism: every pixel on its own.
  */
 #include "lib/color.h"
 #include "lib/surface.h"
@@ -15,8 +15,8 @@
 #define STRIP 1 /* packets of LANES pixels that a work-item averages */
 #endif
 
-/* Nearness of samples, as good a measure of depth in orthographic pictures; NaN: nothing, or, of pixels in `seen_alone`,
- * a filled hole */
+/* Nearness of samples, as good a measure of depth in orthographic pictures; NaN: nothing, or, of pixels in
+ * `seen_alone`, a filled hole */
 INLINED floatl nearness_of_samples(global const float *sample_depth, global const uchar *sample_valid, intl at,
                                    int perspective, intl seen_alone)
 {

@@ -1,5 +1,5 @@
-/* What lies behind holes, told along the epipolar lines that opened them: a disocclusion lies on its line between the edge
- * of what hid it and the background that it belongs to, so of the two seen pixels at its ends the farther one is
+/* What lies behind holes, told along the epipolar lines that opened them: a disocclusion lies on its line between the
+ * edge of what hid it and the background that it belongs to, so of the two seen pixels at its ends the farther one is
  * background, the nearer one foreground. Half-way between their depths begins what lies behind the hole.
  *
  * A line goes from a hole in steps of a pixel along its longer axis; each step is at the nearest pixel. Where it is the
@@ -7,12 +7,12 @@
  * (behind_runs). Elsewhere each hole searches for its own ends (behind_lines), and crosses blocks of holes in large
  * steps; only holes beside valid pixels do, since fill.cl needs no others.
  *
- * depth, valid: (height, width). behind: holes.h, rows of `pitch`, written in holes alone: the depth from which on pixels
- * beside them are background; 0 where all are. blocks: SKIP_BLOCK x SKIP_BLOCK pixels each, whether any of them is
- * valid. epipole: lines lead away from it, and foreground hides what is further along; all 0: they are the rows.
- * dx, dy: -1, 0 or 1, a step along all lines, down or, along rows, right; hides: 1 where foreground hides what comes after
- * it along that step, -1 what comes before it, 0 where nothing moves with its depth. map: the view's; same: how far apart
- * its noise lets two pixels of one surface be.
+ * depth, valid: (height, width). behind: holes.h, rows of `pitch`, written in holes alone: the depth from which on
+ * pixels beside them are background; 0 where all are. blocks: SKIP_BLOCK x SKIP_BLOCK pixels each, whether any of them
+ * is valid. epipole: lines lead away from it, and foreground hides what is further along; all 0: they are the rows.
+ * dx, dy: -1, 0 or 1, a step along all lines, down or, along rows, right; hides: 1 where foreground hides what comes
+ * after it along that step, -1 what comes before it, 0 where nothing moves with its depth. map: the view's; same: how
+ * far apart two pixels of one surface may be.
  * Work-item: one block (behind_blocks); 64 * `strip` pixels of a row, and the holes of all lines that begin in them
  * (behind_runs); `run` pixels of a row (behind_lines). Cost: behind_runs O(pixels), behind_lines O(pixels + holes
  * beside valid pixels * hole's length), of which whole blocks count once. Determinism: no pixel that is written is
@@ -23,7 +23,7 @@
 
 #define SKIP_BLOCK 32
 #define LOOK_EVERY 8 /* steps: a line looks so often whether it is in a block of holes */
-#define SKIP_BLOCK_EDGE 0.49f /* pixels from a block's outermost centres to its edge, less what rounding may move a step by */
+#define SKIP_BLOCK_EDGE 0.49f /* pixels from a block's outermost centres to its edge, less what rounding moves by */
 
 /* How far apart in depth two pixels of one surface may be: same_2 z^2 + same_1 z + same_0 at depth z */
 typedef struct {
@@ -77,8 +77,8 @@ void follow_runs(global const float *depth, global const uchar *valid, global fl
     }
 }
 
-kernel void behind_runs(global const float *depth, global const uchar *valid, global float *behind, int width, int height,
-                        int pitch, int strip, int dx, int dy, int hides, Same same, PixelMap map)
+kernel void behind_runs(global const float *depth, global const uchar *valid, global float *behind, int width,
+                        int height, int pitch, int strip, int dx, int dy, int hides, Same same, PixelMap map)
 {
     const int first = get_global_id(0) * 64 * strip, y = get_global_id(1);
     if (first >= width || y >= height)
@@ -115,8 +115,8 @@ int is_edge(global const uchar *valid, int width, int height, int x, int y)
 }
 
 /* The depth of the first valid pixel from (x, y) along (dx, dy), or 0; *steps: how many steps away it is */
-float depth_along(global const float *depth, global const uchar *valid, global const uchar *blocks, int width, int height,
-                  int x, int y, float dx, float dy, int *steps)
+float depth_along(global const float *depth, global const uchar *valid, global const uchar *blocks, int width,
+                  int height, int x, int y, float dx, float dy, int *steps)
 {
     const int across = (width + SKIP_BLOCK - 1) / SKIP_BLOCK;
     const float edge_x = dx > 0.0f ? SKIP_BLOCK - 1 + SKIP_BLOCK_EDGE : -SKIP_BLOCK_EDGE, steps_per_x = 1.0f / fabs(dx);
@@ -130,7 +130,8 @@ float depth_along(global const float *depth, global const uchar *valid, global c
             return depth[py * width + px];
         }
         step++;
-        if (!(step & (LOOK_EVERY - 1)) && !blocks[(py / SKIP_BLOCK) * across + px / SKIP_BLOCK]) { /* to the last step before the line leaves the block */
+        if (step % LOOK_EVERY == 0 && !blocks[(py / SKIP_BLOCK) * across + px / SKIP_BLOCK]) {
+            /* to the last step before the line leaves the block */
             const float to_x = fabs(px / SKIP_BLOCK * SKIP_BLOCK + edge_x - x) * steps_per_x;
             const float to_y = fabs(py / SKIP_BLOCK * SKIP_BLOCK + edge_y - y) * steps_per_y;
             step = max(step, (int)fmin(to_x, to_y));
@@ -153,17 +154,16 @@ kernel void behind_lines(global const float *depth, global const uchar *valid, g
         const float longest = fmax(fabs(dx), fabs(dy));
         dx = longest > 0.0f ? dx / longest : 1.0f;
         dy = longest > 0.0f ? dy / longest : 0.0f;
-        int to_far = 0, to_near = 0;
-        const float za = depth_along(depth, valid, blocks, width, height, x, y, dx, dy, &to_far);
-        const float zb = depth_along(depth, valid, blocks, width, height, x, y, -dx, -dy, &to_near);
-        float limit;
-        if (za != 0.0f && zb != 0.0f)
-            limit = behind_of(same, za, zb);
-        else if (zb != 0.0f) {
-            const int back = to_near - 1; /* steps to the hole beside the end */
-            limit = behind_one(same, map, convert_int_rte(x - back * dx), convert_int_rte(y - back * dy), zb, longest > 0.0f);
-        } else
-            limit = 0.0f; /* what opens beyond the farther end is no concern of its */
+        int steps = 0;
+        const float after = depth_along(depth, valid, blocks, width, height, x, y, dx, dy, &steps);
+        const float before = depth_along(depth, valid, blocks, width, height, x, y, -dx, -dy, &steps);
+        float limit = 0.0f;
+        if (before != 0.0f && after != 0.0f)
+            limit = behind_of(same, before, after);
+        else if (before != 0.0f) {
+            const int u = convert_int_rte(x - (steps - 1) * dx), v = convert_int_rte(y - (steps - 1) * dy);
+            limit = behind_one(same, map, u, v, before, longest > 0.0f);
+        }
         behind[(size_t)(y + HALO) * pitch + x + HALO] = limit;
     }
 }
