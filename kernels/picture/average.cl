@@ -2,10 +2,11 @@
  *
  * Colour is the mean of all samples, of which those that show nothing are black: colour times coverage. Depth is of
  * what is in front: the mean nearness (affine on a plane) of all samples if the pixel shows one surface, else of those
- * that lie closer to the nearest one than to the farthest. sample_depth, sample_color, sample_valid: (side * height,
- * side * width), depth NaN, colour and valid 0 where nothing shows. depth, color: (height, width); valid: whether any
- * sample is; alpha: the share of the samples that show something. Work-item: STRIP times LANES pixels of a row. Cost:
- * O(samples). Determinism: every pixel on its own.
+ * that lie closer to the nearest one than to the farthest. Samples of filled holes have a colour and a depth, but are
+ * not valid: their colours count, as what shows beside the things; their depths do where a pixel has no other sample.
+ * sample_depth, sample_color, sample_valid: (side * height, side * width), depth NaN, colour and valid 0 where nothing
+ * shows. depth, color: (height, width); valid: whether any sample is; alpha: the share of the samples that are valid.
+ * Work-item: STRIP times LANES pixels of a row. Cost: O(samples). Determinism: every pixel on its own.
  */
 #include "lib/color.h"
 #include "lib/surface.h"
@@ -14,11 +15,41 @@
 #define STRIP 1 /* packets of LANES pixels that a work-item averages */
 #endif
 
-/* Nearness of samples, as good a measure of depth in orthographic pictures; NaN: nothing */
-INLINED floatl nearness_of_samples(global const float *sample_depth, intl at, int perspective)
+/* Nearness of samples, as good a measure of depth in orthographic pictures; NaN: nothing, or, of pixels in
+ * `seen_alone`, a filled hole */
+INLINED floatl nearness_of_samples(global const float *sample_depth, global const uchar *sample_valid, intl at,
+                                   int perspective, intl seen_alone)
 {
     const floatl z = (floatl)(gather(sample_depth, at));
-    return DEPTH_OF(perspective, z);
+    const floatl n = DEPTH_OF(perspective, z);
+    if (!any_lane(seen_alone))
+        return n;
+    const intl seen = to_intl((WIDE(uchar))(gather(sample_valid, at))) != 0;
+    return select_lanes(seen_alone & !seen, (floatl)NAN, n);
+}
+
+/* What depth is made of: of the samples that count, the least and the greatest nearness, the sum, and how many */
+typedef struct {
+    floatl low, high, sum;
+    intl count;
+} Depths;
+
+/* Of those at least at `least` */
+INLINED Depths depths_of(global const float *sample_depth, global const uchar *sample_valid, intl first, int side,
+                         int width, int perspective, intl seen_alone, floatl least)
+{
+    Depths depths = {INFINITY, -INFINITY, 0.0f, 0};
+    for (int j = 0; j < side; j++)
+        for (int i = 0; i < side; i++) {
+            const intl at = first + (j * side * width + i);
+            const floatl n = nearness_of_samples(sample_depth, sample_valid, at, perspective, seen_alone);
+            const intl counts = n >= least; /* not of NaN */
+            depths.low = select_lanes(counts, min_lanes(n, depths.low), depths.low);
+            depths.high = select_lanes(counts, max_lanes(n, depths.high), depths.high);
+            depths.sum += select_lanes(counts, n, (floatl)0.0f);
+            depths.count += select_lanes(counts, (intl)1, (intl)0);
+        }
+    return depths;
 }
 
 INLINED void average_packet(global const float *sample_depth, global const channel *sample_color,
@@ -28,55 +59,42 @@ INLINED void average_packet(global const float *sample_depth, global const chann
 {
     const intl first = side * min(x0 + lane_index, (intl)(width - 1)) + y * side * side * width;
     Color sum = {0.0f, 0.0f, 0.0f};
-    floatl low = INFINITY, high = -INFINITY, nearness = 0.0f;
-    intl count = 0, any = 0;
-    for (int j = 0; j < side; j++)
-        for (int i = 0; i < side; i++) {
-            const floatl n = nearness_of_samples(sample_depth, first + (j * side * width + i), perspective);
-            const intl shows = n == n;
-            low = min_lanes(n, low);
-            high = max_lanes(n, high);
-            nearness += select_lanes(shows, n, (floatl)0.0f);
-            count += select_lanes(shows, (intl)1, (intl)0);
-        }
-    if (any_lane(count != 0)) /* most packets of many pictures are empty */
+    const floatl all = -INFINITY;
+    intl seen = 0, seen_alone = 0;
+    Depths depths = depths_of(sample_depth, sample_valid, first, side, width, perspective, seen_alone, all);
+    const intl shown = depths.count;
+    if (any_lane(shown != 0)) /* most packets of many pictures are empty */
         for (int j = 0; j < side; j++)
             for (int i = 0; i < side; i++) {
                 const intl at = first + (j * side * width + i);
-                any |= to_intl((WIDE(uchar))(gather(sample_valid, at)));
+                seen += select_lanes(to_intl((WIDE(uchar))(gather(sample_valid, at))) != 0, (intl)1, (intl)0);
                 add_color(&sum, 1.0f, read_color(sample_color, at, side * width * side * height));
             }
-    intl front = count;
-    const intl several = high - low > ONE_SURFACE * fabs(high);
+    seen_alone = (seen != 0) & (seen != shown);
+    if (any_lane(seen_alone))
+        depths = depths_of(sample_depth, sample_valid, first, side, width, perspective, seen_alone, all);
+    const intl several = depths.high - depths.low > ONE_SURFACE * fabs(depths.high);
     if (any_lane(several)) {
-        const floatl least = select_lanes(several, 0.5f * (low + high), low);
-        nearness = 0.0f;
-        front = 0;
-        for (int j = 0; j < side; j++)
-            for (int i = 0; i < side; i++) {
-                const floatl n = nearness_of_samples(sample_depth, first + (j * side * width + i), perspective);
-                const intl in_front = n >= least; /* not of NaN */
-                nearness += select_lanes(in_front, n, (floatl)0.0f);
-                front += select_lanes(in_front, (intl)1, (intl)0);
-            }
+        const floatl least = select_lanes(several, 0.5f * (depths.low + depths.high), depths.low);
+        depths = depths_of(sample_depth, sample_valid, first, side, width, perspective, seen_alone, least);
     }
-    const floatl mean = nearness / to_floatl(front);
-    const floatl z = select_lanes(count == 0, (floatl)NAN, perspective ? 1.0f / mean : -mean);
-    const floatl share = to_floatl(count) / (float)(side * side);
+    const floatl mean = depths.sum / to_floatl(depths.count);
+    const floatl z = select_lanes(shown == 0, (floatl)NAN, perspective ? 1.0f / mean : -mean);
+    const floatl share = to_floatl(seen) / (float)(side * side);
     const float each = 1.0f / (side * side);
     const Color c = {sum.r * each, sum.g * each, sum.b * each};
     const size_t out = (size_t)y * width + x0;
     if (x0 + LANES <= width) {
         store_lanes(z, depth + out);
         store_lanes(share, alpha + out);
-        store_bytes(to_ucharl(any), valid + out);
+        store_bytes(to_ucharl(select_lanes(seen != 0, (intl)1, (intl)0)), valid + out);
         write_color(color + CHANNELS * out, c);
         return;
     }
     for (int lane = 0; lane < width - x0; lane++) {
         depth[out + lane] = float_lane(z, lane);
         alpha[out + lane] = float_lane(share, lane);
-        valid[out + lane] = int_lane(any, lane);
+        valid[out + lane] = int_lane(seen, lane) != 0;
         write_pixel(color + CHANNELS * (out + lane), rounded_channel(color_lane(c, lane)));
     }
 }

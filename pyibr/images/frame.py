@@ -58,8 +58,10 @@ class Frame:
     view : (H, W) int32, or None
         If they were asked for: the number of the view that it comes from, -1 where not valid.
     alpha : (H, W) float32, or None
-        Of several samples a pixel: the share of them that show something, 0 to 1. The colour is the mean of all of
-        them; without a background, that is the things' own colour times alpha. Depth is of what is in front.
+        Of several samples a pixel: the share of them through which something was seen, 0 to 1. The colour is the mean
+        of all of them; without a background, and unless holes were filled, that is the things' own colour times alpha.
+        Filled samples make up the rest of a pixel's colour, but change neither its alpha nor its depth, which is of
+        what is in front among what was seen; where nothing was, it is that of the filled samples.
 
     Examples
     --------

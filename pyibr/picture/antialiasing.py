@@ -67,5 +67,5 @@ def averaged(fine: Target, camera: Camera, side: int, out: Frame | None = None) 
         **target.outputs(),
         alpha=target.alpha,
     )
-    target.blank = False
+    target.blank, target.filled = False, fine.filled
     return target

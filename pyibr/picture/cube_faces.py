@@ -42,6 +42,7 @@ def joined_faces(targets: Sequence[Target], camera: Camera, out: Frame | None = 
     classes = targets[0].classes is not None
     profile = current().profile
     whole = Target(camera, like.dtype, out=out, classes=classes, channels=like.shape[2])
+    whole.filled = any(target.filled for target in targets)
     for number, (face, target) in enumerate(zip(cube_faces(camera), targets, strict=True)):
         origins: dict[str, Any] = {}
         if whole.classes is not None:

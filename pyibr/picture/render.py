@@ -112,9 +112,10 @@ def render(
                 if isinstance(drawable, Finishing):
                     drawable.finish(target)
 
-        frame = parts.drawn(draw_all, dtype, anisotropy=readings).frame()
+        drawn = parts.drawn(draw_all, dtype, anisotropy=readings)
+        frame = drawn.frame()
     if around.any():
-        _put_over(frame, around)
+        _put_over(frame, around, drawn.filled)
     return frame
 
 
@@ -128,15 +129,15 @@ def _checked_background(background: ArrayLike, dtype: np.dtype[Any]) -> Float64:
     return around
 
 
-def _put_over(frame: Frame, background: Float64) -> None:
-    """Let a colour show where there is nothing."""
+def _put_over(frame: Frame, background: Float64, filled: bool) -> None:
+    """Let a colour show where there is nothing; nor does it beside what is seen where holes are filled."""
     color, dtype = frame.color, frame.color.dtype
 
     def stored(values: Float64) -> NDArray[Any]:
         return values.astype(dtype) if dtype == np.float32 else np.rint(values).clip(0, 255).astype(dtype)
 
     color[np.isnan(frame.depth)] = stored(background)
-    if frame.alpha is not None:
+    if frame.alpha is not None and not filled:
         partly = (frame.alpha > 0) & (frame.alpha < 1)
         color[partly] = stored(color[partly] + (1 - frame.alpha[partly, None]) * background)
 

@@ -49,6 +49,8 @@ class Target:
         Of several samples a pixel: the share of them that show something.
     blank : bool
         Nothing has been written yet: who draws first writes every pixel, who draws later keeps what is nearer.
+    filled : bool
+        Its holes have been filled: they have colours and depths, though they are not valid.
     mixable : bool
         Whether its colours may be mixed on surfaces, where it is a part of another picture: things whose colours stand
         for something, as labels, say that they may not.
@@ -84,6 +86,7 @@ class Target:
         self.classes = empty(shape, np.uint8) if classes else None
         self.alpha: DeviceArray | None = None
         self.blank = True
+        self.filled = False
         self.mixable = True
         self.from_light = from_light
         self.anisotropy = anisotropy

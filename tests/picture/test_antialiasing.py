@@ -104,11 +104,37 @@ def test_warps_have_samples_too(method):
     np.testing.assert_array_equal(out.alpha, frame.alpha)
 
 
-def test_filled_holes_are_covered_but_not_seen():
+@pytest.mark.parametrize("fill", ["smooth", "background"])
+@pytest.mark.parametrize("samples", [4, 36])
+def test_what_was_seen_stays_as_it_was_seen_where_holes_are_filled(samples, fill):
     view = scenes.stepped(SIZE)
-    frame = ibr.warp(view, view.camera.moved(0.2, 0, 0), fill="smooth", samples=4)
-    assert (frame.alpha == 1).all()
-    assert 0 < (~frame.valid).mean() < 0.5
+    for camera in (view.camera.moved(0.2, 0, 0), view.camera.moved(0.1, 0.1, 0.1)):
+        bare, frame = (ibr.warp(view, camera, fill=way, samples=samples) for way in (None, fill))
+        np.testing.assert_array_equal(frame.valid, bare.valid)
+        np.testing.assert_array_equal(frame.alpha, bare.alpha)
+        np.testing.assert_array_equal(frame.depth[bare.valid], bare.depth[bare.valid])
+        whole = bare.alpha == 1
+        np.testing.assert_array_equal(frame.color[whole], bare.color[whole])
+        assert np.isfinite(frame.depth).all()
+        partly = bare.valid & ~whole
+        assert partly.any()
+        assert (~bare.valid).any()
+        # The rest of a partial pixel is filled: colours are the mean of all of its samples.
+        side = round(samples**0.5)
+        fine = ibr.warp(view, camera.resized((side * SIZE[0], side * SIZE[1])), fill=fill)
+        mean = blocks(fine.color.astype(float), side).mean(axis=2)
+        assert np.abs(frame.color - mean).max() <= 0.51
+
+
+def test_a_background_does_not_shine_through_filled_holes():
+    view = scenes.stepped(SIZE)
+    camera = view.camera.moved(0.2, 0, 0)
+    thing = ibr.WarpedView(view, fill="background")
+    around = (0, 0, 255)
+    black, blue = (ibr.render(thing, camera, samples=4, background=color) for color in ((0, 0, 0), around))
+    np.testing.assert_array_equal(black.color, blue.color)
+    bare = ibr.render(ibr.WarpedView(view), camera, samples=4, background=around)
+    assert (bare.color[~bare.valid] == around).all()
 
 
 def test_through_a_lens():
