@@ -44,12 +44,25 @@ float2 vertex_place(const Layout *layout, int2 v)
 
 #define ON_EDGE 1e-3f /* samples: no farther from it, a sample is on an edge */
 
-/* Widens a part of a row y so that it reaches to where the row crosses the edge from a to b. */
-void widen_to_edge(float2 a, float2 b, float y, float2 *part)
+/* An edge from a to b of a triangle: its point on a row y has x + (y - low) * slope */
+typedef struct {
+    float x, slope, low, high;
+} RowEdge;
+
+RowEdge row_edge(float2 a, float2 b)
 {
-    if (a.y == b.y || y < fmin(a.y, b.y) || y > fmax(a.y, b.y))
+    const float2 upper = a.y < b.y ? a : b, lower = a.y < b.y ? b : a;
+    const RowEdge edge = {upper.x, (lower.x - upper.x) / (lower.y - upper.y), upper.y,
+                          upper.y == lower.y ? -INFINITY : lower.y};
+    return edge;
+}
+
+/* Widens a part of a row so that it reaches to where the row crosses the edge. */
+void widen_to_edge(RowEdge edge, float row, float2 *part)
+{
+    if (row < edge.low || row > edge.high)
         return;
-    const float x = a.x + (y - a.y) / (b.y - a.y) * (b.x - a.x);
+    const float x = edge.x + (row - edge.low) * edge.slope;
     part->x = fmin(part->x, x);
     part->y = fmax(part->y, x);
 }
@@ -84,11 +97,11 @@ int must_split(const Layout *layout, const Work *work, int x, int y, int s, int 
     const float inverse = 1.0f / (u.x * v.y - u.y * v.x);
     const float per_x = ((n_start - n_q) * v.y - (n_end - n_q) * u.y) * inverse;
     const float per_y = ((n_end - n_q) * u.x - (n_start - n_q) * v.x) * inverse;
+    const RowEdge edges[3] = {row_edge(to_start, to_end), row_edge(to_start, to_q), row_edge(to_end, to_q)};
     for (int row = low.y; row <= high.y; row++) {
         float2 part = (float2)(INFINITY, -INFINITY);
-        widen_to_edge(to_start, to_end, row, &part);
-        widen_to_edge(to_start, to_q, row, &part);
-        widen_to_edge(to_end, to_q, row, &part);
+        for (int k = 0; k < 3; k++)
+            widen_to_edge(edges[k], row, &part);
         const int low_x = max((int)ceil(part.x - ON_EDGE), low.x), high_x = min((int)floor(part.y + ON_EDGE), high.x);
         const float base = n_q + (row - to_q.y) * per_y;
         for (int first = low_x; first <= high_x; first += LANES) {
