@@ -23,6 +23,7 @@
 
 #define MARCH_STEPS 128   /* points along a ray */
 #define SAMPLE_REACH 0.25f /* of a step: points no farther from a sample in depth are at it */
+#define BEFORE_1 (1.0f - 1e-6f) /* of the way to the last sample: within the last cell */
 #define HALVINGS 7 /* of a step: where a ray leaves free space is known to 1/128 of one */
 
 /* How far the views saw. free_depths: at each sample, INFINITY at background and 0 where nothing is known;
@@ -46,17 +47,21 @@ typedef struct {
 } FreeSpace;
 
 /* Projects the points of the target's pixels (x, y) at nearness n into a view: to (u, v) at depth z. Returns which lie
- * in its image. */
+ * in its image, up to the edges of its pixels; beyond its outermost samples (u, v) is the place next to them between
+ * samples. */
 INLINED intl project_to_view(const FreeSpace *space, int view, floatl x, floatl y, floatl n, floatl *u, floatl *v,
                              floatl *z)
 {
     global const float *m = space->from_target + 16 * view;
     const float right = space->sizes[3 * view] - 1, bottom = space->sizes[3 * view + 1] - 1;
     const floatl inverse = 1.0f / MAP_ROW(m, 2, x, y, n), near = MAP_ROW(m, 3, x, y, n) * inverse;
-    *u = MAP_ROW(m, 0, x, y, n) * inverse;
-    *v = MAP_ROW(m, 1, x, y, n) * inverse;
+    const floatl to_u = MAP_ROW(m, 0, x, y, n) * inverse, to_v = MAP_ROW(m, 1, x, y, n) * inverse;
+    *u = clamp_lanes(to_u, (floatl)0.0f, (floatl)(right * BEFORE_1));
+    *v = clamp_lanes(to_v, (floatl)0.0f, (floatl)(bottom * BEFORE_1));
     *z = DEPTH_OF(space->perspectives[view], near);
-    return (inverse > 0.0f) & (*z > 0.0f) & (*u >= 0.0f) & (*v >= 0.0f) & (*u < right) & (*v < bottom);
+    const intl in_columns = (to_u >= -BORDER) & (to_u <= right + BORDER);
+    const intl in_rows = (to_v >= -BORDER) & (to_v <= bottom + BORDER);
+    return (inverse > 0.0f) & (*z > 0.0f) & in_columns & in_rows;
 }
 
 /* Which of the `active` points, of the pixels (x, y) at a depth, are free? depths: those of cells, so that a view must

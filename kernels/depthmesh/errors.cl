@@ -10,12 +10,12 @@
  * triangle of which only a part is drawn has CUT_ERROR times its own length as an error, since all of it is lost unless
  * it is split: edges and segmentation stay at any tolerance that is of use.
  *
- * nearness: (height, pitch). Of each vertex, (side + 1, row): states, states.cl; errors in scene units, -1 where
- * nothing is drawn; radii of the bounding spheres; depths of their centres, which are a child's where there is no
- * sample. Work-item: a row of vertices of step 1, most of all, one after the other (`find_finest_midpoints`, which also
- * writes what is true of vertices that no cell belongs to, `find_finest_centers`), of a coarser step (`find_errors`),
- * all rows of all coarser steps (`find_coarse_errors`). Cost: O(vertices). Determinism: maxima of children in a fixed
- * order.
+ * nearness, placed: (height, pitch), samples.cl. Of each vertex, (side + 1, row): states, states.cl; errors in scene
+ * units, -1 where nothing is drawn; radii of the bounding spheres, which hold triangles as they are drawn; depths of
+ * their centres, which are a child's where there is no sample. Work-item: a row of vertices of step 1, most of all, one
+ * after the other (`find_finest_midpoints`, which also writes what is true of vertices that no cell belongs to,
+ * `find_finest_centers`), of a coarser step (`find_errors`), all rows of all coarser steps (`find_coarse_errors`).
+ * Cost: O(vertices). Determinism: maxima of children in a fixed order.
  */
 #include "depthmesh/tree.h"
 
@@ -23,7 +23,7 @@
 #define MARGIN 0.01f /* samples by which spheres reach beyond children's: more than what rounding may turn round */
 
 typedef struct {
-    global const float *nearness;
+    global const float *nearness, *placed;
     global const uchar *states;
     global float *errors, *radii, *depths;
     int largest; /* 1: of a vertex's own error and its children's the largest counts, as in the paper; 0: their sum */
@@ -151,11 +151,11 @@ void find_error_row(const Layout *layout, const Tree *tree, int s, int y, int ce
 }
 
 /* Nearness of the samples next to those of a row y from x on: dx and dy in {-1, 0, 1} */
-floatl nearness_next_to(const Layout *layout, const Tree *tree, intl x, int first, int y, int dx, int dy)
+floatl nearness_next_to(const Layout *layout, global const float *nearness, intl x, int first, int y, int dx, int dy)
 {
     if (y + dy < 0 || y + dy >= layout->height)
         return NO_SURFACE;
-    global const float *row = tree->nearness + (size_t)(y + dy) * layout->pitch;
+    global const float *row = nearness + (size_t)(y + dy) * layout->pitch;
     const intl in = (x + dx >= 0) & (x + dx < layout->width);
     return select_lanes(in, NEXT_TO(load_lanes, row, first, dx), (floatl)NO_SURFACE);
 }
@@ -167,30 +167,32 @@ void store_vertices(const Tree *tree, size_t at, const Vertices *v)
     store_lanes(v->depth, tree->depths + at);
 }
 
-kernel void find_finest_midpoints(global const float *nearness, global const uchar *states, global float *errors,
-                                  global float *radii, global float *depths, Layout layout, int largest)
+kernel void find_finest_midpoints(global const float *nearness, global const float *placed, global const uchar *states,
+                                  global float *errors, global float *radii, global float *depths, Layout layout,
+                                  int largest)
 {
     const int y = get_global_id(0), across = !(y & 1);
     if (y > layout.side)
         return;
-    const Tree tree = {nearness, states, errors, radii, depths, largest};
+    const Tree tree = {nearness, placed, states, errors, radii, depths, largest};
     for (int first = 0; first <= layout.side; first += LANES) {
         const size_t at = (size_t)y * layout.row + first;
         const intl x = first + lane_index, ax = x - across, bx = x + across;
         const int ay = y - !across, by = y + !across;
         Vertices v = {{0.0f, 0.0f, 0.0f}, -1.0f, 0.0f, 0.0f};
         if (first < layout.width && y < layout.height) {
-            const floatl n = nearness_next_to(&layout, &tree, x, first, y, 0, 0);
-            const floatl na = nearness_next_to(&layout, &tree, x, first, y, across ? -1 : 0, across ? 0 : -1);
-            const floatl nb = nearness_next_to(&layout, &tree, x, first, y, across ? 1 : 0, across ? 0 : 1);
+            const floatl n = nearness_next_to(&layout, nearness, x, first, y, 0, 0);
+            const floatl na = nearness_next_to(&layout, nearness, x, first, y, across ? -1 : 0, across ? 0 : -1);
+            const floatl nb = nearness_next_to(&layout, nearness, x, first, y, across ? 1 : 0, across ? 0 : 1);
             v.depth = select_lanes(IS_SAMPLE(n), DEPTH_OF(layout.perspective, n), (floatl)0.0f);
             v.center = point_of(&layout, to_floatl(x), (floatl)y, v.depth);
             const floatl own = bisection_error(&layout, v.center, n, ax, (intl)ay, na, bx, (intl)by, nb, 0, across);
-            for (int k = 0; k < 4; k++) { /* corners of the triangles that it splits */
+            for (int k = 0; k < 5; k++) { /* corners of the triangles that it splits, and itself, as they are drawn */
                 const int dx = k == 0 ? -1 : k == 1, dy = k == 2 ? -1 : k == 3;
-                const floatl next = nearness_next_to(&layout, &tree, x, first, y, dx, dy);
-                const Vector p = point_of(&layout, to_floatl(x + dx), (floatl)(y + dy),
-                                          DEPTH_OF(layout.perspective, next));
+                const floatl next = nearness_next_to(&layout, placed, x, first, y, dx, dy);
+                const floatl to_x = to_floatl(x + dx) + beyond_sample(x + dx, layout.width);
+                const floatl to_y = place_of(y + dy, layout.height);
+                const Vector p = point_of(&layout, to_x, to_y, DEPTH_OF(layout.perspective, next));
                 const Vector away = minus(p, v.center);
                 v.radius = select_lanes(IS_SAMPLE(next), max_lanes(sqrt(DOT(away, away)), v.radius), v.radius);
             }
@@ -201,18 +203,19 @@ kernel void find_finest_midpoints(global const float *nearness, global const uch
     }
 }
 
-kernel void find_finest_centers(global const float *nearness, global const uchar *states, global float *errors,
-                                global float *radii, global float *depths, Layout layout, int largest)
+kernel void find_finest_centers(global const float *nearness, global const float *placed, global const uchar *states,
+                                global float *errors, global float *radii, global float *depths, Layout layout,
+                                int largest)
 {
     const int y = 2 * get_global_id(0) + 1;
     if (y > layout.side || y >= layout.height)
         return;
-    const Tree tree = {nearness, states, errors, radii, depths, largest};
+    const Tree tree = {nearness, placed, states, errors, radii, depths, largest};
     const int dx[4] = {0, 1, 0, -1}, dy[4] = {-1, 0, 1, 0}; /* children above, right, below, left */
     for (int first = 0; first < layout.width; first += LANES) {
         const size_t at = (size_t)y * layout.row + first;
         const intl x = first + lane_index, mine = ((x & 1) == 1) & (x < layout.width), main = IS_MAIN(x, (intl)y, 1);
-        const floatl n = nearness_next_to(&layout, &tree, x, first, y, 0, 0);
+        const floatl n = nearness_next_to(&layout, nearness, x, first, y, 0, 0);
         Vertices v = {
             {0.0f, 0.0f, 0.0f}, -1.0f, 0.0f, select_lanes(IS_SAMPLE(n), DEPTH_OF(layout.perspective, n), (floatl)0.0f)};
         floatl error[4], depth[4], radius[4];
@@ -233,7 +236,7 @@ kernel void find_finest_centers(global const float *nearness, global const uchar
         floatl corner[2][2]; /* nearness */
         for (int below = 0; below < 2; below++)
             for (int right = 0; right < 2; right++)
-                corner[below][right] = nearness_next_to(&layout, &tree, x, first, y, right ? 1 : -1, below ? 1 : -1);
+                corner[below][right] = nearness_next_to(&layout, nearness, x, first, y, right ? 1 : -1, below ? 1 : -1);
         const floatl na = select_lanes(main, corner[0][0], corner[1][0]),
                      nb = select_lanes(main, corner[1][1], corner[0][1]);
         const intl down = select_lanes(main, (intl)1, (intl)-1), ay = y - down, by = y + down;
@@ -246,22 +249,24 @@ kernel void find_finest_centers(global const float *nearness, global const uchar
     }
 }
 
-kernel void find_errors(global const float *nearness, global const uchar *states, global float *errors,
-                        global float *radii, global float *depths, Layout layout, int largest, int s, int centers)
+kernel void find_errors(global const float *nearness, global const float *placed, global const uchar *states,
+                        global float *errors, global float *radii, global float *depths, Layout layout, int largest,
+                        int s, int centers)
 {
     const int y = centers ? s + 2 * s * (int)get_global_id(0) : s * (int)get_global_id(0);
     if (y > layout.side || y - s >= layout.height - 1)
         return;
-    const Tree tree = {nearness, states, errors, radii, depths, largest};
+    const Tree tree = {nearness, placed, states, errors, radii, depths, largest};
     find_error_row(&layout, &tree, s, y, centers);
 }
 
-kernel void find_coarse_errors(global const float *nearness, global const uchar *states, global float *errors,
-                               global float *radii, global float *depths, Layout layout, int largest, int finest)
+kernel void find_coarse_errors(global const float *nearness, global const float *placed, global const uchar *states,
+                               global float *errors, global float *radii, global float *depths, Layout layout,
+                               int largest, int finest)
 {
     if (get_global_id(0) > 0)
         return;
-    const Tree tree = {nearness, states, errors, radii, depths, largest};
+    const Tree tree = {nearness, placed, states, errors, radii, depths, largest};
     for (int s = finest; s < layout.side; s *= 2) {
         for (int y = 0; y <= layout.side && y - s < layout.height - 1; y += s)
             find_error_row(&layout, &tree, s, y, 0);

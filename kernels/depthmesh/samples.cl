@@ -1,4 +1,5 @@
-/* Segmentation of a depth image: which triangles of the full grid are drawn; and the samples' normals.
+/* Segmentation of a depth image: which triangles of the full grid are drawn; where vertices at the border lie; and the
+ * samples' normals.
  *
  * `segment` finds the triangles that bridge two surfaces (rubber sheets). TEST_ORTHOGONALITY is the paper's: seen
  * edge-on (equation 3) and long in depth (equation 4); for orthographic views, whose z has no fixed origin, the depth
@@ -7,7 +8,11 @@
  * straight. TEST_DISPARITY: nearness within the triangle differs too much (Oliveira & Bishop 1998). TEST_NONE keeps
  * everything. Beyond the papers: in all tests, differences that the sensor's noise explains are no step (`noise`).
  *
+ * `place_border` finds the nearness of the vertices that are drawn half a pixel beyond the outermost samples: on the
+ * straight line through the sample and the next one within, so that the surface passes through the sample.
+ *
  * nearness: (height, pitch), picture/nearness.cl. cells: (height, pitch) states of each cell's two triangles (tree.h).
+ * placed: (height, pitch) nearness of the vertices as they are drawn: that of the samples, but at the border.
  * normals: (3, height, pitch) in the view's frame, towards the camera, from the differences to those neighbours that
  * triangles join; (0, 0, -1) where there are none.
  * Work-item: a row. Cost: O(samples). Determinism: every sample on its own.
@@ -123,6 +128,85 @@ kernel void segment(global const float *nearness, global uchar *cells, Layout la
                            select_lanes(lower_drawn, (intl)(DRAWN << 2), (intl)(UNDRAWN << 2));
         store_bytes(to_ucharl(select_lanes(x < layout.width - 1, state, (intl)0)),
                     cells + (size_t)y * layout.pitch + first);
+    }
+}
+
+/* The states of the cell at (x, y); 0 beyond the image */
+int cell_at(const Layout *layout, global const uchar *cells, int x, int y)
+{
+    const int in = x >= 0 && y >= 0 && x < layout->width - 1 && y < layout->height - 1;
+    return in ? cells[(size_t)y * layout->pitch + x] : 0;
+}
+
+/* Is the line from the sample (x, y) to the one at (dx, dy), each -1 or 1, the diagonal of its cell? */
+#define IS_DIAGONAL(x, y, dx, dy) (((dx) == (dy)) == !((min(x, (x) + (dx)) ^ min(y, (y) + (dy))) & 1))
+
+/* Has a triangle that is drawn the edge from the sample (x, y) to the one at (dx, dy), each -1, 0 or 1? */
+int is_edge_drawn(const Layout *layout, global const uchar *cells, int x, int y, int dx, int dy)
+{
+    const int left = min(x, x + dx), top = min(y, y + dy), byte = cell_at(layout, cells, left, top);
+    int states;
+    if (dx && dy) {
+        states = IS_DIAGONAL(x, y, dx, dy) ? STATE_A(byte) | STATE_B(byte) : 0;
+    } else if (dx) {
+        states = STATE_A(byte) | STATE_B(cell_at(layout, cells, left, top - 1));
+    } else {
+        const int before = cell_at(layout, cells, left - 1, top);
+        states = (left ^ top) & 1 ? STATE_A(byte) | STATE_A(before) : STATE_B(byte) | STATE_B(before);
+    }
+    return (states & DRAWN) != 0;
+}
+
+/* The way from an outermost sample inwards along an axis of `count` samples: 1, -1, or 0 of those within */
+#define INWARDS(x, count) ((x) == 0 ? 1 : (x) == (count) - 1 ? -1 : 0)
+
+/* Half a pixel beyond a sample nearness is off by at most half of the sample's: so depths stay positive. */
+float limited(float beyond, float sample)
+{
+    const float least = (1.0f - BORDER) * sample, most = (1.0f + BORDER) * sample;
+    return clamp(beyond, fmin(least, most), fmax(least, most));
+}
+
+/* Half a pixel beyond an outermost sample, on the line from the next one within, if an edge joins them */
+float nearness_beyond(const Layout *layout, global const float *nearness, global const uchar *cells, int x, int y)
+{
+    const int dx = INWARDS(x, layout->width), dy = INWARDS(y, layout->height);
+    global const float *here = nearness + (size_t)y * layout->pitch + x;
+    if (!is_edge_drawn(layout, cells, x, y, dx, dy))
+        return *here;
+    return limited(*here + BORDER * (*here - here[dy * layout->pitch + dx]), *here);
+}
+
+/* Beyond a corner that no diagonal leads to: so that the plane of its one triangle passes through its sample */
+float nearness_beyond_corner(const Layout *layout, global const float *nearness, global const uchar *cells, int x,
+                             int y)
+{
+    const int dx = INWARDS(x, layout->width), dy = INWARDS(y, layout->height);
+    const float n = nearness[(size_t)y * layout->pitch + x];
+    if (!is_edge_drawn(layout, cells, x, y, dx, 0))
+        return n;
+    /* Along the triangle's legs, of one cell */
+    const float share_x = BORDER / (1.0f + BORDER * (layout->width == 2 ? 2 : 1));
+    const float share_y = BORDER / (1.0f + BORDER * (layout->height == 2 ? 2 : 1));
+    const float next_x = nearness_beyond(layout, nearness, cells, x + dx, y);
+    const float next_y = nearness_beyond(layout, nearness, cells, x, y + dy);
+    return limited((n - share_x * next_x - share_y * next_y) / (1.0f - share_x - share_y), n);
+}
+
+kernel void place_border(global const float *nearness, global const uchar *cells, global float *placed, Layout layout)
+{
+    const int y = get_global_id(0), width = layout.width;
+    if (y >= layout.height)
+        return;
+    global const float *from = nearness + (size_t)y * layout.pitch;
+    global float *to = placed + (size_t)y * layout.pitch;
+    for (int first = 0; first < width; first += LANES)
+        store_lanes(load_lanes(from + first), to + first);
+    const int dy = INWARDS(y, layout.height);
+    for (int x = 0; x < width; x += dy ? 1 : width - 1) {
+        const int dx = INWARDS(x, width), cut_off = dx && dy && !IS_DIAGONAL(x, y, dx, dy);
+        to[x] = cut_off ? nearness_beyond_corner(&layout, nearness, cells, x, y)
+                        : nearness_beyond(&layout, nearness, cells, x, y);
     }
 }
 

@@ -10,13 +10,13 @@
  * will move may select more than it needs, by a finer tolerance and a wider view: `motion_limits` bound how far it may
  * move before it needs a vertex that was not selected.
  *
- * Of each vertex, (side + 1, row): active, tree.h; drawn: bit k where the k-th triangle with its right angle there is
- * drawn; numbers of those that are listed. counts, firsts: (side + 1, 2) how many points and triangles each row has,
- * and the numbers of its first ones. points: (points, 4) where in the view, tree.h, and quality |n z| if rated.
- * corners: (triangles, 3) numbers of points, counter-clockwise as the view sees them, the one at the right angle
- * second. motion_limits: (side + 1, 2) scene units; of each row's vertices that are not active, the least that the eye
- * may move until one of too small an error is seen larger than allowed, and the least distance of one that is out of
- * view. Work-item: a row of vertices. Cost: O(vertices). Determinism: rows' and columns' order.
+ * placed: samples.cl. Of each vertex, (side + 1, row): active, tree.h; drawn: bit k where the k-th triangle with its
+ * right angle there is drawn; numbers of those that are listed. counts, firsts: (side + 1, 2) how many points and
+ * triangles each row has, and the numbers of its first ones. points: (points, 4) where in the view, tree.h, and quality
+ * |n z| if rated. corners: (triangles, 3) numbers of points, counter-clockwise as the view sees them, the one at the
+ * right angle second. motion_limits: (side + 1, 2) scene units; of each row's vertices that are not active, the least
+ * that the eye may move until one of too small an error is seen larger than allowed, and the least distance of one that
+ * is out of view. Work-item: a row of vertices. Cost: O(vertices). Determinism: rows' and columns' order.
  */
 #include "depthmesh/tree.h"
 
@@ -132,7 +132,7 @@ kernel void find_triangles(global const uchar *active, global const uchar *state
     counts[2 * y + 1] = triangles;
 }
 
-kernel void list_points(global const uchar *active, global const float *nearness, global const int *firsts,
+kernel void list_points(global const uchar *active, global const float *placed, global const int *firsts,
                         global int *numbers, global float *points, Layout layout,
                         global const float *normals /* not read unless rated */, int rated)
 {
@@ -143,9 +143,10 @@ kernel void list_points(global const uchar *active, global const float *nearness
     global const float *facing = normals + (rated ? (size_t)2 * layout.pitch * layout.height + samples : 0);
     int number = firsts[2 * y];
     for (int x = -1; (x = next_marked(active + start, x + 1, layout.width - 1)) < layout.width; number++) {
-        const float n = nearness[samples + x], z = 1.0f / n, quality = rated ? fabs(facing[x]) : 0.0f;
+        const float n = placed[samples + x], z = 1.0f / n, quality = rated ? fabs(facing[x]) : 0.0f;
+        const float u = place_of(x, layout.width), v = place_of(y, layout.height);
         numbers[start + x] = number;
-        vstore4(layout.perspective ? (float4)(x * z, y * z, z, quality) : (float4)(x, y, n, quality), number, points);
+        vstore4(layout.perspective ? (float4)(u * z, v * z, z, quality) : (float4)(u, v, n, quality), number, points);
     }
 }
 

@@ -5,12 +5,12 @@
  * with it, so that there are no cracks. Each split is one that any triangulation within the bound has: no other has
  * fewer triangles. Planes are affine in nearness, so the differences are exact for both kinds of cameras.
  *
- * nearness: (height, pitch). states: states.cl. active: (side + 1, row), tree.h, to be filled with 0 before. pool:
- * chunks of CHUNK ints, the numbers of the chunks below and above and then vertices, of which work-items make stacks;
- * used: (1,) how many chunks are. coarse: a step. Work-item: all vertices of at least the coarse step
- * (`refine_coarse`), then each of them and whatever follows from it that no other work-item has taken (`refine`). They
- * see each other's marks late, or not; what decides is atomic. Cost: O(triangles + samples): most triangles that are
- * split are found to depart at once, and of others the rows are read LANES samples at a time. Determinism: what is
+ * nearness, placed: (height, pitch), samples.cl. states: states.cl. active: (side + 1, row), tree.h, to be filled with
+ * 0 before. pool: chunks of CHUNK ints, the numbers of the chunks below and above and then vertices, of which work-
+ * items make stacks; used: (1,) how many chunks are. coarse: a step. Work-item: all vertices of at least the coarse
+ * step (`refine_coarse`), then each of them and whatever follows from it that no other work-item has taken (`refine`).
+ * They see each other's marks late, or not; what decides is atomic. Cost: O(triangles + samples): most triangles that
+ * are split are found to depart at once, and of others the rows are read LANES samples at a time. Determinism: what is
  * split follows from single vertices, so the set is the same in any order.
  */
 #include "depthmesh/tree.h"
@@ -22,7 +22,7 @@
 #define NO_CHUNK -1
 
 typedef struct {
-    global const float *nearness;
+    global const float *nearness, *placed;
     global const uchar *states;
     global uchar *active;
     float max_error;
@@ -34,6 +34,38 @@ typedef struct {
 /* Whether planes of nearness p lie off samples of nearness n by more than max_error, in depth: no division */
 #define IS_OFF(p, n) (fabs((p) - (n)) > work->max_error * (layout->perspective ? fabs((p) * (n)) : 1.0f))
 #define NEARNESS_AT(v) work->nearness[(v).y * layout->pitch + (v).x]
+#define VERTEX_NEARNESS(v) work->placed[(v).y * layout->pitch + (v).x]
+
+/* Where the vertex at a sample is drawn */
+float2 vertex_place(const Layout *layout, int2 v)
+{
+    return (float2)(place_of(v.x, layout->width), place_of(v.y, layout->height));
+}
+
+#define ON_EDGE 1e-3f /* samples: no farther from it, a sample is on an edge */
+
+/* An edge from a to b of a triangle: its point on a row y has x + (y - low) * slope */
+typedef struct {
+    float x, slope, low, high;
+} RowEdge;
+
+RowEdge row_edge(float2 a, float2 b)
+{
+    const float2 upper = a.y < b.y ? a : b, lower = a.y < b.y ? b : a;
+    const RowEdge edge = {upper.x, (lower.x - upper.x) / (lower.y - upper.y), upper.y,
+                          upper.y == lower.y ? -INFINITY : lower.y};
+    return edge;
+}
+
+/* Widens a part of a row so that it reaches to where the row crosses the edge. */
+void widen_to_edge(RowEdge edge, float row, float2 *part)
+{
+    if (row < edge.low || row > edge.high)
+        return;
+    const float x = edge.x + (row - edge.low) * edge.slope;
+    part->x = fmin(part->x, x);
+    part->y = fmax(part->y, x);
+}
 
 /* Must the triangle on the side b (0: A, 1: B) of the vertex (x, y) of step s be split? */
 int must_split(const Layout *layout, const Work *work, int x, int y, int s, int b)
@@ -45,34 +77,36 @@ int must_split(const Layout *layout, const Work *work, int x, int y, int s, int 
     const int2 p = (int2)(x, y), along = centers ? (int2)(s, rises ? -s : s) : across ? (int2)(s, 0) : (int2)(0, s);
     const int2 to_a = centers ? (int2)(rises ? -s : s, -s) : across ? (int2)(0, -s) : (int2)(-s, 0);
     const int2 start = p - along, end = p + along, q = b ? p - to_a : p + to_a; /* q: the right angle */
-    const float n_start = NEARNESS_AT(start), n_end = NEARNESS_AT(end), n_q = NEARNESS_AT(q);
-    /* The vertex itself and the middles of the two legs are off most often. */
-    if (IS_OFF(0.5f * (n_start + n_end), NEARNESS_AT(p)))
-        return 1;
-    if (s == 1 && !centers)
-        return 0;
-    if (IS_OFF(0.5f * (n_start + n_q), NEARNESS_AT((start + q) / 2)) ||
-        IS_OFF(0.5f * (n_end + n_q), NEARNESS_AT((end + q) / 2)))
-        return 1;
-    if (s == 1)
-        return 0;
-    const int2 u = start - q, v = end - q;
+    const float n_start = VERTEX_NEARNESS(start), n_end = VERTEX_NEARNESS(end), n_q = VERTEX_NEARNESS(q);
+    const int2 low = min(q, min(start, end)), high = max(q, max(start, end));
+    const int is_within = low.x > 0 && low.y > 0 && high.x < layout->width - 1 && high.y < layout->height - 1;
+    if (is_within) {
+        /* The vertex itself and the middles of the two legs are off most often. */
+        if (IS_OFF(0.5f * (n_start + n_end), NEARNESS_AT(p)))
+            return 1;
+        if (s == 1 && !centers)
+            return 0;
+        if (IS_OFF(0.5f * (n_start + n_q), NEARNESS_AT((start + q) / 2)) ||
+            IS_OFF(0.5f * (n_end + n_q), NEARNESS_AT((end + q) / 2)))
+            return 1;
+        if (s == 1)
+            return 0;
+    }
+    const float2 to_start = vertex_place(layout, start), to_end = vertex_place(layout, end);
+    const float2 to_q = vertex_place(layout, q), u = to_start - to_q, v = to_end - to_q;
     const float inverse = 1.0f / (u.x * v.y - u.y * v.x);
     const float per_x = ((n_start - n_q) * v.y - (n_end - n_q) * u.y) * inverse;
     const float per_y = ((n_end - n_q) * u.x - (n_start - n_q) * v.x) * inverse;
-    const int low_y = min(q.y, min(start.y, end.y)), high_y = max(q.y, max(start.y, end.y));
-    for (int row = low_y; row <= high_y; row++) {
-        /* The triangle's part of the row: the shorter the farther from the right angle, or from the middle of a side */
-        const int away = abs(row - (centers ? q.y : y)), reach = centers ? 2 * s - away : s - away;
-        const int from = centers || !across ? (centers ? q.x : x) : x - reach;
-        const int leftward = centers ? q.x > x : !across && q.x < x;
-        const int low_x = leftward ? from - reach : from, high_x = leftward             ? from
-                                                                   : !centers && across ? x + reach
-                                                                                        : from + reach;
-        const float base = n_q + (row - q.y) * per_y;
+    const RowEdge edges[3] = {row_edge(to_start, to_end), row_edge(to_start, to_q), row_edge(to_end, to_q)};
+    for (int row = low.y; row <= high.y; row++) {
+        float2 part = (float2)(INFINITY, -INFINITY);
+        for (int k = 0; k < 3; k++)
+            widen_to_edge(edges[k], row, &part);
+        const int low_x = max((int)ceil(part.x - ON_EDGE), low.x), high_x = min((int)floor(part.y + ON_EDGE), high.x);
+        const float base = n_q + (row - to_q.y) * per_y;
         for (int first = low_x; first <= high_x; first += LANES) {
             const intl at = first + lane_index;
-            const floatl plane = base + to_floatl(at - q.x) * per_x;
+            const floatl plane = base + (to_floatl(at) - to_q.x) * per_x;
             if (any_lane((at <= high_x) & IS_OFF(plane, load_lanes(work->nearness + row * layout->pitch + first))))
                 return 1;
         }
@@ -163,14 +197,15 @@ void propagate_all(const Layout *layout, Work *work)
     }
 }
 
-kernel void refine_coarse(global const float *nearness, global const uchar *states, global uchar *active,
-                          global int *pool, global int *used, Layout layout, float max_error, int coarse)
+kernel void refine_coarse(global const float *nearness, global const float *placed, global const uchar *states,
+                          global uchar *active, global int *pool, global int *used, Layout layout, float max_error,
+                          int coarse)
 {
     if (get_global_id(0) > 0)
         return;
     const int root = layout.side / 2;
     *used = 0;
-    Work work = {nearness, states, active, max_error, coarse, pool, used, NO_CHUNK};
+    Work work = {nearness, placed, states, active, max_error, coarse, pool, used, NO_CHUNK};
     add_chunk(&work);
     mark_corners(&layout, active, 0);
     mark_corners(&layout, active, layout.side);
@@ -181,14 +216,14 @@ kernel void refine_coarse(global const float *nearness, global const uchar *stat
     propagate_all(&layout, &work);
 }
 
-kernel void refine(global const float *nearness, global const uchar *states, global uchar *active, global int *pool,
-                   global int *used, Layout layout, float max_error, int coarse)
+kernel void refine(global const float *nearness, global const float *placed, global const uchar *states,
+                   global uchar *active, global int *pool, global int *used, Layout layout, float max_error, int coarse)
 {
     const int x = coarse * get_global_id(0), y = coarse * get_global_id(1), at = y * layout.row + x;
     const int corner = (x == 0 || x == layout.side) && (y == 0 || y == layout.side);
     if (x > layout.side || y > layout.side || corner || !active[at])
         return;
-    Work work = {nearness, states, active, max_error, 1, pool, used, NO_CHUNK};
+    Work work = {nearness, placed, states, active, max_error, 1, pool, used, NO_CHUNK};
     add_chunk(&work);
     propagate(&layout, &work, at, coarse);
     propagate_all(&layout, &work);

@@ -14,11 +14,15 @@
  * one: its children. A midpoint's are the centres at (+-s/2, +-s/2), a centre's the midpoints at (+-s, 0) and (0, +-s).
  * In a triangulation without cracks a vertex is active only if all vertices whose child it is are.
  *
+ * A sample covers its pixel: vertices at outermost samples are drawn half a pixel farther out, with the nearness
+ * that samples.cl places there. What the tree tells of its vertices (states, errors) is told of the samples.
+ *
  * Points of triangles are kept as (a, b, c): of a perspective view (x z, y z, z), of an orthographic one (x, y, -z).
  * With a 1 they are homogeneous: a 4x4 map takes them to another camera's pixel space.
  */
 #include "lib/lanes.h"
 #include "lib/pixelspace.h"
+#include "lib/surface.h"
 #include "lib/vectors.h"
 
 /* A triangle's state: bits of what cells within it are, 0 where there is no triangle. Side A has the lower two bits
@@ -49,6 +53,18 @@ Vector point_of(const Layout *layout, floatl x, floatl y, floatl z)
     const floatl scale = layout->perspective ? z : (floatl)1.0f;
     const Vector p = {(r[0] * x + r[1] * y + r[2]) * scale, (r[3] * x + r[4] * y + r[5]) * scale, z};
     return p;
+}
+
+/* How far out of the image the vertex at a sample is drawn: x of `count` columns, or y of `count` rows */
+INLINED floatl beyond_sample(intl x, int count)
+{
+    return select_lanes(x == 0, (floatl)-BORDER, select_lanes(x == count - 1, (floatl)BORDER, (floatl)0.0f));
+}
+
+/* Where it is drawn: the number of the sample plus that */
+float place_of(int x, int count)
+{
+    return x + (x == 0 ? -BORDER : x == count - 1 ? BORDER : 0.0f);
 }
 
 /* Does the diagonal of the block of side 2s with the centre (x, y) run to the lower right? */

@@ -3,21 +3,20 @@
  *
  * A pixel walks the slices of its ray's part of the object's box from front to back and stops at the first point that
  * passes the test of every view: behind the surface that the view's depth image displaces (SILHOUETTES 0), or inside
- * its silhouette (SILHOUETTES 1). A view's surface is bilinear in nearness; where the view saw background,
- * it lies as far off as the box reaches, and where it knows of no depth, as near.
+ * its silhouette (SILHOUETTES 1). A view's surface is bilinear in nearness, up to half-way to where the view saw
+ * background, as the outline of a mask; where it knows of no depth, it lies as near as the box reaches.
  *
  * Deviations from the paper: the slices are met per pixel instead of drawn as polygons, so the stencil passes become
  * one loop; `halvings` bring the point that passes closer to the surface than its slice; `visible` colours by the views
  * that see the point (view_colors.h).
  *
  * matrices: (VIEWS, 16) from the world to each view's pixel space. sizes: (VIEWS, 3) width, height and start in maps
- * and colors. maps: nearness, or 0 and 1. colors: RGBA bytes, A = 255 where the view has a sample. order: (VIEWS,)
- * views in the order of testing. closeness: (VIEWS,) of each view's direction to the target's, > 0. The origin of world
- * coordinates is the box's middle. counters: (height, width) view tests, with COUNTERS. With RIBBONS, firsts: the
- * number of the first ribbon of each sample of each view, and at last that of all; ribbons: (N, RIBBON_FLOATS),
- * lib/ribbons.h.
- * Work-item: with LANES 16 a block of 4 x 4 pixels, one to a lane; with LANES 1 a pixel. Cost: O(pixels * slices *
- * views tested). Determinism: fixed order.
+ * and colors. maps: nearness, with the bit BACKGROUND, or 0 and 1. colors: RGBA bytes, A = 255 where the view has a
+ * sample. order: (VIEWS,) views in the order of testing. closeness: (VIEWS,) of each view's direction to the target's,
+ * > 0. The origin of world coordinates is the box's middle. counters: (height, width) view tests, with COUNTERS. With
+ * RIBBONS, firsts: the number of the first ribbon of each sample of each view, and at last that of all; ribbons: (N,
+ * RIBBON_FLOATS), lib/ribbons.h. Work-item: with LANES 16 a block of 4 x 4 pixels, one to a lane; with LANES 1 a pixel.
+ * Cost: O(pixels * slices * views tested). Determinism: fixed order.
  */
 #define BIN BLOCK
 #include "raster/region.h"

@@ -16,6 +16,7 @@
 #define LEVEL_SAMPLES 0.5f  /* where the sample counts half for how well the view sees the point, */
 #define TORN_SAMPLES 4.0f   /* where it counts half in the view's colour, */
 #define HIDDEN_SAMPLES 4.0f /* and by which all samples around may lie before a point that the view sees */
+#define BEYOND_OUTLINE 1e6f   /* what a view's surface lies behind a point by where it has none */
 #define VIEWS_MIN 0.002f    /* of a view: where all together see less of a point, the hit is refined for its colour */
 #define CLOSER_HALVINGS 6   /* further halvings then: seen along itself, a whole surface lies within a sample */
 #define STRIDES 4           /* from the object's surface back to a view's own, each as long as all before it together */
@@ -76,15 +77,14 @@ INLINED floatl view_surface_before(const Views *views, int number, const ViewRay
     global const int *size = views->sizes + 3 * number;
     const floatl inverse = 1.0f / AT(view->w, z), mine = AT(view->q, z) * inverse;
     const Samples samples = samples_at(size, AT(view->u, z) * inverse, AT(view->v, z) * inverse);
-    floatl sum = 0.0f, least = INFINITY;
-    for (int k = 0; k < 4; k++) {
-        const floatl there = (floatl)(gather(views->maps + size[2], samples.taps.at[k]));
-        sum += samples.weights[k] * there;
-        least = min_lanes(least, there);
-    }
+    floatl least = INFINITY;
+    for (int k = 0; k < 4; k++)
+        least = min_lanes(least, (floatl)(gather(views->maps + size[2], samples.taps.at[k])));
     const floatl per_sample = samples_per_nearness(views, view, mine);
+    const SurfaceSample surface = surface_at(views->maps + size[2], samples);
     *farthest = (least - mine) * per_sample;
-    return (sum - mine) * per_sample;
+    return select_lanes(IS_WITHIN_OUTLINE(surface), (SURFACE_NEARNESS(surface) - mine) * per_sample,
+                        (floatl)-BEYOND_OUTLINE);
 }
 
 /* The depth at which the rays meet a view's own surface, up to STRIDES strides before the object's, which they meet

@@ -49,7 +49,32 @@ INLINED Samples samples_at(global const int *size, floatl x, floatl y)
     return samples;
 }
 
-INLINED floatl read_map(global const float *map, Samples samples)
+#define BACKGROUND 1 /* the last bit of a sample's nearness: the view saw that there is no surface */
+
+/* A view's surface around a place: nearness, bilinear, of the samples that have one, times their part of the weights */
+typedef struct {
+    floatl sum, part;
+} SurfaceSample;
+
+INLINED SurfaceSample surface_at(global const float *map, Samples samples)
+{
+    SurfaceSample surface = {0.0f, 0.0f};
+    for (int k = 0; k < 4; k++) {
+        const floatl there = (floatl)(gather(map, samples.taps.at[k]));
+        const intl kept = (as_intl(there) & BACKGROUND) - 1; /* all bits, or none */
+        const floatl weight = as_floatl(as_intl(samples.weights[k]) & kept);
+        surface.sum += weight * there;
+        surface.part += weight;
+    }
+    return surface;
+}
+
+/* A sample covers its pixel: the surface ends at the outline half-way to where the view saw background. */
+#define IS_WITHIN_OUTLINE(surface) ((surface).part >= 0.5f)
+#define SURFACE_NEARNESS(surface) ((surface).sum / max_lanes((surface).part, (floatl)0.5f))
+
+/* The part of a silhouette's samples around a place that are the object's, bilinear */
+INLINED floatl mask_at(global const float *map, Samples samples)
 {
     floatl sum = 0.0f;
     for (int k = 0; k < 4; k++)
@@ -130,15 +155,19 @@ intl inside_all(const Views *views, const ViewRay *rays, floatl z, intl inside, 
         global const int *size = views->sizes + 3 * views->order[i];
         const floatl u = AT(rays[i].u, z) * inverse, v = AT(rays[i].v, z) * inverse;
         const Samples samples = samples_at(size, u, v);
-        floatl value = read_map(views->maps + size[2], samples);
-#if RIBBONS
-        value = over_ribbons(views, size, u, v, inside & samples.on_image, value);
-#endif
 #if SILHOUETTES
-        inside = inside & samples.on_image & (w > 0.0f) & (value >= 0.5f);
+        inside = inside & samples.on_image & (w > 0.0f) & (mask_at(views->maps + size[2], samples) >= 0.5f);
 #else
+        const SurfaceSample surface = surface_at(views->maps + size[2], samples);
+        const floatl mine = AT(rays[i].q, z) * inverse;
+#if RIBBONS
+        const floatl value = select_lanes(IS_WITHIN_OUTLINE(surface), SURFACE_NEARNESS(surface), (floatl)NO_SURFACE);
+        const intl behind = mine <= over_ribbons(views, size, u, v, inside & samples.on_image, value);
+#else
+        const intl behind = IS_WITHIN_OUTLINE(surface) & (mine * surface.part <= surface.sum);
+#endif
         const intl seen = samples.on_image & (w > 0.0f);
-        inside = inside & (seen | (intl)(views->unknown ? -1 : 0)) & (!seen | (AT(rays[i].q, z) * inverse <= value));
+        inside = inside & (seen | (intl)(views->unknown ? -1 : 0)) & (!seen | behind);
 #endif
         *passed -= inside;
     }

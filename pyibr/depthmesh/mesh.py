@@ -33,6 +33,7 @@ Int32 = NDArray[np.int32]
 class DepthMesh(Immutable):
     """A depth image as a triangle mesh that adapts to the viewer: fine where that is seen, without cracks.
 
+    A sample covers its pixel: the mesh reaches half a pixel beyond the outermost samples, straight on from within.
     A restricted quadtree over the samples is kept on the device, with the error of each vertex; a triangulation is read
     from it for each target. `render` draws the side that the view saw, with 8 bits a channel.
 
@@ -107,7 +108,11 @@ class DepthMesh(Immutable):
     @cached_property
     def _box(self) -> tuple[Float64, Float64]:
         with self.tree.cells.session.turn():
-            return self.view.bounds_of(_in_triangles(self.tree))
+            found = _in_triangles(self.tree)
+            low, high = self.view.bounds_of(found)
+            found[1:-1, 1:-1] = False
+            border = self.view.camera.unproject(*self.tree.vertices_of(np.flatnonzero(found).astype(np.int32)))
+            return np.min([low, *border], axis=0), np.max([high, *border], axis=0)
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
         """Draw the triangles in the view's colours, which hold their light, unless a light relights them."""
@@ -261,9 +266,9 @@ class DepthMesh(Immutable):
     def _mesh_of(self, samples: Int32, faces: Int32) -> Mesh:
         camera = self.view.camera
         y, x = np.divmod(samples, camera.width)
-        pixels, normals = np.column_stack([x, y]), self.tree.normals.to_host()[:, y, x].T
+        (pixels, depth), normals = self.tree.vertices_of(samples), self.tree.normals.to_host()[:, y, x].T
         return Mesh(
-            camera.unproject(pixels, self.view.depth[y, x]),
+            camera.unproject(pixels, depth),
             faces,
             uv=(pixels + 0.5) / camera.size,
             normals=normals @ camera.world_from_camera[:3, :3].T,

@@ -109,6 +109,7 @@ def active_within(tree: Tree, max_error: float) -> DeviceArray:
     chunks = int(np.prod(active.shape)) // (_CHUNK - 2) + int(np.prod(grid)) + 1
     shared: dict[str, Any] = {
         "nearness": tree.nearness,
+        "placed": tree.placed,
         "states": tree.states,
         "active": active,
         "pool": empty((chunks, _CHUNK), np.int32),

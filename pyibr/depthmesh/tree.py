@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
+from pyibr.core.checks import Float64
 from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import pitch
 from pyibr.depthmesh.segmentation import Segmentation
@@ -38,7 +39,8 @@ class Tree:
         Of kernels/depthmesh/tree.h.
     side : int
         Cells along the side, a power of two.
-    nearness : DeviceArray (H, pitch)
+    nearness, placed : DeviceArray (H, pitch)
+        Of the samples; and of the vertices as they are drawn, the outermost ones half a pixel beyond their samples.
     cells : DeviceArray (H, pitch) uint8
         Whether each cell's two triangles are drawn.
     states : DeviceArray (side + 1, row) uint8
@@ -51,6 +53,7 @@ class Tree:
     layout: Struct
     side: int
     nearness: DeviceArray
+    placed: DeviceArray
     cells: DeviceArray
     states: DeviceArray
     joined: ErrorsBy
@@ -61,6 +64,17 @@ class Tree:
         states = self.cells.to_host()[: height - 1, : width - 1]
         drawn, bits = (int(constant("depthmesh/tree.h", name)) for name in ("DRAWN", "SIDE_BITS"))
         return (states & drawn) > 0, (states & drawn << bits) > 0
+
+    def vertices_of(self, samples: NDArray[np.int32]) -> tuple[Float64, Float64]:
+        """(N, 2) pixels and (N,) depths at which the vertices of samples, y * width + x, are drawn."""
+        camera, (width, height) = self.view.camera, self.view.camera.size
+        y, x = np.divmod(samples, width)
+        beyond = [0.5 * ((at == count - 1) * 1.0 - (at == 0)) for at, count in ((x, width), (y, height))]
+        placed = self.placed.to_host()[y, x].astype(np.float64)
+        depth = self.view.depth[y, x].astype(np.float64)
+        further = 1 / placed if camera.projection == "perspective" else -placed
+        is_beyond = (beyond[0] != 0) | (beyond[1] != 0)
+        return np.column_stack([x + beyond[0], y + beyond[1]]), np.where(is_beyond, further, depth)
 
     def sample_normals(self) -> NDArray[np.float32]:
         """(H, W, 3) of `normals`."""
@@ -117,11 +131,13 @@ def build_tree(view: DepthImage, segmentation: Segmentation, joined: ErrorsBy = 
         layout=layout,
         rule=rule,
     )
+    placed = empty(nearness.shape, np.float32)
+    launch(kernel(_KERNELS, "place_border"), (height,), nearness=nearness, cells=cells, placed=placed, layout=layout)
     states = empty((side + 1, row), np.uint8)
     launch(kernel(_KERNELS, "find_finest_states"), (side + 1,), cells=cells, states=states, layout=layout)
     of_step, of_coarse = (kernel(_KERNELS, name) for name in ("find_states", "find_coarse_states"))
     _fine_to_coarse(of_step, of_coarse, side, height, states=states, layout=layout)
-    return Tree(view, layout, side, nearness, cells, states, joined)
+    return Tree(view, layout, side, nearness, placed, cells, states, joined)
 
 
 def _find_normals(tree: Tree) -> DeviceArray:
@@ -144,6 +160,7 @@ def _find_errors(tree: Tree) -> Errors:
     errors, radii, depths = (empty(tree.states.shape, np.float32) for _ in range(3))
     shared: dict[str, Any] = {
         "nearness": tree.nearness,
+        "placed": tree.placed,
         "states": tree.states,
         "errors": errors,
         "radii": radii,

@@ -79,7 +79,7 @@ def list_triangles(
             kernel("depthmesh/tree.cl", "list_points"),
             (tree.view.camera.size[1],),
             active=marks,
-            nearness=tree.nearness,
+            placed=tree.placed,
             firsts=firsts,
             numbers=numbers,
             points=points,
@@ -104,10 +104,11 @@ def list_triangles(
 
 
 def pixels_of(points: NDArray[np.float32], view: DepthImage) -> NDArray[np.int64]:
-    """(..., 2) the samples x and y of a view that points (..., 4) of its triangles lie at."""
+    """(..., 2) the samples x and y of a view whose vertices points (..., 4) of its triangles are."""
     x, y, z = np.moveaxis(points[..., :3].astype(np.float64), -1, 0)
     scale = 1 / z if view.camera.projection == "perspective" else np.ones_like(z)
-    return np.rint(np.stack([x * scale, y * scale], -1)).astype(np.int64)
+    last = np.subtract(view.camera.size, 1)  # half a pixel beyond which the outermost vertices lie
+    return np.clip(np.rint(np.stack([x * scale, y * scale], -1)), 0, last).astype(np.int64)
 
 
 def project_points(triangles: Triangles, pairs: Sequence[CameraPair]) -> DeviceArray:

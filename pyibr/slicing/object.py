@@ -25,7 +25,8 @@ _EXTENT_RATIO_MAX = 8.0  # times a view's nearest depth, or the width of what it
 class DepthObject(Solid):
     """Solid that depth images all round leave of space, in their colours.
 
-    A point is part of it if it lies behind every image's surface. Where an image saw no surface it leaves nothing.
+    A point is part of it if it lies behind every image's surface. Where an image saw no surface it leaves nothing; a
+    sample covers its pixel, so outlines run half-way between samples with depth and those without.
     Section 4 of the paper.
 
     Parameters
@@ -55,8 +56,8 @@ class DepthObject(Solid):
         side of the box to `slices` at the other, or fewer where it is shorter; of slices parallel to the screen from
         the middle on, farther ones above 0. Points are on the slice, without `halvings`.
     thin : bool
-        Things one sample thin in an image (wires, leaves, bars), of which the surface between samples leaves little or
-        nothing, are as wide in it as the samples that saw them; see `warp`. Neighbours are torn apart as by
+        Things one sample thin in an image (wires, leaves, bars), of which all images together leave less than each,
+        are as wide in it as the samples that saw them; see `warp`. Neighbours are torn apart as by
         `cut_ratio=1.05`, whatever the picture's.
 
     Raises
@@ -97,9 +98,9 @@ class DepthObject(Solid):
         self.missing: Missing = missing
         self.thin = checked_bool("thin", thin)
         box = box_of_samples(self.views, missing == "empty")
-        # Ribbons reach up to a sample beyond the middles of those that they cover.
-        reach = max(pixel_size(view.camera, corner) for view in self.views for corner in box.corners)
-        self.box = box.grown(reach) if thin else box
+        # Samples cover their pixels; ribbons reach up to a sample beyond the middles of those that they cover.
+        sample = max(pixel_size(view.camera, corner) for view in self.views for corner in box.corners)
+        self.box = box.grown(sample if thin else 0.5 * sample)
         _check_resolved(self)
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:

@@ -20,6 +20,7 @@ from pyibr.opencl.watch import watching
 from tests import scenes
 from tests.builds import Builds
 from tests.depthmesh.views import DIRECTIONS, PROJECTIONS, SIZE, rough, six, target
+from tests.reference import depthmesh as reference
 from tests.slicing.solids import looking, torus, views_of_torus
 from tests.warp.test_laws import same_bits
 
@@ -103,7 +104,7 @@ def test_the_full_grid_up_to_the_pictures_border(projection):
 
 
 def full_grid(view: ibr.DepthImage) -> ibr.Mesh:
-    """All triangles of the grid, diagonals turning from cell to cell, with their fronts to the view."""
+    """All triangles of the grid up to its pixels' edges, diagonals turning from cell to cell, fronts to the view."""
     width, height = view.camera.size
     y, x = np.mgrid[: height - 1, : width - 1]
     a, main = y * width + x, (x + y) % 2 == 0
@@ -111,7 +112,12 @@ def full_grid(view: ibr.DepthImage) -> ibr.Mesh:
     upper = np.stack([a, np.where(main, d, c), b], -1)
     lower = np.stack([c, d, np.where(main, a, b)], -1)
     faces = np.concatenate([upper.reshape(-1, 3), lower.reshape(-1, 3)]).astype(np.int32)
-    return ibr.Mesh(view.points.astype(np.float32), faces)
+    points, structure = view.points.copy(), reference.Tree(view, np.full((height, width), 10, np.uint8))  # all drawn
+    turn, center = view.camera.world_from_camera[:3, :3], view.camera.center
+    border = [(x, y) for y in range(height) for x in range(width) if x in (0, width - 1) or y in (0, height - 1)]
+    for x, y in border:
+        points[y * width + x] = turn @ structure.drawn_place((x, y)) + center
+    return ibr.Mesh(points.astype(np.float32), faces)
 
 
 def test_what_was_drawn_before_changes_nothing():
@@ -172,10 +178,13 @@ def test_a_sample_far_off_spoils_nothing():
     depth[5, 7] = 1e6
     spoilt = ibr.DepthImage(view.color, depth, view.camera)
     mesh = ibr.DepthMesh(spoilt)
-    np.testing.assert_allclose(mesh.bounds, view.bounds, atol=1e-6)
-    # But for the last column and row, which the rule for edges leaves out, and the sample's own triangles.
-    assert ibr.render(mesh, view.camera).valid.sum() >= 32 * 32 - 8
-    extent = np.subtract(*view.bounds[::-1]).max()
+    np.testing.assert_allclose(mesh.bounds, ibr.DepthMesh(view).bounds, atol=1e-6)
+    ends = np.array([[-0.5, -0.5], [32.5, -0.5], [-0.5, 32.5], [32.5, 32.5]])
+    corners = view.camera.unproject(ends, np.full(4, view.depth[0, 0]))
+    np.testing.assert_allclose(mesh.bounds, [corners.min(axis=0), corners.max(axis=0)], atol=1e-6)
+    # But for the sample's own triangles, and those of its neighbours' pixels that the rule for edges leaves out.
+    assert ibr.render(mesh, view.camera).valid.sum() >= 33 * 33 - 9
+    extent = np.ptp(corners, axis=0).max()
     assert ibr.DepthMeshObject([spoilt]).epsilon == pytest.approx(0.01 * extent)
 
 

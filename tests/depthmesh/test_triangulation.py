@@ -18,14 +18,17 @@ from tests.depthmesh.views import (
     cells_of,
     check_crack_free,
     coverage,
+    drawn_pixels,
     rough,
     samples_for,
+    samples_of,
     samples_within,
     some_camera,
     some_mesh,
     weights_in,
 )
 from tests.embree import embree, rays_of
+from tests.reference import depthmesh as reference
 from tests.slicing.solids import views_of_torus
 
 pytest.importorskip("open3d")
@@ -78,7 +81,10 @@ def test_vertices_are_the_samples():
         for size in ((2, 521), (1031, 3), (61, 37)):
             view = rough(np.random.default_rng(1), size, projection, 0.3)
             mesh = ibr.DepthMesh(view, segmentation=Segmentation("none")).triangulate(view.camera, tolerance=0)
-            np.testing.assert_array_equal(mesh.vertices, view.points.astype(np.float32))
+            within = mesh.vertices.reshape(*size[::-1], 3)[1:-1, 1:-1]
+            np.testing.assert_array_equal(within, view.points.astype(np.float32).reshape(*size[::-1], 3)[1:-1, 1:-1])
+            pixels = np.stack(np.meshgrid(*map(np.arange, size)), -1).reshape(-1, 2)
+            np.testing.assert_array_equal(samples_of(mesh, view.camera), pixels)
 
 
 @pytest.mark.parametrize("tolerance", [0.5, 2])
@@ -93,14 +99,16 @@ def test_larger_tolerances_have_fewer_triangles(tolerance):
 # --- simplify ----------------------------------------------------------------------------------------
 
 
-def vertical_error(corners: np.ndarray, view: ibr.DepthImage) -> float:
+def vertical_error(mesh: ibr.Mesh, view: ibr.DepthImage) -> float:
     """Distances in depth of samples from the triangles that cover them."""
     depth = view.depth.astype(np.float64)
     perspective = view.camera.projection == "perspective"
-    straight = 1 / depth if perspective else depth
+    z = view.camera.project(mesh.vertices.astype(np.float64))[1]
+    samples, straight = samples_of(mesh, view.camera), np.zeros(depth.shape)
+    straight[samples[:, 1], samples[:, 0]] = 1 / z if perspective else z
     worst = 0.0
-    for some, points in by_extent(corners):
-        weight = weights_in(some, points)
+    for some, points in by_extent(samples[mesh.faces]):
+        weight = weights_in(drawn_pixels(some, view.camera.size), points)
         plane = (weight * straight[some[..., 1], some[..., 0]][:, None]).sum(axis=-1)
         off = np.abs((1 / plane if perspective else plane) - depth[points[..., 1], points[..., 0]])
         worst = max(worst, off[(weight > -1e-12).all(axis=-1)].max())
@@ -116,7 +124,7 @@ def test_simplify_never_exceeds_its_error():
         for bound in (0.0, 0.01, 0.05, 0.3, 5.0):
             corners = samples_within(thing, bound)
             np.testing.assert_array_equal(check_crack_free(corners, thing.view.camera.size), drawn)
-            worst = vertical_error(corners, thing.view)
+            worst = vertical_error(thing.simplify(bound), thing.view)
             # The kernel's depths of 4 pass through their inverses and back: a few roundings of 2^-22.
             assert worst <= bound + 4 * 2**-20
             used.append(worst / bound if bound and len(corners) < drawn.sum() else 0)
@@ -135,7 +143,8 @@ def test_simplify_sees_every_single_sample(projection):
             depth[at] += 0.1
             view = ibr.DepthImage(flat.color, depth, flat.camera)
             thing = ibr.DepthMesh(view, segmentation=Segmentation("none"))
-            assert vertical_error(samples_within(thing, bound), view) <= bound, at
+            # Depths of 6 in float32
+            assert vertical_error(thing.simplify(bound), view) <= bound + 2**-21, at
 
 
 def plane(size: scenes.Size, projection: str) -> ibr.DepthImage:
@@ -268,17 +277,21 @@ def test_vertices_are_samples(projection):
     view = scenes.holed((61, 37), projection)
     thing = ibr.DepthMesh(view)
     target = view.camera.moved(0.5, 0, 0)
+    structure = reference.Tree(view, thing.tree.cells.to_host())
     for mesh in (
         thing.triangulate(view.camera, tolerance=0),
         thing.triangulate(target, tolerance=3),
         thing.simplify(0.05),
     ):
         pixel, z = view.camera.project(mesh.vertices.astype(np.float64))
-        x, y = np.rint(pixel).astype(int).T
+        samples = samples_of(mesh, view.camera)
+        x, y = samples.T
         # float32 places of 5 units, seen by 60 pixels a unit at most
-        np.testing.assert_allclose(pixel, np.stack([x, y], -1), atol=1e-4)
-        np.testing.assert_allclose(z, view.depth[y, x], rtol=1e-6)
-        np.testing.assert_allclose(mesh.uv, (np.stack([x, y], -1) + 0.5) / view.camera.size, rtol=1e-6)
+        drawn = drawn_pixels(samples, view.camera.size)
+        np.testing.assert_allclose(pixel, drawn, atol=1e-4)
+        expected = [structure.drawn_at((x, y))[2] for x, y in samples.tolist()]
+        np.testing.assert_allclose(1 / z if projection == "perspective" else -z, expected, rtol=1e-6)
+        np.testing.assert_allclose(mesh.uv, (drawn + 0.5) / view.camera.size, rtol=1e-6, atol=1e-7)
         assert mesh.texture is view.color or np.array_equal(mesh.texture, view.color)
         turned = mesh.normals @ view.camera.world_from_camera[:3, :3]
         np.testing.assert_allclose(turned, thing.normals[y, x], atol=1e-6)

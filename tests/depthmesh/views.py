@@ -51,8 +51,18 @@ def samples_for(thing: ibr.DepthMesh, camera: Camera, tolerance: float) -> np.nd
 def samples_within(thing: ibr.DepthMesh, max_error: float) -> np.ndarray:
     """The same, of `simplify`."""
     mesh = thing.simplify(max_error)
+    return samples_of(mesh, thing.view.camera)[mesh.faces]
+
+
+def samples_of(mesh: ibr.Mesh, camera: Camera) -> np.ndarray:
+    """(N, 2) x and y of the samples that a view's vertices are; at the border these lie half a pixel beyond them."""
     assert mesh.uv is not None
-    return np.rint(mesh.uv * thing.view.camera.size - 0.5).astype(np.int64)[mesh.faces]
+    return np.clip(np.rint(mesh.uv * camera.size - 0.5), 0, np.subtract(camera.size, 1)).astype(np.int64)
+
+
+def drawn_pixels(samples: np.ndarray, size: scenes.Size) -> np.ndarray:
+    """(..., 2) the pixels at which the vertices of samples (..., 2) are drawn: the surface ends with its pixels."""
+    return samples - 0.5 * (samples == 0) + 0.5 * (samples == np.subtract(size, 1))
 
 
 def corners_of(samples: np.ndarray, thing: ibr.DepthMesh) -> np.ndarray:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import chain
 
 import numpy as np
@@ -111,6 +112,48 @@ class Tree:
         ray = self.ray_from_pixel @ (x, y, 1.0)
         return ray * z if self.view.camera.projection == "perspective" else np.array([ray[0], ray[1], z])
 
+    @cached_property
+    def joined(self) -> set[tuple[Corner, Corner]]:
+        """Pairs of samples that the edges of drawn triangles of the full grid join, either way."""
+        found: set[tuple[Corner, Corner]] = set()
+        for y, x in np.argwhere(self.cells[:-1, :-1]).tolist():
+            four = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)]
+            skip = (2, 1) if (x + y) % 2 == 0 else (3, 0)
+            for side, other in enumerate(skip):
+                if self.cells[y, x] >> 2 * side & 3 == DRAWN:
+                    corners = [corner for k, corner in enumerate(four) if k != other]
+                    found |= {(a, b) for a in corners for b in corners}
+        return found
+
+    def drawn_at(self, corner: Corner) -> np.ndarray:
+        """(3,) pixel at which the vertex is drawn, and its nearness there: half a pixel beyond an outermost sample.
+
+        The surface goes on straight from within, so that it passes through the sample.
+        """
+        x, y = corner
+        width, height = self.view.camera.size
+        z = float(self.view.depth[y, x])
+        nearness = 1 / z if self.view.camera.projection == "perspective" else -z
+        dx, dy = (int(at == 0) - int(at == count - 1) for at, count in ((x, width), (y, height)))
+        place, within, found = (x - 0.5 * dx, y - 0.5 * dy), (x + dx, y + dy), nearness
+        if (dx or dy) and (corner, within) in self.joined:
+            next_z = float(self.view.depth[within[::-1]])
+            next_n = 1 / next_z if self.view.camera.projection == "perspective" else -next_z
+            found = nearness + 0.5 * (nearness - next_n)
+        elif dx and dy and (corner, (x + dx, y)) in self.joined:  # a corner that no diagonal leads to
+            plane = np.array([(x, y, nearness), self.drawn_at((x + dx, y)), self.drawn_at((x, y + dy))])
+            rows = np.column_stack([plane[:, :2], np.ones(3)])
+            found = float(np.linalg.solve(rows, plane[:, 2]) @ (*place, 1.0))
+        least, most = sorted((0.5 * nearness, 1.5 * nearness))
+        return np.array([*place, min(max(found, least), most)])
+
+    def drawn_place(self, corner: Corner) -> np.ndarray:
+        """Place at which the vertex is drawn, in the camera's frame."""
+        x, y, n = self.drawn_at(corner)
+        z = 1 / n if self.view.camera.projection == "perspective" else -n
+        ray = self.ray_from_pixel @ (x, y, 1.0)
+        return ray * z if self.view.camera.projection == "perspective" else np.array([ray[0], ray[1], z])
+
     def state(self, triangle: Triangle) -> int:
         """Tell whether it is drawn, not, or a part of it (3)."""
         if not triangle.is_leaf:
@@ -136,8 +179,8 @@ class Tree:
             if UNDRAWN | DRAWN in vertex.states.values():
                 vertex.error = max(vertex.error, LOSS * self.length(corner))
         if not vertex.children and self.is_sample(corner):
-            ends = [end for triangle in vertex.sides for end in triangle.corners if self.is_sample(end)]
-            vertex.radius = max(float(np.linalg.norm(self.place(end) - self.place(corner))) for end in ends)
+            ends = [end for triangle in vertex.sides for end in triangle.corners if self.is_sample(end)] + [corner]
+            vertex.radius = max(float(np.linalg.norm(self.drawn_place(end) - self.place(corner))) for end in ends)
         for place, child in children.items():
             if child.error >= 0:
                 away = np.linalg.norm(self.place(place, child.depth) - self.place(corner, vertex.depth))
@@ -203,15 +246,14 @@ class Tree:
                 wanted = {parent for corner in wanted for parent in self.parents[corner]} - found
 
     def departure(self, triangle: Triangle) -> float:
-        """Distance in depth of its samples from its plane."""
+        """Distance in depth of the samples within it from its plane, as it is drawn."""
         low, high = np.min(triangle.corners, axis=0), np.max(triangle.corners, axis=0)
         x, y = np.meshgrid(np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1))
-        corner = np.array([(*c, 1.0) for c in triangle.corners])
-        weight = np.stack([x, y, np.ones_like(x)], -1) @ np.linalg.inv(corner)
+        drawn = np.array([self.drawn_at(c) for c in triangle.corners])
+        weight = np.stack([x, y, np.ones_like(x)], -1) @ np.linalg.inv(np.column_stack([drawn[:, :2], np.ones(3)]))
+        plane = weight @ drawn[:, 2]
         depth = self.view.depth.astype(np.float64)
-        straight = 1 / depth if self.view.camera.projection == "perspective" else depth
-        plane = weight @ [straight[c[::-1]] for c in triangle.corners]
-        off = (1 / plane if self.view.camera.projection == "perspective" else plane) - depth[y, x]
+        off = (1 / plane if self.view.camera.projection == "perspective" else -plane) - depth[y, x]
         return float(np.abs(off[(weight > -1e-9).all(axis=-1)]).max())
 
     def left(self, active: set[Corner]) -> Iterator[Triangle]:
@@ -319,22 +361,13 @@ def normals(view: DepthImage, cells: np.ndarray) -> np.ndarray:
     """(H, W, 3) in the camera's frame: across the differences to the neighbours that drawn triangles join."""
     width, height = view.camera.size
     tree = Tree(view, cells)
-    joined: set[tuple[Corner, Corner]] = set()
-    for y in range(height - 1):
-        for x in range(width - 1):
-            four = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)]
-            skip = (2, 1) if (x + y) % 2 == 0 else (3, 0)
-            for side, other in enumerate(skip):
-                if cells[y, x] >> 2 * side & 3 == DRAWN:
-                    corners = [corner for k, corner in enumerate(four) if k != other]
-                    joined |= {(a, b) for a in corners for b in corners}
     found = np.tile((0.0, 0.0, -1.0), (height, width, 1))
     for y, x in np.argwhere(view.valid):
         here = tree.place((x, y))
         sums = []
         for dx, dy in ((1, 0), (0, 1)):
             ends = [(sign, (x + sign * dx, y + sign * dy)) for sign in (-1, 1)]
-            steps = [sign * (tree.place(end) - here) for sign, end in ends if ((x, y), end) in joined]
+            steps = [sign * (tree.place(end) - here) for sign, end in ends if ((x, y), end) in tree.joined]
             sums.append(np.sum(steps, axis=0) if steps else np.array([dx, dy, 0.0]))
         normal = np.cross(sums[1], sums[0])
         found[y, x] = normal / np.linalg.norm(normal)

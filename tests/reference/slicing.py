@@ -45,18 +45,20 @@ def nearness(z: np.ndarray, camera: Camera) -> np.ndarray:
     return 1 / np.maximum(z, 1e-12) if camera.projection == "perspective" else -z
 
 
-def depth_object(views: Sequence[DepthImage], box: Box) -> Inside:
-    """Points behind the surface of every view; what a view saw as background is as far as the box reaches."""
-    surfaces = []
-    for view in views:
-        far = max(seen_at(view.camera, box.corners)[2].max(), view.depth[view.valid].max())
-        surfaces.append(nearness(np.where(view.valid, view.depth, far).astype(float), view.camera))
+def depth_object(views: Sequence[DepthImage]) -> Inside:
+    """Points behind the surface of every view, within its outline, which is as a mask's.
+
+    A surface is bilinear between the samples that have one.
+    """
 
     def inside(points: np.ndarray) -> np.ndarray:
         left = np.arange(len(points))  # what fails a view's test is spared the others'
-        for view, surface in zip(views, surfaces, strict=True):
+        for view in views:
             x, y, z, on_image = seen_at(view.camera, points[left])
-            left = left[on_image & (nearness(z, view.camera) <= bilinear(surface, x, y))]
+            near = nearness(np.where(view.valid, view.depth, 1.0).astype(float), view.camera)
+            part = bilinear(view.valid.astype(float), x, y)
+            surface = bilinear(np.where(view.valid, near, 0.0), x, y) / np.maximum(part, 0.5)
+            left = left[on_image & (part >= 0.5) & (nearness(z, view.camera) <= surface)]
         return np.isin(np.arange(len(points)), left)
 
     return inside

@@ -49,16 +49,15 @@ def scene_of(part: tuple[np.ndarray, np.ndarray]) -> MeshScene:
 
 
 ASKEW, _ = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))
-CASES = {  # and how much of it is covered at least, with `thin` and without
-    "along x": (rod((-0.7, ON, ON), (0.7, ON, ON)), 0.98, 0.02),
-    "along y": (rod((ON, -0.7, 5 * ON), (ON, 0.7, 5 * ON)), 0.98, 0.02),
-    "diagonal": (rod((-0.5, -0.5, ON), (0.5, 0.5, ON)), 0.98, 0.02),
+CASES = {  # and how much of it is covered at least, with `thin` and without: each sample covers its pixel
+    "along x": (rod((-0.7, ON, ON), (0.7, ON, ON)), 0.98, 0.8),
+    "along y": (rod((ON, -0.7, 5 * ON), (ON, 0.7, 5 * ON)), 0.98, 0.8),
+    "diagonal": (rod((-0.5, -0.5, ON), (0.5, 0.5, ON)), 0.98, 0.9),
     # Of samples that each image knows to half of one, what all agree on is narrower than each.
-    "slanted": (rod((-0.6, -0.2, 0.1), (0.6, 0.25, -0.12)), 0.85, 0.02),
-    "slanted more": (rod((-0.5, 0.3, 0.45), (0.5, -0.35, -0.4)), 0.9, 0.02),
-    # What is seen flat ends at its last samples, half a sample of 46 and 37 too early on each side.
-    "a leaf": (block((-0.5, -0.4, 0), (0.5, 0.4, SAMPLE)), 0.9, 0.8),
-    "a leaf askew": (block((-0.5, -0.4, 0), (0.5, 0.4, SAMPLE), ASKEW), 0.88, 0.95),
+    "slanted": (rod((-0.6, -0.2, 0.1), (0.6, 0.25, -0.12)), 0.85, 0.6),
+    "slanted more": (rod((-0.5, 0.3, 0.45), (0.5, -0.35, -0.4)), 0.9, 0.6),
+    "a leaf": (block((-0.5, -0.4, 0), (0.5, 0.4, SAMPLE)), 0.93, 0.9),
+    "a leaf askew": (block((-0.5, -0.4, 0), (0.5, 0.4, SAMPLE), ASKEW), 0.94, 0.94),
 }
 DIRECTIONS = ((1, 0.3, 0.2), (0.3, 1, 0.4), (0.5, 0.6, 1))
 
@@ -84,7 +83,7 @@ FEW = [pytest.param(name, marks=pytest.mark.thorough if number % 2 else ()) for 
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 @pytest.mark.parametrize("name", FEW)
 def test_wires_and_leaves_are_covered_and_little_more(name, slicing):
-    part, least, plain_most = CASES[name]
+    part, least, plain_least = CASES[name]
     scene = scene_of(part)
     views = object_views(scene, SIZE)
     thick, plain = (ibr.DepthObject(views, slices=512, slicing=slicing, thin=thin) for thin in (True, False))
@@ -97,7 +96,7 @@ def test_wires_and_leaves_are_covered_and_little_more(name, slicing):
             assert beyond <= 0.5, (zoom, direction)
             covered.append((share, compared(ibr.render(plain, camera), truth, zoom)[0]))
         assert np.mean(covered, axis=0)[0] >= least, covered
-        assert np.mean(covered, axis=0)[1] <= plain_most, covered
+        assert np.mean(covered, axis=0)[1] >= plain_least, covered
         assert np.mean(covered, axis=0)[0] >= np.mean(covered, axis=0)[1], covered
 
 

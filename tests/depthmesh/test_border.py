@@ -1,0 +1,119 @@
+"""Depth meshes reach to the edges of their images' pixels."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.capture import cube_cameras
+from pyibr.core.camera import Camera
+from pyibr.depthmesh import Segmentation
+from tests import scenes
+from tests.depthmesh.views import PROJECTIONS, rough
+from tests.one_lane import one_lane
+
+SIZES = [(2, 2), (2, 9), (12, 2), (7, 13), (61, 37), (64, 33)]
+WHOLE = Segmentation("none")
+
+
+def plane(size: scenes.Size, projection: str, x0: int = 0) -> tuple[ibr.DepthImage, np.ndarray]:
+    """A part of a picture of a plane aslant, from column x0 on, and the plane (a, b, c): a . point = 1."""
+    K = np.array([[60.0, 0, 20 - x0], [0, 50, 12], [0, 0, 1]])
+    camera = Camera(K, size, scenes.pose(yaw=10, center=(1, 2, 3)), projection=projection)
+    y, x = np.mgrid[: size[1], : size[0]]
+    ray = np.stack([x, y, np.ones_like(x)], -1) @ np.linalg.inv(K).T
+    normal = np.array([0.1, -0.07, 0.25])
+    depth = 1 / (ray @ normal) if projection == "perspective" else (1 - ray[..., :2] @ normal[:2]) / normal[2]
+    color = np.broadcast_to(((x + x0) % 256).astype(np.uint8)[..., None], (*size[::-1], 3))
+    return ibr.DepthImage(np.ascontiguousarray(color), depth.astype(np.float32), camera), normal
+
+
+def check_own_camera(size: scenes.Size, projection: str) -> None:
+    """All of a view is covered at its own camera, twice as fine and with several samples; depths are the samples'."""
+    view = rough(np.random.default_rng(3), size, projection, 0.05)
+    thing, (width, height) = ibr.DepthMesh(view, tolerance=0, segmentation=WHOLE), size
+    frame = ibr.render(thing, view.camera)
+    assert frame.valid.all()
+    # 1/z and back in float32, and corners that the rasteriser moves by up to 1/512 pixel: the waves' slopes and the
+    # noise are below 0.4 a sample.
+    np.testing.assert_allclose(frame.depth, view.depth, atol=2e-3)
+    assert ibr.render(thing, view.camera.resized((2 * width, 2 * height))).valid.all()
+    several = ibr.render(thing, view.camera, samples=4)
+    assert several.alpha is not None and (several.alpha == 1).all()
+
+
+@pytest.mark.parametrize("projection", PROJECTIONS)
+@pytest.mark.parametrize("size", SIZES)
+def test_a_view_is_covered_at_its_own_camera(size, projection):
+    check_own_camera(size, projection)
+
+
+def test_a_view_is_covered_at_its_own_camera_in_one_lane():
+    with one_lane():
+        for size, projection in (((2, 2), "perspective"), ((7, 13), "orthographic"), ((61, 37), "perspective")):
+            check_own_camera(size, projection)
+
+
+@pytest.mark.parametrize("projection", PROJECTIONS)
+@pytest.mark.parametrize("size", SIZES)
+def test_planes_go_on_as_planes(size, projection):
+    view, normal = plane(size, projection)
+    thing = ibr.DepthMesh(view, segmentation=WHOLE)
+    for mesh in (thing.triangulate(view.camera, tolerance=0), thing.simplify(1e-3)):
+        points = (mesh.vertices - view.camera.center) @ view.camera.world_from_camera[:3, :3]
+        # float32 depths of 4 pass through their inverses
+        np.testing.assert_allclose(points @ normal, 1, atol=1e-5)
+        np.testing.assert_array_equal(mesh.uv.min(axis=0), [0, 0])
+        np.testing.assert_array_equal(mesh.uv.max(axis=0), [1, 1])
+        low, high = thing.bounds
+        assert (mesh.vertices >= low - 1e-5).all() and (mesh.vertices <= high + 1e-5).all()
+
+
+@pytest.mark.parametrize("projection", PROJECTIONS)
+@pytest.mark.parametrize("blended", [False, True])
+def test_tiles_of_a_picture_meet(projection, blended):
+    whole, _ = plane((41, 25), projection)
+    left, right = plane((17, 25), projection)[0], plane((24, 25), projection, 17)[0]
+    camera = whole.camera.moved(0.3, 0.2, -0.4)
+
+    def drawn(*views: ibr.DepthImage) -> ibr.Frame:
+        meshes = [ibr.DepthMesh(view, segmentation=WHOLE) for view in views]
+        return ibr.render(ibr.DepthMeshObject(meshes, blended=2, closed=False) if blended else meshes, camera)
+
+    expected, tiles = drawn(whole), drawn(left, right)
+    np.testing.assert_array_equal(tiles.valid, expected.valid)
+    assert 0.3 < tiles.valid.mean() < 1
+    np.testing.assert_allclose(tiles.depth[tiles.valid], expected.depth[tiles.valid], rtol=1e-5)
+    # Colours stay as they are in the outer halves of the outermost pixels: here by half of 1 off.
+    assert np.abs(tiles.color.astype(int) - expected.color).max() <= 1
+
+
+@pytest.mark.parametrize("closed", [False, True])
+def test_the_images_of_a_cube_map_meet(closed):
+    n = 33
+    views = list[ibr.DepthImage]()
+    K = np.array([[n / 2, 0, (n - 1) / 2], [0, n / 2, (n - 1) / 2], [0, 0, 1]])  # pixels tile the cube
+    for side in cube_cameras((0, 0, 0), n):
+        camera = Camera(K, (n, n), side.world_from_camera)
+        y, x = np.mgrid[:n, :n]
+        ray = np.stack([x, y, np.ones_like(x)], -1) @ np.linalg.inv(K).T
+        depth = (3 / np.linalg.norm(ray, axis=-1)).astype(np.float32)
+        views.append(ibr.DepthImage(np.full((n, n, 3), 200, np.uint8), depth, camera))
+    thing = ibr.DepthMeshObject(views, blended=6, tolerance=0, closed=closed)
+    for forward in ((1, 1, 1), (-1, 0.2, 0.9), (0.1, -1, -1)):
+        eye = Camera.look_at((0.2, 0.1, -0.1), forward, (0, 1, 0.1), (256, 200), fov_y=80)
+        assert ibr.render(thing, eye).valid.all()
+
+
+def test_the_border_of_another_surface_does_not_lead_on():
+    """An outermost column of a nearer surface, and one beside a step, go on by themselves."""
+    depth = np.full((9, 9), 4, np.float32)
+    depth[:, 7:] = 2 + np.arange(2) * 0.1
+    camera = Camera([[9, 0, 4], [0, 9, 4], [0, 0, 1]], (9, 9))
+    view = ibr.DepthImage(np.zeros((9, 9, 3), np.uint8), depth, camera)
+    frame = ibr.render(ibr.DepthMesh(view, tolerance=0), camera.resized((18, 18)))
+    # Pixels of twice the resolution lie a quarter beyond the outermost samples: 1/z goes on from 1/2 to 1/2.1.
+    beyond = 1 / (1 / 2.1 + 0.25 * (1 / 2.1 - 1 / 2))
+    np.testing.assert_allclose(frame.depth[:, -1], beyond, rtol=1e-3)
+    np.testing.assert_allclose(frame.depth[:, 0], 4, rtol=1e-6)
