@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from pyibr.core.pixelspace import pitch
 from pyibr.images import DepthImage
 from pyibr.opencl.device_cache import cached_on_device
-from pyibr.opencl.headers import struct
+from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty
 from pyibr.opencl.program import kernel
@@ -41,6 +42,26 @@ class Surface:
     low: float
     high: float
     test: EdgeTest
+
+    @cached_property
+    def prominence(self) -> DeviceArray:
+        """(H, ceil(W / 16), 2) float32: by how much of nearness a sample of 16 stands out most, inf if it is torn off.
+
+        As seen from the front, and from the back.
+        """
+        width, height = self.color.shape[1], self.color.shape[0]
+        block = int(constant("lib/prominence.h", "BLOCK"))
+        prominence = empty((height, -(-width // block), 2), np.float32)
+        launch(
+            kernel("picture/prominence.cl", "measure_prominence"),
+            (prominence.shape[1], height),
+            surface=self.nearness,
+            prominence=prominence,
+            width=width,
+            height=height,
+            pitch=self.nearness.shape[1],
+        )
+        return prominence
 
 
 @dataclass(frozen=True)
