@@ -4,15 +4,15 @@
 #include "lib/lanes.h"
 #include "lib/surface.h"
 
-#define BLOCK 16 /* samples of a row of which it is known how the most prominent one stands out */
+#define PROMINENCE_BLOCK 16 /* samples of a row of which it is known how the most prominent one stands out */
 
 /* A packet of samples and the next two on each side */
 typedef struct {
     floatl here, left_1, left_2, right_1, right_2, above_1, above_2, below_1, below_2;
-} Around;
+} Neighbours;
 
 /* Samples (x, y) to (x + LANES - 1, y) of the surface, no surface beyond its ring */
-INLINED floatl samples_at(Grid grid, int x, int y)
+INLINED floatl samples_or_none(Grid grid, int x, int y)
 {
     floatl n = MISSING_SAMPLE;
     if (y >= -1 && y <= grid.height)
@@ -21,9 +21,9 @@ INLINED floatl samples_at(Grid grid, int x, int y)
     return n;
 }
 
-INLINED Around samples_around(Grid grid, int x, int y)
+INLINED Neighbours with_neighbours(Grid grid, int x, int y)
 {
-    Around n;
+    Neighbours n;
     if (x >= 1 && x + LANES + 1 <= grid.width && y >= 1 && y + 1 < grid.height) {
         global const float *here = grid.nearness + y * grid.pitch + x;
         n.here = load_lanes(here);
@@ -37,48 +37,48 @@ INLINED Around samples_around(Grid grid, int x, int y)
         n.below_2 = load_lanes(here + 2 * grid.pitch);
         return n;
     }
-    n.here = samples_at(grid, x, y);
-    n.left_1 = samples_at(grid, x - 1, y);
-    n.left_2 = samples_at(grid, x - 2, y);
-    n.right_1 = samples_at(grid, x + 1, y);
-    n.right_2 = samples_at(grid, x + 2, y);
-    n.above_1 = samples_at(grid, x, y - 1);
-    n.above_2 = samples_at(grid, x, y - 2);
-    n.below_1 = samples_at(grid, x, y + 1);
-    n.below_2 = samples_at(grid, x, y + 2);
+    n.here = samples_or_none(grid, x, y);
+    n.left_1 = samples_or_none(grid, x - 1, y);
+    n.left_2 = samples_or_none(grid, x - 2, y);
+    n.right_1 = samples_or_none(grid, x + 1, y);
+    n.right_2 = samples_or_none(grid, x + 2, y);
+    n.above_1 = samples_or_none(grid, x, y - 1);
+    n.above_2 = samples_or_none(grid, x, y - 2);
+    n.below_1 = samples_or_none(grid, x, y + 1);
+    n.below_2 = samples_or_none(grid, x, y + 2);
     return n;
 }
 
-/* What lies on a side of samples within two samples: by how much of nearness they stand out over it, INFINITY if they are
+/* On a side of samples, within two samples: by how much of nearness they stand out over it, INFINITY if they are
  * torn from it, and by how much it changes itself */
 typedef struct {
     floatl over, change;
-} Side;
+} Fall;
 
 typedef struct {
-    Side left, right, above, below;
-} Sides;
+    Fall left, right, above, below;
+} Falls;
 
 /* bits: of the samples that own the edges on the way; back: as seen from the back. */
-INLINED Side side_of(floatl here, floatl next, floatl after, intl bits, int edge, int back)
+INLINED Fall fall_to(floatl here, floatl next, floatl after, intl bits, int edge, int back)
 {
     const floatl low = min_lanes(next, after), over = back ? max_lanes(next, after) - here : here - low;
     const intl torn = ((bits & edge) != 0) | (low <= NO_SURFACE);
-    const Side side = {select_lanes(torn, (floatl)INFINITY, over), select_lanes(torn, (floatl)0.0f, fabs(next - after))};
-    return side;
+    const Fall fall = {select_lanes(torn, (floatl)INFINITY, over), select_lanes(torn, (floatl)0.0f, fabs(next - after))};
+    return fall;
 }
 
-INLINED Sides sides_of(Around n, int back)
+INLINED Falls falls_of(Neighbours n, int back)
 {
-    Sides all;
-    all.left = side_of(n.here, n.left_1, n.left_2, as_intl(n.left_1) | as_intl(n.left_2), TORN_RIGHT, back);
-    all.right = side_of(n.here, n.right_1, n.right_2, as_intl(n.here) | as_intl(n.right_1), TORN_RIGHT, back);
-    all.above = side_of(n.here, n.above_1, n.above_2, as_intl(n.above_1) | as_intl(n.above_2), TORN_BELOW, back);
-    all.below = side_of(n.here, n.below_1, n.below_2, as_intl(n.here) | as_intl(n.below_1), TORN_BELOW, back);
+    Falls all;
+    all.left = fall_to(n.here, n.left_1, n.left_2, as_intl(n.left_1) | as_intl(n.left_2), TORN_RIGHT, back);
+    all.right = fall_to(n.here, n.right_1, n.right_2, as_intl(n.here) | as_intl(n.right_1), TORN_RIGHT, back);
+    all.above = fall_to(n.here, n.above_1, n.above_2, as_intl(n.above_1) | as_intl(n.above_2), TORN_BELOW, back);
+    all.below = fall_to(n.here, n.below_1, n.below_2, as_intl(n.here) | as_intl(n.below_1), TORN_BELOW, back);
     return all;
 }
 
 /* By how much of nearness samples stand out between their sides in the row, or in the column */
-#define PROMINENCE_IN_ROW(sides) min_lanes((sides).left.over, (sides).right.over)
-#define PROMINENCE_IN_COLUMN(sides) min_lanes((sides).above.over, (sides).below.over)
+#define PROMINENCE_IN_ROW(falls) min_lanes((falls).left.over, (falls).right.over)
+#define PROMINENCE_IN_COLUMN(falls) min_lanes((falls).above.over, (falls).below.over)
 #endif

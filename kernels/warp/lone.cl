@@ -8,7 +8,7 @@
  *
  * surface: picture/edges.cl. prominence: picture/prominence.cl. hits: (dst_height, dst_pitch) of epipolar.cl, hits.h; the
  * nearest hit of each pixel stays. least: a difference of nearness that moves nothing in the target by LONE_BY pixels.
- * Work-item: STRIP * BLOCK samples of a row. Cost: O(samples), and the pixels of what stands out alone.
+ * Work-item: STRIP * PROMINENCE_BLOCK samples of a row. Cost: O(samples), and the pixels of what stands out alone.
  * Determinism: maxima and bits that are set do not depend on the order of work-items.
  * Not in the paper, whose pixels see what their lines see.
  */
@@ -18,7 +18,7 @@
 #ifndef STRIP
 #define STRIP 1 /* blocks that a work-item goes through: starting one takes longer than most */
 #endif
-#define LONE_BY 3.0f  /* target pixels: as far as the windows of candidates.h reach in all */
+#define LONE_BY 4.0f  /* target pixels: more than the windows of candidates.h reach in all */
 #define NARROW 4.0f   /* target pixels: lines meet a triangle that is nowhere narrower */
 #define ON_LINE 2e-3f /* pixels off an edge, and its line's slope, at which a ray still may run along it */
 #define ON_EDGE 1e-3f /* pixels by which a ray may pass beside a triangle by rounding */
@@ -30,7 +30,7 @@ INLINED intl lone_samples(Grid grid, PixelMap map, int x, int y, int sides)
 {
     if (y < 0 || y >= grid.height)
         return 0;
-    const Around n = samples_around(grid, x, y);
+    const Neighbours n = with_neighbours(grid, x, y);
     /* By how much nearness LONE_BY pixels are, here */
     const float *D = map.dst_from_src, *S = map.src_from_dst;
     const floatl u = to_floatl(x + lane_index), v = y, w = MAP_ROW(D, 2, u, v, n.here), inverse = 1.0f / w;
@@ -42,7 +42,7 @@ INLINED intl lone_samples(Grid grid, PixelMap map, int x, int y, int sides)
     for (int back = 0; back < 2; back++) {
         if (!(sides & (back ? SHOWS_BACK : SHOWS_FRONT)))
             continue;
-        const Sides all = sides_of(n, back);
+        const Falls all = falls_of(n, back);
         const floatl in_row = PROMINENCE_IN_ROW(all), in_column = PROMINENCE_IN_COLUMN(all);
         /* Another one that stands out, or an edge, may lie on one of the sides. */
         const intl uneven = ONE_OF(all.left.change > by) + ONE_OF(all.right.change > by) + ONE_OF(all.above.change > by) +
@@ -198,7 +198,7 @@ INLINED void draw_packet(Grid grid, PixelMap map, int x, int y, int sides, globa
 kernel void draw_lone(global const float *surface, global const float *prominence, global float *hits, PixelMap map,
                       int sides, float least)
 {
-    const int y = get_global_id(1), blocks = (map.src_width + BLOCK - 1) / BLOCK;
+    const int y = get_global_id(1), blocks = (map.src_width + PROMINENCE_BLOCK - 1) / PROMINENCE_BLOCK;
     if (y >= map.src_height)
         return;
     const Grid grid = GRID_OF(surface, map.src_width, map.src_height, map.src_pitch, NO_CUT);
@@ -207,7 +207,7 @@ kernel void draw_lone(global const float *surface, global const float *prominenc
         global const float *most = prominence + 2 * ((size_t)y * blocks + block);
         if (!(((sides & SHOWS_FRONT) && most[0] >= least) || ((sides & SHOWS_BACK) && most[1] >= least)))
             continue; /* most blocks */
-        for (int x = block * BLOCK; x < min(block * BLOCK + BLOCK, grid.width); x += LANES)
+        for (int x = block * PROMINENCE_BLOCK; x < min(block * PROMINENCE_BLOCK + PROMINENCE_BLOCK, grid.width); x += LANES)
             draw_packet(grid, map, x, y, sides, hits);
     }
 }

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pyibr.core.pixelspace import pitch
 from pyibr.images import DepthImage
+from pyibr.opencl.device import current
 from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
@@ -50,11 +51,11 @@ class Surface:
         As seen from the front, and from the back.
         """
         width, height = self.color.shape[1], self.color.shape[0]
-        block = int(constant("lib/prominence.h", "BLOCK"))
+        block, strip = int(constant("lib/prominence.h", "PROMINENCE_BLOCK")), current().profile.strip
         prominence = empty((height, -(-width // block), 2), np.float32)
         launch(
-            kernel("picture/prominence.cl", "measure_prominence"),
-            (prominence.shape[1], height),
+            kernel("picture/prominence.cl", "measure_prominence", STRIP=strip),
+            (-(-prominence.shape[1] // strip), height),
             surface=self.nearness,
             prominence=prominence,
             width=width,
