@@ -9,6 +9,8 @@
 
 #define WIDE_WINDOW 12.0f /* in place of `window` where nothing is met: past a crest, the next slope may be far */
 
+#define FOLLOWED 256.0f /* target pixels: beside what stands out alone, a ray is followed so far in one window */
+
 #define SORT(i, j)                                                                                             \
     {                                                                                                          \
         const floatl first = min_lanes(places[i], places[j]), last = max_lanes(places[i], places[j]);          \
@@ -67,9 +69,9 @@ INLINED floatl trace_candidates(global const float *hits, Grid grid, PixelMap ma
         windows.radius = (attempt ? WIDE_WINDOW : window) * density;
         windows.from = places[0] - windows.radius;
         const intl rest = meets | (attempt ? beside : (intl)0);
-        windows.to = select_lanes(rest, (floatl)INFINITY, places[0] + windows.radius);
+        windows.to = places[0] + select_lanes(rest, (floatl)(FOLLOWED * density), (floatl)windows.radius);
         for (int i = 1; i < CANDIDATES; i++)
-            windows.next[i - 1] = select_lanes(rest, (floatl)INFINITY, places[i]);
+            windows.next[i - 1] = places[i];
         found = select_lanes(active, trace(grid, rays, epipolar, windows, sides, active, cells), found);
         /* A window of a connected surface that begins behind it meets its back: once more, in wider windows. */
         active = active & !IS_HIT(found) & ((intl)(connected ? -1 : 0) | (found == BLOCKED));
