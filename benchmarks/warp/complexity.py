@@ -2,7 +2,8 @@
 
 The scene is fixed in normalised image coordinates, so that the depth's range spans a part of the image that
 does not depend on n, and epipolar segments grow with n. White noise in the same range is the other extreme:
-what a pixel's line saw tells next to nothing of what the pixel sees. Both are drawn with `edges="connect"`, as the
+what a pixel's line saw tells next to nothing of what the pixel sees, and the windows that are traced come apart as n
+grows; images are too small for their number to be reached, so no exponent is asked of it. Both are drawn with `edges="connect"`, as the
 paper's displacement maps are: one surface without holes, whatever n makes of its steps.
 """
 
@@ -31,13 +32,12 @@ SUBJECTS: dict[str, tuple[Any, Callable[[int], Any]]] = {
 """Method and surface."""
 
 BARS = {
-    (SMOOTH, "visited"): (1.9, 2.1),
-    (NOISE, "visited"): (1.9, 2.1),
+    (SMOOTH, "visited"): (-math.inf, 2.1),
     (SMOOTH, "end to end"): (-math.inf, 2.25),
     (NOISE, "end to end"): (-math.inf, 2.25),
     (SEARCH, "visited"): (2.85, 3.15),
 }
-"""The exponent's least and greatest, by subject and quantity."""
+"""The exponent's least and greatest, by subject and quantity. Of O(n^2) only the greatest counts."""
 
 
 def cases(plan: Plan) -> Iterator[Case]:

@@ -9,6 +9,8 @@
 
 #define WIDE_WINDOW 12.0f /* in place of `window` where nothing is met: past a crest, the next slope may be far */
 
+#define FOLLOWED 256.0f /* target pixels: beside what stands out alone, a ray is followed so far in one window */
+
 #define SORT(i, j)                                                                                             \
     {                                                                                                          \
         const floatl first = min_lanes(places[i], places[j]), last = max_lanes(places[i], places[j]);          \
@@ -24,11 +26,12 @@
 
 /* The distances along the pixels' own epipolar lines at which the hits of pixels x of row y lie; INFINITY where there
  * is no hit. Pixels beyond the border of the image are those at the border. */
-INLINED floatl candidate_at(global const float *hits, PixelMap map, Rays rays, Epipolar epipolar, intl x, int y)
+INLINED floatl candidate_at(global const float *hits, PixelMap map, Rays rays, Epipolar epipolar, intl x, int y, intl *meets)
 {
     global const float *row = hits + (size_t)clamp(y, 0, map.dst_height - 1) * map.dst_pitch;
     const intl at = min(max(x, (intl)0), (intl)(map.dst_width - 1));
     const floatl hit = (floatl)(gather(row, at));
+    *meets = *meets | (IS_HIT(hit) & ((as_intl(hit) & OWN_RAY) != 0));
     const floatl place = distance_of(rays, epipolar, hit);
     return select_lanes(IS_HIT(hit) & isfinite_lanes(place), place, (floatl)INFINITY);
 }
@@ -41,18 +44,20 @@ INLINED floatl trace_candidates(global const float *hits, Grid grid, PixelMap ma
     const Rays rays = rays_of(map, to_floatl(x), y);
     const Epipolar epipolar = epipolar_of(rays, grid);
     floatl places[CANDIDATES];
-    places[0] = candidate_at(hits, map, rays, epipolar, x, y);
-    places[1] = candidate_at(hits, map, rays, epipolar, x - 1, y);
-    places[2] = candidate_at(hits, map, rays, epipolar, x + 1, y);
-    places[3] = candidate_at(hits, map, rays, epipolar, x, y - 1);
-    places[4] = candidate_at(hits, map, rays, epipolar, x, y + 1);
+    intl meets = 0, beside = 0;
+    places[0] = candidate_at(hits, map, rays, epipolar, x, y, &meets);
+    places[1] = candidate_at(hits, map, rays, epipolar, x - 1, y, &beside);
+    places[2] = candidate_at(hits, map, rays, epipolar, x + 1, y, &beside);
+    places[3] = candidate_at(hits, map, rays, epipolar, x, y - 1, &beside);
+    places[4] = candidate_at(hits, map, rays, epipolar, x, y + 1, &beside);
+    beside = beside & (places[0] < INFINITY);
     for (int i = 5; i < CANDIDATES; i++)
         places[i] = INFINITY;
     if (IS_ZOOMED) {
-        places[5] = candidate_at(hits, map, rays, epipolar, x - neighbour_offset, y);
-        places[6] = candidate_at(hits, map, rays, epipolar, x + neighbour_offset, y);
-        places[7] = candidate_at(hits, map, rays, epipolar, x, y - neighbour_offset);
-        places[8] = candidate_at(hits, map, rays, epipolar, x, y + neighbour_offset);
+        places[5] = candidate_at(hits, map, rays, epipolar, x - neighbour_offset, y, &beside);
+        places[6] = candidate_at(hits, map, rays, epipolar, x + neighbour_offset, y, &beside);
+        places[7] = candidate_at(hits, map, rays, epipolar, x, y - neighbour_offset, &beside);
+        places[8] = candidate_at(hits, map, rays, epipolar, x, y + neighbour_offset, &beside);
         SORT_NINE
     } else {
         SORT_FIVE
@@ -63,12 +68,13 @@ INLINED floatl trace_candidates(global const float *hits, Grid grid, PixelMap ma
         Windows windows;
         windows.radius = (attempt ? WIDE_WINDOW : window) * density;
         windows.from = places[0] - windows.radius;
-        windows.to = places[0] + windows.radius;
+        const intl rest = meets | (attempt ? beside : (intl)0);
+        windows.to = places[0] + select_lanes(rest, (floatl)(FOLLOWED * density), (floatl)windows.radius);
         for (int i = 1; i < CANDIDATES; i++)
             windows.next[i - 1] = places[i];
         found = select_lanes(active, trace(grid, rays, epipolar, windows, sides, active, cells), found);
         /* A window of a connected surface that begins behind it meets its back: once more, in wider windows. */
-        active = active & !IS_HIT(found) & (intl)(connected ? -1 : 0);
+        active = active & !IS_HIT(found) & ((intl)(connected ? -1 : 0) | (found == BLOCKED));
         if (!any_lane(active))
             break;
     }

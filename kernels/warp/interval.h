@@ -147,7 +147,11 @@ INLINED void extend(Interval *interval, HitWriter *writer, Projection a, Project
         }
         const floatl met = (a.q + f * (b.q - a.q)) / w;
         const intl hides = select_lanes(goes_up, (intl)writer->up_hides, (intl)writer->down_hides);
+#if ALIGNED
         const floatl value = PACKED_HIT(met, hides);
+#else
+        const floatl value = PACKED_HIT(as_floatl(as_intl(met) & ~OWN_RAY), hides);
+#endif
         floatl stored = value;
         if (writer->several) {
             const floatl before = (floatl)(gather(hits, address));

@@ -70,8 +70,10 @@ INLINED Pixels read_hits(global const float *hits, PixelMap map, int x0, int y, 
         pixels.traced = inside & any_met;
     }
     intl in_place = hit_kind == HITS_WITHOUT_PARALLAX ? inside : (intl)0;
+    /* What is drawn there beside the lines (lone.cl) is no line's. */
+    const intl none = !IS_HIT(n) | (hit_kind == HITS_OF_LINES ? (as_intl(n) & OWN_RAY) != 0 : (intl)0);
     if (fabs(y * D[11] - D[7]) <= AT_EPIPOLE * fabs(D[11])) /* no line there, and no parallax */
-        in_place = in_place | ((fabs(x * D[11] - D[3]) <= AT_EPIPOLE * fabs(D[11])) & inside & !IS_HIT(n));
+        in_place = in_place | ((fabs(x * D[11] - D[3]) <= AT_EPIPOLE * fabs(D[11])) & inside & none);
     n = select_lanes(in_place, (floatl)typical, n);
     pixels.n = hit_kind == HITS_OF_PIXELS ? select_lanes(seen_here | in_place, n, (floatl)EMPTY) : n;
     const floatl inverse = find_place(&pixels, map, x0, y);

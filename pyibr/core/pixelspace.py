@@ -173,6 +173,16 @@ class PixelMap:
         return largest
 
     @cached_property
+    def most_motion(self) -> float:
+        """No place of the source moves in the target by more, in pixels, per nearness."""
+        b = self.pair.dst_from_src[:3, 3]
+        points = [*self._corners(self.low), *self._corners(self.high)]
+        least = min(w for _, _, w in points)
+        if least <= 0:
+            return math.inf
+        return max(max(abs(b[0] - b[2] * u / w), abs(b[1] - b[2] * v / w)) for u, v, w in points) / least
+
+    @cached_property
     def reach(self) -> Rectangle:
         """The target's pixels that any of the source's samples, or the surface between them, may cover."""
         width, height = self.pair.dst.size

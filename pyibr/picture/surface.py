@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.pixelspace import pitch
 from pyibr.images import DepthImage
+from pyibr.opencl.device import current
 from pyibr.opencl.device_cache import cached_on_device
-from pyibr.opencl.headers import struct
+from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty
 from pyibr.opencl.program import kernel
@@ -41,6 +43,26 @@ class Surface:
     low: float
     high: float
     test: EdgeTest
+
+    @cached_property
+    def prominence(self) -> DeviceArray:
+        """(H, ceil(W / 16), 2) float32: by how much of nearness a sample of 16 stands out most, inf if it is torn off.
+
+        As seen from the front, and from the back.
+        """
+        width, height = self.color.shape[1], self.color.shape[0]
+        block, strip = int(constant("lib/prominence.h", "PROMINENCE_BLOCK")), current().profile.strip
+        prominence = empty((height, -(-width // block), 2), np.float32)
+        launch(
+            kernel("picture/prominence.cl", "measure_prominence", STRIP=strip),
+            (-(-prominence.shape[1] // strip), height),
+            surface=self.nearness,
+            prominence=prominence,
+            width=width,
+            height=height,
+            pitch=self.nearness.shape[1],
+        )
+        return prominence
 
 
 @dataclass(frozen=True)

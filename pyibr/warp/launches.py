@@ -142,7 +142,17 @@ def _find_candidates(
         farthest=surface.low,
         **shared,
     )
-    return hits, _hits("OF_PIXELS" if aligned else "OF_LINES")
+    if aligned:
+        return hits, _hits("OF_PIXELS")
+    launch(
+        kernel("warp/lone.cl", "draw_lone", STRIP=profile.strip),
+        (-(-surface.prominence.shape[1] // profile.strip), surface.prominence.shape[0]),
+        hits=hits,
+        prominence=surface.prominence,
+        least=constant("warp/lone.cl", "LONE_BY") / pixel_map.most_motion,
+        **shared,
+    )
+    return hits, _hits("OF_LINES")
 
 
 def _hits(name: str) -> float:

@@ -1,0 +1,138 @@
+"""The law that the sweep sees what the search sees, where samples stand out alone between the sweep's lines."""
+
+from __future__ import annotations
+
+from functools import partial
+from itertools import product
+
+import numpy as np
+import pytest
+
+import pyibr as ibr
+from pyibr.core.camera import Camera, Projection
+from tests.exact import off, ties
+from tests.one_lane import one_lane
+
+SIZE = (123, 91)
+MOVES = {
+    "aside": (0.4, 0.33, 0.0),
+    "aslant": (-0.7, 0.45, 0.1),
+    "forward": (0.03, -0.02, 0.6),
+    "back": (0.1, 0.0, -0.5),
+}
+LIMIT = 0.001
+"""Of the pixels: a ray between two things, both of which other lines met, may still see what no line did."""
+
+
+def pins(rng: np.random.Generator) -> np.ndarray:
+    """Single samples, and pairs, before or behind a wall that leans."""
+    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
+    depth = 4.0 + 0.004 * x - 0.003 * y
+    for step, wide in ((-1.3, 1), (-0.7, 2), (0.6, 1)):
+        at = rng.random(depth.shape) < 0.006
+        for k in range(wide):
+            depth[:, k:][at[:, : SIZE[0] - k]] += step
+    return np.clip(depth, 2.0, 6.0)
+
+
+def crumbs(rng: np.random.Generator) -> np.ndarray:
+    """A wall of which only pieces of one to three samples are there, as a depth camera's may be."""
+    depth = 3.5 + 0.5 * np.sin(np.arange(SIZE[0]) / 9.0) + np.zeros((SIZE[1], 1))
+    depth += rng.normal(0, 0.004, depth.shape)
+    depth[rng.random(depth.shape) < 0.25] = np.nan
+    depth[::4] = depth[:, ::3] = np.nan
+    return depth
+
+
+def grains(rng: np.random.Generator) -> np.ndarray:
+    """White noise, which a ratio of depths tears to single triangles."""
+    return rng.uniform(2.5, 4.0, SIZE[::-1])
+
+
+def tongues(rng: np.random.Generator) -> np.ndarray:
+    """Bars along rows, columns and diagonals, one sample wide, before a wall that they are connected with."""
+    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
+    depth = np.full(SIZE[::-1], 4.5)
+    for bar in (y % 23 == 11, x % 29 == 7, (x + y) % 41 == 3, (x - y) % 37 == 5):
+        depth[bar & (rng.random(SIZE[::-1]) < 0.9)] = 3.0
+    return depth
+
+
+SCENES = {"pins": pins, "crumbs": crumbs, "grains": grains, "tongues": tongues}
+
+
+def camera(projection: Projection) -> Camera:
+    f = 110.0 if projection == "perspective" else 28.0  # as much of what is 4 away
+    return Camera([[f, 0, 61.2], [0, f, 44.7], [0, 0, 1]], SIZE, projection=projection)
+
+
+def differing(view: ibr.DepthImage, target: Camera, **options) -> np.ndarray:
+    """(H, W) bool: where the sweep sees something else than the search, and no hair decides."""
+    seen = partial(ibr.warp, view, method="search", **options)
+    wrong = off(ibr.warp(view, target, **options).depth, seen(target).depth)
+    return wrong & ~ties(lambda other: seen(other).depth, target) if wrong.any() else wrong
+
+
+def scene_of(name: str, projection: Projection) -> ibr.DepthImage:
+    depth = SCENES[name](np.random.default_rng(len(name))).astype(np.float32)
+    return ibr.DepthImage(None, depth, camera(projection))
+
+
+@pytest.mark.parametrize("move", MOVES)
+@pytest.mark.parametrize("target", ["perspective", "orthographic"])
+@pytest.mark.parametrize("source", ["perspective", "orthographic"])
+@pytest.mark.parametrize(
+    ("scene", "options"),
+    [
+        *product(("pins", "crumbs"), ({"edges": "connect"}, {"cut_ratio": 1.05}, {})),
+        *product(("tongues",), ({"edges": "connect"}, {"cut_ratio": 1.05})),
+        ("grains", {"cut_ratio": 1.05}),
+    ],
+    ids=str,
+)
+def test_sweep_sees_what_search_sees(scene, options, source, target, move):
+    view, there = scene_of(scene, source), camera(target).moved(*MOVES[move])
+    wrong = differing(view, there, **options)
+    assert wrong.mean() <= LIMIT, f"{wrong.sum()} pixels: {np.argwhere(wrong)[:10].tolist()}"
+
+
+@pytest.mark.filterwarnings("ignore:warp. the target camera sees nothing")
+@pytest.mark.parametrize("side", ["back", "both"])
+@pytest.mark.parametrize("scene", SCENES)
+def test_whichever_side_is_shown(scene, side):
+    view = scene_of(scene, "perspective")
+    there = camera("perspective").moved(*MOVES["aslant"])
+    wrong = differing(view, there, edges="cut", cut_ratio=1.05, side=side)
+    assert wrong.mean() <= LIMIT, f"{wrong.sum()} pixels: {np.argwhere(wrong)[:10].tolist()}"
+
+
+@pytest.mark.parametrize("move", MOVES)
+@pytest.mark.parametrize("scene", SCENES)
+def test_one_lane_sees_what_sixteen_see(scene, move):
+    view, there = scene_of(scene, "perspective"), camera("perspective").moved(*MOVES[move])
+    options = {"cut_ratio": 1.05} if scene == "grains" else {"edges": "connect"}
+    wide = ibr.warp(view, there, **options).depth
+    with one_lane():
+        one = ibr.warp(scene_of(scene, "perspective"), there, **options).depth
+    assert off(one, wide).mean() <= LIMIT
+
+
+def test_rays_along_edges_of_no_triangle_see_them():
+    """Rays of the image's diagonal, of a target on the source's axis, see edges that two samples alone make."""
+    depth = np.full((31, 31), np.nan, np.float32)
+    steps = np.arange(4, 28)
+    depth[steps, 30 - steps] = 3.0 + 0.01 * steps
+    here = Camera([[30, 0, 15], [0, 30, 15], [0, 0, 1]], (31, 31))
+    there = here.moved(0, 0, 0.5)
+    seen = [ibr.warp(ibr.DepthImage(None, depth, here), there, method=m).depth for m in ("epipolar", "search")]
+    assert np.isfinite(seen[1]).sum() > 20
+    np.testing.assert_allclose(seen[0], seen[1], rtol=1e-5)
+
+
+def test_what_stands_out_hidden_behind_a_wall_changes_nothing():
+    rng = np.random.default_rng(4)
+    depth = pins(rng).astype(np.float32)
+    depth[:, 40:80] = 1.9
+    view, there = ibr.DepthImage(None, depth, camera("perspective")), camera("perspective").moved(0.5, 0.35, 0)
+    wall = differing(view, there) & (ibr.warp(view, there).depth < 1.95)
+    assert not wall.any()
