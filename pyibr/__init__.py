@@ -18,6 +18,7 @@ from pyibr.core.errors import (
     Error,
     FileFormatError,
     MissingPackageError,
+    OutOfMemoryError,
 )
 from pyibr.core.lens import Lens
 from pyibr.images import (
@@ -91,6 +92,7 @@ __all__ = [
     "Light",
     "Mesh",
     "MissingPackageError",
+    "OutOfMemoryError",
     "PixelClass",
     "RegisteredColor",
     "ReliefSurface",
