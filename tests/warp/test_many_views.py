@@ -77,6 +77,8 @@ def test_the_order_of_views_changes_no_bit():
         order = rng.permutation(len(views))
         other = ibr.warp([views[k] for k in order], target, classes=True)
         same(first, other)
+        assert first.view is not None and first.source is not None
+        assert other.view is not None and other.source is not None
         np.testing.assert_array_equal(first.view[first.valid], order[other.view[other.valid]])
         np.testing.assert_array_equal(first.source[first.valid], other.source[other.valid])
 
