@@ -18,6 +18,7 @@ from pyibr.core.errors import (
     Error,
     FileFormatError,
     MissingPackageError,
+    OutOfMemoryError,
 )
 from pyibr.core.lens import Lens
 from pyibr.images import (
@@ -92,6 +93,7 @@ __all__ = [
     "Light",
     "Mesh",
     "MissingPackageError",
+    "OutOfMemoryError",
     "PixelClass",
     "RegisteredColor",
     "ReliefSurface",

@@ -59,6 +59,12 @@ Views for a light field display, from cameras on a line of {width:g} cm: millise
 a fresh view, beside single warps from a fresh one each; then from a view that is kept.
 """
 
+TOGETHER = """### Several views in one picture
+
+Views {step:g} mm apart, blended: milliseconds of a picture of all, beside those of a picture of each. Fresh views are
+new to the device, and their exposures are told; of those that are kept, both are known.
+"""
+
 SMALL = """### Small images
 
 Milliseconds of a warp whose kernels have next to nothing to do.
@@ -84,7 +90,8 @@ _KINDS = (steady.DEPTH, steady.COLOR)
 def rgbd_section(result: Result, folder: Path) -> list[str]:
     """Ratios with their bars, the worst of them, the uses, and each row."""
     rows = _Rows(result)
-    uses = [*_threads(result), *_noise(result), *_stereo(result), *_light_field(result), *_small(result)]
+    uses = [*_threads(result), *_noise(result), *_stereo(result), *_light_field(result)]
+    uses += [*_together(result), *_small(result)]
     uses += _steady(result)
     parts = [PUBLISHED, table(["program", "task", "time", "machine", "source"], [_cells(p) for p in rgbd.PUBLISHED])]
     if not rows.found:
@@ -259,6 +266,22 @@ def _light_field(result: Result) -> list[str]:
     heads = ["size", "views", "view", rgbd_uses.ONE_CALL, rgbd_uses.SINGLE, "ratio", "bar", ""]
     width = 100 * rgbd_uses.LIGHT_FIELD_WIDTH
     return [LIGHT_FIELD.format(width=width), table(heads, lines)] if lines else []
+
+
+def _together(result: Result) -> list[str]:
+    lines: list[list[str]] = []
+    bar = rgbd_uses.BARS["together"]
+    found = _by(result, "size", "views", "view", case="together", quantity="end to end")
+    for (size, views, view), records in found.items():
+        times = {record.subject: record.values for record in records}
+        together, single = times[rgbd_uses.TOGETHER], times[rgbd_uses.SINGLE]
+        ratio = median(together) / median(single)
+        is_judged = view == rgbd_uses.KEPT and int(views) <= rgbd_uses.TOGETHER_HELD
+        judged = [f"at most {bar:g}", verdict(ratio <= bar)] if is_judged else ["", ""]
+        shown = [str(Quartiles.of(together)), str(Quartiles.of(single)), f"{ratio:.2f}"]
+        lines.append([str(size), str(views), str(view), *shown, *judged])
+    heads = ["size", "views", "view", rgbd_uses.TOGETHER, rgbd_uses.SINGLE, "ratio", "bar", ""]
+    return [TOGETHER.format(step=1000 * rgbd_uses.TOGETHER_STEP), table(heads, lines)] if lines else []
 
 
 def _small(result: Result) -> list[str]:

@@ -20,9 +20,10 @@ from benchmarks.startup import child
 
 Size = tuple[int, int]
 
-BARS = {"threads": 1.85, "noise": 4.0, "stereo": 60.0, "light field": 0.6, "small": 0.35}
+BARS = {"threads": 1.85, "noise": 4.0, "stereo": 60.0, "light field": 0.6, "small": 0.35, "together": 1.3}
 """At least: one thread's time over two threads'; at most: `resolve` on white noise over the same on a smooth surface;
-at least: pairs a second; at most: one call over single ones; at most: milliseconds of a fresh small image."""
+at least: pairs a second; at most: one call over single ones; at most: milliseconds of a fresh small image; at most:
+several views in one picture over as many pictures of one, once their gains are known."""
 
 THREADS = (1, 2)
 SMOOTH, NOISE = "smooth surface", "white noise"
@@ -33,13 +34,16 @@ EYES = 0.032  # metres from the middle to either
 STEREO = {"connected": "connect", "cut": "cut"}
 LIGHT_FIELD_WIDTH = 0.24  # metres from the first camera to the last
 ONE_CALL, SINGLE = "one call", "single warps"
+TOGETHER_STEP = 0.002  # metres from view to view
+TOGETHER = "in one picture"
+TOGETHER_HELD = 6  # views of which none is drawn twice
 FRESH, KEPT = "fresh", "kept"
 _SMALL_STEP = 0.07  # metres
 _POCL = "Portable Computing Language"
 
 
 def cases(plan: Plan, scene: str) -> Iterator[Case]:
-    """Threads, white noise, stereo, a light field, small images."""
+    """Threads, white noise, stereo, a light field, several views in one picture, small images."""
 
     def case(what: str, size: Size, **more: Parameter) -> dict[str, Parameter]:
         return {"case": what, "scene": scene, "size": scenes.shown(size), **more}
@@ -57,6 +61,10 @@ def cases(plan: Plan, scene: str) -> Iterator[Case]:
         for kind in (FRESH, KEPT):
             prepare = functools.partial(_light_field, scene, side, views, repeats, kind)
             yield Case(case("light field", (side, side), views=views, view=kind), prepare)
+    for (size, views), repeats in plan.rgbd_together.items():
+        for kind in (FRESH, KEPT):
+            prepare = functools.partial(_together, scene, size, views, repeats, kind)
+            yield Case(case("together", size, views=views, view=kind), prepare)
     for side, repeats in plan.rgbd_small.items():
         yield Case(case("small", (side, side)), functools.partial(_small, scene, side, repeats))
 
@@ -156,6 +164,29 @@ def _light_field(scene: str, side: int, views: int, repeats: int, kind: str) -> 
         return [ibr.warp(view(), camera) for camera in cameras]
 
     return Work({ONE_CALL: one_call, SINGLE: single}, repeats)
+
+
+def _together(scene: str, size: Size, count: int, repeats: int, kind: str) -> Work | Skip:
+    """Views side by side in one picture, which matches their exposures, beside a picture of each."""
+    found = scenes.rgbd(scene, 0, size)
+    if isinstance(found, Skip):
+        return found
+    color, depth, camera = found.color, found.depth, found.camera
+    cameras = [camera.moved(TOGETHER_STEP * number, 0, 0) for number in range(count)]
+    target = camera.moved(0.5 * TOGETHER_STEP * count, 0.02, 0)
+
+    def views() -> list[ibr.DepthImage]:
+        return [ibr.DepthImage(color, depth, one) for one in cameras]
+
+    kept = views()
+
+    def together() -> object:
+        return ibr.warp(views() if kind == FRESH else kept, target)
+
+    def single() -> object:
+        return [ibr.warp(view, target) for view in (views() if kind == FRESH else kept)]
+
+    return Work({TOGETHER: together, SINGLE: single}, repeats)
 
 
 def _small(scene: str, side: int, repeats: int) -> Work | Skip:

@@ -1,204 +1,378 @@
 /* The pictures of several views, the layers, blended: of the layers that show a pixel's nearest surface, each weighs
  * the more the better its view saw it.
  *
- * A layer contributes where it lies no farther behind the nearest one than the noise of both explains. Its weight is
- * the product of
+ * A layer contributes where it lies no farther behind the nearest one than the noise of both explains. Where any view
+ * saw the surface away from its steps, those that saw it at one do not count: what they show may be a rubber sheet.
+ * The weight is the product of
  * - resolution: its view's samples per pixel, up to one: finer than the picture is as good as the picture;
- * - angle: the cosine between its view's ray and the picture's, as surfaces look different from elsewhere;
- * - distance to edges: it fades within FEATHER pixels of its holes and depth edges, so that seams follow these and
- *   colours that are half of another surface count least.
+ * - angle between its view's ray and the picture's: by what a depth is off, a colour lies aside as the sine of it. This
+ *   is the inverse of the variance, which at ANGLE_SQUARE is twice that of the same ray; and the cosine;
+ * - distance to the view's edges (view_edges.cl): so that seams follow these, and colours that are half of another
+ *   surface count least.
  * (The weights are of the kind that Pajarola, Sainz & Meng 2003, section 4, blend depth meshes by.)
  *
- * Launches: nearest_layer for each layer; then for each mark_edges, row_distances, add_layer; then write_blend, once.
- * depth, color, valid: (height, width) of a layer, or of the picture. best: (2, height, width) depth of the nearest
- * layer, and by how much it may be off. sums: (6, height, width) the weights' sum; the weighted means of red, green,
- * blue and depth so far, which are a layer's own to the bit where it contributes alone; the greatest weight; with
- * GBUFFER 2, three more, of the normal.
- * from_edge: (height + 2 FEATHER, pitch) with a margin of FEATHER pixels to each side.
- * Work-item: LANES pixels of a row. Cost: O(pixels) a layer. Determinism: layers are added in the order of the views.
+ * Launches: weigh_layer for each layer, once it is drawn; then blend_layers, once for as many as are held. Where not
+ * all are, nearest_layers finds the nearest of all before, and those that are not held any more are drawn again.
+ * depth, color, valid: (height, width) of a layer, or of the picture. best: (2, height, pitch) depth of the nearest
+ * layer, and its tolerance, negative if it was seen at a step, 0 if there is none.
+ * stack: (layers, LAYER_PLANES, height, pitch) weight, negative if seen at a step, 0 where there is nothing; depth;
+ * colour (a word of 8 bits a channel, or three planes); with ORIGINS two more, with GBUFFER 2 three, of the normal.
+ * sums: (SUMS, height, pitch) of the layers so far: the weights' sum; the weighted means of red, green, blue and depth,
+ * which are a layer's own to the bit where it contributes alone; with ORIGINS the greatest weight and its origin, with
+ * GBUFFER 2 the normal.
+ * Work-item: STRIP * LANES pixels of a row. Cost: O(pixels) a layer. Determinism: layers are added in the order of the
+ * stack.
  */
 #include "lib/color.h"
 #include "lib/gbuffer.h"
 #include "lib/screen.h"
+#include "lib/taps.h"
+#include "warp/layers.h"
+#include "warp/view_edges.h"
 
-#ifndef ORIGINS
-#define ORIGINS 0 /* 1: the origins of the layer of the greatest weight are kept, too */
+#ifndef STRIP
+#define STRIP 1 /* packets of LANES pixels a work-item */
 #endif
-#define FEATHER 8                /* pixels */
-#define EDGE_STEP 0.05f          /* of the depth: neighbours that differ by more are two surfaces */
-#define TOLERANCE_MIN 0.02f      /* of the depth: layers that differ by less show one surface, whatever the noise */
-#define LAYER_DEVIATIONS 4.0f    /* standard deviations of the noise, which explain a difference */
-#define WEIGHT_MIN 1e-6f         /* of a layer that contributes at all */
+#define ANGLE_SQUARE 0.03f    /* of the sine of 10 degrees */
+#define AT_STEP 0.5f          /* of the edges' bytes: up to it, a place is at a step */
+#define WEIGHT_MIN 1e-6f      /* of a layer that contributes at all */
 
-/* A view's sampling: pixels a unit of what is at depth 1 (perspective) or anywhere, and its noise at depth z, whose
- * standard deviation is noise_2 z z + noise_1 z + noise_0. unit: a depth where none has an origin, or 0. */
-typedef struct {
-    float forward[3], centre[3]; /* relative to the screen's origin */
-    float density;               /* fx * fy */
-    int perspective;
-    float noise_2, noise_1, noise_0;
-    float unit;
-} LayerView;
-
-INLINED floatl depth_tolerance(LayerView layer_view, floatl z)
+/* Of a packet's pixels, of which `count` are in the picture, the first one's `at` */
+INLINED floatl pixels_at(global const float *image, size_t at, int count)
 {
-    const floatl noise = LAYER_DEVIATIONS * ((layer_view.noise_2 * z + layer_view.noise_1) * z + layer_view.noise_0);
-    return max_lanes(noise, layer_view.unit > 0.0f ? (floatl)(TOLERANCE_MIN * layer_view.unit) : TOLERANCE_MIN * z);
+    if (count >= LANES)
+        return load_lanes(image + at);
+    const intl inside = min((intl)lane_index, (intl)(count - 1));
+    return (floatl)(gather(image + at, inside));
 }
 
-INLINED floatl pixels_at(global const float *image, int x0, int y, int width)
+/* Of each lane a pair of bytes and the next pair */
+#if LANES == 16
+#define WORD_FROM(l) ((global const Word *)(pairs + at.s##l))->bytes
+#define WORDS_FROM(pairs, at)                                                                                  \
+    (uint16)(WORD_FROM(0), WORD_FROM(1), WORD_FROM(2), WORD_FROM(3), WORD_FROM(4), WORD_FROM(5), WORD_FROM(6),  \
+             WORD_FROM(7), WORD_FROM(8), WORD_FROM(9), WORD_FROM(a), WORD_FROM(b), WORD_FROM(c), WORD_FROM(d),  \
+             WORD_FROM(e), WORD_FROM(f))
+#else
+#define WORDS_FROM(pairs, at) as_uint(vload2(0, (pairs) + (at)))
+#endif
+INLINED intl words_at(global const ushort *pairs, intl at)
 {
-    const intl x = min(x0 + lane_index, (intl)(width - 1));
-    return (floatl)(gather(image, y * width + x));
+    return as_intl(WORDS_FROM(pairs, at));
 }
 
-kernel void nearest_layer(global const float *depth, global float *best, int width, int height, int first,
-                          LayerView layer_view)
+/* The view's weight of points p of the picture, but for its edges */
+INLINED floatl view_weight(LayerView view, Screen screen, Vector p, floatl z, float density)
 {
-    const int x0 = get_global_id(0) * LANES, y = get_global_id(1);
-    if (x0 >= width || y >= height)
-        return;
-    const floatl z = pixels_at(depth, x0, y, width), off = depth_tolerance(layer_view, z);
-    for (int lane = 0; lane < min(LANES, width - x0); lane++) {
-        const size_t at = (size_t)y * width + x0 + lane, plane = (size_t)height * width;
-        const float own = float_lane(z, lane);
-        if (first || own < best[at] || !(best[at] == best[at])) {
-            best[at] = own;
-            best[at + plane] = float_lane(off, lane);
-        }
-    }
-}
-
-/* 0 on holes and at depth edges, FEATHER elsewhere and beyond the picture, which ends no surface */
-kernel void mark_edges(global const float *depth, global float *from_edge, int width, int height, int pitch,
-                       LayerView layer_view)
-{
-    const int x0 = get_global_id(0) * LANES, row = get_global_id(1);
-    if (x0 >= width + 2 * FEATHER || row >= height + 2 * FEATHER)
-        return;
-    const int y = clamp(row - FEATHER, 0, height - 1);
-    const intl x = min(max(x0 + lane_index - FEATHER, (intl)0), (intl)(width - 1));
-    const floatl z = (floatl)(gather(depth, y * width + x));
-    const floatl step = max_lanes(2.0f * depth_tolerance(layer_view, z),
-                                  layer_view.unit > 0.0f ? (floatl)(EDGE_STEP * layer_view.unit) : EDGE_STEP * z);
-    const intl left = y * width + max(x - 1, (intl)0), right = y * width + min(x + 1, (intl)(width - 1));
-    const intl above = max(y - 1, 0) * width + x, under = min(y + 1, height - 1) * width + x;
-    const floatl a = (floatl)(gather(depth, left)), b = (floatl)(gather(depth, right));
-    const floatl c = (floatl)(gather(depth, above)), d = (floatl)(gather(depth, under));
-    /* Comparisons with NaN, a hole, are false. */
-    const intl whole = (fabs(a - z) <= step) & (fabs(b - z) <= step) & (fabs(c - z) <= step) & (fabs(d - z) <= step);
-    const intl beyond = (x0 + lane_index < FEATHER) | (x0 + lane_index >= width + FEATHER) |
-                        (intl)(row < FEATHER || row >= height + FEATHER ? -1 : 0);
-    store_lanes(select_lanes(whole | beyond, (floatl)FEATHER, (floatl)0.0f), from_edge + (size_t)row * pitch + x0);
-}
-
-/* Distances to edges of the same row. Both arrays as from_edge; columns begin at the picture's first. */
-kernel void row_distances(global const float *from_edge, global float *in_row, int width, int height, int pitch)
-{
-    const int x0 = get_global_id(0) * LANES, row = get_global_id(1);
-    if (x0 >= width || row >= height + 2 * FEATHER)
-        return;
-    global const float *here = from_edge + (size_t)row * pitch + x0 + FEATHER;
-    floatl least = load_lanes(here);
-    for (int step = 1; step <= FEATHER; step++)
-        least = min_lanes(least, min_lanes(load_lanes(here - step), load_lanes(here + step)) + step);
-    store_lanes(least, in_row + (size_t)row * pitch + x0);
-}
-
-/* The layer's weight at points p of the picture, but for its edges */
-INLINED floatl view_weight(LayerView layer_view, Screen screen, Vector p, floatl z, float density)
-{
-    const Vector centre = {layer_view.centre[0], layer_view.centre[1], layer_view.centre[2]};
-    const Vector forward = {layer_view.forward[0], layer_view.forward[1], layer_view.forward[2]};
+    const Vector centre = {view.centre[0], view.centre[1], view.centre[2]};
+    const Vector forward = {view.forward[0], view.forward[1], view.forward[2]};
     const Vector direction = minus(p, centre);
     const floatl deep = DOT(direction, forward);
-    const floatl there = layer_view.perspective ? layer_view.density / (deep * deep) : (floatl)layer_view.density;
-    const floatl here = screen.perspective ? density / (z * z) : (floatl)density;
-    const floatl cosine = DOT(layer_view.perspective ? normalized(direction) : forward, view_direction(screen, p));
-    return min_lanes(there / here, (floatl)1.0f) * max_lanes(cosine, (floatl)WEIGHT_MIN);
+    const floatl finer = (screen.perspective ? z : (floatl)1.0f) / (view.perspective ? deep : (floatl)1.0f);
+    /* A perspective picture's eye is the origin. Lengths do not count: by the depth they are about 1. */
+    const float *m = screen.to_world;
+    const Vector along = {-m[3], -m[7], -m[11]};
+    const floatl scale = screen.perspective ? 1.0f / z : (floatl)1.0f;
+    const Vector from = view.perspective ? scaled(direction, scale) : forward;
+    const Vector to = screen.perspective ? scaled(p, scale) : along;
+    const floatl dot = DOT(from, to), square = dot * dot / (DOT(from, from) * DOT(to, to));
+    const floatl aside = max_lanes(1.0f - square, (floatl)0.0f) * (1.0f / ANGLE_SQUARE);
+    const floatl cosine = select_lanes(dot > 0.0f, sqrt(square), (floatl)0.0f);
+    return min_lanes(view.density / density * (finer * finer), (floatl)1.0f) * cosine / (1.0f + aside);
 }
 
-kernel void add_layer(global const float *depth, global const channel *color, global const float *best,
-                      global const float *in_row, global float *sums, Screen screen, LayerView layer_view,
-                      float density, int pitch, int first, float red, float green, float blue
-#if ORIGINS
-                      ,
-                      global const float *layer_origin,
-                      global float *origin
+/* How far from its view's edges a layer's pixels were seen, as view_edges.cl counts */
+INLINED floatl edges_at(PixelMap map, global const ushort *edges, floatl x, floatl y, floatl n)
+{
+    const float *S = map.src_from_dst;
+    const floatl inverse = 1.0f / MAP_ROW(S, 2, x, y, n);
+    const floatl u = MAP_ROW(S, 0, x, y, n) * inverse, v = MAP_ROW(S, 1, x, y, n) * inverse;
+    const Taps taps = clamped_taps(map.src_width, map.src_height, u, v);
+    const intl word = words_at(edges, taps.at[0]); /* left above, left below, right above, right below */
+    return bilinear(taps, to_floatl(word & 255), to_floatl((word >> 16) & 255), to_floatl((word >> 8) & 255),
+                    to_floatl((word >> 24) & 255));
+}
+
+#if CHANNELS && COLOR_BYTES == 1
+/* A packet's colours as words, whose highest bytes are anything; `count` pixels from its first on are in the row. */
+INLINED intl pixel_words(global const uchar *first, int count)
+{
+#if LANES == 16
+    if (count >= LANES + 2) { /* four bytes beyond the packet are read, too */
+#define FOUR_PIXELS(at) as_int4(((global const UnalignedBytes *)(first + 12 * at))->bytes.s0123345667899abc)
+        return (int16)(FOUR_PIXELS(0), FOUR_PIXELS(1), FOUR_PIXELS(2), FOUR_PIXELS(3));
+    }
 #endif
-                          NORMALS_PARAMETER(float) /* of the layer, in the world, of any length */
+    intl words = 0;
+    for (int lane = 0; lane < min(count, LANES); lane++)
+        set_int_lane(words, lane, first[3 * lane] | first[3 * lane + 1] << 8 | first[3 * lane + 2] << 16);
+    return words;
+}
+#endif
+
+kernel void weigh_layer(global const float *depth, global const channel *color, global const ushort *edges,
+                        global float *stack, int layer, int pitch, PixelMap map, Screen screen, LayerView view,
+                        float density
+#if ORIGINS
+                        , global const float *layer_origin
+#endif
+                        NORMALS_PARAMETER(float) /* of the layer, in the world, of any length */
 )
 {
-    const int width = screen.width, height = screen.height;
-    const int x0 = get_global_id(0) * LANES, y = get_global_id(1);
-    if (x0 >= width || y >= height)
+    const int width = screen.width, y = get_global_id(1), strip_x = get_global_id(0) * (STRIP * LANES);
+    if (y >= screen.height)
         return;
-    floatl edge = FEATHER;
-    for (int step = -FEATHER; step <= FEATHER; step++)
-        edge = min_lanes(edge,
-                         max_lanes(load_lanes(in_row + (size_t)(y + FEATHER + step) * pitch + x0), (floatl)abs(step)));
-    const size_t plane = (size_t)height * width;
-    const floatl z = pixels_at(depth, x0, y, width), nearest = pixels_at(best, x0, y, width);
-    const floatl off = depth_tolerance(layer_view, z), off_best = pixels_at(best + plane, x0, y, width);
-    const floatl allowed = sqrt(0.5f * (off * off + off_best * off_best));
-    const intl contributes = (z - nearest <= allowed) & (z == z);
-    const floatl z_there = select_lanes(contributes, z, (floatl)1.0f);
-    const Vector p = point_at(screen, to_floatl(x0 + lane_index), (floatl)y, DEPTH_OF(screen.perspective, z_there));
-    const floatl well = view_weight(layer_view, screen, p, z_there, density) * (edge + 0.25f) * (1.0f / FEATHER);
-    const floatl weight = select_lanes(contributes, max_lanes(well, (floatl)WEIGHT_MIN), (floatl)0.0f);
-    for (int lane = 0; lane < min(LANES, width - x0); lane++) {
-        const size_t at = (size_t)y * width + x0 + lane;
-        const float own = float_lane(weight, lane);
-        const float total = own + (first ? 0.0f : sums[at]), share = own > 0.0f ? own / total : 0.0f;
-        sums[at] = total;
-        const float3 c = read_pixel(color + CHANNELS * at);
-        const float parts[4] = {red * c.x, green * c.y, blue * c.z, float_lane(z_there, lane)};
-        for (int i = 0; i < 4; i++) {
-            global float *mean = sums + (i + 1) * plane + at;
-            const float before = first ? 0.0f : *mean;
-            *mean = before + (parts[i] - before) * share;
+    const size_t plane = (size_t)screen.height * pitch;
+    for (int x0 = strip_x; x0 < min(strip_x + STRIP * LANES, width); x0 += LANES) {
+        const size_t at = (size_t)y * width + x0, own = (size_t)y * pitch + x0;
+        global float *out = stack + layer * LAYER_PLANES * plane + own;
+        const intl x = x0 + lane_index;
+        const intl in_rows = y >= view.low_y && y < view.high_y ? -1 : 0;
+        const intl inside = (x >= view.low_x) & (x < min(view.high_x, width)) & in_rows;
+        const floatl z = any_lane(inside) ? pixels_at(depth, at, width - x0) : (floatl)NAN;
+        const intl known = inside & (z == z);
+        if (!any_lane(known)) {
+            store_lanes((floatl)0.0f, out);
+            continue;
         }
-#if GBUFFER == 2
-        const float3 normal = own > 0.0f ? vload3(at, normals) : (float3)(0.0f);
-        const float axes[3] = {normal.x, normal.y, normal.z};
-        for (int i = 0; i < 3; i++) {
-            global float *mean = sums + (i + 6) * plane + at;
-            const float before = first ? 0.0f : *mean;
-            *mean = before + (axes[i] - before) * share;
-        }
+        const floatl z_there = select_lanes(known, z, (floatl)1.0f), n = DEPTH_OF(screen.perspective, z_there);
+        const floatl from_edges = edges_at(map, edges, to_floatl(x), (floatl)y, n);
+        const Vector p = point_at(screen, to_floatl(x), (floatl)y, n);
+        const floatl well = view_weight(view, screen, p, z_there, density) * from_edges * (1.0f / FAR_FROM_EDGES);
+        const floatl weight = max_lanes(well, (floatl)WEIGHT_MIN);
+        const floatl signed_weight = select_lanes(from_edges > AT_STEP, weight, -weight);
+        store_lanes(select_lanes(known, signed_weight, (floatl)0.0f), out + WEIGHT * plane);
+        store_lanes(z_there, out + DEPTH * plane);
+        const intl pixel = y * width + min(x, (intl)(width - 1));
+#if CHANNELS
+#if COLOR_BYTES == 1
+        store_lanes(as_floatl(pixel_words(color + CHANNELS * at, width - x0)), out + COLOR * plane);
+#else
+        const Color none = {0.0f, 0.0f, 0.0f}; /* what a layer does not draw may be anything */
+        const Color c = select_color(known, read_color(color, pixel, width * screen.height), none);
+        store_lanes(c.r, out + COLOR * plane);
+        store_lanes(c.g, out + (COLOR + 1) * plane);
+        store_lanes(c.b, out + (COLOR + 2) * plane);
 #endif
-        if (first || own > sums[5 * plane + at]) {
-            sums[5 * plane + at] = own;
+#endif
 #if ORIGINS
-            vstore3(vload3(at, layer_origin), at, origin);
+        store_lanes((floatl)(gather(layer_origin, 3 * pixel)), out + ORIGIN * plane);
+        store_lanes((floatl)(gather(layer_origin, 3 * pixel + 1)), out + (ORIGIN + 1) * plane);
 #endif
-        }
+#if GBUFFER == 2
+        const Vector normal = vector_at(normals, pixel);
+        store_lanes(normal.x, out + NORMAL * plane);
+        store_lanes(normal.y, out + (NORMAL + 1) * plane);
+        store_lanes(normal.z, out + (NORMAL + 2) * plane);
+#endif
     }
 }
 
-/* Writes the blended pixels; merge: those alone that are nearer than what the picture shows. */
-kernel void write_blend(global const float *sums, global float *depth, global channel *color, global uchar *valid,
-                        int width, int height, int merge GBUFFER_PARAMETERS)
+/* The nearest of some layers, as `best` holds it */
+typedef struct {
+    floatl z, off;
+} Nearest;
+
+/* None depends on the order of the layers. stack: at the packet's first pixel */
+INLINED void find_nearest(Nearest *best, global const float *stack, size_t plane, global const BlendedView *views,
+                          int count, float unit)
 {
-    const int x0 = get_global_id(0) * LANES, y = get_global_id(1);
-    if (x0 >= width || y >= height)
-        return;
-    const size_t plane = (size_t)height * width;
-    for (int x = x0; x < min(x0 + LANES, width); x++) {
-        const size_t at = (size_t)y * width + x;
-        const int any = sums[at] > 0.0f;
-        const float z = any ? sums[4 * plane + at] : NAN;
-        if (merge && (!any || z >= depth[at]))
+    for (int number = 0; number < count; number++) {
+        global const float *layer = stack + number * LAYER_PLANES * plane;
+        const floatl weight = load_lanes(layer + WEIGHT * plane);
+        if (!any_lane(weight != 0.0f))
             continue;
-        depth[at] = z;
-        valid[at] = any;
-        const float3 mean = (float3)(sums[plane + at], sums[2 * plane + at], sums[3 * plane + at]);
-        write_pixel(color + CHANNELS * at, any ? clamp(rounded_channel(mean), 0.0f, CHANNEL_MAX) : (float3)(0.0f));
-        const GBuffer gbuffer = GBUFFER_VALUE;
+        const floatl z = load_lanes(layer + DEPTH * plane), off = depth_tolerance(views[number], unit, z);
+        const intl sure = weight > 0.0f, sure_best = best->off > 0.0f, none = best->off == 0.0f;
+        const intl nearer = (z < best->z) | ((z == best->z) & (off > fabs(best->off)));
+        const intl better = (weight != 0.0f) & (none | (sure & !sure_best) | ((sure | !sure_best) & nearer));
+        best->z = select_lanes(better, z, best->z);
+        best->off = select_lanes(better, select_lanes(sure, off, -off), best->off);
+    }
+}
+
+/* first: `best` holds nothing yet. */
+kernel void nearest_layers(global const float *stack, global float *best, global const BlendedView *views, int count,
+                           int first, int pitch, float unit, int width, int height)
+{
+    const int y = get_global_id(1), strip_x = get_global_id(0) * (STRIP * LANES);
+    if (y >= height)
+        return;
+    const size_t plane = (size_t)height * pitch;
+    for (int x0 = strip_x; x0 < min(strip_x + STRIP * LANES, width); x0 += LANES) {
+        const size_t own = (size_t)y * pitch + x0;
+        Nearest nearest = {0.0f, 0.0f};
+        if (!first) {
+            nearest.z = load_lanes(best + own);
+            nearest.off = load_lanes(best + plane + own);
+        }
+        find_nearest(&nearest, stack + own, plane, views, count, unit);
+        store_lanes(nearest.z, best + own);
+        store_lanes(nearest.off, best + plane + own);
+    }
+}
+
+/* What the layers so far make of a packet of pixels */
+typedef struct {
+    floatl total;
+    Color color;
+    floatl z;
+#if ORIGINS
+    floatl greatest, u, v, number;
+#endif
+#if GBUFFER == 2
+    Vector normal;
+#endif
+} Blended;
+
+#if ORIGINS
+#define EACH_ORIGIN(F) F(greatest, GREATEST) F(u, GREATEST + 1) F(v, GREATEST + 2) F(number, GREATEST + 3)
+#else
+#define EACH_ORIGIN(F)
+#endif
+#if GBUFFER == 2
+#define EACH_AXIS(F) F(normal.x, NORMAL_MEANS) F(normal.y, NORMAL_MEANS + 1) F(normal.z, NORMAL_MEANS + 2)
+#else
+#define EACH_AXIS(F)
+#endif
+#define EACH_SUM(F)                                                                                            \
+    F(total, 0) F(color.r, MEANS) F(color.g, MEANS + 1) F(color.b, MEANS + 2) F(z, MEANS + 3)                      \
+    EACH_ORIGIN(F) EACH_AXIS(F)
+
+INLINED Color stacked_color(global const float *at, size_t plane)
+{
+#if CHANNELS == 0
+    const Color none = {0.0f, 0.0f, 0.0f};
+    return none;
+#elif COLOR_BYTES == 1
+    return color_of(as_intl(load_lanes(at)));
+#else
+    const Color c = {load_lanes(at), load_lanes(at + plane), load_lanes(at + 2 * plane)};
+    return c;
+#endif
+}
+
+#define APPROACH(mean, part) mean += ((part) - (mean)) * share;
+
+INLINED void add_layer(Blended *sums, global const float *layer, size_t plane, BlendedView view, floatl z,
+                       floatl weight)
+{
+    sums->total += weight;
+    const floatl share = select_lanes(weight > 0.0f, weight / sums->total, (floatl)0.0f);
+    const Color c = stacked_color(layer + COLOR * plane, plane);
+    APPROACH(sums->color.r, view.red * c.r)
+    APPROACH(sums->color.g, view.green * c.g)
+    APPROACH(sums->color.b, view.blue * c.b)
+    APPROACH(sums->z, z)
+#if ORIGINS
+    const intl greater = weight > sums->greatest;
+    sums->greatest = select_lanes(greater, weight, sums->greatest);
+    sums->u = select_lanes(greater, load_lanes(layer + ORIGIN * plane), sums->u);
+    sums->v = select_lanes(greater, load_lanes(layer + (ORIGIN + 1) * plane), sums->v);
+    sums->number = select_lanes(greater, (floatl)view.number, sums->number);
+#endif
+#if GBUFFER == 2
+    const intl any = weight > 0.0f;
+    APPROACH(sums->normal.x, select_lanes(any, load_lanes(layer + NORMAL * plane), sums->normal.x))
+    APPROACH(sums->normal.y, select_lanes(any, load_lanes(layer + (NORMAL + 1) * plane), sums->normal.y))
+    APPROACH(sums->normal.z, select_lanes(any, load_lanes(layer + (NORMAL + 2) * plane), sums->normal.z))
+#endif
+}
+
+/* Into a picture that shows something already (`merge`), where it is nearer; `count` pixels of the packet are in it. */
+INLINED void write_blend(Blended sums, size_t at, int count, int merge, global float *depth, global channel *color,
+                         global uchar *valid
+#if ORIGINS
+                         , global float *origin
+#endif
+                         , GBuffer gbuffer)
+{
+    const intl any = sums.total > 0.0f;
+    const floatl z = select_lanes(any, sums.z, (floatl)NAN);
+    const Color none = {0.0f, 0.0f, 0.0f};
+    const floatl least = 0.0f, most = CHANNEL_MAX;
+    const Color in_range = {clamp_lanes(sums.color.r, least, most), clamp_lanes(sums.color.g, least, most),
+                            clamp_lanes(sums.color.b, least, most)};
+    const Color c = select_color(any, in_range, none);
+#if !ORIGINS && !GBUFFER
+    if (!merge && count >= LANES) {
+        store_lanes(z, depth + at);
+        store_bytes(to_ucharl(any & 1), valid + at);
+        write_color(color + CHANNELS * at, c);
+        return;
+    }
+#endif
+    for (int lane = 0; lane < min(count, LANES); lane++) {
+        const size_t pixel = at + lane;
+        const int is_any = int_lane(any, lane) != 0;
+        if (merge && (!is_any || float_lane(z, lane) >= depth[pixel]))
+            continue;
+        depth[pixel] = float_lane(z, lane);
+        valid[pixel] = is_any;
+        write_pixel(color + CHANNELS * pixel, rounded_channel(color_lane(c, lane)));
+#if ORIGINS
+        const float3 from = (float3)(float_lane(sums.u, lane), float_lane(sums.v, lane), float_lane(sums.number, lane));
+        vstore3(is_any ? from : (float3)(NAN), pixel, origin);
+#endif
         float3 normal = 0.0f;
 #if GBUFFER == 2
-        normal = 0.5f + 0.5f * (float3)(sums[6 * plane + at], sums[7 * plane + at], sums[8 * plane + at]);
+        normal = (float3)(float_lane(sums.normal.x, lane), float_lane(sums.normal.y, lane),
+                          float_lane(sums.normal.z, lane));
+        normal = 0.5f + 0.5f * normal;
 #endif
-        enter_pixel(gbuffer, at, depth[at], normal);
+        enter_pixel(gbuffer, pixel, depth[pixel], normal);
+    }
+}
+
+/* first: no layers were added before; last: none are left, and the picture is written. If both, `best` is not read. */
+kernel void blend_layers(global const float *stack, global const float *best, global float *sums,
+                         global const BlendedView *views, int count, int first, int last, int pitch, float unit,
+                         global float *depth, global channel *color, global uchar *valid, int width, int height,
+                         int merge
+#if ORIGINS
+                         , global float *origin
+#endif
+                         GBUFFER_PARAMETERS)
+{
+    const int y = get_global_id(1), strip_x = get_global_id(0) * (STRIP * LANES);
+    if (y >= height)
+        return;
+    const size_t plane = (size_t)height * pitch;
+    const GBuffer gbuffer = GBUFFER_VALUE;
+    for (int x0 = strip_x; x0 < min(strip_x + STRIP * LANES, width); x0 += LANES) {
+        const size_t own = (size_t)y * pitch + x0;
+        Blended made;
+#define START(sum, number) made.sum = first ? (floatl)0.0f : load_lanes(sums + (number) * plane + own);
+        EACH_SUM(START)
+        Nearest nearest = {0.0f, 0.0f};
+        if (first && last) {
+            find_nearest(&nearest, stack + own, plane, views, count, unit);
+        } else {
+            nearest.z = load_lanes(best + own);
+            nearest.off = load_lanes(best + plane + own);
+        }
+        for (int number = 0; number < count; number++) {
+            global const float *layer = stack + number * LAYER_PLANES * plane + own;
+            const floatl weight = load_lanes(layer + WEIGHT * plane);
+            if (!any_lane(weight != 0.0f))
+                continue;
+            const floatl z = load_lanes(layer + DEPTH * plane);
+            const floatl off = depth_tolerance(views[number], unit, z);
+            const floatl allowed = sqrt(0.5f * (off * off + nearest.off * nearest.off));
+            const intl may_count = (weight > 0.0f) | ((weight < 0.0f) & !(nearest.off > 0.0f));
+            const intl counts = may_count & (z - nearest.z <= allowed);
+            if (any_lane(counts))
+                add_layer(&made, layer, plane, views[number], z, select_lanes(counts, fabs(weight), (floatl)0.0f));
+        }
+        if (last) {
+            write_blend(made, (size_t)y * width + x0, width - x0, merge, depth, color, valid
+#if ORIGINS
+                        , origin
+#endif
+                        , gbuffer);
+        } else {
+#define KEEP(sum, number) store_lanes(made.sum, sums + (number) * plane + own);
+            EACH_SUM(KEEP)
+        }
     }
 }

@@ -40,5 +40,9 @@ class DeviceError(Error, RuntimeError):
     """No OpenCL device works, or the chosen one failed."""
 
 
+class OutOfMemoryError(DeviceError, MemoryError):
+    """Memory is short, the device's or the host's; the message says for what."""
+
+
 class BuildError(DeviceError):
     """An OpenCL program failed to build; the message holds file, options and log."""

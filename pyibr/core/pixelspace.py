@@ -191,7 +191,10 @@ class PixelMap:
         if not before:
             return Rectangle(0, 0, 0, 0)
         if len(before) < len(points):
-            return Rectangle(0, width, 0, height)
+            beyond = (
+                (u + 2 * w < 0, u - (width + 1) * w > 0, v + 2 * w < 0, v - (height + 1) * w > 0) for u, v, w in points
+            )  # either half-space holds all that lies between points of it
+            return Rectangle(0, 0, 0, 0) if any(map(all, zip(*beyond, strict=True))) else Rectangle(0, width, 0, height)
         x, y = [u / w for u, _, w in points], [v / w for _, v, w in points]
         return Rectangle(
             math.floor(min(max(min(x), 0), width)),

@@ -15,12 +15,12 @@ from pyibr.core.errors import ArgumentError
 from pyibr.core.undistortion import check_no_lens, covering_camera
 from pyibr.depthmesh.closing import closing_of
 from pyibr.depthmesh.drawing import Blending, draw_depth_meshes, entry_of_meshes
-from pyibr.depthmesh.exposure import gains_of
 from pyibr.depthmesh.mesh import DepthMesh, checked_tolerance
 from pyibr.depthmesh.segmentation import Segmentation
 from pyibr.depthmesh.selection import REUSE_MAX
 from pyibr.depthmesh.viewpoints import Viewpoints
 from pyibr.images import DepthImage
+from pyibr.images.exposure import exposure_gains
 from pyibr.opencl.device import one_call
 from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.memory import DeviceArray, empty
@@ -187,7 +187,7 @@ class DepthMeshObject(Immutable):
     @cached_property
     def _gains(self) -> Float64 | None:
         """(views, 3) what the views' colours are multiplied by."""
-        return gains_of([mesh.view for mesh in self.meshes], self.extent) if self.match_exposures else None
+        return exposure_gains([mesh.view for mesh in self.meshes]) if self.match_exposures else None
 
     def weights(self, camera: Camera) -> Float64:
         """Positional weights of the views for a camera (section 4.2 of the paper).

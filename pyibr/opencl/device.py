@@ -30,6 +30,7 @@ from pyibr.opencl.outcome import Outcome
 from pyibr.opencl.probe import Doubted, forget, probe
 from pyibr.opencl.profile import DeviceProfile, profile_of
 from pyibr.opencl.runtimes import Found, found_devices, new_context
+from pyibr.opencl.shortage import telling_shortage
 
 if TYPE_CHECKING:
     import pyopencl as cl
@@ -250,9 +251,13 @@ def current() -> Session:
 
 @contextmanager
 def one_call() -> Generator[Session, None, None]:
-    """The session of the device in use, for one call alone: until it is done, its device stays the one in use."""
+    """The session of the device in use, for one call alone: until it is done, its device stays the one in use.
+
+    Memory that is short is an OutOfMemoryError, whatever ran out of it.
+    """
     session = current()
-    with session.turn(), _choosing(session.device):  # `current` need not look at the environment each time
+    # `current` need not look at the environment each time.
+    with session.turn(), _choosing(session.device), telling_shortage(session.device):
         yield session
 
 

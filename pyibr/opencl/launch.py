@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from pyibr.core.errors import ArgumentError
+from pyibr.core.errors import ArgumentError, OutOfMemoryError
 from pyibr.opencl.headers import difference
 from pyibr.opencl.in_flight import QUEUED_SECONDS_MAX, UNSPLIT_SECONDS, piece_of
 from pyibr.opencl.memory import DeviceArray
@@ -103,7 +103,12 @@ def _start(
     # Another thread may have launched the kernel since the last piece.
     kernel.handle.set_args(*(_PACK[one.kind](kernel, one, arguments[one.name]) for one in kernel.arguments))
     session.in_flight.add(arguments, kernel.cost, expected)
-    cl.enqueue_nd_range_kernel(session.queue, kernel.handle, size, local, offset)
+    try:
+        cl.enqueue_nd_range_kernel(session.queue, kernel.handle, size, local, offset)
+    except cl.MemoryError as error:  # some drivers find room for a buffer when it is first used
+        used = sum(value.nbytes for value in arguments.values() if isinstance(value, DeviceArray))
+        what = f"the {used / 2**20:.0f} MiB that {kernel.name}() reads and writes"
+        raise OutOfMemoryError(f"not enough memory on {session.device} for {what}") from error
 
 
 def _pointer(kernel: Kernel, argument: Argument, value: DeviceArray | Struct | float) -> Any:

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pyibr.core.errors import DeviceError
 from pyibr.opencl.device import Session, current
 from pyibr.opencl.memory_pool import Block, rounded
+from pyibr.opencl.shortage import telling_shortage
 from pyibr.opencl.watch import watches
 
 if TYPE_CHECKING:
@@ -38,6 +38,11 @@ class DeviceArray:
     is_own: bool = True  # the memory is of whole pages, which runtimes for CPUs work in (`pyibr.opencl.selftest`)
     is_input: bool = False  # kernels only read it: what they wrote might be seen on the host, or not
 
+    @property
+    def nbytes(self) -> int:
+        """Bytes that its values take."""
+        return math.prod(map(int, self.shape)) * self.dtype.itemsize
+
     def to_host(self) -> NDArray[Any]:
         """The values, once all launches are done."""
         return to_host([self])[0]
@@ -46,9 +51,8 @@ class DeviceArray:
         """Sets every element, in the order of launches."""
         import pyopencl as cl
 
-        size = math.prod(map(int, self.shape)) * self.dtype.itemsize
         self.session.in_flight.used.append(self)
-        cl.enqueue_fill_buffer(self.session.queue, self.buffer, self.dtype.type(value), 0, size)
+        cl.enqueue_fill_buffer(self.session.queue, self.buffer, self.dtype.type(value), 0, self.nbytes)
 
 
 def to_host(arrays: Sequence[DeviceArray]) -> list[NDArray[Any]]:
@@ -88,7 +92,8 @@ def upload(array: NDArray[Any]) -> DeviceArray:
         return empty(array.shape, array.dtype)
     flags = cl.mem_flags.READ_ONLY
     flags |= cl.mem_flags.USE_HOST_PTR if session.profile.in_place else cl.mem_flags.COPY_HOST_PTR
-    buffer = cl.Buffer(session.context, flags, hostbuf=array)
+    with _telling(session, array.nbytes):
+        buffer = cl.Buffer(session.context, flags, hostbuf=array)
     host = array if session.profile.in_place else None
     return DeviceArray(buffer, array.shape, array.dtype, host, session, is_input=True)
 
@@ -100,7 +105,8 @@ def output(array: NDArray[Any]) -> DeviceArray:
     session = current()
     if session.profile.in_place and array.size:
         flags = cl.mem_flags.READ_WRITE | cl.mem_flags.USE_HOST_PTR
-        buffer = cl.Buffer(session.context, flags, hostbuf=array)
+        with _telling(session, array.nbytes):
+            buffer = cl.Buffer(session.context, flags, hostbuf=array)
         return DeviceArray(buffer, array.shape, array.dtype, array, session, is_own=False)
     return empty(array.shape, array.dtype, array)
 
@@ -109,11 +115,10 @@ def copy(source: DeviceArray, target: DeviceArray, at: int = 0) -> None:
     """Copies all of `source` to `target` from its element `at` on, in the order of launches."""
     import pyopencl as cl
 
-    size = math.prod(map(int, source.shape)) * source.dtype.itemsize
-    if size:
+    if source.nbytes:
         start = at * target.dtype.itemsize
         source.session.in_flight.used.append((source, target))
-        cl.enqueue_copy(source.session.queue, target.buffer, source.buffer, byte_count=size, dst_offset=start)
+        cl.enqueue_copy(source.session.queue, target.buffer, source.buffer, byte_count=source.nbytes, dst_offset=start)
 
 
 def empty(shape: tuple[int, ...], dtype: DTypeLike, into: NDArray[Any] | None = None) -> DeviceArray:
@@ -145,17 +150,31 @@ def _take(session: Session, size: int) -> Block:
     spare = session.memory_pool.take(size)
     if spare is not None:
         return spare
-    flags = cl.mem_flags.READ_WRITE
     try:
-        if not session.profile.in_place:
-            return Block(cl.Buffer(session.context, flags, size), size)
-        pages = _pages(size)
-        memory = np.frombuffer(pages, np.uint8)
-        start = -memory.ctypes.data % _HUGE_PAGE if memory.size >= size + _HUGE_PAGE else 0
-        hostbuf = memory[start : start + size]
-        return Block(cl.Buffer(session.context, flags | cl.mem_flags.USE_HOST_PTR, hostbuf=hostbuf), size, pages, start)
-    except (OSError, MemoryError, cl.MemoryError) as error:
-        raise DeviceError(f"not enough memory on {session.device} for {size / 2**20:.0f} MiB more") from error
+        return _new(session, size)
+    except (OSError, MemoryError, cl.MemoryError):
+        session.wait()  # what is in flight keeps its memory
+        session.memory_pool.clear()
+    with _telling(session, size):
+        return _new(session, size)
+
+
+def _new(session: Session, size: int) -> Block:
+    import pyopencl as cl
+
+    flags = cl.mem_flags.READ_WRITE
+    if not session.profile.in_place:
+        return Block(cl.Buffer(session.context, flags, size), size)
+    pages = _pages(size)
+    memory = np.frombuffer(pages, np.uint8)
+    start = -memory.ctypes.data % _HUGE_PAGE if memory.size >= size + _HUGE_PAGE else 0
+    hostbuf = memory[start : start + size]
+    return Block(cl.Buffer(session.context, flags | cl.mem_flags.USE_HOST_PTR, hostbuf=hostbuf), size, pages, start)
+
+
+def _telling(session: Session, size: int) -> contextlib.AbstractContextManager[None]:
+    """Memory that is short for so many bytes becomes an error of pyibr."""
+    return telling_shortage(session.device, f"{size / 2**20:.0f} MiB more")
 
 
 def _give_back(session: Session, block: Block) -> None:

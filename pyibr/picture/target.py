@@ -15,6 +15,7 @@ from pyibr.core.checks import check_lengths, check_picture
 from pyibr.images import Frame
 from pyibr.opencl.headers import struct
 from pyibr.opencl.memory import DeviceArray, empty, output, to_host
+from pyibr.opencl.memory_pool import rounded
 from pyibr.picture.gbuffer import GBuffer
 
 _NEAR = 1e-5  # of the distance to the farthest point of a thing: what lies nearer than that is not drawn
@@ -106,10 +107,11 @@ class Target:
         )
 
     def scratch(self, count: int) -> DeviceArray:
-        """(count,) float32 that launches may use until the next who asks does."""
-        if count not in self._pool:
-            self._pool[count] = empty((count,), np.float32)
-        return self._pool[count]
+        """(count,) float32, or some more, that launches may use until the next who asks does."""
+        size = rounded(4 * count) // 4  # views ask for much the same, each for its own
+        if size not in self._pool:
+            self._pool[size] = empty((size,), np.float32)
+        return self._pool[size]
 
     def clear(self) -> None:
         """Write every pixel, if none is written yet: nothing there. For systems that then write only what they see."""

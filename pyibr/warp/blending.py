@@ -2,108 +2,243 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
 from pyibr.core.checks import Float64
-from pyibr.core.pixelspace import longer_side
+from pyibr.core.pixelspace import PixelMap, Rectangle, longer_side, pitch
 from pyibr.images.depth_image import DepthImage
-from pyibr.images.exposure import Overlap, matching_gains
 from pyibr.opencl.device import current
+from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
-from pyibr.opencl.memory import empty, to_host
+from pyibr.opencl.memory import DeviceArray, empty, upload
 from pyibr.opencl.program import kernel
 from pyibr.picture.deferred import NO_ENTRY, Entry
+from pyibr.picture.surface import Surface
 from pyibr.picture.target import Target
+from pyibr.warp.launches import map_of
 
 Blend = Literal["quality", "nearest"]
 
-_STRIDE = 3  # pixels: every third one of each third row tells the exposures
-_SAME_DEPTH = 0.02  # of the depth, or of what an orthographic camera sees
+_HELD_BYTES = 1 << 26  # of layers that are held at once; the views of all others are drawn twice
+_HELD_MIN = 6  # layers that are held in any case
+_CUTS_MAX = 4  # distances to edges that a view keeps, by where it is cut
+_NOISE_MAX = 1e18  # scene units: its products with depths are still within single precision
 
 
-def blend(layers: Sequence[Target], views: Sequence[DepthImage], target: Target, entry: Entry = NO_ENTRY) -> None:
-    """Draw the picture that the views' layers, each drawn from one of them alone, make together.
+@dataclass(frozen=True)
+class Layer:
+    """A view's part in a picture of several.
 
-    `entry` is that of a picture in a light; if it draws normals, the layers have them.
+    Attributes
+    ----------
+    number : int
+        The view's.
+    view : DepthImage
+    pixel_map : PixelMap
+        From the view to the picture.
+    area : Rectangle
+        The picture's pixels that drawing it writes.
+    surface : Surface
+        Its surface, which tells where it is open.
+    gains : (3,) float64
+        What its colours are multiplied by.
     """
-    camera = target.camera
-    width, height = camera.size
-    lanes, margin = current().profile.lanes, int(constant("warp/blend.cl", "FEATHER"))
-    pitch = -(-width // lanes) * lanes + 2 * margin
-    best = empty((2, height, width), np.float32)
-    sums = empty((9 if entry.normals else 6, height, width), np.float32)
-    edges, in_row = (empty((height + 2 * margin, pitch), np.float32) for _ in range(2))
-    grid = current().profile.packets(width, height)
-    size = {"width": width, "height": height}
-    defines = {**target.color_defines, **entry.defines, "ORIGINS": int(target.origin is not None)}
-    seeing = [Struct("LayerView", _layer_view(view, target)) for view in views]
-    for number, (layer, saw) in enumerate(zip(layers, seeing, strict=True)):
-        made = kernel("warp/blend.cl", "nearest_layer", **defines)
-        launch(made, grid, depth=layer.depth, best=best, first=number == 0, layer_view=saw, **size)
-    for number, (layer, saw, gains) in enumerate(zip(layers, seeing, exposures(layers), strict=True)):
-        padded = current().profile.packets(width + 2 * margin, height + 2 * margin)
-        of_edges: dict[str, Any] = {**size, "pitch": pitch, "from_edge": edges}
-        launch(kernel("warp/blend.cl", "mark_edges", **defines), padded, depth=layer.depth, layer_view=saw, **of_edges)
-        rows = (grid[0], height + 2 * margin)
-        launch(kernel("warp/blend.cl", "row_distances", **defines), rows, in_row=in_row, **of_edges)
-        of_layer: dict[str, Any] = {}
-        if target.origin is not None:
-            of_layer = {"layer_origin": layer.origin, "origin": target.origin}
-        if entry.normals and layer.gbuffer is not None:
-            of_layer["normals"] = layer.gbuffer.normal
-        launch(
-            kernel("warp/blend.cl", "add_layer", **defines),
-            grid,
-            depth=layer.depth,
-            color=layer.color,
-            best=best,
-            in_row=in_row,
-            sums=sums,
-            screen=Struct("Screen", target.screen(0.5, camera.center)),
-            layer_view=saw,
-            density=float(camera.K[0, 0] * camera.K[1, 1]),
-            pitch=pitch,
-            first=number == 0,
-            red=gains[0],
-            green=gains[1],
-            blue=gains[2],
-            **of_layer,
-        )
-    into: dict[str, Any] = {"merge": not target.blank, **size, **target.outputs(), **entry.arguments}
-    launch(kernel("warp/blend.cl", "write_blend", **defines), grid, sums=sums, **into)
+
+    number: int
+    view: DepthImage
+    pixel_map: PixelMap
+    area: Rectangle
+    surface: Surface
+    gains: Float64
+
+
+def blend(
+    layers: Sequence[Layer],
+    target: Target,
+    draw: Callable[[Layer, Target], None],
+    own: Target,
+    entry: Entry = NO_ENTRY,
+) -> None:
+    """Draw the picture that the layers make together.
+
+    Parameters
+    ----------
+    layers : sequence of Layer
+        In the order in which they are added.
+    target : Target
+    draw : callable
+        Draws a layer alone into a target.
+    own : Target
+        For one layer after the other; with normals, if `entry` draws them.
+    entry : Entry
+        That of a picture in a light.
+    """
+    making = _Blending(target, own, draw, entry, len(layers))
+    held, *others = (layers[at : at + making.held] for at in range(0, len(layers), making.held))
+    # The nearest of all layers must be known before the first is added: those that are not held are drawn twice.
+    for batch in [*others, held] if others else []:
+        making.draw_layers(batch)
+        making.find_nearest(batch, first=batch is others[0])
+    if not others:
+        making.draw_layers(held)
+    making.add_layers(held, first=True, last=not others)
+    for batch in others:
+        making.draw_layers(batch)
+        making.add_layers(batch, first=False, last=batch is others[-1])
     target.blank = False
 
 
-def exposures(layers: Sequence[Target]) -> Float64:
-    """(N, 3) what each layer's colours are to be multiplied by, so that they agree where layers show one surface."""
-    if layers[0].color.shape[2] == 0:
-        return np.ones((len(layers), 3))
-    most = 255.0 if layers[0].color.dtype == np.uint8 else 1.0
-    hosts = to_host([array for layer in layers for array in (layer.color, layer.depth)])
-    colors = [host[::_STRIDE, ::_STRIDE] / np.float32(most) for host in hosts[::2]]
-    depths = [host[::_STRIDE, ::_STRIDE] for host in hosts[1::2]]
-    overlaps: list[Overlap] = []
-    camera = layers[0].camera
-    for a in range(len(layers)):
-        unit = longer_side(camera) if camera.projection == "orthographic" else depths[a]
-        for b in range(a):
-            same = np.abs(depths[a] - depths[b]) < _SAME_DEPTH * unit
-            overlaps.append(Overlap(a, b, colors[a][same], colors[b][same]))
-    return matching_gains(len(layers), overlaps)
+class _Blending:
+    """A picture in the making, and the layers that are held."""
+
+    def __init__(
+        self, target: Target, own: Target, draw: Callable[[Layer, Target], None], entry: Entry, count: int
+    ) -> None:
+        self._target, self._own, self._draw, self._entry = target, own, draw, entry
+        profile, (width, height) = current().profile, target.camera.size
+        self._defines = {**target.color_defines, **entry.defines, "STRIP": profile.strip}
+        self._defines["ORIGINS"] = int(target.origin is not None)
+        self._grid = profile.packets(width, height, profile.strip)
+        self._pitch = pitch(width)
+        words = -(-target.color.shape[2] * target.color.dtype.itemsize // 4)
+        normals, origins = _number("NORMAL_PLANES") * entry.normals, self._defines["ORIGINS"]
+        planes = _number("COLOR") + words + _number("ORIGIN_PLANES") * origins + normals
+        self.held = min(max(_HELD_BYTES // (4 * planes * height * self._pitch), _HELD_MIN), count)
+        self._stack = empty((self.held, planes, height, self._pitch), np.float32)
+        sums = _number("GREATEST") + _number("ORIGIN_SUMS") * origins + normals
+        self._sums, self._best = (
+            empty((planes if self.held < count else 0, height, self._pitch), np.float32) for planes in (sums, 2)
+        )
+        self._unit = longer_side(target.camera) if target.camera.projection == "orthographic" else 0.0
+
+    def draw_layers(self, layers: Sequence[Layer]) -> None:
+        """Draw and weigh some of the layers, which are held then."""
+        camera = self._target.camera
+        for place, layer in enumerate(layers):
+            self._draw(layer, self._own)
+            more: dict[str, Any] = {}
+            if self._own.origin is not None:
+                more["layer_origin"] = self._own.origin
+            if self._entry.normals and self._own.gbuffer is not None:
+                more["normals"] = self._own.gbuffer.normal
+            launch(
+                kernel("warp/blend.cl", "weigh_layer", **self._defines),
+                self._grid,
+                depth=self._own.depth,
+                color=self._own.color,
+                edges=edges_of(layer.view, layer.surface),
+                stack=self._stack,
+                layer=place,
+                pitch=self._pitch,
+                map=map_of(layer.pixel_map.pair),
+                screen=Struct("Screen", self._target.screen(0.5, camera.center)),
+                view=Struct("LayerView", _layer_view(layer, self._target)),
+                density=float(camera.K[0, 0] * camera.K[1, 1]),
+                **more,
+            )
+
+    def find_nearest(self, layers: Sequence[Layer], *, first: bool) -> None:
+        """Find what is nearest among the layers that are held and those before them."""
+        launch(
+            kernel("warp/blend.cl", "nearest_layers", **self._defines),
+            self._grid,
+            first=first,
+            **self._held(layers),
+        )
+
+    def _held(self, layers: Sequence[Layer]) -> dict[str, Any]:
+        """Arguments of the kernels that look at the layers which are held."""
+        width, height = self._target.camera.size
+        return {
+            "stack": self._stack,
+            "best": self._best,
+            "views": upload(np.array([_blended_view(layer) for layer in layers])),
+            "count": len(layers),
+            "pitch": self._pitch,
+            "unit": self._unit,
+            "width": width,
+            "height": height,
+        }
+
+    def add_layers(self, layers: Sequence[Layer], *, first: bool, last: bool) -> None:
+        """Add the layers that are held to those before them; the last ones make the picture."""
+        launch(
+            kernel("warp/blend.cl", "blend_layers", **self._defines),
+            self._grid,
+            sums=self._sums,
+            first=first,
+            last=last,
+            **self._held(layers),
+            merge=not self._target.blank,
+            **({} if self._target.origin is None else {"origin": self._target.origin}),
+            **self._target.outputs(),
+            **self._entry.arguments,
+        )
 
 
-def _layer_view(view: DepthImage, target: Target) -> np.ndarray[Any, np.dtype[np.void]]:
+def edges_of(view: DepthImage, surface: Surface) -> DeviceArray:
+    """(H * W + 1,) uint16 distances of the view's samples to its edges (kernels/warp/view_edges.cl), found once."""
+    made: dict[bytes, DeviceArray] = cached_on_device(view, "edges", lambda: {})
+    key = surface.test.cut.tobytes() + surface.test.straight.tobytes()
+    if key not in made:
+        while len(made) >= _CUTS_MAX:
+            del made[next(iter(made))]
+        made[key] = _found_edges(view, surface)
+    return made[key]
+
+
+def _found_edges(view: DepthImage, surface: Surface) -> DeviceArray:
+    camera, profile = view.camera, current().profile
+    values = np.zeros((), struct("warp/view_edges.cl", "EdgeView"))
+    values["width"], values["height"], values["pitch"] = *camera.size, pitch(camera.width)
+    values["perspective"] = camera.projection == "perspective"
+    values["density"] = camera.K[0, 0] * camera.K[1, 1]
+    values["noise_2"], values["noise_1"], values["noise_0"] = np.minimum(view.noise, _NOISE_MAX)
+    values["unit"] = longer_side(camera) if camera.projection == "orthographic" else 0.0
+    margins = 2 * int(constant("warp/view_edges.cl", "FEATHER"))
+    mark_pitch = pitch(camera.width + margins)
+    size = {"width": camera.width, "height": camera.height, "mark_pitch": mark_pitch}
+    marks, in_row = (empty((camera.height, mark_pitch), np.float32) for _ in range(2))
+    edges = empty((camera.height * camera.width + 1,), np.uint16)  # of each place the next one is read, too
+    launch(
+        kernel("warp/view_edges.cl", "mark_edges"),
+        profile.packets(camera.width + margins, camera.height),
+        surface=surface.nearness,
+        marks=marks,
+        view=Struct("EdgeView", values),
+        mark_pitch=mark_pitch,
+    )
+    grid = profile.packets(*camera.size)
+    launch(kernel("warp/view_edges.cl", "row_distances"), grid, marks=marks, in_row=in_row, **size)
+    launch(kernel("warp/view_edges.cl", "edge_distances"), grid, marks=marks, in_row=in_row, edges=edges, **size)
+    return edges
+
+
+def _layer_view(layer: Layer, target: Target) -> np.ndarray[Any, np.dtype[np.void]]:
     """A record of the kernels' struct LayerView."""
-    camera = view.camera
+    camera, area = layer.view.camera, layer.area
     values = np.zeros((), struct("warp/blend.cl", "LayerView"))
     values["forward"], values["centre"] = camera.forward, camera.center - target.camera.center
     values["density"] = camera.K[0, 0] * camera.K[1, 1]
     values["perspective"] = camera.projection == "perspective"
-    values["noise_2"], values["noise_1"], values["noise_0"] = view.noise
-    if target.camera.projection == "orthographic":
-        values["unit"] = longer_side(target.camera)
+    for end in ("low_x", "high_x", "low_y", "high_y"):
+        values[end] = getattr(area, end)
     return values
+
+
+def _blended_view(layer: Layer) -> np.ndarray[Any, np.dtype[np.void]]:
+    """A record of the kernels' struct BlendedView."""
+    values = np.zeros((), struct("warp/blend.cl", "BlendedView"))
+    values["red"], values["green"], values["blue"] = layer.gains
+    values["noise_2"], values["noise_1"], values["noise_0"] = np.minimum(layer.view.noise, _NOISE_MAX)
+    values["number"] = layer.number
+    return values
+
+
+def _number(name: str) -> int:
+    return int(constant("warp/blend.cl", name))

@@ -74,18 +74,22 @@ def inverse_warp(
     options: Options,
     view: int = 0,
     entry: Entry = NO_ENTRY,
+    *,
+    in_reach: bool = False,
 ) -> None:
     """Each pixel looks for what its ray meets first: by sweep or by search, then exactly.
 
-    `view` is its number, `entry` that of a picture in a light, with the samples' normals if it draws them.
+    `view` is its number, `entry` that of a picture in a light, with the samples' normals if it draws them. `in_reach`:
+    of a target that is blank, no more pixels are written than the view may reach.
     """
     reach = pixel_map.reach
-    if reach.empty and not target.blank:
+    if reach.empty and (in_reach or not target.blank):
         return
     shared = _shared(surface, pixel_map, options)
     hits, hit_kind = _find_candidates(surface, pixel_map, target, options, shared)
-    _resolve(surface, pixel_map, target, options, {**shared, "hits": hits, "hit_kind": hit_kind}, view, entry)
-    target.blank = False
+    found = {**shared, "hits": hits, "hit_kind": hit_kind}
+    _resolve(surface, pixel_map, target, options, found, view, entry, in_reach)
+    target.blank = in_reach and target.blank
 
 
 def _shared(surface: Surface, pixel_map: PixelMap, options: Options) -> dict[str, Any]:
@@ -175,11 +179,12 @@ def _resolve(
     shared: dict[str, Any],
     view: int,
     entry: Entry,
+    in_reach: bool,
 ) -> None:
     """Depth and colour of the pixels from what their lines saw."""
     profile = current().profile
     low_x, high_x, low_y, high_y = 0, target.camera.width, 0, target.camera.height
-    if not target.blank:
+    if in_reach or not target.blank:
         reach = pixel_map.reach
         low_x, high_x, low_y, high_y = reach.low_x, reach.high_x, reach.low_y, reach.high_y
     rough, window = _LOOK_CONNECTED if options.connected else _LOOK_TORN

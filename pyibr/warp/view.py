@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import inspect
 import math
 from collections.abc import Sequence
@@ -13,8 +14,10 @@ import numpy as np
 from pyibr.core.checks import Float64, Immutable, checked_bool, cut_ratio_from, describe, number_from, one_of
 from pyibr.core.errors import ArgumentError
 from pyibr.core.optional import opencv
-from pyibr.core.pixelspace import PixelMap, camera_pair, pixel_size
+from pyibr.core.pixelspace import PixelMap, Rectangle, camera_pair, pixel_size
 from pyibr.images.depth_image import DepthImage, Side
+from pyibr.images.exposure import exposure_gains
+from pyibr.images.order import order_of
 from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.memory import DeviceArray, upload
 from pyibr.picture.deferred import NO_ENTRY, Entry, entry_for
@@ -25,7 +28,7 @@ from pyibr.picture.shadow import Lighting
 from pyibr.picture.surface import Surface, surface_of
 from pyibr.picture.target import Target
 from pyibr.picture.undistort import Interpolation, undistorted
-from pyibr.warp.blending import Blend, blend
+from pyibr.warp.blending import Blend, Layer, blend
 from pyibr.warp.filling import Fill, fill_holes
 from pyibr.warp.launches import Options, classify, draw_thin, forward_warp, inverse_warp
 
@@ -103,8 +106,11 @@ class WarpedView(Immutable):
     blend : {"quality", "nearest"}
         How several views become one picture. "quality": where what they see is no farther apart than their noise
         explains, all of them count: by resolution (up to the target's), by the angle between their ray and the
-        target's, and less near their holes and depth edges; their exposures are matched first, where they overlap, to
-        the one in the middle. Depths are blended, too. "nearest": each pixel is of the view that shows it nearest.
+        target's, and less near their holes and depth edges. At steep steps, where cells may be rubber sheets between
+        two surfaces, views count only where no other saw better. Depths are blended, too. Exposures are matched:
+        where views show one surface their colours agree, and the exposure in the middle stays. The gains are found once
+        for all views and are the same in every picture. The order of the views changes nothing. "nearest": each pixel
+        is of the view that shows it nearest.
 
     Attributes
     ----------
@@ -220,18 +226,45 @@ class WarpedView(Immutable):
         if len(self.sources) == 1 or self.blend == "nearest":
             self._draw_surfaces(target, self._options, entry=entry)
             return
-        layers = [target.layer() for _ in self.sources]
-        entries = [entry_for(layer, lighting, normals=True) if entry.normals else NO_ENTRY for layer in layers]
-        for number, (layer, own) in enumerate(zip(layers, entries, strict=True)):
-            self._draw_surface(number, layer, self._options, own)
-        blend(layers, self.sources, target, entry)
+        own = target.layer()
+        own_entry = entry_for(own, lighting, normals=True) if entry.normals else NO_ENTRY
+        layers = [self._layer(number, target) for number in self._order]
+        # If none may show, one of them writes that.
+        shown = [layer for layer in layers if not layer.area.empty] or layers[:1]
+        blend(shown, target, functools.partial(self._draw_layer, entry=own_entry), own, entry)
+
+    @cached_property
+    def _order(self) -> list[int]:
+        """The views' numbers in the order in which they are blended, however they are listed."""
+        return order_of(self.sources)
+
+    @cached_property
+    def _gains(self) -> Float64:
+        """(views, 3) what the views' colours are multiplied by, so that their exposures agree."""
+        return exposure_gains(self.sources)
+
+    def _layer(self, number: int, target: Target) -> Layer:
+        """A view's part in the target."""
+        view = self.sources[number]
+        surface, pixel_map = self._surface_of(view, target)
+        gains = self._gains[number] if target.color.shape[2] else np.ones(3)
+        whole = self.thin or self.method == "forward"  # they draw beyond the surface
+        area = Rectangle(0, target.camera.width, 0, target.camera.height) if whole else pixel_map.reach
+        return Layer(number, view, pixel_map, area, surface, gains)
+
+    def _draw_layer(self, layer: Layer, own: Target, entry: Entry) -> None:
+        """Draw a view alone, over what was drawn before."""
+        own.blank = True
+        self._draw_surface(layer.number, own, self._options, entry, in_reach=not self.thin)
 
     def _draw_surfaces(self, target: Target, options: Options, entry: Entry = NO_ENTRY) -> None:
         """Draw all views into the target, where the nearest stays."""
         for number in range(len(self.sources)):
             self._draw_surface(number, target, options, entry)
 
-    def _draw_surface(self, number: int, target: Target, options: Options, entry: Entry) -> None:
+    def _draw_surface(
+        self, number: int, target: Target, options: Options, entry: Entry, *, in_reach: bool = False
+    ) -> None:
         """Draw a view into the target, or into a layer of its own."""
         view = self.sources[number]
         if entry.normals:
@@ -240,7 +273,7 @@ class WarpedView(Immutable):
             forward_warp(*_placed(view, target), target, self.splat, entry)
             return
         surface, pixel_map = self._surface_of(view, target)
-        inverse_warp(surface, pixel_map, target, options, number, entry)
+        inverse_warp(surface, pixel_map, target, options, number, entry, in_reach=in_reach)
         if self.thin:
             draw_thin(surface, pixel_map, target, options, number, entry)
 

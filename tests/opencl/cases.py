@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from functools import cache, partial
 from itertools import product
 from typing import Any, Literal, TypeVar
+from unittest.mock import patch
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -29,6 +30,7 @@ from pyibr.opencl.launch import Struct
 from pyibr.opencl.watch import Watch, watching
 from pyibr.picture.drawable import as_drawable
 from pyibr.picture.unseen import MarkedUnseen
+from pyibr.warp import blending
 from tests import scenes
 from tests.scenes import Size
 
@@ -170,6 +172,13 @@ def _warps(setting: Setting) -> Cases:
                 yield f"{name} {way}", partial(ibr.warp, view, camera, **way, out=setting.frame(camera))
             if pose == "ahead":
                 yield f"{name} of two", partial(ibr.warp, [view, beside], camera, classes=True)
+                yield f"{name} of two, one held", partial(_warp_holding_one, [view, beside], camera)
+
+
+def _warp_holding_one(views: list[DepthImage], camera: ibr.Camera) -> ibr.Frame:
+    """A picture whose layers are drawn twice, but for one."""
+    with patch.multiple(blending, _HELD_BYTES=1, _HELD_MIN=1):
+        return ibr.warp(views, camera)
 
 
 def _lenses(setting: Setting) -> Cases:

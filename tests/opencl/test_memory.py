@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import errno
 import gc
 import mmap
 import os
 import sys
 
 import numpy as np
+import pyopencl as cl
 import pytest
 
+import pyibr as ibr
 from pyibr.opencl import memory
-from pyibr.opencl.device import current
+from pyibr.opencl.device import current, one_call
 from pyibr.opencl.memory_pool import rounded
+from pyibr.picture.clear import clear
 
 SMALL, LARGE = (100, 100), (1500, 1001)  # below and above a huge page
 
@@ -98,3 +102,68 @@ def test_sizes_are_pythons_own_integers():
     """They are multiplied by whoever counts with them: those of NumPy would overflow."""
     made = memory.empty((np.int32(70_000), np.int64(2)), np.uint8)
     assert [type(size) for size in made.shape] == [int, int]
+
+
+def out_of_memory(*_: object, **__: object) -> None:
+    raise OSError(errno.ENOMEM, "Cannot allocate memory")
+
+
+def test_what_lies_idle_is_given_back_before_memory_counts_as_short(monkeypatch):
+    session = current()
+    memory.empty(LARGE, np.float32)
+    assert list(session.memory_pool)
+    make, asked = memory._new, []
+
+    def refuse_first(*of: object) -> object:
+        asked.append(of)
+        return out_of_memory() if len(asked) == 1 else make(*of)
+
+    monkeypatch.setattr(memory, "_new", refuse_first)
+    kept = memory.empty((3000, 1001), np.float32)
+    assert kept.shape == (3000, 1001) and len(asked) == 2 and not list(session.memory_pool)
+
+
+@pytest.mark.parametrize("error", [OSError(errno.ENOMEM, "no pages"), MemoryError(), cl.MemoryError("no room")])
+def test_arrays_that_find_no_memory_say_how_much(monkeypatch, error):
+    def refuse(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr(memory, "_new", refuse)
+    current().memory_pool.clear()
+    with pytest.raises(ibr.OutOfMemoryError, match=r"not enough memory on .* for 12 MiB more") as caught:
+        memory.empty((3000, 1000), np.float32)
+    assert isinstance(caught.value, (ibr.Error, MemoryError)) and caught.value.__cause__ is error
+
+
+def test_uploads_that_find_no_memory_say_how_much(monkeypatch):
+    def refuse(*_: object, **__: object) -> None:
+        raise cl.MemoryError("no room")
+
+    monkeypatch.setattr(cl, "Buffer", refuse)
+    for make in (memory.upload, memory.output):
+        with pytest.raises(ibr.OutOfMemoryError, match="for 4 MiB more"):
+            make(np.zeros((1024, 1024), np.float32))
+
+
+@pytest.mark.parametrize(
+    "error", [MemoryError("Unable to allocate 3.4 GiB for an array"), cl.MemoryError("no 3.4 GiB")]
+)
+def test_a_call_that_runs_out_of_memory_anywhere_says_so(error):
+    """NumPy amid what a call does on the host, and OpenCL when it runs what was launched."""
+    with pytest.raises(ibr.OutOfMemoryError, match=r"not enough memory on .*3\.4 GiB"), one_call():
+        raise error
+    with pytest.raises(ValueError, match="another"), one_call():
+        raise ValueError("another")
+    with pytest.raises(ibr.ArgumentError), one_call():
+        raise ibr.ArgumentError("views", "fewer", "many")
+
+
+def test_launches_that_find_no_memory_name_the_kernel(monkeypatch):
+    def refuse(*_: object, **__: object) -> None:
+        raise cl.MemoryError("no room")
+
+    array = memory.empty((1 << 20,), np.float32)
+    clear(array, 0.0)
+    monkeypatch.setattr(cl, "enqueue_nd_range_kernel", refuse)
+    with pytest.raises(ibr.OutOfMemoryError, match=r"for the 4 MiB that clear\(\) reads and writes"):
+        clear(array, 0.0)

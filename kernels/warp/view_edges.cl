@@ -1,0 +1,105 @@
+/* How far a view's samples lie from edges of its surface: what weighs them where several views are blended (blend.cl).
+ *
+ * edges: (height, width), of each sample a byte, and that of the one below it. 0 at a step, where the surface goes on
+ * so steeply that its cells may be rubber sheets; else 1 + STEPS d, where d, 0 to FEATHER, is how many samples away the
+ * nearest step is, or the nearest end of the surface: a hole, a cut, or the image's border; by the farther of both
+ * axes.
+ *
+ * surface: (height + 2, pitch), picture/edges.cl. marks, in_row: (height, mark_pitch), marks with FEATHER more to each
+ * side; at a step STEP, at an end and beyond the image 0, elsewhere FEATHER.
+ * Launches: mark_edges, row_distances, edge_distances, once a view.
+ * Work-item: LANES samples of a row. Cost: O(samples). Determinism: every sample on its own.
+ */
+#include "lib/lanes.h"
+#include "lib/surface.h"
+#include "warp/view_edges.h"
+
+#define STEP -1.0f
+#define STEEP 11.0f    /* a surface at less than 5 degrees to its rays goes so many times as far back as aside */
+#define STEP_MIN 0.01f /* of the depth: less is no step */
+
+/* unit: a depth, where the view's have no origin; else 0 */
+typedef struct {
+    int width, height, pitch;
+    int perspective;
+    float density; /* pixels a unit of what is at depth 1 (perspective) or anywhere, along both axes: fx * fy */
+    float noise_2, noise_1, noise_0;
+    float unit;
+} EdgeView;
+
+/* By how much neighbours' depths differ on one surface, the nearer one's being z */
+INLINED floatl step_allowed(EdgeView view, floatl z)
+{
+    const floatl noise = EDGE_DEVIATIONS * ((view.noise_2 * z + view.noise_1) * z + view.noise_0);
+    const floatl sample = (view.perspective ? z : (floatl)1.0f) * rsqrt(view.density);
+    const floatl least = STEP_MIN * (view.unit > 0.0f ? (floatl)view.unit : z);
+    return max_lanes(noise, max_lanes(STEEP * sample, least));
+}
+
+kernel void mark_edges(global const float *surface, global float *marks, EdgeView view, int mark_pitch)
+{
+    const int x0 = get_global_id(0) * LANES, y = get_global_id(1);
+    if (x0 >= view.width + 2 * FEATHER || y >= view.height)
+        return;
+    const intl at = x0 + lane_index - FEATHER, x = clamp(at, (intl)0, (intl)(view.width - 1));
+    const Grid grid = GRID_OF(surface, view.width, view.height, view.pitch, NO_CUT);
+    global const float *nearness = grid.nearness;
+    const int row = y * view.pitch, above = max(y - 1, 0) * view.pitch;
+    const int below = min(y + 1, view.height - 1) * view.pitch;
+    const intl left = row + max(x - 1, (intl)0), right = row + min(x + 1, (intl)(view.width - 1));
+    const floatl n = (floatl)(gather(nearness, row + x));
+    const floatl around[4] = {(floatl)(gather(nearness, left)), (floatl)(gather(nearness, right)),
+                              (floatl)(gather(nearness, above + x)), (floatl)(gather(nearness, below + x))};
+    const floatl z = DEPTH_OF(view.perspective, n);
+    intl is_step = (intl)0, is_end = (n <= NO_SURFACE) | (at < 0) | (at >= view.width);
+    /* Edges' bits are those of their left or upper sample. */
+    const intl open_to[4] = {as_intl(around[0]) & TORN_RIGHT, as_intl(n) & TORN_RIGHT, as_intl(around[2]) & TORN_BELOW,
+                             as_intl(n) & TORN_BELOW};
+    for (int i = 0; i < 4; i++) {
+        const intl open = open_to[i] != 0;
+        const floatl beside = DEPTH_OF(view.perspective, around[i]);
+        is_step |= !open & (fabs(beside - z) > step_allowed(view, min_lanes(beside, z)));
+        is_end |= open;
+    }
+    const floatl whole = select_lanes(is_end, (floatl)0.0f, (floatl)FEATHER);
+    store_lanes(select_lanes(is_step, (floatl)STEP, whole), marks + (size_t)y * mark_pitch + x0);
+}
+
+kernel void row_distances(global const float *marks, global float *in_row, int width, int height, int mark_pitch)
+{
+    const int x0 = get_global_id(0) * LANES, y = get_global_id(1);
+    if (x0 >= width || y >= height)
+        return;
+    global const float *here = marks + (size_t)y * mark_pitch + x0 + FEATHER;
+    floatl least = max_lanes(load_lanes(here), (floatl)0.0f);
+    for (int step = 1; step <= FEATHER; step++) {
+        const floatl found = min_lanes(load_lanes(here - step), load_lanes(here + step));
+        least = min_lanes(least, max_lanes(found, (floatl)0.0f) + step);
+    }
+    store_lanes(least, in_row + (size_t)y * mark_pitch + x0);
+}
+
+/* The edges' bytes of a row's samples */
+INLINED intl distances_at(global const float *marks, global const float *in_row, int x0, int y, int height,
+                          int mark_pitch)
+{
+    floatl distance = min(min(y + 1, height - y), FEATHER); /* to what lies beyond the image */
+    for (int row = max(y - FEATHER, 0); row <= min(y + FEATHER, height - 1); row++) {
+        const floatl along = load_lanes(in_row + (size_t)row * mark_pitch + x0);
+        distance = min_lanes(distance, max_lanes(along, (floatl)abs(row - y)));
+    }
+    const intl is_step = load_lanes(marks + (size_t)y * mark_pitch + x0 + FEATHER) < 0.0f;
+    return select_lanes(is_step, (intl)0, to_intl(1.0f + STEPS * distance));
+}
+
+kernel void edge_distances(global const float *marks, global const float *in_row, global ushort *edges, int width,
+                           int height, int mark_pitch)
+{
+    const int x0 = get_global_id(0) * LANES, y = get_global_id(1);
+    if (x0 >= width || y >= height)
+        return;
+    const intl here = distances_at(marks, in_row, x0, y, height, mark_pitch);
+    const intl pair = here | distances_at(marks, in_row, x0, min(y + 1, height - 1), height, mark_pitch) << 8;
+    for (int lane = 0; lane < min(LANES, width - x0); lane++)
+        edges[(size_t)y * width + x0 + lane] = int_lane(pair, lane);
+}
