@@ -268,7 +268,11 @@ def test_distances_to_edges_are_those_of_numpy(size, projection, cut_ratio):
     depth[rng.random(depth.shape) < 0.02] = np.nan
     depth[0, 0] = 4.0
     view = ibr.DepthImage(None, depth, scenes.source_camera(size, projection))
-    found = blending.edges_of(view, surface_of(view, cut_ratio)).to_host()[: width * height].reshape(height, width)
+    found = (
+        blending.edges_of(view, surface_of(view, cut_ratio, cut_ratio is None))
+        .to_host()[: width * height]
+        .reshape(height, width)
+    )
     around = np.pad(depth, 1, constant_values=np.inf)
     beside = [around[1:-1, :-2], around[1:-1, 2:], around[:-2, 1:-1], around[2:, 1:-1]]
     step = np.any([np.isfinite(other) & (np.abs(other - depth) > 0.5) for other in beside], axis=0)
