@@ -23,8 +23,8 @@ COMPLEXITY = """## Complexity
 
 Sums over {positions} positions of the epipole. *Visited* counts the steps of a whole call: those along epipolar lines
 in the source, a packet of lanes taking as many as its slowest, and the target's pixels, both in the sweep (or search)
-and where `resolve` traces a pixel once more. White noise has the relief's range of depth and is connected; what it
-visits has no bar, since O(n^2) is no law of its sizes (see the manual, theory/warp).
+and where `resolve` traces a pixel once more. White noise has the relief's range of depth and is connected; its visits
+have no bar, since images are too small for O(n^2) to show there (see the manual, theory/warp).
 
 ![Growth with the image's side](complexity.png)
 """

@@ -2,9 +2,10 @@
 
 The scene is fixed in normalised image coordinates, so that the depth's range spans a part of the image that
 does not depend on n, and epipolar segments grow with n. White noise in the same range is the other extreme:
-what a pixel's line saw tells next to nothing of what the pixel sees, and the windows that are traced come apart as n
-grows; images are too small for their number to be reached, so no exponent is asked of it. Both are drawn with
-`edges="connect"`, as the paper's displacement maps are: one surface without holes, whatever n makes of its steps.
+what a pixel's line saw tells next to nothing of what the pixel sees, and the windows that are traced come apart as
+n grows. Their number is bounded, but images are too small to reach it: no exponent is asked of its visits. Both are
+drawn with `edges="connect"`, as the paper's displacement maps are: one surface without holes, whatever n makes of its
+steps.
 """
 
 from __future__ import annotations

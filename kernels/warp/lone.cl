@@ -21,7 +21,7 @@
 #define LONE_BY 4.0f  /* target pixels: more than the windows of candidates.h reach in all */
 #define NARROW 4.0f   /* target pixels: lines meet a triangle that is nowhere narrower */
 #define ON_LINE 2e-3f /* pixels off an edge, and its line's slope, at which a ray still may run along it */
-#define ON_EDGE 1e-3f /* pixels by which a ray may pass beside a triangle by rounding */
+#define HAIR_OF_EDGE 1e-3f /* pixels by which a ray may pass beside a triangle by rounding */
 
 #define ONE_OF(mask) select_lanes(mask, (intl)1, (intl)0)
 
@@ -70,11 +70,11 @@ Corner corner_at(Grid grid, PixelMap map, int x, int y)
 /* Where in a row of the target the edge from a to b runs: widens [*low, *high] to it. */
 void widen(Corner a, Corner b, float row, float *low, float *high)
 {
-    if (a.v == b.v || row < fmin(a.v, b.v) - ON_EDGE || row > fmax(a.v, b.v) + ON_EDGE)
+    if (a.v == b.v || row < fmin(a.v, b.v) - HAIR_OF_EDGE || row > fmax(a.v, b.v) + HAIR_OF_EDGE)
         return;
     const float u = a.u + clamp((row - a.v) / (b.v - a.v), 0.0f, 1.0f) * (b.u - a.u);
-    *low = fmin(*low, u - ON_EDGE);
-    *high = fmax(*high, u + ON_EDGE);
+    *low = fmin(*low, u - HAIR_OF_EDGE);
+    *high = fmax(*high, u + HAIR_OF_EDGE);
 }
 
 /* The hit of a pixel's ray on the triangle of a corner and the samples beside it, `to` (1 or -1) along its row and its
@@ -88,10 +88,10 @@ float hit_on(Corner corner, float to, float gu, float gv, Grid grid, PixelMap ma
     const float met = -at_start / per_unit, w_met = w + met * S[11];
     const float u_met = (u + met * S[3]) / w_met, v_met = (v + met * S[7]) / w_met;
     const float du = to * (u_met - corner.x), dv = to * (v_met - corner.y);
-    const int is_met = du >= -ON_EDGE && dv >= -ON_EDGE && du + dv <= 1.0f + ON_EDGE && w_met > 0.0f &&
+    const int is_met = du >= -HAIR_OF_EDGE && dv >= -HAIR_OF_EDGE && du + dv <= 1.0f + HAIR_OF_EDGE && w_met > 0.0f &&
                        IS_BEFORE(map.dst_perspective, met);
-    const int on_pixels = fabs(u_met - 0.5f * (grid.width - 1)) <= 0.5f * grid.width + ON_EDGE &&
-                          fabs(v_met - 0.5f * (grid.height - 1)) <= 0.5f * grid.height + ON_EDGE;
+    const int on_pixels = fabs(u_met - 0.5f * (grid.width - 1)) <= 0.5f * grid.width + HAIR_OF_EDGE &&
+                          fabs(v_met - 0.5f * (grid.height - 1)) <= 0.5f * grid.height + HAIR_OF_EDGE;
     *is_front = per_unit > 0.0f;
     return is_met && on_pixels ? met : EMPTY;
 }
@@ -100,8 +100,8 @@ float hit_on(Corner corner, float to, float gu, float gv, Grid grid, PixelMap ma
  * column, among `hits`. */
 void draw_triangle(Corner a, Corner b, Corner c, Grid grid, PixelMap map, int sides, global float *hits)
 {
-    const float top = fmax(fmin(a.v, fmin(b.v, c.v)) - ON_EDGE, 0.0f);
-    const float bottom = fmin(fmax(a.v, fmax(b.v, c.v)) + ON_EDGE, map.dst_height - 1.0f);
+    const float top = fmax(fmin(a.v, fmin(b.v, c.v)) - HAIR_OF_EDGE, 0.0f);
+    const float bottom = fmin(fmax(a.v, fmax(b.v, c.v)) + HAIR_OF_EDGE, map.dst_height - 1.0f);
     if (!(fmin(a.w, fmin(b.w, c.w)) > 0.0f) || !(ceil(top) <= bottom))
         return; /* most triangles pass between two rows of pixels */
     const float2 side_b = (float2)(b.u - a.u, b.v - a.v), side_c = (float2)(c.u - a.u, c.v - a.v), across = side_c - side_b;
@@ -137,8 +137,8 @@ void draw_edge(Corner a, Corner b, PixelMap map, global float *hits)
     const float du = b.u - a.u, dv = b.v - a.v, length = fmax(fabs(du), fabs(dv));
     const int is_wide = fabs(du) >= fabs(dv), size = is_wide ? map.dst_width : map.dst_height;
     const float from = is_wide ? fmin(a.u, b.u) : fmin(a.v, b.v);
-    const int last = convert_int_sat(floor(fmin(from + length + ON_EDGE, size - 1.0f)));
-    for (int i = convert_int_sat(ceil(fmax(from - ON_EDGE, 0.0f))); i <= last; i++) {
+    const int last = convert_int_sat(floor(fmin(from + length + HAIR_OF_EDGE, size - 1.0f)));
+    for (int i = convert_int_sat(ceil(fmax(from - HAIR_OF_EDGE, 0.0f))); i <= last; i++) {
         const float part = length > 0.0f ? clamp(is_wide ? (i - a.u) / du : (i - a.v) / dv, 0.0f, 1.0f) : 0.0f;
         const float other = is_wide ? a.v + part * dv : a.u + part * du, nearest = floor(other + 0.5f);
         if (!(fabs(other - nearest) <= ON_LINE && nearest >= 0.0f && nearest < (is_wide ? map.dst_height : map.dst_width)))

@@ -197,10 +197,11 @@ def test_launches_are_seen_by_name() -> None:
     view, target = scenes.view(32), scenes.target_camera(32, "F", "forward")
     with kernel_times() as times:
         ibr.warp(view, target)
-    assert set(times) == {"to_nearness", "find_edges", "continue_border", "clear", "epipolar_sweep", "resolve"}
+    of_the_surface = {"to_nearness", "find_edges", "continue_border", "measure_prominence"}
+    assert set(times) == {*of_the_surface, "clear", "epipolar_sweep", "draw_lone", "resolve"}
     with build_times() as built:
         ibr.warp(view, target)
-    assert set(built) == {"clear", "epipolar_sweep", "resolve"}
+    assert set(built) == {"clear", "epipolar_sweep", "draw_lone", "resolve"}
     with pytest.raises(RuntimeError, match="neither a sweep nor a search"), counted_samples():
         pass
 

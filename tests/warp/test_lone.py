@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from itertools import product
+from typing import Any
 
 import numpy as np
 import pytest
@@ -66,7 +67,7 @@ def camera(projection: Projection) -> Camera:
     return Camera([[f, 0, 61.2], [0, f, 44.7], [0, 0, 1]], SIZE, projection=projection)
 
 
-def differing(view: ibr.DepthImage, target: Camera, **options) -> np.ndarray:
+def differing(view: ibr.DepthImage, target: Camera, **options: Any) -> np.ndarray:
     """(H, W) bool: where the sweep sees something else than the search, and no hair decides."""
     seen = partial(ibr.warp, view, method="search", **options)
     wrong = off(ibr.warp(view, target, **options).depth, seen(target).depth)
@@ -110,7 +111,7 @@ def test_whichever_side_is_shown(scene, side):
 @pytest.mark.parametrize("scene", SCENES)
 def test_one_lane_sees_what_sixteen_see(scene, move):
     view, there = scene_of(scene, "perspective"), camera("perspective").moved(*MOVES[move])
-    options = {"cut_ratio": 1.05} if scene == "grains" else {"edges": "connect"}
+    options: dict[str, Any] = {"cut_ratio": 1.05} if scene == "grains" else {"edges": "connect"}
     wide = ibr.warp(view, there, **options).depth
     with one_lane():
         one = ibr.warp(scene_of(scene, "perspective"), there, **options).depth
