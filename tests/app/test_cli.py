@@ -227,7 +227,7 @@ def test_a_plane_becomes_few_triangles(scene: Scene, kind):
     # Blocks of 32 and less: what the padding of 61x37 to 65x65 leaves.
     assert f"plane.{kind}: {len(made.faces)} triangles" in result.stdout
     assert len(made.faces) < 2 * 60 * 36 / 4
-    low, high = scene.camera.unproject([[0, 0], [60, 36]], [2, 2])
+    low, high = scene.camera.unproject([[-0.5, -0.5], [60.5, 36.5]], [2, 2])  # a sample covers its pixel
     np.testing.assert_allclose(made.bounds, [low, high], atol=1e-6)
     assert (made.texture is None) == (kind == "ply")
     assert (made.colors is None) == (kind != "ply")

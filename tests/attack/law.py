@@ -117,8 +117,7 @@ def checked(frame: ibr.Frame, options: dict[str, Any]) -> list[np.ndarray]:
     if frame.alpha is not None:
         alpha = frame.alpha
         must(alpha.shape == shape and bool(((alpha >= 0) & (alpha <= 1)).all()), "alpha's values")
-        must(bool((alpha[valid] > 0).all()), "valid pixels that nothing covers")
-        must(bool(((alpha > 0) == told).all()), "covered pixels without depth")
+        must(bool(((alpha > 0) == valid).all()), "covered pixels that are not valid")
         made.append(alpha)
     if frame.classes is not None:
         classes, source, view = frame.classes, frame.source, frame.view

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from pyibr.capture import models, object_views
 from pyibr.images import Frame
 from pyibr.picture.drawable import as_drawable
 from pyibr.picture.unseen import MarkedUnseen
+from pyibr.warp import blending
 from tests import scenes
 
 Call = Callable[[], list[NDArray[Any]]]
@@ -59,6 +61,12 @@ def _blended() -> list[NDArray[Any]]:
     aside = ibr.warp(view, view.camera.moved(0.2, 0, 0.1))
     views = [view, ibr.DepthImage(aside.color, aside.depth, aside.camera)]
     return _arrays(ibr.warp(views, view.camera.moved(0.1, 0.05, 0)))
+
+
+def _blended_in_turns() -> list[NDArray[Any]]:
+    """Layers are drawn twice, but for one."""
+    with patch.multiple(blending, _HELD_BYTES=1, _HELD_MIN=1):
+        return _blended()
 
 
 def _through_a_lens() -> list[NDArray[Any]]:
@@ -123,6 +131,7 @@ def calls() -> dict[str, Call]:
         "forward": _warped(method="forward", splat=3.0),
         "aside": _aside,
         "blended": _blended,
+        "blended in turns": _blended_in_turns,
         "smooth": _warped(fill="smooth"),
         "thin": _warped(thin=True, cut_ratio=1.001, classes=True),
         "lens": _through_a_lens,

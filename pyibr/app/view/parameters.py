@@ -87,7 +87,7 @@ def _parameters_of_one(thing: object) -> list[Parameter]:
         choices = _choices(hint)
         if choices and value in choices:
             parameters.append(Parameter(name, str, value, choices))
-        elif (kind := _number(hint)) and (value is None or isinstance(value, (bool, int, float))):
+        elif (kind := _number(hint)) and (isinstance(value, (bool, int, float)) or (kind is float and value is None)):
             parameters.append(Parameter(name, kind, None if value is None else kind(value), may_be_none=value is None))
     return parameters
 
