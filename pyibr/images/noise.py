@@ -186,4 +186,5 @@ def _nearness(depth: Depth, far: float) -> NDArray[np.float32]:
     nearness = np.full(depth.shape, np.nan, np.float32)
     with np.errstate(over="ignore", invalid="ignore"):  # of depths so near that float32 does not hold their nearness
         np.divide(np.float32(1), depth, out=nearness, where=(depth > 0) & (depth < far))
+    nearness[np.isinf(nearness)] = np.nan
     return nearness

@@ -153,7 +153,7 @@ def _find_candidates(
         (-(-surface.prominence.shape[1] // profile.strip), surface.prominence.shape[0]),
         hits=hits,
         prominence=surface.prominence,
-        least=constant("warp/lone.cl", "LONE_BY") / pixel_map.most_motion,
+        least=constant("warp/lone.cl", "LONE_BY") / max(pixel_map.most_motion, 1e-30),
         **shared,
     )
     return hits, _hits("OF_LINES")
