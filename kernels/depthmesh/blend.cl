@@ -294,7 +294,8 @@ kernel void draw_meshes(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *c
 #endif
     for (int drawn = get_global_id(0); drawn < columns * rows; drawn += items) {
         const int x = drawn % columns * REGION, y = drawn / columns * REGION;
-        const BinList listed = list_of_bin(list, starts, bins_x, x, y);
+        BinList listed;
+        list_of_bin(list, starts, bins_x, x, y, &listed);
         Region region;
         if (!begin_listed(&region, &picture, listed, x, y))
             continue;

@@ -25,11 +25,13 @@ typedef struct {
     int first, last;
 } BinList;
 
-INLINED BinList list_of_bin(global const int *list, global const int *starts, int bins_x, int x, int y)
+/* That of the bin at (x, y). Oclgrind cannot run a function that returns a struct within a loop. */
+INLINED void list_of_bin(global const int *list, global const int *starts, int bins_x, int x, int y, BinList *listed)
 {
     const int bin = y / BIN * bins_x + x / BIN;
-    const BinList found = {list, starts[bin], starts[bin + 1]};
-    return found;
+    listed->list = list;
+    listed->first = starts[bin];
+    listed->last = starts[bin + 1];
 }
 
 /* Begins the region at (x, y), unless its bin's list is empty, when there is nothing to draw: then a blank picture is
@@ -51,7 +53,7 @@ INLINED int begin_item(Region *region, const Picture *picture, global const int 
     const int x = get_global_id(0) * REGION, y = get_global_id(1) * REGION;
     if (x >= picture->screen.width || y >= picture->screen.height)
         return 0;
-    *listed = list_of_bin(list, starts, bins_x, x, y);
+    list_of_bin(list, starts, bins_x, x, y, listed);
     return begin_listed(region, picture, *listed, x, y);
 }
 #endif

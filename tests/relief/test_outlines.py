@@ -29,7 +29,7 @@ MAPS = {"bricks": bricks, "spikes": spikes, "ridges": ridges}
 
 @cache
 def carved(name: str) -> Carved:
-    return Carved(cylinder, MAPS[name](), SCALE, TILES, fine=1)
+    return Carved(cylinder, MAPS[name](), SCALE, TILES)
 
 
 def edges(covered: np.ndarray) -> np.ndarray:
