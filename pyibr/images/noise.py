@@ -25,6 +25,7 @@ _STAIRS_MIN, _STAIRS, _OF_ONE_STEP = (
 )  # of a scale: changes amid level samples, also as a part of all, and of
 _LEVELS_MIN = 12  # one step; and so many levels
 _NOISE_MAX = 1e18  # scene units: its square is still within single precision
+_GOLDEN = 0.6180339887498949
 _RIDGE = 1e-9  # of one depth alone, the kinds of noise cannot be told apart
 _ROWS = 5  # times as many lie in the rows that they are taken from
 _CHOICES = np.array(
@@ -83,7 +84,8 @@ def _changes(depth: Depth, step: int, far: float, count_max: int) -> tuple[NDArr
     with np.errstate(over="ignore", invalid="ignore"):
         change = np.abs(nearness[:, : -2 * step] - 2 * here + nearness[:, 2 * step :])
     known = np.flatnonzero(np.isfinite(change))
-    known = known[:: max(len(known) // count_max, 1)]
+    if len(known) > count_max:  # at no regular distance, which might be that of what is seen
+        known = known[((np.arange(count_max) * _GOLDEN) % 1 * len(known)).astype(np.intp)]
     return here.ravel()[known], change.ravel()[known]
 
 

@@ -15,6 +15,7 @@ import pyibr as ibr
 from pyibr.core.camera import Camera, Projection
 from pyibr.warp.view import Edges, Interpolation
 from tests import scenes, truth
+from tests.warp.test_special_positions import beside_border
 
 pytest.importorskip("open3d")
 
@@ -216,8 +217,9 @@ def test_awkward_sizes(size, source, target):
         if not seen.valid.any():
             continue
         frame = ibr.warp(here.view, pose.camera, edges="connect")
-        # 2: of a small image, a pixel or two on the surface's very border may be any share.
-        assert np.count_nonzero(frame.valid != seen.valid) <= max(2, COVERAGE * seen.valid.size), pose.name
+        # 2: of a small image, a pixel or two may be any share. Its border may run along a line of pixels.
+        differ = (frame.valid != seen.valid) & ~beside_border(seen.valid)
+        assert np.count_nonzero(differ) <= max(2, COVERAGE * seen.valid.size), pose.name
         interior = seen.interior()
         right = frame.valid & np.isclose(frame.depth, seen.depth, rtol=DEPTH, atol=0)
         assert np.count_nonzero(~right[interior]) <= 1, pose.name
