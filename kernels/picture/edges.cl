@@ -22,6 +22,7 @@
 /* How neighbours are told to be torn apart: where the surface does not go on, or, if not `straight`, by a Cut alone. */
 typedef struct {
     int straight;
+    int both; /* where the surface does not go on, and the Cut tears, too */
     float noise[3];     /* noise changes nearness n by up to noise[0] + noise[1] n + noise[2] n^2 from sample to sample */
     float per_pixel[3]; /* along rows, columns, diagonals: what the steepest surface that faces the camera changes it by, */
     int perspective;    /* as a part of itself, or in all */
@@ -93,7 +94,9 @@ INLINED intl torn_along(Image image, int x, int y, int dx, int dy, int direction
         return IS_OPEN(cut, near, far);
     const floatl noise = test.noise[0] + near * (test.noise[1] + near * test.noise[2]);
     const floatl facing = test.perspective ? test.per_pixel[direction] * far : (floatl)test.per_pixel[direction];
-    const intl apart = (!missing) & (near - far > max_lanes(facing, noise));
+    intl apart = (!missing) & (near - far > max_lanes(facing, noise));
+    if (test.both)
+        apart = apart & IS_OPEN(cut, near, far);
     if (!any_lane(apart))
         return missing;
     const int across_x = direction == 1, across_y = direction == 0;

@@ -105,8 +105,11 @@ def surface_of(view: DepthImage, cut_ratio: float | None, connected: bool = Fals
     return made[key]
 
 
-def straightness_test(view: DepthImage) -> EdgeTest:
-    """Surfaces go on straight, or face the camera; noise and the steps of a scale are no edges."""
+def straightness_test(view: DepthImage, torn_by: NDArray[np.void] | None = None) -> EdgeTest:
+    """Surfaces go on straight, or face the camera; noise and the steps of a scale are no edges.
+
+    torn_by: a record of the kernels' struct Cut; what it does not tear is none, either.
+    """
     cut, values = cut_of(view.camera, 1.0), np.zeros((), struct("picture/edges.cl", "EdgeTest"))
     perspective = view.camera.projection == "perspective"
     a, b, c = (_DEVIATIONS * noise + step for noise, step in zip(view.noise, view.steps, strict=True))
@@ -115,7 +118,8 @@ def straightness_test(view: DepthImage) -> EdgeTest:
     values["noise"] = (a, b, c) if perspective else (c, -b, a)
     values["per_pixel"] = _STEEPEST * np.array([across, down, math.hypot(across, down)])
     cut["far_scale" if perspective else "least"] += values["per_pixel"][2]
-    return EdgeTest(cut, values)
+    values["both"] = torn_by is not None
+    return EdgeTest(cut if torn_by is None else torn_by, values)
 
 
 def test_by_cut(cut: NDArray[np.void]) -> EdgeTest:

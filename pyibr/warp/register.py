@@ -111,8 +111,8 @@ def register(
     depth_scale : float
         For uint16: stored units per scene unit (the unit of the cameras' poses), 1000 for millimetres and metres.
     cut_ratio : float, optional
-        By default depth edges are told from the surface's shape and noise, as in `warp`. By number: where neighbours'
-        depths have a greater ratio, unless noise explains it.
+        Greater than 1: at depth edges neighbours' depths have a greater ratio, unless noise explains it. By default that
+        is 1.05, and the surface's shape must tell an edge there, too, as in `warp`.
     noise : float, (a, b, c) or callable, optional
         The depth's, as `DepthImage` takes it, in scene units. By default it is found from the samples.
 
@@ -271,7 +271,8 @@ def _drawn(view: DepthImage, camera: Camera, cut_ratio: float | None) -> _Drawn:
     cut_there = cut_of(camera, ratio, noise if own == there else _noise_in(view, there))
     source = undistorted_view(view, cut)
     samples = bridged_samples(source, cut)
-    test = straightness_test(source) if cut_ratio is None else test_by_cut(cut)
+    # Gaps are worse here than what bridges a small step: both must tear.
+    test = straightness_test(source, cut) if cut_ratio is None else test_by_cut(cut)
     surface = make_surface(samples, source.camera.size, test)
     targets: list[Target] = []
     pool: dict[int, Any] = {}
