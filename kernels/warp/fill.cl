@@ -3,40 +3,79 @@
  * takes from coarse levels what finer ones do not know (pull). So narrow holes are filled from close by and wide ones
  * from all around.
  *
- * With HAS_BEHIND a disocclusion is filled from what lies behind, not from what hid it: a pixel nearer than what lies
- * behind the holes beside it (behind.cl) weighs next to nothing, and of others the less the nearer they are than what
- * lies behind those some pixels away. But no weight is 0: where there is no background far and wide, the foreground
- * fills the hole. Holes beside the foreground show half of it: silhouettes in photographs are mixed with what is behind
- * them over a pixel, and round things go on.
+ * With HAS_BEHIND a pixel weighs the less the nearer it is than what lies behind the holes beside it (behind.cl), so
+ * that a disocclusion is filled from what was hidden, not from what hid it. But no weight is 0: where there is no
+ * background far and wide, the foreground fills the hole.
  *
  * color, depth, valid: (height, width). behind: behind.cl. base, cells, inner: pyramid.h; the base of the lowest tiles
  * are the pixels. pull replaces the cells' colour and nearness by the filled ones. Work-item: a row of `strip` tiles
  * (pixels), or a tile (cells). Cost: O(pixels). Determinism: no pixel that is written is read, but by its own
  * work-item; sums run in a fixed order.
  */
+#include "lib/channel.h"
 #include "lib/pixelspace.h"
 #include "warp/pyramid.h"
-#include "warp/pixel_rows.h"
 
 #define HALO_TILE 24          /* TILE + 2 * HALO */
 #define BESIDE 1              /* pixels from a hole within which valid ones have a weight */
 #define PIXEL_WEIGHT_MIN 1e-6f /* of any pixel: more than nothing */
-#define RIM 0.5f              /* the part of the foreground in holes beside it */
+#define RATIO_FLOOR 1e-3f     /* ratios up to it weigh nothing, so that half the depth of what lies behind leaves no trace */
+
+#if CHANNELS == 3 && COLOR_BYTES == 1
+#define to_channel16 convert_uchar16_sat_rte
+#define channel16 uchar16
+typedef struct __attribute__((packed)) {
+    uchar16 bytes;
+} SixteenBytes;
+#define LOAD16(p) ((global const SixteenBytes *)(p))->bytes
+#elif CHANNELS == 3
+#define to_channel16(values) (values)
+#define channel16 float16
+#define LOAD16(p) vload16(0, p)
+#endif
+
+/* The colour of up to 16 pixels of a row; what is beyond them is whatever it is. */
+INLINED void read_row(Row *row, global const channel *color, size_t pixel, int count)
+{
+    row->plane[0] = row->plane[1] = row->plane[2] = 0.0f;
+#if CHANNELS == 3
+    if (count == TILE) {
+        global const channel *from = color + 3 * pixel;
+        const channel16 a = LOAD16(from), b = LOAD16(from + 16), c = LOAD16(from + 32);
+        row->plane[0] = convert_float16((channel16)(a.s0369, a.scf, b.s258b, b.se, c.s147a, c.sd));
+        row->plane[1] = convert_float16((channel16)(a.s147a, a.sd, b.s0369, b.scf, c.s258b, c.se));
+        row->plane[2] = convert_float16((channel16)(a.s258b, a.se, b.s147a, b.sd, c.s0369, c.scf));
+        return;
+    }
+    float values[3][TILE];
+    for (int i = 0; i < TILE; i++)
+        for (int channel_ = 0; channel_ < 3; channel_++)
+            values[channel_][i] = i < count ? (float)color[3 * (pixel + i) + channel_] : 0.0f;
+    for (int channel_ = 0; channel_ < 3; channel_++)
+        row->plane[channel_] = vload16(0, values[channel_]);
+#endif
+}
+
+INLINED float16 row_depths(global const float *depth, size_t pixel, int count)
+{
+    if (count == TILE)
+        return vload16(0, depth + pixel);
+    float values[TILE];
+    for (int i = 0; i < TILE; i++)
+        values[i] = i < count ? depth[pixel + i] : 1.0f;
+    return vload16(0, values);
+}
 
 #if HAS_BEHIND
-/* The greatest depth at which what lies behind begins, of the holes in the 12 x 12 pixels around each 4 x 4 pixels of a
- * tile, as four rows; and `beside` each row's pixels, of the holes that touch them. Only holes beside valid pixels of
- * the tile and its halo count: of others behind.cl may know nothing. */
-INLINED void read_behind(global const float *behind, int pitch, const uint *bits, const uint *inside, float16 *around,
-                         float16 *beside)
+/* The farthest depth behind the holes in the 12 x 12 pixels around each 4 x 4 pixels of a tile, as four rows. Only
+ * holes beside what is none in the tile and its halo count: of others behind.cl may know nothing. */
+INLINED void read_behind(global const float *behind, int pitch, const uint *bits, float16 *around)
 {
     uint known[HALO_TILE];
     for (int v = 0; v < HALO_TILE; v++) {
-        const uint valid = ~bits[v] & inside[v];
+        const uint valid = ~bits[v] & 0xffffffu;
         known[v] = valid | valid << 1 | valid >> 1;
     }
-    for (int y = 0; y < TILE; y++)
-        beside[y] = 0.0f;
     float4 bands[HALO_TILE / 4];
     for (int band = 0; band < HALO_TILE / 4; band++) {
         float16 left = 0.0f, right = 0.0f; /* columns 0 to 15, and 8 to 23 */
@@ -44,14 +83,8 @@ INLINED void read_behind(global const float *behind, int pitch, const uint *bits
             const uint edge = bits[v] & (known[max(v - 1, 0)] | known[v] | known[min(v + 1, HALO_TILE - 1)]);
             if (!edge)
                 continue;
-            global const float *row = behind + v * pitch;
-            const float16 one = MASKED(AMONG(edge), vload16(0, row));
-            const float16 other = MASKED(AMONG(edge >> 8), vload16(0, row + 8));
-            float16 three = 0.0f;
-            for (int i = HALO - BESIDE; i <= HALO + BESIDE; i++)
-                three = fmax(three, MASKED(AMONG(edge >> i), vload16(0, row + i)));
-            for (int y = max(v - HALO - BESIDE, 0); y <= min(v - HALO + BESIDE, TILE - 1); y++)
-                beside[y] = fmax(beside[y], three);
+            const float16 one = MASKED(AMONG(edge), vload16(0, behind + v * pitch));
+            const float16 other = MASKED(AMONG(edge >> 8), vload16(0, behind + v * pitch + 8));
             left = left > one ? left : one;
             right = right > other ? right : other;
         }
@@ -64,13 +97,14 @@ INLINED void read_behind(global const float *behind, int pitch, const uint *bits
 }
 
 /* The weights of pixels of depths z */
-INLINED float16 weights_of(float16 z, float16 around, float16 beside)
+INLINED float16 weights_of(float16 z, float16 around)
 {
     float16 ratio = around > z ? z / around : (float16)1.0f;
     ratio *= ratio;
     ratio *= ratio;
     ratio *= ratio * ratio; /* to the 12th power */
-    return z < beside || ratio < PIXEL_WEIGHT_MIN ? (float16)PIXEL_WEIGHT_MIN : ratio;
+    ratio += RATIO_FLOOR * (ratio - 1.0f);
+    return ratio > PIXEL_WEIGHT_MIN ? ratio : (float16)PIXEL_WEIGHT_MIN;
 }
 #endif
 
@@ -97,12 +131,8 @@ void push_tile(global const channel *color, global const float *depth, global co
     for (int v = 0; v < HALO_TILE; v++)
         if (v < HALO - BESIDE || v >= HALO + TILE + BESIDE)
             bits[v] = hole_bits(valid, width, height, tile_x - HALO, tile_y + v - HALO, HALO_TILE / 8);
-    uint inside[HALO_TILE]; /* the picture */
-    const int first = max(HALO - tile_x, 0), end = min(width - tile_x + HALO, HALO_TILE);
-    for (int v = 0; v < HALO_TILE; v++)
-        inside[v] = tile_y + v >= HALO && tile_y + v - HALO < height ? (1u << end) - (1u << first) : 0u;
-    float16 around[4], limits[TILE];
-    read_behind(behind + (size_t)tile_y * pitch + tile_x, pitch, bits, inside, around, limits);
+    float16 around[4];
+    read_behind(behind + (size_t)tile_y * pitch + tile_x, pitch, bits, around);
 #endif
     Levels made, *levels = &made;
     for (int y = 0; y < TILE / 2; y++) {
@@ -125,7 +155,7 @@ void push_tile(global const channel *color, global const float *depth, global co
             rows[i].plane[3] = DEPTH_OF(perspective, z);
             float16 weights = 1.0f;
 #if HAS_BEHIND
-            weights = weights_of(z, around[v / 4], limits[v]);
+            weights = weights_of(z, around[v / 4]);
 #endif
             const int16 mask = AMONG(beside[v]);
             for (int p = 0; p < WEIGHT_PLANE; p++)
@@ -230,16 +260,15 @@ uint rows_around(uint needed, int count)
     }
 
 /* A tile's first level, as far as needed for rows of its base, as bits, the first of them beyond the tile */
-INLINED void pull_tile(uint needed, int column, int row, int across, int down, global const float *inner,
-                       global const float *cells, float16 filled[WEIGHT_PLANE][10])
+INLINED void pull_tile(uint needed, int column, int row, int across, int down, global const float *inner, global const float *cells,
+                       float16 filled[WEIGHT_PLANE][10])
 {
     const int tiles = across * down;
     int tile[9], where[9];
     for (int i = 0; i < 9; i++) {
         const int u = column + i % 3 - 1, v = row + i / 3 - 1;
         where[i] = clamp(v, 0, down - 1) * across + clamp(u, 0, across - 1);
-        const int is_inside = u >= 0 && v >= 0 && u < across && v < down;
-        const int is_there = is_inside && cells[WEIGHT_PLANE * tiles + where[i]] > 0.0f;
+        const int is_there = u >= 0 && v >= 0 && u < across && v < down && cells[WEIGHT_PLANE * tiles + where[i]] > 0.0f;
         tile[i] = is_there ? where[i] : tiles;
     }
     const float top = tiles == 1 ? 1.0f / cells[WEIGHT_PLANE] : 1.0f; /* a single cell is not filled from above */
@@ -260,8 +289,7 @@ INLINED void pull_tile(uint needed, int column, int row, int across, int down, g
 INLINED float16 pulled(float16 *filled, int y)
 {
     const float16 row = ROW_BETWEEN(filled, y + 1);
-    return CELLS_BETWEEN(float16, row, s0112233445566778, s1223344556677889, 0.75f, PARTS_8, PARTS_4, 0.25f, 0.75f,
-                         0.25f);
+    return CELLS_BETWEEN(float16, row, s0112233445566778, s1223344556677889, 0.75f, PARTS_8, PARTS_4, 0.25f, 0.75f, 0.25f);
 }
 
 kernel void pull_cells(global float *base, int width, int height, global const float *inner, global const float *cells)
@@ -277,51 +305,13 @@ kernel void pull_cells(global float *base, int width, int height, global const f
             const float16 values = pulled(filled[p], y);
             for (int x = 0; x < min(TILE, width - column * TILE); x++) {
                 const int cell = (row * TILE + y) * width + column * TILE + x;
-                const float open = 1.0f - base[WEIGHT_PLANE * height * width + cell];
-                base[p * height * width + cell] += open * float_lane(values, x);
+                base[p * height * width + cell] += (1.0f - base[WEIGHT_PLANE * height * width + cell]) * float_lane(values, x);
             }
         }
 }
 
-#if HAS_BEHIND && CHANNELS == 3
-/* Holes of row y of a tile, whose rows' holes are `bits`, beside which something is seen in their row or column */
-uint beside_seen(global const uchar *valid, int width, int height, int x0, int v, const uint *bits, int y)
-{
-    global const uchar *row = valid + (size_t)v * width + x0;
-    const uint left = x0 > 0 && row[-1] ? 0u : 1u, right = x0 + TILE < width && row[TILE] ? 0u : 1u << (TILE - 1);
-    uint above = ~0u, below = ~0u;
-    if (v > 0)
-        above = y > 0 ? bits[y - 1] : (uint)hole_bits(valid, width, height, x0, v - 1, TILE / 8);
-    if (v < height - 1)
-        below = y < TILE - 1 ? bits[y + 1] : (uint)hole_bits(valid, width, height, x0, v + 1, TILE / 8);
-    return bits[y] & ~(above & below & (bits[y] << 1 | left) & (bits[y] >> 1 | right));
-}
-
-/* Half of the foreground beside a hole, where there is any, in the hole's colour. */
-void mix_rim(global channel *color, global const float *depth, global const uchar *valid, int width, int height, int x,
-             int y, float limit)
-{
-    if (limit == 0.0f)
-        return;
-    const size_t hole = (size_t)y * width + x;
-    float4 sum = 0.0f;
-    for (int side = 0; side < 4; side++) {
-        const int u = x + (side == 0) - (side == 1), v = y + (side == 2) - (side == 3);
-        const size_t at = (size_t)v * width + u;
-        if (u < 0 || v < 0 || u >= width || v >= height || !valid[at] || depth[at] >= limit)
-            continue;
-        sum += (float4)(color[3 * at], color[3 * at + 1], color[3 * at + 2], 1.0f);
-    }
-    if (sum.w == 0.0f)
-        return;
-    const float4 own = (float4)(color[3 * hole], color[3 * hole + 1], color[3 * hole + 2], 0.0f);
-    vstore3(to_channels(mix(own, sum / sum.w, RIM)).xyz, hole, color);
-}
-#endif
-
-kernel void pull_pixels(global channel *color, global float *depth, global const uchar *valid,
-                        global const float *behind, int width, int height, int pitch, int perspective, int strip,
-                        global const float *inner, global const float *cells)
+kernel void pull_pixels(global channel *color, global float *depth, global const uchar *valid, int width, int height,
+                        int perspective, int strip, global const float *inner, global const float *cells)
 {
     const int across = (width + TILE - 1) / TILE, down = (height + TILE - 1) / TILE;
     const int first = get_global_id(0) * strip, row = get_global_id(1);
@@ -342,21 +332,13 @@ kernel void pull_pixels(global channel *color, global float *depth, global const
                 continue;
             const float16 nearness = pulled(filled[3], y), z = DEPTH_OF(perspective, nearness);
 #if CHANNELS == 3
-            const channel16 r = to_channel16(pulled(filled[0], y)), g = to_channel16(pulled(filled[1], y));
-            const channel16 b = to_channel16(pulled(filled[2], y));
+            const channel16 r = to_channel16(pulled(filled[0], y)), g = to_channel16(pulled(filled[1], y)), b = to_channel16(pulled(filled[2], y));
 #endif
-            const size_t pixel = (size_t)(row * TILE + y) * width + column * TILE;
-            if (isnan(float_lane(nearness, 0))) /* nothing is known in the whole picture */
-                return;
-            if (bits[y] == 0xffffu) {
-#if CHANNELS == 3
-                write_row(color + 3 * pixel, r, g, b);
-#endif
-                vstore16(z, 0, depth + pixel);
-            }
-            for (uint left = bits[y] == 0xffffu ? 0u : bits[y]; left; left &= left - 1) {
+            for (uint left = bits[y]; left; left &= left - 1) {
                 const int x = LOWEST(left);
-                const size_t hole = pixel + x;
+                const size_t hole = (size_t)(row * TILE + y) * width + column * TILE + x;
+                if (isnan(float_lane(nearness, x))) /* nothing is known in the whole picture */
+                    return;
 #if CHANNELS == 3
                 color[3 * hole] = ((const channel *)&r)[x];
                 color[3 * hole + 1] = ((const channel *)&g)[x];
@@ -364,13 +346,6 @@ kernel void pull_pixels(global channel *color, global float *depth, global const
 #endif
                 depth[hole] = float_lane(z, x);
             }
-#if HAS_BEHIND && CHANNELS == 3
-            const int v = row * TILE + y;
-            for (uint left = beside_seen(valid, width, height, column * TILE, v, bits, y); left; left &= left - 1) {
-                const int u = column * TILE + LOWEST(left);
-                mix_rim(color, depth, valid, width, height, u, v, behind[(size_t)(v + HALO) * pitch + u + HALO]);
-            }
-#endif
         }
     }
 }

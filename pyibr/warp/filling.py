@@ -7,14 +7,12 @@ from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
-from pyibr.core.camera import Camera
-from pyibr.core.checks import Float64
-from pyibr.core.pixelspace import CameraPair, PixelMap, longer_side
-from pyibr.images.depth_image import DepthImage
+from pyibr.core.pixelspace import PixelMap
 from pyibr.opencl.device import current
-from pyibr.opencl.headers import constant, struct
-from pyibr.opencl.launch import Struct, launch
+from pyibr.opencl.headers import constant
+from pyibr.opencl.launch import launch
 from pyibr.opencl.memory import DeviceArray, empty
 from pyibr.opencl.program import kernel
 from pyibr.picture.samples import Samples
@@ -24,14 +22,10 @@ from pyibr.warp.launches import map_of
 
 Fill = Literal["background", "smooth", "inpaint"]
 
-_DEVIATIONS = (
-    3 * 2**0.5
-)  # standard deviations of a sample: three of a difference of two, which noise alone seldom reaches
-_ONE_SURFACE = 0.015  # of the depth, or of what an orthographic camera sees: how far apart a surface's pixels may be
 _RUN = 64  # pixels whose holes' lines a work-item of behind_runs follows at a time
 
 
-def fill_holes(target: Target, views: Sequence[tuple[DepthImage, Samples, PixelMap]], how: Fill) -> None:
+def fill_holes(target: Target, views: Sequence[tuple[Samples, PixelMap]], how: Fill) -> None:
     """Holes are filled, from the views and what is in the picture by now."""
     target.filled = True
     if how == "inpaint":
@@ -40,28 +34,15 @@ def fill_holes(target: Target, views: Sequence[tuple[DepthImage, Samples, PixelM
     if how == "smooth":
         push_and_pull(target, None)
         return
-    nearest_first = sorted(views, key=lambda view: view[2].parallax)
-    view, _, pixel_map = nearest_first[0]
-    push_and_pull(target, find_behind(target, pixel_map.epipole, pixel_map.pair, view.noise))
+    nearest_first = sorted(views, key=lambda view: view[1].parallax)
+    push_and_pull(target, find_behind(target, nearest_first[0][1].epipole))
     if target.color.shape[2]:
-        for _, samples, pixel_map in reversed(nearest_first):
+        for samples, pixel_map in reversed(nearest_first):
             _show_unobserved(target, samples, pixel_map)
 
 
-def find_behind(
-    target: Target, epipole: Float64, pair: CameraPair, noise: tuple[float, float, float] = (0.0, 0.0, 0.0)
-) -> DeviceArray:
-    """Depths from which on what is beside holes lies behind them, along the lines that opened them.
-
-    Parameters
-    ----------
-    target : Target
-    epipole : (3,)
-        Of the lines, homogeneous; all 0: they are the rows.
-    pair : CameraPair
-        The view's and the target's.
-    noise : (float, float, float)
-        The view's, as `DepthImage.noise` has it.
+def find_behind(target: Target, epipole: NDArray[np.float64]) -> DeviceArray:
+    """The depth behind holes, along the lines through the epipole, (3,) homogeneous; all 0: along rows.
 
     Returns
     -------
@@ -72,16 +53,14 @@ def find_behind(
     tile, halo = _of_holes("TILE"), _of_holes("HALO")
     behind = empty((-(-height // tile) * tile + 2 * halo, -(-width // tile) * tile + 2 * halo), np.float32)
     image: dict[str, Any] = {"valid": target.valid, "width": width, "height": height}
-    of_ends = {"same": _same_surface(target.camera, noise), "map": map_of(pair)}
-    shared = {**image, "depth": target.depth, "behind": behind, "pitch": behind.shape[1], **of_ends}
+    shared = {**image, "depth": target.depth, "behind": behind, "pitch": behind.shape[1]}
     profile = current().profile
     x, y, w = (epipole / max(float(np.abs(epipole).max()), 1e-30)).astype(np.float32).tolist()
     # An epipole at infinity gives all pixels one direction: if it is exactly to a neighbour, they share lines, too.
     if w == 0 and {x, y} <= {-1.0, 0.0, 1.0}:
         dx, dy = (x, y) if (y, x) > (0, 0) else (-x, -y) if x or y else (1, 0)
-        hides = 0 if not (x or y) else -1 if (dx, dy) == (x, y) else 1
         grid = -(-width // (profile.strip * _RUN)), height
-        launch(kernel("warp/behind.cl", "behind_runs"), grid, strip=profile.strip, dx=dx, dy=dy, hides=hides, **shared)
+        launch(kernel("warp/behind.cl", "behind_runs"), grid, strip=profile.strip, dx=dx, dy=dy, **shared)
         return behind
     block = int(constant("warp/behind.cl", "SKIP_BLOCK"))
     blocks = empty((-(-height // block), -(-width // block)), np.uint8)
@@ -90,16 +69,6 @@ def find_behind(
     grid = -(-width // profile.run), height
     launch(kernel("warp/behind.cl", "behind_lines"), grid, blocks=blocks, run=profile.run, **away, **shared)
     return behind
-
-
-def _same_surface(camera: Camera, noise: tuple[float, float, float]) -> Struct:
-    """The kernels' struct Same: how far apart in depth pixels of one surface may be in a camera's picture."""
-    perspective = camera.projection == "perspective"
-    values = np.zeros((), struct("warp/behind.cl", "Same"))
-    a, b, c = (_DEVIATIONS * each for each in noise)
-    values["same_2"], values["same_1"] = a, b + (_ONE_SURFACE if perspective else 0.0)
-    values["same_0"] = c + (0.0 if perspective else _ONE_SURFACE * longer_side(camera))
-    return Struct("Same", values)
 
 
 def push_and_pull(target: Target, behind: DeviceArray | None) -> None:
@@ -132,8 +101,7 @@ def push_and_pull(target: Target, behind: DeviceArray | None) -> None:
         launch(push, upper["cells"].shape[:0:-1], base=lower["cells"], **of_depths, **upper)
     for lower, upper in reversed(pairs):
         launch(pull, upper["cells"].shape[:0:-1], base=lower["cells"], **upper)
-    pull = kernel("warp/fill.cl", "pull_pixels", **defines)
-    launch(pull, grid, behind=told, pitch=told.shape[1], **image, **storeys[0])
+    launch(kernel("warp/fill.cl", "pull_pixels", **defines), grid, **image, **storeys[0])
 
 
 def _show_unobserved(target: Target, samples: Samples, pixel_map: PixelMap) -> None:

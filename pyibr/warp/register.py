@@ -111,7 +111,7 @@ def register(
     depth_scale : float
         For uint16: stored units per scene unit (the unit of the cameras' poses), 1000 for millimetres and metres.
     cut_ratio : float, optional
-        Greater than 1: at depth edges neighbours' depths have a greater ratio, unless noise explains it. By default that
+        Greater than 1: at depth edges neighbours' depths have a greater ratio, unless noise explains it. By default it
         is 1.05, and the surface's shape must tell an edge there, too, as in `warp`.
     noise : float, (a, b, c) or callable, optional
         The depth's, as `DepthImage` takes it, in scene units. By default it is found from the samples.

@@ -92,9 +92,9 @@ class WarpedView(Immutable):
     fill : {None, "background", "smooth", "inpaint"}
         What is shown in holes; `valid` stays False there, and depth is filled, too. Among other things, holes are
         filled when all things have been drawn, so that invented colour hides nothing that was seen. "background":
-        what lies behind, from all around each hole, and half of what hid it in the holes that touch that; and where a
-        view has a colour but no depth, that colour (black is none). "smooth": whatever is around, by distance.
-        "inpaint": colours continued by OpenCV (Telea 2004), which is slower.
+        what lies behind, from all around each hole; and where a view has a colour but no depth, that colour (black is
+        none). "smooth": whatever is around, by distance. "inpaint": colours continued by OpenCV (Telea 2004), which is
+        slower.
     thin : bool
         Things one sample thin (wires, leaves, bars), of which the surface between samples has nothing or little, are
         drawn as wide as their samples: each sample that makes a whole cell with its neighbours on no side as a square
@@ -208,8 +208,7 @@ class WarpedView(Immutable):
     def finish(self, target: Target) -> None:
         """Fill holes, if that is asked for, from the views and what all things have drawn."""
         if self.fill is not None:
-            views = [(view, *placed) for view, placed in zip(self.sources, self._on_device(target), strict=True)]
-            fill_holes(target, views, self.fill)
+            fill_holes(target, self._on_device(target), self.fill)
 
     @cached_property
     def _options(self) -> Options:

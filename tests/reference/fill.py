@@ -8,46 +8,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.core.pixelspace import CameraPair
-
 Array = NDArray[Any]
 
 TILE, HALO, BESIDE = 16, 4, 1
-LEAST, RIM = 1e-6, 0.5
+LEAST, FAINT = 1e-6, 1e-3
 STEEPEST, FAINTEST, ADDING = 64, 0.3, 32
 UNDECIDED = 1e-4  # pixels: rounding may take what lies that close to the middle between two pixels for either
 
 
 @dataclass
-class Same:
-    """Distance in depth that two pixels of one surface may have: a z^2 + b z + c."""
-
-    a: float = 0.0
-    b: float = 0.0
-    c: float = 0.0
-
-    def at(self, depth: Array) -> Array:
-        """That much at depths."""
-        return (self.a * depth + self.b) * depth + self.c
-
-
-@dataclass
 class Behind:
-    """Depths from which on what is beside holes lies behind them."""
+    """Surface behind holes."""
 
-    depth: Array  #: (H, W) float64, 0 where all does or there is no hole
+    depth: Array  #: (H, W) float64, 0 where no line tells or there is no hole
     decided: Array  #: (H, W) bool: which pixels the line passes does not hang on rounding
 
 
-def behind_reference(
-    depth: Array, valid: Array, epipole: tuple[float, float, float], pair: CameraPair, same: Same
-) -> Behind:
-    """Half-way between the depths at the ends of each hole's line, which leads away from the epipole, and back to it.
-
-    It goes in steps of a pixel along its longer axis.
-
-    Of one end alone, on the epipole's side: just behind it, if its surface, going on into the hole, stays within the
-    source's image.
+def behind_reference(depth: Array, valid: Array, epipole: tuple[float, float, float]) -> Behind:
+    """The farther depth at the ends of each hole's line, which leads away from the epipole, and back to it, in steps of
+    a pixel along its longer axis.
 
     Parameters
     ----------
@@ -55,38 +34,18 @@ def behind_reference(
     valid : (H, W) bool
     epipole : (x, y, w)
         Homogeneous; all 0: the lines are the rows.
-    pair : CameraPair
-        The view's and the target's.
-    same : Same
     """
     y, x = holes = np.nonzero(~valid)
     at = np.stack([x, y], axis=-1).astype(float)
     away = at * epipole[2] - epipole[:2]
     longest = np.abs(away).max(axis=-1, initial=0.0, keepdims=True)
     away = np.where(longest > 0, away / np.where(longest > 0, longest, 1.0), (1.0, 0.0))
-    far_end, near_end = _End(valid, at, away), _End(valid, at, -away)
+    a, b = _End(valid, at, away), _End(valid, at, -away)
     at_epipole = (longest[:, 0] == 0) & any(epipole)  # there, rounding decides on the direction
-    a, b = far_end.values(depth), near_end.values(depth)
-    low, high = np.minimum(a, b), np.maximum(a, b)
-    beside = np.rint(at - (near_end.steps - 1)[:, None] * away)
-    torn = _inside_source(beside, b, pair) & any(epipole)
     told = Behind(np.zeros(valid.shape), np.ones(valid.shape, bool))
-    between = np.where(high - low > same.at(high), 0.5 * (low + high), 0.0)
-    alone = np.where((a == 0) & (b > 0) & torn, b + same.at(b), 0.0)
-    told.depth[holes] = np.where(low > 0, between, alone)
-    told.decided[holes] = far_end.decided & near_end.decided & ~at_epipole
+    told.depth[holes] = np.maximum(a.values(depth), b.values(depth))
+    told.decided[holes] = a.decided & b.decided & ~at_epipole
     return told
-
-
-def _inside_source(pixels: Array, depth: Array, pair: CameraPair) -> Array:
-    """(N,) bool: target pixels (N, 2) that, at depths (N,), lie in the source's image; False at depth 0."""
-    there = np.where(depth > 0, depth, 1.0)
-    nearness = 1 / there if pair.dst.projection == "perspective" else -there
-    u, v, w, _ = pair.src_from_dst @ np.stack([*pixels.T, np.ones(len(pixels)), nearness])
-    width, height = pair.src.size
-    with np.errstate(divide="ignore", invalid="ignore"):
-        u, v = u / w, v / w
-    return (depth > 0) & (w > 0) & (u > -0.5) & (v > -0.5) & (u < width - 0.5) & (v < height - 0.5)
 
 
 class _End:
@@ -96,7 +55,7 @@ class _End:
         height, width = valid.shape
         count = len(at)
         self.found, self.decided = np.zeros(count, bool), np.ones(count, bool)
-        self.pixels, self.steps = np.zeros((count, 2), int), np.zeros(count, int)
+        self.pixels = np.zeros((count, 2), int)
         walking = np.arange(count)
         for number in range(1, max(width, height) + 1):
             place = at[walking] + number * step[walking]
@@ -106,7 +65,7 @@ class _End:
             walking, pixel = walking[inside], pixel[inside]
             there = valid[pixel[:, 1], pixel[:, 0]]
             ends = walking[there]
-            self.found[ends], self.pixels[ends], self.steps[ends] = True, pixel[there], number
+            self.found[ends], self.pixels[ends] = True, pixel[there]
             walking = walking[~there]
 
     def values(self, image: Array) -> Array:
@@ -115,19 +74,14 @@ class _End:
 
 
 def fill_reference(color: Array, depth: Array, valid: Array, behind: Array | None, perspective: bool) -> Array:
-    """(H, W, 4): colour and depth with holes filled.
-
-    `behind`: (H, W) the depths from which on pixels beside holes count; None: all do alike.
-    """
+    """(H, W, 4): colour and depth with holes filled; `behind` (H, W) tells what pixels count, None: all alike."""
     values = np.concatenate([color, depth[..., None]], axis=-1).astype(float)
     counts = _around(~valid, BESIDE) & valid
     weights = counts.astype(float)
     if behind is not None:
-        behind = np.where(edges_of(valid), behind, 0.0)
         farthest = _farthest(~valid, behind)[counts]
         ratio = np.where(farthest > 0, np.minimum(depth[counts] / np.where(farthest > 0, farthest, 1), 1), 1)
-        is_near = depth[counts] < _beside(behind)[counts]
-        weights[counts] = np.maximum(np.where(is_near, 0.0, ratio**12), LEAST)
+        weights[counts] = np.maximum((1 + FAINT) * ratio**12 - FAINT, LEAST)
     nearness = values.copy()
     if perspective:
         nearness[..., 3] = 1 / values[..., 3]
@@ -136,27 +90,12 @@ def fill_reference(color: Array, depth: Array, valid: Array, behind: Array | Non
     filled = _pulled(np.concatenate([base, weights[..., None]], axis=-1), told, 1)
     if perspective:
         filled[..., 3] = 1 / filled[..., 3]
-    if behind is not None:
-        _mix_rims(filled, values, valid, behind)
     return np.where(valid[..., None], values, filled)
 
 
-def _mix_rims(filled: Array, values: Array, valid: Array, behind: Array) -> None:
-    """Holes show half of the mean colour of what is nearer than what lies behind them, above, below, left and right."""
-    total, count = np.zeros((*valid.shape, 3)), np.zeros(valid.shape)
-    for shift, axis in ((1, 0), (-1, 0), (1, 1), (-1, 1)):
-        beside, there = np.roll(values, shift, axis), np.roll(valid, shift, axis)
-        there[(0 if shift > 0 else -1, slice(None)) if axis == 0 else (slice(None), 0 if shift > 0 else -1)] = False
-        is_near = there & (beside[..., 3] < behind)
-        total[is_near] += beside[is_near, :3]
-        count += is_near
-    rims = count > 0
-    filled[rims, :3] += RIM * (total[rims] / count[rims, None] - filled[rims, :3])
-
-
 def edges_of(valid: Array) -> Array:
-    """(H, W) bool: holes beside valid pixels."""
-    return ~valid & _around(valid, 1)
+    """(H, W) bool: holes beside valid pixels, or at the border."""
+    return ~valid & _around(np.pad(valid, 1, constant_values=True), 1)[1:-1, 1:-1]
 
 
 def _around(mask: Array, reach: int) -> Array:
@@ -169,24 +108,19 @@ def _around(mask: Array, reach: int) -> Array:
     return found
 
 
-def _beside(behind: Array) -> Array:
-    """(H, W): the greatest within a pixel."""
-    height, width = behind.shape
-    padded = np.pad(behind, 1)
-    return np.max([padded[v : v + height, u : u + width] for v in range(3) for u in range(3)], axis=0)
-
-
 def _farthest(holes: Array, behind: Array) -> Array:
-    """(H, W): the greatest in the 12 x 12 pixels around each 4 x 4, of holes beside what a tile's window shows."""
+    """(H, W): the farthest depth behind holes in the 12 x 12 pixels around each 4 x 4; of those beside what is no hole,
+    as far as a tile's window shows.
+    """
     height, width = holes.shape
     down, across = -(-height // TILE) * TILE, -(-width // TILE) * TILE
     more = ((HALO, HALO + down - height), (HALO, HALO + across - width))
-    seen, behind = np.pad(~holes, more), np.pad(behind, more)
+    holes, behind = np.pad(holes, more), np.pad(behind, more)
     found = np.zeros((down, across))
     for y in range(0, down, TILE):
         for x in range(0, across, TILE):
             window = np.s_[y : y + TILE + 2 * HALO, x : x + TILE + 2 * HALO]
-            edges = ~seen[window] & _around(seen[window], 1)
+            edges = holes[window] & _around(~holes[window], 1)
             blocks = np.where(edges, behind[window], 0.0).reshape(6, 4, 6, 4).max(axis=(1, 3))
             most = np.max([blocks[v : v + 4, u : u + 4] for v in range(3) for u in range(3)], axis=0)
             found[y : y + TILE, x : x + TILE] = np.repeat(np.repeat(most, 4, axis=0), 4, axis=1)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import nullcontext
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -13,7 +12,6 @@ import pytest
 
 import pyibr as ibr
 from pyibr.core.camera import Camera
-from pyibr.core.pixelspace import CameraPair
 from pyibr.opencl.device import current
 from pyibr.opencl.memory import copy, upload
 from pyibr.picture.target import Target
@@ -21,7 +19,7 @@ from pyibr.warp.filling import find_behind, push_and_pull
 from pyibr.warp.inpaint import inpaint
 from tests import scenes
 from tests.one_lane import check_bounds, one_lane
-from tests.reference.fill import HALO, Same, behind_reference, edges_of, fill_reference
+from tests.reference.fill import HALO, behind_reference, edges_of, fill_reference
 
 Epipole = tuple[float, float, float]
 
@@ -77,13 +75,6 @@ def images(size: scenes.Size, mask: str, dtype: type) -> tuple[np.ndarray, np.nd
     return (color * 255).astype(np.uint8) if dtype is np.uint8 else color.astype(np.float32), depth, valid
 
 
-def pair_of(target: Target) -> CameraPair:
-    """A view that has seen the left upper part of the target's picture."""
-    width, height = target.camera.size
-    size = max(2 * width // 3, 1), max(2 * height // 3, 1)
-    return CameraPair(Camera(target.camera.K, size, projection=target.camera.projection), target.camera)
-
-
 def target_of(color: np.ndarray, depth: np.ndarray, valid: np.ndarray, projection: str = "perspective") -> Target:
     """A picture with that in it."""
     camera = Camera([[50, 0, 0], [0, 50, 0], [0, 0, 1]], valid.shape[::-1], projection=projection)
@@ -94,41 +85,29 @@ def target_of(color: np.ndarray, depth: np.ndarray, valid: np.ndarray, projectio
     return target
 
 
-def told(target: Target, epipole: Epipole, noise: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> np.ndarray:
-    """The depths from which on what is beside the pixels lies behind them; anything where there is no hole."""
+def told(target: Target, epipole: Epipole) -> np.ndarray:
+    """The depth behind the pixels; whatever it is where there is no hole."""
     width, height = target.camera.size
-    return (
-        find_behind(target, np.array(epipole), pair_of(target), noise)
-        .to_host()[HALO : height + HALO, HALO : width + HALO]
-        .copy()
-    )
+    return find_behind(target, np.array(epipole)).to_host()[HALO : height + HALO, HALO : width + HALO].copy()
 
 
 def filled(target: Target, epipole: Epipole | None) -> tuple[np.ndarray, np.ndarray]:
     """Colour and depth by the kernels."""
-    push_and_pull(target, None if epipole is None else find_behind(target, np.array(epipole), pair_of(target)))
+    push_and_pull(target, None if epipole is None else find_behind(target, np.array(epipole)))
     frame = target.frame()
     return frame.color.copy(), frame.depth.copy()
 
 
-@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("place", [*STRAIGHT, *OTHER])
 @pytest.mark.parametrize("mask", MASKS)
-def test_half_way_between_the_ends_of_a_line_begins_what_lies_behind(place, mask, projection, lanes):
-    epipole, noise = (STRAIGHT | OTHER)[place], (2e-3, 1e-3, 3e-3)
-    apart = 3 * 2**0.5
+def test_the_farther_end_of_a_line_is_what_lies_behind(place, mask, lanes):
+    epipole = (STRAIGHT | OTHER)[place]
     for size in SIZES:
         given = images(size, mask, np.uint8)
-        target = target_of(*given, projection)
-        same = Same(*(apart * each for each in noise))
-        if projection == "perspective":
-            same.b += 0.015
-        else:
-            same.c += 0.015 * max(size) / 50  # of what the camera sees
-        expected = behind_reference(*given[1:], epipole, pair_of(target), same)
+        expected = behind_reference(*given[1:], epipole)
         assert expected.decided.mean() >= (0.6 if place in OTHER else 1.0)
         sure = edges_of(given[2]) & expected.decided
-        np.testing.assert_allclose(told(target, epipole, noise)[sure], expected.depth[sure], rtol=1e-6)
+        np.testing.assert_array_equal(told(target_of(*given), epipole)[sure], expected.depth[sure])
 
 
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
@@ -142,7 +121,7 @@ def test_holes_are_filled_by_push_and_pull(way, mask, projection, lanes):
             target = target_of(*given, projection)
             behind = None
             if epipole is not None:
-                behind = told(target, epipole)
+                behind = np.where(edges_of(valid), told(target, epipole), 0.0)
             with np.errstate(invalid="ignore", divide="ignore"):
                 expected = fill_reference(color, depth, valid, behind, projection == "perspective")
             made_color, made_depth = filled(target, epipole)
@@ -150,16 +129,16 @@ def test_holes_are_filled_by_push_and_pull(way, mask, projection, lanes):
             np.testing.assert_array_equal(made_depth[valid], depth[valid])
             np.testing.assert_allclose(made_depth, expected[..., 3], rtol=2e-5)
             if valid.any():
-                limit = 2e-5 if dtype is np.float32 else 0.502 if way == "smooth" else 0.752  # rims are rounded twice
+                limit = 0.502 if dtype is np.uint8 else 2e-5
                 assert np.abs(made_color - expected[..., :3]).max() <= limit, (size, dtype)
             else:
                 assert not made_color.any()
 
 
-@pytest.mark.parametrize("place", [place for place in STRAIGHT if place != "none"])
+@pytest.mark.parametrize("place", STRAIGHT)
 def test_shared_lines_give_what_each_hole_finds_for_itself(place, lanes):
     """Of an epipole so far away that its direction rounds to the same one, to the bit."""
-    x, y, _ = STRAIGHT[place]
+    x, y, _ = STRAIGHT[place] if any(STRAIGHT[place]) else (-1.0, 0.0, 0.0)
     far = x, y, 1e-20
     for size in SIZES:
         for mask in MASKS:
@@ -189,136 +168,9 @@ def test_the_foreground_leaves_no_trace_at_any_resolution(width):
     )
     hidden = frame.classes == ibr.PixelClass.HIDDEN
     assert hidden.sum() > 0.01 * width * height
-    near = frame.valid & (frame.depth < 2.5)
-    rim = np.zeros_like(near)
-    for shift, axis in ((1, 0), (-1, 0), (1, 1), (-1, 1)):
-        rim |= hidden & np.roll(near, shift, axis)
-    # The box counts a millionth of the wall; at its corners a pixel or two, which no line ends at, are taken for wall.
-    assert np.abs(frame.color[hidden & ~rim] - [50.0, 100.0, 150.0]).mean() <= 0.002 * 200
-    assert np.abs(frame.depth[hidden] / 3.0 - 1.0).mean() <= 0.002
-    assert rim.any()
-    assert (np.abs(frame.color[rim] - [150.0, 50.0, 75.0]) <= 1).mean() >= 0.95  # half of either
-
-
-RATIOS = (0.5, 0.7, 0.8, 0.9, 0.95, 0.97)  # of a foreground's depth to that of what is behind it
-STEPS = {"right": (1, 0), "left": (-1, 0), "down": (0, 1), "up": (0, -1), "diagonally": (1, 1), "aslant": (-0.9, 0.37)}
-"""Sideways steps, as parts of the one by which the foreground moves 24 pixels more than what is behind it."""
-
-
-@dataclass
-class Plane:
-    """A part of a plane, told in pixels (u, v) of a source at the world's origin: nearness is affine in them."""
-
-    nearness: tuple[float, float, float]
-    within: Callable[[np.ndarray, np.ndarray], np.ndarray]
-    color: Callable[[np.ndarray, np.ndarray], np.ndarray]
-
-
-def seen_of(planes: list[Plane], camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Colour (H, W, 3) and depth of planes, and the number of each pixel's plane: rays cast in float64."""
-    y, x = np.mgrid[: camera.height, : camera.width].astype(float)
-    place = SOURCE.pixel_matrix @ camera.world_from_camera @ np.linalg.inv(camera.pixel_matrix)
-    u0, v0, w0, q0 = np.tensordot(place[:, :3], np.array([x, y, np.ones_like(x)]), 1)
-    color, nearest, number = np.zeros((*x.shape, 3)), np.zeros(x.shape), np.full(x.shape, -1)
-    for i, plane in enumerate(planes):
-        a, b, c = plane.nearness
-        # A ray's point at the target's nearness n: (u0, v0, w0, q0) + n * place[:, 3]; a plane's: q = a w + b u + c v.
-        per = np.array([-a, -b, -c]) @ place[[2, 0, 1], 3] + place[3, 3]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            n = (a * w0 + b * u0 + c * v0 - q0) / per
-            u, v = (first + n * place[k, 3] for k, first in ((0, u0), (1, v0)))
-            w = w0 + n * place[2, 3]
-            u, v = u / w, v / w
-            shows = (n > nearest) & (w > 0) & plane.within(u, v)
-        color[shows], nearest[shows], number[shows] = plane.color(u[shows], v[shows]), n[shows], i
-    with np.errstate(divide="ignore"):
-        return np.rint(color).astype(np.uint8), (1 / nearest).astype(np.float32), number
-
-
-SOURCE = Camera([[240, 0, 119.5], [0, 240, 79.5], [0, 0, 1]], (240, 160))
-
-
-def stands_before(ratio: float, kind: str) -> list[Plane]:
-    """A background, and a foreground at a ratio of its depth."""
-
-    def dark(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-        return np.stack([90 + 30 * np.sin(u / 12), 20 + 10 * np.cos(v / 9), 20 + 0 * u], axis=-1)
-
-    def bright(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-        return np.stack([190 + 0 * u, 160 + 0 * v, 110 + 20 * np.sin(u / 3)], axis=-1)
-
-    def striped(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-        return np.stack([40 + 30 * (np.sin(0.9 * u + 0.4 * v) > 0), 60 + 0 * v, 90 + 0 * u], axis=-1)
-
-    def box(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-        return (abs(u - (185 if kind == "box aside" else 112)) < 38) & (abs(v - 80) < 35)
-
-    def disk(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-        return np.hypot(u - 115, v - 80) < 37
-
-    def everywhere(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-        return np.ones(u.shape, bool)
-
-    def around(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-        return (abs(u - 112) < 70) & (abs(v - 80) < 60)
-
-    slope = {"slanted wall": (1 / 3, 4e-4, 0.0), "slanted floor": (0.2, 0.0, 1.4e-3)}.get(kind, (1 / 3, 0.0, 0.0))
-    near = (slope[0] + slope[1] * 160 + slope[2] * 115) / ratio  # where the slope is nearest beside the box
-    wall = Plane(slope, everywhere, striped if kind == "stripes" else dark)
-    front = Plane((near, 0.0, 0.0), disk if kind == "disk" else box, bright)
-    if kind == "two boxes":  # one before the other; the middle one is as dark as the wall
-        return [wall, Plane((1 / (3 * ratio), 0, 0), around, dark), Plane((1 / (3 * ratio * ratio), 0, 0), box, bright)]
-    return [wall, front]
-
-
-KINDS = ("box", "disk", "slanted wall", "slanted floor", "stripes", "two boxes")
-
-
-def fill_error(planes: list[Plane], camera: Camera, view: ibr.DepthImage, ratio: float) -> float:
-    """Mean difference of filled colours to those of what is behind, where the foremost plane hid it from the source."""
-    truth, _, number = seen_of(planes, camera)
-    frame = ibr.warp(view, camera, fill="background", classes=True, cut_ratio=1 + 0.5 * (1 / ratio - 1))
-    holes = (frame.classes == ibr.PixelClass.HIDDEN) & (number != len(planes) - 1)
-    assert holes.mean() > 0.003
-    return float(np.abs(frame.color[holes].astype(float) - truth[holes]).mean())
-
-
-@pytest.mark.parametrize("ratio", RATIOS)
-@pytest.mark.parametrize("kind", KINDS)
-def test_holes_show_what_was_hidden_however_close_it_is_behind(kind, ratio, lanes):
-    planes = stands_before(ratio, kind)
-    view = ibr.DepthImage(*seen_of(planes, SOURCE)[:2], SOURCE)
-    aside = 0.1 * 3 * ratio / (1 - ratio)
-    if kind.startswith("slanted"):  # elsewhere it is farther behind the box, so that they part sooner
-        aside = min(aside, 1.0)
-    errors = {}
-    for name, (right, down) in STEPS.items():
-        dx, dy = right * aside, down * aside
-        camera = SOURCE.moved(dx, dy, 0)
-        K = SOURCE.K + np.array([[0, 0, 80 * dx], [0, 0, 80 * dy], [0, 0, 0]])  # what is 3 away stays where it is
-        errors[name] = fill_error(planes, Camera(K, SOURCE.size, camera.world_from_camera), view, ratio)
-    # The foreground is 100 levels away: of holes 24 pixels wide, it is half of one, and the texture is some 5 off.
-    assert max(errors.values()) <= 12, errors
-
-
-@pytest.mark.parametrize("ratio", RATIOS)
-def test_holes_show_what_was_hidden_along_the_line_of_sight(ratio, lanes):
-    planes = stands_before(ratio, "box aside")
-    view = ibr.DepthImage(*seen_of(planes, SOURCE)[:2], SOURCE)
-    near, grows = 3 * ratio, 1.35
-    ahead = min((grows - 1) * near * 3 / (grows * 3 - near), 0.5 * near)  # the box grows so much more than the wall
-    assert fill_error(planes, SOURCE.moved(0, 0, ahead), view, ratio) <= 12
-    assert fill_error(planes, SOURCE.moved(-0.1 * ahead, 0.05 * ahead, ahead), view, ratio) <= 12
-
-
-def test_a_box_at_the_pictures_border_does_not_fill_the_hole_beside_it(lanes):
-    """The hole reaches to the border, so that each line has one end: the box, torn off where the source saw past it."""
-    planes = stands_before(0.8, "box")
-    view = ibr.DepthImage(*seen_of(planes, SOURCE)[:2], SOURCE)
-    K = SOURCE.K + np.array([[0, 0, 96], [0, 0, 0], [0, 0, 0]])  # the wall stays: the hole would be at 126 to 150
-    camera = Camera(K, (140, 160), SOURCE.moved(1.2, 0, 0).world_from_camera)
-    assert not ibr.warp(view, camera).valid[80, 127:].any()
-    assert fill_error(planes, camera, view, 0.8) <= 12
+    # The box counts (2/3)^12 beside the wall's 1: less than a hundredth, even where there is twice as much of it.
+    assert np.abs(frame.color[hidden] - [50.0, 100.0, 150.0]).mean() <= 0.01 * 200
+    assert np.abs(frame.depth[hidden] / 3.0 - 1.0).mean() <= 0.01
 
 
 @pytest.mark.thorough

@@ -344,8 +344,7 @@ def test_holes_are_filled_from_behind(sign):
     gap = filled.depth[flip][:, 28:38], filled.color[flip][:, 28:38]
     # The near wall, at half the depth, counts a millionth of the far one.
     np.testing.assert_allclose(gap[0], 4, rtol=3e-3)
-    assert (gap[1][:, 1:] == (30, 30, 200)).all()
-    assert (gap[1][:, 0] == (115, 30, 115)).all(), "half of the near wall, as at every silhouette that a photograph has"
+    assert (gap[1] == (30, 30, 200)).all()
     # Beyond the far wall's end there is one side only.
     np.testing.assert_allclose(filled.depth[flip][:, 86:], 4, rtol=1e-4)
 
@@ -383,9 +382,9 @@ def test_bytes_and_floats_agree(method, sample, fill):
         np.testing.assert_array_equal(one.depth, other.depth)
         np.testing.assert_array_equal(one.valid, other.valid)
         assert other.color.dtype == np.float32
-        # Half a level for the rounding to bytes, and a whole one after filling, which mixes what is rounded already; at
-        # rims that is mixed with what is seen, which is right to half a level, and rounded once more.
-        limit = 0.501 if fill is None else 1.26 if fill == "background" else 1.01
+        # Half a level for the rounding to bytes, and a whole one after filling, which mixes what is rounded
+        # already.
+        limit = 1.01 if fill else 0.501
         assert np.abs(one.color - other.color.astype(np.float64) * 255).max() <= limit, pose.name
 
 
