@@ -106,7 +106,8 @@ def test_a_hair_beside_a_sample_as_much_is_seen(surroundings, projection, edges,
         for beside in frames[1:]:
             differs = (frames[0].valid != beside.valid) & ~at_epipole()
             assert not (differs & ~beside_border(frames[0].valid)).any(), (method, np.argwhere(differs).tolist())
-            assert differs.sum() <= SHARE * differs.size, (method, differs.sum())
+            # Along the cells' diagonal through the epipole rays see edges whose triangles are open, four at most.
+            assert differs.sum() <= max(4, SHARE * differs.size), (method, differs.sum())
 
 
 @pytest.mark.parametrize("by", [0.0, 0.001, 0.3])
