@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pyibr.core.camera import Camera
 from pyibr.images import DepthImage
 from tests.reference.edges import Edges, edges_of, with_ring
+from tests.reference.margins import margins_of
 
 Array = NDArray[Any]
 
@@ -68,7 +69,7 @@ class Surface:
         self.view = view
         self.camera = view.camera
         torn = edges_of(view, edges, cut_ratio)
-        pixels, near, colors, faces = _beyond_border(view, torn)
+        pixels, near, colors, faces = _joined(_beyond_border(view, torn), margins_of(view, *with_ring(view, torn)).corners())
         beyond = _unprojected(view.camera, pixels, 1 / near if view.camera.projection == "perspective" else -near)
         count = view.depth.size
         self.faces = np.concatenate([triangulate(view, edges, cut_ratio), faces + count])
@@ -224,6 +225,12 @@ def _beyond_border(view: DepthImage, torn: Edges) -> tuple[Array, Array, Array, 
         faces += [np.array([first, first + i, first + i + 1]) for i in range(1, len(polygon) - 1)]
     all_corners = np.array(corners).reshape(-1, 3 + colors.shape[2])
     return all_corners[:, :2], all_corners[:, 2], all_corners[:, 3:], np.array(faces, np.int64).reshape(-1, 3)
+
+
+def _joined(one: tuple[Array, ...], other: tuple[Array, ...]) -> tuple[Array, ...]:
+    """Two meshes as one: pixels, nearness, colours and faces."""
+    values = [np.concatenate(both) for both in zip(one[:3], other[:3], strict=True)]
+    return *values, np.concatenate([one[3], other[3] + len(one[0])])
 
 
 def _clipped(polygon: list[Array], axis: int, at: float, sign: int) -> list[Array]:

@@ -90,6 +90,22 @@ int any_lane(int16 mask)
     return (eighth.x | eighth.y) != 0;
 }
 #endif
+/* A bit for each lane of a mask */
+#ifdef __has_builtin
+#if __has_builtin(__builtin_reduce_or)
+#define lane_bits(mask) (uint)__builtin_reduce_or(((mask) != 0) & ((int16)1 << lane_index))
+#endif
+#endif
+#ifndef lane_bits
+uint lane_bits(int16 mask)
+{
+    const int16 bits = (mask != 0) & ((int16)1 << lane_index);
+    const int8 half_ = bits.lo | bits.hi;
+    const int4 quarter = half_.lo | half_.hi;
+    const int2 eighth = quarter.lo | quarter.hi;
+    return (uint)(eighth.x | eighth.y);
+}
+#endif
 float least_lane(float16 v)
 {
     const float8 half_ = fmin(v.lo, v.hi);
@@ -110,9 +126,12 @@ typedef struct __attribute__((packed)) {
 #define shifted_lanes(v) (v)
 #define lane_index 0
 #define any_lane(mask) ((mask) != 0)
+#define lane_bits(mask) ((mask) != 0 ? 1u : 0u)
 #define least_lane(v) (v)
 #define gather(p, i) (p)[i]
 #endif
+
+#define LOWEST(bits) (63 - (int)clz((ulong)(bits) & -(ulong)(bits))) /* the number of the lowest bit that is set */
 
 /* One lane of a variable, to be read, and to be set */
 #define float_lane(v, lane) (((const float *)&(v))[lane])

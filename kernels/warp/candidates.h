@@ -36,8 +36,8 @@ INLINED floatl candidate_at(global const float *hits, PixelMap map, Rays rays, E
     return select_lanes(IS_HIT(hit) & isfinite_lanes(place), place, (floatl)INFINITY);
 }
 
-/* Traces the rays of the pixels x of row y through the windows around their candidates. Target nearness of the hits, BLOCKED
- * or EMPTY. */
+/* Traces the rays of the pixels x of row y through the windows around their candidates. Hits,
+ * as trace has them. */
 INLINED floatl trace_candidates(global const float *hits, Grid grid, PixelMap map, intl x, int y, intl wanted, int sides,
                                 int neighbour_offset, float density, float window, int connected, uint *cells)
 {
@@ -74,7 +74,7 @@ INLINED floatl trace_candidates(global const float *hits, Grid grid, PixelMap ma
             windows.next[i - 1] = places[i];
         found = select_lanes(active, trace(grid, rays, epipolar, windows, sides, active, cells), found);
         /* A window of a connected surface that begins behind it meets its back: once more, in wider windows. */
-        active = active & !IS_HIT(found) & ((intl)(connected ? -1 : 0) | (found == BLOCKED));
+        active = active & !IS_VISIBLE_HIT(found) & ((intl)(connected ? -1 : 0) | (found > EMPTY));
         if (!any_lane(active))
             break;
     }

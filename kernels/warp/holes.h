@@ -8,7 +8,6 @@
 
 #define COLUMNS ((int16)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15))
 #define AMONG(bits) (((int16)(int)(bits) >> COLUMNS & 1) != 0) /* -1 in the columns whose bit is set */
-#define LOWEST(bits) (63 - (int)clz((ulong)(bits) & -(ulong)(bits))) /* the number of the lowest bit that is set */
 
 typedef struct __attribute__((packed)) {
     ulong bytes;

@@ -17,7 +17,8 @@
 /* LANES pixels of a row */
 typedef struct {
     floatl n;    /* target nearness of the line's hit, later of the pixel's own; EMPTY where there is none */
-    floatl u, v; /* where in the source the hit lies */
+    floatl hidden; /* that of the hit of their own rays on a side that is not shown; else EMPTY */
+    floatl u, v;   /* where in the source the hit lies */
     intl smooth; /* the hits around lie on one smooth surface */
     intl traced; /* the pixel's own ray is to be traced, unless it meets the triangle at the line's hit */
 } Pixels;
@@ -75,6 +76,7 @@ INLINED Pixels read_hits(global const float *hits, PixelMap map, int x0, int y, 
     if (fabs(y * D[11] - D[7]) <= AT_EPIPOLE * fabs(D[11])) /* no line there, and no parallax */
         in_place = in_place | ((fabs(x * D[11] - D[3]) <= AT_EPIPOLE * fabs(D[11])) & inside & none);
     n = select_lanes(in_place, (floatl)typical, n);
+    pixels.hidden = hit_kind == HITS_OF_PIXELS ? select_lanes(seen_here | in_place, (floatl)EMPTY, n) : (floatl)EMPTY;
     pixels.n = hit_kind == HITS_OF_PIXELS ? select_lanes(seen_here | in_place, n, (floatl)EMPTY) : n;
     const floatl inverse = find_place(&pixels, map, x0, y);
     if (hit_kind == HITS_OF_LINES) {

@@ -8,6 +8,7 @@
  * gathered to full packets first, so that a trace costs the same whether few pixels need it or all.
  *
  * hits: (dst_height, dst_pitch) of epipolar.cl or search.cl, hits.h. hit_kind: whose they are, HITS_... of line_hits.h.
+ * margins: (dst_height, dst_pitch) margins.cl; of a pixel's hit and its margin the nearer one counts.
  * depth, color, valid: (dst_height, dst_width); merge: pixels that show something nearer already stay. density: pixels
  * of the source over one of the target, >= 1. neighbour_offset: pixels of the target over one of the source, >= 1: a
  * surface reaches up to half a sample beyond the hits of lines, which is so many pixels. typical: some nearness that
@@ -38,10 +39,21 @@ typedef struct {
     floatl at_corner, at_beside, at_below;
 } Corners;
 
-/* The samples around the pixels' hits; if not `linear` the nearest, whose nearness the pixels get, too */
-INLINED Corners corners_at(Pixels *pixels, Grid grid, PixelMap map, int linear)
+/* Sample (x, y) alone of pixels `wanted`, which get its nearness, too */
+INLINED Corners one_sample(Pixels *pixels, Grid grid, PixelMap map, intl x, intl y, intl wanted)
 {
     const float *D = map.dst_from_src;
+    const floatl q = (floatl)(gather(grid.nearness, y * map.src_pitch + x)), sample_u = to_floatl(x), sample_v = to_floatl(y);
+    const floatl w = MAP_ROW(D, 2, sample_u, sample_v, q);
+    pixels->n = select_lanes(wanted & IS_HIT(pixels->n) & (w > 0.0f), MAP_ROW(D, 3, sample_u, sample_v, q) / w, pixels->n);
+    const intl number = y * map.src_width + x;
+    const Corners one = {number, number, number, 1.0f, 0.0f, 0.0f};
+    return one;
+}
+
+/* The samples around the pixels' hits; if not `linear` the nearest, whose nearness the pixels get, too */
+INLINED Corners corners_at(Pixels *pixels, Grid grid, PixelMap map, int linear, intl wanted)
+{
     const int step_x = min(map.src_width - 1, 1), step_y = min(map.src_height - 1, 1); /* 0 in an image of one column */
     const floatl u = pixels->u, v = pixels->v;
     const floatl uc = truncated(clamp_lanes(u, (floatl)0.0f, (floatl)max(map.src_width - 2, 0)));
@@ -49,23 +61,75 @@ INLINED Corners corners_at(Pixels *pixels, Grid grid, PixelMap map, int linear)
     const floatl fu = clamp_lanes(u - uc, (floatl)0.0f, (floatl)1.0f);
     const floatl fv = clamp_lanes(v - vc, (floatl)0.0f, (floatl)1.0f);
     const intl cell_x = to_intl(uc), cell_y = to_intl(vc);
-    if (!linear) {
-        const intl sx = cell_x + select_lanes(fu >= 0.5f, (intl)step_x, (intl)0);
-        const intl sy = cell_y + select_lanes(fv >= 0.5f, (intl)step_y, (intl)0);
-        const intl at = sy * map.src_pitch + sx;
-        const floatl q = (floatl)(gather(grid.nearness, at)), sample_u = to_floatl(sx), sample_v = to_floatl(sy);
-        const floatl w = MAP_ROW(D, 2, sample_u, sample_v, q);
-        pixels->n = select_lanes(IS_HIT(pixels->n) & (w > 0.0f), MAP_ROW(D, 3, sample_u, sample_v, q) / w, pixels->n);
-        const intl nearest = sy * map.src_width + sx;
-        const Corners one = {nearest, nearest, nearest, 1.0f, 0.0f, 0.0f};
-        return one;
-    }
+    if (!linear)
+        return one_sample(pixels, grid, map, cell_x + select_lanes(fu >= 0.5f, (intl)step_x, (intl)0),
+                          cell_y + select_lanes(fv >= 0.5f, (intl)step_y, (intl)0), wanted);
     const floatl diagonal = fu + fv - 1.0f;
     const intl upper = diagonal > 0.0f;
     const intl cell = cell_y * map.src_width + cell_x, below = cell + step_y * map.src_width;
     const Corners three = {select_lanes(upper, below + step_x, cell), cell + step_x, below,
                          fabs(diagonal), select_lanes(upper, 1.0f - fv, fu), select_lanes(upper, 1.0f - fu, fv)};
     return three;
+}
+
+#define BETWEEN_SAMPLES 2e-3f /* pixels off the middle between two samples at which a margin may be that of either */
+
+/* The samples whose margins pixels show: the nearest; half-way between two, the one that is as near. */
+INLINED void margins_samples(Pixels pixels, Grid grid, PixelMap map, int x0, int row, intl *x, intl *y)
+{
+    const float *S = map.src_from_dst;
+    const floatl last_x = map.src_width - 1, last_y = map.src_height - 1;
+    *x = to_intl(clamp_lanes(floor_lanes(pixels.u + (0.5f - BETWEEN_SAMPLES)), (floatl)0.0f, last_x));
+    *y = to_intl(clamp_lanes(floor_lanes(pixels.v + (0.5f - BETWEEN_SAMPLES)), (floatl)0.0f, last_y));
+    const intl next_x = to_intl(clamp_lanes(floor_lanes(pixels.u + (0.5f + BETWEEN_SAMPLES)), (floatl)0.0f, last_x));
+    const intl next_y = to_intl(clamp_lanes(floor_lanes(pixels.v + (0.5f + BETWEEN_SAMPLES)), (floatl)0.0f, last_y));
+    if (!any_lane((next_x != *x) | (next_y != *y)))
+        return;
+    const floatl column = to_floatl(x0 + lane_index);
+    const floatl near = MAP_ROW(S, 3, column, row, pixels.n) / MAP_ROW(S, 2, column, row, pixels.n);
+    const intl xs[2] = {*x, next_x}, ys[2] = {*y, next_y};
+    floatl least = INFINITY;
+    for (int i = 0; i < 4; i++) {
+        const floatl q = (floatl)(gather(grid.nearness, ys[i >> 1] * map.src_pitch + xs[i & 1]));
+        const intl nearer = fabs(q - near) < least;
+        least = select_lanes(nearer, fabs(q - near), least);
+        *x = select_lanes(nearer, xs[i & 1], *x);
+        *y = select_lanes(nearer, ys[i >> 1], *y);
+    }
+}
+
+/* The same of pixels that show margins (margins.cl), `there` of others: the margin's sample, and those beside it in the
+ * place's direction as far as they are of one surface */
+INLINED Corners corners_of_margins(Pixels *pixels, Grid grid, PixelMap map, int linear, int x0, int row, intl on_margin, Corners there)
+{
+    intl x, y;
+    margins_samples(*pixels, grid, map, x0, row, &x, &y);
+    Corners own;
+    if (linear) {
+        const floatl du = clamp_lanes(pixels->u - to_floatl(x), (floatl)-0.5f, (floatl)0.5f);
+        const floatl dv = clamp_lanes(pixels->v - to_floatl(y), (floatl)-0.5f, (floatl)0.5f);
+        const intl to_x = select_lanes(du < 0.0f, (intl)-1, (intl)1), to_y = select_lanes(dv < 0.0f, (intl)-1, (intl)1);
+        const intl at = y * map.src_pitch + x;
+        const floatl first = (floatl)(gather(grid.nearness, at + min(to_x, (intl)0)));
+        const floatl upper = (floatl)(gather(grid.nearness, at + min(to_y, (intl)0) * map.src_pitch));
+        const intl has_beside = ((as_intl(first) & TORN_RIGHT) == 0) & (x + to_x >= 0) & (x + to_x < map.src_width);
+        const intl has_below = ((as_intl(upper) & TORN_BELOW) == 0) & (y + to_y >= 0) & (y + to_y < map.src_height);
+        own.corner = y * map.src_width + x;
+        own.beside = select_lanes(has_beside, own.corner + to_x, own.corner);
+        own.below = select_lanes(has_below, own.corner + to_y * map.src_width, own.corner);
+        own.at_beside = select_lanes(has_beside, fabs(du), (floatl)0.0f);
+        own.at_below = select_lanes(has_below, fabs(dv), (floatl)0.0f);
+        own.at_corner = 1.0f - own.at_beside - own.at_below;
+    } else {
+        own = one_sample(pixels, grid, map, x, y, on_margin);
+    }
+    there.corner = select_lanes(on_margin, own.corner, there.corner);
+    there.beside = select_lanes(on_margin, own.beside, there.beside);
+    there.below = select_lanes(on_margin, own.below, there.below);
+    there.at_corner = select_lanes(on_margin, own.at_corner, there.at_corner);
+    there.at_beside = select_lanes(on_margin, own.at_beside, there.at_beside);
+    there.at_below = select_lanes(on_margin, own.at_below, there.at_below);
+    return there;
 }
 
 INLINED Color interpolate_color(Corners there, PixelMap map, global const channel *src_color, int linear)
@@ -169,7 +233,8 @@ void prefetch_place(Grid grid, global const channel *color, floatl u, floatl v)
 #endif
 }
 
-kernel void resolve(global const float *surface, global const float *hits, global const channel *src_color,
+kernel void resolve(global const float *surface, global const float *hits, global const float *margins,
+                    global const channel *src_color,
                     global float *depth, global channel *color, global uchar *valid, PixelMap map, int sides,
                     int linear, int merge, int low_x, int high_x, int low_y, int high_y, int hit_kind, float density,
                     int neighbour_offset, float typical, float rough, float window, int connected
@@ -215,18 +280,28 @@ kernel void resolve(global const float *surface, global const float *hits, globa
         const intl wanted = first + lane_index < count;
         const intl pixel = select_lanes(wanted, (intl)load_lanes(to_trace + first), (intl)0), x = strip_x + pixel;
         const floatl n = trace_candidates(hits, grid, map, x, y, wanted, sides, neighbour_offset, density, window, connected, &cells);
-        for (int i = 0; i < min(count - first, LANES); i++)
-            set_float_lane(pixels[to_trace[first + i] / LANES].n, to_trace[first + i] % LANES, float_lane(n, i));
+        const floatl seen = select_lanes(IS_VISIBLE_HIT(n), n, (floatl)EMPTY), hidden = select_lanes(IS_VISIBLE_HIT(n), (floatl)EMPTY, n);
+        for (int i = 0; i < min(count - first, LANES); i++) {
+            Pixels *packet = &pixels[to_trace[first + i] / LANES];
+            set_float_lane(packet->n, to_trace[first + i] % LANES, float_lane(seen, i));
+            set_float_lane(packet->hidden, to_trace[first + i] % LANES, float_lane(hidden, i));
+        }
     }
 
     for (int p = 0; p < packets; p++) {
+        const int x0 = strip_x + p * LANES;
+        const floatl margin = load_lanes(margins + (size_t)y * map.dst_pitch + x0);
+        const intl on_margin = margin > max_lanes(pixels[p].n, pixels[p].hidden);
+        pixels[p].n = select_lanes(on_margin, select_lanes(IS_VISIBLE_HIT(margin), margin, (floatl)EMPTY), pixels[p].n);
         if (merge && !any_lane(IS_HIT(pixels[p].n)))
             continue;
-        const int x0 = strip_x + p * LANES;
         const size_t out = (size_t)y * map.dst_width + x0;
-        if (hit_kind != HITS_OF_PIXELS)
+        const int any_margin = any_lane(on_margin);
+        if (hit_kind != HITS_OF_PIXELS || any_margin)
             find_place(&pixels[p], map, x0, y);
-        const Corners there = corners_at(&pixels[p], grid, map, linear);
+        Corners there = corners_at(&pixels[p], grid, map, linear, !on_margin);
+        if (any_margin)
+            there = corners_of_margins(&pixels[p], grid, map, linear, x0, y, on_margin, there);
         const Color c = interpolate_color(there, map, src_color, linear);
         pixels[p].n = select_lanes(IS_BEFORE(map.dst_perspective, pixels[p].n), pixels[p].n, (floatl)EMPTY);
         const int in_packet = min(high_x - x0, LANES);

@@ -24,8 +24,7 @@ kernel void search(global const float *surface, global float *hits, PixelMap map
     windows.radius = 0.0f;
     uint cells = 0;
     const floatl found = trace(grid, rays, epipolar, windows, sides, x + lane_index < high_x, &cells);
-    store_lanes(PACKED_HIT(found, 0),
-                hits + (size_t)y * map.dst_pitch + x); /* the pitch leaves room for a whole packet */
+    store_lanes(found, hits + (size_t)y * map.dst_pitch + x); /* the pitch leaves room for a whole packet */
 #if COUNTERS
     counters[y * ((map.dst_width + LANES - 1) / LANES) + get_global_id(0)] = cells * LANES;
 #endif

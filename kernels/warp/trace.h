@@ -10,6 +10,7 @@
  * Cost: the cells within the windows, for the slowest of LANES rays.
  */
 #include "warp/cells.h"
+#include "warp/hits.h"
 
 /* One ray a lane; all of them pass the target's centre, which is the epipole of the source. */
 typedef struct {
@@ -126,8 +127,8 @@ INLINED floatl distance_of(Rays rays, Epipolar epipolar, floatl nearness)
     return (epipolar.start + nearness * epipolar.centre) / (rays.w + nearness * rays.centre.z);
 }
 
-/* The first triangle that the rays cross within windows of their lines: target nearness, BLOCKED, or EMPTY if they
- * meet none. */
+/* The first triangle that the rays cross within windows of their lines: a hit, EMPTY if they meet none, or BLOCKED by a
+ * side that is not shown and that is not before the target. */
 INLINED floatl trace(Grid grid, Rays rays, Epipolar epipolar, Windows windows, int sides, intl wanted, uint *cells)
 {
     const Lines lines = epipolar.lines;
@@ -137,9 +138,8 @@ INLINED floatl trace(Grid grid, Rays rays, Epipolar epipolar, Windows windows, i
     floatl at = fmax(windows.from, (floatl)0.0f), to = fmin(windows.to, lines.length), difference = 0.0f, x = 0.0f,
            y = 0.0f;
     intl active = wanted & (at <= lines.length), begins = active, connected = 0;
-    floatl result = EMPTY;
     Plane met_plane = {0.0f, 0.0f, 0.0f, 0.0f, 0.0f};
-    intl is_met = 0;
+    intl is_met = 0, hides = 0;
     /* A line enters a cell by a column or a row, each of them once, and a window may begin in each cell anew. */
     for (int cells_left = grid.width + grid.height + 6 + 2 * WINDOWS; cells_left > 0; cells_left--) {
         /* At the end of a window, on to the next one. */
@@ -185,13 +185,13 @@ INLINED floatl trace(Grid grid, Rays rays, Epipolar epipolar, Windows windows, i
             const intl shows = meets & ((front & (intl)(sides & SHOWS_FRONT ? -1 : 0)) |
                                         ((!front) & (intl)(sides & SHOWS_BACK ? -1 : 0)));
             const intl lower = (in_first & traversal.lower_first) | (!(in_first | traversal.lower_first));
-            met_plane.q = select_lanes(shows, select_lanes(lower, cell.q00, cell.q10), met_plane.q);
-            met_plane.gu = select_lanes(shows, select_lanes(lower, cell.lower_u, cell.upper_u), met_plane.gu);
-            met_plane.gv = select_lanes(shows, select_lanes(lower, cell.lower_v, cell.upper_v), met_plane.gv);
-            met_plane.x = select_lanes(shows, select_lanes(lower, cell.x, cell.x + 1.0f), met_plane.x);
-            met_plane.y = select_lanes(shows, cell.y, met_plane.y);
-            is_met = is_met | shows;
-            result = select_lanes(meets & !shows, (floatl)BLOCKED, result);
+            met_plane.q = select_lanes(meets, select_lanes(lower, cell.q00, cell.q10), met_plane.q);
+            met_plane.gu = select_lanes(meets, select_lanes(lower, cell.lower_u, cell.upper_u), met_plane.gu);
+            met_plane.gv = select_lanes(meets, select_lanes(lower, cell.lower_v, cell.upper_v), met_plane.gv);
+            met_plane.x = select_lanes(meets, select_lanes(lower, cell.x, cell.x + 1.0f), met_plane.x);
+            met_plane.y = select_lanes(meets, cell.y, met_plane.y);
+            is_met = is_met | meets;
+            hides = hides | (meets & !shows);
             active = active & !meets;
         }
         connected = select_lanes(cell.has_second, !cell.second_open,
@@ -205,6 +205,7 @@ INLINED floatl trace(Grid grid, Rays rays, Epipolar epipolar, Windows windows, i
     floatl per_unit;
     const floatl met = intersect_plane(rays, met_plane, &per_unit);
     const intl before = IS_BEFORE(rays.perspective, met);
-    return select_lanes(is_met & before, met, result);
+    const floatl hit = PACKED_HIT(met, select_lanes(hides, (intl)1, (intl)0));
+    return select_lanes(is_met & before, hit, select_lanes(hides, (floatl)BLOCKED, (floatl)EMPTY));
 }
 #endif

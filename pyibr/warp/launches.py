@@ -87,7 +87,8 @@ def inverse_warp(
         return
     shared = _shared(surface, pixel_map, options)
     hits, hit_kind = _find_candidates(surface, pixel_map, target, options, shared)
-    found = {**shared, "hits": hits, "hit_kind": hit_kind}
+    margins = _draw_margins(pixel_map, target, shared)
+    found = {**shared, "hits": hits, "hit_kind": hit_kind, "margins": margins}
     _resolve(surface, pixel_map, target, options, found, view, entry, in_reach)
     target.blank = in_reach and target.blank
 
@@ -157,6 +158,21 @@ def _find_candidates(
         **shared,
     )
     return hits, _hits("OF_LINES")
+
+
+def _draw_margins(pixel_map: PixelMap, target: Target, shared: dict[str, Any]) -> DeviceArray:
+    """What no triangle covers of the pixels of samples beside edges: kernels/warp/margins.cl."""
+    profile = current().profile
+    # Packets at the end of the last row read beyond it.
+    margins = empty((target.camera.height * pitch(target.camera.width) + profile.lanes,), np.float32)
+    clear(margins, constant("lib/pixelspace.h", "EMPTY"))
+    launch(
+        kernel("warp/margins.cl", "draw_margins", STRIP=profile.strip),
+        profile.packets(*pixel_map.pair.src.size, profile.strip),
+        margins=margins,
+        **shared,
+    )
+    return margins
 
 
 def _hits(name: str) -> float:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from pyibr.images import DepthImage
 from tests.reference.edges import Edges, edges_of, with_ring
+from tests.reference.margins import Margins, margins_of
 
 Array = NDArray[Any]
 
@@ -46,6 +47,7 @@ def sideways_reference(view: DepthImage, step: tuple[float, float], edges: str =
     """
     height, width = view.depth.shape
     ring, torn = with_ring(view, edges_of(view, edges))
+    margins = margins_of(view, ring, torn)
     direction = np.sign(step).astype(int)
     if direction[np.flatnonzero(direction)[0]] < 0:
         direction = -direction
@@ -60,7 +62,26 @@ def sideways_reference(view: DepthImage, step: tuple[float, float], edges: str =
         seen, place, result.on_end[y, x] = _first_seen(s, s - shift * q, q, closed, pixels)
         result.depth[y, x] = 1 / seen
         result.source[y, x] = start + place[:, None] * direction
+    epipole = np.append(np.diag(view.camera.K)[:2] * step, [0.0, 1.0])
+    for y, x in np.ndindex(size):
+        _see_margins(result, margins, epipole, x, y)
     return result
+
+
+def _see_margins(result: Sideways, margins: Margins, epipole: Array, x: int, y: int) -> None:
+    """Put what a pixel's ray meets of the margins, unless it sees something nearer."""
+    infinity = np.array([x, y, 1.0, 0.0])
+    seen = np.nan_to_num(result.depth[y, x], nan=np.inf)
+    t, number = margins.first_hit(epipole, infinity, 0.0, np.inf)
+    around = [margins.first_hit(epipole, infinity, 0.0, np.inf, grown)[0] for grown in (NEAR_END, -NEAR_END)]
+    if min(around) < seen and not np.isclose(*around, rtol=1e-5):
+        result.on_end[y, x] = True
+    if number < 0 or t >= seen:
+        return
+    front = margins.planes[number] @ infinity > 0
+    point = epipole + t * infinity
+    result.depth[y, x] = t if front else np.nan
+    result.source[y, x] = point[:2] / point[2] if front else np.nan
 
 
 def _starts(width: int, height: int, direction: Array) -> list[Array]:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pyibr.core.camera import Camera
 from pyibr.images import DepthImage
 from tests.reference.edges import Edges, edges_of, with_ring
+from tests.reference.margins import Margins, margins_of
 
 Array = NDArray[Any]
 
@@ -82,6 +83,7 @@ def search_reference(
     result = Result.empty(camera)
     source_from_target = _source_from_target(view.camera, camera)
     surface = with_ring(view, edges_of(view, edges, cut_ratio))
+    margins = margins_of(view, *surface)
     width, height = camera.size
     for y in range(height):
         for x in range(width):
@@ -93,6 +95,7 @@ def search_reference(
             if not ray.clip(view.camera.size):
                 continue
             hit, looked_at = _first_triangle(view, ray, *surface)
+            hit = _nearer(hit, margins, ray)
             result.samples += looked_at
             if hit is None or (side != "both" and hit.front != (side == "front")):
                 continue
@@ -109,6 +112,7 @@ def search_reference(
 class Hit:
     """Intersection of a ray."""
 
+    t: float  #: along the ray
     point: Array  #: (4,) the surface point in the source's pixel space
     front: bool  #: whether it is on the side that the source sees
     color: Array  #: (3,) the source's colour there
@@ -194,7 +198,19 @@ def _first_triangle(view: DepthImage, ray: Ray, ring: Array, edges: Edges) -> tu
     color = np.pad(view.color, ((1, 1), (1, 1), (0, 0)), mode="edge").astype(np.float64)
     mixed = (1 - along_x - along_y) * color[cy[i] + 1, cx[i] + 1]
     mixed = mixed + along_x * color[cy[i] + 1, nx[i] + 1] + along_y * color[ny[i] + 1, cx[i] + 1]
-    return Hit(point, bool(f1[i] > 0), mixed), len(t)
+    return Hit(float(root[i]), point, bool(f1[i] > 0), mixed), len(t)
+
+
+def _nearer(hit: Hit | None, margins: Margins, ray: Ray) -> Hit | None:
+    """The hit, or that of a margin which the ray meets before it."""
+    t, number = margins.first_hit(ray.epipole, ray.infinity, ray.low, ray.high)
+    if number < 0 or (hit is not None and hit.t <= t):
+        return hit
+    point = ray.epipole + t * ray.infinity
+    plane = margins.planes[number]
+    du, dv = point[:2] / point[2] - [margins.x[number], margins.y[number]]
+    color, along_x, along_y = margins.color[number]
+    return Hit(t, point, bool(plane @ ray.infinity > 0), color + du * along_x + dv * along_y)
 
 
 def _source_from_target(source: Camera, target: Camera) -> Array:

@@ -1,0 +1,148 @@
+"""The margins of a depth image's surface in NumPy: what no triangle covers of the pixels of samples beside edges.
+
+For reading: `kernels/warp/margins.cl` says the same for a device. An open triangle is shared among its three corners;
+each has what lies nearest to it, and goes straight on there. Seen from a sample, that is a quarter of its pixel, or the
+half of one on a side of the cell's diagonal.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyibr.images import DepthImage
+from tests.reference.edges import Edges
+
+Array = NDArray[Any]
+
+LOWER, UPPER = 1, 2
+QUARTERS = ((-1, -1), (1, -1), (-1, 1), (1, 1))
+
+
+@dataclass(frozen=True)
+class Margins:
+    """(n,) margins, each in one quarter of a sample's pixel."""
+
+    x: Array  #: the sample's
+    y: Array
+    to_x: Array  #: -1 or 1: towards which neighbours
+    to_y: Array
+    parts: Array  #: LOWER, UPPER or both: on which sides of the cell's diagonal
+    q: Array  #: nearness at the sample
+    gu: Array  #: its slopes
+    gv: Array
+    color: Array  #: (n, 3, c) the sample's colour, and its changes along x and y
+
+    @cached_property
+    def planes(self) -> Array:
+        """(n, 4) the margins' planes in the image's pixel space, whose product with a ray's points is its lead."""
+        level = self.q - self.gu * self.x - self.gv * self.y
+        return np.stack([self.gu, self.gv, level, -np.ones(len(self.x))], axis=-1)
+
+    def first_hit(
+        self, epipole: Array, infinity: Array, low: float, high: float, grown: float = 0.0
+    ) -> tuple[float, int]:
+        """The least t in [low, high] at which epipole + t * infinity, in the image's pixel space, meets a margin, and
+        which one; -1 if none. grown: pixels by which margins are larger."""
+        with np.errstate(all="ignore"):
+            t = -(self.planes @ epipole) / (self.planes @ infinity)
+            points = epipole + t[:, None] * infinity
+            du, dv = points[:, 0] / points[:, 2] - self.x, points[:, 1] / points[:, 2] - self.y
+            inside = (np.abs(du * self.to_x - 0.25) <= 0.25 + grown) & (np.abs(dv * self.to_y - 0.25) <= 0.25 + grown)
+            inside &= ((self.parts & LOWER > 0) & (du + dv <= grown)) | ((self.parts & UPPER > 0) & (du + dv >= -grown))
+            inside &= (points[:, 2] > 0) & (t >= low) & (t <= high)
+        t = np.where(inside, t, np.inf)
+        return (float(t.min()), int(t.argmin())) if inside.any() else (np.inf, -1)
+
+    def corners(self) -> tuple[Array, Array, Array, Array]:
+        """Pixels (m, 2), nearness (m,), colours (m, c) and faces (k, 3) of the margins as triangles."""
+        out = {LOWER: [], UPPER: []}
+        for number, (tx, ty) in enumerate(zip(self.to_x, self.to_y, strict=True)):
+            square = np.array([[0, 0], [tx, 0], [tx, ty], [0, ty]]) / 2.0
+            for part, sign in ((LOWER, -1), (UPPER, 1)):
+                if tx == ty or not self.parts[number] & part:
+                    continue
+                kept = square[(square.sum(axis=1) * sign) >= 0]
+                out[part].append((number, kept))
+            if tx == ty:
+                out[LOWER] += [(number, square[[0, 1, 2]]), (number, square[[0, 2, 3]])]
+        three = out[LOWER] + out[UPPER]
+        numbers = np.array([number for number, _ in three], int)
+        offsets = np.array([corners for _, corners in three]).reshape(-1, 3, 2)
+        at = np.stack([self.x, self.y], axis=-1)[numbers, None] + offsets
+        du, dv = offsets[..., 0], offsets[..., 1]
+        near = self.q[numbers, None] + self.gu[numbers, None] * du + self.gv[numbers, None] * dv
+        own, along_x, along_y = (self.color[numbers, i][:, None] for i in range(3))
+        colors = own + along_x * du[..., None] + along_y * dv[..., None]
+        count = self.color.shape[-1]
+        return at.reshape(-1, 2), near.ravel(), colors.reshape(-1, count), np.arange(3 * len(numbers)).reshape(-1, 3)
+
+
+def margins_of(view: DepthImage, ring: Array, torn: Edges) -> Margins:
+    """Of a view and its surface within a ring, as `with_ring` has them."""
+    height, width = view.depth.shape
+    q = ring[1:-1, 1:-1]
+
+    def at(values: Array, dx: int, dy: int) -> Array:
+        return values[1 + dy : height + 1 + dy, 1 + dx : width + 1 + dx]
+
+    def lower(dx: int, dy: int) -> Array:
+        return at(torn.right, dx, dy) | at(torn.below, dx, dy) | at(torn.diagonal, dx, dy)
+
+    def upper(dx: int, dy: int) -> Array:
+        """Of the same cell, whose first sample is at (dx, dy)."""
+        return at(torn.right, dx, dy + 1) | at(torn.below, dx + 1, dy) | at(torn.diagonal, dx, dy)
+
+    open_parts = {
+        (-1, -1): (upper(-1, -1), upper(-1, -1)),
+        (1, -1): (lower(0, -1), upper(0, -1)),
+        (-1, 1): (lower(-1, 0), upper(-1, 0)),
+        (1, 1): (lower(0, 0), lower(0, 0)),
+    }
+    torn_to = {
+        (-1, 0): at(torn.right, -1, 0),
+        (1, 0): at(torn.right, 0, 0),
+        (0, -1): at(torn.below, 0, -1),
+        (0, 1): at(torn.below, 0, 0),
+    }
+    bound = np.abs(q)
+    image = np.pad(view.color, ((1, 1), (1, 1), (0, 0)), mode="edge").astype(np.float64)
+
+    def slope(dx: int, dy: int) -> Array:
+        """Along the axis of (dx, dy), towards it if the neighbour there is of one surface."""
+        sign = dx + dy
+        towards = (at(ring, dx, dy) - q) * sign
+        beyond = np.clip((q - at(ring, -dx, -dy)) * sign, -bound, bound)
+        beyond = np.where(torn_to[-dx, -dy], 0.0, beyond)
+        return np.where(torn_to[dx, dy], beyond, towards)
+
+    found = list[tuple[Array, ...]]()
+    for tx, ty in QUARTERS:
+        low, high = open_parts[tx, ty]
+        gu, gv = slope(tx, 0), slope(0, ty)
+        if (tx, ty) == (1, -1):  # beside a triangle of the same cell: its plane
+            planes = (
+                (high & ~low, at(ring, 1, -1) - at(ring, 0, -1), q - at(ring, 0, -1)),
+                (low & ~high, at(ring, 1, 0) - q, at(ring, 1, 0) - at(ring, 1, -1)),
+            )
+        elif (tx, ty) == (-1, 1):
+            planes = (
+                (high & ~low, q - at(ring, -1, 0), at(ring, -1, 1) - at(ring, -1, 0)),
+                (low & ~high, at(ring, 0, 1) - at(ring, -1, 1), at(ring, 0, 1) - q),
+            )
+        else:
+            planes = ()
+        for where, pu, pv in planes:
+            gu, gv = np.where(where, pu, gu), np.where(where, pv, gv)
+        y, x = np.nonzero((low | high) & ~np.isnan(q))
+        own = at(image, 0, 0)
+        change_x = np.where(torn_to[tx, 0][..., None], 0.0, (at(image, tx, 0) - own) * tx)
+        change_y = np.where(torn_to[0, ty][..., None], 0.0, (at(image, 0, ty) - own) * ty)
+        parts = (LOWER * low + UPPER * high)[y, x]
+        color = np.stack([own, change_x, change_y], axis=2)[y, x]
+        found.append((x, y, np.full(len(x), tx), np.full(len(x), ty), parts, q[y, x], gu[y, x], gv[y, x], color))
+    return Margins(*(np.concatenate(values) for values in zip(*found, strict=True)))
