@@ -16,18 +16,17 @@
 
 /* LANES pixels of a row */
 typedef struct {
-    floatl n;    /* target nearness of the line's hit, later of the pixel's own; EMPTY where there is none */
-    floatl hidden; /* that of the hit of their own rays on a side that is not shown; else EMPTY */
-    floatl u, v;   /* where in the source the hit lies */
+    floatl n;    /* the line's hit, later the pixel's own */
+    floatl u, v; /* where in the source the hit lies */
     intl smooth; /* the hits around lie on one smooth surface */
     intl traced; /* the pixel's own ray is to be traced, unless it meets the triangle at the line's hit */
 } Pixels;
 
-/* Sets where in the source the pixels' hits lie. Returns 1 / w there. */
-INLINED floatl find_place(Pixels *pixels, PixelMap map, int x0, int y)
+/* Sets where in the source the hits of pixels x of row y lie. Returns 1 / w there. */
+INLINED floatl find_place(Pixels *pixels, PixelMap map, floatl x, int y)
 {
     const float *S = map.src_from_dst;
-    const floatl x = to_floatl(x0 + lane_index), n = pixels->n, inverse = 1.0f / MAP_ROW(S, 2, x, y, n);
+    const floatl n = pixels->n, inverse = 1.0f / MAP_ROW(S, 2, x, y, n);
     pixels->u = MAP_ROW(S, 0, x, y, n) * inverse;
     pixels->v = MAP_ROW(S, 1, x, y, n) * inverse;
     return inverse;
@@ -76,9 +75,8 @@ INLINED Pixels read_hits(global const float *hits, PixelMap map, int x0, int y, 
     if (fabs(y * D[11] - D[7]) <= AT_EPIPOLE * fabs(D[11])) /* no line there, and no parallax */
         in_place = in_place | ((fabs(x * D[11] - D[3]) <= AT_EPIPOLE * fabs(D[11])) & inside & none);
     n = select_lanes(in_place, (floatl)typical, n);
-    pixels.hidden = hit_kind == HITS_OF_PIXELS ? select_lanes(seen_here | in_place, (floatl)EMPTY, n) : (floatl)EMPTY;
-    pixels.n = hit_kind == HITS_OF_PIXELS ? select_lanes(seen_here | in_place, n, (floatl)EMPTY) : n;
-    const floatl inverse = find_place(&pixels, map, x0, y);
+    pixels.n = hit_kind == HITS_OF_PIXELS ? select_lanes(inside | in_place, n, (floatl)EMPTY) : n;
+    const floatl inverse = find_place(&pixels, map, x, y);
     if (hit_kind == HITS_OF_LINES) {
         const floatl moves_by = (fabs(S[3] - pixels.u * S[11]) + fabs(S[7] - pixels.v * S[11])) * fabs(inverse);
         pixels.smooth = pixels.smooth & (curved * moves_by < rough * density);
@@ -147,7 +145,7 @@ INLINED void intersect_at_hits(Pixels *pixels, Grid grid, PixelMap map, int x0, 
                            (v_met <= last_v + BORDER + TOLERANCE);
     const intl settles = pixels->smooth & in_triangle & on_pixels & shows & !open & (w_met > 0.0f) & before;
     const intl own = hit_kind == HITS_OF_PIXELS ? !pixels->smooth : (intl)0;
-    pixels->n = select_lanes(settles, met, select_lanes(own, pixels->n, (floatl)EMPTY));
+    pixels->n = select_lanes(settles, PACKED_HIT(met, 0), select_lanes(own, pixels->n, (floatl)EMPTY));
     pixels->traced = pixels->traced & !settles;
 }
 #endif

@@ -8,7 +8,7 @@
  * gathered to full packets first, so that a trace costs the same whether few pixels need it or all.
  *
  * hits: (dst_height, dst_pitch) of epipolar.cl or search.cl, hits.h. hit_kind: whose they are, HITS_... of line_hits.h.
- * margins: (dst_height, dst_pitch) margins.cl; of a pixel's hit and its margin the nearer one counts.
+ * margin_hits: (dst_height, dst_pitch) margins.cl, if there is any; of a pixel's hits the nearer one counts.
  * depth, color, valid: (dst_height, dst_width); merge: pixels that show something nearer already stay. density: pixels
  * of the source over one of the target, >= 1. neighbour_offset: pixels of the target over one of the source, >= 1: a
  * surface reaches up to half a sample beyond the hits of lines, which is so many pixels. typical: some nearness that
@@ -39,20 +39,20 @@ typedef struct {
     floatl at_corner, at_beside, at_below;
 } Corners;
 
-/* Sample (x, y) alone of pixels `wanted`, which get its nearness, too */
-INLINED Corners one_sample(Pixels *pixels, Grid grid, PixelMap map, intl x, intl y, intl wanted)
+/* Sample (x, y) alone, whose nearness the pixels get, too */
+INLINED Corners one_sample(Pixels *pixels, Grid grid, PixelMap map, intl x, intl y)
 {
     const float *D = map.dst_from_src;
     const floatl q = (floatl)(gather(grid.nearness, y * map.src_pitch + x)), sample_u = to_floatl(x), sample_v = to_floatl(y);
     const floatl w = MAP_ROW(D, 2, sample_u, sample_v, q);
-    pixels->n = select_lanes(wanted & IS_HIT(pixels->n) & (w > 0.0f), MAP_ROW(D, 3, sample_u, sample_v, q) / w, pixels->n);
+    pixels->n = select_lanes(IS_HIT(pixels->n) & (w > 0.0f), MAP_ROW(D, 3, sample_u, sample_v, q) / w, pixels->n);
     const intl number = y * map.src_width + x;
     const Corners one = {number, number, number, 1.0f, 0.0f, 0.0f};
     return one;
 }
 
 /* The samples around the pixels' hits; if not `linear` the nearest, whose nearness the pixels get, too */
-INLINED Corners corners_at(Pixels *pixels, Grid grid, PixelMap map, int linear, intl wanted)
+INLINED Corners corners_at(Pixels *pixels, Grid grid, PixelMap map, int linear)
 {
     const int step_x = min(map.src_width - 1, 1), step_y = min(map.src_height - 1, 1); /* 0 in an image of one column */
     const floatl u = pixels->u, v = pixels->v;
@@ -63,7 +63,7 @@ INLINED Corners corners_at(Pixels *pixels, Grid grid, PixelMap map, int linear, 
     const intl cell_x = to_intl(uc), cell_y = to_intl(vc);
     if (!linear)
         return one_sample(pixels, grid, map, cell_x + select_lanes(fu >= 0.5f, (intl)step_x, (intl)0),
-                          cell_y + select_lanes(fv >= 0.5f, (intl)step_y, (intl)0), wanted);
+                          cell_y + select_lanes(fv >= 0.5f, (intl)step_y, (intl)0));
     const floatl diagonal = fu + fv - 1.0f;
     const intl upper = diagonal > 0.0f;
     const intl cell = cell_y * map.src_width + cell_x, below = cell + step_y * map.src_width;
@@ -74,8 +74,8 @@ INLINED Corners corners_at(Pixels *pixels, Grid grid, PixelMap map, int linear, 
 
 #define BETWEEN_SAMPLES 2e-3f /* pixels off the middle between two samples at which a margin may be that of either */
 
-/* The samples whose margins pixels show: the nearest; half-way between two, the one that is as near. */
-INLINED void margins_samples(Pixels pixels, Grid grid, PixelMap map, int x0, int row, intl *x, intl *y)
+/* The samples whose margins pixels x of a row show: the nearest; half-way between two, the one that is as near. */
+INLINED void margins_samples(Pixels pixels, Grid grid, PixelMap map, floatl column, int row, intl *x, intl *y)
 {
     const float *S = map.src_from_dst;
     const floatl last_x = map.src_width - 1, last_y = map.src_height - 1;
@@ -85,7 +85,6 @@ INLINED void margins_samples(Pixels pixels, Grid grid, PixelMap map, int x0, int
     const intl next_y = to_intl(clamp_lanes(floor_lanes(pixels.v + (0.5f + BETWEEN_SAMPLES)), (floatl)0.0f, last_y));
     if (!any_lane((next_x != *x) | (next_y != *y)))
         return;
-    const floatl column = to_floatl(x0 + lane_index);
     const floatl near = MAP_ROW(S, 3, column, row, pixels.n) / MAP_ROW(S, 2, column, row, pixels.n);
     const intl xs[2] = {*x, next_x}, ys[2] = {*y, next_y};
     floatl least = INFINITY;
@@ -98,38 +97,30 @@ INLINED void margins_samples(Pixels pixels, Grid grid, PixelMap map, int x0, int
     }
 }
 
-/* The same of pixels that show margins (margins.cl), `there` of others: the margin's sample, and those beside it in the
- * place's direction as far as they are of one surface */
-INLINED Corners corners_of_margins(Pixels *pixels, Grid grid, PixelMap map, int linear, int x0, int row, intl on_margin, Corners there)
+/* The same of pixels that show margins: the margin's sample, and those beside it in the place's direction as far as they
+ * are of one surface */
+INLINED Corners corners_of_margins(Pixels *pixels, Grid grid, PixelMap map, int linear, floatl column, int row)
 {
     intl x, y;
-    margins_samples(*pixels, grid, map, x0, row, &x, &y);
-    Corners own;
-    if (linear) {
-        const floatl du = clamp_lanes(pixels->u - to_floatl(x), (floatl)-0.5f, (floatl)0.5f);
-        const floatl dv = clamp_lanes(pixels->v - to_floatl(y), (floatl)-0.5f, (floatl)0.5f);
-        const intl to_x = select_lanes(du < 0.0f, (intl)-1, (intl)1), to_y = select_lanes(dv < 0.0f, (intl)-1, (intl)1);
-        const intl at = y * map.src_pitch + x;
-        const floatl first = (floatl)(gather(grid.nearness, at + min(to_x, (intl)0)));
-        const floatl upper = (floatl)(gather(grid.nearness, at + min(to_y, (intl)0) * map.src_pitch));
-        const intl has_beside = ((as_intl(first) & TORN_RIGHT) == 0) & (x + to_x >= 0) & (x + to_x < map.src_width);
-        const intl has_below = ((as_intl(upper) & TORN_BELOW) == 0) & (y + to_y >= 0) & (y + to_y < map.src_height);
-        own.corner = y * map.src_width + x;
-        own.beside = select_lanes(has_beside, own.corner + to_x, own.corner);
-        own.below = select_lanes(has_below, own.corner + to_y * map.src_width, own.corner);
-        own.at_beside = select_lanes(has_beside, fabs(du), (floatl)0.0f);
-        own.at_below = select_lanes(has_below, fabs(dv), (floatl)0.0f);
-        own.at_corner = 1.0f - own.at_beside - own.at_below;
-    } else {
-        own = one_sample(pixels, grid, map, x, y, on_margin);
-    }
-    there.corner = select_lanes(on_margin, own.corner, there.corner);
-    there.beside = select_lanes(on_margin, own.beside, there.beside);
-    there.below = select_lanes(on_margin, own.below, there.below);
-    there.at_corner = select_lanes(on_margin, own.at_corner, there.at_corner);
-    there.at_beside = select_lanes(on_margin, own.at_beside, there.at_beside);
-    there.at_below = select_lanes(on_margin, own.at_below, there.at_below);
-    return there;
+    margins_samples(*pixels, grid, map, column, row, &x, &y);
+    if (!linear)
+        return one_sample(pixels, grid, map, x, y);
+    const floatl du = clamp_lanes(pixels->u - to_floatl(x), (floatl)-0.5f, (floatl)0.5f);
+    const floatl dv = clamp_lanes(pixels->v - to_floatl(y), (floatl)-0.5f, (floatl)0.5f);
+    const intl to_x = select_lanes(du < 0.0f, (intl)-1, (intl)1), to_y = select_lanes(dv < 0.0f, (intl)-1, (intl)1);
+    const intl at = y * map.src_pitch + x;
+    const floatl first = (floatl)(gather(grid.nearness, at + min(to_x, (intl)0)));
+    const floatl upper = (floatl)(gather(grid.nearness, at + min(to_y, (intl)0) * map.src_pitch));
+    const intl has_beside = ((as_intl(first) & TORN_RIGHT) == 0) & (x + to_x >= 0) & (x + to_x < map.src_width);
+    const intl has_below = ((as_intl(upper) & TORN_BELOW) == 0) & (y + to_y >= 0) & (y + to_y < map.src_height);
+    Corners corners;
+    corners.corner = y * map.src_width + x;
+    corners.beside = select_lanes(has_beside, corners.corner + to_x, corners.corner);
+    corners.below = select_lanes(has_below, corners.corner + to_y * map.src_width, corners.corner);
+    corners.at_beside = select_lanes(has_beside, fabs(du), (floatl)0.0f);
+    corners.at_below = select_lanes(has_below, fabs(dv), (floatl)0.0f);
+    corners.at_corner = 1.0f - corners.at_beside - corners.at_below;
+    return corners;
 }
 
 INLINED Color interpolate_color(Corners there, PixelMap map, global const channel *src_color, int linear)
@@ -152,9 +143,9 @@ INLINED Color interpolate_color(Corners there, PixelMap map, global const channe
     return c;
 }
 
-/* Enters into the G-buffer those of `count` pixels, from number `first` of the picture on, that are `written`. */
-INLINED void enter_pixels(GBuffer gbuffer, Corners there, intl written, int count, size_t first,
-                          global const float *depth, global const float *normals)
+/* Enters into the G-buffer those of pixels x of a row, which begins with number `first`, that are `written`. */
+INLINED void enter_pixels(GBuffer gbuffer, Corners there, intl written, intl x, size_t first, global const float *depth,
+                          global const float *normals)
 {
 #if GBUFFER
     Color normal = {0.0f, 0.0f, 0.0f};
@@ -165,20 +156,21 @@ INLINED void enter_pixels(GBuffer gbuffer, Corners there, intl written, int coun
     normal.g = there.at_corner * a.y + there.at_beside * b.y + there.at_below * c.y;
     normal.b = there.at_corner * a.z + there.at_beside * b.z + there.at_below * c.z;
 #endif
-    for (int lane = 0; lane < count; lane++)
-        if (int_lane(written, lane))
-            enter_pixel(gbuffer, first + lane, depth[first + lane], color_lane(normal, lane));
+    for (uint left = lane_bits(written); left; left &= left - 1) {
+        const size_t pixel = first + int_lane(x, LOWEST(left));
+        enter_pixel(gbuffer, pixel, depth[pixel], color_lane(normal, LOWEST(left)));
+    }
 #endif
 }
 
 #if ORIGINS
-/* Writes where those of `count` pixels come from that are `written`. */
-INLINED void write_origins(Pixels pixels, intl written, int count, global float *origin, int view)
+/* Writes where those of pixels x of a row come from that are `written`. */
+INLINED void write_origins(Pixels pixels, intl written, intl x, global float *origin, int view)
 {
-    for (int lane = 0; lane < count; lane++) {
+    for (uint left = lane_bits(written); left; left &= left - 1) {
+        const int lane = LOWEST(left);
         const float3 from = (float3)(float_lane(pixels.u, lane), float_lane(pixels.v, lane), view);
-        if (int_lane(written, lane))
-            vstore3(IS_HIT(float_lane(pixels.n, lane)) ? from : (float3)(NAN), lane, origin);
+        vstore3(IS_HIT(float_lane(pixels.n, lane)) ? from : (float3)(NAN), int_lane(x, lane), origin);
     }
 }
 #endif
@@ -211,6 +203,24 @@ INLINED intl write_pixels(Pixels pixels, Color c, PixelMap map, int merge, int c
     return written;
 }
 
+/* Writes those of pixels x of a row that are wanted and nearer than what the picture shows. Returns which are written. */
+INLINED intl write_apart(Pixels pixels, Color c, PixelMap map, intl x, intl wanted, global float *depth, global channel *color,
+                         global uchar *valid)
+{
+    const floatl z = DEPTH_OF(map.dst_perspective, pixels.n);
+    intl written = 0;
+    for (int lane = 0; lane < LANES; lane++) {
+        const int at = int_lane(x, lane);
+        if (!int_lane(wanted, lane) || float_lane(z, lane) >= depth[at])
+            continue;
+        depth[at] = float_lane(z, lane);
+        valid[at] = 1;
+        set_int_lane(written, lane, -1);
+        write_pixel(color + CHANNELS * at, rounded_channel(color_lane(c, lane)));
+    }
+    return written;
+}
+
 /* Prefetches the samples around the pixels' hits, which hardware does not foresee. */
 void prefetch_place(Grid grid, global const channel *color, floatl u, floatl v)
 {
@@ -233,11 +243,12 @@ void prefetch_place(Grid grid, global const channel *color, floatl u, floatl v)
 #endif
 }
 
-kernel void resolve(global const float *surface, global const float *hits, global const float *margins,
+kernel void resolve(global const float *surface, global const float *hits, global const float *margin_hits,
                     global const channel *src_color,
                     global float *depth, global channel *color, global uchar *valid, PixelMap map, int sides,
                     int linear, int merge, int low_x, int high_x, int low_y, int high_y, int hit_kind, float density,
-                    int neighbour_offset, float typical, float rough, float window, int connected
+                    int neighbour_offset, float typical, float rough, float window, int connected,
+                    int has_margins
 #if ORIGINS
                     ,
                     global float *origin /* (dst_height, dst_width, 3): u, v and the number of the view */, int view
@@ -265,58 +276,75 @@ kernel void resolve(global const float *surface, global const float *hits, globa
     }
 
     /* The pixels without a hit, in full packets */
-    int to_trace[(STRIP + 1) * LANES], count = 0;
+    int to_do[(STRIP + 1) * LANES], count = 0;
     if (hit_kind == HITS_OF_LINES)
         for (int p = 0; p < packets; p++) {
             const intl traced = pixels[p].traced;
             if (any_lane(traced))
                 for (int lane = 0; lane < LANES; lane++) {
-                    to_trace[count] = p * LANES + lane;
+                    to_do[count] = p * LANES + lane;
                     count += int_lane(traced, lane) != 0;
                 }
         }
     uint cells = 0;
     for (int first = 0; first < count; first += LANES) {
         const intl wanted = first + lane_index < count;
-        const intl pixel = select_lanes(wanted, (intl)load_lanes(to_trace + first), (intl)0), x = strip_x + pixel;
+        const intl pixel = select_lanes(wanted, (intl)load_lanes(to_do + first), (intl)0), x = strip_x + pixel;
         const floatl n = trace_candidates(hits, grid, map, x, y, wanted, sides, neighbour_offset, density, window, connected, &cells);
-        const floatl seen = select_lanes(IS_VISIBLE_HIT(n), n, (floatl)EMPTY), hidden = select_lanes(IS_VISIBLE_HIT(n), (floatl)EMPTY, n);
-        for (int i = 0; i < min(count - first, LANES); i++) {
-            Pixels *packet = &pixels[to_trace[first + i] / LANES];
-            set_float_lane(packet->n, to_trace[first + i] % LANES, float_lane(seen, i));
-            set_float_lane(packet->hidden, to_trace[first + i] % LANES, float_lane(hidden, i));
-        }
+        for (int i = 0; i < min(count - first, LANES); i++)
+            set_float_lane(pixels[to_do[first + i] / LANES].n, to_do[first + i] % LANES, float_lane(n, i));
     }
 
+#if COUNTERS
+    const int traced_count = count;
+#endif
+    const size_t row = (size_t)y * map.dst_width;
+    const GBuffer gbuffer = GBUFFER_VALUE;
+    count = 0;
     for (int p = 0; p < packets; p++) {
-        const int x0 = strip_x + p * LANES;
-        const floatl margin = load_lanes(margins + (size_t)y * map.dst_pitch + x0);
-        const intl on_margin = margin > max_lanes(pixels[p].n, pixels[p].hidden);
-        pixels[p].n = select_lanes(on_margin, select_lanes(IS_VISIBLE_HIT(margin), margin, (floatl)EMPTY), pixels[p].n);
+        const int x0 = strip_x + p * LANES, in_packet = min(high_x - x0, LANES);
+        const intl x = x0 + lane_index;
+        if (has_margins) { /* where they are nearer, they are written after these */
+            const floatl margin = load_lanes(margin_hits + (size_t)y * map.dst_pitch + x0);
+            const intl on_margin = margin > pixels[p].n;
+            for (uint left = lane_bits(on_margin & IS_VISIBLE_HIT(margin) & (x < high_x)); left; left &= left - 1)
+                to_do[count++] = x0 + LOWEST(left);
+            pixels[p].n = select_lanes(on_margin, (floatl)EMPTY, pixels[p].n);
+        }
+        pixels[p].n = select_lanes(IS_VISIBLE_HIT(pixels[p].n), pixels[p].n, (floatl)EMPTY);
         if (merge && !any_lane(IS_HIT(pixels[p].n)))
             continue;
-        const size_t out = (size_t)y * map.dst_width + x0;
-        const int any_margin = any_lane(on_margin);
-        if (hit_kind != HITS_OF_PIXELS || any_margin)
-            find_place(&pixels[p], map, x0, y);
-        Corners there = corners_at(&pixels[p], grid, map, linear, !on_margin);
-        if (any_margin)
-            there = corners_of_margins(&pixels[p], grid, map, linear, x0, y, on_margin, there);
+        if (hit_kind != HITS_OF_PIXELS)
+            find_place(&pixels[p], map, to_floatl(x), y);
+        const Corners there = corners_at(&pixels[p], grid, map, linear);
         const Color c = interpolate_color(there, map, src_color, linear);
         pixels[p].n = select_lanes(IS_BEFORE(map.dst_perspective, pixels[p].n), pixels[p].n, (floatl)EMPTY);
-        const int in_packet = min(high_x - x0, LANES);
-        const intl written = write_pixels(pixels[p], c, map, merge, in_packet, depth + out, color + CHANNELS * out,
-                                          valid + out);
+        const intl written = write_pixels(pixels[p], c, map, merge, in_packet, depth + row + x0, color + CHANNELS * (row + x0),
+                                          valid + row + x0) & (x < high_x);
 #if ORIGINS
-        write_origins(pixels[p], written, in_packet, origin + 3 * out, view);
+        write_origins(pixels[p], written, x, origin + 3 * row, view);
 #endif
-        const GBuffer gbuffer = GBUFFER_VALUE;
-        enter_pixels(gbuffer, there, written, in_packet, out, depth, NORMALS_ARGUMENT(float));
+        enter_pixels(gbuffer, there, written, x, row, depth, NORMALS_ARGUMENT(float));
+    }
+    for (int first = 0; first < count; first += LANES) {
+        const intl wanted = first + lane_index < count;
+        const intl x = select_lanes(wanted, (intl)load_lanes(to_do + first), (intl)strip_x);
+        Pixels one;
+        one.n = (floatl)(gather(margin_hits + (size_t)y * map.dst_pitch, x));
+        find_place(&one, map, to_floatl(x), y);
+        const Corners there = corners_of_margins(&one, grid, map, linear, to_floatl(x), y);
+        const Color c = interpolate_color(there, map, src_color, linear);
+        const intl written = write_apart(one, c, map, x, wanted & IS_BEFORE(map.dst_perspective, one.n), depth + row,
+                                         color + CHANNELS * row, valid + row);
+#if ORIGINS
+        write_origins(one, written, x, origin + 3 * row, view);
+#endif
+        enter_pixels(gbuffer, there, written, x, row, depth, NORMALS_ARGUMENT(float));
     }
 #if COUNTERS
     const int across = (high_x - low_x + STRIP * LANES - 1) / (STRIP * LANES);
     const int item = get_global_id(1) * across + get_global_id(0);
     counters[2 * item] = cells * LANES;
-    counters[2 * item + 1] = count;
+    counters[2 * item + 1] = traced_count;
 #endif
 }

@@ -15,7 +15,7 @@ from pyibr.opencl.device import current
 from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
-from pyibr.opencl.memory import DeviceArray, empty
+from pyibr.opencl.memory import DeviceArray, empty, upload
 from pyibr.opencl.program import kernel
 from pyibr.picture.samples import Samples, cut_of, samples_of
 
@@ -63,6 +63,45 @@ class Surface:
             pitch=self.nearness.shape[1],
         )
         return prominence
+
+
+    @cached_property
+    def margins(self) -> Margins:
+        """What no triangle covers of the pixels of samples beside edges."""
+        width, height = self.color.shape[1], self.color.shape[0]
+        shared = {"surface": self.nearness, "width": width, "height": height, "pitch": self.nearness.shape[1]}
+        counts = empty((height,), np.int32)
+        launch(kernel("picture/begin.cl", "count_margins"), (height,), counts=counts, **shared)
+        of_rows = counts.to_host()
+        starts, count = np.cumsum(of_rows, dtype=np.int32) - of_rows, int(of_rows.sum())
+        # Packets at the end read beyond the last one.
+        planes = int(constant("lib/margins.h", "MARGIN_PLANES"))
+        quarters = empty((planes, count + current().profile.lanes), np.float32)
+        if count:
+            launch(
+                kernel("picture/begin.cl", "find_margins"),
+                (height,),
+                starts=upload(starts),
+                margins=quarters,
+                margin_pitch=quarters.shape[1],
+                **shared,
+            )
+        return Margins(quarters, count)
+
+
+@dataclass(frozen=True)
+class Margins:
+    """The margins of a surface on the device.
+
+    Attributes
+    ----------
+    quarters : DeviceArray (MARGIN_PLANES, count or more) float32
+        kernels/lib/margins.h.
+    count : int
+    """
+
+    quarters: DeviceArray
+    count: int
 
 
 @dataclass(frozen=True)

@@ -87,8 +87,9 @@ def inverse_warp(
         return
     shared = _shared(surface, pixel_map, options)
     hits, hit_kind = _find_candidates(surface, pixel_map, target, options, shared)
-    margins = _draw_margins(pixel_map, target, shared)
-    found = {**shared, "hits": hits, "hit_kind": hit_kind, "margins": margins}
+    margin_hits = _draw_margins(surface, pixel_map, target, shared)
+    found = {**shared, "hits": hits, "hit_kind": hit_kind, "has_margins": margin_hits is not None}
+    found["margin_hits"] = hits if margin_hits is None else margin_hits
     _resolve(surface, pixel_map, target, options, found, view, entry, in_reach)
     target.blank = in_reach and target.blank
 
@@ -160,19 +161,27 @@ def _find_candidates(
     return hits, _hits("OF_LINES")
 
 
-def _draw_margins(pixel_map: PixelMap, target: Target, shared: dict[str, Any]) -> DeviceArray:
-    """What no triangle covers of the pixels of samples beside edges: kernels/warp/margins.cl."""
-    profile = current().profile
+def _draw_margins(
+    surface: Surface, pixel_map: PixelMap, target: Target, shared: dict[str, Any]
+) -> DeviceArray | None:
+    """What the pixels' own rays meet of the surface's margins; None if it has none."""
+    profile, margins = current().profile, surface.margins
+    if not margins.count or pixel_map.reach.empty:
+        return None
     # Packets at the end of the last row read beyond it.
-    margins = empty((target.camera.height * pitch(target.camera.width) + profile.lanes,), np.float32)
-    clear(margins, constant("lib/pixelspace.h", "EMPTY"))
+    hits = empty((target.camera.height * pitch(target.camera.width) + profile.lanes,), np.float32)
+    clear(hits, constant("lib/pixelspace.h", "EMPTY"))
     launch(
         kernel("warp/margins.cl", "draw_margins", STRIP=profile.strip),
-        profile.packets(*pixel_map.pair.src.size, profile.strip),
-        margins=margins,
-        **shared,
+        (-(-margins.count // (profile.strip * profile.lanes)),),
+        margins=margins.quarters,
+        margin_hits=hits,
+        map=shared["map"],
+        sides=shared["sides"],
+        count=margins.count,
+        pitch=margins.quarters.shape[1],
     )
-    return margins
+    return hits
 
 
 def _hits(name: str) -> float:
@@ -295,35 +304,6 @@ def forward_warp(samples: Samples, pixel_map: PixelMap, target: Target, size: fl
         **entry.arguments,
     )
     target.blank = False
-
-
-def draw_rims(surface: Surface, pixel_map: PixelMap, target: Target, cut_there: NDArray[np.void]) -> None:
-    """The pixels next to openings, into a target of depth alone: where it shows nothing, or what is torn from them.
-
-    `cut_there` is a record of the kernels' struct Cut, of the target.
-    """
-    profile, (width, height) = current().profile, target.camera.size
-    keys = empty((height, width), np.uint32)
-    clear(keys, 0)
-    pair = pixel_map.pair
-    launch(
-        kernel("warp/rims.cl", "rims", STRIP=profile.strip),
-        profile.packets(*pair.src.size, profile.strip),
-        surface=surface.nearness,
-        keys=keys,
-        map=map_of(pair),
-    )
-    launch(
-        kernel("warp/rims.cl", "add_rims", STRIP=profile.strip),
-        profile.packets(width, height, profile.strip),
-        keys=keys,
-        depth=target.depth,
-        valid=target.valid,
-        width=width,
-        height=height,
-        perspective=target.camera.projection == "perspective",
-        cut=Struct("Cut", cut_there),
-    )
 
 
 def classify(surface: Surface, pixel_map: PixelMap, target: Target, first: bool) -> None:

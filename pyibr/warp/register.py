@@ -26,7 +26,7 @@ from pyibr.picture.samples import Samples, at_least_a_word, bridged_samples, cut
 from pyibr.picture.surface import make_surface, straightness_test, test_by_cut
 from pyibr.picture.target import Target
 from pyibr.picture.undistort import positions_on_device, undistorted_view
-from pyibr.warp.launches import Options, draw_rims, inverse_warp, map_of
+from pyibr.warp.launches import Options, inverse_warp, map_of
 
 AnyDepth = NDArray[np.float32] | NDArray[np.uint16]
 
@@ -264,7 +264,7 @@ class _Drawn:
 
 
 def _drawn(view: DepthImage, camera: Camera, cut_ratio: float | None) -> _Drawn:
-    """The surface of an image as a camera sees it, with all of the pixels at its rims. The session is held."""
+    """The surface of an image as a camera sees it. The session is held."""
     own, there, ratio = view.camera.projection, camera.projection, cut_ratio or _CUT_RATIO
     noise = _noise_in(view, own)
     cut = cut_of(view.camera, ratio, noise)
@@ -280,7 +280,6 @@ def _drawn(view: DepthImage, camera: Camera, cut_ratio: float | None) -> _Drawn:
         targets.append(Target(part, np.dtype(np.uint8), channels=0, pool=pool))
         pixel_map = PixelMap(camera_pair(source.camera, part), surface.low, surface.high)
         inverse_warp(surface, pixel_map, targets[-1], Options())
-        draw_rims(surface, pixel_map, targets[-1], cut_there)
     return _Drawn(source, cut, cut_there, samples, joined_faces(targets, camera))
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 import pyibr as ibr
 from pyibr.core.camera import Camera, Projection
 from tests import scenes, truth
+from tests.reference.edges import edges_of
 
 pytest.importorskip("open3d")
 
@@ -143,7 +144,13 @@ def test_what_belongs_to_the_source_is_carried_over_by_a_gather():
     across, down = np.ascontiguousarray(np.moveaxis(frame.source, -1, 0))
     carried = cv2.remap(view.color, across, down, cv2.INTER_LINEAR)
     # cv2 mixes four samples, the warp three, and it rounds positions to 1/32 of a pixel: 3 of 255, as for a homography.
-    assert np.abs(carried.astype(int) - frame.color)[frame.valid].max() <= 3
+    # At an edge the warp's samples are of one side, and cv2's of both.
+    torn = edges_of(view)
+    whole = ~(torn.right[:-1, :-1] | torn.right[1:, :-1] | torn.below[:-1, :-1] | torn.below[:-1, 1:])
+    x, y = (np.clip(np.nan_to_num(a).astype(int), 0, n - 2) for a, n in zip((across, down), view.camera.size, strict=True))
+    compared = frame.valid & whole[y, x]
+    assert compared.sum() > 0.95 * frame.valid.sum()
+    assert np.abs(carried.astype(int) - frame.color)[compared].max() <= 3
 
 
 def test_of_several_views_the_one_that_shows_is_told_and_holes_are_what_knows_most():

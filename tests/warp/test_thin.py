@@ -98,15 +98,16 @@ def test_wires_are_covered_and_little_more(name, wall):
     scene = strips(*CASES[name], wall=wall)
     view = scene.capture(CAMERA)
     for zoom in (2, 8):
-        covered = []
-        for move in MOVES:
-            camera, nearer = magnified(zoom, move), 2 / (2 - move[2])
-            share, beyond = compared(scene, ibr.warp(view, camera, thin=True), zoom * nearer)
-            assert beyond <= 0.5, (zoom, move)
-            covered.append(share)
-        assert np.mean(covered) >= 0.95, (zoom, covered)
-        plain = compared(scene, ibr.warp(view, magnified(zoom, MOVES[4])), zoom)[0]
-        assert plain < 0.2  # why there is `thin`
+        # The pixels of samples cover what lies along rows and columns, of slanted wires so much. The rest is why there is `thin`.
+        straight = name in ("row", "column", "dots", "a row that recedes")
+        for thin, least in ((True, 0.95), (False, 0.95 if straight else 0.6)):
+            covered = []
+            for move in MOVES:
+                camera, nearer = magnified(zoom, move), 2 / (2 - move[2])
+                share, beyond = compared(scene, ibr.warp(view, camera, thin=thin), zoom * nearer)
+                assert beyond <= 0.5, (zoom, move, thin)
+                covered.append(share)
+            assert np.mean(covered) >= least, (zoom, covered, thin)
 
 
 def test_the_search_draws_the_same():
@@ -261,8 +262,7 @@ def test_thin_things_in_pictures_of_anything_and_in_their_shadows():
     for thin in (False, True):
         frame = ibr.render([floor, ibr.WarpedView(alone, thin=thin)], CAMERA, light)
         shaded.append(((frame.depth > 3) & (frame.color.sum(axis=2) < lit.sum(axis=2) - 30)).sum())
-    assert shaded[0] == 0
-    assert shaded[1] > 8
+    assert shaded[1] >= shaded[0] > 8
 
 
 @pytest.mark.parametrize("wrong", [1, "yes", None, np.zeros(2)])

@@ -1,0 +1,142 @@
+/* The margins of a surface (lib/margins.h) from its edges.
+ *
+ * Beside a triangle of the same cell its plane goes on; else the slope to a neighbour of the same surface, in the
+ * quarter's direction or in the opposite one; and what stands alone faces the camera.
+ *
+ * surface: picture/edges.cl. counts: (height,) quarters that a row's samples have. starts: (height,) the column of a
+ * row's first one in `margins`, lib/margins.h.
+ * Work-item: a row. Cost: O(samples). Determinism: each row on its own.
+ */
+#include "lib/lanes.h"
+#include "lib/margins.h"
+#include "lib/surface.h"
+
+/* A packet of samples, and those around them */
+typedef struct {
+    floatl here, left, right, above, below, above_left, above_right, below_left;
+    intl torn_left, torn_right, torn_above, torn_below;
+} Around;
+
+/* Which parts of a packet's four quarters are margins: TO_RIGHT and TO_BELOW are their numbers */
+typedef struct {
+    intl lower[4], upper[4];
+} Parts;
+
+INLINED Around around_of(global const float *own, int pitch)
+{
+    Around n;
+    n.here = load_lanes(own);
+    n.left = load_lanes(own - 1);
+    n.right = load_lanes(own + 1);
+    n.above = load_lanes(own - pitch);
+    n.below = load_lanes(own + pitch);
+    n.above_left = load_lanes(own - pitch - 1);
+    n.above_right = load_lanes(own - pitch + 1);
+    n.below_left = load_lanes(own + pitch - 1);
+    n.torn_left = (as_intl(n.left) & TORN_RIGHT) != 0;
+    n.torn_right = (as_intl(n.here) & TORN_RIGHT) != 0;
+    n.torn_above = (as_intl(n.above) & TORN_BELOW) != 0;
+    n.torn_below = (as_intl(n.here) & TORN_BELOW) != 0;
+    return n;
+}
+
+/* Of the cells around the samples: the triangle of the last corner of that above to the left, both of the two beside it,
+ * and that of the first corner of the one below to the right */
+INLINED Parts parts_of(Around n, intl wanted)
+{
+    const intl solid = wanted & (n.here > NO_SURFACE);
+    Parts parts;
+    parts.lower[0] = parts.upper[0] = solid & (((as_intl(n.above_left) & TORN_DIAGONAL) != 0) | n.torn_above | n.torn_left);
+    parts.lower[TO_RIGHT] = solid & ((as_intl(n.above) & TORN_ALL) != 0);
+    parts.upper[TO_RIGHT] = solid & (((as_intl(n.above) & TORN_DIAGONAL) != 0) | ((as_intl(n.above_right) & TORN_BELOW) != 0) | n.torn_right);
+    parts.lower[TO_BELOW] = solid & ((as_intl(n.left) & TORN_ALL) != 0);
+    parts.upper[TO_BELOW] = solid & (((as_intl(n.left) & TORN_DIAGONAL) != 0) | n.torn_below | ((as_intl(n.below_left) & TORN_RIGHT) != 0));
+    parts.lower[3] = parts.upper[3] = solid & ((as_intl(n.here) & TORN_ALL) != 0);
+    return parts;
+}
+
+/* Are any of a packet's samples beside an edge? */
+INLINED int any_edge(Around n)
+{
+    return any_lane(((as_intl(n.here) | as_intl(n.left) | as_intl(n.above) | as_intl(n.above_left)) & TORN_ALL) |
+                    (as_intl(n.above_right) & TORN_BELOW) | (as_intl(n.below_left) & TORN_RIGHT));
+}
+
+/* The slope to a neighbour, or, if that is torn off, the one from the neighbour on the other side: over a pixel it may
+ * double the nearness at most. */
+INLINED floatl slope_to(floatl to_next, intl torn_next, floatl from_last, intl torn_last, floatl here)
+{
+    const floatl bound = fabs(here);
+    const floatl beyond = select_lanes(torn_last, (floatl)0.0f, clamp_lanes(from_last, -bound, bound));
+    return select_lanes(torn_next, beyond, to_next);
+}
+
+/* The slopes of the packet's quarters of a number */
+INLINED void slopes_of(Around n, intl lower, intl upper, int number, floatl *slope_x, floatl *slope_y)
+{
+    const floatl left = n.here - n.left, right = n.right - n.here, up = n.here - n.above, down = n.below - n.here;
+    const intl beside_upper = lower & !upper, beside_lower = upper & !lower; /* the triangle that is there */
+    *slope_x = number & TO_RIGHT ? slope_to(right, n.torn_right, left, n.torn_left, n.here)
+                                 : slope_to(left, n.torn_left, right, n.torn_right, n.here);
+    *slope_y = number & TO_BELOW ? slope_to(down, n.torn_below, up, n.torn_above, n.here)
+                                 : slope_to(up, n.torn_above, down, n.torn_below, n.here);
+    if (number == TO_RIGHT) {
+        *slope_x = select_lanes(beside_upper, right, select_lanes(beside_lower, n.above_right - n.above, *slope_x));
+        *slope_y = select_lanes(beside_upper, n.right - n.above_right, select_lanes(beside_lower, up, *slope_y));
+    } else if (number == TO_BELOW) {
+        *slope_x = select_lanes(beside_upper, n.below - n.below_left, select_lanes(beside_lower, left, *slope_x));
+        *slope_y = select_lanes(beside_upper, down, select_lanes(beside_lower, n.below_left - n.left, *slope_y));
+    }
+}
+
+kernel void count_margins(global const float *surface, global int *counts, int width, int height, int pitch)
+{
+    const int y = get_global_id(0);
+    if (y >= height)
+        return;
+    const Grid grid = GRID_OF(surface, width, height, pitch, NO_CUT);
+    int count = 0;
+    for (int x = 0; x < width; x += LANES) {
+        const Around n = around_of(grid.nearness + (size_t)y * pitch + x, pitch);
+        if (!any_edge(n))
+            continue;
+        const Parts parts = parts_of(n, x + lane_index < width);
+        for (int number = 0; number < 4; number++)
+            count += popcount(lane_bits(parts.lower[number] | parts.upper[number]));
+    }
+    counts[y] = count;
+}
+
+kernel void find_margins(global const float *surface, global const int *starts, global float *margins, int width, int height,
+                         int pitch, int margin_pitch)
+{
+    const int y = get_global_id(0);
+    if (y >= height)
+        return;
+    const Grid grid = GRID_OF(surface, width, height, pitch, NO_CUT);
+    int at = starts[y];
+    for (int x = 0; x < width; x += LANES) {
+        const Around n = around_of(grid.nearness + (size_t)y * pitch + x, pitch);
+        if (!any_edge(n))
+            continue;
+        const Parts parts = parts_of(n, x + lane_index < width);
+        for (int number = 0; number < 4; number++) {
+            const intl lower = parts.lower[number], upper = parts.upper[number];
+            uint left = lane_bits(lower | upper);
+            if (!left)
+                continue;
+            floatl slope_x, slope_y;
+            slopes_of(n, lower, upper, number, &slope_x, &slope_y);
+            for (; left; left &= left - 1, at++) {
+                const int lane = LOWEST(left);
+                global float *out = margins + at;
+                out[MARGIN_X * margin_pitch] = x + lane;
+                out[MARGIN_Y * margin_pitch] = y;
+                out[MARGIN_NEARNESS * margin_pitch] = float_lane(n.here, lane);
+                out[MARGIN_SLOPE_X * margin_pitch] = float_lane(slope_x, lane);
+                out[MARGIN_SLOPE_Y * margin_pitch] = float_lane(slope_y, lane);
+                out[MARGIN_BITS * margin_pitch] = as_float(number | (int_lane(lower, lane) ? IN_LOWER : 0) | (int_lane(upper, lane) ? IN_UPPER : 0));
+            }
+        }
+    }
+}
