@@ -4,8 +4,8 @@
  *
  * A sample is as large as the pixel that measured it, but at an edge the triangles of lib/surface.h end at the samples
  * themselves. There the surface goes straight on, half a pixel: of an open triangle each corner has the part that lies
- * nearest to it. Seen from a sample, that is a quarter of its pixel; or one half of a quarter, on one side of the cell's
- * diagonal, if the other half is in a triangle.
+ * nearest to it. Seen from a sample, that is a quarter of its pixel; or one half of a quarter, on one side of the
+ * cell's diagonal, if the other half is in a triangle.
  *
  * Found once a surface (picture/margins.cl), they lie in MARGIN_PLANES rows of `pitch` numbers: one quarter a column.
  */
@@ -19,6 +19,6 @@
 
 #define TO_RIGHT 1 /* the quarter lies to the right of the sample, */
 #define TO_BELOW 2 /* below it; */
-#define IN_LOWER 4 /* it is a margin on the upper left side of the cell's diagonal, where the lower triangle would be, */
-#define IN_UPPER 8 /* on the other one */
+#define IN_LOWER 4 /* it is a margin on the upper left of the cell's diagonal, where its first triangle would be, */
+#define IN_UPPER 8 /* on the other side */
 #endif

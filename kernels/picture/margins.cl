@@ -11,6 +11,8 @@
 #include "lib/margins.h"
 #include "lib/surface.h"
 
+#define IS_TORN(sample, edges) ((as_intl(sample) & (edges)) != 0)
+
 /* A packet of samples, and those around them */
 typedef struct {
     floatl here, left, right, above, below, above_left, above_right, below_left;
@@ -33,25 +35,26 @@ INLINED Around around_of(global const float *own, int pitch)
     n.above_left = load_lanes(own - pitch - 1);
     n.above_right = load_lanes(own - pitch + 1);
     n.below_left = load_lanes(own + pitch - 1);
-    n.torn_left = (as_intl(n.left) & TORN_RIGHT) != 0;
-    n.torn_right = (as_intl(n.here) & TORN_RIGHT) != 0;
-    n.torn_above = (as_intl(n.above) & TORN_BELOW) != 0;
-    n.torn_below = (as_intl(n.here) & TORN_BELOW) != 0;
+    n.torn_left = IS_TORN(n.left, TORN_RIGHT);
+    n.torn_right = IS_TORN(n.here, TORN_RIGHT);
+    n.torn_above = IS_TORN(n.above, TORN_BELOW);
+    n.torn_below = IS_TORN(n.here, TORN_BELOW);
     return n;
 }
 
-/* Of the cells around the samples: the triangle of the last corner of that above to the left, both of the two beside it,
- * and that of the first corner of the one below to the right */
+/* Of the cells around the samples: the triangle of the last corner of that above to the left, both of the two beside
+ * it, and that of the first corner of the one below to the right */
 INLINED Parts parts_of(Around n, intl wanted)
 {
     const intl solid = wanted & (n.here > NO_SURFACE);
     Parts parts;
-    parts.lower[0] = parts.upper[0] = solid & (((as_intl(n.above_left) & TORN_DIAGONAL) != 0) | n.torn_above | n.torn_left);
-    parts.lower[TO_RIGHT] = solid & ((as_intl(n.above) & TORN_ALL) != 0);
-    parts.upper[TO_RIGHT] = solid & (((as_intl(n.above) & TORN_DIAGONAL) != 0) | ((as_intl(n.above_right) & TORN_BELOW) != 0) | n.torn_right);
-    parts.lower[TO_BELOW] = solid & ((as_intl(n.left) & TORN_ALL) != 0);
-    parts.upper[TO_BELOW] = solid & (((as_intl(n.left) & TORN_DIAGONAL) != 0) | n.torn_below | ((as_intl(n.below_left) & TORN_RIGHT) != 0));
-    parts.lower[3] = parts.upper[3] = solid & ((as_intl(n.here) & TORN_ALL) != 0);
+    parts.upper[0] = parts.lower[0] = solid & (IS_TORN(n.above_left, TORN_DIAGONAL) | n.torn_above | n.torn_left);
+    parts.lower[TO_RIGHT] = solid & IS_TORN(n.above, TORN_ALL);
+    parts.upper[TO_RIGHT] =
+        solid & (IS_TORN(n.above, TORN_DIAGONAL) | IS_TORN(n.above_right, TORN_BELOW) | n.torn_right);
+    parts.lower[TO_BELOW] = solid & IS_TORN(n.left, TORN_ALL);
+    parts.upper[TO_BELOW] = solid & (IS_TORN(n.left, TORN_DIAGONAL) | IS_TORN(n.below_left, TORN_RIGHT) | n.torn_below);
+    parts.lower[3] = parts.upper[3] = solid & IS_TORN(n.here, TORN_ALL);
     return parts;
 }
 
@@ -107,8 +110,8 @@ kernel void count_margins(global const float *surface, global int *counts, int w
     counts[y] = count;
 }
 
-kernel void find_margins(global const float *surface, global const int *starts, global float *margins, int width, int height,
-                         int pitch, int margin_pitch)
+kernel void find_margins(global const float *surface, global const int *starts, global float *margins, int width,
+                         int height, int pitch, int margin_pitch)
 {
     const int y = get_global_id(0);
     if (y >= height)
@@ -135,7 +138,8 @@ kernel void find_margins(global const float *surface, global const int *starts, 
                 out[MARGIN_NEARNESS * margin_pitch] = float_lane(n.here, lane);
                 out[MARGIN_SLOPE_X * margin_pitch] = float_lane(slope_x, lane);
                 out[MARGIN_SLOPE_Y * margin_pitch] = float_lane(slope_y, lane);
-                out[MARGIN_BITS * margin_pitch] = as_float(number | (int_lane(lower, lane) ? IN_LOWER : 0) | (int_lane(upper, lane) ? IN_UPPER : 0));
+                const int parts_bits = (int_lane(lower, lane) & IN_LOWER) | (int_lane(upper, lane) & IN_UPPER);
+                out[MARGIN_BITS * margin_pitch] = as_float(number | parts_bits);
             }
         }
     }

@@ -1,9 +1,9 @@
 /* The margins of a surface, drawn: each pixel's nearest hit on any of them.
  *
- * margins: (MARGIN_PLANES, pitch) of `count` quarters, picture/margins.cl. margin_hits: (dst_height, dst_pitch) hits of the
- * pixels' own rays, EMPTY before; a side that is not shown hides what lies behind it (hits.h).
- * Work-item: STRIP * LANES quarters. Cost: O(margins + their pixels). Determinism: a maximum does not depend on the order of
- * work-items.
+ * margins: (MARGIN_PLANES, pitch) of `count` quarters, picture/margins.cl. margin_hits: (dst_height, dst_pitch) hits of
+ * the pixels' own rays, EMPTY before; a side that is not shown hides what lies behind it (hits.h).
+ * Work-item: STRIP * LANES quarters. Cost: O(margins + their pixels). Determinism: a maximum does not depend on the
+ * order of work-items.
  * Not in the paper, whose samples are all connected.
  */
 #include "lib/lanes.h"
@@ -49,7 +49,8 @@ INLINED Quarters quarters_at(global const float *margins, int pitch)
 INLINED Box box_of(PixelMap map, Quarters at, intl wanted)
 {
     const float *D = map.dst_from_src;
-    const floatl u = MAP_ROW(D, 0, at.x, at.y, at.n), v = MAP_ROW(D, 1, at.x, at.y, at.n), w = MAP_ROW(D, 2, at.x, at.y, at.n);
+    const floatl u = MAP_ROW(D, 0, at.x, at.y, at.n), v = MAP_ROW(D, 1, at.x, at.y, at.n);
+    const floatl w = MAP_ROW(D, 2, at.x, at.y, at.n);
     /* Pixel space changes evenly over a plane. */
     const floatl half_x = 0.5f * at.to_x, half_y = 0.5f * at.to_y;
     const floatl u_x = half_x * (D[0] + at.slope_x * D[3]), u_y = half_y * (D[1] + at.slope_y * D[3]);
@@ -72,8 +73,10 @@ INLINED Box box_of(PixelMap map, Quarters at, intl wanted)
     const float last_x = map.dst_width - 1, last_y = map.dst_height - 1;
     box.left = ceil_lanes(clamp_lanes(low_u - HAIR, (floatl)0.0f, (floatl)(last_x + 1.0f)));
     box.top = ceil_lanes(clamp_lanes(low_v - HAIR, (floatl)0.0f, (floatl)(last_y + 1.0f)));
-    box.right = min_lanes(floor_lanes(clamp_lanes(high_u + HAIR, (floatl)-1.0f, (floatl)last_x)), box.left + MARGIN_WIDTH_MAX);
-    box.bottom = min_lanes(floor_lanes(clamp_lanes(high_v + HAIR, (floatl)-1.0f, (floatl)last_y)), box.top + MARGIN_WIDTH_MAX);
+    box.right = floor_lanes(clamp_lanes(high_u + HAIR, (floatl)-1.0f, (floatl)last_x));
+    box.right = min_lanes(box.right, box.left + MARGIN_WIDTH_MAX);
+    box.bottom = floor_lanes(clamp_lanes(high_v + HAIR, (floatl)-1.0f, (floatl)last_y));
+    box.bottom = min_lanes(box.bottom, box.top + MARGIN_WIDTH_MAX);
     box.drawn = box.drawn & (box.left <= box.right) & (box.top <= box.bottom);
     return box;
 }
@@ -82,7 +85,8 @@ INLINED void draw_quarters(PixelMap map, Quarters at, intl wanted, int sides, gl
 {
     const float *S = map.src_from_dst;
     const Box box = box_of(map, at, wanted);
-    const floatl per_unit = S[15] - at.n * S[11] - at.slope_x * (S[3] - at.x * S[11]) - at.slope_y * (S[7] - at.y * S[11]);
+    const floatl per_unit =
+        S[15] - at.n * S[11] - at.slope_x * (S[3] - at.x * S[11]) - at.slope_y * (S[7] - at.y * S[11]);
     const intl drawn = box.drawn & (per_unit != 0.0f);
     const intl front_hides = sides & SHOWS_FRONT ? 0 : 1, back_hides = sides & SHOWS_BACK ? 0 : 1;
     const intl hides = select_lanes(per_unit > 0.0f, front_hides, back_hides);
@@ -90,13 +94,14 @@ INLINED void draw_quarters(PixelMap map, Quarters at, intl wanted, int sides, gl
         for (floatl column = box.left; any_lane(drawn & (row <= box.bottom) & (column <= box.right)); column += 1.0f) {
             const floatl u = PIXEL_ROW(S, 0, column, row), v = PIXEL_ROW(S, 1, column, row);
             const floatl w = PIXEL_ROW(S, 2, column, row), q = PIXEL_ROW(S, 3, column, row);
-            const floatl met = -(q - at.n * w - at.slope_x * (u - at.x * w) - at.slope_y * (v - at.y * w)) / per_unit;
-            const floatl w_met = w + met * S[11], inverse = 1.0f / w_met;
-            const floatl du = (u + met * S[3]) * inverse - at.x, dv = (v + met * S[7]) * inverse - at.y, across = du + dv;
-            const intl in_quarter = (fabs(at.to_x * du - 0.25f) <= 0.25f + HAIR) & (fabs(at.to_y * dv - 0.25f) <= 0.25f + HAIR);
-            const intl in_part = (at.lower & (across <= HAIR)) | (at.upper & (across >= -HAIR));
-            const intl hit = drawn & (row <= box.bottom) & (column <= box.right) & in_quarter & in_part & (w_met > 0.0f) &
-                             IS_BEFORE(map.dst_perspective, met);
+            const floatl at_start = q - at.n * w - at.slope_x * (u - at.x * w) - at.slope_y * (v - at.y * w);
+            const floatl met = -at_start / per_unit, w_met = w + met * S[11], inverse = 1.0f / w_met;
+            const floatl du = (u + met * S[3]) * inverse - at.x, dv = (v + met * S[7]) * inverse - at.y;
+            const intl in_quarter =
+                (fabs(at.to_x * du - 0.25f) <= 0.25f + HAIR) & (fabs(at.to_y * dv - 0.25f) <= 0.25f + HAIR);
+            const intl in_part = (at.lower & (du + dv <= HAIR)) | (at.upper & (du + dv >= -HAIR));
+            const intl before = (w_met > 0.0f) & IS_BEFORE(map.dst_perspective, met);
+            const intl hit = drawn & (row <= box.bottom) & (column <= box.right) & in_quarter & in_part & before;
             const intl pixel = to_intl(row) * map.dst_pitch + to_intl(column), bits = as_intl(PACKED_HIT(met, hides));
             for (uint left = lane_bits(hit); left; left &= left - 1) {
                 const int lane = LOWEST(left);
@@ -105,7 +110,8 @@ INLINED void draw_quarters(PixelMap map, Quarters at, intl wanted, int sides, gl
         }
 }
 
-kernel void draw_margins(global const float *margins, global float *margin_hits, PixelMap map, int sides, int count, int pitch)
+kernel void draw_margins(global const float *margins, global float *margin_hits, PixelMap map, int sides, int count,
+                         int pitch)
 {
     const int first = get_global_id(0) * STRIP * LANES;
     for (int i = first; i < min(first + STRIP * LANES, count); i += LANES)

@@ -24,6 +24,7 @@
 #include "lib/gbuffer.h"
 #include "lib/vectors.h"
 #include "warp/candidates.h"
+#include "warp/corners.h"
 
 #ifndef STRIP
 #define STRIP 1 /* packets of LANES pixels a work-item: pixels to trace are gathered from all of them */
@@ -31,117 +32,6 @@
 #ifndef ORIGINS
 #define ORIGINS 0 /* 1: where in which view each pixel comes from is written, too */
 #endif
-
-/* The samples that a hit is interpolated from, as numbers y * width + x, and their weights: the corners of its
- * triangle, or the nearest sample alone */
-typedef struct {
-    intl corner, beside, below;
-    floatl at_corner, at_beside, at_below;
-} Corners;
-
-/* Sample (x, y) alone, whose nearness the pixels get, too */
-INLINED Corners one_sample(Pixels *pixels, Grid grid, PixelMap map, intl x, intl y)
-{
-    const float *D = map.dst_from_src;
-    const floatl q = (floatl)(gather(grid.nearness, y * map.src_pitch + x)), sample_u = to_floatl(x), sample_v = to_floatl(y);
-    const floatl w = MAP_ROW(D, 2, sample_u, sample_v, q);
-    pixels->n = select_lanes(IS_HIT(pixels->n) & (w > 0.0f), MAP_ROW(D, 3, sample_u, sample_v, q) / w, pixels->n);
-    const intl number = y * map.src_width + x;
-    const Corners one = {number, number, number, 1.0f, 0.0f, 0.0f};
-    return one;
-}
-
-/* The samples around the pixels' hits; if not `linear` the nearest, whose nearness the pixels get, too */
-INLINED Corners corners_at(Pixels *pixels, Grid grid, PixelMap map, int linear)
-{
-    const int step_x = min(map.src_width - 1, 1), step_y = min(map.src_height - 1, 1); /* 0 in an image of one column */
-    const floatl u = pixels->u, v = pixels->v;
-    const floatl uc = truncated(clamp_lanes(u, (floatl)0.0f, (floatl)max(map.src_width - 2, 0)));
-    const floatl vc = truncated(clamp_lanes(v, (floatl)0.0f, (floatl)max(map.src_height - 2, 0)));
-    const floatl fu = clamp_lanes(u - uc, (floatl)0.0f, (floatl)1.0f);
-    const floatl fv = clamp_lanes(v - vc, (floatl)0.0f, (floatl)1.0f);
-    const intl cell_x = to_intl(uc), cell_y = to_intl(vc);
-    if (!linear)
-        return one_sample(pixels, grid, map, cell_x + select_lanes(fu >= 0.5f, (intl)step_x, (intl)0),
-                          cell_y + select_lanes(fv >= 0.5f, (intl)step_y, (intl)0));
-    const floatl diagonal = fu + fv - 1.0f;
-    const intl upper = diagonal > 0.0f;
-    const intl cell = cell_y * map.src_width + cell_x, below = cell + step_y * map.src_width;
-    const Corners three = {select_lanes(upper, below + step_x, cell), cell + step_x, below,
-                         fabs(diagonal), select_lanes(upper, 1.0f - fv, fu), select_lanes(upper, 1.0f - fu, fv)};
-    return three;
-}
-
-#define BETWEEN_SAMPLES 2e-3f /* pixels off the middle between two samples at which a margin may be that of either */
-
-/* The samples whose margins pixels x of a row show: the nearest; half-way between two, the one that is as near. */
-INLINED void margins_samples(Pixels pixels, Grid grid, PixelMap map, floatl column, int row, intl *x, intl *y)
-{
-    const float *S = map.src_from_dst;
-    const floatl last_x = map.src_width - 1, last_y = map.src_height - 1;
-    *x = to_intl(clamp_lanes(floor_lanes(pixels.u + (0.5f - BETWEEN_SAMPLES)), (floatl)0.0f, last_x));
-    *y = to_intl(clamp_lanes(floor_lanes(pixels.v + (0.5f - BETWEEN_SAMPLES)), (floatl)0.0f, last_y));
-    const intl next_x = to_intl(clamp_lanes(floor_lanes(pixels.u + (0.5f + BETWEEN_SAMPLES)), (floatl)0.0f, last_x));
-    const intl next_y = to_intl(clamp_lanes(floor_lanes(pixels.v + (0.5f + BETWEEN_SAMPLES)), (floatl)0.0f, last_y));
-    if (!any_lane((next_x != *x) | (next_y != *y)))
-        return;
-    const floatl near = MAP_ROW(S, 3, column, row, pixels.n) / MAP_ROW(S, 2, column, row, pixels.n);
-    const intl xs[2] = {*x, next_x}, ys[2] = {*y, next_y};
-    floatl least = INFINITY;
-    for (int i = 0; i < 4; i++) {
-        const floatl q = (floatl)(gather(grid.nearness, ys[i >> 1] * map.src_pitch + xs[i & 1]));
-        const intl nearer = fabs(q - near) < least;
-        least = select_lanes(nearer, fabs(q - near), least);
-        *x = select_lanes(nearer, xs[i & 1], *x);
-        *y = select_lanes(nearer, ys[i >> 1], *y);
-    }
-}
-
-/* The same of pixels that show margins: the margin's sample, and those beside it in the place's direction as far as they
- * are of one surface */
-INLINED Corners corners_of_margins(Pixels *pixels, Grid grid, PixelMap map, int linear, floatl column, int row)
-{
-    intl x, y;
-    margins_samples(*pixels, grid, map, column, row, &x, &y);
-    if (!linear)
-        return one_sample(pixels, grid, map, x, y);
-    const floatl du = clamp_lanes(pixels->u - to_floatl(x), (floatl)-0.5f, (floatl)0.5f);
-    const floatl dv = clamp_lanes(pixels->v - to_floatl(y), (floatl)-0.5f, (floatl)0.5f);
-    const intl to_x = select_lanes(du < 0.0f, (intl)-1, (intl)1), to_y = select_lanes(dv < 0.0f, (intl)-1, (intl)1);
-    const intl at = y * map.src_pitch + x;
-    const floatl first = (floatl)(gather(grid.nearness, at + min(to_x, (intl)0)));
-    const floatl upper = (floatl)(gather(grid.nearness, at + min(to_y, (intl)0) * map.src_pitch));
-    const intl has_beside = ((as_intl(first) & TORN_RIGHT) == 0) & (x + to_x >= 0) & (x + to_x < map.src_width);
-    const intl has_below = ((as_intl(upper) & TORN_BELOW) == 0) & (y + to_y >= 0) & (y + to_y < map.src_height);
-    Corners corners;
-    corners.corner = y * map.src_width + x;
-    corners.beside = select_lanes(has_beside, corners.corner + to_x, corners.corner);
-    corners.below = select_lanes(has_below, corners.corner + to_y * map.src_width, corners.corner);
-    corners.at_beside = select_lanes(has_beside, fabs(du), (floatl)0.0f);
-    corners.at_below = select_lanes(has_below, fabs(dv), (floatl)0.0f);
-    corners.at_corner = 1.0f - corners.at_beside - corners.at_below;
-    return corners;
-}
-
-INLINED Color interpolate_color(Corners there, PixelMap map, global const channel *src_color, int linear)
-{
-    const int count = max(map.src_width * map.src_height, 2); /* there is room for two: `read_color` reads four bytes */
-    const Color c0 = read_color(src_color, there.corner, count);
-    if (!linear)
-        return c0;
-    const Color c1 = read_color(src_color, there.beside, count);
-    Color c;
-    c.r = there.at_corner * c0.r + there.at_beside * c1.r;
-    c.g = there.at_corner * c0.g + there.at_beside * c1.g;
-    c.b = there.at_corner * c0.b + there.at_beside * c1.b;
-    if (any_lane(there.at_below != 0.0f)) { /* not on rows of samples */
-        const Color c2 = read_color(src_color, there.below, count);
-        c.r += there.at_below * c2.r;
-        c.g += there.at_below * c2.g;
-        c.b += there.at_below * c2.b;
-    }
-    return c;
-}
 
 /* Enters into the G-buffer those of pixels x of a row, which begins with number `first`, that are `written`. */
 INLINED void enter_pixels(GBuffer gbuffer, Corners there, intl written, intl x, size_t first, global const float *depth,
@@ -203,9 +93,9 @@ INLINED intl write_pixels(Pixels pixels, Color c, PixelMap map, int merge, int c
     return written;
 }
 
-/* Writes those of pixels x of a row that are wanted and nearer than what the picture shows. Returns which are written. */
-INLINED intl write_apart(Pixels pixels, Color c, PixelMap map, intl x, intl wanted, global float *depth, global channel *color,
-                         global uchar *valid)
+/* Writes those of pixels x of a row that are wanted and nearer than what the picture shows. Returns which are. */
+INLINED intl write_apart(Pixels pixels, Color c, PixelMap map, intl x, intl wanted, global float *depth,
+                         global channel *color, global uchar *valid)
 {
     const floatl z = DEPTH_OF(map.dst_perspective, pixels.n);
     intl written = 0;
@@ -243,6 +133,25 @@ void prefetch_place(Grid grid, global const channel *color, floatl u, floatl v)
 #endif
 }
 
+/* Traces the pixels of packets of a row that have no hit yet, in full packets. Returns how many they are. */
+INLINED int trace_pixels(Pixels *pixels, int packets, global const float *hits, Grid grid, PixelMap map, int strip_x,
+                         int y, int sides, int neighbour_offset, float density, float window, int connected, uint *cells)
+{
+    int to_trace[(STRIP + 1) * LANES], count = 0;
+    for (int p = 0; p < packets; p++)
+        for (uint left = lane_bits(pixels[p].traced); left; left &= left - 1)
+            to_trace[count++] = p * LANES + LOWEST(left);
+    for (int first = 0; first < count; first += LANES) {
+        const intl wanted = first + lane_index < count;
+        const intl x = strip_x + select_lanes(wanted, (intl)load_lanes(to_trace + first), (intl)0);
+        const floatl n = trace_candidates(hits, grid, map, x, y, wanted, sides, neighbour_offset, density, window,
+                                          connected, cells);
+        for (int i = 0; i < min(count - first, LANES); i++)
+            set_float_lane(pixels[to_trace[first + i] / LANES].n, to_trace[first + i] % LANES, float_lane(n, i));
+    }
+    return count;
+}
+
 kernel void resolve(global const float *surface, global const float *hits, global const float *margin_hits,
                     global const channel *src_color,
                     global float *depth, global channel *color, global uchar *valid, PixelMap map, int sides,
@@ -275,32 +184,13 @@ kernel void resolve(global const float *surface, global const float *hits, globa
             pixels[p].n = EMPTY;
     }
 
-    /* The pixels without a hit, in full packets */
-    int to_do[(STRIP + 1) * LANES], count = 0;
-    if (hit_kind == HITS_OF_LINES)
-        for (int p = 0; p < packets; p++) {
-            const intl traced = pixels[p].traced;
-            if (any_lane(traced))
-                for (int lane = 0; lane < LANES; lane++) {
-                    to_do[count] = p * LANES + lane;
-                    count += int_lane(traced, lane) != 0;
-                }
-        }
     uint cells = 0;
-    for (int first = 0; first < count; first += LANES) {
-        const intl wanted = first + lane_index < count;
-        const intl pixel = select_lanes(wanted, (intl)load_lanes(to_do + first), (intl)0), x = strip_x + pixel;
-        const floatl n = trace_candidates(hits, grid, map, x, y, wanted, sides, neighbour_offset, density, window, connected, &cells);
-        for (int i = 0; i < min(count - first, LANES); i++)
-            set_float_lane(pixels[to_do[first + i] / LANES].n, to_do[first + i] % LANES, float_lane(n, i));
-    }
-
-#if COUNTERS
-    const int traced_count = count;
-#endif
+    const int traced = hit_kind != HITS_OF_LINES ? 0
+                                                 : trace_pixels(pixels, packets, hits, grid, map, strip_x, y, sides,
+                                                                neighbour_offset, density, window, connected, &cells);
     const size_t row = (size_t)y * map.dst_width;
     const GBuffer gbuffer = GBUFFER_VALUE;
-    count = 0;
+    int on_margins[(STRIP + 1) * LANES], count = 0;
     for (int p = 0; p < packets; p++) {
         const int x0 = strip_x + p * LANES, in_packet = min(high_x - x0, LANES);
         const intl x = x0 + lane_index;
@@ -308,7 +198,7 @@ kernel void resolve(global const float *surface, global const float *hits, globa
             const floatl margin = load_lanes(margin_hits + (size_t)y * map.dst_pitch + x0);
             const intl on_margin = margin > pixels[p].n;
             for (uint left = lane_bits(on_margin & IS_VISIBLE_HIT(margin) & (x < high_x)); left; left &= left - 1)
-                to_do[count++] = x0 + LOWEST(left);
+                on_margins[count++] = x0 + LOWEST(left);
             pixels[p].n = select_lanes(on_margin, (floatl)EMPTY, pixels[p].n);
         }
         pixels[p].n = select_lanes(IS_VISIBLE_HIT(pixels[p].n), pixels[p].n, (floatl)EMPTY);
@@ -319,8 +209,8 @@ kernel void resolve(global const float *surface, global const float *hits, globa
         const Corners there = corners_at(&pixels[p], grid, map, linear);
         const Color c = interpolate_color(there, map, src_color, linear);
         pixels[p].n = select_lanes(IS_BEFORE(map.dst_perspective, pixels[p].n), pixels[p].n, (floatl)EMPTY);
-        const intl written = write_pixels(pixels[p], c, map, merge, in_packet, depth + row + x0, color + CHANNELS * (row + x0),
-                                          valid + row + x0) & (x < high_x);
+        const intl written = write_pixels(pixels[p], c, map, merge, in_packet, depth + row + x0,
+                                          color + CHANNELS * (row + x0), valid + row + x0) & (x < high_x);
 #if ORIGINS
         write_origins(pixels[p], written, x, origin + 3 * row, view);
 #endif
@@ -328,7 +218,7 @@ kernel void resolve(global const float *surface, global const float *hits, globa
     }
     for (int first = 0; first < count; first += LANES) {
         const intl wanted = first + lane_index < count;
-        const intl x = select_lanes(wanted, (intl)load_lanes(to_do + first), (intl)strip_x);
+        const intl x = select_lanes(wanted, (intl)load_lanes(on_margins + first), (intl)strip_x);
         Pixels one;
         one.n = (floatl)(gather(margin_hits + (size_t)y * map.dst_pitch, x));
         find_place(&one, map, to_floatl(x), y);
@@ -345,6 +235,6 @@ kernel void resolve(global const float *surface, global const float *hits, globa
     const int across = (high_x - low_x + STRIP * LANES - 1) / (STRIP * LANES);
     const int item = get_global_id(1) * across + get_global_id(0);
     counters[2 * item] = cells * LANES;
-    counters[2 * item + 1] = traced_count;
+    counters[2 * item + 1] = traced;
 #endif
 }

@@ -64,7 +64,6 @@ class Surface:
         )
         return prominence
 
-
     @cached_property
     def margins(self) -> Margins:
         """What no triangle covers of the pixels of samples beside edges."""

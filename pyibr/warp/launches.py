@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64
@@ -161,9 +160,7 @@ def _find_candidates(
     return hits, _hits("OF_LINES")
 
 
-def _draw_margins(
-    surface: Surface, pixel_map: PixelMap, target: Target, shared: dict[str, Any]
-) -> DeviceArray | None:
+def _draw_margins(surface: Surface, pixel_map: PixelMap, target: Target, shared: dict[str, Any]) -> DeviceArray | None:
     """What the pixels' own rays meet of the surface's margins; None if it has none."""
     profile, margins = current().profile, surface.margins
     if not margins.count or pixel_map.reach.empty:

@@ -96,11 +96,10 @@ class WarpedView(Immutable):
         none). "smooth": whatever is around, by distance. "inpaint": colours continued by OpenCV (Telea 2004), which is
         slower.
     thin : bool
-        Things one sample thin (wires, leaves, bars), of which the surface between samples has nothing or little, are
-        drawn as wide as their samples: each sample that makes a whole cell with its neighbours on no side as a square
-        of its own size, swept to the neighbours that it is connected with. They cast shadows as wide. Not with
-        "forward", whose samples are squares (see `forward_warp`). Sensors' flying pixels become visible, too: see
-        `clean_depth`.
+        Things one sample thin (wires, leaves, bars) that run aslant, of which samples' pixels show steps whose corners
+        alone meet, are drawn whole, as wide as their samples: each sample that makes a whole cell with its neighbours
+        on no side as a square of its own size, swept to the neighbours that it is connected with. They cast shadows as
+        wide. Not with "forward", whose samples are squares (see `forward_warp`).
     splat : float
         With "forward": side of the square of target pixels that a sample covers, 1 to 64.
     blend : {"quality", "nearest"}

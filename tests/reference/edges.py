@@ -155,3 +155,51 @@ def with_ring(view: DepthImage, edges: Edges) -> tuple[Array, Edges]:
     missing[1:-1, 1:-1] = False  # of the image's own samples the edges are known
     torn_right[missing] = torn_below[missing] = torn_diagonal[missing] = True
     return grown, Edges(torn_right, torn_below, torn_diagonal)
+
+
+def whole_triangles(torn: Edges) -> Array:
+    """(H - 1, W - 1, 2) bool: the cells' triangles of which no edge is torn."""
+    lower = torn.right[:-1, :-1] | torn.below[:-1, :-1] | torn.diagonal[:-1, :-1]
+    upper = torn.right[1:, :-1] | torn.below[:-1, 1:] | torn.diagonal[:-1, :-1]
+    return ~np.stack([lower, upper], axis=-1)
+
+
+def triangles_beyond_border(view: DepthImage, torn: Edges) -> tuple[Array, Array, Array, Array]:
+    """The triangles between the outermost samples and the edges of their pixels, half a pixel beyond.
+
+    They are those of a grid with a ring around the image's samples, clipped. Colours go on as they are at the border.
+
+    Returns
+    -------
+    pixels (n, 2), nearness (n,), colours (n, c), faces (m, 3)
+    """
+    height, width = view.depth.shape
+    near, ring_torn = with_ring(view, torn)
+    colors = np.pad(view.color, ((1, 1), (1, 1), (0, 0)), mode="edge").astype(np.float64)
+    whole = whole_triangles(ring_torn)
+    whole[1:height, 1:width] = False  # within
+    corners, faces = list[Array](), list[Array]()
+    for row, column, part in np.argwhere(whole):
+        three = [(1, 1), (0, 1), (1, 0)] if part else [(0, 0), (1, 0), (0, 1)]
+        at = [(column + i, row + j) for i, j in three]
+        polygon = [np.array([x - 1, y - 1, near[y, x], *colors[y, x]]) for x, y in at]
+        for axis, low, sign in ((0, -0.5, 1), (0, width - 0.5, -1), (1, -0.5, 1), (1, height - 0.5, -1)):
+            polygon = _clipped(polygon, axis, low, sign)
+        first = len(corners)
+        corners += polygon
+        faces += [np.array([first, first + i, first + i + 1]) for i in range(1, len(polygon) - 1)]
+    all_corners = np.array(corners).reshape(-1, 3 + colors.shape[2])
+    return all_corners[:, :2], all_corners[:, 2], all_corners[:, 3:], np.array(faces, np.int64).reshape(-1, 3)
+
+
+def _clipped(polygon: list[Array], axis: int, at: float, sign: int) -> list[Array]:
+    """The part of a convex polygon on one side of a line: where sign * (corner[axis] - at) >= 0."""
+    kept = list[Array]()
+    for i, one in enumerate(polygon):
+        other = polygon[(i + 1) % len(polygon)]
+        a, b = sign * (one[axis] - at), sign * (other[axis] - at)
+        if a >= 0:
+            kept.append(one)
+        if (a > 0 > b) or (a < 0 < b):
+            kept.append(one + a / (a - b) * (other - one))
+    return kept

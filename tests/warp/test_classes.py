@@ -147,7 +147,9 @@ def test_what_belongs_to_the_source_is_carried_over_by_a_gather():
     # At an edge the warp's samples are of one side, and cv2's of both.
     torn = edges_of(view)
     whole = ~(torn.right[:-1, :-1] | torn.right[1:, :-1] | torn.below[:-1, :-1] | torn.below[:-1, 1:])
-    x, y = (np.clip(np.nan_to_num(a).astype(int), 0, n - 2) for a, n in zip((across, down), view.camera.size, strict=True))
+    x, y = (
+        np.clip(np.nan_to_num(a).astype(int), 0, n - 2) for a, n in zip((across, down), view.camera.size, strict=True)
+    )
     compared = frame.valid & whole[y, x]
     assert compared.sum() > 0.95 * frame.valid.sum()
     assert np.abs(carried.astype(int) - frame.color)[compared].max() <= 3

@@ -98,7 +98,7 @@ def test_wires_are_covered_and_little_more(name, wall):
     scene = strips(*CASES[name], wall=wall)
     view = scene.capture(CAMERA)
     for zoom in (2, 8):
-        # The pixels of samples cover what lies along rows and columns, of slanted wires so much. The rest is why there is `thin`.
+        # Samples' pixels cover what lies along rows and columns, of slanted wires so much: that is why there is `thin`.
         straight = name in ("row", "column", "dots", "a row that recedes")
         for thin, least in ((True, 0.95), (False, 0.95 if straight else 0.6)):
             covered = []

@@ -1,0 +1,118 @@
+#ifndef WARP_CORNERS_H
+#define WARP_CORNERS_H
+/* The samples that pixels' hits are interpolated from, and their colours. */
+#include "lib/color.h"
+#include "warp/line_hits.h"
+
+/* The samples that a hit is interpolated from, as numbers y * width + x, and their weights: the corners of its
+ * triangle, or the nearest sample alone */
+typedef struct {
+    intl corner, beside, below;
+    floatl at_corner, at_beside, at_below;
+} Corners;
+
+/* Sample (x, y) alone, whose nearness the pixels get, too */
+INLINED Corners one_sample(Pixels *pixels, Grid grid, PixelMap map, intl x, intl y)
+{
+    const float *D = map.dst_from_src;
+    const floatl q = (floatl)(gather(grid.nearness, y * map.src_pitch + x));
+    const floatl sample_u = to_floatl(x), sample_v = to_floatl(y);
+    const floatl w = MAP_ROW(D, 2, sample_u, sample_v, q);
+    pixels->n = select_lanes(IS_HIT(pixels->n) & (w > 0.0f), MAP_ROW(D, 3, sample_u, sample_v, q) / w, pixels->n);
+    const intl number = y * map.src_width + x;
+    const Corners one = {number, number, number, 1.0f, 0.0f, 0.0f};
+    return one;
+}
+
+/* The samples around the pixels' hits; if not `linear` the nearest, whose nearness the pixels get, too */
+INLINED Corners corners_at(Pixels *pixels, Grid grid, PixelMap map, int linear)
+{
+    const int step_x = min(map.src_width - 1, 1), step_y = min(map.src_height - 1, 1); /* 0 in an image of one column */
+    const floatl u = pixels->u, v = pixels->v;
+    const floatl uc = truncated(clamp_lanes(u, (floatl)0.0f, (floatl)max(map.src_width - 2, 0)));
+    const floatl vc = truncated(clamp_lanes(v, (floatl)0.0f, (floatl)max(map.src_height - 2, 0)));
+    const floatl fu = clamp_lanes(u - uc, (floatl)0.0f, (floatl)1.0f);
+    const floatl fv = clamp_lanes(v - vc, (floatl)0.0f, (floatl)1.0f);
+    const intl cell_x = to_intl(uc), cell_y = to_intl(vc);
+    if (!linear)
+        return one_sample(pixels, grid, map, cell_x + select_lanes(fu >= 0.5f, (intl)step_x, (intl)0),
+                          cell_y + select_lanes(fv >= 0.5f, (intl)step_y, (intl)0));
+    const floatl diagonal = fu + fv - 1.0f;
+    const intl upper = diagonal > 0.0f;
+    const intl cell = cell_y * map.src_width + cell_x, below = cell + step_y * map.src_width;
+    const Corners three = {select_lanes(upper, below + step_x, cell), cell + step_x, below,
+                         fabs(diagonal), select_lanes(upper, 1.0f - fv, fu), select_lanes(upper, 1.0f - fu, fv)};
+    return three;
+}
+
+#define BETWEEN_SAMPLES 2e-3f /* pixels off the middle between two samples at which a margin may be that of either */
+
+/* The samples whose margins pixels x of a row show: the nearest; half-way between two, the one that is as near. */
+INLINED void margins_samples(Pixels pixels, Grid grid, PixelMap map, floatl column, int row, intl *x, intl *y)
+{
+    const float *S = map.src_from_dst;
+    const floatl last_x = map.src_width - 1, last_y = map.src_height - 1;
+    *x = to_intl(clamp_lanes(floor_lanes(pixels.u + (0.5f - BETWEEN_SAMPLES)), (floatl)0.0f, last_x));
+    *y = to_intl(clamp_lanes(floor_lanes(pixels.v + (0.5f - BETWEEN_SAMPLES)), (floatl)0.0f, last_y));
+    const intl next_x = to_intl(clamp_lanes(floor_lanes(pixels.u + (0.5f + BETWEEN_SAMPLES)), (floatl)0.0f, last_x));
+    const intl next_y = to_intl(clamp_lanes(floor_lanes(pixels.v + (0.5f + BETWEEN_SAMPLES)), (floatl)0.0f, last_y));
+    if (!any_lane((next_x != *x) | (next_y != *y)))
+        return;
+    const floatl near = MAP_ROW(S, 3, column, row, pixels.n) / MAP_ROW(S, 2, column, row, pixels.n);
+    const intl xs[2] = {*x, next_x}, ys[2] = {*y, next_y};
+    floatl least = INFINITY;
+    for (int i = 0; i < 4; i++) {
+        const floatl q = (floatl)(gather(grid.nearness, ys[i >> 1] * map.src_pitch + xs[i & 1]));
+        const intl nearer = fabs(q - near) < least;
+        least = select_lanes(nearer, fabs(q - near), least);
+        *x = select_lanes(nearer, xs[i & 1], *x);
+        *y = select_lanes(nearer, ys[i >> 1], *y);
+    }
+}
+
+/* The same of pixels that show margins: the margin's sample, and those beside it in the place's direction as far as
+ * they are of one surface */
+INLINED Corners corners_of_margins(Pixels *pixels, Grid grid, PixelMap map, int linear, floatl column, int row)
+{
+    intl x, y;
+    margins_samples(*pixels, grid, map, column, row, &x, &y);
+    if (!linear)
+        return one_sample(pixels, grid, map, x, y);
+    const floatl du = clamp_lanes(pixels->u - to_floatl(x), (floatl)-0.5f, (floatl)0.5f);
+    const floatl dv = clamp_lanes(pixels->v - to_floatl(y), (floatl)-0.5f, (floatl)0.5f);
+    const intl to_x = select_lanes(du < 0.0f, (intl)-1, (intl)1), to_y = select_lanes(dv < 0.0f, (intl)-1, (intl)1);
+    const intl at = y * map.src_pitch + x;
+    const floatl first = (floatl)(gather(grid.nearness, at + min(to_x, (intl)0)));
+    const floatl upper = (floatl)(gather(grid.nearness, at + min(to_y, (intl)0) * map.src_pitch));
+    const intl has_beside = ((as_intl(first) & TORN_RIGHT) == 0) & (x + to_x >= 0) & (x + to_x < map.src_width);
+    const intl has_below = ((as_intl(upper) & TORN_BELOW) == 0) & (y + to_y >= 0) & (y + to_y < map.src_height);
+    Corners corners;
+    corners.corner = y * map.src_width + x;
+    corners.beside = select_lanes(has_beside, corners.corner + to_x, corners.corner);
+    corners.below = select_lanes(has_below, corners.corner + to_y * map.src_width, corners.corner);
+    corners.at_beside = select_lanes(has_beside, fabs(du), (floatl)0.0f);
+    corners.at_below = select_lanes(has_below, fabs(dv), (floatl)0.0f);
+    corners.at_corner = 1.0f - corners.at_beside - corners.at_below;
+    return corners;
+}
+
+INLINED Color interpolate_color(Corners there, PixelMap map, global const channel *src_color, int linear)
+{
+    const int count = max(map.src_width * map.src_height, 2); /* there is room for two: `read_color` reads four bytes */
+    const Color c0 = read_color(src_color, there.corner, count);
+    if (!linear)
+        return c0;
+    const Color c1 = read_color(src_color, there.beside, count);
+    Color c;
+    c.r = there.at_corner * c0.r + there.at_beside * c1.r;
+    c.g = there.at_corner * c0.g + there.at_beside * c1.g;
+    c.b = there.at_corner * c0.b + there.at_beside * c1.b;
+    if (any_lane(there.at_below != 0.0f)) { /* not on rows of samples */
+        const Color c2 = read_color(src_color, there.below, count);
+        c.r += there.at_below * c2.r;
+        c.g += there.at_below * c2.g;
+        c.b += there.at_below * c2.b;
+    }
+    return c;
+}
+#endif
