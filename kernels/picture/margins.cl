@@ -11,7 +11,7 @@
 #include "lib/margins.h"
 #include "lib/surface.h"
 
-#define IS_TORN(sample, edges) ((as_intl(sample) & (edges)) != 0)
+#define HAS_EDGE(sample, edges) ((as_intl(sample) & (edges)) != 0) /* TORN_... */
 
 /* A packet of samples, and those around them */
 typedef struct {
@@ -35,10 +35,10 @@ INLINED Around around_of(global const float *own, int pitch)
     n.above_left = load_lanes(own - pitch - 1);
     n.above_right = load_lanes(own - pitch + 1);
     n.below_left = load_lanes(own + pitch - 1);
-    n.torn_left = IS_TORN(n.left, TORN_RIGHT);
-    n.torn_right = IS_TORN(n.here, TORN_RIGHT);
-    n.torn_above = IS_TORN(n.above, TORN_BELOW);
-    n.torn_below = IS_TORN(n.here, TORN_BELOW);
+    n.torn_left = HAS_EDGE(n.left, TORN_RIGHT);
+    n.torn_right = HAS_EDGE(n.here, TORN_RIGHT);
+    n.torn_above = HAS_EDGE(n.above, TORN_BELOW);
+    n.torn_below = HAS_EDGE(n.here, TORN_BELOW);
     return n;
 }
 
@@ -48,13 +48,13 @@ INLINED Parts parts_of(Around n, intl wanted)
 {
     const intl solid = wanted & (n.here > NO_SURFACE);
     Parts parts;
-    parts.upper[0] = parts.lower[0] = solid & (IS_TORN(n.above_left, TORN_DIAGONAL) | n.torn_above | n.torn_left);
-    parts.lower[TO_RIGHT] = solid & IS_TORN(n.above, TORN_ALL);
+    parts.upper[0] = parts.lower[0] = solid & (HAS_EDGE(n.above_left, TORN_DIAGONAL) | n.torn_above | n.torn_left);
+    parts.lower[TO_RIGHT] = solid & HAS_EDGE(n.above, TORN_ALL);
     parts.upper[TO_RIGHT] =
-        solid & (IS_TORN(n.above, TORN_DIAGONAL) | IS_TORN(n.above_right, TORN_BELOW) | n.torn_right);
-    parts.lower[TO_BELOW] = solid & IS_TORN(n.left, TORN_ALL);
-    parts.upper[TO_BELOW] = solid & (IS_TORN(n.left, TORN_DIAGONAL) | IS_TORN(n.below_left, TORN_RIGHT) | n.torn_below);
-    parts.lower[3] = parts.upper[3] = solid & IS_TORN(n.here, TORN_ALL);
+        solid & (HAS_EDGE(n.above, TORN_DIAGONAL) | HAS_EDGE(n.above_right, TORN_BELOW) | n.torn_right);
+    parts.lower[TO_BELOW] = solid & HAS_EDGE(n.left, TORN_ALL);
+    parts.upper[TO_BELOW] = solid & (HAS_EDGE(n.left, TORN_DIAGONAL) | HAS_EDGE(n.below_left, TORN_RIGHT) | n.torn_below);
+    parts.lower[3] = parts.upper[3] = solid & HAS_EDGE(n.here, TORN_ALL);
     return parts;
 }
 

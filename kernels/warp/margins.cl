@@ -28,7 +28,7 @@ typedef struct {
 typedef struct {
     floatl left, right, top, bottom;
     intl drawn;
-} Box;
+} PixelBox;
 
 INLINED Quarters quarters_at(global const float *margins, int pitch)
 {
@@ -46,7 +46,7 @@ INLINED Quarters quarters_at(global const float *margins, int pitch)
     return quarters;
 }
 
-INLINED Box box_of(PixelMap map, Quarters at, intl wanted)
+INLINED PixelBox box_of(PixelMap map, Quarters at, intl wanted)
 {
     const float *D = map.dst_from_src;
     const floatl u = MAP_ROW(D, 0, at.x, at.y, at.n), v = MAP_ROW(D, 1, at.x, at.y, at.n);
@@ -57,7 +57,7 @@ INLINED Box box_of(PixelMap map, Quarters at, intl wanted)
     const floatl v_x = half_x * (D[4] + at.slope_x * D[7]), v_y = half_y * (D[5] + at.slope_y * D[7]);
     const floatl w_x = half_x * (D[8] + at.slope_x * D[11]), w_y = half_y * (D[9] + at.slope_y * D[11]);
     floatl low_u = INFINITY, low_v = INFINITY, high_u = -INFINITY, high_v = -INFINITY;
-    Box box;
+    PixelBox box;
     box.drawn = wanted;
     UNROLLED
     for (int i = 0; i < 4; i++) {
@@ -84,7 +84,7 @@ INLINED Box box_of(PixelMap map, Quarters at, intl wanted)
 INLINED void draw_quarters(PixelMap map, Quarters at, intl wanted, int sides, global float *margin_hits)
 {
     const float *S = map.src_from_dst;
-    const Box box = box_of(map, at, wanted);
+    const PixelBox box = box_of(map, at, wanted);
     const floatl per_unit =
         S[15] - at.n * S[11] - at.slope_x * (S[3] - at.x * S[11]) - at.slope_y * (S[7] - at.y * S[11]);
     const intl drawn = box.drawn & (per_unit != 0.0f);

@@ -66,7 +66,7 @@ class Surface:
 
     @cached_property
     def margins(self) -> Margins:
-        """What no triangle covers of the pixels of samples beside edges."""
+        """Margins: what no triangle covers of the pixels of samples beside edges."""
         width, height = self.color.shape[1], self.color.shape[0]
         shared = {"surface": self.nearness, "width": width, "height": height, "pitch": self.nearness.shape[1]}
         counts = empty((height,), np.int32)

@@ -161,7 +161,7 @@ def _find_candidates(
 
 
 def _draw_margins(surface: Surface, pixel_map: PixelMap, target: Target, shared: dict[str, Any]) -> DeviceArray | None:
-    """What the pixels' own rays meet of the surface's margins; None if it has none."""
+    """Hits of the pixels' own rays on the surface's margins; None if it has none."""
     profile, margins = current().profile, surface.margins
     if not margins.count or pixel_map.reach.empty:
         return None
