@@ -34,11 +34,15 @@ test:  ## the tests, but for those that take long (ARGS="-k warp" for some of th
 test-all:  ## all tests: random calls, kernels within fences, browsers and recordings, too
 	@$(TESTS) $(ARGS)
 
-fuzz: .venv/.ready  ## 20,000 random warps, 10,000 renders and 7,000 other calls against the law of all calls
-	@$(RUN) -m tests.attack warp --first 100000 --count 20000
-	@$(RUN) -m tests.attack render --first 100000 --count 10000
-	@$(RUN) -m tests.attack register --first 100000 --count 5000
-	@$(RUN) -m tests.attack clean --first 100000 --count 2000
+# Each day's calls are others.
+FUZZ_FIRST ?= $(shell date +%Y%m%d)00000
+fuzz: .venv/.ready  ## 37,000 random calls against the law of all calls, and 5,000 warps against rays (FUZZ_FIRST=1)
+	@echo "seeds from $(FUZZ_FIRST) on"
+	@$(RUN) -m tests.attack rays --first $(FUZZ_FIRST) --count 5000
+	@$(RUN) -m tests.attack warp --first $(FUZZ_FIRST) --count 20000
+	@$(RUN) -m tests.attack render --first $(FUZZ_FIRST) --count 10000
+	@$(RUN) -m tests.attack register --first $(FUZZ_FIRST) --count 5000
+	@$(RUN) -m tests.attack clean --first $(FUZZ_FIRST) --count 2000
 
 check: .venv/.ready  ## lint, format, types and who imports whom
 	@$(RUN) -m ruff check .

@@ -9,11 +9,12 @@ import traceback
 
 from tests.attack.arguments import MAKERS
 from tests.attack.law import judge, reproduced_by
+from tests.attack.rays import judge_rays
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.attack", description="Random calls against the law.")
-    parser.add_argument("kind", choices=sorted(MAKERS))
+    parser.add_argument("kind", choices=sorted([*MAKERS, "rays"]))
     parser.add_argument("--first", type=int, default=0, help="the first seed")
     parser.add_argument("--count", type=int, default=1000, help="how many seeds")
     given = parser.parse_args()
@@ -21,7 +22,7 @@ def main() -> int:
     for seed in range(given.first, given.first + given.count):
         print(f"seed {seed}", end="\r", file=sys.stderr, flush=True)
         try:
-            told = judge(given.kind, seed)
+            told = judge_rays(seed) if given.kind == "rays" else judge(given.kind, seed)
         except Exception as error:
             broken += 1
             where = traceback.extract_tb(error.__traceback__)[-1]

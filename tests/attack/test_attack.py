@@ -27,6 +27,7 @@ ROOT = Path(__file__).parents[2]
         *(("render", first, 250) for first in range(0, 1000, 250)),
         ("register", 0, 500),
         ("clean", 0, 200),
+        ("rays", 0, 300),
     ],
 )
 def test_random_calls_obey_the_law(kind, first, count):
