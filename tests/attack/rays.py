@@ -33,7 +33,7 @@ class RandomWarp:
 
 
 def random_case(seed: int) -> RandomWarp:
-    """Waves, boxes before them, holes, single samples and noise, seen from anywhere, near and far, turned and zoomed."""
+    """Waves, boxes before them, holes, single samples and noise, seen from anywhere, turned and zoomed."""
     rng = np.random.default_rng(seed)
     size = int(rng.integers(1, 60)), int(rng.integers(1, 48))
     own, there = (str(rng.choice(["perspective", "perspective", "orthographic"])) for _ in range(2))
