@@ -66,7 +66,8 @@ def cases(plan: Plan) -> Iterator[Case]:
     scene, missing = scenes.standing_in(plan.rgbd_scene)
     if missing is not None:
         yield Case({"case": "registration"}, lambda: missing)
-    for rig, (size, repeats), noise in itertools.product(RIGS, plan.registration.items(), plan.rgbd_noise):
+    # Both rigs of a size, then the next: larger arrays that were freed spare OpenCV the fresh pages of smaller ones.
+    for (size, repeats), rig, noise in itertools.product(plan.registration.items(), RIGS, plan.rgbd_noise):
         parameters: dict[str, Parameter] = {"scene": scene, "rig": rig, "size": scenes.shown(size), "noise": noise}
         yield Case(parameters, functools.partial(_prepare, parameters, scene, RIGS[rig], size, noise, repeats))
 
