@@ -6,7 +6,9 @@ From NumPy arrays to NumPy arrays, in turns in one process.
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,43 +27,70 @@ Size = tuple[int, int]
 REGISTERED, MILLIMETRES, COLORS = "ibr.register", "ibr.register, uint16", "ibr.register_color"
 DILATED = "cv2.registerDepth, dilated"
 
-BARS = {"640 x 480": 1.0, "1280 x 720": 0.6}
-"""At most this ratio of `REGISTERED` to cv2.registerDepth, by size."""
 
-ASIDE = 0.025  # metres
-TURN = 0.5  # degrees
-ZOOM = 0.95  # of the depth camera's focal length
+@dataclass(frozen=True)
+class Rig:
+    """A colour camera beside a depth camera.
+
+    Attributes
+    ----------
+    zoom : float
+        Its focal length over the depth camera's.
+    aside : float
+        Metres.
+    turn : float
+        Degrees.
+    """
+
+    zoom: float
+    aside: float
+    turn: float
+
+
+RIGS = {"wide": Rig(0.95, 0.025, 0.5), "narrow": Rig(0.95 / 0.8, 0.05, 1.0)}
+"""By whether the colour camera sees more or less than the depth camera: most of those that are sold see less."""
+
+BARS = {
+    ("wide", "640 x 480"): 1.0,
+    ("wide", "1280 x 720"): 0.6,
+    ("narrow", "640 x 480"): 1.2,
+    ("narrow", "1280 x 720"): 0.7,
+}
+"""At most this ratio of `REGISTERED` to cv2.registerDepth, by rig and size."""
+
 SCALE = 1000.0  # counts of a uint16 a metre
 
 
 def cases(plan: Plan) -> Iterator[Case]:
-    """One case a size and noise."""
+    """One case a rig, size and noise."""
     scene, missing = scenes.standing_in(plan.rgbd_scene)
     if missing is not None:
         yield Case({"case": "registration"}, lambda: missing)
-    for size, repeats in plan.registration.items():
-        for noise in plan.rgbd_noise:
-            parameters: dict[str, Parameter] = {"scene": scene, "size": scenes.shown(size), "noise": noise}
-            yield Case(parameters, functools.partial(_prepare, parameters, scene, size, noise, repeats))
+    # Both rigs of a size, then the next: larger arrays that were freed spare OpenCV the fresh pages of smaller ones.
+    for (size, repeats), rig, noise in itertools.product(plan.registration.items(), RIGS, plan.rgbd_noise):
+        parameters: dict[str, Parameter] = {"scene": scene, "rig": rig, "size": scenes.shown(size), "noise": noise}
+        yield Case(parameters, functools.partial(_prepare, parameters, scene, RIGS[rig], size, noise, repeats))
 
 
-def color_camera(depth_camera: ibr.Camera) -> ibr.Camera:
-    """Beside the depth camera, turned a little, and of a somewhat wider view."""
-    turn = np.radians(TURN)
+def color_camera(depth_camera: ibr.Camera, rig: Rig) -> ibr.Camera:
+    """Beside the depth camera, and turned a little."""
+    turn = np.radians(rig.turn)
     pose = depth_camera.world_from_camera @ np.array(
-        [[np.cos(turn), 0, np.sin(turn), ASIDE], [0, 1, 0, 0], [-np.sin(turn), 0, np.cos(turn), 0], [0, 0, 0, 1]]
+        [[np.cos(turn), 0, np.sin(turn), rig.aside], [0, 1, 0, 0], [-np.sin(turn), 0, np.cos(turn), 0], [0, 0, 0, 1]]
     )
     K = depth_camera.K.copy()
-    K[[0, 1], [0, 1]] *= ZOOM
+    K[[0, 1], [0, 1]] *= rig.zoom
     return ibr.Camera(K, depth_camera.size, pose)
 
 
-def _prepare(parameters: dict[str, Parameter], scene: str, size: Size, noise: float, repeats: int) -> Work | Skip:
+def _prepare(
+    parameters: dict[str, Parameter], scene: str, rig: Rig, size: Size, noise: float, repeats: int
+) -> Work | Skip:
     cv2 = opencv("the benchmark of registration", "registerDepth")
     view = scenes.rgbd(scene, 0, size, noise)
     if isinstance(view, Skip):
         return view
-    here, there, depth = view.camera, color_camera(view.camera), view.depth
+    here, there, depth = view.camera, color_camera(view.camera, rig), view.depth
     counts = ibr.uint16_from_depth(depth, SCALE)
     color: Any = view.color  # any picture is as good
     Rt, undistorted = there.camera_from_world @ here.world_from_camera, np.zeros(5)

@@ -76,7 +76,6 @@ kernel void epipolar_sweep(global const float *surface, global float *hits, glob
     writer.spare = map.dst_height * map.dst_pitch + packet * LANES;
     writer.up_hides = !(sides & (front_is_up ? SHOWS_FRONT : SHOWS_BACK));
     writer.down_hides = !(sides & (front_is_up ? SHOWS_BACK : SHOWS_FRONT));
-    writer.several = 0;
     writer.pixels = 0;
     const Grid grid = GRID_OF(surface, map.src_width, map.src_height, map.src_pitch, NO_CUT);
     const uint samples = WALK(grid, line, group, map, &writer);

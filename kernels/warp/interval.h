@@ -31,6 +31,7 @@ typedef struct {
     floatl below, above;
     intl ended; /* the run of samples has ended, and the next segment begins another interval */
     intl begun; /* there has been one */
+    floatl first, last; /* all that earlier intervals have settled lies between these pixels */
 } Interval;
 
 /* A sample (or a place between samples) of the line: its nearness, and its homogeneous target position. */
@@ -44,7 +45,6 @@ typedef struct {
     int spare;      /* for lanes with nothing to write */
     int up_hides;   /* 1: segments that extend the interval to larger pixels turn a side to the target that is not shown */
     int down_hides; /* 1: those that extend it to smaller pixels do */
-    int several; /* a lane has had more than one interval: pixels outside of the last one may be settled, too */
     uint pixels;
 } HitWriter;
 
@@ -98,9 +98,11 @@ INLINED void extend(Interval *interval, HitWriter *writer, Projection a, Project
         const floatl next = select_lanes((crosses > 0.0f) | emerges, ceil_lanes(t - guard),
                                          floor_lanes(t + guard) + 1.0f);
         const floatl first = clamp_lanes(next, line.low, line.high + 1.0f);
+        const intl again = begins & interval->begun;
+        interval->first = select_lanes(again, min_lanes(interval->below + 1.0f, interval->first), interval->first);
+        interval->last = select_lanes(again, max_lanes(interval->above - 1.0f, interval->last), interval->last);
         interval->above = select_lanes(begins, first, interval->above);
         interval->below = select_lanes(begins, first - 1.0f, interval->below);
-        writer->several |= any_lane(begins & interval->begun);
         interval->begun = interval->begun | begins;
     }
     interval->ended = select_lanes(there, open, interval->ended);
@@ -153,7 +155,7 @@ INLINED void extend(Interval *interval, HitWriter *writer, Projection a, Project
         const floatl value = PACKED_HIT(as_floatl(as_intl(met) & ~OWN_RAY), hides);
 #endif
         floatl stored = value;
-        if (writer->several) {
+        if (any_lane(settles & (p >= interval->first) & (p <= interval->last))) {
             const floatl before = (floatl)(gather(hits, address));
             stored = select_lanes(before == EMPTY, value, before);
         }
@@ -211,6 +213,8 @@ INLINED Interval nothing_settled(SweepLines line)
     Interval interval;
     interval.ended = -1;
     interval.begun = 0;
+    interval.first = INFINITY;
+    interval.last = -INFINITY;
     interval.above = line.low;
     interval.below = line.low - 1.0f;
     return interval;

@@ -202,12 +202,16 @@ kernel void draw_lone(global const float *surface, global const float *prominenc
     if (y >= map.src_height)
         return;
     const Grid grid = GRID_OF(surface, map.src_width, map.src_height, map.src_pitch, NO_CUT);
-    const int first = get_global_id(0) * STRIP;
-    for (int block = first; block < min(first + STRIP, blocks); block++) {
-        global const float *most = prominence + 2 * ((size_t)y * blocks + block);
-        if (!(((sides & SHOWS_FRONT) && most[0] >= least) || ((sides & SHOWS_BACK) && most[1] >= least)))
-            continue; /* most blocks */
-        for (int x = block * PROMINENCE_BLOCK; x < min(block * PROMINENCE_BLOCK + PROMINENCE_BLOCK, grid.width); x += LANES)
+    const int first = get_global_id(0) * STRIP, count = min(STRIP, blocks - first);
+    global const float *most = prominence + 2 * ((size_t)y * blocks + first);
+    /* Few blocks have any: they are found first, in a loop that is nothing but that. */
+    int found[STRIP], found_count = 0;
+    for (int i = 0; i < count; i++)
+        if (((sides & SHOWS_FRONT) && most[2 * i] >= least) || ((sides & SHOWS_BACK) && most[2 * i + 1] >= least))
+            found[found_count++] = first + i;
+    for (int i = 0; i < found_count; i++) {
+        const int start = found[i] * PROMINENCE_BLOCK;
+        for (int x = start; x < min(start + PROMINENCE_BLOCK, grid.width); x += LANES)
             draw_packet(grid, map, x, y, sides, hits);
     }
 }

@@ -148,65 +148,95 @@ INLINED floatl edge_owner(Grid grid, Step step, intl stride)
     return select_lanes(along_diagonals, (floatl)(gather(grid.nearness, max(above, (intl)(-grid.pitch - 1)))), owner);
 }
 
+/* The columns that lines pass. Where steps go towards smaller ones, rows are mirrored: so all lines meet the cells'
+ * diagonals alike. */
+typedef struct {
+    floatl minor_0, tilt;   /* row = minor_0 + tilt * column */
+    intl along;             /* as of a step */
+    intl at_0, stride;      /* the sample's index of column 0 and row 0, and from row to row */
+    intl last_row, last_column, stride_major;
+    intl ahead;             /* samples from a column to the one that is prefetched */
+} Columns;
+
+INLINED Columns columns_of(SweepLines line)
+{
+    const intl mirrored = line.sign < 0.0f;
+    Columns columns;
+    columns.minor_0 = select_lanes(mirrored, to_floatl(line.last_minor) - line.minor_0, line.minor_0);
+    columns.tilt = select_lanes(mirrored, -line.tilt, line.tilt);
+    columns.along = 0;
+    columns.at_0 = select_lanes(mirrored, line.last_minor * line.stride_minor, (intl)0);
+    columns.stride = select_lanes(mirrored, -line.stride_minor, line.stride_minor);
+    columns.last_row = line.last_minor;
+    columns.last_column = to_intl(line.last_major);
+    columns.stride_major = line.stride_major;
+    columns.ahead = PREFETCH_STEPS * to_intl(line.sign) * line.stride_major;
+    return columns;
+}
+
+/* before: the cell in the column before, if this is not the first one */
+INLINED Column column_at(Columns columns, floatl major, int is_first, floatl before, Grid grid, Targets targets,
+                         LineGroup group)
+{
+    const intl along = columns.along;
+    const floatl nudge = select_lanes(along, (floatl)0.5f, (floatl)0.0f);
+    const intl last_cell = select_lanes(along, columns.last_row + 1, columns.last_row);
+    const intl to_b = select_lanes(along, (intl)0, columns.stride);
+    const intl number = clamp(to_intl(major), (intl)-1, columns.last_column + 1);
+    const floatl minor = columns.minor_0 + columns.tilt * major;
+    Column column;
+    column.cell = to_floatl(max(min(to_intl(minor + nudge + 1.0f) - 1, last_cell), (intl)-1));
+    if (!is_first) /* no two rows at once, by rounding */
+        column.cell = clamp_lanes(column.cell, before - 1.0f, before + 1.0f);
+    column.part = select_lanes(along, (floatl)0.0f, minor - column.cell);
+    column.at = columns.at_0 + number * columns.stride_major + to_intl(column.cell) * columns.stride;
+    const intl last_sample = grid.height * grid.pitch - 1;
+    prefetch_across_rows(grid.nearness, clamp(column.at + columns.ahead, (intl)0, last_sample), group);
+    const intl at_b = column.at + to_b;
+    column.a = (floatl)(gather(grid.nearness, column.at));
+    column.b = (floatl)(gather(grid.nearness, at_b));
+    const floatl part = clamp_lanes(column.part, (floatl)0.0f, (floatl)1.0f);
+    /* At the second sample the first one does not count: it may be no surface. */
+    const floatl between = column.a + part * (column.b - column.a);
+    column.place = project_at(targets, major, select_lanes(part < 1.0f, between, column.b));
+    return column;
+}
+
 /* Returns the columns that were passed. */
 INLINED uint walk_columns(Grid grid, SweepLines line, LineGroup group, PixelMap map, HitWriter *writer)
 {
     const floatl first = floor_lanes(line.from), last = min_lanes(ceil_lanes(line.to), line.last_major + 1.0f);
     const intl steps = select_lanes((line.low <= line.high) & (line.from <= line.to), to_intl(last - first), (intl)-1);
     const Targets targets = targets_along(map, line);
-    /* Where steps go towards smaller columns, rows are mirrored: so all lines meet the cells' diagonals alike. */
     const intl mirrored = line.sign < 0.0f;
-    const floatl last_minor = to_floatl(line.last_minor);
-    const floatl minor_0 = select_lanes(mirrored, last_minor - line.minor_0, line.minor_0),
-                 tilt = select_lanes(mirrored, -line.tilt, line.tilt);
-    const intl stride = select_lanes(mirrored, -line.stride_minor, line.stride_minor);
-    const intl at_0 = select_lanes(mirrored, line.last_minor * line.stride_minor, (intl)0);
+    Columns columns = columns_of(line);
+    const intl stride = columns.stride;
     Step step;
-    step.slope = tilt * line.sign;
+    step.slope = columns.tilt * line.sign;
     step.mirrored = mirrored;
     step.transposed = !line.u_major;
-    step.along = edges_along(minor_0 + tilt * first, step.slope, last - first, line.u_major);
+    step.along = edges_along(columns.minor_0 + columns.tilt * first, step.slope, last - first, line.u_major);
     step.edge = 0;
     const intl along = step.along != 0;
-    const floatl nudge = select_lanes(along, (floatl)0.5f, (floatl)0.0f);
-    const intl last_cell = select_lanes(along, line.last_minor + 1, line.last_minor), to_b = select_lanes(along, (intl)0, stride);
+    columns.along = along;
     /* They end at the image's border and at the epipole, between columns. */
     const floatl begins = select_lanes(mirrored, last - line.to, line.from - first);
     const floatl ends = 1.0f - select_lanes(mirrored, line.from - first, last - line.to);
 
     Interval interval = nothing_settled(line);
     floatl major = select_lanes(mirrored, last, first);
-    step.from.cell = step.from.part = 0.0f;
-    step.from.at = 0;
-    step.from.a = step.from.b = NO_SURFACE;
-    step.from.place = project_at(targets, major, (floatl)NO_SURFACE);
-    const intl ahead = PREFETCH_STEPS * to_intl(line.sign) * line.stride_major,
-               last_sample = grid.height * grid.pitch - 1;
-    uint columns = 0;
-    for (int count = 0; any_lane(count <= steps); count++, major += line.sign) {
+    uint passed = 0;
+    const intl begin = steps >= 0;
+    COUNT(passed, begin)
+    step.from = column_at(columns, major, 1, (floatl)0.0f, grid, targets, group);
+    Column next = column_at(columns, major + line.sign, 0, step.from.cell, grid, targets, group);
+    for (int count = 1; any_lane(count <= steps); count++) {
         const intl active = count <= steps, is_last = count == steps;
-        COUNT(columns, active)
-        const intl column = clamp(to_intl(major), (intl)-1, to_intl(line.last_major) + 1);
-        const floatl minor = minor_0 + tilt * major;
-        Column to;
-        to.cell = to_floatl(max(min(to_intl(minor + nudge + 1.0f) - 1, last_cell), (intl)-1));
-        if (count) /* no two rows at once, by rounding */
-            to.cell = clamp_lanes(to.cell, step.from.cell - 1.0f, step.from.cell + 1.0f);
-        to.part = select_lanes(along, (floatl)0.0f, minor - to.cell);
-        to.at = at_0 + column * line.stride_major + to_intl(to.cell) * stride;
-        prefetch_across_rows(grid.nearness, clamp(to.at + ahead, (intl)0, last_sample), group);
-        const intl at_b = to.at + to_b;
-        to.a = (floatl)(gather(grid.nearness, to.at));
-        to.b = (floatl)(gather(grid.nearness, at_b));
-        const floatl part = clamp_lanes(to.part, (floatl)0.0f, (floatl)1.0f);
-        /* At the second sample the first one does not count: it may be no surface. */
-        to.place = project_at(targets, major, select_lanes(part < 1.0f, to.a + part * (to.b - to.a), to.b));
-
-        if (!count) {
-            step.from = to;
-            continue;
-        }
-        const Column from = step.from;
+        COUNT(passed, active)
+        const Column from = step.from, to = next;
+        major += line.sign;
+        /* Samples are fetched a step before they are needed. */
+        next = column_at(columns, major + line.sign, 0, to.cell, grid, targets, group);
         step.passed = select_lanes(along, (floatl)0.0f, to.cell - from.cell);
         step.beyond_from = from.a;
         step.beyond_to = to.a;
@@ -245,6 +275,6 @@ INLINED uint walk_columns(Grid grid, SweepLines line, LineGroup group, PixelMap 
         }
         step.from = to;
     }
-    return columns;
+    return passed;
 }
 #endif

@@ -288,10 +288,10 @@ def _noise_in(view: DepthImage, projection: Projection) -> tuple[float, float]:
     if not any(view.noise):
         return 0.0, 0.0
     a, b, c = (_DEVIATIONS * each for each in view.noise)
-    some = view.depth[::_STRIDE, ::_STRIDE]
-    if not ((some > 0) & (some < view.far)).any():
-        some = view.depth
+    some = np.ascontiguousarray(view.depth[::_STRIDE, ::_STRIDE])
     depths = some[(some > 0) & (some < view.far)]
+    if not len(depths):
+        depths = view.depth[(view.depth > 0) & (view.depth < view.far)]
     places = [int(part * len(depths)) for part in _RANGE]
     near, far = np.partition(depths, places)[places].tolist()
     return (b + c / near, a) if projection == "perspective" else (0.0, (a * far + b) * far + c)

@@ -89,6 +89,7 @@ NARROW = {
     "lenses": (camera((307, 229), 252, RATIONAL), camera((301, 233), 260, BARREL, posed(0.05, 0.003, -0.004))),
     "small depth": (SMALL, camera((613, 347), 490, pose=posed(0.05, 0.003, -0.004))),
     "large depth": (LARGE_ONE, camera((211, 127), 160, BARREL, posed(-0.05, 0.003, -0.004))),
+    "narrower": (HERE, camera((307, 229), 299, pose=posed(0.05, 0.003, -0.004, 0, np.radians(1), 0))),
     "behind": (HERE, camera((301, 233), 290, pose=posed(0.02, 0, -0.25))),
     "ahead": (HERE, camera((301, 233), 240, pose=posed(0.02, 0, 0.25))),
     "portrait": (HERE, camera((229, 307), 260, pose=posed(0.05, 0, 0, 0, 0, np.pi / 2))),
