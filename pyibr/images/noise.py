@@ -19,7 +19,7 @@ _RANGES, _SAMPLES_MIN = 12, 50  # noise is looked up for as many ranges of depth
 _SAMPLES_MAX = 40_000  # samples of a direction that are looked at: medians of more are no surer
 _LEVELS, _OF_LEVEL = 5, 10  # so many values in a range of depth, each so many times on average, are a scale's steps
 _STEP_MAX = 0.02  # of the nearness: farther apart are surfaces
-_ENOUGH = 3_000  # for the three figures of all depths together
+_ENOUGH = 5 * _RANGES * _SAMPLES_MIN  # for the three figures of all depths together
 _STAIRS_MIN, _STAIRS, _OF_ONE_STEP = (
     50,
     0.3,
@@ -109,7 +109,7 @@ def _noise_along(lines: list[Nearness], count_max: int) -> tuple[Float64, Float6
                 place, change = _changes(near, step, count_max)
                 places.append(place)
                 changes.append(change)
-        if sum(map(len, places)) >= min(10 * _RANGES * _SAMPLES_MIN, count_max):
+        if sum(map(len, places)) >= 10 * _RANGES * _SAMPLES_MIN:
             break
     count = sum(map(len, places))
     if count < _SAMPLES_MIN:
@@ -144,7 +144,7 @@ def _changes(near: Nearness, step: int, count_max: int) -> tuple[Nearness, Nearn
 @functools.cache
 def _spread(count: int) -> Float64:
     """Places in [0, 1) at no regular distance, which might be that of what is seen."""
-    return (np.arange(count) * _GOLDEN) % 1
+    return np.mod(np.arange(count, dtype=np.float64) * _GOLDEN, 1.0)
 
 
 def fitted_noise(depths: Float64, deviations: Float64) -> tuple[float, float, float]:
