@@ -49,36 +49,38 @@ INLINED Neighbours with_neighbours(Grid grid, int x, int y)
     return n;
 }
 
-/* On a side of samples, within two samples: by how much of nearness they stand out over it, INFINITY if they are
- * torn from it, and by how much it changes itself */
+/* What lies on a side of samples, within two of them: the least and the greatest nearness, (-INFINITY, INFINITY) if they
+ * are torn from it; and by how much it changes itself */
 typedef struct {
-    floatl over, change;
-} Fall;
+    floatl low, high, change;
+} Side;
 
 typedef struct {
-    Fall left, right, above, below;
-} Falls;
+    Side left, right, above, below;
+} Sides;
 
-/* bits: of the samples that own the edges on the way; back: as seen from the back. */
-INLINED Fall fall_to(floatl here, floatl next, floatl after, intl bits, int edge, int back)
+/* bits: of the samples that own the edges on the way */
+INLINED Side side_of(floatl next, floatl after, intl bits, int edge)
 {
-    const floatl low = min_lanes(next, after), over = back ? max_lanes(next, after) - here : here - low;
+    const floatl low = min_lanes(next, after), high = max_lanes(next, after);
     const intl torn = ((bits & edge) != 0) | (low <= NO_SURFACE);
-    const Fall fall = {select_lanes(torn, (floatl)INFINITY, over), select_lanes(torn, (floatl)0.0f, fabs(next - after))};
-    return fall;
+    const Side side = {select_lanes(torn, (floatl)-INFINITY, low), select_lanes(torn, (floatl)INFINITY, high),
+                       select_lanes(torn, (floatl)0.0f, high - low)};
+    return side;
 }
 
-INLINED Falls falls_of(Neighbours n, int back)
+INLINED Sides sides_of(Neighbours n)
 {
-    Falls all;
-    all.left = fall_to(n.here, n.left_1, n.left_2, as_intl(n.left_1) | as_intl(n.left_2), TORN_RIGHT, back);
-    all.right = fall_to(n.here, n.right_1, n.right_2, as_intl(n.here) | as_intl(n.right_1), TORN_RIGHT, back);
-    all.above = fall_to(n.here, n.above_1, n.above_2, as_intl(n.above_1) | as_intl(n.above_2), TORN_BELOW, back);
-    all.below = fall_to(n.here, n.below_1, n.below_2, as_intl(n.here) | as_intl(n.below_1), TORN_BELOW, back);
+    Sides all;
+    all.left = side_of(n.left_1, n.left_2, as_intl(n.left_1) | as_intl(n.left_2), TORN_RIGHT);
+    all.right = side_of(n.right_1, n.right_2, as_intl(n.here) | as_intl(n.right_1), TORN_RIGHT);
+    all.above = side_of(n.above_1, n.above_2, as_intl(n.above_1) | as_intl(n.above_2), TORN_BELOW);
+    all.below = side_of(n.below_1, n.below_2, as_intl(n.here) | as_intl(n.below_1), TORN_BELOW);
     return all;
 }
 
-/* By how much of nearness samples stand out between their sides in the row, or in the column */
-#define PROMINENCE_IN_ROW(falls) min_lanes((falls).left.over, (falls).right.over)
-#define PROMINENCE_IN_COLUMN(falls) min_lanes((falls).above.over, (falls).below.over)
+/* By how much of nearness samples stand out between two sides, as seen from the front or from the back: INFINITY if they
+ * are torn from both */
+#define PROMINENCE(here, a, b, back)                                                                           \
+    ((back) ? min_lanes((a).high, (b).high) - (here) : (here) - max_lanes((a).low, (b).low))
 #endif

@@ -40,9 +40,9 @@ INLINED floatl samples_from(Image image, int x, int y)
     if (y < 0 || y >= image.height)
         return n;
     global const float *row = image.nearness + (size_t)y * image.pitch;
-    if (x >= 0 && x + LANES <= image.width)
-        return load_lanes(row + x);
-    for (int lane = max(-x, 0); lane < min(LANES, image.width - x); lane++)
+    if (x >= 0) /* rows have room for whole packets */
+        return select_lanes(x + lane_index < image.width, (floatl)(load_lanes(row + x)), n);
+    for (int lane = -x; lane < min(LANES, image.width - x); lane++)
         set_float_lane(n, lane, row[x + lane]);
     return n;
 }
@@ -126,12 +126,7 @@ kernel void find_edges(global const float *nearness, global float *surface, int 
                           select_lanes(diagonal, (intl)TORN_DIAGONAL, (intl)0);
         /* A missing sample's bits to the right and below keep it NO_SURFACE. */
         const floatl marked = as_floatl(select_lanes(solid, NEAREST_WITH_BITS(as_intl(n), bits), ((intl)as_int(NO_SURFACE) & ~TORN_ALL) | bits));
-        global float *out = surface + (size_t)(y + 1) * pitch + x0 + 1;
-        if (x0 + LANES <= width)
-            store_lanes(marked, out);
-        else
-            for (int lane = 0; lane < width - x0; lane++)
-                out[lane] = float_lane(marked, lane);
+        store_lanes(marked, surface + (size_t)(y + 1) * pitch + x0 + 1); /* there is room for whole packets */
     }
 }
 

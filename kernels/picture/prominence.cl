@@ -1,7 +1,8 @@
 /* Where a surface has samples that stand out over what is around them, and by how much of nearness.
  *
- * surface: picture/edges.cl. prominence: (height, blocks, 2) of each PROMINENCE_BLOCK samples of a row, that of the most prominent one,
- * as seen from the front and from the back; INFINITY if it is torn off on both sides.
+ * surface: picture/edges.cl. prominence: (height, blocks, 2) of each PROMINENCE_BLOCK samples of a row, that of the most
+ * prominent one, as seen from the front and from the back; INFINITY if it is torn off on both sides, -INFINITY if noise
+ * explains it. noise_0, noise_1, noise_2: of nearness n noise explains noise_0 + noise_1 n + noise_2 n^2.
  * Work-item: STRIP blocks. Cost: O(samples). Determinism: each block on its own.
  */
 #include "lib/prominence.h"
@@ -10,29 +11,39 @@
 #define STRIP 1 /* blocks that a work-item goes through: starting one takes longer than most */
 #endif
 
+/* By how much of nearness samples stand out, between their sides in the row or in the column: -INFINITY where it is no
+ * more than noise explains */
+INLINED floatl prominence_of(floatl here, Sides all, int back, intl solid, floatl noise)
+{
+    const floatl over = max_lanes(PROMINENCE(here, all.left, all.right, back), PROMINENCE(here, all.above, all.below, back));
+    return select_lanes(solid & ((over > noise) | (over == INFINITY)), over, (floatl)-INFINITY);
+}
+
 /* Writes that of a block's samples of a row. */
-INLINED void measure_block(Grid grid, int first, int y, global float *out)
+INLINED void measure_block(Grid grid, int first, int y, float noise_0, float noise_1, float noise_2, global float *out)
 {
     floatl front = -INFINITY, back = -INFINITY;
     for (int x = first; x < min(first + PROMINENCE_BLOCK, grid.width); x += LANES) {
         const Neighbours n = with_neighbours(grid, x, y);
         const intl solid = (n.here > NO_SURFACE) & (x + lane_index < grid.width);
-        const Falls before = falls_of(n, 0), behind = falls_of(n, 1);
-        const floatl over_front = max_lanes(PROMINENCE_IN_ROW(before), PROMINENCE_IN_COLUMN(before));
-        const floatl over_back = max_lanes(PROMINENCE_IN_ROW(behind), PROMINENCE_IN_COLUMN(behind));
-        front = select_lanes(solid, max_lanes(over_front, front), front);
-        back = select_lanes(solid, max_lanes(over_back, back), back);
+        const floatl noise = noise_0 + n.here * (noise_1 + n.here * noise_2);
+        const Sides all = sides_of(n);
+        front = max_lanes(prominence_of(n.here, all, 0, solid, noise), front);
+        back = max_lanes(prominence_of(n.here, all, 1, solid, noise), back);
     }
     out[0] = -least_lane(-front);
     out[1] = -least_lane(-back);
 }
 
-kernel void measure_prominence(global const float *surface, global float *prominence, int width, int height, int pitch)
+kernel void measure_prominence(global const float *surface, global float *prominence, int width, int height, int pitch,
+                               float noise_0, float noise_1, float noise_2)
 {
-    const int first = get_global_id(0) * STRIP, y = get_global_id(1), blocks = (width + PROMINENCE_BLOCK - 1) / PROMINENCE_BLOCK;
+    const int first = get_global_id(0) * STRIP, y = get_global_id(1);
+    const int blocks = (width + PROMINENCE_BLOCK - 1) / PROMINENCE_BLOCK;
     if (y >= height)
         return;
     const Grid grid = GRID_OF(surface, width, height, pitch, NO_CUT);
     for (int block = first; block < min(first + STRIP, blocks); block++)
-        measure_block(grid, block * PROMINENCE_BLOCK, y, prominence + 2 * ((size_t)y * blocks + block));
+        measure_block(grid, block * PROMINENCE_BLOCK, y, noise_0, noise_1, noise_2,
+                      prominence + 2 * ((size_t)y * blocks + block));
 }

@@ -3,8 +3,8 @@
  * Lines pass within half a pixel of the pixels that they settle, and resolve.cl looks for a pixel's surface only around
  * what its line and its neighbours' lines met. What is narrower may lie between the lines. In the source it stands out
  * alone: within two samples to either side, along rows or along columns, it is torn off, or it falls away across the lines
- * from a sample amid what is even, so far that the target sees them LONE_BY pixels apart. (On rough surfaces everything
- * does; there lines meet enough.) The triangles of the cells around such samples are carried over to the target.
+ * from a sample amid what is even, so far that the target sees them LONE_BY pixels apart, and farther than noise
+ * explains. (On rough surfaces everything does; there lines meet enough.) The triangles of the cells around such samples are carried over to the target.
  *
  * surface: picture/edges.cl. prominence: picture/prominence.cl. hits: (dst_height, dst_pitch) of epipolar.cl, hits.h; the
  * nearest hit of each pixel stays. least: a difference of nearness that moves nothing in the target by LONE_BY pixels.
@@ -38,17 +38,18 @@ INLINED intl lone_samples(Grid grid, PixelMap map, int x, int y, int sides)
                  moves_y = D[7] - D[11] * (MAP_ROW(D, 1, u, v, n.here) * inverse);
     const floatl by = LONE_BY * w / max_lanes(fabs(moves_x), fabs(moves_y));
     const intl along_rows = fabs(u * S[11] - S[3]) >= fabs(v * S[11] - S[7]); /* the line through here */
+    const Sides all = sides_of(n);
+    /* Another one that stands out, or an edge, may lie on one of the sides. */
+    const intl is_even = ONE_OF(all.left.change > by) + ONE_OF(all.right.change > by) + ONE_OF(all.above.change > by) +
+                             ONE_OF(all.below.change > by) <= 1;
     intl lone = 0;
     for (int back = 0; back < 2; back++) {
         if (!(sides & (back ? SHOWS_BACK : SHOWS_FRONT)))
             continue;
-        const Falls all = falls_of(n, back);
-        const floatl in_row = PROMINENCE_IN_ROW(all), in_column = PROMINENCE_IN_COLUMN(all);
-        /* Another one that stands out, or an edge, may lie on one of the sides. */
-        const intl uneven = ONE_OF(all.left.change > by) + ONE_OF(all.right.change > by) + ONE_OF(all.above.change > by) +
-                            ONE_OF(all.below.change > by);
+        const floatl in_row = PROMINENCE(n.here, all.left, all.right, back);
+        const floatl in_column = PROMINENCE(n.here, all.above, all.below, back);
         lone = lone | (in_row == INFINITY) | (in_column == INFINITY) |
-               ((uneven <= 1) & (select_lanes(along_rows, in_column, in_row) >= by));
+               (is_even & (select_lanes(along_rows, in_column, in_row) >= by));
     }
     return lone & (w > 0.0f) & (u >= 0.0f) & (u < grid.width) & (n.here > NO_SURFACE);
 }

@@ -32,7 +32,7 @@ from pyibr.core.checks import (
 )
 from pyibr.core.errors import ArgumentError
 from pyibr.core.undistortion import rays_of
-from pyibr.images.noise import fitted_noise, noise_by_depth, steps_by_depth
+from pyibr.images.noise import DepthNoise, fitted_noise
 
 Color = NDArray[np.uint8] | NDArray[np.float32]
 Depth = NDArray[np.float32]
@@ -113,7 +113,7 @@ class DepthImage(Immutable):
         far: float = math.inf,
         default_depth: float | DefaultDepth | None = None,
         normals: NDArray[np.float32] | None = None,
-        noise: Noise | None = None,
+        noise: Noise | DepthNoise | None = None,
     ) -> None:
         instance_of("camera", camera, Camera, "a pyibr.Camera")
         shape = camera.height, camera.width
@@ -125,11 +125,13 @@ class DepthImage(Immutable):
         self.depth = locked(given if default_depth is None else _backed(given, limit, default_depth))
         self.far = limit if default_depth is None else math.inf
         self.normals = None if normals is None else locked(_checked_normals(normals, camera))
-        self._noise = None if noise is None else _checked_noise(noise, self)
+        if not isinstance(noise, DepthNoise):  # else another image's, of the same depth
+            noise = DepthNoise(self.depth, self.far, None if noise is None else _checked_noise(noise, self))
+        self._noise = noise
 
     def __reduce__(self) -> tuple[partial[DepthImage], tuple[object, ...]]:
         color = self.color if self.has_color else None
-        options = {"far": self.far, "normals": self.normals, "noise": self._noise}
+        options = {"far": self.far, "normals": self.normals, "noise": self._noise.given}
         return partial(DepthImage, **options), (color, self.depth, self.camera)
 
     def _with_color(self, color: Color | None) -> DepthImage:
@@ -170,14 +172,14 @@ class DepthImage(Immutable):
             return self
         return self._with_color((self.shown_color * np.float32(1 / 255)).astype(np.float32))
 
-    @cached_property
+    @property
     def noise(self) -> tuple[float, float, float]:
-        return noise_by_depth(self.depth, self.far) if self._noise is None else self._noise
+        return self._noise.deviation
 
-    @cached_property
+    @property
     def steps(self) -> tuple[float, float, float]:
         """(a, b, c): at depth z its values lie a z^2 + b z + c apart, if its scale has steps. Found on first use."""
-        return steps_by_depth(self.depth, self.far)
+        return self._noise.steps
 
     @property
     def points(self) -> Float64:

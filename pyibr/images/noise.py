@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +13,13 @@ from numpy.typing import NDArray
 from pyibr.core.checks import Float64, number_from, positive
 
 Depth = NDArray[np.float32]
+Nearness = NDArray[np.float32]
 
 _RANGES, _SAMPLES_MIN = 12, 50  # noise is looked up for as many ranges of depth, each from so many samples at least
 _SAMPLES_MAX = 40_000  # samples of a direction that are looked at: medians of more are no surer
 _LEVELS, _OF_LEVEL = 5, 10  # so many values in a range of depth, each so many times on average, are a scale's steps
 _STEP_MAX = 0.02  # of the nearness: farther apart are surfaces
-_ENOUGH = 2_000  # for the three figures of all depths together
-_LINES = 16  # rows, and columns, along which a scale's steps are looked for
+_ENOUGH = 5 * _RANGES * _SAMPLES_MIN  # for the three figures of all depths together
 _STAIRS_MIN, _STAIRS, _OF_ONE_STEP = (
     50,
     0.3,
@@ -34,6 +36,47 @@ _CHOICES = np.array(
 """Which of the three kinds of noise there are: (7, 3) bool, the fewest first."""
 
 
+class DepthNoise:
+    """Noise of an image's depth, and the steps of its scale: each found on first use, or given.
+
+    Parameters
+    ----------
+    depth : (H, W) float32
+        There is none where it is not finite, <= 0 or >= `far`.
+    far : float
+    given : (a, b, c), optional
+        The deviation, if it is known.
+    """
+
+    def __init__(self, depth: Depth, far: float = np.inf, given: tuple[float, float, float] | None = None) -> None:
+        self.given = given
+        self._depth, self._far = depth, far
+
+    @cached_property
+    def deviation(self) -> tuple[float, float, float]:
+        """(a, b, c), none negative: at depth z the noise has a standard deviation of about a z^2 + b z + c.
+
+        Stereo and structured light have the first kind, time of flight the others.
+        """
+        if self.given is not None:
+            return self.given
+        at, deviations = _noise_along(self._lines, _ENOUGH)
+        return fitted_noise(1 / at, deviations / at**2)
+
+    @cached_property
+    def steps(self) -> tuple[float, float, float]:
+        """(a, b, c), none negative: at depth z the values that a coarse scale has lie about a z^2 + b z + c apart.
+
+        Disparity has steps of the first kind, depth in whole units of the last. On a scale, surfaces are stairs:
+        neighbours differ where those before and after them do not, by as much as values that are next to each other.
+        """
+        return _steps_along(self._lines)
+
+    @cached_property
+    def _lines(self) -> list[Nearness]:
+        return _lines_of(self._depth, self._far, _ENOUGH)
+
+
 def noise_by_nearness(depth: Depth, far: float = np.inf, count_max: int = _SAMPLES_MAX) -> tuple[Float64, Float64]:
     """Noise of (H, W) depth in which there is none where it is not finite, <= 0 or >= `far`.
 
@@ -47,13 +90,23 @@ def noise_by_nearness(depth: Depth, far: float = np.inf, count_max: int = _SAMPL
     (k,) float64, (k,) float64
         Nearness (1 / depth), growing, and the standard deviation of the nearness there; k = 0 if too little is known.
     """
-    places: list[NDArray[np.float32]] = []
-    changes: list[NDArray[np.float32]] = []
+    return _noise_along(_lines_of(depth, far, count_max), count_max)
+
+
+def _lines_of(depth: Depth, far: float, count_max: int) -> list[Nearness]:
+    """The nearness of some rows, and of some columns, with several times `count_max` samples in each of the two."""
+    apart = max(depth.size // min(_ROWS * count_max, _SAMPLES_MAX), 1)
+    return [_nearness(np.ascontiguousarray(lines[::apart]), far) for lines in (depth, depth.T)]
+
+
+def _noise_along(lines: list[Nearness], count_max: int) -> tuple[Float64, Float64]:
+    """Noise of lines, as `noise_by_nearness` returns it."""
+    places: list[Nearness] = []
+    changes: list[Nearness] = []
     for step in (1, 2):
-        for values in (depth, depth.T):
-            if values.shape[1] > 2 * step:
-                some = np.ascontiguousarray(values[:: max(values.size // min(_ROWS * count_max, _SAMPLES_MAX), 1)])
-                place, change = _changes(some, step, far, count_max)
+        for near in lines:
+            if near.shape[1] > 2 * step:
+                place, change = _changes(near, step, count_max)
                 places.append(place)
                 changes.append(change)
         if sum(map(len, places)) >= 10 * _RANGES * _SAMPLES_MIN:
@@ -77,25 +130,21 @@ def noise_by_nearness(depth: Depth, far: float = np.inf, count_max: int = _SAMPL
     return place[:, each // 2].astype(np.float64), middles
 
 
-def _changes(depth: Depth, step: int, far: float, count_max: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """The nearness, and its second difference along rows; of some `count_max` samples."""
-    nearness = _nearness(depth, far)
-    here = nearness[:, step:-step]
+def _changes(near: Nearness, step: int, count_max: int) -> tuple[Nearness, Nearness]:
+    """The nearness of lines, and its second difference along them; of some `count_max` samples."""
+    here = near[:, step:-step]
     with np.errstate(over="ignore", invalid="ignore"):
-        change = np.abs(nearness[:, : -2 * step] - 2 * here + nearness[:, 2 * step :])
+        change = np.abs(near[:, : -2 * step] - 2 * here + near[:, 2 * step :])
     known = np.flatnonzero(np.isfinite(change))
-    if len(known) > count_max:  # at no regular distance, which might be that of what is seen
-        known = known[((np.arange(count_max) * _GOLDEN) % 1 * len(known)).astype(np.intp)]
+    if len(known) > count_max:
+        known = known[(_spread(count_max) * len(known)).astype(np.intp)]
     return here.ravel()[known], change.ravel()[known]
 
 
-def noise_by_depth(depth: Depth, far: float = np.inf) -> tuple[float, float, float]:
-    """(a, b, c), none negative: at depth z the noise has a standard deviation of about a z^2 + b z + c.
-
-    Stereo and structured light have the first kind, time of flight the others.
-    """
-    at, deviations = noise_by_nearness(depth, far, _ENOUGH)
-    return fitted_noise(1 / at, deviations / at**2)
+@functools.cache
+def _spread(count: int) -> Float64:
+    """Places in [0, 1) at no regular distance, which might be that of what is seen."""
+    return np.mod(np.arange(count, dtype=np.float64) * _GOLDEN, 1.0)
 
 
 def fitted_noise(depths: Float64, deviations: Float64) -> tuple[float, float, float]:
@@ -144,30 +193,23 @@ def disparity_noise(pixels: float, focal: float, baseline: float) -> float:
     return deviation / (positive("focal", focal) * positive("baseline", baseline))
 
 
-def steps_by_depth(depth: Depth, far: float = np.inf) -> tuple[float, float, float]:
-    """(a, b, c), none negative: at depth z the values that a coarse scale has lie about a z^2 + b z + c apart.
-
-    Disparity has steps of the first kind, depth in whole units of the last. On a scale, surfaces are stairs: neighbours
-    differ where those before and after them do not, by as much as values that are next to each other.
-    """
-    places, jumps = list[NDArray[np.float32]](), list[NDArray[np.float32]]()
-    changing = 0
-    for values in (depth, depth.T):
-        some = np.ascontiguousarray(values[:: max(len(values) // _LINES, 1)])
-        if np.count_nonzero(some[:, 1:] == some[:, :-1]) < _STAIRS_MIN:
+def _steps_along(lines: list[Nearness]) -> tuple[float, float, float]:
+    """Steps of the scale of lines, as `DepthNoise.steps` has them."""
+    stairs, changing = list[tuple[Nearness, NDArray[np.intp]]](), 0
+    for near in lines:
+        level, known = near[:, 1:] == near[:, :-1], near == near
+        if np.count_nonzero(level) < _STAIRS_MIN:
             continue
-        near = _nearness(some, far)
-        change = np.diff(near, axis=1)
-        level = change == 0
-        alone = level[:, :-2] & level[:, 2:] & ~level[:, 1:-1] & np.isfinite(change[:, 1:-1])
-        changing += int(np.count_nonzero(change[:, 1:-1]) - np.isnan(change[:, 1:-1]).sum())
-        places.append(np.maximum(near[:, 1:-2], near[:, 2:-1])[alone])
-        jumps.append(np.abs(change[:, 1:-1])[alone])
-    if not places:
+        change = known[:, 1:-2] & known[:, 2:-1] & ~level[:, 1:-1]
+        stairs.append((near, np.flatnonzero(level[:, :-2] & change & level[:, 2:])))
+        changing += int(np.count_nonzero(change))
+    if sum(len(at) for _, at in stairs) < max(_STAIRS_MIN, _STAIRS * changing):
         return 0.0, 0.0, 0.0
-    place, jump = np.concatenate(places).astype(np.float64), np.concatenate(jumps).astype(np.float64)
-    if len(place) < max(_STAIRS_MIN, _STAIRS * changing):
-        return 0.0, 0.0, 0.0
+    before, after = (
+        np.concatenate([near[:, k : near.shape[1] - 3 + k].ravel()[at] for near, at in stairs]).astype(np.float64)
+        for k in (1, 2)
+    )
+    place, jump = np.maximum(before, after), np.abs(after - before)
     levels = np.unique(place)
     gaps = np.diff(levels)
     # Levels that are missing leave gaps of whole steps: the least ones around are the scale's.
@@ -183,7 +225,7 @@ def steps_by_depth(depth: Depth, far: float = np.inf) -> tuple[float, float, flo
     return fitted_noise(1 / at, steps / at**2)
 
 
-def _nearness(depth: Depth, far: float) -> NDArray[np.float32]:
+def _nearness(depth: Depth, far: float) -> Nearness:
     """1 / depth; NaN where there is none."""
     nearness = np.full(depth.shape, np.nan, np.float32)
     with np.errstate(over="ignore", invalid="ignore"):  # of depths so near that float32 does not hold their nearness

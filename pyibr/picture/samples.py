@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -29,14 +30,39 @@ class Samples:
     nearness : DeviceArray (H, pitch) float32
         1/z (perspective) or -z (orthographic); NO_SURFACE where there is none.
     color : DeviceArray (H, W, 3)
-    low, high : float
-        Least and greatest nearness.
+    ranges : DeviceArray (H, 2) float32
+        Least and greatest nearness of each row, (inf, -inf) where it has none.
+    perspective : bool
+        Whether nearness is 1/z.
     """
 
     nearness: DeviceArray
     color: DeviceArray
-    low: float
-    high: float
+    ranges: DeviceArray
+    perspective: bool
+
+    @property
+    def low(self) -> float:
+        """Least nearness."""
+        return self._low_and_high[0]
+
+    @property
+    def high(self) -> float:
+        """Greatest nearness."""
+        return self._low_and_high[1]
+
+    @cached_property
+    def _low_and_high(self) -> tuple[float, float]:
+        """Read from the device on first use, which waits for it; raises ArgumentError if there is no nearness."""
+        ranges = self.ranges.to_host()
+        low, high = float(ranges[:, 0].min()), float(ranges[:, 1].max())
+        if low > high:
+            raise ArgumentError(
+                "depth", "a view with at least one sample that is finite, > 0 and nearer than `far`", "none"
+            )
+        nearest, farthest = (1 / high, 1 / low) if self.perspective else (-high, -low)
+        check_lengths("depth", nearest, farthest, "depths, at least some,")
+        return low, high
 
 
 def cut_of(camera: Camera, ratio: float | None, noise: tuple[float, float] = (0.0, 0.0)) -> NDArray[np.void]:
@@ -77,7 +103,7 @@ def bridged_samples(view: DepthImage, cut: NDArray[np.void]) -> Samples:
 
 def _made_of(view: DepthImage, cut: NDArray[np.void] | None = None) -> Samples:
     check_pixels("views", view.camera.size)
-    width, height = view.camera.size
+    (width, height), perspective = view.camera.size, view.camera.projection == "perspective"
     nearness = empty((height, pitch(width)), np.float32)
     ranges = empty((height, 2), np.float32)
     launch(
@@ -89,19 +115,11 @@ def _made_of(view: DepthImage, cut: NDArray[np.void] | None = None) -> Samples:
         src_width=width,
         src_height=height,
         src_pitch=pitch(width),
-        src_perspective=view.camera.projection == "perspective",
+        src_perspective=perspective,
         far=min(view.far, 1 / constant("lib/surface.h", "NEAREST")),  # beyond, nearness would be invalid
         **({} if cut is None else {"cut": Struct("Cut", cut)}),
     )
-    spread = ranges.to_host()
-    low, high = float(spread[:, 0].min()), float(spread[:, 1].max())
-    if low > high:
-        raise ArgumentError(
-            "depth", "a view with at least one sample that is finite, > 0 and nearer than `far`", "none"
-        )
-    nearest, farthest = (1 / high, 1 / low) if view.camera.projection == "perspective" else (-high, -low)
-    check_lengths("depth", nearest, farthest, "depths, at least some,")
-    return Samples(nearness, upload(at_least_a_word(view.color)), low, high)
+    return Samples(nearness, upload(at_least_a_word(view.color)), ranges, perspective)
 
 
 def at_least_a_word(color: Any) -> Any:

@@ -48,11 +48,12 @@ class Surface:
     def prominence(self) -> DeviceArray:
         """(H, ceil(W / 16), 2) float32: by how much of nearness a sample of 16 stands out most, inf if it is torn off.
 
-        As seen from the front, and from the back.
+        As seen from the front, and from the back; -inf if the test takes it for noise.
         """
         width, height = self.color.shape[1], self.color.shape[0]
         block, strip = int(constant("lib/prominence.h", "PROMINENCE_BLOCK")), current().profile.strip
         prominence = empty((height, -(-width // block), 2), np.float32)
+        noise_0, noise_1, noise_2 = self.test.straight["noise"].tolist()
         launch(
             kernel("picture/prominence.cl", "measure_prominence", STRIP=strip),
             (-(-prominence.shape[1] // strip), height),
@@ -61,6 +62,9 @@ class Surface:
             width=width,
             height=height,
             pitch=self.nearness.shape[1],
+            noise_0=noise_0,
+            noise_1=noise_1,
+            noise_2=noise_2,
         )
         return prominence
 
@@ -175,6 +179,6 @@ def make_surface(samples: Samples, size: tuple[int, int], test: EdgeTest) -> Sur
     tests = {"cut": Struct("Cut", test.cut), "test": Struct("EdgeTest", test.straight)}
     launch(kernel("picture/begin.cl", "find_edges"), (height,), **tests, **shared)
     launch(kernel("picture/begin.cl", "continue_border"), (ring.shape[1],), ring=ring, **shared)
-    nearest_and_farthest = ring.to_host()
+    nearest_and_farthest = ring.to_host()  # the one wait for all that there is of a view
     low, high = float(nearest_and_farthest[0].min()), float(nearest_and_farthest[1].max())
     return Surface(surface, samples.color, min(samples.low, low), max(samples.high, high), test)

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 import pyibr as ibr
-from pyibr.images.noise import steps_by_depth
+from pyibr.images.noise import DepthNoise
 
 Array = NDArray[Any]
 SIZE = (160, 120)
@@ -73,8 +73,8 @@ def test_disparitys_noise_is_that_of_nearness():
 def test_steps_are_those_of_the_scale():
     depth = room((640, 480))
     disparity = np.rint(40 / depth * 4) / 4
-    assert steps_by_depth((40 / disparity).astype(np.float32)) == pytest.approx((1 / 160, 0, 0), rel=0.02)
-    a, b, c = steps_by_depth((np.rint(depth * 20) / 20).astype(np.float32))
+    assert DepthNoise((40 / disparity).astype(np.float32)).steps == pytest.approx((1 / 160, 0, 0), rel=0.02)
+    a, b, c = DepthNoise((np.rint(depth * 20) / 20).astype(np.float32)).steps
     for z in (2.0, 5.0):
         assert a * z * z + b * z + c == pytest.approx(0.05, rel=0.2)
 
@@ -94,4 +94,4 @@ def test_what_has_no_scale_has_no_steps():
         np.full((480, 640), np.nan),
         np.ones((1, 1)),
     ):
-        assert steps_by_depth(depth.astype(np.float32)) == (0, 0, 0)
+        assert DepthNoise(depth.astype(np.float32)).steps == (0, 0, 0)
