@@ -4,7 +4,8 @@
  * what its line and its neighbours' lines met. What is narrower may lie between the lines. In the source it stands out
  * alone: within two samples to either side, along rows or along columns, it is torn off, or it falls away across the lines
  * from a sample amid what is even, so far that the target sees them LONE_BY pixels apart, and farther than noise
- * explains. (On rough surfaces everything does; there lines meet enough.) The triangles of the cells around such samples are carried over to the target.
+ * explains. (On rough surfaces everything does; there lines meet enough.) The triangles of the cells around such samples
+ * are carried over to the target.
  *
  * surface: picture/edges.cl. prominence: picture/prominence.cl. hits: (dst_height, dst_pitch) of epipolar.cl, hits.h; the
  * nearest hit of each pixel stays. least: a difference of nearness that moves nothing in the target by LONE_BY pixels.
