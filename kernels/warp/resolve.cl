@@ -13,6 +13,8 @@
  * surface reaches up to half a sample beyond the hits of lines, which is so many pixels. typical: some nearness that
  * the view has in the target. rough: pixels of the source; a second difference of neighbouring hits that makes a
  * surface rough. window: pixels of the source that are traced to either side of a hit.
+ * source: (dst_height, dst_width, 2) u and v of the samples' grid, NaN in holes, source_view: the same shape without the 2,
+ * the number of the view, -1 in holes; with ORIGINS.
  * counters: (work-items, 2) cells visited by the slowest lane, times LANES, and pixels traced, with COUNTERS.
  * Work-item: STRIP * LANES pixels of a row.
  * Cost: O(pixels): a pixel looks at no more than CANDIDATES * 2 * window * density columns of the source; where a
@@ -109,12 +111,20 @@ INLINED void enter_pixels(GBuffer gbuffer, Corners there, intl written, int coun
 
 #if ORIGINS
 /* Writes where those of `count` pixels come from that are `written`. */
-INLINED void write_origins(Pixels pixels, intl written, int count, global float *origin, int view)
+INLINED void write_origins(Pixels pixels, intl written, int count, global float *source, global int *source_view, int view)
 {
+    const intl hit = IS_HIT(pixels.n), from = select_lanes(hit, (intl)view, (intl)-1);
+    const floatl u = select_lanes(hit, pixels.u, (floatl)NAN), v = select_lanes(hit, pixels.v, (floatl)NAN);
+    if (count == LANES && !any_lane(!written)) {
+        store_pairs(u, v, source);
+        store_lanes(from, source_view);
+        return;
+    }
     for (int lane = 0; lane < count; lane++) {
-        const float3 from = (float3)(float_lane(pixels.u, lane), float_lane(pixels.v, lane), view);
-        if (int_lane(written, lane))
-            vstore3(IS_HIT(float_lane(pixels.n, lane)) ? from : (float3)(NAN), lane, origin);
+        if (!int_lane(written, lane))
+            continue;
+        vstore2((float2)(float_lane(u, lane), float_lane(v, lane)), lane, source);
+        source_view[lane] = int_lane(from, lane);
     }
 }
 #endif
@@ -175,7 +185,7 @@ kernel void resolve(global const float *surface, global const float *hits, globa
                     int neighbour_offset, float typical, float rough, float window, int connected
 #if ORIGINS
                     ,
-                    global float *origin /* (dst_height, dst_width, 3): u, v and the number of the view */, int view
+                    global float *source, global int *source_view, int view
 #endif
                     COUNTERS_PARAMETER(uint) GBUFFER_PARAMETERS NORMALS_PARAMETER(float))
 {
@@ -233,7 +243,7 @@ kernel void resolve(global const float *surface, global const float *hits, globa
         const intl written = write_pixels(pixels[p], c, map, merge, in_packet, depth + out, color + CHANNELS * out,
                                           valid + out);
 #if ORIGINS
-        write_origins(pixels[p], written, in_packet, origin + 3 * out, view);
+        write_origins(pixels[p], written, in_packet, source + 2 * out, source_view + out, view);
 #endif
         const GBuffer gbuffer = GBUFFER_VALUE;
         enter_pixels(gbuffer, there, written, in_packet, out, depth, NORMALS_ARGUMENT(float));
