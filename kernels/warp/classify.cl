@@ -248,19 +248,15 @@ INLINED intl holes_at(global const uchar *valid, global uchar *classes, int coun
     return (seen == 0) & (told > CLASS_HIDDEN);
 }
 
-/* Numbers of some of the pixels of a row, of which packets are made */
-typedef struct {
-    int at[(STRIP + 1) * LANES], count;
-} Chosen;
-
-/* Adds those of LANES pixels that are wanted. */
-INLINED void add_pixels(Chosen *chosen, intl pixels, intl wanted)
+/* Adds those of LANES pixels that are wanted to `count` others; there is room for LANES more. Returns how many are now. */
+INLINED int add_pixels(int *chosen, int count, intl pixels, intl wanted)
 {
     if (any_lane(wanted))
         for (int lane = 0; lane < LANES; lane++) {
-            chosen->at[chosen->count] = int_lane(pixels, lane);
-            chosen->count += int_lane(wanted, lane) != 0;
+            chosen[count] = int_lane(pixels, lane);
+            count += int_lane(wanted, lane) != 0;
         }
+    return count;
 }
 
 INLINED void write_classes(const int *pixels, int count, intl class_, int first, global uchar *classes)
@@ -281,27 +277,28 @@ kernel void classify(global const float *surface, global const float *bounds, gl
         return;
     valid += (size_t)y * map.dst_width;
     classes += (size_t)y * map.dst_width;
-    Chosen holes, untold;
-    holes.count = untold.count = 0;
-    for (int x = low_x; x < high_x; x += LANES)
-        add_pixels(&holes, x + lane_index, holes_at(valid + x, classes + x, min(LANES, high_x - x), first));
+    int holes[(STRIP + 1) * LANES], untold[(STRIP + 1) * LANES], hole_count = 0, untold_count = 0;
+    for (int x = low_x; x < high_x; x += LANES) {
+        const intl wanted = holes_at(valid + x, classes + x, min(LANES, high_x - x), first);
+        hole_count = add_pixels(holes, hole_count, x + lane_index, wanted);
+    }
 
     const Grid grid = GRID_OF(surface, map.src_width, map.src_height, map.src_pitch, NO_CUT);
-    for (int hole = 0; hole < holes.count; hole += LANES) {
-        const intl wanted = hole + lane_index < holes.count;
-        const intl x = select_lanes(wanted, (intl)load_lanes(holes.at + hole), (intl)low_x);
+    for (int hole = 0; hole < hole_count; hole += LANES) {
+        const intl wanted = hole + lane_index < hole_count;
+        const intl x = select_lanes(wanted, (intl)load_lanes(holes + hole), (intl)low_x);
         const Rays rays = rays_of(map, to_floatl(x), y);
         const intl class_ = without_parallax
                                 ? class_in_place(grid, rays, typical)
                                 : class_by_windows(grid, bounds, walk_of(grid, rays, nearest, farthest, wanted));
         const intl told = class_ != CLASS_SEEN;
-        write_classes(holes.at + hole, holes.count - hole, select_lanes(told, class_, (intl)CLASS_OUTSIDE), first, classes);
-        add_pixels(&untold, x, wanted & !told);
+        write_classes(holes + hole, hole_count - hole, select_lanes(told, class_, (intl)CLASS_OUTSIDE), first, classes);
+        untold_count = add_pixels(untold, untold_count, x, wanted & !told);
     }
-    for (int hole = 0; hole < untold.count; hole += LANES) {
-        const intl wanted = hole + lane_index < untold.count;
-        const intl x = select_lanes(wanted, (intl)load_lanes(untold.at + hole), (intl)low_x);
+    for (int hole = 0; hole < untold_count; hole += LANES) {
+        const intl wanted = hole + lane_index < untold_count;
+        const intl x = select_lanes(wanted, (intl)load_lanes(untold + hole), (intl)low_x);
         const Walk walk = walk_of(grid, rays_of(map, to_floatl(x), y), nearest, farthest, wanted);
-        write_classes(untold.at + hole, untold.count - hole, class_by_samples(grid, bounds, walk), first, classes);
+        write_classes(untold + hole, untold_count - hole, class_by_samples(grid, bounds, walk), first, classes);
     }
 }

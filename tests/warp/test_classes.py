@@ -206,7 +206,7 @@ def tells_nothing(surface: Surface) -> object:
     """Windows that anything may be in: all samples are looked at."""
     width, height = surface.size
     anything = np.finfo(np.float32).max  # whose last bit says that some samples are missing
-    return upload(np.tile(np.float32([-anything, anything]), (height // STEP + 1, width // STEP + 1, 1)))
+    return upload(np.tile(np.array([-anything, anything], np.float32), (height // STEP + 1, width // STEP + 1, 1)))
 
 
 def messy(size: tuple[int, int], projection: Projection, seed: int) -> ibr.DepthImage:
