@@ -50,6 +50,7 @@ class Plan:
     rgbd_stereo: Mapping[tuple[Size, float], int]  # size and noise
     rgbd_light_field: Mapping[tuple[int, int], int]  # side and number of views
     rgbd_together: Mapping[tuple[Size, int], int]  # size and number of views
+    rgbd_told: Mapping[Size, int]
     rgbd_small: Mapping[int, int]
     rgbd_steady: Mapping[Size, int]  # frames
     filling: Size
@@ -107,6 +108,7 @@ FULL = Plan(
     rgbd_stereo={((1280, 720), noise): 31 for noise in (0.0, 0.1, 0.3)},
     rgbd_light_field={(512, 48): 11},
     rgbd_together={((512, 512), 6): 21, ((640, 480), 100): 3},
+    rgbd_told={(640, 480): 41},
     rgbd_small={64: 201},
     rgbd_steady={(640, 480): 30},
     filling=(640, 480),
@@ -159,6 +161,7 @@ QUICK = Plan(
     rgbd_stereo={((96, 54), 0.0): 1},
     rgbd_light_field={(32, 3): 1},
     rgbd_together={((32, 24), 3): 1},
+    rgbd_told={(64, 48): 1},
     rgbd_small={16: 3},
     rgbd_steady={(64, 48): 3},
     filling=(64, 48),

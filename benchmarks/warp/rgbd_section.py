@@ -65,6 +65,13 @@ Views {step:g} mm apart, blended: milliseconds of a picture of all, beside those
 new to the device, and their exposures are told; of those that are kept, both are known.
 """
 
+TOLD = """### What pixels are
+
+Milliseconds of a warp that tells nothing of its pixels but what they show, of one that tells where in the source they
+come from (`origins`), and of one that tells what they are, too (`classes`), in turns; from a fresh view each, and from
+one that is kept. The relief is the one of the other benchmarks, from the region F.
+"""
+
 SMALL = """### Small images
 
 Milliseconds of a warp whose kernels have next to nothing to do.
@@ -91,7 +98,7 @@ def rgbd_section(result: Result, folder: Path) -> list[str]:
     """Ratios with their bars, the worst of them, the uses, and each row."""
     rows = _Rows(result)
     uses = [*_threads(result), *_noise(result), *_stereo(result), *_light_field(result)]
-    uses += [*_together(result), *_small(result)]
+    uses += [*_together(result), *_told(result), *_small(result)]
     uses += _steady(result)
     parts = [PUBLISHED, table(["program", "task", "time", "machine", "source"], [_cells(p) for p in rgbd.PUBLISHED])]
     if not rows.found:
@@ -282,6 +289,22 @@ def _together(result: Result) -> list[str]:
         lines.append([str(size), str(views), str(view), *shown, *judged])
     heads = ["size", "views", "view", rgbd_uses.TOGETHER, rgbd_uses.SINGLE, "ratio", "bar", ""]
     return [TOGETHER.format(step=1000 * rgbd_uses.TOGETHER_STEP), table(heads, lines)] if lines else []
+
+
+def _told(result: Result) -> list[str]:
+    lines: list[list[str]] = []
+    found = _by(result, "size", "motion", "view", case="told", quantity="end to end")
+    for (size, motion, view), records in found.items():
+        times = {record.subject: record.values for record in records}
+        plain = times[rgbd_uses.PLAIN]
+        for subject, values in times.items():
+            judged = ["", "", ""]
+            if subject in rgbd_uses.BARS:
+                ratio, bar = median(values) / median(plain), rgbd_uses.BARS[subject]
+                judged = [f"{ratio:.2f}", f"at most {bar:g}", verdict(ratio <= bar)]
+            lines.append([str(size), str(motion), str(view), subject, str(Quartiles.of(values)), *judged])
+    heads = ["size", "motion", "view", "told", "ms", "ratio", "bar", ""]
+    return [TOLD, table(heads, lines)] if lines else []
 
 
 def _small(result: Result) -> list[str]:

@@ -1,8 +1,9 @@
-"""Uses of warps of depth cameras' frames, and what they hang on: threads, noise, pairs, rows of views."""
+"""Uses of warps of depth cameras' frames, and what they hang on: threads, noise, pairs, rows of views, what is told."""
 
 from __future__ import annotations
 
 import functools
+import itertools
 import json
 import os
 from collections.abc import Iterator
@@ -17,13 +18,24 @@ from benchmarks.launches import kernel_times
 from benchmarks.results import Parameter, Record, Skip
 from benchmarks.runner import Case, Work
 from benchmarks.startup import child
+from benchmarks.warp import opencv
 
 Size = tuple[int, int]
 
-BARS = {"threads": 1.85, "noise": 4.0, "stereo": 60.0, "light field": 0.6, "small": 0.35, "together": 1.3}
+BARS = {
+    "threads": 1.85,
+    "noise": 4.0,
+    "stereo": 60.0,
+    "light field": 0.6,
+    "small": 0.35,
+    "together": 1.3,
+    "origins": 1.15,
+    "classes": 1.5,
+}
 """At least: one thread's time over two threads'; at most: `resolve` on white noise over the same on a smooth surface;
 at least: pairs a second; at most: one call over single ones; at most: milliseconds of a fresh small image; at most:
-several views in one picture over as many pictures of one, once their gains are known."""
+several views in one picture over as many pictures of one, once their gains are known; a warp that tells where its
+pixels come from, and one that tells what they are, too, over one that tells neither."""
 
 THREADS = (1, 2)
 SMOOTH, NOISE = "smooth surface", "white noise"
@@ -38,12 +50,16 @@ TOGETHER_STEP = 0.002  # metres from view to view
 TOGETHER = "in one picture"
 TOGETHER_HELD = 6  # views of which none is drawn twice
 FRESH, KEPT = "fresh", "kept"
+PLAIN = "plain"
+TOLD: dict[str, opencv.Options] = {PLAIN: {}, "origins": {"origins": True}, "classes": {"classes": True}}
+RELIEF = "relief, forward"
+TOLD_MOTIONS: dict[str, int | None] = {"0 to 50": 50, "0 to 4": 4, "7 cm sideways": None}
 _SMALL_STEP = 0.07  # metres
 _POCL = "Portable Computing Language"
 
 
 def cases(plan: Plan, scene: str) -> Iterator[Case]:
-    """Threads, white noise, stereo, a light field, several views in one picture, small images."""
+    """Threads, white noise, stereo, a light field, several views in one picture, what is told, small images."""
 
     def case(what: str, size: Size, **more: Parameter) -> dict[str, Parameter]:
         return {"case": what, "scene": scene, "size": scenes.shown(size), **more}
@@ -65,6 +81,10 @@ def cases(plan: Plan, scene: str) -> Iterator[Case]:
         for kind in (FRESH, KEPT):
             prepare = functools.partial(_together, scene, size, views, repeats, kind)
             yield Case(case("together", size, views=views, view=kind), prepare)
+    for size, repeats in plan.rgbd_told.items():
+        for motion, kind in itertools.product((*TOLD_MOTIONS, RELIEF), (FRESH, KEPT)):
+            prepare = functools.partial(_told, scene, size, repeats, motion, kind)
+            yield Case(case("told", size, motion=motion, view=kind), prepare)
     for side, repeats in plan.rgbd_small.items():
         yield Case(case("small", (side, side)), functools.partial(_small, scene, side, repeats))
 
@@ -187,6 +207,27 @@ def _together(scene: str, size: Size, count: int, repeats: int, kind: str) -> Wo
         return [ibr.warp(view, target) for view in (views() if kind == FRESH else kept)]
 
     return Work({TOGETHER: together, SINGLE: single}, repeats)
+
+
+def _told(scene: str, size: Size, repeats: int, motion: str, kind: str) -> Work | Skip:
+    """Warps that tell where their pixels come from, or what they are, too, beside one that tells neither."""
+    if motion == RELIEF:
+        width, height = size
+        color, depth = (np.ascontiguousarray(part[:height]) for part in scenes.relief(width))
+        camera = ibr.Camera(scenes.source_camera(width).K, size)
+        target = camera.moved(*-scenes.translation(width, "F", "forward"))
+    else:
+        view, to = scenes.rgbd(scene, 0, size), TOLD_MOTIONS[motion]
+        if isinstance(view, Skip):
+            return view
+        color, depth, camera = view.color, view.depth, view.camera
+        target = camera.moved(_SMALL_STEP, 0, 0) if to is None else scenes.depth_camera(scene, to, size)
+    kept = ibr.DepthImage(color, depth, camera)
+
+    def draw(options: opencv.Options) -> object:
+        return ibr.warp(ibr.DepthImage(color, depth, camera) if kind == FRESH else kept, target, **options)
+
+    return Work({name: functools.partial(draw, options) for name, options in TOLD.items()}, repeats)
 
 
 def _small(scene: str, side: int, repeats: int) -> Work | Skip:

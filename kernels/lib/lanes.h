@@ -242,6 +242,21 @@ INLINED void gather_pairs(global const float *values, int at, float *first, floa
 }
 #endif
 
+/* Two values of each lane, one after the other */
+#if LANES == 16
+INLINED void store_pairs(float16 first, float16 second, global float *pairs)
+{
+    store_lanes(ZIP_LOW(first, second), pairs);
+    store_lanes(ZIP_HIGH(first, second), pairs + LANES);
+}
+#else
+INLINED void store_pairs(float first, float second, global float *pairs)
+{
+    pairs[0] = first;
+    pairs[1] = second;
+}
+#endif
+
 /* For each lane a value, the one after it, and the same two of the row that lies `below` values farther on */
 INLINED void gather_cells(global const float *values, int below, intl at, floatl *corners)
 {

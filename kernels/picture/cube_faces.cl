@@ -6,7 +6,7 @@
  * slope is no edge, however steep. places: (3, height, pitch) u and v in the face, NaN for pixels that are none of its
  * own, and depth in the lens's frame over depth in the picture's. face_depth, face_color, face_valid: (face_height,
  * face_width), depth NaN where there is nothing. depth, color, valid: (height, width); pixels of other faces stay, or
- * with `first` are emptied. ORIGINS: where pixels come from, (..., 3), and what they are, are carried over, too; pixels
+ * with `first` are emptied. ORIGINS: where pixels come from, and CLASSES: what they are, is carried over, too; pixels
  * without a ray are `unseen`. Work-item: STRIP * LANES pixels of a row. Cost: O(pixels). Determinism: every pixel on
  * its own.
  */
@@ -15,7 +15,10 @@
 #include "lib/taps.h"
 
 #ifndef ORIGINS
-#define ORIGINS 0 /* 1: where pixels come from, and what they are, is carried over, too */
+#define ORIGINS 0 /* 1: where pixels come from is carried over, too: `source`, (..., 2), in the view `source_view` */
+#endif
+#ifndef CLASSES
+#define CLASSES 0 /* 1: what pixels are is carried over, too */
 #endif
 #ifndef STRIP
 #define STRIP 1 /* packets of LANES pixels that a work-item goes through: starting one takes longer than most */
@@ -127,34 +130,47 @@ INLINED void write_packet(const Reading *read, Face face, int count, int empties
 }
 
 #if ORIGINS
-/* Where they come from, and what they are */
-INLINED void copy_origins(const Reading *read, Face face, int count, int empties, global const float *face_origin,
-                           global const uchar *face_classes, global float *origin, global uchar *classes, int unseen)
+/* Where they come from */
+INLINED void copy_origins(const Reading *read, Face face, int count, int empties, global const float *face_source,
+                          global const int *face_source_view, global float *source, global int *source_view)
 {
     for (int lane = 0; lane < count; lane++) {
         if (!int_lane(read->own, lane)) {
             if (empties) {
-                vstore3((float3)(NAN), lane, origin);
-                classes[lane] = unseen;
+                vstore2((float2)(NAN), lane, source);
+                source_view[lane] = -1;
             }
             continue;
         }
-        const int from = int_lane(read->nearest, lane);
-        classes[lane] = face_classes[from];
-        const float3 one = vload3(from, face_origin);
-        float3 place_there = one;
+        const int nearest = int_lane(read->nearest, lane), view = face_source_view[nearest];
+        float2 from = vload2(nearest, face_source);
         if (int_lane(read->whole, lane)) {
             const int corner = int_lane(read->y, lane) * face.width + int_lane(read->x, lane);
-            float3 sum = 0.0f;
+            float2 sum = 0.0f;
             int same = 1;
             for (int i = 0; i < 4; i++) {
-                const float3 each = vload3(corner + (i >> 1) * face.width + (i & 1), face_origin);
-                same = same && each.z == one.z;
-                sum += float_lane(read->weights[i], lane) * each;
+                const int at = corner + (i >> 1) * face.width + (i & 1);
+                same = same && face_source_view[at] == view;
+                sum += float_lane(read->weights[i], lane) * vload2(at, face_source);
             }
-            place_there = same ? (float3)(sum.xy, one.z) : one;
+            from = same ? sum : from;
         }
-        vstore3(place_there, lane, origin);
+        vstore2(from, lane, source);
+        source_view[lane] = view;
+    }
+}
+#endif
+
+#if CLASSES
+/* What they are */
+INLINED void copy_classes(const Reading *read, int count, int empties, global const uchar *face_classes,
+                          global uchar *classes, int unseen)
+{
+    for (int lane = 0; lane < count; lane++) {
+        if (int_lane(read->own, lane))
+            classes[lane] = face_classes[int_lane(read->nearest, lane)];
+        else if (empties)
+            classes[lane] = unseen;
     }
 }
 #endif
@@ -164,8 +180,12 @@ kernel void join_faces(global const float *places, global const float *face_dept
                        int pitch, int first, int linear, global float *depth, global channel *color, global uchar *valid
 #if ORIGINS
                        ,
-                       global const float *face_origin, global const uchar *face_classes, global float *origin,
-                       global uchar *classes, int unseen
+                       global const float *face_source, global const int *face_source_view, global float *source,
+                       global int *source_view
+#endif
+#if CLASSES
+                       ,
+                       global const uchar *face_classes, global uchar *classes, int unseen
 #endif
 )
 {
@@ -182,7 +202,10 @@ kernel void join_faces(global const float *places, global const float *face_dept
         const int count = min(LANES, width - x0);
         write_packet(&read, face, count, first, depth + at, color + CHANNELS * at, valid + at);
 #if ORIGINS
-        copy_origins(&read, face, count, first, face_origin, face_classes, origin + 3 * at, classes + at, unseen);
+        copy_origins(&read, face, count, first, face_source, face_source_view, source + 2 * at, source_view + at);
+#endif
+#if CLASSES
+        copy_classes(&read, count, first, face_classes, classes + at, unseen);
 #endif
     }
 }

@@ -13,7 +13,7 @@
  *
  * Launches: weigh_layer for each layer, once it is drawn; then blend_layers, once for as many as are held. Where not
  * all are, nearest_layers finds the nearest of all before, and those that are not held any more are drawn again.
- * depth, color, valid: (height, width) of a layer, or of the picture. best: (2, height, pitch) depth of the nearest
+ * depth, color, valid, source, source_view: (height, width) of a layer, or of the picture (resolve.cl). best: (2, height, pitch) depth of the nearest
  * layer, and its tolerance, negative if it was seen at a step, 0 if there is none.
  * stack: (layers, LAYER_PLANES, height, pitch) weight, negative if seen at a step, 0 where there is nothing; depth;
  * colour (a word of 8 bits a channel, or three planes); with ORIGINS two more, with GBUFFER 2 three, of the normal.
@@ -114,7 +114,7 @@ kernel void weigh_layer(global const float *depth, global const channel *color, 
                         global float *stack, int layer, int pitch, PixelMap map, Screen screen, LayerView view,
                         float density
 #if ORIGINS
-                        , global const float *layer_origin
+                        , global const float *layer_source
 #endif
                         NORMALS_PARAMETER(float) /* of the layer, in the world, of any length */
 )
@@ -156,8 +156,8 @@ kernel void weigh_layer(global const float *depth, global const channel *color, 
 #endif
 #endif
 #if ORIGINS
-        store_lanes((floatl)(gather(layer_origin, 3 * pixel)), out + ORIGIN * plane);
-        store_lanes((floatl)(gather(layer_origin, 3 * pixel + 1)), out + (ORIGIN + 1) * plane);
+        store_lanes((floatl)(gather(layer_source, 2 * pixel)), out + ORIGIN * plane);
+        store_lanes((floatl)(gather(layer_source, 2 * pixel + 1)), out + (ORIGIN + 1) * plane);
 #endif
 #if GBUFFER == 2
         const Vector normal = vector_at(normals, pixel);
@@ -283,7 +283,7 @@ INLINED void add_layer(Blended *sums, global const float *layer, size_t plane, B
 INLINED void write_blend(Blended sums, size_t at, int count, int merge, global float *depth, global channel *color,
                          global uchar *valid
 #if ORIGINS
-                         , global float *origin
+                         , global float *source, global int *source_view
 #endif
                          , GBuffer gbuffer)
 {
@@ -311,8 +311,9 @@ INLINED void write_blend(Blended sums, size_t at, int count, int merge, global f
         valid[pixel] = is_any;
         write_pixel(color + CHANNELS * pixel, rounded_channel(color_lane(c, lane)));
 #if ORIGINS
-        const float3 from = (float3)(float_lane(sums.u, lane), float_lane(sums.v, lane), float_lane(sums.number, lane));
-        vstore3(is_any ? from : (float3)(NAN), pixel, origin);
+        const float2 from = (float2)(float_lane(sums.u, lane), float_lane(sums.v, lane));
+        vstore2(is_any ? from : (float2)(NAN), pixel, source);
+        source_view[pixel] = is_any ? (int)float_lane(sums.number, lane) : -1;
 #endif
         float3 normal = 0.0f;
 #if GBUFFER == 2
@@ -330,7 +331,7 @@ kernel void blend_layers(global const float *stack, global const float *best, gl
                          global float *depth, global channel *color, global uchar *valid, int width, int height,
                          int merge
 #if ORIGINS
-                         , global float *origin
+                         , global float *source, global int *source_view
 #endif
                          GBUFFER_PARAMETERS)
 {
@@ -367,7 +368,7 @@ kernel void blend_layers(global const float *stack, global const float *best, gl
         if (last) {
             write_blend(made, (size_t)y * width + x0, width - x0, merge, depth, color, valid
 #if ORIGINS
-                        , origin
+                        , source, source_view
 #endif
                         , gbuffer);
         } else {

@@ -14,6 +14,8 @@
  * surface reaches up to half a sample beyond the hits of lines, which is so many pixels. typical: some nearness that
  * the view has in the target. rough: pixels of the source; a second difference of neighbouring hits that makes a
  * surface rough. window: pixels of the source that are traced to either side of a hit.
+ * source: (dst_height, dst_width, 2) u and v of the samples' grid, NaN in holes, source_view: the same shape without the 2,
+ * the number of the view, -1 in holes; with ORIGINS.
  * counters: (work-items, 2) cells visited by the slowest lane, times LANES, and pixels traced, with COUNTERS.
  * Work-item: STRIP * LANES pixels of a row.
  * Cost: O(pixels): a pixel looks at no more than CANDIDATES * 2 * window * density columns of the source; where a
@@ -55,12 +57,20 @@ INLINED void enter_pixels(GBuffer gbuffer, Corners there, intl written, intl x, 
 
 #if ORIGINS
 /* Writes where those of pixels x of a row come from that are `written`. */
-INLINED void write_origins(Pixels pixels, intl written, intl x, global float *origin, int view)
+INLINED void write_origins(Pixels pixels, intl written, intl x, global float *source, global int *source_view, int view)
 {
+    const intl hit = IS_HIT(pixels.n), from = select_lanes(hit, (intl)view, (intl)-1);
+    const floatl u = select_lanes(hit, pixels.u, (floatl)NAN), v = select_lanes(hit, pixels.v, (floatl)NAN);
+    const int first = int_lane(x, 0);
+    if (!any_lane(!written | (x != first + lane_index))) {
+        store_pairs(u, v, source + 2 * first);
+        store_lanes(from, source_view + first);
+        return;
+    }
     for (uint left = lane_bits(written); left; left &= left - 1) {
-        const int lane = LOWEST(left);
-        const float3 from = (float3)(float_lane(pixels.u, lane), float_lane(pixels.v, lane), view);
-        vstore3(IS_HIT(float_lane(pixels.n, lane)) ? from : (float3)(NAN), int_lane(x, lane), origin);
+        const int lane = LOWEST(left), at = int_lane(x, lane);
+        vstore2((float2)(float_lane(u, lane), float_lane(v, lane)), at, source);
+        source_view[at] = int_lane(from, lane);
     }
 }
 #endif
@@ -160,7 +170,7 @@ kernel void resolve(global const float *surface, global const float *hits, globa
                     int has_margins
 #if ORIGINS
                     ,
-                    global float *origin /* (dst_height, dst_width, 3): u, v and the number of the view */, int view
+                    global float *source, global int *source_view, int view
 #endif
                     COUNTERS_PARAMETER(uint) GBUFFER_PARAMETERS NORMALS_PARAMETER(float))
 {
@@ -212,7 +222,7 @@ kernel void resolve(global const float *surface, global const float *hits, globa
         const intl written = write_pixels(pixels[p], c, map, merge, in_packet, depth + row + x0,
                                           color + CHANNELS * (row + x0), valid + row + x0) & (x < high_x);
 #if ORIGINS
-        write_origins(pixels[p], written, x, origin + 3 * row, view);
+        write_origins(pixels[p], written, x, source + 2 * row, source_view + row, view);
 #endif
         enter_pixels(gbuffer, there, written, x, row, depth, NORMALS_ARGUMENT(float));
     }
@@ -227,7 +237,7 @@ kernel void resolve(global const float *surface, global const float *hits, globa
         const intl written = write_apart(one, c, map, x, wanted & IS_BEFORE(map.dst_perspective, one.n), depth + row,
                                          color + CHANNELS * row, valid + row);
 #if ORIGINS
-        write_origins(one, written, x, origin + 3 * row, view);
+        write_origins(one, written, x, source + 2 * row, source_view + row, view);
 #endif
         enter_pixels(gbuffer, there, written, x, row, depth, NORMALS_ARGUMENT(float));
     }

@@ -5,6 +5,7 @@
  * that is not shown hides no ribbon behind it. keys: (dst_height, dst_width) nearness as warp/keys.h orders it, 0 where
  * no ribbon is; indices: the same shape, NEIGHBOURS times the number of the ribbon's thin sample, plus the number of
  * the neighbour that it leads to, 0 to 8 by rows; 4: to none.
+ * source, source_view: of resolve.cl.
  * Work-item: STRIP * LANES samples, or pixels, of a row. Cost: O(samples + pixels of ribbons). Determinism: maximum and
  * minimum do not depend on the order of work-items.
  * Not in the paper, whose samples are all connected.
@@ -171,7 +172,7 @@ void mix_colors(global const channel *src_color, int a, int b, float part, globa
  * samples that the ribbon runs between, and where `along` it the pixel lies, 0 to 1. */
 int write_ribbon(Grid grid, uint number, PixelMap map, int sides, int linear, int x, int y,
                  global const channel *src_color, global float *depth, global channel *color, global uchar *valid,
-                 global float *origin, int view, int2 *ends, float *along)
+                 global float *source, global int *source_view, int view, int2 *ends, float *along)
 {
     const float *D = map.dst_from_src;
     const int sample = number / NEIGHBOURS;
@@ -191,7 +192,8 @@ int write_ribbon(Grid grid, uint number, PixelMap map, int sides, int linear, in
     *valid = 1;
     mix_colors(src_color, ribbon.from, ribbon.to, part, color);
 #if ORIGINS
-    vstore3((float3)(sx, sy, view), 0, origin); /* the nearest sample: beside a wire is another thing */
+    vstore2((float2)(sx, sy), 0, source); /* the nearest sample: beside a wire is another thing */
+    *source_view = view;
 #endif
     *ends = (int2)(ribbon.from, ribbon.to);
     *along = part;
@@ -203,8 +205,7 @@ kernel void thin_pixels(global const float *surface, global const uint *keys, gl
                         PixelMap map, Cut cut, int sides, int linear
 #if ORIGINS
                         ,
-                        global float *origin /* (dst_height, dst_width, 3): u, v and the number of the view */,
-                        int view
+                        global float *source, global int *source_view, int view
 #endif
                             GBUFFER_PARAMETERS NORMALS_PARAMETER(float))
 {
@@ -225,9 +226,9 @@ kernel void thin_pixels(global const float *surface, global const uint *keys, gl
             const int written = write_ribbon(grid, indices[at + i], map, sides, linear, x0 + i, y, src_color,
                                              depth + at + i, color + CHANNELS * (at + i), valid + at + i,
 #if ORIGINS
-                                             origin + 3 * (at + i), view,
+                                             source + 2 * (at + i), source_view + at + i, view,
 #else
-                                             0, 0,
+                                             0, 0, 0,
 #endif
                                              &ends, &along);
             if (!written)

@@ -39,20 +39,26 @@ def joined_faces(targets: Sequence[Target], camera: Camera, out: Frame | None = 
     if camera.lens is None:
         return targets[0]
     like = targets[0].color
-    classes = targets[0].classes is not None
     profile = current().profile
-    whole = Target(camera, like.dtype, out=out, classes=classes, channels=like.shape[2])
+    whole = Target(
+        camera,
+        like.dtype,
+        out=out,
+        origins=targets[0].source is not None,
+        classes=targets[0].classes is not None,
+        channels=like.shape[2],
+    )
     whole.filled = any(target.filled for target in targets)
     for number, (face, target) in enumerate(zip(cube_faces(camera), targets, strict=True)):
-        origins: dict[str, Any] = {}
+        told: dict[str, Any] = {**whole.origins, **{f"face_{name}": array for name, array in target.origins.items()}}
         if whole.classes is not None:
-            origins = {"face_origin": target.origin, "face_classes": target.classes}
-            origins |= {"origin": whole.origin, "classes": whole.classes, "unseen": int(PixelClass.OUTSIDE)}
+            told |= {"face_classes": target.classes, "classes": whole.classes, "unseen": int(PixelClass.OUTSIDE)}
         launch(
             kernel(
                 "picture/cube_faces.cl",
                 "join_faces",
-                ORIGINS=int(bool(origins)),
+                ORIGINS=int(whole.source is not None),
+                CLASSES=int(whole.classes is not None),
                 STRIP=profile.strip,
                 **target.color_defines,
             ),
@@ -69,7 +75,7 @@ def joined_faces(targets: Sequence[Target], camera: Camera, out: Frame | None = 
             first=number == 0,
             linear=all(target.mixable for target in targets),
             **whole.outputs(),
-            **origins,
+            **told,
         )
     whole.blank = False
     return whole

@@ -49,6 +49,7 @@ class PictureParts:
         dtype: np.dtype[Any],
         *,
         channels: int = 3,
+        origins: bool = False,
         classes: bool = False,
         anisotropy: int = 1,
         out: Frame | None = None,
@@ -60,7 +61,7 @@ class PictureParts:
         ----------
         draw : callable
             Draws all that is to be seen into a target.
-        dtype, channels, classes, anisotropy, pool
+        dtype, channels, origins, classes, anisotropy, pool
             Of the targets.
         out : Frame, optional
             Its arrays are written, instead of new ones.
@@ -69,7 +70,16 @@ class PictureParts:
         own = whole if self._fine.lens is None else None
         parts: list[Target] = []
         for camera in self._cameras:
-            part = Target(camera, dtype, out=own, classes=classes, pool=pool, channels=channels, anisotropy=anisotropy)
+            part = Target(
+                camera,
+                dtype,
+                out=own,
+                origins=origins,
+                classes=classes,
+                pool=pool,
+                channels=channels,
+                anisotropy=anisotropy,
+            )
             draw(part)
             parts.append(part)
         return averaged(joined_faces(parts, self._fine, whole), self._camera, self._side, out)

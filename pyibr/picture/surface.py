@@ -32,6 +32,8 @@ class Surface:
     nearness : DeviceArray (H + 2, pitch) float32
         Of the image's samples within a ring of further ones, with the bits of kernels/picture/edges.cl.
     color : DeviceArray (H, W, 3)
+    size : (W, H)
+        Of the image: an image of one pixel has colours of two.
     low, high : float
         Least and greatest nearness.
     test : EdgeTest
@@ -40,6 +42,7 @@ class Surface:
 
     nearness: DeviceArray
     color: DeviceArray
+    size: tuple[int, int]
     low: float
     high: float
     test: EdgeTest
@@ -50,7 +53,7 @@ class Surface:
 
         As seen from the front, and from the back; -inf if the test takes it for noise.
         """
-        width, height = self.color.shape[1], self.color.shape[0]
+        width, height = self.size
         block, strip = int(constant("lib/prominence.h", "PROMINENCE_BLOCK")), current().profile.strip
         prominence = empty((height, -(-width // block), 2), np.float32)
         noise_0, noise_1, noise_2 = self.test.straight["noise"].tolist()
@@ -69,9 +72,27 @@ class Surface:
         return prominence
 
     @cached_property
+    def bounds(self) -> DeviceArray:
+        """(down, across, 2) float32: least and greatest nearness in windows of cells (kernels/lib/bounds.h)."""
+        width, height = self.size
+        step, strip = int(constant("lib/bounds.h", "BOUNDS_STEP")), current().profile.strip
+        down, across = (size // step + 1 for size in (height, width))
+        bounds = empty((down, across, 2), np.float32)
+        launch(
+            kernel("picture/bounds.cl", "bound_surface", STRIP=strip),
+            (-(-across // strip), down),
+            surface=self.nearness,
+            bounds=bounds,
+            width=width,
+            height=height,
+            pitch=self.nearness.shape[1],
+        )
+        return bounds
+
+    @cached_property
     def margins(self) -> Margins:
         """Margins: what no triangle covers of the pixels of samples beside edges."""
-        width, height = self.color.shape[1], self.color.shape[0]
+        width, height = self.size
         shared = {"surface": self.nearness, "width": width, "height": height, "pitch": self.nearness.shape[1]}
         counts = empty((height,), np.int32)
         launch(kernel("picture/begin.cl", "count_margins"), (height,), counts=counts, **shared)
@@ -181,4 +202,4 @@ def make_surface(samples: Samples, size: tuple[int, int], test: EdgeTest) -> Sur
     launch(kernel("picture/begin.cl", "continue_border"), (ring.shape[1],), ring=ring, **shared)
     nearest_and_farthest = ring.to_host()  # the one wait for all that there is of a view
     low, high = float(nearest_and_farthest[0].min()), float(nearest_and_farthest[1].max())
-    return Surface(surface, samples.color, min(samples.low, low), max(samples.high, high), test)
+    return Surface(surface, samples.color, size, min(samples.low, low), max(samples.high, high), test)

@@ -37,8 +37,10 @@ class Target:
         Only its depths count: they are a light's map of what casts shadows.
     out : Frame, optional
         Its arrays are written, instead of new ones.
+    origins : bool
+        Where in which view each pixel comes from is written, too.
     classes : bool
-        What each pixel is, and where it comes from, is written, too.
+        What each pixel is, is written, too.
     anisotropy : int
         How often a map is read along a pixel's footprint at most; 1: once, as if that were as long as wide.
     pool : dict, optional
@@ -65,6 +67,7 @@ class Target:
         dtype: np.dtype[Any],
         from_light: bool = False,
         out: Frame | None = None,
+        origins: bool = False,
         classes: bool = False,
         pool: dict[int, DeviceArray] | None = None,
         channels: int = 3,
@@ -83,7 +86,8 @@ class Target:
             )
         else:
             self.color, self.depth, self.valid = output(out.color), output(out.depth), output(out.valid.view(np.uint8))
-        self.origin = empty((*shape, 3), np.float32) if classes else None
+        self.source = empty((*shape, 2), np.float32) if origins else None
+        self.source_view = empty(shape, np.int32) if origins else None
         self.classes = empty(shape, np.uint8) if classes else None
         self.alpha: DeviceArray | None = None
         self.blank = True
@@ -95,14 +99,12 @@ class Target:
 
     def layer(self) -> Target:
         """A target of the same kind, for a part of what is to be seen in this one."""
-        channels = self.color.shape[-1]
-        classes = self.classes is not None
         return Target(
             self.camera,
             self.color.dtype,
-            classes=classes,
+            origins=self.source is not None,
             pool=self._pool,
-            channels=channels,
+            channels=self.color.shape[-1],
             anisotropy=self.anisotropy,
         )
 
@@ -124,6 +126,13 @@ class Target:
     def outputs(self) -> dict[str, DeviceArray]:
         """The three buffers by their kernels' names."""
         return {"depth": self.depth, "color": self.color, "valid": self.valid}
+
+    @property
+    def origins(self) -> dict[str, DeviceArray]:
+        """The buffers that tell where pixels come from by their kernels' names, if there are any."""
+        if self.source is None or self.source_view is None:
+            return {}
+        return {"source": self.source, "source_view": self.source_view}
 
     @property
     def color_defines(self) -> dict[str, int]:
@@ -181,24 +190,26 @@ def frames(targets: Sequence[Target]) -> list[Frame]:
     """The pictures on the host, once all launches are done."""
     arrays: list[DeviceArray] = []
     for target in targets:
-        arrays += [target.color, target.depth, target.valid]
-        if target.origin is not None and target.classes is not None:
-            arrays += [target.origin, target.classes]
-        if target.alpha is not None:
-            arrays.append(target.alpha)
+        arrays += [target.color, target.depth, target.valid, *(array for _, array in _told(target))]
     values = iter(to_host(arrays))
     made: list[Frame] = []
     for target in targets:
         color, depth, valid = next(values), next(values), next(values).view(np.bool_)
         more: dict[str, Any] = {"source": None, "view": None, "classes": None, "alpha": None}
-        if target.origin is not None:
-            origin = next(values)
-            view = np.where(valid, origin[..., 2], -1).astype(np.int32)
-            more |= {"source": origin[..., :2], "view": view, "classes": next(values)}
-        if target.alpha is not None:
-            more["alpha"] = next(values)
+        more |= {name: next(values) for name, _ in _told(target)}
         if target.out is None:
             made.append(Frame(color, depth, valid, target.camera, **more))
         else:
             made.append(replace(target.out, camera=target.camera, **more))
     return made
+
+
+def _told(target: Target) -> list[tuple[str, DeviceArray]]:
+    """Buffers of what a frame tells of its pixels beyond what all frames do, by the frame's names."""
+    told = {
+        "source": target.source,
+        "view": target.source_view,
+        "classes": target.classes,
+        "alpha": target.alpha,
+    }
+    return [(name, array) for name, array in told.items() if array is not None]

@@ -102,7 +102,7 @@ class _Blending:
         self._target, self._own, self._draw, self._entry = target, own, draw, entry
         profile, (width, height) = current().profile, target.camera.size
         self._defines = {**target.color_defines, **entry.defines, "STRIP": profile.strip}
-        self._defines["ORIGINS"] = int(target.origin is not None)
+        self._defines["ORIGINS"] = int(target.source is not None)
         self._grid = profile.packets(width, height, profile.strip)
         self._pitch = pitch(width)
         words = -(-target.color.shape[2] * target.color.dtype.itemsize // 4)
@@ -122,8 +122,8 @@ class _Blending:
         for place, layer in enumerate(layers):
             self._draw(layer, self._own)
             more: dict[str, Any] = {}
-            if self._own.origin is not None:
-                more["layer_origin"] = self._own.origin
+            if self._own.source is not None:
+                more["layer_source"] = self._own.source
             if self._entry.normals and self._own.gbuffer is not None:
                 more["normals"] = self._own.gbuffer.normal
             launch(
@@ -175,7 +175,7 @@ class _Blending:
             last=last,
             **self._held(layers),
             merge=not self._target.blank,
-            **({} if self._target.origin is None else {"origin": self._target.origin}),
+            **self._target.origins,
             **self._target.outputs(),
             **self._entry.arguments,
         )

@@ -215,9 +215,8 @@ def _resolve(
     density, typical = (1.0, 1.0) if is_exact else (pixel_map.density, pixel_map.typical)
     neighbour_offset = min(math.ceil(0.5 / density), _NEIGHBOUR_OFFSET_MAX)
     defines = {**target.color_defines, **entry.defines, "STRIP": profile.strip}
-    origins = {} if target.origin is None else {"origin": target.origin, "view": view}
     launch(
-        kernel("warp/resolve.cl", "resolve", ORIGINS=len(origins) // 2, **defines),
+        kernel("warp/resolve.cl", "resolve", ORIGINS=int(target.source is not None), **defines),
         profile.packets(high_x - low_x, high_y - low_y, profile.strip),
         src_color=surface.color,
         linear=options.linear,
@@ -234,9 +233,14 @@ def _resolve(
         connected=options.connected,
         **shared,
         **target.outputs(),
-        **origins,
+        **_origins(target, view),
         **entry.arguments,
     )
+
+
+def _origins(target: Target, view: int) -> dict[str, Any]:
+    """The arguments of kernels that write where a view's pixels come from, if the target tells that."""
+    return {**target.origins, "view": view} if target.origins else {}
 
 
 def draw_thin(
@@ -253,8 +257,8 @@ def draw_thin(
     keys, indices = empty((height, width), np.uint32), empty((height, width), np.uint32)
     clear(keys, 0)
     clear(indices, 0xFFFFFFFF)
-    origins = {} if target.origin is None else {"origin": target.origin, "view": view}
-    defines = {**target.color_defines, **entry.defines, "STRIP": profile.strip, "ORIGINS": len(origins) // 2}
+    defines = {**target.color_defines, **entry.defines, "STRIP": profile.strip}
+    defines["ORIGINS"] = int(target.source is not None)
     grid = profile.packets(*pixel_map.pair.src.size, profile.strip)
     for name, more in (("thin_nearness", {}), ("thin_index", {"indices": indices})):
         launch(kernel("warp/thin.cl", name, **defines), grid, keys=keys, **shared, **more)
@@ -267,7 +271,7 @@ def draw_thin(
         linear=options.linear,
         **shared,
         **target.outputs(),
-        **origins,
+        **_origins(target, view),
         **entry.arguments,
     )
 
@@ -306,10 +310,12 @@ def forward_warp(samples: Samples, pixel_map: PixelMap, target: Target, size: fl
 def classify(surface: Surface, pixel_map: PixelMap, target: Target, first: bool) -> None:
     """Why the holes are holes, as far as this view tells; the `first` view begins, others add what they know."""
     assert target.classes is not None
+    strip = current().profile.strip
     launch(
-        kernel("warp/classify.cl", "classify"),
-        current().profile.packets(*target.camera.size),
+        kernel("warp/classify.cl", "classify", STRIP=strip),
+        current().profile.packets(*target.camera.size, strip),
         surface=surface.nearness,
+        bounds=surface.bounds,
         valid=target.valid,
         classes=target.classes,
         map=map_of(pixel_map.pair),

@@ -34,6 +34,7 @@ def warp(
     views: Views,
     camera: Camera,
     *,
+    origins: bool = ...,
     classes: bool = ...,
     samples: int = ...,
     out: Frame | None = ...,
@@ -44,6 +45,7 @@ def warp(
     views: Views,
     camera: Sequence[Camera],
     *,
+    origins: bool = ...,
     classes: bool = ...,
     samples: int = ...,
     out: Sequence[Frame] | None = ...,
@@ -53,6 +55,7 @@ def warp(
     views: Views,
     camera: Camera | Sequence[Camera],
     *,
+    origins: bool = False,
     classes: bool = False,
     samples: int = 1,
     out: Frame | Sequence[Frame] | None = None,
@@ -67,18 +70,21 @@ def warp(
     camera : Camera or sequence of Camera
         The target, perspective or orthographic; or several, which are drawn without a wait between them: each frame is
         the same as by a call of its own.
+    origins : bool
+        The frame tells, too, where in which view each pixel comes from (`Frame.source`, `Frame.view`: of several, the
+        one that counts most). Not with `method="forward"`.
     classes : bool
-        The frame tells, too, what each pixel is (`Frame.classes`: seen, hidden, never observed, outside of the view),
-        and where in which view it comes from (`Frame.source`, `Frame.view`: of several, the one that counts most). Not
-        with `method="forward"`. Following the holes' rays takes longer the larger the range of depth is.
+        The frame tells its origins, and what each pixel is (`Frame.classes`: seen, hidden, never observed, outside of
+        the view). Not with `method="forward"`. Following the holes' rays takes longer the larger the range of depth is,
+        and most where many samples among others are missing.
     samples : int
         A pixel, on a regular grid within it: 1, 4, 9, 16, 25, 36, 49 or 64. Several make silhouettes and depth edges
         smooth, at up to as many times the cost; `Frame.alpha` tells how much of each pixel is covered. Only with one
-        there are `classes`.
+        there are `origins` and `classes`.
     out : Frame or sequence of Frame, optional
         Frames whose arrays are written instead of new ones: C-contiguous and writable, of the target's size and the
-        views' dtype, each of them once. What `classes` tells is new in any case. A call that Ctrl-C ends leaves them
-        written in part.
+        views' dtype, each of them once. What `origins` and `classes` tell is new in any case. A call that Ctrl-C ends
+        leaves them written in part.
     **options
         How the views are drawn: the options of `WarpedView`, as `method`, `interpolation`, `edges` and `fill`.
 
@@ -116,12 +122,14 @@ def warp(
     cameras = _checked_cameras(camera)
     for view in thing.views:
         check_pixels("views", view.camera.size)
-    asked = checked_bool("classes", classes)
-    if asked and thing.method == "forward":
-        raise ArgumentError("classes", 'False with method="forward", which asks no rays', "True")
+    asked = {"origins": checked_bool("origins", origins), "classes": checked_bool("classes", classes)}
     parts = [PictureParts(one, samples) for one in cameras]
-    if asked and samples > 1:
-        raise ArgumentError("classes", "False with several samples a pixel, which may be of several classes", "True")
+    for name in (name for name, is_asked in asked.items() if is_asked):
+        if thing.method == "forward":
+            raise ArgumentError(name, 'False with method="forward", which asks no rays', "True")
+        if samples > 1:
+            raise ArgumentError(name, "False with several samples a pixel, which may differ", "True")
+    asked["origins"] |= asked["classes"]
     outs = _checked_out(out, camera, cameras, thing.views)
     for view in thing.sources:
         check_pixels("views", view.camera.size)
@@ -132,7 +140,7 @@ def warp(
 
     color, pool = thing.views[0].color, dict[int, DeviceArray]()
     drawn = functools.partial(
-        PictureParts.drawn, draw=draw, dtype=color.dtype, channels=color.shape[2], classes=asked, pool=pool
+        PictureParts.drawn, draw=draw, dtype=color.dtype, channels=color.shape[2], pool=pool, **asked
     )
     with one_call():
         targets = [drawn(one, out=into) for one, into in zip(parts, outs, strict=True)]

@@ -194,6 +194,7 @@ def random_warp(seed: int) -> Call:
         options["thin"] = chance.mostly(False)
     else:
         options["classes"] = chance(0.3)
+        options["origins"] = chance.mostly(chance(0.3))
         options["blend"] = chance.mostly(chance.one(["quality", "nearest"]))
     several = len(cameras) > 1 or chance(0.1)
     out = None

@@ -120,11 +120,15 @@ def checked(frame: ibr.Frame, options: dict[str, Any]) -> list[np.ndarray]:
         must(bool(((alpha > 0) == valid).all()), "covered pixels that are not valid")
         made.append(alpha)
     if frame.classes is not None:
-        classes, source, view = frame.classes, frame.source, frame.view
+        classes = frame.classes
         must(classes.shape == shape and bool((classes <= 3).all()), "classes' values")
         must(bool(((classes == ibr.PixelClass.SEEN) == valid).all()), "seen is not valid")
+        must(frame.source is not None, "classes without origins")
+        made.append(classes)
+    if frame.source is not None:
+        source, view = frame.source, frame.view
         must(source.shape == (*shape, 2) and view.shape == shape, "source's form")
         must(bool((np.isfinite(source).all(axis=2) == valid).all()), "source not finite, or where it is not valid")
         must(bool(((view >= 0) == valid).all()), "view of what is not valid")
-        made += [classes, source, view]
+        made += [source, view]
     return made

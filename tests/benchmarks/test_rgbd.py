@@ -138,6 +138,8 @@ def test_uses_are_judged_by_their_bars(tmp_path: Path) -> None:
     add("stereo", "cut", "end to end", [20.0], noise=0.1)
     add("light field", rgbd_uses.ONE_CALL, "end to end", [5.0], views=48, view="fresh")
     add("light field", rgbd_uses.SINGLE, "end to end", [10.0], views=48, view="fresh")
+    for subject, time in ((rgbd_uses.PLAIN, 4.0), ("origins", 4.4), ("classes", 6.4)):
+        add("told", subject, "end to end", [time], motion="0 to 50", view="kept")
     add("small", rgbd_uses.FRESH, "end to end", [0.36])
     add("small", rgbd_uses.KEPT, "end to end", [0.2])
     result.save(tmp_path / "rgbd.json")
@@ -146,6 +148,8 @@ def test_uses_are_judged_by_their_bars(tmp_path: Path) -> None:
     assert "| 3.90 | at most 4 | met |" in text
     assert "| 50 | at least 60 | **not met** |" in text
     assert "| 0.50 | at most 0.6 | met |" in text
+    assert "| 1.10 | at most 1.15 | met |" in text
+    assert "| 1.60 | at most 1.5 | **not met** |" in text
     assert "| fresh | 0.360 (0.360 to 0.360) | at most 0.35 | **not met** |" in text
     assert "| kept | 0.200 (0.200 to 0.200) |  |  |" in text
 

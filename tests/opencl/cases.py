@@ -147,7 +147,7 @@ Cases = Iterator[tuple[str, Callable[[], object]]]
 WAYS: tuple[dict[str, Any], ...] = (
     {},
     {"edges": "connect", "classes": True},
-    {"method": "search", "side": "both"},
+    {"method": "search", "side": "both", "origins": True},
     {"fill": "background", "interpolation": "nearest", "classes": True},
     {"method": "forward", "splat": 2},
     {"fill": "smooth", "edges": "connect"},

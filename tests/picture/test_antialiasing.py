@@ -156,7 +156,8 @@ def test_other_numbers_are_refused(samples):
 
 def test_what_several_samples_cannot_tell_is_refused():
     view = scenes.stepped(SIZE)
-    with pytest.raises(ibr.ArgumentError, match="classes: expected False with several samples"):
-        ibr.warp(view, view.camera, classes=True, samples=4)
+    for name in ("origins", "classes"):
+        with pytest.raises(ibr.ArgumentError, match=f"{name}: expected False with several samples"):
+            ibr.warp(view, view.camera, **{name: True}, samples=4)
     with pytest.raises(ibr.ArgumentError, match=r"samples: expected at most \d+ pixels"):
         ibr.warp(view, view.camera.resized((20_000, 20_000)), samples=64)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 import pyibr as ibr
 from pyibr.core.camera import Projection
 from pyibr.opencl.device import one_call
+from pyibr.opencl.headers import constant
 from pyibr.picture.surface import surface_of
 from tests import scenes
 from tests.data import shared
@@ -79,6 +80,33 @@ def test_edges_and_ring_are_the_references(lanes, size, projection, edges, cut_r
         inside[-1, :] &= bit == 1
         inside[:, -1] &= bit == 2
         np.testing.assert_array_equal((bits & bit != 0)[inside], found[inside], err_msg=str(bit))
+
+
+@pytest.mark.parametrize("lanes", LANES)
+@pytest.mark.parametrize("size", [(1, 1), (1, 5), (8, 7), (7, 13), (61, 37), (143, 96)], ids=str)
+@pytest.mark.parametrize("projection", PROJECTIONS)
+def test_bounds_are_those_of_the_samples_around_each_cell(lanes, size, projection):
+    within: AbstractContextManager[None] = LANES[lanes]()
+    view = rough(size, projection)
+    if not view.valid.any():
+        view = scenes.flat(size, projection)
+    with within:
+        near, _ = surface_on_host(view, None, False)
+        with one_call():
+            bounds = surface_of(view, None).bounds.to_host().copy()
+    step, missing = (int(constant("lib/bounds.h", name)) for name in ("BOUNDS_STEP", "SOME_MISSING"))
+    width, height = size
+    assert bounds.shape == (height // step + 1, width // step + 1, 2)
+    for y, x in np.ndindex(bounds.shape[:2]):
+        samples = near[y * step : (y + 2) * step + 1, x * step : (x + 2) * step + 1]
+        there, (low, high) = samples[samples > -1e37], bounds[y, x]
+        assert (bounds[y, x, 1:].view(np.int32)[0] & missing != 0) == (there.size < samples.size)
+        if there.size:
+            # 1e-6 for the rounding of what lies between samples, and as much as the bit may change
+            assert there.min() * 1.0 - 1.2e-6 * np.abs(there).max() <= low <= there.min() <= there.max() <= high
+            assert high <= there.max() + 1.2e-6 * np.abs(there).max()
+        else:
+            assert low > 1e38 and high < -1e38
 
 
 @pytest.mark.parametrize("method", ["epipolar", "search", "forward"])

@@ -6,6 +6,7 @@ a point of the scene, and whether the source saw that point, and why not, is a m
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from functools import cache
 
 import cv2
@@ -15,13 +16,19 @@ from numpy.typing import NDArray
 
 import pyibr as ibr
 from pyibr.core.camera import Camera, Projection
+from pyibr.opencl.headers import constant
+from pyibr.opencl.memory import upload
+from pyibr.picture.surface import Surface
 from tests import scenes, truth
+from tests.one_lane import one_lane
 from tests.reference.edges import edges_of
+from tests.warp.test_real_data import room
 
 pytest.importorskip("open3d")
 
 SIZE = (170, 130)
 ON_SURFACE = 0.01  # pixels: how far (u, v) may be off the truth
+STEP = int(constant("lib/bounds.h", "BOUNDS_STEP"))
 AGREES = 0.999  # share of the pixels two pixels away from where the class changes
 
 
@@ -171,10 +178,29 @@ def test_of_several_views_the_one_that_shows_is_told_and_holes_are_what_knows_mo
     np.testing.assert_array_equal(both.view >= 0, both.valid)
 
 
-def test_forward_asks_no_rays():
+@pytest.mark.parametrize("method", ["epipolar", "search"])
+@pytest.mark.parametrize("number", [1, 2])
+def test_origins_alone_are_those_that_come_with_classes(method, number):
     view = source("perspective")
-    with pytest.raises(ibr.ArgumentError, match="classes"):
-        ibr.warp(view, view.camera, method="forward", classes=True)
+    views = [view, ibr.DepthImage(view.color, view.depth, view.camera.moved(0.2, 0, 0))][:number]
+    target = view.camera.moved(0.3, 0.1, 0.2)
+    alone, plain = (ibr.warp(views, target, method=method, origins=asked) for asked in (True, False))
+    both = ibr.warp(views, target, method=method, origins=True, classes=True)
+    assert alone.classes is None
+    np.testing.assert_array_equal(alone.color, plain.color)
+    np.testing.assert_array_equal(alone.source, both.source)
+    np.testing.assert_array_equal(alone.view, both.view)
+    np.testing.assert_array_equal(alone.view >= 0, alone.valid)
+    assert alone.source.dtype == np.float32 and alone.view.dtype == np.int32
+
+
+@pytest.mark.parametrize("name", ["origins", "classes"])
+def test_forward_asks_no_rays(name):
+    view = source("perspective")
+    with pytest.raises(ibr.ArgumentError, match=f"{name}: expected False"):
+        ibr.warp(view, view.camera, method="forward", **{name: True})
+    with pytest.raises(ibr.ArgumentError, match=f"{name}: expected"):
+        ibr.warp(view, view.camera, **{name: "yes"})
 
 
 def test_frames_that_are_given_forget_classes_that_are_not_asked_for():
@@ -183,3 +209,52 @@ def test_frames_that_are_given_forget_classes_that_are_not_asked_for():
     again = ibr.warp(view, view.camera.moved(0.1, 0, 0), out=kept)
     assert again.color is kept.color
     assert again.classes is again.source is again.view is None
+
+
+def tells_nothing(surface: Surface) -> object:
+    """Windows that anything may be in: all samples are looked at."""
+    width, height = surface.size
+    anything = np.finfo(np.float32).max  # whose last bit says that some samples are missing
+    return upload(np.tile(np.array([-anything, anything], np.float32), (height // STEP + 1, width // STEP + 1, 1)))
+
+
+def messy(size: tuple[int, int], projection: Projection, seed: int) -> ibr.DepthImage:
+    """A slope with things before it, each other one noisy, with single samples missing, or most of them."""
+    rng = np.random.default_rng(seed)
+    x, y = scenes.image_coordinates(size)
+    depth = 4 + 1.5 * rng.standard_normal() * x + 1.5 * rng.standard_normal() * y
+    for _ in range(rng.integers(2, 9)):
+        at, radius = rng.uniform(-1, 1, 2), rng.uniform(0.05, 0.5)
+        thing = np.maximum(np.abs(x - at[0]), np.abs(y - at[1])) < radius
+        depth[thing] = rng.uniform(1, 3) + 0.4 * rng.standard_normal() * (x - at[0])[thing]
+    depth += (seed % 2) * 0.02 * rng.standard_normal(depth.shape)
+    depth[rng.random(depth.shape) < (0.0, 0.02, 0.6)[seed % 3]] = np.nan
+    camera = scenes.source_camera(size, projection)
+    return ibr.DepthImage(scenes.texture(x, y), np.maximum(depth, 0.3).astype(np.float32), camera)
+
+
+@pytest.mark.parametrize("lanes", [nullcontext, one_lane], ids=["wide", "one lane"])
+@pytest.mark.parametrize("edges", ["cut", "connect"])
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+@pytest.mark.parametrize("size", [(61, 37), (170, 130), (33, 64), (98, 211), (7, 13)], ids=str)
+def test_windows_tell_what_all_samples_would(monkeypatch, lanes, size, projection, edges):
+    """To the bit: what is passed at once is before or behind all of it."""
+    view = messy(size, projection, size[0])  # 33: none is missing; 61 and 7: single ones; 98 and 170: most
+    targets = [Camera(scenes.target_intrinsics(size), size, pose) for pose in MOVES.values()]
+    with lanes():
+        by_windows = ibr.warp(view, targets, edges=edges, classes=True)
+        monkeypatch.setattr(Surface, "bounds", property(tells_nothing))
+        by_samples = ibr.warp(view, targets, edges=edges, classes=True)
+    for one, other in zip(by_windows, by_samples, strict=True):
+        np.testing.assert_array_equal(one.classes, other.classes)
+    assert any((frame.classes == ibr.PixelClass.OUTSIDE).any() for frame in by_windows)
+
+
+@pytest.mark.parametrize("target", ["50", "aside", "ahead"])
+def test_windows_tell_what_all_samples_would_in_a_real_room(monkeypatch, target):
+    view = room(0)
+    steps = {"aside": (0.1, 0.0, 0.0), "ahead": (0.05, 0.02, 0.5)}
+    camera = view.camera.moved(*steps[target]) if target in steps else room(int(target)).camera
+    by_windows = ibr.warp(view, camera, classes=True)
+    monkeypatch.setattr(Surface, "bounds", property(tells_nothing))
+    np.testing.assert_array_equal(by_windows.classes, ibr.warp(view, camera, classes=True).classes)

@@ -175,6 +175,10 @@ def test_origins_are_pixels_of_the_lens():
     assert (frame.view == np.where(frame.valid, 0, -1)).all()
     assert (frame.classes == ibr.PixelClass.SEEN)[frame.valid].all()
     assert (frame.classes[~frame.valid] > 0).all()
+    alone = ibr.warp(here.view, camera, origins=True)
+    assert alone.classes is None
+    np.testing.assert_array_equal(alone.source, frame.source)
+    np.testing.assert_array_equal(alone.view, frame.view)
 
 
 def test_several_views_and_targets_and_given_frames():

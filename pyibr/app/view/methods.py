@@ -117,7 +117,7 @@ def _warped(views: Sequence[DepthImage], method: Method) -> RenderMethod:
             return _render(things, camera, style)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # an empty picture is seen to be empty
-            frame = warp(things[0], camera, classes=True)
+            frame = warp(things[0], camera, origins=True, classes=style.show == "classes")
         frame.color[np.isnan(frame.depth)] = _background(style, frame.color.dtype)
         return frame
 
