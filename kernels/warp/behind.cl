@@ -1,28 +1,89 @@
-/* The depth behind holes, along epipolar lines: a disocclusion lies on its line between the edge of what hid it and the
- * background that it belongs to, so the farther of the two valid pixels at its ends has the depth behind it.
+/* What lies behind holes, told along epipolar lines: a disocclusion lies on its line between the edge of what hid it
+ * and the background that it belongs to. So of the two valid pixels at its ends the farther one has the depth behind
+ * it, and the nearer one is foreground.
+ *
+ * But wide holes show far sides of what hid them, too, which look like it. So what is nearer counts as foreground
+ * beside holes that are narrow in the picture; beside wide ones as far as both surfaces are flat, so that they would
+ * not meet in the hole if they went on; and only where the ends are farther apart than pixels of one surface. All of
+ * that begins and ends smoothly, lest sequences flicker.
  *
  * A line goes from a hole in steps of a pixel along its longer axis; each step is at the nearest pixel. Where it is the
  * same through all of its pixels, along rows, columns or diagonals, the holes between two ends are written at once
  * (behind_runs). Elsewhere each hole searches for its own ends (behind_lines), and crosses blocks of holes in large
  * steps; only holes beside valid pixels do, since fill.cl needs no others.
  *
- * depth, valid: (height, width). behind: holes.h, rows of `pitch`, written in holes alone: the depth behind them; 0
- * where the line ends at the picture's border on both sides. blocks: SKIP_BLOCK x SKIP_BLOCK pixels each, whether any
- * of them is valid. epipole: the lines lead away from it; all 0: they are the rows. dx, dy: -1, 0 or 1, a step along
- * all lines, down or, along rows, right.
+ * depth, valid: (height, width). behind: holes.h, written in holes alone. Its first plane is the depth behind them; 0
+ * where the line ends at the picture's border on both sides. The second one is the falloff: how much of a pixel beside
+ * the hole is foreground, for each unit of depth that it is nearer than that. blocks: SKIP_BLOCK x SKIP_BLOCK pixels
+ * each, whether any of them is valid. epipole: the lines lead away from it; all 0: they are the rows. dx, dy: -1, 0 or
+ * 1, a step along all lines, down or, along rows, right. same: how far apart pixels of one surface may be.
  * Work-item: one block (behind_blocks); 64 * `strip` pixels of a row, and the holes of all lines that begin in them
  * (behind_runs); `run` pixels of a row (behind_lines). Cost: behind_runs O(pixels), behind_lines O(pixels + holes
  * beside valid pixels * hole's length), of which whole blocks count once. Determinism: no pixel that is written is
  * read.
  */
+#include "lib/pixelspace.h"
 #include "warp/holes.h"
 
 #define SKIP_BLOCK 32
+#define LOOK_EVERY 8 /* steps: a line looks so often whether it is in a block of holes */
 #define SKIP_BLOCK_EDGE 0.49f /* pixels from a block's outermost centres to its edge, less what rounding may move a step by */
+#define NARROW_HOLE 0.02f /* of the picture's longer side: holes up to it are narrow, */
+#define WIDE_HOLE 0.035f  /* and from it on wide */
+#define OUTWARD 8         /* slopes are told by pixels 1/8 of a hole's length beyond its ends */
+#define FLAT 0.05f        /* of the gap between two surfaces: those that, going on in it, close no more are flat, */
+#define SLOPING 0.15f     /* and those that close so much are not */
+
+/* How far apart in depth two pixels of one surface may be: same_2 z^2 + same_1 z + same_0 at depth z */
+typedef struct {
+    float same_2, same_1, same_0;
+} Same;
+
+/* The end of a hole's line: depth, and how many steps from the hole it is; 0 both if it is not in the picture. */
+typedef struct {
+    float depth;
+    int steps;
+} End;
+
+/* 0 where the value is `from` or less, 1 where it is `to` or more */
+float rising(float from, float to, float value)
+{
+    const float part = clamp((value - from) / (to - from), 0.0f, 1.0f);
+    return part * part * (3.0f - 2.0f * part);
+}
+
+/* The depth of the nearest pixel, or 0 */
+float depth_at(global const float *depth, global const uchar *valid, int width, int height, float2 place)
+{
+    const int x = convert_int_rte(place.x), y = convert_int_rte(place.y);
+    return x >= 0 && y >= 0 && x < width && y < height && valid[y * width + x] ? depth[y * width + x] : 0.0f;
+}
+
+/* The falloff of holes whose line has its ends at a and b, at depths z_a and z_b, `length` steps of (dx, dy) apart */
+float falloff_of(global const float *depth, global const uchar *valid, int width, int height, Same same,
+                 int perspective, float2 a, float z_a, float2 b, float z_b, float2 step, int length)
+{
+    const float far = fmax(z_a, z_b), gap = far - fmin(z_a, z_b);
+    const float differ = rising(1.0f, 2.0f, gap / ((same.same_2 * far + same.same_1) * far + same.same_0));
+    if (differ == 0.0f)
+        return 0.0f;
+    float sure = 1.0f - rising(NARROW_HOLE, WIDE_HOLE, length * fast_length(step) / max(width, height));
+    if (sure < 1.0f) {
+        const int out = max(length / OUTWARD, 1);
+        const float out_a = depth_at(depth, valid, width, height, a - out * step);
+        const float out_b = depth_at(depth, valid, width, height, b + out * step);
+        if (out_a != 0.0f && out_b != 0.0f) {
+            const float n_a = DEPTH_OF(perspective, z_a), n_b = DEPTH_OF(perspective, z_b);
+            const float change = fabs(n_a - DEPTH_OF(perspective, out_a)) + fabs(n_b - DEPTH_OF(perspective, out_b));
+            sure = fmax(sure, 1.0f - rising(FLAT, SLOPING, change * length / (out * fabs(n_a - n_b))));
+        }
+    }
+    return differ * sure / gap;
+}
 
 /* The holes of the lines that begin in 64 pixels of a row; begins: the first hole of each, as bits */
 void follow_runs(global const float *depth, global const uchar *valid, global float *behind, int width, int height,
-                 int pitch, int dx, int dy, int x0, int y0, ulong begins)
+                 int pitch, int perspective, Same same, int dx, int dy, int x0, int y0, ulong begins)
 {
     const int step = dy * width + dx;
     for (; begins; begins &= begins - 1) {
@@ -34,15 +95,21 @@ void follow_runs(global const float *depth, global const uchar *valid, global fl
             x += dx, y += dy, pixel += step, length++;
             is_inside = x >= 0 && x < width && y < height;
         } while (is_inside && !valid[pixel]);
-        const float far = fmax(before, is_inside ? depth[pixel] : 0.0f);
+        const float after = is_inside ? depth[pixel] : 0.0f;
+        float falloff = 0.0f;
+        if (before != 0.0f && after != 0.0f)
+            falloff = falloff_of(depth, valid, width, height, same, perspective, (float2)(first - dx, y0 - dy), before,
+                                 (float2)(x, y), after, (float2)(dx, dy), length + 1);
         global float *out = behind + (size_t)(y0 + HALO) * pitch + first + HALO;
-        for (int i = 0; i < length; i++)
-            out[i * (dy * pitch + dx)] = far;
+        for (int i = 0; i < length; i++) {
+            out[i * (dy * pitch + dx)] = fmax(before, after);
+            out[BEHIND_PLANE(height, pitch) + i * (dy * pitch + dx)] = falloff;
+        }
     }
 }
 
-kernel void behind_runs(global const float *depth, global const uchar *valid, global float *behind, int width, int height,
-                        int pitch, int strip, int dx, int dy)
+kernel void behind_runs(global const float *depth, global const uchar *valid, global float *behind, int width,
+                        int height, int pitch, int perspective, int strip, int dx, int dy, Same same)
 {
     const int first = get_global_id(0) * 64 * strip, y = get_global_id(1);
     if (first >= width || y >= height)
@@ -50,7 +117,7 @@ kernel void behind_runs(global const float *depth, global const uchar *valid, gl
     for (int x = first; x < min(first + 64 * strip, width); x += 64) {
         const ulong holes = hole_bits(valid, width, height, x, y, 8);
         if (holes)
-            follow_runs(depth, valid, behind, width, height, pitch, dx, dy, x, y,
+            follow_runs(depth, valid, behind, width, height, pitch, perspective, same, dx, dy, x, y,
                         holes & ~hole_bits(valid, width, height, x - dx, y - dy, 8));
     }
 }
@@ -61,11 +128,11 @@ kernel void behind_blocks(global const uchar *valid, global uchar *blocks, int w
     const int across = (width + SKIP_BLOCK - 1) / SKIP_BLOCK;
     if (bx >= across || by * SKIP_BLOCK >= height)
         return;
-    uchar any_valid = 0;
+    const ulong columns = ~0ul >> (64 - min(SKIP_BLOCK, width - bx * SKIP_BLOCK));
+    ulong holes = columns;
     for (int y = by * SKIP_BLOCK; y < min((by + 1) * SKIP_BLOCK, height); y++)
-        for (int x = bx * SKIP_BLOCK; x < min((bx + 1) * SKIP_BLOCK, width); x++)
-            any_valid |= valid[y * width + x];
-    blocks[by * across + bx] = any_valid;
+        holes &= hole_bits(valid, width, height, bx * SKIP_BLOCK, y, SKIP_BLOCK / 8);
+    blocks[by * across + bx] = holes != columns;
 }
 
 /* Beside a valid pixel, or at the border */
@@ -78,9 +145,9 @@ int is_edge(global const uchar *valid, int width, int height, int x, int y)
     return any;
 }
 
-/* The depth of the first valid pixel from (x, y) along (dx, dy), or 0. */
-float depth_along(global const float *depth, global const uchar *valid, global const uchar *blocks, int width, int height,
-                  int x, int y, float dx, float dy)
+/* The first valid pixel from (x, y) along (dx, dy) */
+End end_along(global const float *depth, global const uchar *valid, global const uchar *blocks, int width, int height,
+              int x, int y, float dx, float dy)
 {
     const int across = (width + SKIP_BLOCK - 1) / SKIP_BLOCK;
     const float edge_x = dx > 0.0f ? SKIP_BLOCK - 1 + SKIP_BLOCK_EDGE : -SKIP_BLOCK_EDGE, steps_per_x = 1.0f / fabs(dx);
@@ -88,22 +155,23 @@ float depth_along(global const float *depth, global const uchar *valid, global c
     for (int step = 1, longest = max(width, height); step < longest;) { /* a step goes a pixel along the longer axis */
         const int px = convert_int_rte(x + step * dx), py = convert_int_rte(y + step * dy);
         if (px < 0 || px >= width || py < 0 || py >= height)
-            return 0.0f;
+            break;
         if (valid[py * width + px])
-            return depth[py * width + px];
+            return (End){depth[py * width + px], step};
         step++;
-        if (!blocks[(py / SKIP_BLOCK) * across + px / SKIP_BLOCK]) { /* to the last step before the line leaves the block */
+        if (step % LOOK_EVERY == 0 && !blocks[(py / SKIP_BLOCK) * across + px / SKIP_BLOCK]) {
+            /* to the last step before the line leaves the block */
             const float to_x = fabs(px / SKIP_BLOCK * SKIP_BLOCK + edge_x - x) * steps_per_x;
             const float to_y = fabs(py / SKIP_BLOCK * SKIP_BLOCK + edge_y - y) * steps_per_y;
             step = max(step, (int)fmin(to_x, to_y));
         }
     }
-    return 0.0f;
+    return (End){0.0f, 0};
 }
 
 kernel void behind_lines(global const float *depth, global const uchar *valid, global const uchar *blocks,
-                         global float *behind, int width, int height, int pitch, int run, float epipole_x,
-                         float epipole_y, float epipole_w)
+                         global float *behind, int width, int height, int pitch, int perspective, int run,
+                         float epipole_x, float epipole_y, float epipole_w, Same same)
 {
     const int first = get_global_id(0) * run, y = get_global_id(1);
     if (first >= width || y >= height)
@@ -115,8 +183,16 @@ kernel void behind_lines(global const float *depth, global const uchar *valid, g
         const float longest = fmax(fabs(dx), fabs(dy));
         dx = longest > 0.0f ? dx / longest : 1.0f;
         dy = longest > 0.0f ? dy / longest : 0.0f;
-        const float za = depth_along(depth, valid, blocks, width, height, x, y, dx, dy);
-        const float zb = depth_along(depth, valid, blocks, width, height, x, y, -dx, -dy);
-        behind[(size_t)(y + HALO) * pitch + x + HALO] = fmax(za, zb);
+        const End a = end_along(depth, valid, blocks, width, height, x, y, -dx, -dy);
+        const End b = end_along(depth, valid, blocks, width, height, x, y, dx, dy);
+        float falloff = 0.0f;
+        if (a.steps && b.steps) {
+            const float2 here = (float2)(x, y), step = (float2)(dx, dy);
+            falloff = falloff_of(depth, valid, width, height, same, perspective, here - a.steps * step, a.depth,
+                                 here + b.steps * step, b.depth, step, a.steps + b.steps);
+        }
+        global float *to = behind + (size_t)(y + HALO) * pitch + x + HALO;
+        to[0] = fmax(a.depth, b.depth);
+        to[BEHIND_PLANE(height, pitch)] = falloff;
     }
 }

@@ -3,79 +3,47 @@
  * takes from coarse levels what finer ones do not know (pull). So narrow holes are filled from close by and wide ones
  * from all around.
  *
- * With HAS_BEHIND a pixel weighs the less the nearer it is than what lies behind the holes beside it (behind.cl), so
- * that a disocclusion is filled from what was hidden, not from what hid it. But no weight is 0: where there is no
- * background far and wide, the foreground fills the hole.
+ * With HAS_BEHIND a pixel weighs the less the nearer it is than what lies behind the holes around it, and the more it
+ * is foreground beside the holes that it touches (behind.cl): so a disocclusion is filled from what was hidden, not from
+ * what hid it. But no weight is 0: where there is no background far and wide, the foreground fills the hole. And a hole
+ * beside foreground shows some of it, as silhouettes in pictures do, which are mixed with what is behind them.
  *
  * color, depth, valid: (height, width). behind: behind.cl. base, cells, inner: pyramid.h; the base of the lowest tiles
  * are the pixels. pull replaces the cells' colour and nearness by the filled ones. Work-item: a row of `strip` tiles
  * (pixels), or a tile (cells). Cost: O(pixels). Determinism: no pixel that is written is read, but by its own
  * work-item; sums run in a fixed order.
  */
-#include "lib/channel.h"
 #include "lib/pixelspace.h"
-#include "warp/pyramid.h"
+#include "warp/pixel_rows.h"
 
 #define HALO_TILE 24          /* TILE + 2 * HALO */
+#define RIM_PART 0.2f         /* the most that a hole beside foreground shows of it */
 #define BESIDE 1              /* pixels from a hole within which valid ones have a weight */
 #define PIXEL_WEIGHT_MIN 1e-6f /* of any pixel: more than nothing */
 #define RATIO_FLOOR 1e-3f     /* ratios up to it weigh nothing, so that half the depth of what lies behind leaves no trace */
 
-#if CHANNELS == 3 && COLOR_BYTES == 1
-#define to_channel16 convert_uchar16_sat_rte
-#define channel16 uchar16
-typedef struct __attribute__((packed)) {
-    uchar16 bytes;
-} SixteenBytes;
-#define LOAD16(p) ((global const SixteenBytes *)(p))->bytes
-#elif CHANNELS == 3
-#define to_channel16(values) (values)
-#define channel16 float16
-#define LOAD16(p) vload16(0, p)
-#endif
-
-/* The colour of up to 16 pixels of a row; what is beyond them is whatever it is. */
-INLINED void read_row(Row *row, global const channel *color, size_t pixel, int count)
-{
-    row->plane[0] = row->plane[1] = row->plane[2] = 0.0f;
-#if CHANNELS == 3
-    if (count == TILE) {
-        global const channel *from = color + 3 * pixel;
-        const channel16 a = LOAD16(from), b = LOAD16(from + 16), c = LOAD16(from + 32);
-        row->plane[0] = convert_float16((channel16)(a.s0369, a.scf, b.s258b, b.se, c.s147a, c.sd));
-        row->plane[1] = convert_float16((channel16)(a.s147a, a.sd, b.s0369, b.scf, c.s258b, c.se));
-        row->plane[2] = convert_float16((channel16)(a.s258b, a.se, b.s147a, b.sd, c.s0369, c.scf));
-        return;
-    }
-    float values[3][TILE];
-    for (int i = 0; i < TILE; i++)
-        for (int channel_ = 0; channel_ < 3; channel_++)
-            values[channel_][i] = i < count ? (float)color[3 * (pixel + i) + channel_] : 0.0f;
-    for (int channel_ = 0; channel_ < 3; channel_++)
-        row->plane[channel_] = vload16(0, values[channel_]);
-#endif
-}
-
-INLINED float16 row_depths(global const float *depth, size_t pixel, int count)
-{
-    if (count == TILE)
-        return vload16(0, depth + pixel);
-    float values[TILE];
-    for (int i = 0; i < TILE; i++)
-        values[i] = i < count ? depth[pixel + i] : 1.0f;
-    return vload16(0, values);
-}
-
 #if HAS_BEHIND
-/* The farthest depth behind the holes in the 12 x 12 pixels around each 4 x 4 pixels of a tile, as four rows. Only
- * holes beside what is none in the tile and its halo count: of others behind.cl may know nothing. */
-INLINED void read_behind(global const float *behind, int pitch, const uint *bits, float16 *around)
+/* Whether all of them are; any() compiles to a branch a lane. */
+INLINED int is_zero(float16 values)
+{
+    const uint8 half_ = as_uint16(values).lo | as_uint16(values).hi;
+    const uint4 quarter = half_.lo | half_.hi;
+    return (quarter.x | quarter.y | quarter.z | quarter.w) == 0;
+}
+
+/* The farthest depth behind the holes in the 12 x 12 pixels around each 4 x 4 pixels of a tile, as four rows; and of
+ * the holes that touch each row's pixels, where there is a falloff, the steepest one and the farthest depth. Only holes
+ * beside what is none in the tile and its halo count: of others behind.cl may know nothing. */
+INLINED void read_behind(global const float *behind, size_t plane, int pitch, const uint *bits, float16 *around,
+                         float16 *touching, float16 *falloffs)
 {
     uint known[HALO_TILE];
     for (int v = 0; v < HALO_TILE; v++) {
         const uint valid = ~bits[v] & 0xffffffu;
         known[v] = valid | valid << 1 | valid >> 1;
     }
+    for (int y = 0; y < TILE; y++)
+        touching[y] = falloffs[y] = 0.0f;
     float4 bands[HALO_TILE / 4];
     for (int band = 0; band < HALO_TILE / 4; band++) {
         float16 left = 0.0f, right = 0.0f; /* columns 0 to 15, and 8 to 23 */
@@ -83,10 +51,28 @@ INLINED void read_behind(global const float *behind, int pitch, const uint *bits
             const uint edge = bits[v] & (known[max(v - 1, 0)] | known[v] | known[min(v + 1, HALO_TILE - 1)]);
             if (!edge)
                 continue;
-            const float16 one = MASKED(AMONG(edge), vload16(0, behind + v * pitch));
-            const float16 other = MASKED(AMONG(edge >> 8), vload16(0, behind + v * pitch + 8));
+            global const float *row = behind + v * pitch;
+            const float16 one = MASKED(AMONG(edge), vload16(0, row));
+            const float16 other = MASKED(AMONG(edge >> 8), vload16(0, row + 8));
             left = left > one ? left : one;
             right = right > other ? right : other;
+            if (v < HALO - BESIDE || v >= HALO + TILE + BESIDE)
+                continue;
+            float16 far = 0.0f, steep = 0.0f, told[2 * BESIDE + 1];
+            for (int i = 0; i <= 2 * BESIDE; i++) {
+                told[i] = MASKED(AMONG(edge >> (HALO - BESIDE + i)), vload16(0, row + plane + HALO - BESIDE + i));
+                steep = steep > told[i] ? steep : told[i];
+            }
+            if (is_zero(steep))
+                continue;
+            for (int i = 0; i <= 2 * BESIDE; i++) {
+                const float16 each = MASKED(told[i] != 0.0f, vload16(0, row + HALO - BESIDE + i));
+                far = far > each ? far : each;
+            }
+            for (int y = max(v - HALO - BESIDE, 0); y <= min(v - HALO + BESIDE, TILE - 1); y++) {
+                falloffs[y] = falloffs[y] > steep ? falloffs[y] : steep;
+                touching[y] = touching[y] > far ? touching[y] : far;
+            }
         }
         const float8 left_pairs = fmax(left.even, left.odd), right_pairs = fmax(right.even, right.odd);
         const float4 low = fmax(left_pairs.even, left_pairs.odd), high = fmax(right_pairs.even, right_pairs.odd);
@@ -96,14 +82,18 @@ INLINED void read_behind(global const float *behind, int pitch, const uint *bits
         around[i] = fmax(fmax(bands[i], bands[i + 1]), bands[i + 2]).xxxxyyyyzzzzwwww;
 }
 
+/* The part of a pixel of depth z that is foreground, beside a hole */
+#define FOREGROUND(z, far, falloff) clamp((falloff) * ((far) - (z)), 0.0f, 1.0f)
+
 /* The weights of pixels of depths z */
-INLINED float16 weights_of(float16 z, float16 around)
+INLINED float16 weights_of(float16 z, float16 around, float16 touching, float16 falloffs)
 {
     float16 ratio = around > z ? z / around : (float16)1.0f;
     ratio *= ratio;
     ratio *= ratio;
     ratio *= ratio * ratio; /* to the 12th power */
     ratio += RATIO_FLOOR * (ratio - 1.0f);
+    ratio *= 1.0f - FOREGROUND(z, touching, falloffs);
     return ratio > PIXEL_WEIGHT_MIN ? ratio : (float16)PIXEL_WEIGHT_MIN;
 }
 #endif
@@ -131,8 +121,9 @@ void push_tile(global const channel *color, global const float *depth, global co
     for (int v = 0; v < HALO_TILE; v++)
         if (v < HALO - BESIDE || v >= HALO + TILE + BESIDE)
             bits[v] = hole_bits(valid, width, height, tile_x - HALO, tile_y + v - HALO, HALO_TILE / 8);
-    float16 around[4];
-    read_behind(behind + (size_t)tile_y * pitch + tile_x, pitch, bits, around);
+    float16 around[4], touching[TILE], falloffs[TILE];
+    read_behind(behind + (size_t)tile_y * pitch + tile_x, BEHIND_PLANE(height, pitch), pitch, bits, around, touching,
+                falloffs);
 #endif
     Levels made, *levels = &made;
     for (int y = 0; y < TILE / 2; y++) {
@@ -155,7 +146,7 @@ void push_tile(global const channel *color, global const float *depth, global co
             rows[i].plane[3] = DEPTH_OF(perspective, z);
             float16 weights = 1.0f;
 #if HAS_BEHIND
-            weights = weights_of(z, around[v / 4]);
+            weights = weights_of(z, around[v / 4], touching[v], falloffs[v]);
 #endif
             const int16 mask = AMONG(beside[v]);
             for (int p = 0; p < WEIGHT_PLANE; p++)
@@ -310,42 +301,84 @@ kernel void pull_cells(global float *base, int width, int height, global const f
         }
 }
 
-kernel void pull_pixels(global channel *color, global float *depth, global const uchar *valid, int width, int height,
-                        int perspective, int strip, global const float *inner, global const float *cells)
+#if HAS_BEHIND && CHANNELS == 3
+/* The colour of a hole (x, y): its own, with up to RIM_PART of the foreground beside it, in its row or column */
+float4 with_rim(global const channel *color, global const float *depth, global const uchar *valid, int width,
+                int height, int x, int y, float far, float falloff, float4 own)
+{
+    float4 sum = 0.0f;
+    float most = 0.0f;
+    for (int side = 0; side < 4; side++) {
+        const int u = x + (side == 0) - (side == 1), v = y + (side == 2) - (side == 3);
+        const size_t at = (size_t)v * width + u;
+        if (u < 0 || v < 0 || u >= width || v >= height || !valid[at])
+            continue;
+        const float part = FOREGROUND(depth[at], far, falloff);
+        sum += part * (float4)(color[3 * at], color[3 * at + 1], color[3 * at + 2], 1.0f);
+        most = fmax(most, part);
+    }
+    return most > 0.0f ? mix(own, sum / sum.w, RIM_PART * most) : own;
+}
+#endif
+
+kernel void pull_pixels(global channel *color, global float *depth, global const uchar *valid,
+                        global const float *behind, int width, int height, int pitch, int perspective, int strip,
+                        global const float *inner, global const float *cells)
 {
     const int across = (width + TILE - 1) / TILE, down = (height + TILE - 1) / TILE;
     const int first = get_global_id(0) * strip, row = get_global_id(1);
     if (first >= across || row >= down)
         return;
     for (int column = first; column < min(first + strip, across); column++) {
-        uint bits[TILE], needed = 0;
-        for (int y = 0; y < TILE; y++) {
-            bits[y] = hole_bits(valid, width, height, column * TILE, row * TILE + y, TILE / 8);
-            needed |= bits[y] ? 2u << y : 0u;
-        }
+        uint bits[TILE + 2], needed = 0; /* with a pixel more on every side; bit 0 is the one on the left */
+        for (int y = 0; y < TILE + 2; y++)
+            bits[y] = hole_bits(valid, width, height, column * TILE - 1, row * TILE + y - 1, 3);
+        for (int y = 0; y < TILE; y++)
+            needed |= bits[y + 1] >> 1 & 0xffffu ? 2u << y : 0u;
         if (!needed)
             continue;
         float16 filled[WEIGHT_PLANE][10];
         pull_tile(needed, column, row, across, down, inner, cells, filled);
         for (int y = 0; y < TILE; y++) {
-            if (!bits[y])
+            const uint *here = bits + y + 1, holes = here[0] >> 1 & 0xffffu;
+            if (!holes)
                 continue;
             const float16 nearness = pulled(filled[3], y), z = DEPTH_OF(perspective, nearness);
+            const size_t pixel = (size_t)(row * TILE + y) * width + column * TILE;
 #if CHANNELS == 3
-            const channel16 r = to_channel16(pulled(filled[0], y)), g = to_channel16(pulled(filled[1], y)), b = to_channel16(pulled(filled[2], y));
+            const float16 red = pulled(filled[0], y), green = pulled(filled[1], y), blue = pulled(filled[2], y);
+            const channel16 r = to_channel16(red), g = to_channel16(green), b = to_channel16(blue);
 #endif
-            for (uint left = bits[y]; left; left &= left - 1) {
-                const int x = LOWEST(left);
-                const size_t hole = (size_t)(row * TILE + y) * width + column * TILE + x;
-                if (isnan(float_lane(nearness, x))) /* nothing is known in the whole picture */
-                    return;
+            if (isnan(float_lane(nearness, 0))) /* nothing is known in the whole picture */
+                return;
+            if (holes == 0xffffu) {
 #if CHANNELS == 3
-                color[3 * hole] = ((const channel *)&r)[x];
-                color[3 * hole + 1] = ((const channel *)&g)[x];
-                color[3 * hole + 2] = ((const channel *)&b)[x];
+                write_row(color + 3 * pixel, r, g, b);
 #endif
-                depth[hole] = float_lane(z, x);
+                vstore16(z, 0, depth + pixel);
             }
+            for (uint left = holes == 0xffffu ? 0u : holes; left; left &= left - 1) {
+                const int x = LOWEST(left);
+#if CHANNELS == 3
+                color[3 * (pixel + x)] = ((const channel *)&r)[x];
+                color[3 * (pixel + x) + 1] = ((const channel *)&g)[x];
+                color[3 * (pixel + x) + 2] = ((const channel *)&b)[x];
+#endif
+                depth[pixel + x] = float_lane(z, x);
+            }
+#if HAS_BEHIND && CHANNELS == 3
+            const uint inner_holes = (here[-1] & here[1] & here[0] << 1 & here[0] >> 1) >> 1;
+            for (uint left = holes & ~inner_holes; left; left &= left - 1) {
+                const int x = LOWEST(left), u = column * TILE + x, v = row * TILE + y;
+                global const float *told = behind + (size_t)(v + HALO) * pitch + u + HALO;
+                const float falloff = told[BEHIND_PLANE(height, pitch)];
+                if (falloff == 0.0f)
+                    continue;
+                const float4 own = (float4)(float_lane(red, x), float_lane(green, x), float_lane(blue, x), 0.0f);
+                const float4 mixed = with_rim(color, depth, valid, width, height, u, v, told[0], falloff, own);
+                vstore3(to_channels(mixed).xyz, pixel + x, color);
+            }
+#endif
         }
     }
 }

@@ -1,10 +1,12 @@
 #ifndef WARP_HOLES_H
 #define WARP_HOLES_H
-/* Holes as bits, and how `behind` lies in memory: shared by behind.cl and fill.cl. */
+/* Holes as bits, and how `behind` lies in memory: two planes of rows of `pitch` numbers, as many as a picture's tiles
+ * have, and HALO more on every side. Shared by behind.cl and fill.cl. */
 #include "lib/lanes.h"
 
 #define TILE 16 /* pixels, or cells, of a tile's side */
-#define HALO 4  /* pixels around a tile: `behind` has as many more on every side, whatever is in them */
+#define HALO 4  /* pixels around a tile: whatever is in `behind` there */
+#define BEHIND_PLANE(height, pitch) ((size_t)(((height) + TILE - 1) / TILE * TILE + 2 * HALO) * (pitch))
 
 #define COLUMNS ((int16)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15))
 #define AMONG(bits) (((int16)(int)(bits) >> COLUMNS & 1) != 0) /* -1 in the columns whose bit is set */

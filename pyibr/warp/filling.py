@@ -7,12 +7,14 @@ from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pyibr.core.pixelspace import PixelMap
+from pyibr.core.camera import Camera
+from pyibr.core.checks import Float64
+from pyibr.core.pixelspace import PixelMap, longer_side
+from pyibr.images.depth_image import DepthImage
 from pyibr.opencl.device import current
-from pyibr.opencl.headers import constant
-from pyibr.opencl.launch import launch
+from pyibr.opencl.headers import constant, struct
+from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty
 from pyibr.opencl.program import kernel
 from pyibr.picture.samples import Samples
@@ -22,10 +24,14 @@ from pyibr.warp.launches import map_of
 
 Fill = Literal["background", "smooth", "inpaint"]
 
+_DEVIATIONS = 3 * 2**0.5
+"""Standard deviations of a sample: three of a difference of two, which noise alone seldom reaches."""
+_ONE_SURFACE = 0.015
+"""Of the depth, or of what an orthographic camera sees: how far apart pixels of one surface may be."""
 _RUN = 64  # pixels whose holes' lines a work-item of behind_runs follows at a time
 
 
-def fill_holes(target: Target, views: Sequence[tuple[Samples, PixelMap]], how: Fill) -> None:
+def fill_holes(target: Target, views: Sequence[tuple[DepthImage, Samples, PixelMap]], how: Fill) -> None:
     """Holes are filled, from the views and what is in the picture by now."""
     target.filled = True
     if how == "inpaint":
@@ -34,26 +40,30 @@ def fill_holes(target: Target, views: Sequence[tuple[Samples, PixelMap]], how: F
     if how == "smooth":
         push_and_pull(target, None)
         return
-    nearest_first = sorted(views, key=lambda view: view[1].parallax)
-    push_and_pull(target, find_behind(target, nearest_first[0][1].epipole))
+    nearest_first = sorted(views, key=lambda view: view[2].parallax)
+    nearest, _, pixel_map = nearest_first[0]
+    push_and_pull(target, find_behind(target, pixel_map.epipole, nearest.noise))
     if target.color.shape[2]:
-        for samples, pixel_map in reversed(nearest_first):
+        for _, samples, pixel_map in reversed(nearest_first):
             _show_unobserved(target, samples, pixel_map)
 
 
-def find_behind(target: Target, epipole: NDArray[np.float64]) -> DeviceArray:
-    """The depth behind holes, along the lines through the epipole, (3,) homogeneous; all 0: along rows.
+def find_behind(target: Target, epipole: Float64, noise: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> DeviceArray:
+    """Depth behind holes and its falloff, along the lines through the epipole, (3,) homogeneous; all 0: along rows.
+
+    noise: the view's, as `DepthImage.noise` has it.
 
     Returns
     -------
-    DeviceArray (rows, pitch) float32
+    DeviceArray (2, rows, pitch) float32
         `behind` of kernels/warp/behind.cl.
     """
     width, height = target.camera.size
     tile, halo = _of_holes("TILE"), _of_holes("HALO")
-    behind = empty((-(-height // tile) * tile + 2 * halo, -(-width // tile) * tile + 2 * halo), np.float32)
+    behind = empty((2, -(-height // tile) * tile + 2 * halo, -(-width // tile) * tile + 2 * halo), np.float32)
     image: dict[str, Any] = {"valid": target.valid, "width": width, "height": height}
-    shared = {**image, "depth": target.depth, "behind": behind, "pitch": behind.shape[1]}
+    ends = {"perspective": int(target.camera.projection == "perspective"), "same": _same_surface(target.camera, noise)}
+    shared = {**image, "depth": target.depth, "behind": behind, "pitch": behind.shape[2], **ends}
     profile = current().profile
     x, y, w = (epipole / max(float(np.abs(epipole).max()), 1e-30)).astype(np.float32).tolist()
     # An epipole at infinity gives all pixels one direction: if it is exactly to a neighbour, they share lines, too.
@@ -69,6 +79,17 @@ def find_behind(target: Target, epipole: NDArray[np.float64]) -> DeviceArray:
     grid = -(-width // profile.run), height
     launch(kernel("warp/behind.cl", "behind_lines"), grid, blocks=blocks, run=profile.run, **away, **shared)
     return behind
+
+
+def _same_surface(camera: Camera, noise: tuple[float, float, float]) -> Struct:
+    """The kernels' struct Same: how far apart in depth pixels of one surface may be in a camera's picture."""
+    values = np.zeros((), struct("warp/behind.cl", "Same"))
+    values["same_2"], values["same_1"], values["same_0"] = (_DEVIATIONS * each for each in noise)
+    if camera.projection == "perspective":
+        values["same_1"] += _ONE_SURFACE
+    else:
+        values["same_0"] += _ONE_SURFACE * longer_side(camera)
+    return Struct("Same", values)
 
 
 def push_and_pull(target: Target, behind: DeviceArray | None) -> None:
@@ -91,9 +112,10 @@ def push_and_pull(target: Target, behind: DeviceArray | None) -> None:
     defines = {**target.color_defines, "HAS_BEHIND": int(behind is not None)}
     perspective = int(target.camera.projection == "perspective")
     image = {"perspective": perspective, "strip": strip, **target.outputs()}
-    told = empty((1, 1), np.float32) if behind is None else behind
+    told = empty((1, 1, 1), np.float32) if behind is None else behind
+    to_holes = {"behind": told, "pitch": told.shape[2]}
     push = kernel("warp/fill.cl", "push_pixels", **defines)
-    launch(push, grid, behind=told, pitch=told.shape[1], **image, **storeys[0])
+    launch(push, grid, **to_holes, **image, **storeys[0])
     pairs = list(itertools.pairwise(storeys))
     push, pull = (kernel("warp/fill.cl", name, **defines) for name in ("push_cells", "pull_cells"))
     for level, (lower, upper) in enumerate(pairs, 1):
@@ -101,7 +123,7 @@ def push_and_pull(target: Target, behind: DeviceArray | None) -> None:
         launch(push, upper["cells"].shape[:0:-1], base=lower["cells"], **of_depths, **upper)
     for lower, upper in reversed(pairs):
         launch(pull, upper["cells"].shape[:0:-1], base=lower["cells"], **upper)
-    launch(kernel("warp/fill.cl", "pull_pixels", **defines), grid, **image, **storeys[0])
+    launch(kernel("warp/fill.cl", "pull_pixels", **defines), grid, **to_holes, **image, **storeys[0])
 
 
 def _show_unobserved(target: Target, samples: Samples, pixel_map: PixelMap) -> None:

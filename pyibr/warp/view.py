@@ -92,9 +92,9 @@ class WarpedView(Immutable):
     fill : {None, "background", "smooth", "inpaint"}
         What is shown in holes; `valid` stays False there, and depth is filled, too. Among other things, holes are
         filled when all things have been drawn, so that invented colour hides nothing that was seen. "background":
-        what lies behind, from all around each hole; and where a view has a colour but no depth, that colour (black is
-        none). "smooth": whatever is around, by distance. "inpaint": colours continued by OpenCV (Telea 2004), which is
-        slower.
+        what lies behind, from all around each hole, with a fifth of the foreground along its rim; and where a view has
+        a colour but no depth, that colour (black is none). "smooth": whatever is around, by distance. "inpaint":
+        colours continued by OpenCV (Telea 2004), which is slower.
     thin : bool
         Things one sample thin (wires, leaves, bars) that run aslant, of which samples' pixels show steps whose corners
         alone meet, are drawn whole, as wide as their samples: each sample that makes a whole cell with its neighbours
@@ -207,16 +207,12 @@ class WarpedView(Immutable):
     def finish(self, target: Target) -> None:
         """Fill holes, if that is asked for, from the views and what all things have drawn."""
         if self.fill is not None:
-            fill_holes(target, self._on_device(target), self.fill)
+            fill_holes(target, [(view, *_placed(view, target)) for view in self.sources], self.fill)
 
     @cached_property
     def _options(self) -> Options:
         """The options in the kernels' terms."""
         return Options(self.method == "search", self.interpolation == "linear", self.edges == "connect", self.side)
-
-    def _on_device(self, target: Target) -> list[tuple[Samples, PixelMap]]:
-        """Each view's samples, in what the target shows of them, and its map into the target."""
-        return [_placed(view, target) for view in self.sources]
 
     def _draw_views(self, target: Target, lighting: Lighting | None) -> None:
         bias, apart = (0.0, 1) if lighting is None else self._bias(target)

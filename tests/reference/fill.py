@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 Array = NDArray[Any]
 
 TILE, HALO, BESIDE = 16, 4, 1
-LEAST, FAINT = 1e-6, 1e-3
+LEAST, FAINT, RIM = 1e-6, 1e-3, 0.2
+NARROW, WIDE, OUTWARD, FLAT, SLOPING = 0.02, 0.035, 8, 0.05, 0.15
 STEEPEST, FAINTEST, ADDING = 64, 0.3, 32
 UNDECIDED = 1e-4  # pixels: rounding may take what lies that close to the middle between two pixels for either
 
@@ -21,12 +22,20 @@ class Behind:
     """Surface behind holes."""
 
     depth: Array  #: (H, W) float64, 0 where no line tells or there is no hole
+    falloff: Array  #: (H, W) float64, part of a pixel that is foreground, for each unit of depth that it is nearer
     decided: Array  #: (H, W) bool: which pixels the line passes does not hang on rounding
 
 
-def behind_reference(depth: Array, valid: Array, epipole: tuple[float, float, float]) -> Behind:
-    """The farther depth at the ends of each hole's line, which leads away from the epipole, and back to it, in steps of
-    a pixel along its longer axis.
+def behind_reference(
+    depth: Array,
+    valid: Array,
+    epipole: tuple[float, float, float],
+    perspective: bool = True,
+    same: tuple[float, float, float] = (0.0, 0.015, 0.0),
+) -> Behind:
+    """The farther depth at the ends of each hole's line, and how surely the nearer end is foreground.
+
+    The line leads away from the epipole, and back to it, in steps of a pixel along its longer axis.
 
     Parameters
     ----------
@@ -34,6 +43,9 @@ def behind_reference(depth: Array, valid: Array, epipole: tuple[float, float, fl
     valid : (H, W) bool
     epipole : (x, y, w)
         Homogeneous; all 0: the lines are the rows.
+    perspective : bool
+    same : (a, b, c)
+        Pixels of one surface may be a z^2 + b z + c apart at depth z.
     """
     y, x = holes = np.nonzero(~valid)
     at = np.stack([x, y], axis=-1).astype(float)
@@ -42,10 +54,30 @@ def behind_reference(depth: Array, valid: Array, epipole: tuple[float, float, fl
     away = np.where(longest > 0, away / np.where(longest > 0, longest, 1.0), (1.0, 0.0))
     a, b = _End(valid, at, away), _End(valid, at, -away)
     at_epipole = (longest[:, 0] == 0) & any(epipole)  # there, rounding decides on the direction
-    told = Behind(np.zeros(valid.shape), np.ones(valid.shape, bool))
-    told.depth[holes] = np.maximum(a.values(depth), b.values(depth))
+    length = a.steps + b.steps
+    out = np.maximum(length // OUTWARD, 1)
+    ends = [end.values(depth) for end in (a, b)]
+    beyond = [end.beyond(depth, valid, out) for end in (a, b)]
+    near, far = np.minimum(*ends), np.maximum(*ends)
+    both, gap = near > 0, far - near
+    with np.errstate(divide="ignore", invalid="ignore"):
+        differ = _rising(1, 2, gap / np.polyval(same, far))
+        narrow = 1 - _rising(NARROW, WIDE, length * np.hypot(*away.T) / max(valid.shape))
+        n, outer = ([1 / z if perspective else -z for z in each] for each in (ends, beyond))
+        change = (abs(n[0] - outer[0]) + abs(n[1] - outer[1])) * length / out / abs(n[0] - n[1])
+        flat = np.where((beyond[0] > 0) & (beyond[1] > 0), 1 - _rising(FLAT, SLOPING, change), 0.0)
+        falloff = differ * np.maximum(narrow, flat) / gap
+    told = Behind(np.zeros(valid.shape), np.zeros(valid.shape), np.ones(valid.shape, bool))
+    told.depth[holes] = far
+    told.falloff[holes] = np.where(both & (differ > 0), falloff, 0.0)
     told.decided[holes] = a.decided & b.decided & ~at_epipole
     return told
+
+
+def _rising(start: float, end: float, values: Array) -> Array:
+    """0 up to the start, 1 from the end on, smoothly."""
+    part = np.clip((values - start) / (end - start), 0, 1)
+    return part**2 * (3 - 2 * part)
 
 
 class _End:
@@ -54,34 +86,56 @@ class _End:
     def __init__(self, valid: Array, at: Array, step: Array) -> None:
         height, width = valid.shape
         count = len(at)
+        self.at, self.step = at, step
         self.found, self.decided = np.zeros(count, bool), np.ones(count, bool)
-        self.pixels = np.zeros((count, 2), int)
+        self.pixels, self.steps = np.zeros((count, 2), int), np.zeros(count, int)
         walking = np.arange(count)
         for number in range(1, max(width, height) + 1):
             place = at[walking] + number * step[walking]
             pixel = np.rint(place).astype(int)
-            self.decided[walking] &= (np.abs(place - np.floor(place) - 0.5) > UNDECIDED).all(axis=-1)
+            self.decided[walking] &= _is_decided(place)
             inside = ((pixel >= 0) & (pixel < (width, height))).all(axis=-1)
             walking, pixel = walking[inside], pixel[inside]
             there = valid[pixel[:, 1], pixel[:, 0]]
             ends = walking[there]
-            self.found[ends], self.pixels[ends] = True, pixel[there]
+            self.found[ends], self.pixels[ends], self.steps[ends] = True, pixel[there], number
             walking = walking[~there]
 
     def values(self, image: Array) -> Array:
         """Values of the image there; 0 where there is no end."""
         return np.where(self.found, image[self.pixels[:, 1], self.pixels[:, 0]], 0.0)
 
+    def beyond(self, depth: Array, valid: Array, steps: Array) -> Array:
+        """Depths so many steps further out; 0 where nothing is seen."""
+        height, width = valid.shape
+        place = self.at + (self.steps + steps)[:, None] * self.step
+        self.decided &= _is_decided(place)
+        x, y = np.rint(place).astype(int).T
+        inside = (x >= 0) & (y >= 0) & (x < width) & (y < height)
+        x, y = np.where(inside, x, 0), np.where(inside, y, 0)
+        return np.where(inside & valid[y, x], depth[y, x], 0.0)
+
+
+def _is_decided(places: Array) -> Array:
+    """(N,) bool: places that are not half-way between two pixels."""
+    return (np.abs(places - np.floor(places) - 0.5) > UNDECIDED).all(axis=-1)
+
 
 def fill_reference(color: Array, depth: Array, valid: Array, behind: Array | None, perspective: bool) -> Array:
-    """(H, W, 4): colour and depth with holes filled; `behind` (H, W) tells what pixels count, None: all alike."""
+    """(H, W, 4): colour and depth with holes filled.
+
+    `behind`: (2, H, W), the depth behind holes and the falloff, which tell what pixels count; None: all alike.
+    """
     values = np.concatenate([color, depth[..., None]], axis=-1).astype(float)
     counts = _around(~valid, BESIDE) & valid
     weights = counts.astype(float)
     if behind is not None:
-        farthest = _farthest(~valid, behind)[counts]
+        behind = np.where(edges_of(valid), behind, 0.0)
+        farthest = _farthest(~valid, behind[0])[counts]
         ratio = np.where(farthest > 0, np.minimum(depth[counts] / np.where(farthest > 0, farthest, 1), 1), 1)
-        weights[counts] = np.maximum((1 + FAINT) * ratio**12 - FAINT, LEAST)
+        touching, falloff = (_beside(np.where(behind[1] > 0, each, 0.0))[counts] for each in behind)
+        foreground = np.clip(falloff * (touching - depth[counts]), 0, 1)
+        weights[counts] = np.maximum(((1 + FAINT) * ratio**12 - FAINT) * (1 - foreground), LEAST)
     nearness = values.copy()
     if perspective:
         nearness[..., 3] = 1 / values[..., 3]
@@ -90,7 +144,24 @@ def fill_reference(color: Array, depth: Array, valid: Array, behind: Array | Non
     filled = _pulled(np.concatenate([base, weights[..., None]], axis=-1), told, 1)
     if perspective:
         filled[..., 3] = 1 / filled[..., 3]
+    if behind is not None:
+        _mix_rims(filled, values, valid, behind)
     return np.where(valid[..., None], values, filled)
+
+
+def _mix_rims(filled: Array, values: Array, valid: Array, behind: Array) -> None:
+    """Holes show up to a part of the mean colour of foreground above, below, left and right of them."""
+    total, parts, most = np.zeros((*valid.shape, 3)), np.zeros(valid.shape), np.zeros(valid.shape)
+    padded, seen = np.pad(values, ((1, 1), (1, 1), (0, 0))), np.pad(valid, 1)
+    height, width = valid.shape
+    for y, x in ((0, 1), (2, 1), (1, 0), (1, 2)):
+        beside, is_seen = padded[y : y + height, x : x + width], seen[y : y + height, x : x + width]
+        part = np.where(is_seen, np.clip(behind[1] * (behind[0] - beside[..., 3]), 0, 1), 0.0)
+        total += np.where(is_seen[..., None], part[..., None] * beside[..., :3], 0.0)
+        parts, most = parts + part, np.maximum(most, part)
+    rims = most > 0
+    mixed = total[rims] / parts[rims, None] - filled[rims, :3]
+    filled[rims, :3] += RIM * most[rims, None] * mixed
 
 
 def edges_of(valid: Array) -> Array:
@@ -106,6 +177,13 @@ def _around(mask: Array, reach: int) -> Array:
         for x in range(2 * reach + 1):
             found |= padded[y : y + height, x : x + width]
     return found
+
+
+def _beside(image: Array) -> Array:
+    """(H, W): the greatest within a pixel."""
+    height, width = image.shape
+    padded = np.pad(image, 1)
+    return np.max([padded[v : v + height, u : u + width] for v in range(3) for u in range(3)], axis=0)
 
 
 def _farthest(holes: Array, behind: Array) -> Array:
