@@ -1,11 +1,49 @@
-"""Environments of processes that tests start."""
+"""Processes that tests start."""
 
 from __future__ import annotations
 
 import os
+import signal
+import subprocess
 import sys
+from collections.abc import Sequence
+from contextlib import suppress
 
 
 def with_path(**more: str) -> dict[str, str]:
     """This process's environment and path, and some more variables."""
     return os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)} | more
+
+
+def run_within(seconds: float, command: Sequence[str], **variables: str) -> subprocess.CompletedProcess[str]:
+    """Run a command with this process's path. If it takes longer, whatever it has started ends with it.
+
+    `subprocess.run` would end the command alone, and then wait for the output of what that has started.
+    """
+    pipe, own_session = subprocess.PIPE, os.name == "posix"
+    with subprocess.Popen(
+        command, env=with_path(**variables), stdout=pipe, stderr=pipe, text=True, start_new_session=own_session
+    ) as child:
+        try:
+            out, errors = child.communicate(timeout=seconds)
+        except BaseException:
+            with suppress(ProcessLookupError):
+                os.killpg(child.pid, signal.SIGKILL) if own_session else child.kill()
+            raise
+    return subprocess.CompletedProcess(command, child.returncode, out, errors)
+
+
+def said_under_oclgrind(arguments: Sequence[str], seconds: float) -> str:
+    """What a Python says that runs on Oclgrind, which sees reads and writes beyond arrays.
+
+    Its threads may wait for each other for ever, once in some hundred runs: then it is asked once more.
+    """
+    command = ("oclgrind", "--check-api", sys.executable, *arguments)
+    try:
+        done = run_within(seconds, command, PYIBR_DEVICE="oclgrind")
+    except subprocess.TimeoutExpired:
+        done = run_within(seconds, command, PYIBR_DEVICE="oclgrind")
+    said = done.stdout + done.stderr
+    for report in ("Invalid read", "Invalid write"):
+        assert report not in said, said[max(said.index(report) - 500, 0) :][:3000]
+    return said

@@ -18,7 +18,6 @@ from pyibr.core.errors import ArgumentError
 from pyibr.opencl import cache
 from pyibr.opencl.cache import Entry, cache_fault, cache_folder
 from pyibr.opencl.doctor import report
-from tests.processes import with_path
 
 ONE = Entry("programs", "one", "what it depends on")
 TWO = Entry("programs", "two", "something else")
@@ -341,7 +340,7 @@ def test_no_damage_does_harm(first: int, own_cache: Path):
 
     command = [sys.executable, "-c", DAMAGED, str(Path(__file__).parent), "7", str(first), str(first + 15)]
     own_cache.mkdir(mode=0o700)
-    done = subprocess.run(command, env=with_path(), capture_output=True, text=True, timeout=1800)  # slow compilers
+    done = run_within(1800, command)  # slow compilers
     told = [json.loads(line) for line in done.stdout.splitlines()]
     assert done.returncode == 0 and len(told) == 15, f"{told}\n{done.stderr}"
     for kind, right, written, said in told:

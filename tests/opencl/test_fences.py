@@ -10,7 +10,7 @@ import pytest
 
 from pyibr.opencl.headers import kernels_folder
 from tests.opencl.cases import FOLDERS
-from tests.processes import with_path
+from tests.processes import run_within
 
 pytestmark = pytest.mark.thorough
 
@@ -45,7 +45,7 @@ print("through", made.host[steps[1]])
 
 
 def run(*command: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, *command], env=with_path(), capture_output=True, text=True, timeout=1800)
+    return run_within(1800, [sys.executable, *command])
 
 
 @linux
