@@ -13,6 +13,7 @@ from pyibr.opencl import device
 from pyibr.opencl.in_flight import InFlight
 from pyibr.opencl.memory_pool import MemoryPool
 from pyibr.opencl.profile import GPU
+from tests.processes import said_under_oclgrind
 
 
 @contextmanager

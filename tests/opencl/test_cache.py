@@ -18,6 +18,7 @@ from pyibr.core.errors import ArgumentError
 from pyibr.opencl import cache
 from pyibr.opencl.cache import Entry, cache_fault, cache_folder
 from pyibr.opencl.doctor import report
+from tests.processes import run_within
 
 ONE = Entry("programs", "one", "what it depends on")
 TWO = Entry("programs", "two", "something else")
