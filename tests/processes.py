@@ -34,9 +34,9 @@ def run_within(seconds: float, command: Sequence[str], **variables: str) -> subp
 
 
 def said_under_oclgrind(arguments: Sequence[str], seconds: float) -> str:
-    """What a Python says that runs on Oclgrind, which sees reads and writes beyond arrays.
+    """Output of a Python that runs on Oclgrind, which sees reads and writes beyond arrays.
 
-    Its threads may wait for each other for ever, once in some hundred runs: then it is asked once more.
+    If it does not come to an end, it is asked once more: its own threads have been seen to wait for each other.
     """
     command = ("oclgrind", "--check-api", sys.executable, *arguments)
     try:

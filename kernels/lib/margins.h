@@ -3,7 +3,7 @@
 /* The margins of a surface: what no triangle covers of the pixels of samples beside depth edges.
  *
  * A sample is as large as the pixel that measured it, but at an edge the triangles of lib/surface.h end at the samples
- * themselves. There the surface goes straight on, half a pixel: of an open triangle each corner has the part that lies
+ * themselves. There the surface goes on, half a pixel: of an open triangle each corner has the part that lies
  * nearest to it. Seen from a sample, that is a quarter of its pixel; or one half of a quarter, on one side of the
  * cell's diagonal, if the other half is in a triangle.
  *

@@ -1,7 +1,8 @@
 /* The margins of a surface (lib/margins.h) from its edges.
  *
- * Beside a triangle of the same cell its plane goes on; else the slope to a neighbour of the same surface, in the
- * quarter's direction or in the opposite one; and what stands alone faces the camera.
+ * Beside a triangle of the same cell its plane goes on. Else nearness changes as it does to the neighbours that are of one
+ * surface with the sample, and towards those that are torn off it stays: a slope from the other side would amplify its
+ * noise, and of round things it would stick out.
  *
  * surface: picture/edges.cl. counts: (height,) quarters that a row's samples have. starts: (height,) the column of a
  * row's first one in `margins`, lib/margins.h.
@@ -65,24 +66,14 @@ INLINED int any_edge(Around n)
                     (as_intl(n.above_right) & TORN_BELOW) | (as_intl(n.below_left) & TORN_RIGHT));
 }
 
-/* The slope to a neighbour, or, if that is torn off, the one from the neighbour on the other side: over a pixel it may
- * double the nearness at most. */
-INLINED floatl slope_to(floatl to_next, intl torn_next, floatl from_last, intl torn_last, floatl here)
-{
-    const floatl bound = fabs(here);
-    const floatl beyond = select_lanes(torn_last, (floatl)0.0f, clamp_lanes(from_last, -bound, bound));
-    return select_lanes(torn_next, beyond, to_next);
-}
-
 /* The slopes of the packet's quarters of a number */
 INLINED void slopes_of(Around n, intl lower, intl upper, int number, floatl *slope_x, floatl *slope_y)
 {
     const floatl left = n.here - n.left, right = n.right - n.here, up = n.here - n.above, down = n.below - n.here;
     const intl beside_upper = lower & !upper, beside_lower = upper & !lower; /* the triangle that is there */
-    *slope_x = number & TO_RIGHT ? slope_to(right, n.torn_right, left, n.torn_left, n.here)
-                                 : slope_to(left, n.torn_left, right, n.torn_right, n.here);
-    *slope_y = number & TO_BELOW ? slope_to(down, n.torn_below, up, n.torn_above, n.here)
-                                 : slope_to(up, n.torn_above, down, n.torn_below, n.here);
+    const floatl flat = 0.0f; /* to what is torn off */
+    *slope_x = number & TO_RIGHT ? select_lanes(n.torn_right, flat, right) : select_lanes(n.torn_left, flat, left);
+    *slope_y = number & TO_BELOW ? select_lanes(n.torn_below, flat, down) : select_lanes(n.torn_above, flat, up);
     if (number == TO_RIGHT) {
         *slope_x = select_lanes(beside_upper, right, select_lanes(beside_lower, n.above_right - n.above, *slope_x));
         *slope_y = select_lanes(beside_upper, n.right - n.above_right, select_lanes(beside_lower, up, *slope_y));
@@ -138,8 +129,8 @@ kernel void find_margins(global const float *surface, global const int *starts, 
                 out[MARGIN_NEARNESS * margin_pitch] = float_lane(n.here, lane);
                 out[MARGIN_SLOPE_X * margin_pitch] = float_lane(slope_x, lane);
                 out[MARGIN_SLOPE_Y * margin_pitch] = float_lane(slope_y, lane);
-                const int parts_bits = (int_lane(lower, lane) & IN_LOWER) | (int_lane(upper, lane) & IN_UPPER);
-                out[MARGIN_BITS * margin_pitch] = as_float(number | parts_bits);
+                const int in_lower = int_lane(lower, lane) ? IN_LOWER : 0, in_upper = int_lane(upper, lane) ? IN_UPPER : 0;
+                out[MARGIN_BITS * margin_pitch] = as_float(number | in_lower | in_upper);
             }
         }
     }

@@ -34,6 +34,7 @@
 #define STRIP 1 /* packets of LANES pixels a work-item */
 #endif
 #define ANGLE_SQUARE 0.03f    /* of the sine of 10 degrees */
+#define AT_SAMPLE 0.01f       /* pixels: so close to a sample it is seen itself */
 #define AT_STEP 0.5f          /* of the edges' bytes: up to it, a place is at a step */
 #define WEIGHT_MIN 1e-6f      /* of a layer that contributes at all */
 
@@ -81,7 +82,8 @@ INLINED floatl view_weight(LayerView view, Screen screen, Vector p, floatl z, fl
     return min_lanes(view.density / density * (finer * finer), (floatl)1.0f) * cosine / (1.0f + aside);
 }
 
-/* How far from its view's edges a layer's pixels were seen, as view_edges.cl counts */
+/* How far from its view's edges a layer's pixels were seen, as view_edges.cl counts; 0 on margins, too, where the surface
+ * only goes on as it does beside them */
 INLINED floatl edges_at(PixelMap map, global const ushort *edges, floatl x, floatl y, floatl n)
 {
     const float *S = map.src_from_dst;
@@ -89,8 +91,11 @@ INLINED floatl edges_at(PixelMap map, global const ushort *edges, floatl x, floa
     const floatl u = MAP_ROW(S, 0, x, y, n) * inverse, v = MAP_ROW(S, 1, x, y, n) * inverse;
     const Taps taps = clamped_taps(map.src_width, map.src_height, u, v);
     const intl word = words_at(edges, taps.at[0]); /* left above, left below, right above, right below */
-    return bilinear(taps, to_floatl(word & 255), to_floatl((word >> 16) & 255), to_floatl((word >> 8) & 255),
-                    to_floatl((word >> 24) & 255));
+    const floatl distance = bilinear(taps, to_floatl(word & DISTANCE_BITS), to_floatl((word >> 16) & DISTANCE_BITS),
+                                     to_floatl((word >> 8) & 255), to_floatl((word >> 24) & 255));
+    const floatl off_sample = min_lanes(taps.fx, 1.0f - taps.fx) + min_lanes(taps.fy, 1.0f - taps.fy);
+    const intl open = word & select_lanes(taps.fx + taps.fy > 1.0f, (intl)UPPER_OPEN, (intl)LOWER_OPEN);
+    return select_lanes((open != 0) & (off_sample > AT_SAMPLE), (floatl)0.0f, distance);
 }
 
 #if CHANNELS && COLOR_BYTES == 1

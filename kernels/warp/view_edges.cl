@@ -1,6 +1,7 @@
 /* How far a view's samples lie from edges of its surface: what weighs them where several views are blended (blend.cl).
  *
- * edges: (height, width), of each sample a byte, and that of the one below it. 0 at a step, where the surface goes on
+ * edges: (height, width), of each sample a byte, and that of the one below it, and two bits that tell which triangles of
+ * its cell are open: what shows there is a margin. 0 at a step, where the surface goes on
  * so steeply that its cells may be rubber sheets; else 1 + STEPS d, where d, 0 to FEATHER, is how many samples away the
  * nearest step is, or the nearest end of the surface: a hole, a cut, or the image's border; by the farther of both
  * axes.
@@ -92,14 +93,19 @@ INLINED intl distances_at(global const float *marks, global const float *in_row,
     return select_lanes(is_step, (intl)0, to_intl(1.0f + STEPS * distance));
 }
 
-kernel void edge_distances(global const float *marks, global const float *in_row, global ushort *edges, int width,
-                           int height, int mark_pitch)
+kernel void edge_distances(global const float *marks, global const float *in_row, global const float *surface,
+                           global ushort *edges, int width, int height, int pitch, int mark_pitch)
 {
     const int x0 = get_global_id(0) * LANES, y = get_global_id(1);
     if (x0 >= width || y >= height)
         return;
     const intl here = distances_at(marks, in_row, x0, y, height, mark_pitch);
-    const intl pair = here | distances_at(marks, in_row, x0, min(y + 1, height - 1), height, mark_pitch) << 8;
+    const Grid grid = GRID_OF(surface, width, height, pitch, NO_CUT);
+    global const float *own = grid.nearness + (size_t)y * pitch + x0;
+    const floatl n = load_lanes(own), right = load_lanes(own + 1), below = load_lanes(own + pitch);
+    const intl open = select_lanes((intl)IS_LOWER_OPEN(n), (intl)LOWER_OPEN, (intl)0) |
+                      select_lanes((intl)IS_UPPER_OPEN(n, right, below), (intl)UPPER_OPEN, (intl)0);
+    const intl pair = here | open | distances_at(marks, in_row, x0, min(y + 1, height - 1), height, mark_pitch) << 8;
     for (int lane = 0; lane < min(LANES, width - x0); lane++)
         edges[(size_t)y * width + x0 + lane] = int_lane(pair, lane);
 }

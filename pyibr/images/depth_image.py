@@ -6,6 +6,7 @@ depth is not finite or not > 0 is invalid: nothing is known there.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from functools import cached_property, partial
@@ -45,6 +46,8 @@ Noise = float | tuple[float, float, float] | Callable[[Float64], Float64]
 
 _NOISE_PLACES = 16  # depths at which a function of noise is looked at
 _UNIT = 1e-3  # squares of lengths may be off by that: they are normals in float32, or rounded ones
+_LEAST_NEAR = 1e-3  # of a sample's nearness: how far its surface may go on, half a pixel beside it
+_EVEN = 0.005  # of the nearness, by which neighbours differ that nothing tears
 _CHUNK = 1 << 15  # samples at a time: of more, float64 values take several times longer
 
 
@@ -200,36 +203,38 @@ class DepthImage(Immutable):
 
     @cached_property
     def surface_bounds(self) -> tuple[Float64, Float64]:
-        """(low, high), each (3,): the box around its surface, which reaches to the edges of its outermost pixels."""
+        """(low, high), each (3,): the box around its surface, which reaches to the edges of its samples' pixels."""
         low, high = self.bounds
-        beyond = self._border
+        beyond = self._beyond
         return np.min([low, *beyond], axis=0), np.max([high, *beyond], axis=0)
 
     @property
-    def _border(self) -> Float64:
-        """(N, 3) float64: points half a pixel beyond the border's samples, on the straight lines through the next ones.
-
-        As far as a surface may reach: twice as near, or as far, as the border. What is torn goes on as it is.
-        """
+    def _beyond(self) -> Float64:
+        """(N, 3) float64: corners of the pixels of samples beside the border, holes and steps, where surfaces go on."""
         if self.camera.lens is not None:
             return np.empty((0, 3))
         perspective = self.camera.projection == "perspective"
         with np.errstate(divide="ignore"):
             z = self.depth.astype(np.float64)
-            near = np.where(self.valid, 1 / z if perspective else -z, np.nan)
-        height, width = near.shape
+            near = np.pad(np.where(self.valid, 1 / z if perspective else -z, np.nan), 1, constant_values=np.nan)
+        here = near[1:-1, 1:-1]
+        change = {(1, 0): near[1:-1, 2:] - here, (-1, 0): near[1:-1, :-2] - here}
+        change |= {(0, 1): near[2:, 1:-1] - here, (0, -1): near[:-2, 1:-1] - here}
+        even = [np.abs(by) <= _EVEN * np.abs(here) for by in change.values()]  # not of what is missing
+        y, x = np.nonzero(self.valid & ~np.logical_and.reduce(even))
+        here = here[y, x]
+        rises: dict[tuple[int, int], list[Float64]] = {}  # to the edge of the pixel, at least and at most
+        for (dx, dy), by in change.items():
+            straight = np.clip(-change[-dx, -dy][y, x], -np.abs(here), np.abs(here))  # beyond the image's border
+            ways = [np.nan_to_num(by[y, x]) / 2, np.nan_to_num(straight) / 2, np.zeros(len(here))]
+            rises[dx, dy] = [np.min(ways, axis=0), np.max(ways, axis=0)]
         pixels, depths = list[Float64](), list[Float64]()
-        for axis, last in ((0, height - 1), (1, width - 1)):
-            for at, next_at, place in ((0, min(1, last), -0.5), (last, max(last - 1, 0), last + 0.5)):
-                border, within = near.take(at, axis), near.take(next_at, axis)
-                half = border + np.clip(np.nan_to_num(border - within), -np.abs(border), np.abs(border)) / 2
-                along, across = np.arange(-0.5, len(border)), np.full(len(border) + 1, place)
-                for values in (border, half):
-                    # Corners of pixels: between two samples of the border, or beyond its ends.
-                    ends = np.concatenate([values[:1], values]), np.concatenate([values, values[-1:]])
-                    for reach in (np.fmin(*ends), np.fmax(*ends)):
-                        pixels.append(np.column_stack([along, across] if axis == 0 else [across, along]))
-                        depths.append(1 / reach if perspective else -reach)
+        for (dx, dy), which in itertools.product(itertools.product((-1, 1), repeat=2), (0, 1)):
+            reach = here + rises[dx, 0][which] + rises[0, dy][which]
+            reach = np.maximum(reach, _LEAST_NEAR * here) if perspective else reach
+            for i, j in ((dx / 2, 0.0), (0.0, dy / 2), (dx / 2, dy / 2)):
+                pixels.append(np.column_stack([x + i, y + j]))
+                depths.append(np.asarray(1 / reach if perspective else -reach, np.float64))
         points = self.camera.unproject(np.concatenate(pixels), np.concatenate(depths))
         return points[np.isfinite(points).all(axis=1)]
 

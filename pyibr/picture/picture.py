@@ -53,7 +53,7 @@ class PictureParts:
         classes: bool = False,
         anisotropy: int = 1,
         out: Frame | None = None,
-        pool: dict[int, DeviceArray] | None = None,
+        pool: dict[tuple[int, int], DeviceArray] | None = None,
     ) -> Target:
         """Draw each part, and make the camera's picture of them.
 

@@ -69,7 +69,7 @@ class Target:
         out: Frame | None = None,
         origins: bool = False,
         classes: bool = False,
-        pool: dict[int, DeviceArray] | None = None,
+        pool: dict[tuple[int, int], DeviceArray] | None = None,
         channels: int = 3,
         anisotropy: int = 1,
     ) -> None:
@@ -77,7 +77,7 @@ class Target:
         shape = (camera.height, camera.width)
         self.camera = camera
         self.out = out
-        self._pool: dict[int, DeviceArray] = {} if pool is None else pool
+        self._pool: dict[tuple[int, int], DeviceArray] = {} if pool is None else pool
         if out is None:
             self.color, self.depth, self.valid = (
                 empty((*shape, channels), dtype),
@@ -108,12 +108,12 @@ class Target:
             anisotropy=self.anisotropy,
         )
 
-    def scratch(self, count: int) -> DeviceArray:
-        """(count,) float32, or some more, that launches may use until the next who asks does."""
+    def scratch(self, count: int, number: int = 0) -> DeviceArray:
+        """(count,) float32, or some more, that launches may use until the next who asks for this number does."""
         size = rounded(4 * count) // 4  # views ask for much the same, each for its own
-        if size not in self._pool:
-            self._pool[size] = empty((size,), np.float32)
-        return self._pool[size]
+        if (size, number) not in self._pool:
+            self._pool[size, number] = empty((size,), np.float32)
+        return self._pool[size, number]
 
     def clear(self) -> None:
         """Write every pixel, if none is written yet: nothing there. For systems that then write only what they see."""

@@ -215,7 +215,16 @@ def _found_edges(view: DepthImage, surface: Surface) -> DeviceArray:
     )
     grid = profile.packets(*camera.size)
     launch(kernel("warp/view_edges.cl", "row_distances"), grid, marks=marks, in_row=in_row, **size)
-    launch(kernel("warp/view_edges.cl", "edge_distances"), grid, marks=marks, in_row=in_row, edges=edges, **size)
+    launch(
+        kernel("warp/view_edges.cl", "edge_distances"),
+        grid,
+        marks=marks,
+        in_row=in_row,
+        surface=surface.nearness,
+        edges=edges,
+        pitch=surface.nearness.shape[1],
+        **size,
+    )
     return edges
 
 

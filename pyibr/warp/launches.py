@@ -166,7 +166,7 @@ def _draw_margins(surface: Surface, pixel_map: PixelMap, target: Target, shared:
     if not margins.count or pixel_map.reach.empty:
         return None
     # Packets at the end of the last row read beyond it.
-    hits = empty((target.camera.height * pitch(target.camera.width) + profile.lanes,), np.float32)
+    hits = target.scratch(target.camera.height * pitch(target.camera.width) + profile.lanes, number=1)
     clear(hits, constant("lib/pixelspace.h", "EMPTY"))
     launch(
         kernel("warp/margins.cl", "draw_margins", STRIP=profile.strip),

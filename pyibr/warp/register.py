@@ -275,7 +275,7 @@ def _drawn(view: DepthImage, camera: Camera, cut_ratio: float | None) -> _Drawn:
     test = straightness_test(source, cut) if cut_ratio is None else test_by_cut(cut)
     surface = make_surface(samples, source.camera.size, test)
     targets: list[Target] = []
-    pool: dict[int, Any] = {}
+    pool: dict[tuple[int, int], Any] = {}
     for part in cube_face_cameras(camera):
         targets.append(Target(part, np.dtype(np.uint8), channels=0, pool=pool))
         pixel_map = PixelMap(camera_pair(source.camera, part), surface.low, surface.high)

@@ -138,7 +138,7 @@ def warp(
         thing.draw(target, None)
         thing.finish(target)
 
-    color, pool = thing.views[0].color, dict[int, DeviceArray]()
+    color, pool = thing.views[0].color, dict[tuple[int, int], DeviceArray]()
     drawn = functools.partial(
         PictureParts.drawn, draw=draw, dtype=color.dtype, channels=color.shape[2], pool=pool, **asked
     )

@@ -18,5 +18,5 @@ pytestmark = pytest.mark.thorough
 @pytest.mark.skipif(shutil.which("oclgrind") is None, reason="Oclgrind is not installed (apt-get install oclgrind)")
 @pytest.mark.parametrize("folder", FOLDERS)
 def test_no_kernel_reads_or_writes_what_is_not_its_own(folder: str):
-    said = said_under_oclgrind(("-m", "tests.opencl.cases", folder), seconds=900)
+    said = said_under_oclgrind(("-m", "tests.opencl.cases", folder), seconds=600)
     assert "\nthrough on Oclgrind\n" in said, said[-3000:]

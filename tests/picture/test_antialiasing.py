@@ -108,7 +108,7 @@ def test_warps_have_samples_too(method):
 @pytest.mark.parametrize("samples", [4, 36])
 def test_what_was_seen_stays_as_it_was_seen_where_holes_are_filled(samples, fill):
     view = scenes.stepped(SIZE)
-    for camera in (view.camera.moved(0.2, 0, 0), view.camera.moved(0.1, 0.1, 0.1)):
+    for camera in (view.camera.moved(0.4, 0, 0), view.camera.moved(0.3, 0.2, 0.1)):
         bare, frame = (ibr.warp(view, camera, fill=way, samples=samples) for way in (None, fill))
         np.testing.assert_array_equal(frame.valid, bare.valid)
         np.testing.assert_array_equal(frame.alpha, bare.alpha)

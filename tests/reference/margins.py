@@ -1,7 +1,7 @@
 """The margins of a depth image's surface in NumPy: what no triangle covers of the pixels of samples beside edges.
 
 For reading: `kernels/warp/margins.cl` says the same for a device. An open triangle is shared among its three corners;
-each has what lies nearest to it, and goes straight on there. Seen from a sample, that is a quarter of its pixel, or the
+each has what lies nearest to it. Seen from a sample, that is a quarter of its pixel, or the
 half of one on a side of the cell's diagonal.
 """
 
@@ -109,16 +109,12 @@ def margins_of(view: DepthImage, ring: Array, torn: Edges) -> Margins:
         (0, -1): at(torn.below, 0, -1),
         (0, 1): at(torn.below, 0, 0),
     }
-    bound = np.abs(q)
     image = np.pad(view.color, ((1, 1), (1, 1), (0, 0)), mode="edge").astype(np.float64)
 
     def slope(dx: int, dy: int) -> Array:
-        """Along the axis of (dx, dy), towards it if the neighbour there is of one surface."""
+        """Along the axis of (dx, dy), if the neighbour there is of one surface."""
         sign = dx + dy
-        towards = (at(ring, dx, dy) - q) * sign
-        beyond = np.clip((q - at(ring, -dx, -dy)) * sign, -bound, bound)
-        beyond = np.where(torn_to[-dx, -dy], 0.0, beyond)
-        return np.where(torn_to[dx, dy], beyond, towards)
+        return np.where(torn_to[dx, dy], 0.0, (at(ring, dx, dy) - q) * sign)
 
     found = list[tuple[Array, ...]]()
     for tx, ty in QUARTERS:
