@@ -233,8 +233,8 @@ class DepthImage(Immutable):
             reach = here + rises[dx, 0][which] + rises[0, dy][which]
             reach = np.maximum(reach, _LEAST_NEAR * here) if perspective else reach
             for i, j in ((dx / 2, 0.0), (0.0, dy / 2), (dx / 2, dy / 2)):
-                pixels.append(np.column_stack([x + i, y + j]))
-                depths.append(np.asarray(1 / reach if perspective else -reach, np.float64))
+                pixels.append(np.column_stack([x + i, y + j]).astype(np.float64))
+                depths.append(1 / reach if perspective else -reach)
         points = self.camera.unproject(np.concatenate(pixels), np.concatenate(depths))
         return points[np.isfinite(points).all(axis=1)]
 
