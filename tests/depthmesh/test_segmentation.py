@@ -114,8 +114,8 @@ def test_noise_is_no_step(name, projection, test):
     view, rubber = ibr.DepthImage(clean.color, clean.depth + noise, clean.camera), bridging(plate)
     rules = [Segmentation(test, deviations=0), Segmentation(test)]
     unaware, aware = (cells_of(ibr.DepthMesh(view, segmentation=rule)) for rule in rules)
-    # Three samples span more than 4 deviations once in 75 times.
-    assert (~aware)[~rubber].mean() < min(0.02, 0.7 * (~unaware)[~rubber].mean())
+    # Three samples span more than 4 deviations once in 75 times, more than 4 of what is found, 6 % less, once in 47.
+    assert (~aware)[~rubber].mean() < min(1 / 47, 0.7 * (~unaware)[~rubber].mean())
     assert (~aware)[rubber].mean() >= 0.99  # steps of 20 deviations and more
 
 

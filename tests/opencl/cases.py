@@ -446,6 +446,11 @@ def _relit(setting: Setting) -> Cases:
         yield f"relit {camera.size}, {light}", partial(_draw, setting, [], camera, light)
 
 
+def _splats(setting: Setting) -> Cases:
+    view = _rough(setting, (13, 7), "perspective", 0.1)
+    yield "splats", partial(ibr.warp, view, view.camera.moved(0.1, 0, 0), method="forward")
+
+
 def _cleanings(setting: Setting) -> Cases:
     sizes = ((13, 7), (1, 1), (37, 5), (1, 37), (67, 33), (16, 17))[: setting.choose(2, 3, 6)]
     ways: tuple[dict[str, Any], ...] = ({}, {"holes": 40}, {"strength": 0, "holes": 0})
@@ -459,7 +464,7 @@ def _cleanings(setting: Setting) -> Cases:
 
 
 FOLDERS: dict[str, tuple[Callable[[Setting], Cases], ...]] = {
-    "lib": (_registrations,),
+    "lib": (_registrations, _splats),
     "picture": (_lenses, _registrations, _relit, _marked),
     "cleaning": (_cleanings,),
     "warp": (_warps, _lenses, _registrations),

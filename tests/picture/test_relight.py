@@ -29,7 +29,7 @@ MAKERS: dict[str, Callable[[list[ibr.DepthImage]], Any]] = {
     "depth object": lambda views: ibr.DepthObject(views, slices=256),
     "depth meshes": ibr.DepthMeshObject,
     "depth mesh": lambda views: ibr.DepthMesh(views[3]),
-    "warp": lambda views: views,
+    "warp": ibr.WarpedView,
     "hull": lambda views: ibr.VisualHull(views, slices=128),
 }
 

@@ -112,8 +112,8 @@ def check_memory_that_is_not_blank(monkeypatch: pytest.MonkeyPatch, step: tuple[
     assert expected.valid.any() and not expected.valid[0].any() and not expected.valid[:, 0].any()
     scratch = Target.scratch
 
-    def written(target: Target, count: int) -> DeviceArray:
-        array = scratch(target, count)
+    def written(target: Target, count: int, number: int = 0) -> DeviceArray:
+        array = scratch(target, count, number)
         array.fill(1 / 3)
         return array
 

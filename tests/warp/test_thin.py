@@ -171,14 +171,17 @@ def test_nearer_things_hide_thin_ones_and_are_hidden_by_them():
     block = np.full(SIZE[::-1], np.nan, np.float32)
     block[10:35, 5:20] = 1.8
     before = ibr.DepthImage(np.zeros((*SIZE[::-1], 3), np.uint8), block, CAMERA)
-    hidden = ibr.warp(before, magnified(2)).valid
     alone = ibr.warp(view, magnified(2), thin=True).depth
     assert np.isclose(alone, 2).sum() > 4 * 20
     assert np.isclose(alone, 1.5).sum() == 4 * 31  # four pixels a sample
     for blend, views in (("nearest", [view, before]), ("nearest", [before, view]), ("quality", [view, before])):
         frame = ibr.warp(views, magnified(2), thin=True, blend=blend)
+        hidden = ibr.warp([before, before], magnified(2), blend=blend).valid
         np.testing.assert_array_equal(np.isclose(frame.depth, 2), np.isclose(alone, 2) & ~hidden)
-        np.testing.assert_array_equal(np.isclose(frame.depth, 1.5), np.isclose(alone, 1.5))
+        shown = np.isclose(alone, 1.5)
+        if blend == "quality":  # the half sample beyond the strip's last one hides nothing that another view saw
+            shown[28:30, 38] = False
+        np.testing.assert_array_equal(np.isclose(frame.depth, 1.5), shown)
 
 
 def test_a_surface_without_thin_things_is_the_same_to_the_bit():
@@ -219,8 +222,9 @@ def test_colours_and_depths_run_along_wires(sample):
     x = (np.arange(20, 100) + 0.5) / 10 - 0.5 - 2  # in samples, from the first on
     at = np.clip(x if sample == "linear" else np.rint(x), 0, 7)
     np.testing.assert_allclose(frame.color[45, 20:100, 0], at * 30, atol=0.51)
-    # The wire goes on straight through the halves of its first and last samples.
-    along = x if sample == "linear" else at
+    # The wire goes on straight through the halves of its first and last samples, but where the surface's margin, which
+    # stays as near, is nearer.
+    along = np.minimum(x, 7) if sample == "linear" else at
     np.testing.assert_allclose(frame.depth[45, 20:100], 1 / (0.5 - 0.05 * along / 7), rtol=1e-5)
 
 
