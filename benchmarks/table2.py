@@ -42,7 +42,7 @@ SUBJECTS: dict[str, Literal["nearest", "linear"]] = {"nearest": "nearest", "line
 FRESH = "nearest, fresh views"  # DepthImages made anew, so that everything is prepared again
 
 OFF, UNCOVERED = "off", "uncovered"
-RIGHT = {OFF: 0.01, UNCOVERED: 0.02}
+RIGHT = {OFF: 0.02, UNCOVERED: 0.02}
 """At most so much of a picture of 96 x 96 or more is off, or not covered. A depth image knows where a surface ends to a
 sample, and the outlines of these models are 6 to 21 % of their pixels at 96 x 96."""
 _OFF = 0.02  # of its depth

@@ -63,9 +63,7 @@ class Surface:
     vertices, colors : (n, 3) float64
     """
 
-    def __init__(
-        self, view: DepthImage, edges: str = "connect", cut_ratio: float | None = None, margins: bool = True
-    ) -> None:
+    def __init__(self, view: DepthImage, edges: str = "connect", cut_ratio: float | None = None) -> None:
         import open3d as o3d
 
         self.view = view
@@ -165,13 +163,12 @@ def raycast(
     """Truth of one view or of several.
 
     Each view is cast alone, since the back of one view's surface hides nothing of another's, and the nearest
-    hit is taken; of equally near ones, the first; several have no margins. A `Surface` may stand for its view (it is
-    built only once).
+    hit is taken; of equally near ones, the first. A `Surface` may stand for its view (it is built only once).
     """
     several = [views] if isinstance(views, DepthImage | Surface) else list(views)
     best: Truth | None = None
     for index, view in enumerate(several):
-        surface = view if isinstance(view, Surface) else Surface(view, edges, cut_ratio, len(several) == 1)
+        surface = view if isinstance(view, Surface) else Surface(view, edges, cut_ratio)
         new = surface.cast(camera, side)
         if best is None:
             best = new

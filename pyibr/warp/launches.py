@@ -75,19 +75,18 @@ def inverse_warp(
     entry: Entry = NO_ENTRY,
     *,
     in_reach: bool = False,
-    margins: bool = True,
 ) -> None:
     """Each pixel looks for what its ray meets first: by sweep or by search, then exactly.
 
     `view` is its number, `entry` that of a picture in a light, with the samples' normals if it draws them. `in_reach`:
-    of a target that is blank, no more pixels are written than the view may reach. `margins`: with those of the surface.
+    of a target that is blank, no more pixels are written than the view may reach.
     """
     reach = pixel_map.reach
     if reach.empty and (in_reach or not target.blank):
         return
     shared = _shared(surface, pixel_map, options)
     hits, hit_kind = _find_candidates(surface, pixel_map, target, options, shared)
-    margin_hits = _draw_margins(surface, pixel_map, target, shared) if margins else None
+    margin_hits = _draw_margins(surface, pixel_map, target, shared)
     found = {**shared, "hits": hits, "hit_kind": hit_kind, "has_margins": margin_hits is not None}
     found["margin_hits"] = hits if margin_hits is None else margin_hits
     _resolve(surface, pixel_map, target, options, found, view, entry, in_reach)

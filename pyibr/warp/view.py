@@ -252,22 +252,12 @@ class WarpedView(Immutable):
         self._draw_surface(layer.number, own, self._options, entry, in_reach=not self.thin)
 
     def _draw_surfaces(self, target: Target, options: Options, entry: Entry = NO_ENTRY) -> None:
-        """Draw all views into the target, where the nearest stays.
-
-        Several have no margins: those of one, a little off a round surface, would hide what another one saw of it.
-        """
+        """Draw all views into the target, where the nearest stays."""
         for number in range(len(self.sources)):
-            self._draw_surface(number, target, options, entry, margins=len(self.sources) == 1)
+            self._draw_surface(number, target, options, entry)
 
     def _draw_surface(
-        self,
-        number: int,
-        target: Target,
-        options: Options,
-        entry: Entry,
-        *,
-        in_reach: bool = False,
-        margins: bool = True,
+        self, number: int, target: Target, options: Options, entry: Entry, *, in_reach: bool = False
     ) -> None:
         """Draw a view into the target, or into a layer of its own."""
         view = self.sources[number]
@@ -277,7 +267,7 @@ class WarpedView(Immutable):
             forward_warp(*_placed(view, target), target, self.splat, entry)
             return
         surface, pixel_map = self._surface_of(view, target)
-        inverse_warp(surface, pixel_map, target, options, number, entry, in_reach=in_reach, margins=margins)
+        inverse_warp(surface, pixel_map, target, options, number, entry, in_reach=in_reach)
         if self.thin:
             draw_thin(surface, pixel_map, target, options, number, entry)
 

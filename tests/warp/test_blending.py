@@ -142,8 +142,7 @@ def test_a_view_that_is_left_out_is_seen_better(noise):
     seen = real.rgbd(real.LIVINGROOM, 4, size)
     hard, blended = (ibr.warp(views, seen.camera, blend=how, classes=True) for how in ("nearest", "quality"))
     where = hard.valid & blended.valid
-    # The nearest ones have no margins, of which some, steep in noise, turn their backs and hide what is behind.
-    assert (hard.valid & ~blended.valid).mean() < 1e-4
+    np.testing.assert_array_equal(hard.valid, blended.valid)
     assert psnr(blended, seen, where) > psnr(hard, seen, where) + 0.5
     changes = [np.count_nonzero(np.diff(frame.view, axis=1)) for frame in (hard, blended)]
     assert changes[1] < 0.7 * changes[0], "which view is shown changes less from pixel to pixel"
