@@ -150,7 +150,7 @@ def _along_a_ray(axes: Axes) -> None:
 
 def quadrics() -> Figure:
     """The quadrics that are fitted to vertices of four meshes."""
-    ring, ball = models.donut(64), models.donut(64, radius=0.0, tube=1.0)
+    ring, ball = models.donut(64), models.donut(64, radius=1e-6, tube=1.0)
     square = quad((-1, -1, 0), (2, 0, 0), (0, 2, 0))
     cases = {
         "sphere": _fitted(ball, (0.9, 0.25, 0.2)),
