@@ -140,6 +140,12 @@ class Pose:
     signs: tuple[int, int]
 
 
+def moved_aside(camera: Camera, x: float, y: float) -> Camera:
+    """The camera with its picture moved by so many pixels."""
+    K = camera.K + np.array([[0, 0, x], [0, 0, y], [0, 0, 0]])
+    return Camera(K, camera.size, camera.world_from_camera, projection=camera.projection)
+
+
 def epipole(image: Camera, other: Camera) -> Array:
     """(3,) homogeneous pixel of ``other``'s centre in ``image``'s image.
 

@@ -135,11 +135,14 @@ def test_search_reference_is_the_truth(scene, source, target):
         edges, side = ("connect", "cut")[number % 2], ("front", "both")[number // 2 % 2]
         seen = truth.raycast(view, pose.camera, edges=edges, side=side)
         found = search_reference(view, pose.camera, edges=edges, side=side)
-        # A ray may just touch the border, or pass just between the margins of two samples.
-        assert np.count_nonzero(seen.valid != found.valid) <= 2, pose.name
+        assert np.count_nonzero(seen.valid != found.valid) <= 1, pose.name  # a ray may just touch the border
         same = seen.valid & found.valid
         agree = np.isclose(found.depth[same], seen.depth[same], rtol=1e-6)
-        assert np.count_nonzero(~agree) <= 2, pose.name
+        off = ~agree
+        for by in (1e-6, -1e-6) if np.count_nonzero(off) > 1 else ():  # half-way between two samples: of either
+            beside = search_reference(view, scenes.moved_aside(pose.camera, by, by), edges=edges, side=side)
+            off &= ~np.isclose(beside.depth[same], seen.depth[same], rtol=1e-5)
+        assert np.count_nonzero(off) <= 1, pose.name
         np.testing.assert_allclose(found.color[same][agree], seen.color[same][agree], atol=1e-5)
 
 

@@ -29,6 +29,7 @@ MAKERS: dict[str, Callable[[list[ibr.DepthImage]], Any]] = {
     "depth object": lambda views: ibr.DepthObject(views, slices=256),
     "depth meshes": ibr.DepthMeshObject,
     "depth mesh": lambda views: ibr.DepthMesh(views[3]),
+    "images": lambda views: views,
     "warp": ibr.WarpedView,
     "hull": lambda views: ibr.VisualHull(views, slices=128),
 }
@@ -124,7 +125,7 @@ def psnr(one: np.ndarray, other: np.ndarray, which: np.ndarray) -> float:
 def test_a_donut_is_relit(given, projection, camera):
     mesh = donut()
     truth, views = Truth(mesh, camera), object_views(mesh, 192, projection=projection, normals=given)
-    for name, least in {"depth object": 31, "depth meshes": 40, "depth mesh": 33, "warp": 40}.items():
+    for name, least in {"depth object": 31, "depth meshes": 40, "depth mesh": 33, "images": 40, "warp": 40}.items():
         thing = MAKERS[name](views)
         for light in LIGHTS.values():
             frame = ibr.render(thing, camera, ibr.Light(**light, shadow_size=0, relight=True))

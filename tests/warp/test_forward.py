@@ -103,6 +103,11 @@ def test_search_is_its_reference(scene, source, target, sample):
         assert np.count_nonzero(both & ~close) <= 3, (pose.name, options)
         off = np.abs(found.color - expected.color).max(axis=-1)
         # Half a level for the bytes, and as much for a position that is off by a few thousandths of a pixel.
-        assert np.count_nonzero(off[both & close] > 1) <= 3, (pose.name, options)
+        off = np.where(both & close, off, 0)
+        if np.count_nonzero(off > 1) > 1:  # half-way between two samples that are torn apart, of either
+            for by in ((2e-3, 2e-3), (-2e-3, -2e-3)):
+                beside = search_reference(view, scenes.moved_aside(pose.camera, *by), sample=sample, **options)
+                off = np.minimum(off, np.abs(found.color - beside.color).max(axis=-1))
+        assert np.count_nonzero(off > 1) <= 1, (pose.name, options)
         compared += np.count_nonzero(both)
     assert compared > 300

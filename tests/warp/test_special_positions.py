@@ -66,12 +66,6 @@ def forward_pair(projection: Projection, move: float, by: float) -> tuple[Camera
     return source, Camera(K, SIZE).moved(0, 0, move)
 
 
-def moved_aside(camera: Camera, x: float, y: float) -> Camera:
-    """With its picture moved by so many pixels."""
-    K = camera.K + np.array([[0, 0, x], [0, 0, y], [0, 0, 0]])
-    return Camera(K, camera.size, camera.world_from_camera, projection=camera.projection)
-
-
 def at_epipole() -> np.ndarray:
     """(H, W) bool: the one pixel that the camera moves towards. It has no epipolar line, and tests of its own."""
     mask = np.zeros(SIZE[::-1], bool)
@@ -100,7 +94,9 @@ def test_moves_towards_a_sample_are_the_references(surroundings, projection, edg
         if (
             wrong.mean() > SHARE
         ):  # of boxes' outlines more may be within rounding: they are seen from a hair beside, then
-            beside = [search_reference(view, moved_aside(target, *by), edges=edges).depth for by in np.eye(2) * 0.002]
+            beside = [
+                search_reference(view, scenes.moved_aside(target, *by), edges=edges).depth for by in np.eye(2) * 0.002
+            ]
             wrong &= np.logical_and.reduce([off(frame.depth, depth) for depth in beside])
         assert wrong.mean() <= SHARE, (method, wrong.sum())
 
