@@ -11,41 +11,23 @@ typedef struct {
     floatl here, left_1, left_2, right_1, right_2, above_1, above_2, below_1, below_2;
 } Neighbours;
 
-/* Samples (x, y) to (x + LANES - 1, y) of the surface, no surface beyond its ring */
-INLINED floatl samples_or_none(Grid grid, int x, int y)
-{
-    floatl n = MISSING_SAMPLE;
-    if (y >= -1 && y <= grid.height)
-        for (int lane = max(-1 - x, 0); lane < min(LANES, grid.width + 1 - x); lane++)
-            set_float_lane(n, lane, grid.nearness[y * grid.pitch + x + lane]);
-    return n;
-}
-
+/* Samples (x, y) to (x + LANES - 1, y) of the image's surface and those around them; no surface beyond its ring. Lanes
+ * beside the image have no meaning. */
 INLINED Neighbours with_neighbours(Grid grid, int x, int y)
 {
+    global const float *here = grid.nearness + y * grid.pitch + x;
+    const intl column = x + lane_index;
+    const floatl none = MISSING_SAMPLE;
     Neighbours n;
-    if (x >= 1 && x + LANES + 1 <= grid.width && y >= 1 && y + 1 < grid.height) {
-        global const float *here = grid.nearness + y * grid.pitch + x;
-        n.here = load_lanes(here);
-        n.left_1 = load_lanes(here - 1);
-        n.left_2 = load_lanes(here - 2);
-        n.right_1 = load_lanes(here + 1);
-        n.right_2 = load_lanes(here + 2);
-        n.above_1 = load_lanes(here - grid.pitch);
-        n.above_2 = load_lanes(here - 2 * grid.pitch);
-        n.below_1 = load_lanes(here + grid.pitch);
-        n.below_2 = load_lanes(here + 2 * grid.pitch);
-        return n;
-    }
-    n.here = samples_or_none(grid, x, y);
-    n.left_1 = samples_or_none(grid, x - 1, y);
-    n.left_2 = samples_or_none(grid, x - 2, y);
-    n.right_1 = samples_or_none(grid, x + 1, y);
-    n.right_2 = samples_or_none(grid, x + 2, y);
-    n.above_1 = samples_or_none(grid, x, y - 1);
-    n.above_2 = samples_or_none(grid, x, y - 2);
-    n.below_1 = samples_or_none(grid, x, y + 1);
-    n.below_2 = samples_or_none(grid, x, y + 2);
+    n.here = load_lanes(here);
+    n.left_1 = load_lanes(here - 1);
+    n.left_2 = select_lanes(column > 0, load_lanes(here - 2), none);
+    n.right_1 = load_lanes(here + 1);
+    n.right_2 = select_lanes(column < grid.width - 1, load_lanes(here + 2), none);
+    n.above_1 = load_lanes(here - grid.pitch);
+    n.above_2 = y > 0 ? load_lanes(here - 2 * grid.pitch) : none;
+    n.below_1 = load_lanes(here + grid.pitch);
+    n.below_2 = y < grid.height - 1 ? load_lanes(here + 2 * grid.pitch) : none;
     return n;
 }
 

@@ -155,10 +155,10 @@ class DepthImage(Immutable):
         """(H, W, 3) the colours; white if it has none. Made on first use."""
         return self.color if self.has_color else locked(np.full((*self.depth.shape, 3), 255, np.uint8))
 
-    @cached_property
+    @property
     def in_color(self) -> DepthImage:
         """The same image with the colours it is shown in; itself if it has any. Made on first use."""
-        return self if self.has_color else self._with_color(self.shown_color)
+        return self if self.has_color else self._in_white
 
     @cached_property
     def valid(self) -> NDArray[np.bool_]:
@@ -168,11 +168,18 @@ class DepthImage(Immutable):
             valid &= np.isfinite(rays_of(self.camera)[..., 0])
         return locked(valid)
 
-    @cached_property
+    @property
     def in_float(self) -> DepthImage:
         """The same image with float32 colours, itself if they are. Made on first use, so that it keeps its buffers."""
-        if self.color.dtype == np.float32:
-            return self
+        return self if self.color.dtype == np.float32 else self._from_bytes
+
+    # Not these two, but what is made is kept: an image that kept itself would outlive its last use.
+    @cached_property
+    def _in_white(self) -> DepthImage:
+        return self._with_color(self.shown_color)
+
+    @cached_property
+    def _from_bytes(self) -> DepthImage:
         return self._with_color((self.shown_color * np.float32(1 / 255)).astype(np.float32))
 
     @property

@@ -117,7 +117,7 @@ def _noise_along(lines: list[Nearness], count_max: int) -> tuple[Float64, Float6
     ranges = min(_RANGES, count // _SAMPLES_MIN)
     each = count // ranges  # few are left over: the nearest ones
     all_places = np.concatenate(places)
-    order = np.argsort(all_places, kind="stable")[: ranges * each].reshape(ranges, each)
+    order = _growing(all_places)[: ranges * each].reshape(ranges, each)
     place, change = all_places[order], np.concatenate(changes)[order]
     # 1.4826 and 6: of 1, -2, 1 times normal noise
     middles = np.partition(change, each // 2, axis=1)[:, each // 2].astype(np.float64) * (1.4826 / np.sqrt(6))
@@ -145,6 +145,13 @@ def _changes(near: Nearness, step: int, count_max: int) -> tuple[Nearness, Nearn
 def _spread(count: int) -> Float64:
     """Places in [0, 1) at no regular distance, which might be that of what is seen."""
     return np.mod(np.arange(count, dtype=np.float64) * _GOLDEN, 1.0)
+
+
+def _growing(values: Nearness) -> NDArray[np.intp]:
+    """The order of values > 0, of equal ones as they come: sorting whole numbers is several times as fast."""
+    keys = values.view(np.uint32).astype(np.uint64) << np.uint64(32) | np.arange(len(values), dtype=np.uint64)
+    keys.sort()
+    return (keys & np.uint64(0xFFFFFFFF)).astype(np.intp)
 
 
 def fitted_noise(depths: Float64, deviations: Float64) -> tuple[float, float, float]:

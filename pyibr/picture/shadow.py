@@ -83,11 +83,12 @@ class Lighting:
 
 
 @dataclass(frozen=True)
-class _CachedLighting:
-    """The last that a light has looked at."""
+class _CachedMaps:
+    """The last that a light has looked at, and what it saw; not the light, which would keep itself."""
 
     things: Sequence[weakref.ref[Immutable]]
-    lighting: Lighting
+    maps: DeviceArray
+    cameras: Sequence[Camera]
 
     def is_of(self, things: Sequence[object]) -> bool:
         return len(things) == len(self.things) and all(a() is b for a, b in zip(self.things, things, strict=True))
@@ -118,9 +119,9 @@ def lighting(
     """
     if not light.shadow_size:
         return Lighting(light)
-    last = cached_on_device(light, "seen", lambda: list[_CachedLighting]())
+    last = cached_on_device(light, "seen", lambda: list[_CachedMaps]())
     if last and last[0].is_of(things):
-        return last[0].lighting
+        return Lighting(light, last[0].maps, last[0].cameras)
     last.clear()
     cameras = light_cameras(light, bounds)
     size = light.shadow_size
@@ -129,11 +130,10 @@ def lighting(
         target = Target(camera, dtype, from_light=True)
         draw(target)
         copy(target.depth, maps, number * size * size)
-    made = Lighting(light, maps, cameras)
     fixed = [thing for thing in things if isinstance(thing, Immutable)]
     if len(fixed) == len(things):
-        last.append(_CachedLighting([weakref.ref(thing) for thing in fixed], made))
-    return made
+        last.append(_CachedMaps([weakref.ref(thing) for thing in fixed], maps, cameras))
+    return Lighting(light, maps, cameras)
 
 
 def light_cameras(light: Light, bounds: Sequence[Bounds]) -> list[Camera]:

@@ -15,7 +15,7 @@ from pyibr.opencl.device import current
 from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
-from pyibr.opencl.memory import DeviceArray, empty, upload
+from pyibr.opencl.memory import DeviceArray, empty, to_host, upload
 from pyibr.opencl.program import kernel
 from pyibr.picture.samples import Samples, cut_of, samples_of
 
@@ -36,6 +36,8 @@ class Surface:
         Of the image: an image of one pixel has colours of two.
     low, high : float
         Least and greatest nearness.
+    margins_of_rows : (H,) int32
+        How many margins the samples of each row have.
     test : EdgeTest
         It told the edges.
     """
@@ -45,6 +47,7 @@ class Surface:
     size: tuple[int, int]
     low: float
     high: float
+    margins_of_rows: NDArray[np.int32]
     test: EdgeTest
 
     @cached_property
@@ -93,10 +96,7 @@ class Surface:
     def margins(self) -> Margins:
         """Margins: what no triangle covers of the pixels of samples beside edges."""
         width, height = self.size
-        shared = {"surface": self.nearness, "width": width, "height": height, "pitch": self.nearness.shape[1]}
-        counts = empty((height,), np.int32)
-        launch(kernel("picture/begin.cl", "count_margins"), (height,), counts=counts, **shared)
-        of_rows = counts.to_host()
+        of_rows = self.margins_of_rows
         starts, count = np.cumsum(of_rows, dtype=np.int32) - of_rows, int(of_rows.sum())
         # Packets at the end read beyond the last one.
         planes = int(constant("lib/margins.h", "MARGIN_PLANES"))
@@ -108,7 +108,10 @@ class Surface:
                 starts=upload(starts),
                 margins=quarters,
                 margin_pitch=quarters.shape[1],
-                **shared,
+                surface=self.nearness,
+                width=width,
+                height=height,
+                pitch=self.nearness.shape[1],
             )
         return Margins(quarters, count)
 
@@ -195,11 +198,14 @@ def make_surface(samples: Samples, size: tuple[int, int], test: EdgeTest) -> Sur
     width, height = size
     surface = empty((height + 2, pitch(width)), np.float32)
     ring = empty((2, 2 * (width + 2) + 2 * height), np.float32)
-    shared = {"nearness": samples.nearness, "surface": surface, "width": width, "height": height}
-    shared |= {"pitch": surface.shape[1]}
+    counts = empty((height,), np.int32)
+    shared = {"surface": surface, "width": width, "height": height, "pitch": surface.shape[1]}
+    given = {"nearness": samples.nearness, **shared}
     tests = {"cut": Struct("Cut", test.cut), "test": Struct("EdgeTest", test.straight)}
-    launch(kernel("picture/begin.cl", "find_edges"), (height,), **tests, **shared)
-    launch(kernel("picture/begin.cl", "continue_border"), (ring.shape[1],), ring=ring, **shared)
-    nearest_and_farthest = ring.to_host()  # the one wait for all that there is of a view
+    launch(kernel("picture/begin.cl", "find_edges"), (height,), **tests, **given)
+    launch(kernel("picture/begin.cl", "continue_border"), (ring.shape[1],), ring=ring, **given)
+    launch(kernel("picture/begin.cl", "count_margins"), (height,), counts=counts, **shared)
+    nearest_and_farthest, margins_of_rows = to_host([ring, counts])  # the one wait for all that there is of a view
     low, high = float(nearest_and_farthest[0].min()), float(nearest_and_farthest[1].max())
-    return Surface(surface, samples.color, size, min(samples.low, low), max(samples.high, high), test)
+    low, high = min(samples.low, low), max(samples.high, high)
+    return Surface(surface, samples.color, size, low, high, margins_of_rows, test)

@@ -13,10 +13,12 @@ import pyopencl as cl
 import pytest
 
 import pyibr as ibr
+from pyibr.core.checks import Immutable
 from pyibr.opencl import memory
 from pyibr.opencl.device import current, one_call
 from pyibr.opencl.memory_pool import rounded
 from pyibr.picture.clear import clear
+from tests.opencl.everything import calls
 
 SMALL, LARGE = (100, 100), (1500, 1001)  # below and above a huge page
 
@@ -167,3 +169,21 @@ def test_launches_that_find_no_memory_name_the_kernel(monkeypatch):
     monkeypatch.setattr(cl, "enqueue_nd_range_kernel", refuse)
     with pytest.raises(ibr.OutOfMemoryError, match=r"for the 4 MiB that clear\(\) reads and writes"):
         clear(array, 0.0)
+
+
+CALLS = calls()
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_things_go_with_their_last_use(name):
+    """Without a pass of the garbage collector, which would leave a recording's frames on the device for long."""
+    CALLS[name]()  # what is made once stays
+    gc.collect()
+    gc.disable()
+    try:
+        before = {id(thing): thing for thing in gc.get_objects() if isinstance(thing, Immutable)}
+        CALLS[name]()
+        left = [thing for thing in gc.get_objects() if isinstance(thing, Immutable) and id(thing) not in before]
+    finally:
+        gc.enable()
+    assert not left
