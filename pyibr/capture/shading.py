@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.checks import Float64
-from pyibr.meshes.normals import areas, summed
+from pyibr.meshes.normals import areas, summed_at_corners
 
 Int64 = NDArray[np.int64]
 
@@ -45,5 +45,5 @@ def bilinear(image: NDArray[np.uint8], uv: Float64) -> Float64:
 
 def smooth_normals(vertices: Float64, faces: Int64) -> Float64:
     """Unit normals (N, 3) of vertices: their faces' normals, weighted by area."""
-    total = summed(faces.ravel(), np.repeat(areas(vertices, faces), 3, axis=0), len(vertices))
+    total = summed_at_corners(faces, areas(vertices, faces), len(vertices))
     return total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), np.finfo(np.float64).tiny)

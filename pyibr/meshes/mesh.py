@@ -26,7 +26,7 @@ from pyibr.core.optional import open3d
 from pyibr.io.mesh_arrays import MeshArrays
 from pyibr.meshes import trimesh_arrays
 from pyibr.meshes.files import Axes, read_mesh, write_mesh
-from pyibr.meshes.normals import areas, place_of, summed, summed_at_places, unit_or_up
+from pyibr.meshes.normals import areas, place_of, summed_at_corners, summed_at_places, unit_or_up
 
 Float32 = NDArray[np.float32]
 Sides = Literal["both", "front", "back"]
@@ -128,7 +128,9 @@ class Mesh(Immutable):
     @cached_property
     def bounds(self) -> tuple[Float32, Float32]:
         """(low, high), each (3,): the box around the vertices that triangles use."""
-        used = self.vertices[self.faces.ravel()]
+        is_used = np.zeros(len(self.vertices), np.bool_)
+        is_used[self.faces.ravel()] = True
+        used = self.vertices[is_used]
         return used.min(axis=0), used.max(axis=0)
 
     @cached_property
@@ -138,8 +140,7 @@ class Mesh(Immutable):
         Over all vertices at one place, as along seams of uv; but where theirs are more than 60 degrees apart, as along
         the edges of a box whose sides have corners of their own, each side has its own.
         """
-        own = np.repeat(areas(self.vertices, self.faces), 3, axis=0)
-        of_vertices = summed(self.faces.ravel(), own, len(self.vertices))
+        of_vertices = summed_at_corners(self.faces, areas(self.vertices, self.faces), len(self.vertices))
         sums, _ = summed_at_places(place_of(self.vertices), of_vertices)
         return locked(unit_or_up(sums).astype(np.float32))
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,12 +13,21 @@ _HARD_EDGE = 0.5  # cosine: what faces more than 60 degrees apart is divided by 
 _NEAR = 0.75**0.5  # cosine of half of that: no two are farther apart if all are so near to their mean
 _CROWD = 64  # at one place: more are not compared in pairs, and share their mean
 _AT_ONCE = 1 << 20  # pairs in memory
+_TRIANGLES_AT_ONCE = 1 << 14  # their corners stay in the cache
+
+
+def pieces_of(count: int) -> Iterator[slice]:
+    """So many triangles, some after the other: of millions, all corners at once would be gigabytes."""
+    return (slice(first, first + _TRIANGLES_AT_ONCE) for first in range(0, count, _TRIANGLES_AT_ONCE))
 
 
 def areas(vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> Float64:
     """(M, 3) the triangles' normals, twice as long as their areas."""
-    corner = vertices.astype(np.float64)[faces]
-    return np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    found = np.empty((len(faces), 3))
+    for some in pieces_of(len(faces)):
+        corner = vertices[faces[some]].astype(np.float64)
+        found[some] = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    return found
 
 
 def place_of(vertices: NDArray[np.float32]) -> NDArray[np.int64]:
@@ -25,13 +36,31 @@ def place_of(vertices: NDArray[np.float32]) -> NDArray[np.int64]:
     A coordinate that is tiny beside the others is 0: the sine of half a turn is not, for computers.
     """
     tiny = np.abs(vertices).max(initial=0.0) * np.finfo(np.float32).eps
-    flushed = np.where(np.abs(vertices) < tiny, np.float32(0), vertices)
-    return np.unique(flushed, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
+    flushed = np.where(np.abs(vertices) < tiny, np.float32(0), vertices) + np.float32(0)  # there is one 0 only
+    bits = flushed.view(np.uint32)
+    x, y, z = (bits ^ np.where(bits >> 31, np.uint32(0xFFFFFFFF), np.uint32(1 << 31))).T.astype(np.uint64)
+    high = np.uint64(32)
+    return _ranks(_ranks(x << high | y).astype(np.uint64) << high | z)
+
+
+def _ranks(values: NDArray[np.uint64]) -> NDArray[np.int64]:
+    """(N,) what number among the different values each is, by size."""
+    order = np.argsort(values)
+    growing = values[order]
+    ranks = np.empty(len(values), np.int64)
+    ranks[order] = np.cumsum(growing != np.concatenate([growing[:1], growing[:-1]]))
+    return ranks
 
 
 def summed(owner: NDArray[np.integer], vectors: Float64, count: int) -> Float64:
     """(count, 3) what the (N, 3) vectors of each owner sum up to."""
     return np.stack([np.bincount(owner, vectors[:, axis], count) for axis in range(3)], axis=1).astype(np.float64)
+
+
+def summed_at_corners(faces: NDArray[np.integer], vectors: Float64, count: int) -> Float64:
+    """(count, 3) what the triangles' (M, 3) vectors sum up to at each vertex."""
+    sums = [np.bincount(faces.ravel(), np.repeat(vectors[:, axis], 3), count) for axis in range(3)]
+    return np.stack(sums, axis=1).astype(np.float64)
 
 
 def summed_at_places(place: NDArray[np.int64], own: Float64) -> tuple[Float64, NDArray[np.bool_]]:
@@ -49,6 +78,14 @@ def summed_at_places(place: NDArray[np.int64], own: Float64) -> tuple[Float64, N
     at_edges : (N,) bool
         Whether some at the place face another way.
     """
+    sums, at_edges = own + 0.0, np.zeros(len(place), np.bool_)
+    among = np.flatnonzero((np.bincount(place) > 1)[place])  # most meshes have few
+    sums[among], at_edges[among] = _summed_among(place[among], own[among])
+    return sums, at_edges
+
+
+def _summed_among(place: NDArray[np.int64], own: Float64) -> tuple[Float64, NDArray[np.bool_]]:
+    """`summed_at_places` of vectors that are not alone at their places."""
     count = int(place.max(initial=-1)) + 1
     means = summed(place, own, count)
     sums, at_edges = means[place], np.zeros(len(place), np.bool_)

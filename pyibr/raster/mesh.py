@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.meshes.mesh import Mesh
+from pyibr.meshes.normals import areas, pieces_of
 from pyibr.meshes.textures import texture_pyramid
 from pyibr.opencl.device_cache import cached_on_device
 from pyibr.opencl.launch import launch
@@ -108,10 +109,11 @@ def _normals(mesh: Mesh) -> dict[str, DeviceArray]:
 
 def _fronts(mesh: Mesh, normals: NDArray[np.float32]) -> NDArray[np.int16]:
     """(M,) 1, or -1 for triangles whose corners run clockwise as seen from where their normals point."""
-    corner = mesh.vertices[mesh.faces].astype(np.float64)
-    across = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    along = (across * normals[mesh.faces].sum(axis=1)).sum(axis=1)
-    return np.where(along < 0, -1, 1).astype(np.int16)
+    across, fronts = areas(mesh.vertices, mesh.faces), np.empty(len(mesh.faces), np.int16)
+    for some in pieces_of(len(fronts)):
+        along = (across[some] * normals[mesh.faces[some]].sum(axis=1)).sum(axis=1)
+        fronts[some] = np.where(along < 0, -1, 1)
+    return fronts
 
 
 def _unit(colors: NDArray[Any]) -> NDArray[np.float32]:

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
+from pyibr.capture import models
 from pyibr.meshes import normals as module
-from pyibr.meshes.normals import summed_at_places
+from pyibr.meshes.normals import place_of, summed_at_places
 from tests.boxes import box, facets
 
 
@@ -51,3 +52,33 @@ def test_pairs_in_pieces_are_the_same(monkeypatch):
     for i in range(400):
         alike = (place == place[i]) & ((ways @ ways[i] > 0.5) | ~own.any(axis=1) | (not own[i].any()))
         np.testing.assert_allclose(whole[0][i], own[alike].sum(axis=0), atol=1e-9)
+
+
+@pytest.mark.parametrize("vertices", ["scattered", "a grid", "the same", "zeros of both signs"])
+def test_places_are_numbered_in_their_order(vertices):
+    rng = np.random.default_rng(4)
+    some = rng.standard_normal((500, 3)).astype(np.float32)
+    given = {
+        "scattered": np.concatenate([some, some[::3]]),
+        "a grid": rng.integers(-2, 3, (500, 3)).astype(np.float32),
+        "the same": np.ones((9, 3), np.float32),
+        "zeros of both signs": rng.choice(np.float32([-0.0, 0.0, 1.0]), (90, 3)),
+    }[vertices]
+    np.testing.assert_array_equal(place_of(given), np.unique(given, axis=0, return_inverse=True)[1].reshape(-1))
+
+
+def test_triangles_in_pieces_are_the_same(monkeypatch):
+    round_mesh = models.donut(20)
+    whole = ibr.Mesh(round_mesh.vertices, round_mesh.faces)
+    camera = ibr.Camera.look_at((0, 0, 3), (0, 0, 0), (0, 1, 0), (61, 37), fov_y=45)
+    light = ibr.Light(direction=(-1, -1, -1))
+    frame = ibr.render(whole, camera, light)
+    monkeypatch.setattr(module, "_TRIANGLES_AT_ONCE", 7)
+    pieces = ibr.Mesh(round_mesh.vertices, round_mesh.faces)
+    np.testing.assert_array_equal(pieces.smooth_normals, whole.smooth_normals)
+    np.testing.assert_array_equal(ibr.render(pieces, camera, light).color, frame.color)
+
+
+def test_corners_that_no_triangle_uses_lie_outside_of_the_bounds():
+    mesh = ibr.Mesh([[9, 9, 9], [0, 0, 0], [1, 0, 0], [0, 2, 0], [-9, 0, 0]], [[1, 2, 3]])
+    np.testing.assert_array_equal(mesh.bounds, [[0, 0, 0], [1, 2, 0]])
